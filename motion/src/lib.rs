@@ -1,0 +1,29 @@
+//! Files of motion to [`Clip`]s and back.
+//!
+//! The conventions, stated once and kept everywhere:
+//!
+//! - right-handed, **y up**, **metres**, **radians**, **seconds**; at rest a body faces +z and its left side is +x;
+//! - column vectors, `p' = R p`; quaternions are written (w, x, y, z), unit, and `q` and `-q` are one rotation;
+//! - frame `f` of a clip of rate `s` is at time `f / s`; frames and joints count from 0;
+//! - F frames, J joints, C channels; the last index runs fastest: `(F, J)` is `frame * joints + joint`.
+//!
+//! A [`Clip`] holds what motion *is*; what a file *says* and a clip has no place for (channel orders, units, names,
+//! line ends) travels in a [`Source`] beside it, and the two make a [`Motion`].
+#![forbid(unsafe_code)]
+
+pub mod clip;
+pub mod error;
+pub mod format;
+pub mod joints;
+pub mod mirror;
+pub mod pose;
+pub mod resample;
+pub mod rotation;
+pub mod skeleton;
+pub mod smpl;
+
+pub use clip::{Clip, Motion, Source, Warning};
+pub use error::{Error, FileError, Kind, Place, Result};
+pub use pose::GlobalPose;
+pub use rotation::{Quat, Vec3};
+pub use skeleton::{EndSite, Skeleton};

@@ -1,0 +1,107 @@
+//! Forward kinematics: from local rotations to places and rotations in the world.
+
+use crate::{Clip, Quat, Skeleton, Vec3};
+
+/// World positions and rotations of one frame's joints.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct GlobalPose {
+    /// (J) positions, metres.
+    pub positions: Vec<Vec3>,
+    /// (J) rotations.
+    pub rotations: Vec<Quat>,
+}
+
+impl GlobalPose {
+    /// The world pose of local rotations (J) with the root at a place: `p_j = p_parent + G_parent t_j`,
+    /// `G_j = G_parent L_j`.
+    ///
+    /// # Panics
+    /// If `local` has not as many rotations as the skeleton has joints.
+    pub fn new(skeleton: &Skeleton, root: Vec3, local: &[Quat]) -> Self {
+        let mut pose = GlobalPose::default();
+        pose.set(skeleton, root, local);
+        pose
+    }
+
+    /// [`GlobalPose::new`] into the same memory, for loops over frames.
+    ///
+    /// # Panics
+    /// If `local` has not as many rotations as the skeleton has joints.
+    pub fn set(&mut self, skeleton: &Skeleton, root: Vec3, local: &[Quat]) {
+        assert_eq!(local.len(), skeleton.joints(), "one local rotation a joint");
+        self.positions.clear();
+        self.rotations.clear();
+        for (j, &l) in local.iter().enumerate() {
+            let (p, g) = match skeleton.parents()[j] {
+                None => (root, l),
+                Some(parent) => {
+                    let g = self.rotations[parent];
+                    (self.positions[parent] + g * skeleton.offsets()[j], g * l)
+                }
+            };
+            self.positions.push(p);
+            self.rotations.push(g);
+        }
+    }
+
+    /// Positions of the skeleton's end sites, metres.
+    pub fn ends<'a>(&'a self, skeleton: &'a Skeleton) -> impl Iterator<Item = Vec3> + 'a {
+        skeleton.ends().iter().map(|e| self.positions[e.parent] + self.rotations[e.parent] * e.offset)
+    }
+
+    /// Local rotations (J) of these world rotations: the inverse of [`GlobalPose::new`].
+    pub fn to_local(&self, skeleton: &Skeleton) -> Vec<Quat> {
+        let local = |j: usize| match skeleton.parents()[j] {
+            None => self.rotations[j],
+            Some(p) => (self.rotations[p].conjugate() * self.rotations[j]).normalize(),
+        };
+        (0..skeleton.joints()).map(local).collect()
+    }
+}
+
+impl Clip {
+    /// World pose of a frame.
+    pub fn global_pose(&self, frame: usize) -> GlobalPose {
+        GlobalPose::new(self.skeleton(), self.root()[frame], self.pose(frame))
+    }
+
+    /// World positions (F, J), metres.
+    pub fn positions(&self) -> Vec<Vec3> {
+        let mut all = Vec::with_capacity(self.frames() * self.joints());
+        let mut pose = GlobalPose::default();
+        for f in 0..self.frames() {
+            pose.set(self.skeleton(), self.root()[f], self.pose(f));
+            all.extend_from_slice(&pose.positions);
+        }
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rotation::angle_between;
+    use crate::rotation::tests::any_quat;
+    use crate::smpl;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_child_turns_with_its_parent() {
+        let names = ["a", "b"].map(String::from).to_vec();
+        let s = Skeleton::new(names, vec![None, Some(0)], vec![Vec3::ZERO, Vec3::new(0.0, 10.0, 0.0)], vec![]).unwrap();
+        let quarter = Quat::from_rotation_z(std::f64::consts::FRAC_PI_2);
+        let p = GlobalPose::new(&s, Vec3::new(1.0, 2.0, 3.0), &[quarter, Quat::IDENTITY]);
+        assert!((p.positions[1] - Vec3::new(-9.0, 2.0, 3.0)).length() < 1e-12);
+    }
+
+    proptest! {
+        #[test]
+        fn local_global_local(q in prop::collection::vec(any_quat(), 24)) {
+            let s = smpl::neutral();
+            let g = GlobalPose::new(&s, Vec3::ZERO, &q);
+            for (a, b) in g.to_local(&s).iter().zip(&q) {
+                prop_assert!(angle_between(*a, *b) < 1e-9);
+            }
+        }
+    }
+}

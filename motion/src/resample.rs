@@ -1,0 +1,199 @@
+//! Change of frame rate.
+
+use crate::rotation::{nearest_sign, slerp};
+use crate::{Clip, Error, Quat, Result, Vec3};
+use std::f64::consts::PI;
+
+/// How frames between frames are made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Method {
+    /// [`Method::Filtered`] downwards, [`Method::Slerp`] upwards.
+    #[default]
+    Auto,
+    /// Every n-th frame, for whole ratios only; what lies above half the new rate aliases (compat: the thesis's 60 to 20).
+    Stride,
+    /// Shortest-arc slerp between neighbours, linear for the translation; no low pass.
+    Slerp,
+    /// A Lanczos-3 low pass with cutoff 0.45 of the new rate, then sampled.
+    Filtered,
+}
+
+impl Method {
+    /// The method that is meant from rate `a` to rate `b`.
+    pub fn resolve(self, a: f64, b: f64) -> Method {
+        match self {
+            Method::Auto if b < a => Method::Filtered,
+            Method::Auto => Method::Slerp,
+            m => m,
+        }
+    }
+}
+
+/// The clip at `fps` frames per second: `floor((F - 1) b / a + 1e-9) + 1` frames, frame `i` at time `i / fps`.
+///
+/// The same rate gives the clip itself.
+///
+/// # Errors
+/// [`Error::Call`] for a rate that is not positive and finite, and for [`Method::Stride`] with a ratio that isn't whole.
+pub fn resample(clip: &Clip, fps: f64, method: Method) -> Result<Clip> {
+    let (a, b) = (clip.fps(), fps);
+    if !(b.is_finite() && b > 0.0) {
+        return Err(Error::Call(format!("a rate of {b} frames per second; expected a positive number")));
+    }
+    if a == b || clip.frames() == 0 {
+        return clip.clone().with_fps(b);
+    }
+    let frames = ((clip.frames() - 1) as f64 * b / a + 1e-9).floor() + 1.0;
+    if frames * clip.joints() as f64 > 2f64.powi(31) {
+        return Err(Error::Call(format!("{frames} frames at {b} frames per second are too many for memory")));
+    }
+    let times = (0..frames as usize).map(|i| i as f64 * a / b);
+    let (root, rotations) = match method.resolve(a, b) {
+        Method::Stride => {
+            let step = (a / b).round();
+            if (a / b - step).abs() > 1e-6 * step || step < 1.0 {
+                return Err(Error::Call(format!("stride from {a} to {b} frames per second: the ratio is not whole")));
+            }
+            gather(clip, times.map(|t| (t.round() as usize, 0.0)))
+        }
+        Method::Slerp => gather(clip, times.map(|t| ((t + 1e-9).floor() as usize, (t - (t + 1e-9).floor()).max(0.0)))),
+        Method::Filtered | Method::Auto => filtered(clip, 0.45 * b / a, times),
+    };
+    Clip::new(clip.skeleton().clone(), b, root, rotations)
+}
+
+/// Frames `i + t` between frames `i` and `i + 1`.
+fn gather(clip: &Clip, places: impl Iterator<Item = (usize, f64)>) -> (Vec<Vec3>, Vec<Quat>) {
+    let last = clip.frames() - 1;
+    let (mut root, mut rotations) = (Vec::new(), Vec::new());
+    for (i, t) in places {
+        let (i, next) = (i.min(last), (i + 1).min(last));
+        root.push(clip.root()[i].lerp(clip.root()[next], t));
+        rotations.extend(clip.pose(i).iter().zip(clip.pose(next)).map(|(&p, &q)| slerp(p, q, t)));
+    }
+    (root, rotations)
+}
+
+/// Low-passed values at `times` (in source frames); `cutoff` in cycles per source frame.
+///
+/// The four components are convolved after their signs are made continuous in time, then normalised. Beyond the ends
+/// time runs backwards about the end frame.
+fn filtered(clip: &Clip, cutoff: f64, times: impl Iterator<Item = f64>) -> (Vec<Vec3>, Vec<Quat>) {
+    let (f, j) = (clip.frames() as i64, clip.joints());
+    let mut smooth = clip.rotations().to_vec();
+    for i in j..smooth.len() {
+        smooth[i] = nearest_sign(smooth[i], smooth[i - j]);
+    }
+    let reach = 3.0 / (2.0 * cutoff);
+    let (mut root, mut rotations) = (Vec::new(), Vec::new());
+    let mut taps: Vec<(usize, f64)> = Vec::new();
+    for t in times {
+        taps.clear();
+        for k in (t - reach).ceil() as i64..=(t + reach).floor() as i64 {
+            taps.push((reflect(k, f), lanczos3(2.0 * cutoff * (k as f64 - t))));
+        }
+        let sum: f64 = taps.iter().map(|(_, w)| w).sum();
+        taps.iter_mut().for_each(|(_, w)| *w /= sum);
+        root.push(taps.iter().fold(Vec3::ZERO, |p, &(k, w)| p + clip.root()[k] * w));
+        for joint in 0..j {
+            let zero = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
+            let q = taps.iter().fold(zero, |q, &(k, w)| q + smooth[k * j + joint] * w);
+            // turns of more than half a circle within the kernel cancel out: keep the middle frame
+            let middle = smooth[reflect(t.round() as i64, f) * j + joint];
+            rotations.push(if q.length_squared() > 1e-6 { q.normalize() } else { middle });
+        }
+    }
+    (root, rotations)
+}
+
+/// Frame `k` of a clip of `f` frames, time running back and forth about its end frames.
+fn reflect(k: i64, f: i64) -> usize {
+    if f == 1 {
+        return 0;
+    }
+    let k = k.rem_euclid(2 * (f - 1));
+    k.min(2 * (f - 1) - k) as usize
+}
+
+fn lanczos3(x: f64) -> f64 {
+    let sinc = |x: f64| if x.abs() < 1e-9 { 1.0 } else { (PI * x).sin() / (PI * x) };
+    if x.abs() < 3.0 { sinc(x) * sinc(x / 3.0) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Skeleton;
+    use crate::rotation::{angle_between, exp_map};
+    use std::sync::Arc;
+
+    fn swinging(fps: f64, seconds: f64, angle: impl Fn(f64) -> f64) -> Clip {
+        let s = Skeleton::new(vec!["a".into()], vec![None], vec![Vec3::ZERO], vec![]).unwrap();
+        let n = (seconds * fps) as usize + 1;
+        let at = |f: usize| angle(f as f64 / fps);
+        let rotations = (0..n).map(|f| exp_map::from_vector(Vec3::new(at(f), 0.0, 0.0))).collect();
+        Clip::new(Arc::new(s), fps, (0..n).map(|f| Vec3::new(at(f), 1.0, 0.0)).collect(), rotations).unwrap()
+    }
+
+    fn sine(hz: f64) -> impl Fn(f64) -> f64 {
+        move |t| 0.5 * (2.0 * PI * hz * t).sin()
+    }
+
+    #[test]
+    fn the_same_rate_is_the_identity() {
+        let c = swinging(30.0, 1.0, sine(2.0));
+        for m in [Method::Auto, Method::Slerp, Method::Stride, Method::Filtered] {
+            assert_eq!(resample(&c, 30.0, m).unwrap(), c);
+        }
+    }
+
+    #[test]
+    fn frame_counts_and_ends() {
+        let c = swinging(120.0, 1.0, |_| 0.3);
+        for fps in [20.0, 24.0, 30.0, 59.94, 60.0, 240.0] {
+            let r = resample(&c, fps, Method::Auto).unwrap();
+            assert_eq!(r.frames(), (120.0 * fps / 120.0 + 1e-9) as usize + 1);
+            assert!(
+                r.rotations().iter().all(|q| angle_between(*q, c.rotations()[0]) < 1e-9),
+                "constant stays constant"
+            );
+        }
+        assert_eq!(resample(&swinging(60.0, 0.0, |_| 0.1), 20.0, Method::Auto).unwrap().frames(), 1);
+        assert!(resample(&c, 50.0, Method::Stride).is_err());
+        assert!(resample(&c, 0.0, Method::Auto).is_err());
+        assert!(resample(&c, f64::INFINITY, Method::Auto).is_err());
+    }
+
+    #[test]
+    fn slow_movement_is_kept() {
+        let r = resample(&swinging(120.0, 4.0, sine(2.0)), 20.0, Method::Filtered).unwrap();
+        for f in 10..r.frames() - 10 {
+            let want = sine(2.0)(f as f64 / 20.0);
+            let got = exp_map::to_vector(r.rotations()[f]).x;
+            assert!((got - want).abs() < 0.005, "frame {f}: {got} {want}");
+            assert!((r.root()[f].x - want).abs() < 0.005);
+        }
+    }
+
+    #[test]
+    fn fast_movement_does_not_alias() {
+        let largest = |c: &Clip| {
+            let n = c.frames();
+            c.rotations()[10..n - 10].iter().map(|q| exp_map::to_vector(*q).x.abs()).fold(0.0, f64::max)
+        };
+        // 15 Hz seen at 20 frames per second looks like 5 Hz of full size
+        let c = swinging(120.0, 4.0, sine(15.0));
+        assert!(largest(&resample(&c, 20.0, Method::Filtered).unwrap()) < 0.05 * 0.5);
+        assert!(largest(&resample(&c, 20.0, Method::Stride).unwrap()) > 0.45);
+    }
+
+    #[test]
+    fn upward_and_back() {
+        let c = swinging(30.0, 2.0, sine(1.0));
+        let up = resample(&c, 60.0, Method::Auto).unwrap();
+        let back = resample(&up, 30.0, Method::Stride).unwrap();
+        for (a, b) in c.rotations().iter().zip(back.rotations()) {
+            assert!(angle_between(*a, *b) < 1e-9);
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! Names, parents and rest offsets of a body.
+
+use crate::{Error, Result, Vec3};
+
+/// A tip of a chain: a place without rotation, `p = p_parent + G_parent * offset`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EndSite {
+    /// The joint it hangs on.
+    pub parent: usize,
+    /// Metres, in the parent's frame.
+    pub offset: Vec3,
+}
+
+/// A tree of J joints, parents before children, joint 0 the root.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Skeleton {
+    names: Vec<String>,
+    parents: Vec<Option<usize>>,
+    offsets: Vec<Vec3>,
+    ends: Vec<EndSite>,
+}
+
+impl Skeleton {
+    /// A skeleton of `names`, `parents` (of the root `None`, of others an earlier joint), rest `offsets` in metres
+    /// (the root's is kept, but no kinematics reads it) and end sites.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when lengths differ, a parent doesn't stand before its child, a name occurs twice, there is not
+    /// exactly one root at joint 0, or an offset is not finite.
+    pub fn new(
+        names: Vec<String>,
+        parents: Vec<Option<usize>>,
+        offsets: Vec<Vec3>,
+        ends: Vec<EndSite>,
+    ) -> Result<Self> {
+        let fail = |what: String| Err(Error::Call(format!("skeleton: {what}")));
+        let n = names.len();
+        if n == 0 || parents.len() != n || offsets.len() != n {
+            let (p, o) = (parents.len(), offsets.len());
+            return fail(format!("{n} names, {p} parents, {o} offsets; expected as many of each, at least one"));
+        }
+        let mut seen = std::collections::HashSet::new();
+        for j in 0..n {
+            match (j, parents[j]) {
+                (0, None) => {}
+                (_, Some(p)) if p < j => {}
+                (_, p) => {
+                    return fail(format!(
+                        "joint {j} ({}) has parent {p:?}; joint 0 has none, others an earlier one",
+                        names[j]
+                    ));
+                }
+            }
+            if !seen.insert(names[j].as_str()) {
+                return fail(format!("the name {} stands twice", names[j]));
+            }
+            if !offsets[j].is_finite() {
+                return fail(format!("the offset of {} is not finite", names[j]));
+            }
+        }
+        if let Some(e) = ends.iter().find(|e| e.parent >= n || !e.offset.is_finite()) {
+            return fail(format!("an end site hangs on joint {} of {n} with offset {}", e.parent, e.offset));
+        }
+        Ok(Skeleton { names, parents, offsets, ends })
+    }
+
+    /// J, the number of joints.
+    pub fn joints(&self) -> usize {
+        self.names.len()
+    }
+
+    /// (J) names, each once.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// (J) parents; of joint 0 `None`, of others an earlier joint.
+    pub fn parents(&self) -> &[Option<usize>] {
+        &self.parents
+    }
+
+    /// (J) rest offsets from the parent, metres, in the parent's frame.
+    pub fn offsets(&self) -> &[Vec3] {
+        &self.offsets
+    }
+
+    /// The end sites, in the order of the file.
+    pub fn ends(&self) -> &[EndSite] {
+        &self.ends
+    }
+
+    /// The joint of this name.
+    pub fn find(&self, name: &str) -> Option<usize> {
+        self.names.iter().position(|n| n == name)
+    }
+
+    /// The joints whose parent is `joint`, ascending.
+    pub fn children(&self, joint: usize) -> impl Iterator<Item = usize> + '_ {
+        (0..self.joints()).filter(move |&c| self.parents[c] == Some(joint))
+    }
+
+    /// Whether `ancestor` stands on the way from `joint` to the root, `joint` itself included.
+    pub fn descends(&self, joint: usize, ancestor: usize) -> bool {
+        let mut at = Some(joint);
+        while let Some(j) = at {
+            if j == ancestor {
+                return true;
+            }
+            at = self.parents[j];
+        }
+        false
+    }
+
+    /// The same skeleton with every length multiplied.
+    pub fn scaled(&self, factor: f64) -> Self {
+        let mut s = self.clone();
+        s.offsets.iter_mut().for_each(|o| *o *= factor);
+        s.ends.iter_mut().for_each(|e| e.offset *= factor);
+        s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(n: &[&str]) -> Vec<String> {
+        n.iter().map(|s| s.to_string()).collect()
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        let zero = |n| vec![Vec3::ZERO; n];
+        assert!(Skeleton::new(vec![], vec![], vec![], vec![]).is_err());
+        assert!(Skeleton::new(names(&["a", "b"]), vec![None, Some(1)], zero(2), vec![]).is_err());
+        assert!(Skeleton::new(names(&["a", "b"]), vec![None, None], zero(2), vec![]).is_err());
+        assert!(Skeleton::new(names(&["a", "a"]), vec![None, Some(0)], zero(2), vec![]).is_err());
+        assert!(Skeleton::new(names(&["a"]), vec![None], vec![Vec3::NAN], vec![]).is_err());
+        let end = EndSite { parent: 3, offset: Vec3::ZERO };
+        assert!(Skeleton::new(names(&["a"]), vec![None], zero(1), vec![end]).is_err());
+        assert!(Skeleton::new(names(&["a", "b"]), vec![None, Some(0)], zero(2), vec![]).is_ok());
+    }
+}

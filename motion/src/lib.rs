@@ -14,6 +14,7 @@
 pub mod clip;
 pub mod error;
 pub mod format;
+pub mod inspect;
 pub mod joints;
 pub mod mirror;
 pub mod pose;

@@ -1,0 +1,181 @@
+//! What a clip is, and what looks wrong in it.
+
+use crate::rotation::{angle_between, exp_map};
+use crate::{Clip, GlobalPose, Vec3};
+use std::f64::consts::PI;
+
+/// A root step is a jump if it is longer than this and stands out (three times the steps two frames before and after it:
+/// a fast movement has fast neighbours, a glitch has not), metres.
+pub const ROOT_JUMP_M: f64 = 0.05;
+/// A joint's step is a jump if it is wider than this and stands out in the same way, radians.
+pub const JOINT_JUMP_RAD: f64 = 25.0 * PI / 180.0;
+/// Nobody's pelvis falls faster than gravity; beyond this many g the rate is doubted.
+pub const FALL_LIMIT_G: f64 = 1.5;
+
+const GRAVITY: f64 = 9.81;
+
+/// The figures of one clip.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figures {
+    /// Median over frames of highest minus lowest point (joints and end sites), metres.
+    pub height_m: f64,
+    /// Smallest and largest root position, metres.
+    pub root_range: [Vec3; 2],
+    /// Fastest joint of the clip (99.9th percentile over frames), metres a second.
+    pub speed_m_s: f64,
+    /// Frames `f` after whose step from `f - 1` the root has jumped, with the length in metres.
+    pub root_jumps: Vec<(usize, f64)>,
+    /// The same for joints: frame, joint, angle in radians.
+    pub joint_jumps: Vec<(usize, usize, f64)>,
+    /// Steps at which the root's canonical rotation vector changes sign because its angle passes PI.
+    pub root_vector_flips: usize,
+    /// The fastest fall of the root, in g: 1st percentile of the vertical acceleration over 0.1 s, jumps left out.
+    pub fall_g: f64,
+    /// The rate at which that fall would be free fall, if the one stated is doubted.
+    pub fps_for_free_fall: Option<f64>,
+    /// Joints that never turn by more than 1e-6 radians.
+    pub still_joints: Vec<usize>,
+}
+
+/// The figures of a clip; all zero and empty for one without frames.
+pub fn figures(clip: &Clip) -> Figures {
+    let heights = heights(clip);
+    let root_jumps = root_jumps(clip);
+    let fall_g = fall_g(clip, &root_jumps);
+    let (mut low, mut high) = (Vec3::ZERO, Vec3::ZERO);
+    if let Some(&first) = clip.root().first() {
+        (low, high) = clip.root().iter().fold((first, first), |(l, h), &p| (l.min(p), h.max(p)));
+    }
+    Figures {
+        height_m: quantile(heights, 0.5),
+        root_range: [low, high],
+        speed_m_s: quantile(top_speeds(clip), 0.999),
+        joint_jumps: joint_jumps(clip),
+        root_vector_flips: root_vector_flips(clip),
+        fps_for_free_fall: (fall_g > FALL_LIMIT_G).then(|| clip.fps() / fall_g.sqrt()),
+        fall_g,
+        root_jumps,
+        still_joints: (0..clip.joints()).filter(|&j| still(clip, j)).collect(),
+    }
+}
+
+/// The `q` quantile, 0 for nothing.
+fn quantile(mut values: Vec<f64>, q: f64) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    values.sort_by(f64::total_cmp);
+    values[((values.len() - 1) as f64 * q).round() as usize]
+}
+
+fn heights(clip: &Clip) -> Vec<f64> {
+    let mut pose = GlobalPose::default();
+    (0..clip.frames())
+        .map(|f| {
+            pose.set(clip.skeleton(), clip.root()[f], clip.pose(f));
+            let ends = pose.ends(clip.skeleton());
+            let ys = pose.positions.iter().copied().chain(ends).map(|p| p.y);
+            let (low, high) = ys.fold((f64::MAX, f64::MIN), |(l, h), y| (l.min(y), h.max(y)));
+            high - low
+        })
+        .collect()
+}
+
+fn top_speeds(clip: &Clip) -> Vec<f64> {
+    let (p, j) = (clip.positions(), clip.joints());
+    let step = |f: usize| (0..j).map(|i| p[f * j + i].distance(p[(f - 1) * j + i])).fold(0.0, f64::max);
+    (1..clip.frames()).map(|f| step(f) * clip.fps()).collect()
+}
+
+fn root_jumps(clip: &Clip) -> Vec<(usize, f64)> {
+    jumps(clip.root().windows(2).map(|w| w[0].distance(w[1])).collect(), ROOT_JUMP_M).collect()
+}
+
+fn joint_jumps(clip: &Clip) -> Vec<(usize, usize, f64)> {
+    let mut all = Vec::new();
+    for j in 0..clip.joints() {
+        let step = |f: usize| angle_between(clip.pose(f - 1)[j], clip.pose(f)[j]);
+        let steps = (1..clip.frames()).map(step).collect();
+        all.extend(jumps(steps, JOINT_JUMP_RAD).map(|(f, s)| (f, j, s)));
+    }
+    all.sort_by_key(|&(f, j, _)| (f, j));
+    all
+}
+
+/// Frames whose step from the frame before is above `limit` and three times what is two steps away; `steps[0]` leads to
+/// frame 1.
+fn jumps(steps: Vec<f64>, limit: f64) -> impl Iterator<Item = (usize, f64)> {
+    let around = steps.clone();
+    let far = move |i: usize| {
+        let before = i.checked_sub(2).map_or(0.0, |k| around[k]);
+        before.max(around.get(i + 2).copied().unwrap_or(0.0))
+    };
+    steps.into_iter().enumerate().filter(move |&(i, s)| s > limit && s > 3.0 * far(i)).map(|(i, s)| (i + 1, s))
+}
+
+fn root_vector_flips(clip: &Clip) -> usize {
+    let vectors: Vec<Vec3> = (0..clip.frames()).map(|f| exp_map::to_vector(clip.pose(f)[0])).collect();
+    vectors.windows(2).filter(|w| w[0].distance(w[1]) > PI).count()
+}
+
+/// Second difference of the root's height over 0.1 s: noise of a millimetre is then 0.04 g.
+fn fall_g(clip: &Clip, jumps: &[(usize, f64)]) -> f64 {
+    let h = (0.1 * clip.fps()).round().max(1.0) as usize;
+    let seconds = h as f64 / clip.fps();
+    let y = clip.root();
+    let near_jump = |f: usize| jumps.iter().any(|&(at, _)| at + h >= f && at <= f + h);
+    let falls: Vec<f64> = (h..y.len().saturating_sub(h))
+        .filter(|&f| !near_jump(f))
+        .map(|f| -(y[f + h].y - 2.0 * y[f].y + y[f - h].y) / (seconds * seconds * GRAVITY))
+        .collect();
+    quantile(falls, 0.99).max(0.0)
+}
+
+fn still(clip: &Clip, j: usize) -> bool {
+    clip.frames() > 0 && (1..clip.frames()).all(|f| angle_between(clip.pose(0)[j], clip.pose(f)[j]) < 1e-6)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Quat, smpl};
+
+    fn falling(fps: f64, height: impl Fn(f64) -> f64) -> Clip {
+        let n = 3 * fps as usize;
+        let root = (0..n).map(|f| Vec3::new(0.0, height(f as f64 / fps), 0.0)).collect();
+        Clip::new(smpl::neutral(), fps, root, vec![Quat::IDENTITY; n * 24]).unwrap()
+    }
+
+    #[test]
+    fn a_wrong_rate_is_seen_in_a_fall() {
+        // half the time hanging, half in free fall
+        let height = |t: f64| if t < 1.5 { 20.0 } else { 20.0 - 0.5 * GRAVITY * (t - 1.5) * (t - 1.5) };
+        let right = figures(&falling(60.0, height));
+        assert!((right.fall_g - 1.0).abs() < 0.01, "{}", right.fall_g);
+        assert_eq!(right.fps_for_free_fall, None);
+        let wrong = figures(&falling(60.0, height).with_fps(120.0).unwrap());
+        assert!((wrong.fps_for_free_fall.unwrap() - 60.0).abs() < 1.0);
+    }
+
+    #[test]
+    fn jumps_and_flips_are_named() {
+        let clip = falling(60.0, |t| if t < 1.0 { 1.0 } else { 1.2 });
+        let f = figures(&clip);
+        assert_eq!(f.root_jumps.len(), 1);
+        assert_eq!(f.root_jumps[0].0, 60);
+        assert!((f.height_m - 1.64).abs() < 0.2, "{}", f.height_m);
+        assert_eq!(f.still_joints.len(), 24);
+        let turn = |f: usize| Quat::from_rotation_y(PI - 0.05 + 0.01 * f as f64);
+        let rotations =
+            (0..10).flat_map(|f| (0..24).map(move |j| if j == 0 { turn(f) } else { Quat::IDENTITY })).collect();
+        let spinning = Clip::new(smpl::neutral(), 60.0, vec![Vec3::Y; 10], rotations).unwrap();
+        assert_eq!(figures(&spinning).root_vector_flips, 1);
+    }
+
+    #[test]
+    fn a_clip_without_frames_has_no_figures() {
+        let f = figures(&Clip::new(smpl::neutral(), 60.0, vec![], vec![]).unwrap());
+        assert_eq!((f.height_m, f.speed_m_s, f.fall_g), (0.0, 0.0, 0.0));
+        assert!(f.still_joints.is_empty());
+    }
+}

@@ -1,1 +1,7 @@
-//! kinelm.
+//! From motion to text, from text to a model, from a model to new dances.
+//!
+//! Everything a command of the `kinelm` program does is a function here. The rooms, in the way of the data: `corpus`
+//! (labels, splits, the token store), `model`, `train`, `generate`, `evaluate`, `view`.
+#![deny(unsafe_code)]
+
+pub mod random;

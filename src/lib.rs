@@ -4,4 +4,8 @@
 //! (labels, splits, the token store), `model`, `train`, `generate`, `evaluate`, `view`.
 #![deny(unsafe_code)]
 
+pub mod error;
+pub mod files;
 pub mod random;
+
+pub use error::{Error, Result};

@@ -128,17 +128,27 @@ impl Clip {
 pub enum Source {
     /// A BVH: its whole header and its numbers.
     Bvh(Box<BvhSource>),
-    /// AMASS: the pelvis at rest that was added to `trans`, and what else `inspect` tells.
+    /// AMASS: what `inspect` tells beside the motion.
     Amass {
-        /// SMPL+H or SMPL-X.
+        /// `SMPL`, `SMPL+H` or `SMPL-X`.
         model: String,
-        /// As the file has it.
+        /// As the file has it; empty where it has none.
         gender: String,
+        /// How many shape numbers the file holds.
+        betas: usize,
+        /// Where the pelvis lies at rest, metres, in the file's own axes: what was added to `trans`.
+        rest_pelvis: Vec3,
+        /// Whether a user's body model supplied that and the offsets; if not, they are the neutral skeleton's.
+        body_model: bool,
     },
-    /// AIST++: the divisor of `smpl_trans`.
+    /// AIST++.
     Aist {
-        /// `smpl_scaling`.
+        /// `smpl_scaling`: the divisor of `smpl_trans`.
         scaling: f64,
+        /// Where the pelvis lies at rest, metres: what was added to the scaled `smpl_trans`.
+        rest_pelvis: Vec3,
+        /// Whether a user's body model supplied that and the offsets; if not, they are the neutral skeleton's.
+        body_model: bool,
     },
     /// Our own JSON, or made by a program: nothing beside the clip.
     Plain,

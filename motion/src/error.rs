@@ -184,6 +184,12 @@ kinds! {
     Truncated = "npz_truncated",
     /// An array of Python objects.
     ObjectArray = "npz_object",
+    /// An array whose elements are of a type that says nothing here (complex numbers, dates, records, text for numbers).
+    Dtype = "npz_dtype",
+    /// A scale that is not positive and finite.
+    ScaleBad = "scale_bad",
+    /// A body model that is not one of SMPL's family.
+    BodyModelBad = "body_model_bad",
     /// A frame rate that is not positive and finite.
     RateBad = "rate_bad",
     /// NaN or infinity.

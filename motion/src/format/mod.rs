@@ -1,6 +1,7 @@
 //! Motion files: found by name and first bytes, read into a [`Motion`], written back.
 
 pub mod bvh;
+pub mod positions;
 
 use std::path::PathBuf;
 

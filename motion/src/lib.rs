@@ -19,6 +19,7 @@ pub mod joints;
 pub mod mirror;
 pub mod pose;
 pub mod resample;
+pub mod retarget;
 pub mod rotation;
 pub mod skeleton;
 pub mod smpl;

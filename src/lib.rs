@@ -4,6 +4,7 @@
 //! (labels, splits, the token store), `model`, `train`, `generate`, `evaluate`, `view`.
 #![deny(unsafe_code)]
 
+pub mod corpus;
 pub mod error;
 pub mod files;
 pub mod random;

@@ -32,7 +32,8 @@ mod tests {
         let first = |seed, purpose, step, index| stream(seed, purpose, step, index).next_u64();
         let a = first(1, "batch", 2, 3);
         assert_eq!(a, first(1, "batch", 2, 3));
-        for other in [first(2, "batch", 2, 3), first(1, "mask", 2, 3), first(1, "batch", 3, 2), first(1, "batch", 2, 4)] {
+        for other in [first(2, "batch", 2, 3), first(1, "mask", 2, 3), first(1, "batch", 3, 2), first(1, "batch", 2, 4)]
+        {
             assert_ne!(a, other);
         }
     }

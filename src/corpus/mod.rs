@@ -1,0 +1,20 @@
+//! Corpora: labels, splits, the token store on disk, windows.
+//!
+//! A corpus is a folder: `corpus.json` ([`Manifest`]), `tokens.u16` or `tokens.u32` (little-endian, the words of all
+//! clips one after the other), `clips.jsonl` (a [`ClipRecord`] a line) and `tokenizer.json`. Three lines of numpy read
+//! it:
+//!
+//! ```python
+//! clips = [json.loads(line) for line in open("corpus/clips.jsonl")]
+//! tokens, W = np.fromfile("corpus/tokens.u16", "<u2"), json.load(open("corpus/corpus.json"))["tokens_per_frame"]
+//! first = tokens[clips[0]["offset"]:][:clips[0]["frames"] * W].reshape(-1, W)
+//! ```
+
+mod map;
+pub mod record;
+pub mod store;
+pub mod windows;
+
+pub use record::{ClipRecord, Count, FileRecord, Manifest, Shard, Split, TokenType};
+pub use store::{Corpus, CorpusWriter, NewClip, Shape, Tokens};
+pub use windows::{EvalWindow, TrainWindows, Window, eval_windows, fill_sequence};

@@ -1,0 +1,290 @@
+//! What a corpus folder says of itself: `corpus.json` and the lines of `clips.jsonl`.
+
+use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+
+/// The version of the folder's layout that this program writes and reads.
+pub const VERSION: u32 = 1;
+
+/// Which part of the experiment a clip serves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Split {
+    /// Tables and weights are fitted on it.
+    Train,
+    /// Choices are made on it.
+    Valid,
+    /// Figures are measured on it.
+    Test,
+}
+
+impl Split {
+    /// All three, in order.
+    pub const ALL: [Split; 3] = [Split::Train, Split::Valid, Split::Test];
+}
+
+impl fmt::Display for Split {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Split::Train => "train",
+            Split::Valid => "valid",
+            Split::Test => "test",
+        })
+    }
+}
+
+impl FromStr for Split {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        Split::ALL
+            .into_iter()
+            .find(|s| s.to_string() == text)
+            .ok_or_else(|| Error::Call(format!("split `{text}`; expected train, valid or test")))
+    }
+}
+
+/// The width of a number in the token file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TokenType {
+    /// Two bytes: vocabularies up to 65,536.
+    U16,
+    /// Four bytes.
+    U32,
+}
+
+impl TokenType {
+    /// The narrowest type for ids below `vocabulary`.
+    pub fn of_vocabulary(vocabulary: usize) -> Self {
+        if vocabulary <= 1 << 16 { TokenType::U16 } else { TokenType::U32 }
+    }
+
+    /// Bytes of a token.
+    pub fn width(self) -> usize {
+        match self {
+            TokenType::U16 => 2,
+            TokenType::U32 => 4,
+        }
+    }
+
+    /// The token file's name.
+    pub fn file_name(self) -> &'static str {
+        match self {
+            TokenType::U16 => "tokens.u16",
+            TokenType::U32 => "tokens.u32",
+        }
+    }
+}
+
+/// Length and hash of a file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FileRecord {
+    /// Its length.
+    pub bytes: u64,
+    /// SHA-256 of its bytes, hexadecimal.
+    pub sha256: String,
+}
+
+impl FileRecord {
+    /// The record of a file that holds `bytes`.
+    pub fn of(bytes: &[u8]) -> Self {
+        FileRecord { bytes: bytes.len() as u64, sha256: hex(Sha256::new_with_prefix(bytes)) }
+    }
+
+    /// Whether `bytes` are the file's.
+    ///
+    /// # Errors
+    /// [`Error::File`] with what was found and expected.
+    pub fn check(&self, path: &Path, bytes: &[u8]) -> Result<()> {
+        let found = FileRecord::of(bytes);
+        if found == *self {
+            return Ok(());
+        }
+        let say = |r: &FileRecord| format!("{} bytes with SHA-256 {}", r.bytes, r.sha256);
+        let help = "the file was changed after it was written: make the corpus again";
+        Err(Error::file(path, say(&found), say(self), help))
+    }
+}
+
+/// A finished hash as 64 hexadecimal digits.
+pub(crate) fn hex(hash: Sha256) -> String {
+    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// A piece of a corpus made on one of several machines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Shard {
+    /// Which piece, from 0.
+    pub index: usize,
+    /// Of how many.
+    pub of: usize,
+}
+
+impl Shard {
+    /// Whether the item with this key belongs to the piece: keys go round, so that pieces are of like size.
+    pub fn holds(&self, key: usize) -> bool {
+        key % self.of == self.index
+    }
+}
+
+impl fmt::Display for Shard {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/{}", self.index, self.of)
+    }
+}
+
+impl FromStr for Shard {
+    type Err = Error;
+
+    /// `I/N`, I from 0 to N - 1.
+    fn from_str(text: &str) -> Result<Self> {
+        let parsed = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+        match parsed {
+            Some((index, of)) if index < of => Ok(Shard { index, of }),
+            _ => Err(Error::Call(format!("shard `{text}`; expected I/N with I from 0 to N - 1, such as 0/4"))),
+        }
+    }
+}
+
+/// Clips and frames.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Count {
+    /// Clips.
+    pub clips: usize,
+    /// Frames at the tokenizer's rate.
+    pub frames: usize,
+}
+
+impl Count {
+    /// Counts one more clip.
+    pub fn add(&mut self, frames: usize) {
+        self.clips += 1;
+        self.frames += frames;
+    }
+}
+
+/// A file or folder that the corpus was made from.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SourceRecord {
+    /// As the user named it.
+    pub path: String,
+    /// Clips taken from it.
+    pub clips: usize,
+    /// SHA-256 over the names and hashes of those clips' files, in the order of the corpus.
+    pub sha256: String,
+}
+
+/// A file that could not be taken.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Failure {
+    /// Its place among all files found.
+    pub key: usize,
+    /// The clip's name.
+    pub name: String,
+    /// What was wrong with it.
+    pub why: String,
+}
+
+/// `corpus.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// [`VERSION`].
+    pub version: u32,
+    /// SHA-256 that the tokenizer states of itself.
+    pub tokenizer: String,
+    /// W: the characters of a word and its space.
+    pub tokens_per_frame: usize,
+    /// Ids are below this.
+    pub vocabulary: usize,
+    /// Frames per second.
+    pub fps: f64,
+    /// How a token is written; little-endian.
+    pub token_type: TokenType,
+    /// The token file.
+    pub tokens: FileRecord,
+    /// `clips.jsonl`.
+    pub clips: FileRecord,
+    /// All clips.
+    pub count: Count,
+    /// Clips by split.
+    pub splits: BTreeMap<Split, Count>,
+    /// What it was made from, in the order given.
+    pub sources: Vec<SourceRecord>,
+    /// What could not be taken.
+    pub failed: Vec<Failure>,
+    /// Which piece this is, if it is not the whole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shard: Option<Shard>,
+}
+
+/// A line of `clips.jsonl`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClipRecord {
+    /// Path below its source without extension, with `/`; unique in the corpus.
+    pub name: String,
+    /// First token's place in the token file, in tokens.
+    pub offset: usize,
+    /// F; the clip has F * W tokens.
+    pub frames: usize,
+    /// Field to value.
+    pub labels: BTreeMap<String, String>,
+    /// Which part of the experiment it serves.
+    pub split: Split,
+    /// The recording it belongs to; no recording is in two splits.
+    pub take: String,
+    /// Its place among all files found; pieces are merged by it.
+    pub key: usize,
+    /// Index into the manifest's sources.
+    pub source: usize,
+    /// SHA-256 of the file it was read from.
+    pub sha256: String,
+    /// Components of translation steps that were clipped to the tokenizer's range.
+    #[serde(default)]
+    pub clipped: usize,
+    /// Rotations that took the second code (near a half turn).
+    #[serde(default)]
+    pub second_codes: usize,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn splits_and_shards_are_read_strictly() {
+        assert_eq!("valid".parse::<Split>().unwrap(), Split::Valid);
+        assert!("Valid".parse::<Split>().unwrap_err().to_string().contains("train, valid or test"));
+        assert_eq!("1/4".parse::<Shard>().unwrap(), Shard { index: 1, of: 4 });
+        for bad in ["4/4", "1", "a/2", "0/0", "-1/2", ""] {
+            assert!(bad.parse::<Shard>().is_err(), "{bad}");
+        }
+        let s = Shard { index: 1, of: 3 };
+        assert_eq!((0..7).filter(|&k| s.holds(k)).collect::<Vec<_>>(), [1, 4]);
+    }
+
+    #[test]
+    fn the_width_follows_the_vocabulary() {
+        assert_eq!(TokenType::of_vocabulary(65_536), TokenType::U16);
+        assert_eq!(TokenType::of_vocabulary(65_537), TokenType::U32);
+    }
+
+    #[test]
+    fn the_hash_is_sha256() {
+        // FIPS 180-2, appendix B.1
+        let abc = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+        assert_eq!(FileRecord::of(b"abc").sha256, abc);
+    }
+}

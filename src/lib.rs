@@ -7,6 +7,7 @@
 pub mod corpus;
 pub mod error;
 pub mod files;
+pub mod generate;
 pub mod random;
 
 pub use error::{Error, Result};

@@ -1,5 +1,366 @@
 //! One body's motion on another body.
+//!
+//! Rotations are carried over in the world, not in the joints' own axes, which differ from rig to rig. With `G_s` the
+//! world rotation of a rig's joint, `A_s` the same in the reference pose (a T or A stand, [`ReferencePose`]) and `S`
+//! the smallest turn that lays the SMPL bone of the rest pose along the rig's bone of the reference pose, the SMPL joint
+//! turns by
+//!
+//! ```text
+//! G_t = G_s E C        C = A_s^-1 S        E = swing of the bone, in the joint's frame, from the reference to now
+//! ```
+//!
+//! so that a limb bone points where the rig's points, and the motion of a hinge stays the motion of a hinge. `E` is
+//! identity unless joints that no SMPL joint stands for (twist bones) move between a bone's two ends. `S` is identity
+//! for pelvis, spine, neck, head, collars and feet: those that stand straight or flat in one body do in the other.
+//! The way back is `G_s = G_t (E C)^-1`.
 
 pub mod map;
+pub mod reference;
 
 pub use map::SkeletonMap;
+pub use reference::ReferencePose;
+
+use crate::rotation::swing;
+use crate::{Clip, Error, GlobalPose, Motion, Quat, Result, Skeleton, Source, Vec3, smpl};
+use reference::LIMBS;
+use std::sync::Arc;
+
+/// The way between a rig and the SMPL-24 body, both directions.
+#[derive(Debug, Clone)]
+pub struct Retarget {
+    rig: Arc<Skeleton>,
+    smpl: Arc<Skeleton>,
+    /// By SMPL id: the rig's joint, and how it turns the SMPL joint.
+    links: [Option<Link>; 24],
+    /// (J of the rig) local rotations of the reference pose, for joints that no SMPL joint stands for; above the pelvis
+    /// identity.
+    rest: Vec<Quat>,
+    scale: f64,
+    same: bool,
+}
+
+/// How a rig's joint turns its SMPL joint.
+#[derive(Debug, Clone)]
+struct Link {
+    joint: usize,
+    /// `A_s^-1 S`.
+    turn: Quat,
+    bent: Option<Bent>,
+}
+
+/// A limb bone that has joints between its ends.
+#[derive(Debug, Clone)]
+struct Bent {
+    /// From the bone's upper end, without it, to its lower end.
+    chain: Vec<usize>,
+    /// The bone in the upper joint's frame, in the reference pose.
+    straight: Vec3,
+}
+
+impl Retarget {
+    /// The way between `rig`, whose joints `map` names, and the SMPL-24 body `smpl` ([`smpl::neutral`], or a user's own
+    /// with other offsets).
+    ///
+    /// # Errors
+    /// [`Error::Call`] when `smpl` hasn't SMPL's 24 joints, and those of [`ReferencePose::new`].
+    pub fn new(rig: &Skeleton, map: &SkeletonMap, smpl: Arc<Skeleton>) -> Result<Self> {
+        check_smpl(&smpl)?;
+        let pose = ReferencePose::new(rig, map)?;
+        let still = GlobalPose::new(&smpl, Vec3::ZERO, &[Quat::IDENTITY; 24]);
+        let scale = smpl_leg_m(&smpl) / pose.leg_m();
+        let links = std::array::from_fn(|id| {
+            let joint = pose.joints[id]?;
+            let turn = pose.global.rotations[joint].conjugate() * bone_turn(rig, &pose, &still, id);
+            Some(Link { joint, turn: turn.normalize(), bent: bent(rig, &pose, id, joint) })
+        });
+        let pelvis = pose.joints[0].unwrap_or(0);
+        let above = |j: usize| j != pelvis && rig.descends(pelvis, j);
+        let rest = (0..rig.joints()).map(|j| if above(j) { Quat::IDENTITY } else { pose.local[j] }).collect();
+        let same = is_same(rig, &smpl);
+        Ok(Retarget { rig: Arc::new(rig.clone()), smpl, links, rest, scale: if same { 1.0 } else { scale }, same })
+    }
+
+    /// The rig's own skeleton.
+    pub fn rig(&self) -> &Arc<Skeleton> {
+        &self.rig
+    }
+
+    /// The leg of the SMPL body over the leg of the rig (hip to knee to ankle): what positions are multiplied with.
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// The rig's joint that plays an SMPL joint.
+    pub fn joint(&self, smpl_id: usize) -> Option<usize> {
+        self.links.get(smpl_id)?.as_ref().map(|l| l.joint)
+    }
+
+    /// The motion on the SMPL-24 body. The root's position is the place of the rig's pelvis times
+    /// [`Retarget::scale`]; SMPL joints without a counterpart keep their rest rotation. A clip that stands on this very
+    /// SMPL body already comes back bit for bit.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when the clip is not on the rig.
+    pub fn to_smpl(&self, clip: &Clip) -> Result<Clip> {
+        check_on(clip, &self.rig)?;
+        if self.same {
+            return clip.clone().with_skeleton(self.smpl.clone());
+        }
+        let pelvis = self.joint(0).unwrap_or(0);
+        let mut root = Vec::with_capacity(clip.frames());
+        let mut rotations = Vec::with_capacity(clip.frames() * 24);
+        let mut pose = GlobalPose::default();
+        for f in 0..clip.frames() {
+            pose.set(&self.rig, clip.root()[f], clip.pose(f));
+            root.push(pose.positions[pelvis] * self.scale);
+            let mut global = [Quat::IDENTITY; 24];
+            for id in 0..24 {
+                let parent = smpl::PARENTS[id];
+                let above = if parent < 0 { Quat::IDENTITY } else { global[parent as usize] };
+                let Some(link) = &self.links[id] else {
+                    global[id] = above;
+                    rotations.push(Quat::IDENTITY);
+                    continue;
+                };
+                global[id] = pose.rotations[link.joint] * link.turn_now(&self.rig, clip.pose(f));
+                rotations.push((above.conjugate() * global[id]).normalize());
+            }
+        }
+        Clip::new(self.smpl.clone(), clip.fps(), root, rotations)
+    }
+
+    /// The motion of an SMPL-24 clip on the rig: joints that no SMPL joint stands for keep the reference pose.
+    ///
+    /// `to_smpl` of the answer is the clip again, to rounding: the root and every world rotation of a joint that the
+    /// rig has. (Where the rig lacks a joint between two that it has, their local rotations come back only if that
+    /// joint was at rest, as `to_smpl` leaves it.)
+    ///
+    /// # Errors
+    /// [`Error::Call`] when the clip is not on the SMPL-24 body.
+    pub fn to_rig(&self, clip: &Clip) -> Result<Clip> {
+        self.to_rig_over(clip, None)
+    }
+
+    /// [`Retarget::to_rig`] where joints that no SMPL joint stands for (fingers, twist bones) move as in `base`, a clip
+    /// on the rig; where `base` ends earlier, its last frame stays.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when the clip is not on the SMPL-24 body, or the base not on the rig.
+    pub fn to_rig_over(&self, clip: &Clip, base: Option<&Clip>) -> Result<Clip> {
+        check_on(clip, &self.smpl)?;
+        if let Some(base) = base {
+            check_on(base, &self.rig)?;
+        }
+        if self.same {
+            return clip.clone().with_skeleton(self.rig.clone());
+        }
+        let base = base.filter(|b| b.frames() > 0);
+        let by_joint = self.by_joint();
+        let mut root = Vec::with_capacity(clip.frames());
+        let mut rotations = Vec::with_capacity(clip.frames() * self.rig.joints());
+        let mut pose = GlobalPose::default();
+        for f in 0..clip.frames() {
+            let rest = base.map_or(self.rest.as_slice(), |b| b.pose(f.min(b.frames() - 1)));
+            pose.set(&self.smpl, clip.root()[f], clip.pose(f));
+            let from = rotations.len();
+            self.rig_frame(&by_joint, rest, &pose.rotations, &mut rotations);
+            root.push(self.rig_root(clip.root()[f] / self.scale, &rotations[from..]));
+        }
+        Clip::new(self.rig.clone(), clip.fps(), root, rotations)
+    }
+
+    /// By the rig's joint: the SMPL joint it plays.
+    fn by_joint(&self) -> Vec<Option<usize>> {
+        let mut ids = vec![None; self.rig.joints()];
+        for id in (0..24).rev() {
+            if let Some(joint) = self.joint(id) {
+                ids[joint] = Some(id);
+            }
+        }
+        ids
+    }
+
+    /// Appends the rig's local rotations of one frame: `rest` where no SMPL joint stands for the joint.
+    fn rig_frame(&self, by_joint: &[Option<usize>], rest: &[Quat], smpl: &[Quat], out: &mut Vec<Quat>) {
+        let mut global = vec![Quat::IDENTITY; self.rig.joints()];
+        for j in 0..self.rig.joints() {
+            let above = self.rig.parents()[j].map_or(Quat::IDENTITY, |p| global[p]);
+            let link = by_joint[j].and_then(|id| Some((id, self.links[id].as_ref()?)));
+            let local = match link {
+                None => rest[j],
+                Some((id, link)) => {
+                    (above.conjugate() * smpl[id] * link.turn_now(&self.rig, rest).conjugate()).normalize()
+                }
+            };
+            global[j] = above * local;
+            out.push(local);
+        }
+    }
+
+    /// The root's place that puts the pelvis at `pelvis`.
+    fn rig_root(&self, pelvis: Vec3, local: &[Quat]) -> Vec3 {
+        let mut at = self.joint(0).unwrap_or(0);
+        // from the pelvis up: its place in the frame of each ancestor in turn
+        let mut place = Vec3::ZERO;
+        while let Some(parent) = self.rig.parents()[at] {
+            place = self.rig.offsets()[at] + place;
+            place = local[parent] * place;
+            at = parent;
+        }
+        pelvis - place
+    }
+}
+
+impl Link {
+    /// `E C`, of one frame's local rotations of the rig (J).
+    fn turn_now(&self, rig: &Skeleton, local: &[Quat]) -> Quat {
+        let Some(bent) = &self.bent else { return self.turn };
+        swing(bent.straight, along(rig, &bent.chain, local)) * self.turn
+    }
+}
+
+/// The place of a chain's last joint in the frame of the joint that it hangs on.
+fn along(rig: &Skeleton, chain: &[usize], local: &[Quat]) -> Vec3 {
+    chain.iter().rev().fold(Vec3::ZERO, |place, &j| rig.offsets()[j] + local[j] * place)
+}
+
+/// `S`: the smallest turn from the SMPL bone at rest to the rig's in the reference pose; identity for what is no limb.
+fn bone_turn(rig: &Skeleton, pose: &ReferencePose, still: &GlobalPose, id: usize) -> Quat {
+    if let Some((_, lower)) = LIMBS.iter().find(|(upper, _)| *upper == id) {
+        let (Some(a), Some(b)) = (pose.place(id), pose.place(*lower)) else { return Quat::IDENTITY };
+        return swing(still.positions[*lower] - still.positions[id], b - a);
+    }
+    // hands: along the hand's own bone, else along the forearm, whichever the rig has
+    let (elbow, wrist, hand) = match id {
+        20 | 22 => (18, 20, 22),
+        21 | 23 => (19, 21, 23),
+        _ => return Quat::IDENTITY,
+    };
+    let rest = still.positions[hand] - still.positions[wrist];
+    match hand_bone(rig, pose, wrist, hand) {
+        Some(bone) => swing(rest, bone),
+        None => bone_turn(rig, pose, still, elbow),
+    }
+}
+
+/// The hand's bone in the reference pose: to the joint that plays SMPL's hand, else to the wrist's only child or tip.
+fn hand_bone(rig: &Skeleton, pose: &ReferencePose, wrist: usize, hand: usize) -> Option<Vec3> {
+    let joint = pose.joints[wrist]?;
+    let bone = match pose.joints[hand].filter(|&h| rig.descends(h, joint)) {
+        Some(hand) => pose.global.positions[hand] - pose.global.positions[joint],
+        None => {
+            let mut offsets = rig.children(joint).map(|c| rig.offsets()[c]).collect::<Vec<_>>();
+            offsets.extend(rig.ends().iter().filter(|e| e.parent == joint).map(|e| e.offset));
+            match offsets.as_slice() {
+                [one] => pose.global.rotations[joint] * *one,
+                _ => return None,
+            }
+        }
+    };
+    (bone.length() > 1e-6).then_some(bone)
+}
+
+/// The joints of a limb bone, if any stand between its ends.
+fn bent(rig: &Skeleton, pose: &ReferencePose, id: usize, joint: usize) -> Option<Bent> {
+    let (_, lower) = LIMBS.iter().find(|(upper, _)| *upper == id)?;
+    let mut at = pose.joints[*lower]?;
+    let mut chain = Vec::new();
+    while at != joint {
+        chain.push(at);
+        at = rig.parents()[at]?;
+    }
+    chain.reverse();
+    let straight = along(rig, &chain, &pose.local);
+    (chain.len() > 1).then_some(Bent { chain, straight })
+}
+
+fn smpl_leg_m(smpl: &Skeleton) -> f64 {
+    0.5 * [4, 5, 7, 8].iter().map(|&j: &usize| smpl.offsets()[j].length()).sum::<f64>()
+}
+
+fn is_same(rig: &Skeleton, smpl: &Skeleton) -> bool {
+    // the root's offset is read by no kinematics
+    rig.names() == smpl.names() && rig.parents() == smpl.parents() && rig.offsets()[1..] == smpl.offsets()[1..]
+}
+
+/// SMPL's 24 joints: names and tree.
+fn check_smpl(skeleton: &Skeleton) -> Result<()> {
+    let names = skeleton.names().iter().map(String::as_str).eq(smpl::NAMES);
+    let parents = skeleton.parents().iter().map(|p| p.map_or(-1, |p| p as i32)).eq(smpl::PARENTS);
+    if names && parents {
+        return Ok(());
+    }
+    Err(Error::Call(format!(
+        "retarget: a target of {} joints from {}; expected SMPL's 24",
+        skeleton.joints(),
+        skeleton.names()[0]
+    )))
+}
+
+/// Same joints, same tree, offsets to a millimetre.
+fn check_on(clip: &Clip, body: &Skeleton) -> Result<()> {
+    let on = clip.skeleton();
+    if on.names() != body.names() || on.parents() != body.parents() {
+        return Err(Error::Call(format!(
+            "retarget: a clip of {} joints from {}; expected the {} joints from {} that this way was made for",
+            on.joints(),
+            on.names()[0],
+            body.joints(),
+            body.names()[0]
+        )));
+    }
+    let far = (1..on.joints()).find(|&j| (on.offsets()[j] - body.offsets()[j]).length() > 1e-3);
+    match far {
+        None => Ok(()),
+        Some(j) => Err(Error::Call(format!(
+            "retarget: {} lies at {} in the clip; expected {}, as in the body that this way was made for",
+            on.names()[j],
+            on.offsets()[j],
+            body.offsets()[j]
+        ))),
+    }
+}
+
+/// The map of a rig: the named or given one, else the shipped one whose names are there.
+///
+/// # Errors
+/// [`Error::Call`] when none fits, with what the nearest lacks and a TOML to begin with, and those of
+/// [`SkeletonMap::by_name_or_file`].
+pub fn map_for(rig: &Skeleton, map: Option<&str>) -> Result<SkeletonMap> {
+    match map {
+        Some(map) => SkeletonMap::by_name_or_file(map),
+        None => SkeletonMap::detect(rig.names()).ok_or_else(|| Error::Call(reference::unknown_rig(rig.names(), None))),
+    }
+}
+
+/// A motion on the neutral SMPL-24 body, whatever it was read from; `map` is a shipped map's name or a TOML's path,
+/// `None` to find it by the names.
+///
+/// Motions of SMPL files keep their rotations, which mean the same on every SMPL body; only the root is scaled.
+///
+/// # Errors
+/// [`Error::Clip`] naming the file, with what [`map_for`] or [`Retarget::new`] say.
+pub fn to_smpl(motion: &Motion, map: Option<&str>) -> Result<Clip> {
+    let rig = motion.clip.skeleton();
+    if matches!(motion.source, Source::Amass { .. } | Source::Aist { .. }) && check_smpl(rig).is_ok() {
+        return on_neutral(&motion.clip);
+    }
+    let retargeted = || Retarget::new(rig, &map_for(rig, map)?, smpl::neutral())?.to_smpl(&motion.clip);
+    retargeted().map_err(|e| match e {
+        Error::Call(what) => Error::Clip { clip: motion.path.display().to_string(), what },
+        other => other,
+    })
+}
+
+fn on_neutral(clip: &Clip) -> Result<Clip> {
+    let neutral = smpl::neutral();
+    if is_same(clip.skeleton(), &neutral) {
+        return clip.clone().with_skeleton(neutral);
+    }
+    let scale = smpl_leg_m(&neutral) / smpl_leg_m(clip.skeleton());
+    let root = clip.root().iter().map(|p| *p * scale).collect();
+    Clip::new(neutral, clip.fps(), root, clip.rotations().to_vec())
+}
+
+#[cfg(test)]
+mod tests;

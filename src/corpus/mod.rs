@@ -10,11 +10,17 @@
 //! first = tokens[clips[0]["offset"]:][:clips[0]["frames"] * W].reshape(-1, W)
 //! ```
 
+pub mod csv;
+pub mod gather;
+pub mod labels;
 mod map;
+pub mod pattern;
 pub mod record;
+pub mod splits;
 pub mod store;
 pub mod windows;
 
+pub use gather::{Gathered, Item, gather};
 pub use record::{ClipRecord, Count, FileRecord, Manifest, Shard, Split, TokenType};
 pub use store::{Corpus, CorpusWriter, NewClip, Shape, Tokens};
 pub use windows::{EvalWindow, TrainWindows, Window, eval_windows, fill_sequence};

@@ -1,0 +1,504 @@
+//! Motion files below the folders given, with what is known of each.
+
+use super::labels::{Known, Labels, Rule};
+use super::pattern::{EXTENSIONS, without_extension};
+use super::record::Split;
+use super::splits::{self, some_of};
+use crate::{Error, Result};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
+use std::fs::{self, File};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// A motion file and what is known of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Item {
+    /// The file.
+    pub path: PathBuf,
+    /// Its path below its source without extension, `/` between parts; unique among all items.
+    pub name: String,
+    /// Field to value.
+    pub labels: BTreeMap<String, String>,
+    /// The recording; the name where nothing else is known.
+    pub take: String,
+    /// Which part of the experiment it serves.
+    pub split: Split,
+    /// The true source rate, where its labels state it.
+    pub fps: Option<f64>,
+    /// Source frames to leave out at the start, where its labels state it.
+    pub skip: Option<usize>,
+    /// Its place among all items.
+    pub key: usize,
+    /// Index into [`Gathered::sources`].
+    pub source: usize,
+}
+
+impl Default for Item {
+    fn default() -> Self {
+        Item {
+            path: PathBuf::new(),
+            name: String::new(),
+            labels: BTreeMap::new(),
+            take: String::new(),
+            split: Split::Train,
+            fps: None,
+            skip: None,
+            key: 0,
+            source: 0,
+        }
+    }
+}
+
+/// All motion files found.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Gathered {
+    /// By source, then by path.
+    pub items: Vec<Item>,
+    /// The files and folders as they were given.
+    pub sources: Vec<String>,
+    /// What the user should be told: what labels were found and by which rule, what was left out, splits that lack
+    /// something. One line each.
+    pub said: Vec<String>,
+    /// AMASS files without motion (shapes, first stages) and JSON files that are no clips.
+    pub no_motion: usize,
+    /// Files that an `ignore_list.txt` names.
+    pub ignored: usize,
+    /// Files without a row in their label CSV.
+    pub without_row: usize,
+    /// Rows of label CSVs without a file.
+    pub without_file: usize,
+}
+
+struct Found {
+    path: PathBuf,
+    relative: String,
+    source: usize,
+    alone: bool, // given itself, not found in a folder
+}
+
+/// Finds the motion files in `data` (files, or folders searched to any depth, in the order of their names) and labels
+/// them. `labels` are what `--labels` was given, in the order of `data`; a single one serves all; none lets the known
+/// names be tried.
+///
+/// Files are taken by their extensions ([`EXTENSIONS`]); hidden ones are not looked at. An `ignore_list.txt` (as AIST++
+/// has one) leaves out the names it lists from its folder and all below it; the one beside a folder given counts too.
+///
+/// # Errors
+/// [`Error::Io`] for a path that is not there or can't be read; [`Error::Call`] when nothing is found, or `labels` are
+/// neither none, one nor as many as `data`; those of [`Labels::parse`] and [`Labels::find`].
+pub fn gather(data: &[PathBuf], labels: &[String]) -> Result<Gathered> {
+    if labels.len() > 1 && labels.len() != data.len() {
+        let (l, d) = (labels.len(), data.len());
+        return Err(Error::Call(format!("{l} label lists for {d} places of data; give none, one for all, or {d}")));
+    }
+    let parsed: Vec<Labels> = labels.iter().map(|l| Labels::parse(l)).collect::<Result<_>>()?;
+    let mut gathered = Gathered { sources: data.iter().map(|d| slashed(d)).collect(), ..Gathered::default() };
+    let mut found = Vec::new();
+    let mut seen = HashSet::new();
+    let mut twice = 0;
+    for (source, place) in data.iter().enumerate() {
+        let mut walk = Walk { gathered: &mut gathered, files: Vec::new(), folders: HashSet::new() };
+        let alone = !walk.start(place)?;
+        for (path, relative) in std::mem::take(&mut walk.files) {
+            if seen.insert(fs::canonicalize(&path).map_err(Error::io(&path))?) {
+                found.push(Found { path, relative, source, alone });
+            } else {
+                twice += 1;
+            }
+        }
+    }
+    if found.is_empty() {
+        let places = gathered.sources.join(", ");
+        return Err(Error::Call(format!(
+            "no motion in {places}; looked for files ending in {}",
+            EXTENSIONS.join(", ")
+        )));
+    }
+    say_left_out(&mut gathered, twice);
+    let stated = label(&mut gathered, found, &parsed)?;
+    let said = splits::assign(&mut gathered.items, &stated);
+    gathered.said.extend(said);
+    Ok(gathered)
+}
+
+fn say_left_out(g: &mut Gathered, twice: usize) {
+    for (count, what) in [
+        (g.no_motion, "files hold no motion (body shapes, other JSON) and are left out"),
+        (g.ignored, "files are left out because ignore_list.txt names them"),
+        (twice, "files were given twice and are taken once"),
+    ] {
+        if count > 0 {
+            g.said.push(format!("{count} {what}"));
+        }
+    }
+}
+
+/// Makes the items; returns the splits stated for them.
+fn label(g: &mut Gathered, found: Vec<Found>, labels: &[Labels]) -> Result<Vec<Option<Split>>> {
+    let names = unique_names(&found, &g.sources)?;
+    let mut stated = Vec::new();
+    let mut by_rule: BTreeMap<(usize, Rule), (usize, BTreeSet<String>)> = BTreeMap::new();
+    let mut rows: BTreeMap<usize, HashSet<usize>> = BTreeMap::new();
+    let mut unknown: BTreeMap<usize, Vec<String>> = BTreeMap::new();
+    for (key, (file, name)) in found.into_iter().zip(names).enumerate() {
+        let which = if labels.len() > 1 { file.source } else { 0 };
+        let rules = labels.get(which).unwrap_or(&Labels::Auto);
+        let known = match known_of(rules, &file)? {
+            Some((known, rule)) => {
+                let group = match rule {
+                    Rule::Row(row) => {
+                        rows.entry(which).or_default().insert(row);
+                        Rule::Row(0)
+                    }
+                    rule => rule,
+                };
+                let entry = by_rule.entry((which, group)).or_default();
+                entry.0 += 1;
+                entry.1.extend(known.labels.keys().cloned());
+                known
+            }
+            None => {
+                unknown.entry(which).or_default().push(name.clone());
+                Known::default()
+            }
+        };
+        stated.push(known.split);
+        g.items.push(Item {
+            take: known.take.unwrap_or_else(|| name.clone()),
+            path: file.path,
+            name,
+            labels: known.labels,
+            split: Split::Train, // given by `splits::assign`
+            fps: known.fps,
+            skip: known.skip,
+            key,
+            source: file.source,
+        });
+    }
+    for ((_, rule), (count, fields)) in by_rule {
+        let fields: Vec<&str> = fields.iter().map(String::as_str).collect();
+        let fields = if fields.is_empty() { "no labels".into() } else { fields.join(", ") };
+        g.said.push(format!("{count} clips have labels by {}: {fields}", rule.describe()));
+    }
+    say_unmatched(g, labels, &rows, &unknown);
+    Ok(stated)
+}
+
+/// What is known of a file. Of one given itself the folders above it are tried too, longest path first, but for the
+/// known names: any folder would pass for a genre.
+fn known_of(rules: &Labels, file: &Found) -> Result<Option<(Known, Rule)>> {
+    if !file.alone || matches!(rules, Labels::Auto) {
+        return rules.find(&file.relative);
+    }
+    let full = slashed(&file.path);
+    let starts = std::iter::once(0).chain(full.match_indices('/').map(|(i, _)| i + 1));
+    for start in starts {
+        if let Some(known) = rules.find(&full[start..])? {
+            return Ok(Some(known));
+        }
+    }
+    Ok(None)
+}
+
+fn say_unmatched(
+    g: &mut Gathered,
+    labels: &[Labels],
+    rows: &BTreeMap<usize, HashSet<usize>>,
+    unknown: &BTreeMap<usize, Vec<String>>,
+) {
+    for (which, rules) in labels.iter().enumerate() {
+        let names: Vec<&str> = unknown.get(&which).into_iter().flatten().map(String::as_str).collect();
+        match rules {
+            Labels::Table(table) => {
+                let unused = table.unused(|row| rows.get(&which).is_some_and(|r| r.contains(&row)));
+                let unused: Vec<&str> = unused.iter().map(String::as_str).collect();
+                let csv = table.path().display();
+                if !unused.is_empty() {
+                    g.without_file += unused.len();
+                    g.said.push(format!("{csv}: {} rows have no file: {}", unused.len(), some_of(&unused)));
+                }
+                if !names.is_empty() {
+                    g.without_row += names.len();
+                    g.said.push(format!(
+                        "{csv}: {} files have no row and go without labels: {}",
+                        names.len(),
+                        some_of(&names)
+                    ));
+                }
+            }
+            Labels::Pattern(p) if !names.is_empty() => {
+                let (n, text) = (names.len(), p.text());
+                g.said.push(format!("{n} files don't fit {text} and go without labels: {}", some_of(&names)));
+            }
+            _ => {}
+        }
+    }
+    let auto: usize = unknown
+        .iter()
+        .filter(|(w, _)| matches!(labels.get(**w), None | Some(Labels::Auto)))
+        .map(|(_, n)| n.len())
+        .sum();
+    if auto > 0 {
+        g.said.push(format!("{auto} clips have no labels: their names fit no known pattern; --labels gives them some"));
+    }
+}
+
+/// The path below the source without extension; where two are the same, with the extension or the source's name.
+fn unique_names(found: &[Found], sources: &[String]) -> Result<Vec<String>> {
+    let short = |f: &Found| without_extension(&f.relative).to_owned();
+    let long = |f: &Found| {
+        let source = sources[f.source].trim_end_matches('/');
+        format!("{}/{}", source.rsplit('/').next().unwrap_or(source), f.relative)
+    };
+    let whole = |f: &Found| slashed(&f.path);
+    let count = |names: &[String]| -> HashMap<String, usize> {
+        let mut counts = HashMap::new();
+        names.iter().for_each(|n| *counts.entry(n.clone()).or_insert(0) += 1);
+        counts
+    };
+    let mut names: Vec<String> = found.iter().map(short).collect();
+    for longer in [&(|f: &Found| f.relative.clone()) as &dyn Fn(&Found) -> String, &long, &whole] {
+        let counts = count(&names);
+        for (name, file) in names.iter_mut().zip(found) {
+            if counts[name] > 1 {
+                *name = longer(file);
+            }
+        }
+    }
+    match count(&names).into_iter().find(|(_, n)| *n > 1) {
+        Some((name, _)) => Err(Error::Call(format!("{name}: two clips of this name; rename one of the files"))),
+        None => Ok(names),
+    }
+}
+
+/// A path with `/` between its parts.
+fn slashed(path: &Path) -> String {
+    path.to_string_lossy().replace(std::path::MAIN_SEPARATOR, "/")
+}
+
+struct Walk<'a> {
+    gathered: &'a mut Gathered,
+    files: Vec<(PathBuf, String)>,
+    folders: HashSet<PathBuf>, // seen: a link may lead back up
+}
+
+impl Walk<'_> {
+    /// Takes a file or all files of a folder; whether it was a folder.
+    fn start(&mut self, place: &Path) -> Result<bool> {
+        let kind = fs::metadata(place).map_err(Error::io(place))?;
+        if kind.is_dir() {
+            let beside = place.parent().filter(|_| place.file_name().is_some());
+            let ignore = beside.map(ignore_list).transpose()?.unwrap_or_default();
+            self.folder(place, "", &ignore)?;
+            return Ok(true);
+        }
+        let name = place.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        if without_extension(&name) == name {
+            let expected = format!("a file ending in {}, or a folder", EXTENSIONS.join(", "));
+            return Err(Error::file(place, "a file of another kind", expected, ""));
+        }
+        self.files.push((place.to_owned(), name));
+        Ok(false)
+    }
+
+    fn folder(&mut self, folder: &Path, relative: &str, ignore: &HashSet<String>) -> Result<()> {
+        if !self.folders.insert(fs::canonicalize(folder).map_err(Error::io(folder))?) {
+            return Ok(());
+        }
+        let ignore: HashSet<String> = ignore.union(&ignore_list(folder)?).cloned().collect();
+        let mut entries = Vec::new();
+        for entry in fs::read_dir(folder).map_err(Error::io(folder))? {
+            entries.push(entry.map_err(Error::io(folder))?.file_name());
+        }
+        entries.sort();
+        for name in entries {
+            let path = folder.join(&name);
+            let name = name.to_string_lossy();
+            if name.starts_with('.') {
+                continue;
+            }
+            let relative = if relative.is_empty() { name.to_string() } else { format!("{relative}/{name}") };
+            match fs::metadata(&path) {
+                Ok(m) if m.is_dir() => self.folder(&path, &relative, &ignore)?,
+                Ok(_) => self.file(path, relative, &ignore),
+                Err(_) if without_extension(&name) == name => {} // a link to nowhere
+                Err(e) => return Err(Error::io(&path)(e)),
+            }
+        }
+        Ok(())
+    }
+
+    fn file(&mut self, path: PathBuf, relative: String, ignore: &HashSet<String>) {
+        let stem = without_extension(&relative);
+        if stem == relative {
+            return;
+        }
+        let name = stem.rsplit('/').next().unwrap_or(stem);
+        if ignore.contains(name) {
+            self.gathered.ignored += 1;
+        } else if holds_no_motion(&path, name) {
+            self.gathered.no_motion += 1;
+        } else {
+            self.files.push((path, relative));
+        }
+    }
+}
+
+/// Whether a file found in a folder is known not to hold motion: AMASS's body shapes and first stages by name, JSON
+/// that has not the first key of a clip.
+fn holds_no_motion(path: &Path, stem: &str) -> bool {
+    match path.extension().map(|e| e.to_ascii_lowercase()) {
+        Some(e) if e == "npz" => stem == "shape" || stem.ends_with("_stagei"),
+        Some(e) if e == "json" => {
+            let mut head = Vec::new();
+            let read = File::open(path).and_then(|f| f.take(4096).read_to_end(&mut head));
+            read.is_ok() && !String::from_utf8_lossy(&head).contains("\"schema\"")
+        }
+        _ => false,
+    }
+}
+
+/// The names in a folder's `ignore_list.txt`, one a line, without extension.
+fn ignore_list(folder: &Path) -> Result<HashSet<String>> {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let path = folder.join("ignore_list.txt");
+    match fs::read(&path) {
+        Ok(bytes) => {
+            let text = String::from_utf8_lossy(&bytes).into_owned();
+            Ok(text.lines().map(|l| without_extension(l.trim()).to_owned()).filter(|l| !l.is_empty()).collect())
+        }
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(HashSet::new()),
+        Err(e) => Err(Error::io(&path)(e)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A folder of empty files.
+    fn tree(files: &[&str]) -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        for file in files {
+            let path = dir.path().join(file);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, if file.ends_with(".json") { "{\"schema\":1}" } else { "" }).unwrap();
+        }
+        dir
+    }
+
+    fn names(g: &Gathered) -> Vec<&str> {
+        g.items.iter().map(|i| i.name.as_str()).collect()
+    }
+
+    fn says(g: &Gathered, what: &str) -> bool {
+        g.said.iter().any(|s| s.contains(what))
+    }
+
+    #[test]
+    fn files_are_found_sorted_and_others_left() {
+        let dir = tree(&[
+            "b/2.BVH",
+            "b/10.bvh",
+            "a/x.npz",
+            "a/shape.npz",
+            "a/neutral_stagei.npz",
+            "n.txt",
+            ".h.bvh",
+            "c.pkl",
+            "d.json",
+        ]);
+        fs::write(dir.path().join("other.json"), "{}").unwrap();
+        let g = gather(&[dir.path().into()], &[]).unwrap();
+        assert_eq!(names(&g), ["a/x", "b/10", "b/2", "c", "d"]);
+        assert_eq!(g.no_motion, 3);
+        assert!(says(&g, "3 files hold no motion"), "{:?}", g.said);
+        assert_eq!(g.items[4].key, 4);
+    }
+
+    #[test]
+    fn an_ignore_list_counts_for_its_folder_and_below() {
+        let dir = tree(&["m/gBR_sBM_cAll_d04_mBR0_ch01.pkl", "m/gBR_sBM_cAll_d04_mBR0_ch02.pkl", "z.bvh"]);
+        fs::write(dir.path().join("ignore_list.txt"), "gBR_sBM_cAll_d04_mBR0_ch01\nz\n").unwrap();
+        for (data, ignored) in [(dir.path().to_owned(), 2), (dir.path().join("m"), 1)] {
+            let g = gather(&[data], &[]).unwrap();
+            assert_eq!((g.items.len(), g.ignored), (1, ignored));
+            assert_eq!(g.items[0].labels["genre"], "break");
+            assert_eq!(g.items[0].take, "gBR_sBM_d04_mBR0_ch02");
+        }
+    }
+
+    #[test]
+    fn a_csv_labels_and_both_leftovers_are_counted() {
+        let dir = tree(&["salsa/01.bvh", "salsa/02.bvh", "salsa/03.bvh"]);
+        let csv = dir.path().join("l.csv");
+        fs::write(&csv, "clip,split,genre,take,fps,skip\nsalsa/01,test,salsa,t,60,10\nsalsa/02.bvh,,salsa,t,,\nsalsa/09,train,salsa,u,,\n").unwrap();
+        let g = gather(&[dir.path().into()], &[csv.display().to_string()]).unwrap();
+        let i = &g.items[0];
+        assert_eq!((i.split, i.take.as_str(), i.fps, i.skip), (Split::Test, "t", Some(60.0), Some(10)));
+        assert_eq!(g.items[1].split, Split::Test, "as its take");
+        assert_eq!((g.without_file, g.without_row), (1, 1));
+        assert!(says(&g, "1 rows have no file: salsa/09 (line 4)") && says(&g, "1 files have no row"), "{:?}", g.said);
+        assert!(says(&g, "2 clips have labels by the CSV: genre"), "{:?}", g.said);
+        assert!(g.items[2].labels.is_empty());
+    }
+
+    #[test]
+    fn a_file_alone_is_known_by_its_folders() {
+        let dir = tree(&["salsa/01.bvh"]);
+        let file = dir.path().join("salsa/01.bvh");
+        let csv = dir.path().join("l.csv");
+        fs::write(&csv, "clip,mood\nsalsa/01,glad\n").unwrap();
+        let g = gather(std::slice::from_ref(&file), &[csv.display().to_string()]).unwrap();
+        assert_eq!((g.items[0].name.as_str(), g.items[0].labels["mood"].as_str()), ("01", "glad"));
+        let g = gather(std::slice::from_ref(&file), &["{genre}/{take}".to_string()]).unwrap();
+        assert_eq!((g.items[0].labels["genre"].as_str(), g.items[0].take.as_str()), ("salsa", "01"));
+        let g = gather(&[file], &[]).unwrap();
+        assert!(g.items[0].labels.is_empty() && says(&g, "1 clips have no labels"), "{:?}", g.said);
+    }
+
+    #[test]
+    fn label_lists_go_with_their_data() {
+        let (a, b) = (tree(&["01.bvh"]), tree(&["x_y.bvh"]));
+        let data = [a.path().to_owned(), b.path().to_owned()];
+        let g = gather(&data, &["{genre}".into(), "{style}_{content}".into()]).unwrap();
+        assert_eq!(g.items[0].labels["genre"], "01");
+        assert_eq!(g.items[1].labels["style"], "x");
+        let g = gather(&data, &["{genre}_*".into()]).unwrap();
+        assert!(says(&g, "1 files don't fit {genre}_*"), "{:?}", g.said);
+        assert!(gather(&[data.to_vec(), data.to_vec()].concat()[..3], &["".into(), "".into()]).is_err());
+    }
+
+    #[test]
+    fn like_names_are_told_apart() {
+        let (a, b) = (tree(&["s/01.bvh", "s/01.npz", "t.bvh"]), tree(&["t.bvh"]));
+        let (pa, pb) = (a.path().to_owned(), b.path().to_owned());
+        let g = gather(&[pa.clone(), pb.clone(), pa.join("t.bvh")], &[]).unwrap();
+        let base = |p: &Path| p.file_name().unwrap().to_string_lossy().into_owned();
+        let (t, u) = (format!("{}/t.bvh", base(&pa)), format!("{}/t.bvh", base(&pb)));
+        assert_eq!(names(&g), ["s/01.bvh", "s/01.npz", &t, &u]);
+        assert!(says(&g, "1 files were given twice"), "{:?}", g.said);
+    }
+
+    #[test]
+    fn nothing_to_find_is_an_error() {
+        let dir = tree(&["a.txt"]);
+        assert!(gather(&[dir.path().into()], &[]).unwrap_err().to_string().contains("no motion in"));
+        assert!(gather(&[dir.path().join("none")], &[]).is_err());
+        assert!(gather(&[dir.path().join("a.txt")], &[]).unwrap_err().to_string().contains("another kind"));
+    }
+
+    #[test]
+    fn the_shared_lists_cover_the_shared_data() {
+        let Some(dir) = kinelm_shared_data::set("cmu-dance", "corpus::gather") else { return };
+        let csv = kinelm_shared_data::split_csv("cmu-dance").display().to_string();
+        let g = gather(std::slice::from_ref(&dir), &[csv]).unwrap();
+        let count = |s| g.items.iter().filter(|i| i.split == s).count();
+        assert_eq!([Split::Train, Split::Valid, Split::Test].map(count), [29, 4, 10]);
+        assert_eq!((g.without_file, g.without_row), (0, 0));
+        let salsa = g.items.iter().find(|i| i.name == "salsa/01").unwrap();
+        assert_eq!((salsa.fps, salsa.labels["dancer"].as_str()), (Some(60.0), "cmu60"));
+        let g = gather(&[dir], &[]).unwrap();
+        assert!(says(&g, "43 clips have labels by {genre}/{take}.bvh: genre"), "{:?}", g.said);
+    }
+}

@@ -1,0 +1,113 @@
+//! Splits by recording: all clips of a take serve one part of the experiment.
+
+use super::gather::Item;
+use super::record::Split;
+use sha2::{Digest, Sha256};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The split of a take by the hash of its name alone: 80 % train, 10 % valid, 10 % test. It stays when clips are added.
+pub fn split_of_take(take: &str) -> Split {
+    let hash = Sha256::digest(take.as_bytes());
+    let k = u64::from_be_bytes(hash[..8].try_into().expect("SHA-256 has 32 bytes"));
+    match k % 10 {
+        0..=7 => Split::Train,
+        8 => Split::Valid,
+        _ => Split::Test,
+    }
+}
+
+/// Gives every item its split: the one stated for it, else the one stated for another clip of its take, else the hash's.
+/// `stated` stands beside `items`. Returns what a user should know: takes stated in two splits, splits without clips,
+/// labels that a split lacks.
+pub(super) fn assign(items: &mut [Item], stated: &[Option<Split>]) -> Vec<String> {
+    let mut of_take: BTreeMap<&str, BTreeSet<Split>> = BTreeMap::new();
+    for (item, split) in items.iter().zip(stated) {
+        if let Some(split) = split {
+            of_take.entry(&item.take).or_default().insert(*split);
+        }
+    }
+    let torn: Vec<&str> = of_take.iter().filter(|(_, s)| s.len() > 1).map(|(t, _)| *t).collect();
+    let mut said = Vec::new();
+    if !torn.is_empty() {
+        said.push(format!("{} takes stand in two splits by the labels given: {}", torn.len(), some_of(&torn)));
+    }
+    let splits: Vec<Split> = (items.iter().zip(stated))
+        .map(|(item, stated)| {
+            let of_its_take = || of_take.get(item.take.as_str()).and_then(|s| s.first().copied());
+            stated.or_else(of_its_take).unwrap_or_else(|| split_of_take(&item.take))
+        })
+        .collect();
+    items.iter_mut().zip(splits).for_each(|(item, split)| item.split = split);
+    said.extend(missing(items));
+    said
+}
+
+/// Splits without clips, and labels that some split lacks.
+fn missing(items: &[Item]) -> Vec<String> {
+    let present: BTreeSet<Split> = items.iter().map(|i| i.split).collect();
+    let mut said: Vec<String> = (Split::ALL.into_iter().filter(|s| !present.contains(s)))
+        .map(|s| format!("no clip is in the {s} split"))
+        .collect();
+    let mut values: BTreeMap<&str, BTreeMap<&str, BTreeSet<Split>>> = BTreeMap::new();
+    for item in items {
+        for (field, value) in &item.labels {
+            values.entry(field).or_default().entry(value).or_default().insert(item.split);
+        }
+    }
+    for (field, values) in &values {
+        for split in &present {
+            let lacks: Vec<&str> = values.iter().filter(|(_, s)| !s.contains(split)).map(|(v, _)| *v).collect();
+            if !lacks.is_empty() {
+                let (n, of) = (lacks.len(), values.len());
+                said.push(format!("{field}: {n} of {of} values have no clip in {split}: {}", some_of(&lacks)));
+            }
+        }
+    }
+    said
+}
+
+/// The first few names of many.
+pub(super) fn some_of(names: &[&str]) -> String {
+    const SHOWN: usize = 8;
+    let shown = names[..names.len().min(SHOWN)].join(", ");
+    if names.len() > SHOWN { format!("{shown}, and {} more", names.len() - SHOWN) } else { shown }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn item(name: &str, take: &str, genre: &str) -> Item {
+        let labels = BTreeMap::from([("genre".to_string(), genre.to_string())]);
+        Item { name: name.into(), take: take.into(), labels, ..Item::default() }
+    }
+
+    #[test]
+    fn the_hash_holds_its_shares_and_its_values() {
+        // first 8 bytes of SHA-256 mod 10, reckoned with Python's hashlib
+        let expected = [Split::Train, Split::Valid, Split::Test, Split::Train]; // remainders 7, 8, 9, 1
+        assert_eq!(["salsa-03", "salsa-05", "salsa-07", "salsa-09"].map(split_of_take), expected);
+        let mut counts = BTreeMap::new();
+        (0..10_000).for_each(|i| *counts.entry(split_of_take(&format!("take {i}"))).or_insert(0) += 1);
+        // three standard deviations of a binomial: 120 and 90
+        assert!((counts[&Split::Train] - 8000_i32).abs() < 120, "{counts:?}");
+        assert!((counts[&Split::Valid] - 1000_i32).abs() < 90, "{counts:?}");
+    }
+
+    #[test]
+    fn a_take_stays_together() {
+        let mut items = vec![item("a1", "a", "x"), item("a2", "a", "x"), item("b1", "b", "y"), item("b2", "b", "y")];
+        let said = assign(&mut items, &[None, Some(Split::Test), Some(Split::Train), Some(Split::Valid)]);
+        let splits: Vec<_> = items.iter().map(|i| i.split).collect();
+        assert_eq!(splits, [Split::Test, Split::Test, Split::Train, Split::Valid]);
+        assert!(said[0].contains("1 takes stand in two splits by the labels given: b"), "{said:?}");
+        assert!(said.iter().any(|s| s == "genre: 1 of 2 values have no clip in train: x"), "{said:?}");
+    }
+
+    #[test]
+    fn an_empty_split_is_said() {
+        let mut items = vec![item("a", "a", "x")];
+        let said = assign(&mut items, &[Some(Split::Train)]);
+        assert_eq!(said, ["no clip is in the valid split", "no clip is in the test split"]);
+    }
+}

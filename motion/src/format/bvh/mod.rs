@@ -1,5 +1,222 @@
-//! BVH.
+//! BVH: a hierarchy of joints and rows of numbers.
+//!
+//! Grammar and meaning are those of PROTOCOLS 1.2 and 1.3: [`parse_head`] reads what stands before the rows,
+//! [`Head::rows`] the numbers, [`read`] makes a [`Motion`] of both. What the clip has no place for stays in the
+//! [`BvhSource`], so that a file can be written back as it came.
 
-/// What a BVH says beside its clip.
+mod frame_time;
+mod header;
+mod meaning;
+mod numbers;
+mod positions;
+pub(crate) mod text;
+mod unit;
+mod write;
+
+pub use header::{Channel, Head, Node, NodeKind};
+pub use meaning::Rig;
+pub use positions::positions;
+pub use text::looks_like;
+pub use write::{to_bytes, write};
+
+use crate::format::{BvhPosition, ReadOptions};
+use crate::{Clip, Motion, Result, Source, Warning};
+use meaning::Frames;
+use std::ops::Range;
+use std::path::Path;
+use text::Text;
+
+/// What a BVH says beside its clip: the whole header and the numbers themselves.
 #[derive(Debug, Clone, PartialEq)]
-pub struct BvhSource {}
+pub struct BvhSource {
+    /// Everything before the rows.
+    pub head: Head,
+    /// (F, C) the numbers as they stand in the file: lengths in its unit, angles in degrees.
+    pub numbers: Vec<f64>,
+    /// F.
+    pub frames: usize,
+    /// How the nodes are the clip's joints.
+    pub rig: Rig,
+}
+
+/// Position channels of one joint below the clip's root, for `inspect`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PositionChannels {
+    /// The joint of the clip.
+    pub joint: usize,
+    /// Mean over the frames of the distance between |channels| and |OFFSET|, metres.
+    pub off_m: f64,
+    /// Largest distance from the mean, metres: stretch that the clip leaves out.
+    pub stretch_m: f64,
+    /// The channels are mostly far shorter than an OFFSET that is not short: they may be meant as added to it.
+    pub looks_added: bool,
+}
+
+/// Reads everything before the rows.
+///
+/// # Errors
+/// [`crate::Error::File`] with the place, by the table of PROTOCOLS 1.2.
+pub fn parse_head(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Head> {
+    Ok(header::parse(&Text::new(path, bytes), options.lenient)?)
+}
+
+impl Head {
+    /// The rows (F, C) of the file that this is the head of, and what was odd in them.
+    ///
+    /// # Errors
+    /// [`crate::Error::File`] with the place: a wrong number, a row of another width, fewer rows than declared.
+    pub fn rows(&self, path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Vec<f64>, Vec<Warning>)> {
+        let rows = numbers::parse(&Text::new(path, bytes), self, options.lenient)?;
+        Ok((rows.numbers, rows.warnings))
+    }
+
+    /// Frames per second by the text of the frame time.
+    pub fn fps(&self) -> f64 {
+        frame_time::rate(&self.frame_time).unwrap_or(1.0)
+    }
+}
+
+/// A file's head and rows, `--skip` done.
+struct Parsed {
+    head: Head,
+    numbers: Vec<f64>,
+    frames: usize,
+    warnings: Vec<Warning>,
+}
+
+fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Parsed> {
+    let text = Text::new(path, bytes);
+    let mut head = header::parse(&text, options.lenient)?;
+    let numbers::Rows { mut numbers, mut frames, warnings: more } = numbers::parse(&text, &head, options.lenient)?;
+    let mut warnings = std::mem::take(&mut head.warnings);
+    warnings.extend(more);
+    if options.skip > 0 {
+        crate::format::check_skip(path, options.skip, frames)?;
+        numbers.drain(..options.skip * head.width);
+        frames -= options.skip;
+    }
+    Ok(Parsed { head, numbers, frames, warnings })
+}
+
+impl Parsed {
+    fn frames(&self, position: BvhPosition) -> Frames<'_> {
+        let (nodes, width) = (&self.head.nodes, self.head.width);
+        Frames { nodes, width, frames: self.frames, numbers: &self.numbers, position }
+    }
+
+    fn fps(&self, options: &ReadOptions) -> f64 {
+        options.fps_source.unwrap_or_else(|| self.head.fps())
+    }
+}
+
+/// The motion of a file's bytes; `path` is for messages.
+///
+/// `options.skip` and `options.fps_source` are honoured here, `options.rest` is not: [`crate::format::read`] does that
+/// for all formats.
+///
+/// # Errors
+/// [`crate::Error::File`] with the place, by the table of PROTOCOLS 1.2; `unit_unknown` where the legs tell no unit;
+/// [`crate::Error::Clip`] for numbers so large that the clip would not be finite, or when nothing is left after skipping.
+pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
+    motion(path, parse(path, bytes, options)?, options)
+}
+
+fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> {
+    let (rig, more) = meaning::decide(path, &parsed.head, &parsed.frames(options.bvh_position), options)?;
+    let fps = parsed.fps(options);
+    let Parsed { head, numbers, frames, mut warnings } = parsed;
+    warnings.extend(more);
+    let source = BvhSource { head, numbers, frames, rig };
+    let clip = source.clip(fps).map_err(|e| clip_error(path, e))?;
+    Ok(Motion { path: path.to_owned(), clip, source: Source::Bvh(Box::new(source)), warnings })
+}
+
+fn clip_error(path: &Path, e: crate::Error) -> crate::Error {
+    match e {
+        crate::Error::Call(what) => crate::Error::Clip { clip: path.display().to_string(), what },
+        other => other,
+    }
+}
+
+impl BvhSource {
+    fn as_frames(&self) -> Frames<'_> {
+        let (nodes, width) = (&self.head.nodes, self.head.width);
+        Frames { nodes, width, frames: self.frames, numbers: &self.numbers, position: self.rig.position }
+    }
+
+    /// The clip that the numbers are, at a rate.
+    ///
+    /// # Errors
+    /// [`crate::Error::Call`] when a number is so large that the clip is not finite, or for a rate that is not positive.
+    pub fn clip(&self, fps: f64) -> Result<Clip> {
+        meaning::clip(&self.rig, &self.as_frames(), fps)
+    }
+
+    /// Frames per second by the text of the frame time, whatever the clip was read at.
+    pub fn fps(&self) -> f64 {
+        self.head.fps()
+    }
+
+    /// The rows of a range of frames; the decisions of reading stay.
+    ///
+    /// # Panics
+    /// If the range leaves the frames.
+    pub fn slice(&self, frames: Range<usize>) -> Self {
+        let c = self.head.width;
+        BvhSource {
+            head: self.head.clone(),
+            numbers: self.numbers[frames.start * c..frames.end * c].to_vec(),
+            frames: frames.len(),
+            rig: self.rig.clone(),
+        }
+    }
+
+    /// Whether a clip is still what the numbers say: joints, places and rotations, whatever its rate.
+    pub fn is_untouched(&self, clip: &Clip) -> bool {
+        clip.frames() == self.frames
+            && **clip.skeleton() == *self.rig.skeleton
+            && self.clip(clip.fps()).is_ok_and(|own| own.root() == clip.root() && own.rotations() == clip.rotations())
+    }
+
+    /// Whether the rotation channels from the file's ROOT to the clip's root are all exactly 0 in a frame.
+    pub(crate) fn root_unturned(&self, frame: usize) -> bool {
+        let frames = self.as_frames();
+        let row = frames.row(frame);
+        self.rig.chain.iter().all(|&node| {
+            let n = &frames.nodes[node];
+            let mut turns = n.channels.iter().zip(&row[n.column..]);
+            turns.all(|(c, &v)| matches!(c, Channel::Position(_)) || v == 0.0)
+        })
+    }
+
+    /// The joints below the clip's root that have position channels, and what these do.
+    pub fn position_channels(&self) -> Vec<PositionChannels> {
+        let frames = self.as_frames();
+        let (metres, f) = (self.rig.unit_m, self.frames.max(1) as f64);
+        let height = self.rig.skeleton.offsets().iter().map(|o| o.length()).sum::<f64>();
+        let of = |(joint, &node): (usize, &usize)| {
+            let n = &frames.nodes[node];
+            let has = n.channels.iter().any(|c| matches!(c, Channel::Position(_)));
+            if joint == 0 || !has {
+                return None;
+            }
+            let channels = |row: &[f64]| {
+                let squares = n.channels.iter().zip(&row[n.column..]).map(|(c, v)| match c {
+                    Channel::Position(_) => v * v,
+                    Channel::Rotation(_) => 0.0,
+                });
+                squares.sum::<f64>().sqrt()
+            };
+            let offset = crate::Vec3::from_array(n.offset).length();
+            let lengths = || (0..self.frames).map(|i| channels(frames.row(i)));
+            let mean = lengths().sum::<f64>() / f;
+            Some(PositionChannels {
+                joint,
+                off_m: lengths().map(|l| (l - offset).abs()).sum::<f64>() / f * metres,
+                stretch_m: self.rig.stretch.iter().find(|(j, _)| *j == joint).map_or(0.0, |s| s.1),
+                looks_added: offset * metres > 0.01 * height && mean < 0.1 * offset,
+            })
+        };
+        self.rig.joints.iter().enumerate().filter_map(of).collect()
+    }
+}

@@ -1,0 +1,121 @@
+//! The text of a frame time, and the rate that is meant by it: PROTOCOLS 1.3.
+
+use super::text::number;
+use crate::{Error, Result};
+
+/// Rates that files are made at; where the digits allow several, the nearest of these is meant.
+const USUAL: [u128; 9] = [24, 25, 30, 50, 60, 90, 100, 120, 240];
+
+/// Whether a word is a frame time; else what was expected and what to do.
+pub(crate) fn check(word: &[u8]) -> std::result::Result<f64, (&'static str, String)> {
+    const EXPECTED: &str = "seconds above 0 and at most 1";
+    match number(word) {
+        Ok(t) if t > 0.0 && t <= 1.0 => Ok(t),
+        Ok(t) if t > 1.0 => Err((EXPECTED, format!("if {t} is a rate, write {:.6}", 1.0 / t))),
+        Ok(_) => Err((EXPECTED, String::new())),
+        Err(bad) => Err((EXPECTED, bad.help().to_owned())),
+    }
+}
+
+/// Frames per second of a frame time's text; `None` where it is no frame time.
+///
+/// A whole rate `n` fits if `1/n`, rounded or cut to the decimals that the text prints, is the text; of the fitting ones
+/// the nearest of the usual rates is taken, else the nearest of all; where none fits the rate is one by the number.
+pub fn rate(text: &str) -> Option<f64> {
+    let seconds = check(text.as_bytes()).ok()?;
+    let exact = 1.0 / seconds;
+    let Some((digits, unit)) = decimal(text) else { return Some(exact) };
+    let fits = |n: u128| {
+        let (cut, rounded) = (unit / n, (2 * unit + n) / (2 * n));
+        n > 0 && (cut == digits || rounded == digits)
+    };
+    let nearness = |n: &u128| (*n as f64 - exact).abs();
+    let nearest = |all: &[u128]| {
+        all.iter().copied().filter(|&n| n > 0 && fits(n)).min_by(|a, b| nearness(a).total_cmp(&nearness(b)))
+    };
+    let whole = exact.floor() as u128;
+    let n = nearest(&USUAL).or_else(|| nearest(&[whole, whole + 1]));
+    Some(n.map_or(exact, |n| n as f64))
+}
+
+/// The text as `digits / unit`, `unit` a power of ten; digits beyond the thirtieth decimal are cut.
+fn decimal(text: &str) -> Option<(u128, u128)> {
+    let text = text.trim_start_matches('+').to_ascii_lowercase();
+    let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
+    let (whole, fraction) = mantissa.split_once('.').unwrap_or((mantissa, ""));
+    let places = (fraction.len() as i64).checked_sub(exponent.parse::<i64>().ok()?)?;
+    let all = format!("{whole}{fraction}");
+    let cut = (places - 30).max(0);
+    let kept = (all.len() as i64 - cut).max(0) as usize;
+    let kept = if kept == 0 { "0" } else { all.get(..kept)? };
+    let unit = 10u128.checked_pow(u32::try_from((places - cut).max(0)).ok()?)?;
+    // a text without decimals, such as 1 or 10e-1, is its own unit
+    Some((kept.parse::<u128>().ok()?, unit)).filter(|_| places >= 0)
+}
+
+/// A frame time whose text reads back as this rate: the shortest of six decimals or more.
+///
+/// A few rates that are no whole number are not 1 over any number of 64 bits; these come back to within one part in 10^15.
+///
+/// # Errors
+/// [`Error::Call`] for a rate below 1, which no BVH can state.
+pub fn text(fps: f64) -> Result<String> {
+    if !(fps >= 1.0 && fps.is_finite()) {
+        return Err(Error::Call(format!("{fps} frames per second can't be written to a BVH; expected at least 1")));
+    }
+    let seconds = 1.0 / fps;
+    let tries = (6..=30).map(|places| format!("{seconds:.places$}"));
+    let found = tries.into_iter().find(|t| rate(t) == Some(fps));
+    Ok(found.unwrap_or_else(|| format!("{seconds:.20}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn rates_that_are_meant() {
+        for (text, want) in [
+            ("0.016", 60.0),
+            ("0.017", 60.0),
+            ("0.0167", 60.0),
+            ("0.033", 30.0),
+            ("0.00833333", 120.0),
+            ("0.0083", 120.0),
+            ("0.03333", 30.0),
+            ("0.0416667", 24.0),
+            ("0.05", 20.0),
+            (".1", 10.0),
+            ("1", 1.0),
+            ("0.01", 100.0),
+            ("8.33333e-3", 120.0),
+            ("3.33333E-02", 30.0),
+            ("0.0333333333333333333333333333333333333", 30.0),
+            ("0.008333333333333333333333333333333333333333333", 120.0),
+        ] {
+            assert_eq!(rate(text), Some(want), "{text}");
+        }
+        assert!((rate("0.0333667").unwrap() - 29.97).abs() < 1e-3);
+        assert!((rate("0.0417083750417").unwrap() - 23.976).abs() < 1e-6);
+        for bad in ["0", "-0.01", "nan", "30", "1.0001", "x", "0,03", "1e-400"] {
+            assert_eq!(rate(bad), None, "{bad}");
+        }
+    }
+
+    #[test]
+    fn whole_rates_come_back() {
+        for n in 1..=2000 {
+            assert_eq!(rate(&text(n as f64).unwrap()), Some(n as f64), "{n}");
+        }
+        assert!(text(0.5).is_err() && text(f64::NAN).is_err());
+    }
+
+    proptest! {
+        #[test]
+        fn other_rates_come_back(fps in 1.0..1000.0f64) {
+            let back = rate(&text(fps).unwrap()).unwrap();
+            prop_assert!((back / fps - 1.0).abs() < 1e-15);
+        }
+    }
+}

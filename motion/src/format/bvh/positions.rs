@@ -1,0 +1,68 @@
+//! Places of every joint and end site by the file's own channels.
+
+use super::header::NodeKind;
+use super::{meaning, unit};
+use crate::format::ReadOptions;
+use crate::format::positions::Positions;
+use crate::{Quat, Result, Vec3};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// Every joint and end site of the root that is read, in the file's order, nothing folded or averaged; metres.
+///
+/// `options.skip` and `options.fps_source` are honoured, and `options.rest`: with [`crate::format::RestFrame::Drop`] a
+/// leading rest-pose frame is left out.
+///
+/// # Errors
+/// As [`super::read`].
+pub fn positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Positions> {
+    let mut parsed = super::parse(path, bytes, options)?;
+    if crate::format::looks_for_rest(options) {
+        let again = super::Parsed {
+            head: parsed.head.clone(),
+            numbers: parsed.numbers.clone(),
+            frames: parsed.frames,
+            warnings: Vec::new(),
+        };
+        if crate::format::rest_frame(&super::motion(path, again, options)?) {
+            parsed.numbers.drain(..parsed.head.width);
+            parsed.frames -= 1;
+        }
+    }
+    let frames = parsed.frames(options.bvh_position);
+    let nodes = &parsed.head.nodes;
+    let range = meaning::choose_root(path, &parsed.head, options)?;
+    let unit_m = match options.unit.metres() {
+        Some(m) => m,
+        None => unit::judge(path, &parsed.head, range.clone(), |n| frames.mean_place(n).0, options)?,
+    };
+    let mut all = Vec::with_capacity(parsed.frames * range.len());
+    let mut turns = vec![Quat::IDENTITY; range.len()];
+    let mut places = vec![Vec3::ZERO; range.len()];
+    for f in 0..parsed.frames {
+        let row = frames.row(f);
+        for (i, node) in range.clone().enumerate() {
+            let (p, q) = (frames.place(node, row), frames.turn(node, row));
+            (places[i], turns[i]) = match nodes[node].parent {
+                None => (p, q),
+                Some(parent) => {
+                    let up = parent - range.start;
+                    (places[up] + turns[up] * p, turns[up] * q)
+                }
+            };
+        }
+        all.extend(places.iter().map(|p| *p * unit_m));
+    }
+    let parents = nodes[range.clone()].iter().map(|n| n.parent.map_or(-1, |p| (p - range.start) as i32)).collect();
+    let mut seen: HashMap<String, usize> = HashMap::new();
+    let names = range.map(|n| match nodes[n].kind {
+        NodeKind::End => {
+            let name = format!("{}_end", nodes[n].parent.map_or("", |p| &nodes[p].unique));
+            let times = seen.entry(name.clone()).or_insert(0);
+            *times += 1;
+            if *times > 1 { format!("{name}{times}") } else { name }
+        }
+        _ => nodes[n].unique.clone(),
+    });
+    Ok(Positions { joints: names.collect(), parents, fps: parsed.fps(options), positions: all })
+}

@@ -1,0 +1,357 @@
+//! The tokenizer on disk: one `tokenizer.json` that Hugging Face's loaders read too.
+//!
+//! To them it is a word-level model over single characters. Our own part (settings, fitted ranges, version, SHA-256)
+//! stands inside the `decoder` object as `kinelm`: their loaders pass over keys that they don't know there, in the
+//! Rust crate as in Python, while at the top level they stop (tried with tokenizers 0.23). When they save the file again our part is
+//! lost, and [`Tokenizer::load`] says so.
+
+use crate::scheme::Fitted;
+use crate::vocab::Special;
+use crate::{Error, Result, Tokenizer, TokenizerConfig, Vocabulary};
+use serde::ser::SerializeMap;
+use serde::{Deserialize, Serialize, Serializer};
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{Read, Write};
+use std::path::Path;
+
+/// The version of our part of the file.
+pub const FORMAT_VERSION: u64 = 1;
+
+/// Files larger than this are no tokenizer: 21,054 characters take 2 MB.
+pub const MAX_FILE_BYTES: u64 = 64 << 20;
+
+/// Where the hash stands while it is computed.
+const NO_HASH: &str = "0000000000000000000000000000000000000000000000000000000000000000";
+
+/// Our part.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Own {
+    version: u64,
+    sha256: String,
+    config: TokenizerConfig,
+    fitted: Fitted,
+    conditioning: Vec<String>,
+}
+
+/// The whole file, in the order it is written. Structs and not `json!`, whose order of keys hangs on a feature of
+/// serde_json that any crate of a build may switch on.
+#[derive(Serialize)]
+struct Whole<'a> {
+    version: &'static str,
+    truncation: (),
+    padding: (),
+    added_tokens: Vec<AddedToken<'a>>,
+    normalizer: (),
+    pre_tokenizer: Split,
+    post_processor: Template,
+    decoder: Decoder,
+    model: Model<'a>,
+}
+
+#[derive(Serialize)]
+struct AddedToken<'a> {
+    id: u32,
+    content: Cow<'a, str>,
+    single_word: bool,
+    lstrip: bool,
+    rstrip: bool,
+    normalized: bool,
+    special: bool,
+}
+
+#[derive(Serialize)]
+struct Split {
+    r#type: &'static str,
+    pattern: Pattern,
+    behavior: &'static str,
+    invert: bool,
+}
+
+#[derive(Serialize)]
+enum Pattern {
+    Regex(&'static str),
+}
+
+#[derive(Serialize)]
+struct Template {
+    r#type: &'static str,
+    single: Vec<Piece>,
+    pair: Vec<Piece>,
+    special_tokens: BTreeMap<&'static str, SpecialPiece>,
+}
+
+#[derive(Serialize, Clone, Copy)]
+enum Piece {
+    SpecialToken { id: &'static str, type_id: u32 },
+    Sequence { id: &'static str, type_id: u32 },
+}
+
+#[derive(Serialize)]
+struct SpecialPiece {
+    id: &'static str,
+    ids: [u32; 1],
+    tokens: [&'static str; 1],
+}
+
+#[derive(Serialize)]
+struct Decoder {
+    r#type: &'static str,
+    kinelm: Own,
+}
+
+#[derive(Serialize)]
+struct Model<'a> {
+    r#type: &'static str,
+    #[serde(serialize_with = "by_id")]
+    vocab: &'a Vocabulary,
+    unk_token: &'static str,
+}
+
+fn by_id<S: Serializer>(vocabulary: &&Vocabulary, s: S) -> std::result::Result<S::Ok, S::Error> {
+    let mut map = s.serialize_map(Some(vocabulary.len() as usize))?;
+    for (id, token) in vocabulary.iter() {
+        map.serialize_entry(&token, &id)?;
+    }
+    map.end()
+}
+
+impl Tokenizer {
+    /// The text of `tokenizer.json`.
+    pub fn to_json(&self) -> String {
+        self.render().0
+    }
+
+    /// SHA-256 of the file: of its bytes with zeros for the 64 digits of the hash itself. Two tokenizers with the same
+    /// hash code alike.
+    pub fn hash(&self) -> String {
+        self.render().1
+    }
+
+    fn render(&self) -> (String, String) {
+        let blank = serde_json::to_string_pretty(&self.whole()).expect("plain data with text keys is JSON") + "\n";
+        let hash = hex_sha256(blank.as_bytes());
+        (blank.replacen(NO_HASH, &hash, 1), hash)
+    }
+
+    fn whole(&self) -> Whole<'_> {
+        let is_added = |id: u32| id < Special::ALL.len() as u32 || id >= self.vocabulary.first_conditioning();
+        let added = self.vocabulary.iter().filter(|&(id, _)| is_added(id)).map(|(id, content)| AddedToken {
+            id,
+            content,
+            single_word: false,
+            lstrip: false,
+            rstrip: false,
+            normalized: false,
+            special: true,
+        });
+        let bos = Special::Bos.token();
+        let front = Piece::SpecialToken { id: bos, type_id: 0 };
+        let text = |id, type_id| Piece::Sequence { id, type_id };
+        Whole {
+            version: "1.0",
+            truncation: (),
+            padding: (),
+            added_tokens: added.collect(),
+            normalizer: (),
+            // not `(?s).`, which Python's regex engine refuses
+            pre_tokenizer: Split {
+                r#type: "Split",
+                pattern: Pattern::Regex("[\\s\\S]"),
+                behavior: "Isolated",
+                invert: false,
+            },
+            post_processor: Template {
+                r#type: "TemplateProcessing",
+                single: vec![front, text("A", 0)],
+                pair: vec![front, text("A", 0), text("B", 1)],
+                special_tokens: [(bos, SpecialPiece { id: bos, ids: [Special::Bos.id()], tokens: [bos] })].into(),
+            },
+            decoder: Decoder {
+                r#type: "Fuse",
+                kinelm: Own {
+                    version: FORMAT_VERSION,
+                    sha256: NO_HASH.into(),
+                    config: self.config.clone(),
+                    fitted: self.fitted.clone(),
+                    conditioning: self.vocabulary.conditioning().to_vec(),
+                },
+            },
+            model: Model { r#type: "WordLevel", vocab: &self.vocabulary, unk_token: Special::Unk.token() },
+        }
+    }
+
+    /// Writes `tokenizer.json`, whole or not at all.
+    ///
+    /// # Errors
+    /// [`Error::Io`] naming the file.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
+        let path = path.as_ref();
+        write_whole(path, self.to_json().as_bytes()).map_err(Error::io(path))
+    }
+
+    /// Reads a `tokenizer.json`.
+    ///
+    /// # Errors
+    /// [`Error::Io`], and [`Error::File`] for a file that is none of ours, of another version, or changed since it was
+    /// written.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let mut text = String::new();
+        let file = File::open(path).map_err(Error::io(path))?;
+        file.take(MAX_FILE_BYTES + 1).read_to_string(&mut text).map_err(Error::io(path))?;
+        let wrong = |what| Error::File { path: path.to_owned(), what };
+        if text.len() as u64 > MAX_FILE_BYTES {
+            return Err(wrong(format!("more than {MAX_FILE_BYTES} bytes; expected a tokenizer.json of kinelm")));
+        }
+        Tokenizer::from_json(&text).map_err(|e| match e {
+            Error::File { what, .. } => wrong(what),
+            other => wrong(other.to_string()),
+        })
+    }
+
+    /// The tokenizer of a `tokenizer.json`'s text.
+    ///
+    /// # Errors
+    /// [`Error::File`], with an empty path, for text that is none of ours, of another version, or changed since it was
+    /// written.
+    pub fn from_json(text: &str) -> Result<Self> {
+        let wrong = |what: String| Error::File { path: Default::default(), what };
+        let whole: Value = serde_json::from_str(text).map_err(|e| {
+            wrong(format!("no JSON ({e}); expected the tokenizer.json that `kinelm tokenizer fit` writes"))
+        })?;
+        let Some(own) = whole.get("decoder").and_then(|d| d.get("kinelm")) else {
+            return Err(wrong(
+                "no part of kinelm's in it (decoder.kinelm); another program's tokenizer, or saved again by one; \
+                 take the file that `kinelm tokenizer fit` wrote"
+                    .into(),
+            ));
+        };
+        match own.get("version") {
+            Some(v) if v.as_u64() == Some(FORMAT_VERSION) => {}
+            found => {
+                let found = found.map_or("none".into(), Value::to_string);
+                return Err(wrong(format!(
+                    "version {found} of the tokenizer's format, expected {FORMAT_VERSION}; fit it again with this program"
+                )));
+            }
+        }
+        check_hash(text, own.get("sha256").and_then(Value::as_str).unwrap_or("")).map_err(wrong)?;
+        let own: Own = serde_json::from_value(own.clone()).map_err(|e| wrong(format!("decoder.kinelm: {e}")))?;
+        let tokenizer = own.build().map_err(|e| wrong(format!("decoder.kinelm: {e}")))?;
+        if tokenizer.to_json() != text {
+            return Err(wrong("its vocabulary is not what its settings give; fit it again".into()));
+        }
+        Ok(tokenizer)
+    }
+}
+
+impl Own {
+    fn build(self) -> Result<Tokenizer> {
+        self.config.validate()?;
+        let fitted = self.fitted.with_config(&self.config.scheme);
+        fitted.validate()?;
+        let mut tokenizer = Tokenizer::new(self.config, fitted);
+        for token in &self.conditioning {
+            let inner = token.strip_prefix('<').and_then(|t| t.strip_suffix('>')).and_then(|t| t.split_once(':'));
+            let (field, value) = inner.unwrap_or((token, ""));
+            tokenizer.vocabulary.add_conditioning(field, value)?;
+        }
+        Ok(tokenizer)
+    }
+}
+
+fn check_hash(text: &str, found: &str) -> std::result::Result<(), String> {
+    if found.len() != NO_HASH.len() || !found.bytes().all(|b| b.is_ascii_hexdigit()) {
+        return Err(format!("its sha256 is {found:?}, expected 64 hexadecimal digits; fit it again"));
+    }
+    let contents = hex_sha256(text.replacen(found, NO_HASH, 1).as_bytes());
+    if contents != found {
+        return Err(format!(
+            "its contents have the SHA-256 {contents}, it says {found}: changed since it was written; \
+             take the original, or fit it again"
+        ));
+    }
+    Ok(())
+}
+
+fn hex_sha256(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// Temporary name in the same folder, sync, rename, sync of the folder.
+fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let name = path.file_name().ok_or_else(|| std::io::Error::other("not the name of a file"))?;
+    let mut temporary = std::ffi::OsString::from(".");
+    temporary.push(name);
+    temporary.push(format!(".{}.tmp", std::process::id()));
+    let temporary = folder.join(temporary);
+    let written = File::create(&temporary)
+        .and_then(|mut f| f.write_all(bytes).and_then(|()| f.sync_all()))
+        .and_then(|()| std::fs::rename(&temporary, path));
+    if written.is_err() {
+        let _ = std::fs::remove_file(&temporary);
+    }
+    written?;
+    File::open(folder)?.sync_all()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contract::{bent, small};
+
+    #[test]
+    fn save_and_load() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("tokenizer.json");
+        let mut t = Tokenizer::fit([&bent(1, 50)], TokenizerConfig::default()).unwrap();
+        let plain = t.hash();
+        t.vocabulary_mut().add_conditioning("genre", "salsa").unwrap();
+        t.vocabulary_mut().add_conditioning("music", "a: \"b\" \\ é").unwrap();
+        assert_ne!(t.hash(), plain);
+        t.save(&path).unwrap();
+        let back = Tokenizer::load(&path).unwrap();
+        assert_eq!(back, t);
+        assert_eq!(back.hash(), t.hash());
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+        assert!(Tokenizer::load(dir.path().join("none.json")).unwrap_err().to_string().contains("none.json"));
+        assert!(t.save(dir.path().join("no/folder/t.json")).is_err());
+    }
+
+    #[test]
+    fn what_is_not_ours_is_refused_with_a_reason() {
+        let text = small().to_json();
+        let error = |text: &str| Tokenizer::from_json(text).unwrap_err().to_string();
+        assert!(error("").contains("no JSON"));
+        assert!(error("{}").contains("no part of kinelm's"));
+        assert!(
+            error(&text.replace("\"kinelm\": {\n      \"version\": 1", "\"kinelm\": {\n      \"version\": 2"))
+                .contains("version 2")
+        );
+        assert!(error(&text.replace("\"bins\": 60", "\"bins\": 61")).contains("changed since"));
+        assert!(error(&text.replace("\"一\"", "\"二\"").replace("<bos>", "<b>")).contains("changed since"));
+        assert!(error(&text.replace(&small().hash(), "12")).contains("64 hexadecimal"));
+        assert!(error(&text[..text.len() / 2]).contains("no JSON"));
+    }
+
+    #[test]
+    fn a_right_hash_alone_is_not_enough() {
+        let forged = |from: &str, to: &str| {
+            let (text, hash) = small().render();
+            let blank = text.replace(&hash, NO_HASH).replace(from, to);
+            let text = blank.replacen(NO_HASH, &hex_sha256(blank.as_bytes()), 1);
+            Tokenizer::from_json(&text).unwrap_err().to_string()
+        };
+        assert!(forged("\"7\": 13", "\"7\": 14").contains("vocabulary"));
+        assert!(forged("\"bins\": 60", "\"bins\": 0").contains("bins"));
+        assert!(forged("\"fps\": 20.0", "\"fps\": -1.0").contains("fps"));
+        assert!(forged("\"zero\": ", "\"zero\": 6").contains("zero"));
+        assert!(forged("\"conditioning\": []", "\"conditioning\": [\"<pad>\"]").contains("conditioning token"));
+    }
+}

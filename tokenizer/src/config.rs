@@ -1,0 +1,91 @@
+//! The settings of a tokenizer.
+
+use crate::scheme::SchemeConfig;
+use crate::{Error, Result};
+use kinelm_motion::joints::THIRTEEN;
+use serde::{Deserialize, Serialize};
+
+/// What is coded, at which rate, and how.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TokenizerConfig {
+    /// The coded joints, SMPL ids ascending. Default: the thirteen of [`THIRTEEN`].
+    pub joints: Vec<usize>,
+    /// Frames per second of every clip. Default 20.
+    pub fps: f64,
+    /// How numbers become codes. Default: uniform bins.
+    pub scheme: SchemeConfig,
+}
+
+impl Default for TokenizerConfig {
+    fn default() -> Self {
+        TokenizerConfig { joints: THIRTEEN.to_vec(), fps: 20.0, scheme: SchemeConfig::default() }
+    }
+}
+
+impl TokenizerConfig {
+    /// Uniform, centred bins for these joints at this rate, all else by default. Joints may come in any order.
+    pub fn uniform(joints: &[usize], fps: f64, bins: u32) -> Self {
+        let mut joints = joints.to_vec();
+        joints.sort_unstable();
+        joints.dedup();
+        let uniform = crate::UniformConfig { bins, ..Default::default() };
+        TokenizerConfig { joints, fps, scheme: SchemeConfig::Uniform(uniform) }
+    }
+
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the setting, its value and its limits.
+    pub fn validate(&self) -> Result<()> {
+        let ascending = self.joints.windows(2).all(|w| w[0] < w[1]);
+        if self.joints.is_empty() || !ascending || self.joints.iter().any(|&j| j >= 24) {
+            return Err(Error::Setting {
+                field: "joints",
+                found: format!("{:?}", self.joints),
+                expected: "SMPL joint ids 0 to 23, ascending, each once, at least one".into(),
+            });
+        }
+        if !(self.fps.is_finite() && self.fps > 0.0 && self.fps <= 1e6) {
+            return Err(Error::Setting {
+                field: "fps",
+                found: self.fps.to_string(),
+                expected: "above 0, at most 1000000 frames per second".into(),
+            });
+        }
+        self.scheme.validate()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_are_valid_and_nonsense_is_not() {
+        TokenizerConfig::default().validate().unwrap();
+        let bad = |f: fn(&mut TokenizerConfig)| {
+            let mut c = TokenizerConfig::default();
+            f(&mut c);
+            c.validate().unwrap_err().to_string()
+        };
+        assert!(bad(|c| c.joints.clear()).contains("joints"));
+        assert!(bad(|c| c.joints = vec![1, 0]).contains("ascending"));
+        assert!(bad(|c| c.joints = vec![3, 3]).contains("each once"));
+        assert!(bad(|c| c.joints = vec![24]).contains("24"));
+        assert!(bad(|c| c.fps = f64::NAN).contains("fps"));
+        assert!(bad(|c| c.fps = 0.0).contains("fps"));
+        assert!(bad(|c| c.scheme = TokenizerConfig::uniform(&[0], 20.0, 1).scheme).contains("bins"));
+        assert!(bad(|c| c.scheme = TokenizerConfig::uniform(&[0], 20.0, 30_000).scheme).contains("21054"));
+    }
+
+    #[test]
+    fn settings_are_read_strictly() {
+        let json = r#"{"joints":[0,4],"scheme":{"type":"uniform","bins":60}}"#;
+        let c: TokenizerConfig = serde_json::from_str(json).unwrap();
+        assert_eq!(c, TokenizerConfig::uniform(&[4, 0], 20.0, 60));
+        assert!(serde_json::from_str::<TokenizerConfig>(r#"{"joint":[0]}"#).is_err());
+        assert!(serde_json::from_str::<TokenizerConfig>(r#"{"scheme":{"type":"uniform","bin":60}}"#).is_err());
+        assert!(serde_json::from_str::<TokenizerConfig>(r#"{"scheme":{"type":"magic"}}"#).is_err());
+    }
+}

@@ -1,0 +1,102 @@
+//! What can go wrong, and where.
+
+use std::path::{Path, PathBuf};
+
+/// The result of this crate's functions.
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// Everything that fitting, encoding, decoding and the file on disk can fail with.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The operating system refused.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A setting outside its limits.
+    #[error("tokenizer setting {field}: found {found}, expected {expected}")]
+    Setting {
+        /// The setting's name.
+        field: &'static str,
+        /// Its value.
+        found: String,
+        /// What it may be.
+        expected: String,
+    },
+    /// A clip of another frame rate.
+    #[error(
+        "a clip of {found} frames per second, the tokenizer has {expected}; resample it first (`--fps {expected}`)"
+    )]
+    Rate {
+        /// The clip's.
+        found: f64,
+        /// The tokenizer's.
+        expected: f64,
+    },
+    /// A clip that isn't on the model's rig.
+    #[error("a clip on another skeleton than the 24 SMPL joints: {found}; retarget it first (`--map`)")]
+    Skeleton {
+        /// What differs.
+        found: String,
+    },
+    /// A number in a clip that can't be coded.
+    #[error("frame {frame}, {joint}: {what}")]
+    Frame {
+        /// Counted from 0.
+        frame: usize,
+        /// The joint, or `translation`.
+        joint: String,
+        /// What is wrong.
+        what: String,
+    },
+    /// Codes that don't make whole frames, or lie outside the bins.
+    #[error("{0}")]
+    Codes(String),
+    /// Text that is no words of this tokenizer. Words and characters count from 1.
+    #[error("word {word}, character {character}: found {found}, expected {expected}")]
+    Text {
+        /// The word, from 1.
+        word: usize,
+        /// The character in it, from 1.
+        character: usize,
+        /// What stands there.
+        found: String,
+        /// What may.
+        expected: String,
+    },
+    /// A conditioning token that can't be.
+    #[error("conditioning token <{field}:{value}>: {what}")]
+    Conditioning {
+        /// Before the colon.
+        field: String,
+        /// After it.
+        value: String,
+        /// What is wrong.
+        what: String,
+    },
+    /// No motion to learn from.
+    #[error("nothing to fit: {0}")]
+    Nothing(String),
+    /// A tokenizer file that can't be used.
+    #[error("{path}: {what}")]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What was found, what was expected, what to do.
+        what: String,
+    },
+    /// A clip could not be made.
+    #[error(transparent)]
+    Motion(#[from] kinelm_motion::Error),
+}
+
+impl Error {
+    pub(crate) fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Error {
+        let path = path.as_ref().to_owned();
+        move |source| Error::Io { path, source }
+    }
+}

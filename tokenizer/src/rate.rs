@@ -1,0 +1,116 @@
+//! How much text a clip becomes: word length, seconds in a context, bytes, flicker.
+
+use crate::{Tokenizer, alphabet};
+
+/// Seconds of motion in a context of `tokens`, words of `word` characters at `fps` words a second.
+///
+/// The space is counted: `tokens / (word + 1) / fps`. At 13 joints, 20 frames per second and 1,024 tokens 1.191 s.
+pub fn seconds_in_context(tokens: usize, word: usize, fps: f64) -> f64 {
+    tokens as f64 / (word + 1) as f64 / fps
+}
+
+/// [`seconds_in_context`] without counting the space, as published tables have it (compat).
+pub fn seconds_in_context_compat(tokens: usize, word: usize, fps: f64) -> f64 {
+    tokens as f64 / word as f64 / fps
+}
+
+/// Sizes of a text against the numbers it was made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bytes {
+    /// (72 + 3) f32 numbers a frame at the source's rate.
+    pub smpl: u64,
+    /// Characters of the text, spaces included.
+    pub characters: u64,
+    /// Bytes of the text in UTF-8.
+    pub utf8: u64,
+    /// The alphabet in UTF-8, 4 bytes for each bin's value and for each number of a fitted table.
+    pub alphabet: u64,
+}
+
+impl Bytes {
+    /// `smpl / (characters + alphabet)`.
+    pub fn factor_chars(&self) -> f64 {
+        self.smpl as f64 / (self.characters + self.alphabet) as f64
+    }
+
+    /// `smpl / (utf8 + alphabet)`.
+    pub fn factor_utf8(&self) -> f64 {
+        self.smpl as f64 / (self.utf8 + self.alphabet) as f64
+    }
+
+    /// `smpl / (bits / 8 + alphabet)`, `bits` the order-0 entropy of the whole text.
+    pub fn factor_entropy(&self, bits: f64) -> f64 {
+        self.smpl as f64 / (bits / 8.0 + self.alphabet as f64)
+    }
+}
+
+impl Tokenizer {
+    /// The sizes of codes (F, C) that were made from `source_frames` frames of the files.
+    pub fn bytes(&self, codes: &[u16], source_frames: u64) -> Bytes {
+        let length = |k: u32| alphabet::character(k).map_or(0, char::len_utf8) as u64;
+        let bins = self.vocabulary().characters();
+        let frames = (codes.len() / self.word_length()) as u64;
+        // the fitted numbers: a width and a zero for each coordinate, and the first height
+        let fitted = 7;
+        Bytes {
+            smpl: source_frames * 75 * 4,
+            characters: codes.len() as u64 + frames,
+            utf8: codes.iter().map(|&k| length(k.into())).sum::<u64>() + frames,
+            alphabet: (0..bins).map(length).sum::<u64>() + 4 * u64::from(bins) + 4 * fitted,
+        }
+    }
+
+    /// Share of codes (F, C) that move by one and are back within 3 frames: in `0..=1`, `None` for fewer than 3 frames.
+    pub fn flicker_rate(&self, codes: &[u16]) -> Option<f64> {
+        let c = self.word_length();
+        let frames = codes.len() / c;
+        if frames < 3 {
+            return None;
+        }
+        let at = |f: usize, i: usize| i32::from(codes[f * c + i]);
+        let flickers = |f: usize, i: usize| {
+            let (before, now) = (at(f - 1, i), at(f, i));
+            let moved = (now - before).abs() == 1;
+            moved && (f + 1..frames.min(f + 3)).any(|g| at(g, i) == before && (f..g).all(|h| at(h, i) == now))
+        };
+        let count = (1..frames).flat_map(|f| (0..c).map(move |i| (f, i))).filter(|&(f, i)| flickers(f, i)).count();
+        Some(count as f64 / (frames * c) as f64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contract::small;
+
+    #[test]
+    fn seconds() {
+        assert!((seconds_in_context(1024, 42, 20.0) - 1.1907).abs() < 1e-4);
+        assert!((seconds_in_context_compat(1024, 42, 20.0) - 1.2190).abs() < 1e-4);
+        assert!((seconds_in_context(1024, 75, 20.0) - 0.6737).abs() < 1e-4);
+    }
+
+    #[test]
+    fn sizes() {
+        let t = small();
+        let b = t.bytes(&[59; 18], 6);
+        assert_eq!((b.smpl, b.characters, b.utf8, b.alphabet), (1800, 20, 20, 60 + 240 + 28));
+        assert!((b.factor_chars() - 1800.0 / 348.0).abs() < 1e-12);
+        assert!((b.factor_entropy(160.0) - b.factor_utf8()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn flicker() {
+        let t = small();
+        let with = |first: &[u16]| {
+            let codes: Vec<u16> = first.iter().flat_map(|&k| [k, 0, 0, 0, 0, 0, 0, 0, 0]).collect();
+            t.flicker_rate(&codes).map(|r| (r * (first.len() * 9) as f64).round())
+        };
+        assert_eq!(with(&[5, 5]), None);
+        assert_eq!(with(&[5, 6, 5, 5]), Some(1.0));
+        assert_eq!(with(&[5, 6, 6, 5]), Some(1.0));
+        assert_eq!(with(&[5, 6, 6, 6, 5]), Some(0.0));
+        assert_eq!(with(&[5, 7, 5, 5]), Some(0.0));
+        assert_eq!(with(&[5, 6, 5, 6]), Some(2.0));
+    }
+}

@@ -1,0 +1,108 @@
+//! Uniform bins on a line that ends: translations.
+
+use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// Bins of one width, of which one decodes to `offset`; what lies outside takes the first or last bin.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Line {
+    /// Width of a bin, metres.
+    pub width: f64,
+    /// The code whose value is `offset`.
+    pub zero: u16,
+    /// 0, but half a bin where bins have an edge at 0.
+    pub offset: f64,
+    /// Number of bins.
+    pub bins: u32,
+}
+
+/// Never narrower than this, metres.
+const NARROWEST: f64 = 0.01;
+
+/// What is moved out on each side, in widths.
+const MARGIN: f64 = 0.025;
+
+impl Line {
+    /// Bins over training values: their span, moved out by 2.5 % on each side, never narrower than 1 cm, then shifted
+    /// by at most half a bin so that 0, which lies in the span, is a bin's value.
+    pub(crate) fn fitted(low: f64, high: f64, bins: u32) -> Self {
+        let (low, high) = (low.min(0.0), high.max(0.0));
+        let span = high - low;
+        // with fewer than 21 bins the shift would eat the margin: then the bins are as wide as it takes
+        let n = f64::from(bins);
+        let wide = (span * (1.0 + 2.0 * MARGIN)).max(span * n / (n - 1.0)).max(NARROWEST);
+        let first = 0.5 * (low + high) - 0.5 * wide;
+        let width = wide / n;
+        let zero = (-first / width - 0.5).round().clamp(0.0, n - 1.0);
+        Line { width, zero: zero as u16, offset: 0.0, bins }
+    }
+
+    /// The code of a value, and whether it was clipped: further than half a bin from what its code decodes to.
+    pub fn code(&self, value: f64) -> (u16, bool) {
+        let k = ((value - self.offset) / self.width).round() as i64; // saturates
+        let k = k.saturating_add(self.zero.into()).clamp(0, i64::from(self.bins) - 1) as u16;
+        (k, (value - self.value(k)).abs() > 0.5 * self.width * (1.0 + 1e-9))
+    }
+
+    /// The value of a code, metres.
+    pub fn value(&self, code: u16) -> f64 {
+        (f64::from(code) - f64::from(self.zero)) * self.width + self.offset
+    }
+
+    pub(crate) fn validate(&self, bins: u32) -> Result<()> {
+        let good = self.bins == bins
+            && (1e-9..1e7).contains(&self.width)
+            && u32::from(self.zero) < bins
+            && self.offset.abs() <= self.width;
+        good.then_some(()).ok_or_else(|| Error::Setting {
+            field: "translation bins",
+            found: format!("{self:?}"),
+            expected: format!("{bins} bins of a width of 1e-9 to 1e7 m, one of them at 0"),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_fitted_range_has_its_margins() {
+        let l = Line::fitted(-0.35, 0.35, 360);
+        assert!((l.width * 360.0 - 0.735).abs() < 1e-12);
+        assert_eq!((l.value(l.zero), l.code(0.0)), (0.0, (l.zero, false)));
+        let still = Line::fitted(0.0, 0.0, 360);
+        assert!((still.width * 360.0 - 0.01).abs() < 1e-15);
+    }
+
+    #[test]
+    fn outside_is_clipped_and_told() {
+        let l = Line::fitted(-0.1, 0.3, 100);
+        assert_eq!(l.code(1e300), (99, true));
+        assert_eq!(l.code(-1e300), (0, true));
+        assert_eq!(l.code(f64::INFINITY).0, 99);
+        assert!(!l.code(l.value(99) + 0.4999 * l.width).1);
+        assert!(l.code(l.value(99) + 0.5001 * l.width).1);
+    }
+
+    proptest! {
+        #[test]
+        fn the_span_never_clips(low in -2.0..0.0f64, high in 0.0..2.0f64, bins in 2u32..2000, t in 0.0..=1.0f64) {
+            let l = Line::fitted(low, high, bins);
+            let v = low + t * (high - low);
+            let (k, clipped) = l.code(v);
+            prop_assert!(!clipped);
+            prop_assert!((l.value(k) - v).abs() <= 0.5 * l.width * (1.0 + 1e-9));
+        }
+
+        #[test]
+        fn values_keep_their_code(low in -2.0..0.0f64, high in 0.0..2.0f64, bins in 2u32..2000) {
+            let l = Line::fitted(low, high, bins);
+            for k in 0..bins as u16 {
+                prop_assert_eq!(l.code(l.value(k)), (k, false));
+            }
+        }
+    }
+}

@@ -1,0 +1,289 @@
+//! The promises of the uniform scheme over whole clips.
+
+use super::*;
+use crate::contract::{bent, check_scheme, wild};
+use crate::{Fit, Tokenizer, TokenizerConfig};
+use kinelm_motion::joints::THIRTEEN;
+use kinelm_motion::rotation::{Axis, EulerOrder, angle_between, exp_map};
+use proptest::prelude::*;
+
+/// Half a bin, with what rounding may add.
+const HALF: f64 = 0.5 + 1e-6;
+
+fn config(bins: u32, translation: Travel, height: Travel) -> TokenizerConfig {
+    let uniform = UniformConfig { bins, translation, height, ..Default::default() };
+    TokenizerConfig { scheme: super::super::SchemeConfig::Uniform(uniform), ..Default::default() }
+}
+
+fn training() -> Vec<Clip> {
+    (0..6).map(|seed| bent(seed, 120)).collect()
+}
+
+/// Largest translation error in bins along the axes in which each step was coded, over the frames where nothing clips
+/// from the last clipped one on.
+fn worst_step(t: &Tokenizer, clip: &Clip) -> [f64; 3] {
+    let u = t.uniform().unwrap();
+    let codes = t.encode(clip).unwrap().codes;
+    let back = t.decode(&codes, Rest::Identity).unwrap();
+    let start = clip.root()[0] * Vec3::new(1.0, 0.0, 1.0);
+    let mut worst = [0.0f64; 3];
+    let mut walk = Walk::new(0.0);
+    for f in 0..clip.frames() {
+        let miss = clip.root()[f] - start - back.root()[f];
+        let turned = if u.config.translation == Travel::Velocity { walk.turned_in(miss) } else { miss };
+        for i in 0..3 {
+            worst[i] = worst[i].max(turned[i].abs() / u.translation[i].width);
+        }
+        walk.face(back.pose(f)[0]);
+    }
+    worst
+}
+
+#[test]
+fn contract() {
+    let clips = [training(), vec![wild(9, 200, 2.0, 0.05)]].concat();
+    for bins in [360, 361, 60, 1080, 24] {
+        for (translation, height) in [
+            (Travel::Velocity, Travel::Velocity),
+            (Travel::Velocity, Travel::Absolute),
+            (Travel::Absolute, Travel::Absolute),
+        ] {
+            let t = Tokenizer::fit(&clips, config(bins, translation, height)).unwrap();
+            check_scheme(&t, &clips);
+        }
+    }
+    for joints in [vec![4], vec![0], (0..24).collect()] {
+        let t = Tokenizer::fit(&clips, TokenizerConfig::uniform(&joints, 20.0, 360)).unwrap();
+        check_scheme(&t, &clips);
+    }
+}
+
+#[test]
+fn rotations_within_half_a_bin() {
+    let clips: Vec<Clip> = (0..6).map(|seed| wild(seed, 300, 1.5, 0.05)).collect();
+    for form in [Form::Centred, Form::Edge] {
+        let uniform = UniformConfig { form, ..Default::default() };
+        let t = Tokenizer::fit(
+            &clips,
+            TokenizerConfig { scheme: super::super::SchemeConfig::Uniform(uniform), ..Default::default() },
+        )
+        .unwrap();
+        let bound = 0.5 * 3f64.sqrt() * 1f64.to_radians() + 1e-9;
+        for clip in &clips {
+            let e = t.encode(clip).unwrap();
+            let back = t.decode(&e.codes, Rest::Identity).unwrap();
+            let mut over = 0;
+            for f in 0..clip.frames() {
+                for j in 0..24 {
+                    if THIRTEEN.contains(&j) {
+                        over += u64::from(angle_between(clip.pose(f)[j], back.pose(f)[j]) > bound);
+                    } else {
+                        assert_eq!(back.pose(f)[j], Quat::IDENTITY);
+                    }
+                }
+            }
+            assert!(over <= e.second_codes, "{over} {}", e.second_codes);
+        }
+    }
+}
+
+#[test]
+fn errors_of_the_walk_never_add_up() {
+    let mut clips = training();
+    clips.push(bent(77, 2000));
+    for bins in [360, 361, 60, 1080] {
+        for (translation, height) in [(Travel::Velocity, Travel::Velocity), (Travel::Velocity, Travel::Absolute)] {
+            let t = Tokenizer::fit(&clips, config(bins, translation, height)).unwrap();
+            for clip in &clips {
+                assert!(t.encode(clip).unwrap().clipped.iter().all(|&n| n == 0));
+                let worst = worst_step(&t, clip);
+                assert!(worst.iter().all(|&w| w <= HALF), "{bins}: {worst:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_clipped_step_is_caught_up() {
+    let t = Tokenizer::fit(&training(), TokenizerConfig::default()).unwrap();
+    let clip = bent(3, 100);
+    let mut root = clip.root().to_vec();
+    root[50..].iter_mut().for_each(|p| *p += Vec3::new(0.3, 0.05, -0.2));
+    let jump = Clip::new(clip.skeleton().clone(), 20.0, root, clip.rotations().to_vec()).unwrap();
+    let e = t.encode(&jump).unwrap();
+    assert!(e.clipped[0] + e.clipped[2] > 0 && e.clipped[3..].iter().all(|&n| n == 0));
+    let back = t.decode(&e.codes, Rest::Identity).unwrap();
+    let miss = |f: usize| (jump.root()[f] - back.root()[f] - jump.root()[0] * Vec3::new(1.0, 0.0, 1.0)).length();
+    assert!(miss(50) > 0.1 && miss(99) < 0.002, "{} {}", miss(50), miss(99));
+}
+
+#[test]
+fn one_who_stands_still_has_one_word() {
+    let t = Tokenizer::fit(&training(), TokenizerConfig::default()).unwrap();
+    let height = t.uniform().unwrap().first_height();
+    let place = Vec3::new(5.0, height, -7.0);
+    let still = Clip::new(smpl::neutral(), 20.0, vec![place; 9], vec![Quat::IDENTITY; 9 * 24]).unwrap();
+    let e = t.encode(&still).unwrap();
+    let neutral = t.scheme().neutral(t.channels());
+    assert!(e.codes.chunks(42).all(|word| word == neutral));
+    let back = t.decode(&e.codes, Rest::Identity).unwrap();
+    assert_eq!((back.root()[0].x, back.root()[0].z), (0.0, 0.0));
+    assert!((back.root()[8].y - height).abs() < 1e-12);
+}
+
+#[test]
+fn steps_are_seen_from_the_body() {
+    let walk = |heading: f64| {
+        let turn = exp_map::from_vector(Vec3::Y * heading);
+        let root = (0..20).map(|f| turn * Vec3::new(0.0, 0.0, 0.05 * f as f64) + Vec3::Y).collect();
+        let mut poses = vec![Quat::IDENTITY; 20 * 24];
+        (0..20).for_each(|f| poses[f * 24] = turn);
+        Clip::new(smpl::neutral(), 20.0, root, poses).unwrap()
+    };
+    let degrees = |d: f64| d.to_radians();
+    let t = Tokenizer::fit(&[walk(0.0), walk(degrees(90.0))], TokenizerConfig::default()).unwrap();
+    let of = |h: f64| t.encode(&walk(degrees(h))).unwrap().codes;
+    // whole degrees, so that the decoded heading is the true one; frame 1 steps ahead whatever the heading
+    for h in [90.0, 37.0, -120.0] {
+        assert_eq!(of(h)[42..45], of(0.0)[42..45], "{h}");
+    }
+}
+
+#[test]
+fn fit_in_parts_and_in_any_order_is_the_same() {
+    let clips = training();
+    let whole = Tokenizer::fit(&clips, TokenizerConfig::default()).unwrap();
+    let part = |range: &[usize]| {
+        let mut fit = Fit::new(TokenizerConfig::default()).unwrap();
+        range.iter().for_each(|&i| fit.add(&clips[i]).unwrap());
+        fit
+    };
+    let (mut a, b) = (part(&[5, 2, 0]), part(&[4, 1, 3]));
+    a.merge(&b).unwrap();
+    assert_eq!((a.clips(), a.frames()), (6, 720));
+    assert_eq!(a.finish().unwrap().to_json(), whole.to_json());
+    assert!(part(&[0]).merge(&Fit::new(TokenizerConfig::uniform(&[0], 20.0, 360)).unwrap()).is_err());
+}
+
+#[test]
+fn the_fitted_range_is_that_of_the_training_steps() {
+    let mut poses = vec![Vec3::new(1.0, 0.9, 2.0); 11];
+    poses[4..].iter_mut().for_each(|p| p.x += 0.2);
+    poses[7..].iter_mut().for_each(|p| p.x -= 0.1);
+    let clip = |y: f64| {
+        let root = poses.iter().map(|p| *p + Vec3::Y * y).collect();
+        Clip::new(smpl::neutral(), 20.0, root, vec![Quat::IDENTITY; 11 * 24]).unwrap()
+    };
+    let t = Tokenizer::fit(&[clip(0.0), clip(0.4)], TokenizerConfig::default()).unwrap();
+    let [x, y, z] = *t.uniform().unwrap().translation();
+    assert!((x.width * 360.0 - 0.3 * 1.05).abs() < 1e-9);
+    assert!((x.value(0) - 0.5 * x.width + 0.1 + 0.0075).abs() <= 0.5 * x.width + 1e-12);
+    assert!((y.width * 360.0 - 0.4 * 1.05).abs() < 1e-9, "first steps of 20 cm up and down");
+    assert!((z.width * 360.0 - 0.01).abs() < 1e-12);
+    assert!((t.uniform().unwrap().first_height() - 1.1).abs() < 1e-9);
+}
+
+#[test]
+fn absolute_places() {
+    let t = Tokenizer::fit(&training(), config(360, Travel::Absolute, Travel::Absolute)).unwrap();
+    let at = |x: f64, y: f64| {
+        let root = vec![Vec3::new(1.0, y, 2.0), Vec3::new(1.0 + x, y, 2.0)];
+        let e = t.encode(&Clip::new(smpl::neutral(), 20.0, root, vec![Quat::IDENTITY; 48]).unwrap()).unwrap();
+        (e.codes[42], e.codes[43], e.clipped[0])
+    };
+    assert_eq!(at(1.0, 1.0), (237, 237, 0));
+    assert_eq!(at(5.4, 1.0), (359, 237, 1));
+    assert_eq!(at(-5.4, 0.0), (0, 180, 1));
+    let worst = worst_step(&t, &bent(2, 100));
+    assert!(worst.iter().all(|&w| w <= HALF), "{worst:?}");
+}
+
+#[test]
+fn what_cannot_be_coded_is_named() {
+    let t = Tokenizer::fit(&training(), TokenizerConfig::default()).unwrap();
+    let error = |clip: &Clip| t.encode(clip).unwrap_err().to_string();
+    assert!(error(&bent(1, 3).with_fps(30.0).unwrap()).contains("resample it first (`--fps 20`)"));
+    let far = Clip::new(smpl::neutral(), 20.0, vec![Vec3::ZERO, Vec3::X * 1e300], vec![Quat::IDENTITY; 48]).unwrap();
+    assert!(error(&far).starts_with("frame 1, translation:"));
+    let one = kinelm_motion::Skeleton::new(vec!["a".into()], vec![None], vec![Vec3::ZERO], vec![]).unwrap();
+    let other = Clip::new(std::sync::Arc::new(one), 20.0, vec![Vec3::ZERO], vec![Quat::IDENTITY]).unwrap();
+    assert!(error(&other).contains("retarget it first"));
+    assert!(t.decode(&[0; 42], Rest::Clip(&other)).is_err());
+    assert!(t.decode(&[360; 42], Rest::Identity).unwrap_err().to_string().contains("code 360"));
+    assert!(Tokenizer::fit(&[], TokenizerConfig::default()).unwrap_err().to_string().contains("no training clip"));
+    assert!(Tokenizer::fit(&[bent(1, 0)], TokenizerConfig::default()).is_err());
+}
+
+#[test]
+fn joints_that_are_not_coded_come_from_where_the_caller_says() {
+    let t = Tokenizer::fit(&training(), TokenizerConfig::default()).unwrap();
+    let clip = bent(1, 5);
+    let codes = t.encode(&clip).unwrap().codes;
+    let pose: [Quat; 24] = std::array::from_fn(|j| clip.pose(2)[j]);
+    let held = t.decode(&codes, Rest::Pose(&pose)).unwrap();
+    assert_eq!((held.pose(4)[3], held.pose(0)[15]), (clip.pose(2)[3], clip.pose(2)[15]));
+    let short = clip.slice(0..2);
+    let along = t.decode(&codes, Rest::Clip(&short)).unwrap();
+    assert_eq!((along.pose(0)[3], along.pose(4)[3]), (clip.pose(0)[3], clip.pose(1)[3]));
+    assert_eq!(along.pose(4)[4], held.pose(4)[4]);
+}
+
+#[test]
+fn six_decimals_of_degrees_and_centimetres_change_no_code() {
+    let six = |x: f64| (x * 1e6).round() / 1e6;
+    let order = EulerOrder([Axis::Z, Axis::X, Axis::Y]);
+    for bins in [360, 361, 1080] {
+        let clips = [bent(1, 200), wild(2, 200, 2.0, 0.04)];
+        let t = Tokenizer::fit(&clips, TokenizerConfig::uniform(&THIRTEEN, 20.0, bins)).unwrap();
+        for clip in &clips {
+            let codes = t.encode(clip).unwrap().codes;
+            let made = t.decode(&codes, Rest::Identity).unwrap();
+            let root = made.root().iter().map(|p| Vec3::from_array(p.to_array().map(|x| six(x * 100.0) / 100.0)));
+            let through = |q: &Quat| order.to_quat(order.from_quat(*q, 0.0).map(|a| six(a.to_degrees()).to_radians()));
+            let rotations = made.rotations().iter().map(through).collect();
+            let read = Clip::new(smpl::neutral(), 20.0, root.collect(), rotations).unwrap();
+            assert_eq!(t.encode(&read).unwrap().codes, codes, "{bins}");
+        }
+    }
+}
+
+/// Clips of fewer frames than this many codes are enough: each stream is its own.
+const STREAMS: usize = 100_000;
+
+#[test]
+fn any_codes_are_a_finite_clip() {
+    let velocity = Tokenizer::fit(&training(), TokenizerConfig::uniform(&[0, 4], 20.0, 360)).unwrap();
+    let edge = UniformConfig { form: Form::Edge, translation: Travel::Absolute, ..Default::default() };
+    let scheme = super::super::SchemeConfig::Uniform(edge);
+    let edge =
+        Tokenizer::fit(&training(), TokenizerConfig { joints: vec![0, 4], scheme, ..Default::default() }).unwrap();
+    let mut n = 1u64;
+    for stream in 0..STREAMS {
+        let codes: Vec<u16> = (0..27)
+            .map(|_| {
+                n = n.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407); // Knuth, MMIX
+                ((n >> 33) % 360) as u16
+            })
+            .collect();
+        for t in [&velocity, &edge] {
+            let clip = t.decode(&codes, Rest::Identity).unwrap();
+            assert!(clip.root().iter().all(|p| p.is_finite()) && clip.rotations().iter().all(|q| q.is_finite()));
+            if stream % 8 == 0 {
+                t.encode(&clip).unwrap();
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn coded_again_is_the_same(seed in any::<u64>(), reach in 0.1..2.5f64, speed in 0.0..0.3f64, bins in prop::sample::select(vec![360u32, 361, 60, 1080])) {
+        let clip = wild(seed, 60, reach, speed);
+        // fitted on another clip, so that steps clip too
+        let t = Tokenizer::fit(&[bent(1, 50)], TokenizerConfig::uniform(&THIRTEEN, 20.0, bins)).unwrap();
+        let codes = t.encode(&clip).unwrap().codes;
+        let back = t.decode(&codes, Rest::Identity).unwrap();
+        prop_assert_eq!(t.encode(&back).unwrap().codes, codes);
+    }
+}

@@ -1,0 +1,198 @@
+//! Ids: specials, the space, the characters, then conditioning tokens.
+
+use crate::{Error, Result, alphabet};
+use std::borrow::Cow;
+
+/// The special tokens, at ids 0 to 4.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub enum Special {
+    /// Fills a batch.
+    Pad = 0,
+    /// In front of every window.
+    Bos = 1,
+    /// Ends a clip.
+    Eos = 2,
+    /// Stands for what is to be found.
+    Mask = 3,
+    /// A character that is none of ours.
+    Unk = 4,
+}
+
+impl Special {
+    /// All, by id.
+    pub const ALL: [Special; 5] = [Special::Pad, Special::Bos, Special::Eos, Special::Mask, Special::Unk];
+
+    /// Its id.
+    pub const fn id(self) -> u32 {
+        self as u32
+    }
+
+    /// As it is written.
+    pub const fn token(self) -> &'static str {
+        ["<pad>", "<bos>", "<eos>", "<mask>", "<unk>"][self as usize]
+    }
+}
+
+/// The id of the space.
+pub const SPACE: u32 = 5;
+
+/// The id of code 0's character.
+pub(crate) const FIRST_CHARACTER: u32 = 6;
+
+/// Tokens and ids. Ids never change once given: conditioning tokens are appended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Vocabulary {
+    characters: u32,
+    conditioning: Vec<String>,
+}
+
+impl Vocabulary {
+    pub(crate) fn new(characters: u32) -> Self {
+        Vocabulary { characters, conditioning: Vec::new() }
+    }
+
+    /// V, the number of ids.
+    #[allow(clippy::len_without_is_empty, reason = "the specials are always there")]
+    pub fn len(&self) -> u32 {
+        self.first_conditioning() + self.conditioning.len() as u32
+    }
+
+    /// How many characters there are, one a bin.
+    pub fn characters(&self) -> u32 {
+        self.characters
+    }
+
+    /// The id of a code's character. Codes from the number of characters on give `<unk>`.
+    pub fn id_of_code(&self, code: u16) -> u32 {
+        if u32::from(code) < self.characters { FIRST_CHARACTER + u32::from(code) } else { Special::Unk.id() }
+    }
+
+    /// The code of a character's id; `None` for every other id.
+    pub fn code_of_id(&self, id: u32) -> Option<u16> {
+        id.checked_sub(FIRST_CHARACTER).filter(|&k| k < self.characters).map(|k| k as u16)
+    }
+
+    /// The token of an id.
+    pub fn token(&self, id: u32) -> Option<Cow<'_, str>> {
+        if let Some(special) = Special::ALL.get(id as usize) {
+            return Some(special.token().into());
+        }
+        if id == SPACE {
+            return Some(" ".into());
+        }
+        if let Some(code) = self.code_of_id(id) {
+            return alphabet::character(code.into()).map(|c| c.to_string().into());
+        }
+        self.conditioning.get((id - self.first_conditioning()) as usize).map(|t| t.as_str().into())
+    }
+
+    /// The id of a token.
+    pub fn id(&self, token: &str) -> Option<u32> {
+        if let Some(special) = Special::ALL.iter().find(|s| s.token() == token) {
+            return Some(special.id());
+        }
+        if token == " " {
+            return Some(SPACE);
+        }
+        let mut chars = token.chars();
+        if let (Some(c), None) = (chars.next(), chars.next()) {
+            return alphabet::code(c).filter(|&k| k < self.characters).map(|k| FIRST_CHARACTER + k);
+        }
+        let at = self.conditioning.iter().position(|t| t == token)?;
+        Some(self.first_conditioning() + at as u32)
+    }
+
+    /// The conditioning tokens, such as `<genre:salsa>`, in the order of their ids.
+    pub fn conditioning(&self) -> &[String] {
+        &self.conditioning
+    }
+
+    /// The id of the first conditioning token, given or not.
+    pub fn first_conditioning(&self) -> u32 {
+        FIRST_CHARACTER + self.characters
+    }
+
+    /// The id of `<field:value>`, appended if it is new.
+    ///
+    /// # Errors
+    /// [`Error::Conditioning`] when the field or the value is empty, longer than 200 bytes, or holds `<`, `>`, a control
+    /// character, or (the field) a colon.
+    pub fn add_conditioning(&mut self, field: &str, value: &str) -> Result<u32> {
+        let fail = |what: &str| {
+            Err(Error::Conditioning {
+                field: field.escape_debug().collect(),
+                value: value.escape_debug().collect(),
+                what: what.into(),
+            })
+        };
+        if field.is_empty() || value.is_empty() || field.len() > 200 || value.len() > 200 {
+            return fail("expected 1 to 200 bytes on either side of the colon");
+        }
+        if field.contains(':')
+            || [field, value].iter().any(|s| s.contains(|c: char| matches!(c, '<' | '>') || c.is_control()))
+        {
+            return fail("expected no <, > or control character, and no colon in the field; rename the label");
+        }
+        let token = format!("<{field}:{value}>");
+        if let Some(id) = self.id(&token) {
+            return Ok(id);
+        }
+        self.conditioning.push(token);
+        Ok(self.len() - 1)
+    }
+
+    /// The id of `<field:value>` if it was added.
+    pub fn conditioning_id(&self, field: &str, value: &str) -> Option<u32> {
+        self.id(&format!("<{field}:{value}>"))
+    }
+
+    /// All tokens with their ids, by id.
+    pub fn iter(&self) -> impl Iterator<Item = (u32, Cow<'_, str>)> {
+        (0..self.len()).filter_map(|id| self.token(id).map(|t| (id, t)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_and_tokens_are_one_to_one() {
+        let mut v = Vocabulary::new(360);
+        assert_eq!(v.add_conditioning("genre", "salsa").unwrap(), 366);
+        assert_eq!(v.add_conditioning("dancer", "two words: 61").unwrap(), 367);
+        assert_eq!(v.add_conditioning("genre", "salsa").unwrap(), 366);
+        assert_eq!(v.len(), 368);
+        for (id, token) in v.iter() {
+            assert_eq!(v.id(&token), Some(id), "{token}");
+        }
+        assert_eq!(v.iter().count(), 368);
+        assert_eq!(v.token(368), None);
+        assert_eq!(v.conditioning_id("genre", "salsa"), Some(366));
+        assert_eq!(
+            (v.id("<pad>"), v.id("<unk>"), v.id(" "), v.id("0"), v.id("一")),
+            (Some(0), Some(4), Some(5), Some(6), Some(68))
+        );
+        assert_eq!(v.id("\u{4F2A}"), None, "code 360");
+    }
+
+    #[test]
+    fn codes_and_ids() {
+        let v = Vocabulary::new(62);
+        assert_eq!((v.id_of_code(0), v.id_of_code(61), v.id_of_code(62)), (6, 67, 4));
+        assert_eq!(
+            (v.code_of_id(5), v.code_of_id(6), v.code_of_id(67), v.code_of_id(68)),
+            (None, Some(0), Some(61), None)
+        );
+    }
+
+    #[test]
+    fn a_vocabulary_of_no_use_is_refused() {
+        let mut v = Vocabulary::new(60);
+        for (f, x) in [("", "a"), ("a", ""), ("a:b", "c"), ("a", "b>c"), ("a", "b\n"), ("<", "a")] {
+            assert!(v.add_conditioning(f, x).is_err(), "{f:?} {x:?}");
+        }
+        assert_eq!(v.len(), 66);
+    }
+}

@@ -23,6 +23,7 @@ pub mod retarget;
 pub mod rotation;
 pub mod skeleton;
 pub mod smpl;
+pub mod synth;
 
 pub use clip::{Clip, Motion, Source, Warning};
 pub use error::{Error, FileError, Kind, Place, Result};

@@ -1,0 +1,149 @@
+//! Labelled dances out of nothing but a seed, for the demo and for tests: a few genres that differ in rhythm and limbs,
+//! a few dancers that differ in amplitude and timing, and takes that are never the same.
+//!
+//! A genre has figures of a few beats; a score puts them one after the other; a dancer dances it in his own way.
+//! Feet are planned first, step by step, and stay where they are put; the hips ride between them; arms, spine and head
+//! follow the figure; inverse kinematics makes joints of it. All of it is our own; no recorded motion is in it.
+
+mod body;
+mod control;
+mod dancer;
+mod figures;
+mod rng;
+mod score;
+mod steps;
+
+use crate::{Clip, Error, Result, Vec3, smpl};
+use body::Wishes;
+use control::{CHANNELS, Control, smooth};
+use dancer::{DANCERS, Dancer};
+use figures::{GENRES, Genre};
+use rng::Rng;
+use score::Score;
+use steps::{Foot, Steps};
+
+/// A dance and who dances what.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dance {
+    /// The motion, on [`smpl::neutral`]; begins and ends in a stand, feet on y = 0.
+    pub clip: Clip,
+    /// One of [`genres`].
+    pub genre: &'static str,
+    /// One of [`dancers`].
+    pub dancer: &'static str,
+    /// Counts from 1 for each genre and dancer.
+    pub take: usize,
+}
+
+impl Dance {
+    /// `{genre}_{dancer}_{take}`, a name for a file.
+    pub fn name(&self) -> String {
+        format!("{}_{}_{:02}", self.genre, self.dancer, self.take)
+    }
+}
+
+/// Names of the genres.
+pub fn genres() -> impl Iterator<Item = &'static str> {
+    GENRES.iter().map(|g| g.name)
+}
+
+/// Names of the dancers.
+pub fn dancers() -> impl Iterator<Item = &'static str> {
+    DANCERS.iter().map(|d| d.name)
+}
+
+/// Longest dance, seconds, and most frames a second.
+const LONGEST_S: f64 = 3600.0;
+const FASTEST_FPS: f64 = 1000.0;
+
+/// `clips` dances of `seconds` each at `fps`: the genres in turn, then the dancers, then the takes.
+///
+/// The same arguments give the same dances. A dance depends on the seed, its place in the list and `seconds`, not on
+/// how many there are; at another `fps` it is the same dance. Dances under 6 seconds are little more than their ending.
+///
+/// # Errors
+/// [`Error::Call`] when `seconds` is outside `0..=3600` or `fps` outside `1..=1000`.
+pub fn corpus(seed: u64, clips: usize, seconds: f64, fps: f64) -> Result<Vec<Dance>> {
+    if !(0.0..=LONGEST_S).contains(&seconds) || !(1.0..=FASTEST_FPS).contains(&fps) {
+        return Err(Error::Call(format!(
+            "dances of {seconds} seconds at {fps} frames per second; expected 0 to {LONGEST_S} and 1 to {FASTEST_FPS}"
+        )));
+    }
+    (0..clips).map(|i| dance(seed, i, seconds, fps)).collect()
+}
+
+fn dance(seed: u64, index: usize, seconds: f64, fps: f64) -> Result<Dance> {
+    let (g, d) = (index % GENRES.len(), index / GENRES.len() % DANCERS.len());
+    let take = index / (GENRES.len() * DANCERS.len());
+    let (genre, dancer): (&'static Genre, &'static Dancer) = (&GENRES[g], &DANCERS[d]);
+    let mut rng = Rng::new(seed, &[g as u64, d as u64, take as u64]);
+    let score = Score::new(genre, dancer, seconds, &mut rng);
+    let clip = perform(&score, seconds, fps)?;
+    Ok(Dance { clip, genre: genre.name, dancer: dancer.name, take: take + 1 })
+}
+
+/// The largest angle between a standing foot and the body before the foot turns on its ball, radians.
+const PIVOT: f64 = 0.75;
+
+fn perform(score: &Score, seconds: f64, fps: f64) -> Result<Clip> {
+    let skeleton = smpl::neutral();
+    let times: Vec<f64> = (0..(seconds * fps).round() as usize).map(|f| f as f64 / fps).collect();
+    let controls = followed(score, &times, fps);
+    let steps = score.steps();
+    let weight: Vec<f64> = times.iter().map(|&t| steps.weight(t)).collect();
+    let weight = smooth(&weight, 0.11 * fps);
+    let feet: Vec<[Foot; 2]> =
+        (0..times.len()).map(|f| [0, 1].map(|foot| stand(&steps, foot, times[f], &controls[f], weight[f]))).collect();
+    let pelvis = carried(score, &controls, &feet, &weight, fps);
+    let (mut root, mut rotations) = (Vec::new(), Vec::new());
+    for f in 0..times.len() {
+        let (before, after) = (&controls[f.saturating_sub(1)], &controls[(f + 1).min(times.len() - 1)]);
+        let wrist_velocity = [0, 1].map(|side| (after.wrists[side] - before.wrists[side]) * (0.5 * fps));
+        let wishes = Wishes { control: controls[f], feet: feet[f], pelvis: pelvis[f], wrist_velocity };
+        let pose = body::solve(&skeleton, &wishes);
+        root.push(pose.root);
+        rotations.extend(pose.local);
+    }
+    Clip::new(skeleton, fps, root, rotations)
+}
+
+/// The wishes after the low pass of a body that has weight.
+fn followed(score: &Score, times: &[f64], fps: f64) -> Vec<Control> {
+    let raw: Vec<[f64; CHANNELS]> = times.iter().map(|&t| score.control(t).channels()).collect();
+    let columns: Vec<Vec<f64>> = (0..CHANNELS)
+        .map(|c| smooth(&raw.iter().map(|r| r[c]).collect::<Vec<_>>(), score.softness_s() * fps))
+        .collect();
+    (0..times.len()).map(|f| Control::from_channels(std::array::from_fn(|c| columns[c][f]))).collect()
+}
+
+/// A foot as the steps have it, turned on its ball when the body has turned too far, its heel light when unweighted.
+fn stand(steps: &Steps, foot: usize, time_s: f64, c: &Control, weight: f64) -> Foot {
+    let planned = steps.foot(foot, time_s);
+    let away = planned.heading - c.turn;
+    let turned = PIVOT * (away / PIVOT).tanh();
+    let share = if foot == 0 { weight } else { 1.0 - weight };
+    let light = (1.0 - share).powi(3) * 0.22;
+    let pivot = 0.3 * (1.0 - (-((away - turned) / 0.3).powi(2)).exp());
+    Foot { heading: c.turn + turned, pitch: planned.pitch + light + pivot, ..planned }
+}
+
+/// The way of the pelvis: between the feet by weight, then what the figure shifts; heights before the legs' limit.
+fn carried(score: &Score, controls: &[Control], feet: &[[Foot; 2]], weight: &[f64], fps: f64) -> Vec<Vec3> {
+    let under = |foot: &Foot| foot.toe - Vec3::new(foot.heading.sin(), 0.0, foot.heading.cos()) * 0.085;
+    let between: Vec<Vec3> = feet
+        .iter()
+        .zip(weight)
+        .map(|([left, right], w)| under(right).lerp(under(left), 0.5 + 0.75 * (w - 0.5)))
+        .collect();
+    let x = smooth(&between.iter().map(|p| p.x).collect::<Vec<_>>(), 0.09 * fps);
+    let z = smooth(&between.iter().map(|p| p.z).collect::<Vec<_>>(), 0.09 * fps);
+    let place = |f: usize| {
+        let c = &controls[f];
+        let shift = crate::Quat::from_rotation_y(c.turn) * c.shift;
+        Vec3::new(x[f] + shift.x, score.carriage_m() + c.travel.y, z[f] + shift.z)
+    };
+    (0..controls.len()).map(place).collect()
+}
+
+#[cfg(test)]
+mod tests;

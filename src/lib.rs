@@ -8,6 +8,7 @@ pub mod corpus;
 pub mod error;
 pub mod files;
 pub mod generate;
+pub mod model;
 pub mod random;
 
 pub use error::{Error, Result};

@@ -1,0 +1,168 @@
+//! What a model is: the `[model]` table of a training file, and what its tokenizer adds to it.
+
+use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// The `[model]` table.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ModelConfig {
+    /// What a token may see. Default `causal`.
+    pub kind: Kind,
+    /// L: transformer blocks, 1..=96. Default 4.
+    pub layers: usize,
+    /// H: attention heads; divides `width`. Default 4.
+    pub heads: usize,
+    /// D: numbers a token is described by, 1..=8192. Default 128.
+    pub width: usize,
+    /// T: tokens of a window, the front token included; holds two words at least. Default 256.
+    pub context: usize,
+    /// How a token's place is told. Default `frame_joint`.
+    pub positions: Positions,
+    /// Share of embeddings, attention weights and block outputs dropped in training, 0 up to below 1. Default 0.
+    pub dropout: f64,
+    /// The head uses the token embedding again. Default true.
+    pub tied_head: bool,
+}
+
+/// What a token may see.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// Itself and the tokens before it.
+    Causal,
+}
+
+/// How a token's place in the window is told to the model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Positions {
+    /// One learned vector for each place of the window.
+    Absolute,
+    /// A learned vector for the frame of the window and one for the place in the word, added.
+    FrameJoint,
+}
+
+impl Default for ModelConfig {
+    fn default() -> Self {
+        ModelConfig {
+            kind: Kind::Causal,
+            layers: 4,
+            heads: 4,
+            width: 128,
+            context: 256,
+            positions: Positions::FrameJoint,
+            dropout: 0.0,
+            tied_head: true,
+        }
+    }
+}
+
+impl ModelConfig {
+    /// Checks every key.
+    ///
+    /// # Errors
+    /// The first key outside its limits, with both.
+    pub fn validate(&self) -> Result<()> {
+        let within = |key: &str, value: usize, most: usize| match (1..=most).contains(&value) {
+            true => Ok(()),
+            false => Err(Error::Call(format!("model.{key} is {value}; expected 1 to {most}"))),
+        };
+        within("layers", self.layers, 96)?;
+        within("heads", self.heads, 256)?;
+        within("width", self.width, 8192)?;
+        within("context", self.context, 1 << 20)?;
+        if self.width % self.heads != 0 {
+            return Err(Error::Call(format!(
+                "model.width is {} and model.heads {}; expected heads that divide the width",
+                self.width, self.heads
+            )));
+        }
+        if !(0.0..1.0).contains(&self.dropout) {
+            return Err(Error::Call(format!("model.dropout is {}; expected 0 up to below 1", self.dropout)));
+        }
+        Ok(())
+    }
+
+    /// Checks the keys, and that the context holds two words of `tokens`.
+    ///
+    /// # Errors
+    /// As [`Self::validate`]; a context that is too short; ids outside the vocabulary.
+    pub fn validate_for(&self, tokens: &TokenLayout) -> Result<()> {
+        self.validate()?;
+        tokens.validate()?;
+        if self.context < 2 * tokens.word {
+            return Err(Error::Call(format!(
+                "model.context is {} tokens and a word has {}; expected room for two words: {} or more",
+                self.context,
+                tokens.word,
+                2 * tokens.word
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// What the tokenizer decides about a model.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TokenLayout {
+    /// V: ids in all.
+    pub vocabulary: usize,
+    /// W: tokens of a word, its space included.
+    pub word: usize,
+    /// The id that fills up short windows; it is never a target.
+    pub pad: u32,
+    /// The id in front of every window.
+    pub bos: u32,
+    /// The id that ends a word.
+    pub space: u32,
+}
+
+impl TokenLayout {
+    /// # Errors
+    /// Ids outside the vocabulary, no vocabulary, a word without tokens.
+    fn validate(&self) -> Result<()> {
+        let named = [("pad", self.pad), ("bos", self.bos), ("space", self.space)];
+        if let Some((name, id)) = named.iter().find(|(_, id)| *id as usize >= self.vocabulary) {
+            return Err(Error::Call(format!("<{name}> is id {id}, outside the vocabulary of {}", self.vocabulary)));
+        }
+        if self.word == 0 {
+            return Err(Error::Call("a word has 0 tokens; expected at least its space".into()));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TOKENS: TokenLayout = TokenLayout { vocabulary: 366, word: 43, pad: 0, bos: 1, space: 5 };
+
+    #[test]
+    fn the_first_wrong_key_is_named_with_its_limits() {
+        let said = |change: &dyn Fn(&mut ModelConfig)| {
+            let mut config = ModelConfig::default();
+            change(&mut config);
+            config.validate_for(&TOKENS).unwrap_err().to_string()
+        };
+        assert_eq!(said(&|c| c.layers = 0), "model.layers is 0; expected 1 to 96");
+        assert!(said(&|c| c.heads = 3).contains("model.width is 128 and model.heads 3"));
+        assert!(said(&|c| c.dropout = 1.0).contains("model.dropout is 1"));
+        assert!(said(&|c| c.dropout = f64::NAN).contains("model.dropout is NaN"));
+        assert!(said(&|c| c.context = 85).contains("86 or more"));
+        ModelConfig::default().validate_for(&TOKENS).unwrap();
+        let other = TokenLayout { bos: 366, ..TOKENS };
+        let message = ModelConfig::default().validate_for(&other).unwrap_err().to_string();
+        assert_eq!(message, "<bos> is id 366, outside the vocabulary of 366");
+    }
+
+    #[test]
+    fn toml_refuses_keys_it_does_not_know() {
+        let config: ModelConfig = toml::from_str("layers = 6\npositions = \"absolute\"").unwrap();
+        assert_eq!((config.layers, config.positions), (6, Positions::Absolute));
+        assert!(toml::from_str::<ModelConfig>("layer = 6").unwrap_err().to_string().contains("layer"));
+        assert!(toml::from_str::<ModelConfig>("kind = \"masked\"").is_err());
+    }
+}

@@ -1,0 +1,479 @@
+//! A pre-norm GPT-2 over the words of a dance: the plain form, differentiable, which faster forms are compared with.
+//!
+//! Letters: B batch, T tokens, D width, H heads, L layers, V vocabulary, W tokens of a word.
+
+use super::cache::Cache;
+use super::config::{ModelConfig, Positions, TokenLayout};
+use super::dropout::Dropout;
+use super::layout::{self, FRONT, Parameter};
+use super::ops;
+use crate::{Error, Result};
+use candle_core::{DType, Device, Tensor, Var};
+use std::collections::BTreeMap;
+
+/// Added to the variance in layer norms, as in GPT-2.
+pub const EPSILON: f64 = 1e-5;
+
+/// Query rows that attention takes at a time: keys behind a block's last row are not touched at all.
+const QUERY_ROWS: usize = 128;
+
+/// A model: its shape and its variables.
+pub struct Gpt {
+    config: ModelConfig,
+    tokens: TokenLayout,
+    vars: BTreeMap<String, Var>,
+    net: Net,
+}
+
+/// The tensors by their use. A clone shares the numbers.
+#[derive(Clone)]
+pub(super) struct Net {
+    heads: usize,
+    token: Tensor,
+    position: Position,
+    blocks: Vec<Block>,
+    norm: Norm,
+    head: Tensor,
+}
+
+#[derive(Clone)]
+enum Position {
+    Absolute(Tensor),
+    FrameJoint { front: Tensor, frame: Tensor, place: Tensor },
+}
+
+#[derive(Clone)]
+struct Block {
+    name: String,
+    norm1: Norm,
+    qkv: Linear,
+    out: Linear,
+    norm2: Norm,
+    up: Linear,
+    down: Linear,
+}
+
+#[derive(Clone)]
+struct Norm {
+    weight: Tensor,
+    bias: Tensor,
+}
+
+#[derive(Clone)]
+struct Linear {
+    weight: Tensor, // (in, out)
+    bias: Tensor,
+}
+
+impl Gpt {
+    /// A model before training.
+    ///
+    /// # Errors
+    /// A configuration that doesn't hold: the key and its limits.
+    pub fn new(config: &ModelConfig, tokens: &TokenLayout, seed: u64) -> Result<Gpt> {
+        config.validate_for(tokens)?;
+        let tensor = |p: &Parameter| Tensor::from_vec(p.initial(seed), p.shape.as_slice(), &Device::Cpu);
+        let tensors = layout::parameters(config, tokens).into_iter().map(|p| Ok((p.name.clone(), tensor(&p)?)));
+        Gpt::from_tensors(config, tokens, tensors.collect::<Result<_>>()?)
+    }
+
+    /// A model of these tensors, copied.
+    ///
+    /// # Errors
+    /// As [`Gpt::new`]; tensors that are missing, not the model's, or of another shape: each is named.
+    pub fn from_tensors(
+        config: &ModelConfig,
+        tokens: &TokenLayout,
+        mut tensors: BTreeMap<String, Tensor>,
+    ) -> Result<Gpt> {
+        config.validate_for(tokens)?;
+        let mut vars = BTreeMap::new();
+        for p in layout::parameters(config, tokens) {
+            let tensor = tensors.remove(&p.name).ok_or_else(|| {
+                Error::Call(format!("the weights have no tensor {}; expected one of shape {:?}", p.name, p.shape))
+            })?;
+            if tensor.dims() != p.shape {
+                return Err(Error::Call(format!(
+                    "tensor {} has shape {:?}; this model expects {:?}",
+                    p.name,
+                    tensor.dims(),
+                    p.shape
+                )));
+            }
+            vars.insert(p.name, Var::from_tensor(&tensor)?);
+        }
+        if let Some(name) = tensors.keys().next() {
+            return Err(Error::Call(format!("the weights have a tensor {name} that this model has no place for")));
+        }
+        let net = Net::new(config, &|name| vars[name].as_tensor().clone());
+        Ok(Gpt { config: config.clone(), tokens: tokens.clone(), vars, net })
+    }
+
+    /// The `[model]` table it was made from.
+    pub fn config(&self) -> &ModelConfig {
+        &self.config
+    }
+
+    /// What its tokenizer decided.
+    pub fn tokens(&self) -> &TokenLayout {
+        &self.tokens
+    }
+
+    /// Its variables by name, in the order of the names.
+    pub fn vars(&self) -> &BTreeMap<String, Var> {
+        &self.vars
+    }
+
+    /// The same model in f64, for checking gradients.
+    ///
+    /// # Errors
+    /// None in practice.
+    pub fn to_f64(&self) -> Result<Gpt> {
+        let tensors = self.vars.iter().map(|(n, v)| Ok((n.clone(), v.as_tensor().to_dtype(DType::F64)?)));
+        Gpt::from_tensors(&self.config, &self.tokens, tensors.collect::<Result<_>>()?)
+    }
+
+    /// Logits (B, T, V) of the token behind each of `ids` (B, T), T at most the context; differentiable.
+    ///
+    /// # Errors
+    /// More tokens than the context, ids outside the vocabulary.
+    pub fn forward(&self, ids: &Tensor, dropout: Option<&Dropout>) -> Result<Tensor> {
+        self.check_length(ids.dims2()?.1)?;
+        Ok(self.net.forward(ids, dropout, None)?)
+    }
+
+    /// As [`Gpt::forward`] without dropout, and nothing is kept for gradients.
+    ///
+    /// # Errors
+    /// As [`Gpt::forward`].
+    pub fn predict(&self, ids: &Tensor) -> Result<Tensor> {
+        self.check_length(ids.dims2()?.1)?;
+        Ok(self.frozen().forward(ids, None, None)?)
+    }
+
+    /// Sum over the targets that aren't `<pad>` of -ln p, in nats; `targets` holds B T ids.
+    ///
+    /// # Errors
+    /// As [`Gpt::forward`].
+    pub fn loss_sum(&self, ids: &Tensor, targets: &[u32], dropout: Option<&Dropout>) -> Result<Tensor> {
+        let logits = self.forward(ids, dropout)?.flatten_to(1)?;
+        Ok(ops::cross_entropy_sum(&logits, targets, self.tokens.pad)?)
+    }
+
+    /// Mean cross-entropy over the targets that aren't `<pad>`, in nats a token; 0 where there are none.
+    ///
+    /// # Errors
+    /// As [`Gpt::forward`].
+    pub fn loss(&self, ids: &Tensor, targets: &[u32], dropout: Option<&Dropout>) -> Result<Tensor> {
+        let counted = targets.iter().filter(|&&t| t != self.tokens.pad).count();
+        Ok((self.loss_sum(ids, targets, dropout)? / counted.max(1) as f64)?)
+    }
+
+    /// A reader of one sequence that remembers what it read.
+    ///
+    /// It shares the model's numbers: training steps taken later are seen by what it reads then.
+    ///
+    /// # Errors
+    /// No memory or threads.
+    pub fn cache(&self) -> Result<Cache> {
+        let c = &self.config;
+        Cache::new(self.frozen(), c.layers, c.heads, c.context, c.width / c.heads)
+    }
+
+    fn frozen(&self) -> Net {
+        Net::new(&self.config, &|name| self.vars[name].as_tensor().detach())
+    }
+
+    fn check_length(&self, found: usize) -> Result<()> {
+        match found <= self.config.context {
+            true => Ok(()),
+            false => Err(Error::Call(format!("a window of {found} tokens; the context holds {}", self.config.context))),
+        }
+    }
+}
+
+/// Keys and values (H, T, D/H) of one layer, filled from the front.
+pub(super) struct Memory<'a> {
+    pub keys: &'a [Tensor],
+    pub values: &'a [Tensor],
+    /// Tokens read before.
+    pub read: usize,
+}
+
+impl Net {
+    fn new(config: &ModelConfig, tensor: &dyn Fn(&str) -> Tensor) -> Net {
+        let norm =
+            |name: &str| Norm { weight: tensor(&format!("{name}.weight")), bias: tensor(&format!("{name}.bias")) };
+        let linear =
+            |name: &str| Linear { weight: tensor(&format!("{name}.weight")), bias: tensor(&format!("{name}.bias")) };
+        let block = |layer| {
+            let name = layout::block_name(layer);
+            Block {
+                norm1: norm(&format!("{name}.norm1")),
+                qkv: linear(&format!("{name}.attention.qkv")),
+                out: linear(&format!("{name}.attention.out")),
+                norm2: norm(&format!("{name}.norm2")),
+                up: linear(&format!("{name}.mlp.up")),
+                down: linear(&format!("{name}.mlp.down")),
+                name,
+            }
+        };
+        let position = match config.positions {
+            Positions::Absolute => Position::Absolute(tensor("position.absolute.weight")),
+            Positions::FrameJoint => Position::FrameJoint {
+                front: tensor("position.front.weight"),
+                frame: tensor("position.frame.weight"),
+                place: tensor("position.place.weight"),
+            },
+        };
+        Net {
+            heads: config.heads,
+            token: tensor("token.weight"),
+            position,
+            blocks: (0..config.layers).map(block).collect(),
+            norm: norm("norm"),
+            head: tensor(if config.tied_head { "token.weight" } else { "head.weight" }),
+        }
+    }
+
+    /// Logits (B, T, V); with a memory, B is 1 and `ids` continue what was read.
+    pub(super) fn forward(
+        &self,
+        ids: &Tensor,
+        dropout: Option<&Dropout>,
+        memory: Option<&Memory>,
+    ) -> candle_core::Result<Tensor> {
+        let (batch, length) = ids.dims2()?;
+        let width = self.token.dim(1)?;
+        let drop = |x: Tensor, purpose: &str| match dropout {
+            Some(d) => d.apply(&x, batch, purpose),
+            None => Ok(x),
+        };
+        let token = self.token.index_select(&ids.flatten_all()?, 0)?.reshape((batch, length, width))?;
+        let position = self.position.rows(memory.map_or(0, |m| m.read), length)?;
+        let mut x = drop(token.broadcast_add(&position)?, "embedding")?;
+        for (layer, block) in self.blocks.iter().enumerate() {
+            let y = block.attention(&x, self.heads, dropout, memory.map(|m| (m, layer)))?;
+            x = (x + drop(y, &format!("{} attention out", block.name))?)?;
+            let y = block.mlp(&x)?;
+            x = (x + drop(y, &format!("{} mlp", block.name))?)?;
+        }
+        let x = self.norm.forward(&x)?.flatten_to(1)?;
+        x.matmul(&self.head.t()?)?.reshape((batch, length, ()))
+    }
+}
+
+impl Position {
+    /// Rows (n, D) of the places `first..first + n`.
+    fn rows(&self, first: usize, n: usize) -> candle_core::Result<Tensor> {
+        match self {
+            Position::Absolute(table) => table.narrow(0, first, n),
+            Position::FrameJoint { front, frame, place } => {
+                let word = place.dim(0)?;
+                let behind = |f: &dyn Fn(usize) -> usize| -> candle_core::Result<Tensor> {
+                    let ids: Vec<u32> = (first.max(FRONT)..first + n).map(|i| f(i - FRONT) as u32).collect();
+                    Tensor::new(ids, place.device())
+                };
+                let words = || {
+                    frame.index_select(&behind(&|k| k / word)?, 0)? + place.index_select(&behind(&|k| k % word)?, 0)?
+                };
+                match FRONT.saturating_sub(first).min(n) {
+                    0 => words(),
+                    fronts if fronts == n => front.narrow(0, first, n),
+                    fronts => Tensor::cat(&[front.narrow(0, first, fronts)?, words()?], 0),
+                }
+            }
+        }
+    }
+}
+
+impl Block {
+    fn attention(
+        &self,
+        x: &Tensor,
+        heads: usize,
+        dropout: Option<&Dropout>,
+        memory: Option<(&Memory, usize)>,
+    ) -> candle_core::Result<Tensor> {
+        let (batch, length, width) = x.dims3()?;
+        let d = width / heads;
+        let qkv = self.qkv.forward(&self.norm1.forward(x)?)?;
+        // (B, T, 3, H, d) -> (3, B H, T, d)
+        let qkv = qkv.reshape((batch, length, 3, heads, d))?.permute((2, 0, 3, 1, 4))?.contiguous()?;
+        let qkv = qkv.reshape((3, batch * heads, length, d))?;
+        let (q, mut k, mut v) = (qkv.get(0)?, qkv.get(1)?, qkv.get(2)?);
+        if let Some((memory, layer)) = memory {
+            let (keys, values) = (&memory.keys[layer], &memory.values[layer]);
+            keys.slice_set(&k, 1, memory.read)?;
+            values.slice_set(&v, 1, memory.read)?;
+            k = keys.narrow(1, 0, memory.read + length)?;
+            v = values.narrow(1, 0, memory.read + length)?;
+        }
+        let before = k.dim(1)? - length;
+        let mut out = Vec::with_capacity(length.div_ceil(QUERY_ROWS));
+        for first in (0..length).step_by(QUERY_ROWS) {
+            let rows = QUERY_ROWS.min(length - first);
+            let seen = before + first + rows;
+            let scores = q.narrow(1, first, rows)?.matmul(&k.narrow(1, 0, seen)?.t()?)?;
+            let mut p = ops::causal_softmax(&scores, 1.0 / (d as f64).sqrt())?;
+            if let Some(dropout) = dropout {
+                p = dropout.apply(&p, batch, &format!("{} attention from row {first}", self.name))?;
+            }
+            out.push(p.matmul(&v.narrow(1, 0, seen)?)?);
+        }
+        // (B H, T, d) -> (B, T, D)
+        let out = Tensor::cat(&out, 1)?.reshape((batch, heads, length, d))?.transpose(1, 2)?;
+        self.out.forward(&out.reshape((batch, length, width))?)
+    }
+
+    fn mlp(&self, x: &Tensor) -> candle_core::Result<Tensor> {
+        self.down.forward(&ops::gelu(&self.up.forward(&self.norm2.forward(x)?)?)?)
+    }
+}
+
+impl Norm {
+    fn forward(&self, x: &Tensor) -> candle_core::Result<Tensor> {
+        ops::layer_norm(x, &self.weight, &self.bias, EPSILON)
+    }
+}
+
+impl Linear {
+    fn forward(&self, x: &Tensor) -> candle_core::Result<Tensor> {
+        let (batch, length, _) = x.dims3()?;
+        // one product of 2-D views; a batched one would copy the weight for every sequence
+        let y = x.flatten_to(1)?.matmul(&self.weight)?;
+        ops::add_bias(&y, &self.bias)?.reshape((batch, length, ()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_chacha::rand_core::RngCore;
+
+    const TOKENS: TokenLayout = TokenLayout { vocabulary: 11, word: 4, pad: 0, bos: 1, space: 5 };
+
+    fn small(positions: Positions, tied_head: bool) -> Gpt {
+        let config =
+            ModelConfig { layers: 2, heads: 2, width: 8, context: 10, positions, tied_head, ..Default::default() };
+        let gpt = Gpt::new(&config, &TOKENS, 1).unwrap();
+        // away from zeros and ones, where gradients could be right by accident
+        for (name, var) in gpt.vars() {
+            let shift = ops::check::random(name, var.dims(), 0.3).to_dtype(DType::F32).unwrap();
+            var.set(&(var.as_tensor() + shift).unwrap()).unwrap();
+        }
+        gpt
+    }
+
+    fn ids(n: usize) -> Vec<u32> {
+        let mut rng = crate::random::stream(3, "ids", 0, 0);
+        (0..n).map(|_| 6 + rng.next_u32() % 5).collect()
+    }
+
+    #[test]
+    fn every_variable_has_the_gradient_that_finite_differences_find() {
+        for (positions, tied) in [(Positions::FrameJoint, true), (Positions::Absolute, false)] {
+            let gpt = small(positions, tied).to_f64().unwrap();
+            let mut inputs = ids(18);
+            (inputs[0], inputs[9]) = (1, 1);
+            let mut targets = ids(18);
+            targets[16..].fill(0);
+            let inputs = Tensor::new(inputs, &Device::Cpu).unwrap().reshape((2, 9)).unwrap();
+            let dropout = Dropout { share: 0.2, seed: 1, step: 0, first: 0 };
+            for dropout in [None, Some(&dropout)] {
+                let loss = || gpt.loss(&inputs, &targets, dropout).unwrap();
+                let grads = loss().backward().unwrap();
+                let at = |v: &Var, numbers: &[f64]| {
+                    v.set(&Tensor::new(numbers, &Device::Cpu).unwrap().reshape(v.dims()).unwrap()).unwrap();
+                    loss().to_scalar::<f64>().unwrap()
+                };
+                for (name, var) in gpt.vars() {
+                    let grad = grads.get(var.as_tensor()).unwrap_or_else(|| panic!("{name} got no gradient"));
+                    let grad = grad.flatten_all().unwrap().to_vec1::<f64>().unwrap();
+                    let numbers = var.flatten_all().unwrap().to_vec1::<f64>().unwrap();
+                    // five numbers of every tensor, spread over it
+                    for i in (0..5).map(|k| k * (numbers.len() - 1) / 4) {
+                        let moved = |by: f64| {
+                            let mut x = numbers.clone();
+                            x[i] += by;
+                            at(var, &x)
+                        };
+                        let h = 1e-5;
+                        let expected = (moved(h) - moved(-h)) / (2.0 * h);
+                        let apart = (grad[i] - expected).abs();
+                        assert!(apart < 1e-7, "{name}[{i}]: gradient {}, differences {expected}", grad[i]);
+                    }
+                    at(var, &numbers);
+                    assert!(grad.iter().any(|g| *g != 0.0), "{name}: the gradient is 0 everywhere");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn reading_in_blocks_is_reading_at_once_to_1e_5() {
+        for positions in [Positions::Absolute, Positions::FrameJoint] {
+            let gpt = small(positions, true);
+            let mut tokens = ids(10);
+            tokens[0] = 1;
+            let all = Tensor::new(tokens.as_slice(), &Device::Cpu).unwrap().unsqueeze(0).unwrap();
+            let truth = gpt.forward(&all, None).unwrap().squeeze(0).unwrap().to_vec2::<f32>().unwrap();
+            let mut cache = gpt.cache().unwrap();
+            for cuts in [vec![10], vec![1; 10], vec![4, 1, 5], vec![1, 9]] {
+                cache.reset();
+                let mut read = 0;
+                for n in cuts {
+                    let logits = cache.read_all(&tokens[read..read + n]).unwrap().to_vec2::<f32>().unwrap();
+                    for (row, truth) in logits.iter().zip(&truth[read..]) {
+                        let apart = row.iter().zip(truth).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                        assert!(apart < 1e-5, "place {read}: {apart}");
+                    }
+                    read += n;
+                }
+                assert!(cache.read(&[6]).unwrap_err().to_string().contains("behind 10 read"));
+            }
+            cache.truncate(3);
+            assert_eq!((cache.len(), cache.read(&tokens[3..]).unwrap()), (3, cache_again(&mut cache, &tokens)));
+        }
+    }
+
+    fn cache_again(cache: &mut Cache, tokens: &[u32]) -> Vec<f32> {
+        cache.reset();
+        cache.read(&tokens[..3]).unwrap();
+        cache.read(&tokens[3..]).unwrap()
+    }
+
+    #[test]
+    fn a_later_token_changes_no_earlier_logit() {
+        let gpt = small(Positions::FrameJoint, true);
+        let logits = |t: &[u32]| {
+            let t = Tensor::new(t, &Device::Cpu).unwrap().unsqueeze(0).unwrap();
+            gpt.predict(&t).unwrap().squeeze(0).unwrap().to_vec2::<f32>().unwrap()
+        };
+        let (a, mut other) = (ids(10), ids(10));
+        other[6] = if other[6] == 6 { 7 } else { 6 };
+        let (a, b) = (logits(&a), logits(&other));
+        assert_eq!(a[..6], b[..6]);
+        assert_ne!(a[6], b[6]);
+    }
+
+    #[test]
+    fn wrong_windows_and_weights_are_refused_by_name() {
+        let gpt = small(Positions::FrameJoint, true);
+        let long = Tensor::zeros((1, 11), DType::U32, &Device::Cpu).unwrap();
+        let message = gpt.forward(&long, None).unwrap_err().to_string();
+        assert_eq!(message, "a window of 11 tokens; the context holds 10");
+        let mut tensors: BTreeMap<_, _> = gpt.vars().iter().map(|(n, v)| (n.clone(), v.as_tensor().clone())).collect();
+        let load = |t: &BTreeMap<String, Tensor>| {
+            Gpt::from_tensors(gpt.config(), gpt.tokens(), t.clone()).err().map(|e| e.to_string()).unwrap_or_default()
+        };
+        assert_eq!(load(&tensors), "");
+        tensors.insert("head.weight".into(), long.clone());
+        assert!(load(&tensors).contains("head.weight that this model has no place for"));
+        tensors.remove("head.weight");
+        tensors.insert("norm.bias".into(), long);
+        assert!(load(&tensors).contains("norm.bias has shape [1, 11]; this model expects [8]"));
+        tensors.remove("norm.bias");
+        assert!(load(&tensors).contains("no tensor norm.bias"));
+    }
+}

@@ -1,0 +1,148 @@
+//! The tensors of a model: names, shapes, and how they begin.
+
+use super::config::{ModelConfig, Positions, TokenLayout};
+use crate::random;
+use rand_chacha::rand_core::RngCore;
+
+/// One tensor of a model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// Its name on disk.
+    pub name: String,
+    /// Its shape; matrices are (in, out).
+    pub shape: Vec<usize>,
+    /// What it holds before training.
+    pub init: Init,
+    /// Whether weight decay pulls at it: matrices, except embeddings.
+    pub decays: bool,
+}
+
+/// What a tensor holds before training.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Init {
+    /// Zeros.
+    Zeros,
+    /// Ones.
+    Ones,
+    /// Normal numbers around 0 with this standard deviation.
+    Normal(f64),
+}
+
+/// All tensors of a model, sorted by name.
+///
+/// GPT-2's beginning: sd 0.02, outputs into the residual stream 0.02/sqrt(2 L), biases 0, norms 1.
+pub fn parameters(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
+    let d = config.width;
+    let mut all = vec![embedding("token.weight", tokens.vocabulary, d)];
+    match config.positions {
+        Positions::Absolute => all.push(embedding("position.absolute.weight", config.context, d)),
+        Positions::FrameJoint => {
+            all.push(embedding("position.front.weight", FRONT, d));
+            all.push(embedding("position.frame.weight", config.context.div_ceil(tokens.word), d));
+            all.push(embedding("position.place.weight", tokens.word, d));
+        }
+    }
+    let residual = 0.02 / (2.0 * config.layers as f64).sqrt();
+    for layer in 0..config.layers {
+        let block = block_name(layer);
+        norm(&mut all, &format!("{block}.norm1"), d);
+        linear(&mut all, &format!("{block}.attention.qkv"), d, 3 * d, 0.02);
+        linear(&mut all, &format!("{block}.attention.out"), d, d, residual);
+        norm(&mut all, &format!("{block}.norm2"), d);
+        linear(&mut all, &format!("{block}.mlp.up"), d, 4 * d, 0.02);
+        linear(&mut all, &format!("{block}.mlp.down"), 4 * d, d, residual);
+    }
+    norm(&mut all, "norm", d);
+    if !config.tied_head {
+        all.push(Parameter { decays: true, ..embedding("head.weight", tokens.vocabulary, d) });
+    }
+    all.sort_by(|a, b| a.name.cmp(&b.name));
+    all
+}
+
+/// Tokens in front of the first word: `<bos>`.
+pub(super) const FRONT: usize = 1;
+
+/// The name of a block's tensors, up to the first dot behind its number.
+pub(super) fn block_name(layer: usize) -> String {
+    format!("block.{layer:02}")
+}
+
+fn embedding(name: &str, rows: usize, width: usize) -> Parameter {
+    Parameter { name: name.into(), shape: vec![rows, width], init: Init::Normal(0.02), decays: false }
+}
+
+fn norm(all: &mut Vec<Parameter>, name: &str, width: usize) {
+    for (part, init) in [("weight", Init::Ones), ("bias", Init::Zeros)] {
+        all.push(Parameter { name: format!("{name}.{part}"), shape: vec![width], init, decays: false });
+    }
+}
+
+fn linear(all: &mut Vec<Parameter>, name: &str, rows: usize, columns: usize, sd: f64) {
+    let (weight, bias) = (format!("{name}.weight"), format!("{name}.bias"));
+    all.push(Parameter { name: weight, shape: vec![rows, columns], init: Init::Normal(sd), decays: true });
+    all.push(Parameter { name: bias, shape: vec![columns], init: Init::Zeros, decays: false });
+}
+
+impl Parameter {
+    /// How many numbers it has.
+    pub fn len(&self) -> usize {
+        self.shape.iter().product()
+    }
+
+    /// Whether it has no numbers, which no valid configuration gives.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Its numbers before training; every tensor draws from a stream of its own name.
+    pub fn initial(&self, seed: u64) -> Vec<f32> {
+        match self.init {
+            Init::Zeros => vec![0.0; self.len()],
+            Init::Ones => vec![1.0; self.len()],
+            Init::Normal(sd) => {
+                let mut rng = random::stream(seed, &format!("init {}", self.name), 0, 0);
+                (0..self.len()).map(|_| (normal(&mut rng) * sd) as f32).collect()
+            }
+        }
+    }
+}
+
+/// A standard normal number, by Box and Muller's method.
+fn normal(rng: &mut impl RngCore) -> f64 {
+    let (u, v) = (1.0 - random::unit(rng), random::unit(rng));
+    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_thesis_size_has_the_parameters_it_should() {
+        let tokens = TokenLayout { vocabulary: 480, word: 43, pad: 0, bos: 1, space: 5 };
+        let config = ModelConfig {
+            layers: 8,
+            heads: 8,
+            width: 512,
+            context: 1024,
+            positions: Positions::Absolute,
+            ..ModelConfig::default()
+        };
+        let all = parameters(&config, &tokens);
+        assert_eq!(all.iter().map(Parameter::len).sum::<usize>(), 25_990_144);
+        assert!(all.windows(2).all(|p| p[0].name < p[1].name));
+    }
+
+    #[test]
+    fn the_beginning_has_the_spread_it_should_and_comes_from_the_seed() {
+        let p = Parameter { name: "x".into(), shape: vec![200, 100], init: Init::Normal(0.02), decays: true };
+        let x = p.initial(3);
+        let sd = (x.iter().map(|x| x * x).sum::<f32>() / x.len() as f32).sqrt();
+        // the sd of 20,000 draws lies within 2 % but for 1 in 10,000 seeds
+        assert!((sd / 0.02 - 1.0).abs() < 0.02, "{sd}");
+        assert_eq!(x, p.initial(3));
+        assert_ne!(x, p.initial(4));
+        assert_ne!(x, Parameter { name: "y".into(), ..p }.initial(3));
+    }
+}

@@ -1,0 +1,115 @@
+//! Weights on disk: one safetensors file, tensors under the names of [`super::layout`], whole or not there.
+
+use super::config::{ModelConfig, TokenLayout};
+use super::gpt::Gpt;
+use crate::{Error, Result, files};
+use candle_core::{DType, Device, Tensor};
+use safetensors::SafeTensors;
+use safetensors::tensor::TensorView;
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+
+/// What the file's metadata say it is.
+const FORMAT: (&str, &str) = ("kinelm", "weights 1");
+
+/// The bytes of a safetensors file: `tensors` in f32 under their names, the same bytes for the same tensors.
+///
+/// # Errors
+/// Tensors that are not f32 on the CPU.
+pub fn to_bytes<'a>(tensors: impl IntoIterator<Item = (&'a str, &'a Tensor)>) -> Result<Vec<u8>> {
+    let mut raw = BTreeMap::new();
+    for (name, tensor) in tensors {
+        let numbers = tensor.flatten_all()?.to_vec1::<f32>()?;
+        let bytes: Vec<u8> = numbers.iter().flat_map(|x| x.to_le_bytes()).collect();
+        raw.insert(name, (tensor.dims().to_vec(), bytes));
+    }
+    let views: std::result::Result<Vec<_>, _> = raw
+        .iter()
+        .map(|(n, (shape, bytes))| TensorView::new(safetensors::Dtype::F32, shape.clone(), bytes).map(|v| (*n, v)))
+        .collect();
+    let metadata = HashMap::from([(FORMAT.0.to_string(), FORMAT.1.to_string())]);
+    let written = views.and_then(|v| safetensors::serialize(v, Some(metadata)));
+    written.map_err(|e| Error::Call(format!("the weights can't be written: {e}")))
+}
+
+/// The tensors of a file that [`to_bytes`] made; `path` is only for messages.
+///
+/// # Errors
+/// Bytes that are cut short or no such file.
+pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor>> {
+    let wrong = |found: String| Error::file(path, found, "weights as kinelm writes them", "");
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| wrong(format!("no safetensors file: {e}")))?;
+    let format = metadata.metadata().as_ref().and_then(|m| m.get(FORMAT.0).cloned());
+    if format.as_deref() != Some(FORMAT.1) {
+        return Err(wrong(format!("format {:?}", format.unwrap_or_default())));
+    }
+    let file = SafeTensors::deserialize(bytes).map_err(|e| wrong(format!("no safetensors file: {e}")))?;
+    let mut tensors = BTreeMap::new();
+    for (name, view) in file.iter() {
+        if view.dtype() != safetensors::Dtype::F32 {
+            return Err(wrong(format!("tensor {name} of {:?}", view.dtype())));
+        }
+        let tensor = Tensor::from_raw_buffer(view.data(), DType::F32, view.shape(), &Device::Cpu)?;
+        tensors.insert(name.to_string(), tensor);
+    }
+    Ok(tensors)
+}
+
+impl Gpt {
+    /// Writes the weights; the file is whole or not there.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        files::write_whole(path, &self.weight_bytes()?)
+    }
+
+    /// The weights as [`Gpt::save`] writes them.
+    ///
+    /// # Errors
+    /// A model that isn't in f32.
+    pub fn weight_bytes(&self) -> Result<Vec<u8>> {
+        to_bytes(self.vars().iter().map(|(n, v)| (n.as_str(), v.as_tensor())))
+    }
+
+    /// Reads the weights of a model of this shape.
+    ///
+    /// # Errors
+    /// A file that isn't there, is cut short or is something else; tensors that are missing, that the model has no
+    /// place for, or of another shape.
+    pub fn load(config: &ModelConfig, tokens: &TokenLayout, path: &Path) -> Result<Gpt> {
+        let bytes = std::fs::read(path).map_err(Error::io(path))?;
+        Gpt::from_tensors(config, tokens, from_bytes(path, &bytes)?).map_err(|e| match e {
+            Error::Call(found) => Error::file(path, found, "the weights of the model that config.toml describes", ""),
+            other => other,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_come_back_and_cut_files_are_refused() {
+        let tokens = TokenLayout { vocabulary: 11, word: 4, pad: 0, bos: 1, space: 5 };
+        let config = ModelConfig { layers: 1, heads: 2, width: 8, context: 10, ..Default::default() };
+        let gpt = Gpt::new(&config, &tokens, 1).unwrap();
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("model.safetensors");
+        gpt.save(&path).unwrap();
+        let again = Gpt::load(&config, &tokens, &path).unwrap();
+        assert_eq!(gpt.weight_bytes().unwrap(), again.weight_bytes().unwrap());
+        assert_ne!(gpt.weight_bytes().unwrap(), Gpt::new(&config, &tokens, 2).unwrap().weight_bytes().unwrap());
+        let bytes = std::fs::read(&path).unwrap();
+        for length in [0, 7, 100, bytes.len() - 1] {
+            std::fs::write(&path, &bytes[..length]).unwrap();
+            let message = Gpt::load(&config, &tokens, &path).err().unwrap().to_string();
+            assert!(message.contains("model.safetensors: found no safetensors file"), "{message}");
+        }
+        std::fs::write(&path, &bytes).unwrap();
+        let other = ModelConfig { layers: 2, ..config };
+        let message = Gpt::load(&other, &tokens, &path).err().unwrap().to_string();
+        assert!(message.contains("no tensor block.01"), "{message}");
+    }
+}

@@ -6,6 +6,7 @@
 
 pub mod corpus;
 pub mod error;
+pub mod evaluate;
 pub mod files;
 pub mod generate;
 pub mod model;

@@ -1,11 +1,20 @@
 //! Motion files: found by name and first bytes, read into a [`Motion`], written back.
 
+pub mod aist;
+pub mod amass;
 pub mod atomic;
+pub mod body_model;
 pub mod bvh;
+pub mod json;
+pub mod npy;
+pub mod npz;
+pub mod pickle;
 pub mod positions;
+mod smpl_arrays;
 
 use crate::rotation::angle_between;
 use crate::{Error, FileError, Kind, Motion, Place, Quat, Result, Source, Warning};
+use positions::Positions;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -142,12 +151,33 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
     let bytes = std::fs::read(path).map_err(Error::io(path))?;
     let motion = match format {
         Format::Bvh => bvh::read(path, &bytes, options)?,
-        other => {
-            let found = format!("{other:?}, {}", bvh::looks_like(&bytes));
-            return Err(FileError::new(Place::file(path), Kind::NotThisFormat, found, "a .bvh").into());
-        }
+        Format::Npz => skipped(amass::read(path, &bytes, options)?, options)?,
+        Format::Pickle => skipped(aist::read(path, &bytes, options)?, options)?,
+        Format::Json => skipped(json::read(path, &bytes, options)?, options)?,
     };
     after_reading(motion, options)
+}
+
+/// Where every joint and end site of a motion file is: of a BVH by the file's own channels, in its own order, nothing
+/// folded; of all others by the clip's skeleton, for AMASS and AIST++ the neutral one (or the body model's).
+///
+/// # Errors
+/// As [`read`].
+pub fn positions(path: &Path, options: &ReadOptions) -> Result<Positions> {
+    match Format::of(path)? {
+        Format::Bvh => bvh::positions(path, &std::fs::read(path).map_err(Error::io(path))?, options),
+        _ => Ok(Positions::from_clip(&read(path, options)?.clip)),
+    }
+}
+
+/// A motion without the first frames that are to be left out.
+fn skipped(motion: Motion, options: &ReadOptions) -> Result<Motion> {
+    if options.skip == 0 {
+        return Ok(motion);
+    }
+    let frames = motion.clip.frames();
+    check_skip(&motion.path, options.skip, frames)?;
+    Ok(motion.slice(options.skip..frames))
 }
 
 /// The rest-pose frame of a motion that was read with `options`: reported, and kept or dropped.
@@ -215,9 +245,11 @@ pub fn rest_frame(motion: &Motion) -> bool {
 pub fn write(path: &Path, motion: &Motion) -> Result<()> {
     match Format::of(path)? {
         Format::Bvh => bvh::write(path, motion),
-        other => {
-            let found = format!("{other:?}");
-            Err(FileError::new(Place::file(path), Kind::NotThisFormat, found, "a .bvh to write").into())
+        Format::Npz => atomic::write(path, &amass::write(&motion.clip)?),
+        Format::Json => atomic::write(path, &json::write(&motion.clip)),
+        Format::Pickle => {
+            let expected = "a .bvh, .npz or .json to write";
+            Err(FileError::new(Place::file(path), Kind::NotThisFormat, "the extension .pkl", expected).into())
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Where every joint and end site is, frame by frame, for programs that want places and no rotations.
 
-use crate::{Clip, Vec3};
+use super::npz::{Values, Writer};
+use crate::{Clip, Result, Vec3};
 
 /// World positions of N joints and end sites over F frames.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,6 +39,26 @@ impl Positions {
             positions.extend(pose.ends(skeleton));
         }
         Positions { joints, parents, fps: clip.fps(), positions }
+    }
+
+    /// F, the number of frames.
+    pub fn frames(&self) -> usize {
+        self.positions.len().checked_div(self.joints.len()).unwrap_or(0)
+    }
+
+    /// An `.npz` of `positions` (F, N, 3) float32 in metres, `joints` (N) text, `parents` (N) int32, `fps` a 0-d float64.
+    ///
+    /// # Errors
+    /// [`crate::Error::Call`] when the lengths don't fit each other.
+    pub fn write(&self) -> Result<Vec<u8>> {
+        let n = self.joints.len();
+        let flat: Vec<f32> = self.positions.iter().flat_map(|p| p.as_vec3().to_array()).collect();
+        let mut npz = Writer::new();
+        npz.add("positions", &[self.frames(), n, 3], Values::F32(&flat))?;
+        npz.add("joints", &[n], Values::Text(&self.joints))?;
+        npz.add("parents", &[n], Values::I32(&self.parents))?;
+        npz.add("fps", &[], Values::F64(&[self.fps]))?;
+        npz.finish()
     }
 }
 

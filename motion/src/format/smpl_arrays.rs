@@ -1,0 +1,69 @@
+//! What AMASS and AIST++ share: rotation vectors and translations of SMPL's joints in arrays whose first axis is frames.
+
+use super::npy::Array;
+use crate::error::Kind;
+use crate::rotation::exp_map;
+use crate::{Quat, Result, Vec3, smpl};
+
+/// F rows of rotation vectors.
+pub(super) struct Vectors<'a> {
+    array: &'a Array<'a>,
+    /// F.
+    pub frames: usize,
+    /// Numbers in a row.
+    pub width: usize,
+    values: Vec<f64>,
+}
+
+impl<'a> Vectors<'a> {
+    /// An array of shape (F, W) or (F, W/3, 3), W one of `widths`.
+    ///
+    /// # Errors
+    /// [`Kind::Shape`] for any other shape, [`Kind::Dtype`] for what are no numbers.
+    pub fn new(array: &'a Array, widths: &[usize]) -> Result<Self> {
+        let (frames, width) = match *array.shape() {
+            [f, w] if widths.contains(&w) => (f, w),
+            [f, j, 3] if j < 1000 && widths.contains(&(j * 3)) => (f, j * 3),
+            _ => {
+                let flat: Vec<String> = widths.iter().map(|w| format!("(F, {w})")).collect();
+                let w = widths[0];
+                return Err(array.shape_fault(&format!("{} or (F, {}, 3) and so on", flat.join(" or "), w / 3)));
+            }
+        };
+        Ok(Vectors { array, frames, width, values: array.reals()? })
+    }
+
+    /// The rotation in columns `column .. column + 3` of a frame; vectors of any length are taken. `joint` is for messages.
+    ///
+    /// # Errors
+    /// [`Kind::NotFinite`] with frame and joint.
+    pub fn rotation(&self, frame: usize, column: usize, joint: usize) -> Result<Quat> {
+        let at = frame * self.width + column;
+        let v = Vec3::from_slice(&self.values[at..at + 3]);
+        let q = exp_map::from_vector(v);
+        // a vector so long that its angle overflows has no direction left either
+        if v.is_finite() && q.is_finite() {
+            return Ok(q);
+        }
+        let found = format!("({}, {}, {}) at frame {frame}, joint {joint} ({})", v.x, v.y, v.z, smpl::NAMES[joint]);
+        Err(self.array.fault(Kind::NotFinite, found, "a rotation vector"))
+    }
+}
+
+/// The (F, 3) translations of `frames` frames.
+///
+/// # Errors
+/// [`Kind::Shape`], [`Kind::Dtype`], [`Kind::NotFinite`] with the frame.
+pub(super) fn translations(array: &Array, frames: usize) -> Result<Vec<Vec3>> {
+    if array.shape() != [frames, 3] {
+        return Err(array.shape_fault(&format!("({frames}, 3)")));
+    }
+    let places: Vec<Vec3> = array.reals()?.chunks_exact(3).map(Vec3::from_slice).collect();
+    match places.iter().position(|p| !p.is_finite()) {
+        None => Ok(places),
+        Some(f) => {
+            let found = format!("({}, {}, {}) at frame {f}", places[f].x, places[f].y, places[f].z);
+            Err(array.fault(Kind::NotFinite, found, "a place in metres"))
+        }
+    }
+}

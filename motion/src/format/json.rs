@@ -63,9 +63,6 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let offsets = offsets.into_iter().map(Vec3::from).collect();
     let root = root.into_iter().map(Vec3::from).collect();
     let rotations = rotations.into_iter().flatten().map(|[w, x, y, z]| Quat::from_xyzw(x, y, z, w)).collect();
-    if !(fps.is_finite() && fps > 0.0) {
-        return Err(bad(format!("{fps} frames per second"), "a positive number"));
-    }
     let clip = Skeleton::new(names, parents, offsets, ends)
         .and_then(|s| Clip::new(Arc::new(s), options.fps_source.unwrap_or(fps), root, rotations))
         .map_err(|e| bad(e.to_string(), "a clip"))?;

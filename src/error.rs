@@ -33,6 +33,9 @@ pub enum Error {
     /// A motion file or clip is wrong.
     #[error(transparent)]
     Motion(#[from] kinelm_motion::Error),
+    /// The tokenizer refused.
+    #[error(transparent)]
+    Tokenizer(#[from] kinelm_tokenizer::Error),
     /// The tensor library refused.
     #[error("tensors: {0}")]
     Tensor(#[from] candle_core::Error),

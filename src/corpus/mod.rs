@@ -13,14 +13,20 @@
 pub mod csv;
 pub mod gather;
 pub mod labels;
+pub mod load;
 mod map;
 pub mod pattern;
 pub mod record;
+#[cfg(test)]
+pub(crate) mod samples;
 pub mod splits;
 pub mod store;
 pub mod windows;
+pub mod writer;
 
 pub use gather::{Gathered, Item, gather};
+pub use load::{Loaded, load_item};
 pub use record::{ClipRecord, Count, FileRecord, Manifest, Shard, Split, TokenType};
-pub use store::{Corpus, CorpusWriter, NewClip, Shape, Tokens};
+pub use store::{Corpus, Shape, Tokens};
 pub use windows::{EvalWindow, TrainWindows, Window, eval_windows, fill_sequence};
+pub use writer::{CorpusWriter, NewClip};

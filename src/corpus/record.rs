@@ -73,6 +73,23 @@ impl TokenType {
         }
     }
 
+    /// Tokens as they stand in the file; ids are below what the type holds.
+    pub fn to_bytes(self, ids: &[u32]) -> Vec<u8> {
+        match self {
+            TokenType::U16 => ids.iter().flat_map(|&id| (id as u16).to_le_bytes()).collect(),
+            TokenType::U32 => ids.iter().flat_map(|&id| id.to_le_bytes()).collect(),
+        }
+    }
+
+    /// The tokens that stand in some bytes of the file.
+    pub fn ids_of(self, bytes: &[u8]) -> impl ExactSizeIterator<Item = u32> + '_ {
+        bytes.chunks_exact(self.width()).map(|b| match *b {
+            [a, b] => u16::from_le_bytes([a, b]).into(),
+            [a, b, c, d] => u32::from_le_bytes([a, b, c, d]),
+            _ => unreachable!("chunks are two or four bytes"),
+        })
+    }
+
     /// The token file's name.
     pub fn file_name(self) -> &'static str {
         match self {
@@ -279,6 +296,12 @@ mod tests {
     fn the_width_follows_the_vocabulary() {
         assert_eq!(TokenType::of_vocabulary(65_536), TokenType::U16);
         assert_eq!(TokenType::of_vocabulary(65_537), TokenType::U32);
+        for (kind, ids) in [(TokenType::U16, [0, 258, 65_535]), (TokenType::U32, [0, 258, 70_000])] {
+            let bytes = kind.to_bytes(&ids);
+            assert_eq!(bytes.len(), 3 * kind.width());
+            assert_eq!((bytes[kind.width()], bytes[kind.width() + 1]), (2, 1), "little-endian");
+            assert!(kind.ids_of(&bytes).eq(ids));
+        }
     }
 
     #[test]

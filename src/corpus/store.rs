@@ -1,21 +1,17 @@
-//! The token store: written whole or not at all, read with its hashes checked.
+//! The token store, read with its hashes checked.
 
 use super::map::MappedFile;
-use super::record::{
-    ClipRecord, Count, Failure, FileRecord, Manifest, Shard, SourceRecord, Split, TokenType, VERSION, hex,
-};
-use crate::{Error, Result, files};
+use super::record::{ClipRecord, FileRecord, Manifest, Split, TokenType, VERSION};
+use crate::{Error, Result};
+use kinelm_tokenizer::{SPACE, Tokenizer};
 use serde::Deserialize;
-use sha2::{Digest, Sha256};
-use std::collections::{BTreeMap, HashSet};
-use std::fs::{self, File};
-use std::io::{BufWriter, Write};
+use std::fs;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-const MANIFEST: &str = "corpus.json";
-const CLIPS: &str = "clips.jsonl";
-const TOKENIZER: &str = "tokenizer.json";
+pub(super) const MANIFEST: &str = "corpus.json";
+pub(super) const CLIPS: &str = "clips.jsonl";
+pub(super) const TOKENIZER: &str = "tokenizer.json";
 
 /// The tokens of all clips, memory-mapped.
 #[derive(Debug)]
@@ -41,11 +37,7 @@ impl Tokens {
     /// If the range leaves the file.
     pub fn ids(&self, places: Range<usize>) -> impl ExactSizeIterator<Item = u32> + '_ {
         let width = self.kind.width();
-        self.bytes[places.start * width..places.end * width].chunks_exact(width).map(move |b| match *b {
-            [a, b] => u16::from_le_bytes([a, b]).into(),
-            [a, b, c, d] => u32::from_le_bytes([a, b, c, d]),
-            _ => unreachable!("chunks are two or four bytes"),
-        })
+        self.kind.ids_of(&self.bytes[places.start * width..places.end * width])
     }
 }
 
@@ -57,6 +49,7 @@ pub struct Corpus {
     hash: String,
     clips: Vec<ClipRecord>,
     tokens: Tokens,
+    tokenizer: Tokenizer,
 }
 
 impl Corpus {
@@ -73,9 +66,10 @@ impl Corpus {
         manifest.clips.check(&path, &text)?;
         let clips = parse_clips(&path, &text)?;
         check_clips(&path, &manifest, &clips)?;
+        let tokenizer = load_tokenizer(&dir, &manifest)?;
         let kind = manifest.token_type;
         let bytes = MappedFile::open(&dir.join(kind.file_name()), &manifest.tokens)?;
-        Ok(Corpus { dir, manifest, hash, clips, tokens: Tokens { bytes, kind } })
+        Ok(Corpus { dir, manifest, hash, clips, tokens: Tokens { bytes, kind }, tokenizer })
     }
 
     /// The folder.
@@ -93,9 +87,9 @@ impl Corpus {
         &self.hash
     }
 
-    /// The folder's `tokenizer.json`.
-    pub fn tokenizer_path(&self) -> PathBuf {
-        self.dir.join(TOKENIZER)
+    /// The tokenizer that made the tokens.
+    pub fn tokenizer(&self) -> &Tokenizer {
+        &self.tokenizer
     }
 
     /// All clips, in the order of the token file.
@@ -132,6 +126,28 @@ impl Corpus {
         let w = self.tokens_per_frame();
         self.tokens.ids(clip.offset + frames.start * w..clip.offset + frames.end * w).collect()
     }
+
+    /// (F, C) codes of a clip of this corpus: its characters without the spaces.
+    ///
+    /// # Errors
+    /// [`Error::File`] when a word holds an id that is no character, or doesn't end with the space.
+    pub fn clip_codes(&self, clip: &ClipRecord) -> Result<Vec<u16>> {
+        let (w, vocabulary) = (self.tokens_per_frame(), self.tokenizer.vocabulary());
+        let mut codes = Vec::with_capacity(clip.frames * (w - 1));
+        for (i, id) in self.clip_ids(clip).into_iter().enumerate() {
+            let at_space = i % w == w - 1;
+            match vocabulary.code_of_id(id).filter(|_| !at_space) {
+                Some(code) => codes.push(code),
+                None if at_space && id == SPACE => {}
+                None => {
+                    let found = format!("id {id} at token {i} of clip {}", clip.name);
+                    let expected = if at_space { "a space" } else { "a character" };
+                    return Err(Error::file(&self.dir, found, expected, "make the corpus again"));
+                }
+            }
+        }
+        Ok(codes)
+    }
 }
 
 /// Reads `corpus.json`, its version first; the second value is its hash.
@@ -159,6 +175,22 @@ fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
     }
     let manifest = serde_json::from_slice(&text).map_err(bad)?;
     Ok((manifest, FileRecord::of(&text).sha256))
+}
+
+/// The folder's tokenizer, if it is the one that made the tokens.
+fn load_tokenizer(dir: &Path, manifest: &Manifest) -> Result<Tokenizer> {
+    let path = dir.join(TOKENIZER);
+    let tokenizer = Tokenizer::load(&path)?;
+    let (found, wanted) = (Shape::of(&tokenizer), manifest.shape());
+    if found != wanted {
+        let say = |s: &Shape| {
+            let Shape { tokenizer, tokens_per_frame, vocabulary, fps } = s;
+            format!("tokenizer {tokenizer} with {tokens_per_frame} tokens a frame, {vocabulary} ids, {fps} fps")
+        };
+        let help = "put back the tokenizer.json that the corpus was made with, or make the corpus again";
+        return Err(Error::file(&path, say(&found), say(&wanted), help));
+    }
+    Ok(tokenizer)
 }
 
 fn parse_clips(path: &Path, text: &[u8]) -> Result<Vec<ClipRecord>> {
@@ -209,325 +241,52 @@ pub struct Shape {
     pub fps: f64,
 }
 
-/// A clip for [`CorpusWriter::push`]: a [`ClipRecord`] without what the writer counts itself.
-#[derive(Debug, Clone, PartialEq)]
-#[expect(missing_docs, reason = "the fields are those of ClipRecord")]
-pub struct NewClip {
-    pub name: String,
-    pub labels: BTreeMap<String, String>,
-    pub split: Split,
-    pub take: String,
-    pub key: usize,
-    pub source: usize,
-    pub sha256: String,
-    pub clipped: usize,
-    pub second_codes: usize,
-}
-
-/// Writes a corpus into a hidden folder beside its place and moves it there when it is whole. Dropped before
-/// [`CorpusWriter::finish`], it leaves nothing.
-#[derive(Debug)]
-pub struct CorpusWriter {
-    dir: PathBuf,
-    work: PathBuf,
-    force: bool,
-    tokens: HashingFile,
-    clips: HashingFile,
-    token_type: TokenType,
-    manifest: Manifest,
-    sources: Vec<Sha256>,
-    names: HashSet<String>,
-    last_key: Option<usize>,
-    offset: usize,
-}
-
-impl CorpusWriter {
-    /// Begins a corpus at `dir` with the bytes of its `tokenizer.json` and the paths it is made from.
-    ///
-    /// # Errors
-    /// [`Error::Call`] when something stands at `dir` already and `force` is not given, or it is given and what stands
-    /// there is no corpus; [`Error::Io`].
-    pub fn create(
-        dir: impl AsRef<Path>,
-        shape: &Shape,
-        tokenizer_json: &[u8],
-        sources: &[String],
-        shard: Option<Shard>,
-        force: bool,
-    ) -> Result<Self> {
-        let dir = dir.as_ref().to_owned();
-        refuse_to_overwrite(&dir, force)?;
-        let work = files::beside(&dir, "writing")?;
-        fs::create_dir_all(&work).map_err(Error::io(&work))?;
-        let token_type = TokenType::of_vocabulary(shape.vocabulary);
-        files::write_whole(&work.join(TOKENIZER), tokenizer_json)?;
-        let empty = FileRecord::of(b"");
-        let source = |path: &String| SourceRecord { path: path.clone(), clips: 0, sha256: String::new() };
-        Ok(CorpusWriter {
-            tokens: HashingFile::create(work.join(token_type.file_name()))?,
-            clips: HashingFile::create(work.join(CLIPS))?,
-            manifest: Manifest {
-                version: VERSION,
-                tokenizer: shape.tokenizer.clone(),
-                tokens_per_frame: shape.tokens_per_frame,
-                vocabulary: shape.vocabulary,
-                fps: shape.fps,
-                token_type,
-                tokens: empty.clone(),
-                clips: empty,
-                count: Count::default(),
-                splits: Split::ALL.into_iter().map(|s| (s, Count::default())).collect(),
-                sources: sources.iter().map(source).collect(),
-                failed: Vec::new(),
-                shard,
-            },
-            sources: vec![Sha256::new(); sources.len()],
-            names: HashSet::new(),
-            last_key: None,
-            offset: 0,
-            token_type,
-            force,
-            dir,
-            work,
-        })
-    }
-
-    /// Appends a clip of (F * W) `ids`. Keys ascend, so that the order of a corpus never depends on who was faster.
-    ///
-    /// # Errors
-    /// [`Error::Call`] when the ids are no whole words or outside the vocabulary, the name stood before, the key is not
-    /// above the last one, or the source is not listed; [`Error::Io`].
-    pub fn push(&mut self, clip: NewClip, ids: &[u32]) -> Result<()> {
-        self.check(&clip, ids)?;
-        let frames = ids.len() / self.manifest.tokens_per_frame;
-        match self.token_type {
-            TokenType::U16 => self.tokens.write(ids.iter().flat_map(|&id| (id as u16).to_le_bytes()))?,
-            TokenType::U32 => self.tokens.write(ids.iter().flat_map(|&id| id.to_le_bytes()))?,
+impl Shape {
+    /// What a tokenizer says.
+    pub fn of(tokenizer: &Tokenizer) -> Self {
+        Shape {
+            tokenizer: tokenizer.hash(),
+            tokens_per_frame: tokenizer.tokens_per_frame(),
+            vocabulary: tokenizer.vocabulary().len() as usize,
+            fps: tokenizer.fps(),
         }
-        let NewClip { name, labels, split, take, key, source, sha256, clipped, second_codes } = clip;
-        self.sources[source].update(format!("{name} {sha256}\n"));
-        self.manifest.sources[source].clips += 1;
-        self.manifest.count.add(frames);
-        self.manifest.splits.entry(split).or_default().add(frames);
-        self.names.insert(name.clone());
-        self.last_key = Some(key);
-        let offset = self.offset;
-        self.offset += ids.len();
-        let record =
-            ClipRecord { name, offset, frames, labels, split, take, key, source, sha256, clipped, second_codes };
-        let line = serde_json::to_string(&record).expect("a record of strings and integers is JSON");
-        self.clips.write(line.into_bytes().into_iter().chain([b'\n']))
-    }
-
-    fn check(&self, clip: &NewClip, ids: &[u32]) -> Result<()> {
-        let fail = |what: String| Err(Error::Call(format!("{}: {what}", clip.name)));
-        let (w, v) = (self.manifest.tokens_per_frame, self.manifest.vocabulary);
-        if w == 0 || !ids.len().is_multiple_of(w) {
-            return fail(format!("{} tokens; expected whole words of {w}", ids.len()));
-        }
-        if let Some(i) = ids.iter().position(|&id| id as usize >= v) {
-            return fail(format!("token {i} is {}; expected an id below {v}", ids[i]));
-        }
-        if self.names.contains(&clip.name) {
-            return fail("a clip of this name is in the corpus already; every name stands once".into());
-        }
-        if self.last_key.is_some_and(|last| clip.key <= last) {
-            return fail(format!("key {} after {:?}; keys ascend", clip.key, self.last_key));
-        }
-        if clip.source >= self.sources.len() {
-            return fail(format!("source {}; the corpus lists {}", clip.source, self.sources.len()));
-        }
-        Ok(())
-    }
-
-    /// Records a file that could not be taken.
-    pub fn fail(&mut self, failure: Failure) {
-        self.manifest.failed.push(failure);
-    }
-
-    /// Moves the whole corpus to its place.
-    ///
-    /// # Errors
-    /// [`Error::Io`]; [`Error::Call`] as in [`CorpusWriter::create`], when something came to stand there meanwhile.
-    pub fn finish(mut self) -> Result<Manifest> {
-        self.manifest.tokens = self.tokens.finish()?;
-        self.manifest.clips = self.clips.finish()?;
-        for (record, hash) in self.manifest.sources.iter_mut().zip(&self.sources) {
-            record.sha256 = hex(hash.clone());
-        }
-        let mut json = serde_json::to_string_pretty(&self.manifest).expect("a manifest is JSON");
-        json.push('\n');
-        files::write_whole(&self.work.join(MANIFEST), json.as_bytes())?;
-        refuse_to_overwrite(&self.dir, self.force)?;
-        let old = files::beside(&self.dir, "old")?;
-        let replaces = self.dir.exists();
-        if replaces {
-            fs::rename(&self.dir, &old).map_err(Error::io(&self.dir))?;
-        }
-        if let Err(e) = fs::rename(&self.work, &self.dir) {
-            let _ = fs::rename(&old, &self.dir);
-            return Err(Error::io(&self.dir)(e));
-        }
-        files::sync_folder(files::folder_of(&self.dir))?;
-        if replaces {
-            fs::remove_dir_all(&old).map_err(Error::io(&old))?;
-        }
-        Ok(self.manifest.clone())
     }
 }
 
-impl Drop for CorpusWriter {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.work); // gone already after `finish`
-    }
-}
-
-/// A folder is replaced only by the user's word, and only if it is a corpus or empty.
-fn refuse_to_overwrite(dir: &Path, force: bool) -> Result<()> {
-    let shown = dir.display();
-    if fs::symlink_metadata(dir).is_err() {
-        return Ok(());
-    }
-    if fs::read_dir(dir).is_ok_and(|mut entries| entries.next().is_none()) {
-        return Ok(());
-    }
-    if !dir.join(MANIFEST).is_file() {
-        return Err(Error::Call(format!("{shown} exists and is no corpus; give another place for the corpus")));
-    }
-    if !force {
-        return Err(Error::Call(format!("{shown} holds a corpus; give another place, or --force to replace it")));
-    }
-    Ok(())
-}
-
-/// A file that is hashed while it is written.
-#[derive(Debug)]
-struct HashingFile {
-    path: PathBuf,
-    file: BufWriter<File>,
-    hash: Sha256,
-    bytes: u64,
-    chunk: Vec<u8>,
-}
-
-impl HashingFile {
-    fn create(path: PathBuf) -> Result<Self> {
-        let file = BufWriter::new(File::create(&path).map_err(Error::io(&path))?);
-        Ok(HashingFile { path, file, hash: Sha256::new(), bytes: 0, chunk: Vec::new() })
-    }
-
-    fn write(&mut self, bytes: impl Iterator<Item = u8>) -> Result<()> {
-        self.chunk.clear();
-        self.chunk.extend(bytes);
-        self.hash.update(&self.chunk);
-        self.bytes += self.chunk.len() as u64;
-        self.file.write_all(&self.chunk).map_err(Error::io(&self.path))
-    }
-
-    fn finish(&mut self) -> Result<FileRecord> {
-        self.file.flush().and_then(|()| self.file.get_ref().sync_all()).map_err(Error::io(&self.path))?;
-        Ok(FileRecord { bytes: self.bytes, sha256: hex(self.hash.clone()) })
+impl Manifest {
+    /// What all tokens share.
+    pub fn shape(&self) -> Shape {
+        Shape {
+            tokenizer: self.tokenizer.clone(),
+            tokens_per_frame: self.tokens_per_frame,
+            vocabulary: self.vocabulary,
+            fps: self.fps,
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::collections::BTreeMap;
-
-    const W: usize = 3;
-
-    fn shape(vocabulary: usize) -> Shape {
-        Shape { tokenizer: "t".repeat(64), tokens_per_frame: W, vocabulary, fps: 20.0 }
-    }
-
-    fn clip(name: &str, key: usize, split: Split) -> NewClip {
-        let labels = BTreeMap::from([("genre".to_string(), "salsa".to_string())]);
-        let (name, take, sha256) = (name.to_string(), name.to_string(), "0".repeat(64));
-        NewClip { name, labels, split, take, key, source: 0, sha256, clipped: 2, second_codes: 1 }
-    }
-
-    fn begin(dir: &Path, vocabulary: usize, force: bool) -> Result<CorpusWriter> {
-        CorpusWriter::create(dir, &shape(vocabulary), b"{}", &["data".to_string()], None, force)
-    }
-
-    fn small(dir: &Path, vocabulary: usize) -> Manifest {
-        let mut w = begin(dir, vocabulary, false).unwrap();
-        w.push(clip("a", 0, Split::Train), &[6, 7, 5, 8, 9, 5]).unwrap();
-        w.push(clip("b", 2, Split::Test), &[]).unwrap();
-        w.push(clip("c", 5, Split::Train), &[9, 9, 5]).unwrap();
-        w.fail(Failure { key: 1, name: "x".into(), why: "damaged".into() });
-        w.finish().unwrap()
-    }
+    use crate::corpus::samples::{small, tokenizer};
+    use crate::corpus::{CorpusWriter, Count};
 
     #[test]
     fn what_was_written_is_read() {
-        for (vocabulary, file) in [(400, "tokens.u16"), (70_000, "tokens.u32")] {
-            let tmp = tempfile::tempdir().unwrap();
-            let dir = tmp.path().join("c");
-            let manifest = small(&dir, vocabulary);
-            assert!(dir.join(file).is_file());
-            let c = Corpus::open(&dir).unwrap();
-            assert_eq!(*c.manifest(), manifest);
-            assert_eq!(manifest.count, Count { clips: 3, frames: 3 });
-            assert_eq!(manifest.splits[&Split::Train], Count { clips: 2, frames: 3 });
-            let train: Vec<_> = c.split(Split::Train).map(|r| c.clip_ids(r)).collect();
-            assert_eq!(train, [vec![6, 7, 5, 8, 9, 5], vec![9, 9, 5]]);
-            assert_eq!(c.frame_ids(&c.clips()[0], 1..2), [8, 9, 5]);
-            assert_eq!((c.tokens().len(), c.clips()[1].frames, c.clips()[0].clipped), (9, 0, 2));
-            assert_eq!(fs::read_dir(tmp.path()).unwrap().count(), 1, "nothing is left beside the corpus");
-        }
-    }
-
-    #[test]
-    fn the_same_clips_give_the_same_bytes() {
-        let tmp = tempfile::tempdir().unwrap();
-        let (a, b) = (tmp.path().join("a"), tmp.path().join("b"));
-        small(&a, 400);
-        small(&b, 400);
-        for file in [MANIFEST, CLIPS, "tokens.u16", TOKENIZER] {
-            assert_eq!(fs::read(a.join(file)).unwrap(), fs::read(b.join(file)).unwrap(), "{file}");
-        }
-    }
-
-    #[test]
-    fn nothing_is_overwritten_unasked() {
         let tmp = tempfile::tempdir().unwrap();
         let dir = tmp.path().join("c");
-        small(&dir, 400);
-        let e = begin(&dir, 400, false).unwrap_err().to_string();
-        assert!(e.contains("--force"), "{e}");
-        let mut w = begin(&dir, 400, true).unwrap();
-        w.push(clip("z", 0, Split::Valid), &[9, 9, 5]).unwrap();
-        assert_eq!(Corpus::open(&dir).unwrap().clips()[0].name, "a", "the old one stands until the new one is whole");
-        w.finish().unwrap();
-        assert_eq!(Corpus::open(&dir).unwrap().clips()[0].name, "z");
-        let other = tmp.path().join("letters");
-        fs::create_dir(&other).unwrap();
-        fs::write(other.join("dear.txt"), "x").unwrap();
-        assert!(begin(&other, 400, true).unwrap_err().to_string().contains("no corpus"));
-        assert_eq!(fs::read_dir(tmp.path()).unwrap().count(), 2);
-    }
-
-    #[test]
-    fn a_dropped_writer_leaves_nothing() {
-        let tmp = tempfile::tempdir().unwrap();
-        begin(&tmp.path().join("c"), 400, false).unwrap().push(clip("a", 0, Split::Train), &[6, 7, 5]).unwrap();
-        assert_eq!(fs::read_dir(tmp.path()).unwrap().count(), 0);
-    }
-
-    #[test]
-    fn nonsense_is_refused_by_the_writer() {
-        let tmp = tempfile::tempdir().unwrap();
-        let mut w = begin(&tmp.path().join("c"), 400, false).unwrap();
-        let says = |r: Result<()>| r.unwrap_err().to_string();
-        assert!(says(w.push(clip("a", 0, Split::Train), &[6, 7])).contains("whole words of 3"));
-        assert!(says(w.push(clip("a", 0, Split::Train), &[6, 400, 5])).contains("id below 400"));
-        w.push(clip("a", 3, Split::Train), &[6, 7, 5]).unwrap();
-        assert!(says(w.push(clip("a", 4, Split::Train), &[])).contains("stands once"));
-        assert!(says(w.push(clip("b", 3, Split::Train), &[])).contains("keys ascend"));
-        let far = NewClip { source: 1, ..clip("b", 4, Split::Train) };
-        assert!(says(w.push(far, &[])).contains("source 1"));
+        let (manifest, ids) = small(&dir);
+        assert!(dir.join("tokens.u16").is_file());
+        let c = Corpus::open(&dir).unwrap();
+        assert_eq!(*c.manifest(), manifest);
+        assert_eq!(c.tokenizer(), &tokenizer());
+        assert_eq!(manifest.count, Count { clips: 3, frames: 3 });
+        assert_eq!(manifest.splits[&Split::Train], Count { clips: 2, frames: 3 });
+        let train: Vec<_> = c.split(Split::Train).map(|r| c.clip_ids(r)).collect();
+        assert_eq!(train, [ids[0].clone(), ids[2].clone()]);
+        assert_eq!(c.frame_ids(&c.clips()[0], 1..2), ids[0][c.tokens_per_frame()..]);
+        assert_eq!((c.tokens().len(), c.clips()[1].frames, c.clips()[0].clipped), (3 * 7, 0, 2));
+        assert_eq!(fs::read_dir(tmp.path()).unwrap().count(), 1, "nothing is left beside the corpus");
     }
 
     #[test]
@@ -536,9 +295,12 @@ mod tests {
         let dir = tmp.path().join("c");
         let says = || Corpus::open(&dir).unwrap_err().to_string();
         assert!(says().contains("corpus.json"));
-        small(&dir, 400);
-        let intact: Vec<_> = [MANIFEST, CLIPS, "tokens.u16"].map(|f| (f, fs::read(dir.join(f)).unwrap())).into();
+        small(&dir);
+        let intact: Vec<_> =
+            [MANIFEST, CLIPS, "tokens.u16", TOKENIZER].map(|f| (f, fs::read(dir.join(f)).unwrap())).into();
         let manifest = String::from_utf8(intact[0].1.clone()).unwrap();
+        let mut other = tokenizer();
+        other.vocabulary_mut().add_conditioning("genre", "salsa").unwrap();
         for (file, bytes, expected) in [
             (
                 MANIFEST,
@@ -548,8 +310,10 @@ mod tests {
             (MANIFEST, manifest[..40].into(), "corpus.json:"),
             (MANIFEST, manifest.replace("\"fps\"", "\"fpz\"").into_bytes(), "fpz"),
             (CLIPS, b"{}\n".to_vec(), "clips.jsonl: found 3 bytes"),
-            ("tokens.u16", vec![0; 17], "found 17 bytes, expected 18 bytes"),
-            ("tokens.u16", vec![0; 18], "SHA-256"),
+            ("tokens.u16", vec![0; 41], "found 41 bytes, expected 42 bytes"),
+            ("tokens.u16", vec![0; 42], "SHA-256"),
+            (TOKENIZER, b"{}".to_vec(), "tokenizer.json"),
+            (TOKENIZER, other.to_json().into_bytes(), "put back the tokenizer.json"),
         ] {
             fs::write(dir.join(file), bytes).unwrap();
             let said = says();
@@ -559,5 +323,40 @@ mod tests {
         Corpus::open(&dir).unwrap();
         fs::remove_file(dir.join(MANIFEST)).unwrap();
         assert!(says().contains("no corpus.json"));
+    }
+
+    #[test]
+    fn records_that_lie_are_refused() {
+        let tmp = tempfile::tempdir().unwrap();
+        let dir = tmp.path().join("c");
+        small(&dir);
+        let clips = fs::read_to_string(dir.join(CLIPS)).unwrap();
+        let manifest = fs::read_to_string(dir.join(MANIFEST)).unwrap();
+        for (from, to, expected) in [
+            ("\"offset\":14", "\"offset\":13", "found clip b at token 13, expected token 14"),
+            ("\"frames\":1", "\"frames\":2", "expected 42 bytes"),
+            ("\"frames\":1", "\"frames\":18446744073709551615", "a number of tokens"),
+            ("\"source\":0", "\"source\":1", "one of the 1 sources"),
+            ("\"key\":2", "\"key\":two", "clips.jsonl:2:"),
+        ] {
+            let lying = clips.replacen(from, to, 1);
+            assert_ne!(lying, clips, "{from}");
+            let (old, new) = (FileRecord::of(clips.as_bytes()), FileRecord::of(lying.as_bytes()));
+            let signed = manifest
+                .replace(&old.sha256, &new.sha256)
+                .replace(&format!("\"bytes\": {}", old.bytes), &format!("\"bytes\": {}", new.bytes));
+            fs::write(dir.join(CLIPS), lying).unwrap();
+            fs::write(dir.join(MANIFEST), signed).unwrap();
+            let said = Corpus::open(&dir).unwrap_err().to_string();
+            assert!(said.contains(expected), "{said}");
+        }
+    }
+
+    #[test]
+    fn an_empty_corpus_opens() {
+        let tmp = tempfile::tempdir().unwrap();
+        let dir = tmp.path().join("c");
+        CorpusWriter::create(&dir, &tokenizer(), &[], None, false).unwrap().finish().unwrap();
+        assert!(Corpus::open(&dir).unwrap().tokens().is_empty());
     }
 }

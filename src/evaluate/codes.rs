@@ -47,33 +47,17 @@ impl CodeSplits {
         Ok(CodeSplits { bins, channels, train, test })
     }
 
-    /// The codes of a corpus: its characters, from the id `first` up, without the space. `measured` is the split that
-    /// stands for `test`.
+    /// The codes of a corpus: the characters of its words without the space. `measured` is the split that stands for
+    /// `test`.
     ///
     /// # Errors
     /// [`Error::File`] when a word of the corpus holds an id that is no character.
-    pub fn of_corpus(corpus: &Corpus, first: u32, bins: usize, measured: Split) -> Result<Self> {
+    pub fn of_corpus(corpus: &Corpus, measured: Split) -> Result<Self> {
         let channels = corpus.tokens_per_frame() - 1;
-        let read = |split| -> Result<CodeClips> {
-            let mut clips = Vec::new();
-            for clip in corpus.split(split) {
-                let ids = corpus.clip_ids(clip);
-                let mut codes = Vec::with_capacity(clip.frames * channels);
-                for (i, &id) in ids.iter().enumerate().filter(|(i, _)| i % (channels + 1) < channels) {
-                    match id.checked_sub(first) {
-                        Some(code) if (code as usize) < bins => codes.push(code as u16),
-                        _ => {
-                            let found = format!("id {id} at token {i} of clip {}", clip.name);
-                            let expected = format!("a character, {first} to {}", first as usize + bins - 1);
-                            return Err(Error::file(corpus.dir(), found, expected, "make the corpus again"));
-                        }
-                    }
-                }
-                clips.push(codes);
-            }
-            Ok(CodeClips { clips })
-        };
-        Ok(CodeSplits { bins, channels, train: read(Split::Train)?, test: read(measured)? })
+        let bins = corpus.tokenizer().vocabulary().characters() as usize;
+        let read = |split| corpus.split(split).map(|clip| corpus.clip_codes(clip)).collect::<Result<_>>();
+        let train = CodeClips { clips: read(Split::Train)? };
+        Ok(CodeSplits { bins, channels, train, test: CodeClips { clips: read(measured)? } })
     }
 }
 

@@ -1,0 +1,286 @@
+//! Writing the token store: whole or not at all.
+
+use super::record::{
+    ClipRecord, Count, Failure, FileRecord, Manifest, Shard, SourceRecord, Split, TokenType, VERSION, hex,
+};
+use super::store::{CLIPS, MANIFEST, Shape, TOKENIZER};
+use crate::{Error, Result, files};
+use kinelm_tokenizer::Tokenizer;
+use sha2::{Digest, Sha256};
+use std::collections::{BTreeMap, HashSet};
+use std::fs::{self, File};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// A clip for [`CorpusWriter::push`]: a [`ClipRecord`] without what the writer counts itself.
+#[derive(Debug, Clone, PartialEq)]
+#[expect(missing_docs, reason = "the fields are those of ClipRecord")]
+pub struct NewClip {
+    pub name: String,
+    pub labels: BTreeMap<String, String>,
+    pub split: Split,
+    pub take: String,
+    pub key: usize,
+    pub source: usize,
+    pub sha256: String,
+    pub clipped: usize,
+    pub second_codes: usize,
+}
+
+/// Writes a corpus into a hidden folder beside its place and moves it there when it is whole. Dropped before
+/// [`CorpusWriter::finish`], it leaves nothing.
+#[derive(Debug)]
+pub struct CorpusWriter {
+    dir: PathBuf,
+    work: PathBuf,
+    force: bool,
+    tokens: HashingFile,
+    clips: HashingFile,
+    token_type: TokenType,
+    manifest: Manifest,
+    sources: Vec<Sha256>,
+    names: HashSet<String>,
+    last_key: Option<usize>,
+    offset: usize,
+}
+
+impl CorpusWriter {
+    /// Begins a corpus at `dir` with its tokenizer and the paths it is made from.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when something stands at `dir` already and `force` is not given, or it is given and what stands
+    /// there is no corpus; [`Error::Io`].
+    pub fn create(
+        dir: impl AsRef<Path>,
+        tokenizer: &Tokenizer,
+        sources: &[String],
+        shard: Option<Shard>,
+        force: bool,
+    ) -> Result<Self> {
+        let dir = dir.as_ref().to_owned();
+        refuse_to_overwrite(&dir, force)?;
+        let work = files::beside(&dir, "writing")?;
+        fs::create_dir_all(&work).map_err(Error::io(&work))?;
+        let shape = Shape::of(tokenizer);
+        let token_type = TokenType::of_vocabulary(shape.vocabulary);
+        files::write_whole(&work.join(TOKENIZER), tokenizer.to_json().as_bytes())?;
+        let empty = FileRecord::of(b"");
+        let source = |path: &String| SourceRecord { path: path.clone(), clips: 0, sha256: String::new() };
+        Ok(CorpusWriter {
+            tokens: HashingFile::create(work.join(token_type.file_name()))?,
+            clips: HashingFile::create(work.join(CLIPS))?,
+            manifest: Manifest {
+                version: VERSION,
+                tokenizer: shape.tokenizer,
+                tokens_per_frame: shape.tokens_per_frame,
+                vocabulary: shape.vocabulary,
+                fps: shape.fps,
+                token_type,
+                tokens: empty.clone(),
+                clips: empty,
+                count: Count::default(),
+                splits: Split::ALL.into_iter().map(|s| (s, Count::default())).collect(),
+                sources: sources.iter().map(source).collect(),
+                failed: Vec::new(),
+                shard,
+            },
+            sources: vec![Sha256::new(); sources.len()],
+            names: HashSet::new(),
+            last_key: None,
+            offset: 0,
+            token_type,
+            force,
+            dir,
+            work,
+        })
+    }
+
+    /// Appends a clip of (F * W) `ids`. Keys ascend, so that the order of a corpus never depends on who was faster.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when the ids are no whole words or outside the vocabulary, the name stood before, the key is not
+    /// above the last one, or the source is not listed; [`Error::Io`].
+    pub fn push(&mut self, clip: NewClip, ids: &[u32]) -> Result<()> {
+        self.check(&clip, ids)?;
+        let frames = ids.len() / self.manifest.tokens_per_frame;
+        self.tokens.write(&self.token_type.to_bytes(ids))?;
+        let NewClip { name, labels, split, take, key, source, sha256, clipped, second_codes } = clip;
+        self.sources[source].update(format!("{name} {sha256}\n"));
+        self.manifest.sources[source].clips += 1;
+        self.manifest.count.add(frames);
+        self.manifest.splits.entry(split).or_default().add(frames);
+        self.names.insert(name.clone());
+        self.last_key = Some(key);
+        let offset = self.offset;
+        self.offset += ids.len();
+        let record =
+            ClipRecord { name, offset, frames, labels, split, take, key, source, sha256, clipped, second_codes };
+        let line = serde_json::to_string(&record).expect("a record of strings and integers is JSON");
+        self.clips.write(format!("{line}\n").as_bytes())
+    }
+
+    fn check(&self, clip: &NewClip, ids: &[u32]) -> Result<()> {
+        let fail = |what: String| Err(Error::Call(format!("{}: {what}", clip.name)));
+        let (w, v) = (self.manifest.tokens_per_frame, self.manifest.vocabulary);
+        if w == 0 || !ids.len().is_multiple_of(w) {
+            return fail(format!("{} tokens; expected whole words of {w}", ids.len()));
+        }
+        if let Some(i) = ids.iter().position(|&id| id as usize >= v) {
+            return fail(format!("token {i} is {}; expected an id below {v}", ids[i]));
+        }
+        if self.names.contains(&clip.name) {
+            return fail("a clip of this name is in the corpus already; every name stands once".into());
+        }
+        if self.last_key.is_some_and(|last| clip.key <= last) {
+            return fail(format!("key {} after {:?}; keys ascend", clip.key, self.last_key));
+        }
+        if clip.source >= self.sources.len() {
+            return fail(format!("source {}; the corpus lists {}", clip.source, self.sources.len()));
+        }
+        Ok(())
+    }
+
+    /// Records a file that could not be taken.
+    pub fn fail(&mut self, failure: Failure) {
+        self.manifest.failed.push(failure);
+    }
+
+    /// Moves the whole corpus to its place.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Call`] as in [`CorpusWriter::create`], when something came to stand there meanwhile.
+    pub fn finish(mut self) -> Result<Manifest> {
+        self.manifest.tokens = self.tokens.finish()?;
+        self.manifest.clips = self.clips.finish()?;
+        for (record, hash) in self.manifest.sources.iter_mut().zip(&self.sources) {
+            record.sha256 = hex(hash.clone());
+        }
+        let mut json = serde_json::to_string_pretty(&self.manifest).expect("a manifest is JSON");
+        json.push('\n');
+        files::write_whole(&self.work.join(MANIFEST), json.as_bytes())?;
+        refuse_to_overwrite(&self.dir, self.force)?;
+        let old = files::beside(&self.dir, "old")?;
+        let replaces = self.dir.exists();
+        if replaces {
+            fs::rename(&self.dir, &old).map_err(Error::io(&self.dir))?;
+        }
+        if let Err(e) = fs::rename(&self.work, &self.dir) {
+            let _ = fs::rename(&old, &self.dir);
+            return Err(Error::io(&self.dir)(e));
+        }
+        files::sync_folder(files::folder_of(&self.dir))?;
+        if replaces {
+            fs::remove_dir_all(&old).map_err(Error::io(&old))?;
+        }
+        Ok(self.manifest.clone())
+    }
+}
+
+impl Drop for CorpusWriter {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.work); // gone already after `finish`
+    }
+}
+
+/// A folder is replaced only by the user's word, and only if it is a corpus or empty.
+fn refuse_to_overwrite(dir: &Path, force: bool) -> Result<()> {
+    let shown = dir.display();
+    if fs::symlink_metadata(dir).is_err() {
+        return Ok(());
+    }
+    if fs::read_dir(dir).is_ok_and(|mut entries| entries.next().is_none()) {
+        return Ok(());
+    }
+    if !dir.join(MANIFEST).is_file() {
+        return Err(Error::Call(format!("{shown} exists and is no corpus; give another place for the corpus")));
+    }
+    if !force {
+        return Err(Error::Call(format!("{shown} holds a corpus; give another place, or --force to replace it")));
+    }
+    Ok(())
+}
+
+/// A file that is hashed while it is written.
+#[derive(Debug)]
+struct HashingFile {
+    path: PathBuf,
+    file: BufWriter<File>,
+    hash: Sha256,
+    bytes: u64,
+}
+
+impl HashingFile {
+    fn create(path: PathBuf) -> Result<Self> {
+        let file = BufWriter::new(File::create(&path).map_err(Error::io(&path))?);
+        Ok(HashingFile { path, file, hash: Sha256::new(), bytes: 0 })
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<()> {
+        self.hash.update(bytes);
+        self.bytes += bytes.len() as u64;
+        self.file.write_all(bytes).map_err(Error::io(&self.path))
+    }
+
+    fn finish(&mut self) -> Result<FileRecord> {
+        self.file.flush().and_then(|()| self.file.get_ref().sync_all()).map_err(Error::io(&self.path))?;
+        Ok(FileRecord { bytes: self.bytes, sha256: hex(self.hash.clone()) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::corpus::Corpus;
+    use crate::corpus::samples::{begin, clip, small, words};
+
+    #[test]
+    fn the_same_clips_give_the_same_bytes() {
+        let tmp = tempfile::tempdir().unwrap();
+        let (a, b) = (tmp.path().join("a"), tmp.path().join("b"));
+        small(&a);
+        small(&b);
+        for file in [MANIFEST, CLIPS, "tokens.u16", TOKENIZER] {
+            assert_eq!(fs::read(a.join(file)).unwrap(), fs::read(b.join(file)).unwrap(), "{file}");
+        }
+    }
+
+    #[test]
+    fn nothing_is_overwritten_unasked() {
+        let tmp = tempfile::tempdir().unwrap();
+        let dir = tmp.path().join("c");
+        small(&dir);
+        let e = begin(&dir, false).unwrap_err().to_string();
+        assert!(e.contains("--force"), "{e}");
+        let mut w = begin(&dir, true).unwrap();
+        w.push(clip("z", 0, Split::Valid), &words(1)).unwrap();
+        assert_eq!(Corpus::open(&dir).unwrap().clips()[0].name, "a", "the old one stands until the new one is whole");
+        w.finish().unwrap();
+        assert_eq!(Corpus::open(&dir).unwrap().clips()[0].name, "z");
+        let other = tmp.path().join("letters");
+        fs::create_dir(&other).unwrap();
+        fs::write(other.join("dear.txt"), "x").unwrap();
+        assert!(begin(&other, true).unwrap_err().to_string().contains("no corpus"));
+        assert_eq!(fs::read_dir(tmp.path()).unwrap().count(), 2);
+    }
+
+    #[test]
+    fn a_dropped_writer_leaves_nothing() {
+        let tmp = tempfile::tempdir().unwrap();
+        begin(&tmp.path().join("c"), false).unwrap().push(clip("a", 0, Split::Train), &words(1)).unwrap();
+        assert_eq!(fs::read_dir(tmp.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        let tmp = tempfile::tempdir().unwrap();
+        let mut w = begin(&tmp.path().join("c"), false).unwrap();
+        let says = |r: Result<()>| r.unwrap_err().to_string();
+        assert!(says(w.push(clip("a", 0, Split::Train), &words(1)[1..])).contains("whole words of 7"));
+        assert!(says(w.push(clip("a", 0, Split::Train), &[9999; 7])).contains("expected an id below"));
+        w.push(clip("a", 3, Split::Train), &words(1)).unwrap();
+        assert!(says(w.push(clip("a", 4, Split::Train), &[])).contains("stands once"));
+        assert!(says(w.push(clip("b", 3, Split::Train), &[])).contains("keys ascend"));
+        let far = NewClip { source: 1, ..clip("b", 4, Split::Train) };
+        assert!(says(w.push(far, &[])).contains("source 1"));
+    }
+}

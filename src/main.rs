@@ -1,2 +1,21 @@
-//! The program.
-fn main() {}
+//! The program: parse the call, run one command, turn the outcome into an exit code.
+//!
+//! 0: done. 1: the work failed. 2: the call was wrong. A reader that closes the pipe early is no failure.
+#![deny(unsafe_code)]
+
+mod cli;
+
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let call = cli::Call::parse();
+    match cli::run(call) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) if cli::is_broken_pipe(&e) => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("kinelm: {}", cli::chain(&e));
+            ExitCode::from(if e.is::<cli::WrongCall>() { 2 } else { 1 })
+        }
+    }
+}

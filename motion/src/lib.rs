@@ -12,6 +12,7 @@
 #![forbid(unsafe_code)]
 
 pub mod clip;
+pub mod convert;
 pub mod error;
 pub mod format;
 pub mod inspect;

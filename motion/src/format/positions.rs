@@ -2,6 +2,7 @@
 
 use super::npz::{Values, Writer};
 use crate::{Clip, Result, Vec3};
+use std::path::Path;
 
 /// World positions of N joints and end sites over F frames.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,6 +45,14 @@ impl Positions {
     /// F, the number of frames.
     pub fn frames(&self) -> usize {
         self.positions.len().checked_div(self.joints.len()).unwrap_or(0)
+    }
+
+    /// [`Positions::write`] into a file, whole or not at all.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], and those of [`Positions::write`].
+    pub fn save(&self, path: &Path) -> Result<()> {
+        super::atomic::write(path, &self.write()?)
     }
 
     /// An `.npz` of `positions` (F, N, 3) float32 in metres, `joints` (N) text, `parents` (N) int32, `fps` a 0-d float64.

@@ -1,4 +1,4 @@
-//! What a clip is, and what looks wrong in it.
+//! The figures of one clip, and what of them looks wrong.
 
 use crate::rotation::{angle_between, exp_map};
 use crate::{Clip, GlobalPose, Vec3};
@@ -10,7 +10,7 @@ pub const ROOT_JUMP_M: f64 = 0.05;
 /// A joint's step is a jump if it is wider than this and stands out in the same way, radians.
 pub const JOINT_JUMP_RAD: f64 = 25.0 * PI / 180.0;
 /// Nobody's pelvis falls faster than gravity; beyond this many g the rate is doubted.
-pub const FALL_LIMIT_G: f64 = 1.5;
+pub const FALL_LIMIT_G: f64 = 1.8;
 
 const GRAVITY: f64 = 9.81;
 
@@ -29,7 +29,7 @@ pub struct Figures {
     pub joint_jumps: Vec<(usize, usize, f64)>,
     /// Steps at which the root's canonical rotation vector changes sign because its angle passes PI.
     pub root_vector_flips: usize,
-    /// The fastest fall of the root, in g: 1st percentile of the vertical acceleration over 0.1 s, jumps left out.
+    /// The fastest fall of the root, in g: 99.8th percentile of the acceleration downwards over steps of 0.05 s, jumps left out.
     pub fall_g: f64,
     /// The rate at which that fall would be free fall, if the one stated is doubted.
     pub fps_for_free_fall: Option<f64>,
@@ -118,9 +118,9 @@ fn root_vector_flips(clip: &Clip) -> usize {
     vectors.windows(2).filter(|w| w[0].distance(w[1]) > PI).count()
 }
 
-/// Second difference of the root's height over 0.1 s: noise of a millimetre is then 0.04 g.
+/// Second difference of the root's height over steps of 0.05 s: noise of a millimetre is then 0.1 g.
 fn fall_g(clip: &Clip, jumps: &[(usize, f64)]) -> f64 {
-    let h = (0.1 * clip.fps()).round().max(1.0) as usize;
+    let h = (0.05 * clip.fps()).round().max(1.0) as usize;
     let seconds = h as f64 / clip.fps();
     let y = clip.root();
     let near_jump = |f: usize| jumps.iter().any(|&(at, _)| at + h >= f && at <= f + h);
@@ -128,7 +128,7 @@ fn fall_g(clip: &Clip, jumps: &[(usize, f64)]) -> f64 {
         .filter(|&f| !near_jump(f))
         .map(|f| -(y[f + h].y - 2.0 * y[f].y + y[f - h].y) / (seconds * seconds * GRAVITY))
         .collect();
-    quantile(falls, 0.99).max(0.0)
+    quantile(falls, 0.998).max(0.0)
 }
 
 fn still(clip: &Clip, j: usize) -> bool {

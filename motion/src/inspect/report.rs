@@ -1,0 +1,205 @@
+//! The report of a motion: as text for a reader, as JSON for a script.
+
+use super::figures::{self, Figures, figures};
+use crate::format::BvhPosition;
+use crate::format::bvh::{BvhSource, NodeKind};
+use crate::retarget::SkeletonMap;
+use crate::{Motion, Skeleton, Source, Warning};
+use serde_json::{Value, json};
+use std::fmt::Write;
+
+/// What `kinelm inspect` says of one file.
+#[derive(Debug, Clone)]
+pub struct Report {
+    path: String,
+    format: &'static str,
+    /// What the file says of itself beyond the clip: lines of text.
+    source: Vec<String>,
+    fps: f64,
+    frames: usize,
+    duration_s: f64,
+    tree: Vec<String>,
+    joints: usize,
+    ends: usize,
+    map: Option<String>,
+    figures: Figures,
+    still: Vec<String>,
+    doubts: Vec<Warning>,
+}
+
+/// The report of a motion as it was read.
+pub fn report(motion: &Motion) -> Report {
+    let (clip, skeleton) = (&motion.clip, motion.clip.skeleton());
+    let figures = figures(clip);
+    let mut doubts = motion.warnings.clone();
+    doubts.extend(doubts_of(&figures, skeleton, clip.fps()));
+    let (format, source) = source_lines(&motion.source);
+    Report {
+        path: motion.path.display().to_string(),
+        format,
+        source,
+        fps: clip.fps(),
+        frames: clip.frames(),
+        duration_s: clip.duration_s(),
+        tree: tree(skeleton),
+        joints: skeleton.joints(),
+        ends: skeleton.ends().len(),
+        map: SkeletonMap::detect(skeleton.names()).map(|m| m.name),
+        still: figures.still_joints.iter().map(|&j| skeleton.names()[j].clone()).collect(),
+        figures,
+        doubts,
+    }
+}
+
+impl Report {
+    /// Lines for a reader, the last ended too.
+    pub fn text(&self) -> String {
+        let mut t = String::new();
+        let f = &self.figures;
+        let _ = writeln!(t, "{}: {}", self.path, self.format);
+        let _ = writeln!(t, "  {} frames at {} fps, {:.2} s", self.frames, round(self.fps, 6), self.duration_s);
+        let _ = writeln!(t, "  {} joints, {} end sites; rig {}", self.joints, self.ends, self.rig());
+        for line in &self.source {
+            let _ = writeln!(t, "  {line}");
+        }
+        let [low, high] = f.root_range;
+        let _ = writeln!(t, "  height {:.2} m (median over frames of highest minus lowest point)", f.height_m);
+        let axis = |name, l: f64, h: f64| format!("{name} {l:.2}..{h:.2}");
+        let ranges = [axis("x", low.x, high.x), axis("y", low.y, high.y), axis("z", low.z, high.z)].join(", ");
+        let _ = writeln!(t, "  root {ranges} m; fastest joint {:.1} m/s, fastest fall {:.1} g", f.speed_m_s, f.fall_g);
+        let _ = writeln!(t, "  root vector changes sign at {} steps (angle passes 180 degrees)", f.root_vector_flips);
+        if !self.still.is_empty() {
+            let _ = writeln!(t, "  {} joints never turn: {}", self.still.len(), self.still.join(" "));
+        }
+        for line in &self.tree {
+            let _ = writeln!(t, "    {line}");
+        }
+        if self.doubts.is_empty() {
+            let _ = writeln!(t, "  no doubts");
+        }
+        for doubt in &self.doubts {
+            let _ = writeln!(t, "  doubt: {doubt}");
+        }
+        t
+    }
+
+    /// One JSON object in one line, without the line's end.
+    pub fn json(&self) -> String {
+        let f = &self.figures;
+        let doubts: Vec<Value> = self.doubts.iter().map(|d| json!({"kind": d.kind, "what": d.what})).collect();
+        json!({
+            "schema": 1, "file": self.path, "format": self.format, "source": self.source,
+            "fps": self.fps, "frames": self.frames, "duration_s": self.duration_s,
+            "joints": self.joints, "end_sites": self.ends, "rig": self.map, "tree": self.tree,
+            "height_m": f.height_m, "root_min_m": f.root_range[0].to_array(), "root_max_m": f.root_range[1].to_array(),
+            "speed_m_s": f.speed_m_s, "fall_g": f.fall_g, "fps_for_free_fall": f.fps_for_free_fall,
+            "root_jumps": f.root_jumps.len(), "joint_jumps": f.joint_jumps.len(),
+            "root_vector_flips": f.root_vector_flips, "still_joints": self.still, "doubts": doubts,
+        })
+        .to_string()
+    }
+
+    fn rig(&self) -> String {
+        self.map.clone().unwrap_or_else(|| "unknown (give --map to retarget it)".into())
+    }
+}
+
+fn round(x: f64, digits: i32) -> f64 {
+    let k = 10f64.powi(digits);
+    (x * k).round() / k
+}
+
+/// What the figures say against the file.
+fn doubts_of(f: &Figures, skeleton: &Skeleton, fps: f64) -> Vec<Warning> {
+    let mut doubts = Vec::new();
+    let mut doubt = |kind, what| doubts.push(Warning { kind, what });
+    if let Some(&(frame, length)) = f.root_jumps.iter().max_by(|a, b| a.1.total_cmp(&b.1)) {
+        let n = f.root_jumps.len();
+        doubt(
+            "root_jumps",
+            format!("{n} steps of the root stand out, the longest {:.1} cm into frame {frame}", 100.0 * length),
+        );
+    }
+    if let Some(&(frame, joint, angle)) = f.joint_jumps.iter().max_by(|a, b| a.2.total_cmp(&b.2)) {
+        let (n, name) = (f.joint_jumps.len(), &skeleton.names()[joint]);
+        let degrees = angle.to_degrees();
+        doubt(
+            "joint_jumps",
+            format!("{n} turns of joints stand out, the widest {degrees:.0} degrees of {name} into frame {frame}"),
+        );
+    }
+    if let Some(free) = f.fps_for_free_fall {
+        let (g, limit) = (f.fall_g, figures::FALL_LIMIT_G);
+        doubt(
+            "fps",
+            format!(
+                "the body falls at {g:.1} g (more than {limit}): at {fps} fps this is too fast; it would be free fall at about \
+                 {free:.0} fps; if the rate is wrong, give --fps-source"
+            ),
+        );
+    }
+    doubts
+}
+
+fn source_lines(source: &Source) -> (&'static str, Vec<String>) {
+    match source {
+        Source::Bvh(bvh) => ("BVH", bvh_lines(bvh)),
+        Source::Amass { model, gender, .. } => ("AMASS", vec![format!("model {model}, gender {gender}")]),
+        Source::Aist { scaling, .. } => ("AIST++", vec![format!("scaling {scaling}")]),
+        Source::Plain => ("clip", Vec::new()),
+    }
+}
+
+/// Unit, rate as printed, position channels and roots of a BVH.
+fn bvh_lines(bvh: &BvhSource) -> Vec<String> {
+    let rig = &bvh.rig;
+    let how = if rig.unit_judged { "judged by the leg" } else { "as told" };
+    let mut lines =
+        vec![format!("unit {} m ({how}); frame time {} s as printed", rig.unit_m, bvh.head.frame_time.trim())];
+    let roots: Vec<&str> =
+        bvh.head.nodes.iter().filter(|n| n.kind == NodeKind::Root).map(|n| n.unique.as_str()).collect();
+    let chain: Vec<&str> = rig.chain.iter().map(|&n| bvh.head.nodes[n].unique.as_str()).collect();
+    lines.push(format!("roots {}; the motion's root is {}", roots.join(" "), chain.join(" > ")));
+    let below = bvh.position_channels();
+    let convention = match rig.position {
+        BvhPosition::Replace => "replace the OFFSET",
+        BvhPosition::Add => "are added to the OFFSET",
+    };
+    if below.is_empty() {
+        lines.push(format!("position channels at the root only; they {convention}"));
+        return lines;
+    }
+    let name = |joint: usize| rig.skeleton.names()[joint].as_str();
+    let off = below.iter().map(|c| c.off_m).fold(0.0, f64::max);
+    lines.push(format!(
+        "position channels of {} joints below the root {convention}; |channels| are off |OFFSET| by up to {:.2} mm in the mean: {}",
+        below.len(),
+        1000.0 * off,
+        below.iter().map(|c| name(c.joint)).collect::<Vec<_>>().join(" ")
+    ));
+    for c in below.iter().filter(|c| c.stretch_m > 0.0005) {
+        lines.push(format!("stretch left out at {}: {:.1} mm at most", name(c.joint), 1000.0 * c.stretch_m));
+    }
+    if 2 * below.iter().filter(|c| c.looks_added).count() > below.len() {
+        lines.push("these look like added positions; try --bvh-position add".into());
+    }
+    lines
+}
+
+/// A line a joint, drawn as a tree, with its offset in centimetres.
+fn tree(skeleton: &Skeleton) -> Vec<String> {
+    let mut lines = Vec::with_capacity(skeleton.joints());
+    // (joint, drawing in front of it, drawing in front of its children)
+    let mut stack = vec![(0, String::new(), String::new())];
+    while let Some((joint, lead, below)) = stack.pop() {
+        let o = skeleton.offsets()[joint] * 100.0;
+        lines.push(format!("{lead}{} ({:.1} {:.1} {:.1} cm)", skeleton.names()[joint], o.x, o.y, o.z));
+        let children: Vec<usize> = skeleton.children(joint).collect();
+        for (i, &child) in children.iter().enumerate().rev() {
+            let last = i + 1 == children.len();
+            let (branch, line) = if last { ("`- ", "   ") } else { ("|- ", "|  ") };
+            stack.push((child, format!("{below}{branch}"), format!("{below}{line}")));
+        }
+    }
+    lines
+}

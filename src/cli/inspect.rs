@@ -1,0 +1,52 @@
+//! `kinelm inspect`.
+
+use super::{Say, print, read::ReadArgs};
+use anyhow::Result;
+use kinelm_motion::format::{self, ReadOptions, RestFrame, Unit};
+use kinelm_motion::inspect::report;
+use kinelm_motion::{Kind, Motion, Warning};
+use std::path::{Path, PathBuf};
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Motion files (.bvh .npz .pkl .json)
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// One JSON object a file and line instead of text
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    let options = args.read.options(RestFrame::Keep);
+    let mut failed = 0;
+    for file in &args.files {
+        match read(file, &options) {
+            Ok(motion) => {
+                let report = report(&motion);
+                print(&if args.json { report.json() + "\n" } else { report.text() })?;
+            }
+            Err(e) => {
+                failed += 1;
+                say.error(e);
+            }
+        }
+    }
+    anyhow::ensure!(failed == 0, "{failed} of {} files could not be read", args.files.len());
+    Ok(())
+}
+
+/// A file whose unit nobody can tell is still worth a look: it is read as metres, and that is a doubt.
+fn read(file: &Path, options: &ReadOptions) -> kinelm_motion::Result<Motion> {
+    match format::read(file, options) {
+        Err(e) if e.kind() == Some(Kind::UnitUnknown) => {
+            let mut motion = format::read(file, &ReadOptions { unit: Unit::Metre, ..options.clone() })?;
+            let what = "the unit can't be told from the legs, lengths are shown as if metres; give --unit".into();
+            motion.warnings.push(Warning { kind: "unit_unknown", what });
+            Ok(motion)
+        }
+        other => other,
+    }
+}

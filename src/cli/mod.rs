@@ -1,0 +1,114 @@
+//! The command line: one file a command. Arguments in, one library call, text out.
+//!
+//! Only here are there `anyhow`, printing and environment variables. Data go to stdout, everything else to stderr.
+
+mod convert;
+mod inspect;
+mod read;
+
+use anyhow::{Error, Result};
+use kinelm_motion::Motion;
+use std::io::Write;
+use std::path::Path;
+
+/// Motion capture into text, a GPT on that text, new dances out of it.
+#[derive(Debug, clap::Parser)]
+#[command(name = "kinelm", version, arg_required_else_help = true, propagate_version = true)]
+pub struct Call {
+    #[command(subcommand)]
+    command: Command,
+    /// Threads to use; all cores if not given
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    threads: Option<u16>,
+    /// Say only what went wrong
+    #[arg(long, short, global = true)]
+    quiet: bool,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// What motion files hold, and what looks wrong in them
+    Inspect(inspect::Args),
+    /// From one motion format, rate or rig to another, by the extension of OUT (.bvh .npz .json)
+    Convert(convert::Args),
+}
+
+/// Runs one call.
+pub fn run(call: Call) -> Result<()> {
+    if let Some(n) = call.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(n.into()).build_global()?;
+    }
+    let say = Say { quiet: call.quiet };
+    match call.command {
+        Command::Inspect(args) => inspect::run(args, say),
+        Command::Convert(args) => convert::run(args, say),
+    }
+}
+
+/// The call was wrong in a way that the parser can't see: exit code 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct WrongCall(pub String);
+
+/// Prints what is not data on stderr.
+#[derive(Debug, Clone, Copy)]
+pub struct Say {
+    quiet: bool,
+}
+
+impl Say {
+    /// One line, unless `--quiet`.
+    pub fn line(self, text: impl std::fmt::Display) {
+        if !self.quiet {
+            self.error(text);
+        }
+    }
+
+    /// One line, always.
+    pub fn error(self, text: impl std::fmt::Display) {
+        // a closed stderr is no reason to stop
+        let _ = writeln!(std::io::stderr(), "kinelm: {text}");
+    }
+
+    /// Whether `--quiet` was given.
+    pub fn quiet(self) -> bool {
+        self.quiet
+    }
+}
+
+/// Says what was odd in a file that was read all the same.
+pub fn warn(motion: &Motion, say: Say) {
+    for warning in &motion.warnings {
+        say.line(format_args!("{}: {warning}", motion.path.display()));
+    }
+}
+
+/// Writes data to stdout.
+pub fn print(text: &str) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes())?;
+    Ok(out.flush()?)
+}
+
+/// Whether the reader of stdout closed it.
+pub fn is_broken_pipe(e: &Error) -> bool {
+    e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+}
+
+/// An error with its causes in one line, each said once.
+pub fn chain(e: &Error) -> String {
+    let mut text = String::new();
+    for cause in e.chain().map(|c| c.to_string()) {
+        if text.is_empty() {
+            text = cause;
+        } else if !text.ends_with(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
+}
+
+/// The extension of a path, lower case, empty if it has none.
+pub fn extension(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
+}

@@ -1,0 +1,117 @@
+//! The reading options, the same on every command that reads motion.
+
+use kinelm_motion::format::{BvhPosition, ReadOptions, RestFrame, Unit};
+use std::path::PathBuf;
+
+/// How motion files are read.
+#[derive(Debug, Clone, clap::Args)]
+#[command(next_help_heading = "Reading motion")]
+pub struct ReadArgs {
+    /// The true rate of the files, where they state it wrongly (an fps column of the labels overrules it)
+    #[arg(long, value_name = "FPS", value_parser = positive)]
+    pub fps_source: Option<f64>,
+    /// Unit of a BVH, which has none of its own; auto judges by the length of the leg
+    #[arg(long, value_enum, default_value = "auto")]
+    pub unit: UnitArg,
+    /// Skeleton TOML for a rig whose joint names no shipped one knows: a shipped name or a file
+    #[arg(long, value_name = "NAME|FILE")]
+    pub map: Option<String>,
+    /// Whether a joint's position channels replace its OFFSET or are added to it
+    #[arg(long, value_enum, default_value = "replace")]
+    pub bvh_position: PositionArg,
+    /// The ROOT to read, where a file has several
+    #[arg(long, value_name = "NAME")]
+    pub root: Option<String>,
+    /// Keep the whole rows of a file that ends early
+    #[arg(long)]
+    pub lenient: bool,
+    /// Keep a leading rest-pose frame
+    #[arg(long, conflicts_with = "drop_rest")]
+    pub keep_rest: bool,
+    /// Leave out a leading rest-pose frame
+    #[arg(long)]
+    pub drop_rest: bool,
+    /// Source frames left out at the start; with N > 0 no rest-pose frame is looked for (a skip column overrules it)
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub skip: usize,
+    /// Your own SMPL_*.npz: its rest offsets and shape take the place of the neutral skeleton's (AMASS, AIST++)
+    #[arg(long, value_name = "FILE")]
+    pub body_model: Option<PathBuf>,
+}
+
+impl ReadArgs {
+    /// The options, with what this command does about rest-pose frames unless told.
+    pub fn options(&self, rest: RestFrame) -> ReadOptions {
+        ReadOptions {
+            fps_source: self.fps_source,
+            unit: self.unit.into(),
+            map: self.map.clone(),
+            bvh_position: self.bvh_position.into(),
+            root: self.root.clone(),
+            lenient: self.lenient,
+            rest: match (self.keep_rest, self.drop_rest) {
+                (true, _) => RestFrame::Keep,
+                (_, true) => RestFrame::Drop,
+                _ => rest,
+            },
+            skip: self.skip,
+            body_model: self.body_model.clone(),
+        }
+    }
+}
+
+/// A positive, finite number.
+pub fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        _ => Err("expected a positive number".into()),
+    }
+}
+
+/// `--unit`.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+pub enum UnitArg {
+    /// Judged by the leg
+    Auto,
+    /// Metres
+    M,
+    /// Centimetres
+    Cm,
+    /// Millimetres
+    Mm,
+    /// Inches
+    In,
+    /// CMU's 0.0564444 m
+    Cmu,
+}
+
+impl From<UnitArg> for Unit {
+    fn from(unit: UnitArg) -> Unit {
+        match unit {
+            UnitArg::Auto => Unit::Auto,
+            UnitArg::M => Unit::Metre,
+            UnitArg::Cm => Unit::Centimetre,
+            UnitArg::Mm => Unit::Millimetre,
+            UnitArg::In => Unit::Inch,
+            UnitArg::Cmu => Unit::Cmu,
+        }
+    }
+}
+
+/// `--bvh-position`.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+pub enum PositionArg {
+    /// A channel takes the place of its component of the OFFSET
+    Replace,
+    /// A channel is added to its component of the OFFSET
+    Add,
+}
+
+impl From<PositionArg> for BvhPosition {
+    fn from(position: PositionArg) -> BvhPosition {
+        match position {
+            PositionArg::Replace => BvhPosition::Replace,
+            PositionArg::Add => BvhPosition::Add,
+        }
+    }
+}

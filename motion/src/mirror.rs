@@ -1,12 +1,13 @@
 //! The dance seen in a mirror: reflection in the plane x = 0.
 
-use crate::{Clip, Error, Quat, Result, Vec3, smpl};
+use crate::retarget::{ReferencePose, SkeletonMap};
+use crate::{Clip, Error, GlobalPose, Quat, Result, Skeleton, Vec3, smpl};
 
 /// Mirrors a clip on the SMPL-24 rig: left and right change places, every rotation (w, x, y, z) becomes
 /// (w, x, -y, -z), the root's position (x, y, z) becomes (-x, y, z). Twice is the identity, exactly.
 ///
 /// # Errors
-/// [`Error::Clip`] when the clip's joints are not SMPL's 24: retarget it first.
+/// [`Error::Clip`] when the clip's joints are not SMPL's 24: retarget it first, or take a [`Mirror`].
 pub fn mirror(clip: &Clip) -> Result<Clip> {
     if !clip.skeleton().names().iter().map(String::as_str).eq(smpl::NAMES) {
         let names = clip.skeleton().names();
@@ -19,19 +20,172 @@ pub fn mirror(clip: &Clip) -> Result<Clip> {
             ),
         });
     }
-    let root = clip.root().iter().map(|p| Vec3::new(-p.x, p.y, p.z)).collect();
-    let turned = |q: Quat| Quat::from_xyzw(q.x, -q.y, -q.z, q.w);
+    let root = clip.root().iter().map(|p| reflect(*p)).collect();
     let rotations =
         (0..clip.frames()).flat_map(|f| smpl::MIRROR.iter().map(move |&j| turned(clip.pose(f)[j]))).collect();
     Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations)
 }
 
+fn reflect(p: Vec3) -> Vec3 {
+    Vec3::new(-p.x, p.y, p.z)
+}
+
+/// `M R M` with `M = diag(-1, 1, 1)`.
+fn turned(q: Quat) -> Quat {
+    Quat::from_xyzw(q.x, -q.y, -q.z, q.w)
+}
+
+/// The mirror of a rig whose joints may have any axes: with `A_j` the world rotation of joint `j` in the left-right
+/// symmetric reference pose and `m(j)` its partner on the other side,
+///
+/// ```text
+/// D_j = G_j A_j^-1        D'_j = M D_m(j) M        G'_j = D'_j A_j
+/// ```
+///
+/// Where the two sides' bones are equally long, the mirrored joints are the mirror image of the joints.
+#[derive(Debug, Clone)]
+pub struct Mirror {
+    rig: Skeleton,
+    reference: ReferencePose,
+    partners: Vec<Option<usize>>,
+}
+
+impl Mirror {
+    /// The mirror of `rig`, whose joints and reference pose `map` names. Joints that the map doesn't name (fingers,
+    /// twist bones) find their partner by name, left for right, else by place.
+    ///
+    /// # Errors
+    /// Those of [`ReferencePose::new`].
+    pub fn new(rig: &Skeleton, map: &SkeletonMap) -> Result<Self> {
+        let reference = ReferencePose::new(rig, map)?;
+        let partners = partners(rig, &reference);
+        Ok(Mirror { rig: rig.clone(), reference, partners })
+    }
+
+    /// The joint on the other side; of a middle joint itself, `None` where the rig has no counterpart.
+    pub fn partner(&self, joint: usize) -> Option<usize> {
+        self.partners.get(joint).copied().flatten()
+    }
+
+    /// The clip in the mirror. Twice is the identity to rounding, but for joints without a partner, which keep the
+    /// reference pose.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when the clip has other joints than the rig.
+    pub fn apply(&self, clip: &Clip) -> Result<Clip> {
+        let on = clip.skeleton();
+        if on.names() != self.rig.names() || on.parents() != self.rig.parents() {
+            let (found, expected) = (on.joints(), self.rig.joints());
+            return Err(Error::Call(format!(
+                "mirror: a clip of {found} joints from {}; expected the {expected} from {} that this mirror is for",
+                on.names()[0],
+                self.rig.names()[0]
+            )));
+        }
+        let root = clip.root().iter().map(|p| reflect(*p)).collect();
+        let mut rotations = Vec::with_capacity(clip.rotations().len());
+        let mut pose = GlobalPose::default();
+        for f in 0..clip.frames() {
+            pose.set(on, clip.root()[f], clip.pose(f));
+            self.frame(&pose.rotations, &mut rotations);
+        }
+        Clip::new(on.clone(), clip.fps(), root, rotations)
+    }
+
+    /// Appends the local rotations of one mirrored frame.
+    fn frame(&self, world: &[Quat], out: &mut Vec<Quat>) {
+        let rest = &self.reference.global.rotations;
+        let mut mirrored: Vec<Quat> = Vec::with_capacity(world.len());
+        for j in 0..world.len() {
+            let above = self.rig.parents()[j].map_or(Quat::IDENTITY, |p| mirrored[p]);
+            let local = match self.partners[j] {
+                Some(m) => (above.conjugate() * turned(world[m] * rest[m].conjugate()) * rest[j]).normalize(),
+                None => self.reference.local[j],
+            };
+            mirrored.push(above * local);
+            out.push(local);
+        }
+    }
+}
+
+/// Every joint's partner: SMPL's where the map names it, else by name, else by place, among the children of the
+/// parent's partner.
+fn partners(rig: &Skeleton, reference: &ReferencePose) -> Vec<Option<usize>> {
+    let mut partners = vec![None; rig.joints()];
+    let mut named = vec![false; rig.joints()];
+    for (id, joint) in reference.joints.iter().enumerate() {
+        if let Some(j) = *joint {
+            partners[j] = reference.joints[smpl::MIRROR[id]];
+            named[j] = true;
+        }
+    }
+    if !named[0] {
+        (partners[0], named[0]) = (Some(0), true);
+    }
+    let from_parent = |j: usize| {
+        let at = &reference.global.positions;
+        at[j] - rig.parents()[j].map_or(Vec3::ZERO, |p| at[p])
+    };
+    for j in 0..rig.joints() {
+        if named[j] || partners[j].is_some() {
+            continue;
+        }
+        let Some(across) = rig.parents()[j].and_then(|p| partners[p]) else { continue };
+        let mine = reflect(from_parent(j));
+        let wanted = swapped(&rig.names()[j]);
+        let free = rig.children(across).filter(|&k| !named[k] && partners[k].is_none());
+        // a name without a side says nothing, so that place alone decides
+        let sided = wanted != rig.names()[j];
+        let apart = |k: usize| (sided && rig.names()[k] != wanted, (from_parent(k) - mine).length());
+        let nearest = free.min_by(|&a, &b| {
+            let ((other_a, a), (other_b, b)) = (apart(a), apart(b));
+            other_a.cmp(&other_b).then(a.total_cmp(&b))
+        });
+        if let Some(k) = nearest {
+            partners[j] = Some(k);
+            partners[k] = Some(j);
+        }
+    }
+    partners
+}
+
+/// A joint's name with left and right exchanged: the words, or an `l` or `r` of its own at the beginning or the end
+/// (`lThumb1`, `L_Toe`, `Hand_L`, `Bip01 L Toe`). A name without a side is its own.
+fn swapped(name: &str) -> String {
+    for (a, b) in [("Left", "Right"), ("left", "right"), ("LEFT", "RIGHT")] {
+        for (from, to) in [(a, b), (b, a)] {
+            if name.contains(from) {
+                return name.replacen(from, to, 1);
+            }
+        }
+    }
+    let chars: Vec<char> = name.chars().collect();
+    let separator = |c: Option<&char>| c.is_none_or(|c| !c.is_alphanumeric());
+    let alone = |i: usize| {
+        let before = separator(i.checked_sub(1).and_then(|i| chars.get(i)));
+        before && (separator(chars.get(i + 1)) || chars.get(i + 1).is_some_and(|c| c.is_uppercase()))
+    };
+    let other = |c: char| match c {
+        'l' => Some('r'),
+        'r' => Some('l'),
+        'L' => Some('R'),
+        'R' => Some('L'),
+        _ => None,
+    };
+    let side = (0..chars.len()).find(|&i| other(chars[i]).is_some() && alone(i));
+    let turn = |(i, &c): (usize, &char)| if Some(i) == side { other(c).unwrap_or(c) } else { c };
+    chars.iter().enumerate().map(turn).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rotation::exp_map;
+    use crate::retarget::Retarget;
+    use crate::retarget::tests::{rig as made_rig, stand};
     use crate::rotation::tests::any_quat;
+    use crate::rotation::{angle_between, exp_map};
     use proptest::prelude::*;
+    use std::sync::Arc;
 
     #[test]
     fn a_known_value() {
@@ -44,6 +198,52 @@ mod tests {
         assert_eq!(m.pose(0)[16], Quat::IDENTITY);
     }
 
+    #[test]
+    fn names_change_sides() {
+        let pairs = [
+            ("lThumb1", "rThumb1"),
+            ("LHipJoint", "RHipJoint"),
+            ("LeftHandIndex1", "RightHandIndex1"),
+            ("mixamorig:LeftEye", "mixamorig:RightEye"),
+            ("Toes_L", "Toes_R"),
+            ("Bip01 L Toe0", "Bip01 R Toe0"),
+            ("thumb.l", "thumb.r"),
+        ];
+        for (a, b) in pairs {
+            assert_eq!((swapped(a).as_str(), swapped(b).as_str()), (b, a));
+        }
+        for middle in ["jaw", "LowerBack", "root", "Neck1", "l0wer", ""] {
+            assert_eq!(swapped(middle), middle);
+        }
+    }
+
+    #[test]
+    fn fingers_and_eyes_find_their_partners() {
+        let body = smpl::neutral();
+        let mut names = body.names().to_vec();
+        let mut parents = body.parents().to_vec();
+        let mut offsets = body.offsets().to_vec();
+        let mut add = |name: &str, parent: usize, offset: [f64; 3]| {
+            names.push(name.into());
+            parents.push(Some(parent));
+            offsets.push(Vec3::from_array(offset));
+        };
+        // by name, though all lie in one place; by place, though the names say nothing; alone
+        add("LThumb", 22, [0.0; 3]);
+        add("LFinger", 22, [0.0; 3]);
+        add("RFinger", 23, [0.0; 3]);
+        add("RThumb", 23, [0.0; 3]);
+        add("a", 15, [0.03, 0.05, 0.08]);
+        add("jaw", 15, [0.0, -0.02, 0.05]);
+        add("b", 15, [-0.03, 0.05, 0.08]);
+        add("tail of the left leg", 4, [0.0, 0.1, 0.0]);
+        let rig = Skeleton::new(names, parents, offsets, vec![]).unwrap();
+        let m = Mirror::new(&rig, &SkeletonMap::builtin("smpl").unwrap()).unwrap();
+        assert_eq!([24, 25, 26, 27].map(|j| m.partner(j).unwrap()), [27, 26, 25, 24]);
+        assert_eq!([28, 29, 30].map(|j| m.partner(j).unwrap()), [30, 29, 28]);
+        assert_eq!((m.partner(31), m.partner(16), m.partner(99)), (None, Some(17), None));
+    }
+
     proptest! {
         #[test]
         fn twice_is_the_identity_and_positions_are_mirrored(q in prop::collection::vec(any_quat(), 24)) {
@@ -54,6 +254,37 @@ mod tests {
             for j in 0..24 {
                 let p = a[smpl::MIRROR[j]];
                 prop_assert!((b[j] - Vec3::new(-p.x, p.y, p.z)).length() < 1e-9);
+            }
+        }
+
+        #[test]
+        fn a_rig_of_any_axes_is_mirrored_as_smpl_is(
+            axes in prop::collection::vec(any_quat(), 24),
+            q in prop::collection::vec(any_quat(), 48),
+            droop in 0.0..1.2f64,
+            extra: bool,
+        ) {
+            let (rig, map) = made_rig(&stand(droop, &[1.0; 24]), &axes, extra, &[]);
+            let m = Mirror::new(&rig, &map).unwrap();
+            for j in 0..rig.joints() {
+                prop_assert_eq!(m.partner(m.partner(j).unwrap()), Some(j));
+            }
+            let rotations = q[..rig.joints()].to_vec();
+            let clip = Clip::new(Arc::new(rig), 20.0, vec![Vec3::new(0.5, 1.0, -2.0)], rotations).unwrap();
+            let once = m.apply(&clip).unwrap();
+            let (a, b) = (clip.positions(), once.positions());
+            for j in 0..clip.joints() {
+                prop_assert!((b[j] - reflect(a[m.partner(j).unwrap()])).length() < 1e-9);
+            }
+            let twice = m.apply(&once).unwrap();
+            for (a, b) in clip.rotations().iter().zip(twice.rotations()) {
+                prop_assert!(angle_between(*a, *b) < 1e-9);
+            }
+            // and it is the mirror of the motion that SMPL has of it
+            let way = Retarget::new(clip.skeleton(), &map, smpl::neutral()).unwrap();
+            let (a, b) = (mirror(&way.to_smpl(&clip).unwrap()).unwrap(), way.to_smpl(&once).unwrap());
+            for (a, b) in a.rotations().iter().zip(b.rotations()) {
+                prop_assert!(angle_between(*a, *b) < 1e-7);
             }
         }
     }

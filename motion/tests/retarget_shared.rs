@@ -1,6 +1,7 @@
 //! Retargeting on the shared motion data: bones point alike, nothing jumps, people stand, and the way back leads back.
 
 use kinelm_motion::format::{self, ReadOptions};
+use kinelm_motion::mirror::{self, Mirror};
 use kinelm_motion::retarget::{self, Retarget, map_for};
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, Motion, Vec3, smpl};
@@ -194,7 +195,7 @@ fn a_dance_survives_a_file_on_its_own_rig() {
             let way = way(&motion);
             let x = way.to_smpl(&motion.clip.slice(0..motion.clip.frames().min(60))).unwrap();
             // other arms than the file's: what a generated dance is
-            let mixed = kinelm_motion::mirror::mirror(&x).unwrap();
+            let mixed = mirror::mirror(&x).unwrap();
             let file = folder.path().join("out.bvh");
             let out = Motion { clip: way.to_rig(&mixed).unwrap(), ..motion.clone() };
             format::write(&file, &out).unwrap();
@@ -208,6 +209,42 @@ fn a_dance_survives_a_file_on_its_own_rig() {
                     assert!(off < 1e-6, "{}: {} is off by {off}", path.display(), smpl::NAMES[id]);
                 }
             }
+        }
+    }
+}
+
+/// A rig's mirror image: exact where the sides are equally long, else to what they differ by; and the mirror of the rig
+/// is the mirror of the SMPL body.
+#[test]
+fn rigs_are_mirrored_through_their_reference_pose() {
+    let test = "rigs_are_mirrored_through_their_reference_pose";
+    // the Bandai actors' right shins are up to 0.5 mm off the left ones'
+    for (set, nth, bound_m, bound_rad) in
+        [("cmu-dance", 14, 1e-5, 1e-9), ("bandai-1", 20, 2e-3, 5e-3), ("bandai-2", 200, 2e-3, 5e-3)]
+    {
+        for path in clips(set, test, nth) {
+            let motion = read(&path);
+            let way = way(&motion);
+            let clip = thin(&motion.clip, 20);
+            let mirror = Mirror::new(clip.skeleton(), &map_for(clip.skeleton(), None).unwrap()).unwrap();
+            let once = mirror.apply(&clip).unwrap();
+            let joints = clip.joints();
+            let (a, b) = (clip.positions(), once.positions());
+            let mut apart: f64 = 0.0;
+            // all but the head, which sits 2.4 mm beside the CMU dances' neck
+            for (id, joint) in (0..24).filter(|&id| id != 15).filter_map(|id| Some((id, way.joint(id)?))) {
+                assert_eq!(mirror.partner(joint), way.joint(smpl::MIRROR[id]));
+                let partner = way.joint(smpl::MIRROR[id]).unwrap();
+                for f in (0..a.len()).step_by(joints) {
+                    let image = a[f + partner];
+                    apart = apart.max((b[f + joint] - Vec3::new(-image.x, image.y, image.z)).length());
+                }
+            }
+            assert!(apart < bound_m, "{}: the image is {apart} m off", path.display());
+            let images = [mirror::mirror(&way.to_smpl(&clip).unwrap()).unwrap(), way.to_smpl(&once).unwrap()];
+            let off = images[0].rotations().iter().zip(images[1].rotations()).map(|(a, b)| angle_between(*a, *b));
+            let off = off.fold(0.0, f64::max);
+            assert!(off < bound_rad, "{}: SMPL's mirror image is {off} off", path.display());
         }
     }
 }

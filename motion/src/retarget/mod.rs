@@ -363,4 +363,4 @@ fn on_neutral(clip: &Clip) -> Result<Clip> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

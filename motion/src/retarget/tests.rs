@@ -10,7 +10,7 @@ use std::path::Path;
 /// A rig with the joints of SMPL under other names, at `places` in the reference pose, each with its own `axes`; a
 /// twist joint in the middle of each thigh and upper arm, and a root above the pelvis, if asked for. The joints in
 /// `lacks` are left out.
-fn rig(places: &[Vec3], axes: &[Quat], extra: bool, lacks: &[usize]) -> (Skeleton, SkeletonMap) {
+pub fn rig(places: &[Vec3], axes: &[Quat], extra: bool, lacks: &[usize]) -> (Skeleton, SkeletonMap) {
     let (mut names, mut parents, mut at, mut turned) = (vec![], vec![], vec![], vec![]);
     let mut push = |name: String, parent: Option<usize>, place: Vec3, axes: Quat| {
         names.push(name);
@@ -52,7 +52,7 @@ fn rig(places: &[Vec3], axes: &[Quat], extra: bool, lacks: &[usize]) -> (Skeleto
 }
 
 /// The SMPL body's places in a stand whose arms hang by `droop` radians, every bone `stretch[id]` times as long.
-fn stand(droop: f64, stretch: &[f64]) -> Vec<Vec3> {
+pub fn stand(droop: f64, stretch: &[f64]) -> Vec<Vec3> {
     let mut pose = [Quat::IDENTITY; 24];
     pose[16] = Quat::from_rotation_z(-droop);
     pose[17] = Quat::from_rotation_z(droop);

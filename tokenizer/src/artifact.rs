@@ -15,13 +15,13 @@ use sha2::{Digest, Sha256};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{Read, Write};
+use std::io::Read;
 use std::path::Path;
 
 /// The version of our part of the file.
 pub const FORMAT_VERSION: u64 = 1;
 
-/// Files larger than this are no tokenizer: 21,054 characters take 2 MB.
+/// Files larger than this are no tokenizer of ours, even with as many bins as there are characters.
 pub const MAX_FILE_BYTES: u64 = 64 << 20;
 
 /// Where the hash stands while it is computed.
@@ -188,10 +188,9 @@ impl Tokenizer {
     /// Writes `tokenizer.json`, whole or not at all.
     ///
     /// # Errors
-    /// [`Error::Io`] naming the file.
+    /// [`Error::Motion`] with the file and what the system said.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
-        let path = path.as_ref();
-        write_whole(path, self.to_json().as_bytes()).map_err(Error::io(path))
+        Ok(kinelm_motion::format::atomic::write(path.as_ref(), self.to_json().as_bytes())?)
     }
 
     /// Reads a `tokenizer.json`.
@@ -283,24 +282,6 @@ fn hex_sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// Temporary name in the same folder, sync, rename, sync of the folder.
-fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let name = path.file_name().ok_or_else(|| std::io::Error::other("not the name of a file"))?;
-    let mut temporary = std::ffi::OsString::from(".");
-    temporary.push(name);
-    temporary.push(format!(".{}.tmp", std::process::id()));
-    let temporary = folder.join(temporary);
-    let written = File::create(&temporary)
-        .and_then(|mut f| f.write_all(bytes).and_then(|()| f.sync_all()))
-        .and_then(|()| std::fs::rename(&temporary, path));
-    if written.is_err() {
-        let _ = std::fs::remove_file(&temporary);
-    }
-    written?;
-    File::open(folder)?.sync_all()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -322,6 +303,15 @@ mod tests {
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
         assert!(Tokenizer::load(dir.path().join("none.json")).unwrap_err().to_string().contains("none.json"));
         assert!(t.save(dir.path().join("no/folder/t.json")).is_err());
+    }
+
+    #[test]
+    fn the_largest_tokenizer_is_read_back() {
+        let config = TokenizerConfig::uniform(&(0..24).collect::<Vec<_>>(), 20.0, crate::alphabet::SIZE);
+        let t = Tokenizer::fit([&bent(1, 20)], config).unwrap();
+        let text = t.to_json();
+        assert!((text.len() as u64) < MAX_FILE_BYTES / 10, "{} bytes", text.len());
+        assert_eq!(Tokenizer::from_json(&text).unwrap(), t);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Uniform bins on a line that ends: translations.
 
+use super::angle::nearest_whole;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -40,7 +41,7 @@ impl Line {
 
     /// The code of a value, and whether it was clipped: further than half a bin from what its code decodes to.
     pub fn code(&self, value: f64) -> (u16, bool) {
-        let k = ((value - self.offset) / self.width).round() as i64; // saturates
+        let k = nearest_whole((value - self.offset) / self.width); // saturates
         let k = k.saturating_add(self.zero.into()).clamp(0, i64::from(self.bins) - 1) as u16;
         (k, (value - self.value(k)).abs() > 0.5 * self.width * (1.0 + 1e-9))
     }

@@ -5,7 +5,6 @@ use super::line::Line;
 use super::{Encoded, Rest, Scheme, check_codes, check_skeleton};
 use crate::channel::Channels;
 use crate::{Error, Result, alphabet};
-use kinelm_motion::rotation::heading;
 use kinelm_motion::{Clip, Quat, Vec3, smpl};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
@@ -17,7 +16,8 @@ pub enum Form {
     /// A bin is centred on 0; the seam is at half a turn, where both vectors of a rotation are looked at.
     #[default]
     Centred,
-    /// A bin has its edge at 0 (compat): `floor((v - lo) / w)`.
+    /// A bin has its edge at 0 (compat): `floor((v - lo) / w)`. An unused joint flickers between two codes, and a rotation
+    /// within a bin of half a turn, decoded and coded again, may take another code.
     Edge,
 }
 
@@ -117,10 +117,13 @@ impl Walk {
         Vec3::new(v.x * c + v.z * s, v.y, v.z * c - v.x * s)
     }
 
-    /// Takes the heading of a decoded pelvis; one that points straight up or down leaves it.
+    /// Takes the heading of a decoded pelvis, [`heading`](kinelm_motion::rotation::heading) without its angle; one that
+    /// points straight up or down leaves it.
     fn face(&mut self, pelvis: Quat) {
-        if let Some(h) = heading(pelvis) {
-            self.facing = h.sin_cos();
+        let z = pelvis * Vec3::Z;
+        let along = (z.x * z.x + z.z * z.z).sqrt();
+        if along > 1e-6 {
+            self.facing = (z.x / along, z.z / along);
         }
     }
 }

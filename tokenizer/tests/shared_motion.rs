@@ -1,0 +1,140 @@
+//! The promises of the tokenizer on real motion, where it is on hand.
+
+use kinelm_motion::format::{ReadOptions, read};
+use kinelm_motion::resample::{Method, resample};
+use kinelm_motion::rotation::{angle_between, exp_map, heading};
+use kinelm_motion::{Clip, Vec3, retarget};
+use kinelm_tokenizer::{Fit, Rest, Tokenizer, TokenizerConfig};
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+
+/// Half a bin, with what rounding may add.
+const HALF: f64 = 0.5 + 1e-6;
+
+/// The rows of a set's split list: path, whether it trains, true rate.
+fn rows(set: &str, folder: &Path) -> Vec<(PathBuf, bool, Option<f64>)> {
+    let text = std::fs::read_to_string(kinelm_shared_data::split_csv(set)).expect("the set has a split list");
+    let mut lines = text.lines().map(|l| l.split(',').collect::<Vec<_>>());
+    let header = lines.next().expect("a header");
+    let fps = header.iter().position(|&c| c == "fps");
+    let row = |r: Vec<&str>| {
+        let rate = fps.map(|i| r[i].parse().expect("a rate"));
+        (folder.join(r[0]).with_extension("bvh"), r[1] == "train", rate)
+    };
+    lines.map(row).collect()
+}
+
+/// A clip as the tokenizer takes it.
+fn prepared(path: &Path, fps_source: Option<f64>, skip: usize) -> Clip {
+    let options = ReadOptions { fps_source, skip, ..Default::default() };
+    let motion = read(path, &options).expect("the set's files are good");
+    let smpl = retarget::to_smpl(&motion, None).expect("the rig is known");
+    resample(&smpl, 20.0, Method::Auto).expect("a good rate")
+}
+
+#[derive(Default, Debug, Clone, Copy)]
+struct Found {
+    frames: usize,
+    rotations: u64,
+    second: u64,
+    clipped: u64,
+    /// Rotations beyond half a bin, or beyond `sqrt(3)/2` bins as an angle.
+    over: u64,
+    /// Bins.
+    worst_component: f64,
+    worst_step: f64,
+    /// Degrees.
+    worst_angle: f64,
+}
+
+impl Found {
+    fn and(self, b: Found) -> Found {
+        Found {
+            frames: self.frames + b.frames,
+            rotations: self.rotations + b.rotations,
+            second: self.second + b.second,
+            clipped: self.clipped + b.clipped,
+            over: self.over + b.over,
+            worst_component: self.worst_component.max(b.worst_component),
+            worst_step: self.worst_step.max(b.worst_step),
+            worst_angle: self.worst_angle.max(b.worst_angle),
+        }
+    }
+}
+
+/// Encodes and decodes a clip: the errors, after checking that coding again gives the same codes.
+fn measure(t: &Tokenizer, clip: &Clip) -> Found {
+    let encoded = t.encode(clip).expect("a prepared clip");
+    let back = t.decode(&encoded.codes, Rest::Identity).expect("codes of an encoder");
+    let again = t.encode(&back).expect("a decoded clip");
+    assert_eq!(again.codes, encoded.codes);
+    let uniform = t.uniform().expect("uniform bins");
+    let bin = uniform.angles().width();
+    let mut found = Found {
+        frames: clip.frames(),
+        second: encoded.second_codes,
+        clipped: encoded.clipped.iter().sum(),
+        ..Default::default()
+    };
+    let start = clip.root()[0] * Vec3::new(1.0, 0.0, 1.0);
+    let mut facing = 0.0;
+    for f in 0..clip.frames() {
+        for &j in t.channels().joints() {
+            let (was, is) = (clip.pose(f)[j], back.pose(f)[j]);
+            let code = t.channels().joints().iter().position(|&k| k == j).expect("coded") * 3 + 3;
+            let at = f * t.word_length() + code;
+            let decoded = uniform.angles().vector([0, 1, 2].map(|i| encoded.codes[at + i]));
+            let v = exp_map::to_vector(was);
+            let miss = |v: Vec3| (v - decoded).abs().max_element() / bin;
+            let component = exp_map::twin(v).map_or(miss(v), |t| miss(v).min(miss(t)));
+            let angle = angle_between(was, is);
+            found.rotations += 1;
+            found.over += u64::from(component > HALF || angle > 0.75f64.sqrt() * bin + 1e-9);
+            found.worst_component = found.worst_component.max(component);
+            found.worst_angle = found.worst_angle.max(angle.to_degrees());
+        }
+        let miss = exp_map::from_vector(Vec3::Y * -facing) * (clip.root()[f] - start - back.root()[f]);
+        for (i, line) in uniform.translation().iter().enumerate() {
+            found.worst_step = found.worst_step.max(miss[i].abs() / line.width);
+        }
+        facing = heading(back.pose(f)[0]).unwrap_or(facing);
+    }
+    found
+}
+
+fn check(set: &str, test: &str, skip: usize) {
+    let Some(folder) = kinelm_shared_data::set(set, test) else { return };
+    let clips: Vec<(Clip, bool)> =
+        rows(set, &folder).par_iter().map(|(path, trains, fps)| (prepared(path, *fps, skip), *trains)).collect();
+    for joints in [&kinelm_motion::joints::THIRTEEN[..], &(0..24).collect::<Vec<_>>()] {
+        let mut fit = Fit::new(TokenizerConfig::uniform(joints, 20.0, 360)).expect("good settings");
+        clips.iter().filter(|(_, trains)| *trains).for_each(|(clip, _)| fit.add(clip).expect("a prepared clip"));
+        let t = fit.finish().expect("training clips");
+        let all = clips.par_iter().map(|(clip, trains)| {
+            let found = measure(&t, clip);
+            assert!(!trains || found.clipped == 0, "a training clip clips: {found:?}");
+            assert!(found.clipped > 0 || found.worst_step <= HALF, "{found:?}");
+            found
+        });
+        let found = all.reduce(Found::default, Found::and);
+        println!("{set}, {} clips, {} joints: {found:?}", clips.len(), joints.len());
+        assert!(found.over <= found.second && found.second * 1000 <= found.rotations, "{found:?}");
+        assert!(found.worst_component <= 1.0 && found.worst_angle <= 3f64.sqrt() + 1e-9, "{found:?}");
+        assert!(found.rotations > 10_000);
+    }
+}
+
+#[test]
+fn cmu_dance() {
+    check("cmu-dance", "tokenizer::cmu_dance", 10);
+}
+
+#[test]
+fn bandai_1() {
+    check("bandai-1", "tokenizer::bandai_1", 0);
+}
+
+#[test]
+fn bandai_2() {
+    check("bandai-2", "tokenizer::bandai_2", 0);
+}

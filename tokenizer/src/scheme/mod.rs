@@ -73,7 +73,8 @@ pub struct Encoded {
     pub codes: Vec<u16>,
     /// (C) how many values lay outside their bins and took the last one.
     pub clipped: Vec<u64>,
-    /// How many rotations took a second code, because the decoding of their first codes otherwise.
+    /// How many rotations, all near half a turn, took a second code, because the decoding of their first codes otherwise,
+    /// and lie further than half a bin from it (never more than one).
     pub second_codes: u64,
 }
 

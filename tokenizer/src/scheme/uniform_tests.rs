@@ -247,7 +247,7 @@ fn six_decimals_of_degrees_and_centimetres_change_no_code() {
     }
 }
 
-/// Clips of fewer frames than this many codes are enough: each stream is its own.
+/// Streams of three frames each.
 const STREAMS: usize = 100_000;
 
 #[test]

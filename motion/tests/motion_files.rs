@@ -1,7 +1,9 @@
 //! AMASS, AIST++ and body models against files that numpy wrote and values that numpy and SciPy computed
 //! (`scripts/reference/motion_files.py`).
 
-use kinelm_motion::format::{ReadOptions, aist, amass, body_model::BodyModel, json, npz::Npz, positions::Positions};
+use kinelm_motion::format::{
+    self, ReadOptions, aist, amass, body_model::BodyModel, json, npz::Npz, positions::Positions,
+};
 use kinelm_motion::rotation::{angle_between, exp_map};
 use kinelm_motion::{Clip, Motion, Quat, Result, Source, Vec3, smpl};
 use serde_json::Value;
@@ -230,6 +232,36 @@ fn npyz_reads_our_arrays() {
     let fps = npyz::NpyFile::new(&raw[..]).unwrap();
     assert_eq!(fps.shape(), [0u64; 0]);
     assert_eq!(fps.into_vec::<f64>().unwrap(), [59.94]);
+}
+
+#[test]
+fn files_by_their_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let dance = format::read(&golden("aist").join("protocol4.pkl"), &ReadOptions::default()).unwrap();
+    let (npz, json) = (folder.path().join("a.NPZ"), folder.path().join("a.json"));
+    format::write(&npz, &dance).unwrap();
+    format::write(&json, &dance).unwrap();
+    let again = format::read(&json, &ReadOptions::default()).unwrap();
+    assert_eq!((&again.clip, &again.source), (&dance.clip, &Source::Plain));
+    let options = ReadOptions { skip: 1, fps_source: Some(24.0), ..ReadOptions::default() };
+    for path in [&npz, &json] {
+        let cut = format::read(path, &options).unwrap().clip;
+        assert_eq!((cut.frames(), cut.fps()), (1, 24.0));
+        assert!((cut.root()[0] - dance.clip.root()[1]).length() < METRES);
+        assert_eq!(format::positions(path, &options).unwrap().positions.len(), 24);
+    }
+    let none = ReadOptions { skip: 2, ..ReadOptions::default() };
+    assert!(format::read(&json, &none).unwrap_err().to_string().contains("there are 2"));
+    let pickle = format::write(&folder.path().join("a.pkl"), &dance).unwrap_err();
+    assert!(pickle.to_string().contains("expected a .bvh, .npz or .json to write"), "{pickle}");
+    // a file under another's name
+    let wrong = folder.path().join("b.pkl");
+    std::fs::copy(&npz, &wrong).unwrap();
+    let e = format::read(&wrong, &ReadOptions::default()).unwrap_err().to_string();
+    assert!(e.contains("not_this_format: found an npz archive, expected a pickle"), "{e}");
+    std::fs::copy(&json, &npz).unwrap();
+    let e = format::read(&npz, &ReadOptions::default()).unwrap_err().to_string();
+    assert!(e.contains("not_this_format") && e.contains("expected an npz"), "{e}");
 }
 
 #[test]

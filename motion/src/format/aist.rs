@@ -21,8 +21,13 @@ pub const FPS: f64 = 60.0;
 /// # Errors
 /// [`Kind::PickleRefused`] for a pickle that names or calls anything but numpy's arrays, [`Kind::PickleBad`] for a damaged
 /// one; [`Kind::KeyMissing`], [`Kind::Shape`], [`Kind::Dtype`], [`Kind::ObjectArray`], [`Kind::NotFinite`];
-/// [`Kind::ScaleBad`]; [`Kind::NoMotion`] for a pickle of something else than a dict; those of a body model.
+/// [`Kind::ScaleBad`]; [`Kind::NoMotion`] for a pickle of something else than a dict; [`Kind::NotThisFormat`]; those of a
+/// body model.
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
+    if [&b"PK\x03\x04"[..], b"\x93NUMPY", b"HIERARCHY", b"{"].iter().any(|start| bytes.starts_with(start)) {
+        let found = super::bvh::looks_like(bytes);
+        return Err(FileError::new(Place::file(path), Kind::NotThisFormat, found, "a pickle").into());
+    }
     let pickle = Pickle::parse(path, bytes)?;
     let top = pickle.top();
     let Some(keys) = top.keys() else {

@@ -10,23 +10,30 @@
 //! first = tokens[clips[0]["offset"]:][:clips[0]["frames"] * W].reshape(-1, W)
 //! ```
 
+pub mod build;
 pub mod csv;
 pub mod gather;
 pub mod labels;
 pub mod load;
 mod map;
+pub mod merge;
 pub mod pattern;
 pub mod record;
 #[cfg(test)]
 pub(crate) mod samples;
+pub mod shared_runs;
 pub mod splits;
+pub mod stats;
 pub mod store;
 pub mod windows;
 pub mod writer;
 
+pub use build::{BuildOptions, Event, Summary, fit, tokenize};
 pub use gather::{Gathered, Item, gather};
 pub use load::{Loaded, load_item};
+pub use merge::merge;
 pub use record::{ClipRecord, Count, FileRecord, Manifest, Shard, Split, TokenType};
+pub use stats::{Stats, stats};
 pub use store::{Corpus, Shape, Tokens};
 pub use windows::{EvalWindow, TrainWindows, Window, eval_windows, fill_sequence};
 pub use writer::{CorpusWriter, NewClip};

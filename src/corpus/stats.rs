@@ -205,7 +205,7 @@ impl fmt::Display for Stats {
                 write!(f, "   ({})", splits.values().map(|c| c.frames).sum::<usize>())?;
             }
         }
-        write!(f, "\n")?;
+        writeln!(f)?;
         self.fmt_doubts(f)
     }
 }

@@ -39,7 +39,7 @@ struct End {
     offset: [f64; 3],
 }
 
-/// Reads a clip: bit for bit the one that [`write`] was given, at the rate in the options if there is one.
+/// Reads a clip: bit for bit the one that [`write()`] was given, at the rate in the options if there is one.
 ///
 /// # Errors
 /// [`Kind::JsonBad`] with line and column where the text is no such JSON, without them where its numbers make no clip.

@@ -26,7 +26,7 @@ pub fn write(path: &Path, motion: &Motion) -> Result<()> {
     atomic::write(path, &to_bytes(motion)?)
 }
 
-/// The bytes that [`write`] writes.
+/// The bytes that [`write()`] writes.
 ///
 /// # Errors
 /// [`Error::Call`] for a clip that no BVH can hold (nesting, a rate below 1).

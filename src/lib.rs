@@ -11,5 +11,6 @@ pub mod files;
 pub mod generate;
 pub mod model;
 pub mod random;
+pub mod train;
 
 pub use error::{Error, Result};

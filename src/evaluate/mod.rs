@@ -3,6 +3,7 @@
 pub mod baselines;
 pub mod codes;
 pub mod kernels;
+pub mod likelihood;
 pub mod xz;
 
 pub use baselines::{Baselines, measure};

@@ -1,0 +1,335 @@
+//! Checkpoints: folders that are whole or not there.
+//!
+//! `checkpoints/step-00001000/` holds its files and, written last, `state.json` with their lengths and hashes. It is
+//! written under a hidden name, synced and renamed. `latest` and `best` beside `checkpoints/` hold the name of a folder
+//! and are written after it.
+
+use crate::corpus::FileRecord;
+use crate::{Error, Result, files};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// The layout of `state.json` that this program writes and reads.
+const SCHEMA: u32 = 1;
+const STATE: &str = "state.json";
+
+/// `state.json`: where a run stood.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct State {
+    /// The layout's version.
+    pub schema: u32,
+    /// Updates done.
+    pub step: u64,
+    /// Training windows taken so far: the next one's place in the order of the data. All random numbers are functions
+    /// of the seed and of this.
+    pub windows: u64,
+    /// Tokens trained on so far, padding left out.
+    pub tokens: u64,
+    /// The run's seed.
+    pub seed: u64,
+    /// The best measurement on the validation clips so far.
+    pub best: Option<Best>,
+    /// The other files of the folder.
+    pub files: BTreeMap<String, FileRecord>,
+}
+
+/// The best measurement on the validation clips.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Best {
+    /// After how many updates.
+    pub step: u64,
+    /// How many bits a frame took.
+    pub bits_per_frame: f64,
+}
+
+impl State {
+    /// A state without files.
+    pub fn new(step: u64, windows: u64, tokens: u64, seed: u64, best: Option<Best>) -> State {
+        State { schema: SCHEMA, step, windows, tokens, seed, best, files: BTreeMap::new() }
+    }
+}
+
+/// Which checkpoint is wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Which {
+    /// The best, or the latest of a run without validation clips.
+    #[default]
+    Auto,
+    /// The best on the validation clips.
+    Best,
+    /// The latest.
+    Latest,
+    /// That after so many updates.
+    Step(u64),
+}
+
+/// The checkpoints of a run folder.
+#[derive(Debug, Clone)]
+pub struct Checkpoints {
+    run: PathBuf,
+}
+
+/// A checkpoint that was read and whose hashes are right.
+#[derive(Debug)]
+pub struct Checkpoint {
+    /// Its folder.
+    pub dir: PathBuf,
+    /// Its state.
+    pub state: State,
+    /// The bytes of the files that were asked for.
+    pub files: BTreeMap<String, Vec<u8>>,
+}
+
+impl Checkpoints {
+    /// Those of the run folder `run`.
+    pub fn of(run: &Path) -> Checkpoints {
+        Checkpoints { run: run.to_owned() }
+    }
+
+    fn dir(&self) -> PathBuf {
+        self.run.join("checkpoints")
+    }
+
+    /// The folder of the checkpoint after `step` updates.
+    pub fn path(&self, step: u64) -> PathBuf {
+        self.dir().join(name(step))
+    }
+
+    /// Steps of the checkpoints there, ascending.
+    ///
+    /// # Errors
+    /// A folder that can't be listed.
+    pub fn steps(&self) -> Result<Vec<u64>> {
+        let entries = match fs::read_dir(self.dir()) {
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+            other => other.map_err(Error::io(self.dir()))?,
+        };
+        let names = entries.filter_map(|e| Some(e.ok()?.file_name().to_string_lossy().into_owned()));
+        let mut steps: Vec<u64> = names.filter_map(|n| step_of(&n)).collect();
+        steps.sort_unstable();
+        Ok(steps)
+    }
+
+    /// The step that `latest` or `best` names.
+    pub fn named(&self, which: &str) -> Option<u64> {
+        step_of(fs::read_to_string(self.run.join(which)).ok()?.trim())
+    }
+
+    /// Writes a checkpoint, then `latest`, and `best` if it is the best.
+    ///
+    /// # Errors
+    /// What the system refuses; the run's earlier checkpoints are still there then.
+    pub fn write(&self, mut state: State, contents: &[(&str, Vec<u8>)]) -> Result<PathBuf> {
+        let (dir, path) = (self.dir(), self.path(state.step));
+        fs::create_dir_all(&dir).map_err(Error::io(&dir))?;
+        state.files = contents.iter().map(|(n, bytes)| (n.to_string(), FileRecord::of(bytes))).collect();
+        let whole = read_state(&path).is_ok_and(|s| s == state) && check(&path, &state, &[]).is_ok();
+        if !whole {
+            let work = files::beside(&path, "writing")?;
+            let written = write_folder(&work, &state, contents).and_then(|()| {
+                if path.exists() {
+                    // the same step again after a damaged one, or after going back
+                    fs::remove_dir_all(&path).map_err(Error::io(&path))?;
+                }
+                fs::rename(&work, &path).map_err(Error::io(&path))
+            });
+            if written.is_err() {
+                let _ = fs::remove_dir_all(&work);
+            }
+            written?;
+            files::sync_folder(&dir)?;
+        }
+        files::write_whole(&self.run.join("latest"), format!("{}\n", name(state.step)).as_bytes())?;
+        if state.best.is_some_and(|b| b.step == state.step) {
+            files::write_whole(&self.run.join("best"), format!("{}\n", name(state.step)).as_bytes())?;
+        }
+        Ok(path)
+    }
+
+    /// Removes all but the last `keep` checkpoints and the best, and what a killed process left half written.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn prune(&self, keep: usize) -> Result<()> {
+        let (steps, best) = (self.steps()?, self.named("best"));
+        for step in steps.iter().rev().skip(keep).filter(|s| Some(**s) != best) {
+            let path = self.path(*step);
+            fs::remove_dir_all(&path).map_err(Error::io(&path))?;
+        }
+        self.sweep()
+    }
+
+    /// Removes what a killed process left half written.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn sweep(&self) -> Result<()> {
+        for entry in fs::read_dir(self.dir()).into_iter().flatten().flatten() {
+            let left = entry.file_name().to_string_lossy().starts_with(".step-");
+            if left {
+                fs::remove_dir_all(entry.path()).map_err(Error::io(entry.path()))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads the files `wanted` of one checkpoint; all its hashes are checked first.
+    ///
+    /// # Errors
+    /// A checkpoint that is missing, cut short or changed: which file, what was found and expected.
+    pub fn read(&self, step: u64, wanted: &[&str]) -> Result<Checkpoint> {
+        let dir = self.path(step);
+        let state = read_state(&dir)?;
+        if state.step != step {
+            let found = format!("step {}", state.step);
+            return Err(Error::file(dir.join(STATE), found, format!("step {step}"), ""));
+        }
+        let files = check(&dir, &state, wanted)?;
+        match wanted.iter().find(|w| !files.contains_key(**w)) {
+            Some(missing) => Err(Error::file(&dir, format!("no {missing} in state.json"), "a whole checkpoint", "")),
+            None => Ok(Checkpoint { dir, state, files }),
+        }
+    }
+
+    /// The checkpoint that is wanted, or the nearest one before it that is whole; what was passed over is told to `note`.
+    ///
+    /// # Errors
+    /// No checkpoint that is whole, with the reason of the first.
+    pub fn find(&self, which: Which, wanted: &[&str], note: &mut dyn FnMut(String)) -> Result<Checkpoint> {
+        let steps = self.steps()?;
+        let latest = || self.named("latest").filter(|s| steps.contains(s)).or(steps.last().copied());
+        let first = match which {
+            Which::Auto => self.named("best").or_else(latest),
+            Which::Best => self.named("best"),
+            Which::Latest => latest(),
+            Which::Step(step) => Some(step),
+        };
+        let nothing = || Error::file(&self.run, "no checkpoint", "a run that reached its first one", "train it first");
+        let first = first.ok_or_else(nothing)?;
+        let mut reason = match self.read(first, wanted) {
+            Err(e) if !matches!(which, Which::Step(_)) => e,
+            other => return other,
+        };
+        for &step in steps.iter().rev().filter(|s| **s < first) {
+            note(format!("{reason}; going back to the checkpoint of step {step}"));
+            match self.read(step, wanted) {
+                Ok(found) => return Ok(found),
+                Err(e) => reason = e,
+            }
+        }
+        Err(reason)
+    }
+}
+
+fn name(step: u64) -> String {
+    format!("step-{step:08}")
+}
+
+fn step_of(name: &str) -> Option<u64> {
+    name.strip_prefix("step-")?.parse().ok()
+}
+
+fn write_folder(work: &Path, state: &State, contents: &[(&str, Vec<u8>)]) -> Result<()> {
+    if work.exists() {
+        fs::remove_dir_all(work).map_err(Error::io(work))?;
+    }
+    fs::create_dir(work).map_err(Error::io(work))?;
+    let json = serde_json::to_vec_pretty(state).map_err(|e| Error::Call(format!("the state can't be written: {e}")))?;
+    for (name, bytes) in contents.iter().map(|(n, b)| (*n, b)).chain([(STATE, &json)]) {
+        let path = work.join(name);
+        let write = || -> std::io::Result<()> {
+            let mut file = File::create(&path)?;
+            file.write_all(bytes)?;
+            file.sync_all()
+        };
+        write().map_err(Error::io(&path))?;
+    }
+    files::sync_folder(work)
+}
+
+fn read_state(dir: &Path) -> Result<State> {
+    let path = dir.join(STATE);
+    let text = fs::read(&path).map_err(Error::io(&path))?;
+    let state: State = serde_json::from_slice(&text)
+        .map_err(|e| Error::file(&path, format!("no state: {e}"), "the state of a checkpoint", ""))?;
+    match state.schema {
+        SCHEMA => Ok(state),
+        other => Err(Error::file(&path, format!("schema {other}"), format!("schema {SCHEMA}"), "use its kinelm")),
+    }
+}
+
+/// The bytes of the files `wanted`, after checking every file that the state lists.
+fn check(dir: &Path, state: &State, wanted: &[&str]) -> Result<BTreeMap<String, Vec<u8>>> {
+    let mut kept = BTreeMap::new();
+    for (name, record) in &state.files {
+        let path = dir.join(name);
+        let bytes = fs::read(&path).map_err(Error::io(&path))?;
+        let found = FileRecord::of(&bytes);
+        if found != *record {
+            let say = |r: &FileRecord| format!("{} bytes with SHA-256 {}", r.bytes, r.sha256);
+            return Err(Error::file(&path, say(&found), say(record), ""));
+        }
+        if wanted.contains(&name.as_str()) {
+            kept.insert(name.clone(), bytes);
+        }
+    }
+    Ok(kept)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state(step: u64, best: Option<u64>) -> State {
+        State::new(step, 0, 0, 1, best.map(|step| Best { step, bits_per_frame: 2.0 }))
+    }
+
+    #[test]
+    fn the_last_and_the_best_stay_and_cut_ones_are_passed_over() {
+        let dir = tempfile::tempdir().unwrap();
+        let all = Checkpoints::of(dir.path());
+        assert!(all.find(Which::Auto, &[], &mut |_| ()).unwrap_err().to_string().contains("no checkpoint"));
+        for (step, best) in [(10, Some(10)), (20, Some(10)), (30, Some(10)), (40, Some(10))] {
+            all.write(state(step, best), &[("a", vec![step as u8; 9])]).unwrap();
+            all.prune(2).unwrap();
+        }
+        assert_eq!(all.steps().unwrap(), [10, 30, 40]);
+        assert_eq!((all.named("latest"), all.named("best")), (Some(40), Some(10)));
+        let find = |which| {
+            let mut notes = Vec::new();
+            let found = all.find(which, &["a"], &mut |n| notes.push(n));
+            (found.map(|c| (c.state.step, c.files["a"].clone())).map_err(|e| e.to_string()), notes)
+        };
+        assert_eq!(find(Which::Auto).0.unwrap(), (10, vec![10; 9]));
+        assert_eq!(find(Which::Latest).0.unwrap(), (40, vec![40; 9]));
+        fs::write(all.path(40).join("a"), [40; 8]).unwrap();
+        let (found, notes) = find(Which::Latest);
+        assert_eq!(found.unwrap().0, 30);
+        assert!(
+            notes[0].contains("8 bytes") && notes[0].contains("9 bytes") && notes[0].contains("step 30"),
+            "{notes:?}"
+        );
+        assert!(find(Which::Step(40)).0.unwrap_err().contains("8 bytes"));
+        fs::remove_file(all.path(30).join(STATE)).unwrap();
+        assert_eq!(find(Which::Latest).0.unwrap().0, 10);
+        // written again, the damaged one is whole
+        all.write(state(40, Some(10)), &[("a", vec![40; 9])]).unwrap();
+        assert_eq!(find(Which::Latest).0.unwrap().0, 40);
+    }
+
+    #[test]
+    fn what_a_killed_process_left_is_swept() {
+        let dir = tempfile::tempdir().unwrap();
+        let all = Checkpoints::of(dir.path());
+        all.write(state(1, None), &[]).unwrap();
+        fs::create_dir(dir.path().join("checkpoints/.step-00000002.writing-77")).unwrap();
+        assert_eq!(all.steps().unwrap(), [1]);
+        all.prune(1).unwrap();
+        assert_eq!(fs::read_dir(dir.path().join("checkpoints")).unwrap().count(), 1);
+    }
+}

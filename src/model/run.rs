@@ -1,0 +1,61 @@
+//! A trained model out of its run folder.
+
+use super::checkpoint::{Checkpoints, State, Which};
+use super::config::{ModelConfig, TokenLayout};
+use super::gpt::Gpt;
+use super::weights;
+use crate::{Error, Result};
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+
+/// The weights' file in a checkpoint.
+pub const WEIGHTS: &str = "model.safetensors";
+/// The run's configuration.
+pub const CONFIG: &str = "config.toml";
+/// The run's tokenizer.
+pub const TOKENIZER: &str = "tokenizer.json";
+
+/// A model and what belongs to it.
+pub struct LoadedRun {
+    /// The model.
+    pub model: Gpt,
+    /// The tokenizer it was trained with.
+    pub tokenizer: PathBuf,
+    /// The checkpoint's folder.
+    pub checkpoint: PathBuf,
+    /// Where the run stood there.
+    pub state: State,
+    /// What the user should know: checkpoints that were passed over, and why.
+    pub notes: Vec<String>,
+}
+
+/// What is needed of `config.toml`; the rest is for training.
+#[derive(Deserialize)]
+struct Shape {
+    model: ModelConfig,
+    tokens: TokenLayout,
+}
+
+/// Loads a model from a run folder; by default the best on the validation clips, or the latest where there were none.
+///
+/// A checkpoint that is damaged is passed over for the one before it, with a note.
+///
+/// # Errors
+/// No run folder, no checkpoint that is whole, weights that don't fit the configuration.
+pub fn load_run(run: &Path, which: Which) -> Result<LoadedRun> {
+    let path = run.join(CONFIG);
+    let text = std::fs::read_to_string(&path).map_err(|e| match e.kind() {
+        std::io::ErrorKind::NotFound => {
+            let help = "a run is a folder that `kinelm pretrain --run RUN` wrote";
+            Error::file(run, "no config.toml", "a run folder", help)
+        }
+        _ => Error::io(&path)(e),
+    })?;
+    let shape: Shape = toml::from_str(&text)
+        .map_err(|e| Error::file(&path, e.message().to_string(), "the configuration of a run", ""))?;
+    let mut notes = Vec::new();
+    let found = Checkpoints::of(run).find(which, &[WEIGHTS], &mut |n| notes.push(n))?;
+    let weights = weights::from_bytes(&found.dir.join(WEIGHTS), &found.files[WEIGHTS])?;
+    let model = Gpt::from_tensors(&shape.model, &shape.tokens, weights)?;
+    Ok(LoadedRun { model, tokenizer: run.join(TOKENIZER), checkpoint: found.dir, state: found.state, notes })
+}

@@ -1,0 +1,153 @@
+//! Which windows a step trains on: a function of (seed, step, place in the batch) and of nothing else.
+//!
+//! A pass over the corpus takes, of a clip of F frames where n whole words fit into a window, ceil(F/n) windows: its
+//! possible starts are cut into that many equal stretches and one start is drawn in each. So a pass sees nearly every
+//! frame about once, and every pass sees them at other places of the window. The order of a pass is a random one.
+
+use crate::corpus::windows::{context_frames, fill_sequence};
+use crate::corpus::{ClipRecord, Corpus, Split};
+use crate::{Error, Result, random};
+use kinelm_tokenizer::Special;
+use rand_chacha::rand_core::RngCore;
+
+/// The windows of one step.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Batch {
+    /// (B, T) ids: `<bos>` and all tokens but the last.
+    pub inputs: Vec<u32>,
+    /// (B, T) ids: the tokens; `<pad>` where the clip has ended.
+    pub targets: Vec<u32>,
+    /// Names of the windows' clips, with the frame at which the window starts.
+    pub clips: Vec<String>,
+}
+
+/// The training windows of a corpus, in order.
+pub struct Batches<'a> {
+    corpus: &'a Corpus,
+    clips: Vec<&'a ClipRecord>,
+    ends: Vec<usize>, // per clip: windows of a pass up to and with it
+    context: usize,
+    frames: usize,
+    batch: usize,
+    seed: u64,
+    order: Option<(u64, Vec<u32>)>, // of the pass drawn last
+}
+
+impl<'a> Batches<'a> {
+    /// The windows of `context` tokens of the training clips, `batch` at a time.
+    ///
+    /// # Errors
+    /// No training clip with a frame; a context that doesn't hold a word.
+    pub fn new(corpus: &'a Corpus, context: usize, batch: usize, seed: u64) -> Result<Batches<'a>> {
+        let frames = context_frames(context, corpus.tokens_per_frame())?;
+        let clips: Vec<_> = corpus.split(Split::Train).filter(|c| c.frames > 0).collect();
+        if clips.is_empty() {
+            let help = "give some clips the split `train` when making it";
+            return Err(Error::file(corpus.dir(), "no training clip", "a corpus with training clips", help));
+        }
+        let ends = clips.iter().scan(0, |total, clip| {
+            *total += clip.frames.div_ceil(frames);
+            Some(*total)
+        });
+        Ok(Batches { corpus, ends: ends.collect(), clips, context, frames, batch, seed, order: None })
+    }
+
+    /// Windows of one pass over the corpus.
+    pub fn pass(&self) -> usize {
+        self.ends.last().copied().unwrap_or(0)
+    }
+
+    /// The windows of step `step`.
+    pub fn batch(&mut self, step: u64) -> Batch {
+        let (b, t) = (self.batch, self.context);
+        let mut batch = Batch { inputs: vec![0; b * t], targets: vec![0; b * t], clips: Vec::with_capacity(b) };
+        let rows = batch.inputs.chunks_mut(t).zip(batch.targets.chunks_mut(t));
+        for (i, (input, target)) in rows.enumerate() {
+            let place = step * b as u64 + i as u64;
+            let (pass, at) = (place / self.pass() as u64, place % self.pass() as u64);
+            let window = self.order(pass)[at as usize] as usize;
+            let (clip, frame) = self.start(pass, window);
+            let last = clip.frames.min(frame + t.div_ceil(self.corpus.tokens_per_frame()));
+            let ids = self.corpus.frame_ids(clip, frame..last);
+            fill_sequence(&ids[..ids.len().min(t)], Special::Bos.id(), Special::Pad.id(), input, target);
+            batch.clips.push(format!("{} from frame {frame}", clip.name));
+        }
+        batch
+    }
+
+    /// The clip and first frame of a window of a pass.
+    fn start(&self, pass: u64, window: usize) -> (&'a ClipRecord, usize) {
+        let index = self.ends.partition_point(|&end| end <= window);
+        let clip = self.clips[index];
+        let before = if index == 0 { 0 } else { self.ends[index - 1] };
+        let (stretch, stretches) = (window - before, self.ends[index] - before);
+        let starts = clip.frames.saturating_sub(self.frames) + 1;
+        let (low, high) = (starts * stretch / stretches, starts * (stretch + 1) / stretches);
+        let mut rng = random::stream(self.seed, "window", pass, window as u64);
+        (clip, low + (random::unit(&mut rng) * (high - low) as f64) as usize)
+    }
+
+    /// The windows of a pass in the order of Fisher and Yates.
+    fn order(&mut self, pass: u64) -> &[u32] {
+        if self.order.as_ref().is_none_or(|(p, _)| *p != pass) {
+            let mut rng = random::stream(self.seed, "order", pass, 0);
+            let mut order: Vec<u32> = (0..self.pass() as u32).collect();
+            for last in (1..order.len()).rev() {
+                // 64 bits over at most 2^32 windows: no bias that could be seen
+                order.swap(last, (rng.next_u64() % (last as u64 + 1)) as usize);
+            }
+            self.order = Some((pass, order));
+        }
+        self.order.as_ref().map_or(&[], |(_, order)| order)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::fixture;
+
+    #[test]
+    fn a_pass_has_every_stretch_once_and_steps_can_be_asked_in_any_order() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::corpus(dir.path(), &[(30, Split::Train), (3, Split::Train), (9, Split::Valid)]);
+        // W = 7, T = 36: 5 whole words; 6 stretches of the first clip, one of the second
+        let mut batches = Batches::new(&corpus, 36, 2, 5).unwrap();
+        assert_eq!(batches.pass(), 7);
+        let steps: Vec<Batch> = (0..7).map(|s| batches.batch(s)).collect();
+        for pass in 0..2 {
+            let windows = steps.iter().flat_map(|b| &b.clips).skip(7 * pass).take(7);
+            let mut starts: Vec<(String, usize)> = windows
+                .map(|c| c.split_once(" from frame ").map(|(n, f)| (n.to_string(), f.parse().unwrap())).unwrap())
+                .collect();
+            starts.sort();
+            // 26 starts in 6 stretches
+            for (i, (name, frame)) in starts[..6].iter().enumerate() {
+                assert_eq!(name, "clip0");
+                assert!((26 * i / 6..26 * (i + 1) / 6).contains(frame), "{starts:?}");
+            }
+            assert_eq!(starts[6], ("clip1".to_string(), 0));
+        }
+        assert_eq!(batches.batch(3), steps[3]);
+        assert_ne!(Batches::new(&corpus, 36, 2, 6).unwrap().batch(0), steps[0]);
+    }
+
+    #[test]
+    fn windows_start_at_a_frame_behind_bos_and_short_clips_are_padded() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::corpus(dir.path(), &[(3, Split::Train)]);
+        let batch = Batches::new(&corpus, 36, 1, 5).unwrap().batch(0);
+        let ids = corpus.frame_ids(&corpus.clips()[0], 0..3);
+        assert_eq!(batch.targets[..21], ids);
+        assert!(batch.targets[21..].iter().all(|&t| t == 0));
+        assert_eq!(batch.inputs[0], 1);
+        assert_eq!(batch.inputs[1..22], ids);
+    }
+
+    #[test]
+    fn a_corpus_without_training_clips_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::corpus(dir.path(), &[(3, Split::Test)]);
+        assert!(Batches::new(&corpus, 36, 1, 5).err().unwrap().to_string().contains("no training clip"));
+    }
+}

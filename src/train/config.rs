@@ -1,0 +1,179 @@
+//! A training file: `[model]`, `[train]`, and where the corpus and the run are.
+
+use super::schedule::Schedule;
+use crate::model::ModelConfig;
+use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// A training TOML.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TrainFile {
+    /// The corpus folder; in a file, relative to the file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub corpus: Option<PathBuf>,
+    /// The run folder; in a file, relative to the file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<PathBuf>,
+    /// The model.
+    pub model: ModelConfig,
+    /// How it is trained.
+    pub train: TrainConfig,
+}
+
+/// The `[train]` table. Defaults are PROTOCOLS 5.1's.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TrainConfig {
+    /// B: windows of a step, 1..=65536. Default 8.
+    pub batch: usize,
+    /// Steps in all, where the schedule ends too. Default 1,000.
+    pub steps: u64,
+    /// Highest learning rate, above 0. Default 2e-4.
+    pub learning_rate: f64,
+    /// How the rate moves after the warm-up. Default `cosine`.
+    pub schedule: Schedule,
+    /// Steps in which the rate rises from 0. Default 100.
+    pub warmup: u64,
+    /// Where `cosine` ends, as a share of the rate, 0..=1. Default 0.1.
+    pub final_share: f64,
+    /// AdamW's memory of the gradient and of its square, each 0 up to below 1. Default 0.9 and 0.95.
+    pub betas: [f64; 2],
+    /// AdamW's epsilon, above 0. Default 1e-8.
+    pub epsilon: f64,
+    /// Decoupled decay of the matrices that are no embeddings, 0 or more. Default 0.1.
+    pub weight_decay: f64,
+    /// Largest norm of the gradient; 0 means no limit. Default 1.
+    pub clip_norm: f64,
+    /// Every random number comes from it. Default 1.
+    pub seed: u64,
+    /// Steps between measurements on the validation clips; 0 means only at the end. Default 250.
+    pub eval_every: u64,
+    /// Most validation windows of a measurement, spread evenly; 0 means all. Default 128.
+    pub eval_windows: usize,
+    /// Steps between checkpoints; 0 means only at the end and where validation is best. Default 250.
+    pub checkpoint_every: u64,
+    /// Checkpoints kept beside the best, 1 or more. Default 2.
+    pub keep: usize,
+}
+
+impl Default for TrainConfig {
+    fn default() -> Self {
+        TrainConfig {
+            batch: 8,
+            steps: 1000,
+            learning_rate: 2e-4,
+            schedule: Schedule::Cosine,
+            warmup: 100,
+            final_share: 0.1,
+            betas: [0.9, 0.95],
+            epsilon: 1e-8,
+            weight_decay: 0.1,
+            clip_norm: 1.0,
+            seed: 1,
+            eval_every: 250,
+            eval_windows: 128,
+            checkpoint_every: 250,
+            keep: 2,
+        }
+    }
+}
+
+impl TrainFile {
+    /// Reads a training file; its paths become relative to where it stands.
+    ///
+    /// # Errors
+    /// A file that can't be read, keys that are unknown or outside their limits (line and column where TOML tells them).
+    pub fn load(path: &Path) -> Result<TrainFile> {
+        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let mut file = TrainFile::parse(&text, path)?;
+        let folder = crate::files::folder_of(path);
+        for place in [&mut file.corpus, &mut file.run].into_iter().flatten() {
+            *place = folder.join(&place);
+        }
+        Ok(file)
+    }
+
+    /// Reads the text of a training file; `path` is for messages. Paths stay as they are.
+    ///
+    /// # Errors
+    /// As [`TrainFile::load`].
+    pub fn parse(text: &str, path: &Path) -> Result<TrainFile> {
+        let file: TrainFile = toml::from_str(text).map_err(|e| {
+            let before = &text[..e.span().map_or(0, |s| s.start.min(text.len()))];
+            let at = kinelm_motion::Place {
+                path: path.to_owned(),
+                line: if e.span().is_some() { before.matches('\n').count() + 1 } else { 0 },
+                column: before.chars().rev().take_while(|&c| c != '\n').count() + 1,
+            };
+            Error::at(at, e.message().to_string(), "a training file", "configs/train/ has examples with every key")
+        })?;
+        let checked = file.model.validate().and_then(|()| file.train.validate());
+        checked.map_err(|e| Error::file(path, e.to_string(), "keys within their limits", ""))?;
+        Ok(file)
+    }
+}
+
+impl TrainConfig {
+    /// Checks every key.
+    ///
+    /// # Errors
+    /// The first key outside its limits, with both.
+    pub fn validate(&self) -> Result<()> {
+        let check = |holds: bool, key: &str, found: String, limits: &str| match holds {
+            true => Ok(()),
+            false => Err(Error::Call(format!("train.{key} is {found}; expected {limits}"))),
+        };
+        let number =
+            |holds: bool, key, found: f64, limits| check(holds && found.is_finite(), key, found.to_string(), limits);
+        check((1..=65_536).contains(&self.batch), "batch", self.batch.to_string(), "1 to 65536")?;
+        check(self.steps <= 1 << 40, "steps", self.steps.to_string(), "at most 2^40")?;
+        number(self.learning_rate > 0.0, "learning_rate", self.learning_rate, "a number above 0")?;
+        number((0.0..=1.0).contains(&self.final_share), "final_share", self.final_share, "0 to 1")?;
+        for beta in self.betas {
+            number((0.0..1.0).contains(&beta), "betas", beta, "0 up to below 1")?;
+        }
+        number(self.epsilon > 0.0, "epsilon", self.epsilon, "a number above 0")?;
+        number(self.weight_decay >= 0.0, "weight_decay", self.weight_decay, "0 or more")?;
+        number(self.clip_norm >= 0.0, "clip_norm", self.clip_norm, "0 (no limit) or more")?;
+        // TOML has no larger integers
+        check(self.seed <= i64::MAX as u64, "seed", self.seed.to_string(), "at most 9223372036854775807")?;
+        check(self.keep >= 1, "keep", self.keep.to_string(), "1 or more")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shipped_files_hold_and_have_the_promised_sizes() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/train");
+        let load = |name: &str| TrainFile::load(&folder.join(name)).unwrap().model;
+        let (tiny, small) = (load("tiny.toml"), load("small.toml"));
+        assert_eq!((tiny.layers, tiny.width, tiny.heads, tiny.context), (4, 128, 4, 256));
+        assert_eq!((small.layers, small.width, small.heads, small.context), (6, 256, 8, 1024));
+    }
+
+    #[test]
+    fn wrong_keys_are_named_where_they_stand() {
+        let said = |text: &str| TrainFile::parse(text, Path::new("a.toml")).unwrap_err().to_string();
+        let message = said("[train]\nbatch = 4\nstep = 3\n");
+        assert!(message.starts_with("a.toml:3:1: found unknown field `step`"), "{message}");
+        assert!(said("[train]\nlearning_rate = nan").contains("train.learning_rate is NaN; expected a number above 0"));
+        assert!(said("[train]\nbetas = [0.9, 1.0]").contains("train.betas is 1; expected 0 up to below 1"));
+        assert!(said("[model]\nlayers = 0").contains("model.layers is 0"));
+        assert!(said("[model").starts_with("a.toml:1:"));
+    }
+
+    #[test]
+    fn paths_are_relative_to_the_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.toml");
+        std::fs::write(&path, "corpus = \"c\"\nrun = \"/r\"\n").unwrap();
+        let file = TrainFile::load(&path).unwrap();
+        assert_eq!(file.corpus.unwrap(), dir.path().join("c"));
+        assert_eq!(file.run.unwrap(), Path::new("/r"));
+    }
+}

@@ -1,0 +1,34 @@
+//! A small corpus for tests: words of six characters that a model can learn.
+
+use crate::corpus::samples::{clip, walk};
+use crate::corpus::{Corpus, CorpusWriter, Split};
+use crate::model::TokenLayout;
+use crate::random;
+use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
+use rand_chacha::rand_core::RngCore;
+use std::path::Path;
+
+/// What the corpora below are made of.
+pub const TOKENS: TokenLayout = TokenLayout { vocabulary: 16, word: 7, pad: 0, bos: 1, space: 5 };
+
+/// A corpus in `dir` of clips of so many frames. Characters walk by -1, 0 or 1 from frame to frame.
+pub fn corpus(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
+    let path = dir.join("corpus");
+    let tokenizer = Tokenizer::fit([&walk(5)], TokenizerConfig::uniform(&[0], 20.0, 10)).unwrap();
+    let mut writer = CorpusWriter::create(&path, &tokenizer, &["made".into()], None, false).unwrap();
+    for (key, &(frames, split)) in clips.iter().enumerate() {
+        let mut rng = random::stream(9, "fixture", key as u64, 0);
+        let mut ids = Vec::new();
+        let mut codes = [5u32; 6];
+        for _ in 0..frames {
+            for code in &mut codes {
+                *code = (*code + 9 + rng.next_u32() % 3) % 10;
+                ids.push(6 + *code);
+            }
+            ids.push(TOKENS.space);
+        }
+        writer.push(clip(&format!("clip{key}"), key, split), &ids).unwrap();
+    }
+    writer.finish().unwrap();
+    Corpus::open(&path).unwrap()
+}

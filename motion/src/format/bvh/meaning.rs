@@ -124,7 +124,9 @@ pub(crate) fn decide(path: &Path, head: &Head, frames: &Frames, options: &ReadOp
     let chain = chain(nodes, range.clone(), |n| mean(n).1 * unit_m > STILL_M);
     let root = *chain.last().unwrap_or(&range.start);
     let joints: Vec<usize> = (root..range.end).filter(|&n| nodes[n].kind != NodeKind::End).collect();
-    let skeleton = skeleton(nodes, &joints, root..range.end, |n| mean(n).0 * unit_m);
+    // no kinematics reads the root's offset: the file's own, which doesn't depend on the frames
+    let offset = |n: usize| if n == root { Vec3::from_array(nodes[n].offset) } else { mean(n).0 };
+    let skeleton = skeleton(nodes, &joints, root..range.end, |n| offset(n) * unit_m);
     let skeleton = skeleton.map_err(|e| Error::Clip { clip: path.display().to_string(), what: e.to_string() })?;
     let stretch = |(j, &n): (usize, &usize)| (j > 0 && mean(n).1 * unit_m > STILL_M).then(|| (j, mean(n).1 * unit_m));
     let stretch: Vec<(usize, f64)> = joints.iter().enumerate().filter_map(stretch).collect();
@@ -187,4 +189,172 @@ pub(crate) fn clip(rig: &Rig, frames: &Frames, fps: f64) -> Result<Clip> {
         rotations.extend(rig.joints[1..].iter().map(|&n| frames.turn(n, row)));
     }
     Clip::new(rig.skeleton.clone(), fps, root, rotations)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::{ReadOptions, Unit, bvh};
+    use crate::{Motion, Source};
+
+    const XYZ: &str = "Xposition Yposition Zposition";
+
+    fn metres() -> ReadOptions {
+        ReadOptions { unit: Unit::Metre, ..Default::default() }
+    }
+
+    fn read(text: &str, options: &ReadOptions) -> Result<Motion> {
+        bvh::read(Path::new("x.bvh"), text.as_bytes(), options)
+    }
+
+    fn source(m: &Motion) -> &bvh::BvhSource {
+        let Source::Bvh(source) = &m.source else { panic!("a BVH") };
+        source
+    }
+
+    /// A root with six channels in an order of rotations, and a child at 0 10 0 with its own channels.
+    fn two(order: &str, child: &str, rows: &[&str]) -> String {
+        let count = child.split_whitespace().count();
+        format!(
+            "HIERARCHY\nROOT a\n{{\nOFFSET 0 0 0\nCHANNELS 6 {XYZ} {order}\nJOINT b\n{{\nOFFSET 0 10 0\nCHANNELS {count} {child}\n\
+             End Site\n{{\nOFFSET 0 1 0\n}}\n}}\n}}\nMOTION\nFrames: {}\nFrame Time: 0.05\n{}\n",
+            rows.len(),
+            rows.join("\n")
+        )
+    }
+
+    fn child_at(text: &str, options: &ReadOptions) -> Vec3 {
+        read(text, options).unwrap().clip.global_pose(0).positions[1]
+    }
+
+    #[test]
+    fn turns_are_intrinsic_in_the_order_of_the_channels() {
+        let (zxy, xzy) = ("Zrotation Xrotation Yrotation", "Xrotation Zrotation Yrotation");
+        for (order, row, want) in [
+            (zxy, "1 2 3 90 0 0", Vec3::new(-9.0, 2.0, 3.0)),
+            (zxy, "1 2 3 90 90 0", Vec3::new(1.0, 2.0, 13.0)),
+            (xzy, "1 2 3 90 90 0", Vec3::new(-9.0, 2.0, 3.0)),
+        ] {
+            assert!(child_at(&two(order, "", &[row]), &metres()).distance(want) < 1e-12, "{order} {row}");
+        }
+    }
+
+    #[test]
+    fn position_channels_replace_or_add_component_by_component() {
+        let text = |child, row| two("Zrotation Xrotation Yrotation", child, &[row]);
+        let add = ReadOptions { bvh_position: BvhPosition::Add, ..metres() };
+        let three = text(XYZ, "0 0 0 0 0 0 1 2 3");
+        assert_eq!(child_at(&three, &metres()), Vec3::new(1.0, 2.0, 3.0));
+        assert_eq!(child_at(&three, &add), Vec3::new(1.0, 12.0, 3.0));
+        let one = text("Yposition", "0 0 0 0 0 0 2");
+        assert_eq!(child_at(&one, &metres()), Vec3::new(0.0, 2.0, 0.0));
+        assert_eq!(child_at(&one, &add), Vec3::new(0.0, 12.0, 0.0));
+        // position comes before rotation, whatever the order of the channels
+        let mixed = text("Xrotation Xposition Yposition Zposition", "0 0 0 0 0 0 90 1 2 3");
+        assert_eq!(child_at(&mixed, &metres()), Vec3::new(1.0, 2.0, 3.0));
+    }
+
+    #[test]
+    fn the_first_moving_only_child_is_the_root_of_the_motion() {
+        let order = "Zrotation Xrotation Yrotation";
+        let child = format!("{XYZ} {order}");
+        let rows = ["5 0 0 90 0 0 1 0 0 0 90 0", "5 0 0 90 0 0 2 0 0 0 0 0"];
+        let m = read(&two(order, &child, &rows), &metres()).unwrap();
+        assert_eq!(m.clip.skeleton().names(), ["b"]);
+        assert_eq!(source(&m).rig.chain, [0, 1]);
+        assert!(m.clip.root()[0].distance(Vec3::new(5.0, 1.0, 0.0)) < 1e-12);
+        assert!(m.clip.root()[1].distance(Vec3::new(5.0, 2.0, 0.0)) < 1e-12);
+        let y = m.clip.pose(0)[0] * Vec3::Y;
+        assert!(y.distance(Vec3::Z) < 1e-12);
+
+        // a changed clip: zeros in the ROOT's channels, the whole transform in the child's
+        let mut changed = m.clone();
+        let root = m.clip.root().iter().map(|p| *p + Vec3::Z).collect();
+        changed.clip = Clip::new(m.clip.skeleton().clone(), 20.0, root, m.clip.rotations().to_vec()).unwrap();
+        let bytes = bvh::to_bytes(&changed).unwrap();
+        let text = String::from_utf8(bytes.clone()).unwrap();
+        let row = text.lines().rev().nth(1).unwrap();
+        assert!(
+            row.starts_with("0.000000 0.000000 0.000000 0.000000 0.000000 0.000000 5.000000 1.000000 1.000000"),
+            "{row}"
+        );
+        let back = read(&text, &metres()).unwrap();
+        assert!(back.clip.root()[0].distance(changed.clip.root()[0]) < 1e-6);
+        assert_eq!(bvh::to_bytes(&back).unwrap(), bytes);
+    }
+
+    #[test]
+    fn a_still_child_is_no_root_and_its_place_is_its_offset() {
+        let order = "Zrotation Xrotation Yrotation";
+        let still = two(order, XYZ, &["0 0 0 0 0 0 1.0004 2 3", "9 0 0 0 0 0 1 2 3"]);
+        let m = read(&still, &metres()).unwrap();
+        assert_eq!(m.clip.joints(), 2);
+        assert!(m.clip.skeleton().offsets()[1].distance(Vec3::new(1.0002, 2.0, 3.0)) < 1e-12);
+        assert!(m.warnings.is_empty() && source(&m).rig.stretch.is_empty());
+    }
+
+    #[test]
+    fn stretch_is_dropped_and_said() {
+        // a second child keeps the first from being the root of the motion
+        let file = |low: f64| {
+            format!(
+                "HIERARCHY\nROOT a {{ OFFSET 0 0 0 CHANNELS 0 JOINT b\n{{ OFFSET 0 9 0 CHANNELS 1 Yposition End Site {{ OFFSET 0 1 0 }} }}\n\
+                 JOINT c\n{{ OFFSET 0 1 0 CHANNELS 0 End Site {{ OFFSET 0 1 0 }} }} }}\nMOTION\nFrames: 2\nFrame Time: 0.05\n{low}\n10\n"
+            )
+        };
+        let m = read(&file(9.996), &metres()).unwrap();
+        assert!((source(&m).rig.stretch[0].1 - 0.002).abs() < 1e-12 && m.warnings.is_empty());
+        let m = read(&file(9.98), &metres()).unwrap();
+        assert!((source(&m).position_channels()[0].stretch_m - 0.01).abs() < 1e-12);
+        assert_eq!(m.warnings[0].kind, "stretch_dropped");
+        assert!((m.clip.skeleton().offsets()[1].y - 9.99).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_second_root_is_read_when_it_is_named() {
+        let root =
+            |name: &str| format!("ROOT {name}\n{{ OFFSET 0 0 0 CHANNELS 3 {XYZ}\nEnd Site {{ OFFSET 0 1 0 }} }}\n");
+        let text = format!(
+            "HIERARCHY\n{}{}MOTION\nFrames: 2\nFrame Time: 0.1\n1 2 3 4 5 6\n1 2 3 7 8 9\n",
+            root("one"),
+            root("two")
+        );
+        let m = read(&text, &metres()).unwrap();
+        assert_eq!((m.clip.root()[0], m.warnings[0].kind), (Vec3::new(1.0, 2.0, 3.0), "several_roots"));
+        let named = |n: &str| read(&text, &ReadOptions { root: Some(n.into()), ..metres() });
+        let m = named("two").unwrap();
+        assert_eq!(m.clip.root()[1], Vec3::new(7.0, 8.0, 9.0));
+        let e = named("three").unwrap_err();
+        assert_eq!(e.kind(), Some(Kind::RootUnknown));
+        assert!(e.to_string().contains("\"one\", \"two\""), "{e}");
+
+        // the other root's numbers stay, at another rate those nearest in time
+        let mut faster = m.clone();
+        faster.clip = Clip::new(m.clip.skeleton().clone(), 20.0, vec![Vec3::ONE; 3], vec![Quat::IDENTITY; 3]).unwrap();
+        let bytes = bvh::to_bytes(&faster).unwrap();
+        let rows: Vec<_> = std::str::from_utf8(&bytes).unwrap().lines().rev().take(3).collect();
+        assert!(rows.iter().all(|r| *r == "1.000000 2.000000 3.000000 1.000000 1.000000 1.000000"), "{rows:?}");
+        let touched = named("one").unwrap();
+        let flat =
+            Clip::new(touched.clip.skeleton().clone(), 10.0, vec![Vec3::ZERO; 2], vec![Quat::IDENTITY; 2]).unwrap();
+        let bytes = source(&touched).to_bytes(&flat).unwrap();
+        assert!(
+            bytes.ends_with(b"4.000000 5.000000 6.000000\n0.000000 0.000000 0.000000 7.000000 8.000000 9.000000\n")
+        );
+    }
+
+    #[test]
+    fn added_positions_are_suspected() {
+        let text = two("Zrotation Xrotation Yrotation", XYZ, &["0 0 0 0 0 0 0.1 0 0", "0 0 0 0 0 0 0.1 0 0"]);
+        let m = read(&text, &metres()).unwrap();
+        let p = &source(&m).position_channels()[0];
+        assert!(p.looks_added && (p.off_m - 9.9).abs() < 1e-12);
+    }
+
+    #[test]
+    fn numbers_beyond_a_clip_are_an_error() {
+        let text =
+            two("Zrotation Xrotation Yrotation", XYZ, &["1e308 0 0 0 0 0 1e308 2 3", "-1e308 0 0 0 0 0 -1e308 2 3"]);
+        assert!(matches!(read(&text, &metres()), Err(Error::Clip { .. })));
+    }
 }

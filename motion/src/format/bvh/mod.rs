@@ -5,11 +5,16 @@
 //! [`BvhSource`], so that a file can be written back as it came.
 
 mod frame_time;
+mod grammar;
 mod header;
 mod meaning;
 mod numbers;
+mod onto_rig;
+mod plain;
 mod positions;
-pub(crate) mod text;
+mod print;
+mod rows;
+mod text;
 mod unit;
 mod write;
 
@@ -48,7 +53,8 @@ pub struct PositionChannels {
     pub off_m: f64,
     /// Largest distance from the mean, metres: stretch that the clip leaves out.
     pub stretch_m: f64,
-    /// The channels are mostly far shorter than an OFFSET that is not short: they may be meant as added to it.
+    /// The channels are under a tenth of an OFFSET that is not short itself (1 % of the way from root to tip): they may be
+    /// meant as added to it.
     pub looks_added: bool,
 }
 
@@ -57,7 +63,7 @@ pub struct PositionChannels {
 /// # Errors
 /// [`crate::Error::File`] with the place, by the table of PROTOCOLS 1.2.
 pub fn parse_head(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Head> {
-    Ok(header::parse(&Text::new(path, bytes), options.lenient)?)
+    Ok(grammar::parse(&Text::new(path, bytes), options.lenient)?)
 }
 
 impl Head {
@@ -66,13 +72,8 @@ impl Head {
     /// # Errors
     /// [`crate::Error::File`] with the place: a wrong number, a row of another width, fewer rows than declared.
     pub fn rows(&self, path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Vec<f64>, Vec<Warning>)> {
-        let rows = numbers::parse(&Text::new(path, bytes), self, options.lenient)?;
+        let rows = rows::parse(&Text::new(path, bytes), self, options.lenient)?;
         Ok((rows.numbers, rows.warnings))
-    }
-
-    /// Frames per second by the text of the frame time.
-    pub fn fps(&self) -> f64 {
-        frame_time::rate(&self.frame_time).unwrap_or(1.0)
     }
 }
 
@@ -86,8 +87,8 @@ struct Parsed {
 
 fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Parsed> {
     let text = Text::new(path, bytes);
-    let mut head = header::parse(&text, options.lenient)?;
-    let numbers::Rows { mut numbers, mut frames, warnings: more } = numbers::parse(&text, &head, options.lenient)?;
+    let mut head = grammar::parse(&text, options.lenient)?;
+    let rows::Rows { mut numbers, mut frames, warnings: more } = rows::parse(&text, &head, options.lenient)?;
     let mut warnings = std::mem::take(&mut head.warnings);
     warnings.extend(more);
     if options.skip > 0 {
@@ -189,11 +190,25 @@ impl BvhSource {
         })
     }
 
+    /// The longest way along OFFSETs from the clip's root to a tip, metres: about half a body's height, and there whatever
+    /// pose the rig rests in.
+    fn reach_m(&self) -> f64 {
+        let nodes = &self.head.nodes;
+        let mut ways = vec![0.0; nodes.len()];
+        let mut longest: f64 = 0.0;
+        for n in self.rig.joints[0] + 1..nodes.len() {
+            let Some(parent) = nodes[n].parent else { break };
+            ways[n] = ways[parent] + crate::Vec3::from_array(nodes[n].offset).length();
+            longest = longest.max(ways[n]);
+        }
+        longest * self.rig.unit_m
+    }
+
     /// The joints below the clip's root that have position channels, and what these do.
     pub fn position_channels(&self) -> Vec<PositionChannels> {
         let frames = self.as_frames();
         let (metres, f) = (self.rig.unit_m, self.frames.max(1) as f64);
-        let height = self.rig.skeleton.offsets().iter().map(|o| o.length()).sum::<f64>();
+        let reach = self.reach_m();
         let of = |(joint, &node): (usize, &usize)| {
             let n = &frames.nodes[node];
             let has = n.channels.iter().any(|c| matches!(c, Channel::Position(_)));
@@ -214,7 +229,7 @@ impl BvhSource {
                 joint,
                 off_m: lengths().map(|l| (l - offset).abs()).sum::<f64>() / f * metres,
                 stretch_m: self.rig.stretch.iter().find(|(j, _)| *j == joint).map_or(0.0, |s| s.1),
-                looks_added: offset * metres > 0.01 * height && mean < 0.1 * offset,
+                looks_added: offset * metres > 0.01 * reach && mean < 0.1 * offset,
             })
         };
         self.rig.joints.iter().enumerate().filter_map(of).collect()

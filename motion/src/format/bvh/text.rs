@@ -110,7 +110,7 @@ pub(crate) fn number(word: &[u8]) -> Result<f64, BadNumber> {
         return if value.is_finite() { Ok(value) } else { Err(BadNumber::NotFinite) };
     }
     let lower = plain.to_ascii_lowercase();
-    if [&b"nan"[..], b"inf", b"1.#", b"#"].iter().any(|p| lower.starts_with(p)) {
+    if [&b"nan"[..], b"inf", b"1.#"].iter().any(|p| lower.starts_with(p)) {
         return Err(BadNumber::NotFinite);
     }
     let parts: Vec<&[u8]> = plain.split(|&b| b == b',').collect();

@@ -2,15 +2,15 @@
 
 use super::header::{Head, NodeKind};
 use super::text::Text;
-use crate::format::ReadOptions;
+use crate::format::{BvhPosition, ReadOptions};
 use crate::retarget::SkeletonMap;
 use crate::{Kind, Result, Vec3};
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 use std::path::Path;
 
 /// Leg lengths, hip to knee to ankle, and the metres of the unit they are in.
-const LEGS: [(Range<f64>, f64); 5] =
-    [(0.6..1.1, 1.0), (12.0..19.0, 0.0564444), (23.0..45.0, 0.0254), (60.0..110.0, 0.01), (600.0..1100.0, 0.001)];
+const LEGS: [(RangeInclusive<f64>, f64); 5] =
+    [(0.6..=1.1, 1.0), (12.0..=19.0, 0.0564444), (23.0..=45.0, 0.0254), (60.0..=110.0, 0.01), (600.0..=1100.0, 0.001)];
 
 /// Metres of the unit of a file whose nodes `range` have these rest `offset`s.
 pub(crate) fn judge(
@@ -24,11 +24,21 @@ pub(crate) fn judge(
         Some(leg) => Some(leg),
         None => leg_by_words(head, range.clone()),
     };
-    let leg = leg.map(|bones| bones.iter().map(|&n| offset(n).length()).sum::<f64>());
-    let unit = leg.and_then(|l| LEGS.iter().find(|(lengths, _)| lengths.contains(&l)));
-    if let Some((_, metres)) = unit {
+    let length = |offset: &dyn Fn(usize) -> Vec3| {
+        leg.as_ref().map(|bones| bones.iter().map(|&n| offset(n).length()).sum::<f64>())
+    };
+    let unit = |length: Option<f64>| length.and_then(|l| LEGS.iter().find(|(lengths, _)| lengths.contains(&l)));
+    let by_offset = length(&|n| Vec3::from_array(head.nodes[n].offset));
+    let leg = length(&offset);
+    if let Some((_, metres)) = unit(leg) {
         return Ok(*metres);
     }
+    let help = match (options.bvh_position, unit(by_offset)) {
+        (BvhPosition::Replace, Some(_)) => {
+            "the OFFSETs alone would tell; these look like added positions: --bvh-position add"
+        }
+        _ => "give the unit: --unit m|cm|mm|in|cmu",
+    };
     let found = match leg {
         Some(l) => format!("a leg of {l:.4} from hip to ankle"),
         None => "no joints whose names say hip, knee and ankle".into(),
@@ -36,7 +46,7 @@ pub(crate) fn judge(
     let expected = "a leg of 0.6-1.1 (m), 12-19 (CMU units), 23-45 (inches), 60-110 (cm) or 600-1100 (mm)";
     let at = head.nodes[range.start].at;
     let fault = Text::new(path, &head.pieces[0]).fault(at, Kind::UnitUnknown, found, expected);
-    Err(fault.help("give the unit: --unit m|cm|mm|in|cmu").into())
+    Err(fault.help(help).into())
 }
 
 /// The nodes below a hip down to its ankle by the skeleton map that is given, or the shipped one that fits.
@@ -95,4 +105,64 @@ fn leg_by_words(head: &Head, range: Range<usize>) -> Option<Vec<usize>> {
         }
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::bvh;
+    use crate::{Motion, Source};
+
+    /// A file with a leg of 0.82 `scale`; a joint's name stands for each of hip, knee and ankle.
+    fn file(scale: f64, [hip, knee, ankle]: [&str; 3], position: &str) -> String {
+        let bone = 0.41 * scale;
+        let channels = if position.is_empty() { "CHANNELS 0" } else { "CHANNELS 3 Xposition Yposition Zposition" };
+        format!(
+            "HIERARCHY\nROOT body {{ OFFSET 0 0 0 CHANNELS 0\nJOINT {hip}\n{{ OFFSET 0.1 0 0 CHANNELS 0\n\
+             JOINT {knee}\n{{ OFFSET 0 {bone} 0 {channels}\nJOINT {ankle}\n{{ OFFSET 0 {bone} 0 CHANNELS 1 Xrotation \
+             End Site {{ OFFSET 0 1 0 }} }} }} }} }}\nMOTION\nFrames: 1\nFrame Time: 0.05\n{position} 0\n"
+        )
+    }
+
+    fn read(text: &str, options: &ReadOptions) -> Result<Motion> {
+        bvh::read(Path::new("x.bvh"), text.as_bytes(), options)
+    }
+
+    #[test]
+    fn a_leg_tells_the_unit() {
+        let names = ["LeftUpLeg", "LeftLeg", "LeftFoot"];
+        for (scale, want) in [(1.0, 1.0), (100.0, 0.01), (1000.0, 0.001), (1.0 / 0.0254, 0.0254), (17.7, 0.0564444)] {
+            let motion = read(&file(scale, names, ""), &ReadOptions::default()).unwrap();
+            let Source::Bvh(source) = motion.source else { panic!("a BVH") };
+            assert_eq!((source.rig.unit_m, source.rig.unit_judged), (want, true), "{scale}");
+        }
+    }
+
+    #[test]
+    fn names_of_many_rigs() {
+        for names in [
+            ["LeftHip", "LeftKnee", "LeftAnkle"],
+            ["lThigh", "lShin", "lFoot"],
+            ["thigh.L", "calf.L", "foot.L"],
+            ["rig:L_UpperLeg", "rig:L_LowerLeg", "rig:L_Ankle"],
+        ] {
+            assert!(read(&file(100.0, names, ""), &ReadOptions::default()).is_ok(), "{names:?}");
+        }
+    }
+
+    #[test]
+    fn what_tells_nothing_is_an_error_with_its_place() {
+        let names = ["LeftHip", "LeftKnee", "LeftAnkle"];
+        for (text, says) in [
+            (file(5.0, names, ""), "a leg of 4.1000"),
+            (file(1.0, ["a", "b", "c"], ""), "no joints whose names"),
+            (file(1.0, names, "0 0 0"), "--bvh-position add"),
+        ] {
+            let e = read(&text, &ReadOptions::default()).unwrap_err();
+            assert_eq!(e.kind(), Some(Kind::UnitUnknown));
+            assert!(e.to_string().contains("x.bvh:2:1") && e.to_string().contains(says), "{e}");
+        }
+        let options = ReadOptions { bvh_position: BvhPosition::Add, ..Default::default() };
+        assert!(read(&file(1.0, names, "0 0 0"), &options).is_ok());
+    }
 }

@@ -1,0 +1,454 @@
+//! The grammar of a hierarchy and of the two lines after it: PROTOCOLS 1.2.
+
+use super::frame_time;
+use super::header::{Channel, Head, MAX_DEPTH, MAX_JOINTS, Node, NodeKind, line_end_at, style};
+use super::text::{BadNumber, Text, number, word_at};
+use crate::{FileError, Kind, Warning};
+use std::collections::HashMap;
+
+/// Numbers of a file.
+const MAX_NUMBERS: u64 = 1 << 31;
+
+/// Reads everything before the rows.
+pub(crate) fn parse(text: &Text, lenient: bool) -> Result<Head, FileError> {
+    let mut p = Parser {
+        text: *text,
+        at: text.start(),
+        nodes: Vec::new(),
+        open: Vec::new(),
+        joints: 0,
+        width: 0,
+        seen: HashMap::new(),
+        odd: Odd::default(),
+    };
+    p.hierarchy()?;
+    p.motion(lenient)
+}
+
+/// A node whose `}` has not come yet.
+struct Open {
+    node: usize,
+    brace: usize,
+    offset: bool,
+    channels: bool,
+    child: bool,
+}
+
+/// Odd things, gathered so that a thousand of one kind make one warning.
+#[derive(Default)]
+struct Odd {
+    comments: Vec<usize>,
+    twice: Vec<String>,
+    tipless: Vec<String>,
+    channelless: Vec<String>,
+}
+
+struct Parser<'a> {
+    text: Text<'a>,
+    at: usize,
+    nodes: Vec<Node>,
+    open: Vec<Open>,
+    joints: usize,
+    width: usize,
+    seen: HashMap<String, usize>,
+    odd: Odd,
+}
+
+type Step<T = ()> = Result<T, FileError>;
+
+impl<'a> Parser<'a> {
+    fn byte(&self) -> Option<u8> {
+        self.text.bytes.get(self.at).copied()
+    }
+
+    fn blanks(&mut self) {
+        while matches!(self.byte(), Some(b' ' | b'\t')) {
+            self.at += 1;
+        }
+    }
+
+    /// Goes to the next mark, over line ends and, if they may stand here, comment lines.
+    fn skip(&mut self, comments: bool) {
+        loop {
+            match self.byte() {
+                Some(b' ' | b'\t' | b'\r' | b'\n') => self.at += 1,
+                Some(b'#' | b'/') if comments && self.at_comment() => {
+                    self.odd.comments.push(self.at);
+                    while !matches!(self.byte(), None | Some(b'\r' | b'\n')) {
+                        self.at += 1;
+                    }
+                }
+                _ => return,
+            }
+        }
+    }
+
+    fn at_comment(&self) -> bool {
+        let (before, rest) = self.text.bytes.split_at(self.at);
+        let first = before[self.text.start()..].iter().rev().find(|b| !matches!(b, b' ' | b'\t'));
+        matches!(first, None | Some(b'\r' | b'\n')) && (rest[0] == b'#' || rest.starts_with(b"//"))
+    }
+
+    /// The next word or brace and where it stands; empty at the end of the file.
+    fn word(&mut self, comments: bool) -> (usize, &'a [u8]) {
+        self.skip(comments);
+        let at = self.at;
+        let word = match self.byte() {
+            Some(b'{' | b'}') => &self.text.bytes[at..at + 1],
+            _ => word_at(self.text.bytes, at),
+        };
+        self.at += word.len();
+        (at, word)
+    }
+
+    fn unexpected(&self, at: usize, expected: impl Into<String>) -> FileError {
+        self.text.fault(at, Kind::UnexpectedWord, self.text.found(at), expected)
+    }
+
+    fn label(&self, node: usize) -> String {
+        let n = &self.nodes[node];
+        match n.kind {
+            NodeKind::End => match n.parent.map(|p| &self.nodes[p].unique) {
+                Some(parent) => format!("the end site of {parent:?}"),
+                None => "an end site".into(),
+            },
+            _ => format!("{:?}", n.unique),
+        }
+    }
+
+    fn hierarchy(&mut self) -> Step {
+        let (at, word) = self.word(true);
+        if !word.eq_ignore_ascii_case(b"HIERARCHY") {
+            let looks = super::text::looks_like(self.text.bytes);
+            let found = if word.is_empty() { self.text.found(at) } else { self.text.quote(word) };
+            let fault = self.text.fault(at, Kind::NotBvh, found, "HIERARCHY as the first word");
+            return Err(fault.help(format!("this looks like {looks}")));
+        }
+        loop {
+            let (at, word) = self.word(true);
+            if word.eq_ignore_ascii_case(b"ROOT") {
+                self.enter(NodeKind::Root, at)?;
+                while !self.open.is_empty() {
+                    self.body()?;
+                }
+            } else if word.eq_ignore_ascii_case(b"MOTION") && !self.nodes.is_empty() {
+                return Ok(());
+            } else {
+                let expected = if self.nodes.is_empty() { "ROOT" } else { "ROOT or MOTION" };
+                return Err(self.unexpected(at, expected));
+            }
+        }
+    }
+
+    /// From after the keyword of a node to after its `{`.
+    fn enter(&mut self, kind: NodeKind, keyword: usize) -> Step {
+        self.blanks();
+        let from = self.at;
+        while !matches!(self.byte(), None | Some(b'{' | b'\r' | b'\n')) {
+            self.at += 1;
+        }
+        let name = self.text.decode(&self.text.bytes[from..self.at]).trim_matches([' ', '\t']).to_owned();
+        if name.is_empty() && kind != NodeKind::End {
+            return Err(self.unexpected(from, "the name of a joint"));
+        }
+        let parent = self.open.last().map(|o| o.node);
+        let node = self.nodes.len();
+        let unique = if kind == NodeKind::End { String::new() } else { self.unique(&name) };
+        self.nodes.push(Node {
+            kind,
+            name,
+            unique,
+            parent,
+            offset: [0.0; 3],
+            channels: Vec::new(),
+            column: self.width,
+            at: keyword,
+        });
+        if kind != NodeKind::End {
+            self.joints += 1;
+        }
+        let (brace, word) = self.word(true);
+        if word != b"{" {
+            return Err(self.unexpected(brace, format!("{:?} for {}", '{', self.label(node))));
+        }
+        if self.open.len() == MAX_DEPTH {
+            let found = format!("{} braces within each other", MAX_DEPTH + 1);
+            return Err(self.text.fault(brace, Kind::TooDeep, found, format!("at most {MAX_DEPTH}")));
+        }
+        if self.joints > MAX_JOINTS {
+            let found = format!("{} joints", self.joints);
+            return Err(self.text.fault(keyword, Kind::TooLarge, found, format!("at most {MAX_JOINTS}")));
+        }
+        self.open.push(Open { node, brace, offset: false, channels: false, child: false });
+        Ok(())
+    }
+
+    fn unique(&mut self, name: &str) -> String {
+        if !self.seen.contains_key(name) {
+            self.seen.insert(name.to_owned(), 1);
+            return name.to_owned();
+        }
+        // the last number given is kept, so that thousands of equal names don't take a search each
+        loop {
+            let last = self.seen.entry(name.to_owned()).or_insert(1);
+            *last += 1;
+            let unique = format!("{name}.{last}");
+            if !self.seen.contains_key(&unique) {
+                self.odd.twice.push(format!("{name:?} (now {unique:?})"));
+                self.seen.insert(unique.clone(), 1);
+                return unique;
+            }
+        }
+    }
+
+    /// One part of the body of the innermost open node.
+    fn body(&mut self) -> Step {
+        let (at, word) = self.word(true);
+        let Some(top) = self.open.last() else { return Ok(()) };
+        let (node, had) = (top.node, (top.offset, top.channels, top.child));
+        let end = self.nodes[node].kind == NodeKind::End;
+        let is = |w: &str| word.eq_ignore_ascii_case(w.as_bytes());
+        if is("OFFSET") && !had.0 && !had.2 {
+            self.offset(node)?;
+            self.top(|o| o.offset = true);
+        } else if is("CHANNELS") && !end && !had.1 && !had.2 {
+            self.channels(node)?;
+            self.top(|o| o.channels = true);
+        } else if (is("JOINT") || is("End")) && !end {
+            self.needs_offset(at)?;
+            self.top(|o| o.child = true);
+            if is("End") {
+                self.site();
+            }
+            self.enter(if is("End") { NodeKind::End } else { NodeKind::Joint }, at)?;
+        } else if word == b"}" {
+            self.needs_offset(at)?;
+            self.leave();
+        } else {
+            return Err(self.not_in_body(at, word));
+        }
+        Ok(())
+    }
+
+    fn top(&mut self, change: impl FnOnce(&mut Open)) {
+        if let Some(top) = self.open.last_mut() {
+            change(top);
+        }
+    }
+
+    /// Over the second word of `End Site`.
+    fn site(&mut self) {
+        self.blanks();
+        let word = word_at(self.text.bytes, self.at);
+        if word.eq_ignore_ascii_case(b"Site") {
+            self.at += word.len();
+        }
+    }
+
+    fn needs_offset(&self, at: usize) -> Step {
+        match self.open.last() {
+            Some(top) if !top.offset => {
+                let fault = self.text.fault(at, Kind::OffsetMissing, self.text.found(at), "OFFSET x y z before it");
+                Err(fault.help(format!("{} has no OFFSET", self.label(top.node))))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn leave(&mut self) {
+        let Some(top) = self.open.pop() else { return };
+        let name = format!("{:?}", self.nodes[top.node].unique);
+        if self.nodes[top.node].kind == NodeKind::End {
+            return;
+        }
+        if !top.channels {
+            self.odd.channelless.push(name.clone());
+        }
+        if !top.child {
+            self.odd.tipless.push(name);
+        }
+    }
+
+    fn not_in_body(&self, at: usize, word: &[u8]) -> FileError {
+        let Some(top) = self.open.last() else { return self.unexpected(at, "ROOT or MOTION") };
+        let brace = self.text.place(top.brace);
+        let label = self.label(top.node);
+        if word.is_empty() || word.eq_ignore_ascii_case(b"MOTION") || word.eq_ignore_ascii_case(b"ROOT") {
+            let expected = format!("'}}' for the '{{' of {label} at {}:{}", brace.line, brace.column);
+            return self.unexpected(at, expected);
+        }
+        if Channel::parse(word).is_some() {
+            let fault = self.unexpected(at, format!("no more channels in {label}"));
+            return fault.help("there are more channel names than CHANNELS says");
+        }
+        let expected = match (self.nodes[top.node].kind, top.child) {
+            (NodeKind::End, _) => "one OFFSET, then '}'",
+            (_, false) => "OFFSET and CHANNELS once each, then JOINT, End Site or '}'",
+            (_, true) => "JOINT, End Site or '}'",
+        };
+        self.unexpected(at, format!("in {label} {expected}"))
+    }
+
+    fn offset(&mut self, node: usize) -> Step {
+        for i in 0..3 {
+            let (at, word) = self.word(true);
+            let value = number(word).map_err(|bad| {
+                let label = self.label(node);
+                let keyword = [&b"CHANNELS"[..], b"JOINT", b"END", b"OFFSET", b"ROOT", b"MOTION", b"{", b"}", b""];
+                if keyword.iter().any(|k| word.eq_ignore_ascii_case(k)) {
+                    let fault =
+                        self.text.fault(at, Kind::OffsetShort, self.text.found(at), "three numbers after OFFSET");
+                    return fault.help(format!("{label} has {i}"));
+                }
+                let axis = ["x", "y", "z"][i];
+                let expected = format!("a finite number for {axis} of the OFFSET of {label}");
+                self.text.fault(at, Kind::NumberBad, self.text.quote(word), expected).help(match bad {
+                    BadNumber::NotFinite => "",
+                    other => other.help(),
+                })
+            })?;
+            self.nodes[node].offset[i] = value;
+        }
+        Ok(())
+    }
+
+    fn channels(&mut self, node: usize) -> Step {
+        let (at, word) = self.word(true);
+        let count = std::str::from_utf8(word).ok().and_then(|w| w.parse::<usize>().ok()).filter(|&n| n <= 6);
+        let Some(count) = count else {
+            let label = self.label(node);
+            let expected = format!("the number of channels of {label}, 0 to 6");
+            return Err(self.text.fault(at, Kind::ChannelCount, self.text.found(at), expected));
+        };
+        for i in 0..count {
+            let before = self.at;
+            let (at, word) = self.word(true);
+            let channel = Channel::parse(word).ok_or_else(|| {
+                let label = self.label(node);
+                let keyword = [&b"OFFSET"[..], b"JOINT", b"END", b"CHANNELS", b"ROOT", b"MOTION", b"{", b"}", b""];
+                let new_line = self.text.bytes[before..at].iter().any(|b| matches!(b, b'\r' | b'\n'));
+                if new_line || keyword.iter().any(|k| word.eq_ignore_ascii_case(k)) {
+                    let expected = format!("{count} channel names for {label}");
+                    return self.text.fault(at, Kind::ChannelCount, format!("{i} names"), expected);
+                }
+                let expected = "one of Xposition Yposition Zposition Xrotation Yrotation Zrotation";
+                self.text.fault(at, Kind::ChannelUnknown, self.text.quote(word), format!("{expected} for {label}"))
+            })?;
+            if self.nodes[node].channels.contains(&channel) {
+                let expected = format!("each channel of {} once", self.label(node));
+                return Err(self.text.fault(at, Kind::ChannelRepeated, self.text.quote(word), expected));
+            }
+            self.nodes[node].channels.push(channel);
+        }
+        self.nodes[node].column = self.width;
+        self.width += count;
+        Ok(())
+    }
+
+    /// `Frames:` and `Frame Time:`, and the head they complete.
+    fn motion(mut self, lenient: bool) -> Step<Head> {
+        let (count_at, count) =
+            self.declaration(&["Frames"], Kind::FramesMissing, "Frames: and the number of frames")?;
+        let bad = |kind, expected| self.text.fault(count_at, kind, self.text.found(count_at), expected);
+        let declared = match std::str::from_utf8(count).ok().filter(|w| w.bytes().all(|b| b.is_ascii_digit())) {
+            None | Some("") => return Err(bad(Kind::NumberBad, "the number of frames, a whole number")),
+            Some(digits) => digits.parse::<u64>().unwrap_or(u64::MAX),
+        };
+        let numbers = declared.checked_mul(self.width.max(1) as u64);
+        if numbers.is_none_or(|n| n > MAX_NUMBERS) && !lenient {
+            let found = format!("{} frames of {} channels", self.text.decode(count), self.width);
+            let fault = self.text.fault(count_at, Kind::TooLarge, found, "at most 2147483648 numbers in a file");
+            return Err(fault.help("if the count is wrong, --lenient reads the rows that are there"));
+        }
+        let count_end = self.at;
+        self.line_is_over("the end of the line after the number of frames")?;
+        let expected = "Frame Time: and the seconds of a frame";
+        let (time_at, time) = self.declaration(&["Frame", "Time"], Kind::FrameTimeMissing, expected)?;
+        frame_time::check(time).map_err(|(expected, help)| {
+            self.text.fault(time_at, Kind::FrameTimeBad, self.text.found(time_at), expected).help(help)
+        })?;
+        let time_end = self.at;
+        self.line_is_over("the end of the line after the frame time")?;
+        let line_end = line_end_at(self.text.bytes, self.at);
+        self.at += line_end.len();
+        let bytes = self.text.bytes;
+        let pieces =
+            [bytes[..count_at].to_vec(), bytes[count_end..time_at].to_vec(), bytes[time_end..self.at].to_vec()];
+        let mut style = style(&bytes[..count_at], bytes.get(self.at..).unwrap_or_default());
+        if style.line_end.is_empty() {
+            style.line_end = if line_end.is_empty() { "\n".into() } else { line_end.into() };
+        }
+        let warnings = self.warnings(declared);
+        Ok(Head {
+            nodes: self.nodes,
+            width: self.width,
+            declared,
+            frame_time: String::from_utf8_lossy(time).into_owned(),
+            rows_at: self.at,
+            warnings,
+            pieces,
+            style,
+        })
+    }
+
+    /// The value after some words and perhaps a colon, and where it stands.
+    fn declaration(&mut self, words: &[&str], missing: Kind, expected: &str) -> Step<(usize, &'a [u8])> {
+        self.skip(false);
+        let start = self.at;
+        for word in words {
+            self.blanks();
+            let rest = &self.text.bytes[self.at..];
+            if !rest.get(..word.len()).is_some_and(|w| w.eq_ignore_ascii_case(word.as_bytes())) {
+                return Err(self.text.fault(start, missing, self.text.found(start), expected));
+            }
+            self.at += word.len();
+        }
+        let after = self.at;
+        self.blanks();
+        if self.byte() == Some(b':') {
+            self.at += 1;
+            self.blanks();
+        } else if after == self.at && !matches!(self.byte(), None | Some(b'\r' | b'\n')) {
+            return Err(self.text.fault(start, missing, self.text.found(start), expected));
+        }
+        let (at, word) = (self.at, word_at(self.text.bytes, self.at));
+        self.at += word.len();
+        Ok((at, word))
+    }
+
+    fn line_is_over(&mut self, expected: &str) -> Step {
+        self.blanks();
+        match self.byte() {
+            None | Some(b'\r' | b'\n') => Ok(()),
+            Some(_) => Err(self.unexpected(self.at, expected)),
+        }
+    }
+
+    fn warnings(&self, declared: u64) -> Vec<Warning> {
+        let mut all = Vec::new();
+        // only the first few are printed: finding a line walks the file
+        let place =
+            |(i, &at): (usize, &usize)| if i < 5 { self.text.place(at).line.to_string() } else { String::new() };
+        let comments: Vec<_> = self.odd.comments.iter().enumerate().map(place).collect();
+        let mut add = |kind, list: &[String], what: &str, done: &str| {
+            if !list.is_empty() {
+                let some = list[..list.len().min(5)].join(", ");
+                let more = if list.len() > 5 { format!(" and {} more", list.len() - 5) } else { String::new() };
+                all.push(Warning { kind, what: format!("{what} {some}{more}: {done}") });
+            }
+        };
+        add("comment_skipped", &comments, "comments on line", "BVH has none; skipped");
+        add("duplicate_name", &self.odd.twice, "names that stand twice:", "each is told apart by a number");
+        add("no_channels", &self.odd.channelless, "no CHANNELS in", "read as 0 channels");
+        add("missing_end_site", &self.odd.tipless, "no end site under", "a leaf without a tip");
+        let roots: Vec<_> =
+            self.nodes.iter().filter(|n| n.kind == NodeKind::Root).map(|n| format!("{:?}", n.unique)).collect();
+        if roots.len() > 1 {
+            add("several_roots", &roots, "more than one ROOT:", "one is read; --root NAME takes another");
+        }
+        if declared == 0 {
+            all.push(Warning { kind: "no_frames", what: "the file declares 0 frames".into() });
+        }
+        all
+    }
+}

@@ -1,0 +1,371 @@
+//! A clip's places and rotations as the channels of a rig.
+
+use super::BvhSource;
+use super::header::{Channel, Node, NodeKind};
+use super::print::hierarchy;
+use crate::format::BvhPosition;
+use crate::rotation::euler::unwrap_near;
+use crate::rotation::{Axis, EulerOrder, angle_between};
+use crate::{Clip, Quat, Vec3};
+
+/// Offsets that differ by more than this are another body, metres.
+const SAME_M: f64 = 1e-9;
+
+/// What a clip's body needs of a rig that the rig doesn't have.
+struct Lack {
+    /// Nodes whose OFFSET is another.
+    offsets: Vec<(usize, Vec3)>,
+    /// Channels to be added.
+    channels: Vec<(usize, Channel)>,
+}
+
+impl BvhSource {
+    /// This rig, with the offsets and channels that it lacks for a clip.
+    pub(super) fn for_clip(&self, clip: &Clip) -> BvhSource {
+        let lack = self.lack(clip);
+        let mut rig = BvhSource { numbers: Vec::new(), frames: 0, ..self.slice(0..0) };
+        if lack.offsets.is_empty() && lack.channels.is_empty() {
+            return rig;
+        }
+        for (node, offset) in lack.offsets {
+            rig.head.nodes[node].offset = offset.to_array();
+        }
+        for (node, channel) in lack.channels {
+            let at = match channel {
+                Channel::Position(_) => 0,
+                Channel::Rotation(_) => rig.head.nodes[node].channels.len(),
+            };
+            rig.head.nodes[node].channels.insert(at, channel);
+        }
+        rig.head.width = 0;
+        for n in &mut rig.head.nodes {
+            n.column = rig.head.width;
+            rig.head.width += n.channels.len();
+        }
+        let old = &self.head.pieces[0];
+        let motion = old.windows(6).rposition(|w| w.eq_ignore_ascii_case(b"MOTION")).unwrap_or(old.len());
+        let mut first = hierarchy(&rig.head.nodes, &rig.head.style);
+        first.extend_from_slice(&old[motion..]);
+        rig.head.pieces[0] = first;
+        rig
+    }
+
+    fn lack(&self, clip: &Clip) -> Lack {
+        let (nodes, rig, skeleton) = (&self.head.nodes, &self.rig, clip.skeleton());
+        let mut lack = Lack { offsets: Vec::new(), channels: Vec::new() };
+        for (j, &node) in rig.joints.iter().enumerate().skip(1) {
+            let want = skeleton.offsets()[j];
+            if (want - rig.skeleton.offsets()[j]).length() > SAME_M {
+                lack.offsets.push((node, want / rig.unit_m));
+            }
+        }
+        let ends = (rig.joints[0]..nodes.len()).filter(|&n| nodes[n].kind == NodeKind::End);
+        let (own, its) = (rig.skeleton.ends(), skeleton.ends());
+        if own.len() == its.len() && own.iter().zip(its).all(|(a, b)| a.parent == b.parent) {
+            let differ = ends.zip(own.iter().zip(its)).filter(|(_, (a, b))| (a.offset - b.offset).length() > SAME_M);
+            lack.offsets.extend(differ.map(|(n, (_, b))| (n, b.offset / rig.unit_m)));
+        }
+        for axis in [Axis::Z, Axis::Y, Axis::X] {
+            let channel = Channel::Position(axis);
+            let still = self.still_root()[axis.index()] * rig.unit_m;
+            let held = rig.chain.iter().any(|&n| nodes[n].channels.contains(&channel));
+            if !held && clip.root().iter().any(|p| (p[axis.index()] - still).abs() > SAME_M) {
+                lack.channels.push((rig.joints[0], channel));
+            }
+        }
+        for (j, &node) in rig.joints.iter().enumerate() {
+            let axes = turns(&nodes[node]);
+            if axes.len() < 3 && (0..clip.frames()).any(|f| !expressible(&axes, clip.pose(f)[j])) {
+                let missing = order(&axes).0.into_iter().skip(axes.len());
+                lack.channels.extend(missing.map(|a| (node, Channel::Rotation(a))));
+            }
+        }
+        lack
+    }
+
+    /// Where the clip's root stands when all channels above and at it are 0, in the file's unit.
+    fn still_root(&self) -> Vec3 {
+        self.rig.chain.iter().map(|&n| self.still(n)).sum()
+    }
+
+    fn still(&self, node: usize) -> Vec3 {
+        let n = &self.head.nodes[node];
+        let mut p = n.offset;
+        for c in &n.channels {
+            if let (Channel::Position(axis), BvhPosition::Replace) = (c, self.rig.position) {
+                p[axis.index()] = 0.0;
+            }
+        }
+        Vec3::from_array(p)
+    }
+
+    /// The channels (F, C) of a clip. Nodes of other roots take the rows of `old` that are nearest in time.
+    pub(super) fn rows(&self, clip: &Clip, old: &BvhSource) -> Vec<f64> {
+        let width = self.head.width;
+        let mut numbers = vec![0.0; clip.frames() * width];
+        let root = self.rig.chain[0];
+        let own = |mut n: usize| {
+            while let Some(parent) = self.head.nodes[n].parent {
+                n = parent;
+            }
+            n == root
+        };
+        let others: Vec<usize> = (0..self.head.nodes.len()).filter(|&n| !own(n)).collect();
+        let (still, metres) = (self.still_root(), self.rig.unit_m);
+        for f in 0..clip.frames() {
+            let (before, rest) = numbers.split_at_mut(f * width);
+            let row = &mut rest[..width];
+            let previous = before.len().checked_sub(width).map(|at| &before[at..]);
+            self.place_others(&others, old, nearest_row(f, clip, old), row);
+            self.place_root(clip.root()[f] / metres - still, row);
+            for (j, &node) in self.rig.joints.iter().enumerate() {
+                if j > 0 {
+                    self.place_bone(node, clip.skeleton().offsets()[j] / metres, row);
+                }
+                self.turn(node, clip.pose(f)[j], previous, row);
+            }
+        }
+        numbers
+    }
+
+    fn place_others(&self, others: &[usize], old: &BvhSource, frame: Option<usize>, row: &mut [f64]) {
+        let Some(frame) = frame else { return };
+        let from = old.as_frames();
+        let from = from.row(frame);
+        for &n in others {
+            let (new, was) = (&self.head.nodes[n], &old.head.nodes[n]);
+            row[new.column..new.column + new.channels.len()]
+                .copy_from_slice(&from[was.column..was.column + was.channels.len()]);
+        }
+    }
+
+    /// Puts the root where it is: each component into the innermost node that has its channel.
+    fn place_root(&self, from_still: Vec3, row: &mut [f64]) {
+        for axis in [Axis::X, Axis::Y, Axis::Z] {
+            let holds = |n: &&usize| self.head.nodes[**n].channels.contains(&Channel::Position(axis));
+            if let Some(&node) = self.rig.chain.iter().rev().find(holds) {
+                self.set(node, Channel::Position(axis), from_still[axis.index()], row);
+            }
+        }
+    }
+
+    fn place_bone(&self, node: usize, offset: Vec3, row: &mut [f64]) {
+        for axis in [Axis::X, Axis::Y, Axis::Z] {
+            let value = match self.rig.position {
+                BvhPosition::Replace => offset[axis.index()],
+                BvhPosition::Add => offset[axis.index()] - self.head.nodes[node].offset[axis.index()],
+            };
+            self.set(node, Channel::Position(axis), value, row);
+        }
+    }
+
+    fn turn(&self, node: usize, q: Quat, previous: Option<&[f64]>, row: &mut [f64]) {
+        let n = &self.head.nodes[node];
+        let axes = turns(n);
+        if axes.is_empty() {
+            return;
+        }
+        let place = |axis: Axis| n.channels.iter().position(|c| *c == Channel::Rotation(axis)).map(|i| n.column + i);
+        let before = |axis: Axis| previous.zip(place(axis)).map(|(row, i)| row[i].to_radians());
+        let order = order(&axes);
+        let third = before(order.0[2]).unwrap_or(0.0);
+        for (axis, angle) in order.0.into_iter().zip(order.from_quat(q, third)) {
+            let angle = before(axis).map_or(angle, |b| unwrap_near(angle, b));
+            self.set(node, Channel::Rotation(axis), angle.to_degrees(), row);
+        }
+    }
+
+    fn set(&self, node: usize, channel: Channel, value: f64, row: &mut [f64]) {
+        let n = &self.head.nodes[node];
+        if let Some(i) = n.channels.iter().position(|c| *c == channel) {
+            row[n.column + i] = value;
+        }
+    }
+}
+
+/// The row of `old` that is nearest in time to a frame of a clip.
+fn nearest_row(frame: usize, clip: &Clip, old: &BvhSource) -> Option<usize> {
+    let last = old.frames.checked_sub(1)?;
+    if clip.frames() == old.frames {
+        return Some(frame);
+    }
+    Some(((frame as f64 / clip.fps() * old.fps()).round() as usize).min(last))
+}
+
+/// The axes of a node's rotation channels, in their order.
+fn turns(node: &Node) -> Vec<Axis> {
+    let axis = |c: &Channel| match c {
+        Channel::Rotation(axis) => Some(*axis),
+        Channel::Position(_) => None,
+    };
+    node.channels.iter().filter_map(axis).collect()
+}
+
+/// The order of some axes, filled up with those that are missing.
+fn order(axes: &[Axis]) -> EulerOrder {
+    let mut all = axes.to_vec();
+    all.extend([Axis::X, Axis::Y, Axis::Z].into_iter().filter(|a| !axes.contains(a)));
+    EulerOrder([all[0], all[1], all[2]])
+}
+
+/// Whether turns about these axes alone make a rotation, within 1e-4 degrees.
+fn expressible(axes: &[Axis], q: Quat) -> bool {
+    let order = order(axes);
+    let mut angles = order.from_quat(q, 0.0);
+    angles[axes.len()..].fill(0.0);
+    angle_between(order.to_quat(angles), q) < 1e-4f64.to_radians()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::{ReadOptions, Unit, bvh};
+    use crate::{Motion, Skeleton, Source};
+    use std::path::Path;
+    use std::sync::Arc;
+
+    const XYZ: &str = "Xposition Yposition Zposition";
+
+    fn options() -> ReadOptions {
+        ReadOptions { unit: Unit::Metre, ..Default::default() }
+    }
+
+    fn read(bytes: &[u8], options: &ReadOptions) -> Motion {
+        bvh::read(Path::new("x.bvh"), bytes, options).unwrap()
+    }
+
+    /// A root and a hinge under it, with these channels.
+    fn rig(root: &str, hinge: &str, row: &str) -> Motion {
+        let count = |c: &str| c.split_whitespace().count();
+        let text = format!(
+            "HIERARCHY\r\nROOT a\r\n{{\r\n\tOFFSET 0 1 0\r\n\tCHANNELS {} {root}\r\n\tJOINT b\r\n\t{{\r\n\t\tOFFSET 0 2 0\r\n\
+             \t\tCHANNELS {} {hinge}\r\n\t\tEnd Site\r\n\t\t{{\r\n\t\t\tOFFSET 0 1 0\r\n\t\t}}\r\n\t}}\r\n}}\r\nmotion\r\n\
+             Frames:\t1\r\nFrame Time:\t0.05\r\n{row}\r\n",
+            count(root),
+            count(hinge)
+        );
+        read(text.as_bytes(), &options())
+    }
+
+    fn source(m: &Motion) -> &BvhSource {
+        let Source::Bvh(source) = &m.source else { panic!("a BVH") };
+        source
+    }
+
+    /// Writes a clip onto a rig and reads it again.
+    fn through(rig: &Motion, clip: &Clip, options: &ReadOptions) -> (String, Clip) {
+        let bytes = source(rig).to_bytes(clip).unwrap();
+        let back = read(&bytes, options);
+        assert_eq!(bvh::to_bytes(&back).unwrap(), bytes);
+        for f in 0..clip.frames() {
+            let (a, b) = (clip.global_pose(f), back.clip.global_pose(f));
+            for j in 0..clip.joints() {
+                assert!(a.positions[j].distance(b.positions[j]) < 1e-5, "frame {f} joint {j}");
+                assert!(angle_between(a.rotations[j], b.rotations[j]) < 1e-6, "frame {f} joint {j}");
+            }
+        }
+        (String::from_utf8(bytes).unwrap(), back.clip)
+    }
+
+    fn clip(rig: &Motion, root: Vec<Vec3>, rotations: Vec<Quat>) -> Clip {
+        Clip::new(rig.clip.skeleton().clone(), 20.0, root, rotations).unwrap()
+    }
+
+    #[test]
+    fn channels_that_a_clip_needs_are_added() {
+        let rig = rig("Yrotation", "Xrotation", "10 20");
+        let same =
+            clip(&rig, vec![Vec3::Y; 2], vec![Axis::Y.turn(1.0), Axis::X.turn(0.5), Quat::IDENTITY, Quat::IDENTITY]);
+        let (text, _) = through(&rig, &same, &options());
+        assert!(text.contains("CHANNELS 1 Xrotation\r\n"), "{text}");
+
+        let other = clip(
+            &rig,
+            vec![Vec3::ONE; 2],
+            vec![Axis::Y.turn(1.0), Axis::Z.turn(0.5), Quat::IDENTITY, Axis::Y.turn(0.1)],
+        );
+        let (text, _) = through(&rig, &other, &options());
+        assert!(text.contains("\tCHANNELS 3 Xposition Zposition Yrotation\r\n"), "{text}");
+        assert!(text.contains("\t\tCHANNELS 3 Xrotation Yrotation Zrotation\r\n"), "{text}");
+        assert!(text.contains("motion\r\nFrames:\t2\r\nFrame Time:\t0.05\r\n"), "{text}");
+    }
+
+    #[test]
+    fn another_body_has_other_offsets() {
+        let rig = rig(&format!("{XYZ} Zrotation Xrotation Yrotation"), "Xrotation", "0 1 0 0 0 0 20");
+        let s = rig.clip.skeleton();
+        let longer = Skeleton::new(
+            s.names().to_vec(),
+            s.parents().to_vec(),
+            vec![Vec3::ZERO, Vec3::Y * 3.0],
+            vec![s.ends()[0].clone()],
+        );
+        let c = Clip::new(Arc::new(longer.unwrap()), 20.0, vec![Vec3::X], vec![Quat::IDENTITY; 2]).unwrap();
+        let (text, back) = through(&rig, &c, &options());
+        assert!(text.contains("\t\tOFFSET 0.000000 3.000000 0.000000\r\n"), "{text}");
+        assert_eq!(back.skeleton().ends(), s.ends());
+    }
+
+    #[test]
+    fn turns_run_on_and_poles_keep_the_third_angle() {
+        let rig =
+            rig(&format!("{XYZ} Zrotation Xrotation Yrotation"), "Zrotation Xrotation Yrotation", "0 1 0 0 0 0 0 0 20");
+        let order = EulerOrder([Axis::Z, Axis::X, Axis::Y]);
+        let deg = |a: [f64; 3]| order.to_quat(a.map(f64::to_radians));
+        let turning = |i: usize| Axis::Z.turn((50.0 * i as f64).to_radians());
+        let rotations = vec![
+            turning(0),
+            deg([10.0, 80.0, 30.0]),
+            turning(1),
+            deg([12.0, 90.0, 31.0]),
+            turning(2),
+            deg([14.0, 90.0, 35.0]),
+            turning(3),
+            deg([16.0, 80.0, 40.0]),
+            turning(4),
+            deg([16.0, 70.0, 170.0]),
+            turning(5),
+            deg([16.0, 60.0, -170.0]),
+        ];
+        let (text, _) = through(&rig, &clip(&rig, vec![Vec3::ZERO; 6], rotations), &options());
+        let rows: Vec<Vec<f64>> = text
+            .lines()
+            .skip_while(|l| !l.starts_with("Frame Time"))
+            .skip(1)
+            .map(|l| l.split(' ').map(|w| w.parse().unwrap()).collect())
+            .collect();
+        let column = |c: usize| rows.iter().map(|r| r[c]).collect::<Vec<f64>>();
+        assert_eq!(column(3), [0.0, 50.0, 100.0, 150.0, 200.0, 250.0]);
+        assert_eq!(column(8), [30.0, 30.0, 30.0, 40.0, 170.0, 190.0]);
+        assert_eq!(column(6)[..4], [10.0, 11.0, 9.0, 16.0]);
+    }
+
+    #[test]
+    fn added_positions_are_written_as_added() {
+        let text = format!(
+            "HIERARCHY\nROOT a {{ OFFSET 0 1 0 CHANNELS 3 {XYZ} JOINT c\n{{ OFFSET 1 0 0 CHANNELS 1 Xrotation }} JOINT b\n{{ OFFSET 0 2 0 CHANNELS 4 {XYZ} Xrotation }} }}\n\
+             MOTION\nFrames: 1\nFrame Time: 0.05\n5 5 5 0 0.5 0 0 0\n"
+        );
+        let add = ReadOptions { bvh_position: BvhPosition::Add, ..options() };
+        let rig = read(text.as_bytes(), &add);
+        assert_eq!(rig.clip.root()[0], Vec3::new(5.0, 6.0, 5.0));
+        let c = clip(&rig, vec![Vec3::new(1.0, 2.0, 3.0)], vec![Quat::IDENTITY, Axis::X.turn(1.0), Quat::IDENTITY]);
+        let (text, _) = through(&rig, &c, &add);
+        assert!(
+            text.contains("\n1.000000 1.000000 3.000000 57.295780 0.500000 0.000000 0.000000 0.000000\n"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn another_rate_has_another_frame_time() {
+        let rig = rig(&format!("{XYZ} Zrotation Xrotation Yrotation"), "Xrotation", "0 1 0 0 0 0 20");
+        for fps in [20.0, 30.0, 60.0, 23.976, 1000.0] {
+            let c = rig.clip.clone().with_fps(fps).unwrap();
+            let bytes = source(&rig).to_bytes(&c).unwrap();
+            assert!((read(&bytes, &options()).clip.fps() / fps - 1.0).abs() < 1e-15);
+        }
+        let other = Clip::new(crate::smpl::neutral(), 20.0, vec![], vec![]).unwrap();
+        assert!(source(&rig).to_bytes(&other).is_err());
+    }
+}

@@ -1,0 +1,103 @@
+//! The text of a BVH.
+
+use super::header::{Head, Node, NodeKind, Style};
+use std::io::Write;
+
+/// The whole text of a file.
+pub(crate) fn print(head: &Head, frame_time: &str, frames: usize, numbers: &[f64]) -> Vec<u8> {
+    let [before, between, after] = &head.pieces;
+    let line_end = head.style.line_end.as_bytes();
+    let mut out = Vec::with_capacity(before.len() + 100 + numbers.len() * 11);
+    out.extend_from_slice(before);
+    out.extend_from_slice(frames.to_string().as_bytes());
+    out.extend_from_slice(between);
+    out.extend_from_slice(frame_time.as_bytes());
+    out.extend_from_slice(after);
+    if !after.ends_with(b"\n") && !after.ends_with(b"\r") {
+        out.extend_from_slice(line_end);
+    }
+    for row in numbers.chunks_exact(head.width.max(1)) {
+        for (i, &v) in row.iter().enumerate() {
+            if i > 0 {
+                out.push(b' ');
+            }
+            push_number(&mut out, v);
+        }
+        out.extend_from_slice(line_end);
+    }
+    out
+}
+
+/// Appends a number with six decimals; one that rounds to zero has no sign.
+fn push_number(out: &mut Vec<u8>, v: f64) {
+    if v.abs() >= 1e8 {
+        // a Vec takes every write
+        let _ = write!(out, "{v:.6}");
+        return;
+    }
+    let millionths = (v * 1e6).round() as i64;
+    if millionths < 0 {
+        out.push(b'-');
+    }
+    let (whole, mut fraction) = (millionths.unsigned_abs() / 1_000_000, millionths.unsigned_abs() % 1_000_000);
+    let mut digits = [b'0'; 16];
+    let mut at = digits.len();
+    for _ in 0..6 {
+        at -= 1;
+        digits[at] = b'0' + (fraction % 10) as u8;
+        fraction /= 10;
+    }
+    at -= 1;
+    digits[at] = b'.';
+    let mut whole = whole;
+    loop {
+        at -= 1;
+        digits[at] = b'0' + (whole % 10) as u8;
+        whole /= 10;
+        if whole == 0 {
+            break;
+        }
+    }
+    out.extend_from_slice(&digits[at..]);
+}
+
+/// The text of a hierarchy.
+pub(crate) fn hierarchy(nodes: &[Node], style: &Style) -> Vec<u8> {
+    let mut text = format!("HIERARCHY{}", style.line_end);
+    let mut open: Vec<usize> = Vec::new();
+    let line = |text: &mut String, depth: usize, what: &str| {
+        text.extend(std::iter::repeat_n(style.indent.as_str(), depth));
+        text.push_str(what);
+        text.push_str(&style.line_end);
+    };
+    for (i, n) in nodes.iter().enumerate() {
+        while open.last().copied() != n.parent && open.pop().is_some() {
+            line(&mut text, open.len(), "}");
+        }
+        let keyword = match n.kind {
+            NodeKind::Root => "ROOT ",
+            NodeKind::Joint => "JOINT ",
+            NodeKind::End if n.name.is_empty() => "End Site",
+            NodeKind::End => "End Site ",
+        };
+        let depth = open.len();
+        line(&mut text, depth, &format!("{keyword}{}", n.name));
+        line(&mut text, depth, "{");
+        let [x, y, z] = n.offset;
+        let mut offset = b"OFFSET".to_vec();
+        for v in [x, y, z] {
+            offset.push(b' ');
+            push_number(&mut offset, v);
+        }
+        line(&mut text, depth + 1, &String::from_utf8_lossy(&offset));
+        if n.kind != NodeKind::End {
+            let names: String = n.channels.iter().map(|c| format!(" {}", c.name())).collect();
+            line(&mut text, depth + 1, &format!("CHANNELS {}{names}", n.channels.len()));
+        }
+        open.push(i);
+    }
+    while open.pop().is_some() {
+        line(&mut text, open.len(), "}");
+    }
+    text.into_bytes()
+}

@@ -10,11 +10,16 @@ pub mod npy;
 pub mod npz;
 pub mod pickle;
 pub mod positions;
+mod rest;
 mod smpl_arrays;
 
-use crate::rotation::angle_between;
-use crate::{Error, FileError, Kind, Motion, Place, Quat, Result, Source, Warning};
+pub(crate) use rest::looks_for_rest;
+pub use rest::rest_frame;
+
+use crate::{Error, FileError, Kind, Motion, Place, Result, Source};
 use positions::Positions;
+use std::fs::File;
+use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -144,7 +149,7 @@ impl Format {
 /// [`Error::Io`]; [`Error::File`] with place and kind for a file that is wrong; [`Error::Call`] for a rate that is not
 /// positive and finite; [`Error::Clip`] when skipping leaves nothing.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
-    let format = Format::of(path)?;
+    let format = Format::of(path).map_err(|e| and_its_looks(e, path))?;
     if let Some(fps) = options.fps_source.filter(|f| !(f.is_finite() && *f > 0.0)) {
         return Err(Error::Call(format!("a source rate of {fps} frames per second; expected a positive number")));
     }
@@ -153,9 +158,22 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
         Format::Bvh => bvh::read(path, &bytes, options)?,
         Format::Npz => skipped(amass::read(path, &bytes, options)?, options)?,
         Format::Pickle => skipped(aist::read(path, &bytes, options)?, options)?,
-        Format::Json => skipped(json::read(path, &bytes, options)?, options)?,
+        Format::Json => match bvh::looks_like(&bytes) {
+            "JSON" | "text" => skipped(json::read(path, &bytes, options)?, options)?,
+            other => return Err(FileError::new(Place::file(path), Kind::NotThisFormat, other, "a clip as JSON").into()),
+        },
     };
-    after_reading(motion, options)
+    Ok(rest::after_reading(motion, options))
+}
+
+/// An error of a name that says no format, with what the file looks like.
+fn and_its_looks(error: Error, path: &Path) -> Error {
+    let mut head = [0; 512];
+    match (error, File::open(path).and_then(|mut f| f.read(&mut head))) {
+        (Error::File(e), Ok(n)) => e.help(format!("the file looks like {}", bvh::looks_like(&head[..n]))).into(),
+        (_, Err(e)) => Error::io(path)(e),
+        (e, _) => e,
+    }
 }
 
 /// Where every joint and end site of a motion file is: of a BVH by the file's own channels, in its own order, nothing
@@ -180,28 +198,6 @@ fn skipped(motion: Motion, options: &ReadOptions) -> Result<Motion> {
     Ok(motion.slice(options.skip..frames))
 }
 
-/// The rest-pose frame of a motion that was read with `options`: reported, and kept or dropped.
-fn after_reading(mut motion: Motion, options: &ReadOptions) -> Result<Motion> {
-    if options.skip > 0 || !rest_frame(&motion) {
-        return Ok(motion);
-    }
-    let done = match options.rest {
-        RestFrame::Keep => "kept",
-        RestFrame::Drop => "left out",
-    };
-    if options.rest == RestFrame::Drop {
-        motion = motion.slice(1..motion.clip.frames());
-    }
-    let what = format!("frame 0 looks like a rest pose before the motion: {done}");
-    motion.warnings.push(Warning { kind: "rest_frame", what });
-    Ok(motion)
-}
-
-/// Whether a rest-pose frame is to be looked for and left out.
-pub(crate) fn looks_for_rest(options: &ReadOptions) -> bool {
-    options.skip == 0 && options.rest == RestFrame::Drop
-}
-
 /// Fails when `skip` leaves none of `frames`.
 pub(crate) fn check_skip(path: &Path, skip: usize, frames: usize) -> Result<()> {
     if skip < frames {
@@ -209,32 +205,6 @@ pub(crate) fn check_skip(path: &Path, skip: usize, frames: usize) -> Result<()> 
     }
     let what = format!("{skip} frames are to be skipped and there are {frames}; skip fewer");
     Err(Error::Clip { clip: path.display().to_string(), what })
-}
-
-/// Whether frame 0 is a rest pose put before the motion, as many CMU conversions have it.
-///
-/// So it is if the root's rotation is exactly nothing (of a BVH: all its rotation channels are 0) and the step from frame
-/// 0 to frame 1 is above 10 times the median step. A step is the largest angle that a joint turns between two frames (the
-/// mean over the joints misses a clip of cmu-dance). Fewer than 3 frames have no median to compare with.
-pub fn rest_frame(motion: &Motion) -> bool {
-    let clip = &motion.clip;
-    let unturned = match &motion.source {
-        _ if clip.frames() < 3 => false,
-        Source::Bvh(source) if source.frames == clip.frames() => source.root_unturned(0),
-        _ => clip.pose(0)[0].abs_diff_eq(Quat::IDENTITY, 0.0),
-    };
-    if !unturned {
-        return false;
-    }
-    let step = |f: usize| {
-        let turned = clip.pose(f).iter().zip(clip.pose(f + 1)).map(|(a, b)| angle_between(*a, *b));
-        turned.fold(0.0, f64::max)
-    };
-    let first = step(0);
-    let mut steps: Vec<f64> = (0..clip.frames() - 1).map(step).collect();
-    let middle = steps.len() / 2;
-    let (_, median, _) = steps.select_nth_unstable_by(middle, f64::total_cmp);
-    first > 10.0 * *median
 }
 
 /// Writes a motion file in the format of its name, whole or not at all.
@@ -265,5 +235,58 @@ impl Motion {
             other => other.clone(),
         };
         Motion { path: self.path.clone(), clip: self.clip.slice(frames), source, warnings: self.warnings.clone() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BVH: &str = "HIERARCHY\nROOT a { OFFSET 0 0 0 CHANNELS 1 Xrotation End Site { OFFSET 0 1 0 } }\nMOTION\nFrames: 2\n\
+                       Frame Time: 0.05\n1\n2\n";
+
+    #[test]
+    fn names_and_first_bytes_must_agree() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str, bytes: &[u8]| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            path
+        };
+        let options = ReadOptions { unit: Unit::Metre, ..Default::default() };
+        let says = |path: &Path| read(path, &options).unwrap_err().to_string();
+        assert_eq!(read(&file("a.BvH", BVH.as_bytes()), &options).unwrap().clip.frames(), 2);
+        let e = says(&file("a.txt", BVH.as_bytes()));
+        assert!(
+            e.contains("not_this_format") && e.contains(".bvh, .npz, .pkl or .json") && e.contains("looks like a BVH"),
+            "{e}"
+        );
+        let e = says(&file("b.bvh", b"PK\x03\x04poses.npy"));
+        assert!(e.contains("not_bvh") && e.contains("an npz archive"), "{e}");
+        for name in ["c.npz", "c.pkl", "c.json"] {
+            let e = says(&file(name, BVH.as_bytes()));
+            assert!(e.contains("BVH") || e.contains("HIERARCHY"), "{name}: {e}");
+        }
+        assert!(matches!(read(&folder.path().join("none.bvh"), &options), Err(Error::Io { .. })));
+        assert!(matches!(read(&folder.path().join("none"), &options), Err(Error::Io { .. })));
+    }
+
+    #[test]
+    fn the_rate_and_the_first_frames() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.bvh");
+        std::fs::write(&path, BVH).unwrap();
+        let with = |fps, skip| ReadOptions { unit: Unit::Metre, fps_source: fps, skip, ..Default::default() };
+        let m = read(&path, &with(Some(60.0), 1)).unwrap();
+        assert_eq!((m.clip.fps(), m.clip.frames()), (60.0, 1));
+        for fps in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(matches!(read(&path, &with(Some(fps), 0)), Err(Error::Call(_))));
+        }
+        // a rate that was overruled is the one that is written, the numbers are still the file's own
+        let out = folder.path().join("b.bvh");
+        write(&out, &m).unwrap();
+        let text = std::fs::read_to_string(&out).unwrap();
+        assert!(text.ends_with("Frames: 1\nFrame Time: 0.016667\n2.000000\n"), "{text}");
+        assert!(write(&folder.path().join("b.fbx"), &m).is_err());
     }
 }

@@ -147,7 +147,9 @@ mod tests {
         assert_eq!(word_len(&window("1234567890123456")), 16);
         assert_eq!(word_len(&window("123456789012345678")), 16);
         assert_eq!(word_len(&[0xFF; WINDOW]), 16);
-        for (text, want) in [("12x45678", (2, 12)), ("12345678", (8, 12345678)), ("x", (0, 0)), ("0\u{80}", (1, 0))] {
+        for (text, want) in
+            [("12x45678", (2, 12)), ("12345678", (8, 12345678)), ("x", (0, 0)), ("0:9", (1, 0)), ("7/9", (1, 7))]
+        {
             assert_eq!(digits(load(&window(text), 0)), want, "{text:?}");
         }
     }

@@ -1,0 +1,93 @@
+//! The rest-pose frame that many conversions put before the motion.
+
+use super::{ReadOptions, RestFrame};
+use crate::rotation::angle_between;
+use crate::{Motion, Quat, Source, Warning};
+
+/// The rest-pose frame of a motion that was read with `options`: reported, and kept or dropped.
+pub(crate) fn after_reading(mut motion: Motion, options: &ReadOptions) -> Motion {
+    if options.skip > 0 || !rest_frame(&motion) {
+        return motion;
+    }
+    let done = match options.rest {
+        RestFrame::Keep => "kept",
+        RestFrame::Drop => "left out",
+    };
+    if options.rest == RestFrame::Drop {
+        motion = motion.slice(1..motion.clip.frames());
+    }
+    let what = format!("frame 0 looks like a rest pose before the motion: {done}");
+    motion.warnings.push(Warning { kind: "rest_frame", what });
+    motion
+}
+
+/// Whether a rest-pose frame is to be looked for and left out.
+pub(crate) fn looks_for_rest(options: &ReadOptions) -> bool {
+    options.skip == 0 && options.rest == RestFrame::Drop
+}
+
+/// Whether frame 0 is a rest pose put before the motion, as many CMU conversions have it.
+///
+/// So it is if the root's rotation is exactly nothing (of a BVH: all its rotation channels are 0) and the step from frame
+/// 0 to frame 1 is above 10 times the median step. A step is the largest angle that a joint turns between two frames (the
+/// mean over the joints misses a clip of cmu-dance). Fewer than 3 frames have no median to compare with.
+pub fn rest_frame(motion: &Motion) -> bool {
+    let clip = &motion.clip;
+    let unturned = match &motion.source {
+        _ if clip.frames() < 3 => false,
+        Source::Bvh(source) if source.frames == clip.frames() => source.root_unturned(0),
+        _ => clip.pose(0)[0].abs_diff_eq(Quat::IDENTITY, 0.0),
+    };
+    if !unturned {
+        return false;
+    }
+    let step = |f: usize| {
+        let turned = clip.pose(f).iter().zip(clip.pose(f + 1)).map(|(a, b)| angle_between(*a, *b));
+        turned.fold(0.0, f64::max)
+    };
+    let first = step(0);
+    let mut steps: Vec<f64> = (0..clip.frames() - 1).map(step).collect();
+    let middle = steps.len() / 2;
+    let (_, median, _) = steps.select_nth_unstable_by(middle, f64::total_cmp);
+    first > 10.0 * *median
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::{Unit, bvh};
+    use std::path::Path;
+
+    /// A root and a child that turn 1 degree a frame after the first frame, which has these angles.
+    fn file(first: [f64; 2], frames: usize) -> Motion {
+        let rows: String = (1..frames).map(|f| format!("{f} {f}\n")).collect();
+        let text = format!(
+            "HIERARCHY\nROOT a {{ OFFSET 0 0 0 CHANNELS 1 Xrotation JOINT b\n{{ OFFSET 0 1 0 CHANNELS 1 Zrotation End Site {{ OFFSET 0 1 0 }} }} }}\n\
+             MOTION\nFrames: {frames}\nFrame Time: 0.05\n{} {}\n{rows}",
+            first[0], first[1]
+        );
+        let options = ReadOptions { unit: Unit::Metre, ..Default::default() };
+        bvh::read(Path::new("x.bvh"), text.as_bytes(), &options).unwrap()
+    }
+
+    #[test]
+    fn a_jump_from_an_unturned_root() {
+        assert!(rest_frame(&file([0.0, 40.0], 9)));
+        assert!(!rest_frame(&file([0.1, 40.0], 9)), "the root is turned");
+        assert!(!rest_frame(&file([0.0, 10.0], 9)), "9 degrees are no jump where others are 1");
+        assert!(!rest_frame(&file([0.0, 40.0], 2)), "no median");
+        assert!(!rest_frame(&file([0.0, 40.0], 1)));
+    }
+
+    #[test]
+    fn it_is_said_and_kept_or_dropped() {
+        let with = |rest, skip| after_reading(file([0.0, 40.0], 9), &ReadOptions { rest, skip, ..Default::default() });
+        let kept = with(RestFrame::Keep, 0);
+        assert_eq!((kept.clip.frames(), kept.warnings[0].kind), (9, "rest_frame"));
+        let dropped = with(RestFrame::Drop, 0);
+        assert_eq!((dropped.clip.frames(), dropped.warnings[0].kind), (8, "rest_frame"));
+        let Source::Bvh(source) = &dropped.source else { panic!("a BVH") };
+        assert!(source.is_untouched(&dropped.clip));
+        assert!(with(RestFrame::Drop, 1).warnings.is_empty(), "with frames skipped none is looked for");
+    }
+}

@@ -150,9 +150,7 @@ impl Format {
 /// positive and finite; [`Error::Clip`] when skipping leaves nothing.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
     let format = Format::of(path).map_err(|e| and_its_looks(e, path))?;
-    if let Some(fps) = options.fps_source.filter(|f| !(f.is_finite() && *f > 0.0)) {
-        return Err(Error::Call(format!("a source rate of {fps} frames per second; expected a positive number")));
-    }
+    check_rate(options)?;
     let bytes = std::fs::read(path).map_err(Error::io(path))?;
     let motion = match format {
         Format::Bvh => bvh::read(path, &bytes, options)?,
@@ -182,6 +180,7 @@ fn and_its_looks(error: Error, path: &Path) -> Error {
 /// # Errors
 /// As [`read`].
 pub fn positions(path: &Path, options: &ReadOptions) -> Result<Positions> {
+    check_rate(options)?;
     match Format::of(path)? {
         Format::Bvh => bvh::positions(path, &std::fs::read(path).map_err(Error::io(path))?, options),
         _ => Ok(Positions::from_clip(&read(path, options)?.clip)),
@@ -196,6 +195,14 @@ fn skipped(motion: Motion, options: &ReadOptions) -> Result<Motion> {
     let frames = motion.clip.frames();
     check_skip(&motion.path, options.skip, frames)?;
     Ok(motion.slice(options.skip..frames))
+}
+
+/// Fails for a source rate that is none.
+fn check_rate(options: &ReadOptions) -> Result<()> {
+    if let Some(fps) = options.fps_source.filter(|f| !(f.is_finite() && *f > 0.0)) {
+        return Err(Error::Call(format!("a source rate of {fps} frames per second; expected a positive number")));
+    }
+    Ok(())
 }
 
 /// Fails when `skip` leaves none of `frames`.

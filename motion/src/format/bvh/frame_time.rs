@@ -12,7 +12,7 @@ pub(crate) fn check(word: &[u8]) -> std::result::Result<f64, (&'static str, Stri
     match number(word) {
         Ok(t) if t > 0.0 && t <= 1.0 => Ok(t),
         Ok(t) if t > 1.0 => Err((EXPECTED, format!("if {t} is a rate, write {:.6}", 1.0 / t))),
-        Ok(_) => Err((EXPECTED, String::new())),
+        Ok(_) => Err((EXPECTED, "write the seconds of a frame, 0.008333 for 120 frames a second".into())),
         Err(bad) => Err((EXPECTED, bad.help().to_owned())),
     }
 }

@@ -102,7 +102,11 @@ impl<'a> Parser<'a> {
     }
 
     fn unexpected(&self, at: usize, expected: impl Into<String>) -> FileError {
-        self.text.fault(at, Kind::UnexpectedWord, self.text.found(at), expected)
+        let fault = self.text.fault(at, Kind::UnexpectedWord, self.text.found(at), expected);
+        match self.text.bytes.get(at) {
+            None => fault.help("the file may be cut: fetch it again"),
+            Some(_) => fault.help("mend the header there"),
+        }
     }
 
     fn label(&self, node: usize) -> String {
@@ -173,11 +177,13 @@ impl<'a> Parser<'a> {
         }
         if self.open.len() == MAX_DEPTH {
             let found = format!("{} braces within each other", MAX_DEPTH + 1);
-            return Err(self.text.fault(brace, Kind::TooDeep, found, format!("at most {MAX_DEPTH}")));
+            let fault = self.text.fault(brace, Kind::TooDeep, found, format!("at most {MAX_DEPTH}"));
+            return Err(fault.help("no body needs that; the file is damaged or no motion"));
         }
         if self.joints > MAX_JOINTS {
             let found = format!("{} joints", self.joints);
-            return Err(self.text.fault(keyword, Kind::TooLarge, found, format!("at most {MAX_JOINTS}")));
+            let fault = self.text.fault(keyword, Kind::TooLarge, found, format!("at most {MAX_JOINTS}"));
+            return Err(fault.help("take the parts of the scene that are no body out of the file"));
         }
         self.open.push(Open { node, brace, offset: false, channels: false, child: false });
         Ok(())
@@ -303,7 +309,7 @@ impl<'a> Parser<'a> {
                 let axis = ["x", "y", "z"][i];
                 let expected = format!("a finite number for {axis} of the OFFSET of {label}");
                 self.text.fault(at, Kind::NumberBad, self.text.quote(word), expected).help(match bad {
-                    BadNumber::NotFinite => "",
+                    BadNumber::NotFinite => "give the bone its length",
                     other => other.help(),
                 })
             })?;
@@ -318,7 +324,8 @@ impl<'a> Parser<'a> {
         let Some(count) = count else {
             let label = self.label(node);
             let expected = format!("the number of channels of {label}, 0 to 6");
-            return Err(self.text.fault(at, Kind::ChannelCount, self.text.found(at), expected));
+            let fault = self.text.fault(at, Kind::ChannelCount, self.text.found(at), expected);
+            return Err(fault.help("count the channel names that follow"));
         };
         for i in 0..count {
             let before = self.at;
@@ -329,14 +336,18 @@ impl<'a> Parser<'a> {
                 let new_line = self.text.bytes[before..at].iter().any(|b| matches!(b, b'\r' | b'\n'));
                 if new_line || keyword.iter().any(|k| word.eq_ignore_ascii_case(k)) {
                     let expected = format!("{count} channel names for {label}");
-                    return self.text.fault(at, Kind::ChannelCount, format!("{i} names"), expected);
+                    let fault = self.text.fault(at, Kind::ChannelCount, format!("{i} names"), expected);
+                    return fault.help("make the count after CHANNELS and the names agree");
                 }
                 let expected = "one of Xposition Yposition Zposition Xrotation Yrotation Zrotation";
-                self.text.fault(at, Kind::ChannelUnknown, self.text.quote(word), format!("{expected} for {label}"))
+                let expected = format!("{expected} for {label}");
+                let fault = self.text.fault(at, Kind::ChannelUnknown, self.text.quote(word), expected);
+                fault.help("a BVH has no other channels; rename it, or export the file without it")
             })?;
             if self.nodes[node].channels.contains(&channel) {
                 let expected = format!("each channel of {} once", self.label(node));
-                return Err(self.text.fault(at, Kind::ChannelRepeated, self.text.quote(word), expected));
+                let fault = self.text.fault(at, Kind::ChannelRepeated, self.text.quote(word), expected);
+                return Err(fault.help("rename one of the two"));
             }
             self.nodes[node].channels.push(channel);
         }
@@ -349,9 +360,12 @@ impl<'a> Parser<'a> {
     fn motion(mut self, lenient: bool) -> Step<Head> {
         let (count_at, count) =
             self.declaration(&["Frames"], Kind::FramesMissing, "Frames: and the number of frames")?;
-        let bad = |kind, expected| self.text.fault(count_at, kind, self.text.found(count_at), expected);
         let declared = match std::str::from_utf8(count).ok().filter(|w| w.bytes().all(|b| b.is_ascii_digit())) {
-            None | Some("") => return Err(bad(Kind::NumberBad, "the number of frames, a whole number")),
+            None | Some("") => {
+                let expected = "the number of frames, a whole number";
+                let fault = self.text.fault(count_at, Kind::NumberBad, self.text.found(count_at), expected);
+                return Err(fault.help("count the rows that follow"));
+            }
             Some(digits) => digits.parse::<u64>().unwrap_or(u64::MAX),
         };
         let numbers = declared.checked_mul(self.width.max(1) as u64);
@@ -399,7 +413,7 @@ impl<'a> Parser<'a> {
             self.blanks();
             let rest = &self.text.bytes[self.at..];
             if !rest.get(..word.len()).is_some_and(|w| w.eq_ignore_ascii_case(word.as_bytes())) {
-                return Err(self.text.fault(start, missing, self.text.found(start), expected));
+                return Err(self.missing(start, missing, expected));
             }
             self.at += word.len();
         }
@@ -409,11 +423,16 @@ impl<'a> Parser<'a> {
             self.at += 1;
             self.blanks();
         } else if after == self.at && !matches!(self.byte(), None | Some(b'\r' | b'\n')) {
-            return Err(self.text.fault(start, missing, self.text.found(start), expected));
+            return Err(self.missing(start, missing, expected));
         }
         let (at, word) = (self.at, word_at(self.text.bytes, self.at));
         self.at += word.len();
         Ok((at, word))
+    }
+
+    fn missing(&self, at: usize, kind: Kind, expected: &str) -> FileError {
+        let fault = self.text.fault(at, kind, self.text.found(at), expected);
+        fault.help("MOTION is followed by a line Frames: and a line Frame Time:")
     }
 
     fn line_is_over(&mut self, expected: &str) -> Step {

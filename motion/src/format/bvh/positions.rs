@@ -66,3 +66,62 @@ pub fn positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Pos
     });
     Ok(Positions { joints: names.collect(), parents, fps: parsed.fps(options), positions: all })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::{BvhPosition, RestFrame, Unit};
+
+    const XYZ: &str = "Xposition Yposition Zposition";
+
+    fn file(rows: &[&str]) -> String {
+        format!(
+            "HIERARCHY\nROOT a {{ OFFSET 0 0 0 CHANNELS 4 {XYZ} Zrotation JOINT b\n{{ OFFSET 0 10 0 CHANNELS 4 {XYZ} Xrotation\n\
+             End Site {{ OFFSET 0 1 0 }} End {{ OFFSET 0 0 2 }} }} }}\nMOTION\nFrames: {}\nFrame Time: 0.05\n{}\n",
+            rows.len(),
+            rows.join("\n")
+        )
+    }
+
+    fn places(text: &str, options: &ReadOptions) -> Positions {
+        positions(Path::new("x.bvh"), text.as_bytes(), options).unwrap()
+    }
+
+    fn centimetres() -> ReadOptions {
+        ReadOptions { unit: Unit::Centimetre, ..Default::default() }
+    }
+
+    #[test]
+    fn nothing_is_folded_or_averaged() {
+        let text = file(&["100 0 0 90 0 10 0 90", "200 0 0 0 0 30 0 0"]);
+        let p = places(&text, &centimetres());
+        assert_eq!(p.joints, ["a", "b", "b_end", "b_end2"]);
+        assert_eq!((p.parents.as_slice(), p.fps), (&[-1, 0, 1, 1][..], 20.0));
+        let want = [
+            Vec3::new(1.0, 0.0, 0.0),
+            Vec3::new(0.9, 0.0, 0.0),
+            Vec3::new(0.9, 0.0, 0.01),
+            Vec3::new(0.92, 0.0, 0.0),
+            Vec3::new(2.0, 0.0, 0.0),
+            Vec3::new(2.0, 0.3, 0.0),
+            Vec3::new(2.0, 0.31, 0.0),
+            Vec3::new(2.0, 0.3, 0.02),
+        ];
+        assert_eq!(p.positions.len(), want.len());
+        for (got, want) in p.positions.iter().zip(want) {
+            assert!(got.distance(want) < 1e-12, "{got} {want}");
+        }
+        let add = places(&text, &ReadOptions { bvh_position: BvhPosition::Add, ..centimetres() });
+        assert!(add.positions[5].distance(Vec3::new(2.0, 0.4, 0.0)) < 1e-12);
+    }
+
+    #[test]
+    fn frames_are_left_out_as_when_reading() {
+        let rows = ["0 0 0 0 0 10 0 0", "0 0 0 40 0 10 0 0", "0 0 0 41 0 10 0 0", "0 0 0 42 0 10 0 0"];
+        let count = |options: ReadOptions| places(&file(&rows), &options).positions.len() / 4;
+        assert_eq!(count(centimetres()), 4);
+        assert_eq!(count(ReadOptions { rest: RestFrame::Drop, ..centimetres() }), 3);
+        assert_eq!(count(ReadOptions { rest: RestFrame::Drop, skip: 2, ..centimetres() }), 2);
+        assert!(positions(Path::new("x"), file(&rows).as_bytes(), &ReadOptions { skip: 4, ..centimetres() }).is_err());
+    }
+}

@@ -17,7 +17,7 @@ pub(crate) struct Rows {
 /// Reads the rows that the head declares.
 pub(crate) fn parse(text: &Text, head: &Head, lenient: bool) -> Result<Rows, FileError> {
     let bytes = text.bytes;
-    let (width, mut at) = (head.width, head.rows_at);
+    let (width, mut at) = (head.width, head.rows_at.min(bytes.len()));
     let declared = usize::try_from(head.declared).unwrap_or(usize::MAX);
     let left = bytes.len() - at;
     let mut numbers = Vec::with_capacity(declared.saturating_mul(width).min(left / 4 + 1));
@@ -166,7 +166,8 @@ impl Slow<'_> {
     fn row_width(&self, bad: &BadLine) -> FileError {
         let (row, found) = (bad.row, bad.found);
         let expected = format!("{} in each row, one for each channel of the joints", self.head.width);
-        self.text.fault(bad.at, Kind::RowWidth, format!("{found} numbers in row {row}"), expected)
+        let fault = self.text.fault(bad.at, Kind::RowWidth, format!("{found} numbers in row {row}"), expected);
+        fault.help("mend the row, or delete it and count one frame less")
     }
 
     fn short(&self, mut numbers: Vec<f64>, whole: usize, cut: usize) -> Result<Rows, FileError> {

@@ -92,7 +92,7 @@ impl BadNumber {
         match self {
             BadNumber::NotFinite => "repair the frame, or leave it out",
             BadNumber::Comma => "this looks like a decimal comma; BVH has decimal points",
-            BadNumber::Junk => "",
+            BadNumber::Junk => "write a number such as -1.5",
         }
     }
 }

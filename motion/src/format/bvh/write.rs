@@ -36,6 +36,10 @@ impl BvhSource {
 
     /// Writes any clip with this rig's joints, at the clip's own rate and with as many frames as it has.
     ///
+    /// Header, names, orders, end sites, unit and line ends are the rig's. Where a clip needs what the rig lacks (another
+    /// OFFSET, a turn about an axis that a joint has no channel for, a place for a root without position channels), that
+    /// is added to the header, so that the motion is never cut. Of other roots the rows nearest in time are kept.
+    ///
     /// # Errors
     /// [`Error::Io`]; [`Error::Call`] when the joints are others or the rate is below 1.
     pub fn write_clip(&self, path: &Path, clip: &Clip) -> Result<()> {

@@ -12,5 +12,6 @@ pub mod generate;
 pub mod model;
 pub mod random;
 pub mod train;
+pub mod view;
 
 pub use error::{Error, Result};

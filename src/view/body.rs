@@ -1,0 +1,236 @@
+//! What of a skeleton is drawn: bones with their thickness, joints as balls, a head, and which joints leave trails.
+//!
+//! It knows no names but the head's: trunk and limbs are told apart by the tree and its lengths, so that any rig looks
+//! like a body.
+
+use kinelm_motion::{Clip, GlobalPose, Skeleton, Vec3};
+use serde::Serialize;
+
+/// A bone between two points, thick `ra` and `rb` metres at its ends; `given` if the joint that turns it is.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Bone {
+    pub a: usize,
+    pub b: usize,
+    pub ra: f64,
+    pub rb: f64,
+    pub given: bool,
+}
+
+/// A joint.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Ball {
+    pub at: usize,
+    pub r: f64,
+    pub given: bool,
+}
+
+/// A body made drawable. Points are the joints, then the end sites, then the head's upper half where there is a head.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Body {
+    pub points: usize,
+    pub bones: Vec<Bone>,
+    pub balls: Vec<Ball>,
+    /// Points whose ways are worth seeing: wrists and ankles.
+    pub tips: Vec<usize>,
+    head: Option<Head>,
+}
+
+/// The head's upper half: `further` metres beyond `joint`, on from `neck`.
+#[derive(Debug, Clone, PartialEq)]
+struct Head {
+    neck: usize,
+    joint: usize,
+    further: f64,
+}
+
+impl Body {
+    /// The body of a skeleton about `height` metres high; `given` (J) or empty.
+    pub fn new(skeleton: &Skeleton, height: f64, given: &[bool]) -> Self {
+        let tree = Tree::new(skeleton, height);
+        let given = |joint: usize| given.get(joint).copied().unwrap_or(false);
+        let joints = skeleton.joints();
+        let mut bones: Vec<Bone> = Vec::new();
+        for (b, parent) in skeleton.parents().iter().enumerate() {
+            let Some(a) = *parent else { continue };
+            if skeleton.offsets()[b].length() > 1e-4 * height {
+                let (ra, rb) = tree.radii(a, b);
+                bones.push(Bone { a, b, ra, rb, given: given(a) });
+            }
+        }
+        for (i, end) in skeleton.ends().iter().enumerate() {
+            if end.offset.length() > 1e-4 * height {
+                let ra = if tree.trunk[end.parent] { 0.024 * height } else { tree.thickness(end.parent) };
+                bones.push(Bone { a: end.parent, b: joints + i, ra, rb: 0.75 * ra, given: given(end.parent) });
+            }
+        }
+        let balls: Vec<Ball> = (0..joints)
+            .filter(|&j| !tree.trunk[j] && tree.reach[j] > 0.0 && bones.iter().any(|b| b.b == j))
+            .map(|j| Ball { at: j, r: 1.12 * thickest(&bones, j), given: given(j) })
+            .collect();
+        let mut points = joints + skeleton.ends().len();
+        let head = tree.head();
+        if let Some(h) = &head {
+            let (ra, rb) = (0.04 * height, 0.05 * height);
+            bones.push(Bone { a: h.joint, b: points, ra, rb, given: given(h.joint) });
+            points += 1;
+        }
+        Body { points, bones, balls, tips: tree.tips(), head }
+    }
+
+    /// Places of all points at a frame, metres.
+    pub fn places(&self, clip: &Clip, frame: usize, pose: &mut GlobalPose, places: &mut Vec<Vec3>) {
+        pose.set(clip.skeleton(), clip.root()[frame], clip.pose(frame));
+        places.clear();
+        places.extend_from_slice(&pose.positions);
+        places.extend(pose.ends(clip.skeleton()));
+        if let Some(h) = &self.head {
+            let (neck, joint) = (places[h.neck], places[h.joint]);
+            places.push(joint + (joint - neck).normalize_or(Vec3::Y) * h.further);
+        }
+    }
+}
+
+fn thickest(bones: &[Bone], joint: usize) -> f64 {
+    let at = |b: &Bone| if b.a == joint { b.ra } else { b.rb };
+    bones.iter().filter(|b| b.a == joint || b.b == joint).map(at).fold(0.0, f64::max)
+}
+
+/// What the lengths of a skeleton say about it.
+struct Tree<'a> {
+    skeleton: &'a Skeleton,
+    height: f64,
+    /// (J) length of the longest way from a joint down to a tip, end sites included.
+    reach: Vec<f64>,
+    /// (J) whether a joint lies between the pelvis and the chest: the joints where long limbs part, and those between.
+    trunk: Vec<bool>,
+    /// (J) whether long limbs part at a joint: pelvis and chest.
+    parts: Vec<bool>,
+}
+
+impl<'a> Tree<'a> {
+    fn new(skeleton: &'a Skeleton, height: f64) -> Self {
+        let joints = skeleton.joints();
+        let mut reach = vec![0.0f64; joints];
+        for end in skeleton.ends() {
+            reach[end.parent] = reach[end.parent].max(end.offset.length());
+        }
+        let mut limbs = vec![0; joints];
+        for j in (1..joints).rev() {
+            if let Some(p) = skeleton.parents()[j] {
+                let through = reach[j] + skeleton.offsets()[j].length();
+                limbs[p] += usize::from(through > 0.2 * height);
+                reach[p] = reach[p].max(through);
+            }
+        }
+        // a joint is trunk if limbs part at it, or at it and below it: children stand behind their parents
+        let parts: Vec<bool> = limbs.iter().map(|&n| n > 1).collect();
+        let mut trunk = parts.clone();
+        for j in (1..joints).rev() {
+            if let (true, Some(p)) = (trunk[j], skeleton.parents()[j]) {
+                trunk[p] = true;
+            }
+        }
+        Tree { skeleton, height, reach, trunk, parts }
+    }
+
+    /// Thickness of the bone `a` to `b` at its ends.
+    fn radii(&self, a: usize, b: usize) -> (f64, f64) {
+        let h = self.height;
+        let (ra, rb) = (self.thickness(a), self.thickness(b));
+        match (self.trunk[a], self.trunk[b]) {
+            (true, true) => (ra, rb),
+            // shoulders and hips, or the neck
+            (true, false) if self.reach[b] > 0.2 * h => (0.034 * h, rb.max(0.027 * h)),
+            (true, false) => (0.024 * h, 0.02 * h),
+            _ if self.reach[b] == 0.0 => (ra, 0.75 * ra),
+            _ => (ra, rb),
+        }
+    }
+
+    /// Thickness at a joint: of limbs by what hangs on it, so that they taper and are as thick below a joint as above;
+    /// of the trunk wider where limbs part.
+    fn thickness(&self, joint: usize) -> f64 {
+        let along = (self.reach[joint] / self.height).sqrt();
+        match (self.trunk[joint], self.parts[joint]) {
+            (true, true) => 0.05 * self.height,
+            (true, false) => 0.041 * self.height,
+            _ => (0.0035 + 0.0357 * along).clamp(0.006, 0.034) * self.height,
+        }
+    }
+
+    fn head(&self) -> Option<Head> {
+        let names = self.skeleton.names();
+        let joint = (1..names.len()).find(|&j| {
+            let name = names[j].to_lowercase();
+            name.ends_with("head") && !self.trunk[j]
+        })?;
+        let neck = self.skeleton.parents()[joint]?;
+        Some(Head { neck, joint, further: 0.052 * self.height })
+    }
+
+    /// The last joint of every long limb that still carries something: wrists and ankles.
+    fn tips(&self) -> Vec<usize> {
+        let skeleton = self.skeleton;
+        let limb = |j: &usize| {
+            let from_trunk = skeleton.parents()[*j].is_some_and(|p| self.trunk[p]);
+            from_trunk && !self.trunk[*j] && self.reach[*j] > 0.2 * self.height
+        };
+        let mut tips = Vec::new();
+        for start in (0..skeleton.joints()).filter(limb) {
+            let mut at = start;
+            while let Some(next) = skeleton.children(at).find(|&c| self.reach[c] > 0.035 * self.height) {
+                at = next;
+            }
+            tips.push(at);
+        }
+        tips
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinelm_motion::{EndSite, smpl};
+
+    #[test]
+    fn the_model_rig_looks_like_a_body() {
+        let s = smpl::neutral();
+        let mut given = vec![false; 24];
+        given[17] = true;
+        let b = Body::new(&s, 1.7, &given);
+        assert_eq!((b.points, b.bones.len()), (25, 24));
+        let mut tips = b.tips.clone();
+        tips.sort_unstable();
+        assert_eq!(tips, [7, 8, 20, 21], "ankles and wrists");
+        let given: Vec<_> = b.bones.iter().filter(|b| b.given).map(|b| (b.a, b.b)).collect();
+        assert_eq!(given, [(17, 19)], "a given joint turns the bone below it");
+        let bone = |a, z| b.bones.iter().find(|b| (b.a, b.b) == (a, z)).unwrap();
+        assert!(bone(3, 6).ra > bone(1, 4).ra && bone(1, 4).ra > bone(18, 20).ra);
+        assert!(bone(12, 15).ra < bone(9, 13).ra, "the neck is thinner than the shoulders");
+    }
+
+    #[test]
+    fn hands_with_fingers_are_no_trunk() {
+        let mut names: Vec<String> = smpl::NAMES.iter().map(|n| n.to_string()).collect();
+        let s = smpl::neutral();
+        let (mut parents, mut offsets) = (s.parents().to_vec(), s.offsets().to_vec());
+        let mut ends = Vec::new();
+        for finger in 0..5 {
+            names.push(format!("finger{finger}"));
+            parents.push(Some(22));
+            offsets.push(Vec3::new(0.08, 0.0, 0.01 * f64::from(finger)));
+            ends.push(EndSite { parent: 24 + finger as usize, offset: Vec3::new(0.05, 0.0, 0.0) });
+        }
+        let s = Skeleton::new(names, parents, offsets, ends).unwrap();
+        let b = Body::new(&s, 1.7, &[]);
+        assert_eq!(b.points, 24 + 5 + 5 + 1);
+        assert!(b.bones.iter().filter(|b| b.a >= 22).all(|b| b.ra < 0.03));
+    }
+
+    #[test]
+    fn a_single_joint_is_drawn_without_complaint() {
+        let s = Skeleton::new(vec!["a".into()], vec![None], vec![Vec3::ZERO], vec![]).unwrap();
+        let b = Body::new(&s, 1.0, &[]);
+        assert_eq!((b.points, b.bones.len(), b.tips.len()), (1, 0, 0));
+    }
+}

@@ -60,7 +60,7 @@ impl Track {
             let (f, j) = (figure.forced.len(), clip.joints());
             return fail(format!("{f} marks of forced joints for {j} joints; expected as many, or none"));
         }
-        if let Some(p) = clip.positions().iter().find(|p| !(p.abs().max_element() < LARGEST)) {
+        if let Some(p) = clip.positions().iter().find(|p| !p.is_finite() || p.abs().max_element() >= LARGEST) {
             return fail(format!("a joint at {p} metres; expected a body within {LARGEST} m"));
         }
         let height = height(clip);

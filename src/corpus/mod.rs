@@ -25,6 +25,7 @@ pub mod shared_runs;
 pub mod splits;
 pub mod stats;
 pub mod store;
+mod walk;
 pub mod windows;
 pub mod writer;
 

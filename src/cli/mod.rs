@@ -3,8 +3,18 @@
 //! Only here are there `anyhow`, printing and environment variables. Data go to stdout, everything else to stderr.
 
 mod convert;
+mod corpus;
+mod data;
+mod demo;
+mod evaluate;
+mod generate;
 mod inspect;
+mod pretrain;
+mod progress;
 mod read;
+mod tokenize;
+mod tokenizer;
+mod view;
 
 use anyhow::{Error, Result};
 use kinelm_motion::Motion;
@@ -31,6 +41,25 @@ enum Command {
     Inspect(inspect::Args),
     /// From one motion format, rate or rig to another, by the extension of OUT (.bvh .npz .json)
     Convert(convert::Args),
+    /// A self-contained page to watch clips on, side by side
+    View(view::Args),
+    /// Fit a tokenizer; clips to words and back
+    #[command(subcommand)]
+    Tokenizer(tokenizer::Command),
+    /// Motion files to a corpus of tokens
+    Tokenize(tokenize::Args),
+    /// What a corpus holds; pieces of one put together
+    #[command(subcommand)]
+    Corpus(corpus::Command),
+    /// Train a model on a corpus
+    Pretrain(pretrain::Args),
+    /// A new dance that follows chosen joints of a clip
+    Generate(generate::Args),
+    /// Measures
+    #[command(subcommand)]
+    Evaluate(evaluate::Command),
+    /// The whole way on made-up dances: no data, no network, three minutes
+    Demo(demo::Args),
 }
 
 /// Runs one call.
@@ -42,6 +71,14 @@ pub fn run(call: Call) -> Result<()> {
     match call.command {
         Command::Inspect(args) => inspect::run(args, say),
         Command::Convert(args) => convert::run(args, say),
+        Command::View(args) => view::run(args, say),
+        Command::Tokenizer(command) => tokenizer::run(command, say),
+        Command::Tokenize(args) => tokenize::run(args, say),
+        Command::Corpus(command) => corpus::run(command, say),
+        Command::Pretrain(args) => pretrain::run(args, call.threads, say),
+        Command::Generate(args) => generate::run(args, say),
+        Command::Evaluate(command) => evaluate::run(command, say),
+        Command::Demo(args) => demo::run(args, call.threads, say),
     }
 }
 

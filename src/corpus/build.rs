@@ -5,7 +5,7 @@
 
 use super::gather::{Gathered, Item};
 use super::load::{Loaded, load_item};
-use super::record::{Failure, Jumps, Manifest, Shard, Split};
+use super::record::{Failure, Manifest, Shard, Split};
 use super::writer::{CorpusWriter, NewClip};
 use crate::{Error, Result};
 use kinelm_motion::Kind;
@@ -121,14 +121,6 @@ pub fn fit(
     Ok((all.finish()?, summary))
 }
 
-/// What a thread makes of a file.
-struct Tokenized {
-    ids: Vec<u32>,
-    clipped: usize,
-    second_codes: usize,
-    jumps: [Option<Jumps>; 2],
-}
-
 /// Tokenizes all clips (or a shard of them) into a corpus folder at `out`.
 ///
 /// # Errors
@@ -145,21 +137,18 @@ pub fn tokenize(
     let items: Vec<&Item> = gathered.items.iter().filter(|i| options.shard.is_none_or(|s| s.holds(i.key))).collect();
     let work = |loaded: &Loaded| {
         let encoded = tokenizer.encode(&loaded.clip)?;
-        let clipped = encoded.clipped.iter().sum::<u64>() as usize;
-        let ids = tokenizer.ids_of_codes(&encoded.codes)?;
-        Ok(Tokenized { ids, clipped, second_codes: encoded.second_codes as usize, jumps: loaded.jumps() })
+        Ok((tokenizer.ids_of_codes(&encoded.codes)?, encoded.clipped.iter().sum::<u64>(), encoded.second_codes))
     };
-    let take = |item: &Item, sha256, made: Tokenized, summary: &mut Summary| {
-        let Tokenized { ids, clipped, second_codes, jumps: [root_jumps, joint_jumps] } = made;
-        summary.clipped += clipped;
-        summary.second_codes += second_codes;
-        let Item { name, labels, split, take, key, source, .. } = item.clone();
-        let clip =
-            NewClip { name, labels, split, take, key, source, sha256, clipped, second_codes, root_jumps, joint_jumps };
-        writer.push(clip, &ids)?;
-        Ok(ids.len() / tokenizer.tokens_per_frame())
-    };
-    let summary = each(&items, options, tokenizer.fps(), watch, work, take)?;
+    let per_frame = tokenizer.tokens_per_frame();
+    let summary =
+        each(&items, options, tokenizer.fps(), watch, work, |item, sha256, (ids, clipped, second), summary| {
+            let (clipped, second_codes) = (clipped as usize, second as usize);
+            summary.clipped += clipped;
+            summary.second_codes += second_codes;
+            let Item { name, labels, split, take, key, source, .. } = item.clone();
+            writer.push(NewClip { name, labels, split, take, key, source, sha256, clipped, second_codes }, &ids)?;
+            Ok(ids.len() / per_frame)
+        })?;
     check(&summary, options, items.len())?;
     summary.failed.iter().for_each(|f| writer.fail(f.clone()));
     Ok((writer.finish()?, summary))
@@ -195,7 +184,7 @@ fn each<T: Send>(
     let one = |item: &Item| {
         let loaded = load_item(item, &options.read, fps)?;
         let made = work(&loaded).map_err(|e| named(item, e))?;
-        Ok((made, loaded.sha256, loaded.motion.warnings))
+        Ok((made, loaded.sha256, loaded.warnings))
     };
     let mut summary = Summary::default();
     let mut done = 0;

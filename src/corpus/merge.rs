@@ -2,7 +2,7 @@
 
 use super::record::{ClipRecord, Failure, Manifest, Shard};
 use super::store::Corpus;
-use super::writer::CorpusWriter;
+use super::writer::{CorpusWriter, NewClip};
 use crate::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -25,12 +25,17 @@ pub fn merge(shards: &[PathBuf], out: &Path, force: bool) -> Result<Manifest> {
     }
     clips.sort_by_key(|(_, clip)| clip.key);
     for (shard, clip) in clips {
-        writer.push(clip.clone().into(), &shard.clip_ids(clip))?;
+        writer.push(as_new(clip), &shard.clip_ids(clip))?;
     }
     let mut failed: Vec<&Failure> = shards.iter().flat_map(|s| &s.manifest().failed).collect();
     failed.sort_by_key(|f| f.key);
     failed.into_iter().for_each(|f| writer.fail(f.clone()));
     writer.finish()
+}
+
+fn as_new(clip: &ClipRecord) -> NewClip {
+    let ClipRecord { name, labels, split, take, key, source, sha256, clipped, second_codes, .. } = clip.clone();
+    NewClip { name, labels, split, take, key, source, sha256, clipped, second_codes }
 }
 
 fn check_fits(first: &Corpus, other: &Corpus) -> Result<()> {

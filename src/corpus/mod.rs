@@ -25,7 +25,6 @@ pub mod shared_runs;
 pub mod splits;
 pub mod stats;
 pub mod store;
-mod walk;
 pub mod windows;
 pub mod writer;
 

@@ -274,26 +274,6 @@ pub struct ClipRecord {
     /// Rotations that took the second code (near a half turn).
     #[serde(default)]
     pub second_codes: usize,
-    /// Steps of the root in the source that no body makes; lengths in centimetres.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub root_jumps: Option<Jumps>,
-    /// Steps of joints in the source that no body makes; widths in degrees.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub joint_jumps: Option<Jumps>,
-}
-
-/// Steps from one source frame to the next that no body makes.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Jumps {
-    /// How many.
-    pub steps: usize,
-    /// The largest.
-    pub largest: f64,
-    /// The frame of the file that it leads to, from 0.
-    pub frame: usize,
-    /// The joint of the source's rig.
-    pub joint: String,
 }
 
 #[cfg(test)]

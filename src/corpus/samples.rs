@@ -28,9 +28,7 @@ pub fn words(frames: usize) -> Vec<u32> {
 pub fn clip(name: &str, key: usize, split: Split) -> NewClip {
     let labels = BTreeMap::from([("genre".to_string(), "salsa".to_string())]);
     let (name, take, sha256) = (name.to_string(), name.to_string(), "0".repeat(64));
-    let (source, clipped, second_codes) = (0, 2, 1);
-    let (root_jumps, joint_jumps) = (None, None);
-    NewClip { name, labels, split, take, key, source, sha256, clipped, second_codes, root_jumps, joint_jumps }
+    NewClip { name, labels, split, take, key, source: 0, sha256, clipped: 2, second_codes: 1 }
 }
 
 pub fn begin(dir: &Path, force: bool) -> Result<CorpusWriter> {

@@ -30,8 +30,7 @@ impl fmt::Display for SharedRun {
 /// Pairs of clips with runs of a second or more whose codes agree but for the translation's (steps are coded against
 /// the decoded past, so they differ where a run begins elsewhere). Runs in which a body hardly moves (fewer than half of
 /// the frames differ) tell nothing and are passed over; so are pairs inside the groups of `same`. Each clip is paired
-/// with the first that has its frames. Sorted by frames, most first. A run that begins between two frames of the
-/// tokenizer's rate in one of the clips gives other codes and isn't seen.
+/// with the first that has its frames. Sorted by frames, most first.
 pub(super) fn shared_runs(
     clips: &[ClipRecord],
     codes: &[Vec<u16>],
@@ -101,8 +100,6 @@ mod tests {
             sha256: String::new(),
             clipped: 0,
             second_codes: 0,
-            root_jumps: None,
-            joint_jumps: None,
         }
     }
 

@@ -1,38 +1,41 @@
 //! What is in a corpus, and what looks wrong in it.
 
-use super::record::{ClipRecord, Count, Jumps, Split};
+use super::record::{ClipRecord, Count, Split};
 use super::shared_runs::{SharedRun, shared_runs};
 use super::store::Corpus;
 use crate::Result;
+use kinelm_motion::Clip;
+use kinelm_motion::rotation::angle_between;
+use kinelm_tokenizer::Rest;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 
+/// A root faster than this is a glitch if it stands out, metres a second: 17 cm in a frame at 20 fps. Sprints reach it,
+/// but not from one frame to the next and back.
+pub const ROOT_GLITCH_M_S: f64 = 3.0;
+
+/// A joint that turns faster than this is a glitch if it stands out, degrees a second: 60 degrees in a frame at 20 fps.
+pub const JOINT_GLITCH_DEG_S: f64 = 1200.0;
+
 /// The places of the translation in a word.
 const TRANSLATION: std::ops::Range<usize> = 0..3;
 
-/// Steps from one source frame to the next that no body makes: a root's of more than 5 cm and three times what it does
-/// two frames before and after; a joint's of more than 25 degrees and 1,500 degrees a second.
+/// How many times the steps two frames before and after it a glitch is: a fast movement has fast neighbours.
+const STANDS_OUT: f64 = 3.0;
+
+/// A step that no body makes, in the decoded clip at the tokenizer's rate.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Glitch {
     /// The clip.
     pub clip: String,
-    /// Its split.
-    pub split: Split,
-    /// Whether it is the root's place that jumps, not a joint's rotation.
-    pub root: bool,
-    /// How many steps; the largest, its joint and frame in the file. Centimetres for a root, degrees for a joint.
-    #[serde(flatten)]
-    pub jumps: Jumps,
-}
-
-impl fmt::Display for Glitch {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (Jumps { steps, largest, frame, joint }, clip) = (&self.jumps, &self.clip);
-        let (of, unit) = if self.root { ("root", "cm") } else { ("joint", "degrees") };
-        write!(f, "{clip}: {steps} {of} steps, the largest {joint} {largest:.1} {unit} at frame {frame} of the file")
-    }
+    /// The frame that the step leads to.
+    pub frame: usize,
+    /// `root` for its translation, else the joint.
+    pub what: String,
+    /// Centimetres (root) or degrees (joint) in this one step.
+    pub step: f64,
 }
 
 /// The figures of a corpus.
@@ -62,8 +65,10 @@ pub struct Stats {
     pub takes: usize,
     /// Recordings that stand in more than one split.
     pub takes_in_two_splits: Vec<String>,
-    /// Glitches of the sources: those of roots, then those of joints, largest first.
+    /// Root steps above [`ROOT_GLITCH_M_S`] and joint steps above [`JOINT_GLITCH_DEG_S`] that stand out, largest first.
     pub glitches: Vec<Glitch>,
+    /// Clips in which some step is a glitch.
+    pub clips_with_glitches: usize,
     /// Groups of clips with the same tokens.
     pub duplicates: Vec<Vec<String>>,
     /// Pairs of clips that share a second or more of poses, and are no duplicates.
@@ -76,12 +81,24 @@ pub struct Stats {
     pub failed: usize,
 }
 
-/// Looks through a corpus.
+/// Looks through a corpus; decodes every clip.
 ///
 /// # Errors
 /// [`crate::Error::File`] when a word holds an id that is no character.
 pub fn stats(corpus: &Corpus) -> Result<Stats> {
     let codes: Vec<Vec<u16>> = corpus.clips().par_iter().map(|c| corpus.clip_codes(c)).collect::<Result<_>>()?;
+    let found: Vec<Vec<Glitch>> = (corpus.clips().par_iter().zip(&codes))
+        .map(|(record, codes)| {
+            let clip = corpus.tokenizer().decode(codes, Rest::Identity)?;
+            Ok(glitches(&record.name, &clip, &corpus.tokenizer().config().joints))
+        })
+        .collect::<Result<_>>()?;
+    let clips_with_glitches = found.iter().filter(|g| !g.is_empty()).count();
+    let mut glitches = found.concat();
+    // metres and degrees side by side: each by how many times its limit it is
+    let size = |g: &Glitch| g.step / if g.what == "root" { ROOT_GLITCH_M_S * 100.0 } else { JOINT_GLITCH_DEG_S };
+    glitches.sort_by(|a, b| size(b).total_cmp(&size(a)));
+
     let (m, clips) = (corpus.manifest(), corpus.clips());
     let mut frames: Vec<usize> = clips.iter().map(|c| c.frames).collect();
     frames.sort_unstable();
@@ -102,7 +119,8 @@ pub fn stats(corpus: &Corpus) -> Result<Stats> {
         unlabelled: clips.iter().filter(|c| c.labels.is_empty()).count(),
         takes: takes.len(),
         takes_in_two_splits: takes.into_iter().filter(|(_, s)| s.len() > 1).map(|(t, _)| t.to_owned()).collect(),
-        glitches: glitches(clips),
+        glitches,
+        clips_with_glitches,
         duplicates: same.iter().map(names).collect(),
         shared_runs: shared_runs(clips, &codes, m.tokens_per_frame - 1, TRANSLATION, m.fps, &same),
         clipped: [clips.iter().map(|c| c.clipped).sum(), clips.iter().filter(|c| c.clipped > 0).count()],
@@ -141,15 +159,28 @@ fn same_tokens(codes: &[Vec<u16>]) -> Vec<Vec<usize>> {
     groups.into_values().filter(|g| g.len() > 1).collect()
 }
 
-fn glitches(clips: &[ClipRecord]) -> Vec<Glitch> {
-    let glitch = |clip: &ClipRecord, root, jumps: &Option<Jumps>| {
-        let (name, split) = (clip.name.clone(), clip.split);
-        jumps.clone().map(|jumps| Glitch { clip: name, split, root, jumps })
-    };
-    let both = |c| [glitch(c, true, &c.root_jumps), glitch(c, false, &c.joint_jumps)];
-    let mut found: Vec<Glitch> = clips.iter().flat_map(both).flatten().collect();
-    found.sort_by(|a, b| b.root.cmp(&a.root).then(b.jumps.largest.total_cmp(&a.jumps.largest)));
+/// The glitches of a decoded clip. Only `joints` are looked at; the others do what they are told.
+fn glitches(name: &str, clip: &Clip, joints: &[usize]) -> Vec<Glitch> {
+    let glitch = |frame: usize, what: &str, step: f64| Glitch { clip: name.into(), frame, what: what.into(), step };
+    let steps: Vec<f64> = clip.root().windows(2).map(|w| w[0].distance(w[1])).collect();
+    let mut found: Vec<Glitch> =
+        standing_out(&steps, ROOT_GLITCH_M_S / clip.fps()).map(|f| glitch(f, "root", steps[f - 1] * 100.0)).collect();
+    for &j in joints {
+        let step = |f: usize| angle_between(clip.pose(f - 1)[j], clip.pose(f)[j]).to_degrees();
+        let steps: Vec<f64> = (1..clip.frames()).map(step).collect();
+        let names = clip.skeleton().names();
+        found.extend(standing_out(&steps, JOINT_GLITCH_DEG_S / clip.fps()).map(|f| glitch(f, &names[j], steps[f - 1])));
+    }
     found
+}
+
+/// Frames whose step (`steps[0]` leads to frame 1) is above `limit` and stands out from those two steps away.
+fn standing_out(steps: &[f64], limit: f64) -> impl Iterator<Item = usize> + '_ {
+    let far = |i: usize| {
+        let before = i.checked_sub(2).map_or(0.0, |k| steps[k]);
+        before.max(steps.get(i + 2).copied().unwrap_or(0.0))
+    };
+    (0..steps.len()).filter(move |&i| steps[i] > limit && steps[i] > STANDS_OUT * far(i)).map(|i| i + 1)
 }
 
 impl fmt::Display for Stats {
@@ -189,12 +220,14 @@ impl Stats {
         }
         let torn = &self.takes_in_two_splits;
         list(f, &format!("{} takes stand in two splits", torn.len()), torn.iter().cloned())?;
-        for (root, what) in [(true, "a root (above 5 cm)"), (false, "joints (above 25 degrees)")] {
-            let found: Vec<&Glitch> = self.glitches.iter().filter(|g| g.root == root).collect();
-            let steps: usize = found.iter().map(|g| g.jumps.steps).sum();
-            let head = format!("glitches: {steps} steps of {what} in one source frame, in {} clips", found.len());
-            list(f, &head, found.iter().map(|g| g.to_string()))?;
-        }
+        let roots = self.glitches.iter().filter(|g| g.what == "root").count();
+        let (joints, in_clips) = (self.glitches.len() - roots, self.clips_with_glitches);
+        let line = |g: &Glitch| {
+            let unit = if g.what == "root" { "cm" } else { "degrees" };
+            format!("{} frame {}: {} {:.0} {unit} in one frame", g.clip, g.frame, g.what, g.step)
+        };
+        let head = format!("glitches: {roots} steps of a root, {joints} of joints, in {in_clips} clips");
+        list(f, &head, self.glitches.iter().map(line))?;
         if self.glitches.is_empty() {
             write!(f, "\nglitches: none")?;
         }
@@ -233,38 +266,44 @@ fn list(f: &mut fmt::Formatter<'_>, head: &str, lines: impl ExactSizeIterator<It
 mod tests {
     use super::*;
     use crate::corpus::CorpusWriter;
-    use crate::corpus::samples::clip;
-    use kinelm_motion::{Clip, Quat, Vec3, smpl};
+    use crate::corpus::samples::{clip, walk};
+    use kinelm_motion::{Quat, Vec3, smpl};
     use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 
-    /// A body that turns and bends so that no two frames are alike, with a knee that snaps at frame 40.
-    fn dance(snaps: bool) -> Clip {
-        let pose = |f: usize| {
+    /// A body that turns and bends so that no two frames are alike, with 17 cm at frame 30 and a knee that snaps at 40.
+    fn dance(glitches: bool) -> Clip {
+        let mut rotations = Vec::new();
+        let mut root = Vec::new();
+        for f in 0..60 {
             let t = f as f64 / 20.0;
             let mut pose = [Quat::IDENTITY; 24];
             pose[0] = Quat::from_rotation_y(0.3 * t);
-            let knee = if snaps && f == 40 { 2.5 } else { 0.5 + 0.4 * (2.0 * t).sin() };
-            pose[4] = Quat::from_rotation_x(knee);
-            pose
-        };
-        let root = (0..60).map(|f| Vec3::new(0.0, 0.97, 0.01 * f as f64)).collect();
-        Clip::new(smpl::neutral(), 20.0, root, (0..60).flat_map(pose).collect()).unwrap()
+            pose[4] = Quat::from_rotation_x(0.5 + 0.4 * (2.0 * t).sin());
+            if glitches && f == 40 {
+                pose[4] = Quat::from_rotation_x(2.5);
+            }
+            rotations.extend(pose);
+            let jump = if glitches && f >= 30 { 0.17 } else { 0.0 };
+            root.push(Vec3::new(jump, 0.97, 0.2 * t));
+        }
+        Clip::new(smpl::neutral(), 20.0, root, rotations).unwrap()
     }
 
     #[test]
     fn a_corpus_is_described_and_its_faults_are_found() {
         let tmp = tempfile::tempdir().unwrap();
         let dir = tmp.path().join("c");
-        let clips = [("odd", true, Split::Train), ("fine", false, Split::Train), ("copy", false, Split::Test)];
-        let tokenizer = Tokenizer::fit([&dance(true)], TokenizerConfig::uniform(&[0, 4], 20.0, 360)).unwrap();
+        let clips = [
+            ("odd", dance(true), Split::Train),
+            ("fine", dance(false), Split::Train),
+            ("copy", dance(false), Split::Test),
+        ];
+        let config = TokenizerConfig::uniform(&[0, 4], 20.0, 360);
+        let tokenizer = Tokenizer::fit(clips.iter().map(|c| &c.1), config).unwrap();
         let mut w = CorpusWriter::create(&dir, &tokenizer, &["d".to_string()], None, false).unwrap();
-        for (key, (name, snaps, split)) in clips.into_iter().enumerate() {
-            let ids = tokenizer.ids_of_codes(&tokenizer.encode(&dance(snaps)).unwrap().codes).unwrap();
-            let jumps = |largest, joint: &str| Some(Jumps { steps: 2, largest, frame: 40, joint: joint.into() });
-            let mut new = clip(name, key, split);
-            new.root_jumps = jumps(6.0 + key as f64, "hip");
-            new.joint_jumps = jumps(90.0, "lShin").filter(|_| snaps);
-            w.push(new, &ids).unwrap();
+        for (key, (name, motion, split)) in clips.iter().enumerate() {
+            let ids = tokenizer.ids_of_codes(&tokenizer.encode(motion).unwrap().codes).unwrap();
+            w.push(clip(name, key, *split), &ids).unwrap();
         }
         w.finish().unwrap();
         let s = stats(&Corpus::open(&dir).unwrap()).unwrap();
@@ -272,24 +311,27 @@ mod tests {
         assert!((s.hours - 180.0 / 20.0 / 3600.0).abs() < 1e-12);
         assert_eq!(s.labels["genre"]["salsa"][&Split::Train], Count { clips: 2, frames: 120 });
         assert_eq!(s.clipped, [6, 3]);
-        let found: Vec<_> = s.glitches.iter().map(|g| (g.clip.as_str(), g.root, g.jumps.largest)).collect();
-        assert_eq!(found, [("copy", true, 8.0), ("fine", true, 7.0), ("odd", true, 6.0), ("odd", false, 90.0)]);
+
+        let mut found: Vec<_> = s.glitches.iter().map(|g| (g.frame, g.clip.as_str(), g.what.as_str())).collect();
+        found.sort(); // there and back are of one size
+        assert_eq!(found, [(30, "odd", "root"), (40, "odd", "left_knee"), (41, "odd", "left_knee")]);
+        assert!((s.glitches[2].step - 17.0).abs() < 1.5, "{:?}", s.glitches);
+        assert_eq!(s.clips_with_glitches, 1);
         assert_eq!(s.duplicates, [["fine", "copy"]]);
-        // the odd one is the fine one up to the knee at frame 40
+        // the odd one is the fine one up to the knee at frame 40, and after it
         assert_eq!(s.shared_runs.len(), 1);
         assert_eq!((s.shared_runs[0].frames, s.shared_runs[0].at), (40, [0, 0]));
 
         let text = s.to_string();
-        for line in [
-            "3 clips, 180 frames at 20 fps, 0.003 hours",
-            "glitches: 6 steps of a root (above 5 cm) in one source frame, in 3 clips",
-            "odd: 2 joint steps, the largest lShin 90.0 degrees at frame 40 of the file",
-            "fine = copy",
-            "salsa",
-        ] {
-            assert!(text.contains(line), "{line}\n{text}");
+        for line in ["3 clips, 180 frames at 20 fps, 0.003 hours", "odd frame 30: root 17 cm", "fine = copy", "salsa"] {
+            assert!(text.contains(line), "{text}");
         }
-        let json = serde_json::to_value(&s).unwrap();
-        assert_eq!((&json["splits"]["train"]["clips"], &json["glitches"][0]["frame"]), (&2.into(), &40.into()));
+        assert_eq!(serde_json::to_value(&s).unwrap()["splits"]["train"]["clips"], 2);
+    }
+
+    #[test]
+    fn a_walk_is_no_glitch() {
+        let fast = walk(20).with_fps(60.0).unwrap(); // 3 m/s, steadily
+        assert_eq!(glitches("w", &fast, &[0]), []);
     }
 }

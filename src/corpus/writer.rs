@@ -1,7 +1,7 @@
 //! Writing the token store: whole or not at all.
 
 use super::record::{
-    ClipRecord, Count, Failure, FileRecord, Jumps, Manifest, Shard, SourceRecord, Split, TokenType, VERSION, hex,
+    ClipRecord, Count, Failure, FileRecord, Manifest, Shard, SourceRecord, Split, TokenType, VERSION, hex,
 };
 use super::store::{CLIPS, MANIFEST, Shape, TOKENIZER};
 use crate::{Error, Result, files};
@@ -25,38 +25,6 @@ pub struct NewClip {
     pub sha256: String,
     pub clipped: usize,
     pub second_codes: usize,
-    pub root_jumps: Option<Jumps>,
-    pub joint_jumps: Option<Jumps>,
-}
-
-impl NewClip {
-    fn into_record(self, offset: usize, frames: usize) -> ClipRecord {
-        let NewClip { name, labels, split, take, key, source, sha256, clipped, second_codes, .. } = self;
-        let (root_jumps, joint_jumps) = (self.root_jumps, self.joint_jumps);
-        ClipRecord {
-            name,
-            offset,
-            frames,
-            labels,
-            split,
-            take,
-            key,
-            source,
-            sha256,
-            clipped,
-            second_codes,
-            root_jumps,
-            joint_jumps,
-        }
-    }
-}
-
-impl From<ClipRecord> for NewClip {
-    fn from(record: ClipRecord) -> Self {
-        let ClipRecord { name, labels, split, take, key, source, sha256, clipped, second_codes, .. } = record;
-        let (root_jumps, joint_jumps) = (record.root_jumps, record.joint_jumps);
-        NewClip { name, labels, split, take, key, source, sha256, clipped, second_codes, root_jumps, joint_jumps }
-    }
 }
 
 /// Writes a corpus into a hidden folder beside its place and moves it there when it is whole. Dropped before
@@ -136,16 +104,17 @@ impl CorpusWriter {
         self.check(&clip, ids)?;
         let frames = ids.len() / self.manifest.tokens_per_frame;
         self.tokens.write(&self.token_type.to_bytes(ids))?;
-        let NewClip { name, source, sha256, .. } = &clip;
-        let (split, key) = (clip.split, clip.key);
-        self.sources[*source].update(format!("{name} {sha256}\n"));
-        self.manifest.sources[*source].clips += 1;
+        let NewClip { name, labels, split, take, key, source, sha256, clipped, second_codes } = clip;
+        self.sources[source].update(format!("{name} {sha256}\n"));
+        self.manifest.sources[source].clips += 1;
         self.manifest.count.add(frames);
         self.manifest.splits.entry(split).or_default().add(frames);
         self.names.insert(name.clone());
         self.last_key = Some(key);
-        let record = clip.into_record(self.offset, frames);
+        let offset = self.offset;
         self.offset += ids.len();
+        let record =
+            ClipRecord { name, offset, frames, labels, split, take, key, source, sha256, clipped, second_codes };
         let line = serde_json::to_string(&record).expect("a record of strings and integers is JSON");
         self.clips.write(format!("{line}\n").as_bytes())
     }

@@ -5,9 +5,12 @@
 //! into the model in one block with the next free one. When the context is full, the oldest half of the frames is
 //! dropped, whole words, and the rest read again.
 
+pub mod prompt;
 pub mod sampling;
 
+use crate::model::Cache;
 use crate::{Error, Result};
+use kinelm_tokenizer::{SPACE, Special, Tokenizer};
 use rand_chacha::ChaCha8Rng;
 use sampling::Draw;
 use std::ops::Range;
@@ -27,6 +30,21 @@ pub trait NextToken {
     fn read(&mut self, tokens: &[u32]) -> Result<Vec<f32>>;
 }
 
+impl NextToken for Cache {
+    fn context(&self) -> usize {
+        Cache::context(self)
+    }
+
+    fn reset(&mut self) -> Result<()> {
+        Cache::reset(self);
+        Ok(())
+    }
+
+    fn read(&mut self, tokens: &[u32]) -> Result<Vec<f32>> {
+        Cache::read(self, tokens)
+    }
+}
+
 /// What is to be danced.
 #[derive(Debug, Clone)]
 pub struct Plan<'a> {
@@ -34,7 +52,7 @@ pub struct Plan<'a> {
     pub frames: usize,
     /// (C) which places of a word are given.
     pub given: &'a [bool],
-    /// (P, C) ids of the prompt's P frames; frames beyond them are free.
+    /// (P, W) ids of the prompt's P words, spaces included; frames beyond them are free.
     pub prompt: &'a [u32],
     /// Ids of the characters: what a place may hold.
     pub characters: Range<u32>,
@@ -48,7 +66,22 @@ pub struct Plan<'a> {
     pub seed: u64,
 }
 
-/// (frames, C) ids of a new dance. `progress` is told the number of frames done.
+impl<'a> Plan<'a> {
+    /// A dance in a tokenizer's words: `given` (C) places, `prompt` (P, W) ids.
+    pub fn of_words(
+        tokenizer: &Tokenizer,
+        given: &'a [bool],
+        prompt: &'a [u32],
+        frames: usize,
+        draw: Draw,
+        seed: u64,
+    ) -> Self {
+        let characters = tokenizer.grammar().allowed(0);
+        Plan { frames, given, prompt, characters, bos: Special::Bos.id(), space: SPACE, draw, seed }
+    }
+}
+
+/// (frames, W) ids of a new dance, spaces included. `progress` is told the number of frames done.
 ///
 /// The same model, plan and seed give the same ids.
 ///
@@ -65,7 +98,7 @@ pub fn dance(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(us
             model.context()
         )));
     }
-    let mut ids: Vec<u32> = Vec::with_capacity(plan.frames * c);
+    let mut ids: Vec<u32> = Vec::with_capacity(plan.frames * w);
     let mut unread = vec![plan.bos];
     let mut in_window = 0;
     model.reset()?;
@@ -74,12 +107,9 @@ pub fn dance(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(us
             in_window = most - most / 2;
             model.reset()?;
             unread = vec![plan.bos];
-            for word in ids[(frame - in_window) * c..].chunks(c) {
-                unread.extend_from_slice(word);
-                unread.push(plan.space);
-            }
+            unread.extend_from_slice(&ids[(frame - in_window) * w..]);
         }
-        let prompt = plan.prompt.chunks(c.max(1)).nth(frame);
+        let prompt = plan.prompt.chunks_exact(w).nth(frame);
         for place in 0..c {
             let id = match prompt.filter(|_| plan.given[place]) {
                 Some(word) => word[place],
@@ -93,6 +123,7 @@ pub fn dance(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(us
             ids.push(id);
             unread.push(id);
         }
+        ids.push(plan.space);
         unread.push(plan.space);
         in_window += 1;
         progress(frame + 1);
@@ -156,12 +187,12 @@ mod tests {
 
     #[test]
     fn given_characters_come_out_as_they_went_in() {
-        let prompt = [6, 7, 8, 9, 10, 11];
+        let prompt = [6, 7, 8, 5, 9, 10, 11, 5];
         let given = [false, true, false];
         let (ids, calls) = run(100, &plan(4, &given, &prompt, Draw::Temperature(1.0))).unwrap();
-        assert_eq!(ids.len(), 12);
-        assert_eq!((ids[1], ids[4]), (7, 10));
-        assert!(ids.iter().all(|id| (6..16).contains(id)));
+        assert_eq!(ids.len(), 16);
+        assert_eq!((ids[1], ids[5]), (7, 10));
+        assert!(ids.chunks(4).all(|w| w[3] == 5 && w[..3].iter().all(|id| (6..16).contains(id))));
         // two free places in the two prompted frames, three in the others: known characters cost no call
         assert_eq!(calls, 2 * 2 + 2 * 3);
     }
@@ -171,7 +202,7 @@ mod tests {
         for context in 8..40 {
             let p = plan(25, &[false, false, false], &[], Draw::Greedy);
             let (ids, _) = run(context, &p).unwrap();
-            assert_eq!(ids.len(), 75);
+            assert_eq!(ids.len(), 100);
         }
         assert!(run(7, &plan(3, &[false; 3], &[], Draw::Greedy)).unwrap_err().to_string().contains("holds 1 words"));
     }
@@ -181,8 +212,8 @@ mod tests {
         // as long as everything fits, the sum of all tokens before decides
         let (ids, _) = run(100, &plan(8, &[false; 3], &[], Draw::Greedy)).unwrap();
         let mut sum = 1;
-        for word in ids.chunks(3) {
-            for &id in word {
+        for word in ids.chunks(4) {
+            for &id in &word[..3] {
                 assert_eq!(id, 6 + (sum + 1) % 10);
                 sum += id;
             }
@@ -199,7 +230,7 @@ mod tests {
 
     #[test]
     fn everything_given_needs_no_model() {
-        let (ids, calls) = run(30, &plan(2, &[true; 3], &[6; 6], Draw::Greedy)).unwrap();
-        assert_eq!((ids, calls), (vec![6; 6], 0));
+        let (ids, calls) = run(30, &plan(2, &[true; 3], &[6, 6, 6, 5, 6, 6, 6, 5], Draw::Greedy)).unwrap();
+        assert_eq!((ids, calls), (vec![6, 6, 6, 5, 6, 6, 6, 5], 0));
     }
 }

@@ -87,8 +87,7 @@ fn top_speeds(clip: &Clip) -> Vec<f64> {
     (1..clip.frames()).map(|f| step(f) * clip.fps()).collect()
 }
 
-/// Steps of the root longer than [`ROOT_JUMP_M`] that stand out: the frame that each leads to, and metres.
-pub fn root_jumps(clip: &Clip) -> Vec<(usize, f64)> {
+fn root_jumps(clip: &Clip) -> Vec<(usize, f64)> {
     jumps(clip.root().windows(2).map(|w| w[0].distance(w[1])).collect(), ROOT_JUMP_M).collect()
 }
 

@@ -1,0 +1,41 @@
+//! The motion that a command works on, and its labels.
+
+use super::Say;
+use anyhow::Result;
+use kinelm::corpus::build::BuildOptions;
+use kinelm::corpus::gather::{Gathered, gather};
+use kinelm_motion::format::ReadOptions;
+use std::path::PathBuf;
+
+/// DATA and its labels.
+#[derive(Debug, Clone, clap::Args)]
+pub struct DataArgs {
+    /// Folders of motion files, or files
+    #[arg(required = true, value_name = "DATA")]
+    data: Vec<PathBuf>,
+    /// Labels of the DATA in the same place of the call: a CSV (clip, split, take, fps, skip are reserved, other columns
+    /// are labels) or a pattern such as '{genre}/{take}.bvh'; known names are tried by themselves
+    #[arg(long, value_name = "FILE.csv|PATTERN")]
+    labels: Vec<String>,
+    /// Fail if any file is bad, instead of naming it and going on
+    #[arg(long)]
+    pub strict: bool,
+}
+
+impl DataArgs {
+    /// The files, with what was found out about them said.
+    pub fn gather(&self, say: Say) -> Result<Gathered> {
+        let gathered = gather(&self.data, &self.labels)?;
+        for line in &gathered.said {
+            say.line(line);
+        }
+        Ok(gathered)
+    }
+}
+
+impl DataArgs {
+    /// How the files become a tokenizer or a corpus.
+    pub fn build_options(&self, read: ReadOptions) -> BuildOptions {
+        BuildOptions { read, strict: self.strict, ..BuildOptions::default() }
+    }
+}

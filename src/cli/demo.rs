@@ -1,0 +1,193 @@
+//! `kinelm demo`: the whole way on dances made up for it, with no data and no network.
+
+use super::{Say, WrongCall};
+use anyhow::{Context, Result};
+use kinelm::corpus::build::{self, BuildOptions};
+use kinelm::corpus::{Corpus, Split, gather};
+use kinelm::evaluate::likelihood::likelihood;
+use kinelm::evaluate::{Baselines, CodeSplits, measure};
+use kinelm::files::write_whole;
+use kinelm::generate::prompt::{self, Prompt, RestJoints};
+use kinelm::generate::sampling::Draw;
+use kinelm::generate::{Plan, dance};
+use kinelm::model::workers::Workers;
+use kinelm::model::{Gpt, Which, load_run};
+use kinelm::train::{Lines, PretrainOptions, Progress, Silent, TrainFile, pretrain};
+use kinelm::view::{Figure, write_page};
+use kinelm_motion::format::{self, ReadOptions, RestFrame};
+use kinelm_motion::{Clip, joints, synth};
+use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// The demo's training settings, a file like any other.
+const SETTINGS: &str = include_str!("../../configs/train/demo.toml");
+/// What the generated dance follows.
+const FOLLOWED: &str = "root,right_arm";
+const CLIPS: usize = 72;
+const SECONDS: f64 = 12.0;
+const FPS: f64 = 30.0;
+const FRAMES: usize = 200;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The folder to make
+    #[arg(long, value_name = "DIR", default_value = "demo")]
+    out: PathBuf,
+    /// Replace what an earlier demo left in the folder
+    #[arg(long)]
+    force: bool,
+    /// The seed of the dances, the model and the draws
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Training steps, over the demo's own
+    #[arg(long, value_name = "N")]
+    steps: Option<u64>,
+}
+
+pub fn run(args: Args, threads: Option<u16>, say: Say) -> Result<()> {
+    let started = Instant::now();
+    make_room(&args)?;
+    let at = |name: &str| args.out.join(name);
+    say.line(format_args!("1/5 {CLIPS} dances of {SECONDS} s are made up"));
+    compose(&args)?;
+    say.line("2/5 they become words");
+    let tokenizer = tokenize(&args)?;
+    say.line("3/5 a small model learns the language");
+    train(&args, threads, say)?;
+    let run = load_run(&at("run"), Which::Auto)?;
+    let corpus = Corpus::open(at("corpus"))?;
+    say.line("4/5 it dances to a root and a right arm that it has not seen");
+    let test = corpus.split(Split::Test).next().context("the demo's corpus has no test clip")?;
+    let prompt =
+        Prompt::load(&at("motion").join(&test.name).with_extension("bvh"), &ReadOptions::default(), &tokenizer)?;
+    let danced = generate(&run.model, &tokenizer, &prompt, args.seed)?;
+    format::write(&at("dance.bvh"), &prompt::on_model_rig(&at("dance.bvh"), danced.clone()))?;
+    say.line("5/5 page and report");
+    page(&at("page.html"), &test.name, &tokenizer, &prompt, &danced)?;
+    let tests: Vec<_> = corpus.split(Split::Test).collect();
+    let model = likelihood(&run.model, &corpus, &tests, 0, &Workers::new(threads.map(usize::from), usize::MAX)?)?
+        .context("the demo's corpus has no test frame")?;
+    let floors = measure(&CodeSplits::of_corpus(&corpus, Split::Test)?)?;
+    let report = report(&args, model.bits_per_frame, &floors, started.elapsed().as_secs_f64());
+    write_whole(&at("report.md"), report.as_bytes())?;
+    super::print(&report)?;
+    let (page, dance) = (at("page.html"), at("dance.bvh"));
+    say.line(format_args!("done: open {} in a browser; the dance is {}", page.display(), dance.display()));
+    Ok(())
+}
+
+/// An empty folder at `--out`.
+fn make_room(args: &Args) -> Result<()> {
+    let ours = ["motion", "labels.csv", "tokenizer.json", "corpus", "run", "dance.bvh", "page.html", "report.md"];
+    for name in ours.map(|n| args.out.join(n)).iter().filter(|p| p.exists()) {
+        if !args.force {
+            let what = format!("{} exists; give --force to replace the demo there, or another --out", name.display());
+            return Err(WrongCall(what).into());
+        }
+        let removed = if name.is_dir() { std::fs::remove_dir_all(name) } else { std::fs::remove_file(name) };
+        removed.with_context(|| name.display().to_string())?;
+    }
+    std::fs::create_dir_all(args.out.join("motion")).with_context(|| args.out.display().to_string())
+}
+
+/// The dances as BVH files, and their labels. Of every genre and dancer the last take is for test, the one before for
+/// validation.
+fn compose(args: &Args) -> Result<()> {
+    let dances = synth::corpus(args.seed, CLIPS, SECONDS, FPS)?;
+    let pairs = synth::genres().count() * synth::dancers().count();
+    let mut labels = "clip,split,genre,dancer,take\n".to_string();
+    for (i, dance) in dances.iter().enumerate() {
+        let folder = args.out.join("motion").join(dance.genre);
+        std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+        let name = dance.name();
+        let path = folder.join(&name).with_extension("bvh");
+        format::write(&path, &prompt::on_model_rig(&path, dance.clip.clone()))?;
+        let split = match (CLIPS - 1 - i) / pairs {
+            0 => "test",
+            1 => "valid",
+            _ => "train",
+        };
+        labels += &format!("{}/{name},{split},{},{},{name}\n", dance.genre, dance.genre, dance.dancer);
+    }
+    Ok(write_whole(&args.out.join("labels.csv"), labels.as_bytes())?)
+}
+
+fn tokenize(args: &Args) -> Result<Tokenizer> {
+    let labels = args.out.join("labels.csv").display().to_string();
+    let gathered = gather(&[args.out.join("motion")], &[labels])?;
+    let read = ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
+    let options = BuildOptions { read, strict: true, ..BuildOptions::default() };
+    let quiet = &mut |_: build::Event<'_>| std::ops::ControlFlow::Continue(());
+    let (tokenizer, _) = build::fit(&gathered, TokenizerConfig::default(), &options, quiet)?;
+    tokenizer.save(args.out.join("tokenizer.json"))?;
+    build::tokenize(&gathered, &tokenizer, &args.out.join("corpus"), &options, quiet)?;
+    Ok(tokenizer)
+}
+
+fn train(args: &Args, threads: Option<u16>, say: Say) -> Result<()> {
+    let options = PretrainOptions {
+        file: Some(TrainFile::parse(SETTINGS, Path::new("demo.toml"))?),
+        corpus: Some(args.out.join("corpus")),
+        run: Some(args.out.join("run")),
+        steps: args.steps,
+        seed: Some(args.seed),
+        threads: threads.map(usize::from),
+        ..PretrainOptions::default()
+    };
+    let stderr = std::io::stderr();
+    let mut lines = Lines::new(stderr.lock(), stderr.is_terminal());
+    let progress: &mut dyn Progress = if say.quiet() { &mut Silent } else { &mut lines };
+    let stop = super::pretrain::stop_on_ctrl_c()?;
+    let summary = pretrain(&options, &stop, progress)?;
+    anyhow::ensure!(!summary.stopped, "stopped in training; run the demo again with --force");
+    Ok(())
+}
+
+fn generate(model: &Gpt, tokenizer: &Tokenizer, prompt: &Prompt, seed: u64) -> Result<Clip> {
+    let given = prompt::given_places(tokenizer, &joints::parse(FOLLOWED)?)?;
+    let ids = tokenizer.ids_of_codes(&prompt.codes)?;
+    let plan = Plan::of_words(tokenizer, &given, &ids, FRAMES.min(prompt.frames()), Draw::Temperature(1.0), seed);
+    let danced = dance(&mut model.cache()?, &plan, &mut |_| {})?;
+    let codes = tokenizer.codes_of_ids(&danced).codes;
+    Ok(prompt.decode(tokenizer, &codes, RestJoints::Identity)?)
+}
+
+/// The prompt as the model sees it beside what it made of the root and the right arm.
+fn page(path: &Path, name: &str, tokenizer: &Tokenizer, prompt: &Prompt, danced: &Clip) -> Result<()> {
+    let seen = prompt.decode(tokenizer, &prompt.codes, RestJoints::Identity)?;
+    let seen = seen.slice(0..danced.frames());
+    let followed = joints::parse(FOLLOWED)?.joints;
+    let figures = [
+        Figure::new(name, &seen).note("a test dance, never trained on").forced(&followed),
+        Figure::new("generated", danced).note("follows its root and right arm").forced(&followed),
+    ];
+    write_page(path, &figures)?;
+    Ok(())
+}
+
+fn report(args: &Args, model: f64, floors: &Baselines, seconds: f64) -> String {
+    let order0 = floors.bits_per_frame[0];
+    format!(
+        "# kinelm demo, seed {}\n\n\
+         {CLIPS} made-up dances of {SECONDS} s at {FPS} fps; 13 joints at 20 fps, 43 tokens a frame.\n\n\
+         | bits/frame on the test dances | |\n|---|---|\n\
+         | every character equally likely | {:.1} |\n\
+         | order 0 | {order0:.1} |\n\
+         | best static model | {:.1} |\n\
+         | **the trained model** | **{model:.1}** |\n\n\
+         {}\n\n\
+         `dance.bvh` follows the root and the right arm of a test dance; `page.html` shows both. {seconds:.0} s in all.\n",
+        args.seed,
+        floors.uniform(),
+        floors.best(),
+        if model < floors.best() {
+            "The model is below the best static model: it has learned more than habits of single characters."
+        } else if model < order0 {
+            "The model is below order 0, not below the best static model: more steps (--steps) would help."
+        } else {
+            "The model is not below order 0: it has learned nothing yet; give it more steps (--steps)."
+        },
+    )
+}

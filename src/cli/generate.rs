@@ -1,0 +1,161 @@
+//! `kinelm generate`.
+
+use super::{Say, WrongCall, extension, read::ReadArgs};
+use anyhow::Result;
+use kinelm::generate::prompt::{self, Prompt, RestJoints};
+use kinelm::generate::sampling::Draw;
+use kinelm::generate::{Plan, dance};
+use kinelm::model::{Gpt, Which, load_run};
+use kinelm_motion::format::{self, RestFrame};
+use kinelm_motion::joints;
+use kinelm_tokenizer::Tokenizer;
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The run folder of a trained model
+    #[arg(long, value_name = "RUN")]
+    run: PathBuf,
+    /// The clip whose joints are followed
+    #[arg(long, value_name = "CLIP")]
+    prompt: PathBuf,
+    /// The joints that are followed: groups (root, right_arm, legs, ...), names and ids; root brings the translation
+    #[arg(long, value_name = "LIST")]
+    joints: String,
+    /// Frames to make, at the model's rate; the prompt's length if not given
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    frames: Option<u32>,
+    /// Where the dance goes (.bvh .npz .json)
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// The seed of the draws; the same gives the same dance
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Always the likeliest character, instead of drawing by probability
+    #[arg(long, conflicts_with = "temperature")]
+    greedy: bool,
+    /// Below 1 bolder in what is likely, above 1 in what is not
+    #[arg(long, default_value_t = 1.0, value_parser = super::read::positive)]
+    temperature: f64,
+    /// The rig the dance is written on: the model's (SMPL-24), or the prompt's own
+    #[arg(long, value_enum, default_value = "model")]
+    rig: RigArg,
+    /// What the joints do that the model doesn't know
+    #[arg(long, value_enum, default_value = "identity")]
+    rest_joints: RestArg,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, clap::ValueEnum)]
+enum RigArg {
+    Model,
+    Prompt,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum RestArg {
+    /// They stand at rest
+    Identity,
+    /// They move as in the prompt
+    Prompt,
+    /// They hold their mean over the prompt
+    Mean,
+}
+
+impl From<RestArg> for RestJoints {
+    fn from(rest: RestArg) -> RestJoints {
+        match rest {
+            RestArg::Identity => RestJoints::Identity,
+            RestArg::Prompt => RestJoints::Prompt,
+            RestArg::Mean => RestJoints::Mean,
+        }
+    }
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    let options = args.read.options(RestFrame::Drop);
+    let map = args.read.map.as_deref();
+    check_out(&args, &extension(&args.out))?;
+    let selection = joints::parse(&args.joints).map_err(|e| WrongCall(e.to_string()))?;
+    let run = load_run(&args.run, Which::Auto)?;
+    run.notes.iter().for_each(|note| say.line(note));
+    let tokenizer = &Tokenizer::load(&run.tokenizer)?;
+    let prompt = Prompt::load(&args.prompt, &options, tokenizer)?;
+    super::warn(&prompt.motion, say);
+    let given = prompt::given_places(tokenizer, &selection)?;
+    let frames = args.frames.map_or(prompt.frames(), |n| n as usize);
+    if frames > prompt.frames() {
+        let (p, free) = (prompt.frames(), frames - prompt.frames());
+        say.line(format_args!("the prompt ends after {p} frames; the {free} that follow are generated free"));
+    }
+    let codes = codes(&args, &run.model, tokenizer, &prompt, &given, frames, say)?;
+    let clip = prompt.decode(tokenizer, &codes, args.rest_joints.into())?;
+    let motion = match args.rig {
+        RigArg::Model => prompt::on_model_rig(&args.out, clip),
+        RigArg::Prompt => prompt.on_own_rig(&clip, map)?,
+    };
+    format::write(&args.out, &motion)?;
+    super::convert::told(&args.out, &motion, say);
+    if args.rig == RigArg::Prompt {
+        say_share_changed(&args, tokenizer, &codes, &given, prompt.frames(), say)?;
+    }
+    Ok(())
+}
+
+fn check_out(args: &Args, ext: &str) -> Result<()> {
+    if !["bvh", "npz", "json"].contains(&ext) {
+        return Err(WrongCall(format!("--out {}: expected .bvh, .npz or .json", args.out.display())).into());
+    }
+    if args.rig == RigArg::Prompt && ext == "npz" {
+        return Err(WrongCall(
+            "--rig prompt with an .npz: AMASS files are on the model's rig; write .bvh or .json".into(),
+        )
+        .into());
+    }
+    Ok(())
+}
+
+fn codes(
+    args: &Args,
+    model: &Gpt,
+    tokenizer: &Tokenizer,
+    prompt: &Prompt,
+    given: &[bool],
+    frames: usize,
+    say: Say,
+) -> Result<Vec<u16>> {
+    let words = tokenizer.ids_of_codes(&prompt.codes)?;
+    let draw = if args.greedy { Draw::Greedy } else { Draw::Temperature(args.temperature) };
+    let plan = Plan::of_words(tokenizer, given, &words, frames, draw, args.seed);
+    let bar = super::progress::bar(frames as u64, "frames", say);
+    let ids = dance(&mut model.cache()?, &plan, &mut |done| bar.set_position(done as u64))?;
+    bar.finish_and_clear();
+    Ok(tokenizer.codes_of_ids(&ids).codes)
+}
+
+/// Reads the written file back and says which share of the given characters it codes otherwise.
+fn say_share_changed(
+    args: &Args,
+    tokenizer: &Tokenizer,
+    codes: &[u16],
+    given: &[bool],
+    prompt: usize,
+    say: Say,
+) -> Result<()> {
+    let options = format::ReadOptions {
+        map: args.read.map.clone(),
+        unit: args.read.unit.into(),
+        bvh_position: args.read.bvh_position.into(),
+        ..Default::default()
+    };
+    let (_, clip) = kinelm::corpus::load::load_clip(&args.out, &options, tokenizer.fps())?;
+    let again = tokenizer.encode(&clip)?.codes;
+    if let Some(share) = prompt::share_changed(codes, &again, given, prompt) {
+        say.line(format_args!(
+            "read back from the prompt's rig, {:.4} % of the given characters differ",
+            100.0 * share
+        ));
+    }
+    Ok(())
+}

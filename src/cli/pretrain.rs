@@ -1,0 +1,72 @@
+//! `kinelm pretrain`.
+
+use super::Say;
+use anyhow::Result;
+use kinelm::train::{Lines, PretrainOptions, Progress, Silent, TrainFile, pretrain};
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The training TOML; paths inside it are relative to it
+    #[arg(long, value_name = "FILE", required_unless_present = "resume")]
+    config: Option<PathBuf>,
+    /// The corpus folder
+    #[arg(long, value_name = "CORPUS")]
+    corpus: Option<PathBuf>,
+    /// The run folder
+    #[arg(long, value_name = "RUN")]
+    run: Option<PathBuf>,
+    /// Steps in all
+    #[arg(long, value_name = "N")]
+    steps: Option<u64>,
+    /// The seed of the first weights, the order of windows and dropout
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Go on with the run from its last whole checkpoint
+    #[arg(long)]
+    resume: bool,
+}
+
+pub fn run(args: Args, threads: Option<u16>, say: Say) -> Result<()> {
+    let options = PretrainOptions {
+        file: args.config.as_deref().map(TrainFile::load).transpose()?,
+        corpus: args.corpus,
+        run: args.run,
+        steps: args.steps,
+        seed: args.seed,
+        resume: args.resume,
+        threads: threads.map(usize::from),
+    };
+    let stop = stop_on_ctrl_c()?;
+    let stderr = std::io::stderr();
+    let mut lines = Lines::new(stderr.lock(), stderr.is_terminal());
+    let progress: &mut dyn Progress = if say.quiet() { &mut Silent } else { &mut lines };
+    let summary = pretrain(&options, &stop, progress)?;
+    drop(lines);
+    let (run, checkpoint) = (summary.run.display(), summary.checkpoint.display());
+    if summary.stopped {
+        say.line(format_args!("stopped after step {}; go on with: kinelm pretrain --run {run} --resume", summary.step));
+    }
+    let speed = summary.tokens as f64 / summary.seconds.max(1e-9);
+    say.line(format_args!("{checkpoint}: {} steps, {} tokens, {speed:.0} tokens/s", summary.step, summary.tokens));
+    if let Some(valid) = &summary.valid {
+        let (bits, n, of) = (valid.bits_per_frame, valid.windows, valid.all_windows);
+        say.line(format_args!("validation: {bits:.2} bits/frame over {n} of {of} windows"));
+    }
+    Ok(())
+}
+
+/// A flag that the first Ctrl-C sets; the second ends the program at once.
+pub fn stop_on_ctrl_c() -> Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = stop.clone();
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::SeqCst) {
+            std::process::exit(130);
+        }
+    })?;
+    Ok(stop)
+}

@@ -1,0 +1,46 @@
+//! `kinelm tokenize`.
+
+use super::{Say, data::DataArgs, read::ReadArgs};
+use anyhow::Result;
+use kinelm::corpus::Shard;
+use kinelm::corpus::build::{BuildOptions, tokenize};
+use kinelm_motion::format::RestFrame;
+use kinelm_tokenizer::Tokenizer;
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    data: DataArgs,
+    /// Where the corpus folder goes
+    #[arg(long, value_name = "CORPUS")]
+    out: PathBuf,
+    /// The tokenizer
+    #[arg(long, value_name = "FILE")]
+    tokenizer: PathBuf,
+    /// Only piece I of N, counted from 0; `corpus merge` puts the pieces together
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
+    /// Replace a corpus that stands at --out
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    let tokenizer = Tokenizer::load(&args.tokenizer)?;
+    let gathered = args.data.gather(say)?;
+    let options = BuildOptions {
+        shard: args.shard,
+        force: args.force,
+        ..args.data.build_options(args.read.options(RestFrame::Drop))
+    };
+    let (manifest, summary) = tokenize(&gathered, &tokenizer, &args.out, &options, &mut *super::progress::watch(say))?;
+    for line in summary.lines() {
+        say.line(line);
+    }
+    let (n, f) = (manifest.count.clips, manifest.count.frames);
+    say.line(format_args!("{}: {n} clips, {f} frames, {} tokens", args.out.display(), f * manifest.tokens_per_frame));
+    Ok(())
+}

@@ -1,0 +1,76 @@
+//! `kinelm view`.
+
+use super::{Say, WrongCall, read::ReadArgs};
+use anyhow::Result;
+use kinelm::view::{Figure, write_page};
+use kinelm_motion::format::{self, RestFrame};
+use kinelm_motion::joints::{self, Selection};
+use kinelm_motion::{Motion, Skeleton, retarget};
+use std::path::{Path, PathBuf};
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Motion files, side by side
+    #[arg(required = true, value_name = "CLIP")]
+    clips: Vec<PathBuf>,
+    /// Where the page goes (.html)
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Joints drawn in another colour, as they were given to generate; once for all clips, or once a clip in their order
+    #[arg(long, value_name = "LIST")]
+    forced: Vec<String>,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    if args.forced.len() > 1 && args.forced.len() != args.clips.len() {
+        let (n, clips) = (args.forced.len(), args.clips.len());
+        return Err(WrongCall(format!(
+            "{n} lists of forced joints for {clips} clips; give one for all, or one a clip"
+        ))
+        .into());
+    }
+    let options = args.read.options(RestFrame::Keep);
+    let motions = args.clips.iter().map(|clip| Ok(format::read(clip, &options)?)).collect::<Result<Vec<_>>>()?;
+    let mut figures = Vec::new();
+    for (i, motion) in motions.iter().enumerate() {
+        super::warn(motion, say);
+        let list = args.forced.get(i).or(args.forced.first().filter(|_| args.forced.len() == 1));
+        let forced = match list.map(String::as_str) {
+            None | Some("") => Vec::new(),
+            Some(list) => {
+                let selection = joints::parse(list).map_err(|e| WrongCall(e.to_string()))?;
+                on_rig(motion.clip.skeleton(), &selection, args.read.map.as_deref())?
+            }
+        };
+        figures.push(figure(motion).forced(&forced));
+    }
+    let bytes = write_page(&args.out, &figures)?;
+    say.line(format_args!(
+        "{}: {} dancers, {} KB; open it in a browser",
+        args.out.display(),
+        figures.len(),
+        bytes / 1000
+    ));
+    Ok(())
+}
+
+/// A motion under its file's name, without a path.
+fn figure(motion: &Motion) -> Figure<'_> {
+    let clip = &motion.clip;
+    let note = format!("{} frames at {} fps", clip.frames(), (clip.fps() * 1000.0).round() / 1000.0);
+    Figure::new(stem(&motion.path), clip).note(note)
+}
+
+/// A file's name without its extension.
+pub fn stem(path: &Path) -> String {
+    path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+/// The rig's joints that stand for SMPL joints.
+pub fn on_rig(rig: &Skeleton, selection: &Selection, map: Option<&str>) -> Result<Vec<usize>> {
+    let map = retarget::map_for(rig, map)?;
+    let map = map.bind(rig.names()).unwrap_or(map);
+    Ok(selection.joints.iter().filter_map(|&j| rig.find(map.joint(j)?)).collect())
+}

@@ -1,15 +1,22 @@
 //! `kinelm evaluate baselines` and `likelihood`.
 
-use super::{Say, print};
+use super::{Say, WrongCall, print};
 use anyhow::Result;
 use kinelm::corpus::{Corpus, Split};
+use kinelm::evaluate::baselines::figure_row;
+use kinelm::evaluate::likelihood::likelihood;
 use kinelm::evaluate::{CodeSplits, measure};
+use kinelm::model::workers::Workers;
+use kinelm::model::{Which, load_run};
+use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
     /// Bits a frame of static models, fitted on train and measured on test: what any model has to get below
     Baselines(BaselinesArgs),
+    /// Bits a frame of a trained model, with the static floors of the same tokens beside it
+    Likelihood(LikelihoodArgs),
 }
 
 #[derive(Debug, clap::Args)]
@@ -31,17 +38,70 @@ pub struct BaselinesArgs {
     json: bool,
 }
 
-pub fn run(command: Command, say: Say) -> Result<()> {
+#[derive(Debug, clap::Args)]
+pub struct LikelihoodArgs {
+    /// The run folder of a trained model
+    #[arg(long, value_name = "RUN")]
+    run: PathBuf,
+    /// A corpus folder of the same tokenizer
+    #[arg(long, value_name = "CORPUS")]
+    corpus: PathBuf,
+    /// The split that is measured
+    #[arg(long, default_value = "test", value_name = "train|valid|test")]
+    split: Split,
+    /// Windows at most, spread evenly; 0: all, each token scored once
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    windows: usize,
+    /// One JSON object instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(command: Command, threads: Option<u16>, say: Say) -> Result<()> {
     match command {
-        Command::Baselines(args) => baselines(args, say),
+        Command::Baselines(args) => baselines(args),
+        Command::Likelihood(args) => model(args, threads, say),
     }
 }
 
-fn baselines(args: BaselinesArgs, _say: Say) -> Result<()> {
+fn model(args: LikelihoodArgs, threads: Option<u16>, say: Say) -> Result<()> {
+    let run = load_run(&args.run, Which::Auto)?;
+    run.notes.iter().for_each(|note| say.line(note));
+    let corpus = Corpus::open(&args.corpus)?;
+    let (ours, theirs) = (Tokenizer::load(&run.tokenizer)?.hash(), corpus.tokenizer().hash());
+    if ours != theirs {
+        let what = format!("the run's tokenizer is {ours}, the corpus's {theirs}; tokenize the data with the run's");
+        return Err(WrongCall(what).into());
+    }
+    let clips: Vec<_> = corpus.split(args.split).collect();
+    let workers = Workers::new(threads.map(usize::from), usize::MAX)?;
+    let found = likelihood(&run.model, &corpus, &clips, args.windows, &workers)?
+        .ok_or_else(|| anyhow::anyhow!("{}: no {} clip has a frame", args.corpus.display(), args.split))?;
+    let floors = measure(&CodeSplits::of_corpus(&corpus, args.split)?)?;
+    let checkpoint = run.checkpoint.display().to_string();
+    if args.json {
+        let line = serde_json::json!({
+            "schema": 1, "checkpoint": checkpoint, "split": args.split.to_string(),
+            "bits_per_frame": found.bits_per_frame, "bits_per_s": found.bits_per_frame * corpus.manifest().fps,
+            "nats_per_token": found.nats_per_token, "tokens": found.tokens,
+            "windows": found.windows, "all_windows": found.all_windows, "floors": floors.to_json(),
+        });
+        return print(&format!("{line}\n"));
+    }
+    print(&format!("{floors}\n{}\n", figure_row("the model", found.bits_per_frame, None)))?;
+    let (windows, of) = (found.windows, found.all_windows);
+    say.line(format_args!("{checkpoint}: {} tokens scored once, in {windows} of {of} windows", found.tokens));
+    if found.bits_per_frame >= floors.best() {
+        say.line("the model is not below the best static model of its own tokens");
+    }
+    Ok(())
+}
+
+fn baselines(args: BaselinesArgs) -> Result<()> {
     let codes = match (&args.corpus, &args.tokens) {
         (Some(corpus), _) => CodeSplits::of_corpus(&Corpus::open(corpus)?, args.split)?,
         (_, Some(tokens)) => CodeSplits::load_npz(tokens, args.bins as usize)?,
-        _ => return Err(super::WrongCall("give --corpus or --tokens".into()).into()),
+        _ => return Err(WrongCall("give --corpus or --tokens".into()).into()),
     };
     let found = measure(&codes)?;
     print(&if args.json { format!("{}\n", found.to_json()) } else { format!("{found}\n") })

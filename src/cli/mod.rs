@@ -2,6 +2,7 @@
 //!
 //! Only here are there `anyhow`, printing and environment variables. Data go to stdout, everything else to stderr.
 
+mod bench;
 mod convert;
 mod corpus;
 mod data;
@@ -58,6 +59,9 @@ enum Command {
     /// Measures
     #[command(subcommand)]
     Evaluate(evaluate::Command),
+    /// How fast this machine reads and tokenizes
+    #[command(subcommand)]
+    Bench(bench::Command),
     /// The whole way on made-up dances: no data, no network, three minutes
     Demo(demo::Args),
 }
@@ -77,7 +81,8 @@ pub fn run(call: Call) -> Result<()> {
         Command::Corpus(command) => corpus::run(command, say),
         Command::Pretrain(args) => pretrain::run(args, call.threads, say),
         Command::Generate(args) => generate::run(args, say),
-        Command::Evaluate(command) => evaluate::run(command, say),
+        Command::Evaluate(command) => evaluate::run(command, call.threads, say),
+        Command::Bench(command) => bench::run(command, say),
         Command::Demo(args) => demo::run(args, call.threads, say),
     }
 }

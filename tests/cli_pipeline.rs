@@ -1,0 +1,311 @@
+//! Motion files to a generated dance, as a user goes.
+
+use assert_cmd::Command;
+use kinelm_motion::{Motion, Source, format, synth};
+use predicates::prelude::PredicateBooleanExt;
+use predicates::str::contains;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+fn kinelm() -> Command {
+    let mut c = Command::cargo_bin("kinelm").unwrap();
+    c.env("NO_COLOR", "1");
+    c
+}
+
+const CONFIG: &str = "[model]\nlayers = 1\nheads = 2\nwidth = 32\ncontext = 130\n\
+                      [train]\nbatch = 2\nsteps = 4\nwarmup = 1\neval_every = 2\ncheckpoint_every = 2\n";
+
+/// Twelve short dances in folders by genre, a tokenizer, a corpus, and a run of four steps.
+struct Way {
+    dir: tempfile::TempDir,
+}
+
+impl Way {
+    fn at(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    /// A dance that no file of the corpus is.
+    fn prompt(&self) -> PathBuf {
+        self.at("prompt.bvh")
+    }
+
+    fn generate(&self, out: &str) -> Command {
+        let mut c = kinelm();
+        c.arg("generate").arg("--run").arg(self.at("run")).arg("--prompt").arg(self.prompt());
+        c.args(["--joints", "root,right_arm", "--out"]).arg(self.at(out));
+        c
+    }
+
+    /// The words of a clip.
+    fn words(&self, clip: &Path) -> Vec<Vec<char>> {
+        let text =
+            kinelm().args(["tokenizer", "text"]).arg(clip).arg("--tokenizer").arg(self.at("t.json")).output().unwrap();
+        let text = String::from_utf8(text.stdout).unwrap();
+        assert_eq!(text.lines().count(), 1);
+        text.trim_end().split(' ').map(|w| w.chars().collect()).collect()
+    }
+}
+
+fn save(path: &Path, clip: &kinelm_motion::Clip) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let motion = Motion { path: path.into(), clip: clip.clone(), source: Source::Plain, warnings: vec![] };
+    format::write(path, &motion).unwrap();
+}
+
+fn way() -> &'static Way {
+    static WAY: OnceLock<Way> = OnceLock::new();
+    WAY.get_or_init(|| {
+        let way = Way { dir: tempfile::tempdir().unwrap() };
+        for d in synth::corpus(3, 12, 3.0, 30.0).unwrap() {
+            save(&way.at(&format!("data/{}/{}.bvh", d.genre, d.name())), &d.clip);
+        }
+        save(&way.prompt(), &synth::corpus(8, 1, 3.0, 30.0).unwrap()[0].clip);
+        fs::write(way.at("c.toml"), CONFIG).unwrap();
+        let labels = way.at("labels.csv");
+        fs::write(&labels, labels_of(&way.at("data"))).unwrap();
+        let data = |c: &mut Command| {
+            c.arg(way.at("data")).arg("--labels").arg(&labels);
+        };
+        let mut c = kinelm();
+        data(c.args(["tokenizer", "fit"]));
+        c.arg("--out").arg(way.at("t.json")).assert().success().stdout("");
+        let mut c = kinelm();
+        data(c.arg("tokenize"));
+        c.arg("--tokenizer").arg(way.at("t.json")).arg("--out").arg(way.at("corpus")).assert().success().stdout("");
+        pretrain(&way, "run").assert().success().stderr(contains("bits/frame"));
+        way
+    })
+}
+
+/// The first dance of every genre is for test, the second for validation.
+fn labels_of(data: &Path) -> String {
+    let mut csv = "clip,split,genre\n".to_string();
+    for genre in sorted(data) {
+        for (i, clip) in sorted(&genre).iter().enumerate() {
+            let name = clip.with_extension("").strip_prefix(data).unwrap().display().to_string();
+            let split = ["test", "valid", "train"][i.min(2)];
+            csv += &format!("{name},{split},{}\n", genre.file_name().unwrap().to_str().unwrap());
+        }
+    }
+    csv
+}
+
+fn sorted(dir: &Path) -> Vec<PathBuf> {
+    let mut all: Vec<_> = fs::read_dir(dir).unwrap().map(|e| e.unwrap().path()).collect();
+    all.sort();
+    all
+}
+
+fn pretrain(way: &Way, run: &str) -> Command {
+    let mut c = kinelm();
+    c.arg("pretrain").arg("--config").arg(way.at("c.toml")).arg("--corpus").arg(way.at("corpus"));
+    c.arg("--run").arg(way.at(run));
+    c
+}
+
+/// Places of root (translation and pelvis) and of the right arm's three coded joints in a word of the thirteen.
+fn given() -> Vec<usize> {
+    (0..6).chain(27..30).chain(33..36).chain(39..42).collect()
+}
+
+#[test]
+fn given_joints_come_out_exactly_on_the_model_s_rig() {
+    let way = way();
+    way.generate("a.bvh").args(["--frames", "40"]).assert().success().stdout("");
+    let (prompt, dance) = (way.words(&way.prompt()), way.words(&way.at("a.bvh")));
+    assert_eq!(dance.len(), 40);
+    for (f, (p, d)) in prompt.iter().zip(&dance).enumerate() {
+        assert_eq!(d.len(), 42);
+        for place in given() {
+            assert_eq!(p[place], d[place], "frame {f}, place {place}");
+        }
+    }
+    assert!(prompt.iter().zip(&dance).any(|(p, d)| p != d), "the rest is invented");
+}
+
+#[test]
+fn given_joints_come_out_exactly_on_the_prompt_s_rig() {
+    let way = way();
+    way.generate("b.bvh")
+        .args(["--frames", "30", "--rig", "prompt", "--rest-joints", "mean"])
+        .assert()
+        .success()
+        .stderr(contains("0.0000 % of the given characters differ"));
+}
+
+#[test]
+fn a_seed_is_a_dance_whatever_the_threads() {
+    let way = way();
+    let make = |out: &str, more: &[&str]| {
+        way.generate(out).args(["--frames", "12"]).args(more).assert().success();
+        fs::read(way.at(out)).unwrap()
+    };
+    let one = make("s1.json", &["--seed", "5"]);
+    assert_eq!(one, make("s2.json", &["--seed", "5", "--threads", "1"]));
+    assert_ne!(one, make("s3.json", &["--seed", "6"]));
+    let greedy = make("s4.json", &["--greedy"]);
+    assert_eq!(greedy, make("s5.json", &["--greedy", "--seed", "9"]));
+}
+
+#[test]
+fn beyond_the_prompt_the_dance_is_free_and_a_line_says_so() {
+    let way = way();
+    let p = way.words(&way.prompt()).len();
+    let frames = (p + 5).to_string();
+    let said = format!("the prompt ends after {p} frames; the 5 that follow are generated free");
+    way.generate("long.bvh").args(["--frames", &frames]).assert().success().stderr(contains(said));
+    assert_eq!(way.words(&way.at("long.bvh")).len(), p + 5);
+}
+
+#[test]
+fn wrong_calls_say_what_would_be_right() {
+    let way = way();
+    let bad = |args: &[&str]| {
+        let mut c = kinelm();
+        c.arg("generate").arg("--prompt").arg(way.prompt()).args(args).arg("--out").arg(way.at("no.bvh"));
+        c.assert()
+    };
+    let run = way.at("run").display().to_string();
+    bad(&["--run", &run, "--joints", "left_wing"]).code(2).stderr(contains("left_wing").and(contains("right_arm")));
+    bad(&["--run", &run, "--joints", "head"]).code(1).stderr(contains("none of these joints is coded"));
+    bad(&["--run", "nowhere", "--joints", "root"]).code(1).stderr(contains("nowhere"));
+    bad(&["--run", &run, "--joints", "root", "--temperature", "0"]).code(2);
+    assert!(!way.at("no.bvh").exists());
+    pretrain(way, "run").assert().code(1).stderr(contains("run").and(contains("--resume")));
+}
+
+#[test]
+fn words_decode_to_the_clip_they_came_from() {
+    let way = way();
+    let text = kinelm()
+        .args(["tokenizer", "text"])
+        .arg(way.prompt())
+        .arg("--tokenizer")
+        .arg(way.at("t.json"))
+        .output()
+        .unwrap();
+    fs::write(way.at("w.txt"), &text.stdout).unwrap();
+    let mut c = kinelm();
+    c.args(["tokenizer", "decode"]).arg(way.at("w.txt")).arg(way.at("w.bvh")).arg("--tokenizer").arg(way.at("t.json"));
+    c.assert().success();
+    assert_eq!(way.words(&way.at("w.bvh")), way.words(&way.prompt()), "encode(decode(codes)) = codes");
+    fs::write(way.at("bad.txt"), "not words of ours").unwrap();
+    let mut c = kinelm();
+    c.args(["tokenizer", "decode"])
+        .arg(way.at("bad.txt"))
+        .arg(way.at("x.bvh"))
+        .arg("--tokenizer")
+        .arg(way.at("t.json"));
+    c.assert().code(1).stderr(contains("bad.txt").and(contains("word")));
+}
+
+#[test]
+fn shards_merge_to_the_same_bytes() {
+    let way = way();
+    let tokenize = |out: &str, more: &[&str]| {
+        let mut c = kinelm();
+        c.arg("tokenize").arg(way.at("data")).arg("--labels").arg(way.at("labels.csv"));
+        c.arg("--tokenizer").arg(way.at("t.json")).arg("--out").arg(way.at(out)).args(more).assert().success();
+    };
+    tokenize("s0", &["--shard", "0/2"]);
+    tokenize("s1", &["--shard", "1/2"]);
+    let mut c = kinelm();
+    c.args(["corpus", "merge"])
+        .args([way.at("s1"), way.at("s0")])
+        .arg("--out")
+        .arg(way.at("merged"))
+        .assert()
+        .success();
+    for file in ["corpus.json", "tokens.u16", "clips.jsonl", "tokenizer.json"] {
+        assert!(
+            fs::read(way.at("merged").join(file)).unwrap() == fs::read(way.at("corpus").join(file)).unwrap(),
+            "{file}"
+        );
+    }
+    kinelm().args(["corpus", "stats"]).arg(way.at("merged")).assert().success().stdout(contains("12 clips"));
+}
+
+#[test]
+fn a_bad_file_among_good_ones_is_named() {
+    let way = way();
+    let data = tempfile::tempdir().unwrap();
+    for name in ["a.bvh", "b.bvh"] {
+        fs::copy(way.prompt(), data.path().join(name)).unwrap();
+    }
+    fs::write(data.path().join("c.bvh"), "HIERARCHY\njunk").unwrap();
+    let tokenize = |strict: bool| {
+        let mut c = kinelm();
+        c.arg("tokenize").arg(data.path()).arg("--tokenizer").arg(way.at("t.json"));
+        c.arg("--out").arg(data.path().join(if strict { "strict" } else { "corpus" }));
+        if strict {
+            c.arg("--strict");
+        }
+        c.assert().stderr(contains("c.bvh:2:1").and(contains("unexpected_word")))
+    };
+    tokenize(false).success();
+    tokenize(true).code(1);
+    assert!(!data.path().join("strict").exists(), "nothing half-written");
+}
+
+#[test]
+fn a_seed_is_a_model_and_a_run_goes_on() {
+    let way = way();
+    let weights = |run: &str| {
+        let latest = fs::read_to_string(way.at(run).join("latest")).unwrap();
+        fs::read(way.at(run).join("checkpoints").join(latest.trim()).join("model.safetensors")).unwrap()
+    };
+    pretrain(way, "again").args(["--threads", "1"]).assert().success();
+    assert_eq!(weights("again"), weights("run"), "the same seed gives the same bytes");
+    pretrain(way, "other").args(["--seed", "7"]).assert().success();
+    assert_ne!(weights("other"), weights("run"));
+    pretrain(way, "half").args(["--steps", "2"]).assert().success();
+    let mut c = kinelm();
+    c.args(["pretrain", "--resume", "--steps", "4", "--run"]).arg(way.at("half")).assert().success();
+    assert!(fs::read_to_string(way.at("half/latest")).unwrap().contains("step-00000004"));
+    let mut c = kinelm();
+    c.args(["evaluate", "likelihood", "--json", "--run"]).arg(way.at("run")).arg("--corpus").arg(way.at("corpus"));
+    let line: serde_json::Value = serde_json::from_slice(&c.output().unwrap().stdout).unwrap();
+    // four steps of a tiny model: somewhere near every character equally likely
+    assert!((200.0..420.0).contains(&line["bits_per_frame"].as_f64().unwrap()), "{line}");
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_leaves_a_checkpoint_that_generate_takes() {
+    let way = way();
+    let config = CONFIG.replace("steps = 4", "steps = 1000000");
+    fs::write(way.at("endless.toml"), config).unwrap();
+    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin("kinelm"));
+    child.arg("pretrain").arg("--config").arg(way.at("endless.toml")).arg("--corpus").arg(way.at("corpus"));
+    let mut child = child.arg("--run").arg(way.at("endless")).stderr(std::process::Stdio::piped()).spawn().unwrap();
+    let metrics = way.at("endless").join("metrics.jsonl");
+    while fs::metadata(&metrics).map_or(true, |m| m.len() == 0) {
+        assert!(child.try_wait().unwrap().is_none(), "the run ended by itself");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    assert!(std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.contains("--resume"), "{said}");
+    let mut c = kinelm();
+    c.arg("generate").arg("--run").arg(way.at("endless")).arg("--prompt").arg(way.prompt());
+    c.args(["--joints", "legs", "--frames", "5", "--out"]).arg(way.at("stopped.bvh")).assert().success();
+}
+
+#[test]
+fn the_demo_makes_all_it_promises() {
+    let dir = tempfile::tempdir().unwrap();
+    let demo = || {
+        let mut c = kinelm();
+        c.current_dir(dir.path()).args(["demo", "--steps", "2"]);
+        c
+    };
+    demo().assert().success().stdout(contains("order 0").and(contains("the trained model")));
+    for name in ["tokenizer.json", "run/config.toml", "dance.bvh", "page.html", "report.md", "corpus/tokens.u16"] {
+        assert!(dir.path().join("demo").join(name).exists(), "{name}");
+    }
+    demo().assert().code(2).stderr(contains("--force"));
+}

@@ -1,28 +1,16 @@
 //! Files that later steps depend on: whole or not there.
 
 use crate::{Error, Result};
-use std::fs::{self, File};
-use std::io::Write;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// Writes `bytes` to `path` so that a reader sees the old file or the new one: a temporary name in the same folder,
 /// fsync, rename, fsync of the folder.
 ///
 /// # Errors
-/// [`Error::Io`] with the path at which the system refused; the temporary file is gone then.
+/// [`Error::Motion`] with the path at which the system refused; the temporary file is gone then.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    let temporary = beside(path, "tmp")?;
-    let written = (|| {
-        let mut file = File::create(&temporary)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        fs::rename(&temporary, path)
-    })();
-    if written.is_err() {
-        let _ = fs::remove_file(&temporary);
-    }
-    written.map_err(Error::io(path))?;
-    sync_folder(folder_of(path))
+    Ok(kinelm_motion::format::atomic::write(path, bytes)?)
 }
 
 /// Makes renames and new names in `folder` last.
@@ -57,6 +45,7 @@ pub fn folder_of(path: &Path) -> &Path {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     #[test]
     fn a_file_is_replaced_whole_and_nothing_is_left_beside_it() {

@@ -72,7 +72,7 @@ impl ModelConfig {
         within("heads", self.heads, 256)?;
         within("width", self.width, 8192)?;
         within("context", self.context, 1 << 20)?;
-        if self.width % self.heads != 0 {
+        if !self.width.is_multiple_of(self.heads) {
             return Err(Error::Call(format!(
                 "model.width is {} and model.heads {}; expected heads that divide the width",
                 self.width, self.heads

@@ -65,7 +65,12 @@ mod tests {
         for threads in [1, 2, 5] {
             let workers = Workers::new(Some(threads), 3).unwrap();
             let mut seen = Vec::new();
-            workers.each(7, &|i| Ok(i * i), &mut |i, x| Ok(seen.push((i, x)))).unwrap();
+            workers
+                .each(7, &|i| Ok(i * i), &mut |i, x| {
+                    seen.push((i, x));
+                    Ok(())
+                })
+                .unwrap();
             assert_eq!(seen, (0..7).map(|i| (i, i * i)).collect::<Vec<_>>());
             let fails = |i| if i == 4 { Err(Error::Call("four".into())) } else { Ok(i) };
             let error = workers.each(7, &fails, &mut |_, _| Ok(())).unwrap_err();

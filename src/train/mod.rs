@@ -6,6 +6,8 @@ pub mod config;
 #[cfg(test)]
 pub(crate) mod fixture;
 pub mod metrics;
+#[cfg(test)]
+mod parity;
 mod pretrain;
 pub mod progress;
 pub mod run;

@@ -175,7 +175,7 @@ impl<'a> Trainer<'a> {
 
     fn train(mut self, stop: &AtomicBool, started: Instant) -> Result<Summary> {
         let steps = self.file.train.steps;
-        let every = |n: u64, step: u64| n > 0 && step % n == 0;
+        let every = |n: u64, step: u64| n > 0 && step.is_multiple_of(n);
         let (mut loss, mut valid, mut saved) = (None, None, None);
         while self.state.step < steps && !stop.load(Ordering::Relaxed) {
             loss = Some(self.step()?);

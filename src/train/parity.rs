@@ -1,0 +1,129 @@
+//! The plain model and its training against PyTorch's, and against a window it must be able to learn by heart.
+
+use super::adamw::{self, AdamW};
+use super::batches::Batch;
+use super::config::TrainConfig;
+use super::schedule;
+use super::step;
+use crate::model::workers::Workers;
+use crate::model::{Gpt, ModelConfig, Positions, TokenLayout};
+use candle_core::{Device, Tensor};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// Both sides compute in f32, in another order.
+const BOUND: f32 = 1e-4;
+
+fn golden() -> Value {
+    // scripts/reference/gpt2_parity.py: transformers' GPT-2 and torch's AdamW
+    serde_json::from_str(include_str!("../../tests/golden/gpt2_parity.json")).unwrap()
+}
+
+fn numbers(packed: &Value) -> Vec<f32> {
+    let hex = packed["f32"].as_str().unwrap().as_bytes();
+    let byte = |two: &[u8]| u8::from_str_radix(std::str::from_utf8(two).unwrap(), 16).unwrap();
+    let bytes: Vec<u8> = hex.chunks(2).map(byte).collect();
+    bytes.chunks(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+}
+
+fn tensors(all: &Value) -> BTreeMap<String, Tensor> {
+    let tensor = |packed: &Value| {
+        let shape: Vec<usize> = serde_json::from_value(packed["shape"].clone()).unwrap();
+        Tensor::from_vec(numbers(packed), shape, &Device::Cpu).unwrap()
+    };
+    all.as_object().unwrap().iter().map(|(n, p)| (n.clone(), tensor(p))).collect()
+}
+
+fn model(g: &Value) -> Gpt {
+    let size = |key: &str| g["model"][key].as_u64().unwrap() as usize;
+    let config = ModelConfig {
+        layers: size("layers"),
+        heads: size("heads"),
+        width: size("width"),
+        context: size("context"),
+        positions: Positions::Absolute,
+        ..Default::default()
+    };
+    let tokens = TokenLayout { vocabulary: size("vocabulary"), word: 4, pad: 0, bos: 1, space: 5 };
+    Gpt::from_tensors(&config, &tokens, tensors(&g["weights"])).unwrap()
+}
+
+fn batch(g: &Value) -> Batch {
+    let ids = |key: &str| serde_json::from_value(g[key].clone()).unwrap();
+    Batch { inputs: ids("inputs"), targets: ids("targets"), clips: vec!["golden".into(); 3] }
+}
+
+fn furthest(a: &[f32], b: &[f32]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+#[test]
+fn logits_and_gradients_are_pytorchs_to_1e_4() {
+    let g = golden();
+    let (gpt, batch) = (model(&g), batch(&g));
+    let ids = Tensor::from_slice(&batch.inputs, (3, gpt.config().context), &Device::Cpu).unwrap();
+    let logits = gpt.forward(&ids, None).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
+    let apart = furthest(&logits, &numbers(&g["logits"]));
+    assert!(apart < BOUND, "logits: {apart}");
+    let found = step::step(&gpt, &Workers::new(Some(1), 1).unwrap(), &batch, None).unwrap();
+    assert!((found.loss - g["loss"].as_f64().unwrap()).abs() < BOUND as f64, "loss {}", found.loss);
+    for (name, gradient) in gpt.vars().keys().zip(&found.gradients) {
+        let apart = furthest(gradient, &numbers(&g["gradients"][name]));
+        assert!(apart < BOUND, "{name}: {apart}");
+    }
+}
+
+#[test]
+fn ten_training_losses_are_pytorchs_to_1e_4() {
+    let g = golden();
+    let (gpt, batch) = (model(&g), batch(&g));
+    let number = |key: &str| g["train"][key].as_f64().unwrap();
+    let config = TrainConfig {
+        steps: number("steps") as u64,
+        learning_rate: number("rate"),
+        warmup: number("warmup") as u64,
+        final_share: number("final"),
+        betas: serde_json::from_value(g["train"]["betas"].clone()).unwrap(),
+        weight_decay: number("decay"),
+        clip_norm: number("clip"),
+        ..Default::default()
+    };
+    let losses = train(&gpt, &batch, &config);
+    let expected: Vec<f64> = serde_json::from_value(g["losses"].clone()).unwrap();
+    assert_eq!(losses.len(), expected.len());
+    for (i, (found, expected)) in losses.iter().zip(&expected).enumerate() {
+        assert!((found - expected).abs() < BOUND as f64, "step {i}: {found}, expected {expected}");
+    }
+    assert!(losses[9] < losses[0] - 0.5, "the losses fall: {losses:?}");
+}
+
+/// The loss before each update.
+fn train(gpt: &Gpt, batch: &Batch, config: &TrainConfig) -> Vec<f64> {
+    let workers = Workers::new(Some(1), 1).unwrap();
+    let mut optimizer = AdamW::new(gpt, config);
+    let mut update = |i| {
+        let found = step::step(gpt, &workers, batch, None).unwrap();
+        let share = adamw::clip_share(adamw::norm(&found.gradients), config.clip_norm);
+        optimizer.update(gpt, &found.gradients, share, schedule::rate(config, i)).unwrap();
+        found.loss
+    };
+    (0..config.steps).map(&mut update).collect()
+}
+
+#[test]
+fn one_window_is_learnt_by_heart() {
+    let tokens = TokenLayout { vocabulary: 30, word: 6, pad: 0, bos: 1, space: 5 };
+    for positions in [Positions::FrameJoint, Positions::Absolute] {
+        let config = ModelConfig { layers: 2, heads: 2, width: 32, context: 48, positions, ..Default::default() };
+        let gpt = Gpt::new(&config, &tokens, 1).unwrap();
+        let targets: Vec<u32> = (0..48u32).map(|i| if i % 6 == 5 { 5 } else { 6 + (i * i * 7 + i * 3) % 24 }).collect();
+        let inputs = [&[1], &targets[..47]].concat();
+        let batch = Batch { inputs, targets, clips: vec!["one".into()] };
+        let train_config =
+            TrainConfig { steps: 150, learning_rate: 1e-2, warmup: 10, weight_decay: 0.0, ..Default::default() };
+        let losses = train(&gpt, &batch, &train_config);
+        let last = losses[losses.len() - 1];
+        assert!(losses[0] > 3.0 && last < 0.01, "{positions:?}: from {} to {last} nats a token", losses[0]);
+    }
+}

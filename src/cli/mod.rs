@@ -68,6 +68,10 @@ enum Command {
 
 /// Runs one call.
 pub fn run(call: Call) -> Result<()> {
+    use Command::{Demo, Evaluate, Generate, Pretrain};
+    if matches!(call.command, Pretrain(_) | Generate(_) | Evaluate(_) | Demo(_)) {
+        kinelm::process::restart_tuned();
+    }
     if let Some(n) = call.threads {
         rayon::ThreadPoolBuilder::new().num_threads(n.into()).build_global()?;
     }

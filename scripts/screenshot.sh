@@ -10,9 +10,11 @@ for browser in chromium-headless-shell chromium chromium-browser google-chrome g
 done
 command -v "$browser" >/dev/null || { echo "screenshot.sh: no chromium on the PATH" >&2; exit 1; }
 profile=$(mktemp -d)
+# headless browsers hang now and then
+limit=$(command -v timeout >/dev/null && echo "timeout 120" || true)
 trap 'rm -rf "$profile"' EXIT
-"$browser" --headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --hide-scrollbars \
+$limit "$browser" --headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --hide-scrollbars \
   --disable-quic --no-first-run --disable-background-networking --disable-component-update --disable-sync \
-  --user-data-dir="$profile" --window-size="$(echo "$size" | tr x ,)" --virtual-time-budget=1500 \
+  --user-data-dir="$profile" --window-size="$(echo "$size" | tr x ,)" \
   --screenshot="$out" "file://$page#$fragment" 2>"$profile/log" || { cat "$profile/log" >&2; exit 1; }
 [ -s "$out" ] || { cat "$profile/log" >&2; exit 1; }

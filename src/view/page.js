@@ -213,17 +213,20 @@ const labels = figures.map((f, i) => {
 });
 
 function placeLabels(view) {
-  const { clientWidth, clientHeight } = scene.canvas;
-  let row = 0;
+  const { clientWidth, clientHeight } = scene.canvas, onto = ease(state.overlaid);
+  const heights = labels.map(l => l.offsetHeight + 3);
+  let below = 0, above = heights.reduce((a, b) => a + b, 0);
   figures.forEach((f, i) => {
     const [x, z] = f.about(state.time), y = highest + 0.07 * unit;
     const w = view[3] * x + view[7] * y + view[11] * z + view[15];
     const px = (0.5 + 0.5 * (view[0] * x + view[4] * y + view[8] * z + view[12]) / w) * clientWidth;
-    // on one spot the labels stand above each other
-    const py = (0.5 - 0.5 * (view[1] * x + view[5] * y + view[9] * z + view[13]) / w) * clientHeight - row * ease(state.overlaid);
-    row += labels[i].offsetHeight + 3;
+    const py = (0.5 - 0.5 * (view[1] * x + view[5] * y + view[9] * z + view[13]) / w) * clientHeight;
+    // on one spot the labels stand above each other, the last on top; none leaves the window by its top
+    above -= heights[i];
+    const bottom = Math.max(py - below * onto, 10 + heights[i] + above * onto);
+    below += heights[i];
     labels[i].style.display = w > 0 ? '' : 'none';
-    labels[i].style.transform = `translate(${px.toFixed(1)}px, ${py.toFixed(1)}px) translate(-50%, -100%)`;
+    labels[i].style.transform = `translate(${px.toFixed(1)}px, ${bottom.toFixed(1)}px) translate(-50%, -100%)`;
   });
 }
 

@@ -95,6 +95,27 @@ fn thickest(bones: &[Bone], joint: usize) -> f64 {
     bones.iter().filter(|b| b.a == joint || b.b == joint).map(at).fold(0.0, f64::max)
 }
 
+/// The first joint below the root whose name ends in "head".
+fn head_of(skeleton: &Skeleton) -> Option<usize> {
+    (1..skeleton.joints()).find(|&j| skeleton.names()[j].to_lowercase().ends_with("head"))
+}
+
+/// Length of the bones from the head to the root, and from there along the longest other way; `None` without a head.
+pub fn standing(skeleton: &Skeleton) -> Option<f64> {
+    let head = head_of(skeleton)?;
+    let mut from_root = vec![0.0; skeleton.joints()];
+    let (mut neck_side, mut leg) = (vec![false; skeleton.joints()], 0.0f64);
+    for j in 1..skeleton.joints() {
+        let parent = skeleton.parents()[j].unwrap_or(0);
+        from_root[j] = from_root[parent] + skeleton.offsets()[j].length();
+        neck_side[j] = neck_side[parent] || (parent == 0 && skeleton.descends(head, j));
+        if !neck_side[j] {
+            leg = leg.max(from_root[j]);
+        }
+    }
+    (leg > 0.0).then_some(from_root[head] + leg)
+}
+
 /// What the lengths of a skeleton say about it.
 struct Tree<'a> {
     skeleton: &'a Skeleton,
@@ -159,11 +180,7 @@ impl<'a> Tree<'a> {
     }
 
     fn head(&self) -> Option<Head> {
-        let names = self.skeleton.names();
-        let joint = (1..names.len()).find(|&j| {
-            let name = names[j].to_lowercase();
-            name.ends_with("head") && !self.trunk[j]
-        })?;
+        let joint = head_of(self.skeleton).filter(|&j| !self.trunk[j])?;
         let neck = self.skeleton.parents()[joint]?;
         Some(Head { neck, joint, further: 0.052 * self.height })
     }

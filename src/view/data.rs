@@ -1,7 +1,7 @@
 //! The dances as the page holds them: places of points, sixteen bits each, and where on the floor each figure stands.
 
 use super::Figure;
-use super::body::{Ball, Body, Bone};
+use super::body::{Ball, Body, Bone, standing};
 use crate::{Error, Result};
 use kinelm_motion::{Clip, GlobalPose, Vec3};
 use serde::Serialize;
@@ -123,13 +123,15 @@ impl Track {
     }
 }
 
-/// Height of the body, metres: the most it ever measures from lowest to highest joint; 1 if it has none.
+/// Height of the body, metres; 1 if it has none. By its bones where there is a head: from head to pelvis and on along the
+/// longest leg, whose foot makes up for the skull. Else the most it ever measures from lowest to highest joint.
 fn height(clip: &Clip) -> f64 {
+    let by_bones = standing(clip.skeleton());
     let measures = |p: &[Vec3]| {
         let ys = p.iter().map(|p| p.y);
         ys.clone().fold(f64::NEG_INFINITY, f64::max) - ys.fold(f64::INFINITY, f64::min)
     };
-    let h = clip.positions().chunks(clip.joints()).map(measures).fold(0.0, f64::max);
+    let h = by_bones.unwrap_or_else(|| clip.positions().chunks(clip.joints()).map(measures).fold(0.0, f64::max));
     if h > 1e-6 { h } else { 1.0 }
 }
 
@@ -187,6 +189,12 @@ fn base64(bytes: &[u8]) -> String {
 mod tests {
     use super::*;
     use kinelm_motion::synth;
+
+    #[test]
+    fn raised_arms_make_nobody_taller() {
+        let d = &synth::corpus(5, 4, 9.0, 60.0).unwrap()[3].clip;
+        assert!((height(d) - 1.7).abs() < 0.05, "{}", height(d));
+    }
 
     #[test]
     fn base64_by_the_book() {

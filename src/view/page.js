@@ -214,19 +214,26 @@ const labels = figures.map((f, i) => {
 
 function placeLabels(view) {
   const { clientWidth, clientHeight } = scene.canvas, onto = ease(state.overlaid);
-  const heights = labels.map(l => l.offsetHeight + 3);
-  let below = 0, above = heights.reduce((a, b) => a + b, 0);
-  figures.forEach((f, i) => {
+  const at = figures.map(f => {
     const [x, z] = f.about(state.time), y = highest + 0.07 * unit;
     const w = view[3] * x + view[7] * y + view[11] * z + view[15];
-    const px = (0.5 + 0.5 * (view[0] * x + view[4] * y + view[8] * z + view[12]) / w) * clientWidth;
-    const py = (0.5 - 0.5 * (view[1] * x + view[5] * y + view[9] * z + view[13]) / w) * clientHeight;
+    const [px, py] = [0, 1].map(i => (view[i] * x + view[4 + i] * y + view[8 + i] * z + view[12 + i]) / w);
+    return { x: (0.5 + 0.5 * px) * clientWidth, y: (0.5 - 0.5 * py) * clientHeight, seen: w > 0 };
+  });
+  // side by side a label has the room up to its neighbours; in steps, so that its lines don't break anew all the time
+  labels.forEach((label, i) => {
+    const apart = Math.min(...at.map((p, j) => (i === j ? 340 : Math.abs(p.x - at[i].x) + 340 * onto)));
+    label.style.maxWidth = `${clamp(16 * Math.floor((apart - 8) / 16), 64, 336)}px`;
+  });
+  const heights = labels.map(l => l.offsetHeight + 3);
+  let below = 0, above = heights.reduce((a, b) => a + b, 0);
+  labels.forEach((label, i) => {
     // on one spot the labels stand above each other, the last on top; none leaves the window by its top
     above -= heights[i];
-    const bottom = Math.max(py - below * onto, 10 + heights[i] + above * onto);
+    const bottom = Math.max(at[i].y - below * onto, 10 + heights[i] + above * onto);
     below += heights[i];
-    labels[i].style.display = w > 0 ? '' : 'none';
-    labels[i].style.transform = `translate(${px.toFixed(1)}px, ${bottom.toFixed(1)}px) translate(-50%, -100%)`;
+    label.style.display = at[i].seen ? '' : 'none';
+    label.style.transform = `translate(${at[i].x.toFixed(1)}px, ${bottom.toFixed(1)}px) translate(-50%, -100%)`;
   });
 }
 

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 const BROWSERS: [&str; 5] =
     ["chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
 /// Drawing by software on a busy machine takes its time.
-const PATIENCE: Duration = Duration::from_secs(120);
+const PATIENCE: Duration = Duration::from_secs(180);
 
 fn browser(test: &str) -> Option<PathBuf> {
     let path = std::env::var_os("PATH")?;
@@ -31,7 +31,7 @@ fn opened(browser: &Path, page: &Path, fragment: &str) -> String {
     let mut child = Command::new(browser)
         .args(["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"])
         .args(["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"])
-        .args(["--disable-sync", "--disable-extensions", "--window-size=960,540", "--dump-dom"])
+        .args(["--disable-sync", "--disable-extensions", "--window-size=800,450", "--dump-dom"])
         .arg(format!("--user-data-dir={}", profile.path().join("profile").display()))
         .arg(format!("file://{}#{fragment}", page.display()))
         .stdout(std::fs::File::create(&dom).unwrap())
@@ -100,10 +100,10 @@ fn four_dancers_are_drawn() {
     );
     for counts in result["counts"].as_array().unwrap() {
         for own in counts["own"].as_array().unwrap() {
-            assert!(number(own) > 800.0, "a figure of {own} pixels: {result:#}");
+            assert!(number(own) > 500.0, "a figure of {own} pixels: {result:#}");
         }
         let given = number(&counts["given"]);
-        assert!(given > 150.0 && given < number(&counts["own"][1]), "{given} pixels given: {result:#}");
+        assert!(given > 100.0 && given < number(&counts["own"][1]), "{given} pixels given: {result:#}");
     }
     assert!(number(&result["changed"]) > 0.02 && number(&result["unchanged"]) == 0.0, "{result:#}");
     assert_eq!(number(&result["shared_columns"]), 0.0, "side by side nobody hides another");
@@ -126,13 +126,13 @@ fn other_rates_lengths_and_sizes_play_together() {
     let alone = self_test(&browser, &written("view-still.html", &[Figure::new("</script><b>&amp;", &still)]));
     assert_eq!((number(&alone["whole"]), &alone["labels"][0]), (0.0, &Value::from("</script><b>&amp;")));
     assert_eq!((&alone["legend"], number(&alone["changed"])), (&Value::Bool(false), 0.0));
-    assert!(number(&alone["counts"][0]["own"][0]) > 3000.0, "{alone:#}");
+    assert!(number(&alone["counts"][0]["own"][0]) > 2000.0, "{alone:#}");
     let figures = [Figure::new("20 fps", &slow), Figure::new("one frame", &still), Figure::new("60 fps", &dance)];
     let result = self_test(&browser, &written("view-rates.html", &figures));
     assert!((number(&result["whole"]) - 299.0 / 60.0).abs() < 1e-6, "the longest counts: {}", result["whole"]);
     every_control_works(&result);
     let result = self_test(&browser, &written("view-giant.html", &[Figure::new("in centimetres", &giant)]));
-    assert!(number(&result["counts"][1]["own"][0]) > 3000.0, "{result:#}");
+    assert!(number(&result["counts"][1]["own"][0]) > 2000.0, "{result:#}");
 }
 
 #[test]

@@ -136,9 +136,9 @@ const QUAD = new Float32Array([-1, -1, 1, -1, -1, 1, 1, 1]);
 const CAPSULE = 11, SHADOW = 4;
 
 class Scene {
-  constructor(canvas) {
+  constructor(canvas, antialias) {
     this.canvas = canvas;
-    this.gl = canvas.getContext('webgl2', { antialias: true, alpha: true, premultipliedAlpha: true });
+    this.gl = canvas.getContext('webgl2', { antialias, alpha: true, premultipliedAlpha: true });
     if (!this.gl) throw new Error('this browser gives no WebGL2, which the page draws with');
     this.build();
   }

@@ -1,6 +1,6 @@
 //! The program: parse the call, run one command, turn the outcome into an exit code.
 //!
-//! 0: done. 1: the work failed. 2: the call was wrong. A reader that closes the pipe early is no failure.
+//! 0: done. 1: the work failed. 2: the call was wrong. 130: stopped by Ctrl-C, what is done is saved. A reader that closes the pipe early is no failure.
 #![deny(unsafe_code)]
 
 mod cli;
@@ -15,7 +15,11 @@ fn main() -> ExitCode {
         Err(e) if cli::is_broken_pipe(&e) => ExitCode::SUCCESS,
         Err(e) => {
             eprintln!("kinelm: {}", cli::chain(&e));
-            ExitCode::from(if e.is::<cli::WrongCall>() { 2 } else { 1 })
+            ExitCode::from(match () {
+                _ if e.is::<cli::WrongCall>() => 2,
+                _ if e.is::<cli::Stopped>() => 130,
+                _ => 1,
+            })
         }
     }
 }

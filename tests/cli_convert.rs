@@ -91,7 +91,7 @@ fn what_is_wrong_is_said_with_its_place() {
         .arg(two(dir.path()))
         .arg("out.fbx")
         .assert()
-        .code(1)
+        .code(2)
         .stderr(contains(".fbx"));
     kinelm().args(["convert", "--unit", "yard"]).arg(&bad).arg(&out).assert().code(2);
     kinelm().args(["convert", "--positions"]).arg(&bad).arg(&out).assert().code(2);

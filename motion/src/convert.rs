@@ -4,7 +4,7 @@ use crate::format::body_model::BodyModel;
 use crate::format::{self, ReadOptions};
 use crate::joints::Selection;
 use crate::resample::{Method, resample};
-use crate::retarget::{self, Retarget};
+use crate::retarget::{self, Retarget, SkeletonMap};
 use crate::{Clip, Error, Motion, Quat, Result, Skeleton, Source, smpl};
 use std::path::Path;
 use std::sync::Arc;
@@ -28,6 +28,12 @@ impl Rig {
             return Ok(Rig::Smpl(smpl::neutral()));
         }
         let path = Path::new(name_or_path);
+        if let Some(map) = SkeletonMap::builtin(name_or_path).filter(|_| !path.exists()) {
+            return Err(Error::Call(format!(
+                "{} is a map of joint names, it has no bones; give a motion file of that rig instead",
+                map.name
+            )));
+        }
         if !path.exists() {
             return Err(Error::Call(format!(
                 "no rig {name_or_path:?}; expected smpl, a body model (SMPL_*.npz), or a motion file whose rig is meant"

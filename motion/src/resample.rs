@@ -4,6 +4,11 @@ use crate::rotation::{nearest_sign, slerp};
 use crate::{Clip, Error, Quat, Result, Vec3};
 use std::f64::consts::PI;
 
+/// A ratio of rates beyond this is a wrong rate, and its low pass would take hours.
+const MOST_TIMES_SLOWER: f64 = 1e4;
+/// Rotations of a clip that resampling makes at most: 4 GB.
+const MOST_ROTATIONS: f64 = 134e6;
+
 /// How frames between frames are made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Method {
@@ -43,8 +48,13 @@ pub fn resample(clip: &Clip, fps: f64, method: Method) -> Result<Clip> {
     if a == b || clip.frames() == 0 {
         return clip.clone().with_fps(b);
     }
+    if a / b > MOST_TIMES_SLOWER {
+        return Err(Error::Call(format!(
+            "from {a} to {b} frames per second: no capture is that fast; give the true rate (--fps-source)"
+        )));
+    }
     let frames = ((clip.frames() - 1) as f64 * b / a + 1e-9).floor() + 1.0;
-    if frames * clip.joints() as f64 > 2f64.powi(31) {
+    if frames * clip.joints() as f64 > MOST_ROTATIONS {
         return Err(Error::Call(format!("{frames} frames at {b} frames per second are too many for memory")));
     }
     let times = (0..frames as usize).map(|i| i as f64 * a / b);
@@ -162,6 +172,8 @@ mod tests {
         assert!(resample(&c, 50.0, Method::Stride).is_err());
         assert!(resample(&c, 0.0, Method::Auto).is_err());
         assert!(resample(&c, f64::INFINITY, Method::Auto).is_err());
+        assert!(resample(&c, 1e9, Method::Auto).is_err(), "too large for memory");
+        assert!(resample(&c.clone().with_fps(1e9).unwrap(), 20.0, Method::Auto).is_err(), "a rate that is none");
     }
 
     #[test]

@@ -22,7 +22,8 @@ pub struct Args {
     /// Joints that go on moving, on the SMPL body: 13, 24, or a list of groups, names and ids; the others stand at rest
     #[arg(long, value_name = "LIST")]
     joints: Option<String>,
-    /// Write joint positions instead of AMASS: positions (F,N,3) in metres, joints, parents, fps
+    /// Write joint positions instead of AMASS: positions (F,N,3) in metres, joints, parents, fps; in the file's own order,
+    /// rate and channels
     #[arg(long, conflicts_with_all = ["fps", "skeleton", "joints"])]
     positions: bool,
     #[command(flatten)]
@@ -36,11 +37,15 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         if ext != "npz" {
             return Err(WrongCall(format!("--positions writes .npz; OUT is {}", args.output.display())).into());
         }
+        // what was odd in the file is found in reading its motion
+        super::warn(&format::read(&args.input, &options)?, say);
         let positions = format::positions(&args.input, &options)?;
         positions.save(&args.output)?;
-        say.line(format_args!("{}: {} points, {} fps", args.output.display(), positions.joints.len(), positions.fps));
+        let (out, n, f) = (args.output.display(), positions.joints.len(), positions.frames());
+        say.line(format_args!("{out}: {f} frames of {n} points at {} fps", positions.fps));
         return Ok(());
     }
+    check(&args, &ext)?;
     let wanted = Wanted {
         fps: args.fps,
         rig: match (&args.skeleton, ext.as_str()) {
@@ -48,7 +53,11 @@ pub fn run(args: Args, say: Say) -> Result<()> {
             (None, "npz") => Some(Rig::Smpl(kinelm_motion::smpl::neutral())),
             (None, _) => None,
         },
-        joints: args.joints.as_deref().map(joints::parse).transpose()?,
+        joints: args
+            .joints
+            .as_deref()
+            .map(|list| joints::parse(list).map_err(|e| WrongCall(e.to_string())))
+            .transpose()?,
     };
     let motion = format::read(&args.input, &options)?;
     super::warn(&motion, say);
@@ -56,6 +65,20 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     format::write(&args.output, &motion)?;
     told(&args.output, &motion, say);
     Ok(())
+}
+
+/// What can be known to be wrong before anything is read.
+fn check(args: &Args, ext: &str) -> Result<()> {
+    let (input, output) = (&args.input, &args.output);
+    if !["bvh", "npz", "json"].contains(&ext) {
+        return Err(WrongCall(format!("{}: expected a name ending in .bvh, .npz or .json", output.display())).into());
+    }
+    if ext == "npz" && args.skeleton.as_deref().is_some_and(|s| s != "smpl") {
+        return Err(
+            WrongCall("--skeleton with an .npz: AMASS files are on SMPL's joints; write .bvh or .json".into()).into()
+        );
+    }
+    super::not_over_itself(input, output)
 }
 
 /// Says what was written.

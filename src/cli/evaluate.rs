@@ -31,7 +31,7 @@ pub struct BaselinesArgs {
     #[arg(long, default_value_t = 360, value_parser = clap::value_parser!(u32).range(2..=65_536))]
     bins: u32,
     /// The split that is measured
-    #[arg(long, default_value = "test", value_name = "valid|test")]
+    #[arg(long, default_value = "test", value_name = "train|valid|test")]
     split: Split,
     /// One JSON object instead of a table
     #[arg(long)]
@@ -99,7 +99,18 @@ fn model(args: LikelihoodArgs, threads: Option<u16>, say: Say) -> Result<()> {
 
 fn baselines(args: BaselinesArgs) -> Result<()> {
     let codes = match (&args.corpus, &args.tokens) {
-        (Some(corpus), _) => CodeSplits::of_corpus(&Corpus::open(corpus)?, args.split)?,
+        (Some(corpus), _) => {
+            let (opened, split) = (Corpus::open(corpus)?, args.split);
+            for needed in [Split::Train, split] {
+                let frames: usize = opened.split(needed).map(|c| c.frames).sum();
+                anyhow::ensure!(
+                    frames > 0,
+                    "{}: no frame in the {needed} split; try another --split",
+                    corpus.display()
+                );
+            }
+            CodeSplits::of_corpus(&opened, split)?
+        }
         (_, Some(tokens)) => CodeSplits::load_npz(tokens, args.bins as usize)?,
         _ => return Err(WrongCall("give --corpus or --tokens".into()).into()),
     };

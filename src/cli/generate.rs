@@ -83,7 +83,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let tokenizer = &Tokenizer::load(&run.tokenizer)?;
     let prompt = Prompt::load(&args.prompt, &options, tokenizer)?;
     super::warn(&prompt.motion, say);
-    let given = prompt::given_places(tokenizer, &selection)?;
+    let given = prompt::given_places(tokenizer, &selection).map_err(|e| WrongCall(e.to_string()))?;
+    say_not_followed(tokenizer, &args.joints, say)?;
     let frames = args.frames.map_or(prompt.frames(), |n| n as usize);
     if frames > prompt.frames() {
         let (p, free) = (prompt.frames(), frames - prompt.frames());
@@ -103,7 +104,19 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     Ok(())
 }
 
+/// Parts of the list that name nothing the model knows. (A group is followed as far as it is known.)
+fn say_not_followed(tokenizer: &Tokenizer, list: &str, say: Say) -> Result<()> {
+    for part in list.split(',').filter(|_| list.contains(',')) {
+        let joints = joints::parse(part)?.joints;
+        if !joints.iter().any(|j| tokenizer.channels().joints().contains(j)) {
+            say.line(format_args!("{} is not followed: the model doesn't know it", part.trim()));
+        }
+    }
+    Ok(())
+}
+
 fn check_out(args: &Args, ext: &str) -> Result<()> {
+    super::not_over_itself(&args.prompt, &args.out)?;
     if !["bvh", "npz", "json"].contains(&ext) {
         return Err(WrongCall(format!("--out {}: expected .bvh, .npz or .json", args.out.display())).into());
     }

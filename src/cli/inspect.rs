@@ -30,6 +30,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
             }
             Err(e) => {
                 failed += 1;
+                if args.json {
+                    let line = serde_json::json!({"schema": 1, "file": file, "error": e.to_string()});
+                    print(&format!("{line}\n"))?;
+                }
                 say.error(e);
             }
         }

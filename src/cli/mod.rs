@@ -40,7 +40,7 @@ pub struct Call {
 enum Command {
     /// What motion files hold, and what looks wrong in them
     Inspect(inspect::Args),
-    /// From one motion format, rate or rig to another, by the extension of OUT (.bvh .npz .json)
+    /// From one motion format, rate or rig to another, by the extensions: .bvh .npz .pkl .json in, .bvh .npz .json out
     Convert(convert::Args),
     /// A self-contained page to watch clips on, side by side
     View(view::Args),
@@ -95,6 +95,21 @@ pub fn run(call: Call) -> Result<()> {
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct WrongCall(pub String);
+
+/// The user stopped the work with Ctrl-C; what is done is saved: exit code 130, as a shell has it.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Stopped(pub String);
+
+/// Refuses an output that is the input itself.
+pub fn not_over_itself(input: &Path, output: &Path) -> Result<()> {
+    match (input.canonicalize(), output.canonicalize()) {
+        (Ok(a), Ok(b)) if a == b => {
+            Err(WrongCall(format!("{} would be written over itself; give another output", input.display())).into())
+        }
+        _ => Ok(()),
+    }
+}
 
 /// Prints what is not data on stderr.
 #[derive(Debug, Clone, Copy)]

@@ -1,6 +1,6 @@
 //! `kinelm pretrain`.
 
-use super::Say;
+use super::{Say, Stopped};
 use anyhow::Result;
 use kinelm::train::{Lines, PretrainOptions, Progress, Silent, TrainFile, pretrain};
 use std::io::IsTerminal;
@@ -19,7 +19,8 @@ pub struct Args {
     /// The run folder
     #[arg(long, value_name = "RUN")]
     run: Option<PathBuf>,
-    /// Steps in all
+    /// Steps in all; the cosine of the rate ends there, so a run that is given more later is not one that had them from
+    /// the start
     #[arg(long, value_name = "N")]
     steps: Option<u64>,
     /// The seed of the first weights, the order of windows and dropout
@@ -47,14 +48,17 @@ pub fn run(args: Args, threads: Option<u16>, say: Say) -> Result<()> {
     let summary = pretrain(&options, &stop, progress)?;
     drop(lines);
     let (run, checkpoint) = (summary.run.display(), summary.checkpoint.display());
-    if summary.stopped {
-        say.line(format_args!("stopped after step {}; go on with: kinelm pretrain --run {run} --resume", summary.step));
-    }
     let speed = summary.tokens as f64 / summary.seconds.max(1e-9);
     say.line(format_args!("{checkpoint}: {} steps, {} tokens, {speed:.0} tokens/s", summary.step, summary.tokens));
     if let Some(valid) = &summary.valid {
         let (bits, n, of) = (valid.bits_per_frame, valid.windows, valid.all_windows);
         say.line(format_args!("validation: {bits:.2} bits/frame over {n} of {of} windows"));
+    }
+    if summary.stopped {
+        let step = summary.step;
+        return Err(
+            Stopped(format!("stopped after step {step}; go on with: kinelm pretrain --run {run} --resume")).into()
+        );
     }
     Ok(())
 }

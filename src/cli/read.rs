@@ -25,10 +25,10 @@ pub struct ReadArgs {
     /// Keep the whole rows of a file that ends early
     #[arg(long)]
     pub lenient: bool,
-    /// Keep a leading rest-pose frame
+    /// Keep a leading rest-pose frame, as inspect, convert and view do unless told
     #[arg(long, conflicts_with = "drop_rest")]
     pub keep_rest: bool,
-    /// Leave out a leading rest-pose frame
+    /// Leave out a leading rest-pose frame, as the tokenizer, corpora and prompts do unless told
     #[arg(long)]
     pub drop_rest: bool,
     /// Source frames left out at the start; with N > 0 no rest-pose frame is looked for (a skip column overrules it)

@@ -113,12 +113,17 @@ fn text(args: TextArgs, say: Say) -> Result<()> {
 }
 
 fn decode(args: DecodeArgs, say: Say) -> Result<()> {
+    if !["bvh", "npz", "json"].contains(&super::extension(&args.out).as_str()) {
+        let what = format!("{}: expected a name ending in .bvh, .npz or .json", args.out.display());
+        return Err(WrongCall(what).into());
+    }
     let tokenizer = Tokenizer::load(&args.tokenizer)?;
     let text = match args.words.as_os_str() == "-" {
         true => std::io::read_to_string(std::io::stdin())?,
         false => std::fs::read_to_string(&args.words).with_context(|| args.words.display().to_string())?,
     };
     let codes = tokenizer.codes_of_text(&text).with_context(|| args.words.display().to_string())?;
+    anyhow::ensure!(!codes.is_empty(), "{}: no words, nothing to decode", args.words.display());
     let clip = tokenizer.decode(&codes, Rest::Identity)?;
     let motion = Motion { path: args.out.clone(), clip, source: Source::Plain, warnings: Vec::new() };
     format::write(&args.out, &motion)?;

@@ -11,6 +11,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// # Errors
 /// [`Error::Io`]; the temporary file is removed then.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
+    let missing = path.parent().filter(|p| !p.as_os_str().is_empty() && !p.exists());
+    if let Some(folder) = missing {
+        let (path, folder) = (path.display(), folder.display());
+        return Err(Error::Call(format!("{path}: the folder {folder} is not there; make it first")));
+    }
     static COUNT: AtomicU64 = AtomicU64::new(0);
     let Some(name) = path.file_name() else {
         return Err(Error::Call(format!("{} is no name for a file", path.display())));

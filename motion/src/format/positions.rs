@@ -1,7 +1,7 @@
 //! Where every joint and end site is, frame by frame, for programs that want places and no rotations.
 
 use super::npz::{Values, Writer};
-use crate::{Clip, Result, Vec3};
+use crate::{Clip, Error, Result, Vec3};
 use std::path::Path;
 
 /// World positions of N joints and end sites over F frames.
@@ -61,6 +61,10 @@ impl Positions {
     /// [`crate::Error::Call`] when the lengths don't fit each other.
     pub fn write(&self) -> Result<Vec<u8>> {
         let n = self.joints.len();
+        if let Some(i) = self.positions.iter().position(|p| !p.as_vec3().is_finite()) {
+            let (frame, joint) = (i / n, &self.joints[i % n]);
+            return Err(Error::Call(format!("frame {frame}, {joint}: {} m is no place", self.positions[i])));
+        }
         let flat: Vec<f32> = self.positions.iter().flat_map(|p| p.as_vec3().to_array()).collect();
         let mut npz = Writer::new();
         npz.add("positions", &[self.frames(), n, 3], Values::F32(&flat))?;

@@ -4,7 +4,7 @@ use super::figures::{self, Figures, figures};
 use crate::format::BvhPosition;
 use crate::format::bvh::{BvhSource, NodeKind};
 use crate::retarget::SkeletonMap;
-use crate::{Motion, Skeleton, Source, Warning};
+use crate::{Motion, Skeleton, Source, Vec3, Warning};
 use serde_json::{Value, json};
 use std::fmt::Write;
 
@@ -19,6 +19,11 @@ pub struct Report {
     frames: usize,
     duration_s: f64,
     tree: Vec<String>,
+    names: Vec<String>,
+    parents: Vec<Option<usize>>,
+    offsets: Vec<[f64; 3]>,
+    /// Metres that 1 means in a BVH.
+    unit_m: Option<f64>,
     joints: usize,
     ends: usize,
     map: Option<String>,
@@ -42,6 +47,13 @@ pub fn report(motion: &Motion) -> Report {
         frames: clip.frames(),
         duration_s: clip.duration_s(),
         tree: tree(skeleton),
+        names: skeleton.names().to_vec(),
+        parents: skeleton.parents().to_vec(),
+        offsets: skeleton.offsets().iter().map(|o| o.to_array()).collect(),
+        unit_m: match &motion.source {
+            Source::Bvh(bvh) => Some(bvh.rig.unit_m),
+            _ => None,
+        },
         joints: skeleton.joints(),
         ends: skeleton.ends().len(),
         map: SkeletonMap::detect(skeleton.names()).map(|m| m.name),
@@ -67,7 +79,10 @@ impl Report {
         let axis = |name, l: f64, h: f64| format!("{name} {l:.2}..{h:.2}");
         let ranges = [axis("x", low.x, high.x), axis("y", low.y, high.y), axis("z", low.z, high.z)].join(", ");
         let _ = writeln!(t, "  root {ranges} m; fastest joint {:.1} m/s, fastest fall {:.1} g", f.speed_m_s, f.fall_g);
-        let _ = writeln!(t, "  root vector changes sign at {} steps (angle passes 180 degrees)", f.root_vector_flips);
+        if f.root_vector_flips > 0 {
+            let n = f.root_vector_flips;
+            let _ = writeln!(t, "  root vector changes sign, its angle passing 180 degrees, {n} times");
+        }
         if !self.still.is_empty() {
             let _ = writeln!(t, "  {} joints never turn: {}", self.still.len(), self.still.join(" "));
         }
@@ -90,7 +105,8 @@ impl Report {
         json!({
             "schema": 1, "file": self.path, "format": self.format, "source": self.source,
             "fps": self.fps, "frames": self.frames, "duration_s": self.duration_s,
-            "joints": self.joints, "end_sites": self.ends, "rig": self.map, "tree": self.tree,
+            "joints": self.joints, "end_sites": self.ends, "names": self.names, "parents": self.parents,
+            "offsets_m": self.offsets, "unit_m": self.unit_m, "rig": self.map, "tree": self.tree,
             "height_m": f.height_m, "root_min_m": f.root_range[0].to_array(), "root_max_m": f.root_range[1].to_array(),
             "speed_m_s": f.speed_m_s, "fall_g": f.fall_g, "fps_for_free_fall": f.fps_for_free_fall,
             "root_jumps": f.root_jumps.len(), "joint_jumps": f.joint_jumps.len(),
@@ -144,10 +160,21 @@ fn doubts_of(f: &Figures, skeleton: &Skeleton, fps: f64) -> Vec<Warning> {
 fn source_lines(source: &Source) -> (&'static str, Vec<String>) {
     match source {
         Source::Bvh(bvh) => ("BVH", bvh_lines(bvh)),
-        Source::Amass { model, gender, .. } => ("AMASS", vec![format!("model {model}, gender {gender}")]),
-        Source::Aist { scaling, .. } => ("AIST++", vec![format!("scaling {scaling}")]),
+        Source::Amass { model, gender, rest_pelvis, body_model, .. } => {
+            ("AMASS", vec![format!("model {model}, gender {gender}"), body_line(*rest_pelvis, *body_model)])
+        }
+        Source::Aist { scaling, rest_pelvis, body_model } => {
+            ("AIST++", vec![format!("scaling {scaling}"), body_line(*rest_pelvis, *body_model)])
+        }
         Source::Plain => ("clip", Vec::new()),
     }
+}
+
+/// Whose bones these are, and what was added to `trans`.
+fn body_line(rest_pelvis: Vec3, body_model: bool) -> String {
+    let body = if body_model { "the body model's" } else { "the neutral skeleton's, not the subject's" };
+    let Vec3 { x, y, z } = rest_pelvis;
+    format!("bones are {body}; pelvis = trans + J0 with J0 = ({x:.3}, {y:.3}, {z:.3}) m in the file's axes")
 }
 
 /// Unit, rate as printed, position channels and roots of a BVH.
@@ -156,6 +183,12 @@ fn bvh_lines(bvh: &BvhSource) -> Vec<String> {
     let how = if rig.unit_judged { "judged by the leg" } else { "as told" };
     let mut lines =
         vec![format!("unit {} m ({how}); frame time {} s as printed", rig.unit_m, bvh.head.frame_time.trim())];
+    let in_file = bvh.head.nodes.iter().filter(|n| n.kind != NodeKind::End).count();
+    let in_clip = rig.skeleton.joints();
+    if in_file != in_clip {
+        let why = "a root that only carries its child is folded into it, other roots are left out";
+        lines.push(format!("{in_file} joints in the file, {in_clip} in the clip: {why}"));
+    }
     let roots: Vec<&str> =
         bvh.head.nodes.iter().filter(|n| n.kind == NodeKind::Root).map(|n| n.unique.as_str()).collect();
     let chain: Vec<&str> = rig.chain.iter().map(|&n| bvh.head.nodes[n].unique.as_str()).collect();

@@ -48,8 +48,8 @@ pub fn run(args: Args, threads: Option<u16>, say: Say) -> Result<()> {
     let summary = pretrain(&options, &stop, progress)?;
     drop(lines);
     let (run, checkpoint) = (summary.run.display(), summary.checkpoint.display());
-    let speed = summary.tokens as f64 / summary.seconds.max(1e-9);
-    say.line(format_args!("{checkpoint}: {} steps, {} tokens, {speed:.0} tokens/s", summary.step, summary.tokens));
+    let (steps, tokens, seconds) = (summary.step, summary.tokens, summary.seconds);
+    say.line(format_args!("{checkpoint}: {steps} steps and {tokens} tokens in all, {seconds:.0} s now"));
     if let Some(valid) = &summary.valid {
         let (bits, n, of) = (valid.bits_per_frame, valid.windows, valid.all_windows);
         say.line(format_args!("validation: {bits:.2} bits/frame over {n} of {of} windows"));

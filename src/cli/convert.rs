@@ -45,7 +45,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         say.line(format_args!("{out}: {f} frames of {n} points at {} fps", positions.fps));
         return Ok(());
     }
-    check(&args, &ext)?;
+    check(&args)?;
     let wanted = Wanted {
         fps: args.fps,
         rig: match (&args.skeleton, ext.as_str()) {
@@ -68,17 +68,13 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 }
 
 /// What can be known to be wrong before anything is read.
-fn check(args: &Args, ext: &str) -> Result<()> {
-    let (input, output) = (&args.input, &args.output);
-    if !["bvh", "npz", "json"].contains(&ext) {
-        return Err(WrongCall(format!("{}: expected a name ending in .bvh, .npz or .json", output.display())).into());
-    }
-    if ext == "npz" && args.skeleton.as_deref().is_some_and(|s| s != "smpl") {
+fn check(args: &Args) -> Result<()> {
+    if super::writable(&args.output)? == "npz" && args.skeleton.as_deref().is_some_and(|s| s != "smpl") {
         return Err(
             WrongCall("--skeleton with an .npz: AMASS files are on SMPL's joints; write .bvh or .json".into()).into()
         );
     }
-    super::not_over_itself(input, output)
+    super::not_over_itself(&args.input, &args.output)
 }
 
 /// Says what was written.

@@ -12,12 +12,11 @@ use kinelm::generate::sampling::Draw;
 use kinelm::generate::{Plan, dance};
 use kinelm::model::workers::Workers;
 use kinelm::model::{Gpt, Which, load_run};
-use kinelm::train::{Lines, PretrainOptions, Progress, Silent, TrainFile, pretrain};
+use kinelm::train::{PretrainOptions, TrainFile};
 use kinelm::view::{Figure, write_page};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::{Clip, joints, synth};
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -136,11 +135,7 @@ fn train(args: &Args, threads: Option<u16>, say: Say) -> Result<()> {
         threads: threads.map(usize::from),
         ..PretrainOptions::default()
     };
-    let stderr = std::io::stderr();
-    let mut lines = Lines::new(stderr.lock(), stderr.is_terminal());
-    let progress: &mut dyn Progress = if say.quiet() { &mut Silent } else { &mut lines };
-    let stop = super::pretrain::stop_on_ctrl_c()?;
-    let summary = pretrain(&options, &stop, progress)?;
+    let summary = super::pretrain::watched(&options, say)?;
     anyhow::ensure!(!summary.stopped, "stopped in training; run the demo again with --force");
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! `kinelm generate`.
 
-use super::{Say, WrongCall, extension, read::ReadArgs};
+use super::{Say, WrongCall, read::ReadArgs};
 use anyhow::Result;
 use kinelm::generate::prompt::{self, Prompt, RestJoints};
 use kinelm::generate::sampling::Draw;
@@ -76,7 +76,7 @@ impl From<RestArg> for RestJoints {
 pub fn run(args: Args, say: Say) -> Result<()> {
     let options = args.read.options(RestFrame::Drop);
     let map = args.read.map.as_deref();
-    check_out(&args, &extension(&args.out))?;
+    check_out(&args)?;
     let selection = joints::parse(&args.joints).map_err(|e| WrongCall(e.to_string()))?;
     let run = load_run(&args.run, Which::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
@@ -115,12 +115,10 @@ fn say_not_followed(tokenizer: &Tokenizer, list: &str, say: Say) -> Result<()> {
     Ok(())
 }
 
-fn check_out(args: &Args, ext: &str) -> Result<()> {
+fn check_out(args: &Args) -> Result<()> {
     super::not_over_itself(&args.prompt, &args.out)?;
-    if !["bvh", "npz", "json"].contains(&ext) {
-        return Err(WrongCall(format!("--out {}: expected .bvh, .npz or .json", args.out.display())).into());
-    }
-    if args.rig == RigArg::Prompt && ext == "npz" {
+    let extension = super::writable(&args.out)?;
+    if args.rig == RigArg::Prompt && extension == "npz" {
         return Err(WrongCall(
             "--rig prompt with an .npz: AMASS files are on the model's rig; write .bvh or .json".into(),
         )

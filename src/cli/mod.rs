@@ -101,6 +101,16 @@ pub struct WrongCall(pub String);
 #[error("{0}")]
 pub struct Stopped(pub String);
 
+/// The extension of a motion file to write; refuses what no motion is written as.
+pub fn writable(path: &Path) -> Result<String> {
+    let extension = extension(path);
+    if !["bvh", "npz", "json"].contains(&extension.as_str()) {
+        let what = format!("{}: expected a name ending in .bvh, .npz or .json", path.display());
+        return Err(WrongCall(what).into());
+    }
+    Ok(extension)
+}
+
 /// Refuses an output that is the input itself.
 pub fn not_over_itself(input: &Path, output: &Path) -> Result<()> {
     match (input.canonicalize(), output.canonicalize()) {

@@ -2,7 +2,7 @@
 
 use super::{Say, Stopped};
 use anyhow::Result;
-use kinelm::train::{Lines, PretrainOptions, Progress, Silent, TrainFile, pretrain};
+use kinelm::train::{Lines, PretrainOptions, Progress, Silent, Summary, TrainFile, pretrain};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -41,12 +41,7 @@ pub fn run(args: Args, threads: Option<u16>, say: Say) -> Result<()> {
         resume: args.resume,
         threads: threads.map(usize::from),
     };
-    let stop = stop_on_ctrl_c()?;
-    let stderr = std::io::stderr();
-    let mut lines = Lines::new(stderr.lock(), stderr.is_terminal());
-    let progress: &mut dyn Progress = if say.quiet() { &mut Silent } else { &mut lines };
-    let summary = pretrain(&options, &stop, progress)?;
-    drop(lines);
+    let summary = watched(&options, say)?;
     let (run, checkpoint) = (summary.run.display(), summary.checkpoint.display());
     let (steps, tokens, seconds) = (summary.step, summary.tokens, summary.seconds);
     say.line(format_args!("{checkpoint}: {steps} steps and {tokens} tokens in all, {seconds:.0} s now"));
@@ -63,8 +58,17 @@ pub fn run(args: Args, threads: Option<u16>, say: Say) -> Result<()> {
     Ok(())
 }
 
+/// Trains with lines on stderr, until it is done or Ctrl-C comes.
+pub fn watched(options: &PretrainOptions, say: Say) -> Result<Summary> {
+    let stop = stop_on_ctrl_c()?;
+    let stderr = std::io::stderr();
+    let mut lines = Lines::new(stderr.lock(), stderr.is_terminal());
+    let progress: &mut dyn Progress = if say.quiet() { &mut Silent } else { &mut lines };
+    Ok(pretrain(options, &stop, progress)?)
+}
+
 /// A flag that the first Ctrl-C sets; the second ends the program at once.
-pub fn stop_on_ctrl_c() -> Result<Arc<AtomicBool>> {
+fn stop_on_ctrl_c() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     ctrlc::set_handler(move || {

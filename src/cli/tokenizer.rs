@@ -113,10 +113,7 @@ fn text(args: TextArgs, say: Say) -> Result<()> {
 }
 
 fn decode(args: DecodeArgs, say: Say) -> Result<()> {
-    if !["bvh", "npz", "json"].contains(&super::extension(&args.out).as_str()) {
-        let what = format!("{}: expected a name ending in .bvh, .npz or .json", args.out.display());
-        return Err(WrongCall(what).into());
-    }
+    super::writable(&args.out)?;
     let tokenizer = Tokenizer::load(&args.tokenizer)?;
     let text = match args.words.as_os_str() == "-" {
         true => std::io::read_to_string(std::io::stdin())?,

@@ -1,0 +1,73 @@
+//! Memory for numbers: taken from the system once, in large pages where there are some, and kept.
+
+use memmap2::MmapMut;
+use std::ops::{Deref, DerefMut};
+
+/// A row of numbers of fixed length, 0 at first, aligned to a page.
+///
+/// # Panics
+/// Making one panics where the system has no memory left, as `Vec` does.
+pub struct Floats {
+    map: MmapMut,
+    len: usize,
+}
+
+/// From this size on, large pages are asked for.
+const LARGE: usize = 1 << 20;
+
+impl Floats {
+    /// `len` zeros.
+    pub fn new(len: usize) -> Floats {
+        let bytes = (len * size_of::<f32>()).max(1);
+        let map = MmapMut::map_anon(bytes).unwrap_or_else(|e| panic!("no memory for {bytes} bytes: {e}"));
+        #[cfg(target_os = "linux")]
+        if bytes >= LARGE {
+            // fewer pages, fewer misses in the processor's table of them; without them all goes on, slower
+            let _ = map.advise(memmap2::Advice::HugePage);
+        }
+        Floats { map, len }
+    }
+
+    /// A copy of `numbers`.
+    pub fn of(numbers: &[f32]) -> Floats {
+        let mut floats = Floats::new(numbers.len());
+        floats.copy_from_slice(numbers);
+        floats
+    }
+}
+
+impl Deref for Floats {
+    type Target = [f32];
+
+    fn deref(&self) -> &[f32] {
+        &bytemuck::cast_slice(&self.map[..self.len * size_of::<f32>()])[..]
+    }
+}
+
+impl DerefMut for Floats {
+    fn deref_mut(&mut self) -> &mut [f32] {
+        bytemuck::cast_slice_mut(&mut self.map[..self.len * size_of::<f32>()])
+    }
+}
+
+impl Clone for Floats {
+    fn clone(&self) -> Floats {
+        Floats::of(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn floats_begin_at_zero_keep_what_they_get_and_lie_on_a_page() {
+        for len in [0, 1, 1000, 1 << 19] {
+            let mut floats = Floats::new(len);
+            assert_eq!((floats.len(), floats.iter().any(|x| *x != 0.0)), (len, false));
+            floats.fill(2.5);
+            assert_eq!(&*floats.clone(), vec![2.5; len].as_slice());
+            assert_eq!(floats.as_ptr() as usize % 4096, 0);
+        }
+    }
+}

@@ -1,0 +1,1 @@
+//! The operations, each a safe function on slices that checks its shapes.

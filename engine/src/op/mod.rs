@@ -1,1 +1,6 @@
 //! The operations, each a safe function on slices that checks its shapes.
+
+#[cfg(test)]
+pub(crate) mod check;
+pub mod dropout;
+pub(crate) mod math;

@@ -1,0 +1,143 @@
+//! What several kernels share: the exponential function, sums and maxima over a vector's lanes.
+
+use pulp::Simd;
+
+/// 1.5 * 2^23: a float added to it is rounded to a whole number, which stands in its lowest bits.
+const ROUND: f32 = 12_582_912.0;
+/// Below ln of the smallest normal float, e^x is 0.
+const LOWEST: f32 = -87.336_54;
+/// Above 127.5 ln 2, whole powers of 2 end and e^x is infinite (a little early: the largest float is e^88.72).
+const HIGHEST: f32 = 88.376_26;
+/// ln 2 in two parts: multiples of the first, up to 128 of them, are exact.
+const LN_2: [f32; 2] = [0.693_359_375, -2.121_944_4e-4];
+/// e^r = 1 + r + r^2 p(r) for |r| <= ln 2 / 2, from the highest power down; the relative error is below 4e-9 (Remez).
+const P: [f32; 5] = [0.001_381_454, 0.008_368_745, 0.041_668_39, 0.166_665_2, 0.499_999_94];
+
+/// e^x, relative error at most 2e-7 where the result is a normal number. 0 below -87.3366 (denormal results are 0, and
+/// e^-inf is), infinite above 88.376; NaN stays NaN.
+#[inline(always)]
+pub(crate) fn exp<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+    let y = unbounded(simd, x);
+    let y = simd.select_f32s(simd.greater_than_f32s(x, simd.splat_f32s(HIGHEST)), simd.splat_f32s(f32::INFINITY), y);
+    simd.select_f32s(simd.less_than_f32s(x, simd.splat_f32s(LOWEST)), simd.splat_f32s(0.0), y)
+}
+
+/// [`exp`] for x that are known not to be above 88, as those of a softmax: a comparison less.
+#[inline(always)]
+pub(crate) fn exp_falling<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+    simd.select_f32s(simd.less_than_f32s(x, simd.splat_f32s(LOWEST)), simd.splat_f32s(0.0), unbounded(simd, x))
+}
+
+/// e^x between [`LOWEST`] and [`HIGHEST`], NaN for NaN, anything elsewhere.
+#[inline(always)]
+fn unbounded<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+    let round = simd.splat_f32s(ROUND);
+    let shifted = simd.mul_add_e_f32s(x, simd.splat_f32s(std::f32::consts::LOG2_E), round);
+    let n = simd.sub_f32s(shifted, round);
+    let r = simd.negate_mul_add_e_f32s(n, simd.splat_f32s(LN_2[0]), x);
+    let r = simd.negate_mul_add_e_f32s(n, simd.splat_f32s(LN_2[1]), r);
+    let mut p = simd.splat_f32s(P[0]);
+    for c in &P[1..] {
+        p = simd.mul_add_e_f32s(p, r, simd.splat_f32s(*c));
+    }
+    let tail = simd.mul_add_e_f32s(p, simd.mul_f32s(r, r), r);
+    // the whole number's bits become the exponent's; a product, not a sum of bits, so that NaN stays NaN
+    let bits = simd.add_u32s(simd.transmute_u32s_f32s(shifted), simd.splat_u32s(127));
+    let power = simd.transmute_f32s_u32s(simd.wrapping_dyn_shl_u32s(bits, simd.splat_u32s(23)));
+    simd.mul_add_e_f32s(tail, power, power)
+}
+
+/// The sum of the lanes, added in pairs: the order depends on the width alone.
+#[inline(always)]
+pub(crate) fn sum<S: Simd>(simd: S, x: S::f32s) -> f32 {
+    simd.reduce_sum_f32s(x)
+}
+
+/// The largest lane; which number comes out is open where one is NaN.
+#[inline(always)]
+pub(crate) fn largest<S: Simd>(simd: S, x: S::f32s) -> f32 {
+    simd.reduce_max_f32s(x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::op::check::Lanes;
+    use pulp::WithSimd;
+
+    /// Half a unit in the last place for the last sum, a quarter for its terms; without fused products a little more.
+    const EXP_ERROR: f64 = 2e-7;
+
+    struct Exp<'a> {
+        x: &'a mut [f32],
+        falling: bool,
+    }
+
+    impl WithSimd for Exp<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) {
+            for chunk in self.x.chunks_mut(S::F32_LANES) {
+                let x = simd.partial_load_f32s(chunk);
+                let y = if self.falling { exp_falling(simd, x) } else { exp(simd, x) };
+                simd.partial_store_f32s(chunk, y);
+            }
+        }
+    }
+
+    #[test]
+    fn exp_is_exp() {
+        let x: Vec<f32> = (-873_300..=883_700).map(|i| i as f32 * 1e-4).collect();
+        for lanes in Lanes::ALL {
+            for falling in [false, true] {
+                let mut y = x.clone();
+                lanes.run(Exp { x: &mut y, falling });
+                let error = |(x, y): (&f32, &f32)| (*y as f64 / (*x as f64).exp() - 1.0).abs();
+                let worst = x.iter().zip(&y).map(error).fold(0.0, f64::max);
+                assert!(worst <= EXP_ERROR, "{lanes:?}: error {worst:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_ends_of_exp() {
+        let ends = [f32::NEG_INFINITY, f32::MIN, -1e6, -1000.0, -104.0, -88.0, -0.0, 0.0, 1e-30];
+        let values = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0];
+        let above = [88.4, 89.0, 1e3, 1e30, f32::MAX, f32::INFINITY];
+        for lanes in Lanes::ALL {
+            for falling in [false, true] {
+                let mut y = ends;
+                lanes.run(Exp { x: &mut y, falling });
+                assert_eq!(y, values, "{lanes:?}");
+                let mut nan = [f32::NAN, -f32::NAN, f32::from_bits(0x7f80_0001), f32::from_bits(0xffff_ffff)];
+                lanes.run(Exp { x: &mut nan, falling });
+                assert!(nan.iter().all(|y| y.is_nan()), "{lanes:?}: {nan:?}");
+            }
+            let mut y = above;
+            lanes.run(Exp { x: &mut y, falling: false });
+            assert_eq!(y, [f32::INFINITY; 6], "{lanes:?}");
+        }
+    }
+
+    struct Reductions<'a>(&'a [f32]);
+
+    impl WithSimd for Reductions<'_> {
+        type Output = (f32, f32);
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> (f32, f32) {
+            let (x, tail) = S::as_simd_f32s(self.0);
+            assert!(tail.is_empty());
+            x.iter().fold((0.0, f32::MIN), |(s, m), x| (s + sum(simd, *x), m.max(largest(simd, *x))))
+        }
+    }
+
+    #[test]
+    fn all_lanes_count() {
+        let x: Vec<f32> = (0..64).map(|i| ((i * 37) % 64) as f32).collect();
+        for lanes in Lanes::ALL {
+            assert_eq!(lanes.run(Reductions(&x)), (2016.0, 63.0), "{lanes:?}");
+        }
+    }
+}

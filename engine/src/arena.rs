@@ -40,7 +40,7 @@ impl Deref for Floats {
     type Target = [f32];
 
     fn deref(&self) -> &[f32] {
-        &bytemuck::cast_slice(&self.map[..self.len * size_of::<f32>()])[..]
+        bytemuck::cast_slice(&self.map[..self.len * size_of::<f32>()])
     }
 }
 

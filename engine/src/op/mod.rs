@@ -4,3 +4,4 @@
 pub(crate) mod check;
 pub mod dropout;
 pub(crate) mod math;
+pub mod matmul;

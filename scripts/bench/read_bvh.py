@@ -16,7 +16,7 @@ size = os.path.getsize(path) / 1e6
 ratios = []
 for turn in range(5):
     line = subprocess.run([kinelm, "bench", "read", path, "--json", "-q"], capture_output=True, check=True, text=True)
-    ours = json.loads(line.stdout)["MB/s"]
+    ours = json.loads(line.stdout)["mb_per_s"]
     times = []
     for _ in range(3):
         start = time.perf_counter()

@@ -59,7 +59,7 @@ enum Command {
     /// Measures
     #[command(subcommand)]
     Evaluate(evaluate::Command),
-    /// How fast this machine reads and tokenizes
+    /// How fast this machine does what the program does
     #[command(subcommand)]
     Bench(bench::Command),
     /// The whole way on made-up dances: no data, no network, three minutes

@@ -1,0 +1,165 @@
+//! `kinelm bench`: how fast this machine does what the program does. A file a subject; the rows are printed here.
+
+mod read;
+mod tokenize;
+
+use super::{Say, print};
+use anyhow::Result;
+use serde_json::{Map, Value, json};
+use std::time::Instant;
+
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// MB/s of a BVH's number block, on one core
+    Read(read::Args),
+    /// Frames/s of encoding and decoding made-up dances of 13 joints, on all threads
+    Tokenize(tokenize::Args),
+}
+
+/// How every bench measures and prints.
+#[derive(Debug, clap::Args)]
+pub struct How {
+    /// Timings, after a warm-up that doesn't count; their median is the figure
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
+    repeats: Option<u16>,
+    /// One JSON object a row instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(command: Command, say: Say) -> Result<()> {
+    match command {
+        Command::Read(args) => read::run(args, say),
+        Command::Tokenize(args) => tokenize::run(args, say),
+    }
+}
+
+/// What a rate counts.
+#[derive(Debug, Clone, Copy)]
+enum Unit {
+    Megabytes,
+    Frames,
+}
+
+impl Unit {
+    /// Its name in a table and in JSON.
+    fn names(self) -> [&'static str; 2] {
+        match self {
+            Unit::Megabytes => ["MB/s", "mb_per_s"],
+            Unit::Frames => ["frames/s", "frames_per_s"],
+        }
+    }
+}
+
+/// The rates of a bench's timings.
+#[derive(Debug, Clone, Copy)]
+struct Rates {
+    median: f64,
+    low: f64,
+    high: f64,
+}
+
+impl Rates {
+    /// Of `amount` done in each of `seconds`, which are at least one.
+    fn of(amount: f64, seconds: &[f64]) -> Rates {
+        let mut rates: Vec<f64> = seconds.iter().map(|s| amount / s.max(1e-9)).collect();
+        rates.sort_by(f64::total_cmp);
+        let middle = rates.len() / 2;
+        let median =
+            if rates.len().is_multiple_of(2) { (rates[middle - 1] + rates[middle]) / 2.0 } else { rates[middle] };
+        Rates { median, low: rates[0], high: rates[rates.len() - 1] }
+    }
+}
+
+/// Seconds of each of `repeats` runs of `work`, after `warm_up` runs that don't count.
+fn seconds(warm_up: u16, repeats: u16, mut work: impl FnMut() -> Result<()>) -> Result<Vec<f64>> {
+    for _ in 0..warm_up {
+        work()?;
+    }
+    let timed = |_| {
+        let started = Instant::now();
+        work()?;
+        Ok(started.elapsed().as_secs_f64())
+    };
+    (0..repeats).map(timed).collect()
+}
+
+/// A line of a bench.
+struct Row<'a> {
+    what: &'a str,
+    config: &'a str,
+    unit: Unit,
+    rates: Rates,
+    threads: usize,
+    /// Further figures: a JSON object's keys and values.
+    more: Value,
+}
+
+impl Row<'_> {
+    fn print(&self, how: &How) -> Result<()> {
+        let (Rates { median, low, high }, [unit, key]) = (self.rates, self.unit.names());
+        let peak = peak_rss_mb();
+        if how.json {
+            let mut line = Map::new();
+            let rate = |x: f64| json!((x * 1000.0).round() / 1000.0);
+            line.insert("schema".into(), json!(1));
+            line.insert("what".into(), json!(self.what));
+            line.insert("config".into(), json!(self.config));
+            line.insert(key.into(), rate(median));
+            line.insert("spread".into(), json!([rate(low), rate(high)]));
+            line.insert("peak_rss_mb".into(), json!(peak));
+            line.insert("threads".into(), json!(self.threads));
+            line.extend(self.more.as_object().cloned().unwrap_or_default());
+            return print(&format!("{}\n", Value::Object(line)));
+        }
+        let (what, config, threads) = (self.what, self.config, self.threads);
+        let mut text =
+            format!("{what:<9} {config:<32} {median:>11.1} {unit} ({low:.1} to {high:.1}), {threads} threads");
+        if let Some(peak) = peak {
+            text += &format!(", peak {peak} MB");
+        }
+        for (key, value) in self.more.as_object().into_iter().flatten() {
+            text += &format!(", {} {}", key.replace('_', " "), value.to_string().trim_matches('"'));
+        }
+        print(&(text + "\n"))
+    }
+}
+
+/// The most memory this process ever held, in 10^6 bytes; `None` where the system doesn't say.
+fn peak_rss_mb() -> Option<u64> {
+    peak_of(&std::fs::read_to_string("/proc/self/status").ok()?)
+}
+
+fn peak_of(status: &str) -> Option<u64> {
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kib * 1024 / 1_000_000)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_of_rates_lies_between_the_middle_two() {
+        let r = Rates::of(10.0, &[1.0, 5.0, 2.0, 10.0]);
+        assert_eq!((r.median, r.low, r.high), (3.5, 1.0, 10.0));
+        assert_eq!(Rates::of(3.0, &[1.5]).median, 2.0);
+    }
+
+    #[test]
+    fn warm_ups_do_not_count() {
+        let mut runs = 0;
+        let timed = seconds(2, 3, || {
+            runs += 1;
+            Ok(())
+        });
+        assert_eq!((timed.unwrap().len(), runs), (3, 5));
+    }
+
+    #[test]
+    fn the_peak_is_read_where_the_system_tells_it() {
+        assert_eq!(peak_of("Name:\tx\nVmHWM:\t  100000 kB\nVmRSS:\t 1 kB\n"), Some(102));
+        assert_eq!(peak_of("Name:\tx\n"), None);
+    }
+}

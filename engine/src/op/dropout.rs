@@ -14,6 +14,22 @@ const STEP: u32 = 0x9E37_79B9;
 /// The numbers of the lanes.
 static LANES: [u32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
+/// The mask of rows that begin with `first_row`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mask {
+    /// Of all rows, those of other calls too: another key is another mask.
+    pub key: u64,
+    /// The number of the first row, so that pieces of a whole have the whole's mask.
+    pub first_row: u64,
+    /// What share is dropped, 0 to below 1; at 0 nothing is computed.
+    pub share: f64,
+}
+
+impl Mask {
+    /// Drops nothing.
+    pub const NONE: Mask = Mask { key: 0, first_row: 0, share: 0.0 };
+}
+
 /// What a row of a mask is made from.
 pub fn row_key(key: u64, row: u64) -> u32 {
     (mix(mix(key).wrapping_add(row)) >> 32) as u32
@@ -99,11 +115,15 @@ pub(crate) fn factors<S: Simd>(simd: S, row_key: u32, first_column: u32, thresho
     let lanes = S::as_simd_u32s(&LANES[..S::U32_LANES]).0[0];
     let first = row_key.wrapping_add(first_column.wrapping_mul(STEP));
     let z = simd.add_u32s(simd.splat_u32s(first), simd.mul_u32s(lanes, simd.splat_u32s(STEP)));
-    let fold = |z, by| simd.xor_u32s(z, simd.wrapping_dyn_shr_u32s(z, simd.splat_u32s(by)));
-    let z = simd.mul_u32s(fold(z, 16), simd.splat_u32s(0x85EB_CA6B));
-    let z = simd.mul_u32s(fold(z, 13), simd.splat_u32s(0xC2B2_AE35));
-    let stays = simd.greater_than_or_equal_u32s(fold(z, 16), simd.splat_u32s(threshold));
+    let z = simd.mul_u32s(fold(simd, z, 16), simd.splat_u32s(0x85EB_CA6B));
+    let z = simd.mul_u32s(fold(simd, z, 13), simd.splat_u32s(0xC2B2_AE35));
+    let stays = simd.greater_than_or_equal_u32s(fold(simd, z, 16), simd.splat_u32s(threshold));
     simd.select_f32s(stays, simd.splat_f32s(growth), simd.splat_f32s(0.0))
+}
+
+#[inline(always)]
+fn fold<S: Simd>(simd: S, z: S::u32s, by: u32) -> S::u32s {
+    simd.xor_u32s(z, simd.wrapping_dyn_shr_u32s(z, simd.splat_u32s(by)))
 }
 
 #[cfg(test)]

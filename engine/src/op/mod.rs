@@ -1,7 +1,22 @@
 //! The operations, each a safe function on slices that checks its shapes.
 
+pub mod bias;
 #[cfg(test)]
 pub(crate) mod check;
 pub mod dropout;
+pub mod gelu;
+pub mod layer_norm;
 pub(crate) mod math;
 pub mod matmul;
+#[cfg(test)]
+mod speed;
+
+/// How many rows of `width` numbers `len` numbers are.
+///
+/// # Panics
+/// Where they are no whole rows.
+#[track_caller]
+fn rows(what: &str, len: usize, width: usize) -> usize {
+    assert!(width > 0 && len.is_multiple_of(width), "{what}: {len} numbers are no rows of {width}");
+    len / width
+}

@@ -1,6 +1,6 @@
 //! `kinelm demo`: the whole way on dances made up for it, with no data and no network.
 
-use super::{Say, WrongCall};
+use super::{ComputeArgs, Say, WrongCall};
 use anyhow::{Context, Result};
 use kinelm::corpus::build::{self, BuildOptions};
 use kinelm::corpus::{Corpus, Split, gather};
@@ -9,9 +9,8 @@ use kinelm::evaluate::{Baselines, CodeSplits, measure};
 use kinelm::files::write_whole;
 use kinelm::generate::prompt::{self, Prompt, RestJoints};
 use kinelm::generate::sampling::Draw;
-use kinelm::generate::{Plan, dance};
-use kinelm::model::workers::Workers;
-use kinelm::model::{Gpt, Which, load_run};
+use kinelm::generate::{NextToken, Plan, dance, reader};
+use kinelm::model::{Which, load_run};
 use kinelm::train::{PretrainOptions, TrainFile};
 use kinelm::view::{Figure, write_page};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
@@ -43,9 +42,11 @@ pub struct Args {
     /// Training steps, over the demo's own
     #[arg(long, value_name = "N")]
     steps: Option<u64>,
+    #[command(flatten)]
+    compute: ComputeArgs,
 }
 
-pub fn run(args: Args, threads: Option<u16>, say: Say) -> Result<()> {
+pub fn run(args: Args, say: Say) -> Result<()> {
     let started = Instant::now();
     make_room(&args)?;
     let at = |name: &str| args.out.join(name);
@@ -54,19 +55,19 @@ pub fn run(args: Args, threads: Option<u16>, say: Say) -> Result<()> {
     say.line("2/5 they become words");
     let tokenizer = tokenize(&args)?;
     say.line("3/5 a small model learns the language");
-    train(&args, threads, say)?;
+    train(&args, say)?;
     let run = load_run(&at("run"), Which::Auto)?;
     let corpus = Corpus::open(at("corpus"))?;
     say.line("4/5 it dances to a root and a right arm that it has not seen");
     let test = corpus.split(Split::Test).next().context("the demo's corpus has no test clip")?;
     let prompt =
         Prompt::load(&at("motion").join(&test.name).with_extension("bvh"), &ReadOptions::default(), &tokenizer)?;
-    let danced = generate(&run.model, &tokenizer, &prompt, args.seed)?;
+    let danced = generate(&mut *reader(&run, args.compute.get())?, &tokenizer, &prompt, args.seed)?;
     format::write(&at("dance.bvh"), &prompt::on_model_rig(&at("dance.bvh"), danced.clone()))?;
     say.line("5/5 page and report");
     page(&at("page.html"), &test.name, &tokenizer, &prompt, &danced)?;
     let tests: Vec<_> = corpus.split(Split::Test).collect();
-    let model = likelihood(&run.model, &corpus, &tests, 0, &Workers::new(threads.map(usize::from), usize::MAX)?)?
+    let model = likelihood(&mut *run.scores(args.compute.get())?, &corpus, &tests, 0)?
         .context("the demo's corpus has no test frame")?;
     let floors = measure(&CodeSplits::of_corpus(&corpus, Split::Test)?)?;
     let report = report(&args, model.bits_per_frame, &floors, started.elapsed().as_secs_f64());
@@ -125,14 +126,14 @@ fn tokenize(args: &Args) -> Result<Tokenizer> {
     Ok(tokenizer)
 }
 
-fn train(args: &Args, threads: Option<u16>, say: Say) -> Result<()> {
+fn train(args: &Args, say: Say) -> Result<()> {
     let options = PretrainOptions {
         file: Some(TrainFile::parse(SETTINGS, Path::new("demo.toml"))?),
         corpus: Some(args.out.join("corpus")),
         run: Some(args.out.join("run")),
         steps: args.steps,
         seed: Some(args.seed),
-        threads: threads.map(usize::from),
+        compute: args.compute.get(),
         ..PretrainOptions::default()
     };
     let summary = super::pretrain::watched(&options, say)?;
@@ -140,11 +141,11 @@ fn train(args: &Args, threads: Option<u16>, say: Say) -> Result<()> {
     Ok(())
 }
 
-fn generate(model: &Gpt, tokenizer: &Tokenizer, prompt: &Prompt, seed: u64) -> Result<Clip> {
+fn generate(model: &mut dyn NextToken, tokenizer: &Tokenizer, prompt: &Prompt, seed: u64) -> Result<Clip> {
     let given = prompt::given_places(tokenizer, &joints::parse(FOLLOWED)?)?;
     let ids = tokenizer.ids_of_codes(&prompt.codes)?;
     let plan = Plan::of_words(tokenizer, &given, &ids, FRAMES.min(prompt.frames()), Draw::Temperature(1.0), seed);
-    let danced = dance(&mut model.cache()?, &plan, &mut |_| {})?;
+    let danced = dance(model, &plan, &mut |_| {})?;
     let codes = tokenizer.codes_of_ids(&danced).codes;
     Ok(prompt.decode(tokenizer, &codes, RestJoints::Identity)?)
 }

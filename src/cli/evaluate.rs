@@ -1,12 +1,11 @@
 //! `kinelm evaluate baselines` and `likelihood`.
 
-use super::{Say, WrongCall, print};
+use super::{ComputeArgs, Say, WrongCall, print};
 use anyhow::Result;
 use kinelm::corpus::{Corpus, Split};
 use kinelm::evaluate::baselines::figure_row;
 use kinelm::evaluate::likelihood::likelihood;
 use kinelm::evaluate::{CodeSplits, measure};
-use kinelm::model::workers::Workers;
 use kinelm::model::{Which, load_run};
 use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
@@ -52,19 +51,21 @@ pub struct LikelihoodArgs {
     /// Windows at most, spread evenly; 0: all, each token scored once
     #[arg(long, default_value_t = 0, value_name = "N")]
     windows: usize,
+    #[command(flatten)]
+    compute: ComputeArgs,
     /// One JSON object instead of a table
     #[arg(long)]
     json: bool,
 }
 
-pub fn run(command: Command, threads: Option<u16>, say: Say) -> Result<()> {
+pub fn run(command: Command, say: Say) -> Result<()> {
     match command {
         Command::Baselines(args) => baselines(args),
-        Command::Likelihood(args) => model(args, threads, say),
+        Command::Likelihood(args) => model(args, say),
     }
 }
 
-fn model(args: LikelihoodArgs, threads: Option<u16>, say: Say) -> Result<()> {
+fn model(args: LikelihoodArgs, say: Say) -> Result<()> {
     let run = load_run(&args.run, Which::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
     let corpus = Corpus::open(&args.corpus)?;
@@ -74,8 +75,8 @@ fn model(args: LikelihoodArgs, threads: Option<u16>, say: Say) -> Result<()> {
         return Err(WrongCall(what).into());
     }
     let clips: Vec<_> = corpus.split(args.split).collect();
-    let workers = Workers::new(threads.map(usize::from), usize::MAX)?;
-    let found = likelihood(&run.model, &corpus, &clips, args.windows, &workers)?
+    let mut model = run.scores(args.compute.get())?;
+    let found = likelihood(&mut *model, &corpus, &clips, args.windows)?
         .ok_or_else(|| anyhow::anyhow!("{}: no {} clip has a frame", args.corpus.display(), args.split))?;
     let floors = measure(&CodeSplits::of_corpus(&corpus, args.split)?)?;
     let checkpoint = run.checkpoint.display().to_string();

@@ -1,11 +1,11 @@
 //! `kinelm generate`.
 
-use super::{Say, WrongCall, read::ReadArgs};
+use super::{ComputeArgs, Say, WrongCall, read::ReadArgs};
 use anyhow::Result;
 use kinelm::generate::prompt::{self, Prompt, RestJoints};
 use kinelm::generate::sampling::Draw;
-use kinelm::generate::{Plan, dance};
-use kinelm::model::{Gpt, Which, load_run};
+use kinelm::generate::{NextToken, Plan, dance, reader};
+use kinelm::model::{Which, load_run};
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::joints;
 use kinelm_tokenizer::Tokenizer;
@@ -43,6 +43,8 @@ pub struct Args {
     /// What the joints do that the model doesn't know
     #[arg(long, value_enum, default_value = "identity")]
     rest_joints: RestArg,
+    #[command(flatten)]
+    compute: ComputeArgs,
     #[command(flatten)]
     read: ReadArgs,
 }
@@ -90,7 +92,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let (p, free) = (prompt.frames(), frames - prompt.frames());
         say.line(format_args!("the prompt ends after {p} frames; the {free} that follow are generated free"));
     }
-    let codes = codes(&args, &run.model, tokenizer, &prompt, &given, frames, say)?;
+    let mut model = reader(&run, args.compute.get())?;
+    let codes = codes(&args, &mut *model, tokenizer, &prompt, &given, frames, say)?;
     let clip = prompt.decode(tokenizer, &codes, args.rest_joints.into())?;
     let motion = match args.rig {
         RigArg::Model => prompt::on_model_rig(&args.out, clip),
@@ -129,7 +132,7 @@ fn check_out(args: &Args) -> Result<()> {
 
 fn codes(
     args: &Args,
-    model: &Gpt,
+    model: &mut dyn NextToken,
     tokenizer: &Tokenizer,
     prompt: &Prompt,
     given: &[bool],
@@ -140,7 +143,7 @@ fn codes(
     let draw = if args.greedy { Draw::Greedy } else { Draw::Temperature(args.temperature) };
     let plan = Plan::of_words(tokenizer, given, &words, frames, draw, args.seed);
     let bar = super::progress::bar(frames as u64, "frames", say);
-    let ids = dance(&mut model.cache()?, &plan, &mut |done| bar.set_position(done as u64))?;
+    let ids = dance(model, &plan, &mut |done| bar.set_position(done as u64))?;
     bar.finish_and_clear();
     Ok(tokenizer.codes_of_ids(&ids).codes)
 }

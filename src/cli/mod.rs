@@ -18,6 +18,7 @@ mod tokenizer;
 mod view;
 
 use anyhow::{Error, Result};
+use kinelm::model::{Compute, DeviceName, Form};
 use kinelm_motion::Motion;
 use std::io::Write;
 use std::path::Path;
@@ -66,6 +67,24 @@ enum Command {
     Demo(demo::Args),
 }
 
+/// Where and how a model computes.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct ComputeArgs {
+    /// The processor, or the Nvidia card of this number (where kinelm was built with CUDA)
+    #[arg(long, value_name = "cpu|cuda:N", default_value = "cpu")]
+    device: DeviceName,
+    /// The fastest form of the model that the device has, or the plain one that it is compared with
+    #[arg(long, value_name = "auto|plain", default_value = "auto", hide_short_help = true)]
+    form: Form,
+}
+
+impl ComputeArgs {
+    /// As the library has it.
+    pub fn get(self) -> Compute {
+        Compute { device: self.device, form: self.form }
+    }
+}
+
 /// Runs one call.
 pub fn run(call: Call) -> Result<()> {
     use Command::{Demo, Evaluate, Generate, Pretrain};
@@ -83,11 +102,11 @@ pub fn run(call: Call) -> Result<()> {
         Command::Tokenizer(command) => tokenizer::run(command, say),
         Command::Tokenize(args) => tokenize::run(args, say),
         Command::Corpus(command) => corpus::run(command, say),
-        Command::Pretrain(args) => pretrain::run(args, call.threads, say),
+        Command::Pretrain(args) => pretrain::run(args, say),
         Command::Generate(args) => generate::run(args, say),
-        Command::Evaluate(command) => evaluate::run(command, call.threads, say),
+        Command::Evaluate(command) => evaluate::run(command, say),
         Command::Bench(command) => bench::run(command, say),
-        Command::Demo(args) => demo::run(args, call.threads, say),
+        Command::Demo(args) => demo::run(args, say),
     }
 }
 

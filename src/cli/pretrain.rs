@@ -1,6 +1,6 @@
 //! `kinelm pretrain`.
 
-use super::{Say, Stopped};
+use super::{ComputeArgs, Say, Stopped};
 use anyhow::Result;
 use kinelm::train::{Lines, PretrainOptions, Progress, Silent, Summary, TrainFile, pretrain};
 use std::io::IsTerminal;
@@ -29,9 +29,11 @@ pub struct Args {
     /// Go on with the run from its last whole checkpoint
     #[arg(long)]
     resume: bool,
+    #[command(flatten)]
+    compute: ComputeArgs,
 }
 
-pub fn run(args: Args, threads: Option<u16>, say: Say) -> Result<()> {
+pub fn run(args: Args, say: Say) -> Result<()> {
     let options = PretrainOptions {
         file: args.config.as_deref().map(TrainFile::load).transpose()?,
         corpus: args.corpus,
@@ -39,7 +41,7 @@ pub fn run(args: Args, threads: Option<u16>, say: Say) -> Result<()> {
         steps: args.steps,
         seed: args.seed,
         resume: args.resume,
-        threads: threads.map(usize::from),
+        compute: args.compute.get(),
     };
     let summary = watched(&options, say)?;
     let (run, checkpoint) = (summary.run.display(), summary.checkpoint.display());

@@ -1,11 +1,12 @@
 //! Bits a frame that a model needs for clips it is shown: PROTOCOLS 2.5.
 
 use crate::corpus::{ClipRecord, Corpus, EvalWindow, eval_windows, fill_sequence};
-use crate::model::workers::Workers;
-use crate::model::{Gpt, ops};
+use crate::model::Scores;
 use crate::{Error, Result};
-use candle_core::{Device, Tensor};
 use serde::Serialize;
+
+/// Tokens that the model is asked about at a time, in whole windows.
+const BATCH_TOKENS: usize = 4096;
 
 /// What a model makes of some clips.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -25,17 +26,15 @@ pub struct Likelihood {
 /// Bits a frame of `model` on `clips`, `None` where they have no frame.
 ///
 /// Windows hold as many whole words as the context does and move by half of them; of each only what the one before has
-/// not scored counts. With `most` above 0, at most so many windows are taken, spread evenly. The number of threads in
-/// `workers` changes nothing.
+/// not scored counts. With `most` above 0, at most so many windows are taken, spread evenly.
 ///
 /// # Errors
 /// A corpus of other words than the model's; a model whose probabilities are not finite, with the clip named.
 pub fn likelihood(
-    model: &Gpt,
+    model: &mut dyn Scores,
     corpus: &Corpus,
     clips: &[&ClipRecord],
     most: usize,
-    workers: &Workers,
 ) -> Result<Option<Likelihood>> {
     let word = corpus.tokens_per_frame();
     if (word, corpus.manifest().vocabulary) != (model.tokens().word, model.tokens().vocabulary) {
@@ -53,45 +52,52 @@ pub fn likelihood(
         most if most >= all.len() => all.iter().collect(),
         most => (0..most).map(|i| &all[i * all.len() / most]).collect(),
     };
+    let length = taken.iter().map(|w| w.frames * word).max().unwrap_or(1);
     let (mut nats, mut tokens) = (0.0, 0);
-    let work = |i: usize| {
-        let window = taken[i];
-        let clip = clips[window.clip];
-        let ids = corpus.frame_ids(clip, window.frame..window.frame + window.frames);
-        window_nats(model, &ids, window)
-    };
-    workers.each(taken.len(), &work, &mut |i, value| {
-        if !value.is_finite() {
-            let window = taken[i];
-            let clip = &clips[window.clip].name;
-            return Err(Error::Call(format!("{clip} from frame {}: {value} nats", window.frame)));
+    for windows in taken.chunks((BATCH_TOKENS / length).max(1)) {
+        for (window, sum) in windows.iter().zip(batch_nats(model, corpus, clips, windows, length)?) {
+            if !sum.is_finite() {
+                let clip = &clips[window.clip].name;
+                return Err(Error::Call(format!("{clip} from frame {}: {sum} nats", window.frame)));
+            }
+            nats += sum;
+            tokens += window.scored.len();
         }
-        nats += value;
-        tokens += taken[i].scored.len();
-        Ok(())
-    })?;
+    }
     let bits_per_frame = nats / std::f64::consts::LN_2 / (tokens as f64 / word as f64);
     let nats_per_token = nats / tokens as f64;
     let found = Likelihood { bits_per_frame, nats_per_token, tokens, windows: taken.len(), all_windows: all.len() };
     Ok((tokens > 0).then_some(found))
 }
 
-/// Nats of the scored tokens of one window.
-fn window_nats(model: &Gpt, ids: &[u32], window: &EvalWindow) -> Result<f64> {
-    let tokens = model.tokens();
-    let (mut inputs, mut targets) = (vec![0; ids.len()], vec![0; ids.len()]);
-    fill_sequence(ids, tokens.bos, tokens.pad, &mut inputs, &mut targets);
-    let logits = model.predict(&Tensor::new(inputs, &Device::Cpu)?.unsqueeze(0)?)?.squeeze(0)?;
-    let logits = logits.narrow(0, window.scored.start, window.scored.len())?;
-    Ok(ops::cross_entropy_sum(&logits, &targets[window.scored.clone()], tokens.pad)?.to_scalar::<f32>()? as f64)
+/// Nats of the scored tokens of each window; all become `length` tokens long, and what isn't scored is padding.
+fn batch_nats(
+    model: &mut dyn Scores,
+    corpus: &Corpus,
+    clips: &[&ClipRecord],
+    windows: &[&EvalWindow],
+    length: usize,
+) -> Result<Vec<f64>> {
+    let (bos, pad) = (model.tokens().bos, model.tokens().pad);
+    let (mut inputs, mut targets) = (vec![pad; windows.len() * length], vec![pad; windows.len() * length]);
+    for (window, (input, target)) in windows.iter().zip(inputs.chunks_mut(length).zip(targets.chunks_mut(length))) {
+        let ids = corpus.frame_ids(clips[window.clip], window.frame..window.frame + window.frames);
+        fill_sequence(&ids, bos, pad, input, target);
+        target[..window.scored.start].fill(pad);
+        target[window.scored.end..].fill(pad);
+    }
+    let mut nats = vec![0.0; targets.len()];
+    model.nats(&inputs, &targets, length, &mut nats)?;
+    Ok(nats.chunks(length).map(|window| window.iter().map(|&x| x as f64).sum()).collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::corpus::Split;
-    use crate::model::ModelConfig;
+    use crate::model::{Gpt, ModelConfig};
     use crate::train::fixture;
+    use candle_core::{Device, Tensor};
 
     #[test]
     fn every_token_counts_once_and_a_model_that_knows_nothing_needs_its_vocabulary() {
@@ -99,19 +105,18 @@ mod tests {
         let corpus = fixture::corpus(dir.path(), &[(30, Split::Valid), (2, Split::Valid)]);
         let clips: Vec<_> = corpus.split(Split::Valid).collect();
         let config = ModelConfig { layers: 1, heads: 1, width: 8, context: 36, ..Default::default() };
-        let gpt = Gpt::new(&config, &fixture::TOKENS, 1).unwrap();
+        let mut gpt = Gpt::new(&config, &fixture::TOKENS, 1).unwrap();
         let zero = Tensor::zeros((fixture::TOKENS.vocabulary, 8), candle_core::DType::F32, &Device::Cpu).unwrap();
         gpt.vars()["token.weight"].set(&zero).unwrap();
-        let workers = Workers::new(Some(2), 2).unwrap();
-        let all = likelihood(&gpt, &corpus, &clips, 0, &workers).unwrap().unwrap();
+        let all = likelihood(&mut gpt, &corpus, &clips, 0).unwrap().unwrap();
         assert_eq!(all.tokens, 32 * 7);
         let expected = 7.0 * (fixture::TOKENS.vocabulary as f64).log2();
         assert!((all.bits_per_frame - expected).abs() < 1e-4, "{} {expected}", all.bits_per_frame);
         // 30 frames in windows of 5 that move by 2: 14; and one of the short clip
         assert_eq!((all.windows, all.all_windows), (15, 15));
-        let some = likelihood(&gpt, &corpus, &clips, 4, &workers).unwrap().unwrap();
+        let some = likelihood(&mut gpt, &corpus, &clips, 4).unwrap().unwrap();
         assert_eq!((some.windows, some.all_windows), (4, 15));
-        assert_eq!(likelihood(&gpt, &corpus, &[], 0, &workers).unwrap(), None);
+        assert_eq!(likelihood(&mut gpt, &corpus, &[], 0).unwrap(), None);
     }
 
     #[test]
@@ -120,8 +125,8 @@ mod tests {
         let corpus = fixture::corpus(dir.path(), &[(11, Split::Valid)]);
         let clips: Vec<_> = corpus.split(Split::Valid).collect();
         let config = ModelConfig { layers: 2, heads: 2, width: 8, context: 30, ..Default::default() };
-        let gpt = Gpt::new(&config, &fixture::TOKENS, 4).unwrap();
-        let found = likelihood(&gpt, &corpus, &clips, 0, &Workers::new(Some(1), 1).unwrap()).unwrap().unwrap();
+        let mut gpt = Gpt::new(&config, &fixture::TOKENS, 4).unwrap();
+        let found = likelihood(&mut gpt, &corpus, &clips, 0).unwrap().unwrap();
         // by hand: windows of 4 words at frames 0, 2, 4, 6, 8; the first is scored whole, then two words each, then one
         let ids = corpus.frame_ids(clips[0], 0..11);
         let mut nats = 0.0;

@@ -8,7 +8,7 @@
 pub mod prompt;
 pub mod sampling;
 
-use crate::model::Cache;
+use crate::model::{Cache, Compute, LoadedRun};
 use crate::{Error, Result};
 use kinelm_tokenizer::{SPACE, Special, Tokenizer};
 use rand_chacha::ChaCha8Rng;
@@ -43,6 +43,14 @@ impl NextToken for Cache {
     fn read(&mut self, tokens: &[u32]) -> Result<Vec<f32>> {
         Cache::read(self, tokens)
     }
+}
+
+/// The model of a run in the form that is wanted, ready to read.
+///
+/// # Errors
+/// Weights that don't fit the configuration, a device that isn't there.
+pub fn reader(run: &LoadedRun, compute: Compute) -> Result<Box<dyn NextToken>> {
+    Ok(Box::new(run.plain(&compute.device.open()?)?.cache()?))
 }
 
 /// What is to be danced.

@@ -1,12 +1,9 @@
 //! Reading token after token: keys and values of what was read are kept.
 
 use super::gpt::{Memory, Net};
+use super::ops::Mask;
 use crate::{Error, Result};
 use candle_core::{DType, Device, IndexOp, Tensor};
-use rayon::{ThreadPool, ThreadPoolBuilder};
-
-/// Blocks of so many tokens or fewer run on one thread: waking others costs more than their help brings.
-const ALONE: usize = 8;
 
 /// One sequence being read by a model.
 ///
@@ -14,22 +11,22 @@ const ALONE: usize = 8;
 /// [`Cache::reset`], then [`Cache::read`] the window.
 pub struct Cache {
     net: Net,
-    keys: Vec<Tensor>,   // L x (H, T, D/H)
-    values: Vec<Tensor>, // L x (H, T, D/H)
+    keys: Vec<Tensor>,   // L x (1, H, T, d)
+    values: Vec<Tensor>, // L x (1, H, T, d)
     context: usize,
     read: usize,
-    alone: ThreadPool,
 }
 
 impl Cache {
-    pub(super) fn new(net: Net, layers: usize, heads: usize, context: usize, d: usize) -> Result<Cache> {
+    pub(super) fn new(
+        net: Net,
+        (layers, heads, context, d): (usize, usize, usize, usize),
+        device: &Device,
+    ) -> Result<Cache> {
         let room = || -> Result<Vec<Tensor>> {
-            let one = |_| Ok(Tensor::zeros((heads, context, d), DType::F32, &Device::Cpu)?);
-            (0..layers).map(one).collect()
+            (0..layers).map(|_| Ok(Tensor::zeros((1, heads, context, d), DType::F32, device)?)).collect()
         };
-        let alone = ThreadPoolBuilder::new().num_threads(1).build();
-        let alone = alone.map_err(|e| Error::Call(format!("no thread to read with: {e}")))?;
-        Ok(Cache { net, keys: room()?, values: room()?, context, read: 0, alone })
+        Ok(Cache { net, keys: room()?, values: room()?, context, read: 0 })
     }
 
     /// T: the most tokens it holds.
@@ -79,10 +76,9 @@ impl Cache {
                 self.context - self.read
             )));
         }
-        let ids = Tensor::from_slice(tokens, (1, tokens.len()), &Device::Cpu)?;
+        let ids = self.net.ids(tokens, tokens.len())?;
         let memory = Memory { keys: &self.keys, values: &self.values, read: self.read };
-        let forward = || self.net.forward(&ids, None, Some(&memory));
-        let logits = if tokens.len() <= ALONE { self.alone.install(forward) } else { forward() }?;
+        let logits = self.net.forward(&ids, &Mask::Causal, None, Some(&memory))?;
         self.read += tokens.len();
         Ok(logits.squeeze(0)?)
     }

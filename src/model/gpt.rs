@@ -1,21 +1,19 @@
-//! A pre-norm GPT-2 over the words of a dance: the plain form, differentiable, which faster forms are compared with.
+//! A pre-norm GPT-2 over the words of a dance: the plain form, differentiable, on any device, which faster forms are
+//! compared with.
 //!
-//! Letters: B batch, T tokens, D width, H heads, L layers, V vocabulary, W tokens of a word.
+//! Letters: B batch, T tokens, D width, H heads, d = D/H, L layers, V vocabulary, W tokens of a word.
 
 use super::cache::Cache;
 use super::config::{ModelConfig, Positions, TokenLayout};
 use super::dropout::Dropout;
-use super::layout::{self, FRONT, Parameter};
-use super::ops;
+use super::layout::{self, FRONT};
+use super::ops::{self, Mask};
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor, Var};
 use std::collections::BTreeMap;
 
 /// Added to the variance in layer norms, as in GPT-2.
 pub const EPSILON: f64 = 1e-5;
-
-/// Query rows that attention takes at a time: keys behind a block's last row are not touched at all.
-const QUERY_ROWS: usize = 128;
 
 /// A model: its shape and its variables.
 pub struct Gpt {
@@ -66,18 +64,16 @@ struct Linear {
 }
 
 impl Gpt {
-    /// A model before training.
+    /// A model before training, on the CPU.
     ///
     /// # Errors
     /// A configuration that doesn't hold: the key and its limits.
     pub fn new(config: &ModelConfig, tokens: &TokenLayout, seed: u64) -> Result<Gpt> {
         config.validate_for(tokens)?;
-        let tensor = |p: &Parameter| Tensor::from_vec(p.initial(seed), p.shape.as_slice(), &Device::Cpu);
-        let tensors = layout::parameters(config, tokens).into_iter().map(|p| Ok((p.name.clone(), tensor(&p)?)));
-        Gpt::from_tensors(config, tokens, tensors.collect::<Result<_>>()?)
+        Gpt::from_tensors(config, tokens, layout::initial(config, tokens, seed)?)
     }
 
-    /// A model of these tensors, copied.
+    /// A model of these tensors, copied, on the device where they are.
     ///
     /// # Errors
     /// As [`Gpt::new`]; tensors that are missing, not the model's, or of another shape: each is named.
@@ -133,13 +129,38 @@ impl Gpt {
         Gpt::from_tensors(&self.config, &self.tokens, tensors.collect::<Result<_>>()?)
     }
 
+    /// The device it is on.
+    pub fn device(&self) -> &Device {
+        self.net.token.device()
+    }
+
+    /// `ids` (B, T) for [`Gpt::forward`], T = `length`.
+    ///
+    /// # Errors
+    /// Ids outside the vocabulary (not every device would refuse them), more tokens than the context.
+    ///
+    /// # Panics
+    /// If they are not whole windows of `length`.
+    pub fn ids(&self, ids: &[u32], length: usize) -> Result<Tensor> {
+        self.check_length(length)?;
+        self.net.ids(ids, length)
+    }
+
     /// Logits (B, T, V) of the token behind each of `ids` (B, T), T at most the context; differentiable.
     ///
     /// # Errors
-    /// More tokens than the context, ids outside the vocabulary.
+    /// More tokens than the context, what the device refuses.
     pub fn forward(&self, ids: &Tensor, dropout: Option<&Dropout>) -> Result<Tensor> {
+        self.forward_masked(ids, &Mask::Causal, dropout)
+    }
+
+    /// As [`Gpt::forward`], with attention that sees what `mask` lets it.
+    ///
+    /// # Errors
+    /// As [`Gpt::forward`]; a mask of another shape.
+    pub fn forward_masked(&self, ids: &Tensor, mask: &Mask, dropout: Option<&Dropout>) -> Result<Tensor> {
         self.check_length(ids.dims2()?.1)?;
-        Ok(self.net.forward(ids, dropout, None)?)
+        Ok(self.net.forward(ids, mask, dropout, None)?)
     }
 
     /// As [`Gpt::forward`] without dropout, and nothing is kept for gradients.
@@ -148,22 +169,22 @@ impl Gpt {
     /// As [`Gpt::forward`].
     pub fn predict(&self, ids: &Tensor) -> Result<Tensor> {
         self.check_length(ids.dims2()?.1)?;
-        Ok(self.frozen().forward(ids, None, None)?)
+        Ok(self.frozen().forward(ids, &Mask::Causal, None, None)?)
     }
 
     /// Sum over the targets that aren't `<pad>` of -ln p, in nats; `targets` holds B T ids.
     ///
     /// # Errors
-    /// As [`Gpt::forward`].
+    /// As [`Gpt::forward`]; targets outside the vocabulary.
     pub fn loss_sum(&self, ids: &Tensor, targets: &[u32], dropout: Option<&Dropout>) -> Result<Tensor> {
         let logits = self.forward(ids, dropout)?.flatten_to(1)?;
-        Ok(ops::cross_entropy_sum(&logits, targets, self.tokens.pad)?)
+        Ok(ops::cross_entropy(&logits, targets, self.tokens.pad)?.sum_all()?)
     }
 
     /// Mean cross-entropy over the targets that aren't `<pad>`, in nats a token; 0 where there are none.
     ///
     /// # Errors
-    /// As [`Gpt::forward`].
+    /// As [`Gpt::loss_sum`].
     pub fn loss(&self, ids: &Tensor, targets: &[u32], dropout: Option<&Dropout>) -> Result<Tensor> {
         let counted = targets.iter().filter(|&&t| t != self.tokens.pad).count();
         Ok((self.loss_sum(ids, targets, dropout)? / counted.max(1) as f64)?)
@@ -174,10 +195,15 @@ impl Gpt {
     /// It shares the model's numbers: training steps taken later are seen by what it reads then.
     ///
     /// # Errors
-    /// No memory or threads.
+    /// No memory on the device.
     pub fn cache(&self) -> Result<Cache> {
         let c = &self.config;
-        Cache::new(self.frozen(), c.layers, c.heads, c.context, c.width / c.heads)
+        Cache::new(self.frozen(), (c.layers, c.heads, c.context, c.width / c.heads), self.device())
+    }
+
+    pub(super) fn frozen_nats(&self, ids: &Tensor, targets: &[u32]) -> Result<Tensor> {
+        let logits = self.predict(ids)?.flatten_to(1)?;
+        Ok(ops::cross_entropy(&logits, targets, self.tokens.pad)?)
     }
 
     fn frozen(&self) -> Net {
@@ -192,7 +218,7 @@ impl Gpt {
     }
 }
 
-/// Keys and values (H, T, D/H) of one layer, filled from the front.
+/// Keys and values (1, H, T, d) of every layer, filled from the front.
 pub(super) struct Memory<'a> {
     pub keys: &'a [Tensor],
     pub values: &'a [Tensor],
@@ -236,30 +262,58 @@ impl Net {
         }
     }
 
+    /// See [`Gpt::ids`].
+    pub(super) fn ids(&self, ids: &[u32], length: usize) -> Result<Tensor> {
+        assert!(length > 0 && ids.len().is_multiple_of(length), "{} ids in windows of {length}", ids.len());
+        let vocabulary = self.token.dim(0)?;
+        match ids.iter().find(|&&id| id as usize >= vocabulary) {
+            Some(id) => Err(Error::Call(format!("id {id} outside the vocabulary of {vocabulary} ids"))),
+            None => Ok(Tensor::from_slice(ids, (ids.len() / length, length), self.token.device())?),
+        }
+    }
+
     /// Logits (B, T, V); with a memory, B is 1 and `ids` continue what was read.
     pub(super) fn forward(
         &self,
         ids: &Tensor,
+        mask: &Mask,
         dropout: Option<&Dropout>,
         memory: Option<&Memory>,
     ) -> candle_core::Result<Tensor> {
         let (batch, length) = ids.dims2()?;
         let width = self.token.dim(1)?;
         let drop = |x: Tensor, purpose: &str| match dropout {
-            Some(d) => d.apply(&x, batch, purpose),
+            Some(d) => d.apply(&x, purpose),
             None => Ok(x),
         };
         let token = self.token.index_select(&ids.flatten_all()?, 0)?.reshape((batch, length, width))?;
         let position = self.position.rows(memory.map_or(0, |m| m.read), length)?;
         let mut x = drop(token.broadcast_add(&position)?, "embedding")?;
         for (layer, block) in self.blocks.iter().enumerate() {
-            let y = block.attention(&x, self.heads, dropout, memory.map(|m| (m, layer)))?;
-            x = (x + drop(y, &format!("{} attention out", block.name))?)?;
-            let y = block.mlp(&x)?;
-            x = (x + drop(y, &format!("{} mlp", block.name))?)?;
+            let (q, mut k, mut v) = block.qkv(&x, self.heads)?;
+            if let Some(memory) = memory {
+                (k, v) = memory.append(layer, &k, &v)?;
+            }
+            let scores = (q.matmul(&k.t()?)? / ((width / self.heads) as f64).sqrt())?;
+            let weights = drop(ops::masked_softmax(&scores, mask)?, &format!("{} attention", block.name))?;
+            // (B, H, T, d) -> (B, T, D)
+            let mixed = weights.matmul(&v)?.transpose(1, 2)?.reshape((batch, length, width))?;
+            x = (x + drop(block.out.forward(&mixed)?, &format!("{} attention out", block.name))?)?;
+            x = (&x + drop(block.mlp(&x)?, &format!("{} mlp", block.name))?)?;
         }
         let x = self.norm.forward(&x)?.flatten_to(1)?;
         x.matmul(&self.head.t()?)?.reshape((batch, length, ()))
+    }
+}
+
+impl Memory<'_> {
+    /// Writes `k` and `v` (1, H, T, d) behind those read before; gives all that were read.
+    fn append(&self, layer: usize, k: &Tensor, v: &Tensor) -> candle_core::Result<(Tensor, Tensor)> {
+        let all = |kept: &Tensor, new: &Tensor| {
+            kept.slice_set(new, 2, self.read)?;
+            kept.narrow(2, 0, self.read + new.dim(2)?)
+        };
+        Ok((all(&self.keys[layer], k)?, all(&self.values[layer], v)?))
     }
 }
 
@@ -288,42 +342,12 @@ impl Position {
 }
 
 impl Block {
-    fn attention(
-        &self,
-        x: &Tensor,
-        heads: usize,
-        dropout: Option<&Dropout>,
-        memory: Option<(&Memory, usize)>,
-    ) -> candle_core::Result<Tensor> {
+    /// Queries, keys and values (B, H, T, d).
+    fn qkv(&self, x: &Tensor, heads: usize) -> candle_core::Result<(Tensor, Tensor, Tensor)> {
         let (batch, length, width) = x.dims3()?;
-        let d = width / heads;
-        let qkv = self.qkv.forward(&self.norm1.forward(x)?)?;
-        // (B, T, 3, H, d) -> (3, B H, T, d)
-        let qkv = qkv.reshape((batch, length, 3, heads, d))?.permute((2, 0, 3, 1, 4))?.contiguous()?;
-        let qkv = qkv.reshape((3, batch * heads, length, d))?;
-        let (q, mut k, mut v) = (qkv.get(0)?, qkv.get(1)?, qkv.get(2)?);
-        if let Some((memory, layer)) = memory {
-            let (keys, values) = (&memory.keys[layer], &memory.values[layer]);
-            keys.slice_set(&k, 1, memory.read)?;
-            values.slice_set(&v, 1, memory.read)?;
-            k = keys.narrow(1, 0, memory.read + length)?;
-            v = values.narrow(1, 0, memory.read + length)?;
-        }
-        let before = k.dim(1)? - length;
-        let mut out = Vec::with_capacity(length.div_ceil(QUERY_ROWS));
-        for first in (0..length).step_by(QUERY_ROWS) {
-            let rows = QUERY_ROWS.min(length - first);
-            let seen = before + first + rows;
-            let scores = q.narrow(1, first, rows)?.matmul(&k.narrow(1, 0, seen)?.t()?)?;
-            let mut p = ops::causal_softmax(&scores, 1.0 / (d as f64).sqrt())?;
-            if let Some(dropout) = dropout {
-                p = dropout.apply(&p, batch, &format!("{} attention from row {first}", self.name))?;
-            }
-            out.push(p.matmul(&v.narrow(1, 0, seen)?)?);
-        }
-        // (B H, T, d) -> (B, T, D)
-        let out = Tensor::cat(&out, 1)?.reshape((batch, heads, length, d))?.transpose(1, 2)?;
-        self.out.forward(&out.reshape((batch, length, width))?)
+        let all = self.qkv.forward(&self.norm1.forward(x)?)?.reshape((batch, length, 3, heads, width / heads))?;
+        let one = |i| all.narrow(2, i, 1)?.squeeze(2)?.transpose(1, 2)?.contiguous();
+        Ok((one(0)?, one(1)?, one(2)?))
     }
 
     fn mlp(&self, x: &Tensor) -> candle_core::Result<Tensor> {
@@ -341,8 +365,7 @@ impl Linear {
     fn forward(&self, x: &Tensor) -> candle_core::Result<Tensor> {
         let (batch, length, _) = x.dims3()?;
         // one product of 2-D views; a batched one would copy the weight for every sequence
-        let y = x.flatten_to(1)?.matmul(&self.weight)?;
-        ops::add_bias(&y, &self.bias)?.reshape((batch, length, ()))
+        x.flatten_to(1)?.matmul(&self.weight)?.broadcast_add(&self.bias)?.reshape((batch, length, ()))
     }
 }
 

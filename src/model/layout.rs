@@ -1,8 +1,10 @@
 //! The tensors of a model: names, shapes, and how they begin.
 
 use super::config::{ModelConfig, Positions, TokenLayout};
-use crate::random;
+use crate::{Result, random};
+use candle_core::{Device, Tensor};
 use rand_chacha::rand_core::RngCore;
+use std::collections::BTreeMap;
 
 /// One tensor of a model.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,6 +60,15 @@ pub fn parameters(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> 
     }
     all.sort_by(|a, b| a.name.cmp(&b.name));
     all
+}
+
+/// The tensors of a model before training, by name, on the CPU.
+///
+/// # Errors
+/// None in practice.
+pub fn initial(config: &ModelConfig, tokens: &TokenLayout, seed: u64) -> Result<BTreeMap<String, Tensor>> {
+    let all = parameters(config, tokens).into_iter();
+    all.map(|p| Ok((p.name.clone(), Tensor::from_vec(p.initial(seed), p.shape.as_slice(), &Device::Cpu)?))).collect()
 }
 
 /// Tokens in front of the first word: `<bos>`.

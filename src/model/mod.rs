@@ -3,17 +3,21 @@
 mod cache;
 pub mod checkpoint;
 pub mod config;
+mod device;
 mod dropout;
 pub mod gpt;
 pub mod layout;
 pub mod ops;
 pub mod run;
+mod scores;
 pub mod weights;
-pub mod workers;
 
 pub use cache::Cache;
 pub use checkpoint::Which;
 pub use config::{Kind, ModelConfig, Positions, TokenLayout};
+pub use device::{Compute, DeviceName, Form};
 pub use dropout::Dropout;
 pub use gpt::Gpt;
+pub use ops::Mask;
 pub use run::{LoadedRun, load_run};
+pub use scores::Scores;

@@ -2,10 +2,14 @@
 
 use super::checkpoint::{Checkpoints, State, Which};
 use super::config::{ModelConfig, TokenLayout};
+use super::device::Compute;
 use super::gpt::Gpt;
+use super::scores::Scores;
 use super::weights;
 use crate::{Error, Result};
+use candle_core::{Device, Tensor};
 use serde::Deserialize;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The weights' file in a checkpoint.
@@ -15,10 +19,14 @@ pub const CONFIG: &str = "config.toml";
 /// The run's tokenizer.
 pub const TOKENIZER: &str = "tokenizer.json";
 
-/// A model and what belongs to it.
+/// A model and what belongs to it, of no form yet.
 pub struct LoadedRun {
-    /// The model.
-    pub model: Gpt,
+    /// The model's shape.
+    pub config: ModelConfig,
+    /// What its tokenizer decided.
+    pub tokens: TokenLayout,
+    /// Its weights by name, on the CPU, in f32.
+    pub weights: BTreeMap<String, Tensor>,
     /// The tokenizer it was trained with.
     pub tokenizer: PathBuf,
     /// The checkpoint's folder.
@@ -27,6 +35,24 @@ pub struct LoadedRun {
     pub state: State,
     /// What the user should know: checkpoints that were passed over, and why.
     pub notes: Vec<String>,
+}
+
+impl LoadedRun {
+    /// The plain model on `device`.
+    ///
+    /// # Errors
+    /// Weights that don't fit the configuration, each named; what the device refuses.
+    pub fn plain(&self, device: &Device) -> Result<Gpt> {
+        Gpt::from_tensors(&self.config, &self.tokens, weights::to_device(&self.weights, device)?)
+    }
+
+    /// The model in the form that is wanted, to measure with.
+    ///
+    /// # Errors
+    /// As [`LoadedRun::plain`]; a device that isn't there.
+    pub fn scores(&self, compute: Compute) -> Result<Box<dyn Scores>> {
+        Ok(Box::new(self.plain(&compute.device.open()?)?))
+    }
 }
 
 /// What is needed of `config.toml`; the rest is for training.
@@ -41,7 +67,7 @@ struct Shape {
 /// A checkpoint that is damaged is passed over for the one before it, with a note.
 ///
 /// # Errors
-/// No run folder, no checkpoint that is whole, weights that don't fit the configuration.
+/// No run folder, no checkpoint that is whole.
 pub fn load_run(run: &Path, which: Which) -> Result<LoadedRun> {
     let path = run.join(CONFIG);
     let text = std::fs::read_to_string(&path).map_err(|e| match e.kind() {
@@ -56,6 +82,13 @@ pub fn load_run(run: &Path, which: Which) -> Result<LoadedRun> {
     let mut notes = Vec::new();
     let found = Checkpoints::of(run).find(which, &[WEIGHTS], &mut |n| notes.push(n))?;
     let weights = weights::from_bytes(&found.dir.join(WEIGHTS), &found.files[WEIGHTS])?;
-    let model = Gpt::from_tensors(&shape.model, &shape.tokens, weights)?;
-    Ok(LoadedRun { model, tokenizer: run.join(TOKENIZER), checkpoint: found.dir, state: found.state, notes })
+    Ok(LoadedRun {
+        config: shape.model,
+        tokens: shape.tokens,
+        weights,
+        tokenizer: run.join(TOKENIZER),
+        checkpoint: found.dir,
+        state: found.state,
+        notes,
+    })
 }

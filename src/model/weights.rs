@@ -15,7 +15,7 @@ const FORMAT: (&str, &str) = ("kinelm", "weights 1");
 /// The bytes of a safetensors file: `tensors` in f32 under their names, the same bytes for the same tensors.
 ///
 /// # Errors
-/// Tensors that are not f32 on the CPU.
+/// Tensors that are not f32.
 pub fn to_bytes<'a>(tensors: impl IntoIterator<Item = (&'a str, &'a Tensor)>) -> Result<Vec<u8>> {
     let mut raw = BTreeMap::new();
     for (name, tensor) in tensors {
@@ -53,6 +53,14 @@ pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor>>
         tensors.insert(name.to_string(), tensor);
     }
     Ok(tensors)
+}
+
+/// The tensors of `all` on `device`.
+///
+/// # Errors
+/// What the device refuses.
+pub fn to_device(all: &BTreeMap<String, Tensor>, device: &Device) -> Result<BTreeMap<String, Tensor>> {
+    all.iter().map(|(name, tensor)| Ok((name.clone(), tensor.to_device(device)?))).collect()
 }
 
 impl Gpt {

@@ -21,6 +21,18 @@ pub struct Batch {
     pub clips: Vec<String>,
 }
 
+impl Batch {
+    /// T: tokens of a window.
+    pub fn length(&self) -> usize {
+        self.inputs.len() / self.clips.len().max(1)
+    }
+
+    /// Targets that count, those that aren't `pad`.
+    pub fn counted(&self, pad: u32) -> usize {
+        self.targets.iter().filter(|&&t| t != pad).count()
+    }
+}
+
 /// The training windows of a corpus, in order.
 pub struct Batches<'a> {
     corpus: &'a Corpus,

@@ -5,17 +5,19 @@ pub mod batches;
 pub mod config;
 #[cfg(test)]
 pub(crate) mod fixture;
+pub mod learner;
 pub mod metrics;
 #[cfg(test)]
 mod parity;
+pub mod plain;
 mod pretrain;
 pub mod progress;
 pub mod run;
 pub mod schedule;
-pub mod step;
 mod tensorboard;
 
 pub use config::{TrainConfig, TrainFile};
+pub use learner::{Found, Learner, learner};
 pub use pretrain::{PretrainOptions, Summary, pretrain};
 pub use progress::{Lines, Progress, Silent};
 pub use schedule::Schedule;

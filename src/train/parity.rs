@@ -1,11 +1,10 @@
 //! The plain model and its training against PyTorch's, and against a window it must be able to learn by heart.
 
-use super::adamw::{self, AdamW};
 use super::batches::Batch;
 use super::config::TrainConfig;
+use super::learner::{Learner, clip_share};
+use super::plain::Plain;
 use super::schedule;
-use super::step;
-use crate::model::workers::Workers;
 use crate::model::{Gpt, ModelConfig, Positions, TokenLayout};
 use candle_core::{Device, Tensor};
 use serde_json::Value;
@@ -66,10 +65,12 @@ fn logits_and_gradients_are_pytorchs_to_1e_4() {
     let logits = gpt.forward(&ids, None).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
     let apart = furthest(&logits, &numbers(&g["logits"]));
     assert!(apart < BOUND, "logits: {apart}");
-    let found = step::step(&gpt, &Workers::new(Some(1), 1).unwrap(), &batch, None).unwrap();
+    let mut plain = Plain::new(gpt, &TrainConfig::default()).unwrap();
+    let found = plain.gradients(&batch, 0).unwrap();
     assert!((found.loss - g["loss"].as_f64().unwrap()).abs() < BOUND as f64, "loss {}", found.loss);
-    for (name, gradient) in gpt.vars().keys().zip(&found.gradients) {
-        let apart = furthest(gradient, &numbers(&g["gradients"][name]));
+    for (name, gradient) in plain.gradients_by_name() {
+        let gradient = gradient.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        let apart = furthest(&gradient, &numbers(&g["gradients"][name]));
         assert!(apart < BOUND, "{name}: {apart}");
     }
 }
@@ -89,7 +90,7 @@ fn ten_training_losses_are_pytorchs_to_1e_4() {
         clip_norm: number("clip"),
         ..Default::default()
     };
-    let losses = train(&gpt, &batch, &config);
+    let losses = train(&mut Plain::new(gpt, &config).unwrap(), &batch, &config);
     let expected: Vec<f64> = serde_json::from_value(g["losses"].clone()).unwrap();
     assert_eq!(losses.len(), expected.len());
     for (i, (found, expected)) in losses.iter().zip(&expected).enumerate() {
@@ -99,16 +100,13 @@ fn ten_training_losses_are_pytorchs_to_1e_4() {
 }
 
 /// The loss before each update.
-fn train(gpt: &Gpt, batch: &Batch, config: &TrainConfig) -> Vec<f64> {
-    let workers = Workers::new(Some(1), 1).unwrap();
-    let mut optimizer = AdamW::new(gpt, config);
-    let mut update = |i| {
-        let found = step::step(gpt, &workers, batch, None).unwrap();
-        let share = adamw::clip_share(adamw::norm(&found.gradients), config.clip_norm);
-        optimizer.update(gpt, &found.gradients, share, schedule::rate(config, i)).unwrap();
+fn train(learner: &mut dyn Learner, batch: &Batch, config: &TrainConfig) -> Vec<f64> {
+    let update = |i| {
+        let found = learner.gradients(batch, i).unwrap();
+        learner.update(clip_share(found.norm, config.clip_norm), schedule::rate(config, i)).unwrap();
         found.loss
     };
-    (0..config.steps).map(&mut update).collect()
+    (0..config.steps).map(update).collect()
 }
 
 #[test]
@@ -122,7 +120,7 @@ fn one_window_is_learnt_by_heart() {
         let batch = Batch { inputs, targets, clips: vec!["one".into()] };
         let train_config =
             TrainConfig { steps: 150, learning_rate: 1e-2, warmup: 10, weight_decay: 0.0, ..Default::default() };
-        let losses = train(&gpt, &batch, &train_config);
+        let losses = train(&mut Plain::new(gpt, &train_config).unwrap(), &batch, &train_config);
         let last = losses[losses.len() - 1];
         assert!(losses[0] > 3.0 && last < 0.01, "{positions:?}: from {} to {last} nats a token", losses[0]);
     }

@@ -1,20 +1,20 @@
 //! The training loop.
 
-use super::adamw::{self, AdamW};
 use super::batches::Batches;
 use super::config::TrainFile;
+use super::learner::{Learner, clip_share, learner};
 use super::metrics::{Metrics, StepFigures};
 use super::progress::Progress;
 use super::run::RunFile;
 use super::schedule;
-use super::step::{self, piece};
 use crate::corpus::{ClipRecord, Corpus, Split};
 use crate::evaluate::likelihood::{Likelihood, likelihood};
 use crate::model::checkpoint::{Best, Checkpoints, State, Which};
 use crate::model::run::WEIGHTS;
-use crate::model::workers::Workers;
-use crate::model::{Dropout, Gpt, weights};
+use crate::model::{Compute, layout, weights};
 use crate::{Error, Result};
+use candle_core::Tensor;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -37,8 +37,8 @@ pub struct PretrainOptions {
     pub seed: Option<u64>,
     /// Go on with the run where its last whole checkpoint stands.
     pub resume: bool,
-    /// Threads; all cores if `None`. It changes no number.
-    pub threads: Option<usize>,
+    /// Where and how to compute. A run can go on elsewhere than where it was begun.
+    pub compute: Compute,
 }
 
 /// How a run ended.
@@ -67,7 +67,8 @@ pub struct Summary {
 /// Trains a model from scratch, or goes on with a run.
 ///
 /// A checkpoint is written as often as the file says, where validation is best, at the last step, and when `stop`
-/// becomes true. A resumed run has the same bits as one that was never stopped, on the same kind of CPU.
+/// becomes true. A resumed run has the same bits as one that was never stopped, on the same kind of CPU and in the same
+/// form. It works on the rayon pool that it is called in; the number of threads changes nothing.
 ///
 /// # Errors
 /// Options that don't hold together; a run folder that exists (without `resume`); a corpus without training clips or
@@ -125,9 +126,7 @@ struct Trainer<'a> {
     corpus: &'a Corpus,
     valid: Vec<&'a ClipRecord>,
     batches: Batches<'a>,
-    workers: Workers,
-    model: Gpt,
-    optimizer: AdamW,
+    learner: Box<dyn Learner>,
     checkpoints: Checkpoints,
     run: PathBuf,
     metrics: Metrics,
@@ -147,22 +146,19 @@ impl<'a> Trainer<'a> {
     ) -> Result<Trainer<'a>> {
         let (c, t) = (&file.model, &file.train);
         let batches = Batches::new(corpus, c.context, t.batch, t.seed)?;
-        let workers = Workers::new(options.threads, t.batch.div_ceil(piece(c.context)))?;
         let valid: Vec<_> = corpus.split(Split::Valid).filter(|c| c.frames > 0).collect();
         if valid.is_empty() {
             progress.note("the corpus has no validation clip: the run is not measured, its latest checkpoint counts");
         }
         let checkpoints = Checkpoints::of(run);
-        let (model, optimizer, state) = start(&file, &checkpoints, progress)?;
+        let (learner, state) = start(&file, options.compute, &checkpoints, progress)?;
         checkpoints.sweep()?;
         let metrics = Metrics::open(run, state.step)?;
         Ok(Trainer {
             corpus,
             valid,
             batches,
-            workers,
-            model,
-            optimizer,
+            learner,
             checkpoints,
             run: run.to_owned(),
             metrics,
@@ -211,17 +207,14 @@ impl<'a> Trainer<'a> {
         let begun = Instant::now();
         let (step, train) = (self.state.step, &self.file.train);
         let batch = self.batches.batch(step);
-        let share = self.file.model.dropout;
-        let dropout = (share > 0.0).then_some(Dropout { share, seed: train.seed, step, first: 0 });
-        let here = |e| Error::Call(format!("step {}: {e}; {}", step + 1, self.way_on()));
-        let found = step::step(&self.model, &self.workers, &batch, dropout).map_err(here)?;
-        let norm = adamw::norm(&found.gradients);
-        if !norm.is_finite() {
+        let here = |e| Error::Call(format!("step {}: {e}; {}", step + 1, way_on(&self.checkpoints)));
+        let found = self.learner.gradients(&batch, step).map_err(here)?;
+        if !found.norm.is_finite() {
             let clips = batch.clips.join(", ");
-            return Err(here(Error::Call(format!("the gradient's norm is {norm} on {clips}"))));
+            return Err(here(Error::Call(format!("the gradient's norm is {} on {clips}", found.norm))));
         }
         let rate = schedule::rate(train, step);
-        self.optimizer.update(&self.model, &found.gradients, adamw::clip_share(norm, train.clip_norm), rate)?;
+        self.learner.update(clip_share(found.norm, train.clip_norm), rate)?;
         self.state.step += 1;
         self.state.windows += train.batch as u64;
         self.state.tokens += found.counted as u64;
@@ -233,7 +226,7 @@ impl<'a> Trainer<'a> {
             loss: found.loss,
             bits_per_frame: found.loss / std::f64::consts::LN_2 * self.file.tokens.word as f64,
             rate,
-            gradient_norm: norm,
+            gradient_norm: found.norm,
             tokens: self.state.tokens,
             tokens_per_second: found.counted as f64 / seconds,
         };
@@ -243,17 +236,10 @@ impl<'a> Trainer<'a> {
         Ok(found.loss)
     }
 
-    fn way_on(&self) -> String {
-        match self.checkpoints.named("latest") {
-            Some(step) => format!("the checkpoint of step {step} is whole; try a lower learning rate"),
-            None => "try a lower learning rate".into(),
-        }
-    }
-
     /// Measures the validation clips, and whether it was never better.
     fn measure(&mut self) -> Result<(Option<Likelihood>, bool)> {
         let most = self.file.train.eval_windows;
-        let Some(found) = likelihood(&self.model, self.corpus, &self.valid, most, &self.workers)? else {
+        let Some(found) = likelihood(&mut *self.learner, self.corpus, &self.valid, most)? else {
             return Ok((None, false));
         };
         let (step, bits_per_frame) = (self.state.step, found.bits_per_frame);
@@ -267,31 +253,42 @@ impl<'a> Trainer<'a> {
     }
 
     fn save(&mut self) -> Result<PathBuf> {
-        let moments = self.optimizer.tensors()?;
-        let moments = weights::to_bytes(moments.iter().map(|(n, t)| (n.as_str(), t)))?;
-        let contents = [(WEIGHTS, self.model.weight_bytes()?), (OPTIMIZER, moments)];
+        let bytes = |tensors: BTreeMap<String, Tensor>| weights::to_bytes(tensors.iter().map(|(n, t)| (n.as_str(), t)));
+        let contents = [(WEIGHTS, bytes(self.learner.weights()?)?), (OPTIMIZER, bytes(self.learner.moments()?)?)];
         let path = self.checkpoints.write(self.state.clone(), &contents)?;
         self.checkpoints.prune(self.file.train.keep)?;
         Ok(path)
     }
 }
 
+/// What to do where the loss ran away.
+fn way_on(checkpoints: &Checkpoints) -> String {
+    match checkpoints.named("latest") {
+        Some(step) => format!("the checkpoint of step {step} is whole; try a lower learning rate"),
+        None => "try a lower learning rate".into(),
+    }
+}
+
 /// Where the run stands: at its last whole checkpoint, or before its first step.
-fn start(file: &RunFile, checkpoints: &Checkpoints, progress: &mut dyn Progress) -> Result<(Gpt, AdamW, State)> {
+fn start(
+    file: &RunFile,
+    compute: Compute,
+    checkpoints: &Checkpoints,
+    progress: &mut dyn Progress,
+) -> Result<(Box<dyn Learner>, State)> {
+    let learner = |weights| learner(&file.model, &file.tokens, &file.train, weights, compute);
     if checkpoints.steps()?.is_empty() {
-        let model = Gpt::new(&file.model, &file.tokens, file.train.seed)?;
-        let optimizer = AdamW::new(&model, &file.train);
-        return Ok((model, optimizer, State::new(0, 0, 0, file.train.seed, None)));
+        let weights = layout::initial(&file.model, &file.tokens, file.train.seed)?;
+        return Ok((learner(weights)?, State::new(0, 0, 0, file.train.seed, None)));
     }
     let found = checkpoints.find(Which::Latest, &[WEIGHTS, OPTIMIZER], &mut |n| progress.note(&n))?;
     let tensors = |name: &str| weights::from_bytes(&found.dir.join(name), &found.files[name]);
-    let model = Gpt::from_tensors(&file.model, &file.tokens, tensors(WEIGHTS)?)?;
-    let mut optimizer = AdamW::new(&model, &file.train);
-    optimizer.restore(tensors(OPTIMIZER)?, found.state.step)?;
+    let mut learner = learner(tensors(WEIGHTS)?)?;
+    learner.restore(tensors(OPTIMIZER)?, found.state.step)?;
     let mut state = found.state;
     state.files.clear();
     progress.note(&format!("going on after step {}", state.step));
-    Ok((model, optimizer, state))
+    Ok((learner, state))
 }
 
 #[cfg(test)]
@@ -334,7 +331,7 @@ mod tests {
 
     fn options(dir: &Path, run: &str, file: Option<TrainFile>) -> PretrainOptions {
         let (corpus, run) = (Some(dir.join("corpus")), Some(dir.join(run)));
-        PretrainOptions { file, corpus, run, threads: Some(2), ..Default::default() }
+        PretrainOptions { file, corpus, run, ..Default::default() }
     }
 
     fn go(options: &PretrainOptions) -> Result<Summary> {
@@ -352,8 +349,9 @@ mod tests {
         assert_eq!((first.step, first.stopped, straight.stopped), (5, true, false));
         let message = go(&halves).unwrap_err().to_string();
         assert!(message.contains("halves exists; go on with it by --resume"), "{message}");
-        (halves.resume, halves.threads) = (true, Some(1));
-        let second = go(&halves).unwrap();
+        halves.resume = true;
+        let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let second = one_thread.install(|| go(&halves)).unwrap();
         assert_eq!((second.step, second.tokens, second.best), (10, straight.tokens, straight.best));
         for name in [WEIGHTS, OPTIMIZER, "state.json"] {
             let bytes = |s: &Summary| fs::read(s.checkpoint.join(name)).unwrap();

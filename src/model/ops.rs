@@ -1,0 +1,184 @@
+//! The model's operations from the tensor library's differentiable steps: slow, right by looking at them, the same on every
+//! device and in f32 and f64.
+//!
+//! The library's own layer norm, softmax and GELU don't serve here: the first two cut the graph without a word (no
+//! gradient reaches what stands before them), the third has constants of seven digits in its gradient.
+
+use candle_core::{D, DType, Device, Result, Tensor};
+
+/// Stands for minus infinity in a mask: what it hides gets exactly 0, and a row that hides all is no NaN.
+const HIDDEN: f64 = -1e30;
+
+/// GPT-2's GELU, in its tanh form.
+///
+/// # Errors
+/// None on floats.
+///
+/// Source: Hendrycks and Gimpel, "Gaussian error linear units" (2016), the approximation with 0.044715.
+pub fn gelu(x: &Tensor) -> Result<Tensor> {
+    let slope = (2.0 / std::f64::consts::PI).sqrt();
+    let u = ((x + ((x.sqr()? * x)? * 0.044715)?)? * slope)?;
+    (x * 0.5)? * (u.tanh()? + 1.0)?
+}
+
+/// Each row of `x` (.., D) brought to mean 0 and variance 1 (biased, `epsilon` added), times `weight` (D), plus `bias` (D).
+///
+/// # Errors
+/// Shapes that don't fit.
+pub fn layer_norm(x: &Tensor, weight: &Tensor, bias: &Tensor, epsilon: f64) -> Result<Tensor> {
+    let centred = x.broadcast_sub(&x.mean_keepdim(D::Minus1)?)?;
+    let variance = centred.sqr()?.mean_keepdim(D::Minus1)?;
+    let normal = centred.broadcast_div(&(variance + epsilon)?.sqrt()?)?;
+    normal.broadcast_mul(weight)?.broadcast_add(bias)
+}
+
+/// What a token may see.
+#[derive(Debug, Clone)]
+pub enum Mask {
+    /// Itself and the tokens before it.
+    Causal,
+    /// Every token.
+    Full,
+    /// What this adds to the scores (B, H, queries, keys) or broadcasts to them; minus infinity hides. A query that sees
+    /// nothing attends to nothing: its row of weights is 0.
+    Additive(Tensor),
+}
+
+impl Mask {
+    /// What to add to the scores of `queries` that are the last of `keys` places; `None`: nothing.
+    fn tensor(&self, queries: usize, keys: usize, dtype: DType, device: &Device) -> Result<Option<Tensor>> {
+        match self {
+            Mask::Causal if queries > 1 => {
+                let hidden = |q: usize, k: usize| if k > keys - queries + q { f32::NEG_INFINITY } else { 0.0 };
+                let mask: Vec<f32> = (0..queries).flat_map(|q| (0..keys).map(move |k| hidden(q, k))).collect();
+                Ok(Some(Tensor::from_vec(mask, (queries, keys), device)?.to_dtype(dtype)?))
+            }
+            Mask::Causal | Mask::Full => Ok(None),
+            Mask::Additive(mask) => Ok(Some(mask.to_device(device)?.to_dtype(dtype)?)),
+        }
+    }
+}
+
+/// Softmax of `scores` (B, H, queries, keys) over the keys that a query may see; the others get 0.
+///
+/// # Errors
+/// More queries than keys, a mask of another shape.
+pub fn masked_softmax(scores: &Tensor, mask: &Mask) -> Result<Tensor> {
+    let (_, _, queries, keys) = scores.dims4()?;
+    if queries > keys {
+        candle_core::bail!("{queries} queries over {keys} keys; expected as many keys or more");
+    }
+    match mask.tensor(queries, keys, scores.dtype(), scores.device())? {
+        None => softmax(scores),
+        Some(mask) => {
+            let seen = mask.gt(HIDDEN)?.to_dtype(scores.dtype())?;
+            softmax(&scores.broadcast_add(&mask.maximum(HIDDEN)?)?)?.broadcast_mul(&seen)
+        }
+    }
+}
+
+fn softmax(x: &Tensor) -> Result<Tensor> {
+    // the maximum cancels out of value and gradient
+    let e = x.broadcast_sub(&x.max_keepdim(D::Minus1)?.detach())?.exp()?;
+    e.broadcast_div(&e.sum_keepdim(D::Minus1)?)
+}
+
+/// -ln p(target) of every row of `logits` (N, V), in nats (N); 0 where the target is `ignored`.
+///
+/// # Errors
+/// Another number of targets than rows, a target outside the vocabulary.
+pub fn cross_entropy(logits: &Tensor, targets: &[u32], ignored: u32) -> Result<Tensor> {
+    let (rows, vocabulary) = logits.dims2()?;
+    if rows != targets.len() {
+        candle_core::bail!("{} targets for {rows} rows of logits", targets.len());
+    }
+    if let Some(bad) = targets.iter().find(|&&t| t != ignored && t as usize >= vocabulary) {
+        candle_core::bail!("target {bad} outside the vocabulary of {vocabulary} ids");
+    }
+    let counts: Vec<f32> = targets.iter().map(|&t| if t == ignored { 0.0 } else { 1.0 }).collect();
+    let counts = Tensor::new(counts, logits.device())?.to_dtype(logits.dtype())?;
+    let ids: Vec<u32> = targets.iter().map(|&t| if t == ignored { 0 } else { t }).collect();
+    let ids = Tensor::new(ids, logits.device())?.unsqueeze(1)?;
+    let x = logits.broadcast_sub(&logits.max_keepdim(1)?.detach())?;
+    let nats = (x.exp()?.sum_keepdim(1)?.log()? - x.gather(&ids, 1)?)?;
+    nats.squeeze(1)? * counts
+}
+
+#[cfg(test)]
+pub(crate) mod check {
+    use candle_core::{Device, Tensor};
+    use rand_chacha::rand_core::RngCore;
+
+    /// Random f64 tensor of `shape` in -range..range.
+    pub fn random(purpose: &str, shape: &[usize], range: f64) -> Tensor {
+        let mut rng = crate::random::stream(7, purpose, 0, 0);
+        let n = shape.iter().product();
+        let data: Vec<f64> = (0..n).map(|_| (rng.next_u32() as f64 / u32::MAX as f64 * 2.0 - 1.0) * range).collect();
+        Tensor::from_vec(data, shape, &Device::Cpu).unwrap()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::check::random;
+    use super::*;
+
+    fn rows(t: &Tensor) -> Vec<Vec<f64>> {
+        let width = t.dim(D::Minus1).unwrap();
+        t.reshape(((), width)).unwrap().to_vec2().unwrap()
+    }
+
+    fn near(a: f64, b: f64) {
+        assert!((a - b).abs() < 1e-12, "{a}, expected {b}");
+    }
+
+    #[test]
+    fn values_are_those_of_the_definitions() {
+        let (x, w, b) = (random("x", &[3, 5], 3.0), random("w", &[5], 2.0), random("b", &[5], 2.0));
+        let (numbers, w1, b1) = (rows(&x), &rows(&w)[0], &rows(&b)[0]);
+        let (normal, smooth) = (rows(&layer_norm(&x, &w, &b, 1e-5).unwrap()), rows(&gelu(&x).unwrap()));
+        let nats = cross_entropy(&x, &[4, 9, 0], 9).unwrap().to_vec1::<f64>().unwrap();
+        for (r, row) in numbers.iter().enumerate() {
+            let mean = row.iter().sum::<f64>() / 5.0;
+            let sd = (row.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 5.0 + 1e-5).sqrt();
+            for (i, &x) in row.iter().enumerate() {
+                near(normal[r][i], (x - mean) / sd * w1[i] + b1[i]);
+                let u = (2.0 / std::f64::consts::PI).sqrt() * (x + 0.044715 * x * x * x);
+                near(smooth[r][i], 0.5 * x * (1.0 + u.tanh()));
+            }
+            let sum: f64 = row.iter().map(|x| x.exp()).sum();
+            near(nats[r], [sum.ln() - row[4], 0.0, sum.ln() - row[0]][r]);
+        }
+    }
+
+    #[test]
+    fn a_mask_hides_and_a_row_that_sees_nothing_is_zero() {
+        let scores = random("scores", &[2, 1, 2, 3], 4.0);
+        let weights = |mask: &Mask| rows(&masked_softmax(&scores, mask).unwrap());
+        let of = |row: &[f64], seen: &[bool]| {
+            let e: Vec<f64> = row.iter().zip(seen).map(|(x, &s)| if s { x.exp() } else { 0.0 }).collect();
+            let sum: f64 = e.iter().sum();
+            e.iter().map(|e| if sum > 0.0 { e / sum } else { 0.0 }).collect::<Vec<_>>()
+        };
+        let hide = |seen: &[[bool; 3]; 2]| {
+            let add = seen.iter().flatten().map(|&s| if s { 0.0 } else { f64::NEG_INFINITY }).collect::<Vec<_>>();
+            Mask::Additive(Tensor::from_vec(add, (2, 3), &Device::Cpu).unwrap())
+        };
+        let (causal, none) = ([[true, true, false], [true; 3]], [[false; 3], [true, false, true]]);
+        for (mask, seen) in
+            [(Mask::Causal, causal), (Mask::Full, [[true; 3]; 2]), (hide(&causal), causal), (hide(&none), none)]
+        {
+            for (i, (found, row)) in weights(&mask).iter().zip(rows(&scores)).enumerate() {
+                found.iter().zip(of(&row, &seen[i % 2])).for_each(|(a, b)| near(*a, b));
+            }
+        }
+        assert!(masked_softmax(&scores.transpose(2, 3).unwrap(), &Mask::Full).is_err());
+    }
+
+    #[test]
+    fn wrong_targets_are_refused() {
+        let logits = random("logits", &[2, 5], 1.0);
+        assert!(cross_entropy(&logits, &[1], 0).unwrap_err().to_string().contains("1 targets for 2 rows"));
+        assert!(cross_entropy(&logits, &[1, 5], 0).unwrap_err().to_string().contains("target 5 outside"));
+    }
+}

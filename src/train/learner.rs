@@ -1,0 +1,93 @@
+//! What the training loop needs of a model, whatever computes it.
+
+use super::batches::Batch;
+use super::config::TrainConfig;
+use super::plain::Plain;
+use crate::model::{Compute, Gpt, ModelConfig, Scores, TokenLayout, weights};
+use crate::{Error, Result};
+use candle_core::Tensor;
+use std::collections::BTreeMap;
+
+/// What a step computes before its update.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// Mean over the targets that count, nats a token.
+    pub loss: f64,
+    /// Targets that count.
+    pub counted: usize,
+    /// Euclidean norm of the mean loss's gradient over all variables; may be infinite or no number.
+    pub norm: f64,
+}
+
+/// A model that learns: weights, their gradients and the optimizer's moments, wherever they are kept.
+///
+/// It works on the rayon pool that it is called in, whose number of threads changes no bit.
+pub trait Learner: Scores + Send {
+    /// Loss and gradients of a batch, with the dropout of step `step`; the gradients stay here for [`Learner::update`].
+    ///
+    /// # Errors
+    /// A loss that is not finite: the clips are named; what the device refuses.
+    fn gradients(&mut self, batch: &Batch, step: u64) -> Result<Found>;
+
+    /// Moves the weights by the gradients found last, times `share`, at the learning rate `rate`.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    fn update(&mut self, share: f64, rate: f64) -> Result<()>;
+
+    /// The weights by name, in f32 on the CPU.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    fn weights(&self) -> Result<BTreeMap<String, Tensor>>;
+
+    /// The optimizer's moments, `first.{name}` and `second.{name}`, in f32 on the CPU.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    fn moments(&self) -> Result<BTreeMap<String, Tensor>>;
+
+    /// Goes on from these moments, which stood after `step` updates.
+    ///
+    /// # Errors
+    /// Moments that are missing or of another shape, each named.
+    fn restore(&mut self, moments: BTreeMap<String, Tensor>, step: u64) -> Result<()>;
+}
+
+/// The learner of the form and on the device that are wanted, beginning with these `weights`.
+///
+/// # Errors
+/// Weights that don't fit the configuration, a device that isn't there.
+pub fn learner(
+    model: &ModelConfig,
+    tokens: &TokenLayout,
+    train: &TrainConfig,
+    weights: BTreeMap<String, Tensor>,
+    compute: Compute,
+) -> Result<Box<dyn Learner>> {
+    let device = compute.device.open()?;
+    let gpt = Gpt::from_tensors(model, tokens, weights::to_device(&weights, &device)?)?;
+    Ok(Box::new(Plain::new(gpt, train)?))
+}
+
+/// What gradients of norm `norm` are multiplied with so that they stay within `limit` (0: no limit), as PyTorch clips.
+pub fn clip_share(norm: f64, limit: f64) -> f64 {
+    if limit > 0.0 { (limit / (norm + 1e-6)).min(1.0) } else { 1.0 }
+}
+
+/// The error of a loss that is not finite, on these of a batch's windows.
+pub fn not_finite(loss: f64, clips: &[String]) -> Error {
+    Error::Call(format!("the loss is {loss} on {}", clips.join(", ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_limit_of_a_norm() {
+        assert!((clip_share(5.0, 1.0) - 0.2).abs() < 1e-6);
+        assert_eq!(clip_share(0.5, 1.0), 1.0);
+        assert_eq!(clip_share(5.0, 0.0), 1.0);
+    }
+}

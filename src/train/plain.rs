@@ -1,0 +1,223 @@
+//! The plain model as it learns: the tensor library's gradients, on any device.
+
+use super::adamw::AdamW;
+use super::batches::Batch;
+use super::config::TrainConfig;
+use super::learner::{Found, Learner, not_finite};
+use crate::model::{Dropout, Gpt, ModelConfig, Scores, TokenLayout};
+use crate::{Error, Result};
+use candle_core::{DType, Device, Tensor};
+use std::collections::BTreeMap;
+
+/// Attention scores of one layer that are computed at a time; the graph keeps about six such tensors a layer.
+const PIECE_SCORES: usize = 1 << 24;
+
+/// The plain model and its optimizer.
+pub struct Plain {
+    model: Gpt,
+    optimizer: AdamW,
+    dropout: Option<Dropout>,
+    /// Of the last batch, in the order of the variables.
+    gradients: Vec<Tensor>,
+}
+
+impl Plain {
+    /// Before the first update, on the model's device.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    pub fn new(model: Gpt, train: &TrainConfig) -> Result<Plain> {
+        let share = model.config().dropout;
+        let dropout = (share > 0.0).then_some(Dropout { share, seed: train.seed, step: 0, first: 0 });
+        Ok(Plain { optimizer: AdamW::new(&model, train)?, model, dropout, gradients: Vec::new() })
+    }
+
+    /// The model as it is now.
+    pub fn model(&self) -> &Gpt {
+        &self.model
+    }
+
+    /// The gradients found last, by the names of their variables.
+    pub fn gradients_by_name(&self) -> impl Iterator<Item = (&str, &Tensor)> {
+        self.model.vars().keys().map(String::as_str).zip(&self.gradients)
+    }
+
+    /// Adds the gradients of `loss`.
+    fn add_gradients(&mut self, loss: &Tensor) -> Result<()> {
+        let mut store = loss.backward()?;
+        let mut found = Vec::with_capacity(self.model.vars().len());
+        for (i, (name, var)) in self.model.vars().iter().enumerate() {
+            let missing = || Error::Call(format!("variable {name} got no gradient: the graph is cut before it"));
+            // what remembers its graph would keep it alive
+            let gradient = store.remove(var.as_tensor()).ok_or_else(missing)?.detach();
+            found.push(match self.gradients.get(i) {
+                Some(before) => (before + gradient)?,
+                None => gradient,
+            });
+        }
+        self.gradients = found;
+        Ok(())
+    }
+}
+
+/// Windows of `length` tokens that are computed together.
+fn piece(config: &ModelConfig, length: usize) -> usize {
+    (PIECE_SCORES / (config.heads * length * length).max(1)).max(1)
+}
+
+impl Learner for Plain {
+    fn gradients(&mut self, batch: &Batch, step: u64) -> Result<Found> {
+        let (length, counted) = (batch.length(), batch.counted(self.model.tokens().pad));
+        let rows = piece(self.model.config(), length);
+        self.gradients.clear();
+        let mut sum = 0.0;
+        for (first, clips) in (0..).step_by(rows).zip(batch.clips.chunks(rows)) {
+            let part = first * length..(first + clips.len()) * length;
+            let dropout = self.dropout.map(|d| Dropout { step, first: first as u64, ..d });
+            let ids = self.model.ids(&batch.inputs[part.clone()], length)?;
+            let loss = self.model.loss_sum(&ids, &batch.targets[part], dropout.as_ref())?;
+            let loss = (loss / counted.max(1) as f64)?;
+            let value = loss.to_scalar::<f32>()? as f64;
+            if !value.is_finite() {
+                return Err(not_finite(value, clips));
+            }
+            sum += value;
+            self.add_gradients(&loss)?;
+        }
+        Ok(Found { loss: sum, counted, norm: norm(&self.gradients)? })
+    }
+
+    fn update(&mut self, share: f64, rate: f64) -> Result<()> {
+        self.optimizer.update(&self.model, &self.gradients, share, rate)
+    }
+
+    fn weights(&self) -> Result<BTreeMap<String, Tensor>> {
+        let copy = |t: &Tensor| t.to_device(&Device::Cpu)?.copy();
+        self.model.vars().iter().map(|(n, v)| Ok((n.clone(), copy(&v.as_detached_tensor())?))).collect()
+    }
+
+    fn moments(&self) -> Result<BTreeMap<String, Tensor>> {
+        self.optimizer.tensors()
+    }
+
+    fn restore(&mut self, moments: BTreeMap<String, Tensor>, step: u64) -> Result<()> {
+        self.optimizer.restore(moments, step)
+    }
+}
+
+impl Scores for Plain {
+    fn config(&self) -> &ModelConfig {
+        self.model.config()
+    }
+
+    fn tokens(&self) -> &TokenLayout {
+        self.model.tokens()
+    }
+
+    fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
+        self.model.nats(inputs, targets, length, out)
+    }
+}
+
+/// Euclidean norm over all gradients.
+fn norm(gradients: &[Tensor]) -> Result<f64> {
+    let squares = |g: &Tensor| g.to_dtype(DType::F64)?.sqr()?.sum_all();
+    let squares = gradients.iter().map(squares).collect::<candle_core::Result<Vec<_>>>()?;
+    Ok(Tensor::stack(&squares, 0)?.sum_all()?.to_scalar::<f64>()?.sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::corpus::Split;
+    use crate::train::batches::Batches;
+    use crate::train::fixture;
+
+    fn setup(context: usize, dropout: f64) -> (tempfile::TempDir, Plain, Batch) {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::corpus(dir.path(), &[(90, Split::Train), (3, Split::Train)]);
+        let config = ModelConfig { layers: 2, heads: 2, width: 64, context, dropout, ..Default::default() };
+        let gpt = Gpt::new(&config, &fixture::TOKENS, 1).unwrap();
+        let batch = Batches::new(&corpus, context, 5, 1).unwrap().batch(0);
+        (dir, Plain::new(gpt, &TrainConfig::default()).unwrap(), batch)
+    }
+
+    fn bits(plain: &Plain) -> Vec<u32> {
+        let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        plain.gradients_by_name().flat_map(|(_, g)| numbers(g)).map(f32::to_bits).collect()
+    }
+
+    #[test]
+    #[ignore = "prints what the next test compares, in a process of its own"]
+    fn bits_of_a_step() {
+        // wide enough that the products inside are split over threads
+        let (_dir, mut plain, batch) = setup(260, 0.1);
+        let found = plain.gradients(&batch, 0).unwrap();
+        plain.update(1.0, 1e-3).unwrap();
+        let bytes: Vec<u8> = bits(&plain).iter().flat_map(|g| g.to_le_bytes()).collect();
+        let weights = crate::model::weights::to_bytes(plain.weights().unwrap().iter().map(|(n, t)| (n.as_str(), t)));
+        let hash = |bytes: &[u8]| crate::corpus::FileRecord::of(bytes).sha256;
+        let numbers = (found.loss.to_bits(), found.norm.to_bits());
+        println!("bits {numbers:?} {} {}", hash(&bytes), hash(&weights.unwrap()));
+    }
+
+    #[test]
+    fn any_number_of_threads_gives_the_same_bits() {
+        let run = |rayon: &str, candle: &str| {
+            let test = ["--ignored", "--exact", "train::plain::tests::bits_of_a_step", "--nocapture"];
+            let out = std::process::Command::new(std::env::current_exe().unwrap())
+                .args(test)
+                .env("RAYON_NUM_THREADS", rayon)
+                .env("CANDLE_NUM_THREADS", candle)
+                .output()
+                .unwrap();
+            let text = String::from_utf8(out.stdout).unwrap();
+            text.lines().find(|l| l.starts_with("bits ")).expect("the test prints its bits").to_string()
+        };
+        let one = run("1", "1");
+        for (rayon, candle) in [("2", "2"), ("7", "3")] {
+            assert_eq!(run(rayon, candle), one, "{rayon} and {candle} threads");
+        }
+    }
+
+    #[test]
+    fn pieces_sum_to_the_whole() {
+        let (_dir, mut plain, batch) = setup(300, 0.0);
+        let whole = plain.gradients(&batch, 0).unwrap();
+        let gradients = plain.gradients.clone();
+        plain.gradients.clear();
+        let mut loss = 0.0;
+        for i in 0..5 {
+            let part = i * 300..(i + 1) * 300;
+            let ids = plain.model.ids(&batch.inputs[part.clone()], 300).unwrap();
+            let sum = plain.model.loss_sum(&ids, &batch.targets[part], None).unwrap();
+            let mean = (sum / whole.counted as f64).unwrap();
+            loss += mean.to_scalar::<f32>().unwrap() as f64;
+            plain.add_gradients(&mean).unwrap();
+        }
+        assert!((loss - whole.loss).abs() < 1e-6);
+        for ((name, part), all) in plain.gradients_by_name().zip(&gradients) {
+            let apart = (part - all).unwrap().abs().unwrap().max_all().unwrap().to_scalar::<f32>().unwrap();
+            assert!(apart < 1e-6, "{name}: {apart}");
+        }
+        assert!((norm(&plain.gradients).unwrap() - whole.norm).abs() < 1e-5);
+        let two = [Tensor::new(&[3f32], &Device::Cpu).unwrap(), Tensor::new(&[[0f32], [4.0]], &Device::Cpu).unwrap()];
+        assert_eq!(norm(&two).unwrap(), 5.0);
+    }
+
+    #[test]
+    fn a_loss_that_is_not_finite_names_its_clips() {
+        let (_dir, mut plain, batch) = setup(260, 0.0);
+        plain.model.vars()["norm.bias"].set(&Tensor::full(f32::NAN, 64, &Device::Cpu).unwrap()).unwrap();
+        let message = plain.gradients(&batch, 0).unwrap_err().to_string();
+        assert!(message.starts_with("the loss is NaN on clip"), "{message}");
+        assert!(batch.clips.iter().all(|c| message.contains(c.as_str())), "{message}");
+    }
+
+    #[test]
+    fn a_long_context_is_computed_in_pieces() {
+        let config = |context| ModelConfig { heads: 8, context, ..Default::default() };
+        assert_eq!((piece(&config(1024), 1024), piece(&config(256), 256)), (2, 32));
+        assert_eq!(piece(&config(1 << 20), 1 << 20), 1);
+    }
+}

@@ -254,8 +254,7 @@ impl Product<'_> {
             let b = pulp::as_arrays::<2, _>(S::as_simd_f32s(&self.panels.numbers[begin..][..steps * width]).0).0;
             match self.a {
                 Left::Rows { a, lda } => {
-                    let rows: [&[f32]; M] = std::array::from_fn(|i| &a[(at.row + i) * lda + k..][..steps]);
-                    by_rows(simd, &mut sums, rows, b);
+                    by_rows(simd, &mut sums, &a[at.row * lda + k..], lda, b);
                 }
                 Left::Columns { .. } => {
                     let a = pulp::as_arrays::<M, _>(&self.turned[at.turned + (k - at.k0) * M..][..steps * M]).0;
@@ -285,19 +284,37 @@ struct Tile {
 }
 
 #[inline(always)]
-fn by_rows<S: Simd, const M: usize>(simd: S, sums: &mut [[S::f32s; 2]; M], a: [&[f32]; M], b: &[[S::f32s; 2]]) {
+fn by_rows<S: Simd, const M: usize>(
+    simd: S,
+    sums: &mut [[S::f32s; 2]; M],
+    a: &[f32],
+    lda: usize,
+    b: &[[S::f32s; 2]],
+) {
     let mut local = *sums;
     let (fours, rest) = pulp::as_arrays::<4, _>(b);
-    let a = a.map(|row| &row[..b.len()]);
-    let quads = a.map(|row| &pulp::as_arrays::<4, _>(row).0[..fours.len()]);
+    // loops and no `map`: what the compiler leaves as a call costs as much as ten steps
+    let mut quads: [&[[f32; 4]]; M] = [&[]; M];
+    let mut tails: [&[f32]; M] = [&[]; M];
+    for i in 0..M {
+        let (quad, tail) = pulp::as_arrays::<4, _>(&a[i * lda..][..b.len()]);
+        (quads[i], tails[i]) = (&quad[..fours.len()], &tail[..rest.len()]);
+    }
     for (q, b) in fours.iter().enumerate() {
-        let x: [&[f32; 4]; M] = quads.map(|row| &row[q]);
         for k in 0..4 {
-            step(simd, &mut local, x.map(|x| x[k]), b[k]);
+            let mut x = [0.0; M];
+            for i in 0..M {
+                x[i] = quads[i][q][k];
+            }
+            step(simd, &mut local, x, b[k]);
         }
     }
     for (k, b) in rest.iter().enumerate() {
-        step(simd, &mut local, a.map(|row| row[4 * fours.len() + k]), *b);
+        let mut x = [0.0; M];
+        for i in 0..M {
+            x[i] = tails[i][k];
+        }
+        step(simd, &mut local, x, *b);
     }
     *sums = local;
 }

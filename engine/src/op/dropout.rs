@@ -6,13 +6,13 @@
 //!
 //! Source: Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014); Appleby, MurmurHash3 (2011).
 
+use super::math::lane_numbers;
+use super::rows;
 use crate::dispatch;
 use pulp::{Simd, WithSimd};
 
 /// 2^32 over the golden ratio: steps that spread over all 32 bits.
 const STEP: u32 = 0x9E37_79B9;
-/// The numbers of the lanes.
-static LANES: [u32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
 /// The mask of rows that begin with `first_row`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -82,6 +82,17 @@ pub fn apply(x: &mut [f32], key: u64, row: u64, first_column: usize, share: f64)
     }
 }
 
+/// [`apply`] to rows of `width` numbers.
+///
+/// # Panics
+/// Numbers that are no whole rows; a share outside `0.0..1.0`.
+pub fn apply_rows(x: &mut [f32], width: usize, mask: Mask) {
+    rows("dropout", x.len(), width);
+    for (r, row) in x.chunks_exact_mut(width).enumerate() {
+        apply(row, mask.key, mask.first_row.wrapping_add(r as u64), 0, mask.share);
+    }
+}
+
 struct Apply<'a> {
     x: &'a mut [f32],
     row_key: u32,
@@ -112,7 +123,7 @@ impl WithSimd for Apply<'_> {
 /// For the columns from `first_column` on: `growth` where the number stays, 0 where it is dropped.
 #[inline(always)]
 pub(crate) fn factors<S: Simd>(simd: S, row_key: u32, first_column: u32, threshold: u32, growth: f32) -> S::f32s {
-    let lanes = S::as_simd_u32s(&LANES[..S::U32_LANES]).0[0];
+    let lanes = lane_numbers(simd);
     let first = row_key.wrapping_add(first_column.wrapping_mul(STEP));
     let z = simd.add_u32s(simd.splat_u32s(first), simd.mul_u32s(lanes, simd.splat_u32s(STEP)));
     let z = simd.mul_u32s(fold(simd, z, 16), simd.splat_u32s(0x85EB_CA6B));
@@ -152,6 +163,11 @@ mod tests {
         assert_eq!(all, [1.0; 40]);
         apply(&mut all, key, 1, 5, share);
         assert_eq!(all[7] != 0.0, kept(key, 1, 12, threshold(share)));
+        let mut rows = [1.0; 15];
+        apply_rows(&mut rows, 5, Mask { key, first_row: 3, share });
+        for (i, x) in rows.iter().enumerate() {
+            assert_eq!(*x != 0.0, kept(key, 3 + i as u64 / 5, i as u32 % 5, threshold(share)));
+        }
     }
 
     /// Standard deviations that a count may be off: one in 1.7 million falls outside, and the keys are fixed.

@@ -3,16 +3,13 @@
 //! What the backward pass needs of the sums is kept beside the rows: mean and 1/sd, two numbers a row. The gradient of x
 //! is (g - mean(g) - y mean(g y))/sd where g = dy weight.
 
-use super::math::sum;
+use super::math::{lanes_below, sum};
 use super::rows;
 use crate::dispatch;
 use pulp::{Simd, WithSimd};
 
 /// Added to the variance.
 pub const EPSILON: f32 = 1e-5;
-
-/// Loaded in part they tell which lanes of a tail count.
-static ONES: [f32; 16] = [1.0; 16];
 
 /// Writes `out` and `stats` (N, 2), mean and 1/sd of each row of `x` (N, D).
 ///
@@ -186,7 +183,7 @@ fn deviations<S: Simd, const SQUARE: bool>(simd: S, row: &[f32], mean: f32) -> f
     }
     if !tail.is_empty() {
         // lanes behind the tail hold 0, and their "mean" is 0 too
-        let means = simd.mul_f32s(means, simd.partial_load_f32s(&ONES[..tail.len()]));
+        let means = simd.select_f32s(lanes_below(simd, tail.len()), means, simd.splat_f32s(0.0));
         sums[1] = plus_deviation::<S, SQUARE>(simd, sums[1], simd.sub_f32s(simd.partial_load_f32s(tail), means));
     }
     sum(simd, simd.add_f32s(simd.add_f32s(sums[0], sums[1]), simd.add_f32s(sums[2], sums[3])))

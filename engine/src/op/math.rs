@@ -53,6 +53,21 @@ pub(crate) fn sum<S: Simd>(simd: S, x: S::f32s) -> f32 {
     simd.reduce_sum_f32s(x)
 }
 
+/// The numbers of the lanes.
+static LANES: [u32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+
+/// Which lanes hold the numbers of a tail of `len`.
+#[inline(always)]
+pub(crate) fn lanes_below<S: Simd>(simd: S, len: usize) -> S::m32s {
+    simd.less_than_u32s(lane_numbers(simd), simd.splat_u32s(len as u32))
+}
+
+/// 0, 1, 2 and so on.
+#[inline(always)]
+pub(crate) fn lane_numbers<S: Simd>(_: S) -> S::u32s {
+    S::as_simd_u32s(&LANES[..S::U32_LANES]).0[0]
+}
+
 /// The largest lane; which number comes out is open where one is NaN.
 #[inline(always)]
 pub(crate) fn largest<S: Simd>(simd: S, x: S::f32s) -> f32 {

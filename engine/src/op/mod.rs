@@ -1,9 +1,12 @@
 //! The operations, each a safe function on slices that checks its shapes.
 
+pub mod adamw;
 pub mod bias;
 #[cfg(test)]
 pub(crate) mod check;
+pub mod cross_entropy;
 pub mod dropout;
+pub mod embedding;
 pub mod gelu;
 pub mod layer_norm;
 pub(crate) mod math;

@@ -9,7 +9,7 @@ const LOWEST: f32 = -87.336_54;
 /// Above 127.5 ln 2, whole powers of 2 end and e^x is infinite (a little early: the largest float is e^88.72).
 const HIGHEST: f32 = 88.376_26;
 /// ln 2 in two parts: multiples of the first, up to 128 of them, are exact.
-const LN_2: [f32; 2] = [0.693_359_375, -2.121_944_4e-4];
+const LN_2: [f32; 2] = [355.0 / 512.0, -2.121_944_4e-4];
 /// e^r = 1 + r + r^2 p(r) for |r| <= ln 2 / 2, from the highest power down; the relative error is below 4e-9 (Remez).
 const P: [f32; 5] = [0.001_381_454, 0.008_368_745, 0.041_668_39, 0.166_665_2, 0.499_999_94];
 

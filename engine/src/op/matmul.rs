@@ -284,13 +284,7 @@ struct Tile {
 }
 
 #[inline(always)]
-fn by_rows<S: Simd, const M: usize>(
-    simd: S,
-    sums: &mut [[S::f32s; 2]; M],
-    a: &[f32],
-    lda: usize,
-    b: &[[S::f32s; 2]],
-) {
+fn by_rows<S: Simd, const M: usize>(simd: S, sums: &mut [[S::f32s; 2]; M], a: &[f32], lda: usize, b: &[[S::f32s; 2]]) {
     let mut local = *sums;
     let (fours, rest) = pulp::as_arrays::<4, _>(b);
     // loops and no `map`: what the compiler leaves as a call costs as much as ten steps

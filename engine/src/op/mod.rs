@@ -1,6 +1,7 @@
 //! The operations, each a safe function on slices that checks its shapes.
 
 pub mod adamw;
+pub mod attention;
 pub mod bias;
 #[cfg(test)]
 pub(crate) mod check;

@@ -1,5 +1,6 @@
 //! The oracle: every operation once more as plain loops over one number at a time, for the tests.
 pub mod adamw;
+pub mod attention;
 pub mod bias;
 pub mod cross_entropy;
 pub mod embedding;

@@ -1,0 +1,154 @@
+//! Backward: for each block of keys, the queries that see it, a tile of rows at a time.
+
+use super::forward::pack_steps;
+use super::softmax::SoftmaxBack;
+use super::{KEYS, QUERIES, ROW, Rules, STEP, Scratch, Shape, Tile, Workspace, copy_rows, panels_len, part_of};
+use crate::dispatch;
+use crate::op::matmul::{Left, Panels, Store, pack_transposed, product};
+use rayon::prelude::*;
+
+/// What [`forward`](super::forward()) read and gave, and the gradient of its output as rows.
+#[derive(Clone, Copy)]
+pub struct Done<'a> {
+    /// (N, 3 D).
+    pub qkv: &'a [f32],
+    /// (B, H, T, d).
+    pub out: &'a [f32],
+    /// (B, H, T).
+    pub log_sums: &'a [f32],
+    /// (N, D).
+    pub d_out: &'a [f32],
+}
+
+/// Gradients of queries, keys and values: `d_qkv` (B, H, 3, T, d) is overwritten.
+///
+/// # Panics
+/// Slices of other lengths, a mask of another, and a workspace of another shape.
+pub fn backward(shape: Shape, done: Done, rules: Rules, space: &Workspace, d_qkv: &mut [f32]) {
+    let (rows, columns) = (shape.rows(), shape.columns());
+    assert_eq!(space.shape, shape, "a workspace for another shape");
+    assert_eq!(done.qkv.len(), rows * 3 * columns, "queries, keys and values of {shape:?}");
+    assert_eq!(done.out.len(), rows * columns, "outputs of {shape:?}");
+    assert_eq!(done.d_out.len(), rows * columns, "gradients of outputs of {shape:?}");
+    assert_eq!(done.log_sums.len(), rows * shape.heads, "sums of {shape:?}");
+    assert_eq!(d_qkv.len(), rows * 3 * columns, "gradients of {shape:?}");
+    rules.check(shape);
+    if shape.is_empty() {
+        return;
+    }
+    let size = shape.tokens * shape.width;
+    d_qkv.par_chunks_mut(3 * size).enumerate().for_each(|(piece, gradients)| {
+        gradients.fill(0.0);
+        let (d_queries, rest) = gradients.split_at_mut(size);
+        let (d_keys, d_values) = rest.split_at_mut(size);
+        Piece { shape, done, rules, piece, d_queries, d_keys, d_values }.run(&mut space.scratch());
+        if shape.tokens == 1 {
+            // a single key's weight is 1 whatever its score, which rounding doesn't know
+            gradients[..2 * size].fill(0.0);
+        }
+    });
+}
+
+/// A head of a sequence.
+struct Piece<'a> {
+    shape: Shape,
+    done: Done<'a>,
+    rules: Rules<'a>,
+    piece: usize,
+    /// (T, d) each.
+    d_queries: &'a mut [f32],
+    d_keys: &'a mut [f32],
+    d_values: &'a mut [f32],
+}
+
+impl Piece<'_> {
+    fn run(mut self, scratch: &mut Scratch) {
+        let (d, t, stride) = (self.shape.width, self.shape.tokens, 3 * self.shape.columns());
+        self.means(&mut scratch.sums);
+        for key in (0..t).step_by(KEYS) {
+            let columns = KEYS.min(t - key);
+            let part = |part| part_of(self.done.qkv, self.shape, self.piece, part, key);
+            pack_transposed(&mut scratch.keys_across, part(1), stride, d, columns);
+            pack_transposed(&mut scratch.values_across, part(2), stride, d, columns);
+            pack_steps(&mut scratch.down, part(1), stride, columns, d);
+            let first = if self.rules.is_causal() { key } else { 0 };
+            for query in (first..t).step_by(QUERIES) {
+                let rows = QUERIES.min(t - query);
+                let tile = Tile { query, rows, key, columns, causal: self.rules.is_causal() };
+                self.tile(scratch, tile);
+            }
+        }
+    }
+
+    /// The gradient of the output's rows, from token `query` on, rows D apart.
+    fn d_out(&self, query: usize) -> &[f32] {
+        let Shape { tokens, heads, width, .. } = self.shape;
+        let row = self.piece / heads * tokens + query;
+        &self.done.d_out[row * heads * width + self.piece % heads * width..]
+    }
+
+    /// The sum of each weight times its gradient is that of the output times its own.
+    fn means(&self, means: &mut [f32]) {
+        let (d, t) = (self.shape.width, self.shape.tokens);
+        let out = self.done.out[self.piece * t * d..][..t * d].chunks_exact(d);
+        for ((mean, out), d_out) in means.iter_mut().zip(out).zip(self.d_out(0).chunks(self.shape.columns())) {
+            *mean = out.iter().zip(d_out).map(|(a, b)| a * b).sum();
+        }
+    }
+
+    /// The tile's part of all three gradients.
+    fn tile(&mut self, scratch: &mut Scratch, tile: Tile) {
+        let (d, stride) = (self.shape.width, self.shape.columns());
+        let Tile { query, rows, key, .. } = tile;
+        let queries = part_of(self.done.qkv, self.shape, self.piece, 0, query);
+        copy_rows(&mut scratch.queries, queries, 3 * stride, rows, d);
+        copy_rows(&mut scratch.slopes, self.d_out(query), stride, rows, d);
+        pack_steps(&mut scratch.queries_down, &scratch.queries, d, rows, d);
+        pack_steps(&mut scratch.slopes_down, &scratch.slopes, d, rows, d);
+        for first in (0..rows).step_by(STEP) {
+            self.step(scratch, tile.part(first, STEP.min(rows - first)), first);
+        }
+        // keys in front of the tile's first query are seen by all its rows, later ones from their own step on
+        let all = if tile.causal { tile.columns.min(query - key) } else { tile.columns };
+        let mut from = 0;
+        while from < tile.visible(rows - 1) {
+            let (columns, skip) = match from < all {
+                true => (all, 0),
+                false => (STEP.min(tile.visible(rows - 1) - from), key + from - query),
+            };
+            let sum = |to: &mut [f32], a: &[f32], panels: &[f32], scale| {
+                let left = Left::Columns { a: &a[skip * ROW + from..], lda: ROW };
+                let panels = Panels { numbers: &panels[skip / STEP * panels_len(STEP, d)..], block: STEP };
+                product(&mut to[(key + from) * d..], d, (columns, rows - skip, d), left, panels, scale, Store::Add);
+            };
+            sum(self.d_keys, &scratch.changes, &scratch.queries_down, self.shape.scale());
+            sum(self.d_values, &scratch.weights, &scratch.slopes_down, 1.0);
+            from += columns;
+        }
+    }
+
+    /// Weights and gradients of scores of a step of the tile's rows, from row `first` on, and their part of the queries'
+    /// gradient.
+    fn step(&mut self, scratch: &mut Scratch, tile: Tile, first: usize) {
+        let (d, t) = (self.shape.width, self.shape.tokens);
+        let Tile { query, rows, columns, .. } = tile;
+        let scores = &mut scratch.weights[first * ROW..(first + rows) * ROW];
+        let changes = &mut scratch.changes[first * ROW..(first + rows) * ROW];
+        let across = |to: &mut [f32], a: &[f32], numbers: &[f32], scale| {
+            let left = Left::Rows { a: &a[first * d..], lda: d };
+            product(to, ROW, (rows, d, columns), left, Panels { numbers, block: d }, scale, Store::Set);
+        };
+        across(scores, &scratch.queries, &scratch.keys_across, self.shape.scale());
+        across(changes, &scratch.slopes, &scratch.values_across, 1.0);
+
+        let bias = self.rules.bias(self.shape, self.piece, tile);
+        let drops = self.rules.drops(self.shape, self.piece, tile);
+        let log_sums = &self.done.log_sums[self.piece * t + query..][..rows];
+        let means = &scratch.sums[query..query + rows];
+        dispatch::run(SoftmaxBack { tile, scores, changes, bias, drops, log_sums, means });
+
+        let left = Left::Rows { a: changes, lda: ROW };
+        let down = Panels { numbers: &scratch.down, block: STEP };
+        product(&mut self.d_queries[query * d..], d, (rows, columns, d), left, down, self.shape.scale(), Store::Add);
+    }
+}

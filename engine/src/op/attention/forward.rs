@@ -1,0 +1,128 @@
+//! Forward: for each block of keys, the queries that see it, a step of rows at a time.
+
+use super::softmax::Softmax;
+use super::{KEYS, ROW, Rules, STEP, Scratch, Shape, Tile, Workspace, copy_rows, part_of};
+use crate::dispatch;
+use crate::op::matmul::{Left, Panels, Store, pack, pack_transposed, product};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Attention of all heads.
+///
+/// `qkv` (N, 3 D), a row q, k, v; `out` (B, H, T, d); `log_sums` (B, H, T): the logarithm of the sum of e^score, which
+/// [`backward`](super::backward()) wants back, infinity where a query sees nothing.
+///
+/// # Panics
+/// Slices of other lengths, a mask of another, and a workspace of another shape.
+pub fn forward(shape: Shape, qkv: &[f32], rules: Rules, space: &Workspace, out: &mut [f32], log_sums: &mut [f32]) {
+    assert_eq!(space.shape, shape, "a workspace for another shape");
+    assert_eq!(qkv.len(), shape.rows() * 3 * shape.columns(), "queries, keys and values of {shape:?}");
+    assert_eq!(out.len(), shape.rows() * shape.columns(), "outputs of {shape:?}");
+    assert_eq!(log_sums.len(), shape.pieces() * shape.tokens, "sums of {shape:?}");
+    rules.check(shape);
+    if shape.is_empty() {
+        return;
+    }
+    let (t, d) = (shape.tokens, shape.width);
+    let span = span(shape);
+    let pieces = out.par_chunks_mut(t * d).zip(log_sums.par_chunks_mut(t)).enumerate();
+    pieces.for_each(|(piece, (out, log_sums))| {
+        let spans = out.par_chunks_mut(span * d).zip(log_sums.par_chunks_mut(span)).enumerate();
+        spans.for_each(|(at, (out, log_sums))| {
+            let queries = at * span..at * span + log_sums.len();
+            Piece { shape, qkv, rules, piece, queries, out, log_sums }.run(&mut space.scratch());
+        });
+    });
+}
+
+/// Queries that a thread takes at a time: all of a head, but fewer where there are fewer heads than threads. Each span
+/// lays out its keys anew, which 8 steps' products outweigh.
+fn span(shape: Shape) -> usize {
+    let wanted = (2 * rayon::current_num_threads()).div_ceil(shape.pieces());
+    match shape.pieces() < rayon::current_num_threads() {
+        true => shape.tokens.div_ceil(wanted).next_multiple_of(8 * STEP),
+        false => shape.tokens,
+    }
+}
+
+/// Some queries of a head of a sequence.
+struct Piece<'a> {
+    shape: Shape,
+    qkv: &'a [f32],
+    rules: Rules<'a>,
+    piece: usize,
+    queries: Range<usize>,
+    out: &'a mut [f32],
+    log_sums: &'a mut [f32],
+}
+
+impl Piece<'_> {
+    fn run(mut self, scratch: &mut Scratch) {
+        let (d, stride) = (self.shape.width, 3 * self.shape.columns());
+        let seen = if self.rules.is_causal() { self.queries.end } else { self.shape.tokens };
+        for key in (0..seen).step_by(KEYS) {
+            let columns = KEYS.min(seen - key);
+            let part = |part| part_of(self.qkv, self.shape, self.piece, part, key);
+            pack_transposed(&mut scratch.keys_across, part(1), stride, d, columns);
+            pack_steps(&mut scratch.down, part(2), stride, columns, d);
+            let first = if self.rules.is_causal() { key.max(self.queries.start) } else { self.queries.start };
+            for query in (first..self.queries.end).step_by(STEP) {
+                let rows = STEP.min(self.queries.end - query);
+                let tile = Tile { query, rows, key, columns, causal: self.rules.is_causal() };
+                self.step(scratch, tile.part(0, rows), key + columns);
+            }
+        }
+    }
+
+    /// The tile's part of its queries' outputs; the last key divides by the sum.
+    fn step(&mut self, scratch: &mut Scratch, tile: Tile, block_end: usize) {
+        let (d, t) = (self.shape.width, self.shape.tokens);
+        let Tile { query, rows, key, columns, causal } = tile;
+        let (from, stride) = (part_of(self.qkv, self.shape, self.piece, 0, query), 3 * self.shape.columns());
+        copy_rows(&mut scratch.queries, from, stride, rows, d);
+        let scores = &mut scratch.weights[..rows * ROW];
+        let left = Left::Rows { a: &scratch.queries, lda: d };
+        let across = Panels { numbers: &scratch.keys_across, block: d };
+        product(scores, ROW, (rows, d, columns), left, across, self.shape.scale(), Store::Set);
+
+        let at = query - self.queries.start;
+        let out = &mut self.out[at * d..(at + rows) * d];
+        let (largest, sums) = (&mut self.log_sums[at..at + rows], &mut scratch.sums[at..at + rows]);
+        if key == 0 {
+            largest.fill(f32::NEG_INFINITY);
+        }
+        let bias = self.rules.bias(self.shape, self.piece, tile);
+        let drops = self.rules.drops(self.shape, self.piece, tile);
+        dispatch::run(Softmax { tile, scores, bias, drops, largest, sums, out });
+
+        let left = Left::Rows { a: scores, lda: ROW };
+        let down = Panels { numbers: &scratch.down, block: STEP };
+        let store = if key == 0 { Store::Set } else { Store::Add };
+        product(out, d, (rows, columns, d), left, down, 1.0, store);
+        if block_end >= if causal { query + rows } else { t } {
+            divide(out, largest, sums);
+        }
+    }
+}
+
+/// `b` (k, n) in panels of [`STEP`] rows each, so that a product can end after any step.
+pub(super) fn pack_steps(panels: &mut [f32], b: &[f32], stride: usize, k: usize, n: usize) {
+    let len = super::panels_len(STEP, n);
+    for (to, first) in panels.chunks_mut(len).zip((0..k).step_by(STEP)) {
+        pack(to, &b[first * stride..], stride, STEP.min(k - first), n);
+    }
+}
+
+/// Outputs by the sums of their weights; then the largest score becomes the logarithm of the sum of e^score.
+fn divide(out: &mut [f32], largest: &mut [f32], sums: &[f32]) {
+    let d = out.len() / sums.len();
+    for ((out, largest), sum) in out.chunks_exact_mut(d).zip(largest).zip(sums) {
+        if *sum == 0.0 {
+            *largest = f32::INFINITY;
+            continue;
+        }
+        let inverse = 1.0 / sum;
+        out.iter_mut().for_each(|x| *x *= inverse);
+        *largest += sum.ln();
+    }
+}

@@ -1,0 +1,186 @@
+//! The softmax of a tile's rows and its gradient; everything else of attention is products.
+
+use super::{ROW, Tile};
+use crate::op::{dropout, math};
+use pulp::{Simd, WithSimd};
+
+/// A tile of a mask: from the tile's first query and key on, rows `stride` apart.
+#[derive(Clone, Copy)]
+pub(super) struct Bias<'a> {
+    pub numbers: &'a [f32],
+    pub stride: usize,
+}
+
+/// A tile of a dropout.
+#[derive(Clone, Copy)]
+pub(super) struct Drops {
+    pub key: u64,
+    /// Of the tile's first query and key.
+    pub row: u64,
+    pub column: u32,
+    pub threshold: u32,
+    pub growth: f32,
+}
+
+/// A tile's scores become weights e^(score - largest so far), not yet divided by their sum.
+pub(super) struct Softmax<'a> {
+    pub tile: Tile,
+    /// (rows, ROW).
+    pub scores: &'a mut [f32],
+    pub bias: Option<Bias<'a>>,
+    pub drops: Option<Drops>,
+    /// A number a row, as earlier keys left it; -infinity and 0 before the first.
+    pub largest: &'a mut [f32],
+    pub sums: &'a mut [f32],
+    /// (rows, d): earlier keys' weighted values, here brought down to what is the largest now.
+    pub out: &'a mut [f32],
+}
+
+impl WithSimd for Softmax<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let d = self.out.len() / self.tile.rows;
+        let rows = self.scores.chunks_mut(ROW).zip(self.out.chunks_exact_mut(d));
+        let state = self.largest.iter_mut().zip(self.sums.iter_mut());
+        for (i, ((scores, out), (largest, sum))) in rows.zip(state).enumerate() {
+            let scores = seen::<S>(simd, self.tile, i, scores, self.bias);
+            let before = *largest;
+            *largest = before.max(greatest(simd, scores));
+            // where nothing was seen yet, e^(-inf - 0) is 0; e^(-inf + inf) would be no number
+            let base = if *largest == f32::NEG_INFINITY { 0.0 } else { *largest };
+            let total = weights(simd, scores, base);
+            if let Some(drops) = self.drops {
+                let factors = drops.row(i);
+                for (vector, weight) in scores.iter_mut().enumerate() {
+                    *weight = simd.mul_f32s(*weight, factors.at(simd, vector));
+                }
+            }
+            if self.tile.key == 0 {
+                *sum = total;
+            } else if base == before {
+                *sum += total;
+            } else {
+                let shrink = (before - base).exp();
+                *sum = *sum * shrink + total;
+                out.iter_mut().for_each(|x| *x *= shrink);
+            }
+        }
+    }
+}
+
+/// A tile's scores become weights (what dropout leaves of them), and what were the weights' gradients the scores'.
+pub(super) struct SoftmaxBack<'a> {
+    pub tile: Tile,
+    /// (rows, ROW).
+    pub scores: &'a mut [f32],
+    /// (rows, ROW): gradient of each weight.
+    pub changes: &'a mut [f32],
+    pub bias: Option<Bias<'a>>,
+    pub drops: Option<Drops>,
+    /// A number a row: the logarithm of the sum of e^score, and the sum of weight times its gradient.
+    pub log_sums: &'a [f32],
+    pub means: &'a [f32],
+}
+
+impl WithSimd for SoftmaxBack<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let rows = self.scores.chunks_mut(ROW).zip(self.changes.chunks_mut(ROW));
+        for (i, ((scores, changes), (log_sum, mean))) in rows.zip(self.log_sums.iter().zip(self.means)).enumerate() {
+            let scores = seen::<S>(simd, self.tile, i, scores, self.bias);
+            let changes = S::as_mut_simd_f32s(changes).0;
+            let (log_sum, mean) = (simd.splat_f32s(*log_sum), simd.splat_f32s(*mean));
+            let Some(drops) = self.drops else {
+                for (score, change) in scores.iter_mut().zip(changes) {
+                    *score = math::exp_falling(simd, simd.sub_f32s(*score, log_sum));
+                    *change = simd.mul_f32s(*score, simd.sub_f32s(*change, mean));
+                }
+                continue;
+            };
+            let factors = drops.row(i);
+            for (vector, (score, change)) in scores.iter_mut().zip(changes).enumerate() {
+                let (weight, factor) =
+                    (math::exp_falling(simd, simd.sub_f32s(*score, log_sum)), factors.at(simd, vector));
+                *score = simd.mul_f32s(weight, factor);
+                *change = simd.mul_f32s(weight, simd.mul_add_e_f32s(*change, factor, simd.neg_f32s(mean)));
+            }
+        }
+    }
+}
+
+impl Drops {
+    #[inline(always)]
+    fn row(self, row: usize) -> Factors {
+        Factors { row_key: dropout::row_key(self.key, self.row + row as u64), drops: self }
+    }
+}
+
+/// What the weights of a row are multiplied with.
+#[derive(Clone, Copy)]
+struct Factors {
+    row_key: u32,
+    drops: Drops,
+}
+
+impl Factors {
+    #[inline(always)]
+    fn at<S: Simd>(self, simd: S, vector: usize) -> S::f32s {
+        let Drops { column, threshold, growth, .. } = self.drops;
+        let column = column.wrapping_add((vector * S::F32_LANES) as u32);
+        dropout::factors(simd, self.row_key, column, threshold, growth)
+    }
+}
+
+/// The row up to the last vector in which it sees something, what it doesn't see hidden, the mask added.
+#[inline(always)]
+fn seen<'a, S: Simd>(simd: S, tile: Tile, row: usize, scores: &'a mut [f32], bias: Option<Bias>) -> &'a mut [S::f32s] {
+    let (lanes, visible) = (S::F32_LANES, tile.visible(row));
+    let scores = &mut scores[..tile.columns.next_multiple_of(lanes)];
+    scores[visible..].fill(f32::NEG_INFINITY);
+    let scores = S::as_mut_simd_f32s(scores).0;
+    if let Some(bias) = bias {
+        let (bias, rest) = S::as_simd_f32s(&bias.numbers[row * bias.stride..][..visible]);
+        let rest = (!rest.is_empty()).then(|| simd.partial_load_f32s(rest));
+        for (score, bias) in scores.iter_mut().zip(bias.iter().copied().chain(rest)) {
+            *score = simd.add_f32s(*score, bias);
+        }
+    }
+    scores
+}
+
+#[inline(always)]
+fn greatest<S: Simd>(simd: S, numbers: &[S::f32s]) -> f32 {
+    let mut greatest = [simd.splat_f32s(f32::NEG_INFINITY); 4];
+    let (fours, rest) = pulp::as_arrays::<4, _>(numbers);
+    for four in fours {
+        greatest = std::array::from_fn(|i| simd.max_f32s(greatest[i], four[i]));
+    }
+    for x in rest {
+        greatest[0] = simd.max_f32s(greatest[0], *x);
+    }
+    let [a, b, c, d] = greatest;
+    math::largest(simd, simd.max_f32s(simd.max_f32s(a, b), simd.max_f32s(c, d)))
+}
+
+/// Each score becomes e^(score - base); gives their sum.
+#[inline(always)]
+fn weights<S: Simd>(simd: S, scores: &mut [S::f32s], base: f32) -> f32 {
+    let base = simd.splat_f32s(base);
+    let mut sums = [simd.splat_f32s(0.0); 2];
+    let (pairs, rest) = pulp::as_arrays_mut::<2, _>(scores);
+    for pair in pairs {
+        for (score, sum) in pair.iter_mut().zip(&mut sums) {
+            *score = math::exp_falling(simd, simd.sub_f32s(*score, base));
+            *sum = simd.add_f32s(*sum, *score);
+        }
+    }
+    for score in rest {
+        *score = math::exp_falling(simd, simd.sub_f32s(*score, base));
+        sums[0] = simd.add_f32s(sums[0], *score);
+    }
+    math::sum(simd, simd.add_f32s(sums[0], sums[1]))
+}

@@ -12,6 +12,9 @@
 //! the program runs. Results agree between them to rounding.
 
 pub mod arena;
+pub mod block;
 pub mod dispatch;
+pub mod head;
 pub mod op;
+pub mod pieces;
 pub mod scalar;

@@ -2,7 +2,9 @@
 
 use super::batches::Batch;
 use super::config::TrainConfig;
+use super::fast::FastLearner;
 use super::plain::Plain;
+use crate::model::fast::Fast;
 use crate::model::{Compute, Gpt, ModelConfig, Scores, TokenLayout, weights};
 use crate::{Error, Result};
 use candle_core::Tensor;
@@ -65,6 +67,9 @@ pub fn learner(
     weights: BTreeMap<String, Tensor>,
     compute: Compute,
 ) -> Result<Box<dyn Learner>> {
+    if compute == Compute::default() {
+        return Ok(Box::new(FastLearner::new(Fast::from_tensors(model, tokens, weights)?, train)));
+    }
     let device = compute.device.open()?;
     let gpt = Gpt::from_tensors(model, tokens, weights::to_device(&weights, &device)?)?;
     Ok(Box::new(Plain::new(gpt, train)?))

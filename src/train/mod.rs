@@ -5,6 +5,7 @@ pub mod batches;
 pub mod config;
 #[cfg(test)]
 pub(crate) mod fixture;
+pub mod fast;
 pub mod learner;
 pub mod metrics;
 #[cfg(test)]

@@ -1,10 +1,12 @@
-//! The plain model and its training against PyTorch's, and against a window it must be able to learn by heart.
+//! Both forms of the model and their training against PyTorch's, and against a window it must be able to learn by heart.
 
 use super::batches::Batch;
 use super::config::TrainConfig;
 use super::learner::{Learner, clip_share};
+use super::fast::FastLearner;
 use super::plain::Plain;
 use super::schedule;
+use crate::model::fast::Fast;
 use crate::model::{Gpt, ModelConfig, Positions, TokenLayout};
 use candle_core::{Device, Tensor};
 use serde_json::Value;
@@ -57,22 +59,39 @@ fn furthest(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
 
+/// Every gradient against PyTorch's: the largest difference over the tensor's largest number, which counts as no less
+/// than 1e-3 of the largest of all.
+fn check_gradients(form: &str, found: &BTreeMap<String, Vec<f32>>, g: &Value) {
+    let largest = |x: &[f32]| x.iter().fold(0.0, |m: f32, x| m.max(x.abs()));
+    let expected: BTreeMap<&String, Vec<f32>> = found.keys().map(|n| (n, numbers(&g["gradients"][n]))).collect();
+    let floor = 1e-3 * expected.values().map(|e| largest(e)).fold(0.0, f32::max);
+    for (name, found) in found {
+        let apart = furthest(found, &expected[name]) / largest(&expected[name]).max(floor);
+        assert!(apart < BOUND, "{form}: {name}: {apart}");
+    }
+}
+
 #[test]
 fn logits_and_gradients_are_pytorchs_to_1e_4() {
     let g = golden();
     let (gpt, batch) = (model(&g), batch(&g));
-    let ids = Tensor::from_slice(&batch.inputs, (3, gpt.config().context), &Device::Cpu).unwrap();
+    let context = gpt.config().context;
+    let ids = Tensor::from_slice(&batch.inputs, (3, context), &Device::Cpu).unwrap();
     let logits = gpt.forward(&ids, None).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
-    let apart = furthest(&logits, &numbers(&g["logits"]));
-    assert!(apart < BOUND, "logits: {apart}");
-    let mut plain = Plain::new(gpt, &TrainConfig::default()).unwrap();
-    let found = plain.gradients(&batch, 0).unwrap();
-    assert!((found.loss - g["loss"].as_f64().unwrap()).abs() < BOUND as f64, "loss {}", found.loss);
-    for (name, gradient) in plain.gradients_by_name() {
-        let gradient = gradient.flatten_all().unwrap().to_vec1::<f32>().unwrap();
-        let apart = furthest(&gradient, &numbers(&g["gradients"][name]));
-        assert!(apart < BOUND, "{name}: {apart}");
+    let mut fast = Fast::of(&gpt).unwrap();
+    for (form, logits) in [("plain", logits), ("fast", fast.logits(&batch.inputs, context).unwrap())] {
+        let apart = furthest(&logits, &numbers(&g["logits"]));
+        assert!(apart < BOUND, "{form}: logits: {apart}");
     }
+    let (mut plain, mut fast) =
+        (Plain::new(gpt, &TrainConfig::default()).unwrap(), FastLearner::new(fast, &TrainConfig::default()));
+    for (form, learner) in [("plain", &mut plain as &mut dyn Learner), ("fast", &mut fast)] {
+        let found = learner.gradients(&batch, 0).unwrap();
+        assert!((found.loss - g["loss"].as_f64().unwrap()).abs() < BOUND as f64, "{form}: loss {}", found.loss);
+    }
+    let flat = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+    check_gradients("plain", &plain.gradients_by_name().map(|(n, t)| (n.into(), flat(t))).collect(), &g);
+    check_gradients("fast", &fast.gradients_by_name().map(|(n, x)| (n.into(), x.to_vec())).collect(), &g);
 }
 
 #[test]
@@ -90,13 +109,17 @@ fn ten_training_losses_are_pytorchs_to_1e_4() {
         clip_norm: number("clip"),
         ..Default::default()
     };
-    let losses = train(&mut Plain::new(gpt, &config).unwrap(), &batch, &config);
     let expected: Vec<f64> = serde_json::from_value(g["losses"].clone()).unwrap();
-    assert_eq!(losses.len(), expected.len());
-    for (i, (found, expected)) in losses.iter().zip(&expected).enumerate() {
-        assert!((found - expected).abs() < BOUND as f64, "step {i}: {found}, expected {expected}");
+    let mut fast = FastLearner::new(Fast::of(&gpt).unwrap(), &config);
+    let mut plain = Plain::new(gpt, &config).unwrap();
+    for (form, learner) in [("plain", &mut plain as &mut dyn Learner), ("fast", &mut fast)] {
+        let losses = train(learner, &batch, &config);
+        assert_eq!(losses.len(), expected.len());
+        for (i, (found, expected)) in losses.iter().zip(&expected).enumerate() {
+            assert!((found - expected).abs() < BOUND as f64, "{form}: step {i}: {found}, expected {expected}");
+        }
+        assert!(losses[9] < losses[0] - 0.5, "{form}: the losses fall: {losses:?}");
     }
-    assert!(losses[9] < losses[0] - 0.5, "the losses fall: {losses:?}");
 }
 
 /// The loss before each update.
@@ -120,7 +143,8 @@ fn one_window_is_learnt_by_heart() {
         let batch = Batch { inputs, targets, clips: vec!["one".into()] };
         let train_config =
             TrainConfig { steps: 150, learning_rate: 1e-2, warmup: 10, weight_decay: 0.0, ..Default::default() };
-        let losses = train(&mut Plain::new(gpt, &train_config).unwrap(), &batch, &train_config);
+        let mut learner = FastLearner::new(Fast::of(&gpt).unwrap(), &train_config);
+        let losses = train(&mut learner, &batch, &train_config);
         let last = losses[losses.len() - 1];
         assert!(losses[0] > 3.0 && last < 0.01, "{positions:?}: from {} to {last} nats a token", losses[0]);
     }

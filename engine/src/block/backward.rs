@@ -1,0 +1,207 @@
+//! The backward pass of a block.
+
+use super::forward::times;
+use super::{Back, Dropout, Gradients, PanelSet, Saved, Weights, Workspace, dropped};
+use crate::op::attention::{self, Mask, Rules};
+use crate::op::matmul::{Left, Panels, Store, pack, pack_transposed, panel, panels_len, product};
+use crate::op::{bias, gelu, layer_norm};
+use crate::pieces;
+use rayon::prelude::*;
+
+/// Turns `dx` (N, D), the gradient of the block's output, into that of its input `x`, and adds to (or sets) the
+/// gradients of its weights.
+///
+/// `saved` comes from the forward pass with the same `x`, weights, mask and dropout.
+///
+/// # Panics
+/// Slices of other lengths than the shape's; a workspace without its backward part.
+#[allow(clippy::too_many_arguments)]
+pub fn backward(
+    dx: &mut [f32],
+    x: &[f32],
+    weights: &Weights,
+    gradients: &mut Gradients,
+    store: Store,
+    mask: Mask,
+    dropout: Option<&Dropout>,
+    saved: &Saved,
+    workspace: &mut Workspace,
+) {
+    let Workspace { shape, piece, panels, scratch, attention: space, back } = workspace;
+    let (shape, piece) = (*shape, *piece);
+    let (n, d, m) = (shape.rows(), shape.width, shape.hidden);
+    let heads = shape.attention();
+    let Some(back) = back else { panic!("a workspace for the forward pass only") };
+    panels.pack_transposed(weights, d, m);
+
+    // behind the attention
+    let slot = |width: usize| panels_len(piece, width);
+    let width = m + 4 * d;
+    let parts = (
+        (dx.par_chunks_mut(piece * d), saved.middle.par_chunks(piece * d), saved.stats2.par_chunks(piece * 2)),
+        (saved.up.par_chunks(piece * m), back.gelu.par_chunks_mut(piece * m)),
+        (back.normal.par_chunks_mut(piece * d), back.gathered.par_chunks_mut(piece * d)),
+        back.d_heads.par_chunks_mut(piece * d),
+        (back.d_down.par_chunks_mut(slot(d)), back.d_up.par_chunks_mut(slot(m)), back.d_out.par_chunks_mut(slot(d))),
+        back.partial.par_chunks_mut(width),
+    );
+    parts.into_par_iter().enumerate().for_each(|(i, ((dx, middle, stats), (up, gelu), (normal, gathered), d_heads, (d_down, d_up, d_out), partial))| {
+        let (first, rows) = (i * piece, dx.len() / d);
+        partial.fill(0.0);
+        let (db_down, partial) = partial.split_at_mut(d);
+        let (db_up, partial) = partial.split_at_mut(m);
+        let (d_norm, db_out) = partial.split_at_mut(2 * d);
+        let (dw_norm, db_norm) = d_norm.split_at_mut(d);
+        scratch.with(|scratch| {
+            let (dy, rest) = scratch.split_at_mut(dx.len());
+            let (d_normal, rest) = rest.split_at_mut(dx.len());
+            let d_hidden = &mut rest[..up.len()];
+            dropped(shape, first, rows, dropout.map(|p| (p.share, p.mlp)), &mut |rows, mask| {
+                bias::residual_backward(&mut dy[rows.clone()], &dx[rows], d, mask);
+            });
+            bias::add_column_sums(db_down, dy);
+            pack(d_down, dy, d, rows, d);
+            times(d_hidden, dy, d, &panels.down, m);
+            gelu::backward(d_hidden, gelu, up);
+            bias::add_column_sums(db_up, d_hidden);
+            pack(d_up, d_hidden, m, rows, m);
+            times(d_normal, d_hidden, m, &panels.up, d);
+            layer_norm::again(normal, middle, stats, weights.norm2.weight, weights.norm2.bias);
+            let normed = layer_norm::Saved { x: middle, stats, weight: weights.norm2.weight };
+            layer_norm::backward(dx, dw_norm, db_norm, normed, d_normal);
+            dropped(shape, first, rows, dropout.map(|p| (p.share, p.out)), &mut |rows, mask| {
+                bias::residual_backward(&mut dy[rows.clone()], &dx[rows], d, mask);
+            });
+            bias::add_column_sums(db_out, dy);
+            pack(d_out, dy, d, rows, d);
+            times(d_heads, dy, d, &panels.out, d);
+            attention::gather(heads, 1, &saved.heads, first..first + rows, gathered);
+        });
+    });
+    let mut sums = Sums { partial: &back.partial[..n.div_ceil(piece) * width], width, store };
+    sums.take(gradients.down.bias);
+    sums.take(gradients.up.bias);
+    sums.take(gradients.norm2.weight);
+    sums.take(gradients.norm2.bias);
+    sums.take(gradients.out.bias);
+
+    // the attention, beside the gradients of the weights behind it
+    let Back { d_down, d_up, d_out, d_qkv, gelu, normal, gathered, d_heads, dqkv_heads, partial } = back;
+    let done = attention::Done { qkv: &saved.qkv, out: &saved.heads, log_sums: &saved.lse, d_out: d_heads };
+    let rules = Rules { mask, dropout: dropout.map(|p| attention::Dropout { share: p.share, keys: p.attention }) };
+    let (dw_down, dw_up) = (&mut *gradients.down.weight, &mut *gradients.up.weight);
+    let dw_out = &mut *gradients.out.weight;
+    rayon::join(
+        || attention::backward(heads, done, rules, space, dqkv_heads),
+        || {
+            rayon::join(
+                || weight_gradient(dw_down, gelu, m, (d_down, piece), n, store),
+                || {
+                    rayon::join(
+                        || weight_gradient(dw_up, normal, d, (d_up, piece), n, store),
+                        || weight_gradient(dw_out, gathered, d, (d_out, piece), n, store),
+                    )
+                },
+            )
+        },
+    );
+
+    // before the attention
+    let dqkv_heads = &*dqkv_heads;
+    let width = 5 * d;
+    let parts = (
+        dx.par_chunks_mut(piece * d),
+        (x.par_chunks(piece * d), saved.stats1.par_chunks(piece * 2)),
+        normal.par_chunks_mut(piece * d),
+        d_qkv.par_chunks_mut(slot(3 * d)),
+        partial.par_chunks_mut(width),
+    );
+    parts.into_par_iter().enumerate().for_each(|(i, (dx, (x, stats), normal, d_qkv, partial))| {
+        let (first, rows) = (i * piece, dx.len() / d);
+        partial.fill(0.0);
+        let (db_qkv, d_norm) = partial.split_at_mut(3 * d);
+        let (dw_norm, db_norm) = d_norm.split_at_mut(d);
+        scratch.with(|scratch| {
+            let (d_normal, rest) = scratch.split_at_mut(dx.len());
+            let dqkv = &mut rest[..3 * dx.len()];
+            attention::gather(heads, 3, dqkv_heads, first..first + rows, dqkv);
+            bias::add_column_sums(db_qkv, dqkv);
+            pack(d_qkv, dqkv, 3 * d, rows, 3 * d);
+            times(d_normal, dqkv, 3 * d, &panels.qkv, d);
+            layer_norm::again(normal, x, stats, weights.norm1.weight, weights.norm1.bias);
+            let normed = layer_norm::Saved { x, stats, weight: weights.norm1.weight };
+            layer_norm::backward(dx, dw_norm, db_norm, normed, d_normal);
+        });
+    });
+    let mut sums = Sums { partial: &partial[..n.div_ceil(piece) * width], width, store };
+    sums.take(gradients.qkv.bias);
+    sums.take(gradients.norm1.weight);
+    sums.take(gradients.norm1.bias);
+    weight_gradient(gradients.qkv.weight, normal, d, (d_qkv, piece), n, store);
+}
+
+/// The gradient (k, n) of a weight: the transposed `x` (N, k) times the gradient (N, n) in `panels`, a block a piece.
+pub(crate) fn weight_gradient(
+    gradient: &mut [f32],
+    x: &[f32],
+    k: usize,
+    (panels, block): (&[f32], usize),
+    rows: usize,
+    store: Store,
+) {
+    let n = gradient.len() / k;
+    let high = pieces::gradient_rows(k);
+    gradient.par_chunks_mut(high * n).enumerate().for_each(|(i, part)| {
+        let left = Left::Columns { a: &x[i * high..], lda: k };
+        product(part, n, (part.len() / n, rows, n), left, Panels { numbers: panels, block }, 1.0, store);
+    });
+}
+
+/// Sums over the pieces, taken from rows of `width` numbers from left to right.
+pub(crate) struct Sums<'a> {
+    pub partial: &'a [f32],
+    pub width: usize,
+    pub store: Store,
+}
+
+impl Sums<'_> {
+    /// The next `to.len()` columns, added up piece by piece.
+    pub fn take(&mut self, to: &mut [f32]) {
+        if self.store == Store::Set {
+            to.fill(0.0);
+        }
+        for row in self.partial.chunks(self.width) {
+            to.iter_mut().zip(row).for_each(|(to, x)| *to += x);
+        }
+        self.partial = self.partial.get(to.len()..).unwrap_or(&[]);
+    }
+}
+
+impl PanelSet {
+    fn pack_transposed(&mut self, weights: &Weights, d: usize, m: usize) {
+        let (qkv, out) = (&mut self.qkv, &mut self.out);
+        let (up, down) = (&mut self.up, &mut self.down);
+        rayon::join(
+            || {
+                pack_transposed_parallel(down, weights.down.weight, d, m);
+                pack_transposed_parallel(out, weights.out.weight, d, d);
+            },
+            || {
+                pack_transposed_parallel(up, weights.up.weight, m, d);
+                pack_transposed_parallel(qkv, weights.qkv.weight, 3 * d, d);
+            },
+        );
+    }
+}
+
+/// Panels that one piece packs.
+const PANELS: usize = 4;
+
+/// [`pack_transposed`] of a whole matrix, given as (n, k), some panels a piece.
+pub(crate) fn pack_transposed_parallel(panels: &mut [f32], weight: &[f32], k: usize, n: usize) {
+    let columns = PANELS * panel();
+    panels[..panels_len(k, n)].par_chunks_mut(k * columns).enumerate().for_each(|(i, part)| {
+        let first = i * columns;
+        pack_transposed(part, &weight[first * k..], k, k, columns.min(n - first));
+    });
+}

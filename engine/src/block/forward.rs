@@ -1,0 +1,102 @@
+//! The forward pass of a block.
+
+use super::{Dropout, PanelSet, Saved, Shape, Weights, Workspace, dropped};
+use crate::op::attention::{self, Mask, Rules};
+use crate::op::matmul::{Left, Panels, Store, pack, panel, product};
+use crate::op::{bias, gelu, layer_norm};
+use rayon::prelude::*;
+
+/// The block's output (N, D) for its input `x` (N, D).
+///
+/// # Panics
+/// Slices of other lengths than the shape's.
+pub fn forward(
+    out: &mut [f32],
+    x: &[f32],
+    weights: &Weights,
+    mask: Mask,
+    dropout: Option<&Dropout>,
+    saved: &mut Saved,
+    workspace: &mut Workspace,
+) {
+    let Workspace { shape, piece, panels, scratch, attention: space, .. } = workspace;
+    let (shape, piece) = (*shape, *piece);
+    let Shape { width: d, hidden: m, .. } = shape;
+    panels.pack(weights, d, m);
+    let parts = (saved.qkv.par_chunks_mut(piece * 3 * d), saved.stats1.par_chunks_mut(piece * 2), x.par_chunks(piece * d));
+    parts.into_par_iter().for_each(|(qkv, stats, x)| {
+        scratch.with(|scratch| {
+            let normal = &mut scratch[..x.len()];
+            layer_norm::forward(normal, stats, x, weights.norm1.weight, weights.norm1.bias);
+            times(qkv, normal, d, &panels.qkv, 3 * d);
+            bias::add(qkv, weights.qkv.bias);
+        });
+    });
+    let rules = Rules { mask, dropout: dropout.map(|p| attention::Dropout { share: p.share, keys: p.attention }) };
+    attention::forward(shape.attention(), &saved.qkv, rules, space, &mut saved.heads, &mut saved.lse);
+    let heads = &*saved.heads;
+    let parts = (
+        out.par_chunks_mut(piece * d),
+        saved.middle.par_chunks_mut(piece * d),
+        saved.stats2.par_chunks_mut(piece * 2),
+        saved.up.par_chunks_mut(piece * m),
+        x.par_chunks(piece * d),
+    );
+    parts.into_par_iter().enumerate().for_each(|(i, (out, middle, stats, up, x))| {
+        let first = i * piece;
+        scratch.with(|scratch| {
+            let (normal, rest) = scratch.split_at_mut(x.len());
+            let (added, hidden) = rest.split_at_mut(x.len());
+            let hidden = &mut hidden[..up.len()];
+            attention::gather(shape.attention(), 1, heads, first..first + x.len() / d, normal);
+            times(added, normal, d, &panels.out, d);
+            middle.copy_from_slice(x);
+            dropped(shape, first, x.len() / d, dropout.map(|p| (p.share, p.out)), &mut |rows, mask| {
+                bias::residual(&mut middle[rows.clone()], &added[rows], weights.out.bias, mask);
+            });
+            layer_norm::forward(normal, stats, middle, weights.norm2.weight, weights.norm2.bias);
+            times(up, normal, d, &panels.up, m);
+            gelu::forward_biased(hidden, up, weights.up.bias);
+            times(added, hidden, m, &panels.down, d);
+            out.copy_from_slice(middle);
+            dropped(shape, first, x.len() / d, dropout.map(|p| (p.share, p.mlp)), &mut |rows, mask| {
+                bias::residual(&mut out[rows.clone()], &added[rows], weights.down.bias, mask);
+            });
+        });
+    });
+}
+
+/// `out` (R, n) = `a` (R, k) times the weight in `panels`.
+pub(crate) fn times(out: &mut [f32], a: &[f32], k: usize, panels: &[f32], n: usize) {
+    let panels = Panels { numbers: panels, block: k };
+    product(out, n, (out.len() / n, k, n), Left::Rows { a, lda: k }, panels, 1.0, Store::Set);
+}
+
+impl PanelSet {
+    fn pack(&mut self, weights: &Weights, d: usize, m: usize) {
+        let (qkv, out) = (&mut self.qkv, &mut self.out);
+        let (up, down) = (&mut self.up, &mut self.down);
+        rayon::join(
+            || {
+                pack_parallel(qkv, weights.qkv.weight, d, 3 * d);
+                pack_parallel(out, weights.out.weight, d, d);
+            },
+            || {
+                pack_parallel(up, weights.up.weight, d, m);
+                pack_parallel(down, weights.down.weight, m, d);
+            },
+        );
+    }
+}
+
+/// Panels that one piece packs.
+const PANELS: usize = 8;
+
+/// [`pack`] of a whole matrix (k, n), some panels a piece.
+pub(crate) fn pack_parallel(panels: &mut [f32], weight: &[f32], k: usize, n: usize) {
+    let columns = PANELS * panel();
+    panels[..crate::op::matmul::panels_len(k, n)].par_chunks_mut(k * columns).enumerate().for_each(|(i, part)| {
+        let first = i * columns;
+        pack(part, &weight[first..], n, k, columns.min(n - first));
+    });
+}

@@ -1,0 +1,247 @@
+//! A pre-norm transformer block: `middle = x + attention(norm1(x))`, `out = middle + mlp(norm2(middle))`.
+//!
+//! Forward and backward are explicit and share a [`Workspace`]; what the backward pass needs of the forward one is in
+//! [`Saved`]: ten numbers of width D a token, and the log-sums of the softmax. The normalised rows, the GELU and the
+//! attention weights are computed a second time, which costs less than reading them back.
+//!
+//! Letters: B batch, T tokens, N = B T rows, D width, H heads, M width of the hidden layer, R rows of a piece.
+
+pub(crate) mod backward;
+pub(crate) mod forward;
+
+pub use backward::backward;
+pub use forward::forward;
+
+use crate::arena::Floats;
+use crate::op::attention;
+use crate::op::dropout::Mask;
+use crate::op::matmul::panels_len;
+use crate::pieces::{self, PerThread};
+use std::ops::Range;
+
+/// What a batch looks like.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shape {
+    /// B: sequences.
+    pub batch: usize,
+    /// T: tokens of each.
+    pub tokens: usize,
+    /// D: numbers of a token.
+    pub width: usize,
+    /// H: heads; divides the width.
+    pub heads: usize,
+    /// M: numbers of the hidden layer.
+    pub hidden: usize,
+}
+
+impl Shape {
+    /// N: tokens of all sequences.
+    pub fn rows(&self) -> usize {
+        self.batch * self.tokens
+    }
+
+    fn attention(self) -> attention::Shape {
+        let Shape { batch, tokens, width, heads, .. } = self;
+        attention::Shape { batch, tokens, heads, width: width / heads }
+    }
+}
+
+/// A layer norm's weight and bias (D).
+#[derive(Clone, Copy)]
+pub struct Norm<T> {
+    /// Factors.
+    pub weight: T,
+    /// Summands.
+    pub bias: T,
+}
+
+/// A linear layer's weight (in, out) and bias (out).
+#[derive(Clone, Copy)]
+pub struct Linear<T> {
+    /// Factors.
+    pub weight: T,
+    /// Summands.
+    pub bias: T,
+}
+
+/// The tensors of a block: `&[f32]` for its weights, `&mut [f32]` for their gradients.
+#[derive(Clone, Copy)]
+pub struct Tensors<T> {
+    /// In front of the attention.
+    pub norm1: Norm<T>,
+    /// (D, 3D): queries, keys, values.
+    pub qkv: Linear<T>,
+    /// (D, D), behind the attention.
+    pub out: Linear<T>,
+    /// In front of the hidden layer.
+    pub norm2: Norm<T>,
+    /// (D, M).
+    pub up: Linear<T>,
+    /// (M, D).
+    pub down: Linear<T>,
+}
+
+impl Tensors<Floats> {
+    /// Its numbers, to read.
+    pub fn each_ref(&self) -> Weights<'_> {
+        fn norm(n: &Norm<Floats>) -> Norm<&[f32]> {
+            Norm { weight: &n.weight, bias: &n.bias }
+        }
+        fn linear(l: &Linear<Floats>) -> Linear<&[f32]> {
+            Linear { weight: &l.weight, bias: &l.bias }
+        }
+        let Tensors { norm1, qkv, out, norm2, up, down } = self;
+        let (norm1, norm2) = (norm(norm1), norm(norm2));
+        Tensors { norm1, qkv: linear(qkv), out: linear(out), norm2, up: linear(up), down: linear(down) }
+    }
+
+    /// Its numbers, to write.
+    pub fn each_mut(&mut self) -> Gradients<'_> {
+        fn norm(n: &mut Norm<Floats>) -> Norm<&mut [f32]> {
+            Norm { weight: &mut n.weight, bias: &mut n.bias }
+        }
+        fn linear(l: &mut Linear<Floats>) -> Linear<&mut [f32]> {
+            Linear { weight: &mut l.weight, bias: &mut l.bias }
+        }
+        let Tensors { norm1, qkv, out, norm2, up, down } = self;
+        let (norm1, norm2) = (norm(norm1), norm(norm2));
+        Tensors { norm1, qkv: linear(qkv), out: linear(out), norm2, up: linear(up), down: linear(down) }
+    }
+}
+
+/// Weights of a block.
+pub type Weights<'a> = Tensors<&'a [f32]>;
+/// Gradients of a block.
+pub type Gradients<'a> = Tensors<&'a mut [f32]>;
+
+/// What is dropped in training: [`crate::op::dropout`].
+#[derive(Debug, Clone, Copy)]
+pub struct Dropout<'a> {
+    /// Share of the numbers that is dropped, in `0.0..1.0`.
+    pub share: f64,
+    /// (B) A key a sequence for the attention weights; row = head * T + query, column = key.
+    pub attention: &'a [u64],
+    /// (B) A key a sequence for what the attention adds; row = token, column = feature.
+    pub out: &'a [u64],
+    /// (B) A key a sequence for what the hidden layer adds.
+    pub mlp: &'a [u64],
+}
+
+/// Calls `work` with the numbers (of rows of width D) and the mask of each sequence that rows `first..first + rows` touch;
+/// once, with nothing to drop, if there is no dropout.
+pub fn dropped(
+    shape: Shape,
+    first: usize,
+    rows: usize,
+    dropout: Option<(f64, &[u64])>,
+    work: &mut dyn FnMut(Range<usize>, Mask),
+) {
+    let Some((share, keys)) = dropout else { return work(0..rows * shape.width, Mask::NONE) };
+    let mut row = first;
+    while row < first + rows {
+        let (sequence, token) = (row / shape.tokens, row % shape.tokens);
+        let end = (row + shape.tokens - token).min(first + rows);
+        let numbers = (row - first) * shape.width..(end - first) * shape.width;
+        work(numbers, Mask { key: keys[sequence], first_row: token as u64, share });
+        row = end;
+    }
+}
+
+/// What the backward pass needs of the forward pass.
+pub struct Saved {
+    stats1: Floats, // (N, 2)
+    qkv: Floats,    // (N, 3D)
+    heads: Floats,  // (B, H, T, D/H)
+    lse: Floats,    // (B, H, T)
+    middle: Floats, // (N, D)
+    stats2: Floats, // (N, 2)
+    up: Floats,     // (N, M), before the GELU
+}
+
+impl Saved {
+    /// Room for a batch of `shape`.
+    pub fn new(shape: Shape) -> Saved {
+        let (n, d) = (shape.rows(), shape.width);
+        Saved {
+            stats1: Floats::new(2 * n),
+            qkv: Floats::new(3 * n * d),
+            heads: Floats::new(n * d),
+            lse: Floats::new(n * shape.heads),
+            middle: Floats::new(n * d),
+            stats2: Floats::new(2 * n),
+            up: Floats::new(n * shape.hidden),
+        }
+    }
+}
+
+/// Memory that blocks of one shape share; the backward part is there if it was asked for.
+pub struct Workspace {
+    shape: Shape,
+    piece: usize,
+    panels: PanelSet,
+    scratch: PerThread,
+    attention: attention::Workspace,
+    back: Option<Back>,
+}
+
+/// The four weights of a block in panels.
+struct PanelSet {
+    qkv: Floats,
+    out: Floats,
+    up: Floats,
+    down: Floats,
+}
+
+/// What only the backward pass uses.
+struct Back {
+    // right factors of the weights' gradients, a block of panels a piece
+    d_down: Floats,
+    d_up: Floats,
+    d_out: Floats,
+    d_qkv: Floats,
+    // left factors of the weights' gradients
+    gelu: Floats,      // (N, M)
+    normal: Floats,    // (N, D)
+    gathered: Floats,  // (N, D)
+    d_heads: Floats,   // (N, D): gradient of the gathered heads
+    dqkv_heads: Floats, // (B, H, 3, T, D/H)
+    partial: Floats,   // a row a piece: sums over its rows of biases and norms
+}
+
+impl Workspace {
+    /// Memory for batches of `shape`; `backward`: for training too.
+    pub fn new(shape: Shape, backward: bool) -> Workspace {
+        let Shape { width: d, hidden: m, .. } = shape;
+        let piece = pieces::rows(shape.rows());
+        let both = |k: usize, n: usize| Floats::new(panels_len(k, n).max(if backward { panels_len(n, k) } else { 0 }));
+        let panels = PanelSet { qkv: both(d, 3 * d), out: both(d, d), up: both(d, m), down: both(m, d) };
+        Workspace {
+            shape,
+            piece,
+            panels,
+            scratch: PerThread::new(piece * (2 * d + m.max(3 * d))),
+            attention: attention::Workspace::new(shape.attention()),
+            back: backward.then(|| Back::new(shape, piece)),
+        }
+    }
+}
+
+impl Back {
+    fn new(shape: Shape, piece: usize) -> Back {
+        let (n, d, m) = (shape.rows(), shape.width, shape.hidden);
+        let pieces = n.div_ceil(piece);
+        let blocks = |width: usize| Floats::new(pieces * panels_len(piece, width));
+        Back {
+            d_down: blocks(d),
+            d_up: blocks(m),
+            d_out: blocks(d),
+            d_qkv: blocks(3 * d),
+            gelu: Floats::new(n * m),
+            normal: Floats::new(n * d),
+            gathered: Floats::new(n * d),
+            d_heads: Floats::new(n * d),
+            dqkv_heads: Floats::new(3 * n * d),
+            partial: Floats::new(pieces * (m + 4 * d).max(5 * d)),
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! The end of a model: layer norm, the head's logits, cross-entropy. Logits exist for a stretch of rows at a time.
+//!
+//! Letters: N rows, D width, V vocabulary. The head is (V, D), one row a token, as the token embedding it may be tied to.
+
+use crate::arena::Floats;
+use crate::block::backward::{Sums, pack_transposed_parallel, weight_gradient};
+use crate::block::forward::{pack_parallel, times};
+use crate::block::Norm;
+use crate::op::matmul::{Store, pack, panels_len};
+use crate::op::{cross_entropy, layer_norm};
+use crate::pieces::{self, PerThread};
+use rayon::prelude::*;
+
+/// Numbers of logits that exist at a time, if more than a piece's rows have so many.
+const LOGITS: usize = 1 << 22;
+
+/// Memory for the head of batches of one shape; the backward part is there if it was asked for.
+pub struct Workspace {
+    rows: usize,
+    width: usize,
+    vocabulary: usize,
+    piece: usize,
+    /// Rows whose logits exist at a time.
+    stretch: usize,
+    across: Floats, // the head, transposed, in panels: (D, V)
+    stats: Floats,  // (N, 2)
+    logits: Floats, // (stretch, V)
+    normal: PerThread,
+    nats: Vec<f64>, // a piece
+    back: Option<Back>,
+}
+
+struct Back {
+    down: Floats,   // the head in panels: (V, D)
+    normal: Floats, // a stretch of normalised rows, a block of panels a piece
+    partial: Floats,
+}
+
+/// Where the head's gradients go.
+pub struct Gradients<'a> {
+    /// (N, D), that of the head's input; overwritten.
+    pub dx: &'a mut [f32],
+    /// (D) each.
+    pub norm: Norm<&'a mut [f32]>,
+    /// (V, D).
+    pub head: &'a mut [f32],
+}
+
+impl Workspace {
+    /// Memory for `rows` rows of `width` numbers and `vocabulary` tokens; `backward`: for training too.
+    pub fn new(rows: usize, width: usize, vocabulary: usize, backward: bool) -> Workspace {
+        let piece = pieces::rows(rows);
+        let stretch = (LOGITS / vocabulary.max(1) / piece * piece).clamp(piece, rows.next_multiple_of(piece));
+        Workspace {
+            rows,
+            width,
+            vocabulary,
+            piece,
+            stretch,
+            across: Floats::new(panels_len(width, vocabulary)),
+            stats: Floats::new(2 * rows),
+            logits: Floats::new(stretch * vocabulary),
+            normal: PerThread::new(2 * piece * width),
+            nats: vec![0.0; rows.div_ceil(piece)],
+            back: backward.then(|| Back {
+                down: Floats::new(panels_len(vocabulary, width)),
+                normal: Floats::new(stretch / piece * panels_len(piece, width)),
+                partial: Floats::new(rows.div_ceil(piece) * 2 * width),
+            }),
+        }
+    }
+
+    /// Lays the head (V, D) out for the passes that follow.
+    fn pack(&mut self, head: &[f32]) {
+        assert_eq!(head.len(), self.vocabulary * self.width, "a head of other numbers");
+        pack_transposed_parallel(&mut self.across, head, self.width, self.vocabulary);
+        if let Some(back) = &mut self.back {
+            pack_parallel(&mut back.down, head, self.vocabulary, self.width);
+        }
+    }
+}
+
+/// Sum of -ln p(target) over the rows of `x` (N, D) whose target is not `ignored`, in nats, and the gradients of that sum
+/// times `scale`.
+///
+/// # Panics
+/// Slices of other lengths, targets outside the vocabulary, a workspace without its backward part.
+#[allow(clippy::too_many_arguments)]
+pub fn loss(
+    x: &[f32],
+    norm: Norm<&[f32]>,
+    head: &[f32],
+    (targets, ignored): (&[u32], u32),
+    scale: f32,
+    gradients: &mut Gradients,
+    store: Store,
+    workspace: &mut Workspace,
+) -> f64 {
+    workspace.pack(head);
+    let Workspace { rows, width: d, vocabulary: v, piece, stretch, across, stats, logits, normal: scratch, nats, back } =
+        workspace;
+    let (n, d, v, piece) = (*rows, *d, *v, *piece);
+    let Some(back) = back else { panic!("a workspace for the forward pass only") };
+    assert!(x.len() == n * d && targets.len() == n && gradients.dx.len() == n * d, "a head of {n} rows of {d}");
+    let mut store_head = store;
+    for first in (0..n).step_by(*stretch) {
+        let rows = (*stretch).min(n - first);
+        let pieces = rows.div_ceil(piece);
+        let part = first * d..(first + rows) * d;
+        let parts = (
+            (x[part.clone()].par_chunks(piece * d), gradients.dx[part].par_chunks_mut(piece * d)),
+            stats[2 * first..][..2 * rows].par_chunks_mut(2 * piece),
+            targets[first..][..rows].par_chunks(piece),
+            logits[..rows * v].par_chunks_mut(piece * v),
+            back.normal.par_chunks_mut(panels_len(piece, d)).take(pieces),
+            back.partial[first / piece * 2 * d..][..pieces * 2 * d].par_chunks_mut(2 * d),
+            nats[first / piece..][..pieces].par_iter_mut(),
+        );
+        let (across, down) = (&*across, &*back.down);
+        parts.into_par_iter().for_each(|((x, dx), stats, targets, logits, panels, partial, nats)| {
+            scratch.with(|scratch| {
+                let (normal, rest) = scratch.split_at_mut(x.len());
+                let d_normal = &mut rest[..x.len()];
+                layer_norm::forward(normal, stats, x, norm.weight, norm.bias);
+                pack(panels, normal, d, targets.len(), d);
+                times(logits, normal, d, across, v);
+                *nats = cross_entropy::forward_backward(logits, targets, ignored, scale);
+                times(d_normal, logits, v, down, d);
+                dx.fill(0.0);
+                partial.fill(0.0);
+                let (dw, db) = partial.split_at_mut(d);
+                let saved = layer_norm::Saved { x, stats, weight: norm.weight };
+                layer_norm::backward(dx, dw, db, saved, d_normal);
+            });
+        });
+        weight_gradient(gradients.head, logits, v, (&back.normal, piece), rows, store_head);
+        store_head = Store::Add;
+    }
+    let mut sums = Sums { partial: &back.partial, width: 2 * d, store };
+    sums.take(gradients.norm.weight);
+    sums.take(gradients.norm.bias);
+    nats.iter().sum()
+}
+
+/// The logits (N, V) of `x` (N, D), handed over a stretch of rows at a time: the first row's number, and its logits.
+///
+/// # Panics
+/// Slices of other lengths.
+pub fn logits(
+    x: &[f32],
+    norm: Norm<&[f32]>,
+    head: &[f32],
+    workspace: &mut Workspace,
+    take: &mut dyn FnMut(usize, &mut [f32]),
+) {
+    workspace.pack(head);
+    let Workspace { rows, width: d, vocabulary: v, piece, stretch, across, stats, logits, normal: scratch, .. } = workspace;
+    let (n, d, v, piece) = (*rows, *d, *v, *piece);
+    assert_eq!(x.len(), n * d, "a head of {n} rows of {d}");
+    for first in (0..n).step_by(*stretch) {
+        let rows = (*stretch).min(n - first);
+        let parts = (
+            x[first * d..][..rows * d].par_chunks(piece * d),
+            stats[2 * first..][..2 * rows].par_chunks_mut(2 * piece),
+            logits[..rows * v].par_chunks_mut(piece * v),
+        );
+        parts.into_par_iter().for_each(|(x, stats, logits)| {
+            scratch.with(|scratch| {
+                let normal = &mut scratch[..x.len()];
+                layer_norm::forward(normal, stats, x, norm.weight, norm.bias);
+                times(logits, normal, d, across, v);
+            });
+        });
+        take(first, &mut logits[..rows * v]);
+    }
+}

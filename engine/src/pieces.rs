@@ -1,0 +1,58 @@
+//! How work falls into pieces that threads share, and the scratch memory that a thread has for one.
+
+use crate::arena::Floats;
+use std::sync::{Mutex, PoisonError};
+
+/// Rows that a piece of `rows` rows has: about 64, so that the weights are read once for so many, and an even number of
+/// pieces, so that few threads end together. A function of the number of rows alone.
+pub fn rows(rows: usize) -> usize {
+    let pieces = match rows.div_ceil(64) {
+        few @ 0..4 => few.max(1),
+        many => many.next_multiple_of(4),
+    };
+    rows.div_ceil(pieces).max(1)
+}
+
+/// Columns of a product that one piece computes, where the product is a weight's gradient: some 90, whole tiles of 6.
+pub fn gradient_rows(rows: usize) -> usize {
+    let pieces = rows.div_ceil(96).max(1);
+    rows.div_ceil(pieces).next_multiple_of(6)
+}
+
+/// Scratch numbers for each thread of the pool, allocated once.
+pub struct PerThread(Vec<Mutex<Floats>>);
+
+impl PerThread {
+    /// `len` numbers for each thread of the pool this is called in.
+    pub fn new(len: usize) -> PerThread {
+        PerThread((0..rayon::current_num_threads()).map(|_| Mutex::new(Floats::new(len))).collect())
+    }
+
+    /// Hands `work` this thread's numbers, whatever they hold. `work` must not wait for other pieces.
+    pub fn with<R>(&self, work: impl FnOnce(&mut [f32]) -> R) -> R {
+        let thread = rayon::current_thread_index().unwrap_or(0) % self.0.len();
+        work(&mut self.0[thread].lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pieces_are_many_alike_and_cover_all_rows() {
+        for n in 1..5000 {
+            let (r, g) = (rows(n), gradient_rows(n));
+            assert!(r <= 64 && r * n.div_ceil(r) >= n, "{n}: {r}");
+            assert!(g <= 96 && g % 6 == 0, "{n}: {g}");
+        }
+        assert_eq!([rows(1), rows(64), rows(1024), rows(2048)], [1, 64, 64, 64]);
+    }
+
+    #[test]
+    fn a_thread_finds_its_own_numbers() {
+        let scratch = PerThread::new(3);
+        scratch.with(|x| x.fill(2.0));
+        scratch.with(|x| assert_eq!(x, [2.0; 3]));
+    }
+}

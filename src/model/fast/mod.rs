@@ -1,0 +1,238 @@
+//! The fast form of a model, on the CPU: the engine's parts in the order of [`super::Gpt`], which stays the oracle.
+//!
+//! It has the plain form's tensors, under their names, in buffers of its own; activations are allocated once for a shape
+//! of batch and used again.
+
+mod pass;
+#[cfg(test)]
+mod tests;
+
+use super::config::{ModelConfig, TokenLayout};
+use super::layout::{self, Parameter};
+use super::{Dropout, Gpt, Scores};
+use crate::{Error, Result};
+use candle_core::{Device, Tensor};
+use kinelm_engine::arena::Floats;
+use kinelm_engine::block;
+use kinelm_engine::op::cross_entropy;
+use pass::Pass;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Tensors of a block, in the order of their names.
+const BLOCK: usize = 12;
+
+/// Rows that are scored at a time.
+const ROWS: usize = 64;
+
+/// A model whose passes the engine computes, on the rayon pool they are called in.
+pub struct Fast {
+    config: ModelConfig,
+    tokens: TokenLayout,
+    /// Sorted by name: the blocks' come first.
+    parameters: Vec<Parameter>,
+    weights: Vec<Floats>,
+    training: Option<Pass>,
+    scoring: Option<Pass>,
+}
+
+impl Fast {
+    /// A model of these tensors, copied.
+    ///
+    /// # Errors
+    /// As [`Gpt::from_tensors`].
+    pub fn from_tensors(
+        config: &ModelConfig,
+        tokens: &TokenLayout,
+        tensors: BTreeMap<String, Tensor>,
+    ) -> Result<Fast> {
+        Fast::of(&Gpt::from_tensors(config, tokens, tensors)?)
+    }
+
+    /// The fast form of a model, whose numbers are copied.
+    ///
+    /// # Errors
+    /// Tensors that can't be brought to the CPU.
+    pub fn of(gpt: &Gpt) -> Result<Fast> {
+        let parameters = layout::parameters(gpt.config(), gpt.tokens());
+        let numbers = |p: &Parameter| -> Result<Floats> {
+            let tensor = gpt.vars()[&p.name].as_tensor().to_device(&Device::Cpu)?.flatten_all()?;
+            Ok(Floats::of(&tensor.to_vec1::<f32>()?))
+        };
+        Ok(Fast {
+            config: gpt.config().clone(),
+            tokens: gpt.tokens().clone(),
+            weights: parameters.iter().map(numbers).collect::<Result<_>>()?,
+            parameters,
+            training: None,
+            scoring: None,
+        })
+    }
+
+    /// Its tensors by name, copied.
+    ///
+    /// # Errors
+    /// None in practice.
+    pub fn tensors(&self) -> Result<BTreeMap<String, Tensor>> {
+        named(&self.parameters, &self.weights)
+    }
+
+    /// Its tensors, in the order of their names.
+    pub fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+
+    /// The numbers of its tensors, in that order.
+    pub fn weights_mut(&mut self) -> &mut [Floats] {
+        &mut self.weights
+    }
+
+    /// Room for the gradients of its tensors, or anything else that has their shapes.
+    pub fn like_weights(&self) -> Vec<Floats> {
+        self.parameters.iter().map(|p| Floats::new(p.len())).collect()
+    }
+
+    /// Sum of -ln p over the targets that aren't `<pad>`, in nats; `gradients` become those of the mean.
+    ///
+    /// `inputs` and `targets` (B, T). Nothing is allocated but for the first batch of a shape.
+    ///
+    /// # Errors
+    /// Windows longer than the context, ids outside the vocabulary.
+    pub fn gradients(
+        &mut self,
+        inputs: &[u32],
+        targets: &[u32],
+        length: usize,
+        dropout: Option<&Dropout>,
+        gradients: &mut [Floats],
+    ) -> Result<f64> {
+        self.check(inputs, targets, length)?;
+        let pass = self.training.take().filter(|p| p.fits(inputs.len(), length));
+        let mut pass = pass.unwrap_or_else(|| Pass::new(&self.config, &self.tokens, inputs.len(), length, true));
+        let counted = targets.iter().filter(|&&t| t != self.tokens.pad).count();
+        let keys = dropout.map(|d| pass::Keys::new(d, &self.config, inputs.len() / length));
+        pass.forward(self, inputs, keys.as_ref());
+        let nats = pass.backward(self, inputs, targets, 1.0 / counted.max(1) as f32, keys.as_ref(), gradients);
+        self.training = Some(pass);
+        Ok(nats)
+    }
+
+    /// Logits (B, T, V), which is much: for tests and looking closely.
+    ///
+    /// # Errors
+    /// Windows longer than the context, ids outside the vocabulary.
+    pub fn logits(&mut self, inputs: &[u32], length: usize) -> Result<Vec<f32>> {
+        let mut all = vec![0.0; inputs.len() * self.tokens.vocabulary];
+        let vocabulary = self.tokens.vocabulary;
+        self.each_logits(inputs, inputs, length, &mut |first, logits| {
+            all[first * vocabulary..][..logits.len()].copy_from_slice(logits);
+        })?;
+        Ok(all)
+    }
+
+    fn each_logits(
+        &mut self,
+        inputs: &[u32],
+        targets: &[u32],
+        length: usize,
+        take: &mut dyn FnMut(usize, &mut [f32]),
+    ) -> Result<()> {
+        self.check(inputs, targets, length)?;
+        let pass = self.scoring.take().filter(|p| p.fits(inputs.len(), length));
+        let mut pass = pass.unwrap_or_else(|| Pass::new(&self.config, &self.tokens, inputs.len(), length, false));
+        pass.forward(self, inputs, None);
+        pass.logits(self, take);
+        self.scoring = Some(pass);
+        Ok(())
+    }
+
+    fn check(&self, inputs: &[u32], targets: &[u32], length: usize) -> Result<()> {
+        let (context, vocabulary) = (self.config.context, self.tokens.vocabulary);
+        if length > context {
+            return Err(Error::Call(format!("a window of {length} tokens; the context holds {context}")));
+        }
+        if length == 0 || !inputs.len().is_multiple_of(length) || inputs.len() != targets.len() {
+            let found = (inputs.len(), targets.len());
+            return Err(Error::Call(format!("{} inputs and {} targets are no windows of {length}", found.0, found.1)));
+        }
+        match inputs.iter().chain(targets).find(|&&id| id as usize >= vocabulary) {
+            Some(id) => Err(Error::Call(format!("token {id} is outside the vocabulary of {vocabulary} ids"))),
+            None => Ok(()),
+        }
+    }
+
+    fn block(&self, layer: usize) -> block::Weights<'_> {
+        let [out_b, out_w, qkv_b, qkv_w, down_b, down_w, up_b, up_w, n1_b, n1_w, n2_b, n2_w] =
+            std::array::from_fn(|i| &*self.weights[layer * BLOCK + i]);
+        block_tensors([out_b, out_w, qkv_b, qkv_w, down_b, down_w, up_b, up_w, n1_b, n1_w, n2_b, n2_w])
+    }
+
+    /// What stands behind the blocks' tensors, by name.
+    fn rest(&self, name: &str) -> Option<usize> {
+        let first = self.config.layers * BLOCK;
+        self.parameters[first..].iter().position(|p| p.name == name).map(|i| first + i)
+    }
+
+    fn weight(&self, name: &str) -> &[f32] {
+        self.rest(name).map_or(&[], |i| &self.weights[i])
+    }
+
+    fn norm(&self) -> block::Norm<&[f32]> {
+        block::Norm { weight: self.weight("norm.weight"), bias: self.weight("norm.bias") }
+    }
+
+    fn head_name(&self) -> &'static str {
+        if self.config.tied_head { "token.weight" } else { "head.weight" }
+    }
+}
+
+/// A block's tensors from the order of their names.
+fn block_tensors<T>([out_b, out_w, qkv_b, qkv_w, down_b, down_w, up_b, up_w, n1_b, n1_w, n2_b, n2_w]: [T; BLOCK]) -> block::Tensors<T> {
+    let linear = |weight, bias| block::Linear { weight, bias };
+    block::Tensors {
+        norm1: block::Norm { weight: n1_w, bias: n1_b },
+        qkv: linear(qkv_w, qkv_b),
+        out: linear(out_w, out_b),
+        norm2: block::Norm { weight: n2_w, bias: n2_b },
+        up: linear(up_w, up_b),
+        down: linear(down_w, down_b),
+    }
+}
+
+/// Numbers of a model's tensors as tensors, by name.
+///
+/// # Errors
+/// None in practice.
+pub fn named(parameters: &[Parameter], numbers: &[Floats]) -> Result<BTreeMap<String, Tensor>> {
+    let tensor = |(p, x): (&Parameter, &Floats)| {
+        Ok((p.name.clone(), Tensor::from_slice(x, p.shape.as_slice(), &Device::Cpu)?))
+    };
+    parameters.iter().zip(numbers).map(tensor).collect()
+}
+
+impl Scores for Fast {
+    fn config(&self) -> &ModelConfig {
+        &self.config
+    }
+
+    fn tokens(&self) -> &TokenLayout {
+        &self.tokens
+    }
+
+    fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
+        let (vocabulary, pad) = (self.tokens.vocabulary, self.tokens.pad);
+        self.each_logits(inputs, targets, length, &mut |first, logits| {
+            let rows = logits.len() / vocabulary;
+            let parts = (
+                logits.par_chunks_mut(ROWS * vocabulary),
+                targets[first..][..rows].par_chunks(ROWS),
+                out[first..][..rows].par_chunks_mut(ROWS),
+            );
+            parts.into_par_iter().for_each(|(logits, targets, out)| {
+                let mut nats = [0.0; ROWS];
+                cross_entropy::nats(&mut nats[..out.len()], logits, targets, pad);
+                out.iter_mut().zip(nats).for_each(|(out, nats)| *out = nats as f32);
+            });
+        })
+    }
+}

@@ -1,0 +1,185 @@
+//! The fast form against the plain one in f64.
+
+use super::*;
+use crate::model::Positions;
+use candle_core::{DType, Var};
+use rand_chacha::rand_core::RngCore;
+
+/// Largest difference of a gradient tensor over its largest number, which counts as no less than 1e-3 of the model's.
+const BOUND: f64 = 1e-5;
+
+struct Case {
+    positions: Positions,
+    tied_head: bool,
+    layers: usize,
+    heads: usize,
+    width: usize,
+    batch: usize,
+    length: usize,
+    vocabulary: usize,
+    dropout: f64,
+}
+
+fn model(case: &Case) -> Gpt {
+    let &Case { positions, tied_head, layers, heads, width, length, vocabulary, .. } = case;
+    let tokens = TokenLayout { vocabulary, word: 3, pad: 0, bos: 1, space: 5 };
+    let context = length.max(6);
+    let config = ModelConfig { layers, heads, width, context, positions, tied_head, dropout: case.dropout, ..Default::default() };
+    let gpt = Gpt::new(&config, &tokens, 1).unwrap();
+    // away from zeros and ones, where gradients could be right by accident
+    for (name, var) in gpt.vars() {
+        let shift = random(name, var.dims());
+        var.set(&(var.as_tensor() + shift).unwrap()).unwrap();
+    }
+    gpt
+}
+
+fn random(purpose: &str, shape: &[usize]) -> Tensor {
+    let mut rng = crate::random::stream(7, purpose, 0, 0);
+    let n = shape.iter().product();
+    let data: Vec<f32> = (0..n).map(|_| (rng.next_u32() as f32 / u32::MAX as f32 - 0.5) * 0.4).collect();
+    Tensor::from_vec(data, shape, &Device::Cpu).unwrap()
+}
+
+/// Ids with `<bos>` in front of each window, and targets with some `<pad>`.
+fn batch(case: &Case) -> (Vec<u32>, Vec<u32>) {
+    let mut rng = crate::random::stream(3, "ids", 0, 0);
+    let n = case.batch * case.length;
+    let mut draw = || (0..n).map(|_| 1 + rng.next_u32() % (case.vocabulary as u32 - 1)).collect::<Vec<u32>>();
+    let (mut inputs, mut targets) = (draw(), draw());
+    inputs.iter_mut().step_by(case.length).for_each(|id| *id = 1);
+    targets.iter_mut().skip(2).step_by(5).for_each(|id| *id = 0);
+    (inputs, targets)
+}
+
+fn check(case: &Case) {
+    let what = format!(
+        "{:?} tied {} L {} H {} D {} B {} T {} V {} dropout {}",
+        case.positions, case.tied_head, case.layers, case.heads, case.width, case.batch, case.length, case.vocabulary,
+        case.dropout
+    );
+    let gpt = model(case);
+    let (inputs, targets) = batch(case);
+    let dropout = (case.dropout > 0.0).then_some(Dropout { share: case.dropout, seed: 1, step: 4, first: 0 });
+    let truth = gpt.to_f64().unwrap();
+    let ids = Tensor::new(inputs.as_slice(), &Device::Cpu).unwrap().reshape((case.batch, case.length)).unwrap();
+    let loss = truth.loss(&ids, &targets, dropout.as_ref()).unwrap();
+    let store = loss.backward().unwrap();
+    // a window of the front token alone takes no row of the other position tables
+    let of = |v: &Var| match store.get(v.as_tensor()) {
+        Some(gradient) => gradient.flatten_all().unwrap().to_vec1().unwrap(),
+        None => vec![0.0; v.elem_count()],
+    };
+    let expected: Vec<Vec<f64>> = truth.vars().values().map(of).collect();
+
+    let mut fast = Fast::of(&gpt).unwrap();
+    let mut gradients = fast.like_weights();
+    gradients.iter_mut().for_each(|g| g.fill(f32::NAN));
+    let nats = fast.gradients(&inputs, &targets, case.length, dropout.as_ref(), &mut gradients).unwrap();
+    let counted = targets.iter().filter(|&&t| t != 0).count();
+    let loss = loss.to_scalar::<f64>().unwrap();
+    let found = nats / counted.max(1) as f64;
+    assert!((found - loss).abs() <= BOUND * loss.abs().max(1.0), "{what}: loss {found}, expected {loss}");
+    let largest = |x: &[f64]| x.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+    let floor = 1e-3 * expected.iter().map(|e| largest(e)).fold(0.0, f64::max);
+    for ((name, found), expected) in gpt.vars().keys().zip(&gradients).zip(&expected) {
+        let apart = found.iter().zip(expected).fold(0.0, |m: f64, (f, e)| m.max((*f as f64 - e).abs()));
+        let apart = if found.iter().any(|f| f.is_nan()) { f64::NAN } else { apart };
+        let bound = BOUND * largest(expected).max(floor);
+        assert!(apart <= bound, "{what}: {name} is {apart:e} off, at most {bound:e} allowed");
+    }
+    if case.dropout == 0.0 {
+        let logits = fast.logits(&inputs, case.length).unwrap();
+        let expected = truth.forward(&ids, None).unwrap().to_dtype(DType::F64).unwrap();
+        let expected = expected.flatten_all().unwrap().to_vec1::<f64>().unwrap();
+        let apart = logits.iter().zip(&expected).fold(0.0, |m: f64, (f, e)| m.max((*f as f64 - e).abs()));
+        assert!(apart <= BOUND * largest(&expected).max(1.0), "{what}: logits {apart:e} off");
+        let mut each = vec![0.0; inputs.len()];
+        fast.nats(&inputs, &targets, case.length, &mut each).unwrap();
+        let sum: f64 = each.iter().map(|x| *x as f64).sum();
+        assert!((sum - nats).abs() <= BOUND * nats.max(1.0), "{what}: {sum} nats one by one, {nats} at once");
+    }
+}
+
+const CASE: Case = Case {
+    positions: Positions::FrameJoint,
+    tied_head: true,
+    layers: 2,
+    heads: 2,
+    width: 16,
+    batch: 2,
+    length: 9,
+    vocabulary: 11,
+    dropout: 0.0,
+};
+
+#[test]
+fn every_gradient_is_the_oracle_s_over_many_shapes() {
+    check(&CASE);
+    check(&Case { positions: Positions::Absolute, tied_head: false, ..CASE });
+    // T = 1, B = 1, one head, a width that no vector divides, lengths around the tiles
+    check(&Case { length: 1, batch: 1, ..CASE });
+    check(&Case { length: 1, batch: 5, positions: Positions::Absolute, ..CASE });
+    check(&Case { heads: 1, width: 5, batch: 3, length: 7, ..CASE });
+    check(&Case { heads: 3, width: 21, batch: 1, length: 67, vocabulary: 37, ..CASE });
+    check(&Case { heads: 4, width: 64, batch: 2, length: 130, vocabulary: 70, layers: 1, ..CASE });
+    check(&Case { heads: 2, width: 48, batch: 1, length: 257, vocabulary: 33, layers: 1, tied_head: false, ..CASE });
+}
+
+#[test]
+fn dropout_drops_what_the_oracle_drops() {
+    check(&Case { dropout: 0.3, ..CASE });
+    check(&Case { dropout: 0.1, heads: 4, width: 32, batch: 3, length: 70, positions: Positions::Absolute, ..CASE });
+}
+
+#[test]
+fn random_shapes_agree_too() {
+    let mut rng = crate::random::stream(11, "shapes", 0, 0);
+    let mut draw = |most: u32| 1 + (rng.next_u32() % most) as usize;
+    for _ in 0..12 {
+        // of a width of 1 or 2 a layer norm leaves nothing but rounding
+        let (heads, d) = (draw(4), 2 + draw(12));
+        check(&Case {
+            positions: if draw(2) == 1 { Positions::Absolute } else { Positions::FrameJoint },
+            tied_head: draw(2) == 1,
+            layers: draw(2),
+            heads,
+            width: heads * d,
+            batch: draw(4),
+            length: draw(90),
+            vocabulary: 6 + draw(60),
+            dropout: if draw(3) == 1 { 0.2 } else { 0.0 },
+        });
+    }
+}
+
+#[test]
+fn threads_change_no_bit_and_a_second_shape_finds_its_room() {
+    let case = Case { heads: 4, width: 64, batch: 3, length: 100, vocabulary: 50, dropout: 0.1, ..CASE };
+    let gpt = model(&case);
+    let (inputs, targets) = batch(&case);
+    let dropout = Dropout { share: 0.1, seed: 1, step: 0, first: 0 };
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut fast = Fast::of(&gpt).unwrap();
+            let mut gradients = fast.like_weights();
+            fast.gradients(&inputs[..200], &targets[..200], 100, None, &mut gradients).unwrap();
+            let nats = fast.gradients(&inputs, &targets, 100, Some(&dropout), &mut gradients).unwrap();
+            let bits: Vec<u32> = gradients.iter().flat_map(|g| g.iter().map(|x| x.to_bits())).collect();
+            (nats.to_bits(), bits)
+        })
+    };
+    let one = run(1);
+    assert!([2, 3, 5].iter().all(|&threads| run(threads) == one));
+}
+
+#[test]
+fn wrong_windows_are_refused() {
+    let mut fast = Fast::of(&model(&CASE)).unwrap();
+    let said = |e: Result<Vec<f32>>| e.unwrap_err().to_string();
+    assert_eq!(said(fast.logits(&[1; 10], 10)), "a window of 10 tokens; the context holds 9");
+    assert_eq!(said(fast.logits(&[1, 2, 11], 3)), "token 11 is outside the vocabulary of 11 ids");
+    assert!(said(fast.logits(&[1; 7], 3)).contains("no windows of 3"));
+    assert!(said(fast.logits(&[], 0)).contains("no windows of 0"));
+}

@@ -1,6 +1,7 @@
 //! How work falls into pieces that threads share, and the scratch memory that a thread has for one.
 
 use crate::arena::Floats;
+use crate::op::matmul::{ROWS, TILE};
 use std::sync::{Mutex, PoisonError};
 
 /// Rows that a piece of `rows` rows has: about 64, so that the weights are read once for so many, and an even number of
@@ -13,10 +14,11 @@ pub fn rows(rows: usize) -> usize {
     rows.div_ceil(pieces).max(1)
 }
 
-/// Columns of a product that one piece computes, where the product is a weight's gradient: some 90, whole tiles of 6.
+/// Rows of a weight's gradient that one piece computes: up to 144, whole tiles of 6, in an even number of pieces. The more
+/// rows, the less often the right factor is fetched.
 pub fn gradient_rows(rows: usize) -> usize {
-    let pieces = rows.div_ceil(96).max(1);
-    rows.div_ceil(pieces).next_multiple_of(6)
+    let pieces = rows.div_ceil(ROWS).next_multiple_of(2);
+    rows.div_ceil(pieces).next_multiple_of(TILE)
 }
 
 /// Scratch numbers for each thread of the pool, allocated once.
@@ -44,7 +46,7 @@ mod tests {
         for n in 1..5000 {
             let (r, g) = (rows(n), gradient_rows(n));
             assert!(r <= 64 && r * n.div_ceil(r) >= n, "{n}: {r}");
-            assert!(g <= 96 && g % 6 == 0, "{n}: {g}");
+            assert!(g <= ROWS && g % TILE == 0, "{n}: {g}");
         }
         assert_eq!([rows(1), rows(64), rows(1024), rows(2048)], [1, 64, 64, 64]);
     }

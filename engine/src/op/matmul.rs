@@ -12,13 +12,13 @@ use std::cell::RefCell;
 use std::sync::OnceLock;
 
 /// Rows of a tile: with two vectors each they take 12 of the 16 vector registers of AVX2.
-const TILE: usize = 6;
+pub(crate) const TILE: usize = 6;
 
 /// Steps of k before a tile goes back to memory: a panel of so many rows fills half of a 32 KB cache on AVX2.
 const DEPTH: usize = 256;
 
 /// Rows of the left factor that are worked through before the next panel's turn.
-const ROWS: usize = 16 * TILE;
+pub(crate) const ROWS: usize = 24 * TILE;
 
 /// The left factor.
 #[derive(Debug, Clone, Copy)]
@@ -204,18 +204,21 @@ impl WithSimd for Product<'_> {
 }
 
 /// Rows `first..` of a transposed left factor, steps `k0..` of k, as tiles: `[tile][step][row of the tile]`.
+///
+/// Step by step, so that a line of the factor is fetched once: its rows are often a power of two apart and push each other
+/// out of the cache.
 #[inline(always)]
 fn turn(turned: &mut [f32], a: &[f32], lda: usize, first: usize, rows: usize, k0: usize, depth: usize) {
-    for (tile, row) in turned.chunks_exact_mut(depth * TILE).zip((0..rows).step_by(TILE)) {
-        let high = TILE.min(rows - row);
-        if high == TILE {
-            for (to, k) in tile.chunks_exact_mut(TILE).zip(k0..) {
-                to.copy_from_slice(&a[k * lda + first + row..][..TILE]);
-            }
-        } else {
-            for (to, k) in tile.chunks_exact_mut(high).take(depth).zip(k0..) {
-                to.copy_from_slice(&a[k * lda + first + row..][..high]);
-            }
+    let whole = rows / TILE;
+    let (tiles, rest) = turned.split_at_mut(whole * depth * TILE);
+    let (tiles, _) = pulp::as_arrays_mut::<TILE, _>(tiles);
+    for step in 0..depth {
+        let (six, last) = pulp::as_arrays::<TILE, _>(&a[(k0 + step) * lda + first..][..rows]);
+        for (tile, six) in six.iter().enumerate() {
+            tiles[tile * depth + step] = *six;
+        }
+        if !last.is_empty() {
+            rest[step * last.len()..][..last.len()].copy_from_slice(last);
         }
     }
 }

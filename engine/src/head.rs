@@ -3,9 +3,9 @@
 //! Letters: N rows, D width, V vocabulary. The head is (V, D), one row a token, as the token embedding it may be tied to.
 
 use crate::arena::Floats;
+use crate::block::Norm;
 use crate::block::backward::{Sums, pack_transposed_parallel, weight_gradient};
 use crate::block::forward::{pack_parallel, times};
-use crate::block::Norm;
 use crate::op::matmul::{Store, pack, panels_len};
 use crate::op::{cross_entropy, layer_norm};
 use crate::pieces::{self, PerThread};
@@ -154,7 +154,8 @@ pub fn logits(
     take: &mut dyn FnMut(usize, &mut [f32]),
 ) {
     workspace.pack(head);
-    let Workspace { rows, width: d, vocabulary: v, piece, stretch, across, stats, logits, normal: scratch, .. } = workspace;
+    let Workspace { rows, width: d, vocabulary: v, piece, stretch, across, stats, logits, normal: scratch, .. } =
+        workspace;
     let (n, d, v, piece) = (*rows, *d, *v, *piece);
     assert_eq!(x.len(), n * d, "a head of {n} rows of {d}");
     for first in (0..n).step_by(*stretch) {

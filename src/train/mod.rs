@@ -3,9 +3,9 @@
 pub mod adamw;
 pub mod batches;
 pub mod config;
+pub mod fast;
 #[cfg(test)]
 pub(crate) mod fixture;
-pub mod fast;
 pub mod learner;
 pub mod metrics;
 #[cfg(test)]

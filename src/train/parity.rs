@@ -2,8 +2,8 @@
 
 use super::batches::Batch;
 use super::config::TrainConfig;
-use super::learner::{Learner, clip_share};
 use super::fast::FastLearner;
+use super::learner::{Learner, clip_share};
 use super::plain::Plain;
 use super::schedule;
 use crate::model::fast::Fast;

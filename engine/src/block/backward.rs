@@ -45,39 +45,41 @@ pub fn backward(
         (back.d_down.par_chunks_mut(slot(d)), back.d_up.par_chunks_mut(slot(m)), back.d_out.par_chunks_mut(slot(d))),
         back.partial.par_chunks_mut(width),
     );
-    parts.into_par_iter().enumerate().for_each(|(i, ((dx, middle, stats), (up, gelu), (normal, gathered), d_heads, (d_down, d_up, d_out), partial))| {
-        let (first, rows) = (i * piece, dx.len() / d);
-        partial.fill(0.0);
-        let (db_down, partial) = partial.split_at_mut(d);
-        let (db_up, partial) = partial.split_at_mut(m);
-        let (d_norm, db_out) = partial.split_at_mut(2 * d);
-        let (dw_norm, db_norm) = d_norm.split_at_mut(d);
-        scratch.with(|scratch| {
-            let (dy, rest) = scratch.split_at_mut(dx.len());
-            let (d_normal, rest) = rest.split_at_mut(dx.len());
-            let d_hidden = &mut rest[..up.len()];
-            dropped(shape, first, rows, dropout.map(|p| (p.share, p.mlp)), &mut |rows, mask| {
-                bias::residual_backward(&mut dy[rows.clone()], &dx[rows], d, mask);
+    parts.into_par_iter().enumerate().for_each(
+        |(i, ((dx, middle, stats), (up, gelu), (normal, gathered), d_heads, (d_down, d_up, d_out), partial))| {
+            let (first, rows) = (i * piece, dx.len() / d);
+            partial.fill(0.0);
+            let (db_down, partial) = partial.split_at_mut(d);
+            let (db_up, partial) = partial.split_at_mut(m);
+            let (d_norm, db_out) = partial.split_at_mut(2 * d);
+            let (dw_norm, db_norm) = d_norm.split_at_mut(d);
+            scratch.with(|scratch| {
+                let (dy, rest) = scratch.split_at_mut(dx.len());
+                let (d_normal, rest) = rest.split_at_mut(dx.len());
+                let d_hidden = &mut rest[..up.len()];
+                dropped(shape, first, rows, dropout.map(|p| (p.share, p.mlp)), &mut |rows, mask| {
+                    bias::residual_backward(&mut dy[rows.clone()], &dx[rows], d, mask);
+                });
+                bias::add_column_sums(db_down, dy);
+                pack(d_down, dy, d, rows, d);
+                times(d_hidden, dy, d, &panels.down, m);
+                gelu::backward(d_hidden, gelu, up);
+                bias::add_column_sums(db_up, d_hidden);
+                pack(d_up, d_hidden, m, rows, m);
+                times(d_normal, d_hidden, m, &panels.up, d);
+                layer_norm::again(normal, middle, stats, weights.norm2.weight, weights.norm2.bias);
+                let normed = layer_norm::Saved { x: middle, stats, weight: weights.norm2.weight };
+                layer_norm::backward(dx, dw_norm, db_norm, normed, d_normal);
+                dropped(shape, first, rows, dropout.map(|p| (p.share, p.out)), &mut |rows, mask| {
+                    bias::residual_backward(&mut dy[rows.clone()], &dx[rows], d, mask);
+                });
+                bias::add_column_sums(db_out, dy);
+                pack(d_out, dy, d, rows, d);
+                times(d_heads, dy, d, &panels.out, d);
+                attention::gather(heads, 1, &saved.heads, first..first + rows, gathered);
             });
-            bias::add_column_sums(db_down, dy);
-            pack(d_down, dy, d, rows, d);
-            times(d_hidden, dy, d, &panels.down, m);
-            gelu::backward(d_hidden, gelu, up);
-            bias::add_column_sums(db_up, d_hidden);
-            pack(d_up, d_hidden, m, rows, m);
-            times(d_normal, d_hidden, m, &panels.up, d);
-            layer_norm::again(normal, middle, stats, weights.norm2.weight, weights.norm2.bias);
-            let normed = layer_norm::Saved { x: middle, stats, weight: weights.norm2.weight };
-            layer_norm::backward(dx, dw_norm, db_norm, normed, d_normal);
-            dropped(shape, first, rows, dropout.map(|p| (p.share, p.out)), &mut |rows, mask| {
-                bias::residual_backward(&mut dy[rows.clone()], &dx[rows], d, mask);
-            });
-            bias::add_column_sums(db_out, dy);
-            pack(d_out, dy, d, rows, d);
-            times(d_heads, dy, d, &panels.out, d);
-            attention::gather(heads, 1, &saved.heads, first..first + rows, gathered);
-        });
-    });
+        },
+    );
     let mut sums = Sums { partial: &back.partial[..n.div_ceil(piece) * width], width, store };
     sums.take(gradients.down.bias);
     sums.take(gradients.up.bias);

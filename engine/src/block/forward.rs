@@ -23,7 +23,8 @@ pub fn forward(
     let (shape, piece) = (*shape, *piece);
     let Shape { width: d, hidden: m, .. } = shape;
     panels.pack(weights, d, m);
-    let parts = (saved.qkv.par_chunks_mut(piece * 3 * d), saved.stats1.par_chunks_mut(piece * 2), x.par_chunks(piece * d));
+    let parts =
+        (saved.qkv.par_chunks_mut(piece * 3 * d), saved.stats1.par_chunks_mut(piece * 2), x.par_chunks(piece * d));
     parts.into_par_iter().for_each(|(qkv, stats, x)| {
         scratch.with(|scratch| {
             let normal = &mut scratch[..x.len()];

@@ -200,12 +200,12 @@ struct Back {
     d_out: Floats,
     d_qkv: Floats,
     // left factors of the weights' gradients
-    gelu: Floats,      // (N, M)
-    normal: Floats,    // (N, D)
-    gathered: Floats,  // (N, D)
-    d_heads: Floats,   // (N, D): gradient of the gathered heads
+    gelu: Floats,       // (N, M)
+    normal: Floats,     // (N, D)
+    gathered: Floats,   // (N, D)
+    d_heads: Floats,    // (N, D): gradient of the gathered heads
     dqkv_heads: Floats, // (B, H, 3, T, D/H)
-    partial: Floats,   // a row a piece: sums over its rows of biases and norms
+    partial: Floats,    // a row a piece: sums over its rows of biases and norms
 }
 
 impl Workspace {

@@ -41,11 +41,7 @@ impl Fast {
     ///
     /// # Errors
     /// As [`Gpt::from_tensors`].
-    pub fn from_tensors(
-        config: &ModelConfig,
-        tokens: &TokenLayout,
-        tensors: BTreeMap<String, Tensor>,
-    ) -> Result<Fast> {
+    pub fn from_tensors(config: &ModelConfig, tokens: &TokenLayout, tensors: BTreeMap<String, Tensor>) -> Result<Fast> {
         Fast::of(&Gpt::from_tensors(config, tokens, tensors)?)
     }
 
@@ -187,7 +183,9 @@ impl Fast {
 }
 
 /// A block's tensors from the order of their names.
-fn block_tensors<T>([out_b, out_w, qkv_b, qkv_w, down_b, down_w, up_b, up_w, n1_b, n1_w, n2_b, n2_w]: [T; BLOCK]) -> block::Tensors<T> {
+fn block_tensors<T>(
+    [out_b, out_w, qkv_b, qkv_w, down_b, down_w, up_b, up_w, n1_b, n1_w, n2_b, n2_w]: [T; BLOCK],
+) -> block::Tensors<T> {
     let linear = |weight, bias| block::Linear { weight, bias };
     block::Tensors {
         norm1: block::Norm { weight: n1_w, bias: n1_b },
@@ -204,9 +202,8 @@ fn block_tensors<T>([out_b, out_w, qkv_b, qkv_w, down_b, down_w, up_b, up_w, n1_
 /// # Errors
 /// None in practice.
 pub fn named(parameters: &[Parameter], numbers: &[Floats]) -> Result<BTreeMap<String, Tensor>> {
-    let tensor = |(p, x): (&Parameter, &Floats)| {
-        Ok((p.name.clone(), Tensor::from_slice(x, p.shape.as_slice(), &Device::Cpu)?))
-    };
+    let tensor =
+        |(p, x): (&Parameter, &Floats)| Ok((p.name.clone(), Tensor::from_slice(x, p.shape.as_slice(), &Device::Cpu)?));
     parameters.iter().zip(numbers).map(tensor).collect()
 }
 

@@ -1,9 +1,9 @@
 //! Forward and backward through all blocks, for batches of one shape.
 
 use super::{BLOCK, Fast, block_tensors};
+use crate::model::Dropout;
 use crate::model::config::{ModelConfig, Positions, TokenLayout};
 use crate::model::layout::{self, FRONT};
-use crate::model::Dropout;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::{self, Saved, Shape};
 use kinelm_engine::head;
@@ -123,7 +123,8 @@ impl Pass {
         let targets = (targets, model.tokens.pad);
         let nats = head::loss(last, model.norm(), head, targets, scale, &mut of_head, Store::Set, &mut self.head);
         for layer in (0..model.config.layers).rev() {
-            let Some(Ok(tensors)) = gradients.get_mut(layer * BLOCK..(layer + 1) * BLOCK).map(<&mut [Floats; BLOCK]>::try_from)
+            let Some(Ok(tensors)) =
+                gradients.get_mut(layer * BLOCK..(layer + 1) * BLOCK).map(<&mut [Floats; BLOCK]>::try_from)
             else {
                 panic!("{} gradients for a model of {}", gradients.len(), model.parameters.len());
             };
@@ -176,7 +177,9 @@ fn two(stream: &mut [Floats], layer: usize) -> (&[f32], &mut [f32]) {
 
 /// The position tables and the row of each for the places `0..length` of a window.
 fn places(positions: Positions, word: usize, length: usize) -> Vec<(&'static str, Vec<u32>)> {
-    let behind = |row: &dyn Fn(usize) -> usize| (0..length).map(|i| if i < FRONT { NONE } else { row(i - FRONT) as u32 }).collect();
+    let behind = |row: &dyn Fn(usize) -> usize| {
+        (0..length).map(|i| if i < FRONT { NONE } else { row(i - FRONT) as u32 }).collect()
+    };
     match positions {
         Positions::Absolute => vec![("position.absolute.weight", (0..length as u32).collect())],
         Positions::FrameJoint => vec![

@@ -24,7 +24,16 @@ fn model(case: &Case) -> Gpt {
     let &Case { positions, tied_head, layers, heads, width, length, vocabulary, .. } = case;
     let tokens = TokenLayout { vocabulary, word: 3, pad: 0, bos: 1, space: 5 };
     let context = length.max(6);
-    let config = ModelConfig { layers, heads, width, context, positions, tied_head, dropout: case.dropout, ..Default::default() };
+    let config = ModelConfig {
+        layers,
+        heads,
+        width,
+        context,
+        positions,
+        tied_head,
+        dropout: case.dropout,
+        ..Default::default()
+    };
     let gpt = Gpt::new(&config, &tokens, 1).unwrap();
     // away from zeros and ones, where gradients could be right by accident
     for (name, var) in gpt.vars() {
@@ -55,7 +64,14 @@ fn batch(case: &Case) -> (Vec<u32>, Vec<u32>) {
 fn check(case: &Case) {
     let what = format!(
         "{:?} tied {} L {} H {} D {} B {} T {} V {} dropout {}",
-        case.positions, case.tied_head, case.layers, case.heads, case.width, case.batch, case.length, case.vocabulary,
+        case.positions,
+        case.tied_head,
+        case.layers,
+        case.heads,
+        case.width,
+        case.batch,
+        case.length,
+        case.vocabulary,
         case.dropout
     );
     let gpt = model(case);

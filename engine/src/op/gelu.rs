@@ -2,12 +2,14 @@
 //!
 //! The form with exp needs no tanh and is exact at both ends.
 
-use super::math::exp;
+use super::math::exp_within;
 use super::rows;
 use crate::dispatch;
 use pulp::{Simd, WithSimd};
 
 const CUBIC: f64 = 0.044715;
+/// Beyond it 2 u is cut off: the gate is 0 or 1 to the last place.
+const LIMIT: f32 = 87.0;
 /// 2 sqrt(2/pi).
 const SLOPE: f64 = 2.0 * std::f64::consts::FRAC_2_SQRT_PI * std::f64::consts::FRAC_1_SQRT_2;
 
@@ -126,7 +128,9 @@ fn value<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
 fn gate<S: Simd>(simd: S, x: S::f32s, square: S::f32s) -> (S::f32s, S::f32s) {
     let one = simd.splat_f32s(1.0);
     let cubic = simd.mul_add_e_f32s(square, simd.splat_f32s((-SLOPE * CUBIC) as f32), simd.splat_f32s(-SLOPE as f32));
-    let e = exp(simd, simd.mul_f32s(x, cubic));
+    // within what exp takes: gates between 1e-38 and 1, and no infinity that a 0 would turn into NaN
+    let u2 = simd.min_f32s(simd.mul_f32s(x, cubic), simd.splat_f32s(LIMIT));
+    let e = exp_within(simd, simd.max_f32s(u2, simd.splat_f32s(-LIMIT)));
     (simd.div_f32s(one, simd.add_f32s(one, e)), e)
 }
 
@@ -138,9 +142,8 @@ fn value_and_gradient<S: Simd>(simd: S, x: S::f32s, d: S::f32s) -> (S::f32s, S::
     let value = simd.mul_f32s(x, s);
     let (a, b) = (simd.splat_f32s((3.0 * SLOPE * CUBIC) as f32), simd.splat_f32s(SLOPE as f32));
     let inner = simd.mul_add_e_f32s(square, a, b);
-    // 1 - s without its cancellation where s is almost 1; where e is infinite, s is 0 and the product must be, too
-    let opposite = simd.mul_f32s(s, simd.min_f32s(e, simd.splat_f32s(f32::MAX)));
-    let rest = simd.mul_f32s(value, opposite);
+    // s e is 1 - s without its cancellation where s is almost 1
+    let rest = simd.mul_f32s(value, simd.mul_f32s(s, e));
     (value, simd.mul_f32s(simd.mul_add_e_f32s(rest, inner, s), d))
 }
 
@@ -195,12 +198,19 @@ mod tests {
     }
 
     #[test]
-    fn the_ends_are_finite() {
+    fn the_ends_are_finite_and_what_is_no_number_shows() {
         for lanes in Lanes::ALL {
-            let x = [-1e4f32, -90.0, 0.0, 90.0, 1e4];
-            let (mut d, mut out) = ([1.0; 5], [7.0; 5]);
+            let x = [-1e9, -1e4, -90.0, 0.0, 90.0, 1e4, 1e9];
+            let (mut d, mut out) = ([1.0; 7], [7.0; 7]);
             lanes.run(Backward { d: &mut d, out: &mut out, x: &x });
-            assert_eq!((out, d), ([0.0, 0.0, 0.0, 90.0, 1e4], [0.0, 0.0, 0.5, 1.0, 1.0]), "{lanes:?}");
+            let expected = [0.0, 0.0, 0.0, 0.0, 90.0, 1e4, 1e9];
+            assert!(out.iter().zip(expected).all(|(o, e)| (o - e).abs() < 1e-25), "{lanes:?}: {out:?}");
+            let slopes = [0.0, 0.0, 0.0, 0.5, 1.0, 1.0, 1.0];
+            assert!(d.iter().zip(slopes).all(|(d, e)| (d - e).abs() < 1e-6), "{lanes:?}: {d:?}");
+            let x = [f32::NAN; 20];
+            let (mut d, mut out) = ([1.0; 20], [7.0; 20]);
+            lanes.run(Backward { d: &mut d, out: &mut out, x: &x });
+            assert!(d.iter().chain(&out).all(|x| x.is_nan()), "{lanes:?}: {d:?} {out:?}");
         }
     }
 }

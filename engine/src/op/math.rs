@@ -2,36 +2,38 @@
 
 use pulp::Simd;
 
-/// 1.5 * 2^23: a float added to it is rounded to a whole number, which stands in its lowest bits.
-const ROUND: f32 = 12_582_912.0;
-/// Below ln of the smallest normal float, e^x is 0.
-const LOWEST: f32 = -87.336_54;
-/// Above 127.5 ln 2, whole powers of 2 end and e^x is infinite (a little early: the largest float is e^88.72).
-const HIGHEST: f32 = 88.376_26;
+/// 1.5 * 2^23 + 127: a float added to it is rounded to a whole number, which stands in its lowest bits as the exponent of
+/// a float does.
+const ROUND: f32 = 12_583_039.0;
+/// Below -126.5 ln 2, powers of 2 end and e^x is 0; here the exponent's bits are 0.
+const LOWEST: f32 = -88.0;
+/// Above 127.5 ln 2 = 88.376, they end too and e^x is infinite, a little early: the largest float is e^88.72.
+const HIGHEST: f32 = 88.9;
 /// ln 2 in two parts: multiples of the first, up to 128 of them, are exact.
 const LN_2: [f32; 2] = [355.0 / 512.0, -2.121_944_4e-4];
-/// e^r = 1 + r + r^2 p(r) for |r| <= ln 2 / 2, from the highest power down; the relative error is below 4e-9 (Remez).
+/// e^r for |r| <= ln 2 / 2, from the highest power down, without 1 + r; the relative error is below 4e-9 (Remez).
 const P: [f32; 5] = [0.001_381_454, 0.008_368_745, 0.041_668_39, 0.166_665_2, 0.499_999_94];
 
-/// e^x, relative error at most 2e-7 where the result is a normal number. 0 below -87.3366 (denormal results are 0, and
-/// e^-inf is), infinite above 88.376; NaN stays NaN.
+/// e^x, relative error at most 2e-7 where the result is a normal number. 0 from -87.69 down (and for -inf), infinite above
+/// 88.376; NaN stays NaN.
 #[inline(always)]
 pub(crate) fn exp<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
-    let y = unbounded(simd, x);
-    let y = simd.select_f32s(simd.greater_than_f32s(x, simd.splat_f32s(HIGHEST)), simd.splat_f32s(f32::INFINITY), y);
-    simd.select_f32s(simd.less_than_f32s(x, simd.splat_f32s(LOWEST)), simd.splat_f32s(0.0), y)
+    let highest = simd.splat_f32s(HIGHEST);
+    exp_falling(simd, simd.select_f32s(simd.greater_than_f32s(x, highest), highest, x))
 }
 
-/// [`exp`] for x that are known not to be above 88, as those of a softmax: a comparison less.
+/// [`exp`] for x that are not above 88, as those of a softmax: a comparison less.
 #[inline(always)]
 pub(crate) fn exp_falling<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
-    simd.select_f32s(simd.less_than_f32s(x, simd.splat_f32s(LOWEST)), simd.splat_f32s(0.0), unbounded(simd, x))
+    // no maximum: which of the two it gives for NaN depends on the CPU
+    let lowest = simd.splat_f32s(LOWEST);
+    exp_within(simd, simd.select_f32s(simd.less_than_f32s(x, lowest), lowest, x))
 }
 
-/// e^x between [`LOWEST`] and [`HIGHEST`], NaN for NaN, anything elsewhere.
+/// [`exp`] for x that are neither below -88 nor above 88; anything comes out for others.
 #[inline(always)]
-fn unbounded<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
-    let round = simd.splat_f32s(ROUND);
+pub(crate) fn exp_within<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+    let (round, one) = (simd.splat_f32s(ROUND), simd.splat_f32s(1.0));
     let shifted = simd.mul_add_e_f32s(x, simd.splat_f32s(std::f32::consts::LOG2_E), round);
     let n = simd.sub_f32s(shifted, round);
     let r = simd.negate_mul_add_e_f32s(n, simd.splat_f32s(LN_2[0]), x);
@@ -40,11 +42,9 @@ fn unbounded<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     for c in &P[1..] {
         p = simd.mul_add_e_f32s(p, r, simd.splat_f32s(*c));
     }
-    let tail = simd.mul_add_e_f32s(p, simd.mul_f32s(r, r), r);
-    // the whole number's bits become the exponent's; a product, not a sum of bits, so that NaN stays NaN
-    let bits = simd.add_u32s(simd.transmute_u32s_f32s(shifted), simd.splat_u32s(127));
-    let power = simd.transmute_f32s_u32s(simd.wrapping_dyn_shl_u32s(bits, simd.splat_u32s(23)));
-    simd.mul_add_e_f32s(tail, power, power)
+    let p = simd.mul_add_e_f32s(simd.mul_add_e_f32s(p, r, one), r, one);
+    let bits = simd.wrapping_dyn_shl_u32s(simd.transmute_u32s_f32s(shifted), simd.splat_u32s(23));
+    simd.mul_f32s(p, simd.transmute_f32s_u32s(bits))
 }
 
 /// The sum of the lanes, added in pairs: the order depends on the width alone.
@@ -80,7 +80,7 @@ mod tests {
     use crate::op::check::Lanes;
     use pulp::WithSimd;
 
-    /// Half a unit in the last place for the last sum, a quarter for its terms; without fused products a little more.
+    /// Half a unit in the last place for the last sum, a third of one for what is added; without fused products some more.
     const EXP_ERROR: f64 = 2e-7;
 
     struct Exp<'a> {

@@ -13,6 +13,7 @@
 
 pub mod arena;
 pub mod block;
+pub mod decode;
 pub mod dispatch;
 pub mod head;
 pub mod op;

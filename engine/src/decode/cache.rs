@@ -1,0 +1,120 @@
+//! The keys and values of what was read, in one allocation.
+//!
+//! [layer][head][stream], each unit the keys, then the values. Keys lie in panels of tokens, [T / panel][d][panel], and
+//! values in panels of their numbers, [d / panel][T][panel]: both are right factors of the products that attention takes.
+
+use super::kernel::Element;
+use crate::arena::Floats;
+use crate::op::matmul::panel;
+use half::f16;
+use half::slice::{HalfBitsSliceExt, HalfFloatSliceExt};
+
+/// How keys and values are held.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum KvKind {
+    /// As they are.
+    #[default]
+    F32,
+    /// As half floats: half the memory, and half of it to read for every token.
+    F16,
+}
+
+/// A number as the cache holds it.
+pub(super) trait Stored: Element {
+    /// `from` rounded to this, at most [`CHUNK`] numbers.
+    fn store(to: &mut [Self], from: &[f32]);
+}
+
+/// Numbers that are rounded at a time.
+const CHUNK: usize = 32;
+
+impl Stored for f32 {
+    fn store(to: &mut [f32], from: &[f32]) {
+        to.copy_from_slice(from);
+    }
+}
+
+impl Stored for u16 {
+    fn store(to: &mut [u16], from: &[f32]) {
+        to.reinterpret_cast_mut::<f16>().convert_from_f32_slice(from);
+    }
+}
+
+/// Where a unit's numbers lie.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Unit {
+    /// T, whole panels.
+    pub tokens: usize,
+    /// d.
+    pub d: usize,
+    /// d, whole panels.
+    pub padded: usize,
+    pub panel: usize,
+}
+
+impl Unit {
+    pub fn new(context: usize, d: usize) -> Unit {
+        let panel = panel();
+        Unit { tokens: context.next_multiple_of(panel), d, padded: d.next_multiple_of(panel), panel }
+    }
+
+    /// Numbers of a unit.
+    pub fn len(&self) -> usize {
+        self.tokens * (self.d + self.padded)
+    }
+
+    /// Its keys and its values.
+    pub fn split<'a, E>(&self, unit: &'a [E]) -> (&'a [E], &'a [E]) {
+        unit.split_at(self.tokens * self.d)
+    }
+
+    /// Keeps key and value (d) of the token at `place`.
+    pub fn keep<E: Stored>(&self, unit: &mut [E], place: usize, key: &[f32], value: &[f32]) {
+        let (keys, values) = unit.split_at_mut(self.tokens * self.d);
+        let mut rounded = [E::zeroed(); CHUNK];
+        let base = place / self.panel * self.d * self.panel + place % self.panel;
+        for (c, key) in key.chunks(CHUNK).enumerate() {
+            let rounded = &mut rounded[..key.len()];
+            E::store(rounded, key);
+            for (i, x) in rounded.iter().enumerate() {
+                keys[base + (c * CHUNK + i) * self.panel] = *x;
+            }
+        }
+        for (p, value) in value.chunks(self.panel).enumerate() {
+            E::store(&mut values[(p * self.tokens + place) * self.panel..][..value.len()], value);
+        }
+    }
+}
+
+/// Keys and values of all layers, heads and streams.
+pub(super) struct KvCache {
+    kind: KvKind,
+    unit: Unit,
+    /// Numbers of a layer.
+    layer: usize,
+    numbers: Floats,
+}
+
+impl KvCache {
+    pub fn new(kind: KvKind, layers: usize, heads: usize, streams: usize, unit: Unit) -> KvCache {
+        let layer = heads * streams * unit.len();
+        let numbers = layers * layer;
+        // a panel has an even number of columns, so units of half floats are whole floats too
+        let floats = if kind == KvKind::F16 { numbers / 2 } else { numbers };
+        KvCache { kind, unit, layer, numbers: Floats::new(floats) }
+    }
+
+    pub fn kind(&self) -> KvKind {
+        self.kind
+    }
+
+    pub fn unit(&self) -> Unit {
+        self.unit
+    }
+
+    /// [head][stream] of a layer.
+    pub fn layer<E: Stored>(&mut self, layer: usize) -> &mut [E] {
+        let all: &mut [E] = bytemuck::cast_slice_mut(&mut self.numbers);
+        &mut all[layer * self.layer..][..self.layer]
+    }
+}

@@ -1,0 +1,346 @@
+//! Reading tokens: a block through all layers, the keys and values kept.
+
+use super::attention::{self, Queries, SCORE_ROWS};
+use super::cache::{KvCache, KvKind, Stored, Unit};
+use super::kernel::Left;
+use super::matrix::{Matrix, PIECE};
+use super::weights::{Block, DecoderWeights, Norm};
+use crate::arena::Floats;
+use crate::op::{gelu, layer_norm};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Tokens that go through the layers together; longer blocks are cut.
+const ROWS: usize = 192;
+
+/// Multiply-adds that are worth another thread.
+const WORTH: usize = 1 << 17;
+
+/// Reads of fewer multiply-adds stay on the thread they are called on, if it is none of a pool's.
+const ALONE: usize = 1 << 20;
+
+/// Which logits a read is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Logits {
+    /// Those behind the last token of each block that has any.
+    Last,
+    /// Those behind every token.
+    All,
+}
+
+/// Sequences that are read side by side, sharing every read of a weight.
+pub struct Decoder {
+    weights: Arc<DecoderWeights>,
+    cache: KvCache,
+    /// Tokens read, a number a stream.
+    lengths: Vec<usize>,
+    /// What of the current rows belongs to which stream, in the order of the streams.
+    runs: Vec<Run>,
+    logits: Vec<f32>,
+    room: Room,
+}
+
+/// Rows of one stream, one behind the other.
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    stream: usize,
+    /// The place of the first.
+    place: usize,
+    rows: usize,
+}
+
+/// Scratch for [`ROWS`] rows at most; what is used of it depends on the rows there are.
+struct Room {
+    x: Floats,      // (m, D)
+    normed: Floats, // (m, D)
+    stats: Floats,  // (m, 2)
+    qkv: Floats,    // (H, m, 3 d)
+    heads: Floats,  // (H, m, d), d whole panels
+    scores: Floats, // (H, SCORE_ROWS, T)
+    pieces: Floats, // (n / PIECE, m, PIECE) for the widest n
+    hidden: Floats, // (4 D / PIECE, m, PIECE)
+}
+
+impl Decoder {
+    /// A reader of `streams` sequences.
+    ///
+    /// # Panics
+    /// No streams.
+    pub fn new(weights: Arc<DecoderWeights>, streams: usize, kv: KvKind) -> Decoder {
+        assert!(streams > 0, "a decoder of no streams");
+        let shape = weights.shape;
+        let (d, unit) = (shape.width / shape.heads, Unit::new(shape.context, shape.width / shape.heads));
+        let rows = ROWS.min(shape.context * streams);
+        let hidden = (4 * shape.width).next_multiple_of(PIECE);
+        let widest = hidden.max(shape.vocabulary.next_multiple_of(PIECE));
+        let room = Room {
+            x: Floats::new(rows * shape.width),
+            normed: Floats::new(rows * shape.width),
+            stats: Floats::new(rows * 2),
+            qkv: Floats::new(rows * shape.heads * (3 * d).next_multiple_of(unit.panel)),
+            heads: Floats::new(rows * shape.heads * unit.padded),
+            scores: Floats::new(shape.heads * SCORE_ROWS * unit.tokens),
+            pieces: Floats::new(rows * widest),
+            hidden: Floats::new(rows * hidden),
+        };
+        Decoder {
+            cache: KvCache::new(kv, shape.layers, shape.heads, streams, unit),
+            lengths: vec![0; streams],
+            runs: Vec::with_capacity(streams),
+            logits: Vec::with_capacity(streams * shape.vocabulary),
+            room,
+            weights,
+        }
+    }
+
+    /// The weights it reads with.
+    pub fn weights(&self) -> &Arc<DecoderWeights> {
+        &self.weights
+    }
+
+    /// How keys and values are held.
+    pub fn kv(&self) -> KvKind {
+        self.cache.kind()
+    }
+
+    /// Sequences.
+    pub fn streams(&self) -> usize {
+        self.lengths.len()
+    }
+
+    /// Tokens that a stream has read.
+    ///
+    /// # Panics
+    /// A stream that is not there.
+    pub fn len(&self, stream: usize) -> usize {
+        self.lengths[stream]
+    }
+
+    /// Whether no stream has read anything.
+    pub fn is_empty(&self) -> bool {
+        self.lengths.iter().all(|&n| n == 0)
+    }
+
+    /// Every stream forgets all it has read.
+    pub fn reset(&mut self) {
+        self.lengths.fill(0);
+    }
+
+    /// A stream forgets all but its first `length` tokens.
+    ///
+    /// # Panics
+    /// A stream that is not there.
+    pub fn truncate(&mut self, stream: usize, length: usize) {
+        self.lengths[stream] = self.lengths[stream].min(length);
+    }
+
+    /// Reads a block of tokens a stream, which may be empty; logits (rows, V) of what follows, the rows in the order of the
+    /// streams and of their tokens.
+    ///
+    /// Work is shared out over the threads of the pool that this is called in where it is worth it. A token's logits
+    /// depend on the tokens before it alone: not on how blocks are cut, on other streams or on threads.
+    ///
+    /// # Panics
+    /// Not a block a stream, more tokens than the context has room for, tokens outside the vocabulary.
+    pub fn read(&mut self, blocks: &[&[u32]], wanted: Logits) -> &[f32] {
+        assert_eq!(blocks.len(), self.streams(), "blocks of tokens");
+        let context = self.weights.shape.context;
+        for (block, read) in blocks.iter().zip(&self.lengths) {
+            assert!(block.len() + read <= context, "{} tokens behind {read}, of {context}", block.len());
+        }
+        self.logits.clear();
+        let work = self.weights.multiply_adds() * blocks.iter().map(|b| b.len()).sum::<usize>();
+        if work < ALONE || rayon::current_thread_index().is_some() {
+            self.read_all(blocks, wanted);
+        } else {
+            // into the pool once, not for every piece of work
+            rayon::join(|| self.read_all(blocks, wanted), || ());
+        }
+        &self.logits
+    }
+
+    fn read_all(&mut self, blocks: &[&[u32]], wanted: Logits) {
+        let (mut stream, mut done) = (0, 0);
+        while stream < blocks.len() {
+            let mut rows = 0;
+            self.runs.clear();
+            while stream < blocks.len() && rows < ROWS {
+                let n = (blocks[stream].len() - done).min(ROWS - rows);
+                if n > 0 {
+                    self.embed(rows, &blocks[stream][done..done + n], self.lengths[stream]);
+                    self.runs.push(Run { stream, place: self.lengths[stream], rows: n });
+                }
+                rows += n;
+                done += n;
+                self.lengths[stream] += n;
+                if done == blocks[stream].len() {
+                    (stream, done) = (stream + 1, 0);
+                }
+            }
+            if rows > 0 {
+                let open = if done > 0 { Some(stream) } else { None };
+                self.pass(rows, wanted, open);
+            }
+        }
+    }
+
+    /// The vectors of `tokens`, the first at `place`, into the rows from `row` on.
+    fn embed(&mut self, row: usize, tokens: &[u32], place: usize) {
+        let DecoderWeights { token, positions, shape, .. } = &*self.weights;
+        let width = shape.width;
+        let rows = self.room.x[row * width..].chunks_exact_mut(width);
+        for ((x, &id), position) in rows.zip(tokens).zip(positions[place * width..].chunks_exact(width)) {
+            assert!((id as usize) < shape.vocabulary, "token {id} of {}", shape.vocabulary);
+            let token = &token[id as usize * width..][..width];
+            x.iter_mut().zip(token.iter().zip(position)).for_each(|(x, (t, p))| *x = t + p);
+        }
+    }
+
+    /// Takes `rows` rows through the layers and adds their logits. The block of the stream `open` goes on behind them.
+    fn pass(&mut self, rows: usize, wanted: Logits, open: Option<usize>) {
+        match self.cache.kind() {
+            KvKind::F32 => self.layers::<f32>(rows),
+            KvKind::F16 => self.layers::<u16>(rows),
+        }
+        let width = self.weights.shape.width;
+        let mut count = rows;
+        if wanted == Logits::Last {
+            // the rows that are asked for move to the front
+            let mut end = 0;
+            count = 0;
+            for run in &self.runs {
+                end += run.rows;
+                if Some(run.stream) != open {
+                    self.room.x.copy_within((end - 1) * width..end * width, count * width);
+                    count += 1;
+                }
+            }
+        }
+        if count > 0 {
+            self.head(count);
+        }
+    }
+
+    fn layers<E: Stored>(&mut self, rows: usize) {
+        let weights = self.weights.clone();
+        for (i, block) in weights.blocks.iter().enumerate() {
+            let unit = self.cache.unit();
+            let layer = self.cache.layer::<E>(i);
+            self.room.attention(block, rows, &self.runs, layer, unit);
+            self.room.mlp(block, rows);
+        }
+    }
+
+    /// Adds the logits of the first `rows` rows.
+    fn head(&mut self, rows: usize) {
+        let DecoderWeights { head, norm, shape, .. } = &*self.weights;
+        let room = &mut self.room;
+        room.norm(norm, rows);
+        let left = Left::whole(&room.normed, rows, shape.width, shape.width);
+        products(head, &mut room.pieces, left);
+        for row in 0..rows {
+            let left = shape.vocabulary;
+            for (first, piece) in (0..left).step_by(PIECE).zip(room.pieces.chunks_exact(rows * PIECE)) {
+                self.logits.extend_from_slice(&piece[row * PIECE..][..PIECE.min(left - first)]);
+            }
+        }
+    }
+}
+
+impl Room {
+    /// x += attention(norm1(x)).
+    fn attention<E: Stored>(&mut self, block: &Block, rows: usize, runs: &[Run], cache: &mut [E], unit: Unit) {
+        self.norm(&block.norm1, rows);
+        let width = block.norm1.weight.len();
+        let left = Left::whole(&self.normed, rows, width, width);
+        let stride = block.heads[0].piece();
+        let per_head = cache.len() / block.heads.len();
+        let seen = runs.iter().map(|run| run.place + run.rows).max().unwrap_or(0);
+        let work = rows * (block.heads[0].work() + 2 * seen * unit.d);
+        self.qkv
+            .par_chunks_mut(rows * stride)
+            .zip(self.heads.par_chunks_mut(rows * unit.padded))
+            .zip(self.scores.par_chunks_mut(SCORE_ROWS * unit.tokens))
+            .zip(cache.par_chunks_mut(per_head))
+            .zip(&block.heads)
+            .with_min_len(worth(work))
+            .for_each(|((((qkv, out), scores), cache), weights)| {
+                weights.product(qkv, 0, left);
+                let mut first = 0;
+                for run in runs {
+                    let qkv = &mut qkv[first * stride..][..run.rows * stride];
+                    let out = &mut out[first * unit.padded..][..run.rows * unit.padded];
+                    let cache = &mut cache[run.stream * unit.len()..][..unit.len()];
+                    attention::attend(out, Queries { qkv, stride, place: run.place }, cache, unit, scores);
+                    first += run.rows;
+                }
+            });
+        let left = Left { data: &self.heads, rows, width: unit.d, stride: unit.padded };
+        products(&block.out, &mut self.pieces, left);
+        self.add(rows, width);
+    }
+
+    /// x += down(gelu(up(norm2(x)))).
+    fn mlp(&mut self, block: &Block, rows: usize) {
+        self.norm(&block.norm2, rows);
+        let width = block.norm2.weight.len();
+        let left = Left::whole(&self.normed, rows, width, width);
+        self.pieces
+            .par_chunks_mut(rows * PIECE)
+            .zip(self.hidden.par_chunks_mut(rows * PIECE))
+            .take(block.up.pieces())
+            .enumerate()
+            .with_min_len(worth(rows * block.up.work()))
+            .for_each(|(piece, (up, hidden))| {
+                block.up.product(up, piece, left);
+                gelu::forward(hidden, up);
+            });
+        let left = Left { data: &self.hidden, rows, width: PIECE, stride: PIECE };
+        products(&block.down, &mut self.pieces, left);
+        self.add(rows, width);
+    }
+
+    fn norm(&mut self, norm: &Norm, rows: usize) {
+        let width = norm.weight.len();
+        let per = rows_at_once(width);
+        self.normed[..rows * width]
+            .par_chunks_mut(per * width)
+            .zip(self.stats[..rows * 2].par_chunks_mut(per * 2))
+            .zip(self.x[..rows * width].par_chunks(per * width))
+            .for_each(|((out, stats), x)| layer_norm::forward(out, stats, x, &norm.weight, &norm.bias));
+    }
+
+    /// x += the product in `pieces`.
+    fn add(&mut self, rows: usize, width: usize) {
+        let per = rows_at_once(width);
+        let pieces = &self.pieces;
+        self.x[..rows * width].par_chunks_mut(per * width).enumerate().for_each(|(i, x)| {
+            for (row, x) in x.chunks_exact_mut(width).enumerate() {
+                for (x, piece) in x.chunks_mut(PIECE).zip(pieces.chunks_exact(rows * PIECE)) {
+                    let piece = &piece[(i * per + row) * PIECE..][..x.len()];
+                    x.iter_mut().zip(piece).for_each(|(x, y)| *x += y);
+                }
+            }
+        });
+    }
+}
+
+/// Every piece of the product of `left` with `matrix`, into `pieces`.
+fn products(matrix: &Matrix, pieces: &mut [f32], left: Left) {
+    pieces
+        .par_chunks_mut(left.rows * PIECE)
+        .take(matrix.pieces())
+        .enumerate()
+        .with_min_len(worth(left.rows * matrix.work()))
+        .for_each(|(piece, c)| matrix.product(c, piece, left));
+}
+
+/// Pieces of `work` multiply-adds that one thread takes at least.
+fn worth(work: usize) -> usize {
+    WORTH.div_ceil(work.max(1))
+}
+
+/// Rows of a few additions a number that one thread takes.
+fn rows_at_once(width: usize) -> usize {
+    (WORTH / 8).div_ceil(width.max(1))
+}

@@ -1,0 +1,172 @@
+//! The weights of a model, packed for decoding.
+
+use super::matrix::{Matrix, PIECE, WeightKind};
+use crate::arena::Floats;
+
+/// What a model is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shape {
+    /// L.
+    pub layers: usize,
+    /// H, divides the width.
+    pub heads: usize,
+    /// D.
+    pub width: usize,
+    /// V.
+    pub vocabulary: usize,
+    /// T, the most tokens of a sequence.
+    pub context: usize,
+}
+
+/// Weight and bias; a matrix (in, out) and a bias (out), or a norm's (D) both.
+pub type Pair<'a> = (&'a [f32], &'a [f32]);
+
+/// The weights of a pre-norm transformer block.
+#[derive(Debug, Clone, Copy)]
+pub struct BlockParts<'a> {
+    /// (D), (D).
+    pub norm1: Pair<'a>,
+    /// (D, 3 D), (3 D): queries, keys, values, each by heads.
+    pub qkv: Pair<'a>,
+    /// (D, D), (D).
+    pub out: Pair<'a>,
+    /// (D), (D).
+    pub norm2: Pair<'a>,
+    /// (D, 4 D), (4 D).
+    pub up: Pair<'a>,
+    /// (4 D, D), (D).
+    pub down: Pair<'a>,
+}
+
+/// The weights of a model.
+#[derive(Debug, Clone)]
+pub struct Parts<'a> {
+    /// What the model is.
+    pub shape: Shape,
+    /// (V, D), a row a token.
+    pub token: &'a [f32],
+    /// (T, D), what is added to the token at each place.
+    pub positions: &'a [f32],
+    /// L blocks.
+    pub blocks: Vec<BlockParts<'a>>,
+    /// (D), (D).
+    pub norm: Pair<'a>,
+    /// (V, D), a row a token.
+    pub head: &'a [f32],
+}
+
+/// The weights of a model, packed.
+pub struct DecoderWeights {
+    pub(super) shape: Shape,
+    pub(super) kind: WeightKind,
+    pub(super) token: Floats,
+    pub(super) positions: Floats,
+    pub(super) blocks: Vec<Block>,
+    pub(super) norm: Norm,
+    pub(super) head: Matrix,
+}
+
+pub(super) struct Block {
+    pub norm1: Norm,
+    /// (D, 3 d) a head: query, key, value.
+    pub heads: Vec<Matrix>,
+    pub out: Matrix,
+    pub norm2: Norm,
+    pub up: Matrix,
+    pub down: Matrix,
+}
+
+pub(super) struct Norm {
+    pub weight: Vec<f32>,
+    pub bias: Vec<f32>,
+}
+
+impl DecoderWeights {
+    /// Packs the weights of a model; all matrices as `kind`, the rest in f32.
+    ///
+    /// # Panics
+    /// Slices that don't have the shape they should.
+    pub fn new(parts: &Parts, kind: WeightKind) -> DecoderWeights {
+        let Shape { layers, width, vocabulary, context, heads } = parts.shape;
+        assert!(heads > 0 && width.is_multiple_of(heads), "{heads} heads of a width of {width}");
+        assert_eq!(parts.blocks.len(), layers, "blocks");
+        check("token", parts.token, vocabulary * width);
+        check("positions", parts.positions, context * width);
+        check("head", parts.head, vocabulary * width);
+        let head = Matrix::new(kind, (width, vocabulary), PIECE, |_| 0.0, |i, j| parts.head[j * width + i]);
+        DecoderWeights {
+            shape: parts.shape,
+            kind,
+            token: Floats::of(parts.token),
+            positions: Floats::of(parts.positions),
+            blocks: parts.blocks.iter().map(|b| Block::new(b, &parts.shape, kind)).collect(),
+            norm: Norm::new(parts.norm, width),
+            head,
+        }
+    }
+
+    /// What the model is.
+    pub fn shape(&self) -> Shape {
+        self.shape
+    }
+
+    /// How the matrices are held.
+    pub fn kind(&self) -> WeightKind {
+        self.kind
+    }
+
+    /// Multiply-adds of a token with the weights.
+    pub fn multiply_adds(&self) -> usize {
+        let Shape { layers, width, vocabulary, .. } = self.shape;
+        layers * 12 * width * width + vocabulary * width
+    }
+
+    /// Bytes of weights that are read for a token.
+    pub fn bytes(&self) -> usize {
+        let block = |b: &Block| {
+            let heads: usize = b.heads.iter().map(Matrix::bytes).sum();
+            heads + b.out.bytes() + b.up.bytes() + b.down.bytes() + 16 * self.shape.width
+        };
+        self.blocks.iter().map(block).sum::<usize>() + self.head.bytes()
+    }
+}
+
+impl Block {
+    fn new(parts: &BlockParts, shape: &Shape, kind: WeightKind) -> Block {
+        let (width, d) = (shape.width, shape.width / shape.heads);
+        let linear = |name: &str, (weight, bias): Pair, k: usize, n: usize| {
+            check(name, weight, k * n);
+            check(name, bias, n);
+            Matrix::new(kind, (k, n), PIECE, |j| bias[j], |i, j| weight[i * n + j])
+        };
+        let (weight, bias) = parts.qkv;
+        check("qkv", weight, width * 3 * width);
+        check("qkv", bias, 3 * width);
+        let head = |h: usize| {
+            // column j of the head's (D, 3 d): query, key or value, and which of it
+            let column = |j: usize| j / d * width + h * d + j % d;
+            let at = |i: usize, j: usize| weight[i * 3 * width + column(j)];
+            Matrix::new(kind, (width, 3 * d), 3 * d, |j| bias[column(j)], at)
+        };
+        Block {
+            norm1: Norm::new(parts.norm1, width),
+            heads: (0..shape.heads).map(head).collect(),
+            out: linear("out", parts.out, width, width),
+            norm2: Norm::new(parts.norm2, width),
+            up: linear("up", parts.up, width, 4 * width),
+            down: linear("down", parts.down, 4 * width, width),
+        }
+    }
+}
+
+impl Norm {
+    fn new((weight, bias): Pair, width: usize) -> Norm {
+        check("norm", weight, width);
+        check("norm", bias, width);
+        Norm { weight: weight.to_vec(), bias: bias.to_vec() }
+    }
+}
+
+fn check(what: &str, numbers: &[f32], expected: usize) {
+    assert_eq!(numbers.len(), expected, "numbers of {what}");
+}

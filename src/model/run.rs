@@ -3,6 +3,7 @@
 use super::checkpoint::{Checkpoints, State, Which};
 use super::config::{ModelConfig, TokenLayout};
 use super::device::Compute;
+use super::fast::Fast;
 use super::gpt::Gpt;
 use super::scores::Scores;
 use super::weights;
@@ -51,6 +52,9 @@ impl LoadedRun {
     /// # Errors
     /// As [`LoadedRun::plain`]; a device that isn't there.
     pub fn scores(&self, compute: Compute) -> Result<Box<dyn Scores>> {
+        if compute == Compute::default() {
+            return Ok(Box::new(Fast::from_tensors(&self.config, &self.tokens, self.weights.clone())?));
+        }
         Ok(Box::new(self.plain(&compute.device.open()?)?))
     }
 }

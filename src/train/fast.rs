@@ -3,12 +3,13 @@
 use super::batches::Batch;
 use super::config::TrainConfig;
 use super::learner::{Found, Learner, not_finite};
-use crate::model::fast::{Fast, named};
+use crate::model::fast::{Fast, Windows, named};
 use crate::model::{Dropout, ModelConfig, Scores, TokenLayout};
 use crate::{Error, Result};
 use candle_core::Tensor;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::op::adamw;
+use kinelm_engine::op::attention::Mask;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -49,8 +50,9 @@ impl Learner for FastLearner {
         let counted = batch.counted(Scores::tokens(&self.model).pad);
         let share = Scores::config(&self.model).dropout;
         let dropout = (share > 0.0).then_some(Dropout { share, seed: self.train.seed, step, first: 0 });
-        let (inputs, targets, length) = (&batch.inputs, &batch.targets, batch.length());
-        let nats = self.model.gradients(inputs, targets, length, dropout.as_ref(), &mut self.gradients)?;
+        let (inputs, targets) = (&batch.inputs, &batch.targets);
+        let windows = Windows { inputs, targets, length: batch.length(), mask: Mask::Causal };
+        let nats = self.model.gradients(windows, dropout.as_ref(), &mut self.gradients)?;
         let loss = nats / counted.max(1) as f64;
         if !loss.is_finite() {
             return Err(not_finite(loss, &batch.clips));

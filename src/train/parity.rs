@@ -6,9 +6,10 @@ use super::fast::FastLearner;
 use super::learner::{Learner, clip_share};
 use super::plain::Plain;
 use super::schedule;
-use crate::model::fast::Fast;
+use crate::model::fast::{Fast, Windows};
 use crate::model::{Gpt, ModelConfig, Positions, TokenLayout};
 use candle_core::{Device, Tensor};
+use kinelm_engine::op::attention::Mask;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -79,7 +80,9 @@ fn logits_and_gradients_are_pytorchs_to_1e_4() {
     let ids = Tensor::from_slice(&batch.inputs, (3, context), &Device::Cpu).unwrap();
     let logits = gpt.forward(&ids, None).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
     let mut fast = Fast::of(&gpt).unwrap();
-    for (form, logits) in [("plain", logits), ("fast", fast.logits(&batch.inputs, context).unwrap())] {
+    let (inputs, targets) = (&batch.inputs, &batch.targets);
+    let windows = Windows { inputs, targets, length: context, mask: Mask::Causal };
+    for (form, logits) in [("plain", logits), ("fast", fast.logits(windows).unwrap())] {
         let apart = furthest(&logits, &numbers(&g["logits"]));
         assert!(apart < BOUND, "{form}: logits: {apart}");
     }

@@ -14,6 +14,7 @@ use crate::{Error, Result};
 use candle_core::{Device, Tensor};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block;
+use kinelm_engine::op::attention::Mask;
 use kinelm_engine::op::cross_entropy;
 use pass::Pass;
 use rayon::prelude::*;
@@ -21,6 +22,19 @@ use std::collections::BTreeMap;
 
 /// Tensors of a block, in the order of their names.
 const BLOCK: usize = 12;
+
+/// What a pass reads.
+#[derive(Debug, Clone, Copy)]
+pub struct Windows<'a> {
+    /// (B, T) ids.
+    pub inputs: &'a [u32],
+    /// (B, T) ids; `<pad>` counts for nothing.
+    pub targets: &'a [u32],
+    /// T, at most the context.
+    pub length: usize,
+    /// Which tokens a token sees.
+    pub mask: Mask<'a>,
+}
 
 /// Rows that are scored at a time.
 const ROWS: usize = 64;
@@ -90,25 +104,19 @@ impl Fast {
 
     /// Sum of -ln p over the targets that aren't `<pad>`, in nats; `gradients` become those of the mean.
     ///
-    /// `inputs` and `targets` (B, T). Nothing is allocated but for the first batch of a shape.
+    /// Nothing is allocated but for the first batch of a shape.
     ///
     /// # Errors
     /// Windows longer than the context, ids outside the vocabulary.
-    pub fn gradients(
-        &mut self,
-        inputs: &[u32],
-        targets: &[u32],
-        length: usize,
-        dropout: Option<&Dropout>,
-        gradients: &mut [Floats],
-    ) -> Result<f64> {
-        self.check(inputs, targets, length)?;
+    pub fn gradients(&mut self, windows: Windows, dropout: Option<&Dropout>, gradients: &mut [Floats]) -> Result<f64> {
+        self.check(windows)?;
+        let Windows { inputs, targets, length, .. } = windows;
         let pass = self.training.take().filter(|p| p.fits(inputs.len(), length));
         let mut pass = pass.unwrap_or_else(|| Pass::new(&self.config, &self.tokens, inputs.len(), length, true));
         let counted = targets.iter().filter(|&&t| t != self.tokens.pad).count();
         let keys = dropout.map(|d| pass::Keys::new(d, &self.config, inputs.len() / length));
-        pass.forward(self, inputs, keys.as_ref());
-        let nats = pass.backward(self, inputs, targets, 1.0 / counted.max(1) as f32, keys.as_ref(), gradients);
+        pass.forward(self, windows, keys.as_ref());
+        let nats = pass.backward(self, windows, 1.0 / counted.max(1) as f32, keys.as_ref(), gradients);
         self.training = Some(pass);
         Ok(nats)
     }
@@ -117,32 +125,27 @@ impl Fast {
     ///
     /// # Errors
     /// Windows longer than the context, ids outside the vocabulary.
-    pub fn logits(&mut self, inputs: &[u32], length: usize) -> Result<Vec<f32>> {
-        let mut all = vec![0.0; inputs.len() * self.tokens.vocabulary];
+    pub fn logits(&mut self, windows: Windows) -> Result<Vec<f32>> {
         let vocabulary = self.tokens.vocabulary;
-        self.each_logits(inputs, inputs, length, &mut |first, logits| {
+        let mut all = vec![0.0; windows.inputs.len() * vocabulary];
+        self.each_logits(windows, &mut |first, logits| {
             all[first * vocabulary..][..logits.len()].copy_from_slice(logits);
         })?;
         Ok(all)
     }
 
-    fn each_logits(
-        &mut self,
-        inputs: &[u32],
-        targets: &[u32],
-        length: usize,
-        take: &mut dyn FnMut(usize, &mut [f32]),
-    ) -> Result<()> {
-        self.check(inputs, targets, length)?;
+    fn each_logits(&mut self, windows: Windows, take: &mut dyn FnMut(usize, &mut [f32])) -> Result<()> {
+        self.check(windows)?;
+        let Windows { inputs, length, .. } = windows;
         let pass = self.scoring.take().filter(|p| p.fits(inputs.len(), length));
         let mut pass = pass.unwrap_or_else(|| Pass::new(&self.config, &self.tokens, inputs.len(), length, false));
-        pass.forward(self, inputs, None);
+        pass.forward(self, windows, None);
         pass.logits(self, take);
         self.scoring = Some(pass);
         Ok(())
     }
 
-    fn check(&self, inputs: &[u32], targets: &[u32], length: usize) -> Result<()> {
+    fn check(&self, Windows { inputs, targets, length, .. }: Windows) -> Result<()> {
         let (context, vocabulary) = (self.config.context, self.tokens.vocabulary);
         if length > context {
             return Err(Error::Call(format!("a window of {length} tokens; the context holds {context}")));
@@ -218,7 +221,7 @@ impl Scores for Fast {
 
     fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
         let (vocabulary, pad) = (self.tokens.vocabulary, self.tokens.pad);
-        self.each_logits(inputs, targets, length, &mut |first, logits| {
+        self.each_logits(Windows { inputs, targets, length, mask: Mask::Causal }, &mut |first, logits| {
             let rows = logits.len() / vocabulary;
             let parts = (
                 logits.par_chunks_mut(ROWS * vocabulary),

@@ -1,13 +1,12 @@
 //! Forward and backward through all blocks, for batches of one shape.
 
-use super::{BLOCK, Fast, block_tensors};
+use super::{BLOCK, Fast, Windows, block_tensors};
 use crate::model::Dropout;
 use crate::model::config::{ModelConfig, Positions, TokenLayout};
 use crate::model::layout::{self, FRONT};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::{self, Saved, Shape};
 use kinelm_engine::head;
-use kinelm_engine::op::attention::Mask;
 use kinelm_engine::op::dropout;
 use kinelm_engine::op::embedding::{self, Lookup, NONE};
 use kinelm_engine::op::matmul::Store;
@@ -74,7 +73,8 @@ impl Pass {
         (self.shape.rows(), self.shape.tokens) == (rows, length)
     }
 
-    pub fn forward(&mut self, model: &Fast, inputs: &[u32], keys: Option<&Keys>) {
+    pub fn forward(&mut self, model: &Fast, windows: Windows, keys: Option<&Keys>) {
+        let Windows { inputs, mask, .. } = windows;
         let table = |name: &str| model.weight(name);
         // at most the token, a front row, a frame and a place
         let mut lookups = [Lookup { table: table("token.weight"), ids: inputs }; 4];
@@ -92,7 +92,7 @@ impl Pass {
             let saved = layer % self.saved.len();
             let dropout = keys.map(|k| k.block(layer));
             let saved = &mut self.saved[saved];
-            block::forward(to, from, &model.block(layer), Mask::Causal, dropout.as_ref(), saved, &mut self.block);
+            block::forward(to, from, &model.block(layer), mask, dropout.as_ref(), saved, &mut self.block);
         }
     }
 
@@ -106,12 +106,12 @@ impl Pass {
     pub fn backward(
         &mut self,
         model: &Fast,
-        inputs: &[u32],
-        targets: &[u32],
+        windows: Windows,
         scale: f32,
         keys: Option<&Keys>,
         gradients: &mut [Floats],
     ) -> f64 {
+        let Windows { inputs, targets, mask, .. } = windows;
         let index = |name: &str| model.rest(name).unwrap_or_else(|| panic!("a model has a {name}"));
         let (bias, weight, of_head) = (index("norm.bias"), index("norm.weight"), index(model.head_name()));
         let Ok([bias, weight, of_head]) = gradients.get_disjoint_mut([bias, weight, of_head]) else {
@@ -136,7 +136,7 @@ impl Pass {
                 &model.block(layer),
                 &mut tensors,
                 Store::Set,
-                Mask::Causal,
+                mask,
                 dropout.as_ref(),
                 &self.saved[layer],
                 &mut self.block,

@@ -1,7 +1,7 @@
 //! The fast form against the plain one in f64.
 
 use super::*;
-use crate::model::Positions;
+use crate::model::{Positions, ops};
 use candle_core::{DType, Var};
 use rand_chacha::rand_core::RngCore;
 
@@ -18,6 +18,16 @@ struct Case {
     length: usize,
     vocabulary: usize,
     dropout: f64,
+    mask: Hides,
+}
+
+/// Which tokens a token sees.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Hides {
+    Later,
+    Nothing,
+    /// Some by chance, some scores only lowered; the third token sees nothing at all. One for every sequence if true.
+    Some(bool),
 }
 
 fn model(case: &Case) -> Gpt {
@@ -61,9 +71,23 @@ fn batch(case: &Case) -> (Vec<u32>, Vec<u32>) {
     (inputs, targets)
 }
 
+/// A mask of numbers: (T, T), or one for each sequence.
+fn hidden(case: &Case) -> Vec<f32> {
+    let Hides::Some(each) = case.mask else { return Vec::new() };
+    let (sequences, t) = (if each { case.batch } else { 1 }, case.length);
+    let mut rng = crate::random::stream(5, "mask", 0, 0);
+    let mut number = |i: usize| match rng.next_u32() % 4 {
+        _ if i / t % t == 2 => f32::NEG_INFINITY,
+        0 => f32::NEG_INFINITY,
+        1 => -0.7,
+        _ => 0.0,
+    };
+    (0..sequences * t * t).map(&mut number).collect()
+}
+
 fn check(case: &Case) {
     let what = format!(
-        "{:?} tied {} L {} H {} D {} B {} T {} V {} dropout {}",
+        "{:?} tied {} L {} H {} D {} B {} T {} V {} dropout {} {:?}",
         case.positions,
         case.tied_head,
         case.layers,
@@ -72,14 +96,33 @@ fn check(case: &Case) {
         case.batch,
         case.length,
         case.vocabulary,
-        case.dropout
+        case.dropout,
+        case.mask
     );
     let gpt = model(case);
     let (inputs, targets) = batch(case);
     let dropout = (case.dropout > 0.0).then_some(Dropout { share: case.dropout, seed: 1, step: 4, first: 0 });
     let truth = gpt.to_f64().unwrap();
     let ids = Tensor::new(inputs.as_slice(), &Device::Cpu).unwrap().reshape((case.batch, case.length)).unwrap();
-    let loss = truth.loss(&ids, &targets, dropout.as_ref()).unwrap();
+    let hidden = hidden(case);
+    let plain_mask = match case.mask {
+        Hides::Later => ops::Mask::Causal,
+        Hides::Nothing => ops::Mask::Full,
+        Hides::Some(_) => {
+            let sequences = hidden.len() / (case.length * case.length);
+            let mask = Tensor::from_slice(&hidden, (sequences, 1, case.length, case.length), &Device::Cpu).unwrap();
+            ops::Mask::Additive(mask.to_dtype(DType::F64).unwrap())
+        }
+    };
+    let mask = match case.mask {
+        Hides::Later => Mask::Causal,
+        Hides::Nothing => Mask::Full,
+        Hides::Some(_) => Mask::Additive(&hidden),
+    };
+    let counted = targets.iter().filter(|&&t| t != 0).count();
+    let expected_logits = truth.forward_masked(&ids, &plain_mask, dropout.as_ref()).unwrap();
+    let loss = ops::cross_entropy(&expected_logits.flatten_to(1).unwrap(), &targets, 0).unwrap().sum_all().unwrap();
+    let loss = (loss / counted.max(1) as f64).unwrap();
     let store = loss.backward().unwrap();
     // a window of the front token alone takes no row of the other position tables
     let of = |v: &Var| match store.get(v.as_tensor()) {
@@ -91,8 +134,8 @@ fn check(case: &Case) {
     let mut fast = Fast::of(&gpt).unwrap();
     let mut gradients = fast.like_weights();
     gradients.iter_mut().for_each(|g| g.fill(f32::NAN));
-    let nats = fast.gradients(&inputs, &targets, case.length, dropout.as_ref(), &mut gradients).unwrap();
-    let counted = targets.iter().filter(|&&t| t != 0).count();
+    let windows = Windows { inputs: &inputs, targets: &targets, length: case.length, mask };
+    let nats = fast.gradients(windows, dropout.as_ref(), &mut gradients).unwrap();
     let loss = loss.to_scalar::<f64>().unwrap();
     let found = nats / counted.max(1) as f64;
     assert!((found - loss).abs() <= BOUND * loss.abs().max(1.0), "{what}: loss {found}, expected {loss}");
@@ -105,11 +148,12 @@ fn check(case: &Case) {
         assert!(apart <= bound, "{what}: {name} is {apart:e} off, at most {bound:e} allowed");
     }
     if case.dropout == 0.0 {
-        let logits = fast.logits(&inputs, case.length).unwrap();
-        let expected = truth.forward(&ids, None).unwrap().to_dtype(DType::F64).unwrap();
-        let expected = expected.flatten_all().unwrap().to_vec1::<f64>().unwrap();
+        let logits = fast.logits(windows).unwrap();
+        let expected = expected_logits.flatten_all().unwrap().to_vec1::<f64>().unwrap();
         let apart = logits.iter().zip(&expected).fold(0.0, |m: f64, (f, e)| m.max((*f as f64 - e).abs()));
         assert!(apart <= BOUND * largest(&expected).max(1.0), "{what}: logits {apart:e} off");
+    }
+    if case.dropout == 0.0 && case.mask == Hides::Later {
         let mut each = vec![0.0; inputs.len()];
         fast.nats(&inputs, &targets, case.length, &mut each).unwrap();
         let sum: f64 = each.iter().map(|x| *x as f64).sum();
@@ -127,6 +171,7 @@ const CASE: Case = Case {
     length: 9,
     vocabulary: 11,
     dropout: 0.0,
+    mask: Hides::Later,
 };
 
 #[test]
@@ -140,6 +185,14 @@ fn every_gradient_is_the_oracle_s_over_many_shapes() {
     check(&Case { heads: 3, width: 21, batch: 1, length: 67, vocabulary: 37, ..CASE });
     check(&Case { heads: 4, width: 64, batch: 2, length: 130, vocabulary: 70, layers: 1, ..CASE });
     check(&Case { heads: 2, width: 48, batch: 1, length: 257, vocabulary: 33, layers: 1, tied_head: false, ..CASE });
+}
+
+#[test]
+fn every_mask_hides_what_it_hides_from_the_oracle() {
+    for mask in [Hides::Nothing, Hides::Some(false), Hides::Some(true)] {
+        check(&Case { mask, ..CASE });
+        check(&Case { mask, heads: 2, width: 32, batch: 3, length: 75, dropout: 0.2, ..CASE });
+    }
 }
 
 #[test]
@@ -165,6 +218,7 @@ fn random_shapes_agree_too() {
             length: draw(90),
             vocabulary: 6 + draw(60),
             dropout: if draw(3) == 1 { 0.2 } else { 0.0 },
+            mask: [Hides::Later, Hides::Nothing, Hides::Some(false), Hides::Some(true)][draw(4) - 1],
         });
     }
 }
@@ -175,13 +229,14 @@ fn threads_change_no_bit_and_a_second_shape_finds_its_room() {
     let gpt = model(&case);
     let (inputs, targets) = batch(&case);
     let dropout = Dropout { share: 0.1, seed: 1, step: 0, first: 0 };
+    let windows = |n: usize| Windows { inputs: &inputs[..n], targets: &targets[..n], length: 100, mask: Mask::Causal };
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let mut fast = Fast::of(&gpt).unwrap();
             let mut gradients = fast.like_weights();
-            fast.gradients(&inputs[..200], &targets[..200], 100, None, &mut gradients).unwrap();
-            let nats = fast.gradients(&inputs, &targets, 100, Some(&dropout), &mut gradients).unwrap();
+            fast.gradients(windows(200), None, &mut gradients).unwrap();
+            let nats = fast.gradients(windows(300), Some(&dropout), &mut gradients).unwrap();
             let bits: Vec<u32> = gradients.iter().flat_map(|g| g.iter().map(|x| x.to_bits())).collect();
             (nats.to_bits(), bits)
         })
@@ -193,9 +248,12 @@ fn threads_change_no_bit_and_a_second_shape_finds_its_room() {
 #[test]
 fn wrong_windows_are_refused() {
     let mut fast = Fast::of(&model(&CASE)).unwrap();
-    let said = |e: Result<Vec<f32>>| e.unwrap_err().to_string();
-    assert_eq!(said(fast.logits(&[1; 10], 10)), "a window of 10 tokens; the context holds 9");
-    assert_eq!(said(fast.logits(&[1, 2, 11], 3)), "token 11 is outside the vocabulary of 11 ids");
-    assert!(said(fast.logits(&[1; 7], 3)).contains("no windows of 3"));
-    assert!(said(fast.logits(&[], 0)).contains("no windows of 0"));
+    let mut said = |inputs: &[u32], length| {
+        let windows = Windows { inputs, targets: inputs, length, mask: Mask::Causal };
+        fast.logits(windows).unwrap_err().to_string()
+    };
+    assert_eq!(said(&[1; 10], 10), "a window of 10 tokens; the context holds 9");
+    assert_eq!(said(&[1, 2, 11], 3), "token 11 is outside the vocabulary of 11 ids");
+    assert!(said(&[1; 7], 3).contains("no windows of 3"));
+    assert!(said(&[], 0).contains("no windows of 0"));
 }

@@ -48,6 +48,7 @@ pub struct Args {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     let started = Instant::now();
+    args.compute.get().device.open()?;
     make_room(&args)?;
     let at = |name: &str| args.out.join(name);
     say.line(format_args!("1/5 {CLIPS} dances of {SECONDS} s are made up"));

@@ -481,11 +481,40 @@ mod tests {
     }
 
     #[test]
+    fn attention_sees_what_the_mask_lets_it() {
+        let gpt = small(Positions::Absolute, true);
+        let ids = gpt.ids(&ids(20), 10).unwrap();
+        let logits = |mask: &Mask| {
+            gpt.forward_masked(&ids, mask, None).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap()
+        };
+        let hide = |hidden: &dyn Fn(usize, usize) -> bool| {
+            let add = (0..100).map(|i| if hidden(i / 10, i % 10) { f32::NEG_INFINITY } else { 0.0 });
+            Mask::Additive(Tensor::from_vec(add.collect(), (10, 10), &Device::Cpu).unwrap())
+        };
+        assert_eq!(logits(&hide(&|q, k| k > q)), logits(&Mask::Causal));
+        assert_eq!(logits(&hide(&|_, _| false)), logits(&Mask::Full));
+        assert_ne!(logits(&Mask::Full), logits(&Mask::Causal));
+        // a mask of each sequence; a query that sees nothing is no NaN, in values or gradients
+        let per_sequence = Tensor::new(&[0f32, f32::NEG_INFINITY], &Device::Cpu).unwrap();
+        let mask = Mask::Additive(per_sequence.reshape((2, 1, 1, 1)).unwrap());
+        let all = logits(&mask);
+        assert_eq!(all[..110], logits(&Mask::Full)[..110]);
+        assert_ne!(all[110..], logits(&Mask::Full)[110..]);
+        let grads = gpt.forward_masked(&ids, &mask, None).unwrap().sum_all().unwrap().backward().unwrap();
+        for (name, var) in gpt.vars() {
+            let grad = grads.get(var.as_tensor()).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
+            assert!(grad.iter().all(|g| g.is_finite()), "{name}");
+        }
+    }
+
+    #[test]
     fn wrong_windows_and_weights_are_refused_by_name() {
         let gpt = small(Positions::FrameJoint, true);
         let long = Tensor::zeros((1, 11), DType::U32, &Device::Cpu).unwrap();
         let message = gpt.forward(&long, None).unwrap_err().to_string();
         assert_eq!(message, "a window of 11 tokens; the context holds 10");
+        let message = gpt.ids(&[3, 11], 2).unwrap_err().to_string();
+        assert_eq!(message, "id 11 outside the vocabulary of 11 ids");
         let mut tensors: BTreeMap<_, _> = gpt.vars().iter().map(|(n, v)| (n.clone(), v.as_tensor().clone())).collect();
         let load = |t: &BTreeMap<String, Tensor>| {
             Gpt::from_tensors(gpt.config(), gpt.tokens(), t.clone()).err().map(|e| e.to_string()).unwrap_or_default()

@@ -79,6 +79,8 @@ pub fn pretrain(options: &PretrainOptions, stop: &AtomicBool, progress: &mut dyn
     let run = options.run.clone().or_else(|| of_file(|f| &f.run));
     let run = run.ok_or_else(|| Error::Call("no run folder; give one by --run or in the training file".into()))?;
     let corpus = options.corpus.clone().or_else(|| of_file(|f| &f.corpus));
+    // a device that isn't there must not leave an empty run behind
+    options.compute.device.open()?;
     let (file, corpus) = if options.resume { resume(options, &run, corpus)? } else { begin(options, &run, corpus)? };
     Trainer::new(&run, file, &corpus, options, progress)?.train(stop, started)
 }

@@ -8,6 +8,13 @@
 //! choose one. Work falls into pieces by its shape alone and sums add up piece by piece, so the number of threads changes
 //! no bit of any result.
 //!
+//! **The seam.** The engine stands beside the tensor library's autograd, not inside it: a model calls `forward` and then
+//! `backward` of each part ([`block`], [`head`], [`op::embedding`]) itself. Behind a custom operation of the library every
+//! part would still have to hand over new tensors for its output and for each gradient, which the library then adds into
+//! more new tensors; that memory, not arithmetic, took most of a step. Explicit passes write into buffers that belong to
+//! the caller, and a block's backward can run the attention beside the products that don't wait for it. The price, a
+//! backward pass by hand, is paid once: every model is made of the same blocks.
+//!
 //! **Kernels** are written once, over vectors of any width ([`dispatch`]); which instructions they become is decided when
 //! the program runs. Results agree between them to rounding.
 

@@ -8,6 +8,8 @@
 
 pub(crate) mod backward;
 pub(crate) mod forward;
+#[cfg(test)]
+mod tests;
 
 pub use backward::backward;
 pub use forward::forward;

@@ -2,6 +2,7 @@
 pub mod adamw;
 pub mod attention;
 pub mod bias;
+pub mod block;
 pub mod cross_entropy;
 pub mod decode;
 pub mod embedding;

@@ -12,7 +12,7 @@ const BOUND: f64 = 1e-5;
 const VOCABULARY: usize = 37;
 
 /// One tensor after the other, in a fixed order.
-fn each<'a, T>(t: &'a Tensors<T>) -> [&'a T; 12] {
+fn each<T>(t: &Tensors<T>) -> [&T; 12] {
     let Tensors { norm1, qkv, out, norm2, up, down } = t;
     [
         &norm1.weight,

@@ -85,17 +85,27 @@ impl ComputeArgs {
     }
 }
 
+/// Bytes of stack of a thread that computes: what a program's first thread has.
+const STACK: usize = 8 << 20;
+
 /// Runs one call.
 pub fn run(call: Call) -> Result<()> {
     use Command::{Demo, Evaluate, Generate, Pretrain};
     if matches!(call.command, Pretrain(_) | Generate(_) | Evaluate(_) | Demo(_)) {
         kinelm::process::restart_tuned();
     }
+    let mut pool = rayon::ThreadPoolBuilder::new().stack_size(STACK);
     if let Some(n) = call.threads {
-        rayon::ThreadPoolBuilder::new().num_threads(n.into()).build_global()?;
+        pool = pool.num_threads(n.into());
     }
+    pool.build_global()?;
     let say = Say { quiet: call.quiet };
-    match call.command {
+    // on a thread of the pool: from outside, every parallel step would wake its threads anew and wait for them asleep
+    rayon::scope(|_| command(call.command, say))
+}
+
+fn command(command: Command, say: Say) -> Result<()> {
+    match command {
         Command::Inspect(args) => inspect::run(args, say),
         Command::Convert(args) => convert::run(args, say),
         Command::View(args) => view::run(args, say),

@@ -19,8 +19,10 @@ pub struct FastLearner {
     /// As the model's tensors: gradients of the last batch, first and second moments.
     gradients: Vec<Floats>,
     moments: [Vec<Floats>; 2],
-    /// Of each gradient.
+    /// Of each gradient: its squares, summed.
     squares: Vec<f64>,
+    /// Whether weight decay pulls at a tensor.
+    decays: Vec<bool>,
     train: TrainConfig,
     /// Updates done.
     step: u64,
@@ -33,6 +35,7 @@ impl FastLearner {
             gradients: model.like_weights(),
             moments: [model.like_weights(), model.like_weights()],
             squares: vec![0.0; model.parameters().len()],
+            decays: model.parameters().iter().map(|p| p.decays).collect(),
             model,
             train: train.clone(),
             step: 0,
@@ -67,9 +70,8 @@ impl Learner for FastLearner {
         let TrainConfig { betas, epsilon, weight_decay, .. } = self.train;
         let step = |decay| adamw::Step::new(self.step, rate, betas, epsilon, decay, share);
         let steps = [step(0.0), step(weight_decay)];
-        let decays: Vec<bool> = self.model.parameters().iter().map(|p| p.decays).collect();
         let [first, second] = &mut self.moments;
-        let all = (self.model.weights_mut(), first, second, &self.gradients, &decays);
+        let all = (self.model.weights_mut(), first, second, &self.gradients, &self.decays);
         all.into_par_iter().for_each(|(x, m, v, g, &decays)| adamw::update(x, m, v, g, &steps[usize::from(decays)]));
         Ok(())
     }

@@ -1,0 +1,78 @@
+//! After the first steps of a shape, training takes no memory from the system: no allocation, no page.
+
+use kinelm::model::fast::Fast;
+use kinelm::model::{Gpt, ModelConfig, TokenLayout};
+use kinelm::train::TrainConfig;
+use kinelm::train::batches::Batch;
+use kinelm::train::fast::FastLearner;
+use kinelm::train::learner::{Learner, clip_share};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+struct Counting;
+
+static TAKEN: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: every call goes to the system's allocator, unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        TAKEN.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Pages this process has asked for so far; 0 where the system doesn't tell.
+fn faults() -> usize {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // behind the name in brackets, the eighth field is the minor faults
+    stat.rsplit(')').next().and_then(|rest| rest.split_whitespace().nth(7)?.parse().ok()).unwrap_or(0)
+}
+
+const TOKENS: TokenLayout = TokenLayout { vocabulary: 90, word: 10, pad: 0, bos: 1, space: 5 };
+
+fn batch(windows: usize, length: usize) -> Batch {
+    let id = |i: usize| 6 + (i * i * 7 % 84) as u32;
+    let n = windows * length;
+    let (inputs, targets) = ((0..n).map(id).collect(), (1..=n).map(id).collect());
+    Batch { inputs, targets, clips: vec!["clip".into(); windows] }
+}
+
+#[test]
+fn a_step_allocates_nothing_and_faults_no_page() {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    pool.install(|| {
+        let model = ModelConfig { layers: 2, heads: 4, width: 64, context: 150, ..Default::default() };
+        let gpt = Gpt::new(&model, &TOKENS, 1).unwrap();
+        let mut learner = FastLearner::new(Fast::of(&gpt).unwrap(), &TrainConfig::default());
+        let batch = batch(3, 150);
+        let mut step = |i| {
+            let found = learner.gradients(&batch, i).unwrap();
+            learner.update(clip_share(found.norm, 1.0), 1e-3).unwrap();
+            found.loss
+        };
+        let first = step(0);
+        for i in 1..30 {
+            step(i);
+        }
+        let before = (TAKEN.load(Ordering::Relaxed), faults());
+        let mut last = first;
+        for i in 30..50 {
+            last = step(i);
+        }
+        let after = (TAKEN.load(Ordering::Relaxed), faults());
+        assert!(last < first - 0.5, "the loss falls: {first} to {last}");
+        // reading /proc allocates: the text, and what it is read into
+        let reading = 10;
+        assert!(after.0 - before.0 <= reading, "{} allocations in 20 steps", after.0 - before.0);
+        assert!(after.1 - before.1 <= reading, "{} page faults in 20 steps", after.1 - before.1);
+    });
+}

@@ -287,7 +287,9 @@ impl Net {
             None => Ok(x),
         };
         let token = self.token.index_select(&ids.flatten_all()?, 0)?.reshape((batch, length, width))?;
-        let position = self.position.rows(memory.map_or(0, |m| m.read), length)?;
+        let before = memory.map_or(0, |m| m.read);
+        let hiding = mask.hiding(length, before + length, self.token.dtype(), self.token.device())?;
+        let position = self.position.rows(before, length)?;
         let mut x = drop(token.broadcast_add(&position)?, "embedding")?;
         for (layer, block) in self.blocks.iter().enumerate() {
             let (q, mut k, mut v) = block.qkv(&x, self.heads)?;
@@ -295,7 +297,7 @@ impl Net {
                 (k, v) = memory.append(layer, &k, &v)?;
             }
             let scores = (q.matmul(&k.t()?)? / ((width / self.heads) as f64).sqrt())?;
-            let weights = drop(ops::masked_softmax(&scores, mask)?, &format!("{} attention", block.name))?;
+            let weights = drop(ops::masked_softmax(&scores, hiding.as_ref())?, &format!("{} attention", block.name))?;
             // (B, H, T, d) -> (B, T, D)
             let mixed = weights.matmul(&v)?.transpose(1, 2)?.reshape((batch, length, width))?;
             x = (x + drop(block.out.forward(&mixed)?, &format!("{} attention out", block.name))?)?;

@@ -44,17 +44,36 @@ pub enum Mask {
     Additive(Tensor),
 }
 
+/// A mask as it is added to scores.
+#[derive(Debug, Clone)]
+pub struct Hiding {
+    /// What to add; finite.
+    add: Tensor,
+    /// 1 where a place is seen, 0 where it is hidden; only where a row may hide everything.
+    seen: Option<Tensor>,
+}
+
 impl Mask {
-    /// What to add to the scores of `queries` that are the last of `keys` places; `None`: nothing.
-    fn tensor(&self, queries: usize, keys: usize, dtype: DType, device: &Device) -> Result<Option<Tensor>> {
+    /// What to do with the scores of `queries` that are the last of `keys` places; `None`: nothing.
+    ///
+    /// # Errors
+    /// More queries than keys; what the device refuses.
+    pub fn hiding(&self, queries: usize, keys: usize, dtype: DType, device: &Device) -> Result<Option<Hiding>> {
+        if queries > keys {
+            candle_core::bail!("{queries} queries over {keys} keys; expected as many keys or more");
+        }
         match self {
             Mask::Causal if queries > 1 => {
-                let hidden = |q: usize, k: usize| if k > keys - queries + q { f32::NEG_INFINITY } else { 0.0 };
-                let mask: Vec<f32> = (0..queries).flat_map(|q| (0..keys).map(move |k| hidden(q, k))).collect();
-                Ok(Some(Tensor::from_vec(mask, (queries, keys), device)?.to_dtype(dtype)?))
+                let add = |q: usize, k: usize| if k > keys - queries + q { HIDDEN as f32 } else { 0.0 };
+                let add: Vec<f32> = (0..queries).flat_map(|q| (0..keys).map(move |k| add(q, k))).collect();
+                let add = Tensor::from_vec(add, (queries, keys), device)?.to_dtype(dtype)?;
+                Ok(Some(Hiding { add, seen: None }))
             }
             Mask::Causal | Mask::Full => Ok(None),
-            Mask::Additive(mask) => Ok(Some(mask.to_device(device)?.to_dtype(dtype)?)),
+            Mask::Additive(mask) => {
+                let mask = mask.to_device(device)?.to_dtype(dtype)?;
+                Ok(Some(Hiding { add: mask.maximum(HIDDEN)?, seen: Some(mask.gt(HIDDEN)?.to_dtype(dtype)?) }))
+            }
         }
     }
 }
@@ -62,18 +81,13 @@ impl Mask {
 /// Softmax of `scores` (B, H, queries, keys) over the keys that a query may see; the others get 0.
 ///
 /// # Errors
-/// More queries than keys, a mask of another shape.
-pub fn masked_softmax(scores: &Tensor, mask: &Mask) -> Result<Tensor> {
-    let (_, _, queries, keys) = scores.dims4()?;
-    if queries > keys {
-        candle_core::bail!("{queries} queries over {keys} keys; expected as many keys or more");
-    }
-    match mask.tensor(queries, keys, scores.dtype(), scores.device())? {
-        None => softmax(scores),
-        Some(mask) => {
-            let seen = mask.gt(HIDDEN)?.to_dtype(scores.dtype())?;
-            softmax(&scores.broadcast_add(&mask.maximum(HIDDEN)?)?)?.broadcast_mul(&seen)
-        }
+/// A mask of another shape.
+pub fn masked_softmax(scores: &Tensor, hiding: Option<&Hiding>) -> Result<Tensor> {
+    let Some(Hiding { add, seen }) = hiding else { return softmax(scores) };
+    let weights = softmax(&scores.broadcast_add(add)?)?;
+    match seen {
+        Some(seen) => weights.broadcast_mul(seen),
+        None => Ok(weights),
     }
 }
 
@@ -154,7 +168,8 @@ mod tests {
     #[test]
     fn a_mask_hides_and_a_row_that_sees_nothing_is_zero() {
         let scores = random("scores", &[2, 1, 2, 3], 4.0);
-        let weights = |mask: &Mask| rows(&masked_softmax(&scores, mask).unwrap());
+        let hiding = |mask: &Mask, queries| mask.hiding(queries, 3, DType::F64, &Device::Cpu);
+        let weights = |mask: &Mask| rows(&masked_softmax(&scores, hiding(mask, 2).unwrap().as_ref()).unwrap());
         let of = |row: &[f64], seen: &[bool]| {
             let e: Vec<f64> = row.iter().zip(seen).map(|(x, &s)| if s { x.exp() } else { 0.0 }).collect();
             let sum: f64 = e.iter().sum();
@@ -172,7 +187,7 @@ mod tests {
                 found.iter().zip(of(&row, &seen[i % 2])).for_each(|(a, b)| near(*a, b));
             }
         }
-        assert!(masked_softmax(&scores.transpose(2, 3).unwrap(), &Mask::Full).is_err());
+        assert!(hiding(&Mask::Full, 4).unwrap_err().to_string().contains("4 queries over 3 keys"));
     }
 
     #[test]

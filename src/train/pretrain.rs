@@ -296,8 +296,8 @@ fn start(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::ModelConfig;
     use crate::model::run::load_run;
+    use crate::model::{Form, ModelConfig};
     use crate::train::{Schedule, Silent, TrainConfig, fixture};
     use std::fs;
 
@@ -365,6 +365,28 @@ mod tests {
             text.lines().map(loss).collect::<Vec<_>>()
         };
         assert_eq!(losses("straight"), losses("halves"));
+    }
+
+    #[test]
+    fn a_run_goes_on_in_another_form() {
+        let dir = tempfile::tempdir().unwrap();
+        fixture::corpus(dir.path(), &CLIPS);
+        let loss = |run: &str, first: Form, second: Form| {
+            let mut options = options(dir.path(), run, Some(file()));
+            options.compute.form = first;
+            let stop = AtomicBool::new(false);
+            pretrain(&options, &stop, &mut StopAt(5, &stop, Vec::new())).unwrap();
+            (options.resume, options.compute.form) = (true, second);
+            let summary = go(&options).unwrap();
+            (summary.loss.unwrap(), summary.valid.unwrap().bits_per_frame)
+        };
+        // with dropout: both forms drop the same numbers
+        let (plain, bits) = loss("plain", Form::Plain, Form::Plain);
+        for (run, first, second) in [("there", Form::Plain, Form::Auto), ("back", Form::Auto, Form::Plain)] {
+            let (found, found_bits) = loss(run, first, second);
+            assert!((found - plain).abs() < 1e-4, "{run}: {found}, in one form {plain}");
+            assert!((found_bits - bits).abs() < 1e-2, "{run}: {found_bits} bits a frame, in one form {bits}");
+        }
     }
 
     #[test]

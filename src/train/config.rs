@@ -151,9 +151,10 @@ mod tests {
     fn shipped_files_hold_and_have_the_promised_sizes() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/train");
         let load = |name: &str| TrainFile::load(&folder.join(name)).unwrap().model;
-        let (tiny, small) = (load("tiny.toml"), load("small.toml"));
+        let [tiny, small, thesis] = ["tiny.toml", "small.toml", "thesis-26m.toml"].map(load);
         assert_eq!((tiny.layers, tiny.width, tiny.heads, tiny.context), (4, 128, 4, 256));
         assert_eq!((small.layers, small.width, small.heads, small.context), (6, 256, 8, 1024));
+        assert_eq!((thesis.layers, thesis.width, thesis.heads, thesis.context), (8, 512, 8, 1024));
     }
 
     #[test]

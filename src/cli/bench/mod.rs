@@ -1,7 +1,10 @@
 //! `kinelm bench`: how fast this machine does what the program does. A file a subject; the rows are printed here.
 
+mod peak;
 mod read;
+mod shape;
 mod tokenize;
+mod train;
 
 use super::{Say, print};
 use anyhow::Result;
@@ -14,6 +17,8 @@ pub enum Command {
     Read(read::Args),
     /// Frames/s of encoding and decoding made-up dances of 13 joints, on all threads
     Tokenize(tokenize::Args),
+    /// Tokens/s of training steps on made-up tokens: forward, backward, norm clipped at 1, AdamW
+    Train(train::Args),
 }
 
 /// How every bench measures and prints.
@@ -31,6 +36,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
     match command {
         Command::Read(args) => read::run(args, say),
         Command::Tokenize(args) => tokenize::run(args, say),
+        Command::Train(args) => train::run(args, say),
     }
 }
 
@@ -39,6 +45,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
 enum Unit {
     Megabytes,
     Frames,
+    Tokens,
 }
 
 impl Unit {
@@ -47,6 +54,7 @@ impl Unit {
         match self {
             Unit::Megabytes => ["MB/s", "mb_per_s"],
             Unit::Frames => ["frames/s", "frames_per_s"],
+            Unit::Tokens => ["tokens/s", "tokens_per_s"],
         }
     }
 }
@@ -84,6 +92,12 @@ fn seconds(warm_up: u16, repeats: u16, mut work: impl FnMut() -> Result<()>) -> 
     (0..repeats).map(timed).collect()
 }
 
+/// `x` with `digits` digits behind the point, for JSON.
+fn rounded(x: f64, digits: i32) -> Value {
+    let unit = 10f64.powi(digits);
+    json!((x * unit).round() / unit)
+}
+
 /// A line of a bench.
 struct Row<'a> {
     what: &'a str,
@@ -101,7 +115,7 @@ impl Row<'_> {
         let peak = peak_rss_mb();
         if how.json {
             let mut line = Map::new();
-            let rate = |x: f64| json!((x * 1000.0).round() / 1000.0);
+            let rate = |x| rounded(x, 3);
             line.insert("schema".into(), json!(1));
             line.insert("what".into(), json!(self.what));
             line.insert("config".into(), json!(self.config));

@@ -1,0 +1,92 @@
+//! Which model a bench is about.
+
+use anyhow::{Context, Result};
+use kinelm::model::{ModelConfig, TokenLayout};
+use kinelm::train::TrainFile;
+use std::path::Path;
+
+/// The training files that go by a name.
+const NAMED: [(&str, &str); 4] = [
+    ("tiny", include_str!("../../../configs/train/tiny.toml")),
+    ("small", include_str!("../../../configs/train/small.toml")),
+    ("thesis-26m", include_str!("../../../configs/train/thesis-26m.toml")),
+    ("demo", include_str!("../../../configs/train/demo.toml")),
+];
+
+#[derive(Debug, clap::Args)]
+pub struct ShapeArgs {
+    /// The model's shape: tiny, small, thesis-26m, demo, or a training TOML
+    #[arg(long, default_value = "tiny", value_name = "NAME|FILE")]
+    config: String,
+    /// Tokens of a window; the configuration's if not given
+    #[arg(long, value_name = "T")]
+    context: Option<usize>,
+    /// V: ids that the model knows
+    #[arg(long, default_value_t = 400, value_name = "V", value_parser = clap::value_parser!(u32).range(7..=65_536))]
+    vocabulary: u32,
+    /// Share dropped in training, whatever the configuration says
+    #[arg(long, default_value_t = 0.0, value_name = "P")]
+    dropout: f64,
+}
+
+/// A model to measure.
+#[derive(Debug)]
+pub struct Shape {
+    /// The configuration's name, or its file's.
+    pub name: String,
+    pub file: TrainFile,
+    pub tokens: TokenLayout,
+}
+
+impl ShapeArgs {
+    /// The configuration with what the call changes in it.
+    pub fn get(&self) -> Result<Shape> {
+        let path = Path::new(&self.config);
+        let mut file = match NAMED.iter().find(|(name, _)| *name == self.config) {
+            Some((name, text)) => TrainFile::parse(text, Path::new(name))?,
+            None => TrainFile::load(path).with_context(|| {
+                format!("--config {}: expected tiny, small, thesis-26m, demo, or a training file", self.config)
+            })?,
+        };
+        file.model.context = self.context.unwrap_or(file.model.context);
+        file.model.dropout = self.dropout;
+        // a word and the special ids as 13 joints have them
+        let tokens = TokenLayout { vocabulary: self.vocabulary as usize, word: 43, pad: 0, bos: 1, space: 5 };
+        file.model.validate_for(&tokens)?;
+        let name = path.file_stem().map_or(self.config.clone(), |s| s.to_string_lossy().into_owned());
+        Ok(Shape { name, file, tokens })
+    }
+}
+
+impl Shape {
+    /// Numbers in the matrices that every token is multiplied with, the head among them.
+    pub fn matrices(&self) -> usize {
+        let ModelConfig { layers, width, .. } = self.file.model;
+        12 * layers * width * width + self.tokens.vocabulary * width
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn args(config: &str) -> ShapeArgs {
+        ShapeArgs { config: config.into(), context: None, vocabulary: 400, dropout: 0.0 }
+    }
+
+    #[test]
+    fn names_and_files_are_found_and_others_are_refused() {
+        for (name, _) in NAMED {
+            assert_eq!(args(name).get().unwrap().name, name);
+        }
+        let thesis = args("thesis-26m").get().unwrap();
+        assert_eq!((thesis.file.model.width, thesis.file.model.dropout), (512, 0.0));
+        assert_eq!(thesis.matrices(), 25_370_624);
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/train/small.toml");
+        assert_eq!(args(folder.to_str().unwrap()).get().unwrap().name, "small");
+        let refused = format!("{:#}", args("huge").get().unwrap_err());
+        assert!(refused.contains("--config huge: expected tiny"), "{refused}");
+        let short = ShapeArgs { context: Some(20), ..args("tiny") };
+        assert!(short.get().unwrap_err().to_string().contains("86 or more"));
+    }
+}

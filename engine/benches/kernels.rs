@@ -7,7 +7,7 @@
 use kinelm_engine::dispatch;
 use kinelm_engine::op::dropout::Mask;
 use kinelm_engine::op::matmul::{Left, Panels, Store};
-use kinelm_engine::op::{bias, gelu, layer_norm, matmul};
+use kinelm_engine::op::{adamw, attention, bias, cross_entropy, embedding, gelu, layer_norm, matmul};
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -15,6 +15,8 @@ use std::time::Instant;
 const N: usize = 100;
 /// D: the width.
 const D: usize = 512;
+/// V: the vocabulary.
+const V: usize = 400;
 
 /// A kernel with its operands.
 struct Case {
@@ -107,6 +109,64 @@ fn sums() -> [Case; 3] {
     ]
 }
 
+/// Two heads over a sequence that no tile divides.
+fn attentions() -> [Case; 2] {
+    let shape = attention::Shape { batch: 1, tokens: 300, heads: 2, width: 64 };
+    let rules = attention::Rules { mask: attention::Mask::Causal, dropout: None };
+    let (qkv, d_out) = (numbers(shape.rows() * 3 * shape.columns()), numbers(shape.rows() * shape.columns()));
+    let [space, also_space] = [0; 2].map(|_| attention::Workspace::new(shape));
+    let (mut out, mut log_sums) = (vec![0.0; shape.rows() * shape.columns()], vec![0.0; shape.rows() * shape.heads]);
+    attention::forward(shape, &qkv, rules, &space, &mut out, &mut log_sums);
+    let (also_qkv, done_out, done_sums) = (qkv.clone(), out.clone(), log_sums.clone());
+    let mut d_qkv = vec![0.0; qkv.len()];
+    // a pair of tokens costs two products of d forward, four backward
+    let pairs = shape.heads * shape.tokens * (shape.tokens + 1) / 2;
+    [
+        case("attention", "GFLOP/s", 4 * pairs * shape.width, move || {
+            attention::forward(shape, &qkv, rules, &space, black_box(&mut out), &mut log_sums);
+        }),
+        case("attention_backward", "GFLOP/s", 8 * pairs * shape.width, move || {
+            let done = attention::Done { qkv: &also_qkv, out: &done_out, log_sums: &done_sums, d_out: &d_out };
+            attention::backward(shape, done, rules, &also_space, black_box(&mut d_qkv));
+        }),
+    ]
+}
+
+/// What is at both ends of a model.
+fn ends() -> [Case; 3] {
+    let ids: Vec<u32> = (0..N as u32).map(|i| i * 37 % V as u32).collect();
+    let (also_ids, targets) = (ids.clone(), ids.clone());
+    let (logits, table, d_out) = (numbers(N * V), numbers(V * D), numbers(N * D));
+    let (mut changed, mut out, mut d_table) = (logits.clone(), vec![0.0; N * D], vec![0.0; V * D]);
+    [
+        case("cross_entropy", "GB/s", 8 * N * V, move || {
+            changed.copy_from_slice(&logits);
+            black_box(cross_entropy::forward_backward(&mut changed, &targets, 0, 0.01));
+        }),
+        case("embedding", "GB/s", 8 * N * D, move || {
+            embedding::forward(black_box(&mut out), D, 0, &[embedding::Lookup { table: &table, ids: &ids }]);
+        }),
+        case("embedding_backward", "GB/s", 12 * N * D, move || {
+            embedding::backward(black_box(&mut d_table), D, &also_ids, &d_out);
+        }),
+    ]
+}
+
+fn optimizer() -> [Case; 2] {
+    let len = N * D;
+    let (gradients, also_gradients) = (numbers(len), numbers(len));
+    let (mut x, mut first, mut second) = (numbers(len), vec![0.0; len], vec![0.0; len]);
+    let step = adamw::Step::new(10, 1e-3, [0.9, 0.95], 1e-8, 0.1, 1.0);
+    [
+        case("adamw", "GB/s", 28 * len, move || {
+            adamw::update(black_box(&mut x), &mut first, &mut second, &gradients, &step);
+        }),
+        case("norm_squared", "GB/s", 4 * len, move || {
+            black_box(adamw::norm_squared(&also_gradients));
+        }),
+    ]
+}
+
 fn cases() -> Vec<Case> {
     let mut all = vec![
         product("product", false, 3 * D),
@@ -117,6 +177,9 @@ fn cases() -> Vec<Case> {
     all.extend(layer_norms());
     all.extend(gelus());
     all.extend(sums());
+    all.extend(attentions());
+    all.extend(ends());
+    all.extend(optimizer());
     all
 }
 

@@ -1,9 +1,7 @@
 //! What the allocator and the tensor library read from the environment when a program starts.
 //!
-//! Neither has another switch, and the defaults cost a training run more than half its speed:
-//! - The tensor library shares its sums out over threads that spin while they wait. Work here is side by side already
-//!   ([`crate::model::workers`]), so the spinning only takes the cores from it: a step of `small.toml` took 9.3 s of CPU
-//!   time with it and 4.5 s without, one of `tiny.toml` 2.6 s and 0.76 s.
+//! Neither has another switch, and the defaults slow down whatever the plain form computes on the CPU:
+//! - The tensor library shares its sums out over threads that spin while they wait.
 //! - Where the number of threads is not set, it asks the system for it at every product: some 45 microseconds each time,
 //!   most of the time of reading one token with a tiny model.
 //! - glibc gives every large tensor's memory back to the system and takes it anew.

@@ -1,6 +1,6 @@
 //! Reading token after token: keys and values of what was read are kept.
 
-use super::gpt::{Memory, Net};
+use super::net::{Memory, Net};
 use super::ops::Mask;
 use crate::{Error, Result};
 use candle_core::{DType, Device, IndexOp, Tensor};

@@ -8,6 +8,7 @@ mod dropout;
 pub mod fast;
 pub mod gpt;
 pub mod layout;
+mod net;
 pub mod ops;
 pub mod run;
 mod scores;

@@ -7,7 +7,6 @@
 //! Source: Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014); Appleby, MurmurHash3 (2011).
 
 use super::math::lane_numbers;
-use super::rows;
 use crate::dispatch;
 use pulp::{Simd, WithSimd};
 
@@ -82,17 +81,6 @@ pub fn apply(x: &mut [f32], key: u64, row: u64, first_column: usize, share: f64)
     }
 }
 
-/// [`apply`] to rows of `width` numbers.
-///
-/// # Panics
-/// Numbers that are no whole rows; a share outside `0.0..1.0`.
-pub fn apply_rows(x: &mut [f32], width: usize, mask: Mask) {
-    rows("dropout", x.len(), width);
-    for (r, row) in x.chunks_exact_mut(width).enumerate() {
-        apply(row, mask.key, mask.first_row.wrapping_add(r as u64), 0, mask.share);
-    }
-}
-
 struct Apply<'a> {
     x: &'a mut [f32],
     row_key: u32,
@@ -163,11 +151,6 @@ mod tests {
         assert_eq!(all, [1.0; 40]);
         apply(&mut all, key, 1, 5, share);
         assert_eq!(all[7] != 0.0, kept(key, 1, 12, threshold(share)));
-        let mut rows = [1.0; 15];
-        apply_rows(&mut rows, 5, Mask { key, first_row: 3, share });
-        for (i, x) in rows.iter().enumerate() {
-            assert_eq!(*x != 0.0, kept(key, 3 + i as u64 / 5, i as u32 % 5, threshold(share)));
-        }
     }
 
     /// Standard deviations that a count may be off: one in 1.7 million falls outside, and the keys are fixed.

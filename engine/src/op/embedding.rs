@@ -54,8 +54,9 @@ const SMALLEST: usize = 16;
 
 fn check(all: &[u32], mut ids: impl Iterator<Item = u32>, n: usize, in_table: usize) {
     assert!(n == 0 || !all.is_empty(), "embedding: no ids for {n} rows");
-    let wrong = ids.find(|&id| id != NONE && id as usize >= in_table);
-    assert!(wrong.is_none(), "embedding: id {wrong:?} outside a table of {in_table} rows");
+    if let Some(wrong) = ids.find(|&id| id != NONE && id as usize >= in_table) {
+        panic!("embedding: id {wrong} outside a table of {in_table} rows");
+    }
 }
 
 struct Forward<'a> {
@@ -109,7 +110,7 @@ impl WithSimd for Backward<'_> {
         let Backward { dtable, width, first_id, ids, dout } = self;
         let held = dtable.len() / width;
         for (dout, &id) in dout.chunks_exact(width).zip(ids.iter().cycle()) {
-            // other pieces' ids and NONE wrap to beyond what is held
+            // the ids of the pieces before this one wrap to beyond what is held
             let place = (id as usize).wrapping_sub(first_id);
             if id != NONE && place < held {
                 add(simd, &mut dtable[place * width..][..width], dout);
@@ -195,8 +196,8 @@ mod tests {
         let lookup = Lookup { table: &[0.0; 6], ids: &[0, 3, 1] };
         forward(&mut [1.0; 2], 2, 0, &[lookup]);
         let found = std::panic::catch_unwind(|| forward(&mut [1.0; 4], 2, 0, &[lookup])).unwrap_err();
-        assert_eq!(found.downcast_ref::<String>().unwrap(), "embedding: id Some(3) outside a table of 3 rows");
+        assert_eq!(found.downcast_ref::<String>().unwrap(), "embedding: id 3 outside a table of 3 rows");
         let found = std::panic::catch_unwind(|| backward(&mut [1.0; 4], 2, &[2], &[1.0, 1.0])).unwrap_err();
-        assert_eq!(found.downcast_ref::<String>().unwrap(), "embedding: id Some(2) outside a table of 2 rows");
+        assert_eq!(found.downcast_ref::<String>().unwrap(), "embedding: id 2 outside a table of 2 rows");
     }
 }

@@ -20,6 +20,10 @@ const DEPTH: usize = 256;
 /// Rows of the left factor that are worked through before the next panel's turn.
 pub(crate) const ROWS: usize = 24 * TILE;
 
+/// Up to so many columns of the product, a transposed left factor is read where it lies: it is read so few times that
+/// turning it costs more.
+const DIRECT: usize = 64;
+
 /// The left factor.
 #[derive(Debug, Clone, Copy)]
 pub enum Left<'a> {
@@ -92,9 +96,21 @@ fn pack_width(width: usize, panels: &mut [f32], b: &[f32], ldb: usize, k: usize,
     {
         let columns = width.min(n - first);
         for (to, row) in panel.chunks_exact_mut(width).zip(0..k) {
-            to[..columns].copy_from_slice(&b[row * ldb + first..][..columns]);
+            copy(&mut to[..columns], &b[row * ldb + first..][..columns]);
             to[columns..].fill(0.0);
         }
+    }
+}
+
+/// Short rows are copied in eights: a call for each costs more than the copy.
+pub(crate) fn copy(to: &mut [f32], from: &[f32]) {
+    let (eights, rest) = pulp::as_arrays_mut::<8, _>(to);
+    let (from, last) = pulp::as_arrays::<8, _>(from);
+    for (to, from) in eights.iter_mut().zip(from) {
+        *to = *from;
+    }
+    for (to, from) in rest.iter_mut().zip(last) {
+        *to = *from;
     }
 }
 
@@ -116,13 +132,20 @@ fn pack_transposed_width(width: usize, panels: &mut [f32], bt: &[f32], ldb: usiz
         if columns < width {
             panel.fill(0.0);
         }
-        // four rows at a time: their numbers land side by side
+        // four rows at a time, four steps of each: squares of sixteen numbers are turned in registers
         let mut column = 0;
         while column + 4 <= columns {
-            let row = |i: usize| &bt[(first + column + i) * ldb..][..k];
-            let (r0, r1, r2, r3) = (row(0), row(1), row(2), row(3));
-            for (i, to) in panel.chunks_exact_mut(width).enumerate() {
-                to[column..column + 4].copy_from_slice(&[r0[i], r1[i], r2[i], r3[i]]);
+            let row = |i: usize| pulp::as_arrays::<4, _>(&bt[(first + column + i) * ldb..][..k]);
+            let [(r0, t0), (r1, t1), (r2, t2), (r3, t3)] = [row(0), row(1), row(2), row(3)];
+            let (quads, rest) = panel.split_at_mut(r0.len() * 4 * width);
+            let rows = r0.iter().zip(r1).zip(r2.iter().zip(r3));
+            for (to, ((r0, r1), (r2, r3))) in quads.chunks_exact_mut(4 * width).zip(rows) {
+                for i in 0..4 {
+                    to[i * width + column..][..4].copy_from_slice(&[r0[i], r1[i], r2[i], r3[i]]);
+                }
+            }
+            for (i, to) in rest.chunks_exact_mut(width).enumerate() {
+                to[column..column + 4].copy_from_slice(&[t0[i], t1[i], t2[i], t3[i]]);
             }
             column += 4;
         }
@@ -193,7 +216,9 @@ impl WithSimd for Product<'_> {
             let mut store = self.store;
             for k0 in (0..self.k).step_by(DEPTH) {
                 let depth = DEPTH.min(self.k - k0);
-                if let Left::Columns { a, lda } = self.a {
+                if let Left::Columns { a, lda } = self.a
+                    && self.n > DIRECT
+                {
                     turn(self.turned, a, lda, first, rows, k0, depth);
                 }
                 self.block(simd, first, rows, k0, depth, store);
@@ -228,9 +253,10 @@ impl Product<'_> {
     fn block<S: Simd>(&mut self, simd: S, first: usize, rows: usize, k0: usize, depth: usize, store: Store) {
         let width = 2 * S::F32_LANES;
         for (panel, column) in (0..self.n).step_by(width).enumerate() {
+            let (begin, steps) = self.steps(width, panel, k0, k0 + depth);
             for row in (0..rows).step_by(TILE) {
                 let high = TILE.min(rows - row);
-                let tile = Tile { row: first + row, turned: row * depth, column, panel, k0, depth };
+                let tile = Tile { row: first + row, turned: row * depth, column, panel, k0, depth, begin, steps };
                 match high {
                     1 => self.tile::<S, 1>(simd, tile, store),
                     2 => self.tile::<S, 2>(simd, tile, store),
@@ -243,21 +269,27 @@ impl Product<'_> {
         }
     }
 
+    /// Where step k of a panel lies, and how many steps up to `end` lie behind it, in one block of the panels.
+    #[inline(always)]
+    fn steps(&self, width: usize, panel: usize, k: usize, end: usize) -> (usize, usize) {
+        let (block, inside) = (k / self.panels.block, k % self.panels.block);
+        let high = self.panels.block.min(self.k - block * self.panels.block);
+        let begin = block * self.panels.block * self.n.next_multiple_of(width) + (panel * high + inside) * width;
+        (begin, (high - inside).min(end - k))
+    }
+
     #[inline(always)]
     fn tile<S: Simd, const M: usize>(&mut self, simd: S, at: Tile, store: Store) {
         let width = 2 * S::F32_LANES;
         let mut sums = [[simd.splat_f32s(0.0); 2]; M];
-        let mut k = at.k0;
-        while k < at.k0 + at.depth {
-            // as many steps as lie in one block of the panels
-            let (block, inside) = (k / self.panels.block, k % self.panels.block);
-            let high = self.panels.block.min(self.k - block * self.panels.block);
-            let steps = (high - inside).min(at.k0 + at.depth - k);
-            let begin = block * self.panels.block * self.n.next_multiple_of(width) + (at.panel * high + inside) * width;
+        let (mut k, end) = (at.k0, at.k0 + at.depth);
+        let (mut begin, mut steps) = (at.begin, at.steps);
+        loop {
             let b = pulp::as_arrays::<2, _>(S::as_simd_f32s(&self.panels.numbers[begin..][..steps * width]).0).0;
             match self.a {
-                Left::Rows { a, lda } => {
-                    by_rows(simd, &mut sums, &a[at.row * lda + k..], lda, b);
+                Left::Rows { a, lda } => by_rows(simd, &mut sums, &a[at.row * lda + k..], lda, b),
+                Left::Columns { a, lda } if self.n <= DIRECT => {
+                    by_columns_there(simd, &mut sums, &a[k * lda + at.row..], lda, b);
                 }
                 Left::Columns { .. } => {
                     let a = pulp::as_arrays::<M, _>(&self.turned[at.turned + (k - at.k0) * M..][..steps * M]).0;
@@ -265,11 +297,21 @@ impl Product<'_> {
                 }
             }
             k += steps;
+            if k == end {
+                break;
+            }
+            (begin, steps) = self.steps(width, at.panel, k, end);
         }
         let columns = width.min(self.n - at.column);
-        for (i, sum) in sums.iter().enumerate() {
-            let c = &mut self.c[(at.row + i) * self.ldc + at.column..][..columns];
-            put(simd, c, *sum, self.scale, store);
+        let c = &mut self.c[at.row * self.ldc + at.column..];
+        match store {
+            _ if columns < width => {
+                for (c, sum) in c.chunks_mut(self.ldc).zip(sums) {
+                    put_part(simd, &mut c[..columns], sum, self.scale, store);
+                }
+            }
+            Store::Set => put::<S, M, false>(simd, c, self.ldc, sums, self.scale),
+            Store::Add => put::<S, M, true>(simd, c, self.ldc, sums, self.scale),
         }
     }
 }
@@ -284,6 +326,9 @@ struct Tile {
     panel: usize,
     k0: usize,
     depth: usize,
+    /// Where its first steps of the panel lie, and how many lie there together.
+    begin: usize,
+    steps: usize,
 }
 
 #[inline(always)]
@@ -326,6 +371,23 @@ fn step<S: Simd, const M: usize>(simd: S, sums: &mut [[S::f32s; 2]; M], a: [f32;
 }
 
 #[inline(always)]
+fn by_columns_there<S: Simd, const M: usize>(
+    simd: S,
+    sums: &mut [[S::f32s; 2]; M],
+    a: &[f32],
+    lda: usize,
+    b: &[[S::f32s; 2]],
+) {
+    let mut local = *sums;
+    for (a, b) in a.chunks(lda).zip(b) {
+        let mut x = [0.0; M];
+        x.copy_from_slice(&a[..M]);
+        step(simd, &mut local, x, *b);
+    }
+    *sums = local;
+}
+
+#[inline(always)]
 fn by_columns<S: Simd, const M: usize>(simd: S, sums: &mut [[S::f32s; 2]; M], a: &[[f32; M]], b: &[[S::f32s; 2]]) {
     let mut local = *sums;
     for (a, b) in a.iter().zip(b) {
@@ -334,22 +396,34 @@ fn by_columns<S: Simd, const M: usize>(simd: S, sums: &mut [[S::f32s; 2]; M], a:
     *sums = local;
 }
 
+/// Rows of whole panels, short enough for the compiler to unroll: the sums never leave the registers.
 #[inline(always)]
-fn put<S: Simd>(simd: S, c: &mut [f32], sum: [S::f32s; 2], scale: f32, store: Store) {
+fn put<S: Simd, const M: usize, const ADD: bool>(
+    simd: S,
+    c: &mut [f32],
+    ldc: usize,
+    sums: [[S::f32s; 2]; M],
+    scale: f32,
+) {
     let scale = simd.splat_f32s(scale);
-    let sum = [simd.mul_f32s(sum[0], scale), simd.mul_f32s(sum[1], scale)];
-    if let ([c0, c1], []) = S::as_mut_simd_f32s(c) {
-        match store {
-            Store::Set => (*c0, *c1) = (sum[0], sum[1]),
-            Store::Add => (*c0, *c1) = (simd.add_f32s(*c0, sum[0]), simd.add_f32s(*c1, sum[1])),
+    for i in 0..M {
+        let row = S::as_mut_simd_f32s(&mut c[i * ldc..][..2 * S::F32_LANES]).0;
+        for half in 0..2 {
+            row[half] = match ADD {
+                true => simd.mul_add_e_f32s(sums[i][half], scale, row[half]),
+                false => simd.mul_f32s(sums[i][half], scale),
+            };
         }
-        return;
     }
-    let lanes = S::F32_LANES;
-    for (part, sum) in c.chunks_mut(lanes).zip(sum) {
+}
+
+#[inline(always)]
+fn put_part<S: Simd>(simd: S, c: &mut [f32], sum: [S::f32s; 2], scale: f32, store: Store) {
+    let scale = simd.splat_f32s(scale);
+    for (part, sum) in c.chunks_mut(S::F32_LANES).zip(sum) {
         let sum = match store {
-            Store::Set => sum,
-            Store::Add => simd.add_f32s(simd.partial_load_f32s(part), sum),
+            Store::Set => simd.mul_f32s(sum, scale),
+            Store::Add => simd.mul_add_e_f32s(sum, scale, simd.partial_load_f32s(part)),
         };
         simd.partial_store_f32s(part, sum);
     }
@@ -420,7 +494,7 @@ mod tests {
 
     fn check_all<S: Simd + Copy>(simd: S) {
         for m in [1, 2, 5, 6, 7, 12, 13, 97, 100] {
-            for (k, n) in [(1, 1), (3, 15), (5, 16), (8, 33), (31, 64), (300, 7), (257, 40)] {
+            for (k, n) in [(1, 1), (3, 15), (5, 16), (8, 33), (31, 64), (31, 65), (300, 7), (257, 90)] {
                 for columns in [false, true] {
                     for block in [k, 1, 7, 64, 256] {
                         check(simd, (m, k, n), columns, block.min(k));
@@ -445,7 +519,7 @@ mod tests {
     #[test]
     fn every_width_of_vector_gives_the_same() {
         check_all(pulp::Scalar);
-        for shape in [(1, 5, 70), (13, 300, 33), (7, 9, 64)] {
+        for shape in [(1, 5, 70), (13, 300, 33), (7, 9, 64), (13, 300, 70)] {
             for columns in [false, true] {
                 check(pulp::Scalar128b, shape, columns, 4);
                 check(pulp::Scalar256b, shape, columns, 4);

@@ -1,7 +1,7 @@
 //! Backward: for each block of keys, the queries that see it, a tile of rows at a time.
 
 use super::forward::pack_steps;
-use super::softmax::SoftmaxBack;
+use super::softmax::{Means, SoftmaxBack};
 use super::{KEYS, QUERIES, ROW, Rules, STEP, Scratch, Shape, Tile, Workspace, copy_rows, panels_len, part_of};
 use crate::dispatch;
 use crate::op::matmul::{Left, Panels, Store, pack_transposed, product};
@@ -38,7 +38,6 @@ pub fn backward(shape: Shape, done: Done, rules: Rules, space: &Workspace, d_qkv
     }
     let size = shape.tokens * shape.width;
     d_qkv.par_chunks_mut(3 * size).enumerate().for_each(|(piece, gradients)| {
-        gradients.fill(0.0);
         let (d_queries, rest) = gradients.split_at_mut(size);
         let (d_keys, d_values) = rest.split_at_mut(size);
         Piece { shape, done, rules, piece, d_queries, d_keys, d_values }.run(&mut space.scratch());
@@ -64,13 +63,16 @@ struct Piece<'a> {
 impl Piece<'_> {
     fn run(mut self, scratch: &mut Scratch) {
         let (d, t, stride) = (self.shape.width, self.shape.tokens, 3 * self.shape.columns());
-        self.means(&mut scratch.sums);
+        let (means, out) = (&mut scratch.sums[..t], &self.done.out[self.piece * t * d..][..t * d]);
+        dispatch::run(Means { means, out, d_out: self.d_out(0), stride: self.shape.columns() });
         for key in (0..t).step_by(KEYS) {
             let columns = KEYS.min(t - key);
             let part = |part| part_of(self.done.qkv, self.shape, self.piece, part, key);
-            pack_transposed(&mut scratch.keys_across, part(1), stride, d, columns);
-            pack_transposed(&mut scratch.values_across, part(2), stride, d, columns);
-            pack_steps(&mut scratch.down, part(1), stride, columns, d);
+            copy_rows(&mut scratch.rows, part(2), stride, columns, d);
+            pack_transposed(&mut scratch.values_across, &scratch.rows, d, d, columns);
+            copy_rows(&mut scratch.rows, part(1), stride, columns, d);
+            pack_transposed(&mut scratch.keys_across, &scratch.rows, d, d, columns);
+            pack_steps(&mut scratch.down, &scratch.rows, d, columns, d);
             let first = if self.rules.is_causal() { key } else { 0 };
             for query in (first..t).step_by(QUERIES) {
                 let rows = QUERIES.min(t - query);
@@ -85,15 +87,6 @@ impl Piece<'_> {
         let Shape { tokens, heads, width, .. } = self.shape;
         let row = self.piece / heads * tokens + query;
         &self.done.d_out[row * heads * width + self.piece % heads * width..]
-    }
-
-    /// The sum of each weight times its gradient is that of the output times its own.
-    fn means(&self, means: &mut [f32]) {
-        let (d, t) = (self.shape.width, self.shape.tokens);
-        let out = self.done.out[self.piece * t * d..][..t * d].chunks_exact(d);
-        for ((mean, out), d_out) in means.iter_mut().zip(out).zip(self.d_out(0).chunks(self.shape.columns())) {
-            *mean = out.iter().zip(d_out).map(|(a, b)| a * b).sum();
-        }
     }
 
     /// The tile's part of all three gradients.
@@ -116,10 +109,12 @@ impl Piece<'_> {
                 true => (all, 0),
                 false => (STEP.min(tile.visible(rows - 1) - from), key + from - query),
             };
+            // the first queries that see a key begin its sums
+            let store = if query + skip == if tile.causal { key + from } else { 0 } { Store::Set } else { Store::Add };
             let sum = |to: &mut [f32], a: &[f32], panels: &[f32], scale| {
                 let left = Left::Columns { a: &a[skip * ROW + from..], lda: ROW };
                 let panels = Panels { numbers: &panels[skip / STEP * panels_len(STEP, d)..], block: STEP };
-                product(&mut to[(key + from) * d..], d, (columns, rows - skip, d), left, panels, scale, Store::Add);
+                product(&mut to[(key + from) * d..], d, (columns, rows - skip, d), left, panels, scale, store);
             };
             sum(self.d_keys, &scratch.changes, &scratch.queries_down, self.shape.scale());
             sum(self.d_values, &scratch.weights, &scratch.slopes_down, 1.0);
@@ -131,7 +126,7 @@ impl Piece<'_> {
     /// gradient.
     fn step(&mut self, scratch: &mut Scratch, tile: Tile, first: usize) {
         let (d, t) = (self.shape.width, self.shape.tokens);
-        let Tile { query, rows, columns, .. } = tile;
+        let Tile { query, rows, key, columns, .. } = tile;
         let scores = &mut scratch.weights[first * ROW..(first + rows) * ROW];
         let changes = &mut scratch.changes[first * ROW..(first + rows) * ROW];
         let across = |to: &mut [f32], a: &[f32], numbers: &[f32], scale| {
@@ -149,6 +144,7 @@ impl Piece<'_> {
 
         let left = Left::Rows { a: changes, lda: ROW };
         let down = Panels { numbers: &scratch.down, block: STEP };
-        product(&mut self.d_queries[query * d..], d, (rows, columns, d), left, down, self.shape.scale(), Store::Add);
+        let store = if key == 0 { Store::Set } else { Store::Add };
+        product(&mut self.d_queries[query * d..], d, (rows, columns, d), left, down, self.shape.scale(), store);
     }
 }

@@ -63,7 +63,8 @@ impl Piece<'_> {
         for key in (0..seen).step_by(KEYS) {
             let columns = KEYS.min(seen - key);
             let part = |part| part_of(self.qkv, self.shape, self.piece, part, key);
-            pack_transposed(&mut scratch.keys_across, part(1), stride, d, columns);
+            copy_rows(&mut scratch.rows, part(1), stride, columns, d);
+            pack_transposed(&mut scratch.keys_across, &scratch.rows, d, d, columns);
             pack_steps(&mut scratch.down, part(2), stride, columns, d);
             let first = if self.rules.is_causal() { key.max(self.queries.start) } else { self.queries.start };
             for query in (first..self.queries.end).step_by(STEP) {

@@ -15,7 +15,7 @@ pub use backward::{Done, backward};
 pub use forward::forward;
 
 use super::dropout::{growth, threshold};
-use super::matmul::panels_len;
+use super::matmul::{copy, panels_len};
 use crate::arena::Floats;
 use softmax::{Bias, Drops};
 use std::ops::Range;
@@ -147,7 +147,9 @@ pub struct Workspace {
 }
 
 struct Scratch {
-    /// The tile's keys and values, in panels: k^T and v^T (d, KEYS), k or v (KEYS, d).
+    /// The tile's keys or values (KEYS, d).
+    rows: Floats,
+    /// Both in panels: k^T and v^T (d, KEYS), k or v (KEYS, d).
     keys_across: Floats,
     values_across: Floats,
     down: Floats,
@@ -170,6 +172,7 @@ impl Workspace {
             let (across, down) = (panels_len(shape.width, KEYS), panels_len(KEYS, shape.width));
             let (rows, panels) = (QUERIES * shape.width, panels_len(QUERIES, shape.width));
             Mutex::new(Scratch {
+                rows: Floats::new(KEYS * shape.width),
                 keys_across: Floats::new(across),
                 values_across: Floats::new(across),
                 down: Floats::new(down),
@@ -227,10 +230,11 @@ fn part_of(qkv: &[f32], shape: Shape, piece: usize, part: usize, token: usize) -
     &qkv[row * 3 * shape.columns() + part * shape.columns() + head * shape.width..]
 }
 
-/// Copies `rows` rows of `width` numbers, `stride` apart, to one behind the other.
+/// Copies `rows` rows of `width` numbers, `stride` apart, to one behind the other. What is turned or read more than once
+/// goes through such a copy: many short reads wait for memory together.
 fn copy_rows(to: &mut [f32], from: &[f32], stride: usize, rows: usize, width: usize) {
     for (to, from) in to.chunks_exact_mut(width).zip(from.chunks(stride)).take(rows) {
-        to.copy_from_slice(&from[..width]);
+        copy(to, &from[..width]);
     }
 }
 
@@ -251,7 +255,7 @@ pub fn gather(shape: Shape, parts: usize, heads: &[f32], rows: Range<usize>, to:
         for (place, to) in to.chunks_exact_mut(d).enumerate() {
             let (part, head) = (place / shape.heads, place % shape.heads);
             let at = ((sequence * shape.heads + head) * parts + part) * shape.tokens + token;
-            to.copy_from_slice(&heads[at * d..][..d]);
+            copy(to, &heads[at * d..][..d]);
         }
     }
 }

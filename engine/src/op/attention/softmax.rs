@@ -1,6 +1,6 @@
 //! The softmax of a tile's rows and its gradient; everything else of attention is products.
 
-use super::{ROW, Tile};
+use super::{ROW, STEP, Tile};
 use crate::op::{dropout, math};
 use pulp::{Simd, WithSimd};
 
@@ -42,29 +42,32 @@ impl WithSimd for Softmax<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let d = self.out.len() / self.tile.rows;
-        let rows = self.scores.chunks_mut(ROW).zip(self.out.chunks_exact_mut(d));
-        let state = self.largest.iter_mut().zip(self.sums.iter_mut());
-        for (i, ((scores, out), (largest, sum))) in rows.zip(state).enumerate() {
+        // all rows' largest scores first: the exponentials of a row need not wait for its own
+        let mut bases = [0.0; STEP];
+        let state = self.largest.iter_mut().zip(self.sums.iter_mut()).zip(self.out.chunks_exact_mut(d));
+        for (i, (scores, ((largest, sum), out))) in self.scores.chunks_mut(ROW).zip(state).enumerate() {
             let scores = seen::<S>(simd, self.tile, i, scores, self.bias);
             let before = *largest;
             *largest = before.max(greatest(simd, scores));
             // where nothing was seen yet, e^(-inf - 0) is 0; e^(-inf + inf) would be no number
-            let base = if *largest == f32::NEG_INFINITY { 0.0 } else { *largest };
+            bases[i] = if *largest == f32::NEG_INFINITY { 0.0 } else { *largest };
+            if self.tile.key > 0 && bases[i] != before {
+                let shrink = (before - bases[i]).exp();
+                *sum *= shrink;
+                out.iter_mut().for_each(|x| *x *= shrink);
+            }
+        }
+        let columns = self.tile.columns.next_multiple_of(S::F32_LANES);
+        let rows = self.scores.chunks_mut(ROW).zip(bases).zip(self.sums);
+        for (i, ((scores, base), sum)) in rows.enumerate() {
+            let scores = S::as_mut_simd_f32s(&mut scores[..columns]).0;
             let total = weights(simd, scores, base);
+            *sum = if self.tile.key == 0 { total } else { *sum + total };
             if let Some(drops) = self.drops {
                 let factors = drops.row(i);
                 for (vector, weight) in scores.iter_mut().enumerate() {
                     *weight = simd.mul_f32s(*weight, factors.at(simd, vector));
                 }
-            }
-            if self.tile.key == 0 {
-                *sum = total;
-            } else if base == before {
-                *sum += total;
-            } else {
-                let shrink = (before - base).exp();
-                *sum = *sum * shrink + total;
-                out.iter_mut().for_each(|x| *x *= shrink);
             }
         }
     }
@@ -135,6 +138,35 @@ impl Factors {
     }
 }
 
+/// The sum of each weight of a query times its gradient, which is that of its output times the output's own.
+pub(super) struct Means<'a> {
+    /// A number a row.
+    pub means: &'a mut [f32],
+    /// (rows, d) each, the second's rows `stride` apart.
+    pub out: &'a [f32],
+    pub d_out: &'a [f32],
+    pub stride: usize,
+}
+
+impl WithSimd for Means<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let d = self.out.len() / self.means.len();
+        let rows = self.out.chunks_exact(d).zip(self.d_out.chunks(self.stride));
+        for (mean, (out, d_out)) in self.means.iter_mut().zip(rows) {
+            let (out, out_rest) = S::as_simd_f32s(out);
+            let (d_out, d_rest) = S::as_simd_f32s(&d_out[..d]);
+            let mut sum = simd.mul_f32s(simd.partial_load_f32s(out_rest), simd.partial_load_f32s(d_rest));
+            for (x, slope) in out.iter().zip(d_out) {
+                sum = simd.mul_add_e_f32s(*x, *slope, sum);
+            }
+            *mean = math::sum(simd, sum);
+        }
+    }
+}
+
 /// The row up to the last vector in which it sees something, what it doesn't see hidden, the mask added.
 #[inline(always)]
 fn seen<'a, S: Simd>(simd: S, tile: Tile, row: usize, scores: &'a mut [f32], bias: Option<Bias>) -> &'a mut [S::f32s] {
@@ -157,7 +189,9 @@ fn greatest<S: Simd>(simd: S, numbers: &[S::f32s]) -> f32 {
     let mut greatest = [simd.splat_f32s(f32::NEG_INFINITY); 4];
     let (fours, rest) = pulp::as_arrays::<4, _>(numbers);
     for four in fours {
-        greatest = std::array::from_fn(|i| simd.max_f32s(greatest[i], four[i]));
+        for (greatest, x) in greatest.iter_mut().zip(four) {
+            *greatest = simd.max_f32s(*greatest, *x);
+        }
     }
     for x in rest {
         greatest[0] = simd.max_f32s(greatest[0], *x);

@@ -178,12 +178,13 @@ def table(heat):
             continue
         ratio = middle(row["ratios"], lambda x: f"{x:.2f}") if "ratios" in row else ""
         share = f"; {row['gflops']:.0f} GFLOP/s, {row['share_of_peak']:.0%} of the peak" if "share_of_peak" in row else ""
-        yield f"| {heat.name} | {entry.label} | {middle(entry.rates(), number)}{share} | {ratio} | {row['peak_rss_mb']:,} |"
+        peak = f"{row['peak_rss_mb']:,}" + (f" ({row['rss_at_start_mb']:,} at import)" if "rss_at_start_mb" in row else "")
+        yield f"| {heat.name} | {entry.label} | {middle(entry.rates(), number)}{share} | {ratio} | {peak} |"
     ratios = [row["ratio"] for row in found if "ratio" in row]
     if heat.aim and ratios:
-        worst, peaks = min(ratios), [row["peak_rss_mb"] for row in found if not row["error"]]
+        worst, peaks = min(ratios), [row["peak_rss_mb"] for row in found if "ratio" in row]
         reached = "reached" if worst >= heat.aim else "MISSED"
-        memory = f"memory {peaks[0] / min(peaks[1:]):.2f} of the least" if heat.group == "train" and peaks[0] else ""
+        memory = f"{found[0]['peak_rss_mb'] / min(peaks):.2f} of the least" if "rss_at_start_mb" in found[1] else ""
         yield f"| | aim: at least {heat.aim} | {reached} | {worst:.2f} | {memory} |"
 
 

@@ -32,8 +32,7 @@ if [ -z "$python" ] && [ -z "$alone" ]; then
     echo "run.sh: installing PyTorch $version into $folder" >&2
     python3 -m venv "$folder/env"
     python=$folder/env/bin/python
-    # the build without CUDA is a tenth in size; PyPI has only the other one
-    "$python" -m pip install --quiet --index-url https://download.pytorch.org/whl/cpu "torch==$version" 2>/dev/null ||
-        "$python" -m pip install --quiet --no-cache-dir "torch==$version"
+    # PyPI's build brings CUDA along; an index with the build without it can be named in PIP_INDEX_URL
+    "$python" -m pip install --quiet --no-cache-dir "torch==$version"
 fi
 "${python:-python3}" scripts/bench/compare.py "$@"

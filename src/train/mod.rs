@@ -15,6 +15,8 @@ mod pretrain;
 pub mod progress;
 pub mod run;
 pub mod schedule;
+#[cfg(test)]
+mod shapes;
 mod tensorboard;
 
 pub use config::{TrainConfig, TrainFile};

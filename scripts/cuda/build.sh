@@ -5,7 +5,7 @@
 set -eu
 cd "$(dirname "$0")/../.."
 
-cap=90 # compute capability: 80 A100, 86 and 89 GeForce 30 and 40, 90 H100 and H200, 120 GeForce 50
+cap=90 # compute capability: 90 for H100 and H200 alone; 80 for A100 and whatever came later, translated by its driver
 dir=target/cuda
 check=
 while [ $# -gt 0 ]; do

@@ -10,7 +10,7 @@ use kinelm::files::write_whole;
 use kinelm::generate::prompt::{self, Prompt, RestJoints};
 use kinelm::generate::sampling::Draw;
 use kinelm::generate::{NextToken, Plan, dance, reader};
-use kinelm::model::{Which, load_run};
+use kinelm::model::{Reading, Which, load_run};
 use kinelm::train::{PretrainOptions, TrainFile};
 use kinelm::view::{Figure, write_page};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
@@ -63,7 +63,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let test = corpus.split(Split::Test).next().context("the demo's corpus has no test clip")?;
     let prompt =
         Prompt::load(&at("motion").join(&test.name).with_extension("bvh"), &ReadOptions::default(), &tokenizer)?;
-    let danced = generate(&mut *reader(&run, args.compute.get())?, &tokenizer, &prompt, args.seed)?;
+    let danced = generate(&mut *reader(&run, args.compute.get(), Reading::default())?, &tokenizer, &prompt, args.seed)?;
     format::write(&at("dance.bvh"), &prompt::on_model_rig(&at("dance.bvh"), danced.clone()))?;
     say.line("5/5 page and report");
     page(&at("page.html"), &test.name, &tokenizer, &prompt, &danced)?;

@@ -1,12 +1,12 @@
 //! `kinelm evaluate baselines` and `likelihood`.
 
-use super::{ComputeArgs, Say, WrongCall, print};
+use super::{ComputeArgs, ReadingArgs, Say, WrongCall, print};
 use anyhow::Result;
 use kinelm::corpus::{Corpus, Split};
 use kinelm::evaluate::baselines::figure_row;
 use kinelm::evaluate::likelihood::likelihood;
 use kinelm::evaluate::{CodeSplits, measure};
-use kinelm::model::{Which, load_run};
+use kinelm::model::{Reading, Which, load_run};
 use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
 
@@ -52,6 +52,8 @@ pub struct LikelihoodArgs {
     #[arg(long, default_value_t = 0, value_name = "N")]
     windows: usize,
     #[command(flatten)]
+    reading: ReadingArgs,
+    #[command(flatten)]
     compute: ComputeArgs,
     /// One JSON object instead of a table
     #[arg(long)]
@@ -75,7 +77,12 @@ fn model(args: LikelihoodArgs, say: Say) -> Result<()> {
         return Err(WrongCall(what).into());
     }
     let clips: Vec<_> = corpus.split(args.split).collect();
-    let mut model = run.scores(args.compute.get())?;
+    let reading = args.reading.get(1);
+    let mut model = match reading == Reading::default() {
+        true => run.scores(args.compute.get())?,
+        // as it is read when it generates
+        false => Box::new(run.reader(reading)?),
+    };
     let found = likelihood(&mut *model, &corpus, &clips, args.windows)?
         .ok_or_else(|| anyhow::anyhow!("{}: no {} clip has a frame", args.corpus.display(), args.split))?;
     let floors = measure(&CodeSplits::of_corpus(&corpus, args.split)?)?;

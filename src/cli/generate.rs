@@ -1,15 +1,15 @@
 //! `kinelm generate`.
 
-use super::{ComputeArgs, Say, WrongCall, read::ReadArgs};
+use super::{ComputeArgs, ReadingArgs, Say, WrongCall, read::ReadArgs};
 use anyhow::Result;
 use kinelm::generate::prompt::{self, Prompt, RestJoints};
 use kinelm::generate::sampling::Draw;
-use kinelm::generate::{NextToken, Plan, dance, reader};
+use kinelm::generate::{NextToken, Plan, dances, reader};
 use kinelm::model::{Which, load_run};
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::joints;
 use kinelm_tokenizer::Tokenizer;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -25,9 +25,12 @@ pub struct Args {
     /// Frames to make, at the model's rate; the prompt's length if not given
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     frames: Option<u32>,
-    /// Where the dance goes (.bvh .npz .json)
+    /// Where the dance goes (.bvh .npz .json); with --variations, the dances go to FILE-1, FILE-2, ... before the extension
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// Dances to make side by side, which costs less than one after the other; the first is the one made without this
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=16))]
+    variations: u8,
     /// The seed of the draws; the same gives the same dance
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -43,6 +46,8 @@ pub struct Args {
     /// What the joints do that the model doesn't know
     #[arg(long, value_enum, default_value = "identity")]
     rest_joints: RestArg,
+    #[command(flatten)]
+    reading: ReadingArgs,
     #[command(flatten)]
     compute: ComputeArgs,
     #[command(flatten)]
@@ -92,19 +97,35 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let (p, free) = (prompt.frames(), frames - prompt.frames());
         say.line(format_args!("the prompt ends after {p} frames; the {free} that follow are generated free"));
     }
-    let mut model = reader(&run, args.compute.get())?;
-    let codes = codes(&args, &mut *model, tokenizer, &prompt, &given, frames, say)?;
-    let clip = prompt.decode(tokenizer, &codes, args.rest_joints.into())?;
-    let motion = match args.rig {
-        RigArg::Model => prompt::on_model_rig(&args.out, clip),
-        RigArg::Prompt => prompt.on_own_rig(&clip, map)?,
-    };
-    format::write(&args.out, &motion)?;
-    super::convert::told(&args.out, &motion, say);
-    if args.rig == RigArg::Prompt {
-        say_share_changed(&args, tokenizer, &codes, &given, prompt.frames(), say)?;
+    let mut model = reader(&run, args.compute.get(), args.reading.get(args.variations.into()))?;
+    let danced = codes(&args, &mut *model, tokenizer, &prompt, &given, frames, say)?;
+    for (codes, out) in danced.iter().zip(outs(&args)) {
+        let clip = prompt.decode(tokenizer, codes, args.rest_joints.into())?;
+        let motion = match args.rig {
+            RigArg::Model => prompt::on_model_rig(&out, clip),
+            RigArg::Prompt => prompt.on_own_rig(&clip, map)?,
+        };
+        format::write(&out, &motion)?;
+        super::convert::told(&out, &motion, say);
+        if args.rig == RigArg::Prompt {
+            say_share_changed(&args, &out, tokenizer, codes, &given, prompt.frames(), say)?;
+        }
     }
     Ok(())
+}
+
+/// The files that are written.
+fn outs(args: &Args) -> Vec<PathBuf> {
+    let numbered = |i: u8| {
+        let mut name = args.out.file_stem().unwrap_or_default().to_owned();
+        name.push(format!("-{i}."));
+        name.push(args.out.extension().unwrap_or_default());
+        args.out.with_file_name(name)
+    };
+    match args.variations {
+        1 => vec![args.out.clone()],
+        n => (1..=n).map(numbered).collect(),
+    }
 }
 
 /// Parts of the list that name nothing the model knows. (A group is followed as far as it is known.)
@@ -119,8 +140,14 @@ fn say_not_followed(tokenizer: &Tokenizer, list: &str, say: Say) -> Result<()> {
 }
 
 fn check_out(args: &Args) -> Result<()> {
-    super::not_over_itself(&args.prompt, &args.out)?;
+    for out in outs(args) {
+        super::not_over_itself(&args.prompt, &out)?;
+    }
     let extension = super::writable(&args.out)?;
+    if args.greedy && args.variations > 1 {
+        let what = "--variations with --greedy: the likeliest dance is always the same; leave one of them out";
+        return Err(WrongCall(what.into()).into());
+    }
     if args.rig == RigArg::Prompt && extension == "npz" {
         return Err(WrongCall(
             "--rig prompt with an .npz: AMASS files are on the model's rig; write .bvh or .json".into(),
@@ -138,19 +165,20 @@ fn codes(
     given: &[bool],
     frames: usize,
     say: Say,
-) -> Result<Vec<u16>> {
+) -> Result<Vec<Vec<u16>>> {
     let words = tokenizer.ids_of_codes(&prompt.codes)?;
     let draw = if args.greedy { Draw::Greedy } else { Draw::Temperature(args.temperature) };
     let plan = Plan::of_words(tokenizer, given, &words, frames, draw, args.seed);
     let bar = super::progress::bar(frames as u64, "frames", say);
-    let ids = dance(model, &plan, &mut |done| bar.set_position(done as u64))?;
+    let danced = dances(model, &plan, &mut |done| bar.set_position(done as u64));
     bar.finish_and_clear();
-    Ok(tokenizer.codes_of_ids(&ids).codes)
+    Ok(danced?.ids.iter().map(|ids| tokenizer.codes_of_ids(ids).codes).collect())
 }
 
 /// Reads the written file back and says which share of the given characters it codes otherwise.
 fn say_share_changed(
     args: &Args,
+    out: &Path,
     tokenizer: &Tokenizer,
     codes: &[u16],
     given: &[bool],
@@ -163,7 +191,7 @@ fn say_share_changed(
         bvh_position: args.read.bvh_position.into(),
         ..Default::default()
     };
-    let (_, clip) = kinelm::corpus::load::load_clip(&args.out, &options, tokenizer.fps())?;
+    let (_, clip) = kinelm::corpus::load::load_clip(out, &options, tokenizer.fps())?;
     let again = tokenizer.encode(&clip)?.codes;
     if let Some(share) = prompt::share_changed(codes, &again, given, prompt) {
         say.line(format_args!(

@@ -18,7 +18,8 @@ mod tokenizer;
 mod view;
 
 use anyhow::{Error, Result};
-use kinelm::model::{Compute, DeviceName, Form};
+use kinelm::model::{Compute, DeviceName, Form, Reading};
+use kinelm_engine::decode::{KvKind, WeightKind};
 use kinelm_motion::Motion;
 use std::io::Write;
 use std::path::Path;
@@ -82,6 +83,44 @@ impl ComputeArgs {
     /// As the library has it.
     pub fn get(self) -> Compute {
         Compute { device: self.device, form: self.form }
+    }
+}
+
+/// How a model is read, token after token.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct ReadingArgs {
+    /// How the weights are held: as they are, or as bytes with a scale a column
+    #[arg(long, value_enum, default_value = "f32")]
+    weights: WeightsArg,
+    /// How keys and values of what was read are held: as they are, or as half floats
+    #[arg(long, value_enum, default_value = "f32")]
+    kv: KvArg,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum WeightsArg {
+    F32,
+    Int8,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum KvArg {
+    F32,
+    F16,
+}
+
+impl ReadingArgs {
+    /// As the library has it, for so many sequences.
+    pub fn get(self, streams: usize) -> Reading {
+        let weights = match self.weights {
+            WeightsArg::F32 => WeightKind::F32,
+            WeightsArg::Int8 => WeightKind::Int8,
+        };
+        let kv = match self.kv {
+            KvArg::F32 => KvKind::F32,
+            KvArg::F16 => KvKind::F16,
+        };
+        Reading { streams, weights, kv }
     }
 }
 

@@ -4,53 +4,117 @@
 //! drawn from the characters its place allows and from nothing else, so whatever comes out decodes. Known characters go
 //! into the model in one block with the next free one. When the context is full, the oldest half of the frames is
 //! dropped, whole words, and the rest read again.
+//!
+//! Several dances can be drawn side by side, sharing every read of the model's weights. Each free place of each dance
+//! draws from a random stream of its own, so neither company nor guessing ahead changes what is drawn.
 
+mod dance;
 pub mod prompt;
 pub mod sampling;
 
-use crate::model::{Cache, Compute, LoadedRun};
+use crate::model::{Cache, Compute, DeviceName, Form, LoadedRun, Reader, Reading};
 use crate::{Error, Result};
+use dance::Dance;
+use kinelm_engine::decode::{KvKind, Logits, WeightKind};
 use kinelm_tokenizer::{SPACE, Special, Tokenizer};
-use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::RngCore;
 use sampling::Draw;
 use std::ops::Range;
 
-/// What generation asks of a model.
-pub trait NextToken {
+/// What generation asks of a model: sequences that are read side by side.
+pub trait NextToken: Send {
     /// T: tokens that one window holds, the front token included.
     fn context(&self) -> usize;
 
-    /// Forgets every token.
-    fn reset(&mut self) -> Result<()>;
+    /// Sequences.
+    fn streams(&self) -> usize;
 
-    /// Reads `tokens` behind those read since the last reset; logits (V) of the token that follows.
+    /// Whether tokens have the very same logits however blocks are cut, so that tokens may be guessed ahead.
+    fn is_exact(&self) -> bool;
+
+    /// A sequence forgets all but its first `length` tokens.
+    fn truncate(&mut self, stream: usize, length: usize);
+
+    /// Reads a block of tokens a sequence, which may be empty, and puts the logits (rows, V) of what follows into `logits`:
+    /// behind the last token of each block, or behind every token, in the order of the sequences.
     ///
     /// # Errors
     /// Whatever keeps the model from it; more tokens than the context holds.
-    fn read(&mut self, tokens: &[u32]) -> Result<Vec<f32>>;
+    fn read(&mut self, blocks: &[&[u32]], wanted: Logits, logits: &mut Vec<f32>) -> Result<()>;
 }
 
-impl NextToken for Cache {
+impl NextToken for Reader {
     fn context(&self) -> usize {
-        Cache::context(self)
+        Reader::context(self)
     }
 
-    fn reset(&mut self) -> Result<()> {
-        Cache::reset(self);
+    fn streams(&self) -> usize {
+        Reader::streams(self)
+    }
+
+    fn is_exact(&self) -> bool {
+        true
+    }
+
+    fn truncate(&mut self, stream: usize, length: usize) {
+        Reader::truncate(self, stream, length);
+    }
+
+    fn read(&mut self, blocks: &[&[u32]], wanted: Logits, logits: &mut Vec<f32>) -> Result<()> {
+        logits.clear();
+        logits.extend_from_slice(Reader::read(self, blocks, wanted)?);
         Ok(())
     }
+}
 
-    fn read(&mut self, tokens: &[u32]) -> Result<Vec<f32>> {
-        Cache::read(self, tokens)
+/// The plain form: a cache a sequence, read one after the other.
+impl NextToken for Vec<Cache> {
+    fn context(&self) -> usize {
+        self.first().map_or(0, Cache::context)
+    }
+
+    fn streams(&self) -> usize {
+        self.len()
+    }
+
+    fn is_exact(&self) -> bool {
+        false
+    }
+
+    fn truncate(&mut self, stream: usize, length: usize) {
+        self[stream].truncate(length);
+    }
+
+    fn read(&mut self, blocks: &[&[u32]], wanted: Logits, logits: &mut Vec<f32>) -> Result<()> {
+        logits.clear();
+        for (cache, block) in self.iter_mut().zip(blocks).filter(|(_, block)| !block.is_empty()) {
+            match wanted {
+                Logits::Last => logits.extend(cache.read(block)?),
+                Logits::All => logits.extend(cache.read_all(block)?.flatten_all()?.to_vec1::<f32>()?),
+            }
+        }
+        Ok(())
     }
 }
 
 /// The model of a run in the form that is wanted, ready to read.
 ///
 /// # Errors
-/// Weights that don't fit the configuration, a device that isn't there.
-pub fn reader(run: &LoadedRun, compute: Compute) -> Result<Box<dyn NextToken>> {
-    Ok(Box::new(run.plain(&compute.device.open()?)?.cache()?))
+/// Weights that don't fit the configuration, a device that isn't there, a reading that the form doesn't have.
+pub fn reader(run: &LoadedRun, compute: Compute, reading: Reading) -> Result<Box<dyn NextToken>> {
+    if compute.device == DeviceName::Cpu && compute.form == Form::Auto {
+        return Ok(Box::new(run.reader(reading)?));
+    }
+    if (reading.weights, reading.kv) != (WeightKind::F32, KvKind::F32) {
+        return Err(Error::Call(format!(
+            "weights as {:?}, keys and values as {:?}: the plain form of the model has F32 alone; leave them out, or use \
+             the form auto on the cpu",
+            reading.weights, reading.kv
+        )));
+    }
+    let model = run.plain(&compute.device.open()?)?;
+    let caches = (0..reading.streams).map(|_| model.cache()).collect::<Result<Vec<Cache>>>()?;
+    Ok(Box::new(caches))
 }
 
 /// What is to be danced.
@@ -72,6 +136,8 @@ pub struct Plan<'a> {
     pub draw: Draw,
     /// The seed of the draws.
     pub seed: u64,
+    /// Free characters that are guessed ahead and verified in one read; it changes no id, only the time.
+    pub guesses: usize,
 }
 
 impl<'a> Plan<'a> {
@@ -85,7 +151,7 @@ impl<'a> Plan<'a> {
         seed: u64,
     ) -> Self {
         let characters = tokenizer.grammar().allowed(0);
-        Plan { frames, given, prompt, characters, bos: Special::Bos.id(), space: SPACE, draw, seed }
+        Plan { frames, given, prompt, characters, bos: Special::Bos.id(), space: SPACE, draw, seed, guesses: 0 }
     }
 }
 
@@ -94,10 +160,33 @@ impl<'a> Plan<'a> {
 /// The same model, plan and seed give the same ids.
 ///
 /// # Errors
+/// As [`dances`]; a model of several sequences.
+pub fn dance(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Vec<u32>> {
+    if model.streams() != 1 {
+        return Err(Error::Call(format!("one dance from a model of {} sequences; expected one", model.streams())));
+    }
+    Ok(dances(model, plan, progress)?.ids.remove(0))
+}
+
+/// What came out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Danced {
+    /// (frames, W) ids of each dance, spaces included.
+    pub ids: Vec<Vec<u32>>,
+    /// Characters that were guessed ahead.
+    pub guessed: u64,
+    /// Of these the ones that were drawn.
+    pub right: u64,
+}
+
+/// As many dances as the model has sequences. The first is the plan's; the others draw from seeds of their own, made from
+/// the plan's. `progress` is told the number of frames that all of them have.
+///
+/// # Errors
 /// A context that holds fewer than two words, logits that are not finite (frame and place are named), and what the
 /// model's own reading fails with.
-pub fn dance(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Vec<u32>> {
-    let (c, w) = (plan.given.len(), plan.given.len() + 1);
+pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Danced> {
+    let w = plan.given.len() + 1;
     // a window of n words reads the front token and n words but for the last space
     let most = model.context() / w;
     if most < 2 {
@@ -106,139 +195,39 @@ pub fn dance(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(us
             model.context()
         )));
     }
-    let mut ids: Vec<u32> = Vec::with_capacity(plan.frames * w);
-    let mut unread = vec![plan.bos];
-    let mut in_window = 0;
-    model.reset()?;
-    for frame in 0..plan.frames {
-        if in_window == most {
-            in_window = most - most / 2;
-            model.reset()?;
-            unread = vec![plan.bos];
-            unread.extend_from_slice(&ids[(frame - in_window) * w..]);
+    let guesses = if model.is_exact() { plan.guesses } else { 0 };
+    let mut dances: Vec<Dance> = (0..model.streams()).map(|i| Dance::new(plan, seed(plan.seed, i), most)).collect();
+    let mut logits = Vec::new();
+    while dances.iter().any(|dance| !dance.is_done()) {
+        for (stream, dance) in dances.iter_mut().enumerate() {
+            model.truncate(stream, dance.prepare(guesses));
         }
-        let prompt = plan.prompt.chunks_exact(w).nth(frame);
-        for place in 0..c {
-            let id = match prompt.filter(|_| plan.given[place]) {
-                Some(word) => word[place],
-                None => {
-                    let logits = model.read(&unread)?;
-                    unread.clear();
-                    let mut rng = crate::random::stream(plan.seed, "character", frame as u64, place as u64);
-                    pick(plan, &logits, frame, place, &mut rng)?
-                }
-            };
-            ids.push(id);
-            unread.push(id);
+        let wanted = if dances.iter().any(Dance::guesses) { Logits::All } else { Logits::Last };
+        let blocks: Vec<&[u32]> = dances.iter().map(Dance::block).collect();
+        model.read(&blocks, wanted, &mut logits)?;
+        let rows = |dance: &Dance| if wanted == Logits::All { dance.block().len() } else { dance.block().len().min(1) };
+        let all: usize = dances.iter().map(rows).sum();
+        let vocabulary = logits.len() / all.max(1);
+        let mut rest = logits.as_slice();
+        for dance in &mut dances {
+            let (own, behind) = rest.split_at(rows(dance) * vocabulary);
+            dance.take(own, vocabulary)?;
+            rest = behind;
         }
-        ids.push(plan.space);
-        unread.push(plan.space);
-        in_window += 1;
-        progress(frame + 1);
+        progress(dances.iter().map(Dance::frames).min().unwrap_or(0));
     }
-    Ok(ids)
+    let count = |f: &dyn Fn(&Dance) -> u64| dances.iter().map(f).sum();
+    let (guessed, right) = (count(&|d| d.guessed), count(&|d| d.right));
+    Ok(Danced { ids: dances.into_iter().map(Dance::into_ids).collect(), guessed, right })
 }
 
-fn pick(plan: &Plan, logits: &[f32], frame: usize, place: usize, rng: &mut ChaCha8Rng) -> Result<u32> {
-    let Range { start, end } = plan.characters.clone();
-    let allowed = logits.get(start as usize..end as usize).ok_or_else(|| {
-        Error::Call(format!("the model knows {} tokens, the tokenizer {end}: they don't belong together", logits.len()))
-    })?;
-    let drawn = plan.draw.pick(allowed, rng).ok_or_else(|| {
-        Error::Call(format!("frame {frame}, place {place}: the model's logits are not finite; the run is broken"))
-    })?;
-    Ok(start + drawn as u32)
+/// The seed of a variation; the first has the plan's own.
+fn seed(seed: u64, variation: usize) -> u64 {
+    match variation {
+        0 => seed,
+        i => crate::random::stream(seed, "variation", 0, i as u64).next_u64(),
+    }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Wants the token that is the sum of all it has read, plus one, modulo the characters; checks its context.
-    struct Summing {
-        context: usize,
-        read: Vec<u32>,
-        calls: usize,
-    }
-
-    impl NextToken for Summing {
-        fn context(&self) -> usize {
-            self.context
-        }
-
-        fn reset(&mut self) -> Result<()> {
-            self.read.clear();
-            Ok(())
-        }
-
-        fn read(&mut self, tokens: &[u32]) -> Result<Vec<f32>> {
-            self.read.extend_from_slice(tokens);
-            self.calls += 1;
-            assert!(self.read.len() <= self.context, "{} tokens in {}", self.read.len(), self.context);
-            assert_eq!(self.read[0], 1, "every window begins with the front token");
-            let mut logits = vec![0.0; 16];
-            logits[0] = 99.0; // never allowed
-            logits[6 + (self.read.iter().sum::<u32>() as usize + 1) % 10] = 5.0;
-            Ok(logits)
-        }
-    }
-
-    fn plan<'a>(frames: usize, given: &'a [bool], prompt: &'a [u32], draw: Draw) -> Plan<'a> {
-        Plan { frames, given, prompt, characters: 6..16, bos: 1, space: 5, draw, seed: 7 }
-    }
-
-    fn run(context: usize, plan: &Plan) -> Result<(Vec<u32>, usize)> {
-        let mut model = Summing { context, read: vec![], calls: 0 };
-        let ids = dance(&mut model, plan, &mut |_| {})?;
-        Ok((ids, model.calls))
-    }
-
-    #[test]
-    fn given_characters_come_out_as_they_went_in() {
-        let prompt = [6, 7, 8, 5, 9, 10, 11, 5];
-        let given = [false, true, false];
-        let (ids, calls) = run(100, &plan(4, &given, &prompt, Draw::Temperature(1.0))).unwrap();
-        assert_eq!(ids.len(), 16);
-        assert_eq!((ids[1], ids[5]), (7, 10));
-        assert!(ids.chunks(4).all(|w| w[3] == 5 && w[..3].iter().all(|id| (6..16).contains(id))));
-        // two free places in the two prompted frames, three in the others: known characters cost no call
-        assert_eq!(calls, 2 * 2 + 2 * 3);
-    }
-
-    #[test]
-    fn a_window_that_moves_never_overflows() {
-        for context in 8..40 {
-            let p = plan(25, &[false, false, false], &[], Draw::Greedy);
-            let (ids, _) = run(context, &p).unwrap();
-            assert_eq!(ids.len(), 100);
-        }
-        assert!(run(7, &plan(3, &[false; 3], &[], Draw::Greedy)).unwrap_err().to_string().contains("holds 1 words"));
-    }
-
-    #[test]
-    fn the_whole_window_is_read_before_it_moves() {
-        // as long as everything fits, the sum of all tokens before decides
-        let (ids, _) = run(100, &plan(8, &[false; 3], &[], Draw::Greedy)).unwrap();
-        let mut sum = 1;
-        for word in ids.chunks(4) {
-            for &id in &word[..3] {
-                assert_eq!(id, 6 + (sum + 1) % 10);
-                sum += id;
-            }
-            sum += 5;
-        }
-    }
-
-    #[test]
-    fn the_same_seed_gives_the_same_dance() {
-        let p = plan(20, &[false; 3], &[], Draw::Temperature(3.0));
-        assert_eq!(run(30, &p).unwrap(), run(30, &p).unwrap());
-        assert_ne!(run(30, &p).unwrap(), run(30, &Plan { seed: 8, ..p.clone() }).unwrap());
-    }
-
-    #[test]
-    fn everything_given_needs_no_model() {
-        let (ids, calls) = run(30, &plan(2, &[true; 3], &[6, 6, 6, 5, 6, 6, 6, 5], Draw::Greedy)).unwrap();
-        assert_eq!((ids, calls), (vec![6, 6, 6, 5, 6, 6, 6, 5], 0));
-    }
-}
+mod tests;

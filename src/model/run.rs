@@ -5,6 +5,7 @@ use super::config::{ModelConfig, TokenLayout};
 use super::device::Compute;
 use super::fast::Fast;
 use super::gpt::Gpt;
+use super::reader::{Reader, Reading};
 use super::scores::Scores;
 use super::weights;
 use crate::{Error, Result};
@@ -45,6 +46,14 @@ impl LoadedRun {
     /// Weights that don't fit the configuration, each named; what the device refuses.
     pub fn plain(&self, device: &Device) -> Result<Gpt> {
         Gpt::from_tensors(&self.config, &self.tokens, weights::to_device(&self.weights, device)?)
+    }
+
+    /// The model on the CPU, ready to read.
+    ///
+    /// # Errors
+    /// As [`LoadedRun::plain`]; no sequences.
+    pub fn reader(&self, reading: Reading) -> Result<Reader> {
+        Reader::new(&self.plain(&Device::Cpu)?, reading)
     }
 
     /// The model in the form that is wanted, to measure with.

@@ -1,5 +1,6 @@
 //! `kinelm bench`: how fast this machine does what the program does. A file a subject; the rows are printed here.
 
+mod decode;
 mod peak;
 mod read;
 mod shape;
@@ -19,6 +20,8 @@ pub enum Command {
     Tokenize(tokenize::Args),
     /// Tokens/s of training steps on made-up tokens: forward, backward, norm clipped at 1, AdamW
     Train(train::Args),
+    /// Tokens/s of reading with random weights: one by one, a whole context, and dances of which an arm is given
+    Decode(decode::Args),
 }
 
 /// How every bench measures and prints.
@@ -37,6 +40,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
         Command::Read(args) => read::run(args, say),
         Command::Tokenize(args) => tokenize::run(args, say),
         Command::Train(args) => train::run(args, say),
+        Command::Decode(args) => decode::run(args, say),
     }
 }
 

@@ -1,0 +1,178 @@
+//! `kinelm bench decode`.
+
+use super::shape::{Shape, ShapeArgs};
+use super::{How, Rates, Row, Unit, rounded, seconds};
+use crate::cli::{ReadingArgs, Say};
+use anyhow::Result;
+use kinelm::generate::sampling::Draw;
+use kinelm::generate::{Plan, dances};
+use kinelm::model::{Gpt, ModelConfig, Reader, Reading};
+use kinelm::random;
+use kinelm_engine::arena::Floats;
+use kinelm_engine::decode::{KvKind, Logits};
+use rand_chacha::rand_core::RngCore;
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use std::time::Instant;
+
+/// Tokens that are read one by one, at the end of the context, in a timing.
+const STEPS: usize = 32;
+/// Ids below it are special ones.
+const FIRST_ID: u32 = 6;
+/// Places of a word that a prompted dance has given: a shoulder, an elbow and a wrist of three angles each.
+const GIVEN: std::ops::Range<usize> = 27..36;
+/// Numbers that are read for the memory's bandwidth: 256 MiB.
+const SWEEP: usize = 64 << 20;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    shape: ShapeArgs,
+    /// S: sequences read side by side
+    #[arg(long, value_name = "S", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=16))]
+    streams: u8,
+    #[command(flatten)]
+    reading: ReadingArgs,
+    #[command(flatten)]
+    how: How,
+}
+
+struct Bench<'a> {
+    args: &'a Args,
+    shape: Shape,
+    reading: Reading,
+    reader: Reader,
+    /// (T) tokens to read.
+    tokens: Vec<u32>,
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    let shape = args.shape.get()?;
+    let reading = args.reading.get(args.streams.into());
+    let reader = Reader::new(&Gpt::new(&shape.file.model, &shape.tokens, 1)?, reading)?;
+    let mut rng = random::stream(1, "bench", 0, 0);
+    let ordinary = shape.tokens.vocabulary as u32 - FIRST_ID;
+    let tokens = (0..shape.file.model.context).map(|_| FIRST_ID + rng.next_u32() % ordinary).collect();
+    say.line(format_args!("{} MB of weights a token", reader.weight_bytes() / 1_000_000));
+    let mut bench = Bench { args: &args, shape, reading, reader, tokens };
+    bench.decode()?;
+    bench.prefill()?;
+    bench.prompted()
+}
+
+impl Bench<'_> {
+    fn row(&self, what: &str, unit: Unit, rates: Rates, more: Value) -> Result<()> {
+        let threads = rayon::current_num_threads();
+        let mut all = json!({
+            "streams": self.reading.streams,
+            "weights": format!("{:?}", self.reading.weights).to_lowercase(),
+            "kv": format!("{:?}", self.reading.kv).to_lowercase(),
+            "context": self.tokens.len(),
+            "kernels": kinelm_engine::dispatch::name(),
+        });
+        for (key, value) in more.as_object().into_iter().flatten() {
+            all[key] = value.clone();
+        }
+        Row { what, config: &self.shape.name, unit, rates, threads, more: all }.print(&self.args.how)
+    }
+
+    fn repeats(&self, usual: u16) -> u16 {
+        self.args.how.repeats.unwrap_or(usual)
+    }
+
+    /// Every sequence forgets all but its first tokens, which are read where they weren't.
+    fn rewind(&mut self, length: usize) -> Result<()> {
+        (0..self.reading.streams).for_each(|stream| self.reader.truncate(stream, 0));
+        let blocks = vec![&self.tokens[..length]; self.reading.streams];
+        self.reader.read(&blocks, Logits::Last)?;
+        Ok(())
+    }
+
+    /// Tokens one by one at the end of the context.
+    fn decode(&mut self) -> Result<()> {
+        let (streams, context) = (self.reading.streams, self.tokens.len());
+        let steps = STEPS.min(context / 2);
+        let first = context - steps;
+        self.rewind(first)?;
+        let timed = seconds(1, self.repeats(10), || {
+            (0..streams).for_each(|stream| self.reader.truncate(stream, first));
+            for token in self.tokens[first..].chunks(1) {
+                self.reader.read(&vec![token; streams], Logits::Last)?;
+            }
+            Ok(())
+        })?;
+        let rates = Rates::of((steps * streams) as f64, &timed);
+        let bytes = self.reader.weight_bytes() + streams * self.kv_bytes(context - steps / 2);
+        let (read, most) = (bytes as f64 * rates.median / streams as f64 / 1e9, bandwidth());
+        let more = json!({
+            "gb_per_s": rounded(read, 1),
+            "bandwidth_gb_per_s": rounded(most, 1),
+            "share_of_bandwidth": rounded(read / most, 3),
+        });
+        self.row("decode", Unit::Tokens, rates, more)
+    }
+
+    /// Bytes of keys and values that a token behind `seen` others reads.
+    fn kv_bytes(&self, seen: usize) -> usize {
+        let ModelConfig { layers, width, .. } = self.shape.file.model;
+        2 * layers * width * seen * if self.reading.kv == KvKind::F16 { 2 } else { 4 }
+    }
+
+    /// A whole context in one block, one sequence.
+    fn prefill(&mut self) -> Result<()> {
+        let mut blocks = vec![&[][..]; self.reading.streams];
+        blocks[0] = &self.tokens;
+        let timed = seconds(1, self.repeats(10), || {
+            self.reader.truncate(0, 0);
+            self.reader.read(&blocks, Logits::Last)?;
+            Ok(())
+        })?;
+        self.row("prefill", Unit::Tokens, Rates::of(self.tokens.len() as f64, &timed), json!({}))
+    }
+
+    /// Dances of which an arm is given, until the window has moved twice.
+    fn prompted(&mut self) -> Result<()> {
+        let word = self.shape.tokens.word;
+        let given: Vec<bool> = (0..word - 1).map(|place| GIVEN.contains(&place)).collect();
+        let frames = 2 * (self.tokens.len() / word);
+        let prompt: Vec<u32> = self.tokens.iter().copied().cycle().take(frames * word).collect();
+        let plan = Plan {
+            frames,
+            given: &given,
+            prompt: &prompt,
+            characters: FIRST_ID..self.shape.tokens.vocabulary as u32,
+            bos: self.shape.tokens.bos,
+            space: self.shape.tokens.space,
+            draw: Draw::Temperature(1.0),
+            seed: 1,
+            guesses: 0,
+        };
+        let reader = &mut self.reader;
+        let repeats = self.args.how.repeats.unwrap_or(3);
+        let timed = seconds(0, repeats, || Ok(dances(reader, &plan, &mut |_| {}).map(|_| ())?))?;
+        let rates = Rates::of((frames * self.reading.streams) as f64, &timed);
+        self.row("generate", Unit::Frames, rates, json!({ "given": GIVEN.len(), "free": given.len() - GIVEN.len() }))
+    }
+}
+
+/// 10^9 bytes a second that all threads together read from memory: the best of 8 sweeps, four streams a thread.
+fn bandwidth() -> f64 {
+    let mut numbers = Floats::new(SWEEP);
+    numbers.fill(1.0);
+    let sum = |part: &[f32]| {
+        let (a, b) = part.split_at(part.len() / 2);
+        let (a, b, c, d) = (a.split_at(a.len() / 2), b.split_at(b.len() / 2), 0u32, 0u32);
+        let pairs = a.0.iter().zip(a.1).zip(b.0.iter().zip(b.1));
+        let (x, y) = pairs.fold((c, d), |(x, y), ((a, b), (c, d))| {
+            (x.wrapping_add(a.to_bits() ^ b.to_bits()), y.wrapping_add(c.to_bits() ^ d.to_bits()))
+        });
+        x.wrapping_add(y)
+    };
+    let sweep = |_| {
+        let started = Instant::now();
+        let sum = numbers.par_chunks(SWEEP / 64).map(sum).reduce(|| 0, u32::wrapping_add);
+        std::hint::black_box(sum);
+        (SWEEP * 4) as f64 / started.elapsed().as_secs_f64() / 1e9
+    };
+    (0..8).map(sweep).fold(0.0, f64::max)
+}

@@ -1,14 +1,16 @@
 //! The kernels one by one, on one thread, at shapes of a block 512 wide.
 //!
 //! `cargo bench -p kinelm-engine --bench kernels [-- NAME ..]` prints the rate of those whose names begin so, or of all.
-//! `-- --count NAME REPEATS` runs one so often and prints nothing: `scripts/bench/instructions.sh` counts its
-//! instructions, which a busy machine does not change.
+//! `-- --count NAME` runs one twice, the second time inside a function of its own: `scripts/bench/instructions.sh` counts
+//! the instructions in there, which a busy machine does not change.
 
+use kinelm_engine::decode::{BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Shape, WeightKind};
 use kinelm_engine::dispatch;
 use kinelm_engine::op::dropout::Mask;
 use kinelm_engine::op::matmul::{Left, Panels, Store};
 use kinelm_engine::op::{adamw, attention, bias, cross_entropy, embedding, gelu, layer_norm, matmul};
 use std::hint::black_box;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// N: rows that a kernel is given; a multiple of no tile.
@@ -18,18 +20,46 @@ const D: usize = 512;
 /// V: the vocabulary.
 const V: usize = 400;
 
+type Make = fn() -> Case;
+
+/// Kernels by their names, each with what makes its operands.
+const CASES: [(&str, Make); 20] = [
+    ("product", || product(false)),
+    ("product_turned", || product(true)),
+    ("pack", || packing(false)),
+    ("pack_transposed", || packing(true)),
+    ("layer_norm", norm),
+    ("layer_norm_backward", norm_backward),
+    ("gelu", gelu),
+    ("gelu_backward", gelu_backward),
+    ("column_sums", column_sums),
+    ("residual", || residual(Mask::NONE)),
+    ("residual_dropped", || residual(Mask { share: 0.1, key: 7, first_row: 0 })),
+    ("attention", attention),
+    ("attention_backward", attention_backward),
+    ("cross_entropy", cross_entropy),
+    ("embedding", embedding),
+    ("embedding_backward", embedding_backward),
+    ("adamw", adamw),
+    ("norm_squared", norm_squared),
+    ("token_f32", || token(WeightKind::F32, KvKind::F32)),
+    ("token_int8_f16", || token(WeightKind::Int8, KvKind::F16)),
+];
+
 /// A kernel with its operands.
 struct Case {
-    /// What it is told apart by.
-    name: &'static str,
     /// Done by a run, in 10^9 operations or bytes.
     amount: f64,
     unit: &'static str,
     run: Box<dyn FnMut()>,
 }
 
-fn case(name: &'static str, unit: &'static str, amount: usize, run: impl FnMut() + 'static) -> Case {
-    Case { name, amount: amount as f64 / 1e9, unit, run: Box::new(run) }
+fn case(unit: &'static str, amount: usize, run: impl FnMut() + 'static) -> Case {
+    Case { amount: amount as f64 / 1e9, unit, run: Box::new(run) }
+}
+
+fn zeros(len: usize) -> Vec<f32> {
+    vec![0.0; len]
 }
 
 /// Numbers between -1 and 1, always the same ones.
@@ -42,145 +72,147 @@ fn numbers(len: usize) -> Vec<f32> {
     (0..len).map(|_| next()).collect()
 }
 
-fn product(name: &'static str, turned: bool, n: usize) -> Case {
-    let (a, b) = (numbers(N * D), numbers(D * n));
-    let mut panels = vec![0.0; matmul::panels_len(D, n)];
+fn product(turned: bool) -> Case {
+    let n = 3 * D;
+    let (a, b, mut c) = (numbers(N * D), numbers(D * n), zeros(N * n));
+    let mut panels = zeros(matmul::panels_len(D, n));
     matmul::pack(&mut panels, &b, n, D, n);
-    let mut c = vec![0.0; N * n];
-    case(name, "GFLOP/s", 2 * N * D * n, move || {
+    case("GFLOP/s", 2 * N * D * n, move || {
         let a = if turned { Left::Columns { a: &a, lda: N } } else { Left::Rows { a: &a, lda: D } };
         let panels = Panels { numbers: &panels, block: D };
         matmul::product(black_box(&mut c), n, (N, D, n), a, panels, 1.0, Store::Set);
     })
 }
 
-fn packing(name: &'static str, turned: bool) -> Case {
-    let b = numbers(D * D);
-    let mut panels = vec![0.0; matmul::panels_len(D, D)];
-    case(name, "GB/s", 8 * D * D, move || match turned {
-        true => matmul::pack_transposed(black_box(&mut panels), &b, D, D, D),
-        false => matmul::pack(black_box(&mut panels), &b, D, D, D),
+fn packing(turned: bool) -> Case {
+    let (b, mut panels) = (numbers(D * D), zeros(matmul::panels_len(D, D)));
+    let pack = if turned { matmul::pack_transposed } else { matmul::pack };
+    case("GB/s", 8 * D * D, move || pack(black_box(&mut panels), &b, D, D, D))
+}
+
+fn norm() -> Case {
+    let (x, weight, bias) = (numbers(N * D), numbers(D), numbers(D));
+    let (mut out, mut stats) = (zeros(N * D), zeros(2 * N));
+    case("GB/s", 8 * N * D, move || layer_norm::forward(black_box(&mut out), &mut stats, &x, &weight, &bias))
+}
+
+fn norm_backward() -> Case {
+    let (x, dy, weight) = (numbers(N * D), numbers(N * D), numbers(D));
+    let (mut stats, mut dx, mut dweight, mut dbias) = (zeros(2 * N), zeros(N * D), zeros(D), zeros(D));
+    layer_norm::forward(&mut dx, &mut stats, &x, &weight, &weight);
+    case("GB/s", 16 * N * D, move || {
+        let saved = layer_norm::Saved { x: &x, stats: &stats, weight: &weight };
+        layer_norm::backward(black_box(&mut dx), &mut dweight, &mut dbias, saved, &dy);
     })
 }
 
-fn layer_norms() -> [Case; 2] {
-    let (x, dy) = (numbers(N * D), numbers(N * D));
-    let [weight, bias] = [0; 2].map(|_| numbers(D));
-    let (mut out, mut stats) = (vec![0.0; N * D], vec![0.0; 2 * N]);
-    layer_norm::forward(&mut out, &mut stats, &x, &weight, &bias);
-    let (saved_x, saved_stats, saved_weight) = (x.clone(), stats.clone(), weight.clone());
-    let (mut dx, mut dweight, mut dbias) = (vec![0.0; N * D], vec![0.0; D], vec![0.0; D]);
-    [
-        case("layer_norm", "GB/s", 8 * N * D, move || {
-            layer_norm::forward(black_box(&mut out), &mut stats, &x, &weight, &bias);
-        }),
-        case("layer_norm_backward", "GB/s", 16 * N * D, move || {
-            let saved = layer_norm::Saved { x: &saved_x, stats: &saved_stats, weight: &saved_weight };
-            layer_norm::backward(black_box(&mut dx), &mut dweight, &mut dbias, saved, &dy);
-        }),
-    ]
+fn gelu() -> Case {
+    let (x, mut out) = (numbers(N * D), zeros(N * D));
+    case("GB/s", 8 * N * D, move || gelu::forward(black_box(&mut out), &x))
 }
 
-fn gelus() -> [Case; 2] {
-    let x = numbers(N * D);
-    let (before, dy) = (x.clone(), x.clone());
-    let (mut out, mut again, mut d) = (vec![0.0; N * D], vec![0.0; N * D], vec![0.0; N * D]);
-    [
-        case("gelu", "GB/s", 8 * N * D, move || gelu::forward(black_box(&mut out), &x)),
-        case("gelu_backward", "GB/s", 16 * N * D, move || {
-            // in place: anew each time, or it shrinks until its numbers are subnormal
-            d.copy_from_slice(&dy);
-            gelu::backward(black_box(&mut d), &mut again, &before);
-        }),
-    ]
+fn gelu_backward() -> Case {
+    let (x, dy, mut out, mut d) = (numbers(N * D), numbers(N * D), zeros(N * D), zeros(N * D));
+    case("GB/s", 16 * N * D, move || {
+        // in place: anew each time, or it shrinks until its numbers are subnormal
+        d.copy_from_slice(&dy);
+        gelu::backward(black_box(&mut d), &mut out, &x);
+    })
 }
 
-fn sums() -> [Case; 3] {
-    let (y, shift) = (numbers(N * D), numbers(D));
-    let (dy, also_y, also_shift) = (y.clone(), y.clone(), shift.clone());
-    let (mut x, mut also_x, mut sums) = (numbers(N * D), numbers(N * D), vec![0.0; D]);
-    let dropped = Mask { share: 0.1, key: 7, first_row: 0 };
-    [
-        case("column_sums", "GB/s", 4 * N * D, move || bias::add_column_sums(black_box(&mut sums), &dy)),
-        case("residual", "GB/s", 12 * N * D, move || bias::residual(black_box(&mut x), &y, &shift, Mask::NONE)),
-        case("residual_dropped", "GB/s", 12 * N * D, move || {
-            bias::residual(black_box(&mut also_x), &also_y, &also_shift, dropped);
-        }),
-    ]
+fn column_sums() -> Case {
+    let (dy, mut sums) = (numbers(N * D), zeros(D));
+    case("GB/s", 4 * N * D, move || bias::add_column_sums(black_box(&mut sums), &dy))
+}
+
+fn residual(mask: Mask) -> Case {
+    let (y, shift, mut x) = (numbers(N * D), numbers(D), numbers(N * D));
+    case("GB/s", 12 * N * D, move || bias::residual(black_box(&mut x), &y, &shift, mask))
 }
 
 /// Two heads over a sequence that no tile divides.
-fn attentions() -> [Case; 2] {
-    let shape = attention::Shape { batch: 1, tokens: 300, heads: 2, width: 64 };
-    let rules = attention::Rules { mask: attention::Mask::Causal, dropout: None };
-    let (qkv, d_out) = (numbers(shape.rows() * 3 * shape.columns()), numbers(shape.rows() * shape.columns()));
-    let [space, also_space] = [0; 2].map(|_| attention::Workspace::new(shape));
-    let (mut out, mut log_sums) = (vec![0.0; shape.rows() * shape.columns()], vec![0.0; shape.rows() * shape.heads]);
-    attention::forward(shape, &qkv, rules, &space, &mut out, &mut log_sums);
-    let (also_qkv, done_out, done_sums) = (qkv.clone(), out.clone(), log_sums.clone());
-    let mut d_qkv = vec![0.0; qkv.len()];
-    // a pair of tokens costs two products of d forward, four backward
-    let pairs = shape.heads * shape.tokens * (shape.tokens + 1) / 2;
-    [
-        case("attention", "GFLOP/s", 4 * pairs * shape.width, move || {
-            attention::forward(shape, &qkv, rules, &space, black_box(&mut out), &mut log_sums);
-        }),
-        case("attention_backward", "GFLOP/s", 8 * pairs * shape.width, move || {
-            let done = attention::Done { qkv: &also_qkv, out: &done_out, log_sums: &done_sums, d_out: &d_out };
-            attention::backward(shape, done, rules, &also_space, black_box(&mut d_qkv));
-        }),
-    ]
+const ATTENTION: attention::Shape = attention::Shape { batch: 1, tokens: 300, heads: 2, width: 64 };
+const CAUSAL: attention::Rules = attention::Rules { mask: attention::Mask::Causal, dropout: None };
+
+/// Operations of a product between every query and the keys it sees.
+fn pair_product() -> usize {
+    ATTENTION.columns() * ATTENTION.tokens * (ATTENTION.tokens + 1)
 }
 
-/// What is at both ends of a model.
-fn ends() -> [Case; 3] {
-    let ids: Vec<u32> = (0..N as u32).map(|i| i * 37 % V as u32).collect();
-    let (also_ids, targets) = (ids.clone(), ids.clone());
-    let (logits, table, d_out) = (numbers(N * V), numbers(V * D), numbers(N * D));
-    let (mut changed, mut out, mut d_table) = (logits.clone(), vec![0.0; N * D], vec![0.0; V * D]);
-    [
-        case("cross_entropy", "GB/s", 8 * N * V, move || {
-            changed.copy_from_slice(&logits);
-            black_box(cross_entropy::forward_backward(&mut changed, &targets, 0, 0.01));
-        }),
-        case("embedding", "GB/s", 8 * N * D, move || {
-            embedding::forward(black_box(&mut out), D, 0, &[embedding::Lookup { table: &table, ids: &ids }]);
-        }),
-        case("embedding_backward", "GB/s", 12 * N * D, move || {
-            embedding::backward(black_box(&mut d_table), D, &also_ids, &d_out);
-        }),
-    ]
+fn attention() -> Case {
+    let (space, qkv) = (attention::Workspace::new(ATTENTION), numbers(ATTENTION.rows() * 3 * ATTENTION.columns()));
+    let (mut out, mut sums) = (zeros(qkv.len() / 3), zeros(ATTENTION.rows() * ATTENTION.heads));
+    case("GFLOP/s", 2 * pair_product(), move || {
+        attention::forward(ATTENTION, &qkv, CAUSAL, &space, black_box(&mut out), &mut sums);
+    })
 }
 
-fn optimizer() -> [Case; 2] {
-    let len = N * D;
-    let (gradients, also_gradients) = (numbers(len), numbers(len));
-    let (mut x, mut first, mut second) = (numbers(len), vec![0.0; len], vec![0.0; len]);
+fn attention_backward() -> Case {
+    let (space, qkv) = (attention::Workspace::new(ATTENTION), numbers(ATTENTION.rows() * 3 * ATTENTION.columns()));
+    let (mut out, mut log_sums) = (zeros(qkv.len() / 3), zeros(ATTENTION.rows() * ATTENTION.heads));
+    attention::forward(ATTENTION, &qkv, CAUSAL, &space, &mut out, &mut log_sums);
+    let (d_out, mut d_qkv) = (numbers(out.len()), zeros(qkv.len()));
+    case("GFLOP/s", 4 * pair_product(), move || {
+        let done = attention::Done { qkv: &qkv, out: &out, log_sums: &log_sums, d_out: &d_out };
+        attention::backward(ATTENTION, done, CAUSAL, &space, black_box(&mut d_qkv));
+    })
+}
+
+fn ids() -> Vec<u32> {
+    (0..N as u32).map(|i| i * 37 % V as u32).collect()
+}
+
+fn cross_entropy() -> Case {
+    let (logits, targets, mut changed) = (numbers(N * V), ids(), zeros(N * V));
+    case("GB/s", 8 * N * V, move || {
+        changed.copy_from_slice(&logits);
+        black_box(cross_entropy::forward_backward(&mut changed, &targets, 0, 0.01));
+    })
+}
+
+fn embedding() -> Case {
+    let (table, ids, mut out) = (numbers(V * D), ids(), zeros(N * D));
+    case("GB/s", 8 * N * D, move || {
+        embedding::forward(black_box(&mut out), D, 0, &[embedding::Lookup { table: &table, ids: &ids }]);
+    })
+}
+
+fn embedding_backward() -> Case {
+    let (d_out, ids, mut d_table) = (numbers(N * D), ids(), zeros(V * D));
+    case("GB/s", 12 * N * D, move || embedding::backward(black_box(&mut d_table), D, &ids, &d_out))
+}
+
+fn adamw() -> Case {
+    let (gradients, mut x) = (numbers(N * D), numbers(N * D));
+    let (mut first, mut second) = (zeros(N * D), zeros(N * D));
     let step = adamw::Step::new(10, 1e-3, [0.9, 0.95], 1e-8, 0.1, 1.0);
-    [
-        case("adamw", "GB/s", 28 * len, move || {
-            adamw::update(black_box(&mut x), &mut first, &mut second, &gradients, &step);
-        }),
-        case("norm_squared", "GB/s", 4 * len, move || {
-            black_box(adamw::norm_squared(&also_gradients));
-        }),
-    ]
+    case("GB/s", 28 * N * D, move || adamw::update(black_box(&mut x), &mut first, &mut second, &gradients, &step))
 }
 
-fn cases() -> Vec<Case> {
-    let mut all = vec![
-        product("product", false, 3 * D),
-        product("product_turned", true, 3 * D),
-        packing("pack", false),
-        packing("pack_transposed", true),
-    ];
-    all.extend(layer_norms());
-    all.extend(gelus());
-    all.extend(sums());
-    all.extend(attentions());
-    all.extend(ends());
-    all.extend(optimizer());
-    all
+fn norm_squared() -> Case {
+    let gradients = numbers(N * D);
+    case("GB/s", 4 * N * D, move || {
+        black_box(adamw::norm_squared(&gradients));
+    })
+}
+
+/// A token behind N others, through one block and the head.
+fn token(weights: WeightKind, kv: KvKind) -> Case {
+    let shape = Shape { layers: 1, heads: 8, width: D, vocabulary: V, context: N + 1 };
+    let (matrix, bias) = (numbers(4 * D * D), numbers(4 * D));
+    let linear = |k: usize, n: usize| (&matrix[..k * n], &bias[..n]);
+    let norm = (&bias[..D], &bias[..D]);
+    let [qkv, out, up, down] = [linear(D, 3 * D), linear(D, D), linear(D, 4 * D), linear(4 * D, D)];
+    let blocks = vec![BlockParts { norm1: norm, qkv, out, norm2: norm, up, down }];
+    let (token, positions) = (&matrix[..V * D], &matrix[..(N + 1) * D]);
+    let weights = DecoderWeights::new(&Parts { shape, token, positions, blocks, norm, head: token }, weights);
+    let bytes = weights.bytes();
+    let mut decoder = Decoder::new(Arc::new(weights), 1, kv);
+    decoder.read(&[&ids()], Logits::Last);
+    case("GB/s", bytes, move || {
+        decoder.truncate(0, N);
+        black_box(decoder.read(&[&[7]], Logits::Last));
+    })
 }
 
 /// Seconds of a run: the median of 21, each of as many as take two milliseconds.
@@ -197,25 +229,33 @@ fn seconds(run: &mut dyn FnMut()) -> f64 {
     taken[taken.len() / 2]
 }
 
+/// Callgrind looks for this name.
+#[inline(never)]
+fn counted(run: &mut dyn FnMut()) {
+    black_box(run)();
+}
+
 fn work(arguments: &[String]) -> Result<(), String> {
-    let mut cases = cases();
     if arguments.first().is_some_and(|a| a == "--names") {
         println!("# {}", dispatch::name());
-        cases.iter().for_each(|c| println!("{}", c.name));
+        CASES.iter().for_each(|(name, _)| println!("{name}"));
         return Ok(());
     }
     if arguments.first().is_some_and(|a| a == "--count") {
-        let [_, name, repeats] = arguments else { return Err("expected --count NAME REPEATS".into()) };
-        let case = cases.iter_mut().find(|c| c.name == name).ok_or(format!("no kernel is called {name}"))?;
-        let repeats = repeats.parse::<u32>().map_err(|e| format!("{repeats} repeats: {e}"))?;
-        (0..repeats).for_each(|_| (case.run)());
+        let [_, wanted] = arguments else { return Err("expected --count NAME".into()) };
+        let found = CASES.iter().find(|(name, _)| name == wanted);
+        let (_, make) = found.ok_or(format!("no kernel is called {wanted}"))?;
+        let mut case = make();
+        (case.run)();
+        counted(&mut case.run);
         return Ok(());
     }
     println!("kernels: {}", dispatch::name());
-    let wanted = |c: &&mut Case| arguments.is_empty() || arguments.iter().any(|a| c.name.starts_with(a.as_str()));
-    for case in cases.iter_mut().filter(wanted) {
+    let wanted = |name: &str| arguments.is_empty() || arguments.iter().any(|a| name.starts_with(a.as_str()));
+    for (name, make) in CASES.iter().filter(|(name, _)| wanted(name)) {
+        let mut case = make();
         let taken = seconds(&mut case.run);
-        println!("{:<24} {:>10.1} us {:>8.1} {}", case.name, taken * 1e6, case.amount / taken, case.unit);
+        println!("{name:<24} {:>10.1} us {:>8.1} {}", taken * 1e6, case.amount / taken, case.unit);
     }
     Ok(())
 }

@@ -19,22 +19,20 @@ found=$(mktemp)
 trap 'rm -f "$found" "$found.log"' EXIT
 
 count() {
-    valgrind --tool=callgrind --callgrind-out-file=/dev/null "$bench" --count "$1" "$2" >/dev/null 2>"$found.log" ||
-        { cat "$found.log" >&2; exit 2; }
+    valgrind --tool=callgrind --callgrind-out-file=/dev/null --toggle-collect='kernels::counted*' \
+        "$bench" --count "$1" >/dev/null 2>"$found.log" || { cat "$found.log" >&2; exit 2; }
     sed -n 's/.*Collected : \([0-9]*\).*/\1/p' "$found.log"
 }
 
 {
     echo "# instructions of a run, $("$bench" --names | sed -n 's/^# //p'), $(rustc --version | cut -d' ' -f1,2)"
     for name in $("$bench" --names | grep -v '^#'); do
-        # what comes before the kernel is in both counts
-        printf '%-24s %12d\n' "$name" $((($(count "$name" 3) - $(count "$name" 1)) / 2))
+        printf '%-24s %12d\n' "$name" "$(count "$name")"
     done
-} >"$found"
+} | tee /dev/stderr >"$found"
 
 if [ "${1:-}" = --record ]; then
     cp "$found" "$table"
-    cat "$table"
     exit
 fi
 awk -v limit=2 '

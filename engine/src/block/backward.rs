@@ -152,7 +152,7 @@ pub(crate) fn weight_gradient(
     store: Store,
 ) {
     let n = gradient.len() / k;
-    let high = pieces::gradient_rows(k);
+    let (high, block) = (pieces::gradient_rows(k), block.min(rows));
     gradient.par_chunks_mut(high * n).enumerate().for_each(|(i, part)| {
         let left = Left::Columns { a: &x[i * high..], lda: k };
         product(part, n, (part.len() / n, rows, n), left, Panels { numbers: panels, block }, 1.0, store);

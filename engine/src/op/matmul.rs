@@ -57,7 +57,8 @@ pub enum Store {
 pub struct Panels<'a> {
     /// Its numbers: `[block][panel][row of the block][column of the panel]`.
     pub numbers: &'a [f32],
-    /// Rows of a block; the last block may have fewer. k itself, if it was packed in one.
+    /// Rows of a block; the last block may have fewer. If all was packed in one block, a product may take fewer rows than
+    /// it has.
     pub block: usize,
 }
 
@@ -273,7 +274,10 @@ impl Product<'_> {
     #[inline(always)]
     fn steps(&self, width: usize, panel: usize, k: usize, end: usize) -> (usize, usize) {
         let (block, inside) = (k / self.panels.block, k % self.panels.block);
-        let high = self.panels.block.min(self.k - block * self.panels.block);
+        let high = match self.panels.block >= self.k {
+            true => self.panels.block,
+            false => self.panels.block.min(self.k - block * self.panels.block),
+        };
         let begin = block * self.panels.block * self.n.next_multiple_of(width) + (panel * high + inside) * width;
         (begin, (high - inside).min(end - k))
     }
@@ -550,6 +554,23 @@ mod tests {
             1.0,
             Store::Set,
         );
+    }
+
+    #[test]
+    fn a_product_may_take_some_of_the_packed_rows() {
+        let (m, k, n) = (7, 40, 2 * panel() + 3);
+        let (a, b) = (numbers(m * k, 1), numbers(k * n, 2));
+        let mut packed = vec![0.0; panels_len(k, n)];
+        pack(&mut packed, &b, n, k, n);
+        for (first, steps) in [(0, 40), (0, 13), (5, 35), (8, 1), (39, 1)] {
+            let left = Left::Rows { a: &a[first..], lda: k };
+            let some = Panels { numbers: &packed[first * panel()..], block: k };
+            let mut c = vec![0.0; m * n];
+            product(&mut c, n, (m, steps, n), left, some, 1.0, Store::Set);
+            let truth = scalar::matmul::product((m, steps, n), Left::Rows { a: &a[first..], lda: k }, &b[first * n..]);
+            let apart = c.iter().zip(truth).map(|(c, t)| (*c as f64 - t).abs()).fold(0.0, f64::max);
+            assert!(apart <= bound(k), "steps {first}..{}: {apart:e} apart", first + steps);
+        }
     }
 
     #[test]

@@ -1,10 +1,9 @@
 //! Backward: for each block of keys, the queries that see it, a tile of rows at a time.
 
-use super::forward::pack_steps;
 use super::softmax::{Means, SoftmaxBack};
-use super::{KEYS, QUERIES, ROW, Rules, STEP, Scratch, Shape, Tile, Workspace, copy_rows, panels_len, part_of};
+use super::{KEYS, QUERIES, ROW, Rules, STEP, Scratch, Shape, Tile, Workspace, copy_rows, part_of};
 use crate::dispatch;
-use crate::op::matmul::{Left, Panels, Store, pack_transposed, product};
+use crate::op::matmul::{Left, Panels, Store, pack, pack_transposed, panel, product};
 use rayon::prelude::*;
 
 /// What [`forward`](super::forward()) read and gave, and the gradient of its output as rows.
@@ -72,7 +71,7 @@ impl Piece<'_> {
             pack_transposed(&mut scratch.values_across, &scratch.rows, d, d, columns);
             copy_rows(&mut scratch.rows, part(1), stride, columns, d);
             pack_transposed(&mut scratch.keys_across, &scratch.rows, d, d, columns);
-            pack_steps(&mut scratch.down, &scratch.rows, d, columns, d);
+            pack(&mut scratch.down, &scratch.rows, d, columns, d);
             let first = if self.rules.is_causal() { key } else { 0 };
             for query in (first..t).step_by(QUERIES) {
                 let rows = QUERIES.min(t - query);
@@ -96,10 +95,10 @@ impl Piece<'_> {
         let queries = part_of(self.done.qkv, self.shape, self.piece, 0, query);
         copy_rows(&mut scratch.queries, queries, 3 * stride, rows, d);
         copy_rows(&mut scratch.slopes, self.d_out(query), stride, rows, d);
-        pack_steps(&mut scratch.queries_down, &scratch.queries, d, rows, d);
-        pack_steps(&mut scratch.slopes_down, &scratch.slopes, d, rows, d);
+        pack(&mut scratch.queries_down, &scratch.queries, d, rows, d);
+        pack(&mut scratch.slopes_down, &scratch.slopes, d, rows, d);
         for first in (0..rows).step_by(STEP) {
-            self.step(scratch, tile.part(first, STEP.min(rows - first)), first);
+            self.step(scratch, tile.part(first, STEP.min(rows - first)), first, tile.columns);
         }
         // keys in front of the tile's first query are seen by all its rows, later ones from their own step on
         let all = if tile.causal { tile.columns.min(query - key) } else { tile.columns };
@@ -113,7 +112,7 @@ impl Piece<'_> {
             let store = if query + skip == if tile.causal { key + from } else { 0 } { Store::Set } else { Store::Add };
             let sum = |to: &mut [f32], a: &[f32], panels: &[f32], scale| {
                 let left = Left::Columns { a: &a[skip * ROW + from..], lda: ROW };
-                let panels = Panels { numbers: &panels[skip / STEP * panels_len(STEP, d)..], block: STEP };
+                let panels = Panels { numbers: &panels[skip * panel()..], block: rows };
                 product(&mut to[(key + from) * d..], d, (columns, rows - skip, d), left, panels, scale, store);
             };
             sum(self.d_keys, &scratch.changes, &scratch.queries_down, self.shape.scale());
@@ -124,7 +123,7 @@ impl Piece<'_> {
 
     /// Weights and gradients of scores of a step of the tile's rows, from row `first` on, and their part of the queries'
     /// gradient.
-    fn step(&mut self, scratch: &mut Scratch, tile: Tile, first: usize) {
+    fn step(&mut self, scratch: &mut Scratch, tile: Tile, first: usize, packed: usize) {
         let (d, t) = (self.shape.width, self.shape.tokens);
         let Tile { query, rows, key, columns, .. } = tile;
         let scores = &mut scratch.weights[first * ROW..(first + rows) * ROW];
@@ -143,7 +142,7 @@ impl Piece<'_> {
         dispatch::run(SoftmaxBack { tile, scores, changes, bias, drops, log_sums, means });
 
         let left = Left::Rows { a: changes, lda: ROW };
-        let down = Panels { numbers: &scratch.down, block: STEP };
+        let down = Panels { numbers: &scratch.down, block: packed };
         let store = if key == 0 { Store::Set } else { Store::Add };
         product(&mut self.d_queries[query * d..], d, (rows, columns, d), left, down, self.shape.scale(), store);
     }

@@ -65,18 +65,18 @@ impl Piece<'_> {
             let part = |part| part_of(self.qkv, self.shape, self.piece, part, key);
             copy_rows(&mut scratch.rows, part(1), stride, columns, d);
             pack_transposed(&mut scratch.keys_across, &scratch.rows, d, d, columns);
-            pack_steps(&mut scratch.down, part(2), stride, columns, d);
+            pack(&mut scratch.down, part(2), stride, columns, d);
             let first = if self.rules.is_causal() { key.max(self.queries.start) } else { self.queries.start };
             for query in (first..self.queries.end).step_by(STEP) {
                 let rows = STEP.min(self.queries.end - query);
                 let tile = Tile { query, rows, key, columns, causal: self.rules.is_causal() };
-                self.step(scratch, tile.part(0, rows), key + columns);
+                self.step(scratch, tile.part(0, rows), columns);
             }
         }
     }
 
     /// The tile's part of its queries' outputs; the last key divides by the sum.
-    fn step(&mut self, scratch: &mut Scratch, tile: Tile, block_end: usize) {
+    fn step(&mut self, scratch: &mut Scratch, tile: Tile, packed: usize) {
         let (d, t) = (self.shape.width, self.shape.tokens);
         let Tile { query, rows, key, columns, causal } = tile;
         let (from, stride) = (part_of(self.qkv, self.shape, self.piece, 0, query), 3 * self.shape.columns());
@@ -97,20 +97,12 @@ impl Piece<'_> {
         dispatch::run(Softmax { tile, scores, bias, drops, largest, sums, out });
 
         let left = Left::Rows { a: scores, lda: ROW };
-        let down = Panels { numbers: &scratch.down, block: STEP };
+        let down = Panels { numbers: &scratch.down, block: packed };
         let store = if key == 0 { Store::Set } else { Store::Add };
         product(out, d, (rows, columns, d), left, down, 1.0, store);
-        if block_end >= if causal { query + rows } else { t } {
+        if key + packed >= if causal { query + rows } else { t } {
             divide(out, largest, sums);
         }
-    }
-}
-
-/// `b` (k, n) in panels of [`STEP`] rows each, so that a product can end after any step.
-pub(super) fn pack_steps(panels: &mut [f32], b: &[f32], stride: usize, k: usize, n: usize) {
-    let len = super::panels_len(STEP, n);
-    for (to, first) in panels.chunks_mut(len).zip((0..k).step_by(STEP)) {
-        pack(to, &b[first * stride..], stride, STEP.min(k - first), n);
     }
 }
 

@@ -2,9 +2,9 @@
 //!
 //! The matrix lies in panels of two vectors' columns, [panel][k][2 vectors], as f32, as signed bytes or as half floats;
 //! narrower numbers are widened in registers. All rows take their share of a panel while it is in the nearest cache, so
-//! they cost one pass through memory; a single row reads four panels side by side, since one stream does not keep memory
-//! busy. Each sum runs over k in order in one accumulator, whatever rows are computed beside it: reading a block of tokens
-//! gives the bits that reading them one by one gives.
+//! they cost one pass through memory; one row reads four panels side by side and two rows two, since one stream does not
+//! keep memory busy. Each sum runs over k in order in one accumulator, whatever rows are computed beside it: reading a
+//! block of tokens gives the bits that reading them one by one gives.
 
 use pulp::{Simd, WithSimd};
 
@@ -119,6 +119,7 @@ impl<E: Element> WithSimd for Product<'_, E> {
             panel += match self.left.rows {
                 1 if left >= 4 => self.tile::<S, 1, 4>(simd, 0, panel, 0, self.k),
                 1 if left >= 2 => self.tile::<S, 1, 2>(simd, 0, panel, 0, self.k),
+                2 if left >= 2 => self.tile::<S, 2, 2>(simd, 0, panel, 0, self.k),
                 _ => self.panel(simd, panel),
             };
         }
@@ -150,7 +151,7 @@ impl<E: Element> Product<'_, E> {
     }
 
     /// M rows from `first` on, P panels from `panel` on: `steps` numbers of k from `done` on are added to what `c` holds.
-    /// P panels and M rows, whichever counts in the caller: the larger.
+    /// Panels or rows, whichever the caller counts: the larger number.
     #[inline(always)]
     fn tile<S: Simd, const M: usize, const P: usize>(
         &mut self,

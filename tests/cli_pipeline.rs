@@ -146,6 +146,14 @@ fn a_seed_is_a_dance_whatever_the_threads() {
     let one = make("s1.json", &["--seed", "5"]);
     assert_eq!(one, make("s2.json", &["--seed", "5", "--threads", "1"]));
     assert_ne!(one, make("s3.json", &["--seed", "6"]));
+    assert_eq!(one, make("s6.json", &["--seed", "5", "--guesses", "3"]));
+    way.generate("v.json").args(["--frames", "12", "--seed", "5", "--variations", "3"]).assert().success();
+    let variations = ["v-1.json", "v-2.json", "v-3.json"].map(|name| fs::read(way.at(name)).unwrap());
+    assert_eq!(one, variations[0]);
+    assert!(variations[1] != one && variations[2] != one && variations[1] != variations[2]);
+    make("s7.json", &["--weights", "int8", "--kv", "f16"]);
+    let both = way.generate("no.json").args(["--greedy", "--variations", "2"]).assert();
+    both.code(2).stderr(contains("always the same"));
     let greedy = make("s4.json", &["--greedy"]);
     assert_eq!(greedy, make("s5.json", &["--greedy", "--seed", "9"]));
 }

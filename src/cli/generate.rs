@@ -46,6 +46,9 @@ pub struct Args {
     /// What the joints do that the model doesn't know
     #[arg(long, value_enum, default_value = "identity")]
     rest_joints: RestArg,
+    /// Free characters that are guessed to be those of the frame before, and verified in one read; changes no character
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u8).range(..=8), hide_short_help = true)]
+    guesses: u8,
     #[command(flatten)]
     reading: ReadingArgs,
     #[command(flatten)]
@@ -169,10 +172,15 @@ fn codes(
     let words = tokenizer.ids_of_codes(&prompt.codes)?;
     let draw = if args.greedy { Draw::Greedy } else { Draw::Temperature(args.temperature) };
     let plan = Plan::of_words(tokenizer, given, &words, frames, draw, args.seed);
+    let plan = Plan { guesses: args.guesses.into(), ..plan };
     let bar = super::progress::bar(frames as u64, "frames", say);
     let danced = dances(model, &plan, &mut |done| bar.set_position(done as u64));
     bar.finish_and_clear();
-    Ok(danced?.ids.iter().map(|ids| tokenizer.codes_of_ids(ids).codes).collect())
+    let danced = danced?;
+    if danced.guessed > 0 {
+        say.line(format_args!("{} of {} characters guessed ahead were right", danced.right, danced.guessed));
+    }
+    Ok(danced.ids.iter().map(|ids| tokenizer.codes_of_ids(ids).codes).collect())
 }
 
 /// Reads the written file back and says which share of the given characters it codes otherwise.

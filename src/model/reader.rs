@@ -264,4 +264,23 @@ mod tests {
         gpt.nats(&inputs, &targets, 30, &mut expected).unwrap();
         assert!(apart(&found, &expected) < 1e-5);
     }
+
+    #[test]
+    fn bytes_and_half_floats_cost_less_than_half_a_percent() {
+        let gpt = model(Positions::FrameJoint, true);
+        let (inputs, targets) = (ids(70, 1), ids(70, 2));
+        let nats = |weights, kv| {
+            let mut out = vec![0.0; 70];
+            Reader::new(&gpt, Reading { streams: 1, weights, kv })
+                .unwrap()
+                .nats(&inputs, &targets, 70, &mut out)
+                .unwrap();
+            out.iter().sum::<f32>()
+        };
+        let plain = nats(WeightKind::F32, KvKind::F32);
+        for (weights, kv) in [(WeightKind::Int8, KvKind::F32), (WeightKind::F32, KvKind::F16)] {
+            let other = nats(weights, kv);
+            assert!(other != plain && (other / plain - 1.0).abs() < 5e-3, "{weights:?} {kv:?}: {other}, {plain}");
+        }
+    }
 }

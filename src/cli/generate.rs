@@ -46,9 +46,10 @@ pub struct Args {
     /// What the joints do that the model doesn't know
     #[arg(long, value_enum, default_value = "identity")]
     rest_joints: RestArg,
-    /// Free characters that are guessed to be those of the frame before, and verified in one read; changes no character
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u8).range(..=8), hide_short_help = true)]
-    guesses: u8,
+    /// Free characters that are guessed to be those of the frame before, and verified in one read; changes no character.
+    /// If not given, 8 with --greedy and none without: drawn characters are too rarely those of the frame before
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=64), hide_short_help = true)]
+    guesses: Option<u8>,
     #[command(flatten)]
     reading: ReadingArgs,
     #[command(flatten)]
@@ -172,7 +173,7 @@ fn codes(
     let words = tokenizer.ids_of_codes(&prompt.codes)?;
     let draw = if args.greedy { Draw::Greedy } else { Draw::Temperature(args.temperature) };
     let plan = Plan::of_words(tokenizer, given, &words, frames, draw, args.seed);
-    let plan = Plan { guesses: args.guesses.into(), ..plan };
+    let plan = Plan { guesses: args.guesses.map_or(plan.guesses, usize::from), ..plan };
     let bar = super::progress::bar(frames as u64, "frames", say);
     let danced = dances(model, &plan, &mut |done| bar.set_position(done as u64));
     bar.finish_and_clear();

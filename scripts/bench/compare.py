@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Measures kinelm and PyTorch in turn and prints medians, spread and ratios; `run.sh` beside this file calls it.
 
-A heat is some programs that do the same work. Each runs once a round, in a process of its own, the order turned around
-every other round; its figure of a round is the median of its timed steps, its figure of the heat the median of the rounds.
-Ratios are taken within a round. PyTorch's programs run under the interpreter that runs this file.
+A heat is some programs whose figures are compared. Each runs once a round, in a process of its own, the order turned
+around every other round; its figure of a round is the median of its timings, its figure of the heat the median of the
+rounds. Ratios are taken within a round. PyTorch's programs run under the interpreter that runs this file.
 
 The machine counts as quiet if, in every pause between two programs, other work took at most 5 % of the cores, and over the
 whole time at most 1 % was taken by other machines on the same hardware ("steal").
@@ -18,57 +18,70 @@ KEEP_HEAP = {"MALLOC_MMAP_THRESHOLD_": str(8 << 30), "MALLOC_TRIM_THRESHOLD_": s
 
 
 class Entry:
-    """A program of a heat."""
+    """A program of a heat; a figure for each kind of line that it prints."""
 
     def __init__(self, label, command, env=None):
-        self.label, self.command, self.env, self.lines, self.error = label, command, env or {}, [], None
+        self.label, self.command, self.env, self.error = label, command, env or {}, None
+        self.lines = {}  # by their "what", a line a round
 
     def run(self):
         if self.error:
             return
         done = subprocess.run(self.command, capture_output=True, text=True, env=os.environ | self.env)
         try:
-            self.lines.append(json.loads(done.stdout.splitlines()[0]))
-        except (IndexError, ValueError):
-            said = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
-            self.error = said[-1]
+            if done.returncode:
+                raise ValueError
+            for line in map(json.loads, done.stdout.splitlines()):
+                self.lines.setdefault(line["what"], []).append(line)
+        except ValueError:
+            self.error = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
 
-    def rates(self):
-        return [line["tokens_per_s"] for line in self.lines]
 
-    def peak(self):
-        return max((line.get("peak_rss_mb") or 0 for line in self.lines), default=0)
+class Ratio:
+    """How often one entry's rate goes into another's; `of` and `to` are (label, what)."""
+
+    def __init__(self, of, to, least=None, memory=False):
+        self.of, self.to, self.least, self.memory = of, to, least, memory
+        self.name = f"{of[0]} / {to[0]}"
+
+
+class Share:
+    """What an entry says of itself under a key."""
+
+    def __init__(self, of, key, least):
+        self.of, self.key, self.least, self.name = of, key, least, f"{of[0]}: {key.replace('_', ' ')}"
 
 
 class Heat:
-    """`entries[0]` is what the others are compared with."""
+    def __init__(self, group, name, entries, aims=()):
+        self.group, self.name, self.entries, self.aims = group, name, entries, aims
 
-    def __init__(self, group, name, aim, entries):
-        self.group, self.name, self.aim, self.entries = group, name, aim, entries
+    def lines(self, of):
+        label, what = of
+        return next((e.lines.get(what, []) for e in self.entries if e.label == label and not e.error), [])
+
+
+def rate(line):
+    return line.get("tokens_per_s") or line.get("frames_per_s")
 
 
 def heats(args):
-    repeats = lambda n: ["--repeats", str(max(3, n // 3) if args.quick else n)]
     kinelm, torch, n = str(args.kinelm), str(HERE / "torch_gpt.py"), str(args.threads)
+    repeats = lambda n: ["--repeats", str(max(3, n // 3) if args.quick else n)]
+    decoded = ["--repeats", "2"] if args.quick else []
 
-    def ours(what, *more, label="kinelm", threads=n):
+    def ours(label, what, *more, threads=n):
         return Entry(label, [kinelm, "bench", what, "--json", "-q", "--threads", threads, *more])
 
-    def theirs(what, *more, label="PyTorch", env=None):
-        return Entry(label, [sys.executable, torch, what, "--threads", n, *more], env)
-
-    def rivals(what, *more, compiled=False):
-        if args.no_torch:
-            return []
-        found = [theirs(what, *more)]
-        if compiled:
-            found.append(theirs(what, *more, label="PyTorch, memory kept", env=KEEP_HEAP))
-            found.append(theirs(what, *more, "--compile", label="torch.compile"))
-        return found
+    def theirs(label, what, *more, env=None):
+        return [] if args.no_torch else [Entry(label, [sys.executable, torch, what, "--threads", n, *more], env)]
 
     def train(name, aim, count, *more):
-        more = [*more, *repeats(count)]
-        return Heat("train", f"training {name}", aim, [ours("train", *more), *rivals("train", *more, compiled=True)])
+        more, rivals = [*more, *repeats(count)], ["PyTorch", "PyTorch, memory kept", "torch.compile"]
+        entries = [ours("kinelm", "train", *more), *theirs(rivals[0], "train", *more)]
+        entries += [*theirs(rivals[1], "train", *more, env=KEEP_HEAP), *theirs(rivals[2], "train", *more, "--compile")]
+        aims = [Ratio(("kinelm", "train"), (r, "train"), aim, memory=True) for r in rivals]
+        return Heat("train", f"training {name}", entries, aims)
 
     big = ["--config", "thesis-26m"]
     yield train("tiny, 256 x 8", 1.5, 40, "--config", "tiny")
@@ -77,19 +90,35 @@ def heats(args):
     if args.threads > 1:
         for name, config, count in [("tiny, 256 x 8", ["--config", "tiny"], 30), ("26 M, 1,024 x 1", big, 6)]:
             more = [*config, *repeats(count)]
-            one = ours("train", *more, label="one thread", threads="1")
-            aim = 1.8 if args.threads == 2 else None
-            yield Heat("train", f"threads, {name}", aim, [ours("train", *more, label=f"{n} threads"), one])
-    for context in [256, 512, 1024, 2048, 4096]:
-        more = ["--config", "small", "--context", str(context), "--batch", str(4096 // context), *repeats(6)]
-        yield Heat("train", f"context {context:,}, small, 4,096 tokens a step", None, [ours("train", *more)])
-    for context, streams, aims in [(1000, 1, (1.6, 4.0)), (128, 1, (None, None)), (1000, 8, (None, None)), (128, 8, (None, None))]:
-        more = [*big, "--context", str(context), "--streams", str(streams), *repeats(20)]
-        for weights, aim in zip(["f32", "int8"], aims):
-            entries = [ours("decode", *more, "--weights", weights, label=f"kinelm {weights}"), *rivals("decode", *more)]
-            yield Heat("decode", f"decoding 26 M, {weights}, context {context:,} x {streams}", aim, entries)
-    more = [*big, "--context", "1000", *repeats(6)]
-    yield Heat("decode", "prefill 26 M, 1,000 tokens", 1.0, [ours("decode", "--prefill", *more), *rivals("prefill", *more)])
+            entries = [ours(f"{n} threads", "train", *more), ours("one thread", "train", *more, threads="1")]
+            aim = Ratio((f"{n} threads", "train"), ("one thread", "train"), 1.8 if args.threads == 2 else None)
+            yield Heat("train", f"threads, {name}", entries, [aim])
+    contexts = [256, 512, 1024, 2048, 4096]
+    shape = lambda t: ["--config", "small", "--context", str(t), "--batch", str(4096 // t), *repeats(6)]
+    yield Heat("train", "contexts, small, 4,096 tokens a step", [ours(f"context {t:,}", "train", *shape(t)) for t in contexts])
+
+    kinds = {"f32": ["--weights", "f32"], "int8": ["--weights", "int8", "--kv", "f16"]}
+    limits = {1000: [{"f32": 1.6, "int8": 4.0}, {"f32": 2.2, "int8": 1.6}], 128: [{}, {"f32": 4.0, "int8": 4.0}]}
+    for context, (single, eight) in limits.items():
+        entries, aims = [], []
+        for streams in [1, 8]:
+            more = [*big, "--context", str(context), "--streams", str(streams), *decoded]
+            them = f"PyTorch x {streams}"
+            entries += theirs(them, "decode", *more)
+            for kind, how in kinds.items():
+                label = f"{kind} x {streams}"
+                entries.append(ours(label, "decode", *more, *how))
+                aims.append(Ratio((label, "decode"), (them, "decode"), single.get(kind) if streams == 1 else None))
+                if streams == 8:
+                    aims.append(Ratio((label, "decode"), (f"{kind} x 1", "decode"), eight[kind]))
+        if context == 1000:
+            entries += theirs("PyTorch prefill", "prefill", *big, "--context", "1000", *decoded)
+            aims.append(Ratio(("f32 x 1", "prefill"), ("PyTorch prefill", "prefill"), 1.0))
+            four = [*big, "--context", "1000", "--streams", "4", *decoded]
+            entries += [ours(f"{kind} x 4", "decode", *four, *how) for kind, how in kinds.items()]
+            aims.append(Share(("f32 x 1", "decode"), "share_of_bandwidth", 0.8))
+            aims += [Share((f"{k} x {s}", "generate"), "frames_per_s", f) for k in kinds for s, f in [(1, 12), (4, 20)]]
+        yield Heat("decode", f"decoding 26 M, context {context:,}", entries, aims)
 
 
 class Machine:
@@ -146,46 +175,64 @@ def facts(args):
 
 
 def number(x):
-    return f"{x:,.0f}" if x >= 100 else f"{x:,.1f}"
+    return f"{x:,.0f}" if x >= 1000 else f"{x:,.1f}" if x >= 10 else f"{x:,.2f}"
 
 
-def middle(values, form):
-    low, high = form(min(values)), form(max(values))
-    return form(statistics.median(values)) + (f" ({low} to {high})" if len(values) > 1 else "")
+def middle(values):
+    spread = f" ({number(min(values))} to {number(max(values))})" if len(values) > 1 else ""
+    return number(statistics.median(values)) + spread
 
 
-def rows(heat):
-    """A row for each entry, as JSON has it."""
-    first = heat.entries[0]
+def figures(heat):
+    """A row for each kind of line of each entry, as JSON has it."""
     for entry in heat.entries:
-        row = {"schema": 1, "what": heat.name, "who": entry.label, "error": entry.error}
-        if not entry.error:
-            last, rates = entry.lines[-1], entry.rates()
-            row |= {"tokens_per_s": statistics.median(rates), "spread": [min(rates), max(rates)], "peak_rss_mb": entry.peak()}
-            row |= {k: last[k] for k in ("form", "kernels", "gflops", "share_of_peak", "rss_at_start_mb") if k in last}
-            if entry is not first and not first.error:
-                ratios = [a / b for a, b in zip(first.rates(), rates)]
-                row |= {"ratios": ratios, "ratio": statistics.median(ratios)}
-        yield row
+        if entry.error:
+            yield {"schema": 1, "what": heat.name, "who": entry.label, "error": entry.error}
+            continue
+        for what, lines in entry.lines.items():
+            last, rates = lines[-1], [rate(line) for line in lines]
+            unit = "tokens_per_s" if "tokens_per_s" in last else "frames_per_s"
+            row = {"schema": 1, "what": heat.name, "who": entry.label, "part": what, unit: statistics.median(rates)}
+            row |= {"spread": [min(rates), max(rates)], "peak_rss_mb": max(line["peak_rss_mb"] or 0 for line in lines)}
+            kept = ("form", "kernels", "gflops", "share_of_peak", "gb_per_s", "share_of_bandwidth", "rss_at_start_mb")
+            yield row | {key: last[key] for key in kept if key in last}
+
+
+def aims(heat):
+    """A row for each comparison that has both its sides."""
+    for aim in heat.aims:
+        lines = heat.lines(aim.of)
+        if isinstance(aim, Share):
+            values = [line[aim.key] for line in lines if aim.key in line]
+            memory = None
+        else:
+            pairs = list(zip(lines, heat.lines(aim.to)))
+            values = [rate(a) / rate(b) for a, b in pairs]
+            memory = max((a["peak_rss_mb"] / b["peak_rss_mb"] for a, b in pairs), default=None) if aim.memory else None
+        if values:
+            found = statistics.median(values)
+            row = {"schema": 1, "what": heat.name, "ratio": aim.name, "median": found, "rounds": values, "memory": memory}
+            yield row | {"aim": aim.least, "reached": None if aim.least is None else found >= aim.least}
 
 
 def table(heat):
     """The heat's lines in Markdown."""
-    found = list(rows(heat))
-    for row, entry in zip(found, heat.entries):
-        if row["error"]:
-            yield f"| {heat.name} | {entry.label} | failed: {row['error'][:120]} | | |"
+    for row in figures(heat):
+        if "error" in row:
+            yield f"| {heat.name} | {row['who']} | failed: {row['error'][:120]} | | |"
             continue
-        ratio = middle(row["ratios"], lambda x: f"{x:.2f}") if "ratios" in row else ""
-        share = f"; {row['gflops']:.0f} GFLOP/s, {row['share_of_peak']:.0%} of the peak" if "share_of_peak" in row else ""
+        key, unit = ("tokens_per_s", "tokens/s") if "tokens_per_s" in row else ("frames_per_s", "frames/s")
+        low, high = map(number, row["spread"])
+        text = f"{number(row[key])} {unit} ({low} to {high})"
+        text += f"; {row['gflops']:.0f} GFLOP/s, {row['share_of_peak']:.0%} of the peak" if "share_of_peak" in row else ""
+        text += f"; {row['gb_per_s']:.1f} GB/s, {row['share_of_bandwidth']:.0%} of the memory's" if "gb_per_s" in row else ""
+        who = row["who"] + ("" if row["part"] in ("train", "decode") else f", {row['part']}")
         peak = f"{row['peak_rss_mb']:,}" + (f" ({row['rss_at_start_mb']:,} at import)" if "rss_at_start_mb" in row else "")
-        yield f"| {heat.name} | {entry.label} | {middle(entry.rates(), number)}{share} | {ratio} | {peak} |"
-    ratios = [row["ratio"] for row in found if "ratio" in row]
-    if heat.aim and ratios:
-        worst, peaks = min(ratios), [row["peak_rss_mb"] for row in found if "ratio" in row]
-        reached = "reached" if worst >= heat.aim else "MISSED"
-        memory = f"{found[0]['peak_rss_mb'] / min(peaks):.2f} of the least" if "rss_at_start_mb" in found[1] else ""
-        yield f"| | aim: at least {heat.aim} | {reached} | {worst:.2f} | {memory} |"
+        yield f"| {heat.name} | {who} | {text} | | {peak} |"
+    for row in aims(heat):
+        reached = "" if row["aim"] is None else f"{row['aim']}: {'reached' if row['reached'] else 'MISSED'}"
+        memory = "" if row["memory"] is None else f"{row['memory']:.2f}: {'reached' if row['memory'] <= 1 else 'MISSED'}"
+        yield f"| {heat.name} | **{row['ratio']}** | {middle(row['rounds'])} | {reached} | {memory} |"
 
 
 def main():
@@ -205,14 +252,14 @@ def main():
     machine.pause(3)
     chosen = [h for h in heats(args) if args.only in (None, h.group) and (args.match or "") in h.name]
     print(f"{facts(args)}; {rounds} rounds\n")
-    print("| what | who | tokens/s: median (lowest to highest round) | kinelm / it | peak MB |\n|---|---|---|---|---|", flush=True)
+    print("| what | who | median (lowest to highest round) | aim | peak MB, aim 1 |\n|---|---|---|---|---|", flush=True)
     for heat in chosen:
         for turn in range(rounds):
             for entry in heat.entries[:: -1 if turn % 2 else 1]:
                 machine.pause(1)
                 entry.run()
         print("\n".join(table(heat)), flush=True)
-        out += rows(heat)
+        out += [*figures(heat), *aims(heat)]
     verdict = machine.verdict()
     print(f"\n{verdict['said']}")
     if args.json:

@@ -10,7 +10,6 @@ pub mod evaluate;
 pub mod files;
 pub mod generate;
 pub mod model;
-pub mod process;
 pub mod random;
 pub mod train;
 pub mod view;

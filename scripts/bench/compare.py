@@ -13,7 +13,7 @@ import argparse, json, os, pathlib, platform, statistics, subprocess, sys, time
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 BUSY, STEAL = 0.05, 0.01
-# glibc keeps memory instead of giving it back at every step: what kinelm sets for its own plain form
+# glibc keeps memory instead of giving it back at every step
 KEEP_HEAP = {"MALLOC_MMAP_THRESHOLD_": str(8 << 30), "MALLOC_TRIM_THRESHOLD_": str(8 << 30), "MALLOC_TOP_PAD_": str(256 << 20)}
 
 

@@ -131,10 +131,6 @@ const STACK: usize = 8 << 20;
 
 /// Runs one call.
 pub fn run(call: Call) -> Result<()> {
-    use Command::{Bench, Demo, Evaluate, Generate, Pretrain};
-    if matches!(call.command, Pretrain(_) | Generate(_) | Evaluate(_) | Demo(_) | Bench(bench::Command::Train(_))) {
-        kinelm::process::restart_tuned();
-    }
     let mut pool = rayon::ThreadPoolBuilder::new().stack_size(STACK);
     if let Some(n) = call.threads {
         pool = pool.num_threads(n.into());

@@ -102,6 +102,8 @@ pub fn loss(
     let (n, d, v, piece) = (*rows, *d, *v, *piece);
     let Some(back) = back else { panic!("a workspace for the forward pass only") };
     assert!(x.len() == n * d && targets.len() == n && gradients.dx.len() == n * d, "a head of {n} rows of {d}");
+    let lens = [gradients.norm.weight.len(), gradients.norm.bias.len(), gradients.head.len()];
+    assert_eq!(lens, [d, d, v * d], "gradients of a head of {v} rows of {d}");
     let mut store_head = store;
     for first in (0..n).step_by(*stretch) {
         let rows = (*stretch).min(n - first);

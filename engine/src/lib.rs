@@ -5,8 +5,8 @@
 //! the fastest. Matrices of weights are (in, out).
 //!
 //! **Threads**: every function works on the rayon pool that it is called in; call it inside `ThreadPool::install` to
-//! choose one. Work falls into pieces by its shape alone and sums add up piece by piece, so the number of threads changes
-//! no bit of any result.
+//! choose one. What is summed falls into pieces by its shape alone and adds up piece by piece, so the number of threads
+//! changes no bit of any result. Workspaces hold scratch memory for each thread of the pool that they are made in.
 //!
 //! **The seam.** The engine stands beside the tensor library's autograd, not inside it: a model calls `forward` and then
 //! `backward` of each part ([`block`], [`head`], [`op::embedding`]) itself. Behind a custom operation of the library every

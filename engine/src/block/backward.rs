@@ -14,7 +14,8 @@ use rayon::prelude::*;
 /// `saved` comes from the forward pass with the same `x`, weights, mask and dropout.
 ///
 /// # Panics
-/// Slices of other lengths than the shape's; a workspace without its backward part.
+/// Slices of other lengths than the workspace's shape asks for; what is saved, of another; a workspace without its
+/// backward part.
 #[allow(clippy::too_many_arguments)]
 pub fn backward(
     dx: &mut [f32],
@@ -32,6 +33,8 @@ pub fn backward(
     let (n, d, m) = (shape.rows(), shape.width, shape.hidden);
     let heads = shape.attention();
     let Some(back) = back else { panic!("a workspace for the forward pass only") };
+    shape.check([dx, x], weights, saved);
+    shape.check([dx, x], gradients, saved);
     panels.pack_transposed(weights, d, m);
 
     // behind the attention

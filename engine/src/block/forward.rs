@@ -9,7 +9,7 @@ use rayon::prelude::*;
 /// The block's output (N, D) for its input `x` (N, D).
 ///
 /// # Panics
-/// Slices of other lengths than the shape's.
+/// Slices of other lengths than the workspace's shape asks for; what is saved, of another.
 pub fn forward(
     out: &mut [f32],
     x: &[f32],
@@ -22,6 +22,7 @@ pub fn forward(
     let Workspace { shape, piece, panels, scratch, attention: space, .. } = workspace;
     let (shape, piece) = (*shape, *piece);
     let Shape { width: d, hidden: m, .. } = shape;
+    shape.check([out, x], weights, saved);
     panels.pack(weights, d, m);
     let parts =
         (saved.qkv.par_chunks_mut(piece * 3 * d), saved.stats1.par_chunks_mut(piece * 2), x.par_chunks(piece * d));

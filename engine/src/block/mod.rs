@@ -19,7 +19,7 @@ use crate::op::attention;
 use crate::op::dropout::Mask;
 use crate::op::matmul::panels_len;
 use crate::pieces::{self, PerThread};
-use std::ops::Range;
+use std::ops::{Deref, Range};
 
 /// What a batch looks like.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,6 +45,18 @@ impl Shape {
     fn attention(self) -> attention::Shape {
         let Shape { batch, tokens, width, heads, .. } = self;
         attention::Shape { batch, tokens, heads, width: width / heads }
+    }
+
+    /// Holds a pass to the shape of its workspace: work is shared out by it, and rows that are not there would be skipped.
+    fn check<T: Deref<Target = [f32]>>(self, streams: [&[f32]; 2], tensors: &Tensors<T>, saved: &Saved) {
+        let Shape { width: d, hidden: m, .. } = self;
+        assert_eq!(saved.shape, self, "what another shape has saved");
+        assert_eq!(streams.map(<[f32]>::len), [self.rows() * d; 2], "rows of {self:?}");
+        let Tensors { norm1, qkv, out, norm2, up, down } = tensors;
+        let norms = [norm1, norm2].map(|n| (n.weight.len(), n.bias.len()));
+        let linears = [qkv, out, up, down].map(|l| (l.weight.len(), l.bias.len()));
+        assert_eq!(norms, [(d, d); 2], "norms of {self:?}");
+        assert_eq!(linears, [(3 * d * d, 3 * d), (d * d, d), (d * m, m), (m * d, d)], "linear layers of {self:?}");
     }
 }
 
@@ -151,6 +163,7 @@ pub fn dropped(
 
 /// What the backward pass needs of the forward pass.
 pub struct Saved {
+    shape: Shape,
     stats1: Floats, // (N, 2)
     qkv: Floats,    // (N, 3D)
     heads: Floats,  // (B, H, T, D/H)
@@ -165,6 +178,7 @@ impl Saved {
     pub fn new(shape: Shape) -> Saved {
         let (n, d) = (shape.rows(), shape.width);
         Saved {
+            shape,
             stats1: Floats::new(2 * n),
             qkv: Floats::new(3 * n * d),
             heads: Floats::new(n * d),

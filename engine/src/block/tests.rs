@@ -187,3 +187,18 @@ fn gradients_of_two_batches_add_up() {
     let (once, twice) = (run(1), run(2));
     assert!(once.iter().zip(&twice).all(|(a, b)| (2.0 * a - b).abs() <= 1e-5 * b.abs().max(1.0)));
 }
+
+#[test]
+fn rows_that_are_not_there_are_told_and_not_skipped() {
+    let shape = Shape { batch: 1, tokens: 130, width: 4, heads: 2, hidden: 8 };
+    let weights = map(&tensors(shape), |t| Floats::of(t));
+    let forward = |rows: usize, saved: Shape| {
+        let (mut saved, mut space) = (Saved::new(saved), Workspace::new(shape, false));
+        let (mut out, x) = (vec![0.0; shape.rows() * shape.width], vec![0.0; rows * shape.width]);
+        let pass = || forward(&mut out, &x, &weights.each_ref(), Mask::Causal, None, &mut saved, &mut space);
+        std::panic::catch_unwind(std::panic::AssertUnwindSafe(pass)).is_ok()
+    };
+    assert!(forward(130, shape));
+    assert!(!forward(65, shape));
+    assert!(!forward(130, Shape { tokens: 120, ..shape }));
+}

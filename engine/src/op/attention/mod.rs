@@ -77,7 +77,7 @@ pub enum Mask<'a> {
     Causal,
     /// All.
     Full,
-    /// All, with a number added to each score before the softmax: (T, T) [query][key], the same for all sequences, or
+    /// All, with a number added to each score before the softmax: (T, T), `[query][key]`, the same for all sequences, or
     /// (B, T, T). Minus infinity hides a key; a query that sees none has output 0, and gives no gradient. Numbers below
     /// -2e38 count as minus infinity.
     Additive(&'a [f32]),

@@ -47,9 +47,11 @@ impl DeviceName {
                  --device cpu"
             ))),
             DeviceName::Cuda(n) => Device::new_cuda(n).map_err(|e| {
+                let said = e.to_string(); // a backtrace may follow the first line
                 Error::Call(format!(
-                    "device {self}: {e}; expected an Nvidia card of that number and its driver (see nvidia-smi), or give \
-                     --device cpu"
+                    "device {self}: {}; expected an Nvidia card of that number and its driver (see nvidia-smi), or give \
+                     --device cpu",
+                    said.lines().next().unwrap_or_default()
                 ))
             }),
         }

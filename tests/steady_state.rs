@@ -50,7 +50,7 @@ fn batch(windows: usize, length: usize) -> Batch {
 fn a_step_allocates_nothing_and_faults_no_page() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
     pool.install(|| {
-        let model = ModelConfig { layers: 2, heads: 4, width: 64, context: 150, ..Default::default() };
+        let model = ModelConfig { layers: 2, heads: 4, width: 64, context: 150, dropout: 0.1, ..Default::default() };
         let gpt = Gpt::new(&model, &TOKENS, 1).unwrap();
         let mut learner = FastLearner::new(Fast::of(&gpt).unwrap(), &TrainConfig::default());
         let batch = batch(3, 150);

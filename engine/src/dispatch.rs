@@ -14,6 +14,11 @@ pub fn run<Op: WithSimd>(op: Op) -> Op::Output {
     arch().dispatch(op)
 }
 
+/// The variable that asks for kernels, and the names it may have.
+pub const VARIABLE: &str = "KINELM_KERNELS";
+/// See [`VARIABLE`]; `auto` is as if it were not set.
+pub const NAMES: [&str; 3] = ["auto", "avx2", "portable"];
+
 /// The name of the instructions in use: `avx512`, `avx2`, `neon` or `portable`.
 pub fn name() -> &'static str {
     match arch() {
@@ -29,7 +34,7 @@ pub fn name() -> &'static str {
 
 fn arch() -> Arch {
     static ARCH: OnceLock<Arch> = OnceLock::new();
-    *ARCH.get_or_init(|| chosen(std::env::var("KINELM_KERNELS").ok().as_deref()))
+    *ARCH.get_or_init(|| chosen(std::env::var(VARIABLE).ok().as_deref()))
 }
 
 fn chosen(asked: Option<&str>) -> Arch {

@@ -4,8 +4,7 @@
 
 use crate::arena::Floats;
 use crate::block::Norm;
-use crate::block::backward::{Sums, pack_transposed_parallel, weight_gradient};
-use crate::block::forward::{pack_parallel, times};
+use crate::linear::{Sums, pack_parallel, pack_transposed_parallel, times, weight_gradient};
 use crate::op::matmul::{Store, pack, panels_len};
 use crate::op::{cross_entropy, layer_norm};
 use crate::pieces::{self, PerThread};

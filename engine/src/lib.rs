@@ -23,6 +23,7 @@ pub mod block;
 pub mod decode;
 pub mod dispatch;
 pub mod head;
+pub mod linear;
 pub mod op;
 pub mod pieces;
 pub mod scalar;

@@ -131,6 +131,7 @@ const STACK: usize = 8 << 20;
 
 /// Runs one call.
 pub fn run(call: Call) -> Result<()> {
+    kernels_asked_for()?;
     let mut pool = rayon::ThreadPoolBuilder::new().stack_size(STACK);
     if let Some(n) = call.threads {
         pool = pool.num_threads(n.into());
@@ -139,6 +140,18 @@ pub fn run(call: Call) -> Result<()> {
     let say = Say { quiet: call.quiet };
     // on a thread of the pool: from outside, every parallel step would wake its threads anew and wait for them asleep
     rayon::scope(|_| command(call.command, say))
+}
+
+/// Refuses kernels that have no such name.
+fn kernels_asked_for() -> Result<()> {
+    use kinelm_engine::dispatch::{NAMES, VARIABLE};
+    match std::env::var(VARIABLE) {
+        Ok(name) if !NAMES.contains(&name.as_str()) => {
+            let what = format!("{VARIABLE} is {name:?}; expected one of {}, or nothing", NAMES.join(", "));
+            Err(WrongCall(what).into())
+        }
+        _ => Ok(()),
+    }
 }
 
 fn command(command: Command, say: Say) -> Result<()> {

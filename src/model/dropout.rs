@@ -19,14 +19,25 @@ pub struct Dropout {
     pub first: u64,
 }
 
+/// What a mask is for, made once.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Purpose(String);
+
+impl Purpose {
+    /// By its name: see [`Dropout::key`].
+    pub fn new(name: &str) -> Purpose {
+        Purpose(format!("dropout {name}"))
+    }
+}
+
 impl Dropout {
     /// What the mask of a tensor is made from, for one of the sequences passed in.
     ///
     /// Purposes: `embedding`, and of every block `block.00 attention` (the weights, row = head * T + query, column = key),
     /// `block.00 attention out` and `block.00 mlp` (row = token, column = feature, as for the embedding). The mask is a
     /// function of (seed, purpose, step, sequence, row, column): it doesn't matter how a batch is cut up or who computes.
-    pub fn key(&self, purpose: &str, sequence: usize) -> u64 {
-        random::stream(self.seed, &format!("dropout {purpose}"), self.step, self.first + sequence as u64).next_u64()
+    pub fn key(&self, purpose: &Purpose, sequence: usize) -> u64 {
+        random::stream(self.seed, &purpose.0, self.step, self.first + sequence as u64).next_u64()
     }
 
     /// Drops from `x` (B, .., columns). What is kept grows by 1/(1 - share).
@@ -39,7 +50,8 @@ impl Dropout {
 
     fn mask(&self, batch: usize, rows: usize, columns: usize, purpose: &str) -> Vec<f32> {
         let (keep, threshold) = (dropout::growth(self.share), dropout::threshold(self.share));
-        let keys: Vec<u64> = (0..batch).map(|sequence| self.key(purpose, sequence)).collect();
+        let purpose = Purpose::new(purpose);
+        let keys: Vec<u64> = (0..batch).map(|sequence| self.key(&purpose, sequence)).collect();
         let mut mask = vec![0.0; batch * rows * columns];
         mask.par_chunks_mut(columns.max(1)).enumerate().for_each(|(i, row)| {
             for (column, x) in row.iter_mut().enumerate() {

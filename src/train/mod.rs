@@ -13,6 +13,7 @@ mod parity;
 pub mod plain;
 mod pretrain;
 pub mod progress;
+pub mod room;
 pub mod run;
 pub mod schedule;
 #[cfg(test)]

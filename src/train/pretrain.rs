@@ -5,6 +5,7 @@ use super::config::TrainFile;
 use super::learner::{Learner, clip_share, learner};
 use super::metrics::{Metrics, StepFigures};
 use super::progress::Progress;
+use super::room;
 use super::run::RunFile;
 use super::schedule;
 use crate::corpus::{ClipRecord, Corpus, Split};
@@ -95,6 +96,9 @@ fn begin(options: &PretrainOptions, run: &Path, corpus: Option<PathBuf>) -> Resu
     train.steps = options.steps.unwrap_or(train.steps);
     train.seed = options.seed.unwrap_or(train.seed);
     let run_file = RunFile::new(&file.model, &train, &corpus)?;
+    // nor must a corpus without training clips, or a model that this machine can't hold
+    Batches::new(&corpus, file.model.context, train.batch, train.seed)?;
+    room::check(&file.model, &run_file.tokens, train.batch)?;
     run_file.create(run, &corpus)?;
     Ok((run_file, corpus))
 }

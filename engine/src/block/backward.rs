@@ -1,11 +1,10 @@
 //! The backward pass of a block.
 
-use super::forward::times;
 use super::{Back, Dropout, Gradients, PanelSet, Saved, Weights, Workspace, dropped};
+use crate::linear::{Sums, pack_transposed_parallel, times, weight_gradient};
 use crate::op::attention::{self, Mask, Rules};
-use crate::op::matmul::{Left, Panels, Store, pack, pack_transposed, panel, panels_len, product};
+use crate::op::matmul::{Store, pack, panels_len};
 use crate::op::{bias, gelu, layer_norm};
-use crate::pieces;
 use rayon::prelude::*;
 
 /// Turns `dx` (N, D), the gradient of the block's output, into that of its input `x`, and adds to (or sets) the
@@ -145,43 +144,6 @@ pub fn backward(
     weight_gradient(gradients.qkv.weight, normal, d, (d_qkv, piece), n, store);
 }
 
-/// The gradient (k, n) of a weight: the transposed `x` (N, k) times the gradient (N, n) in `panels`, a block a piece.
-pub(crate) fn weight_gradient(
-    gradient: &mut [f32],
-    x: &[f32],
-    k: usize,
-    (panels, block): (&[f32], usize),
-    rows: usize,
-    store: Store,
-) {
-    let n = gradient.len() / k;
-    let (high, block) = (pieces::gradient_rows(k), block.min(rows));
-    gradient.par_chunks_mut(high * n).enumerate().for_each(|(i, part)| {
-        let left = Left::Columns { a: &x[i * high..], lda: k };
-        product(part, n, (part.len() / n, rows, n), left, Panels { numbers: panels, block }, 1.0, store);
-    });
-}
-
-/// Sums over the pieces, taken from rows of `width` numbers from left to right.
-pub(crate) struct Sums<'a> {
-    pub partial: &'a [f32],
-    pub width: usize,
-    pub store: Store,
-}
-
-impl Sums<'_> {
-    /// The next `to.len()` columns, added up piece by piece.
-    pub fn take(&mut self, to: &mut [f32]) {
-        if self.store == Store::Set {
-            to.fill(0.0);
-        }
-        for row in self.partial.chunks(self.width) {
-            to.iter_mut().zip(row).for_each(|(to, x)| *to += x);
-        }
-        self.partial = self.partial.get(to.len()..).unwrap_or(&[]);
-    }
-}
-
 impl PanelSet {
     fn pack_transposed(&mut self, weights: &Weights, d: usize, m: usize) {
         let (qkv, out) = (&mut self.qkv, &mut self.out);
@@ -197,16 +159,4 @@ impl PanelSet {
             },
         );
     }
-}
-
-/// Panels that one piece packs.
-const PANELS: usize = 4;
-
-/// [`pack_transposed`] of a whole matrix, given as (n, k), some panels a piece.
-pub(crate) fn pack_transposed_parallel(panels: &mut [f32], weight: &[f32], k: usize, n: usize) {
-    let columns = PANELS * panel();
-    panels[..panels_len(k, n)].par_chunks_mut(k * columns).enumerate().for_each(|(i, part)| {
-        let first = i * columns;
-        pack_transposed(part, &weight[first * k..], k, k, columns.min(n - first));
-    });
 }

@@ -1,8 +1,8 @@
 //! The forward pass of a block.
 
 use super::{Dropout, PanelSet, Saved, Shape, Weights, Workspace, dropped};
+use crate::linear::{pack_parallel, times};
 use crate::op::attention::{self, Mask, Rules};
-use crate::op::matmul::{Left, Panels, Store, pack, panel, product};
 use crate::op::{bias, gelu, layer_norm};
 use rayon::prelude::*;
 
@@ -68,12 +68,6 @@ pub fn forward(
     });
 }
 
-/// `out` (R, n) = `a` (R, k) times the weight in `panels`.
-pub(crate) fn times(out: &mut [f32], a: &[f32], k: usize, panels: &[f32], n: usize) {
-    let panels = Panels { numbers: panels, block: k };
-    product(out, n, (out.len() / n, k, n), Left::Rows { a, lda: k }, panels, 1.0, Store::Set);
-}
-
 impl PanelSet {
     fn pack(&mut self, weights: &Weights, d: usize, m: usize) {
         let (qkv, out) = (&mut self.qkv, &mut self.out);
@@ -89,16 +83,4 @@ impl PanelSet {
             },
         );
     }
-}
-
-/// Panels that one piece packs.
-const PANELS: usize = 8;
-
-/// [`pack`] of a whole matrix (k, n), some panels a piece.
-pub(crate) fn pack_parallel(panels: &mut [f32], weight: &[f32], k: usize, n: usize) {
-    let columns = PANELS * panel();
-    panels[..crate::op::matmul::panels_len(k, n)].par_chunks_mut(k * columns).enumerate().for_each(|(i, part)| {
-        let first = i * columns;
-        pack(part, &weight[first..], n, k, columns.min(n - first));
-    });
 }

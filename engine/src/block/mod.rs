@@ -6,8 +6,8 @@
 //!
 //! Letters: B batch, T tokens, N = B T rows, D width, H heads, M width of the hidden layer, R rows of a piece.
 
-pub(crate) mod backward;
-pub(crate) mod forward;
+mod backward;
+mod forward;
 #[cfg(test)]
 mod tests;
 

@@ -16,7 +16,7 @@ use kinelm_engine::arena::Floats;
 use kinelm_engine::block;
 use kinelm_engine::op::attention::Mask;
 use kinelm_engine::op::cross_entropy;
-use pass::Pass;
+use pass::{Keys, Pass};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -48,6 +48,7 @@ pub struct Fast {
     weights: Vec<Floats>,
     training: Option<Pass>,
     scoring: Option<Pass>,
+    keys: Option<Keys>,
 }
 
 impl Fast {
@@ -76,6 +77,7 @@ impl Fast {
             parameters,
             training: None,
             scoring: None,
+            keys: None,
         })
     }
 
@@ -114,10 +116,17 @@ impl Fast {
         let pass = self.training.take().filter(|p| p.fits(inputs.len(), length));
         let mut pass = pass.unwrap_or_else(|| Pass::new(&self.config, &self.tokens, inputs.len(), length, true));
         let counted = targets.iter().filter(|&&t| t != self.tokens.pad).count();
-        let keys = dropout.map(|d| pass::Keys::new(d, &self.config, inputs.len() / length));
+        let batch = inputs.len() / length;
+        let keys = dropout.map(|dropout| {
+            let mut keys =
+                self.keys.take().filter(|k| k.fits(batch)).unwrap_or_else(|| Keys::new(self.config.layers, batch));
+            keys.draw(dropout);
+            keys
+        });
         pass.forward(self, windows, keys.as_ref());
         let nats = pass.backward(self, windows, 1.0 / counted.max(1) as f32, keys.as_ref(), gradients);
         self.training = Some(pass);
+        self.keys = keys;
         Ok(nats)
     }
 

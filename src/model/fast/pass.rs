@@ -1,8 +1,8 @@
 //! Forward and backward through all blocks, for batches of one shape.
 
 use super::{BLOCK, Fast, Windows, block_tensors};
-use crate::model::Dropout;
 use crate::model::config::{ModelConfig, Positions, TokenLayout};
+use crate::model::dropout::{Dropout, Purpose};
 use crate::model::layout::{self, FRONT};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::{self, Saved, Shape};
@@ -30,25 +30,42 @@ pub(super) struct Pass {
     dx: Floats,
 }
 
-/// The keys of a step's dropout masks.
+/// The keys of a step's dropout masks, drawn anew for every step into the same room.
 pub(super) struct Keys {
     share: f64,
-    embedding: Vec<u64>,
-    blocks: Vec<[Vec<u64>; 3]>,
+    embedding: Key,
+    /// Of the attention's weights, of what the attention adds, of what the hidden layer adds.
+    blocks: Vec<[Key; 3]>,
 }
 
+/// What is dropped for, and a key a sequence.
+struct Key(Purpose, Vec<u64>);
+
 impl Keys {
-    pub fn new(dropout: &Dropout, config: &ModelConfig, batch: usize) -> Keys {
-        let keys = |purpose: &str| (0..batch).map(|b| dropout.key(purpose, b)).collect();
+    pub fn new(layers: usize, batch: usize) -> Keys {
+        let key = |name: &str| Key(Purpose::new(name), vec![0; batch]);
         let block = |layer| {
             let name = layout::block_name(layer);
-            ["attention", "attention out", "mlp"].map(|part| keys(&format!("{name} {part}")))
+            ["attention", "attention out", "mlp"].map(|part| key(&format!("{name} {part}")))
         };
-        Keys { share: dropout.share, embedding: keys("embedding"), blocks: (0..config.layers).map(block).collect() }
+        Keys { share: 0.0, embedding: key("embedding"), blocks: (0..layers).map(block).collect() }
+    }
+
+    /// Whether they are for so many sequences.
+    pub fn fits(&self, batch: usize) -> bool {
+        self.embedding.1.len() == batch
+    }
+
+    /// The keys of a step.
+    pub fn draw(&mut self, dropout: &Dropout) {
+        self.share = dropout.share;
+        for Key(purpose, keys) in self.blocks.iter_mut().flatten().chain([&mut self.embedding]) {
+            keys.iter_mut().enumerate().for_each(|(sequence, key)| *key = dropout.key(purpose, sequence));
+        }
     }
 
     fn block(&self, layer: usize) -> block::Dropout<'_> {
-        let [attention, out, mlp] = &self.blocks[layer];
+        let [attention, out, mlp] = self.blocks[layer].each_ref().map(|Key(_, keys)| &keys[..]);
         block::Dropout { share: self.share, attention, out, mlp }
     }
 }
@@ -164,7 +181,7 @@ impl Pass {
 fn drop(x: &mut [f32], shape: Shape, keys: &Keys) {
     x.par_chunks_mut(shape.width).enumerate().for_each(|(row, x)| {
         let (sequence, token) = (row / shape.tokens, row % shape.tokens);
-        dropout::apply(x, keys.embedding[sequence], token as u64, 0, keys.share);
+        dropout::apply(x, keys.embedding.1[sequence], token as u64, 0, keys.share);
     });
 }
 

@@ -1,0 +1,68 @@
+//! Whether this machine has the memory that training a model takes, asked before anything is allocated.
+
+use crate::model::layout;
+use crate::model::{ModelConfig, TokenLayout};
+use crate::{Error, Result};
+
+/// Bytes that training takes, about: weights, gradients and two moments; ten numbers of a token's width a layer for the
+/// backward pass, and what one layer needs while it is computed.
+pub fn needed(config: &ModelConfig, tokens: &TokenLayout, batch: usize) -> u128 {
+    let parameters: u128 = layout::parameters(config, tokens).iter().map(|p| p.len() as u128).sum();
+    let numbers = (batch * config.context) as u128 * config.width as u128;
+    let activations = numbers * (11 * config.layers as u128 + 30);
+    4 * (4 * parameters + activations)
+}
+
+/// Refuses what doesn't fit into the memory that is free.
+///
+/// # Errors
+/// A model or a batch that is too large, with what it takes and what there is; none where the system doesn't tell.
+pub fn check(config: &ModelConfig, tokens: &TokenLayout, batch: usize) -> Result<()> {
+    match free() {
+        Some(free) => compare(needed(config, tokens, batch), free),
+        None => Ok(()),
+    }
+}
+
+fn compare(needed: u128, free: u128) -> Result<()> {
+    if needed <= free {
+        return Ok(());
+    }
+    let gb = |bytes: u128| bytes as f64 / 1e9;
+    Err(Error::Call(format!(
+        "training this model on these batches takes about {:.1} GB of memory and {:.1} GB are free; lower model.width, \
+         model.layers, model.context or train.batch",
+        gb(needed),
+        gb(free)
+    )))
+}
+
+/// Bytes that programs can still have; `None` where the system doesn't tell.
+fn free() -> Option<u128> {
+    let said = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = said.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
+    let kb: u128 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kb * 1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_does_not_fit_is_told_in_gigabytes() {
+        let tokens = TokenLayout { vocabulary: 400, word: 43, pad: 0, bos: 1, space: 5 };
+        let thesis = ModelConfig { layers: 8, heads: 8, width: 512, context: 1024, ..Default::default() };
+        // 26 million parameters of four numbers, 1,024 x 512 x 118 more
+        let needed = needed(&thesis, &tokens, 1) as f64;
+        assert!((needed / 662e6 - 1.0).abs() < 0.02, "{needed}");
+        let huge = ModelConfig { layers: 96, width: 8192, ..thesis.clone() };
+        let message = check(&huge, &tokens, 1).map_err(|e| e.to_string());
+        if free().is_some() {
+            assert!(message.unwrap_err().contains("lower model.width"));
+        }
+        check(&ModelConfig::default(), &tokens, 1).unwrap();
+        let message = compare(3_000_000_000, 1_500_000_000).unwrap_err().to_string();
+        assert!(message.contains("about 3.0 GB of memory and 1.5 GB are free"), "{message}");
+    }
+}

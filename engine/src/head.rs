@@ -24,7 +24,7 @@ pub struct Workspace {
     across: Floats, // the head, transposed, in panels: (D, V)
     stats: Floats,  // (N, 2)
     logits: Floats, // (stretch, V)
-    normal: PerThread,
+    normal: PerThread<Floats>,
     nats: Vec<f64>, // a piece
     back: Option<Back>,
 }
@@ -59,7 +59,7 @@ impl Workspace {
             across: Floats::new(panels_len(width, vocabulary)),
             stats: Floats::new(2 * rows),
             logits: Floats::new(stretch * vocabulary),
-            normal: PerThread::new(2 * piece * width),
+            normal: PerThread::new(|| Floats::new(2 * piece * width)),
             nats: vec![0.0; rows.div_ceil(piece)],
             back: backward.then(|| Back {
                 down: Floats::new(panels_len(vocabulary, width)),

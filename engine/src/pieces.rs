@@ -1,6 +1,5 @@
 //! How work falls into pieces that threads share, and the scratch memory that a thread has for one.
 
-use crate::arena::Floats;
 use crate::op::matmul::{ROWS, TILE};
 use std::sync::{Mutex, PoisonError};
 
@@ -21,17 +20,17 @@ pub fn gradient_rows(rows: usize) -> usize {
     rows.div_ceil(pieces).next_multiple_of(TILE)
 }
 
-/// Scratch numbers for each thread of the pool, allocated once.
-pub struct PerThread(Vec<Mutex<Floats>>);
+/// Scratch memory for each thread of the pool, allocated once.
+pub struct PerThread<T>(Vec<Mutex<T>>);
 
-impl PerThread {
-    /// `len` numbers for each thread of the pool this is called in.
-    pub fn new(len: usize) -> PerThread {
-        PerThread((0..rayon::current_num_threads()).map(|_| Mutex::new(Floats::new(len))).collect())
+impl<T> PerThread<T> {
+    /// What `make` gives, for each thread of the pool this is called in.
+    pub fn new(make: impl Fn() -> T) -> PerThread<T> {
+        PerThread((0..rayon::current_num_threads()).map(|_| Mutex::new(make())).collect())
     }
 
-    /// Hands `work` this thread's numbers, whatever they hold. `work` must not wait for other pieces.
-    pub fn with<R>(&self, work: impl FnOnce(&mut [f32]) -> R) -> R {
+    /// Hands `work` this thread's memory, whatever it holds. `work` must not wait for other pieces.
+    pub fn with<R>(&self, work: impl FnOnce(&mut T) -> R) -> R {
         let thread = rayon::current_thread_index().unwrap_or(0) % self.0.len();
         work(&mut self.0[thread].lock().unwrap_or_else(PoisonError::into_inner))
     }
@@ -53,8 +52,8 @@ mod tests {
 
     #[test]
     fn a_thread_finds_its_own_numbers() {
-        let scratch = PerThread::new(3);
+        let scratch = PerThread::new(|| [0.0; 3]);
         scratch.with(|x| x.fill(2.0));
-        scratch.with(|x| assert_eq!(x, [2.0; 3]));
+        scratch.with(|x| assert_eq!(*x, [2.0; 3]));
     }
 }

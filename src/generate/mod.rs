@@ -12,7 +12,7 @@ mod dance;
 pub mod prompt;
 pub mod sampling;
 
-use crate::model::{Cache, Compute, DeviceName, Form, LoadedRun, Reader, Reading};
+use crate::model::{Cache, Compute, LoadedRun, Reader, Reading};
 use crate::{Error, Result};
 use dance::Dance;
 use kinelm_engine::decode::{KvKind, Logits, WeightKind};
@@ -102,7 +102,7 @@ impl NextToken for Vec<Cache> {
 /// # Errors
 /// Weights that don't fit the configuration, a device that isn't there, a reading that the form doesn't have.
 pub fn reader(run: &LoadedRun, compute: Compute, reading: Reading) -> Result<Box<dyn NextToken>> {
-    if compute.device == DeviceName::Cpu && compute.form == Form::Auto {
+    if compute.is_fast() {
         return Ok(Box::new(run.reader(reading)?));
     }
     if (reading.weights, reading.kv) != (WeightKind::F32, KvKind::F32) {

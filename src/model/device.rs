@@ -34,6 +34,13 @@ pub struct Compute {
     pub form: Form,
 }
 
+impl Compute {
+    /// Whether the engine computes: on the processor, unless the plain form is asked for.
+    pub fn is_fast(self) -> bool {
+        self.device == DeviceName::Cpu && self.form == Form::Auto
+    }
+}
+
 impl DeviceName {
     /// The device, ready to compute.
     ///

@@ -61,7 +61,7 @@ impl LoadedRun {
     /// # Errors
     /// As [`LoadedRun::plain`]; a device that isn't there.
     pub fn scores(&self, compute: Compute) -> Result<Box<dyn Scores>> {
-        if compute == Compute::default() {
+        if compute.is_fast() {
             return Ok(Box::new(Fast::from_tensors(&self.config, &self.tokens, self.weights.clone())?));
         }
         Ok(Box::new(self.plain(&compute.device.open()?)?))

@@ -67,7 +67,7 @@ pub fn learner(
     weights: BTreeMap<String, Tensor>,
     compute: Compute,
 ) -> Result<Box<dyn Learner>> {
-    if compute == Compute::default() {
+    if compute.is_fast() {
         return Ok(Box::new(FastLearner::new(Fast::from_tensors(model, tokens, weights)?, train)));
     }
     let device = compute.device.open()?;

@@ -195,7 +195,7 @@ pub struct Workspace {
     shape: Shape,
     piece: usize,
     panels: PanelSet,
-    scratch: PerThread,
+    scratch: PerThread<Floats>,
     attention: attention::Workspace,
     back: Option<Back>,
 }
@@ -235,7 +235,7 @@ impl Workspace {
             shape,
             piece,
             panels,
-            scratch: PerThread::new(piece * (2 * d + m.max(3 * d))),
+            scratch: PerThread::new(|| Floats::new(piece * (2 * d + m.max(3 * d)))),
             attention: attention::Workspace::new(shape.attention()),
             back: backward.then(|| Back::new(shape, piece)),
         }

@@ -39,7 +39,8 @@ pub fn backward(shape: Shape, done: Done, rules: Rules, space: &Workspace, d_qkv
     d_qkv.par_chunks_mut(3 * size).enumerate().for_each(|(piece, gradients)| {
         let (d_queries, rest) = gradients.split_at_mut(size);
         let (d_keys, d_values) = rest.split_at_mut(size);
-        Piece { shape, done, rules, piece, d_queries, d_keys, d_values }.run(&mut space.scratch());
+        let head = Piece { shape, done, rules, piece, d_queries, d_keys, d_values };
+        space.scratch.with(|scratch| head.run(scratch));
         if shape.tokens == 1 {
             // a single key's weight is 1 whatever its score, which rounding doesn't know
             gradients[..2 * size].fill(0.0);

@@ -30,7 +30,7 @@ pub fn forward(shape: Shape, qkv: &[f32], rules: Rules, space: &Workspace, out: 
         let spans = out.par_chunks_mut(span * d).zip(log_sums.par_chunks_mut(span)).enumerate();
         spans.for_each(|(at, (out, log_sums))| {
             let queries = at * span..at * span + log_sums.len();
-            Piece { shape, qkv, rules, piece, queries, out, log_sums }.run(&mut space.scratch());
+            space.scratch.with(|scratch| Piece { shape, qkv, rules, piece, queries, out, log_sums }.run(scratch));
         });
     });
 }

@@ -17,9 +17,9 @@ pub use forward::forward;
 use super::dropout::{growth, threshold};
 use super::matmul::{copy, panels_len};
 use crate::arena::Floats;
+use crate::pieces::PerThread;
 use softmax::{Bias, Drops};
 use std::ops::Range;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Rows of queries that go through scores, softmax and weighted sum at a time.
 const STEP: usize = 24;
@@ -143,7 +143,7 @@ impl Rules<'_> {
 /// Room for the passes over one shape: a part for each thread of the pool that it is made in.
 pub struct Workspace {
     shape: Shape,
-    scratch: Vec<Mutex<Scratch>>,
+    scratch: PerThread<Scratch>,
 }
 
 struct Scratch {
@@ -171,7 +171,7 @@ impl Workspace {
         let scratch = || {
             let (across, down) = (panels_len(shape.width, KEYS), panels_len(KEYS, shape.width));
             let (rows, panels) = (QUERIES * shape.width, panels_len(QUERIES, shape.width));
-            Mutex::new(Scratch {
+            Scratch {
                 rows: Floats::new(KEYS * shape.width),
                 keys_across: Floats::new(across),
                 values_across: Floats::new(across),
@@ -183,15 +183,9 @@ impl Workspace {
                 weights: Floats::new(QUERIES * ROW),
                 changes: Floats::new(QUERIES * ROW),
                 sums: Floats::new(shape.tokens),
-            })
+            }
         };
-        Workspace { shape, scratch: (0..rayon::current_num_threads()).map(|_| scratch()).collect() }
-    }
-
-    /// The part of the thread that asks: nobody else takes it, unless the pool has grown.
-    fn scratch(&self) -> MutexGuard<'_, Scratch> {
-        let thread = rayon::current_thread_index().unwrap_or(0) % self.scratch.len();
-        self.scratch[thread].lock().unwrap_or_else(PoisonError::into_inner)
+        Workspace { shape, scratch: PerThread::new(scratch) }
     }
 }
 

@@ -1,17 +1,11 @@
 //! Products against plain loops, on every width of vector.
 
 use super::*;
+use crate::op::check;
 use crate::scalar;
 
-fn numbers(n: usize, seed: u32) -> Vec<f32> {
-    let mut x = seed.wrapping_mul(2654435761) | 1;
-    let mut next = || {
-        x ^= x << 13;
-        x ^= x >> 17;
-        x ^= x << 5;
-        x as f32 / u32::MAX as f32 - 0.5
-    };
-    (0..n).map(|_| next()).collect()
+fn numbers(n: usize, seed: u64) -> Vec<f32> {
+    check::numbers(seed, n, 0.5)
 }
 
 /// Sums of k products of numbers below 0.5 in f32: k/4 times 2^-24 twice over, and some room.

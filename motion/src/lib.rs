@@ -17,6 +17,7 @@ pub mod error;
 pub mod format;
 pub mod inspect;
 pub mod joints;
+pub mod metric;
 pub mod mirror;
 pub mod pose;
 pub mod resample;

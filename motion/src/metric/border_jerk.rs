@@ -1,0 +1,87 @@
+//! Whether the borders between tiles are seen.
+
+use super::mpjpe::check_places;
+use super::{Tally, check_pair};
+use crate::{Clip, Result, Vec3};
+
+/// Jerk at the borders of tiles against jerk inside them, beside the same quotient of the original motion.
+///
+/// With places p(t), `j(t) = p(t+3) - 3 p(t+2) + 3 p(t+1) - p(t)`; a border at frame b touches t = b-3, b-2, b-1. Borders
+/// stand at every multiple of `hop` frames inside a clip. `|j|` is averaged over all joints, frames and clips; 1 is a
+/// border that can't be seen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BorderJerk {
+    hop: usize,
+    original: [Tally; 2],
+    decoded: [Tally; 2],
+}
+
+impl BorderJerk {
+    /// Borders every `hop` frames.
+    ///
+    /// # Panics
+    /// If `hop` is 0.
+    pub fn new(hop: usize) -> Self {
+        assert!(hop > 0, "borders are at least a frame apart");
+        BorderJerk { hop, original: [Tally::default(); 2], decoded: [Tally::default(); 2] }
+    }
+
+    /// Adds a clip and what it was decoded to, of as many frames and joints.
+    ///
+    /// # Errors
+    /// [`Error::Call`](crate::Error::Call) when frames or joints differ.
+    pub fn add(&mut self, original: &Clip, decoded: &Clip) -> Result<()> {
+        check_pair(original, decoded)?;
+        self.add_positions(&original.positions(), &decoded.positions(), original.joints())
+    }
+
+    /// Adds places (F, J), metres, that begin at a border.
+    ///
+    /// # Errors
+    /// [`Error::Call`](crate::Error::Call) when there are not as many of both, or no whole frames.
+    pub fn add_positions(&mut self, original: &[Vec3], decoded: &[Vec3], joints: usize) -> Result<()> {
+        check_places(original, decoded, joints)?;
+        for (places, tallies) in [(original, &mut self.original), (decoded, &mut self.decoded)] {
+            let last = (places.len() / joints).saturating_sub(3);
+            for t in 0..last {
+                let touches = (t + 3) / self.hop > t / self.hop;
+                for j in 0..joints {
+                    let p = |k: usize| places[(t + k) * joints + j];
+                    let jerk = p(3) - p(2) * 3.0 + p(1) * 3.0 - p(0);
+                    tallies[usize::from(touches)].add(jerk.length());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds what was measured apart, with the same hop.
+    ///
+    /// # Panics
+    /// If the hop is another.
+    pub fn merge(&mut self, other: &BorderJerk) {
+        assert_eq!(self.hop, other.hop, "borders at the same frames");
+        self.original.iter_mut().zip(&other.original).for_each(|(a, b)| a.merge(b));
+        self.decoded.iter_mut().zip(&other.decoded).for_each(|(a, b)| a.merge(b));
+    }
+
+    /// [Mean at borders / mean elsewhere] of the decoded motion over the same of the original; `None` where a mean is
+    /// missing or 0: tiles of three frames or fewer, clips of one tile, bodies that stand still.
+    pub fn ratio(&self) -> Option<f64> {
+        Some(quotient(&self.decoded)? / quotient(&self.original)?)
+    }
+
+    /// Mean at borders / mean elsewhere of the decoded motion alone.
+    pub fn decoded(&self) -> Option<f64> {
+        quotient(&self.decoded)
+    }
+
+    /// Mean at borders / mean elsewhere of the original motion alone.
+    pub fn original(&self) -> Option<f64> {
+        quotient(&self.original)
+    }
+}
+
+fn quotient([inside, touching]: &[Tally; 2]) -> Option<f64> {
+    (inside.sum > 0.0 && touching.sum > 0.0).then(|| touching.mean() / inside.mean())
+}

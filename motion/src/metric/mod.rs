@@ -1,0 +1,66 @@
+//! How far two motions are apart: angles of joints, places of joints, jumps at the borders of tiles.
+//!
+//! Every measure is an accumulator: clips are added one after the other, parts measured apart are merged, and nothing
+//! grows with what went through. Sums are in f64 and in the order of the calls, so that merging in a fixed order gives the
+//! same bits whatever the number of threads.
+
+pub mod border_jerk;
+pub mod geodesic_error;
+pub mod mpjpe;
+pub mod vector_angle;
+
+pub use border_jerk::BorderJerk;
+pub use geodesic_error::GeodesicError;
+pub use mpjpe::Mpjpe;
+pub use vector_angle::VectorAngle;
+
+use crate::{Clip, Error, Result};
+
+/// Refuses two clips that have no frame for each other's frames or no joint for each other's joints.
+fn check_pair(a: &Clip, b: &Clip) -> Result<()> {
+    let ([f, g], [j, k]) = ([a.frames(), b.frames()], [a.joints(), b.joints()]);
+    if (f, j) != (g, k) {
+        return Err(Error::Call(format!(
+            "a clip of {f} frames and {j} joints can't be compared with one of {g} frames and {k} joints"
+        )));
+    }
+    Ok(())
+}
+
+/// Refuses joints that a clip lacks.
+fn check_joints(joints: &[usize], clip: &Clip) -> Result<()> {
+    match joints.iter().find(|&&j| j >= clip.joints()) {
+        Some(j) => Err(Error::Call(format!("joint {j} of a clip of {} joints; they count from 0", clip.joints()))),
+        None => Ok(()),
+    }
+}
+
+/// Count, sum and largest of numbers that are not negative.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Tally {
+    count: u64,
+    sum: f64,
+    max: f64,
+}
+
+impl Tally {
+    fn add(&mut self, x: f64) {
+        self.count += 1;
+        self.sum += x;
+        self.max = self.max.max(x);
+    }
+
+    fn merge(&mut self, other: &Tally) {
+        self.count += other.count;
+        self.sum += other.sum;
+        self.max = self.max.max(other.max);
+    }
+
+    /// 0 where nothing was counted.
+    fn mean(&self) -> f64 {
+        if self.count == 0 { 0.0 } else { self.sum / self.count as f64 }
+    }
+}
+
+#[cfg(test)]
+mod tests;

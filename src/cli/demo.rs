@@ -144,16 +144,16 @@ fn train(args: &Args, say: Say) -> Result<()> {
 
 fn generate(model: &mut dyn NextToken, tokenizer: &Tokenizer, prompt: &Prompt, seed: u64) -> Result<Clip> {
     let given = prompt::given_places(tokenizer, &joints::parse(FOLLOWED)?)?;
-    let ids = tokenizer.ids_of_codes(&prompt.codes)?;
+    let ids = tokenizer.ids_of_words(&prompt.words)?;
     let plan = Plan::of_words(tokenizer, &given, &ids, FRAMES.min(prompt.frames()), Draw::Temperature(1.0), seed);
     let danced = dance(model, &plan, &mut |_| {})?;
-    let codes = tokenizer.codes_of_ids(&danced).codes;
-    Ok(prompt.decode(tokenizer, &codes, RestJoints::Identity)?)
+    let words = tokenizer.words_of_ids(&danced).words;
+    Ok(prompt.decode(tokenizer, &words, RestJoints::Identity)?)
 }
 
 /// The prompt as the model sees it beside what it made of the root and the right arm.
 fn page(path: &Path, name: &str, tokenizer: &Tokenizer, prompt: &Prompt, danced: &Clip) -> Result<()> {
-    let seen = prompt.decode(tokenizer, &prompt.codes, RestJoints::Identity)?;
+    let seen = prompt.decode(tokenizer, &prompt.words, RestJoints::Identity)?;
     let seen = seen.slice(0..danced.frames());
     let followed = joints::parse(FOLLOWED)?.joints;
     let figures = [

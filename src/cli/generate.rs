@@ -8,7 +8,7 @@ use kinelm::generate::{NextToken, Plan, dances, reader};
 use kinelm::model::{Which, load_run};
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::joints;
-use kinelm_tokenizer::Tokenizer;
+use kinelm_tokenizer::{Tokenizer, Words};
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
@@ -169,8 +169,8 @@ fn codes(
     given: &[bool],
     frames: usize,
     say: Say,
-) -> Result<Vec<Vec<u16>>> {
-    let words = tokenizer.ids_of_codes(&prompt.codes)?;
+) -> Result<Vec<Words>> {
+    let words = tokenizer.ids_of_words(&prompt.words)?;
     let draw = if args.greedy { Draw::Greedy } else { Draw::Temperature(args.temperature) };
     let plan = Plan::of_words(tokenizer, given, &words, frames, draw, args.seed);
     let plan = Plan { guesses: args.guesses.map_or(plan.guesses, usize::from), ..plan };
@@ -181,7 +181,7 @@ fn codes(
     if danced.guessed > 0 {
         say.line(format_args!("{} of {} characters guessed ahead were right", danced.right, danced.guessed));
     }
-    Ok(danced.ids.iter().map(|ids| tokenizer.codes_of_ids(ids).codes).collect())
+    Ok(danced.ids.iter().map(|ids| tokenizer.words_of_ids(ids).words).collect())
 }
 
 /// Reads the written file back and says which share of the given characters it codes otherwise.
@@ -189,7 +189,7 @@ fn say_share_changed(
     args: &Args,
     out: &Path,
     tokenizer: &Tokenizer,
-    codes: &[u16],
+    words: &Words,
     given: &[bool],
     prompt: usize,
     say: Say,
@@ -201,8 +201,8 @@ fn say_share_changed(
         ..Default::default()
     };
     let (_, clip) = kinelm::corpus::load::load_clip(out, &options, tokenizer.fps())?;
-    let again = tokenizer.encode(&clip)?.codes;
-    if let Some(share) = prompt::share_changed(codes, &again, given, prompt) {
+    let again = tokenizer.encode(&clip)?.words;
+    if let Some(share) = prompt::share_changed(words.codes(), again.codes(), given, prompt) {
         say.line(format_args!(
             "read back from the prompt's rig, {:.4} % of the given characters differ",
             100.0 * share

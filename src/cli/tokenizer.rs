@@ -105,11 +105,11 @@ fn text(args: TextArgs, say: Say) -> Result<()> {
     let (motion, clip) = corpus::load::load_clip(&args.clip, &options, tokenizer.fps())?;
     super::warn(&motion, say);
     let encoded = tokenizer.encode(&clip)?;
-    let clipped: u64 = encoded.clipped.iter().sum();
+    let clipped = encoded.clipped;
     if clipped > 0 {
         say.line(format_args!("{clipped} steps of the root lay outside the fitted range and are caught up later"));
     }
-    print(&format!("{}\n", tokenizer.text(&encoded.codes)?.trim_end()))
+    print(&format!("{}\n", tokenizer.text(&encoded.words)?))
 }
 
 fn decode(args: DecodeArgs, say: Say) -> Result<()> {
@@ -119,9 +119,9 @@ fn decode(args: DecodeArgs, say: Say) -> Result<()> {
         true => std::io::read_to_string(std::io::stdin())?,
         false => std::fs::read_to_string(&args.words).with_context(|| args.words.display().to_string())?,
     };
-    let codes = tokenizer.codes_of_text(&text).with_context(|| args.words.display().to_string())?;
-    anyhow::ensure!(!codes.is_empty(), "{}: no words, nothing to decode", args.words.display());
-    let clip = tokenizer.decode(&codes, Rest::Identity)?;
+    let words = tokenizer.words_of_text(&text).with_context(|| args.words.display().to_string())?;
+    anyhow::ensure!(!words.is_empty(), "{}: no words, nothing to decode", args.words.display());
+    let clip = tokenizer.decode(&words, Rest::Identity)?;
     let motion = Motion { path: args.out.clone(), clip, source: Source::Plain, warnings: Vec::new() };
     format::write(&args.out, &motion)?;
     super::convert::told(&args.out, &motion, say);
@@ -139,7 +139,12 @@ fn fit(args: FitArgs, say: Say) -> Result<()> {
         translation: args.translation.into(),
         height: args.height.into(),
     };
-    let config = TokenizerConfig { joints: selection.joints, fps: args.fps, scheme: SchemeConfig::Uniform(uniform) };
+    let config = TokenizerConfig {
+        joints: selection.joints,
+        fps: args.fps,
+        scheme: SchemeConfig::Uniform(uniform),
+        ..Default::default()
+    };
     config.validate().map_err(|e| WrongCall(e.to_string()))?;
     let gathered = args.data.gather(say)?;
     let options = args.data.build_options(args.read.options(RestFrame::Drop));
@@ -148,7 +153,7 @@ fn fit(args: FitArgs, say: Say) -> Result<()> {
     for line in summary.lines() {
         say.line(line);
     }
-    let (c, w) = (tokenizer.word_length(), tokenizer.tokens_per_frame());
+    let (c, w) = (tokenizer.channels().len(), tokenizer.longest_word());
     say.line(format_args!("{}: words of {c} characters, {w} tokens a frame", args.out.display()));
     Ok(())
 }

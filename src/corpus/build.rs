@@ -137,9 +137,9 @@ pub fn tokenize(
     let items: Vec<&Item> = gathered.items.iter().filter(|i| options.shard.is_none_or(|s| s.holds(i.key))).collect();
     let work = |loaded: &Loaded| {
         let encoded = tokenizer.encode(&loaded.clip)?;
-        Ok((tokenizer.ids_of_codes(&encoded.codes)?, encoded.clipped.iter().sum::<u64>(), encoded.second_codes))
+        Ok((tokenizer.ids_of_words(&encoded.words)?, encoded.clipped, encoded.second_codes))
     };
-    let per_frame = tokenizer.tokens_per_frame();
+    let per_frame = tokenizer.channels().len() + 1;
     let summary =
         each(&items, options, tokenizer.fps(), watch, work, |item, sha256, (ids, clipped, second), summary| {
             let (clipped, second_codes) = (clipped as usize, second as usize);
@@ -289,7 +289,7 @@ mod tests {
 
         let corpus = Corpus::open(&whole).unwrap();
         let clip = load_item(&gathered.items[0], &options.read, 20.0).unwrap().clip;
-        assert_eq!(corpus.clip_codes(&corpus.clips()[0]).unwrap(), tokenizer.encode(&clip).unwrap().codes);
+        assert_eq!(corpus.clip_codes(&corpus.clips()[0]).unwrap(), tokenizer.encode(&clip).unwrap().words.codes());
         let codes = CodeSplits::of_corpus(&corpus, Split::Test).unwrap();
         assert_eq!((codes.bins, codes.channels, codes.train.clips.len(), codes.test.clips.len()), (90, 12, 4, 2));
 

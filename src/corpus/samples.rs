@@ -22,7 +22,7 @@ pub fn tokenizer() -> Tokenizer {
 /// The tokens of a walk.
 pub fn words(frames: usize) -> Vec<u32> {
     let t = tokenizer();
-    t.ids_of_codes(&t.encode(&walk(frames)).unwrap().codes).unwrap()
+    t.ids_of_words(&t.encode(&walk(frames)).unwrap().words).unwrap()
 }
 
 pub fn clip(name: &str, key: usize, split: Split) -> NewClip {

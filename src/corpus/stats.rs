@@ -6,7 +6,7 @@ use super::store::Corpus;
 use crate::Result;
 use kinelm_motion::Clip;
 use kinelm_motion::rotation::angle_between;
-use kinelm_tokenizer::Rest;
+use kinelm_tokenizer::{Rest, Words};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap};
@@ -86,10 +86,12 @@ pub struct Stats {
 /// # Errors
 /// [`crate::Error::File`] when a word holds an id that is no character.
 pub fn stats(corpus: &Corpus) -> Result<Stats> {
+    let (m, clips) = (corpus.manifest(), corpus.clips());
     let codes: Vec<Vec<u16>> = corpus.clips().par_iter().map(|c| corpus.clip_codes(c)).collect::<Result<_>>()?;
     let found: Vec<Vec<Glitch>> = (corpus.clips().par_iter().zip(&codes))
         .map(|(record, codes)| {
-            let clip = corpus.tokenizer().decode(codes, Rest::Identity)?;
+            let words = Words::fixed(codes.clone(), m.tokens_per_frame - 1);
+            let clip = corpus.tokenizer().decode(&words, Rest::Identity)?;
             Ok(glitches(&record.name, &clip, &corpus.tokenizer().config().joints))
         })
         .collect::<Result<_>>()?;
@@ -99,7 +101,6 @@ pub fn stats(corpus: &Corpus) -> Result<Stats> {
     let size = |g: &Glitch| g.step / if g.what == "root" { ROOT_GLITCH_M_S * 100.0 } else { JOINT_GLITCH_DEG_S };
     glitches.sort_by(|a, b| size(b).total_cmp(&size(a)));
 
-    let (m, clips) = (corpus.manifest(), corpus.clips());
     let mut frames: Vec<usize> = clips.iter().map(|c| c.frames).collect();
     frames.sort_unstable();
     let at = |i: usize| frames.get(i).copied().unwrap_or(0);
@@ -302,7 +303,7 @@ mod tests {
         let tokenizer = Tokenizer::fit(clips.iter().map(|c| &c.1), config).unwrap();
         let mut w = CorpusWriter::create(&dir, &tokenizer, &["d".to_string()], None, false).unwrap();
         for (key, (name, motion, split)) in clips.iter().enumerate() {
-            let ids = tokenizer.ids_of_codes(&tokenizer.encode(motion).unwrap().codes).unwrap();
+            let ids = tokenizer.ids_of_words(&tokenizer.encode(motion).unwrap().words).unwrap();
             w.push(clip(name, key, *split), &ids).unwrap();
         }
         w.finish().unwrap();

@@ -246,7 +246,7 @@ impl Shape {
     pub fn of(tokenizer: &Tokenizer) -> Self {
         Shape {
             tokenizer: tokenizer.hash(),
-            tokens_per_frame: tokenizer.tokens_per_frame(),
+            tokens_per_frame: tokenizer.channels().len() + 1,
             vocabulary: tokenizer.vocabulary().len() as usize,
             fps: tokenizer.fps(),
         }

@@ -154,7 +154,7 @@ impl<'a> Plan<'a> {
         draw: Draw,
         seed: u64,
     ) -> Self {
-        let characters = tokenizer.grammar().allowed(0);
+        let characters = tokenizer.grammar().characters();
         let guesses = if draw == Draw::Greedy { GUESSES } else { 0 };
         Plan { frames, given, prompt, characters, bos: Special::Bos.id(), space: SPACE, draw, seed, guesses }
     }

@@ -6,7 +6,7 @@ use kinelm_motion::format::ReadOptions;
 use kinelm_motion::joints::Selection;
 use kinelm_motion::retarget::{self, Retarget};
 use kinelm_motion::{Clip, Motion, Quat, Source, smpl};
-use kinelm_tokenizer::{Rest, Tokenizer};
+use kinelm_tokenizer::{Rest, Tokenizer, Words};
 use std::path::Path;
 
 /// A prompt clip, read.
@@ -16,8 +16,8 @@ pub struct Prompt {
     pub motion: Motion,
     /// On SMPL-24 at the tokenizer's rate.
     pub clip: Clip,
-    /// (P, C) codes.
-    pub codes: Vec<u16>,
+    /// Its words.
+    pub words: Words,
 }
 
 /// What the joints that the model doesn't know do in a new dance.
@@ -42,8 +42,8 @@ impl Prompt {
         if clip.frames() == 0 {
             return Err(Error::file(path, "no frames", "at least one", "give another prompt"));
         }
-        let codes = tokenizer.encode(&clip)?.codes;
-        Ok(Prompt { motion, clip, codes })
+        let words = tokenizer.encode(&clip)?.words;
+        Ok(Prompt { motion, clip, words })
     }
 
     /// P, its frames at the tokenizer's rate.
@@ -51,11 +51,11 @@ impl Prompt {
         self.clip.frames()
     }
 
-    /// The clip of a new dance's codes, the other joints as asked.
+    /// The clip of a new dance's words, the other joints as asked.
     ///
     /// # Errors
-    /// Codes that are not this tokenizer's.
-    pub fn decode(&self, tokenizer: &Tokenizer, codes: &[u16], rest: RestJoints) -> Result<Clip> {
+    /// Words that are not this tokenizer's.
+    pub fn decode(&self, tokenizer: &Tokenizer, words: &Words, rest: RestJoints) -> Result<Clip> {
         let mean;
         let rest = match rest {
             RestJoints::Identity => Rest::Identity,
@@ -65,7 +65,7 @@ impl Prompt {
                 Rest::Pose(&mean)
             }
         };
-        Ok(tokenizer.decode(codes, rest)?)
+        Ok(tokenizer.decode(words, rest)?)
     }
 
     /// A dance on SMPL-24 put on the prompt's own rig, as it will be written.
@@ -99,8 +99,8 @@ pub fn share_changed(codes: &[u16], again: &[u16], given: &[bool], prompt: usize
 /// # Errors
 /// [`Error::Call`] when the tokenizer codes none of the joints.
 pub fn given_places(tokenizer: &Tokenizer, selection: &Selection) -> Result<Vec<bool>> {
-    let mut given = vec![false; tokenizer.word_length()];
-    tokenizer.places_of(selection).into_iter().for_each(|place| given[place] = true);
+    let mut given = vec![false; tokenizer.channels().len()];
+    tokenizer.places_of(selection)?.into_iter().for_each(|place| given[place] = true);
     if !given.contains(&true) {
         let joints: Vec<_> = tokenizer.channels().joints().iter().map(|&j| smpl::NAMES[j]).collect();
         return Err(Error::Call(format!("none of these joints is coded; this tokenizer codes {}", joints.join(" "))));

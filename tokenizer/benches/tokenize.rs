@@ -42,8 +42,8 @@ fn set(joints: usize) -> (Tokenizer, Vec<Clip>) {
 fn encode_one_thread(bencher: Bencher, joints: usize) {
     let (t, clips) = set(joints);
     bencher.counter(ItemsCount::new(CLIPS * FRAMES)).bench(|| {
-        let codes: usize = clips.iter().map(|c| t.encode(black_box(c)).expect("good").codes.len()).sum();
-        assert_eq!(codes, CLIPS * FRAMES * t.word_length());
+        let codes: usize = clips.iter().map(|c| t.encode(black_box(c)).expect("good").words.codes().len()).sum();
+        assert_eq!(codes, CLIPS * FRAMES * t.channels().len());
     });
 }
 
@@ -51,17 +51,17 @@ fn encode_one_thread(bencher: Bencher, joints: usize) {
 fn encode_all_threads(bencher: Bencher, joints: usize) {
     let (t, clips) = set(joints);
     bencher.counter(ItemsCount::new(CLIPS * FRAMES)).bench(|| {
-        let codes: usize = clips.par_iter().map(|c| t.encode(black_box(c)).expect("good").codes.len()).sum();
-        assert_eq!(codes, CLIPS * FRAMES * t.word_length());
+        let codes: usize = clips.par_iter().map(|c| t.encode(black_box(c)).expect("good").words.codes().len()).sum();
+        assert_eq!(codes, CLIPS * FRAMES * t.channels().len());
     });
 }
 
 #[divan::bench(args = [13, 24])]
 fn decode_one_thread(bencher: Bencher, joints: usize) {
     let (t, clips) = set(joints);
-    let codes: Vec<_> = clips.iter().map(|c| t.encode(c).expect("good").codes).collect();
+    let words: Vec<_> = clips.iter().map(|c| t.encode(c).expect("good").words).collect();
     bencher.counter(ItemsCount::new(CLIPS * FRAMES)).bench(|| {
-        let frames: usize = codes.iter().map(|c| t.decode(c, Rest::Identity).expect("good").frames()).sum();
+        let frames: usize = words.iter().map(|w| t.decode(w, Rest::Identity).expect("good").frames()).sum();
         assert_eq!(frames, CLIPS * FRAMES);
     });
 }
@@ -69,9 +69,9 @@ fn decode_one_thread(bencher: Bencher, joints: usize) {
 #[divan::bench(args = [13, 24])]
 fn ids_and_back(bencher: Bencher, joints: usize) {
     let (t, clips) = set(joints);
-    let codes = t.encode(&clips[0]).expect("good").codes;
+    let words = t.encode(&clips[0]).expect("good").words;
     bencher.counter(ItemsCount::new(FRAMES)).bench(|| {
-        let ids = t.ids_of_codes(black_box(&codes)).expect("whole frames");
-        assert_eq!(t.codes_of_ids(&ids).codes.len(), codes.len());
+        let ids = t.ids_of_words(black_box(&words)).expect("whole words");
+        assert_eq!(t.words_of_ids(&ids).words.len(), words.len());
     });
 }

@@ -1,6 +1,6 @@
 //! The tokenizer on disk: one `tokenizer.json` that Hugging Face's loaders read too.
 //!
-//! To them it is a word-level model over single characters. Our own part (settings, fitted ranges, version, SHA-256)
+//! To them it is a word-level model over single characters or, with merges, a byte-pair model. Our own part (settings, fitted ranges, version, SHA-256)
 //! stands inside the `decoder` object as `kinelm`: their loaders pass over keys that they don't know there, in the
 //! Rust crate as in Python, while at the top level they stop (tried with tokenizers 0.23). When they save the file again our part is
 //! lost, and [`Tokenizer::load`] says so.
@@ -19,7 +19,7 @@ use std::io::Read;
 use std::path::Path;
 
 /// The version of our part of the file.
-pub const FORMAT_VERSION: u64 = 1;
+pub const FORMAT_VERSION: u64 = 2;
 
 /// Files larger than this are no tokenizer of ours, even with as many bins as there are characters.
 pub const MAX_FILE_BYTES: u64 = 64 << 20;
@@ -35,6 +35,8 @@ struct Own {
     sha256: String,
     config: TokenizerConfig,
     fitted: Fitted,
+    merges: Vec<(u32, u32)>,
+    longest_word: usize,
     conditioning: Vec<String>,
 }
 
@@ -75,6 +77,7 @@ struct Split {
 #[derive(Serialize)]
 enum Pattern {
     Regex(&'static str),
+    String(&'static str),
 }
 
 #[derive(Serialize)]
@@ -110,6 +113,8 @@ struct Model<'a> {
     #[serde(serialize_with = "by_id")]
     vocab: &'a Vocabulary,
     unk_token: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    merges: Option<Vec<(Cow<'a, str>, Cow<'a, str>)>>,
 }
 
 fn by_id<S: Serializer>(vocabulary: &&Vocabulary, s: S) -> std::result::Result<S::Ok, S::Error> {
@@ -139,6 +144,9 @@ impl Tokenizer {
     }
 
     fn whole(&self) -> Whole<'_> {
+        let merged = self.vocabulary.merged() > 0;
+        let token = |id: u32| self.vocabulary.token(id).unwrap_or_default();
+        let merges = self.vocabulary.merges().iter().map(|&(a, b)| (token(a), token(b)));
         let is_added = |id: u32| id < Special::ALL.len() as u32 || id >= self.vocabulary.first_conditioning();
         let added = self.vocabulary.iter().filter(|&(id, _)| is_added(id)).map(|(id, content)| AddedToken {
             id,
@@ -161,7 +169,7 @@ impl Tokenizer {
             // not `(?s).`, which Python's regex engine refuses
             pre_tokenizer: Split {
                 r#type: "Split",
-                pattern: Pattern::Regex("[\\s\\S]"),
+                pattern: if merged { Pattern::String(" ") } else { Pattern::Regex("[\\s\\S]") },
                 behavior: "Isolated",
                 invert: false,
             },
@@ -178,10 +186,17 @@ impl Tokenizer {
                     sha256: NO_HASH.into(),
                     config: self.config.clone(),
                     fitted: self.fitted.clone(),
+                    merges: self.vocabulary.merges().to_vec(),
+                    longest_word: self.longest_word,
                     conditioning: self.vocabulary.conditioning().to_vec(),
                 },
             },
-            model: Model { r#type: "WordLevel", vocab: &self.vocabulary, unk_token: Special::Unk.token() },
+            model: Model {
+                r#type: if merged { "BPE" } else { "WordLevel" },
+                vocab: &self.vocabulary,
+                unk_token: Special::Unk.token(),
+                merges: merged.then(|| merges.collect()),
+            },
         }
     }
 
@@ -254,7 +269,7 @@ impl Own {
         self.config.validate()?;
         let fitted = self.fitted.with_config(&self.config.scheme);
         fitted.validate()?;
-        let mut tokenizer = Tokenizer::new(self.config, fitted);
+        let mut tokenizer = Tokenizer::new(self.config, fitted, &self.merges, self.longest_word)?;
         for token in &self.conditioning {
             let inner = token.strip_prefix('<').and_then(|t| t.strip_suffix('>')).and_then(|t| t.split_once(':'));
             let (field, value) = inner.unwrap_or((token, ""));
@@ -321,8 +336,8 @@ mod tests {
         assert!(error("").contains("no JSON"));
         assert!(error("{}").contains("no part of kinelm's"));
         assert!(
-            error(&text.replace("\"kinelm\": {\n      \"version\": 1", "\"kinelm\": {\n      \"version\": 2"))
-                .contains("version 2")
+            error(&text.replace("\"kinelm\": {\n      \"version\": 2", "\"kinelm\": {\n      \"version\": 1"))
+                .contains("version 1")
         );
         assert!(error(&text.replace("\"bins\": 60", "\"bins\": 61")).contains("changed since"));
         assert!(error(&text.replace("\"一\"", "\"二\"").replace("<bos>", "<b>")).contains("changed since"));

@@ -3,13 +3,29 @@
 use kinelm_motion::joints::Selection;
 use kinelm_motion::rotation::Axis;
 use kinelm_motion::smpl;
+use serde::{Deserialize, Serialize};
 use std::fmt;
+
+/// What is coded of the pelvis's rotation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RootRotation {
+    /// The rotation vector in the world: every facing has words of its own, and it jumps where the angle passes half a turn.
+    #[default]
+    Absolute,
+    /// The turn about the vertical as a closed-loop step, and the tilt that is left: words don't depend on where one faces.
+    HeadingDelta,
+}
 
 /// One number of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Channel {
     /// A coordinate of the root's translation.
     Translation(Axis),
+    /// The step of the pelvis's turn about the vertical.
+    Turn,
+    /// A component, x or z, of the pelvis's tilt.
+    Tilt(Axis),
     /// A component of a joint's rotation vector.
     Rotation {
         /// SMPL id.
@@ -19,29 +35,54 @@ pub enum Channel {
     },
 }
 
+impl Channel {
+    /// Whether it belongs to a selection of joints.
+    pub fn is_of(self, selection: &Selection) -> bool {
+        match self {
+            Channel::Translation(_) => selection.translation,
+            Channel::Turn | Channel::Tilt(_) => selection.joints.contains(&0),
+            Channel::Rotation { joint, .. } => selection.joints.contains(&joint),
+        }
+    }
+}
+
 impl fmt::Display for Channel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let letter = |a: Axis| ["x", "y", "z"][a.index()];
         match *self {
             Channel::Translation(a) => write!(f, "translation {}", letter(a)),
+            Channel::Turn => f.write_str("pelvis turn"),
+            Channel::Tilt(a) => write!(f, "pelvis tilt {}", letter(a)),
             Channel::Rotation { joint, axis } => write!(f, "{} {}", smpl::NAMES[joint], letter(axis)),
         }
     }
 }
 
-/// The C channels of a frame: translation x y z, then each joint's x y z by ascending id.
+/// The C channels of a frame: translation x y z, then each joint's x y z by ascending id; the pelvis's are turn, tilt x
+/// and tilt z with [`RootRotation::HeadingDelta`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Channels {
     joints: Vec<usize>,
+    root_rotation: RootRotation,
 }
 
 const AXES: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
 
 impl Channels {
     /// The channels of these SMPL joints, which ascend.
-    pub(crate) fn new(joints: Vec<usize>) -> Self {
+    pub(crate) fn new(joints: Vec<usize>, root_rotation: RootRotation) -> Self {
         debug_assert!(joints.is_sorted());
-        Channels { joints }
+        Channels { joints, root_rotation }
+    }
+
+    /// What is coded of the pelvis's rotation.
+    pub fn root_rotation(&self) -> RootRotation {
+        self.root_rotation
+    }
+
+    /// Whether the pelvis is coded as a turn and a tilt.
+    pub fn has_turn(&self) -> bool {
+        self.root_rotation == RootRotation::HeadingDelta && self.joints.first() == Some(&0)
     }
 
     /// C, the number of channels: 3 and 3 for each joint.
@@ -60,6 +101,7 @@ impl Channels {
         let axis = AXES[place % 3];
         match place / 3 {
             0 => Some(Channel::Translation(axis)),
+            1 if self.has_turn() => Some([Channel::Turn, Channel::Tilt(Axis::X), Channel::Tilt(Axis::Z)][place % 3]),
             n => self.joints.get(n - 1).map(|&joint| Channel::Rotation { joint, axis }),
         }
     }
@@ -68,16 +110,6 @@ impl Channels {
     pub fn iter(&self) -> impl Iterator<Item = Channel> + '_ {
         (0..self.len()).filter_map(|place| self.at(place))
     }
-
-    /// The places of the selected joints' characters, ascending, with the translation's if it is selected; joints that
-    /// are not coded have none.
-    pub fn places_of(&self, selection: &Selection) -> Vec<usize> {
-        let wanted = |channel: Channel| match channel {
-            Channel::Translation(_) => selection.translation,
-            Channel::Rotation { joint, .. } => selection.joints.contains(&joint),
-        };
-        self.iter().enumerate().filter(|&(_, c)| wanted(c)).map(|(place, _)| place).collect()
-    }
 }
 
 #[cfg(test)]
@@ -85,9 +117,13 @@ mod tests {
     use super::*;
     use kinelm_motion::joints::{self, THIRTEEN};
 
+    fn absolute(joints: &[usize]) -> Channels {
+        Channels::new(joints.to_vec(), RootRotation::Absolute)
+    }
+
     #[test]
     fn order_of_a_word() {
-        let c = Channels::new(THIRTEEN.to_vec());
+        let c = absolute(&THIRTEEN);
         assert_eq!(c.len(), 42);
         assert_eq!(c.at(1), Some(Channel::Translation(Axis::Y)));
         assert_eq!(c.at(3), Some(Channel::Rotation { joint: 0, axis: Axis::X }));
@@ -98,9 +134,22 @@ mod tests {
     }
 
     #[test]
+    fn a_turn_and_a_tilt() {
+        let names = |joints: &[usize]| {
+            let c = Channels::new(joints.to_vec(), RootRotation::HeadingDelta);
+            c.iter().skip(3).map(|c| c.to_string()).collect::<Vec<_>>()
+        };
+        assert_eq!(names(&[0, 4])[..4], ["pelvis turn", "pelvis tilt x", "pelvis tilt z", "left_knee x"]);
+        assert_eq!(names(&[4]), ["left_knee x", "left_knee y", "left_knee z"]);
+    }
+
+    #[test]
     fn places_of_groups() {
-        let c = Channels::new(THIRTEEN.to_vec());
-        let of = |list: &str| c.places_of(&joints::parse(list).unwrap());
+        let c = absolute(&THIRTEEN);
+        let of = |list: &str| {
+            let selection = joints::parse(list).unwrap();
+            c.iter().enumerate().filter(|(_, c)| c.is_of(&selection)).map(|(i, _)| i).collect::<Vec<_>>()
+        };
         assert_eq!(of("root"), [0, 1, 2, 3, 4, 5]);
         assert_eq!(of("pelvis"), [3, 4, 5]);
         // shoulder 17, elbow 19 and wrist 21 are the ninth, eleventh and thirteenth joint; collar and hand are not coded

@@ -1,7 +1,7 @@
 //! The settings of a tokenizer.
 
 use crate::scheme::SchemeConfig;
-use crate::{Error, Result};
+use crate::{Channels, Error, Result, RootRotation};
 use kinelm_motion::joints::THIRTEEN;
 use serde::{Deserialize, Serialize};
 
@@ -13,13 +13,26 @@ pub struct TokenizerConfig {
     pub joints: Vec<usize>,
     /// Frames per second of every clip. Default 20.
     pub fps: f64,
+    /// What is coded of the pelvis's rotation. Default: the whole rotation.
+    pub root_rotation: RootRotation,
+    /// Byte-pair merges that are learnt on the training words, 0 to 40000. Default 0: a token is a character.
+    pub merges: u32,
     /// How numbers become codes. Default: uniform bins.
     pub scheme: SchemeConfig,
 }
 
+/// As many merged tokens as a corpus of 16-bit ids surely has room for.
+const MOST_MERGES: u32 = 40_000;
+
 impl Default for TokenizerConfig {
     fn default() -> Self {
-        TokenizerConfig { joints: THIRTEEN.to_vec(), fps: 20.0, scheme: SchemeConfig::default() }
+        TokenizerConfig {
+            joints: THIRTEEN.to_vec(),
+            fps: 20.0,
+            root_rotation: RootRotation::default(),
+            merges: 0,
+            scheme: SchemeConfig::default(),
+        }
     }
 }
 
@@ -30,7 +43,12 @@ impl TokenizerConfig {
         joints.sort_unstable();
         joints.dedup();
         let uniform = crate::UniformConfig { bins, ..Default::default() };
-        TokenizerConfig { joints, fps, scheme: SchemeConfig::Uniform(uniform) }
+        TokenizerConfig { joints, fps, scheme: SchemeConfig::Uniform(uniform), ..Default::default() }
+    }
+
+    /// What is coded of a frame.
+    pub fn channels(&self) -> Channels {
+        Channels::new(self.joints.clone(), self.root_rotation)
     }
 
     /// Checks every setting.
@@ -51,6 +69,13 @@ impl TokenizerConfig {
                 field: "fps",
                 found: self.fps.to_string(),
                 expected: "above 0, at most 1000000 frames per second".into(),
+            });
+        }
+        if self.merges > MOST_MERGES {
+            return Err(Error::Setting {
+                field: "merges",
+                found: self.merges.to_string(),
+                expected: format!("0 to {MOST_MERGES}"),
             });
         }
         self.scheme.validate()
@@ -75,6 +100,7 @@ mod tests {
         assert!(bad(|c| c.joints = vec![24]).contains("24"));
         assert!(bad(|c| c.fps = f64::NAN).contains("fps"));
         assert!(bad(|c| c.fps = 0.0).contains("fps"));
+        assert!(bad(|c| c.merges = 50_000).contains("merges"));
         assert!(bad(|c| c.scheme = TokenizerConfig::uniform(&[0], 20.0, 1).scheme).contains("bins"));
         assert!(bad(|c| c.scheme = TokenizerConfig::uniform(&[0], 20.0, 30_000).scheme).contains("21054"));
     }

@@ -1,6 +1,6 @@
 //! What every scheme must keep to, and clips to try it on.
 
-use crate::{Rest, Tokenizer, TokenizerConfig};
+use crate::{Rest, Tokenizer, TokenizerConfig, Words};
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Clip, Vec3, smpl};
 
@@ -40,23 +40,27 @@ pub fn small() -> Tokenizer {
     Tokenizer::fit([&bent(1, 20)], TokenizerConfig::uniform(&[0, 4], 20.0, 60)).unwrap()
 }
 
-/// Codes are below the number of bins; decoding takes whatever coding gives, and coding that again gives the same;
-/// empty clips and clips of one frame work; `neutral` decodes to one who stands still.
+/// Codes are below the number of symbols and words of a right length; decoding takes whatever coding gives, and coding that
+/// again gives the same; empty clips and clips of one frame work; `neutral` decodes to one who stands still.
 pub fn check_scheme(t: &Tokenizer, clips: &[Clip]) {
-    let (c, bins) = (t.word_length(), t.vocabulary().characters());
+    let symbols = t.vocabulary().characters();
     for clip in clips {
         for part in [clip.slice(0..0), clip.slice(0..1), clip.clone()] {
             let e = t.encode(&part).unwrap();
-            assert_eq!((e.codes.len(), e.clipped.len()), (part.frames() * c, c));
-            assert!(e.codes.iter().all(|&k| u32::from(k) < bins));
-            let back = t.decode(&e.codes, Rest::Identity).unwrap();
-            assert_eq!((back.frames(), back.fps()), (part.frames(), t.fps()));
+            t.check(&e.words).unwrap();
+            assert_eq!(e.words.len(), part.frames().div_ceil(t.frames_per_word()));
+            assert_eq!(e.padded as usize, e.words.len() * t.frames_per_word() - part.frames());
+            assert!(e.words.codes().iter().all(|&k| u32::from(k) < symbols));
+            let back = t.decode(&e.words, Rest::Identity).unwrap();
+            assert_eq!((back.frames(), back.fps()), (e.words.len() * t.frames_per_word(), t.fps()));
             let again = t.encode(&back).unwrap();
-            assert_eq!(again.codes, e.codes);
-            assert!(again.second_codes == 0 && again.clipped.iter().all(|&n| n == 0), "{again:?}");
+            assert_eq!(again.words, e.words);
+            assert!(again.second_codes == 0 && again.clipped == 0, "{again:?}");
         }
     }
-    let neutral = t.scheme().neutral(t.channels());
-    let still = t.decode(&neutral.repeat(3), Rest::Identity).unwrap();
-    assert!((still.root()[2] - still.root()[0]).length() < 1e-9);
+    let mut still = Words::new();
+    (0..3).for_each(|_| still.push(&t.neutral()));
+    let still = t.decode(&still, Rest::Identity).unwrap();
+    let last = still.frames() - 1;
+    assert!((still.root()[last] - still.root()[0]).length() < 1e-9);
 }

@@ -53,7 +53,7 @@ pub enum Error {
         /// What is wrong.
         what: String,
     },
-    /// Codes that don't make whole frames, or lie outside the bins.
+    /// Words of a wrong length, or codes that are too large.
     #[error("{0}")]
     Codes(String),
     /// Text that is no words of this tokenizer. Words and characters count from 1.
@@ -78,6 +78,9 @@ pub enum Error {
         /// What is wrong.
         what: String,
     },
+    /// A word's characters belong to no single joint.
+    #[error("joints can't be given one by one: {0}")]
+    Joints(String),
     /// No motion to learn from.
     #[error("nothing to fit: {0}")]
     Nothing(String),

@@ -1,8 +1,9 @@
 //! Learning a tokenizer from training clips, without holding them all.
 
+use crate::sample::Sample;
 use crate::scheme::uniform::UniformFit;
-use crate::scheme::{Fitted, SchemeConfig, check_skeleton};
-use crate::{Channels, Error, Result, Tokenizer, TokenizerConfig};
+use crate::scheme::{Fitted, SchemeConfig, WordLength, check_skeleton};
+use crate::{Channels, Error, Result, Tokenizer, TokenizerConfig, Words, merges};
 use kinelm_motion::Clip;
 
 /// What has been learnt so far. Clips may be added in any order, and parts of a corpus fitted apart and merged: the
@@ -12,12 +13,15 @@ pub struct Fit {
     config: TokenizerConfig,
     channels: Channels,
     scheme: SchemeFit,
+    /// What is learnt from frames themselves, where the settings ask for it: tables, matrices, merges.
+    sample: Option<Sample>,
     clips: u64,
     frames: u64,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 enum SchemeFit {
+    /// Ranges, from every clip.
     Uniform(UniformFit),
 }
 
@@ -28,11 +32,12 @@ impl Fit {
     /// [`Error::Setting`] for a setting outside its limits.
     pub fn new(config: TokenizerConfig) -> Result<Self> {
         config.validate()?;
-        let channels = Channels::new(config.joints.clone());
+        let channels = config.channels();
         let scheme = match &config.scheme {
             SchemeConfig::Uniform(c) => SchemeFit::Uniform(UniformFit::new(c.clone())),
         };
-        Ok(Fit { config, channels, scheme, clips: 0, frames: 0 })
+        let samples = config.merges > 0;
+        Ok(Fit { config, channels, scheme, sample: samples.then(Sample::new), clips: 0, frames: 0 })
     }
 
     /// Learns from a clip on the 24 SMPL joints at the tokenizer's rate. After an error nothing is learnt of it.
@@ -44,6 +49,9 @@ impl Fit {
         check_skeleton(clip)?;
         match &mut self.scheme {
             SchemeFit::Uniform(u) => u.add(&self.channels, clip)?,
+        }
+        if let Some(sample) = &mut self.sample {
+            sample.add(clip);
         }
         self.clips += 1;
         self.frames += clip.frames() as u64;
@@ -60,6 +68,9 @@ impl Fit {
         }
         match (&mut self.scheme, &other.scheme) {
             (SchemeFit::Uniform(a), SchemeFit::Uniform(b)) => a.merge(b),
+        }
+        if let (Some(own), Some(other)) = (&mut self.sample, &other.sample) {
+            own.merge(other);
         }
         self.clips += other.clips;
         self.frames += other.frames;
@@ -81,11 +92,34 @@ impl Fit {
     /// # Errors
     /// [`Error::Nothing`] when there was no frame to learn from.
     pub fn finish(self) -> Result<Tokenizer> {
+        let sample = self.sample.map(Sample::into_clips).unwrap_or_default();
         let fitted = match self.scheme {
             SchemeFit::Uniform(u) => Fitted::Uniform(u.finish()?),
         };
-        Ok(Tokenizer::new(self.config, fitted))
+        let wanted = self.config.merges;
+        let tokenizer = Tokenizer::new(self.config, fitted, &[], 0)?;
+        if wanted == 0 && matches!(tokenizer.word_length(), WordLength::Fixed(_)) {
+            return Ok(tokenizer);
+        }
+        learn_from_words(tokenizer, &sample, wanted)
     }
+}
+
+/// Adds what the words of the training clips teach: merges, and how long words are.
+fn learn_from_words(tokenizer: Tokenizer, sample: &[Clip], merges: u32) -> Result<Tokenizer> {
+    let mut words = Words::new();
+    for clip in sample {
+        tokenizer.encode(clip)?.words.iter().for_each(|word| words.push(word));
+    }
+    let merges = match merges {
+        0 => Vec::new(),
+        n => merges::learn(&tokenizer.vocabulary, &words, n)?,
+    };
+    let Tokenizer { config, fitted, .. } = tokenizer;
+    let tokenizer = Tokenizer::new(config, fitted, &merges, 0)?;
+    let ids = tokenizer.ids_of_words(&words)?;
+    let longest = ids.split(|&id| id == crate::SPACE).map(<[u32]>::len).max().unwrap_or(0) + 1;
+    Ok(Tokenizer { longest_word: longest, ..tokenizer })
 }
 
 /// Refuses a clip of another rate.

@@ -1,49 +1,171 @@
 //! Which ids may stand at a place of a word.
 
-use crate::vocab::{FIRST_CHARACTER, SPACE};
+use crate::scheme::WordLength;
+use crate::vocab::{FIRST_CHARACTER, SPACE, Vocabulary};
 use std::ops::Range;
 
-/// The ids that a place allows: a character's at the C channels, the space's after them. Whatever keeps to it decodes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The ids that may follow one another inside a word: characters (and merged tokens) up to the word's length, then the
+/// space; in words of varying length the space at any place. Whatever keeps to it decodes.
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Grammar {
+    length: WordLength,
     characters: u32,
-    channels: usize,
+    /// Characters of each merged token, by id.
+    merged: Vec<u16>,
+    vocabulary: u32,
+}
+
+/// Where a stream of ids stands in its word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub struct Place {
+    /// Characters of the word so far.
+    pub characters: usize,
+    /// Tokens of the word so far; as many as characters where none are merged.
+    pub tokens: usize,
 }
 
 impl Grammar {
-    pub(crate) fn new(characters: u32, channels: usize) -> Self {
-        Grammar { characters, channels }
+    pub(crate) fn new(vocabulary: &Vocabulary, length: WordLength) -> Self {
+        let merged = (0..vocabulary.merges().len() as u32)
+            .map(|i| vocabulary.length_of_id(FIRST_CHARACTER + vocabulary.characters() + i) as u16);
+        Grammar { length, characters: vocabulary.characters(), merged: merged.collect(), vocabulary: vocabulary.len() }
     }
 
-    /// W, the tokens of a word with its space.
-    pub fn word(&self) -> usize {
-        self.channels + 1
+    /// V, the number of ids, those of no word included.
+    pub fn vocabulary(&self) -> u32 {
+        self.vocabulary
     }
 
-    /// The ids allowed at a place; places count from the start of a word and go on into the next one.
-    pub fn allowed(&self, place: usize) -> Range<u32> {
-        if place % self.word() < self.channels {
-            FIRST_CHARACTER..FIRST_CHARACTER + self.characters
-        } else {
-            SPACE..SPACE + 1
+    /// W, the tokens of a word with its space, where all words have as many.
+    pub fn tokens_per_word(&self) -> Option<usize> {
+        match self.length {
+            WordLength::Fixed(c) if self.merged.is_empty() => Some(c + 1),
+            _ => None,
+        }
+    }
+
+    /// The ids of single characters.
+    pub fn characters(&self) -> Range<u32> {
+        FIRST_CHARACTER..FIRST_CHARACTER + self.characters
+    }
+
+    /// The ids of characters and merged tokens.
+    fn of_words(&self) -> Range<u32> {
+        FIRST_CHARACTER..FIRST_CHARACTER + self.characters + self.merged.len() as u32
+    }
+
+    /// The characters an id stands for; 0 for the space and for ids of no word.
+    fn length_of(&self, id: u32) -> usize {
+        if self.characters().contains(&id) {
+            return 1;
+        }
+        let first = self.characters().end;
+        id.checked_sub(first).and_then(|i| self.merged.get(i as usize)).map_or(0, |&n| n.into())
+    }
+
+    /// The most characters of a word.
+    fn most(&self) -> usize {
+        match self.length {
+            WordLength::Fixed(c) => c,
+            WordLength::Varying { most } => most,
         }
     }
 
     /// Whether an id may stand at a place.
-    pub fn allows(&self, place: usize, id: u32) -> bool {
-        self.allowed(place).contains(&id)
+    pub fn allows(&self, place: Place, id: u32) -> bool {
+        match id {
+            SPACE => self.may_end(place),
+            _ => self.of_words().contains(&id) && place.characters + self.length_of(id) <= self.most(),
+        }
+    }
+
+    fn may_end(&self, place: Place) -> bool {
+        match self.length {
+            WordLength::Fixed(c) => place.characters >= c,
+            WordLength::Varying { .. } => true,
+        }
+    }
+
+    /// The place behind an id; ids of no word leave it.
+    pub fn advance(&self, place: Place, id: u32) -> Place {
+        match self.length_of(id) {
+            _ if id == SPACE => Place::default(),
+            0 => place,
+            n => Place { characters: place.characters + n, tokens: place.tokens + 1 },
+        }
+    }
+
+    /// The one id that may stand at a place, if it is one: the space behind a whole word.
+    pub fn only(&self, place: Place) -> Option<u32> {
+        (place.characters >= self.most()).then_some(SPACE)
+    }
+
+    /// The ids allowed at a place, as ranges that ascend; merged tokens too long for the rest of the word make holes.
+    pub fn allowed(&self, place: Place) -> Vec<Range<u32>> {
+        let mut ranges: Vec<Range<u32>> = Vec::new();
+        let mut add = |range: Range<u32>| match ranges.last_mut() {
+            Some(last) if last.end == range.start => last.end = range.end,
+            _ => ranges.push(range),
+        };
+        if self.may_end(place) {
+            add(SPACE..SPACE + 1);
+        }
+        if place.characters < self.most() {
+            add(self.characters());
+            let room = self.most() - place.characters;
+            for (id, &n) in (self.characters().end..).zip(&self.merged) {
+                if usize::from(n) <= room {
+                    add(id..id + 1);
+                }
+            }
+        }
+        ranges
     }
 }
 
 #[cfg(test)]
+#[allow(clippy::single_range_in_vec_init, reason = "the ids of a place often are one range")]
 mod tests {
     use super::*;
 
+    fn walk(g: &Grammar, ids: &[u32]) -> Place {
+        ids.iter().fold(Place::default(), |p, &id| {
+            assert!(g.allows(p, id), "{p:?} {id}");
+            g.advance(p, id)
+        })
+    }
+
     #[test]
     fn characters_then_a_space() {
-        let g = Grammar::new(360, 42);
-        assert_eq!(g.word(), 43);
-        assert_eq!((g.allowed(0), g.allowed(41), g.allowed(42), g.allowed(43)), (6..366, 6..366, 5..6, 6..366));
-        assert!(g.allows(42, 5) && !g.allows(42, 6) && !g.allows(0, 5) && !g.allows(0, 366));
+        let g = Grammar::new(&Vocabulary::new(360), WordLength::Fixed(3));
+        assert_eq!(g.tokens_per_word(), Some(4));
+        assert_eq!(g.allowed(Place::default()), [6..366]);
+        let full = walk(&g, &[6, 365, 7]);
+        assert_eq!((g.allowed(full), g.only(full)), (vec![5..6], Some(SPACE)));
+        assert!(!g.allows(full, 6) && !g.allows(Place::default(), 5) && !g.allows(Place::default(), 366));
+        assert_eq!(walk(&g, &[6, 7, 8, 5]), Place::default());
+        assert_eq!(g.advance(full, 1), full);
+    }
+
+    #[test]
+    fn a_varying_word_may_end_anywhere() {
+        let g = Grammar::new(&Vocabulary::new(60), WordLength::Varying { most: 2 });
+        assert_eq!(g.tokens_per_word(), None);
+        assert_eq!(g.allowed(Place::default()), [5..66]);
+        assert_eq!(g.only(walk(&g, &[6, 7])), Some(SPACE));
+        assert_eq!(walk(&g, &[5, 6, 5, 6, 7, 5]), Place::default());
+    }
+
+    #[test]
+    fn merged_tokens_must_fit() {
+        let v = Vocabulary::new(60).with_merges(&[(6, 7), (66, 6)]).unwrap();
+        let g = Grammar::new(&v, WordLength::Fixed(3));
+        assert_eq!(g.tokens_per_word(), None);
+        assert_eq!(g.allowed(Place::default()), [6..68]);
+        let one = walk(&g, &[6]);
+        assert_eq!(g.allowed(one), [6..67]);
+        assert_eq!(g.allowed(walk(&g, &[6, 6])), [6..66]);
+        assert_eq!(walk(&g, &[67]), Place { characters: 3, tokens: 1 });
+        assert_eq!(g.only(walk(&g, &[6, 66])), Some(SPACE));
     }
 }

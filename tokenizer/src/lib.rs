@@ -2,6 +2,7 @@
 //!
 //! A frame of motion is a *word*: C characters, one for each channel (the root's translation x y z, then the rotation
 //! vector of each joint by ascending id, x y z), then a space. A character stands for one of the bins of its channel.
+//! In tile schemes a word is a tile of frames, and its characters are the coefficients of a transform over time.
 //!
 //! ```
 //! use kinelm_motion::{Clip, Quat, Vec3, smpl};
@@ -9,17 +10,17 @@
 //!
 //! let standing = Clip::new(smpl::neutral(), 20.0, vec![Vec3::new(0.0, 0.97, 0.0); 3], vec![Quat::IDENTITY; 72])?;
 //! let tokenizer = Tokenizer::fit([&standing], TokenizerConfig::default())?;
-//! let codes = tokenizer.encode(&standing)?.codes; // (F, C)
-//! let text = tokenizer.text(&codes)?;
+//! let words = tokenizer.encode(&standing)?.words;
+//! let text = tokenizer.text(&words)?;
 //! assert_eq!(text.split(' ').next().unwrap().chars().count(), 42);
-//! assert_eq!(tokenizer.codes_of_text(&text)?, codes);
-//! assert_eq!(tokenizer.decode(&codes, Rest::Identity)?.frames(), 3);
+//! assert_eq!(tokenizer.words_of_text(&text)?, words);
+//! assert_eq!(tokenizer.decode(&words, Rest::Identity)?.frames(), 3);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! From the outside in: [`Tokenizer`] is the artefact on disk; a [`scheme`] turns clips into codes (integers below the
-//! number of bins) and back; [`alphabet`] names the character of a code; [`Vocabulary`] gives every character, special
-//! and conditioning token its id; [`Grammar`] says which ids may stand at a place of a word.
+//! From the outside in: [`Tokenizer`] is the artefact on disk; a [`scheme`] turns clips into [`Words`] of codes (integers
+//! below the number of symbols) and back; [`alphabet`] names the character of a code; [`Vocabulary`] gives every
+//! character, merged, special and conditioning token its id; [`Grammar`] says which ids may stand at a place of a word.
 #![forbid(unsafe_code)]
 
 pub mod alphabet;
@@ -31,20 +32,24 @@ mod contract;
 mod error;
 mod fit;
 mod grammar;
+mod merges;
 pub mod rate;
+mod sample;
 pub mod scheme;
 mod tokenizer;
 mod vocab;
+mod word;
 mod words;
 
 pub use artifact::{FORMAT_VERSION, MAX_FILE_BYTES};
-pub use channel::{Channel, Channels};
+pub use channel::{Channel, Channels, RootRotation};
 pub use config::TokenizerConfig;
 pub use error::{Error, Result};
 pub use fit::Fit;
-pub use grammar::Grammar;
+pub use grammar::{Grammar, Place};
 pub use scheme::uniform::{Form, Travel, UniformConfig};
-pub use scheme::{Encoded, Rest, Scheme, SchemeConfig};
+pub use scheme::{Encoded, Rest, Scheme, SchemeConfig, WordLength};
 pub use tokenizer::Tokenizer;
 pub use vocab::{SPACE, Special, Vocabulary};
+pub use word::Words;
 pub use words::Reading;

@@ -1,6 +1,6 @@
 //! How much text a clip becomes: word length, seconds in a context, bytes, flicker.
 
-use crate::{Tokenizer, alphabet};
+use crate::{Tokenizer, Words, alphabet};
 
 /// Seconds of motion in a context of `tokens`, words of `word` characters at `fps` words a second.
 ///
@@ -45,29 +45,26 @@ impl Bytes {
 }
 
 impl Tokenizer {
-    /// The sizes of codes (F, C) that were made from `source_frames` frames of the files.
-    pub fn bytes(&self, codes: &[u16], source_frames: u64) -> Bytes {
+    /// The sizes of words that were made from `source_frames` frames of the files.
+    pub fn bytes(&self, words: &Words, source_frames: u64) -> Bytes {
         let length = |k: u32| alphabet::character(k).map_or(0, char::len_utf8) as u64;
-        let bins = self.vocabulary().characters();
-        let frames = (codes.len() / self.word_length()) as u64;
-        // the fitted numbers: a width and a zero for each coordinate, and the first height
-        let fitted = 7;
+        let (characters, spaces) = (words.codes().len() as u64, words.len() as u64);
         Bytes {
             smpl: source_frames * 75 * 4,
-            characters: codes.len() as u64 + frames,
-            utf8: codes.iter().map(|&k| length(k.into())).sum::<u64>() + frames,
-            alphabet: (0..bins).map(length).sum::<u64>() + 4 * u64::from(bins) + 4 * fitted,
+            characters: characters + spaces,
+            utf8: words.codes().iter().map(|&k| length(k.into())).sum::<u64>() + spaces,
+            alphabet: (0..self.vocabulary().characters()).map(length).sum::<u64>() + 4 * self.scheme().fitted_numbers(),
         }
     }
 
-    /// Share of codes (F, C) that move by one and are back within 3 frames: in `0..=1`, `None` for fewer than 3 frames.
-    pub fn flicker_rate(&self, codes: &[u16]) -> Option<f64> {
-        let c = self.word_length();
-        let frames = codes.len() / c;
-        if frames < 3 {
+    /// Share of characters that move by one and are back within 3 frames: in `0..=1`, `None` for fewer than 3 words and where
+    /// a word is no frame.
+    pub fn flicker_rate(&self, words: &Words) -> Option<f64> {
+        let (frames, c) = (words.len(), words.length()?);
+        if frames < 3 || self.frames_per_word() != 1 {
             return None;
         }
-        let at = |f: usize, i: usize| i32::from(codes[f * c + i]);
+        let at = |f: usize, i: usize| i32::from(words.codes()[f * c + i]);
         let flickers = |f: usize, i: usize| {
             let (before, now) = (at(f - 1, i), at(f, i));
             let moved = (now - before).abs() == 1;
@@ -93,7 +90,7 @@ mod tests {
     #[test]
     fn sizes() {
         let t = small();
-        let b = t.bytes(&[59; 18], 6);
+        let b = t.bytes(&Words::fixed(vec![59; 18], 9), 6);
         assert_eq!((b.smpl, b.characters, b.utf8, b.alphabet), (1800, 20, 20, 60 + 240 + 28));
         assert!((b.factor_chars() - 1800.0 / 348.0).abs() < 1e-12);
         assert!((b.factor_entropy(160.0) - b.factor_utf8()).abs() < 1e-12);
@@ -104,7 +101,7 @@ mod tests {
         let t = small();
         let with = |first: &[u16]| {
             let codes: Vec<u16> = first.iter().flat_map(|&k| [k, 0, 0, 0, 0, 0, 0, 0, 0]).collect();
-            t.flicker_rate(&codes).map(|r| (r * (first.len() * 9) as f64).round())
+            t.flicker_rate(&Words::fixed(codes, 9)).map(|r| (r * (first.len() * 9) as f64).round())
         };
         assert_eq!(with(&[5, 5]), None);
         assert_eq!(with(&[5, 6, 5, 5]), Some(1.0));

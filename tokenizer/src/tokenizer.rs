@@ -1,9 +1,10 @@
 //! The tokenizer: settings, the fitted scheme, and the vocabulary.
 
 use crate::fit::check_rate;
+use crate::merges::Merges;
 use crate::scheme::uniform::Uniform;
-use crate::scheme::{Encoded, Fitted, Rest, Scheme};
-use crate::{Channels, Fit, Grammar, Result, TokenizerConfig, Vocabulary};
+use crate::scheme::{Encoded, Fitted, Rest, Scheme, WordLength, check_skeleton};
+use crate::{Channels, Error, Fit, Grammar, Result, TokenizerConfig, Vocabulary, Words, alphabet};
 use kinelm_motion::Clip;
 use kinelm_motion::joints::Selection;
 
@@ -13,14 +14,34 @@ pub struct Tokenizer {
     pub(crate) config: TokenizerConfig,
     pub(crate) fitted: Fitted,
     pub(crate) vocabulary: Vocabulary,
-    channels: Channels,
+    pub(crate) merges: Merges,
+    pub(crate) longest_word: usize,
+    pub(crate) channels: Channels,
 }
 
 impl Tokenizer {
-    pub(crate) fn new(config: TokenizerConfig, fitted: Fitted) -> Self {
-        let channels = Channels::new(config.joints.clone());
-        let vocabulary = Vocabulary::new(fitted.as_scheme().symbols());
-        Tokenizer { config, fitted, vocabulary, channels }
+    /// `merges` are pairs of ids; `longest_word` is what the training words taught, in tokens with the space.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for merges that can't be, and for more symbols than the alphabet has characters.
+    pub(crate) fn new(
+        config: TokenizerConfig,
+        fitted: Fitted,
+        merges: &[(u32, u32)],
+        longest_word: usize,
+    ) -> Result<Self> {
+        let channels = config.channels();
+        let symbols = fitted.as_scheme().symbols();
+        if symbols > alphabet::SIZE {
+            return Err(Error::Setting {
+                field: "scheme",
+                found: format!("{symbols} symbols"),
+                expected: format!("at most {}, as many as the alphabet has characters", alphabet::SIZE),
+            });
+        }
+        let vocabulary = Vocabulary::new(symbols).with_merges(merges)?;
+        let merges = Merges::new(vocabulary.merge_table());
+        Ok(Tokenizer { config, fitted, vocabulary, merges, longest_word, channels })
     }
 
     /// Learns from training clips on the 24 SMPL joints at the tokenizer's rate. For a corpus that doesn't fit into
@@ -44,19 +65,31 @@ impl Tokenizer {
         self.config.fps
     }
 
-    /// What stands at each place of a word.
+    /// What is coded of a frame. The places of a word hold these, one after the other, only in some schemes: see
+    /// [`Scheme::places`].
     pub fn channels(&self) -> &Channels {
         &self.channels
     }
 
-    /// C, the characters of a word without its space.
-    pub fn word_length(&self) -> usize {
-        self.channels.len()
+    /// L, the frames that a word stands for: 1, or those of a tile.
+    pub fn frames_per_word(&self) -> usize {
+        self.scheme().frames_per_word()
     }
 
-    /// W, the tokens of a word with its space.
-    pub fn tokens_per_frame(&self) -> usize {
-        self.channels.len() + 1
+    /// The characters of a word without its space.
+    pub fn word_length(&self) -> WordLength {
+        self.scheme().word_length(&self.channels)
+    }
+
+    /// W, the tokens of a word with its space; `None` where words vary or characters are merged.
+    pub fn tokens_per_word(&self) -> Option<usize> {
+        self.grammar().tokens_per_word()
+    }
+
+    /// Tokens of the longest word in training, with its space: W where all words have as many. What a model counts
+    /// places in a word up to.
+    pub fn longest_word(&self) -> usize {
+        self.tokens_per_word().unwrap_or(self.longest_word)
     }
 
     /// Tokens and ids.
@@ -71,12 +104,25 @@ impl Tokenizer {
 
     /// Which ids may stand where.
     pub fn grammar(&self) -> Grammar {
-        Grammar::new(self.vocabulary.characters(), self.channels.len())
+        Grammar::new(&self.vocabulary, self.word_length())
     }
 
-    /// The places of a word that hold the selected joints' characters: what a prompt forces.
-    pub fn places_of(&self, selection: &Selection) -> Vec<usize> {
-        self.channels.places_of(selection)
+    /// A word that says nothing: no step, no turn.
+    pub fn neutral(&self) -> Vec<u16> {
+        self.scheme().neutral(&self.channels)
+    }
+
+    /// The places of a word that hold the selected joints' characters, ascending: what a prompt forces. Joints that are not
+    /// coded have none.
+    ///
+    /// # Errors
+    /// [`Error::Joints`] with the reason, where a character doesn't belong to one joint.
+    pub fn places_of(&self, selection: &Selection) -> Result<Vec<usize>> {
+        if self.vocabulary.merged() > 0 {
+            return Err(Error::Joints("merged tokens hold characters of several joints".into()));
+        }
+        let places = self.scheme().places(&self.channels).map_err(Error::Joints)?;
+        Ok((0..places.len()).filter(|&i| places[i].is_of(selection)).collect())
     }
 
     /// The uniform scheme with its fitted ranges.
@@ -91,23 +137,28 @@ impl Tokenizer {
         self.fitted.as_scheme()
     }
 
-    /// The clip's codes (F, C), with the counts of what was clipped.
+    /// The clip's words, ceil(F / L) of them, with the counts of what was clipped.
     ///
     /// # Errors
     /// [`Error::Rate`](crate::Error::Rate) and [`Error::Skeleton`](crate::Error::Skeleton) for a clip that was not
     /// resampled or retargeted, [`Error::Frame`](crate::Error::Frame) for a place that can't be.
     pub fn encode(&self, clip: &Clip) -> Result<Encoded> {
         check_rate(clip, self.config.fps)?;
+        check_skeleton(clip)?;
         self.scheme().encode(&self.channels, clip)
     }
 
-    /// The clip of codes (F, C) on the neutral skeleton, with `rest` for the joints that are not coded. Any codes below
-    /// the number of bins give a finite clip.
+    /// The clip of words, L frames each, on the neutral skeleton, with `rest` for the joints that are not coded. Any codes
+    /// below the number of characters give a finite clip.
     ///
     /// # Errors
-    /// [`Error::Codes`](crate::Error::Codes) when they don't make whole frames or one is too large;
-    /// [`Error::Skeleton`](crate::Error::Skeleton) when `rest` is a clip on another rig.
-    pub fn decode(&self, codes: &[u16], rest: Rest<'_>) -> Result<Clip> {
-        self.scheme().decode(&self.channels, codes, self.config.fps, rest)
+    /// [`Error::Codes`](crate::Error::Codes) for a word of a length that the scheme doesn't have or a code that is too
+    /// large; [`Error::Skeleton`](crate::Error::Skeleton) when `rest` is a clip on another rig.
+    pub fn decode(&self, words: &Words, rest: Rest<'_>) -> Result<Clip> {
+        self.check(words)?;
+        if let Rest::Clip(clip) = rest {
+            check_skeleton(clip)?;
+        }
+        self.scheme().decode(&self.channels, words, self.config.fps, rest)
     }
 }

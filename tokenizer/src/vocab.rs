@@ -1,7 +1,8 @@
-//! Ids: specials, the space, the characters, then conditioning tokens.
+//! Ids: specials, the space, the characters, merged tokens, then conditioning tokens.
 
 use crate::{Error, Result, alphabet};
 use std::borrow::Cow;
+use std::collections::HashMap;
 
 /// The special tokens, at ids 0 to 4.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -44,12 +45,92 @@ pub(crate) const FIRST_CHARACTER: u32 = 6;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Vocabulary {
     characters: u32,
+    /// Pairs of ids that stand together as one token, the first learnt first.
+    merges: Vec<(u32, u32)>,
+    /// The codes of each merged token, by id.
+    merged: Vec<Vec<u16>>,
     conditioning: Vec<String>,
 }
 
+/// A merged token is no longer than this: no word is.
+const LONGEST_TOKEN: usize = 1 << 14;
+
 impl Vocabulary {
     pub(crate) fn new(characters: u32) -> Self {
-        Vocabulary { characters, conditioning: Vec::new() }
+        Vocabulary { characters, merges: Vec::new(), merged: Vec::new(), conditioning: Vec::new() }
+    }
+
+    /// Adds merged tokens. A pair whose characters make a token that is there already gives that token.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for a pair of ids that are not there yet, one given twice, and tokens longer than any word.
+    pub(crate) fn with_merges(mut self, merges: &[(u32, u32)]) -> Result<Self> {
+        let mut known: HashMap<Vec<u16>, ()> = HashMap::new();
+        let mut pairs = std::collections::HashSet::new();
+        for &(a, b) in merges {
+            let mut codes = Vec::new();
+            let fits = self.expand(a, &mut codes) && self.expand(b, &mut codes) && codes.len() <= LONGEST_TOKEN;
+            if !fits || !pairs.insert((a, b)) {
+                return Err(Error::Setting {
+                    field: "merges",
+                    found: format!("the pair {a} {b}"),
+                    expected: "ids of characters or of tokens merged before, each pair once".into(),
+                });
+            }
+            if known.insert(codes.clone(), ()).is_none() {
+                self.merged.push(codes);
+            }
+        }
+        self.merges = merges.to_vec();
+        Ok(self)
+    }
+
+    /// Pairs of ids that are merged, the first learnt first.
+    pub fn merges(&self) -> &[(u32, u32)] {
+        &self.merges
+    }
+
+    /// How many merged tokens there are; no more than merges, since two pairs may make one token.
+    pub fn merged(&self) -> u32 {
+        self.merged.len() as u32
+    }
+
+    /// What each pair becomes.
+    pub(crate) fn merge_table(&self) -> impl Iterator<Item = ((u32, u32), u32)> {
+        let ids: HashMap<&[u16], u32> = self.merged.iter().map(Vec::as_slice).zip(self.first_merged()..).collect();
+        self.merges.iter().map(move |&(a, b)| {
+            let mut codes = Vec::new();
+            self.expand(a, &mut codes);
+            self.expand(b, &mut codes);
+            ((a, b), ids[codes.as_slice()])
+        })
+    }
+
+    fn first_merged(&self) -> u32 {
+        FIRST_CHARACTER + self.characters
+    }
+
+    /// Appends the codes of a character or a merged token; `false` for every other id.
+    pub fn expand(&self, id: u32, codes: &mut Vec<u16>) -> bool {
+        if let Some(code) = self.code_of_id(id) {
+            codes.push(code);
+            return true;
+        }
+        match id.checked_sub(self.first_merged()).and_then(|i| self.merged.get(i as usize)) {
+            Some(token) => {
+                codes.extend_from_slice(token);
+                true
+            }
+            None => false,
+        }
+    }
+
+    /// How many characters an id stands for: 0 for the space, specials and conditioning tokens.
+    pub fn length_of_id(&self, id: u32) -> usize {
+        if self.code_of_id(id).is_some() {
+            return 1;
+        }
+        id.checked_sub(self.first_merged()).and_then(|i| self.merged.get(i as usize)).map_or(0, Vec::len)
     }
 
     /// V, the number of ids.
@@ -84,6 +165,9 @@ impl Vocabulary {
         if let Some(code) = self.code_of_id(id) {
             return alphabet::character(code.into()).map(|c| c.to_string().into());
         }
+        if let Some(codes) = self.merged.get((id - self.first_merged()) as usize) {
+            return codes.iter().map(|&k| alphabet::character(k.into())).collect::<Option<String>>().map(Cow::from);
+        }
         self.conditioning.get((id - self.first_conditioning()) as usize).map(|t| t.as_str().into())
     }
 
@@ -99,8 +183,12 @@ impl Vocabulary {
         if let (Some(c), None) = (chars.next(), chars.next()) {
             return alphabet::code(c).filter(|&k| k < self.characters).map(|k| FIRST_CHARACTER + k);
         }
-        let at = self.conditioning.iter().position(|t| t == token)?;
-        Some(self.first_conditioning() + at as u32)
+        if let Some(at) = self.conditioning.iter().position(|t| t == token) {
+            return Some(self.first_conditioning() + at as u32);
+        }
+        let codes: Vec<u16> = token.chars().map(|c| alphabet::code(c).map(|k| k as u16)).collect::<Option<_>>()?;
+        let at = self.merged.iter().position(|t| *t == codes)?;
+        Some(self.first_merged() + at as u32)
     }
 
     /// The conditioning tokens, such as `<genre:salsa>`, in the order of their ids.
@@ -110,7 +198,7 @@ impl Vocabulary {
 
     /// The id of the first conditioning token, given or not.
     pub fn first_conditioning(&self) -> u32 {
-        FIRST_CHARACTER + self.characters
+        self.first_merged() + self.merged()
     }
 
     /// The id of `<field:value>`, appended if it is new.
@@ -175,6 +263,22 @@ mod tests {
             (Some(0), Some(4), Some(5), Some(6), Some(68))
         );
         assert_eq!(v.id("\u{4F2A}"), None, "code 360");
+    }
+
+    #[test]
+    fn merged_tokens_stand_before_conditioning() {
+        // "01", "012" twice over: once as 01 2, once as 0 12
+        let v = Vocabulary::new(60).with_merges(&[(6, 7), (7, 8), (66, 8), (6, 67)]).unwrap();
+        assert_eq!((v.merges().len(), v.merged(), v.first_conditioning()), (4, 3, 69));
+        assert_eq!(v.merge_table().map(|(_, into)| into).collect::<Vec<_>>(), [66, 67, 68, 68]);
+        assert_eq!((v.token(68).as_deref(), v.id("012"), v.length_of_id(68)), (Some("012"), Some(68), 3));
+        for (id, token) in v.iter() {
+            assert_eq!(v.id(&token), Some(id), "{token}");
+        }
+        let error = |m: &[(u32, u32)]| Vocabulary::new(60).with_merges(m).unwrap_err().to_string();
+        assert!(error(&[(6, 66)]).contains("pair 6 66"));
+        assert!(error(&[(6, 5)]).contains("pair 6 5"));
+        assert!(error(&[(6, 7), (6, 7)]).contains("each pair once"));
     }
 
     #[test]

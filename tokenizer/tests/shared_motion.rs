@@ -65,25 +65,20 @@ impl Found {
 /// Encodes and decodes a clip: the errors, after checking that coding again gives the same codes.
 fn measure(t: &Tokenizer, clip: &Clip) -> Found {
     let encoded = t.encode(clip).expect("a prepared clip");
-    let back = t.decode(&encoded.codes, Rest::Identity).expect("codes of an encoder");
+    let back = t.decode(&encoded.words, Rest::Identity).expect("codes of an encoder");
     let again = t.encode(&back).expect("a decoded clip");
-    assert_eq!(again.codes, encoded.codes);
+    assert_eq!(again.words, encoded.words);
     let uniform = t.uniform().expect("uniform bins");
     let bin = uniform.angles().width();
-    let mut found = Found {
-        frames: clip.frames(),
-        second: encoded.second_codes,
-        clipped: encoded.clipped.iter().sum(),
-        ..Default::default()
-    };
+    let mut found =
+        Found { frames: clip.frames(), second: encoded.second_codes, clipped: encoded.clipped, ..Default::default() };
     let start = clip.root()[0] * Vec3::new(1.0, 0.0, 1.0);
     let mut facing = 0.0;
     for f in 0..clip.frames() {
         for &j in t.channels().joints() {
             let (was, is) = (clip.pose(f)[j], back.pose(f)[j]);
             let code = t.channels().joints().iter().position(|&k| k == j).expect("coded") * 3 + 3;
-            let at = f * t.word_length() + code;
-            let decoded = uniform.angles().vector([0, 1, 2].map(|i| encoded.codes[at + i]));
+            let decoded = uniform.angles().vector([0, 1, 2].map(|i| encoded.words.word(f)[code + i]));
             let v = exp_map::to_vector(was);
             let miss = |v: Vec3| (v - decoded).abs().max_element() / bin;
             let component = exp_map::twin(v).map_or(miss(v), |t| miss(v).min(miss(t)));

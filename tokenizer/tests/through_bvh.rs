@@ -25,16 +25,16 @@ fn codes_survive_a_file() {
     for (n, joints) in [&kinelm_motion::joints::THIRTEEN[..], &(0..24).collect::<Vec<_>>()].into_iter().enumerate() {
         for bins in [60, 360, 361, 1080] {
             let t = Tokenizer::fit([&clip], TokenizerConfig::uniform(joints, 20.0, bins)).expect("a good clip");
-            let codes = t.encode(&clip).expect("a good clip").codes;
-            let made = t.decode(&codes, Rest::Clip(&clip)).expect("codes of an encoder");
+            let words = t.encode(&clip).expect("a good clip").words;
+            let made = t.decode(&words, Rest::Clip(&clip)).expect("codes of an encoder");
             let path = dir.path().join(format!("{n}-{bins}.bvh"));
             let motion = Motion { path: path.clone(), clip: made, source: Source::Plain, warnings: vec![] };
             write(&path, &motion).expect("written");
             let back = read(&path, &ReadOptions::default()).expect("our own file");
             let back = retarget::to_smpl(&back, None).expect("our own rig");
             let again = t.encode(&back).expect("the same rate and rig");
-            let differ = again.codes.iter().zip(&codes).filter(|(a, b)| a != b).count();
-            assert_eq!((again.codes.len(), differ), (codes.len(), 0), "{bins} bins, {} joints", joints.len());
+            let differ = again.words.codes().iter().zip(words.codes()).filter(|(a, b)| a != b).count();
+            assert_eq!((again.words.len(), differ), (words.len(), 0), "{bins} bins, {} joints", joints.len());
         }
     }
 }

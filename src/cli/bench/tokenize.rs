@@ -4,7 +4,7 @@ use super::{How, Rates, Row, Unit, seconds};
 use crate::cli::Say;
 use anyhow::Result;
 use kinelm_motion::{Clip, synth};
-use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{Tokenizer, TokenizerConfig, Words};
 use rayon::prelude::*;
 use serde_json::json;
 
@@ -18,7 +18,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let clips: Vec<Clip> = synth::corpus(1, 32, 60.0, 20.0)?.into_iter().map(|d| d.clip).collect();
     let tokenizer = Tokenizer::fit(&clips, TokenizerConfig::default())?;
     let frames: usize = clips.iter().map(Clip::frames).sum();
-    let codes: Vec<Vec<u16>> = clips.iter().map(|c| Ok(tokenizer.encode(c)?.codes)).collect::<Result<_>>()?;
+    let words: Vec<Words> = clips.iter().map(|c| Ok(tokenizer.encode(c)?.words)).collect::<Result<_>>()?;
     let (threads, repeats) = (rayon::current_num_threads(), args.how.repeats.unwrap_or(15));
     say.line(format_args!("{} clips, {frames} frames", clips.len()));
     let row = |config: &str, timed: &[f64]| {
@@ -28,14 +28,14 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let encode = seconds(1, repeats, || {
         clips.par_iter().try_for_each(|clip| {
             let encoded = tokenizer.encode(clip)?;
-            anyhow::ensure!(encoded.codes.len() == clip.frames() * 42, "a frame is 42 characters");
+            anyhow::ensure!(encoded.words.codes().len() == clip.frames() * 42, "a frame is 42 characters");
             Ok(())
         })
     })?;
     row("encode, 13 joints, 360 bins", &encode)?;
     let decode = seconds(1, repeats, || {
-        codes.par_iter().try_for_each(|codes| {
-            tokenizer.decode(codes, kinelm_tokenizer::Rest::Identity)?;
+        words.par_iter().try_for_each(|words| {
+            tokenizer.decode(words, kinelm_tokenizer::Rest::Identity)?;
             Ok(())
         })
     })?;

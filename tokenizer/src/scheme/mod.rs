@@ -4,8 +4,8 @@ pub mod angle;
 pub mod line;
 pub mod uniform;
 
-use crate::channel::Channels;
-use crate::{Error, Result};
+use crate::channel::{Channel, Channels};
+use crate::{Error, Result, Words};
 use kinelm_motion::{Clip, Quat, smpl};
 use serde::{Deserialize, Serialize};
 use uniform::{Uniform, UniformConfig};
@@ -66,16 +66,30 @@ impl Fitted {
     }
 }
 
-/// A clip as codes, and what coding it cost.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// A clip as words, and what coding it cost.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Encoded {
-    /// (F, C) codes, each below the number of symbols.
-    pub codes: Vec<u16>,
-    /// (C) how many values lay outside their bins and took the last one.
-    pub clipped: Vec<u64>,
+    /// ceil(F / L) words of codes below the number of symbols.
+    pub words: Words,
+    /// How many values lay outside their bins and took the last one.
+    pub clipped: u64,
     /// How many rotations, all near half a turn, took a second code, because the decoding of their first codes otherwise,
     /// and lie further than half a bin from it (never more than one).
     pub second_codes: u64,
+    /// Frames that were added to fill the last tile.
+    pub padded: u64,
+}
+
+/// How many characters a word has, its space not counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WordLength {
+    /// All words as many.
+    Fixed(usize),
+    /// Up to so many; what a shorter word lacks are zeros.
+    Varying {
+        /// A longer word is cut.
+        most: usize,
+    },
 }
 
 /// The rotations that a word doesn't hold.
@@ -101,25 +115,50 @@ impl Rest<'_> {
     }
 }
 
-/// What every scheme does. Clips are on the 24 SMPL joints; codes are (F, C), C the number of channels.
-pub trait Scheme {
+/// What every scheme does. Clips are on the 24 SMPL joints; a word stands for L frames.
+pub trait Scheme: Send + Sync {
     /// How many codes there are: codes are `0..symbols()`.
     fn symbols(&self) -> u32;
 
-    /// The clip's codes. The same whatever the clip's rate; the caller checks that.
+    /// L, the frames that a word stands for.
+    fn frames_per_word(&self) -> usize;
+
+    /// The characters of a word.
+    fn word_length(&self, channels: &Channels) -> WordLength;
+
+    /// The clip's words, ceil(F / L) of them. The same whatever the clip's rate; the caller checks that, and the skeleton.
     ///
     /// # Errors
     /// [`Error::Frame`] for a frame that can't be coded.
     fn encode(&self, channels: &Channels, clip: &Clip) -> Result<Encoded>;
 
-    /// The clip of any codes below [`Scheme::symbols`], finite whatever they are.
+    /// The clip of words, L frames each, finite whatever their codes are. The caller checks that the codes are below
+    /// [`Scheme::symbols`], that words have a length of [`Scheme::word_length`], and the skeleton of `rest`.
     ///
     /// # Errors
-    /// [`Error::Codes`] when they don't make whole frames or one is too large.
-    fn decode(&self, channels: &Channels, codes: &[u16], fps: f64, rest: Rest<'_>) -> Result<Clip>;
+    /// When no clip can be made of it.
+    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: Rest<'_>) -> Result<Clip>;
 
-    /// (C) the code that says nothing in each channel: no step, no turn.
+    /// The word that says nothing: no step, no turn.
     fn neutral(&self, channels: &Channels) -> Vec<u16>;
+
+    /// What stands at each place of a word; where a character belongs to no one channel, the reason.
+    ///
+    /// # Errors
+    /// The reason, as half a sentence for a message.
+    fn places(&self, channels: &Channels) -> std::result::Result<Vec<Channel>, String>;
+
+    /// Appends the quantised numbers that a word says: as many for every word, in one order, zeros spelled out. Order-0
+    /// tables are kept for each of them. In frame words these are the codes.
+    fn numbers(&self, channels: &Channels, word: &[u16], out: &mut Vec<i32>);
+
+    /// How many fitted numbers the scheme needs to decode, the values of its bins among them: what it costs to send.
+    fn fitted_numbers(&self) -> u64;
+
+    /// Words at a clip's end that would read otherwise if the clip went on; a model continues the words before them.
+    fn unsettled_words(&self) -> usize {
+        0
+    }
 }
 
 /// Refuses a clip that isn't on the 24 SMPL joints.
@@ -139,22 +178,4 @@ pub(crate) fn check_skeleton(clip: &Clip) -> Result<()> {
         }
     }
     Ok(())
-}
-
-/// Refuses codes that don't make whole frames or are too large; returns F.
-pub(crate) fn check_codes(channels: &Channels, symbols: u32, codes: &[u16]) -> Result<usize> {
-    let c = channels.len();
-    if !codes.len().is_multiple_of(c) {
-        let n = codes.len();
-        return Err(Error::Codes(format!("{n} codes are no whole frames of {c}; cut {} off the end", n % c)));
-    }
-    if let Some(at) = codes.iter().position(|&k| u32::from(k) >= symbols) {
-        let channel = channels.at(at % c).map(|c| c.to_string()).unwrap_or_default();
-        return Err(Error::Codes(format!(
-            "frame {}, {channel}: code {}, expected one below {symbols}",
-            at / c,
-            codes[at]
-        )));
-    }
-    Ok(codes.len() / c)
 }

@@ -2,9 +2,9 @@
 
 use super::angle::Angles;
 use super::line::Line;
-use super::{Encoded, Rest, Scheme, check_codes, check_skeleton};
-use crate::channel::Channels;
-use crate::{Error, Result, alphabet};
+use super::{Encoded, Rest, Scheme, WordLength};
+use crate::channel::{Channel, Channels};
+use crate::{Error, Result, Words, alphabet};
 use kinelm_motion::{Clip, Quat, Vec3, smpl};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
@@ -201,18 +201,26 @@ impl Scheme for Uniform {
         self.config.bins
     }
 
+    fn frames_per_word(&self) -> usize {
+        1
+    }
+
+    fn word_length(&self, channels: &Channels) -> WordLength {
+        WordLength::Fixed(channels.len())
+    }
+
     fn encode(&self, channels: &Channels, clip: &Clip) -> Result<Encoded> {
-        check_skeleton(clip)?;
         check_places(clip)?;
         let (c, angles) = (channels.len(), self.angles());
-        let mut out = Encoded { codes: vec![0; clip.frames() * c], clipped: vec![0; c], second_codes: 0 };
+        let mut codes = vec![0; clip.frames() * c];
+        let mut out = Encoded::default();
         let start = clip.root().first().map_or(Vec3::ZERO, |p| Vec3::new(p.x, 0.0, p.z));
         let mut walk = Walk::new(self.first_height);
-        for (f, word) in out.codes.chunks_exact_mut(c).enumerate() {
+        for (f, word) in codes.chunks_exact_mut(c).enumerate() {
             let (head, turns) = word.split_at_mut(3);
             for (i, (code, clipped)) in self.step(&mut walk, clip.root()[f] - start).into_iter().enumerate() {
                 head[i] = code;
-                out.clipped[i] += u64::from(clipped);
+                out.clipped += u64::from(clipped);
             }
             let pose = clip.pose(f);
             for (&joint, place) in channels.joints().iter().zip(turns.chunks_exact_mut(3)) {
@@ -224,19 +232,17 @@ impl Scheme for Uniform {
                 }
             }
         }
+        out.words = Words::fixed(codes, c);
         Ok(out)
     }
 
-    fn decode(&self, channels: &Channels, codes: &[u16], fps: f64, rest: Rest<'_>) -> Result<Clip> {
-        let frames = check_codes(channels, self.symbols(), codes)?;
-        if let Rest::Clip(clip) = rest {
-            check_skeleton(clip)?;
-        }
+    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: Rest<'_>) -> Result<Clip> {
+        let frames = words.len();
         let angles = self.angles();
         let mut root = Vec::with_capacity(frames);
         let mut rotations = Vec::with_capacity(frames * 24);
         let mut walk = Walk::new(self.first_height);
-        for (f, word) in codes.chunks_exact(channels.len()).enumerate() {
+        for (f, word) in words.iter().enumerate() {
             self.follow(&mut walk, [word[0], word[1], word[2]]);
             root.push(walk.at);
             rest.fill(f, &mut rotations);
@@ -257,6 +263,18 @@ impl Scheme for Uniform {
             codes[i] = line.code(if i == 1 && self.absolute_y() { self.first_height } else { 0.0 }).0;
         }
         codes
+    }
+
+    fn places(&self, channels: &Channels) -> std::result::Result<Vec<Channel>, String> {
+        Ok(channels.iter().collect())
+    }
+
+    fn numbers(&self, _: &Channels, word: &[u16], out: &mut Vec<i32>) {
+        out.extend(word.iter().map(|&k| i32::from(k)));
+    }
+
+    fn fitted_numbers(&self) -> u64 {
+        u64::from(self.config.bins) + 7 // a value each; a width and a zero a coordinate, and the first height
     }
 }
 
@@ -292,7 +310,6 @@ impl UniformFit {
 
     /// Learns from one clip, whose pelvis is coded or, if not, decodes to the identity.
     pub(crate) fn add(&mut self, channels: &Channels, clip: &Clip) -> Result<()> {
-        check_skeleton(clip)?;
         check_places(clip)?;
         let Some(first) = clip.root().first() else { return Ok(()) };
         let angles = Angles::new(self.config.form, self.config.bins);

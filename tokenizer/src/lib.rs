@@ -37,6 +37,7 @@ pub mod rate;
 mod sample;
 pub mod scheme;
 mod tokenizer;
+pub mod transform;
 mod vocab;
 mod word;
 mod words;

@@ -1,0 +1,5 @@
+//! Pure maths on series of numbers: transforms over time and over channels. Knows no clips and no codes.
+
+pub mod dct;
+pub mod ica;
+pub mod pca;

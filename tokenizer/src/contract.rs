@@ -35,6 +35,14 @@ pub fn wild(seed: u64, frames: usize, reach: f64, speed: f64) -> Clip {
     Clip::new(smpl::neutral(), 20.0, root, rotations).unwrap()
 }
 
+/// A small tokenizer of every scheme, to try promises on that all must keep.
+pub fn presets() -> Vec<(&'static str, Tokenizer)> {
+    let clips: Vec<Clip> = (0..6).map(|seed| bent(seed, 150)).collect();
+    let fit = |config: TokenizerConfig| Tokenizer::fit(&clips, config).unwrap();
+    let uniform = || TokenizerConfig::uniform(&[0, 4, 16], 20.0, 90);
+    vec![("uniform", fit(uniform())), ("uniform, merged", fit(TokenizerConfig { merges: 60, ..uniform() }))]
+}
+
 /// Pelvis and left knee in 60 bins.
 pub fn small() -> Tokenizer {
     Tokenizer::fit([&bent(1, 20)], TokenizerConfig::uniform(&[0, 4], 20.0, 60)).unwrap()

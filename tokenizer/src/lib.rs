@@ -36,6 +36,8 @@ mod merges;
 pub mod rate;
 mod sample;
 pub mod scheme;
+#[cfg(test)]
+mod streams;
 mod tokenizer;
 pub mod transform;
 mod vocab;

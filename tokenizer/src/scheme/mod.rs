@@ -155,6 +155,11 @@ pub trait Scheme: Send + Sync {
     /// How many fitted numbers the scheme needs to decode, the values of its bins among them: what it costs to send.
     fn fitted_numbers(&self) -> u64;
 
+    /// Frames before and behind its own that a word's characters may change: overlapping windows.
+    fn reach(&self) -> usize {
+        0
+    }
+
     /// Words at a clip's end that would read otherwise if the clip went on; a model continues the words before them.
     fn unsettled_words(&self) -> usize {
         0

@@ -2,6 +2,8 @@
 
 pub mod angle;
 pub mod line;
+pub mod mix;
+pub mod runs;
 pub mod uniform;
 
 use crate::channel::{Channel, Channels};

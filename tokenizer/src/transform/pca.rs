@@ -38,7 +38,7 @@ pub fn fit(data: &[f64], channels: usize) -> Result<Pca> {
     Ok(Pca { mean, components, variances: values.into_iter().map(|x| x.max(0.0)).collect() })
 }
 
-fn mean(data: &[f64], channels: usize) -> Vec<f64> {
+pub(crate) fn mean(data: &[f64], channels: usize) -> Vec<f64> {
     let mut sum = vec![0.0; channels];
     for row in data.chunks_exact(channels.max(1)) {
         sum.iter_mut().zip(row).for_each(|(s, x)| *s += x);

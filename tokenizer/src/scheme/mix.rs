@@ -1,0 +1,330 @@
+//! The channels as fewer or less alike ones, before they are cut into bins or tiles.
+
+use crate::transform::{ica, pca};
+use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// What is done over the joint dimension. The translation, and with `heading_delta` the turn, stays out of it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum JointTransform {
+    /// Nothing: every channel by itself.
+    None {},
+    /// Principal components: those along which the training motion varies most.
+    Pca {
+        /// K, 1 to 72; of fewer channels all.
+        components: u32,
+    },
+    /// Independent components, searched for among as many principal ones.
+    Ica {
+        /// K, 1 to 72; of fewer channels all.
+        components: u32,
+    },
+}
+
+/// All 24 joints.
+const MOST: u32 = 72;
+
+impl JointTransform {
+    /// K of so many channels.
+    pub fn components(&self, channels: usize) -> usize {
+        match *self {
+            JointTransform::None {} => channels,
+            JointTransform::Pca { components } | JointTransform::Ica { components } => {
+                channels.min(components as usize)
+            }
+        }
+    }
+
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the setting, its value and its limits.
+    pub fn validate(&self) -> Result<()> {
+        match *self {
+            JointTransform::Pca { components } | JointTransform::Ica { components }
+                if !(1..=MOST).contains(&components) =>
+            {
+                Err(Error::Setting {
+                    field: "components",
+                    found: components.to_string(),
+                    expected: format!("1 to {MOST}"),
+                })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// A fitted linear map from C channels to K components and back: `y = forward * (scale * (x - mean))`.
+///
+/// Of the components of PCA and ICA each is one direction of unit length in the scaled channels, so an error of a
+/// component is as long there. (FastICA's sources of variance 1 are stretched for it: what is large in a source is large in
+/// the motion.)
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mix {
+    /// (C).
+    mean: Vec<f64>,
+    /// (C), what one unit of a channel counts: 1, or its joint's lever arm in metres.
+    scale: Vec<f64>,
+    /// (K, C); empty where every channel stays by itself.
+    forward: Vec<f64>,
+    /// (C, K); empty too.
+    inverse: Vec<f64>,
+}
+
+/// Numbers of a file beyond this size are no body's.
+const LARGEST: f64 = 1e12;
+
+impl Mix {
+    /// Learns the map from `data` (N, C), `channels` being C; `weights` (C), all above 0, scale the channels first.
+    ///
+    /// Constant channels, fewer rows than channels, or none at all are fine: components in which nothing varies are
+    /// directions of length 1 like the others.
+    ///
+    /// # Errors
+    /// [`Error::Nothing`] when numbers are out of all range.
+    ///
+    /// # Panics
+    /// When `data` isn't whole rows, or `weights` are another number.
+    pub fn fit(transform: &JointTransform, data: &[f64], channels: usize, weights: Option<&[f64]>) -> Result<Mix> {
+        let scale = weights.map_or_else(|| vec![1.0; channels], <[f64]>::to_vec);
+        assert_eq!(scale.len(), channels, "a weight a channel");
+        let k = transform.components(channels);
+        let scaled: Vec<f64> = data.iter().enumerate().map(|(i, x)| x * scale[i % channels]).collect();
+        let (mean, forward, inverse) = match transform {
+            JointTransform::None {} => (pca::mean(&scaled, channels), vec![], vec![]),
+            JointTransform::Pca { .. } => {
+                let p = pca::fit(&scaled, channels)?;
+                let forward = p.components[..k * channels].to_vec();
+                let inverse = (0..channels * k).map(|i| forward[i % k * channels + i / k]).collect();
+                (p.mean, forward, inverse)
+            }
+            JointTransform::Ica { .. } => {
+                let mut a = ica::fit(&scaled, channels, k)?;
+                for s in 0..k {
+                    let length = (0..channels).map(|c| a.mixing[c * k + s].powi(2)).sum::<f64>().sqrt();
+                    (0..channels).for_each(|c| a.mixing[c * k + s] /= length);
+                    a.unmixing[s * channels..(s + 1) * channels].iter_mut().for_each(|x| *x *= length);
+                }
+                (a.mean, a.unmixing, a.mixing)
+            }
+        };
+        let mean = mean.iter().zip(&scale).map(|(m, s)| m / s).collect();
+        Ok(Mix { mean, scale, forward, inverse })
+    }
+
+    /// C.
+    pub fn channels(&self) -> usize {
+        self.mean.len()
+    }
+
+    /// K.
+    pub fn components(&self) -> usize {
+        if self.inverse.is_empty() { self.channels() } else { self.inverse.len() / self.channels() }
+    }
+
+    /// Mean of each channel, (C).
+    pub fn mean(&self) -> &[f64] {
+        &self.mean
+    }
+
+    /// Numbers that decoding needs: mean and inverse, and the scale where it isn't 1.
+    pub fn numbers(&self) -> u64 {
+        let scaled = self.scale.iter().any(|&s| s != 1.0);
+        (self.channels() * (1 + usize::from(scaled)) + self.inverse.len()) as u64
+    }
+
+    /// The components of some frames, channel by channel: `series` (C, n) into `out` (K, n). `series` is left scaled, less its
+    /// mean.
+    ///
+    /// # Panics
+    /// When the lengths aren't those of C or K series of `n` numbers.
+    pub fn forward(&self, n: usize, series: &mut [f64], out: &mut [f64]) {
+        assert_eq!((series.len(), out.len()), (self.channels() * n, self.components() * n), "series of {n}");
+        for (x, (m, s)) in series.chunks_exact_mut(n).zip(self.mean.iter().zip(&self.scale)) {
+            x.iter_mut().for_each(|x| *x = (*x - m) * s);
+        }
+        if self.forward.is_empty() {
+            out.copy_from_slice(series);
+        } else {
+            multiply(&self.forward, n, series, out);
+        }
+    }
+
+    /// The channels of some frames: `series` (K, n) into `out` (C, n).
+    ///
+    /// # Panics
+    /// As [`Mix::forward`].
+    pub fn inverse(&self, n: usize, series: &[f64], out: &mut [f64]) {
+        assert_eq!((series.len(), out.len()), (self.components() * n, self.channels() * n), "series of {n}");
+        if self.inverse.is_empty() {
+            out.copy_from_slice(series);
+        } else {
+            multiply(&self.inverse, n, series, out);
+        }
+        for (x, (m, s)) in out.chunks_exact_mut(n).zip(self.mean.iter().zip(&self.scale)) {
+            x.iter_mut().for_each(|x| *x = *x / s + m);
+        }
+    }
+
+    /// Checks what a file says against the settings and the number of channels.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] when sizes are others or numbers out of range.
+    pub fn validate(&self, transform: &JointTransform, channels: usize) -> Result<()> {
+        let k = transform.components(channels);
+        let size = if *transform == (JointTransform::None {}) { 0 } else { k * channels };
+        let lengths = [self.mean.len(), self.scale.len(), self.forward.len(), self.inverse.len()];
+        let fine = |x: &&f64| x.abs() < LARGEST;
+        let all = [&self.mean, &self.scale, &self.forward, &self.inverse];
+        let good = lengths == [channels, channels, size, size]
+            && all.iter().all(|v| v.iter().all(|x| fine(&x)))
+            && self.scale.iter().all(|&s| s > 1.0 / LARGEST);
+        good.then_some(()).ok_or_else(|| Error::Setting {
+            field: "joint transform",
+            found: format!("mean, scale, forward and inverse of {lengths:?} numbers, or one out of range"),
+            expected: format!(
+                "{:?} finite numbers for {k} components of {channels} channels",
+                [channels, channels, size, size]
+            ),
+        })
+    }
+}
+
+/// `matrix` (R, C) times `series` (C, n) into `out` (R, n), always in the same order of additions.
+fn multiply(matrix: &[f64], n: usize, series: &[f64], out: &mut [f64]) {
+    let c = series.len() / n.max(1);
+    for (row, out) in matrix.chunks_exact(c.max(1)).zip(out.chunks_exact_mut(n.max(1))) {
+        out.fill(0.0);
+        for (weight, x) in row.iter().zip(series.chunks_exact(n.max(1))) {
+            out.iter_mut().zip(x).for_each(|(o, x)| *o += weight * x);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transform::pca::tests::noise;
+
+    const C: usize = 6;
+
+    /// Rows in which channel 4 stands still and channel 5 says what 0 and 1 say.
+    fn data(rows: usize) -> Vec<f64> {
+        let mut data = noise(9, rows * C);
+        for row in data.chunks_exact_mut(C) {
+            (row[0], row[4], row[5]) = (3.0 * row[0] + 1.0, 2.0, row[0] - row[1]);
+        }
+        data
+    }
+
+    /// Series (C, n) of rows (n, C).
+    fn series(rows: &[f64]) -> Vec<f64> {
+        let n = rows.len() / C;
+        (0..C * n).map(|i| rows[i % n * C + i / n]).collect()
+    }
+
+    fn through(mix: &Mix, series: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let n = series.len() / C;
+        let (mut mixed, mut back) = (vec![7.0; mix.components() * n], vec![7.0; C * n]);
+        mix.forward(n, &mut series.to_vec(), &mut mixed);
+        mix.inverse(n, &mixed, &mut back);
+        (mixed, back)
+    }
+
+    fn furthest(a: &[f64], b: &[f64]) -> f64 {
+        a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    }
+
+    const WEIGHTS: [f64; C] = [0.1, 0.5, 1.0, 0.02, 0.3, 0.2];
+
+    #[test]
+    fn all_components_lose_nothing() {
+        let x = series(&data(50));
+        for weights in [None, Some(&WEIGHTS[..])] {
+            for t in [
+                JointTransform::None {},
+                JointTransform::Pca { components: 4 },
+                JointTransform::Pca { components: 72 },
+                JointTransform::Ica { components: 4 },
+                JointTransform::Ica { components: 6 },
+            ] {
+                let mix = Mix::fit(&t, &data(50), C, weights).unwrap();
+                mix.validate(&t, C).unwrap();
+                assert_eq!(mix.components(), t.components(C));
+                // four components are all there is to know
+                let (mixed, back) = through(&mix, &x);
+                assert!(furthest(&x, &back) < 1e-9, "{t:?}: {}", furthest(&x, &back));
+                assert!(mixed.chunks(50).all(|s| s.iter().sum::<f64>().abs() < 1e-9), "{t:?}");
+                let text = serde_json::to_string(&mix).unwrap();
+                assert_eq!(serde_json::from_str::<Mix>(&text).unwrap(), mix);
+            }
+        }
+    }
+
+    #[test]
+    fn an_error_of_a_component_is_as_long_in_the_scaled_channels() {
+        for t in [JointTransform::Pca { components: 3 }, JointTransform::Ica { components: 3 }] {
+            let mix = Mix::fit(&t, &data(200), C, Some(&WEIGHTS)).unwrap();
+            for k in 0..3 {
+                let mut y = vec![0.0; 3];
+                y[k] = 0.5;
+                let mut back = vec![0.0; C];
+                mix.inverse(1, &y, &mut back);
+                let long = |c: usize| ((back[c] - mix.mean()[c]) * WEIGHTS[c]).powi(2);
+                assert!(((0..C).map(long).sum::<f64>().sqrt() - 0.5).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn weights_decide_what_is_kept() {
+        let rows = noise(5, 400 * C);
+        let mix =
+            Mix::fit(&JointTransform::Pca { components: 1 }, &rows, C, Some(&[1.0, 1.0, 1.0, 9.0, 1.0, 1.0])).unwrap();
+        let (_, back) = through(&mix, &series(&rows));
+        let miss = |c: usize| furthest(&back[c * 400..(c + 1) * 400], &series(&rows)[c * 400..(c + 1) * 400]);
+        assert!(miss(3) < 0.1 && miss(0) > 0.5, "{} {}", miss(3), miss(0));
+    }
+
+    #[test]
+    fn little_to_learn_from() {
+        for rows in [0, 1, 3] {
+            for t in
+                [JointTransform::None {}, JointTransform::Pca { components: 5 }, JointTransform::Ica { components: 5 }]
+            {
+                let mix = Mix::fit(&t, &data(rows), C, None).unwrap();
+                mix.validate(&t, C).unwrap();
+                let (_, back) = through(&mix, &series(&data(rows.max(1))));
+                assert!(rows == 0 || furthest(&back, &series(&data(rows))) < 1e-9, "{t:?} {rows}");
+                assert!(back.iter().all(|x| x.is_finite()));
+            }
+        }
+        assert_eq!(Mix::fit(&JointTransform::Pca { components: 3 }, &[], 0, None).unwrap().components(), 0);
+    }
+
+    #[test]
+    fn what_a_file_says_is_checked() {
+        let t = JointTransform::Pca { components: 3 };
+        let mix = Mix::fit(&t, &data(30), C, None).unwrap();
+        let wrong = |f: fn(&mut Mix)| {
+            let mut m = mix.clone();
+            f(&mut m);
+            m.validate(&t, C).unwrap_err().to_string().contains("3 components of 6 channels")
+        };
+        assert!(wrong(|m| m.mean.truncate(5)));
+        assert!(wrong(|m| m.forward.push(1.0)));
+        assert!(wrong(|m| m.inverse[4] = f64::NAN));
+        assert!(wrong(|m| m.scale[0] = 0.0));
+        assert!(mix.validate(&JointTransform::None {}, C).is_err());
+        assert!(mix.validate(&t, C + 3).is_err());
+        assert_eq!(mix.numbers(), 6 + 18);
+        for json in [r#"{"type":"pca"}"#, r#"{"type":"none","components":3}"#, r#"{"type":"svd"}"#] {
+            assert!(serde_json::from_str::<JointTransform>(json).is_err(), "{json}");
+        }
+        assert!(JointTransform::Ica { components: 0 }.validate().unwrap_err().to_string().contains("1 to 72"));
+        assert_eq!(serde_json::from_str::<JointTransform>(r#"{"type":"none"}"#).unwrap(), JointTransform::None {});
+    }
+}

@@ -4,7 +4,7 @@
 //! `-- --count NAME` runs one twice, the second time inside a function of its own: `scripts/bench/instructions.sh` counts
 //! the instructions in there, which a busy machine does not change.
 
-use kinelm_engine::decode::{BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Shape, WeightKind};
+use kinelm_engine::decode::{BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Shape, WeightKind};
 use kinelm_engine::dispatch;
 use kinelm_engine::op::dropout::Mask;
 use kinelm_engine::op::matmul::{Left, Panels, Store};
@@ -204,7 +204,7 @@ fn token(weights: WeightKind, kv: KvKind) -> Case {
     let norm = (&bias[..D], &bias[..D]);
     let [qkv, out, up, down] = [linear(D, 3 * D), linear(D, D), linear(D, 4 * D), linear(4 * D, D)];
     let blocks = vec![BlockParts { norm1: norm, qkv, out, norm2: norm, up, down }];
-    let (token, positions) = (&matrix[..V * D], &matrix[..(N + 1) * D]);
+    let (token, positions) = (&matrix[..V * D], Positions::Places(&matrix[..(N + 1) * D]));
     let weights = DecoderWeights::new(&Parts { shape, token, positions, blocks, norm, head: token }, weights);
     let bytes = weights.bytes();
     let mut decoder = Decoder::new(Arc::new(weights), 1, kv);

@@ -1,6 +1,6 @@
 //! Reading token after token takes no memory: no allocation.
 
-use kinelm_engine::decode::{BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Shape, WeightKind};
+use kinelm_engine::decode::{BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Shape, WeightKind};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -44,7 +44,7 @@ fn decoder(streams: usize, weights: WeightKind, kv: KvKind) -> Decoder {
     let parts = Parts {
         shape: SHAPE,
         token: of(vocabulary * width),
-        positions: of(context * width),
+        positions: Positions::Places(of(context * width)),
         blocks: vec![block; SHAPE.layers],
         norm: (of(width), of(width)),
         head: of(vocabulary * width),

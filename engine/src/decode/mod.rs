@@ -12,6 +12,7 @@ mod attention;
 mod cache;
 mod kernel;
 mod matrix;
+mod position;
 mod step;
 #[cfg(test)]
 mod tests;
@@ -19,5 +20,6 @@ mod weights;
 
 pub use cache::KvKind;
 pub use matrix::WeightKind;
+pub use position::Positions;
 pub use step::{Decoder, Logits};
 pub use weights::{BlockParts, DecoderWeights, Pair, Parts, Shape};

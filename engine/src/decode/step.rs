@@ -4,6 +4,7 @@ use super::attention::{self, Queries, SCORE_ROWS};
 use super::cache::{KvCache, KvKind, Stored, Unit};
 use super::kernel::Left;
 use super::matrix::{Matrix, PIECE};
+use super::position::Stand;
 use super::weights::{Block, DecoderWeights, Norm};
 use crate::arena::Floats;
 use crate::op::{gelu, layer_norm};
@@ -34,6 +35,8 @@ pub struct Decoder {
     cache: KvCache,
     /// Tokens read, a number a stream.
     lengths: Vec<usize>,
+    /// Where those tokens and the next stand in their words, if words are counted: so many a stream.
+    stands: Vec<Stand>,
     /// What of the current rows belongs to which stream, in the order of the streams.
     runs: Vec<Run>,
     logits: Vec<f32>,
@@ -86,6 +89,7 @@ impl Decoder {
         Decoder {
             cache: KvCache::new(kv, shape.layers, shape.heads, streams, unit),
             lengths: vec![0; streams],
+            stands: vec![Stand::default(); streams * weights.positions.stands(shape.context)],
             runs: Vec::with_capacity(streams),
             logits: Vec::with_capacity(streams * shape.vocabulary),
             room,
@@ -167,7 +171,7 @@ impl Decoder {
             while stream < blocks.len() && rows < ROWS {
                 let n = (blocks[stream].len() - done).min(ROWS - rows);
                 if n > 0 {
-                    self.embed(rows, &blocks[stream][done..done + n], self.lengths[stream]);
+                    self.embed(rows, &blocks[stream][done..done + n], stream);
                     self.runs.push(Run { stream, place: self.lengths[stream], rows: n });
                 }
                 rows += n;
@@ -184,16 +188,18 @@ impl Decoder {
         }
     }
 
-    /// The vectors of `tokens`, the first at `place`, into the rows from `row` on.
-    fn embed(&mut self, row: usize, tokens: &[u32], place: usize) {
+    /// The vectors of the next `tokens` of a stream into the rows from `row` on.
+    fn embed(&mut self, row: usize, tokens: &[u32], stream: usize) {
         let DecoderWeights { token, positions, shape, .. } = &*self.weights;
         let width = shape.width;
-        let rows = self.room.x[row * width..].chunks_exact_mut(width);
-        for ((x, &id), position) in rows.zip(tokens).zip(positions[place * width..].chunks_exact(width)) {
+        let x = &mut self.room.x[row * width..][..tokens.len() * width];
+        for (x, &id) in x.chunks_exact_mut(width).zip(tokens) {
             assert!((id as usize) < shape.vocabulary, "token {id} of {}", shape.vocabulary);
-            let token = &token[id as usize * width..][..width];
-            x.iter_mut().zip(token.iter().zip(position)).for_each(|(x, (t, p))| *x = t + p);
+            x.copy_from_slice(&token[id as usize * width..][..width]);
         }
+        let stands = positions.stands(shape.context);
+        let stands = &mut self.stands[stream * stands..][..stands];
+        positions.add(x, width, tokens, self.lengths[stream], stands);
     }
 
     /// Takes `rows` rows through the layers and adds their logits. The block of the stream `open` goes on behind them.

@@ -9,7 +9,12 @@ use std::sync::Arc;
 struct Model {
     shape: Shape,
     tensors: Vec<Vec<f32>>,
+    /// Rows of the tables of words and places, if words are counted.
+    words: Option<(usize, usize)>,
 }
+
+/// Ends a word.
+const END: u32 = 2;
 
 impl Model {
     fn new(shape: Shape, seed: u64) -> Model {
@@ -21,11 +26,25 @@ impl Model {
         }
         let spread = 2.0 / (width as f32).sqrt();
         let tensors = lengths.iter().enumerate().map(|(i, &n)| numbers(seed + i as u64, n, spread)).collect();
-        Model { shape, tensors }
+        Model { shape, tensors, words: None }
     }
 
     fn parts(&self) -> Parts<'_> {
         let t = &self.tensors;
+        let width = self.shape.width;
+        let positions = match self.words {
+            None => Positions::Places(&t[1]),
+            // any numbers will do
+            Some((words, places)) => {
+                let (front, rest) = t[1].split_at(width);
+                Positions::Words {
+                    front,
+                    word: &rest[..words * width],
+                    place: &rest[width..][..places * width],
+                    end: END,
+                }
+            }
+        };
         let pair = |i: usize| (t[i].as_slice(), t[i + 1].as_slice());
         let block = |layer: usize| {
             let i = 5 + 12 * layer;
@@ -41,7 +60,7 @@ impl Model {
         Parts {
             shape: self.shape,
             token: &t[0],
-            positions: &t[1],
+            positions,
             blocks: (0..self.shape.layers).map(block).collect(),
             norm: pair(2),
             head: &t[4],
@@ -121,6 +140,32 @@ fn cuts_streams_and_threads_change_no_bit() {
                 read += n;
             }
             assert_eq!((0..4).map(|s| decoder.len(s)).collect::<Vec<_>>(), [300, 211, 1, 280]);
+        }
+    }
+}
+
+#[test]
+fn words_of_any_length_are_counted_however_they_are_cut() {
+    let shape = Shape { layers: 1, heads: 2, width: 16, vocabulary: 6, context: 60 };
+    // of a vocabulary of 6 every sixth token or so ends a word; words and places go beyond their tables too
+    for words in [(20, 30), (3, 4), (1, 1)] {
+        let model = Model { words: Some(words), ..Model::new(shape, 4) };
+        let (tokens, other) = (model.tokens(60, 9), model.tokens(60, 5));
+        let truth = scalar::decode::logits(&model.parts(), &tokens);
+        let mut decoder = model.decoder(2, WeightKind::F32, KvKind::F32);
+        for cuts in [vec![60], vec![1; 60], vec![17, 1, 42]] {
+            decoder.truncate(0, 0);
+            let mut read = 0;
+            for n in cuts {
+                // what was read and forgotten leaves no count
+                decoder.read(&[&other[..n], &[]], Logits::Last);
+                decoder.truncate(0, read);
+                decoder.truncate(1, 0);
+                let found = decoder.read(&[&tokens[read..read + n], &other], Logits::All)[..6 * n].to_vec();
+                let apart = apart(&found, &truth[6 * read..6 * (read + n)]);
+                assert!(apart < 1e-5, "{words:?}, block of {n} behind {read}: {apart:e}");
+                read += n;
+            }
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The weights of a model, packed for decoding.
 
 use super::matrix::{Matrix, PIECE, WeightKind};
+use super::position::{Positions, Tables};
 use crate::arena::Floats;
 
 /// What a model is.
@@ -45,8 +46,8 @@ pub struct Parts<'a> {
     pub shape: Shape,
     /// (V, D), a row a token.
     pub token: &'a [f32],
-    /// (T, D), what is added to the token at each place.
-    pub positions: &'a [f32],
+    /// What is added to a token for where it stands.
+    pub positions: Positions<'a>,
     /// L blocks.
     pub blocks: Vec<BlockParts<'a>>,
     /// (D), (D).
@@ -60,7 +61,7 @@ pub struct DecoderWeights {
     pub(super) shape: Shape,
     pub(super) kind: WeightKind,
     pub(super) token: Floats,
-    pub(super) positions: Floats,
+    pub(super) positions: Tables,
     pub(super) blocks: Vec<Block>,
     pub(super) norm: Norm,
     pub(super) head: Matrix,
@@ -91,14 +92,13 @@ impl DecoderWeights {
         assert!(heads > 0 && width.is_multiple_of(heads), "{heads} heads of a width of {width}");
         assert_eq!(parts.blocks.len(), layers, "blocks");
         check("token", parts.token, vocabulary * width);
-        check("positions", parts.positions, context * width);
         check("head", parts.head, vocabulary * width);
         let head = Matrix::new(kind, (width, vocabulary), PIECE, |_| 0.0, |i, j| parts.head[j * width + i]);
         DecoderWeights {
             shape: parts.shape,
             kind,
             token: Floats::of(parts.token),
-            positions: Floats::of(parts.positions),
+            positions: Tables::new(&parts.positions, context, width),
             blocks: parts.blocks.iter().map(|b| Block::new(b, &parts.shape, kind)).collect(),
             norm: Norm::new(parts.norm, width),
             head,

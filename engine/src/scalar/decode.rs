@@ -1,6 +1,6 @@
 //! The model that [`crate::decode`] reads with, in plain loops and f64.
 
-use crate::decode::{BlockParts, Pair, Parts};
+use crate::decode::{BlockParts, Pair, Parts, Positions};
 
 /// Logits (n, V) behind each of `tokens` (n), which begin the context.
 pub fn logits(parts: &Parts, tokens: &[u32]) -> Vec<f64> {
@@ -9,8 +9,8 @@ pub fn logits(parts: &Parts, tokens: &[u32]) -> Vec<f64> {
         .iter()
         .enumerate()
         .map(|(i, &id)| {
-            let (token, place) = (&parts.token[id as usize * width..], &parts.positions[i * width..]);
-            (0..width).map(|j| f64::from(token[j]) + f64::from(place[j])).collect()
+            let token = &parts.token[id as usize * width..];
+            (0..width).map(|j| f64::from(token[j]) + position(parts, &tokens[..i], j)).collect()
         })
         .collect();
     for block in &parts.blocks {
@@ -29,6 +29,22 @@ pub fn logits(parts: &Parts, tokens: &[u32]) -> Vec<f64> {
         parts.head.chunks(width).map(row).collect::<Vec<f64>>()
     };
     x.iter().flat_map(head).collect()
+}
+
+/// Number `j` of what is added to the token behind those `before`.
+fn position(parts: &Parts, before: &[u32], j: usize) -> f64 {
+    let width = parts.shape.width;
+    match parts.positions {
+        Positions::Places(table) => table[before.len() * width + j].into(),
+        Positions::Words { front, .. } if before.is_empty() => front[j].into(),
+        Positions::Words { word, place, end, .. } => {
+            let behind = &before[1..];
+            let words = behind.iter().filter(|&&id| id == end).count();
+            let places = behind.iter().rev().take_while(|&&id| id != end).count();
+            let number = |table: &[f32], row: usize| f64::from(table[row.min(table.len() / width - 1) * width + j]);
+            number(word, words) + number(place, places)
+        }
+    }
 }
 
 fn attention(x: &mut [Vec<f64>], block: &BlockParts, heads: usize) {

@@ -1,7 +1,9 @@
 //! Reading token after token: keys and values of what was read are kept.
 
+use super::layout::FRONT;
 use super::net::{Memory, Net};
 use super::ops::Mask;
+use super::position::Stand;
 use crate::{Error, Result};
 use candle_core::{DType, Device, IndexOp, Tensor};
 
@@ -15,6 +17,8 @@ pub struct Cache {
     values: Vec<Tensor>, // L x (1, H, T, d)
     context: usize,
     read: usize,
+    /// Where the tokens read and the next stand, if words are counted; else they all stand nowhere.
+    stands: Vec<Stand>,
 }
 
 impl Cache {
@@ -26,7 +30,7 @@ impl Cache {
         let room = || -> Result<Vec<Tensor>> {
             (0..layers).map(|_| Ok(Tensor::zeros((1, heads, context, d), DType::F32, device)?)).collect()
         };
-        Ok(Cache { net, keys: room()?, values: room()?, context, read: 0 })
+        Ok(Cache { net, keys: room()?, values: room()?, context, read: 0, stands: vec![Stand::default(); context + 1] })
     }
 
     /// T: the most tokens it holds.
@@ -77,9 +81,14 @@ impl Cache {
             )));
         }
         let ids = self.net.ids(tokens, tokens.len())?;
-        let memory = Memory { keys: &self.keys, values: &self.values, read: self.read };
+        let memory = Memory { keys: &self.keys, values: &self.values, read: self.read, stand: self.stands[self.read] };
         let logits = self.net.forward(&ids, &Mask::Causal, None, Some(&memory))?;
-        self.read += tokens.len();
+        for &id in tokens {
+            if let (Some(counter), FRONT..) = (self.net.counter(), self.read) {
+                self.stands[self.read + 1] = counter.after(self.stands[self.read], id);
+            }
+            self.read += 1;
+        }
         Ok(logits.squeeze(0)?)
     }
 }

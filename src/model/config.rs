@@ -15,7 +15,7 @@ pub struct ModelConfig {
     pub heads: usize,
     /// D: numbers a token is described by, 1..=8192. Default 128.
     pub width: usize,
-    /// T: tokens of a window, the front token included; holds two words at least. Default 256.
+    /// T: tokens of a window, the front token included; holds two words at least if all have one length. Default 256.
     pub context: usize,
     /// How a token's place is told. Default `frame_joint`.
     pub positions: Positions,
@@ -39,7 +39,9 @@ pub enum Kind {
 pub enum Positions {
     /// One learned vector for each place of the window.
     Absolute,
-    /// A learned vector for the frame of the window and one for the place in the word, added.
+    /// A learned vector for the word of the window and one for the place in the word, added. Where words differ in length,
+    /// both are counted from the tokens: words up to T/2, places up to the longest word that the tokenizer was fitted on;
+    /// what lies behind shares the last vector.
     FrameJoint,
 }
 
@@ -84,14 +86,17 @@ impl ModelConfig {
         Ok(())
     }
 
-    /// Checks the keys, and that the context holds two words of `tokens`.
+    /// Checks the keys, and that the context holds two words of `tokens` if all have one length.
     ///
     /// # Errors
     /// As [`Self::validate`]; a context that is too short; ids outside the vocabulary.
     pub fn validate_for(&self, tokens: &TokenLayout) -> Result<()> {
         self.validate()?;
         tokens.validate()?;
-        if self.context < 2 * tokens.word {
+        if tokens.varying && self.context < 2 {
+            return Err(Error::Call(format!("model.context is {} tokens; expected 2 or more", self.context)));
+        }
+        if !tokens.varying && self.context < 2 * tokens.word {
             return Err(Error::Call(format!(
                 "model.context is {} tokens and a word has {}; expected room for two words: {} or more",
                 self.context,
@@ -109,8 +114,11 @@ impl ModelConfig {
 pub struct TokenLayout {
     /// V: ids in all.
     pub vocabulary: usize,
-    /// W: tokens of a word, its space included.
+    /// W: tokens of a word, its space included; the longest that the tokenizer was fitted on if they differ.
     pub word: usize,
+    /// Whether words differ in length.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub varying: bool,
     /// The id that fills up short windows; it is never a target.
     pub pad: u32,
     /// The id in front of every window.
@@ -138,7 +146,7 @@ impl TokenLayout {
 mod tests {
     use super::*;
 
-    const TOKENS: TokenLayout = TokenLayout { vocabulary: 366, word: 43, pad: 0, bos: 1, space: 5 };
+    const TOKENS: TokenLayout = TokenLayout { vocabulary: 366, word: 43, varying: false, pad: 0, bos: 1, space: 5 };
 
     #[test]
     fn the_first_wrong_key_is_named_with_its_limits() {
@@ -156,6 +164,11 @@ mod tests {
         let other = TokenLayout { bos: 366, ..TOKENS };
         let message = ModelConfig::default().validate_for(&other).unwrap_err().to_string();
         assert_eq!(message, "<bos> is id 366, outside the vocabulary of 366");
+        // words of any length are cut where a window ends
+        let long = TokenLayout { word: 900, varying: true, ..TOKENS };
+        ModelConfig::default().validate_for(&long).unwrap();
+        let short = ModelConfig { context: 1, ..Default::default() };
+        assert_eq!(short.validate_for(&long).unwrap_err().to_string(), "model.context is 1 tokens; expected 2 or more");
     }
 
     #[test]

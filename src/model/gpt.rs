@@ -59,7 +59,7 @@ impl Gpt {
         if let Some(name) = tensors.keys().next() {
             return Err(Error::Call(format!("the weights have a tensor {name} that this model has no place for")));
         }
-        let net = Net::new(config, &|name| vars[name].as_tensor().clone());
+        let net = Net::new(config, tokens, &|name| vars[name].as_tensor().clone());
         Ok(Gpt { config: config.clone(), tokens: tokens.clone(), vars, net })
     }
 
@@ -165,7 +165,7 @@ impl Gpt {
     }
 
     fn frozen(&self) -> Net {
-        Net::new(&self.config, &|name| self.vars[name].as_tensor().detach())
+        Net::new(&self.config, &self.tokens, &|name| self.vars[name].as_tensor().detach())
     }
 
     fn check_length(&self, found: usize) -> Result<()> {
@@ -182,12 +182,19 @@ mod tests {
     use crate::model::Positions;
     use rand_chacha::rand_core::RngCore;
 
-    const TOKENS: TokenLayout = TokenLayout { vocabulary: 11, word: 4, pad: 0, bos: 1, space: 5 };
+    const TOKENS: TokenLayout = TokenLayout { vocabulary: 11, word: 4, varying: false, pad: 0, bos: 1, space: 5 };
+
+    /// With words of any length.
+    const VARYING: TokenLayout = TokenLayout { varying: true, ..TOKENS };
 
     fn small(positions: Positions, tied_head: bool) -> Gpt {
+        small_of(&TOKENS, positions, tied_head)
+    }
+
+    fn small_of(tokens: &TokenLayout, positions: Positions, tied_head: bool) -> Gpt {
         let config =
             ModelConfig { layers: 2, heads: 2, width: 8, context: 10, positions, tied_head, ..Default::default() };
-        let gpt = Gpt::new(&config, &TOKENS, 1).unwrap();
+        let gpt = Gpt::new(&config, tokens, 1).unwrap();
         // away from zeros and ones, where gradients could be right by accident
         for (name, var) in gpt.vars() {
             let shift = ops::check::random(name, var.dims(), 0.3).to_dtype(DType::F32).unwrap();
@@ -198,15 +205,21 @@ mod tests {
 
     fn ids(n: usize) -> Vec<u32> {
         let mut rng = crate::random::stream(3, "ids", 0, 0);
-        (0..n).map(|_| 6 + rng.next_u32() % 5).collect()
+        (0..n).map(|_| 5 + rng.next_u32() % 6).collect()
     }
 
     #[test]
     fn every_variable_has_the_gradient_that_finite_differences_find() {
-        for (positions, tied) in [(Positions::FrameJoint, true), (Positions::Absolute, false)] {
-            let gpt = small(positions, tied).to_f64().unwrap();
+        for (tokens, positions, tied) in [
+            (&TOKENS, Positions::FrameJoint, true),
+            (&VARYING, Positions::FrameJoint, true),
+            (&TOKENS, Positions::Absolute, false),
+        ] {
+            let gpt = small_of(tokens, positions, tied).to_f64().unwrap();
             let mut inputs = ids(18);
             (inputs[0], inputs[9]) = (1, 1);
+            // as many words as a window has rows for
+            inputs[1..9].fill(5);
             let mut targets = ids(18);
             targets[16..].fill(0);
             let inputs = Tensor::new(inputs, &Device::Cpu).unwrap().reshape((2, 9)).unwrap();
@@ -243,8 +256,10 @@ mod tests {
 
     #[test]
     fn reading_in_blocks_is_reading_at_once_to_1e_5() {
-        for positions in [Positions::Absolute, Positions::FrameJoint] {
-            let gpt = small(positions, true);
+        for (layout, positions) in
+            [(&TOKENS, Positions::Absolute), (&TOKENS, Positions::FrameJoint), (&VARYING, Positions::FrameJoint)]
+        {
+            let gpt = small_of(layout, positions, true);
             let mut tokens = ids(10);
             tokens[0] = 1;
             let all = Tensor::new(tokens.as_slice(), &Device::Cpu).unwrap().unsqueeze(0).unwrap();

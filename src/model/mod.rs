@@ -10,6 +10,7 @@ pub mod gpt;
 pub mod layout;
 mod net;
 pub mod ops;
+mod position;
 mod reader;
 pub mod run;
 mod scores;

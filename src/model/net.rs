@@ -2,10 +2,11 @@
 //!
 //! Letters: B batch, T tokens, D width, H heads, d = D/H, L layers, V vocabulary, W tokens of a word.
 
-use super::config::{ModelConfig, Positions};
+use super::config::{ModelConfig, Positions, TokenLayout};
 use super::dropout::Dropout;
 use super::layout::{self, FRONT};
 use super::ops::{self, Mask};
+use super::position::{Counter, Stand};
 use crate::{Error, Result};
 use candle_core::{Device, Tensor};
 
@@ -26,7 +27,7 @@ pub(super) struct Net {
 #[derive(Clone)]
 enum Position {
     Absolute(Tensor),
-    FrameJoint { front: Tensor, frame: Tensor, place: Tensor },
+    FrameJoint { front: Tensor, frame: Tensor, place: Tensor, counter: Option<Counter> },
 }
 
 #[derive(Clone)]
@@ -58,10 +59,12 @@ pub(super) struct Memory<'a> {
     pub values: &'a [Tensor],
     /// Tokens read before.
     pub read: usize,
+    /// Where the next one stands, if words are counted.
+    pub stand: Stand,
 }
 
 impl Net {
-    pub(super) fn new(config: &ModelConfig, tensor: &dyn Fn(&str) -> Tensor) -> Net {
+    pub(super) fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> Net {
         let norm =
             |name: &str| Norm { weight: tensor(&format!("{name}.weight")), bias: tensor(&format!("{name}.bias")) };
         let linear =
@@ -84,6 +87,7 @@ impl Net {
                 front: tensor("position.front.weight"),
                 frame: tensor("position.frame.weight"),
                 place: tensor("position.place.weight"),
+                counter: Counter::of(config, tokens),
             },
         };
         Net {
@@ -93,6 +97,14 @@ impl Net {
             blocks: (0..config.layers).map(block).collect(),
             norm: norm("norm"),
             head: tensor(if config.tied_head { "token.weight" } else { "head.weight" }),
+        }
+    }
+
+    /// How words are counted, if they are.
+    pub(super) fn counter(&self) -> Option<Counter> {
+        match self.position {
+            Position::FrameJoint { counter, .. } => counter,
+            Position::Absolute(_) => None,
         }
     }
 
@@ -127,7 +139,7 @@ impl Net {
         let token = self.token.index_select(&ids.flatten_all()?, 0)?.reshape((batch, length, width))?;
         let before = memory.map_or(0, |m| m.read);
         let hiding = mask.hiding(length, before + length, self.token.dtype(), self.token.device())?;
-        let position = self.position.rows(before, length)?;
+        let position = self.position.rows(before, ids, memory.map_or(Stand::default(), |m| m.stand))?;
         let mut x = drop(token.broadcast_add(&position)?, "embedding")?;
         for (layer, block) in self.blocks.iter().enumerate() {
             let (q, mut k, mut v) = block.qkv(&x, self.heads)?;
@@ -158,27 +170,52 @@ impl Memory<'_> {
 }
 
 impl Position {
-    /// Rows (n, D) of the places `first..first + n`.
-    fn rows(&self, first: usize, n: usize) -> candle_core::Result<Tensor> {
-        match self {
-            Position::Absolute(table) => table.narrow(0, first, n),
-            Position::FrameJoint { front, frame, place } => {
-                let word = place.dim(0)?;
-                let behind = |f: &dyn Fn(usize) -> usize| -> candle_core::Result<Tensor> {
-                    let ids: Vec<u32> = (first.max(FRONT)..first + n).map(|i| f(i - FRONT) as u32).collect();
-                    Tensor::new(ids, place.device())
-                };
-                let words = || {
-                    frame.index_select(&behind(&|k| k / word)?, 0)? + place.index_select(&behind(&|k| k % word)?, 0)?
-                };
-                match FRONT.saturating_sub(first).min(n) {
-                    0 => words(),
-                    fronts if fronts == n => front.narrow(0, first, n),
-                    fronts => Tensor::cat(&[front.narrow(0, first, fronts)?, words()?], 0),
-                }
-            }
+    /// Rows (n, D) of the places `first..first + n` of `ids` (B, n), or (B, n, D) where words are counted; the first id
+    /// stands at `stand` then.
+    fn rows(&self, first: usize, ids: &Tensor, stand: Stand) -> candle_core::Result<Tensor> {
+        let (batch, n) = ids.dims2()?;
+        let Position::FrameJoint { front, frame, place, counter } = self else {
+            let Position::Absolute(table) = self else { unreachable!("there are two kinds") };
+            return table.narrow(0, first, n);
+        };
+        let fronts = FRONT.saturating_sub(first).min(n);
+        let sum = |words: Vec<u32>, places: Vec<u32>| {
+            let rows = |table: &Tensor, ids: Vec<u32>| table.index_select(&Tensor::new(ids, table.device())?, 0);
+            rows(frame, words)? + rows(place, places)?
+        };
+        let Some(counter) = counter else {
+            let word = place.dim(0)?;
+            let behind =
+                |f: &dyn Fn(usize) -> usize| (first.max(FRONT)..first + n).map(|i| f(i - FRONT) as u32).collect();
+            let words = || sum(behind(&|k| k / word), behind(&|k| k % word));
+            return match fronts {
+                0 => words(),
+                all if all == n => front.narrow(0, first, n),
+                some => Tensor::cat(&[front.narrow(0, first, some)?, words()?], 0),
+            };
+        };
+        let front = || front.narrow(0, first, fronts)?.unsqueeze(0)?.broadcast_as((batch, fronts, front.dim(1)?));
+        if fronts == n {
+            return front();
         }
+        let (words, places) = counted(*counter, &ids.narrow(1, fronts, n - fronts)?.to_vec2()?, stand);
+        let words = sum(words, places)?.reshape((batch, n - fronts, ()))?;
+        if fronts == 0 { Ok(words) } else { Tensor::cat(&[front()?, words], 1) }
     }
+}
+
+/// Rows of the tables of words and of places for all `windows`, which begin at `stand`.
+fn counted(counter: Counter, windows: &[Vec<u32>], stand: Stand) -> (Vec<u32>, Vec<u32>) {
+    let row = |at: &mut Stand, id: u32| {
+        let [word, place] = counter.rows(*at);
+        *at = counter.after(*at, id);
+        (word, place)
+    };
+    let window = |ids: &Vec<u32>| {
+        let mut at = stand;
+        ids.iter().map(|&id| row(&mut at, id)).collect::<Vec<_>>()
+    };
+    windows.iter().flat_map(window).unzip()
 }
 
 impl Block {

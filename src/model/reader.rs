@@ -6,7 +6,9 @@ use super::layout::{self, FRONT};
 use super::scores::Scores;
 use crate::{Error, Result};
 use candle_core::{Device, Tensor};
-use kinelm_engine::decode::{BlockParts, Decoder, DecoderWeights, KvKind, Logits, Pair, Parts, Shape, WeightKind};
+use kinelm_engine::decode::{
+    BlockParts, Decoder, DecoderWeights, KvKind, Logits, Pair, Parts, Positions as Tables, Shape, WeightKind,
+};
 use kinelm_engine::op::cross_entropy;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -147,7 +149,19 @@ fn packed(gpt: &Gpt, kind: WeightKind) -> Result<DecoderWeights> {
         }
     };
     let token = get("token.weight");
-    let positions = positions(config, tokens.word, &get);
+    let places;
+    let positions = match config.positions {
+        Positions::FrameJoint if tokens.varying => Tables::Words {
+            front: get("position.front.weight"),
+            word: get("position.frame.weight"),
+            place: get("position.place.weight"),
+            end: tokens.space,
+        },
+        _ => {
+            places = positions(config, tokens.word, &get);
+            Tables::Places(&places)
+        }
+    };
     let parts = Parts {
         shape: Shape {
             layers: config.layers,
@@ -157,7 +171,7 @@ fn packed(gpt: &Gpt, kind: WeightKind) -> Result<DecoderWeights> {
             context: config.context,
         },
         token,
-        positions: &positions,
+        positions,
         blocks: (0..config.layers).map(block).collect(),
         norm: pair("norm"),
         head: if config.tied_head { token } else { get("head.weight") },
@@ -189,15 +203,19 @@ mod tests {
     use super::*;
     use rand_chacha::rand_core::RngCore;
 
-    const TOKENS: TokenLayout = TokenLayout { vocabulary: 51, word: 7, pad: 0, bos: 1, space: 5 };
+    const TOKENS: TokenLayout = TokenLayout { vocabulary: 51, word: 7, varying: false, pad: 0, bos: 1, space: 5 };
 
     /// A model whose numbers are large enough to matter.
     fn model(positions: Positions, tied_head: bool) -> Gpt {
+        model_of(&TOKENS, positions, tied_head)
+    }
+
+    fn model_of(tokens: &TokenLayout, positions: Positions, tied_head: bool) -> Gpt {
         let config =
             ModelConfig { layers: 3, heads: 4, width: 48, context: 70, positions, tied_head, ..Default::default() };
-        let mut tensors = layout::initial(&config, &TOKENS, 5).unwrap();
+        let mut tensors = layout::initial(&config, tokens, 5).unwrap();
         tensors.values_mut().for_each(|t| *t = (&*t * 3.0).unwrap());
-        Gpt::from_tensors(&config, &TOKENS, tensors).unwrap()
+        Gpt::from_tensors(&config, tokens, tensors).unwrap()
     }
 
     fn ids(n: usize, seed: u64) -> Vec<u32> {
@@ -214,9 +232,17 @@ mod tests {
 
     #[test]
     fn reading_gives_the_logits_of_the_plain_form_to_1e_5() {
-        for (positions, tied) in [(Positions::FrameJoint, true), (Positions::Absolute, false)] {
-            let gpt = model(positions, tied);
-            let sequences = [ids(70, 1), ids(70, 2), ids(70, 3)];
+        let varying = TokenLayout { varying: true, ..TOKENS };
+        for (tokens, positions, tied) in [
+            (&TOKENS, Positions::FrameJoint, true),
+            (&varying, Positions::FrameJoint, true),
+            (&TOKENS, Positions::Absolute, false),
+        ] {
+            let gpt = model_of(tokens, positions, tied);
+            let mut sequences = [ids(70, 1), ids(70, 2), ids(70, 3)];
+            // words of 9 and of 4
+            sequences[0].iter_mut().step_by(9).for_each(|id| *id = 5);
+            sequences[1].iter_mut().step_by(4).for_each(|id| *id = 5);
             let truth: Vec<Vec<f32>> = sequences
                 .iter()
                 .map(|ids| {

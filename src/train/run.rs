@@ -40,6 +40,7 @@ pub fn token_layout(corpus: &Corpus) -> TokenLayout {
     TokenLayout {
         vocabulary: corpus.manifest().vocabulary,
         word: corpus.tokens_per_frame(),
+        varying: false,
         pad: Special::Pad.id(),
         bos: Special::Bos.id(),
         space: SPACE,

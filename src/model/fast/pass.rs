@@ -4,6 +4,7 @@ use super::{BLOCK, Fast, Windows, block_tensors};
 use crate::model::config::{ModelConfig, Positions, TokenLayout};
 use crate::model::dropout::{Dropout, Purpose};
 use crate::model::layout::{self, FRONT};
+use crate::model::position::Counter;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::{self, Saved, Shape};
 use kinelm_engine::head;
@@ -18,8 +19,9 @@ const EMBEDDED: usize = 64;
 /// The buffers of one shape.
 pub(super) struct Pass {
     shape: Shape,
-    /// The names of the position tables and which row of each a place takes: (T).
+    /// The names of the position tables and which row of each a token takes: (T), or (N) where words are counted.
     places: Vec<(&'static str, Vec<u32>)>,
+    counter: Option<Counter>,
     /// (N, D) each: what goes into every block, and what comes out of the last; two that take turns if nothing is
     /// learned.
     stream: Vec<Floats>,
@@ -77,7 +79,8 @@ impl Pass {
         let (streams, saved) = if learn { (layers + 1, layers) } else { (2, 1) };
         Pass {
             shape,
-            places: places(config.positions, tokens.word, length),
+            places: places(config.positions, tokens, rows, length),
+            counter: Counter::of(config, tokens),
             stream: (0..streams).map(|_| Floats::new(rows * d)).collect(),
             saved: (0..saved).map(|_| Saved::new(shape)).collect(),
             block: block::Workspace::new(shape, learn),
@@ -91,7 +94,11 @@ impl Pass {
     }
 
     pub fn forward(&mut self, model: &Fast, windows: Windows, keys: Option<&Keys>) {
-        let Windows { inputs, mask, .. } = windows;
+        let Windows { inputs, mask, length, .. } = windows;
+        if let (Some(counter), [.., (_, words), (_, places)]) = (self.counter, &mut self.places[..]) {
+            let rows = inputs.chunks(length).zip(words.chunks_mut(length).zip(places.chunks_mut(length)));
+            rows.for_each(|(window, (words, places))| counter.count(window, words, places));
+        }
         let table = |name: &str| model.weight(name);
         // at most the token, a front row, a frame and a place
         let mut lookups = [Lookup { table: table("token.weight"), ids: inputs }; 4];
@@ -192,10 +199,12 @@ fn two(stream: &mut [Floats], layer: usize) -> (&[f32], &mut [f32]) {
     if from < to { (&low[from], &mut high[0]) } else { (&high[0], &mut low[to]) }
 }
 
-/// The position tables and the row of each for the places `0..length` of a window.
-fn places(positions: Positions, word: usize, length: usize) -> Vec<(&'static str, Vec<u32>)> {
+/// The position tables and the row of each for the places `0..length` of a window; for all `rows` where words are counted.
+fn places(positions: Positions, tokens: &TokenLayout, rows: usize, length: usize) -> Vec<(&'static str, Vec<u32>)> {
+    let word = tokens.word;
     let behind = |row: &dyn Fn(usize) -> usize| {
-        (0..length).map(|i| if i < FRONT { NONE } else { row(i - FRONT) as u32 }).collect()
+        let row = |i: usize| if i < FRONT { NONE } else { row(i - FRONT) as u32 };
+        (0..if tokens.varying { rows } else { length }).map(|i| row(i % length)).collect()
     };
     match positions {
         Positions::Absolute => vec![("position.absolute.weight", (0..length as u32).collect())],

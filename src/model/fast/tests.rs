@@ -8,8 +8,10 @@ use rand_chacha::rand_core::RngCore;
 /// Largest difference of a gradient tensor over its largest number, which counts as no less than 1e-3 of the model's.
 const BOUND: f64 = 1e-5;
 
+#[derive(Clone, Copy)]
 struct Case {
     positions: Positions,
+    varying: bool,
     tied_head: bool,
     layers: usize,
     heads: usize,
@@ -31,8 +33,8 @@ enum Hides {
 }
 
 fn model(case: &Case) -> Gpt {
-    let &Case { positions, tied_head, layers, heads, width, length, vocabulary, .. } = case;
-    let tokens = TokenLayout { vocabulary, word: 3, pad: 0, bos: 1, space: 5 };
+    let &Case { positions, varying, tied_head, layers, heads, width, length, vocabulary, .. } = case;
+    let tokens = TokenLayout { vocabulary, word: 3, varying, pad: 0, bos: 1, space: 5 };
     let context = length.max(6);
     let config = ModelConfig {
         layers,
@@ -87,8 +89,9 @@ fn hidden(case: &Case) -> Vec<f32> {
 
 fn check(case: &Case) {
     let what = format!(
-        "{:?} tied {} L {} H {} D {} B {} T {} V {} dropout {} {:?}",
+        "{:?} varying {} tied {} L {} H {} D {} B {} T {} V {} dropout {} {:?}",
         case.positions,
+        case.varying,
         case.tied_head,
         case.layers,
         case.heads,
@@ -163,6 +166,7 @@ fn check(case: &Case) {
 
 const CASE: Case = Case {
     positions: Positions::FrameJoint,
+    varying: false,
     tied_head: true,
     layers: 2,
     heads: 2,
@@ -188,6 +192,26 @@ fn every_gradient_is_the_oracle_s_over_many_shapes() {
 }
 
 #[test]
+fn words_of_any_length_have_the_oracle_s_positions() {
+    let case = Case { varying: true, ..CASE };
+    check(&case);
+    check(&Case { length: 1, batch: 1, ..case });
+    check(&Case { batch: 3, length: 67, vocabulary: 8, tied_head: false, ..case });
+    check(&Case { heads: 4, width: 32, batch: 2, length: 130, vocabulary: 70, dropout: 0.2, ..case });
+    check(&Case { positions: Positions::Absolute, ..case });
+    // the same room for other tokens
+    let gpt = model(&case);
+    let mut fast = Fast::of(&gpt).unwrap();
+    for ids in [[1, 7, 5, 8, 9, 6, 5, 5, 7], [1, 5, 8, 8, 8, 5, 8, 8, 8]] {
+        let windows = Windows { inputs: &ids, targets: &ids, length: 9, mask: Mask::Causal };
+        let found = fast.logits(windows).unwrap();
+        let expected =
+            gpt.predict(&gpt.ids(&ids, 9).unwrap()).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-4), "{ids:?}");
+    }
+}
+
+#[test]
 fn every_mask_hides_what_it_hides_from_the_oracle() {
     for mask in [Hides::Nothing, Hides::Some(false), Hides::Some(true)] {
         check(&Case { mask, ..CASE });
@@ -210,6 +234,7 @@ fn random_shapes_agree_too() {
         let (heads, d) = (draw(4), 2 + draw(12));
         check(&Case {
             positions: if draw(2) == 1 { Positions::Absolute } else { Positions::FrameJoint },
+            varying: draw(2) == 1,
             tied_head: draw(2) == 1,
             layers: draw(2),
             heads,

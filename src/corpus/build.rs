@@ -74,6 +74,8 @@ pub struct Summary {
     pub clipped: usize,
     /// Rotations that took a second code.
     pub second_codes: usize,
+    /// Frames added to fill last tiles.
+    pub padded: usize,
 }
 
 impl Summary {
@@ -137,18 +139,18 @@ pub fn tokenize(
     let items: Vec<&Item> = gathered.items.iter().filter(|i| options.shard.is_none_or(|s| s.holds(i.key))).collect();
     let work = |loaded: &Loaded| {
         let encoded = tokenizer.encode(&loaded.clip)?;
-        Ok((tokenizer.ids_of_words(&encoded.words)?, encoded.clipped, encoded.second_codes))
+        Ok((tokenizer.ids_of_words(&encoded.words)?, loaded.clip.frames(), encoded))
     };
-    let per_frame = tokenizer.channels().len() + 1;
-    let summary =
-        each(&items, options, tokenizer.fps(), watch, work, |item, sha256, (ids, clipped, second), summary| {
-            let (clipped, second_codes) = (clipped as usize, second as usize);
-            summary.clipped += clipped;
-            summary.second_codes += second_codes;
-            let Item { name, labels, split, take, key, source, .. } = item.clone();
-            writer.push(NewClip { name, labels, split, take, key, source, sha256, clipped, second_codes }, &ids)?;
-            Ok(ids.len() / per_frame)
-        })?;
+    let summary = each(&items, options, tokenizer.fps(), watch, work, |item, sha256, (ids, frames, encoded), summary| {
+        let (clipped, second_codes) = (encoded.clipped as usize, encoded.second_codes as usize);
+        summary.clipped += clipped;
+        summary.second_codes += second_codes;
+        summary.padded += encoded.padded as usize;
+        let Item { name, labels, split, take, key, source, .. } = item.clone();
+        let clip = NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes };
+        writer.push(clip, &ids)?;
+        Ok(frames)
+    })?;
     check(&summary, options, items.len())?;
     summary.failed.iter().for_each(|f| writer.fail(f.clone()));
     Ok((writer.finish()?, summary))
@@ -289,7 +291,7 @@ mod tests {
 
         let corpus = Corpus::open(&whole).unwrap();
         let clip = load_item(&gathered.items[0], &options.read, 20.0).unwrap().clip;
-        assert_eq!(corpus.clip_codes(&corpus.clips()[0]).unwrap(), tokenizer.encode(&clip).unwrap().words.codes());
+        assert_eq!(corpus.clip_words(&corpus.clips()[0]).unwrap(), tokenizer.encode(&clip).unwrap().words);
         let codes = CodeSplits::of_corpus(&corpus, Split::Test).unwrap();
         assert_eq!((codes.bins, codes.channels, codes.train.clips.len(), codes.test.clips.len()), (90, 12, 4, 2));
 

@@ -34,8 +34,8 @@ pub fn merge(shards: &[PathBuf], out: &Path, force: bool) -> Result<Manifest> {
 }
 
 fn as_new(clip: &ClipRecord) -> NewClip {
-    let ClipRecord { name, labels, split, take, key, source, sha256, clipped, second_codes, .. } = clip.clone();
-    NewClip { name, labels, split, take, key, source, sha256, clipped, second_codes }
+    let ClipRecord { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, .. } = clip.clone();
+    NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes }
 }
 
 fn check_fits(first: &Corpus, other: &Corpus) -> Result<()> {
@@ -92,7 +92,7 @@ mod tests {
         let out = dir.join(format!("{source}{index}-{of}"));
         let s = Some(Shard { index, of });
         let mut w = CorpusWriter::create(&out, &tokenizer(), &[source.to_string()], s, false).unwrap();
-        keys.iter().for_each(|k| w.push(clip(&format!("c{k}"), *k, Split::Train), &words(k + 1)).unwrap());
+        keys.iter().for_each(|k| w.push(clip(&format!("c{k}"), *k, Split::Train, k + 1), &words(k + 1)).unwrap());
         w.finish().unwrap();
         out
     }

@@ -1,13 +1,14 @@
 //! Corpora: labels, splits, the token store on disk, windows.
 //!
 //! A corpus is a folder: `corpus.json` ([`Manifest`]), `tokens.u16` or `tokens.u32` (little-endian, the words of all
-//! clips one after the other), `clips.jsonl` (a [`ClipRecord`] a line) and `tokenizer.json`. Three lines of numpy read
-//! it:
+//! clips one after the other), `clips.jsonl` (a [`ClipRecord`] a line) and `tokenizer.json`. Four lines of numpy read
+//! it, whether words have one length or any; the space that ends a word is 5:
 //!
 //! ```python
 //! clips = [json.loads(line) for line in open("corpus/clips.jsonl")]
-//! tokens, W = np.fromfile("corpus/tokens.u16", "<u2"), json.load(open("corpus/corpus.json"))["tokens_per_frame"]
-//! first = tokens[clips[0]["offset"]:][:clips[0]["frames"] * W].reshape(-1, W)
+//! tokens = np.fromfile("corpus/tokens.u16", "<u2")
+//! first = tokens[clips[0]["offset"]:][:clips[0]["tokens"]]
+//! words = np.split(first, np.flatnonzero(first == 5) + 1)[:-1]
 //! ```
 
 pub mod build;
@@ -26,6 +27,7 @@ pub mod splits;
 pub mod stats;
 pub mod store;
 pub mod windows;
+pub mod words;
 pub mod writer;
 
 pub use build::{BuildOptions, Event, Summary, fit, tokenize};
@@ -35,5 +37,6 @@ pub use merge::merge;
 pub use record::{ClipRecord, Count, FileRecord, Manifest, Shard, Split, TokenType};
 pub use stats::{Stats, stats};
 pub use store::{Corpus, Shape, Tokens};
-pub use windows::{EvalWindow, TrainWindows, Window, eval_windows, fill_sequence};
+pub use windows::{EvalWindow, eval_windows, fill_sequence};
+pub use words::ClipWords;
 pub use writer::{CorpusWriter, NewClip};

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 /// The version of the folder's layout that this program writes and reads.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// Which part of the experiment a clip serves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -221,8 +221,10 @@ pub struct Manifest {
     pub version: u32,
     /// SHA-256 that the tokenizer states of itself.
     pub tokenizer: String,
-    /// W: the characters of a word and its space.
-    pub tokens_per_frame: usize,
+    /// L: the frames that a word stands for; a clip's last word may stand for fewer.
+    pub frames_per_word: usize,
+    /// W: the tokens of a word, its space among them; `null` where words differ in length.
+    pub tokens_per_word: Option<usize>,
     /// Ids are below this.
     pub vocabulary: usize,
     /// Frames per second.
@@ -246,6 +248,13 @@ pub struct Manifest {
     pub shard: Option<Shard>,
 }
 
+impl Manifest {
+    /// The words of a clip of so many frames.
+    pub fn words_of(&self, frames: usize) -> usize {
+        frames.div_ceil(self.frames_per_word.max(1))
+    }
+}
+
 /// A line of `clips.jsonl`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -254,7 +263,9 @@ pub struct ClipRecord {
     pub name: String,
     /// First token's place in the token file, in tokens.
     pub offset: usize,
-    /// F; the clip has F * W tokens.
+    /// Its tokens, spaces among them.
+    pub tokens: usize,
+    /// F; the clip has ceil(F / L) words.
     pub frames: usize,
     /// Field to value.
     pub labels: BTreeMap<String, String>,

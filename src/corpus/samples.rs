@@ -25,10 +25,10 @@ pub fn words(frames: usize) -> Vec<u32> {
     t.ids_of_words(&t.encode(&walk(frames)).unwrap().words).unwrap()
 }
 
-pub fn clip(name: &str, key: usize, split: Split) -> NewClip {
+pub fn clip(name: &str, key: usize, split: Split, frames: usize) -> NewClip {
     let labels = BTreeMap::from([("genre".to_string(), "salsa".to_string())]);
     let (name, take, sha256) = (name.to_string(), name.to_string(), "0".repeat(64));
-    NewClip { name, labels, split, take, key, source: 0, sha256, clipped: 2, second_codes: 1 }
+    NewClip { name, labels, split, take, key, source: 0, sha256, frames, clipped: 2, second_codes: 1 }
 }
 
 pub fn begin(dir: &Path, force: bool) -> Result<CorpusWriter> {
@@ -39,9 +39,9 @@ pub fn begin(dir: &Path, force: bool) -> Result<CorpusWriter> {
 pub fn small(dir: &Path) -> (Manifest, [Vec<u32>; 3]) {
     let ids = [2, 0, 1].map(words);
     let mut w = begin(dir, false).unwrap();
-    w.push(clip("a", 0, Split::Train), &ids[0]).unwrap();
-    w.push(clip("b", 2, Split::Test), &ids[1]).unwrap();
-    w.push(clip("c", 5, Split::Train), &ids[2]).unwrap();
+    w.push(clip("a", 0, Split::Train, 2), &ids[0]).unwrap();
+    w.push(clip("b", 2, Split::Test, 0), &ids[1]).unwrap();
+    w.push(clip("c", 5, Split::Train, 1), &ids[2]).unwrap();
     w.fail(Failure { key: 1, name: "x".into(), why: "damaged".into() });
     (w.finish().unwrap(), ids)
 }

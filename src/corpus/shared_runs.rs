@@ -1,6 +1,7 @@
 //! Clips that share frames: the same recording cut twice, or a clip that stands under two names.
 
 use super::record::{ClipRecord, Split};
+use kinelm_tokenizer::Words;
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt;
@@ -27,14 +28,13 @@ impl fmt::Display for SharedRun {
     }
 }
 
-/// Pairs of clips with runs of a second or more whose codes agree but for the translation's (steps are coded against
+/// Pairs of clips with runs of a second or more whose words, a frame each, agree but for the translation's characters (steps are coded against
 /// the decoded past, so they differ where a run begins elsewhere). Runs in which a body hardly moves (fewer than half of
 /// the frames differ) tell nothing and are passed over; so are pairs inside the groups of `same`. Each clip is paired
 /// with the first that has its frames. Sorted by frames, most first.
 pub(super) fn shared_runs(
     clips: &[ClipRecord],
-    codes: &[Vec<u16>],
-    channels: usize,
+    words: &[Words],
     translation: Range<usize>,
     fps: f64,
     same: &[Vec<usize>],
@@ -43,11 +43,11 @@ pub(super) fn shared_runs(
     let group: HashMap<usize, usize> = same.iter().flat_map(|g| g.iter().map(|&i| (i, g[0]))).collect();
     let mut first: HashMap<u64, (usize, usize)> = HashMap::new();
     let mut pairs: BTreeMap<(usize, usize), (HashSet<usize>, [usize; 2])> = BTreeMap::new();
-    for (c, codes) in codes.iter().enumerate() {
+    for (c, words) in words.iter().enumerate() {
         if group.get(&c).is_some_and(|&head| head != c) {
             continue; // what it shares, the head of its group shares
         }
-        let frames: Vec<u64> = codes.chunks_exact(channels).map(|word| hash_but(word, &translation)).collect();
+        let frames: Vec<u64> = words.iter().map(|word| hash_but(word, &translation)).collect();
         for (start, window) in frames.windows(run).enumerate() {
             if window.iter().collect::<HashSet<_>>().len() * 2 < run {
                 continue;
@@ -93,6 +93,7 @@ mod tests {
             take,
             split,
             offset: 0,
+            tokens: 0,
             frames: 0,
             labels: BTreeMap::new(),
             key: 0,
@@ -103,9 +104,9 @@ mod tests {
         }
     }
 
-    /// (F, 2) codes: a translation that counts up, a pose that takes `poses` in turn.
-    fn codes(poses: impl IntoIterator<Item = u16>) -> Vec<u16> {
-        poses.into_iter().enumerate().flat_map(|(i, p)| [i as u16, p]).collect()
+    /// Words of two: a translation that counts up, a pose that takes `poses` in turn.
+    fn codes(poses: impl IntoIterator<Item = u16>) -> Words {
+        Words::fixed(poses.into_iter().enumerate().flat_map(|(i, p)| [i as u16, p]).collect(), 2)
     }
 
     #[test]
@@ -118,10 +119,10 @@ mod tests {
             codes(200..230),
             codes(12..20), // too short
         ];
-        let found = shared_runs(&clips, &clip, 2, 0..1, 10.0, &[]);
+        let found = shared_runs(&clips, &clip, 0..1, 10.0, &[]);
         assert_eq!(found.len(), 1, "{found:?}");
         assert_eq!((&found[0].clips, found[0].frames, found[0].at), (&["a".into(), "b".into()], 15, [10, 5]));
         assert_eq!(found[0].to_string(), "a (train) from frame 10 and b (test) from frame 5: 15 frames");
-        assert_eq!(shared_runs(&clips, &clip, 2, 0..1, 10.0, &[vec![0, 1]]), []);
+        assert_eq!(shared_runs(&clips, &clip, 0..1, 10.0, &[vec![0, 1]]), []);
     }
 }

@@ -51,6 +51,10 @@ pub struct Stats {
     pub fps: f64,
     /// Tokens, spaces included.
     pub tokens: usize,
+    /// Words: one a frame, or one a tile of frames.
+    pub words: usize,
+    /// Tokens of the longest word, its space included.
+    pub longest_word: usize,
     /// Ids.
     pub vocabulary: usize,
     /// Shortest, median and longest clip, frames.
@@ -71,8 +75,9 @@ pub struct Stats {
     pub clips_with_glitches: usize,
     /// Groups of clips with the same tokens.
     pub duplicates: Vec<Vec<String>>,
-    /// Pairs of clips that share a second or more of poses, and are no duplicates.
-    pub shared_runs: Vec<SharedRun>,
+    /// Pairs of clips that share a second or more of poses, and are no duplicates; `None` where a word stands for several
+    /// frames, since a pose is coded otherwise at another place of its tile.
+    pub shared_runs: Option<Vec<SharedRun>>,
     /// Translation values clipped to the tokenizer's range, and clips that have some.
     pub clipped: [usize; 2],
     /// Rotations that took a second code.
@@ -84,14 +89,12 @@ pub struct Stats {
 /// Looks through a corpus; decodes every clip.
 ///
 /// # Errors
-/// [`crate::Error::File`] when a word holds an id that is no character.
+/// [`crate::Error::File`] when an id stands where it may not.
 pub fn stats(corpus: &Corpus) -> Result<Stats> {
-    let (m, clips) = (corpus.manifest(), corpus.clips());
-    let codes: Vec<Vec<u16>> = corpus.clips().par_iter().map(|c| corpus.clip_codes(c)).collect::<Result<_>>()?;
-    let found: Vec<Vec<Glitch>> = (corpus.clips().par_iter().zip(&codes))
-        .map(|(record, codes)| {
-            let words = Words::fixed(codes.clone(), m.tokens_per_frame - 1);
-            let clip = corpus.tokenizer().decode(&words, Rest::Identity)?;
+    let words: Vec<Words> = corpus.clips().par_iter().map(|c| corpus.clip_words(c)).collect::<Result<_>>()?;
+    let found: Vec<Vec<Glitch>> = (corpus.clips().par_iter().zip(&words))
+        .map(|(record, words)| {
+            let clip = corpus.tokenizer().decode(words, Rest::Identity)?.slice(0..record.frames);
             Ok(glitches(&record.name, &clip, &corpus.tokenizer().config().joints))
         })
         .collect::<Result<_>>()?;
@@ -106,13 +109,19 @@ pub fn stats(corpus: &Corpus) -> Result<Stats> {
     let at = |i: usize| frames.get(i).copied().unwrap_or(0);
     let takes = splits_of_takes(clips);
     let names = |group: &Vec<usize>| group.iter().map(|&i| clips[i].name.clone()).collect();
-    let same = same_tokens(&codes);
+    let same = same_words(&words);
+    let longest = |c: &ClipRecord| {
+        let words = corpus.words(c);
+        (0..words.len()).map(|i| words.start(i + 1) - words.start(i)).max().unwrap_or(0)
+    };
     Ok(Stats {
         schema: 1,
         count: m.count,
         hours: m.count.frames as f64 / m.fps / 3600.0,
         fps: m.fps,
         tokens: corpus.tokens().len(),
+        words: words.iter().map(Words::len).sum(),
+        longest_word: clips.iter().map(longest).max().unwrap_or(0),
         vocabulary: m.vocabulary,
         clip_frames: [at(0), at(frames.len() / 2), at(frames.len().saturating_sub(1))],
         splits: m.splits.clone(),
@@ -123,7 +132,7 @@ pub fn stats(corpus: &Corpus) -> Result<Stats> {
         glitches,
         clips_with_glitches,
         duplicates: same.iter().map(names).collect(),
-        shared_runs: shared_runs(clips, &codes, m.tokens_per_frame - 1, TRANSLATION, m.fps, &same),
+        shared_runs: (m.frames_per_word == 1).then(|| shared_runs(clips, &words, TRANSLATION, m.fps, &same)),
         clipped: [clips.iter().map(|c| c.clipped).sum(), clips.iter().filter(|c| c.clipped > 0).count()],
         second_codes: clips.iter().map(|c| c.second_codes).sum(),
         failed: m.failed.len(),
@@ -149,11 +158,11 @@ fn by_label(clips: &[ClipRecord]) -> BTreeMap<String, BTreeMap<String, BTreeMap<
     labels
 }
 
-/// Groups of clips whose codes are the same, each in the order of the corpus. Clips without frames are in none.
-fn same_tokens(codes: &[Vec<u16>]) -> Vec<Vec<usize>> {
-    let mut first: HashMap<&[u16], usize> = HashMap::new();
+/// Groups of clips whose words are the same, each in the order of the corpus. Clips without frames are in none.
+fn same_words(words: &[Words]) -> Vec<Vec<usize>> {
+    let mut first: HashMap<&Words, usize> = HashMap::new();
     let mut groups: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    for (i, clip) in codes.iter().enumerate().filter(|(_, c)| !c.is_empty()) {
+    for (i, clip) in words.iter().enumerate().filter(|(_, c)| !c.is_empty()) {
         let head = *first.entry(clip).or_insert(i);
         groups.entry(head).or_default().push(i);
     }
@@ -190,6 +199,7 @@ impl fmt::Display for Stats {
         let Count { clips, frames } = self.count;
         write!(f, "{clips} clips, {frames} frames at {} fps, {:.3} hours", self.fps, self.hours)?;
         write!(f, "\n{} tokens of {} ids", self.tokens, self.vocabulary)?;
+        write!(f, " in {} words, the longest of {}", self.words, self.longest_word)?;
         let [shortest, median, longest] = self.clip_frames;
         write!(f, "\nclips of {shortest} to {longest} frames, median {median}; {} takes", self.takes)?;
         for (split, c) in &self.splits {
@@ -237,8 +247,13 @@ impl Stats {
         if self.duplicates.is_empty() {
             write!(f, "\nexact duplicates: none")?;
         }
-        let runs = self.shared_runs.iter().map(SharedRun::to_string);
-        list(f, &format!("{} pairs of clips share a second or more of poses", self.shared_runs.len()), runs)?;
+        match &self.shared_runs {
+            Some(runs) => {
+                let head = format!("{} pairs of clips share a second or more of poses", runs.len());
+                list(f, &head, runs.iter().map(SharedRun::to_string))?;
+            }
+            None => write!(f, "\nshared poses: n/a, words are tiles of frames")?,
+        }
         let [values, clips] = self.clipped;
         write!(f, "\ntranslation values clipped: {values} in {clips} clips; second codes: {}", self.second_codes)?;
         if self.failed > 0 {

@@ -2,8 +2,9 @@
 
 use super::map::MappedFile;
 use super::record::{ClipRecord, FileRecord, Manifest, Split, TokenType, VERSION};
+use super::words::{ClipWords, Index};
 use crate::{Error, Result};
-use kinelm_tokenizer::{SPACE, Tokenizer};
+use kinelm_tokenizer::{Place, Tokenizer, Words};
 use serde::Deserialize;
 use std::fs;
 use std::ops::Range;
@@ -49,6 +50,7 @@ pub struct Corpus {
     hash: String,
     clips: Vec<ClipRecord>,
     tokens: Tokens,
+    words: Index,
     tokenizer: Tokenizer,
 }
 
@@ -69,7 +71,9 @@ impl Corpus {
         let tokenizer = load_tokenizer(&dir, &manifest)?;
         let kind = manifest.token_type;
         let bytes = MappedFile::open(&dir.join(kind.file_name()), &manifest.tokens)?;
-        Ok(Corpus { dir, manifest, hash, clips, tokens: Tokens { bytes, kind }, tokenizer })
+        let tokens = Tokens { bytes, kind };
+        let words = Index::find(&dir.join(kind.file_name()), &manifest, &clips, &tokens)?;
+        Ok(Corpus { dir, manifest, hash, clips, tokens, words, tokenizer })
     }
 
     /// The folder.
@@ -102,9 +106,10 @@ impl Corpus {
         self.clips.iter().filter(move |c| c.split == split)
     }
 
-    /// W: the characters of a word and its space.
-    pub fn tokens_per_frame(&self) -> usize {
-        self.manifest.tokens_per_frame
+    /// Tokens a frame of the clips of a split, on average, spaces among them; W where a word of W tokens is a frame.
+    pub fn tokens_per_frame(&self, split: Split) -> f64 {
+        let sum = |of: &dyn Fn(&ClipRecord) -> usize| self.split(split).map(of).sum::<usize>() as f64;
+        sum(&|c| c.tokens) / sum(&|c| c.frames).max(1.0)
     }
 
     /// The tokens of all clips.
@@ -112,41 +117,64 @@ impl Corpus {
         &self.tokens
     }
 
-    /// (F * W) ids of a clip of this corpus.
-    pub fn clip_ids(&self, clip: &ClipRecord) -> Vec<u32> {
-        self.frame_ids(clip, 0..clip.frames)
+    /// Where the words of a clip of this corpus stand.
+    ///
+    /// # Panics
+    /// For a clip of another corpus.
+    pub fn words(&self, clip: &ClipRecord) -> ClipWords<'_> {
+        let words = self.manifest.words_of(clip.frames);
+        // clips without tokens stand where the next one does, and have no words
+        let number = self.clips.partition_point(|c| c.offset < clip.offset);
+        self.words.of(number, words, clip)
     }
 
-    /// Ids of some frames of a clip of this corpus, frames counted from the clip's first.
+    /// Frames of some words of a clip: L a word, fewer where the clip ends inside the last one.
+    pub fn frames_of(&self, clip: &ClipRecord, words: Range<usize>) -> usize {
+        let frames = |words: usize| clip.frames.min(words.saturating_mul(self.manifest.frames_per_word));
+        frames(words.end) - frames(words.start)
+    }
+
+    /// All ids of a clip of this corpus.
+    pub fn clip_ids(&self, clip: &ClipRecord) -> Vec<u32> {
+        self.ids(clip, 0..clip.tokens)
+    }
+
+    /// Ids of some words of a clip of this corpus.
     ///
     /// # Panics
     /// If the range leaves the clip.
-    pub fn frame_ids(&self, clip: &ClipRecord, frames: Range<usize>) -> Vec<u32> {
-        assert!(frames.end <= clip.frames, "frames {frames:?} of {}, which has {}", clip.name, clip.frames);
-        let w = self.tokens_per_frame();
-        self.tokens.ids(clip.offset + frames.start * w..clip.offset + frames.end * w).collect()
+    pub fn word_ids(&self, clip: &ClipRecord, words: Range<usize>) -> Vec<u32> {
+        let all = self.words(clip);
+        assert!(words.end <= all.len(), "words {words:?} of {}, which has {}", clip.name, all.len());
+        self.ids(clip, all.start(words.start)..all.start(words.end))
     }
 
-    /// (F, C) codes of a clip of this corpus: its characters without the spaces.
+    /// Some ids of a clip of this corpus, tokens counted from the clip's first.
+    ///
+    /// # Panics
+    /// If the range leaves the clip.
+    pub fn ids(&self, clip: &ClipRecord, tokens: Range<usize>) -> Vec<u32> {
+        assert!(tokens.end <= clip.tokens, "tokens {tokens:?} of {}, which has {}", clip.name, clip.tokens);
+        self.tokens.ids(clip.offset + tokens.start..clip.offset + tokens.end).collect()
+    }
+
+    /// The characters of a clip of this corpus, word by word, without the spaces.
     ///
     /// # Errors
-    /// [`Error::File`] when a word holds an id that is no character, or doesn't end with the space.
-    pub fn clip_codes(&self, clip: &ClipRecord) -> Result<Vec<u16>> {
-        let (w, vocabulary) = (self.tokens_per_frame(), self.tokenizer.vocabulary());
-        let mut codes = Vec::with_capacity(clip.frames * (w - 1));
-        for (i, id) in self.clip_ids(clip).into_iter().enumerate() {
-            let at_space = i % w == w - 1;
-            match vocabulary.code_of_id(id).filter(|_| !at_space) {
-                Some(code) => codes.push(code),
-                None if at_space && id == SPACE => {}
-                None => {
-                    let found = format!("id {id} at token {i} of clip {}", clip.name);
-                    let expected = if at_space { "a space" } else { "a character" };
-                    return Err(Error::file(&self.dir, found, expected, "make the corpus again"));
-                }
+    /// [`Error::File`] when an id stands where it may not.
+    pub fn clip_words(&self, clip: &ClipRecord) -> Result<Words> {
+        let ids = self.clip_ids(clip);
+        let grammar = self.tokenizer.grammar();
+        let mut place = Place::default();
+        for (i, &id) in ids.iter().enumerate() {
+            if !grammar.allows(place, id) {
+                let found = format!("id {id} at token {i} of clip {}", clip.name);
+                let expected = format!("an id that may stand there, behind {} characters of its word", place.characters);
+                return Err(Error::file(&self.dir, found, expected, "make the corpus again"));
             }
+            place = grammar.advance(place, id);
         }
-        Ok(codes)
+        Ok(self.tokenizer.words_of_ids(&ids).words)
     }
 }
 
@@ -170,7 +198,10 @@ fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
     };
     let head: Head = serde_json::from_slice(&text).map_err(bad)?;
     if head.version != VERSION {
-        let help = if head.version > VERSION { "use a newer kinelm" } else { "make the corpus again" };
+        let help = match head.version > VERSION {
+            true => "use a newer kinelm",
+            false => "corpora of version 1 knew words of one length alone: make it again with `kinelm tokenize`",
+        };
         return Err(Error::file(&path, format!("version {}", head.version), format!("version {VERSION}"), help));
     }
     let manifest = serde_json::from_slice(&text).map_err(bad)?;
@@ -184,8 +215,11 @@ fn load_tokenizer(dir: &Path, manifest: &Manifest) -> Result<Tokenizer> {
     let (found, wanted) = (Shape::of(&tokenizer), manifest.shape());
     if found != wanted {
         let say = |s: &Shape| {
-            let Shape { tokenizer, tokens_per_frame, vocabulary, fps } = s;
-            format!("tokenizer {tokenizer} with {tokens_per_frame} tokens a frame, {vocabulary} ids, {fps} fps")
+            let Shape { tokenizer, frames_per_word, tokens_per_word, vocabulary, fps } = s;
+            let tokens = tokens_per_word.map_or("any number of".to_string(), |w| w.to_string());
+            format!(
+                "tokenizer {tokenizer} with {frames_per_word} frames and {tokens} tokens a word, {vocabulary} ids, {fps} fps"
+            )
         };
         let help = "put back the tokenizer.json that the corpus was made with, or make the corpus again";
         return Err(Error::file(&path, say(&found), say(&wanted), help));
@@ -217,8 +251,19 @@ fn check_clips(path: &Path, manifest: &Manifest, clips: &[ClipRecord]) -> Result
             let expected = format!("one of the {} sources of corpus.json", manifest.sources.len());
             return Err(Error::file(path, found, expected, "make the corpus again"));
         }
-        next = (clip.frames.checked_mul(manifest.tokens_per_frame).and_then(|n| n.checked_add(next)))
-            .ok_or_else(|| Error::file(path, format!("{} frames", clip.frames), "a number of tokens", ""))?;
+        let words = manifest.words_of(clip.frames);
+        let tokens = manifest.tokens_per_word.map_or(Some(clip.tokens), |w| words.checked_mul(w));
+        if tokens != Some(clip.tokens) || u32::try_from(clip.tokens).is_err() {
+            let found = format!("clip {} of {} frames in {} tokens", clip.name, clip.frames, clip.tokens);
+            let expected = match manifest.tokens_per_word {
+                Some(w) => format!("{words} words of {w} tokens"),
+                None => "at most 2^32 - 1 tokens".into(),
+            };
+            return Err(Error::file(path, found, expected, "make the corpus again"));
+        }
+        next = next
+            .checked_add(clip.tokens)
+            .ok_or_else(|| Error::file(path, format!("{} tokens", clip.tokens), "a number of tokens", ""))?;
     }
     let bytes = (next as u64).saturating_mul(manifest.token_type.width() as u64);
     if bytes != manifest.tokens.bytes {
@@ -233,8 +278,10 @@ fn check_clips(path: &Path, manifest: &Manifest, clips: &[ClipRecord]) -> Result
 pub struct Shape {
     /// SHA-256 that the tokenizer states of itself.
     pub tokenizer: String,
-    /// W: the characters of a word and its space.
-    pub tokens_per_frame: usize,
+    /// L: the frames that a word stands for.
+    pub frames_per_word: usize,
+    /// W: the tokens of a word with its space; `None` where words differ in length.
+    pub tokens_per_word: Option<usize>,
     /// Ids are below this.
     pub vocabulary: usize,
     /// Frames per second.
@@ -246,7 +293,8 @@ impl Shape {
     pub fn of(tokenizer: &Tokenizer) -> Self {
         Shape {
             tokenizer: tokenizer.hash(),
-            tokens_per_frame: tokenizer.channels().len() + 1,
+            frames_per_word: tokenizer.frames_per_word(),
+            tokens_per_word: tokenizer.tokens_per_word(),
             vocabulary: tokenizer.vocabulary().len() as usize,
             fps: tokenizer.fps(),
         }
@@ -258,7 +306,8 @@ impl Manifest {
     pub fn shape(&self) -> Shape {
         Shape {
             tokenizer: self.tokenizer.clone(),
-            tokens_per_frame: self.tokens_per_frame,
+            frames_per_word: self.frames_per_word,
+            tokens_per_word: self.tokens_per_word,
             vocabulary: self.vocabulary,
             fps: self.fps,
         }
@@ -284,7 +333,8 @@ mod tests {
         assert_eq!(manifest.splits[&Split::Train], Count { clips: 2, frames: 3 });
         let train: Vec<_> = c.split(Split::Train).map(|r| c.clip_ids(r)).collect();
         assert_eq!(train, [ids[0].clone(), ids[2].clone()]);
-        assert_eq!(c.frame_ids(&c.clips()[0], 1..2), ids[0][c.tokens_per_frame()..]);
+        assert_eq!(c.word_ids(&c.clips()[0], 1..2), ids[0][7..]);
+        assert_eq!((c.tokens_per_frame(Split::Train), c.tokens_per_frame(Split::Valid)), (7.0, 0.0));
         assert_eq!((c.tokens().len(), c.clips()[1].frames, c.clips()[0].clipped), (3 * 7, 0, 2));
         assert_eq!(fs::read_dir(tmp.path()).unwrap().count(), 1, "nothing is left beside the corpus");
     }
@@ -304,8 +354,13 @@ mod tests {
         for (file, bytes, expected) in [
             (
                 MANIFEST,
-                manifest.replace("\"version\": 1", "\"version\": 9").into_bytes(),
-                "found version 9, expected version 1",
+                manifest.replace("\"version\": 2", "\"version\": 9").into_bytes(),
+                "found version 9, expected version 2; use a newer kinelm",
+            ),
+            (
+                MANIFEST,
+                manifest.replace("\"version\": 2", "\"version\": 1").into_bytes(),
+                "found version 1, expected version 2; corpora of version 1 knew words of one length alone: make it again",
             ),
             (MANIFEST, manifest[..40].into(), "corpus.json:"),
             (MANIFEST, manifest.replace("\"fps\"", "\"fpz\"").into_bytes(), "fpz"),
@@ -334,8 +389,9 @@ mod tests {
         let manifest = fs::read_to_string(dir.join(MANIFEST)).unwrap();
         for (from, to, expected) in [
             ("\"offset\":14", "\"offset\":13", "found clip b at token 13, expected token 14"),
-            ("\"frames\":1", "\"frames\":2", "expected 42 bytes"),
-            ("\"frames\":1", "\"frames\":18446744073709551615", "a number of tokens"),
+            ("\"frames\":1", "\"frames\":2", "clip c of 2 frames in 7 tokens, expected 2 words of 7"),
+            ("\"tokens\":7", "\"tokens\":14", "clip c of 1 frames in 14 tokens"),
+            ("\"frames\":1", "\"frames\":18446744073709551615", "18446744073709551615 words of 7"),
             ("\"source\":0", "\"source\":1", "one of the 1 sources"),
             ("\"key\":2", "\"key\":two", "clips.jsonl:2:"),
         ] {

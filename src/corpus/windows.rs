@@ -1,125 +1,81 @@
 //! Windows of tokens, aligned to words: what a model trains on and what it is measured on.
 //!
-//! T tokens of context, W tokens a word. A sequence is input `<bos> t0 t1 .. t(T-2)`, target `t0 .. t(T-1)`, and t0 is
-//! the first character of a frame. `<bos>` stands at the front of every window, also in the middle of a clip, because
-//! generation's sliding window does the same. Where a clip ends early, both are filled up with `<pad>`, which no loss
-//! counts.
+//! T tokens of context. A sequence is input `<bos> t0 t1 .. t(T-2)`, target `t0 .. t(T-1)`, and t0 is the first token of a
+//! word. `<bos>` stands at the front of every window, also in the middle of a clip, because generation's sliding window
+//! does the same. Where a clip ends early, both are filled up with `<pad>`, which no loss counts. A word that is longer
+//! than a window is cut; only then does a window begin inside one.
 
+use super::words::ClipWords;
 use crate::{Error, Result};
 use std::ops::Range;
 
-/// Whole words in a context of `context` tokens: T div W.
+/// Whole words of `word` tokens in a context of `context` tokens.
 ///
 /// # Errors
 /// [`Error::Call`] when not one word fits.
-pub fn context_frames(context: usize, tokens_per_frame: usize) -> Result<usize> {
-    match context.checked_div(tokens_per_frame) {
+pub fn whole_words(context: usize, word: usize) -> Result<usize> {
+    match context.checked_div(word) {
         Some(n) if n > 0 => Ok(n),
         _ => Err(Error::Call(format!(
-            "a context of {context} tokens doesn't hold one frame of {tokens_per_frame}; give at least {tokens_per_frame}, \
-             better three times that"
+            "a context of {context} tokens doesn't hold one word of {word}; give at least {word}, better three times that"
         ))),
     }
 }
 
-/// A training sequence.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Window {
-    /// Index into the clips that the windows were made of.
-    pub clip: usize,
-    /// The frame of the clip at which it starts.
-    pub frame: usize,
-    /// Targets that are the clip's, 1..=T; the rest is padding.
-    pub tokens: usize,
-}
-
-/// All training windows of some clips: one at every frame from which a context's whole words fit, so that each token
-/// of a clip stands in at least one; a shorter clip has one, padded. Listed clip by clip without being stored.
-#[derive(Debug, Clone)]
-pub struct TrainWindows {
-    ends: Vec<usize>,   // per clip: windows up to and with it
-    frames: Vec<usize>, // per clip: F
-    context: usize,
-    tokens_per_frame: usize,
-}
-
-impl TrainWindows {
-    /// The windows of clips of these `frames`.
-    ///
-    /// # Errors
-    /// [`Error::Call`] when not one word fits into `context` tokens.
-    pub fn new(frames: impl IntoIterator<Item = usize>, context: usize, tokens_per_frame: usize) -> Result<Self> {
-        let n = context_frames(context, tokens_per_frame)?;
-        let frames: Vec<usize> = frames.into_iter().collect();
-        let mut total = 0;
-        let ends = frames.iter().map(|&f| {
-            total += if f == 0 { 0 } else { f.saturating_sub(n) + 1 };
-            total
-        });
-        Ok(TrainWindows { ends: ends.collect(), frames, context, tokens_per_frame })
-    }
-
-    /// How many there are.
-    pub fn len(&self) -> usize {
-        self.ends.last().copied().unwrap_or(0)
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// The window of this index.
-    ///
-    /// # Panics
-    /// If `index` is not below [`TrainWindows::len`].
-    pub fn get(&self, index: usize) -> Window {
-        assert!(index < self.len(), "window {index} of {}", self.len());
-        let clip = self.ends.partition_point(|&end| end <= index);
-        let frame = index - if clip == 0 { 0 } else { self.ends[clip - 1] };
-        let tokens = ((self.frames[clip] - frame) * self.tokens_per_frame).min(self.context);
-        Window { clip, frame, tokens }
-    }
-}
-
-/// A measuring sequence: it shows `frames` frames of a clip and scores the targets in `scored`.
+/// A measuring sequence: it shows `tokens` tokens of a clip and scores the targets in `scored`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EvalWindow {
     /// Index into the clips that the windows were made of.
     pub clip: usize,
-    /// The frame of the clip at which it starts.
-    pub frame: usize,
-    /// Frames it shows, at most T div W.
-    pub frames: usize,
+    /// The token of the clip at which it starts.
+    pub start: usize,
+    /// Tokens it shows, at most T.
+    pub tokens: usize,
     /// Places of the targets that count, in tokens from the window's first.
     pub scored: Range<usize>,
 }
 
-/// The measuring windows of clips of these `frames`: T div W frames each, a hop of half of them, and only what the
-/// window before has not scored counts (of a clip's first window all), so that every token of every clip is scored
-/// exactly once and, but for a clip's beginning, after at least half a window.
+/// The measuring windows of clips: as many whole words as T tokens hold, a hop to the last word that begins in the first
+/// half of them, and only what the window before has not scored counts (of a clip's first window all), so that every
+/// token of every clip is scored exactly once and, but for a clip's beginning, after at least half a window wherever
+/// words leave room for it. Of words of one length, n in a window, the hop is n/2 words.
 ///
 /// # Errors
-/// [`Error::Call`] when not one word fits into `context` tokens.
-pub fn eval_windows(
-    frames: impl IntoIterator<Item = usize>,
-    context: usize,
-    tokens_per_frame: usize,
-) -> Result<Vec<EvalWindow>> {
-    let n = context_frames(context, tokens_per_frame)?;
-    let hop = (n / 2).max(1);
+/// [`Error::Call`] when words have one length and T doesn't hold one, or T is 0.
+pub fn eval_windows<'a>(clips: impl IntoIterator<Item = ClipWords<'a>>, context: usize) -> Result<Vec<EvalWindow>> {
+    whole_words(context, 1)?;
     let mut windows = Vec::new();
-    for (clip, total) in frames.into_iter().enumerate() {
-        let (mut start, mut done) = (0, 0);
+    for (clip, words) in clips.into_iter().enumerate() {
+        if let ClipWords::Fixed { word, .. } = words {
+            whole_words(context, word)?;
+        }
+        let (mut start, mut done, total) = (0, 0, words.tokens());
         while done < total {
-            let shown = n.min(total - start);
-            let scored = (done - start) * tokens_per_frame..shown * tokens_per_frame;
-            windows.push(EvalWindow { clip, frame: start, frames: shown, scored });
-            done = start + shown;
-            start += hop;
+            let end = shown_up_to(words, start, done, context);
+            windows.push(EvalWindow { clip, start, tokens: end - start, scored: done - start..end - start });
+            done = end;
+            start = next_start(words, start, end, context);
         }
     }
     Ok(windows)
+}
+
+/// Where a window ends: behind its last whole word, or where it is full if no word ends behind what is `done`.
+fn shown_up_to(words: ClipWords, start: usize, done: usize, context: usize) -> usize {
+    let full = words.tokens().min(start + context);
+    // the last word that begins at or before there ends the one before it
+    let end = words.start(words.before(full + 1).saturating_sub(1));
+    if full < words.tokens() && end > done { end } else { full }
+}
+
+/// Where the window behind one of `start..end` starts.
+fn next_start(words: ClipWords, start: usize, end: usize, context: usize) -> usize {
+    let half = words.before(start + (end - start) / 2 + 1).saturating_sub(1);
+    let later = [half, words.before(start + 1)].map(|word| words.start(word));
+    match later.into_iter().find(|&next| next > start && next <= end) {
+        Some(next) => next,
+        None => start + (context / 2).max(1),
+    }
 }
 
 /// Writes a sequence of `input.len()` places from the tokens that follow a window's start: `<bos>` and all but the
@@ -154,50 +110,78 @@ mod tests {
 
     #[test]
     fn a_context_below_a_word_is_refused() {
-        assert!(TrainWindows::new([5], 42, 43).unwrap_err().to_string().contains("one frame of 43"));
-        assert!(eval_windows([5], 42, 43).is_err());
-        assert!(context_frames(10, 0).is_err());
+        let word = ClipWords::Fixed { word: 43, words: 5 };
+        assert!(eval_windows([word], 42).unwrap_err().to_string().contains("one word of 43"));
+        assert!(eval_windows([word], 0).is_err());
+        assert!(whole_words(10, 0).is_err());
     }
 
     #[test]
     fn windows_of_43_tokens_in_1024() {
         // 23 whole words and 35 tokens of a 24th
-        let w = TrainWindows::new([30, 10, 0, 23], 1024, 43).unwrap();
-        assert_eq!(w.len(), 8 + 1 + 1);
-        assert_eq!(w.get(0), Window { clip: 0, frame: 0, tokens: 1024 });
-        assert_eq!(w.get(7), Window { clip: 0, frame: 7, tokens: 989 });
-        assert_eq!(w.get(8), Window { clip: 1, frame: 0, tokens: 430 });
-        assert_eq!(w.get(9), Window { clip: 3, frame: 0, tokens: 989 });
-        let e = eval_windows([40], 1024, 43).unwrap();
-        let scored: Vec<_> = e.iter().map(|w| (w.frame, w.frames, w.scored.start / 43..w.scored.end / 43)).collect();
-        assert_eq!(scored, [(0, 23, 0..23), (11, 23, 12..23), (22, 18, 12..18)]);
+        let e = eval_windows([ClipWords::Fixed { word: 43, words: 40 }], 1024).unwrap();
+        let words: Vec<_> =
+            e.iter().map(|w| (w.start / 43, w.tokens / 43, w.scored.start / 43..w.scored.end / 43)).collect();
+        assert_eq!(words, [(0, 23, 0..23), (11, 23, 12..23), (22, 18, 12..18)]);
+    }
+
+    #[test]
+    fn windows_of_words_of_any_length() {
+        let windows = |lengths: &[usize], context| {
+            let (starts, tokens) = starts(lengths);
+            let e = eval_windows([ClipWords::Varying { starts: &starts, tokens }], context).unwrap();
+            e.into_iter().map(|w| (w.start, w.tokens, w.scored)).collect::<Vec<_>>()
+        };
+        // half of the 9 tokens shown lies in the second word, half of the 8 that follow in the third
+        assert_eq!(windows(&[4, 3, 2, 3, 3, 4], 10), [(0, 9, 0..9), (4, 8, 5..8), (7, 8, 5..8), (9, 10, 6..10)]);
+        // words that don't fit are cut, and what is short before them is seen again
+        assert_eq!(windows(&[2, 9, 2], 4), [(0, 2, 0..2), (2, 4, 0..4), (4, 4, 2..4), (6, 4, 2..4), (8, 3, 2..3), (11, 2, 0..2)]);
+    }
+
+    fn starts(lengths: &[usize]) -> (Vec<u32>, usize) {
+        let mut end = 0;
+        let starts = lengths.iter().map(|n| {
+            end += n;
+            (end - n) as u32
+        });
+        (starts.collect(), end)
     }
 
     proptest! {
         #[test]
-        fn every_token_is_scored_once(frames in prop::collection::vec(0usize..60, 0..5), w in 1usize..6, context in 1usize..40) {
-            prop_assume!(context >= w);
-            let n = context / w;
-            let mut seen: Vec<Vec<u32>> = frames.iter().map(|f| vec![0; f * w]).collect();
-            for e in eval_windows(frames.clone(), context, w).unwrap() {
-                prop_assert!(e.frames * w <= context && e.scored.end <= e.frames * w);
-                prop_assert!(e.frame == 0 || e.scored.start >= (n / 2) * w);
-                e.scored.for_each(|t| seen[e.clip][e.frame * w + t] += 1);
+        fn every_token_is_scored_once(
+            clips in prop::collection::vec(prop::collection::vec(1usize..12, 0..30), 0..4),
+            context in 1usize..40,
+        ) {
+            let clips: Vec<(Vec<u32>, usize)> = clips.iter().map(|c| starts(c)).collect();
+            let words = || clips.iter().map(|(starts, tokens)| ClipWords::Varying { starts, tokens: *tokens });
+            let mut seen: Vec<Vec<u32>> = clips.iter().map(|c| vec![0; c.1]).collect();
+            for e in eval_windows(words(), context).unwrap() {
+                prop_assert!(e.tokens <= context && e.scored.end == e.tokens && e.start + e.tokens <= seen[e.clip].len());
+                let aligned = clips[e.clip].0.contains(&(e.start as u32));
+                // only words longer than the window are begun inside
+                let word = clips[e.clip].0.iter().rev().find(|&&s| s as usize <= e.start).map_or(0, |&s| s as usize);
+                let next = clips[e.clip].0.iter().find(|&&s| s as usize > e.start).map_or(seen[e.clip].len(), |&s| s as usize);
+                prop_assert!(aligned || next - word > context, "{e:?}");
+                e.scored.for_each(|t| seen[e.clip][e.start + t] += 1);
             }
             prop_assert!(seen.iter().flatten().all(|&n| n == 1));
         }
 
         #[test]
-        fn every_token_is_in_a_training_window(frames in prop::collection::vec(0usize..60, 0..5), w in 1usize..6, context in 1usize..40) {
-            prop_assume!(context >= w);
-            let mut seen: Vec<Vec<bool>> = frames.iter().map(|f| vec![false; f * w]).collect();
-            let all = TrainWindows::new(frames.clone(), context, w).unwrap();
-            for i in 0..all.len() {
-                let x = all.get(i);
-                prop_assert!(x.tokens >= 1 && x.tokens <= context);
-                seen[x.clip][x.frame * w..x.frame * w + x.tokens].fill(true);
+        fn words_of_one_length_move_by_half_the_words(words in 0usize..60, word in 1usize..6, context in 1usize..40) {
+            prop_assume!(context >= word);
+            let n = context / word;
+            let found = eval_windows([ClipWords::Fixed { word, words }], context).unwrap();
+            let (mut start, mut done) = (0, 0);
+            for e in &found {
+                let shown = n.min(words - start);
+                let expected = (start * word, shown * word, (done - start) * word..shown * word);
+                prop_assert_eq!((e.start, e.tokens, e.scored.clone()), expected);
+                done = start + shown;
+                start += (n / 2).max(1);
             }
-            prop_assert!(seen.iter().flatten().all(|&s| s));
+            prop_assert_eq!(done, words);
         }
     }
 }

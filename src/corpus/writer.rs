@@ -5,7 +5,7 @@ use super::record::{
 };
 use super::store::{CLIPS, MANIFEST, Shape, TOKENIZER};
 use crate::{Error, Result, files};
-use kinelm_tokenizer::Tokenizer;
+use kinelm_tokenizer::{SPACE, Tokenizer};
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, HashSet};
 use std::fs::{self, File};
@@ -23,6 +23,7 @@ pub struct NewClip {
     pub key: usize,
     pub source: usize,
     pub sha256: String,
+    pub frames: usize,
     pub clipped: usize,
     pub second_codes: usize,
 }
@@ -72,7 +73,8 @@ impl CorpusWriter {
             manifest: Manifest {
                 version: VERSION,
                 tokenizer: shape.tokenizer,
-                tokens_per_frame: shape.tokens_per_frame,
+                frames_per_word: shape.frames_per_word,
+                tokens_per_word: shape.tokens_per_word,
                 vocabulary: shape.vocabulary,
                 fps: shape.fps,
                 token_type,
@@ -95,35 +97,43 @@ impl CorpusWriter {
         })
     }
 
-    /// Appends a clip of (F * W) `ids`. Keys ascend, so that the order of a corpus never depends on who was faster.
+    /// Appends a clip of the `ids` of ceil(F / L) words. Keys ascend, so that the order of a corpus never depends on who was faster.
     ///
     /// # Errors
-    /// [`Error::Call`] when the ids are no whole words or outside the vocabulary, the name stood before, the key is not
+    /// [`Error::Call`] when the ids are not the words of the clip's frames or outside the vocabulary, the name stood before, the key is not
     /// above the last one, or the source is not listed; [`Error::Io`].
     pub fn push(&mut self, clip: NewClip, ids: &[u32]) -> Result<()> {
         self.check(&clip, ids)?;
-        let frames = ids.len() / self.manifest.tokens_per_frame;
         self.tokens.write(&self.token_type.to_bytes(ids))?;
-        let NewClip { name, labels, split, take, key, source, sha256, clipped, second_codes } = clip;
+        let NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes } = clip;
         self.sources[source].update(format!("{name} {sha256}\n"));
         self.manifest.sources[source].clips += 1;
         self.manifest.count.add(frames);
         self.manifest.splits.entry(split).or_default().add(frames);
         self.names.insert(name.clone());
         self.last_key = Some(key);
-        let offset = self.offset;
-        self.offset += ids.len();
+        let (offset, tokens) = (self.offset, ids.len());
+        self.offset += tokens;
         let record =
-            ClipRecord { name, offset, frames, labels, split, take, key, source, sha256, clipped, second_codes };
+            ClipRecord { name, offset, tokens, frames, labels, split, take, key, source, sha256, clipped, second_codes };
         let line = serde_json::to_string(&record).expect("a record of strings and integers is JSON");
         self.clips.write(format!("{line}\n").as_bytes())
     }
 
     fn check(&self, clip: &NewClip, ids: &[u32]) -> Result<()> {
         let fail = |what: String| Err(Error::Call(format!("{}: {what}", clip.name)));
-        let (w, v) = (self.manifest.tokens_per_frame, self.manifest.vocabulary);
-        if w == 0 || !ids.len().is_multiple_of(w) {
-            return fail(format!("{} tokens; expected whole words of {w}", ids.len()));
+        let v = self.manifest.vocabulary;
+        let expected = self.manifest.words_of(clip.frames);
+        let (found, whole) = match self.manifest.tokens_per_word {
+            Some(w) => (ids.len() / w.max(1), ids.len().is_multiple_of(w)),
+            None => (ids.iter().filter(|&&id| id == SPACE).count(), ids.last().is_none_or(|&id| id == SPACE)),
+        };
+        if found != expected || !whole {
+            let part = if whole { "" } else { " and a part of one" };
+            return fail(format!("{found} words{part} for {} frames; expected {expected} words", clip.frames));
+        }
+        if u32::try_from(ids.len()).is_err() {
+            return fail(format!("{} tokens; a clip holds at most 2^32 - 1; cut it in two", ids.len()));
         }
         if let Some(i) = ids.iter().position(|&id| id as usize >= v) {
             return fail(format!("token {i} is {}; expected an id below {v}", ids[i]));
@@ -252,7 +262,7 @@ mod tests {
         let e = begin(&dir, false).unwrap_err().to_string();
         assert!(e.contains("--force"), "{e}");
         let mut w = begin(&dir, true).unwrap();
-        w.push(clip("z", 0, Split::Valid), &words(1)).unwrap();
+        w.push(clip("z", 0, Split::Valid, 1), &words(1)).unwrap();
         assert_eq!(Corpus::open(&dir).unwrap().clips()[0].name, "a", "the old one stands until the new one is whole");
         w.finish().unwrap();
         assert_eq!(Corpus::open(&dir).unwrap().clips()[0].name, "z");
@@ -266,7 +276,7 @@ mod tests {
     #[test]
     fn a_dropped_writer_leaves_nothing() {
         let tmp = tempfile::tempdir().unwrap();
-        begin(&tmp.path().join("c"), false).unwrap().push(clip("a", 0, Split::Train), &words(1)).unwrap();
+        begin(&tmp.path().join("c"), false).unwrap().push(clip("a", 0, Split::Train, 1), &words(1)).unwrap();
         assert_eq!(fs::read_dir(tmp.path()).unwrap().count(), 0);
     }
 
@@ -275,12 +285,15 @@ mod tests {
         let tmp = tempfile::tempdir().unwrap();
         let mut w = begin(&tmp.path().join("c"), false).unwrap();
         let says = |r: Result<()>| r.unwrap_err().to_string();
-        assert!(says(w.push(clip("a", 0, Split::Train), &words(1)[1..])).contains("whole words of 7"));
-        assert!(says(w.push(clip("a", 0, Split::Train), &[9999; 7])).contains("expected an id below"));
-        w.push(clip("a", 3, Split::Train), &words(1)).unwrap();
-        assert!(says(w.push(clip("a", 4, Split::Train), &[])).contains("stands once"));
-        assert!(says(w.push(clip("b", 3, Split::Train), &[])).contains("keys ascend"));
-        let far = NewClip { source: 1, ..clip("b", 4, Split::Train) };
+        let one = |name: &str, key| clip(name, key, Split::Train, 1);
+        assert!(says(w.push(one("a", 0), &words(1)[1..])).contains("0 words and a part of one for 1 frames"));
+        assert!(says(w.push(one("a", 0), &words(2))).contains("2 words for 1 frames; expected 1 words"));
+        assert!(says(w.push(one("a", 0), &[9999; 7])).contains("expected an id below"));
+        w.push(one("a", 3), &words(1)).unwrap();
+        let none = |name: &str, key| clip(name, key, Split::Train, 0);
+        assert!(says(w.push(none("a", 4), &[])).contains("stands once"));
+        assert!(says(w.push(none("b", 3), &[])).contains("keys ascend"));
+        let far = NewClip { source: 1, ..none("b", 4) };
         assert!(says(w.push(far, &[])).contains("source 1"));
     }
 }

@@ -1,9 +1,10 @@
 //! Bits a frame that a model needs for clips it is shown: PROTOCOLS 2.5.
 
 use crate::corpus::{ClipRecord, Corpus, EvalWindow, eval_windows, fill_sequence};
-use crate::model::Scores;
+use crate::model::{Scores, TokenLayout};
 use crate::{Error, Result};
 use serde::Serialize;
+use std::ops::Range;
 
 /// Tokens that the model is asked about at a time, in whole windows.
 const BATCH_TOKENS: usize = 4096;
@@ -17,6 +18,8 @@ pub struct Likelihood {
     pub nats_per_token: f64,
     /// Tokens that were scored.
     pub tokens: usize,
+    /// Frames of the words whose spaces are among them.
+    pub frames: usize,
     /// Windows they stood in.
     pub windows: usize,
     /// Windows there are; more than `windows` where a limit was set.
@@ -25,8 +28,8 @@ pub struct Likelihood {
 
 /// Bits a frame of `model` on `clips`, `None` where they have no frame.
 ///
-/// Windows hold as many whole words as the context does and move by half of them; of each only what the one before has
-/// not scored counts. With `most` above 0, at most so many windows are taken, spread evenly.
+/// Windows hold as many whole words as the context does and move by half of them, see [`eval_windows`]; of each only what
+/// the one before has not scored counts. With `most` above 0, at most so many windows are taken, spread evenly.
 ///
 /// # Errors
 /// A corpus of other words than the model's; a model whose probabilities are not finite, with the clip named.
@@ -36,38 +39,51 @@ pub fn likelihood(
     clips: &[&ClipRecord],
     most: usize,
 ) -> Result<Option<Likelihood>> {
-    let word = corpus.tokens_per_frame();
-    if (word, corpus.manifest().vocabulary) != (model.tokens().word, model.tokens().vocabulary) {
+    let (own, found) = (model.tokens(), TokenLayout::of(corpus.tokenizer()));
+    if *own != found {
+        let say = |t: &TokenLayout| {
+            format!("words of {}{} tokens from {} ids", if t.varying { "up to " } else { "" }, t.word, t.vocabulary)
+        };
         return Err(Error::Call(format!(
-            "the corpus has words of {word} tokens from {} ids, the model was trained on words of {} from {}; make the \
-             corpus with the run's tokenizer",
-            corpus.manifest().vocabulary,
-            model.tokens().word,
-            model.tokens().vocabulary
+            "the corpus has {}, the model was trained on {}; make the corpus with the run's tokenizer",
+            say(&found),
+            say(own)
         )));
     }
-    let all = eval_windows(clips.iter().map(|c| c.frames), model.config().context, word)?;
+    let all = eval_windows(clips.iter().map(|c| corpus.words(c)), model.config().context)?;
     let taken: Vec<&EvalWindow> = match most {
         0 => all.iter().collect(),
         most if most >= all.len() => all.iter().collect(),
         most => (0..most).map(|i| &all[i * all.len() / most]).collect(),
     };
-    let length = taken.iter().map(|w| w.frames * word).max().unwrap_or(1);
-    let (mut nats, mut tokens) = (0.0, 0);
+    let length = taken.iter().map(|w| w.tokens).max().unwrap_or(1);
+    let (mut nats, mut tokens, mut frames) = (0.0, 0, 0);
     for windows in taken.chunks((BATCH_TOKENS / length).max(1)) {
         for (window, sum) in windows.iter().zip(batch_nats(model, corpus, clips, windows, length)?) {
             if !sum.is_finite() {
                 let clip = &clips[window.clip].name;
-                return Err(Error::Call(format!("{clip} from frame {}: {sum} nats", window.frame)));
+                return Err(Error::Call(format!("{clip} from token {}: {sum} nats", window.start)));
             }
             nats += sum;
             tokens += window.scored.len();
+            frames += scored_frames(corpus, clips[window.clip], window);
         }
     }
-    let bits_per_frame = nats / std::f64::consts::LN_2 / (tokens as f64 / word as f64);
+    let bits_per_frame = nats / std::f64::consts::LN_2 / frames as f64;
     let nats_per_token = nats / tokens as f64;
-    let found = Likelihood { bits_per_frame, nats_per_token, tokens, windows: taken.len(), all_windows: all.len() };
-    Ok((tokens > 0).then_some(found))
+    let (windows, all_windows) = (taken.len(), all.len());
+    let found = Likelihood { bits_per_frame, nats_per_token, tokens, frames, windows, all_windows };
+    // some windows of words too long for one may hold no space at all
+    Ok((frames > 0).then_some(found))
+}
+
+/// Frames of the words that end among a window's scored tokens.
+fn scored_frames(corpus: &Corpus, clip: &ClipRecord, window: &EvalWindow) -> usize {
+    let words = corpus.words(clip);
+    // a word has ended where the next one, or nothing, begins at or before a token
+    let ended = |token: usize| if token >= words.tokens() { words.len() } else { words.before(token + 1) - 1 };
+    let Range { start, end } = window.scored;
+    corpus.frames_of(clip, ended(window.start + start)..ended(window.start + end))
 }
 
 /// Nats of the scored tokens of each window; all become `length` tokens long, and what isn't scored is padding.
@@ -81,7 +97,7 @@ fn batch_nats(
     let (bos, pad) = (model.tokens().bos, model.tokens().pad);
     let (mut inputs, mut targets) = (vec![pad; windows.len() * length], vec![pad; windows.len() * length]);
     for (window, (input, target)) in windows.iter().zip(inputs.chunks_mut(length).zip(targets.chunks_mut(length))) {
-        let ids = corpus.frame_ids(clips[window.clip], window.frame..window.frame + window.frames);
+        let ids = corpus.ids(clips[window.clip], window.start..window.start + window.tokens);
         fill_sequence(&ids, bos, pad, input, target);
         target[..window.scored.start].fill(pad);
         target[window.scored.end..].fill(pad);
@@ -109,7 +125,7 @@ mod tests {
         let zero = Tensor::zeros((fixture::TOKENS.vocabulary, 8), candle_core::DType::F32, &Device::Cpu).unwrap();
         gpt.vars()["token.weight"].set(&zero).unwrap();
         let all = likelihood(&mut gpt, &corpus, &clips, 0).unwrap().unwrap();
-        assert_eq!(all.tokens, 32 * 7);
+        assert_eq!((all.tokens, all.frames), (32 * 7, 32));
         let expected = 7.0 * (fixture::TOKENS.vocabulary as f64).log2();
         assert!((all.bits_per_frame - expected).abs() < 1e-4, "{} {expected}", all.bits_per_frame);
         // 30 frames in windows of 5 that move by 2: 14; and one of the short clip
@@ -128,7 +144,7 @@ mod tests {
         let mut gpt = Gpt::new(&config, &fixture::TOKENS, 4).unwrap();
         let found = likelihood(&mut gpt, &corpus, &clips, 0).unwrap().unwrap();
         // by hand: windows of 4 words at frames 0, 2, 4, 6, 8; the first is scored whole, then two words each, then one
-        let ids = corpus.frame_ids(clips[0], 0..11);
+        let ids = corpus.clip_ids(clips[0]);
         let mut nats = 0.0;
         for (first, last, unscored) in [(0, 4, 0), (2, 6, 2), (4, 8, 2), (6, 10, 2), (8, 11, 2)] {
             let mut cache = gpt.cache().unwrap();

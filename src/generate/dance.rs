@@ -2,16 +2,22 @@
 
 use super::Plan;
 use crate::{Error, Result};
-use std::ops::Range;
+use kinelm_tokenizer::{Place, SPACE};
 
 pub(super) struct Dance<'a> {
     plan: &'a Plan<'a>,
     seed: u64,
-    /// Words that a window holds.
-    most: usize,
+    /// Tokens that a window holds.
+    context: usize,
+    /// Words that a window holds, if all have one length.
+    most: Option<usize>,
     /// What is known: drawn, given, spaces. Behind it stands a free place, or nothing.
     ids: Vec<u32>,
-    /// The window's first frame.
+    /// The first token of each word, the one that is being drawn among them.
+    starts: Vec<usize>,
+    /// Where the next token stands in its word.
+    place: Place,
+    /// The window's first token.
     first: usize,
     /// Tokens of the window that the model has read.
     read: usize,
@@ -19,32 +25,40 @@ pub(super) struct Dance<'a> {
     block: Vec<u32>,
     /// Tokens of the block that are guesses, or given places between them.
     ahead: usize,
-    /// Characters guessed so far, and those that were right.
+    /// Tokens guessed so far, and those that were right.
     pub guessed: u64,
     pub right: u64,
 }
 
 impl<'a> Dance<'a> {
-    pub fn new(plan: &'a Plan<'a>, seed: u64, most: usize) -> Self {
-        let ids = Vec::with_capacity(plan.frames * (plan.given.len() + 1));
-        let mut dance =
-            Dance { plan, seed, most, ids, first: 0, read: 0, block: Vec::new(), ahead: 0, guessed: 0, right: 0 };
+    pub fn new(plan: &'a Plan<'a>, seed: u64, context: usize) -> Self {
+        let word = plan.grammar.tokens_per_word();
+        let mut dance = Dance {
+            plan,
+            seed,
+            context,
+            most: word.map(|word| context / word),
+            ids: Vec::with_capacity(plan.words * word.unwrap_or(1)),
+            starts: vec![0],
+            place: Place::default(),
+            first: 0,
+            read: 0,
+            block: Vec::new(),
+            ahead: 0,
+            guessed: 0,
+            right: 0,
+        };
         dance.advance();
         dance
     }
 
-    /// W.
-    fn word(&self) -> usize {
-        self.plan.given.len() + 1
-    }
-
-    /// Whole frames.
-    pub fn frames(&self) -> usize {
-        self.ids.len() / self.word()
+    /// Whole words.
+    pub fn words(&self) -> usize {
+        self.starts.len() - 1
     }
 
     pub fn is_done(&self) -> bool {
-        self.frames() == self.plan.frames
+        self.words() == self.plan.words
     }
 
     pub fn into_ids(self) -> Vec<u32> {
@@ -61,33 +75,60 @@ impl<'a> Dance<'a> {
         self.ahead > 0
     }
 
-    /// Tokens of the window: the front token and the words from its first on.
+    /// Tokens of the window: the front token and all that are known from its first on.
     fn window(&self) -> usize {
-        1 + self.ids.len() - self.first * self.word()
+        1 + self.ids.len() - self.first
     }
 
-    /// The given character at a place, if it is given there.
-    fn given(&self, frame: usize, place: usize) -> Option<u32> {
-        let word = self.plan.prompt.chunks_exact(self.word()).nth(frame)?;
-        self.plan.given[place].then(|| word[place])
+    /// The token that must stand at a place of the word that is being drawn, `behind` tokens behind the next one.
+    fn known(&self, place: Place, behind: usize) -> Option<u32> {
+        let plan = self.plan;
+        let given = || {
+            let word = plan.given.len() + 1;
+            plan.given.get(place.tokens).filter(|given| **given)?;
+            plan.prompt.get(self.words() * word + place.tokens)
+        };
+        let known = plan.beginning.get(self.ids.len() + behind).or_else(given);
+        known.copied().or_else(|| plan.grammar.only(place))
     }
 
-    /// Adds what is known up to the next free place. A window that is full moves when the next word begins.
+    /// Adds what is known up to the next free place, for which the window has room then.
     fn advance(&mut self) {
         while !self.is_done() {
-            let (frame, place) = (self.frames(), self.ids.len() % self.word());
-            if place == 0 && frame - self.first == self.most {
-                self.first = frame - (self.most - self.most / 2);
-                self.read = 0;
+            self.move_by_words();
+            match self.known(self.place, 0) {
+                Some(id) => self.push(id),
+                None => return self.make_room(),
             }
-            let known = match place == self.plan.given.len() {
-                true => Some(self.plan.space),
-                false => self.given(frame, place),
-            };
-            match known {
-                Some(id) => self.ids.push(id),
-                None => return,
-            }
+        }
+    }
+
+    fn push(&mut self, id: u32) {
+        self.ids.push(id);
+        self.place = self.plan.grammar.advance(self.place, id);
+        if id == SPACE {
+            self.starts.push(self.ids.len());
+        }
+    }
+
+    /// Words of one length: a window that is full moves when the next word begins.
+    fn move_by_words(&mut self) {
+        let (Some(most), word) = (self.most, self.plan.grammar.tokens_per_word().unwrap_or(1)) else { return };
+        if self.place == Place::default() && self.ids.len() - self.first == most * word {
+            self.first = self.starts[self.words() - (most - most / 2)];
+            self.read = 0;
+        }
+    }
+
+    /// Words of any length: a window that has no room for the next token moves on by half, to where a word begins; inside
+    /// a word only if that one alone fills it.
+    fn make_room(&mut self) {
+        while self.most.is_none() && self.window() > self.context {
+            let half = self.first + (self.context / 2).max(1);
+            let words = &self.starts[..self.starts.partition_point(|&s| s < self.ids.len())];
+            let next = words.get(words.partition_point(|&s| s < half)).or(words.last().filter(|&&s| s > self.first));
+            self.first = next.copied().unwrap_or(half);
+            self.read = 0;
         }
     }
 
@@ -98,11 +139,10 @@ impl<'a> Dance<'a> {
         if self.is_done() {
             return self.read;
         }
-        let start = self.first * self.word();
         if self.read == 0 {
             self.block.push(self.plan.bos);
         }
-        self.block.extend_from_slice(&self.ids[start + self.read.max(1) - 1..]);
+        self.block.extend_from_slice(&self.ids[self.first + self.read.max(1) - 1..]);
         // a window that begins is read for itself: its rows would all be given logits
         if self.read > 0 {
             self.guess(guesses);
@@ -111,24 +151,32 @@ impl<'a> Dance<'a> {
     }
 
     /// Adds up to `most` guesses to the block, and the given places between them, as long as a free place of the same word
-    /// follows.
+    /// follows and the window has room.
     fn guess(&mut self, most: usize) {
-        let (frame, c) = (self.frames(), self.plan.given.len());
         let before = self.block.len();
-        let mut place = self.ids.len() % self.word();
+        let mut place = self.place;
         for _ in 0..most {
-            let Some(id) = self.guessed_at(frame, place) else { break };
-            let Some(next) = (place + 1..c).find(|&p| self.given(frame, p).is_none()) else { break };
-            self.block.push(id);
-            self.block.extend((place + 1..next).filter_map(|p| self.plan.prompt.get(frame * (c + 1) + p)));
-            place = next;
+            let whole = self.block.len();
+            let mut next = self.guessed_at(place);
+            while let Some(id) = next.filter(|&id| id != SPACE) {
+                self.block.push(id);
+                place = self.plan.grammar.advance(place, id);
+                next = self.known(place, self.block.len() - before);
+            }
+            // the word ends, no token was guessed, or the window is full
+            if next.is_some() || self.block.len() == whole || self.window() + self.block.len() - before > self.context {
+                self.block.truncate(whole);
+                break;
+            }
         }
         self.ahead = self.block.len() - before;
     }
 
-    /// The character of the frame before.
-    fn guessed_at(&self, frame: usize, place: usize) -> Option<u32> {
-        self.ids.get(frame.checked_sub(1)? * self.word() + place).copied()
+    /// The token of the word before.
+    fn guessed_at(&self, place: Place) -> Option<u32> {
+        let word = self.words().checked_sub(1)?;
+        let id = self.ids[self.starts[word]..self.starts[word + 1]].get(place.tokens).copied();
+        id.filter(|&id| self.plan.grammar.allows(place, id))
     }
 
     /// Draws what the block's `logits` (rows, V) are good for: the next free place, and those behind guesses that turn out
@@ -150,7 +198,7 @@ impl<'a> Dance<'a> {
                 self.guessed += 1;
                 self.right += u64::from(*guess == id);
             }
-            self.ids.push(id);
+            self.push(id);
             self.advance();
             // up to the next free place, if the model has read so far
             let drawn = self.ids.len() - start;
@@ -166,18 +214,17 @@ impl<'a> Dance<'a> {
         Ok(())
     }
 
-    /// The character of the next place, which is free.
+    /// The token of the next place, which is free.
     fn draw(&self, logits: &[f32]) -> Result<u32> {
-        let (frame, place) = (self.frames(), self.ids.len() % self.word());
-        let Range { start, end } = self.plan.characters.clone();
-        let allowed = logits.get(start as usize..end as usize).ok_or_else(|| {
-            let knows = logits.len();
-            Error::Call(format!("the model knows {knows} tokens, the tokenizer {end}: they don't belong together"))
-        })?;
-        let mut rng = crate::random::stream(self.seed, "character", frame as u64, place as u64);
-        let drawn = self.plan.draw.pick(allowed, &mut rng).ok_or_else(|| {
-            Error::Call(format!("frame {frame}, place {place}: the model's logits are not finite; the run is broken"))
-        })?;
-        Ok(start + drawn as u32)
+        let (knows, expected) = (logits.len(), self.plan.grammar.vocabulary());
+        if knows != expected as usize {
+            let what = "they don't belong together";
+            return Err(Error::Call(format!("the model knows {knows} tokens, the tokenizer {expected}: {what}")));
+        }
+        let (word, place) = (self.words(), self.place.tokens);
+        let mut rng = crate::random::stream(self.seed, "character", word as u64, place as u64);
+        self.plan.draw.pick(logits, &self.plan.grammar.allowed(self.place), &mut rng).ok_or_else(|| {
+            Error::Call(format!("word {word}, place {place}: the model's logits are not finite; the run is broken"))
+        })
     }
 }

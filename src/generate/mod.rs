@@ -1,9 +1,9 @@
-//! New dances: some characters of every word are given, the model draws the rest.
+//! New dances: some characters of every word are given, or the first words are, and the model draws the rest.
 //!
-//! A word is drawn place by place, in the tokenizer's order. A given place takes the prompt's character; a free one is
-//! drawn from the characters its place allows and from nothing else, so whatever comes out decodes. Known characters go
-//! into the model in one block with the next free one. When the context is full, the oldest half of the frames is
-//! dropped, whole words, and the rest read again.
+//! A word is drawn token by token. A given place takes the prompt's character; a free one is drawn from the tokens that the
+//! tokenizer's grammar allows there and from nothing else, so whatever comes out decodes. Known tokens go into the model in
+//! one block with the next free one. When the context is full, the oldest half of it is dropped, whole words, and the rest
+//! read again.
 //!
 //! Several dances can be drawn side by side, sharing every read of the model's weights. Each free place of each dance
 //! draws from a random stream of its own, so neither company nor guessing ahead changes what is drawn.
@@ -16,10 +16,9 @@ use crate::model::{Cache, Compute, LoadedRun, Reader, Reading};
 use crate::{Error, Result};
 use dance::Dance;
 use kinelm_engine::decode::{KvKind, Logits, WeightKind};
-use kinelm_tokenizer::{SPACE, Special, Tokenizer};
+use kinelm_tokenizer::{Grammar, Special};
 use rand_chacha::rand_core::RngCore;
 use sampling::Draw;
-use std::ops::Range;
 
 /// What generation asks of a model: sequences that are read side by side.
 pub trait NextToken: Send {
@@ -124,43 +123,36 @@ const GUESSES: usize = 8;
 /// What is to be danced.
 #[derive(Debug, Clone)]
 pub struct Plan<'a> {
-    /// Frames wanted.
-    pub frames: usize,
-    /// (C) which places of a word are given.
+    /// Words wanted.
+    pub words: usize,
+    /// Which ids may stand where.
+    pub grammar: Grammar,
+    /// Ids of whole words, spaces included, that the dance begins with.
+    pub beginning: &'a [u32],
+    /// (C) which places of a word are given, where all words have C characters and none are merged; empty: none.
     pub given: &'a [bool],
-    /// (P, W) ids of the prompt's P words, spaces included; frames beyond them are free.
+    /// (P, W) ids of the P words that these places are taken from, spaces included; words beyond them are free.
     pub prompt: &'a [u32],
-    /// Ids of the characters: what a place may hold.
-    pub characters: Range<u32>,
     /// The token in front of every window.
     pub bos: u32,
-    /// The token that ends a word.
-    pub space: u32,
     /// How free places are drawn.
     pub draw: Draw,
     /// The seed of the draws.
     pub seed: u64,
-    /// Free characters that are guessed ahead and verified in one read; it changes no id, only the time.
+    /// Free tokens that are guessed ahead and verified in one read; it changes no id, only the time.
     pub guesses: usize,
 }
 
-impl<'a> Plan<'a> {
-    /// A dance in a tokenizer's words: `given` (C) places, `prompt` (P, W) ids.
-    pub fn of_words(
-        tokenizer: &Tokenizer,
-        given: &'a [bool],
-        prompt: &'a [u32],
-        frames: usize,
-        draw: Draw,
-        seed: u64,
-    ) -> Self {
-        let characters = tokenizer.grammar().characters();
+impl Plan<'_> {
+    /// A free dance of so many words of a grammar.
+    pub fn free(grammar: Grammar, words: usize, draw: Draw, seed: u64) -> Self {
         let guesses = if draw == Draw::Greedy { GUESSES } else { 0 };
-        Plan { frames, given, prompt, characters, bos: Special::Bos.id(), space: SPACE, draw, seed, guesses }
+        let (beginning, given, prompt) = (&[][..], &[][..], &[][..]);
+        Plan { words, grammar, beginning, given, prompt, bos: Special::Bos.id(), draw, seed, guesses }
     }
 }
 
-/// (frames, W) ids of a new dance, spaces included. `progress` is told the number of frames done.
+/// The ids of a new dance, spaces included. `progress` is told the number of words done.
 ///
 /// The same model, plan and seed give the same ids.
 ///
@@ -176,32 +168,31 @@ pub fn dance(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(us
 /// What came out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Danced {
-    /// (frames, W) ids of each dance, spaces included.
+    /// The ids of each dance, spaces included.
     pub ids: Vec<Vec<u32>>,
-    /// Characters that were guessed ahead.
+    /// Tokens that were guessed ahead.
     pub guessed: u64,
     /// Of these the ones that were drawn.
     pub right: u64,
 }
 
 /// As many dances as the model has sequences. The first is the plan's; the others draw from seeds of their own, made from
-/// the plan's. `progress` is told the number of frames that all of them have.
+/// the plan's. `progress` is told the number of words that all of them have.
 ///
 /// # Errors
-/// A context that holds fewer than two words, logits that are not finite (frame and place are named), and what the
-/// model's own reading fails with.
+/// A context that holds fewer than two words of the one length that all have, or two tokens; logits that are not finite
+/// (word and place are named), and what the model's own reading fails with.
 pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Danced> {
-    let w = plan.given.len() + 1;
+    let (context, word) = (model.context(), plan.grammar.tokens_per_word());
     // a window of n words reads the front token and n words but for the last space
-    let most = model.context() / w;
+    let (what, most) = word.map_or(("tokens".into(), context), |word| (format!("words of {word}"), context / word.max(1)));
     if most < 2 {
         return Err(Error::Call(format!(
-            "the model's context of {} tokens holds {most} words of {w}; expected at least 2: train with a longer context",
-            model.context()
+            "the model's context of {context} tokens holds {most} {what}; expected at least 2: train with a longer context"
         )));
     }
     let guesses = if model.is_exact() { plan.guesses } else { 0 };
-    let mut dances: Vec<Dance> = (0..model.streams()).map(|i| Dance::new(plan, seed(plan.seed, i), most)).collect();
+    let mut dances: Vec<Dance> = (0..model.streams()).map(|i| Dance::new(plan, seed(plan.seed, i), context)).collect();
     let mut logits = Vec::new();
     while dances.iter().any(|dance| !dance.is_done()) {
         for (stream, dance) in dances.iter_mut().enumerate() {
@@ -219,7 +210,7 @@ pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(u
             dance.take(own, vocabulary)?;
             rest = behind;
         }
-        progress(dances.iter().map(Dance::frames).min().unwrap_or(0));
+        progress(dances.iter().map(Dance::words).min().unwrap_or(0));
     }
     let count = |f: &dyn Fn(&Dance) -> u64| dances.iter().map(f).sum();
     let (guessed, right) = (count(&|d| d.guessed), count(&|d| d.right));

@@ -1,9 +1,10 @@
-//! Which of the allowed characters comes next.
+//! Which of the allowed tokens comes next.
 
 use crate::random;
 use rand_chacha::ChaCha8Rng;
+use std::ops::Range;
 
-/// How a character is drawn from the model's logits.
+/// How a token is drawn from the model's logits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Draw {
     /// The likeliest; of equals the first. The thesis's way.
@@ -13,22 +14,25 @@ pub enum Draw {
 }
 
 impl Draw {
-    /// The place in `logits` that is drawn; `None` if one of them is not finite.
+    /// The id that is drawn of those that are `allowed`, ranges that ascend, by the `logits` (V) of all; `None` if one of
+    /// theirs is missing or not finite.
     ///
-    /// Probabilities are summed in f64 in the order of the places, so the same stream draws the same everywhere.
-    pub fn pick(self, logits: &[f32], rng: &mut ChaCha8Rng) -> Option<usize> {
-        if logits.is_empty() || logits.iter().any(|l| !l.is_finite()) {
-            return None;
-        }
-        let (best, top) = logits.iter().enumerate().fold((0, f32::MIN), |b, (i, &l)| if l > b.1 { (i, l) } else { b });
+    /// Probabilities are summed in f64 in the order of the ids, so the same stream draws the same everywhere.
+    pub fn pick(self, logits: &[f32], allowed: &[Range<u32>], rng: &mut ChaCha8Rng) -> Option<u32> {
+        let ids = || allowed.iter().cloned().flatten();
+        let logit = |id: u32| logits[id as usize];
+        let known = |id: u32| logits.get(id as usize).is_some_and(|l| l.is_finite());
+        let first = ids().next().filter(|_| ids().all(known))?;
+        let best = ids().fold(first, |best, id| if logit(id) > logit(best) { id } else { best });
         let Draw::Temperature(temperature) = self else { return Some(best) };
-        let weight = |l: f32| ((f64::from(l) - f64::from(top)) / temperature).exp();
-        let total: f64 = logits.iter().map(|&l| weight(l)).sum();
+        let top = f64::from(logit(best));
+        let weight = |id: u32| ((f64::from(logit(id)) - top) / temperature).exp();
+        let total: f64 = ids().map(weight).sum();
         let mut left = random::unit(rng) * total;
-        for (i, &l) in logits.iter().enumerate() {
-            left -= weight(l);
+        for id in ids() {
+            left -= weight(id);
             if left < 0.0 {
-                return Some(i);
+                return Some(id);
             }
         }
         Some(best)
@@ -43,7 +47,7 @@ mod tests {
         let mut rng = random::stream(1, "test", 0, 0);
         let mut count = vec![0.0; logits.len()];
         for _ in 0..20_000 {
-            count[draw.pick(logits, &mut rng).unwrap()] += 1.0 / 20_000.0;
+            count[draw.pick(logits, &[0..1, 1..logits.len() as u32], &mut rng).unwrap() as usize] += 1.0 / 20_000.0;
         }
         count
     }
@@ -63,9 +67,23 @@ mod tests {
     #[test]
     fn greedy_takes_the_first_of_the_best() {
         let mut rng = random::stream(1, "test", 0, 0);
-        assert_eq!(Draw::Greedy.pick(&[1.0, 5.0, 5.0], &mut rng), Some(1));
-        assert_eq!(Draw::Greedy.pick(&[1.0, f32::NAN], &mut rng), None);
-        assert_eq!(Draw::Temperature(1.0).pick(&[f32::INFINITY], &mut rng), None);
-        assert_eq!(Draw::Greedy.pick(&[], &mut rng), None);
+        let mut pick = |draw: Draw, logits: &[f32]| draw.pick(logits, &[0..logits.len() as u32], &mut rng);
+        assert_eq!(pick(Draw::Greedy, &[1.0, 5.0, 5.0]), Some(1));
+        assert_eq!(pick(Draw::Greedy, &[1.0, f32::NAN]), None);
+        assert_eq!(pick(Draw::Temperature(1.0), &[f32::INFINITY]), None);
+        assert_eq!(pick(Draw::Greedy, &[]), None);
+    }
+
+    #[test]
+    fn only_what_is_allowed_is_drawn_and_looked_at() {
+        let mut rng = random::stream(1, "test", 0, 0);
+        let logits = [f32::NAN, 1.0, 9.0, 2.0, 1.0];
+        assert_eq!(Draw::Greedy.pick(&logits, &[1..2, 3..5], &mut rng), Some(3));
+        for _ in 0..200 {
+            let drawn = Draw::Temperature(5.0).pick(&logits, &[1..2, 3..5], &mut rng).unwrap();
+            assert!([1, 3, 4].contains(&drawn), "{drawn}");
+        }
+        assert_eq!(Draw::Greedy.pick(&logits, &[1..6], &mut rng), None);
+        assert_eq!(Draw::Greedy.pick(&logits, &[], &mut rng), None);
     }
 }

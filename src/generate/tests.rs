@@ -1,6 +1,7 @@
 //! Generation with models that are easy to foretell.
 
 use super::*;
+use kinelm_tokenizer::{Place, SPACE, Vocabulary, WordLength};
 
 /// Wants the token that is the sum of all it has read, plus one, modulo the characters; checks its context.
 struct Summing {
@@ -37,6 +38,7 @@ impl NextToken for Summing {
                 if wanted == Logits::All || i + 1 == block.len() {
                     let mut row = [0.0; 16];
                     row[0] = 99.0; // never allowed
+                    row[5] = 2.0;
                     row[6 + (read.iter().sum::<u32>() as usize + 1) % 10] = 5.0;
                     logits.extend(row);
                 }
@@ -46,8 +48,15 @@ impl NextToken for Summing {
     }
 }
 
-fn plan<'a>(frames: usize, given: &'a [bool], prompt: &'a [u32], draw: Draw) -> Plan<'a> {
-    Plan { frames, given, prompt, characters: 6..16, bos: 1, space: 5, draw, seed: 7, guesses: 0 }
+fn plan<'a>(words: usize, given: &'a [bool], prompt: &'a [u32], draw: Draw) -> Plan<'a> {
+    let grammar = Grammar::new(&Vocabulary::new(10), WordLength::Fixed(given.len()));
+    Plan { given, prompt, guesses: 0, ..Plan::free(grammar, words, draw, 7) }
+}
+
+/// Words of up to 7 characters.
+fn varying(words: usize, beginning: &[u32], draw: Draw) -> Plan<'_> {
+    let grammar = Grammar::new(&Vocabulary::new(10), WordLength::Varying { most: 7 });
+    Plan { beginning, guesses: 0, ..Plan::free(grammar, words, draw, 7) }
 }
 
 fn model(context: usize, streams: usize) -> Summing {
@@ -142,5 +151,82 @@ fn the_first_of_several_dances_is_the_one_danced_alone() {
         assert!(found.iter().all(|ids| ids.len() == 80 && ids[1] == 7));
         assert!(done.is_sorted() && done.last() == Some(&20));
         assert!(dance(&mut model, &plan, &mut |_| {}).unwrap_err().to_string().contains("3 sequences"));
+    }
+}
+
+/// What the model sees when it may see everything: its wish by the sum of a window, of ids from `first` on.
+fn wish(window: &[u32]) -> u32 {
+    6 + (1 + window.iter().sum::<u32>() + 1) % 10
+}
+
+#[test]
+fn words_of_any_length_keep_to_the_grammar_and_end() {
+    for draw in [Draw::Greedy, Draw::Temperature(1.0), Draw::Temperature(9.0)] {
+        for context in [2, 3, 5, 8, 20, 500] {
+            let p = varying(40, &[], draw);
+            let (ids, _) = run(context, &p).unwrap();
+            let mut place = Place::default();
+            for &id in &ids {
+                assert!(p.grammar.allows(place, id), "{id} at {place:?}");
+                place = p.grammar.advance(place, id);
+            }
+            let spaces = ids.iter().filter(|&&id| id == SPACE).count();
+            assert_eq!((spaces, ids.last()), (40, Some(&SPACE)), "context {context}");
+            assert_eq!(run(context, &p).unwrap().0, ids, "the same seed gives the same dance");
+        }
+    }
+    let message = run(1, &varying(1, &[], Draw::Greedy)).unwrap_err().to_string();
+    assert!(message.contains("holds 1 tokens"), "{message}");
+}
+
+#[test]
+fn a_dance_goes_on_where_its_beginning_ends() {
+    let beginning = [6, 7, 5, 5, 8, 9, 10, 5];
+    let (ids, _) = run(100, &varying(6, &beginning, Draw::Greedy)).unwrap();
+    assert_eq!(ids[..8], beginning);
+    // words of seven, since the model wishes for no space
+    assert_eq!(ids.len(), 8 + 3 * 8);
+    for (i, &id) in ids.iter().enumerate().skip(8).filter(|(i, _)| (i - 8) % 8 != 7) {
+        assert_eq!(id, wish(&ids[..i]), "token {i}");
+    }
+    let (cut, calls) = run(100, &varying(2, &beginning, Draw::Greedy)).unwrap();
+    assert_eq!((&cut[..], calls), (&beginning[..4], 0));
+    // one that is longer than the context is read from its end
+    let long: Vec<u32> = beginning.repeat(9);
+    let (ids, _) = run(13, &varying(36 + 1, &long, Draw::Greedy)).unwrap();
+    // 72 tokens: windows begin at 8 (the first word behind 6), 16, .. up to 64, where 8 are left
+    assert_eq!(ids[72], wish(&ids[64..72]));
+}
+
+#[test]
+fn a_full_window_moves_to_the_first_word_of_its_later_half() {
+    // 7 characters and a space each; of 20 tokens the model reads 1 and 19
+    let (ids, _) = run(20, &varying(4, &[], Draw::Greedy)).unwrap();
+    for (i, first) in [(19, 0), (20, 16), (22, 16), (24, 16), (30, 16)] {
+        assert_eq!(ids[i], wish(&ids[first..i]), "token {i}");
+    }
+    // a word that alone fills the window is begun inside: 1 + 4 tokens, then from 2 on
+    let (ids, _) = run(5, &varying(2, &[], Draw::Greedy)).unwrap();
+    for (i, first) in [(4, 0), (5, 2), (6, 2)] {
+        assert_eq!(ids[i], wish(&ids[first..i]), "token {i}");
+    }
+}
+
+#[test]
+fn guessing_ahead_changes_no_word_of_any_length() {
+    for draw in [Draw::Temperature(0.3), Draw::Temperature(2.0), Draw::Greedy] {
+        for context in [4, 9, 20, 200] {
+            let plain = varying(30, &[6, 7, 8, 9, 5], draw);
+            let (ids, calls) = run(context, &plain).unwrap();
+            let mut guessed = 0;
+            for guesses in [1, 2, 5] {
+                let mut model = model(context, 1);
+                let found = dances(&mut model, &Plan { guesses, ..plain.clone() }, &mut |_| {}).unwrap();
+                assert_eq!(found.ids, std::slice::from_ref(&ids));
+                assert_eq!(model.calls + found.right as usize, calls);
+                guessed += found.guessed;
+            }
+            assert!(guessed > 0, "context {context}");
+        }
     }
 }

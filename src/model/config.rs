@@ -1,6 +1,7 @@
 //! What a model is: the `[model]` table of a training file, and what its tokenizer adds to it.
 
 use crate::{Error, Result};
+use kinelm_tokenizer::{SPACE, Special, Tokenizer};
 use serde::{Deserialize, Serialize};
 
 /// The `[model]` table.
@@ -128,6 +129,18 @@ pub struct TokenLayout {
 }
 
 impl TokenLayout {
+    /// What a tokenizer decides about models of its tokens.
+    pub fn of(tokenizer: &Tokenizer) -> TokenLayout {
+        TokenLayout {
+            vocabulary: tokenizer.vocabulary().len() as usize,
+            word: tokenizer.longest_word(),
+            varying: tokenizer.tokens_per_word().is_none(),
+            pad: Special::Pad.id(),
+            bos: Special::Bos.id(),
+            space: SPACE,
+        }
+    }
+
     /// # Errors
     /// Ids outside the vocabulary, no vocabulary, a word without tokens.
     fn validate(&self) -> Result<()> {

@@ -1,11 +1,12 @@
 //! Which windows a step trains on: a function of (seed, step, place in the batch) and of nothing else.
 //!
-//! A pass over the corpus takes, of a clip of F frames where n whole words fit into a window, ceil(F/n) windows: its
-//! possible starts are cut into that many equal stretches and one start is drawn in each. So a pass sees nearly every
-//! frame about once, and every pass sees them at other places of the window. The order of a pass is a random one.
+//! A pass over the corpus takes, of a clip of so many words where n whole ones fit into a window, words/n windows, rounded
+//! up (of words that differ in length: of its tokens one in T): its possible starts are cut into that many equal
+//! stretches and one start is drawn in each. So a pass sees nearly every word about once, and every pass sees them at other
+//! places of the window. The order of a pass is a random one.
 
-use crate::corpus::windows::{context_frames, fill_sequence};
-use crate::corpus::{ClipRecord, Corpus, Split};
+use crate::corpus::windows::{fill_sequence, whole_words};
+use crate::corpus::{ClipRecord, ClipWords, Corpus, Split};
 use crate::{Error, Result, random};
 use kinelm_tokenizer::Special;
 use rand_chacha::rand_core::RngCore;
@@ -36,10 +37,9 @@ impl Batch {
 /// The training windows of a corpus, in order.
 pub struct Batches<'a> {
     corpus: &'a Corpus,
-    clips: Vec<&'a ClipRecord>,
+    clips: Vec<(&'a ClipRecord, ClipWords<'a>)>,
     ends: Vec<usize>, // per clip: windows of a pass up to and with it
     context: usize,
-    frames: usize,
     batch: usize,
     seed: u64,
     order: Option<(u64, Vec<u32>)>, // of the pass drawn last
@@ -49,19 +49,24 @@ impl<'a> Batches<'a> {
     /// The windows of `context` tokens of the training clips, `batch` at a time.
     ///
     /// # Errors
-    /// No training clip with a frame; a context that doesn't hold a word.
+    /// No training clip with a frame; a context that doesn't hold a word of the one length that all have.
     pub fn new(corpus: &'a Corpus, context: usize, batch: usize, seed: u64) -> Result<Batches<'a>> {
-        let frames = context_frames(context, corpus.tokens_per_frame())?;
-        let clips: Vec<_> = corpus.split(Split::Train).filter(|c| c.frames > 0).collect();
+        let whole = corpus.manifest().tokens_per_word.map(|word| whole_words(context, word)).transpose()?;
+        whole_words(context, 1)?;
+        let clips = corpus.split(Split::Train).filter(|c| c.frames > 0);
+        let clips: Vec<_> = clips.map(|c| (c, corpus.words(c))).collect();
         if clips.is_empty() {
             let help = "give some clips the split `train` when making it";
             return Err(Error::file(corpus.dir(), "no training clip", "a corpus with training clips", help));
         }
-        let ends = clips.iter().scan(0, |total, clip| {
-            *total += clip.frames.div_ceil(frames);
+        let ends = clips.iter().scan(0, |total, (_, words)| {
+            *total += match whole {
+                Some(n) => words.len().div_ceil(n),
+                None => words.tokens().div_ceil(context),
+            };
             Some(*total)
         });
-        Ok(Batches { corpus, ends: ends.collect(), clips, context, frames, batch, seed, order: None })
+        Ok(Batches { corpus, ends: ends.collect(), clips, context, batch, seed, order: None })
     }
 
     /// Windows of one pass over the corpus.
@@ -78,25 +83,33 @@ impl<'a> Batches<'a> {
             let place = step * b as u64 + i as u64;
             let (pass, at) = (place / self.pass() as u64, place % self.pass() as u64);
             let window = self.order(pass)[at as usize] as usize;
-            let (clip, frame) = self.start(pass, window);
-            let last = clip.frames.min(frame + t.div_ceil(self.corpus.tokens_per_frame()));
-            let ids = self.corpus.frame_ids(clip, frame..last);
-            fill_sequence(&ids[..ids.len().min(t)], Special::Bos.id(), Special::Pad.id(), input, target);
+            let (clip, word, start) = self.start(pass, window);
+            let ids = self.corpus.ids(clip, start..clip.tokens.min(start + t));
+            fill_sequence(&ids, Special::Bos.id(), Special::Pad.id(), input, target);
+            let frame = self.corpus.frames_of(clip, 0..word);
             batch.clips.push(format!("{} from frame {frame}", clip.name));
         }
         batch
     }
 
-    /// The clip and first frame of a window of a pass.
-    fn start(&self, pass: u64, window: usize) -> (&'a ClipRecord, usize) {
+    /// The clip, first word and first token of a window of a pass.
+    fn start(&self, pass: u64, window: usize) -> (&'a ClipRecord, usize, usize) {
         let index = self.ends.partition_point(|&end| end <= window);
-        let clip = self.clips[index];
+        let (clip, words) = self.clips[index];
         let before = if index == 0 { 0 } else { self.ends[index - 1] };
         let (stretch, stretches) = (window - before, self.ends[index] - before);
-        let starts = clip.frames.saturating_sub(self.frames) + 1;
+        // up to the first word from which on the whole rest fits
+        let starts = (words.before(words.tokens().saturating_sub(self.context)) + 1).min(words.len());
         let (low, high) = (starts * stretch / stretches, starts * (stretch + 1) / stretches);
         let mut rng = random::stream(self.seed, "window", pass, window as u64);
-        (clip, low + (random::unit(&mut rng) * (high - low) as f64) as usize)
+        let word = low + (random::unit(&mut rng) * (high - low) as f64) as usize;
+        let (start, end) = (words.start(word), words.start(word + 1));
+        let inside = match end - start > self.context {
+            // a word that is longer than a window is begun anywhere, so that its end is seen too
+            true => (random::unit(&mut rng) * (end - start - self.context + 1) as f64) as usize,
+            false => 0,
+        };
+        (clip, word, start + inside)
     }
 
     /// The windows of a pass in the order of Fisher and Yates.
@@ -149,7 +162,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let corpus = fixture::corpus(dir.path(), &[(3, Split::Train)]);
         let batch = Batches::new(&corpus, 36, 1, 5).unwrap().batch(0);
-        let ids = corpus.frame_ids(&corpus.clips()[0], 0..3);
+        let ids = corpus.clip_ids(&corpus.clips()[0]);
         assert_eq!(batch.targets[..21], ids);
         assert!(batch.targets[21..].iter().all(|&t| t == 0));
         assert_eq!(batch.inputs[0], 1);

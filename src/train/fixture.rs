@@ -27,7 +27,7 @@ pub fn corpus(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
             }
             ids.push(TOKENS.space);
         }
-        writer.push(clip(&format!("clip{key}"), key, split), &ids).unwrap();
+        writer.push(clip(&format!("clip{key}"), key, split, frames), &ids).unwrap();
     }
     writer.finish().unwrap();
     Corpus::open(&path).unwrap()

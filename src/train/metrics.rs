@@ -15,7 +15,7 @@ pub struct StepFigures {
     pub step: u64,
     /// Mean loss of its batch, nats a token.
     pub loss: f64,
-    /// The same as bits a frame.
+    /// The same as bits a frame, of as many tokens as the training clips have on average.
     pub bits_per_frame: f64,
     /// The learning rate.
     pub rate: f64,

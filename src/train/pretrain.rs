@@ -140,6 +140,8 @@ struct Trainer<'a> {
     progress: &'a mut dyn Progress,
     /// Seconds of a step, smoothed.
     pace: Option<f64>,
+    /// Of the training clips.
+    tokens_per_frame: f64,
 }
 
 impl<'a> Trainer<'a> {
@@ -156,6 +158,10 @@ impl<'a> Trainer<'a> {
         if valid.is_empty() {
             progress.note("the corpus has no validation clip: the run is not measured, its latest checkpoint counts");
         }
+        if file.tokens.varying && file.tokens.word > c.context {
+            let (word, context) = (file.tokens.word, c.context);
+            progress.note(&format!("words have up to {word} tokens, a window {context}: longer words are cut"));
+        }
         let checkpoints = Checkpoints::of(run);
         let (learner, state) = start(&file, options.compute, &checkpoints, progress)?;
         checkpoints.sweep()?;
@@ -171,6 +177,7 @@ impl<'a> Trainer<'a> {
             state,
             progress,
             pace: None,
+            tokens_per_frame: corpus.tokens_per_frame(Split::Train),
             file,
         })
     }
@@ -230,7 +237,7 @@ impl<'a> Trainer<'a> {
         let figures = StepFigures {
             step: self.state.step,
             loss: found.loss,
-            bits_per_frame: found.loss / std::f64::consts::LN_2 * self.file.tokens.word as f64,
+            bits_per_frame: found.loss / std::f64::consts::LN_2 * self.tokens_per_frame,
             rate,
             gradient_norm: found.norm,
             tokens: self.state.tokens,

@@ -5,7 +5,6 @@ use crate::corpus::Corpus;
 use crate::model::run::{CONFIG, TOKENIZER};
 use crate::model::{ModelConfig, TokenLayout};
 use crate::{Error, Result, files};
-use kinelm_tokenizer::{SPACE, Special};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -35,25 +34,13 @@ pub struct RunFile {
     pub tokens: TokenLayout,
 }
 
-/// What the tokenizer of a corpus decides about models trained on it.
-pub fn token_layout(corpus: &Corpus) -> TokenLayout {
-    TokenLayout {
-        vocabulary: corpus.manifest().vocabulary,
-        word: corpus.tokens_per_frame(),
-        varying: false,
-        pad: Special::Pad.id(),
-        bos: Special::Bos.id(),
-        space: SPACE,
-    }
-}
-
 impl RunFile {
     /// The configuration of a new run on `corpus`.
     ///
     /// # Errors
     /// Keys outside their limits, a context too short for the corpus's words, a corpus path that can't be made absolute.
     pub fn new(model: &ModelConfig, train: &TrainConfig, corpus: &Corpus) -> Result<RunFile> {
-        let tokens = token_layout(corpus);
+        let tokens = TokenLayout::of(corpus.tokenizer());
         model.validate_for(&tokens)?;
         train.validate()?;
         Ok(RunFile {

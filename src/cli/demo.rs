@@ -145,7 +145,9 @@ fn train(args: &Args, say: Say) -> Result<()> {
 fn generate(model: &mut dyn NextToken, tokenizer: &Tokenizer, prompt: &Prompt, seed: u64) -> Result<Clip> {
     let given = prompt::given_places(tokenizer, &joints::parse(FOLLOWED)?)?;
     let ids = tokenizer.ids_of_words(&prompt.words)?;
-    let plan = Plan::of_words(tokenizer, &given, &ids, FRAMES.min(prompt.frames()), Draw::Temperature(1.0), seed);
+    let frames = FRAMES.min(prompt.frames());
+    let plan = Plan::free(tokenizer.grammar(), frames, Draw::Temperature(1.0), seed);
+    let plan = Plan { given: &given, prompt: &ids, ..plan };
     let danced = dance(model, &plan, &mut |_| {})?;
     let words = tokenizer.words_of_ids(&danced).words;
     Ok(prompt.decode(tokenizer, &words, RestJoints::Identity)?)

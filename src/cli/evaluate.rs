@@ -5,7 +5,7 @@ use anyhow::Result;
 use kinelm::corpus::{Corpus, Split};
 use kinelm::evaluate::baselines::figure_row;
 use kinelm::evaluate::likelihood::likelihood;
-use kinelm::evaluate::{CodeSplits, measure};
+use kinelm::evaluate::{CodeSplits, Floors, measure};
 use kinelm::model::{Reading, Which, load_run};
 use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
@@ -85,20 +85,23 @@ fn model(args: LikelihoodArgs, say: Say) -> Result<()> {
     };
     let found = likelihood(&mut *model, &corpus, &clips, args.windows)?
         .ok_or_else(|| anyhow::anyhow!("{}: no {} clip has a frame", args.corpus.display(), args.split))?;
-    let floors = measure(&CodeSplits::of_corpus(&corpus, args.split)?)?;
+    let floors = Floors::of_corpus(&corpus, args.split)?;
     let checkpoint = run.checkpoint.display().to_string();
     if args.json {
         let line = serde_json::json!({
             "schema": 1, "checkpoint": checkpoint, "split": args.split.to_string(),
             "bits_per_frame": found.bits_per_frame, "bits_per_s": found.bits_per_frame * corpus.manifest().fps,
-            "nats_per_token": found.nats_per_token, "tokens": found.tokens,
+            "nats_per_token": found.nats_per_token, "tokens": found.tokens, "frames": found.frames,
             "windows": found.windows, "all_windows": found.all_windows, "floors": floors.to_json(),
         });
         return print(&format!("{line}\n"));
     }
     print(&format!("{floors}\n{}\n", figure_row("the model", found.bits_per_frame, None)))?;
-    let (windows, of) = (found.windows, found.all_windows);
-    say.line(format_args!("{checkpoint}: {} tokens scored once, in {windows} of {of} windows", found.tokens));
+    let (tokens, frames, windows, of) = (found.tokens, found.frames, found.windows, found.all_windows);
+    let per_s = found.bits_per_frame * corpus.manifest().fps;
+    say.line(format_args!(
+        "{checkpoint}: {per_s:.1} bits/s; {tokens} tokens of {frames} frames scored once, in {windows} of {of} windows"
+    ));
     if found.bits_per_frame >= floors.best() {
         say.line("the model is not below the best static model of its own tokens");
     }
@@ -106,7 +109,7 @@ fn model(args: LikelihoodArgs, say: Say) -> Result<()> {
 }
 
 fn baselines(args: BaselinesArgs) -> Result<()> {
-    let codes = match (&args.corpus, &args.tokens) {
+    let found = match (&args.corpus, &args.tokens) {
         (Some(corpus), _) => {
             let (opened, split) = (Corpus::open(corpus)?, args.split);
             for needed in [Split::Train, split] {
@@ -117,11 +120,10 @@ fn baselines(args: BaselinesArgs) -> Result<()> {
                     corpus.display()
                 );
             }
-            CodeSplits::of_corpus(&opened, split)?
+            Floors::of_corpus(&opened, split)?
         }
-        (_, Some(tokens)) => CodeSplits::load_npz(tokens, args.bins as usize)?,
+        (_, Some(tokens)) => Floors::Channels(measure(&CodeSplits::load_npz(tokens, args.bins as usize)?)?),
         _ => return Err(WrongCall("give --corpus or --tokens".into()).into()),
     };
-    let found = measure(&codes)?;
     print(&if args.json { format!("{}\n", found.to_json()) } else { format!("{found}\n") })
 }

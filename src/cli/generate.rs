@@ -8,7 +8,7 @@ use kinelm::generate::{NextToken, Plan, dances, reader};
 use kinelm::model::{Which, load_run};
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::joints;
-use kinelm_tokenizer::{Tokenizer, Words};
+use kinelm_tokenizer::{Rest, Tokenizer, Words};
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
@@ -16,14 +16,17 @@ pub struct Args {
     /// The run folder of a trained model
     #[arg(long, value_name = "RUN")]
     run: PathBuf,
-    /// The clip whose joints are followed
+    /// A clip to follow: its joints (--joints), its beginning (--beginning), or both; without one, the dance is free
     #[arg(long, value_name = "CLIP")]
-    prompt: PathBuf,
+    prompt: Option<PathBuf>,
     /// The joints that are followed: groups (root, right_arm, legs, ...), names and ids; root brings the translation
-    #[arg(long, value_name = "LIST")]
-    joints: String,
+    #[arg(long, value_name = "LIST", requires = "prompt")]
+    joints: Option<String>,
+    /// Frames of the prompt that the dance begins with, as far as they fill whole words
+    #[arg(long, value_name = "N", requires = "prompt", value_parser = clap::value_parser!(u32).range(1..))]
+    beginning: Option<u32>,
     /// Frames to make, at the model's rate; the prompt's length if not given
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..), required_unless_present = "prompt")]
     frames: Option<u32>,
     /// Where the dance goes (.bvh .npz .json); with --variations, the dances go to FILE-1, FILE-2, ... before the extension
     #[arg(long, value_name = "FILE")]
@@ -34,20 +37,20 @@ pub struct Args {
     /// The seed of the draws; the same gives the same dance
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Always the likeliest character, instead of drawing by probability
+    /// Always the likeliest token, instead of drawing by probability
     #[arg(long, conflicts_with = "temperature")]
     greedy: bool,
     /// Below 1 bolder in what is likely, above 1 in what is not
     #[arg(long, default_value_t = 1.0, value_parser = super::read::positive)]
     temperature: f64,
     /// The rig the dance is written on: the model's (SMPL-24), or the prompt's own
-    #[arg(long, value_enum, default_value = "model")]
+    #[arg(long, value_enum, default_value = "model", requires_if("prompt", "prompt"))]
     rig: RigArg,
     /// What the joints do that the model doesn't know
-    #[arg(long, value_enum, default_value = "identity")]
+    #[arg(long, value_enum, default_value = "identity", requires_ifs([("prompt", "prompt"), ("mean", "prompt")]))]
     rest_joints: RestArg,
-    /// Free characters that are guessed to be those of the frame before, and verified in one read; changes no character.
-    /// If not given, 8 with --greedy and none without: drawn characters are too rarely those of the frame before
+    /// Free tokens that are guessed to be those of the word before, and verified in one read; changes no token.
+    /// If not given, 8 with --greedy and none without: drawn tokens are too rarely those of the word before
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=64), hide_short_help = true)]
     guesses: Option<u8>,
     #[command(flatten)]
@@ -85,35 +88,68 @@ impl From<RestArg> for RestJoints {
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
-    let options = args.read.options(RestFrame::Drop);
-    let map = args.read.map.as_deref();
     check_out(&args)?;
-    let selection = joints::parse(&args.joints).map_err(|e| WrongCall(e.to_string()))?;
+    check_prompt(&args)?;
     let run = load_run(&args.run, Which::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
     let tokenizer = &Tokenizer::load(&run.tokenizer)?;
-    let prompt = Prompt::load(&args.prompt, &options, tokenizer)?;
-    super::warn(&prompt.motion, say);
-    let given = prompt::given_places(tokenizer, &selection).map_err(|e| WrongCall(e.to_string()))?;
-    say_not_followed(tokenizer, &args.joints, say)?;
-    let frames = args.frames.map_or(prompt.frames(), |n| n as usize);
-    if frames > prompt.frames() {
-        let (p, free) = (prompt.frames(), frames - prompt.frames());
+    let prompt = args.prompt.as_deref().map(|path| load_prompt(&args, path, tokenizer, say)).transpose()?;
+    let frames = args.frames.map(|n| n as usize).or(prompt.as_ref().map(|p| p.clip.frames())).unwrap_or(0);
+    if let Some(p) = prompt.as_ref().filter(|p| !p.given.is_empty() && p.clip.frames() < frames) {
+        let (p, free) = (p.clip.frames(), frames - p.clip.frames());
         say.line(format_args!("the prompt ends after {p} frames; the {free} that follow are generated free"));
     }
     let mut model = reader(&run, args.compute.get(), args.reading.get(args.variations.into()))?;
-    let danced = codes(&args, &mut *model, tokenizer, &prompt, &given, frames, say)?;
-    for (codes, out) in danced.iter().zip(outs(&args)) {
-        let clip = prompt.decode(tokenizer, codes, args.rest_joints.into())?;
-        let motion = match args.rig {
-            RigArg::Model => prompt::on_model_rig(&out, clip),
-            RigArg::Prompt => prompt.on_own_rig(&clip, map)?,
+    let danced = words(&args, &mut *model, tokenizer, prompt.as_ref(), frames, say)?;
+    for (words, out) in danced.iter().zip(outs(&args)) {
+        let clip = match &prompt {
+            Some(prompt) => prompt.clip.decode(tokenizer, words, args.rest_joints.into())?,
+            None => tokenizer.decode(words, Rest::Identity)?,
+        };
+        let clip = clip.slice(0..frames);
+        let own_rig = prompt.as_ref().filter(|_| args.rig == RigArg::Prompt);
+        let motion = match own_rig {
+            None => prompt::on_model_rig(&out, clip),
+            Some(prompt) => prompt.clip.on_own_rig(&clip, args.read.map.as_deref())?,
         };
         format::write(&out, &motion)?;
         super::convert::told(&out, &motion, say);
-        if args.rig == RigArg::Prompt {
-            say_share_changed(&args, &out, tokenizer, codes, &given, prompt.frames(), say)?;
+        if let Some(prompt) = own_rig {
+            say_share_changed(&args, &out, tokenizer, words, prompt, say)?;
         }
+    }
+    Ok(())
+}
+
+/// What is followed of a clip.
+struct Followed {
+    clip: Prompt,
+    /// (C) places of a word; none if no joints are followed.
+    given: Vec<bool>,
+    /// Ids of the first words.
+    beginning: Vec<u32>,
+}
+
+fn load_prompt(args: &Args, path: &Path, tokenizer: &Tokenizer, say: Say) -> Result<Followed> {
+    let selection = args.joints.as_deref().map(|list| joints::parse(list).map_err(|e| WrongCall(e.to_string())));
+    let selection = selection.transpose()?;
+    let clip = Prompt::load(path, &args.read.options(RestFrame::Drop), tokenizer)?;
+    super::warn(&clip.motion, say);
+    let mut given = Vec::new();
+    if let (Some(selection), Some(list)) = (selection, &args.joints) {
+        given = prompt::given_places(tokenizer, &selection).map_err(|e| WrongCall(format!("--joints {list}: {e}")))?;
+        say_not_followed(tokenizer, list, say)?;
+    }
+    let beginning = args.beginning.map(|n| clip.beginning(tokenizer, n as usize));
+    let beginning = beginning.transpose().map_err(|e| WrongCall(format!("--beginning: {e}")))?.unwrap_or_default();
+    Ok(Followed { clip, given, beginning })
+}
+
+/// Refuses a prompt of which nothing is followed.
+fn check_prompt(args: &Args) -> Result<()> {
+    if args.prompt.is_some() && args.joints.is_none() && args.beginning.is_none() {
+        let what = "--prompt alone; say what is followed: --joints LIST, --beginning FRAMES, or both";
+        return Err(WrongCall(what.into()).into());
     }
     Ok(())
 }
@@ -145,7 +181,9 @@ fn say_not_followed(tokenizer: &Tokenizer, list: &str, say: Say) -> Result<()> {
 
 fn check_out(args: &Args) -> Result<()> {
     for out in outs(args) {
-        super::not_over_itself(&args.prompt, &out)?;
+        if let Some(prompt) = &args.prompt {
+            super::not_over_itself(prompt, &out)?;
+        }
     }
     let extension = super::writable(&args.out)?;
     if args.greedy && args.variations > 1 {
@@ -161,25 +199,29 @@ fn check_out(args: &Args) -> Result<()> {
     Ok(())
 }
 
-fn codes(
+fn words(
     args: &Args,
     model: &mut dyn NextToken,
     tokenizer: &Tokenizer,
-    prompt: &Prompt,
-    given: &[bool],
+    prompt: Option<&Followed>,
     frames: usize,
     say: Say,
 ) -> Result<Vec<Words>> {
-    let words = tokenizer.ids_of_words(&prompt.words)?;
+    let followed = prompt.filter(|p| !p.given.is_empty());
+    let ids = followed.map(|p| tokenizer.ids_of_words(&p.clip.words)).transpose()?.unwrap_or_default();
     let draw = if args.greedy { Draw::Greedy } else { Draw::Temperature(args.temperature) };
-    let plan = Plan::of_words(tokenizer, given, &words, frames, draw, args.seed);
-    let plan = Plan { guesses: args.guesses.map_or(plan.guesses, usize::from), ..plan };
+    let length = tokenizer.frames_per_word();
+    let mut plan = Plan::free(tokenizer.grammar(), frames.div_ceil(length), draw, args.seed);
+    if let Some(prompt) = prompt {
+        (plan.beginning, plan.given, plan.prompt) = (&prompt.beginning, &prompt.given, &ids);
+    }
+    plan.guesses = args.guesses.map_or(plan.guesses, usize::from);
     let bar = super::progress::bar(frames as u64, "frames", say);
-    let danced = dances(model, &plan, &mut |done| bar.set_position(done as u64));
+    let danced = dances(model, &plan, &mut |words| bar.set_position((words * length).min(frames) as u64));
     bar.finish_and_clear();
     let danced = danced?;
     if danced.guessed > 0 {
-        say.line(format_args!("{} of {} characters guessed ahead were right", danced.right, danced.guessed));
+        say.line(format_args!("{} of {} tokens guessed ahead were right", danced.right, danced.guessed));
     }
     Ok(danced.ids.iter().map(|ids| tokenizer.words_of_ids(ids).words).collect())
 }
@@ -190,10 +232,12 @@ fn say_share_changed(
     out: &Path,
     tokenizer: &Tokenizer,
     words: &Words,
-    given: &[bool],
-    prompt: usize,
+    prompt: &Followed,
     say: Say,
 ) -> Result<()> {
+    if prompt.given.is_empty() {
+        return Ok(());
+    }
     let options = format::ReadOptions {
         map: args.read.map.clone(),
         unit: args.read.unit.into(),
@@ -202,7 +246,7 @@ fn say_share_changed(
     };
     let (_, clip) = kinelm::corpus::load::load_clip(out, &options, tokenizer.fps())?;
     let again = tokenizer.encode(&clip)?.words;
-    if let Some(share) = prompt::share_changed(words.codes(), again.codes(), given, prompt) {
+    if let Some(share) = prompt::share_changed(words.codes(), again.codes(), &prompt.given, prompt.clip.words.len()) {
         say.line(format_args!(
             "read back from the prompt's rig, {:.4} % of the given characters differ",
             100.0 * share

@@ -41,6 +41,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         say.line(line);
     }
     let (n, f) = (manifest.count.clips, manifest.count.frames);
-    say.line(format_args!("{}: {n} clips, {f} frames, {} tokens", args.out.display(), f * manifest.tokens_per_frame));
+    let tokens = manifest.token_count();
+    say.line(format_args!("{}: {n} clips, {f} frames, {tokens} tokens", args.out.display()));
     Ok(())
 }

@@ -141,16 +141,17 @@ pub fn tokenize(
         let encoded = tokenizer.encode(&loaded.clip)?;
         Ok((tokenizer.ids_of_words(&encoded.words)?, loaded.clip.frames(), encoded))
     };
-    let summary = each(&items, options, tokenizer.fps(), watch, work, |item, sha256, (ids, frames, encoded), summary| {
-        let (clipped, second_codes) = (encoded.clipped as usize, encoded.second_codes as usize);
-        summary.clipped += clipped;
-        summary.second_codes += second_codes;
-        summary.padded += encoded.padded as usize;
-        let Item { name, labels, split, take, key, source, .. } = item.clone();
-        let clip = NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes };
-        writer.push(clip, &ids)?;
-        Ok(frames)
-    })?;
+    let summary =
+        each(&items, options, tokenizer.fps(), watch, work, |item, sha256, (ids, frames, encoded), summary| {
+            let (clipped, second_codes) = (encoded.clipped as usize, encoded.second_codes as usize);
+            summary.clipped += clipped;
+            summary.second_codes += second_codes;
+            summary.padded += encoded.padded as usize;
+            let Item { name, labels, split, take, key, source, .. } = item.clone();
+            let clip = NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes };
+            writer.push(clip, &ids)?;
+            Ok(frames)
+        })?;
     check(&summary, options, items.len())?;
     summary.failed.iter().for_each(|f| writer.fail(f.clone()));
     Ok((writer.finish()?, summary))

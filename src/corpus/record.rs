@@ -249,6 +249,11 @@ pub struct Manifest {
 }
 
 impl Manifest {
+    /// Tokens of all clips.
+    pub fn token_count(&self) -> u64 {
+        self.tokens.bytes / self.token_type.width() as u64
+    }
+
     /// The words of a clip of so many frames.
     pub fn words_of(&self, frames: usize) -> usize {
         frames.div_ceil(self.frames_per_word.max(1))

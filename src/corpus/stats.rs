@@ -104,6 +104,7 @@ pub fn stats(corpus: &Corpus) -> Result<Stats> {
     let size = |g: &Glitch| g.step / if g.what == "root" { ROOT_GLITCH_M_S * 100.0 } else { JOINT_GLITCH_DEG_S };
     glitches.sort_by(|a, b| size(b).total_cmp(&size(a)));
 
+    let (m, clips) = (corpus.manifest(), corpus.clips());
     let mut frames: Vec<usize> = clips.iter().map(|c| c.frames).collect();
     frames.sort_unstable();
     let at = |i: usize| frames.get(i).copied().unwrap_or(0);
@@ -319,7 +320,7 @@ mod tests {
         let mut w = CorpusWriter::create(&dir, &tokenizer, &["d".to_string()], None, false).unwrap();
         for (key, (name, motion, split)) in clips.iter().enumerate() {
             let ids = tokenizer.ids_of_words(&tokenizer.encode(motion).unwrap().words).unwrap();
-            w.push(clip(name, key, *split), &ids).unwrap();
+            w.push(clip(name, key, *split, 60), &ids).unwrap();
         }
         w.finish().unwrap();
         let s = stats(&Corpus::open(&dir).unwrap()).unwrap();
@@ -335,8 +336,9 @@ mod tests {
         assert_eq!(s.clips_with_glitches, 1);
         assert_eq!(s.duplicates, [["fine", "copy"]]);
         // the odd one is the fine one up to the knee at frame 40, and after it
-        assert_eq!(s.shared_runs.len(), 1);
-        assert_eq!((s.shared_runs[0].frames, s.shared_runs[0].at), (40, [0, 0]));
+        let runs = s.shared_runs.as_ref().unwrap();
+        assert_eq!((runs.len(), runs[0].frames, runs[0].at), (1, 40, [0, 0]));
+        assert_eq!((s.words, s.longest_word), (180, 10));
 
         let text = s.to_string();
         for line in ["3 clips, 180 frames at 20 fps, 0.003 hours", "odd frame 30: root 17 cm", "fine = copy", "salsa"] {

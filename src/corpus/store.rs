@@ -169,7 +169,8 @@ impl Corpus {
         for (i, &id) in ids.iter().enumerate() {
             if !grammar.allows(place, id) {
                 let found = format!("id {id} at token {i} of clip {}", clip.name);
-                let expected = format!("an id that may stand there, behind {} characters of its word", place.characters);
+                let expected =
+                    format!("an id that may stand there, behind {} characters of its word", place.characters);
                 return Err(Error::file(&self.dir, found, expected, "make the corpus again"));
             }
             place = grammar.advance(place, id);

@@ -135,7 +135,10 @@ mod tests {
         // half of the 9 tokens shown lies in the second word, half of the 8 that follow in the third
         assert_eq!(windows(&[4, 3, 2, 3, 3, 4], 10), [(0, 9, 0..9), (4, 8, 5..8), (7, 8, 5..8), (9, 10, 6..10)]);
         // words that don't fit are cut, and what is short before them is seen again
-        assert_eq!(windows(&[2, 9, 2], 4), [(0, 2, 0..2), (2, 4, 0..4), (4, 4, 2..4), (6, 4, 2..4), (8, 3, 2..3), (11, 2, 0..2)]);
+        assert_eq!(
+            windows(&[2, 9, 2], 4),
+            [(0, 2, 0..2), (2, 4, 0..4), (4, 4, 2..4), (6, 4, 2..4), (8, 3, 2..3), (11, 2, 0..2)]
+        );
     }
 
     fn starts(lengths: &[usize]) -> (Vec<u32>, usize) {

@@ -114,8 +114,20 @@ impl CorpusWriter {
         self.last_key = Some(key);
         let (offset, tokens) = (self.offset, ids.len());
         self.offset += tokens;
-        let record =
-            ClipRecord { name, offset, tokens, frames, labels, split, take, key, source, sha256, clipped, second_codes };
+        let record = ClipRecord {
+            name,
+            offset,
+            tokens,
+            frames,
+            labels,
+            split,
+            take,
+            key,
+            source,
+            sha256,
+            clipped,
+            second_codes,
+        };
         let line = serde_json::to_string(&record).expect("a record of strings and integers is JSON");
         self.clips.write(format!("{line}\n").as_bytes())
     }

@@ -2,6 +2,7 @@
 
 use crate::corpus::{Corpus, Split};
 use crate::{Error, Result};
+use kinelm_tokenizer::WordLength;
 use npyz::NpyFile;
 use std::fs::File;
 use std::io::BufReader;
@@ -47,17 +48,30 @@ impl CodeSplits {
         Ok(CodeSplits { bins, channels, train, test })
     }
 
-    /// The codes of a corpus: the characters of its words without the space. `measured` is the split that stands for
-    /// `test`.
+    /// The codes of a corpus whose words are frames of so many characters each: without the space, and as they were before
+    /// any were merged. `measured` is the split that stands for `test`.
     ///
     /// # Errors
-    /// [`Error::File`] when a word of the corpus holds an id that is no character.
+    /// [`Error::Call`] for a corpus of other words; [`Error::File`] when an id stands where it may not.
     pub fn of_corpus(corpus: &Corpus, measured: Split) -> Result<Self> {
-        let channels = corpus.tokens_per_frame() - 1;
+        let Some(channels) = channels(corpus) else {
+            return Err(Error::Call(
+                "words are tiles of frames, or differ in length: they have no code a channel".into(),
+            ));
+        };
         let bins = corpus.tokenizer().vocabulary().characters() as usize;
-        let read = |split| corpus.split(split).map(|clip| corpus.clip_codes(clip)).collect::<Result<_>>();
+        let codes = |clip| Ok(corpus.clip_words(clip)?.codes().to_vec());
+        let read = |split| corpus.split(split).map(codes).collect::<Result<_>>();
         let train = CodeClips { clips: read(Split::Train)? };
         Ok(CodeSplits { bins, channels, train, test: CodeClips { clips: read(measured)? } })
+    }
+}
+
+/// C, where a word is a frame of C characters.
+pub fn channels(corpus: &Corpus) -> Option<usize> {
+    match corpus.tokenizer().word_length() {
+        WordLength::Fixed(channels) if corpus.tokenizer().frames_per_word() == 1 => Some(channels),
+        _ => None,
     }
 }
 

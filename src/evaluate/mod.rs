@@ -2,9 +2,12 @@
 
 pub mod baselines;
 pub mod codes;
+pub mod floors;
 pub mod kernels;
 pub mod likelihood;
+pub mod token_floors;
 pub mod xz;
 
 pub use baselines::{Baselines, measure};
 pub use codes::{CodeClips, CodeSplits};
+pub use floors::Floors;

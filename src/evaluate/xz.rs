@@ -24,7 +24,7 @@ pub fn bits_per_frame(clips: &CodeClips, channels: usize) -> Result<Option<[f64;
 }
 
 /// Length of the bytes under `xz -9` in one thread (several would cut blocks); `None` where there is no such program.
-fn compressed_bytes(bytes: &[u8]) -> Result<Option<usize>> {
+pub(super) fn compressed_bytes(bytes: &[u8]) -> Result<Option<usize>> {
     let mut command = Command::new("xz");
     command.args(["--format=xz", "-9", "-T1", "--stdout"]);
     // these may hold options that change the size

@@ -185,7 +185,8 @@ pub struct Danced {
 pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Danced> {
     let (context, word) = (model.context(), plan.grammar.tokens_per_word());
     // a window of n words reads the front token and n words but for the last space
-    let (what, most) = word.map_or(("tokens".into(), context), |word| (format!("words of {word}"), context / word.max(1)));
+    let (what, most) =
+        word.map_or(("tokens".into(), context), |word| (format!("words of {word}"), context / word.max(1)));
     if most < 2 {
         return Err(Error::Call(format!(
             "the model's context of {context} tokens holds {most} {what}; expected at least 2: train with a longer context"

@@ -6,7 +6,7 @@ use kinelm_motion::format::ReadOptions;
 use kinelm_motion::joints::Selection;
 use kinelm_motion::retarget::{self, Retarget};
 use kinelm_motion::{Clip, Motion, Quat, Source, smpl};
-use kinelm_tokenizer::{Rest, Tokenizer, Words};
+use kinelm_tokenizer::{Rest, Tokenizer, WordLength, Words};
 use std::path::Path;
 
 /// A prompt clip, read.
@@ -49,6 +49,23 @@ impl Prompt {
     /// P, its frames at the tokenizer's rate.
     pub fn frames(&self) -> usize {
         self.clip.frames()
+    }
+
+    /// Ids of the words of the first `frames` frames, for a dance to begin with: no word that the clip's end would be in.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when that leaves none.
+    pub fn beginning(&self, tokenizer: &Tokenizer, frames: usize) -> Result<Vec<u32>> {
+        let whole = frames.min(self.frames()) / tokenizer.frames_per_word();
+        let unsettled = tokenizer.scheme().unsettled_words();
+        if whole <= unsettled {
+            let (least, has) = ((unsettled + 1) * tokenizer.frames_per_word(), self.frames());
+            return Err(Error::Call(format!(
+                "a beginning of {frames} frames of a prompt of {has}; words of this tokenizer need at least {least}"
+            )));
+        }
+        let words = tokenizer.encode(&self.clip.slice(0..whole * tokenizer.frames_per_word()))?.words;
+        Ok(tokenizer.ids_of_words(&words.slice(0..whole - unsettled))?)
     }
 
     /// The clip of a new dance's words, the other joints as asked.
@@ -97,10 +114,15 @@ pub fn share_changed(codes: &[u16], again: &[u16], given: &[bool], prompt: usize
 /// (C) which places of a word a selection gives.
 ///
 /// # Errors
-/// [`Error::Call`] when the tokenizer codes none of the joints.
+/// [`Error::Tokenizer`] with the reason, where characters belong to no one joint; [`Error::Call`] when the tokenizer codes
+/// none of the joints.
 pub fn given_places(tokenizer: &Tokenizer, selection: &Selection) -> Result<Vec<bool>> {
-    let mut given = vec![false; tokenizer.channels().len()];
-    tokenizer.places_of(selection)?.into_iter().for_each(|place| given[place] = true);
+    let places = tokenizer.places_of(selection)?;
+    let WordLength::Fixed(characters) = tokenizer.word_length() else {
+        return Err(Error::Call("words differ in length: no place is always the same joint's".into()));
+    };
+    let mut given = vec![false; characters];
+    places.into_iter().for_each(|place| given[place] = true);
     if !given.contains(&true) {
         let joints: Vec<_> = tokenizer.channels().joints().iter().map(|&j| smpl::NAMES[j]).collect();
         return Err(Error::Call(format!("none of these joints is coded; this tokenizer codes {}", joints.join(" "))));

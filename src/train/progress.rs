@@ -121,7 +121,14 @@ mod tests {
             tokens: 7,
             tokens_per_second: 912.3,
         };
-        let found = Likelihood { bits_per_frame: 80.126, nats_per_token: 1.3, tokens: 9, frames: 3, windows: 3, all_windows: 9 };
+        let found = Likelihood {
+            bits_per_frame: 80.126,
+            nats_per_token: 1.3,
+            tokens: 9,
+            frames: 3,
+            windows: 3,
+            all_windows: 9,
+        };
         let run = |live| {
             let mut out = Vec::new();
             let mut lines = Lines::new(&mut out, live);

@@ -25,7 +25,8 @@ pub struct Place {
 }
 
 impl Grammar {
-    pub(crate) fn new(vocabulary: &Vocabulary, length: WordLength) -> Self {
+    /// The grammar of words of this length, in characters.
+    pub fn new(vocabulary: &Vocabulary, length: WordLength) -> Self {
         let merged = (0..vocabulary.merges().len() as u32)
             .map(|i| vocabulary.length_of_id(FIRST_CHARACTER + vocabulary.characters() + i) as u16);
         Grammar { length, characters: vocabulary.characters(), merged: merged.collect(), vocabulary: vocabulary.len() }

@@ -56,7 +56,8 @@ pub struct Vocabulary {
 const LONGEST_TOKEN: usize = 1 << 14;
 
 impl Vocabulary {
-    pub(crate) fn new(characters: u32) -> Self {
+    /// The vocabulary of so many characters, nothing merged.
+    pub fn new(characters: u32) -> Self {
         Vocabulary { characters, merges: Vec::new(), merged: Vec::new(), conditioning: Vec::new() }
     }
 

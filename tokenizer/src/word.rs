@@ -6,7 +6,7 @@ use std::ops::Range;
 ///
 /// A word stands for one frame or one tile of frames; its characters are codes below the scheme's number of symbols.
 /// The space that ends a word in a text is not among them.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
 pub struct Words {
     codes: Vec<u16>,
     /// Per word: codes up to and with it.

@@ -10,6 +10,7 @@ use kinelm::model::{Gpt, ModelConfig, Reader, Reading};
 use kinelm::random;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::decode::{KvKind, Logits};
+use kinelm_tokenizer::{Grammar, Vocabulary, WordLength};
 use rand_chacha::rand_core::RngCore;
 use rayon::prelude::*;
 use serde_json::{Value, json};
@@ -136,17 +137,10 @@ impl Bench<'_> {
         let given: Vec<bool> = (0..word - 1).map(|place| GIVEN.contains(&place)).collect();
         let frames = 2 * (self.tokens.len() / word);
         let prompt: Vec<u32> = self.tokens.iter().copied().cycle().take(frames * word).collect();
-        let plan = Plan {
-            frames,
-            given: &given,
-            prompt: &prompt,
-            characters: FIRST_ID..self.shape.tokens.vocabulary as u32,
-            bos: self.shape.tokens.bos,
-            space: self.shape.tokens.space,
-            draw: Draw::Temperature(1.0),
-            seed: 1,
-            guesses: 0,
-        };
+        let vocabulary = Vocabulary::new(self.shape.tokens.vocabulary as u32 - FIRST_ID);
+        let grammar = Grammar::new(&vocabulary, WordLength::Fixed(word - 1));
+        let plan = Plan::free(grammar, frames, Draw::Temperature(1.0), 1);
+        let plan = Plan { given: &given, prompt: &prompt, ..plan };
         let reader = &mut self.reader;
         let repeats = self.args.how.repeats.unwrap_or(3);
         let timed = seconds(0, repeats, || Ok(dances(reader, &plan, &mut |_| {}).map(|_| ())?))?;

@@ -1,0 +1,58 @@
+//! The static floors that suit a corpus.
+
+use super::baselines::{Baselines, measure};
+use super::codes::{CodeSplits, channels};
+use super::token_floors::{self, TokenFloors};
+use crate::Result;
+use crate::corpus::{Corpus, Split};
+use serde_json::Value;
+use std::fmt;
+
+/// Bits a frame of models without a network.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Floors {
+    /// Where a word is a frame: models of every channel, of the characters as they are before any are merged.
+    Channels(Baselines),
+    /// Of any other words: models of the tokens.
+    Tokens(TokenFloors),
+}
+
+impl Floors {
+    /// The floors of a corpus, fitted on train and measured on a split.
+    ///
+    /// # Errors
+    /// A split without frames; ids that stand where they may not; an `xz` program that fails.
+    pub fn of_corpus(corpus: &Corpus, measured: Split) -> Result<Floors> {
+        Ok(match channels(corpus) {
+            Some(_) => Floors::Channels(measure(&CodeSplits::of_corpus(corpus, measured)?)?),
+            None => Floors::Tokens(token_floors::measure(corpus, measured)?),
+        })
+    }
+
+    /// The lowest of the static models.
+    pub fn best(&self) -> f64 {
+        match self {
+            Floors::Channels(floors) => floors.best(),
+            Floors::Tokens(floors) => floors.best(),
+        }
+    }
+
+    /// One object; `of` says what the models are of.
+    pub fn to_json(&self) -> Value {
+        let (of, mut all) = match self {
+            Floors::Channels(floors) => ("channels", floors.to_json()),
+            Floors::Tokens(floors) => ("tokens", floors.to_json()),
+        };
+        all["of"] = of.into();
+        all
+    }
+}
+
+impl fmt::Display for Floors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Floors::Channels(floors) => floors.fmt(f),
+            Floors::Tokens(floors) => floors.fmt(f),
+        }
+    }
+}

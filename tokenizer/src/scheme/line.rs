@@ -18,6 +18,25 @@ pub struct Line {
     pub bins: u32,
 }
 
+/// The codes of one number.
+pub trait Scale {
+    /// The code of a value, and whether it lies outside what the bins were made for.
+    fn code(&self, value: f64) -> (u16, bool);
+
+    /// The value of a code; one above the bins has the last one's.
+    fn value(&self, code: u16) -> f64;
+}
+
+impl Scale for Line {
+    fn code(&self, value: f64) -> (u16, bool) {
+        Line::code(self, value)
+    }
+
+    fn value(&self, code: u16) -> f64 {
+        Line::value(self, code)
+    }
+}
+
 /// Never narrower than this, metres.
 const NARROWEST: f64 = 0.01;
 

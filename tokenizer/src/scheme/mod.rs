@@ -1,10 +1,13 @@
 //! How numbers become codes. Each scheme has a file of its own and a variant of [`SchemeConfig`].
 
 pub mod angle;
+pub mod bins;
 pub mod line;
 pub mod mix;
+pub mod pelvis;
 pub mod runs;
 pub mod uniform;
+mod walk;
 
 use crate::channel::{Channel, Channels};
 use crate::{Error, Result, Words};

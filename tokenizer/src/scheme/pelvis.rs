@@ -1,0 +1,205 @@
+//! The pelvis's rotation as a turn about the vertical and a tilt: `q = Ry(turn) * tilt`.
+//!
+//! The tilt's rotation vector lies in the plane y = 0, so it is two numbers, and they stay the same when the body turns
+//! about the vertical. The turn is coded as a step from the turn decoded in the frame before, in whole bins round the
+//! circle: the decoded turn is always a whole number of bins, so that nothing adds up and no step is too large.
+
+use kinelm_motion::rotation::exp_map;
+use kinelm_motion::{Quat, Vec3};
+use std::f64::consts::TAU;
+
+/// A rotation in two parts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Split {
+    /// About +y, radians in `-PI..=PI`.
+    pub turn: f64,
+    /// What turns first; its vector's y is 0. w is at least 0.
+    pub tilt: Quat,
+}
+
+impl Split {
+    /// The parts of a rotation; `None` upside down, where w = y = 0 and any turn would do.
+    pub fn of(q: Quat) -> Option<Split> {
+        let w = (q.w * q.w + q.y * q.y).sqrt();
+        if w < 1e-12 {
+            return None;
+        }
+        // q and -q give the same tilt, and turns that differ by a full circle
+        let turn = 2.0 * q.y.atan2(q.w);
+        let (s, c) = (q.y / w, q.w / w);
+        let tilt = Quat::from_xyzw(c * q.x - s * q.z, 0.0, c * q.z + s * q.x, w);
+        let turn = if turn.abs() > 0.5 * TAU { turn - TAU.copysign(turn) } else { turn };
+        Some(Split { turn, tilt })
+    }
+
+    /// The rotation.
+    pub fn join(&self) -> Quat {
+        about_y(self.turn) * self.tilt
+    }
+}
+
+/// The rotation about the vertical, radians.
+pub fn about_y(turn: f64) -> Quat {
+    let (s, c) = (0.5 * turn).sin_cos();
+    Quat::from_xyzw(0.0, s, 0.0, c)
+}
+
+/// What is left of a rotation after this turn, without the y that a tilt doesn't have.
+pub fn tilt_after(q: Quat, turn: f64) -> Quat {
+    let left = about_y(-turn) * q;
+    let left = if left.w < 0.0 { -left } else { left };
+    Quat::from_xyzw(left.x, 0.0, left.z, left.w).normalize()
+}
+
+/// The decoded turn on its way through a clip, in whole bins round the circle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Turns {
+    bins: i64,
+    at: i64,
+}
+
+impl Turns {
+    /// From turn 0 in `bins` bins of a full circle.
+    pub(crate) fn new(bins: u32) -> Self {
+        Turns { bins: bins.into(), at: 0 }
+    }
+
+    /// The code of no step.
+    pub(crate) fn neutral(bins: u32) -> u16 {
+        (bins / 2) as u16
+    }
+
+    /// The decoded turn, radians.
+    pub(crate) fn radians(&self) -> f64 {
+        self.at as f64 * TAU / self.bins as f64
+    }
+
+    /// Moves by a decoded step.
+    pub(crate) fn follow(&mut self, code: u16) {
+        self.at = (self.at + i64::from(code) - self.bins / 2).rem_euclid(self.bins);
+    }
+
+    /// The step to a rotation's turn, and its tilt as the caller codes it; moves by the step.
+    ///
+    /// `tilt` gives the codes of a tilt and the vector that they decode to. A tilt within an eighth of a bin of half a
+    /// turn, before coding or after, has no turn that could be told again: then the turn stays, and the tilt is what is
+    /// left of the rotation after it. What that leaves out is at most a quarter of a bin as an angle, and the turn costs
+    /// none there. So what was decoded is coded as it was.
+    pub(crate) fn step<T>(&mut self, q: Quat, tilt: impl Fn(Quat) -> (T, Vec3)) -> (u16, T) {
+        if let Some(split) = Split::of(q).filter(|split| !self.upside_down(exp_map::to_vector(split.tilt))) {
+            let (codes, decoded) = tilt(split.tilt);
+            if !self.upside_down(decoded) {
+                let step = (split.turn * self.bins as f64 / TAU).round() as i64 - self.at;
+                let code = ((step + self.bins / 2).rem_euclid(self.bins)) as u16;
+                self.follow(code);
+                return (code, codes);
+            }
+        }
+        (Turns::neutral(self.bins as u32), tilt(tilt_after(q, self.radians())).0)
+    }
+
+    fn upside_down(&self, tilt: Vec3) -> bool {
+        let n = self.bins as f64;
+        let squared = tilt.length_squared() * (n / TAU) * (n / TAU);
+        // in bins squared, where decoded vectors are whole numbers: none of them is near the border
+        (squared - 0.25 * n * n).abs() < (0.125 * n).floor() + 0.5
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::angle::Angles;
+    use super::super::uniform::Form;
+    use super::*;
+    use kinelm_motion::rotation::angle_between;
+    use proptest::prelude::*;
+    use std::f64::consts::PI;
+
+    fn any_rotation() -> impl Strategy<Value = Quat> {
+        // every third one upside down or nearly so
+        let near = (-1.0..1.0f64, -1e-3..1e-3f64, -1.0..1.0f64, -1e-3..1e-3f64);
+        let far = (-1.0..1.0f64, -1.0..1.0f64, -1.0..1.0f64, -1.0..1.0f64);
+        prop_oneof![2 => far, 1 => near]
+            .prop_map(|(x, y, z, w)| Quat::from_xyzw(x, y, z, w))
+            .prop_filter("too short", |q| q.length() > 0.01)
+            .prop_map(|q| q.normalize())
+    }
+
+    /// Codes, moves and gives the decoded rotation.
+    fn coded(turns: &mut Turns, angles: &Angles, q: Quat) -> (u16, [u16; 2], Quat) {
+        let (step, tilt) = turns.step(q, |tilt| {
+            let ([x, y, z], _) = angles.code(tilt);
+            ([x, z], angles.vector([x, y, z]))
+        });
+        let zero = Turns::neutral(turns.bins as u32);
+        let decoded = about_y(turns.radians()) * angles.rotation([tilt[0], zero, tilt[1]]);
+        (step, tilt, decoded)
+    }
+
+    #[test]
+    fn known_splits() {
+        let q = about_y(2.0) * exp_map::from_vector(Vec3::new(0.3, 0.0, -0.4));
+        let split = Split::of(q).unwrap();
+        assert!((split.turn - 2.0).abs() < 1e-15);
+        assert!((exp_map::to_vector(split.tilt) - Vec3::new(0.3, 0.0, -0.4)).length() < 1e-15);
+        assert_eq!(Split::of(Quat::IDENTITY).unwrap(), Split { turn: 0.0, tilt: Quat::IDENTITY });
+        assert_eq!(Split::of(Quat::from_xyzw(0.6, 0.0, 0.8, 0.0)), None);
+        assert!((Split::of(about_y(PI)).unwrap().turn.abs() - PI).abs() < 1e-15);
+    }
+
+    #[test]
+    fn steps_go_round_the_circle() {
+        let angles = Angles::new(Form::Centred, 360);
+        let mut turns = Turns::new(360);
+        let steps: Vec<u16> =
+            (0..800).map(|d| coded(&mut turns, &angles, about_y(f64::from(d).to_radians())).0).collect();
+        assert_eq!(steps[0], 180);
+        assert!(steps[1..].iter().all(|&s| s == 181), "whichever way the body faces");
+    }
+
+    #[test]
+    fn upside_down_keeps_the_turn() {
+        let angles = Angles::new(Form::Centred, 360);
+        let mut turns = Turns::new(360);
+        turns.follow(180 + 37);
+        let (step, _, back) = coded(&mut turns, &angles, Quat::from_xyzw(0.6, 0.0, 0.8, 0.0));
+        assert_eq!((step, turns.at), (180, 37));
+        assert!(angle_between(back, Quat::from_xyzw(0.6, 0.0, 0.8, 0.0)) < 0.5f64.sqrt().to_radians() + 1e-9);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+        #[test]
+        fn the_parts_make_the_whole(q in any_rotation(), turn in -10.0..10.0f64) {
+            let split = Split::of(q).unwrap();
+            prop_assert!(angle_between(split.join(), q) < 1e-14);
+            prop_assert!(split.turn.abs() <= PI && split.tilt.y == 0.0 && split.tilt.w >= 0.0);
+            let near = |a: Split, b: Split| {
+                (a.tilt.x - b.tilt.x).abs() < 1e-9 && (a.tilt.z - b.tilt.z).abs() < 1e-9
+            };
+            prop_assert!(near(Split::of(-q).unwrap(), split));
+            if split.tilt.w > 1e-6 {
+                prop_assert!(near(Split::of(about_y(turn) * q).unwrap(), split), "a tilt doesn't turn");
+            }
+        }
+
+        #[test]
+        fn half_a_bin_each_and_coded_again_the_same(
+            qs in prop::collection::vec(any_rotation(), 1..20),
+            bins in prop::sample::select(&[360u32, 361, 60, 1080, 24, 7, 2][..]),
+        ) {
+            let angles = Angles::new(Form::Centred, bins);
+            let (mut turns, mut again) = (Turns::new(bins), Turns::new(bins));
+            // half a bin of turn and of each of two components; second codes near half a turn have a bin
+            let bound = (0.5 + 0.5f64.sqrt()) * angles.width() + 1e-9;
+            for q in qs {
+                let (step, tilt, back) = coded(&mut turns, &angles, q);
+                let near_half_turn = Split::of(q).unwrap().tilt.w < angles.width();
+                let bound = if near_half_turn { 2.0 * bound } else { bound };
+                prop_assert!(angle_between(q, back) <= bound, "{q} {back}");
+                let (step_again, tilt_again, _) = coded(&mut again, &angles, back);
+                prop_assert_eq!((step, tilt), (step_again, tilt_again));
+            }
+        }
+    }
+}

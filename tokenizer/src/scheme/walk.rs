@@ -1,0 +1,156 @@
+//! The root's translation in closed loop: shared by every scheme whose word is one frame.
+
+use super::line::Scale;
+use crate::{Error, Result};
+use kinelm_motion::{Clip, Quat, Vec3};
+use serde::{Deserialize, Serialize};
+
+/// What is coded of the root's translation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Travel {
+    /// The step from the decoded place before, turned into the decoded heading before, over a fitted range.
+    #[default]
+    Velocity,
+    /// The place (of x and z from where the clip starts), the bins of the angles read as metres.
+    Absolute,
+}
+
+/// A root further from the origin than this is no body's, metres.
+pub(crate) const FARTHEST: f64 = 1e6;
+
+/// The decoded root on its way through a clip.
+#[derive(Debug, Clone)]
+pub(crate) struct Walk {
+    at: Vec3,
+    /// Sine and cosine of the heading.
+    facing: (f64, f64),
+    /// Of x and z, and of y.
+    travel: [Travel; 2],
+}
+
+impl Walk {
+    /// From x = z = 0 at this height, heading 0.
+    pub(crate) fn new(height: f64, travel: [Travel; 2]) -> Self {
+        Walk { at: Vec3::new(0.0, height, 0.0), facing: (0.0, 1.0), travel }
+    }
+
+    /// The decoded place, metres.
+    pub(crate) fn at(&self) -> Vec3 {
+        self.at
+    }
+
+    /// One step: the codes of a place in the bins of x, y, z, and which of them clipped. Moves to what they decode to.
+    pub(crate) fn step(&mut self, bins: &[impl Scale; 3], place: Vec3) -> [(u16, bool); 3] {
+        let ahead = self.turned_in(place - self.at);
+        let wanted = self.each(ahead, place);
+        let coded: [(u16, bool); 3] = std::array::from_fn(|i| bins[i].code(wanted[i]));
+        self.follow(bins, coded.map(|(code, _)| code));
+        coded
+    }
+
+    /// Moves by decoded codes.
+    pub(crate) fn follow(&mut self, bins: &[impl Scale; 3], codes: [u16; 3]) {
+        let value = Vec3::from_array(std::array::from_fn(|i| bins[i].value(codes[i])));
+        self.at = self.each(self.at + self.turned_out(value), value);
+    }
+
+    /// Takes the heading of a decoded pelvis, [`heading`](kinelm_motion::rotation::heading) without its angle; one that
+    /// points straight up or down leaves it.
+    pub(crate) fn face(&mut self, pelvis: Quat) {
+        let z = pelvis * Vec3::Z;
+        let along = (z.x * z.x + z.z * z.z).sqrt();
+        if along > 1e-6 {
+            self.facing = (z.x / along, z.z / along);
+        }
+    }
+
+    /// A world vector seen by one who faces +z.
+    pub(crate) fn turned_in(&self, v: Vec3) -> Vec3 {
+        let (s, c) = self.facing;
+        Vec3::new(v.x * c - v.z * s, v.y, v.x * s + v.z * c)
+    }
+
+    /// The inverse of [`Walk::turned_in`].
+    fn turned_out(&self, v: Vec3) -> Vec3 {
+        let (s, c) = self.facing;
+        Vec3::new(v.x * c + v.z * s, v.y, v.z * c - v.x * s)
+    }
+
+    /// Each coordinate from the vector that its way of travelling means.
+    fn each(&self, velocity: Vec3, absolute: Vec3) -> Vec3 {
+        let [xz, y] = self.travel.map(|t| if t == Travel::Velocity { velocity } else { absolute });
+        Vec3::new(xz.x, y.y, xz.z)
+    }
+}
+
+/// Where a clip starts on the ground: what is taken from all its places.
+pub(crate) fn start(clip: &Clip) -> Vec3 {
+    clip.root().first().map_or(Vec3::ZERO, |p| Vec3::new(p.x, 0.0, p.z))
+}
+
+/// Refuses a clip whose root is at no place of a body.
+pub(crate) fn check_places(clip: &Clip) -> Result<()> {
+    match clip.root().iter().position(|p| p.abs().max_element() > FARTHEST) {
+        None => Ok(()),
+        Some(frame) => Err(Error::Frame {
+            frame,
+            joint: "translation".into(),
+            what: format!(
+                "{} m is no place of a body; expected less than {FARTHEST} m; is the unit right?",
+                clip.root()[frame]
+            ),
+        }),
+    }
+}
+
+/// Refuses a mean height that a file says and nobody has.
+pub(crate) fn check_height(first_height: f64) -> Result<()> {
+    (first_height.abs() <= FARTHEST).then_some(()).ok_or_else(|| Error::Setting {
+        field: "first_height",
+        found: first_height.to_string(),
+        expected: "a height in metres".into(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::bins::Bins;
+    use super::super::line::Line;
+    use super::*;
+    use kinelm_motion::rotation::exp_map;
+
+    #[test]
+    fn in_and_out_are_inverse() {
+        let mut walk = Walk::new(1.0, [Travel::Velocity; 2]);
+        walk.face(exp_map::from_vector(Vec3::new(0.3, 2.0, -0.4)));
+        let v = Vec3::new(0.2, -0.3, 0.7);
+        assert!((walk.turned_out(walk.turned_in(v)) - v).length() < 1e-15);
+        walk.face(exp_map::from_vector(Vec3::Y * 0.5));
+        assert!((walk.turned_out(Vec3::Z) - Vec3::new(0.5f64.sin(), 0.0, 0.5f64.cos())).length() < 1e-15);
+        let before = walk.clone().facing;
+        walk.face(exp_map::from_vector(Vec3::X * std::f64::consts::FRAC_PI_2));
+        assert_eq!(walk.facing, before, "straight down");
+    }
+
+    #[test]
+    fn errors_never_add_up_in_any_bins() {
+        let path = |f: usize| Vec3::new((0.1 * f as f64).sin(), 0.9 + 0.1 * (0.3 * f as f64).cos(), 0.02 * f as f64);
+        let line = [Line::fitted(-0.11, 0.11, 60); 3];
+        let mut steps: Vec<f64> = (0..500).map(|f| 0.15 * (f as f64 * 0.71).sin()).collect();
+        steps.sort_by(f64::total_cmp);
+        let bins = [(); 3].map(|()| Bins::fitted_to_steps(&steps, 60));
+        let (mut a, mut b) = (Walk::new(0.9, [Travel::Velocity; 2]), Walk::new(0.9, [Travel::Velocity; 2]));
+        for f in 0..400 {
+            let turn = exp_map::from_vector(Vec3::Y * (0.05 * f as f64));
+            a.step(&line, path(f));
+            b.step(&bins, path(f));
+            if f > 0 {
+                assert!((a.at() - path(f)).length() < 0.75f64.sqrt() * line[0].width, "frame {f}");
+                assert!((b.at() - path(f)).length() < 0.02, "frame {f}");
+            }
+            a.face(turn);
+            b.face(turn);
+        }
+    }
+}

@@ -6,6 +6,7 @@ pub mod line;
 pub mod mix;
 pub mod pelvis;
 pub mod runs;
+pub mod series;
 pub mod uniform;
 mod walk;
 

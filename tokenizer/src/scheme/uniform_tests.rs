@@ -27,7 +27,7 @@ fn worst_step(t: &Tokenizer, clip: &Clip) -> [f64; 3] {
     let back = t.decode(&words, Rest::Identity).unwrap();
     let start = clip.root()[0] * Vec3::new(1.0, 0.0, 1.0);
     let mut worst = [0.0f64; 3];
-    let mut walk = Walk::new(0.0, [Travel::Velocity; 2]);
+    let mut walk = Walk::new(0.0);
     for f in 0..clip.frames() {
         let miss = clip.root()[f] - start - back.root()[f];
         let turned = if u.config.translation == Travel::Velocity { walk.turned_in(miss) } else { miss };

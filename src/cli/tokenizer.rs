@@ -138,6 +138,7 @@ fn fit(args: FitArgs, say: Say) -> Result<()> {
         },
         translation: args.translation.into(),
         height: args.height.into(),
+        ..Default::default()
     };
     let config = TokenizerConfig {
         joints: selection.joints,

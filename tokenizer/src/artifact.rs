@@ -267,8 +267,7 @@ impl Tokenizer {
 impl Own {
     fn build(self) -> Result<Tokenizer> {
         self.config.validate()?;
-        let fitted = self.fitted.with_config(&self.config.scheme);
-        fitted.validate()?;
+        let fitted = self.fitted.with_config(&self.config.scheme, &self.config.channels())?;
         let mut tokenizer = Tokenizer::new(self.config, fitted, &self.merges, self.longest_word)?;
         for token in &self.conditioning {
             let inner = token.strip_prefix('<').and_then(|t| t.strip_suffix('>')).and_then(|t| t.split_once(':'));

@@ -1,6 +1,6 @@
 //! What every scheme must keep to, and clips to try it on.
 
-use crate::{Rest, Tokenizer, TokenizerConfig, Words};
+use crate::{JointTransform, QuantileConfig, Rest, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig, Words};
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Clip, Vec3, smpl};
 
@@ -40,7 +40,16 @@ pub fn presets() -> Vec<(&'static str, Tokenizer)> {
     let clips: Vec<Clip> = (0..6).map(|seed| bent(seed, 150)).collect();
     let fit = |config: TokenizerConfig| Tokenizer::fit(&clips, config).unwrap();
     let uniform = || TokenizerConfig::uniform(&[0, 4, 16], 20.0, 90);
-    vec![("uniform", fit(uniform())), ("uniform, merged", fit(TokenizerConfig { merges: 60, ..uniform() }))]
+    let frames = |scheme| TokenizerConfig { root_rotation: RootRotation::HeadingDelta, scheme, ..uniform() };
+    let joint_transform = JointTransform::Pca { components: 6 };
+    let quantile = |joint_transform| QuantileConfig { bins: 90, joint_transform, ..Default::default() };
+    vec![
+        ("uniform", fit(uniform())),
+        ("uniform, merged", fit(TokenizerConfig { merges: 60, ..uniform() })),
+        ("uniform, headings", fit(frames(uniform().scheme))),
+        ("quantile, headings", fit(frames(SchemeConfig::Quantile(quantile(JointTransform::None {}))))),
+        ("quantile, pca", fit(frames(SchemeConfig::Quantile(quantile(joint_transform))))),
+    ]
 }
 
 /// Pelvis and left knee in 60 bins.

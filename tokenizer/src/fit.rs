@@ -2,6 +2,7 @@
 
 use crate::sample::Sample;
 use crate::scheme::uniform::UniformFit;
+use crate::scheme::walk::check_places;
 use crate::scheme::{Fitted, SchemeConfig, WordLength, check_skeleton};
 use crate::{Channels, Error, Result, Tokenizer, TokenizerConfig, Words, merges};
 use kinelm_motion::Clip;
@@ -23,6 +24,8 @@ pub struct Fit {
 enum SchemeFit {
     /// Ranges, from every clip.
     Uniform(UniformFit),
+    /// All that needs the frames themselves, from the sample.
+    Sampled,
 }
 
 impl Fit {
@@ -34,9 +37,10 @@ impl Fit {
         config.validate()?;
         let channels = config.channels();
         let scheme = match &config.scheme {
-            SchemeConfig::Uniform(c) => SchemeFit::Uniform(UniformFit::new(c.clone())),
+            SchemeConfig::Uniform(c) if c.streams() => SchemeFit::Uniform(UniformFit::new(c.clone())),
+            SchemeConfig::Uniform(_) | SchemeConfig::Quantile(_) => SchemeFit::Sampled,
         };
-        let samples = config.merges > 0;
+        let samples = config.merges > 0 || scheme == SchemeFit::Sampled;
         Ok(Fit { config, channels, scheme, sample: samples.then(Sample::new), clips: 0, frames: 0 })
     }
 
@@ -49,6 +53,7 @@ impl Fit {
         check_skeleton(clip)?;
         match &mut self.scheme {
             SchemeFit::Uniform(u) => u.add(&self.channels, clip)?,
+            SchemeFit::Sampled => check_places(clip)?,
         }
         if let Some(sample) = &mut self.sample {
             sample.add(clip);
@@ -66,8 +71,8 @@ impl Fit {
         if self.config != other.config {
             return Err(Error::Nothing("two parts with different settings can't be merged".into()));
         }
-        match (&mut self.scheme, &other.scheme) {
-            (SchemeFit::Uniform(a), SchemeFit::Uniform(b)) => a.merge(b),
+        if let (SchemeFit::Uniform(a), SchemeFit::Uniform(b)) = (&mut self.scheme, &other.scheme) {
+            a.merge(b);
         }
         if let (Some(own), Some(other)) = (&mut self.sample, &other.sample) {
             own.merge(other);
@@ -95,6 +100,7 @@ impl Fit {
         let sample = self.sample.map(Sample::into_clips).unwrap_or_default();
         let fitted = match self.scheme {
             SchemeFit::Uniform(u) => Fitted::Uniform(u.finish()?),
+            SchemeFit::Sampled => Fitted::learnt(&self.config.scheme, &self.channels, &sample)?,
         };
         let wanted = self.config.merges;
         let tokenizer = Tokenizer::new(self.config, fitted, &[], 0)?;

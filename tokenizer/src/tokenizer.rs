@@ -129,6 +129,7 @@ impl Tokenizer {
     pub fn uniform(&self) -> Option<&Uniform> {
         match &self.fitted {
             Fitted::Uniform(u) => Some(u),
+            _ => None,
         }
     }
 

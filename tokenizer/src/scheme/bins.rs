@@ -69,6 +69,11 @@ impl Bins {
         self.values[zero] = 0.0;
     }
 
+    /// One bin, of 0: for a number that isn't there.
+    pub(crate) fn at_zero() -> Self {
+        Bins { edges: Vec::new(), values: vec![0.0], range: [0.0; 2] }
+    }
+
     fn between(edges: Vec<f64>, sorted: &[f64]) -> Self {
         let mut values = Vec::with_capacity(edges.len() + 1);
         let mut start = 0;

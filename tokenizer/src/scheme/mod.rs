@@ -2,17 +2,21 @@
 
 pub mod angle;
 pub mod bins;
+mod frame;
 pub mod line;
 pub mod mix;
+mod mixed;
 pub mod pelvis;
+pub mod quantile;
 pub mod runs;
 pub mod series;
 pub mod uniform;
-mod walk;
+pub(crate) mod walk;
 
 use crate::channel::{Channel, Channels};
 use crate::{Error, Result, Words};
 use kinelm_motion::{Clip, Quat, smpl};
+use quantile::{Quantile, QuantileConfig};
 use serde::{Deserialize, Serialize};
 use uniform::{Uniform, UniformConfig};
 
@@ -22,6 +26,8 @@ use uniform::{Uniform, UniformConfig};
 pub enum SchemeConfig {
     /// Bins of one width a channel.
     Uniform(UniformConfig),
+    /// Bins of as many training values each.
+    Quantile(QuantileConfig),
 }
 
 impl Default for SchemeConfig {
@@ -38,6 +44,7 @@ impl SchemeConfig {
     pub fn validate(&self) -> Result<()> {
         match self {
             SchemeConfig::Uniform(c) => c.validate(),
+            SchemeConfig::Quantile(c) => c.validate(),
         }
     }
 }
@@ -48,26 +55,49 @@ impl SchemeConfig {
 pub(crate) enum Fitted {
     /// Bins of one width a channel.
     Uniform(Uniform),
+    /// Bins of as many training values each.
+    Quantile(Quantile),
 }
 
 impl Fitted {
     pub(crate) fn as_scheme(&self) -> &dyn Scheme {
         match self {
             Fitted::Uniform(u) => u,
+            Fitted::Quantile(q) => q,
         }
     }
 
-    /// Puts the settings back that a file keeps apart.
-    pub(crate) fn with_config(self, config: &SchemeConfig) -> Self {
+    /// What a sample of training frames teaches.
+    pub(crate) fn learnt(config: &SchemeConfig, channels: &Channels, clips: &[Clip]) -> Result<Self> {
+        match config {
+            SchemeConfig::Uniform(c) => Uniform::fit(c, channels, clips).map(Fitted::Uniform),
+            SchemeConfig::Quantile(c) => Quantile::fit(c, channels, clips).map(Fitted::Quantile),
+        }
+    }
+
+    /// Puts the settings back that a file keeps apart, and checks what the file says.
+    pub(crate) fn with_config(self, config: &SchemeConfig, channels: &Channels) -> Result<Self> {
         match (self, config) {
-            (Fitted::Uniform(u), SchemeConfig::Uniform(c)) => Fitted::Uniform(u.with_config(c.clone())),
+            (Fitted::Uniform(u), SchemeConfig::Uniform(c)) => {
+                let u = u.with_config(c.clone());
+                u.validate(channels).map(|()| Fitted::Uniform(u))
+            }
+            (Fitted::Quantile(q), SchemeConfig::Quantile(c)) => {
+                let q = q.with_config(c.clone());
+                q.validate(channels).map(|()| Fitted::Quantile(q))
+            }
+            (fitted, config) => Err(Error::Setting {
+                field: "scheme",
+                found: format!("settings of one, {config:?}, and what was learnt for another, {}", fitted.name()),
+                expected: "both of one scheme".into(),
+            }),
         }
     }
 
-    /// Checks what a file says.
-    pub(crate) fn validate(&self) -> Result<()> {
+    fn name(&self) -> &'static str {
         match self {
-            Fitted::Uniform(u) => u.validate(),
+            Fitted::Uniform(_) => "uniform",
+            Fitted::Quantile(_) => "quantile",
         }
     }
 }
@@ -190,3 +220,7 @@ pub(crate) fn check_skeleton(clip: &Clip) -> Result<()> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+#[path = "frame_tests.rs"]
+mod frame_tests;

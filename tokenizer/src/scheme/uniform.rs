@@ -1,11 +1,16 @@
 //! Uniform bins: angles over a full turn, the root's translation as steps in closed loop or as places.
 
 use super::angle::Angles;
+use super::frame::{self, Coded, Each, Numbers, Poses, Vectors};
 use super::line::Line;
+use super::mix::{JointTransform, Mix};
+use super::mixed::{self, Mixed};
+pub use super::walk::Travel;
+use super::walk::{Walk, check_height, check_places};
 use super::{Encoded, Rest, Scheme, WordLength};
 use crate::channel::{Channel, Channels};
 use crate::{Error, Result, Words, alphabet};
-use kinelm_motion::{Clip, Quat, Vec3, smpl};
+use kinelm_motion::{Clip, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
@@ -21,17 +26,6 @@ pub enum Form {
     Edge,
 }
 
-/// What is coded of the root's translation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Travel {
-    /// The step from the decoded place before, turned into the decoded heading before, over a fitted range.
-    #[default]
-    Velocity,
-    /// The place (of x and z from where the clip starts), the bins of the angles read as metres.
-    Absolute,
-}
-
 /// Uniform bins for every channel.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -44,11 +38,19 @@ pub struct UniformConfig {
     pub translation: Travel,
     /// How its y is coded. Default velocity.
     pub height: Travel,
+    /// What is coded of a pose: its rotation vectors (default) or components of them, over a fitted range.
+    pub joint_transform: JointTransform,
 }
 
 impl Default for UniformConfig {
     fn default() -> Self {
-        UniformConfig { bins: 360, form: Form::Centred, translation: Travel::Velocity, height: Travel::Velocity }
+        UniformConfig {
+            bins: 360,
+            form: Form::Centred,
+            translation: Travel::Velocity,
+            height: Travel::Velocity,
+            joint_transform: JointTransform::None {},
+        }
     }
 }
 
@@ -63,7 +65,13 @@ impl UniformConfig {
             field: "bins",
             found: self.bins.to_string(),
             expected: format!("2 to {size}"),
-        })
+        })?;
+        self.joint_transform.validate()
+    }
+
+    /// Whether every clip teaches it, one after another, and no frame need be kept.
+    pub(crate) fn streams(&self) -> bool {
+        self.joint_transform == JointTransform::None {}
     }
 
     /// The bins of a place in metres.
@@ -78,9 +86,6 @@ impl UniformConfig {
     }
 }
 
-/// A root further from the origin than this is no body's, metres.
-const FARTHEST: f64 = 1e6;
-
 /// Uniform bins with their fitted ranges.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -91,41 +96,18 @@ pub struct Uniform {
     translation: [Line; 3],
     /// Mean height of the training clips' first frames, metres: where frame 0 steps from.
     first_height: f64,
+    /// What a joint transform makes of poses.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    components: Option<Components>,
 }
 
-/// The decoded root on its way through a clip.
-struct Walk {
-    at: Vec3,
-    /// Sine and cosine of the heading.
-    facing: (f64, f64),
-}
-
-impl Walk {
-    fn new(height: f64) -> Self {
-        Walk { at: Vec3::new(0.0, height, 0.0), facing: (0.0, 1.0) }
-    }
-
-    /// A world vector seen by one who faces +z.
-    fn turned_in(&self, v: Vec3) -> Vec3 {
-        let (s, c) = self.facing;
-        Vec3::new(v.x * c - v.z * s, v.y, v.x * s + v.z * c)
-    }
-
-    /// The inverse of [`Walk::turned_in`].
-    fn turned_out(&self, v: Vec3) -> Vec3 {
-        let (s, c) = self.facing;
-        Vec3::new(v.x * c + v.z * s, v.y, v.z * c - v.x * s)
-    }
-
-    /// Takes the heading of a decoded pelvis, [`heading`](kinelm_motion::rotation::heading) without its angle; one that
-    /// points straight up or down leaves it.
-    fn face(&mut self, pelvis: Quat) {
-        let z = pelvis * Vec3::Z;
-        let along = (z.x * z.x + z.z * z.z).sqrt();
-        if along > 1e-6 {
-            self.facing = (z.x / along, z.z / along);
-        }
-    }
+/// Components of poses and their bins.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Components {
+    mix: Mix,
+    /// One a component, over the range of the training poses.
+    lines: Vec<Line>,
 }
 
 impl Uniform {
@@ -149,46 +131,65 @@ impl Uniform {
         Angles::new(self.config.form, self.config.bins)
     }
 
+    /// Learns a joint transform, the ranges of its components and of the steps from training clips.
+    pub(crate) fn fit(config: &UniformConfig, channels: &Channels, clips: &[Clip]) -> Result<Self> {
+        let columns = Numbers::len(channels);
+        let mut rows = Numbers::of_clips(channels, config.bins, clips);
+        let mut fit = UniformFit::new(config.clone());
+        let Some((mix, rows)) = mixed::fit(&config.joint_transform, &mut rows, columns)? else {
+            clips.iter().try_for_each(|clip| fit.add(channels, clip))?;
+            return fit.finish();
+        };
+        let line = |i: usize| {
+            let column = || rows.iter().skip(i).step_by(mix.components()).copied();
+            Line::fitted(column().fold(0.0, f64::min), column().fold(0.0, f64::max), config.bins)
+        };
+        let lines: Vec<Line> = (0..mix.components()).map(line).collect();
+        let length = Mixed::<Line>::length(channels, &mix) - 3;
+        for clip in clips {
+            fit.add_seen_from(clip, length, Mixed::new(channels, config.bins, &mix, &lines))?;
+        }
+        Ok(Uniform { components: Some(Components { mix, lines }), ..fit.finish()? })
+    }
+
     pub(crate) fn with_config(self, config: UniformConfig) -> Self {
         Uniform { config, ..self }
     }
 
-    pub(crate) fn validate(&self) -> Result<()> {
+    pub(crate) fn validate(&self, channels: &Channels) -> Result<()> {
         self.config.validate()?;
         for line in &self.translation {
             line.validate(self.config.bins)?;
         }
-        (self.first_height.abs() <= FARTHEST).then_some(()).ok_or_else(|| Error::Setting {
-            field: "first_height",
-            found: self.first_height.to_string(),
-            expected: "a height in metres".into(),
+        check_height(self.first_height)?;
+        let mixes = self.config.joint_transform != JointTransform::None {};
+        if let Some(c) = &self.components {
+            c.mix.validate(&self.config.joint_transform, Numbers::len(channels))?;
+            c.lines.iter().try_for_each(|line| line.validate(self.config.bins))?;
+        }
+        let lines = self.components.as_ref().map(|c| (c.lines.len(), c.mix.components()));
+        let good = lines.is_some() == mixes && lines.is_none_or(|(lines, components)| lines == components);
+        good.then_some(()).ok_or_else(|| Error::Setting {
+            field: "components",
+            found: lines.map_or("none".into(), |(lines, components)| format!("bins of {lines} of {components}")),
+            expected: if mixes { "bins of each".into() } else { "none without a joint transform".into() },
         })
     }
 
-    /// One step: the codes of a place, and which of them clipped. Moves the walk to what they decode to.
-    fn step(&self, walk: &mut Walk, place: Vec3) -> [(u16, bool); 3] {
-        let ahead = walk.turned_in(place - walk.at);
-        let (wanted_xz, wanted_y) = (self.pick(ahead, place), if self.absolute_y() { place.y } else { ahead.y });
-        let wanted = [wanted_xz.x, wanted_y, wanted_xz.z];
-        let coded: [(u16, bool); 3] = std::array::from_fn(|i| self.translation[i].code(wanted[i]));
-        self.follow(walk, coded.map(|(k, _)| k));
-        coded
+    fn length(&self, channels: &Channels) -> usize {
+        self.components.as_ref().map_or(channels.len(), |c| Mixed::<Line>::length(channels, &c.mix))
     }
 
-    /// Moves the walk by decoded codes.
-    fn follow(&self, walk: &mut Walk, codes: [u16; 3]) {
-        let value = Vec3::from_array(std::array::from_fn(|i| self.translation[i].value(codes[i])));
-        let out = walk.turned_out(value);
-        let xz = self.pick(walk.at + out, value);
-        let y = if self.absolute_y() { value.y } else { walk.at.y + value.y };
-        walk.at = Vec3::new(xz.x, y, xz.z);
+    fn walk(&self) -> Walk {
+        Walk::new(self.first_height, [self.config.translation, self.config.height])
     }
 
-    fn pick(&self, velocity: Vec3, absolute: Vec3) -> Vec3 {
-        match self.config.translation {
-            Travel::Velocity => velocity,
-            Travel::Absolute => absolute,
-        }
+    fn each<'a>(&self, channels: &'a Channels) -> Each<'a, Angles> {
+        Each::new(channels, self.config.bins, self.angles())
+    }
+
+    fn mixed<'a>(&self, channels: &'a Channels, c: &'a Components) -> Mixed<'a, Line> {
+        Mixed::new(channels, self.config.bins, &c.mix, &c.lines)
     }
 
     fn absolute_y(&self) -> bool {
@@ -206,67 +207,41 @@ impl Scheme for Uniform {
     }
 
     fn word_length(&self, channels: &Channels) -> WordLength {
-        WordLength::Fixed(channels.len())
+        WordLength::Fixed(self.length(channels))
     }
 
     fn encode(&self, channels: &Channels, clip: &Clip) -> Result<Encoded> {
-        check_places(clip)?;
-        let (c, angles) = (channels.len(), self.angles());
-        let mut codes = vec![0; clip.frames() * c];
-        let mut out = Encoded::default();
-        let start = clip.root().first().map_or(Vec3::ZERO, |p| Vec3::new(p.x, 0.0, p.z));
-        let mut walk = Walk::new(self.first_height);
-        for (f, word) in codes.chunks_exact_mut(c).enumerate() {
-            let (head, turns) = word.split_at_mut(3);
-            for (i, (code, clipped)) in self.step(&mut walk, clip.root()[f] - start).into_iter().enumerate() {
-                head[i] = code;
-                out.clipped += u64::from(clipped);
-            }
-            let pose = clip.pose(f);
-            for (&joint, place) in channels.joints().iter().zip(turns.chunks_exact_mut(3)) {
-                let (code, second) = angles.code(pose[joint]);
-                place.copy_from_slice(&code);
-                out.second_codes += u64::from(second);
-                if joint == 0 {
-                    walk.face(angles.rotation(code));
-                }
-            }
+        let (length, walk) = (self.length(channels), self.walk());
+        match &self.components {
+            Some(c) => frame::encode(clip, length, walk, &self.translation, self.mixed(channels, c)),
+            None => frame::encode(clip, length, walk, &self.translation, self.each(channels)),
         }
-        out.words = Words::fixed(codes, c);
-        Ok(out)
     }
 
     fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: Rest<'_>) -> Result<Clip> {
-        let frames = words.len();
-        let angles = self.angles();
-        let mut root = Vec::with_capacity(frames);
-        let mut rotations = Vec::with_capacity(frames * 24);
-        let mut walk = Walk::new(self.first_height);
-        for (f, word) in words.iter().enumerate() {
-            self.follow(&mut walk, [word[0], word[1], word[2]]);
-            root.push(walk.at);
-            rest.fill(f, &mut rotations);
-            let pose = &mut rotations[f * 24..];
-            for (&joint, k) in channels.joints().iter().zip(word[3..].chunks_exact(3)) {
-                pose[joint] = angles.rotation([k[0], k[1], k[2]]);
-                if joint == 0 {
-                    walk.face(pose[0]);
-                }
-            }
+        match &self.components {
+            Some(c) => frame::decode(words, fps, rest, self.walk(), &self.translation, self.mixed(channels, c)),
+            None => frame::decode(words, fps, rest, self.walk(), &self.translation, self.each(channels)),
         }
-        Ok(Clip::new(smpl::neutral(), fps, root, rotations)?)
     }
 
     fn neutral(&self, channels: &Channels) -> Vec<u16> {
-        let mut codes = vec![(self.config.bins / 2) as u16; channels.len()];
+        let mut word = vec![(self.config.bins / 2) as u16; self.length(channels)];
         for (i, line) in self.translation.iter().enumerate() {
-            codes[i] = line.code(if i == 1 && self.absolute_y() { self.first_height } else { 0.0 }).0;
+            word[i] = line.code(if i == 1 && self.absolute_y() { self.first_height } else { 0.0 }).0;
         }
-        codes
+        if let Some(c) = &self.components {
+            let pose = [Quat::IDENTITY; 24];
+            self.mixed(channels, c).encode(&pose, &mut word[3..], &mut Encoded::default());
+        }
+        word
     }
 
     fn places(&self, channels: &Channels) -> std::result::Result<Vec<Channel>, String> {
-        Ok(channels.iter().collect())
+        match self.components {
+            Some(_) => Err(mixed::REASON.into()),
+            None => Ok(channels.iter().collect()),
+        }
     }
 
     fn numbers(&self, _: &Channels, word: &[u16], out: &mut Vec<i32>) {
@@ -274,7 +249,21 @@ impl Scheme for Uniform {
     }
 
     fn fitted_numbers(&self) -> u64 {
-        u64::from(self.config.bins) + 7 // a value each; a width and a zero a coordinate, and the first height
+        let components = self.components.as_ref().map_or(0, |c| 2 * c.lines.len() as u64 + c.mix.numbers());
+        // a value each; a width and a zero a coordinate (or component), and the first height
+        u64::from(self.config.bins) + 7 + components
+    }
+}
+
+/// The nearest bins of a full turn, the same for every joint.
+impl Vectors for Angles {
+    fn code(&self, _: usize, q: Quat) -> Coded {
+        let (codes, second) = Angles::code(self, q);
+        Coded { codes, clipped: 0, second }
+    }
+
+    fn vector(&self, _: usize, codes: [u16; 3]) -> Vec3 {
+        Angles::vector(self, codes)
     }
 }
 
@@ -310,14 +299,19 @@ impl UniformFit {
 
     /// Learns from one clip, whose pelvis is coded or, if not, decodes to the identity.
     pub(crate) fn add(&mut self, channels: &Channels, clip: &Clip) -> Result<()> {
+        let angles = Angles::new(self.config.form, self.config.bins);
+        self.add_seen_from(clip, 3, Each::pelvis(channels, self.config.bins, angles))
+    }
+
+    /// Learns the steps of one clip, seen from the heading that `poses` decodes from `length` characters.
+    fn add_seen_from(&mut self, clip: &Clip, length: usize, mut poses: impl Poses) -> Result<()> {
         check_places(clip)?;
         let Some(first) = clip.root().first() else { return Ok(()) };
-        let angles = Angles::new(self.config.form, self.config.bins);
-        let turns = channels.joints().first() == Some(&0);
-        let mut walk = Walk::new(0.0);
+        let mut walk = Walk::new(0.0, [Travel::Velocity; 2]);
+        let mut word = vec![0; length];
         for (f, pair) in clip.root().windows(2).enumerate() {
-            if turns {
-                walk.face(angles.rotation(angles.code(clip.pose(f)[0]).0));
+            if let Some(pelvis) = poses.encode(clip.pose(f), &mut word, &mut Encoded::default()) {
+                walk.face(pelvis);
             }
             let step = walk.turned_in(pair[1] - pair[0]);
             (self.low, self.high) = (self.low.min(step), self.high.max(step));
@@ -350,21 +344,7 @@ impl UniformFit {
             Travel::Absolute => self.config.place_line(),
         };
         let translation = [line(0), line(1), line(2)];
-        Ok(Uniform { config: self.config, translation, first_height })
-    }
-}
-
-fn check_places(clip: &Clip) -> Result<()> {
-    match clip.root().iter().position(|p| p.abs().max_element() > FARTHEST) {
-        None => Ok(()),
-        Some(frame) => Err(Error::Frame {
-            frame,
-            joint: "translation".into(),
-            what: format!(
-                "{} m is no place of a body; expected less than {FARTHEST} m; is the unit right?",
-                clip.root()[frame]
-            ),
-        }),
+        Ok(Uniform { config: self.config, translation, first_height, components: None })
     }
 }
 

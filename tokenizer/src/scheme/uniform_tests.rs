@@ -5,6 +5,7 @@ use crate::contract::{bent, check_scheme, wild};
 use crate::{Fit, Tokenizer, TokenizerConfig, Words};
 use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::rotation::{Axis, EulerOrder, angle_between, exp_map};
+use kinelm_motion::smpl;
 use proptest::prelude::*;
 
 /// Half a bin, with what rounding may add.
@@ -27,7 +28,7 @@ fn worst_step(t: &Tokenizer, clip: &Clip) -> [f64; 3] {
     let back = t.decode(&words, Rest::Identity).unwrap();
     let start = clip.root()[0] * Vec3::new(1.0, 0.0, 1.0);
     let mut worst = [0.0f64; 3];
-    let mut walk = Walk::new(0.0);
+    let mut walk = Walk::new(0.0, [Travel::Velocity; 2]);
     for f in 0..clip.frames() {
         let miss = clip.root()[f] - start - back.root()[f];
         let turned = if u.config.translation == Travel::Velocity { walk.turned_in(miss) } else { miss };

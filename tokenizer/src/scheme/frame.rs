@@ -1,0 +1,290 @@
+//! Words that are one frame: the root's step, then the pose. What the schemes of frames share.
+
+use super::line::Scale;
+use super::pelvis::{Turns, about_y};
+use super::walk::{Travel, Walk, check_places, start};
+use super::{Encoded, Rest};
+use crate::{Channels, Result, Words};
+use kinelm_motion::rotation::exp_map;
+use kinelm_motion::{Clip, Quat, Vec3, smpl};
+use std::f64::consts::PI;
+
+/// How a scheme codes the joints of a pose, frame by frame through a clip.
+pub(super) trait Poses {
+    /// Codes the pose (24) into a word's characters behind the translation's; gives the decoded pelvis if it is coded.
+    fn encode(&mut self, pose: &[Quat], word: &mut [u16], out: &mut Encoded) -> Option<Quat>;
+
+    /// Sets the coded joints of a pose (24); gives the pelvis if it is coded.
+    fn decode(&mut self, word: &[u16], pose: &mut [Quat]) -> Option<Quat>;
+}
+
+/// The words of a clip, `length` characters each.
+pub(super) fn encode(
+    clip: &Clip,
+    length: usize,
+    mut walk: Walk,
+    steps: &[impl Scale; 3],
+    mut poses: impl Poses,
+) -> Result<Encoded> {
+    check_places(clip)?;
+    let mut codes = vec![0; clip.frames() * length];
+    let mut out = Encoded::default();
+    let start = start(clip);
+    for (f, word) in codes.chunks_exact_mut(length).enumerate() {
+        let (head, behind) = word.split_at_mut(3);
+        for (place, (code, clipped)) in head.iter_mut().zip(walk.step(steps, clip.root()[f] - start)) {
+            *place = code;
+            out.clipped += u64::from(clipped);
+        }
+        if let Some(pelvis) = poses.encode(clip.pose(f), behind, &mut out) {
+            walk.face(pelvis);
+        }
+    }
+    out.words = Words::fixed(codes, length);
+    Ok(out)
+}
+
+/// The clip of words.
+pub(super) fn decode(
+    words: &Words,
+    fps: f64,
+    rest: Rest<'_>,
+    mut walk: Walk,
+    steps: &[impl Scale; 3],
+    mut poses: impl Poses,
+) -> Result<Clip> {
+    let mut root = Vec::with_capacity(words.len());
+    let mut rotations = Vec::with_capacity(words.len() * 24);
+    for (f, word) in words.iter().enumerate() {
+        walk.follow(steps, [word[0], word[1], word[2]]);
+        root.push(walk.at());
+        rest.fill(f, &mut rotations);
+        if let Some(pelvis) = poses.decode(&word[3..], &mut rotations[f * 24..]) {
+            walk.face(pelvis);
+        }
+    }
+    Ok(Clip::new(smpl::neutral(), fps, root, rotations)?)
+}
+
+/// The codes of one joint's rotation vector.
+pub(super) struct Coded {
+    pub codes: [u16; 3],
+    /// Components outside what the bins were made for.
+    pub clipped: u64,
+    /// Whether other codes were taken because the nearest decode otherwise.
+    pub second: bool,
+}
+
+/// How rotation vectors become codes, a character a component.
+pub(super) trait Vectors {
+    /// Of the `n`-th coded joint; of a tilt, which has no y, the y of the codes is not kept.
+    fn code(&self, n: usize, q: Quat) -> Coded;
+
+    /// The vector of codes of the `n`-th coded joint.
+    fn vector(&self, n: usize, codes: [u16; 3]) -> Vec3;
+}
+
+/// Each joint for itself: x y z of its rotation vector, or turn and tilt of the pelvis.
+pub(super) struct Each<'a, V> {
+    joints: &'a [usize],
+    turns: Option<Turns>,
+    vectors: V,
+}
+
+impl<'a, V: Vectors> Each<'a, V> {
+    /// From a clip's first frame on. `bins` of the turn, if the channels have one.
+    pub(super) fn new(channels: &'a Channels, bins: u32, vectors: V) -> Self {
+        Each { joints: channels.joints(), turns: channels.has_turn().then(|| Turns::new(bins)), vectors }
+    }
+
+    /// The pelvis alone, where the channels have one.
+    pub(super) fn pelvis(channels: &'a Channels, bins: u32, vectors: V) -> Self {
+        let mut each = Each::new(channels, bins, vectors);
+        each.joints = &each.joints[..usize::from(each.joints.first() == Some(&0))];
+        each
+    }
+
+    fn tilt(&self, codes: [u16; 3]) -> Vec3 {
+        self.vectors.vector(0, codes) * Vec3::new(1.0, 0.0, 1.0)
+    }
+}
+
+impl<V: Vectors> Poses for Each<'_, V> {
+    fn encode(&mut self, pose: &[Quat], word: &mut [u16], out: &mut Encoded) -> Option<Quat> {
+        let mut pelvis = None;
+        for (n, (&joint, place)) in self.joints.iter().zip(word.chunks_exact_mut(3)).enumerate() {
+            let coded = match self.turns {
+                Some(mut turns) if n == 0 => {
+                    let (step, coded) = turns.step(pose[0], |tilt| {
+                        let coded = self.vectors.code(0, tilt);
+                        let decoded = self.tilt(coded.codes);
+                        (coded, decoded)
+                    });
+                    self.turns = Some(turns);
+                    let [x, _, z] = coded.codes;
+                    pelvis = Some(about_y(turns.radians()) * exp_map::from_vector(self.tilt(coded.codes)));
+                    place.copy_from_slice(&[step, x, z]);
+                    coded
+                }
+                _ => {
+                    let coded = self.vectors.code(n, pose[joint]);
+                    if joint == 0 {
+                        pelvis = Some(exp_map::from_vector(self.vectors.vector(n, coded.codes)));
+                    }
+                    place.copy_from_slice(&coded.codes);
+                    coded
+                }
+            };
+            out.clipped += coded.clipped;
+            out.second_codes += u64::from(coded.second);
+        }
+        pelvis
+    }
+
+    fn decode(&mut self, word: &[u16], pose: &mut [Quat]) -> Option<Quat> {
+        for (n, (&joint, k)) in self.joints.iter().zip(word.chunks_exact(3)).enumerate() {
+            pose[joint] = match &mut self.turns {
+                Some(turns) if n == 0 => {
+                    turns.follow(k[0]);
+                    let turn = about_y(turns.radians());
+                    turn * exp_map::from_vector(self.tilt([k[1], 0, k[2]]))
+                }
+                _ => exp_map::from_vector(self.vectors.vector(n, [k[0], k[1], k[2]])),
+            };
+        }
+        (self.joints.first() == Some(&0)).then(|| pose[0])
+    }
+}
+
+/// A decoded vector up to here is canonical, and a file's rounding doesn't turn it into its twin.
+pub(super) const LONGEST: f64 = PI - 1e-6;
+
+/// The rotations of a pose as numbers: canonical rotation vectors, of the pelvis the tilt's x and z where it has a turn.
+///
+/// Canonical, not continuous in time: a frame's numbers are then its own, whatever came before it, and no longer than half
+/// a turn, so that a fitted range holds them.
+pub(super) struct Numbers<'a> {
+    joints: &'a [usize],
+    pub turns: Option<Turns>,
+}
+
+impl<'a> Numbers<'a> {
+    /// From a clip's first frame on.
+    pub(super) fn new(channels: &'a Channels, bins: u32) -> Self {
+        Numbers { joints: channels.joints(), turns: channels.has_turn().then(|| Turns::new(bins)) }
+    }
+
+    /// How many numbers a pose has.
+    pub(super) fn len(channels: &Channels) -> usize {
+        channels.len() - 3 - usize::from(channels.has_turn())
+    }
+
+    /// Whether the pelvis is coded.
+    pub(super) fn has_pelvis(&self) -> bool {
+        self.joints.first() == Some(&0)
+    }
+
+    /// Appends the numbers of a pose (24); gives the code of the turn's step.
+    pub(super) fn of(&mut self, pose: &[Quat], out: &mut Vec<f64>) -> Option<u16> {
+        let mut joints = self.joints;
+        let step = self.turns.as_mut().map(|turns| {
+            let (step, tilt) = turns.step(pose[0], |tilt| (exp_map::to_vector(tilt), Vec3::ZERO));
+            out.extend([tilt.x, tilt.z]);
+            joints = &joints[1..];
+            step
+        });
+        joints.iter().for_each(|&joint| out.extend(exp_map::to_vector(pose[joint]).to_array()));
+        step
+    }
+
+    /// Sets the coded joints of a pose (24) from numbers and, before, the turn from its code; gives the pelvis if it is
+    /// coded.
+    pub(super) fn set(&mut self, numbers: &[f64], step: Option<u16>, pose: &mut [Quat]) -> Option<Quat> {
+        let (mut joints, mut numbers) = (self.joints, numbers);
+        if let (Some(turns), Some(step)) = (&mut self.turns, step) {
+            turns.follow(step);
+            pose[0] = self.pelvis(numbers);
+            (joints, numbers) = (&joints[1..], &numbers[2..]);
+        }
+        for (&joint, v) in joints.iter().zip(numbers.chunks_exact(3)) {
+            pose[joint] = exp_map::from_vector(Vec3::from_slice(v));
+        }
+        self.has_pelvis().then(|| pose[0])
+    }
+
+    /// Makes decoded vectors canonical; whether one wasn't.
+    pub(super) fn canonical(&self, numbers: &mut [f64]) -> bool {
+        let (tilt, vectors) = numbers.split_at_mut(if self.turns.is_some() { 2 } else { 0 });
+        let mut longer = false;
+        let mut each = |v: Vec3| {
+            let long = v.length() > LONGEST;
+            longer |= long;
+            if long { exp_map::canonical(v) } else { v }
+        };
+        if let [x, z] = tilt {
+            let v = each(Vec3::new(*x, 0.0, *z));
+            (*x, *z) = (v.x, v.z);
+        }
+        vectors.chunks_exact_mut(3).for_each(|v| v.copy_from_slice(&each(Vec3::from_slice(v)).to_array()));
+        longer
+    }
+
+    /// The pelvis of a pose's numbers and the turn as it stands.
+    pub(super) fn pelvis(&self, numbers: &[f64]) -> Quat {
+        match &self.turns {
+            Some(turns) => about_y(turns.radians()) * exp_map::from_vector(Vec3::new(numbers[0], 0.0, numbers[1])),
+            None => exp_map::from_vector(Vec3::from_slice(numbers)),
+        }
+    }
+
+    /// The numbers of all frames of clips, (N, [`Numbers::len`]).
+    pub(super) fn of_clips(channels: &Channels, bins: u32, clips: &[Clip]) -> Vec<f64> {
+        let frames: usize = clips.iter().map(Clip::frames).sum();
+        let mut out = Vec::with_capacity(frames * Numbers::len(channels));
+        for clip in clips {
+            let mut numbers = Numbers::new(channels, bins);
+            (0..clip.frames()).for_each(|f| _ = numbers.of(clip.pose(f), &mut out));
+        }
+        out
+    }
+}
+
+/// Numbers of poses as columns, sorted: what bins are fitted to.
+pub(super) fn sorted_columns(rows: &[f64], columns: usize) -> Vec<Vec<f64>> {
+    let column = |c: usize| {
+        let mut column: Vec<f64> = rows.iter().skip(c).step_by(columns).copied().collect();
+        column.sort_unstable_by(f64::total_cmp);
+        column
+    };
+    (0..columns).map(column).collect()
+}
+
+/// The steps x y z of training clips, each sorted, seen from the heading that `poses` decodes, and the mean height of the
+/// clips' first frames, metres; `None` without a frame. The first frames' steps in height are among them.
+pub(super) fn training_steps<P: Poses>(
+    clips: &[Clip],
+    length: usize,
+    poses: impl Fn() -> P,
+) -> Result<Option<([Vec<f64>; 3], f64)>> {
+    let firsts: Vec<f64> = clips.iter().filter_map(|c| c.root().first()).map(|p| p.y).collect();
+    if firsts.is_empty() {
+        return Ok(None);
+    }
+    let first_height = firsts.iter().sum::<f64>() / firsts.len() as f64;
+    let mut steps = [vec![0.0], firsts.iter().map(|y| y - first_height).collect(), vec![0.0]];
+    let mut word = vec![0; length];
+    for clip in clips {
+        check_places(clip)?;
+        let mut walk = Walk::new(0.0, [Travel::Velocity; 2]);
+        let mut poses = poses();
+        for (f, pair) in clip.root().windows(2).enumerate() {
+            if let Some(pelvis) = poses.encode(clip.pose(f), &mut word[3..], &mut Encoded::default()) {
+                walk.face(pelvis);
+            }
+            let step = walk.turned_in(pair[1] - pair[0]).to_array();
+            steps.iter_mut().zip(step).for_each(|(all, x)| all.push(x));
+        }
+    }
+    steps.iter_mut().for_each(|all| all.sort_unstable_by(f64::total_cmp));
+    Ok(Some((steps, first_height)))
+}

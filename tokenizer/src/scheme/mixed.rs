@@ -1,0 +1,113 @@
+//! Poses as components of a joint transform: a character a component, which belongs to all joints.
+
+use super::Encoded;
+use super::frame::{Numbers, Poses};
+use super::line::Scale;
+use super::mix::{JointTransform, Mix};
+use crate::{Channels, Result};
+use kinelm_motion::Quat;
+
+/// The words' characters behind the translation: the turn's step, if there is one, and the components.
+pub(super) struct Mixed<'a, S> {
+    numbers: Numbers<'a>,
+    mix: &'a Mix,
+    /// One a component, or one for all.
+    scales: &'a [S],
+    row: Vec<f64>,
+    components: Vec<f64>,
+}
+
+/// How often a pose may be decoded and coded again until its codes stay.
+const TRIES: usize = 8;
+
+/// Why no character belongs to a joint.
+pub(super) const REASON: &str = "a joint transform spreads each joint over all characters of a pose";
+
+impl<'a, S: Scale> Mixed<'a, S> {
+    /// From a clip's first frame on. `bins` of the turn, if the channels have one.
+    pub(super) fn new(channels: &'a Channels, bins: u32, mix: &'a Mix, scales: &'a [S]) -> Self {
+        let components = vec![0.0; mix.components()];
+        Mixed { numbers: Numbers::new(channels, bins), mix, scales, row: vec![0.0; Numbers::len(channels)], components }
+    }
+
+    /// The characters of a word: translation, turn, components.
+    pub(super) fn length(channels: &Channels, mix: &Mix) -> usize {
+        3 + usize::from(channels.has_turn()) + mix.components()
+    }
+
+    fn scale(&self, component: usize) -> &'a S {
+        &self.scales[component.min(self.scales.len() - 1)]
+    }
+
+    /// Codes the numbers of a pose, which are lost; how many components clip.
+    fn code(&mut self, codes: &mut [u16]) -> u64 {
+        self.mix.forward(1, &mut self.row, &mut self.components);
+        let mut count = 0;
+        for (i, place) in codes.iter_mut().enumerate() {
+            let (code, clipped) = self.scale(i).code(self.components[i]);
+            *place = code;
+            count += u64::from(clipped);
+        }
+        count
+    }
+
+    /// Decodes codes into the numbers of a pose. Where a vector is longer than half a turn, and so would be coded
+    /// otherwise, the decoded pose's own codes are taken, until they stay; whether others were.
+    fn settle(&mut self, codes: &mut [u16]) -> bool {
+        self.unmix(codes);
+        if !self.numbers.canonical(&mut self.row) {
+            return false;
+        }
+        let first = codes.to_vec();
+        for _ in 0..TRIES {
+            self.code(codes);
+            self.unmix(codes);
+            if !self.numbers.canonical(&mut self.row) {
+                return true;
+            }
+        }
+        codes.copy_from_slice(&first);
+        self.unmix(codes);
+        false
+    }
+
+    /// Decodes the components into the numbers of a pose.
+    fn unmix(&mut self, codes: &[u16]) {
+        for (i, &code) in codes.iter().enumerate() {
+            self.components[i] = self.scale(i).value(code);
+        }
+        self.mix.inverse(1, &self.components, &mut self.row);
+    }
+}
+
+impl<S: Scale> Poses for Mixed<'_, S> {
+    fn encode(&mut self, pose: &[Quat], word: &mut [u16], out: &mut Encoded) -> Option<Quat> {
+        self.row.clear();
+        let step = self.numbers.of(pose, &mut self.row);
+        let (turn, places) = word.split_at_mut(usize::from(step.is_some()));
+        turn.iter_mut().zip(step).for_each(|(place, step)| *place = step);
+        out.clipped += self.code(places);
+        out.second_codes += u64::from(self.settle(places));
+        self.numbers.has_pelvis().then(|| self.numbers.pelvis(&self.row))
+    }
+
+    fn decode(&mut self, word: &[u16], pose: &mut [Quat]) -> Option<Quat> {
+        let (turn, places) = word.split_at(usize::from(self.numbers.turns.is_some()));
+        self.unmix(places);
+        self.numbers.set(&self.row, turn.first().copied(), pose)
+    }
+}
+
+/// A joint transform fitted to the numbers of training poses, (N, `columns`), and their components, (N, K); `None` where
+/// the settings have none.
+pub(super) fn fit(transform: &JointTransform, rows: &mut [f64], columns: usize) -> Result<Option<(Mix, Vec<f64>)>> {
+    if *transform == (JointTransform::None {}) {
+        return Ok(None);
+    }
+    let mix = Mix::fit(transform, rows, columns, None)?;
+    let mut components = vec![0.0; rows.len() / columns * mix.components()];
+    for (row, out) in rows.chunks_exact_mut(columns).zip(components.chunks_exact_mut(mix.components())) {
+        mix.forward(1, row, out);
+    }
+    Ok(Some((mix, components)))
+}

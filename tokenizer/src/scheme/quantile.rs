@@ -1,0 +1,301 @@
+//! Quantile bins: edges where the training values lie, fine where motion is and coarse where it seldom goes.
+
+use super::bins::Bins;
+use super::frame::{self, Coded, Each, LONGEST, Numbers, Poses, Vectors, sorted_columns, training_steps};
+use super::line::Scale;
+use super::mix::{JointTransform, Mix};
+use super::mixed::{self, Mixed};
+use super::walk::{Travel, Walk, check_height};
+use super::{Encoded, Rest, Scheme, WordLength};
+use crate::channel::{Channel, Channels};
+use crate::{Error, Result, Words, alphabet};
+use kinelm_motion::rotation::{angle_between, exp_map};
+use kinelm_motion::{Clip, Quat, Vec3};
+use serde::{Deserialize, Serialize};
+
+/// Which training values share edges.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Pooled {
+    /// Those of a channel: each has edges of its own.
+    #[default]
+    Channel,
+    /// Those of all rotation channels (or components): one set of edges for all.
+    Global,
+}
+
+/// Quantile bins for every channel. The translation is coded as steps in closed loop, with edges a coordinate.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct QuantileConfig {
+    /// Bins a channel, 3 to 21054 (as many as the alphabet has characters). Default 360. Equal edges merge, so that fewer
+    /// may be left. The turn of `root_rotation = heading_delta` has as many, of one width.
+    pub bins: u32,
+    /// Which training values share edges. Default: those of a channel.
+    pub pooled: Pooled,
+    /// What is coded of a pose: its rotation vectors (default) or components of them.
+    pub joint_transform: JointTransform,
+}
+
+impl Default for QuantileConfig {
+    fn default() -> Self {
+        QuantileConfig { bins: 360, pooled: Pooled::Channel, joint_transform: JointTransform::None {} }
+    }
+}
+
+impl QuantileConfig {
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the setting, its value and its limits.
+    pub fn validate(&self) -> Result<()> {
+        let size = alphabet::SIZE;
+        (3..=size).contains(&self.bins).then_some(()).ok_or_else(|| Error::Setting {
+            field: "bins",
+            found: self.bins.to_string(),
+            expected: format!("3 to {size}"),
+        })?;
+        self.joint_transform.validate()
+    }
+}
+
+/// Quantile bins with their fitted edges.
+///
+/// The error of a number has no bound: between two edges it is less than the bin's width, outside the training values as
+/// much as the number lies outside, and those are counted as clipped.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Quantile {
+    #[serde(skip)]
+    config: QuantileConfig,
+    /// Bins of the steps x, y, z, metres.
+    steps: [Bins; 3],
+    /// Mean height of the training clips' first frames, metres: where frame 0 steps from.
+    first_height: f64,
+    /// Of each rotation channel or component, radians for the former; or one for all.
+    rotations: Vec<Bins>,
+    /// From rotation channels to components.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    mix: Option<Mix>,
+}
+
+impl Quantile {
+    /// Learns from training clips on the 24 SMPL joints.
+    pub(crate) fn fit(config: &QuantileConfig, channels: &Channels, clips: &[Clip]) -> Result<Self> {
+        let mut columns = Numbers::len(channels);
+        let mut rows = Numbers::of_clips(channels, config.bins, clips);
+        if rows.is_empty() {
+            return Err(Error::Nothing("no training clip has a frame".into()));
+        }
+        let mix = mixed::fit(&config.joint_transform, &mut rows, columns)?.map(|(mix, components)| {
+            (columns, rows) = (mix.components(), components);
+            mix
+        });
+        let rotations = match config.pooled {
+            Pooled::Channel => sorted_columns(&rows, columns),
+            Pooled::Global => sorted_columns(&rows, 1),
+        };
+        let rotations: Vec<Bins> = rotations.iter().map(|sorted| Bins::fitted(sorted, config.bins)).collect();
+        drop(rows);
+        let unknown = [(); 3].map(|()| Bins::at_zero());
+        let mut fitted = Quantile { config: config.clone(), steps: unknown, first_height: 0.0, rotations, mix };
+        let length = fitted.length(channels);
+        let steps = match &fitted.mix {
+            Some(mix) => training_steps(clips, length, || fitted.mixed(channels, mix)),
+            None => training_steps(clips, length, || Each::pelvis(channels, config.bins, fitted.vectors(channels))),
+        }?;
+        if let Some((steps, first_height)) = steps {
+            fitted.steps = steps.map(|sorted| Bins::fitted_to_steps(&sorted, config.bins));
+            fitted.first_height = first_height;
+        }
+        Ok(fitted)
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &QuantileConfig {
+        &self.config
+    }
+
+    /// The bins of the steps x, y, z, metres.
+    pub fn steps(&self) -> &[Bins; 3] {
+        &self.steps
+    }
+
+    /// The bins of the rotation channels or components, one each or one for all.
+    pub fn rotations(&self) -> &[Bins] {
+        &self.rotations
+    }
+
+    /// How many bins are left of those asked for, least and most over the channels.
+    pub fn bins_left(&self) -> (usize, usize) {
+        let left = || self.steps.iter().chain(&self.rotations).map(Bins::len);
+        (left().min().unwrap_or(0), left().max().unwrap_or(0))
+    }
+
+    pub(crate) fn with_config(self, config: QuantileConfig) -> Self {
+        Quantile { config, ..self }
+    }
+
+    pub(crate) fn validate(&self, channels: &Channels) -> Result<()> {
+        self.config.validate()?;
+        check_height(self.first_height)?;
+        self.steps.iter().try_for_each(|bins| bins.validate("translation bins", self.config.bins))?;
+        self.rotations.iter().try_for_each(|bins| bins.validate("rotation bins", self.config.bins))?;
+        let columns = Numbers::len(channels);
+        if let Some(mix) = &self.mix {
+            mix.validate(&self.config.joint_transform, columns)?;
+        }
+        let wanted = match self.config.pooled {
+            Pooled::Channel => self.mix.as_ref().map_or(columns, Mix::components),
+            Pooled::Global => 1,
+        };
+        let mixes = self.config.joint_transform != JointTransform::None {};
+        let good = self.rotations.len() == wanted && self.mix.is_some() == mixes;
+        good.then_some(()).ok_or_else(|| Error::Setting {
+            field: "rotation bins",
+            found: format!("bins of {} channels", self.rotations.len()),
+            expected: format!("of {wanted}, for the joints and the joint transform of the settings"),
+        })
+    }
+
+    fn length(&self, channels: &Channels) -> usize {
+        self.mix.as_ref().map_or(channels.len(), |mix| Mixed::<Bins>::length(channels, mix))
+    }
+
+    fn walk(&self) -> Walk {
+        Walk::new(self.first_height, [Travel::Velocity; 2])
+    }
+
+    fn vectors(&self, channels: &Channels) -> Quantiles<'_> {
+        Quantiles { bins: &self.rotations, none: Bins::at_zero(), tilts: channels.has_turn() }
+    }
+
+    fn mixed<'a>(&'a self, channels: &'a Channels, mix: &'a Mix) -> Mixed<'a, Bins> {
+        Mixed::new(channels, self.config.bins, mix, &self.rotations)
+    }
+
+    fn each<'a>(&'a self, channels: &'a Channels) -> Each<'a, Quantiles<'a>> {
+        Each::new(channels, self.config.bins, self.vectors(channels))
+    }
+}
+
+impl Scheme for Quantile {
+    fn symbols(&self) -> u32 {
+        self.config.bins
+    }
+
+    fn frames_per_word(&self) -> usize {
+        1
+    }
+
+    fn word_length(&self, channels: &Channels) -> WordLength {
+        WordLength::Fixed(self.length(channels))
+    }
+
+    fn encode(&self, channels: &Channels, clip: &Clip) -> Result<Encoded> {
+        let (length, walk) = (self.length(channels), self.walk());
+        match &self.mix {
+            Some(mix) => frame::encode(clip, length, walk, &self.steps, self.mixed(channels, mix)),
+            None => frame::encode(clip, length, walk, &self.steps, self.each(channels)),
+        }
+    }
+
+    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: Rest<'_>) -> Result<Clip> {
+        match &self.mix {
+            Some(mix) => frame::decode(words, fps, rest, self.walk(), &self.steps, self.mixed(channels, mix)),
+            None => frame::decode(words, fps, rest, self.walk(), &self.steps, self.each(channels)),
+        }
+    }
+
+    fn neutral(&self, channels: &Channels) -> Vec<u16> {
+        let mut word = vec![0; self.length(channels)];
+        let (head, behind) = word.split_at_mut(3);
+        head.iter_mut().zip(&self.steps).for_each(|(place, bins)| *place = bins.code(0.0).0);
+        let (pose, mut ignored) = ([Quat::IDENTITY; 24], Encoded::default());
+        match &self.mix {
+            Some(mix) => self.mixed(channels, mix).encode(&pose, behind, &mut ignored),
+            None => self.each(channels).encode(&pose, behind, &mut ignored),
+        };
+        word
+    }
+
+    fn places(&self, channels: &Channels) -> std::result::Result<Vec<Channel>, String> {
+        match self.mix {
+            Some(_) => Err(mixed::REASON.into()),
+            None => Ok(channels.iter().collect()),
+        }
+    }
+
+    fn numbers(&self, _: &Channels, word: &[u16], out: &mut Vec<i32>) {
+        out.extend(word.iter().map(|&k| i32::from(k)));
+    }
+
+    fn fitted_numbers(&self) -> u64 {
+        let bins: u64 = self.steps.iter().chain(&self.rotations).map(Bins::numbers).sum();
+        bins + 1 + self.mix.as_ref().map_or(0, Mix::numbers)
+    }
+}
+
+/// The quantile bins of rotation vectors.
+struct Quantiles<'a> {
+    bins: &'a [Bins],
+    /// Of a tilt's y.
+    none: Bins,
+    /// Whether the first joint is the tilt of a pelvis.
+    tilts: bool,
+}
+
+impl Quantiles<'_> {
+    fn of(&self, n: usize) -> [&Bins; 3] {
+        let channel = |i: usize| &self.bins[i.min(self.bins.len() - 1)];
+        match (self.tilts, n) {
+            (true, 0) => [channel(0), &self.none, channel(1)],
+            _ => [0, 1, 2].map(|i| channel(3 * n + i - usize::from(self.tilts))),
+        }
+    }
+}
+
+impl Vectors for Quantiles<'_> {
+    /// Of the canonical vector. Where its codes decode beyond half a turn, and so would be coded otherwise, codes that
+    /// don't are taken, near it or near its twin.
+    fn code(&self, n: usize, q: Quat) -> Coded {
+        let bins = self.of(n);
+        let v = exp_map::to_vector(q).to_array();
+        let coded: [(u16, bool); 3] = std::array::from_fn(|i| bins[i].code(v[i]));
+        let clipped = coded.iter().filter(|(_, clipped)| *clipped).count() as u64;
+        let codes = coded.map(|(code, _)| code);
+        if self.vector(n, codes).length() <= LONGEST {
+            return Coded { codes, clipped, second: false };
+        }
+        let twin = exp_map::twin(Vec3::from_array(v)).unwrap_or_default().to_array();
+        let twin = std::array::from_fn(|i| bins[i].code(twin[i]).0);
+        let off = |codes: [u16; 3]| angle_between(q, exp_map::from_vector(self.vector(n, codes)));
+        let (own, twin) = (self.shortened(n, codes), self.shortened(n, twin));
+        Coded { codes: if off(twin) < off(own) { twin } else { own }, clipped, second: true }
+    }
+
+    fn vector(&self, n: usize, codes: [u16; 3]) -> Vec3 {
+        let bins = self.of(n);
+        Vec3::from_array(std::array::from_fn(|i| bins[i].value(codes[i])))
+    }
+}
+
+impl Quantiles<'_> {
+    /// Codes of a vector within half a turn: the largest component goes bin by bin towards 0.
+    fn shortened(&self, n: usize, mut codes: [u16; 3]) -> [u16; 3] {
+        let bins = self.of(n);
+        loop {
+            let v = self.vector(n, codes);
+            if v.length() <= LONGEST {
+                return codes;
+            }
+            let nearer = |i: usize| {
+                let next = if v[i] > 0.0 { codes[i].checked_sub(1)? } else { codes[i] + 1 };
+                (bins[i].value(next).abs() < v[i].abs()).then_some((i, next))
+            };
+            let largest = (0..3).filter_map(nearer).max_by(|a, b| v[a.0].abs().total_cmp(&v[b.0].abs()));
+            let Some((i, next)) = largest else { return codes };
+            codes[i] = next;
+        }
+    }
+}

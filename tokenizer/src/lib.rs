@@ -50,6 +50,7 @@ pub use config::TokenizerConfig;
 pub use error::{Error, Result};
 pub use fit::Fit;
 pub use grammar::{Grammar, Place};
+pub use scheme::dct::{DctConfig, Quantizer, Steps};
 pub use scheme::mix::JointTransform;
 pub use scheme::quantile::{Pooled, QuantileConfig};
 pub use scheme::uniform::{Form, Travel, UniformConfig};

@@ -2,6 +2,7 @@
 
 pub mod angle;
 pub mod bins;
+pub mod dct;
 mod frame;
 pub mod line;
 pub mod mix;
@@ -15,6 +16,7 @@ pub(crate) mod walk;
 
 use crate::channel::{Channel, Channels};
 use crate::{Error, Result, Words};
+use dct::{DctConfig, DctTiles};
 use kinelm_motion::{Clip, Quat, smpl};
 use quantile::{Quantile, QuantileConfig};
 use serde::{Deserialize, Serialize};
@@ -28,6 +30,8 @@ pub enum SchemeConfig {
     Uniform(UniformConfig),
     /// Bins of as many training values each.
     Quantile(QuantileConfig),
+    /// Tiles under a discrete cosine transform.
+    Dct(DctConfig),
 }
 
 impl Default for SchemeConfig {
@@ -45,6 +49,7 @@ impl SchemeConfig {
         match self {
             SchemeConfig::Uniform(c) => c.validate(),
             SchemeConfig::Quantile(c) => c.validate(),
+            SchemeConfig::Dct(c) => c.validate(),
         }
     }
 }
@@ -57,6 +62,8 @@ pub(crate) enum Fitted {
     Uniform(Uniform),
     /// Bins of as many training values each.
     Quantile(Quantile),
+    /// Tiles under a discrete cosine transform.
+    Dct(DctTiles),
 }
 
 impl Fitted {
@@ -64,6 +71,7 @@ impl Fitted {
         match self {
             Fitted::Uniform(u) => u,
             Fitted::Quantile(q) => q,
+            Fitted::Dct(d) => d,
         }
     }
 
@@ -72,6 +80,7 @@ impl Fitted {
         match config {
             SchemeConfig::Uniform(c) => Uniform::fit(c, channels, clips).map(Fitted::Uniform),
             SchemeConfig::Quantile(c) => Quantile::fit(c, channels, clips).map(Fitted::Quantile),
+            SchemeConfig::Dct(c) => DctTiles::fit(c, channels, clips).map(Fitted::Dct),
         }
     }
 
@@ -86,6 +95,10 @@ impl Fitted {
                 let q = q.with_config(c.clone());
                 q.validate(channels).map(|()| Fitted::Quantile(q))
             }
+            (Fitted::Dct(d), SchemeConfig::Dct(c)) => {
+                let d = d.with_config(c.clone());
+                d.validate(channels).map(|()| Fitted::Dct(d))
+            }
             (fitted, config) => Err(Error::Setting {
                 field: "scheme",
                 found: format!("settings of one, {config:?}, and what was learnt for another, {}", fitted.name()),
@@ -98,6 +111,7 @@ impl Fitted {
         match self {
             Fitted::Uniform(_) => "uniform",
             Fitted::Quantile(_) => "quantile",
+            Fitted::Dct(_) => "dct",
         }
     }
 }

@@ -1,0 +1,575 @@
+//! Tiles of frames under a discrete cosine transform: the motion-language thesis's scheme, after the way JPEG codes
+//! pictures.
+//!
+//! A clip is cut into tiles of L frames. Rotation vectors, made continuous in time, are mixed into K components
+//! ([`JointTransform`]); each component takes its DCT-II over the tile; the largest share of coefficients by magnitude is
+//! kept and quantized, and runs of zeros are counted. A word is a tile: the root's x, y, z, with `heading_delta` its turn, then
+//! component by component, low frequency first.
+//!
+//! The root's path is told as offsets from the decoded place at the end of the tile before, turned into the decoded
+//! heading there; its turn likewise. They aren't mixed, keep the same share of coefficients each by itself and have bins
+//! of their own. Where the clip ends inside the last tile its last frame goes on, and decodes with it.
+//!
+//! **Bound.** The transform keeps lengths, so over a tile the squared error of the components is that of the coefficients:
+//! half a bin's width at most for each that was kept, its own size for each that was not. With `keep` = 1, a given `step`
+//! and nothing clipped, every component (and coordinate of the path) is within `step / 2` in root mean square over the
+//! tile and within `step sqrt(L / 2)` in any frame; without a joint transform so is every component of a rotation vector
+//! (with lever arms, times the arm), and the geodesic error is at most the length of the three's. What a joint transform
+//! leaves out, and what quantile bins or a smaller share lose, has no bound but is measured by `kinelm tokenizer study`.
+
+use super::bins::Bins;
+use super::line::{Line, Scale};
+use super::mix::{JointTransform, Mix};
+use super::runs::Runs;
+use super::series::{self, Anchor};
+use super::walk::{check_height, check_places, start};
+use super::{Encoded, Rest, Scheme, WordLength};
+use crate::channel::{Channel, Channels};
+use crate::transform::dct::Dct;
+use crate::{Error, Result, Words, alphabet};
+use kinelm_motion::{Clip, Quat, Vec3, smpl};
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+use std::sync::OnceLock;
+
+/// How kept coefficients become codes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Quantizer {
+    /// Bins of one width.
+    Uniform,
+    /// Bins of as many training coefficients each.
+    #[default]
+    Quantile,
+}
+
+/// What one unit of a joint's rotation vector counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Steps {
+    /// 1, for every joint.
+    #[default]
+    Equal,
+    /// The joint's [lever arm](series::lever_arms) in metres: bins are narrow where much hangs on a joint, and the components of
+    /// a joint transform are those of places, not of angles.
+    LeverArm,
+}
+
+/// Tiles under a discrete cosine transform.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DctConfig {
+    /// L, frames a tile, 15 to 120. Default 60.
+    pub tile: u32,
+    /// What is done over the joint dimension. Default PCA to 24 components.
+    pub joint_transform: JointTransform,
+    /// The share of a tile's coefficients that is kept, above 0, at most 1. Default 0.1. Of the components, of the path's
+    /// three coordinates and of the turn each this share, at least one coefficient.
+    pub keep: f64,
+    /// Bins, from 2; with `longest_run` at most 21054, as many as the alphabet has characters. Default 360.
+    pub bins: u32,
+    /// How kept coefficients become codes. Default quantile. Bins are fitted on the coefficients that are kept of the training
+    /// tiles: one set for all components, one for the path, one for the turn.
+    pub quantizer: Quantizer,
+    /// What one unit of a joint's rotation vector counts. Default equal.
+    pub steps: Steps,
+    /// Width of the uniform bins, 1e-6 to 10: radians, with lever arms metres; of the path metres. Coefficients beyond the bins
+    /// are clipped. Default none: the bins span the training coefficients.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step: Option<f64>,
+    /// The most zeros that one character says, from 1. Default 256. Longer runs take several.
+    pub longest_run: u32,
+}
+
+impl Default for DctConfig {
+    fn default() -> Self {
+        DctConfig {
+            tile: 60,
+            joint_transform: JointTransform::Pca { components: 24 },
+            keep: 0.1,
+            bins: 360,
+            quantizer: Quantizer::Quantile,
+            steps: Steps::Equal,
+            step: None,
+            longest_run: 256,
+        }
+    }
+}
+
+/// The longest tile.
+const LONGEST: usize = 120;
+
+impl DctConfig {
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the setting, its value and its limits.
+    pub fn validate(&self) -> Result<()> {
+        let refuse = |field, found: String, expected: String| Err(Error::Setting { field, found, expected });
+        if !(15..=LONGEST as u32).contains(&self.tile) {
+            return refuse("tile", self.tile.to_string(), format!("15 to {LONGEST} frames"));
+        }
+        if !(self.keep > 0.0 && self.keep <= 1.0) {
+            return refuse("keep", self.keep.to_string(), "a share above 0, at most 1".into());
+        }
+        let size = alphabet::SIZE;
+        if self.bins < 2 || self.longest_run < 1 || self.bins.saturating_add(self.longest_run) > size {
+            let found = format!("{} bins and runs of {}", self.bins, self.longest_run);
+            return refuse("bins", found, format!("from 2 bins and runs of 1, together at most {size}"));
+        }
+        match (self.step, self.quantizer) {
+            (Some(step), Quantizer::Uniform) if !(1e-6..=10.0).contains(&step) => {
+                return refuse("step", step.to_string(), "1e-6 to 10".into());
+            }
+            (Some(step), Quantizer::Quantile) => {
+                return refuse(
+                    "step",
+                    step.to_string(),
+                    "none with quantizer = \"quantile\", which fits its bins".into(),
+                );
+            }
+            _ => {}
+        }
+        self.joint_transform.validate()
+    }
+
+    fn runs(&self) -> Runs {
+        Runs::new(self.bins, self.longest_run)
+    }
+
+    /// What one unit of each open series counts.
+    fn weights(&self, channels: &Channels) -> Option<Vec<f64>> {
+        let arms = series::lever_arms();
+        let of = |joints: Vec<usize>| joints.into_iter().map(|j| arms[j]).collect();
+        (self.steps == Steps::LeverArm).then(|| of(series::open_joints(channels)))
+    }
+
+    /// What one unit of the turn counts.
+    fn turn_weight(&self) -> f64 {
+        if self.steps == Steps::LeverArm { series::lever_arms()[0] } else { 1.0 }
+    }
+}
+
+/// The bins of some coefficients.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+enum Table {
+    Uniform(Line),
+    Quantile(Bins),
+}
+
+/// A coefficient smaller than this is zero whatever the bins: rounding, not motion.
+const ZERO: f64 = 1e-9;
+
+impl Table {
+    /// For these kept coefficients of training tiles.
+    fn fitted(config: &DctConfig, mut kept: Vec<f64>) -> Table {
+        match (config.quantizer, config.step) {
+            (Quantizer::Uniform, Some(width)) => {
+                Table::Uniform(Line { width, zero: (config.bins / 2) as u16, offset: 0.0, bins: config.bins })
+            }
+            (Quantizer::Uniform, None) => {
+                let low = kept.iter().copied().fold(0.0, f64::min);
+                let high = kept.iter().copied().fold(0.0, f64::max);
+                Table::Uniform(Line::fitted(low, high, config.bins))
+            }
+            (Quantizer::Quantile, _) => {
+                kept.retain(|x| x.abs() >= ZERO);
+                kept.sort_by(f64::total_cmp);
+                Table::Quantile(if kept.is_empty() { Bins::at_zero() } else { Bins::fitted(&kept, config.bins) })
+            }
+        }
+    }
+
+    /// The code of a coefficient, none where it decodes to zero, and whether it was clipped.
+    fn code(&self, value: f64) -> (Option<u16>, bool) {
+        let (code, clipped) = match self {
+            Table::Uniform(line) => line.code(value),
+            Table::Quantile(bins) => bins.code(value),
+        };
+        ((value.abs() >= ZERO && self.value(code).abs() >= ZERO).then_some(code), clipped)
+    }
+
+    fn value(&self, code: u16) -> f64 {
+        match self {
+            Table::Uniform(line) => line.value(code),
+            Table::Quantile(bins) => bins.value(code),
+        }
+    }
+
+    /// The quantised number that order-0 tables count: 0 for zero.
+    fn number(&self, code: Option<u16>) -> i32 {
+        match (self, code) {
+            (_, None) => 0,
+            (Table::Uniform(line), Some(code)) => i32::from(code) - i32::from(line.zero),
+            (Table::Quantile(_), Some(code)) => i32::from(code) + 1,
+        }
+    }
+
+    /// Numbers that decoding needs.
+    fn numbers(&self) -> u64 {
+        match self {
+            Table::Uniform(line) => u64::from(line.bins),
+            Table::Quantile(bins) => bins.values().len() as u64,
+        }
+    }
+
+    fn validate(&self, config: &DctConfig) -> Result<()> {
+        match (self, config.quantizer) {
+            (Table::Uniform(line), Quantizer::Uniform) => line.validate(config.bins),
+            (Table::Quantile(bins), Quantizer::Quantile) => bins.validate("coefficients", config.bins),
+            _ => Err(Error::Setting {
+                field: "quantizer",
+                found: "bins of the other kind".into(),
+                expected: format!("{:?} bins", config.quantizer),
+            }),
+        }
+    }
+}
+
+/// The coefficients of tiles, with their fitted bins and the fitted joint transform.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DctTiles {
+    #[serde(skip)]
+    config: DctConfig,
+    mix: Mix,
+    path: Table,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    turn: Option<Table>,
+    components: Table,
+    /// Mean height of the training clips' first frames, metres: where the first tile starts.
+    first_height: f64,
+}
+
+/// One tile on its way: closed series and components, S of them, L numbers each.
+struct Tile<'a> {
+    channels: &'a Channels,
+    mix: &'a Mix,
+    turn_weight: f64,
+    dct: &'static Dct,
+    /// Over a tile the waves' last values: of any coefficients the last number of their series.
+    last: Vec<f64>,
+    /// Open series (C, L).
+    open: Vec<f64>,
+    /// (S, L): the path, the turn, the components; numbers over time or coefficients.
+    series: Vec<f64>,
+    scratch: Vec<f64>,
+    anchor: Anchor,
+}
+
+/// The transform of a tile's length.
+fn plan(length: usize) -> &'static Dct {
+    static PLANS: [OnceLock<Dct>; LONGEST + 1] = [const { OnceLock::new() }; LONGEST + 1];
+    PLANS[length].get_or_init(|| Dct::new(length))
+}
+
+impl<'a> Tile<'a> {
+    fn new(config: &DctConfig, channels: &'a Channels, mix: &'a Mix, height: f64) -> Self {
+        let n = config.tile as usize;
+        let dct = plan(n);
+        let mut scratch = vec![0.0; dct.scratch_len().max(n)];
+        // the transform is orthonormal: what the last number alone becomes are the waves' values there
+        let mut last = vec![0.0; n];
+        last[n - 1] = 1.0;
+        dct.forward(&mut last, &mut scratch);
+        Tile {
+            channels,
+            mix,
+            turn_weight: config.turn_weight(),
+            dct,
+            last,
+            open: vec![0.0; series::open_count(channels) * n],
+            series: vec![0.0; (series::closed_count(channels) + mix.components()) * n],
+            scratch,
+            anchor: Anchor::new(height),
+        }
+    }
+
+    fn length(&self) -> usize {
+        self.dct.len()
+    }
+
+    /// Numbers of the closed series.
+    fn closed(&self) -> usize {
+        series::closed_count(self.channels) * self.length()
+    }
+
+    /// The coefficients of some frames of a clip, seen from the anchor.
+    fn analyse(&mut self, clip: &Clip, start: Vec3, frames: Range<usize>) {
+        let (n, closed) = (self.length(), self.closed());
+        series::open(self.channels, clip, frames.clone(), n, &mut self.open);
+        let (head, components) = self.series.split_at_mut(closed);
+        self.mix.forward(n, &mut self.open, components);
+        self.anchor.closed(self.channels, clip, start, frames, n, head);
+        head[3 * n..].iter_mut().for_each(|x| *x *= self.turn_weight);
+        self.series.chunks_exact_mut(n).for_each(|x| self.dct.forward(x, &mut self.scratch));
+    }
+
+    /// The coefficients into numbers over time, components into open series; moves the anchor to the tile's end.
+    ///
+    /// Gives the anchor before, from which the closed series are told.
+    fn synthesise(&mut self) -> Anchor {
+        let before = self.anchor;
+        self.go_on();
+        let (n, closed) = (self.length(), self.closed());
+        for x in self.series.chunks_exact_mut(n).filter(|x| x.iter().any(|x| *x != 0.0)) {
+            self.dct.inverse(x, &mut self.scratch);
+        }
+        let (head, components) = self.series.split_at_mut(closed);
+        head[3 * n..].iter_mut().for_each(|x| *x /= self.turn_weight);
+        self.mix.inverse(n, components, &mut self.open);
+        before
+    }
+
+    /// Moves the anchor to the end of the tile whose quantised coefficients stand here: the same sums for encoder and
+    /// decoder.
+    fn go_on(&mut self) {
+        let ends =
+            |x: &[f64]| -> f64 { x.iter().zip(&self.last).filter(|(x, _)| **x != 0.0).map(|(x, w)| x * w).sum() };
+        let mut at: Vec<f64> = self.series.chunks_exact(self.length()).map(ends).collect();
+        let (head, components) = at.split_at_mut(series::closed_count(self.channels));
+        head[3..].iter_mut().for_each(|x| *x /= self.turn_weight);
+        let (place, turn) = self.anchor.apply(self.channels, head, 1, 0);
+        let mut pose = [Quat::IDENTITY; 24];
+        if self.channels.joints().first() == Some(&0) {
+            let mut open = vec![0.0; series::open_count(self.channels)];
+            self.mix.inverse(1, components, &mut open);
+            series::set_pose(self.channels, turn, &open, 1, 0, &mut pose);
+            self.anchor.move_to(place, turn, pose[0]);
+        } else {
+            self.anchor.move_to(place, turn, Quat::IDENTITY);
+        }
+    }
+}
+
+/// The `share` largest of coefficients by magnitude, of equal ones the first: calls `keep` for each, in order.
+fn largest(coefficients: &[f64], share: f64, sizes: &mut Vec<u64>, mut keep: impl FnMut(usize, f64)) {
+    let count = coefficients.len();
+    let most = ((share * count as f64 - 1e-9).ceil() as usize).clamp(1, count);
+    if most == count {
+        coefficients.iter().enumerate().for_each(|(i, &x)| keep(i, x));
+        return;
+    }
+    // positive numbers are ordered as their bits are, and whole numbers are sorted faster
+    sizes.clear();
+    sizes.extend(coefficients.iter().map(|x| x.abs().to_bits()));
+    let (_, &mut least, above) = sizes.select_nth_unstable(count - most);
+    let mut ties = most - above.iter().filter(|&&size| size > least).count();
+    for (i, &x) in coefficients.iter().enumerate() {
+        let size = x.abs().to_bits();
+        if size > least {
+            keep(i, x);
+        } else if size == least && ties > 0 {
+            ties -= 1;
+            keep(i, x);
+        }
+    }
+}
+
+impl DctTiles {
+    /// The settings.
+    pub fn config(&self) -> &DctConfig {
+        &self.config
+    }
+
+    /// The fitted joint transform.
+    pub fn mix(&self) -> &Mix {
+        &self.mix
+    }
+
+    /// Learns from training clips.
+    ///
+    /// # Errors
+    /// [`Error::Nothing`] when no clip has a frame, [`Error::Frame`] for a place that can't be.
+    pub(crate) fn fit(config: &DctConfig, channels: &Channels, clips: &[Clip]) -> Result<DctTiles> {
+        let clips: Vec<&Clip> = clips.iter().filter(|c| c.frames() > 0).collect();
+        clips.iter().try_for_each(|clip| check_places(clip))?;
+        if clips.is_empty() {
+            return Err(Error::Nothing("no training clip has a frame".into()));
+        }
+        let first_height = clips.iter().map(|c| c.root()[0].y).sum::<f64>() / clips.len() as f64;
+        let rows = rows(config, channels, &clips);
+        let weights = config.weights(channels);
+        let mix = Mix::fit(&config.joint_transform, &rows, series::open_count(channels), weights.as_deref())?;
+        drop(rows);
+        let [path, turn, components] =
+            kept(config, channels, &mix, first_height, &clips).map(|x| Table::fitted(config, x));
+        let turn = channels.has_turn().then_some(turn);
+        Ok(DctTiles { config: config.clone(), mix, path, turn, components, first_height })
+    }
+
+    pub(crate) fn with_config(self, config: DctConfig) -> Self {
+        DctTiles { config, ..self }
+    }
+
+    pub(crate) fn validate(&self, channels: &Channels) -> Result<()> {
+        self.config.validate()?;
+        self.mix.validate(&self.config.joint_transform, series::open_count(channels))?;
+        check_height(self.first_height)?;
+        if self.turn.is_some() != channels.has_turn() {
+            return Err(Error::Setting {
+                field: "turn",
+                found: format!("bins for it: {}", self.turn.is_some()),
+                expected: "bins for the turn where, and only where, root_rotation is heading_delta".into(),
+            });
+        }
+        [Some(&self.path), self.turn.as_ref(), Some(&self.components)]
+            .into_iter()
+            .flatten()
+            .try_for_each(|table| table.validate(&self.config))
+    }
+
+    /// The bins of each stretch of a tile's coefficients.
+    fn tables(&self) -> impl Iterator<Item = (Range<usize>, &Table)> {
+        let n = self.config.tile as usize;
+        groups(n, usize::from(self.turn.is_some()), self.mix.components())
+            .into_iter()
+            .zip([Some(&self.path), self.turn.as_ref(), Some(&self.components)])
+            .filter_map(|(range, table)| Some((range, table?)))
+    }
+
+    fn numbers_in_tile(&self, channels: &Channels) -> usize {
+        (series::closed_count(channels) + self.mix.components()) * self.config.tile as usize
+    }
+
+    /// Quantises a tile's coefficients in place; their codes, and how many were clipped.
+    fn quantise(&self, series: &mut [f64], sizes: &mut Vec<u64>, codes: &mut [Option<u16>]) -> u64 {
+        let mut clipped = 0;
+        codes.fill(None);
+        for (range, table) in self.tables() {
+            let (own, codes) = (&mut series[range.clone()], &mut codes[range]);
+            largest(own, self.config.keep, sizes, |i, x| {
+                let (code, outside) = table.code(x);
+                codes[i] = code;
+                clipped += u64::from(outside);
+            });
+            own.iter_mut().zip(&*codes).for_each(|(x, code)| *x = code.map_or(0.0, |code| table.value(code)));
+        }
+        clipped
+    }
+}
+
+/// Where in a tile's coefficients the path, the turn and the components stand.
+fn groups(n: usize, turns: usize, components: usize) -> [Range<usize>; 3] {
+    let closed = 3 + turns;
+    [0..3 * n, 3 * n..closed * n, closed * n..(closed + components) * n]
+}
+
+/// The ranges of a clip's tiles.
+fn tiles(frames: usize, length: usize) -> impl Iterator<Item = Range<usize>> {
+    (0..frames).step_by(length).map(move |start| start..frames.min(start + length))
+}
+
+/// The open series of all frames, frame by frame (N, C): what a joint transform is fitted on.
+fn rows(config: &DctConfig, channels: &Channels, clips: &[&Clip]) -> Vec<f64> {
+    let (n, c) = (config.tile as usize, series::open_count(channels));
+    let mut open = vec![0.0; c * n];
+    let mut rows = Vec::with_capacity(clips.iter().map(|c| c.frames()).sum::<usize>() * c);
+    for clip in clips {
+        for frames in tiles(clip.frames(), n) {
+            series::open(channels, clip, frames.clone(), n, &mut open);
+            rows.extend((0..frames.len()).flat_map(|t| open[t..].iter().step_by(n)));
+        }
+    }
+    rows
+}
+
+/// The coefficients that are kept of training tiles: of the path, the turn, the components. Closed series are told from
+/// the true place before, which is what the decoded one is near.
+fn kept(config: &DctConfig, channels: &Channels, mix: &Mix, height: f64, clips: &[&Clip]) -> [Vec<f64>; 3] {
+    let n = config.tile as usize;
+    let (mut out, mut sizes) = ([vec![], vec![], vec![]], vec![]);
+    for clip in clips {
+        let mut tile = Tile::new(config, channels, mix, height);
+        for frames in tiles(clip.frames(), n) {
+            tile.analyse(clip, start(clip), frames);
+            let groups = groups(n, usize::from(channels.has_turn()), mix.components());
+            for (range, out) in groups.into_iter().zip(&mut out).filter(|(range, _)| !range.is_empty()) {
+                largest(&tile.series[range], config.keep, &mut sizes, |_, x| out.push(x));
+            }
+            tile.go_on();
+        }
+    }
+    out
+}
+
+impl Scheme for DctTiles {
+    fn symbols(&self) -> u32 {
+        self.config.runs().symbols()
+    }
+
+    fn frames_per_word(&self) -> usize {
+        self.config.tile as usize
+    }
+
+    fn word_length(&self, channels: &Channels) -> WordLength {
+        WordLength::Varying { most: self.numbers_in_tile(channels) }
+    }
+
+    fn encode(&self, channels: &Channels, clip: &Clip) -> Result<Encoded> {
+        check_places(clip)?;
+        let (n, runs) = (self.config.tile as usize, self.config.runs());
+        let mut tile = Tile::new(&self.config, channels, &self.mix, self.first_height);
+        let mut codes = vec![None; self.numbers_in_tile(channels)];
+        let (mut sizes, mut word, mut out) = (vec![], vec![], Encoded::default());
+        for frames in tiles(clip.frames(), n) {
+            out.padded += (n - frames.len()) as u64;
+            tile.analyse(clip, start(clip), frames);
+            out.clipped += self.quantise(&mut tile.series, &mut sizes, &mut codes);
+            tile.go_on();
+            word.clear();
+            runs.encode(&codes, &mut word);
+            out.words.push(&word);
+        }
+        Ok(out)
+    }
+
+    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: Rest<'_>) -> Result<Clip> {
+        let (n, runs) = (self.config.tile as usize, self.config.runs());
+        let mut tile = Tile::new(&self.config, channels, &self.mix, self.first_height);
+        let mut codes = vec![None; self.numbers_in_tile(channels)];
+        let mut root = Vec::with_capacity(words.len() * n);
+        let mut rotations = Vec::with_capacity(words.len() * n * 24);
+        for word in words.iter() {
+            runs.decode(word, &mut codes);
+            for (range, table) in self.tables() {
+                let own = tile.series[range.clone()].iter_mut().zip(&codes[range]);
+                own.for_each(|(x, code)| *x = code.map_or(0.0, |code| table.value(code)));
+            }
+            let before = tile.synthesise();
+            for t in 0..n {
+                let (place, turn) = before.apply(channels, &tile.series, n, t);
+                rest.fill(root.len(), &mut rotations);
+                let pose = rotations.len() - 24;
+                series::set_pose(channels, turn, &tile.open, n, t, &mut rotations[pose..]);
+                root.push(place);
+            }
+        }
+        Ok(Clip::new(smpl::neutral(), fps, root, rotations)?)
+    }
+
+    fn neutral(&self, _: &Channels) -> Vec<u16> {
+        Vec::new()
+    }
+
+    fn places(&self, _: &Channels) -> std::result::Result<Vec<Channel>, String> {
+        Err("a character of a tile is a wave over all its frames, and where it stands in the word changes".into())
+    }
+
+    fn numbers(&self, channels: &Channels, word: &[u16], out: &mut Vec<i32>) {
+        let mut codes = vec![None; self.numbers_in_tile(channels)];
+        self.config.runs().decode(word, &mut codes);
+        for (range, table) in self.tables() {
+            out.extend(codes[range].iter().map(|&code| table.number(code)));
+        }
+    }
+
+    fn fitted_numbers(&self) -> u64 {
+        self.mix.numbers() + self.tables().map(|(_, table)| table.numbers()).sum::<u64>() + 1
+    }
+}
+
+#[cfg(test)]
+#[path = "dct_tests.rs"]
+mod tests;

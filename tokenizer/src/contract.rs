@@ -1,5 +1,6 @@
 //! What every scheme must keep to, and clips to try it on.
 
+use crate::scheme::dct::{DctConfig, Quantizer, Steps};
 use crate::{JointTransform, QuantileConfig, Rest, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig, Words};
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Clip, Vec3, smpl};
@@ -43,12 +44,16 @@ pub fn presets() -> Vec<(&'static str, Tokenizer)> {
     let frames = |scheme| TokenizerConfig { root_rotation: RootRotation::HeadingDelta, scheme, ..uniform() };
     let joint_transform = JointTransform::Pca { components: 6 };
     let quantile = |joint_transform| QuantileConfig { bins: 90, joint_transform, ..Default::default() };
+    let dct = || DctConfig { tile: 15, bins: 90, longest_run: 20, ..Default::default() };
+    let in_places = DctConfig { quantizer: Quantizer::Uniform, steps: Steps::LeverArm, keep: 0.3, ..dct() };
     vec![
         ("uniform", fit(uniform())),
         ("uniform, merged", fit(TokenizerConfig { merges: 60, ..uniform() })),
         ("uniform, headings", fit(frames(uniform().scheme))),
         ("quantile, headings", fit(frames(SchemeConfig::Quantile(quantile(JointTransform::None {}))))),
         ("quantile, pca", fit(frames(SchemeConfig::Quantile(quantile(joint_transform))))),
+        ("dct", fit(TokenizerConfig { scheme: SchemeConfig::Dct(dct()), ..uniform() })),
+        ("dct, headings, lever arms", fit(frames(SchemeConfig::Dct(in_places)))),
     ]
 }
 

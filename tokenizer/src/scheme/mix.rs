@@ -193,13 +193,30 @@ impl Mix {
     }
 }
 
-/// `matrix` (R, C) times `series` (C, n) into `out` (R, n), always in the same order of additions.
+/// Rows and columns of the blocks of a product: eight registers of two numbers hold the sums.
+const BLOCK: usize = 4;
+
+/// `matrix` (R, C) times `series` (C, n) into `out` (R, n). Every number is summed in the order of the channels, whatever the
+/// block that it is in.
 fn multiply(matrix: &[f64], n: usize, series: &[f64], out: &mut [f64]) {
-    let c = series.len() / n.max(1);
-    for (row, out) in matrix.chunks_exact(c.max(1)).zip(out.chunks_exact_mut(n.max(1))) {
-        out.fill(0.0);
-        for (weight, x) in row.iter().zip(series.chunks_exact(n.max(1))) {
-            out.iter_mut().zip(x).for_each(|(o, x)| *o += weight * x);
+    let (n, c) = (n.max(1), series.len() / n.max(1));
+    for (rows, out) in matrix.chunks(BLOCK * c.max(1)).zip(out.chunks_mut(BLOCK * n)) {
+        let whole = if out.len() == BLOCK * n { n - n % BLOCK } else { 0 };
+        for t in (0..whole).step_by(BLOCK) {
+            let mut sums = [[0.0; BLOCK]; BLOCK];
+            for (i, x) in series.chunks_exact(n).enumerate() {
+                let x: [f64; BLOCK] = std::array::from_fn(|j| x[t + j]);
+                for (r, sums) in sums.iter_mut().enumerate() {
+                    let weight = rows[r * c + i];
+                    sums.iter_mut().zip(x).for_each(|(s, x)| *s += weight * x);
+                }
+            }
+            sums.iter().enumerate().for_each(|(r, sums)| out[r * n + t..r * n + t + BLOCK].copy_from_slice(sums));
+        }
+        for (row, out) in rows.chunks_exact(c.max(1)).zip(out.chunks_exact_mut(n)) {
+            for (t, out) in out.iter_mut().enumerate().skip(whole) {
+                *out = row.iter().zip(series.chunks_exact(n)).fold(0.0, |sum, (weight, x)| sum + weight * x[t]);
+            }
         }
     }
 }
@@ -287,6 +304,19 @@ mod tests {
         let (_, back) = through(&mix, &series(&rows));
         let miss = |c: usize| furthest(&back[c * 400..(c + 1) * 400], &series(&rows)[c * 400..(c + 1) * 400]);
         assert!(miss(3) < 0.1 && miss(0) > 0.5, "{} {}", miss(3), miss(0));
+    }
+
+    #[test]
+    fn products_of_every_shape() {
+        for (rows, c, n) in [(1, 3, 1), (4, 5, 4), (5, 2, 7), (8, 1, 9), (7, 7, 3), (9, 4, 16), (0, 3, 4)] {
+            let (m, x) = (noise(1, rows * c), noise(2, c * n));
+            let mut out = vec![9.0; rows * n];
+            multiply(&m, n, &x, &mut out);
+            for (i, out) in out.iter().enumerate() {
+                let plain = (0..c).fold(0.0, |sum, k| sum + m[i / n * c + k] * x[k * n + i % n]);
+                assert_eq!(*out, plain, "{rows} {c} {n}: {i}");
+            }
+        }
     }
 
     #[test]

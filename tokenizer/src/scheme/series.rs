@@ -59,6 +59,10 @@ pub(crate) fn open(channels: &Channels, clip: &Clip, frames: Range<usize>, n: us
 
 /// Of all vectors of a rotation, whose canonical one is `v`, the nearest to `before`.
 fn nearest(v: Vec3, before: Vec3) -> Vec3 {
+    // mostly it is close by, and another one is a full turn away
+    if (v - before).length_squared() < 9.0 {
+        return v;
+    }
     let angle = v.length();
     // no rotation has any axis: that of the vector before is the nearest
     let (axis, angle) = if angle > 1e-9 { (v / angle, angle) } else { (before.normalize_or_zero(), 0.0) };

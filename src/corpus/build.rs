@@ -87,6 +87,9 @@ impl Summary {
         if self.no_motion > 0 {
             lines.push(format!("{} files hold no motion and are left out", self.no_motion));
         }
+        if self.padded > 0 {
+            lines.push(format!("{} frames were added to fill the last words of clips", self.padded));
+        }
         if !self.failed.is_empty() {
             lines.push(format!("{} files could not be taken", self.failed.len()));
         }

@@ -111,7 +111,8 @@ fn batch_nats(
 mod tests {
     use super::*;
     use crate::corpus::Split;
-    use crate::model::{Gpt, ModelConfig};
+    use crate::model::fast::Fast;
+    use crate::model::{Gpt, ModelConfig, Reader, Reading};
     use crate::train::fixture;
     use candle_core::{Device, Tensor};
 
@@ -158,5 +159,36 @@ mod tests {
         }
         let expected = nats / std::f64::consts::LN_2 / 11.0;
         assert!((found.bits_per_frame - expected).abs() < 1e-4, "{} {expected}", found.bits_per_frame);
+    }
+
+    #[test]
+    fn words_of_any_length_count_once_and_all_forms_agree() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::merged(dir.path(), &[(120, Split::Valid), (1, Split::Valid), (77, Split::Valid)]);
+        let clips: Vec<_> = corpus.split(Split::Valid).collect();
+        let tokens = TokenLayout::of(corpus.tokenizer());
+        let all: usize = clips.iter().map(|c| c.tokens).sum();
+        assert!(tokens.varying && corpus.words(clips[0]).len() == 120);
+        // a context of several words, and one that some words don't fit into
+        for context in [50, 4] {
+            let config = ModelConfig { layers: 2, heads: 2, width: 8, context, ..Default::default() };
+            let mut gpt = Gpt::new(&config, &tokens, 1).unwrap();
+            let plain = likelihood(&mut gpt, &corpus, &clips, 0).unwrap().unwrap();
+            assert_eq!((plain.tokens, plain.frames), (all, 198));
+            let per_frame = plain.nats_per_token / std::f64::consts::LN_2 * all as f64 / 198.0;
+            assert!((plain.bits_per_frame - per_frame).abs() < 1e-9);
+            let mut fast = Fast::of(&gpt).unwrap();
+            let mut reader = Reader::new(&gpt, Reading::default()).unwrap();
+            for other in [&mut fast as &mut dyn Scores, &mut reader] {
+                let found = likelihood(other, &corpus, &clips, 0).unwrap().unwrap();
+                let apart = (found.bits_per_frame / plain.bits_per_frame - 1.0).abs();
+                assert!(apart < 1e-6 && found.tokens == all, "{found:?}, {plain:?}");
+            }
+            let zero = Tensor::zeros((tokens.vocabulary, 8), candle_core::DType::F32, &Device::Cpu).unwrap();
+            gpt.vars()["token.weight"].set(&zero).unwrap();
+            let found = likelihood(&mut gpt, &corpus, &clips, 0).unwrap().unwrap();
+            let expected = all as f64 * (tokens.vocabulary as f64).log2() / 198.0;
+            assert!((found.bits_per_frame / expected - 1.0).abs() < 1e-6, "{} {expected}", found.bits_per_frame);
+        }
     }
 }

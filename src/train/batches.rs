@@ -170,6 +170,37 @@ mod tests {
     }
 
     #[test]
+    fn windows_of_words_of_any_length_start_at_words_and_a_pass_sees_nearly_all() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::merged(dir.path(), &[(200, Split::Train), (3, Split::Train), (50, Split::Valid)]);
+        let clip = &corpus.clips()[0];
+        // the second context is shorter than a word
+        for context in [40, 3] {
+            let mut batches = Batches::new(&corpus, context, 1, 5).unwrap();
+            assert_eq!(batches.pass(), clip.tokens.div_ceil(context) + corpus.clips()[1].tokens.div_ceil(context));
+            let (mut inside, mut seen) = (0, vec![false; clip.tokens]);
+            for step in 0..4 * batches.pass() as u64 {
+                let batch = batches.batch(step);
+                let (name, frame) = batch.clips[0].split_once(" from frame ").unwrap();
+                if name != "clip0" {
+                    continue;
+                }
+                let word = frame.parse().unwrap();
+                let (from, to) = (corpus.words(clip).start(word), corpus.words(clip).start(word + 1));
+                let ids: Vec<u32> = batch.targets.iter().copied().filter(|&id| id != 0).collect();
+                let start = (from..to).find(|&s| corpus.ids(clip, s..clip.tokens.min(s + context)) == ids).unwrap();
+                assert!(start == from || to - from > context, "{} from token {start}", batch.clips[0]);
+                inside += usize::from(start > from);
+                assert!(ids.len() == context || start + ids.len() == clip.tokens);
+                seen[start..start + ids.len()].fill(true);
+            }
+            assert_eq!(inside > 0, context == 3);
+            let share = seen.iter().filter(|s| **s).count() as f64 / clip.tokens as f64;
+            assert!(share > 0.9, "context {context}: {share} of the tokens in four passes");
+        }
+    }
+
+    #[test]
     fn a_corpus_without_training_clips_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         let corpus = fixture::corpus(dir.path(), &[(3, Split::Test)]);

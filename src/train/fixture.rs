@@ -4,6 +4,7 @@ use crate::corpus::samples::{clip, walk};
 use crate::corpus::{Corpus, CorpusWriter, Split};
 use crate::model::TokenLayout;
 use crate::random;
+use kinelm_motion::synth;
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use rand_chacha::rand_core::RngCore;
 use std::path::Path;
@@ -28,6 +29,22 @@ pub fn corpus(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
             ids.push(TOKENS.space);
         }
         writer.push(clip(&format!("clip{key}"), key, split, frames), &ids).unwrap();
+    }
+    writer.finish().unwrap();
+    Corpus::open(&path).unwrap()
+}
+
+/// A corpus in `dir` of clips of so many frames of dances, in words of any length: merged characters of two joints.
+pub fn merged(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
+    let path = dir.join("merged");
+    let dances: Vec<_> = synth::corpus(5, clips.len(), 10.0, 20.0).unwrap().into_iter().map(|d| d.clip).collect();
+    let config = TokenizerConfig { merges: 60, ..TokenizerConfig::uniform(&[0, 4], 20.0, 20) };
+    let tokenizer = Tokenizer::fit(&dances, config).unwrap();
+    assert_eq!(tokenizer.tokens_per_word(), None);
+    let mut writer = CorpusWriter::create(&path, &tokenizer, &["made".into()], None, false).unwrap();
+    for (key, (&(frames, split), dance)) in clips.iter().zip(&dances).enumerate() {
+        let words = tokenizer.encode(&dance.slice(0..frames)).unwrap().words;
+        writer.push(clip(&format!("clip{key}"), key, split, frames), &tokenizer.ids_of_words(&words).unwrap()).unwrap();
     }
     writer.finish().unwrap();
     Corpus::open(&path).unwrap()

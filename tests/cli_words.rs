@@ -1,0 +1,195 @@
+//! Words of any kind through the whole program: merged characters, tiles of frames.
+
+use assert_cmd::Command;
+use kinelm_motion::{Clip, Motion, Source, format, synth};
+use kinelm_tokenizer::{Tokenizer, TokenizerConfig, UniformConfig};
+use predicates::str::contains;
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const FPS: f64 = 20.0;
+
+const CONFIG: &str = "[model]\nlayers = 1\nheads = 2\nwidth = 32\ncontext = 60\n\
+                      [train]\nbatch = 2\nsteps = 4\nwarmup = 1\neval_every = 2\ncheckpoint_every = 2\n";
+
+fn kinelm() -> Command {
+    let mut c = Command::cargo_bin("kinelm").unwrap();
+    c.env("NO_COLOR", "1");
+    c
+}
+
+fn json(c: &mut Command) -> Value {
+    let output = c.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+fn save(path: &Path, clip: &Clip) {
+    let motion = Motion { path: path.into(), clip: clip.clone(), source: Source::Plain, warnings: vec![] };
+    format::write(path, &motion).unwrap();
+}
+
+fn frames(path: &Path) -> usize {
+    format::read(path, &format::ReadOptions::default()).unwrap().clip.frames()
+}
+
+/// Six dances of lengths that no tile divides, a prompt, and a tokenizer fitted on them.
+struct Way {
+    dir: tempfile::TempDir,
+    tokenizer: Tokenizer,
+    frames: usize,
+}
+
+impl Way {
+    fn new(config: TokenizerConfig) -> Way {
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir(dir.path().join("data")).unwrap();
+        let dances: Vec<Clip> = synth::corpus(3, 7, 5.0, FPS).unwrap().into_iter().map(|d| d.clip).collect();
+        let mut csv = "clip,split\n".to_string();
+        let mut frames = 0;
+        for (i, dance) in dances[1..].iter().enumerate() {
+            let clip = dance.slice(0..dance.frames() - 7 * i);
+            frames += clip.frames();
+            save(&dir.path().join(format!("data/{i}.bvh")), &clip);
+            csv += &format!("{i},{}\n", ["train", "train", "valid", "test"][i % 4]);
+        }
+        save(&dir.path().join("prompt.bvh"), &dances[0]);
+        fs::write(dir.path().join("labels.csv"), csv).unwrap();
+        fs::write(dir.path().join("c.toml"), CONFIG).unwrap();
+        let tokenizer = Tokenizer::fit(&dances, config).unwrap();
+        tokenizer.save(dir.path().join("t.json")).unwrap();
+        Way { dir, tokenizer, frames }
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    fn tokenize(&self, out: &str, more: &[&str]) {
+        let mut c = kinelm();
+        c.arg("tokenize").arg(self.at("data")).arg("--labels").arg(self.at("labels.csv"));
+        c.arg("--tokenizer").arg(self.at("t.json")).arg("--out").arg(self.at(out)).args(more);
+        c.assert().success();
+    }
+
+    fn generate(&self, out: &str, more: &[&str]) -> Vec<u8> {
+        let mut c = kinelm();
+        c.arg("generate").arg("--run").arg(self.at("run")).arg("--out").arg(self.at(out)).args(more);
+        c.assert().success();
+        fs::read(self.at(out)).unwrap()
+    }
+
+    /// The words of a file, by the program.
+    fn text(&self, clip: &str) -> String {
+        let mut c = kinelm();
+        c.args(["tokenizer", "text"]).arg(self.at(clip)).arg("--tokenizer").arg(self.at("t.json"));
+        String::from_utf8(c.output().unwrap().stdout).unwrap()
+    }
+
+    /// From motion files to bits a frame.
+    fn corpus_to_likelihood(&self) {
+        self.tokenize("corpus", &[]);
+        let manifest: Value = serde_json::from_slice(&fs::read(self.at("corpus/corpus.json")).unwrap()).unwrap();
+        assert_eq!((&manifest["version"], &manifest["tokens_per_word"]), (&Value::from(2), &Value::Null));
+        assert_eq!(manifest["frames_per_word"], self.tokenizer.frames_per_word());
+        assert_eq!(manifest["count"]["frames"], self.frames);
+        self.tokenize("s0", &["--shard", "0/2"]);
+        self.tokenize("s1", &["--shard", "1/2"]);
+        let mut c = kinelm();
+        c.args(["corpus", "merge"]).args([self.at("s1"), self.at("s0")]).arg("--out").arg(self.at("merged"));
+        c.assert().success();
+        for file in ["corpus.json", "tokens.u16", "clips.jsonl", "tokenizer.json"] {
+            assert!(fs::read(self.at("merged").join(file)).unwrap() == fs::read(self.at("corpus").join(file)).unwrap());
+        }
+        let stats = json(kinelm().args(["corpus", "stats", "--json"]).arg(self.at("corpus")));
+        assert_eq!(stats["count"]["frames"], self.frames);
+        assert_eq!(stats["shared_runs"].is_null(), self.tokenizer.frames_per_word() > 1);
+        kinelm().args(["corpus", "stats"]).arg(self.at("corpus")).assert().success().stdout(contains("6 clips"));
+
+        let pretrain = |run: &str| {
+            let mut c = kinelm();
+            c.arg("pretrain").arg("--config").arg(self.at("c.toml")).arg("--corpus").arg(self.at("corpus"));
+            c.arg("--run").arg(self.at(run)).assert().success().stderr(contains("bits/frame"));
+            let latest = fs::read_to_string(self.at(run).join("latest")).unwrap();
+            fs::read(self.at(run).join("checkpoints").join(latest.trim()).join("model.safetensors")).unwrap()
+        };
+        assert!(pretrain("run") == pretrain("again"), "the same seed gives the same bytes");
+        let config = fs::read_to_string(self.at("run/config.toml")).unwrap();
+        assert!(config.contains("varying = true"), "{config}");
+
+        let measure = |what: &str, more: &[&str]| {
+            let mut c = kinelm();
+            c.args(["evaluate", what, "--json", "--corpus"]).arg(self.at("corpus")).args(more);
+            json(&mut c)
+        };
+        let run = self.at("run").display().to_string();
+        let found = measure("likelihood", &["--run", &run]);
+        let floors = measure("baselines", &[]);
+        assert_eq!(found["floors"], floors);
+        let of = if self.tokenizer.frames_per_word() == 1 { "channels" } else { "tokens" };
+        assert_eq!(floors["of"], of);
+        let bits = found["bits_per_frame"].as_f64().unwrap();
+        assert!((found["bits_per_s"].as_f64().unwrap() - FPS * bits).abs() < 1e-9);
+        assert_eq!(found["frames"], 100 - 7 * 3, "one test clip");
+        let uniform = found["tokens"].as_f64().unwrap() * (self.tokenizer.vocabulary().len() as f64).log2();
+        // four steps of a tiny model: somewhere near every token equally likely
+        assert!((bits / (uniform / found["frames"].as_f64().unwrap()) - 1.0).abs() < 0.3, "{found}");
+        let plain = measure("likelihood", &["--run", &run, "--form", "plain"]);
+        assert!((plain["bits_per_frame"].as_f64().unwrap() / bits - 1.0).abs() < 1e-5);
+    }
+
+    /// Dances of the run.
+    fn dances(&self) {
+        let prompt = self.at("prompt.bvh").display().to_string();
+        let free = self.generate("free.json", &["--frames", "33", "--seed", "5"]);
+        assert_eq!(frames(&self.at("free.json")), 33);
+        assert_eq!(free, self.generate("again.json", &["--frames", "33", "--seed", "5", "--threads", "1"]));
+        assert_eq!(free, self.generate("ahead.json", &["--frames", "33", "--seed", "5", "--guesses", "4"]));
+        self.generate("v.json", &["--frames", "33", "--seed", "5", "--variations", "2"]);
+        assert_eq!(free, fs::read(self.at("v-1.json")).unwrap());
+        assert_ne!(free, fs::read(self.at("v-2.json")).unwrap());
+        assert_ne!(free, self.generate("other.json", &["--frames", "33", "--seed", "6"]));
+        let greedy = self.generate("greedy.json", &["--frames", "33", "--greedy"]);
+        assert_eq!(greedy, self.generate("slow.json", &["--frames", "33", "--greedy", "--form", "plain"]));
+
+        // what is begun with comes out as the prompt's own words decode
+        let begun = ["--frames", "50", "--prompt", &prompt, "--beginning", "40"];
+        self.generate("begun.bvh", &begun);
+        let l = self.tokenizer.frames_per_word();
+        let words = 40 / l - self.tokenizer.scheme().unsettled_words();
+        let (a, b) = (self.text("begun.bvh"), self.text("prompt.bvh"));
+        let beginning =
+            |text: &str| text.split(' ').take(words.saturating_sub(1)).map(str::to_string).collect::<Vec<_>>();
+        assert!(words > 1);
+        assert_eq!(beginning(&a), beginning(&b));
+
+        let mut c = kinelm();
+        c.arg("generate").arg("--run").arg(self.at("run")).arg("--out").arg(self.at("no.bvh"));
+        c.args(["--prompt", &prompt, "--joints", "root"]).assert().code(2).stderr(contains("--joints root: "));
+        assert!(!self.at("no.bvh").exists());
+    }
+
+    /// A text of words and back.
+    fn text_and_back(&self) {
+        fs::write(self.at("w.txt"), self.text("prompt.bvh")).unwrap();
+        let mut c = kinelm();
+        c.args(["tokenizer", "decode"]).arg(self.at("w.txt")).arg(self.at("w.bvh"));
+        c.arg("--tokenizer").arg(self.at("t.json")).assert().success();
+        let l = self.tokenizer.frames_per_word();
+        assert_eq!(frames(&self.at("w.bvh")), 100usize.div_ceil(l) * l);
+    }
+}
+
+fn uniform(bins: u32) -> TokenizerConfig {
+    let scheme = kinelm_tokenizer::SchemeConfig::Uniform(UniformConfig { bins, ..Default::default() });
+    TokenizerConfig { fps: FPS, scheme, ..Default::default() }
+}
+
+#[test]
+fn merged_characters_go_the_whole_way() {
+    let way = Way::new(TokenizerConfig { merges: 100, ..uniform(90) });
+    way.corpus_to_likelihood();
+    way.dances();
+    way.text_and_back();
+}

@@ -77,7 +77,8 @@ impl Way {
         let mut c = kinelm();
         c.arg("generate").arg("--run").arg(self.at("run")).arg("--out").arg(self.at(out)).args(more);
         c.assert().success();
-        fs::read(self.at(out)).unwrap()
+        // several go to files with numbers
+        fs::read(self.at(out)).unwrap_or_default()
     }
 
     /// The words of a file, by the program.

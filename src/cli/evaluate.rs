@@ -122,7 +122,7 @@ fn baselines(args: BaselinesArgs) -> Result<()> {
             }
             Floors::of_corpus(&opened, split)?
         }
-        (_, Some(tokens)) => Floors::Channels(measure(&CodeSplits::load_npz(tokens, args.bins as usize)?)?),
+        (_, Some(tokens)) => Floors::Channels(Box::new(measure(&CodeSplits::load_npz(tokens, args.bins as usize)?)?)),
         _ => return Err(WrongCall("give --corpus or --tokens".into()).into()),
     };
     print(&if args.json { format!("{}\n", found.to_json()) } else { format!("{found}\n") })

@@ -12,7 +12,7 @@ use std::fmt;
 #[derive(Debug, Clone, PartialEq)]
 pub enum Floors {
     /// Where a word is a frame: models of every channel, of the characters as they are before any are merged.
-    Channels(Baselines),
+    Channels(Box<Baselines>),
     /// Of any other words: models of the tokens.
     Tokens(TokenFloors),
 }
@@ -24,7 +24,7 @@ impl Floors {
     /// A split without frames; ids that stand where they may not; an `xz` program that fails.
     pub fn of_corpus(corpus: &Corpus, measured: Split) -> Result<Floors> {
         Ok(match channels(corpus) {
-            Some(_) => Floors::Channels(measure(&CodeSplits::of_corpus(corpus, measured)?)?),
+            Some(_) => Floors::Channels(Box::new(measure(&CodeSplits::of_corpus(corpus, measured)?)?)),
             None => Floors::Tokens(token_floors::measure(corpus, measured)?),
         })
     }

@@ -67,7 +67,8 @@ mod tests {
     #[test]
     fn greedy_takes_the_first_of_the_best() {
         let mut rng = random::stream(1, "test", 0, 0);
-        let mut pick = |draw: Draw, logits: &[f32]| draw.pick(logits, &[0..logits.len() as u32], &mut rng);
+        let mut pick =
+            |draw: Draw, logits: &[f32]| draw.pick(logits, std::slice::from_ref(&(0..logits.len() as u32)), &mut rng);
         assert_eq!(pick(Draw::Greedy, &[1.0, 5.0, 5.0]), Some(1));
         assert_eq!(pick(Draw::Greedy, &[1.0, f32::NAN]), None);
         assert_eq!(pick(Draw::Temperature(1.0), &[f32::INFINITY]), None);
@@ -83,7 +84,7 @@ mod tests {
             let drawn = Draw::Temperature(5.0).pick(&logits, &[1..2, 3..5], &mut rng).unwrap();
             assert!([1, 3, 4].contains(&drawn), "{drawn}");
         }
-        assert_eq!(Draw::Greedy.pick(&logits, &[1..6], &mut rng), None);
+        assert_eq!(Draw::Greedy.pick(&logits, &[1..5, 5..6], &mut rng), None);
         assert_eq!(Draw::Greedy.pick(&logits, &[], &mut rng), None);
     }
 }

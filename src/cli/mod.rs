@@ -8,6 +8,7 @@ mod corpus;
 mod data;
 mod demo;
 mod evaluate;
+mod fit;
 mod generate;
 mod inspect;
 mod pretrain;

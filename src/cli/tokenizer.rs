@@ -1,51 +1,21 @@
-//! `kinelm tokenizer fit`, `text` and `decode`.
+//! `kinelm tokenizer text` and `decode`; `fit` and `study` have files of their own.
 
-use super::data::DataArgs;
-use super::{Say, WrongCall, print, read::ReadArgs};
+use super::{Say, print, read::ReadArgs};
 use anyhow::{Context, Result};
 use kinelm::corpus;
 use kinelm_motion::format::{self, RestFrame};
-use kinelm_motion::{Motion, Source, joints};
-use kinelm_tokenizer::{Form, Rest, SchemeConfig, Tokenizer, TokenizerConfig, Travel, UniformConfig};
+use kinelm_motion::{Motion, Source};
+use kinelm_tokenizer::{Rest, Tokenizer};
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
     /// Fit a tokenizer on the train clips of DATA
-    Fit(FitArgs),
+    Fit(Box<super::fit::Args>),
     /// A clip as one line of words
     Text(TextArgs),
     /// Words back to motion
     Decode(DecodeArgs),
-}
-
-#[derive(Debug, clap::Args)]
-pub struct FitArgs {
-    #[command(flatten)]
-    data: DataArgs,
-    /// Where the tokenizer goes
-    #[arg(long, value_name = "FILE")]
-    out: PathBuf,
-    /// Joints that are coded: 13, 24, or a list of groups, names and ids
-    #[arg(long, default_value = "13", value_name = "13|24|LIST")]
-    joints: String,
-    /// Frames per second of the words
-    #[arg(long, default_value_t = 20.0, value_parser = super::read::positive)]
-    fps: f64,
-    /// Bins a component
-    #[arg(long, default_value_t = 360, value_parser = clap::value_parser!(u32).range(2..=21_054))]
-    bins: u32,
-    /// Bins centred on 0, or with an edge at 0
-    #[arg(long, value_enum, default_value = "centred")]
-    form: FormArg,
-    /// The root's translation as steps in the decoded heading, or as places in metres
-    #[arg(long, value_enum, default_value = "velocity")]
-    translation: TravelArg,
-    /// The root's height alone
-    #[arg(long, value_enum, default_value = "velocity")]
-    height: TravelArg,
-    #[command(flatten)]
-    read: ReadArgs,
 }
 
 #[derive(Debug, clap::Args)]
@@ -70,30 +40,9 @@ pub struct DecodeArgs {
     tokenizer: PathBuf,
 }
 
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum FormArg {
-    Centred,
-    Edge,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum TravelArg {
-    Velocity,
-    Absolute,
-}
-
-impl From<TravelArg> for Travel {
-    fn from(t: TravelArg) -> Travel {
-        match t {
-            TravelArg::Velocity => Travel::Velocity,
-            TravelArg::Absolute => Travel::Absolute,
-        }
-    }
-}
-
 pub fn run(command: Command, say: Say) -> Result<()> {
     match command {
-        Command::Fit(args) => fit(args, say),
+        Command::Fit(args) => super::fit::run(*args, say),
         Command::Text(args) => text(args, say),
         Command::Decode(args) => decode(args, say),
     }
@@ -125,36 +74,5 @@ fn decode(args: DecodeArgs, say: Say) -> Result<()> {
     let motion = Motion { path: args.out.clone(), clip, source: Source::Plain, warnings: Vec::new() };
     format::write(&args.out, &motion)?;
     super::convert::told(&args.out, &motion, say);
-    Ok(())
-}
-
-fn fit(args: FitArgs, say: Say) -> Result<()> {
-    let selection = joints::parse(&args.joints).map_err(|e| WrongCall(e.to_string()))?;
-    let uniform = UniformConfig {
-        bins: args.bins,
-        form: match args.form {
-            FormArg::Centred => Form::Centred,
-            FormArg::Edge => Form::Edge,
-        },
-        translation: args.translation.into(),
-        height: args.height.into(),
-        ..Default::default()
-    };
-    let config = TokenizerConfig {
-        joints: selection.joints,
-        fps: args.fps,
-        scheme: SchemeConfig::Uniform(uniform),
-        ..Default::default()
-    };
-    config.validate().map_err(|e| WrongCall(e.to_string()))?;
-    let gathered = args.data.gather(say)?;
-    let options = args.data.build_options(args.read.options(RestFrame::Drop));
-    let (tokenizer, summary) = corpus::build::fit(&gathered, config, &options, &mut *super::progress::watch(say))?;
-    tokenizer.save(&args.out)?;
-    for line in summary.lines() {
-        say.line(line);
-    }
-    let (c, w) = (tokenizer.channels().len(), tokenizer.longest_word());
-    say.line(format_args!("{}: words of {c} characters, {w} tokens a frame", args.out.display()));
     Ok(())
 }

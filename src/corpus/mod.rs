@@ -22,6 +22,7 @@ pub mod pattern;
 pub mod record;
 #[cfg(test)]
 pub(crate) mod samples;
+pub mod settings;
 pub mod shared_runs;
 pub mod splits;
 pub mod stats;
@@ -35,6 +36,7 @@ pub use gather::{Gathered, Item, gather};
 pub use load::{Loaded, load_item};
 pub use merge::merge;
 pub use record::{ClipRecord, Count, FileRecord, Manifest, Shard, Split, TokenType};
+pub use settings::Settings;
 pub use stats::{Stats, stats};
 pub use store::{Corpus, Shape, Tokens};
 pub use windows::{EvalWindow, eval_windows, fill_sequence};

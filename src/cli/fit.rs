@@ -1,0 +1,145 @@
+//! `kinelm tokenizer fit`.
+
+use super::data::DataArgs;
+use super::{Say, WrongCall, read::ReadArgs};
+use anyhow::Result;
+use kinelm::corpus::{self, Settings};
+use kinelm_motion::format::RestFrame;
+use kinelm_tokenizer::{Tokenizer, TokenizerConfig, WordLength};
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    data: DataArgs,
+    /// Where the tokenizer goes
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    #[command(flatten)]
+    settings: SettingsArgs,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+/// A file of settings, and flags that win over it. A key that the scheme doesn't have is refused by name.
+#[derive(Debug, Clone, clap::Args)]
+pub struct SettingsArgs {
+    /// Settings of a tokenizer; configs/tokenizer/ has one for each scheme. Flags win over it
+    #[arg(long, value_name = "FILE.toml")]
+    config: Option<PathBuf>,
+    /// Joints that are coded: 13, 24, or a list of groups, names and ids [default: 13]
+    #[arg(long, value_name = "13|24|LIST")]
+    joints: Option<String>,
+    /// Frames per second of the words [default: 20]
+    #[arg(long, value_parser = super::read::positive)]
+    fps: Option<f64>,
+    /// The pelvis's rotation as it stands in the world, or its turn as steps and its tilt [default: absolute]
+    #[arg(long, value_enum, value_name = "KIND")]
+    root_rotation: Option<RootRotationArg>,
+    /// Byte-pair merges of characters that often stand side by side [default: 0]
+    #[arg(long)]
+    merges: Option<u32>,
+    /// How numbers become characters [default: uniform]
+    #[arg(long, value_name = "uniform|quantile|dct|lapped")]
+    scheme: Option<String>,
+    /// Bins a number [default: 360]
+    #[arg(long)]
+    bins: Option<u32>,
+    /// Uniform: bins centred on 0, or with an edge at 0 [default: centred]
+    #[arg(long, value_enum)]
+    form: Option<FormArg>,
+    /// Uniform: the root's translation as steps in the decoded heading, or as places in metres [default: velocity]
+    #[arg(long, value_enum)]
+    translation: Option<TravelArg>,
+    /// Uniform: the root's height alone [default: velocity]
+    #[arg(long, value_enum)]
+    height: Option<TravelArg>,
+    /// Any other key of the scheme, as in its file: tile=60, keep=0.1, joint_transform.type=pca (may be given again)
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum FormArg {
+    Centred,
+    Edge,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum TravelArg {
+    Velocity,
+    Absolute,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+#[value(rename_all = "snake_case")]
+enum RootRotationArg {
+    Absolute,
+    HeadingDelta,
+}
+
+impl SettingsArgs {
+    /// The settings of the file with the flags on top; the flags alone make a wrong call, the file is named otherwise.
+    pub fn config(&self) -> Result<TokenizerConfig> {
+        let mut settings = match &self.config {
+            Some(path) => Settings::load(path)?,
+            None => Settings::default(),
+        };
+        if let Some(kind) = &self.scheme {
+            settings.set_scheme(kind);
+        }
+        self.joints.iter().for_each(|list| settings.set("joints", list.as_str()));
+        self.fps.iter().for_each(|&fps| settings.set("fps", fps));
+        self.merges.iter().for_each(|&n| settings.set("merges", i64::from(n)));
+        self.root_rotation.iter().for_each(|kind| settings.set("root_rotation", name_of(kind)));
+        self.bins.iter().for_each(|&n| settings.set_in_scheme("bins", i64::from(n)));
+        self.form.iter().for_each(|form| settings.set_in_scheme("form", name_of(form)));
+        self.translation.iter().for_each(|t| settings.set_in_scheme("translation", name_of(t)));
+        self.height.iter().for_each(|t| settings.set_in_scheme("height", name_of(t)));
+        for pair in &self.set {
+            settings.set_pair(pair).map_err(|e| WrongCall(format!("--set {pair}: {e}")))?;
+        }
+        let config = settings.config();
+        if self.config.is_none() { config.map_err(|e| WrongCall(e.to_string()).into()) } else { Ok(config?) }
+    }
+}
+
+/// The word of a flag's value, which is the word in the file too.
+fn name_of(value: &impl clap::ValueEnum) -> String {
+    value.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default()
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    let config = args.settings.config()?;
+    let gathered = args.data.gather(say)?;
+    let options = args.data.build_options(args.read.options(RestFrame::Drop));
+    let (tokenizer, summary) = corpus::build::fit(&gathered, config, &options, &mut *super::progress::watch(say))?;
+    tokenizer.save(&args.out)?;
+    for line in summary.lines() {
+        say.line(line);
+    }
+    say.line(format_args!("{}: {}", args.out.display(), described(&tokenizer)));
+    Ok(())
+}
+
+/// What its words are, in a line.
+fn described(tokenizer: &Tokenizer) -> String {
+    let frames = match tokenizer.frames_per_word() {
+        1 => "a frame".to_owned(),
+        n => format!("{n} frames"),
+    };
+    let vocabulary = tokenizer.vocabulary();
+    let merged = match vocabulary.merged() {
+        0 => String::new(),
+        n => format!(", {n} merged tokens"),
+    };
+    let length = match tokenizer.word_length() {
+        WordLength::Fixed(c) => format!("{c} characters"),
+        WordLength::Varying { most } => format!("up to {most} characters"),
+    };
+    let tokens = match tokenizer.tokens_per_word() {
+        Some(w) => format!("{w} tokens"),
+        None => format!("at most {} tokens in training", tokenizer.longest_word()),
+    };
+    format!("words of {length}, {tokens} {frames}, {} characters{merged}", vocabulary.characters())
+}

@@ -5,7 +5,7 @@ use kinelm::corpus::load::load_clip;
 use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, Motion, Source, format, synth};
-use kinelm_tokenizer::{Rest, Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{DctConfig, JointTransform, Rest, SchemeConfig, Tokenizer, TokenizerConfig};
 use predicates::str::contains;
 use serde_json::Value;
 use std::fs;
@@ -194,6 +194,16 @@ impl Way {
 #[test]
 fn merged_characters_go_the_whole_way() {
     let way = Way::new(TokenizerConfig { merges: 100, ..TokenizerConfig::uniform(&THIRTEEN, FPS, 90) });
+    way.corpus_to_likelihood();
+    way.dances();
+    way.text_and_back();
+}
+
+#[test]
+fn tiles_go_the_whole_way() {
+    let joint_transform = JointTransform::Pca { components: 6 };
+    let scheme = SchemeConfig::Dct(DctConfig { tile: 20, joint_transform, keep: 0.2, bins: 60, ..Default::default() });
+    let way = Way::new(TokenizerConfig { fps: FPS, scheme, ..Default::default() });
     way.corpus_to_likelihood();
     way.dances();
     way.text_and_back();

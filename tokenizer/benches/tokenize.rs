@@ -4,7 +4,7 @@ use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Clip, Vec3, smpl};
-use kinelm_tokenizer::{Rest, Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{DctConfig, JointTransform, Rest, SchemeConfig, Tokenizer, TokenizerConfig};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -63,6 +63,34 @@ fn decode_one_thread(bencher: Bencher, joints: usize) {
     bencher.counter(ItemsCount::new(CLIPS * FRAMES)).bench(|| {
         let frames: usize = words.iter().map(|w| t.decode(w, Rest::Identity).expect("good").frames()).sum();
         assert_eq!(frames, CLIPS * FRAMES);
+    });
+}
+
+/// The thesis's scheme: PCA to three of five components, tiles of 60 frames.
+fn tiles(joints: usize) -> (Tokenizer, Vec<Clip>) {
+    let (uniform, clips) = set(joints);
+    let components = if joints == 24 { 42 } else { 23 };
+    let dct = DctConfig { joint_transform: JointTransform::Pca { components }, ..DctConfig::default() };
+    let config = TokenizerConfig { scheme: SchemeConfig::Dct(dct), ..uniform.config().clone() };
+    (Tokenizer::fit(&clips, config).expect("good clips"), clips)
+}
+
+#[divan::bench(args = [13, 24])]
+fn dct_encode_all_threads(bencher: Bencher, joints: usize) {
+    let (t, clips) = tiles(joints);
+    bencher.counter(ItemsCount::new(CLIPS * FRAMES)).bench(|| {
+        let words: usize = clips.par_iter().map(|c| t.encode(black_box(c)).expect("good").words.len()).sum();
+        assert_eq!(words, CLIPS * FRAMES.div_ceil(60));
+    });
+}
+
+#[divan::bench(args = [13, 24])]
+fn dct_decode_all_threads(bencher: Bencher, joints: usize) {
+    let (t, clips) = tiles(joints);
+    let words: Vec<_> = clips.iter().map(|c| t.encode(c).expect("good").words).collect();
+    bencher.counter(ItemsCount::new(CLIPS * FRAMES)).bench(|| {
+        let frames: usize = words.par_iter().map(|w| t.decode(w, Rest::Identity).expect("good").frames()).sum();
+        assert_eq!(frames, CLIPS * FRAMES.div_ceil(60) * 60);
     });
 }
 

@@ -199,24 +199,35 @@ const BLOCK: usize = 4;
 /// `matrix` (R, C) times `series` (C, n) into `out` (R, n). Every number is summed in the order of the channels, whatever the
 /// block that it is in.
 fn multiply(matrix: &[f64], n: usize, series: &[f64], out: &mut [f64]) {
-    let (n, c) = (n.max(1), series.len() / n.max(1));
-    for (rows, out) in matrix.chunks(BLOCK * c.max(1)).zip(out.chunks_mut(BLOCK * n)) {
-        let whole = if out.len() == BLOCK * n { n - n % BLOCK } else { 0 };
-        for t in (0..whole).step_by(BLOCK) {
-            let mut sums = [[0.0; BLOCK]; BLOCK];
-            for (i, x) in series.chunks_exact(n).enumerate() {
-                let x: [f64; BLOCK] = std::array::from_fn(|j| x[t + j]);
-                for (r, sums) in sums.iter_mut().enumerate() {
-                    let weight = rows[r * c + i];
-                    sums.iter_mut().zip(x).for_each(|(s, x)| *s += weight * x);
-                }
-            }
-            sums.iter().enumerate().for_each(|(r, sums)| out[r * n + t..r * n + t + BLOCK].copy_from_slice(sums));
+    let c = series.len() / n.max(1);
+    for (rows, out) in matrix.chunks(BLOCK * c.max(1)).zip(out.chunks_mut(BLOCK * n.max(1))) {
+        match rows.len() / c {
+            4 => multiply_rows::<4>(rows, n, series, out),
+            3 => multiply_rows::<3>(rows, n, series, out),
+            2 => multiply_rows::<2>(rows, n, series, out),
+            _ => multiply_rows::<1>(rows, n, series, out),
         }
-        for (row, out) in rows.chunks_exact(c.max(1)).zip(out.chunks_exact_mut(n)) {
-            for (t, out) in out.iter_mut().enumerate().skip(whole) {
-                *out = row.iter().zip(series.chunks_exact(n)).fold(0.0, |sum, (weight, x)| sum + weight * x[t]);
+    }
+}
+
+/// As many rows of a product as there are registers for.
+fn multiply_rows<const R: usize>(rows: &[f64], n: usize, series: &[f64], out: &mut [f64]) {
+    let c = rows.len() / R;
+    let rows: [&[f64]; R] = std::array::from_fn(|r| &rows[r * c..(r + 1) * c]);
+    let whole = n - n % BLOCK;
+    for t in (0..whole).step_by(BLOCK) {
+        let mut sums = [[0.0; BLOCK]; R];
+        for (i, x) in series.chunks_exact(n).enumerate() {
+            let x = &x[t..t + BLOCK];
+            for (sums, row) in sums.iter_mut().zip(&rows) {
+                sums.iter_mut().zip(x).for_each(|(s, x)| *s += row[i] * x);
             }
+        }
+        sums.iter().enumerate().for_each(|(r, sums)| out[r * n + t..r * n + t + BLOCK].copy_from_slice(sums));
+    }
+    for (row, out) in rows.iter().zip(out.chunks_exact_mut(n)) {
+        for (t, out) in out.iter_mut().enumerate().skip(whole) {
+            *out = row.iter().zip(series.chunks_exact(n)).fold(0.0, |sum, (weight, x)| sum + weight * x[t]);
         }
     }
 }

@@ -27,8 +27,8 @@ const RANK: f64 = 1e-12;
 const ROWS: usize = 32_768;
 /// Rounds after which the search stops where it is.
 const ROUNDS: usize = 200;
-/// It has found its directions when none turns by more: 1 less the cosine of the angle.
-const TURNED: f64 = 1e-6;
+/// It has found its directions when none turns by more: 1 less the cosine of the angle. As scikit-learn's.
+const TURNED: f64 = 1e-4;
 
 /// `components` (K, at most C) independent components of `data` (N, C): `channels` is C.
 ///
@@ -119,12 +119,23 @@ fn search(data: &[f64], k: usize) -> Result<(Vec<f64>, usize)> {
 
 /// Numbers into their hyperbolic tangents; gives the sum of its derivatives.
 fn bend(row: &mut [f64]) -> f64 {
-    let mut slope = 0.0;
-    for x in row {
-        *x = x.tanh();
-        slope += 1.0 - *x * *x;
-    }
-    slope
+    row.iter_mut().for_each(|x| *x = tanh(*x));
+    row.iter().map(|x| 1.0 - x * x).sum()
+}
+
+/// The hyperbolic tangent to 1e-14, in plain arithmetic that becomes vector instructions: the search is made of it, and the
+/// C library's took four fifths of a fit.
+fn tanh(x: f64) -> f64 {
+    use std::f64::consts::{LN_2, LOG2_E};
+    // added and taken away it rounds to a whole number, which stands in the sum's lowest bits
+    const ROUND: f64 = 1.5 * (1u64 << 52) as f64;
+    let x = (2.0 * x).clamp(-40.0, 40.0);
+    let rounded = x * LOG2_E + ROUND;
+    let rest = x - (rounded - ROUND) * LN_2;
+    let power = f64::from_bits(rounded.to_bits().wrapping_add(1023) << 52);
+    // the exponential of the rest, at most 0.35, by the first terms of its series
+    let exponential = (1..=12).rev().fold(1.0, |sum, k| 1.0 + sum * rest * (1.0 / f64::from(k))) * power;
+    1.0 - 2.0 / (exponential + 1.0)
 }
 
 /// Where the search starts: numbers without a pattern, always the same.
@@ -221,6 +232,15 @@ mod tests {
             check_inverse(&ica, 4);
             assert!(ica.rank <= 1);
         }
+    }
+
+    #[test]
+    fn tangents() {
+        for i in -4000..=4000 {
+            let x = f64::from(i) * 0.01 + 1e-3;
+            assert!((tanh(x) - x.tanh()).abs() < 1e-14, "{x}: {} {}", tanh(x), x.tanh());
+        }
+        assert_eq!((tanh(0.0), tanh(1e300), tanh(f64::NEG_INFINITY)), (0.0, 1.0, -1.0));
     }
 
     #[test]

@@ -1,17 +1,23 @@
 //! How much text a clip becomes: word length, seconds in a context, bytes, flicker.
 
-use crate::{Tokenizer, Words, alphabet};
+mod counts;
+mod text;
 
-/// Seconds of motion in a context of `tokens`, words of `word` characters at `fps` words a second.
+pub use counts::{Alphabet, Counts, ESCAPED_BITS};
+pub use text::TextCounts;
+
+use crate::{Tokenizer, Words};
+
+/// Seconds of motion in a context of `tokens`, words of `word` tokens (a mean) at `rate` words a second.
 ///
-/// The space is counted: `tokens / (word + 1) / fps`. At 13 joints, 20 frames per second and 1,024 tokens 1.191 s.
-pub fn seconds_in_context(tokens: usize, word: usize, fps: f64) -> f64 {
-    tokens as f64 / (word + 1) as f64 / fps
+/// The space is counted: `tokens / (word + 1) / rate`. At 13 joints, 20 frames per second and 1,024 tokens 1.191 s.
+pub fn seconds_in_context(tokens: usize, word: f64, rate: f64) -> f64 {
+    tokens as f64 / (word + 1.0) / rate
 }
 
 /// [`seconds_in_context`] without counting the space, as published tables have it (compat).
-pub fn seconds_in_context_compat(tokens: usize, word: usize, fps: f64) -> f64 {
-    tokens as f64 / word as f64 / fps
+pub fn seconds_in_context_compat(tokens: usize, word: f64, rate: f64) -> f64 {
+    tokens as f64 / word / rate
 }
 
 /// Sizes of a text against the numbers it was made of.
@@ -45,18 +51,6 @@ impl Bytes {
 }
 
 impl Tokenizer {
-    /// The sizes of words that were made from `source_frames` frames of the files.
-    pub fn bytes(&self, words: &Words, source_frames: u64) -> Bytes {
-        let length = |k: u32| alphabet::character(k).map_or(0, char::len_utf8) as u64;
-        let (characters, spaces) = (words.codes().len() as u64, words.len() as u64);
-        Bytes {
-            smpl: source_frames * 75 * 4,
-            characters: characters + spaces,
-            utf8: words.codes().iter().map(|&k| length(k.into())).sum::<u64>() + spaces,
-            alphabet: (0..self.vocabulary().characters()).map(length).sum::<u64>() + 4 * self.scheme().fitted_numbers(),
-        }
-    }
-
     /// Share of characters that move by one and are back within 3 frames: in `0..=1`, `None` for fewer than 3 words and where
     /// a word is no frame.
     pub fn flicker_rate(&self, words: &Words) -> Option<f64> {
@@ -82,16 +76,14 @@ mod tests {
 
     #[test]
     fn seconds() {
-        assert!((seconds_in_context(1024, 42, 20.0) - 1.1907).abs() < 1e-4);
-        assert!((seconds_in_context_compat(1024, 42, 20.0) - 1.2190).abs() < 1e-4);
-        assert!((seconds_in_context(1024, 75, 20.0) - 0.6737).abs() < 1e-4);
+        assert!((seconds_in_context(1024, 42.0, 20.0) - 1.1907).abs() < 1e-4);
+        assert!((seconds_in_context_compat(1024, 42.0, 20.0) - 1.2190).abs() < 1e-4);
+        assert!((seconds_in_context(1024, 75.0, 20.0) - 0.6737).abs() < 1e-4);
     }
 
     #[test]
-    fn sizes() {
-        let t = small();
-        let b = t.bytes(&Words::fixed(vec![59; 18], 9), 6);
-        assert_eq!((b.smpl, b.characters, b.utf8, b.alphabet), (1800, 20, 20, 60 + 240 + 28));
+    fn factors() {
+        let b = Bytes { smpl: 1800, characters: 20, utf8: 20, alphabet: 328 };
         assert!((b.factor_chars() - 1800.0 / 348.0).abs() < 1e-12);
         assert!((b.factor_entropy(160.0) - b.factor_utf8()).abs() < 1e-12);
     }

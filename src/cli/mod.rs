@@ -14,6 +14,7 @@ mod inspect;
 mod pretrain;
 mod progress;
 mod read;
+mod study;
 mod tokenize;
 mod tokenizer;
 mod view;

@@ -9,7 +9,7 @@ use std::ops::ControlFlow;
 pub fn bar(total: u64, what: &str, say: Say) -> ProgressBar {
     let target = if say.quiet() { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
     let bar = ProgressBar::with_draw_target(Some(total), target);
-    let template = format!("{{bar:30}} {{pos}}/{{len}} {what}, {{eta}} left");
+    let template = format!("{{bar:30}} {{pos}}/{{len}} {what}, {{eta}} left {{msg}}");
     if let Ok(style) = ProgressStyle::with_template(&template) {
         bar.set_style(style);
     }

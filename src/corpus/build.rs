@@ -18,7 +18,7 @@ use std::path::Path;
 
 /// Files a block holds for each thread: few enough that results wait in little memory, enough that a long file at a
 /// block's end keeps others waiting only now and then.
-const BLOCK_PER_THREAD: usize = 8;
+pub(crate) const BLOCK_PER_THREAD: usize = 8;
 
 /// How a corpus or a tokenizer is made.
 #[derive(Debug, Clone, Default)]

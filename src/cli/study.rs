@@ -1,0 +1,82 @@
+//! `kinelm tokenizer study`.
+
+use super::data::DataArgs;
+use super::{Say, WrongCall, print, progress, read::ReadArgs};
+use anyhow::{Context, Result};
+use indicatif::ProgressBar;
+use kinelm::study::{self, DEFAULT_ROWS, Event, StudyOptions, study};
+use kinelm_motion::format::RestFrame;
+use kinelm_motion::joints;
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    data: DataArgs,
+    /// Where tables, pictures, the page and the finished rows go; a study that was interrupted goes on there
+    #[arg(long, value_name = "FOLDER", default_value = "study")]
+    out: PathBuf,
+    /// The rows: [[row]] tables with a name and a tokenizer's settings; unless given those of
+    /// configs/tokenizer/study.toml
+    #[arg(long, value_name = "FILE.toml")]
+    schemes: Option<PathBuf>,
+    /// Joints of rows that state none: 13, 24, or a list of groups, names and ids
+    #[arg(long, default_value = "13", value_name = "13|24|LIST")]
+    joints: String,
+    /// Frames per second of rows that state none; unless given 60, or the slowest file's rate if that is lower
+    #[arg(long, value_parser = super::read::positive)]
+    fps: Option<f64>,
+    /// The rows that the page shows beside the original; unless given one of the DCT tiles and one lapped row
+    #[arg(long, value_name = "ROW,ROW", value_delimiter = ',')]
+    show: Vec<String>,
+    /// Measure every row anew
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    let joints = joints::parse(&args.joints).map_err(|e| WrongCall(e.to_string()))?.joints;
+    let rows = match &args.schemes {
+        Some(path) => (std::fs::read_to_string(path).with_context(|| path.display().to_string())?, path.clone()),
+        None => (DEFAULT_ROWS.to_string(), "configs/tokenizer/study.toml".into()),
+    };
+    let build = args.data.build_options(args.read.options(RestFrame::Drop));
+    let options = StudyOptions { build, rows, joints, fps: args.fps, force: args.force, shown: args.show };
+    let gathered = args.data.gather(say)?;
+    let report = study(&gathered, &options, &args.out, &mut watch(say))?;
+    for line in report.said() {
+        say.line(line);
+    }
+    for sheet in study::sheet::sheets(&report) {
+        print(&format!("{}\n", sheet.terminal()))?;
+    }
+    say.line(format_args!("{}: study.md, study.json, bins.png, rate.png, page.html", args.out.display()));
+    Ok(())
+}
+
+/// A bar over the clips of all rows, with the name of the one at work.
+fn watch(say: Say) -> impl FnMut(Event<'_>) {
+    let mut shown: Option<ProgressBar> = None;
+    let mut name = String::new();
+    move |event| {
+        let line = |text: String| match &shown {
+            Some(bar) => bar.suspend(|| say.line(text)),
+            None => say.line(text),
+        };
+        match event {
+            Event::LeftOut(item, error) => say.error(format_args!("{}: left out: {error}", item.name)),
+            Event::Said(text) => line(text.into()),
+            Event::Row(row) => name = row.to_string(),
+            Event::Step { done, of } => {
+                let bar = shown.get_or_insert_with(|| progress::bar(of, "clips", say));
+                bar.set_position(done);
+                bar.set_message(name.clone());
+                if done == of {
+                    bar.finish_and_clear();
+                }
+            }
+        }
+    }
+}

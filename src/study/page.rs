@@ -1,0 +1,71 @@
+//! A page with one test clip as it was and as two rows decode it.
+
+use super::clips::{Clips, Known};
+use super::figures::Figures;
+use super::measure::decoded;
+use super::sheet::short;
+use super::store::Store;
+use crate::view::{Figure, write_page};
+use crate::{Error, Result};
+use kinelm_motion::Clip;
+use kinelm_tokenizer::{SchemeConfig, Tokenizer};
+use std::path::Path;
+
+/// The longest stretch of a clip that is shown, seconds.
+const LONGEST_S: f64 = 20.0;
+
+/// Writes `page.html`. The rows are those named, else chosen by [`pair`].
+///
+/// # Errors
+/// [`Error::Call`] for a name that is no row's; those of reading and decoding.
+pub fn write(out: &Path, rows: &[Figures], named: &[String], clips: &Clips, store: &Store) -> Result<()> {
+    let shown = match named {
+        [] => pair(rows),
+        names => names.iter().map(|n| find(rows, n)).collect::<Result<Vec<_>>>()?,
+    };
+    let length = |k: &&Known| (k.frames as f64 / k.fps).min(LONGEST_S);
+    // the first of the longest
+    let longest = clips.test.iter().rev().max_by(|a, b| length(a).total_cmp(&length(b)));
+    let Some(known) = longest else { return Ok(()) };
+    let own = clips.get(known, known.fps)?;
+    let cut = |clip: &Clip| clip.slice(0..clip.frames().min((LONGEST_S * clip.fps()) as usize + 1));
+    let mut motions = vec![(known.name().to_string(), format!("as it was, {} fps", short(known.fps)), cut(&own))];
+    for f in shown {
+        let tokenizer = Tokenizer::load(&store.tokenizer(&f.row)?)?;
+        let clip = cut(&*clips.get(known, f.fps())?);
+        let back = decoded(&tokenizer, &tokenizer.encode(&clip)?, &clip)?;
+        let (bits, mm) = (f.order0.bits_per_second, f.mpjpe.global);
+        let tokens = f.text.tokens_per_second;
+        motions.push((f.name().into(), format!("{bits:.0} bits/s, {tokens:.0} tokens/s, {mm:.1} mm"), back));
+    }
+    let figures: Vec<Figure> =
+        motions.iter().map(|(title, note, clip)| Figure::new(title.as_str(), clip).note(note.as_str())).collect();
+    write_page(&out.join("page.html"), &figures)?;
+    Ok(())
+}
+
+fn find<'a>(rows: &'a [Figures], name: &str) -> Result<&'a Figures> {
+    rows.iter().find(|f| f.name() == name).ok_or_else(|| {
+        let names: Vec<&str> = rows.iter().map(Figures::name).collect();
+        Error::Call(format!("no row is named {name}; there are {}", names.join(", ")))
+    })
+}
+
+/// The tiles of lowest error, and the lapped row that costs the most like them; where there are none, the coarsest row and
+/// the finest.
+pub fn pair(rows: &[Figures]) -> Vec<&Figures> {
+    let kind = |f: &Figures| super::row::scheme_name(&f.row.config.scheme);
+    let error = |f: &&Figures| f.mpjpe.global;
+    let least =
+        |of: &dyn Fn(&Figures) -> bool| rows.iter().filter(|f| of(f)).min_by(|a, b| error(a).total_cmp(&error(b)));
+    let first = least(&|f| kind(f) == "dct").or_else(|| {
+        rows.iter()
+            .filter(|f| matches!(f.row.config.scheme, SchemeConfig::Uniform(_)))
+            .max_by(|a, b| error(a).total_cmp(&error(b)))
+    });
+    let Some(first) = first.or(rows.first()) else { return Vec::new() };
+    let apart = |f: &&Figures| (f.text.tokens_per_second / first.text.tokens_per_second).ln().abs();
+    let second = rows.iter().filter(|f| kind(f) == "lapped").min_by(|a, b| apart(a).total_cmp(&apart(b)));
+    let second = second.or_else(|| least(&|f| f.name() != first.name()));
+    std::iter::once(first).chain(second.filter(|f| f.name() != first.name())).collect()
+}

@@ -1,0 +1,119 @@
+//! What a study has finished, on disk: a row that was measured is not measured again.
+
+use super::row::Row;
+use crate::corpus::record::hex;
+use crate::{Error, Result, files};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Counted up whenever a figure comes to mean something else.
+const FORMAT: u32 = 1;
+
+/// The folder of finished rows.
+#[derive(Debug, Clone)]
+pub struct Store {
+    rows: PathBuf,
+    data: String,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Finished<T> {
+    key: String,
+    result: T,
+}
+
+impl Store {
+    /// The rows under `out`; `data` is the hash of the clips. With `force` whatever was finished is removed.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when `out` holds something that no study wrote; [`Error::Io`].
+    pub fn open(out: &Path, data: &str, force: bool) -> Result<Self> {
+        let rows = out.join("rows");
+        let strange = |p: &Path| p.is_dir() && !rows.is_dir() && fs::read_dir(p).is_ok_and(|mut d| d.next().is_some());
+        if strange(out) {
+            let what = "a folder that no study wrote: it has files and no rows/";
+            return Err(Error::file(out, what, "a new folder, or a study's", "give another --out"));
+        }
+        if force && rows.is_dir() {
+            fs::remove_dir_all(&rows).map_err(Error::io(&rows))?;
+        }
+        fs::create_dir_all(&rows).map_err(Error::io(&rows))?;
+        Ok(Store { rows, data: data.to_string() })
+    }
+
+    /// What a result depends on: what was measured, the clips, the program.
+    fn key(&self, what: &impl Serialize) -> Result<String> {
+        let version = env!("CARGO_PKG_VERSION");
+        let text = serde_json::to_vec(&(FORMAT, version, &self.data, what)).map_err(|e| Error::Call(e.to_string()))?;
+        Ok(hex(Sha256::new_with_prefix(text)))
+    }
+
+    fn path(&self, name: &str, key: &str, end: &str) -> PathBuf {
+        self.rows.join(format!("{name}-{}{end}", &key[..12]))
+    }
+
+    /// What was finished under a name for these settings; `None` where nothing was, or it can't be read.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when the settings can't be written.
+    pub fn get<T: DeserializeOwned>(&self, name: &str, what: &impl Serialize) -> Result<Option<T>> {
+        let key = self.key(what)?;
+        let Ok(bytes) = fs::read(self.path(name, &key, ".json")) else { return Ok(None) };
+        let finished = serde_json::from_slice::<Finished<T>>(&bytes).ok().filter(|f| f.key == key);
+        Ok(finished.map(|f| f.result))
+    }
+
+    /// Keeps what was finished.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when it can't be written.
+    pub fn put(&self, name: &str, what: &impl Serialize, result: &impl Serialize) -> Result<()> {
+        let key = self.key(what)?;
+        let text = serde_json::to_vec_pretty(&Finished { key: key.clone(), result });
+        files::write_whole(&self.path(name, &key, ".json"), &text.map_err(|e| Error::Call(e.to_string()))?)
+    }
+
+    /// Where a row's tokenizer stands.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when the settings can't be written.
+    pub fn tokenizer(&self, row: &Row) -> Result<PathBuf> {
+        Ok(self.path(&row.name, &self.key(&row.config)?, ".tokenizer.json"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_finished_is_found_again_for_the_same_data_and_settings_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path().join("study");
+        let store = Store::open(&out, "data", false).unwrap();
+        assert_eq!(store.get::<u32>("a", &60).unwrap(), None);
+        store.put("a", &60, &7).unwrap();
+        let again = Store::open(&out, "data", false).unwrap();
+        assert_eq!(again.get("a", &60).unwrap(), Some(7));
+        assert_eq!((again.get::<u32>("a", &61).unwrap(), again.get::<u32>("b", &60).unwrap()), (None, None));
+        assert_eq!(Store::open(&out, "other", false).unwrap().get::<u32>("a", &60).unwrap(), None);
+        let only = fs::read_dir(out.join("rows")).unwrap().next().unwrap().unwrap().path();
+        fs::write(&only, "{").unwrap();
+        assert_eq!(again.get::<u32>("a", &60).unwrap(), None, "a broken file counts for nothing");
+        again.put("a", &60, &8).unwrap();
+        assert_eq!(Store::open(&out, "data", true).unwrap().get::<u32>("a", &60).unwrap(), None, "by force anew");
+    }
+
+    #[test]
+    fn a_folder_of_something_else_is_left_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join("a.bvh"), "").unwrap();
+        let e = Store::open(dir.path(), "data", true).unwrap_err().to_string();
+        assert!(e.contains("no study wrote") && e.contains("another --out"), "{e}");
+        assert!(!dir.path().join("rows").exists());
+    }
+}

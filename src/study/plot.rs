@@ -8,8 +8,8 @@ use plotters::style::{FontStyle, register_font};
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// Width of a chart and height of a picture, pixels.
-const SIZE: (u32, u32) = (760, 640);
+/// Width of a chart with its legend and height of a picture, pixels.
+const SIZE: (u32, u32) = (860, 600);
 /// DejaVu Sans, cut down to what charts say; the licence stands beside it.
 const FONT: &[u8] = include_bytes!("font/DejaVuSans-subset.ttf");
 
@@ -129,8 +129,10 @@ const GREY: RGBColor = RGBColor(90, 90, 90);
 const FAINT: RGBColor = RGBColor(225, 225, 225);
 /// What theory says.
 const REFERENCE: RGBColor = RGBColor(150, 150, 150);
-/// Pixels left of, above, right of and below what is plotted.
-const AROUND: [i32; 4] = [74, 44, 18, 58];
+/// Pixels left of, above, right of and below what is plotted, the legend left aside.
+const AROUND: [i32; 4] = [74, 44, 12, 58];
+/// Pixels that hold a letter of the legend.
+const LETTER: f64 = 7.3;
 
 /// From numbers to pixels.
 struct Axes {
@@ -152,7 +154,9 @@ impl Axes {
 fn one<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) -> Drawn<B> {
     let (width, height) = area.dim_in_pixel();
     let [left, top, right, bottom] = AROUND;
-    let axes = Axes { limits: chart.limits(), frame: [left, top, width as i32 - right, height as i32 - bottom] };
+    let longest = chart.series.iter().map(|s| s.name.chars().count()).max().unwrap_or(0);
+    let right = width as i32 - right - 36 - (longest as f64 * LETTER) as i32;
+    let axes = Axes { limits: chart.limits(), frame: [left, top, right, height as i32 - bottom] };
     grid(area, chart, &axes)?;
     let (mut colours, mut legend) = (0, Vec::new());
     for series in &chart.series {
@@ -240,18 +244,12 @@ fn mark<B: DrawingBackend>(area: &DrawingArea<B, Shift>, (x, y): (i32, i32), loo
 
 fn draw_legend<B: DrawingBackend>(area: &DrawingArea<B, Shift>, names: &[(&str, Look)], axes: &Axes) -> Drawn<B> {
     let [_, top, right, _] = axes.frame;
-    let font = || TextStyle::from(("sans-serif", 13).into_font()).color(&GREY);
-    let longest = names.iter().map(|(n, _)| n.chars().count()).max().unwrap_or(0) as i32;
-    // 7.5 pixels hold a letter of this size
-    let (left, row) = (right - 44 - longest * 15 / 2, 18);
-    let box_ = [(left, top + 4), (right - 2, top + 12 + row * names.len() as i32)];
-    area.draw(&Rectangle::new(box_, WHITE.mix(0.9).filled()))?;
-    area.draw(&Rectangle::new(box_, FAINT))?;
     for (i, (name, look)) in names.iter().enumerate() {
-        let y = top + 17 + row * i as i32;
-        mark(area, (left + 16, y), *look)?;
-        let style = font().pos(Pos::new(HPos::Left, VPos::Center));
-        area.draw(&Text::new(name.to_string(), (left + 32, y), style))?;
+        let y = top + 9 + 19 * i as i32;
+        mark(area, (right + 18, y), *look)?;
+        let style = TextStyle::from(("sans-serif", 13).into_font()).color(&GREY);
+        let style = style.pos(Pos::new(HPos::Left, VPos::Center));
+        area.draw(&Text::new(name.to_string(), (right + 34, y), style))?;
     }
     Ok(())
 }

@@ -129,7 +129,7 @@ impl Sheet {
     /// For a terminal.
     pub fn terminal(&self) -> String {
         let mut table = Table::new();
-        table.load_style(presets::UTF8_HORIZONTAL_ONLY);
+        table.load_style(presets::UTF8_FULL_CONDENSED);
         table.set_content_arrangement(ContentArrangement::Disabled).set_header(self.head.clone());
         self.rows.iter().for_each(|r| {
             table.add_row(r.clone());

@@ -37,8 +37,8 @@ fn bins(rows: &[Figures]) -> Chart {
         x: "bins a component".into(),
         y: "angle error, degrees".into(),
         series: vec![
-            along("bound: \u{b7}87 of a bin", true, &|n, _| most / n),
-            along("even errors: \u{b7}48 of a bin", true, &|n, _| even / n),
+            along("bound: 0.87 of a bin", true, &|n, _| most / n),
+            along("even errors: 0.48 of a bin", true, &|n, _| even / n),
             along("largest", false, &|_, f| f.angle.max.to_degrees()),
             along("mean", false, &|_, f| f.angle.mean.to_degrees()),
         ],

@@ -254,10 +254,14 @@ fn draw_legend<B: DrawingBackend>(area: &DrawingArea<B, Shift>, names: &[(&str, 
     Ok(())
 }
 
-/// 1, 2 and 5 of every power of ten inside the limits; powers alone where these are many.
+/// 1, 2 and 5 of every power of ten inside the limits; powers alone where these are many, more where they are few.
 fn ticks((low, high): (f64, f64)) -> Vec<f64> {
     let powers = low.log10().floor() as i32..=high.log10().ceil() as i32;
-    let heads: &[f64] = if (high / low).log10() > 3.5 { &[1.0] } else { &[1.0, 2.0, 5.0] };
+    let heads: &[f64] = match (high / low).log10() {
+        wide if wide > 3.5 => &[1.0],
+        narrow if narrow < 1.0 => &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0],
+        _ => &[1.0, 2.0, 5.0],
+    };
     let all = powers.flat_map(|p| heads.iter().map(move |h| h * 10f64.powi(p)));
     all.filter(|v| (low..=high).contains(v)).collect()
 }
@@ -290,7 +294,7 @@ mod tests {
         draw(&dir.path().join("p.png"), &charts).unwrap();
         let svg = std::fs::read_to_string(dir.path().join("p.svg")).unwrap();
         assert_eq!(svg.matches("<circle").count(), 4, "three points and the legend's");
-        assert!(svg.contains("a &lt;title&gt;") && svg.contains(">1/n<"));
+        assert!(svg.contains("a &lt;title&gt;") && svg.contains("1/n\n"));
         let png = std::fs::read(dir.path().join("p.png")).unwrap();
         assert!(png.starts_with(b"\x89PNG") && png.ends_with(b"IEND\xaeB`\x82"));
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 2, "nothing is left beside them");
@@ -310,6 +314,7 @@ mod tests {
     #[test]
     fn marks_on_an_axis() {
         assert_eq!(ticks((0.9, 12.0)), [1.0, 2.0, 5.0, 10.0]);
+        assert_eq!(ticks((2.9, 12.0)), [3.0, 4.0, 5.0, 7.0, 10.0]);
         assert_eq!(ticks((0.009, 1100.0)), [0.01, 0.1, 1.0, 10.0, 100.0, 1000.0]);
         assert_eq!([0.05, 1.0, 200.0, 20000.0].map(number), ["0.05", "1", "200", "20k"]);
     }

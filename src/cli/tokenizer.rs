@@ -17,7 +17,7 @@ pub enum Command {
     /// Words back to motion
     Decode(DecodeArgs),
     /// Ways of turning the motion of DATA into text, measured side by side: words, bytes, bits, errors, speed
-    Study(super::study::Args),
+    Study(Box<super::study::Args>),
 }
 
 #[derive(Debug, clap::Args)]
@@ -47,7 +47,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
         Command::Fit(args) => super::fit::run(*args, say),
         Command::Text(args) => text(args, say),
         Command::Decode(args) => decode(args, say),
-        Command::Study(args) => super::study::run(args, say),
+        Command::Study(args) => super::study::run(*args, say),
     }
 }
 

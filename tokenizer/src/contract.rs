@@ -1,6 +1,7 @@
 //! What every scheme must keep to, and clips to try it on.
 
 use crate::scheme::dct::{DctConfig, Quantizer, Steps};
+use crate::scheme::lapped::LappedConfig;
 use crate::{JointTransform, QuantileConfig, Rest, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig, Words};
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Clip, Vec3, smpl};
@@ -45,6 +46,7 @@ pub fn presets() -> Vec<(&'static str, Tokenizer)> {
     let joint_transform = JointTransform::Pca { components: 6 };
     let quantile = |joint_transform| QuantileConfig { bins: 90, joint_transform, ..Default::default() };
     let dct = || DctConfig { tile: 15, bins: 90, longest_run: 20, ..Default::default() };
+    let lapped = |hop| LappedConfig { hop, levels: 5, runs: 9, ..Default::default() };
     let in_places = DctConfig { quantizer: Quantizer::Uniform, steps: Steps::LeverArm, keep: 0.3, ..dct() };
     vec![
         ("uniform", fit(uniform())),
@@ -54,6 +56,8 @@ pub fn presets() -> Vec<(&'static str, Tokenizer)> {
         ("quantile, pca", fit(frames(SchemeConfig::Quantile(quantile(joint_transform))))),
         ("dct", fit(TokenizerConfig { scheme: SchemeConfig::Dct(dct()), ..uniform() })),
         ("dct, headings, lever arms", fit(frames(SchemeConfig::Dct(in_places)))),
+        ("lapped", fit(TokenizerConfig { scheme: SchemeConfig::Lapped(lapped(8)), ..uniform() })),
+        ("lapped, headings, merged", fit(TokenizerConfig { merges: 40, ..frames(SchemeConfig::Lapped(lapped(15))) })),
     ]
 }
 

@@ -38,7 +38,7 @@ impl Fit {
         let channels = config.channels();
         let scheme = match &config.scheme {
             SchemeConfig::Uniform(c) if c.streams() => SchemeFit::Uniform(UniformFit::new(c.clone())),
-            SchemeConfig::Uniform(_) | SchemeConfig::Quantile(_) | SchemeConfig::Dct(_) => SchemeFit::Sampled,
+            _ => SchemeFit::Sampled,
         };
         let samples = config.merges > 0 || scheme == SchemeFit::Sampled;
         Ok(Fit { config, channels, scheme, sample: samples.then(Sample::new), clips: 0, frames: 0 })

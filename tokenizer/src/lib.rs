@@ -51,6 +51,7 @@ pub use error::{Error, Result};
 pub use fit::Fit;
 pub use grammar::{Grammar, Place};
 pub use scheme::dct::{DctConfig, Quantizer, Steps};
+pub use scheme::lapped::{Lapped, LappedConfig, LappedMix};
 pub use scheme::mix::JointTransform;
 pub use scheme::quantile::{Pooled, QuantileConfig};
 pub use scheme::uniform::{Form, Travel, UniformConfig};

@@ -4,6 +4,7 @@ pub mod angle;
 pub mod bins;
 pub mod dct;
 mod frame;
+pub mod lapped;
 pub mod line;
 pub mod mix;
 mod mixed;
@@ -18,6 +19,7 @@ use crate::channel::{Channel, Channels};
 use crate::{Error, Result, Words};
 use dct::{DctConfig, DctTiles};
 use kinelm_motion::{Clip, Quat, smpl};
+use lapped::{Lapped, LappedConfig};
 use quantile::{Quantile, QuantileConfig};
 use serde::{Deserialize, Serialize};
 use uniform::{Uniform, UniformConfig};
@@ -32,6 +34,8 @@ pub enum SchemeConfig {
     Quantile(QuantileConfig),
     /// Tiles under a discrete cosine transform.
     Dct(DctConfig),
+    /// Tiles that run into each other.
+    Lapped(LappedConfig),
 }
 
 impl Default for SchemeConfig {
@@ -50,6 +54,7 @@ impl SchemeConfig {
             SchemeConfig::Uniform(c) => c.validate(),
             SchemeConfig::Quantile(c) => c.validate(),
             SchemeConfig::Dct(c) => c.validate(),
+            SchemeConfig::Lapped(c) => c.validate(),
         }
     }
 }
@@ -64,6 +69,8 @@ pub(crate) enum Fitted {
     Quantile(Quantile),
     /// Tiles under a discrete cosine transform.
     Dct(DctTiles),
+    /// Tiles that run into each other.
+    Lapped(Lapped),
 }
 
 impl Fitted {
@@ -72,6 +79,7 @@ impl Fitted {
             Fitted::Uniform(u) => u,
             Fitted::Quantile(q) => q,
             Fitted::Dct(d) => d,
+            Fitted::Lapped(l) => l,
         }
     }
 
@@ -81,6 +89,7 @@ impl Fitted {
             SchemeConfig::Uniform(c) => Uniform::fit(c, channels, clips).map(Fitted::Uniform),
             SchemeConfig::Quantile(c) => Quantile::fit(c, channels, clips).map(Fitted::Quantile),
             SchemeConfig::Dct(c) => DctTiles::fit(c, channels, clips).map(Fitted::Dct),
+            SchemeConfig::Lapped(c) => Lapped::fit(c, channels, clips).map(Fitted::Lapped),
         }
     }
 
@@ -99,6 +108,10 @@ impl Fitted {
                 let d = d.with_config(c.clone());
                 d.validate(channels).map(|()| Fitted::Dct(d))
             }
+            (Fitted::Lapped(l), SchemeConfig::Lapped(c)) => {
+                let l = l.with_config(c.clone());
+                l.validate(channels).map(|()| Fitted::Lapped(l))
+            }
             (fitted, config) => Err(Error::Setting {
                 field: "scheme",
                 found: format!("settings of one, {config:?}, and what was learnt for another, {}", fitted.name()),
@@ -112,6 +125,7 @@ impl Fitted {
             Fitted::Uniform(_) => "uniform",
             Fitted::Quantile(_) => "quantile",
             Fitted::Dct(_) => "dct",
+            Fitted::Lapped(_) => "lapped",
         }
     }
 }

@@ -2,4 +2,5 @@
 
 pub mod dct;
 pub mod ica;
+pub mod lapped;
 pub mod pca;

@@ -27,8 +27,8 @@ const RANK: f64 = 1e-12;
 const ROWS: usize = 32_768;
 /// Rounds after which the search stops where it is.
 const ROUNDS: usize = 200;
-/// It has found its directions when none turns by more: 1 less the cosine of the angle. As scikit-learn's.
-const TURNED: f64 = 1e-4;
+/// It has found its directions when none turns by more: 1 less the cosine of the angle.
+const TURNED: f64 = 1e-6;
 
 /// `components` (K, at most C) independent components of `data` (N, C): `channels` is C.
 ///

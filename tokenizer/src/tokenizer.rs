@@ -2,6 +2,7 @@
 
 use crate::fit::check_rate;
 use crate::merges::Merges;
+use crate::scheme::quantile::Quantile;
 use crate::scheme::uniform::Uniform;
 use crate::scheme::{Encoded, Fitted, Rest, Scheme, WordLength, check_skeleton};
 use crate::{Channels, Error, Fit, Grammar, Result, TokenizerConfig, Vocabulary, Words, alphabet};
@@ -129,6 +130,14 @@ impl Tokenizer {
     pub fn uniform(&self) -> Option<&Uniform> {
         match &self.fitted {
             Fitted::Uniform(u) => Some(u),
+            _ => None,
+        }
+    }
+
+    /// The quantile scheme with its fitted edges.
+    pub fn quantile(&self) -> Option<&Quantile> {
+        match &self.fitted {
+            Fitted::Quantile(q) => Some(q),
             _ => None,
         }
     }

@@ -1,36 +1,14 @@
 //! The promises of the tokenizer on real motion, where it is on hand.
 
-use kinelm_motion::format::{ReadOptions, read};
-use kinelm_motion::resample::{Method, resample};
+mod prepared;
+
 use kinelm_motion::rotation::{angle_between, exp_map, heading};
-use kinelm_motion::{Clip, Vec3, retarget};
+use kinelm_motion::{Clip, Vec3};
 use kinelm_tokenizer::{Fit, Rest, Tokenizer, TokenizerConfig};
 use rayon::prelude::*;
-use std::path::{Path, PathBuf};
 
 /// Half a bin, with what rounding may add.
 const HALF: f64 = 0.5 + 1e-6;
-
-/// The rows of a set's split list: path, whether it trains, true rate.
-fn rows(set: &str, folder: &Path) -> Vec<(PathBuf, bool, Option<f64>)> {
-    let text = std::fs::read_to_string(kinelm_shared_data::split_csv(set)).expect("the set has a split list");
-    let mut lines = text.lines().map(|l| l.split(',').collect::<Vec<_>>());
-    let header = lines.next().expect("a header");
-    let fps = header.iter().position(|&c| c == "fps");
-    let row = |r: Vec<&str>| {
-        let rate = fps.map(|i| r[i].parse().expect("a rate"));
-        (folder.join(r[0]).with_extension("bvh"), r[1] == "train", rate)
-    };
-    lines.map(row).collect()
-}
-
-/// A clip as the tokenizer takes it.
-fn prepared(path: &Path, fps_source: Option<f64>, skip: usize) -> Clip {
-    let options = ReadOptions { fps_source, skip, ..Default::default() };
-    let motion = read(path, &options).expect("the set's files are good");
-    let smpl = retarget::to_smpl(&motion, None).expect("the rig is known");
-    resample(&smpl, 20.0, Method::Auto).expect("a good rate")
-}
 
 #[derive(Default, Debug, Clone, Copy)]
 struct Found {
@@ -98,9 +76,8 @@ fn measure(t: &Tokenizer, clip: &Clip) -> Found {
 }
 
 fn check(set: &str, test: &str, skip: usize) {
-    let Some(folder) = kinelm_shared_data::set(set, test) else { return };
-    let clips: Vec<(Clip, bool)> =
-        rows(set, &folder).par_iter().map(|(path, trains, fps)| (prepared(path, *fps, skip), *trains)).collect();
+    let Some(clips) = prepared::clips(set, test, skip) else { return };
+    let clips: Vec<(Clip, bool)> = clips.into_iter().map(|(clip, split)| (clip, split == "train")).collect();
     for joints in [&kinelm_motion::joints::THIRTEEN[..], &(0..24).collect::<Vec<_>>()] {
         let mut fit = Fit::new(TokenizerConfig::uniform(joints, 20.0, 360)).expect("good settings");
         clips.iter().filter(|(_, trains)| *trains).for_each(|(clip, _)| fit.add(clip).expect("a prepared clip"));

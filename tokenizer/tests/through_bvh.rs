@@ -3,7 +3,7 @@
 use kinelm_motion::format::{ReadOptions, read, write};
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Clip, Motion, Source, Vec3, retarget, smpl};
-use kinelm_tokenizer::{Rest, Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{JointTransform, QuantileConfig, Rest, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig};
 
 /// One who turns round and round on a walk, every joint swinging, some beyond half a turn.
 fn dancer(frames: usize) -> Clip {
@@ -18,23 +18,37 @@ fn dancer(frames: usize) -> Clip {
     Clip::new(smpl::neutral(), 20.0, root, (0..frames * 24).map(turn).collect()).expect("finite")
 }
 
+/// The words of the clip, decoded, written, read and coded again.
+fn check(clip: &Clip, config: TokenizerConfig) {
+    let dir = tempfile::tempdir().expect("a folder");
+    let what = format!("{config:?}");
+    let t = Tokenizer::fit([clip], config).expect("a good clip");
+    let words = t.encode(clip).expect("a good clip").words;
+    let made = t.decode(&words, Rest::Clip(clip)).expect("words of an encoder");
+    let path = dir.path().join("made.bvh");
+    let motion = Motion { path: path.clone(), clip: made, source: Source::Plain, warnings: vec![] };
+    write(&path, &motion).expect("written");
+    let back = read(&path, &ReadOptions::default()).expect("our own file");
+    let back = retarget::to_smpl(&back, None).expect("our own rig");
+    let again = t.encode(&back).expect("the same rate and rig").words;
+    let differ = again.codes().iter().zip(words.codes()).filter(|(a, b)| a != b).count();
+    assert_eq!((again.len(), differ), (words.len(), 0), "{what}");
+}
+
 #[test]
 fn codes_survive_a_file() {
-    let dir = tempfile::tempdir().expect("a folder");
     let clip = dancer(600);
-    for (n, joints) in [&kinelm_motion::joints::THIRTEEN[..], &(0..24).collect::<Vec<_>>()].into_iter().enumerate() {
-        for bins in [60, 360, 361, 1080] {
-            let t = Tokenizer::fit([&clip], TokenizerConfig::uniform(joints, 20.0, bins)).expect("a good clip");
-            let words = t.encode(&clip).expect("a good clip").words;
-            let made = t.decode(&words, Rest::Clip(&clip)).expect("codes of an encoder");
-            let path = dir.path().join(format!("{n}-{bins}.bvh"));
-            let motion = Motion { path: path.clone(), clip: made, source: Source::Plain, warnings: vec![] };
-            write(&path, &motion).expect("written");
-            let back = read(&path, &ReadOptions::default()).expect("our own file");
-            let back = retarget::to_smpl(&back, None).expect("our own rig");
-            let again = t.encode(&back).expect("the same rate and rig");
-            let differ = again.words.codes().iter().zip(words.codes()).filter(|(a, b)| a != b).count();
-            assert_eq!((again.words.len(), differ), (words.len(), 0), "{bins} bins, {} joints", joints.len());
+    let all: Vec<usize> = (0..24).collect();
+    for root_rotation in [RootRotation::Absolute, RootRotation::HeadingDelta] {
+        for joints in [&kinelm_motion::joints::THIRTEEN[..], &all] {
+            for bins in [60, 360, 361, 1080] {
+                check(&clip, TokenizerConfig { root_rotation, ..TokenizerConfig::uniform(joints, 20.0, bins) });
+            }
+            for joint_transform in [JointTransform::None {}, JointTransform::Pca { components: 30 }] {
+                let scheme = SchemeConfig::Quantile(QuantileConfig { joint_transform, ..Default::default() });
+                let joints = joints.to_vec();
+                check(&clip, TokenizerConfig { root_rotation, joints, scheme, ..Default::default() });
+            }
         }
     }
 }

@@ -186,15 +186,30 @@ impl<'a> Numbers<'a> {
 
     /// Appends the numbers of a pose (24); gives the code of the turn's step.
     pub(super) fn of(&mut self, pose: &[Quat], out: &mut Vec<f64>) -> Option<u16> {
+        let tilted = self.turns.as_mut().map(|turns| turns.step(pose[0], |tilt| (tilt, Vec3::ZERO)));
+        self.gather(tilted, pose, out)
+    }
+
+    /// [`Numbers::of`] with the turn of the frame before.
+    pub(super) fn of_kept_turn(&mut self, pose: &[Quat], out: &mut Vec<f64>) -> Option<u16> {
+        let tilted = self.turns.map(|turns| turns.keep(pose[0]));
+        self.gather(tilted, pose, out)
+    }
+
+    fn gather(&self, tilted: Option<(u16, Quat)>, pose: &[Quat], out: &mut Vec<f64>) -> Option<u16> {
         let mut joints = self.joints;
-        let step = self.turns.as_mut().map(|turns| {
-            let (step, tilt) = turns.step(pose[0], |tilt| (exp_map::to_vector(tilt), Vec3::ZERO));
-            out.extend([tilt.x, tilt.z]);
+        if let Some((_, tilt)) = tilted {
+            let v = exp_map::to_vector(tilt);
+            out.extend([v.x, v.z]);
             joints = &joints[1..];
-            step
-        });
+        }
         joints.iter().for_each(|&joint| out.extend(exp_map::to_vector(pose[joint]).to_array()));
-        step
+        tilted.map(|(step, _)| step)
+    }
+
+    /// Whether decoded numbers hold a tilt whose turn can't be told again.
+    pub(super) fn upside_down(&self, numbers: &[f64]) -> bool {
+        self.turns.is_some_and(|turns| turns.upside_down(Vec3::new(numbers[0], 0.0, numbers[1])))
     }
 
     /// Sets the coded joints of a pose (24) from numbers and, before, the turn from its code; gives the pelvis if it is
@@ -212,14 +227,15 @@ impl<'a> Numbers<'a> {
         self.has_pelvis().then(|| pose[0])
     }
 
-    /// Makes decoded vectors canonical; whether one wasn't.
-    pub(super) fn canonical(&self, numbers: &mut [f64]) -> bool {
+    /// Makes decoded vectors canonical, those that weren't no longer than half a turn less `shorter` radians; whether there
+    /// were any.
+    pub(super) fn canonical(&self, numbers: &mut [f64], shorter: f64) -> bool {
         let (tilt, vectors) = numbers.split_at_mut(if self.turns.is_some() { 2 } else { 0 });
         let mut longer = false;
         let mut each = |v: Vec3| {
             let long = v.length() > LONGEST;
             longer |= long;
-            if long { exp_map::canonical(v) } else { v }
+            if long { exp_map::canonical(v).clamp_length_max(LONGEST - shorter) } else { v }
         };
         if let [x, z] = tilt {
             let v = each(Vec3::new(*x, 0.0, *z));

@@ -18,7 +18,10 @@ pub(super) struct Mixed<'a, S> {
 }
 
 /// How often a pose may be decoded and coded again until its codes stay.
-const TRIES: usize = 8;
+const TRIES: u32 = 16;
+
+/// Radians that a vector near half a turn, whose twin decodes beyond it too, is made shorter by at each further attempt.
+const SHORTER: f64 = 0.02;
 
 /// Why no character belongs to a joint.
 pub(super) const REASON: &str = "a joint transform spreads each joint over all characters of a pose";
@@ -55,14 +58,14 @@ impl<'a, S: Scale> Mixed<'a, S> {
     /// otherwise, the decoded pose's own codes are taken, until they stay; whether others were.
     fn settle(&mut self, codes: &mut [u16]) -> bool {
         self.unmix(codes);
-        if !self.numbers.canonical(&mut self.row) {
+        if !self.numbers.canonical(&mut self.row, 0.0) {
             return false;
         }
         let first = codes.to_vec();
-        for _ in 0..TRIES {
+        for attempt in 1..=TRIES {
             self.code(codes);
             self.unmix(codes);
-            if !self.numbers.canonical(&mut self.row) {
+            if !self.numbers.canonical(&mut self.row, SHORTER * f64::from(attempt)) {
                 return true;
             }
         }
@@ -82,12 +85,21 @@ impl<'a, S: Scale> Mixed<'a, S> {
 
 impl<S: Scale> Poses for Mixed<'_, S> {
     fn encode(&mut self, pose: &[Quat], word: &mut [u16], out: &mut Encoded) -> Option<Quat> {
+        let before = self.numbers.turns;
         self.row.clear();
-        let step = self.numbers.of(pose, &mut self.row);
+        let mut step = self.numbers.of(pose, &mut self.row);
         let (turn, places) = word.split_at_mut(usize::from(step.is_some()));
+        let mut clipped = self.code(places);
+        let mut second = self.settle(places);
+        if self.numbers.turns != before && self.numbers.upside_down(&self.row) {
+            self.numbers.turns = before;
+            self.row.clear();
+            step = self.numbers.of_kept_turn(pose, &mut self.row);
+            (clipped, second) = (self.code(places), self.settle(places));
+        }
         turn.iter_mut().zip(step).for_each(|(place, step)| *place = step);
-        out.clipped += self.code(places);
-        out.second_codes += u64::from(self.settle(places));
+        out.clipped += clipped;
+        out.second_codes += u64::from(second);
         self.numbers.has_pelvis().then(|| self.numbers.pelvis(&self.row))
     }
 

@@ -95,10 +95,17 @@ impl Turns {
                 return (code, codes);
             }
         }
-        (Turns::neutral(self.bins as u32), tilt(tilt_after(q, self.radians())).0)
+        let (code, left) = self.keep(q);
+        (code, tilt(left).0)
     }
 
-    fn upside_down(&self, tilt: Vec3) -> bool {
+    /// The code of no step, and what is left of a rotation after the turn as it stands.
+    pub(crate) fn keep(&self, q: Quat) -> (u16, Quat) {
+        (Turns::neutral(self.bins as u32), tilt_after(q, self.radians()))
+    }
+
+    /// Whether a decoded tilt's turn can't be told again.
+    pub(crate) fn upside_down(&self, tilt: Vec3) -> bool {
         let n = self.bins as f64;
         let squared = tilt.length_squared() * (n / TAU) * (n / TAU);
         // in bins squared, where decoded vectors are whole numbers: none of them is near the border

@@ -111,46 +111,47 @@ impl<'a, V: Vectors> Each<'a, V> {
 
 impl<V: Vectors> Poses for Each<'_, V> {
     fn encode(&mut self, pose: &[Quat], word: &mut [u16], out: &mut Encoded) -> Option<Quat> {
-        let mut pelvis = None;
-        for (n, (&joint, place)) in self.joints.iter().zip(word.chunks_exact_mut(3)).enumerate() {
-            let coded = match self.turns {
-                Some(mut turns) if n == 0 => {
-                    let (step, coded) = turns.step(pose[0], |tilt| {
-                        let coded = self.vectors.code(0, tilt);
-                        let decoded = self.tilt(coded.codes);
-                        (coded, decoded)
-                    });
-                    self.turns = Some(turns);
-                    let [x, _, z] = coded.codes;
-                    pelvis = Some(about_y(turns.radians()) * exp_map::from_vector(self.tilt(coded.codes)));
-                    place.copy_from_slice(&[step, x, z]);
-                    coded
-                }
-                _ => {
-                    let coded = self.vectors.code(n, pose[joint]);
-                    if joint == 0 {
-                        pelvis = Some(exp_map::from_vector(self.vectors.vector(n, coded.codes)));
-                    }
-                    place.copy_from_slice(&coded.codes);
-                    coded
-                }
-            };
+        let (mut joints, mut places, mut pelvis) = (self.joints, word, None);
+        let mut tally = |coded: &Coded| {
             out.clipped += coded.clipped;
             out.second_codes += u64::from(coded.second);
+        };
+        let mut turns = self.turns;
+        if let Some(turns) = &mut turns {
+            let (step, (coded, tilt)) = turns.step(pose[0], |tilt| {
+                let coded = self.vectors.code(0, tilt);
+                let decoded = self.tilt(coded.codes);
+                ((coded, decoded), decoded)
+            });
+            let (place, behind) = places.split_at_mut(3);
+            place.copy_from_slice(&[step, coded.codes[0], coded.codes[2]]);
+            tally(&coded);
+            pelvis = Some(about_y(turns.radians()) * exp_map::from_vector(tilt));
+            (joints, places) = (&joints[1..], behind);
+        }
+        self.turns = turns;
+        let first = usize::from(pelvis.is_some());
+        for (n, (&joint, place)) in joints.iter().zip(places.chunks_exact_mut(3)).enumerate() {
+            let coded = self.vectors.code(first + n, pose[joint]);
+            place.copy_from_slice(&coded.codes);
+            tally(&coded);
+            if joint == 0 {
+                pelvis = Some(exp_map::from_vector(self.vectors.vector(n, coded.codes)));
+            }
         }
         pelvis
     }
 
     fn decode(&mut self, word: &[u16], pose: &mut [Quat]) -> Option<Quat> {
-        for (n, (&joint, k)) in self.joints.iter().zip(word.chunks_exact(3)).enumerate() {
-            pose[joint] = match &mut self.turns {
-                Some(turns) if n == 0 => {
-                    turns.follow(k[0]);
-                    let turn = about_y(turns.radians());
-                    turn * exp_map::from_vector(self.tilt([k[1], 0, k[2]]))
-                }
-                _ => exp_map::from_vector(self.vectors.vector(n, [k[0], k[1], k[2]])),
-            };
+        let (mut joints, mut places, mut first) = (self.joints, word, 0);
+        if let Some(turns) = &mut self.turns {
+            turns.follow(word[0]);
+            let turn = about_y(turns.radians());
+            pose[0] = turn * exp_map::from_vector(self.tilt([word[1], 0, word[2]]));
+            (joints, places, first) = (&joints[1..], &word[3..], 1);
+        }
+        for (n, (&joint, k)) in joints.iter().zip(places.chunks_exact(3)).enumerate() {
+            pose[joint] = exp_map::from_vector(self.vectors.vector(first + n, [k[0], k[1], k[2]]));
         }
         (self.joints.first() == Some(&0)).then(|| pose[0])
     }

@@ -236,7 +236,7 @@ impl<'a> Numbers<'a> {
         let mut each = |v: Vec3| {
             let long = v.length() > LONGEST;
             longer |= long;
-            if long { exp_map::canonical(v).clamp_length_max(LONGEST - shorter) } else { v }
+            if long { exp_map::canonical(v).clamp_length_max((LONGEST - shorter).max(0.0)) } else { v }
         };
         if let [x, z] = tilt {
             let v = each(Vec3::new(*x, 0.0, *z));

@@ -18,9 +18,10 @@ pub(super) struct Mixed<'a, S> {
 }
 
 /// How often a pose may be decoded and coded again until its codes stay.
-const TRIES: u32 = 16;
+const TRIES: u32 = 12;
 
-/// Radians that a vector near half a turn, whose twin decodes beyond it too, is made shorter by at each further attempt.
+/// Radians that a vector near half a turn, whose twin decodes beyond it too, is made shorter by at the second attempt, four
+/// times that at the third, and so on: coarse bins need more.
 const SHORTER: f64 = 0.02;
 
 /// Why no character belongs to a joint.
@@ -65,7 +66,7 @@ impl<'a, S: Scale> Mixed<'a, S> {
         for attempt in 1..=TRIES {
             self.code(codes);
             self.unmix(codes);
-            if !self.numbers.canonical(&mut self.row, SHORTER * f64::from(attempt)) {
+            if !self.numbers.canonical(&mut self.row, SHORTER * f64::from(attempt * attempt)) {
                 return true;
             }
         }

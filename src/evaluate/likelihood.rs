@@ -4,7 +4,6 @@ use crate::corpus::{ClipRecord, Corpus, EvalWindow, eval_windows, fill_sequence}
 use crate::model::{Scores, TokenLayout};
 use crate::{Error, Result};
 use serde::Serialize;
-use std::ops::Range;
 
 /// Tokens that the model is asked about at a time, in whole windows.
 const BATCH_TOKENS: usize = 4096;
@@ -18,7 +17,7 @@ pub struct Likelihood {
     pub nats_per_token: f64,
     /// Tokens that were scored.
     pub tokens: usize,
-    /// Frames of the words whose spaces are among them.
+    /// Their frames, rounded; those of a word that was scored in part are shared out over its tokens.
     pub frames: usize,
     /// Windows they stood in.
     pub windows: usize,
@@ -57,7 +56,7 @@ pub fn likelihood(
         most => (0..most).map(|i| &all[i * all.len() / most]).collect(),
     };
     let length = taken.iter().map(|w| w.tokens).max().unwrap_or(1);
-    let (mut nats, mut tokens, mut frames) = (0.0, 0, 0);
+    let (mut nats, mut tokens, mut frames) = (0.0, 0, 0.0);
     for windows in taken.chunks((BATCH_TOKENS / length).max(1)) {
         for (window, sum) in windows.iter().zip(batch_nats(model, corpus, clips, windows, length)?) {
             if !sum.is_finite() {
@@ -69,21 +68,23 @@ pub fn likelihood(
             frames += scored_frames(corpus, clips[window.clip], window);
         }
     }
-    let bits_per_frame = nats / std::f64::consts::LN_2 / frames as f64;
+    let bits_per_frame = nats / std::f64::consts::LN_2 / frames;
     let nats_per_token = nats / tokens as f64;
-    let (windows, all_windows) = (taken.len(), all.len());
+    let (frames, windows, all_windows) = (frames.round() as usize, taken.len(), all.len());
     let found = Likelihood { bits_per_frame, nats_per_token, tokens, frames, windows, all_windows };
-    // some windows of words too long for one may hold no space at all
-    Ok((frames > 0).then_some(found))
+    Ok((tokens > 0).then_some(found))
 }
 
-/// Frames of the words that end among a window's scored tokens.
-fn scored_frames(corpus: &Corpus, clip: &ClipRecord, window: &EvalWindow) -> usize {
+/// Frames of a window's scored tokens. Those of a word that is scored in part are shared out over its tokens.
+fn scored_frames(corpus: &Corpus, clip: &ClipRecord, window: &EvalWindow) -> f64 {
     let words = corpus.words(clip);
-    // a word has ended where the next one, or nothing, begins at or before a token
-    let ended = |token: usize| if token >= words.tokens() { words.len() } else { words.before(token + 1) - 1 };
-    let Range { start, end } = window.scored;
-    corpus.frames_of(clip, ended(window.start + start)..ended(window.start + end))
+    let scored = window.start + window.scored.start..window.start + window.scored.end;
+    let frames = |word: usize| {
+        let (start, end) = (words.start(word), words.start(word + 1));
+        let tokens = end.min(scored.end) - start.max(scored.start);
+        corpus.frames_of(clip, word..word + 1) as f64 * (tokens as f64 / (end - start) as f64)
+    };
+    (words.before(scored.start + 1) - 1..words.before(scored.end)).map(frames).sum()
 }
 
 /// Nats of the scored tokens of each window; all become `length` tokens long, and what isn't scored is padding.
@@ -189,6 +190,13 @@ mod tests {
             let found = likelihood(&mut gpt, &corpus, &clips, 0).unwrap().unwrap();
             let expected = all as f64 * (tokens.vocabulary as f64).log2() / 198.0;
             assert!((found.bits_per_frame / expected - 1.0).abs() < 1e-6, "{} {expected}", found.bits_per_frame);
+            // of some windows, words that are scored in part count in part
+            let third = found.all_windows / 3;
+            let some = likelihood(&mut gpt, &corpus, &clips, third).unwrap().unwrap();
+            assert!(
+                some.windows == third && (some.bits_per_frame / expected - 1.0).abs() < 0.2,
+                "{some:?}, {expected}"
+            );
         }
     }
 }

@@ -49,8 +49,8 @@ pub enum LappedMix {
 pub struct LappedConfig {
     /// N, frames that a word stands for, 1 to 240. Default 20.
     pub hop: u32,
-    /// The step of a coefficient, millimetres of joint movement (root mean square over the 24 joints and, N being large, over
-    /// the hop times the square root of N), 0.01 to 1000. The positional error is about 0.7 of it. Default 12.
+    /// The step of a coefficient, millimetres that it moves the 24 joints (root mean square), 0.01 to 1000. The mean
+    /// positional error is 0.6 to 0.9 of it. Default 12.
     pub step_mm: f64,
     /// How eagerly a number that is seldom non-zero becomes zero, in steps of error a bit, 0 to 0.2; 0 rounds plainly. Default
     /// 0.08, where a bit saved here costs as much as one saved by a larger step.

@@ -4,6 +4,7 @@ use super::row::Row;
 use kinelm_motion::metric::{BorderJerk, GeodesicError, Mpjpe, VectorAngle};
 use kinelm_tokenizer::Tokenizer;
 use kinelm_tokenizer::rate::{Bytes, TextCounts, seconds_in_context, seconds_in_context_compat};
+use kinelm_tokenizer::scheme::quantile::Quantile;
 use serde::{Deserialize, Serialize};
 
 /// Tokens of the context that the seconds are told for.
@@ -59,6 +60,8 @@ pub struct Text {
     pub second_codes: u64,
     /// See there.
     pub padded: u64,
+    /// Quantile bins that are left in the channel with the fewest and the one with the most, equal edges merged.
+    pub bins_left: Option<(usize, usize)>,
 }
 
 /// What the texts of all clips take, and what they were made of.
@@ -267,6 +270,7 @@ impl Text {
             clipped: test.clipped,
             second_codes: test.second_codes,
             padded: test.padded,
+            bins_left: t.quantile().map(Quantile::bins_left),
         }
     }
 }

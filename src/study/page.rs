@@ -3,12 +3,13 @@
 use super::clips::{Clips, Known};
 use super::figures::Figures;
 use super::measure::decoded;
+use super::row::scheme_name;
 use super::sheet::short;
 use super::store::Store;
 use crate::view::{Figure, write_page};
 use crate::{Error, Result};
 use kinelm_motion::Clip;
-use kinelm_tokenizer::{SchemeConfig, Tokenizer};
+use kinelm_tokenizer::{JointTransform, SchemeConfig, Tokenizer};
 use std::path::Path;
 
 /// The longest stretch of a clip that is shown, seconds.
@@ -51,21 +52,19 @@ fn find<'a>(rows: &'a [Figures], name: &str) -> Result<&'a Figures> {
     })
 }
 
-/// The tiles of lowest error, and the lapped row that costs the most like them; where there are none, the coarsest row and
-/// the finest.
+/// The tiles of principal components of lowest error, and the lapped row that costs tokens the most like them; where there
+/// are none, the coarsest uniform row, and the row of lowest error.
 pub fn pair(rows: &[Figures]) -> Vec<&Figures> {
-    let kind = |f: &Figures| super::row::scheme_name(&f.row.config.scheme);
     let error = |f: &&Figures| f.mpjpe.global;
-    let least =
-        |of: &dyn Fn(&Figures) -> bool| rows.iter().filter(|f| of(f)).min_by(|a, b| error(a).total_cmp(&error(b)));
-    let first = least(&|f| kind(f) == "dct").or_else(|| {
-        rows.iter()
-            .filter(|f| matches!(f.row.config.scheme, SchemeConfig::Uniform(_)))
-            .max_by(|a, b| error(a).total_cmp(&error(b)))
-    });
+    let tiles = |f: &Figures| matches!(&f.row.config.scheme, SchemeConfig::Dct(c) if matches!(c.joint_transform, JointTransform::Pca { .. }));
+    let uniform = |f: &Figures| matches!(f.row.config.scheme, SchemeConfig::Uniform(_));
+    let first = rows.iter().filter(|f| tiles(f)).min_by(|a, b| error(a).total_cmp(&error(b)));
+    let first = first.or(rows.iter().filter(|f| uniform(f)).max_by(|a, b| error(a).total_cmp(&error(b))));
     let Some(first) = first.or(rows.first()) else { return Vec::new() };
     let apart = |f: &&Figures| (f.text.tokens_per_second / first.text.tokens_per_second).ln().abs();
-    let second = rows.iter().filter(|f| kind(f) == "lapped").min_by(|a, b| apart(a).total_cmp(&apart(b)));
-    let second = second.or_else(|| least(&|f| f.name() != first.name()));
-    std::iter::once(first).chain(second.filter(|f| f.name() != first.name())).collect()
+    let lapped = rows.iter().filter(|f| scheme_name(&f.row.config.scheme) == "lapped");
+    let second = lapped.min_by(|a, b| apart(a).total_cmp(&apart(b)));
+    let others = rows.iter().filter(|f| f.name() != first.name());
+    let second = second.or(others.min_by(|a, b| error(a).total_cmp(&error(b))));
+    std::iter::once(first).chain(second).collect()
 }

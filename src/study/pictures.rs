@@ -59,7 +59,7 @@ fn rate(rows: &[Figures]) -> [Chart; 2] {
                 rows.iter().filter(|f| f.row.group == *group).map(|f| (rate(f), f.mpjpe.global)).collect();
             points.sort_by(|a, b| a.0.total_cmp(&b.0));
             // a curve only where more bits buy less error all along
-            let joined = points.len() > 1 && points.windows(2).all(|w| w[1].1 < w[0].1 && w[1].0 > 1.02 * w[0].0);
+            let joined = points.len() > 2 && points.windows(2).all(|w| w[1].1 < w[0].1 && w[1].0 > 1.02 * w[0].0);
             Series { name: group.to_string(), points, joined, reference: false }
         });
         Chart { title: title.into(), x: x.into(), y: "MPJPE, mm".into(), series: series.collect() }

@@ -66,6 +66,7 @@ const BYTES: &[Column] = &[
     ("clipped values", |f| f.text.clipped.to_string()),
     ("second codes", |f| f.text.second_codes.to_string()),
     ("padded frames", |f| f.text.padded.to_string()),
+    ("quantile bins left", |f| f.text.bins_left.map_or("".into(), |(a, b)| format!("{a} to {b}"))),
 ];
 
 const SPEED: &[Column] = &[

@@ -4,7 +4,7 @@ use super::data::DataArgs;
 use super::{Say, WrongCall, print, progress, read::ReadArgs};
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
-use kinelm::study::{self, DEFAULT_ROWS, Event, StudyOptions, study};
+use kinelm::study::{self, Event, StudyOptions, default_rows, study};
 use kinelm_motion::format::RestFrame;
 use kinelm_motion::joints;
 use std::path::PathBuf;
@@ -17,7 +17,7 @@ pub struct Args {
     #[arg(long, value_name = "FOLDER", default_value = "study")]
     out: PathBuf,
     /// The rows: [[row]] tables with a name and a tokenizer's settings; unless given those of
-    /// configs/tokenizer/study.toml
+    /// configs/tokenizer/study.toml, with fewer than 24 joints study-13.toml
     #[arg(long, value_name = "FILE.toml")]
     schemes: Option<PathBuf>,
     /// Joints of rows that state none: 13, 24, or a list of groups, names and ids
@@ -40,7 +40,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let joints = joints::parse(&args.joints).map_err(|e| WrongCall(e.to_string()))?.joints;
     let rows = match &args.schemes {
         Some(path) => (std::fs::read_to_string(path).with_context(|| path.display().to_string())?, path.clone()),
-        None => (DEFAULT_ROWS.to_string(), "configs/tokenizer/study.toml".into()),
+        None => {
+            let (text, path) = default_rows(joints.len());
+            (text.to_string(), path.into())
+        }
     };
     let build = args.data.build_options(args.read.options(RestFrame::Drop));
     let options = StudyOptions { build, rows, joints, fps: args.fps, force: args.force, shown: args.show };

@@ -16,7 +16,7 @@ mod store;
 
 pub use figures::Figures;
 pub use measure::Loss;
-pub use row::{DEFAULT_ROWS, Row, RowDefaults};
+pub use row::{Row, RowDefaults, default_rows};
 
 use crate::corpus::build::BuildOptions;
 use crate::corpus::{Gathered, Item};

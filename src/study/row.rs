@@ -8,8 +8,14 @@ use std::collections::HashMap;
 use std::path::Path;
 use toml::Spanned;
 
-/// The rows that a study has unless told: `configs/tokenizer/study.toml`.
-pub const DEFAULT_ROWS: &str = include_str!("../../configs/tokenizer/study.toml");
+/// The rows that a study of so many joints has unless told, and their file: `study.toml`, or with fewer than 24
+/// `study-13.toml`, where components are fewer in proportion.
+pub fn default_rows(joints: usize) -> (&'static str, &'static str) {
+    match joints {
+        24 => (include_str!("../../configs/tokenizer/study.toml"), "configs/tokenizer/study.toml"),
+        _ => (include_str!("../../configs/tokenizer/study-13.toml"), "configs/tokenizer/study-13.toml"),
+    }
+}
 
 /// One tokenizer that a study measures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -143,9 +149,13 @@ mod tests {
 
     #[test]
     fn shipped_rows_hold() {
-        let rows = parse(DEFAULT_ROWS, Path::new("study.toml"), &defaults()).unwrap();
-        let bins: Vec<&str> = rows.iter().filter(|r| r.group == "uniform").map(|r| r.name.as_str()).collect();
-        assert_eq!(bins.len(), 9, "figure 4.5's: {bins:?}");
+        let [all, few] = [24, 13].map(|joints| {
+            let (text, path) = default_rows(joints);
+            parse(text, Path::new(path), &defaults()).unwrap()
+        });
+        assert_eq!(all.len(), few.len());
+        let bins = |rows: &[Row]| rows.iter().filter(|r| r.group == "uniform").count();
+        assert_eq!((bins(&all), bins(&few)), (9, 9), "as many as the published figure of error against bins needs");
     }
 
     #[test]

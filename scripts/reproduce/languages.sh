@@ -27,7 +27,7 @@ language() {
         --tokenizer "$out/$name/tokenizer.json" --out "$out/$name/corpus"
     "$kinelm" pretrain --config "$out/tiny.toml" --corpus "$out/$name/corpus" --run "$out/$name/run" --steps "$steps"
     "$kinelm" evaluate likelihood --run "$out/$name/run" --corpus "$out/$name/corpus" > "$out/$name/likelihood.txt"
-    for clip in salsa/03 indian/04; do
+    for clip in salsa/03 indian/13; do
         "$kinelm" generate --run "$out/$name/run" --prompt "$data/cmu-dance/$clip.bvh" --skip 10 --beginning 60 \
             --frames 1200 --out "$out/$name/$(basename "$clip").bvh"
     done

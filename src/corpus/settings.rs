@@ -174,11 +174,12 @@ mod tests {
         let mut files = 0;
         for entry in std::fs::read_dir(&dir).unwrap() {
             let path = entry.unwrap().path();
-            if path.file_name().is_some_and(|n| n != "study.toml") {
+            // lists of rows have tests of their own
+            if !path.file_name().is_some_and(|n| n.to_string_lossy().starts_with("study")) {
                 Settings::load(&path).unwrap().config().unwrap();
                 files += 1;
             }
         }
-        assert!(files >= 1);
+        assert!(files >= 5);
     }
 }

@@ -1,6 +1,7 @@
 //! What can go wrong above the motion files.
 
 use kinelm_motion::Place;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The result of this crate's functions.
@@ -65,6 +66,28 @@ impl Error {
     pub fn at(at: Place, found: impl Into<String>, expected: impl Into<String>, help: impl Into<String>) -> Error {
         Error::File { at, found: found.into(), expected: expected.into(), help: help.into() }
     }
+
+    /// A fault at the bytes `span` of a file's text; of the file as a whole without one.
+    pub(crate) fn in_text(
+        (path, text): (&Path, &str),
+        span: Option<Range<usize>>,
+        found: impl Into<String>,
+        expected: &str,
+        help: &str,
+    ) -> Error {
+        let at = span.map_or_else(|| Place::file(path), |span| place(path, text, span.start));
+        Error::at(at, found, expected, help)
+    }
+}
+
+/// Line and column of a byte of a text.
+fn place(path: &Path, text: &str, byte: usize) -> Place {
+    let before = &text[..byte.min(text.len())];
+    Place {
+        path: path.to_owned(),
+        line: before.matches('\n').count() + 1,
+        column: before.chars().rev().take_while(|&c| c != '\n').count() + 1,
+    }
 }
 
 #[cfg(test)]
@@ -78,5 +101,10 @@ mod tests {
         let e =
             Error::at(Place { path: "l.csv".into(), line: 3, column: 7 }, "`tarin`", "train, valid or test", "fix it");
         assert_eq!(e.to_string(), "l.csv:3:7: found `tarin`, expected train, valid or test; fix it");
+        let text = (Path::new("t.toml"), "a = 1\né = =\n");
+        let of = |span| Error::in_text(text, span, "`=`", "a value", "").to_string();
+        assert_eq!(of(Some(11..12)), "t.toml:2:5: found `=`, expected a value");
+        assert_eq!(of(Some(99..99)), "t.toml:3:1: found `=`, expected a value");
+        assert_eq!(of(None), "t.toml: found `=`, expected a value");
     }
 }

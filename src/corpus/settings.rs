@@ -1,8 +1,9 @@
 //! The settings of a tokenizer in TOML, with single keys set on top.
 
 use crate::{Error, Result};
-use kinelm_motion::{Place, joints};
+use kinelm_motion::joints;
 use kinelm_tokenizer::TokenizerConfig;
+use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
@@ -30,22 +31,23 @@ impl Settings {
     /// Reads the text of a file; `path` is for messages.
     ///
     /// # Errors
-    /// [`Error::File`] with line and column for text that is no TOML.
+    /// [`Error::File`] with line and column for text that is no TOML; for a scheme that is no table.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let table = text.parse::<Table>().map_err(|e| {
-            let before = &text[..e.span().map_or(0, |s| s.start.min(text.len()))];
-            let at = Place {
-                path: path.to_owned(),
-                line: before.matches('\n').count() + 1,
-                column: before.chars().rev().take_while(|&c| c != '\n').count() + 1,
-            };
-            Error::at(at, e.message().to_string(), "the settings of a tokenizer in TOML", HELP)
+            Error::in_text((path, text), e.span(), e.message(), "the settings of a tokenizer in TOML", HELP)
         })?;
+        if let Some(scheme) = table.get("scheme").filter(|scheme| !scheme.is_table()) {
+            return Err(Error::file(path, format!("scheme = {scheme}"), "a table [scheme] with a type", HELP));
+        }
         Ok(Settings { table, path: Some(path.to_owned()) })
     }
 
     /// Sets a key of the tokenizer.
+    ///
+    /// # Panics
+    /// For the key `scheme`, which has functions of its own.
     pub fn set(&mut self, key: &str, value: impl Into<Value>) {
+        assert_ne!(key, "scheme", "set_scheme and set_in_scheme set it");
         self.table.insert(key.into(), value.into());
     }
 
@@ -86,16 +88,9 @@ impl Settings {
     /// The scheme's keys; uniform bins if nothing is said.
     fn scheme(&mut self) -> &mut Table {
         let entry = self.table.entry("scheme").or_insert_with(|| Value::Table(Table::new()));
-        if !entry.is_table() {
-            *entry = Value::Table(Table::new());
-        }
-        match entry {
-            Value::Table(scheme) => {
-                scheme.entry("type").or_insert_with(|| "uniform".into());
-                scheme
-            }
-            _ => unreachable!("it was made a table above"),
-        }
+        let scheme = entry.as_table_mut().expect("`parse` refuses a scheme that is no table");
+        scheme.entry("type").or_insert_with(|| "uniform".into());
+        scheme
     }
 
     /// The settings as a whole.
@@ -109,19 +104,23 @@ impl Settings {
             Some(path) => Error::file(path, found, "the settings of a tokenizer", HELP),
             None => Error::Call(format!("{found}; {HELP}")),
         };
-        if let Some(Value::String(list)) = self.table.get("joints") {
-            let selection = joints::parse(list).map_err(|e| wrong(e.to_string()))?;
-            let ids = selection.joints.iter().map(|&j| Value::from(j as i64));
-            self.table.insert("joints".into(), ids.collect::<Vec<_>>().into());
-        }
         if self.table.contains_key("scheme") {
             self.scheme();
         }
-        let config: TokenizerConfig =
-            Value::Table(self.table).try_into().map_err(|e: toml::de::Error| wrong(e.message().to_string()))?;
-        config.validate().map_err(|e| wrong(e.to_string()))?;
-        Ok(config)
+        read(self.table).map_err(wrong)
     }
+}
+
+/// The settings of a table's keys, `joints` perhaps as text; what is wrong otherwise.
+pub(crate) fn read(mut table: Table) -> std::result::Result<TokenizerConfig, String> {
+    if let Some(Value::String(list)) = table.get("joints") {
+        let selection = joints::parse(list).map_err(|e| format!("joints: {e}"))?;
+        let ids: Vec<Value> = selection.joints.iter().map(|&j| Value::from(j as i64)).collect();
+        table.insert("joints".into(), ids.into());
+    }
+    let config = TokenizerConfig::deserialize(table).map_err(|e| e.message().to_string())?;
+    config.validate().map_err(|e| e.to_string())?;
+    Ok(config)
 }
 
 #[cfg(test)]
@@ -156,6 +155,7 @@ mod tests {
         assert!(error("[scheme]\ntype = \"magic\"").contains("magic"));
         assert!(error("[scheme]\nbins = 1").contains("2 to 21054"));
         assert!(error("joints = \"tail\"").contains("tail"));
+        assert!(error("scheme = \"lapped\"").contains("expected a table [scheme]"));
         let mut pairs = Settings::default();
         pairs.set_pair("bins=72").unwrap();
         pairs.set_pair("form=edge").unwrap();

@@ -1,8 +1,8 @@
 //! The rows of a study: names and settings of tokenizers.
 
+use crate::corpus::settings;
 use crate::{Error, Result};
-use kinelm_motion::{Place, joints};
-use kinelm_tokenizer::{RootRotation, SchemeConfig, TokenizerConfig};
+use kinelm_tokenizer::{SchemeConfig, TokenizerConfig};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::Path;
@@ -44,27 +44,6 @@ struct File {
     row: Vec<Spanned<toml::Table>>,
 }
 
-/// A row as it is written.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Written {
-    name: String,
-    group: Option<String>,
-    joints: Option<Joints>,
-    fps: Option<f64>,
-    root_rotation: Option<RootRotation>,
-    merges: Option<u32>,
-    scheme: SchemeConfig,
-}
-
-/// `[0, 1, 4]` or what `--joints` takes.
-#[derive(Deserialize)]
-#[serde(untagged)]
-enum Joints {
-    Ids(Vec<usize>),
-    List(String),
-}
-
 /// The rows of a TOML text: `[[row]]` tables with a `name`, perhaps a `group`, and the settings of a tokenizer, `scheme`
 /// among them. `path` is for messages.
 ///
@@ -72,13 +51,14 @@ enum Joints {
 /// [`Error::File`] with line, row and key for what is no such table, unknown keys, values outside their limits, a name
 /// that stands twice, and a file without rows.
 pub fn parse(text: &str, path: &Path, defaults: &RowDefaults) -> Result<Vec<Row>> {
-    let file: File = toml::from_str(text).map_err(|e| wrong(text, path, e.span(), e.message(), "a file of rows"))?;
+    let wrong = |span, found: &str, expected| Error::in_text((path, text), span, found, expected, HELP);
+    let file: File = toml::from_str(text).map_err(|e| wrong(e.span(), e.message(), "a file of rows"))?;
     let mut rows: Vec<Row> = Vec::with_capacity(file.row.len());
     let mut lines: HashMap<String, usize> = HashMap::new();
     for table in file.row {
         let span = table.span();
         let name = table.get_ref().get("name").and_then(toml::Value::as_str).unwrap_or("without a name").to_string();
-        let found = |what: String| wrong(text, path, Some(span.clone()), &format!("row {name}: {what}"), "a row");
+        let found = |what: String| wrong(Some(span.clone()), &format!("row {name}: {what}"), "a row");
         let row = one(table.into_inner(), defaults).map_err(found)?;
         let line = line_of(text, span.start);
         if let Some(before) = lines.insert(row.name.clone(), line) {
@@ -94,27 +74,27 @@ pub fn parse(text: &str, path: &Path, defaults: &RowDefaults) -> Result<Vec<Row>
 
 const HELP: &str = "configs/tokenizer/study.toml is an example";
 
-fn one(table: toml::Table, defaults: &RowDefaults) -> std::result::Result<Row, String> {
-    let written: Written = table.try_into().map_err(|e: toml::de::Error| e.to_string().trim().replace('\n', " "))?;
+fn one(mut table: toml::Table, defaults: &RowDefaults) -> std::result::Result<Row, String> {
+    let mut text = |key: &str| match table.remove(key) {
+        Some(toml::Value::String(text)) => Ok(Some(text)),
+        Some(other) => Err(format!("{key} is {other}; expected text")),
+        None => Ok(None),
+    };
+    let name = text("name")?.ok_or("missing field `name`")?;
+    let group = text("group")?;
     let usable = |c: char| c.is_ascii_alphanumeric() || "-_.+".contains(c);
-    if written.name.is_empty() || written.name.starts_with('.') || !written.name.chars().all(usable) {
-        return Err(format!("name is {:?}; expected letters, digits, -, _, . and +, no . first", written.name));
+    if name.is_empty() || name.starts_with('.') || !name.chars().all(usable) {
+        return Err(format!("name is {name:?}; expected letters, digits, -, _, . and +, no . first"));
     }
-    let joints = match written.joints {
-        None => defaults.joints.clone(),
-        Some(Joints::Ids(ids)) => ids,
-        Some(Joints::List(list)) => joints::parse(&list).map_err(|e| format!("joints: {e}"))?.joints,
-    };
-    let config = TokenizerConfig {
-        joints,
-        fps: written.fps.unwrap_or(defaults.fps),
-        root_rotation: written.root_rotation.unwrap_or_default(),
-        merges: written.merges.unwrap_or(0),
-        scheme: written.scheme,
-    };
-    config.validate().map_err(|e| e.to_string())?;
-    let group = written.group.unwrap_or_else(|| scheme_name(&config.scheme));
-    Ok(Row { name: written.name, group, config })
+    if !table.contains_key("scheme") {
+        return Err("missing field `scheme`".into());
+    }
+    let ids = defaults.joints.iter().map(|&j| toml::Value::from(j as i64));
+    table.entry("joints").or_insert_with(|| ids.collect::<Vec<_>>().into());
+    table.entry("fps").or_insert(defaults.fps.into());
+    let config = settings::read(table).map_err(|e| e.trim().replace('\n', " "))?;
+    let group = group.unwrap_or_else(|| scheme_name(&config.scheme));
+    Ok(Row { name, group, config })
 }
 
 /// The `type` that a scheme has in files.
@@ -125,13 +105,6 @@ pub fn scheme_name(scheme: &SchemeConfig) -> String {
 
 fn line_of(text: &str, at: usize) -> usize {
     text.bytes().take(at).filter(|&b| b == b'\n').count() + 1
-}
-
-fn wrong(text: &str, path: &Path, span: Option<std::ops::Range<usize>>, found: &str, expected: &str) -> Error {
-    let before = &text[..span.as_ref().map_or(0, |s| s.start.min(text.len()))];
-    let line = if span.is_some() { line_of(text, before.len()) } else { 0 };
-    let column = before.chars().rev().take_while(|&c| c != '\n').count() + 1;
-    Error::at(Place { path: path.to_owned(), line, column }, found, expected, HELP)
 }
 
 #[cfg(test)]
@@ -189,6 +162,8 @@ mod tests {
             said("[[row]]\nscheme = { type = \"uniform\" }\n").contains("row without a name: missing field `name`")
         );
         assert!(said(&good.replace("\"a\"", "\"../a\"")).contains("name is \"../a\""));
+        assert!(said("[[row]]\nname = \"b\"\n").contains("row b: missing field `scheme`"));
+        assert!(said("[[row]]\nname = \"b\"\nscheme = { bins = 3 }\n").contains("row b: missing field `type`"));
         assert!(said("[[rows]]\n").contains("unknown field `rows`"));
         assert!(said("row = []\n").contains("no rows"));
         assert!(said("[[row]\n").starts_with("rows.toml:1:"));

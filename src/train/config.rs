@@ -101,13 +101,8 @@ impl TrainFile {
     /// As [`TrainFile::load`].
     pub fn parse(text: &str, path: &Path) -> Result<TrainFile> {
         let file: TrainFile = toml::from_str(text).map_err(|e| {
-            let before = &text[..e.span().map_or(0, |s| s.start.min(text.len()))];
-            let at = kinelm_motion::Place {
-                path: path.to_owned(),
-                line: if e.span().is_some() { before.matches('\n').count() + 1 } else { 0 },
-                column: before.chars().rev().take_while(|&c| c != '\n').count() + 1,
-            };
-            Error::at(at, e.message().to_string(), "a training file", "configs/train/ has examples with every key")
+            let help = "configs/train/ has examples with every key";
+            Error::in_text((path, text), e.span(), e.message(), "a training file", help)
         })?;
         let checked = file.model.validate().and_then(|()| file.train.validate());
         checked.map_err(|e| Error::file(path, e.to_string(), "keys within their limits", ""))?;

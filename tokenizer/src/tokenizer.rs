@@ -84,7 +84,10 @@ impl Tokenizer {
 
     /// W, the tokens of a word with its space; `None` where words vary or characters are merged.
     pub fn tokens_per_word(&self) -> Option<usize> {
-        self.grammar().tokens_per_word()
+        match self.word_length() {
+            WordLength::Fixed(c) if self.vocabulary.merged() == 0 => Some(c + 1),
+            _ => None,
+        }
     }
 
     /// Tokens of the longest word in training, with its space: W where all words have as many. What a model counts

@@ -2,7 +2,7 @@
 
 use crate::{Error, Result, alphabet};
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// The special tokens, at ids 0 to 4.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -66,8 +66,7 @@ impl Vocabulary {
     /// # Errors
     /// [`Error::Setting`] for a pair of ids that are not there yet, one given twice, and tokens longer than any word.
     pub(crate) fn with_merges(mut self, merges: &[(u32, u32)]) -> Result<Self> {
-        let mut known: HashMap<Vec<u16>, ()> = HashMap::new();
-        let mut pairs = std::collections::HashSet::new();
+        let (mut known, mut pairs) = (HashSet::new(), HashSet::new());
         for &(a, b) in merges {
             let mut codes = Vec::new();
             let fits = self.expand(a, &mut codes) && self.expand(b, &mut codes) && codes.len() <= LONGEST_TOKEN;
@@ -78,7 +77,7 @@ impl Vocabulary {
                     expected: "ids of characters or of tokens merged before, each pair once".into(),
                 });
             }
-            if known.insert(codes.clone(), ()).is_none() {
+            if known.insert(codes.clone()) {
                 self.merged.push(codes);
             }
         }

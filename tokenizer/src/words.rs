@@ -151,9 +151,9 @@ impl Tokenizer {
     ///
     /// Everything that was replaced, cut or filled in is counted.
     pub fn words_of_ids(&self, ids: &[u32]) -> Reading {
-        match self.word_length() {
-            WordLength::Fixed(c) if self.vocabulary.merged() == 0 => self.words_by_count(ids, c),
-            length => self.words_by_space(ids, length),
+        match self.tokens_per_word() {
+            Some(w) => self.words_by_count(ids, w - 1),
+            None => self.words_by_space(ids, self.word_length()),
         }
     }
 

@@ -37,7 +37,8 @@ fn faults() -> usize {
     stat.rsplit(')').next().and_then(|rest| rest.split_whitespace().nth(7)?.parse().ok()).unwrap_or(0)
 }
 
-const TOKENS: TokenLayout = TokenLayout { vocabulary: 90, word: 10, varying: false, pad: 0, bos: 1, space: 5 };
+const TOKENS: TokenLayout =
+    TokenLayout { vocabulary: 90, word: 10, varying: false, front: 1, pad: 0, bos: 1, space: 5, places: Vec::new() };
 
 fn batch(windows: usize, length: usize) -> Batch {
     let id = |i: usize| 5 + (i * i * 7 % 85) as u32;

@@ -1,7 +1,7 @@
 //! Windows of tokens, aligned to words: what a model trains on and what it is measured on.
 //!
-//! T tokens of context. A sequence is input `<bos> t0 t1 .. t(T-2)`, target `t0 .. t(T-1)`, and t0 is the first token of a
-//! word. `<bos>` stands at the front of every window, also in the middle of a clip, because generation's sliding window
+//! T tokens of context, K of them in front: `<bos>`, and a conditioning token a field. A sequence is input `front t0 t1 ..`,
+//! target `t0 t1 ..` from the last token of the front on, and t0 is the first token of a word. The front stands at the front of every window, also in the middle of a clip, because generation's sliding window
 //! does the same. Where a clip ends early, both are filled up with `<pad>`, which no loss counts. A word that is longer
 //! than a window is cut; only then does a window begin inside one.
 
@@ -78,20 +78,21 @@ fn next_start(words: ClipWords, start: usize, end: usize, context: usize) -> usi
     }
 }
 
-/// Writes a sequence of `input.len()` places from the tokens that follow a window's start: `<bos>` and all but the
-/// last to `input`, all to `target`, `pad` where they end.
+/// Writes a sequence of T places from the tokens that follow a window's start: `front` (K, at least 1) and as many tokens
+/// as are left to `input`; the tokens to `target` from the last of the front on; `pad` where they end, and before.
 ///
 /// # Panics
-/// If `input` and `target` differ in length, or there are more tokens than places.
-pub fn fill_sequence(tokens: &[u32], bos: u32, pad: u32, input: &mut [u32], target: &mut [u32]) {
+/// If `input` and `target` differ in length, there is no front, or there are more tokens than T + 1 - K.
+pub fn fill_sequence(tokens: &[u32], front: &[u32], pad: u32, input: &mut [u32], target: &mut [u32]) {
     assert_eq!(input.len(), target.len(), "input and target of one length");
-    assert!(tokens.len() <= target.len(), "{} tokens for {} places", tokens.len(), target.len());
-    target[..tokens.len()].copy_from_slice(tokens);
-    target[tokens.len()..].fill(pad);
-    if let Some((first, rest)) = input.split_first_mut() {
-        *first = bos;
-        rest.copy_from_slice(&target[..target.len() - 1]);
-    }
+    assert!(!front.is_empty() && front.len() <= input.len(), "{} tokens in front of {}", front.len(), input.len());
+    let asked = &mut target[front.len() - 1..];
+    assert!(tokens.len() <= asked.len(), "{} tokens for {} places", tokens.len(), asked.len());
+    asked[..tokens.len()].copy_from_slice(tokens);
+    asked[tokens.len()..].fill(pad);
+    input[..front.len()].copy_from_slice(front);
+    input[front.len()..].copy_from_slice(&asked[..asked.len() - 1]);
+    target[..front.len() - 1].fill(pad);
 }
 
 #[cfg(test)]
@@ -100,12 +101,14 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_sequence_is_shifted_by_one_behind_bos() {
+    fn a_sequence_is_shifted_by_one_behind_its_front() {
         let (mut input, mut target) = ([9; 5], [9; 5]);
-        fill_sequence(&[10, 11, 12], 1, 0, &mut input, &mut target);
+        fill_sequence(&[10, 11, 12], &[1], 0, &mut input, &mut target);
         assert_eq!((input, target), ([1, 10, 11, 12, 0], [10, 11, 12, 0, 0]));
-        fill_sequence(&[10, 11, 12, 13, 14], 1, 0, &mut input, &mut target);
+        fill_sequence(&[10, 11, 12, 13, 14], &[1], 0, &mut input, &mut target);
         assert_eq!((input, target), ([1, 10, 11, 12, 13], [10, 11, 12, 13, 14]));
+        fill_sequence(&[10, 11, 12], &[1, 7, 8], 0, &mut input, &mut target);
+        assert_eq!((input, target), ([1, 7, 8, 10, 11], [0, 0, 10, 11, 12]));
     }
 
     #[test]

@@ -39,7 +39,7 @@ pub fn likelihood(
     most: usize,
 ) -> Result<Option<Likelihood>> {
     let (own, found) = (model.tokens(), TokenLayout::of(corpus.tokenizer()));
-    if *own != found {
+    if !own.reads(&found) {
         let say = |t: &TokenLayout| {
             format!("words of {}{} tokens from {} ids", if t.varying { "up to " } else { "" }, t.word, t.vocabulary)
         };
@@ -49,7 +49,7 @@ pub fn likelihood(
             say(own)
         )));
     }
-    let all = eval_windows(clips.iter().map(|c| corpus.words(c)), model.config().context)?;
+    let all = eval_windows(clips.iter().map(|c| corpus.words(c)), own.room(model.config().context))?;
     let taken: Vec<&EvalWindow> = match most {
         0 => all.iter().collect(),
         most if most >= all.len() => all.iter().collect(),
@@ -99,7 +99,7 @@ fn batch_nats(
     let (mut inputs, mut targets) = (vec![pad; windows.len() * length], vec![pad; windows.len() * length]);
     for (window, (input, target)) in windows.iter().zip(inputs.chunks_mut(length).zip(targets.chunks_mut(length))) {
         let ids = corpus.ids(clips[window.clip], window.start..window.start + window.tokens);
-        fill_sequence(&ids, bos, pad, input, target);
+        fill_sequence(&ids, &[bos], pad, input, target);
         target[..window.scored.start].fill(pad);
         target[window.scored.end..].fill(pad);
     }

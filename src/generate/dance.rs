@@ -37,7 +37,7 @@ impl<'a> Dance<'a> {
             plan,
             seed,
             context,
-            most: word.map(|word| context / word),
+            most: word.map(|word| (context + 1 - plan.front.len()) / word),
             ids: Vec::with_capacity(plan.words * word.unwrap_or(1)),
             starts: vec![0],
             place: Place::default(),
@@ -75,9 +75,9 @@ impl<'a> Dance<'a> {
         self.ahead > 0
     }
 
-    /// Tokens of the window: the front token and all that are known from its first on.
+    /// Tokens of the window: the front and all that are known from its first on.
     fn window(&self) -> usize {
-        1 + self.ids.len() - self.first
+        self.plan.front.len() + self.ids.len() - self.first
     }
 
     /// The token that must stand at a place of the word that is being drawn, `behind` tokens behind the next one.
@@ -140,9 +140,9 @@ impl<'a> Dance<'a> {
             return self.read;
         }
         if self.read == 0 {
-            self.block.push(self.plan.bos);
+            self.block.extend_from_slice(self.plan.front);
         }
-        self.block.extend_from_slice(&self.ids[self.first + self.read.max(1) - 1..]);
+        self.block.extend_from_slice(&self.ids[self.first + self.read.saturating_sub(self.plan.front.len())..]);
         // a window that begins is read for itself: its rows would all be given logits
         if self.read > 0 {
             self.guess(guesses);

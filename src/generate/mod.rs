@@ -133,8 +133,8 @@ pub struct Plan<'a> {
     pub given: &'a [bool],
     /// (P, W) ids of the P words that these places are taken from, spaces included; words beyond them are free.
     pub prompt: &'a [u32],
-    /// The token in front of every window.
-    pub bos: u32,
+    /// The tokens in front of every window: `<bos>`, then those of conditions.
+    pub front: &'a [u32],
     /// How free places are drawn.
     pub draw: Draw,
     /// The seed of the draws.
@@ -143,12 +143,15 @@ pub struct Plan<'a> {
     pub guesses: usize,
 }
 
+/// What stands in front of a window without conditions.
+const FRONT: &[u32] = &[Special::Bos.id()];
+
 impl Plan<'_> {
     /// A free dance of so many words of a grammar.
     pub fn free(grammar: Grammar, words: usize, draw: Draw, seed: u64) -> Self {
         let guesses = if draw == Draw::Greedy { GUESSES } else { 0 };
         let (beginning, given, prompt) = (&[][..], &[][..], &[][..]);
-        Plan { words, grammar, beginning, given, prompt, bos: Special::Bos.id(), draw, seed, guesses }
+        Plan { words, grammar, beginning, given, prompt, front: FRONT, draw, seed, guesses }
     }
 }
 
@@ -184,9 +187,9 @@ pub struct Danced {
 /// (word and place are named), and what the model's own reading fails with.
 pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Danced> {
     let (context, word) = (model.context(), plan.grammar.tokens_per_word());
-    // a window of n words reads the front token and n words but for the last space
-    let (what, most) =
-        word.map_or(("tokens".into(), context), |word| (format!("words of {word}"), context / word.max(1)));
+    // a window of n words reads the front and n words but for the last space
+    let room = (context + 1).saturating_sub(plan.front.len());
+    let (what, most) = word.map_or(("tokens".into(), room), |word| (format!("words of {word}"), room / word.max(1)));
     if most < 2 {
         return Err(Error::Call(format!(
             "the model's context of {context} tokens holds {most} {what}; expected at least 2: train with a longer context"

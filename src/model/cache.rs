@@ -1,6 +1,5 @@
 //! Reading token after token: keys and values of what was read are kept.
 
-use super::layout::FRONT;
 use super::net::{Memory, Net};
 use super::ops::Mask;
 use super::position::Stand;
@@ -84,7 +83,7 @@ impl Cache {
         let memory = Memory { keys: &self.keys, values: &self.values, read: self.read, stand: self.stands[self.read] };
         let logits = self.net.forward(&ids, &Mask::Causal, None, Some(&memory))?;
         for &id in tokens {
-            if let (Some(counter), FRONT..) = (self.net.counter(), self.read) {
+            if let Some(counter) = self.net.counter().filter(|c| self.read >= c.front()) {
                 self.stands[self.read + 1] = counter.after(self.stands[self.read], id);
             }
             self.read += 1;

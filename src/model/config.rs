@@ -1,7 +1,7 @@
 //! What a model is: the `[model]` table of a training file, and what its tokenizer adds to it.
 
 use crate::{Error, Result};
-use kinelm_tokenizer::{SPACE, Special, Tokenizer};
+use kinelm_tokenizer::{PlaceIds, SPACE, Special, Tokenizer};
 use serde::{Deserialize, Serialize};
 
 /// The `[model]` table.
@@ -94,15 +94,15 @@ impl ModelConfig {
     pub fn validate_for(&self, tokens: &TokenLayout) -> Result<()> {
         self.validate()?;
         tokens.validate()?;
-        if tokens.varying && self.context < 2 {
-            return Err(Error::Call(format!("model.context is {} tokens; expected 2 or more", self.context)));
+        let least = tokens.front + 1;
+        if tokens.varying && self.context < least {
+            return Err(Error::Call(format!("model.context is {} tokens; expected {least} or more", self.context)));
         }
-        if !tokens.varying && self.context < 2 * tokens.word {
+        let needed = 2 * tokens.word + tokens.front - 1;
+        if !tokens.varying && self.context < needed {
             return Err(Error::Call(format!(
-                "model.context is {} tokens and a word has {}; expected room for two words: {} or more",
-                self.context,
-                tokens.word,
-                2 * tokens.word
+                "model.context is {} tokens and a word has {}; expected room for two words: {needed} or more",
+                self.context, tokens.word,
             )));
         }
         Ok(())
@@ -120,12 +120,36 @@ pub struct TokenLayout {
     /// Whether words differ in length.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub varying: bool,
+    /// Tokens in front of a window's words: `<bos>`, and a conditioning token a field.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub front: usize,
     /// The id that fills up short windows; it is never a target.
     pub pad: u32,
     /// The id in front of every window.
     pub bos: u32,
     /// The id that ends a word.
     pub space: u32,
+    /// What stands at the places of a word up to its space, stretch by stretch; empty where that isn't the same for all words.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub places: Vec<Stretch>,
+}
+
+/// Places of a word, one behind the other, that hold numbers of one kind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stretch {
+    /// How many places.
+    pub number: usize,
+    /// The ids that stand there: ascending bins.
+    pub kind: PlaceIds,
+}
+
+fn one() -> usize {
+    1
+}
+
+fn is_one(n: &usize) -> bool {
+    *n == 1
 }
 
 impl TokenLayout {
@@ -135,10 +159,27 @@ impl TokenLayout {
             vocabulary: tokenizer.vocabulary().len() as usize,
             word: tokenizer.longest_word(),
             varying: tokenizer.tokens_per_word().is_none(),
+            front: 1,
             pad: Special::Pad.id(),
             bos: Special::Bos.id(),
             space: SPACE,
+            places: stretches(&tokenizer.place_ids()),
         }
+    }
+
+    /// Whether a model of these tokens reads words of `other`: they are built alike, and its ids are among these.
+    pub fn reads(&self, other: &TokenLayout) -> bool {
+        (self.word, self.varying) == (other.word, other.varying) && self.vocabulary >= other.vocabulary
+    }
+
+    /// Word tokens that a window of `context` tokens is asked about: all but those of the front that nothing predicts.
+    pub fn room(&self, context: usize) -> usize {
+        (context + 1).saturating_sub(self.front)
+    }
+
+    /// What stands at each place of a word up to its space; nothing where that isn't the same for all words.
+    pub fn place_ids(&self) -> impl Iterator<Item = PlaceIds> + '_ {
+        self.places.iter().flat_map(|s| std::iter::repeat_n(s.kind, s.number))
     }
 
     /// # Errors
@@ -151,15 +192,38 @@ impl TokenLayout {
         if self.word == 0 {
             return Err(Error::Call("a word has 0 tokens; expected at least its space".into()));
         }
+        if self.front == 0 {
+            return Err(Error::Call("0 tokens in front of a window; expected at least <bos>".into()));
+        }
+        let places: usize = self.places.iter().map(|s| s.number).sum();
+        let outside = |s: &Stretch| s.kind.count == 0 || s.kind.ids().end as usize > self.vocabulary;
+        if !self.places.is_empty() && (self.varying || places + 1 != self.word || self.places.iter().any(outside)) {
+            let word = self.word;
+            return Err(Error::Call(format!("kinds of {places} places don't describe words of {word} tokens")));
+        }
         Ok(())
     }
+}
+
+/// Equal neighbours together.
+fn stretches(places: &[PlaceIds]) -> Vec<Stretch> {
+    places.chunk_by(|a, b| a == b).map(|c| Stretch { number: c.len(), kind: c[0] }).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const TOKENS: TokenLayout = TokenLayout { vocabulary: 366, word: 43, varying: false, pad: 0, bos: 1, space: 5 };
+    const TOKENS: TokenLayout = TokenLayout {
+        vocabulary: 366,
+        word: 43,
+        varying: false,
+        front: 1,
+        pad: 0,
+        bos: 1,
+        space: 5,
+        places: Vec::new(),
+    };
 
     #[test]
     fn the_first_wrong_key_is_named_with_its_limits() {

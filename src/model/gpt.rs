@@ -182,10 +182,12 @@ mod tests {
     use crate::model::Positions;
     use rand_chacha::rand_core::RngCore;
 
-    const TOKENS: TokenLayout = TokenLayout { vocabulary: 11, word: 4, varying: false, pad: 0, bos: 1, space: 5 };
+    const TOKENS: TokenLayout =
+        TokenLayout { vocabulary: 11, word: 4, varying: false, front: 1, pad: 0, bos: 1, space: 5, places: Vec::new() };
 
     /// With words of any length.
-    const VARYING: TokenLayout = TokenLayout { varying: true, ..TOKENS };
+    const VARYING: TokenLayout =
+        TokenLayout { vocabulary: 11, word: 4, varying: true, front: 1, pad: 0, bos: 1, space: 5, places: Vec::new() };
 
     fn small(positions: Positions, tied_head: bool) -> Gpt {
         small_of(&TOKENS, positions, tied_head)

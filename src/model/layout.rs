@@ -39,7 +39,7 @@ pub fn parameters(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> 
     match config.positions {
         Positions::Absolute => all.push(embedding("position.absolute.weight", config.context, d)),
         Positions::FrameJoint => {
-            all.push(embedding("position.front.weight", FRONT, d));
+            all.push(embedding("position.front.weight", tokens.front, d));
             all.push(embedding("position.frame.weight", word_rows(config, tokens), d));
             all.push(embedding("position.place.weight", tokens.word, d));
         }
@@ -71,13 +71,10 @@ pub fn initial(config: &ModelConfig, tokens: &TokenLayout, seed: u64) -> Result<
     all.map(|p| Ok((p.name.clone(), Tensor::from_vec(p.initial(seed), p.shape.as_slice(), &Device::Cpu)?))).collect()
 }
 
-/// Tokens in front of the first word: `<bos>`.
-pub(super) const FRONT: usize = 1;
-
 /// Words that have a position of their own: those that a window can hold, a character and a space each if words differ in
 /// length.
 pub(super) fn word_rows(config: &ModelConfig, tokens: &TokenLayout) -> usize {
-    config.context.div_ceil(if tokens.varying { 2 } else { tokens.word })
+    tokens.room(config.context).div_ceil(if tokens.varying { 2 } else { tokens.word })
 }
 
 /// The name of a block's tensors, up to the first dot behind its number.
@@ -137,7 +134,16 @@ mod tests {
 
     #[test]
     fn the_thesis_size_has_the_parameters_it_should() {
-        let tokens = TokenLayout { vocabulary: 480, word: 43, varying: false, pad: 0, bos: 1, space: 5 };
+        let tokens = TokenLayout {
+            vocabulary: 480,
+            word: 43,
+            varying: false,
+            front: 1,
+            pad: 0,
+            bos: 1,
+            space: 5,
+            places: Vec::new(),
+        };
         let config = ModelConfig {
             layers: 8,
             heads: 8,

@@ -4,7 +4,7 @@
 
 use super::config::{ModelConfig, Positions, TokenLayout};
 use super::dropout::Dropout;
-use super::layout::{self, FRONT};
+use super::layout;
 use super::ops::{self, Mask};
 use super::position::{Counter, Stand};
 use crate::{Error, Result};
@@ -178,19 +178,19 @@ impl Position {
             let Position::Absolute(table) = self else { unreachable!("there are two kinds") };
             return table.narrow(0, first, n);
         };
-        let fronts = FRONT.saturating_sub(first).min(n);
+        let (all, rows) = (front.dim(0)?, n);
+        let fronts = all.saturating_sub(first).min(rows);
         let sum = |words: Vec<u32>, places: Vec<u32>| {
             let rows = |table: &Tensor, ids: Vec<u32>| table.index_select(&Tensor::new(ids, table.device())?, 0);
             rows(frame, words)? + rows(place, places)?
         };
         let Some(counter) = counter else {
             let word = place.dim(0)?;
-            let behind =
-                |f: &dyn Fn(usize) -> usize| (first.max(FRONT)..first + n).map(|i| f(i - FRONT) as u32).collect();
+            let behind = |f: &dyn Fn(usize) -> usize| (first.max(all)..first + n).map(|i| f(i - all) as u32).collect();
             let words = || sum(behind(&|k| k / word), behind(&|k| k % word));
             return match fronts {
                 0 => words(),
-                all if all == n => front.narrow(0, first, n),
+                whole if whole == n => front.narrow(0, first, n),
                 some => Tensor::cat(&[front.narrow(0, first, some)?, words()?], 0),
             };
         };

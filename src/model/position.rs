@@ -1,7 +1,7 @@
 //! Which rows of the position tables tokens take where words differ in length: they are counted from the tokens.
 
 use super::config::{ModelConfig, Positions, TokenLayout};
-use super::layout::{FRONT, word_rows};
+use super::layout::word_rows;
 
 /// The word of the window that a token belongs to, and its place in the word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -14,6 +14,7 @@ pub(super) struct Stand {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Counter {
     space: u32,
+    front: usize,
     words: usize,
     places: usize,
 }
@@ -22,7 +23,17 @@ impl Counter {
     /// `None` where a token's place in the window tells its rows.
     pub fn of(config: &ModelConfig, tokens: &TokenLayout) -> Option<Counter> {
         let counts = tokens.varying && config.positions == Positions::FrameJoint;
-        counts.then(|| Counter { space: tokens.space, words: word_rows(config, tokens), places: tokens.word })
+        counts.then(|| Counter {
+            space: tokens.space,
+            front: tokens.front,
+            words: word_rows(config, tokens),
+            places: tokens.word,
+        })
+    }
+
+    /// Tokens in front of the first word.
+    pub fn front(self) -> usize {
+        self.front
     }
 
     /// The rows of the tables of words and of places.
@@ -42,7 +53,7 @@ impl Counter {
     /// The rows of every token of `window` into `words` and `places`; the front tokens' stay as they are.
     pub fn count(self, window: &[u32], words: &mut [u32], places: &mut [u32]) {
         let mut stand = Stand::default();
-        let tokens = window.iter().zip(words.iter_mut().zip(places)).skip(FRONT);
+        let tokens = window.iter().zip(words.iter_mut().zip(places)).skip(self.front);
         for (&id, (word, place)) in tokens {
             [*word, *place] = self.rows(stand);
             stand = self.after(stand, id);
@@ -56,7 +67,16 @@ mod tests {
 
     #[test]
     fn words_and_places_are_counted_up_to_the_last_row() {
-        let tokens = TokenLayout { vocabulary: 11, word: 3, varying: true, pad: 0, bos: 1, space: 5 };
+        let tokens = TokenLayout {
+            vocabulary: 11,
+            word: 3,
+            varying: true,
+            front: 1,
+            pad: 0,
+            bos: 1,
+            space: 5,
+            places: Vec::new(),
+        };
         let config = ModelConfig { context: 6, ..Default::default() };
         let counter = Counter::of(&config, &tokens).unwrap();
         let (mut words, mut places) = ([9; 12], [9; 12]);

@@ -2,7 +2,7 @@
 
 use super::config::{ModelConfig, Positions, TokenLayout};
 use super::gpt::Gpt;
-use super::layout::{self, FRONT};
+use super::layout;
 use super::scores::Scores;
 use crate::{Error, Result};
 use candle_core::{Device, Tensor};
@@ -158,7 +158,7 @@ fn packed(gpt: &Gpt, kind: WeightKind) -> Result<DecoderWeights> {
             end: tokens.space,
         },
         _ => {
-            places = positions(config, tokens.word, &get);
+            places = positions(config, tokens, &get);
             Tables::Places(&places)
         }
     };
@@ -180,11 +180,11 @@ fn packed(gpt: &Gpt, kind: WeightKind) -> Result<DecoderWeights> {
 }
 
 /// (T, D): what is added to the token at each place.
-fn positions<'a>(config: &ModelConfig, word: usize, get: &dyn Fn(&str) -> &'a [f32]) -> Vec<f32> {
-    let width = config.width;
+fn positions<'a>(config: &ModelConfig, tokens: &TokenLayout, get: &dyn Fn(&str) -> &'a [f32]) -> Vec<f32> {
+    let (width, word) = (config.width, tokens.word);
     let row = |name: &str, i: usize| &get(name)[i * width..][..width];
     let joint = |i: usize| -> Vec<f32> {
-        match i.checked_sub(FRONT) {
+        match i.checked_sub(tokens.front) {
             None => row("position.front.weight", i).to_vec(),
             Some(i) => {
                 let (frame, place) = (row("position.frame.weight", i / word), row("position.place.weight", i % word));
@@ -203,7 +203,8 @@ mod tests {
     use super::*;
     use rand_chacha::rand_core::RngCore;
 
-    const TOKENS: TokenLayout = TokenLayout { vocabulary: 51, word: 7, varying: false, pad: 0, bos: 1, space: 5 };
+    const TOKENS: TokenLayout =
+        TokenLayout { vocabulary: 51, word: 7, varying: false, front: 1, pad: 0, bos: 1, space: 5, places: Vec::new() };
 
     /// A model whose numbers are large enough to matter.
     fn model(positions: Positions, tied_head: bool) -> Gpt {

@@ -100,7 +100,16 @@ mod tests {
 
     #[test]
     fn weights_come_back_and_cut_files_are_refused() {
-        let tokens = TokenLayout { vocabulary: 11, word: 4, varying: false, pad: 0, bos: 1, space: 5 };
+        let tokens = TokenLayout {
+            vocabulary: 11,
+            word: 4,
+            varying: false,
+            front: 1,
+            pad: 0,
+            bos: 1,
+            space: 5,
+            places: Vec::new(),
+        };
         let config = ModelConfig { layers: 1, heads: 2, width: 8, context: 10, ..Default::default() };
         let gpt = Gpt::new(&config, &tokens, 1).unwrap();
         let dir = tempfile::tempdir().unwrap();

@@ -100,7 +100,16 @@ mod tests {
 
     #[test]
     fn two_updates_by_hand() {
-        let tokens = TokenLayout { vocabulary: 11, word: 4, varying: false, pad: 0, bos: 1, space: 5 };
+        let tokens = TokenLayout {
+            vocabulary: 11,
+            word: 4,
+            varying: false,
+            front: 1,
+            pad: 0,
+            bos: 1,
+            space: 5,
+            places: Vec::new(),
+        };
         let model = ModelConfig { layers: 1, heads: 1, width: 2, context: 10, ..Default::default() };
         let gpt = Gpt::new(&model, &tokens, 1).unwrap();
         let config = TrainConfig { betas: [0.9, 0.99], weight_decay: 0.5, ..Default::default() };
@@ -129,7 +138,16 @@ mod tests {
 
     #[test]
     fn moments_come_back_and_missing_ones_are_named() {
-        let tokens = TokenLayout { vocabulary: 11, word: 4, varying: false, pad: 0, bos: 1, space: 5 };
+        let tokens = TokenLayout {
+            vocabulary: 11,
+            word: 4,
+            varying: false,
+            front: 1,
+            pad: 0,
+            bos: 1,
+            space: 5,
+            places: Vec::new(),
+        };
         let model = ModelConfig { layers: 1, heads: 1, width: 2, context: 10, ..Default::default() };
         let gpt = Gpt::new(&model, &tokens, 1).unwrap();
         let mut adamw = AdamW::new(&gpt, &TrainConfig::default()).unwrap();

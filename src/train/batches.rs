@@ -85,7 +85,7 @@ impl<'a> Batches<'a> {
             let window = self.order(pass)[at as usize] as usize;
             let (clip, word, start) = self.start(pass, window);
             let ids = self.corpus.ids(clip, start..clip.tokens.min(start + t));
-            fill_sequence(&ids, Special::Bos.id(), Special::Pad.id(), input, target);
+            fill_sequence(&ids, &[Special::Bos.id()], Special::Pad.id(), input, target);
             let frame = self.corpus.frames_of(clip, 0..word);
             batch.clips.push(format!("{} from frame {frame}", clip.name));
         }

@@ -10,7 +10,8 @@ use rand_chacha::rand_core::RngCore;
 use std::path::Path;
 
 /// What the corpora below are made of.
-pub const TOKENS: TokenLayout = TokenLayout { vocabulary: 16, word: 7, varying: false, pad: 0, bos: 1, space: 5 };
+pub const TOKENS: TokenLayout =
+    TokenLayout { vocabulary: 16, word: 7, varying: false, front: 1, pad: 0, bos: 1, space: 5, places: Vec::new() };
 
 /// A corpus in `dir` of clips of so many frames. Characters walk by -1, 0 or 1 from frame to frame.
 pub fn corpus(dir: &Path, clips: &[(usize, Split)]) -> Corpus {

@@ -46,7 +46,16 @@ fn model(g: &Value) -> Gpt {
         positions: Positions::Absolute,
         ..Default::default()
     };
-    let tokens = TokenLayout { vocabulary: size("vocabulary"), word: 4, varying: false, pad: 0, bos: 1, space: 5 };
+    let tokens = TokenLayout {
+        vocabulary: size("vocabulary"),
+        word: 4,
+        varying: false,
+        front: 1,
+        pad: 0,
+        bos: 1,
+        space: 5,
+        places: Vec::new(),
+    };
     Gpt::from_tensors(&config, &tokens, tensors(&g["weights"])).unwrap()
 }
 
@@ -137,7 +146,8 @@ fn train(learner: &mut dyn Learner, batch: &Batch, config: &TrainConfig) -> Vec<
 
 #[test]
 fn one_window_is_learnt_by_heart() {
-    let tokens = TokenLayout { vocabulary: 30, word: 6, varying: false, pad: 0, bos: 1, space: 5 };
+    let tokens =
+        TokenLayout { vocabulary: 30, word: 6, varying: false, front: 1, pad: 0, bos: 1, space: 5, places: Vec::new() };
     for positions in [Positions::FrameJoint, Positions::Absolute] {
         let config = ModelConfig { layers: 2, heads: 2, width: 32, context: 48, positions, ..Default::default() };
         let gpt = Gpt::new(&config, &tokens, 1).unwrap();

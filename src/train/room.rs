@@ -51,7 +51,16 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_told_in_gigabytes() {
-        let tokens = TokenLayout { vocabulary: 400, word: 43, varying: false, pad: 0, bos: 1, space: 5 };
+        let tokens = TokenLayout {
+            vocabulary: 400,
+            word: 43,
+            varying: false,
+            front: 1,
+            pad: 0,
+            bos: 1,
+            space: 5,
+            places: Vec::new(),
+        };
         let thesis = ModelConfig { layers: 8, heads: 8, width: 512, context: 1024, ..Default::default() };
         // 26 million parameters of four numbers, 1,024 x 512 x 118 more
         let needed = needed(&thesis, &tokens, 1) as f64;

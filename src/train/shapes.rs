@@ -43,7 +43,8 @@ fn check(case: &Value) {
         tied_head: case["model"]["tied_head"].as_bool().unwrap(),
         ..Default::default()
     };
-    let tokens = TokenLayout { vocabulary, word: 3, varying: false, pad: 0, bos: 1, space: 5 };
+    let tokens =
+        TokenLayout { vocabulary, word: 3, varying: false, front: 1, pad: 0, bos: 1, space: 5, places: Vec::new() };
     let parameters = layout::parameters(&config, &tokens);
     let tensors = parameters.iter().enumerate().map(|(i, p)| (p.name.clone(), numbers(p, i))).collect();
     let (inputs, mut targets) = (ids(batch * length, 7, vocabulary), ids(batch * length, 5, vocabulary));

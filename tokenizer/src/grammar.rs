@@ -2,6 +2,7 @@
 
 use crate::scheme::WordLength;
 use crate::vocab::{FIRST_CHARACTER, SPACE, Vocabulary};
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// The ids that may follow one another inside a word: characters (and merged tokens) up to the word's length, then the
@@ -13,6 +14,30 @@ pub struct Grammar {
     /// Characters of each merged token, by id.
     merged: Vec<u16>,
     vocabulary: u32,
+}
+
+/// The ids that stand at a place of every word, as bins that ascend.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlaceIds {
+    /// The id of the first bin.
+    pub first: u32,
+    /// How many bins.
+    pub count: u32,
+    /// Whether the last bin is the first one's neighbour, as with angles.
+    pub circular: bool,
+}
+
+impl PlaceIds {
+    /// Its ids.
+    pub fn ids(self) -> Range<u32> {
+        self.first..self.first + self.count
+    }
+
+    /// The bin of an id; `None` for ids of other kinds.
+    pub fn bin(self, id: u32) -> Option<u32> {
+        id.checked_sub(self.first).filter(|&bin| bin < self.count)
+    }
 }
 
 /// Where a stream of ids stands in its word.

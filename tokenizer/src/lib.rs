@@ -49,7 +49,7 @@ pub use channel::{Channel, Channels, RootRotation};
 pub use config::TokenizerConfig;
 pub use error::{Error, Result};
 pub use fit::Fit;
-pub use grammar::{Grammar, Place};
+pub use grammar::{Grammar, Place, PlaceIds};
 pub use scheme::dct::{DctConfig, Quantizer, Steps};
 pub use scheme::lapped::{Lapped, LappedConfig, LappedMix};
 pub use scheme::mix::JointTransform;

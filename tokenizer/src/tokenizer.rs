@@ -5,7 +5,8 @@ use crate::merges::Merges;
 use crate::scheme::quantile::Quantile;
 use crate::scheme::uniform::Uniform;
 use crate::scheme::{Encoded, Fitted, Rest, Scheme, WordLength, check_skeleton};
-use crate::{Channels, Error, Fit, Grammar, Result, TokenizerConfig, Vocabulary, Words, alphabet};
+use crate::vocab::FIRST_CHARACTER;
+use crate::{Channels, Error, Fit, Grammar, PlaceIds, Result, TokenizerConfig, Vocabulary, Words, alphabet};
 use kinelm_motion::Clip;
 use kinelm_motion::joints::Selection;
 
@@ -109,6 +110,13 @@ impl Tokenizer {
     /// Which ids may stand where.
     pub fn grammar(&self) -> Grammar {
         Grammar::new(&self.vocabulary, self.word_length())
+    }
+
+    /// What stands at each place of a word up to its space; nothing where words vary or characters are merged.
+    pub fn place_ids(&self) -> Vec<PlaceIds> {
+        let places = self.tokens_per_word().map_or(0, |word| word - 1);
+        let (first, count) = (FIRST_CHARACTER, self.vocabulary.characters());
+        (0..places).map(|place| PlaceIds { first, count, circular: self.scheme().goes_round(place) }).collect()
     }
 
     /// A word that says nothing: no step, no turn.

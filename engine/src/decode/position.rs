@@ -49,8 +49,7 @@ impl Tables {
                 Tables::Places(Floats::of(places))
             }
             Positions::Words { front, word, place, end } => {
-                assert_eq!(front.len(), width, "numbers of the front row");
-                let (front, word, place) = (Floats::of(front), table("words", word), table("places", place));
+                let (front, word, place) = (table("the front", front), table("words", word), table("places", place));
                 Tables::Words { front, word, place, end }
             }
         }
@@ -78,9 +77,9 @@ impl Tables {
             Tables::Words { front, word, place, end } => {
                 for (x, (at, &id)) in rows.zip((first..).zip(tokens)) {
                     let stand = stands[at];
-                    if at == 0 {
-                        x.iter_mut().zip(front.iter()).for_each(|(x, p)| *x += p);
-                        stands[1] = Stand::default();
+                    if let Some(front) = front.get(at * width..(at + 1) * width) {
+                        x.iter_mut().zip(front).for_each(|(x, p)| *x += p);
+                        stands[at + 1] = Stand::default();
                     } else {
                         let (word, place) = (last_or(word, width, stand.word), last_or(place, width, stand.place));
                         x.iter_mut().zip(word.iter().zip(place)).for_each(|(x, (w, p))| *x += w + p);

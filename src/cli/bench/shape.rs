@@ -51,8 +51,16 @@ impl ShapeArgs {
         file.model.context = self.context.unwrap_or(file.model.context);
         file.model.dropout = self.dropout;
         // a word and the special ids as 13 joints have them
-        let tokens =
-            TokenLayout { vocabulary: self.vocabulary as usize, word: 43, varying: false, pad: 0, bos: 1, space: 5 };
+        let tokens = TokenLayout {
+            vocabulary: self.vocabulary as usize,
+            word: 43,
+            varying: false,
+            front: 1,
+            pad: 0,
+            bos: 1,
+            space: 5,
+            places: Vec::new(),
+        };
         file.model.validate_for(&tokens)?;
         let name = path.file_stem().map_or(self.config.clone(), |s| s.to_string_lossy().into_owned());
         Ok(Shape { name, file, tokens })

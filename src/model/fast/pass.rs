@@ -3,7 +3,7 @@
 use super::{BLOCK, Fast, Windows, block_tensors};
 use crate::model::config::{ModelConfig, Positions, TokenLayout};
 use crate::model::dropout::{Dropout, Purpose};
-use crate::model::layout::{self, FRONT};
+use crate::model::layout;
 use crate::model::position::Counter;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::{self, Saved, Shape};
@@ -201,15 +201,15 @@ fn two(stream: &mut [Floats], layer: usize) -> (&[f32], &mut [f32]) {
 
 /// The position tables and the row of each for the places `0..length` of a window; for all `rows` where words are counted.
 fn places(positions: Positions, tokens: &TokenLayout, rows: usize, length: usize) -> Vec<(&'static str, Vec<u32>)> {
-    let word = tokens.word;
+    let (word, front) = (tokens.word, tokens.front);
     let behind = |row: &dyn Fn(usize) -> usize| {
-        let row = |i: usize| if i < FRONT { NONE } else { row(i - FRONT) as u32 };
+        let row = |i: usize| if i < front { NONE } else { row(i - front) as u32 };
         (0..if tokens.varying { rows } else { length }).map(|i| row(i % length)).collect()
     };
     match positions {
         Positions::Absolute => vec![("position.absolute.weight", (0..length as u32).collect())],
         Positions::FrameJoint => vec![
-            ("position.front.weight", (0..length).map(|i| if i < FRONT { i as u32 } else { NONE }).collect()),
+            ("position.front.weight", (0..length).map(|i| if i < front { i as u32 } else { NONE }).collect()),
             ("position.frame.weight", behind(&|k| k / word)),
             ("position.place.weight", behind(&|k| k % word)),
         ],

@@ -34,7 +34,7 @@ enum Hides {
 
 fn model(case: &Case) -> Gpt {
     let &Case { positions, varying, tied_head, layers, heads, width, length, vocabulary, .. } = case;
-    let tokens = TokenLayout { vocabulary, word: 3, varying, pad: 0, bos: 1, space: 5 };
+    let tokens = TokenLayout { vocabulary, word: 3, varying, front: 1, pad: 0, bos: 1, space: 5, places: Vec::new() };
     let context = length.max(6);
     let config = ModelConfig {
         layers,

@@ -212,6 +212,11 @@ pub trait Scheme: Send + Sync {
     /// The reason, as half a sentence for a message.
     fn places(&self, channels: &Channels) -> std::result::Result<Vec<Channel>, String>;
 
+    /// Whether the codes at a place of words of one length go round: the last bin is the first one's neighbour.
+    fn goes_round(&self, _place: usize) -> bool {
+        false
+    }
+
     /// Appends the quantised numbers that a word says: as many for every word, in one order, zeros spelled out. Order-0
     /// tables are kept for each of them. In frame words these are the codes.
     fn numbers(&self, channels: &Channels, word: &[u16], out: &mut Vec<i32>);

@@ -244,6 +244,11 @@ impl Scheme for Uniform {
         }
     }
 
+    fn goes_round(&self, place: usize) -> bool {
+        // behind the translation stand angles, in bins of a full turn
+        place >= 3 && self.components.is_none()
+    }
+
     fn numbers(&self, _: &Channels, word: &[u16], out: &mut Vec<i32>) {
         out.extend(word.iter().map(|&k| i32::from(k)));
     }

@@ -224,7 +224,7 @@ impl<'a> Dance<'a> {
         let (word, place) = (self.words(), self.place.tokens);
         let mut rng = crate::random::stream(self.seed, "character", word as u64, place as u64);
         self.plan.draw.pick(logits, &self.plan.grammar.allowed(self.place), &mut rng).ok_or_else(|| {
-            Error::Call(format!("word {word}, place {place}: the model's logits are not finite; the run is broken"))
+            Error::Call(format!("word {word}, place {place}: the model's logits allow no token; the run is broken"))
         })
     }
 }

@@ -183,7 +183,7 @@ pub struct Danced {
 /// the plan's. `progress` is told the number of words that all of them have.
 ///
 /// # Errors
-/// A context that holds fewer than two words of the one length that all have, or two tokens; logits that are not finite
+/// A context that holds fewer than two words of the one length that all have, or two tokens; logits that allow no token
 /// (word and place are named), and what the model's own reading fails with.
 pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Danced> {
     let (context, word) = (model.context(), plan.grammar.tokens_per_word());

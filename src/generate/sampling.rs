@@ -15,15 +15,18 @@ pub enum Draw {
 
 impl Draw {
     /// The id that is drawn of those that are `allowed`, ranges that ascend, by the `logits` (V) of all; `None` if one of
-    /// theirs is missing or not finite.
+    /// theirs is missing, NaN or plus infinity, or if all of them are minus infinity, which says that an id can't come.
     ///
     /// Probabilities are summed in f64 in the order of the ids, so the same stream draws the same everywhere.
     pub fn pick(self, logits: &[f32], allowed: &[Range<u32>], rng: &mut ChaCha8Rng) -> Option<u32> {
         let ids = || allowed.iter().cloned().flatten();
         let logit = |id: u32| logits[id as usize];
-        let known = |id: u32| logits.get(id as usize).is_some_and(|l| l.is_finite());
+        let known = |id: u32| logits.get(id as usize).is_some_and(|l| *l < f32::INFINITY);
         let first = ids().next().filter(|_| ids().all(known))?;
         let best = ids().fold(first, |best, id| if logit(id) > logit(best) { id } else { best });
+        if logit(best) == f32::NEG_INFINITY {
+            return None;
+        }
         let Draw::Temperature(temperature) = self else { return Some(best) };
         let top = f64::from(logit(best));
         let weight = |id: u32| ((f64::from(logit(id)) - top) / temperature).exp();
@@ -73,6 +76,18 @@ mod tests {
         assert_eq!(pick(Draw::Greedy, &[1.0, f32::NAN]), None);
         assert_eq!(pick(Draw::Temperature(1.0), &[f32::INFINITY]), None);
         assert_eq!(pick(Draw::Greedy, &[]), None);
+    }
+
+    #[test]
+    fn minus_infinity_is_never_drawn() {
+        const NEVER: f32 = f32::NEG_INFINITY;
+        let mut rng = random::stream(1, "test", 0, 0);
+        let logits = [NEVER, 0.0, NEVER, 1.0, NEVER];
+        assert_eq!(Draw::Greedy.pick(&logits, &[0..3, 4..5], &mut rng), Some(1));
+        let drawn = share(Draw::Temperature(50.0), &logits);
+        assert_eq!(drawn.iter().map(|share| *share > 0.0).collect::<Vec<_>>(), [false, true, false, true, false]);
+        assert_eq!(Draw::Temperature(1.0).pick(&logits, &[0..1, 2..3], &mut rng), None);
+        assert_eq!(Draw::Greedy.pick(&logits, &[0..1], &mut rng), None);
     }
 
     #[test]

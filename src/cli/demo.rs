@@ -146,7 +146,7 @@ fn generate(model: &mut dyn NextToken, tokenizer: &Tokenizer, prompt: &Prompt, s
     let given = prompt::given_places(tokenizer, &joints::parse(FOLLOWED)?)?;
     let ids = tokenizer.ids_of_words(&prompt.words)?;
     let frames = FRAMES.min(prompt.frames());
-    let plan = Plan::free(tokenizer.grammar(), frames, Draw::Temperature(1.0), seed);
+    let plan = Plan::free(tokenizer.grammar(), frames, Draw::default(), seed);
     let plan = Plan { given: &given, prompt: &ids, ..plan };
     let danced = dance(model, &plan, &mut |_| {})?;
     let words = tokenizer.words_of_ids(&danced).words;

@@ -1,9 +1,8 @@
 //! `kinelm generate`.
 
-use super::{ComputeArgs, ReadingArgs, Say, WrongCall, read::ReadArgs};
+use super::{ComputeArgs, ReadingArgs, Say, WrongCall, draw::DrawArgs, read::ReadArgs};
 use anyhow::Result;
 use kinelm::generate::prompt::{self, Prompt, RestJoints};
-use kinelm::generate::sampling::Draw;
 use kinelm::generate::{NextToken, Plan, dances, reader};
 use kinelm::model::{Which, load_run};
 use kinelm_motion::format::{self, RestFrame};
@@ -37,12 +36,6 @@ pub struct Args {
     /// The seed of the draws; the same gives the same dance
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Always the likeliest token, instead of drawing by probability
-    #[arg(long, conflicts_with = "temperature")]
-    greedy: bool,
-    /// Below 1 bolder in what is likely, above 1 in what is not
-    #[arg(long, default_value_t = 1.0, value_parser = super::read::positive)]
-    temperature: f64,
     /// The rig the dance is written on: the model's (SMPL-24), or the prompt's own
     #[arg(long, value_enum, default_value = "model", requires_if("prompt", "prompt"))]
     rig: RigArg,
@@ -53,6 +46,8 @@ pub struct Args {
     /// If not given, 8 with --greedy and none without: drawn tokens are too rarely those of the word before
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=64), hide_short_help = true)]
     guesses: Option<u8>,
+    #[command(flatten)]
+    draw: DrawArgs,
     #[command(flatten)]
     reading: ReadingArgs,
     #[command(flatten)]
@@ -186,7 +181,7 @@ fn check_out(args: &Args) -> Result<()> {
         }
     }
     let extension = super::writable(&args.out)?;
-    if args.greedy && args.variations > 1 {
+    if args.draw.get()?.greedy && args.variations > 1 {
         let what = "--variations with --greedy: the likeliest dance is always the same; leave one of them out";
         return Err(WrongCall(what.into()).into());
     }
@@ -209,9 +204,8 @@ fn words(
 ) -> Result<Vec<Words>> {
     let followed = prompt.filter(|p| !p.given.is_empty());
     let ids = followed.map(|p| tokenizer.ids_of_words(&p.clip.words)).transpose()?.unwrap_or_default();
-    let draw = if args.greedy { Draw::Greedy } else { Draw::Temperature(args.temperature) };
     let length = tokenizer.frames_per_word();
-    let mut plan = Plan::free(tokenizer.grammar(), frames.div_ceil(length), draw, args.seed);
+    let mut plan = Plan::free(tokenizer.grammar(), frames.div_ceil(length), args.draw.get()?, args.seed);
     if let Some(prompt) = prompt {
         (plan.beginning, plan.given, plan.prompt) = (&prompt.beginning, &prompt.given, &ids);
     }

@@ -7,6 +7,7 @@ mod convert;
 mod corpus;
 mod data;
 mod demo;
+mod draw;
 mod evaluate;
 mod fit;
 mod generate;

@@ -214,6 +214,13 @@ impl<'a> Dance<'a> {
         Ok(())
     }
 
+    /// The tokens that stood at this place of the words that a repetition penalty looks back on.
+    fn recent(&self, place: usize) -> Vec<u32> {
+        let words = self.words();
+        let looked_at = words.saturating_sub(self.plan.draw.looks_back())..words;
+        looked_at.filter_map(|w| self.ids[self.starts[w]..self.starts[w + 1]].get(place).copied()).collect()
+    }
+
     /// The token of the next place, which is free.
     fn draw(&self, logits: &[f32]) -> Result<u32> {
         let (knows, expected) = (logits.len(), self.plan.grammar.vocabulary());
@@ -223,7 +230,8 @@ impl<'a> Dance<'a> {
         }
         let (word, place) = (self.words(), self.place.tokens);
         let mut rng = crate::random::stream(self.seed, "character", word as u64, place as u64);
-        self.plan.draw.pick(logits, &self.plan.grammar.allowed(self.place), &mut rng).ok_or_else(|| {
+        let recent = self.recent(place);
+        self.plan.draw.pick(logits, &self.plan.grammar.allowed(self.place), &recent, &mut rng).ok_or_else(|| {
             Error::Call(format!("word {word}, place {place}: the model's logits allow no token; the run is broken"))
         })
     }

@@ -149,7 +149,7 @@ const FRONT: &[u32] = &[Special::Bos.id()];
 impl Plan<'_> {
     /// A free dance of so many words of a grammar.
     pub fn free(grammar: Grammar, words: usize, draw: Draw, seed: u64) -> Self {
-        let guesses = if draw == Draw::Greedy { GUESSES } else { 0 };
+        let guesses = if draw.greedy { GUESSES } else { 0 };
         let (beginning, given, prompt) = (&[][..], &[][..], &[][..]);
         Plan { words, grammar, beginning, given, prompt, front: FRONT, draw, seed, guesses }
     }

@@ -73,7 +73,7 @@ fn run(context: usize, plan: &Plan) -> Result<(Vec<u32>, usize)> {
 fn given_characters_come_out_as_they_went_in() {
     let prompt = [6, 7, 8, 5, 9, 10, 11, 5];
     let given = [false, true, false];
-    let (ids, calls) = run(100, &plan(4, &given, &prompt, Draw::Temperature(1.0))).unwrap();
+    let (ids, calls) = run(100, &plan(4, &given, &prompt, Draw::temperature(1.0))).unwrap();
     assert_eq!(ids.len(), 16);
     assert_eq!((ids[1], ids[5]), (7, 10));
     assert!(ids.chunks(4).all(|w| w[3] == 5 && w[..3].iter().all(|id| (6..16).contains(id))));
@@ -84,17 +84,17 @@ fn given_characters_come_out_as_they_went_in() {
 #[test]
 fn a_window_that_moves_never_overflows() {
     for context in 8..40 {
-        let p = plan(25, &[false, false, false], &[], Draw::Greedy);
+        let p = plan(25, &[false, false, false], &[], Draw::greedy());
         let (ids, _) = run(context, &p).unwrap();
         assert_eq!(ids.len(), 100);
     }
-    assert!(run(7, &plan(3, &[false; 3], &[], Draw::Greedy)).unwrap_err().to_string().contains("holds 1 words"));
+    assert!(run(7, &plan(3, &[false; 3], &[], Draw::greedy())).unwrap_err().to_string().contains("holds 1 words"));
 }
 
 #[test]
 fn the_whole_window_is_read_before_it_moves() {
     // as long as everything fits, the sum of all tokens before decides
-    let (ids, _) = run(100, &plan(8, &[false; 3], &[], Draw::Greedy)).unwrap();
+    let (ids, _) = run(100, &plan(8, &[false; 3], &[], Draw::greedy())).unwrap();
     let mut sum = 1;
     for word in ids.chunks(4) {
         for &id in &word[..3] {
@@ -107,14 +107,14 @@ fn the_whole_window_is_read_before_it_moves() {
 
 #[test]
 fn the_same_seed_gives_the_same_dance() {
-    let p = plan(20, &[false; 3], &[], Draw::Temperature(3.0));
+    let p = plan(20, &[false; 3], &[], Draw::temperature(3.0));
     assert_eq!(run(30, &p).unwrap(), run(30, &p).unwrap());
     assert_ne!(run(30, &p).unwrap(), run(30, &Plan { seed: 8, ..p.clone() }).unwrap());
 }
 
 #[test]
 fn everything_given_needs_no_model() {
-    let (ids, calls) = run(30, &plan(2, &[true; 3], &[6, 6, 6, 5, 6, 6, 6, 5], Draw::Greedy)).unwrap();
+    let (ids, calls) = run(30, &plan(2, &[true; 3], &[6, 6, 6, 5, 6, 6, 6, 5], Draw::greedy())).unwrap();
     assert_eq!((ids, calls), (vec![6, 6, 6, 5, 6, 6, 6, 5], 0));
 }
 
@@ -123,7 +123,7 @@ fn guessing_ahead_changes_no_id_and_saves_reads() {
     let prompt: Vec<u32> = (0..40).map(|i| if i % 4 == 3 { 5 } else { 6 + i * i % 7 }).collect();
     for given in [[false; 3], [false, true, false], [true, false, false], [false, false, true]] {
         // a temperature that makes characters repeat, one that does not, and the likeliest
-        for draw in [Draw::Temperature(0.3), Draw::Temperature(9.0), Draw::Greedy] {
+        for draw in [Draw::temperature(0.3), Draw::temperature(9.0), Draw::greedy()] {
             for context in [9, 20, 200] {
                 let plain = plan(30, &given, &prompt, draw);
                 let (ids, calls) = run(context, &plain).unwrap();
@@ -142,7 +142,7 @@ fn guessing_ahead_changes_no_id_and_saves_reads() {
 #[test]
 fn the_first_of_several_dances_is_the_one_danced_alone() {
     for guesses in [0, 2] {
-        let plan = Plan { guesses, ..plan(20, &[false, true, false], &[6, 7, 8, 5], Draw::Temperature(3.0)) };
+        let plan = Plan { guesses, ..plan(20, &[false, true, false], &[6, 7, 8, 5], Draw::temperature(3.0)) };
         let mut model = model(30, 3);
         let mut done = Vec::new();
         let found = dances(&mut model, &plan, &mut |frames| done.push(frames)).unwrap().ids;
@@ -161,7 +161,7 @@ fn wish(window: &[u32]) -> u32 {
 
 #[test]
 fn words_of_any_length_keep_to_the_grammar_and_end() {
-    for draw in [Draw::Greedy, Draw::Temperature(1.0), Draw::Temperature(9.0)] {
+    for draw in [Draw::greedy(), Draw::temperature(1.0), Draw::temperature(9.0)] {
         for context in [2, 3, 5, 8, 20, 500] {
             let p = varying(40, &[], draw);
             let (ids, _) = run(context, &p).unwrap();
@@ -175,25 +175,25 @@ fn words_of_any_length_keep_to_the_grammar_and_end() {
             assert_eq!(run(context, &p).unwrap().0, ids, "the same seed gives the same dance");
         }
     }
-    let message = run(1, &varying(1, &[], Draw::Greedy)).unwrap_err().to_string();
+    let message = run(1, &varying(1, &[], Draw::greedy())).unwrap_err().to_string();
     assert!(message.contains("holds 1 tokens"), "{message}");
 }
 
 #[test]
 fn a_dance_goes_on_where_its_beginning_ends() {
     let beginning = [6, 7, 5, 5, 8, 9, 10, 5];
-    let (ids, _) = run(100, &varying(6, &beginning, Draw::Greedy)).unwrap();
+    let (ids, _) = run(100, &varying(6, &beginning, Draw::greedy())).unwrap();
     assert_eq!(ids[..8], beginning);
     // words of seven, since the model wishes for no space
     assert_eq!(ids.len(), 8 + 3 * 8);
     for (i, &id) in ids.iter().enumerate().skip(8).filter(|(i, _)| (i - 8) % 8 != 7) {
         assert_eq!(id, wish(&ids[..i]), "token {i}");
     }
-    let (cut, calls) = run(100, &varying(2, &beginning, Draw::Greedy)).unwrap();
+    let (cut, calls) = run(100, &varying(2, &beginning, Draw::greedy())).unwrap();
     assert_eq!((&cut[..], calls), (&beginning[..4], 0));
     // one that is longer than the context is read from its end
     let long: Vec<u32> = beginning.repeat(9);
-    let (ids, _) = run(13, &varying(36 + 1, &long, Draw::Greedy)).unwrap();
+    let (ids, _) = run(13, &varying(36 + 1, &long, Draw::greedy())).unwrap();
     // 72 tokens: windows begin at 8 (the first word behind 6), 16, .. up to 64, where 8 are left
     assert_eq!(ids[72], wish(&ids[64..72]));
 }
@@ -201,12 +201,12 @@ fn a_dance_goes_on_where_its_beginning_ends() {
 #[test]
 fn a_full_window_moves_to_the_first_word_of_its_later_half() {
     // 7 characters and a space each; of 20 tokens the model reads 1 and 19
-    let (ids, _) = run(20, &varying(4, &[], Draw::Greedy)).unwrap();
+    let (ids, _) = run(20, &varying(4, &[], Draw::greedy())).unwrap();
     for (i, first) in [(19, 0), (20, 16), (22, 16), (24, 16), (30, 16)] {
         assert_eq!(ids[i], wish(&ids[first..i]), "token {i}");
     }
     // a word that alone fills the window is begun inside: 1 + 4 tokens, then from 2 on
-    let (ids, _) = run(5, &varying(2, &[], Draw::Greedy)).unwrap();
+    let (ids, _) = run(5, &varying(2, &[], Draw::greedy())).unwrap();
     for (i, first) in [(4, 0), (5, 2), (6, 2)] {
         assert_eq!(ids[i], wish(&ids[first..i]), "token {i}");
     }
@@ -214,7 +214,7 @@ fn a_full_window_moves_to_the_first_word_of_its_later_half() {
 
 #[test]
 fn guessing_ahead_changes_no_word_of_any_length() {
-    for draw in [Draw::Temperature(0.3), Draw::Temperature(2.0), Draw::Greedy] {
+    for draw in [Draw::temperature(0.3), Draw::temperature(2.0), Draw::greedy()] {
         for context in [4, 9, 20, 200] {
             let plain = varying(30, &[6, 7, 8, 9, 5], draw);
             let (ids, calls) = run(context, &plain).unwrap();
@@ -227,6 +227,23 @@ fn guessing_ahead_changes_no_word_of_any_length() {
                 guessed += found.guessed;
             }
             assert!(guessed > 0, "context {context}");
+        }
+    }
+}
+
+#[test]
+fn the_penalty_falls_on_what_stood_at_the_same_place() {
+    let draw = Draw { repetition_penalty: 1e9, repetition_words: 2, ..Draw::greedy() };
+    for plan in [plan(30, &[false; 3], &[], draw), varying(30, &[], draw)] {
+        let (ids, _) = run(40, &plan).unwrap();
+        let words: Vec<&[u32]> = ids.split_inclusive(|&id| id == SPACE).collect();
+        assert_eq!(words.len(), 30);
+        let of = |word: usize, place: usize| words[word].get(place).filter(|&&id| id != SPACE);
+        for (word, place) in (2..30).flat_map(|w| (0..7).map(move |p| (w, p))).filter(|&(w, p)| of(w, p).is_some()) {
+            assert!(
+                [1, 2].iter().all(|before| of(word - before, place) != of(word, place)),
+                "word {word} place {place}"
+            );
         }
     }
 }

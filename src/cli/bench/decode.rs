@@ -139,7 +139,7 @@ impl Bench<'_> {
         let prompt: Vec<u32> = self.tokens.iter().copied().cycle().take(frames * word).collect();
         let vocabulary = Vocabulary::new(self.shape.tokens.vocabulary as u32 - FIRST_ID);
         let grammar = Grammar::new(&vocabulary, WordLength::Fixed(word - 1));
-        let plan = Plan::free(grammar, frames, Draw::Temperature(1.0), 1);
+        let plan = Plan::free(grammar, frames, Draw::default(), 1);
         let plan = Plan { given: &given, prompt: &prompt, ..plan };
         let reader = &mut self.reader;
         let repeats = self.args.how.repeats.unwrap_or(3);

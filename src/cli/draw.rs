@@ -1,0 +1,50 @@
+//! How tokens are drawn, the same on every command that draws some.
+
+use super::WrongCall;
+use super::read::positive;
+use anyhow::Result;
+use kinelm::generate::sampling::Draw;
+
+/// How the next token is drawn: the penalty first, then temperature, top-k, top-p, min-p, in this order.
+#[derive(Debug, Clone, Copy, clap::Args)]
+#[command(next_help_heading = "Drawing")]
+pub struct DrawArgs {
+    /// Always the likeliest token, instead of drawing by probability
+    #[arg(long, conflicts_with_all = ["temperature", "top_k", "top_p", "min_p"])]
+    greedy: bool,
+    /// Below 1 bolder in what is likely, above 1 in what is not
+    #[arg(long, default_value_t = 1.0, value_parser = positive)]
+    temperature: f64,
+    /// Draw from the N likeliest tokens only
+    #[arg(long, value_name = "N")]
+    top_k: Option<usize>,
+    /// Draw from the fewest likeliest tokens only that have the probability P together
+    #[arg(long, value_name = "P")]
+    top_p: Option<f64>,
+    /// Draw from the tokens only that are at least P times as likely as the likeliest
+    #[arg(long, value_name = "P")]
+    min_p: Option<f64>,
+    /// Divide the probability of what stood at the same place of a word a short while ago: above 1 against freezing
+    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = positive)]
+    repetition_penalty: f64,
+    /// Words that the penalty looks back: frames, where a word is a frame
+    #[arg(long, value_name = "N", default_value_t = Draw::default().repetition_words)]
+    repetition_words: usize,
+}
+
+impl DrawArgs {
+    /// As the library has it.
+    pub fn get(self) -> Result<Draw> {
+        let draw = Draw {
+            greedy: self.greedy,
+            repetition_penalty: self.repetition_penalty,
+            repetition_words: self.repetition_words,
+            temperature: self.temperature,
+            top_k: self.top_k,
+            top_p: self.top_p,
+            min_p: self.min_p,
+        };
+        draw.check().map_err(|e| WrongCall(format!("--{e}")))?;
+        Ok(draw)
+    }
+}

@@ -1,0 +1,25 @@
+//! Min-p: only ids at least a share p as likely as the likeliest. Source: Nguyen et al., "Turning Up the Heat: Min-p
+//! Sampling" (2024).
+
+use super::Candidate;
+
+/// Keeps the ids whose probability is at least `p` times that of the likeliest.
+pub fn apply(left: &mut Vec<Candidate>, p: f64) {
+    let top = left.iter().fold(f64::NEG_INFINITY, |top, c| top.max(c.logit));
+    left.retain(|c| (c.logit - top).exp() >= p);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::kept;
+    use super::*;
+
+    #[test]
+    fn what_is_far_less_likely_than_the_likeliest_goes() {
+        let logits = [0.1f64, 0.6, 0.25, 0.05].map(f64::ln);
+        assert_eq!(kept(&logits, |c| apply(c, 0.0)), [0, 1, 2, 3]);
+        assert_eq!(kept(&logits, |c| apply(c, 0.1)), [0, 1, 2]);
+        assert_eq!(kept(&logits, |c| apply(c, 0.4)), [1, 2]);
+        assert_eq!(kept(&logits, |c| apply(c, 1.0)), [1]);
+    }
+}

@@ -1,0 +1,24 @@
+//! Temperature, and the draw by probability.
+
+use super::Candidate;
+use crate::random;
+use rand_chacha::ChaCha8Rng;
+
+/// Divides the logits.
+pub fn apply(left: &mut [Candidate], temperature: f64) {
+    left.iter_mut().for_each(|c| c.logit /= temperature);
+}
+
+/// One of the ids, by their probabilities; the likeliest's logit is 0.
+pub fn draw(left: &[Candidate], rng: &mut ChaCha8Rng) -> Option<u32> {
+    let total: f64 = left.iter().map(|c| c.logit.exp()).sum();
+    let mut rest = random::unit(rng) * total;
+    for c in left {
+        rest -= c.logit.exp();
+        if rest < 0.0 {
+            return Some(c.id);
+        }
+    }
+    // rounding has left a little
+    super::greedy::pick(left)
+}

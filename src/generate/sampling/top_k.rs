@@ -1,0 +1,23 @@
+//! Top-k: only the k likeliest. Source: Fan, Lewis, Dauphin, "Hierarchical Neural Story Generation" (2018).
+
+use super::{Candidate, keep_likeliest};
+
+/// Keeps the `k` likeliest, at least one; of equals the first.
+pub fn apply(left: &mut Vec<Candidate>, k: usize) {
+    keep_likeliest(left, k.max(1));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::kept;
+    use super::*;
+
+    #[test]
+    fn the_first_of_equals_stay() {
+        let logits = [1.0, 3.0, 2.0, 3.0, 3.0];
+        assert_eq!(kept(&logits, |c| apply(c, 1)), [1]);
+        assert_eq!(kept(&logits, |c| apply(c, 2)), [1, 3]);
+        assert_eq!(kept(&logits, |c| apply(c, 4)), [1, 2, 3, 4]);
+        assert_eq!(kept(&logits, |c| apply(c, 5)), kept(&logits, |c| apply(c, 99)));
+    }
+}

@@ -6,12 +6,13 @@ pub mod config;
 pub mod fast;
 #[cfg(test)]
 pub(crate) mod fixture;
+pub mod folder;
 pub mod learner;
 pub mod metrics;
 #[cfg(test)]
 mod parity;
 pub mod plain;
-mod pretrain;
+pub mod pretrain;
 pub mod progress;
 pub mod room;
 pub mod run;

@@ -55,23 +55,15 @@ impl RunFile {
         })
     }
 
-    /// Makes the run folder; `config.toml` is written last.
+    /// Puts the tokenizer and the corpus's description into the run folder.
     ///
     /// # Errors
-    /// A folder that is there and not empty; what the system refuses.
-    pub fn create(&self, run: &Path, corpus: &Corpus) -> Result<()> {
-        if fs::symlink_metadata(run).is_ok() && !fs::read_dir(run).is_ok_and(|mut e| e.next().is_none()) {
-            let run = run.display();
-            return Err(Error::Call(format!("{run} exists; go on with it by --resume, or give another run folder")));
-        }
-        for folder in [run.to_owned(), run.join("samples"), run.join("checkpoints")] {
-            fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
-        }
+    /// What the system refuses.
+    pub fn put_beside(&self, run: &Path, corpus: &Corpus) -> Result<()> {
         let from = corpus.dir().join("corpus.json");
         let description = fs::read(&from).map_err(Error::io(&from))?;
         files::write_whole(&run.join("corpus.json"), &description)?;
-        files::write_whole(&run.join(TOKENIZER), corpus.tokenizer().to_json().as_bytes())?;
-        self.write(run)
+        files::write_whole(&run.join(TOKENIZER), corpus.tokenizer().to_json().as_bytes())
     }
 
     /// Writes `config.toml`.

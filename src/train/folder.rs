@@ -1,0 +1,148 @@
+//! A run folder that one process writes.
+
+use crate::model::run::TOKENIZER;
+use crate::{Error, Result};
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{ErrorKind, Read, Seek, Write};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// The file that a writing process holds locked; it says its number.
+const LOCK: &str = ".lock";
+/// How often, and after which time, a lock is tried: whoever looks whether a run is going holds it for an instant.
+const TRIES: (u32, Duration) = (5, Duration::from_millis(40));
+/// How the names of half-written files end.
+const HALF: &str = ".part";
+/// What a folder holds before its `config.toml`.
+const EARLY: [&str; 5] = [LOCK, "samples", "checkpoints", "corpus.json", TOKENIZER];
+
+/// A run folder, locked while this lives, and given free by the system if the process dies.
+#[derive(Debug)]
+pub struct RunFolder {
+    path: PathBuf,
+    _lock: Option<File>,
+}
+
+impl RunFolder {
+    /// Makes the folder of a new run. One whose beginning was cut short is begun again.
+    ///
+    /// # Errors
+    /// A folder that is there and not empty; another process that writes it; what the system refuses.
+    pub fn create(run: &Path) -> Result<RunFolder> {
+        if !is_free(run) {
+            let run = run.display();
+            return Err(Error::Call(format!("{run} exists; go on with it by --resume, or give another run folder")));
+        }
+        fs::create_dir_all(run).map_err(Error::io(run))?;
+        let folder = RunFolder::open(run)?;
+        for folder in [run.join("samples"), run.join("checkpoints")] {
+            fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
+        }
+        Ok(folder)
+    }
+
+    /// The folder of a run that is there.
+    ///
+    /// # Errors
+    /// No such folder; another process that writes it.
+    pub fn open(run: &Path) -> Result<RunFolder> {
+        if !run.is_dir() {
+            let help = "leave --resume out to begin a run";
+            return Err(Error::file(run, "no config.toml", "a run folder", help));
+        }
+        let path = run.join(LOCK);
+        let file = OpenOptions::new().create(true).truncate(false).read(true).write(true).open(&path);
+        let mut file = file.map_err(Error::io(&path))?;
+        for _ in 0..TRIES.0 {
+            match file.try_lock() {
+                Ok(()) => {
+                    let write = |f: &mut File| f.set_len(0).and_then(|()| write!(f, "{}", std::process::id()));
+                    write(&mut file).map_err(Error::io(&path))?;
+                    sweep(run)?;
+                    return Ok(RunFolder { path: run.to_owned(), _lock: Some(file) });
+                }
+                Err(TryLockError::WouldBlock) => std::thread::sleep(TRIES.1),
+                // file systems without locks can't tell
+                Err(TryLockError::Error(e)) if e.kind() == ErrorKind::Unsupported => {
+                    return Ok(RunFolder { path: run.to_owned(), _lock: None });
+                }
+                Err(TryLockError::Error(e)) => return Err(Error::io(&path)(e)),
+            }
+        }
+        let mut who = String::new();
+        let _ = file.rewind().and_then(|()| file.read_to_string(&mut who));
+        let who = if who.is_empty() { String::new() } else { format!(" (number {who})") };
+        Err(Error::Call(format!("{} is being written by another process{who}; stop that one first", run.display())))
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+/// Whether a process writes this run just now.
+pub fn is_written(run: &Path) -> bool {
+    let lock = File::open(run.join(LOCK));
+    lock.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+}
+
+/// Removes what a killed process left half written.
+fn sweep(run: &Path) -> Result<()> {
+    for entry in fs::read_dir(run).map_err(Error::io(run))?.flatten() {
+        if entry.file_name().to_string_lossy().ends_with(HALF) {
+            fs::remove_file(entry.path()).map_err(Error::io(entry.path()))?;
+        }
+    }
+    Ok(())
+}
+
+/// Whether nothing is there, or nothing but what a process left that died while it began a run.
+fn is_free(run: &Path) -> bool {
+    if fs::symlink_metadata(run).is_err() {
+        return true;
+    }
+    let Ok(entries) = fs::read_dir(run) else { return false };
+    let names: Vec<String> = entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect();
+    let early = |name: &String| EARLY.contains(&name.as_str()) || name.ends_with(HALF);
+    names.is_empty() || (names.iter().any(|n| n == LOCK) && names.iter().all(early))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_process_at_a_time() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = dir.path().join("run");
+        assert!(RunFolder::open(&run).unwrap_err().to_string().contains("no config.toml"));
+        let first = RunFolder::create(&run).unwrap();
+        assert!(is_written(&run));
+        let message = RunFolder::open(&run).unwrap_err().to_string();
+        let expected = format!("is being written by another process (number {})", std::process::id());
+        assert!(message.contains(&expected), "{message}");
+        drop(first);
+        assert!(!is_written(&run));
+        RunFolder::open(&run).unwrap();
+    }
+
+    #[test]
+    fn a_beginning_that_was_cut_short_is_begun_again_and_nothing_else_is_touched() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = dir.path().join("run");
+        drop(RunFolder::create(&run).unwrap());
+        fs::write(run.join(TOKENIZER), "{}").unwrap();
+        fs::write(run.join("config.toml.77-0.part"), "ver").unwrap();
+        drop(RunFolder::create(&run).unwrap());
+        assert!(!run.join("config.toml.77-0.part").exists());
+        fs::write(run.join("config.toml"), "").unwrap();
+        assert!(RunFolder::create(&run).unwrap_err().to_string().contains("run exists; go on with it by --resume"));
+        // no run's
+        let other = dir.path().join("other");
+        fs::create_dir(&other).unwrap();
+        fs::write(other.join(TOKENIZER), "{}").unwrap();
+        assert!(RunFolder::create(&other).unwrap_err().to_string().contains("other exists"));
+        drop(RunFolder::create(&dir.path().join("a/b")).unwrap());
+    }
+}

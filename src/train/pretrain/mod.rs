@@ -1,0 +1,172 @@
+//! Training from scratch: what is asked for becomes a run folder, or a run folder is found and gone on with.
+
+mod saved;
+#[cfg(test)]
+mod tests;
+mod trainer;
+
+use super::batches::Batches;
+use super::config::TrainFile;
+use super::folder::RunFolder;
+use super::progress::Progress;
+use super::room;
+use super::run::RunFile;
+use crate::corpus::Corpus;
+use crate::evaluate::likelihood::Likelihood;
+use crate::model::Compute;
+use crate::model::checkpoint::{Best, Checkpoints};
+use crate::{Error, Result};
+use candle_core::Tensor;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+use trainer::Trainer;
+
+/// What to train, on what, and where to.
+#[derive(Debug, Clone, Default)]
+pub struct PretrainOptions {
+    /// The training file. A run that is resumed has its own; one given then must say the same.
+    pub file: Option<TrainFile>,
+    /// The corpus folder, over the one in the file (or the run's).
+    pub corpus: Option<PathBuf>,
+    /// The run folder, over the one in the file.
+    pub run: Option<PathBuf>,
+    /// Steps in all, over the file's (or the run's).
+    pub steps: Option<u64>,
+    /// The seed, over the file's.
+    pub seed: Option<u64>,
+    /// Go on with the run where its last whole checkpoint stands.
+    pub resume: bool,
+    /// Where and how to compute. A run can go on elsewhere than where it was begun.
+    pub compute: Compute,
+}
+
+/// How a run ended.
+#[derive(Debug, Clone)]
+pub struct Summary {
+    /// The run folder.
+    pub run: PathBuf,
+    /// The last checkpoint's folder.
+    pub checkpoint: PathBuf,
+    /// Updates done in all.
+    pub step: u64,
+    /// Whether it was stopped before its last step.
+    pub stopped: bool,
+    /// The last step's loss, nats a token; `None` if no step was left to do.
+    pub loss: Option<f64>,
+    /// The measurement at the end, if there are validation clips and it wasn't stopped.
+    pub valid: Option<Likelihood>,
+    /// The best measurement of the run.
+    pub best: Option<Best>,
+    /// Tokens trained on in all, padding left out.
+    pub tokens: u64,
+    /// Seconds of this call.
+    pub seconds: f64,
+}
+
+/// Trains a model from scratch, or goes on with a run.
+///
+/// A checkpoint is written as often as the file says, where validation is best, at the last step, and when `stop`
+/// becomes true. A resumed run has the same bits as one that was never stopped, on the same kind of CPU and in the same
+/// form. It works on the rayon pool that it is called in; the number of threads changes nothing.
+///
+/// # Errors
+/// Options that don't hold together; a run folder that exists (without `resume`), or that another process writes; a
+/// corpus without training clips or another than the run's; a loss or gradient that is not finite (step and clips are
+/// named); what the system refuses.
+pub fn pretrain(options: &PretrainOptions, stop: &AtomicBool, progress: &mut dyn Progress) -> Result<Summary> {
+    let of_file = |pick: fn(&TrainFile) -> &Option<PathBuf>| options.file.as_ref().and_then(|f| pick(f).clone());
+    let run = options.run.clone().or_else(|| of_file(|f| &f.run));
+    let run = run.ok_or_else(|| Error::Call("no run folder; give one by --run or in the training file".into()))?;
+    let corpus = options.corpus.clone().or_else(|| of_file(|f| &f.corpus));
+    // a device that isn't there must not leave an empty run behind
+    options.compute.device.open()?;
+    let (folder, file, corpus) = match options.resume {
+        true => {
+            let folder = RunFolder::open(&run)?;
+            let (file, corpus) = found(options, &folder, corpus)?;
+            (folder, file, corpus)
+        }
+        false => {
+            let (file, corpus) = asked(options, corpus)?;
+            (begin(&run, &file, &corpus, None)?, file, corpus)
+        }
+    };
+    go_on(&folder, file, &corpus, options.compute, stop, progress)
+}
+
+/// The configuration of a new run.
+fn asked(options: &PretrainOptions, corpus: Option<PathBuf>) -> Result<(RunFile, Corpus)> {
+    let file = options.file.as_ref();
+    let file = file.ok_or_else(|| Error::Call("no training file; give one by --config".into()))?;
+    let corpus = corpus.ok_or_else(|| Error::Call("no corpus; give one by --corpus or in the training file".into()))?;
+    let corpus = Corpus::open(corpus)?;
+    let mut train = file.train.clone();
+    train.steps = options.steps.unwrap_or(train.steps);
+    train.seed = options.seed.unwrap_or(train.seed);
+    Ok((RunFile::new(&file.model, &train, &corpus)?, corpus))
+}
+
+/// The configuration of a run folder that is there.
+fn found(options: &PretrainOptions, run: &RunFolder, corpus: Option<PathBuf>) -> Result<(RunFile, Corpus)> {
+    let mut file = RunFile::read(run.path())?;
+    let corpus = Corpus::open(corpus.unwrap_or_else(|| file.corpus.clone()))?;
+    file.check_corpus(&corpus)?;
+    if let Some(given) = &options.file {
+        let mut train = given.train.clone();
+        (train.steps, train.seed) = (file.train.steps, options.seed.unwrap_or(train.seed));
+        if given.model != file.model || train != file.train {
+            let what = "was begun with another configuration; leave --config out to go on with the run's own";
+            return Err(Error::Call(format!("{} {what}", run.path().display())));
+        }
+    }
+    if let Some(seed) = options.seed.filter(|s| *s != file.train.seed) {
+        return Err(Error::Call(format!("seed {seed}; the run was begun with {}", file.train.seed)));
+    }
+    if let Some(steps) = options.steps.filter(|s| *s != file.train.steps) {
+        file.train.steps = steps;
+        file.write(run.path())?;
+    }
+    Ok((file, corpus))
+}
+
+/// Makes the folder of a new run. Without `weights` it begins with those that its seed draws; with them, with these: they
+/// are its first checkpoint, so that the run doesn't need again what they were taken from.
+///
+/// # Errors
+/// A folder that is there and not empty; a corpus without training clips; a model that this machine can't hold; weights
+/// of another model; what the system refuses.
+pub fn begin(
+    run: &std::path::Path,
+    file: &RunFile,
+    corpus: &Corpus,
+    weights: Option<BTreeMap<String, Tensor>>,
+) -> Result<RunFolder> {
+    // whatever is refused must not leave an empty run behind
+    Batches::new(corpus, file.model.context, file.train.batch, file.train.seed)?;
+    room::check(&file.model, &file.tokens, file.train.batch)?;
+    let first = weights.map(|weights| saved::first(file, weights)).transpose()?;
+    let folder = RunFolder::create(run)?;
+    file.put_beside(run, corpus)?;
+    if let Some(contents) = first {
+        Checkpoints::of(run).write(saved::before(file), &contents)?;
+    }
+    // last: a folder with it is a run
+    file.write(run)?;
+    Ok(folder)
+}
+
+/// Trains the run in a folder that [`begin`] made, from where it stands to its last step.
+///
+/// # Errors
+/// As [`pretrain`].
+pub fn go_on(
+    run: &RunFolder,
+    file: RunFile,
+    corpus: &Corpus,
+    compute: Compute,
+    stop: &AtomicBool,
+    progress: &mut dyn Progress,
+) -> Result<Summary> {
+    Trainer::new(run, file, corpus, compute, progress)?.train(stop)
+}

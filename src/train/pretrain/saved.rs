@@ -1,0 +1,98 @@
+//! What a checkpoint holds: the weights and the optimizer's moments, besides the state.
+
+use crate::model::checkpoint::{Checkpoints, State, Which};
+use crate::model::run::WEIGHTS;
+use crate::model::{Compute, layout, weights};
+use crate::train::learner::{Learner, learner};
+use crate::train::progress::Progress;
+use crate::train::run::RunFile;
+use crate::{Error, Result};
+use candle_core::{DType, Device, Tensor};
+use std::collections::BTreeMap;
+
+/// The optimizer's file in a checkpoint.
+pub const OPTIMIZER: &str = "optimizer.safetensors";
+
+/// Files of a checkpoint and their bytes.
+pub type Contents = Vec<(&'static str, Vec<u8>)>;
+
+/// A run before its first step.
+pub fn before(file: &RunFile) -> State {
+    State::new(0, 0, 0, file.train.seed, None)
+}
+
+/// What is saved of a model that learns.
+///
+/// # Errors
+/// What the device refuses; a number that is not finite: its tensor is named.
+pub fn of(learner: &dyn Learner) -> Result<Contents> {
+    contents(learner.weights()?, learner.moments()?)
+}
+
+/// What is saved of a model of these weights before its first step.
+///
+/// # Errors
+/// Weights of another model than the run's, each named; numbers that are not finite.
+pub fn first(file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<Contents> {
+    let parameters = layout::parameters(&file.model, &file.tokens);
+    let mut moments = BTreeMap::new();
+    for p in &parameters {
+        match weights.get(&p.name) {
+            Some(tensor) if tensor.dims() == p.shape => (),
+            Some(tensor) => {
+                let (name, found, expected) = (&p.name, tensor.dims(), &p.shape);
+                return Err(Error::Call(format!("tensor {name} has the shape {found:?}; expected {expected:?}")));
+            }
+            None => return Err(Error::Call(format!("no tensor {} among the weights to begin with", p.name))),
+        }
+        for prefix in crate::train::adamw::MOMENTS {
+            let zeros = Tensor::zeros(p.shape.as_slice(), DType::F32, &Device::Cpu)?;
+            moments.insert(format!("{prefix}.{}", p.name), zeros);
+        }
+    }
+    match weights.keys().find(|name| parameters.iter().all(|p| p.name != **name)) {
+        Some(name) => Err(Error::Call(format!("the model has no place for the tensor {name}"))),
+        None => contents(weights, moments),
+    }
+}
+
+fn contents(weights: BTreeMap<String, Tensor>, moments: BTreeMap<String, Tensor>) -> Result<Contents> {
+    [(WEIGHTS, weights), (OPTIMIZER, moments)].into_iter().map(|(name, all)| Ok((name, bytes(name, &all)?))).collect()
+}
+
+/// The bytes of a file; a checkpoint that would only spread numbers that are none is not written.
+fn bytes(file: &str, tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
+    for (name, tensor) in tensors {
+        let odd = tensor.flatten_all()?.to_vec1::<f32>()?.into_iter().find(|x| !x.is_finite());
+        if let Some(odd) = odd {
+            return Err(Error::Call(format!("{file} would hold {odd} in {name}, and is not written")));
+        }
+    }
+    weights::to_bytes(tensors.iter().map(|(n, t)| (n.as_str(), t)))
+}
+
+/// Where the run stands: at its last whole checkpoint, or before its first step.
+///
+/// # Errors
+/// No checkpoint that is whole though there are some; weights that don't fit; what the device refuses.
+pub fn load(
+    file: &RunFile,
+    compute: Compute,
+    checkpoints: &Checkpoints,
+    progress: &mut dyn Progress,
+) -> Result<(Box<dyn Learner>, State)> {
+    let learner = |weights| learner(&file.model, &file.tokens, &file.train, weights, compute);
+    if checkpoints.steps()?.is_empty() {
+        return Ok((learner(layout::initial(&file.model, &file.tokens, file.train.seed)?)?, before(file)));
+    }
+    let found = checkpoints.find(Which::Latest, &[WEIGHTS, OPTIMIZER], &mut |n| progress.note(&n))?;
+    let tensors = |name: &str| weights::from_bytes(&found.dir.join(name), &found.files[name]);
+    let mut learner = learner(tensors(WEIGHTS)?)?;
+    learner.restore(tensors(OPTIMIZER)?, found.state.step)?;
+    let mut state = found.state;
+    state.files.clear();
+    if state.step > 0 {
+        progress.note(&format!("going on after step {}", state.step));
+    }
+    Ok((learner, state))
+}

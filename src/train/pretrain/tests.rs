@@ -1,0 +1,222 @@
+use super::saved::OPTIMIZER;
+use super::*;
+use crate::corpus::Split;
+use crate::model::checkpoint::Which;
+use crate::model::run::{WEIGHTS, load_run};
+use crate::model::{Form, ModelConfig, layout};
+use crate::train::metrics::StepFigures;
+use crate::train::{Schedule, Silent, TrainConfig, fixture};
+use std::fs;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+/// Sets a flag after some step.
+struct StopAt<'a>(u64, &'a AtomicBool, Vec<String>);
+
+impl Progress for StopAt<'_> {
+    fn step(&mut self, f: &StepFigures, _: u64, _: Duration) {
+        self.1.store(f.step == self.0, Ordering::Relaxed);
+    }
+    fn valid(&mut self, _: u64, _: &Likelihood, _: bool) {}
+    fn note(&mut self, text: &str) {
+        self.2.push(text.into());
+    }
+}
+
+fn file() -> TrainFile {
+    let model = ModelConfig { layers: 2, heads: 2, width: 16, context: 24, dropout: 0.1, ..Default::default() };
+    let train = TrainConfig {
+        batch: 3,
+        steps: 10,
+        warmup: 3,
+        learning_rate: 1e-2,
+        eval_every: 4,
+        checkpoint_every: 0,
+        keep: 5,
+        ..Default::default()
+    };
+    TrainFile { model, train, ..Default::default() }
+}
+
+const CLIPS: [(usize, Split); 3] = [(40, Split::Train), (7, Split::Train), (12, Split::Valid)];
+
+fn options(dir: &Path, run: &str, file: Option<TrainFile>) -> PretrainOptions {
+    let (corpus, run) = (Some(dir.join("corpus")), Some(dir.join(run)));
+    PretrainOptions { file, corpus, run, ..Default::default() }
+}
+
+fn go(options: &PretrainOptions) -> Result<Summary> {
+    pretrain(options, &AtomicBool::new(false), &mut Silent)
+}
+
+#[test]
+fn five_steps_and_five_more_are_ten() {
+    let dir = tempfile::tempdir().unwrap();
+    fixture::corpus(dir.path(), &CLIPS);
+    let straight = go(&options(dir.path(), "straight", Some(file()))).unwrap();
+    let stop = AtomicBool::new(false);
+    let mut halves = options(dir.path(), "halves", Some(file()));
+    let first = pretrain(&halves, &stop, &mut StopAt(5, &stop, Vec::new())).unwrap();
+    assert_eq!((first.step, first.stopped, straight.stopped), (5, true, false));
+    let message = go(&halves).unwrap_err().to_string();
+    assert!(message.contains("halves exists; go on with it by --resume"), "{message}");
+    halves.resume = true;
+    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let second = one_thread.install(|| go(&halves)).unwrap();
+    assert_eq!((second.step, second.tokens, second.best), (10, straight.tokens, straight.best));
+    for name in [WEIGHTS, OPTIMIZER, "state.json"] {
+        let bytes = |s: &Summary| fs::read(s.checkpoint.join(name)).unwrap();
+        assert!(bytes(&straight) == bytes(&second), "{name} differs");
+    }
+    let losses = |run: &str| {
+        let text = fs::read_to_string(dir.path().join(run).join("metrics.jsonl")).unwrap();
+        let loss = |l: &str| serde_json::from_str::<serde_json::Value>(l).unwrap()["loss"].as_f64();
+        text.lines().map(loss).collect::<Vec<_>>()
+    };
+    assert_eq!(losses("straight"), losses("halves"));
+}
+
+#[test]
+fn a_run_goes_on_in_another_form() {
+    let dir = tempfile::tempdir().unwrap();
+    fixture::corpus(dir.path(), &CLIPS);
+    let loss = |run: &str, first: Form, second: Form| {
+        let mut options = options(dir.path(), run, Some(file()));
+        options.compute.form = first;
+        let stop = AtomicBool::new(false);
+        pretrain(&options, &stop, &mut StopAt(5, &stop, Vec::new())).unwrap();
+        (options.resume, options.compute.form) = (true, second);
+        let summary = go(&options).unwrap();
+        (summary.loss.unwrap(), summary.valid.unwrap().bits_per_frame)
+    };
+    // with dropout: both forms drop the same numbers
+    let (plain, bits) = loss("plain", Form::Plain, Form::Plain);
+    for (run, first, second) in [("there", Form::Plain, Form::Auto), ("back", Form::Auto, Form::Plain)] {
+        let (found, found_bits) = loss(run, first, second);
+        assert!((found - plain).abs() < 1e-4, "{run}: {found}, in one form {plain}");
+        assert!((found_bits - bits).abs() < 1e-2, "{run}: {found_bits} bits a frame, in one form {bits}");
+    }
+}
+
+#[test]
+fn a_damaged_checkpoint_is_passed_over_and_loading_takes_the_best() {
+    let dir = tempfile::tempdir().unwrap();
+    fixture::corpus(dir.path(), &CLIPS);
+    let mut options = options(dir.path(), "run", Some(file()));
+    let straight = go(&options).unwrap();
+    let run = dir.path().join("run");
+    let whole = fs::read(straight.checkpoint.join(WEIGHTS)).unwrap();
+    fs::write(straight.checkpoint.join(WEIGHTS), &whole[..whole.len() / 2]).unwrap();
+    options.resume = true;
+    let stop = AtomicBool::new(false);
+    let mut progress = StopAt(99, &stop, Vec::new());
+    let again = pretrain(&options, &stop, &mut progress).unwrap();
+    assert!(
+        progress.2.iter().any(|n| n.contains("model.safetensors: found") && n.contains("step 8")),
+        "{:?}",
+        progress.2
+    );
+    assert!(fs::read(again.checkpoint.join(WEIGHTS)).unwrap() == whole);
+    let best = load_run(&run, Which::Auto).unwrap();
+    assert_eq!(best.state.step, again.best.unwrap().step);
+    assert_eq!(load_run(&run, Which::Latest).unwrap().state.step, 10);
+    assert!(load_run(&run, Which::Step(3)).is_err());
+    assert!(load_run(dir.path(), Which::Auto).err().unwrap().to_string().contains("no config.toml"));
+    for name in ["tokenizer.json", "corpus.json", "config.toml", "samples", "latest", "best"] {
+        assert!(run.join(name).exists(), "{name}");
+    }
+}
+
+#[test]
+fn a_corpus_without_validation_clips_trains_and_says_so() {
+    let dir = tempfile::tempdir().unwrap();
+    fixture::corpus(dir.path(), &CLIPS[..2]);
+    let stop = AtomicBool::new(false);
+    let mut progress = StopAt(99, &stop, Vec::new());
+    let mut file = file();
+    file.train.checkpoint_every = 3;
+    file.train.keep = 1;
+    let summary = pretrain(&options(dir.path(), "run", Some(file)), &stop, &mut progress).unwrap();
+    assert!(progress.2[0].contains("no validation clip"));
+    assert_eq!((summary.step, summary.valid, summary.best), (10, None, None));
+    assert_eq!(load_run(&dir.path().join("run"), Which::Auto).unwrap().state.step, 10);
+    assert_eq!(Checkpoints::of(&dir.path().join("run")).steps().unwrap(), [10]);
+}
+
+#[test]
+fn another_corpus_seed_or_configuration_is_no_resume() {
+    let dir = tempfile::tempdir().unwrap();
+    fixture::corpus(dir.path(), &CLIPS);
+    let mut options = options(dir.path(), "run", Some(file()));
+    (options.steps, options.seed) = (Some(1), Some(4));
+    go(&options).unwrap();
+    options.resume = true;
+    let said = |change: &dyn Fn(&mut PretrainOptions)| {
+        let mut options = options.clone();
+        change(&mut options);
+        go(&options).map(|s| s.step).map_err(|e| e.to_string())
+    };
+    assert!(said(&|o| o.seed = Some(5)).unwrap_err().contains("another configuration"));
+    assert!(said(&|o| (o.seed, o.file) = (Some(5), None)).unwrap_err().contains("seed 5; the run was begun with 4"));
+    assert!(said(&|o| o.file.as_mut().unwrap().model.width = 8).unwrap_err().contains("another configuration"));
+    assert!(said(&|o| o.run = Some(dir.path().join("none"))).unwrap_err().contains("no config.toml"));
+    let held = RunFolder::open(&dir.path().join("run")).unwrap();
+    assert!(said(&|_| ()).unwrap_err().contains("another process"));
+    drop(held);
+    assert_eq!(said(&|_| ()), Ok(1));
+    assert_eq!(said(&|o| (o.file, o.steps) = (None, Some(2))), Ok(2));
+    let elsewhere = dir.path().join("other");
+    fs::create_dir(&elsewhere).unwrap();
+    let other = fixture::corpus(&elsewhere, &CLIPS[..2]);
+    assert!(said(&|o| o.corpus = Some(other.dir().into())).unwrap_err().contains("begin a new run"));
+}
+
+#[test]
+fn a_rate_that_blows_up_stops_with_step_and_clips() {
+    let dir = tempfile::tempdir().unwrap();
+    fixture::corpus(dir.path(), &CLIPS);
+    let mut file = file();
+    file.train.learning_rate = 1e30;
+    (file.train.warmup, file.train.schedule, file.train.eval_every) = (0, Schedule::Constant, 0);
+    let message = go(&options(dir.path(), "run", Some(file))).unwrap_err().to_string();
+    assert!(message.starts_with("step 2: the ") && message.contains("clip0 from frame"), "{message}");
+}
+
+#[test]
+fn weights_to_begin_with_are_the_first_checkpoint() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = fixture::corpus(dir.path(), &CLIPS);
+    let TrainFile { model, train, .. } = file();
+    let run_file = RunFile::new(&model, &train, &corpus).unwrap();
+    // the weights of another seed, so that they aren't what the run would draw
+    let weights = || layout::initial(&model, &run_file.tokens, 77).unwrap();
+    let go = |run: &Path, weights| {
+        let folder = begin(run, &run_file, &corpus, weights)?;
+        go_on(&folder, run_file.clone(), &corpus, Compute::default(), &AtomicBool::new(false), &mut Silent)
+    };
+    let run = dir.path().join("with");
+    let with = go(&run, Some(weights())).unwrap();
+    let without = go(&dir.path().join("without"), None).unwrap();
+    assert_ne!(with.loss, without.loss);
+    assert_eq!(with.step, 10);
+    // killed before its first own checkpoint it still has them
+    let cut = dir.path().join("cut");
+    drop(begin(&cut, &run_file, &corpus, Some(weights())).unwrap());
+    let options = PretrainOptions { run: Some(cut), resume: true, ..Default::default() };
+    assert_eq!(pretrain(&options, &AtomicBool::new(false), &mut Silent).unwrap().loss, with.loss);
+    // what doesn't fit leaves no folder
+    let said = |change: &dyn Fn(&mut BTreeMap<String, Tensor>)| {
+        let mut weights = weights();
+        change(&mut weights);
+        let none = dir.path().join("none");
+        let message = begin(&none, &run_file, &corpus, Some(weights)).unwrap_err().to_string();
+        assert!(!none.exists());
+        message
+    };
+    let one = || Tensor::full(f32::NAN, 16, &candle_core::Device::Cpu).unwrap();
+    assert!(said(&|w| drop(w.remove("norm.bias"))).contains("no tensor norm.bias"));
+    assert!(said(&|w| drop(w.insert("norm.bias".into(), one()))).contains("would hold NaN in norm.bias"));
+    assert!(said(&|w| drop(w.insert("more".into(), one()))).contains("no place for the tensor more"));
+    assert!(said(&|w| drop(w.insert("token.weight".into(), one()))).contains("token.weight has the shape [16]"));
+}

@@ -1,0 +1,189 @@
+"""Corpus folders and the windows of a training, as kinelm cuts and orders them (src/corpus, src/train/batches.rs).
+
+T tokens of context, K of them in front (`<bos>` and a label a field), word tokens behind. Windows begin at a word.
+"""
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+
+import streams
+
+UNKNOWN, MASK, SPACE = 4, 3, 5
+FIRST_FIELDS = ["genre", "dancer", "music", "situation", "choreography"]
+
+
+class Corpus:
+    """`corpus.json`, `clips.jsonl`, and the tokens by memory map."""
+
+    def __init__(self, folder):
+        self.folder = Path(folder)
+        self.manifest = json.loads((self.folder / "corpus.json").read_text())
+        if self.manifest["version"] != 2:
+            raise SystemExit(f"{folder}/corpus.json: found version {self.manifest['version']}; expected version 2")
+        self.clips = [json.loads(line) for line in (self.folder / "clips.jsonl").read_text().splitlines() if line]
+        kind = self.manifest["token_type"]
+        path = self.folder / f"tokens.{kind}"
+        if path.stat().st_size != self.manifest["tokens"]["bytes"]:
+            raise SystemExit(f"{path}: found {path.stat().st_size} bytes; expected {self.manifest['tokens']['bytes']}")
+        self.tokens = np.memmap(path, {"u16": "<u2", "u32": "<u4"}[kind], "r") if path.stat().st_size else np.zeros(0, "<u2")
+        self.word = self.manifest["tokens_per_word"]  # None where words differ in length
+        self.starts = {}
+
+    def split(self, name):
+        """Numbers of a split's clips that have a frame."""
+        return [i for i, c in enumerate(self.clips) if c["split"] == name and c["frames"] > 0]
+
+    def ids(self, clip, start, end):
+        first = self.clips[clip]["offset"]
+        return self.tokens[first + start : first + end].astype(np.int64)
+
+    def words(self, clip):
+        """Where each word of a clip begins and its last one ends, in tokens from the clip's first."""
+        if clip not in self.starts:
+            total = self.clips[clip]["tokens"]
+            ends = np.arange(self.word, total + 1, self.word) if self.word else np.flatnonzero(self.ids(clip, 0, total) == SPACE) + 1
+            self.starts[clip] = np.concatenate([[0], ends])
+        return self.starts[clip]
+
+    def frames(self, clip, words):
+        """Frames of a clip's first `words` words."""
+        return np.minimum(self.clips[clip]["frames"], np.asarray(words) * self.manifest["frames_per_word"])
+
+    def tokens_per_frame(self, name):
+        clips = [c for c in self.clips if c["split"] == name]
+        return sum(c["tokens"] for c in clips) / max(1, sum(c["frames"] for c in clips))
+
+
+class Conditions:
+    """Labels as tokens in front of a window: fields in their order, ids from the `<field:value>` of tokenizer.json."""
+
+    def __init__(self, fields, tokenizer):
+        rank = lambda f: (FIRST_FIELDS.index(f) if f in FIRST_FIELDS else len(FIRST_FIELDS), f)
+        self.fields = sorted(fields, key=rank)
+        added = {t["content"]: t["id"] for t in tokenizer["added_tokens"]}
+        self.ids = {**tokenizer["model"]["vocab"], **added}
+
+    def front(self, labels, bos):
+        return [bos] + [self.ids.get(f"<{f}:{labels[f]}>", UNKNOWN) if f in labels else UNKNOWN for f in self.fields]
+
+
+class Windows:
+    """The training windows: those of kinelm with the same seed, or those of an order that it wrote."""
+
+    def __init__(self, corpus, conditions, config, tokens, train, order=None):
+        self.corpus, self.conditions, self.tokens, self.order_file = corpus, conditions, tokens, order
+        self.context, self.masked, self.seed = config.context, config.kind == "masked", train["seed"]
+        self.rows = train["batch"] * train["accumulate"]  # of a step
+        self.label_dropout = train["label_dropout"]
+        self.room = room(config, tokens)
+        whole = self.room // corpus.word if corpus.word else None
+        if self.room < 1 or whole == 0:
+            raise SystemExit(f"a context of {config.context} tokens doesn't hold one word of {corpus.word}")
+        self.clips = corpus.split("train")
+        if not self.clips:
+            raise SystemExit(f"{corpus.folder}: no training clip; expected a corpus with training clips")
+        number = lambda c: -(-(len(corpus.words(c)) - 1) // whole) if whole else -(-corpus.clips[c]["tokens"] // self.room)
+        self.ends = np.cumsum([number(c) for c in self.clips])
+        self.shuffled = None, None
+
+    @property
+    def per_pass(self):
+        return int(self.ends[-1])
+
+    def where(self, step, rows):
+        """Of these rows of a step: clip, first token, number of tokens, and the (pass, window) that randomness goes by."""
+        if self.order_file is not None:
+            return [(*map(int, self.order_file[step, r]), (step, r)) for r in rows]
+        places = [divmod(step * self.rows + r, self.per_pass) for r in rows]
+        return [self.start(number, self.order(number)[at]) for number, at in places]
+
+    def order(self, number):
+        if self.shuffled[0] != number:
+            self.shuffled = number, streams.shuffled(self.seed, "order", number, self.per_pass)
+        return self.shuffled[1]
+
+    def start(self, number, window):
+        """A window of a pass: its clip's possible starts are cut into stretches, and one start is drawn in its own."""
+        index = int(np.searchsorted(self.ends, window, "right"))
+        before = int(self.ends[index - 1]) if index else 0
+        clip, stretch, stretches = self.clips[index], window - before, int(self.ends[index]) - before
+        words = self.corpus.words(clip)
+        total = int(words[-1])
+        starts = min(int(np.searchsorted(words[:-1], max(0, total - self.room), "left")) + 1, len(words) - 1)
+        low, high = starts * stretch // stretches, starts * (stretch + 1) // stretches
+        first, second = streams.units_of(self.seed, "window", number, [window], 2)[0]
+        word = low + int(first * (high - low))
+        start, end = int(words[word]), int(words[word + 1])
+        if end - start > self.room:  # begun anywhere, so that its end is seen too
+            start += int(second * (end - start - self.room + 1))
+        return clip, start, min(total - start, self.room), (number, window)
+
+    def batch(self, step, rows):
+        """Inputs and targets (len(rows), T) of some rows of a step, counted from 0."""
+        pairs = [self.window(*row) for row in self.where(step, rows)]
+        return tuple(np.stack(side) for side in zip(*pairs))
+
+    def window(self, clip, start, count, place):
+        front = self.conditions.front(self.corpus.clips[clip]["labels"], self.tokens.bos)
+        hidden = streams.units(self.seed, "label dropout", place[0], len(front) - 1, place[1]) < self.label_dropout
+        front = front[:1] + [UNKNOWN if h else id for h, id in zip(hidden, front[1:])]
+        ids = self.corpus.ids(clip, start, start + count)
+        if self.masked:
+            return masked(ids, front, self.tokens.pad, self.context, chosen(count, self.seed, *place))
+        return causal(ids, front, self.tokens.pad, self.context)
+
+
+def room(config, tokens):
+    """Word tokens of a window: a masked model's last input is one of them, a causal model's last target another."""
+    return config.context - tokens.front + (0 if config.kind == "masked" else 1)
+
+
+def causal(ids, front, pad, length):
+    """Input `front t0 t1 ..`, target `t0 t1 ..` from the last token of the front on; filled up with pad."""
+    K, n = len(front), len(ids)
+    inputs, targets = np.full(length, pad, np.int64), np.full(length, pad, np.int64)
+    inputs[:K], targets[K - 1 : K - 1 + n] = front, ids
+    shown = min(n, length - K)
+    inputs[K : K + shown] = ids[:shown]
+    return inputs, targets
+
+
+def masked(ids, front, pad, length, choice):
+    """No shift; the chosen places are targets, some of them `<mask>` in the input: `choice` is (places, hidden)."""
+    K, (places, hidden) = len(front), choice
+    inputs, targets = np.full(length, pad, np.int64), np.full(length, pad, np.int64)
+    inputs[:K], inputs[K : K + len(ids)] = front, ids
+    targets[K + places] = ids[places]
+    inputs[K + places[hidden]] = MASK
+    return inputs, targets
+
+
+def chosen(count, seed, number, window):
+    """The places of a masked window that count: 15 % of them, rounded up, nine in ten of these hidden."""
+    units = streams.units(seed, "mask", number, 2 * count, window)
+    order = np.argsort(units[:count], kind="stable")[: math.ceil(0.15 * count)]
+    places = np.sort(order)
+    return places, units[count + np.arange(len(places))] < 0.9
+
+
+def eval_windows(words, context):
+    """Measuring windows of a clip whose words begin at `words[:-1]`: (start, tokens, first that is scored).
+
+    As many whole words as fit, moved by half of them; every token is scored once.
+    """
+    total, found = int(words[-1]), []
+    at = lambda token: int(np.searchsorted(words[:-1], token, "left"))  # words that begin before a token
+    first = lambda word: int(words[min(word, len(words) - 1)])
+    start = done = 0
+    while done < total:
+        full = min(total, start + context)
+        end = first(max(0, at(full + 1) - 1))
+        end = end if full < total and end > done else full
+        found.append((start, end - start, done - start))
+        done = end
+        half = first(max(0, at(start + (end - start) // 2 + 1) - 1))
+        later = [n for n in (half, first(at(start + 1))) if start < n <= end]
+        start = later[0] if later else start + max(1, context // 2)
+    return found

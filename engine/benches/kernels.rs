@@ -205,7 +205,9 @@ fn token(weights: WeightKind, kv: KvKind) -> Case {
     let [qkv, out, up, down] = [linear(D, 3 * D), linear(D, D), linear(D, 4 * D), linear(4 * D, D)];
     let blocks = vec![BlockParts { norm1: norm, qkv, out, norm2: norm, up, down }];
     let (token, positions) = (&matrix[..V * D], Positions::Places(&matrix[..(N + 1) * D]));
-    let weights = DecoderWeights::new(&Parts { shape, token, positions, blocks, norm, head: token }, weights);
+    let (rope, before) = (None, None);
+    let parts = Parts { shape, token, positions, rope, before, blocks, norm, head: token };
+    let weights = DecoderWeights::new(&parts, weights);
     let bytes = weights.bytes();
     let mut decoder = Decoder::new(Arc::new(weights), 1, kv);
     decoder.read(&[&ids()], Logits::Last);

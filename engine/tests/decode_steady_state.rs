@@ -1,6 +1,9 @@
 //! Reading token after token takes no memory: no allocation.
 
-use kinelm_engine::decode::{BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Shape, WeightKind};
+use kinelm_engine::decode::{
+    Before, Bins, BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Previous, Relative, Rope,
+    Shape, WeightKind,
+};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -28,9 +31,16 @@ static ALLOCATOR: Counting = Counting;
 
 const SHAPE: Shape = Shape { layers: 2, heads: 4, width: 256, vocabulary: 300, context: 200 };
 
-fn decoder(streams: usize, weights: WeightKind, kv: KvKind) -> Decoder {
+const PLACES: [Bins; 3] = [
+    Bins { first: 6, count: 294, circular: true },
+    Bins { first: 6, count: 294, circular: false },
+    Bins { first: 6, count: 90, circular: true },
+];
+
+fn decoder(streams: usize, weights: WeightKind, kv: KvKind, looks: bool) -> Decoder {
     let Shape { width, vocabulary, context, .. } = SHAPE;
-    let numbers: Vec<f32> = (0..4 * width * width).map(|i| ((i * 7919) % 1000) as f32 / 5000.0 - 0.1).collect();
+    let numbers: Vec<f32> =
+        (0..4 * width * width.max(vocabulary)).map(|i| ((i * 7919) % 1000) as f32 / 5000.0 - 0.1).collect();
     let of = |n: usize| &numbers[..n];
     let linear = |k: usize, n: usize| (of(k * n), of(n));
     let block = BlockParts {
@@ -48,6 +58,13 @@ fn decoder(streams: usize, weights: WeightKind, kv: KvKind) -> Decoder {
         blocks: vec![block; SHAPE.layers],
         norm: (of(width), of(width)),
         head: of(vocabulary * width),
+        rope: looks.then_some(Rope { front: 1, word: Some(4) }),
+        before: looks.then_some(Before {
+            front: 1,
+            places: &PLACES,
+            previous: Some(Previous { character: of(vocabulary * width), missing: 0, step: of(295 * width) }),
+            relative: Some(Relative { circular: of(294 * width), clamped: of(587 * width) }),
+        }),
     };
     Decoder::new(Arc::new(DecoderWeights::new(&parts, weights)), streams, kv)
 }
@@ -56,18 +73,20 @@ fn decoder(streams: usize, weights: WeightKind, kv: KvKind) -> Decoder {
 fn a_token_allocates_nothing() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
     pool.install(|| {
-        for (weights, kv) in [(WeightKind::F32, KvKind::F32), (WeightKind::Int8, KvKind::F16)] {
-            let mut decoder = decoder(3, weights, kv);
+        let kinds = [(WeightKind::F32, KvKind::F32), (WeightKind::Int8, KvKind::F16)];
+        for ((weights, kv), looks) in kinds.into_iter().flat_map(|kinds| [(kinds, false), (kinds, true)]) {
+            let mut decoder = decoder(3, weights, kv, looks);
             let mut step = |i: u32| {
-                let tokens = [i % 300, (i + 7) % 300, (i + 9) % 300];
-                decoder.read(&[&tokens[..1], &tokens[1..2], &tokens[2..]], Logits::Last)[0]
+                // bins of every place
+                let tokens = [6 + i % 90, 6 + (i + 7) % 90, 6 + (i + 9) % 90];
+                decoder.read(&[&tokens[..1], &tokens[1..2], &tokens[2..]], Logits::Last)[6]
             };
             // the threads' queues grow in the first ones
             (0..60).for_each(|i| assert!(step(i).is_finite()));
             let before = TAKEN.load(Ordering::Relaxed);
             (60..200).for_each(|i| assert!(step(i).is_finite()));
             let taken = TAKEN.load(Ordering::Relaxed) - before;
-            assert_eq!(taken, 0, "{weights:?} {kv:?}: allocations in 140 tokens");
+            assert_eq!(taken, 0, "{weights:?} {kv:?}, looking back {looks}: allocations in 140 tokens");
         }
     });
 }

@@ -172,6 +172,8 @@ fn packed(gpt: &Gpt, kind: WeightKind) -> Result<DecoderWeights> {
         },
         token,
         positions,
+        rope: None,
+        before: None,
         blocks: (0..config.layers).map(block).collect(),
         norm: pair("norm"),
         head: if config.tied_head { token } else { get("head.weight") },

@@ -77,6 +77,11 @@ impl Matrix {
         self.columns.div_ceil(self.piece)
     }
 
+    /// Columns of the product, whole panels.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
     /// Columns of a piece of the product, whole panels.
     pub fn piece(&self) -> usize {
         self.piece

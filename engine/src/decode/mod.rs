@@ -5,21 +5,30 @@
 //! and several tokens of each share a pass. Keys and values lie in one allocation, in f32 or as half floats ([`KvKind`]).
 //! Nothing is allocated while tokens are read one after the other.
 //!
+//! Beside what every such model has, queries and keys may be turned by the word they stand in ([`Rope`]), inputs may tell
+//! the token one word back, and logits may be those of differences to it ([`Before`]). Tokens that can't follow have a
+//! logit of minus infinity then.
+//!
 //! Products of a row are the same bits whatever rows stand beside it, so a block of tokens gives the logits that its tokens
 //! give one by one. A drafted block can therefore be verified without any change to what is drawn.
 
 mod attention;
+mod before;
 mod cache;
+mod head;
 mod kernel;
 mod matrix;
 mod position;
+mod rope;
 mod step;
 #[cfg(test)]
 mod tests;
 mod weights;
 
+pub use before::{Before, Bins, Previous, Relative};
 pub use cache::KvKind;
 pub use matrix::WeightKind;
 pub use position::Positions;
+pub use rope::Rope;
 pub use step::{Decoder, Logits};
 pub use weights::{BlockParts, DecoderWeights, Pair, Parts, Shape};

@@ -7,10 +7,10 @@ use crate::arena::Floats;
 pub enum Positions<'a> {
     /// (T, D): a row for each place of a sequence.
     Places(&'a [f32]),
-    /// Words of any length: the first token has a row of its own, every other the sum of its word's and of its place's in
+    /// Words of any length: the tokens in front have a row of their own each, every other the sum of its word's and of its place's in
     /// the word. Words and places behind the end of their table share its last row.
     Words {
-        /// (1, D).
+        /// A row each of the tokens in front.
         front: &'a [f32],
         /// A row a word of the sequence, the first behind the front.
         word: &'a [f32],
@@ -27,10 +27,10 @@ pub(super) enum Tables {
     Words { front: Floats, word: Floats, place: Floats, end: u32 },
 }
 
-/// Where in its words a token stands.
+/// Where in its words a token stands; nowhere in front of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Stand {
-    word: usize,
+    pub word: usize,
     place: usize,
 }
 

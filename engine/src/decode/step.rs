@@ -5,10 +5,12 @@ use super::cache::{KvCache, KvKind, Stored, Unit};
 use super::kernel::Left;
 use super::matrix::{Matrix, PIECE};
 use super::position::Stand;
+use super::rope::Turns;
 use super::weights::{Block, DecoderWeights, Norm};
 use crate::arena::Floats;
 use crate::op::{gelu, layer_norm};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Tokens that go through the layers together; longer blocks are cut.
@@ -35,10 +37,14 @@ pub struct Decoder {
     cache: KvCache,
     /// Tokens read, a number a stream.
     lengths: Vec<usize>,
+    /// Those tokens, T a stream.
+    tokens: Vec<u32>,
     /// Where those tokens and the next stand in their words, if words are counted: so many a stream.
     stands: Vec<Stand>,
     /// What of the current rows belongs to which stream, in the order of the streams.
     runs: Vec<Run>,
+    /// The stream and the place of each row whose logits are asked for.
+    asked: Vec<(usize, usize)>,
     logits: Vec<f32>,
     room: Room,
 }
@@ -53,15 +59,16 @@ struct Run {
 }
 
 /// Scratch for [`ROWS`] rows at most; what is used of it depends on the rows there are.
-struct Room {
-    x: Floats,      // (m, D)
-    normed: Floats, // (m, D)
-    stats: Floats,  // (m, 2)
-    qkv: Floats,    // (H, m, 3 d)
-    heads: Floats,  // (H, m, d), d whole panels
-    scores: Floats, // (H, SCORE_ROWS, T)
-    pieces: Floats, // (n / PIECE, m, PIECE) for the widest n
-    hidden: Floats, // (4 D / PIECE, m, PIECE)
+pub(super) struct Room {
+    pub x: Floats,      // (m, D)
+    pub normed: Floats, // (m, D)
+    stats: Floats,      // (m, 2)
+    words: Vec<u32>,    // (m), those that the rows stand in, if queries and keys are turned
+    qkv: Floats,        // (H, m, 3 d)
+    heads: Floats,      // (H, m, d), d whole panels
+    scores: Floats,     // (H, SCORE_ROWS, T)
+    pub pieces: Floats, // (n / PIECE, m, PIECE) for the widest n
+    hidden: Floats,     // (4 D / PIECE, m, PIECE)
 }
 
 impl Decoder {
@@ -75,11 +82,12 @@ impl Decoder {
         let (d, unit) = (shape.width / shape.heads, Unit::new(shape.context, shape.width / shape.heads));
         let rows = ROWS.min(shape.context * streams);
         let hidden = (4 * shape.width).next_multiple_of(PIECE);
-        let widest = hidden.max(shape.vocabulary.next_multiple_of(PIECE));
+        let widest = hidden.max(weights.head.widest().next_multiple_of(PIECE));
         let room = Room {
             x: Floats::new(rows * shape.width),
             normed: Floats::new(rows * shape.width),
             stats: Floats::new(rows * 2),
+            words: vec![0; if weights.turns.is_some() { rows } else { 0 }],
             qkv: Floats::new(rows * shape.heads * (3 * d).next_multiple_of(unit.panel)),
             heads: Floats::new(rows * shape.heads * unit.padded),
             scores: Floats::new(shape.heads * SCORE_ROWS * unit.tokens),
@@ -89,8 +97,10 @@ impl Decoder {
         Decoder {
             cache: KvCache::new(kv, shape.layers, shape.heads, streams, unit),
             lengths: vec![0; streams],
+            tokens: vec![0; streams * shape.context],
             stands: vec![Stand::default(); streams * weights.positions.stands(shape.context)],
             runs: Vec::with_capacity(streams),
+            asked: Vec::with_capacity(rows),
             logits: Vec::with_capacity(streams * shape.vocabulary),
             room,
             weights,
@@ -190,8 +200,8 @@ impl Decoder {
 
     /// The vectors of the next `tokens` of a stream into the rows from `row` on.
     fn embed(&mut self, row: usize, tokens: &[u32], stream: usize) {
-        let DecoderWeights { token, positions, shape, .. } = &*self.weights;
-        let width = shape.width;
+        let DecoderWeights { token, positions, turns, words, inputs, shape, .. } = &*self.weights;
+        let (width, first) = (shape.width, self.lengths[stream]);
         let x = &mut self.room.x[row * width..][..tokens.len() * width];
         for (x, &id) in x.chunks_exact_mut(width).zip(tokens) {
             assert!((id as usize) < shape.vocabulary, "token {id} of {}", shape.vocabulary);
@@ -199,7 +209,15 @@ impl Decoder {
         }
         let stands = positions.stands(shape.context);
         let stands = &mut self.stands[stream * stands..][..stands];
-        positions.add(x, width, tokens, self.lengths[stream], stands);
+        positions.add(x, width, tokens, first, stands);
+        let all = &mut self.tokens[stream * shape.context..][..first + tokens.len()];
+        all[first..].copy_from_slice(tokens);
+        if let Some((words, inputs)) = words.as_ref().zip(inputs.as_ref()) {
+            inputs.add(x, width, words, all, first);
+        }
+        if let Some(turns) = turns {
+            turns.number(&mut self.room.words[row..][..tokens.len()], first, stands);
+        }
     }
 
     /// Takes `rows` rows through the layers and adds their logits. The block of the stream `open` goes on behind them.
@@ -209,21 +227,21 @@ impl Decoder {
             KvKind::F16 => self.layers::<u16>(rows),
         }
         let width = self.weights.shape.width;
-        let mut count = rows;
-        if wanted == Logits::Last {
-            // the rows that are asked for move to the front
-            let mut end = 0;
-            count = 0;
-            for run in &self.runs {
-                end += run.rows;
-                if Some(run.stream) != open {
-                    self.room.x.copy_within((end - 1) * width..end * width, count * width);
-                    count += 1;
-                }
-            }
+        self.asked.clear();
+        // the rows that are asked for move to the front
+        let mut end = 0;
+        for run in &self.runs {
+            end += run.rows;
+            let rows = match wanted {
+                Logits::All => run.rows,
+                Logits::Last => usize::from(Some(run.stream) != open),
+            };
+            let (to, last) = (self.asked.len(), run.place + run.rows);
+            self.room.x.copy_within((end - rows) * width..end * width, to * width);
+            self.asked.extend((last - rows..last).map(|place| (run.stream, place)));
         }
-        if count > 0 {
-            self.head(count);
+        if !self.asked.is_empty() {
+            self.head();
         }
     }
 
@@ -232,30 +250,31 @@ impl Decoder {
         for (i, block) in weights.blocks.iter().enumerate() {
             let unit = self.cache.unit();
             let layer = self.cache.layer::<E>(i);
-            self.room.attention(block, rows, &self.runs, layer, unit);
+            self.room.attention(block, rows, (&self.runs, weights.turns.as_ref()), layer, unit);
             self.room.mlp(block, rows);
         }
     }
 
-    /// Adds the logits of the first `rows` rows.
-    fn head(&mut self, rows: usize) {
+    /// Adds the logits of the first rows, which are those asked for.
+    fn head(&mut self) {
         let DecoderWeights { head, norm, shape, .. } = &*self.weights;
-        let room = &mut self.room;
-        room.norm(norm, rows);
-        let left = Left::whole(&room.normed, rows, shape.width, shape.width);
-        products(head, &mut room.pieces, left);
-        for row in 0..rows {
-            let left = shape.vocabulary;
-            for (first, piece) in (0..left).step_by(PIECE).zip(room.pieces.chunks_exact(rows * PIECE)) {
-                self.logits.extend_from_slice(&piece[row * PIECE..][..PIECE.min(left - first)]);
-            }
-        }
+        self.room.norm(norm, self.asked.len());
+        let tokens = &self.tokens;
+        let asked = self.asked.iter().map(|&(stream, place)| (&tokens[stream * shape.context..][..=place], place));
+        head.logits(&mut self.logits, &mut self.room, shape.width, asked);
     }
 }
 
 impl Room {
     /// x += attention(norm1(x)).
-    fn attention<E: Stored>(&mut self, block: &Block, rows: usize, runs: &[Run], cache: &mut [E], unit: Unit) {
+    fn attention<E: Stored>(
+        &mut self,
+        block: &Block,
+        rows: usize,
+        (runs, turns): (&[Run], Option<&Turns>),
+        cache: &mut [E],
+        unit: Unit,
+    ) {
         self.norm(&block.norm1, rows);
         let width = block.norm1.weight.len();
         let left = Left::whole(&self.normed, rows, width, width);
@@ -263,6 +282,7 @@ impl Room {
         let per_head = cache.len() / block.heads.len();
         let seen = runs.iter().map(|run| run.place + run.rows).max().unwrap_or(0);
         let work = rows * (block.heads[0].work() + 2 * seen * unit.d);
+        let words = &self.words;
         self.qkv
             .par_chunks_mut(rows * stride)
             .zip(self.heads.par_chunks_mut(rows * unit.padded))
@@ -277,12 +297,13 @@ impl Room {
                     let qkv = &mut qkv[first * stride..][..run.rows * stride];
                     let out = &mut out[first * unit.padded..][..run.rows * unit.padded];
                     let cache = &mut cache[run.stream * unit.len()..][..unit.len()];
-                    attention::attend(out, Queries { qkv, stride, place: run.place }, cache, unit, scores);
+                    let turns = turns.map(|turns| (turns, &words[first..][..run.rows]));
+                    attention::attend(out, Queries { qkv, stride, place: run.place, turns }, cache, unit, scores);
                     first += run.rows;
                 }
             });
         let left = Left { data: &self.heads, rows, width: unit.d, stride: unit.padded };
-        products(&block.out, &mut self.pieces, left);
+        products(&block.out, 0..block.out.pieces(), &mut self.pieces, left);
         self.add(rows, width);
     }
 
@@ -302,7 +323,7 @@ impl Room {
                 gelu::forward(hidden, up);
             });
         let left = Left { data: &self.hidden, rows, width: PIECE, stride: PIECE };
-        products(&block.down, &mut self.pieces, left);
+        products(&block.down, 0..block.down.pieces(), &mut self.pieces, left);
         self.add(rows, width);
     }
 
@@ -331,14 +352,14 @@ impl Room {
     }
 }
 
-/// Every piece of the product of `left` with `matrix`, into `pieces`.
-fn products(matrix: &Matrix, pieces: &mut [f32], left: Left) {
+/// Some pieces of the product of `left` with `matrix`, one behind the other.
+pub(super) fn products(matrix: &Matrix, wanted: Range<usize>, pieces: &mut [f32], left: Left) {
     pieces
         .par_chunks_mut(left.rows * PIECE)
-        .take(matrix.pieces())
+        .take(wanted.len())
         .enumerate()
         .with_min_len(worth(left.rows * matrix.work()))
-        .for_each(|(piece, c)| matrix.product(c, piece, left));
+        .for_each(|(i, c)| matrix.product(c, wanted.start + i, left));
 }
 
 /// Pieces of `work` multiply-adds that one thread takes at least.

@@ -11,10 +11,16 @@ struct Model {
     tensors: Vec<Vec<f32>>,
     /// Rows of the tables of words and places, if words are counted.
     words: Option<(usize, usize)>,
+    rope: Option<Rope>,
+    /// What stands at the places of a word, if the model looks one word back: at its inputs, at its logits.
+    places: Vec<Bins>,
+    looks: (bool, bool),
 }
 
 /// Ends a word.
 const END: u32 = 2;
+/// Tokens in front of the first word.
+const FRONT: usize = 2;
 
 impl Model {
     fn new(shape: Shape, seed: u64) -> Model {
@@ -24,9 +30,43 @@ impl Model {
             lengths.extend([width, width, 3 * width * width, 3 * width, width * width, width]);
             lengths.extend([width, width, 4 * width * width, 4 * width, 4 * width * width, width]);
         }
+        // the words before, the steps, the differences
+        lengths.extend([vocabulary * width, (vocabulary + 1) * width, vocabulary * width, 2 * vocabulary * width]);
         let spread = 2.0 / (width as f32).sqrt();
         let tensors = lengths.iter().enumerate().map(|(i, &n)| numbers(seed + i as u64, n, spread)).collect();
-        Model { shape, tensors, words: None }
+        Model { shape, tensors, words: None, rope: None, places: Vec::new(), looks: (false, false) }
+    }
+
+    /// The model in every form that its shape has: as it is, turned by words of one length or counted, looking one word back.
+    fn forms(shape: Shape, seed: u64) -> Vec<Model> {
+        let new = || Model::new(shape, seed);
+        let v = shape.vocabulary as u32;
+        let bins = |first, count, circular| Bins { first, count, circular };
+        let small = [bins(0, 1, false), bins(1, v - 1, true)];
+        let large = [bins(3, v - 4, true), bins(4, v - 5, false), bins(v - 3, 3, false), bins(3, v / 2, true)];
+        let places = if v < 10 { small.to_vec() } else { large.to_vec() };
+        let word = Some(places.len() + 1);
+        let mut all = vec![new()];
+        for looks in [(true, false), (false, true), (true, true)] {
+            all.push(Model { places: places.clone(), looks, ..new() });
+        }
+        // without heights, without angles
+        for circular in [false, true] {
+            let places = places.iter().copied().filter(|bins| bins.circular == circular).collect();
+            all.push(Model { places, looks: (true, true), ..new() });
+        }
+        if (shape.width / shape.heads).is_multiple_of(2) {
+            let rope = |word| Some(Rope { front: FRONT, word });
+            all.push(Model { rope: rope(word), ..new() });
+            all.push(Model { rope: rope(None), words: Some((5, 4)), ..new() });
+            all.push(Model { rope: rope(word), places, looks: (true, true), ..new() });
+        }
+        all
+    }
+
+    fn name(&self) -> String {
+        let Model { shape, words, rope, places, looks, .. } = self;
+        format!("{shape:?} {words:?} {rope:?} {} places {looks:?}", places.len())
     }
 
     fn parts(&self) -> Parts<'_> {
@@ -36,7 +76,7 @@ impl Model {
             None => Positions::Places(&t[1]),
             // any numbers will do
             Some((words, places)) => {
-                let (front, rest) = t[1].split_at(width);
+                let (front, rest) = t[1].split_at(FRONT * width);
                 Positions::Words {
                     front,
                     word: &rest[..words * width],
@@ -61,15 +101,48 @@ impl Model {
             shape: self.shape,
             token: &t[0],
             positions,
+            rope: self.rope,
+            before: self.before(),
             blocks: (0..self.shape.layers).map(block).collect(),
             norm: pair(2),
             head: &t[4],
         }
     }
 
+    fn before(&self) -> Option<Before<'_>> {
+        let [.., character, step, circular, clamped] = self.tensors.as_slice() else { return None };
+        let width = self.shape.width;
+        let most = |circular: bool| {
+            let counts = self.places.iter().filter(|bins| bins.circular == circular).map(|bins| bins.count as usize);
+            counts.max().unwrap_or(0)
+        };
+        let (round, clamps) = (most(true), most(false));
+        let step = &step[..(round.max(clamps) + 1) * width];
+        let previous = Previous { character, missing: 0, step };
+        let clamped = &clamped[..(2 * clamps).saturating_sub(1) * width];
+        let relative = Relative { circular: &circular[..round * width], clamped };
+        let (inputs, logits) = self.looks;
+        (inputs || logits).then(|| Before {
+            front: FRONT,
+            places: &self.places,
+            previous: inputs.then_some(previous),
+            relative: logits.then_some(relative),
+        })
+    }
+
+    /// Any tokens, or words of the model's places with a token here and there that doesn't belong.
     fn tokens(&self, n: usize, seed: u64) -> Vec<u32> {
-        let v = self.shape.vocabulary as f32;
-        numbers(seed, n, 0.5).iter().map(|x| ((x + 0.5) * v) as u32 % self.shape.vocabulary as u32).collect()
+        let any = |i: usize, count: u32| {
+            let number = numbers(seed * 1009 + i as u64, 1, 0.5)[0] + 0.5;
+            (number * count as f32) as u32 % count
+        };
+        let token = |i: usize| match i.checked_sub(FRONT).map(|k| k % (self.places.len() + 1)) {
+            Some(place) if !self.places.is_empty() && any(i + n, 12) > 0 => {
+                self.places.get(place).map_or(END, |bins| bins.first + any(i, bins.count))
+            }
+            _ => any(i, self.shape.vocabulary as u32),
+        };
+        (0..n).map(token).collect()
     }
 
     fn decoder(&self, streams: usize, weights: WeightKind, kv: KvKind) -> Decoder {
@@ -87,15 +160,16 @@ const SHAPES: [Shape; 4] = [
 /// The largest difference, by the largest number.
 fn apart(found: &[f32], expected: &[f64]) -> f64 {
     assert_eq!(found.len(), expected.len());
-    let most = expected.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
-    found.iter().zip(expected).map(|(a, b)| (f64::from(*a) - b).abs()).fold(0.0, f64::max) / most
+    let most = expected.iter().filter(|x| x.is_finite()).fold(0.0, |m: f64, x| m.max(x.abs()));
+    // minus infinity is minus infinity
+    let apart = |(a, b): (&f32, &f64)| if f64::from(*a) == *b { 0.0 } else { (f64::from(*a) - b).abs() };
+    found.iter().zip(expected).map(apart).fold(0.0, f64::max) / most
 }
 
 #[test]
 fn logits_are_those_of_plain_loops() {
-    for shape in SHAPES {
-        let model = Model::new(shape, 1);
-        let tokens = model.tokens(shape.context, 9);
+    for model in SHAPES.into_iter().flat_map(|shape| Model::forms(shape, 1)) {
+        let tokens = model.tokens(model.shape.context, 9);
         let truth = scalar::decode::logits(&model.parts(), &tokens);
         // half floats have 11 bits; bytes with a scale a column 7 and a half, over sums that average them
         for (weights, kv, bound) in [
@@ -105,17 +179,18 @@ fn logits_are_those_of_plain_loops() {
         ] {
             let found = model.decoder(1, weights, kv).read(&[&tokens], Logits::All).to_vec();
             let apart = apart(&found, &truth);
-            assert!(apart < bound, "{shape:?} {weights:?} {kv:?}: {apart:e}");
+            assert!(apart < bound, "{} {weights:?} {kv:?}: {apart:e}", model.name());
         }
     }
 }
 
 #[test]
 fn cuts_streams_and_threads_change_no_bit() {
-    let model = Model::new(Shape { layers: 2, heads: 3, width: 48, vocabulary: 70, context: 300 }, 2);
-    let v = model.shape.vocabulary;
+    let shape = Shape { layers: 2, heads: 3, width: 48, vocabulary: 70, context: 300 };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-    for (weights, kv) in [(WeightKind::F32, KvKind::F32), (WeightKind::Int8, KvKind::F16)] {
+    for (i, model) in Model::forms(shape, 2).into_iter().enumerate() {
+        let (weights, kv) = if i % 2 == 0 { (WeightKind::F32, KvKind::F32) } else { (WeightKind::Int8, KvKind::F16) };
+        let v = model.shape.vocabulary;
         let sequences: Vec<Vec<u32>> = [300, 211, 1, 280].iter().map(|&n| model.tokens(n, n as u64)).collect();
         let alone: Vec<Vec<f32>> =
             sequences.iter().map(|s| model.decoder(1, weights, kv).read(&[s], Logits::All).to_vec()).collect();
@@ -136,7 +211,7 @@ fn cuts_streams_and_threads_change_no_bit() {
                         Logits::Last => expected.extend_from_slice(&logits[(rows.end - 1) * v..rows.end * v]),
                     }
                 }
-                assert!(found == expected, "{weights:?} {kv:?}: block of {n} behind {read}");
+                assert!(found == expected, "{} {weights:?} {kv:?}: block of {n} behind {read}", model.name());
                 read += n;
             }
             assert_eq!((0..4).map(|s| decoder.len(s)).collect::<Vec<_>>(), [300, 211, 1, 280]);
@@ -146,10 +221,11 @@ fn cuts_streams_and_threads_change_no_bit() {
 
 #[test]
 fn words_of_any_length_are_counted_however_they_are_cut() {
+    let turned = Some(Rope { front: FRONT, word: None });
     let shape = Shape { layers: 1, heads: 2, width: 16, vocabulary: 6, context: 60 };
     // of a vocabulary of 6 every sixth token or so ends a word; words and places go beyond their tables too
-    for words in [(20, 30), (3, 4), (1, 1)] {
-        let model = Model { words: Some(words), ..Model::new(shape, 4) };
+    for (words, rope) in [((20, 30), None), ((3, 4), turned), ((1, 1), None), ((1, 1), turned)] {
+        let model = Model { words: Some(words), rope, ..Model::new(shape, 4) };
         let (tokens, other) = (model.tokens(60, 9), model.tokens(60, 5));
         let truth = scalar::decode::logits(&model.parts(), &tokens);
         let mut decoder = model.decoder(2, WeightKind::F32, KvKind::F32);
@@ -172,20 +248,22 @@ fn words_of_any_length_are_counted_however_they_are_cut() {
 
 #[test]
 fn what_was_forgotten_leaves_no_trace() {
-    let model = Model::new(SHAPES[0], 3);
-    let (tokens, others) = (model.tokens(40, 1), model.tokens(40, 2));
-    let mut decoder = model.decoder(2, WeightKind::F32, KvKind::F32);
-    let mut fresh = model.decoder(2, WeightKind::F32, KvKind::F32);
-    let expected = fresh.read(&[&tokens[..20], &tokens[..5]], Logits::All).to_vec();
-    decoder.read(&[&tokens[..9], &others], Logits::Last);
-    decoder.truncate(0, 6);
-    decoder.truncate(1, 0);
-    decoder.read(&[&others[6..], &[]], Logits::Last);
-    decoder.truncate(0, 6);
-    let v = model.shape.vocabulary;
-    assert_eq!(decoder.read(&[&tokens[6..20], &tokens[..5]], Logits::All), &expected[6 * v..]);
-    decoder.reset();
-    assert!(decoder.is_empty());
-    assert_eq!(decoder.read(&[&tokens[..20], &tokens[..5]], Logits::All), expected);
-    assert!(decoder.read(&[&[], &[]], Logits::Last).is_empty());
+    for model in Model::forms(SHAPES[0], 3) {
+        let (tokens, others) = (model.tokens(40, 1), model.tokens(40, 2));
+        let mut decoder = model.decoder(2, WeightKind::F32, KvKind::F32);
+        let mut fresh = model.decoder(2, WeightKind::F32, KvKind::F32);
+        let expected = fresh.read(&[&tokens[..20], &tokens[..5]], Logits::All).to_vec();
+        decoder.read(&[&tokens[..9], &others], Logits::Last);
+        decoder.truncate(0, 6);
+        decoder.truncate(1, 0);
+        decoder.read(&[&others[6..], &[]], Logits::Last);
+        decoder.truncate(0, 6);
+        let v = model.shape.vocabulary;
+        let name = model.name();
+        assert_eq!(decoder.read(&[&tokens[6..20], &tokens[..5]], Logits::All), &expected[6 * v..], "{name}");
+        decoder.reset();
+        assert!(decoder.is_empty());
+        assert_eq!(decoder.read(&[&tokens[..20], &tokens[..5]], Logits::All), expected, "{name}");
+        assert!(decoder.read(&[&[], &[]], Logits::Last).is_empty());
+    }
 }

@@ -1,7 +1,10 @@
 //! The weights of a model, packed for decoding.
 
+use super::before::{Before, Inputs, Words};
+use super::head::Head;
 use super::matrix::{Matrix, PIECE, WeightKind};
 use super::position::{Positions, Tables};
+use super::rope::{Rope, Turns};
 use crate::arena::Floats;
 
 /// What a model is.
@@ -48,6 +51,10 @@ pub struct Parts<'a> {
     pub token: &'a [f32],
     /// What is added to a token for where it stands.
     pub positions: Positions<'a>,
+    /// How queries and keys are turned for where they stand, if they are.
+    pub rope: Option<Rope>,
+    /// What the model makes of the word before, where words have one length.
+    pub before: Option<Before<'a>>,
     /// L blocks.
     pub blocks: Vec<BlockParts<'a>>,
     /// (D), (D).
@@ -62,9 +69,12 @@ pub struct DecoderWeights {
     pub(super) kind: WeightKind,
     pub(super) token: Floats,
     pub(super) positions: Tables,
+    pub(super) turns: Option<Turns>,
+    pub(super) words: Option<Words>,
+    pub(super) inputs: Option<Inputs>,
     pub(super) blocks: Vec<Block>,
     pub(super) norm: Norm,
-    pub(super) head: Matrix,
+    pub(super) head: Head,
 }
 
 pub(super) struct Block {
@@ -86,19 +96,26 @@ impl DecoderWeights {
     /// Packs the weights of a model; all matrices as `kind`, the rest in f32.
     ///
     /// # Panics
-    /// Slices that don't have the shape they should.
+    /// Slices that don't have the shape they should; heads of an odd width that are to be turned; a [`Rope`] or [`Before`] of
+    /// no words.
     pub fn new(parts: &Parts, kind: WeightKind) -> DecoderWeights {
         let Shape { layers, width, vocabulary, context, heads } = parts.shape;
         assert!(heads > 0 && width.is_multiple_of(heads), "{heads} heads of a width of {width}");
         assert_eq!(parts.blocks.len(), layers, "blocks");
         check("token", parts.token, vocabulary * width);
-        check("head", parts.head, vocabulary * width);
-        let head = Matrix::new(kind, (width, vocabulary), PIECE, |_| 0.0, |i, j| parts.head[j * width + i]);
+        let positions = Tables::new(&parts.positions, context, width);
+        let words = parts.before.map(|before| Words::new(&before, vocabulary));
+        let inputs = parts.before.and_then(|b| Some(Inputs::new(&b.previous?, b.places, vocabulary, width)));
+        let relative = parts.before.and_then(|before| before.relative);
+        let head = Head::new(kind, (vocabulary, width), parts.head, words.clone().zip(relative));
         DecoderWeights {
             shape: parts.shape,
             kind,
             token: Floats::of(parts.token),
-            positions: Tables::new(&parts.positions, context, width),
+            turns: parts.rope.map(|rope| Turns::new(rope, &positions, context, width / heads)),
+            positions,
+            words,
+            inputs,
             blocks: parts.blocks.iter().map(|b| Block::new(b, &parts.shape, kind)).collect(),
             norm: Norm::new(parts.norm, width),
             head,
@@ -115,13 +132,13 @@ impl DecoderWeights {
         self.kind
     }
 
-    /// Multiply-adds of a token with the weights.
+    /// Multiply-adds of a token with the weights, about.
     pub fn multiply_adds(&self) -> usize {
         let Shape { layers, width, vocabulary, .. } = self.shape;
         layers * 12 * width * width + vocabulary * width
     }
 
-    /// Bytes of weights that are read for a token.
+    /// Bytes of weights that are read for a token, the mean over the places of a word.
     pub fn bytes(&self) -> usize {
         let block = |b: &Block| {
             let heads: usize = b.heads.iter().map(Matrix::bytes).sum();

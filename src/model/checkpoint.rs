@@ -178,18 +178,18 @@ impl Checkpoints {
         Ok(())
     }
 
-    /// Reads the files `wanted` of one checkpoint; all its hashes are checked first.
+    /// Reads the files `wanted` of one checkpoint, and those of `also` that it has; all its hashes are checked first.
     ///
     /// # Errors
     /// A checkpoint that is missing, cut short or changed: which file, what was found and expected.
-    pub fn read(&self, step: u64, wanted: &[&str]) -> Result<Checkpoint> {
+    pub fn read(&self, step: u64, wanted: &[&str], also: &[&str]) -> Result<Checkpoint> {
         let dir = self.path(step);
         let state = read_state(&dir)?;
         if state.step != step {
             let found = format!("step {}", state.step);
             return Err(Error::file(dir.join(STATE), found, format!("step {step}"), ""));
         }
-        let files = check(&dir, &state, wanted)?;
+        let files = check(&dir, &state, &[wanted, also].concat())?;
         match wanted.iter().find(|w| !files.contains_key(**w)) {
             Some(missing) => Err(Error::file(&dir, format!("no {missing} in state.json"), "a whole checkpoint", "")),
             None => Ok(Checkpoint { dir, state, files }),
@@ -200,7 +200,13 @@ impl Checkpoints {
     ///
     /// # Errors
     /// No checkpoint that is whole, with the reason of the first.
-    pub fn find(&self, which: Which, wanted: &[&str], note: &mut dyn FnMut(String)) -> Result<Checkpoint> {
+    pub fn find(
+        &self,
+        which: Which,
+        wanted: &[&str],
+        also: &[&str],
+        note: &mut dyn FnMut(String),
+    ) -> Result<Checkpoint> {
         let steps = self.steps()?;
         let latest = || self.named("latest").filter(|s| steps.contains(s)).or(steps.last().copied());
         let first = match which {
@@ -211,13 +217,13 @@ impl Checkpoints {
         };
         let nothing = || Error::file(&self.run, "no checkpoint", "a run that reached its first one", "train it first");
         let first = first.ok_or_else(nothing)?;
-        let mut reason = match self.read(first, wanted) {
+        let mut reason = match self.read(first, wanted, also) {
             Err(e) if !matches!(which, Which::Step(_)) => e,
             other => return other,
         };
         for &step in steps.iter().rev().filter(|s| **s < first) {
             note(format!("{reason}; going back to the checkpoint of step {step}"));
-            match self.read(step, wanted) {
+            match self.read(step, wanted, also) {
                 Ok(found) => return Ok(found),
                 Err(e) => reason = e,
             }
@@ -293,7 +299,7 @@ mod tests {
     fn the_last_and_the_best_stay_and_cut_ones_are_passed_over() {
         let dir = tempfile::tempdir().unwrap();
         let all = Checkpoints::of(dir.path());
-        assert!(all.find(Which::Auto, &[], &mut |_| ()).unwrap_err().to_string().contains("no checkpoint"));
+        assert!(all.find(Which::Auto, &[], &[], &mut |_| ()).unwrap_err().to_string().contains("no checkpoint"));
         for (step, best) in [(10, Some(10)), (20, Some(10)), (30, Some(10)), (40, Some(10))] {
             all.write(state(step, best), &[("a", vec![step as u8; 9])]).unwrap();
             all.prune(2).unwrap();
@@ -302,7 +308,7 @@ mod tests {
         assert_eq!((all.named("latest"), all.named("best")), (Some(40), Some(10)));
         let find = |which| {
             let mut notes = Vec::new();
-            let found = all.find(which, &["a"], &mut |n| notes.push(n));
+            let found = all.find(which, &["a"], &["b"], &mut |n| notes.push(n));
             (found.map(|c| (c.state.step, c.files["a"].clone())).map_err(|e| e.to_string()), notes)
         };
         assert_eq!(find(Which::Auto).0.unwrap(), (10, vec![10; 9]));

@@ -16,6 +16,8 @@ use std::path::{Path, PathBuf};
 
 /// The weights' file in a checkpoint.
 pub const WEIGHTS: &str = "model.safetensors";
+/// The moving average of the weights; where a checkpoint has it, it is the model.
+pub const AVERAGED: &str = "ema.safetensors";
 /// The run's configuration.
 pub const CONFIG: &str = "config.toml";
 /// The run's tokenizer.
@@ -27,7 +29,7 @@ pub struct LoadedRun {
     pub config: ModelConfig,
     /// What its tokenizer decided.
     pub tokens: TokenLayout,
-    /// Its weights by name, on the CPU, in f32.
+    /// Its weights by name, on the CPU, in f32: their moving average if the checkpoint has it.
     pub weights: BTreeMap<String, Tensor>,
     /// The tokenizer it was trained with.
     pub tokenizer: PathBuf,
@@ -93,8 +95,9 @@ pub fn load_run(run: &Path, which: Which) -> Result<LoadedRun> {
     let shape: Shape = toml::from_str(&text)
         .map_err(|e| Error::file(&path, e.message().to_string(), "the configuration of a run", ""))?;
     let mut notes = Vec::new();
-    let found = Checkpoints::of(run).find(which, &[WEIGHTS], &mut |n| notes.push(n))?;
-    let weights = weights::from_bytes(&found.dir.join(WEIGHTS), &found.files[WEIGHTS])?;
+    let found = Checkpoints::of(run).find(which, &[WEIGHTS], &[AVERAGED], &mut |n| notes.push(n))?;
+    let file = if found.files.contains_key(AVERAGED) { AVERAGED } else { WEIGHTS };
+    let weights = weights::from_bytes(&found.dir.join(file), &found.files[file])?;
     Ok(LoadedRun {
         config: shape.model,
         tokens: shape.tokens,

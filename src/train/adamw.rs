@@ -3,6 +3,7 @@
 //! Source: Loshchilov and Hutter, "Decoupled weight decay regularization" (2019); the order of operations is PyTorch's.
 
 use super::config::TrainConfig;
+use super::learner::in_order;
 use crate::model::Gpt;
 use crate::model::layout::{self, Parameter};
 use crate::{Error, Result};
@@ -79,13 +80,12 @@ impl AdamW {
     ///
     /// # Errors
     /// Moments that are missing or of another shape, each named.
-    pub fn restore(&mut self, mut tensors: BTreeMap<String, Tensor>, step: u64) -> Result<()> {
-        for (p, moments) in self.parameters.iter().zip(&mut self.moments) {
-            for (prefix, moment) in MOMENTS.iter().zip(moments) {
-                let name = format!("{prefix}.{}", p.name);
-                let tensor = tensors.remove(&name).filter(|t| t.dims() == p.shape);
-                let missing = || Error::Call(format!("the optimizer has no {name} of shape {:?}", p.shape));
-                *moment = tensor.ok_or_else(missing)?.to_device(moment.device())?;
+    pub fn restore(&mut self, tensors: BTreeMap<String, Tensor>, step: u64) -> Result<()> {
+        for (i, prefix) in MOMENTS.iter().enumerate() {
+            let name = |p: &Parameter| format!("{prefix}.{}", p.name);
+            let all = in_order("optimizer", &self.parameters, &tensors, name)?;
+            for (moments, tensor) in self.moments.iter_mut().zip(all) {
+                moments[i] = tensor.to_device(moments[i].device())?;
             }
         }
         self.step = step;

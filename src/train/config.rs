@@ -56,6 +56,15 @@ pub struct TrainConfig {
     pub checkpoint_every: u64,
     /// Checkpoints kept beside the best, 1 or more. Default 2.
     pub keep: usize,
+    /// Batches of a step, computed one after the other in the memory of one, 1..=65536. Default 1.
+    pub accumulate: usize,
+    /// Measurements without a better one after which the run ends; 0 means that it never ends for that. Default 0.
+    pub patience: u64,
+    /// Decay of the moving average of the weights, which is then measured, loaded and exported in their place: 0 up to
+    /// below 1; 0 means none. Default 0.
+    pub ema: f64,
+    /// Measurements between dances that are generated into the run's `samples/`; 0 means none. Default 0.
+    pub sample_every: u64,
 }
 
 impl Default for TrainConfig {
@@ -76,6 +85,10 @@ impl Default for TrainConfig {
             eval_windows: 128,
             checkpoint_every: 250,
             keep: 2,
+            accumulate: 1,
+            patience: 0,
+            ema: 0.0,
+            sample_every: 0,
         }
     }
 }
@@ -134,7 +147,15 @@ impl TrainConfig {
         number(self.clip_norm >= 0.0, "clip_norm", self.clip_norm, "0 (no limit) or more")?;
         // TOML has no larger integers
         check(self.seed <= i64::MAX as u64, "seed", self.seed.to_string(), "at most 9223372036854775807")?;
-        check(self.keep >= 1, "keep", self.keep.to_string(), "1 or more")
+        check(self.keep >= 1, "keep", self.keep.to_string(), "1 or more")?;
+        check((1..=65_536).contains(&self.accumulate), "accumulate", self.accumulate.to_string(), "1 to 65536")?;
+        number((0.0..1.0).contains(&self.ema), "ema", self.ema, "0 (none) up to below 1")?;
+        let measured = |key, found: u64| {
+            let limits = "0 where eval_every is 0: nothing is measured on the way";
+            check(found == 0 || self.eval_every > 0, key, found.to_string(), limits)
+        };
+        measured("patience", self.patience)?;
+        measured("sample_every", self.sample_every)
     }
 }
 
@@ -159,6 +180,9 @@ mod tests {
         assert!(message.starts_with("a.toml:3:1: found unknown field `step`"), "{message}");
         assert!(said("[train]\nlearning_rate = nan").contains("train.learning_rate is NaN; expected a number above 0"));
         assert!(said("[train]\nbetas = [0.9, 1.0]").contains("train.betas is 1; expected 0 up to below 1"));
+        assert!(said("[train]\npatience = 2\neval_every = 0").contains("train.patience is 2; expected 0 where"));
+        assert!(said("[train]\nema = 1.0").contains("train.ema is 1; expected 0 (none) up to below 1"));
+        assert!(said("[train]\naccumulate = 0").contains("train.accumulate is 0; expected 1 to 65536"));
         assert!(said("[model]\nlayers = 0").contains("model.layers is 0"));
         assert!(said("[model").starts_with("a.toml:1:"));
     }

@@ -1,11 +1,14 @@
 //! The fast model as it learns, on the CPU.
 
+use super::adamw::MOMENTS;
+use super::average;
 use super::batches::Batch;
 use super::config::TrainConfig;
-use super::learner::{Found, Learner, not_finite};
+use super::learner::{Found, Learner, in_order, no_average, not_finite};
+use crate::Result;
 use crate::model::fast::{Fast, Windows, named};
+use crate::model::layout::Parameter;
 use crate::model::{Dropout, ModelConfig, Scores, TokenLayout};
-use crate::{Error, Result};
 use candle_core::Tensor;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::op::adamw;
@@ -23,6 +26,10 @@ pub struct FastLearner {
     squares: Vec<f64>,
     /// Whether weight decay pulls at a tensor.
     decays: Vec<bool>,
+    /// Of several batches: their gradients, summed. Empty where a step has one.
+    sum: Vec<Floats>,
+    /// The moving average of the weights, if there is one.
+    averages: Option<Vec<Floats>>,
     train: TrainConfig,
     /// Updates done.
     step: u64,
@@ -36,6 +43,8 @@ impl FastLearner {
             moments: [model.like_weights(), model.like_weights()],
             squares: vec![0.0; model.parameters().len()],
             decays: model.parameters().iter().map(|p| p.decays).collect(),
+            sum: if train.accumulate > 1 { model.like_weights() } else { Vec::new() },
+            averages: (train.ema > 0.0).then(|| model.like_weights()),
             model,
             train: train.clone(),
             step: 0,
@@ -48,18 +57,50 @@ impl FastLearner {
     }
 }
 
-impl Learner for FastLearner {
-    fn gradients(&mut self, batch: &Batch, step: u64) -> Result<Found> {
-        let counted = batch.counted(Scores::tokens(&self.model).pad);
+impl FastLearner {
+    /// Gradients of one batch, whose windows have the numbers from `first` on in their step, and its nats.
+    fn of_batch(&mut self, batch: &Batch, step: u64, first: u64) -> Result<f64> {
         let share = Scores::config(&self.model).dropout;
-        let dropout = (share > 0.0).then_some(Dropout { share, seed: self.train.seed, step, first: 0 });
+        let dropout = (share > 0.0).then_some(Dropout { share, seed: self.train.seed, step, first });
         let (inputs, targets) = (&batch.inputs, &batch.targets);
         let windows = Windows { inputs, targets, length: batch.length(), mask: Mask::Causal };
         let nats = self.model.gradients(windows, dropout.as_ref(), &mut self.gradients)?;
-        let loss = nats / counted.max(1) as f64;
-        if !loss.is_finite() {
-            return Err(not_finite(loss, &batch.clips));
+        match nats.is_finite() {
+            true => Ok(nats),
+            false => Err(not_finite(nats, &batch.clips)),
         }
+    }
+
+    /// The same of several, summed by their shares of the targets that count.
+    fn of_batches(&mut self, batches: &[Batch], step: u64) -> Result<f64> {
+        let pad = Scores::tokens(&self.model).pad;
+        let counted = |batch: &Batch| batch.counted(pad) as f64;
+        let all = batches.iter().map(counted).sum::<f64>().max(1.0);
+        if self.sum.is_empty() {
+            self.sum = self.model.like_weights();
+        }
+        let (mut nats, mut first) = (0.0, 0);
+        for (i, batch) in batches.iter().enumerate() {
+            nats += self.of_batch(batch, step, first)?;
+            first += batch.clips.len() as u64;
+            let share = (counted(batch) / all) as f32;
+            let sums = self.sum.par_iter_mut().zip(&self.gradients);
+            sums.for_each(|(sum, gradient)| average::add(sum, gradient, share, i == 0));
+        }
+        std::mem::swap(&mut self.sum, &mut self.gradients);
+        Ok(nats)
+    }
+}
+
+impl Learner for FastLearner {
+    fn gradients_of(&mut self, batches: &[Batch], step: u64) -> Result<Found> {
+        let nats = match batches {
+            [batch] => self.of_batch(batch, step, 0)?,
+            several => self.of_batches(several, step)?,
+        };
+        let pad = Scores::tokens(&self.model).pad;
+        let counted = batches.iter().map(|b| b.counted(pad)).sum::<usize>();
+        let loss = nats / counted.max(1) as f64;
         let squares = self.squares.par_iter_mut().zip(&self.gradients);
         squares.for_each(|(square, gradient)| *square = adamw::norm_squared(gradient));
         Ok(Found { loss, counted, norm: self.squares.iter().sum::<f64>().sqrt() })
@@ -73,6 +114,11 @@ impl Learner for FastLearner {
         let [first, second] = &mut self.moments;
         let all = (self.model.weights_mut(), first, second, &self.gradients, &self.decays);
         all.into_par_iter().for_each(|(x, m, v, g, &decays)| adamw::update(x, m, v, g, &steps[usize::from(decays)]));
+        if let Some(averages) = &mut self.averages {
+            let share = average::share(self.train.ema, self.step) as f32;
+            let all = averages.par_iter_mut().zip(self.model.weights_mut());
+            all.for_each(|(a, x)| average::towards(a, x, share));
+        }
         Ok(())
     }
 
@@ -82,25 +128,45 @@ impl Learner for FastLearner {
 
     fn moments(&self) -> Result<BTreeMap<String, Tensor>> {
         let mut all = BTreeMap::new();
-        for (prefix, moment) in ["first", "second"].iter().zip(&self.moments) {
+        for (prefix, moment) in MOMENTS.iter().zip(&self.moments) {
             let tensors = named(self.model.parameters(), moment)?;
             all.extend(tensors.into_iter().map(|(name, tensor)| (format!("{prefix}.{name}"), tensor)));
         }
         Ok(all)
     }
 
-    fn restore(&mut self, mut moments: BTreeMap<String, Tensor>, step: u64) -> Result<()> {
-        for (prefix, moment) in ["first", "second"].iter().zip(&mut self.moments) {
-            for (p, numbers) in self.model.parameters().iter().zip(moment) {
-                let name = format!("{prefix}.{}", p.name);
-                let tensor = moments.remove(&name).filter(|t| t.dims() == p.shape);
-                let missing = || Error::Call(format!("the optimizer has no {name} of shape {:?}", p.shape));
-                numbers.copy_from_slice(&tensor.ok_or_else(missing)?.flatten_all()?.to_vec1::<f32>()?);
-            }
+    fn restore(&mut self, moments: BTreeMap<String, Tensor>, step: u64) -> Result<()> {
+        for (prefix, moment) in MOMENTS.iter().zip(&mut self.moments) {
+            let name = |p: &Parameter| format!("{prefix}.{}", p.name);
+            fill(moment, &in_order("optimizer", self.model.parameters(), &moments, name)?)?;
         }
         self.step = step;
         Ok(())
     }
+
+    fn averages(&self) -> Result<Option<BTreeMap<String, Tensor>>> {
+        self.averages.as_ref().map(|averages| named(self.model.parameters(), averages)).transpose()
+    }
+
+    fn restore_averages(&mut self, averages: BTreeMap<String, Tensor>) -> Result<()> {
+        let own = self.averages.as_mut().ok_or_else(no_average)?;
+        fill(own, &in_order("average", self.model.parameters(), &averages, |p| p.name.clone())?)
+    }
+
+    fn exchange(&mut self) -> Result<()> {
+        if let Some(averages) = &mut self.averages {
+            self.model.weights_mut().swap_with_slice(averages);
+        }
+        Ok(())
+    }
+}
+
+/// Copies tensors into buffers.
+fn fill(buffers: &mut [Floats], tensors: &[Tensor]) -> Result<()> {
+    for (buffer, tensor) in buffers.iter_mut().zip(tensors) {
+        buffer.copy_from_slice(&tensor.flatten_all()?.to_vec1::<f32>()?);
+    }
+    Ok(())
 }
 
 impl Scores for FastLearner {

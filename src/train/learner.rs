@@ -5,6 +5,7 @@ use super::config::TrainConfig;
 use super::fast::FastLearner;
 use super::plain::Plain;
 use crate::model::fast::Fast;
+use crate::model::layout::Parameter;
 use crate::model::{Compute, Gpt, ModelConfig, Scores, TokenLayout, weights};
 use crate::{Error, Result};
 use candle_core::Tensor;
@@ -28,8 +29,17 @@ pub trait Learner: Scores + Send {
     /// Loss and gradients of a batch, with the dropout of step `step`; the gradients stay here for [`Learner::update`].
     ///
     /// # Errors
+    /// As [`Learner::gradients_of`].
+    fn gradients(&mut self, batch: &Batch, step: u64) -> Result<Found> {
+        self.gradients_of(std::slice::from_ref(batch), step)
+    }
+
+    /// The same of several batches as if they were one, computed one after the other in the memory of one: the mean is that
+    /// over all their targets that count, and dropout counts their windows through.
+    ///
+    /// # Errors
     /// A loss that is not finite: the clips are named; what the device refuses.
-    fn gradients(&mut self, batch: &Batch, step: u64) -> Result<Found>;
+    fn gradients_of(&mut self, batches: &[Batch], step: u64) -> Result<Found>;
 
     /// Moves the weights by the gradients found last, times `share`, at the learning rate `rate`.
     ///
@@ -54,6 +64,26 @@ pub trait Learner: Scores + Send {
     /// # Errors
     /// Moments that are missing or of another shape, each named.
     fn restore(&mut self, moments: BTreeMap<String, Tensor>, step: u64) -> Result<()>;
+
+    /// The moving average of the weights by name ([`super::average`]), in f32 on the CPU; none where the configuration
+    /// has none.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    fn averages(&self) -> Result<Option<BTreeMap<String, Tensor>>>;
+
+    /// Goes on from this moving average.
+    ///
+    /// # Errors
+    /// Tensors that are missing or of another shape, each named; a configuration without an average.
+    fn restore_averages(&mut self, averages: BTreeMap<String, Tensor>) -> Result<()>;
+
+    /// Weights and their average change places, to measure with the average and then to go on; nothing where there is
+    /// none.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    fn exchange(&mut self) -> Result<()>;
 }
 
 /// The learner of the form and on the device that are wanted, beginning with these `weights`.
@@ -82,7 +112,37 @@ pub fn clip_share(norm: f64, limit: f64) -> f64 {
 
 /// The error of a loss that is not finite, on these of a batch's windows.
 pub fn not_finite(loss: f64, clips: &[String]) -> Error {
-    Error::Call(format!("the loss is {loss} on {}", clips.join(", ")))
+    Error::Call(format!("the loss is {loss} on {}", listed(clips.iter())))
+}
+
+/// The error of a moving average that the configuration doesn't have.
+pub fn no_average() -> Error {
+    Error::Call("a moving average of the weights; expected none, as train.ema is 0".into())
+}
+
+/// The windows of a step for a message: the first of them, and how many more there are.
+pub fn listed<'a>(mut clips: impl ExactSizeIterator<Item = &'a String>) -> String {
+    const MOST: usize = 32;
+    let some: Vec<&str> = clips.by_ref().take(MOST).map(String::as_str).collect();
+    match clips.len() {
+        0 => some.join(", "),
+        more => format!("{} and {more} more windows", some.join(", ")),
+    }
+}
+
+/// The tensors `all` in the order of the parameters, each of its shape; `what` they are is for the message.
+pub fn in_order(
+    what: &str,
+    parameters: &[Parameter],
+    all: &BTreeMap<String, Tensor>,
+    name: impl Fn(&Parameter) -> String,
+) -> Result<Vec<Tensor>> {
+    let one = |p: &Parameter| {
+        let name = name(p);
+        let tensor = all.get(&name).filter(|t| t.dims() == p.shape).cloned();
+        tensor.ok_or_else(|| Error::Call(format!("the {what} has no {name} of shape {:?}", p.shape)))
+    };
+    parameters.iter().map(one).collect()
 }
 
 #[cfg(test)]
@@ -94,5 +154,12 @@ mod tests {
         assert!((clip_share(5.0, 1.0) - 0.2).abs() < 1e-6);
         assert_eq!(clip_share(0.5, 1.0), 1.0);
         assert_eq!(clip_share(5.0, 0.0), 1.0);
+    }
+
+    #[test]
+    fn long_lists_are_cut() {
+        let names: Vec<String> = (0..34).map(|i| format!("c{i}")).collect();
+        assert_eq!(listed(names[..2].iter()), "c0, c1");
+        assert!(listed(names.iter()).ends_with("c31 and 2 more windows"));
     }
 }

@@ -1,10 +1,11 @@
 //! The plain model as it learns: the tensor library's gradients, on any device.
 
 use super::adamw::AdamW;
+use super::average;
 use super::batches::Batch;
 use super::config::TrainConfig;
-use super::learner::{Found, Learner, not_finite};
-use crate::model::{Dropout, Gpt, ModelConfig, Scores, TokenLayout};
+use super::learner::{Found, Learner, in_order, no_average, not_finite};
+use crate::model::{Dropout, Gpt, ModelConfig, Scores, TokenLayout, layout};
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
 use std::collections::BTreeMap;
@@ -17,8 +18,12 @@ pub struct Plain {
     model: Gpt,
     optimizer: AdamW,
     dropout: Option<Dropout>,
-    /// Of the last batch, in the order of the variables.
+    /// Of the last step, in the order of the variables.
     gradients: Vec<Tensor>,
+    /// The moving average of the weights, in that order, and its decay.
+    averages: Option<(Vec<Tensor>, f64)>,
+    /// Updates done.
+    step: u64,
 }
 
 impl Plain {
@@ -29,7 +34,10 @@ impl Plain {
     pub fn new(model: Gpt, train: &TrainConfig) -> Result<Plain> {
         let share = model.config().dropout;
         let dropout = (share > 0.0).then_some(Dropout { share, seed: train.seed, step: 0, first: 0 });
-        Ok(Plain { optimizer: AdamW::new(&model, train)?, model, dropout, gradients: Vec::new() })
+        let zeros = || model.vars().values().map(|v| Ok(v.zeros_like()?)).collect::<Result<Vec<_>>>();
+        let averages = if train.ema > 0.0 { Some((zeros()?, train.ema)) } else { None };
+        let optimizer = AdamW::new(&model, train)?;
+        Ok(Plain { optimizer, model, dropout, gradients: Vec::new(), averages, step: 0 })
     }
 
     /// The model as it is now.
@@ -65,15 +73,16 @@ fn piece(config: &ModelConfig, length: usize) -> usize {
     (PIECE_SCORES / (config.heads * length * length).max(1)).max(1)
 }
 
-impl Learner for Plain {
-    fn gradients(&mut self, batch: &Batch, step: u64) -> Result<Found> {
-        let (length, counted) = (batch.length(), batch.counted(self.model.tokens().pad));
+impl Plain {
+    /// Adds the gradients of one batch, whose windows have the numbers from `before` on in their step, over the `counted`
+    /// targets of the step; its part of the loss.
+    fn add_batch(&mut self, batch: &Batch, step: u64, before: u64, counted: usize) -> Result<f64> {
+        let length = batch.length();
         let rows = piece(self.model.config(), length);
-        self.gradients.clear();
         let mut sum = 0.0;
         for (first, clips) in (0..).step_by(rows).zip(batch.clips.chunks(rows)) {
             let part = first * length..(first + clips.len()) * length;
-            let dropout = self.dropout.map(|d| Dropout { step, first: first as u64, ..d });
+            let dropout = self.dropout.map(|d| Dropout { step, first: before + first as u64, ..d });
             let ids = self.model.ids(&batch.inputs[part.clone()], length)?;
             let loss = self.model.loss_sum(&ids, &batch.targets[part], dropout.as_ref())?;
             let loss = (loss / counted.max(1) as f64)?;
@@ -84,11 +93,32 @@ impl Learner for Plain {
             sum += value;
             self.add_gradients(&loss)?;
         }
-        Ok(Found { loss: sum, counted, norm: norm(&self.gradients)? })
+        Ok(sum)
+    }
+}
+
+impl Learner for Plain {
+    fn gradients_of(&mut self, batches: &[Batch], step: u64) -> Result<Found> {
+        let counted = batches.iter().map(|b| b.counted(self.model.tokens().pad)).sum();
+        self.gradients.clear();
+        let (mut loss, mut before) = (0.0, 0);
+        for batch in batches {
+            loss += self.add_batch(batch, step, before, counted)?;
+            before += batch.clips.len() as u64;
+        }
+        Ok(Found { loss, counted, norm: norm(&self.gradients)? })
     }
 
     fn update(&mut self, share: f64, rate: f64) -> Result<()> {
-        self.optimizer.update(&self.model, &self.gradients, share, rate)
+        self.optimizer.update(&self.model, &self.gradients, share, rate)?;
+        self.step += 1;
+        if let Some((averages, decay)) = &mut self.averages {
+            let share = average::share(*decay, self.step);
+            for (average, var) in averages.iter_mut().zip(self.model.vars().values()) {
+                *average = (&*average + ((var.as_detached_tensor() - &*average)? * share)?)?;
+            }
+        }
+        Ok(())
     }
 
     fn weights(&self) -> Result<BTreeMap<String, Tensor>> {
@@ -101,7 +131,33 @@ impl Learner for Plain {
     }
 
     fn restore(&mut self, moments: BTreeMap<String, Tensor>, step: u64) -> Result<()> {
+        self.step = step;
         self.optimizer.restore(moments, step)
+    }
+
+    fn averages(&self) -> Result<Option<BTreeMap<String, Tensor>>> {
+        let Some((averages, _)) = &self.averages else { return Ok(None) };
+        let copy = |t: &Tensor| t.to_device(&Device::Cpu)?.copy();
+        let all = self.model.vars().keys().zip(averages);
+        Ok(Some(all.map(|(n, t)| Ok((n.clone(), copy(t)?))).collect::<Result<_>>()?))
+    }
+
+    fn restore_averages(&mut self, averages: BTreeMap<String, Tensor>) -> Result<()> {
+        let (own, _) = self.averages.as_mut().ok_or_else(no_average)?;
+        let parameters = layout::parameters(self.model.config(), self.model.tokens());
+        let all = in_order("average", &parameters, &averages, |p| p.name.clone())?;
+        *own = all.iter().map(|t| t.to_device(self.model.device())).collect::<candle_core::Result<_>>()?;
+        Ok(())
+    }
+
+    fn exchange(&mut self) -> Result<()> {
+        if let Some((averages, _)) = &mut self.averages {
+            for (average, var) in averages.iter_mut().zip(self.model.vars().values()) {
+                let weights = var.as_detached_tensor().copy()?;
+                var.set(&std::mem::replace(average, weights))?;
+            }
+        }
+        Ok(())
     }
 }
 

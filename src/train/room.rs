@@ -1,25 +1,28 @@
 //! Whether this machine has the memory that training a model takes, asked before anything is allocated.
 
+use super::config::TrainConfig;
 use crate::model::layout;
 use crate::model::{ModelConfig, TokenLayout};
 use crate::{Error, Result};
 
-/// Bytes that training takes, about: weights, gradients and two moments; ten numbers of a token's width a layer for the
-/// backward pass, and what one layer needs while it is computed.
-pub fn needed(config: &ModelConfig, tokens: &TokenLayout, batch: usize) -> u128 {
+/// Bytes that training takes, about: weights, gradients and two moments, the sum of gradients and the average of weights
+/// where there are; ten numbers of a token's width a layer for the backward pass, and what one layer needs while it is
+/// computed.
+pub fn needed(config: &ModelConfig, tokens: &TokenLayout, train: &TrainConfig) -> u128 {
+    let copies = 4 + u128::from(train.accumulate > 1) + u128::from(train.ema > 0.0);
     let parameters: u128 = layout::parameters(config, tokens).iter().map(|p| p.len() as u128).sum();
-    let numbers = (batch * config.context) as u128 * config.width as u128;
+    let numbers = (train.batch * config.context) as u128 * config.width as u128;
     let activations = numbers * (11 * config.layers as u128 + 30);
-    4 * (4 * parameters + activations)
+    4 * (copies * parameters + activations)
 }
 
 /// Refuses what doesn't fit into the memory that is free.
 ///
 /// # Errors
 /// A model or a batch that is too large, with what it takes and what there is; none where the system doesn't tell.
-pub fn check(config: &ModelConfig, tokens: &TokenLayout, batch: usize) -> Result<()> {
+pub fn check(config: &ModelConfig, tokens: &TokenLayout, train: &TrainConfig) -> Result<()> {
     match free() {
-        Some(free) => compare(needed(config, tokens, batch), free),
+        Some(free) => compare(needed(config, tokens, train), free),
         None => Ok(()),
     }
 }
@@ -31,7 +34,7 @@ fn compare(needed: u128, free: u128) -> Result<()> {
     let gb = |bytes: u128| bytes as f64 / 1e9;
     Err(Error::Call(format!(
         "training this model on these batches takes about {:.1} GB of memory and {:.1} GB are free; lower model.width, \
-         model.layers, model.context or train.batch",
+         model.layers, model.context or train.batch (with train.accumulate that much higher, a step stays the same)",
         gb(needed),
         gb(free)
     )))
@@ -63,14 +66,18 @@ mod tests {
         };
         let thesis = ModelConfig { layers: 8, heads: 8, width: 512, context: 1024, ..Default::default() };
         // 26 million parameters of four numbers, 1,024 x 512 x 118 more
-        let needed = needed(&thesis, &tokens, 1) as f64;
-        assert!((needed / 662e6 - 1.0).abs() < 0.02, "{needed}");
+        let one = TrainConfig { batch: 1, ..Default::default() };
+        let bytes = needed(&thesis, &tokens, &one) as f64;
+        assert!((bytes / 662e6 - 1.0).abs() < 0.02, "{bytes}");
+        // a sum of gradients and an average of weights: two numbers a parameter more
+        let more = TrainConfig { accumulate: 8, ema: 0.999, ..one.clone() };
+        assert!(((needed(&thesis, &tokens, &more) as f64 - bytes) / 208e6 - 1.0).abs() < 0.02);
         let huge = ModelConfig { layers: 96, width: 8192, ..thesis.clone() };
-        let message = check(&huge, &tokens, 1).map_err(|e| e.to_string());
+        let message = check(&huge, &tokens, &one).map_err(|e| e.to_string());
         if free().is_some() {
             assert!(message.unwrap_err().contains("lower model.width"));
         }
-        check(&ModelConfig::default(), &tokens, 1).unwrap();
+        check(&ModelConfig::default(), &tokens, &one).unwrap();
         let message = compare(3_000_000_000, 1_500_000_000).unwrap_err().to_string();
         assert!(message.contains("about 3.0 GB of memory and 1.5 GB are free"), "{message}");
     }

@@ -52,6 +52,8 @@ pub struct Summary {
     pub step: u64,
     /// Whether it was stopped before its last step.
     pub stopped: bool,
+    /// Whether it ended before its last step because its patience was out.
+    pub early: bool,
     /// The last step's loss, nats a token; `None` if no step was left to do.
     pub loss: Option<f64>,
     /// The measurement at the end, if there are validation clips and it wasn't stopped.
@@ -144,7 +146,7 @@ pub fn begin(
 ) -> Result<RunFolder> {
     // whatever is refused must not leave an empty run behind
     Batches::new(corpus, file.model.context, file.train.batch, file.train.seed)?;
-    room::check(&file.model, &file.tokens, file.train.batch)?;
+    room::check(&file.model, &file.tokens, &file.train)?;
     let first = weights.map(|weights| saved::first(file, weights)).transpose()?;
     let folder = RunFolder::create(run)?;
     file.put_beside(run, corpus)?;

@@ -1,7 +1,8 @@
-//! What a checkpoint holds: the weights and the optimizer's moments, besides the state.
+//! What a checkpoint holds besides the state: the weights, the optimizer's moments, and the weights' average if there is
+//! one.
 
 use crate::model::checkpoint::{Checkpoints, State, Which};
-use crate::model::run::WEIGHTS;
+use crate::model::run::{AVERAGED, WEIGHTS};
 use crate::model::{Compute, layout, weights};
 use crate::train::learner::{Learner, learner};
 use crate::train::progress::Progress;
@@ -26,7 +27,7 @@ pub fn before(file: &RunFile) -> State {
 /// # Errors
 /// What the device refuses; a number that is not finite: its tensor is named.
 pub fn of(learner: &dyn Learner) -> Result<Contents> {
-    contents(learner.weights()?, learner.moments()?)
+    contents(learner.weights()?, learner.moments()?, learner.averages()?)
 }
 
 /// What is saved of a model of these weights before its first step.
@@ -52,12 +53,20 @@ pub fn first(file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<Conten
     }
     match weights.keys().find(|name| parameters.iter().all(|p| p.name != **name)) {
         Some(name) => Err(Error::Call(format!("the model has no place for the tensor {name}"))),
-        None => contents(weights, moments),
+        None => {
+            let averages = (file.train.ema > 0.0).then(|| weights.clone());
+            contents(weights, moments, averages)
+        }
     }
 }
 
-fn contents(weights: BTreeMap<String, Tensor>, moments: BTreeMap<String, Tensor>) -> Result<Contents> {
-    [(WEIGHTS, weights), (OPTIMIZER, moments)].into_iter().map(|(name, all)| Ok((name, bytes(name, &all)?))).collect()
+/// Tensors by name.
+type Tensors = BTreeMap<String, Tensor>;
+
+fn contents(weights: Tensors, moments: Tensors, averages: Option<Tensors>) -> Result<Contents> {
+    let averages = averages.map(|all| (AVERAGED, all));
+    let all = [(WEIGHTS, weights), (OPTIMIZER, moments)].into_iter().chain(averages);
+    all.map(|(name, all)| Ok((name, bytes(name, &all)?))).collect()
 }
 
 /// The bytes of a file; a checkpoint that would only spread numbers that are none is not written.
@@ -85,10 +94,16 @@ pub fn load(
     if checkpoints.steps()?.is_empty() {
         return Ok((learner(layout::initial(&file.model, &file.tokens, file.train.seed)?)?, before(file)));
     }
-    let found = checkpoints.find(Which::Latest, &[WEIGHTS, OPTIMIZER], &mut |n| progress.note(&n))?;
+    let averages = file.train.ema > 0.0;
+    let wanted = [WEIGHTS, OPTIMIZER, AVERAGED];
+    let wanted = if averages { &wanted[..] } else { &wanted[..2] };
+    let found = checkpoints.find(Which::Latest, wanted, &[], &mut |n| progress.note(&n))?;
     let tensors = |name: &str| weights::from_bytes(&found.dir.join(name), &found.files[name]);
     let mut learner = learner(tensors(WEIGHTS)?)?;
     learner.restore(tensors(OPTIMIZER)?, found.state.step)?;
+    if averages {
+        learner.restore_averages(tensors(AVERAGED)?)?;
+    }
     let mut state = found.state;
     state.files.clear();
     if state.step > 0 {

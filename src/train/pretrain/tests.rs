@@ -2,8 +2,8 @@ use super::saved::OPTIMIZER;
 use super::*;
 use crate::corpus::Split;
 use crate::model::checkpoint::Which;
-use crate::model::run::{WEIGHTS, load_run};
-use crate::model::{Form, ModelConfig, layout};
+use crate::model::run::{AVERAGED, WEIGHTS, load_run};
+use crate::model::{Form, ModelConfig, layout, weights};
 use crate::train::metrics::StepFigures;
 use crate::train::{Schedule, Silent, TrainConfig, fixture};
 use std::fs;
@@ -52,11 +52,19 @@ fn go(options: &PretrainOptions) -> Result<Summary> {
 
 #[test]
 fn five_steps_and_five_more_are_ten() {
+    resumed(file(), &[WEIGHTS, OPTIMIZER, "state.json"]);
+    let mut file = file();
+    (file.train.accumulate, file.train.ema) = (2, 0.9);
+    resumed(file, &[WEIGHTS, OPTIMIZER, AVERAGED, "state.json"]);
+}
+
+/// A run in two halves has the bytes of one in a piece.
+fn resumed(file: TrainFile, files: &[&str]) {
     let dir = tempfile::tempdir().unwrap();
     fixture::corpus(dir.path(), &CLIPS);
-    let straight = go(&options(dir.path(), "straight", Some(file()))).unwrap();
+    let straight = go(&options(dir.path(), "straight", Some(file.clone()))).unwrap();
     let stop = AtomicBool::new(false);
-    let mut halves = options(dir.path(), "halves", Some(file()));
+    let mut halves = options(dir.path(), "halves", Some(file.clone()));
     let first = pretrain(&halves, &stop, &mut StopAt(5, &stop, Vec::new())).unwrap();
     assert_eq!((first.step, first.stopped, straight.stopped), (5, true, false));
     let message = go(&halves).unwrap_err().to_string();
@@ -65,7 +73,7 @@ fn five_steps_and_five_more_are_ten() {
     let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let second = one_thread.install(|| go(&halves)).unwrap();
     assert_eq!((second.step, second.tokens, second.best), (10, straight.tokens, straight.best));
-    for name in [WEIGHTS, OPTIMIZER, "state.json"] {
+    for name in files {
         let bytes = |s: &Summary| fs::read(s.checkpoint.join(name)).unwrap();
         assert!(bytes(&straight) == bytes(&second), "{name} differs");
     }
@@ -219,4 +227,73 @@ fn weights_to_begin_with_are_the_first_checkpoint() {
     assert!(said(&|w| drop(w.insert("norm.bias".into(), one()))).contains("would hold NaN in norm.bias"));
     assert!(said(&|w| drop(w.insert("more".into(), one()))).contains("no place for the tensor more"));
     assert!(said(&|w| drop(w.insert("token.weight".into(), one()))).contains("token.weight has the shape [16]"));
+}
+
+#[test]
+fn batches_that_are_accumulated_are_one_batch() {
+    let dir = tempfile::tempdir().unwrap();
+    // of the short clip's windows fewer targets count
+    fixture::corpus(dir.path(), &[(40, Split::Train), (2, Split::Train), (1, Split::Train), (12, Split::Valid)]);
+    let run = |name: &str, batch: usize, accumulate: usize, form: Form| {
+        let mut file = file();
+        (file.train.batch, file.train.accumulate) = (batch, accumulate);
+        let mut options = options(dir.path(), name, Some(file));
+        options.compute.form = form;
+        let summary = go(&options).unwrap();
+        (summary.loss.unwrap(), summary.valid.unwrap().bits_per_frame, summary.tokens)
+    };
+    let (loss, bits, tokens) = run("one", 6, 1, Form::Auto);
+    for (batch, accumulate, form) in [(3, 2, Form::Auto), (1, 6, Form::Auto), (2, 3, Form::Plain)] {
+        let (found, found_bits, counted) = run(&format!("{batch}"), batch, accumulate, form);
+        assert!((found - loss).abs() < 1e-4, "{batch} x {accumulate}: {found}, at once {loss}");
+        assert!((found_bits - bits).abs() < 1e-2, "{batch} x {accumulate}: {found_bits}, at once {bits}");
+        assert_eq!(counted, tokens);
+    }
+}
+
+#[test]
+fn the_average_is_what_is_measured_and_loaded() {
+    let dir = tempfile::tempdir().unwrap();
+    fixture::corpus(dir.path(), &CLIPS);
+    let run = |name: &str, ema: f64, form: Form| {
+        let mut file = file();
+        file.train.ema = ema;
+        let mut options = options(dir.path(), name, Some(file));
+        options.compute.form = form;
+        go(&options).unwrap()
+    };
+    let (plain, with) = (run("without", 0.0, Form::Auto), run("with", 0.8, Form::Auto));
+    assert_eq!(plain.loss, with.loss, "the weights go their own way");
+    assert!(fs::read(plain.checkpoint.join(WEIGHTS)).unwrap() == fs::read(with.checkpoint.join(WEIGHTS)).unwrap());
+    assert!(!plain.checkpoint.join(AVERAGED).exists());
+    let bits = with.valid.unwrap().bits_per_frame;
+    assert_ne!(plain.valid.unwrap().bits_per_frame, bits);
+    let other = run("plain", 0.8, Form::Plain).valid.unwrap().bits_per_frame;
+    assert!((other - bits).abs() < 1e-2, "{other}, in the other form {bits}");
+    let loaded = load_run(&with.run, Which::Latest).unwrap();
+    let saved = fs::read(with.checkpoint.join(AVERAGED)).unwrap();
+    assert!(weights::to_bytes(loaded.weights.iter().map(|(n, t)| (n.as_str(), t))).unwrap() == saved);
+    let corpus = Corpus::open(dir.path().join("corpus")).unwrap();
+    let clips: Vec<_> = corpus.split(Split::Valid).collect();
+    let mut scores = loaded.scores(Compute::default()).unwrap();
+    let found = crate::evaluate::likelihood::likelihood(&mut *scores, &corpus, &clips, 0).unwrap().unwrap();
+    assert_eq!(found.bits_per_frame, bits);
+}
+
+#[test]
+fn a_run_that_gets_no_better_ends_and_stays_ended() {
+    let dir = tempfile::tempdir().unwrap();
+    fixture::corpus(dir.path(), &CLIPS);
+    let mut file = file();
+    file.train = TrainConfig { steps: 60, eval_every: 2, patience: 3, learning_rate: 0.7, warmup: 0, ..file.train };
+    let mut options = options(dir.path(), "run", Some(file));
+    let summary = go(&options).unwrap();
+    let best = summary.best.unwrap();
+    assert!(summary.early && !summary.stopped && summary.step < 60, "{summary:?}");
+    assert_eq!(summary.step, best.step + 6);
+    assert!(summary.valid.unwrap().bits_per_frame > best.bits_per_frame);
+    assert_eq!(load_run(&summary.run, Which::Auto).unwrap().state.step, best.step);
+    options.resume = true;
+    let again = go(&options).unwrap();
+    assert!(again.early && again.loss.is_none() && again.step == summary.step, "{again:?}");
 }

@@ -5,9 +5,9 @@ use crate::corpus::{ClipRecord, Corpus, Split};
 use crate::evaluate::likelihood::{Likelihood, likelihood};
 use crate::model::Compute;
 use crate::model::checkpoint::{Best, Checkpoints, State};
-use crate::train::batches::Batches;
+use crate::train::batches::{Batch, Batches};
 use crate::train::folder::RunFolder;
-use crate::train::learner::{Learner, clip_share};
+use crate::train::learner::{Learner, clip_share, listed};
 use crate::train::metrics::{Metrics, StepFigures};
 use crate::train::progress::Progress;
 use crate::train::run::RunFile;
@@ -89,7 +89,7 @@ impl<'a> Trainer<'a> {
         let steps = self.file.train.steps;
         let every = |n: u64, step: u64| n > 0 && step.is_multiple_of(n);
         let (mut loss, mut valid, mut saved) = (None, None, None);
-        while self.state.step < steps && !stop.load(Ordering::Relaxed) {
+        while self.state.step < steps && !self.is_patience_out() && !stop.load(Ordering::Relaxed) {
             loss = Some(self.step()?);
             let (step, last) = (self.state.step, self.state.step == steps);
             let mut best = false;
@@ -100,7 +100,7 @@ impl<'a> Trainer<'a> {
                 saved = Some((step, self.save()?));
             }
         }
-        let step = self.state.step;
+        let (step, early) = (self.state.step, self.is_patience_out());
         let checkpoint = match saved {
             Some((at, path)) if at == step => path,
             _ => self.save()?,
@@ -109,30 +109,42 @@ impl<'a> Trainer<'a> {
             run: self.run,
             checkpoint,
             step,
-            stopped: step < steps,
+            stopped: step < steps && !early,
+            early: step < steps && early,
             loss,
-            valid: valid.filter(|_| step >= steps),
+            valid: valid.filter(|_| step >= steps || early),
             best: self.state.best,
             tokens: self.state.tokens,
             seconds: self.started.elapsed().as_secs_f64(),
         })
     }
 
+    /// Whether so many measurements were no better that the run ends. It follows from where the run stands, so a run that
+    /// is gone on with ends there too.
+    fn is_patience_out(&self) -> bool {
+        let train = &self.file.train;
+        let measured = |step: u64| step / train.eval_every.max(1);
+        let since = self.state.best.map_or(0, |best| measured(self.state.step) - measured(best.step));
+        train.patience > 0 && since >= train.patience
+    }
+
     /// One update; its loss.
     fn step(&mut self) -> Result<f64> {
         let begun = Instant::now();
         let (step, train) = (self.state.step, &self.file.train);
-        let batch = self.batches.batch(step);
+        let parts = train.accumulate as u64;
+        let batches: Vec<Batch> = (step * parts..(step + 1) * parts).map(|i| self.batches.batch(i)).collect();
         let here = |e| stopped_at(step + 1, e, &self.checkpoints);
-        let found = self.learner.gradients(&batch, step).map_err(here)?;
+        let found = self.learner.gradients_of(&batches, step).map_err(here)?;
         if !found.norm.is_finite() {
-            let clips = batch.clips.join(", ");
+            let clips: Vec<String> = batches.iter().flat_map(|b| b.clips.iter().cloned()).collect();
+            let clips = listed(clips.iter());
             return Err(here(Error::Call(format!("the gradient's norm is {} on {clips}", found.norm))));
         }
         let rate = schedule::rate(train, step);
         self.learner.update(clip_share(found.norm, train.clip_norm), rate)?;
         self.state.step += 1;
-        self.state.windows += train.batch as u64;
+        self.state.windows += train.batch as u64 * parts;
         self.state.tokens += found.counted as u64;
         let seconds = begun.elapsed().as_secs_f64();
         let pace = self.pace.map_or(seconds, |p| 0.95 * p + 0.05 * seconds);
@@ -155,7 +167,9 @@ impl<'a> Trainer<'a> {
     /// Measures the validation clips, and whether it was never better.
     fn measure(&mut self) -> Result<(Option<Likelihood>, bool)> {
         let (step, most) = (self.state.step, self.file.train.eval_windows);
+        self.learner.exchange()?;
         let found = likelihood(&mut *self.learner, self.corpus, &self.valid, most);
+        self.learner.exchange()?;
         let Some(found) = found.map_err(|e| stopped_at(step, e, &self.checkpoints))? else {
             return Ok((None, false));
         };
@@ -188,4 +202,111 @@ fn stopped_at(step: u64, e: Error, checkpoints: &Checkpoints) -> Error {
         None => "try a lower learning rate".into(),
     };
     Error::Call(format!("step {step}: {e}; {way_on}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::checkpoint::Which;
+    use crate::model::run::load_run;
+    use crate::model::{Form, ModelConfig, layout};
+    use crate::train::learner::learner;
+    use crate::train::{Silent, TrainConfig, fixture};
+    use candle_core::{Device, Tensor};
+
+    /// The error of a run whose numbers are poisoned after `steps` steps, and the run.
+    fn poisoned(
+        config: TrainConfig,
+        steps: u64,
+        poison: &dyn Fn(&mut Trainer, Compute),
+        form: Form,
+    ) -> (String, tempfile::TempDir) {
+        let dir = tempfile::tempdir().unwrap();
+        let clips = [(40, Split::Train), (7, Split::Train), (12, Split::Valid)];
+        let corpus = fixture::corpus(dir.path(), &clips);
+        let model = ModelConfig { layers: 2, heads: 2, width: 16, context: 24, dropout: 0.1, ..Default::default() };
+        let file = RunFile::new(&model, &TrainConfig { batch: 3, steps: 9, warmup: 3, ..config }, &corpus).unwrap();
+        let folder = super::super::begin(&dir.path().join("run"), &file, &corpus, None).unwrap();
+        let (mut silent, compute) = (Silent, Compute { form, ..Default::default() });
+        let mut trainer = Trainer::new(&folder, file, &corpus, compute, &mut silent).unwrap();
+        for _ in 0..steps {
+            trainer.step().unwrap();
+        }
+        if steps > 0 {
+            trainer.save().unwrap();
+        }
+        poison(&mut trainer, compute);
+        let message = trainer.train(&AtomicBool::new(false)).unwrap_err().to_string();
+        if steps > 0 {
+            let whole = load_run(&dir.path().join("run"), Which::Latest).unwrap();
+            assert_eq!(whole.state.step, steps, "nothing was written after the poison");
+        }
+        (message, dir)
+    }
+
+    /// Puts `value` all over some of the weights.
+    fn weights(trainer: &mut Trainer, compute: Compute, poison: &[(&str, f32)]) {
+        let mut weights = trainer.learner.weights().unwrap();
+        for &(name, value) in poison {
+            let shape = weights[name].dims().to_vec();
+            weights.insert(name.into(), Tensor::full(value, shape.as_slice(), &Device::Cpu).unwrap());
+        }
+        let file = &trainer.file;
+        trainer.learner = learner(&file.model, &file.tokens, &file.train, weights, compute).unwrap();
+    }
+
+    const FORMS: [Form; 2] = [Form::Auto, Form::Plain];
+
+    #[test]
+    fn a_loss_that_is_not_finite_stops_with_step_clips_and_the_whole_checkpoint() {
+        for form in FORMS {
+            let nan = |t: &mut Trainer, c| weights(t, c, &[("norm.bias", f32::NAN)]);
+            let (message, _dir) = poisoned(TrainConfig::default(), 0, &nan, form);
+            assert!(message.starts_with("step 1: the loss is NaN on clip0 from frame"), "{form:?}: {message}");
+            assert!(message.ends_with("; try a lower learning rate"), "{message}");
+            let infinite = |t: &mut Trainer, c| weights(t, c, &[("token.weight", f32::INFINITY)]);
+            for accumulate in [1, 3] {
+                let (message, _dir) = poisoned(TrainConfig { accumulate, ..Default::default() }, 4, &infinite, form);
+                assert!(message.starts_with("step 5: the loss is "), "{form:?}: {message}");
+                assert!(message.contains("clip") && message.contains("the checkpoint of step 4 is whole"), "{message}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_gradient_that_is_not_finite_stops_with_all_clips_of_the_step() {
+        // nothing comes out of the layer, but what goes back through it overflows
+        let huge = [
+            ("block.01.norm2.weight", 0.0),
+            ("block.01.norm2.bias", 0.0),
+            ("block.01.mlp.up.weight", 1e25),
+            ("block.01.mlp.up.bias", 0.0),
+            ("block.01.mlp.down.weight", 1e30),
+        ];
+        for (form, accumulate) in [(Form::Auto, 1), (Form::Auto, 2), (Form::Plain, 1), (Form::Plain, 2)] {
+            let poison = |t: &mut Trainer, c| weights(t, c, &huge);
+            let (message, _dir) = poisoned(TrainConfig { accumulate, ..Default::default() }, 2, &poison, form);
+            assert!(message.starts_with("step 3: the gradient's norm is "), "{form:?}: {message}");
+            assert_eq!(message.matches("from frame").count(), 3 * accumulate, "{message}");
+            assert!(message.contains("the checkpoint of step 2 is whole"), "{message}");
+        }
+    }
+
+    #[test]
+    fn an_average_that_is_not_finite_is_found_where_it_is_measured_and_never_saved() {
+        let nan = |t: &mut Trainer, _| {
+            let parameters = layout::parameters(&t.file.model, &t.file.tokens);
+            let tensor = |p: &layout::Parameter| Tensor::full(f32::NAN, p.shape.as_slice(), &Device::Cpu).unwrap();
+            t.learner.restore_averages(parameters.iter().map(|p| (p.name.clone(), tensor(p))).collect()).unwrap();
+        };
+        for form in FORMS {
+            let config = TrainConfig { ema: 0.9, eval_every: 3, checkpoint_every: 5, ..Default::default() };
+            let (message, _dir) = poisoned(config.clone(), 2, &nan, form);
+            assert!(message.starts_with("step 3: clip2 from token 0: NaN nats"), "{form:?}: {message}");
+            assert!(message.contains("the checkpoint of step 2 is whole"), "{message}");
+            let (message, _dir) = poisoned(TrainConfig { eval_every: 0, ..config }, 2, &nan, form);
+            assert!(message.starts_with("step 5: ema.safetensors would hold NaN in block.00."), "{form:?}: {message}");
+            assert!(message.contains("the checkpoint of step 2 is whole"), "{message}");
+        }
+    }
 }

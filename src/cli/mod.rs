@@ -12,6 +12,7 @@ mod evaluate;
 mod fit;
 mod generate;
 mod inspect;
+mod lr_find;
 mod pretrain;
 mod progress;
 mod read;
@@ -59,6 +60,8 @@ enum Command {
     Corpus(corpus::Command),
     /// Train a model on a corpus
     Pretrain(pretrain::Args),
+    /// A learning rate for a model: a few hundred steps at rates that grow until the loss blows up, as a plot
+    LrFind(lr_find::Args),
     /// A new dance that follows chosen joints of a clip
     Generate(generate::Args),
     /// Measures
@@ -166,6 +169,7 @@ fn command(command: Command, say: Say) -> Result<()> {
         Command::Tokenize(args) => tokenize::run(args, say),
         Command::Corpus(command) => corpus::run(command, say),
         Command::Pretrain(args) => pretrain::run(args, say),
+        Command::LrFind(args) => lr_find::run(args, say),
         Command::Generate(args) => generate::run(args, say),
         Command::Evaluate(command) => evaluate::run(command, say),
         Command::Bench(command) => bench::run(command, say),

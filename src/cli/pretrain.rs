@@ -51,6 +51,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let (bits, n, of) = (valid.bits_per_frame, valid.windows, valid.all_windows);
         say.line(format_args!("validation: {bits:.2} bits/frame over {n} of {of} windows"));
     }
+    if summary.early {
+        let best = summary.best.map_or(0, |b| b.step);
+        say.line(format_args!("ended early, after step {}: no measurement since step {best} was better", summary.step));
+    }
     if summary.stopped {
         let step = summary.step;
         return Err(
@@ -70,7 +74,7 @@ pub fn watched(options: &PretrainOptions, say: Say) -> Result<Summary> {
 }
 
 /// A flag that the first Ctrl-C sets; the second ends the program at once.
-fn stop_on_ctrl_c() -> Result<Arc<AtomicBool>> {
+pub fn stop_on_ctrl_c() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     ctrlc::set_handler(move || {

@@ -9,7 +9,6 @@ pub mod figures;
 mod measure;
 mod page;
 mod pictures;
-pub mod plot;
 pub mod row;
 pub mod sheet;
 mod store;

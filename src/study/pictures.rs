@@ -2,8 +2,8 @@
 
 use super::Report;
 use super::figures::Figures;
-use super::plot::{Chart, Series, draw};
 use crate::Result;
+use crate::view::plot::{Chart, Look, Series, draw};
 use kinelm_tokenizer::SchemeConfig;
 use std::path::Path;
 
@@ -24,11 +24,11 @@ fn bins(rows: &[Figures]) -> Chart {
     };
     let mut points: Vec<(f64, &Figures)> = rows.iter().filter_map(|f| Some((of(f)?, f))).collect();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let along = |name: &str, reference: bool, y: &dyn Fn(f64, &Figures) -> f64| Series {
+    let along = |name: &str, look: Look, y: &dyn Fn(f64, &Figures) -> f64| Series {
         name: name.into(),
         points: points.iter().map(|(n, f)| (*n, y(*n, f))).collect(),
-        joined: true,
-        reference,
+        look,
+        colour: None,
     };
     // half the diagonal of a bin, and its mean over a cube
     let (most, even) = (3f64.sqrt() / 2.0 * 360.0, 0.480_296 * 360.0);
@@ -37,11 +37,12 @@ fn bins(rows: &[Figures]) -> Chart {
         x: "bins a component".into(),
         y: "angle error, degrees".into(),
         series: vec![
-            along("bound: 0.87 of a bin", true, &|n, _| most / n),
-            along("even errors: 0.48 of a bin", true, &|n, _| even / n),
-            along("largest", false, &|_, f| f.angle.max.to_degrees()),
-            along("mean", false, &|_, f| f.angle.mean.to_degrees()),
+            along("bound: 0.87 of a bin", Look::Reference, &|n, _| most / n),
+            along("even errors: 0.48 of a bin", Look::Reference, &|n, _| even / n),
+            along("largest", Look::Joined, &|_, f| f.angle.max.to_degrees()),
+            along("mean", Look::Joined, &|_, f| f.angle.mean.to_degrees()),
         ],
+        ..Chart::default()
     }
 }
 
@@ -60,9 +61,10 @@ fn rate(rows: &[Figures]) -> [Chart; 2] {
             points.sort_by(|a, b| a.0.total_cmp(&b.0));
             // a curve only where more bits buy less error all along
             let joined = points.len() > 2 && points.windows(2).all(|w| w[1].1 < w[0].1 && w[1].0 > 1.02 * w[0].0);
-            Series { name: group.to_string(), points, joined, reference: false }
+            let look = if joined { Look::Joined } else { Look::Marks };
+            Series { name: group.to_string(), points, look, colour: None }
         });
-        Chart { title: title.into(), x: x.into(), y: "MPJPE, mm".into(), series: series.collect() }
+        Chart { title: title.into(), x: x.into(), y: "MPJPE, mm".into(), series: series.collect(), ..Chart::default() }
     };
     [
         chart("Order-0 rate against distortion", "bits a second, static tables", |f| f.order0.bits_per_second),

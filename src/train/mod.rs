@@ -9,6 +9,7 @@ pub mod fast;
 pub(crate) mod fixture;
 pub mod folder;
 pub mod learner;
+pub mod lr_find;
 pub mod metrics;
 #[cfg(test)]
 mod parity;
@@ -17,6 +18,7 @@ pub mod pretrain;
 pub mod progress;
 pub mod room;
 pub mod run;
+pub mod sample;
 pub mod schedule;
 #[cfg(test)]
 mod shapes;

@@ -71,7 +71,7 @@ mod tests {
         assert!((bytes / 662e6 - 1.0).abs() < 0.02, "{bytes}");
         // a sum of gradients and an average of weights: two numbers a parameter more
         let more = TrainConfig { accumulate: 8, ema: 0.999, ..one.clone() };
-        assert!(((needed(&thesis, &tokens, &more) as f64 - bytes) / 208e6 - 1.0).abs() < 0.02);
+        assert!(((needed(&thesis, &tokens, &more) as f64 - bytes) / 203.7e6 - 1.0).abs() < 0.01);
         let huge = ModelConfig { layers: 96, width: 8192, ..thesis.clone() };
         let message = check(&huge, &tokens, &one).map_err(|e| e.to_string());
         if free().is_some() {

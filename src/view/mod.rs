@@ -9,6 +9,7 @@
 
 mod body;
 mod data;
+pub mod plot;
 
 use crate::{Result, files};
 use kinelm_motion::Clip;

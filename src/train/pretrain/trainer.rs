@@ -11,6 +11,7 @@ use crate::train::learner::{Learner, clip_share, listed};
 use crate::train::metrics::{Metrics, StepFigures};
 use crate::train::progress::Progress;
 use crate::train::run::RunFile;
+use crate::train::sample::sample;
 use crate::train::schedule;
 use crate::{Error, Result};
 use std::path::PathBuf;
@@ -95,6 +96,7 @@ impl<'a> Trainer<'a> {
             let mut best = false;
             if last || every(self.file.train.eval_every, step) {
                 (valid, best) = self.measure()?;
+                self.sample();
             }
             if best || last || every(self.file.train.checkpoint_every, step) {
                 saved = Some((step, self.save()?));
@@ -181,6 +183,20 @@ impl<'a> Trainer<'a> {
         self.metrics.valid(step, &found)?;
         self.progress.valid(step, &found, best);
         Ok((Some(found), best))
+    }
+
+    /// A dance into `samples/`, where one is due; a note if it can't be made.
+    fn sample(&mut self) {
+        let (step, train) = (self.state.step, &self.file.train);
+        let due = train.sample_every.saturating_mul(train.eval_every);
+        if due == 0 || !step.is_multiple_of(due) {
+            return;
+        }
+        let weights = self.learner.averages().and_then(|all| all.map_or_else(|| self.learner.weights(), Ok));
+        match weights.and_then(|weights| sample(&self.run, step, &self.file, weights)) {
+            Ok(page) => self.progress.note(&format!("{}: a dance of the model as it is now", page.display())),
+            Err(e) => self.progress.note(&format!("no dance after step {step}: {e}")),
+        }
     }
 
     fn save(&mut self) -> Result<PathBuf> {

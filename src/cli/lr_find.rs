@@ -1,0 +1,85 @@
+//! `kinelm lr-find`.
+
+use super::{ComputeArgs, Say, print};
+use anyhow::Result;
+use kinelm::train::TrainFile;
+use kinelm::train::lr_find::{Found, LrFindOptions, Tried, lr_find};
+use kinelm::view::plot;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The training TOML; its rate, schedule, steps and run folder don't matter
+    #[arg(long, value_name = "FILE")]
+    config: PathBuf,
+    /// The corpus folder
+    #[arg(long, value_name = "CORPUS")]
+    corpus: Option<PathBuf>,
+    /// Where the plot goes (.png .svg)
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Steps; a smoother curve takes more
+    #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u64).range(2..))]
+    steps: u64,
+    /// The first rate
+    #[arg(long, value_name = "RATE", default_value_t = 1e-7, value_parser = super::read::positive)]
+    from: f64,
+    /// The last rate, if the loss doesn't blow up before
+    #[arg(long, value_name = "RATE", default_value_t = 1.0, value_parser = super::read::positive)]
+    to: f64,
+    /// One JSON object instead of the table
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    compute: ComputeArgs,
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    plot::check(&args.out).map_err(|e| super::WrongCall(e.to_string()))?;
+    let options = LrFindOptions {
+        file: TrainFile::load(&args.config)?,
+        corpus: args.corpus,
+        steps: args.steps,
+        from: args.from,
+        to: args.to,
+        compute: args.compute.get(),
+    };
+    let stop = super::pretrain::stop_on_ctrl_c()?;
+    let bar = super::progress::bar(args.steps, "steps", say);
+    let found = lr_find(&options, &stop, &mut |tried| bar.set_position(tried.step));
+    bar.finish_and_clear();
+    let found = found?;
+    plot::draw_as(&args.out, &[found.chart()])?;
+    say.line(format_args!("{}: {} steps", args.out.display(), found.steps.len()));
+    if args.json {
+        #[derive(serde::Serialize)]
+        struct Line<'a> {
+            schema: u32,
+            #[serde(flatten)]
+            found: &'a Found,
+        }
+        return print(&(serde_json::to_string(&Line { schema: 1, found: &found })? + "\n"));
+    }
+    print(&table(&found)?)
+}
+
+/// A row every quarter of a decade, and what it comes to.
+fn table(found: &Found) -> Result<String> {
+    let mut text = format!("{:>6}  {:>9}  {:>9}  {:>9}\n", "step", "rate", "loss", "smoothed");
+    let mut next = f64::MIN;
+    for (i, Tried { step, rate, loss, smoothed }) in found.steps.iter().enumerate() {
+        if rate.log10() >= next || i + 1 == found.steps.len() {
+            writeln!(text, "{step:>6}  {rate:>9.2e}  {loss:>9.4}  {smoothed:>9.4}")?;
+            next = rate.log10() + 0.25;
+        }
+    }
+    match (found.turn, found.suggestion) {
+        (Some(turn), Some(suggestion)) => {
+            writeln!(text, "turn {turn:.2e}: from there on the smoothed loss rises")?;
+            writeln!(text, "suggestion {suggestion:.2e}: a tenth of it")?;
+        }
+        _ => writeln!(text, "no turn: the smoothed loss did not fall and then rise; try other --from and --to")?,
+    }
+    Ok(text)
+}

@@ -1,0 +1,55 @@
+//! Dances out of a model while it is trained.
+
+use super::run::RunFile;
+use crate::generate::prompt::on_model_rig;
+use crate::generate::sampling::Draw;
+use crate::generate::{self, Plan};
+use crate::model::{Gpt, Reader, Reading};
+use crate::view::{Figure, write_page};
+use crate::{Error, Result};
+use candle_core::Tensor;
+use kinelm_motion::format;
+use kinelm_tokenizer::{Rest, Special, Tokenizer};
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+
+/// Length of a dance.
+const SECONDS: f64 = 5.0;
+
+/// Writes a free dance of the model of these weights, at temperature 1 from the run's seed, as `step-XXXXXXXX.bvh` and as
+/// a page beside it into the run's `samples/`. Returns the page.
+///
+/// It draws from streams of its own: training's bits stay what they are.
+///
+/// # Errors
+/// Whatever goes wrong on the way, a panic too: no dance is worth a run.
+pub fn sample(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {
+    let draw = AssertUnwindSafe(|| draw(run, step, file, weights));
+    catch_unwind(draw).unwrap_or_else(|_| Err(Error::Call("the generator panicked".into())))
+}
+
+fn draw(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {
+    let tokenizer = Tokenizer::load(&run.join(crate::model::run::TOKENIZER))?;
+    let gpt = Gpt::from_tensors(&file.model, &file.tokens, weights)?;
+    let mut reader = Reader::new(&gpt, Reading::default())?;
+    let frames = (SECONDS * tokenizer.fps()).round() as usize;
+    let words = frames.div_ceil(tokenizer.frames_per_word());
+    // no condition is asked for
+    let mut front = vec![Special::Unk.id(); file.tokens.front];
+    front[0] = Special::Bos.id();
+    let mut plan = Plan::free(tokenizer.grammar(), words, Draw::default(), file.train.seed);
+    plan.front = &front;
+    let ids = generate::dance(&mut reader, &plan, &mut |_| ())?;
+    let clip = tokenizer.decode(&tokenizer.words_of_ids(&ids).words, Rest::Identity)?.slice(0..frames);
+    let folder = run.join("samples");
+    std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
+    let name = format!("step-{step:08}");
+    let (bvh, page) = (folder.join(format!("{name}.bvh")), folder.join(format!("{name}.html")));
+    let motion = on_model_rig(&bvh, clip);
+    format::write(&bvh, &motion)?;
+    let seed = file.train.seed;
+    let figure = Figure::new(format!("step {step}"), &motion.clip).note(format!("free, temperature 1, seed {seed}"));
+    write_page(&page, &[figure])?;
+    Ok(page)
+}

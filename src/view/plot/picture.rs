@@ -1,0 +1,146 @@
+//! Charts as lines, marks and text on any backend.
+
+use super::axes::{Axes, number};
+use super::{Chart, Look, Rule};
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+/// Colours that are told apart by those who see red and green alike too (Okabe and Ito 2008), then darker ones.
+const COLOURS: [RGBColor; 8] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(86, 180, 233),
+    RGBColor(150, 100, 0),
+    RGBColor(60, 60, 60),
+    RGBColor(230, 159, 0),
+];
+const GREY: RGBColor = RGBColor(90, 90, 90);
+const FAINT: RGBColor = RGBColor(225, 225, 225);
+/// What theory says.
+const REFERENCE: RGBColor = RGBColor(150, 150, 150);
+/// Pixels left of, above, right of and below what is plotted, the legend left aside.
+const AROUND: [i32; 4] = [74, 44, 12, 58];
+/// Pixels that hold a letter of the legend.
+const LETTER: f64 = 7.3;
+/// Letters of a name in the legend.
+const LETTERS: usize = 30;
+
+/// Draws charts side by side on the whole area.
+pub fn all<B: DrawingBackend>(area: DrawingArea<B, Shift>, charts: &[&Chart]) -> Result<(), String> {
+    area.fill(&WHITE).map_err(|e| e.to_string())?;
+    for (part, chart) in area.split_evenly((1, charts.len())).iter().zip(charts) {
+        one(part, chart).map_err(|e| e.to_string())?;
+    }
+    area.present().map_err(|e| e.to_string())
+}
+
+type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
+
+fn one<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) -> Drawn<B> {
+    let (width, height) = area.dim_in_pixel();
+    let [left, top, right, bottom] = AROUND;
+    let longest = chart.series.iter().map(|s| s.name.chars().count().min(LETTERS)).max().unwrap_or(0);
+    let right = width as i32 - right - 36 - (longest as f64 * LETTER) as i32;
+    let axes = Axes::of(chart, [left, top, right, height as i32 - bottom]);
+    grid(area, chart, &axes)?;
+    let (mut next, mut legend) = (0, Vec::new());
+    for series in &chart.series {
+        let points: Vec<(i32, i32)> = chart.drawable(series).map(|p| axes.at(p)).collect();
+        if points.is_empty() {
+            continue;
+        }
+        let colour = series.colour.unwrap_or(next);
+        next += usize::from(series.colour.is_none() && series.look != Look::Reference);
+        draw_series(area, &points, series.look, colour)?;
+        if !series.name.is_empty() {
+            legend.push((series.name.as_str(), series.look, colour));
+        }
+    }
+    chart.rules.iter().filter(|rule| axes.x.reaches(rule.x)).try_for_each(|rule| draw_rule(area, rule, &axes))?;
+    draw_legend(area, &legend, &axes)
+}
+
+fn grid<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart, axes: &Axes) -> Drawn<B> {
+    let [left, top, right, bottom] = axes.frame;
+    let says = |text: &str, at: (i32, i32), size: u32, h: HPos, v: VPos| {
+        area.draw(&Text::new(text.to_string(), at, style(size, h, v)))
+    };
+    for v in axes.x.ticks() {
+        let (px, _) = axes.at((v, axes.y.low));
+        area.draw(&PathElement::new([(px, top), (px, bottom)], FAINT))?;
+        says(&number(v), (px, bottom + 6), 13, HPos::Center, VPos::Top)?;
+    }
+    for v in axes.y.ticks() {
+        let (_, py) = axes.at((axes.x.low, v));
+        area.draw(&PathElement::new([(left, py), (right, py)], FAINT))?;
+        says(&number(v), (left - 7, py), 13, HPos::Right, VPos::Center)?;
+    }
+    area.draw(&PathElement::new([(left, top), (left, bottom), (right, bottom)], GREY))?;
+    says(&chart.title, ((left + right) / 2, 14), 18, HPos::Center, VPos::Top)?;
+    says(&chart.x, ((left + right) / 2, bottom + 28), 15, HPos::Center, VPos::Top)?;
+    let turned = TextStyle::from(("sans-serif", 15).into_font().transform(FontTransform::Rotate270)).color(&GREY);
+    let middle = turned.pos(Pos::new(HPos::Center, VPos::Top));
+    area.draw(&Text::new(chart.y.clone(), (8, (top + bottom) / 2), middle))
+}
+
+fn style(size: u32, h: HPos, v: VPos) -> TextStyle<'static> {
+    TextStyle::from(("sans-serif", size).into_font()).color(&GREY).pos(Pos::new(h, v))
+}
+
+fn draw_series<B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    points: &[(i32, i32)],
+    look: Look,
+    colour: usize,
+) -> Drawn<B> {
+    let paint = COLOURS[colour % COLOURS.len()];
+    let path = |style: ShapeStyle| area.draw(&PathElement::new(points.to_vec(), style));
+    match look {
+        Look::Reference => path(REFERENCE.stroke_width(1)),
+        Look::Faint => path(paint.mix(0.35).stroke_width(1)),
+        Look::Line => path(paint.stroke_width(2)),
+        Look::Joined => {
+            path(paint.stroke_width(2))?;
+            points.iter().try_for_each(|&p| mark(area, p, colour))
+        }
+        Look::Marks => points.iter().try_for_each(|&p| mark(area, p, colour)),
+    }
+}
+
+/// A mark; later rounds of the colours have other ones.
+fn mark<B: DrawingBackend>(area: &DrawingArea<B, Shift>, (x, y): (i32, i32), colour: usize) -> Drawn<B> {
+    let paint = COLOURS[colour % COLOURS.len()].filled();
+    match colour / COLOURS.len() % 3 {
+        0 => area.draw(&Circle::new((x, y), 4, paint)),
+        1 => area.draw(&Rectangle::new([(x - 4, y - 4), (x + 4, y + 4)], paint)),
+        _ => area.draw(&TriangleMarker::new((x, y), 6, paint)),
+    }
+}
+
+fn draw_rule<B: DrawingBackend>(area: &DrawingArea<B, Shift>, rule: &Rule, axes: &Axes) -> Drawn<B> {
+    let [_, top, _, bottom] = axes.frame;
+    let (x, _) = axes.at((rule.x, axes.y.low));
+    area.draw(&PathElement::new([(x, top), (x, bottom)], GREY))?;
+    area.draw(&Text::new(rule.name.clone(), (x + 4, top + 2), style(13, HPos::Left, VPos::Top)))
+}
+
+fn draw_legend<B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    names: &[(&str, Look, usize)],
+    axes: &Axes,
+) -> Drawn<B> {
+    let [_, top, right, _] = axes.frame;
+    for (i, (name, look, colour)) in names.iter().enumerate() {
+        let y = top + 9 + 19 * i as i32;
+        match look {
+            Look::Marks | Look::Joined => mark(area, (right + 18, y), *colour)?,
+            line => draw_series(area, &[(right + 9, y), (right + 27, y)], *line, *colour)?,
+        }
+        let name: String = name.chars().take(LETTERS).collect();
+        area.draw(&Text::new(name, (right + 34, y), style(13, HPos::Left, VPos::Center)))?;
+    }
+    Ok(())
+}

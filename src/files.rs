@@ -1,7 +1,8 @@
 //! Files that later steps depend on: whole or not there.
 
 use crate::{Error, Result};
-use std::fs::File;
+use std::fs::{self, File};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Writes `bytes` to `path` so that a reader sees the old file or the new one: a temporary name in the same folder,
@@ -11,6 +12,39 @@ use std::path::{Path, PathBuf};
 /// [`Error::Motion`] with the path at which the system refused; the temporary file is gone then.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
     Ok(kinelm_motion::format::atomic::write(path, bytes)?)
+}
+
+/// Writes a new folder of these files, which is whole or not there: under a temporary name, synced, renamed.
+///
+/// # Errors
+/// A folder that is there; what the system refuses. What was written is gone then.
+pub fn write_folder(path: &Path, contents: &[(&str, Vec<u8>)]) -> Result<()> {
+    let parent = folder_of(path);
+    fs::create_dir_all(parent).map_err(Error::io(parent))?;
+    let work = beside(path, "writing")?;
+    let write = || -> Result<()> {
+        if work.exists() {
+            // a process of this number died here
+            fs::remove_dir_all(&work).map_err(Error::io(&work))?;
+        }
+        fs::create_dir(&work).map_err(Error::io(&work))?;
+        for (name, bytes) in contents {
+            let path = work.join(name);
+            let file = File::create(&path).and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()));
+            file.map_err(Error::io(&path))?;
+        }
+        sync_folder(&work)?;
+        if fs::symlink_metadata(path).is_ok() {
+            return Err(Error::Call(format!("{} exists; give a folder that isn't there", path.display())));
+        }
+        fs::rename(&work, path).map_err(Error::io(path))
+    };
+    let written = write();
+    if written.is_err() {
+        let _ = fs::remove_dir_all(&work);
+    }
+    written?;
+    sync_folder(parent)
 }
 
 /// Makes renames and new names in `folder` last.
@@ -45,7 +79,6 @@ pub fn folder_of(path: &Path) -> &Path {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs;
 
     #[test]
     fn a_file_is_replaced_whole_and_nothing_is_left_beside_it() {
@@ -57,5 +90,20 @@ mod tests {
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
         assert!(write_whole(&dir.path().join("no/where"), b"").is_err());
         assert!(write_whole(Path::new("/"), b"").is_err());
+    }
+
+    #[test]
+    fn a_folder_is_whole_or_not_there() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a/b");
+        write_folder(&path, &[("one", vec![1]), ("two", vec![2, 2])]).unwrap();
+        assert_eq!((fs::read(path.join("one")).unwrap(), fs::read(path.join("two")).unwrap()), (vec![1], vec![2, 2]));
+        let message = write_folder(&path, &[("one", vec![3])]).unwrap_err().to_string();
+        assert!(message.contains("a/b exists; give a folder that isn't there"), "{message}");
+        assert!(write_folder(&dir.path().join("c"), &[("no/where", vec![1])]).is_err());
+        assert_eq!(fs::read(path.join("one")).unwrap(), [1]);
+        // nothing is left beside them
+        let names = |path: &Path| fs::read_dir(path).unwrap().count();
+        assert_eq!((names(dir.path()), names(&dir.path().join("a"))), (1, 1));
     }
 }

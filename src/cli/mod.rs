@@ -9,6 +9,7 @@ mod data;
 mod demo;
 mod draw;
 mod evaluate;
+mod export;
 mod fit;
 mod generate;
 mod inspect;
@@ -64,6 +65,8 @@ enum Command {
     LrFind(lr_find::Args),
     /// A new dance that follows chosen joints of a clip
     Generate(generate::Args),
+    /// A trained model as a folder that other programs read
+    Export(export::Args),
     /// Measures
     #[command(subcommand)]
     Evaluate(evaluate::Command),
@@ -171,6 +174,7 @@ fn command(command: Command, say: Say) -> Result<()> {
         Command::Pretrain(args) => pretrain::run(args, say),
         Command::LrFind(args) => lr_find::run(args, say),
         Command::Generate(args) => generate::run(args, say),
+        Command::Export(args) => export::run(args, say),
         Command::Evaluate(command) => evaluate::run(command, say),
         Command::Bench(command) => bench::run(command, say),
         Command::Demo(args) => demo::run(args, say),

@@ -5,6 +5,7 @@ pub mod checkpoint;
 pub mod config;
 mod device;
 mod dropout;
+pub mod exchange;
 pub mod fast;
 pub mod gpt;
 pub mod layout;

@@ -46,8 +46,8 @@ pub struct Previous<'a> {
     pub step: &'a [f32],
 }
 
-/// Logits of a place that has a token one word back, of bin p: of all ids the bins j of the place alone can come. The other
-/// places' logits are the head's.
+/// Logits of a place whose token one word back is bin p: of all ids the bins j of the place alone can come. The logits of the
+/// first word, of ends of words and behind tokens that are no bin are the head's.
 #[derive(Debug, Clone, Copy)]
 pub struct Relative<'a> {
     /// (the largest count of circular places, D): bin j takes row (j - p) mod count.

@@ -28,17 +28,14 @@ enum Task {
     Round { first: usize, count: usize, bin: usize },
     /// Those of `count` tokens from `first` on; columns of the clamped table from `column` on.
     Shifted { first: usize, count: usize, column: usize },
-    /// The token one word back is no bin: nothing can come.
-    Nothing,
 }
 
 impl Task {
-    fn table(self) -> Option<Table> {
+    fn table(self) -> Table {
         match self {
-            Task::All => Some(Table::Absolute),
-            Task::Round { .. } => Some(Table::Circular),
-            Task::Shifted { .. } => Some(Table::Clamped),
-            Task::Nothing => None,
+            Task::All => Table::Absolute,
+            Task::Round { .. } => Table::Circular,
+            Task::Shifted { .. } => Table::Clamped,
         }
     }
 
@@ -48,7 +45,6 @@ impl Task {
             Task::All => 0..vocabulary,
             Task::Round { count, .. } => 0..count,
             Task::Shifted { count, column, .. } => column..column + count,
-            Task::Nothing => 0..0,
         }
     }
 
@@ -62,7 +58,6 @@ impl Task {
                 product.copy(high, row, 0);
             }
             Task::Shifted { first, count, column } => product.copy(&mut logits[first..first + count], row, column),
-            Task::Nothing => (),
         }
     }
 }
@@ -168,7 +163,7 @@ impl Head {
         let Some((bins, back, most)) = self.differences.as_ref().and_then(follows) else { return Task::All };
         let (first, count) = (bins.first as usize, bins.count as usize);
         match bins.bin(back) {
-            None => Task::Nothing,
+            None => Task::All,
             Some(bin) if bins.circular => Task::Round { first, count, bin },
             Some(bin) => Task::Shifted { first, count, column: most - 1 - bin },
         }
@@ -188,7 +183,7 @@ impl Head {
         logits.resize(before + tasks.clone().count() * vocabulary, f32::NEG_INFINITY);
         for table in TABLES {
             let Some(matrix) = self.table(table) else { continue };
-            let mine = || tasks.clone().enumerate().filter(|(_, task)| task.table() == Some(table));
+            let mine = || tasks.clone().enumerate().filter(|(_, task)| task.table() == table);
             let (mut rows, mut first, mut last) = (0, usize::MAX, 0);
             for (row, task) in mine() {
                 // the vectors before the norm are no longer needed
@@ -232,7 +227,7 @@ mod tests {
         let second = [round(3), shifted(3, 3), shifted(5, 0), all];
         assert_eq!(tasks[..8], [[all; 4], second].concat());
         assert_eq!(tasks[8..], [round(0), shifted(3, 2)]);
-        assert_eq!(head.task(&[&ids[..], &[7]].concat(), 10), Task::Nothing);
+        assert_eq!(head.task(&[&ids[..], &[7]].concat(), 10), all);
         assert_eq!((shifted(5, 4).columns(11), round(0).columns(11)), (4..9, 0..4));
     }
 

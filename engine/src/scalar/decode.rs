@@ -39,16 +39,15 @@ fn behind(parts: &Parts, tokens: &[u32], y: &[f64]) -> Vec<f64> {
     let Some(before) = parts.before else { return all() };
     let Some((relative, (place, back))) = before.relative.zip(back(&before, tokens, 1)) else { return all() };
     let Some(bins) = before.places.get(place) else { return all() };
-    let mut logits = vec![f64::NEG_INFINITY; parts.shape.vocabulary];
     let n = bins.count as usize;
+    let Some(p) = (0..n).find(|&p| bins.first as usize + p == back as usize) else { return all() };
+    let mut logits = vec![f64::NEG_INFINITY; parts.shape.vocabulary];
     let most = before.places.iter().filter(|bins| !bins.circular).map(|bins| bins.count).max().unwrap_or(0) as usize;
-    for p in (0..n).filter(|&p| bins.first as usize + p == back as usize) {
-        for j in 0..n {
-            logits[bins.first as usize + j] = match bins.circular {
-                true => product(relative.circular, (j + n - p) % n),
-                false => product(relative.clamped, j + most - 1 - p),
-            };
-        }
+    for j in 0..n {
+        logits[bins.first as usize + j] = match bins.circular {
+            true => product(relative.circular, (j + n - p) % n),
+            false => product(relative.clamped, j + most - 1 - p),
+        };
     }
     logits
 }

@@ -1,0 +1,152 @@
+//! Models in folders that other programs read and write: our own form ([`own`]) and that of Hugging Face's GPT-2 ([`hf`]).
+
+pub mod hf;
+pub mod own;
+#[cfg(test)]
+mod tests;
+
+use super::checkpoint::{State, Which};
+use super::gpt::Gpt;
+use super::run::{CONFIG, LoadedRun, TOKENIZER, WEIGHTS, load_run};
+use super::{ModelConfig, TokenLayout};
+use crate::{Error, Result, files};
+use candle_core::{DType, Device, Tensor};
+use kinelm_tokenizer::Tokenizer;
+use own::About;
+use safetensors::{Dtype, SafeTensors};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+/// How a model is written for other programs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// Under our own names, any model.
+    Kinelm,
+    /// As `transformers` loads a `GPT2LMHeadModel` and a `PreTrainedTokenizerFast`; models that GPT-2 can express.
+    Hf,
+}
+
+/// Writes a model to the new folder `out`, which is whole or not there.
+///
+/// # Errors
+/// A folder that is there; a model that the format can't express, with the reasons; weights that don't fit the
+/// configuration; a tokenizer that isn't the model's; what the system refuses.
+pub fn export(run: &LoadedRun, format: Format, out: &Path) -> Result<()> {
+    refuse_existing(out)?;
+    check(&run.config, &run.tokens, &run.weights, &run.checkpoint)?;
+    let tokenizer = Tokenizer::load(&run.tokenizer)?;
+    check_tokenizer(&run.tokens, &tokenizer, &run.tokenizer)?;
+    let about = About::of(run, &tokenizer);
+    let mut contents = match format {
+        Format::Kinelm => own::contents(run)?,
+        Format::Hf => hf::contents(run)?,
+    };
+    contents.push((own::ABOUT, about.to_json()?));
+    contents.push((TOKENIZER, tokenizer.to_json().into_bytes()));
+    files::write_folder(out, &contents)
+}
+
+/// Loads a model from a run folder (its best checkpoint, or its latest where nothing was measured), or from a folder that
+/// [`export`] or another program wrote. A run's tokenizer and checkpoint are then the folder's.
+///
+/// # Errors
+/// A folder that is none of these; files that are missing, cut short or something else; tensors that are missing, odd or
+/// not finite: each is named.
+pub fn load(folder: &Path) -> Result<LoadedRun> {
+    let has = |name: &str| folder.join(name).is_file();
+    match (has(CONFIG), has(hf::CONFIG), has(own::ABOUT)) {
+        (true, ..) => load_run(folder, Which::Auto),
+        (_, true, _) => hf::load(folder),
+        (_, _, true) => own::load(folder),
+        _ => {
+            let expected = "a run, or a folder that `kinelm export` or `transformers` wrote";
+            Err(Error::file(folder, format!("no {CONFIG}, {} or {}", own::ABOUT, hf::CONFIG), expected, ""))
+        }
+    }
+}
+
+/// What of a folder's `about` and `weights` becomes a model; both are checked.
+fn loaded(folder: &Path, about: About, weights: BTreeMap<String, Tensor>, notes: Vec<String>) -> Result<LoadedRun> {
+    let About { model: config, tokens, step, .. } = about;
+    check(&config, &tokens, &weights, &folder.join(WEIGHTS))?;
+    Ok(LoadedRun {
+        config,
+        tokens,
+        weights,
+        tokenizer: folder.join(TOKENIZER),
+        checkpoint: folder.to_owned(),
+        state: State::new(step, 0, 0, 0, None),
+        notes,
+    })
+}
+
+/// # Errors
+/// Something that is there at `path`.
+pub fn refuse_existing(path: &Path) -> Result<()> {
+    match fs::symlink_metadata(path) {
+        Ok(_) => Err(Error::Call(format!("{} exists; give a folder that isn't there", path.display()))),
+        Err(_) => Ok(()),
+    }
+}
+
+/// # Errors
+/// Weights that a model of this shape hasn't got or has no place for, or of another shape, or that are not finite.
+fn check(config: &ModelConfig, tokens: &TokenLayout, weights: &BTreeMap<String, Tensor>, path: &Path) -> Result<()> {
+    let wrong = |found: String| Error::file(path, found, "the weights of the model that is described beside them", "");
+    Gpt::from_tensors(config, tokens, weights.clone()).map_err(|e| match e {
+        Error::Call(found) => wrong(found),
+        other => other,
+    })?;
+    for (name, tensor) in weights {
+        if let Some(odd) = tensor.flatten_all()?.to_vec1::<f32>()?.into_iter().find(|x| !x.is_finite()) {
+            return Err(wrong(format!("{odd} in the tensor {name}")));
+        }
+    }
+    Ok(())
+}
+
+/// # Errors
+/// A tokenizer of another language than the model's.
+fn check_tokenizer(tokens: &TokenLayout, tokenizer: &Tokenizer, path: &Path) -> Result<()> {
+    let found = TokenLayout::of(tokenizer);
+    let say = |t: &TokenLayout| {
+        let varying = if t.varying { "at most " } else { "" };
+        format!("{} ids and words of {varying}{} tokens", t.vocabulary, t.word)
+    };
+    // runs of the first versions don't say what stands at the places of a word
+    let places = tokens.places.is_empty() || tokens.places == found.places;
+    match found.vocabulary == tokens.vocabulary && found.reads(tokens) && places {
+        true => Ok(()),
+        false => Err(Error::file(
+            path,
+            format!("a tokenizer of {}", say(&found)),
+            format!("the model's, of {}", say(tokens)),
+            "",
+        )),
+    }
+}
+
+/// The tensors of a safetensors file in f32, by name; half floats are widened.
+///
+/// # Errors
+/// A file that isn't there, is cut short or is something else; tensors of other numbers.
+fn tensors(path: &Path) -> Result<BTreeMap<String, Tensor>> {
+    let bytes = fs::read(path).map_err(Error::io(path))?;
+    let wrong = |found: String| Error::file(path, found, "a safetensors file of f32, f16 or bf16", "");
+    let file = SafeTensors::deserialize(&bytes).map_err(|e| wrong(format!("no safetensors file: {e}")))?;
+    let mut tensors = BTreeMap::new();
+    for (name, view) in file.iter() {
+        let dtype = match view.dtype() {
+            Dtype::F32 => DType::F32,
+            Dtype::F16 => DType::F16,
+            Dtype::BF16 => DType::BF16,
+            // buffers of GPT-2's first implementations, which are no weights
+            Dtype::BOOL | Dtype::U8 if hf::is_buffer(name) => continue,
+            other => return Err(wrong(format!("tensor {name} of {other:?}"))),
+        };
+        let tensor = Tensor::from_raw_buffer(view.data(), dtype, view.shape(), &Device::Cpu)?;
+        tensors.insert(name.to_string(), tensor.to_dtype(DType::F32)?);
+    }
+    Ok(tensors)
+}

@@ -11,7 +11,7 @@ use kinelm::generate::prompt::{self, Prompt, RestJoints};
 use kinelm::generate::sampling::Draw;
 use kinelm::generate::{NextToken, Plan, dance, reader};
 use kinelm::model::{Reading, Which, load_run};
-use kinelm::train::{PretrainOptions, TrainFile};
+use kinelm::train::{CorpusPart, PretrainOptions, TrainFile};
 use kinelm::view::{Figure, write_page};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::{Clip, joints, synth};
@@ -68,7 +68,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     say.line("5/5 page and report");
     page(&at("page.html"), &test.name, &tokenizer, &prompt, &danced)?;
     let tests: Vec<_> = corpus.split(Split::Test).collect();
-    let model = likelihood(&mut *run.scores(args.compute.get())?, &corpus, &tests, 0)?
+    let model = likelihood(&mut *run.scores(args.compute.get())?, &corpus, &tests, 0, &run.load_conditions()?)?
         .context("the demo's corpus has no test frame")?;
     let floors = measure(&CodeSplits::of_corpus(&corpus, Split::Test)?)?;
     let report = report(&args, model.bits_per_frame, &floors, started.elapsed().as_secs_f64());
@@ -130,7 +130,7 @@ fn tokenize(args: &Args) -> Result<Tokenizer> {
 fn train(args: &Args, say: Say) -> Result<()> {
     let options = PretrainOptions {
         file: Some(TrainFile::parse(SETTINGS, Path::new("demo.toml"))?),
-        corpus: Some(args.out.join("corpus")),
+        corpora: vec![CorpusPart::once(args.out.join("corpus"))],
         run: Some(args.out.join("run")),
         steps: args.steps,
         seed: Some(args.seed),

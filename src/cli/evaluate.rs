@@ -51,6 +51,9 @@ pub struct LikelihoodArgs {
     /// Windows at most, spread evenly; 0: all, each token scored once
     #[arg(long, default_value_t = 0, value_name = "N")]
     windows: usize,
+    /// What the model is told of a clip, where it was trained with conditions: its labels, or nothing
+    #[arg(long, value_enum, default_value = "labels")]
+    conditions: ConditionsArg,
     #[command(flatten)]
     reading: ReadingArgs,
     #[command(flatten)]
@@ -58,6 +61,15 @@ pub struct LikelihoodArgs {
     /// One JSON object instead of a table
     #[arg(long)]
     json: bool,
+}
+
+/// `--conditions`.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum ConditionsArg {
+    /// The clip's labels
+    Labels,
+    /// Every label is unknown
+    None,
 }
 
 pub fn run(command: Command, say: Say) -> Result<()> {
@@ -71,9 +83,11 @@ fn model(args: LikelihoodArgs, say: Say) -> Result<()> {
     let run = load_run(&args.run, Which::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
     let corpus = Corpus::open(&args.corpus)?;
-    let (ours, theirs) = (Tokenizer::load(&run.tokenizer)?.hash(), corpus.tokenizer().hash());
+    let (ours, theirs) = (Tokenizer::load(&run.tokenizer)?.base_hash(), corpus.tokenizer().base_hash());
     if ours != theirs {
-        let what = format!("the run's tokenizer is {ours}, the corpus's {theirs}; tokenize the data with the run's");
+        let what = format!(
+            "the run's tokenizer is {ours} without labels, the corpus's {theirs}; tokenize the data with the run's"
+        );
         return Err(WrongCall(what).into());
     }
     let clips: Vec<_> = corpus.split(args.split).collect();
@@ -83,7 +97,12 @@ fn model(args: LikelihoodArgs, say: Say) -> Result<()> {
         // as it is read when it generates
         false => Box::new(run.reader(reading)?),
     };
-    let found = likelihood(&mut *model, &corpus, &clips, args.windows)?
+    let known = run.load_conditions()?;
+    let conditions = match args.conditions {
+        ConditionsArg::Labels => known,
+        ConditionsArg::None => known.unknown(),
+    };
+    let found = likelihood(&mut *model, &corpus, &clips, args.windows, &conditions)?
         .ok_or_else(|| anyhow::anyhow!("{}: no {} clip has a frame", args.corpus.display(), args.split))?;
     let floors = Floors::of_corpus(&corpus, args.split)?;
     let checkpoint = run.checkpoint.display().to_string();

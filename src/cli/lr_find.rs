@@ -2,8 +2,8 @@
 
 use super::{ComputeArgs, Say, print};
 use anyhow::Result;
-use kinelm::train::TrainFile;
 use kinelm::train::lr_find::{Found, LrFindOptions, Tried, lr_find};
+use kinelm::train::{CorpusPart, TrainFile};
 use kinelm::view::plot;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -13,9 +13,9 @@ pub struct Args {
     /// The training TOML; its rate, schedule, steps and run folder don't matter
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
-    /// The corpus folder
-    #[arg(long, value_name = "CORPUS")]
-    corpus: Option<PathBuf>,
+    /// The corpus folder; given several times, all of them, each of whose windows comes WEIGHT times a pass (1 if not given)
+    #[arg(long, value_name = "CORPUS[=WEIGHT]")]
+    corpus: Vec<CorpusPart>,
     /// Where the plot goes (.png .svg)
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -39,7 +39,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     plot::check(&args.out).map_err(|e| super::WrongCall(e.to_string()))?;
     let options = LrFindOptions {
         file: TrainFile::load(&args.config)?,
-        corpus: args.corpus,
+        corpora: args.corpus,
         steps: args.steps,
         from: args.from,
         to: args.to,

@@ -2,7 +2,7 @@
 
 use super::{ComputeArgs, Say, Stopped};
 use anyhow::Result;
-use kinelm::train::{Lines, PretrainOptions, Progress, Silent, Summary, TrainFile, pretrain};
+use kinelm::train::{CorpusPart, Lines, PretrainOptions, Progress, Silent, Summary, TrainFile, pretrain};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -13,9 +13,9 @@ pub struct Args {
     /// The training TOML; paths inside it are relative to it
     #[arg(long, value_name = "FILE", required_unless_present = "resume")]
     config: Option<PathBuf>,
-    /// The corpus folder
-    #[arg(long, value_name = "CORPUS")]
-    corpus: Option<PathBuf>,
+    /// The corpus folder; given several times, all of them, each of whose windows comes WEIGHT times a pass (1 if not given)
+    #[arg(long, value_name = "CORPUS[=WEIGHT]")]
+    corpus: Vec<CorpusPart>,
     /// The run folder
     #[arg(long, value_name = "RUN")]
     run: Option<PathBuf>,
@@ -36,7 +36,7 @@ pub struct Args {
 pub fn run(args: Args, say: Say) -> Result<()> {
     let options = PretrainOptions {
         file: args.config.as_deref().map(TrainFile::load).transpose()?,
-        corpus: args.corpus,
+        corpora: args.corpus,
         run: args.run,
         steps: args.steps,
         seed: args.seed,

@@ -12,6 +12,7 @@
 //! ```
 
 pub mod build;
+pub mod conditions;
 pub mod csv;
 pub mod gather;
 pub mod labels;
@@ -32,6 +33,7 @@ pub mod words;
 pub mod writer;
 
 pub use build::{BuildOptions, Event, Summary, fit, tokenize};
+pub use conditions::Conditions;
 pub use gather::{Gathered, Item, gather};
 pub use load::{Loaded, load_item};
 pub use merge::merge;

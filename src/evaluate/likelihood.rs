@@ -1,6 +1,6 @@
 //! Bits a frame that a model needs for clips it is shown: PROTOCOLS 2.5.
 
-use crate::corpus::{ClipRecord, Corpus, EvalWindow, eval_windows, fill_sequence};
+use crate::corpus::{ClipRecord, Conditions, Corpus, EvalWindow, eval_windows, fill_sequence};
 use crate::model::{Scores, TokenLayout};
 use crate::{Error, Result};
 use serde::Serialize;
@@ -28,17 +28,23 @@ pub struct Likelihood {
 /// Bits a frame of `model` on `clips`, `None` where they have no frame.
 ///
 /// Windows hold as many whole words as the context does and move by half of them, see [`eval_windows`]; of each only what
-/// the one before has not scored counts. With `most` above 0, at most so many windows are taken, spread evenly.
+/// the one before has not scored counts. With `most` above 0, at most so many windows are taken, spread evenly. In front
+/// of each stand the labels of its clip as `conditions` knows them; those of [`Conditions::unknown`] hide all.
 ///
 /// # Errors
-/// A corpus of other words than the model's; a model whose probabilities are not finite, with the clip named.
+/// A corpus of other words than the model's; other conditions than the model's; a model whose probabilities are not finite, with the clip named.
 pub fn likelihood(
     model: &mut dyn Scores,
     corpus: &Corpus,
     clips: &[&ClipRecord],
     most: usize,
+    conditions: &Conditions,
 ) -> Result<Option<Likelihood>> {
     let (own, found) = (model.tokens(), TokenLayout::of(corpus.tokenizer()));
+    if conditions.len() != own.front {
+        let (k, front) = (conditions.len(), own.front);
+        return Err(Error::Call(format!("{k} tokens in front of a window; the model was trained with {front}")));
+    }
     if !own.reads(&found) {
         let say = |t: &TokenLayout| {
             format!("words of {}{} tokens from {} ids", if t.varying { "up to " } else { "" }, t.word, t.vocabulary)
@@ -55,10 +61,11 @@ pub fn likelihood(
         most if most >= all.len() => all.iter().collect(),
         most => (0..most).map(|i| &all[i * all.len() / most]).collect(),
     };
-    let length = taken.iter().map(|w| w.tokens).max().unwrap_or(1);
+    // the front's last token predicts a window's first
+    let length = taken.iter().map(|w| w.tokens).max().unwrap_or(1) + conditions.len() - 1;
     let (mut nats, mut tokens, mut frames) = (0.0, 0, 0.0);
     for windows in taken.chunks((BATCH_TOKENS / length).max(1)) {
-        for (window, sum) in windows.iter().zip(batch_nats(model, corpus, clips, windows, length)?) {
+        for (window, sum) in windows.iter().zip(batch_nats(model, corpus, clips, windows, length, conditions)?) {
             if !sum.is_finite() {
                 let clip = &clips[window.clip].name;
                 return Err(Error::Call(format!("{clip} from token {}: {sum} nats", window.start)));
@@ -94,14 +101,16 @@ fn batch_nats(
     clips: &[&ClipRecord],
     windows: &[&EvalWindow],
     length: usize,
+    conditions: &Conditions,
 ) -> Result<Vec<f64>> {
-    let (bos, pad) = (model.tokens().bos, model.tokens().pad);
+    let (pad, before) = (model.tokens().pad, conditions.len() - 1);
     let (mut inputs, mut targets) = (vec![pad; windows.len() * length], vec![pad; windows.len() * length]);
     for (window, (input, target)) in windows.iter().zip(inputs.chunks_mut(length).zip(targets.chunks_mut(length))) {
-        let ids = corpus.ids(clips[window.clip], window.start..window.start + window.tokens);
-        fill_sequence(&ids, &[bos], pad, input, target);
-        target[..window.scored.start].fill(pad);
-        target[window.scored.end..].fill(pad);
+        let clip = clips[window.clip];
+        let ids = corpus.ids(clip, window.start..window.start + window.tokens);
+        fill_sequence(&ids, &conditions.front(&clip.labels), pad, input, target);
+        target[..before + window.scored.start].fill(pad);
+        target[before + window.scored.end..].fill(pad);
     }
     let mut nats = vec![0.0; targets.len()];
     model.nats(&inputs, &targets, length, &mut nats)?;
@@ -112,6 +121,7 @@ fn batch_nats(
 mod tests {
     use super::*;
     use crate::corpus::Split;
+    use crate::corpus::conditions::with_labels;
     use crate::model::fast::Fast;
     use crate::model::{Gpt, ModelConfig, Reader, Reading};
     use crate::train::fixture;
@@ -126,15 +136,15 @@ mod tests {
         let mut gpt = Gpt::new(&config, &fixture::TOKENS, 1).unwrap();
         let zero = Tensor::zeros((fixture::TOKENS.vocabulary, 8), candle_core::DType::F32, &Device::Cpu).unwrap();
         gpt.vars()["token.weight"].set(&zero).unwrap();
-        let all = likelihood(&mut gpt, &corpus, &clips, 0).unwrap().unwrap();
+        let all = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
         assert_eq!((all.tokens, all.frames), (32 * 7, 32));
         let expected = 7.0 * (fixture::TOKENS.vocabulary as f64).log2();
         assert!((all.bits_per_frame - expected).abs() < 1e-4, "{} {expected}", all.bits_per_frame);
         // 30 frames in windows of 5 that move by 2: 14; and one of the short clip
         assert_eq!((all.windows, all.all_windows), (15, 15));
-        let some = likelihood(&mut gpt, &corpus, &clips, 4).unwrap().unwrap();
+        let some = likelihood(&mut gpt, &corpus, &clips, 4, &Conditions::none()).unwrap().unwrap();
         assert_eq!((some.windows, some.all_windows), (4, 15));
-        assert_eq!(likelihood(&mut gpt, &corpus, &[], 0).unwrap(), None);
+        assert_eq!(likelihood(&mut gpt, &corpus, &[], 0, &Conditions::none()).unwrap(), None);
     }
 
     #[test]
@@ -144,7 +154,7 @@ mod tests {
         let clips: Vec<_> = corpus.split(Split::Valid).collect();
         let config = ModelConfig { layers: 2, heads: 2, width: 8, context: 30, ..Default::default() };
         let mut gpt = Gpt::new(&config, &fixture::TOKENS, 4).unwrap();
-        let found = likelihood(&mut gpt, &corpus, &clips, 0).unwrap().unwrap();
+        let found = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
         // by hand: windows of 4 words at frames 0, 2, 4, 6, 8; the first is scored whole, then two words each, then one
         let ids = corpus.clip_ids(clips[0]);
         let mut nats = 0.0;
@@ -163,6 +173,42 @@ mod tests {
     }
 
     #[test]
+    fn labels_in_front_count_nothing_and_tell_the_model() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::corpus(dir.path(), &[(11, Split::Valid), (4, Split::Valid)]);
+        let clips: Vec<_> = corpus.split(Split::Valid).collect();
+        let fields = ["genre".to_string()];
+        let tokenizer = with_labels(corpus.tokenizer(), corpus.clips(), &fields).unwrap();
+        let conditions = Conditions::new(&fields, tokenizer.vocabulary());
+        let tokens = TokenLayout { front: 2, ..TokenLayout::of(&tokenizer) };
+        // 30 tokens of words beside the front: windows of 4 words
+        let config = ModelConfig { layers: 2, heads: 2, width: 8, context: 31, ..Default::default() };
+        let mut gpt = Gpt::new(&config, &tokens, 4).unwrap();
+        let found = likelihood(&mut gpt, &corpus, &clips, 0, &conditions).unwrap().unwrap();
+        assert_eq!((found.tokens, found.frames, found.windows), (15 * 7, 15, 6));
+        // by hand, the second clip of one window: <bos> <genre:b> and its tokens but the last
+        let by_hand = |model: &Gpt, genre: u32| {
+            let ids = corpus.clip_ids(clips[1]);
+            let mut cache = model.cache().unwrap();
+            let input: Vec<u32> = [1, genre].into_iter().chain(ids[..27].iter().copied()).collect();
+            let logits = cache.read_all(&input).unwrap().to_vec2::<f32>().unwrap();
+            let rows = logits[1..].iter().zip(&ids).map(|(row, &id)| {
+                let sum: f64 = row.iter().map(|&x| (x as f64).exp()).sum();
+                sum.ln() - row[id as usize] as f64
+            });
+            rows.sum::<f64>() / std::f64::consts::LN_2 / 4.0
+        };
+        for (conditions, genre) in [(conditions.clone(), 17), (conditions.unknown(), 4)] {
+            let found = likelihood(&mut gpt, &corpus, &clips[1..], 0, &conditions).unwrap().unwrap();
+            let expected = by_hand(&gpt, genre);
+            assert!((found.bits_per_frame - expected).abs() < 1e-4, "{} {expected}", found.bits_per_frame);
+        }
+        assert!((by_hand(&gpt, 17) - by_hand(&gpt, 4)).abs() > 1e-3);
+        let message = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap_err().to_string();
+        assert_eq!(message, "1 tokens in front of a window; the model was trained with 2");
+    }
+
+    #[test]
     fn words_of_any_length_count_once_and_all_forms_agree() {
         let dir = tempfile::tempdir().unwrap();
         let corpus = fixture::merged(dir.path(), &[(120, Split::Valid), (1, Split::Valid), (77, Split::Valid)]);
@@ -174,25 +220,25 @@ mod tests {
         for context in [50, 4] {
             let config = ModelConfig { layers: 2, heads: 2, width: 8, context, ..Default::default() };
             let mut gpt = Gpt::new(&config, &tokens, 1).unwrap();
-            let plain = likelihood(&mut gpt, &corpus, &clips, 0).unwrap().unwrap();
+            let plain = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
             assert_eq!((plain.tokens, plain.frames), (all, 198));
             let per_frame = plain.nats_per_token / std::f64::consts::LN_2 * all as f64 / 198.0;
             assert!((plain.bits_per_frame - per_frame).abs() < 1e-9);
             let mut fast = Fast::of(&gpt).unwrap();
             let mut reader = Reader::new(&gpt, Reading::default()).unwrap();
             for other in [&mut fast as &mut dyn Scores, &mut reader] {
-                let found = likelihood(other, &corpus, &clips, 0).unwrap().unwrap();
+                let found = likelihood(other, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
                 let apart = (found.bits_per_frame / plain.bits_per_frame - 1.0).abs();
                 assert!(apart < 1e-6 && found.tokens == all, "{found:?}, {plain:?}");
             }
             let zero = Tensor::zeros((tokens.vocabulary, 8), candle_core::DType::F32, &Device::Cpu).unwrap();
             gpt.vars()["token.weight"].set(&zero).unwrap();
-            let found = likelihood(&mut gpt, &corpus, &clips, 0).unwrap().unwrap();
+            let found = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
             let expected = all as f64 * (tokens.vocabulary as f64).log2() / 198.0;
             assert!((found.bits_per_frame / expected - 1.0).abs() < 1e-6, "{} {expected}", found.bits_per_frame);
             // of some windows, words that are scored in part count in part
             let third = found.all_windows / 3;
-            let some = likelihood(&mut gpt, &corpus, &clips, third).unwrap().unwrap();
+            let some = likelihood(&mut gpt, &corpus, &clips, third, &Conditions::none()).unwrap().unwrap();
             assert!(
                 some.windows == third && (some.bits_per_frame / expected - 1.0).abs() < 0.2,
                 "{some:?}, {expected}"

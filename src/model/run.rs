@@ -8,8 +8,10 @@ use super::gpt::Gpt;
 use super::reader::{Reader, Reading};
 use super::scores::Scores;
 use super::weights;
+use crate::corpus::conditions::{Conditions, in_order};
 use crate::{Error, Result};
 use candle_core::{Device, Tensor};
+use kinelm_tokenizer::Tokenizer;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -29,6 +31,8 @@ pub struct LoadedRun {
     pub config: ModelConfig,
     /// What its tokenizer decided.
     pub tokens: TokenLayout,
+    /// The label fields that it is told of, in the order of their tokens behind `<bos>`.
+    pub conditions: Vec<String>,
     /// Its weights by name, on the CPU, in f32: their moving average if the checkpoint has it.
     pub weights: BTreeMap<String, Tensor>,
     /// The tokenizer it was trained with.
@@ -42,6 +46,23 @@ pub struct LoadedRun {
 }
 
 impl LoadedRun {
+    /// Its conditions with the ids of their values, from its tokenizer.
+    ///
+    /// # Errors
+    /// A tokenizer that can't be read or has other ids than the model.
+    pub fn load_conditions(&self) -> Result<Conditions> {
+        let tokenizer = Tokenizer::load(&self.tokenizer)?;
+        let conditions = Conditions::new(&self.conditions, tokenizer.vocabulary());
+        let (found, ids) = (tokenizer.vocabulary().len() as usize, self.tokens.vocabulary);
+        if found != ids || conditions.len() != self.tokens.front {
+            let (k, front) = (conditions.len(), self.tokens.front);
+            let found = format!("{found} ids and {k} tokens in front of a window");
+            let expected = format!("{ids} ids and {front} tokens, as config.toml says");
+            return Err(Error::file(&self.tokenizer, found, expected, "put back the files that the run was made with"));
+        }
+        Ok(conditions)
+    }
+
     /// The plain model on `device`.
     ///
     /// # Errors
@@ -75,6 +96,15 @@ impl LoadedRun {
 struct Shape {
     model: ModelConfig,
     tokens: TokenLayout,
+    #[serde(default)]
+    train: Told,
+}
+
+/// What is needed of its `[train]` table.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Told {
+    conditions: Vec<String>,
 }
 
 /// Loads a model from a run folder; by default the best on the validation clips, or the latest where there were none.
@@ -101,6 +131,7 @@ pub fn load_run(run: &Path, which: Which) -> Result<LoadedRun> {
     Ok(LoadedRun {
         config: shape.model,
         tokens: shape.tokens,
+        conditions: in_order(&shape.train.conditions),
         weights,
         tokenizer: run.join(TOKENIZER),
         checkpoint: found.dir,

@@ -1,10 +1,15 @@
 //! Which windows a step trains on: a function of (seed, step, place in the batch) and of nothing else.
 //!
 //! A pass over the corpus takes, of a clip of so many words where n whole ones fit into a window, words/n windows, rounded
-//! up (of words that differ in length: of its tokens one in T): its possible starts are cut into that many equal
+//! up (of words that differ in length: of its tokens one in as many as fit): its possible starts are cut into that many equal
 //! stretches and one start is drawn in each. So a pass sees nearly every word about once, and every pass sees them at other
 //! places of the window. The order of a pass is a random one.
+//!
+//! Of several corpora a pass takes, of each, weight times as many windows as it has (rounded, one at least): whole rounds of
+//! them, and a drawn part of a round, of which the next pass takes the rest.
 
+use super::config::TrainConfig;
+use super::data::{Data, Part};
 use crate::corpus::windows::{fill_sequence, whole_words};
 use crate::corpus::{ClipRecord, ClipWords, Corpus, Split};
 use crate::{Error, Result, random};
@@ -14,9 +19,9 @@ use rand_chacha::rand_core::RngCore;
 /// The windows of one step.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Batch {
-    /// (B, T) ids: `<bos>` and all tokens but the last.
+    /// (B, T) ids: the front, and all tokens but the last.
     pub inputs: Vec<u32>,
-    /// (B, T) ids: the tokens; `<pad>` where the clip has ended.
+    /// (B, T) ids: from the last of the front on the tokens; `<pad>` before, and where the clip has ended.
     pub targets: Vec<u32>,
     /// Names of the windows' clips, with the frame at which the window starts.
     pub clips: Vec<String>,
@@ -34,96 +39,198 @@ impl Batch {
     }
 }
 
-/// The training windows of a corpus, in order.
+/// The training windows of a run's corpora, in order.
 pub struct Batches<'a> {
-    corpus: &'a Corpus,
-    clips: Vec<(&'a ClipRecord, ClipWords<'a>)>,
-    ends: Vec<usize>, // per clip: windows of a pass up to and with it
+    data: &'a Data,
+    clips: Vec<TrainClip<'a>>,
+    ends: Vec<usize>, // per clip: windows of a round up to and with it
+    shares: Vec<Share>,
     context: usize,
+    room: usize, // of the context: tokens of words that are asked about
     batch: usize,
     seed: u64,
-    order: Option<(u64, Vec<u32>)>, // of the pass drawn last
+    label_dropout: f64,
+    order: Option<(u64, Vec<Window>)>, // of the pass drawn last
+}
+
+/// A clip of one of the corpora.
+#[derive(Clone, Copy)]
+struct TrainClip<'a> {
+    corpus: &'a Corpus,
+    record: &'a ClipRecord,
+    words: ClipWords<'a>,
+}
+
+/// What a corpus gives to a pass.
+struct Share {
+    /// The first of its windows, counted over all corpora.
+    first: usize,
+    /// Its windows: one round takes them all once.
+    windows: usize,
+    /// How many of them a pass takes: those behind the last pass's, round after round.
+    a_pass: usize,
+}
+
+/// A window of a pass: its number over all corpora, and the round in which its corpus gives it. Random numbers that
+/// belong to a window come from both.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Window {
+    /// Which time it comes.
+    pub round: u64,
+    /// Its number among the windows of all corpora.
+    pub number: usize,
+}
+
+/// Where a window stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stand {
+    /// Index into [`Batches::clips`].
+    pub clip: usize,
+    /// The word it starts in, which it starts at but for words that are longer than a window.
+    pub word: usize,
+    /// Its first token, counted from the clip's.
+    pub start: usize,
+    /// Tokens of the clip that it shows.
+    pub tokens: usize,
 }
 
 impl<'a> Batches<'a> {
-    /// The windows of `context` tokens of the training clips, `batch` at a time.
+    /// The windows of `context` tokens of the training clips, `train.batch` at a time, with their labels in front as the
+    /// data's conditions know them.
     ///
     /// # Errors
-    /// No training clip with a frame; a context that doesn't hold a word of the one length that all have.
-    pub fn new(corpus: &'a Corpus, context: usize, batch: usize, seed: u64) -> Result<Batches<'a>> {
-        let whole = corpus.manifest().tokens_per_word.map(|word| whole_words(context, word)).transpose()?;
-        whole_words(context, 1)?;
-        let clips = corpus.split(Split::Train).filter(|c| c.frames > 0);
-        let clips: Vec<_> = clips.map(|c| (c, corpus.words(c))).collect();
-        if clips.is_empty() {
-            let help = "give some clips the split `train` when making it";
-            return Err(Error::file(corpus.dir(), "no training clip", "a corpus with training clips", help));
+    /// A corpus without a training clip that has a frame; a context that doesn't hold a word of the one length that all
+    /// have; more than 2^32 windows a pass.
+    pub fn new(data: &'a Data, context: usize, train: &TrainConfig) -> Result<Batches<'a>> {
+        let room = (context + 1).saturating_sub(data.conditions().len());
+        whole_words(room, 1)?;
+        let (mut clips, mut ends, mut shares, mut total) = (Vec::new(), Vec::new(), Vec::new(), 0);
+        for Part { corpus, weight } in data.parts() {
+            let whole = corpus.manifest().tokens_per_word.map(|word| whole_words(room, word)).transpose()?;
+            let first = total;
+            for record in corpus.split(Split::Train).filter(|c| c.frames > 0) {
+                let words = corpus.words(record);
+                total += match whole {
+                    Some(n) => words.len().div_ceil(n),
+                    None => words.tokens().div_ceil(room),
+                };
+                clips.push(TrainClip { corpus, record, words });
+                ends.push(total);
+            }
+            let windows = total - first;
+            if windows == 0 {
+                let help = "give some clips the split `train` when making it";
+                return Err(Error::file(corpus.dir(), "no training clip", "a corpus with training clips", help));
+            }
+            // a corpus of small weight still comes
+            shares.push(Share { first, windows, a_pass: ((weight * windows as f64).round() as usize).max(1) });
         }
-        let ends = clips.iter().scan(0, |total, (_, words)| {
-            *total += match whole {
-                Some(n) => words.len().div_ceil(n),
-                None => words.tokens().div_ceil(context),
-            };
-            Some(*total)
-        });
-        Ok(Batches { corpus, ends: ends.collect(), clips, context, batch, seed, order: None })
+        let pass: usize = shares.iter().map(|s| s.a_pass).sum();
+        if u32::try_from(pass).is_err() {
+            return Err(Error::Call(format!("{pass} windows a pass; expected at most 2^32 - 1: lower the weights")));
+        }
+        let (batch, seed, label_dropout) = (train.batch, train.seed, train.label_dropout);
+        Ok(Batches { data, clips, ends, shares, context, room, batch, seed, label_dropout, order: None })
     }
 
-    /// Windows of one pass over the corpus.
+    /// Windows of one pass over the corpora.
     pub fn pass(&self) -> usize {
-        self.ends.last().copied().unwrap_or(0)
+        self.shares.iter().map(|s| s.a_pass).sum()
     }
 
     /// The windows of step `step`.
     pub fn batch(&mut self, step: u64) -> Batch {
         let (b, t) = (self.batch, self.context);
+        let windows: Vec<Window> = (0..b as u64).map(|i| self.window(step * b as u64 + i)).collect();
         let mut batch = Batch { inputs: vec![0; b * t], targets: vec![0; b * t], clips: Vec::with_capacity(b) };
         let rows = batch.inputs.chunks_mut(t).zip(batch.targets.chunks_mut(t));
-        for (i, (input, target)) in rows.enumerate() {
-            let place = step * b as u64 + i as u64;
-            let (pass, at) = (place / self.pass() as u64, place % self.pass() as u64);
-            let window = self.order(pass)[at as usize] as usize;
-            let (clip, word, start) = self.start(pass, window);
-            let ids = self.corpus.ids(clip, start..clip.tokens.min(start + t));
-            fill_sequence(&ids, &[Special::Bos.id()], Special::Pad.id(), input, target);
-            let frame = self.corpus.frames_of(clip, 0..word);
-            batch.clips.push(format!("{} from frame {frame}", clip.name));
+        for (&window, (input, target)) in windows.iter().zip(rows) {
+            let stand = self.stand(window);
+            let TrainClip { corpus, record, .. } = self.clips[stand.clip];
+            let ids = corpus.ids(record, stand.start..stand.start + stand.tokens);
+            fill_sequence(&ids, &self.front(record, window), Special::Pad.id(), input, target);
+            let frame = corpus.frames_of(record, 0..stand.word);
+            batch.clips.push(format!("{} from frame {frame}", record.name));
         }
         batch
     }
 
-    /// The clip, first word and first token of a window of a pass.
-    fn start(&self, pass: u64, window: usize) -> (&'a ClipRecord, usize, usize) {
-        let index = self.ends.partition_point(|&end| end <= window);
-        let (clip, words) = self.clips[index];
-        let before = if index == 0 { 0 } else { self.ends[index - 1] };
-        let (stretch, stretches) = (window - before, self.ends[index] - before);
-        // up to the first word from which on the whole rest fits
-        let starts = (words.before(words.tokens().saturating_sub(self.context)) + 1).min(words.len());
-        let (low, high) = (starts * stretch / stretches, starts * (stretch + 1) / stretches);
-        let mut rng = random::stream(self.seed, "window", pass, window as u64);
-        let word = low + (random::unit(&mut rng) * (high - low) as f64) as usize;
-        let (start, end) = (words.start(word), words.start(word + 1));
-        let inside = match end - start > self.context {
-            // a word that is longer than a window is begun anywhere, so that its end is seen too
-            true => (random::unit(&mut rng) * (end - start - self.context + 1) as f64) as usize,
-            false => 0,
-        };
-        (clip, word, start + inside)
+    /// The window at a place in the order of the data: of step s, place i of the batch, that is s B + i.
+    pub fn window(&mut self, place: u64) -> Window {
+        let (pass, at) = (place / self.pass() as u64, place % self.pass() as u64);
+        if self.order.as_ref().is_none_or(|(p, _)| *p != pass) {
+            self.order = Some((pass, self.draw(pass)));
+        }
+        self.order.as_ref().map_or(Window { round: 0, number: 0 }, |(_, order)| order[at as usize])
     }
 
     /// The windows of a pass in the order of Fisher and Yates.
-    fn order(&mut self, pass: u64) -> &[u32] {
-        if self.order.as_ref().is_none_or(|(p, _)| *p != pass) {
-            let mut rng = random::stream(self.seed, "order", pass, 0);
-            let mut order: Vec<u32> = (0..self.pass() as u32).collect();
-            for last in (1..order.len()).rev() {
-                // 64 bits over at most 2^32 windows: no bias that could be seen
-                order.swap(last, (rng.next_u64() % (last as u64 + 1)) as usize);
+    fn draw(&self, pass: u64) -> Vec<Window> {
+        let mut order: Vec<Window> = Vec::with_capacity(self.pass());
+        for share in &self.shares {
+            let (windows, a_pass) = (share.windows as u64, share.a_pass as u64);
+            let (from, to) = (pass * a_pass, (pass + 1) * a_pass);
+            for round in from / windows..to.div_ceil(windows) {
+                let (low, high) =
+                    (from.max(round * windows) - round * windows, to.min((round + 1) * windows) - round * windows);
+                let mut numbers: Vec<usize> = (share.first..share.first + share.windows).collect();
+                // which of a round's windows a pass takes is drawn where it doesn't take all
+                if (low, high) != (0, windows) {
+                    shuffle(&mut numbers, &mut random::stream(self.seed, "round", round, share.first as u64));
+                }
+                let mut taken = numbers[low as usize..high as usize].to_vec();
+                taken.sort_unstable();
+                order.extend(taken.into_iter().map(|number| Window { round, number }));
             }
-            self.order = Some((pass, order));
         }
-        self.order.as_ref().map_or(&[], |(_, order)| order)
+        shuffle(&mut order, &mut random::stream(self.seed, "order", pass, 0));
+        order
+    }
+
+    /// What stands in front of a window: its clip's labels, each hidden in a share of the windows.
+    fn front(&self, clip: &ClipRecord, Window { round, number }: Window) -> Vec<u32> {
+        let mut front = self.data.conditions().front(&clip.labels);
+        let mut rng = random::stream(self.seed, "label dropout", round, number as u64);
+        for id in &mut front[1..] {
+            if random::unit(&mut rng) < self.label_dropout {
+                *id = Special::Unk.id();
+            }
+        }
+        front
+    }
+
+    /// Where a window stands: its clip, the word and token it starts at.
+    pub fn stand(&self, Window { round, number }: Window) -> Stand {
+        let index = self.ends.partition_point(|&end| end <= number);
+        let TrainClip { record, words, .. } = self.clips[index];
+        let before = if index == 0 { 0 } else { self.ends[index - 1] };
+        let (stretch, stretches) = (number - before, self.ends[index] - before);
+        // up to the first word from which on the whole rest fits
+        let starts = (words.before(words.tokens().saturating_sub(self.room)) + 1).min(words.len());
+        let (low, high) = (starts * stretch / stretches, starts * (stretch + 1) / stretches);
+        let mut rng = random::stream(self.seed, "window", round, number as u64);
+        let word = low + (random::unit(&mut rng) * (high - low) as f64) as usize;
+        let (start, end) = (words.start(word), words.start(word + 1));
+        let inside = match end - start > self.room {
+            // a word that is longer than a window is begun anywhere, so that its end is seen too
+            true => (random::unit(&mut rng) * (end - start - self.room + 1) as f64) as usize,
+            false => 0,
+        };
+        let start = start + inside;
+        Stand { clip: index, word, start, tokens: (record.tokens - start).min(self.room) }
+    }
+
+    /// The training clips, those of one corpus behind those of the one before.
+    pub fn clips(&self) -> impl Iterator<Item = (&'a Corpus, &'a ClipRecord)> + '_ {
+        self.clips.iter().map(|c| (c.corpus, c.record))
+    }
+}
+
+/// Fisher and Yates's order.
+fn shuffle<T>(all: &mut [T], rng: &mut impl RngCore) {
+    for last in (1..all.len()).rev() {
+        // 64 bits over at most 2^32 windows: no bias that could be seen
+        all.swap(last, (rng.next_u64() % (last as u64 + 1)) as usize);
     }
 }
 
@@ -132,12 +239,18 @@ mod tests {
     use super::*;
     use crate::train::fixture;
 
+    /// Without conditions.
+    fn of(data: &Data, context: usize, batch: usize, seed: u64) -> Result<Batches<'_>> {
+        Batches::new(data, context, &TrainConfig { batch, seed, ..Default::default() })
+    }
+
     #[test]
     fn a_pass_has_every_stretch_once_and_steps_can_be_asked_in_any_order() {
         let dir = tempfile::tempdir().unwrap();
-        let corpus = fixture::corpus(dir.path(), &[(30, Split::Train), (3, Split::Train), (9, Split::Valid)]);
+        let data = Data::one(fixture::corpus(dir.path(), &[(30, Split::Train), (3, Split::Train), (9, Split::Valid)]))
+            .unwrap();
         // W = 7, T = 36: 5 whole words; 6 stretches of the first clip, one of the second
-        let mut batches = Batches::new(&corpus, 36, 2, 5).unwrap();
+        let mut batches = of(&data, 36, 2, 5).unwrap();
         assert_eq!(batches.pass(), 7);
         let steps: Vec<Batch> = (0..7).map(|s| batches.batch(s)).collect();
         for pass in 0..2 {
@@ -154,14 +267,15 @@ mod tests {
             assert_eq!(starts[6], ("clip1".to_string(), 0));
         }
         assert_eq!(batches.batch(3), steps[3]);
-        assert_ne!(Batches::new(&corpus, 36, 2, 6).unwrap().batch(0), steps[0]);
+        assert_ne!(of(&data, 36, 2, 6).unwrap().batch(0), steps[0]);
     }
 
     #[test]
     fn windows_start_at_a_frame_behind_bos_and_short_clips_are_padded() {
         let dir = tempfile::tempdir().unwrap();
-        let corpus = fixture::corpus(dir.path(), &[(3, Split::Train)]);
-        let batch = Batches::new(&corpus, 36, 1, 5).unwrap().batch(0);
+        let data = Data::one(fixture::corpus(dir.path(), &[(3, Split::Train)])).unwrap();
+        let corpus = &data.parts()[0].corpus;
+        let batch = of(&data, 36, 1, 5).unwrap().batch(0);
         let ids = corpus.clip_ids(&corpus.clips()[0]);
         assert_eq!(batch.targets[..21], ids);
         assert!(batch.targets[21..].iter().all(|&t| t == 0));
@@ -172,11 +286,14 @@ mod tests {
     #[test]
     fn windows_of_words_of_any_length_start_at_words_and_a_pass_sees_nearly_all() {
         let dir = tempfile::tempdir().unwrap();
-        let corpus = fixture::merged(dir.path(), &[(200, Split::Train), (3, Split::Train), (50, Split::Valid)]);
+        let data =
+            Data::one(fixture::merged(dir.path(), &[(200, Split::Train), (3, Split::Train), (50, Split::Valid)]))
+                .unwrap();
+        let corpus = &data.parts()[0].corpus;
         let clip = &corpus.clips()[0];
         // the second context is shorter than a word
         for context in [40, 3] {
-            let mut batches = Batches::new(&corpus, context, 1, 5).unwrap();
+            let mut batches = of(&data, context, 1, 5).unwrap();
             assert_eq!(batches.pass(), clip.tokens.div_ceil(context) + corpus.clips()[1].tokens.div_ceil(context));
             let (mut inside, mut seen) = (0, vec![false; clip.tokens]);
             for step in 0..4 * batches.pass() as u64 {
@@ -200,10 +317,76 @@ mod tests {
         }
     }
 
+    /// How often each window of each corpus (of 6 + 2 and 10 + 2 windows) comes in a pass, by clip.
+    #[test]
+    fn a_pass_takes_of_each_corpus_what_its_weight_says() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpora = [("a", 30), ("b", 50)].map(|(name, frames)| {
+            std::fs::create_dir(dir.path().join(name)).unwrap();
+            fixture::corpus(&dir.path().join(name), &[(frames, Split::Train), (9, Split::Train)])
+        });
+        let [a, b] = corpora;
+        let counts = |weights: [f64; 2], passes: std::ops::Range<u64>| {
+            let parts = [&a, &b].map(|c| Corpus::open(c.dir()).unwrap()).into_iter().zip(weights);
+            let parts = parts.map(|(corpus, weight)| Part { corpus, weight }).collect();
+            let data = Data::of(parts, None, &[]).unwrap();
+            let mut batches = of(&data, 36, 1, 5).unwrap();
+            let pass = batches.pass() as u64;
+            let mut counts = vec![0; 20];
+            for place in passes.start * pass..passes.end * pass {
+                counts[batches.window(place).number] += 1;
+            }
+            (pass, counts)
+        };
+        assert_eq!(counts([1.0, 1.0], 3..4), (20, vec![1; 20]));
+        assert_eq!(counts([1.0, 3.0], 1..2), (8 + 36, [vec![1; 8], vec![3; 12]].concat()));
+        // a quarter of 8 windows: each comes once in four passes; a half of 12: once in two
+        assert_eq!(counts([0.25, 0.5], 0..4), (2 + 6, [vec![1; 8], vec![2; 12]].concat()));
+        let (_, once) = counts([0.25, 0.5], 0..1);
+        assert_eq!((once[..8].iter().sum::<i32>(), once[8..].iter().sum::<i32>()), (2, 6));
+        // 1.5 times 8 and 12: nothing comes more than twice
+        let (pass, found) = counts([1.5, 1.5], 1..2);
+        assert_eq!((pass, found[..8].iter().sum::<i32>(), found.iter().max()), (12 + 18, 12, Some(&2)));
+        assert_eq!(counts([1e-3, 1.0], 0..8).1[..8], [1; 8]);
+    }
+
+    #[test]
+    fn labels_stand_in_front_and_a_share_of_them_is_hidden() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::corpus(dir.path(), &[(30, Split::Train), (40, Split::Train)]);
+        let fields = ["dancer", "genre"].map(String::from);
+        let data = Data::of(vec![Part { corpus, weight: 1.0 }], None, &fields).unwrap();
+        // ids behind the 10 characters, in the order of the fields
+        assert_eq!(data.tokenizer().vocabulary().conditioning(), ["<genre:a>", "<genre:b>", "<dancer:61>"]);
+        let windows = |label_dropout: f64, batch| {
+            let train = TrainConfig { batch, label_dropout, ..Default::default() };
+            Batches::new(&data, 37, &train).unwrap().batch(0)
+        };
+        // T = 37 with three in front: 35 tokens of words, 5 whole ones
+        let batch = windows(0.0, 14);
+        for (i, (input, target)) in batch.inputs.chunks(37).zip(batch.targets.chunks(37)).enumerate() {
+            let genre = if batch.clips[i].starts_with("clip0") { 16 } else { 17 };
+            assert_eq!(input[..3], [1, genre, 18]);
+            assert_eq!((target[..2].to_vec(), &target[2..36]), (vec![0, 0], &input[3..]));
+            assert_eq!(target.iter().filter(|&&id| id == 5).count(), 5, "{target:?}");
+        }
+        let hidden = windows(0.1, 10_000);
+        let plain = windows(0.0, 10_000);
+        assert_eq!((&hidden.targets, &hidden.clips), (&plain.targets, &plain.clips));
+        let fronts = |b: &Batch, place: usize| b.inputs.chunks(37).filter(|w| w[place] == 4).count();
+        assert_eq!((fronts(&plain, 1), fronts(&plain, 2)), (0, 0));
+        // four standard deviations of a binomial: 120; of both at once: 40
+        for place in [1, 2] {
+            assert!(fronts(&hidden, place).abs_diff(1000) < 120, "{}", fronts(&hidden, place));
+        }
+        let both = hidden.inputs.chunks(37).filter(|w| w[1..3] == [4, 4]).count();
+        assert!(both.abs_diff(100) < 40, "{both}");
+    }
+
     #[test]
     fn a_corpus_without_training_clips_is_refused() {
         let dir = tempfile::tempdir().unwrap();
-        let corpus = fixture::corpus(dir.path(), &[(3, Split::Test)]);
-        assert!(Batches::new(&corpus, 36, 1, 5).err().unwrap().to_string().contains("no training clip"));
+        let data = Data::one(fixture::corpus(dir.path(), &[(3, Split::Test)])).unwrap();
+        assert!(of(&data, 36, 1, 5).err().unwrap().to_string().contains("no training clip"));
     }
 }

@@ -1,6 +1,8 @@
 //! A training file: `[model]`, `[train]`, and where the corpus and the run are.
 
+use super::data::CorpusPart;
 use super::schedule::Schedule;
+use crate::corpus::conditions::in_order;
 use crate::model::ModelConfig;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -13,6 +15,9 @@ pub struct TrainFile {
     /// The corpus folder; in a file, relative to the file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub corpus: Option<PathBuf>,
+    /// Several corpora instead, `[[corpora]]`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub corpora: Vec<CorpusPart>,
     /// The run folder; in a file, relative to the file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<PathBuf>,
@@ -65,6 +70,11 @@ pub struct TrainConfig {
     pub ema: f64,
     /// Measurements between dances that are generated into the run's `samples/`; 0 means none. Default 0.
     pub sample_every: u64,
+    /// Label fields that the model is told of, one token each in front of a window. Default none.
+    pub conditions: Vec<String>,
+    /// Share of the labels that are hidden in training, each by itself, so that the model serves without them too,
+    /// 0..=1. Default 0.1.
+    pub label_dropout: f64,
 }
 
 impl Default for TrainConfig {
@@ -89,6 +99,8 @@ impl Default for TrainConfig {
             patience: 0,
             ema: 0.0,
             sample_every: 0,
+            conditions: Vec::new(),
+            label_dropout: 0.1,
         }
     }
 }
@@ -102,10 +114,23 @@ impl TrainFile {
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
         let mut file = TrainFile::parse(&text, path)?;
         let folder = crate::files::folder_of(path);
-        for place in [&mut file.corpus, &mut file.run].into_iter().flatten() {
+        let corpora = file.corpora.iter_mut().map(|c| &mut c.path);
+        for place in [&mut file.corpus, &mut file.run].into_iter().flatten().chain(corpora) {
             *place = folder.join(&place);
         }
         Ok(file)
+    }
+
+    /// The corpora that the file names, whichever way; none if it names none.
+    ///
+    /// # Errors
+    /// Both ways at once.
+    pub fn corpora(&self) -> Result<Vec<CorpusPart>> {
+        match &self.corpus {
+            Some(corpus) if self.corpora.is_empty() => Ok(vec![CorpusPart::once(corpus)]),
+            Some(_) => Err(Error::Call("corpus and [[corpora]]; expected one of them".into())),
+            None => Ok(self.corpora.clone()),
+        }
     }
 
     /// Reads the text of a training file; `path` is for messages. Paths stay as they are.
@@ -117,7 +142,8 @@ impl TrainFile {
             let help = "configs/train/ has examples with every key";
             Error::in_text((path, text), e.span(), e.message(), "a training file", help)
         })?;
-        let checked = file.model.validate().and_then(|()| file.train.validate());
+        let corpora = || file.corpora()?.iter().try_for_each(CorpusPart::validate);
+        let checked = file.model.validate().and_then(|()| file.train.validate()).and_then(|()| corpora());
         checked.map_err(|e| Error::file(path, e.to_string(), "keys within their limits", ""))?;
         Ok(file)
     }
@@ -155,7 +181,10 @@ impl TrainConfig {
             check(found == 0 || self.eval_every > 0, key, found.to_string(), limits)
         };
         measured("patience", self.patience)?;
-        measured("sample_every", self.sample_every)
+        measured("sample_every", self.sample_every)?;
+        let once = in_order(&self.conditions).len() == self.conditions.len();
+        check(once, "conditions", self.conditions.join(", "), "every field once")?;
+        number((0.0..=1.0).contains(&self.label_dropout), "label_dropout", self.label_dropout, "0 to 1")
     }
 }
 
@@ -183,16 +212,28 @@ mod tests {
         assert!(said("[train]\npatience = 2\neval_every = 0").contains("train.patience is 2; expected 0 where"));
         assert!(said("[train]\nema = 1.0").contains("train.ema is 1; expected 0 (none) up to below 1"));
         assert!(said("[train]\naccumulate = 0").contains("train.accumulate is 0; expected 1 to 65536"));
+        assert!(
+            said("[train]\nconditions = [\"a\", \"a\"]")
+                .contains("train.conditions is a, a; expected every field once")
+        );
+        assert!(said("[train]\nlabel_dropout = 2").contains("train.label_dropout is 2; expected 0 to 1"));
         assert!(said("[model]\nlayers = 0").contains("model.layers is 0"));
         assert!(said("[model").starts_with("a.toml:1:"));
+        assert!(said("corpus = \"a\"\n[[corpora]]\npath = \"b\"").contains("corpus and [[corpora]]"));
+        assert!(said("[[corpora]]\npath = \"b\"\nweight = 0").contains("the weight of b is 0; expected above 0"));
     }
 
     #[test]
     fn paths_are_relative_to_the_file() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("x.toml");
+        std::fs::write(&path, "[[corpora]]\npath = \"a\"\n[[corpora]]\npath = \"/b\"\nweight = 0.5").unwrap();
+        let parts = [(dir.path().join("a"), 1.0), ("/b".into(), 0.5)];
+        let parts = parts.map(|(path, weight)| CorpusPart { path, weight });
+        assert_eq!(TrainFile::load(&path).unwrap().corpora().unwrap(), parts);
         std::fs::write(&path, "corpus = \"c\"\nrun = \"/r\"\n").unwrap();
         let file = TrainFile::load(&path).unwrap();
+        assert_eq!(file.corpora().unwrap(), [CorpusPart::once(dir.path().join("c"))]);
         assert_eq!(file.corpus.unwrap(), dir.path().join("c"));
         assert_eq!(file.run.unwrap(), Path::new("/r"));
     }

@@ -14,6 +14,7 @@ pub const TOKENS: TokenLayout =
     TokenLayout { vocabulary: 16, word: 7, varying: false, front: 1, pad: 0, bos: 1, space: 5, places: Vec::new() };
 
 /// A corpus in `dir` of clips of so many frames. Characters walk by -1, 0 or 1 from frame to frame.
+/// Their genres are a and b in turn, the dancer is 61.
 pub fn corpus(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
     let path = dir.join("corpus");
     let tokenizer = Tokenizer::fit([&walk(5)], TokenizerConfig::uniform(&[0], 20.0, 10)).unwrap();
@@ -29,7 +30,10 @@ pub fn corpus(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
             }
             ids.push(TOKENS.space);
         }
-        writer.push(clip(&format!("clip{key}"), key, split, frames), &ids).unwrap();
+        let mut new = clip(&format!("clip{key}"), key, split, frames);
+        new.labels.insert("genre".into(), ["a", "b"][key % 2].into());
+        new.labels.insert("dancer".into(), "61".into());
+        writer.push(new, &ids).unwrap();
     }
     writer.finish().unwrap();
     Corpus::open(&path).unwrap()

@@ -104,7 +104,9 @@ fn is_free(run: &Path) -> bool {
     }
     let Ok(entries) = fs::read_dir(run) else { return false };
     let names: Vec<String> = entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect();
-    let early = |name: &String| EARLY.contains(&name.as_str()) || name.ends_with(HALF);
+    // corpus-2.json and so on, of runs on several corpora
+    let corpus = |name: &str| name.strip_prefix("corpus-").is_some_and(|n| n.ends_with(".json"));
+    let early = |name: &String| EARLY.contains(&name.as_str()) || corpus(name) || name.ends_with(HALF);
     names.is_empty() || (names.iter().any(|n| n == LOCK) && names.iter().all(early))
 }
 

@@ -5,15 +5,14 @@
 
 use super::batches::{Batch, Batches};
 use super::config::{TrainConfig, TrainFile};
+use super::data::{CorpusPart, Data};
 use super::learner::{clip_share, learner};
 use super::room;
 use super::run::RunFile;
-use crate::corpus::Corpus;
 use crate::model::{Compute, layout};
 use crate::view::plot::{Chart, Look, Rule, Scale, Series};
 use crate::{Error, Result};
 use serde::Serialize;
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What stays of the smoothed loss at a step.
@@ -28,8 +27,8 @@ const SAFETY: f64 = 10.0;
 pub struct LrFindOptions {
     /// The training file; its rate, schedule, steps and run don't matter.
     pub file: TrainFile,
-    /// The corpus folder, over the one in the file.
-    pub corpus: Option<PathBuf>,
+    /// The corpora, over those in the file.
+    pub corpora: Vec<CorpusPart>,
     /// Steps, 2 or more.
     pub steps: u64,
     /// The first rate, above 0.
@@ -73,13 +72,12 @@ pub struct Found {
 /// Options outside their limits; what training refuses before its first step; a loss that is not finite at once.
 pub fn lr_find(options: &LrFindOptions, stop: &AtomicBool, tell: &mut dyn FnMut(&Tried)) -> Result<Found> {
     check(options)?;
-    let corpus = options.corpus.clone().or_else(|| options.file.corpus.clone());
-    let corpus = corpus.ok_or_else(|| Error::Call("no corpus; give one by --corpus or in the training file".into()))?;
-    let corpus = Corpus::open(corpus)?;
+    let corpora = if options.corpora.is_empty() { options.file.corpora()? } else { options.corpora.clone() };
     let train = TrainConfig { ema: 0.0, steps: options.steps, ..options.file.train.clone() };
-    let file = RunFile::new(&options.file.model, &train, &corpus)?;
+    let data = Data::open(&corpora, None, &train.conditions)?;
+    let file = RunFile::new(&options.file.model, &train, &data)?;
     room::check(&file.model, &file.tokens, &train)?;
-    let mut batches = Batches::new(&corpus, file.model.context, train.batch, train.seed)?;
+    let mut batches = Batches::new(&data, file.model.context, &train)?;
     let weights = layout::initial(&file.model, &file.tokens, train.seed)?;
     let mut learner = learner(&file.model, &file.tokens, &train, weights, options.compute)?;
     let mut test = Test::default();
@@ -240,8 +238,8 @@ mod tests {
         let model = ModelConfig { layers: 1, heads: 2, width: 32, context: 36, ..Default::default() };
         let train = TrainConfig { batch: 4, ..Default::default() };
         let file = TrainFile { model, train, run: Some(dir.path().join("run")), ..Default::default() };
-        let corpus = Some(dir.path().join("corpus"));
-        let options = LrFindOptions { file, corpus, steps: 120, from: 1e-7, to: 100.0, compute: Compute::default() };
+        let corpora = vec![CorpusPart::once(dir.path().join("corpus"))];
+        let options = LrFindOptions { file, corpora, steps: 120, from: 1e-7, to: 100.0, compute: Compute::default() };
         let find = |options: &LrFindOptions| lr_find(options, &AtomicBool::new(false), &mut |_| ());
         let found = find(&options).unwrap();
         let (first, turn) = (found.steps[0], found.turn.unwrap());

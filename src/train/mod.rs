@@ -4,6 +4,7 @@ pub mod adamw;
 pub mod average;
 pub mod batches;
 pub mod config;
+pub mod data;
 pub mod fast;
 #[cfg(test)]
 pub(crate) mod fixture;
@@ -25,6 +26,7 @@ mod shapes;
 mod tensorboard;
 
 pub use config::{TrainConfig, TrainFile};
+pub use data::{CorpusPart, Data};
 pub use learner::{Found, Learner, learner};
 pub use pretrain::{PretrainOptions, Summary, pretrain};
 pub use progress::{Lines, Progress, Silent};

@@ -186,15 +186,17 @@ fn norm(gradients: &[Tensor]) -> Result<f64> {
 mod tests {
     use super::*;
     use crate::corpus::Split;
+    use crate::train::Data;
     use crate::train::batches::Batches;
     use crate::train::fixture;
 
     fn setup(context: usize, dropout: f64) -> (tempfile::TempDir, Plain, Batch) {
         let dir = tempfile::tempdir().unwrap();
-        let corpus = fixture::corpus(dir.path(), &[(90, Split::Train), (3, Split::Train)]);
+        let data = Data::one(fixture::corpus(dir.path(), &[(90, Split::Train), (3, Split::Train)])).unwrap();
         let config = ModelConfig { layers: 2, heads: 2, width: 64, context, dropout, ..Default::default() };
         let gpt = Gpt::new(&config, &fixture::TOKENS, 1).unwrap();
-        let batch = Batches::new(&corpus, context, 5, 1).unwrap().batch(0);
+        let train = TrainConfig { batch: 5, ..Default::default() };
+        let batch = Batches::new(&data, context, &train).unwrap().batch(0);
         (dir, Plain::new(gpt, &TrainConfig::default()).unwrap(), batch)
     }
 

@@ -1,16 +1,18 @@
 //! The run folder: configuration, tokenizer and corpus description of a training run.
 
 use super::config::TrainConfig;
+use super::data::{CorpusPart, Data, Part};
 use crate::corpus::Corpus;
 use crate::model::run::{CONFIG, TOKENIZER};
 use crate::model::{ModelConfig, TokenLayout};
 use crate::{Error, Result, files};
+use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The layout of `config.toml` that this program writes and reads.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// `config.toml` of a run folder: every option resolved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -20,12 +22,10 @@ pub struct RunFile {
     pub version: u32,
     /// The version of kinelm that began the run.
     pub kinelm: String,
-    /// The corpus folder.
-    pub corpus: PathBuf,
-    /// The corpus's hash.
-    pub corpus_sha256: String,
     /// The tokenizer's hash.
     pub tokenizer_sha256: String,
+    /// The corpora, as they were.
+    pub corpora: Vec<RunCorpus>,
     /// The model.
     pub model: ModelConfig,
     /// How it is trained.
@@ -34,36 +34,58 @@ pub struct RunFile {
     pub tokens: TokenLayout,
 }
 
+/// A corpus of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunCorpus {
+    /// Its folder.
+    pub path: PathBuf,
+    /// Its hash.
+    pub sha256: String,
+    /// How often a pass takes each of its windows.
+    pub weight: f64,
+}
+
+impl RunCorpus {
+    fn of(part: &Part) -> Result<RunCorpus> {
+        let dir = part.corpus.dir();
+        let path = std::path::absolute(dir).map_err(Error::io(dir))?;
+        Ok(RunCorpus { path, sha256: part.corpus.hash().into(), weight: part.weight })
+    }
+}
+
 impl RunFile {
-    /// The configuration of a new run on `corpus`.
+    /// The configuration of a new run on `data`.
     ///
     /// # Errors
-    /// Keys outside their limits, a context too short for the corpus's words, a corpus path that can't be made absolute.
-    pub fn new(model: &ModelConfig, train: &TrainConfig, corpus: &Corpus) -> Result<RunFile> {
-        let tokens = TokenLayout::of(corpus.tokenizer());
+    /// Keys outside their limits, a context too short for the corpora's words, a corpus path that can't be made absolute.
+    pub fn new(model: &ModelConfig, train: &TrainConfig, data: &Data) -> Result<RunFile> {
+        let tokens = data.tokens();
         model.validate_for(&tokens)?;
         train.validate()?;
         Ok(RunFile {
             version: VERSION,
             kinelm: env!("CARGO_PKG_VERSION").into(),
-            corpus: std::path::absolute(corpus.dir()).map_err(Error::io(corpus.dir()))?,
-            corpus_sha256: corpus.hash().into(),
-            tokenizer_sha256: corpus.manifest().tokenizer.clone(),
+            tokenizer_sha256: data.tokenizer().hash(),
+            corpora: data.parts().iter().map(RunCorpus::of).collect::<Result<_>>()?,
             model: model.clone(),
             train: train.clone(),
             tokens,
         })
     }
 
-    /// Puts the tokenizer and the corpus's description into the run folder.
+    /// Puts the tokenizer and the descriptions of the corpora into the run folder: `corpus.json`, `corpus-2.json`, ...
     ///
     /// # Errors
     /// What the system refuses.
-    pub fn put_beside(&self, run: &Path, corpus: &Corpus) -> Result<()> {
-        let from = corpus.dir().join("corpus.json");
-        let description = fs::read(&from).map_err(Error::io(&from))?;
-        files::write_whole(&run.join("corpus.json"), &description)?;
-        files::write_whole(&run.join(TOKENIZER), corpus.tokenizer().to_json().as_bytes())
+    pub fn put_beside(&self, run: &Path, data: &Data) -> Result<()> {
+        for (i, part) in data.parts().iter().enumerate() {
+            let from = part.corpus.dir().join("corpus.json");
+            let description = fs::read(&from).map_err(Error::io(&from))?;
+            let name = if i == 0 { "corpus.json".into() } else { format!("corpus-{}.json", i + 1) };
+            files::write_whole(&run.join(name), &description)?;
+        }
+        files::write_whole(&run.join(TOKENIZER), data.tokenizer().to_json().as_bytes())
     }
 
     /// Writes `config.toml`.
@@ -87,27 +109,107 @@ impl RunFile {
             }
             _ => Error::io(&path)(e),
         })?;
-        let file: RunFile = toml::from_str(&text)
-            .map_err(|e| Error::file(&path, e.message().to_string(), "the configuration of a run", ""))?;
-        match file.version {
-            VERSION => Ok(file),
-            other => Err(Error::file(&path, format!("version {other}"), format!("version {VERSION}"), "")),
+        let wrong = |e: toml::de::Error| {
+            Error::in_text((&path, &text), e.span(), e.message(), "the configuration of a run", "")
+        };
+        let head: Head = toml::from_str(&text).map_err(wrong)?;
+        match head.version {
+            VERSION => toml::from_str(&text).map_err(wrong),
+            1 => of_version_1(&text).map_err(wrong),
+            other => Err(Error::file(&path, format!("version {other}"), format!("version 1 or {VERSION}"), "")),
         }
     }
 
-    /// Whether `corpus` is the one the run was begun on.
+    /// Opens what the run at `run` was begun on; `corpora` are the folders if they lie elsewhere now.
     ///
     /// # Errors
-    /// Another corpus: both hashes.
-    pub fn check_corpus(&self, corpus: &Corpus) -> Result<()> {
-        match self.corpus_sha256 == corpus.hash() {
-            true => Ok(()),
-            false => Err(Error::file(
-                corpus.dir(),
-                format!("a corpus with hash {}", corpus.hash()),
-                format!("the run's, {}", self.corpus_sha256),
-                "begin a new run on another corpus",
-            )),
+    /// Another number of corpora, other corpora or weights, each with both; a tokenizer that is gone, damaged or another.
+    pub fn data(&self, run: &Path, corpora: &[CorpusPart]) -> Result<Data> {
+        let own: Vec<CorpusPart> =
+            self.corpora.iter().map(|c| CorpusPart { path: c.path.clone(), weight: c.weight }).collect();
+        let parts = if corpora.is_empty() { &own } else { corpora };
+        if parts.len() != own.len() || parts.iter().zip(&own).any(|(p, own)| p.weight != own.weight) {
+            let weights = |p: &[CorpusPart]| p.iter().map(|p| p.weight.to_string()).collect::<Vec<_>>().join(", ");
+            let (found, expected) = (weights(parts), weights(&own));
+            let what =
+                format!("corpora of the weights {found}; the run was begun on corpora of the weights {expected}");
+            return Err(Error::Call(what));
         }
+        let path = run.join(TOKENIZER);
+        let tokenizer = Tokenizer::load(&path)?;
+        let other = |found: String| {
+            let (expected, help) = (&self.tokenizer_sha256, "put back the tokenizer.json that the run was begun with");
+            Error::file(&path, format!("tokenizer {found}"), format!("the run's, {expected}"), help)
+        };
+        if tokenizer.hash() != self.tokenizer_sha256 {
+            return Err(other(tokenizer.hash()));
+        }
+        let open = |(p, own): (&CorpusPart, &RunCorpus)| {
+            let corpus = Corpus::open(&p.path)?;
+            match corpus.hash() == own.sha256 {
+                true => Ok(Part { corpus, weight: p.weight }),
+                false => Err(Error::file(
+                    corpus.dir(),
+                    format!("a corpus with hash {}", corpus.hash()),
+                    format!("the run's, {}", own.sha256),
+                    "begin a new run on another corpus",
+                )),
+            }
+        };
+        let parts = parts.iter().zip(&self.corpora).map(open).collect::<Result<_>>()?;
+        let data = Data::of(parts, Some(&tokenizer), &self.train.conditions)?;
+        match data.tokenizer().hash() == self.tokenizer_sha256 {
+            true => Ok(data),
+            false => Err(other(data.tokenizer().hash())),
+        }
+    }
+}
+
+/// What tells how to read the rest.
+#[derive(Deserialize)]
+struct Head {
+    version: u32,
+}
+
+/// Version 1 knew one corpus.
+fn of_version_1(text: &str) -> std::result::Result<RunFile, toml::de::Error> {
+    let mut table: toml::Table = toml::from_str(text)?;
+    let mut corpus = toml::Table::new();
+    for (old, new) in [("corpus", "path"), ("corpus_sha256", "sha256")] {
+        corpus.extend(table.remove(old).map(|value| (new.to_string(), value)));
+    }
+    corpus.insert("weight".into(), 1.0.into());
+    table.insert("corpora".into(), vec![corpus].into());
+    table.insert("version".into(), VERSION.into());
+    table.try_into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::corpus::Split;
+    use crate::train::fixture;
+
+    #[test]
+    fn a_run_of_one_corpus_of_the_layout_before_is_read() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::corpus(dir.path(), &[(9, Split::Train)])).unwrap();
+        let file = RunFile::new(&ModelConfig::default(), &TrainConfig::default(), &data).unwrap();
+        file.write(dir.path()).unwrap();
+        assert_eq!(RunFile::read(dir.path()).unwrap(), file);
+        let path = dir.path().join(CONFIG);
+        let text = fs::read_to_string(&path).unwrap();
+        let (head, corpora) = text.split_once("[[corpora]]\n").unwrap();
+        let (corpora, rest) = corpora.split_once("\n\n").unwrap();
+        let corpora = corpora.replace("path", "corpus").replace("sha256", "corpus_sha256").replace("weight = 1.0", "");
+        let old = format!("{corpora}\n{}\n{rest}", head.replace("version = 2", "version = 1"));
+        fs::write(&path, old).unwrap();
+        assert_eq!(RunFile::read(dir.path()).unwrap(), file);
+        fs::write(&path, text.replace("version = 2", "version = 3")).unwrap();
+        let message = RunFile::read(dir.path()).unwrap_err().to_string();
+        assert!(message.ends_with("found version 3, expected version 1 or 2"), "{message}");
+        fs::write(&path, text.replace("weight", "wait")).unwrap();
+        let message = RunFile::read(dir.path()).unwrap_err().to_string();
+        assert!(message.contains("config.toml:") && message.contains("wait"), "{message}");
     }
 }

@@ -137,6 +137,17 @@ impl Tokenizer {
         self.render().1
     }
 
+    /// The hash of the tokenizer without its conditioning tokens: two with the same base hash code motion alike, whatever
+    /// labels were added to them.
+    pub fn base_hash(&self) -> String {
+        if self.vocabulary.conditioning().is_empty() {
+            return self.hash();
+        }
+        let mut base = self.clone();
+        base.vocabulary.clear_conditioning();
+        base.hash()
+    }
+
     fn render(&self) -> (String, String) {
         let blank = serde_json::to_string_pretty(&self.whole()).expect("plain data with text keys is JSON") + "\n";
         let hash = hex_sha256(blank.as_bytes());
@@ -310,6 +321,7 @@ mod tests {
         t.vocabulary_mut().add_conditioning("genre", "salsa").unwrap();
         t.vocabulary_mut().add_conditioning("music", "a: \"b\" \\ é").unwrap();
         assert_ne!(t.hash(), plain);
+        assert_eq!(t.base_hash(), plain);
         t.save(&path).unwrap();
         let back = Tokenizer::load(&path).unwrap();
         assert_eq!(back, t);

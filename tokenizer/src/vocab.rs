@@ -201,6 +201,11 @@ impl Vocabulary {
         self.first_merged() + self.merged()
     }
 
+    /// Takes the conditioning tokens out.
+    pub(crate) fn clear_conditioning(&mut self) {
+        self.conditioning.clear();
+    }
+
     /// The id of `<field:value>`, appended if it is new.
     ///
     /// # Errors

@@ -68,11 +68,12 @@ pub fn load(folder: &Path) -> Result<LoadedRun> {
 
 /// What of a folder's `about` and `weights` becomes a model; both are checked.
 fn loaded(folder: &Path, about: About, weights: BTreeMap<String, Tensor>, notes: Vec<String>) -> Result<LoadedRun> {
-    let About { model: config, tokens, step, .. } = about;
+    let About { model: config, tokens, conditions, step, .. } = about;
     check(&config, &tokens, &weights, &folder.join(WEIGHTS))?;
     Ok(LoadedRun {
         config,
         tokens,
+        conditions,
         weights,
         tokenizer: folder.join(TOKENIZER),
         checkpoint: folder.to_owned(),

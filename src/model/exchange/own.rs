@@ -47,7 +47,8 @@ impl About {
     }
 
     pub fn of(run: &LoadedRun, tokenizer: &Tokenizer) -> About {
-        About { step: run.state.step, ..About::new(run.config.clone(), run.tokens.clone(), tokenizer) }
+        let about = About::new(run.config.clone(), run.tokens.clone(), tokenizer);
+        About { step: run.state.step, conditions: run.conditions.clone(), ..about }
     }
 
     pub fn to_json(&self) -> Result<Vec<u8>> {

@@ -44,6 +44,7 @@ fn made(positions: Positions, tied_head: bool) -> Made {
     let run = LoadedRun {
         config,
         tokens,
+        conditions: Vec::new(),
         weights,
         tokenizer: dir.path().join(TOKENIZER),
         checkpoint: dir.path().to_owned(),

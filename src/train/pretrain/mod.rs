@@ -7,11 +7,11 @@ mod trainer;
 
 use super::batches::Batches;
 use super::config::TrainFile;
+use super::data::{CorpusPart, Data};
 use super::folder::RunFolder;
 use super::progress::Progress;
 use super::room;
 use super::run::RunFile;
-use crate::corpus::Corpus;
 use crate::evaluate::likelihood::Likelihood;
 use crate::model::Compute;
 use crate::model::checkpoint::{Best, Checkpoints};
@@ -27,8 +27,8 @@ use trainer::Trainer;
 pub struct PretrainOptions {
     /// The training file. A run that is resumed has its own; one given then must say the same.
     pub file: Option<TrainFile>,
-    /// The corpus folder, over the one in the file (or the run's).
-    pub corpus: Option<PathBuf>,
+    /// The corpora, over those in the file (or the run's).
+    pub corpora: Vec<CorpusPart>,
     /// The run folder, over the one in the file.
     pub run: Option<PathBuf>,
     /// Steps in all, over the file's (or the run's).
@@ -80,40 +80,42 @@ pub fn pretrain(options: &PretrainOptions, stop: &AtomicBool, progress: &mut dyn
     let of_file = |pick: fn(&TrainFile) -> &Option<PathBuf>| options.file.as_ref().and_then(|f| pick(f).clone());
     let run = options.run.clone().or_else(|| of_file(|f| &f.run));
     let run = run.ok_or_else(|| Error::Call("no run folder; give one by --run or in the training file".into()))?;
-    let corpus = options.corpus.clone().or_else(|| of_file(|f| &f.corpus));
     // a device that isn't there must not leave an empty run behind
     options.compute.device.open()?;
-    let (folder, file, corpus) = match options.resume {
+    let (folder, file, data) = match options.resume {
         true => {
             let folder = RunFolder::open(&run)?;
-            let (file, corpus) = found(options, &folder, corpus)?;
-            (folder, file, corpus)
+            let (file, data) = found(options, &folder)?;
+            (folder, file, data)
         }
         false => {
-            let (file, corpus) = asked(options, corpus)?;
-            (begin(&run, &file, &corpus, None)?, file, corpus)
+            let (file, data) = asked(options)?;
+            (begin(&run, &file, &data, None)?, file, data)
         }
     };
-    go_on(&folder, file, &corpus, options.compute, stop, progress)
+    go_on(&folder, file, &data, options.compute, stop, progress)
 }
 
 /// The configuration of a new run.
-fn asked(options: &PretrainOptions, corpus: Option<PathBuf>) -> Result<(RunFile, Corpus)> {
+fn asked(options: &PretrainOptions) -> Result<(RunFile, Data)> {
     let file = options.file.as_ref();
     let file = file.ok_or_else(|| Error::Call("no training file; give one by --config".into()))?;
-    let corpus = corpus.ok_or_else(|| Error::Call("no corpus; give one by --corpus or in the training file".into()))?;
-    let corpus = Corpus::open(corpus)?;
+    let corpora = if options.corpora.is_empty() { file.corpora()? } else { options.corpora.clone() };
+    let data = Data::open(&corpora, None, &file.train.conditions)?;
     let mut train = file.train.clone();
     train.steps = options.steps.unwrap_or(train.steps);
     train.seed = options.seed.unwrap_or(train.seed);
-    Ok((RunFile::new(&file.model, &train, &corpus)?, corpus))
+    Ok((RunFile::new(&file.model, &train, &data)?, data))
 }
 
 /// The configuration of a run folder that is there.
-fn found(options: &PretrainOptions, run: &RunFolder, corpus: Option<PathBuf>) -> Result<(RunFile, Corpus)> {
+fn found(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)> {
     let mut file = RunFile::read(run.path())?;
-    let corpus = Corpus::open(corpus.unwrap_or_else(|| file.corpus.clone()))?;
-    file.check_corpus(&corpus)?;
+    let corpora = match (&options.file, options.corpora.is_empty()) {
+        (Some(given), true) => given.corpora()?,
+        _ => options.corpora.clone(),
+    };
+    let data = file.data(run.path(), &corpora)?;
     if let Some(given) = &options.file {
         let mut train = given.train.clone();
         (train.steps, train.seed) = (file.train.steps, options.seed.unwrap_or(train.seed));
@@ -129,7 +131,7 @@ fn found(options: &PretrainOptions, run: &RunFolder, corpus: Option<PathBuf>) ->
         file.train.steps = steps;
         file.write(run.path())?;
     }
-    Ok((file, corpus))
+    Ok((file, data))
 }
 
 /// Makes the folder of a new run. Without `weights` it begins with those that its seed draws; with them, with these: they
@@ -141,15 +143,15 @@ fn found(options: &PretrainOptions, run: &RunFolder, corpus: Option<PathBuf>) ->
 pub fn begin(
     run: &std::path::Path,
     file: &RunFile,
-    corpus: &Corpus,
+    data: &Data,
     weights: Option<BTreeMap<String, Tensor>>,
 ) -> Result<RunFolder> {
     // whatever is refused must not leave an empty run behind
-    Batches::new(corpus, file.model.context, file.train.batch, file.train.seed)?;
+    Batches::new(data, file.model.context, &file.train)?;
     room::check(&file.model, &file.tokens, &file.train)?;
     let first = weights.map(|weights| saved::first(file, weights)).transpose()?;
     let folder = RunFolder::create(run)?;
-    file.put_beside(run, corpus)?;
+    file.put_beside(run, data)?;
     if let Some(contents) = first {
         Checkpoints::of(run).write(saved::before(file), &contents)?;
     }
@@ -165,10 +167,10 @@ pub fn begin(
 pub fn go_on(
     run: &RunFolder,
     file: RunFile,
-    corpus: &Corpus,
+    data: &Data,
     compute: Compute,
     stop: &AtomicBool,
     progress: &mut dyn Progress,
 ) -> Result<Summary> {
-    Trainer::new(run, file, corpus, compute, progress)?.train(stop)
+    Trainer::new(run, file, data, compute, progress)?.train(stop)
 }

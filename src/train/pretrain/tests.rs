@@ -1,11 +1,12 @@
 use super::saved::OPTIMIZER;
 use super::*;
-use crate::corpus::Split;
+use crate::corpus::{Conditions, Corpus, Split};
 use crate::model::checkpoint::Which;
 use crate::model::run::{AVERAGED, WEIGHTS, load_run};
 use crate::model::{Form, ModelConfig, layout, weights};
 use crate::train::metrics::StepFigures;
 use crate::train::{Schedule, Silent, TrainConfig, fixture};
+use kinelm_tokenizer::Tokenizer;
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::Ordering;
@@ -42,8 +43,8 @@ fn file() -> TrainFile {
 const CLIPS: [(usize, Split); 3] = [(40, Split::Train), (7, Split::Train), (12, Split::Valid)];
 
 fn options(dir: &Path, run: &str, file: Option<TrainFile>) -> PretrainOptions {
-    let (corpus, run) = (Some(dir.join("corpus")), Some(dir.join(run)));
-    PretrainOptions { file, corpus, run, ..Default::default() }
+    let (corpora, run) = (vec![CorpusPart::once(dir.join("corpus"))], Some(dir.join(run)));
+    PretrainOptions { file, corpora, run, ..Default::default() }
 }
 
 fn go(options: &PretrainOptions) -> Result<Summary> {
@@ -177,7 +178,7 @@ fn another_corpus_seed_or_configuration_is_no_resume() {
     let elsewhere = dir.path().join("other");
     fs::create_dir(&elsewhere).unwrap();
     let other = fixture::corpus(&elsewhere, &CLIPS[..2]);
-    assert!(said(&|o| o.corpus = Some(other.dir().into())).unwrap_err().contains("begin a new run"));
+    assert!(said(&|o| o.corpora = vec![CorpusPart::once(other.dir())]).unwrap_err().contains("begin a new run"));
 }
 
 #[test]
@@ -194,14 +195,14 @@ fn a_rate_that_blows_up_stops_with_step_and_clips() {
 #[test]
 fn weights_to_begin_with_are_the_first_checkpoint() {
     let dir = tempfile::tempdir().unwrap();
-    let corpus = fixture::corpus(dir.path(), &CLIPS);
+    let data = Data::one(fixture::corpus(dir.path(), &CLIPS)).unwrap();
     let TrainFile { model, train, .. } = file();
-    let run_file = RunFile::new(&model, &train, &corpus).unwrap();
+    let run_file = RunFile::new(&model, &train, &data).unwrap();
     // the weights of another seed, so that they aren't what the run would draw
     let weights = || layout::initial(&model, &run_file.tokens, 77).unwrap();
     let go = |run: &Path, weights| {
-        let folder = begin(run, &run_file, &corpus, weights)?;
-        go_on(&folder, run_file.clone(), &corpus, Compute::default(), &AtomicBool::new(false), &mut Silent)
+        let folder = begin(run, &run_file, &data, weights)?;
+        go_on(&folder, run_file.clone(), &data, Compute::default(), &AtomicBool::new(false), &mut Silent)
     };
     let run = dir.path().join("with");
     let with = go(&run, Some(weights())).unwrap();
@@ -210,7 +211,7 @@ fn weights_to_begin_with_are_the_first_checkpoint() {
     assert_eq!(with.step, 10);
     // killed before its first own checkpoint it still has them
     let cut = dir.path().join("cut");
-    drop(begin(&cut, &run_file, &corpus, Some(weights())).unwrap());
+    drop(begin(&cut, &run_file, &data, Some(weights())).unwrap());
     let options = PretrainOptions { run: Some(cut), resume: true, ..Default::default() };
     assert_eq!(pretrain(&options, &AtomicBool::new(false), &mut Silent).unwrap().loss, with.loss);
     // what doesn't fit leaves no folder
@@ -218,7 +219,7 @@ fn weights_to_begin_with_are_the_first_checkpoint() {
         let mut weights = weights();
         change(&mut weights);
         let none = dir.path().join("none");
-        let message = begin(&none, &run_file, &corpus, Some(weights)).unwrap_err().to_string();
+        let message = begin(&none, &run_file, &data, Some(weights)).unwrap_err().to_string();
         assert!(!none.exists());
         message
     };
@@ -276,7 +277,9 @@ fn the_average_is_what_is_measured_and_loaded() {
     let corpus = Corpus::open(dir.path().join("corpus")).unwrap();
     let clips: Vec<_> = corpus.split(Split::Valid).collect();
     let mut scores = loaded.scores(Compute::default()).unwrap();
-    let found = crate::evaluate::likelihood::likelihood(&mut *scores, &corpus, &clips, 0).unwrap().unwrap();
+    let found = crate::evaluate::likelihood::likelihood(&mut *scores, &corpus, &clips, 0, &Conditions::none())
+        .unwrap()
+        .unwrap();
     assert_eq!(found.bits_per_frame, bits);
 }
 
@@ -296,4 +299,62 @@ fn a_run_that_gets_no_better_ends_and_stays_ended() {
     options.resume = true;
     let again = go(&options).unwrap();
     assert!(again.early && again.loss.is_none() && again.step == summary.step, "{again:?}");
+}
+
+#[test]
+fn a_run_with_conditions_has_its_labels_in_its_vocabulary_and_resumes() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = fixture::corpus(dir.path(), &CLIPS);
+    let mut file = file();
+    (file.train.conditions, file.train.label_dropout) = (vec!["dancer".into(), "genre".into()], 0.5);
+    let straight = go(&options(dir.path(), "straight", Some(file.clone()))).unwrap();
+    let stop = AtomicBool::new(false);
+    let mut halves = options(dir.path(), "halves", Some(file.clone()));
+    pretrain(&halves, &stop, &mut StopAt(5, &stop, Vec::new())).unwrap();
+    halves.resume = true;
+    let second = go(&halves).unwrap();
+    let bytes = |s: &Summary| fs::read(s.checkpoint.join(WEIGHTS)).unwrap();
+    assert!(bytes(&straight) == bytes(&second));
+    let run = load_run(&dir.path().join("straight"), Which::Auto).unwrap();
+    assert_eq!((run.conditions.as_slice(), run.tokens.front), (&["genre", "dancer"].map(String::from)[..], 3));
+    let tokenizer = Tokenizer::load(&run.tokenizer).unwrap();
+    assert_eq!(tokenizer.base_hash(), corpus.tokenizer().hash());
+    assert_eq!(run.tokens.vocabulary, fixture::TOKENS.vocabulary + 3);
+    assert_eq!(run.load_conditions().unwrap().values("genre"), ["a", "b"]);
+    file.train.conditions.push("mood".into());
+    let message = go(&options(dir.path(), "none", Some(file))).unwrap_err().to_string();
+    assert!(message.contains("names `mood`, which no training clip has; the clips have dancer, genre"), "{message}");
+    assert!(!dir.path().join("none").exists());
+    corpus.tokenizer().save(&run.tokenizer).unwrap();
+    assert!(run.load_conditions().unwrap_err().to_string().contains("put back the files"));
+    halves.run = Some(dir.path().join("straight"));
+    assert!(go(&halves).unwrap_err().to_string().contains("put back the tokenizer.json"));
+}
+
+#[test]
+fn a_run_on_two_corpora_resumes_and_keeps_their_weights() {
+    let dir = tempfile::tempdir().unwrap();
+    let parts = [("a", 1.0), ("b", 2.5)].map(|(name, weight)| {
+        let place = dir.path().join(name);
+        fs::create_dir(&place).unwrap();
+        CorpusPart { path: fixture::corpus(&place, &CLIPS).dir().into(), weight }
+    });
+    let mut straight = options(dir.path(), "straight", Some(file()));
+    straight.corpora = parts.to_vec();
+    let whole = go(&straight).unwrap();
+    let stop = AtomicBool::new(false);
+    let mut halves = PretrainOptions { run: Some(dir.path().join("halves")), ..straight };
+    pretrain(&halves, &stop, &mut StopAt(7, &stop, Vec::new())).unwrap();
+    (halves.resume, halves.corpora) = (true, Vec::new());
+    let again = go(&halves).unwrap();
+    let bytes = |s: &Summary| fs::read(s.checkpoint.join(WEIGHTS)).unwrap();
+    assert!(bytes(&whole) == bytes(&again));
+    assert_eq!(whole.valid.unwrap().frames, 24);
+    assert!(dir.path().join("halves/corpus-2.json").is_file());
+    halves.corpora = parts[..1].to_vec();
+    let message = go(&halves).unwrap_err().to_string();
+    assert_eq!(message, "corpora of the weights 1; the run was begun on corpora of the weights 1, 2.5");
+    halves.corpora = parts.iter().rev().map(|p| CorpusPart { weight: 3.5 - p.weight, ..p.clone() }).collect();
+    // the same clips, so the same hash
+    go(&halves).unwrap();
 }

@@ -1,11 +1,12 @@
 //! The training loop.
 
 use super::{Summary, saved};
-use crate::corpus::{ClipRecord, Corpus, Split};
-use crate::evaluate::likelihood::{Likelihood, likelihood};
+use crate::corpus::Split;
+use crate::evaluate::likelihood::Likelihood;
 use crate::model::Compute;
 use crate::model::checkpoint::{Best, Checkpoints, State};
 use crate::train::batches::{Batch, Batches};
+use crate::train::data::Data;
 use crate::train::folder::RunFolder;
 use crate::train::learner::{Learner, clip_share, listed};
 use crate::train::metrics::{Metrics, StepFigures};
@@ -21,8 +22,7 @@ use std::time::{Duration, Instant};
 /// A run in memory.
 pub struct Trainer<'a> {
     file: RunFile,
-    corpus: &'a Corpus,
-    valid: Vec<&'a ClipRecord>,
+    data: &'a Data,
     batches: Batches<'a>,
     learner: Box<dyn Learner>,
     checkpoints: Checkpoints,
@@ -46,15 +46,14 @@ impl<'a> Trainer<'a> {
     pub fn new(
         run: &RunFolder,
         file: RunFile,
-        corpus: &'a Corpus,
+        data: &'a Data,
         compute: Compute,
         progress: &'a mut dyn Progress,
     ) -> Result<Trainer<'a>> {
         let started = Instant::now();
         let (c, t) = (&file.model, &file.train);
-        let batches = Batches::new(corpus, c.context, t.batch, t.seed)?;
-        let valid: Vec<_> = corpus.split(Split::Valid).filter(|c| c.frames > 0).collect();
-        if valid.is_empty() {
+        let batches = Batches::new(data, c.context, t)?;
+        if !data.has(Split::Valid) {
             progress.note("the corpus has no validation clip: the run is not measured, its latest checkpoint counts");
         }
         if file.tokens.varying && file.tokens.word > c.context {
@@ -66,8 +65,7 @@ impl<'a> Trainer<'a> {
         checkpoints.sweep()?;
         let metrics = Metrics::open(run.path(), state.step)?;
         Ok(Trainer {
-            corpus,
-            valid,
+            data,
             batches,
             learner,
             checkpoints,
@@ -77,7 +75,7 @@ impl<'a> Trainer<'a> {
             progress,
             started,
             pace: None,
-            tokens_per_frame: corpus.tokens_per_frame(Split::Train),
+            tokens_per_frame: data.tokens_per_frame(),
             file,
         })
     }
@@ -170,7 +168,7 @@ impl<'a> Trainer<'a> {
     fn measure(&mut self) -> Result<(Option<Likelihood>, bool)> {
         let (step, most) = (self.state.step, self.file.train.eval_windows);
         self.learner.exchange()?;
-        let found = likelihood(&mut *self.learner, self.corpus, &self.valid, most);
+        let found = self.data.likelihood(&mut *self.learner, Split::Valid, most);
         self.learner.exchange()?;
         let Some(found) = found.map_err(|e| stopped_at(step, e, &self.checkpoints))? else {
             return Ok((None, false));
@@ -239,12 +237,12 @@ mod tests {
     ) -> (String, tempfile::TempDir) {
         let dir = tempfile::tempdir().unwrap();
         let clips = [(40, Split::Train), (7, Split::Train), (12, Split::Valid)];
-        let corpus = fixture::corpus(dir.path(), &clips);
+        let data = Data::one(fixture::corpus(dir.path(), &clips)).unwrap();
         let model = ModelConfig { layers: 2, heads: 2, width: 16, context: 24, dropout: 0.1, ..Default::default() };
-        let file = RunFile::new(&model, &TrainConfig { batch: 3, steps: 9, warmup: 3, ..config }, &corpus).unwrap();
-        let folder = super::super::begin(&dir.path().join("run"), &file, &corpus, None).unwrap();
+        let file = RunFile::new(&model, &TrainConfig { batch: 3, steps: 9, warmup: 3, ..config }, &data).unwrap();
+        let folder = super::super::begin(&dir.path().join("run"), &file, &data, None).unwrap();
         let (mut silent, compute) = (Silent, Compute { form, ..Default::default() });
-        let mut trainer = Trainer::new(&folder, file, &corpus, compute, &mut silent).unwrap();
+        let mut trainer = Trainer::new(&folder, file, &data, compute, &mut silent).unwrap();
         for _ in 0..steps {
             trainer.step().unwrap();
         }

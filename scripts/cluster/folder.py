@@ -65,9 +65,12 @@ class Model:
             k = torch.arange(c.context - t.front)
             behind = w["position.frame.weight"][k // t.word] + w["position.place.weight"][k % t.word]
             wpe = torch.cat([w["position.front.weight"], behind])
-        names = {"token.weight": "wte.weight", "norm.": "ln_f.", "block.": "h.", "norm1.": "ln_1.", "norm2.": "ln_2.",
-                 "attention.qkv.": "attn.c_attn.", "attention.out.": "attn.c_proj.", "mlp.up.": "mlp.c_fc.", "mlp.down.": "mlp.c_proj."}
-        out = {"transformer.wpe.weight": wpe, "lm_head.weight": w.get("head.weight", w["token.weight"]).clone()}
+        names = {
+            "token.weight": "wte.weight", "norm.": "ln_f.", "block.": "h.", "norm1.": "ln_1.", "norm2.": "ln_2.",
+            "attention.qkv.": "attn.c_attn.", "attention.out.": "attn.c_proj.", "mlp.up.": "mlp.c_fc.",
+            "mlp.down.": "mlp.c_proj.",
+        }
+        out = {"transformer.wpe.weight": wpe} | ({} if c.tied_head else {"lm_head.weight": w["head.weight"]})
         for name, x in w.items():
             if name.startswith(("token.", "norm.", "block.")):
                 if name.startswith("block."):
@@ -81,7 +84,7 @@ class Model:
             "layer_norm_epsilon": 1e-5, "resid_pdrop": c.dropout, "embd_pdrop": c.dropout, "attn_pdrop": c.dropout,
             "tie_word_embeddings": c.tied_head, "bos_token_id": t.bos, "eos_token_id": 2, "pad_token_id": t.pad,
         }
-        special = {"bos_token": "<bos>", "eos_token": "<eos>", "unk_token": "<unk>", "pad_token": "<pad>", "mask_token": "<mask>"}
+        special = {f"{name}_token": f"<{name}>" for name in ("bos", "eos", "unk", "pad", "mask")}
         kind = {"tokenizer_class": "PreTrainedTokenizerFast", "model_max_length": c.context, **special}
         self.write(folder, model, step)
         for name, content in [("config.json", config), ("tokenizer_config.json", kind)]:
@@ -95,7 +98,7 @@ class Model:
             (c.positions == "frame_joint" and self.tokens.varying, "its words differ in length"),
         ] if holds]
         if why:
-            raise SystemExit(f"GPT-2 can't express this model: {', '.join(why)}; leave --hf out, or train the thesis's form")
+            raise SystemExit(f"GPT-2 can't express this model: {', '.join(why)}; leave --hf out")
 
 
 def weights_of(model):

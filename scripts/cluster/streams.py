@@ -48,22 +48,16 @@ def units(seed, purpose, step, count, index=0):
     return (u64s(seed, purpose, step, count, index) >> np.uint64(11)) / 2.0**53
 
 
-def units_of(seed, purpose, step, indices, count):
-    """The first `count` (at most 8) numbers in 0..1 of each index's stream, (N, count)."""
-    keys = np.stack([key(seed, purpose, step, i) for i in indices])
-    return (blocks(keys, 0, 1).view("<u8")[:, :count] >> np.uint64(11)) / 2.0**53
-
-
 def normal(seed, name, count, sd):
     """A tensor before training, as kinelm begins with it (Box and Muller's method)."""
     u, v = units(seed, f"init {name}", 0, 2 * count).reshape(-1, 2).T
     return (np.sqrt(-2 * np.log(1 - u)) * np.cos(2 * np.pi * v) * sd).astype(np.float32)
 
 
-def shuffled(seed, purpose, step, count):
+def shuffled(seed, purpose, step, count, index=0):
     """0..count in Fisher and Yates's order of a stream."""
     order = list(range(count))
-    for last, number in zip(range(count - 1, 0, -1), u64s(seed, purpose, step, count - 1).tolist()):
+    for last, number in zip(range(count - 1, 0, -1), u64s(seed, purpose, step, count - 1, index).tolist()):
         other = number % (last + 1)
         order[last], order[other] = order[other], order[last]
     return order

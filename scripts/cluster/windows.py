@@ -43,7 +43,8 @@ class Corpus:
         """Where each word of a clip begins and its last one ends, in tokens from the clip's first."""
         if clip not in self.starts:
             total = self.clips[clip]["tokens"]
-            ends = np.arange(self.word, total + 1, self.word) if self.word else np.flatnonzero(self.ids(clip, 0, total) == SPACE) + 1
+            spaces = lambda: np.flatnonzero(self.ids(clip, 0, total) == SPACE)
+            ends = np.arange(self.word, total + 1, self.word) if self.word else spaces() + 1
             self.starts[clip] = np.concatenate([[0], ends])
         return self.starts[clip]
 
@@ -51,9 +52,9 @@ class Corpus:
         """Frames of a clip's first `words` words."""
         return np.minimum(self.clips[clip]["frames"], np.asarray(words) * self.manifest["frames_per_word"])
 
-    def tokens_per_frame(self, name):
-        clips = [c for c in self.clips if c["split"] == name]
-        return sum(c["tokens"] for c in clips) / max(1, sum(c["frames"] for c in clips))
+    def count(self, name, what):
+        """Tokens or frames of a split."""
+        return sum(c[what] for c in self.clips if c["split"] == name)
 
 
 class Conditions:
@@ -70,66 +71,85 @@ class Conditions:
 
 
 class Windows:
-    """The training windows: those of kinelm with the same seed, or those of an order that it wrote."""
+    """The training windows of some corpora: those of kinelm with the same seed, or those of an order that it wrote.
 
-    def __init__(self, corpus, conditions, config, tokens, train, order=None):
-        self.corpus, self.conditions, self.tokens, self.order_file = corpus, conditions, tokens, order
+    `parts`: (corpus, weight) each. A pass takes weight times a corpus's windows: whole rounds of them, and a drawn part of a
+    round, of which the next pass takes the rest.
+    """
+
+    def __init__(self, parts, conditions, config, tokens, train, order=None):
+        self.conditions, self.tokens, self.order_file = conditions, tokens, order
         self.context, self.masked, self.seed = config.context, config.kind == "masked", train["seed"]
         self.rows = train["batch"] * train["accumulate"]  # of a step
         self.label_dropout = train["label_dropout"]
         self.room = room(config, tokens)
-        whole = self.room // corpus.word if corpus.word else None
-        if self.room < 1 or whole == 0:
-            raise SystemExit(f"a context of {config.context} tokens doesn't hold one word of {corpus.word}")
-        self.clips = corpus.split("train")
-        if not self.clips:
-            raise SystemExit(f"{corpus.folder}: no training clip; expected a corpus with training clips")
-        number = lambda c: -(-(len(corpus.words(c)) - 1) // whole) if whole else -(-corpus.clips[c]["tokens"] // self.room)
-        self.ends = np.cumsum([number(c) for c in self.clips])
-        self.shuffled = None, None
-
-    @property
-    def per_pass(self):
-        return int(self.ends[-1])
+        self.clips, self.shares, ends = [], [], [0]  # (corpus, clip); per corpus: first window, windows, those of a pass
+        for corpus, weight in parts:
+            whole = self.room // corpus.word if corpus.word else None
+            if self.room < 1 or whole == 0:
+                raise SystemExit(f"a context of {config.context} tokens doesn't hold one word of {corpus.word}")
+            first = ends[-1]
+            for clip in corpus.split("train"):
+                tokens_, words = corpus.clips[clip]["tokens"], len(corpus.words(clip)) - 1
+                ends.append(ends[-1] + (-(-words // whole) if whole else -(-tokens_ // self.room)))
+                self.clips.append((corpus, clip))
+            if ends[-1] == first:
+                raise SystemExit(f"{corpus.folder}: no training clip; expected a corpus with training clips")
+            self.shares.append((first, ends[-1] - first, max(1, math.floor(weight * (ends[-1] - first) + 0.5))))
+        self.ends = np.array(ends[1:])
+        self.per_pass = sum(of_pass for *_, of_pass in self.shares)
+        self.drawn = None, None
 
     def where(self, step, rows):
-        """Of these rows of a step: clip, first token, number of tokens, and the (pass, window) that randomness goes by."""
+        """Of these rows of a step: corpus, clip, first token, number of tokens, and the (round, window) that randomness goes
+        by."""
         if self.order_file is not None:
-            return [(*map(int, self.order_file[step, r]), (step, r)) for r in rows]
+            found = [map(int, self.order_file[step, r]) for r in rows]
+            return [(*self.clips[clip], start, count, (step, r)) for r, (clip, start, count) in zip(rows, found)]
         places = [divmod(step * self.rows + r, self.per_pass) for r in rows]
-        return [self.start(number, self.order(number)[at]) for number, at in places]
+        return [self.stand(*self.order(number)[at]) for number, at in places]
 
     def order(self, number):
-        if self.shuffled[0] != number:
-            self.shuffled = number, streams.shuffled(self.seed, "order", number, self.per_pass)
-        return self.shuffled[1]
+        """The windows of a pass, (round, window) each."""
+        if self.drawn[0] != number:
+            found = []
+            for first, windows, of_pass in self.shares:
+                start, end = number * of_pass, (number + 1) * of_pass
+                for round in range(start // windows, -(-end // windows)):
+                    low, high = max(start - round * windows, 0), min(end - round * windows, windows)
+                    taken = range(windows)
+                    if (low, high) != (0, windows):
+                        taken = sorted(streams.shuffled(self.seed, "round", round, windows, first)[low:high])
+                    found += [(round, first + w) for w in taken]
+            self.drawn = number, [found[i] for i in streams.shuffled(self.seed, "order", number, len(found))]
+        return self.drawn[1]
 
-    def start(self, number, window):
-        """A window of a pass: its clip's possible starts are cut into stretches, and one start is drawn in its own."""
+    def stand(self, round, window):
+        """Where a window stands: its clip's possible starts are cut into stretches, and one start is drawn in its own."""
         index = int(np.searchsorted(self.ends, window, "right"))
         before = int(self.ends[index - 1]) if index else 0
-        clip, stretch, stretches = self.clips[index], window - before, int(self.ends[index]) - before
-        words = self.corpus.words(clip)
+        (corpus, clip), stretch, stretches = self.clips[index], window - before, int(self.ends[index]) - before
+        words = corpus.words(clip)
         total = int(words[-1])
         starts = min(int(np.searchsorted(words[:-1], max(0, total - self.room), "left")) + 1, len(words) - 1)
         low, high = starts * stretch // stretches, starts * (stretch + 1) // stretches
-        first, second = streams.units_of(self.seed, "window", number, [window], 2)[0]
+        first, second = streams.units(self.seed, "window", round, 2, window)
         word = low + int(first * (high - low))
         start, end = int(words[word]), int(words[word + 1])
         if end - start > self.room:  # begun anywhere, so that its end is seen too
             start += int(second * (end - start - self.room + 1))
-        return clip, start, min(total - start, self.room), (number, window)
+        return corpus, clip, start, min(total - start, self.room), (round, window)
 
     def batch(self, step, rows):
         """Inputs and targets (len(rows), T) of some rows of a step, counted from 0."""
         pairs = [self.window(*row) for row in self.where(step, rows)]
         return tuple(np.stack(side) for side in zip(*pairs))
 
-    def window(self, clip, start, count, place):
-        front = self.conditions.front(self.corpus.clips[clip]["labels"], self.tokens.bos)
+    def window(self, corpus, clip, start, count, place):
+        front = self.conditions.front(corpus.clips[clip]["labels"], self.tokens.bos)
         hidden = streams.units(self.seed, "label dropout", place[0], len(front) - 1, place[1]) < self.label_dropout
         front = front[:1] + [UNKNOWN if h else id for h, id in zip(hidden, front[1:])]
-        ids = self.corpus.ids(clip, start, start + count)
+        ids = corpus.ids(clip, start, start + count)
         if self.masked:
             return masked(ids, front, self.tokens.pad, self.context, chosen(count, self.seed, *place))
         return causal(ids, front, self.tokens.pad, self.context)

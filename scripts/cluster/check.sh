@@ -1,0 +1,82 @@
+#!/bin/sh
+# Does training with PyTorch on two processes do what kinelm does? For each form of the model: both train ten steps from one
+# beginning, by the order that `kinelm corpus order` writes; losses and validation are compared, the result is taken back
+# with `kinelm import`, measured, made to dance and trained on.
+#
+#   [KINELM=PROGRAM] [PYTHON=PROGRAM] scripts/cluster/check.sh [OUT]        OUT: a folder to make, target/cluster-check
+#
+# Needs no data and no network but what pip fetches where PYTHON (3.11, with requirements.txt) isn't given.
+set -eu
+here=$(cd "$(dirname "$0")" && pwd)
+root=$(cd "$here/../.." && pwd)
+kinelm=${KINELM:-$root/target/release/kinelm}
+out=${1:-$root/target/cluster-check}
+fail() { echo "check.sh: $*" >&2; exit 1; }
+[ -x "$kinelm" ] || fail "$kinelm is not there; build it with cargo build --release, or name it by KINELM"
+[ ! -e "$out" ] || fail "$out exists; give another folder"
+mkdir -p "$out"
+out=$(cd "$out" && pwd)
+if [ -z "${PYTHON:-}" ]; then
+    python3 -m venv "$out/venv"
+    "$out/venv/bin/pip" install --quiet -r "$here/requirements.txt"
+    PYTHON=$out/venv/bin/python
+fi
+export OMP_NUM_THREADS=1
+kinelm() { "$kinelm" "$@" --quiet || fail "kinelm $* failed"; }
+
+kinelm demo --steps 0 --out "$out/demo"
+kinelm tokenizer fit "$out/demo/motion" --labels "$out/demo/labels.csv" \
+    --config "$root/configs/tokenizer/lapped.toml" --out "$out/lapped.json"
+kinelm tokenize "$out/demo/motion" --labels "$out/demo/labels.csv" --tokenizer "$out/lapped.json" --out "$out/lapped"
+
+# name, corpus; keys of [model] and of [train] over the smallest ones
+form() {
+    name=$1 corpus=$2 at=$out/$1
+    mkdir "$at"
+    {
+        printf '[model]\nlayers = 2\nheads = 2\nwidth = 64\ncontext = 300\n%b\n' "$3"
+        printf '[train]\nbatch = 6\nsteps = 10\nwarmup = 3\nlearning_rate = 2e-3\neval_every = 5\neval_windows = 64\n%b\n' "$4"
+    } > "$at/config.toml"
+    begin="--config $at/config.toml --corpus $corpus"
+    kinelm pretrain $begin --run "$at/begin" --steps 0
+    kinelm export --run "$at/begin" --format kinelm --out "$at/first"
+    kinelm pretrain $begin --from "$at/first" --run "$at/run"
+    kinelm corpus order $begin --steps 10 --out "$at/order.npz"
+    # their order by kinelm, and with the same seed by themselves
+    for order in "--order $at/order.npz --out $at/two" "--out $at/own --fresh"; do
+        "$PYTHON" -m torch.distributed.run --nproc-per-node 2 --rdzv-backend c10d --rdzv-endpoint localhost:0 \
+            "$here/train.py" $begin --from "$at/first" $order --device cpu > "$at/log" 2>&1 || { cat "$at/log"; fail "$name"; }
+    done
+    for run in two own; do
+        echo "$name, $run: $("$PYTHON" "$here/compare.py" "$at/run" "$at/$run")" || fail "$name: the losses differ"
+    done
+    kinelm import "$at/two" --run "$at/taken"
+    measure "$at/run" > "$at/run.bits"
+    measure "$at/taken" > "$at/taken.bits"
+    apart "$at/run.bits" "$at/taken.bits" || fail "$name: after import $(cat "$at/taken.bits") bits/frame, before $(cat "$at/run.bits")"
+    echo "$name: $(cat "$at/taken.bits") bits/frame on all validation clips, kinelm's own $(cat "$at/run.bits")"
+    kinelm pretrain $begin --from "$at/two" --run "$at/on" --steps 2
+}
+measure() {
+    kinelm evaluate likelihood --run "$1" --corpus "$corpus" --split valid --json | sed 's/.*[{,]"bits_per_frame":\([0-9.]*\),"bits_per_s".*/\1/'
+}
+apart() { awk 'NR == FNR { a = $1; next } { d = a - $1; exit !(a > 0 && d < 1e-3 && d > -1e-3) }' "$1" "$2"; }
+dances() {
+    kinelm generate --run "$out/$1/taken" --frames 40 --out "$out/$1/dance.bvh"
+    [ -s "$out/$1/dance.bvh" ] || fail "$1: no dance"
+}
+
+form ours "$out/demo/corpus" '' ''
+dances ours
+form thesis "$out/demo/corpus" 'positions = "absolute"\nprevious_frame = false\nhead = "absolute"' ''
+dances thesis
+form masked "$out/demo/corpus" 'kind = "masked"\npositions = "frame_joint"' ''
+form labels "$out/demo/corpus" 'positions = "rope"\ntied_head = false' \
+    'conditions = ["dancer", "genre"]\nlabel_dropout = 0.3\nloss = "ordinal"\naccumulate = 2\nema = 0.9'
+dances labels
+form varying "$out/lapped" 'positions = "frame_joint"' ''
+dances varying
+
+kinelm export --run "$out/thesis/taken" --format hf --out "$out/thesis/gpt2"
+"$PYTHON" "$root/scripts/reference/transformers_folder.py" "$out/thesis/two" "$out/thesis/gpt2" 2> /dev/null || fail "the GPT-2 folder differs"
+echo "check.sh: all the same"

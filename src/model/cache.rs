@@ -2,7 +2,6 @@
 
 use super::net::{Memory, Net};
 use super::ops::Mask;
-use super::position::Stand;
 use crate::{Error, Result};
 use candle_core::{DType, Device, IndexOp, Tensor};
 
@@ -15,9 +14,8 @@ pub struct Cache {
     keys: Vec<Tensor>,   // L x (1, H, T, d)
     values: Vec<Tensor>, // L x (1, H, T, d)
     context: usize,
-    read: usize,
-    /// Where the tokens read and the next stand, if words are counted; else they all stand nowhere.
-    stands: Vec<Stand>,
+    /// The tokens read.
+    read: Vec<u32>,
 }
 
 impl Cache {
@@ -29,7 +27,7 @@ impl Cache {
         let room = || -> Result<Vec<Tensor>> {
             (0..layers).map(|_| Ok(Tensor::zeros((1, heads, context, d), DType::F32, device)?)).collect()
         };
-        Ok(Cache { net, keys: room()?, values: room()?, context, read: 0, stands: vec![Stand::default(); context + 1] })
+        Ok(Cache { net, keys: room()?, values: room()?, context, read: Vec::with_capacity(context) })
     }
 
     /// T: the most tokens it holds.
@@ -39,22 +37,22 @@ impl Cache {
 
     /// Tokens read since the last reset.
     pub fn len(&self) -> usize {
-        self.read
+        self.read.len()
     }
 
     /// Whether nothing was read since the last reset.
     pub fn is_empty(&self) -> bool {
-        self.read == 0
+        self.read.is_empty()
     }
 
     /// Forgets every token.
     pub fn reset(&mut self) {
-        self.read = 0;
+        self.read.clear();
     }
 
     /// Forgets all but the first `length` tokens.
     pub fn truncate(&mut self, length: usize) {
-        self.read = self.read.min(length);
+        self.read.truncate(length);
     }
 
     /// Reads `tokens` behind those read before; logits (V) of the token that follows the last.
@@ -71,23 +69,18 @@ impl Cache {
     /// # Errors
     /// As [`Cache::read`].
     pub fn read_all(&mut self, tokens: &[u32]) -> Result<Tensor> {
-        if tokens.is_empty() || self.read + tokens.len() > self.context {
+        let read = self.read.len();
+        if tokens.is_empty() || read + tokens.len() > self.context {
             return Err(Error::Call(format!(
-                "{} more tokens behind {} read; expected 1 to {}",
+                "{} more tokens behind {read} read; expected 1 to {}",
                 tokens.len(),
-                self.read,
-                self.context - self.read
+                self.context - read
             )));
         }
         let ids = self.net.ids(tokens, tokens.len())?;
-        let memory = Memory { keys: &self.keys, values: &self.values, read: self.read, stand: self.stands[self.read] };
+        let memory = Memory { keys: &self.keys, values: &self.values, before: &self.read };
         let logits = self.net.forward(&ids, &Mask::Causal, None, Some(&memory))?;
-        for &id in tokens {
-            if let Some(counter) = self.net.counter().filter(|c| self.read >= c.front()) {
-                self.stands[self.read + 1] = counter.after(self.stands[self.read], id);
-            }
-            self.read += 1;
-        }
+        self.read.extend_from_slice(tokens);
         Ok(logits.squeeze(0)?)
     }
 }

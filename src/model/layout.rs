@@ -1,6 +1,7 @@
 //! The tensors of a model: names, shapes, and how they begin.
 
-use super::config::{ModelConfig, Positions, TokenLayout};
+use super::config::{Head, ModelConfig, Positions, TokenLayout};
+use super::past::Counts;
 use crate::{Result, random};
 use candle_core::{Device, Tensor};
 use rand_chacha::rand_core::RngCore;
@@ -43,6 +44,15 @@ pub fn parameters(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> 
             all.push(embedding("position.frame.weight", word_rows(config, tokens), d));
             all.push(embedding("position.place.weight", tokens.word, d));
         }
+        Positions::Rope => {
+            all.push(embedding("position.front.weight", tokens.front, d));
+            all.push(embedding("position.place.weight", tokens.word, d));
+        }
+    }
+    let counts = Counts::of(tokens);
+    if config.reads_previous(tokens) {
+        all.push(embedding("previous.character.weight", tokens.vocabulary, d));
+        all.push(embedding("previous.step.weight", counts.largest() + 1, d));
     }
     let residual = 0.02 / (2.0 * config.layers as f64).sqrt();
     for layer in 0..config.layers {
@@ -57,6 +67,11 @@ pub fn parameters(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> 
     norm(&mut all, "norm", d);
     if !config.tied_head {
         all.push(Parameter { decays: true, ..embedding("head.weight", tokens.vocabulary, d) });
+    }
+    if config.head_of(tokens) == Head::Relative {
+        let tables = [("head.circular.weight", counts.circular), ("head.clamped.weight", counts.steps())];
+        let tables = tables.into_iter().filter(|(_, rows)| *rows > 0);
+        all.extend(tables.map(|(name, rows)| Parameter { decays: true, ..embedding(name, rows, d) }));
     }
     all.sort_by(|a, b| a.name.cmp(&b.name));
     all

@@ -7,11 +7,17 @@ mod device;
 mod dropout;
 pub mod exchange;
 pub mod fast;
+#[cfg(test)]
+pub(crate) mod forms;
+#[cfg(test)]
+mod golden;
 pub mod gpt;
 pub mod layout;
 mod net;
 pub mod ops;
+pub mod past;
 mod position;
+mod questions;
 mod reader;
 pub mod run;
 mod scores;
@@ -19,7 +25,7 @@ pub mod weights;
 
 pub use cache::Cache;
 pub use checkpoint::Which;
-pub use config::{Kind, ModelConfig, Positions, TokenLayout};
+pub use config::{Head, Kind, ModelConfig, Positions, TokenLayout};
 pub use device::{Compute, DeviceName, Form};
 pub use dropout::Dropout;
 pub use gpt::Gpt;

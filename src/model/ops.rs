@@ -5,6 +5,8 @@
 //! gradient reaches what stands before them), the third has constants of seven digits in its gradient.
 
 use candle_core::{D, DType, Device, Result, Tensor};
+use kinelm_engine::op::cross_entropy::Asked;
+use kinelm_engine::op::smoothing::Smoothing;
 
 /// Stands for minus infinity in a mask: what it hides gets exactly 0, and a row that hides all is no NaN.
 const HIDDEN: f64 = -1e30;
@@ -97,31 +99,69 @@ fn softmax(x: &Tensor) -> Result<Tensor> {
     e.broadcast_div(&e.sum_keepdim(D::Minus1)?)
 }
 
-/// -ln p(target) of every row of `logits` (N, V), in nats (N); 0 where the target is `ignored`.
+/// -ln p of what every row of `logits` (N, C) is asked, in nats (N). With `smoothing` the numbers are the same, and their
+/// gradient is that of the cross-entropy with the smoothed targets.
 ///
 /// # Errors
-/// Another number of targets than rows, a target outside the vocabulary.
-pub fn cross_entropy(logits: &Tensor, targets: &[u32], ignored: u32) -> Result<Tensor> {
-    let (rows, vocabulary) = logits.dims2()?;
-    if rows != targets.len() {
-        candle_core::bail!("{} targets for {rows} rows of logits", targets.len());
+/// Another number of questions than rows, columns that are not there.
+pub fn nats(logits: &Tensor, asked: &[Asked], smoothing: Option<&Smoothing>) -> Result<Tensor> {
+    let (rows, columns) = logits.dims2()?;
+    let outside =
+        |a: &&Asked| (a.first + a.count) as usize > columns || !(a.first..a.first + a.count).contains(&a.target);
+    if let Some(a) = asked.iter().find(outside) {
+        candle_core::bail!("column {} of {} from {} on, of {columns} in all", a.target, a.count, a.first);
     }
-    if let Some(bad) = targets.iter().find(|&&t| t != ignored && t as usize >= vocabulary) {
-        candle_core::bail!("target {bad} outside the vocabulary of {vocabulary} ids");
+    let targets: Vec<u32> = asked.iter().map(|a| a.target).collect();
+    let targets = Tensor::from_vec(targets, (rows, 1), logits.device())?;
+    let mut x = logits.clone();
+    if asked.iter().any(|a| a.count as usize != columns) {
+        let hide = |a: &Asked, c: usize| {
+            if c.wrapping_sub(a.first as usize) < a.count as usize { 0.0 } else { f32::NEG_INFINITY }
+        };
+        let hide: Vec<f32> = asked.iter().flat_map(|a| (0..columns).map(move |c| hide(a, c))).collect();
+        x = (x + Tensor::from_vec(hide, (rows, columns), logits.device())?.to_dtype(logits.dtype())?)?;
     }
-    let counts: Vec<f32> = targets.iter().map(|&t| if t == ignored { 0.0 } else { 1.0 }).collect();
-    let counts = Tensor::new(counts, logits.device())?.to_dtype(logits.dtype())?;
-    let ids: Vec<u32> = targets.iter().map(|&t| if t == ignored { 0 } else { t }).collect();
-    let ids = Tensor::new(ids, logits.device())?.unsqueeze(1)?;
-    let x = logits.broadcast_sub(&logits.max_keepdim(1)?.detach())?;
-    let nats = (x.exp()?.sum_keepdim(1)?.log()? - x.gather(&ids, 1)?)?;
-    nats.squeeze(1)? * counts
+    let x = x.broadcast_sub(&x.max_keepdim(1)?.detach())?;
+    let sum = x.exp()?.sum_keepdim(1)?.log()?;
+    let nats = (&sum - x.gather(&targets, 1)?)?.squeeze(1)?;
+    let Some(smoothing) = smoothing else { return Ok(nats) };
+    let smooth = (sum.squeeze(1)? - mean_of_neighbours(&x, asked, smoothing)?)?;
+    nats.detach() + (&smooth - smooth.detach())?
+}
+
+/// Of every row of `x` (N, C), the mean over the columns that share the target's mass (N).
+fn mean_of_neighbours(x: &Tensor, asked: &[Asked], smoothing: &Smoothing) -> Result<Tensor> {
+    let most = 2 * smoothing.reach() + 1;
+    let (mut columns, mut shares) = (Vec::new(), Vec::new());
+    for (i, a) in asked.iter().enumerate() {
+        smoothing.shares(a.target, a.bins, |column, share| {
+            columns.push(column);
+            shares.push(share);
+        });
+        columns.resize((i + 1) * most, a.target);
+        shares.resize((i + 1) * most, 0.0);
+    }
+    let columns = Tensor::from_vec(columns, (asked.len(), most), x.device())?;
+    let shares = Tensor::from_vec(shares, (asked.len(), most), &Device::Cpu)?.to_dtype(x.dtype())?;
+    (x.gather(&columns, 1)? * shares.to_device(x.device())?)?.sum(1)
 }
 
 #[cfg(test)]
 pub(crate) mod check {
-    use candle_core::{Device, Tensor};
+    use candle_core::{Device, Result, Tensor};
+    use kinelm_engine::op::cross_entropy::Asked;
+    use kinelm_engine::op::smoothing::Bins;
     use rand_chacha::rand_core::RngCore;
+
+    /// Sum of -ln p(target) over the rows of `logits` (N, V) whose target isn't `ignored`.
+    pub fn loss_sum(logits: &Tensor, targets: &[u32], ignored: u32) -> Result<Tensor> {
+        let count = logits.dim(1)? as u32;
+        let counted = (0..).zip(targets).filter(|(_, t)| **t != ignored);
+        let ask = |(row, &target): (u32, &u32)| (row, Asked { target, first: 0, count, bins: Bins::NONE });
+        let (rows, asked): (Vec<u32>, Vec<Asked>) = counted.map(ask).unzip();
+        let rows = Tensor::new(rows, logits.device())?;
+        super::nats(&logits.index_select(&rows, 0)?, &asked, None)?.sum_all()
+    }
 
     /// Random f64 tensor of `shape` in -range..range.
     pub fn random(purpose: &str, shape: &[usize], range: f64) -> Tensor {
@@ -136,6 +176,7 @@ pub(crate) mod check {
 mod tests {
     use super::check::random;
     use super::*;
+    use kinelm_engine::op::smoothing::Bins;
 
     fn rows(t: &Tensor) -> Vec<Vec<f64>> {
         let width = t.dim(D::Minus1).unwrap();
@@ -151,7 +192,10 @@ mod tests {
         let (x, w, b) = (random("x", &[3, 5], 3.0), random("w", &[5], 2.0), random("b", &[5], 2.0));
         let (numbers, w1, b1) = (rows(&x), &rows(&w)[0], &rows(&b)[0]);
         let (normal, smooth) = (rows(&layer_norm(&x, &w, &b, 1e-5).unwrap()), rows(&gelu(&x).unwrap()));
-        let nats = cross_entropy(&x, &[4, 9, 0], 9).unwrap().to_vec1::<f64>().unwrap();
+        // all columns, the last three, the first two
+        let asked = [(4, 0, 5), (3, 2, 3), (0, 0, 2)];
+        let asked = asked.map(|(target, first, count)| Asked { target, first, count, bins: Bins::NONE });
+        let nats = super::nats(&x, &asked, None).unwrap().to_vec1::<f64>().unwrap();
         for (r, row) in numbers.iter().enumerate() {
             let mean = row.iter().sum::<f64>() / 5.0;
             let sd = (row.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 5.0 + 1e-5).sqrt();
@@ -160,8 +204,9 @@ mod tests {
                 let u = (2.0 / std::f64::consts::PI).sqrt() * (x + 0.044715 * x * x * x);
                 near(smooth[r][i], 0.5 * x * (1.0 + u.tanh()));
             }
-            let sum: f64 = row.iter().map(|x| x.exp()).sum();
-            near(nats[r], [sum.ln() - row[4], 0.0, sum.ln() - row[0]][r]);
+            let Asked { target, first, count, .. } = asked[r];
+            let sum: f64 = row[first as usize..][..count as usize].iter().map(|x| x.exp()).sum();
+            near(nats[r], sum.ln() - row[target as usize]);
         }
     }
 
@@ -191,9 +236,34 @@ mod tests {
     }
 
     #[test]
-    fn wrong_targets_are_refused() {
-        let logits = random("logits", &[2, 5], 1.0);
-        assert!(cross_entropy(&logits, &[1], 0).unwrap_err().to_string().contains("1 targets for 2 rows"));
-        assert!(cross_entropy(&logits, &[1, 5], 0).unwrap_err().to_string().contains("target 5 outside"));
+    fn smoothed_targets_change_the_gradient_and_not_the_number() {
+        let x = candle_core::Var::from_tensor(&random("x", &[1, 6], 2.0)).unwrap();
+        let bins = Bins { first: 1, count: 4, circular: true };
+        let asked = [Asked { target: 1, first: 0, count: 6, bins }];
+        let gradient = |smoothing: Option<&Smoothing>| {
+            let nats = nats(x.as_tensor(), &asked, smoothing).unwrap().sum_all().unwrap();
+            let store = nats.backward().unwrap();
+            (nats.to_scalar::<f64>().unwrap(), rows(store.get(x.as_tensor()).unwrap())[0].clone())
+        };
+        let (plain, smooth) = (gradient(None), gradient(Some(&Smoothing::new(0.4))));
+        near(plain.0, smooth.0);
+        // one neighbour on each side, round the circle of 1 to 4
+        let side = (-1.0 / (2.0 * 0.4 * 0.4) as f64).exp();
+        let mass = [0.0, 1.0, side, 0.0, side, 0.0].map(|w| w / (1.0 + 2.0 * side));
+        for (column, mass) in mass.into_iter().enumerate() {
+            let one = if column == 1 { 1.0 } else { 0.0 };
+            near(smooth.1[column] + mass, plain.1[column] + one);
+        }
+    }
+
+    #[test]
+    fn wrong_questions_are_refused() {
+        let logits = random("logits", &[1, 5], 1.0);
+        let said = |target, first, count| {
+            nats(&logits, &[Asked { target, first, count, bins: Bins::NONE }], None).unwrap_err().to_string()
+        };
+        assert!(said(5, 0, 5).contains("column 5 of 5 from 0 on, of 5 in all"));
+        assert!(said(1, 2, 3).contains("column 1 of 3 from 2 on"));
+        assert!(said(4, 2, 4).contains("column 4 of 4 from 2 on, of 5"));
     }
 }

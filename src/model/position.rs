@@ -1,62 +1,54 @@
-//! Which rows of the position tables tokens take where words differ in length: they are counted from the tokens.
+//! The word of the window that a token belongs to, and its place in the word: counted from the tokens where words differ
+//! in length.
 
 use super::config::{ModelConfig, Positions, TokenLayout};
 use super::layout::word_rows;
-
-/// The word of the window that a token belongs to, and its place in the word.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct Stand {
-    word: u32,
-    place: u32,
-}
 
 /// Counts words, and places in them. Those behind the end of their table take its last row.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Counter {
     space: u32,
     front: usize,
+    /// W, if all words have so many tokens.
+    length: Option<usize>,
     words: usize,
     places: usize,
 }
 
 impl Counter {
-    /// `None` where a token's place in the window tells its rows.
+    /// `None` where positions know no words.
     pub fn of(config: &ModelConfig, tokens: &TokenLayout) -> Option<Counter> {
-        let counts = tokens.varying && config.positions == Positions::FrameJoint;
-        counts.then(|| Counter {
+        let words = match config.positions {
+            Positions::Absolute => return None,
+            Positions::FrameJoint => word_rows(config, tokens),
+            // turns have no table that could end
+            Positions::Rope => usize::MAX,
+        };
+        Some(Counter {
             space: tokens.space,
             front: tokens.front,
-            words: word_rows(config, tokens),
+            length: (!tokens.varying).then_some(tokens.word),
+            words,
             places: tokens.word,
         })
     }
 
-    /// Tokens in front of the first word.
-    pub fn front(self) -> usize {
-        self.front
+    /// Whether the tokens of a window decide, and not their number alone.
+    pub fn reads(self) -> bool {
+        self.length.is_none()
     }
 
-    /// The rows of the tables of words and of places.
-    pub fn rows(self, stand: Stand) -> [u32; 2] {
-        let row = |number: u32, rows: usize| (number as usize).min(rows - 1) as u32;
-        [row(stand.word, self.words), row(stand.place, self.places)]
-    }
-
-    /// Where the token behind `id` stands, which stands at `stand`.
-    pub fn after(self, stand: Stand, id: u32) -> Stand {
-        match id == self.space {
-            true => Stand { word: stand.word + 1, place: 0 },
-            false => Stand { place: stand.place + 1, ..stand },
-        }
-    }
-
-    /// The rows of every token of `window` into `words` and `places`; the front tokens' stay as they are.
+    /// The word and the place of every token of `window`; the front tokens' stay as they are.
     pub fn count(self, window: &[u32], words: &mut [u32], places: &mut [u32]) {
-        let mut stand = Stand::default();
+        let (mut word, mut place) = (0, 0);
         let tokens = window.iter().zip(words.iter_mut().zip(places)).skip(self.front);
-        for (&id, (word, place)) in tokens {
-            [*word, *place] = self.rows(stand);
-            stand = self.after(stand, id);
+        for (&id, (to_word, to_place)) in tokens {
+            *to_word = word.min(self.words - 1) as u32;
+            *to_place = place.min(self.places - 1) as u32;
+            place += 1;
+            if self.length.map_or(id == self.space, |length| place == length) {
+                (word, place) = (word + 1, 0);
+            }
         }
     }
 }
@@ -78,13 +70,20 @@ mod tests {
             places: Vec::new(),
         };
         let config = ModelConfig { context: 6, ..Default::default() };
-        let counter = Counter::of(&config, &tokens).unwrap();
-        let (mut words, mut places) = ([9; 12], [9; 12]);
-        counter.count(&[1, 7, 5, 5, 8, 8, 8, 8, 5, 9, 5, 6], &mut words, &mut places);
+        let count = |config: &ModelConfig, tokens: &TokenLayout| {
+            let counter = Counter::of(config, tokens).unwrap();
+            let (mut words, mut places) = ([9; 12], [9; 12]);
+            counter.count(&[1, 7, 5, 5, 8, 8, 8, 8, 5, 9, 5, 6], &mut words, &mut places);
+            (words, places)
+        };
         // three words at most, places of three
-        assert_eq!(words, [9, 0, 0, 1, 2, 2, 2, 2, 2, 2, 2, 2]);
-        assert_eq!(places, [9, 0, 1, 0, 0, 1, 2, 2, 2, 0, 1, 0]);
-        assert!(Counter::of(&config, &TokenLayout { varying: false, ..tokens.clone() }).is_none());
+        let places = [9, 0, 1, 0, 0, 1, 2, 2, 2, 0, 1, 0];
+        assert_eq!(count(&config, &tokens), ([9, 0, 0, 1, 2, 2, 2, 2, 2, 2, 2, 2], places));
+        let rope = ModelConfig { positions: Positions::Rope, ..config.clone() };
+        assert_eq!(count(&rope, &tokens), ([9, 0, 0, 1, 2, 2, 2, 2, 2, 3, 3, 4], places));
+        let fixed = TokenLayout { varying: false, ..tokens.clone() };
+        let places = [9, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1];
+        assert_eq!(count(&rope, &fixed), ([9, 0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3], places));
         assert!(Counter::of(&ModelConfig { positions: Positions::Absolute, ..config }, &tokens).is_none());
     }
 }

@@ -46,6 +46,7 @@ impl Reader {
         if reading.streams == 0 {
             return Err(Error::Call("0 sequences to read; expected at least one".into()));
         }
+        gpt.config().refuse_new(gpt.tokens())?;
         let weights = Arc::new(packed(gpt, reading.weights)?);
         let decoder = Decoder::new(weights, reading.streams, reading.kv);
         Ok(Reader { config: gpt.config().clone(), tokens: gpt.tokens().clone(), decoder })
@@ -196,7 +197,7 @@ fn positions<'a>(config: &ModelConfig, tokens: &TokenLayout, get: &dyn Fn(&str) 
     };
     match config.positions {
         Positions::Absolute => get("position.absolute.weight").to_vec(),
-        Positions::FrameJoint => (0..config.context).flat_map(joint).collect(),
+        Positions::FrameJoint | Positions::Rope => (0..config.context).flat_map(joint).collect(),
     }
 }
 

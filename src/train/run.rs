@@ -68,7 +68,7 @@ impl RunFile {
             kinelm: env!("CARGO_PKG_VERSION").into(),
             tokenizer_sha256: data.tokenizer().hash(),
             corpora: data.parts().iter().map(RunCorpus::of).collect::<Result<_>>()?,
-            model: model.clone(),
+            model: model.resolved(&tokens),
             train: train.clone(),
             tokens,
         })

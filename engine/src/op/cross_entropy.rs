@@ -5,8 +5,22 @@
 //! A logit of -inf is an id that cannot come. Rows with NaN or +inf cost NaN.
 
 use super::math::{exp_falling, lanes_below, largest, sum};
+use super::smoothing::Bins;
 use crate::dispatch;
 use pulp::{Simd, WithSimd};
+
+/// What a row of logits is asked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Asked {
+    /// The right column.
+    pub target: u32,
+    /// The first of the columns that can come.
+    pub first: u32,
+    /// How many can come; all others have probability 0.
+    pub count: u32,
+    /// The bins that the target is one of.
+    pub bins: Bins,
+}
 
 /// How many targets count.
 pub fn counted(targets: &[u32], ignored: u32) -> usize {

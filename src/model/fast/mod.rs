@@ -65,6 +65,7 @@ impl Fast {
     /// # Errors
     /// Tensors that can't be brought to the CPU.
     pub fn of(gpt: &Gpt) -> Result<Fast> {
+        gpt.config().refuse_new(gpt.tokens())?;
         let parameters = layout::parameters(gpt.config(), gpt.tokens());
         let numbers = |p: &Parameter| -> Result<Floats> {
             let tensor = gpt.vars()[&p.name].as_tensor().to_device(&Device::Cpu)?.flatten_all()?;

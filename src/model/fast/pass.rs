@@ -95,7 +95,9 @@ impl Pass {
 
     pub fn forward(&mut self, model: &Fast, windows: Windows, keys: Option<&Keys>) {
         let Windows { inputs, mask, length, .. } = windows;
-        if let (Some(counter), [.., (_, words), (_, places)]) = (self.counter, &mut self.places[..]) {
+        if let (Some(counter), [.., (_, words), (_, places)]) =
+            (self.counter.filter(|c| c.reads()), &mut self.places[..])
+        {
             let rows = inputs.chunks(length).zip(words.chunks_mut(length).zip(places.chunks_mut(length)));
             rows.for_each(|(window, (words, places))| counter.count(window, words, places));
         }
@@ -208,7 +210,7 @@ fn places(positions: Positions, tokens: &TokenLayout, rows: usize, length: usize
     };
     match positions {
         Positions::Absolute => vec![("position.absolute.weight", (0..length as u32).collect())],
-        Positions::FrameJoint => vec![
+        Positions::FrameJoint | Positions::Rope => vec![
             ("position.front.weight", (0..length).map(|i| if i < front { i as u32 } else { NONE }).collect()),
             ("position.frame.weight", behind(&|k| k / word)),
             ("position.place.weight", behind(&|k| k % word)),

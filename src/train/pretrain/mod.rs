@@ -119,7 +119,7 @@ fn found(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)> 
     if let Some(given) = &options.file {
         let mut train = given.train.clone();
         (train.steps, train.seed) = (file.train.steps, options.seed.unwrap_or(train.seed));
-        if given.model != file.model || train != file.train {
+        if given.model.resolved(&file.tokens) != file.model.resolved(&file.tokens) || train != file.train {
             let what = "was begun with another configuration; leave --config out to go on with the run's own";
             return Err(Error::Call(format!("{} {what}", run.path().display())));
         }

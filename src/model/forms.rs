@@ -1,0 +1,117 @@
+//! For the tests: models of every form, and batches as their tokenizers would make them.
+
+use super::config::{Head, Kind, ModelConfig, Positions, Stretch, TokenLayout};
+use super::gpt::Gpt;
+use crate::corpus::windows::fill_sequence;
+use candle_core::{DType, Device, Tensor};
+use kinelm_tokenizer::{PlaceIds, Special};
+use rand_chacha::rand_core::RngCore;
+
+/// Words of two angles of 7 bins, one of 5, heights of 6 and of 4 that share ids, and a space; three tokens in front.
+pub fn placed() -> TokenLayout {
+    let kind = |number, first, count, circular| Stretch { number, kind: PlaceIds { first, count, circular } };
+    TokenLayout {
+        vocabulary: 26,
+        word: 6,
+        varying: false,
+        front: 3,
+        pad: 0,
+        bos: 1,
+        space: 5,
+        places: vec![kind(2, 6, 7, true), kind(1, 13, 5, true), kind(1, 18, 6, false), kind(1, 19, 4, false)],
+    }
+}
+
+/// The same tokens in words of any length.
+pub fn varying() -> TokenLayout {
+    TokenLayout { varying: true, places: Vec::new(), ..placed() }
+}
+
+/// A small model of every form: kind, positions, inputs and heads in all ways that go together.
+pub fn all(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
+    let mut forms = Vec::new();
+    for positions in [Positions::Absolute, Positions::FrameJoint, Positions::Rope] {
+        let base = ModelConfig { layers: 2, heads: 2, width: 12, context: length, positions, ..Default::default() };
+        for kind in [Kind::Causal, Kind::Masked] {
+            let form = |tied_head, previous, head| ModelConfig {
+                kind,
+                tied_head,
+                previous_frame: Some(previous),
+                head: Some(head),
+                ..base.clone()
+            };
+            forms.push((form(true, false, Head::Absolute), varying()));
+            forms.push((form(positions != Positions::Rope, false, Head::Absolute), placed()));
+            if kind == Kind::Causal {
+                forms.push((form(true, true, Head::Absolute), placed()));
+                forms.push((form(positions == Positions::Rope, false, Head::Relative), placed()));
+                forms.push((form(positions != Positions::Absolute, true, Head::Relative), placed()));
+            }
+        }
+    }
+    forms
+}
+
+/// What a form is, for messages.
+pub fn name(config: &ModelConfig, tokens: &TokenLayout) -> String {
+    let ModelConfig { kind, positions, previous_frame, head, tied_head, dropout, .. } = config;
+    let words = if tokens.varying { "any words" } else { "words of one length" };
+    format!("{kind:?} {positions:?} previous {previous_frame:?} {head:?} tied {tied_head} dropout {dropout}, {words}")
+}
+
+/// A model away from zeros and ones, where gradients could be right by accident.
+pub fn model(config: &ModelConfig, tokens: &TokenLayout) -> Gpt {
+    let gpt = Gpt::new(config, tokens, 1).unwrap();
+    for (name, var) in gpt.vars() {
+        let shift = super::ops::check::random(name, var.dims(), 0.3).to_dtype(DType::F32).unwrap();
+        var.set(&(var.as_tensor() + shift).unwrap()).unwrap();
+    }
+    gpt
+}
+
+/// Inputs and targets (B, T) as training has them: the last window has an end, the second a dropped place; in masked models
+/// some tokens are chosen.
+pub fn batch(config: &ModelConfig, tokens: &TokenLayout, windows: usize, length: usize) -> (Vec<u32>, Vec<u32>) {
+    let (mask, unknown) = (Special::Mask.id(), Special::Unk.id());
+    let mut rng = crate::random::stream(3, "forms", 0, 0);
+    let mut draw = |below: u32| rng.next_u32() % below;
+    let front: Vec<u32> = [tokens.bos, unknown, unknown].into_iter().cycle().take(tokens.front).collect();
+    let (mut inputs, mut targets) = (vec![0; windows * length], vec![0; windows * length]);
+    let kinds: Vec<PlaceIds> = tokens.place_ids().collect();
+    for (row, (input, target)) in inputs.chunks_mut(length).zip(targets.chunks_mut(length)).enumerate() {
+        let room = (length + 1).saturating_sub(tokens.front);
+        let shown = if row + 1 == windows { room - room / 5 } else { room };
+        let id = |k: usize| match kinds.get(k % tokens.word) {
+            Some(kind) => kind.first + draw(kind.count),
+            None if !kinds.is_empty() || draw(4) == 0 => tokens.space,
+            None => 6 + draw(tokens.vocabulary as u32 - 6),
+        };
+        let ids: Vec<u32> = (0..shown).map(id).collect();
+        if config.kind == Kind::Causal {
+            fill_sequence(&ids, &front, tokens.pad, input, target);
+            if row == 1 && !kinds.is_empty() {
+                // a joint is dropped from the second word on: neither it nor what would be told from it counts
+                for k in (tokens.word + 2..shown).step_by(tokens.word) {
+                    if let Some(at) = input.get_mut(tokens.front + k) {
+                        *at = mask;
+                    }
+                    target[tokens.front - 1 + k] = tokens.pad;
+                }
+            }
+            continue;
+        }
+        let fronts = tokens.front.min(length);
+        input[..fronts].copy_from_slice(&front[..fronts]);
+        for (k, &id) in ids.iter().enumerate().take(length - fronts) {
+            let chosen = k % 5 == row % 5 || k == 1;
+            input[fronts + k] = if chosen && k != 1 { mask } else { id };
+            target[fronts + k] = if chosen { id } else { tokens.pad };
+        }
+    }
+    (inputs, targets)
+}
+
+/// The batch's inputs as a model takes them.
+pub fn ids(inputs: &[u32], length: usize) -> Tensor {
+    Tensor::from_slice(inputs, (inputs.len() / length, length), &Device::Cpu).unwrap()
+}

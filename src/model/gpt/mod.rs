@@ -1,0 +1,209 @@
+//! A pre-norm GPT-2 over the words of a dance: the plain form, differentiable, on any device, which faster forms are
+//! compared with.
+//!
+//! Letters: B batch, T tokens, V vocabulary.
+
+#[cfg(test)]
+mod tests;
+
+use crate::model::cache::Cache;
+use crate::model::config::{ModelConfig, TokenLayout};
+use crate::model::dropout::Dropout;
+use crate::model::layout;
+use crate::model::net::Net;
+use crate::model::ops::Mask;
+use crate::{Error, Result};
+use candle_core::{DType, Device, Tensor, Var};
+use kinelm_engine::op::smoothing::Smoothing;
+use std::collections::BTreeMap;
+
+/// A model: its shape and its variables.
+pub struct Gpt {
+    config: ModelConfig,
+    tokens: TokenLayout,
+    vars: BTreeMap<String, Var>,
+    net: Net,
+    smoothing: Option<Smoothing>,
+}
+
+impl Gpt {
+    /// A model before training, on the CPU.
+    ///
+    /// # Errors
+    /// A configuration that doesn't hold: the key and its limits.
+    pub fn new(config: &ModelConfig, tokens: &TokenLayout, seed: u64) -> Result<Gpt> {
+        config.validate_for(tokens)?;
+        Gpt::from_tensors(config, tokens, layout::initial(config, tokens, seed)?)
+    }
+
+    /// A model of these tensors, copied, on the device where they are.
+    ///
+    /// # Errors
+    /// As [`Gpt::new`]; tensors that are missing, not the model's, or of another shape: each is named.
+    pub fn from_tensors(
+        config: &ModelConfig,
+        tokens: &TokenLayout,
+        mut tensors: BTreeMap<String, Tensor>,
+    ) -> Result<Gpt> {
+        config.validate_for(tokens)?;
+        let mut vars = BTreeMap::new();
+        for p in layout::parameters(config, tokens) {
+            let tensor = tensors.remove(&p.name).ok_or_else(|| {
+                Error::Call(format!("the weights have no tensor {}; expected one of shape {:?}", p.name, p.shape))
+            })?;
+            if tensor.dims() != p.shape {
+                return Err(Error::Call(format!(
+                    "tensor {} has shape {:?}; this model expects {:?}",
+                    p.name,
+                    tensor.dims(),
+                    p.shape
+                )));
+            }
+            vars.insert(p.name, Var::from_tensor(&tensor)?);
+        }
+        if let Some(name) = tensors.keys().next() {
+            return Err(Error::Call(format!("the weights have a tensor {name} that this model has no place for")));
+        }
+        let net = Net::new(config, tokens, &|name| vars[name].as_tensor().clone());
+        Ok(Gpt { config: config.clone(), tokens: tokens.clone(), vars, net, smoothing: None })
+    }
+
+    /// The `[model]` table it was made from.
+    pub fn config(&self) -> &ModelConfig {
+        &self.config
+    }
+
+    /// What its tokenizer decided.
+    pub fn tokens(&self) -> &TokenLayout {
+        &self.tokens
+    }
+
+    /// Its variables by name, in the order of the names.
+    pub fn vars(&self) -> &BTreeMap<String, Var> {
+        &self.vars
+    }
+
+    /// The same model in f64, for checking gradients.
+    ///
+    /// # Errors
+    /// None in practice.
+    pub fn to_f64(&self) -> Result<Gpt> {
+        let tensors = self.vars.iter().map(|(n, v)| Ok((n.clone(), v.as_tensor().to_dtype(DType::F64)?)));
+        Gpt::from_tensors(&self.config, &self.tokens, tensors.collect::<Result<_>>()?)
+    }
+
+    /// The device it is on.
+    pub fn device(&self) -> &Device {
+        self.net.device()
+    }
+
+    /// `ids` (B, T) for [`Gpt::forward`], T = `length`.
+    ///
+    /// # Errors
+    /// Ids outside the vocabulary (not every device would refuse them), more tokens than the context.
+    ///
+    /// # Panics
+    /// If they are not whole windows of `length`.
+    pub fn ids(&self, ids: &[u32], length: usize) -> Result<Tensor> {
+        self.check_length(length)?;
+        self.net.ids(ids, length)
+    }
+
+    /// Logits (B, T, V) of the token behind each of `ids` (B, T), in a masked model of the token itself, T at most the
+    /// context; minus infinity where an id can't come. Differentiable.
+    ///
+    /// # Errors
+    /// More tokens than the context, what the device refuses.
+    pub fn forward(&self, ids: &Tensor, dropout: Option<&Dropout>) -> Result<Tensor> {
+        self.forward_masked(ids, &self.mask(), dropout)
+    }
+
+    /// As [`Gpt::forward`], with attention that sees what `mask` lets it.
+    ///
+    /// # Errors
+    /// As [`Gpt::forward`]; a mask of another shape.
+    pub fn forward_masked(&self, ids: &Tensor, mask: &Mask, dropout: Option<&Dropout>) -> Result<Tensor> {
+        self.check_length(ids.dims2()?.1)?;
+        self.net.forward(ids, mask, dropout, None)
+    }
+
+    /// As [`Gpt::forward`] without dropout, and nothing is kept for gradients.
+    ///
+    /// # Errors
+    /// As [`Gpt::forward`].
+    pub fn predict(&self, ids: &Tensor) -> Result<Tensor> {
+        self.check_length(ids.dims2()?.1)?;
+        self.frozen().forward(ids, &self.mask(), None, None)
+    }
+
+    /// What attention sees in a model of this kind.
+    pub fn mask(&self) -> Mask {
+        self.net.mask()
+    }
+
+    /// Targets are smoothed over neighbouring bins from now on, by a kernel `width` bins wide; `None`: no longer. Losses
+    /// stay those of the targets themselves; their gradients don't.
+    ///
+    /// # Panics
+    /// If the width is no positive number.
+    pub fn smooth_targets(&mut self, width: Option<f64>) {
+        self.smoothing = width.map(Smoothing::new);
+    }
+
+    /// Sum over the targets that aren't `<pad>` of -ln p, in nats; `targets` holds B T ids.
+    ///
+    /// # Errors
+    /// As [`Gpt::forward`]; targets outside the vocabulary; under a relative head targets behind no bin.
+    pub fn loss_sum(&self, ids: &Tensor, targets: &[u32], dropout: Option<&Dropout>) -> Result<Tensor> {
+        self.check(ids, targets)?;
+        Ok(self.net.nats(ids, targets, dropout, self.smoothing.as_ref())?.sum_all()?)
+    }
+
+    /// Mean cross-entropy over the targets that aren't `<pad>`, in nats a token; 0 where there are none.
+    ///
+    /// # Errors
+    /// As [`Gpt::loss_sum`].
+    pub fn loss(&self, ids: &Tensor, targets: &[u32], dropout: Option<&Dropout>) -> Result<Tensor> {
+        let counted = targets.iter().filter(|&&t| t != self.tokens.pad).count();
+        Ok((self.loss_sum(ids, targets, dropout)? / counted.max(1) as f64)?)
+    }
+
+    /// A reader of one sequence that remembers what it read.
+    ///
+    /// It shares the model's numbers: training steps taken later are seen by what it reads then.
+    ///
+    /// # Errors
+    /// No memory on the device.
+    pub fn cache(&self) -> Result<Cache> {
+        let c = &self.config;
+        Cache::new(self.frozen(), (c.layers, c.heads, c.context, c.width / c.heads), self.device())
+    }
+
+    pub(super) fn frozen_nats(&self, ids: &Tensor, targets: &[u32]) -> Result<Tensor> {
+        self.check(ids, targets)?;
+        self.frozen().nats(ids, targets, None, None)
+    }
+
+    fn check(&self, ids: &Tensor, targets: &[u32]) -> Result<()> {
+        self.check_length(ids.dims2()?.1)?;
+        if ids.elem_count() != targets.len() {
+            return Err(Error::Call(format!("{} targets for {} inputs", targets.len(), ids.elem_count())));
+        }
+        let vocabulary = self.tokens.vocabulary;
+        match targets.iter().find(|&&t| t as usize >= vocabulary) {
+            Some(id) => Err(Error::Call(format!("target {id} outside the vocabulary of {vocabulary} ids"))),
+            None => Ok(()),
+        }
+    }
+
+    fn frozen(&self) -> Net {
+        Net::new(&self.config, &self.tokens, &|name| self.vars[name].as_tensor().detach())
+    }
+
+    fn check_length(&self, found: usize) -> Result<()> {
+        match found <= self.config.context {
+            true => Ok(()),
+            false => Err(Error::Call(format!("a window of {found} tokens; the context holds {}", self.config.context))),
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! What the plain form computes: embedded inputs, blocks of attention and a perceptron, a head, from tensors by their use.
+//!
+//! Letters: B batch, T tokens, D width, H heads, d = D/H, L layers, V vocabulary, W tokens of a word, K of the front.
+
+mod block;
+mod head;
+mod input;
+mod turn;
+
+use super::config::{Kind, ModelConfig, TokenLayout};
+use super::dropout::Dropout;
+use super::layout;
+use super::ops::Mask;
+use crate::{Error, Result};
+use block::{Block, Norm};
+use candle_core::{Device, Tensor};
+use head::Head;
+use input::Input;
+use kinelm_engine::op::smoothing::Smoothing;
+
+/// Added to the variance in layer norms, as in GPT-2.
+pub const EPSILON: f64 = 1e-5;
+
+/// The tensors by their use. A clone shares the numbers.
+#[derive(Clone)]
+pub(super) struct Net {
+    kind: Kind,
+    heads: usize,
+    input: Input,
+    blocks: Vec<Block>,
+    norm: Norm,
+    head: Head,
+}
+
+/// What was read before.
+pub(super) struct Memory<'a> {
+    /// Keys and values (1, H, T, d) of every layer, filled from the front; keys as they are turned.
+    pub keys: &'a [Tensor],
+    pub values: &'a [Tensor],
+    /// The ids, from the window's first on.
+    pub before: &'a [u32],
+}
+
+impl Net {
+    pub(super) fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> Net {
+        Net {
+            kind: config.kind,
+            heads: config.heads,
+            input: Input::new(config, tokens, tensor),
+            blocks: (0..config.layers).map(|layer| Block::new(layout::block_name(layer), tensor)).collect(),
+            norm: Norm::new("norm", tensor),
+            head: Head::new(config, tokens, tensor),
+        }
+    }
+
+    pub(super) fn device(&self) -> &Device {
+        self.input.token.device()
+    }
+
+    /// What attention sees.
+    pub(super) fn mask(&self) -> Mask {
+        match self.kind {
+            Kind::Causal => Mask::Causal,
+            Kind::Masked => Mask::Full,
+        }
+    }
+
+    /// Ids (B, T), T = `length`, on the model's device.
+    pub(super) fn ids(&self, ids: &[u32], length: usize) -> Result<Tensor> {
+        assert!(length > 0 && ids.len().is_multiple_of(length), "{} ids in windows of {length}", ids.len());
+        let vocabulary = self.input.token.dim(0)?;
+        match ids.iter().find(|&&id| id as usize >= vocabulary) {
+            Some(id) => Err(Error::Call(format!("id {id} outside the vocabulary of {vocabulary} ids"))),
+            None => Ok(Tensor::from_slice(ids, (ids.len() / length, length), self.device())?),
+        }
+    }
+
+    /// Logits (B, T, V), minus infinity where an id can't come; with a memory, B is 1 and `ids` continue what was read.
+    pub(super) fn forward(
+        &self,
+        ids: &Tensor,
+        mask: &Mask,
+        dropout: Option<&Dropout>,
+        memory: Option<&Memory>,
+    ) -> Result<Tensor> {
+        let (batch, length) = ids.dims2()?;
+        let windows = windows(ids, memory)?;
+        let hidden = self.hidden(ids, &windows, mask, dropout, memory)?;
+        let before = memory.map_or(0, |m| m.before.len());
+        Ok(self.head.logits(&hidden, &windows, before)?.reshape((batch, length, ()))?)
+    }
+
+    /// -ln p of each of `targets` (N), in nats, 0 where it is `<pad>`. With `smoothing` the numbers are the same, and their
+    /// gradient is that of the cross-entropy with the smoothed targets.
+    pub(super) fn nats(
+        &self,
+        ids: &Tensor,
+        targets: &[u32],
+        dropout: Option<&Dropout>,
+        smoothing: Option<&Smoothing>,
+    ) -> Result<Tensor> {
+        let windows = windows(ids, None)?;
+        let hidden = self.hidden(ids, &windows, &self.mask(), dropout, None)?;
+        self.head.nats(&hidden, &windows, targets, smoothing)
+    }
+
+    /// What the final norm gives (N, D).
+    fn hidden(
+        &self,
+        ids: &Tensor,
+        windows: &[Vec<u32>],
+        mask: &Mask,
+        dropout: Option<&Dropout>,
+        memory: Option<&Memory>,
+    ) -> candle_core::Result<Tensor> {
+        let length = ids.dim(1)?;
+        let before = memory.map_or(0, |m| m.before.len());
+        let mut x = self.input.forward(ids, windows, before)?;
+        if let Some(dropout) = dropout {
+            x = dropout.apply(&x, "embedding")?;
+        }
+        let turn = self.input.turn(windows, before, x.dim(2)? / self.heads)?;
+        let hiding = mask.hiding(length, before + length, x.dtype(), x.device())?;
+        for (layer, block) in self.blocks.iter().enumerate() {
+            let kept = memory.map(|m| (&m.keys[layer], &m.values[layer], before));
+            x = block.forward(&x, self.heads, turn.as_ref(), hiding.as_ref(), dropout, kept)?;
+        }
+        self.norm.forward(&x)?.flatten_to(1)
+    }
+}
+
+/// The ids of every window, from its first on.
+fn windows(ids: &Tensor, memory: Option<&Memory>) -> candle_core::Result<Vec<Vec<u32>>> {
+    let mut windows = ids.to_vec2::<u32>()?;
+    if let Some(memory) = memory {
+        windows.iter_mut().for_each(|w| *w = [memory.before, w].concat());
+    }
+    Ok(windows)
+}

@@ -4,7 +4,10 @@
 //! `-- --count NAME` runs one twice, the second time inside a function of its own: `scripts/bench/instructions.sh` counts
 //! the instructions in there, which a busy machine does not change.
 
-use kinelm_engine::decode::{BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Shape, WeightKind};
+use kinelm_engine::decode::{
+    Before, Bins, BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Previous, Relative, Rope,
+    Shape, WeightKind,
+};
 use kinelm_engine::dispatch;
 use kinelm_engine::op::dropout::Mask;
 use kinelm_engine::op::matmul::{Left, Panels, Store};
@@ -23,7 +26,7 @@ const V: usize = 400;
 type Make = fn() -> Case;
 
 /// Kernels by their names, each with what makes its operands.
-const CASES: [(&str, Make); 20] = [
+const CASES: [(&str, Make); 21] = [
     ("product", || product(false)),
     ("product_turned", || product(true)),
     ("pack", || packing(false)),
@@ -42,8 +45,9 @@ const CASES: [(&str, Make); 20] = [
     ("embedding_backward", embedding_backward),
     ("adamw", adamw),
     ("norm_squared", norm_squared),
-    ("token_f32", || token(WeightKind::F32, KvKind::F32)),
-    ("token_int8_f16", || token(WeightKind::Int8, KvKind::F16)),
+    ("token_f32", || token(WeightKind::F32, KvKind::F32, false)),
+    ("token_f32_looking_back", || token(WeightKind::F32, KvKind::F32, true)),
+    ("token_int8_f16", || token(WeightKind::Int8, KvKind::F16, false)),
 ];
 
 /// A kernel with its operands.
@@ -196,8 +200,9 @@ fn norm_squared() -> Case {
     })
 }
 
-/// A token behind N others, through one block and the head.
-fn token(weights: WeightKind, kv: KvKind) -> Case {
+/// A token behind N others, through one block and the head; looking back, turned by its word, told the word before, and with
+/// logits of differences to it.
+fn token(weights: WeightKind, kv: KvKind, looking_back: bool) -> Case {
     let shape = Shape { layers: 1, heads: 8, width: D, vocabulary: V, context: N + 1 };
     let (matrix, bias) = (numbers(4 * D * D), numbers(4 * D));
     let linear = |k: usize, n: usize| (&matrix[..k * n], &bias[..n]);
@@ -205,12 +210,20 @@ fn token(weights: WeightKind, kv: KvKind) -> Case {
     let [qkv, out, up, down] = [linear(D, 3 * D), linear(D, D), linear(D, 4 * D), linear(4 * D, D)];
     let blocks = vec![BlockParts { norm1: norm, qkv, out, norm2: norm, up, down }];
     let (token, positions) = (&matrix[..V * D], Positions::Places(&matrix[..(N + 1) * D]));
-    let (rope, before) = (None, None);
+    let places = [Bins { first: 6, count: V as u32 - 6, circular: true }; 42];
+    let before = Before {
+        front: 1,
+        places: &places,
+        previous: Some(Previous { character: token, missing: 0, step: &matrix[..(V - 5) * D] }),
+        relative: Some(Relative { circular: &matrix[..(V - 6) * D], clamped: &[] }),
+    };
+    let rope = looking_back.then_some(Rope { front: 1, word: Some(places.len() + 1) });
+    let before = looking_back.then_some(before);
     let parts = Parts { shape, token, positions, rope, before, blocks, norm, head: token };
     let weights = DecoderWeights::new(&parts, weights);
     let bytes = weights.bytes();
     let mut decoder = Decoder::new(Arc::new(weights), 1, kv);
-    decoder.read(&[&ids()], Logits::Last);
+    decoder.read(&[&ids().iter().map(|id| id % (V as u32 - 6) + 6).collect::<Vec<u32>>()], Logits::Last);
     case("GB/s", bytes, move || {
         decoder.truncate(0, N);
         black_box(decoder.read(&[&[7]], Logits::Last));

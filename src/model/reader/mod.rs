@@ -1,0 +1,132 @@
+//! Reading tokens with the engine: the fast form of [`super::Cache`], on the CPU.
+
+mod packed;
+#[cfg(test)]
+mod tests;
+
+use super::config::{Kind, ModelConfig, TokenLayout};
+use super::gpt::Gpt;
+use super::scores::Scores;
+use crate::{Error, Result};
+use kinelm_engine::decode::{Decoder, KvKind, Logits, WeightKind};
+use kinelm_engine::op::cross_entropy;
+use std::sync::Arc;
+
+/// How a model is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reading {
+    /// Sequences side by side; they share every read of a weight.
+    pub streams: usize,
+    /// How the weights are held.
+    pub weights: WeightKind,
+    /// How keys and values are held.
+    pub kv: KvKind,
+}
+
+impl Default for Reading {
+    fn default() -> Reading {
+        Reading { streams: 1, weights: WeightKind::F32, kv: KvKind::F32 }
+    }
+}
+
+/// Sequences that a model reads side by side.
+pub struct Reader {
+    config: ModelConfig,
+    tokens: TokenLayout,
+    decoder: Decoder,
+}
+
+impl Reader {
+    /// A reader with the weights of a model, packed.
+    ///
+    /// # Errors
+    /// No sequences; a masked model; weights that can't be brought to the CPU.
+    pub fn new(gpt: &Gpt, reading: Reading) -> Result<Reader> {
+        if reading.streams == 0 {
+            return Err(Error::Call("0 sequences to read; expected at least one".into()));
+        }
+        if gpt.config().kind == Kind::Masked {
+            let what = "a masked model sees the whole window at once: it can't be read token after token";
+            return Err(Error::Call(what.into()));
+        }
+        let weights = Arc::new(packed::weights(gpt, reading.weights)?);
+        let decoder = Decoder::new(weights, reading.streams, reading.kv);
+        Ok(Reader { config: gpt.config().clone(), tokens: gpt.tokens().clone(), decoder })
+    }
+
+    /// T: the most tokens of a sequence.
+    pub fn context(&self) -> usize {
+        self.config.context
+    }
+
+    /// Sequences.
+    pub fn streams(&self) -> usize {
+        self.decoder.streams()
+    }
+
+    /// Bytes of weights that are read for a token.
+    pub fn weight_bytes(&self) -> usize {
+        self.decoder.weights().bytes()
+    }
+
+    /// A sequence forgets all but its first `length` tokens.
+    ///
+    /// # Panics
+    /// A sequence that is not there.
+    pub fn truncate(&mut self, stream: usize, length: usize) {
+        self.decoder.truncate(stream, length);
+    }
+
+    /// Reads a block of tokens a sequence, which may be empty; logits (rows, V), the rows in the order of the sequences.
+    ///
+    /// Blocks cut otherwise give the same bits.
+    ///
+    /// # Errors
+    /// Not a block a sequence, more tokens than the context has room for, ids outside the vocabulary.
+    pub fn read(&mut self, blocks: &[&[u32]], wanted: Logits) -> Result<&[f32]> {
+        if blocks.len() != self.streams() {
+            return Err(Error::Call(format!("{} blocks of tokens for {} sequences", blocks.len(), self.streams())));
+        }
+        for (stream, block) in blocks.iter().enumerate() {
+            let (read, context) = (self.decoder.len(stream), self.config.context);
+            if read + block.len() > context {
+                return Err(Error::Call(format!(
+                    "{} more tokens behind {read} read; expected at most {}",
+                    block.len(),
+                    context - read
+                )));
+            }
+            let vocabulary = self.tokens.vocabulary;
+            if let Some(id) = block.iter().find(|&&id| id as usize >= vocabulary) {
+                return Err(Error::Call(format!("token {id} is outside the vocabulary of {vocabulary} ids")));
+            }
+        }
+        Ok(self.decoder.read(blocks, wanted))
+    }
+}
+
+impl Scores for Reader {
+    fn config(&self) -> &ModelConfig {
+        &self.config
+    }
+
+    fn tokens(&self) -> &TokenLayout {
+        &self.tokens
+    }
+
+    fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
+        assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
+        let pad = self.tokens.pad;
+        let mut nats = vec![0.0; length];
+        let windows = inputs.chunks(length).zip(targets.chunks(length)).zip(out.chunks_mut(length));
+        for ((inputs, targets), out) in windows {
+            self.decoder.reset();
+            let mut blocks = vec![&[][..]; self.streams()];
+            blocks[0] = inputs;
+            let logits = self.read(&blocks, Logits::All)?;
+            cross_entropy::nats(&mut nats[..out.len()], logits, targets, pad);
+            out.iter_mut().zip(&nats).for_each(|(out, nats)| *out = *nats as f32);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,194 @@
+//! Reading against the plain form.
+
+use super::*;
+use crate::generate::sampling::Draw;
+use crate::generate::{NextToken, Plan, dances};
+use crate::model::{Head, Positions, forms, layout};
+use candle_core::{Device, Tensor};
+use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
+use rand_chacha::rand_core::RngCore;
+
+const TOKENS: TokenLayout =
+    TokenLayout { vocabulary: 51, word: 7, varying: false, front: 1, pad: 0, bos: 1, space: 5, places: Vec::new() };
+
+/// A model whose numbers are large enough to matter.
+fn model(positions: Positions, tied_head: bool) -> Gpt {
+    model_of(&TOKENS, positions, tied_head)
+}
+
+fn model_of(tokens: &TokenLayout, positions: Positions, tied_head: bool) -> Gpt {
+    let config =
+        ModelConfig { layers: 3, heads: 4, width: 48, context: 70, positions, tied_head, ..Default::default() };
+    let mut tensors = layout::initial(&config, tokens, 5).unwrap();
+    tensors.values_mut().for_each(|t| *t = (&*t * 3.0).unwrap());
+    Gpt::from_tensors(&config, tokens, tensors).unwrap()
+}
+
+fn ids(n: usize, seed: u64) -> Vec<u32> {
+    let mut rng = crate::random::stream(seed, "ids", 0, 0);
+    (0..n).map(|_| rng.next_u32() % 51).collect()
+}
+
+/// The largest difference by the largest logit.
+fn apart(a: &[f32], b: &[f32]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    let largest = |x: &mut dyn Iterator<Item = f32>| x.fold(0.0, |m: f32, x| m.max(x.abs()));
+    // minus infinity is minus infinity
+    let apart = largest(&mut a.iter().zip(b).map(|(a, b)| if a == b { 0.0 } else { a - b }));
+    apart / largest(&mut b.iter().copied().filter(|x| x.is_finite()))
+}
+
+/// Windows of the plain form's logits for each of `sequences`.
+fn truth(gpt: &Gpt, sequences: &[Vec<u32>]) -> Vec<Vec<f32>> {
+    let logits = |ids: &Vec<u32>| {
+        let input = Tensor::new(ids.as_slice(), &Device::Cpu).unwrap().unsqueeze(0).unwrap();
+        gpt.predict(&input).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap()
+    };
+    sequences.iter().map(logits).collect()
+}
+
+/// Reads `sequences` side by side in all ways, now and then more than that, which is taken back.
+fn check(gpt: &Gpt, sequences: &[Vec<u32>], name: &str) {
+    let (vocabulary, length) = (gpt.tokens().vocabulary, sequences[0].len());
+    let truth = truth(gpt, sequences);
+    let streams = sequences.len();
+    let mut reader = Reader::new(gpt, Reading { streams, ..Reading::default() }).unwrap();
+    let mut first: Vec<Vec<f32>> = Vec::new();
+    for cuts in [vec![length], vec![1; length], vec![length / 2, 1, length / 3, length - length / 2 - length / 3 - 1]] {
+        (0..streams).for_each(|stream| reader.truncate(stream, 0));
+        let mut read = 0;
+        for n in cuts {
+            // another sequence's tokens go in and are forgotten
+            let wrong: Vec<&[u32]> = (0..streams).map(|i| &sequences[(i + 1) % streams][read..read + n]).collect();
+            reader.read(&wrong, Logits::Last).unwrap();
+            (0..streams).for_each(|stream| reader.truncate(stream, read));
+            let blocks: Vec<&[u32]> = sequences.iter().map(|ids| &ids[read..read + n]).collect();
+            let found = reader.read(&blocks, Logits::All).unwrap();
+            for (i, (found, truth)) in found.chunks(n * vocabulary).zip(&truth).enumerate() {
+                let rows = read * vocabulary..(read + n) * vocabulary;
+                let apart = apart(found, &truth[rows.clone()]);
+                assert!(apart < 1e-5, "{name}: block of {n} behind {read}: {apart:e}");
+                match first.get(i) {
+                    Some(first) => assert!(found == &first[rows], "{name}: block of {n} behind {read} has other bits"),
+                    None => first.push(found.to_vec()),
+                }
+            }
+            read += n;
+        }
+    }
+}
+
+#[test]
+fn reading_gives_the_logits_of_the_plain_form_to_1e_5() {
+    let varying = TokenLayout { varying: true, ..TOKENS };
+    for (tokens, positions, tied) in [
+        (&TOKENS, Positions::FrameJoint, true),
+        (&varying, Positions::FrameJoint, true),
+        (&varying, Positions::Rope, true),
+        (&TOKENS, Positions::Absolute, false),
+    ] {
+        let mut sequences = [ids(70, 1), ids(70, 2), ids(70, 3)];
+        // words of 9 and of 4
+        sequences[0].iter_mut().step_by(9).for_each(|id| *id = 5);
+        sequences[1].iter_mut().step_by(4).for_each(|id| *id = 5);
+        check(&model_of(tokens, positions, tied), &sequences, &format!("{positions:?}"));
+    }
+}
+
+#[test]
+fn reading_gives_the_logits_of_the_plain_form_in_every_form() {
+    const LENGTH: usize = 40;
+    let mut count = 0;
+    for (config, tokens) in forms::all(LENGTH).into_iter().filter(|(config, _)| config.kind == Kind::Causal) {
+        // with a place of <mask>, and one that ends early
+        let (inputs, _) = forms::batch(&config, &tokens, 3, LENGTH);
+        let sequences: Vec<Vec<u32>> = inputs.chunks(LENGTH).map(<[u32]>::to_vec).collect();
+        check(&forms::model(&config, &tokens), &sequences, &forms::name(&config, &tokens));
+        count += 1;
+    }
+    assert!(count >= 15, "{count} forms");
+}
+
+#[test]
+fn dances_of_the_default_form_are_those_of_the_plain_one_guessed_or_not() {
+    let walk = crate::corpus::samples::walk(5);
+    let tokenizer = Tokenizer::fit([&walk], TokenizerConfig::uniform(&[0], 20.0, 10)).unwrap();
+    let tokens = TokenLayout::of(&tokenizer);
+    for positions in [Positions::FrameJoint, Positions::Rope] {
+        let (previous_frame, head) = (Some(true), Some(Head::Relative));
+        // 40 tokens hold 5 words of 7: the window moves again and again
+        let config = ModelConfig {
+            layers: 2,
+            heads: 2,
+            width: 16,
+            context: 40,
+            positions,
+            previous_frame,
+            head,
+            ..Default::default()
+        };
+        let gpt = forms::model(&config, &tokens);
+        let plain = || -> Box<dyn NextToken> { Box::new(vec![gpt.cache().unwrap(), gpt.cache().unwrap()]) };
+        let fast = || Reader::new(&gpt, Reading { streams: 2, ..Reading::default() }).unwrap();
+        for greedy in [true, false] {
+            let draw = Draw { greedy, ..Draw::default() };
+            let dance = |model: &mut dyn NextToken, guesses| {
+                let plan = Plan { guesses, ..Plan::free(tokenizer.grammar(), 30, draw, 3) };
+                dances(model, &plan, &mut |_| {}).unwrap()
+            };
+            let alone = dance(&mut fast(), 0);
+            let guessed = dance(&mut fast(), 8);
+            assert_eq!(guessed.ids, alone.ids, "{positions:?} {draw:?}");
+            assert!(guessed.guessed > 0);
+            assert_eq!(dance(&mut *plain(), 0).ids, alone.ids, "{positions:?} {draw:?}");
+            assert!(alone.ids.iter().all(|ids| ids.len() == 30 * tokens.word));
+        }
+    }
+}
+
+#[test]
+fn a_masked_model_is_not_read() {
+    let (config, tokens) = forms::all(40).into_iter().find(|(config, _)| config.kind == Kind::Masked).unwrap();
+    let message = Reader::new(&forms::model(&config, &tokens), Reading::default()).err().unwrap().to_string();
+    assert_eq!(message, "a masked model sees the whole window at once: it can't be read token after token");
+}
+
+#[test]
+fn what_cannot_be_read_is_refused() {
+    let mut reader = Reader::new(&model(Positions::Absolute, true), Reading::default()).unwrap();
+    let mut said = |blocks: &[&[u32]]| reader.read(blocks, Logits::Last).unwrap_err().to_string();
+    assert_eq!(said(&[&[1, 51]]), "token 51 is outside the vocabulary of 51 ids");
+    assert_eq!(said(&[&[1; 71]]), "71 more tokens behind 0 read; expected at most 70");
+    assert_eq!(said(&[]), "0 blocks of tokens for 1 sequences");
+    reader.read(&[&[1; 69]], Logits::Last).unwrap();
+    let message = reader.read(&[&[1; 2]], Logits::Last).unwrap_err().to_string();
+    assert_eq!(message, "2 more tokens behind 69 read; expected at most 1");
+}
+
+#[test]
+fn scores_are_those_of_the_plain_form() {
+    let mut gpt = model(Positions::FrameJoint, true);
+    let mut reader = Reader::new(&gpt, Reading { streams: 2, ..Reading::default() }).unwrap();
+    let (inputs, mut targets) = (ids(60, 1), ids(60, 2));
+    targets[25..].fill(0);
+    let (mut found, mut expected) = (vec![9.0; 60], vec![9.0; 60]);
+    reader.nats(&inputs, &targets, 30, &mut found).unwrap();
+    gpt.nats(&inputs, &targets, 30, &mut expected).unwrap();
+    assert!(apart(&found, &expected) < 1e-5);
+}
+
+#[test]
+fn bytes_and_half_floats_cost_less_than_half_a_percent() {
+    let gpt = model(Positions::FrameJoint, true);
+    let (inputs, targets) = (ids(70, 1), ids(70, 2));
+    let nats = |weights, kv| {
+        let mut out = vec![0.0; 70];
+        Reader::new(&gpt, Reading { streams: 1, weights, kv }).unwrap().nats(&inputs, &targets, 70, &mut out).unwrap();
+        out.iter().sum::<f32>()
+    };
+    let plain = nats(WeightKind::F32, KvKind::F32);
+    for (weights, kv) in [(WeightKind::Int8, KvKind::F32), (WeightKind::F32, KvKind::F16)] {
+        let other = nats(weights, kv);
+        assert!(other != plain && (other / plain - 1.0).abs() < 5e-3, "{weights:?} {kv:?}: {other}, {plain}");
+    }
+}

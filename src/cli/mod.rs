@@ -12,6 +12,7 @@ mod evaluate;
 mod export;
 mod fit;
 mod generate;
+mod import;
 mod inspect;
 mod lr_find;
 mod pretrain;
@@ -67,6 +68,8 @@ enum Command {
     Generate(generate::Args),
     /// A trained model as a folder that other programs read
     Export(export::Args),
+    /// Such a folder as a run
+    Import(import::Args),
     /// Measures
     #[command(subcommand)]
     Evaluate(evaluate::Command),
@@ -175,6 +178,7 @@ fn command(command: Command, say: Say) -> Result<()> {
         Command::LrFind(args) => lr_find::run(args, say),
         Command::Generate(args) => generate::run(args, say),
         Command::Export(args) => export::run(args, say),
+        Command::Import(args) => import::run(args, say),
         Command::Evaluate(command) => evaluate::run(command, say),
         Command::Bench(command) => bench::run(command, say),
         Command::Demo(args) => demo::run(args, say),

@@ -9,6 +9,7 @@ pub mod fast;
 #[cfg(test)]
 pub(crate) mod fixture;
 pub mod folder;
+pub mod import;
 pub mod learner;
 pub mod lr_find;
 pub mod metrics;

@@ -3,7 +3,7 @@
 use super::config::TrainConfig;
 use super::data::{CorpusPart, Data, Part};
 use crate::corpus::Corpus;
-use crate::model::run::{CONFIG, TOKENIZER};
+use crate::model::run::{CONFIG, LoadedRun, TOKENIZER};
 use crate::model::{ModelConfig, TokenLayout};
 use crate::{Error, Result, files};
 use kinelm_tokenizer::Tokenizer;
@@ -74,6 +74,19 @@ impl RunFile {
         })
     }
 
+    /// The configuration of a run whose model was trained elsewhere: it has no corpora.
+    pub fn imported(run: &LoadedRun, tokenizer: &Tokenizer) -> RunFile {
+        RunFile {
+            version: VERSION,
+            kinelm: env!("CARGO_PKG_VERSION").into(),
+            tokenizer_sha256: tokenizer.hash(),
+            corpora: Vec::new(),
+            model: run.config.resolved(&run.tokens),
+            train: TrainConfig { conditions: run.conditions.clone(), ..Default::default() },
+            tokens: run.tokens.clone(),
+        }
+    }
+
     /// Puts the tokenizer and the descriptions of the corpora into the run folder: `corpus.json`, `corpus-2.json`, ...
     ///
     /// # Errors
@@ -123,8 +136,15 @@ impl RunFile {
     /// Opens what the run at `run` was begun on; `corpora` are the folders if they lie elsewhere now.
     ///
     /// # Errors
-    /// Another number of corpora, other corpora or weights, each with both; a tokenizer that is gone, damaged or another.
+    /// A run that was imported, which has none; another number of corpora, other corpora or weights, each with both; a tokenizer
+    /// that is gone, damaged or another.
     pub fn data(&self, run: &Path, corpora: &[CorpusPart]) -> Result<Data> {
+        if self.corpora.is_empty() {
+            let (run, what) = (run.display(), "was imported, and has no training to go on with");
+            return Err(Error::Call(format!(
+                "{run} {what}; begin a run with its weights: finetune or pretrain --from it"
+            )));
+        }
         let own: Vec<CorpusPart> =
             self.corpora.iter().map(|c| CorpusPart { path: c.path.clone(), weight: c.weight }).collect();
         let parts = if corpora.is_empty() { &own } else { corpora };

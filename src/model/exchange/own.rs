@@ -47,7 +47,7 @@ impl About {
     }
 
     pub fn of(run: &LoadedRun, tokenizer: &Tokenizer) -> About {
-        let about = About::new(run.config.clone(), run.tokens.clone(), tokenizer);
+        let about = About::new(run.config.resolved(&run.tokens), run.tokens.clone(), tokenizer);
         About { step: run.state.step, conditions: run.conditions.clone(), ..about }
     }
 

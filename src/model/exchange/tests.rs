@@ -1,7 +1,7 @@
 //! Folders that are written and read back, and those that are refused.
 
 use super::*;
-use crate::model::{Positions, layout};
+use crate::model::{Head, Kind, Positions, layout};
 use kinelm_tokenizer::TokenizerConfig;
 use std::path::PathBuf;
 
@@ -21,23 +21,40 @@ impl Made {
     }
 }
 
-/// A run of made-up weights.
-fn made(positions: Positions, tied_head: bool) -> Made {
-    let dir = tempfile::tempdir().unwrap();
-    let walk = crate::corpus::samples::walk(5);
-    let tokenizer = Tokenizer::fit([&walk], TokenizerConfig::uniform(&[0], 20.0, 10)).unwrap();
-    tokenizer.save(dir.path().join(TOKENIZER)).unwrap();
-    let tokens = TokenLayout::of(&tokenizer);
-    let config = ModelConfig {
+/// What GPT-2 can express.
+fn gpt2(positions: Positions, tied_head: bool) -> ModelConfig {
+    ModelConfig {
         layers: 2,
         heads: 2,
         width: 8,
         context: 30,
         positions,
         tied_head,
+        previous_frame: Some(false),
+        head: Some(Head::Absolute),
         dropout: 0.125,
         ..Default::default()
-    };
+    }
+}
+
+/// What it can't.
+fn beyond() -> [ModelConfig; 4] {
+    let of = |positions| gpt2(positions, true);
+    [
+        ModelConfig { previous_frame: Some(true), ..of(Positions::FrameJoint) },
+        ModelConfig { head: Some(Head::Relative), ..of(Positions::Absolute) },
+        of(Positions::Rope),
+        ModelConfig { kind: Kind::Masked, ..of(Positions::FrameJoint) },
+    ]
+}
+
+/// A run of made-up weights.
+fn made(config: ModelConfig) -> Made {
+    let dir = tempfile::tempdir().unwrap();
+    let walk = crate::corpus::samples::walk(5);
+    let tokenizer = Tokenizer::fit([&walk], TokenizerConfig::uniform(&[0], 20.0, 10)).unwrap();
+    tokenizer.save(dir.path().join(TOKENIZER)).unwrap();
+    let tokens = TokenLayout::of(&tokenizer);
     let mut weights = layout::initial(&config, &tokens, 3).unwrap();
     // numbers whose sums are rounded
     weights.values_mut().for_each(|t| *t = (&*t * 37.3).unwrap());
@@ -75,8 +92,8 @@ const FORMS: [(Positions, bool); 3] =
 
 #[test]
 fn our_own_form_comes_back_bit_by_bit() {
-    for (positions, tied) in FORMS {
-        let made = made(positions, tied);
+    for config in FORMS.map(|(positions, tied)| gpt2(positions, tied)).into_iter().chain(beyond()) {
+        let made = made(config);
         let folder = made.export(Format::Kinelm, "out");
         let again = load(&folder).unwrap();
         assert_eq!(all(&again), all(&made.run));
@@ -94,7 +111,7 @@ fn our_own_form_comes_back_bit_by_bit() {
 #[test]
 fn gpt_2_comes_back_with_the_same_logits() {
     for (positions, tied) in FORMS {
-        let made = made(positions, tied);
+        let made = made(gpt2(positions, tied));
         let folder = made.export(Format::Hf, "out");
         let again = load(&folder).unwrap();
         assert_eq!((again.config.positions, again.config.tied_head), (Positions::Absolute, tied));
@@ -115,7 +132,7 @@ fn gpt_2_comes_back_with_the_same_logits() {
 
 #[test]
 fn a_gpt_2_folder_holds_what_transformers_reads() {
-    let made = made(Positions::FrameJoint, false);
+    let made = made(gpt2(Positions::FrameJoint, false));
     let folder = made.export(Format::Hf, "out");
     let json =
         |name: &str| -> serde_json::Value { serde_json::from_slice(&fs::read(folder.join(name)).unwrap()).unwrap() };
@@ -143,7 +160,7 @@ fn a_gpt_2_folder_holds_what_transformers_reads() {
 
 /// The error of loading a folder of `format` after a change to it.
 fn said(format: Format, change: &dyn Fn(&Path)) -> String {
-    let made = made(Positions::Absolute, true);
+    let made = made(gpt2(Positions::Absolute, true));
     let folder = made.export(format, "out");
     change(&folder);
     load(&folder).err().unwrap().to_string()
@@ -216,7 +233,7 @@ fn odd_tensors_are_refused_by_their_name() {
 
 #[test]
 fn what_transformers_saves_again_is_read() {
-    let made = made(Positions::Absolute, true);
+    let made = made(gpt2(Positions::Absolute, true));
     let folder = made.export(Format::Hf, "out");
     reweigh(&folder, &|all| {
         // a GPT2Model's names, the tied head beside them
@@ -245,13 +262,20 @@ fn half_floats_are_widened() {
 
 #[test]
 fn what_is_there_stays_and_what_cannot_be_is_refused() {
-    let made = made(Positions::FrameJoint, true);
+    let made = made(gpt2(Positions::FrameJoint, true));
     let out = made.export(Format::Kinelm, "out");
     let before = fs::read(out.join(WEIGHTS)).unwrap();
     let message = export(&made.run, Format::Hf, &out).unwrap_err().to_string();
     assert!(message.ends_with("out exists; give a folder that isn't there"), "{message}");
     assert_eq!(fs::read(out.join(WEIGHTS)).unwrap(), before);
+    let refused = |run: &LoadedRun| hf::contents(run).unwrap_err().to_string();
     let tokens = TokenLayout { varying: true, places: Vec::new(), ..made.run.tokens.clone() };
-    let refused = hf::contents(&LoadedRun { tokens, ..made.run }).unwrap_err().to_string();
-    assert!(refused.starts_with("GPT-2 can't express this model: its positions are counted"), "{refused}");
+    let message = refused(&LoadedRun { tokens, ..made.run });
+    assert!(message.starts_with("GPT-2 can't express this model: its positions are counted"), "{message}");
+    let reasons =
+        ["its inputs tell of the frame before", "its head is over steps", "its positions are turns", "it is masked"];
+    for (config, reason) in beyond().into_iter().zip(reasons) {
+        let message = refused(&self::made(config).run);
+        assert!(message.contains(reason) && message.ends_with("; export it with --format kinelm"), "{message}");
+    }
 }

@@ -1,7 +1,7 @@
 //! From motion to text, from text to a model, from a model to new dances.
 //!
 //! Everything a command of the `kinelm` program does is a function here. The rooms, in the way of the data: `corpus`
-//! (labels, splits, the token store), `model`, `train`, `generate`, `evaluate`, `study`,
+//! (labels, splits, the token store), `model`, `train`, `runs`, `generate`, `evaluate`, `study`,
 //! `view`.
 #![deny(unsafe_code)]
 
@@ -12,6 +12,7 @@ pub mod files;
 pub mod generate;
 pub mod model;
 pub mod random;
+pub mod runs;
 pub mod study;
 pub mod train;
 pub mod view;

@@ -18,6 +18,7 @@ mod lr_find;
 mod pretrain;
 mod progress;
 mod read;
+mod runs;
 mod study;
 mod tokenize;
 mod tokenizer;
@@ -62,6 +63,9 @@ enum Command {
     Corpus(corpus::Command),
     /// Train a model on a corpus
     Pretrain(pretrain::Args),
+    /// Training runs: which there are, and their curves
+    #[command(subcommand)]
+    Runs(runs::Command),
     /// A learning rate for a model: a few hundred steps at rates that grow until the loss blows up, as a plot
     LrFind(lr_find::Args),
     /// A new dance that follows chosen joints of a clip
@@ -175,6 +179,7 @@ fn command(command: Command, say: Say) -> Result<()> {
         Command::Tokenize(args) => tokenize::run(args, say),
         Command::Corpus(command) => corpus::run(command, say),
         Command::Pretrain(args) => pretrain::run(args, say),
+        Command::Runs(command) => runs::run(command, say),
         Command::LrFind(args) => lr_find::run(args, say),
         Command::Generate(args) => generate::run(args, say),
         Command::Export(args) => export::run(args, say),

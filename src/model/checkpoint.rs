@@ -178,6 +178,14 @@ impl Checkpoints {
         Ok(())
     }
 
+    /// Where the run stood at a checkpoint; its files are not looked at.
+    ///
+    /// # Errors
+    /// No such checkpoint, or one without a state.
+    pub fn state(&self, step: u64) -> Result<State> {
+        read_state(&self.path(step))
+    }
+
     /// Reads the files `wanted` of one checkpoint, and those of `also` that it has; all its hashes are checked first.
     ///
     /// # Errors

@@ -150,6 +150,12 @@ impl TrainFile {
 }
 
 impl TrainConfig {
+    /// Whether, after `step` updates, so many measurements were no better than that after `best` that the run ends.
+    pub fn is_patience_out(&self, step: u64, best: Option<u64>) -> bool {
+        let measured = |step: u64| step / self.eval_every.max(1);
+        self.patience > 0 && best.is_some_and(|best| measured(step) >= measured(best) + self.patience)
+    }
+
     /// Checks every key.
     ///
     /// # Errors

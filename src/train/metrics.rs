@@ -2,6 +2,7 @@
 
 use super::tensorboard::EventFile;
 use crate::evaluate::likelihood::Likelihood;
+use crate::model::run::CONFIG;
 use crate::{Error, Result, files};
 use serde::Serialize;
 use std::fs::{File, OpenOptions};
@@ -52,7 +53,16 @@ impl Metrics {
             }
         }
         let file = OpenOptions::new().create(true).append(true).open(&path).map_err(Error::io(&path))?;
-        Ok(Metrics { path, file, events: EventFile::create(run)? })
+        let config = std::fs::read_to_string(run.join(CONFIG)).unwrap_or_default();
+        Ok(Metrics { path, file, events: EventFile::create(run, step, &config)? })
+    }
+
+    /// Makes what was written last, so that a checkpoint written after it never knows more than they do.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn sync(&mut self) -> Result<()> {
+        self.file.sync_data().map_err(Error::io(&self.path))
     }
 
     /// Writes the figures of a step.

@@ -1,7 +1,7 @@
-//! TensorBoard event files: scalars only.
+//! TensorBoard event files: scalars, and the run's configuration as text.
 //!
 //! A record is its length (8 bytes), a masked CRC-32C of those, the data, a masked CRC-32C of the data; the data are an
-//! `Event` message. Source: tensorflow's record_writer.cc and event.proto.
+//! `Event` message. Source: tensorflow's record_writer.cc, event.proto and summary.proto; tensorboard's text plugin.
 
 use crate::{Error, Result};
 use std::fs::File;
@@ -16,11 +16,12 @@ pub struct EventFile {
 }
 
 impl EventFile {
-    /// Begins a new event file in `folder`.
+    /// Begins a new event file in `folder` for a run that stands after `step` updates and has this configuration. Readers
+    /// throw away what earlier files say of later steps.
     ///
     /// # Errors
     /// What the system refuses.
-    pub fn create(folder: &Path) -> Result<EventFile> {
+    pub fn create(folder: &Path, step: u64, config: &str) -> Result<EventFile> {
         let time = now();
         let (mut path, mut file) = (PathBuf::new(), Err(std::io::ErrorKind::AlreadyExists.into()));
         for n in 0..100 {
@@ -35,6 +36,8 @@ impl EventFile {
         let mut event = double(1, time);
         event.extend(bytes(3, b"brain.Event:2"));
         events.record(&event)?;
+        events.record(&begun(time, step + 1))?;
+        events.record(&text(time, step, "config", config))?;
         Ok(events)
     }
 
@@ -56,6 +59,22 @@ fn now() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64())
 }
 
+/// An event of a session that begins before `step`.
+fn begun(time: f64, step: u64) -> Vec<u8> {
+    let start = number(1, 1);
+    [double(1, time), number(2, step), bytes(7, &start)].concat()
+}
+
+/// An event of one text, shown as it is: Markdown's form of code.
+fn text(time: f64, step: u64, tag: &str, text: &str) -> Vec<u8> {
+    let code: String = text.lines().flat_map(|line| ["    ", line, "\n"]).collect();
+    // a tensor without dimensions of one string
+    let tensor = [number(1, 7), bytes(2, b""), bytes(8, code.as_bytes())].concat();
+    let metadata = [bytes(1, &bytes(1, b"text")), number(4, 2)].concat();
+    let value = [bytes(1, tag.as_bytes()), bytes(8, &tensor), bytes(9, &metadata)].concat();
+    [double(1, time), number(2, step), bytes(5, &bytes(1, &value))].concat()
+}
+
 fn event(time: f64, step: u64, values: &[(&str, f64)]) -> Vec<u8> {
     let mut summary = Vec::new();
     for (tag, value) in values {
@@ -65,8 +84,7 @@ fn event(time: f64, step: u64, values: &[(&str, f64)]) -> Vec<u8> {
         summary.extend(bytes(1, &one));
     }
     let mut event = double(1, time);
-    event.push(2 << 3);
-    event.extend(varint(step));
+    event.extend(number(2, step));
     event.extend(bytes(5, &summary));
     event
 }
@@ -81,6 +99,13 @@ fn framed(data: &[u8]) -> Vec<u8> {
 fn double(number: u8, value: f64) -> Vec<u8> {
     let mut out = vec![number << 3 | 1];
     out.extend(value.to_le_bytes());
+    out
+}
+
+/// Field `field` of an integer type.
+fn number(field: u8, value: u64) -> Vec<u8> {
+    let mut out = vec![field << 3];
+    out.extend(varint(value));
     out
 }
 
@@ -107,20 +132,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_scalar_is_framed_as_tensorflow_frames_it() {
+    fn events_are_framed_as_tensorflow_frames_them() {
         // scripts/reference/tensorboard_event.py: tensorboard's own Event message and record writer
         let golden = include_str!("../../tests/golden/tensorboard_event.json");
         let golden: serde_json::Value = serde_json::from_str(golden).unwrap();
-        let hex: String =
-            framed(&event(2.5, 300, &[("loss", 1.25), ("rate", -3.0)])).iter().map(|b| format!("{b:02x}")).collect();
-        assert_eq!(hex, golden["record"].as_str().unwrap());
+        let scalars = event(2.5, 300, &[("loss", 1.25), ("rate", -3.0)]);
+        let text = text(2.5, 300, "config", "a = 1\n[b]\n");
+        for (name, event) in [("record", scalars), ("start", begun(2.5, 300)), ("text", text)] {
+            let hex: String = framed(&event).iter().map(|b| format!("{b:02x}")).collect();
+            assert_eq!(hex, golden[name].as_str().unwrap(), "{name}");
+        }
     }
 
     #[test]
     fn two_runs_in_one_second_have_two_files() {
         let dir = tempfile::tempdir().unwrap();
         for _ in 0..2 {
-            EventFile::create(dir.path()).unwrap().scalars(1, &[("loss", 2.0)]).unwrap();
+            EventFile::create(dir.path(), 0, "").unwrap().scalars(1, &[("loss", 2.0)]).unwrap();
         }
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 2);
     }

@@ -122,10 +122,7 @@ impl<'a> Trainer<'a> {
     /// Whether so many measurements were no better that the run ends. It follows from where the run stands, so a run that
     /// is gone on with ends there too.
     fn is_patience_out(&self) -> bool {
-        let train = &self.file.train;
-        let measured = |step: u64| step / train.eval_every.max(1);
-        let since = self.state.best.map_or(0, |best| measured(self.state.step) - measured(best.step));
-        train.patience > 0 && since >= train.patience
+        self.file.train.is_patience_out(self.state.step, self.state.best.map(|b| b.step))
     }
 
     /// One update; its loss.
@@ -203,6 +200,7 @@ impl<'a> Trainer<'a> {
             Error::Call(_) => stopped_at(step, e, &self.checkpoints),
             other => other,
         })?;
+        self.metrics.sync()?;
         let path = self.checkpoints.write(self.state.clone(), &contents)?;
         self.checkpoints.prune(self.file.train.keep)?;
         Ok(path)

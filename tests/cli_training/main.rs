@@ -1,0 +1,106 @@
+//! Training as a user goes: killed, gone on with, watched.
+
+mod crash;
+mod watch;
+
+use assert_cmd::Command;
+use kinelm_motion::{Motion, Source, format, synth};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+fn kinelm() -> Command {
+    let mut c = Command::cargo_bin("kinelm").unwrap();
+    c.env("NO_COLOR", "1");
+    c
+}
+
+/// A folder with a corpus of short made-up dances.
+struct Place {
+    dir: tempfile::TempDir,
+}
+
+impl Place {
+    fn at(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    /// A training file of a tiny model with these keys of `[train]`.
+    fn config(&self, name: &str, train: &str) -> PathBuf {
+        let path = self.at(name);
+        let model = "[model]\nlayers = 1\nheads = 2\nwidth = 16\ncontext = 90\ndropout = 0.1\n";
+        fs::write(&path, format!("{model}[train]\nbatch = 2\nwarmup = 5\n{train}")).unwrap();
+        path
+    }
+
+    fn pretrain(&self, config: &Path, run: &Path) -> Command {
+        let mut c = kinelm();
+        c.arg("pretrain").arg("--config").arg(config).arg("--corpus").arg(self.at("corpus")).arg("--run").arg(run);
+        c
+    }
+
+    fn resume(&self, run: &Path) -> Command {
+        let mut c = kinelm();
+        c.arg("pretrain").arg("--resume").arg("--run").arg(run);
+        c
+    }
+}
+
+fn place() -> &'static Place {
+    static PLACE: OnceLock<Place> = OnceLock::new();
+    PLACE.get_or_init(|| {
+        let place = Place { dir: tempfile::tempdir().unwrap() };
+        let data = place.at("data");
+        let mut labels = "clip,split\n".to_string();
+        for (i, dance) in synth::corpus(3, 6, 3.0, 20.0).unwrap().into_iter().enumerate() {
+            let path = data.join(format!("d{i}.bvh"));
+            fs::create_dir_all(&data).unwrap();
+            let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+            format::write(&path, &motion).unwrap();
+            labels += &format!("d{i},{}\n", if i == 0 { "valid" } else { "train" });
+        }
+        fs::write(place.at("labels.csv"), labels).unwrap();
+        let of_data = |c: &mut Command| {
+            c.arg(&data).arg("--labels").arg(place.at("labels.csv"));
+        };
+        let mut c = kinelm();
+        of_data(c.args(["tokenizer", "fit"]));
+        c.arg("--out").arg(place.at("t.json")).assert().success();
+        let mut c = kinelm();
+        of_data(c.arg("tokenize"));
+        c.arg("--tokenizer").arg(place.at("t.json")).arg("--out").arg(place.at("corpus")).assert().success();
+        place
+    })
+}
+
+/// The files of a run's last checkpoint, by name.
+fn latest(run: &Path) -> Vec<(String, Vec<u8>)> {
+    let name = fs::read_to_string(run.join("latest")).unwrap();
+    let mut files: Vec<_> = fs::read_dir(run.join("checkpoints").join(name.trim()))
+        .unwrap()
+        .map(|e| e.unwrap().path())
+        .map(|p| (p.file_name().unwrap().to_string_lossy().into_owned(), fs::read(&p).unwrap()))
+        .collect();
+    files.sort();
+    files
+}
+
+/// The lines of `metrics.jsonl` without what a clock said.
+fn metrics(run: &Path) -> Vec<serde_json::Value> {
+    let text = fs::read_to_string(run.join("metrics.jsonl")).unwrap();
+    let line = |line: &str| {
+        let mut line: serde_json::Value = serde_json::from_str(line).unwrap();
+        line.as_object_mut().unwrap().remove("tokens_per_second");
+        line
+    };
+    text.lines().map(line).collect()
+}
+
+fn assert_same(run: &Path, straight: &Path) {
+    for ((name, found), (expected_name, expected)) in latest(run).iter().zip(&latest(straight)) {
+        assert_eq!(name, expected_name);
+        assert!(found == expected, "{name} of {} differs", run.display());
+    }
+    assert_eq!(latest(run).len(), latest(straight).len());
+    assert_eq!(metrics(run), metrics(straight));
+}

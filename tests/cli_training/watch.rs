@@ -1,0 +1,96 @@
+//! Looking at runs: lists, curves, dances on the way, and rates before there is a run.
+
+use super::{kinelm, metrics, place};
+use predicates::prelude::PredicateBooleanExt;
+use predicates::str::contains;
+use std::fs;
+
+#[test]
+fn runs_are_listed_and_drawn() {
+    let place = place();
+    let keys = "eval_every = 4\ncheckpoint_every = 5\nsteps = 8\n";
+    let config = place.config("watch.toml", keys);
+    for run in ["watched/a", "watched/b"] {
+        fs::create_dir_all(place.at("watched")).unwrap();
+        place.pretrain(&config, &place.at(run)).assert().success();
+    }
+    let list = || {
+        let mut c = kinelm();
+        c.args(["runs", "list"]).arg(place.at("watched"));
+        c
+    };
+    list().assert().success().stdout(contains("watched/a").and(contains("done")).and(contains("8/8")));
+    let json = list().arg("--json").output().unwrap().stdout;
+    let runs: Vec<serde_json::Value> =
+        String::from_utf8(json).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    assert_eq!(runs.len(), 2);
+    assert_eq!((&runs[0]["schema"], &runs[0]["step"], &runs[0]["status"]), (&1.into(), &8.into(), &"done".into()));
+    assert!(runs[0]["best"]["bits_per_frame"].as_f64().is_some_and(|b| b > 0.0));
+    // half a line, as of a run that is being written
+    let metrics = place.at("watched/b/metrics.jsonl");
+    let text = fs::read_to_string(&metrics).unwrap();
+    fs::write(&metrics, &text[..text.len() - 40]).unwrap();
+    let plot = |out: &str, more: &[&str]| {
+        let mut c = kinelm();
+        c.args(["runs", "plot"]).arg(place.at("watched/a")).arg(place.at("watched/b"));
+        c.arg("--out").arg(place.at(out)).args(more);
+        c
+    };
+    plot("c.svg", &["--metric", "bits_per_frame", "--over", "tokens"]).assert().success();
+    let svg = fs::read_to_string(place.at("c.svg")).unwrap();
+    assert!(svg.contains("a valid\n") && svg.contains("b\n") && svg.contains("bits a frame"));
+    plot("c.png", &[]).assert().success();
+    assert!(fs::read(place.at("c.png")).unwrap().starts_with(b"\x89PNG"));
+    plot("c.pdf", &[]).assert().code(2).stderr(contains("expected a name ending in .png or .svg"));
+    let mut none = kinelm();
+    none.args(["runs", "plot"]).arg(place.at("data")).arg("--out").arg(place.at("n.png"));
+    none.assert().code(1).stderr(contains("no metrics.jsonl, expected a run folder"));
+}
+
+#[test]
+fn dances_on_the_way_change_nothing() {
+    let place = place();
+    let keys = "eval_every = 3\ncheckpoint_every = 0\nsteps = 12\nema = 0.5\n";
+    let (with, without) = (place.at("with"), place.at("without"));
+    let sampled = place.config("with.toml", &format!("{keys}sample_every = 2\n"));
+    place.pretrain(&sampled, &with).assert().success().stderr(contains("step-00000006.html: a dance of the model"));
+    place.pretrain(&place.config("without.toml", keys), &without).assert().success();
+    assert_eq!(metrics(&with), metrics(&without));
+    let mut names: Vec<String> = fs::read_dir(with.join("samples"))
+        .unwrap()
+        .map(|e| e.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    assert_eq!(names, ["step-00000006.bvh", "step-00000006.html", "step-00000012.bvh", "step-00000012.html"]);
+    assert!(fs::read_to_string(with.join("samples/step-00000006.html")).unwrap().contains("step 6"));
+    kinelm().arg("inspect").arg(with.join("samples/step-00000012.bvh")).assert().success().stdout(contains("100"));
+    // where no dance can be written the run goes on
+    let broken = place.at("broken");
+    place.pretrain(&sampled, &broken).args(["--steps", "1"]).assert().success();
+    fs::remove_dir_all(broken.join("samples")).unwrap();
+    fs::write(broken.join("samples"), "no folder").unwrap();
+    let mut c = place.resume(&broken);
+    c.args(["--steps", "12"]).assert().success().stderr(contains("no dance after step 6: "));
+}
+
+#[test]
+fn a_rate_is_found() {
+    let place = place();
+    let config = place.config("rate.toml", "");
+    let find = |out: &str, more: &[&str]| {
+        let mut c = kinelm();
+        c.arg("lr-find").arg("--config").arg(&config).arg("--corpus").arg(place.at("corpus"));
+        c.arg("--out").arg(place.at(out)).args(["--steps", "60", "--to", "100"]).args(more);
+        c
+    };
+    find("lr.svg", &[]).assert().success().stdout(contains("suggestion ").and(contains("1.00e-7")));
+    let svg = fs::read_to_string(place.at("lr.svg")).unwrap();
+    assert!(svg.contains("turn ") && svg.contains("suggestion ") && svg.contains("smoothed"));
+    let output = find("lr.png", &["--json"]).output().unwrap();
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let turn = found["turn"].as_f64().unwrap();
+    assert_eq!(found["suggestion"].as_f64(), Some(turn / 10.0));
+    assert_eq!(found["steps"][0]["rate"].as_f64(), Some(1e-7));
+    find("lr.gif", &[]).assert().code(2);
+    find("lr2.svg", &["--from", "1", "--to", "0.1"]).assert().failure().stderr(contains("rates from 1 to 0.1"));
+}

@@ -26,6 +26,9 @@ pub struct Args {
     /// The seed of the first weights, the order of windows and dropout
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// Begin with the weights of this run, or of a folder that was exported; the optimizer begins anew
+    #[arg(long, value_name = "RUN|DIR", conflicts_with = "resume")]
+    from: Option<PathBuf>,
     /// Go on with the run from its last whole checkpoint
     #[arg(long)]
     resume: bool,
@@ -40,6 +43,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         run: args.run,
         steps: args.steps,
         seed: args.seed,
+        from: args.from,
         resume: args.resume,
         compute: args.compute.get(),
     };

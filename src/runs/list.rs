@@ -140,6 +140,7 @@ mod tests {
     use super::*;
     use crate::corpus::Split;
     use crate::model::ModelConfig;
+    use crate::train::data::CorpusPart;
     use crate::train::folder::RunFolder;
     use crate::train::{PretrainOptions, Silent, TrainConfig, TrainFile, fixture, pretrain};
     use std::sync::atomic::AtomicBool;
@@ -152,7 +153,7 @@ mod tests {
         let train = TrainConfig { batch: 3, steps: 6, eval_every: 3, ..Default::default() };
         let run = |name: &str, steps| PretrainOptions {
             file: Some(TrainFile { model: model.clone(), train: train.clone(), ..Default::default() }),
-            corpus: Some(dir.path().join("corpus")),
+            corpora: vec![CorpusPart::once(dir.path().join("corpus"))],
             run: Some(dir.path().join("runs").join(name)),
             steps: Some(steps),
             ..Default::default()

@@ -32,6 +32,19 @@ pub struct RunFile {
     pub train: TrainConfig,
     /// What the tokenizer decided.
     pub tokens: TokenLayout,
+    /// Where its first weights are from, if they weren't drawn.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<Origin>,
+}
+
+/// Where the first weights of a run are from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Origin {
+    /// The run's or exported folder.
+    pub path: PathBuf,
+    /// How many updates they had there.
+    pub step: u64,
 }
 
 /// A corpus of a run.
@@ -71,6 +84,7 @@ impl RunFile {
             model: model.resolved(&tokens),
             train: train.clone(),
             tokens,
+            from: None,
         })
     }
 

@@ -1,5 +1,6 @@
-//! Training from scratch: what is asked for becomes a run folder, or a run folder is found and gone on with.
+//! Training from the first weights on: what is asked for becomes a run folder, or a run folder is found and gone on with.
 
+pub mod from;
 mod saved;
 #[cfg(test)]
 mod tests;
@@ -17,6 +18,7 @@ use crate::model::Compute;
 use crate::model::checkpoint::{Best, Checkpoints};
 use crate::{Error, Result};
 use candle_core::Tensor;
+use from::Source;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
@@ -35,6 +37,8 @@ pub struct PretrainOptions {
     pub steps: Option<u64>,
     /// The seed, over the file's.
     pub seed: Option<u64>,
+    /// A run, or a folder that was exported, whose weights a new run begins with.
+    pub from: Option<PathBuf>,
     /// Go on with the run where its last whole checkpoint stands.
     pub resume: bool,
     /// Where and how to compute. A run can go on elsewhere than where it was begun.
@@ -66,7 +70,7 @@ pub struct Summary {
     pub seconds: f64,
 }
 
-/// Trains a model from scratch, or goes on with a run.
+/// Trains a model from scratch or from the weights of another run, or goes on with a run.
 ///
 /// A checkpoint is written as often as the file says, where validation is best, at the last step, and when `stop`
 /// becomes true. A resumed run has the same bits as one that was never stopped, on the same kind of CPU and in the same
@@ -89,23 +93,30 @@ pub fn pretrain(options: &PretrainOptions, stop: &AtomicBool, progress: &mut dyn
             (folder, file, data)
         }
         false => {
-            let (file, data) = asked(options)?;
-            (begin(&run, &file, &data, None)?, file, data)
+            let (file, data, weights) = asked(options, progress)?;
+            (begin(&run, &file, &data, weights)?, file, data)
         }
     };
     go_on(&folder, file, &data, options.compute, stop, progress)
 }
 
-/// The configuration of a new run.
-fn asked(options: &PretrainOptions) -> Result<(RunFile, Data)> {
+/// The configuration of a new run, and the weights it begins with if they aren't drawn.
+fn asked(
+    options: &PretrainOptions,
+    progress: &mut dyn Progress,
+) -> Result<(RunFile, Data, Option<BTreeMap<String, Tensor>>)> {
     let file = options.file.as_ref();
     let file = file.ok_or_else(|| Error::Call("no training file; give one by --config".into()))?;
     let corpora = if options.corpora.is_empty() { file.corpora()? } else { options.corpora.clone() };
-    let data = Data::open(&corpora, None, &file.train.conditions)?;
+    let source = options.from.as_deref().map(Source::load).transpose()?;
+    source.iter().flat_map(Source::notes).for_each(|note| progress.note(note));
+    let data = Data::open(&corpora, source.as_ref().map(|s| &s.tokenizer), &file.train.conditions)?;
     let mut train = file.train.clone();
     train.steps = options.steps.unwrap_or(train.steps);
     train.seed = options.seed.unwrap_or(train.seed);
-    Ok((RunFile::new(&file.model, &train, &data)?, data))
+    let mut run = RunFile::new(&file.model, &train, &data)?;
+    let weights = source.map(|source| source.weights(&mut run)).transpose()?;
+    Ok((run, data, weights))
 }
 
 /// The configuration of a run folder that is there.

@@ -358,3 +358,43 @@ fn a_run_on_two_corpora_resumes_and_keeps_their_weights() {
     // the same clips, so the same hash
     go(&halves).unwrap();
 }
+
+#[test]
+fn a_run_begins_with_the_weights_of_another() {
+    let dir = tempfile::tempdir().unwrap();
+    fixture::corpus(dir.path(), &CLIPS);
+    let mut first = file();
+    first.train.ema = 0.5;
+    let other = go(&options(dir.path(), "first", Some(first))).unwrap();
+    let mut further = options(dir.path(), "second", Some(file()));
+    further.from = Some(other.run.clone());
+    further.steps = Some(2);
+    let stop = AtomicBool::new(true);
+    let begun = pretrain(&further, &stop, &mut Silent).unwrap();
+    assert_eq!((begun.step, begun.stopped), (0, true));
+    let own = load_run(&begun.run, Which::Latest).unwrap();
+    let theirs = load_run(&other.run, Which::Auto).unwrap();
+    let bytes = |run: &crate::model::LoadedRun| weights::to_bytes(run.weights.iter().map(|(n, t)| (n.as_str(), t)));
+    assert!(bytes(&own).unwrap() == bytes(&theirs).unwrap(), "the average of the first run's weights");
+    let origin = RunFile::read(&begun.run).unwrap().from.unwrap();
+    assert_eq!(origin.step, theirs.state.step);
+    assert!(origin.path.ends_with("first"));
+    // gone on with, it needs the first no more
+    fs::remove_dir_all(&other.run).unwrap();
+    further.resume = true;
+    (further.file, further.from) = (None, None);
+    let resumed = go(&further).unwrap();
+    assert_eq!(resumed.step, 2);
+    assert!(resumed.loss.unwrap() < 2.7, "{:?}: it knows something already", resumed.loss);
+    let said = |change: &dyn Fn(&mut PretrainOptions)| {
+        let mut options = options(dir.path(), "third", Some(file()));
+        options.from = Some(resumed.run.clone());
+        change(&mut options);
+        let message = go(&options).unwrap_err().to_string();
+        assert!(!dir.path().join("third").exists());
+        message
+    };
+    let message = said(&|o| o.file.as_mut().unwrap().model.layers = 1);
+    assert!(message.contains("model.layers is 1, theirs 2; give --config its [model]"), "{message}");
+    assert!(said(&|o| o.from = Some(dir.path().join("none"))).contains("none"));
+}

@@ -57,7 +57,7 @@ fn place() -> &'static Place {
             fs::create_dir_all(&data).unwrap();
             let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
             format::write(&path, &motion).unwrap();
-            labels += &format!("d{i},{}\n", if i == 0 { "valid" } else { "train" });
+            labels += &format!("d{i},{}\n", ["valid", "test", "train"][i.min(2)]);
         }
         fs::write(place.at("labels.csv"), labels).unwrap();
         let of_data = |c: &mut Command| {

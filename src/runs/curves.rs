@@ -70,6 +70,9 @@ pub enum Over {
 /// Points of a line at most; steps beyond are put together by their mean.
 const POINTS: usize = 400;
 
+/// Marks of a run at most; of more, some are drawn, the last among them.
+const MARKS: usize = 40;
+
 /// The curves of runs under their names.
 pub fn chart(runs: &[(String, Log)], metric: Metric, over: Over) -> Chart {
     let mut series = Vec::new();
@@ -82,7 +85,7 @@ pub fn chart(runs: &[(String, Log)], metric: Metric, over: Over) -> Chart {
         let colour = Some(colour);
         let label = if valid.is_empty() { String::new() } else { format!("{name} valid") };
         series.push(Series { name: name.clone(), points: thinned(&train), look: Look::Line, colour });
-        series.push(Series { name: label, points: valid, look: Look::Marks, colour });
+        series.push(Series { name: label, points: spread(&valid), look: Look::Marks, colour });
     }
     let x = match over {
         Over::Step => "steps",
@@ -110,6 +113,14 @@ fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
         (x / part.len() as f64, y / part.len() as f64)
     };
     points.chunks(stretch).map(mean).collect()
+}
+
+/// Every so many points, where there are too many, counted from the last.
+fn spread(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let step = points.len().div_ceil(MARKS).max(1);
+    let mut some: Vec<_> = points.iter().rev().step_by(step).copied().collect();
+    some.reverse();
+    some
 }
 
 #[cfg(test)]
@@ -140,5 +151,7 @@ mod tests {
         let thin = thinned(&points);
         assert_eq!((thin.len(), thin[0], thin[333]), (334, (1.0, 2.0), (999.5, 1999.0)));
         assert_eq!(thinned(&points[..400]), points[..400]);
+        assert_eq!((spread(&points).len(), spread(&points)[38]), (39, points[1000]));
+        assert_eq!(spread(&points[..40]), points[..40]);
     }
 }

@@ -98,6 +98,7 @@ impl RunFile {
             model: run.config.resolved(&run.tokens),
             train: TrainConfig { conditions: run.conditions.clone(), ..Default::default() },
             tokens: run.tokens.clone(),
+            from: None,
         }
     }
 

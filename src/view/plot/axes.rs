@@ -16,8 +16,8 @@ impl Axis {
         let (low, high) = numbers.fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
         match scale {
             Scale::Log => {
-                // at least a doubling, so that one point has an axis too
-                let wider = 1.15f64.max((2.0 * low / high).sqrt());
+                // one point has an axis too
+                let wider = if high > 1.001 * low { (high / low).powf(0.08).min(1.15) } else { 1.5 };
                 Axis { scale, low: low / wider, high: high * wider }
             }
             Scale::Linear => {
@@ -74,8 +74,12 @@ impl Axes {
     }
 }
 
-/// 1, 2 and 5 of every power of ten inside the limits; powers alone where these are many, more where they are few.
+/// 1, 2 and 5 of every power of ten inside the limits; powers alone where these are many, more where they are few, and even
+/// steps inside a doubling.
 fn log_ticks(low: f64, high: f64) -> Vec<f64> {
+    if high < 2.0 * low {
+        return linear_ticks(low, high);
+    }
     let powers = low.log10().floor() as i32..=high.log10().ceil() as i32;
     let heads: &[f64] = match (high / low).log10() {
         wide if wide > 3.5 => &[1.0],
@@ -121,6 +125,7 @@ mod tests {
         assert_eq!(log_ticks(0.9, 12.0), [1.0, 2.0, 5.0, 10.0]);
         assert_eq!(log_ticks(2.9, 12.0), [3.0, 4.0, 5.0, 7.0, 10.0]);
         assert_eq!(log_ticks(0.009, 1100.0), [0.01, 0.1, 1.0, 10.0, 100.0, 1000.0]);
+        assert_eq!(log_ticks(270.0, 385.0), [280.0, 300.0, 320.0, 340.0, 360.0, 380.0]);
         assert_eq!(linear_ticks(-0.3, 10.2), [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]);
         assert_eq!(linear_ticks(-120.0, 3120.0), [0.0, 500.0, 1000.0, 1500.0, 2000.0, 2500.0, 3000.0]);
         let narrow: Vec<String> = linear_ticks(1.019, 1.046).into_iter().map(number).collect();

@@ -59,7 +59,9 @@ fn one<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) -> Drawn<
             legend.push((series.name.as_str(), series.look, colour));
         }
     }
-    chart.rules.iter().filter(|rule| axes.x.reaches(rule.x)).try_for_each(|rule| draw_rule(area, rule, &axes))?;
+    let rules = chart.rules.iter().filter(|rule| axes.x.reaches(rule.x));
+    // each name a line lower, so that neighbours don't cover each other
+    rules.enumerate().try_for_each(|(line, rule)| draw_rule(area, rule, line as i32, &axes))?;
     draw_legend(area, &legend, &axes)
 }
 
@@ -120,11 +122,11 @@ fn mark<B: DrawingBackend>(area: &DrawingArea<B, Shift>, (x, y): (i32, i32), col
     }
 }
 
-fn draw_rule<B: DrawingBackend>(area: &DrawingArea<B, Shift>, rule: &Rule, axes: &Axes) -> Drawn<B> {
+fn draw_rule<B: DrawingBackend>(area: &DrawingArea<B, Shift>, rule: &Rule, line: i32, axes: &Axes) -> Drawn<B> {
     let [_, top, _, bottom] = axes.frame;
     let (x, _) = axes.at((rule.x, axes.y.low));
     area.draw(&PathElement::new([(x, top), (x, bottom)], GREY))?;
-    area.draw(&Text::new(rule.name.clone(), (x + 4, top + 2), style(13, HPos::Left, VPos::Top)))
+    area.draw(&Text::new(rule.name.clone(), (x + 4, top + 2 + 17 * line), style(13, HPos::Left, VPos::Top)))
 }
 
 fn draw_legend<B: DrawingBackend>(

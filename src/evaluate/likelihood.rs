@@ -1,12 +1,13 @@
 //! Bits a frame that a model needs for clips it is shown: PROTOCOLS 2.5.
 
+use super::pseudo::pseudo;
 use crate::corpus::{ClipRecord, Conditions, Corpus, EvalWindow, eval_windows, fill_sequence};
-use crate::model::{Scores, TokenLayout};
+use crate::model::{Kind, ModelConfig, Scores, TokenLayout};
 use crate::{Error, Result};
 use serde::Serialize;
 
 /// Tokens that the model is asked about at a time, in whole windows.
-const BATCH_TOKENS: usize = 4096;
+pub(super) const BATCH_TOKENS: usize = 4096;
 
 /// What a model makes of some clips.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -23,6 +24,9 @@ pub struct Likelihood {
     pub windows: usize,
     /// Windows there are; more than `windows` where a limit was set.
     pub all_windows: usize,
+    /// Whether a masked model was asked: its figures are no likelihood and don't compare with a causal model's.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub pseudo: bool,
 }
 
 /// Bits a frame of `model` on `clips`, `None` where they have no frame.
@@ -30,6 +34,9 @@ pub struct Likelihood {
 /// Windows hold as many whole words as the context does and move by half of them, see [`eval_windows`]; of each only what
 /// the one before has not scored counts. With `most` above 0, at most so many windows are taken, spread evenly. In front
 /// of each stand the labels of its clip as `conditions` knows them; those of [`Conditions::unknown`] hide all.
+///
+/// A masked model is asked for 15 % of the tokens of each window, drawn alike at every call; its figures are
+/// [`Likelihood::pseudo`].
 ///
 /// # Errors
 /// A corpus of other words than the model's; other conditions than the model's; a model whose probabilities are not finite, with the clip named.
@@ -55,12 +62,11 @@ pub fn likelihood(
             say(own)
         )));
     }
-    let all = eval_windows(clips.iter().map(|c| corpus.words(c)), own.room(model.config().context))?;
-    let taken: Vec<&EvalWindow> = match most {
-        0 => all.iter().collect(),
-        most if most >= all.len() => all.iter().collect(),
-        most => (0..most).map(|i| &all[i * all.len() / most]).collect(),
-    };
+    if model.config().kind == Kind::Masked {
+        return pseudo(model, corpus, clips, most, conditions);
+    }
+    let all = eval_windows(clips.iter().map(|c| corpus.words(c)), room(model.config(), own))?;
+    let taken = spread(&all, most);
     // the front's last token predicts a window's first
     let length = taken.iter().map(|w| w.tokens).max().unwrap_or(1) + conditions.len() - 1;
     let (mut nats, mut tokens, mut frames) = (0.0, 0, 0.0);
@@ -78,12 +84,29 @@ pub fn likelihood(
     let bits_per_frame = nats / std::f64::consts::LN_2 / frames;
     let nats_per_token = nats / tokens as f64;
     let (frames, windows, all_windows) = (frames.round() as usize, taken.len(), all.len());
-    let found = Likelihood { bits_per_frame, nats_per_token, tokens, frames, windows, all_windows };
+    let found = Likelihood { bits_per_frame, nats_per_token, tokens, frames, windows, all_windows, pseudo: false };
     Ok((tokens > 0).then_some(found))
 }
 
+/// Word tokens of a window: a masked model's last input predicts no token behind it.
+pub fn room(config: &ModelConfig, tokens: &TokenLayout) -> usize {
+    match config.kind {
+        Kind::Causal => tokens.room(config.context),
+        Kind::Masked => tokens.room(config.context).saturating_sub(1),
+    }
+}
+
+/// At most `most` windows, spread evenly; 0: all.
+pub(super) fn spread(all: &[EvalWindow], most: usize) -> Vec<&EvalWindow> {
+    match most {
+        0 => all.iter().collect(),
+        most if most >= all.len() => all.iter().collect(),
+        most => (0..most).map(|i| &all[i * all.len() / most]).collect(),
+    }
+}
+
 /// Frames of a window's scored tokens. Those of a word that is scored in part are shared out over its tokens.
-fn scored_frames(corpus: &Corpus, clip: &ClipRecord, window: &EvalWindow) -> f64 {
+pub(super) fn scored_frames(corpus: &Corpus, clip: &ClipRecord, window: &EvalWindow) -> f64 {
     let words = corpus.words(clip);
     let scored = window.start + window.scored.start..window.start + window.scored.end;
     let frames = |word: usize| {
@@ -123,7 +146,7 @@ mod tests {
     use crate::corpus::Split;
     use crate::corpus::conditions::with_labels;
     use crate::model::fast::Fast;
-    use crate::model::{Gpt, ModelConfig, Reader, Reading};
+    use crate::model::{Gpt, Reader, Reading};
     use crate::train::fixture;
     use candle_core::{Device, Tensor};
 

@@ -5,6 +5,7 @@ pub mod codes;
 pub mod floors;
 pub mod kernels;
 pub mod likelihood;
+mod pseudo;
 pub mod token_floors;
 pub mod xz;
 

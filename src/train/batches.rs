@@ -8,13 +8,18 @@
 //! Of several corpora a pass takes, of each, weight times as many windows as it has (rounded, one at least): whole rounds of
 //! them, and a drawn part of a round, of which the next pass takes the rest.
 
+use super::augment::Augment;
 use super::config::TrainConfig;
 use super::data::{Data, Part};
+use super::run::RunFile;
+use crate::corpus::fill_masked;
 use crate::corpus::windows::{fill_sequence, whole_words};
 use crate::corpus::{ClipRecord, ClipWords, Corpus, Split};
+use crate::model::Kind;
 use crate::{Error, Result, random};
 use kinelm_tokenizer::Special;
 use rand_chacha::rand_core::RngCore;
+use rayon::prelude::*;
 
 /// The windows of one step.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -22,6 +27,7 @@ pub struct Batch {
     /// (B, T) ids: the front, and all tokens but the last.
     pub inputs: Vec<u32>,
     /// (B, T) ids: from the last of the front on the tokens; `<pad>` before, and where the clip has ended.
+    /// Of a masked model the chosen tokens, each at its own place, and `<pad>` elsewhere.
     pub targets: Vec<u32>,
     /// Names of the windows' clips, with the frame at which the window starts.
     pub clips: Vec<String>,
@@ -46,10 +52,13 @@ pub struct Batches<'a> {
     ends: Vec<usize>, // per clip: windows of a round up to and with it
     shares: Vec<Share>,
     context: usize,
+    word: usize, // W, or that of the longest word
     room: usize, // of the context: tokens of words that are asked about
     batch: usize,
     seed: u64,
     label_dropout: f64,
+    masked: bool,
+    augment: Option<Augment>,
     order: Option<(u64, Vec<Window>)>, // of the pass drawn last
 }
 
@@ -129,8 +138,40 @@ impl<'a> Batches<'a> {
         if u32::try_from(pass).is_err() {
             return Err(Error::Call(format!("{pass} windows a pass; expected at most 2^32 - 1: lower the weights")));
         }
+        let word = data.tokenizer().longest_word();
         let (batch, seed, label_dropout) = (train.batch, train.seed, train.label_dropout);
-        Ok(Batches { data, clips, ends, shares, context, room, batch, seed, label_dropout, order: None })
+        Ok(Batches {
+            data,
+            clips,
+            ends,
+            shares,
+            context,
+            word,
+            room,
+            batch,
+            seed,
+            label_dropout,
+            masked: false,
+            augment: None,
+            order: None,
+        })
+    }
+
+    /// The windows of a run, changed as it says.
+    ///
+    /// # Errors
+    /// As [`Batches::new`] and [`Augment::new`].
+    pub fn of_run(run: &RunFile, data: &'a Data) -> Result<Batches<'a>> {
+        let masked = run.model.kind == Kind::Masked;
+        // a masked model's last input predicts no token behind it: the window is one shorter
+        let context = run.model.context - usize::from(masked);
+        let batches = Batches::new(data, context, &run.train)?;
+        Ok(Batches {
+            masked,
+            context: run.model.context,
+            augment: Augment::new(&run.augment, data.tokenizer(), run.train.seed)?,
+            ..batches
+        })
     }
 
     /// Windows of one pass over the corpora.
@@ -142,17 +183,34 @@ impl<'a> Batches<'a> {
     pub fn batch(&mut self, step: u64) -> Batch {
         let (b, t) = (self.batch, self.context);
         let windows: Vec<Window> = (0..b as u64).map(|i| self.window(step * b as u64 + i)).collect();
-        let mut batch = Batch { inputs: vec![0; b * t], targets: vec![0; b * t], clips: Vec::with_capacity(b) };
-        let rows = batch.inputs.chunks_mut(t).zip(batch.targets.chunks_mut(t));
-        for (&window, (input, target)) in windows.iter().zip(rows) {
-            let stand = self.stand(window);
-            let TrainClip { corpus, record, .. } = self.clips[stand.clip];
-            let ids = corpus.ids(record, stand.start..stand.start + stand.tokens);
-            fill_sequence(&ids, &self.front(record, window), Special::Pad.id(), input, target);
-            let frame = corpus.frames_of(record, 0..stand.word);
-            batch.clips.push(format!("{} from frame {frame}", record.name));
-        }
+        let mut batch = Batch { inputs: vec![0; b * t], targets: vec![0; b * t], clips: Vec::new() };
+        batch.clips.resize(b, String::new());
+        let rows = (batch.inputs.par_chunks_mut(t), batch.targets.par_chunks_mut(t), &mut batch.clips, &windows);
+        rows.into_par_iter().for_each(|(input, target, clip, &window)| *clip = self.fill(window, input, target));
         batch
+    }
+
+    /// Writes a window (T); gives the name of its clip and where it starts.
+    fn fill(&self, window: Window, input: &mut [u32], target: &mut [u32]) -> String {
+        let stand = self.stand(window);
+        let TrainClip { corpus, record, .. } = self.clips[stand.clip];
+        let augment = self.augment.as_ref();
+        let changed = augment.and_then(|a| a.ids(corpus, record, &stand, window, self.room));
+        let ids = changed.unwrap_or_else(|| corpus.ids(record, stand.start..stand.start + stand.tokens));
+        let front = self.front(record, window);
+        let (pad, dropped) = (Special::Pad.id(), augment.map_or_else(Vec::new, |a| a.dropped(window)));
+        if self.masked {
+            let may = |k: usize| !dropped.contains(&(k % self.word));
+            let mut rng = random::stream(self.seed, "mask", window.round, window.number as u64);
+            fill_masked((&ids, &front), pad, &may, &mut rng, (&mut *input, &mut *target));
+        } else {
+            fill_sequence(&ids, &front, pad, input, target);
+        }
+        if !dropped.is_empty() {
+            let first = front.len() - usize::from(!self.masked);
+            hide(&dropped, self.word, &mut input[front.len()..], &mut target[first..]);
+        }
+        format!("{} from frame {}", record.name, corpus.frames_of(record, 0..stand.word))
     }
 
     /// The window at a place in the order of the data: of step s, place i of the batch, that is s B + i.
@@ -226,6 +284,19 @@ impl<'a> Batches<'a> {
     }
 }
 
+/// Puts `<mask>` for the tokens at these places of each word of `word` tokens, and asks for none of them. Both begin with a
+/// word's first token.
+fn hide(places: &[usize], word: usize, inputs: &mut [u32], targets: &mut [u32]) {
+    let pad = Special::Pad.id();
+    let hidden = |k: usize| places.contains(&(k % word));
+    inputs
+        .iter_mut()
+        .enumerate()
+        .filter(|(k, id)| hidden(*k) && **id != pad)
+        .for_each(|(_, id)| *id = Special::Mask.id());
+    targets.iter_mut().enumerate().filter(|(k, _)| hidden(*k)).for_each(|(_, id)| *id = pad);
+}
+
 /// Fisher and Yates's order.
 fn shuffle<T>(all: &mut [T], rng: &mut impl RngCore) {
     for last in (1..all.len()).rev() {
@@ -237,6 +308,7 @@ fn shuffle<T>(all: &mut [T], rng: &mut impl RngCore) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::ModelConfig;
     use crate::train::fixture;
 
     /// Without conditions.
@@ -381,6 +453,32 @@ mod tests {
         }
         let both = hidden.inputs.chunks(37).filter(|w| w[1..3] == [4, 4]).count();
         assert!(both.abs_diff(100) < 40, "{both}");
+    }
+
+    #[test]
+    fn batches_of_a_masked_model_ask_for_hidden_tokens_at_their_own_places() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::corpus(dir.path(), &[(30, Split::Train), (3, Split::Train)])).unwrap();
+        let train = TrainConfig { batch: 7, ..Default::default() };
+        let model = ModelConfig { kind: Kind::Masked, context: 36, ..Default::default() };
+        let run = RunFile::new(&model, &train, &data).unwrap();
+        let found = Batches::of_run(&run, &data).unwrap().batch(0);
+        let plain = of(&data, 35, 7, 1).unwrap().batch(0);
+        assert_eq!((found.length(), &found.clips), (36, &plain.clips));
+        let rows = found.inputs.chunks(36).zip(found.targets.chunks(36));
+        for ((input, target), whole) in rows.zip(plain.targets.chunks(35)) {
+            let n = whole.iter().filter(|id| **id != 0).count();
+            // 35 tokens: 6 asked about, 1 of them in sight; 21 of the short clip: 4, none in sight
+            let expected = if n == 35 { (6, 5) } else { (4, 4) };
+            let count = |of: &[u32], is: &dyn Fn(u32) -> bool| of.iter().filter(|id| is(**id)).count();
+            assert_eq!((count(target, &|id| id != 0), count(input, &|id| id == 3)), expected);
+            for i in 1..36 {
+                let own = whole[i - 1];
+                assert!(target[i] == 0 && input[i] == own || target[i] == own && [own, 3].contains(&input[i]));
+            }
+        }
+        let again = Batches::of_run(&run, &data).unwrap().batch(1);
+        assert_ne!(again.targets, found.targets);
     }
 
     #[test]

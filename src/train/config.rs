@@ -1,5 +1,6 @@
 //! A training file: `[model]`, `[train]`, and where the corpus and the run are.
 
+use super::augment::AugmentConfig;
 use super::data::CorpusPart;
 use super::schedule::Schedule;
 use crate::corpus::conditions::in_order;
@@ -25,6 +26,8 @@ pub struct TrainFile {
     pub model: ModelConfig,
     /// How it is trained.
     pub train: TrainConfig,
+    /// How the motion is changed on the way.
+    pub augment: AugmentConfig,
 }
 
 /// The `[train]` table. Defaults are PROTOCOLS 5.1's.
@@ -143,7 +146,12 @@ impl TrainFile {
             Error::in_text((path, text), e.span(), e.message(), "a training file", help)
         })?;
         let corpora = || file.corpora()?.iter().try_for_each(CorpusPart::validate);
-        let checked = file.model.validate().and_then(|()| file.train.validate()).and_then(|()| corpora());
+        let checked = file
+            .model
+            .validate()
+            .and_then(|()| file.train.validate())
+            .and_then(|()| file.augment.validate())
+            .and_then(|()| corpora());
         checked.map_err(|e| Error::file(path, e.to_string(), "keys within their limits", ""))?;
         Ok(file)
     }
@@ -225,6 +233,8 @@ mod tests {
         assert!(said("[train]\nlabel_dropout = 2").contains("train.label_dropout is 2; expected 0 to 1"));
         assert!(said("[model]\nlayers = 0").contains("model.layers is 0"));
         assert!(said("[model").starts_with("a.toml:1:"));
+        assert!(said("[augment]\nmirror = 1.5").contains("augment.mirror is 1.5; expected 0 to 1"));
+        assert!(said("[augment]\nspeed = nan").contains("augment.speed is NaN; expected 0 to 0.5"));
         assert!(said("corpus = \"a\"\n[[corpora]]\npath = \"b\"").contains("corpus and [[corpora]]"));
         assert!(said("[[corpora]]\npath = \"b\"\nweight = 0").contains("the weight of b is 0; expected above 0"));
     }

@@ -2,7 +2,7 @@
 
 use crate::corpus::conditions::{Conditions, with_labels};
 use crate::corpus::{ClipRecord, Corpus, Split, eval_windows};
-use crate::evaluate::likelihood::{Likelihood, likelihood};
+use crate::evaluate::likelihood::{Likelihood, likelihood, room};
 use crate::model::{Scores, TokenLayout};
 use crate::{Error, Result};
 use kinelm_tokenizer::Tokenizer;
@@ -169,7 +169,7 @@ impl Data {
     pub fn likelihood(&self, model: &mut dyn Scores, split: Split, most: usize) -> Result<Option<Likelihood>> {
         let clips: Vec<Vec<&ClipRecord>> =
             self.parts.iter().map(|p| p.corpus.split(split).filter(|c| c.frames > 0).collect()).collect();
-        let room = model.tokens().room(model.config().context);
+        let room = room(model.config(), model.tokens());
         let mut windows = Vec::with_capacity(clips.len());
         for (part, clips) in self.parts.iter().zip(&clips) {
             windows.push(eval_windows(clips.iter().map(|c| part.corpus.words(c)), room)?.len());
@@ -201,6 +201,7 @@ fn together(all: &[Likelihood]) -> Option<Likelihood> {
         frames: count(|l| l.frames),
         windows: count(|l| l.windows),
         all_windows: count(|l| l.all_windows),
+        pseudo: first.pseudo,
     })
 }
 

@@ -1,6 +1,7 @@
 //! Training: from a corpus to a run folder.
 
 pub mod adamw;
+pub mod augment;
 pub mod average;
 pub mod batches;
 pub mod config;

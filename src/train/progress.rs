@@ -87,7 +87,8 @@ impl<W: Write> Progress for Lines<W> {
             false => String::new(),
         };
         let mark = if best { ", the best so far" } else { "" };
-        let _ = writeln!(self.out, "step {step}: validation {:.2} bits/frame{share}{mark}", found.bits_per_frame);
+        let (bits, pseudo) = (found.bits_per_frame, if found.pseudo { "pseudo " } else { "" });
+        let _ = writeln!(self.out, "step {step}: validation {bits:.2} {pseudo}bits/frame{share}{mark}");
     }
 
     fn note(&mut self, text: &str) {
@@ -128,6 +129,7 @@ mod tests {
             frames: 3,
             windows: 3,
             all_windows: 9,
+            pseudo: false,
         };
         let run = |live| {
             let mut out = Vec::new();

@@ -1,5 +1,6 @@
 //! The run folder: configuration, tokenizer and corpus description of a training run.
 
+use super::augment::AugmentConfig;
 use super::config::TrainConfig;
 use super::data::{CorpusPart, Data, Part};
 use crate::corpus::Corpus;
@@ -30,6 +31,9 @@ pub struct RunFile {
     pub model: ModelConfig,
     /// How it is trained.
     pub train: TrainConfig,
+    /// How the motion is changed on the way.
+    #[serde(default)]
+    pub augment: AugmentConfig,
     /// What the tokenizer decided.
     pub tokens: TokenLayout,
     /// Where its first weights are from, if they weren't drawn.
@@ -83,6 +87,7 @@ impl RunFile {
             corpora: data.parts().iter().map(RunCorpus::of).collect::<Result<_>>()?,
             model: model.resolved(&tokens),
             train: train.clone(),
+            augment: AugmentConfig::default(),
             tokens,
             from: None,
         })

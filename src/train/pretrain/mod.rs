@@ -114,7 +114,7 @@ fn asked(
     let mut train = file.train.clone();
     train.steps = options.steps.unwrap_or(train.steps);
     train.seed = options.seed.unwrap_or(train.seed);
-    let mut run = RunFile::new(&file.model, &train, &data)?;
+    let mut run = RunFile { augment: file.augment, ..RunFile::new(&file.model, &train, &data)? };
     let weights = source.map(|source| source.weights(&mut run)).transpose()?;
     Ok((run, data, weights))
 }
@@ -130,7 +130,8 @@ fn found(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)> 
     if let Some(given) = &options.file {
         let mut train = given.train.clone();
         (train.steps, train.seed) = (file.train.steps, options.seed.unwrap_or(train.seed));
-        if given.model.resolved(&file.tokens) != file.model.resolved(&file.tokens) || train != file.train {
+        let (asked, own) = (given.model.resolved(&file.tokens), file.model.resolved(&file.tokens));
+        if asked != own || train != file.train || given.augment != file.augment {
             let what = "was begun with another configuration; leave --config out to go on with the run's own";
             return Err(Error::Call(format!("{} {what}", run.path().display())));
         }
@@ -158,7 +159,7 @@ pub fn begin(
     weights: Option<BTreeMap<String, Tensor>>,
 ) -> Result<RunFolder> {
     // whatever is refused must not leave an empty run behind
-    Batches::new(data, file.model.context, &file.train)?;
+    Batches::of_run(file, data)?;
     room::check(&file.model, &file.tokens, &file.train)?;
     let first = weights.map(|weights| saved::first(file, weights)).transpose()?;
     let folder = RunFolder::create(run)?;

@@ -51,8 +51,8 @@ impl<'a> Trainer<'a> {
         progress: &'a mut dyn Progress,
     ) -> Result<Trainer<'a>> {
         let started = Instant::now();
-        let (c, t) = (&file.model, &file.train);
-        let batches = Batches::new(data, c.context, t)?;
+        let c = &file.model;
+        let batches = Batches::of_run(&file, data)?;
         if !data.has(Split::Valid) {
             progress.note("the corpus has no validation clip: the run is not measured, its latest checkpoint counts");
         }

@@ -1,0 +1,88 @@
+//! Windows of a masked model: some tokens are hidden, and each chosen one is its own target (PROTOCOLS 5.4).
+
+use kinelm_tokenizer::Special;
+use rand_chacha::rand_core::RngCore;
+
+/// Of the tokens that may be chosen, so many are.
+const CHOSEN: f64 = 0.15;
+/// Of those chosen, so many stay as they are; the others become `<mask>`.
+const LEFT: f64 = 0.1;
+
+/// How many of `n` tokens are chosen: 15 %, rounded up.
+pub fn chosen(n: usize) -> usize {
+    (CHOSEN * n as f64 - 1e-9).ceil() as usize
+}
+
+/// Writes a sequence of T places from the tokens of a window: `front` and the tokens to `input`, `pad` behind them. Of the
+/// tokens whose number `may` allows, 15 % (rounded up) are chosen; the target of each stands at its own place, not one
+/// before as in [`fill_sequence`](super::fill_sequence), and all others are `pad`. A tenth of the chosen (rounded) stay in
+/// the input, the others are `<mask>` there.
+///
+/// # Panics
+/// If `input` and `target` differ in length, or front and tokens don't fit.
+pub fn fill_masked(
+    (tokens, front): (&[u32], &[u32]),
+    pad: u32,
+    may: &dyn Fn(usize) -> bool,
+    rng: &mut impl RngCore,
+    (input, target): (&mut [u32], &mut [u32]),
+) {
+    assert_eq!(input.len(), target.len(), "input and target of one length");
+    let (k, end) = (front.len(), front.len() + tokens.len());
+    assert!(end <= input.len(), "{end} tokens for {} places", input.len());
+    input[..k].copy_from_slice(front);
+    input[k..end].copy_from_slice(tokens);
+    input[end..].fill(pad);
+    target.fill(pad);
+    let mut open: Vec<usize> = (0..tokens.len()).filter(|&i| may(i)).collect();
+    let number = chosen(open.len());
+    let left = (LEFT * number as f64).round() as usize;
+    for i in 0..number {
+        let others = (open.len() - i) as u64;
+        open.swap(i, i + (rng.next_u64() % others) as usize);
+        let place = k + open[i];
+        target[place] = input[place];
+        // the order is random, so the first are as good as any
+        if i >= left {
+            input[place] = Special::Mask.id();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random;
+
+    #[test]
+    fn fifteen_percent_are_chosen_and_a_tenth_of_them_stays() {
+        assert_eq!([0, 1, 6, 7, 20, 100, 101].map(chosen), [0, 1, 1, 2, 3, 15, 16]);
+        let tokens: Vec<u32> = (10..210).collect();
+        let mut counts = vec![0; 200];
+        for window in 0..400 {
+            let (mut input, mut target) = ([9; 220], [9; 220]);
+            let mut rng = random::stream(1, "mask", 0, window);
+            fill_masked((&tokens, &[1, 7]), 0, &|_| true, &mut rng, (&mut input, &mut target));
+            assert_eq!((input[..2].to_vec(), &input[202..], &target[202..]), (vec![1, 7], &[0; 18][..], &[0; 18][..]));
+            let asked: Vec<usize> = (0..220).filter(|&i| target[i] != 0).collect();
+            assert_eq!((asked.len(), input.iter().filter(|id| **id == 3).count()), (30, 27));
+            for i in 2..202 {
+                let own = tokens[i - 2];
+                assert!(target[i] == 0 && input[i] == own || target[i] == own && [own, 3].contains(&input[i]));
+            }
+            asked.iter().for_each(|i| counts[i - 2] += 1);
+        }
+        // 60 each; five standard deviations of a binomial are 36
+        assert!(counts.iter().all(|&c: &i32| (c - 60).abs() < 36), "{counts:?}");
+    }
+
+    #[test]
+    fn what_may_not_be_chosen_is_not_and_does_not_count() {
+        let (mut input, mut target) = ([9; 41], [9; 41]);
+        let tokens = [5; 40];
+        let mut rng = random::stream(1, "mask", 0, 0);
+        fill_masked((&tokens, &[1]), 0, &|i| i % 2 == 0, &mut rng, (&mut input, &mut target));
+        assert_eq!(target.iter().filter(|id| **id == 5).count(), 3);
+        assert!((1..41).all(|i| target[i] == 0 || (i - 1) % 2 == 0));
+    }
+}

@@ -111,17 +111,24 @@ fn model(args: LikelihoodArgs, say: Say) -> Result<()> {
             "schema": 1, "checkpoint": checkpoint, "split": args.split.to_string(),
             "bits_per_frame": found.bits_per_frame, "bits_per_s": found.bits_per_frame * corpus.manifest().fps,
             "nats_per_token": found.nats_per_token, "tokens": found.tokens, "frames": found.frames,
-            "windows": found.windows, "all_windows": found.all_windows, "floors": floors.to_json(),
+            "windows": found.windows, "all_windows": found.all_windows, "pseudo": found.pseudo, "floors": floors.to_json(),
         });
         return print(&format!("{line}\n"));
     }
-    print(&format!("{floors}\n{}\n", figure_row("the model", found.bits_per_frame, None)))?;
+    print(&format!(
+        "{floors}\n{}\n",
+        figure_row(if found.pseudo { "the model (pseudo)" } else { "the model" }, found.bits_per_frame, None)
+    ))?;
     let (tokens, frames, windows, of) = (found.tokens, found.frames, found.windows, found.all_windows);
     let per_s = found.bits_per_frame * corpus.manifest().fps;
     say.line(format_args!(
         "{checkpoint}: {per_s:.1} bits/s; {tokens} tokens of {frames} frames scored once, in {windows} of {of} windows"
     ));
-    if found.bits_per_frame >= floors.best() {
+    if found.pseudo {
+        say.line(
+            "a masked model sees both sides of what it is asked: its bits are no likelihood and stand beside no other",
+        );
+    } else if found.bits_per_frame >= floors.best() {
         say.line("the model is not below the best static model of its own tokens");
     }
     Ok(())

@@ -14,7 +14,11 @@ const JOINTS: [usize; 4] = [0, 1, 2, 16];
 
 /// Two dances of 12 s in a corpus.
 fn corpus(dir: &Path, config: TokenizerConfig) -> Corpus {
-    let dances: Vec<_> = synth::corpus(7, 2, 12.0, 20.0).unwrap().into_iter().map(|d| d.clip).collect();
+    corpus_of(dir, config, 12.0)
+}
+
+fn corpus_of(dir: &Path, config: TokenizerConfig, seconds: f64) -> Corpus {
+    let dances: Vec<_> = synth::corpus(7, 2, seconds, 20.0).unwrap().into_iter().map(|d| d.clip).collect();
     let tokenizer = Tokenizer::fit(&dances, config).unwrap();
     let mut writer = CorpusWriter::create(&dir.join("corpus"), &tokenizer, &["made".into()], None, true).unwrap();
     for (key, dance) in dances.iter().enumerate() {
@@ -30,10 +34,9 @@ fn uniform(root_rotation: RootRotation) -> TokenizerConfig {
     TokenizerConfig { root_rotation, ..TokenizerConfig::uniform(&JOINTS, 20.0, 360) }
 }
 
-/// Of 12 words from `first` on: those that are other words after `change`.
-fn differ(corpus: &Corpus, first: usize, change: &dyn Fn(Clip) -> Result<Clip>) -> usize {
+/// Of so many words from `first` on: those that are other words after `change`.
+fn differ(corpus: &Corpus, first: usize, words: usize, change: &dyn Fn(Clip) -> Result<Clip>) -> usize {
     let clip = &corpus.clips()[0];
-    let words = 12.min(corpus.words(clip).len() - first);
     let piece = Piece { corpus, clip, first, words, factor: 1.0 };
     let t = corpus.tokenizer();
     let read = |ids: &[u32]| t.words_of_ids(ids).words;
@@ -52,10 +55,10 @@ fn windows_anywhere_keep_their_words_where_nothing_changes_and_where_they_are_mi
         let corpus = corpus(dir.path(), config);
         let words = corpus.words(&corpus.clips()[0]).len();
         for first in [0, 1, 2, 77, 150, words - 12] {
-            assert_eq!(differ(&corpus, first, &Ok), 0, "{:?} from {first}", corpus.tokenizer().config());
+            assert_eq!(differ(&corpus, first, 12, &Ok), 0, "{:?} from {first}", corpus.tokenizer().config());
             let twice = |c: Clip| mirror::mirrored(&mirror::mirrored(&c)?);
-            assert_eq!(differ(&corpus, first, &twice), 0, "in two mirrors from {first}");
-            assert!(differ(&corpus, first, &|c| mirror::mirrored(&c)) > 6, "in one mirror from {first}");
+            assert_eq!(differ(&corpus, first, 12, &twice), 0, "in two mirrors from {first}");
+            assert!(differ(&corpus, first, 12, &|c| mirror::mirrored(&c)) > 6, "in one mirror from {first}");
         }
     }
 }
@@ -66,20 +69,20 @@ fn tiles_that_are_coded_again_stay_near() {
     let dir = tempfile::tempdir().unwrap();
     for scheme in [SchemeConfig::Dct(DctConfig::default()), SchemeConfig::Lapped(LappedConfig::default())] {
         let config = TokenizerConfig { scheme, ..TokenizerConfig::uniform(&JOINTS, 20.0, 360) };
-        let corpus = corpus(dir.path(), config);
+        let corpus = corpus_of(dir.path(), config, 60.0);
         let (clip, t) = (&corpus.clips()[0], corpus.tokenizer());
         let l = t.frames_per_word();
         let (mut differing, mut all) = (0, 0);
-        for first in 0..corpus.words(clip).len() - 12 {
-            differing += differ(&corpus, first, &Ok);
-            all += 12;
+        for first in 0..corpus.words(clip).len() - 3 {
+            differing += differ(&corpus, first, 3, &Ok);
+            all += 3;
         }
         println!("words of {l} frames: {differing} of {all} differ");
         // what they say is near: rotations of the middle of a window, decoded in its surroundings
-        let first = 9;
-        let piece = Piece { corpus: &corpus, clip, first, words: 12, factor: 1.0 };
+        let first = 7;
+        let piece = Piece { corpus: &corpus, clip, first, words: 3, factor: 1.0 };
         let decode = |ids: &[u32]| t.decode(&t.words_of_ids(ids).words, Rest::Identity).unwrap();
-        let (new, old) = (decode(&piece.recoded(t, &Ok).unwrap()), decode(&corpus.word_ids(clip, first..first + 12)));
+        let (new, old) = (decode(&piece.recoded(t, &Ok).unwrap()), decode(&corpus.word_ids(clip, first..first + 3)));
         let angles: f64 = new.rotations().iter().zip(old.rotations()).map(|(a, b)| angle_between(*a, *b)).sum();
         let degrees = (angles / (new.frames() * JOINTS.len()) as f64).to_degrees();
         println!("words of {l} frames: {degrees:.3} degrees apart");
@@ -156,7 +159,8 @@ fn faster_windows_at_a_clips_end_are_shorter_and_others_keep_their_length() {
         piece.recoded(corpus.tokenizer(), &Ok).unwrap().len() / 16
     };
     assert_eq!((length(40, 1.25), length(40, 0.8), length(words - 12, 0.8)), (12, 12, 12));
-    assert_eq!(length(words - 12, 1.25), 10);
+    // 12 frames and the one before them in 4/5 of the time
+    assert_eq!(length(words - 12, 1.25), 9);
 }
 
 #[test]

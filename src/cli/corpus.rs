@@ -1,8 +1,11 @@
-//! `kinelm corpus stats` and `merge`.
+//! `kinelm corpus stats`, `order` and `merge`.
 
 use super::{Say, print};
 use anyhow::Result;
 use kinelm::corpus::{Corpus, merge::merge, stats::stats};
+use kinelm::train::order::order;
+use kinelm::train::run::RunFile;
+use kinelm::train::{CorpusPart, Data, TrainConfig, TrainFile};
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]
@@ -14,6 +17,25 @@ pub enum Command {
         /// One JSON object instead of text
         #[arg(long)]
         json: bool,
+    },
+    /// The windows that a training takes, in their order, for programs that train on the corpus themselves: which clip, from
+    /// which token, how many tokens, (steps, rows, 3) int64
+    Order {
+        /// The corpus folder; several as `pretrain` takes them
+        #[arg(long, value_name = "CORPUS[=WEIGHT]")]
+        corpus: Vec<CorpusPart>,
+        /// The training TOML
+        #[arg(long, value_name = "FILE")]
+        config: PathBuf,
+        /// Steps; those of the file if not given
+        #[arg(long, value_name = "N")]
+        steps: Option<u64>,
+        /// The seed, over the file's
+        #[arg(long, value_name = "N")]
+        seed: Option<u64>,
+        /// Where they go: an archive FILE.npz, or a folder that gets windows.npy
+        #[arg(long, value_name = "FILE.npz|DIR")]
+        out: PathBuf,
     },
     /// Put the pieces of `tokenize --shard` together
     Merge {
@@ -34,6 +56,17 @@ pub fn run(command: Command, say: Say) -> Result<()> {
         Command::Stats { corpus, json } => {
             let found = stats(&Corpus::open(&corpus)?)?;
             print(&if json { serde_json::to_string(&found)? + "\n" } else { format!("{found}\n") })
+        }
+        Command::Order { corpus, config, steps, seed, out } => {
+            let file = TrainFile::load(&config)?;
+            let corpora = if corpus.is_empty() { file.corpora()? } else { corpus };
+            let data = Data::open(&corpora, None, &file.train.conditions)?;
+            let train = TrainConfig { seed: seed.unwrap_or(file.train.seed), ..file.train };
+            let steps = steps.unwrap_or(train.steps);
+            let found = order(&RunFile::new(&file.model, &train, &data)?, &data, steps)?;
+            found.write(&out)?;
+            say.line(format_args!("{}: {steps} steps of {} windows", out.display(), found.rows));
+            Ok(())
         }
         Command::Merge { shards, out, force } => {
             let manifest = merge(&shards, &out, force)?;

@@ -10,6 +10,7 @@ mod demo;
 mod draw;
 mod evaluate;
 mod export;
+mod finetune;
 mod fit;
 mod generate;
 mod import;
@@ -66,6 +67,8 @@ enum Command {
     /// Training runs: which there are, and their curves
     #[command(subcommand)]
     Runs(runs::Command),
+    /// Train on from another run's weights, with more labels if the clips have them
+    Finetune(finetune::Args),
     /// A learning rate for a model: a few hundred steps at rates that grow until the loss blows up, as a plot
     LrFind(lr_find::Args),
     /// A new dance that follows chosen joints of a clip
@@ -180,6 +183,7 @@ fn command(command: Command, say: Say) -> Result<()> {
         Command::Corpus(command) => corpus::run(command, say),
         Command::Pretrain(args) => pretrain::run(args, say),
         Command::Runs(command) => runs::run(command, say),
+        Command::Finetune(args) => finetune::run(args, say),
         Command::LrFind(args) => lr_find::run(args, say),
         Command::Generate(args) => generate::run(args, say),
         Command::Export(args) => export::run(args, say),

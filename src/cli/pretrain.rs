@@ -47,7 +47,11 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         resume: args.resume,
         compute: args.compute.get(),
     };
-    let summary = watched(&options, say)?;
+    told(&watched(&options, say)?, "pretrain", say)
+}
+
+/// Says how a run ended.
+pub fn told(summary: &Summary, command: &str, say: Say) -> Result<()> {
     let (run, checkpoint) = (summary.run.display(), summary.checkpoint.display());
     let (steps, tokens, seconds) = (summary.step, summary.tokens, summary.seconds);
     say.line(format_args!("{checkpoint}: {steps} steps and {tokens} tokens in all, {seconds:.0} s now"));
@@ -62,7 +66,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     if summary.stopped {
         let step = summary.step;
         return Err(
-            Stopped(format!("stopped after step {step}; go on with: kinelm pretrain --run {run} --resume")).into()
+            Stopped(format!("stopped after step {step}; go on with: kinelm {command} --run {run} --resume")).into()
         );
     }
     Ok(())
@@ -70,11 +74,19 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 
 /// Trains with lines on stderr, until it is done or Ctrl-C comes.
 pub fn watched(options: &PretrainOptions, say: Say) -> Result<Summary> {
+    with_lines(say, |stop, progress| pretrain(options, stop, progress))
+}
+
+/// Runs a training with lines on stderr and a flag that Ctrl-C sets.
+pub fn with_lines(
+    say: Say,
+    train: impl FnOnce(&AtomicBool, &mut dyn Progress) -> kinelm::Result<Summary>,
+) -> Result<Summary> {
     let stop = stop_on_ctrl_c()?;
     let stderr = std::io::stderr();
     let mut lines = Lines::new(stderr.lock(), stderr.is_terminal());
     let progress: &mut dyn Progress = if say.quiet() { &mut Silent } else { &mut lines };
-    Ok(pretrain(options, &stop, progress)?)
+    Ok(train(&stop, progress)?)
 }
 
 /// A flag that the first Ctrl-C sets; the second ends the program at once.

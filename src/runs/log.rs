@@ -138,7 +138,18 @@ pub(super) mod tests {
                 let counts = [9, 3, 3, 9];
                 let [tokens, frames, windows, all_windows] = counts;
                 metrics
-                    .valid(step, &Likelihood { bits_per_frame, nats_per_token, tokens, frames, windows, all_windows })
+                    .valid(
+                        step,
+                        &Likelihood {
+                            bits_per_frame,
+                            nats_per_token,
+                            tokens,
+                            frames,
+                            windows,
+                            all_windows,
+                            pseudo: false,
+                        },
+                    )
                     .unwrap();
             }
         }

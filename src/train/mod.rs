@@ -7,13 +7,16 @@ pub mod batches;
 pub mod config;
 pub mod data;
 pub mod fast;
+pub mod finetune;
 #[cfg(test)]
 pub(crate) mod fixture;
 pub mod folder;
+pub mod grow;
 pub mod import;
 pub mod learner;
 pub mod lr_find;
 pub mod metrics;
+pub mod order;
 #[cfg(test)]
 mod parity;
 pub mod plain;

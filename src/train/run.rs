@@ -49,6 +49,9 @@ pub struct Origin {
     pub path: PathBuf,
     /// How many updates they had there.
     pub step: u64,
+    /// SHA-256 of the weights as kinelm writes them.
+    #[serde(default)]
+    pub sha256: String,
 }
 
 /// A corpus of a run.
@@ -100,6 +103,7 @@ impl RunFile {
             kinelm: env!("CARGO_PKG_VERSION").into(),
             tokenizer_sha256: tokenizer.hash(),
             corpora: Vec::new(),
+            augment: AugmentConfig::default(),
             model: run.config.resolved(&run.tokens),
             train: TrainConfig { conditions: run.conditions.clone(), ..Default::default() },
             tokens: run.tokens.clone(),

@@ -2,7 +2,9 @@
 
 use crate::model::exchange;
 use crate::model::{LoadedRun, ModelConfig};
-use crate::train::run::{Origin, RunFile};
+use crate::train::finetune::origin;
+use crate::train::grow::{Language, grow};
+use crate::train::run::RunFile;
 use crate::{Error, Result};
 use candle_core::Tensor;
 use kinelm_tokenizer::Tokenizer;
@@ -45,8 +47,8 @@ impl Source {
                 "the weights of {path} are another model's: {what}; give --config its [model]"
             )));
         }
-        file.from = Some(Origin { path: self.path.clone(), step: self.run.state.step });
-        grow(self.run, file)
+        file.from = Some(origin(&self.path, &self.run)?);
+        grown(self.run, file)
     }
 }
 
@@ -64,12 +66,8 @@ fn differing(asked: &ModelConfig, found: &ModelConfig) -> Result<Vec<String>> {
 }
 
 /// The weights, with room for what the new run's tokens have more.
-fn grow(run: LoadedRun, file: &RunFile) -> Result<BTreeMap<String, Tensor>> {
-    if run.tokens == file.tokens {
-        return Ok(run.weights);
-    }
-    Err(Error::Call(format!(
-        "the weights know {} ids and {} tokens in front of a window, the run has {} and {}; expected the same",
-        run.tokens.vocabulary, run.tokens.front, file.tokens.vocabulary, file.tokens.front
-    )))
+fn grown(run: LoadedRun, file: &RunFile) -> Result<BTreeMap<String, Tensor>> {
+    let old = Language { tokens: &run.tokens, conditions: &run.conditions };
+    let new = Language { tokens: &file.tokens, conditions: &file.train.conditions };
+    grow(&run.weights, &file.model, old, new, file.train.seed)
 }

@@ -1,0 +1,52 @@
+//! `kinelm finetune`.
+
+use super::{ComputeArgs, Say, WrongCall};
+use anyhow::Result;
+use kinelm::train::finetune::{FinetuneOptions, finetune};
+use kinelm::train::{CorpusPart, PretrainOptions, pretrain};
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// What to begin with: a run, whose best checkpoint counts, or a folder that `kinelm export` or transformers wrote
+    #[arg(long, value_name = "RUN|DIR", required_unless_present = "resume", conflicts_with = "resume")]
+    from: Option<PathBuf>,
+    /// The training TOML; the model's shape is that of --from, so [model] is left out or says the same (but dropout)
+    #[arg(long, value_name = "FILE", required_unless_present = "resume", conflicts_with = "resume")]
+    config: Option<PathBuf>,
+    /// A corpus of the same tokenizer; given several times, all of them, each of whose windows comes WEIGHT times a pass
+    #[arg(long, value_name = "CORPUS[=WEIGHT]")]
+    corpus: Vec<CorpusPart>,
+    /// The new run's folder
+    #[arg(long, value_name = "RUN")]
+    run: Option<PathBuf>,
+    /// Steps in all
+    #[arg(long, value_name = "N")]
+    steps: Option<u64>,
+    /// The seed of new rows, the order of windows, dropout and augmentation
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Go on with the run from its last whole checkpoint
+    #[arg(long, requires = "run")]
+    resume: bool,
+    #[command(flatten)]
+    compute: ComputeArgs,
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    let compute = args.compute.get();
+    let summary = match (args.from, args.config) {
+        _ if args.resume => {
+            let (corpora, run, steps, seed) = (args.corpus, args.run, args.steps, args.seed);
+            let options = PretrainOptions { corpora, run, steps, seed, resume: true, compute, ..Default::default() };
+            super::pretrain::with_lines(say, |stop, progress| pretrain(&options, stop, progress))?
+        }
+        (Some(from), Some(config)) => {
+            let (corpora, run, steps, seed) = (args.corpus, args.run, args.steps, args.seed);
+            let options = FinetuneOptions { from, config, corpora, run, steps, seed, compute };
+            super::pretrain::with_lines(say, |stop, progress| finetune(&options, stop, progress))?
+        }
+        _ => return Err(WrongCall("give --from and --config, or --resume".into()).into()),
+    };
+    super::pretrain::told(&summary, "finetune", say)
+}

@@ -1,0 +1,106 @@
+//! The windows of a training in their order, for programs that train on them themselves.
+
+use super::batches::Batches;
+use super::data::Data;
+use super::run::RunFile;
+use crate::{Error, Result, files};
+use npyz::WriterBuilder;
+use std::io::{Cursor, Write};
+use std::path::Path;
+use zip::ZipWriter;
+use zip::write::SimpleFileOptions;
+
+/// Which windows each step trains on, (steps, rows, 3): the clip, its first token that the window shows and how many it
+/// shows; rows are those of all batches of a step. Clips count from 0 over the training clips that have frames, in the
+/// order of `clips.jsonl`, those of a second corpus behind those of the first.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Order {
+    /// Windows of a step: batch times accumulate.
+    pub rows: usize,
+    /// (steps, rows, 3).
+    pub windows: Vec<i64>,
+}
+
+/// The order of the first `steps` steps of a run, without what augmentation changes of a window.
+///
+/// # Errors
+/// Those of [`Batches::of_run`].
+pub fn order(run: &RunFile, data: &Data, steps: u64) -> Result<Order> {
+    let mut batches = Batches::of_run(run, data)?;
+    let rows = run.train.batch * run.train.accumulate;
+    let mut windows = Vec::new();
+    for place in 0..steps * rows as u64 {
+        let window = batches.window(place);
+        let stand = batches.stand(window);
+        windows.extend([stand.clip, stand.start, stand.tokens].map(|n| n as i64));
+    }
+    Ok(Order { rows, windows })
+}
+
+impl Order {
+    /// Writes `windows` (steps, rows, 3) int64: as `windows.npy` into the folder `out`, or as an archive if `out` ends in
+    /// `.npz`. The file is whole or not there.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn write(&self, out: &Path) -> Result<()> {
+        let npy = self.npy().map_err(Error::io(out))?;
+        if out.extension().is_some_and(|e| e == "npz") {
+            let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+            let refused = |e: zip::result::ZipError| Error::io(out)(e.into());
+            zip.start_file("windows.npy", SimpleFileOptions::default()).map_err(refused)?;
+            zip.write_all(&npy).map_err(Error::io(out))?;
+            let bytes = zip.finish().map_err(refused)?.into_inner();
+            return files::write_whole(out, &bytes);
+        }
+        std::fs::create_dir_all(out).map_err(Error::io(out))?;
+        files::write_whole(&out.join("windows.npy"), &npy)
+    }
+
+    fn npy(&self) -> std::io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        let shape = [self.windows.len() / 3 / self.rows, self.rows, 3].map(|n| n as u64);
+        let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(&mut bytes).begin_nd()?;
+        writer.extend(&self.windows)?;
+        writer.finish()?;
+        Ok(bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::corpus::Split;
+    use crate::model::ModelConfig;
+    use crate::train::{TrainConfig, fixture};
+
+    #[test]
+    fn the_windows_are_those_that_training_takes() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::corpus(dir.path(), &[(30, Split::Train), (9, Split::Valid), (4, Split::Train)]))
+            .unwrap();
+        let train = TrainConfig { batch: 2, accumulate: 3, ..Default::default() };
+        let model = ModelConfig { context: 36, ..Default::default() };
+        let run = RunFile::new(&model, &train, &data).unwrap();
+        let found = order(&run, &data, 5).unwrap();
+        assert_eq!((found.rows, found.windows.len()), (6, 5 * 6 * 3));
+        let mut batches = Batches::of_run(&run, &data).unwrap();
+        let clips: Vec<_> = batches.clips().collect();
+        assert_eq!(clips.iter().map(|(_, c)| c.name.as_str()).collect::<Vec<_>>(), ["clip0", "clip2"]);
+        for (batch, windows) in (0..15).map(|b| batches.batch(b)).zip(found.windows.chunks(6)) {
+            for (target, window) in batch.targets.chunks(36).zip(windows.chunks(3)) {
+                let (corpus, clip) = clips[window[0] as usize];
+                let ids = corpus.ids(clip, window[1] as usize..(window[1] + window[2]) as usize);
+                assert_eq!(target[..ids.len()], ids);
+                assert!(target[ids.len()..].iter().all(|id| *id == 0));
+            }
+        }
+        found.write(&dir.path().join("o.npz")).unwrap();
+        found.write(&dir.path().join("o")).unwrap();
+        let bytes = std::fs::read(dir.path().join("o/windows.npy")).unwrap();
+        let file = npyz::NpyFile::new(bytes.as_slice()).unwrap();
+        assert_eq!(file.shape(), [5, 6, 3]);
+        assert_eq!(file.into_vec::<i64>().unwrap(), found.windows);
+        assert!(std::fs::read(dir.path().join("o.npz")).unwrap().starts_with(b"PK"));
+    }
+}

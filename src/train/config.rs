@@ -213,6 +213,8 @@ mod tests {
         let [tiny, small, thesis] = ["tiny.toml", "small.toml", "thesis-26m.toml"].map(load);
         assert_eq!((tiny.layers, tiny.width, tiny.heads, tiny.context), (4, 128, 4, 256));
         assert_eq!((small.layers, small.width, small.heads, small.context), (6, 256, 8, 1024));
+        let fine = TrainFile::load(&folder.join("finetune.toml")).unwrap();
+        assert_eq!((fine.train.patience, fine.augment.mirror), (5, 0.5));
         assert_eq!((thesis.layers, thesis.width, thesis.heads, thesis.context), (8, 512, 8, 1024));
     }
 

@@ -181,3 +181,30 @@ fn what_makes_no_sense_is_refused_with_the_reason() {
     let root = TokenizerConfig::uniform(&[0], 20.0, 60);
     assert!(said(root, drop).unwrap_err().contains("codes the root alone"));
 }
+
+#[test]
+#[ignore = "prints frames a second of one thread, of windows with and without changes"]
+fn how_fast_windows_are_changed() {
+    let dir = tempfile::tempdir().unwrap();
+    let joints = kinelm_motion::joints::THIRTEEN;
+    let quiet = AugmentConfig::default();
+    let all = AugmentConfig { mirror: 0.5, heading: true, speed: 0.1, drop_joints: 0.3 };
+    let lapped =
+        TokenizerConfig { scheme: SchemeConfig::Lapped(LappedConfig::default()), ..TokenizerConfig::default() };
+    for (name, config) in [("uniform", TokenizerConfig::uniform(&joints, 20.0, 360)), ("lapped", lapped)] {
+        let data = Data::one(corpus_of(dir.path(), config, 60.0)).unwrap();
+        let tokens = data.tokens();
+        let all = AugmentConfig { drop_joints: if tokens.varying { 0.0 } else { 0.3 }, ..all };
+        let train = TrainConfig { batch: 200, ..Default::default() };
+        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        for augment in [quiet, all] {
+            let model = ModelConfig { context: 1024, ..Default::default() };
+            let file = RunFile { augment, ..RunFile::new(&model, &train, &data).unwrap() };
+            let mut batches = Batches::of_run(&file, &data).unwrap();
+            let started = std::time::Instant::now();
+            let batch = one.install(|| batches.batch(0));
+            let frames = batch.counted(0) as f64 / data.tokens_per_frame();
+            println!("{name}, {augment:?}: {:.0} frames/s", frames / started.elapsed().as_secs_f64());
+        }
+    }
+}

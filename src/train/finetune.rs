@@ -123,7 +123,7 @@ mod tests {
     const SOURCE: &str = "[model]\nlayers = 2\nheads = 2\nwidth = 16\ncontext = 24\n[train]\nbatch = 3\nsteps = 6\n\
                           warmup = 2\nlearning_rate = 1e-2\neval_every = 3\nconditions = [\"genre\"]\n";
     const CONFIG: &str = "[model]\nwidth = 16\ndropout = 0.1\n[train]\nbatch = 3\nsteps = 8\nwarmup = 2\n\
-                          learning_rate = 1e-3\neval_every = 4\nconditions = [\"dancer\"]\nlabel_dropout = 0.3\n\
+                          learning_rate = 1e-3\neval_every = 4\nkeep = 9\nconditions = [\"dancer\"]\nlabel_dropout = 0.3\n\
                           [augment]\nmirror = 0.5\nspeed = 0.1\n";
 
     struct StopAt<'a>(u64, &'a AtomicBool);

@@ -25,11 +25,13 @@ export OMP_NUM_THREADS=1
 kinelm() { "$kinelm" "$@" --quiet || fail "kinelm $* failed"; }
 
 kinelm demo --steps 0 --out "$out/demo"
+kinelm demo --steps 0 --seed 2 --out "$out/other"
+kinelm tokenize "$out/other/motion" --labels "$out/other/labels.csv" --tokenizer "$out/demo/tokenizer.json" --out "$out/second"
 kinelm tokenizer fit "$out/demo/motion" --labels "$out/demo/labels.csv" \
     --config "$root/configs/tokenizer/lapped.toml" --out "$out/lapped.json"
 kinelm tokenize "$out/demo/motion" --labels "$out/demo/labels.csv" --tokenizer "$out/lapped.json" --out "$out/lapped"
 
-# name, corpus; keys of [model] and of [train] over the smallest ones
+# name, corpora; keys of [model] and of [train] over the smallest ones
 form() {
     name=$1 corpus=$2 at=$out/$1
     mkdir "$at"
@@ -58,7 +60,7 @@ form() {
     kinelm pretrain $begin --from "$at/two" --run "$at/on" --steps 2
 }
 measure() {
-    kinelm evaluate likelihood --run "$1" --corpus "$corpus" --split valid --json | sed 's/.*[{,]"bits_per_frame":\([0-9.]*\),"bits_per_s".*/\1/'
+    kinelm evaluate likelihood --run "$1" --corpus "${corpus%%=*}" --split valid --json | sed 's/.*[{,]"bits_per_frame":\([0-9.]*\),"bits_per_s".*/\1/'
 }
 apart() { awk 'NR == FNR { a = $1; next } { d = a - $1; exit !(a > 0 && d < 1e-3 && d > -1e-3) }' "$1" "$2"; }
 dances() {
@@ -74,6 +76,7 @@ form masked "$out/demo/corpus" 'kind = "masked"\npositions = "frame_joint"' ''
 form labels "$out/demo/corpus" 'positions = "rope"\ntied_head = false' \
     'conditions = ["dancer", "genre"]\nlabel_dropout = 0.3\nloss = "ordinal"\naccumulate = 2\nema = 0.9'
 dances labels
+form corpora "$out/demo/corpus=0.7 --corpus $out/second=1.5" '' ''
 form varying "$out/lapped" 'positions = "frame_joint"' ''
 dances varying
 

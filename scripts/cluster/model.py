@@ -161,6 +161,7 @@ class Gpt(nn.Module):
         # per place of a word: first id, bins, whether they go round; the space has no bins
         kinds = torch.tensor([*tokens.place_ids(), (0, 0, 0)] if tokens.places else [(0, 0, 0)] * W)
         self.register_buffer("kinds", kinds.long(), persistent=False)
+        self.plans = {}
 
     def forward(self, ids):
         """Logits (B, T, V) of inputs (B, T), -inf where an id can't be. Rows of the front that predict nothing have some."""
@@ -235,26 +236,34 @@ class Gpt(nn.Module):
         absolute = self.token.weight if self.config.tied_head else self.head.weight
         if self.config.head == "absolute":
             return h @ absolute.T
-        first, count, circular = self.kind_of(T)
-        late = torch.arange(T, device=ids.device) >= self.tokens.front - 1 + self.tokens.word
-        relative = late & (count > 0)
-        rows = lambda which: which.nonzero()[:, 0]
-        plain = h[:, rows(~relative)] @ absolute.T
-        out = torch.full((B, T, V), -torch.inf, dtype=plain.dtype, device=ids.device)
-        out = out.index_copy(1, rows(~relative), plain)
+        plain, steps = self.answers(T)
+        logits = h[:, plain] @ absolute.T
+        out = torch.full((B, T, V), -torch.inf, dtype=logits.dtype, device=ids.device)
+        out = out.index_copy(1, plain, logits)
         before = self.earlier(ids, 1)
-        for name, r in [("circular", rows(relative & (circular > 0))), ("clamped", rows(relative & (circular == 0)))]:
-            if len(r) == 0:
-                continue
+        for name, r, first, n in steps:  # R inputs; (R, 1) of each
             table = getattr(self.head, name).weight
-            n = count[r][:, None]  # (R, 1)
-            bin = torch.arange(V, device=ids.device) - first[r][:, None]  # (R, V): j of every id
-            p = (before[:, r] - first[r]).unsqueeze(2)  # (B, R, 1); no bin only where nothing counts
+            bin = torch.arange(V, device=ids.device) - first  # (R, V): j of every id
+            p = (before[:, r] - first[:, 0]).unsqueeze(2)  # (B, R, 1); no bin only where nothing counts
             there = (bin >= 0) & (bin < n)
             row = (bin - p) % n if name == "circular" else bin - p + len(table) // 2
-            steps = (h[:, r] @ table.T).gather(2, row.clamp(0, len(table) - 1))
-            out = out.index_copy(1, r, steps.masked_fill(~there, -torch.inf))
+            found = (h[:, r] @ table.T).gather(2, row.clamp(0, len(table) - 1))
+            out = out.index_copy(1, r, found.masked_fill(~there, -torch.inf))
         return out
+
+    def answers(self, T):
+        """Of T inputs, those that the head over all ids answers, and those that each table of steps does, with the first
+        id and the number of bins of their places. Found once: it would make a GPU wait."""
+        if T not in self.plans:
+            first, count, circular = (x.cpu() for x in self.kind_of(T))
+            late = torch.arange(T) >= self.tokens.front - 1 + self.tokens.word
+            relative, goes = late & (count > 0), circular > 0
+            rows = lambda which: which.nonzero()[:, 0]
+            tables = [("circular", rows(relative & goes)), ("clamped", rows(relative & ~goes))]
+            move = lambda *all: [x.to(self.kinds.device) for x in all]
+            steps = [(name, *move(r, first[r, None], count[r, None])) for name, r in tables if len(r)]
+            self.plans[T] = *move(rows(~relative)), steps
+        return self.plans[T]
 
     def uncounted(self, ids):
         """(B, T) where a target may not count: the relative head has no bin one frame before."""

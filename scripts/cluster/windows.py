@@ -103,11 +103,12 @@ class Windows:
     def where(self, step, rows):
         """Of these rows of a step: corpus, clip, first token, number of tokens, and the (round, window) that randomness goes
         by."""
-        if self.order_file is not None:
-            found = [map(int, self.order_file[step, r]) for r in rows]
-            return [(*self.clips[clip], start, count, (step, r)) for r, (clip, start, count) in zip(rows, found)]
         places = [divmod(step * self.rows + r, self.per_pass) for r in rows]
-        return [self.stand(*self.order(number)[at]) for number, at in places]
+        keys = [self.order(number)[at] for number, at in places]
+        if self.order_file is None:
+            return [self.stand(*key) for key in keys]
+        found = [map(int, self.order_file[step, r]) for r in rows]
+        return [(*self.clips[clip], start, count, key) for key, (clip, start, count) in zip(keys, found)]
 
     def order(self, number):
         """The windows of a pass, (round, window) each."""

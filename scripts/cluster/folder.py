@@ -35,8 +35,7 @@ class Model:
             name = next((folder / n).read_text().strip() for n in ("best", "latest") if (folder / n).exists())
             weights = folder / "checkpoints" / name / "model.safetensors"
             step, conditions = int(name.removeprefix("step-")), about["train"].get("conditions", [])
-        # runs of the first versions don't say what they could not do
-        config, tokens = Config(**{"previous_frame": False, "head": "absolute"} | about["model"]), Tokens(**about["tokens"])
+        config, tokens = Config(**about["model"]), Tokens(**about["tokens"])
         return Model(config.resolved(tokens), tokens, conditions, tokenizer, weights, step, about["kinelm"])
 
     def build(self):

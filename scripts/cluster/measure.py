@@ -6,47 +6,59 @@ import torch
 
 import windows
 
+BATCH_TOKENS = 16384
+
 
 @torch.no_grad()
 def likelihood(model, parts, conditions, about, most, place, split="valid"):
-    """Bits a frame on a split's clips, as `kinelm evaluate likelihood`; None where there is none. `most` 0: all windows."""
-    tokens, config = about.tokens, about.config
-    of = lambda corpus, clip: windows.eval_windows(corpus.words(clip), windows.room(config, tokens))
-    every = [[(c, clip, *w) for clip in c.split(split) for w in of(c, clip)] for c, _ in parts]
-    taken = [w for some, n in zip(every, shared_out(most, [len(e) for e in every])) for w in spread(some, n)]
-    if not taken:
-        return None
-    extra = tokens.front - (0 if config.kind == "masked" else 1)
-    length = max(w[3] for w in taken) + extra
+    """Bits a frame on a split's clips of some corpora, `None` where there are none; `most` 0: of all windows.
+
+    A masked model is asked for 15 % of each window, the same at every call: its bits, called pseudo, are no likelihood.
+    """
     model.eval()
-    nats = count = frames = 0
-    mine = list(range(place.rank, len(taken), place.world))
-    size = max(1, 16384 // length)
+    room = windows.room(about.config, about.tokens)
+    of = lambda corpus, clip: windows.eval_windows(corpus.words(clip), room)
+    every = [[(clip, *w) for clip in corpus.split(split) for w in of(corpus, clip)] for corpus, _ in parts]
+    all = sum(map(len, every))
+    shares = [len(some) if most == 0 else -(-most * len(some) // max(1, all)) for some in every]
+    found = [measured(model, corpus, some, share, conditions, about, place)
+             for (corpus, _), some, share in zip(parts, every, shares) if some]
+    if not found:
+        return None
+    total = lambda key: sum(f[key] for f in found)
+    return {
+        "bits_per_frame": sum(f["nats"] / f["tokens"] * f["shown"] for f in found) / math.log(2) / total("frames"),
+        "nats_per_token": total("nats") / total("tokens"), "tokens": int(total("tokens")),
+        "frames": round(total("frames")), "windows": total("windows"), "all_windows": all,
+        "pseudo": about.config.kind == "masked",
+    }
+
+
+def measured(model, corpus, every, most, conditions, about, place):
+    """Nats, tokens asked for, tokens and frames shown, of some windows of a corpus, spread evenly."""
+    tokens, masked = about.tokens, about.config.kind == "masked"
+    taken = range(len(every)) if most >= len(every) else [i * len(every) // most for i in range(most)]
+    length = max(every[i][2] for i in taken) + tokens.front - (0 if masked else 1)
+    nats = asked = shown = frames = 0
+    mine, size = taken[place.rank :: place.world], max(1, BATCH_TOKENS // length)
     for some in (mine[i : i + size] for i in range(0, len(mine), size)):
         pairs = []
         for number in some:
-            corpus, clip, start, n, scored = taken[number]
+            clip, start, n, scored = every[number]
             front, ids = conditions.front(corpus.clips[clip]["labels"], tokens.bos), corpus.ids(clip, start, start + n)
-            x, y = windows.causal(ids, front, tokens.pad, length)
-            y[: tokens.front - 1 + scored] = tokens.pad
-            pairs.append((x, y))
-            count += n - scored
+            if masked:
+                choice = windows.chosen(n, 0, 0, number)
+                pairs.append(windows.masked(ids, front, tokens.pad, length, choice))
+            else:
+                pairs.append(windows.causal(ids, front, tokens.pad, length))
+                pairs[-1][1][: tokens.front - 1 + scored] = tokens.pad
+            shown += n - scored
             frames += scored_frames(corpus, clip, start + scored, start + n)
         x, y = (torch.from_numpy(np.stack(side)).to(place.device) for side in zip(*pairs))
+        asked += int((y != tokens.pad).sum())
         nats += float(model.nats(model(x), y).double().sum())
-    nats, count, frames = place.sum(nats, count, frames)
-    return {"bits_per_frame": nats / math.log(2) / frames, "nats_per_token": nats / count, "tokens": int(count),
-            "frames": round(frames), "windows": len(taken), "all_windows": sum(map(len, every))}
-
-
-def shared_out(most, numbers):
-    """Windows of each corpus: all (`most` 0), or in all about `most`, by what they have."""
-    return [n if most == 0 else -(-most * n // max(1, sum(numbers))) for n in numbers]
-
-
-def spread(all, most):
-    """So many of them, evenly."""
-    return all if most >= len(all) else [all[i * len(all) // most] for i in range(most)]
+    nats, asked, shown, frames = place.sum(nats, asked, shown, frames)
+    return {"nats": nats, "tokens": asked, "shown": shown, "frames": frames, "windows": len(taken)}
 
 
 def scored_frames(corpus, clip, first, end):

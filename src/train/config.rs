@@ -71,7 +71,8 @@ pub struct TrainConfig {
     /// Decay of the moving average of the weights, which is then measured, loaded and exported in their place: 0 up to
     /// below 1; 0 means none. Default 0.
     pub ema: f64,
-    /// Measurements between dances that are generated into the run's `samples/`; 0 means none. Default 0.
+    /// Measurements between dances that are generated into the run's `samples/`; 0 means none. Masked models draw none.
+    /// Default 0.
     pub sample_every: u64,
     /// Label fields that the model is told of, one token each in front of a window. Default none.
     pub conditions: Vec<String>,

@@ -3,8 +3,8 @@
 use super::{Summary, saved};
 use crate::corpus::Split;
 use crate::evaluate::likelihood::Likelihood;
-use crate::model::Compute;
 use crate::model::checkpoint::{Best, Checkpoints, State};
+use crate::model::{Compute, Kind};
 use crate::train::batches::{Batch, Batches};
 use crate::train::data::Data;
 use crate::train::folder::RunFolder;
@@ -59,6 +59,9 @@ impl<'a> Trainer<'a> {
         if file.tokens.varying && file.tokens.word > c.context {
             let (word, context) = (file.tokens.word, c.context);
             progress.note(&format!("words have up to {word} tokens, a window {context}: longer words are cut"));
+        }
+        if c.kind == Kind::Masked && t.sample_every > 0 {
+            progress.note("a masked model draws no dances: sample_every does nothing");
         }
         let checkpoints = Checkpoints::of(run.path());
         let (learner, state) = saved::load(&file, compute, &checkpoints, progress)?;
@@ -184,7 +187,7 @@ impl<'a> Trainer<'a> {
     fn sample(&mut self) {
         let (step, train) = (self.state.step, &self.file.train);
         let due = train.sample_every.saturating_mul(train.eval_every);
-        if due == 0 || !step.is_multiple_of(due) {
+        if due == 0 || !step.is_multiple_of(due) || self.file.model.kind == Kind::Masked {
             return;
         }
         let weights = self.learner.averages().and_then(|all| all.map_or_else(|| self.learner.weights(), Ok));

@@ -40,7 +40,7 @@ impl Source {
     /// # Errors
     /// Another model, with the keys that differ; other tokens or places in front of a window.
     pub fn weights(self, file: &mut RunFile) -> Result<BTreeMap<String, Tensor>> {
-        let differing = differing(&file.model, &self.run.config)?;
+        let differing = differing(&file.model, &self.run.config.resolved(&self.run.tokens))?;
         if !differing.is_empty() {
             let (path, what) = (self.path.display(), differing.join(", "));
             return Err(Error::Call(format!(

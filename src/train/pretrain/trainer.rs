@@ -60,7 +60,7 @@ impl<'a> Trainer<'a> {
             let (word, context) = (file.tokens.word, c.context);
             progress.note(&format!("words have up to {word} tokens, a window {context}: longer words are cut"));
         }
-        if c.kind == Kind::Masked && t.sample_every > 0 {
+        if c.kind == Kind::Masked && file.train.sample_every > 0 {
             progress.note("a masked model draws no dances: sample_every does nothing");
         }
         let checkpoints = Checkpoints::of(run.path());

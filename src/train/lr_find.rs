@@ -75,9 +75,9 @@ pub fn lr_find(options: &LrFindOptions, stop: &AtomicBool, tell: &mut dyn FnMut(
     let corpora = if options.corpora.is_empty() { options.file.corpora()? } else { options.corpora.clone() };
     let train = TrainConfig { ema: 0.0, steps: options.steps, ..options.file.train.clone() };
     let data = Data::open(&corpora, None, &train.conditions)?;
-    let file = RunFile::new(&options.file.model, &train, &data)?;
+    let file = RunFile { augment: options.file.augment, ..RunFile::new(&options.file.model, &train, &data)? };
     room::check(&file.model, &file.tokens, &train)?;
-    let mut batches = Batches::new(&data, file.model.context, &train)?;
+    let mut batches = Batches::of_run(&file, &data)?;
     let weights = layout::initial(&file.model, &file.tokens, train.seed)?;
     let mut learner = learner(&file.model, &file.tokens, &train, weights, options.compute)?;
     let mut test = Test::default();

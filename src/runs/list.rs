@@ -93,10 +93,11 @@ fn look(folder: &Path, depth: usize, runs: &mut Vec<Listed>, note: &mut dyn FnMu
     for entry in std::fs::read_dir(folder).map_err(Error::io(folder))?.flatten() {
         let hidden = entry.file_name().to_string_lossy().starts_with('.');
         // not through links, which may lead in a circle
-        if !hidden && entry.file_type().is_ok_and(|t| t.is_dir()) {
-            if let Err(e) = look(&entry.path(), depth - 1, runs, note) {
-                note(e.to_string());
-            }
+        if hidden || !entry.file_type().is_ok_and(|t| t.is_dir()) {
+            continue;
+        }
+        if let Err(e) = look(&entry.path(), depth - 1, runs, note) {
+            note(e.to_string());
         }
     }
     Ok(())

@@ -30,7 +30,7 @@ pub fn sample(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, T
 }
 
 fn draw(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {
-    let tokenizer = Tokenizer::load(&run.join(crate::model::run::TOKENIZER))?;
+    let tokenizer = Tokenizer::load(run.join(crate::model::run::TOKENIZER))?;
     let gpt = Gpt::from_tensors(&file.model, &file.tokens, weights)?;
     let mut reader = Reader::new(&gpt, Reading::default())?;
     let frames = (SECONDS * tokenizer.fps()).round() as usize;

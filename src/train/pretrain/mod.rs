@@ -100,11 +100,11 @@ pub fn pretrain(options: &PretrainOptions, stop: &AtomicBool, progress: &mut dyn
     go_on(&folder, file, &data, options.compute, stop, progress)
 }
 
+/// Tensors by name.
+type Weights = BTreeMap<String, Tensor>;
+
 /// The configuration of a new run, and the weights it begins with if they aren't drawn.
-fn asked(
-    options: &PretrainOptions,
-    progress: &mut dyn Progress,
-) -> Result<(RunFile, Data, Option<BTreeMap<String, Tensor>>)> {
+fn asked(options: &PretrainOptions, progress: &mut dyn Progress) -> Result<(RunFile, Data, Option<Weights>)> {
     let file = options.file.as_ref();
     let file = file.ok_or_else(|| Error::Call("no training file; give one by --config".into()))?;
     let corpora = if options.corpora.is_empty() { file.corpora()? } else { options.corpora.clone() };

@@ -56,11 +56,12 @@ form() {
     measure "$at/run" > "$at/run.bits"
     measure "$at/taken" > "$at/taken.bits"
     apart "$at/run.bits" "$at/taken.bits" || fail "$name: after import $(cat "$at/taken.bits") bits/frame, before $(cat "$at/run.bits")"
-    echo "$name: $(cat "$at/taken.bits") bits/frame on all validation clips, kinelm's own $(cat "$at/run.bits")"
+    echo "$name: $(cat "$at/taken.bits") bits/frame on validation clips, kinelm's own $(cat "$at/run.bits")"
     kinelm pretrain $begin --from "$at/two" --run "$at/on" --steps 2
 }
 measure() {
-    kinelm evaluate likelihood --run "$1" --corpus "${corpus%%=*}" --split valid --json | sed 's/.*[{,]"bits_per_frame":\([0-9.]*\),"bits_per_s".*/\1/'
+    kinelm evaluate likelihood --run "$1" --corpus "${corpus%%[= ]*}" --split valid --windows 200 --json > "$at/likelihood.json"
+    "$PYTHON" -c 'import json, sys; print(json.load(sys.stdin)["bits_per_frame"])' < "$at/likelihood.json"
 }
 apart() { awk 'NR == FNR { a = $1; next } { d = a - $1; exit !(a > 0 && d < 1e-3 && d > -1e-3) }' "$1" "$2"; }
 dances() {

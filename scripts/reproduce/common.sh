@@ -81,7 +81,8 @@ measured() {
     "$kinelm" evaluate likelihood --run "${4:-$out/runs/$1-$3}" --corpus "$out/corpora/$2" \
         --windows "${WINDOWS:-1000}" --device "$device" --json --quiet > "$result.new"
     mv "$result.new" "$result"
-    echo "$1, seed $3: $(sed 's/.*"bits_per_frame":\([0-9.]*\),"bits_per_s".*/\1/' "$result") bits/frame" >&2
+    bits=$(python3 -c 'import json, sys; print(round(json.load(sys.stdin)["bits_per_frame"], 2))' < "$result")
+    echo "$1, seed $3: $bits bits/frame" >&2
 }
 
 # TITLE : all of it

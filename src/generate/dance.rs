@@ -23,6 +23,8 @@ pub(super) struct Dance<'a> {
     read: usize,
     /// What the model reads next: what it hasn't of the window, then the guesses.
     block: Vec<u32>,
+    /// The same for the reading without conditions, if there is one.
+    block_without: Vec<u32>,
     /// Tokens of the block that are guesses, or given places between them.
     ahead: usize,
     /// Tokens guessed so far, and those that were right.
@@ -44,6 +46,7 @@ impl<'a> Dance<'a> {
             first: 0,
             read: 0,
             block: Vec::new(),
+            block_without: Vec::new(),
             ahead: 0,
             guessed: 0,
             right: 0,
@@ -68,6 +71,11 @@ impl<'a> Dance<'a> {
     /// What the model reads next; nothing when the dance is done.
     pub fn block(&self) -> &[u32] {
         &self.block
+    }
+
+    /// The same for the reading without conditions; `None` where the dance is not guided.
+    pub fn block_without(&self) -> Option<&[u32]> {
+        self.plan.guidance.map(|_| self.block_without.as_slice())
     }
 
     /// Whether there are guesses in the block.
@@ -134,10 +142,21 @@ impl<'a> Dance<'a> {
 
     /// Makes the next block, with up to `guesses` guesses; the number of tokens of the window that the model has read.
     pub fn prepare(&mut self, guesses: usize) -> usize {
+        self.fill_block(guesses);
+        if let Some(guidance) = self.plan.guidance {
+            self.block_without.clone_from(&self.block);
+            if self.read == 0 && !self.block.is_empty() {
+                self.block_without[..guidance.without.len()].copy_from_slice(guidance.without);
+            }
+        }
+        self.read
+    }
+
+    fn fill_block(&mut self, guesses: usize) {
         self.block.clear();
         self.ahead = 0;
         if self.is_done() {
-            return self.read;
+            return;
         }
         if self.read == 0 {
             self.block.extend_from_slice(self.plan.front);
@@ -147,7 +166,6 @@ impl<'a> Dance<'a> {
         if self.read > 0 {
             self.guess(guesses);
         }
-        self.read
     }
 
     /// Adds up to `most` guesses to the block, and the given places between them, as long as a free place of the same word

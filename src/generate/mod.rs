@@ -9,12 +9,14 @@
 //! draws from a random stream of its own, so neither company nor guessing ahead changes what is drawn.
 
 mod dance;
+pub mod guidance;
 pub mod prompt;
 pub mod sampling;
 
 use crate::model::{Cache, Compute, LoadedRun, Reader, Reading};
 use crate::{Error, Result};
 use dance::Dance;
+use guidance::Guidance;
 use kinelm_engine::decode::{KvKind, Logits, WeightKind};
 use kinelm_tokenizer::{Grammar, Special};
 use rand_chacha::rand_core::RngCore;
@@ -135,6 +137,8 @@ pub struct Plan<'a> {
     pub prompt: &'a [u32],
     /// The tokens in front of every window: `<bos>`, then those of conditions.
     pub front: &'a [u32],
+    /// How far the conditions in front are followed; `None`: as the model has learned them, in half the time.
+    pub guidance: Option<Guidance<'a>>,
     /// How free places are drawn.
     pub draw: Draw,
     /// The seed of the draws.
@@ -151,7 +155,12 @@ impl Plan<'_> {
     pub fn free(grammar: Grammar, words: usize, draw: Draw, seed: u64) -> Self {
         let guesses = if draw.greedy { GUESSES } else { 0 };
         let (beginning, given, prompt) = (&[][..], &[][..], &[][..]);
-        Plan { words, grammar, beginning, given, prompt, front: FRONT, draw, seed, guesses }
+        Plan { words, grammar, beginning, given, prompt, front: FRONT, guidance: None, draw, seed, guesses }
+    }
+
+    /// Sequences that a dance takes: two where it is guided.
+    pub fn streams(&self) -> usize {
+        1 + usize::from(self.guidance.is_some())
     }
 }
 
@@ -162,8 +171,9 @@ impl Plan<'_> {
 /// # Errors
 /// As [`dances`]; a model of several sequences.
 pub fn dance(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Vec<u32>> {
-    if model.streams() != 1 {
-        return Err(Error::Call(format!("one dance from a model of {} sequences; expected one", model.streams())));
+    if model.streams() != plan.streams() {
+        let (found, expected) = (model.streams(), plan.streams());
+        return Err(Error::Call(format!("one dance from a model of {found} sequences; expected {expected}")));
     }
     Ok(dances(model, plan, progress)?.ids.remove(0))
 }
@@ -179,39 +189,40 @@ pub struct Danced {
     pub right: u64,
 }
 
-/// As many dances as the model has sequences. The first is the plan's; the others draw from seeds of their own, made from
-/// the plan's. `progress` is told the number of words that all of them have.
+/// As many dances as the model has sequences for, see [`Plan::streams`]. The first is the plan's; the others draw from
+/// seeds of their own, made from the plan's. `progress` is told the number of words that all of them have.
 ///
 /// # Errors
-/// A context that holds fewer than two words of the one length that all have, or two tokens; logits that allow no token
-/// (word and place are named), and what the model's own reading fails with.
+/// A context that holds fewer than two words of the one length that all have, or two tokens; sequences that are no whole
+/// number of dances; a front without conditions of another length than that with them; logits that allow no token (word
+/// and place are named), and what the model's own reading fails with.
 pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Danced> {
-    let (context, word) = (model.context(), plan.grammar.tokens_per_word());
-    // a window of n words reads the front and n words but for the last space
-    let room = (context + 1).saturating_sub(plan.front.len());
-    let (what, most) = word.map_or(("tokens".into(), room), |word| (format!("words of {word}"), room / word.max(1)));
-    if most < 2 {
-        return Err(Error::Call(format!(
-            "the model's context of {context} tokens holds {most} {what}; expected at least 2: train with a longer context"
-        )));
-    }
+    check(model, plan)?;
     let guesses = if model.is_exact() { plan.guesses } else { 0 };
-    let mut dances: Vec<Dance> = (0..model.streams()).map(|i| Dance::new(plan, seed(plan.seed, i), context)).collect();
+    let (context, each) = (model.context(), plan.streams());
+    let seeds = (0..model.streams() / each).map(|i| variation_seed(plan.seed, i));
+    let mut dances: Vec<Dance> = seeds.map(|seed| Dance::new(plan, seed, context)).collect();
     let mut logits = Vec::new();
     while dances.iter().any(|dance| !dance.is_done()) {
-        for (stream, dance) in dances.iter_mut().enumerate() {
-            model.truncate(stream, dance.prepare(guesses));
+        for (i, dance) in dances.iter_mut().enumerate() {
+            let read = dance.prepare(guesses);
+            (0..each).for_each(|stream| model.truncate(i * each + stream, read));
         }
         let wanted = if dances.iter().any(Dance::guesses) { Logits::All } else { Logits::Last };
-        let blocks: Vec<&[u32]> = dances.iter().map(Dance::block).collect();
+        let blocks: Vec<&[u32]> =
+            dances.iter().flat_map(|d| std::iter::once(d.block()).chain(d.block_without())).collect();
         model.read(&blocks, wanted, &mut logits)?;
         let rows = |dance: &Dance| if wanted == Logits::All { dance.block().len() } else { dance.block().len().min(1) };
-        let all: usize = dances.iter().map(rows).sum();
+        let all: usize = dances.iter().map(|d| rows(d) * each).sum();
         let vocabulary = logits.len() / all.max(1);
-        let mut rest = logits.as_slice();
+        let mut rest = logits.as_mut_slice();
         for dance in &mut dances {
-            let (own, behind) = rest.split_at(rows(dance) * vocabulary);
-            dance.take(own, vocabulary)?;
+            let (own, behind) = rest.split_at_mut(rows(dance) * each * vocabulary);
+            let (with, without) = own.split_at_mut(rows(dance) * vocabulary);
+            if let Some(guidance) = plan.guidance {
+                guidance.mix(with, without);
+            }
+            dance.take(with, vocabulary)?;
             rest = behind;
         }
         progress(dances.iter().map(Dance::words).min().unwrap_or(0));
@@ -221,8 +232,33 @@ pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(u
     Ok(Danced { ids: dances.into_iter().map(Dance::into_ids).collect(), guessed, right })
 }
 
-/// The seed of a variation; the first has the plan's own.
-fn seed(seed: u64, variation: usize) -> u64 {
+/// Refuses a model and a plan that make no dances together.
+fn check(model: &dyn NextToken, plan: &Plan) -> Result<()> {
+    let (context, word) = (model.context(), plan.grammar.tokens_per_word());
+    // a window of n words reads the front and n words but for the last space
+    let room = (context + 1).saturating_sub(plan.front.len());
+    let (what, most) = word.map_or(("tokens".into(), room), |word| (format!("words of {word}"), room / word.max(1)));
+    if most < 2 {
+        return Err(Error::Call(format!(
+            "the model's context of {context} tokens holds {most} {what}; expected at least 2: train with a longer context"
+        )));
+    }
+    let (streams, each) = (model.streams(), plan.streams());
+    if !streams.is_multiple_of(each) {
+        return Err(Error::Call(format!("{streams} sequences for dances of {each} each; expected a multiple")));
+    }
+    match plan.guidance {
+        Some(guidance) if guidance.without.len() != plan.front.len() => Err(Error::Call(format!(
+            "a front of {} tokens without conditions, of {} with them; expected as many",
+            guidance.without.len(),
+            plan.front.len()
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// The seed of a variation, counted from 0; the first has the plan's own.
+pub fn variation_seed(seed: u64, variation: usize) -> u64 {
     match variation {
         0 => seed,
         i => crate::random::stream(seed, "variation", 0, i as u64).next_u64(),

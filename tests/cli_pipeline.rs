@@ -159,6 +159,68 @@ fn a_seed_is_a_dance_whatever_the_threads() {
 }
 
 #[test]
+fn a_dance_goes_on_from_a_frame_and_follows_joints() {
+    let way = way();
+    way.generate("on.bvh").args(["--frames", "40", "--from-frame", "10"]).assert().success();
+    let (prompt, dance) = (way.words(&way.prompt()), way.words(&way.at("on.bvh")));
+    assert_eq!(prompt[..10], dance[..10]);
+    for (p, d) in prompt.iter().zip(&dance) {
+        assert!(given().into_iter().all(|place| p[place] == d[place]));
+    }
+    assert!(prompt[10..].iter().zip(&dance[10..]).any(|(p, d)| p != d), "the rest is invented");
+}
+
+#[test]
+fn a_dance_tells_where_it_is_from_and_can_be_made_again() {
+    let way = way();
+    let again = |file: &str, more: &[&str]| {
+        let mut c = kinelm();
+        c.args(["generate", "--again"]).arg(way.at(file)).args(more).assert()
+    };
+    let prompt = way.at("told-prompt.bvh");
+    fs::copy(way.prompt(), &prompt).unwrap();
+    let mut c = kinelm();
+    c.arg("generate").arg("--run").arg(way.at("run")).arg("--prompt").arg(&prompt).args(["--joints", "legs"]);
+    c.args(["--frames", "10", "--seed", "3", "--variations", "2", "--top-k", "20", "--min-p", "0.01"]);
+    c.args(["--repetition-penalty", "1.5", "--rig", "prompt", "--out"]).arg(way.at("told.bvh")).assert().success();
+    let told: serde_json::Value = serde_json::from_slice(&fs::read(way.at("told-2.kinelm.json")).unwrap()).unwrap();
+    let recipe = &told["recipe"];
+    assert_eq!((&told["variation"], &recipe["seed"], &recipe["draw"]["top_k"]), (&2.into(), &3.into(), &20.into()));
+    assert_eq!((&recipe["frames"], &recipe["prompt"]["joints"]), (&10.into(), &"legs".into()));
+    assert!(
+        told["weights_sha256"].as_str().unwrap().len() == 64 && told["prompt_sha256"].as_str().unwrap().len() == 64
+    );
+
+    let bytes = fs::read(way.at("told-2.bvh")).unwrap();
+    fs::remove_file(way.at("told-2.bvh")).unwrap();
+    again("told-2.kinelm.json", &[]).success().stdout("");
+    assert!(fs::read(way.at("told-2.bvh")).unwrap() == bytes);
+    assert_eq!(
+        fs::read(way.at("told-2.kinelm.json")).unwrap(),
+        serde_json::to_string_pretty(&told).unwrap().into_bytes().into_iter().chain(*b"\n").collect::<Vec<u8>>()
+    );
+    let elsewhere = way.at("told-elsewhere.bvh").display().to_string();
+    again("told-2.kinelm.json", &["--out", &elsewhere, "--threads", "1"]).success();
+    assert!(fs::read(&elsewhere).unwrap() == bytes);
+    again("told-elsewhere.kinelm.json", &[]).success();
+
+    // what has changed is named, and nothing is written
+    let said = contains("the prompt has changed since the dance was made");
+    fs::write(&prompt, [fs::read(&prompt).unwrap(), b"\n".to_vec()].concat()).unwrap();
+    again("told-2.kinelm.json", &["--out", &elsewhere]).code(1).stderr(said);
+    pretrain(way, "told-run").args(["--seed", "9"]).assert().success();
+    let (run, prompt) = (way.at("told-run").display().to_string(), way.prompt().display().to_string());
+    again("told-2.kinelm.json", &["--run", &run, "--prompt", &prompt]).code(1).stderr(contains("the weights at step"));
+    again("told-2.kinelm.json", &["--seed", "4"]).code(2).stderr(contains("cannot be used with"));
+
+    // a file of the user's own is left alone
+    fs::write(way.at("mine.kinelm.json"), "{}").unwrap();
+    way.generate("mine.bvh").args(["--frames", "2"]).assert().code(1).stderr(contains("not of kinelm generate"));
+    assert_eq!(fs::read(way.at("mine.kinelm.json")).unwrap(), b"{}");
+    assert!(!way.at("mine.bvh").exists());
+}
+
+#[test]
 fn beyond_the_prompt_the_dance_is_free_and_a_line_says_so() {
     let way = way();
     let p = way.words(&way.prompt()).len();
@@ -181,6 +243,13 @@ fn wrong_calls_say_what_would_be_right() {
     bad(&["--run", &run, "--joints", "head"]).code(2).stderr(contains("none of these joints is coded"));
     bad(&["--run", "nowhere", "--joints", "root"]).code(1).stderr(contains("nowhere"));
     bad(&["--run", &run, "--joints", "root", "--temperature", "0"]).code(2);
+    bad(&["--run", &run, "--joints", "root", "--top-p", "2"]).code(2).stderr(contains("--top-p 2; expected"));
+    bad(&["--run", &run, "--joints", "root", "--greedy", "--top-k", "3"]).code(2);
+    bad(&["--run", &run]).code(2).stderr(contains("--from-frame N"));
+    bad(&["--run", &run, "--joints", "root", "--label", "genre"]).code(2).stderr(contains("FIELD=VALUE"));
+    bad(&["--run", &run, "--joints", "root", "--label", "genre=a"])
+        .code(2)
+        .stderr(contains("this model knows no labels"));
     assert!(!way.at("no.bvh").exists());
     pretrain(way, "run").assert().code(1).stderr(contains("run").and(contains("--resume")));
 }

@@ -158,7 +158,7 @@ impl Way {
         assert_eq!(greedy, self.generate("slow.json", &["--frames", "33", "--greedy", "--form", "plain"]));
 
         // the dance begins with the prompt's own words, but for those that its end would be in
-        self.generate("begun.json", &["--frames", "50", "--prompt", &prompt, "--beginning", "41"]);
+        self.generate("begun.json", &["--frames", "50", "--prompt", &prompt, "--from-frame", "41"]);
         let begun = read(&self.at("begun.json"));
         let (l, unsettled) = (self.tokenizer.frames_per_word(), self.tokenizer.scheme().unsettled_words());
         let options = format::ReadOptions { rest: format::RestFrame::Drop, ..Default::default() };

@@ -1,35 +1,54 @@
 //! `kinelm generate`.
 
 use super::{ComputeArgs, ReadingArgs, Say, WrongCall, draw::DrawArgs, read::ReadArgs};
-use anyhow::Result;
-use kinelm::generate::prompt::{self, Prompt, RestJoints};
-use kinelm::generate::{NextToken, Plan, dances, reader};
-use kinelm::model::{Which, load_run};
+use anyhow::{Context, Result};
+use kinelm::corpus::load::{hash_file, load_clip};
+use kinelm::generate::make::{Followed, Ready};
+use kinelm::generate::prompt::{self, RestJoints};
+use kinelm::generate::provenance::{self, Provenance};
+use kinelm::generate::recipe::{Computing, PromptRecipe, Recipe, Rig};
+use kinelm::generate::variation_seed;
+use kinelm::model::Which;
 use kinelm_motion::format::{self, RestFrame};
-use kinelm_motion::joints;
-use kinelm_tokenizer::{Rest, Tokenizer, Words};
+use kinelm_motion::{Motion, joints};
+use kinelm_tokenizer::{Tokenizer, Words};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The run folder of a trained model
-    #[arg(long, value_name = "RUN")]
-    run: PathBuf,
-    /// A clip to follow: its joints (--joints), its beginning (--beginning), or both; without one, the dance is free
+    #[arg(long, value_name = "RUN", required_unless_present = "again")]
+    run: Option<PathBuf>,
+    /// A clip to follow: its joints (--joints), its frames up to one (--from-frame), or both; without, the dance is free
     #[arg(long, value_name = "CLIP")]
     prompt: Option<PathBuf>,
     /// The joints that are followed: groups (root, right_arm, legs, ...), names and ids; root brings the translation
     #[arg(long, value_name = "LIST", requires = "prompt")]
     joints: Option<String>,
-    /// Frames of the prompt that the dance begins with, as far as they fill whole words
+    /// Go on from this frame of the prompt: those before it are kept, as far as they fill whole words
     #[arg(long, value_name = "N", requires = "prompt", value_parser = clap::value_parser!(u32).range(1..))]
-    beginning: Option<u32>,
+    from_frame: Option<u32>,
+    /// What the dance shall be, for every label field that the model was told of in training; once a field
+    #[arg(long = "label", value_name = "FIELD=VALUE", value_parser = pair)]
+    labels: Vec<(String, String)>,
+    /// How far the labels are followed: 1 as learned, above 1 more so (2 to 3), which takes twice the time
+    #[arg(long, value_name = "G", default_value_t = 1.0)]
+    guidance: f64,
     /// Frames to make, at the model's rate; the prompt's length if not given
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..), required_unless_present = "prompt")]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..), required_unless_present_any = ["prompt", "again"])]
     frames: Option<u32>,
-    /// Where the dance goes (.bvh .npz .json); with --variations, the dances go to FILE-1, FILE-2, ... before the extension
-    #[arg(long, value_name = "FILE")]
-    out: PathBuf,
+    /// Where the dance goes (.bvh .npz .json); with --variations, the dances go to FILE-1, FILE-2, ... before the extension.
+    /// FILE.kinelm.json beside each tells where it is from
+    #[arg(long, value_name = "FILE", required_unless_present = "again")]
+    out: Option<PathBuf>,
+    /// Make a dance again, to the same bytes, from the FILE.kinelm.json beside it; --run, --prompt and --out if they are
+    /// elsewhere now
+    #[arg(long, value_name = "FILE.kinelm.json", conflicts_with_all = ["joints", "from_frame", "labels", "guidance", "frames",
+        "variations", "seed", "greedy", "temperature", "top_k", "top_p", "min_p", "repetition_penalty",
+        "repetition_words", "rig", "rest_joints", "weights", "kv", "device", "form", "fps_source", "unit", "map",
+        "bvh_position", "root", "lenient", "keep_rest", "drop_rest", "skip", "body_model"])]
+    again: Option<PathBuf>,
     /// Dances to make side by side, which costs less than one after the other; the first is the one made without this
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=16))]
     variations: u8,
@@ -72,6 +91,15 @@ enum RestArg {
     Mean,
 }
 
+impl From<RigArg> for Rig {
+    fn from(rig: RigArg) -> Rig {
+        match rig {
+            RigArg::Model => Rig::Model,
+            RigArg::Prompt => Rig::Prompt,
+        }
+    }
+}
+
 impl From<RestArg> for RestJoints {
     fn from(rest: RestArg) -> RestJoints {
         match rest {
@@ -83,86 +111,168 @@ impl From<RestArg> for RestJoints {
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
-    check_out(&args)?;
-    check_prompt(&args)?;
-    let run = load_run(&args.run, Which::Auto)?;
-    run.notes.iter().for_each(|note| say.line(note));
-    let tokenizer = &Tokenizer::load(&run.tokenizer)?;
-    let prompt = args.prompt.as_deref().map(|path| load_prompt(&args, path, tokenizer, say)).transpose()?;
-    let frames = args.frames.map(|n| n as usize).or(prompt.as_ref().map(|p| p.clip.frames())).unwrap_or(0);
-    if let Some(p) = prompt.as_ref().filter(|p| !p.given.is_empty() && p.clip.frames() < frames) {
-        let (p, free) = (p.clip.frames(), frames - p.clip.frames());
-        say.line(format_args!("the prompt ends after {p} frames; the {free} that follow are generated free"));
+    if let Some(file) = &args.again {
+        return again(&args, file, say);
     }
-    let mut model = reader(&run, args.compute.get(), args.reading.get(args.variations.into()))?;
-    let danced = words(&args, &mut *model, tokenizer, prompt.as_ref(), frames, say)?;
-    for (words, out) in danced.iter().zip(outs(&args)) {
-        let clip = match &prompt {
-            Some(prompt) => prompt.clip.decode(tokenizer, words, args.rest_joints.into())?,
-            None => tokenizer.decode(words, Rest::Identity)?,
-        };
-        let clip = clip.slice(0..frames);
-        let own_rig = prompt.as_ref().filter(|_| args.rig == RigArg::Prompt);
-        let motion = match own_rig {
-            None => prompt::on_model_rig(&out, clip),
-            Some(prompt) => prompt.clip.on_own_rig(&clip, args.read.map.as_deref())?,
-        };
-        format::write(&out, &motion)?;
-        super::convert::told(&out, &motion, say);
-        if let Some(prompt) = own_rig {
-            say_share_changed(&args, &out, tokenizer, words, prompt, say)?;
+    check_out(&args)?;
+    let recipe = recipe(&args)?;
+    let ready = load(recipe, Which::Auto, say)?;
+    let outs = outs(&args)?;
+    let danced = danced(&ready, outs.len(), args.guesses, say)?;
+    for (i, (words, out)) in danced.iter().zip(&outs).enumerate() {
+        let motion = ready.motion(words, out)?;
+        format::write(out, &motion)?;
+        super::convert::told(out, &motion, say);
+        if let Some((prompt, recipe)) = ready.on_own_rig() {
+            say_share_changed(recipe, out, &ready.tokenizer, words, prompt, say)?;
+        }
+        Provenance::of(&ready, i + 1, out)?.save(out)?;
+    }
+    Ok(())
+}
+
+/// What was asked for.
+fn recipe(args: &Args) -> Result<Recipe> {
+    let mut labels = BTreeMap::new();
+    for (field, value) in &args.labels {
+        if labels.insert(field.clone(), value.clone()).is_some() {
+            return Err(WrongCall(format!("--label {field}={value}: {field} is asked for twice; give it once")).into());
         }
     }
-    Ok(())
-}
-
-/// What is followed of a clip.
-struct Followed {
-    clip: Prompt,
-    /// (C) places of a word; none if no joints are followed.
-    given: Vec<bool>,
-    /// Ids of the first words.
-    beginning: Vec<u32>,
-}
-
-fn load_prompt(args: &Args, path: &Path, tokenizer: &Tokenizer, say: Say) -> Result<Followed> {
-    let selection = args.joints.as_deref().map(|list| joints::parse(list).map_err(|e| WrongCall(e.to_string())));
-    let selection = selection.transpose()?;
-    let clip = Prompt::load(path, &args.read.options(RestFrame::Drop), tokenizer)?;
-    super::warn(&clip.motion, say);
-    let mut given = Vec::new();
-    if let (Some(selection), Some(list)) = (selection, &args.joints) {
-        given = prompt::given_places(tokenizer, &selection).map_err(|e| WrongCall(format!("--joints {list}: {e}")))?;
-        say_not_followed(tokenizer, list, say)?;
-    }
-    let beginning = args.beginning.map(|n| clip.beginning(tokenizer, n as usize));
-    let beginning = beginning.transpose().map_err(|e| WrongCall(format!("--beginning: {e}")))?.unwrap_or_default();
-    Ok(Followed { clip, given, beginning })
-}
-
-/// Refuses a prompt of which nothing is followed.
-fn check_prompt(args: &Args) -> Result<()> {
-    if args.prompt.is_some() && args.joints.is_none() && args.beginning.is_none() {
-        let what = "--prompt alone; say what is followed: --joints LIST, --beginning FRAMES, or both";
+    let prompt = args.prompt.clone().map(|path| PromptRecipe {
+        path,
+        read: args.read.options(RestFrame::Drop),
+        joints: args.joints.clone(),
+        from_frame: args.from_frame.map(|n| n as usize),
+    });
+    if prompt.as_ref().is_some_and(|p| p.joints.is_none() && p.from_frame.is_none()) {
+        let what = "--prompt alone; say what is followed: --joints LIST, --from-frame N, or both";
         return Err(WrongCall(what.into()).into());
     }
-    Ok(())
+    if let Some(list) = &args.joints {
+        joints::parse(list).map_err(|e| WrongCall(e.to_string()))?;
+    }
+    let reading = args.reading.get(1);
+    Ok(Recipe {
+        run: args.run.clone().context("no run folder")?,
+        prompt,
+        labels,
+        guidance: args.guidance,
+        frames: args.frames.map(|n| n as usize),
+        seed: args.seed,
+        draw: args.draw.get()?,
+        rig: args.rig.into(),
+        rest_joints: args.rest_joints.into(),
+        computing: Computing::new(args.compute.get(), reading.weights, reading.kv),
+    })
+}
+
+/// Reads what a recipe names, and says what the user should know.
+fn load(recipe: Recipe, which: Which, say: Say) -> Result<Ready> {
+    // what is asked in words that the model doesn't have is a wrong call
+    let ready = Ready::load(recipe, which).map_err(|e| match e {
+        kinelm::Error::Call(what) => WrongCall(what).into(),
+        e => anyhow::Error::from(e),
+    })?;
+    ready.run.notes.iter().for_each(|note| say.line(note));
+    let Some((prompt, recipe)) = ready.prompt.as_ref().zip(ready.recipe.prompt.as_ref()) else { return Ok(ready) };
+    super::warn(&prompt.clip.motion, say);
+    if let Some(list) = &recipe.joints {
+        say_not_followed(&ready.tokenizer, list, say)?;
+    }
+    let known = prompt.clip.frames();
+    if !prompt.given.is_empty() && known < ready.frames {
+        let free = ready.frames - known;
+        say.line(format_args!("the prompt ends after {known} frames; the {free} that follow are generated free"));
+    }
+    Ok(ready)
+}
+
+/// The words of so many dances.
+fn danced(ready: &Ready, variations: usize, guesses: Option<u8>, say: Say) -> Result<Vec<Words>> {
+    let bar = super::progress::bar(ready.frames as u64, "frames", say);
+    let danced = ready.dance(variations, guesses.map(usize::from), &mut |frames| bar.set_position(frames as u64));
+    bar.finish_and_clear();
+    let danced = danced?;
+    if danced.guessed > 0 {
+        say.line(format_args!("{} of {} tokens guessed ahead were right", danced.right, danced.guessed));
+    }
+    Ok(danced.ids.iter().map(|ids| ready.words(ids)).collect())
+}
+
+/// Makes a dance again and holds it to the hash of the first.
+fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
+    let first = Provenance::load(file)?;
+    let out = args.out.clone().unwrap_or_else(|| file.with_file_name(&first.output.file));
+    super::writable(&out)?;
+    if super::extension(&out) != super::extension(Path::new(&first.output.file)) {
+        let what = format!("{}: the dance was {}; other formats hold other bytes", out.display(), first.output.file);
+        return Err(WrongCall(what).into());
+    }
+    provenance::check_free(&out)?;
+    let mut recipe = first.recipe.clone();
+    recipe.seed = variation_seed(recipe.seed, first.variation.saturating_sub(1));
+    if let Some(run) = &args.run {
+        recipe.run.clone_from(run);
+    }
+    if let (Some(path), Some(prompt)) = (&args.prompt, &mut recipe.prompt) {
+        prompt.path.clone_from(path);
+    }
+    let ready = load(recipe, Which::Step(first.step), say)?;
+    first.check(&ready)?;
+    let words = danced(&ready, 1, args.guesses, say)?.remove(0);
+    let motion = ready.motion(&words, &out)?;
+    write_again(&first, &out, &motion)?;
+    super::convert::told(&out, &motion, say);
+    let recipe = Recipe { seed: first.recipe.seed, ..ready.recipe };
+    let output = provenance::FileHash { file: provenance::name_of(&out), ..first.output };
+    Ok(Provenance { output, recipe, kinelm: env!("CARGO_PKG_VERSION").into(), ..first }.save(&out)?)
+}
+
+/// Puts the motion to `out` if its bytes are those of the first time.
+fn write_again(first: &Provenance, out: &Path, motion: &Motion) -> Result<()> {
+    let mut beside = kinelm::files::beside(out, "again")?.into_os_string();
+    beside.push(format!(".{}", super::extension(out)));
+    let beside = PathBuf::from(beside);
+    format::write(&beside, motion)?;
+    let found = hash_file(&beside);
+    if !found.as_ref().is_ok_and(|found| *found == first.output.sha256) {
+        std::fs::remove_file(&beside).with_context(|| beside.display().to_string())?;
+        let (then, now) = (&first.recipe.computing, kinelm_engine::dispatch::name());
+        anyhow::bail!(
+            "the dance came out otherwise: SHA-256 {}, then {}; it was made by kinelm {} with the kernels {}, this is {} \
+             with {now}. Nothing was written",
+            found?,
+            first.output.sha256,
+            first.kinelm,
+            then.kernels,
+            env!("CARGO_PKG_VERSION"),
+        );
+    }
+    std::fs::rename(&beside, out).with_context(|| out.display().to_string())?;
+    Ok(kinelm::files::sync_folder(kinelm::files::folder_of(out))?)
+}
+
+/// `FIELD=VALUE`.
+fn pair(text: &str) -> Result<(String, String), String> {
+    let pair = text.split_once('=').filter(|(field, value)| !field.is_empty() && !value.is_empty());
+    pair.map(|(field, value)| (field.into(), value.into())).ok_or("expected FIELD=VALUE, such as genre=salsa".into())
 }
 
 /// The files that are written.
-fn outs(args: &Args) -> Vec<PathBuf> {
+fn outs(args: &Args) -> Result<Vec<PathBuf>> {
+    let out = args.out.as_ref().context("no file to write to")?;
     let numbered = |i: u8| {
-        let mut name = args.out.file_stem().unwrap_or_default().to_owned();
+        let mut name = out.file_stem().unwrap_or_default().to_owned();
         name.push(format!("-{i}."));
-        name.push(args.out.extension().unwrap_or_default());
-        args.out.with_file_name(name)
+        name.push(out.extension().unwrap_or_default());
+        out.with_file_name(name)
     };
-    match args.variations {
-        1 => vec![args.out.clone()],
+    Ok(match args.variations {
+        1 => vec![out.clone()],
         n => (1..=n).map(numbered).collect(),
-    }
+    })
 }
-
 /// Parts of the list that name nothing the model knows. (A group is followed as far as it is known.)
 fn say_not_followed(tokenizer: &Tokenizer, list: &str, say: Say) -> Result<()> {
     for part in list.split(',').filter(|_| list.contains(',')) {
@@ -175,12 +285,14 @@ fn say_not_followed(tokenizer: &Tokenizer, list: &str, say: Say) -> Result<()> {
 }
 
 fn check_out(args: &Args) -> Result<()> {
-    for out in outs(args) {
+    let mut extension = String::new();
+    for out in outs(args)? {
+        extension = super::writable(&out)?;
         if let Some(prompt) = &args.prompt {
             super::not_over_itself(prompt, &out)?;
         }
+        provenance::check_free(&out)?;
     }
-    let extension = super::writable(&args.out)?;
     if args.draw.get()?.greedy && args.variations > 1 {
         let what = "--variations with --greedy: the likeliest dance is always the same; leave one of them out";
         return Err(WrongCall(what.into()).into());
@@ -194,35 +306,9 @@ fn check_out(args: &Args) -> Result<()> {
     Ok(())
 }
 
-fn words(
-    args: &Args,
-    model: &mut dyn NextToken,
-    tokenizer: &Tokenizer,
-    prompt: Option<&Followed>,
-    frames: usize,
-    say: Say,
-) -> Result<Vec<Words>> {
-    let followed = prompt.filter(|p| !p.given.is_empty());
-    let ids = followed.map(|p| tokenizer.ids_of_words(&p.clip.words)).transpose()?.unwrap_or_default();
-    let length = tokenizer.frames_per_word();
-    let mut plan = Plan::free(tokenizer.grammar(), frames.div_ceil(length), args.draw.get()?, args.seed);
-    if let Some(prompt) = prompt {
-        (plan.beginning, plan.given, plan.prompt) = (&prompt.beginning, &prompt.given, &ids);
-    }
-    plan.guesses = args.guesses.map_or(plan.guesses, usize::from);
-    let bar = super::progress::bar(frames as u64, "frames", say);
-    let danced = dances(model, &plan, &mut |words| bar.set_position((words * length).min(frames) as u64));
-    bar.finish_and_clear();
-    let danced = danced?;
-    if danced.guessed > 0 {
-        say.line(format_args!("{} of {} tokens guessed ahead were right", danced.right, danced.guessed));
-    }
-    Ok(danced.ids.iter().map(|ids| tokenizer.words_of_ids(ids).words).collect())
-}
-
 /// Reads the written file back and says which share of the given characters it codes otherwise.
 fn say_share_changed(
-    args: &Args,
+    recipe: &PromptRecipe,
     out: &Path,
     tokenizer: &Tokenizer,
     words: &Words,
@@ -233,12 +319,12 @@ fn say_share_changed(
         return Ok(());
     }
     let options = format::ReadOptions {
-        map: args.read.map.clone(),
-        unit: args.read.unit.into(),
-        bvh_position: args.read.bvh_position.into(),
+        map: recipe.read.map.clone(),
+        unit: recipe.read.unit,
+        bvh_position: recipe.read.bvh_position,
         ..Default::default()
     };
-    let (_, clip) = kinelm::corpus::load::load_clip(out, &options, tokenizer.fps())?;
+    let (_, clip) = load_clip(out, &options, tokenizer.fps())?;
     let again = tokenizer.encode(&clip)?.words;
     if let Some(share) = prompt::share_changed(words.codes(), again.codes(), &prompt.given, prompt.clip.words.len()) {
         say.line(format_args!(

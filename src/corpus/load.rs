@@ -54,7 +54,11 @@ pub fn item_options(item: &Item, options: &ReadOptions) -> ReadOptions {
     }
 }
 
-fn hash_file(path: &Path) -> Result<String> {
+/// SHA-256 of a file, hexadecimal.
+///
+/// # Errors
+/// [`Error::Io`] when it can't be read.
+pub fn hash_file(path: &Path) -> Result<String> {
     let mut hash = Sha256::new();
     let mut file = File::open(path).map_err(Error::io(path))?;
     std::io::copy(&mut file, &mut hash).map_err(Error::io(path))?;

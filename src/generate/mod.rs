@@ -10,7 +10,10 @@
 
 mod dance;
 pub mod guidance;
+pub mod make;
 pub mod prompt;
+pub mod provenance;
+pub mod recipe;
 pub mod sampling;
 
 use crate::model::{Cache, Compute, LoadedRun, Reader, Reading};

@@ -7,6 +7,7 @@ use kinelm_motion::joints::Selection;
 use kinelm_motion::retarget::{self, Retarget};
 use kinelm_motion::{Clip, Motion, Quat, Source, smpl};
 use kinelm_tokenizer::{Rest, Tokenizer, WordLength, Words};
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// A prompt clip, read.
@@ -21,7 +22,8 @@ pub struct Prompt {
 }
 
 /// What the joints that the model doesn't know do in a new dance.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum RestJoints {
     /// They stand at rest.
     #[default]
@@ -61,7 +63,7 @@ impl Prompt {
         if whole <= unsettled {
             let (least, has) = ((unsettled + 1) * tokenizer.frames_per_word(), self.frames());
             return Err(Error::Call(format!(
-                "a beginning of {frames} frames of a prompt of {has}; words of this tokenizer need at least {least}"
+                "{frames} frames of a prompt of {has}; words of this tokenizer need at least {least} to begin with"
             )));
         }
         let words = tokenizer.encode(&self.clip.slice(0..whole * tokenizer.frames_per_word()))?.words;

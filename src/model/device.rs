@@ -84,6 +84,15 @@ impl FromStr for DeviceName {
     }
 }
 
+impl fmt::Display for Form {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Form::Auto => "auto",
+            Form::Plain => "plain",
+        })
+    }
+}
+
 impl FromStr for Form {
     type Err = Error;
 

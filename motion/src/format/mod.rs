@@ -18,13 +18,15 @@ pub use rest::rest_frame;
 
 use crate::{Error, FileError, Kind, Motion, Place, Result, Source};
 use positions::Positions;
+use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// What a file's bytes are to be read as; the same on every command.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct ReadOptions {
     /// The true rate, where the file states it wrongly.
     pub fps_source: Option<f64>,
@@ -47,7 +49,8 @@ pub struct ReadOptions {
 }
 
 /// The length that 1 in a BVH means.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Unit {
     /// Judged by the leg's length.
     #[default]
@@ -79,7 +82,8 @@ impl Unit {
 }
 
 /// The two conventions of BVH position channels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum BvhPosition {
     /// A channel takes the place of its component of the OFFSET.
     #[default]
@@ -89,7 +93,8 @@ pub enum BvhPosition {
 }
 
 /// What to do with a leading rest-pose frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum RestFrame {
     /// Leave it.
     #[default]

@@ -1,0 +1,137 @@
+//! A recipe carried out: the model and the prompt read, the dances drawn, and put on a rig.
+
+use super::guidance::Guidance;
+use super::prompt::{self, Prompt};
+use super::recipe::{PromptRecipe, Recipe, Rig};
+use super::{Danced, GUESSES, Plan, dances, reader};
+use crate::model::{LoadedRun, Which, load_run};
+use crate::{Error, Result};
+use kinelm_motion::{Motion, joints};
+use kinelm_tokenizer::{Rest, Tokenizer, Words};
+use std::path::Path;
+
+/// All that a recipe names, read.
+pub struct Ready {
+    /// The recipe.
+    pub recipe: Recipe,
+    /// The model.
+    pub run: LoadedRun,
+    /// Its tokenizer.
+    pub tokenizer: Tokenizer,
+    /// The clip that is followed.
+    pub prompt: Option<Followed>,
+    /// Frames of the dance.
+    pub frames: usize,
+    /// The tokens in front of every window: `<bos>` and the labels.
+    front: Vec<u32>,
+    /// The same with every label unknown, where the dance is guided.
+    without: Option<Vec<u32>>,
+}
+
+/// What is followed of a clip.
+pub struct Followed {
+    /// The clip.
+    pub clip: Prompt,
+    /// (C) places of a word; none if no joints are followed.
+    pub given: Vec<bool>,
+    /// Ids of the first words.
+    pub beginning: Vec<u32>,
+}
+
+impl Ready {
+    /// Reads what a recipe names; the checkpoint as [`load_run`] takes it.
+    ///
+    /// # Errors
+    /// What reading the run and the prompt fails with; settings outside their ranges; a model that is not causal; labels that the model doesn't know,
+    /// with those that it knows; guidance of a model without conditions, or without labels; joints that aren't coded; a
+    /// prompt of which nothing is followed, or that is too short to go on from; neither frames nor a prompt.
+    pub fn load(recipe: Recipe, which: Which) -> Result<Ready> {
+        recipe.draw.check()?;
+        let run = load_run(&recipe.run, which)?;
+        let tokenizer = Tokenizer::load(&run.tokenizer)?;
+        let (front, without) = fronts(&recipe, &run)?;
+        let prompt = recipe.prompt.as_ref().map(|prompt| Followed::load(prompt, &tokenizer)).transpose()?;
+        let frames = recipe.frames.or(prompt.as_ref().map(|p| p.clip.frames()));
+        let frames = frames.ok_or_else(|| Error::Call("neither frames nor a prompt that says how many".into()))?;
+        Ok(Ready { recipe, run, tokenizer, prompt, frames, front, without })
+    }
+
+    /// Draws `variations` dances side by side; guesses as [`Plan::guesses`]. `progress` is told the frames done.
+    ///
+    /// # Errors
+    /// Those of [`reader`] and [`dances`].
+    pub fn dance(&self, variations: usize, guesses: Option<usize>, progress: &mut dyn FnMut(usize)) -> Result<Danced> {
+        let length = self.tokenizer.frames_per_word();
+        let followed = self.prompt.as_ref().filter(|p| !p.given.is_empty());
+        let ids = followed.map(|p| self.tokenizer.ids_of_words(&p.clip.words)).transpose()?.unwrap_or_default();
+        let words = self.frames.div_ceil(length);
+        let mut plan = Plan::free(self.tokenizer.grammar(), words, self.recipe.draw, self.recipe.seed);
+        if let Some(prompt) = &self.prompt {
+            (plan.beginning, plan.given, plan.prompt) = (&prompt.beginning, &prompt.given, &ids);
+        }
+        plan.front = &self.front;
+        plan.guidance = self.without.as_deref().map(|without| Guidance { scale: self.recipe.guidance, without });
+        plan.guesses = guesses.unwrap_or(if self.recipe.draw.greedy { GUESSES } else { 0 });
+        let computing = &self.recipe.computing;
+        let reading = computing.reading(variations * plan.streams())?;
+        let mut model = reader(&self.run, computing.compute()?, reading)?;
+        dances(&mut *model, &plan, &mut |words| progress((words * length).min(self.frames)))
+    }
+
+    /// The words of a dance's ids.
+    pub fn words(&self, ids: &[u32]) -> Words {
+        self.tokenizer.words_of_ids(ids).words
+    }
+
+    /// Words as a motion on the rig wanted, to be written to `out`.
+    ///
+    /// # Errors
+    /// Words that are not this tokenizer's, a rig that no skeleton map knows.
+    pub fn motion(&self, words: &Words, out: &Path) -> Result<Motion> {
+        let clip = match &self.prompt {
+            Some(prompt) => prompt.clip.decode(&self.tokenizer, words, self.recipe.rest_joints)?,
+            None => self.tokenizer.decode(words, Rest::Identity)?,
+        };
+        let clip = clip.slice(0..self.frames);
+        match self.on_own_rig() {
+            Some((prompt, recipe)) => prompt.clip.on_own_rig(&clip, recipe.read.map.as_deref()),
+            None => Ok(prompt::on_model_rig(out, clip)),
+        }
+    }
+
+    /// The prompt on whose own rig the dance is written.
+    pub fn on_own_rig(&self) -> Option<(&Followed, &PromptRecipe)> {
+        let prompt = self.prompt.as_ref().zip(self.recipe.prompt.as_ref());
+        prompt.filter(|_| self.recipe.rig == Rig::Prompt)
+    }
+}
+
+impl Followed {
+    fn load(recipe: &PromptRecipe, tokenizer: &Tokenizer) -> Result<Followed> {
+        if recipe.joints.is_none() && recipe.from_frame.is_none() {
+            let path = recipe.path.display();
+            return Err(Error::Call(format!(
+                "{path}: nothing of the prompt is followed; give joints, a frame to go on from, or both"
+            )));
+        }
+        let selection = recipe.joints.as_deref().map(joints::parse).transpose()?;
+        let clip = Prompt::load(&recipe.path, &recipe.read, tokenizer)?;
+        let given = match (selection, &recipe.joints) {
+            (Some(selection), Some(list)) => {
+                prompt::given_places(tokenizer, &selection).map_err(|e| Error::Call(format!("--joints {list}: {e}")))?
+            }
+            _ => Vec::new(),
+        };
+        let beginning = recipe.from_frame.map(|n| clip.beginning(tokenizer, n));
+        let beginning = beginning.transpose().map_err(|e| Error::Call(format!("--from-frame: {e}")))?;
+        Ok(Followed { clip, given, beginning: beginning.unwrap_or_default() })
+    }
+}
+
+/// The tokens in front of every window, and those of the reading without conditions, if there is to be one.
+fn fronts(recipe: &Recipe, _run: &LoadedRun) -> Result<(Vec<u32>, Option<Vec<u32>>)> {
+    match recipe.labels.is_empty() && recipe.guidance == 1.0 {
+        true => Ok((super::FRONT.to_vec(), None)),
+        false => Err(Error::Call("labels and guidance: this model knows no labels".into())),
+    }
+}

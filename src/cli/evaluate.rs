@@ -1,4 +1,6 @@
-//! `kinelm evaluate baselines` and `likelihood`.
+//! `kinelm evaluate`.
+
+mod dance;
 
 use super::{ComputeArgs, ReadingArgs, Say, WrongCall, print};
 use anyhow::Result;
@@ -16,6 +18,8 @@ pub enum Command {
     Baselines(BaselinesArgs),
     /// Bits a frame of a trained model, with the static floors of the same tokens beside it
     Likelihood(LikelihoodArgs),
+    /// Whether dances freeze, repeat themselves, answer to their prompts, copy, with real ones beside them
+    Dance(dance::Args),
 }
 
 #[derive(Debug, clap::Args)]
@@ -76,6 +80,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
     match command {
         Command::Baselines(args) => baselines(args),
         Command::Likelihood(args) => model(args, say),
+        Command::Dance(args) => dance::run(&args, say),
     }
 }
 

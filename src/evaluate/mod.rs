@@ -1,7 +1,8 @@
-//! Measures: what a corpus costs without a model, and later what a model makes of it.
+//! Measures: what a corpus costs without a model and with one, and what the dances are that it makes.
 
 pub mod baselines;
 pub mod codes;
+pub mod dance;
 pub mod floors;
 pub mod kernels;
 pub mod likelihood;

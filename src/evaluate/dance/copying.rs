@@ -1,0 +1,161 @@
+//! Whether a dance is a copy of what the model was trained on: PROTOCOLS 4.7.
+//!
+//! Windows of two seconds, the pelvis at 0, the heading of the first frame removed. For each window of a dance, half a
+//! second apart, the nearest of all training windows: every offset, mirrored too. The same of real validation clips is
+//! the reference; a copy is what is nearer than all but 1 % of it.
+
+use super::places::heading_of;
+use crate::Result;
+use kinelm_motion::mirror::mirror;
+use kinelm_motion::{Clip, Vec3};
+use rayon::prelude::*;
+
+/// Length of a window and how far windows of a dance are apart, seconds.
+const WINDOW_S: f64 = 2.0;
+const HOP_S: f64 = 0.5;
+
+/// A clip as windows are taken from it.
+#[derive(Debug, Clone)]
+pub struct Track {
+    /// (F, J) places of joints from the pelvis, metres.
+    at: Vec<Vec3>,
+    /// (F) cosine and sine of the heading.
+    heading: Vec<(f64, f64)>,
+    joints: usize,
+    fps: f64,
+}
+
+impl Track {
+    /// Of these joints of a clip on SMPL-24.
+    ///
+    /// # Panics
+    /// If the clip lacks one of the joints.
+    pub fn of(clip: &Clip, joints: &[usize]) -> Track {
+        let all = clip.positions();
+        let (mut at, mut heading, mut last) = (Vec::new(), Vec::new(), 0.0);
+        for frame in all.chunks(clip.joints()) {
+            last = heading_of(frame).unwrap_or(last);
+            heading.push((last.cos(), last.sin()));
+            at.extend(joints.iter().map(|&j| frame[j] - frame[0]));
+        }
+        Track { at, heading, joints: joints.len(), fps: clip.fps() }
+    }
+
+    /// The clip and its mirror image.
+    ///
+    /// # Errors
+    /// A clip that is not on SMPL-24.
+    pub fn both(clip: &Clip, joints: &[usize]) -> Result<[Track; 2]> {
+        Ok([Track::of(clip, joints), Track::of(&mirror(clip)?, joints)])
+    }
+
+    /// Frames of a window.
+    fn window(&self) -> usize {
+        (WINDOW_S * self.fps).round() as usize
+    }
+
+    /// How many windows begin at one frame after the other.
+    fn windows(&self) -> usize {
+        (self.heading.len() + 1).saturating_sub(self.window())
+    }
+
+    /// Places of a frame in a window that begins at frame `first`.
+    fn turned(&self, first: usize, frame: usize) -> impl Iterator<Item = Vec3> + '_ {
+        let (cos, sin) = self.heading[first];
+        let places = &self.at[frame * self.joints..(frame + 1) * self.joints];
+        places.iter().map(move |p| Vec3::new(cos * p.x - sin * p.z, p.y, sin * p.x + cos * p.z))
+    }
+}
+
+/// For every window of a dance the distance to the nearest training window, cm: the mean over frames and joints. Nothing
+/// for a dance shorter than a window, or without training windows.
+pub fn nearest(dance: &Track, training: &[Track]) -> Vec<f64> {
+    let hop = ((HOP_S * dance.fps).round() as usize).max(1);
+    let starts: Vec<usize> = (0..dance.windows()).step_by(hop).collect();
+    let near = |&start: &usize| {
+        let length = dance.window();
+        let window: Vec<Vec3> = (start..start + length).flat_map(|f| dance.turned(start, f)).collect();
+        let all = training.iter().flat_map(|t| (0..t.windows()).map(move |first| (t, first)));
+        let best = all.fold(f64::INFINITY, |best, (t, first)| best.min(apart(&window, t, first, best)));
+        100.0 * best / window.len() as f64
+    };
+    let found: Vec<f64> = starts.par_iter().map(near).collect();
+    found.into_iter().filter(|d| d.is_finite()).collect()
+}
+
+/// Sum of the distances of a window's joints from those of the training window that begins at `first`; given up, with
+/// something larger, where it passes `most`.
+fn apart(window: &[Vec3], training: &Track, first: usize, most: f64) -> f64 {
+    let mut sum = 0.0;
+    for (f, frame) in window.chunks(training.joints).enumerate() {
+        sum += training.turned(first, first + f).zip(frame).map(|(p, q)| (p - *q).length()).sum::<f64>();
+        if sum >= most {
+            break;
+        }
+    }
+    sum
+}
+
+/// Words of the longest run that stands, word by word, in a training clip too; where places are given, only the others
+/// are looked at.
+pub fn longest_run(dance: &[&[u32]], training: &[Vec<&[u32]>], given: &[bool]) -> usize {
+    let same = |a: &[u32], b: &[u32]| {
+        let free = |i: usize| !given.get(i).copied().unwrap_or(false);
+        a.len() == b.len() && a.iter().zip(b).enumerate().all(|(i, (a, b))| a == b || !free(i))
+    };
+    let longest = |clip: &Vec<&[u32]>| {
+        let (mut runs, mut most) = (vec![0usize; clip.len() + 1], 0);
+        for word in dance {
+            // from the end, so that the run of the word before still stands there
+            for i in (0..clip.len()).rev() {
+                runs[i + 1] = if same(word, clip[i]) { runs[i] + 1 } else { 0 };
+                most = most.max(runs[i + 1]);
+            }
+        }
+        most
+    };
+    training.par_iter().map(longest).max().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinelm_motion::{Quat, synth};
+
+    fn dances() -> Vec<Clip> {
+        synth::corpus(4, 3, 6.0, 20.0).unwrap().into_iter().map(|d| d.clip).collect()
+    }
+
+    #[test]
+    fn a_copy_is_found_wherever_it_stands_and_however_it_is_turned() {
+        let clips = dances();
+        let joints = [0, 4, 5, 18, 19];
+        let training: Vec<Track> = clips[..2].iter().flat_map(|c| Track::both(c, &joints).unwrap()).collect();
+        // a stretch of the second, mirrored, turned, and moved
+        let stretch = mirror(&clips[1].slice(13..93)).unwrap();
+        let turn = Quat::from_rotation_y(2.0);
+        let root = stretch.root().iter().map(|p| turn * *p + Vec3::new(3.0, 0.0, -1.0)).collect();
+        let mut rotations = stretch.rotations().to_vec();
+        rotations.iter_mut().step_by(24).for_each(|q| *q = turn * *q);
+        let copy = Clip::new(stretch.skeleton().clone(), 20.0, root, rotations).unwrap();
+        let found = nearest(&Track::of(&copy, &joints), &training);
+        assert_eq!(found.len(), 5);
+        assert!(found.iter().all(|d| *d < 1e-6), "{found:?}");
+        let other = nearest(&Track::of(&clips[2], &joints), &training);
+        assert!(other.len() == 9 && other.iter().all(|d| *d > 0.5), "{other:?}");
+        assert!(nearest(&Track::of(&clips[2].slice(0..39), &joints), &training).is_empty());
+        assert!(nearest(&Track::of(&clips[2], &joints), &[]).is_empty());
+    }
+
+    #[test]
+    fn the_longest_run_is_counted_in_words() {
+        let words = |ids: &'static [u32]| ids.chunks(2).collect::<Vec<_>>();
+        let training = [words(&[1, 2, 3, 4, 5, 6]), words(&[3, 4, 9, 9, 1, 2])];
+        let run = |dance: &'static [u32], given: &[bool]| longest_run(&words(dance), &training, given);
+        assert_eq!(run(&[7, 7, 1, 2, 3, 4, 7, 7], &[]), 2);
+        assert_eq!(run(&[3, 4, 1, 2, 3, 4, 5, 6], &[]), 3);
+        assert_eq!(run(&[0, 2, 0, 4, 0, 6], &[]), 0);
+        assert_eq!(run(&[0, 2, 0, 4, 0, 6], &[true, false]), 3);
+        assert_eq!(run(&[], &[]), 0);
+    }
+}

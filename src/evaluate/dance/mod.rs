@@ -1,0 +1,28 @@
+//! Measures of one dance: whether it freezes, repeats itself, answers to its prompt, copies: PROTOCOLS 4.6 and 4.7.
+//!
+//! Real and generated clips go through the same coding and decoding: the tokenizer of the corpus that holds the real ones,
+//! the joints that it doesn't code at rest.
+
+pub mod coordination;
+pub mod copying;
+pub mod freeze;
+pub mod places;
+pub mod prompted;
+pub mod repeat;
+mod report;
+
+pub use report::{Copied, Dance, Real, Report};
+
+/// The p-quantile of ascending numbers, linear between ranks.
+fn percentile(sorted: &[f64], p: f64) -> Option<f64> {
+    let at = p * sorted.len().checked_sub(1)? as f64;
+    let (low, high) = (at.floor() as usize, at.ceil() as usize);
+    Some(sorted[low] + (sorted[high] - sorted[low]) * (at - low as f64))
+}
+
+/// Standard deviation, dividing by the number; `None` of fewer than two.
+fn sd(numbers: &[f64]) -> Option<f64> {
+    let n = numbers.len() as f64;
+    let mean = numbers.iter().sum::<f64>() / n;
+    (numbers.len() > 1).then(|| (numbers.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / n).sqrt())
+}

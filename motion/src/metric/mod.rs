@@ -7,11 +7,13 @@
 pub mod border_jerk;
 pub mod geodesic_error;
 pub mod mpjpe;
+pub mod short_term;
 pub mod vector_angle;
 
 pub use border_jerk::BorderJerk;
 pub use geodesic_error::GeodesicError;
 pub use mpjpe::Mpjpe;
+pub use short_term::ShortTerm;
 pub use vector_angle::VectorAngle;
 
 use crate::{Clip, Error, Result};

@@ -129,9 +129,24 @@ impl Followed {
 }
 
 /// The tokens in front of every window, and those of the reading without conditions, if there is to be one.
-fn fronts(recipe: &Recipe, _run: &LoadedRun) -> Result<(Vec<u32>, Option<Vec<u32>>)> {
-    match recipe.labels.is_empty() && recipe.guidance == 1.0 {
-        true => Ok((super::FRONT.to_vec(), None)),
-        false => Err(Error::Call("labels and guidance: this model knows no labels".into())),
+fn fronts(recipe: &Recipe, run: &LoadedRun) -> Result<(Vec<u32>, Option<Vec<u32>>)> {
+    let conditions = run.load_conditions()?;
+    let asked: Vec<(String, String)> = recipe.labels.clone().into_iter().collect();
+    let front = conditions.asked(&asked)?;
+    let scale = recipe.guidance;
+    if scale == 1.0 {
+        return Ok((front, None));
     }
+    let wrong = |what: &str| Err(Error::Call(format!("guidance {scale}: {what}")));
+    if !scale.is_finite() {
+        return wrong("expected a finite number");
+    }
+    if conditions.fields().is_empty() {
+        return wrong("this model knows no labels, so there is nothing to follow; train one with train.conditions");
+    }
+    if asked.is_empty() {
+        return wrong("no label is given that could be followed; give some with --label FIELD=VALUE");
+    }
+    let without = conditions.unknown().asked(&[])?;
+    Ok((front, Some(without)))
 }

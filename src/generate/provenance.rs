@@ -7,7 +7,7 @@ use super::make::Ready;
 use super::recipe::Recipe;
 use crate::corpus::load::hash_file;
 use crate::model::LoadedRun;
-use crate::model::run::WEIGHTS;
+use crate::model::run::{AVERAGED, WEIGHTS};
 use crate::{Error, Result, files};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -155,5 +155,6 @@ pub fn name_of(path: &Path) -> String {
 
 /// SHA-256 of the file that a run's weights were read from.
 fn weights_sha256(run: &LoadedRun) -> String {
-    run.state.files.get(WEIGHTS).map(|file| file.sha256.clone()).unwrap_or_default()
+    let files = &run.state.files;
+    files.get(AVERAGED).or(files.get(WEIGHTS)).map(|file| file.sha256.clone()).unwrap_or_default()
 }

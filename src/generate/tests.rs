@@ -269,7 +269,7 @@ fn guidance_reads_with_and_without_conditions() {
                 }
             }
             // beside others it is the same, and the others are not
-            let sampled = Plan { draw: Draw::temperature(2.0), ..plan.clone() };
+            let sampled = Plan { draw: Draw::temperature(9.0), ..plan.clone() };
             let alone = dance(&mut model(context, 2), &sampled, &mut |_| {}).unwrap();
             let three = dances(&mut model(context, 6), &sampled, &mut |_| {}).unwrap().ids;
             assert!(three.len() == 3 && three[0] == alone && three[1] != alone);

@@ -1,7 +1,8 @@
 //! Whether and when a dance freezes: PROTOCOLS 4.6.
 //!
 //! e is the mean speed of the joints, E(t) its mean over the steps within 0.25 s of frame t. The threshold is the first percentile
-//! of E over the real training frames of the same rig, rate and joints, so 1 % of them are below it by construction.
+//! of E over the real training frames of the same rig, rate and joints, so 1 % of them are not above it by construction; more
+//! where as many are exactly at rest, which a threshold of 0 would miss with a strict comparison.
 
 use super::places::Places;
 
@@ -39,7 +40,7 @@ pub fn threshold(mut energies: Vec<f64>) -> Option<f64> {
 pub struct Freezing {
     /// F.
     pub frames: usize,
-    /// Of these the ones with E below the threshold.
+    /// Of these the ones with E not above the threshold.
     pub still: usize,
     /// The same for every five seconds: frames, and still ones.
     pub per_5_s: Vec<[usize; 2]>,
@@ -52,7 +53,7 @@ pub struct Freezing {
 impl Freezing {
     /// Of a dance's E at `fps`, with the threshold `x`.
     pub fn of(energy: &[f64], fps: f64, x: f64) -> Freezing {
-        let still: Vec<bool> = energy.iter().map(|e| *e < x).collect();
+        let still: Vec<bool> = energy.iter().map(|e| *e <= x).collect();
         let count = |frames: &[bool]| [frames.len(), frames.iter().filter(|s| **s).count()];
         let [frames, all_still] = count(&still);
         let moving = still.iter().rposition(|s| !s).map_or(0, |last| last + 1);
@@ -162,7 +163,7 @@ mod tests {
         assert_eq!(of(&[vec![2.0; 30], vec![0.5; 20]].concat()).time_to_freeze_s, Some(1.5));
         assert_eq!(of(&[0.5; 200]).time_to_freeze_s, Some(0.0));
         assert_eq!(of(&[[2.0; 100], [0.5; 100]].concat()).per_5_s, [[100, 0], [100, 100]]);
-        assert_eq!((of(&[]).time_to_freeze_s, of(&[1.0]).still), (None, 0));
+        assert_eq!((of(&[]).time_to_freeze_s, of(&[1.0]).still), (None, 1));
     }
 
     #[test]

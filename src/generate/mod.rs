@@ -16,7 +16,7 @@ pub mod provenance;
 pub mod recipe;
 pub mod sampling;
 
-use crate::model::{Cache, Compute, LoadedRun, Reader, Reading};
+use crate::model::{Cache, Compute, Kind, LoadedRun, Reader, Reading};
 use crate::{Error, Result};
 use dance::Dance;
 use guidance::Guidance;
@@ -104,8 +104,14 @@ impl NextToken for Vec<Cache> {
 /// The model of a run in the form that is wanted, ready to read.
 ///
 /// # Errors
+/// A masked model: it tells a token from those on both sides of it, and those behind it aren't there yet.
 /// Weights that don't fit the configuration, a device that isn't there, a reading that the form doesn't have.
 pub fn reader(run: &LoadedRun, compute: Compute, reading: Reading) -> Result<Box<dyn NextToken>> {
+    if run.config.kind == Kind::Masked {
+        let what = "the model is masked: it tells a token from those on both sides, and of a new dance there are none \
+                    behind it; train one with model.kind = \"causal\"";
+        return Err(Error::Call(format!("{}: {what}", run.checkpoint.display())));
+    }
     if compute.is_fast() {
         return Ok(Box::new(run.reader(reading)?));
     }

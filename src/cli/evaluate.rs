@@ -1,12 +1,14 @@
 //! `kinelm evaluate`.
 
 mod dance;
+mod prediction;
 
 use super::{ComputeArgs, ReadingArgs, Say, WrongCall, print};
 use anyhow::Result;
 use kinelm::corpus::{Corpus, Split};
 use kinelm::evaluate::baselines::figure_row;
 use kinelm::evaluate::likelihood::likelihood;
+use kinelm::evaluate::per_joint::{by_part, by_place, places};
 use kinelm::evaluate::{CodeSplits, Floors, measure};
 use kinelm::model::{Reading, Which, load_run};
 use kinelm_tokenizer::Tokenizer;
@@ -20,6 +22,8 @@ pub enum Command {
     Likelihood(LikelihoodArgs),
     /// Whether dances freeze, repeat themselves, answer to their prompts, copy, with real ones beside them
     Dance(dance::Args),
+    /// What a model foretells of the next 400 ms, with standing still and going on beside it
+    Prediction(prediction::Args),
 }
 
 #[derive(Debug, clap::Args)]
@@ -58,6 +62,9 @@ pub struct LikelihoodArgs {
     /// What the model is told of a clip, where it was trained with conditions: its labels, or nothing
     #[arg(long, value_enum, default_value = "labels")]
     conditions: ConditionsArg,
+    /// Also which joints cost the bits, where a word is a frame of one character a channel
+    #[arg(long)]
+    per_joint: bool,
     #[command(flatten)]
     reading: ReadingArgs,
     #[command(flatten)]
@@ -81,6 +88,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
         Command::Baselines(args) => baselines(args),
         Command::Likelihood(args) => model(args, say),
         Command::Dance(args) => dance::run(&args, say),
+        Command::Prediction(args) => prediction::run(&args, say),
     }
 }
 
@@ -107,23 +115,59 @@ fn model(args: LikelihoodArgs, say: Say) -> Result<()> {
         ConditionsArg::Labels => known,
         ConditionsArg::None => known.unknown(),
     };
-    let found = likelihood(&mut *model, &corpus, &clips, args.windows, &conditions)?
-        .ok_or_else(|| anyhow::anyhow!("{}: no {} clip has a frame", args.corpus.display(), args.split))?;
+    if args.per_joint {
+        places(corpus.tokenizer()).map_err(|e| WrongCall(format!("--per-joint: {e}")))?;
+    }
+    let found = match args.per_joint {
+        true => {
+            by_place(&mut *model, &corpus, &clips, args.windows, &conditions)?.map(|(found, bits)| (found, Some(bits)))
+        }
+        false => likelihood(&mut *model, &corpus, &clips, args.windows, &conditions)?.map(|found| (found, None)),
+    };
+    let (found, bits) =
+        found.ok_or_else(|| anyhow::anyhow!("{}: no {} clip has a frame", args.corpus.display(), args.split))?;
     let floors = Floors::of_corpus(&corpus, args.split)?;
     let checkpoint = run.checkpoint.display().to_string();
+    let all_frames: usize = clips.iter().map(|c| c.frames).sum();
+    let in_all = |bits_per_frame: f64| bits_per_frame * all_frames as f64;
     if args.json {
-        let line = serde_json::json!({
+        let mut line = serde_json::json!({
             "schema": 1, "checkpoint": checkpoint, "split": args.split.to_string(),
             "bits_per_frame": found.bits_per_frame, "bits_per_s": found.bits_per_frame * corpus.manifest().fps,
             "nats_per_token": found.nats_per_token, "tokens": found.tokens, "frames": found.frames,
             "windows": found.windows, "all_windows": found.all_windows, "pseudo": found.pseudo, "floors": floors.to_json(),
+            "all_frames": all_frames,
+            "bits": {"model": in_all(found.bits_per_frame), "order0": in_all(floors.order0()), "xz9": floors.xz().map(in_all)},
         });
+        if let Some(bits) = bits {
+            line["places"] = serde_json::to_value(&bits)?;
+            line["parts"] = by_part(&bits)
+                .into_iter()
+                .map(|(part, bits)| (part, bits.into()))
+                .collect::<serde_json::Map<_, _>>()
+                .into();
+        }
         return print(&format!("{line}\n"));
     }
-    print(&format!(
-        "{floors}\n{}\n",
-        figure_row(if found.pseudo { "the model (pseudo)" } else { "the model" }, found.bits_per_frame, None)
-    ))?;
+    let name = if found.pseudo { "the model (pseudo)" } else { "the model" };
+    let mut table = format!("{floors}\n{}\n", figure_row(name, found.bits_per_frame, None));
+    table += &format!(
+        "\n{:<32} {:>12} {:>14}\n",
+        format!("{all_frames} frames of {}", args.split),
+        "bits/frame",
+        "bits in all"
+    );
+    let rows = [("order 0", Some(floors.order0())), ("xz -9", floors.xz()), (name, Some(found.bits_per_frame))];
+    for (name, bits) in rows.into_iter().filter_map(|(name, bits)| Some((name, bits?))) {
+        table += &format!("{name:<32} {bits:>12.2} {:>14.0}\n", in_all(bits));
+    }
+    if let Some(bits) = bits {
+        table += &format!("\n{:<32} {:>12} {:>14}\n", "under the model", "bits/frame", "share %");
+        for (part, bits) in by_part(&bits) {
+            table += &format!("{part:<32} {bits:>12.2} {:>14.1}\n", 100.0 * bits / found.bits_per_frame);
+        }
+    }
+    print(&table)?;
     let (tokens, frames, windows, of) = (found.tokens, found.frames, found.windows, found.all_windows);
     let per_s = found.bits_per_frame * corpus.manifest().fps;
     say.line(format_args!(

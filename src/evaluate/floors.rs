@@ -37,6 +37,22 @@ impl Floors {
         }
     }
 
+    /// Bits a frame of order 0: every character by its frequency.
+    pub fn order0(&self) -> f64 {
+        match self {
+            Floors::Channels(floors) => floors.bits_per_frame[0],
+            Floors::Tokens(floors) => floors.bits_per_frame[0],
+        }
+    }
+
+    /// Bits a frame under `xz -9`, the better order of the numbers; `None` where there is no `xz` program.
+    pub fn xz(&self) -> Option<f64> {
+        match self {
+            Floors::Channels(floors) => floors.xz.map(|[frame, channel]| frame.min(channel)),
+            Floors::Tokens(floors) => floors.xz,
+        }
+    }
+
     /// One object; `of` says what the models are of.
     pub fn to_json(&self) -> Value {
         let (of, mut all) = match self {

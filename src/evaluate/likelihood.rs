@@ -47,6 +47,21 @@ pub fn likelihood(
     most: usize,
     conditions: &Conditions,
 ) -> Result<Option<Likelihood>> {
+    likelihood_by_token(model, corpus, clips, most, conditions, &mut |_, _, _| {})
+}
+
+/// As [`likelihood`]; `each` is told of every scored token: the clip, the token's place in it, its nats.
+///
+/// # Errors
+/// As [`likelihood`].
+pub fn likelihood_by_token(
+    model: &mut dyn Scores,
+    corpus: &Corpus,
+    clips: &[&ClipRecord],
+    most: usize,
+    conditions: &Conditions,
+    each: &mut dyn FnMut(&ClipRecord, usize, f64),
+) -> Result<Option<Likelihood>> {
     let (own, found) = (model.tokens(), TokenLayout::of(corpus.tokenizer()));
     if conditions.len() != own.front {
         let (k, front) = (conditions.len(), own.front);
@@ -71,12 +86,17 @@ pub fn likelihood(
     let length = taken.iter().map(|w| w.tokens).max().unwrap_or(1) + conditions.len() - 1;
     let (mut nats, mut tokens, mut frames) = (0.0, 0, 0.0);
     for windows in taken.chunks((BATCH_TOKENS / length).max(1)) {
-        for (window, sum) in windows.iter().zip(batch_nats(model, corpus, clips, windows, length, conditions)?) {
+        let all = batch_nats(model, corpus, clips, windows, length, conditions)?;
+        for (window, found) in windows.iter().zip(all.chunks(length)) {
+            let sum: f64 = found.iter().map(|&x| f64::from(x)).sum();
             if !sum.is_finite() {
                 let clip = &clips[window.clip].name;
                 return Err(Error::Call(format!("{clip} from token {}: {sum} nats", window.start)));
             }
             nats += sum;
+            for i in window.scored.clone() {
+                each(clips[window.clip], window.start + i, found[conditions.len() - 1 + i].into());
+            }
             tokens += window.scored.len();
             frames += scored_frames(corpus, clips[window.clip], window);
         }
@@ -117,7 +137,7 @@ pub(super) fn scored_frames(corpus: &Corpus, clip: &ClipRecord, window: &EvalWin
     (words.before(scored.start + 1) - 1..words.before(scored.end)).map(frames).sum()
 }
 
-/// Nats of the scored tokens of each window; all become `length` tokens long, and what isn't scored is padding.
+/// Nats of the scored tokens of each window, (windows, length), 0 elsewhere; all become `length` tokens long, and what isn't scored is padding.
 fn batch_nats(
     model: &mut dyn Scores,
     corpus: &Corpus,
@@ -125,7 +145,7 @@ fn batch_nats(
     windows: &[&EvalWindow],
     length: usize,
     conditions: &Conditions,
-) -> Result<Vec<f64>> {
+) -> Result<Vec<f32>> {
     let (pad, before) = (model.tokens().pad, conditions.len() - 1);
     let (mut inputs, mut targets) = (vec![pad; windows.len() * length], vec![pad; windows.len() * length]);
     for (window, (input, target)) in windows.iter().zip(inputs.chunks_mut(length).zip(targets.chunks_mut(length))) {
@@ -137,7 +157,7 @@ fn batch_nats(
     }
     let mut nats = vec![0.0; targets.len()];
     model.nats(&inputs, &targets, length, &mut nats)?;
-    Ok(nats.chunks(length).map(|window| window.iter().map(|&x| x as f64).sum()).collect())
+    Ok(nats)
 }
 
 #[cfg(test)]

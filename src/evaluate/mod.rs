@@ -6,6 +6,8 @@ pub mod dance;
 pub mod floors;
 pub mod kernels;
 pub mod likelihood;
+pub mod per_joint;
+pub mod prediction;
 mod pseudo;
 pub mod token_floors;
 pub mod xz;

@@ -1,0 +1,158 @@
+//! `kinelm evaluate prediction`.
+
+use crate::cli::data::DataArgs;
+use crate::cli::draw::DrawArgs;
+use crate::cli::read::ReadArgs;
+use crate::cli::{ComputeArgs, Say, WrongCall, print};
+use anyhow::Result;
+use kinelm::corpus::gather::Item;
+use kinelm::corpus::load::item_options;
+use kinelm::corpus::{Split, gather::Gathered};
+use kinelm::evaluate::prediction::{Foreteller, Row, TIMES_MS, Window, baselines, seen_s, windows};
+use kinelm::generate::{NextToken, reader};
+use kinelm::model::{Reading, Which, load_run};
+use kinelm_motion::format::{self, ReadOptions, RestFrame};
+use kinelm_motion::metric::short_term::{MAJOR, UpTo};
+use kinelm_motion::resample::{Method, resample};
+use kinelm_motion::{Clip, retarget};
+use kinelm_tokenizer::Tokenizer;
+use std::path::PathBuf;
+
+/// Frames per second of the protocol.
+const PROTOCOL_FPS: f64 = 60.0;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The run folder of a trained model
+    #[arg(long, value_name = "RUN")]
+    run: PathBuf,
+    #[command(flatten)]
+    data: DataArgs,
+    /// The split that is measured
+    #[arg(long, default_value = "test", value_name = "train|valid|test")]
+    split: Split,
+    /// Windows at most, spread evenly; 0: all
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    windows: usize,
+    /// Samples a window; the best of them is a row of its own. 0: the greedy continuation alone
+    #[arg(long, default_value_t = 10, value_name = "K", value_parser = clap::value_parser!(u8).range(..=64))]
+    samples: u8,
+    /// The seed of the samples
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    #[command(flatten)]
+    draw: DrawArgs,
+    #[command(flatten)]
+    compute: ComputeArgs,
+    /// One JSON object instead of a table
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+pub fn run(args: &Args, say: Say) -> Result<()> {
+    let draw = args.draw.get()?;
+    if draw.greedy && args.samples > 0 {
+        let what =
+            "--greedy with samples: the greedy continuation always is a row; add --samples 0, or leave --greedy out";
+        return Err(WrongCall(what.into()).into());
+    }
+    let run = load_run(&args.run, Which::Auto)?;
+    run.notes.iter().for_each(|note| say.line(note));
+    let tokenizer = Tokenizer::load(&run.tokenizer)?;
+    let conditions = run.load_conditions()?;
+    let gathered = args.data.gather(say)?;
+    let (own, protocol) = measured(args, &gathered, tokenizer.fps(), say)?;
+    anyhow::ensure!(!own.is_empty(), "no {} clip is as long as a window, 3 s", args.split);
+    let compute = args.compute.get();
+    let of = |streams: usize| reader(&run, compute, Reading { streams, ..Reading::default() });
+    let mut greedy = of(1)?;
+    let mut samples = (args.samples > 0).then(|| of(args.samples.into())).transpose()?;
+    let mut foreteller = Foreteller {
+        greedy: &mut *greedy,
+        samples: samples.as_mut().map(|samples| &mut **samples as &mut dyn NextToken),
+        tokenizer: &tokenizer,
+        conditions: &conditions,
+        draw,
+        seed: args.seed,
+    };
+    let seen = seen_s(&foreteller, &tokenizer);
+    let bar = crate::cli::progress::bar(own.len() as u64, "windows", say);
+    let rows = foreteller.rows(&own, &mut |n| bar.set_position(n as u64));
+    bar.finish_and_clear();
+    let joints = tokenizer.channels().joints();
+    let mut all = baselines(&own, joints, "")?;
+    all.extend(rows?);
+    if !protocol.is_empty() {
+        all.extend(baselines(&protocol, &MAJOR, ", 60 fps, 15 joints")?);
+    }
+    if args.json {
+        let line = serde_json::json!({
+            "schema": 1, "checkpoint": run.checkpoint.display().to_string(), "split": args.split.to_string(),
+            "seen_s": seen, "seed": args.seed, "draw": draw, "rows": all,
+        });
+        return print(&format!("{line}\n"));
+    }
+    say.line(format_args!(
+        "{}: the model sees the last {seen:.2} s of each seed of 2 s; windows of {} clips",
+        run.checkpoint.display(),
+        args.split
+    ));
+    print(&table(&all, tokenizer.fps()))
+}
+
+/// The windows of the split's clips at the model's rate, and at the protocol's of the clips that have it.
+fn measured(args: &Args, gathered: &Gathered, fps: f64, say: Say) -> Result<(Vec<Window>, Vec<Window>)> {
+    let options = args.read.options(RestFrame::Drop);
+    let (mut own, mut protocol) = (Vec::new(), Vec::new());
+    for item in gathered.items.iter().filter(|item| item.split == args.split) {
+        let clip = match load(item, &options) {
+            Err(e) if !args.data.strict => {
+                say.error(e);
+                continue;
+            }
+            other => other?,
+        };
+        own.extend(windows(&resample(&clip, fps, Method::Auto)?));
+        if fps != PROTOCOL_FPS && clip.fps() >= PROTOCOL_FPS {
+            protocol.extend(windows(&resample(&clip, PROTOCOL_FPS, Method::Auto)?));
+        }
+    }
+    let spread = |all: Vec<Window>| match args.windows {
+        0 => all,
+        most if most >= all.len() => all,
+        most => (0..most).map(|i| all[i * all.len() / most].clone()).collect(),
+    };
+    Ok((spread(own), spread(protocol)))
+}
+
+/// A file on SMPL-24 at its own rate.
+fn load(item: &Item, options: &ReadOptions) -> Result<Clip> {
+    let motion = format::read(&item.path, &item_options(item, options))?;
+    Ok(retarget::to_smpl(&motion, options.map.as_deref())?)
+}
+
+fn table(rows: &[Row], fps: f64) -> String {
+    let first = &rows[0];
+    let mut text = format!("{} windows, {} of the protocol's 15 joints", first.windows, first.joints);
+    if fps != PROTOCOL_FPS {
+        text += &format!("; at {fps} fps, sums as {fps} fps x {:.3}", PROTOCOL_FPS / fps);
+    }
+    text += "\nsums up to a time: Euler angles rad (compat, and fixed: differences around the circle), global angle rad, \
+             place thigh lengths; area under the curve of correct places\n";
+    text += &format!("{:<42}", "ms");
+    for what in ["Euler", "fixed", "angle", "place", "AUC"] {
+        for ms in TIMES_MS {
+            text += &format!(" {:>9}", format!("{what} {ms}"));
+        }
+    }
+    for row in rows {
+        text += &format!("\n{:<42}", row.name);
+        let columns: [fn(&UpTo) -> f64; 5] = [|u| u.euler, |u| u.euler_fixed, |u| u.angle, |u| u.position, |u| u.auc];
+        for of in columns {
+            row.up_to.iter().for_each(|u| text += &format!(" {:>9.3}", of(u)));
+        }
+    }
+    text + "\n"
+}

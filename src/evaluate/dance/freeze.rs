@@ -13,6 +13,9 @@ const PERCENTILE: f64 = 0.01;
 /// The shortest standstill at the end of a dance that counts as frozen, seconds.
 const FROZEN_S: f64 = 1.0;
 
+/// Less is rounding, cm/s: the threshold may be 0.
+const ROUNDING_CM_S: f64 = 1e-6;
+
 /// E, (F) cm/s: at every frame the mean of the joints' speed over the steps within a quarter of a second, as far as the
 /// clip has them; 0 for a clip of one frame.
 pub fn energy(places: &Places) -> Vec<f64> {
@@ -53,7 +56,7 @@ pub struct Freezing {
 impl Freezing {
     /// Of a dance's E at `fps`, with the threshold `x`.
     pub fn of(energy: &[f64], fps: f64, x: f64) -> Freezing {
-        let still: Vec<bool> = energy.iter().map(|e| *e <= x).collect();
+        let still: Vec<bool> = energy.iter().map(|e| *e <= x + ROUNDING_CM_S).collect();
         let count = |frames: &[bool]| [frames.len(), frames.iter().filter(|s| **s).count()];
         let [frames, all_still] = count(&still);
         let moving = still.iter().rposition(|s| !s).map_or(0, |last| last + 1);

@@ -4,6 +4,7 @@ use super::guidance::Guidance;
 use super::prompt::{self, Prompt};
 use super::recipe::{PromptRecipe, Recipe, Rig};
 use super::{Danced, GUESSES, Plan, dances, reader};
+use crate::model::checkpoint::Checkpoints;
 use crate::model::{LoadedRun, Which, load_run};
 use crate::{Error, Result};
 use kinelm_motion::{Motion, joints};
@@ -47,6 +48,9 @@ impl Ready {
     /// prompt of which nothing is followed, or that is too short to go on from; neither frames nor a prompt.
     pub fn load(recipe: Recipe, which: Which) -> Result<Ready> {
         recipe.draw.check()?;
+        if let Which::Step(step) = which {
+            check_step(&recipe.run, step)?;
+        }
         let run = load_run(&recipe.run, which)?;
         let tokenizer = Tokenizer::load(&run.tokenizer)?;
         let (front, without) = fronts(&recipe, &run)?;
@@ -126,6 +130,16 @@ impl Followed {
         let beginning = beginning.transpose().map_err(|e| Error::Call(format!("--from-frame: {e}")))?;
         Ok(Followed { clip, given, beginning: beginning.unwrap_or_default() })
     }
+}
+
+/// Refuses a checkpoint that a run no longer has.
+fn check_step(run: &Path, step: u64) -> Result<()> {
+    let steps = Checkpoints::of(run).steps()?;
+    if steps.is_empty() || steps.contains(&step) {
+        return Ok(()); // without any, reading the run says what is wrong with it
+    }
+    let found = format!("checkpoints of the steps {steps:?}");
+    Err(Error::file(run, found, format!("one of step {step}"), "a run keeps the best and the last few (train.keep)"))
 }
 
 /// The tokens in front of every window, and those of the reading without conditions, if there is to be one.

@@ -2,7 +2,7 @@
 
 use super::likelihood::{Likelihood, likelihood_by_token};
 use crate::corpus::{ClipRecord, Conditions, Corpus};
-use crate::model::Scores;
+use crate::model::{Kind, Scores};
 use crate::{Error, Result};
 use kinelm_motion::smpl;
 use kinelm_tokenizer::{Channel, Tokenizer};
@@ -43,7 +43,7 @@ pub fn places(tokenizer: &Tokenizer) -> Result<Vec<PlaceBits>> {
 /// [`super::likelihood::likelihood`], and how its bits fall on the places of a word.
 ///
 /// # Errors
-/// Those of [`places`] and of the likelihood.
+/// A masked model; those of [`places`] and of the likelihood.
 pub fn by_place(
     model: &mut dyn Scores,
     corpus: &Corpus,
@@ -51,6 +51,10 @@ pub fn by_place(
     most: usize,
     conditions: &Conditions,
 ) -> Result<Option<(Likelihood, Vec<PlaceBits>)>> {
+    if model.config().kind == Kind::Masked {
+        let what = "a masked model is asked for some of the tokens alone, too few to say what each joint costs";
+        return Err(Error::Call(what.into()));
+    }
     let mut all = places(corpus.tokenizer())?;
     let word = all.len();
     let mut nats = vec![0.0; word];

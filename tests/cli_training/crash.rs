@@ -9,8 +9,12 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// All that has a state of its own: dropout, the average, sums over batches, measurements and the best of them.
+/// All that could depend on where a run was cut: dropout, the average, sums over batches, measurements and the best of
+/// them; with [`AUGMENT`], what is drawn for every window.
 const KEYS: &str = "accumulate = 2\nema = 0.9\neval_every = 20\neval_windows = 4\ncheckpoint_every = 5\nkeep = 2\n";
+
+/// Behind the steps.
+const AUGMENT: &str = "[augment]\nmirror = 0.5\nheading = true\nspeed = 0.1\ndrop_joints = 0.3\n";
 
 /// How often a run is killed.
 const KILLS: u64 = 12;
@@ -24,7 +28,7 @@ fn spawn(command: &assert_cmd::Command) -> std::process::Child {
 
 /// A run of `steps` steps without interruption.
 fn straight(place: &Place, name: &str, keys: &str, steps: u64) -> (PathBuf, PathBuf, Duration) {
-    let config = place.config(&format!("{name}.toml"), &format!("{keys}steps = {steps}\n"));
+    let config = place.config(&format!("{name}.toml"), &format!("{keys}steps = {steps}\n{AUGMENT}"));
     let run = place.at(name);
     let begun = Instant::now();
     place.pretrain(&config, &run).assert().success();

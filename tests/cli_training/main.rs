@@ -25,7 +25,7 @@ impl Place {
         self.dir.path().join(name)
     }
 
-    /// A training file of a tiny model with these keys of `[train]`.
+    /// A training file of a tiny model with these keys of `[train]`, and tables behind them.
     fn config(&self, name: &str, train: &str) -> PathBuf {
         let path = self.at(name);
         let model = "[model]\nlayers = 1\nheads = 2\nwidth = 16\ncontext = 90\ndropout = 0.1\n";

@@ -11,7 +11,9 @@ use kinelm_engine::decode::{
 use kinelm_engine::dispatch;
 use kinelm_engine::op::dropout::Mask;
 use kinelm_engine::op::matmul::{Left, Panels, Store};
-use kinelm_engine::op::{adamw, attention, bias, cross_entropy, embedding, gelu, layer_norm, matmul};
+use kinelm_engine::op::rope::{Angles, Rope};
+use kinelm_engine::op::smoothing::Bins;
+use kinelm_engine::op::{adamw, attention, bias, cross_entropy, embedding, gelu, layer_norm, matmul, rope};
 use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Instant;
@@ -41,6 +43,7 @@ const CASES: [(&str, Make); 21] = [
     ("attention", attention),
     ("attention_backward", attention_backward),
     ("cross_entropy", cross_entropy),
+    ("rope", turn),
     ("embedding", embedding),
     ("embedding_backward", embedding_backward),
     ("adamw", adamw),
@@ -167,10 +170,20 @@ fn ids() -> Vec<u32> {
 }
 
 fn cross_entropy() -> Case {
-    let (logits, targets, mut changed) = (numbers(N * V), ids(), zeros(N * V));
+    let ask = |target| cross_entropy::Asked { target, first: 0, count: V as u32, bins: Bins::NONE };
+    let asked: Vec<cross_entropy::Asked> = ids().into_iter().map(ask).collect();
+    let (logits, mut changed) = (numbers(N * V), zeros(N * V));
     case("GB/s", 8 * N * V, move || {
         changed.copy_from_slice(&logits);
-        black_box(cross_entropy::forward_backward(&mut changed, &targets, 0, 0.01));
+        black_box(cross_entropy::forward_backward(&mut changed, &asked, None, 0.01));
+    })
+}
+
+fn turn() -> Case {
+    let (mut qkv, angles) = (numbers(N * 3 * D), Angles::new(N, 64));
+    let words: Vec<u32> = (0..N as u32).collect();
+    case("GB/s", 16 * N * D, move || {
+        rope::turn(black_box(&mut qkv), D / 64, 0, Rope { angles: &angles, words: &words }, false);
     })
 }
 

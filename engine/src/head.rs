@@ -1,12 +1,15 @@
 //! The end of a model: layer norm, the head's logits, cross-entropy. Logits exist for a stretch of rows at a time.
 //!
-//! Letters: N rows, D width, V vocabulary. The head is (V, D), one row a token, as the token embedding it may be tied to.
+//! Letters: N rows, D width, V what the logits are of: the vocabulary, or the steps from an id to the next. The head is (V, D),
+//! one row each, as the token embedding it may be tied to. Rows that different heads answer come one group after the other.
 
 use crate::arena::Floats;
 use crate::block::Norm;
 use crate::linear::{Sums, pack_parallel, pack_transposed_parallel, times, weight_gradient};
+use crate::op::cross_entropy::{self, Asked};
+use crate::op::layer_norm;
 use crate::op::matmul::{Store, pack, panels_len};
-use crate::op::{cross_entropy, layer_norm};
+use crate::op::smoothing::Smoothing;
 use crate::pieces::{self, PerThread};
 use rayon::prelude::*;
 
@@ -15,6 +18,7 @@ const LOGITS: usize = 1 << 22;
 
 /// Memory for the head of batches of one shape; the backward part is there if it was asked for.
 pub struct Workspace {
+    /// The most rows.
     rows: usize,
     width: usize,
     vocabulary: usize,
@@ -46,7 +50,7 @@ pub struct Gradients<'a> {
 }
 
 impl Workspace {
-    /// Memory for `rows` rows of `width` numbers and `vocabulary` tokens; `backward`: for training too.
+    /// Memory for up to `rows` rows of `width` numbers and a head of `vocabulary` rows; `backward`: for training too.
     pub fn new(rows: usize, width: usize, vocabulary: usize, backward: bool) -> Workspace {
         let piece = pieces::rows(rows);
         let stretch = (LOGITS / vocabulary.max(1) / piece * piece).clamp(piece, rows.next_multiple_of(piece));
@@ -79,18 +83,28 @@ impl Workspace {
     }
 }
 
-/// Sum of -ln p(target) over the rows of `x` (N, D) whose target is not `ignored`, in nats, and the gradients of that sum
-/// times `scale`.
+/// What rows are asked in training.
+#[derive(Debug, Clone, Copy)]
+pub struct Exam<'a> {
+    /// (N).
+    pub asked: &'a [Asked],
+    /// How targets are smoothed, in the gradients alone.
+    pub smoothing: Option<&'a Smoothing>,
+    /// What gradients are multiplied with.
+    pub scale: f32,
+}
+
+/// Sum of -ln p of what the rows of `x` (N, D) are asked, in nats, and its gradients times the exam's scale.
 ///
 /// # Panics
-/// Slices of other lengths, targets outside the vocabulary, a workspace without its backward part.
+/// Slices of other lengths, more rows than the workspace has room for, columns that are not there, a workspace without its
+/// backward part.
 #[allow(clippy::too_many_arguments)]
 pub fn loss(
     x: &[f32],
     norm: Norm<&[f32]>,
     head: &[f32],
-    (targets, ignored): (&[u32], u32),
-    scale: f32,
+    Exam { asked, smoothing, scale }: Exam,
     gradients: &mut Gradients,
     store: Store,
     workspace: &mut Workspace,
@@ -98,9 +112,9 @@ pub fn loss(
     workspace.pack(head);
     let Workspace { rows, width: d, vocabulary: v, piece, stretch, across, stats, logits, normal: scratch, nats, back } =
         workspace;
-    let (n, d, v, piece) = (*rows, *d, *v, *piece);
+    let (n, d, v, piece) = (asked.len(), *d, *v, *piece);
     let Some(back) = back else { panic!("a workspace for the forward pass only") };
-    assert!(x.len() == n * d && targets.len() == n && gradients.dx.len() == n * d, "a head of {n} rows of {d}");
+    assert!(n <= *rows && x.len() == n * d && gradients.dx.len() == n * d, "a head of {n} rows of {d}, room for {rows}");
     let lens = [gradients.norm.weight.len(), gradients.norm.bias.len(), gradients.head.len()];
     assert_eq!(lens, [d, d, v * d], "gradients of a head of {v} rows of {d}");
     let mut store_head = store;
@@ -111,21 +125,21 @@ pub fn loss(
         let parts = (
             (x[part.clone()].par_chunks(piece * d), gradients.dx[part].par_chunks_mut(piece * d)),
             stats[2 * first..][..2 * rows].par_chunks_mut(2 * piece),
-            targets[first..][..rows].par_chunks(piece),
+            asked[first..][..rows].par_chunks(piece),
             logits[..rows * v].par_chunks_mut(piece * v),
             back.normal.par_chunks_mut(panels_len(piece, d)).take(pieces),
             back.partial[first / piece * 2 * d..][..pieces * 2 * d].par_chunks_mut(2 * d),
             nats[first / piece..][..pieces].par_iter_mut(),
         );
         let (across, down) = (&*across, &*back.down);
-        parts.into_par_iter().for_each(|((x, dx), stats, targets, logits, panels, partial, nats)| {
+        parts.into_par_iter().for_each(|((x, dx), stats, asked, logits, panels, partial, nats)| {
             scratch.with(|scratch| {
                 let (normal, rest) = scratch.split_at_mut(x.len());
                 let d_normal = &mut rest[..x.len()];
                 layer_norm::forward(normal, stats, x, norm.weight, norm.bias);
-                pack(panels, normal, d, targets.len(), d);
+                pack(panels, normal, d, asked.len(), d);
                 times(logits, normal, d, across, v);
-                *nats = cross_entropy::forward_backward(logits, targets, ignored, scale);
+                *nats = cross_entropy::forward_backward(logits, asked, smoothing, scale);
                 times(d_normal, logits, v, down, d);
                 dx.fill(0.0);
                 partial.fill(0.0);
@@ -137,16 +151,16 @@ pub fn loss(
         weight_gradient(gradients.head, logits, v, (&back.normal, piece), rows, store_head);
         store_head = Store::Add;
     }
-    let mut sums = Sums { partial: &back.partial, width: 2 * d, store };
+    let mut sums = Sums { partial: &back.partial[..n.div_ceil(piece) * 2 * d], width: 2 * d, store };
     sums.take(gradients.norm.weight);
     sums.take(gradients.norm.bias);
-    nats.iter().sum()
+    nats[..n.div_ceil(piece)].iter().sum()
 }
 
 /// The logits (N, V) of `x` (N, D), handed over a stretch of rows at a time: the first row's number, and its logits.
 ///
 /// # Panics
-/// Slices of other lengths.
+/// Slices of other lengths, more rows than the workspace has room for.
 pub fn logits(
     x: &[f32],
     norm: Norm<&[f32]>,
@@ -157,8 +171,8 @@ pub fn logits(
     workspace.pack(head);
     let Workspace { rows, width: d, vocabulary: v, piece, stretch, across, stats, logits, normal: scratch, .. } =
         workspace;
-    let (n, d, v, piece) = (*rows, *d, *v, *piece);
-    assert_eq!(x.len(), n * d, "a head of {n} rows of {d}");
+    let (n, d, v, piece) = (x.len() / *d, *d, *v, *piece);
+    assert!(n <= *rows && x.len() == n * d, "a head of {n} rows of {d}, room for {rows}");
     for first in (0..n).step_by(*stretch) {
         let rows = (*stretch).min(n - first);
         let parts = (

@@ -1,14 +1,17 @@
 //! Both forms of every kind of model against PyTorch's in f64.
 
 use super::config::{ModelConfig, TokenLayout};
+use super::fast::{Fast, Windows};
 use super::gpt::Gpt;
 use super::layout;
-use candle_core::{Device, Tensor};
+use candle_core::{DType, Device, Tensor, Var};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
 /// For the plain form in f64: the golden numbers have nine digits.
 const BOUND: f64 = 1e-7;
+/// For the fast form in f32.
+const FAST: f64 = 2e-5;
 
 /// As scripts/reference/gpt_forms.py fills tensors, by their number in the order of the names.
 fn numbers(parameter: &layout::Parameter, tensor: usize) -> Tensor {
@@ -98,11 +101,36 @@ impl Case<'_> {
             let loss = gpt.loss(&ids, &self.targets, None).unwrap();
             self.check_loss("plain", loss.to_scalar().unwrap(), BOUND);
             let store = loss.backward().unwrap();
-            let gradient = |(name, var): (&String, &candle_core::Var)| {
+            let gradient = |(name, var): (&String, &Var)| {
                 let numbers = store.get(var.as_tensor()).unwrap().flatten_all().unwrap().to_vec1().unwrap();
                 (name.clone(), numbers)
             };
             self.check_gradients("plain", &gpt.vars().iter().map(gradient).collect(), expected, BOUND);
+        };
+        check(None, &self.golden["gradients"]);
+        if let Some(width) = self.golden["ordinal"]["width"].as_f64() {
+            check(Some(width), &self.golden["ordinal"]["gradients"]);
+        }
+    }
+}
+
+impl Case<'_> {
+    fn check_fast(&self) {
+        let tensor = |(name, var): (&String, &Var)| (name.clone(), var.to_dtype(DType::F32).unwrap());
+        let tensors = self.gpt.vars().iter().map(tensor).collect();
+        let mut fast = Fast::from_tensors(self.gpt.config(), self.gpt.tokens(), tensors).unwrap();
+        let (inputs, targets) = (&self.inputs, &self.targets);
+        let windows = Windows { inputs, targets, length: self.length, mask: fast.mask() };
+        let logits: Vec<f64> = fast.logits(windows).unwrap().into_iter().map(f64::from).collect();
+        self.check_logits("fast", &logits, FAST);
+        let mut check = |width: Option<f64>, expected: &Value| {
+            fast.smooth_targets(width);
+            let mut gradients = fast.like_weights();
+            let nats = fast.gradients(windows, None, &mut gradients).unwrap();
+            self.check_loss("fast", nats / self.counted() as f64, FAST);
+            let wide = |g: &[f32]| g.iter().map(|&x| f64::from(x)).collect();
+            let named = fast.parameters().iter().zip(&gradients).map(|(p, g)| (p.name.clone(), wide(g)));
+            self.check_gradients("fast", &named.collect(), expected, FAST);
         };
         check(None, &self.golden["gradients"]);
         if let Some(width) = self.golden["ordinal"]["width"].as_f64() {
@@ -119,5 +147,6 @@ fn every_form_is_pytorchs() {
     for case in cases.iter().map(Case::of) {
         assert!(case.counted() > 0);
         case.check_plain();
+        case.check_fast();
     }
 }

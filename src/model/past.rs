@@ -85,6 +85,11 @@ impl Past {
         self.places.get(k % self.word).copied()
     }
 
+    /// Whether a window has something one frame before what input `i` predicts.
+    pub fn has_frame_before(&self, i: usize) -> bool {
+        i + 1 >= self.front + self.word
+    }
+
     /// The id `frames` frames before the token that input `i` of `window` predicts; `None` where the window has none.
     fn back(&self, window: &[u32], i: usize, frames: usize) -> Option<u32> {
         let at = (i + 1).checked_sub(frames * self.word)?;

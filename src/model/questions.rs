@@ -55,6 +55,17 @@ impl Questions {
         self.steps().map_or(Basis::Ids, |past| past.basis(window, i))
     }
 
+    /// The most rows of a window of `length` inputs that count and that ids, circular and clamped steps answer.
+    pub fn most_rows(&self, length: usize) -> [usize; 3] {
+        let Some(past) = self.steps() else { return [length, 0, 0] };
+        let mut most = [0; 3];
+        for i in 0..length {
+            let kind = past.kind(i).filter(|_| past.has_frame_before(i));
+            most[kind.map_or(0, |kind| 1 + usize::from(!kind.circular))] += 1;
+        }
+        most
+    }
+
     /// What the target of input `i` is one of; `None` where its place has no bins.
     fn kind_at(&self, i: usize) -> Option<PlaceIds> {
         // a masked model's target is the token at its own place, one behind what a causal one would predict there

@@ -1,16 +1,15 @@
 //! The backward pass of a block.
 
-use super::{Back, Dropout, Gradients, PanelSet, Saved, Weights, Workspace, dropped};
+use super::{Back, Gradients, PanelSet, Rules, Saved, Weights, Workspace, dropped};
 use crate::linear::{Sums, pack_transposed_parallel, times, weight_gradient};
-use crate::op::attention::{self, Mask, Rules};
 use crate::op::matmul::{Store, pack, panels_len};
-use crate::op::{bias, gelu, layer_norm};
+use crate::op::{attention, bias, gelu, layer_norm, rope};
 use rayon::prelude::*;
 
 /// Turns `dx` (N, D), the gradient of the block's output, into that of its input `x`, and adds to (or sets) the
 /// gradients of its weights.
 ///
-/// `saved` comes from the forward pass with the same `x`, weights, mask and dropout.
+/// `saved` comes from the forward pass with the same `x`, weights and rules.
 ///
 /// # Panics
 /// Slices of other lengths than the workspace's shape asks for; what is saved, of another; a workspace without its
@@ -22,8 +21,7 @@ pub fn backward(
     weights: &Weights,
     gradients: &mut Gradients,
     store: Store,
-    mask: Mask,
-    dropout: Option<&Dropout>,
+    rules: Rules,
     saved: &Saved,
     workspace: &mut Workspace,
 ) {
@@ -31,6 +29,7 @@ pub fn backward(
     let (shape, piece) = (*shape, *piece);
     let (n, d, m) = (shape.rows(), shape.width, shape.hidden);
     let heads = shape.attention();
+    let dropout = rules.dropout;
     let Some(back) = back else { panic!("a workspace for the forward pass only") };
     shape.check([dx, x], weights, saved);
     shape.check([dx, x], gradients, saved);
@@ -92,11 +91,10 @@ pub fn backward(
     // the attention, beside the gradients of the weights behind it
     let Back { d_down, d_up, d_out, d_qkv, gelu, normal, gathered, d_heads, dqkv_heads, partial } = back;
     let done = attention::Done { qkv: &saved.qkv, out: &saved.heads, log_sums: &saved.lse, d_out: d_heads };
-    let rules = Rules { mask, dropout: dropout.map(|p| attention::Dropout { share: p.share, keys: p.attention }) };
     let (dw_down, dw_up) = (&mut *gradients.down.weight, &mut *gradients.up.weight);
     let dw_out = &mut *gradients.out.weight;
     rayon::join(
-        || attention::backward(heads, done, rules, space, dqkv_heads),
+        || attention::backward(heads, done, rules.attention(), space, dqkv_heads),
         || {
             rayon::join(
                 || weight_gradient(dw_down, gelu, m, (d_down, piece), n, store),
@@ -129,6 +127,9 @@ pub fn backward(
             let (d_normal, rest) = scratch.split_at_mut(dx.len());
             let dqkv = &mut rest[..3 * dx.len()];
             attention::gather(heads, 3, dqkv_heads, first..first + rows, dqkv);
+            if let Some(by) = rules.rope {
+                rope::turn(dqkv, shape.heads, first, by, true);
+            }
             bias::add_column_sums(db_qkv, dqkv);
             pack(d_qkv, dqkv, 3 * d, rows, 3 * d);
             times(d_normal, dqkv, 3 * d, &panels.qkv, d);

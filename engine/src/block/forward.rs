@@ -1,9 +1,8 @@
 //! The forward pass of a block.
 
-use super::{Dropout, PanelSet, Saved, Shape, Weights, Workspace, dropped};
+use super::{PanelSet, Rules, Saved, Shape, Weights, Workspace, dropped};
 use crate::linear::{pack_parallel, times};
-use crate::op::attention::{self, Mask, Rules};
-use crate::op::{bias, gelu, layer_norm};
+use crate::op::{attention, bias, gelu, layer_norm, rope};
 use rayon::prelude::*;
 
 /// The block's output (N, D) for its input `x` (N, D).
@@ -14,28 +13,30 @@ pub fn forward(
     out: &mut [f32],
     x: &[f32],
     weights: &Weights,
-    mask: Mask,
-    dropout: Option<&Dropout>,
+    rules: Rules,
     saved: &mut Saved,
     workspace: &mut Workspace,
 ) {
     let Workspace { shape, piece, panels, scratch, attention: space, .. } = workspace;
     let (shape, piece) = (*shape, *piece);
-    let Shape { width: d, hidden: m, .. } = shape;
+    let Shape { width: d, hidden: m, heads: h, .. } = shape;
+    let dropout = rules.dropout;
     shape.check([out, x], weights, saved);
     panels.pack(weights, d, m);
     let parts =
         (saved.qkv.par_chunks_mut(piece * 3 * d), saved.stats1.par_chunks_mut(piece * 2), x.par_chunks(piece * d));
-    parts.into_par_iter().for_each(|(qkv, stats, x)| {
+    parts.into_par_iter().enumerate().for_each(|(i, (qkv, stats, x))| {
         scratch.with(|scratch| {
             let normal = &mut scratch[..x.len()];
             layer_norm::forward(normal, stats, x, weights.norm1.weight, weights.norm1.bias);
             times(qkv, normal, d, &panels.qkv, 3 * d);
             bias::add(qkv, weights.qkv.bias);
+            if let Some(by) = rules.rope {
+                rope::turn(qkv, h, i * piece, by, false);
+            }
         });
     });
-    let rules = Rules { mask, dropout: dropout.map(|p| attention::Dropout { share: p.share, keys: p.attention }) };
-    attention::forward(shape.attention(), &saved.qkv, rules, space, &mut saved.heads, &mut saved.lse);
+    attention::forward(shape.attention(), &saved.qkv, rules.attention(), space, &mut saved.heads, &mut saved.lse);
     let heads = &*saved.heads;
     let parts = (
         out.par_chunks_mut(piece * d),

@@ -18,6 +18,7 @@ use crate::arena::Floats;
 use crate::op::attention;
 use crate::op::dropout::Mask;
 use crate::op::matmul::panels_len;
+use crate::op::rope::Rope;
 use crate::pieces::{self, PerThread};
 use std::ops::{Deref, Range};
 
@@ -139,6 +140,25 @@ pub struct Dropout<'a> {
     pub out: &'a [u64],
     /// (B) A key a sequence for what the hidden layer adds.
     pub mlp: &'a [u64],
+}
+
+/// How a block is passed through.
+#[derive(Clone, Copy)]
+pub struct Rules<'a> {
+    /// Which tokens a token sees.
+    pub mask: attention::Mask<'a>,
+    /// What is dropped, in training.
+    pub dropout: Option<Dropout<'a>>,
+    /// How queries and keys are turned by their word.
+    pub rope: Option<Rope<'a>>,
+}
+
+impl<'a> Rules<'a> {
+    /// For the attention.
+    fn attention(&self) -> attention::Rules<'a> {
+        let dropout = self.dropout.map(|p| attention::Dropout { share: p.share, keys: p.attention });
+        attention::Rules { mask: self.mask, dropout }
+    }
 }
 
 /// Calls `work` with the numbers (of rows of width D) and the mask of each sequence that rows `first..first + rows` touch;

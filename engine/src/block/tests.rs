@@ -4,12 +4,16 @@ use super::*;
 use crate::head;
 use crate::op::attention::Mask;
 use crate::op::check::numbers;
+use crate::op::cross_entropy::Asked;
 use crate::op::matmul::Store;
+use crate::op::rope::{Angles, Rope};
+use crate::op::smoothing::Bins;
 use crate::scalar::block as plain;
 
 /// Of a tensor's largest gradient; f32 sums of some hundred terms, and what differences in f64 leave.
 const BOUND: f64 = 1e-5;
 const VOCABULARY: usize = 37;
+const CAUSAL: Rules = Rules { mask: Mask::Causal, dropout: None, rope: None };
 
 /// One tensor after the other, in a fixed order.
 fn each<T>(t: &Tensors<T>) -> [&T; 12] {
@@ -69,12 +73,13 @@ struct Model {
     norm: Norm<Vec<f64>>,
     head: Vec<f64>,
     targets: Vec<u32>,
+    words: Vec<u32>,
 }
 
 impl Model {
     fn loss(&self, mask: Mask) -> f64 {
-        let out = plain::forward(&self.x, self.shape, &self.weights, mask);
-        plain::loss(&out, &self.norm, &self.head, &self.targets, 0)
+        let out = plain::forward(&self.x, self.shape, &self.weights, mask, &self.words);
+        plain::loss(&out, &self.norm, &self.head, &self.targets)
     }
 
     fn tensor(&mut self, which: usize) -> &mut Vec<f64> {
@@ -101,7 +106,7 @@ impl Model {
     }
 }
 
-fn check(shape: Shape, mask: Mask) {
+fn check(shape: Shape, mask: Mask, words: &[u32]) {
     let n = shape.rows();
     let x = numbers(20, n * shape.width, 1.0);
     let weights = map(&tensors(shape), |t| Floats::of(t));
@@ -115,20 +120,26 @@ fn check(shape: Shape, mask: Mask) {
         norm: Norm { weight: wide(&norm[0]), bias: wide(&norm[1]) },
         head: wide(&head),
         targets: targets.clone(),
+        words: words.to_vec(),
     };
+    let angles = (!words.is_empty()).then(|| Angles::new(9, shape.width / shape.heads));
+    let rules = Rules { mask, dropout: None, rope: angles.as_ref().map(|angles| Rope { angles, words }) };
+    let ask = |&target: &u32| Asked { target, first: 0, count: VOCABULARY as u32, bins: Bins::NONE };
+    let asked: Vec<Asked> = targets.iter().map(ask).collect();
 
     let (mut saved, mut space) = (Saved::new(shape), Workspace::new(shape, true));
     let mut head_space = head::Workspace::new(n, shape.width, VOCABULARY, true);
     let mut out = vec![f32::NAN; x.len()];
-    forward(&mut out, &x, &weights.each_ref(), mask, None, &mut saved, &mut space);
+    forward(&mut out, &x, &weights.each_ref(), rules, &mut saved, &mut space);
     let mut gradients = map(&weights, |t| Floats::of(&vec![f32::NAN; t.len()]));
     let (mut dx, mut d_head) = (vec![f32::NAN; x.len()], vec![f32::NAN; head.len()]);
     let [mut dw, mut db] = [vec![f32::NAN; shape.width], vec![f32::NAN; shape.width]];
     let of_norm = Norm { weight: norm[0].as_slice(), bias: norm[1].as_slice() };
     let mut of_head = head::Gradients { dx: &mut dx, norm: Norm { weight: &mut dw, bias: &mut db }, head: &mut d_head };
-    let nats = head::loss(&out, of_norm, &head, (&targets, 0), 1.0, &mut of_head, Store::Set, &mut head_space);
+    let exam = head::Exam { asked: &asked, smoothing: None, scale: 1.0 };
+    let nats = head::loss(&out, of_norm, &head, exam, &mut of_head, Store::Set, &mut head_space);
     let mut each_gradient = gradients.each_mut();
-    backward(&mut dx, &x, &weights.each_ref(), &mut each_gradient, Store::Set, mask, None, &saved, &mut space);
+    backward(&mut dx, &x, &weights.each_ref(), &mut each_gradient, Store::Set, rules, &saved, &mut space);
 
     let expected = model.loss(mask);
     assert!((nats - expected).abs() <= BOUND * expected, "{shape:?}: {nats} nats, expected {expected}");
@@ -159,12 +170,14 @@ fn check(shape: Shape, mask: Mask) {
 
 #[test]
 fn every_gradient_is_what_differences_say() {
-    check(Shape { batch: 2, tokens: 9, width: 8, heads: 2, hidden: 20 }, Mask::Causal);
-    check(Shape { batch: 1, tokens: 1, width: 6, heads: 1, hidden: 24 }, Mask::Causal);
-    check(Shape { batch: 1, tokens: 70, width: 10, heads: 5, hidden: 7 }, Mask::Full);
+    check(Shape { batch: 2, tokens: 9, width: 8, heads: 2, hidden: 20 }, Mask::Causal, &[]);
+    check(Shape { batch: 1, tokens: 1, width: 6, heads: 1, hidden: 24 }, Mask::Causal, &[]);
+    check(Shape { batch: 2, tokens: 7, width: 12, heads: 2, hidden: 20 }, Mask::Causal, &[0, 1, 1, 2, 2, 8, 3]);
+    check(Shape { batch: 2, tokens: 3, width: 8, heads: 1, hidden: 20 }, Mask::Full, &[0, 1, 1, 4, 0, 7]);
+    check(Shape { batch: 1, tokens: 70, width: 10, heads: 5, hidden: 7 }, Mask::Full, &[]);
     let hidden: Vec<f32> =
         numbers(30, 11 * 11, 1.0).iter().map(|x| if *x < 0.0 { f32::NEG_INFINITY } else { *x }).collect();
-    check(Shape { batch: 3, tokens: 11, width: 9, heads: 3, hidden: 36 }, Mask::Additive(&hidden));
+    check(Shape { batch: 3, tokens: 11, width: 9, heads: 3, hidden: 36 }, Mask::Additive(&hidden), &[]);
 }
 
 #[test]
@@ -174,13 +187,13 @@ fn gradients_of_two_batches_add_up() {
     let (mut saved, mut space) = (Saved::new(shape), Workspace::new(shape, true));
     let x = numbers(20, 40, 1.0);
     let mut out = vec![0.0; 40];
-    forward(&mut out, &x, &weights.each_ref(), Mask::Causal, None, &mut saved, &mut space);
+    forward(&mut out, &x, &weights.each_ref(), CAUSAL, &mut saved, &mut space);
     let mut run = |times: usize| {
         let mut gradients = map(&weights, |t| Floats::new(t.len()));
         for i in 0..times {
             let store = if i == 0 { Store::Set } else { Store::Add };
             let (mut dx, mut to) = (numbers(21, 40, 1.0), gradients.each_mut());
-            backward(&mut dx, &x, &weights.each_ref(), &mut to, store, Mask::Causal, None, &saved, &mut space);
+            backward(&mut dx, &x, &weights.each_ref(), &mut to, store, CAUSAL, &saved, &mut space);
         }
         each(&gradients).map(|t| t.to_vec()).concat()
     };
@@ -195,7 +208,7 @@ fn rows_that_are_not_there_are_told_and_not_skipped() {
     let forward = |rows: usize, saved: Shape| {
         let (mut saved, mut space) = (Saved::new(saved), Workspace::new(shape, false));
         let (mut out, x) = (vec![0.0; shape.rows() * shape.width], vec![0.0; rows * shape.width]);
-        let pass = || forward(&mut out, &x, &weights.each_ref(), Mask::Causal, None, &mut saved, &mut space);
+        let pass = || forward(&mut out, &x, &weights.each_ref(), CAUSAL, &mut saved, &mut space);
         std::panic::catch_unwind(std::panic::AssertUnwindSafe(pass)).is_ok()
     };
     assert!(forward(130, shape));

@@ -1,11 +1,11 @@
-//! Cross-entropy of rows of logits (R, V) with their targets (R), the rows whose target is `ignored` left out. The
-//! gradient, (softmax - one-hot) scale, takes the logits' place, so a head can work through its rows chunk by chunk and
-//! needs no room for all of them.
+//! Cross-entropy of rows of logits with what each is asked. The gradient, (softmax - one-hot) scale, takes the logits'
+//! place, so a head can work through its rows chunk by chunk and needs no room for all of them.
 //!
-//! A logit of -inf is an id that cannot come. Rows with NaN or +inf cost NaN.
+//! A logit of -inf is an id that cannot come, and so is a column outside those that a row can have. Rows with NaN or +inf
+//! cost NaN.
 
 use super::math::{exp_falling, lanes_below, largest, sum};
-use super::smoothing::Bins;
+use super::smoothing::{Bins, Smoothing};
 use crate::dispatch;
 use pulp::{Simd, WithSimd};
 
@@ -22,50 +22,71 @@ pub struct Asked {
     pub bins: Bins,
 }
 
-/// How many targets count.
-pub fn counted(targets: &[u32], ignored: u32) -> usize {
-    targets.iter().filter(|t| **t != ignored).count()
-}
-
-/// The sum of -ln p(target), in nats; `logits` become their gradient times `scale`, 0 in the rows left out.
+/// The sum of -ln p of what the rows of `logits` (R, C) are `asked` (R), in nats; `logits` become its gradient times `scale`,
+/// 0 in the columns that cannot come. With `smoothing` the gradient is that of the cross-entropy with the smoothed targets.
 ///
 /// # Panics
-/// Shapes that don't fit; a target that is neither below V nor `ignored`.
-pub fn forward_backward(logits: &mut [f32], targets: &[u32], ignored: u32, scale: f32) -> f64 {
-    let vocabulary = check(logits.len(), targets, ignored);
-    dispatch::run(ForwardBackward { logits, vocabulary, targets, ignored, scale })
+/// Shapes that don't fit; columns that are not there, targets and bins outside those that can come.
+pub fn forward_backward(logits: &mut [f32], asked: &[Asked], smoothing: Option<&Smoothing>, scale: f32) -> f64 {
+    let columns = columns(logits.len(), asked.len());
+    check_asked(columns, asked);
+    dispatch::run(ForwardBackward { logits, columns, asked, smoothing, scale })
 }
 
-/// Writes -ln p(target) for each row, in nats, 0 for the rows left out.
+/// Writes -ln p of what each row of `logits` (R, C) is `asked` (R), in nats.
 ///
 /// # Panics
 /// As [`forward_backward`], and where `nats` (R) has another length.
-pub fn nats(nats: &mut [f64], logits: &[f32], targets: &[u32], ignored: u32) {
-    let vocabulary = check(logits.len(), targets, ignored);
-    assert!(nats.len() == targets.len(), "cross-entropy: {} results for {} rows", nats.len(), targets.len());
-    dispatch::run(Nats { nats, logits, vocabulary, targets, ignored });
+pub fn nats_asked(nats: &mut [f64], logits: &[f32], asked: &[Asked]) {
+    let columns = columns(logits.len(), asked.len());
+    check_asked(columns, asked);
+    assert!(nats.len() == asked.len(), "cross-entropy: {} results for {} rows", nats.len(), asked.len());
+    dispatch::run(Nats { nats, logits, columns, asked: |row: usize| Some(asked[row]) });
 }
 
-/// V.
-fn check(logits: usize, targets: &[u32], ignored: u32) -> usize {
-    if targets.is_empty() {
-        assert!(logits == 0, "cross-entropy: {logits} logits without targets");
+/// Writes -ln p(target) for each row of `logits` (R, V), in nats, 0 for the rows whose target is `ignored`.
+///
+/// # Panics
+/// Shapes that don't fit; a target that is neither below V nor `ignored`.
+pub fn nats(nats: &mut [f64], logits: &[f32], targets: &[u32], ignored: u32) {
+    let columns = columns(logits.len(), targets.len());
+    if let Some(wrong) = targets.iter().find(|t| **t != ignored && **t as usize >= columns) {
+        panic!("cross-entropy: target {wrong} outside the vocabulary of {columns} ids");
+    }
+    assert!(nats.len() == targets.len(), "cross-entropy: {} results for {} rows", nats.len(), targets.len());
+    let ask = |target| Asked { target, first: 0, count: columns as u32, bins: Bins::NONE };
+    let asked = |row: usize| (targets[row] != ignored).then(|| ask(targets[row]));
+    dispatch::run(Nats { nats, logits, columns, asked });
+}
+
+/// C.
+fn columns(logits: usize, rows: usize) -> usize {
+    if rows == 0 {
+        assert!(logits == 0, "cross-entropy: {logits} logits for no rows");
         return 1;
     }
-    assert!(logits.is_multiple_of(targets.len()), "cross-entropy: {logits} logits for {} targets", targets.len());
-    let vocabulary = logits / targets.len();
-    if let Some(wrong) = targets.iter().find(|t| **t != ignored && **t as usize >= vocabulary) {
-        panic!("cross-entropy: target {wrong} outside the vocabulary of {vocabulary} ids");
-    }
+    assert!(logits.is_multiple_of(rows), "cross-entropy: {logits} logits for {rows} rows");
     // what is ignored may have any id; without logits nothing else can be asked
-    vocabulary.max(1)
+    (logits / rows).max(1)
+}
+
+fn check_asked(columns: usize, asked: &[Asked]) {
+    let inside = |Asked { target, first, count, bins }: &Asked| {
+        let end = first + count;
+        let bins_end = bins.first + bins.count;
+        let neighbours = bins.count == 0 || (bins.first..bins_end).contains(target) && *first <= bins.first && bins_end <= end;
+        end as usize <= columns && (*first..end).contains(target) && neighbours
+    };
+    if let Some(wrong) = asked.iter().find(|a| !inside(a)) {
+        panic!("cross-entropy: {wrong:?} of {columns} columns");
+    }
 }
 
 struct ForwardBackward<'a> {
     logits: &'a mut [f32],
-    vocabulary: usize,
-    targets: &'a [u32],
-    ignored: u32,
+    columns: usize,
+    asked: &'a [Asked],
+    smoothing: Option<&'a Smoothing>,
     scale: f32,
 }
 
@@ -74,43 +95,48 @@ impl WithSimd for ForwardBackward<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> f64 {
-        let ForwardBackward { logits, vocabulary, targets, ignored, scale } = self;
+        let ForwardBackward { logits, columns, asked, smoothing, scale } = self;
         let mut all = 0.0;
-        for (row, &target) in logits.chunks_exact_mut(vocabulary).zip(targets) {
-            if target == ignored {
-                row.fill(0.0);
-                continue;
-            }
-            let most = most(simd, row);
-            let aim = row[target as usize];
-            let sum = powers(simd, row, most);
+        for (row, &Asked { target, first, count, bins }) in logits.chunks_exact_mut(columns).zip(asked) {
+            let can = &mut row[first as usize..][..count as usize];
+            let most = most(simd, can);
+            let aim = can[(target - first) as usize];
+            let sum = powers(simd, can, most);
             all += cost(sum, most, aim);
-            scaled(simd, row, scale / sum);
-            row[target as usize] -= scale;
+            scaled(simd, can, scale / sum);
+            row[..first as usize].fill(0.0);
+            row[(first + count) as usize..].fill(0.0);
+            match smoothing {
+                None => row[target as usize] -= scale,
+                Some(smoothing) => {
+                    smoothing.shares(target, bins, |column, share| row[column as usize] -= scale * share as f32);
+                }
+            }
         }
         all
     }
 }
 
-struct Nats<'a> {
+struct Nats<'a, F> {
     nats: &'a mut [f64],
     logits: &'a [f32],
-    vocabulary: usize,
-    targets: &'a [u32],
-    ignored: u32,
+    columns: usize,
+    /// What a row is asked; `None`: nothing.
+    asked: F,
 }
 
-impl WithSimd for Nats<'_> {
+impl<F: Fn(usize) -> Option<Asked>> WithSimd for Nats<'_, F> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Nats { nats, logits, vocabulary, targets, ignored } = self;
+        let Nats { nats, logits, columns, asked } = self;
         nats.fill(0.0);
-        for ((nats, row), &target) in nats.iter_mut().zip(logits.chunks_exact(vocabulary)).zip(targets) {
-            if target != ignored {
-                let most = most(simd, row);
-                *nats = cost(sum_of_powers(simd, row, most), most, row[target as usize]);
+        for (i, (nats, row)) in nats.iter_mut().zip(logits.chunks_exact(columns)).enumerate() {
+            if let Some(Asked { target, first, count, .. }) = asked(i) {
+                let can = &row[first as usize..][..count as usize];
+                let most = most(simd, can);
+                *nats = cost(sum_of_powers(simd, can, most), most, row[target as usize]);
             }
         }
     }
@@ -212,38 +238,52 @@ mod tests {
     const BOUND: f64 = 2e-6;
     const IGNORED: u32 = 900_001;
 
-    fn targets(rows: usize, vocabulary: usize) -> Vec<u32> {
-        let id = |r: usize| if r % 5 == 3 { IGNORED } else { (r * 7 % vocabulary) as u32 };
-        (0..rows).map(id).collect()
+    /// Rows that can have all columns, or some in the middle; targets with neighbours round a circle, up to ends, or none.
+    fn asked(rows: usize, columns: usize) -> Vec<Asked> {
+        let ask = |r: usize| {
+            let (first, last) = if r % 2 == 0 { (0, columns) } else { (columns / 3, columns - columns / 5) };
+            let (first, count) = (first as u32, (last - first) as u32);
+            let target = first + (r * 7) as u32 % count;
+            let bins = Bins { first, count, circular: r.is_multiple_of(3) };
+            Asked { target, first, count, bins: if r % 5 == 4 { Bins::NONE } else { bins } }
+        };
+        (0..rows).map(ask).collect()
     }
 
-    fn expected(logits: &[f32], targets: &[u32], scale: f64) -> (Vec<f64>, Vec<f64>) {
-        let vocabulary = logits.len() / targets.len();
-        let cost = |(row, &t): (&[f32], &u32)| if t == IGNORED { 0.0 } else { scalar::nats(row, t) };
-        let gradient = |(row, &t): (&[f32], &u32)| match t {
-            IGNORED => vec![0.0; vocabulary],
-            t => scalar::gradient(row, t, scale),
+    /// Costs and gradients in f64.
+    fn expected(logits: &[f32], asked: &[Asked], smoothing: Option<&Smoothing>, scale: f64) -> (Vec<f64>, Vec<f64>) {
+        let rows = || logits.chunks(logits.len() / asked.len()).zip(asked);
+        let can = |row: &[f32], a: &Asked| row[a.first as usize..][..a.count as usize].to_vec();
+        let cost = |(row, a): (&[f32], &Asked)| scalar::nats(&can(row, a), a.target - a.first);
+        let gradient = |(row, a): (&[f32], &Asked)| {
+            let mut gradient = vec![0.0; row.len()];
+            gradient[a.first as usize..][..a.count as usize].copy_from_slice(&scalar::probabilities(&can(row, a)));
+            match smoothing {
+                None => gradient[a.target as usize] -= 1.0,
+                Some(s) => s.shares(a.target, a.bins, |column, share| gradient[column as usize] -= share),
+            }
+            gradient.iter().map(|g| g * scale).collect::<Vec<f64>>()
         };
-        let rows = || logits.chunks(vocabulary).zip(targets);
         (rows().map(cost).collect(), rows().flat_map(gradient).collect())
     }
 
     #[test]
     fn costs_and_gradients_are_the_definition() {
         let shapes = (1..=67).map(|v| (9, v)).chain([(1, 1), (40, 400), (2, 5000)]);
-        for ((n, vocabulary), lanes) in shapes.flat_map(|s| Lanes::ALL.map(|l| (s, l))) {
-            for (range, shift) in [(1.0, 0.0), (20.0, 1000.0), (0.1, -3e4)] {
-                let what = format!("{lanes:?} ({n}, {vocabulary}) {range}");
-                let mut logits: Vec<f32> = numbers(3, n * vocabulary, range).iter().map(|x| x + shift).collect();
-                let targets = targets(n, vocabulary);
-                let (costs, gradient) = expected(&logits, &targets, 0.7);
+        let smooth = Smoothing::new(0.75);
+        for ((n, columns), lanes) in shapes.flat_map(|s| Lanes::ALL.map(|l| (s, l))) {
+            for (range, shift, smoothing) in [(1.0, 0.0, Some(&smooth)), (20.0, 1000.0, None), (0.1, -3e4, None)] {
+                let what = format!("{lanes:?} ({n}, {columns}) {range}");
+                let mut logits: Vec<f32> = numbers(3, n * columns, range).iter().map(|x| x + shift).collect();
+                let asked = asked(n, columns);
+                let (costs, gradient) = expected(&logits, &asked, smoothing, 0.7);
                 let mut found = vec![7.0; n];
-                let (l, t) = (&logits, &targets);
-                lanes.run(Nats { nats: &mut found, logits: l, vocabulary, targets: t, ignored: IGNORED });
+                let ask = |row: usize| Some(asked[row]);
+                lanes.run(Nats { nats: &mut found, logits: &logits, columns, asked: ask });
                 let single: Vec<f32> = found.iter().map(|&x| x as f32).collect();
                 near(&what, &single, &costs, BOUND);
-                let (logits, targets, ignored) = (&mut logits, &targets, IGNORED);
-                let sum = lanes.run(ForwardBackward { logits, vocabulary, targets, ignored, scale: 0.7 });
+                let (logits, asked) = (&mut logits, &asked);
+                let sum = lanes.run(ForwardBackward { logits, columns, asked, smoothing, scale: 0.7 });
                 assert_eq!(sum, found.iter().sum::<f64>(), "{what}");
                 near(&what, logits, &gradient, BOUND);
             }
@@ -253,43 +293,51 @@ mod tests {
     #[test]
     fn some_ids_cannot_come_and_what_is_no_number_shows() {
         const OUT: f32 = f32::NEG_INFINITY;
-        for (lanes, vocabulary) in Lanes::ALL.iter().flat_map(|l| [8, 11, 64].map(|v| (l, v))) {
+        for (lanes, columns) in Lanes::ALL.iter().flat_map(|l| [8, 11, 64].map(|v| (l, v))) {
             let run = |row: &[f32], target| {
                 let mut logits = row.to_vec();
-                let targets = &[target];
-                let (logits_, ignored) = (&mut logits, IGNORED);
-                let op = ForwardBackward { logits: logits_, vocabulary, targets, ignored, scale: 1.0 };
+                let asked = &[Asked { target, first: 0, count: columns as u32, bins: Bins::NONE }];
+                let op = ForwardBackward { logits: &mut logits, columns, asked, smoothing: None, scale: 1.0 };
                 (lanes.run(op), logits)
             };
-            let mut row = vec![OUT; vocabulary];
+            let mut row = vec![OUT; columns];
             row[1..4].fill(2.0);
             let (cost, gradient) = run(&row, 2);
             assert!((cost - 3f64.ln()).abs() < 1e-6, "{lanes:?}: {cost}");
-            assert_eq!((gradient[0], gradient[vocabulary - 1]), (0.0, 0.0));
+            assert_eq!((gradient[0], gradient[columns - 1]), (0.0, 0.0));
             assert!((gradient[2] + 2.0 / 3.0).abs() < 1e-6);
             assert_eq!(run(&row, 0).0, f64::INFINITY);
             for bad in [f32::NAN, f32::INFINITY] {
-                assert!(run(&vec![bad; vocabulary], 1).0.is_nan(), "{lanes:?}");
-                for place in 0..vocabulary {
-                    let mut row = numbers(4, vocabulary, 90.0);
+                assert!(run(&vec![bad; columns], 1).0.is_nan(), "{lanes:?}");
+                for place in 0..columns {
+                    let mut row = numbers(4, columns, 90.0);
                     row[place] = bad;
                     assert!(run(&row, 1).0.is_nan(), "{lanes:?}: {bad} at {place}");
                 }
             }
-            assert!(run(&vec![OUT; vocabulary], 1).0.is_nan());
+            assert!(run(&vec![OUT; columns], 1).0.is_nan());
         }
     }
 
     #[test]
     fn the_doors_count_and_check() {
         let mut logits = [0.0; 6];
-        let two = forward_backward(&mut logits, &[1, IGNORED, 0], IGNORED, 0.5);
+        let ask = |target, first, count| Asked { target, first, count, bins: Bins::NONE };
+        let two = forward_backward(&mut logits, &[ask(1, 0, 2), ask(0, 0, 2), ask(1, 1, 1)], None, 0.5);
         assert!((two - 2.0 * 2f64.ln()).abs() < 1e-12);
-        assert_eq!(logits, [0.25, -0.25, 0.0, 0.0, -0.25, 0.25]);
-        assert_eq!(counted(&[1, IGNORED, 0], IGNORED), 2);
-        assert_eq!(forward_backward(&mut [], &[], IGNORED, 1.0), 0.0);
-        let wrong = std::panic::catch_unwind(|| nats(&mut [0.0], &[0.0; 4], &[4], IGNORED)).unwrap_err();
-        let message = wrong.downcast_ref::<String>().unwrap();
+        assert_eq!(logits, [0.25, -0.25, -0.25, 0.25, 0.0, 0.0]);
+        assert_eq!(forward_backward(&mut [], &[], None, 1.0), 0.0);
+        let mut some = [9.0; 2];
+        nats(&mut some, &[0.0; 4], &[IGNORED, 1], IGNORED);
+        assert_eq!(some, [0.0, 2f64.ln()]);
+        let said = |run: &dyn Fn()| {
+            let wrong = std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).unwrap_err();
+            wrong.downcast_ref::<String>().unwrap().clone()
+        };
+        let message = said(&|| nats(&mut [0.0], &[0.0; 4], &[4], IGNORED));
         assert_eq!(message, "cross-entropy: target 4 outside the vocabulary of 4 ids");
+        for wrong in [ask(4, 0, 4), ask(0, 1, 3), ask(3, 2, 3)] {
+            assert!(said(&|| nats_asked(&mut [0.0], &[0.0; 4], &[wrong])).ends_with("of 4 columns"));
+        }
     }
 }

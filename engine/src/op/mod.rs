@@ -12,6 +12,7 @@ pub mod gelu;
 pub mod layer_norm;
 pub(crate) mod math;
 pub mod matmul;
+pub mod rope;
 pub mod smoothing;
 #[cfg(test)]
 mod speed;

@@ -2,6 +2,7 @@
 
 use super::attention;
 use super::gelu::gelu;
+use super::rope;
 use crate::block::{Linear, Norm, Shape, Tensors};
 use crate::op::attention::Mask;
 
@@ -25,9 +26,13 @@ pub fn layer_norm(x: &[f64], norm: &Norm<Vec<f64>>) -> Vec<f64> {
     x.chunks(d).flat_map(row).collect()
 }
 
-/// The block's output (N, D) for its input `x` (N, D).
-pub fn forward(x: &[f64], shape: Shape, w: &Tensors<Vec<f64>>, mask: Mask) -> Vec<f64> {
-    let qkv = linear(&layer_norm(x, &w.norm1), &w.qkv);
+/// The block's output (N, D) for its input `x` (N, D); queries and keys are turned by `words[row % words.len()]`, if there are
+/// any.
+pub fn forward(x: &[f64], shape: Shape, w: &Tensors<Vec<f64>>, mask: Mask, words: &[u32]) -> Vec<f64> {
+    let mut qkv = linear(&layer_norm(x, &w.norm1), &w.qkv);
+    if !words.is_empty() {
+        qkv = rope::turn(&qkv, shape.heads, shape.width / shape.heads, words);
+    }
     let (t, heads, d) = (shape.tokens, shape.heads, shape.width / shape.heads);
     let of = crate::op::attention::Shape { batch: shape.batch, tokens: t, heads, width: d };
     let out = attention::forward(of, &qkv, mask, None).out;
@@ -41,14 +46,14 @@ pub fn forward(x: &[f64], shape: Shape, w: &Tensors<Vec<f64>>, mask: Mask) -> Ve
     add(&middle, &linear(&hidden, &w.down))
 }
 
-/// Sum of -ln p over the rows of `x` whose target is not `ignored`; the head is (V, D).
-pub fn loss(x: &[f64], norm: &Norm<Vec<f64>>, head: &[f64], targets: &[u32], ignored: u32) -> f64 {
+/// Sum of -ln p over the rows of `x`; the head is (V, D).
+pub fn loss(x: &[f64], norm: &Norm<Vec<f64>>, head: &[f64], targets: &[u32]) -> f64 {
     let d = norm.weight.len();
     let normal = layer_norm(x, norm);
     let nats = |(row, target): (&[f64], &u32)| {
         let dot = |token: &[f64]| row.iter().zip(token).map(|(a, b)| a * b).sum::<f64>();
         let powers: f64 = head.chunks(d).map(|token| dot(token).exp()).sum();
-        if *target == ignored { 0.0 } else { powers.ln() - dot(&head[*target as usize * d..][..d]) }
+        powers.ln() - dot(&head[*target as usize * d..][..d])
     };
     normal.chunks(d).zip(targets).map(nats).sum()
 }

@@ -12,10 +12,3 @@ pub fn probabilities(row: &[f32]) -> Vec<f64> {
     let sum: f64 = powers.iter().sum();
     powers.iter().map(|p| p / sum).collect()
 }
-
-/// (softmax - one-hot) * scale.
-pub fn gradient(row: &[f32], target: u32, scale: f64) -> Vec<f64> {
-    let mut gradient = probabilities(row);
-    gradient[target as usize] -= 1.0;
-    gradient.iter().map(|g| g * scale).collect()
-}

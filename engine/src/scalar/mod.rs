@@ -9,3 +9,4 @@ pub mod embedding;
 pub mod gelu;
 pub mod layer_norm;
 pub mod matmul;
+pub mod rope;

@@ -3,21 +3,24 @@
 //! It has the plain form's tensors, under their names, in buffers of its own; activations are allocated once for a shape
 //! of batch and used again.
 
+mod head;
+mod input;
+mod keys;
 mod pass;
 #[cfg(test)]
 mod tests;
 
 use super::config::{ModelConfig, TokenLayout};
 use super::layout::{self, Parameter};
-use super::{Dropout, Gpt, Scores};
+use super::{Dropout, Gpt, Kind, Scores};
 use crate::{Error, Result};
 use candle_core::{Device, Tensor};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block;
 use kinelm_engine::op::attention::Mask;
-use kinelm_engine::op::cross_entropy;
-use pass::{Keys, Pass};
-use rayon::prelude::*;
+use kinelm_engine::op::smoothing::Smoothing;
+use keys::Keys;
+use pass::Pass;
 use std::collections::BTreeMap;
 
 /// Tensors of a block, in the order of their names.
@@ -36,9 +39,6 @@ pub struct Windows<'a> {
     pub mask: Mask<'a>,
 }
 
-/// Rows that are scored at a time.
-const ROWS: usize = 64;
-
 /// A model whose passes the engine computes, on the rayon pool they are called in.
 pub struct Fast {
     config: ModelConfig,
@@ -49,6 +49,7 @@ pub struct Fast {
     training: Option<Pass>,
     scoring: Option<Pass>,
     keys: Option<Keys>,
+    smoothing: Option<Smoothing>,
 }
 
 impl Fast {
@@ -65,7 +66,6 @@ impl Fast {
     /// # Errors
     /// Tensors that can't be brought to the CPU.
     pub fn of(gpt: &Gpt) -> Result<Fast> {
-        gpt.config().refuse_new(gpt.tokens())?;
         let parameters = layout::parameters(gpt.config(), gpt.tokens());
         let numbers = |p: &Parameter| -> Result<Floats> {
             let tensor = gpt.vars()[&p.name].as_tensor().to_device(&Device::Cpu)?.flatten_all()?;
@@ -79,7 +79,24 @@ impl Fast {
             training: None,
             scoring: None,
             keys: None,
+            smoothing: None,
         })
+    }
+
+    /// What attention sees in a model of this kind.
+    pub fn mask(&self) -> Mask<'static> {
+        match self.config.kind {
+            Kind::Causal => Mask::Causal,
+            Kind::Masked => Mask::Full,
+        }
+    }
+
+    /// Targets are smoothed over neighbouring bins from now on, as [`Gpt::smooth_targets`] says.
+    ///
+    /// # Panics
+    /// If the width is no positive number.
+    pub fn smooth_targets(&mut self, width: Option<f64>) {
+        self.smoothing = width.map(Smoothing::new);
     }
 
     /// Its tensors by name, copied.
@@ -110,12 +127,13 @@ impl Fast {
     /// Nothing is allocated but for the first batch of a shape.
     ///
     /// # Errors
-    /// Windows longer than the context, ids outside the vocabulary.
+    /// Windows longer than the context, ids outside the vocabulary; under a relative head targets behind no bin.
     pub fn gradients(&mut self, windows: Windows, dropout: Option<&Dropout>, gradients: &mut [Floats]) -> Result<f64> {
         self.check(windows)?;
         let Windows { inputs, targets, length, .. } = windows;
         let pass = self.training.take().filter(|p| p.fits(inputs.len(), length));
         let mut pass = pass.unwrap_or_else(|| Pass::new(&self.config, &self.tokens, inputs.len(), length, true));
+        pass.ask(windows)?;
         let counted = targets.iter().filter(|&&t| t != self.tokens.pad).count();
         let batch = inputs.len() / length;
         let keys = dropout.map(|dropout| {
@@ -136,23 +154,20 @@ impl Fast {
     /// # Errors
     /// Windows longer than the context, ids outside the vocabulary.
     pub fn logits(&mut self, windows: Windows) -> Result<Vec<f32>> {
-        let vocabulary = self.tokens.vocabulary;
-        let mut all = vec![0.0; windows.inputs.len() * vocabulary];
-        self.each_logits(windows, &mut |first, logits| {
-            all[first * vocabulary..][..logits.len()].copy_from_slice(logits);
-        })?;
+        let mut all = vec![0.0; windows.inputs.len() * self.tokens.vocabulary];
+        let mut pass = self.scored(windows)?;
+        pass.forward(self, windows, None);
+        pass.logits(self, windows, &mut all);
+        self.scoring = Some(pass);
         Ok(all)
     }
 
-    fn each_logits(&mut self, windows: Windows, take: &mut dyn FnMut(usize, &mut [f32])) -> Result<()> {
+    /// Room to score such windows.
+    fn scored(&mut self, windows: Windows) -> Result<Pass> {
         self.check(windows)?;
-        let Windows { inputs, length, .. } = windows;
-        let pass = self.scoring.take().filter(|p| p.fits(inputs.len(), length));
-        let mut pass = pass.unwrap_or_else(|| Pass::new(&self.config, &self.tokens, inputs.len(), length, false));
-        pass.forward(self, windows, None);
-        pass.logits(self, take);
-        self.scoring = Some(pass);
-        Ok(())
+        let (rows, length) = (windows.inputs.len(), windows.length);
+        let pass = self.scoring.take().filter(|p| p.fits(rows, length));
+        Ok(pass.unwrap_or_else(|| Pass::new(&self.config, &self.tokens, rows, length, false)))
     }
 
     fn check(&self, Windows { inputs, targets, length, .. }: Windows) -> Result<()> {
@@ -188,10 +203,6 @@ impl Fast {
 
     fn norm(&self) -> block::Norm<&[f32]> {
         block::Norm { weight: self.weight("norm.weight"), bias: self.weight("norm.bias") }
-    }
-
-    fn head_name(&self) -> &'static str {
-        if self.config.tied_head { "token.weight" } else { "head.weight" }
     }
 }
 
@@ -230,19 +241,13 @@ impl Scores for Fast {
     }
 
     fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
-        let (vocabulary, pad) = (self.tokens.vocabulary, self.tokens.pad);
-        self.each_logits(Windows { inputs, targets, length, mask: Mask::Causal }, &mut |first, logits| {
-            let rows = logits.len() / vocabulary;
-            let parts = (
-                logits.par_chunks_mut(ROWS * vocabulary),
-                targets[first..][..rows].par_chunks(ROWS),
-                out[first..][..rows].par_chunks_mut(ROWS),
-            );
-            parts.into_par_iter().for_each(|(logits, targets, out)| {
-                let mut nats = [0.0; ROWS];
-                cross_entropy::nats(&mut nats[..out.len()], logits, targets, pad);
-                out.iter_mut().zip(nats).for_each(|(out, nats)| *out = nats as f32);
-            });
-        })
+        assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
+        let windows = Windows { inputs, targets, length, mask: self.mask() };
+        let mut pass = self.scored(windows)?;
+        pass.ask(windows)?;
+        pass.forward(self, windows, None);
+        pass.nats(self, out);
+        self.scoring = Some(pass);
+        Ok(())
     }
 }

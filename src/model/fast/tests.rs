@@ -1,7 +1,7 @@
 //! The fast form against the plain one in f64.
 
 use super::*;
-use crate::model::{Positions, ops};
+use crate::model::{Head, Positions, forms, ops};
 use candle_core::{DType, Var};
 use rand_chacha::rand_core::RngCore;
 
@@ -122,11 +122,26 @@ fn check(case: &Case) {
         Hides::Nothing => Mask::Full,
         Hides::Some(_) => Mask::Additive(&hidden),
     };
-    let counted = targets.iter().filter(|&&t| t != 0).count();
-    let expected_logits = truth.forward_masked(&ids, &plain_mask, dropout.as_ref()).unwrap();
-    let loss = ops::check::loss_sum(&expected_logits.flatten_to(1).unwrap(), &targets, 0).unwrap();
-    let loss = (loss / counted.max(1) as f64).unwrap();
-    let store = loss.backward().unwrap();
+    let logits = truth.forward_masked(&ids, &plain_mask, dropout.as_ref()).unwrap();
+    let loss = ops::check::loss_sum(&logits.flatten_to(1).unwrap(), &targets, 0).unwrap();
+    let windows = Windows { inputs: &inputs, targets: &targets, length: case.length, mask };
+    let fast = compare(&what, &truth, Fast::of(&gpt).unwrap(), (windows, dropout.as_ref()), &loss, &logits);
+    if case.mask == Hides::Later {
+        check_nats(&what, fast, windows, dropout.as_ref());
+    }
+}
+
+/// Gradients and logits of `fast` against `truth`'s, whose `loss` is a sum over the targets that count.
+fn compare(
+    what: &str,
+    truth: &Gpt,
+    mut fast: Fast,
+    (windows, dropout): (Windows, Option<&Dropout>),
+    loss: &Tensor,
+    logits: &Tensor,
+) -> (Fast, f64) {
+    let counted = windows.targets.iter().filter(|&&t| t != 0).count().max(1) as f64;
+    let store = (loss / counted).unwrap().backward().unwrap();
     // a window of the front token alone takes no row of the other position tables
     let of = |v: &Var| match store.get(v.as_tensor()) {
         Some(gradient) => gradient.flatten_all().unwrap().to_vec1().unwrap(),
@@ -134,34 +149,110 @@ fn check(case: &Case) {
     };
     let expected: Vec<Vec<f64>> = truth.vars().values().map(of).collect();
 
-    let mut fast = Fast::of(&gpt).unwrap();
     let mut gradients = fast.like_weights();
     gradients.iter_mut().for_each(|g| g.fill(f32::NAN));
-    let windows = Windows { inputs: &inputs, targets: &targets, length: case.length, mask };
-    let nats = fast.gradients(windows, dropout.as_ref(), &mut gradients).unwrap();
-    let loss = loss.to_scalar::<f64>().unwrap();
-    let found = nats / counted.max(1) as f64;
+    let nats = fast.gradients(windows, dropout, &mut gradients).unwrap();
+    let (loss, found) = (loss.to_scalar::<f64>().unwrap() / counted, nats / counted);
     assert!((found - loss).abs() <= BOUND * loss.abs().max(1.0), "{what}: loss {found}, expected {loss}");
-    let largest = |x: &[f64]| x.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+    let largest = |x: &[f64]| x.iter().filter(|x| x.is_finite()).fold(0.0, |m: f64, x| m.max(x.abs()));
     let floor = 1e-3 * expected.iter().map(|e| largest(e)).fold(0.0, f64::max);
-    for ((name, found), expected) in gpt.vars().keys().zip(&gradients).zip(&expected) {
+    for ((name, found), expected) in truth.vars().keys().zip(&gradients).zip(&expected) {
         let apart = found.iter().zip(expected).fold(0.0, |m: f64, (f, e)| m.max((*f as f64 - e).abs()));
         let apart = if found.iter().any(|f| f.is_nan()) { f64::NAN } else { apart };
         let bound = BOUND * largest(expected).max(floor);
         assert!(apart <= bound, "{what}: {name} is {apart:e} off, at most {bound:e} allowed");
     }
-    if case.dropout == 0.0 {
-        let logits = fast.logits(windows).unwrap();
-        let expected = expected_logits.flatten_all().unwrap().to_vec1::<f64>().unwrap();
-        let apart = logits.iter().zip(&expected).fold(0.0, |m: f64, (f, e)| m.max((*f as f64 - e).abs()));
-        assert!(apart <= BOUND * largest(&expected).max(1.0), "{what}: logits {apart:e} off");
+    if dropout.is_none() {
+        let found = fast.logits(windows).unwrap();
+        let expected = logits.flatten_all().unwrap().to_vec1::<f64>().unwrap();
+        let bound = BOUND * largest(&expected).max(1.0);
+        // minus infinity has to be just that
+        let near = |(f, e): (&f32, &f64)| f64::from(*f) == *e || (f64::from(*f) - e).abs() <= bound;
+        assert!(found.len() == expected.len() && found.iter().zip(&expected).all(near), "{what}: logits off");
     }
-    if case.dropout == 0.0 && case.mask == Hides::Later {
-        let mut each = vec![0.0; inputs.len()];
-        fast.nats(&inputs, &targets, case.length, &mut each).unwrap();
+    (fast, nats)
+}
+
+/// The nats one by one against those at once.
+fn check_nats(what: &str, (mut fast, nats): (Fast, f64), windows: Windows, dropout: Option<&Dropout>) {
+    if dropout.is_none() {
+        let mut each = vec![f32::NAN; windows.inputs.len()];
+        fast.nats(windows.inputs, windows.targets, windows.length, &mut each).unwrap();
         let sum: f64 = each.iter().map(|x| *x as f64).sum();
         assert!((sum - nats).abs() <= BOUND * nats.max(1.0), "{what}: {sum} nats one by one, {nats} at once");
+        assert!(each.iter().zip(windows.targets).all(|(x, &t)| (*x == 0.0) == (t == 0)), "{what}");
     }
+}
+
+/// A form with its own mask, the targets smoothed by `width`.
+fn check_form(config: &ModelConfig, tokens: &TokenLayout, windows: usize, width: Option<f64>) {
+    let what = format!("{}, {windows} windows of {}, smoothing {width:?}", forms::name(config, tokens), config.context);
+    let length = config.context;
+    let gpt = forms::model(config, tokens);
+    let (inputs, targets) = forms::batch(config, tokens, windows, length);
+    let dropout = (config.dropout > 0.0).then_some(Dropout { share: config.dropout, seed: 1, step: 4, first: 0 });
+    let (mut truth, mut fast) = (gpt.to_f64().unwrap(), Fast::of(&gpt).unwrap());
+    truth.smooth_targets(width);
+    fast.smooth_targets(width);
+    let ids = forms::ids(&inputs, length);
+    let logits = truth.forward(&ids, dropout.as_ref()).unwrap();
+    let loss = truth.loss_sum(&ids, &targets, dropout.as_ref()).unwrap();
+    let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask() };
+    let found = compare(&what, &truth, fast, (windows, dropout.as_ref()), &loss, &logits);
+    check_nats(&what, found, windows, dropout.as_ref());
+}
+
+#[test]
+fn every_form_is_the_oracle_s() {
+    for (config, tokens) in forms::all(23) {
+        let widths: &[Option<f64>] = if tokens.varying { &[None] } else { &[None, Some(0.75)] };
+        for &width in widths {
+            check_form(&config, &tokens, 2, width);
+        }
+        check_form(&ModelConfig { dropout: 0.2, ..config.clone() }, &tokens, 3, None);
+        // wider than a vector, longer than a piece; shorter than a word
+        check_form(&ModelConfig { width: 40, heads: 4, context: 75, ..config.clone() }, &tokens, 3, widths[widths.len() - 1]);
+    }
+}
+
+#[test]
+fn forms_begin_with_a_front_alone() {
+    for (config, tokens) in forms::all(23) {
+        let gpt = forms::model(&config, &tokens);
+        let mut fast = Fast::of(&gpt).unwrap();
+        for length in 1..12 {
+            let (inputs, targets) = forms::batch(&config, &tokens, 2, length);
+            let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask() };
+            let found = fast.logits(windows).unwrap();
+            let expected = gpt.predict(&forms::ids(&inputs, length)).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
+            let near = |(a, b): (&f32, &f32)| a == b || (a - b).abs() < 1e-4;
+            assert!(found.iter().zip(&expected).all(near), "{}: {length} tokens", forms::name(&config, &tokens));
+            let mut gradients = fast.like_weights();
+            fast.gradients(windows, None, &mut gradients).unwrap();
+            assert!(gradients.iter().all(|g| g.iter().all(|x| x.is_finite())));
+        }
+    }
+}
+
+#[test]
+fn what_counts_behind_no_bin_is_refused_and_the_next_batch_is_taken() {
+    let (config, tokens) = forms::all(29).into_iter().find(|(c, _)| c.head == Some(Head::Relative)).unwrap();
+    let mut fast = Fast::of(&forms::model(&config, &tokens)).unwrap();
+    let (inputs, good) = forms::batch(&config, &tokens, 2, 29);
+    let dropped = (29..58).find(|&row| inputs[row] == 3 && row + tokens.word < 58).unwrap();
+    let mut bad = good.clone();
+    bad[dropped - 1 + tokens.word] = 6;
+    let mut gradients = fast.like_weights();
+    let mut run = |targets: &[u32]| {
+        let windows = Windows { inputs: &inputs, targets, length: 29, mask: Mask::Causal };
+        fast.gradients(windows, None, &mut gradients).map_err(|e| e.to_string())
+    };
+    assert!(run(&bad).unwrap_err().contains("is id 3; expected a bin of its place"));
+    let nats = run(&good).unwrap();
+    assert!(nats.is_finite() && nats > 0.0);
+    // nothing counts: nothing is learned
+    assert_eq!(run(&[0; 58]).unwrap(), 0.0);
+    assert!(gradients.iter().all(|g| g.iter().all(|x| *x == 0.0)));
 }
 
 const CASE: Case = Case {
@@ -250,24 +341,27 @@ fn random_shapes_agree_too() {
 
 #[test]
 fn threads_change_no_bit_and_a_second_shape_finds_its_room() {
-    let case = Case { heads: 4, width: 64, batch: 3, length: 100, vocabulary: 50, dropout: 0.1, ..CASE };
-    let gpt = model(&case);
-    let (inputs, targets) = batch(&case);
-    let dropout = Dropout { share: 0.1, seed: 1, step: 0, first: 0 };
-    let windows = |n: usize| Windows { inputs: &inputs[..n], targets: &targets[..n], length: 100, mask: Mask::Causal };
-    let run = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| {
-            let mut fast = Fast::of(&gpt).unwrap();
-            let mut gradients = fast.like_weights();
-            fast.gradients(windows(200), None, &mut gradients).unwrap();
-            let nats = fast.gradients(windows(300), Some(&dropout), &mut gradients).unwrap();
-            let bits: Vec<u32> = gradients.iter().flat_map(|g| g.iter().map(|x| x.to_bits())).collect();
-            (nats.to_bits(), bits)
-        })
-    };
-    let one = run(1);
-    assert!([2, 3, 5].iter().all(|&threads| run(threads) == one));
+    for (config, tokens) in forms::all(100) {
+        let config = ModelConfig { heads: 4, width: 64, ..config };
+        let gpt = forms::model(&config, &tokens);
+        let (inputs, targets) = forms::batch(&config, &tokens, 3, 100);
+        let dropout = Dropout { share: 0.1, seed: 1, step: 0, first: 0 };
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let mut fast = Fast::of(&gpt).unwrap();
+                let mask = fast.mask();
+                let windows = |n: usize| Windows { inputs: &inputs[..n], targets: &targets[..n], length: 100, mask };
+                let mut gradients = fast.like_weights();
+                fast.gradients(windows(200), None, &mut gradients).unwrap();
+                let nats = fast.gradients(windows(300), Some(&dropout), &mut gradients).unwrap();
+                let bits: Vec<u32> = gradients.iter().flat_map(|g| g.iter().map(|x| x.to_bits())).collect();
+                (nats.to_bits(), bits)
+            })
+        };
+        let one = run(1);
+        assert!([2, 3, 5].iter().all(|&threads| run(threads) == one), "{}", forms::name(&config, &tokens));
+    }
 }
 
 #[test]

@@ -1,11 +1,14 @@
 //! After the first steps of a shape, training takes no memory from the system: no allocation, no page.
 
+use kinelm::model::config::Stretch;
 use kinelm::model::fast::Fast;
-use kinelm::model::{Gpt, ModelConfig, TokenLayout};
+use kinelm::model::{Gpt, ModelConfig, Positions, TokenLayout};
 use kinelm::train::TrainConfig;
 use kinelm::train::batches::Batch;
+use kinelm::train::config::Loss;
 use kinelm::train::fast::FastLearner;
 use kinelm::train::learner::{Learner, clip_share};
+use kinelm_tokenizer::PlaceIds;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -40,8 +43,9 @@ fn faults() -> usize {
 const TOKENS: TokenLayout =
     TokenLayout { vocabulary: 90, word: 10, varying: false, front: 1, pad: 0, bos: 1, space: 5, places: Vec::new() };
 
-fn batch(windows: usize, length: usize) -> Batch {
-    let id = |i: usize| 5 + (i * i * 7 % 85) as u32;
+/// Ids from `first` on.
+fn batch(first: u32, windows: usize, length: usize) -> Batch {
+    let id = |i: usize| first + (i * i * 7 % 84) as u32;
     let n = windows * length;
     let (inputs, targets) = ((0..n).map(id).collect(), (1..=n).map(id).collect());
     Batch { inputs, targets, clips: vec!["clip".into(); windows] }
@@ -50,15 +54,28 @@ fn batch(windows: usize, length: usize) -> Batch {
 #[test]
 fn a_step_allocates_nothing_and_faults_no_page() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
-    pool.install(|| [false, true].map(steps));
+    let model = ModelConfig { layers: 2, heads: 4, width: 64, context: 150, dropout: 0.1, ..Default::default() };
+    let rope = ModelConfig { positions: Positions::Rope, ..model.clone() };
+    let varying = TokenLayout { varying: true, ..TOKENS };
+    let kind = |circular| PlaceIds { first: 6, count: 84, circular };
+    let places = [(6, true), (3, false)].map(|(number, circular)| Stretch { number, kind: kind(circular) });
+    let placed = TokenLayout { places: places.to_vec(), ..TOKENS };
+    pool.install(|| {
+        steps(&model, &TOKENS);
+        steps(&model, &varying);
+        steps(&rope, &varying);
+        // told of the frame before, over steps
+        steps(&model, &placed);
+        steps(&rope, &placed);
+    });
 }
 
-/// Steps on words of one length or of any.
-fn steps(varying: bool) {
-    let model = ModelConfig { layers: 2, heads: 4, width: 64, context: 150, dropout: 0.1, ..Default::default() };
-    let gpt = Gpt::new(&model, &TokenLayout { varying, ..TOKENS }, 1).unwrap();
-    let mut learner = FastLearner::new(Fast::of(&gpt).unwrap(), &TrainConfig::default());
-    let batch = batch(3, 150);
+/// Steps of a model.
+fn steps(model: &ModelConfig, tokens: &TokenLayout) {
+    let gpt = Gpt::new(model, tokens, 1).unwrap();
+    let train = TrainConfig { loss: Loss::Ordinal, ..Default::default() };
+    let mut learner = FastLearner::new(Fast::of(&gpt).unwrap(), &train);
+    let batch = batch(if tokens.places.is_empty() { 5 } else { 6 }, 3, 150);
     let mut step = |i| {
         let found = learner.gradients(&batch, i).unwrap();
         learner.update(clip_share(found.norm, 1.0), 1e-3).unwrap();

@@ -114,7 +114,10 @@ pub fn loss(
         workspace;
     let (n, d, v, piece) = (asked.len(), *d, *v, *piece);
     let Some(back) = back else { panic!("a workspace for the forward pass only") };
-    assert!(n <= *rows && x.len() == n * d && gradients.dx.len() == n * d, "a head of {n} rows of {d}, room for {rows}");
+    assert!(
+        n <= *rows && x.len() == n * d && gradients.dx.len() == n * d,
+        "a head of {n} rows of {d}, room for {rows}"
+    );
     let lens = [gradients.norm.weight.len(), gradients.norm.bias.len(), gradients.head.len()];
     assert_eq!(lens, [d, d, v * d], "gradients of a head of {v} rows of {d}");
     let mut store_head = store;

@@ -157,23 +157,6 @@ impl ModelConfig {
         Ok(())
     }
 
-    /// Refuses what only the plain form knows so far.
-    ///
-    /// # Errors
-    /// Rope, a masked model, the frame before: which of them.
-    pub(super) fn refuse_new(&self, tokens: &TokenLayout) -> Result<()> {
-        let new = [
-            (self.positions == Positions::Rope, "positions = \"rope\""),
-            (self.kind == Kind::Masked, "kind = \"masked\""),
-            (self.reads_previous(tokens), "previous_frame = true"),
-            (self.head_of(tokens) == Head::Relative, "head = \"relative\""),
-        ];
-        match new.iter().find(|(found, _)| *found) {
-            Some((_, what)) => Err(Error::Call(format!("{what} is not in the fast form yet; take the plain one"))),
-            None => Ok(()),
-        }
-    }
-
     /// Whether the inputs tell of the frame before: as `previous_frame` says; left out, in causal models of words whose
     /// places are of one kind each.
     pub fn reads_previous(&self, tokens: &TokenLayout) -> bool {
@@ -188,9 +171,7 @@ impl ModelConfig {
     }
 
     fn knows_frame_before(&self, tokens: &TokenLayout) -> bool {
-        // not before the fast form and its reader know it too
-        const KNOWN: bool = false;
-        KNOWN && self.kind == Kind::Causal && !tokens.places.is_empty()
+        self.kind == Kind::Causal && !tokens.places.is_empty()
     }
 
     /// The same model with every key said.
@@ -355,7 +336,6 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "until the fast form knows the frame before"]
     fn what_is_left_out_follows_from_the_tokens() {
         let config = ModelConfig::default();
         let read = |config: &ModelConfig, tokens: &TokenLayout| (config.reads_previous(tokens), config.head_of(tokens));

@@ -4,7 +4,7 @@ use super::augment::AugmentConfig;
 use super::data::CorpusPart;
 use super::schedule::Schedule;
 use crate::corpus::conditions::in_order;
-use crate::model::ModelConfig;
+use crate::model::{ModelConfig, TokenLayout};
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -79,6 +79,20 @@ pub struct TrainConfig {
     /// Share of the labels that are hidden in training, each by itself, so that the model serves without them too,
     /// 0..=1. Default 0.1.
     pub label_dropout: f64,
+    /// What the gradients pull towards. Default `cross_entropy`.
+    pub loss: Loss,
+    /// How wide `ordinal` spreads a target, in bins, above 0 and at most 100. Default 0.75.
+    pub ordinal_width: f64,
+}
+
+/// What the gradients pull towards; the loss that is reported is the cross-entropy with the target itself in any case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Loss {
+    /// The target.
+    CrossEntropy,
+    /// The target's bin and those around it, by a Gaussian kernel: round the circle for angles, up to the ends for others.
+    Ordinal,
 }
 
 impl Default for TrainConfig {
@@ -105,6 +119,8 @@ impl Default for TrainConfig {
             sample_every: 0,
             conditions: Vec::new(),
             label_dropout: 0.1,
+            loss: Loss::CrossEntropy,
+            ordinal_width: 0.75,
         }
     }
 }
@@ -165,6 +181,24 @@ impl TrainConfig {
         self.patience > 0 && best.is_some_and(|best| measured(step) >= measured(best) + self.patience)
     }
 
+    /// How wide targets are smoothed, in bins; `None`: not at all.
+    pub fn smoothing(&self) -> Option<f64> {
+        (self.loss == Loss::Ordinal).then_some(self.ordinal_width)
+    }
+
+    /// Checks every key, and that words of `tokens` have what the loss asks for.
+    ///
+    /// # Errors
+    /// As [`Self::validate`]; `ordinal` for words whose places aren't of one kind each.
+    pub fn validate_for(&self, tokens: &TokenLayout) -> Result<()> {
+        self.validate()?;
+        if self.loss == Loss::Ordinal && tokens.places.is_empty() {
+            let why = "words of this tokenizer have no places of one kind each, so that no bin has neighbours";
+            return Err(Error::Call(format!("train.loss is ordinal; expected cross_entropy: {why}")));
+        }
+        Ok(())
+    }
+
     /// Checks every key.
     ///
     /// # Errors
@@ -186,6 +220,8 @@ impl TrainConfig {
         number(self.epsilon > 0.0, "epsilon", self.epsilon, "a number above 0")?;
         number(self.weight_decay >= 0.0, "weight_decay", self.weight_decay, "0 or more")?;
         number(self.clip_norm >= 0.0, "clip_norm", self.clip_norm, "0 (no limit) or more")?;
+        let width = (0.0..=100.0).contains(&self.ordinal_width) && self.ordinal_width > 0.0;
+        number(width, "ordinal_width", self.ordinal_width, "a number above 0 and at most 100")?;
         // TOML has no larger integers
         check(self.seed <= i64::MAX as u64, "seed", self.seed.to_string(), "at most 9223372036854775807")?;
         check(self.keep >= 1, "keep", self.keep.to_string(), "1 or more")?;
@@ -206,12 +242,27 @@ impl TrainConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::Head;
+    use crate::train::fixture;
+
+    #[test]
+    fn neighbours_are_asked_for_where_bins_have_some() {
+        let train: TrainConfig = toml::from_str("loss = \"ordinal\"").unwrap();
+        assert_eq!((train.smoothing(), TrainConfig::default().smoothing()), (Some(0.75), None));
+        let without = TokenLayout { places: Vec::new(), ..fixture::TOKENS };
+        assert!(train.validate_for(&without).unwrap_err().to_string().contains("train.loss is ordinal"));
+        TrainConfig::default().validate_for(&without).unwrap();
+    }
 
     #[test]
     fn shipped_files_hold_and_have_the_promised_sizes() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/train");
         let load = |name: &str| TrainFile::load(&folder.join(name)).unwrap().model;
-        let [tiny, small, thesis] = ["tiny.toml", "small.toml", "thesis-26m.toml"].map(load);
+        let [tiny, small, thesis, gpt2] = ["tiny.toml", "small.toml", "thesis-26m.toml", "gpt2.toml"].map(load);
+        assert_eq!((tiny.previous_frame, tiny.head), (None, None));
+        assert_eq!((thesis.previous_frame, thesis.head), (Some(false), Some(Head::Absolute)));
+        assert_eq!((gpt2.layers, gpt2.width, gpt2.heads, gpt2.context), (12, 768, 12, 1024));
+        assert_eq!((gpt2.previous_frame, gpt2.head), (Some(false), Some(Head::Absolute)));
         assert_eq!((tiny.layers, tiny.width, tiny.heads, tiny.context), (4, 128, 4, 256));
         assert_eq!((small.layers, small.width, small.heads, small.context), (6, 256, 8, 1024));
         let fine = TrainFile::load(&folder.join("finetune.toml")).unwrap();
@@ -235,6 +286,8 @@ mod tests {
         );
         assert!(said("[train]\nlabel_dropout = 2").contains("train.label_dropout is 2; expected 0 to 1"));
         assert!(said("[model]\nlayers = 0").contains("model.layers is 0"));
+        let message = said("[train]\nordinal_width = 0.0");
+        assert!(message.contains("train.ordinal_width is 0; expected a number above 0 and at most 100"), "{message}");
         assert!(said("[model").starts_with("a.toml:1:"));
         assert!(said("[augment]\nmirror = 1.5").contains("augment.mirror is 1.5; expected 0 to 1"));
         assert!(said("[augment]\nspeed = nan").contains("augment.speed is NaN; expected 0 to 0.5"));

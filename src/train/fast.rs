@@ -36,7 +36,8 @@ pub struct FastLearner {
 
 impl FastLearner {
     /// Before the first update.
-    pub fn new(model: Fast, train: &TrainConfig) -> FastLearner {
+    pub fn new(mut model: Fast, train: &TrainConfig) -> FastLearner {
+        model.smooth_targets(train.smoothing());
         FastLearner {
             gradients: model.like_weights(),
             moments: [model.like_weights(), model.like_weights()],

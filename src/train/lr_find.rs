@@ -243,7 +243,9 @@ mod tests {
         let find = |options: &LrFindOptions| lr_find(options, &AtomicBool::new(false), &mut |_| ());
         let found = find(&options).unwrap();
         let (first, turn) = (found.steps[0], found.turn.unwrap());
-        assert!((first.rate - 1e-7).abs() < 1e-18 && (first.loss - 16f64.ln()).abs() < 0.3, "{first:?}");
+        // of a window's 36 targets 11 are among 16 ids, the others among the 10 bins that a frame before leaves
+        let knows_nothing = (11.0 * 16f64.ln() + 25.0 * 10f64.ln()) / 36.0;
+        assert!((first.rate - 1e-7).abs() < 1e-18 && (first.loss - knows_nothing).abs() < 0.1, "{first:?}");
         assert!((1e-4..1.0).contains(&turn), "{turn}");
         let least = found.steps.iter().map(|t| t.smoothed).fold(f64::MAX, f64::min);
         assert!(least < first.loss - 0.1, "{least}");

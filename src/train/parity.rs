@@ -1,13 +1,13 @@
 //! Both forms of the model and their training against PyTorch's, and against a window it must be able to learn by heart.
 
 use super::batches::Batch;
-use super::config::TrainConfig;
+use super::config::{Loss, TrainConfig};
 use super::fast::FastLearner;
 use super::learner::{Learner, clip_share};
 use super::plain::Plain;
 use super::schedule;
 use crate::model::fast::{Fast, Windows};
-use crate::model::{Gpt, ModelConfig, Positions, TokenLayout};
+use crate::model::{Gpt, ModelConfig, Positions, TokenLayout, forms};
 use candle_core::{Device, Tensor};
 use kinelm_engine::op::attention::Mask;
 use serde_json::Value;
@@ -142,6 +142,28 @@ fn train(learner: &mut dyn Learner, batch: &Batch, config: &TrainConfig) -> Vec<
         found.loss
     };
     (0..config.steps).map(update).collect()
+}
+
+#[test]
+fn ten_steps_of_every_form_cost_the_same_plain_and_fast() {
+    let train_config = TrainConfig { steps: 10, learning_rate: 3e-3, warmup: 2, ..Default::default() };
+    let ordinal = TrainConfig { loss: Loss::Ordinal, ..train_config.clone() };
+    for (config, tokens) in forms::all(40) {
+        let config = ModelConfig { width: 16, dropout: 0.1, ..config };
+        let gpt = Gpt::new(&config, &tokens, 1).unwrap();
+        let (inputs, targets) = forms::batch(&config, &tokens, 3, 40);
+        let batch = Batch { inputs, targets, clips: vec!["made up".into(); 3] };
+        let train_config = if tokens.varying { &train_config } else { &ordinal };
+        let mut fast = FastLearner::new(Fast::of(&gpt).unwrap(), train_config);
+        let fast = train(&mut fast, &batch, train_config);
+        let plain = train(&mut Plain::new(gpt, train_config).unwrap(), &batch, train_config);
+        let what = forms::name(&config, &tokens);
+        assert!(
+            fast.iter().zip(&plain).all(|(a, b)| (a - b).abs() < BOUND as f64),
+            "{what}: {fast:?}, plain {plain:?}"
+        );
+        assert!(fast[9] < fast[0], "{what}: {fast:?}");
+    }
 }
 
 #[test]

@@ -31,7 +31,8 @@ impl Plain {
     ///
     /// # Errors
     /// What the device refuses.
-    pub fn new(model: Gpt, train: &TrainConfig) -> Result<Plain> {
+    pub fn new(mut model: Gpt, train: &TrainConfig) -> Result<Plain> {
+        model.smooth_targets(train.smoothing());
         let share = model.config().dropout;
         let dropout = (share > 0.0).then_some(Dropout { share, seed: train.seed, step: 0, first: 0 });
         let zeros = || model.vars().values().map(|v| Ok(v.zeros_like()?)).collect::<Result<Vec<_>>>();

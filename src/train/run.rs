@@ -82,7 +82,7 @@ impl RunFile {
     pub fn new(model: &ModelConfig, train: &TrainConfig, data: &Data) -> Result<RunFile> {
         let tokens = data.tokens();
         model.validate_for(&tokens)?;
-        train.validate()?;
+        train.validate_for(&tokens)?;
         Ok(RunFile {
             version: VERSION,
             kinelm: env!("CARGO_PKG_VERSION").into(),

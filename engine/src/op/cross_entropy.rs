@@ -74,7 +74,8 @@ fn check_asked(columns: usize, asked: &[Asked]) {
     let inside = |Asked { target, first, count, bins }: &Asked| {
         let end = first + count;
         let bins_end = bins.first + bins.count;
-        let neighbours = bins.count == 0 || (bins.first..bins_end).contains(target) && *first <= bins.first && bins_end <= end;
+        let neighbours =
+            bins.count == 0 || (bins.first..bins_end).contains(target) && *first <= bins.first && bins_end <= end;
         end as usize <= columns && (*first..end).contains(target) && neighbours
     };
     if let Some(wrong) = asked.iter().find(|a| !inside(a)) {

@@ -1,21 +1,28 @@
 //! Which model a bench is about.
 
 use anyhow::{Context, Result};
-use kinelm::model::{ModelConfig, TokenLayout};
+use kinelm::model::config::Stretch;
+use kinelm::model::past::Counts;
+use kinelm::model::{Head, ModelConfig, TokenLayout};
 use kinelm::train::TrainFile;
+use kinelm_tokenizer::PlaceIds;
 use std::path::Path;
 
 /// The training files that go by a name.
-const NAMED: [(&str, &str); 4] = [
+const NAMED: [(&str, &str); 5] = [
     ("tiny", include_str!("../../../configs/train/tiny.toml")),
     ("small", include_str!("../../../configs/train/small.toml")),
     ("thesis-26m", include_str!("../../../configs/train/thesis-26m.toml")),
+    ("gpt2", include_str!("../../../configs/train/gpt2.toml")),
     ("demo", include_str!("../../../configs/train/demo.toml")),
 ];
 
+/// The id of the first bin.
+const FIRST: u32 = 6;
+
 #[derive(Debug, clap::Args)]
 pub struct ShapeArgs {
-    /// The model's shape: tiny, small, thesis-26m, demo, or a training TOML
+    /// The model's shape: tiny, small, thesis-26m, gpt2, demo, or a training TOML
     #[arg(long, default_value = "tiny", value_name = "NAME|FILE")]
     config: String,
     /// Tokens of a window; the configuration's if not given
@@ -45,12 +52,14 @@ impl ShapeArgs {
         let mut file = match NAMED.iter().find(|(name, _)| *name == self.config) {
             Some((name, text)) => TrainFile::parse(text, Path::new(name))?,
             None => TrainFile::load(path).with_context(|| {
-                format!("--config {}: expected tiny, small, thesis-26m, demo, or a training file", self.config)
+                format!("--config {}: expected tiny, small, thesis-26m, gpt2, demo, or a training file", self.config)
             })?,
         };
         file.model.context = self.context.unwrap_or(file.model.context);
         file.model.dropout = self.dropout;
-        // a word and the special ids as 13 joints have them
+        // a word and the special ids as 13 joints have them: a place in space, then angles, of the same bins
+        let kind = |circular| PlaceIds { first: FIRST, count: self.vocabulary - FIRST, circular };
+        let places = [(3, false), (39, true)].map(|(number, circular)| Stretch { number, kind: kind(circular) });
         let tokens = TokenLayout {
             vocabulary: self.vocabulary as usize,
             word: 43,
@@ -59,7 +68,7 @@ impl ShapeArgs {
             pad: 0,
             bos: 1,
             space: 5,
-            places: Vec::new(),
+            places: places.to_vec(),
         };
         file.model.validate_for(&tokens)?;
         let name = path.file_stem().map_or(self.config.clone(), |s| s.to_string_lossy().into_owned());
@@ -68,10 +77,20 @@ impl ShapeArgs {
 }
 
 impl Shape {
-    /// Numbers in the matrices that every token is multiplied with, the head among them.
+    /// Numbers in the matrices that every token is multiplied with, the head among them: of several, the mean over a word's
+    /// places.
     pub fn matrices(&self) -> usize {
         let ModelConfig { layers, width, .. } = self.file.model;
-        12 * layers * width * width + self.tokens.vocabulary * width
+        let counts = Counts::of(&self.tokens);
+        let rows = |kind: PlaceIds| if kind.circular { counts.circular } else { counts.steps() };
+        let head = match self.file.model.head_of(&self.tokens) {
+            Head::Absolute => self.tokens.vocabulary,
+            // the space's is over all ids
+            Head::Relative => {
+                (self.tokens.place_ids().map(rows).sum::<usize>() + self.tokens.vocabulary) / self.tokens.word
+            }
+        };
+        12 * layers * width * width + head * width
     }
 }
 
@@ -91,6 +110,8 @@ mod tests {
         let thesis = args("thesis-26m").get().unwrap();
         assert_eq!((thesis.file.model.width, thesis.file.model.dropout), (512, 0.0));
         assert_eq!(thesis.matrices(), 25_370_624);
+        // (3 x 787 + 39 x 394 + 400) / 43 rows
+        assert_eq!(args("tiny").get().unwrap().matrices(), 786_432 + 421 * 128);
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/train/small.toml");
         assert_eq!(args(folder.to_str().unwrap()).get().unwrap().name, "small");
         let refused = format!("{:#}", args("huge").get().unwrap_err());

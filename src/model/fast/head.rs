@@ -24,7 +24,8 @@ pub(super) struct Heads {
     names: [&'static str; 3],
     /// Of each group, the most rows.
     most: [usize; 3],
-    spaces: [Workspace; 3],
+    /// None for a group without rows.
+    spaces: [Option<Workspace>; 3],
     width: usize,
     /// (N, D), the groups' rows one after the other, and their gradients.
     x: Floats,
@@ -41,7 +42,9 @@ impl Heads {
         let most = questions.most_rows(length).map(|most| most * (rows / length));
         let counts = questions.steps().map(|past| past.counts()).unwrap_or_default();
         let [ids, circular, clamped] = [tokens.vocabulary, counts.circular, counts.steps()];
-        let space = |group: usize, columns| Workspace::new(most[group], config.width, columns, learn);
+        let space = |group: usize, columns| {
+            (most[group] > 0).then(|| Workspace::new(most[group], config.width, columns, learn))
+        };
         let room = |n: usize| Floats::new(n * config.width);
         let mut groups = Groups::default();
         for (group, most) in groups.iter_mut().zip(most) {
@@ -86,10 +89,8 @@ impl Heads {
         }
         let (mut nats, mut first) = (0.0, 0);
         for (group, table) in tables.into_iter().enumerate() {
-            let (rows, Some(table)) = (&self.groups[group].rows, table) else { continue };
-            if rows.is_empty() {
-                continue;
-            }
+            let rows = &self.groups[group].rows;
+            let (Some(table), Some(space), false) = (table, &mut self.spaces[group], rows.is_empty()) else { continue };
             let part = first * d..(first + rows.len()) * d;
             first += rows.len();
             collect(&mut self.x[part.clone()], d, last, rows);
@@ -99,8 +100,8 @@ impl Heads {
             let norm = Norm { weight: &mut **weight, bias: &mut **bias };
             let mut to = head::Gradients { dx: &mut self.dx[part.clone()], norm, head: of_table };
             let exam = Exam { asked: &self.groups[group].asked, smoothing: model.smoothing.as_ref(), scale };
-            let (x, table, space) = (&self.x[part], &model.weights[table], &mut self.spaces[group]);
-            nats += head::loss(x, model.norm(), table, exam, &mut to, Store::Add, space);
+            let x = &self.x[part];
+            nats += head::loss(x, model.norm(), &model.weights[table], exam, &mut to, Store::Add, space);
         }
         collect(dx, d, &self.dx, &self.places);
         nats
@@ -111,15 +112,12 @@ impl Heads {
         let (d, mut first) = (self.width, 0);
         for (group, name) in self.names.into_iter().enumerate() {
             let (rows, asked) = (&self.groups[group].rows, &self.groups[group].asked);
-            if rows.is_empty() {
-                continue;
-            }
+            let (Some(space), false) = (&mut self.spaces[group], rows.is_empty()) else { continue };
             let part = first * d..(first + rows.len()) * d;
             let nats = &mut self.nats[first..first + rows.len()];
             first += rows.len();
             collect(&mut self.x[part.clone()], d, last, rows);
-            let (x, space) = (&self.x[part], &mut self.spaces[group]);
-            head::logits(x, model.norm(), model.weight(name), space, &mut |first, logits| {
+            head::logits(&self.x[part], model.norm(), model.weight(name), space, &mut |first, logits| {
                 let columns = model.weight(name).len() / d;
                 let asked = asked[first..].par_chunks(ROWS);
                 let nats = nats[first..][..logits.len() / columns].par_chunks_mut(ROWS);
@@ -140,12 +138,13 @@ impl Heads {
         out.fill(f32::NEG_INFINITY);
         for (group, name) in self.names.into_iter().enumerate() {
             let rows: Vec<u32> = (0..).zip(&bases).filter(|(_, b)| group_of(b) == group).map(|(row, _)| row).collect();
+            let Some(space) = &mut self.spaces[group] else { continue };
             // more rows than are ever asked may stand for ids: those behind no bin
-            for rows in rows.chunks(self.most[group].max(1)) {
+            for rows in rows.chunks(self.most[group]) {
                 let x = &mut self.x[..rows.len() * d];
                 collect(x, d, last, rows);
                 let columns = model.weight(name).len() / d;
-                head::logits(x, model.norm(), model.weight(name), &mut self.spaces[group], &mut |first, logits| {
+                head::logits(x, model.norm(), model.weight(name), space, &mut |first, logits| {
                     for (&row, logits) in rows[first..].iter().zip(logits.chunks(columns)) {
                         let out = &mut out[row as usize * vocabulary..][..vocabulary];
                         match (bases[row as usize], self.questions.steps()) {

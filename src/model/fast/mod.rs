@@ -15,11 +15,11 @@ use super::layout::{self, Parameter};
 use super::{Dropout, Gpt, Kind, Scores};
 use crate::{Error, Result};
 use candle_core::{Device, Tensor};
+use keys::Keys;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block;
 use kinelm_engine::op::attention::Mask;
 use kinelm_engine::op::smoothing::Smoothing;
-use keys::Keys;
 use pass::Pass;
 use std::collections::BTreeMap;
 

@@ -38,8 +38,8 @@ pub struct Args {
     /// Frames to make, at the model's rate; the prompt's length if not given
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..), required_unless_present_any = ["prompt", "again"])]
     frames: Option<u32>,
-    /// Where the dance goes (.bvh .npz .json); with --variations, the dances go to FILE-1, FILE-2, ... before the extension.
-    /// FILE.kinelm.json beside each tells where it is from
+    /// Where the dance goes (.bvh .npz .json); with --variations, the dances go to FILE-1, FILE-2, ... before the
+    /// extension. FILE.kinelm.json beside each tells where it is from
     #[arg(long, value_name = "FILE", required_unless_present = "again")]
     out: Option<PathBuf>,
     /// Make a dance again, to the same bytes, from the FILE.kinelm.json beside it; --run, --prompt and --out if they are

@@ -39,7 +39,8 @@ pub struct Likelihood {
 /// [`Likelihood::pseudo`].
 ///
 /// # Errors
-/// A corpus of other words than the model's; other conditions than the model's; a model whose probabilities are not finite, with the clip named.
+/// A corpus of other words than the model's; other conditions than the model's; a model whose probabilities are not
+/// finite, with the clip named.
 pub fn likelihood(
     model: &mut dyn Scores,
     corpus: &Corpus,
@@ -137,7 +138,8 @@ pub(super) fn scored_frames(corpus: &Corpus, clip: &ClipRecord, window: &EvalWin
     (words.before(scored.start + 1) - 1..words.before(scored.end)).map(frames).sum()
 }
 
-/// Nats of the scored tokens of each window, (windows, length), 0 elsewhere; all become `length` tokens long, and what isn't scored is padding.
+/// Nats of the scored tokens of each window, (windows, length), 0 elsewhere; all become `length` tokens long, and what
+/// isn't scored is padding.
 fn batch_nats(
     model: &mut dyn Scores,
     corpus: &Corpus,

@@ -1,8 +1,8 @@
 //! What a model foretells of the next 400 ms: PROTOCOLS 3.
 //!
-//! Clips are cut into windows of 3 s that begin 2 s apart; of each the first 2 s are the seed and the next 0.4 s the target. The model
-//! sees as many of the seed's last words as its context has room for beside the target's. Targets are the clips as they are,
-//! not as they are coded.
+//! Clips are cut into windows of 3 s that begin 2 s apart; of each the first 2 s are the seed and the next 0.4 s the
+//! target. The model sees as many of the seed's last words as its context has room for beside the target's. Targets are
+//! the clips as they are, not as they are coded.
 
 use crate::corpus::Conditions;
 use crate::generate::sampling::Draw;
@@ -127,8 +127,8 @@ impl Foreteller<'_> {
         seed_words.min(room.saturating_sub(words - seed_words).max(room / 2).max(1))
     }
 
-    /// Rows of greedy continuation, of samples, and of the best of the samples of each window, by the angle up to 400 ms. `progress` is told the
-    /// windows done.
+    /// Rows of greedy continuation, of samples, and of the best of the samples of each window, by the angle up to 400 ms.
+    /// `progress` is told the windows done.
     ///
     /// # Errors
     /// What coding and generating fail with; no windows.
@@ -157,10 +157,9 @@ impl Foreteller<'_> {
             progress(i + 1);
         }
         let mut rows = vec![Row::of("the model, greedy", fps, &greedy)?];
-        if k > 0 {
-            let mut mean = Row::of("the model, samples", fps, &samples)?;
-            mean.windows /= k;
-            rows.push(mean);
+        if best.windows() > 0 {
+            // each sample counts as a window there
+            rows.push(Row { windows: best.windows(), ..Row::of("the model, samples", fps, &samples)? });
             rows.push(Row::of(&format!("the model, best of {k} samples"), fps, &best)?);
         }
         Ok(rows)

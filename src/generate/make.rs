@@ -43,9 +43,10 @@ impl Ready {
     /// Reads what a recipe names; the checkpoint as [`load_run`] takes it.
     ///
     /// # Errors
-    /// What reading the run and the prompt fails with; settings outside their ranges; a model that is not causal; labels that the model doesn't know,
-    /// with those that it knows; guidance of a model without conditions, or without labels; joints that aren't coded; a
-    /// prompt of which nothing is followed, or that is too short to go on from; neither frames nor a prompt.
+    /// What reading the run and the prompt fails with; settings outside their ranges; a model that is not causal; labels
+    /// that the model doesn't know, with those that it knows; guidance of a model without conditions, or without labels;
+    /// joints that aren't coded; a prompt of which nothing is followed, or that is too short to go on from; neither frames
+    /// nor a prompt.
     pub fn load(recipe: Recipe, which: Which) -> Result<Ready> {
         recipe.draw.check()?;
         if let Which::Step(step) = which {

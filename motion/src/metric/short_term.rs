@@ -20,7 +20,8 @@ const STILL_RAD: f64 = 1e-4;
 /// Predicted poses against true ones: Euler angles, global angles, places, and the area under the curve of correct places.
 ///
 /// Rotations of other joints are the identity in both, the root's too, the pelvis stands at 0, and the bones are the
-/// neutral body's, divided by the length of the left thigh. Windows are added one after the other; every window weighs the same.
+/// neutral body's, divided by the length of the left thigh. Windows are added one after the other; every window weighs the
+/// same.
 ///
 /// Source: Aksan, Kaufmann, Hilliges, "Structured Prediction Helps 3D Human Motion Modelling" (2019), as PROTOCOLS 3.1
 /// writes it down.
@@ -45,8 +46,8 @@ pub struct UpTo {
     pub ms: u32,
     /// Frames up to it.
     pub frames: usize,
-    /// Sum over the frames of the Euclidean norm of the differences of Euler angles, radians: as published, differences are not
-    /// taken around the circle.
+    /// Sum over the frames of the Euclidean norm of the differences of Euler angles, radians: as published, differences
+    /// are not taken around the circle.
     pub euler: f64,
     /// The same with differences in `-PI..=PI`: what is meant.
     pub euler_fixed: f64,

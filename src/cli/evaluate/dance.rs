@@ -17,7 +17,8 @@ pub struct Args {
     /// Dances: motion files of any rig. What FILE.kinelm.json tells of a prompt is looked at
     #[arg(required = true, value_name = "FILE")]
     dances: Vec<PathBuf>,
-    /// The corpus of the real ones: its tokenizer codes all, its train clips give the thresholds, its valid clips stand beside
+    /// The corpus of the real ones: its tokenizer codes all, its train clips give the thresholds, its valid clips stand
+    /// beside
     #[arg(long, value_name = "CORPUS")]
     real: PathBuf,
     /// Look for copies of training clips too, which takes longer

@@ -1,8 +1,8 @@
 //! Whether the free joints answer to the given ones: PROTOCOLS 4.7.
 //!
 //! The correlation over time of how fast the given and the free joints turn, beside the same with the given part shifted
-//! in time; what is left of it is the effect. Turning is that of each joint in its parent's frame: places in the world would
-//! be bound to one another by the body itself.
+//! in time; what is left of it is the effect. Turning is that of each joint in its parent's frame: places in the world
+//! would be bound to one another by the body itself.
 
 use crate::random;
 use kinelm_motion::Clip;

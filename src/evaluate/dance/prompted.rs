@@ -16,7 +16,8 @@ pub struct Prompted {
     pub joints: String,
     /// Share of the given characters that came out otherwise; 0, unless the dance was written on another rig.
     pub mismatch: f64,
-    /// Mean distance of the given joints' places from the prompt's, both pelvises moved to 0, cm: free joints above them move them.
+    /// Mean distance of the given joints' places from the prompt's, both pelvises moved to 0, cm: free joints above them
+    /// move them.
     pub given_mpjpe_cm: f64,
     /// Whether the free joints answer.
     pub coordination: Option<Coordination>,

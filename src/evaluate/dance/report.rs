@@ -107,7 +107,8 @@ pub struct Copied {
     pub limit_cm: Option<f64>,
     /// Share of the dances' windows that are nearer than that.
     pub copy_rate: Option<f64>,
-    /// The longest run of frames that a dance, and that a validation clip, has in common with a training clip, token by token.
+    /// The longest run of frames that a dance, and that a validation clip, has in common with a training clip, token by
+    /// token.
     pub longest_run_frames: [usize; 2],
 }
 

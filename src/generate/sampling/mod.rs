@@ -1,9 +1,9 @@
 //! Which of the allowed tokens comes next.
 //!
-//! One file a rule, and the order is fixed: the grammar's ids alone; repetition penalty; then greedy takes the likeliest, or
-//! temperature, top-k, top-p, min-p, each on what the one before has left, and a draw by probability of what is left then. A rule that is not asked for
-//! changes nothing. The sampler of candle-transformers is not used: it has no min-p and no mask for the grammar's ids, and
-//! its greedy choice ignores edits of the probabilities.
+//! One file a rule, and the order is fixed: the grammar's ids alone; repetition penalty; then greedy takes the likeliest,
+//! or temperature, top-k, top-p, min-p, each on what the one before has left, and a draw by probability of what is left
+//! then. A rule that is not asked for changes nothing. The sampler of candle-transformers is not used: it has no min-p and
+//! no mask for the grammar's ids, and its greedy choice ignores edits of the probabilities.
 
 mod greedy;
 mod min_p;
@@ -78,9 +78,12 @@ impl Draw {
     pub fn check(&self) -> Result<()> {
         let positive = |x: f64| x > 0.0 && x.is_finite();
         let faults = [
-            (!positive(self.temperature)).then(|| ("temperature", self.temperature, "a number above 0")),
-            (!positive(self.repetition_penalty))
-                .then(|| ("repetition-penalty", self.repetition_penalty, "a number above 0; 1 is none")),
+            (!positive(self.temperature)).then_some(("temperature", self.temperature, "a number above 0")),
+            (!positive(self.repetition_penalty)).then_some((
+                "repetition-penalty",
+                self.repetition_penalty,
+                "a number above 0; 1 is none",
+            )),
             self.top_k.filter(|&k| k == 0).map(|_| ("top-k", 0.0, "at least 1")),
             self.top_p.filter(|p| !(*p > 0.0 && *p <= 1.0)).map(|p| ("top-p", p, "a number above 0 and up to 1")),
             self.min_p.filter(|p| !(0.0..=1.0).contains(p)).map(|p| ("min-p", p, "a number from 0 to 1")),

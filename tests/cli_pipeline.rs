@@ -288,6 +288,31 @@ fn dances_are_held_to_real_ones() {
 }
 
 #[test]
+fn the_next_400_ms_and_the_bits_of_every_joint() {
+    let way = way();
+    let json = |c: &mut Command| -> serde_json::Value { serde_json::from_slice(&c.output().unwrap().stdout).unwrap() };
+    let mut c = kinelm();
+    c.args(["evaluate", "prediction", "--json", "--samples", "2", "--run"]).arg(way.at("run")).arg(way.at("data"));
+    let found = json(c.arg("--labels").arg(way.at("labels.csv")));
+    let names: Vec<&str> = found["rows"].as_array().unwrap().iter().map(|r| r["name"].as_str().unwrap()).collect();
+    let model = ["the model, greedy", "the model, samples", "the model, best of 2 samples"];
+    assert_eq!(names, [["zero velocity", "constant velocity"].as_slice(), &model].concat());
+    // of the 15 joints the thirteen have eight
+    assert!(found["rows"].as_array().unwrap().iter().all(|r| r["joints"] == 8 && r["windows"].as_u64() > Some(0)));
+    let angle = |row: usize| found["rows"][row]["up_to"][3]["angle"].as_f64().unwrap();
+    assert!(angle(0) > 0.0 && angle(4) <= angle(3), "the best of two samples is no worse than both: {found}");
+
+    let mut c = kinelm();
+    c.args(["evaluate", "likelihood", "--per-joint", "--json", "--run"]).arg(way.at("run"));
+    let found = json(c.arg("--corpus").arg(way.at("corpus")));
+    let bits = found["bits_per_frame"].as_f64().unwrap();
+    let parts: f64 = found["parts"].as_object().unwrap().values().map(|x| x.as_f64().unwrap()).sum();
+    assert!((parts / bits - 1.0).abs() < 1e-9 && found["places"].as_array().unwrap().len() == 43, "{parts} {bits}");
+    let all = found["all_frames"].as_f64().unwrap();
+    assert!((found["bits"]["model"].as_f64().unwrap() / (bits * all) - 1.0).abs() < 1e-9);
+}
+
+#[test]
 fn beyond_the_prompt_the_dance_is_free_and_a_line_says_so() {
     let way = way();
     let p = way.words(&way.prompt()).len();

@@ -222,7 +222,9 @@ fn a_dance_tells_where_it_is_from_and_can_be_made_again() {
 fn labels_in_front_and_guidance_make_other_dances_and_masked_models_none() {
     let way = way();
     let train = |run: &str, model: &str, train: &str| {
+        // enough for labels to matter
         let config = CONFIG.replace("context = 130\n", &format!("context = 140\n{model}")) + train;
+        let config = config.replace("steps = 4\n", "steps = 30\nlearning_rate = 1e-2\n");
         fs::write(way.at(&format!("{run}.toml")), config).unwrap();
         let mut c = kinelm();
         c.arg("pretrain").arg("--config").arg(way.at(&format!("{run}.toml"))).arg("--corpus").arg(way.at("corpus"));

@@ -122,8 +122,8 @@ mod tests {
     #[test]
     fn operations_of_a_step_counted_by_hand() {
         let shape = shape(&["--context", "100"]);
-        // 4 blocks of 12 x 128 x 128 and a head of 400 x 128; 2 windows of 100 tokens, 5,050 pairs each
-        let products = 6.0 * (4.0 * 196_608.0 + 51_200.0) * 200.0;
+        // 4 blocks of 12 x 128 x 128 and a head of 421 x 128; 2 windows of 100 tokens, 5,050 pairs each
+        let products = 6.0 * (4.0 * 196_608.0 + 53_888.0) * 200.0;
         let attention = 12.0 * 10_100.0 * 4.0 * 128.0;
         assert_eq!(operations(&shape, &made_up(&shape, 2)), products + attention);
     }

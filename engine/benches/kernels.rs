@@ -11,9 +11,7 @@ use kinelm_engine::decode::{
 use kinelm_engine::dispatch;
 use kinelm_engine::op::dropout::Mask;
 use kinelm_engine::op::matmul::{Left, Panels, Store};
-use kinelm_engine::op::rope::{Angles, Rope};
-use kinelm_engine::op::smoothing::Bins;
-use kinelm_engine::op::{adamw, attention, bias, cross_entropy, embedding, gelu, layer_norm, matmul, rope};
+use kinelm_engine::op::{adamw, attention, bias, cross_entropy, embedding, gelu, layer_norm, matmul, rope, smoothing};
 use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Instant;
@@ -28,7 +26,7 @@ const V: usize = 400;
 type Make = fn() -> Case;
 
 /// Kernels by their names, each with what makes its operands.
-const CASES: [(&str, Make); 21] = [
+const CASES: [(&str, Make); 22] = [
     ("product", || product(false)),
     ("product_turned", || product(true)),
     ("pack", || packing(false)),
@@ -170,7 +168,7 @@ fn ids() -> Vec<u32> {
 }
 
 fn cross_entropy() -> Case {
-    let ask = |target| cross_entropy::Asked { target, first: 0, count: V as u32, bins: Bins::NONE };
+    let ask = |target| cross_entropy::Asked { target, first: 0, count: V as u32, bins: smoothing::Bins::NONE };
     let asked: Vec<cross_entropy::Asked> = ids().into_iter().map(ask).collect();
     let (logits, mut changed) = (numbers(N * V), zeros(N * V));
     case("GB/s", 8 * N * V, move || {
@@ -180,10 +178,10 @@ fn cross_entropy() -> Case {
 }
 
 fn turn() -> Case {
-    let (mut qkv, angles) = (numbers(N * 3 * D), Angles::new(N, 64));
+    let (mut qkv, angles) = (numbers(N * 3 * D), rope::Angles::new(N, 64));
     let words: Vec<u32> = (0..N as u32).collect();
     case("GB/s", 16 * N * D, move || {
-        rope::turn(black_box(&mut qkv), D / 64, 0, Rope { angles: &angles, words: &words }, false);
+        rope::turn(black_box(&mut qkv), D / 64, 0, rope::Rope { angles: &angles, words: &words }, false);
     })
 }
 

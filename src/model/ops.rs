@@ -248,7 +248,7 @@ mod tests {
         let (plain, smooth) = (gradient(None), gradient(Some(&Smoothing::new(0.4))));
         near(plain.0, smooth.0);
         // one neighbour on each side, round the circle of 1 to 4
-        let side = (-1.0 / (2.0 * 0.4 * 0.4) as f64).exp();
+        let side = (-1.0 / (2.0 * 0.4 * 0.4f64)).exp();
         let mass = [0.0, 1.0, side, 0.0, side, 0.0].map(|w| w / (1.0 + 2.0 * side));
         for (column, mass) in mass.into_iter().enumerate() {
             let one = if column == 1 { 1.0 } else { 0.0 };

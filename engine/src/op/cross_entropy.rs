@@ -242,7 +242,7 @@ mod tests {
     /// Rows that can have all columns, or some in the middle; targets with neighbours round a circle, up to ends, or none.
     fn asked(rows: usize, columns: usize) -> Vec<Asked> {
         let ask = |r: usize| {
-            let (first, last) = if r % 2 == 0 { (0, columns) } else { (columns / 3, columns - columns / 5) };
+            let (first, last) = if r.is_multiple_of(2) { (0, columns) } else { (columns / 3, columns - columns / 5) };
             let (first, count) = (first as u32, (last - first) as u32);
             let target = first + (r * 7) as u32 % count;
             let bins = Bins { first, count, circular: r.is_multiple_of(3) };

@@ -20,7 +20,7 @@ fn corpus(dir: &Path, config: TokenizerConfig) -> Corpus {
 fn corpus_of(dir: &Path, config: TokenizerConfig, seconds: f64) -> Corpus {
     let dances: Vec<_> = synth::corpus(7, 2, seconds, 20.0).unwrap().into_iter().map(|d| d.clip).collect();
     let tokenizer = Tokenizer::fit(&dances, config).unwrap();
-    let mut writer = CorpusWriter::create(&dir.join("corpus"), &tokenizer, &["made".into()], None, true).unwrap();
+    let mut writer = CorpusWriter::create(dir.join("corpus"), &tokenizer, &["made".into()], None, true).unwrap();
     for (key, dance) in dances.iter().enumerate() {
         let words = tokenizer.encode(dance).unwrap().words;
         let new = record(&format!("clip{key}"), key, Split::Train, dance.frames());

@@ -92,7 +92,13 @@ pub fn load(
 ) -> Result<(Box<dyn Learner>, State)> {
     let learner = |weights| learner(&file.model, &file.tokens, &file.train, weights, compute);
     if checkpoints.steps()?.is_empty() {
-        return Ok((learner(layout::initial(&file.model, &file.tokens, file.train.seed)?)?, before(file)));
+        let weights = layout::initial(&file.model, &file.tokens, file.train.seed)?;
+        let mut learner = learner(weights.clone())?;
+        if file.train.ema > 0.0 {
+            // a run that ends before its first update is its weights
+            learner.restore_averages(weights)?;
+        }
+        return Ok((learner, before(file)));
     }
     let averages = file.train.ema > 0.0;
     let wanted = [WEIGHTS, OPTIMIZER, AVERAGED];

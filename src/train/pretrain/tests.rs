@@ -284,6 +284,20 @@ fn the_average_is_what_is_measured_and_loaded() {
 }
 
 #[test]
+fn the_average_before_the_first_step_is_the_weights() {
+    let dir = tempfile::tempdir().unwrap();
+    fixture::corpus(dir.path(), &CLIPS);
+    let mut file = file();
+    (file.train.ema, file.train.steps) = (0.9, 0);
+    for form in [Form::Auto, Form::Plain] {
+        let mut options = options(dir.path(), &format!("{form:?}"), Some(file.clone()));
+        options.compute.form = form;
+        let checkpoint = go(&options).unwrap().checkpoint;
+        assert!(fs::read(checkpoint.join(WEIGHTS)).unwrap() == fs::read(checkpoint.join(AVERAGED)).unwrap());
+    }
+}
+
+#[test]
 fn a_run_that_gets_no_better_ends_and_stays_ended() {
     let dir = tempfile::tempdir().unwrap();
     fixture::corpus(dir.path(), &CLIPS);

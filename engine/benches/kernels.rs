@@ -4,14 +4,15 @@
 //! `-- --count NAME` runs one twice, the second time inside a function of its own: `scripts/bench/instructions.sh` counts
 //! the instructions in there, which a busy machine does not change.
 
+use kinelm_engine::bins::Bins;
 use kinelm_engine::decode::{
-    Before, Bins, BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Previous, Relative, Rope,
-    Shape, WeightKind,
+    Before, BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Previous, Relative, Rope, Shape,
+    WeightKind,
 };
 use kinelm_engine::dispatch;
 use kinelm_engine::op::dropout::Mask;
 use kinelm_engine::op::matmul::{Left, Panels, Store};
-use kinelm_engine::op::{adamw, attention, bias, cross_entropy, embedding, gelu, layer_norm, matmul, rope, smoothing};
+use kinelm_engine::op::{adamw, attention, bias, cross_entropy, embedding, gelu, layer_norm, matmul, rope};
 use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Instant;
@@ -168,7 +169,7 @@ fn ids() -> Vec<u32> {
 }
 
 fn cross_entropy() -> Case {
-    let ask = |target| cross_entropy::Asked { target, first: 0, count: V as u32, bins: smoothing::Bins::NONE };
+    let ask = |target| cross_entropy::Asked { target, first: 0, count: V as u32, bins: Bins::NONE };
     let asked: Vec<cross_entropy::Asked> = ids().into_iter().map(ask).collect();
     let (logits, mut changed) = (numbers(N * V), zeros(N * V));
     case("GB/s", 8 * N * V, move || {

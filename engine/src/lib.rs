@@ -19,6 +19,7 @@
 //! the program runs. Results agree between them to rounding.
 
 pub mod arena;
+pub mod bins;
 pub mod block;
 pub mod decode;
 pub mod dispatch;

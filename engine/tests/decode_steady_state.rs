@@ -1,8 +1,9 @@
 //! Reading token after token takes no memory: no allocation.
 
+use kinelm_engine::bins::Bins;
 use kinelm_engine::decode::{
-    Before, Bins, BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Previous, Relative, Rope,
-    Shape, WeightKind,
+    Before, BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Previous, Relative, Rope, Shape,
+    WeightKind,
 };
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::Arc;

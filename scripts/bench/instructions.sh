@@ -12,7 +12,8 @@ here=$(cd "$(dirname "$0")" && pwd)
 cd "$here/../.."
 table=$here/instructions.txt
 command -v valgrind >/dev/null || { echo "instructions.sh: valgrind is not installed" >&2; exit 2; }
-bench=$(cargo bench -q -p kinelm-engine --bench kernels --no-run --message-format=json --locked |
+# incremental builds are cut into more pieces, which inline less
+bench=$(CARGO_INCREMENTAL=0 cargo bench -q -p kinelm-engine --bench kernels --no-run --message-format=json --locked |
     sed -n 's/.*"executable":"\([^"]*kernels[^"]*\)".*/\1/p')
 export KINELM_KERNELS=avx2
 found=$(mktemp)

@@ -5,6 +5,7 @@
 #   STEPS    steps of every training                      600
 #   SEEDS    a training each                              "1 2 3"
 #   DROPOUT  of the model                                 0.1
+#   KEYS     of the training file in every cell           none, e.g. "augment.mirror=0.5 train.ema=0.999"
 #   WINDOWS  of the test clips, spread evenly; 0: all     1000
 #   KINELM   the program                                  target/release/kinelm
 #   DEVICE   cpu or cuda:0                                cpu
@@ -47,14 +48,14 @@ configured() {
     file=$1
     shift
     cp "$config" "$file"
-    for pair in "model.dropout=${DROPOUT:-0.1}" "$@"; do
+    for pair in "model.dropout=${DROPOUT:-0.1}" ${KEYS:-} "$@"; do
         table=${pair%%.*} rest=${pair#*.}
         awk -v table="[$table]" -v key="${rest%%=*}" -v value="${rest#*=}" '
             /^\[/ { inside = $1 == table }
             inside && $1 == key { next }
             { print }
             $1 == table { print key " = " value; found = 1 }
-            END { if (!found) print table "\n" key " = " value }' "$file" > "$file.new"
+            END { if (!found) print "\n" table "\n" key " = " value }' "$file" > "$file.new"
         mv "$file.new" "$file"
     done
 }

@@ -149,8 +149,8 @@ fn mean_of_neighbours(x: &Tensor, asked: &[Asked], smoothing: &Smoothing) -> Res
 #[cfg(test)]
 pub(crate) mod check {
     use candle_core::{Device, Result, Tensor};
+    use kinelm_engine::bins::Bins;
     use kinelm_engine::op::cross_entropy::Asked;
-    use kinelm_engine::op::smoothing::Bins;
     use rand_chacha::rand_core::RngCore;
 
     /// Sum of -ln p(target) over the rows of `logits` (N, V) whose target isn't `ignored`.
@@ -176,7 +176,7 @@ pub(crate) mod check {
 mod tests {
     use super::check::random;
     use super::*;
-    use kinelm_engine::op::smoothing::Bins;
+    use kinelm_engine::bins::Bins;
 
     fn rows(t: &Tensor) -> Vec<Vec<f64>> {
         let width = t.dim(D::Minus1).unwrap();

@@ -4,8 +4,8 @@
 use super::config::{Head, Kind, ModelConfig, TokenLayout};
 use super::past::{Basis, Past};
 use crate::{Error, Result};
+use kinelm_engine::bins::Bins;
 use kinelm_engine::op::cross_entropy::Asked;
-use kinelm_engine::op::smoothing::Bins;
 use kinelm_tokenizer::PlaceIds;
 
 /// The names of the tables that answer beside the head over all ids, in the order of the groups behind the first.

@@ -1,13 +1,13 @@
 //! A block and a head against f64 loops, their gradients against differences of those.
 
 use super::*;
+use crate::bins::Bins;
 use crate::head;
 use crate::op::attention::Mask;
 use crate::op::check::numbers;
 use crate::op::cross_entropy::Asked;
 use crate::op::matmul::Store;
 use crate::op::rope::{Angles, Rope};
-use crate::op::smoothing::Bins;
 use crate::scalar::block as plain;
 
 /// Of a tensor's largest gradient; f32 sums of some hundred terms, and what differences in f64 leave.

@@ -1,24 +1,7 @@
 //! What a model of words of one length makes of the word before: inputs that tell it, and which place of it a logit is about.
 
 use crate::arena::Floats;
-
-/// The ids that stand at a place of every word: bins that ascend.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Bins {
-    /// The id of the first.
-    pub first: u32,
-    /// How many there are.
-    pub count: u32,
-    /// Whether the last is the first one's neighbour.
-    pub circular: bool,
-}
-
-impl Bins {
-    /// The bin of an id; `None` for ids of other kinds.
-    pub fn bin(self, id: u32) -> Option<usize> {
-        id.checked_sub(self.first).filter(|&bin| bin < self.count).map(|bin| bin as usize)
-    }
-}
+use crate::bins::Bins;
 
 /// What a model of words of one length W makes of the word before. Input i of a sequence, counted from 0, is followed by
 /// place c = k mod W of word k div W, k = i - (K - 1); c = W - 1 is the end of the word.

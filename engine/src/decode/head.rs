@@ -208,7 +208,8 @@ impl Head {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::decode::{Before, Bins};
+    use crate::bins::Bins;
+    use crate::decode::Before;
 
     #[test]
     fn each_row_asks_for_the_columns_it_needs() {

@@ -25,7 +25,7 @@ mod step;
 mod tests;
 mod weights;
 
-pub use before::{Before, Bins, Previous, Relative};
+pub use before::{Before, Previous, Relative};
 pub use cache::KvKind;
 pub use matrix::WeightKind;
 pub use position::Positions;

@@ -1,6 +1,7 @@
 //! Decoding against plain loops, and against itself.
 
 use super::*;
+use crate::bins::Bins;
 use crate::op::check::numbers;
 use crate::scalar;
 use std::sync::Arc;

@@ -5,7 +5,8 @@
 //! cost NaN.
 
 use super::math::{exp_falling, lanes_below, largest, sum};
-use super::smoothing::{Bins, Smoothing};
+use super::smoothing::Smoothing;
+use crate::bins::Bins;
 use crate::dispatch;
 use pulp::{Simd, WithSimd};
 

@@ -1,20 +1,6 @@
 //! Targets of cross-entropy that know their neighbours: a bin's mass is shared out over the bins around it.
 
-/// Bins of which a target is one: neighbouring columns of the logits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Bins {
-    /// The first column.
-    pub first: u32,
-    /// How many columns.
-    pub count: u32,
-    /// Whether the last is the first one's neighbour.
-    pub circular: bool,
-}
-
-impl Bins {
-    /// For a target without neighbours.
-    pub const NONE: Bins = Bins { first: 0, count: 0, circular: false };
-}
+use crate::bins::Bins;
 
 /// How much of a target's mass its neighbours get: w_d ~ exp(-d^2 / (2 width^2)) at distance d, up to three widths.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,8 +2,8 @@
 
 use super::check::numbers;
 use super::dropout::Mask;
-use super::smoothing::Bins;
 use super::{adamw, bias, cross_entropy, embedding, gelu, layer_norm};
+use crate::bins::Bins;
 use std::time::Instant;
 
 /// Numbers of a run: they stay in the second-level cache.

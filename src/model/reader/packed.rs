@@ -5,9 +5,9 @@ use crate::model::config::{Head, ModelConfig, Positions, TokenLayout};
 use crate::model::gpt::Gpt;
 use crate::model::layout;
 use candle_core::{Device, Tensor};
+use kinelm_engine::bins::Bins;
 use kinelm_engine::decode::{
-    Before, Bins, BlockParts, DecoderWeights, Pair, Parts, Positions as Tables, Previous, Relative, Rope, Shape,
-    WeightKind,
+    Before, BlockParts, DecoderWeights, Pair, Parts, Positions as Tables, Previous, Relative, Rope, Shape, WeightKind,
 };
 use std::collections::BTreeMap;
 

@@ -204,11 +204,17 @@ pub struct WrongCall(pub String);
 #[error("{0}")]
 pub struct Stopped(pub String);
 
-/// The extension of a motion file to write; refuses what no motion is written as.
+/// The extension of a motion file to write; refuses, before any work, what no motion is written as and a folder that isn't
+/// there.
 pub fn writable(path: &Path) -> Result<String> {
     let extension = extension(path);
     if !["bvh", "npz", "json"].contains(&extension.as_str()) {
         let what = format!("{}: expected a name ending in .bvh, .npz or .json", path.display());
+        return Err(WrongCall(what).into());
+    }
+    let folder = kinelm::files::folder_of(path);
+    if !folder.is_dir() {
+        let what = format!("{}: the folder {} is not there; make it first", path.display(), folder.display());
         return Err(WrongCall(what).into());
     }
     Ok(extension)

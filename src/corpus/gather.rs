@@ -344,11 +344,12 @@ impl Walk<'_> {
     }
 }
 
-/// Whether a file found in a folder is known not to hold motion: AMASS's body shapes and first stages by name, JSON
-/// that has not the first key of a clip.
+/// Whether a file found in a folder is known not to hold motion: AMASS's body shapes and first stages and what tells of a
+/// dance (`NAME.kinelm.json`) by name, JSON that has not the first key of a clip.
 fn holds_no_motion(path: &Path, stem: &str) -> bool {
     match path.extension().map(|e| e.to_ascii_lowercase()) {
         Some(e) if e == "npz" => stem == "shape" || stem.ends_with("_stagei"),
+        Some(e) if e == "json" && stem.ends_with(".kinelm") => true,
         Some(e) if e == "json" => {
             let mut head = Vec::new();
             let read = File::open(path).and_then(|f| f.take(4096).read_to_end(&mut head));
@@ -409,10 +410,11 @@ mod tests {
             "d.json",
         ]);
         fs::write(dir.path().join("other.json"), "{}").unwrap();
+        fs::write(dir.path().join("b/2.kinelm.json"), r#"{"schema":1,"kinelm":"0.1.0"}"#).unwrap();
         let g = gather(&[dir.path().into()], &[]).unwrap();
         assert_eq!(names(&g), ["a/x", "b/10", "b/2", "c", "d"]);
-        assert_eq!(g.no_motion, 3);
-        assert!(says(&g, "3 files hold no motion"), "{:?}", g.said);
+        assert_eq!(g.no_motion, 4);
+        assert!(says(&g, "4 files hold no motion"), "{:?}", g.said);
         assert_eq!(g.items[4].key, 4);
     }
 

@@ -39,7 +39,7 @@ pub struct Call {
     #[command(subcommand)]
     command: Command,
     /// Threads to use; all cores if not given
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
     /// Say only what went wrong
     #[arg(long, short, global = true)]

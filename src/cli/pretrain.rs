@@ -57,7 +57,8 @@ pub fn told(summary: &Summary, command: &str, say: Say) -> Result<()> {
     say.line(format_args!("{checkpoint}: {steps} steps and {tokens} tokens in all, {seconds:.0} s now"));
     if let Some(valid) = &summary.valid {
         let (bits, n, of) = (valid.bits_per_frame, valid.windows, valid.all_windows);
-        say.line(format_args!("validation: {bits:.2} bits/frame over {n} of {of} windows"));
+        let pseudo = if valid.pseudo { "pseudo " } else { "" };
+        say.line(format_args!("validation: {bits:.2} {pseudo}bits/frame over {n} of {of} windows"));
     }
     if summary.early {
         let best = summary.best.map_or(0, |b| b.step);

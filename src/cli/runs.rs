@@ -135,7 +135,8 @@ fn table(runs: &[Listed]) -> String {
     table.load_style(presets::NOTHING);
     table.set_header(["run", "status", "step", "loss", "best bits/frame", "tokens", "written", "model", "parameters"]);
     for run in runs {
-        let best = run.best.map(|b| format!("{:.2} at {}", b.bits_per_frame, b.step));
+        let pseudo = if run.model.starts_with("masked") { "pseudo " } else { "" };
+        let best = run.best.map(|b| format!("{pseudo}{:.2} at {}", b.bits_per_frame, b.step));
         table.add_row([
             run.run.display().to_string(),
             run.status.name().into(),

@@ -39,6 +39,9 @@ pub struct Followed {
     pub beginning: Vec<u32>,
 }
 
+/// Frames of a dance, at most: half a day at 20 frames a second, whose ids fit into memory.
+const MOST_FRAMES: usize = 1 << 20;
+
 impl Ready {
     /// Reads what a recipe names; the checkpoint as [`load_run`] takes it.
     ///
@@ -46,7 +49,7 @@ impl Ready {
     /// What reading the run and the prompt fails with; settings outside their ranges; a model that is not causal; labels
     /// that the model doesn't know, with those that it knows; guidance of a model without conditions, or without labels;
     /// joints that aren't coded; a prompt of which nothing is followed, or that is too short to go on from; neither frames
-    /// nor a prompt.
+    /// nor a prompt, more frames than memory holds, none that are left to make.
     pub fn load(recipe: Recipe, which: Which) -> Result<Ready> {
         recipe.draw.check()?;
         if let Which::Step(step) = which {
@@ -58,6 +61,15 @@ impl Ready {
         let prompt = recipe.prompt.as_ref().map(|prompt| Followed::load(prompt, &tokenizer)).transpose()?;
         let frames = recipe.frames.or(prompt.as_ref().map(|p| p.clip.frames()));
         let frames = frames.ok_or_else(|| Error::Call("neither frames nor a prompt that says how many".into()))?;
+        if frames > MOST_FRAMES {
+            return Err(Error::Call(format!("{frames} frames; expected {MOST_FRAMES} at most")));
+        }
+        let from = recipe.prompt.as_ref().and_then(|p| p.from_frame);
+        if let Some(from) = from.filter(|from| *from >= frames) {
+            let what =
+                format!("--from-frame {from} of a dance of {frames} frames; expected fewer: nothing is left to make");
+            return Err(Error::Call(what));
+        }
         Ok(Ready { recipe, run, tokenizer, prompt, frames, front, without })
     }
 

@@ -58,7 +58,13 @@ impl Prompt {
     /// # Errors
     /// [`Error::Call`] when that leaves none.
     pub fn beginning(&self, tokenizer: &Tokenizer, frames: usize) -> Result<Vec<u32>> {
-        let whole = frames.min(self.frames()) / tokenizer.frames_per_word();
+        if frames > self.frames() {
+            return Err(Error::Call(format!(
+                "frame {frames} of a prompt of {}; expected one that it has",
+                self.frames()
+            )));
+        }
+        let whole = frames / tokenizer.frames_per_word();
         let unsettled = tokenizer.scheme().unsettled_words();
         if whole <= unsettled {
             let (least, has) = ((unsettled + 1) * tokenizer.frames_per_word(), self.frames());

@@ -83,7 +83,11 @@ pub fn chart(runs: &[(String, Log)], metric: Metric, over: Over) -> Chart {
         let at = |v: &Valid| log.steps.partition_point(|s| s.step <= v.step).checked_sub(1).map(|i| along[i]);
         let valid = log.valid.iter().filter_map(|v| Some((at(v)?, metric.of_valid(v)?))).collect::<Vec<_>>();
         let colour = Some(colour);
-        let label = if valid.is_empty() { String::new() } else { format!("{name} valid") };
+        let label = if valid.is_empty() {
+            String::new()
+        } else {
+            format!("{name} {}", if log.valid.iter().any(|v| v.pseudo) { "valid, pseudo" } else { "valid" })
+        };
         series.push(Series { name: name.clone(), points: thinned(&train), look: Look::Line, colour });
         series.push(Series { name: label, points: spread(&valid), look: Look::Marks, colour });
     }

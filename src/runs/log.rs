@@ -38,6 +38,9 @@ pub struct Valid {
     pub bits_per_frame: f64,
     /// Nats a token.
     pub nats_per_token: f64,
+    /// Of a masked model: no likelihood.
+    #[serde(default)]
+    pub pseudo: bool,
 }
 
 /// What a run wrote about itself.

@@ -160,7 +160,7 @@ impl TrainFile {
     pub fn parse(text: &str, path: &Path) -> Result<TrainFile> {
         let file: TrainFile = toml::from_str(text).map_err(|e| {
             let help = "configs/train/ has examples with every key";
-            Error::in_text((path, text), e.span(), e.message(), "a training file", help)
+            Error::in_text((path, text), e.span(), in_words(e.message()), "a training file", help)
         })?;
         let corpora = || file.corpora()?.iter().try_for_each(CorpusPart::validate);
         let checked = file
@@ -169,9 +169,17 @@ impl TrainFile {
             .and_then(|()| file.train.validate())
             .and_then(|()| file.augment.validate())
             .and_then(|()| corpora());
-        checked.map_err(|e| Error::file(path, e.to_string(), "keys within their limits", ""))?;
+        checked.map_err(|e| Error::Call(format!("{}: {e}", path.display())))?;
         Ok(file)
     }
+}
+
+/// What the reader of TOML says of types, in words that aren't Rust's.
+fn in_words(message: &str) -> String {
+    let whole = ["usize", "u64", "u32"].iter().fold(message.to_string(), |text, kind| {
+        text.replace(&format!("expected {kind}"), "expected a whole number, 0 or more")
+    });
+    whole.replace("expected f64", "expected a number")
 }
 
 impl TrainConfig {

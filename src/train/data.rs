@@ -16,7 +16,7 @@ use std::str::FromStr;
 pub struct CorpusPart {
     /// The corpus folder; in a file, relative to the file.
     pub path: PathBuf,
-    /// How often a pass takes each of its windows, above 0 up to 1,000. Default 1.
+    /// How often a pass takes each of its windows, 0.001 to 1,000. Default 1.
     #[serde(default = "one")]
     pub weight: f64,
 }
@@ -36,11 +36,11 @@ impl CorpusPart {
     /// # Errors
     /// A weight outside its limits, with both.
     pub fn validate(&self) -> Result<()> {
-        match self.weight > 0.0 && self.weight <= 1000.0 {
+        match (0.001..=1000.0).contains(&self.weight) {
             true => Ok(()),
             false => {
                 let (path, weight) = (self.path.display(), self.weight);
-                Err(Error::Call(format!("the weight of {path} is {weight}; expected above 0, at most 1000")))
+                Err(Error::Call(format!("the weight of {path} is {weight}; expected 0.001 to 1000")))
             }
         }
     }
@@ -162,7 +162,7 @@ impl Data {
     }
 
     /// Bits a frame of the clips of a split, those of all corpora together, each frame counting once whatever its corpus's
-    /// weight. `most` windows at most (0: all) are shared out by the windows that the corpora have.
+    /// weight. `most` windows at most (0: all) are shared out by the windows that the corpora have, one at least to each.
     ///
     /// # Errors
     /// Those of [`likelihood`].
@@ -177,7 +177,7 @@ impl Data {
         let all: usize = windows.iter().sum();
         let mut found = Vec::new();
         for ((part, clips), windows) in self.parts.iter().zip(&clips).zip(windows) {
-            let share = if most == 0 { 0 } else { (most * windows).div_ceil(all.max(1)) };
+            let share = if most == 0 { 0 } else { (most * windows / all.max(1)).max(1) };
             found.extend(likelihood(model, &part.corpus, clips, share, &self.conditions)?);
         }
         Ok(together(&found))

@@ -1,6 +1,6 @@
 //! A run folder that one process writes.
 
-use crate::model::run::TOKENIZER;
+use crate::model::run::{CONFIG, TOKENIZER};
 use crate::{Error, Result};
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Read, Seek, Write};
@@ -30,11 +30,14 @@ impl RunFolder {
     /// A folder that is there and not empty; another process that writes it; what the system refuses.
     pub fn create(run: &Path) -> Result<RunFolder> {
         if !is_free(run) {
-            let run = run.display();
-            return Err(Error::Call(format!("{run} exists; go on with it by --resume, or give another run folder")));
+            let help = match run.join(CONFIG).is_file() {
+                true => "go on with it by --resume, or give another run folder",
+                false => "it holds something else than a run; give another run folder",
+            };
+            return Err(Error::Call(format!("{} exists; {help}", run.display())));
         }
         fs::create_dir_all(run).map_err(Error::io(run))?;
-        let folder = RunFolder::open(run)?;
+        let folder = RunFolder::locked(run)?;
         for folder in [run.join("samples"), run.join("checkpoints")] {
             fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
         }
@@ -44,12 +47,16 @@ impl RunFolder {
     /// The folder of a run that is there.
     ///
     /// # Errors
-    /// No such folder; another process that writes it.
+    /// A folder without a run; another process that writes it.
     pub fn open(run: &Path) -> Result<RunFolder> {
-        if !run.is_dir() {
-            let help = "leave --resume out to begin a run";
+        if !run.join(CONFIG).is_file() {
+            let help = "leave --resume out to begin a run, in a folder that is empty or not there";
             return Err(Error::file(run, "no config.toml", "a run folder", help));
         }
+        RunFolder::locked(run)
+    }
+
+    fn locked(run: &Path) -> Result<RunFolder> {
         let path = run.join(LOCK);
         let file = OpenOptions::new().create(true).truncate(false).read(true).write(true).open(&path);
         let mut file = file.map_err(Error::io(&path))?;

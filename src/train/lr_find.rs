@@ -117,6 +117,9 @@ fn check(options: &LrFindOptions) -> Result<()> {
     Ok(())
 }
 
+/// A smoothed loss so many times the least has risen for good.
+const RISEN: f64 = 1.1;
+
 /// The losses so far.
 #[derive(Default)]
 struct Test {
@@ -148,6 +151,11 @@ impl Test {
         let inside = |i: &usize| (1..self.steps.len().saturating_sub(1)).contains(i);
         // where the loss only ever fell there is a turn all the same if it was no number right behind
         let least = self.least().filter(|i| inside(i) || (blew_up && *i > 0));
+        // a loss that hardly rises behind its least has only wavered
+        let least = least.filter(|&i| {
+            let rose = |last: &Tried| last.smoothed > RISEN * self.steps[i].smoothed;
+            blew_up || self.steps.last().is_some_and(rose)
+        });
         let turn = least.map(|i| self.steps[i].rate);
         Found { turn, suggestion: turn.map(|t| t / SAFETY), blew_up, steps: self.steps }
     }

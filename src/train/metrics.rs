@@ -94,7 +94,8 @@ impl Metrics {
             found: &'a Likelihood,
         }
         self.line("valid", &Valid { step, found })?;
-        let values = [("valid/bits_per_frame", found.bits_per_frame), ("valid/loss", found.nats_per_token)];
+        let bits = if found.pseudo { "valid/pseudo_bits_per_frame" } else { "valid/bits_per_frame" };
+        let values = [(bits, found.bits_per_frame), ("valid/loss", found.nats_per_token)];
         self.events.scalars(step, &values)
     }
 

@@ -21,6 +21,9 @@ pub struct Order {
     pub windows: Vec<i64>,
 }
 
+/// Windows of an order, at most: 2.4 GB.
+const MOST_WINDOWS: u64 = 100_000_000;
+
 /// The order of the first `steps` steps of a run, without what augmentation changes of a window.
 ///
 /// # Errors
@@ -28,6 +31,11 @@ pub struct Order {
 pub fn order(run: &RunFile, data: &Data, steps: u64) -> Result<Order> {
     let mut batches = Batches::of_run(run, data)?;
     let rows = run.train.batch * run.train.accumulate;
+    if steps.checked_mul(rows as u64).is_none_or(|all| all > MOST_WINDOWS) {
+        let what =
+            format!("{steps} steps of {rows} windows; expected {MOST_WINDOWS} windows at most: ask for fewer steps");
+        return Err(Error::Call(what));
+    }
     let mut windows = Vec::new();
     for place in 0..steps * rows as u64 {
         let window = batches.window(place);

@@ -105,7 +105,12 @@ impl RunFile {
             corpora: Vec::new(),
             augment: AugmentConfig::default(),
             model: run.config.resolved(&run.tokens),
-            train: TrainConfig { conditions: run.conditions.clone(), ..Default::default() },
+            // it is done with what it was trained for elsewhere
+            train: TrainConfig {
+                conditions: run.conditions.clone(),
+                steps: run.state.step.max(1),
+                ..Default::default()
+            },
             tokens: run.tokens.clone(),
             from: None,
         }

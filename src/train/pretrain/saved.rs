@@ -92,6 +92,7 @@ pub fn load(
 ) -> Result<(Box<dyn Learner>, State)> {
     let learner = |weights| learner(&file.model, &file.tokens, &file.train, weights, compute);
     if checkpoints.steps()?.is_empty() {
+        progress.note("no checkpoint yet: beginning at the first step");
         let weights = layout::initial(&file.model, &file.tokens, file.train.seed)?;
         let mut learner = learner(weights.clone())?;
         if file.train.ema > 0.0 {

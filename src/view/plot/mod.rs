@@ -144,9 +144,16 @@ pub fn draw_as(path: &Path, charts: &[Chart]) -> Result<()> {
 /// Refuses a file that no chart can be drawn into, before there is one.
 ///
 /// # Errors
-/// Another extension than `png` and `svg`.
+/// Another extension than `png` and `svg`; a folder that isn't there.
 pub fn check(path: &Path) -> Result<()> {
-    kind(path).map(|_| ())
+    kind(path)?;
+    let folder = files::folder_of(path);
+    match folder.is_dir() {
+        true => Ok(()),
+        false => {
+            Err(Error::Call(format!("{}: the folder {} is not there; make it first", path.display(), folder.display())))
+        }
+    }
 }
 
 /// What a picture is written as.

@@ -7,7 +7,8 @@
 # Variables: GUIDANCE ("1 2 3"), DANCES free ones a label and guidance (8), OPTIONS for reading the prompts, PYTHON with numpy and
 # scikit-learn, KINELM.
 set -eu
-run=$1 corpus=$2 field=$3 out=$4
+call="the call is: $0 RUN CORPUS FIELD OUT PROMPT.."
+run=${1:?$call} corpus=${2:?$call} field=${3:?$call} out=${4:?$call}
 shift 4
 here=$(cd "$(dirname "$0")/../.." && pwd)
 kinelm=${KINELM:-$here/target/release/kinelm} python=${PYTHON:-python3}

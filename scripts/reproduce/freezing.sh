@@ -6,7 +6,8 @@
 #
 # Variables: DRAWS, drawn dances a prompt (4); KINELM, OPTIONS. What is there is not made again.
 set -eu
-run=$1 corpus=$2 out=$3
+call="the call is: $0 RUN CORPUS OUT PROMPT.."
+run=${1:?$call} corpus=${2:?$call} out=${3:?$call}
 shift 3
 here=$(cd "$(dirname "$0")/../.." && pwd)
 kinelm=${KINELM:-$here/target/release/kinelm}

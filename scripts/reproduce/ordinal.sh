@@ -6,7 +6,8 @@
 #
 # SET names the data (cmu-dance); common.sh has the other variables.
 set -eu
-data=$1 splits=$2 out=$3
+call="the call is: $0 DATA SPLITS OUT"
+data=${1:?$call} splits=${2:?$call} out=${3:?$call}
 . "$(dirname "$0")/common.sh"
 set=${SET:-cmu-dance}
 

@@ -7,7 +7,8 @@
 # SET names the data (bandai-2; cmu-dance and bandai-1 do as well); common.sh has the other variables. The masked figures are
 # no likelihood and stand beside the causal ones in name alone.
 set -eu
-data=$1 splits=$2 out=$3
+call="the call is: $0 DATA SPLITS OUT"
+data=${1:?$call} splits=${2:?$call} out=${3:?$call}
 . "$(dirname "$0")/common.sh"
 set=${SET:-bandai-2}
 

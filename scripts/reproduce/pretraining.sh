@@ -7,7 +7,8 @@
 # FORM=thesis (default: ours) trains the thesis's model. STEPS is for the trainings from nothing, TUNE (a third of it) for
 # the tuning; common.sh has the other variables. The best checkpoint on the validation clips counts.
 set -eu
-data=$1 splits=$2 out=$3
+call="the call is: $0 DATA SPLITS OUT"
+data=${1:?$call} splits=${2:?$call} out=${3:?$call}
 . "$(dirname "$0")/common.sh"
 form=${FORM:-ours} all=$steps tune=${TUNE:-$((steps / 3))}
 case $form in

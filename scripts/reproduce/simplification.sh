@@ -7,7 +7,8 @@
 # FORM=thesis (default: ours) trains the thesis's model: a position a place, plain inputs and head. common.sh has the other
 # variables. All cells have one context in tokens, as there: the more tokens a second, the less time a window shows.
 set -eu
-data=$1 splits=$2 out=$3
+call="the call is: $0 DATA SPLITS OUT"
+data=${1:?$call} splits=${2:?$call} out=${3:?$call}
 . "$(dirname "$0")/common.sh"
 form=${FORM:-ours}
 case $form in

@@ -178,7 +178,8 @@ fn model(args: LikelihoodArgs, say: Say) -> Result<()> {
             "a masked model sees both sides of what it is asked: its bits are no likelihood and stand beside no other",
         );
     } else if found.bits_per_frame >= floors.best() {
-        say.line("the model is not below the best static model of its own tokens");
+        let best = floors.best();
+        say.line(format_args!("the model is not below the best static model of its own tokens, {best:.2} bits/frame"));
     }
     Ok(())
 }

@@ -101,7 +101,8 @@ pub fn run(command: Command, say: Say) -> Result<()> {
                 anyhow::bail!("none of the runs has a figure to draw yet");
             }
             plot::draw_as(&out, &[chart])?;
-            say.line(format_args!("{}: {} runs", out.display(), runs.len()));
+            let many = if runs.len() == 1 { "run" } else { "runs" };
+            say.line(format_args!("{}: {} {many}", out.display(), runs.len()));
             Ok(())
         }
     }

@@ -191,6 +191,11 @@ fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
             let help = "a corpus is a folder that `kinelm tokenize DATA --out CORPUS` wrote";
             Error::file(dir, "no corpus.json", "a corpus folder", help)
         }
+        std::io::ErrorKind::NotFound => {
+            let help =
+                "give its folder by --corpus; a run goes on with a corpus that was moved by --resume --corpus CORPUS";
+            Error::file(dir, "nothing", "a corpus folder", help)
+        }
         _ => Error::io(&path)(e),
     })?;
     let bad = |e: serde_json::Error| {

@@ -55,9 +55,14 @@ impl Ready {
         if let Which::Step(step) = which {
             check_step(&recipe.run, step)?;
         }
-        let run = load_run(&recipe.run, which)?;
+        let mut run = load_run(&recipe.run, which)?;
         let tokenizer = Tokenizer::load(&run.tokenizer)?;
         let (front, without) = fronts(&recipe, &run)?;
+        if run.label_dropout == Some(0.0) && (without.is_some() || recipe.labels.len() < run.conditions.len()) {
+            let what = "labels were never hidden in training (train.label_dropout = 0): without some, or with guidance, the model \
+                        is asked what it has not seen";
+            run.notes.push(what.into());
+        }
         let prompt = recipe.prompt.as_ref().map(|prompt| Followed::load(prompt, &tokenizer)).transpose()?;
         let frames = recipe.frames.or(prompt.as_ref().map(|p| p.clip.frames()));
         let frames = frames.ok_or_else(|| Error::Call("neither frames nor a prompt that says how many".into()))?;

@@ -95,6 +95,11 @@ impl Checkpoints {
         self.run.join("checkpoints")
     }
 
+    /// The run folder.
+    pub fn run(&self) -> &Path {
+        &self.run
+    }
+
     /// The folder of the checkpoint after `step` updates.
     pub fn path(&self, step: u64) -> PathBuf {
         self.dir().join(name(step))

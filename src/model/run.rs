@@ -33,6 +33,8 @@ pub struct LoadedRun {
     pub tokens: TokenLayout,
     /// The label fields that it is told of, in the order of their tokens behind `<bos>`.
     pub conditions: Vec<String>,
+    /// The share of the labels that were hidden in its training, where that is known.
+    pub label_dropout: Option<f64>,
     /// Its weights by name, on the CPU, in f32: their moving average if the checkpoint has it.
     pub weights: BTreeMap<String, Tensor>,
     /// The tokenizer it was trained with.
@@ -105,6 +107,7 @@ struct Shape {
 #[serde(default)]
 struct Told {
     conditions: Vec<String>,
+    label_dropout: Option<f64>,
 }
 
 /// Loads a model from a run folder; by default the best on the validation clips, or the latest where there were none.
@@ -132,6 +135,7 @@ pub fn load_run(run: &Path, which: Which) -> Result<LoadedRun> {
         config: shape.model,
         tokens: shape.tokens,
         conditions: in_order(&shape.train.conditions),
+        label_dropout: shape.train.label_dropout,
         weights,
         tokenizer: run.join(TOKENIZER),
         checkpoint: found.dir,

@@ -103,6 +103,11 @@ fn look(folder: &Path, depth: usize, runs: &mut Vec<Listed>, note: &mut dyn FnMu
     Ok(())
 }
 
+/// A value as a training file writes it.
+fn in_file(value: &impl Serialize) -> String {
+    serde_json::to_value(value).ok().and_then(|v| v.as_str().map(String::from)).unwrap_or_default()
+}
+
 /// How far one run is.
 fn listed(run: &Path) -> Result<Listed> {
     let file = RunFile::read(run)?;
@@ -121,7 +126,6 @@ fn listed(run: &Path) -> Result<Listed> {
     let modified = |name: &str| run.join(name).metadata().and_then(|m| m.modified()).ok();
     let written = modified(METRICS).or_else(|| modified(CONFIG)).and_then(|t| t.duration_since(UNIX_EPOCH).ok());
     let m = &file.model;
-    let name = |x: &dyn std::fmt::Debug| format!("{x:?}").to_lowercase();
     Ok(Listed {
         run: run.to_owned(),
         status,
@@ -131,7 +135,7 @@ fn listed(run: &Path) -> Result<Listed> {
         best,
         tokens,
         written: written.map(|d| d.as_secs()),
-        model: format!("{} {} {}x{}", name(&m.kind), name(&m.positions), m.layers, m.width),
+        model: format!("{} {} {}x{}", in_file(&m.kind), in_file(&m.positions), m.layers, m.width),
         parameters: layout::parameters(m, &file.tokens).iter().map(|p| p.len()).sum(),
     })
 }

@@ -131,7 +131,10 @@ impl TrainFile {
     /// # Errors
     /// A file that can't be read, keys that are unknown or outside their limits (line and column where TOML tells them).
     pub fn load(path: &Path) -> Result<TrainFile> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = std::fs::read_to_string(path).map_err(|e| match e.kind() {
+            std::io::ErrorKind::InvalidData => Error::file(path, "bytes that are no text", "a training TOML", ""),
+            _ => Error::io(path)(e),
+        })?;
         let mut file = TrainFile::parse(&text, path)?;
         let folder = crate::files::folder_of(path);
         let corpora = file.corpora.iter_mut().map(|c| &mut c.path);

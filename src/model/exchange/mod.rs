@@ -74,6 +74,7 @@ fn loaded(folder: &Path, about: About, weights: BTreeMap<String, Tensor>, notes:
         config,
         tokens,
         conditions,
+        label_dropout: None,
         weights,
         tokenizer: folder.join(TOKENIZER),
         checkpoint: folder.to_owned(),

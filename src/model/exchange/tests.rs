@@ -62,6 +62,7 @@ fn made(config: ModelConfig) -> Made {
         config,
         tokens,
         conditions: Vec::new(),
+        label_dropout: None,
         weights,
         tokenizer: dir.path().join(TOKENIZER),
         checkpoint: dir.path().to_owned(),

@@ -140,6 +140,10 @@ fn found(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)> 
         return Err(Error::Call(format!("seed {seed}; the run was begun with {}", file.train.seed)));
     }
     if let Some(steps) = options.steps.filter(|s| *s != file.train.steps) {
+        if let Some(done) = Checkpoints::of(run.path()).named("latest").filter(|done| steps < *done) {
+            let what = format!("steps {steps}; the run has done {done}: ask for that or more, or begin a new run");
+            return Err(Error::Call(what));
+        }
         file.train.steps = steps;
         file.write(run.path())?;
     }

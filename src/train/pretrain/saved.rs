@@ -92,6 +92,11 @@ pub fn load(
 ) -> Result<(Box<dyn Learner>, State)> {
     let learner = |weights| learner(&file.model, &file.tokens, &file.train, weights, compute);
     if checkpoints.steps()?.is_empty() {
+        if let Some(step) = checkpoints.named("latest") {
+            let found = format!("no checkpoint, though `latest` names that of step {step}");
+            let help = "put it back, or begin a new run";
+            return Err(Error::file(checkpoints.run(), found, "the checkpoints that it wrote", help));
+        }
         progress.note("no checkpoint yet: beginning at the first step");
         let weights = layout::initial(&file.model, &file.tokens, file.train.seed)?;
         let mut learner = learner(weights.clone())?;

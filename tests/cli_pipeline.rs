@@ -340,6 +340,13 @@ fn wrong_calls_say_what_would_be_right() {
     bad(&["--run", &run, "--joints", "root", "--top-p", "2"]).code(2).stderr(contains("--top-p 2; expected"));
     bad(&["--run", &run, "--joints", "root", "--greedy", "--top-k", "3"]).code(2);
     bad(&["--run", &run]).code(2).stderr(contains("--from-frame N"));
+    bad(&["--run", &run, "--from-frame", "10", "--frames", "4000000000"])
+        .code(2)
+        .stderr(contains("expected 1048576 at most"));
+    bad(&["--run", &run, "--from-frame", "10", "--frames", "10"]).code(2).stderr(contains("nothing is left to make"));
+    bad(&["--run", &run, "--from-frame", "9999", "--frames", "99999"])
+        .code(2)
+        .stderr(contains("expected one that it has"));
     bad(&["--run", &run, "--joints", "root", "--label", "genre"]).code(2).stderr(contains("FIELD=VALUE"));
     bad(&["--run", &run, "--joints", "root", "--label", "genre=a"])
         .code(2)

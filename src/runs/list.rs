@@ -179,7 +179,7 @@ mod tests {
         assert!(a.run.ends_with("runs/a") && b.run.ends_with("deep/b"));
         assert_eq!((a.status, a.step, a.steps, a.loss, a.best), (Status::Stopped, 0, 6, None, None));
         assert_eq!((b.status, b.step, b.tokens, b.best), (Status::Done, 6, done.tokens, done.best));
-        assert_eq!((b.loss, b.model.as_str()), (done.loss, "causal framejoint 1x16"));
+        assert_eq!((b.loss, b.model.as_str()), (done.loss, "causal frame_joint 1x16"));
         assert!(b.parameters > 3000 && b.written.is_some_and(|w| w > 1_700_000_000));
         let held = RunFolder::open(&a.run).unwrap();
         assert_eq!(list(std::slice::from_ref(&a.run), &mut |_| ()).unwrap()[0].status, Status::Running);

@@ -127,6 +127,8 @@ mod tests {
         let run = dir.path().join("run");
         assert!(RunFolder::open(&run).unwrap_err().to_string().contains("no config.toml"));
         let first = RunFolder::create(&run).unwrap();
+        assert!(RunFolder::open(&run).unwrap_err().to_string().contains("no config.toml"));
+        fs::write(run.join(CONFIG), "").unwrap();
         assert!(is_written(&run));
         let message = RunFolder::open(&run).unwrap_err().to_string();
         let expected = format!("is being written by another process (number {})", std::process::id());
@@ -151,7 +153,9 @@ mod tests {
         let other = dir.path().join("other");
         fs::create_dir(&other).unwrap();
         fs::write(other.join(TOKENIZER), "{}").unwrap();
-        assert!(RunFolder::create(&other).unwrap_err().to_string().contains("other exists"));
+        assert!(RunFolder::create(&other).unwrap_err().to_string().contains("other exists; it holds something else"));
+        assert!(RunFolder::open(&other).unwrap_err().to_string().contains("no config.toml"));
+        assert_eq!(fs::read_dir(&other).unwrap().count(), 1, "a folder of somebody else's is left as it was");
         drop(RunFolder::create(&dir.path().join("a/b")).unwrap());
     }
 }

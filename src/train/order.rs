@@ -83,6 +83,18 @@ mod tests {
     use crate::train::{TrainConfig, fixture};
 
     #[test]
+    fn more_windows_than_memory_holds_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::corpus(dir.path(), &[(30, Split::Train)])).unwrap();
+        let model = ModelConfig { layers: 1, heads: 1, width: 8, context: 36, ..Default::default() };
+        let run = RunFile::new(&model, &TrainConfig { batch: 2, ..Default::default() }, &data).unwrap();
+        for steps in [99_999_999_999, u64::MAX] {
+            let message = order(&run, &data, steps).unwrap_err().to_string();
+            assert!(message.contains("expected 100000000 windows at most"), "{message}");
+        }
+    }
+
+    #[test]
     fn the_windows_are_those_that_training_takes() {
         let dir = tempfile::tempdir().unwrap();
         let data = Data::one(fixture::corpus(dir.path(), &[(30, Split::Train), (9, Split::Valid), (4, Split::Train)]))

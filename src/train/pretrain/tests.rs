@@ -175,10 +175,26 @@ fn another_corpus_seed_or_configuration_is_no_resume() {
     drop(held);
     assert_eq!(said(&|_| ()), Ok(1));
     assert_eq!(said(&|o| (o.file, o.steps) = (None, Some(2))), Ok(2));
+    assert!(said(&|o| (o.file, o.steps) = (None, Some(1))).unwrap_err().contains("the run has done 2"));
     let elsewhere = dir.path().join("other");
     fs::create_dir(&elsewhere).unwrap();
     let other = fixture::corpus(&elsewhere, &CLIPS[..2]);
     assert!(said(&|o| o.corpora = vec![CorpusPart::once(other.dir())]).unwrap_err().contains("begin a new run"));
+}
+
+#[test]
+fn a_run_whose_checkpoints_are_lost_is_not_begun_again() {
+    let dir = tempfile::tempdir().unwrap();
+    fixture::corpus(dir.path(), &CLIPS);
+    let mut options = options(dir.path(), "run", Some(file()));
+    options.steps = Some(1);
+    go(&options).unwrap();
+    for entry in fs::read_dir(dir.path().join("run/checkpoints")).unwrap() {
+        fs::remove_dir_all(entry.unwrap().path()).unwrap();
+    }
+    options.resume = true;
+    let message = go(&options).unwrap_err().to_string();
+    assert!(message.contains("no checkpoint, though `latest` names that of step 1"), "{message}");
 }
 
 #[test]

@@ -303,7 +303,7 @@ mod tests {
         assert!(said("[augment]\nmirror = 1.5").contains("augment.mirror is 1.5; expected 0 to 1"));
         assert!(said("[augment]\nspeed = nan").contains("augment.speed is NaN; expected 0 to 0.5"));
         assert!(said("corpus = \"a\"\n[[corpora]]\npath = \"b\"").contains("corpus and [[corpora]]"));
-        assert!(said("[[corpora]]\npath = \"b\"\nweight = 0").contains("the weight of b is 0; expected above 0"));
+        assert!(said("[[corpora]]\npath = \"b\"\nweight = 0").contains("the weight of b is 0; expected 0.001 to 1000"));
     }
 
     #[test]

@@ -262,7 +262,7 @@ mod tests {
         assert_eq!((found.frames, found.tokens), (40, 280));
         // 6 and 11 windows
         let some = data.likelihood(&mut gpt, Split::Valid, 8).unwrap().unwrap();
-        assert_eq!((some.windows, some.all_windows), (3 + 6, 17));
+        assert_eq!((some.windows, some.all_windows), (2 + 5, 17));
         assert!(data.has(Split::Valid) && !data.has(Split::Test));
         assert_eq!(data.likelihood(&mut gpt, Split::Test, 0).unwrap(), None);
     }

@@ -31,7 +31,7 @@ from pathlib import Path
 print("| targets | sum of angle errors, rad, up to 100, 200, 300, 400 ms, greedy (lowest to highest of the seeds) |\n|---|---|")
 for loss in ["cross_entropy", "ordinal"]:
     found = [json.loads((Path(sys.argv[1]) / f"runs/{loss}-{seed}.foretold.json").read_text()) for seed in sys.argv[2:]]
-    greedy = [next(row for row in f["rows"] if row["name"] == "greedy") for f in found]
+    greedy = [next(row for row in f["rows"] if row["name"] == "the model, greedy") for f in found]
     rows = [[until["angle"] for until in row["up_to"]] for row in greedy]
     spread = [f"{sum(c) / len(c):.3f} ({min(c):.3f} to {max(c):.3f})" for c in zip(*rows)]
     print(f"| {loss} | {', '.join(spread)} |")

@@ -2,8 +2,8 @@
 one with characters alone and one with byte-pair merges.
 
     pip install numpy==2.4.0 tokenizers==0.23.3 transformers==5.23.0   (the versions used are in the file's header)
-    for kind in plain merged; do cargo run --release -p kinelm-tokenizer --example golden_tokenizer $kind > /tmp/$kind.json; done
-    python scripts/reference/tokenizer_ids.py /tmp/plain.json /tmp/merged.json > tokenizer/tests/golden/tokenizer_ids.json
+    for kind in plain merged; do cargo run --release -p kinelm-tokenizer --example golden_tokenizer $kind > $kind.json; done
+    python scripts/reference/tokenizer_ids.py plain.json merged.json > tokenizer/tests/golden/tokenizer_ids.json
 
 Random words come from numpy's generator with seed 10, those of the second text are of the few characters that the merges
 were learnt on; texts with tokens and strange characters are written out.

@@ -1,7 +1,7 @@
 //! From motion to text, from text to a model, from a model to new dances.
 //!
 //! Everything a command of the `kinelm` program does is a function here. The rooms, in the way of the data: `corpus`
-//! (labels, splits, the token store), `model`, `train`, `runs`, `generate`, `evaluate`, `study`,
+//! (labels, splits, the token store), `model`, `train`, `runs`, `generate`, `evaluate`, `study`, `spectral`,
 //! `view`.
 #![deny(unsafe_code)]
 
@@ -13,6 +13,7 @@ pub mod generate;
 pub mod model;
 pub mod random;
 pub mod runs;
+pub mod spectral;
 pub mod study;
 pub mod train;
 pub mod view;

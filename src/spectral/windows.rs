@@ -1,0 +1,82 @@
+//! Where windows lie in a clip.
+
+use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// The longest window, frames: 68 seconds at 60 frames per second.
+const MOST_FRAMES: usize = 4096;
+
+/// How series are cut into windows.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WindowSpec {
+    /// N, frames of a window, 16 to 4,096. Default 128: 2.133 seconds, the thesis's.
+    pub frames: usize,
+    /// Frames from a window's start to the next one's, at least 1. Default 64.
+    pub hop: usize,
+    /// Frames per second. Default 60.
+    pub fps: f64,
+}
+
+impl Default for WindowSpec {
+    fn default() -> Self {
+        WindowSpec { frames: 128, hop: 64, fps: 60.0 }
+    }
+}
+
+impl WindowSpec {
+    /// Holds the numbers to their limits.
+    ///
+    /// # Errors
+    /// [`Error::Call`] with the number that is out of its limits.
+    pub fn validate(&self) -> Result<()> {
+        let WindowSpec { frames, hop, fps } = *self;
+        if !(16..=MOST_FRAMES).contains(&frames) {
+            return Err(Error::Call(format!("windows of {frames} frames; expected 16 to {MOST_FRAMES}")));
+        }
+        if hop == 0 {
+            return Err(Error::Call("a hop of 0 frames; expected at least 1".into()));
+        }
+        if !(fps.is_finite() && fps > 0.0) {
+            return Err(Error::Call(format!("windows at {fps} frames per second; expected a positive number")));
+        }
+        Ok(())
+    }
+
+    /// The starts of the windows that lie wholly in a clip of `frames` frames, from frame `phase` on.
+    pub fn starts(&self, frames: usize, phase: usize) -> impl Iterator<Item = usize> + use<> {
+        let last = frames.checked_sub(self.frames);
+        last.into_iter().flat_map(move |last| phase..=last).step_by(self.hop)
+    }
+
+    /// How long a window is.
+    pub fn seconds(&self) -> f64 {
+        self.frames as f64 / self.fps
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn windows_lie_inside() {
+        let spec = WindowSpec::default();
+        let starts = |frames, phase| spec.starts(frames, phase).collect::<Vec<_>>();
+        assert!(starts(127, 0).is_empty() && starts(128, 1).is_empty());
+        assert_eq!(starts(128, 0), [0]);
+        assert_eq!(starts(256, 0), [0, 64, 128]);
+        assert_eq!(starts(256, 32), [32, 96]);
+        assert!((spec.seconds() - 2.133).abs() < 1e-3);
+    }
+
+    #[test]
+    fn limits() {
+        let spec = WindowSpec::default();
+        assert!(spec.validate().is_ok());
+        let error = |spec: WindowSpec| spec.validate().unwrap_err().to_string();
+        assert!(error(WindowSpec { frames: 15, ..spec }).contains("expected 16 to 4096"));
+        assert!(error(WindowSpec { hop: 0, ..spec }).contains("at least 1"));
+        assert!(error(WindowSpec { fps: f64::NAN, ..spec }).contains("positive"));
+    }
+}

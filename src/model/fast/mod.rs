@@ -3,12 +3,15 @@
 //! It has the plain form's tensors, under their names, in buffers of its own; activations are allocated once for a shape
 //! of batch and used again.
 
+mod classes;
 mod head;
 mod input;
 mod keys;
 mod pass;
 #[cfg(test)]
 mod tests;
+
+pub use classes::{ClassRow, Losses};
 
 use super::config::{ModelConfig, TokenLayout};
 use super::layout::{self, Parameter};
@@ -129,6 +132,16 @@ impl Fast {
     /// # Errors
     /// Windows longer than the context, ids outside the vocabulary; under a relative head targets behind no bin.
     pub fn gradients(&mut self, windows: Windows, dropout: Option<&Dropout>, gradients: &mut [Floats]) -> Result<f64> {
+        self.gradients_and(windows, dropout, gradients, &mut |_, _, _, _| ())
+    }
+
+    fn gradients_and(
+        &mut self,
+        windows: Windows,
+        dropout: Option<&Dropout>,
+        gradients: &mut [Floats],
+        added: classes::Added,
+    ) -> Result<f64> {
         self.check(windows)?;
         let Windows { inputs, targets, length, .. } = windows;
         let pass = self.training.take().filter(|p| p.fits(inputs.len(), length));
@@ -143,7 +156,7 @@ impl Fast {
             keys
         });
         pass.forward(self, windows, keys.as_ref());
-        let nats = pass.backward(self, windows, 1.0 / counted.max(1) as f32, keys.as_ref(), gradients);
+        let nats = pass.backward(self, windows, 1.0 / counted.max(1) as f32, keys.as_ref(), gradients, added);
         self.training = Some(pass);
         self.keys = keys;
         Ok(nats)

@@ -1,5 +1,6 @@
 //! Forward and backward through all blocks, for batches of one shape.
 
+use super::classes::Added;
 use super::head::Heads;
 use super::input::{Inputs, TABLES};
 use super::keys::Keys;
@@ -91,7 +92,12 @@ impl Pass {
         self.heads.logits(model, last, windows.inputs, windows.length, out);
     }
 
-    /// Loss in nats, summed; `gradients` become those of the loss times `scale`.
+    /// What the last block gave (N, D).
+    pub fn last(&self, model: &Fast) -> &[f32] {
+        &self.stream[model.config.layers % self.stream.len()]
+    }
+
+    /// Loss in nats, summed; `gradients` become those of the loss times `scale`, and of what `added` adds.
     pub fn backward(
         &mut self,
         model: &Fast,
@@ -99,9 +105,12 @@ impl Pass {
         scale: f32,
         keys: Option<&Keys>,
         gradients: &mut [Floats],
+        added: Added,
     ) -> f64 {
         let Windows { inputs, mask, .. } = windows;
-        let nats = self.heads.loss(model, &self.stream[model.config.layers], scale, &mut self.dx, gradients);
+        let last = &self.stream[model.config.layers];
+        let nats = self.heads.loss(model, last, scale, &mut self.dx, gradients);
+        added(model, last, &mut self.dx, gradients);
         for layer in (0..model.config.layers).rev() {
             let Some(Ok(tensors)) =
                 gradients.get_mut(layer * BLOCK..(layer + 1) * BLOCK).map(<&mut [Floats; BLOCK]>::try_from)

@@ -161,7 +161,7 @@ pub fn tokenize(
 }
 
 /// Whether what was found is enough.
-fn check(summary: &Summary, options: &BuildOptions, items: usize) -> Result<()> {
+pub(crate) fn check(summary: &Summary, options: &BuildOptions, items: usize) -> Result<()> {
     let failed = summary.failed.len();
     // a shard may well consist of bad files; merging it with the others brings their names along
     let whole = options.shard.is_none();
@@ -179,7 +179,7 @@ fn check(summary: &Summary, options: &BuildOptions, items: usize) -> Result<()> 
 }
 
 /// Loads and works on every item, side by side; takes the results in order. `take` returns the frames of the clip.
-fn each<T: Send>(
+pub(crate) fn each<T: Send>(
     items: &[&Item],
     options: &BuildOptions,
     fps: f64,

@@ -18,22 +18,29 @@ impl MappedFile {
     /// # Errors
     /// [`Error::Io`]; [`Error::File`] when length or hash differ from `expected`.
     pub fn open(path: &Path, expected: &FileRecord) -> Result<Self> {
-        let file = File::open(path).map_err(Error::io(path))?;
-        let bytes = file.metadata().map_err(Error::io(path))?.len();
-        if bytes != expected.bytes {
-            let help = "the file was cut or changed after it was written: make the corpus again";
-            return Err(Error::file(path, format!("{bytes} bytes"), format!("{} bytes", expected.bytes), help));
-        }
-        let mapped = if bytes == 0 {
-            MappedFile(None) // an empty file can't be mapped everywhere
-        } else {
-            // SAFETY: the mapping is read-only, and the file is never changed in place: a corpus is written under
-            // another name and renamed, so replacing one leaves this mapping on the old file. A program that cuts the
-            // file under us would end the process (SIGBUS); nothing here can prevent that, and nothing of ours does it.
-            MappedFile(Some(unsafe { Mmap::map(&file) }.map_err(Error::io(path))?))
-        };
+        let help = "the file was cut or changed after it was written: make the corpus again";
+        let mapped = MappedFile::map(path, expected.bytes, help)?;
         expected.check(path, &mapped)?;
         Ok(mapped)
+    }
+
+    /// Maps `path` after checking its length alone; `help` is for the message if it differs.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::File`] when the file hasn't `expected` bytes.
+    pub fn map(path: &Path, expected: u64, help: &str) -> Result<Self> {
+        let file = File::open(path).map_err(Error::io(path))?;
+        let bytes = file.metadata().map_err(Error::io(path))?.len();
+        if bytes != expected {
+            return Err(Error::file(path, format!("{bytes} bytes"), format!("{expected} bytes"), help));
+        }
+        if bytes == 0 {
+            return Ok(MappedFile(None)); // an empty file can't be mapped everywhere
+        }
+        // SAFETY: the mapping is read-only, and the file is never changed in place: what is mapped is written under
+        // another name and renamed, so replacing one leaves this mapping on the old file. A program that cuts the
+        // file under us would end the process (SIGBUS); nothing here can prevent that, and nothing of ours does it.
+        Ok(MappedFile(Some(unsafe { Mmap::map(&file) }.map_err(Error::io(path))?)))
     }
 }
 

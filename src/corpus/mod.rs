@@ -17,7 +17,7 @@ pub mod csv;
 pub mod gather;
 pub mod labels;
 pub mod load;
-mod map;
+pub(crate) mod map;
 pub mod masking;
 pub mod merge;
 pub mod pattern;

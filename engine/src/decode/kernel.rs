@@ -19,7 +19,7 @@ const STRETCH: usize = 512;
 const AHEAD: usize = 16;
 
 /// A number as matrices hold it.
-pub(super) trait Element: bytemuck::Pod + Send + Sync {
+pub(crate) trait Element: bytemuck::Pod + Send + Sync {
     /// What the left operand is to be multiplied by, to make up for [`Element::pair`].
     const LEFT: f32;
 

@@ -16,7 +16,7 @@ mod attention;
 mod before;
 mod cache;
 mod head;
-mod kernel;
+pub(crate) mod kernel;
 mod matrix;
 mod position;
 mod rope;

@@ -6,6 +6,7 @@ pub mod bias;
 #[cfg(test)]
 pub(crate) mod check;
 pub mod cross_entropy;
+pub mod dots;
 pub mod dropout;
 pub mod embedding;
 pub mod gelu;

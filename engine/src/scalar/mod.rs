@@ -5,6 +5,7 @@ pub mod bias;
 pub mod block;
 pub mod cross_entropy;
 pub mod decode;
+pub mod dots;
 pub mod embedding;
 pub mod gelu;
 pub mod layer_norm;

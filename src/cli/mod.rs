@@ -18,6 +18,7 @@ mod inspect;
 mod lr_find;
 mod pretrain;
 mod progress;
+mod query;
 mod read;
 mod runs;
 mod study;
@@ -80,6 +81,9 @@ enum Command {
     /// Measures
     #[command(subcommand)]
     Evaluate(evaluate::Command),
+    /// Search in a collection of dances: what else moves like this
+    #[command(subcommand)]
+    Query(query::Command),
     /// How fast this machine does what the program does
     #[command(subcommand)]
     Bench(bench::Command),
@@ -189,6 +193,7 @@ fn command(command: Command, say: Say) -> Result<()> {
         Command::Export(args) => export::run(args, say),
         Command::Import(args) => import::run(args, say),
         Command::Evaluate(command) => evaluate::run(command, say),
+        Command::Query(command) => query::run(command, say),
         Command::Bench(command) => bench::run(command, say),
         Command::Demo(args) => demo::run(args, say),
     }

@@ -10,6 +10,7 @@
 pub mod dct;
 pub mod feature;
 pub mod pca;
+pub mod query;
 pub mod series;
 pub mod stft;
 pub mod windows;

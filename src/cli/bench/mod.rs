@@ -2,6 +2,7 @@
 
 mod decode;
 mod peak;
+mod query;
 mod read;
 mod shape;
 mod tokenize;
@@ -22,6 +23,8 @@ pub enum Command {
     Train(train::Args),
     /// Tokens/s of reading with random weights: one by one, a whole context, and dances of which an arm is given
     Decode(decode::Args),
+    /// Milliseconds of a search among made-up windows, exact, on all threads
+    Query(query::Args),
 }
 
 /// How every bench measures and prints.
@@ -41,6 +44,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
         Command::Tokenize(args) => tokenize::run(args, say),
         Command::Train(args) => train::run(args, say),
         Command::Decode(args) => decode::run(args, say),
+        Command::Query(args) => query::run(args, say),
     }
 }
 
@@ -50,6 +54,7 @@ enum Unit {
     Megabytes,
     Frames,
     Tokens,
+    Windows,
 }
 
 impl Unit {
@@ -59,6 +64,7 @@ impl Unit {
             Unit::Megabytes => ["MB/s", "mb_per_s"],
             Unit::Frames => ["frames/s", "frames_per_s"],
             Unit::Tokens => ["tokens/s", "tokens_per_s"],
+            Unit::Windows => ["windows/s", "windows_per_s"],
         }
     }
 }

@@ -308,7 +308,12 @@ impl Work {
         let Some(folder) = &self.folder else {
             if Some(super::index::read_manifest(&self.out)?) != self.there {
                 let help = "another build added to it meanwhile: build again";
-                return Err(Error::file(self.out.join(MANIFEST), "another index", "the one the build began with", help));
+                return Err(Error::file(
+                    self.out.join(MANIFEST),
+                    "another index",
+                    "the one the build began with",
+                    help,
+                ));
             }
             return files::write_whole(&self.out.join(MANIFEST), text.as_bytes());
         };

@@ -33,7 +33,8 @@ impl Database {
             all.firsts.push(all.windows.len());
             let first = all.clips.len();
             let windows = clips.iter().enumerate();
-            let windows = windows.flat_map(|(i, c)| c.starts.iter().map(move |&start| Window { clip: first + i, start }));
+            let windows =
+                windows.flat_map(|(i, c)| c.starts.iter().map(move |&start| Window { clip: first + i, start }));
             all.windows.extend(windows);
             assert_eq!(all.windows.len() - all.firsts[all.parts.len()], part.sizes.len(), "a feature a window");
             assert_eq!(part.features().len(), part.sizes.len() * numbers, "features of {numbers}");

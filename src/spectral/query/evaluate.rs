@@ -161,7 +161,8 @@ pub fn evaluate(gathered: &Gathered, options: &EvaluateOptions, watch: &mut Watc
         report.queries.push((phase, count));
         for kind in &of_kind {
             let database = database(&held, kind, phase)?;
-            let judge = Judge { database: &database, labels: &labels, takes: &takes, options, excludes: &excludes, phase };
+            let judge =
+                Judge { database: &database, labels: &labels, takes: &takes, options, excludes: &excludes, phase };
             report.rows.extend(judge.ask(&kind.transform));
             if kind == &of_kind[0] {
                 report.rows.extend(judge.chance());
@@ -180,7 +181,10 @@ fn chosen<'a>(gathered: &'a Gathered, only: &[(String, String)]) -> Result<Vec<&
     let items: Vec<&Item> = gathered.items.iter().filter(fits).collect();
     if items.is_empty() {
         let wanted: Vec<String> = only.iter().map(|(f, v)| format!("{f}={v}")).collect();
-        return Err(Error::Call(format!("no clip has the labels {}; `--labels` gives clips their labels", wanted.join(" "))));
+        return Err(Error::Call(format!(
+            "no clip has the labels {}; `--labels` gives clips their labels",
+            wanted.join(" ")
+        )));
     }
     Ok(items)
 }
@@ -189,17 +193,27 @@ fn chosen<'a>(gathered: &'a Gathered, only: &[(String, String)]) -> Result<Vec<&
 fn load(items: &[&Item], options: &EvaluateOptions, watch: &mut Watch<'_>) -> Result<(Vec<Held>, usize, Summary)> {
     let (mut held, mut short) = (Vec::new(), 0);
     let spec = options.windows;
-    let summary = each(items, &options.build, spec.fps, watch, |loaded| Ok(loaded.clip.clone()), |item, sha256, clip, _| {
-        let frames = clip.frames();
-        if frames < spec.frames {
-            short += 1;
-            return Ok(frames);
-        }
-        let Item { name, path, take, labels, .. } = item.clone();
-        let read = item_options(item, &options.build.read);
-        held.push(Held { clip, entry: ClipEntry { name, path, sha256, read, take, labels, frames, starts: vec![] } });
-        Ok(frames)
-    })?;
+    let summary = each(
+        items,
+        &options.build,
+        spec.fps,
+        watch,
+        |loaded| Ok(loaded.clip.clone()),
+        |item, sha256, clip, _| {
+            let frames = clip.frames();
+            if frames < spec.frames {
+                short += 1;
+                return Ok(frames);
+            }
+            let Item { name, path, take, labels, .. } = item.clone();
+            let read = item_options(item, &options.build.read);
+            held.push(Held {
+                clip,
+                entry: ClipEntry { name, path, sha256, read, take, labels, frames, starts: vec![] },
+            });
+            Ok(frames)
+        },
+    )?;
     check(&summary, &options.build, items.len())?;
     if held.is_empty() {
         let (frames, seconds) = (spec.frames, spec.seconds());
@@ -231,7 +245,9 @@ fn fields_of(held: &[Held], asked: &[String]) -> Result<Vec<String>> {
             )));
         }
         if count < 2 {
-            return Err(Error::Call(format!("label `{field}`: all clips have one value; there is nothing to tell apart")));
+            return Err(Error::Call(format!(
+                "label `{field}`: all clips have one value; there is nothing to tell apart"
+            )));
         }
     }
     let all: Vec<String> = match asked {
@@ -239,7 +255,9 @@ fn fields_of(held: &[Held], asked: &[String]) -> Result<Vec<String>> {
         asked => asked.to_vec(),
     };
     if all.is_empty() {
-        return Err(Error::Call("no label that all clips have with two values or more; `--labels` gives clips their labels".into()));
+        return Err(Error::Call(
+            "no label that all clips have with two values or more; `--labels` gives clips their labels".into(),
+        ));
     }
     Ok(all)
 }

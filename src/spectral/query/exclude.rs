@@ -49,7 +49,8 @@ impl Exclude {
         let known = |c: &ClipEntry| c.labels.contains_key("choreography");
         if self == Exclude::Choreography && !clips.into_iter().any(known) {
             return Err(Error::Call(
-                "no clip has the label `choreography`, and without it none can be left out; exclude by take instead".into(),
+                "no clip has the label `choreography`, and without it none can be left out; exclude by take instead"
+                    .into(),
             ));
         }
         Ok(())

@@ -142,7 +142,8 @@ fn start_of(path: &Path, has: usize, frames: usize, fps: f64, at_s: Option<f64>)
         None => Ok(last / 2),
         Some(at) if at.is_finite() && at >= 0.0 && (at * fps).round() <= last as f64 => Ok((at * fps).round() as usize),
         Some(at) => {
-            let expected = format!("0 to {:.2} s, so that a window of {:.2} s lies in the clip", seconds(last), seconds(frames));
+            let expected =
+                format!("0 to {:.2} s, so that a window of {:.2} s lies in the clip", seconds(last), seconds(frames));
             Err(Error::file(path, format!("a window from {at} s on"), expected, ""))
         }
     }
@@ -204,7 +205,12 @@ impl Stretch {
         let (_, clip) = load_clip(&self.path, &self.read, fps)?;
         if self.start + frames > clip.frames() {
             let found = format!("{} frames", clip.frames());
-            return Err(Error::file(&self.path, found, format!("at least {}", self.start + frames), "build the index again"));
+            return Err(Error::file(
+                &self.path,
+                found,
+                format!("at least {}", self.start + frames),
+                "build the index again",
+            ));
         }
         let clip = clip.slice(self.start..self.start + frames);
         let first = clip.root().first().copied().unwrap_or_default();

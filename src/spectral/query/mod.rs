@@ -12,6 +12,7 @@ pub mod evaluate;
 pub mod exclude;
 pub mod find;
 pub mod index;
+pub mod made_up;
 mod maker;
 pub mod model;
 pub mod options;

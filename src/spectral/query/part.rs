@@ -5,6 +5,7 @@ use crate::corpus::map::MappedFile;
 use crate::corpus::record::FileRecord;
 use crate::{Error, Result, files};
 use kinelm_engine::op::dots;
+use rayon::prelude::*;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -70,6 +71,19 @@ impl Part {
         assert!(features.len().is_multiple_of(numbers.max(1)), "features of {numbers}");
         let sizes = features.chunks_exact(numbers.max(1)).map(Size::of).collect();
         Part { features: Numbers::Held(features), halves: Numbers::Held(Vec::new()), sizes }
+    }
+
+    /// The same with half floats, as a part on disk has them.
+    pub fn with_halves(mut self, numbers: usize) -> Part {
+        let padded = numbers.next_multiple_of(dots::PAD);
+        let mut halves = vec![0; self.sizes.len() * padded];
+        let all = halves.par_chunks_mut(padded).zip(self.features.get().par_chunks(numbers)).zip(&mut self.sizes);
+        all.for_each_init(
+            || vec![0.0; numbers],
+            |unit, ((row, feature), size)| size.error = round(feature, size.norm, unit, row),
+        );
+        self.halves = Numbers::Held(halves);
+        self
     }
 
     /// (W, D).

@@ -113,7 +113,12 @@ impl ClipEntry {
         let bytes = std::fs::read(path).map_err(Error::io(path))?;
         if FileRecord::of(&bytes) != *record {
             let found = format!("{} bytes of another hash", bytes.len());
-            return Err(Error::file(path, found, format!("{} bytes with SHA-256 {}", record.bytes, record.sha256), DAMAGED));
+            return Err(Error::file(
+                path,
+                found,
+                format!("{} bytes with SHA-256 {}", record.bytes, record.sha256),
+                DAMAGED,
+            ));
         }
         let lines = bytes.split(|&b| b == b'\n').filter(|line| !line.is_empty()).enumerate();
         let read = |(i, line): (usize, &[u8])| {

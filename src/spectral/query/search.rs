@@ -170,8 +170,7 @@ impl Database {
             let error = size.error + cosines.error * (1.0 + size.error);
             wanted.distance.limits(cosines.near[window].into(), error, norm, size.norm)
         };
-        let all: Vec<(usize, [f64; 2])> =
-            (0..self.windows()).filter(|&w| allowed(w)).map(|w| (w, limits(w))).collect();
+        let all: Vec<(usize, [f64; 2])> = (0..self.windows()).filter(|&w| allowed(w)).map(|w| (w, limits(w))).collect();
         let least = self.least(&all, wanted);
         let may = |&&(_, [_, high]): &&(usize, [f64; 2])| high >= least;
         let candidates: Vec<usize> = all.iter().filter(may).map(|&(w, _)| w).collect();

@@ -16,48 +16,55 @@ pub struct Sheet {
 /// A table a label: a row a transform and distance; the main exclusion with its interval and entropy at both phases, then
 /// the accuracy under the others.
 pub fn sheets(report: &Report) -> Vec<Sheet> {
-    report.shares.iter().map(|shares| {
-        let of_field = |r: &&Row| r.field == shares.field;
-        let main = |r: &&Row| r.exclude == report.exclude && r.phase == 0;
-        let mut others: Vec<Exclude> = Vec::new();
-        for row in report.rows.iter().filter(of_field).filter(|r| r.phase == 0) {
-            if row.exclude != report.exclude && !others.contains(&row.exclude) {
-                others.push(row.exclude);
+    report
+        .shares
+        .iter()
+        .map(|shares| {
+            let of_field = |r: &&Row| r.field == shares.field;
+            let main = |r: &&Row| r.exclude == report.exclude && r.phase == 0;
+            let mut others: Vec<Exclude> = Vec::new();
+            for row in report.rows.iter().filter(of_field).filter(|r| r.phase == 0) {
+                if row.exclude != report.exclude && !others.contains(&row.exclude) {
+                    others.push(row.exclude);
+                }
             }
-        }
-        let phase = report.queries.get(1).map(|q| q.0);
-        let mut head = vec![String::new(), "accuracy %".into(), "+-".into(), "entropy, bans".into()];
-        if phase.is_some() {
-            head.extend(["half a hop on: %".into(), "bans".into()]);
-        }
-        head.extend(others.iter().map(|e| format!("exclude {}: %", e.name())));
-        let mut rows = Vec::new();
-        for row in report.rows.iter().filter(of_field).filter(main) {
-            let like = |exclude: Exclude, phase: usize| {
-                report.rows.iter().find(|r| {
-                    (&r.field, &r.transform, r.distance) == (&row.field, &row.transform, row.distance)
-                        && (r.exclude, r.phase) == (exclude, phase)
-                })
-            };
-            let name = match row.distance {
-                Some(distance) => format!("{}, {}", row.transform, distance.name()),
-                None => format!("{} at random", report.k),
-            };
-            let mut cells = vec![name, percent(row.accuracy), percent(row.half_interval), bans(row.entropy_bans)];
-            if let Some(phase) = phase {
-                let other = like(report.exclude, phase);
-                cells.extend([percent(other.and_then(|r| r.accuracy)), bans(other.and_then(|r| r.entropy_bans))]);
+            let phase = report.queries.get(1).map(|q| q.0);
+            let mut head = vec![String::new(), "accuracy %".into(), "+-".into(), "entropy, bans".into()];
+            if phase.is_some() {
+                head.extend(["half a hop on: %".into(), "bans".into()]);
             }
-            cells.extend(others.iter().map(|&e| percent(like(e, 0).and_then(|r| r.accuracy))));
-            rows.push(cells);
-        }
-        // what is drawn at random stands under what it is held against
-        rows.sort_by_key(|cells| cells[0].ends_with("at random"));
-        let largest = shares.shares.iter().max_by(|a, b| a.1.total_cmp(b.1));
-        let largest = largest.map_or(String::new(), |(v, s)| format!("; the most frequent, {v}, has {:.1} % of the windows", 100.0 * s));
-        let title = format!("{}: {} values{largest}; exclude {}", shares.field, shares.shares.len(), report.exclude.name());
-        Sheet { title, head, rows }
-    }).collect()
+            head.extend(others.iter().map(|e| format!("exclude {}: %", e.name())));
+            let mut rows = Vec::new();
+            for row in report.rows.iter().filter(of_field).filter(main) {
+                let like = |exclude: Exclude, phase: usize| {
+                    report.rows.iter().find(|r| {
+                        (&r.field, &r.transform, r.distance) == (&row.field, &row.transform, row.distance)
+                            && (r.exclude, r.phase) == (exclude, phase)
+                    })
+                };
+                let name = match row.distance {
+                    Some(distance) => format!("{}, {}", row.transform, distance.name()),
+                    None => format!("{} at random", report.k),
+                };
+                let mut cells = vec![name, percent(row.accuracy), percent(row.half_interval), bans(row.entropy_bans)];
+                if let Some(phase) = phase {
+                    let other = like(report.exclude, phase);
+                    cells.extend([percent(other.and_then(|r| r.accuracy)), bans(other.and_then(|r| r.entropy_bans))]);
+                }
+                cells.extend(others.iter().map(|&e| percent(like(e, 0).and_then(|r| r.accuracy))));
+                rows.push(cells);
+            }
+            // what is drawn at random stands under what it is held against
+            rows.sort_by_key(|cells| cells[0].ends_with("at random"));
+            let largest = shares.shares.iter().max_by(|a, b| a.1.total_cmp(b.1));
+            let largest = largest.map_or(String::new(), |(v, s)| {
+                format!("; the most frequent, {v}, has {:.1} % of the windows", 100.0 * s)
+            });
+            let title =
+                format!("{}: {} values{largest}; exclude {}", shares.field, shares.shares.len(), report.exclude.name());
+            Sheet { title, head, rows }
+        })
+        .collect()
 }
 
 /// What a reader should know before the tables.

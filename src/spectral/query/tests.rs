@@ -35,11 +35,15 @@ fn entry(name: &str, take: &str, starts: Vec<usize>) -> ClipEntry {
 
 /// Windows of noise around a common middle, some the same; four a clip.
 fn noisy(windows: usize, numbers: usize) -> (Vec<f32>, Vec<ClipEntry>) {
-    let mut features: Vec<f32> =
-        noise(7, windows * numbers).iter().enumerate().map(|(i, &x)| (0.3 * x + (i % numbers % 3) as f64) as f32).collect();
+    let mut features: Vec<f32> = noise(7, windows * numbers)
+        .iter()
+        .enumerate()
+        .map(|(i, &x)| (0.3 * x + (i % numbers % 3) as f64) as f32)
+        .collect();
     features.copy_within(numbers..3 * numbers, 8 * numbers);
     features[5 * numbers..6 * numbers].fill(0.0);
-    let clips = (0..windows / 4).map(|i| entry(&format!("c{i}"), &format!("t{}", i / 2), vec![0, 64, 128, 192])).collect();
+    let clips =
+        (0..windows / 4).map(|i| entry(&format!("c{i}"), &format!("t{}", i / 2), vec![0, 64, 128, 192])).collect();
     (features, clips)
 }
 
@@ -144,8 +148,12 @@ impl Data {
         for (i, dance) in synth::corpus(9, 6, 5.0, 30.0).unwrap().into_iter().enumerate() {
             let frames = if i == 5 { 40 } else { dance.clip.frames() };
             let path = dir.path().join(format!("data/d{i}.bvh"));
-            let motion =
-                Motion { path: path.clone(), clip: dance.clip.slice(0..frames), source: Source::Plain, warnings: vec![] };
+            let motion = Motion {
+                path: path.clone(),
+                clip: dance.clip.slice(0..frames),
+                source: Source::Plain,
+                warnings: vec![],
+            };
             format::write(&path, &motion).unwrap();
             csv += &format!("d{i},{},t{}\n", ["salsa", "waltz"][i % 2], i / 2);
         }
@@ -168,7 +176,8 @@ impl Data {
     }
 
     fn names(&self) -> Vec<String> {
-        let names = fs::read_dir(self.dir.path()).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned());
+        let names =
+            fs::read_dir(self.dir.path()).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned());
         let mut names: Vec<String> = names.collect();
         names.sort();
         names
@@ -347,7 +356,10 @@ fn an_evaluation_has_all_ways_and_says_what_lacks() {
         assert!(!itself || row.accuracy.unwrap() > 0.5, "{row:?}");
     }
     let text = sheet::markdown(&report);
-    assert!(text.contains("genre: 2 values") && text.contains("| pca, euclid |") && text.contains("3 at random"), "{text}");
+    assert!(
+        text.contains("genre: 2 values") && text.contains("| pca, euclid |") && text.contains("3 at random"),
+        "{text}"
+    );
     let error = |options: EvaluateOptions| evaluate(&gathered, &options, &mut go).unwrap_err().to_string();
     let e = error(EvaluateOptions { fields: vec!["mood".into()], ..options.clone() });
     assert!(e.contains("label `mood`: 5 of 5 clips don't have it") && e.contains("genre"), "{e}");

@@ -1,0 +1,55 @@
+//! `kinelm bench query`.
+
+use super::{How, Rates, Row, Unit, rounded, seconds};
+use crate::cli::Say;
+use anyhow::Result;
+use kinelm::spectral::query::made_up::made_up;
+use kinelm::spectral::query::{Distance, Kind, Wanted};
+use serde_json::json;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// What windows are told by
+    #[arg(long, value_enum, default_value = "dct")]
+    transform: TransformArg,
+    /// Windows of the index; 100,000 of an STFT take 6 GB of memory
+    #[arg(long, default_value_t = 100_000, value_parser = clap::value_parser!(u32).range(10..))]
+    windows: u32,
+    #[command(flatten)]
+    how: How,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum TransformArg {
+    /// 1,152 numbers, as many as PCA's
+    Dct,
+    /// 9,720 numbers
+    Stft,
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    let (kind, config) = match args.transform {
+        TransformArg::Dct => (Kind::dct(), "dct, 1152 numbers"),
+        TransformArg::Stft => (Kind::stft(), "stft, 9720 numbers"),
+    };
+    let count = args.windows as usize;
+    let database = made_up(&kind, count)?;
+    say.line(format_args!("{count} windows of {} numbers", database.numbers()));
+    for distance in [Distance::Cosine, Distance::Euclid] {
+        let (mut query, mut wrong) = (0, 0);
+        let timed = seconds(2, args.how.repeats.unwrap_or(15), || {
+            // a window somewhere, which is its own nearest neighbour
+            query = (query + 7919) % count;
+            let wanted = Wanted { k: 10, distance, one_a_clip: false };
+            let hits = database.nearest(database.feature(query), wanted, &|_| true);
+            wrong += usize::from(hits.len() != 10 || hits[0].window != query);
+            Ok(())
+        })?;
+        anyhow::ensure!(wrong == 0, "a window is its own nearest neighbour");
+        let rates = Rates::of(count as f64, &timed);
+        let more = json!({"ms": rounded(1e3 * count as f64 / rates.median, 2), "distance": distance.name()});
+        let threads = rayon::current_num_threads();
+        Row { what: "query", config, unit: Unit::Windows, rates, threads, more }.print(&args.how)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,78 @@
+//! `kinelm query`.
+
+mod build;
+mod evaluate;
+mod find;
+
+use super::{Say, WrongCall};
+use anyhow::Result;
+use kinelm::spectral::query::{Distance, Exclude, Kind, model};
+use kinelm::spectral::{LowDct, PcaBasis};
+use kinelm_motion::joints;
+use std::path::Path;
+
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// An index of the windows of clips, or more clips for one
+    Build(build::Args),
+    /// What else moves like a window of a clip: a table, and a page that plays them side by side
+    Find(find::Args),
+    /// How well neighbours tell labels, for each transform and distance, with chance beside
+    Evaluate(evaluate::Args),
+}
+
+pub fn run(command: Command, say: Say) -> Result<()> {
+    match command {
+        Command::Build(args) => build::run(args, say),
+        Command::Find(args) => find::run(args, say),
+        Command::Evaluate(args) => evaluate::run(args, say),
+    }
+}
+
+/// What windows are told by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum TransformArg {
+    /// Magnitudes of a short-time Fourier transform
+    Stft,
+    /// Low coefficients of a cosine transform
+    Dct,
+    /// Coordinates in a basis fitted to the windows
+    Pca,
+    /// A language model's own embedding
+    Model,
+}
+
+impl TransformArg {
+    /// With its settings; of the model the run's.
+    fn kind(self, no_dc: bool, keep: Option<usize>, run: Option<&Path>) -> Result<Kind> {
+        if no_dc && self != TransformArg::Stft {
+            return Err(WrongCall("--no-dc: only an STFT has a bin at 0 Hz".into()).into());
+        }
+        if keep.is_some() && !matches!(self, TransformArg::Dct | TransformArg::Pca) {
+            return Err(WrongCall("--keep: only DCT and PCA keep some of their numbers".into()).into());
+        }
+        match (self, run) {
+            (TransformArg::Stft, _) => Ok(Kind::Stft { no_dc }),
+            (TransformArg::Dct, _) => Ok(Kind::Dct { keep: keep.unwrap_or(LowDct::KEEP) }),
+            (TransformArg::Pca, _) => Ok(Kind::Pca { keep: keep.unwrap_or(PcaBasis::KEEP) }),
+            (TransformArg::Model, Some(run)) => Ok(model::kind_of(run)?),
+            (TransformArg::Model, None) => Err(WrongCall("--transform model needs --run RUN".into()).into()),
+        }
+    }
+}
+
+/// `--joints`, all of them as none.
+fn joints_of(list: &str) -> Result<Vec<usize>> {
+    let found = joints::parse(list).map_err(|e| WrongCall(format!("--joints {list}: {e}")))?.joints;
+    Ok(if found.len() == 24 { Vec::new() } else { found })
+}
+
+fn distance(text: &str) -> Result<Distance, String> {
+    let all = [Distance::Cosine, Distance::Euclid];
+    all.into_iter().find(|d| d.name() == text).ok_or("expected cosine or euclid".into())
+}
+
+fn exclude(text: &str) -> Result<Exclude, String> {
+    let names: Vec<&str> = Exclude::ALL.iter().map(|e| e.name()).collect();
+    Exclude::ALL.into_iter().find(|e| e.name() == text).ok_or(format!("expected one of {}", names.join(", ")))
+}

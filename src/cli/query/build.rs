@@ -1,0 +1,81 @@
+//! `kinelm query build`.
+
+use super::{TransformArg, joints_of};
+use crate::cli::data::DataArgs;
+use crate::cli::read::{ReadArgs, positive};
+use crate::cli::{Say, progress};
+use anyhow::Result;
+use kinelm::spectral::query::options::joint_names;
+use kinelm::spectral::query::{Asked, build};
+use kinelm_motion::format::RestFrame;
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    data: DataArgs,
+    /// The index folder; clips are added to one that is there, which keeps its options
+    #[arg(long, value_name = "INDEX")]
+    out: PathBuf,
+    /// What windows are told by [default: dct]
+    #[arg(long, value_enum)]
+    transform: Option<TransformArg>,
+    /// With --transform model: the run
+    #[arg(long, value_name = "RUN")]
+    run: Option<PathBuf>,
+    /// With --transform stft: leave out the bin at 0 Hz, which holds the mean pose
+    #[arg(long)]
+    no_dc: bool,
+    /// Numbers of a channel that DCT or PCA keep [default: 16]
+    #[arg(long, value_name = "N")]
+    keep: Option<usize>,
+    /// Joints that count: 13, 24, or a list of groups, names and ids [default: 24]
+    #[arg(long, value_name = "13|24|LIST")]
+    joints: Option<String>,
+    /// Frames of a window [default: 128]
+    #[arg(long, value_name = "FRAMES")]
+    window: Option<usize>,
+    /// Frames from a window to the next [default: 64]
+    #[arg(long, value_name = "FRAMES")]
+    hop: Option<usize>,
+    /// Frames per second [default: 60]
+    #[arg(long, value_parser = positive)]
+    fps: Option<f64>,
+    /// Rotation vectors that jump at half a turn (compat), instead of continuous ones
+    #[arg(long)]
+    raw: bool,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    let said = args.transform.is_some() || args.no_dc || args.keep.is_some() || args.run.is_some();
+    let usual = if args.run.is_some() { TransformArg::Model } else { TransformArg::Dct };
+    let transform = args.transform.unwrap_or(if args.no_dc { TransformArg::Stft } else { usual });
+    let asked = Asked {
+        transform: said.then(|| transform.kind(args.no_dc, args.keep, args.run.as_deref())).transpose()?,
+        frames: args.window,
+        hop: args.hop,
+        fps: args.fps,
+        joints: args.joints.as_deref().map(joints_of).transpose()?,
+        raw: args.raw.then_some(true),
+    };
+    let gathered = args.data.gather(say)?;
+    let options = args.data.build_options(args.read.options(RestFrame::Drop));
+    let built = build(&gathered, &asked, &options, &args.out, &mut *progress::watch(say))?;
+    for line in built.lines() {
+        say.line(line);
+    }
+    let ((clips, windows), of) = (built.added, &built.options);
+    say.line(format_args!(
+        "{}: {clips} clips, {windows} windows added, {} in all; {}, {} frames at {} fps, hop {}, joints {}",
+        args.out.display(),
+        built.windows,
+        of.transform.name(),
+        of.windows.frames,
+        of.windows.fps,
+        of.windows.hop,
+        joint_names(&of.joints)
+    ));
+    Ok(())
+}

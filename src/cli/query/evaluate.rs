@@ -1,0 +1,112 @@
+//! `kinelm query evaluate`.
+
+use super::{TransformArg, distance, exclude, joints_of};
+use crate::cli::data::DataArgs;
+use crate::cli::read::{ReadArgs, positive};
+use crate::cli::{Say, WrongCall, print, progress};
+use anyhow::Result;
+use kinelm::spectral::WindowSpec;
+use kinelm::spectral::query::{Distance, EvaluateOptions, Exclude, evaluate, sheet};
+use kinelm_motion::format::RestFrame;
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    data: DataArgs,
+    /// Label fields, with commas; unless given all that every clip has
+    #[arg(long, value_name = "FIELD,FIELD", value_delimiter = ',')]
+    fields: Vec<String>,
+    /// Only clips with this label (may be given again)
+    #[arg(long = "where", value_name = "FIELD=VALUE")]
+    only: Vec<String>,
+    /// What windows are told by, with commas; unless given stft,dct,pca, and model with --run
+    #[arg(long, value_enum, value_name = "stft|dct|pca|model", value_delimiter = ',')]
+    transform: Vec<TransformArg>,
+    /// The run whose model's embedding is measured too
+    #[arg(long, value_name = "RUN")]
+    run: Option<PathBuf>,
+    /// Leave out the STFT's bin at 0 Hz, which holds the mean pose
+    #[arg(long)]
+    no_dc: bool,
+    /// What near means, with commas
+    #[arg(long, value_name = "cosine|euclid", value_delimiter = ',', default_value = "cosine,euclid", value_parser = distance)]
+    distance: Vec<Distance>,
+    /// What is left out of the neighbours in the main figures; the others stand beside
+    #[arg(long, default_value = "take", value_name = "self|overlap|clip|take|choreography|none", value_parser = exclude)]
+    exclude: Exclude,
+    /// Neighbours
+    #[arg(short, default_value_t = 10, value_parser = clap::value_parser!(u16).range(1..))]
+    k: u16,
+    /// Joints that count: 13, 24, or a list of groups, names and ids
+    #[arg(long, value_name = "13|24|LIST", default_value = "24")]
+    joints: String,
+    /// Frames of a window
+    #[arg(long, value_name = "FRAMES", default_value_t = 128)]
+    window: usize,
+    /// Frames from a window to the next
+    #[arg(long, value_name = "FRAMES", default_value_t = 64)]
+    hop: usize,
+    /// Frames per second
+    #[arg(long, value_parser = positive, default_value_t = 60.0)]
+    fps: f64,
+    /// Rotation vectors that jump at half a turn (compat), instead of continuous ones
+    #[arg(long)]
+    raw: bool,
+    /// Markdown tables
+    #[arg(long, conflicts_with = "json")]
+    markdown: bool,
+    /// One JSON object with all figures
+    #[arg(long)]
+    json: bool,
+    /// Write that object to a file too
+    #[arg(long, value_name = "FILE.json")]
+    save: Option<PathBuf>,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    let mut transforms = args.transform.clone();
+    if transforms.is_empty() {
+        transforms = vec![TransformArg::Stft, TransformArg::Dct, TransformArg::Pca];
+        transforms.extend(args.run.is_some().then_some(TransformArg::Model));
+    }
+    let kind = |t: &TransformArg| t.kind(args.no_dc && *t == TransformArg::Stft, None, args.run.as_deref());
+    let only = args.only.iter().map(|pair| {
+        let (field, value) = pair.split_once('=').ok_or(WrongCall(format!("--where {pair}: expected FIELD=VALUE")))?;
+        Ok((field.to_owned(), value.to_owned()))
+    });
+    let options = EvaluateOptions {
+        build: args.data.build_options(args.read.options(RestFrame::Drop)),
+        windows: WindowSpec { frames: args.window, hop: args.hop, fps: args.fps },
+        joints: joints_of(&args.joints)?,
+        raw: args.raw,
+        transforms: transforms.iter().map(kind).collect::<Result<_>>()?,
+        distances: args.distance.clone(),
+        fields: args.fields.clone(),
+        only: only.collect::<Result<_>>()?,
+        exclude: args.exclude,
+        k: args.k.into(),
+    };
+    let gathered = args.data.gather(say)?;
+    let report = evaluate(&gathered, &options, &mut *progress::watch(say))?;
+    for line in report.summary.lines() {
+        say.line(line);
+    }
+    let figures = serde_json::to_string(&report)? + "\n";
+    if let Some(path) = &args.save {
+        kinelm::files::write_whole(path, figures.as_bytes())?;
+    }
+    if args.json {
+        return print(&figures);
+    }
+    if args.markdown {
+        return print(&sheet::markdown(&report));
+    }
+    for line in sheet::said(&report) {
+        say.line(line);
+    }
+    let tables: Vec<String> = sheet::sheets(&report).iter().map(sheet::Sheet::terminal).collect();
+    print(&tables.join("\n"))
+}

@@ -1,0 +1,98 @@
+//! `kinelm query find`.
+
+use super::{distance, exclude};
+use crate::cli::read::ReadArgs;
+use crate::cli::{Say, print};
+use anyhow::Result;
+use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
+use kinelm::spectral::query::{Answer, Distance, Exclude, Index, Question, find};
+use kinelm_motion::format::{ReadOptions, RestFrame};
+use serde_json::json;
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// A motion file, of the index or not; one that it has is read as it was then, unless reading options are given
+    #[arg(value_name = "CLIP")]
+    clip: PathBuf,
+    /// The index
+    #[arg(long, value_name = "INDEX")]
+    index: PathBuf,
+    /// How many windows
+    #[arg(short, default_value_t = 10)]
+    k: usize,
+    /// Where the window begins in the clip, seconds; unless given it lies in the clip's middle
+    #[arg(long, value_name = "SECONDS")]
+    at: Option<f64>,
+    /// What near means
+    #[arg(long, default_value = "cosine", value_name = "cosine|euclid", value_parser = distance)]
+    distance: Distance,
+    /// What is left out: the window itself, windows that share a frame with it, its clip, its take (the same recording, a
+    /// partner's too), its choreography; each leaves out what those before it do
+    #[arg(long, default_value = "take", value_name = "self|overlap|clip|take|choreography|none", value_parser = exclude)]
+    exclude: Exclude,
+    /// Of each clip only its nearest window
+    #[arg(long)]
+    one_a_clip: bool,
+    /// Write a page that plays the query beside what was found (.html)
+    #[arg(long, value_name = "FILE")]
+    page: Option<PathBuf>,
+    /// One JSON object instead of a table
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    let index = Index::open(&args.index)?;
+    let read = args.read.options(RestFrame::Drop);
+    let as_indexed = read == ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
+    let Args { clip, at, k, distance, exclude, one_a_clip, page, json, .. } = args;
+    let question = Question { clip, read, as_indexed, at_s: at, k, distance, exclude, one_a_clip };
+    let answer = find(&index, &question)?;
+    for line in &answer.said {
+        say.line(line);
+    }
+    if let Some(page) = page {
+        let bytes = answer.write_page(&page)?;
+        say.line(format_args!("{}: {} KB; open it in a browser", page.display(), bytes / 1000));
+    }
+    let what = index.options().transform.name();
+    if json {
+        let line = json!({
+            "schema": 1, "query": answer.query, "windows": answer.windows, "transform": what,
+            "distance": distance.name(), "exclude": exclude.name(), "found": answer.found,
+        });
+        return print(&format!("{line}\n"));
+    }
+    let (query, ms) = (&answer.query, 1e3 * answer.seconds);
+    say.line(format_args!(
+        "{} from {:.2} to {:.2} s among {} windows by {what}, exclude {}; searched in {ms:.1} ms",
+        query.clip,
+        query.start_s,
+        query.end_s,
+        answer.windows,
+        exclude.name()
+    ));
+    print(&table(&answer, distance))
+}
+
+fn table(answer: &Answer, distance: Distance) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_FULL_CONDENSED);
+    table.set_content_arrangement(ContentArrangement::Disabled);
+    table.set_header(["", distance.name(), "clip", "seconds", "labels"]);
+    for found in &answer.found {
+        let window = &found.window;
+        table.add_row([
+            found.rank.to_string(),
+            format!("{:.4}", found.value),
+            window.clip.clone(),
+            format!("{:.2} to {:.2}", window.start_s, window.end_s),
+            window.labelled(),
+        ]);
+    }
+    table.column_iter_mut().take(2).for_each(|c| c.set_cell_alignment(CellAlignment::Right));
+    format!("{table}\n")
+}

@@ -1,0 +1,56 @@
+//! A database to measure searches with.
+
+use super::database::Database;
+use super::maker::Maker;
+use super::options::{IndexOptions, Kind};
+use super::part::Part;
+use super::record::ClipEntry;
+use crate::{Error, Result, random};
+use kinelm_motion::format::ReadOptions;
+use kinelm_motion::synth;
+use rayon::prelude::*;
+use std::path::PathBuf;
+
+/// How much the numbers of copied windows are scattered, as a share of each.
+const SCATTER: f64 = 0.2;
+/// Seconds of a made-up dance, and how many there are.
+const DANCES: (f64, usize) = (60.0, 24);
+
+/// `windows` windows of made-up dances, told by a kind that needs nothing fitted, as an index holds them, in memory: those of
+/// 24 dances again and again, each number scattered by 20 % of itself.
+///
+/// # Errors
+/// [`Error::Call`] for a kind that must be fitted or trained.
+pub fn made_up(kind: &Kind, windows: usize) -> Result<Database> {
+    let options = IndexOptions::new(kind.clone());
+    if matches!(kind, Kind::Pca { .. } | Kind::Model { .. }) {
+        return Err(Error::Call(format!("made-up windows by {}; expected stft or dct", kind.name())));
+    }
+    let (maker, mut finisher) = Maker::new(&options, None)?;
+    let numbers = maker.numbers(&finisher);
+    let mut first = Vec::new();
+    for dance in synth::corpus(1, DANCES.1, DANCES.0, options.windows.fps)? {
+        let starts: Vec<usize> = options.windows.starts(dance.clip.frames(), 0).collect();
+        first.extend(finisher.finish(maker.make(&dance.clip, &starts)?)?);
+    }
+    let mut features = vec![0.0f32; windows * numbers];
+    features.par_chunks_mut(numbers).enumerate().for_each(|(window, feature)| {
+        let mut rng = random::stream(1, "made-up windows", 0, window as u64);
+        let from = &first[window * numbers % first.len()..][..numbers];
+        for (to, &x) in feature.iter_mut().zip(from) {
+            *to = (f64::from(x) * (1.0 + SCATTER * (2.0 * random::unit(&mut rng) - 1.0))) as f32;
+        }
+    });
+    let starts = (0..windows).map(|w| w * options.windows.hop).collect();
+    let entry = ClipEntry {
+        name: "made-up".into(),
+        path: PathBuf::new(),
+        sha256: String::new(),
+        read: ReadOptions::default(),
+        take: "made-up".into(),
+        labels: Default::default(),
+        frames: (windows + 1) * options.windows.hop,
+        starts,
+    };
+    Ok(Database::new(numbers, vec![(Part::held(features, numbers).with_halves(numbers), vec![entry])]))
+}

@@ -1,0 +1,202 @@
+//! `kinelm query` as a user runs it.
+
+use assert_cmd::Command;
+use kinelm_motion::{Motion, Source, format, synth};
+use predicates::prelude::PredicateBooleanExt;
+use predicates::str::contains;
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const TRAIN: &str = "[model]\nlayers = 1\nheads = 2\nwidth = 32\ncontext = 60\n\
+                     [train]\nbatch = 2\nsteps = 2\nwarmup = 1\neval_every = 2\ncheckpoint_every = 2\n";
+
+fn kinelm() -> Command {
+    let mut c = Command::cargo_bin("kinelm").unwrap();
+    c.env("NO_COLOR", "1");
+    c
+}
+
+/// Six short dances of two genres in three takes, and one that is too short.
+struct Data(tempfile::TempDir);
+
+impl Data {
+    fn new() -> Data {
+        let data = Data(tempfile::tempdir().unwrap());
+        fs::create_dir(data.at("data")).unwrap();
+        let mut csv = "clip,split,genre,take\n".to_string();
+        for (i, dance) in synth::corpus(4, 7, 4.0, 30.0).unwrap().into_iter().enumerate() {
+            let path = data.at(&format!("data/d{i}.bvh"));
+            let clip = if i == 6 { dance.clip.slice(0..30) } else { dance.clip };
+            let motion = Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] };
+            format::write(&path, &motion).unwrap();
+            let split = ["train", "train", "valid", "test"][i % 4];
+            csv += &format!("d{i},{split},{},t{}\n", ["salsa", "waltz"][i % 2], i / 2);
+        }
+        fs::write(data.at("labels.csv"), csv).unwrap();
+        data
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// A call on all clips with their labels.
+    fn call(&self, words: &[&str]) -> Command {
+        let mut c = kinelm();
+        c.args(words).arg(self.at("data")).arg("--labels").arg(self.at("labels.csv"));
+        c
+    }
+
+    fn find(&self, clip: &str, index: &str) -> Command {
+        let mut c = kinelm();
+        c.args(["query", "find"]).arg(self.at(clip)).arg("--index").arg(self.at(index));
+        c
+    }
+}
+
+fn json(c: &mut Command) -> Value {
+    let output = c.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+fn names(dir: &Path) -> Vec<String> {
+    let mut names: Vec<String> =
+        fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn an_index_a_question_and_a_page() {
+    let data = Data::new();
+    let index = data.at("index");
+    for (transform, of) in [("stft", "stft"), ("pca", "pca"), ("dct", "dct")] {
+        let mut c = data.call(&["query", "build", "--transform", transform, "--joints", "root,legs", "--out"]);
+        let _ = fs::remove_dir_all(&index);
+        c.arg(&index).assert().success().stderr(
+            contains(format!("6 clips, 12 windows added, 12 in all; {of}, 128 frames at 60 fps"))
+                .and(contains("1 clips are shorter than a window of 2.133 s"))
+                .and(contains("joints pelvis left_hip right_hip")),
+        );
+        let found = json(data.find("data/d2.bvh", "index").args(["-k", "3", "--json"]));
+        assert_eq!(
+            (&found["schema"], &found["transform"], &found["query"]["clip"]),
+            (&1.into(), &of.into(), &"d2".into())
+        );
+        let list = found["found"].as_array().unwrap();
+        assert_eq!(list.len(), 3);
+        for (i, one) in list.iter().enumerate() {
+            assert_eq!(one["rank"], i + 1);
+            assert!(one["value"].as_f64().unwrap() <= 1.0 && one["take"] != "t1" && one["labels"]["genre"].is_string());
+        }
+    }
+    assert_eq!(names(&index), ["index.json", "part-0001"]);
+    assert_eq!(names(&index.join("part-0001")), ["clips.jsonl", "features.f32", "halves.f16", "sizes.f64"]);
+
+    // the same again adds nothing; threads change nothing
+    let before = fs::read(index.join("index.json")).unwrap();
+    let more = contains("6 clips are in the index already").and(contains("0 windows added, 12 in all"));
+    data.call(&["query", "build", "--out"]).arg(&index).assert().success().stderr(more);
+    assert_eq!(fs::read(index.join("index.json")).unwrap(), before);
+    let mut again = data.call(&["query", "build", "--threads", "1", "--joints", "root,legs", "--out"]);
+    again.arg(data.at("one")).assert().success();
+    assert_eq!(fs::read(data.at("one/index.json")).unwrap(), before);
+
+    let page = data.at("page.html");
+    let mut c = data.find("data/d0.bvh", "index");
+    c.args(["--at", "1", "--distance", "euclid", "--exclude", "none", "--one-a-clip", "-k", "2", "--page"]).arg(&page);
+    let table = contains("euclid").and(contains("1.00 to 3.13")).and(contains("genre waltz"));
+    c.assert().success().stdout(table).stderr(contains("d0 from 1.00 to 3.13 s among 12 windows by dct"));
+    assert!(fs::read_to_string(page).unwrap().contains("asked: d0"));
+}
+
+#[test]
+fn a_models_own_embedding() {
+    let data = Data::new();
+    let (tokenizer, corpus, run) = (data.at("t.json"), data.at("corpus"), data.at("run"));
+    fs::write(data.at("c.toml"), TRAIN).unwrap();
+    data.call(&["tokenizer", "fit", "--joints", "root,left_knee", "--out"]).arg(&tokenizer).assert().success();
+    data.call(&["tokenize", "--tokenizer"]).arg(&tokenizer).arg("--out").arg(&corpus).assert().success();
+    let mut c = kinelm();
+    c.arg("pretrain").arg("--config").arg(data.at("c.toml")).arg("--corpus").arg(&corpus).arg("--run").arg(&run);
+    c.assert().success();
+    let mut c = data.call(&["query", "build", "--out"]);
+    c.arg(data.at("index")).arg("--run").arg(&run).assert().success().stderr(contains("12 in all; model"));
+    let mut c = data.find("data/d1.bvh", "index");
+    let found = json(c.args(["-k", "1", "--exclude", "none", "--at", "0", "--json"]));
+    let first = &found["found"][0];
+    assert_eq!((&first["clip"], &first["start"]), (&"d1".into(), &0.into()));
+    // the same window read alone or beside others
+    assert!((first["value"].as_f64().unwrap() - 1.0).abs() < 1e-6, "{first}");
+    let mut c = data.call(&["query", "evaluate", "-k", "2", "--transform", "model,dct", "--run"]);
+    c.arg(&run).assert().success().stdout(contains("model, cosine").and(contains("2 at random")));
+    let mut c = data.call(&["query", "build", "--joints", "legs", "--transform", "model", "--run"]);
+    c.arg(&run).arg("--out").arg(data.at("no")).assert().code(1).stderr(contains("its own tokenizer"));
+    // trained on: other weights
+    let checkpoint = fs::read_to_string(run.join("latest")).unwrap();
+    fs::write(run.join("checkpoints").join(checkpoint.trim()).join("model.safetensors"), "cut").unwrap();
+    data.find("data/d1.bvh", "index").assert().code(1);
+}
+
+#[test]
+fn an_evaluation_as_tables_and_json() {
+    let data = Data::new();
+    let mut c = data.call(&["query", "evaluate", "-k", "2", "--transform", "stft,dct,pca"]);
+    let table = contains("genre: 2 values").and(contains("stft, euclid")).and(contains("exclude overlap: %"));
+    c.assert().success().stdout(table).stderr(contains("6 clips of 3 recordings"));
+    let report = json(data.call(&["query", "evaluate", "-k", "2", "--transform", "dct"]).arg("--json"));
+    // two distances, chance, five exclusions, two phases
+    assert_eq!((&report["schema"], report["rows"].as_array().unwrap().len()), (&1.into(), 30));
+    let mut c = data.call(&["query", "evaluate", "-k", "2", "--transform", "dct", "--markdown", "--save"]);
+    c.arg(data.at("saved.json")).assert().success().stdout(contains("| dct, cosine |"));
+    let saved: Value = serde_json::from_slice(&fs::read(data.at("saved.json")).unwrap()).unwrap();
+    assert_eq!(saved, report);
+}
+
+#[test]
+fn what_is_wrong_is_said_and_nothing_is_left() {
+    let data = Data::new();
+    let before = names(data.0.path());
+    let wrong = |words: &[&str], code: i32, says: &str| {
+        data.call(words).arg("--out").arg(data.at("no")).assert().code(code).stderr(contains(says));
+    };
+    wrong(&["query", "build", "--joints", "tail"], 2, "no joint or group \"tail\"");
+    wrong(&["query", "build", "--transform", "model"], 2, "needs --run");
+    wrong(&["query", "build", "--keep", "3", "--transform", "stft"], 2, "--keep");
+    wrong(&["query", "build", "--keep", "129"], 1, "expected 1 to 128");
+    wrong(&["query", "build", "--window", "400"], 1, "no clip is as long as a window of 400 frames");
+    fs::create_dir(data.at("empty")).unwrap();
+    let mut c = kinelm();
+    c.args(["query", "build"]).arg(data.at("empty")).arg("--out").arg(data.at("no"));
+    c.assert().code(1).stderr(contains("no motion in"));
+    fs::remove_dir(data.at("empty")).unwrap();
+    let evaluate = |words: &[&str], says: &str| {
+        data.call(&["query", "evaluate"]).args(words).assert().code(1).stderr(contains(says));
+    };
+    evaluate(&["--fields", "dancer"], "label `dancer`: 6 of 6 clips don't have it");
+    evaluate(&["--where", "genre=polka"], "no clip has the labels genre=polka");
+    evaluate(&["--exclude", "choreography"], "no clip has the label `choreography`");
+    data.find("data/d0.bvh", "data").assert().code(1).stderr(contains("no index.json").and(contains("query build")));
+    assert_eq!(names(data.0.path()), before);
+
+    data.call(&["query", "build", "--out"]).arg(data.at("index")).assert().success();
+    data.find("data/d6.bvh", "index")
+        .assert()
+        .code(1)
+        .stderr(contains("d6.bvh").and(contains("at least 128 (2.13 s)")));
+    data.find("data/d0.bvh", "index").args(["--at", "9"]).assert().code(1).stderr(contains("a window from 9 s on"));
+    data.find("data/d0.bvh", "index").args(["--exclude", "me"]).assert().code(2).stderr(contains("self, overlap"));
+    let mut c = data.call(&["query", "build", "--hop", "32", "--out"]);
+    c.arg(data.at("index"))
+        .assert()
+        .code(1)
+        .stderr(contains("hop 64 frames").and(contains("hop 32 frames, as asked for")));
+    let path = data.at("index/index.json");
+    let text = fs::read_to_string(&path).unwrap();
+    fs::write(&path, text.replace("\"version\": 1", "\"version\": 9")).unwrap();
+    let says = contains("found version 9").and(contains("expected version 1; build the index again"));
+    data.find("data/d0.bvh", "index").assert().code(1).stderr(says);
+    assert_eq!(names(&data.at("index")), ["index.json", "part-0001"]);
+}

@@ -15,7 +15,7 @@ pub struct Maker {
 
 enum How {
     Transform(Transform),
-    Words(Speaker),
+    Words(Box<Speaker>),
 }
 
 /// What comes of a clip before a model reads.
@@ -42,7 +42,7 @@ impl Maker {
             (_, Some(transform)) => (How::Transform(transform), None),
             (Kind::Model { run, weights }, _) => {
                 let (speaker, reader) = model::open(run, weights)?;
-                (How::Words(speaker), Some(reader))
+                (How::Words(Box::new(speaker)), Some(reader))
             }
             _ => {
                 let basis = basis.unwrap_or_else(|| panic!("a fitted transform without its basis"));

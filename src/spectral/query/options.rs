@@ -113,7 +113,8 @@ impl IndexOptions {
 
     /// Where `other` asks for something else: option, here, there.
     pub fn differences(&self, other: &IndexOptions) -> Vec<(&'static str, String, String)> {
-        let both: [(&str, fn(&IndexOptions) -> String); 6] = [
+        type Told = fn(&IndexOptions) -> String;
+        let both: [(&str, Told); 6] = [
             ("transform", |o| o.transform.told()),
             ("window", |o| format!("{} frames", o.windows.frames)),
             ("hop", |o| format!("{} frames", o.windows.hop)),

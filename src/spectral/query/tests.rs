@@ -95,7 +95,7 @@ fn found_is_what_measuring_everything_finds() {
         for distance in [Distance::Cosine, Distance::Euclid] {
             for (k, one_a_clip) in [(0, false), (1, false), (10, false), (10, true), (1000, false), (1000, true)] {
                 let wanted = Wanted { k, distance, one_a_clip };
-                let allowed = |w: usize| w.abs_diff(query) > 2 || w % 5 == 0;
+                let allowed = |w: usize| w.abs_diff(query) > 2 || w.is_multiple_of(5);
                 let expected = by_hand(&held, held.feature(query), wanted, &allowed);
                 let found = written.nearest(held.feature(query), wanted, &allowed);
                 assert_eq!(found, expected, "{query} {wanted:?} by half floats");

@@ -6,12 +6,14 @@
 
 pub mod border_jerk;
 pub mod geodesic_error;
+pub mod jitter;
 pub mod mpjpe;
 pub mod short_term;
 pub mod vector_angle;
 
 pub use border_jerk::BorderJerk;
 pub use geodesic_error::GeodesicError;
+pub use jitter::jitter;
 pub use mpjpe::Mpjpe;
 pub use short_term::ShortTerm;
 pub use vector_angle::VectorAngle;

@@ -97,7 +97,7 @@ pub fn chart(runs: &[(String, Log)], metric: Metric, over: Over) -> Chart {
         Over::Time => "hours of training steps",
     };
     let scales = (Scale::Linear, metric.scale());
-    Chart { title: metric.label().into(), x: x.into(), y: metric.label().into(), scales, series, rules: Vec::new() }
+    Chart { title: metric.label().into(), x: x.into(), y: metric.label().into(), scales, series, ..Chart::default() }
 }
 
 /// Where each step stands on the horizontal axis.

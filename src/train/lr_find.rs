@@ -178,6 +178,7 @@ impl Found {
             scales: (Scale::Log, Scale::Log),
             series: vec![series("loss", Look::Faint, |t| t.loss), series("smoothed", Look::Line, |t| t.smoothed)],
             rules: [rule("suggestion", self.suggestion), rule("turn", self.turn)].into_iter().flatten().collect(),
+            ..Chart::default()
         }
     }
 }

@@ -27,8 +27,17 @@ impl Axis {
         }
     }
 
+    /// From here to there, evenly.
+    pub fn exactly([low, high]: [f64; 2]) -> Axis {
+        if high > low {
+            Axis { scale: Scale::Linear, low, high }
+        } else {
+            Axis::around(Scale::Linear, [low].into_iter())
+        }
+    }
+
     /// Where a number stands, 0 at the lower end and 1 at the upper.
-    fn along(&self, v: f64) -> f64 {
+    pub fn along(&self, v: f64) -> f64 {
         match self.scale {
             Scale::Log => (v / self.low).ln() / (self.high / self.low).ln(),
             Scale::Linear => (v - self.low) / (self.high - self.low),
@@ -58,8 +67,11 @@ pub struct Axes {
 }
 
 impl Axes {
-    /// Those that hold all points of a chart.
+    /// Those that hold all points of a chart, or those of its picture of numbers.
     pub fn of(chart: &Chart, frame: [i32; 4]) -> Axes {
+        if let Some(heat) = &chart.heat {
+            return Axes { x: Axis::exactly(heat.x), y: Axis::exactly(heat.y), frame };
+        }
         let points = || chart.series.iter().flat_map(|s| chart.drawable(s));
         let (x, y) = chart.scales;
         Axes { x: Axis::around(x, points().map(|p| p.0)), y: Axis::around(y, points().map(|p| p.1)), frame }

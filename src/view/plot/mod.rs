@@ -1,7 +1,10 @@
 //! Charts as PNG and SVG, without fonts of the system.
 
 mod axes;
+mod heat;
 mod picture;
+
+pub use heat::Heat;
 
 use crate::{Error, Result, files};
 use plotters::prelude::*;
@@ -84,12 +87,14 @@ pub struct Chart {
     pub series: Vec<Series>,
     /// Upright lines; those outside the points' range are left out.
     pub rules: Vec<Rule>,
+    /// A picture of numbers beneath; the axes are then its own.
+    pub heat: Option<Heat>,
 }
 
 impl Chart {
     /// Whether there is anything to draw.
     pub fn is_empty(&self) -> bool {
-        self.series.iter().all(|s| self.drawable(s).next().is_none())
+        self.heat.as_ref().is_none_or(Heat::is_empty) && self.series.iter().all(|s| self.drawable(s).next().is_none())
     }
 
     /// The points of a series that have a place.
@@ -227,6 +232,22 @@ mod tests {
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
         let message = draw_as(&dir.path().join("p.gif"), &[chart]).unwrap_err().to_string();
         assert!(message.ends_with("p.gif: expected a name ending in .png or .svg"), "{message}");
+    }
+
+    #[test]
+    fn numbers_as_colours() {
+        let dir = tempfile::tempdir().unwrap();
+        let values = (0..12).map(f64::from).collect();
+        let heat = Heat { x: [0.0, 2.0], y: [0.0, 30.0], columns: 4, values, limits: [0.0, 11.0], label: "dB".into() };
+        let (scales, rules) = ((Scale::Linear, Scale::Linear), vec![Rule { x: 1.0, name: "here".into() }]);
+        let chart = Chart { scales, rules, heat: Some(heat), ..chart(Vec::new()) };
+        assert!(!chart.is_empty());
+        draw(&dir.path().join("p.png"), std::slice::from_ref(&chart)).unwrap();
+        let svg = std::fs::read_to_string(dir.path().join("p.svg")).unwrap();
+        for colour in ["#440154", "#FDE725"] {
+            assert!(svg.contains(colour), "{colour}, the lowest and the highest");
+        }
+        assert!(svg.contains("dB\n") && svg.contains("here\n"));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Charts as lines, marks and text on any backend.
 
 use super::axes::{Axes, number};
-use super::{Chart, Look, Rule};
+use super::{Chart, Look, Rule, heat};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -17,7 +17,7 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(60, 60, 60),
     RGBColor(230, 159, 0),
 ];
-const GREY: RGBColor = RGBColor(90, 90, 90);
+pub const GREY: RGBColor = RGBColor(90, 90, 90);
 const FAINT: RGBColor = RGBColor(225, 225, 225);
 /// What theory says.
 const REFERENCE: RGBColor = RGBColor(150, 150, 150);
@@ -37,15 +37,20 @@ pub fn all<B: DrawingBackend>(area: DrawingArea<B, Shift>, charts: &[&Chart]) ->
     area.present().map_err(|e| e.to_string())
 }
 
-type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
+/// What drawing may fail with.
+pub type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
 fn one<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) -> Drawn<B> {
     let (width, height) = area.dim_in_pixel();
     let [left, top, right, bottom] = AROUND;
     let longest = chart.series.iter().map(|s| s.name.chars().count().min(LETTERS)).max().unwrap_or(0);
-    let right = width as i32 - right - 36 - (longest as f64 * LETTER) as i32;
+    let scale = if chart.heat.is_some() { heat::WIDTH } else { 36 };
+    let right = width as i32 - right - scale - (longest as f64 * LETTER) as i32;
     let axes = Axes::of(chart, [left, top, right, height as i32 - bottom]);
     grid(area, chart, &axes)?;
+    if let Some(heat) = &chart.heat {
+        heat::draw(area, heat, &axes)?;
+    }
     let (mut next, mut legend) = (0, Vec::new());
     for series in &chart.series {
         let points: Vec<(i32, i32)> = chart.drawable(series).map(|p| axes.at(p)).collect();
@@ -88,7 +93,8 @@ fn grid<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart, axes: &A
     area.draw(&Text::new(chart.y.clone(), (8, (top + bottom) / 2), middle))
 }
 
-fn style(size: u32, h: HPos, v: VPos) -> TextStyle<'static> {
+/// Small grey text.
+pub fn style(size: u32, h: HPos, v: VPos) -> TextStyle<'static> {
     TextStyle::from(("sans-serif", size).into_font()).color(&GREY).pos(Pos::new(h, v))
 }
 

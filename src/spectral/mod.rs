@@ -5,12 +5,17 @@
 //! cosine transform, or coordinates in a basis of principal components. Source: PROTOCOLS 6.1, after the
 //! motion-language thesis.
 //!
+//! Beside these, [`filter`] takes fast movements away, and [`interpolate`] draws one dance towards another.
+//!
 //! **Letters**: C channels (three a joint), N frames of a window. Windows are (C, N), features (C, numbers a channel).
 
 pub mod dct;
 pub mod feature;
+pub mod filter;
+pub mod interpolate;
 pub mod pca;
 pub mod query;
+pub mod picture;
 pub mod series;
 pub mod stft;
 pub mod windows;

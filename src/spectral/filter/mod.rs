@@ -1,0 +1,163 @@
+//! A dance without its fast movements: for teaching simpler versions of it.
+//!
+//! A low pass is made for numbers; rotations have to be made numbers without a break. Unit quaternions whose signs follow
+//! each other have none: a turn of any length is a smooth curve of them, where Euler angles jump at 180 degrees and rotation
+//! vectors at a full turn. Their four components are filtered each by itself and made unit again, which for small movements
+//! is what filtering rotation vectors would do, and for a steady spin changes nothing but its length, that is nothing at all.
+//!
+//! A spin of n turns a second is a wave of n/2 Hz in quaternions. One beyond the band is taken away like any other
+//! movement; where less than half of a joint's quaternion is left, its direction means little, and [`Filtered::lost`] counts
+//! it.
+
+pub mod butterworth;
+
+pub use butterworth::Butterworth;
+
+use crate::{Error, Result};
+use kinelm_motion::rotation::nearest_sign;
+use kinelm_motion::{Clip, Quat, Vec3};
+use kinelm_tokenizer::transform::dct::Dct;
+
+/// The highest frequency of the low band, Hz: coefficients 0 to 15 of 128 frames at 60 a second.
+pub const LOW_HZ: f64 = 15.0 * 60.0 / 256.0;
+/// The highest frequency of the low and middle bands together, Hz: coefficients 0 to 31 of 128 frames at 60 a second.
+pub const MIDDLE_HZ: f64 = 31.0 * 60.0 / 256.0;
+
+/// A low pass.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Filter {
+    /// The cosine transform over the whole clip, cut off behind the last coefficient that isn't above this frequency, Hz.
+    Band {
+        /// Hz.
+        cutoff_hz: f64,
+    },
+    /// A number of coefficients of the cosine transform over the whole clip.
+    Coefficients {
+        /// K: 0 to K - 1 are kept.
+        keep: usize,
+    },
+    /// Butterworth, forth and back.
+    Butterworth {
+        /// Poles.
+        order: usize,
+        /// Hz.
+        cutoff_hz: f64,
+    },
+}
+
+/// A filtered clip.
+#[derive(Debug, Clone)]
+pub struct Filtered {
+    /// The clip: the same skeleton, rate and frames.
+    pub clip: Clip,
+    /// Coefficients kept, of those that there are; `None` for Butterworth.
+    pub kept: Option<[usize; 2]>,
+    /// (frame, joint) of rotations that turn too fast for the band, of which the filter left less than half: those with
+    /// nothing left are as they were.
+    pub lost: Vec<(usize, usize)>,
+}
+
+/// How many coefficients of a cosine transform over `frames` at `fps` aren't above a frequency: those with
+/// `k fps / (2 frames) <= cutoff_hz`. 16 for [`LOW_HZ`] and 32 for [`MIDDLE_HZ`] of 128 frames at 60 a second.
+pub fn coefficients(frames: usize, fps: f64, cutoff_hz: f64) -> usize {
+    ((2 * frames) as f64 * cutoff_hz / fps + 1e-9).floor() as usize + 1
+}
+
+/// A clip without what lies above a frequency: rotations and the root's path.
+///
+/// Beyond the clip's ends the cosine transform goes on as if time ran backwards there, Butterworth as if turned by half
+/// a circle about the end. Source: PROTOCOLS 6.3 (the thesis's figure 3.5) and scipy's `filtfilt`.
+///
+/// # Errors
+/// A cut-off that isn't above 0 and below half the rate; more coefficients than frames, or none; for Butterworth what
+/// [`Butterworth::new`] and [`Butterworth::filtfilt`] refuse; a clip without frames.
+pub fn filter(clip: &Clip, filter: &Filter) -> Result<Filtered> {
+    if clip.frames() == 0 {
+        return Err(Error::Call("a clip of no frames can't be filtered".into()));
+    }
+    let pass = Pass::of(clip, filter)?;
+    let (f, j) = (clip.frames(), clip.joints());
+    let axes = [0, 1, 2].map(|i| clip.root().iter().map(|p| p[i]).collect::<Vec<f64>>());
+    let [x, y, z] = pass.all(axes)?;
+    let root = (0..f).map(|t| Vec3::new(x[t], y[t], z[t])).collect();
+    let (mut rotations, mut lost) = (clip.rotations().to_vec(), Vec::new());
+    for joint in 0..j {
+        let own: Vec<Quat> = continuous((0..f).map(|t| clip.rotations()[t * j + joint]));
+        let parts = [0, 1, 2, 3].map(|i| own.iter().map(|q| q.to_array()[i]).collect::<Vec<f64>>());
+        let [x, y, z, w] = pass.all(parts)?;
+        for t in 0..f {
+            let q = Quat::from_xyzw(x[t], y[t], z[t], w[t]);
+            if q.length_squared() < 0.25 {
+                lost.push((t, joint));
+            }
+            if q.length_squared() > 1e-6 {
+                rotations[t * j + joint] = q.normalize();
+            }
+        }
+    }
+    let clip = Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations)?;
+    let kept = match pass {
+        Pass::Band { keep, .. } => Some([keep, f]),
+        Pass::Butterworth(_) => None,
+    };
+    Ok(Filtered { clip, kept, lost })
+}
+
+/// Rotations of one joint over time, each with the sign that lies nearer to the one before.
+fn continuous(rotations: impl Iterator<Item = Quat>) -> Vec<Quat> {
+    let mut all: Vec<Quat> = Vec::new();
+    for q in rotations {
+        all.push(all.last().map_or(q, |&before| nearest_sign(q, before)));
+    }
+    all
+}
+
+/// A filter made for one clip.
+enum Pass {
+    Band { dct: Dct, keep: usize },
+    Butterworth(Butterworth),
+}
+
+impl Pass {
+    fn of(clip: &Clip, filter: &Filter) -> Result<Pass> {
+        let (f, fps) = (clip.frames(), clip.fps());
+        let band = |keep: usize| Pass::Band { dct: Dct::new(f), keep };
+        match *filter {
+            Filter::Band { cutoff_hz } if !(cutoff_hz > 0.0 && cutoff_hz < 0.5 * fps) => Err(beyond(cutoff_hz, fps)),
+            Filter::Band { cutoff_hz } => Ok(band(coefficients(f, fps, cutoff_hz).min(f))),
+            Filter::Coefficients { keep } if keep == 0 || keep > f => {
+                Err(Error::Call(format!("{keep} coefficients of a clip of {f} frames; expected 1 to {f}")))
+            }
+            Filter::Coefficients { keep } => Ok(band(keep)),
+            Filter::Butterworth { order, cutoff_hz } => Ok(Pass::Butterworth(Butterworth::new(order, cutoff_hz, fps)?)),
+        }
+    }
+
+    /// Each of some series filtered.
+    fn all<const N: usize>(&self, mut series: [Vec<f64>; N]) -> Result<[Vec<f64>; N]> {
+        for x in &mut series {
+            match self {
+                Pass::Band { dct, keep } => {
+                    let mut scratch = vec![0.0; dct.scratch_len()];
+                    dct.forward(x, &mut scratch);
+                    x[*keep..].fill(0.0);
+                    dct.inverse(x, &mut scratch);
+                }
+                Pass::Butterworth(filter) => *x = filter.filtfilt(x)?,
+            }
+        }
+        Ok(series)
+    }
+}
+
+/// A cut-off that a rate can't hold.
+fn beyond(cutoff_hz: f64, fps: f64) -> Error {
+    let half = 0.5 * fps;
+    Error::Call(format!(
+        "a cut-off of {cutoff_hz} Hz at {fps} frames a second; expected above 0 and below half the rate, {half} Hz: \
+         nothing faster is in the clip"
+    ))
+}
+
+#[cfg(test)]
+mod tests;

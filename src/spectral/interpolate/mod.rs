@@ -1,0 +1,354 @@
+//! One dance drawn towards another: its rotations moved until their spectrum is the other's, or lies between.
+//!
+//! [`Window`] makes two clips comparable, [`descent::interpolate`] moves the first's rotation vectors, [`blend`] does both
+//! and measures what came of it. The root's path stays the first's. Source: PROTOCOLS 6.3, after the motion-language thesis.
+
+pub mod align;
+pub mod descent;
+
+pub use align::{Aligned, Window};
+pub use descent::{Descent, How};
+
+use super::pca::PcaFit;
+use super::{LowDct, PcaBasis, Series, Stft, Transform, WindowSpec};
+use crate::{Error, Result};
+use kinelm_motion::metric::jitter;
+use kinelm_motion::{Clip, Motion};
+use serde::Serialize;
+use std::fmt;
+
+/// Frames of the longest window that a basis is fitted to: its covariance has their square.
+const MOST_OF_PCA: usize = 1024;
+/// Of the larger jitter of the two dances what lies between may have.
+pub const JITTER_BOUND: f64 = 1.1;
+
+/// Whose spectrum.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Kind {
+    /// Low coefficients of a cosine transform: what is above stays the first dance's.
+    #[default]
+    Dct,
+    /// Coordinates in a basis of principal components, fitted to both clips.
+    Pca,
+    /// Magnitudes of a short-time Fourier transform; their phase is free, and what comes of them shakes.
+    Stft,
+}
+
+/// How two dances are blended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// What of them.
+    pub window: Window,
+    /// By which spectrum.
+    pub kind: Kind,
+    /// Coefficients or components that are moved; `None`: those up to 3.5 Hz, 16 for a basis.
+    pub keep: Option<usize>,
+    /// How far and in which way.
+    pub how: Way,
+}
+
+/// How far and in which way; rates that are `None` are found once it is known how many numbers a feature has.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Way {
+    /// As [`How::Closed`].
+    Closed {
+        /// 0 is the first dance, 1 has the second's spectrum.
+        amount: f64,
+    },
+    /// As [`How::Adam`]; its rate is [`Descent::ADAM_RATE`] by itself.
+    Adam {
+        /// How far the goal lies.
+        strength: f64,
+        /// Step size.
+        rate: Option<f64>,
+        /// Steps.
+        steps: usize,
+    },
+    /// As [`How::Plain`]; by itself at the rate that goes 99 % of the way.
+    Plain {
+        /// How far the goal lies.
+        strength: f64,
+        /// Step size.
+        rate: Option<f64>,
+        /// Steps.
+        steps: usize,
+    },
+}
+
+/// Share of its way that plain descent goes unless it is told a rate.
+const PLAIN_SHARE: f64 = 0.99;
+
+impl Way {
+    /// For features of n numbers.
+    fn resolve(self, n: usize) -> How {
+        match self {
+            Way::Closed { amount } => How::Closed { amount },
+            Way::Adam { strength, rate, steps } => {
+                How::Adam(Descent { strength, rate: rate.unwrap_or(Descent::ADAM_RATE), steps })
+            }
+            Way::Plain { strength, rate, steps } => {
+                let rate = rate.unwrap_or_else(|| Descent::rate_for(PLAIN_SHARE, n, steps));
+                How::Plain(Descent { strength, rate, steps })
+            }
+        }
+    }
+}
+
+/// Two dances and what lies between.
+#[derive(Debug, Clone)]
+pub struct Blended {
+    /// The first's window, the second's on the first's rig, and the one between, on the first's rig and path.
+    pub clips: [Clip; 3],
+    /// What was changed to make the two comparable.
+    pub said: Vec<String>,
+    /// What was measured.
+    pub report: Report,
+}
+
+/// How alike three windows are, by the cosine of their features.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Likeness {
+    /// The first and the second.
+    pub a_b: f64,
+    /// The first and the one between.
+    pub a_c: f64,
+    /// The one between and the second.
+    pub c_b: f64,
+}
+
+/// What was measured of a blend.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// Frames of the window.
+    pub frames: usize,
+    /// Frames per second.
+    pub fps: f64,
+    /// C.
+    pub channels: usize,
+    /// The transform, in words.
+    pub transform: String,
+    /// Numbers of a feature.
+    pub numbers: usize,
+    /// The way, in words.
+    pub way: String,
+    /// By STFT features, whatever the transform.
+    pub stft: Likeness,
+    /// By the features of the transform.
+    pub own: Likeness,
+    /// The loss at the beginning and at the end of the way.
+    pub loss: [f64; 2],
+    /// Jitter of the first, the second and the one between, m/s^3.
+    pub jitter: [f64; 3],
+    /// Jitter of the one between over the larger of the others'; `None` where these stand still.
+    pub jitter_ratio: Option<f64>,
+    /// Whether it lies between the two by STFT features, nearer to either than they are to each other.
+    pub lies_between: bool,
+    /// Whether it shakes at most a tenth more than the more shaken of the two.
+    pub is_calm: bool,
+}
+
+/// Draws the first dance towards the second.
+///
+/// # Errors
+/// What [`Window::of`] and [`descent::interpolate`] refuse; more coefficients than frames; a basis of more components than
+/// the clips have series, or over a window of more than 1,024 frames.
+pub fn blend(a: &Motion, b: &Motion, settings: &Settings) -> Result<Blended> {
+    let Aligned { a: first, b: second, series: [sa, sb], said } = settings.window.of(a, b)?;
+    let (frames, channels) = (sa.frames, sa.channels.len());
+    let transform = settings.transform(frames, [a, b])?;
+    let how = settings.how.resolve(channels * transform.kept());
+    let way = descent::interpolate(&transform, channels, &sa.numbers, &sb.numbers, &how)?;
+    let between = Series { numbers: way.window, ..sa.clone() };
+    let third = between.onto(&first)?;
+    let windows = [&sa.numbers, &sb.numbers, &between.numbers];
+    let stft = Likeness::of(&Transform::Stft(Stft::new(frames, false)), channels, windows);
+    let shakes = [&first, &second, &third].map(|clip| jitter(clip).unwrap_or(0.0));
+    let larger = shakes[0].max(shakes[1]);
+    let report = Report {
+        frames,
+        fps: sa.fps,
+        channels,
+        transform: settings.kind.in_words(&transform),
+        numbers: channels * transform.kept(),
+        way: in_words(&how),
+        stft,
+        own: Likeness::of(&transform, channels, windows),
+        loss: way.loss,
+        jitter: shakes,
+        jitter_ratio: (larger > 0.0).then(|| shakes[2] / larger),
+        lies_between: stft.a_c > stft.a_b && stft.c_b > stft.a_b,
+        is_calm: shakes[2] <= JITTER_BOUND * larger,
+    };
+    Ok(Blended { clips: [first, second, third], said, report })
+}
+
+impl Settings {
+    fn transform(&self, frames: usize, clips: [&Motion; 2]) -> Result<Transform> {
+        let keep = self.keep.unwrap_or_else(|| match self.kind {
+            Kind::Pca => PcaBasis::KEEP.min(frames),
+            _ => self.window.low(frames),
+        });
+        if keep == 0 || keep > frames {
+            return Err(Error::Call(format!(
+                "{keep} coefficients of windows of {frames} frames; expected 1 to {frames}"
+            )));
+        }
+        match self.kind {
+            Kind::Dct => Ok(Transform::Dct(LowDct::new(frames, keep))),
+            Kind::Stft => Ok(Transform::Stft(Stft::new(frames, false))),
+            Kind::Pca => Ok(Transform::Pca(self.basis(frames, keep, clips)?)),
+        }
+    }
+
+    /// A basis fitted to all windows of both clips, half a window apart.
+    fn basis(&self, frames: usize, keep: usize, clips: [&Motion; 2]) -> Result<PcaBasis> {
+        if frames > MOST_OF_PCA {
+            let what = format!("a basis over windows of {frames} frames; expected at most {MOST_OF_PCA}: take dct");
+            return Err(Error::Call(what));
+        }
+        let spec = WindowSpec { frames, hop: (frames / 2).max(1), fps: self.window.fps };
+        let mut fit = PcaFit::new(frames);
+        let mut count = 0;
+        for motion in clips {
+            let series = Series::of(&motion.clip, &[], spec.fps, false)?;
+            for start in spec.starts(series.frames, 0) {
+                fit.add(&series.window(start, frames));
+                count += series.channels.len();
+            }
+        }
+        if count < keep {
+            return Err(Error::Call(format!(
+                "a basis of {keep} components from {count} series; expected as many at least"
+            )));
+        }
+        fit.finish(keep)
+    }
+}
+
+impl Kind {
+    /// `dct`, `pca` or `stft`, with its size.
+    fn in_words(self, transform: &Transform) -> String {
+        match transform {
+            Transform::Dct(t) => format!("dct {} of {}", t.kept(), t.length()),
+            Transform::Pca(t) => format!("pca {}", t.kept()),
+            Transform::Stft(t) => format!("stft {} x {}", t.frames(), t.bins()),
+        }
+    }
+}
+
+fn in_words(how: &How) -> String {
+    let told = |name: &str, d: &Descent| format!("{name}, strength {}, rate {}, {} steps", d.strength, d.rate, d.steps);
+    match how {
+        How::Closed { amount } => format!("closed form, amount {amount}"),
+        How::Adam(d) => told("Adam", d),
+        How::Plain(d) => told("plain descent", d),
+    }
+}
+
+impl Likeness {
+    /// Of windows a, b, c.
+    fn of(transform: &Transform, channels: usize, [a, b, c]: [&Vec<f64>; 3]) -> Likeness {
+        let [a, b, c] = [a, b, c].map(|x| transform.feature(x, channels));
+        Likeness { a_b: cosine(&a, &b), a_c: cosine(&a, &c), c_b: cosine(&c, &b) }
+    }
+}
+
+/// The cosine of the angle between two features; 0 where one of them is 0.
+fn cosine(a: &[f64], b: &[f64]) -> f64 {
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let size = (dot(a, a) * dot(b, b)).sqrt();
+    if size > 0.0 { dot(a, b) / size } else { 0.0 }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}; {} frames at {} fps, {} channels", self.way, self.frames, self.fps, self.channels)?;
+        writeln!(f, "loss {:.3e} to {:.3e}", self.loss[0], self.loss[1])?;
+        writeln!(f, "{:<14}{:>8}{:>8}{:>8}", "cosine of", "A-B", "A-C", "C-B")?;
+        for (name, l) in [("stft 16/8", self.stft), (&self.transform, self.own)] {
+            writeln!(f, "{name:<14}{:>8.3}{:>8.3}{:>8.3}", l.a_b, l.a_c, l.c_b)?;
+        }
+        let [a, b, c] = self.jitter;
+        write!(f, "jitter, m/s^3: A {a:.0}, B {b:.0}, C {c:.0}")?;
+        if let Some(ratio) = self.jitter_ratio {
+            write!(f, ", {ratio:.2} of the larger")?;
+        }
+        let yes = |is: bool| if is { "yes" } else { "no" };
+        write!(f, "\nnearer to both than they are to each other: {}; ", yes(self.lies_between))?;
+        write!(f, "at most {JITTER_BOUND} of their jitter: {}", yes(self.is_calm))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinelm_motion::rotation::angle_between;
+    use kinelm_motion::{Source, synth};
+
+    fn motions() -> [Motion; 2] {
+        // two genres of one dancer
+        let dances = synth::corpus(1, 2, 4.0, 60.0).unwrap();
+        [0, 1].map(|i| Motion {
+            path: format!("{i}.bvh").into(),
+            clip: dances[i].clip.clone(),
+            source: Source::Plain,
+            warnings: Vec::new(),
+        })
+    }
+
+    fn settings(kind: Kind, how: Way) -> Settings {
+        let window = Window { at_s: [1.0, 1.0], ..Window::default() };
+        Settings { window, kind, keep: None, how }
+    }
+
+    #[test]
+    fn half_way_lies_between_and_does_not_shake() {
+        let [a, b] = motions();
+        let adam = Way::Adam { strength: 0.5, rate: None, steps: 500 };
+        for how in [adam, Way::Closed { amount: 0.5 }, Way::Plain { strength: 0.5, rate: None, steps: 100 }] {
+            let done = blend(&a, &b, &settings(Kind::Dct, how)).unwrap();
+            let r = &done.report;
+            // made-up dances hardly shake at all: what is left of a band at the window's ends counts
+            assert!(r.lies_between && r.jitter_ratio.unwrap() < 1.3, "{r}");
+            assert!(r.own.a_b < r.own.a_c.min(r.own.c_b) && r.stft.a_b < 1.0, "{r}");
+            assert_eq!((r.frames, r.numbers), (128, 72 * 16));
+            assert_eq!(done.clips[2].root(), done.clips[0].root(), "the first's path");
+        }
+        let all = blend(&a, &b, &settings(Kind::Dct, Way::Closed { amount: 1.0 })).unwrap().report;
+        assert!((all.own.c_b - 1.0).abs() < 1e-9 && all.loss[1] < 1e-20);
+        let none = blend(&a, &b, &settings(Kind::Pca, Way::Closed { amount: 0.0 })).unwrap();
+        let worst = none.clips[0].rotations().iter().zip(none.clips[2].rotations());
+        assert!(worst.map(|(p, q)| angle_between(*p, *q)).fold(0.0, f64::max) < 1e-9);
+    }
+
+    #[test]
+    fn magnitudes_shake() {
+        let [a, b] = motions();
+        let adam = Way::Adam { strength: 0.5, rate: None, steps: 200 };
+        let ratio = |kind| blend(&a, &b, &settings(kind, adam)).unwrap().report.jitter_ratio.unwrap();
+        let (stft, dct) = (ratio(Kind::Stft), ratio(Kind::Dct));
+        assert!(stft > 1.2 * dct, "{stft} {dct}");
+    }
+
+    #[test]
+    fn a_report_says_it_all() {
+        let [a, b] = motions();
+        let report = blend(&a, &b, &settings(Kind::Pca, Way::Closed { amount: 0.5 })).unwrap().report;
+        let text = report.to_string();
+        for part in
+            ["closed form, amount 0.5", "128 frames at 60 fps, 72 channels", "pca 16", "A-C", "jitter, m/s^3: A "]
+        {
+            assert!(text.contains(part), "{part} in {text}");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused() {
+        let [a, b] = motions();
+        let said = |s: Settings| blend(&a, &b, &s).unwrap_err().to_string();
+        let half = Way::Closed { amount: 0.5 };
+        assert!(said(Settings { keep: Some(129), ..settings(Kind::Dct, half) }).contains("expected 1 to 128"));
+        assert!(said(Settings { keep: Some(0), ..settings(Kind::Pca, half) }).contains("expected 1 to 128"));
+        assert!(said(settings(Kind::Stft, half)).contains("no closed form"));
+    }
+}

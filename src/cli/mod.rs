@@ -10,17 +10,20 @@ mod demo;
 mod draw;
 mod evaluate;
 mod export;
+mod filter;
 mod finetune;
 mod fit;
 mod generate;
 mod import;
 mod inspect;
+mod interpolate;
 mod lr_find;
 mod pretrain;
 mod progress;
 mod query;
 mod read;
 mod runs;
+mod spectrum;
 mod study;
 mod tokenize;
 mod tokenizer;
@@ -78,6 +81,12 @@ enum Command {
     Export(export::Args),
     /// Such a folder as a run
     Import(import::Args),
+    /// A dance drawn towards another: its rotations moved until their spectrum lies between
+    Interpolate(interpolate::Args),
+    /// Clips without their fast movements
+    Filter(filter::Args),
+    /// Pictures of a clip's spectra
+    Spectrum(spectrum::Args),
     /// Measures
     #[command(subcommand)]
     Evaluate(evaluate::Command),
@@ -192,6 +201,9 @@ fn command(command: Command, say: Say) -> Result<()> {
         Command::Generate(args) => generate::run(args, say),
         Command::Export(args) => export::run(args, say),
         Command::Import(args) => import::run(args, say),
+        Command::Interpolate(args) => interpolate::run(args, say),
+        Command::Filter(args) => filter::run(args, say),
+        Command::Spectrum(args) => spectrum::run(&args, say),
         Command::Evaluate(command) => evaluate::run(command, say),
         Command::Query(command) => query::run(command, say),
         Command::Bench(command) => bench::run(command, say),
@@ -223,6 +235,16 @@ pub fn writable(path: &Path) -> Result<String> {
         return Err(WrongCall(what).into());
     }
     Ok(extension)
+}
+
+/// Refuses an output in a folder that isn't there, before anything is done for it.
+pub fn folder_is_there(path: &Path) -> Result<()> {
+    let folder = kinelm::files::folder_of(path);
+    if !folder.is_dir() {
+        let (path, folder) = (path.display(), folder.display());
+        return Err(WrongCall(format!("{path}: there is no folder {folder}; make it first")).into());
+    }
+    Ok(())
 }
 
 /// Refuses an output that is the input itself.

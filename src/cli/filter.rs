@@ -1,0 +1,155 @@
+//! `kinelm filter`.
+
+use super::{Say, WrongCall, extension, print, read::ReadArgs};
+use anyhow::Result;
+use kinelm::spectral::filter::{Filter, LOW_HZ, MIDDLE_HZ, filter};
+use kinelm_motion::convert::{Rig, Wanted, convert};
+use kinelm_motion::format::{self, RestFrame};
+use kinelm_motion::metric::jitter;
+use kinelm_motion::{Motion, smpl};
+use std::path::{Path, PathBuf};
+
+/// Less movement than this of one frame to the next isn't worth a word: a share of all rotations.
+const LOST_SHARE: f64 = 1e-3;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Motion files (.bvh .npz .pkl .json)
+    #[arg(required = true, value_name = "CLIP")]
+    clips: Vec<PathBuf>,
+    /// The file to write (.bvh .npz .json), or a folder for files of the clips' own names
+    #[arg(long, value_name = "FILE|DIR")]
+    out: PathBuf,
+    /// The bands of a cosine transform that stay: low, up to 3.5 Hz; or middle, up to 7.3 Hz
+    #[arg(long, value_enum, default_value = "low", conflicts_with_all = ["cutoff", "keep"])]
+    level: Level,
+    /// Movements faster than this go, Hz
+    #[arg(long, value_name = "HZ", value_parser = super::read::positive)]
+    cutoff: Option<f64>,
+    /// Coefficients of the cosine transform over the whole clip that stay
+    #[arg(long, value_name = "K", conflicts_with = "cutoff")]
+    keep: Option<usize>,
+    /// A Butterworth filter of this order instead, forth and back, as scipy's butter and filtfilt
+    #[arg(long, value_name = "ORDER", requires = "cutoff", conflicts_with = "keep")]
+    butterworth: Option<usize>,
+    /// One JSON object a clip
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+/// `--level`.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum Level {
+    /// Up to 3.5 Hz: 16 of 128 coefficients at 60 fps
+    Low,
+    /// Up to 7.3 Hz: 32 of 128
+    Middle,
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    let how = args.filter();
+    let outputs = outputs(&args.clips, &args.out)?;
+    let mut failed = 0;
+    for (clip, out) in args.clips.iter().zip(&outputs) {
+        if let Err(e) = one(clip, out, &how, &args, say) {
+            // a single clip's error is the call's
+            if args.clips.len() == 1 {
+                return Err(e);
+            }
+            failed += 1;
+            let told = super::chain(&e);
+            let clip = clip.display().to_string();
+            say.error(if told.starts_with(&clip) { told } else { format!("{clip}: {told}") });
+        }
+    }
+    anyhow::ensure!(failed == 0, "{failed} of {} clips could not be filtered", args.clips.len());
+    Ok(())
+}
+
+fn one(path: &Path, out: &Path, how: &Filter, args: &Args, say: Say) -> Result<()> {
+    let motion = format::read(path, &args.read.options(RestFrame::Drop))?;
+    super::warn(&motion, say);
+    let done = filter(&motion.clip, how)?;
+    let before = jitter(&motion.clip);
+    let total = done.clip.rotations().len();
+    if done.lost.len() as f64 > LOST_SHARE * total as f64 {
+        let (_, joint) = done.lost[0];
+        let (n, name) = (done.lost.len(), &motion.clip.skeleton().names()[joint]);
+        say.line(format_args!(
+            "{}: {n} of {total} rotations (first: {name}) turn faster than the band; a higher --cutoff keeps them",
+            path.display()
+        ));
+    }
+    let after = jitter(&done.clip);
+    let filtered = written_as(out, Motion { clip: done.clip, ..motion }, args)?;
+    format::write(out, &filtered)?;
+    let clip = &filtered.clip;
+    if args.json {
+        let line = serde_json::json!({
+            "schema": 1, "clip": path, "out": out, "frames": clip.frames(), "fps": clip.fps(), "kept": done.kept,
+            "jitter": [before, after], "too_fast": done.lost.len(),
+        });
+        return print(&format!("{line}\n"));
+    }
+    let kept = done.kept.map(|[k, n]| format!(", {k} of {n} coefficients")).unwrap_or_default();
+    let jerk = before.zip(after).map(|(a, b)| format!(", jitter {a:.0} to {b:.0} m/s^3")).unwrap_or_default();
+    let (out, frames, fps) = (out.display(), clip.frames(), (clip.fps() * 1e3).round() / 1e3);
+    say.line(format_args!("{out}: {frames} frames at {fps} fps{kept}{jerk}"));
+    Ok(())
+}
+
+/// On the rig that a format is written for: an .npz is on SMPL's.
+fn written_as(out: &Path, motion: Motion, args: &Args) -> Result<Motion> {
+    if extension(out) != "npz" {
+        return Ok(motion);
+    }
+    let wanted = Wanted { rig: Some(Rig::Smpl(smpl::neutral())), ..Wanted::default() };
+    Ok(convert(motion, &wanted, args.read.map.as_deref())?)
+}
+
+impl Args {
+    fn filter(&self) -> Filter {
+        let level = match self.level {
+            Level::Low => LOW_HZ,
+            Level::Middle => MIDDLE_HZ,
+        };
+        let cutoff_hz = self.cutoff.unwrap_or(level);
+        match (self.butterworth, self.keep) {
+            (Some(order), _) => Filter::Butterworth { order, cutoff_hz },
+            (None, Some(keep)) => Filter::Coefficients { keep },
+            (None, None) => Filter::Band { cutoff_hz },
+        }
+    }
+}
+
+/// Where each clip goes: to `out` itself, or into it under its own name. A .pkl, which isn't written, becomes an .npz.
+fn outputs(clips: &[PathBuf], out: &Path) -> Result<Vec<PathBuf>> {
+    let wrong = |what: String| Err(WrongCall(what).into());
+    if !out.is_dir() {
+        if clips.len() > 1 {
+            let (n, out) = (clips.len(), out.display());
+            return wrong(format!("{n} clips and one output: {out} is no folder; make it, or give one clip"));
+        }
+        super::writable(out)?;
+        super::folder_is_there(out)?;
+        super::not_over_itself(&clips[0], out)?;
+        return Ok(vec![out.to_owned()]);
+    }
+    let mut all: Vec<PathBuf> = Vec::new();
+    for clip in clips {
+        let Some(name) = clip.file_name() else { return wrong(format!("{}: no file", clip.display())) };
+        let mut to = out.join(name);
+        if extension(clip) == "pkl" {
+            to.set_extension("npz");
+        }
+        super::writable(&to)?;
+        super::not_over_itself(clip, &to)?;
+        if all.contains(&to) {
+            return wrong(format!("two clips would both be written to {}; give them apart", to.display()));
+        }
+        all.push(to);
+    }
+    Ok(all)
+}

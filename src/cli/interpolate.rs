@@ -1,0 +1,192 @@
+//! `kinelm interpolate`.
+
+use super::view::stem;
+use super::{Say, WrongCall, extension, print, read::ReadArgs};
+use anyhow::Result;
+use kinelm::spectral::interpolate::{Blended, Descent, Kind, Settings, Way, Window, blend};
+use kinelm::view::{Figure, write_page};
+use kinelm_motion::convert::{Rig, Wanted, convert};
+use kinelm_motion::format::{self, RestFrame};
+use kinelm_motion::{Motion, smpl};
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The dance that is moved: its path, its rig, its small movements
+    #[arg(value_name = "A")]
+    a: PathBuf,
+    /// The dance that it is drawn towards
+    #[arg(value_name = "B")]
+    b: PathBuf,
+    /// The dance between, on A's rig (.bvh .npz .json)
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// A page with A, the dance between, and B (.html)
+    #[arg(long, value_name = "FILE")]
+    page: Option<PathBuf>,
+    /// Whose spectrum is B's: low cosine coefficients; components of both clips; magnitudes, which shake
+    #[arg(long, value_enum, default_value = "dct")]
+    transform: KindArg,
+    /// Coefficients or components that are moved; by themselves those up to 3.5 Hz (16 of 128 frames), or 16 components
+    #[arg(long, value_name = "K")]
+    keep: Option<usize>,
+    #[command(flatten)]
+    what: WindowArgs,
+    #[command(flatten)]
+    how: HowArgs,
+    /// One JSON object instead of a table
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+/// What of the two clips.
+#[derive(Debug, clap::Args)]
+struct WindowArgs {
+    /// Frames that are blended
+    #[arg(long, value_name = "FRAMES", default_value_t = 128)]
+    window: usize,
+    /// As many frames as the shorter clip has, instead
+    #[arg(long, conflicts_with = "window")]
+    whole: bool,
+    /// The rate at which, and that of the dance between
+    #[arg(long, default_value_t = 60.0, value_parser = super::read::positive)]
+    fps: f64,
+    /// Where A's window begins, seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    at_a: f64,
+    /// Where B's window begins, seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    at_b: f64,
+    /// Leave B's heading as it is, instead of turning B so that both begin facing the same way
+    #[arg(long)]
+    keep_heading: bool,
+}
+
+/// How far, and in which way.
+#[derive(Debug, clap::Args)]
+struct HowArgs {
+    /// How far from A's spectrum to B's the goal of the descent lies, 0 to 1
+    #[arg(long, value_name = "S", default_value_t = Descent::STRENGTH, conflicts_with = "amount")]
+    strength: f64,
+    /// The closed form instead of a descent, this far, 0 to 1: dct and pca
+    #[arg(long, value_name = "ALPHA", conflicts_with_all = ["plain", "rate", "steps"])]
+    amount: Option<f64>,
+    /// Plain gradient descent instead of Adam's steps
+    #[arg(long)]
+    plain: bool,
+    /// Step size; Adam's by itself 0.01, plain descent's what leads 99 % of its way
+    #[arg(long)]
+    rate: Option<f64>,
+    /// Steps
+    #[arg(long, default_value_t = Descent::STEPS)]
+    steps: usize,
+}
+
+/// `--transform`.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum KindArg {
+    Dct,
+    Pca,
+    Stft,
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    check(&args)?;
+    let options = args.read.options(RestFrame::Drop);
+    let motions = [format::read(&args.a, &options)?, format::read(&args.b, &options)?];
+    motions.iter().for_each(|motion| super::warn(motion, say));
+    let [a, b] = motions;
+    let done = blend(&a, &b, &args.settings())?;
+    done.said.iter().for_each(|line| say.line(line));
+    let between = Motion { path: args.out.clone(), clip: done.clips[2].clone(), ..a };
+    format::write(&args.out, &written_as(&args, between)?)?;
+    if let Some(page) = &args.page {
+        write_page(page, &figures(&args, &done))?;
+    }
+    let report = &done.report;
+    say.line(format_args!("{}: {} frames at {} fps", args.out.display(), report.frames, report.fps));
+    if !report.is_calm && matches!(args.transform, KindArg::Dct) && args.keep != Some(report.frames) {
+        let n = report.frames;
+        say.line(format_args!("it shakes more than either dance: --keep {n} moves A's fast movements too"));
+    }
+    if !args.json {
+        return print(&format!("{report}\n"));
+    }
+    let mut line = serde_json::to_value(report)?;
+    line["schema"] = 1.into();
+    for (key, path) in [("a", &args.a), ("b", &args.b), ("out", &args.out)] {
+        line[key] = path.display().to_string().into();
+    }
+    line["at_s"] = serde_json::json!([args.what.at_a, args.what.at_b]);
+    line["said"] = done.said.clone().into();
+    print(&format!("{line}\n"))
+}
+
+/// What can be known to be wrong before anything is read.
+fn check(args: &Args) -> Result<()> {
+    super::writable(&args.out)?;
+    super::folder_is_there(&args.out)?;
+    super::not_over_itself(&args.a, &args.out)?;
+    super::not_over_itself(&args.b, &args.out)?;
+    if let Some(page) = &args.page {
+        if extension(page) != "html" {
+            return Err(WrongCall(format!("--page {}: expected a name ending in .html", page.display())).into());
+        }
+        super::folder_is_there(page)?;
+    }
+    if args.how.amount.is_some() && matches!(args.transform, KindArg::Stft) {
+        let what =
+            "--amount: magnitudes have no closed form, their phase is free; give --strength, or another --transform";
+        return Err(WrongCall(what.into()).into());
+    }
+    Ok(())
+}
+
+impl Args {
+    fn settings(&self) -> Settings {
+        let WindowArgs { window, whole, fps, at_a, at_b, keep_heading } = self.what;
+        let HowArgs { strength, amount, plain, rate, steps } = self.how;
+        Settings {
+            window: Window {
+                frames: (!whole).then_some(window),
+                fps,
+                at_s: [at_a, at_b],
+                keep_heading,
+                map: self.read.map.clone(),
+            },
+            kind: match self.transform {
+                KindArg::Dct => Kind::Dct,
+                KindArg::Pca => Kind::Pca,
+                KindArg::Stft => Kind::Stft,
+            },
+            keep: self.keep,
+            how: match (amount, plain) {
+                (Some(amount), _) => Way::Closed { amount },
+                (None, true) => Way::Plain { strength, rate, steps },
+                (None, false) => Way::Adam { strength, rate, steps },
+            },
+        }
+    }
+}
+
+/// On the rig that a format is written for: an .npz is on SMPL's.
+fn written_as(args: &Args, motion: Motion) -> Result<Motion> {
+    if extension(&args.out) != "npz" {
+        return Ok(motion);
+    }
+    let wanted = Wanted { rig: Some(Rig::Smpl(smpl::neutral())), ..Wanted::default() };
+    Ok(convert(motion, &wanted, args.read.map.as_deref())?)
+}
+
+/// A, the dance between, B: from left to right.
+fn figures<'a>(args: &Args, done: &'a Blended) -> [Figure<'a>; 3] {
+    let at = |s: f64| format!("from {s} s on");
+    let [a, b, c] = &done.clips;
+    [
+        Figure::new(stem(&args.a), a).note(at(args.what.at_a)),
+        Figure::new(stem(&args.out), c).note(done.report.transform.clone()),
+        Figure::new(stem(&args.b), b).note(at(args.what.at_b)),
+    ]
+}

@@ -1,0 +1,62 @@
+//! `kinelm spectrum`.
+
+use super::{Say, WrongCall, read::ReadArgs};
+use anyhow::Result;
+use kinelm::spectral::picture::{Wanted, charts};
+use kinelm::view::plot;
+use kinelm_motion::format::{self, RestFrame};
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// A motion file (.bvh .npz .pkl .json)
+    clip: PathBuf,
+    /// Where the picture goes (.png .svg): a joint's spectrogram, the body's spectral embedding, the joint's coefficients
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// The joint, by its name in the file; the root if none is given
+    #[arg(long, value_name = "NAME")]
+    joint: Option<String>,
+    /// Where the stretch begins that is drawn, seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    at: f64,
+    /// How long it is; to the clip's end if not given
+    #[arg(long, value_parser = super::read::positive)]
+    seconds: Option<f64>,
+    /// The rate at which the clip is looked at
+    #[arg(long, default_value_t = 60.0, value_parser = super::read::positive)]
+    fps: f64,
+    /// Leave out the mean pose, which outweighs all movement
+    #[arg(long)]
+    no_dc: bool,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+pub fn run(args: &Args, say: Say) -> Result<()> {
+    plot::check(&args.out).map_err(|e| WrongCall(e.to_string()))?;
+    super::folder_is_there(&args.out)?;
+    if !(args.at.is_finite() && args.at >= 0.0) {
+        return Err(WrongCall(format!("--at {}; expected seconds from 0 on", args.at)).into());
+    }
+    let motion = format::read(&args.clip, &args.read.options(RestFrame::Drop))?;
+    super::warn(&motion, say);
+    let skeleton = motion.clip.skeleton();
+    let joint = match &args.joint {
+        None => 0,
+        Some(name) => skeleton.find(name).ok_or_else(|| {
+            let path = args.clip.display();
+            anyhow::anyhow!("{path}: no joint {name:?}; there are {}", skeleton.names().join(", "))
+        })?,
+    };
+    let wanted = Wanted { joint, from_s: args.at, seconds: args.seconds, fps: args.fps, no_dc: args.no_dc };
+    let charts = charts(&motion.clip, &wanted).map_err(|e| anyhow::anyhow!("{}: {e}", args.clip.display()))?;
+    plot::draw_as(&args.out, &charts)?;
+    say.line(format_args!(
+        "{}: the spectra of {} in {}",
+        args.out.display(),
+        skeleton.names()[joint],
+        args.clip.display()
+    ));
+    Ok(())
+}

@@ -1,0 +1,211 @@
+//! `filter`, `spectrum` and `interpolate` as a user runs them.
+
+use assert_cmd::Command;
+use kinelm_motion::metric::jitter;
+use kinelm_motion::{Clip, Motion, Skeleton, Source, format, synth};
+use predicates::prelude::PredicateBooleanExt;
+use predicates::str::contains;
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+fn kinelm(command: &str) -> Command {
+    let mut c = Command::cargo_bin("kinelm").unwrap();
+    c.env("NO_COLOR", "1").arg(command);
+    c
+}
+
+fn save(path: &Path, clip: &Clip) {
+    let motion = Motion { path: path.into(), clip: clip.clone(), source: Source::Plain, warnings: vec![] };
+    format::write(path, &motion).unwrap();
+}
+
+fn read(path: &Path) -> Clip {
+    format::read(path, &format::ReadOptions::default()).unwrap().clip
+}
+
+/// Two dances of 3 s at 60 fps, and one of 30 fps on a rig of other joints.
+struct Dances {
+    dir: tempfile::TempDir,
+}
+
+impl Dances {
+    fn new() -> Dances {
+        let dances = Dances { dir: tempfile::tempdir().unwrap() };
+        for (name, dance) in ["a.bvh", "b.json"].iter().zip(synth::corpus(1, 2, 3.0, 60.0).unwrap()) {
+            save(&dances.path(name), &dance.clip);
+        }
+        let clip = synth::corpus(1, 1, 3.0, 30.0).unwrap().remove(0).clip;
+        save(&dances.path("stranger.bvh"), &named(&clip, |i| format!("bone{i}")));
+        dances
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    fn count(&self) -> usize {
+        fs::read_dir(self.dir.path()).unwrap().count()
+    }
+}
+
+fn named(clip: &Clip, name: impl Fn(usize) -> String) -> Clip {
+    let s = clip.skeleton();
+    let ends = s.ends().to_vec();
+    let names = (0..clip.joints()).map(name).collect();
+    let skeleton = Skeleton::new(names, s.parents().to_vec(), s.offsets().to_vec(), ends).unwrap();
+    clip.clone().with_skeleton(Arc::new(skeleton)).unwrap()
+}
+
+#[test]
+fn filtered_clips_keep_their_rig_and_shake_less() {
+    let d = Dances::new();
+    let rig = d.path("stranger.bvh");
+    let out = d.path("calm.bvh");
+    kinelm("filter")
+        .arg(&rig)
+        .args(["--unit", "m", "--out"])
+        .arg(&out)
+        .assert()
+        .success()
+        .stderr(contains("calm.bvh: 90 frames"));
+    let options = format::ReadOptions { unit: format::Unit::Metre, ..Default::default() };
+    let [before, after] = [&rig, &out].map(|p| format::read(p, &options).unwrap().clip);
+    assert_eq!((after.skeleton().names(), after.fps(), after.frames()), (before.skeleton().names(), before.fps(), 90));
+    assert!(jitter(&after).unwrap() < jitter(&before).unwrap());
+
+    let folder = d.path("out");
+    fs::create_dir(&folder).unwrap();
+    let clips = [d.path("a.bvh"), d.path("b.json")];
+    let json =
+        kinelm("filter").args(&clips).args(["--level", "middle", "--json", "--out"]).arg(&folder).output().unwrap();
+    let lines: Vec<Value> =
+        String::from_utf8(json.stdout).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    // 3 s: up to 7.27 Hz
+    assert_eq!(lines[1]["kept"], serde_json::json!([44, 180]), "{lines:?}");
+    assert_eq!((lines.len(), lines[0]["too_fast"].as_u64()), (2, Some(0)));
+    for clip in &clips {
+        let out = folder.join(clip.file_name().unwrap());
+        assert!(jitter(&read(&out)).unwrap() < jitter(&read(clip)).unwrap());
+    }
+    let npz = d.path("c.npz");
+    let sharp = ["--butterworth", "4", "--cutoff", "6", "--out"];
+    kinelm("filter").arg(d.path("a.bvh")).args(sharp).arg(&npz).assert().success();
+    kinelm("filter").arg(&npz).args(["--keep", "9", "--out"]).arg(d.path("d.npz")).assert().success();
+    assert_eq!(read(&d.path("d.npz")).frames(), 180);
+}
+
+#[test]
+fn what_can_not_be_filtered_is_said() {
+    let d = Dances::new();
+    let (a, before) = (d.path("a.bvh"), d.count());
+    let said = |args: &[&str], out: &str, code: i32, what: &str| {
+        kinelm("filter").arg(&a).args(args).arg("--out").arg(d.path(out)).assert().code(code).stderr(contains(what));
+    };
+    said(&["--cutoff", "30"], "o.bvh", 1, "below half the rate, 30 Hz");
+    said(&["--cutoff", "5", "--butterworth", "9"], "o.bvh", 1, "order 9; expected 1 to 8");
+    said(&["--keep", "181"], "o.bvh", 1, "expected 1 to 180");
+    said(&["--butterworth", "2"], "o.bvh", 2, "--cutoff");
+    said(&["--level", "low", "--cutoff", "3"], "o.bvh", 2, "cannot be used with");
+    said(&[], "no/o.bvh", 2, "there is no folder");
+    said(&[], "o.fbx", 2, ".bvh, .npz or .json");
+    said(&[], "a.bvh", 2, "written over itself");
+    let both = [&a, &d.path("b.json")];
+    kinelm("filter").args(both).arg("--out").arg(d.path("none")).assert().code(2).stderr(contains("is no folder"));
+    save(&d.path("short.bvh"), &read(&a).slice(0..12));
+    let butterworth = ["--butterworth", "3", "--cutoff", "6", "--out"];
+    fs::create_dir(d.path("out")).unwrap();
+    kinelm("filter")
+        .args([&d.path("short.bvh"), &a])
+        .args(butterworth)
+        .arg(d.path("out"))
+        .assert()
+        .code(1)
+        .stderr(contains("short.bvh: 12 frames are too few").and(contains("1 of 2 clips")));
+    assert_eq!(fs::read_dir(d.path("out")).unwrap().count(), 1, "the other was done");
+    assert_eq!(d.count(), before + 2, "nothing half-written");
+}
+
+#[test]
+fn spectra_are_drawn() {
+    let d = Dances::new();
+    for (out, dc) in [("s.png", Some("--no-dc")), ("s.svg", None)] {
+        let args = ["--joint", "left_knee", "--at", "0.5", "--seconds", "2", "--out"];
+        kinelm("spectrum").arg(d.path("a.bvh")).args(dc).args(args).arg(d.path(out)).assert().success();
+    }
+    let svg = fs::read_to_string(d.path("s.svg")).unwrap();
+    for part in ["Spectrogram of left_knee", "Spectral embedding", "low: 3.5 Hz", "low and middle: 7.3 Hz"] {
+        assert!(svg.contains(part), "{part}");
+    }
+    assert!(fs::read(d.path("s.png")).unwrap().starts_with(b"\x89PNG"));
+    let before = d.count();
+    let said = |args: &[&str], code: i32, what: &str| {
+        kinelm("spectrum").arg(d.path("a.bvh")).args(args).assert().code(code).stderr(contains(what));
+    };
+    let [out, gif, no] = ["o.png", "o.gif", "no/o.png"].map(|n| d.path(n).display().to_string());
+    said(&["--out", &out, "--joint", "knee"], 1, "no joint \"knee\"; there are pelvis, left_hip");
+    said(&["--out", &out, "--at", "2.9"], 1, "expected at least 16, a window");
+    said(&["--out", &gif], 2, ".png or .svg");
+    said(&["--out", &no], 2, "there is no folder");
+    said(&["--out", &out, "--at=-1"], 2, "seconds from 0 on");
+    assert_eq!(d.count(), before);
+}
+
+#[test]
+fn a_dance_between_two() {
+    let d = Dances::new();
+    let (a, b, out, page) = (d.path("a.bvh"), d.path("b.json"), d.path("c.bvh"), d.path("p.html"));
+    let blend = |more: &[&str]| {
+        let mut c = kinelm("interpolate");
+        c.arg(&a).arg(&b).arg("--out").arg(&out).args(["--at-a", "0.5", "--at-b", "0.6", "--steps", "40"]).args(more);
+        c
+    };
+    blend(&["--page", page.to_str().unwrap()])
+        .assert()
+        .success()
+        .stdout(contains("stft 16/8").and(contains("dct 16 of 128")).and(contains("jitter")));
+    let (first, clip) = (fs::read(&out).unwrap(), read(&out));
+    assert_eq!((clip.frames(), clip.fps().round()), (128, 60.0));
+    assert_eq!(clip.skeleton().names(), read(&a).skeleton().names());
+    let html = fs::read_to_string(&page).unwrap();
+    assert!(html.contains("<title>a, c, b") || html.contains("a, c, b"), "three dancers");
+    // the same bytes again, on another number of threads
+    blend(&["--threads", "1", "-q"]).assert().success();
+    assert_eq!(fs::read(&out).unwrap(), first);
+
+    let json = blend(&["--json", "--whole", "--transform", "pca", "--plain", "--strength", "0.5"]).output().unwrap();
+    let line: Value = serde_json::from_slice(&json.stdout).unwrap();
+    assert_eq!((line["schema"].as_u64(), line["frames"].as_u64()), (Some(1), Some(144)), "{line}");
+    assert!(line["transform"] == "pca 16" && line["stft"]["a_c"].as_f64() > line["stft"]["a_b"].as_f64());
+    assert!(line["said"].to_string().contains("cut to the other's 144 frames"), "{line}");
+    kinelm("interpolate")
+        .args([&a, &b])
+        .args(["--amount", "1", "--out"])
+        .arg(d.path("c.json"))
+        .assert()
+        .success()
+        .stdout(contains("closed form, amount 1"));
+}
+
+#[test]
+fn what_can_not_be_blended_is_said() {
+    let d = Dances::new();
+    let before = d.count();
+    let said = |b: &str, args: &[&str], code: i32, what: &str| {
+        let call = kinelm("interpolate").arg(d.path("a.bvh")).arg(d.path(b)).args(args).assert();
+        call.code(code).stderr(contains(what));
+    };
+    let [out, no, page] = ["o.bvh", "no/o.bvh", "p.txt"].map(|n| d.path(n).display().to_string());
+    said("b.json", &["--out", &out, "--at-b", "2"], 1, "b.json: 180 frames at 60 fps, of which 60 lie from 2 s on");
+    said("b.json", &["--out", &out, "--keep", "300"], 1, "expected 1 to 128");
+    said("b.json", &["--out", &out, "--strength", "1.5"], 1, "strength 1.5; expected 0");
+    said("b.json", &["--out", &out, "--transform", "stft", "--amount", "0.5"], 2, "no closed form");
+    said("b.json", &["--out", &out, "--window", "9"], 1, "expected 16 to 8192");
+    said("b.json", &["--out", &no], 2, "there is no folder");
+    said("b.json", &["--out", &out, "--page", &page], 2, "ending in .html");
+    let stranger = "stranger.bvh can't be put on the rig of";
+    said("stranger.bvh", &["--out", &out, "--unit", "m"], 1, stranger);
+    said("none.bvh", &["--out", &out], 1, "none.bvh");
+    assert_eq!(d.count(), before, "nothing half-written");
+}

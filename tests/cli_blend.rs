@@ -2,7 +2,7 @@
 
 use assert_cmd::Command;
 use kinelm_motion::metric::jitter;
-use kinelm_motion::{Clip, Motion, Skeleton, Source, format, synth};
+use kinelm_motion::{Clip, Motion, Skeleton, Source, Vec3, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use serde_json::Value;
@@ -34,10 +34,10 @@ impl Dances {
     fn new() -> Dances {
         let dances = Dances { dir: tempfile::tempdir().unwrap() };
         for (name, dance) in ["a.bvh", "b.json"].iter().zip(synth::corpus(1, 2, 3.0, 60.0).unwrap()) {
-            save(&dances.path(name), &dance.clip);
+            save(&dances.path(name), &shaken(&dance.clip));
         }
         let clip = synth::corpus(1, 1, 3.0, 30.0).unwrap().remove(0).clip;
-        save(&dances.path("stranger.bvh"), &named(&clip, |i| format!("bone{i}")));
+        save(&dances.path("stranger.bvh"), &named(&shaken(&clip), |i| format!("bone{i}")));
         dances
     }
 
@@ -48,6 +48,13 @@ impl Dances {
     fn count(&self) -> usize {
         fs::read_dir(self.dir.path()).unwrap().count()
     }
+}
+
+/// A clip whose root goes up and down by 2 mm every frame.
+fn shaken(clip: &Clip) -> Clip {
+    let by = |f: usize| Vec3::new(0.0, if f.is_multiple_of(2) { 0.002 } else { -0.002 }, 0.0);
+    let root = clip.root().iter().enumerate().map(|(f, p)| *p + by(f)).collect();
+    Clip::new(clip.skeleton().clone(), clip.fps(), root, clip.rotations().to_vec()).unwrap()
 }
 
 fn named(clip: &Clip, name: impl Fn(usize) -> String) -> Clip {
@@ -73,7 +80,7 @@ fn filtered_clips_keep_their_rig_and_shake_less() {
     let options = format::ReadOptions { unit: format::Unit::Metre, ..Default::default() };
     let [before, after] = [&rig, &out].map(|p| format::read(p, &options).unwrap().clip);
     assert_eq!((after.skeleton().names(), after.fps(), after.frames()), (before.skeleton().names(), before.fps(), 90));
-    assert!(jitter(&after).unwrap() < jitter(&before).unwrap());
+    assert!(jitter(&after).unwrap() < 0.5 * jitter(&before).unwrap());
 
     let folder = d.path("out");
     fs::create_dir(&folder).unwrap();
@@ -87,7 +94,7 @@ fn filtered_clips_keep_their_rig_and_shake_less() {
     assert_eq!((lines.len(), lines[0]["too_fast"].as_u64()), (2, Some(0)));
     for clip in &clips {
         let out = folder.join(clip.file_name().unwrap());
-        assert!(jitter(&read(&out)).unwrap() < jitter(&read(clip)).unwrap());
+        assert!(jitter(&read(&out)).unwrap() < 0.5 * jitter(&read(clip)).unwrap());
     }
     let npz = d.path("c.npz");
     let sharp = ["--butterworth", "4", "--cutoff", "6", "--out"];
@@ -108,7 +115,7 @@ fn what_can_not_be_filtered_is_said() {
     said(&["--keep", "181"], "o.bvh", 1, "expected 1 to 180");
     said(&["--butterworth", "2"], "o.bvh", 2, "--cutoff");
     said(&["--level", "low", "--cutoff", "3"], "o.bvh", 2, "cannot be used with");
-    said(&[], "no/o.bvh", 2, "there is no folder");
+    said(&[], "no/o.bvh", 2, "make it first");
     said(&[], "o.fbx", 2, ".bvh, .npz or .json");
     said(&[], "a.bvh", 2, "written over itself");
     let both = [&a, &d.path("b.json")];
@@ -147,7 +154,7 @@ fn spectra_are_drawn() {
     said(&["--out", &out, "--joint", "knee"], 1, "no joint \"knee\"; there are pelvis, left_hip");
     said(&["--out", &out, "--at", "2.9"], 1, "expected at least 16, a window");
     said(&["--out", &gif], 2, ".png or .svg");
-    said(&["--out", &no], 2, "there is no folder");
+    said(&["--out", &no], 2, "make it first");
     said(&["--out", &out, "--at=-1"], 2, "seconds from 0 on");
     assert_eq!(d.count(), before);
 }
@@ -202,7 +209,7 @@ fn what_can_not_be_blended_is_said() {
     said("b.json", &["--out", &out, "--strength", "1.5"], 1, "strength 1.5; expected 0");
     said("b.json", &["--out", &out, "--transform", "stft", "--amount", "0.5"], 2, "no closed form");
     said("b.json", &["--out", &out, "--window", "9"], 1, "expected 16 to 8192");
-    said("b.json", &["--out", &no], 2, "there is no folder");
+    said("b.json", &["--out", &no], 2, "make it first");
     said("b.json", &["--out", &out, "--page", &page], 2, "ending in .html");
     let stranger = "stranger.bvh can't be put on the rig of";
     said("stranger.bvh", &["--out", &out, "--unit", "m"], 1, stranger);

@@ -133,7 +133,6 @@ fn outputs(clips: &[PathBuf], out: &Path) -> Result<Vec<PathBuf>> {
             return wrong(format!("{n} clips and one output: {out} is no folder; make it, or give one clip"));
         }
         super::writable(out)?;
-        super::folder_is_there(out)?;
         super::not_over_itself(&clips[0], out)?;
         return Ok(vec![out.to_owned()]);
     }

@@ -127,7 +127,6 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 /// What can be known to be wrong before anything is read.
 fn check(args: &Args) -> Result<()> {
     super::writable(&args.out)?;
-    super::folder_is_there(&args.out)?;
     super::not_over_itself(&args.a, &args.out)?;
     super::not_over_itself(&args.b, &args.out)?;
     if let Some(page) = &args.page {

@@ -229,11 +229,7 @@ pub fn writable(path: &Path) -> Result<String> {
         let what = format!("{}: expected a name ending in .bvh, .npz or .json", path.display());
         return Err(WrongCall(what).into());
     }
-    let folder = kinelm::files::folder_of(path);
-    if !folder.is_dir() {
-        let what = format!("{}: the folder {} is not there; make it first", path.display(), folder.display());
-        return Err(WrongCall(what).into());
-    }
+    folder_is_there(path)?;
     Ok(extension)
 }
 
@@ -241,8 +237,8 @@ pub fn writable(path: &Path) -> Result<String> {
 pub fn folder_is_there(path: &Path) -> Result<()> {
     let folder = kinelm::files::folder_of(path);
     if !folder.is_dir() {
-        let (path, folder) = (path.display(), folder.display());
-        return Err(WrongCall(format!("{path}: there is no folder {folder}; make it first")).into());
+        let what = format!("{}: the folder {} is not there; make it first", path.display(), folder.display());
+        return Err(WrongCall(what).into());
     }
     Ok(())
 }

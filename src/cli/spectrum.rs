@@ -35,7 +35,6 @@ pub struct Args {
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
     plot::check(&args.out).map_err(|e| WrongCall(e.to_string()))?;
-    super::folder_is_there(&args.out)?;
     if !(args.at.is_finite() && args.at >= 0.0) {
         return Err(WrongCall(format!("--at {}; expected seconds from 0 on", args.at)).into());
     }

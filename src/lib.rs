@@ -5,6 +5,7 @@
 //! `view`.
 #![deny(unsafe_code)]
 
+pub mod classify;
 pub mod corpus;
 pub mod error;
 pub mod evaluate;

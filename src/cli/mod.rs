@@ -3,6 +3,7 @@
 //! Only here are there `anyhow`, printing and environment variables. Data go to stdout, everything else to stderr.
 
 mod bench;
+mod classify;
 mod convert;
 mod corpus;
 mod data;
@@ -77,6 +78,9 @@ enum Command {
     LrFind(lr_find::Args),
     /// A new dance that follows chosen joints of a clip
     Generate(generate::Args),
+    /// Name dancer, genre or any other label of a dance
+    #[command(subcommand)]
+    Classify(classify::Command),
     /// A trained model as a folder that other programs read
     Export(export::Args),
     /// Such a folder as a run
@@ -197,6 +201,7 @@ fn command(command: Command, say: Say) -> Result<()> {
         Command::Pretrain(args) => pretrain::run(args, say),
         Command::Runs(command) => runs::run(command, say),
         Command::Finetune(args) => finetune::run(args, say),
+        Command::Classify(command) => classify::run(command, say),
         Command::LrFind(args) => lr_find::run(args, say),
         Command::Generate(args) => generate::run(args, say),
         Command::Export(args) => export::run(args, say),

@@ -96,7 +96,7 @@ impl Fast {
         let mut nats = 0.0;
         // an exam has one scale: rows of one table and one weight go together
         let mut order: Vec<&ClassRow> = rows.iter().collect();
-        order.sort_by(|a, b| (a.table, a.weight.to_bits(), a.row).cmp(&(b.table, b.weight.to_bits(), b.row)));
+        order.sort_by_key(|r| (r.table, r.weight.to_bits(), r.row));
         for same in order.chunk_by(|a, b| (a.table, a.weight.to_bits()) == (b.table, b.weight.to_bits())) {
             let ClassRow { table, weight: scale, .. } = *same[0];
             let count = tables[table].len() / d;
@@ -124,3 +124,150 @@ impl Fast {
 /// What is added to a backward pass when the heads over ids are done: from the last block's output (N, D) to its gradient
 /// and those of the model's tensors.
 pub(super) type Added<'a> = &'a mut dyn FnMut(&Fast, &[f32], &mut [f32], &mut [Floats]);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::classify::windows::{Layout, mask};
+    use crate::model::ops::Mask as PlainMask;
+    use crate::model::{Gpt, Head, ModelConfig, Positions, TokenLayout};
+    use crate::random;
+    use crate::train::fixture::TOKENS;
+    use candle_core::{Device, Tensor, Var};
+    use rand_chacha::rand_core::RngCore;
+
+    const CLASSES: [usize; 2] = [3, 2];
+
+    fn config() -> ModelConfig {
+        let positions = Positions::FrameJoint;
+        ModelConfig {
+            layers: 2,
+            heads: 2,
+            width: 8,
+            context: 40,
+            positions,
+            head: Some(Head::Absolute),
+            ..Default::default()
+        }
+    }
+
+    /// Two windows of 5 and 3 words, their mask, and what they are asked.
+    struct Case {
+        tokens: TokenLayout,
+        layout: Layout,
+        inputs: Vec<u32>,
+        targets: Vec<u32>,
+        hiding: Vec<f32>,
+        rows: Vec<ClassRow>,
+    }
+
+    fn case() -> Case {
+        let layout = Layout::new(&config(), &TOKENS, 2).unwrap();
+        let t = layout.length();
+        let (mut inputs, mut targets) = (vec![0; 2 * t], vec![0; 2 * t]);
+        let mut rng = random::stream(3, "classes", 0, 0);
+        let words = [layout.words(), 3];
+        for ((words, input), target) in words.iter().zip(inputs.chunks_mut(t)).zip(targets.chunks_mut(t)) {
+            let ids: Vec<u32> = (0..words * TOKENS.word)
+                .map(|i| if i % TOKENS.word == TOKENS.word - 1 { TOKENS.space } else { 6 + rng.next_u32() % 10 })
+                .collect();
+            layout.fill(&ids, input, target);
+        }
+        let row = |window: usize, table: usize, class, weight| ClassRow {
+            row: window * t + layout.rows(words[window]).start + table,
+            table,
+            class,
+            weight,
+        };
+        let rows = vec![row(0, 0, 2, 0.5), row(1, 0, 0, 1.25), row(0, 1, 1, 0.5), row(1, 1, 1, 0.5)];
+        let tokens = TokenLayout { vocabulary: TOKENS.vocabulary + 2, ..TOKENS };
+        Case { tokens, hiding: layout.hiding(&words, false).unwrap(), layout, inputs, targets, rows }
+    }
+
+    impl Case {
+        fn windows(&self) -> Windows<'_> {
+            let length = self.layout.length();
+            Windows { inputs: &self.inputs, targets: &self.targets, length, mask: mask(Some(&self.hiding)) }
+        }
+    }
+
+    fn tables() -> Vec<Floats> {
+        let mut rng = random::stream(4, "tables", 0, 0);
+        let mut numbers = |n: usize| (0..n).map(|_| random::unit(&mut rng) as f32 - 0.5).collect::<Vec<f32>>();
+        CLASSES.iter().map(|n| Floats::of(&numbers(n * config().width))).collect()
+    }
+
+    #[test]
+    fn losses_and_gradients_are_the_tensor_librarys() {
+        let (case, tables) = (case(), tables());
+        let gpt = Gpt::new(&config(), &case.tokens, 7).unwrap();
+        let mut fast = Fast::of(&gpt).unwrap();
+        let (mut gradients, mut of_tables) = (fast.like_weights(), tables.clone());
+        let found = fast
+            .gradients_with_classes(case.windows(), None, &mut gradients, (&tables, &case.rows), &mut of_tables)
+            .unwrap();
+        // the same by the plain form, under the same mask
+        let t = case.layout.length();
+        let plain = PlainMask::Additive(Tensor::from_slice(&case.hiding, (2, 1, t, t), &Device::Cpu).unwrap());
+        let ids = gpt.ids(&case.inputs, t).unwrap();
+        let vectors = gpt.final_vectors(&ids, &plain).unwrap();
+        let vars: Vec<Var> = tables
+            .iter()
+            .map(|x| Var::from_slice(x, (x.len() / config().width, config().width), &Device::Cpu).unwrap())
+            .collect();
+        let log_p = |row: usize, table: &Tensor| {
+            let h = vectors.narrow(0, row, 1).unwrap();
+            candle_nn::ops::log_softmax(&h.matmul(&table.t().unwrap()).unwrap(), 1).unwrap()
+        };
+        let at = |log_p: Tensor, column: usize| log_p.narrow(1, column, 1).unwrap().sum_all().unwrap();
+        let counted: Vec<usize> = (0..2 * t).filter(|&i| case.targets[i] != TOKENS.pad).collect();
+        let token = gpt.vars()["token.weight"].as_tensor();
+        let motion = counted.iter().map(|&i| at(log_p(i, token), case.targets[i] as usize));
+        let motion = motion.reduce(|a, b| (a + b).unwrap()).unwrap().neg().unwrap();
+        let classes = case
+            .rows
+            .iter()
+            .map(|r| (at(log_p(r.row, &vars[r.table]), r.class as usize) * f64::from(-r.weight)).unwrap());
+        let classes = classes.reduce(|a, b| (a + b).unwrap()).unwrap();
+        let scalar = |x: &Tensor| f64::from(x.to_scalar::<f32>().unwrap());
+        assert!(
+            (found.tokens - scalar(&motion)).abs() < 1e-3 && (found.classes - scalar(&classes)).abs() < 1e-5,
+            "{found:?}"
+        );
+        let store = (motion / counted.len() as f64).unwrap().add(&classes).unwrap().backward().unwrap();
+        let close = |name: &str, found: &[f32], expected: &Tensor| {
+            let expected = expected.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+            let far = found.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(far < 1e-5, "{name}: {far}");
+        };
+        for (p, gradient) in fast.parameters().iter().zip(&gradients) {
+            close(&p.name, gradient, store.get(gpt.vars()[&p.name].as_tensor()).unwrap());
+        }
+        for (i, (var, gradient)) in vars.iter().zip(&of_tables).enumerate() {
+            close(&format!("table {i}"), gradient, store.get(var.as_tensor()).unwrap());
+        }
+    }
+
+    #[test]
+    fn other_class_tokens_change_no_logit_of_motion_and_not_each_other() {
+        let mut case = case();
+        let mut fast = Fast::of(&Gpt::new(&config(), &case.tokens, 7).unwrap()).unwrap();
+        let classes = case.rows.iter().map(|r| r.row).collect::<Vec<_>>();
+        let (before, vectors) =
+            (fast.logits(case.windows()).unwrap(), fast.final_vectors(case.windows(), &classes).unwrap());
+        // another token in the place of the first class token of each window
+        for row in case.rows.iter().filter(|r| r.table == 0) {
+            case.inputs[row.row] = 6;
+        }
+        let (after, others) =
+            (fast.logits(case.windows()).unwrap(), fast.final_vectors(case.windows(), &classes).unwrap());
+        let (v, d, t) = (case.tokens.vocabulary, config().width, case.layout.length());
+        for (window, words) in [case.layout.words(), 3].into_iter().enumerate() {
+            let motion = window * t * v..(window * t + case.layout.motion_rows(words).end) * v;
+            assert!(before[motion.clone()] == after[motion]);
+        }
+        for (row, (a, b)) in case.rows.iter().zip(vectors.chunks(d).zip(others.chunks(d))) {
+            assert_eq!(a == b, row.table == 1, "only the token itself is another");
+        }
+    }
+}

@@ -127,6 +127,15 @@ impl Gpt {
         self.net.forward(ids, mask, dropout, None)
     }
 
+    /// What the heads read of `ids` (B, T): the final norm's output (B T, D). Differentiable.
+    ///
+    /// # Errors
+    /// As [`Gpt::forward_masked`].
+    pub fn final_vectors(&self, ids: &Tensor, mask: &Mask) -> Result<Tensor> {
+        self.check_length(ids.dims2()?.1)?;
+        self.net.final_vectors(ids, mask)
+    }
+
     /// As [`Gpt::forward`] without dropout, and nothing is kept for gradients.
     ///
     /// # Errors

@@ -105,6 +105,10 @@ impl Net {
     }
 
     /// What the final norm gives (N, D).
+    pub(super) fn final_vectors(&self, ids: &Tensor, mask: &Mask) -> Result<Tensor> {
+        Ok(self.hidden(ids, &windows(ids, None)?, mask, None, None)?)
+    }
+
     fn hidden(
         &self,
         ids: &Tensor,

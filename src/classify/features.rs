@@ -1,0 +1,81 @@
+//! What the plain classifiers read of a window of motion.
+
+use super::windows::Window;
+use crate::Result;
+use crate::corpus::{ClipRecord, Corpus};
+use crate::spectral::{LowDct, Series, Transform, WindowSpec};
+use kinelm_motion::Clip;
+use kinelm_tokenizer::Rest;
+
+/// A clip as its corpus codes it: channels over time.
+pub(super) struct Motion {
+    clip: Clip,
+    /// (channels, F): rotation vectors of the coded joints, continuous in time, and the root's steps in metres a second.
+    channels: Vec<Vec<f64>>,
+}
+
+impl Motion {
+    /// Decodes a clip.
+    ///
+    /// # Errors
+    /// A corpus that doesn't hold together.
+    pub fn of(corpus: &Corpus, record: &ClipRecord) -> Result<Motion> {
+        let tokenizer = corpus.tokenizer();
+        let clip = tokenizer.decode(&corpus.clip_words(record)?, Rest::Identity)?;
+        let joints: Vec<usize> = tokenizer.config().joints.clone();
+        let series = Series::of(&clip, &joints, clip.fps(), false)?;
+        let mut channels: Vec<Vec<f64>> = (0..series.channels.len()).map(|c| series.channel(c).to_vec()).collect();
+        for axis in 0..3 {
+            let at = |frame: usize| clip.root()[frame][axis];
+            let step = |frame: usize| (at(frame) - at(frame.saturating_sub(1))) * clip.fps();
+            channels.push((0..clip.frames()).map(step).collect());
+        }
+        Ok(Motion { clip, channels })
+    }
+
+    /// PROTOCOLS 5.6: of every channel its mean, its standard deviation, its mean absolute first difference.
+    pub fn window(&self, window: &Window, frames_per_word: usize) -> Vec<f64> {
+        let from = window.word * frames_per_word;
+        let to = ((window.word + window.words) * frames_per_word).min(self.clip.frames());
+        let of = |channel: &Vec<f64>| {
+            let x = &channel[from..to];
+            let n = x.len() as f64;
+            let mean = x.iter().sum::<f64>() / n;
+            let deviation = (x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt();
+            let steps = x.windows(2).map(|w| (w[1] - w[0]).abs()).sum::<f64>() / (n - 1.0).max(1.0);
+            [mean, deviation, steps]
+        };
+        self.channels.iter().flat_map(of).collect()
+    }
+
+    /// What doesn't move: the logarithm of its frames, and how it starts.
+    pub fn start(&self) -> Vec<f64> {
+        let pose = self.channels.iter().map(|c| c[0]);
+        std::iter::once((self.clip.frames() as f64).ln()).chain(pose).collect()
+    }
+
+    /// Low cosine coefficients of its windows of 128 frames at 60 a second (PROTOCOLS 6.1), of norm 1; a clip that is shorter
+    /// holds its last pose.
+    ///
+    /// # Errors
+    /// A rate that can't be had.
+    pub fn spectra(&self, joints: &[usize]) -> Result<Vec<Vec<f64>>> {
+        let spec = WindowSpec::default();
+        let transform = Transform::Dct(LowDct::new(spec.frames, 16));
+        let series = Series::of(&self.clip, joints, spec.fps, false)?;
+        let count = series.channels.len();
+        let one = |start: usize| {
+            let channel = |c: usize| {
+                let x = series.channel(c);
+                (start..start + spec.frames).map(|f| x[f.min(x.len() - 1)]).collect::<Vec<f64>>()
+            };
+            let window: Vec<f64> = (0..count).flat_map(channel).collect();
+            let mut feature = transform.feature(&window, count);
+            let norm = feature.iter().map(|x| x * x).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
+            feature.iter_mut().for_each(|x| *x /= norm);
+            feature
+        };
+        let starts: Vec<usize> = spec.starts(series.frames.max(spec.frames), 0).collect();
+        Ok(starts.into_iter().map(one).collect())
+    }
+}

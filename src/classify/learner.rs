@@ -1,0 +1,133 @@
+//! A model and its class heads as they learn, on the CPU.
+
+use super::fields::Fields;
+use crate::model::fast::{ClassRow, Fast, Losses, Windows};
+use crate::model::{Dropout, Scores};
+use crate::train::TrainConfig;
+use crate::train::learner::{clip_share, not_finite};
+use crate::{Result, random};
+use candle_core::{Device, Tensor};
+use kinelm_engine::arena::Floats;
+use kinelm_engine::op::adamw::{self, Step};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// A class head's name among the tensors.
+pub(super) fn head_name(field: &str) -> String {
+    format!("classes.{field}.weight")
+}
+
+/// Heads before training: normal numbers of the model's own spread, (classes, D) each.
+pub(super) fn first_heads(fields: &Fields, width: usize, seed: u64) -> Vec<Floats> {
+    let one = |(i, field): (usize, &super::Field)| {
+        let mut rng = random::stream(seed, "class heads", 0, i as u64);
+        let mut normal = || {
+            let (u, v) = (1.0 - random::unit(&mut rng), random::unit(&mut rng));
+            0.02 * (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+        };
+        Floats::of(&(0..field.classes.len() * width).map(|_| normal() as f32).collect::<Vec<f32>>())
+    };
+    fields.0.iter().enumerate().map(one).collect()
+}
+
+/// What learns: the model's tensors at one rate, the heads and the class tokens, which begin with nothing, at another.
+pub(super) struct Learner {
+    pub model: Fast,
+    pub heads: Vec<Floats>,
+    /// Of the model's tensors, then of the heads.
+    gradients: [Vec<Floats>; 2],
+    first: [Vec<Floats>; 2],
+    second: [Vec<Floats>; 2],
+    /// Where the class tokens' rows begin in `token.weight`, and which tensor that is.
+    class_rows: (usize, usize),
+    updates: u64,
+}
+
+/// A batch: its windows, its class rows and the names for a message.
+pub(super) struct Batch<'a> {
+    pub windows: Windows<'a>,
+    pub rows: &'a [ClassRow],
+    pub clips: &'a [String],
+}
+
+impl Learner {
+    /// `class_token` is the first class token's id.
+    pub fn new(model: Fast, heads: Vec<Floats>, class_token: u32) -> Learner {
+        let width = Scores::config(&model).width;
+        let token = model.parameters().iter().position(|p| p.name == "token.weight").unwrap_or_default();
+        let like = |heads: &[Floats]| heads.iter().map(|h| Floats::new(h.len())).collect::<Vec<_>>();
+        let room = || [model.like_weights(), like(&heads)];
+        let (gradients, first, second) = (room(), room(), room());
+        Learner {
+            gradients,
+            first,
+            second,
+            class_rows: (token, class_token as usize * width),
+            model,
+            heads,
+            updates: 0,
+        }
+    }
+
+    /// One update: the gradients of the batch, clipped, then AdamW at `rate`, and at `head_rate` where nothing was learnt before.
+    ///
+    /// # Errors
+    /// A loss that is not finite, with the clips; what the model refuses.
+    pub fn step(
+        &mut self,
+        batch: Batch,
+        dropout: Option<&Dropout>,
+        train: &TrainConfig,
+        rates: [f64; 2],
+    ) -> Result<Losses> {
+        let [of_model, of_heads] = &mut self.gradients;
+        let classes = (self.heads.as_slice(), batch.rows);
+        let found = self.model.gradients_with_classes(batch.windows, dropout, of_model, classes, of_heads)?;
+        let sum = found.tokens + found.classes;
+        if !sum.is_finite() {
+            return Err(not_finite(sum, batch.clips));
+        }
+        let norm = of_model.iter().chain(of_heads.iter()).map(|g| adamw::norm_squared(g)).sum::<f64>().sqrt();
+        if !norm.is_finite() {
+            return Err(not_finite(norm, batch.clips));
+        }
+        self.updates += 1;
+        let share = clip_share(norm, train.clip_norm);
+        let step = |rate, decay| Step::new(self.updates, rate, train.betas, train.epsilon, decay, share);
+        let [slow, fast] = rates;
+        let (kept, decayed, fresh) = (step(slow, 0.0), step(slow, train.weight_decay), step(fast, train.weight_decay));
+        let decays: Vec<bool> = self.model.parameters().iter().map(|p| p.decays).collect();
+        let (token, row) = self.class_rows;
+        let [m, m_heads] = &mut self.first;
+        let [v, v_heads] = &mut self.second;
+        let all = (self.model.weights_mut(), m, v, &*of_model, &decays).into_par_iter().enumerate();
+        all.for_each(|(i, (x, m, v, g, &decays))| {
+            let step = if decays { &decayed } else { &kept };
+            if i != token {
+                return adamw::update(x, m, v, g, step);
+            }
+            let ((x, new), (m, new_m)) = (x.split_at_mut(row), m.split_at_mut(row));
+            let ((v, new_v), (g, new_g)) = (v.split_at_mut(row), g.split_at(row));
+            adamw::update(x, m, v, g, step);
+            // embeddings don't decay
+            adamw::update(new, new_m, new_v, new_g, &Step { keep: 1.0, ..fresh });
+        });
+        let all = (&mut self.heads, m_heads, v_heads, &*of_heads).into_par_iter();
+        all.for_each(|(x, m, v, g)| adamw::update(x, m, v, g, &fresh));
+        Ok(found)
+    }
+
+    /// The tensors by name, the heads among them.
+    ///
+    /// # Errors
+    /// None in practice.
+    pub fn tensors(&mut self, fields: &Fields) -> Result<BTreeMap<String, Tensor>> {
+        let mut all = self.model.tensors()?;
+        let width = Scores::config(&self.model).width;
+        for (field, head) in fields.0.iter().zip(&self.heads) {
+            let shape = (field.classes.len(), width);
+            all.insert(head_name(&field.name), Tensor::from_slice(head, shape, &Device::Cpu)?);
+        }
+        Ok(all)
+    }
+}

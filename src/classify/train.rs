@@ -1,0 +1,401 @@
+//! Training of a classifier from a pre-trained run, or from nothing.
+
+use super::eval::{Named, Source, read_windows};
+use super::fields::{self, Field, Fields, Only};
+use super::folder::{About, Writer, grown};
+use super::learner::{Batch, Learner, first_heads};
+use super::windows::{Layout, Window, mask};
+use crate::corpus::{ClipRecord, Corpus, FileRecord, Split};
+use crate::model::fast::{ClassRow, Fast, Windows};
+use crate::model::{Dropout, LoadedRun, layout};
+use crate::train::grow::{Language, grow};
+use crate::train::schedule::rate;
+use crate::train::{Schedule, TrainConfig};
+use crate::{Error, Result, random};
+use candle_core::Tensor;
+use rand_chacha::rand_core::RngCore;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// What to learn, from what.
+#[derive(Debug, Clone)]
+pub struct TrainOptions {
+    /// The label fields to tell.
+    pub fields: Vec<String>,
+    /// The clips that are looked at.
+    pub only: Vec<Only>,
+    /// The run's shape with weights that are drawn instead of its own.
+    pub scratch: bool,
+    /// The share of the training clips whose labels are seen, above 0 up to 1: of each class at least one clip. The others
+    /// are left out.
+    pub share: f64,
+    /// Class tokens see those before them.
+    pub compat: bool,
+    /// A class counts by its share of the windows instead of all classes alike.
+    pub unbalanced: bool,
+    /// Updates.
+    pub steps: u64,
+    /// Windows of a step.
+    pub batch: usize,
+    /// The learning rate of what was trained before.
+    pub rate: f64,
+    /// That of the heads and the class tokens: they begin with nothing.
+    pub head_rate: f64,
+    /// Updates between measurements on the validation clips.
+    pub eval_every: u64,
+    /// Measurements without a better one after which it ends; 0: never.
+    pub patience: u64,
+    /// Every random number comes from it.
+    pub seed: u64,
+}
+
+impl Default for TrainOptions {
+    /// PROTOCOLS 5.6 where it says something.
+    fn default() -> Self {
+        TrainOptions {
+            fields: Vec::new(),
+            only: Vec::new(),
+            scratch: false,
+            share: 1.0,
+            compat: false,
+            unbalanced: false,
+            steps: 1000,
+            batch: 16,
+            rate: 2e-5,
+            head_rate: 1e-3,
+            eval_every: 100,
+            patience: 0,
+            seed: 1,
+        }
+    }
+}
+
+/// Figures of a measurement or a step, as `metrics.jsonl` has them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Told {
+    /// Updates done.
+    pub step: u64,
+    /// Mean -ln p of the motion's tokens over the updates since the line before.
+    pub token_nats: f64,
+    /// Mean weighted -ln p of the classes, summed over the fields.
+    pub class_nats: f64,
+    /// The same on the validation windows, unweighted.
+    pub valid_nats: Option<f64>,
+    /// Share of validation windows whose class is the likeliest, averaged over the fields.
+    pub valid_accuracy: Option<f64>,
+}
+
+/// How it ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Summary {
+    /// What it tells.
+    pub fields: Fields,
+    /// Training clips, and windows of them.
+    pub clips: usize,
+    /// Windows of those.
+    pub windows: usize,
+    /// The step whose weights were kept.
+    pub best: u64,
+    /// Its validation figures.
+    pub valid_nats: Option<f64>,
+    /// Whether it was stopped.
+    pub stopped: bool,
+}
+
+/// The training windows and what each is asked.
+struct Material<'a> {
+    corpus: &'a Corpus,
+    clips: Vec<&'a ClipRecord>,
+    windows: Vec<Window>,
+    /// Per field and class.
+    weights: Vec<Vec<f64>>,
+}
+
+/// Trains a classifier and writes it to the new folder `out`. It works on the rayon pool that it is called in; the number of
+/// threads changes nothing. Where there are validation clips the weights with the lowest -ln p of their classes are kept,
+/// else the last.
+///
+/// # Errors
+/// A folder that is there; fields, classes or clips that aren't; a corpus of another tokenizer; a loss that is not finite;
+/// what the system refuses.
+pub fn train(
+    run: &LoadedRun,
+    corpus: &Corpus,
+    options: &TrainOptions,
+    out: &Path,
+    stop: &AtomicBool,
+    tell: &mut dyn FnMut(&Told),
+) -> Result<Summary> {
+    check(options)?;
+    let tokenizer = run_tokenizer(run, corpus)?;
+    let clips = fields::clips(corpus, &options.only)?;
+    let fields = Fields::of(corpus, &clips, &options.fields)?;
+    let layout = Layout::new(&run.config, &run.tokens, fields.len())?;
+    let material = material(corpus, &clips, &fields, &layout, options);
+    let valid: Vec<&ClipRecord> = clips.iter().copied().filter(|c| c.split == Split::Valid).collect();
+    let model = Fast::from_tensors(&run.config, &grown(&run.tokens, &fields), first_weights(run, &fields, options)?)?;
+    let heads = first_heads(&fields, run.config.width, options.seed);
+    let mut learner = Learner::new(model, heads, run.tokens.vocabulary as u32);
+    let mut writer = Writer::create(out, &tokenizer)?;
+    let about = About {
+        schema: 1,
+        kinelm: env!("CARGO_PKG_VERSION").into(),
+        model: run.config.clone(),
+        tokens: run.tokens.clone(),
+        fields: fields.clone(),
+        compat: options.compat,
+        only: options.only.clone(),
+        from: (!options.scratch).then(|| run.checkpoint.clone()),
+        share: options.share,
+        seed: options.seed,
+        step: 0,
+        valid_nats: None,
+        tokenizer: tokenizer.base_hash(),
+        weights: (String::new(), FileRecord::of(&[])),
+    };
+    let train = TrainConfig {
+        batch: options.batch,
+        steps: options.steps,
+        learning_rate: options.rate,
+        schedule: Schedule::Cosine,
+        warmup: (options.steps / 20).max(1),
+        seed: options.seed,
+        ..TrainConfig::default()
+    };
+    let mut summary = Summary {
+        fields: fields.clone(),
+        clips: material.clips.len(),
+        windows: material.windows.len(),
+        best: 0,
+        valid_nats: None,
+        stopped: false,
+    };
+    let (mut since, mut sums) = (0, [0.0; 2]);
+    let mut worse = 0;
+    for step in 0..options.steps {
+        let batch = material.batch(&layout, &fields, &train, options.compat, step);
+        let share = run.config.dropout;
+        let dropout = (share > 0.0).then_some(Dropout { share, seed: options.seed, step, first: 0 });
+        let now = rate(&train, step);
+        let rates = [now, now / options.rate * options.head_rate];
+        let counted = batch.targets.iter().filter(|&&t| t != run.tokens.pad).count();
+        let found = learner.step(batch.as_batch(&layout), dropout.as_ref(), &train, rates)?;
+        since += 1;
+        sums = [sums[0] + found.tokens / counted.max(1) as f64, sums[1] + found.classes];
+        summary.stopped = stop.load(Ordering::Relaxed);
+        let last = step + 1 == options.steps || summary.stopped;
+        if !last && (step + 1) % options.eval_every.max(1) != 0 {
+            continue;
+        }
+        let measured = measure(&mut learner, &layout, options.compat, corpus, &valid, &fields)?;
+        let [token_nats, class_nats] = sums.map(|sum| sum / f64::from(since));
+        (since, sums) = (0, [0.0; 2]);
+        let (nats, accuracy) = measured.map_or((None, None), |(n, a)| (Some(n), Some(a)));
+        let told = Told { step: step + 1, token_nats, class_nats, valid_nats: nats, valid_accuracy: accuracy };
+        writer.tell(&told)?;
+        tell(&told);
+        let better = match (nats, summary.valid_nats) {
+            (Some(now), Some(before)) => now < before,
+            _ => true,
+        };
+        if better {
+            (summary.best, summary.valid_nats, worse) = (step + 1, nats, 0);
+            let about = About { step: step + 1, valid_nats: nats, ..about.clone() };
+            writer.write(about, &learner.tensors(&fields)?)?;
+        } else {
+            worse += 1;
+        }
+        if summary.stopped || (options.patience > 0 && worse >= options.patience) {
+            break;
+        }
+    }
+    Ok(summary)
+}
+
+fn check(options: &TrainOptions) -> Result<()> {
+    let fault = match options {
+        o if !(o.share > 0.0 && o.share <= 1.0) => format!("a share of {}; expected above 0, at most 1", o.share),
+        o if o.steps == 0 || o.batch == 0 => "0 steps or windows; expected 1 or more".into(),
+        o if [o.rate, o.head_rate].iter().any(|r| !(*r > 0.0 && r.is_finite())) => {
+            format!("rates {} and {}; expected numbers above 0", o.rate, o.head_rate)
+        }
+        _ => return Ok(()),
+    };
+    Err(Error::Call(fault))
+}
+
+/// The run's tokenizer, which must be the corpus's but for labels.
+pub(super) fn run_tokenizer(run: &LoadedRun, corpus: &Corpus) -> Result<kinelm_tokenizer::Tokenizer> {
+    let tokenizer = kinelm_tokenizer::Tokenizer::load(&run.tokenizer)?;
+    same_tokenizer(&tokenizer.base_hash(), corpus)?;
+    Ok(tokenizer)
+}
+
+/// Refuses a corpus of another tokenizer.
+pub(super) fn same_tokenizer(expected: &str, corpus: &Corpus) -> Result<()> {
+    let found = corpus.tokenizer().base_hash();
+    if found == expected {
+        return Ok(());
+    }
+    let help = "make the corpus with the model's tokenizer.json: kinelm tokenize DATA --tokenizer FILE";
+    let (found, expected) = (format!("a corpus of tokenizer {found}"), format!("that of the model, {expected}"));
+    Err(Error::file(corpus.dir(), found, expected, help))
+}
+
+/// The run's weights, or drawn ones, with rows for the class tokens.
+fn first_weights(run: &LoadedRun, fields: &Fields, options: &TrainOptions) -> Result<BTreeMap<String, Tensor>> {
+    let tokens = grown(&run.tokens, fields);
+    if options.scratch {
+        return layout::initial(&run.config, &tokens, options.seed);
+    }
+    let language = |tokens| Language { tokens, conditions: &run.conditions };
+    grow(&run.weights, &run.config, language(&run.tokens), language(&tokens), options.seed)
+}
+
+/// The clips that a classifier learns from.
+pub(super) fn learned_from<'a>(
+    clips: &[&'a ClipRecord],
+    fields: &Fields,
+    share: f64,
+    seed: u64,
+) -> Vec<&'a ClipRecord> {
+    let told = |c: &&&ClipRecord| c.split == Split::Train && fields.0.iter().any(|f| f.class_of(c).is_some());
+    let train: Vec<&ClipRecord> = clips.iter().filter(told).copied().collect();
+    if share < 1.0 { labelled(&train, &fields.0[0], share, seed) } else { train }
+}
+
+/// Of each class of the first field, the first clips by a hash of their take: a share that grows keeps its clips.
+fn labelled<'a>(clips: &[&'a ClipRecord], field: &Field, share: f64, seed: u64) -> Vec<&'a ClipRecord> {
+    let mut kept = Vec::new();
+    for class in 0..field.classes.len() {
+        let mut of_class: Vec<(u64, &ClipRecord)> = clips
+            .iter()
+            .filter(|c| field.class_of(c) == Some(class))
+            .map(|c| (random::stream(seed, "labelled", 0, c.key as u64).next_u64(), *c))
+            .collect();
+        of_class.sort_by_key(|(hash, c)| (*hash, c.key));
+        let keep = ((of_class.len() as f64 * share).round() as usize).max(1);
+        kept.extend(of_class.into_iter().take(keep).map(|(_, c)| c));
+    }
+    kept.sort_by_key(|c| c.key);
+    kept
+}
+
+fn material<'a>(
+    corpus: &'a Corpus,
+    clips: &[&'a ClipRecord],
+    fields: &Fields,
+    layout: &Layout,
+    options: &TrainOptions,
+) -> Material<'a> {
+    let clips = learned_from(clips, fields, options.share, options.seed);
+    let windows: Vec<Window> =
+        clips.iter().enumerate().flat_map(|(i, c)| layout.windows(i, corpus.words(c).len())).collect();
+    let weigh = |field: &Field| {
+        let mut counts = vec![0usize; field.classes.len()];
+        windows.iter().filter_map(|w| field.class_of(clips[w.clip])).for_each(|class| counts[class] += 1);
+        let (all, some) = (counts.iter().sum::<usize>() as f64, counts.iter().filter(|&&n| n > 0).count() as f64);
+        let one = |&n: &usize| if options.unbalanced || n == 0 { 1.0 } else { all / (some * n as f64) };
+        counts.iter().map(one).collect()
+    };
+    Material { corpus, weights: fields.0.iter().map(weigh).collect(), clips, windows }
+}
+
+/// A batch's numbers.
+pub(super) struct Numbers {
+    pub inputs: Vec<u32>,
+    pub targets: Vec<u32>,
+    pub hiding: Option<Vec<f32>>,
+    rows: Vec<ClassRow>,
+    clips: Vec<String>,
+}
+
+impl Numbers {
+    fn as_batch(&self, layout: &Layout) -> Batch<'_> {
+        Batch { windows: self.as_windows(layout), rows: &self.rows, clips: &self.clips }
+    }
+
+    pub fn as_windows(&self, layout: &Layout) -> Windows<'_> {
+        let mask = mask(self.hiding.as_deref());
+        Windows { inputs: &self.inputs, targets: &self.targets, length: layout.length(), mask }
+    }
+
+    /// Windows without questions, of the ids that `ids_of` gives.
+    pub fn of(layout: &Layout, ids_of: &dyn Fn(&Window) -> Vec<u32>, windows: &[Window], compat: bool) -> Numbers {
+        let t = layout.length();
+        let (mut inputs, mut targets) = (vec![0; windows.len() * t], vec![0; windows.len() * t]);
+        for ((window, input), target) in windows.iter().zip(inputs.chunks_mut(t)).zip(targets.chunks_mut(t)) {
+            layout.fill(&ids_of(window), input, target);
+        }
+        let words: Vec<usize> = windows.iter().map(|w| w.words).collect();
+        Numbers { inputs, targets, hiding: layout.hiding(&words, compat), rows: Vec::new(), clips: Vec::new() }
+    }
+}
+
+impl Material<'_> {
+    /// The windows of a step: all of them once a pass, in an order that the pass draws.
+    fn batch(&self, layout: &Layout, fields: &Fields, train: &TrainConfig, compat: bool, step: u64) -> Numbers {
+        let all = self.windows.len() as u64;
+        let mut order: Option<(u64, Vec<usize>)> = None;
+        let mut chosen = Vec::with_capacity(train.batch);
+        for place in step * train.batch as u64..(step + 1) * train.batch as u64 {
+            let (pass, at) = (place / all, (place % all) as usize);
+            if order.as_ref().is_none_or(|(p, _)| *p != pass) {
+                order = Some((pass, self.order(train.seed, pass)));
+            }
+            chosen.extend(order.as_ref().map(|(_, order)| self.windows[order[at]]));
+        }
+        let ids_of = |w: &Window| self.corpus.word_ids(self.clips[w.clip], w.word..w.word + w.words);
+        let mut numbers = Numbers::of(layout, &ids_of, &chosen, compat);
+        let t = layout.length();
+        for (table, field) in fields.0.iter().enumerate() {
+            let class = |w: &Window| field.class_of(self.clips[w.clip]);
+            let counted = chosen.iter().filter(|w| class(w).is_some()).count().max(1) as f64;
+            for (i, window) in chosen.iter().enumerate() {
+                let Some(class) = class(window) else { continue };
+                let row = i * t + layout.rows(window.words).start + table;
+                let weight = (self.weights[table][class] / counted) as f32;
+                numbers.rows.push(ClassRow { row, table, class: class as u32, weight });
+            }
+        }
+        numbers.clips = chosen.iter().map(|w| self.clips[w.clip].name.clone()).collect();
+        numbers
+    }
+
+    fn order(&self, seed: u64, pass: u64) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.windows.len()).collect();
+        let mut rng = random::stream(seed, "class windows", pass, 0);
+        for i in (1..order.len()).rev() {
+            order.swap(i, (random::unit(&mut rng) * (i + 1) as f64) as usize);
+        }
+        order
+    }
+}
+
+/// Mean -ln p of the classes of validation windows, summed over the fields, and the mean share that is right.
+fn measure(
+    learner: &mut Learner,
+    layout: &Layout,
+    compat: bool,
+    corpus: &Corpus,
+    valid: &[&ClipRecord],
+    fields: &Fields,
+) -> Result<Option<(f64, f64)>> {
+    let source = Source::of(corpus, valid);
+    let named = read_windows(&mut learner.model, &learner.heads, layout, compat, &source)?;
+    let (mut nats, mut right, mut some) = (0.0, 0.0, 0);
+    for (table, field) in fields.0.iter().enumerate() {
+        let asked: Vec<(usize, &Named)> =
+            named.iter().filter_map(|n| Some((field.class_of(valid[n.clip])?, n))).collect();
+        if asked.is_empty() {
+            continue;
+        }
+        let count = asked.len() as f64;
+        nats -= asked.iter().map(|(class, n)| n.log_p[table][*class]).sum::<f64>() / count;
+        right += asked.iter().filter(|(class, n)| n.likeliest(table) == *class).count() as f64 / count;
+        some += 1;
+    }
+    Ok((some > 0).then(|| (nats, right / f64::from(some))))
+}

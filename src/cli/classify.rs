@@ -1,0 +1,227 @@
+//! `kinelm classify train`, `eval` and `predict`.
+
+use super::{Say, WrongCall, print, read::ReadArgs};
+use anyhow::{Context, Result};
+use kinelm::classify::baselines::compare;
+use kinelm::classify::predict::Told;
+use kinelm::classify::{Classifier, Only, TrainOptions, report, train};
+use kinelm::corpus::{Corpus, Split};
+use kinelm::model::exchange;
+use kinelm_motion::format::RestFrame;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// Train class tokens on a run, together with its language model
+    Train(TrainArgs),
+    /// How often a classifier is right, with intervals, beside plain ones that learned from the same clips
+    Eval(EvalArgs),
+    /// Name motion files, and say which second speaks for what
+    Predict(PredictArgs),
+}
+
+#[derive(Debug, clap::Args)]
+pub struct TrainArgs {
+    /// The run to go on from (its best checkpoint), or a folder that `kinelm export` or transformers wrote
+    #[arg(long, value_name = "RUN|DIR")]
+    run: PathBuf,
+    /// The labelled corpus, of the run's tokenizer
+    #[arg(long, value_name = "CORPUS")]
+    corpus: PathBuf,
+    /// The label fields to tell, such as genre,dancer
+    #[arg(long, value_name = "LIST", value_delimiter = ',', required = true)]
+    fields: Vec<String>,
+    /// Where the classifier goes: a new folder
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Look only at clips with this label; may be given again
+    #[arg(long, value_name = "FIELD=VALUE")]
+    only: Vec<Only>,
+    /// The run's shape with weights that are drawn, instead of its own
+    #[arg(long)]
+    scratch: bool,
+    /// Learn from this share of the labelled training clips, of each class of the first field at least one
+    #[arg(long, value_name = "SHARE", default_value_t = 1.0)]
+    share: f64,
+    /// A class token sees those before it, as the thesis's does
+    #[arg(long)]
+    compat: bool,
+    /// Classes count by how frequent they are, instead of all alike
+    #[arg(long)]
+    unbalanced: bool,
+    /// Updates
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..))]
+    steps: u64,
+    /// Windows of an update
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..))]
+    batch: u16,
+    /// The learning rate of what the run has learnt
+    #[arg(long, value_name = "RATE", default_value_t = 2e-5, value_parser = super::read::positive)]
+    rate: f64,
+    /// That of the heads and class tokens, which begin with nothing
+    #[arg(long, value_name = "RATE", default_value_t = 1e-3, value_parser = super::read::positive)]
+    head_rate: f64,
+    /// Updates between measurements on the validation clips
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..))]
+    eval_every: u64,
+    /// Measurements without a better one after which it ends; 0: never
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    patience: u64,
+    /// The seed of all that is drawn
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct EvalArgs {
+    /// What `kinelm classify train` wrote
+    #[arg(long, value_name = "DIR")]
+    classifier: PathBuf,
+    /// The corpus; its train clips are those that it learned from
+    #[arg(long, value_name = "CORPUS")]
+    corpus: PathBuf,
+    /// The split that is measured
+    #[arg(long, value_name = "train|valid|test", default_value = "test")]
+    split: Split,
+    /// Plain classifiers too: majority class, length and first pose, nearest spectra, LDA
+    #[arg(long)]
+    baselines: bool,
+    /// With --baselines: LDA on the vectors of this run too
+    #[arg(long, value_name = "RUN|DIR", requires = "baselines")]
+    run: Option<PathBuf>,
+    /// One JSON object instead of tables
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct PredictArgs {
+    /// What `kinelm classify train` wrote
+    #[arg(long, value_name = "DIR")]
+    classifier: PathBuf,
+    /// Motion files of any rig
+    #[arg(value_name = "FILE", required = true)]
+    files: Vec<PathBuf>,
+    /// A JSON object a file instead of text
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+pub fn run(command: Command, say: Say) -> Result<()> {
+    match command {
+        Command::Train(args) => trained(args, say),
+        Command::Eval(args) => measured(&args, say),
+        Command::Predict(args) => named(&args, say),
+    }
+}
+
+fn trained(args: TrainArgs, say: Say) -> Result<()> {
+    let run = exchange::load(&args.run)?;
+    run.notes.iter().for_each(|note| say.line(note));
+    let corpus = Corpus::open(&args.corpus)?;
+    let options = TrainOptions {
+        fields: args.fields,
+        only: args.only,
+        scratch: args.scratch,
+        share: args.share,
+        compat: args.compat,
+        unbalanced: args.unbalanced,
+        steps: args.steps,
+        batch: args.batch.into(),
+        rate: args.rate,
+        head_rate: args.head_rate,
+        eval_every: args.eval_every,
+        patience: args.patience,
+        seed: args.seed,
+    };
+    let stop = super::pretrain::stop_on_ctrl_c()?;
+    let done = train(&run, &corpus, &options, &args.out, &stop, &mut |told| {
+        let valid = match (told.valid_nats, told.valid_accuracy) {
+            (Some(nats), Some(right)) => format!("; validation {nats:.3}, {:.1} % of windows right", 100.0 * right),
+            _ => String::new(),
+        };
+        let (step, steps) = (told.step, options.steps);
+        let (tokens, classes) = (told.token_nats, told.class_nats);
+        say.line(format_args!(
+            "step {step}/{steps}: motion {tokens:.3} nats a token, classes {classes:.3} nats{valid}"
+        ));
+    });
+    let done = match done {
+        Err(kinelm::Error::Call(what)) => return Err(WrongCall(what).into()),
+        done => done?,
+    };
+    for field in &done.fields.0 {
+        let many: Vec<String> = field.classes.iter().zip(&field.clips).map(|(c, n)| format!("{c} {n}")).collect();
+        say.line(format_args!("{}: training clips of {}", field.name, many.join(", ")));
+    }
+    let (clips, windows, best) = (done.clips, done.windows, done.best);
+    say.line(format_args!(
+        "{}: learned from {windows} windows of {clips} clips, weights of step {best}",
+        args.out.display()
+    ));
+    match done.stopped {
+        true => Err(super::Stopped(format!("stopped; {} holds what was best so far", args.out.display())).into()),
+        false => Ok(()),
+    }
+}
+
+fn measured(args: &EvalArgs, say: Say) -> Result<()> {
+    let mut classifier = Classifier::load(&args.classifier)?;
+    let corpus = Corpus::open(&args.corpus)?;
+    let run = args.run.as_deref().map(exchange::load).transpose()?;
+    run.iter().flat_map(|r| &r.notes).for_each(|note| say.line(note));
+    let found = compare(&mut classifier, &corpus, args.split, run.as_ref(), args.baselines)?;
+    if args.json {
+        #[derive(serde::Serialize)]
+        struct Line<'a> {
+            schema: u32,
+            fields: &'a kinelm::classify::Fields,
+            #[serde(flatten)]
+            found: &'a kinelm::classify::baselines::Comparison,
+        }
+        let line = Line { schema: 1, fields: &classifier.about.fields, found: &found };
+        return print(&(serde_json::to_string(&line)? + "\n"));
+    }
+    print(&report::text(&found, &classifier.about.fields))
+}
+
+fn named(args: &PredictArgs, say: Say) -> Result<()> {
+    let mut classifier = Classifier::load(&args.classifier)?;
+    let options = args.read.options(RestFrame::Drop);
+    for file in &args.files {
+        let (motion, found) = classifier.predict(file, &options)?;
+        super::warn(&motion, say);
+        if args.json {
+            print(&(serde_json::to_string(&found)? + "\n"))?;
+            continue;
+        }
+        let mut text = format!("{} ({:.1} s)\n", file.display(), found.seconds);
+        for told in &found.fields {
+            text += &lines(told).context("no text")?;
+        }
+        print(&text)?;
+    }
+    Ok(())
+}
+
+/// `genre: salsa 91.2 %, martial 6.0 %` and a letter a second.
+fn lines(told: &Told) -> Result<String> {
+    let mut text = String::new();
+    let shares: Vec<String> = told.probabilities.iter().map(|(c, p)| format!("{c} {:.1} %", 100.0 * p)).collect();
+    writeln!(text, "  {}: {}", told.field, shares.join(", "))?;
+    let letter = |class: &str| {
+        let at = told.probabilities.iter().position(|(c, _)| c == class).unwrap_or(0);
+        (b'a' + (at % 26) as u8) as char
+    };
+    let strip: String =
+        told.strip.iter().map(|(c, p)| if *p > 0.5 { letter(c).to_ascii_uppercase() } else { letter(c) }).collect();
+    let mut shown: Vec<&String> = told.strip.iter().map(|(c, _)| c).collect();
+    shown.sort_by_key(|c| letter(c));
+    shown.dedup();
+    let legend: Vec<String> = shown.iter().map(|c| format!("{} {c}", letter(c).to_ascii_uppercase())).collect();
+    writeln!(text, "  a letter a second, large above 50 %: {strip}   ({})", legend.join(", "))?;
+    Ok(text)
+}

@@ -42,14 +42,22 @@ fn a_run_that_is_killed_again_and_again_has_the_bytes_of_one_that_was_not() {
     let run = place.at("killed");
     let mut delays = random::stream(11, "kill", 0, 0);
     let (mut kills, mut steps) = (0, Vec::new());
+    // all of them together take less than the run
+    let mut most = took.div_f64(7.0);
     while kills < KILLS {
         let begun = run.join("config.toml").exists();
         let mut child = spawn(&if begun { place.resume(&run) } else { place.pretrain(&config, &run) });
-        // all of them together take less than the run
-        std::thread::sleep(took.mul_f64(random::unit(&mut delays) / 7.0));
+        std::thread::sleep(most.mul_f64(random::unit(&mut delays)));
         if let Some(status) = child.try_wait().unwrap() {
             assert!(status.success(), "{status} after {kills} kills");
-            break;
+            if kills >= 6 {
+                break;
+            }
+            // the first run was on a busier machine: once more, with shorter delays
+            fs::remove_dir_all(&run).unwrap();
+            (kills, steps, most) = (0, Vec::new(), most.div_f64(3.0));
+            assert!(most > Duration::from_millis(1), "the run is always done after few kills; give it more steps");
+            continue;
         }
         child.kill().unwrap();
         child.wait().unwrap();
@@ -58,7 +66,6 @@ fn a_run_that_is_killed_again_and_again_has_the_bytes_of_one_that_was_not() {
         steps.push(latest.trim().to_string());
     }
     println!("{kills} kills, after the checkpoints {steps:?}");
-    assert!(kills >= 6, "the run was done after {kills} kills; give it more steps");
     steps.dedup();
     assert!(steps.len() >= 3, "the kills came at other checkpoints: {steps:?}");
     place.resume(&run).assert().success();

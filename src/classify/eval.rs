@@ -44,12 +44,15 @@ pub fn name_windows(classifier: &mut Classifier, corpus: &Corpus, clips: &[&Clip
     classifier.read(&Source::of(corpus, clips))
 }
 
+/// The ids of some words of a clip.
+type Ids<'a> = Box<dyn Fn(&Window) -> Vec<u32> + 'a>;
+
 /// Clips as ids, wherever they are from.
 pub(super) struct Source<'a> {
     /// Words of every clip.
     pub words: Vec<usize>,
-    /// The ids of some words of a clip.
-    pub ids: Box<dyn Fn(&Window) -> Vec<u32> + 'a>,
+    /// The ids of a window.
+    pub ids: Ids<'a>,
 }
 
 impl<'a> Source<'a> {

@@ -124,7 +124,7 @@ impl Layout {
 
 /// The mask of a pass.
 pub fn mask(hiding: Option<&[f32]>) -> Mask<'_> {
-    hiding.map_or(Mask::Causal, Mask::Additive)
+    hiding.map_or(Mask::Causal, Mask::CausalAdditive)
 }
 
 #[cfg(test)]

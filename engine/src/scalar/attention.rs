@@ -18,10 +18,10 @@ fn at(shape: Shape, sequence: usize, token: usize, part: usize, head: usize, i: 
 fn added(shape: Shape, mask: Mask, sequence: usize, query: usize, key: usize) -> f64 {
     let t = shape.tokens;
     match mask {
-        Mask::Causal if key > query => f64::NEG_INFINITY,
+        Mask::Causal | Mask::CausalAdditive(_) if key > query => f64::NEG_INFINITY,
         Mask::Causal | Mask::Full => 0.0,
-        Mask::Additive(mask) if mask.len() == t * t => mask[query * t + key] as f64,
-        Mask::Additive(mask) => mask[(sequence * t + query) * t + key] as f64,
+        Mask::Additive(mask) | Mask::CausalAdditive(mask) if mask.len() == t * t => mask[query * t + key] as f64,
+        Mask::Additive(mask) | Mask::CausalAdditive(mask) => mask[(sequence * t + query) * t + key] as f64,
     }
 }
 
@@ -144,6 +144,7 @@ mod tests {
             check(shape, Mask::Full, factors);
             check(shape, Mask::Additive(&mask[..16]), factors);
             check(shape, Mask::Additive(&mask), factors);
+            check(shape, Mask::CausalAdditive(&mask), factors);
             check(Shape { batch: 1, tokens: 1, heads: 1, width: 1 }, Mask::Causal, factors.map(|f| &f[..1]));
         }
     }

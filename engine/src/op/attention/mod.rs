@@ -81,6 +81,22 @@ pub enum Mask<'a> {
     /// (B, T, T). Minus infinity hides a key; a query that sees none has output 0, and gives no gradient. Numbers below
     /// -2e38 count as minus infinity.
     Additive(&'a [f32]),
+    /// Those up to its own place, with numbers added as by `Additive`; what stands for later keys is never read, and costs
+    /// nothing.
+    CausalAdditive(&'a [f32]),
+}
+
+impl<'a> Mask<'a> {
+    fn is_causal(self) -> bool {
+        matches!(self, Mask::Causal | Mask::CausalAdditive(_))
+    }
+
+    fn numbers(self) -> Option<&'a [f32]> {
+        match self {
+            Mask::Additive(numbers) | Mask::CausalAdditive(numbers) => Some(numbers),
+            Mask::Causal | Mask::Full => None,
+        }
+    }
 }
 
 /// Dropout of weights.
@@ -103,7 +119,7 @@ pub struct Rules<'a> {
 
 impl Rules<'_> {
     fn check(self, shape: Shape) {
-        if let Mask::Additive(mask) = self.mask {
+        if let Some(mask) = self.mask.numbers() {
             let square = shape.tokens * shape.tokens;
             let fits = mask.len() == square || mask.len() == shape.batch * square;
             assert!(fits, "a mask of {} numbers for {shape:?}", mask.len());
@@ -114,12 +130,12 @@ impl Rules<'_> {
     }
 
     fn is_causal(self) -> bool {
-        matches!(self.mask, Mask::Causal)
+        self.mask.is_causal()
     }
 
     /// The mask of the piece's tile.
     fn bias(&self, shape: Shape, piece: usize, tile: Tile) -> Option<Bias<'_>> {
-        let Mask::Additive(mask) = self.mask else { return None };
+        let mask = self.mask.numbers()?;
         let square = shape.tokens * shape.tokens;
         let sequence = if mask.len() == square { 0 } else { piece / shape.heads };
         let first = sequence * square + tile.query * shape.tokens + tile.key;

@@ -64,6 +64,7 @@ fn check(shape: Shape, rules: Rules, seed: u64, range: f32) {
     let d_expected = scalar::backward(shape, &wide_qkv, &expected, factors.as_deref(), &wide(&d_out));
     let what = match rules.mask {
         Mask::Additive(mask) => format!("{shape:?}, a mask of {}, {:?}", mask.len(), rules.dropout),
+        Mask::CausalAdditive(mask) => format!("{shape:?}, a causal mask of {}, {:?}", mask.len(), rules.dropout),
         _ => format!("{shape:?}, {rules:?}"),
     };
     near(&what, &out, &expected.out, 0.0);
@@ -91,7 +92,9 @@ fn check_all(shape: Shape, seed: u64) {
     let square = shape.tokens * shape.tokens;
     let (shared, own) = (mask(seed, shape, square), mask(seed, shape, shape.batch * square));
     for dropout in [None, Some(dropped)] {
-        for mask in [Mask::Causal, Mask::Full, Mask::Additive(&shared), Mask::Additive(&own)] {
+        let additive = [Mask::Additive(&shared), Mask::Additive(&own)];
+        let causal = [Mask::CausalAdditive(&shared), Mask::CausalAdditive(&own)];
+        for mask in [Mask::Causal, Mask::Full].into_iter().chain(additive).chain(causal) {
             check(shape, Rules { mask, dropout }, seed, 1.5);
         }
     }

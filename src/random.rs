@@ -3,7 +3,7 @@
 //! No generator is shared, so the number of threads, resuming, and a new use elsewhere change nothing.
 
 use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::SeedableRng;
+use rand_chacha::rand_core::{RngCore, SeedableRng};
 use sha2::{Digest, Sha256};
 
 /// The stream of (`seed`, `purpose`, `step`, `index`); another purpose, step or index is another, unrelated stream.
@@ -18,14 +18,21 @@ pub fn stream(seed: u64, purpose: &str, step: u64, index: u64) -> ChaCha8Rng {
 }
 
 /// A number in `0.0..1.0` of 53 random bits.
-pub fn unit(rng: &mut impl rand_chacha::rand_core::RngCore) -> f64 {
+pub fn unit(rng: &mut impl RngCore) -> f64 {
     (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// Brings `all` into a random order, by Fisher and Yates's method; for up to 2^32 of them, where the rest of a division of 64
+/// bits has no bias that could be seen.
+pub fn shuffle<T>(all: &mut [T], rng: &mut impl RngCore) {
+    for last in (1..all.len()).rev() {
+        all.swap(last, (rng.next_u64() % (last as u64 + 1)) as usize);
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand_chacha::rand_core::RngCore;
 
     #[test]
     fn streams_are_their_own() {
@@ -36,5 +43,18 @@ mod tests {
         {
             assert_ne!(a, other);
         }
+    }
+
+    #[test]
+    fn orders_are_all_about_as_frequent() {
+        let mut counts = std::collections::BTreeMap::new();
+        for i in 0..6000 {
+            let mut all = [0, 1, 2];
+            shuffle(&mut all, &mut stream(1, "shuffle", i, 0));
+            *counts.entry(all).or_insert(0) += 1;
+        }
+        assert_eq!(counts.len(), 6);
+        // 1,000 each, deviation 29
+        assert!(counts.values().all(|n| (880..1120).contains(n)), "{counts:?}");
     }
 }

@@ -1,13 +1,14 @@
 //! What a classifier says of windows and clips.
 
 use super::Classifier;
-use super::train::Numbers;
+use super::batches::Numbers;
 use super::windows::{Layout, Window};
 use crate::Result;
 use crate::corpus::{ClipRecord, Corpus};
+use crate::model::Scores;
 use crate::model::fast::Fast;
-use crate::model::{ModelConfig, Scores};
 use kinelm_engine::arena::Floats;
+use std::ops::Range;
 
 /// Windows that are read together.
 const TOGETHER: usize = 16;
@@ -18,7 +19,7 @@ pub struct Named {
     /// Index into the clips.
     pub clip: usize,
     /// Its frames' first word, and how many there are.
-    pub words: std::ops::Range<usize>,
+    pub words: Range<usize>,
     /// ln p, per field and class.
     pub log_p: Vec<Vec<f64>>,
 }
@@ -63,7 +64,8 @@ impl<'a> Source<'a> {
         }
     }
 
-    fn windows(&self, layout: &Layout) -> Vec<Window> {
+    /// Theirs, in order.
+    pub fn windows(&self, layout: &Layout) -> Vec<Window> {
         self.words.iter().enumerate().flat_map(|(clip, &words)| layout.windows(clip, words)).collect()
     }
 }
@@ -114,6 +116,10 @@ pub(super) fn normalised(logits: Vec<f64>) -> Vec<f64> {
     logits.into_iter().map(|l| l - sum).collect()
 }
 
+/// What a model with these heads says of every window of `source`.
+///
+/// # Errors
+/// What the model refuses.
 pub(super) fn read_windows(
     model: &mut Fast,
     heads: &[Floats],
@@ -121,24 +127,16 @@ pub(super) fn read_windows(
     compat: bool,
     source: &Source,
 ) -> Result<Vec<Named>> {
-    let windows = source.windows(layout);
-    let ModelConfig { width, .. } = *Scores::config(model);
-    let mut named = Vec::with_capacity(windows.len());
-    for some in windows.chunks(TOGETHER) {
-        let numbers = Numbers::of(layout, &source.ids, some, compat);
-        let row = |(i, w): (usize, &Window)| layout.rows(w.words).map(move |r| i * layout.length() + r);
-        let rows: Vec<usize> = some.iter().enumerate().flat_map(row).collect();
-        let vectors = model.final_vectors(numbers.as_windows(layout), &rows)?;
-        for (w, vectors) in some.iter().zip(vectors.chunks(width * heads.len())) {
-            let logits = |(head, h): (&Floats, &[f32])| {
-                let dot = |row: &[f32]| row.iter().zip(h).map(|(a, b)| f64::from(a * b)).sum::<f64>();
-                normalised(head.chunks(width).map(dot).collect())
-            };
-            let log_p = heads.iter().zip(vectors.chunks(width)).map(logits).collect();
-            named.push(Named { clip: w.clip, words: w.word..w.word + w.words, log_p });
-        }
-    }
-    Ok(named)
+    let width = Scores::config(model).width;
+    let named = |w: &Window, vectors: &[f32]| {
+        let logits = |(head, h): (&Floats, &[f32])| {
+            let dot = |row: &[f32]| row.iter().zip(h).map(|(a, b)| f64::from(a * b)).sum::<f64>();
+            normalised(head.chunks(width).map(dot).collect())
+        };
+        let log_p = heads.iter().zip(vectors.chunks(width)).map(logits).collect();
+        Named { clip: w.clip, words: w.word..w.word + w.words, log_p }
+    };
+    each_window(model, layout, compat, source, &|w| layout.rows(w.words), &named)
 }
 
 /// The mean of the final vectors over the motion's tokens of every window, (D) each.
@@ -146,24 +144,39 @@ pub(super) fn read_windows(
 /// # Errors
 /// What the model refuses.
 pub(super) fn pooled(model: &mut Fast, layout: &Layout, source: &Source) -> Result<Vec<Vec<f64>>> {
+    let width = Scores::config(model).width;
+    let mean = |_: &Window, vectors: &[f32]| {
+        let mut mean = vec![0.0; width];
+        let n = (vectors.len() / width) as f64;
+        for h in vectors.chunks(width) {
+            mean.iter_mut().zip(h).for_each(|(m, x)| *m += f64::from(*x) / n);
+        }
+        mean
+    };
+    each_window(model, layout, true, source, &|w| layout.motion_rows(w.words), &mean)
+}
+
+/// What `read` makes of the final vectors of some rows of every window.
+fn each_window<T>(
+    model: &mut Fast,
+    layout: &Layout,
+    compat: bool,
+    source: &Source,
+    rows_of: &dyn Fn(&Window) -> Range<usize>,
+    read: &dyn Fn(&Window, &[f32]) -> T,
+) -> Result<Vec<T>> {
     let windows = source.windows(layout);
     let width = Scores::config(model).width;
     let mut all = Vec::with_capacity(windows.len());
     for some in windows.chunks(TOGETHER) {
-        let numbers = Numbers::of(layout, &source.ids, some, true);
-        let row = |(i, w): (usize, &Window)| layout.motion_rows(w.words).map(move |r| i * layout.length() + r);
-        let rows: Vec<usize> = some.iter().enumerate().flat_map(row).collect();
-        let vectors = model.final_vectors(numbers.as_windows(layout), &rows)?;
+        let numbers = Numbers::of(layout, &source.ids, some, compat);
+        let rows = some.iter().enumerate().flat_map(|(i, w)| rows_of(w).map(move |r| i * layout.length() + r));
+        let vectors = model.final_vectors(numbers.as_windows(layout), &rows.collect::<Vec<usize>>())?;
         let mut rest = vectors.as_slice();
         for w in some {
-            let n = layout.motion_rows(w.words).len();
-            let (of_window, behind) = rest.split_at(n * width);
+            let (of_window, behind) = rest.split_at(rows_of(w).len() * width);
             rest = behind;
-            let mut mean = vec![0.0; width];
-            for h in of_window.chunks(width) {
-                mean.iter_mut().zip(h).for_each(|(m, x)| *m += f64::from(*x) / n as f64);
-            }
-            all.push(mean);
+            all.push(read(w, of_window));
         }
     }
     Ok(all)

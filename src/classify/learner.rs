@@ -1,11 +1,12 @@
 //! A model and its class heads as they learn, on the CPU.
 
 use super::fields::Fields;
+use crate::Result;
 use crate::model::fast::{ClassRow, Fast, Losses, Windows};
+use crate::model::layout::{Init, Parameter};
 use crate::model::{Dropout, Scores};
 use crate::train::TrainConfig;
 use crate::train::learner::{clip_share, not_finite};
-use crate::{Result, random};
 use candle_core::{Device, Tensor};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::op::adamw::{self, Step};
@@ -19,15 +20,11 @@ pub(super) fn head_name(field: &str) -> String {
 
 /// Heads before training: normal numbers of the model's own spread, (classes, D) each.
 pub(super) fn first_heads(fields: &Fields, width: usize, seed: u64) -> Vec<Floats> {
-    let one = |(i, field): (usize, &super::Field)| {
-        let mut rng = random::stream(seed, "class heads", 0, i as u64);
-        let mut normal = || {
-            let (u, v) = (1.0 - random::unit(&mut rng), random::unit(&mut rng));
-            0.02 * (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
-        };
-        Floats::of(&(0..field.classes.len() * width).map(|_| normal() as f32).collect::<Vec<f32>>())
+    let one = |field: &super::Field| {
+        let (name, shape) = (head_name(&field.name), vec![field.classes.len(), width]);
+        Floats::of(&Parameter { name, shape, init: Init::Normal(0.02), decays: true }.initial(seed))
     };
-    fields.0.iter().enumerate().map(one).collect()
+    fields.0.iter().map(one).collect()
 }
 
 /// What learns: the model's tensors at one rate, the heads and the class tokens, which begin with nothing, at another.
@@ -40,6 +37,8 @@ pub(super) struct Learner {
     second: [Vec<Floats>; 2],
     /// Where the class tokens' rows begin in `token.weight`, and which tensor that is.
     class_rows: (usize, usize),
+    /// Which of the model's tensors decay.
+    decays: Vec<bool>,
     updates: u64,
 }
 
@@ -63,6 +62,7 @@ impl Learner {
             first,
             second,
             class_rows: (token, class_token as usize * width),
+            decays: model.parameters().iter().map(|p| p.decays).collect(),
             model,
             heads,
             updates: 0,
@@ -96,11 +96,10 @@ impl Learner {
         let step = |rate, decay| Step::new(self.updates, rate, train.betas, train.epsilon, decay, share);
         let [slow, fast] = rates;
         let (kept, decayed, fresh) = (step(slow, 0.0), step(slow, train.weight_decay), step(fast, train.weight_decay));
-        let decays: Vec<bool> = self.model.parameters().iter().map(|p| p.decays).collect();
         let (token, row) = self.class_rows;
         let [m, m_heads] = &mut self.first;
         let [v, v_heads] = &mut self.second;
-        let all = (self.model.weights_mut(), m, v, &*of_model, &decays).into_par_iter().enumerate();
+        let all = (self.model.weights_mut(), m, v, &*of_model, &self.decays).into_par_iter().enumerate();
         all.for_each(|(i, (x, m, v, g, &decays))| {
             let step = if decays { &decayed } else { &kept };
             if i != token {

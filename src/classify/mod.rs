@@ -7,6 +7,7 @@
 //! Letters: B batch, T tokens of a window, K tokens in front, m words of W tokens, n fields, D width.
 
 pub mod baselines;
+mod batches;
 pub mod eval;
 mod features;
 pub mod fields;
@@ -14,6 +15,7 @@ pub mod folder;
 mod lda;
 mod learner;
 pub mod measures;
+mod plain;
 pub mod predict;
 pub mod report;
 #[cfg(test)]

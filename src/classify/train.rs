@@ -1,12 +1,13 @@
 //! Training of a classifier from a pre-trained run, or from nothing.
 
+use super::batches::Batches;
 use super::eval::{Named, Source, read_windows};
 use super::fields::{self, Field, Fields, Only};
 use super::folder::{About, Writer, grown};
-use super::learner::{Batch, Learner, first_heads};
-use super::windows::{Layout, Window, mask};
+use super::learner::{Learner, first_heads};
+use super::windows::Layout;
 use crate::corpus::{ClipRecord, Corpus, FileRecord, Split};
-use crate::model::fast::{ClassRow, Fast, Windows};
+use crate::model::fast::{Fast, Losses};
 use crate::model::{Dropout, LoadedRun, layout};
 use crate::train::grow::{Language, grow};
 use crate::train::schedule::rate;
@@ -104,15 +105,6 @@ pub struct Summary {
     pub stopped: bool,
 }
 
-/// The training windows and what each is asked.
-struct Material<'a> {
-    corpus: &'a Corpus,
-    clips: Vec<&'a ClipRecord>,
-    windows: Vec<Window>,
-    /// Per field and class.
-    weights: Vec<Vec<f64>>,
-}
-
 /// Trains a classifier and writes it to the new folder `out`. It works on the rayon pool that it is called in; the number of
 /// threads changes nothing. Where there are validation clips the weights with the lowest -ln p of their classes are kept,
 /// else the last.
@@ -133,7 +125,8 @@ pub fn train(
     let clips = fields::clips(corpus, &options.only)?;
     let fields = Fields::of(corpus, &clips, &options.fields)?;
     let layout = Layout::new(&run.config, &run.tokens, fields.len())?;
-    let material = material(corpus, &clips, &fields, &layout, options);
+    let learned = learned_from(&clips, &fields, options.share, options.seed);
+    let mut batches = Batches::new(corpus, learned, &fields, &layout, options);
     let valid: Vec<&ClipRecord> = clips.iter().copied().filter(|c| c.split == Split::Valid).collect();
     let model = Fast::from_tensors(&run.config, &grown(&run.tokens, &fields), first_weights(run, &fields, options)?)?;
     let heads = first_heads(&fields, run.config.width, options.seed);
@@ -166,43 +159,38 @@ pub fn train(
     };
     let mut summary = Summary {
         fields: fields.clone(),
-        clips: material.clips.len(),
-        windows: material.windows.len(),
+        clips: batches.clips(),
+        windows: batches.windows(),
         best: 0,
         valid_nats: None,
         stopped: false,
     };
-    let (mut since, mut sums) = (0, [0.0; 2]);
+    let mut averages = Averages::default();
     let mut worse = 0;
     for step in 0..options.steps {
-        let batch = material.batch(&layout, &fields, &train, options.compat, step);
-        let share = run.config.dropout;
-        let dropout = (share > 0.0).then_some(Dropout { share, seed: options.seed, step, first: 0 });
+        let numbers = batches.batch(step);
+        let dropout = (run.config.dropout > 0.0).then_some(Dropout {
+            share: run.config.dropout,
+            seed: options.seed,
+            step,
+            first: 0,
+        });
         let now = rate(&train, step);
         let rates = [now, now / options.rate * options.head_rate];
-        let counted = batch.targets.iter().filter(|&&t| t != run.tokens.pad).count();
-        let found = learner.step(batch.as_batch(&layout), dropout.as_ref(), &train, rates)?;
-        since += 1;
-        sums = [sums[0] + found.tokens / counted.max(1) as f64, sums[1] + found.classes];
+        let counted = numbers.targets.iter().filter(|&&t| t != run.tokens.pad).count();
+        averages.add(learner.step(numbers.as_batch(&layout), dropout.as_ref(), &train, rates)?, counted);
         summary.stopped = stop.load(Ordering::Relaxed);
         let last = step + 1 == options.steps || summary.stopped;
         if !last && (step + 1) % options.eval_every.max(1) != 0 {
             continue;
         }
         let measured = measure(&mut learner, &layout, options.compat, corpus, &valid, &fields)?;
-        let [token_nats, class_nats] = sums.map(|sum| sum / f64::from(since));
-        (since, sums) = (0, [0.0; 2]);
-        let (nats, accuracy) = measured.map_or((None, None), |(n, a)| (Some(n), Some(a)));
-        let told = Told { step: step + 1, token_nats, class_nats, valid_nats: nats, valid_accuracy: accuracy };
+        let told = averages.told(step + 1, measured);
         writer.tell(&told)?;
         tell(&told);
-        let better = match (nats, summary.valid_nats) {
-            (Some(now), Some(before)) => now < before,
-            _ => true,
-        };
-        if better {
-            (summary.best, summary.valid_nats, worse) = (step + 1, nats, 0);
-            let about = About { step: step + 1, valid_nats: nats, ..about.clone() };
+        if summary.better(&told) {
+            worse = 0;
+            let about = About { step: told.step, valid_nats: told.valid_nats, ..about.clone() };
             writer.write(about, &learner.tensors(&fields)?)?;
         } else {
             worse += 1;
@@ -212,6 +200,45 @@ pub fn train(
         }
     }
     Ok(summary)
+}
+
+/// Losses since they were last told.
+#[derive(Default)]
+struct Averages {
+    updates: u32,
+    tokens: f64,
+    classes: f64,
+}
+
+impl Averages {
+    /// An update's losses, the motion's over `counted` tokens.
+    fn add(&mut self, found: Losses, counted: usize) {
+        self.updates += 1;
+        self.tokens += found.tokens / counted.max(1) as f64;
+        self.classes += found.classes;
+    }
+
+    /// Their means, beside what was measured; they begin anew.
+    fn told(&mut self, step: u64, measured: Option<(f64, f64)>) -> Told {
+        let Averages { updates, tokens, classes } = std::mem::take(self);
+        let many = f64::from(updates.max(1));
+        let (valid_nats, valid_accuracy) = measured.unzip();
+        Told { step, token_nats: tokens / many, class_nats: classes / many, valid_nats, valid_accuracy }
+    }
+}
+
+impl Summary {
+    /// Whether a measurement is better than those before, which it then stands for; without validation clips every one is.
+    fn better(&mut self, told: &Told) -> bool {
+        let better = match (told.valid_nats, self.valid_nats) {
+            (Some(now), Some(before)) => now < before,
+            _ => true,
+        };
+        if better {
+            (self.best, self.valid_nats) = (told.step, told.valid_nats);
+        }
+        better
+    }
 }
 
 fn check(options: &TrainOptions) -> Result<()> {
@@ -281,97 +308,6 @@ fn labelled<'a>(clips: &[&'a ClipRecord], field: &Field, share: f64, seed: u64) 
     }
     kept.sort_by_key(|c| c.key);
     kept
-}
-
-fn material<'a>(
-    corpus: &'a Corpus,
-    clips: &[&'a ClipRecord],
-    fields: &Fields,
-    layout: &Layout,
-    options: &TrainOptions,
-) -> Material<'a> {
-    let clips = learned_from(clips, fields, options.share, options.seed);
-    let windows: Vec<Window> =
-        clips.iter().enumerate().flat_map(|(i, c)| layout.windows(i, corpus.words(c).len())).collect();
-    let weigh = |field: &Field| {
-        let mut counts = vec![0usize; field.classes.len()];
-        windows.iter().filter_map(|w| field.class_of(clips[w.clip])).for_each(|class| counts[class] += 1);
-        let (all, some) = (counts.iter().sum::<usize>() as f64, counts.iter().filter(|&&n| n > 0).count() as f64);
-        let one = |&n: &usize| if options.unbalanced || n == 0 { 1.0 } else { all / (some * n as f64) };
-        counts.iter().map(one).collect()
-    };
-    Material { corpus, weights: fields.0.iter().map(weigh).collect(), clips, windows }
-}
-
-/// A batch's numbers.
-pub(super) struct Numbers {
-    pub inputs: Vec<u32>,
-    pub targets: Vec<u32>,
-    pub hiding: Option<Vec<f32>>,
-    rows: Vec<ClassRow>,
-    clips: Vec<String>,
-}
-
-impl Numbers {
-    fn as_batch(&self, layout: &Layout) -> Batch<'_> {
-        Batch { windows: self.as_windows(layout), rows: &self.rows, clips: &self.clips }
-    }
-
-    pub fn as_windows(&self, layout: &Layout) -> Windows<'_> {
-        let mask = mask(self.hiding.as_deref());
-        Windows { inputs: &self.inputs, targets: &self.targets, length: layout.length(), mask }
-    }
-
-    /// Windows without questions, of the ids that `ids_of` gives.
-    pub fn of(layout: &Layout, ids_of: &dyn Fn(&Window) -> Vec<u32>, windows: &[Window], compat: bool) -> Numbers {
-        let t = layout.length();
-        let (mut inputs, mut targets) = (vec![0; windows.len() * t], vec![0; windows.len() * t]);
-        for ((window, input), target) in windows.iter().zip(inputs.chunks_mut(t)).zip(targets.chunks_mut(t)) {
-            layout.fill(&ids_of(window), input, target);
-        }
-        let words: Vec<usize> = windows.iter().map(|w| w.words).collect();
-        Numbers { inputs, targets, hiding: layout.hiding(&words, compat), rows: Vec::new(), clips: Vec::new() }
-    }
-}
-
-impl Material<'_> {
-    /// The windows of a step: all of them once a pass, in an order that the pass draws.
-    fn batch(&self, layout: &Layout, fields: &Fields, train: &TrainConfig, compat: bool, step: u64) -> Numbers {
-        let all = self.windows.len() as u64;
-        let mut order: Option<(u64, Vec<usize>)> = None;
-        let mut chosen = Vec::with_capacity(train.batch);
-        for place in step * train.batch as u64..(step + 1) * train.batch as u64 {
-            let (pass, at) = (place / all, (place % all) as usize);
-            if order.as_ref().is_none_or(|(p, _)| *p != pass) {
-                order = Some((pass, self.order(train.seed, pass)));
-            }
-            chosen.extend(order.as_ref().map(|(_, order)| self.windows[order[at]]));
-        }
-        let ids_of = |w: &Window| self.corpus.word_ids(self.clips[w.clip], w.word..w.word + w.words);
-        let mut numbers = Numbers::of(layout, &ids_of, &chosen, compat);
-        let t = layout.length();
-        for (table, field) in fields.0.iter().enumerate() {
-            let class = |w: &Window| field.class_of(self.clips[w.clip]);
-            let counted = chosen.iter().filter(|w| class(w).is_some()).count().max(1) as f64;
-            for (i, window) in chosen.iter().enumerate() {
-                let Some(class) = class(window) else { continue };
-                let row = i * t + layout.rows(window.words).start + table;
-                let weight = (self.weights[table][class] / counted) as f32;
-                numbers.rows.push(ClassRow { row, table, class: class as u32, weight });
-            }
-        }
-        numbers.clips = chosen.iter().map(|w| self.clips[w.clip].name.clone()).collect();
-        numbers
-    }
-
-    fn order(&self, seed: u64, pass: u64) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..self.windows.len()).collect();
-        let mut rng = random::stream(seed, "class windows", pass, 0);
-        for i in (1..order.len()).rev() {
-            order.swap(i, (random::unit(&mut rng) * (i + 1) as f64) as usize);
-        }
-        order
-    }
 }
 
 /// Mean -ln p of the classes of validation windows, summed over the fields, and the mean share that is right.

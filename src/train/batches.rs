@@ -18,7 +18,6 @@ use crate::corpus::{ClipRecord, ClipWords, Corpus, Split};
 use crate::model::Kind;
 use crate::{Error, Result, random};
 use kinelm_tokenizer::Special;
-use rand_chacha::rand_core::RngCore;
 use rayon::prelude::*;
 
 /// The windows of one step.
@@ -234,14 +233,14 @@ impl<'a> Batches<'a> {
                 let mut numbers: Vec<usize> = (share.first..share.first + share.windows).collect();
                 // which of a round's windows a pass takes is drawn where it doesn't take all
                 if (low, high) != (0, windows) {
-                    shuffle(&mut numbers, &mut random::stream(self.seed, "round", round, share.first as u64));
+                    random::shuffle(&mut numbers, &mut random::stream(self.seed, "round", round, share.first as u64));
                 }
                 let mut taken = numbers[low as usize..high as usize].to_vec();
                 taken.sort_unstable();
                 order.extend(taken.into_iter().map(|number| Window { round, number }));
             }
         }
-        shuffle(&mut order, &mut random::stream(self.seed, "order", pass, 0));
+        random::shuffle(&mut order, &mut random::stream(self.seed, "order", pass, 0));
         order
     }
 
@@ -295,14 +294,6 @@ fn hide(places: &[usize], word: usize, inputs: &mut [u32], targets: &mut [u32]) 
         .filter(|(k, id)| hidden(*k) && **id != pad)
         .for_each(|(_, id)| *id = Special::Mask.id());
     targets.iter_mut().enumerate().filter(|(k, _)| hidden(*k)).for_each(|(_, id)| *id = pad);
-}
-
-/// Fisher and Yates's order.
-fn shuffle<T>(all: &mut [T], rng: &mut impl RngCore) {
-    for last in (1..all.len()).rev() {
-        // 64 bits over at most 2^32 windows: no bias that could be seen
-        all.swap(last, (rng.next_u64() % (last as u64 + 1)) as usize);
-    }
 }
 
 #[cfg(test)]

@@ -177,7 +177,7 @@ fn what_is_wrong_is_said_and_nothing_is_left() {
         data.call(&["query", "evaluate"]).args(words).assert().code(1).stderr(contains(says));
     };
     evaluate(&["--fields", "dancer"], "label `dancer`: 6 of 6 clips don't have it");
-    evaluate(&["--where", "genre=polka"], "no clip has the labels genre=polka");
+    evaluate(&["--only", "genre=polka"], "no clip has the labels genre=polka");
     evaluate(&["--exclude", "choreography"], "no clip has the label `choreography`");
     data.find("data/d0.bvh", "data").assert().code(1).stderr(contains("no index.json").and(contains("query build")));
     assert_eq!(names(data.0.path()), before);

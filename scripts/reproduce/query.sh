@@ -36,6 +36,6 @@ measured() {
 : > "$out/tables.new"
 measured bandai-2 "bandai-2" bandai-2 --fields content,style "$@"
 measured cmu-dance "cmu-dance" cmu-dance --skip 10 --fields genre "$@"
-measured salsa "cmu-dance, salsa" cmu-dance --skip 10 --where genre=salsa --fields dancer "$@"
+measured salsa "cmu-dance, salsa" cmu-dance --skip 10 --only genre=salsa --fields dancer "$@"
 mv "$out/tables.new" "$out/tables.md"
 echo "$out/tables.md"

@@ -1,5 +1,6 @@
 //! What is to be told of a clip: label fields and their classes.
 
+use crate::corpus::labels::pair;
 use crate::corpus::{ClipRecord, Corpus, Split};
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -95,12 +96,8 @@ impl std::str::FromStr for Only {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Only> {
-        match text.split_once('=') {
-            Some((field, value)) if !field.is_empty() && !value.is_empty() => {
-                Ok(Only { field: field.into(), value: value.into() })
-            }
-            _ => Err(Error::Call(format!("`{text}`; expected FIELD=VALUE, such as genre=salsa"))),
-        }
+        let (field, value) = pair(text)?;
+        Ok(Only { field, value })
     }
 }
 

@@ -30,7 +30,7 @@ pub struct Args {
     #[arg(long, value_name = "N", requires = "prompt", value_parser = clap::value_parser!(u32).range(1..))]
     from_frame: Option<u32>,
     /// What the dance shall be, for every label field that the model was told of in training; once a field
-    #[arg(long = "label", value_name = "FIELD=VALUE", value_parser = pair)]
+    #[arg(long = "label", value_name = "FIELD=VALUE", value_parser = kinelm::corpus::labels::pair)]
     labels: Vec<(String, String)>,
     /// How far the labels are followed: 1 as learned, above 1 more so (2 to 3), which takes twice the time
     #[arg(long, value_name = "G", default_value_t = 1.0)]
@@ -251,12 +251,6 @@ fn write_again(first: &Provenance, out: &Path, motion: &Motion) -> Result<()> {
     }
     std::fs::rename(&beside, out).with_context(|| out.display().to_string())?;
     Ok(kinelm::files::sync_folder(kinelm::files::folder_of(out))?)
-}
-
-/// `FIELD=VALUE`.
-fn pair(text: &str) -> Result<(String, String), String> {
-    let pair = text.split_once('=').filter(|(field, value)| !field.is_empty() && !value.is_empty());
-    pair.map(|(field, value)| (field.into(), value.into())).ok_or("expected FIELD=VALUE, such as genre=salsa".into())
 }
 
 /// The files that are written.

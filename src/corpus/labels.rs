@@ -14,6 +14,17 @@ const RESERVED: [&str; 5] = ["clip", "split", "take", "fps", "skip"];
 /// Pattern fields that name a file and nothing that could be learned.
 const NO_LABEL: [&str; 2] = ["set", "id"];
 
+/// Field and value of a label that is written `FIELD=VALUE`.
+///
+/// # Errors
+/// [`Error::Call`] with what it says, for text of another form.
+pub fn pair(text: &str) -> Result<(String, String)> {
+    match text.split_once('=') {
+        Some((field, value)) if !field.is_empty() && !value.is_empty() => Ok((field.into(), value.into())),
+        _ => Err(Error::Call(format!("`{text}`; expected FIELD=VALUE, such as genre=salsa"))),
+    }
+}
+
 /// What one clip's row or name says.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Known {

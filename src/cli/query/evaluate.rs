@@ -3,7 +3,7 @@
 use super::{TransformArg, distance, exclude, joints_of};
 use crate::cli::data::DataArgs;
 use crate::cli::read::{ReadArgs, positive};
-use crate::cli::{Say, WrongCall, print, progress};
+use crate::cli::{Say, print, progress};
 use anyhow::Result;
 use kinelm::spectral::WindowSpec;
 use kinelm::spectral::query::{Distance, EvaluateOptions, Exclude, evaluate, sheet};
@@ -17,9 +17,9 @@ pub struct Args {
     /// Label fields, with commas; unless given all that every clip has
     #[arg(long, value_name = "FIELD,FIELD", value_delimiter = ',')]
     fields: Vec<String>,
-    /// Only clips with this label (may be given again)
-    #[arg(long = "where", value_name = "FIELD=VALUE")]
-    only: Vec<String>,
+    /// Look only at clips with this label; may be given again
+    #[arg(long, value_name = "FIELD=VALUE", value_parser = kinelm::corpus::labels::pair)]
+    only: Vec<(String, String)>,
     /// What windows are told by, with commas; unless given stft,dct,pca, and model with --run
     #[arg(long, value_enum, value_name = "stft|dct|pca|model", value_delimiter = ',')]
     transform: Vec<TransformArg>,
@@ -73,10 +73,6 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         transforms.extend(args.run.is_some().then_some(TransformArg::Model));
     }
     let kind = |t: &TransformArg| t.kind(args.no_dc && *t == TransformArg::Stft, None, args.run.as_deref());
-    let only = args.only.iter().map(|pair| {
-        let (field, value) = pair.split_once('=').ok_or(WrongCall(format!("--where {pair}: expected FIELD=VALUE")))?;
-        Ok((field.to_owned(), value.to_owned()))
-    });
     let options = EvaluateOptions {
         build: args.data.build_options(args.read.options(RestFrame::Drop)),
         windows: WindowSpec { frames: args.window, hop: args.hop, fps: args.fps },
@@ -85,7 +81,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         transforms: transforms.iter().map(kind).collect::<Result<_>>()?,
         distances: args.distance.clone(),
         fields: args.fields.clone(),
-        only: only.collect::<Result<_>>()?,
+        only: args.only.clone(),
         exclude: args.exclude,
         k: args.k.into(),
     };

@@ -76,6 +76,20 @@ pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
+/// Refuses a file in a folder that isn't there, before any work is done for it.
+///
+/// # Errors
+/// [`Error::Call`] then.
+pub fn folder_is_there(path: &Path) -> Result<()> {
+    let folder = folder_of(path);
+    match folder.is_dir() {
+        true => Ok(()),
+        false => {
+            Err(Error::Call(format!("{}: the folder {} is not there; make it first", path.display(), folder.display())))
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -133,7 +133,7 @@ fn check(args: &Args) -> Result<()> {
         if extension(page) != "html" {
             return Err(WrongCall(format!("--page {}: expected a name ending in .html", page.display())).into());
         }
-        super::folder_is_there(page)?;
+        kinelm::files::folder_is_there(page).map_err(|e| WrongCall(e.to_string()))?;
     }
     if args.how.amount.is_some() && matches!(args.transform, KindArg::Stft) {
         let what =

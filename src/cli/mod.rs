@@ -234,18 +234,8 @@ pub fn writable(path: &Path) -> Result<String> {
         let what = format!("{}: expected a name ending in .bvh, .npz or .json", path.display());
         return Err(WrongCall(what).into());
     }
-    folder_is_there(path)?;
+    kinelm::files::folder_is_there(path).map_err(|e| WrongCall(e.to_string()))?;
     Ok(extension)
-}
-
-/// Refuses an output in a folder that isn't there, before anything is done for it.
-pub fn folder_is_there(path: &Path) -> Result<()> {
-    let folder = kinelm::files::folder_of(path);
-    if !folder.is_dir() {
-        let what = format!("{}: the folder {} is not there; make it first", path.display(), folder.display());
-        return Err(WrongCall(what).into());
-    }
-    Ok(())
 }
 
 /// Refuses an output that is the input itself.

@@ -6,8 +6,6 @@
 use super::make::Ready;
 use super::recipe::Recipe;
 use crate::corpus::load::hash_file;
-use crate::model::LoadedRun;
-use crate::model::run::{AVERAGED, WEIGHTS};
 use crate::{Error, Result, files};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -94,7 +92,7 @@ impl Provenance {
             variation,
             recipe,
             step: ready.run.state.step,
-            weights_sha256: weights_sha256(&ready.run),
+            weights_sha256: ready.run.weights_sha256(),
             tokenizer_sha256: ready.tokenizer.hash(),
             prompt_sha256: prompt,
         })
@@ -132,7 +130,7 @@ impl Provenance {
     pub fn check(&self, ready: &Ready) -> Result<()> {
         let prompt = ready.recipe.prompt.as_ref().map(|prompt| hash_file(&prompt.path)).transpose()?;
         let (run, tokenizer) = (ready.recipe.run.display(), ready.run.tokenizer.display());
-        same(&format!("{run}: the weights at step {}", self.step), &self.weights_sha256, &weights_sha256(&ready.run))?;
+        same(&format!("{run}: the weights at step {}", self.step), &self.weights_sha256, &ready.run.weights_sha256())?;
         same(&format!("{tokenizer}: the tokenizer"), &self.tokenizer_sha256, &ready.tokenizer.hash())?;
         if let (Some(before), Some(now), Some(recipe)) = (&self.prompt_sha256, &prompt, &ready.recipe.prompt) {
             same(&format!("{}: the prompt", recipe.path.display()), before, now)?;
@@ -151,10 +149,4 @@ fn same(what: &str, before: &str, now: &str) -> Result<()> {
 /// A file's name without its folder.
 pub fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-/// SHA-256 of the file that a run's weights were read from.
-fn weights_sha256(run: &LoadedRun) -> String {
-    let files = &run.state.files;
-    files.get(AVERAGED).or(files.get(WEIGHTS)).map(|file| file.sha256.clone()).unwrap_or_default()
 }

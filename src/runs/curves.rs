@@ -1,6 +1,7 @@
 //! Curves of several runs on one chart: lines for training, marks for measurements on the validation clips.
 
-use super::log::{Log, Step, Valid};
+use super::log::{Log, Valid};
+use crate::train::metrics::StepFigures;
 use crate::view::plot::{Chart, Look, Scale, Series};
 
 /// What is drawn.
@@ -29,7 +30,7 @@ impl Metric {
         }
     }
 
-    fn of_step(self, s: &Step) -> f64 {
+    fn of_step(self, s: &StepFigures) -> f64 {
         match self {
             Metric::Loss => s.loss,
             Metric::BitsPerFrame => s.bits_per_frame,

@@ -1,5 +1,6 @@
 //! `metrics.jsonl` of a run, read while it may still be written.
 
+use crate::train::metrics::StepFigures;
 use crate::{Error, Result};
 use serde::Deserialize;
 use std::io::{Read, Seek, SeekFrom};
@@ -9,25 +10,6 @@ use std::path::Path;
 pub const METRICS: &str = "metrics.jsonl";
 /// What is read of the end of a file, to know how far a run is.
 const END: u64 = 1 << 16;
-
-/// Figures of a step.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
-pub struct Step {
-    /// Updates done with it.
-    pub step: u64,
-    /// Nats a token.
-    pub loss: f64,
-    /// The same in bits a frame.
-    pub bits_per_frame: f64,
-    /// The learning rate.
-    pub rate: f64,
-    /// Before clipping.
-    pub gradient_norm: f64,
-    /// Trained on so far.
-    pub tokens: u64,
-    /// Of this step.
-    pub tokens_per_second: f64,
-}
 
 /// A measurement on the validation clips.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
@@ -47,7 +29,7 @@ pub struct Valid {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Log {
     /// Its steps.
-    pub steps: Vec<Step>,
+    pub steps: Vec<StepFigures>,
     /// Its measurements.
     pub valid: Vec<Valid>,
     /// Lines that are none: the last of a run that is being written, or what a full disk left.
@@ -88,7 +70,7 @@ impl Log {
         #[derive(Deserialize)]
         #[serde(tag = "kind", rename_all = "snake_case")]
         enum Line {
-            Train(Step),
+            Train(StepFigures),
             Valid(Valid),
         }
         let mut log = Log::default();

@@ -2,7 +2,7 @@
 
 use super::Report;
 use super::figures::Figures;
-use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
+use crate::view::table;
 use std::fmt::Write;
 
 /// One table: the first column names, the others numbers.
@@ -129,14 +129,7 @@ fn losses(report: &Report) -> Sheet {
 impl Sheet {
     /// For a terminal.
     pub fn terminal(&self) -> String {
-        let mut table = Table::new();
-        table.load_style(presets::UTF8_FULL_CONDENSED);
-        table.set_content_arrangement(ContentArrangement::Disabled).set_header(self.head.clone());
-        self.rows.iter().for_each(|r| {
-            table.add_row(r.clone());
-        });
-        table.column_iter_mut().skip(1).for_each(|c| c.set_cell_alignment(CellAlignment::Right));
-        format!("{}\n{table}\n", self.title)
+        table::terminal(self.title, &self.head, &self.rows)
     }
 
     /// In Markdown.

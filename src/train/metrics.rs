@@ -4,13 +4,13 @@ use super::tensorboard::EventFile;
 use crate::evaluate::likelihood::Likelihood;
 use crate::model::run::CONFIG;
 use crate::{Error, Result, files};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Figures of one step.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct StepFigures {
     /// Updates done with it.
     pub step: u64,

@@ -10,6 +10,7 @@
 mod body;
 mod data;
 pub mod plot;
+pub mod table;
 
 use crate::{Result, files};
 use kinelm_motion::Clip;

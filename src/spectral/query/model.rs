@@ -5,12 +5,10 @@
 //! measured ([`eval_windows`]), each token counting once. Not in the thesis.
 
 use super::options::Kind;
-use crate::corpus::load::hash_file;
 use crate::corpus::words::ClipWords;
 use crate::corpus::{Conditions, EvalWindow, eval_windows};
 use crate::model::fast::{Fast, Windows};
-use crate::model::run::{AVERAGED, WEIGHTS};
-use crate::model::{Kind as ModelKind, LoadedRun, Which, load_run};
+use crate::model::{Kind as ModelKind, Which, load_run};
 use crate::{Error, Result};
 use kinelm_motion::Clip;
 use kinelm_motion::resample::{Method, resample};
@@ -45,13 +43,8 @@ pub struct Reader {
 /// # Errors
 /// As [`load_run`]; weights that can't be read.
 pub fn kind_of(run: &Path) -> Result<Kind> {
-    let weights = weights_of(&load_run(run, Which::Auto)?)?;
+    let weights = load_run(run, Which::Auto)?.weights_sha256();
     Ok(Kind::Model { run: std::path::absolute(run).map_err(Error::io(run))?, weights })
-}
-
-fn weights_of(run: &LoadedRun) -> Result<String> {
-    let averaged = run.checkpoint.join(AVERAGED);
-    hash_file(&if averaged.exists() { averaged } else { run.checkpoint.join(WEIGHTS) })
 }
 
 /// Opens the run that an index was made with.
@@ -60,7 +53,7 @@ fn weights_of(run: &LoadedRun) -> Result<String> {
 /// As [`load_run`]; other weights than `weights`; a model that isn't causal or whose context holds no word.
 pub fn open(run: &Path, weights: &str) -> Result<(Speaker, Reader)> {
     let loaded = load_run(run, Which::Auto)?;
-    let found = weights_of(&loaded)?;
+    let found = loaded.weights_sha256();
     if found != weights {
         let (found, expected) = (format!("weights {found}"), format!("weights {weights}, as the index was built with"));
         return Err(Error::file(run, found, expected, "the run was trained on: build the index again with it"));

@@ -3,7 +3,24 @@
 use super::baselines::{Comparison, Row};
 use super::fields::{Field, Fields};
 use super::measures::Figures;
+use crate::view::plot::{Chart, Matrix};
 use std::fmt::Write;
+
+/// The confusion of the class tokens by clip, a chart a field.
+pub fn charts(found: &Comparison, fields: &Fields) -> Vec<Chart> {
+    let chart = |field: &Field| {
+        let row = found.rows.iter().rfind(|r| r.field == field.name)?;
+        let (count, right) = (row.clips.count, 100.0 * row.clips.accuracy);
+        Some(Chart {
+            title: format!("{}: {right:.1} % of {count} {} clips", field.name, found.split),
+            x: "named".into(),
+            y: "is".into(),
+            matrix: Some(Matrix { names: field.classes.clone(), counts: row.clips.confusion.clone() }),
+            ..Chart::default()
+        })
+    };
+    fields.0.iter().filter_map(chart).collect()
+}
 
 /// Tables of all fields, and the confusion of the class tokens by clip.
 pub fn text(found: &Comparison, fields: &Fields) -> String {

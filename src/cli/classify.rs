@@ -7,6 +7,7 @@ use kinelm::classify::predict::Told;
 use kinelm::classify::{Classifier, Only, TrainOptions, report, train};
 use kinelm::corpus::{Corpus, Split};
 use kinelm::model::exchange;
+use kinelm::view::plot;
 use kinelm_motion::format::RestFrame;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -90,6 +91,9 @@ pub struct EvalArgs {
     /// With --baselines: LDA on the vectors of this run too
     #[arg(long, value_name = "RUN|DIR", requires = "baselines")]
     run: Option<PathBuf>,
+    /// Draw the confusion of the clips too
+    #[arg(long, value_name = "FILE.png|FILE.svg")]
+    plot: Option<PathBuf>,
     /// One JSON object instead of tables
     #[arg(long)]
     json: bool,
@@ -169,11 +173,17 @@ fn trained(args: TrainArgs, say: Say) -> Result<()> {
 }
 
 fn measured(args: &EvalArgs, say: Say) -> Result<()> {
+    if let Some(out) = &args.plot {
+        plot::check(out).map_err(|e| WrongCall(e.to_string()))?;
+    }
     let mut classifier = Classifier::load(&args.classifier)?;
     let corpus = Corpus::open(&args.corpus)?;
     let run = args.run.as_deref().map(exchange::load).transpose()?;
     run.iter().flat_map(|r| &r.notes).for_each(|note| say.line(note));
     let found = compare(&mut classifier, &corpus, args.split, run.as_ref(), args.baselines)?;
+    if let Some(out) = &args.plot {
+        plot::draw_as(out, &report::charts(&found, &classifier.about.fields))?;
+    }
     if args.json {
         #[derive(serde::Serialize)]
         struct Line<'a> {

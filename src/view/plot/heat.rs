@@ -69,12 +69,16 @@ impl Heat {
     /// The colour of a number.
     fn colour(&self, v: f64) -> RGBColor {
         let [low, high] = self.limits;
-        let part = if high > low { ((v - low) / (high - low)).clamp(0.0, 1.0) } else { 0.5 };
-        let at = part * (COLOURS.len() - 1) as f64;
-        let (i, t) = ((at as usize).min(COLOURS.len() - 2), at - (at as usize).min(COLOURS.len() - 2) as f64);
-        let mix = |k: usize| (COLOURS[i][k] + t * (COLOURS[i + 1][k] - COLOURS[i][k])).round() as u8;
-        RGBColor(mix(0), mix(1), mix(2))
+        colour(if high > low { ((v - low) / (high - low)).clamp(0.0, 1.0) } else { 0.5 })
     }
+}
+
+/// From the darkest colour, 0, to the lightest, 1.
+pub fn colour(part: f64) -> RGBColor {
+    let at = part * (COLOURS.len() - 1) as f64;
+    let (i, t) = ((at as usize).min(COLOURS.len() - 2), at - (at as usize).min(COLOURS.len() - 2) as f64);
+    let mix = |k: usize| (COLOURS[i][k] + t * (COLOURS[i + 1][k] - COLOURS[i][k])).round() as u8;
+    RGBColor(mix(0), mix(1), mix(2))
 }
 
 /// Draws the cells and the scale of colours.

@@ -2,9 +2,11 @@
 
 mod axes;
 mod heat;
+mod matrix;
 mod picture;
 
 pub use heat::Heat;
+pub use matrix::Matrix;
 
 use crate::{Error, Result, files};
 use plotters::prelude::*;
@@ -89,12 +91,15 @@ pub struct Chart {
     pub rules: Vec<Rule>,
     /// A picture of numbers beneath; the axes are then its own.
     pub heat: Option<Heat>,
+    /// Counts by class instead of all that; the axes are then their own.
+    pub matrix: Option<Matrix>,
 }
 
 impl Chart {
     /// Whether there is anything to draw.
     pub fn is_empty(&self) -> bool {
-        self.heat.as_ref().is_none_or(Heat::is_empty) && self.series.iter().all(|s| self.drawable(s).next().is_none())
+        let empty = self.heat.as_ref().is_none_or(Heat::is_empty) && self.matrix.as_ref().is_none_or(Matrix::is_empty);
+        empty && self.series.iter().all(|s| self.drawable(s).next().is_none())
     }
 
     /// The points of a series that have a place.
@@ -152,13 +157,7 @@ pub fn draw_as(path: &Path, charts: &[Chart]) -> Result<()> {
 /// Another extension than `png` and `svg`; a folder that isn't there.
 pub fn check(path: &Path) -> Result<()> {
     kind(path)?;
-    let folder = files::folder_of(path);
-    match folder.is_dir() {
-        true => Ok(()),
-        false => {
-            Err(Error::Call(format!("{}: the folder {} is not there; make it first", path.display(), folder.display())))
-        }
-    }
+    files::folder_is_there(path)
 }
 
 /// What a picture is written as.

@@ -1,7 +1,7 @@
 //! Charts as lines, marks and text on any backend.
 
 use super::axes::{Axes, number};
-use super::{Chart, Look, Rule, heat};
+use super::{Chart, Look, Rule, heat, matrix};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -24,7 +24,7 @@ const REFERENCE: RGBColor = RGBColor(150, 150, 150);
 /// Pixels left of, above, right of and below what is plotted, the legend left aside.
 const AROUND: [i32; 4] = [74, 44, 12, 58];
 /// Pixels that hold a letter of the legend.
-const LETTER: f64 = 7.3;
+pub const LETTER: f64 = 7.3;
 /// Letters of a name in the legend.
 const LETTERS: usize = 30;
 
@@ -41,6 +41,9 @@ pub fn all<B: DrawingBackend>(area: DrawingArea<B, Shift>, charts: &[&Chart]) ->
 pub type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
 fn one<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) -> Drawn<B> {
+    if let Some(matrix) = &chart.matrix {
+        return matrix::draw(area, chart, matrix);
+    }
     let (width, height) = area.dim_in_pixel();
     let [left, top, right, bottom] = AROUND;
     let longest = chart.series.iter().map(|s| s.name.chars().count().min(LETTERS)).max().unwrap_or(0);

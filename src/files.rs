@@ -4,6 +4,7 @@ use crate::{Error, Result};
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Writes `bytes` to `path` so that a reader sees the old file or the new one: a temporary name in the same folder,
 /// fsync, rename, fsync of the folder.
@@ -71,6 +72,30 @@ pub fn beside(path: &Path, purpose: &str) -> Result<PathBuf> {
     Ok(folder_of(path).join(format!(".{}.{purpose}-{id}", name.to_string_lossy())))
 }
 
+/// How long what another process was writing must lie untouched before it is taken for lost: it may run on another machine
+/// that shares the folder.
+const LOST: Duration = Duration::from_secs(3600);
+
+/// Removes folders that processes which are no more left half-written under names that [`beside`] gave them.
+pub fn sweep(path: &Path, purpose: &str) {
+    let Some(name) = path.file_name() else { return };
+    let start = format!(".{}.{purpose}-", name.to_string_lossy());
+    let is_old = |path: &Path| {
+        let modified = fs::metadata(path).and_then(|m| m.modified());
+        modified.is_ok_and(|m| m.elapsed().is_ok_and(|age| age > LOST))
+    };
+    for entry in fs::read_dir(folder_of(path)).into_iter().flatten().flatten() {
+        let (found, folder) = (entry.file_name(), entry.path());
+        let id = found.to_string_lossy().strip_prefix(&start).and_then(|id| id.parse::<u32>().ok());
+        // where the system doesn't tell who runs, age alone does
+        let runs = |id: u32| Path::new("/proc").join(id.to_string()).exists();
+        let inside = || fs::read_dir(&folder).into_iter().flatten().flatten().all(|e| is_old(&e.path()));
+        if id.is_some_and(|id| !runs(id)) && is_old(&folder) && inside() {
+            let _ = fs::remove_dir_all(&folder);
+        }
+    }
+}
+
 /// The folder that `path` stands in; `.` for a bare name.
 pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
@@ -93,6 +118,28 @@ pub fn folder_is_there(path: &Path) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_dead_processes_left_long_ago_is_swept() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("index");
+        let make = |id: u32, old: bool| {
+            let folder = dir.path().join(format!(".index.writing-{id}"));
+            fs::create_dir(&folder).unwrap();
+            let file = File::create(folder.join("features")).unwrap();
+            if old {
+                let then = std::time::SystemTime::now() - 2 * LOST;
+                file.set_modified(then).unwrap();
+                File::open(&folder).unwrap().set_modified(then).unwrap();
+            }
+            folder
+        };
+        // above the largest number that a process can have
+        let (lost, fresh, ours) = (make(u32::MAX, true), make(u32::MAX - 1, false), make(std::process::id(), true));
+        sweep(&path, "writing");
+        assert_eq!((lost.exists(), fresh.exists()), (false, true));
+        assert!(ours.exists() || !Path::new("/proc/self").exists());
+    }
 
     #[test]
     fn a_file_is_replaced_whole_and_nothing_is_left_beside_it() {

@@ -119,7 +119,7 @@ fn what_can_not_be_filtered_is_said() {
     said(&[], "o.fbx", 2, ".bvh, .npz or .json");
     said(&[], "a.bvh", 2, "written over itself");
     let both = [&a, &d.path("b.json")];
-    kinelm("filter").args(both).arg("--out").arg(d.path("none")).assert().code(2).stderr(contains("is no folder"));
+    kinelm("filter").args(both).arg("--out").arg(d.path("b.json")).assert().code(2).stderr(contains("is no folder"));
     save(&d.path("short.bvh"), &read(&a).slice(0..12));
     let butterworth = ["--butterworth", "3", "--cutoff", "6", "--out"];
     fs::create_dir(d.path("out")).unwrap();
@@ -132,6 +132,11 @@ fn what_can_not_be_filtered_is_said() {
         .stderr(contains("short.bvh: 12 frames are too few").and(contains("1 of 2 clips")));
     assert_eq!(fs::read_dir(d.path("out")).unwrap().count(), 1, "the other was done");
     assert_eq!(d.count(), before + 2, "nothing half-written");
+    // one alone names its file too; a folder that isn't there is made
+    let alone = contains("short.bvh: 12 frames are too few");
+    kinelm("filter").arg(d.path("short.bvh")).args(butterworth).arg(d.path("o.bvh")).assert().code(1).stderr(alone);
+    kinelm("filter").args(both).arg("--out").arg(d.path("made")).assert().success();
+    assert_eq!(fs::read_dir(d.path("made")).unwrap().count(), 2);
 }
 
 #[test]

@@ -130,6 +130,11 @@ fn what_cannot_be_learnt_is_said() {
     refused("--fields genre --only genre=polka --out x", 1, "no such clip, expected clips with genre=polka");
     refused("--fields genre --share 0 --out x", 2, "a share of 0; expected above 0, at most 1");
     refused("--fields genre --rate=-1 --out x", 2, "--rate");
+    refused("--fields genre, --out x", 2, "--fields");
+    refused("--fields genre --rate 1e30 --out x", 1, "take lower rates by --rate and --head-rate");
+    data.train("--fields genre --share 0.5 --out half")
+        .success()
+        .stderr(contains("training clips of salsa 1, waltz 1"));
     fs::create_dir(data.at("there")).unwrap();
     data.train("--fields genre --out there")
         .failure()
@@ -161,6 +166,14 @@ fn what_cannot_be_named_is_said() {
     fs::write(data.at("empty.bvh"), "").unwrap();
     refused("classify predict --classifier who empty.bvh", "empty.bvh");
     refused("classify predict --classifier who nothing.bvh", "nothing.bvh");
+    let text = fs::read_to_string(data.at("data/d6.bvh")).unwrap();
+    let (hierarchy, _) = text.split_once("MOTION").unwrap();
+    fs::write(data.at("zero.bvh"), format!("{hierarchy}MOTION\nFrames: 0\nFrame Time: 0.0333333\n")).unwrap();
+    refused("classify predict --classifier who zero.bvh", "zero.bvh: found 0 frames");
+    data.run("classify predict --classifier who zero.bvh data/d7.bvh")
+        .code(1)
+        .stdout(contains("data/d7.bvh (2.0 s)"))
+        .stderr(contains("zero.bvh: found 0 frames").and(contains("1 of 2 files")));
 
     // what is cut or of another version
     let about = fs::read_to_string(data.at("who/classifier.json")).unwrap();

@@ -201,3 +201,55 @@ fn what_is_wrong_is_said_and_nothing_is_left() {
     data.find("data/d0.bvh", "index").assert().code(1).stderr(says);
     assert_eq!(names(&data.at("index")), ["index.json", "part-0001"]);
 }
+
+#[test]
+fn a_description_that_cannot_be_is_said() {
+    let data = Data::new();
+    data.call(&["query", "build", "--out"]).arg(data.at("index")).assert().success();
+    let path = data.at("index/index.json");
+    let text = fs::read_to_string(&path).unwrap();
+    for (from, to, says) in [
+        ("\"keep\": 16", "\"keep\": 17", "features of 1152 numbers, expected 1224, by its options"),
+        ("\"frames\": 128", "\"frames\": 0", "windows of 0 frames"),
+        ("\"hop\": 64", "\"hop\": 0", "a hop of 0 frames"),
+        ("part-0001", "../part-0001", "a part `../part-0001`"),
+    ] {
+        assert_eq!(text.matches(from).count(), 1, "{text}");
+        fs::write(&path, text.replace(from, to)).unwrap();
+        let says = contains(says).and(contains("build the index again"));
+        data.find("data/d0.bvh", "index").assert().code(1).stderr(says);
+    }
+}
+
+#[test]
+fn a_page_goes_over_nothing_else_and_lost_clips_are_said() {
+    let data = Data::new();
+    data.call(&["query", "build", "--out"]).arg(data.at("index")).assert().success();
+    for (page, says) in [("data/d0.bvh", ".html"), ("index/index.json", ".html"), ("no/a.html", "make it first")] {
+        let before = fs::read(data.at(page)).ok();
+        let mut c = data.find("data/d0.bvh", "index");
+        c.arg("--page").arg(data.at(page)).assert().code(2).stderr(contains(says));
+        assert_eq!(fs::read(data.at(page)).ok(), before);
+    }
+    data.find("data/d0.bvh", "index").args(["-k", "0"]).assert().code(2).stderr(contains("from 1 on"));
+    data.find("data/d0.bvh", "index").args(["--at", "-1"]).assert().code(2).stderr(contains("seconds from 0 on"));
+    fs::remove_file(data.at("data/d1.bvh")).unwrap();
+    let mut c = data.find("data/d0.bvh", "index");
+    c.args(["--exclude", "none", "--page"]).arg(data.at("p.html"));
+    c.assert().success().stderr(contains("d1.bvh").and(contains("left out of the page"))).stdout(contains("d1"));
+}
+
+#[test]
+fn the_same_motion_is_indexed_once() {
+    let data = Data::new();
+    let build = || {
+        let mut c = kinelm();
+        c.args(["query", "build"]).arg(data.at("data")).arg("--out").arg(data.at("index"));
+        c
+    };
+    build().assert().success().stderr(contains("12 windows added"));
+    // the rate that the files state
+    build().args(["--fps-source", "30"]).assert().success().stderr(contains("6 clips are in the index already"));
+    let twice = contains("6 clips are in the index already, read at another rate").and(contains("24 in all").not());
+    build().args(["--fps-source", "24"]).assert().success().stderr(twice);
+}

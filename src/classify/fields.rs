@@ -12,7 +12,7 @@ pub struct Field {
     pub name: String,
     /// Its values in the training clips, sorted.
     pub classes: Vec<String>,
-    /// Training clips of each class.
+    /// Clips of each class that are learned from.
     pub clips: Vec<usize>,
 }
 
@@ -54,6 +54,16 @@ impl Fields {
             true => Err(Error::Call("no label field to tell; give some by --fields, such as genre,dancer".into())),
             false => Ok(Fields(fields)),
         }
+    }
+
+    /// The same with the clips of each class counted among `clips`.
+    pub fn counted(mut self, clips: &[&ClipRecord]) -> Fields {
+        for field in &mut self.0 {
+            let mut counts = vec![0; field.classes.len()];
+            clips.iter().filter_map(|c| field.class_of(c)).for_each(|class| counts[class] += 1);
+            field.clips = counts;
+        }
+        self
     }
 
     /// n: how many.

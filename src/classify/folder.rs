@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 
 const ABOUT: &str = "classifier.json";
 const TOKENIZER: &str = "tokenizer.json";
+const METRICS: &str = "metrics.jsonl";
 
 /// `classifier.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -84,7 +85,11 @@ impl Classifier {
         let (name, record) = &about.weights;
         let at = folder.join(name);
         let bytes = fs::read(&at).map_err(Error::io(&at))?;
-        record.check(&at, &bytes)?;
+        if FileRecord::of(&bytes) != *record {
+            let say = |r: &FileRecord| format!("{} bytes with SHA-256 {}", r.bytes, r.sha256);
+            let help = "the file was cut or changed after it was written: train the classifier again";
+            return Err(Error::file(&at, say(&FileRecord::of(&bytes)), say(record), help));
+        }
         let mut tensors = weights::from_bytes(&at, &bytes)?;
         let tokenizer = Tokenizer::load(folder.join(TOKENIZER))?;
         let layout = Layout::new(&about.model, &about.tokens, about.fields.len())?;
@@ -116,50 +121,58 @@ fn heads(path: &Path, about: &About, tensors: &mut BTreeMap<String, Tensor>) -> 
     about.fields.0.iter().map(one).collect()
 }
 
-/// The folder of a classifier that is being trained.
+/// The folder of a classifier that is being trained: it comes to be with the first weights, whole.
 pub(super) struct Writer {
     folder: PathBuf,
+    tokenizer: Vec<u8>,
     metrics: Vec<u8>,
+    is_there: bool,
 }
 
 impl Writer {
-    /// A new folder, which holds the tokenizer.
+    /// For a new folder.
     ///
     /// # Errors
-    /// A folder that is there; what the system refuses.
-    pub fn create(folder: &Path, tokenizer: &Tokenizer) -> Result<Writer> {
-        if folder.exists() {
-            return Err(Error::file(
-                folder,
-                "something is there",
-                "no such folder",
-                "give another --out, or remove it",
-            ));
+    /// A folder that is there.
+    pub fn new(folder: &Path, tokenizer: &Tokenizer) -> Result<Writer> {
+        if fs::symlink_metadata(folder).is_ok() {
+            let help = "give another --out, or remove it";
+            return Err(Error::file(folder, "something is there", "no such folder", help));
         }
-        files::write_folder(folder, &[(TOKENIZER, tokenizer.to_json().into_bytes())])?;
-        Ok(Writer { folder: folder.into(), metrics: Vec::new() })
+        let tokenizer = tokenizer.to_json().into_bytes();
+        Ok(Writer { folder: folder.into(), tokenizer, metrics: Vec::new(), is_there: false })
     }
 
-    /// Adds a line to `metrics.jsonl`.
+    /// Adds a line to `metrics.jsonl`, which is written with the first weights, then at every line.
     ///
     /// # Errors
     /// What the system refuses.
     pub fn tell(&mut self, line: &impl Serialize) -> Result<()> {
         self.metrics.extend(serde_json::to_vec(line).map_err(|e| Error::Call(e.to_string()))?);
         self.metrics.push(b'\n');
-        files::write_whole(&self.folder.join("metrics.jsonl"), &self.metrics)
+        match self.is_there {
+            true => files::write_whole(&self.folder.join(METRICS), &self.metrics),
+            false => Ok(()),
+        }
     }
 
     /// Makes these weights the classifier: whole, or those before them stay.
     ///
     /// # Errors
     /// What the system refuses.
-    pub fn write(&self, mut about: About, tensors: &BTreeMap<String, Tensor>) -> Result<()> {
+    pub fn write(&mut self, mut about: About, tensors: &BTreeMap<String, Tensor>) -> Result<()> {
         let bytes = weights::to_bytes(tensors.iter().map(|(name, t)| (name.as_str(), t)))?;
         let name = format!("model-{:08}.safetensors", about.step);
-        files::write_whole(&self.folder.join(&name), &bytes)?;
         about.weights = (name.clone(), FileRecord::of(&bytes));
         let json = serde_json::to_vec_pretty(&about).map_err(|e| Error::Call(e.to_string()))?;
+        if !self.is_there {
+            let (tokenizer, metrics) = (self.tokenizer.clone(), self.metrics.clone());
+            let all = [(TOKENIZER, tokenizer), (METRICS, metrics), (name.as_str(), bytes), (ABOUT, json)];
+            files::write_folder(&self.folder, &all)?;
+            self.is_there = true;
+            return Ok(());
+        }
+        files::write_whole(&self.folder.join(&name), &bytes)?;
         files::write_whole(&self.folder.join(ABOUT), &json)?;
         for entry in fs::read_dir(&self.folder).map_err(Error::io(&self.folder))?.flatten() {
             let other = entry.file_name();

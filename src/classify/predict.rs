@@ -41,11 +41,15 @@ impl Classifier {
     pub fn predict(&mut self, path: &Path, options: &ReadOptions) -> Result<(Motion, Prediction)> {
         let (motion, clip) = load_clip(path, options, self.tokenizer.fps())?;
         let ids = self.tokenizer.ids_of_words(&self.tokenizer.encode(&clip)?.words)?;
-        let windows = self.name_ids(&ids)?;
-        let Some(all) = of_clips(&windows).pop() else {
-            let (found, expected) = (format!("{} frames", clip.frames()), "at least one whole word of motion");
-            return Err(Error::file(path, found, expected, "give a longer clip"));
+        let none = || {
+            let (found, expected) = (format!("{} frames", motion.clip.frames()), "at least one whole word of motion");
+            Error::file(path, found, expected, "give a longer clip")
         };
+        if ids.is_empty() || motion.clip.frames() == 0 {
+            return Err(none());
+        }
+        let windows = self.name_ids(&ids)?;
+        let all = of_clips(&windows).pop().ok_or_else(none)?;
         let second = self.tokenizer.fps() / self.tokenizer.frames_per_word() as f64;
         let fields = self.about.fields.0.iter().enumerate().map(|(table, field)| {
             let of = |log_p: &[f64]| {
@@ -62,8 +66,8 @@ impl Classifier {
                 strip: seconds(&windows, table, second).iter().map(|l| of(l)).collect(),
             }
         });
-        let prediction =
-            Prediction { file: path.into(), seconds: clip.frames() as f64 / clip.fps(), fields: fields.collect() };
+        let seconds = motion.clip.frames() as f64 / motion.clip.fps();
+        let prediction = Prediction { file: path.into(), seconds, fields: fields.collect() };
         Ok((motion, prediction))
     }
 }

@@ -126,12 +126,13 @@ pub fn train(
     let fields = Fields::of(corpus, &clips, &options.fields)?;
     let layout = Layout::new(&run.config, &run.tokens, fields.len())?;
     let learned = learned_from(&clips, &fields, options.share, options.seed);
+    let fields = fields.counted(&learned);
     let mut batches = Batches::new(corpus, learned, &fields, &layout, options);
     let valid: Vec<&ClipRecord> = clips.iter().copied().filter(|c| c.split == Split::Valid).collect();
     let model = Fast::from_tensors(&run.config, &grown(&run.tokens, &fields), first_weights(run, &fields, options)?)?;
     let heads = first_heads(&fields, run.config.width, options.seed);
     let mut learner = Learner::new(model, heads, run.tokens.vocabulary as u32);
-    let mut writer = Writer::create(out, &tokenizer)?;
+    let mut writer = Writer::new(out, &tokenizer)?;
     let about = About {
         schema: 1,
         kinelm: env!("CARGO_PKG_VERSION").into(),
@@ -178,7 +179,8 @@ pub fn train(
         let now = rate(&train, step);
         let rates = [now, now / options.rate * options.head_rate];
         let counted = numbers.targets.iter().filter(|&&t| t != run.tokens.pad).count();
-        averages.add(learner.step(numbers.as_batch(&layout), dropout.as_ref(), &train, rates)?, counted);
+        let found = learner.step(numbers.as_batch(&layout), dropout.as_ref(), &train, rates);
+        averages.add(found.map_err(|e| failed(e, step, out))?, counted);
         summary.stopped = stop.load(Ordering::Relaxed);
         let last = step + 1 == options.steps || summary.stopped;
         if !last && (step + 1) % options.eval_every.max(1) != 0 {
@@ -200,6 +202,12 @@ pub fn train(
         }
     }
     Ok(summary)
+}
+
+/// A step's error with what can be done about it.
+fn failed(e: Error, step: u64, out: &Path) -> Error {
+    let help = "take lower rates by --rate and --head-rate";
+    Error::file(out, format!("at step {}: {e}", step + 1), "a loss that is a number", help)
 }
 
 /// Losses since they were last told.

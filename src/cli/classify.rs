@@ -31,7 +31,7 @@ pub struct TrainArgs {
     #[arg(long, value_name = "CORPUS")]
     corpus: PathBuf,
     /// The label fields to tell, such as genre,dancer
-    #[arg(long, value_name = "LIST", value_delimiter = ',', required = true)]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', required = true, value_parser = clap::builder::NonEmptyStringValueParser::new())]
     fields: Vec<String>,
     /// Where the classifier goes: a new folder
     #[arg(long, value_name = "DIR")]
@@ -201,8 +201,18 @@ fn measured(args: &EvalArgs, say: Say) -> Result<()> {
 fn named(args: &PredictArgs, say: Say) -> Result<()> {
     let mut classifier = Classifier::load(&args.classifier)?;
     let options = args.read.options(RestFrame::Drop);
+    let mut failed = 0;
     for file in &args.files {
-        let (motion, found) = classifier.predict(file, &options)?;
+        let (motion, found) = match classifier.predict(file, &options) {
+            Ok(found) => found,
+            // a single file's error is the call's
+            Err(e) if args.files.len() == 1 => return Err(super::of_file(file, e.into())),
+            Err(e) => {
+                failed += 1;
+                say.error(super::chain(&super::of_file(file, e.into())));
+                continue;
+            }
+        };
         super::warn(&motion, say);
         if args.json {
             print(&(serde_json::to_string(&found)? + "\n"))?;
@@ -214,6 +224,7 @@ fn named(args: &PredictArgs, say: Say) -> Result<()> {
         }
         print(&text)?;
     }
+    anyhow::ensure!(failed == 0, "{failed} of {} files could not be named", args.files.len());
     Ok(())
 }
 

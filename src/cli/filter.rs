@@ -1,7 +1,7 @@
 //! `kinelm filter`.
 
 use super::{Say, WrongCall, extension, print, read::ReadArgs};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use kinelm::spectral::filter::{Filter, LOW_HZ, MIDDLE_HZ, filter};
 use kinelm_motion::convert::{Rig, Wanted, convert};
 use kinelm_motion::format::{self, RestFrame};
@@ -17,7 +17,7 @@ pub struct Args {
     /// Motion files (.bvh .npz .pkl .json)
     #[arg(required = true, value_name = "CLIP")]
     clips: Vec<PathBuf>,
-    /// The file to write (.bvh .npz .json), or a folder for files of the clips' own names
+    /// The file to write (.bvh .npz .json), or a folder for files of the clips' own names, which is made if it isn't there
     #[arg(long, value_name = "FILE|DIR")]
     out: PathBuf,
     /// The bands of a cosine transform that stay: low, up to 3.5 Hz; or middle, up to 7.3 Hz
@@ -27,7 +27,7 @@ pub struct Args {
     #[arg(long, value_name = "HZ", value_parser = super::read::positive)]
     cutoff: Option<f64>,
     /// Coefficients of the cosine transform over the whole clip that stay
-    #[arg(long, value_name = "K", conflicts_with = "cutoff")]
+    #[arg(long, value_name = "K", conflicts_with = "cutoff", value_parser = super::read::count)]
     keep: Option<usize>,
     /// A Butterworth filter of this order instead, forth and back, as scipy's butter and filtfilt
     #[arg(long, value_name = "ORDER", requires = "cutoff", conflicts_with = "keep")]
@@ -53,15 +53,13 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let outputs = outputs(&args.clips, &args.out)?;
     let mut failed = 0;
     for (clip, out) in args.clips.iter().zip(&outputs) {
-        if let Err(e) = one(clip, out, &how, &args, say) {
+        if let Err(e) = one(clip, out, &how, &args, say).map_err(|e| super::of_file(clip, e)) {
             // a single clip's error is the call's
             if args.clips.len() == 1 {
                 return Err(e);
             }
             failed += 1;
-            let told = super::chain(&e);
-            let clip = clip.display().to_string();
-            say.error(if told.starts_with(&clip) { told } else { format!("{clip}: {told}") });
+            say.error(super::chain(&e));
         }
     }
     anyhow::ensure!(failed == 0, "{failed} of {} clips could not be filtered", args.clips.len());
@@ -127,15 +125,17 @@ impl Args {
 /// Where each clip goes: to `out` itself, or into it under its own name. A .pkl, which isn't written, becomes an .npz.
 fn outputs(clips: &[PathBuf], out: &Path) -> Result<Vec<PathBuf>> {
     let wrong = |what: String| Err(WrongCall(what).into());
-    if !out.is_dir() {
-        if clips.len() > 1 {
-            let (n, out) = (clips.len(), out.display());
-            return wrong(format!("{n} clips and one output: {out} is no folder; make it, or give one clip"));
-        }
+    let meant = out.to_string_lossy().ends_with(std::path::is_separator) || clips.len() > 1;
+    if !out.is_dir() && !meant {
         super::writable(out)?;
         super::not_over_itself(&clips[0], out)?;
         return Ok(vec![out.to_owned()]);
     }
+    if out.exists() && !out.is_dir() {
+        let (n, out) = (clips.len(), out.display());
+        return wrong(format!("{n} clips and one output: {out} is no folder; give a folder, or one clip"));
+    }
+    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let mut all: Vec<PathBuf> = Vec::new();
     for clip in clips {
         let Some(name) = clip.file_name() else { return wrong(format!("{}: no file", clip.display())) };

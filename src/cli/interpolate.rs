@@ -28,7 +28,7 @@ pub struct Args {
     #[arg(long, value_enum, default_value = "dct")]
     transform: KindArg,
     /// Coefficients or components that are moved; by themselves those up to 3.5 Hz (16 of 128 frames), or 16 components
-    #[arg(long, value_name = "K")]
+    #[arg(long, value_name = "K", value_parser = super::read::count)]
     keep: Option<usize>,
     #[command(flatten)]
     what: WindowArgs,
@@ -45,7 +45,7 @@ pub struct Args {
 #[derive(Debug, clap::Args)]
 struct WindowArgs {
     /// Frames that are blended
-    #[arg(long, value_name = "FRAMES", default_value_t = 128)]
+    #[arg(long, value_name = "FRAMES", default_value_t = 128, value_parser = super::read::count)]
     window: usize,
     /// As many frames as the shorter clip has, instead
     #[arg(long, conflicts_with = "window")]
@@ -54,10 +54,10 @@ struct WindowArgs {
     #[arg(long, default_value_t = 60.0, value_parser = super::read::positive)]
     fps: f64,
     /// Where A's window begins, seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::read::seconds)]
     at_a: f64,
     /// Where B's window begins, seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::read::seconds)]
     at_b: f64,
     /// Leave B's heading as it is, instead of turning B so that both begin facing the same way
     #[arg(long)]
@@ -68,16 +68,16 @@ struct WindowArgs {
 #[derive(Debug, clap::Args)]
 struct HowArgs {
     /// How far from A's spectrum to B's the goal of the descent lies, 0 to 1
-    #[arg(long, value_name = "S", default_value_t = Descent::STRENGTH, conflicts_with = "amount")]
+    #[arg(long, value_name = "S", default_value_t = Descent::STRENGTH, conflicts_with = "amount", value_parser = super::read::share)]
     strength: f64,
     /// The closed form instead of a descent, this far, 0 to 1: dct and pca
-    #[arg(long, value_name = "ALPHA", conflicts_with_all = ["plain", "rate", "steps"])]
+    #[arg(long, value_name = "ALPHA", conflicts_with_all = ["plain", "rate", "steps"], value_parser = super::read::share)]
     amount: Option<f64>,
     /// Plain gradient descent instead of Adam's steps
     #[arg(long)]
     plain: bool,
     /// Step size; Adam's by itself 0.01, plain descent's what leads 99 % of its way
-    #[arg(long)]
+    #[arg(long, value_parser = super::read::positive)]
     rate: Option<f64>,
     /// Steps
     #[arg(long, default_value_t = Descent::STEPS)]
@@ -129,11 +129,11 @@ fn check(args: &Args) -> Result<()> {
     super::writable(&args.out)?;
     super::not_over_itself(&args.a, &args.out)?;
     super::not_over_itself(&args.b, &args.out)?;
-    if let Some(page) = &args.page {
-        if extension(page) != "html" {
-            return Err(WrongCall(format!("--page {}: expected a name ending in .html", page.display())).into());
-        }
-        kinelm::files::folder_is_there(page).map_err(|e| WrongCall(e.to_string()))?;
+    args.page.as_deref().map_or(Ok(()), super::page)?;
+    if args.keep.is_some() && matches!(args.transform, KindArg::Stft) {
+        return Err(
+            WrongCall("--keep: magnitudes are moved all together; leave it out, or take dct or pca".into()).into()
+        );
     }
     if args.how.amount.is_some() && matches!(args.transform, KindArg::Stft) {
         let what =

@@ -238,6 +238,23 @@ pub fn writable(path: &Path) -> Result<String> {
     Ok(extension)
 }
 
+/// An error that names the file that it is about.
+pub fn of_file(path: &Path, e: anyhow::Error) -> anyhow::Error {
+    let path = path.display().to_string();
+    match chain(&e).starts_with(&path) || e.is::<WrongCall>() {
+        true => e,
+        false => e.context(path),
+    }
+}
+
+/// Refuses a page under another name than a page's, and in a folder that isn't there, before any work.
+pub fn page(path: &Path) -> Result<()> {
+    if extension(path) != "html" {
+        return Err(WrongCall(format!("{}: expected a name ending in .html for a page", path.display())).into());
+    }
+    Ok(kinelm::files::folder_is_there(path).map_err(|e| WrongCall(e.to_string()))?)
+}
+
 /// Refuses an output that is the input itself.
 pub fn not_over_itself(input: &Path, output: &Path) -> Result<()> {
     match (input.canonicalize(), output.canonicalize()) {

@@ -68,6 +68,21 @@ pub fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A whole number from 1 on.
+pub fn count(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|&n| n > 0).ok_or("expected a whole number from 1 on".into())
+}
+
+/// A time from the beginning on.
+pub fn seconds(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|s: &f64| *s >= 0.0 && s.is_finite()).ok_or("expected seconds from 0 on".into())
+}
+
+/// A part of a whole.
+pub fn share(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|s| (0.0..=1.0).contains(s)).ok_or("expected a number from 0 to 1".into())
+}
+
 /// `--unit`.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 pub enum UnitArg {

@@ -18,7 +18,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     joint: Option<String>,
     /// Where the stretch begins that is drawn, seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::read::seconds)]
     at: f64,
     /// How long it is; to the clip's end if not given
     #[arg(long, value_parser = super::read::positive)]
@@ -35,9 +35,6 @@ pub struct Args {
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
     plot::check(&args.out).map_err(|e| WrongCall(e.to_string()))?;
-    if !(args.at.is_finite() && args.at >= 0.0) {
-        return Err(WrongCall(format!("--at {}; expected seconds from 0 on", args.at)).into());
-    }
     let motion = format::read(&args.clip, &args.read.options(RestFrame::Drop))?;
     super::warn(&motion, say);
     let skeleton = motion.clip.skeleton();

@@ -75,7 +75,7 @@ pub fn charts(clip: &Clip, wanted: &Wanted) -> Result<[Chart; 3]> {
     Ok([
         heat(decibels, [-DEPTH_DB, 0.0], "dB of the loudest", format!("Spectrogram of {name}")),
         heat(embedded, limits, "first component", "Spectral embedding of the body".into()),
-        coefficients(&series, joint, name),
+        coefficients(&series, joint, name, wanted.no_dc),
     ])
 }
 
@@ -138,7 +138,7 @@ fn length(series: &[Vec<f64>]) -> Vec<f64> {
 }
 
 /// Coefficients over frequency: of one joint, and the mean of all.
-fn coefficients(series: &Series, joint: usize, name: &str) -> Chart {
+fn coefficients(series: &Series, joint: usize, name: &str, no_dc: bool) -> Chart {
     let dct = LowDct::new(series.frames, series.frames);
     let of = |joint: usize| length(&[0, 1, 2].map(|axis| dct.forward(series.channel(3 * joint + axis))));
     let all: Vec<Vec<f64>> = (0..series.joints.len()).map(of).collect();
@@ -146,7 +146,8 @@ fn coefficients(series: &Series, joint: usize, name: &str) -> Chart {
     let hz = |k: usize| k as f64 * series.fps / (2 * series.frames) as f64;
     let curve = |name: &str, look, values: Vec<f64>| Curve {
         name: name.into(),
-        points: values.into_iter().enumerate().map(|(k, x)| (hz(k), x)).collect(),
+        // the mean is the first coefficient
+        points: values.into_iter().enumerate().skip(usize::from(no_dc)).map(|(k, x)| (hz(k), x)).collect(),
         look,
         colour: None,
     };

@@ -208,6 +208,8 @@ const labels = figures.map((f, i) => {
     label.append(note);
   }
   label.style.setProperty('--own', `var(--figure-${i % 6})`);
+  // many stand close together and have the height of the window instead
+  label.style.setProperty('--lines', figures.length > 5 ? 5 : 2);
   $('labels').append(label);
   return label;
 });

@@ -2,8 +2,8 @@
 
 use super::{TransformArg, joints_of};
 use crate::cli::data::DataArgs;
-use crate::cli::read::{ReadArgs, positive};
-use crate::cli::{Say, progress};
+use crate::cli::read::{ReadArgs, count, positive};
+use crate::cli::{Say, WrongCall, progress};
 use anyhow::Result;
 use kinelm::spectral::query::options::joint_names;
 use kinelm::spectral::query::{Asked, build};
@@ -27,16 +27,16 @@ pub struct Args {
     #[arg(long)]
     no_dc: bool,
     /// Numbers of a channel that DCT or PCA keep [default: 16]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = count)]
     keep: Option<usize>,
     /// Joints that count: 13, 24, or a list of groups, names and ids [default: 24]
     #[arg(long, value_name = "13|24|LIST")]
     joints: Option<String>,
     /// Frames of a window [default: 128]
-    #[arg(long, value_name = "FRAMES")]
+    #[arg(long, value_name = "FRAMES", value_parser = count)]
     window: Option<usize>,
     /// Frames from a window to the next [default: 64]
-    #[arg(long, value_name = "FRAMES")]
+    #[arg(long, value_name = "FRAMES", value_parser = count)]
     hop: Option<usize>,
     /// Frames per second [default: 60]
     #[arg(long, value_parser = positive)]
@@ -60,6 +60,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         joints: args.joints.as_deref().map(joints_of).transpose()?,
         raw: args.raw.then_some(true),
     };
+    if args.run.is_some() && transform != TransformArg::Model {
+        return Err(WrongCall("--run: only --transform model reads a run".into()).into());
+    }
     let gathered = args.data.gather(say)?;
     let options = args.data.build_options(args.read.options(RestFrame::Drop));
     let built = build(&gathered, &asked, &options, &args.out, &mut *progress::watch(say))?;

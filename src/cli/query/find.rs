@@ -1,7 +1,7 @@
 //! `kinelm query find`.
 
 use super::{distance, exclude};
-use crate::cli::read::ReadArgs;
+use crate::cli::read::{ReadArgs, count, seconds};
 use crate::cli::{Say, print};
 use anyhow::Result;
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
@@ -19,10 +19,10 @@ pub struct Args {
     #[arg(long, value_name = "INDEX")]
     index: PathBuf,
     /// How many windows
-    #[arg(short, default_value_t = 10)]
+    #[arg(short, default_value_t = 10, value_parser = count)]
     k: usize,
     /// Where the window begins in the clip, seconds; unless given it lies in the clip's middle
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
     at: Option<f64>,
     /// What near means
     #[arg(long, default_value = "cosine", value_name = "cosine|euclid", value_parser = distance)]
@@ -45,6 +45,7 @@ pub struct Args {
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
+    args.page.as_deref().map_or(Ok(()), crate::cli::page)?;
     let index = Index::open(&args.index)?;
     let read = args.read.options(RestFrame::Drop);
     let as_indexed = read == ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
@@ -55,7 +56,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         say.line(line);
     }
     if let Some(page) = page {
-        let bytes = answer.write_page(&page)?;
+        let (bytes, lost) = answer.write_page(&page)?;
+        for line in lost {
+            say.line(format_args!("{line}; left out of the page"));
+        }
         say.line(format_args!("{}: {} KB; open it in a browser", page.display(), bytes / 1000));
     }
     let what = index.options().transform.name();

@@ -57,6 +57,8 @@ pub struct Built {
     pub added: (usize, usize),
     /// Clips that were in the index already.
     pub known: usize,
+    /// Clips that were in it, read in another way, and were added again.
+    pub otherwise: usize,
     /// Clips shorter than a window.
     pub short: usize,
     /// Windows of the index now.
@@ -71,7 +73,11 @@ impl Built {
         let mut lines = self.summary.lines();
         let seconds = self.options.windows.seconds();
         for (count, what) in [
-            (self.known, "clips are in the index already and are left as they are".to_string()),
+            (self.known, "clips are in the index already and are left as they are, their labels too".to_string()),
+            (
+                self.otherwise,
+                "clips are in the index already, read at another rate or with other options: now twice".to_string(),
+            ),
             (self.short, format!("clips are shorter than a window of {seconds:.3} s and are left out")),
         ] {
             if count > 0 {
@@ -118,6 +124,7 @@ pub fn build(
         options: held.clone(),
         added: (0, 0),
         known: 0,
+        otherwise: 0,
         short: 0,
         windows: 0,
         explained: basis.as_ref().map(|b| b.variances.iter().sum::<f64>() / b.total_variance.max(f64::MIN_POSITIVE)),
@@ -220,7 +227,7 @@ fn write_part(
     let (temporary, place) = work.part()?;
     let mut writer = PartWriter::create(&temporary, numbers)?;
     let items: Vec<&Item> = gathered.items.iter().collect();
-    let (mut known, mut short, mut clips) = (0, 0, 0);
+    let (mut known, mut otherwise, mut short, mut clips) = (0, 0, 0, 0);
     built.summary = each(
         &items,
         options,
@@ -232,8 +239,9 @@ fn write_part(
         },
         |item, sha256, (made, starts, frames): (Made, Vec<usize>, usize), _| {
             let read = item_options(item, &options.read);
-            if work.known.iter().any(|c| c.is_of(&sha256, &read)) {
-                known += 1;
+            otherwise += usize::from(work.known.iter().any(|c| c.sha256 == sha256));
+            if work.known.iter().any(|c| c.is_of(&sha256, &read, frames)) {
+                (known, otherwise) = (known + 1, otherwise - 1);
             } else if starts.is_empty() {
                 short += 1;
             } else {
@@ -247,7 +255,8 @@ fn write_part(
         },
     )?;
     check(&built.summary, options, items.len())?;
-    (built.known, built.short, built.added) = (known, short, (clips, writer.windows()));
+    (built.known, built.otherwise, built.short) = (known, otherwise, short);
+    built.added = (clips, writer.windows());
     if clips == 0 {
         return Ok((None, numbers));
     }
@@ -275,6 +284,7 @@ impl Work {
             None => {
                 let parent = files::folder_of(out);
                 std::fs::create_dir_all(parent).map_err(Error::io(parent))?;
+                files::sweep(out, "writing");
                 let folder = files::beside(out, "writing")?;
                 if folder.exists() {
                     // a process of this number died here
@@ -295,6 +305,7 @@ impl Work {
             // a build ended after it was renamed and before it was named: it is nobody's
             std::fs::remove_dir_all(&place).map_err(Error::io(&place))?;
         }
+        files::sweep(&place, "writing");
         let temporary = files::beside(&place, "writing")?;
         if temporary.exists() {
             std::fs::remove_dir_all(&temporary).map_err(Error::io(&temporary))?;

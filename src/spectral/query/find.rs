@@ -222,15 +222,18 @@ impl Stretch {
 
 impl Answer {
     /// Writes a page that plays the query beside what was found, all on the model's body, each beginning on its own spot; its
-    /// size in bytes.
+    /// size in bytes, and what was wrong with files that are gone or not as they were when the index was built, which are left
+    /// out.
     ///
     /// # Errors
-    /// Files that are gone or not as they were when the index was built; those of writing.
-    pub fn write_page(&self, path: &Path) -> Result<usize> {
-        let windows = std::iter::once(&self.query).chain(self.found.iter().map(|f| &f.window));
-        let clips = windows.map(|w| w.load(self.frames, self.fps)).collect::<Result<Vec<_>>>()?;
+    /// The query's file; those of writing.
+    pub fn write_page(&self, path: &Path) -> Result<(usize, Vec<Error>)> {
+        let asked = self.query.load(self.frames, self.fps)?;
+        let found: Vec<Result<Clip>> = self.found.iter().map(|f| f.window.load(self.frames, self.fps)).collect();
+        let clips = std::iter::once(Some(&asked)).chain(found.iter().map(|clip| clip.as_ref().ok()));
         let mut figures = Vec::new();
-        for (i, clip) in clips.iter().enumerate() {
+        for (i, clip) in clips.enumerate() {
+            let Some(clip) = clip else { continue };
             let (title, window, value) = match i.checked_sub(1).map(|i| &self.found[i]) {
                 None => (format!("asked: {}", self.query.clip), &self.query, String::new()),
                 Some(f) => (format!("{}. {}", f.rank, f.window.clip), &f.window, format!("{:.3}, ", f.value)),
@@ -241,6 +244,7 @@ impl Answer {
             }
             figures.push(Figure::new(title, clip).note(note));
         }
-        write_page(path, &figures)
+        let bytes = write_page(path, &figures)?;
+        Ok((bytes, found.into_iter().filter_map(Result::err).collect()))
     }
 }

@@ -5,7 +5,7 @@
 //! named in `index.json`, which is replaced whole: a build that is cut off leaves the index as it was.
 
 use super::database::Database;
-use super::options::IndexOptions;
+use super::options::{IndexOptions, Kind, unfitted};
 use super::part::Part;
 use super::record::{DAMAGED, Manifest, VERSION};
 use crate::corpus::record::FileRecord;
@@ -36,6 +36,7 @@ impl Index {
         }
         let manifest = read_manifest(dir)?;
         let basis = manifest.basis.as_ref().map(|record| read_basis(&dir.join(BASIS), record)).transpose()?;
+        check(&dir.join(MANIFEST), &manifest, basis.as_ref())?;
         let mut parts = Vec::new();
         for record in &manifest.parts {
             parts.push(Part::open(&dir.join(&record.name), record, manifest.numbers)?);
@@ -91,6 +92,36 @@ pub(super) fn read_manifest(dir: &Path) -> Result<Manifest> {
             Err(Error::file(&path, found, format!("version {VERSION}"), help))
         }
     }
+}
+
+/// Holds what the description says against itself.
+fn check(path: &Path, manifest: &Manifest, basis: Option<&PcaBasis>) -> Result<()> {
+    let wrong = |found: String, expected: String| Err(Error::file(path, found, expected, DAMAGED));
+    let options = &manifest.options;
+    if let Err(e) = options.validate() {
+        return wrong(e.to_string(), "what an index can be built with".into());
+    }
+    if let Some(part) = manifest.parts.iter().find(|p| !is_part(&p.name)) {
+        return wrong(format!("a part `{}`", part.name), "part-0001 and so on".into());
+    }
+    let frames = options.windows.frames;
+    let kept = match (&options.transform, basis) {
+        (Kind::Model { .. }, _) => return Ok(()), // its run is read when it is asked for
+        (Kind::Pca { keep }, Some(basis)) if basis.length() == frames && basis.variances.len() == *keep => *keep,
+        (Kind::Pca { keep }, _) => {
+            return wrong("another basis or none".into(), format!("{keep} components of {frames}"));
+        }
+        (kind, _) => unfitted(kind, frames).map_or(0, |transform| transform.kept()),
+    };
+    match kept * options.channels() {
+        numbers if numbers == manifest.numbers => Ok(()),
+        numbers => wrong(format!("features of {} numbers", manifest.numbers), format!("{numbers}, by its options")),
+    }
+}
+
+/// Whether a part may be called so.
+fn is_part(name: &str) -> bool {
+    name.strip_prefix("part-").is_some_and(|number| number.len() >= 4 && number.bytes().all(|b| b.is_ascii_digit()))
 }
 
 fn read_basis(path: &Path, record: &FileRecord) -> Result<PcaBasis> {

@@ -130,8 +130,10 @@ impl ClipEntry {
         lines.map(read).collect()
     }
 
-    /// Whether it is the same motion: the same file, read alike.
-    pub fn is_of(&self, sha256: &str, read: &ReadOptions) -> bool {
-        self.sha256 == sha256 && self.read == *read
+    /// Whether it is the same motion: the same file, read alike, `frames` long at the index's rate. A rate that is stated
+    /// where the file says the same makes no other motion.
+    pub fn is_of(&self, sha256: &str, read: &ReadOptions, frames: usize) -> bool {
+        let here = ReadOptions { fps_source: read.fps_source, ..self.read.clone() };
+        self.sha256 == sha256 && here == *read && self.frames == frames
     }
 }

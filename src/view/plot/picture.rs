@@ -108,7 +108,7 @@ fn draw_series<B: DrawingBackend>(
     colour: usize,
 ) -> Drawn<B> {
     let paint = COLOURS[colour % COLOURS.len()];
-    let path = |style: ShapeStyle| area.draw(&PathElement::new(points.to_vec(), style));
+    let path = |style: ShapeStyle| blunt(points).into_iter().try_for_each(|p| area.draw(&PathElement::new(p, style)));
     match look {
         Look::Reference => path(REFERENCE.stroke_width(1)),
         Look::Faint => path(paint.mix(0.35).stroke_width(1)),
@@ -119,6 +119,24 @@ fn draw_series<B: DrawingBackend>(
         }
         Look::Marks => points.iter().try_for_each(|&p| mark(area, p, colour)),
     }
+}
+
+/// A line in pieces that turn by a right angle at most: the corners of what is drawn in one go are pointed, the farther out
+/// the sharper they are, and would stand there like data.
+fn blunt(points: &[(i32, i32)]) -> Vec<Vec<(i32, i32)>> {
+    let mut pieces: Vec<Vec<(i32, i32)>> = vec![Vec::new()];
+    for &(x, y) in points {
+        let last = pieces.len() - 1;
+        let piece = &mut pieces[last];
+        match piece[..] {
+            [.., b] if b == (x, y) => continue,
+            [.., a, b] if i64::from(b.0 - a.0) * i64::from(x - b.0) + i64::from(b.1 - a.1) * i64::from(y - b.1) < 0 => {
+                pieces.push(vec![b, (x, y)]);
+            }
+            _ => piece.push((x, y)),
+        }
+    }
+    pieces
 }
 
 /// A mark; later rounds of the colours have other ones.
@@ -154,4 +172,18 @@ fn draw_legend<B: DrawingBackend>(
         area.draw(&Text::new(name, (right + 34, y), style(13, HPos::Left, VPos::Center)))?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_cut_where_they_turn_back() {
+        let needle = [(0, 0), (5, 0), (6, 90), (6, 90), (7, 0), (12, 0)];
+        let expected = [vec![(0, 0), (5, 0), (6, 90)], vec![(6, 90), (7, 0), (12, 0)]];
+        assert_eq!(blunt(&needle), expected);
+        assert_eq!(blunt(&[(0, 0), (1, 0), (1, 1)]), [vec![(0, 0), (1, 0), (1, 1)]]);
+        assert_eq!(blunt(&[(3, 3)]), [vec![(3, 3)]]);
+    }
 }

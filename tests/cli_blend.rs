@@ -211,7 +211,7 @@ fn what_can_not_be_blended_is_said() {
     let [out, no, page] = ["o.bvh", "no/o.bvh", "p.txt"].map(|n| d.path(n).display().to_string());
     said("b.json", &["--out", &out, "--at-b", "2"], 1, "b.json: 180 frames at 60 fps, of which 60 lie from 2 s on");
     said("b.json", &["--out", &out, "--keep", "300"], 1, "expected 1 to 128");
-    said("b.json", &["--out", &out, "--strength", "1.5"], 1, "strength 1.5; expected 0");
+    said("b.json", &["--out", &out, "--strength", "1.5"], 2, "expected a number from 0 to 1");
     said("b.json", &["--out", &out, "--transform", "stft", "--amount", "0.5"], 2, "no closed form");
     said("b.json", &["--out", &out, "--window", "9"], 1, "expected 16 to 8192");
     said("b.json", &["--out", &no], 2, "make it first");

@@ -1,4 +1,4 @@
-"""Tables of classification.sh: classification.py OUT SEEDS writes OUT/table.md from OUT/results/CELL_BEGIN_SHARE-SEED.json."""
+"""Tables of classification.sh: classification.py OUT SEEDS writes OUT/table.md from OUT/results/TASK_BEGIN_SHARE-SEED.json."""
 import json
 import sys
 from collections import defaultdict
@@ -7,55 +7,65 @@ from pathlib import Path
 out, seeds = Path(sys.argv[1]), sys.argv[2].split()
 cells = defaultdict(list)
 for path in sorted((out / "results").glob("*.json")):
-    name, seed = path.stem.rsplit("-", 1)
-    if seed in seeds:
-        cells[name].append(json.loads(path.read_text()))
+    cell, seed = path.stem.rsplit("-", 1)
+    if seed in seeds and path.stat().st_size:
+        cells[tuple(cell.split("_"))].append(json.loads(path.read_text()))
 
 
 def spread(numbers):
-    mean = 100 * sum(numbers) / len(numbers)
-    if min(numbers) == max(numbers):
-        return f"{mean:.1f}"
-    return f"{mean:.1f} ({100 * min(numbers):.1f} to {100 * max(numbers):.1f})"
+    """The mean, and the lowest and highest of several, in per cent."""
+    mean = f"{100 * sum(numbers) / len(numbers):.1f}"
+    return mean if len(numbers) < 2 else f"{mean} ({100 * min(numbers):.1f} to {100 * max(numbers):.1f})"
 
 
-def figures(found, name, field):
-    return [row["clips"] for one in found for row in one["rows"] if row["name"] == name and row["field"] == field]
+def rows(found, name, field):
+    return [row for one in found for row in one["rows"] if (row["name"], row["field"]) == (name, field)]
 
 
-VECTORS = "LDA of the model's vectors"
+def table(task, field):
+    ours = cells[task, "pretrained", "1"]
+    train, test = ours[0]["clips"]
+    lines = [f"### {task}: {field}", "", f"{train} training clips, {test} test clips.", "",
+             "| | clips right, % | 95 % | balanced % | macro F1 % | calibration error | windows right, % | seeds |",
+             "|---|---|---|---|---|---|---|---|"]
+    plain = [row["name"] for row in ours[0]["rows"] if row["field"] == field and row["name"] != "class tokens"]
+    asked = [("pretrained", name, name) for name in plain]
+    asked += [("scratch", "class tokens", "class tokens, from nothing"), ("pretrained", "class tokens", "**class tokens, pre-trained**")]
+    for begin, name, label in asked:
+        found = rows(cells[task, begin, "1"], name, field)
+        if not found:
+            continue
+        low, high = found[0]["clips"]["accuracy_95"]
+        of = lambda key: spread([row["clips"][key] for row in found])
+        error = sum(row["clips"]["calibration_error"] for row in found) / len(found)
+        windows = spread([row["windows"]["accuracy"] for row in found]) if found[0]["windows"] else ""
+        lines.append(f"| {label} | {of('accuracy')} | {100 * low:.1f} to {100 * high:.1f} | {of('balanced_accuracy')} | "
+                     f"{of('macro_f1')} | {error:.3f} | {windows} | {len(found) if 'class tokens' in name else ''} |")
+    return lines + [""]
+
+
+def curve(task, field):
+    shares = sorted({float(share) for t, _, share in cells if t == task})
+    if len(shares) < 2:
+        return []
+    lines = [f"### {task}: {field}, by the share of the labels", "", "Clips right, %.", "",
+             "| share | training clips | LDA | nearest spectra | class tokens, from nothing | class tokens, pre-trained | seeds |",
+             "|---|---|---|---|---|---|---|"]
+    for share in shares:
+        of_share = lambda begin: next((v for (t, b, s), v in cells.items() if (t, b, float(s)) == (task, begin, share)), [])
+        ours, nothing = of_share("pretrained"), of_share("scratch")
+        if not ours:
+            continue
+        of = lambda found, name: spread([row["clips"]["accuracy"] for row in rows(found, name, field)] or [float("nan")])
+        lines.append(f"| {100 * share:g} % | {ours[0]['clips'][0]} | {of(ours, 'LDA')} | {of(ours, 'nearest spectra')} | "
+                     f"{of(nothing, 'class tokens')} | {of(ours, 'class tokens')} | {len(ours)} |")
+    return lines + [""]
+
+
 text = []
 for task in ["by-number", "held-out", "genre", "dancer"]:
-    whole = cells.get(f"{task}_pretrained_1")
-    if not whole:
-        continue
-    for field in dict.fromkeys(row["field"] for row in whole[0]["rows"]):
-        names = list(dict.fromkeys(row["name"] for row in whole[0]["rows"]))
-        clips = whole[0]["clips"]
-        text += [f"## {task}: {field}", f"{clips[0]} train clips, {clips[1]} test clips; by clip; mean over {len(whole)} seeds (lowest to highest).", ""]
-        text += ["| | accuracy % | 95 % of the first | balanced % | macro F1 % | calibration error |", "|---|---|---|---|---|---|"]
-        for begin, label in [("pretrained", ", pre-trained"), ("scratch", ", from nothing")]:
-            found = cells.get(f"{task}_{begin}_1", [])
-            for name in names:
-                own = name == "class tokens"
-                rows = figures(found, name, field)
-                if not rows or (begin == "scratch" and not own):
-                    continue
-                low, high = rows[0]["accuracy_95"]
-                of = lambda key: spread([row[key] for row in rows])
-                error = sum(row["calibration_error"] for row in rows) / len(rows)
-                text.append(f"| {name}{label if own else ''} | {of('accuracy')} | {100 * low:.1f} to {100 * high:.1f} | "
-                            f"{of('balanced_accuracy')} | {of('macro_f1')} | {error:.3f} |")
-        shares = sorted({float(c.rsplit("_", 1)[1]) for c in cells if c.startswith(f"{task}_")})
-        if len(shares) > 1:
-            text += ["", f"Accuracy % by the share of the labels ({field}):", "", "| share | clips | pre-trained | from nothing | LDA | LDA of the model's vectors |", "|---|---|---|---|---|---|"]
-            for share in shares:
-                find = lambda begin: next((v for k, v in cells.items() if k.startswith(f"{task}_{begin}_") and float(k.rsplit("_", 1)[1]) == share), [])
-                ours, nothing = find("pretrained"), find("scratch")
-                of = lambda found, name: spread([row["accuracy"] for row in figures(found, name, field)]) if found else ""
-                many = ours[0]["clips"][0] if ours else ""
-                text.append(f"| {100 * share:g} % | {many} | {of(ours, 'class tokens')} | {of(nothing, 'class tokens')} | "
-                            f"{of(ours, 'LDA')} | {of(ours, VECTORS)} |")
-        text.append("")
+    ours = cells.get((task, "pretrained", "1"), [])
+    for field in dict.fromkeys(row["field"] for one in ours[:1] for row in one["rows"]):
+        text += table(task, field) + curve(task, field)
 (out / "table.md").write_text("\n".join(text))
 print("\n".join(text))

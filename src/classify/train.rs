@@ -14,6 +14,7 @@ use crate::train::schedule::rate;
 use crate::train::{Schedule, TrainConfig};
 use crate::{Error, Result, random};
 use candle_core::Tensor;
+use kinelm_tokenizer::Tokenizer;
 use rand_chacha::rand_core::RngCore;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -73,6 +74,21 @@ impl Default for TrainOptions {
     }
 }
 
+impl TrainOptions {
+    /// As the trainer's schedule has it: a twentieth of warm-up, then a cosine.
+    fn schedule(&self) -> TrainConfig {
+        TrainConfig {
+            batch: self.batch,
+            steps: self.steps,
+            learning_rate: self.rate,
+            schedule: Schedule::Cosine,
+            warmup: (self.steps / 20).max(1),
+            seed: self.seed,
+            ..TrainConfig::default()
+        }
+    }
+}
+
 /// Figures of a measurement or a step, as `metrics.jsonl` has them.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Told {
@@ -122,6 +138,7 @@ pub fn train(
 ) -> Result<Summary> {
     check(options)?;
     let tokenizer = run_tokenizer(run, corpus)?;
+    let mut writer = Writer::new(out, &tokenizer)?;
     let clips = fields::clips(corpus, &options.only)?;
     let fields = Fields::of(corpus, &clips, &options.fields)?;
     let layout = Layout::new(&run.config, &run.tokens, fields.len())?;
@@ -132,32 +149,8 @@ pub fn train(
     let model = Fast::from_tensors(&run.config, &grown(&run.tokens, &fields), first_weights(run, &fields, options)?)?;
     let heads = first_heads(&fields, run.config.width, options.seed);
     let mut learner = Learner::new(model, heads, run.tokens.vocabulary as u32);
-    let mut writer = Writer::new(out, &tokenizer)?;
-    let about = About {
-        schema: 1,
-        kinelm: env!("CARGO_PKG_VERSION").into(),
-        model: run.config.clone(),
-        tokens: run.tokens.clone(),
-        fields: fields.clone(),
-        compat: options.compat,
-        only: options.only.clone(),
-        from: (!options.scratch).then(|| run.checkpoint.clone()),
-        share: options.share,
-        seed: options.seed,
-        step: 0,
-        valid_nats: None,
-        tokenizer: tokenizer.base_hash(),
-        weights: (String::new(), FileRecord::of(&[])),
-    };
-    let train = TrainConfig {
-        batch: options.batch,
-        steps: options.steps,
-        learning_rate: options.rate,
-        schedule: Schedule::Cosine,
-        warmup: (options.steps / 20).max(1),
-        seed: options.seed,
-        ..TrainConfig::default()
-    };
+    let about = about(run, &tokenizer, &fields, options);
+    let train = options.schedule();
     let mut summary = Summary {
         fields: fields.clone(),
         clips: batches.clips(),
@@ -170,12 +163,8 @@ pub fn train(
     let mut worse = 0;
     for step in 0..options.steps {
         let numbers = batches.batch(step);
-        let dropout = (run.config.dropout > 0.0).then_some(Dropout {
-            share: run.config.dropout,
-            seed: options.seed,
-            step,
-            first: 0,
-        });
+        let (share, seed) = (run.config.dropout, options.seed);
+        let dropout = (share > 0.0).then_some(Dropout { share, seed, step, first: 0 });
         let now = rate(&train, step);
         let rates = [now, now / options.rate * options.head_rate];
         let counted = numbers.targets.iter().filter(|&&t| t != run.tokens.pad).count();
@@ -202,6 +191,26 @@ pub fn train(
         }
     }
     Ok(summary)
+}
+
+/// What the folder says of itself, before the first update.
+fn about(run: &LoadedRun, tokenizer: &Tokenizer, fields: &Fields, options: &TrainOptions) -> About {
+    About {
+        schema: 1,
+        kinelm: env!("CARGO_PKG_VERSION").into(),
+        model: run.config.clone(),
+        tokens: run.tokens.clone(),
+        fields: fields.clone(),
+        compat: options.compat,
+        only: options.only.clone(),
+        from: (!options.scratch).then(|| run.checkpoint.clone()),
+        share: options.share,
+        seed: options.seed,
+        step: 0,
+        valid_nats: None,
+        tokenizer: tokenizer.base_hash(),
+        weights: (String::new(), FileRecord::of(&[])),
+    }
 }
 
 /// A step's error with what can be done about it.
@@ -262,8 +271,8 @@ fn check(options: &TrainOptions) -> Result<()> {
 }
 
 /// The run's tokenizer, which must be the corpus's but for labels.
-pub(super) fn run_tokenizer(run: &LoadedRun, corpus: &Corpus) -> Result<kinelm_tokenizer::Tokenizer> {
-    let tokenizer = kinelm_tokenizer::Tokenizer::load(&run.tokenizer)?;
+pub(super) fn run_tokenizer(run: &LoadedRun, corpus: &Corpus) -> Result<Tokenizer> {
+    let tokenizer = Tokenizer::load(&run.tokenizer)?;
     same_tokenizer(&tokenizer.base_hash(), corpus)?;
     Ok(tokenizer)
 }

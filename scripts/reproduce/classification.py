@@ -18,6 +18,13 @@ def spread(numbers):
     return mean if len(numbers) < 2 else f"{mean} ({100 * min(numbers):.1f} to {100 * max(numbers):.1f})"
 
 
+def interval(share, count):
+    """Wilson's, 95 %, for the mean of the seeds over so many clips."""
+    z2 = 1.959964**2
+    middle, half = share + z2 / (2 * count), (z2 * (share * (1 - share) / count + z2 / (4 * count**2))) ** 0.5
+    return [(middle - half) / (1 + z2 / count), (middle + half) / (1 + z2 / count)]
+
+
 def rows(found, name, field):
     return [row for one in found for row in one["rows"] if (row["name"], row["field"]) == (name, field)]
 
@@ -35,9 +42,10 @@ def table(task, field):
         found = rows(cells[task, begin, "1"], name, field)
         if not found:
             continue
-        low, high = found[0]["clips"]["accuracy_95"]
-        of = lambda key: spread([row["clips"][key] for row in found])
-        error = sum(row["clips"]["calibration_error"] for row in found) / len(found)
+        of_clips = [row["clips"] for row in found]
+        low, high = interval(sum(c["accuracy"] for c in of_clips) / len(found), of_clips[0]["count"])
+        of = lambda key: spread([c[key] for c in of_clips])
+        error = sum(c["calibration_error"] for c in of_clips) / len(found)
         windows = spread([row["windows"]["accuracy"] for row in found]) if found[0]["windows"] else ""
         lines.append(f"| {label} | {of('accuracy')} | {100 * low:.1f} to {100 * high:.1f} | {of('balanced_accuracy')} | "
                      f"{of('macro_f1')} | {error:.3f} | {windows} | {len(found) if 'class tokens' in name else ''} |")

@@ -38,9 +38,12 @@ pub fn draw<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart, matr
     let cut = |name: &String| name.chars().take(LETTERS).collect::<String>();
     let longest = matrix.names.iter().map(|n| cut(n).chars().count()).max().unwrap_or(0);
     let names = (longest as f64 * LETTER) as i32 + 12;
-    let (left, top) = (TITLE + names, ABOVE);
-    let n = matrix.names.len() as i32;
-    let cell = ((width as i32 - RIGHT - left).min(height as i32 - top - names - TITLE) / n.max(1)).max(1);
+    let (n, top) = (matrix.names.len() as i32, ABOVE);
+    let wide = width as i32 - TITLE - names - RIGHT;
+    let cell = (wide.min(height as i32 - top - names - TITLE) / n.max(1)).max(1);
+    // in the middle of what is left
+    let spare = (wide - n * cell).max(0) / 2;
+    let left = spare + TITLE + names;
     let size = (cell - 4).clamp(9, 15) as u32;
     for (row, counts) in matrix.counts.iter().enumerate() {
         let all = counts.iter().sum::<usize>().max(1) as f64;
@@ -70,5 +73,5 @@ pub fn draw<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart, matr
     let along = style(15, HPos::Center, VPos::Top);
     area.draw(&Text::new(chart.x.clone(), ((left + right) / 2, bottom + names + 6), along))?;
     let up = turned(15, HPos::Center, VPos::Top);
-    area.draw(&Text::new(chart.y.clone(), (8, (top + bottom) / 2), up))
+    area.draw(&Text::new(chart.y.clone(), (spare + 8, (top + bottom) / 2), up))
 }

@@ -37,7 +37,7 @@ pub struct FinetuneOptions {
 ///
 /// The run's vocabulary is the source's with the labels of the training clips, for the fields that the source is told of
 /// and those of `train.conditions`; see [`grow`] for what becomes of its tables. To go on with such a run, see
-/// [`pretrain`](super::pretrain) with `resume`.
+/// [`pretrain`](fn@super::pretrain) with `resume`.
 ///
 /// # Errors
 /// A source that is none, or damaged; keys of `[model]` that differ from the source's; a corpus of another tokenizer;

@@ -2,7 +2,7 @@
 //!
 //! *Open* series are rotation vectors, three of each coded joint (with `heading_delta` the pelvis's tilt x and z alone),
 //! made continuous in time. *Closed* ones hang on what was decoded before: the root's place, and with `heading_delta` its
-//! turn. They are told from an [`Anchor`], the decoded root at the end of the tile before, so that errors never add up.
+//! turn. They are told from an `Anchor`, the decoded root at the end of the tile before, so that errors never add up.
 
 use super::pelvis::{Split, about_y};
 use crate::channel::Channels;

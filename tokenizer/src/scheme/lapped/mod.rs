@@ -4,7 +4,7 @@
 //! pelvis's tilt for its rotation; the root's height) are mixed over the joints so that an error of a component moves the
 //! body's joints equally far whichever component it is in, then go through [`Lapped`](Transform) over time; every
 //! coefficient is rounded to whole steps of one size. The **closed** ones are the root's velocity on the ground and the
-//! rate of its turn: [`root`]. Numbers that are zero are counted in runs, in an order in which those that were seldom
+//! rate of its turn: `root`. Numbers that are zero are counted in runs, in an order in which those that were seldom
 //! non-zero in training come last, and fall away at the word's end.
 //!
 //! **Bound.** Every coefficient of the open channels is off by less than one step, and the transform keeps lengths: over

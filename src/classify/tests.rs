@@ -5,8 +5,8 @@ use super::train::Summary;
 use super::*;
 use crate::corpus::samples::{clip, walk};
 use crate::corpus::{ClipRecord, Corpus, CorpusWriter, Split};
-use crate::model::{LoadedRun, ModelConfig, TokenLayout, Which, load_run};
-use crate::train::{CorpusPart, PretrainOptions, Silent, TrainConfig, TrainFile, pretrain};
+use crate::model::{LoadedRun, ModelConfig, TokenLayout};
+use crate::train::{TrainConfig, fixture};
 use crate::{files, random};
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use rand_chacha::rand_core::RngCore;
@@ -47,14 +47,7 @@ fn corpus(dir: &Path) -> Corpus {
 fn run(dir: &Path) -> LoadedRun {
     let model = ModelConfig { layers: 1, heads: 2, width: 16, context: 60, dropout: 0.1, ..Default::default() };
     let train = TrainConfig { steps: 4, batch: 4, warmup: 1, ..Default::default() };
-    let options = PretrainOptions {
-        file: Some(TrainFile { model, train, ..Default::default() }),
-        corpora: vec![CorpusPart::once(dir.join("corpus"))],
-        run: Some(dir.join("run")),
-        ..Default::default()
-    };
-    pretrain(&options, &AtomicBool::new(false), &mut Silent).unwrap();
-    load_run(&dir.join("run"), Which::Auto).unwrap()
+    fixture::run(dir, model, train)
 }
 
 fn options() -> TrainOptions {

@@ -201,31 +201,18 @@ fn measured(args: &EvalArgs, say: Say) -> Result<()> {
 fn named(args: &PredictArgs, say: Say) -> Result<()> {
     let mut classifier = Classifier::load(&args.classifier)?;
     let options = args.read.options(RestFrame::Drop);
-    let mut failed = 0;
-    for file in &args.files {
-        let (motion, found) = match classifier.predict(file, &options) {
-            Ok(found) => found,
-            // a single file's error is the call's
-            Err(e) if args.files.len() == 1 => return Err(super::of_file(file, e.into())),
-            Err(e) => {
-                failed += 1;
-                say.error(super::chain(&super::of_file(file, e.into())));
-                continue;
-            }
-        };
+    super::each_file(&args.files, "files could not be named", say, |_, file| {
+        let (motion, found) = classifier.predict(file, &options)?;
         super::warn(&motion, say);
         if args.json {
-            print(&(serde_json::to_string(&found)? + "\n"))?;
-            continue;
+            return print(&(serde_json::to_string(&found)? + "\n"));
         }
         let mut text = format!("{} ({:.1} s)\n", file.display(), found.seconds);
         for told in &found.fields {
             text += &lines(told).context("no text")?;
         }
-        print(&text)?;
-    }
-    anyhow::ensure!(failed == 0, "{failed} of {} files could not be named", args.files.len());
-    Ok(())
+        print(&text)
+    })
 }
 
 /// `genre: salsa 91.2 %, martial 6.0 %` and a letter a second.

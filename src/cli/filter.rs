@@ -3,10 +3,9 @@
 use super::{Say, WrongCall, extension, print, read::ReadArgs};
 use anyhow::{Context, Result};
 use kinelm::spectral::filter::{Filter, LOW_HZ, MIDDLE_HZ, filter};
-use kinelm_motion::convert::{Rig, Wanted, convert};
+use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::metric::jitter;
-use kinelm_motion::{Motion, smpl};
 use std::path::{Path, PathBuf};
 
 /// Less movement than this of one frame to the next isn't worth a word: a share of all rotations.
@@ -51,19 +50,8 @@ enum Level {
 pub fn run(args: Args, say: Say) -> Result<()> {
     let how = args.filter();
     let outputs = outputs(&args.clips, &args.out)?;
-    let mut failed = 0;
-    for (clip, out) in args.clips.iter().zip(&outputs) {
-        if let Err(e) = one(clip, out, &how, &args, say).map_err(|e| super::of_file(clip, e)) {
-            // a single clip's error is the call's
-            if args.clips.len() == 1 {
-                return Err(e);
-            }
-            failed += 1;
-            say.error(super::chain(&e));
-        }
-    }
-    anyhow::ensure!(failed == 0, "{failed} of {} clips could not be filtered", args.clips.len());
-    Ok(())
+    let each = |i: usize, clip: &Path| one(clip, &outputs[i], &how, &args, say);
+    super::each_file(&args.clips, "clips could not be filtered", say, each)
 }
 
 fn one(path: &Path, out: &Path, how: &Filter, args: &Args, say: Say) -> Result<()> {
@@ -81,7 +69,7 @@ fn one(path: &Path, out: &Path, how: &Filter, args: &Args, say: Say) -> Result<(
         ));
     }
     let after = jitter(&done.clip);
-    let filtered = written_as(out, Motion { clip: done.clip, ..motion }, args)?;
+    let filtered = super::written_as(out, Motion { clip: done.clip, ..motion }, args.read.map.as_deref())?;
     format::write(out, &filtered)?;
     let clip = &filtered.clip;
     if args.json {
@@ -96,15 +84,6 @@ fn one(path: &Path, out: &Path, how: &Filter, args: &Args, say: Say) -> Result<(
     let (out, frames, fps) = (out.display(), clip.frames(), (clip.fps() * 1e3).round() / 1e3);
     say.line(format_args!("{out}: {frames} frames at {fps} fps{kept}{jerk}"));
     Ok(())
-}
-
-/// On the rig that a format is written for: an .npz is on SMPL's.
-fn written_as(out: &Path, motion: Motion, args: &Args) -> Result<Motion> {
-    if extension(out) != "npz" {
-        return Ok(motion);
-    }
-    let wanted = Wanted { rig: Some(Rig::Smpl(smpl::neutral())), ..Wanted::default() };
-    Ok(convert(motion, &wanted, args.read.map.as_deref())?)
 }
 
 impl Args {

@@ -1,13 +1,12 @@
 //! `kinelm interpolate`.
 
 use super::view::stem;
-use super::{Say, WrongCall, extension, print, read::ReadArgs};
+use super::{Say, WrongCall, print, read::ReadArgs};
 use anyhow::Result;
 use kinelm::spectral::interpolate::{Blended, Descent, Kind, Settings, Way, Window, blend};
 use kinelm::view::{Figure, write_page};
-use kinelm_motion::convert::{Rig, Wanted, convert};
+use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
-use kinelm_motion::{Motion, smpl};
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
@@ -101,7 +100,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let done = blend(&a, &b, &args.settings())?;
     done.said.iter().for_each(|line| say.line(line));
     let between = Motion { path: args.out.clone(), clip: done.clips[2].clone(), ..a };
-    format::write(&args.out, &written_as(&args, between)?)?;
+    format::write(&args.out, &super::written_as(&args.out, between, args.read.map.as_deref())?)?;
     if let Some(page) = &args.page {
         write_page(page, &figures(&args, &done))?;
     }
@@ -168,15 +167,6 @@ impl Args {
             },
         }
     }
-}
-
-/// On the rig that a format is written for: an .npz is on SMPL's.
-fn written_as(args: &Args, motion: Motion) -> Result<Motion> {
-    if extension(&args.out) != "npz" {
-        return Ok(motion);
-    }
-    let wanted = Wanted { rig: Some(Rig::Smpl(smpl::neutral())), ..Wanted::default() };
-    Ok(convert(motion, &wanted, args.read.map.as_deref())?)
 }
 
 /// A, the dance between, B: from left to right.

@@ -33,9 +33,10 @@ mod view;
 use anyhow::{Error, Result};
 use kinelm::model::{Compute, DeviceName, Form, Reading};
 use kinelm_engine::decode::{KvKind, WeightKind};
-use kinelm_motion::Motion;
+use kinelm_motion::convert::{Rig, Wanted, convert};
+use kinelm_motion::{Motion, smpl};
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Motion capture into text, a GPT on that text, new dances out of it.
 #[derive(Debug, clap::Parser)]
@@ -238,8 +239,39 @@ pub fn writable(path: &Path) -> Result<String> {
     Ok(extension)
 }
 
+/// Does something with each file and its number; one that fails is told and doesn't keep the others from it, but a single
+/// file's error is the call's.
+pub fn each_file(
+    files: &[PathBuf],
+    failed_what: &str,
+    say: Say,
+    mut each: impl FnMut(usize, &Path) -> Result<()>,
+) -> Result<()> {
+    let mut failed = 0;
+    for (i, file) in files.iter().enumerate() {
+        if let Err(e) = each(i, file).map_err(|e| of_file(file, e)) {
+            if files.len() == 1 {
+                return Err(e);
+            }
+            failed += 1;
+            say.error(chain(&e));
+        }
+    }
+    anyhow::ensure!(failed == 0, "{failed} of {} {failed_what}", files.len());
+    Ok(())
+}
+
+/// A motion on the rig that its format is written for: an .npz is on SMPL's.
+pub fn written_as(out: &Path, motion: Motion, map: Option<&str>) -> Result<Motion> {
+    if extension(out) != "npz" {
+        return Ok(motion);
+    }
+    let wanted = Wanted { rig: Some(Rig::Smpl(smpl::neutral())), ..Wanted::default() };
+    Ok(convert(motion, &wanted, map)?)
+}
+
 /// An error that names the file that it is about.
-pub fn of_file(path: &Path, e: anyhow::Error) -> anyhow::Error {
+fn of_file(path: &Path, e: anyhow::Error) -> anyhow::Error {
     let path = path.display().to_string();
     match chain(&e).starts_with(&path) || e.is::<WrongCall>() {
         true => e,

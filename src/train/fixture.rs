@@ -2,12 +2,14 @@
 
 use crate::corpus::samples::{clip, walk};
 use crate::corpus::{Corpus, CorpusWriter, Split};
-use crate::model::TokenLayout;
+use crate::model::{LoadedRun, ModelConfig, TokenLayout, Which, load_run};
 use crate::random;
+use crate::train::{CorpusPart, PretrainOptions, Silent, TrainConfig, TrainFile, pretrain};
 use kinelm_motion::synth;
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use rand_chacha::rand_core::RngCore;
 use std::path::Path;
+use std::sync::atomic::AtomicBool;
 
 /// What the corpora below are made of.
 pub const TOKENS: TokenLayout =
@@ -37,6 +39,18 @@ pub fn corpus(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
     }
     writer.finish().unwrap();
     Corpus::open(&path).unwrap()
+}
+
+/// A run in `dir` on the corpus beside it.
+pub fn run(dir: &Path, model: ModelConfig, train: TrainConfig) -> LoadedRun {
+    let options = PretrainOptions {
+        file: Some(TrainFile { model, train, ..Default::default() }),
+        corpora: vec![CorpusPart::once(dir.join("corpus"))],
+        run: Some(dir.join("run")),
+        ..Default::default()
+    };
+    pretrain(&options, &AtomicBool::new(false), &mut Silent).unwrap();
+    load_run(&dir.join("run"), Which::Auto).unwrap()
 }
 
 /// A corpus in `dir` of clips of so many frames of dances, in words of any length: merged characters of two joints.

@@ -56,20 +56,14 @@ mod tests {
     use crate::evaluate::likelihood::likelihood;
     use crate::model::exchange::{Format, export};
     use crate::model::{Compute, Head, ModelConfig, Positions, Which, load_run};
-    use crate::train::{CorpusPart, PretrainOptions, Silent, TrainConfig, TrainFile, fixture, pretrain};
+    use crate::train::{PretrainOptions, Silent, TrainConfig, fixture, pretrain};
     use std::sync::atomic::AtomicBool;
 
     /// A run of a few steps in `dir`, on a corpus beside it.
     fn trained(dir: &Path, model: ModelConfig) -> Corpus {
         let corpus = fixture::corpus(dir, &[(30, Split::Train), (20, Split::Valid)]);
         let train = TrainConfig { steps: 3, batch: 2, warmup: 1, ..Default::default() };
-        let options = PretrainOptions {
-            file: Some(TrainFile { model, train, ..Default::default() }),
-            corpora: vec![CorpusPart::once(dir.join("corpus"))],
-            run: Some(dir.join("run")),
-            ..Default::default()
-        };
-        pretrain(&options, &AtomicBool::new(false), &mut Silent).unwrap();
+        fixture::run(dir, model, train);
         corpus
     }
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The trial behind docs/lapped.md: which transform over time and over the joints takes the fewest bits.
+"""The trial behind docs/results/lapped.md: which transform over time and over the joints takes the fewest bits.
 
     for f in DATA/bandai-2/*.bvh; do kinelm convert "$f" "npz/$(basename "$f" .bvh).npz" --fps 30 -q; done
     python3 lapped_trial.py npz SPLITS/bandai-2.csv [--hops 16 30] [--target 7.0]

@@ -1,6 +1,6 @@
 """Label fidelity: conditions.py CORPUS FIELD DANCES, two corpora of one tokenizer with uniform bins, words of one length.
 
-LDA with Ledoit-Wolf shrinkage on PROTOCOLS 5.6's features (mean, sd and mean absolute first difference of every channel,
+LDA with Ledoit-Wolf shrinkage on the features of docs/classification.md (mean, sd and mean absolute first difference of every channel,
 standardised, PCA to 64) of windows of 2 s, each second; the pelvis's rotation and way are left out, for a dance may face and
 go anywhere. A clip's class is that of its summed log-probabilities. Real test clips stand beside.
 """

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Whether a label changes the dance (PROTOCOLS 4.7, label fidelity): free dances, and dances that go on from one prompt under
+# Whether a label changes the dance (docs/measures.md): free dances, and dances that go on from one prompt under
 # every label in turn, named by a linear classifier that was trained on the real train clips alone.
 #
 #     scripts/reproduce/conditions.sh RUN CORPUS FIELD OUT PROMPT..      RUN was trained with conditions = ["FIELD"]

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Whether dances freeze, greedy and drawn, the more is given the less (PROTOCOLS' experiment L7): 30 s dances that begin with
+# Whether dances freeze, greedy and drawn, the more is given the less (docs/measures.md, "Freezing"): 30 s dances that begin with
 # the first second of each prompt and follow none of it, the root, the root and the right arm, the root and the legs.
 #
 #     scripts/reproduce/freezing.sh RUN CORPUS OUT PROMPT..        prompts of 30 s or more; OPTIONS="--fps-source 60" reads them

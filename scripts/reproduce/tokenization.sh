@@ -1,5 +1,5 @@
 #!/bin/sh
-# The tables of docs/tokenization.md: unpacks the shared motion, runs `kinelm tokenizer study` on both sets with the thirteen
+# The tables of docs/results/tokenization.md: unpacks the shared motion, runs `kinelm tokenizer study` on both sets with the thirteen
 # joints and with all 24, and leaves the Markdown tables in OUT/tables.md.
 #
 #   scripts/reproduce/tokenization.sh [OUT] [-- what every study is given beside, such as --schemes FILE or --force]

@@ -33,7 +33,8 @@ impl Motion {
         Ok(Motion { clip, channels })
     }
 
-    /// PROTOCOLS 5.6: of every channel its mean, its standard deviation, its mean absolute first difference.
+    /// Of every channel its mean, its standard deviation, its mean absolute first difference (docs/classification.md, "Plain
+    /// classifiers").
     pub fn window(&self, window: &Window, frames_per_word: usize) -> Vec<f64> {
         let from = window.word * frames_per_word;
         let to = ((window.word + window.words) * frames_per_word).min(self.clip.frames());
@@ -54,7 +55,7 @@ impl Motion {
         std::iter::once((self.clip.frames() as f64).ln()).chain(pose).collect()
     }
 
-    /// Low cosine coefficients of its windows of 128 frames at 60 a second (PROTOCOLS 6.1), of norm 1; a clip that is shorter
+    /// Low cosine coefficients of its windows of 128 frames at 60 a second (docs/query.md), of norm 1; a clip that is shorter
     /// holds its last pose.
     ///
     /// # Errors

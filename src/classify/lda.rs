@@ -7,7 +7,7 @@
 
 use crate::{Error, Result};
 
-/// Components that are kept of the features (PROTOCOLS 5.6).
+/// Components that are kept of the features (docs/classification.md, "Plain classifiers").
 pub(super) const COMPONENTS: usize = 64;
 
 /// A fitted classifier.

@@ -2,7 +2,8 @@
 //!
 //! A window is `<bos>`, its labels hidden, m words of W tokens, then a class token a field. Motion stays causal; a class
 //! token sees all motion and itself. Its final vector goes through one linear layer to the logits of its field. The loss is
-//! the language model's on the motion plus the cross-entropies. Source: PROTOCOLS 5.6, the thesis's figure 4.13.
+//! the language model's on the motion plus the cross-entropies. Source: the thesis's figure 4.13;
+//! docs/classification.md.
 //!
 //! Letters: B batch, T tokens of a window, K tokens in front, m words of W tokens, n fields, D width.
 

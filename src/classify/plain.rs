@@ -10,7 +10,7 @@ use crate::model::LoadedRun;
 use crate::model::fast::Fast;
 use rayon::prelude::*;
 
-/// Neighbours that vote (PROTOCOLS 6.2).
+/// Neighbours that vote: docs/query.md, "Do neighbours tell labels?".
 const NEIGHBOURS: usize = 10;
 
 /// What one of them says.
@@ -29,7 +29,7 @@ pub(super) struct Plain {
     still: [Vec<Vec<f64>>; 2],
     /// Some rows a clip: low cosine coefficients.
     spectra: [Vec<Vec<Vec<f64>>>; 2],
-    /// A row a window: PROTOCOLS 5.6.
+    /// A row a window: means, deviations and steps of its channels.
     moving: [Rows; 2],
     /// A row a window: the mean of a run's final vectors.
     vectors: Option<[Rows; 2]>,

@@ -54,7 +54,7 @@ pub struct TrainOptions {
 }
 
 impl Default for TrainOptions {
-    /// PROTOCOLS 5.6 where it says something.
+    /// The thesis's where it states them (docs/classification.md).
     fn default() -> Self {
         TrainOptions {
             fields: Vec::new(),

@@ -1,7 +1,7 @@
 //! Labels as tokens in front of a window: `<bos>`, then one token a field, `<unk>` where a clip's label is not known.
 //!
 //! Fields stand in one order whatever order they were asked in: genre, dancer, music, situation, choreography, then the
-//! others by name (PROTOCOLS 5.7). The tokens `<field:value>` are the last ids of a run's vocabulary.
+//! others by name (docs/training.md, "Labels"). The tokens `<field:value>` are the last ids of a run's vocabulary.
 
 use super::record::ClipRecord;
 use crate::{Error, Result};

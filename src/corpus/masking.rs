@@ -1,4 +1,5 @@
-//! Windows of a masked model: some tokens are hidden, and each chosen one is its own target (PROTOCOLS 5.4).
+//! Windows of a masked model: some tokens are hidden, and each chosen one is its own target (docs/training.md, "Masked
+//! models").
 
 use crate::random;
 use kinelm_tokenizer::Special;

@@ -1,4 +1,4 @@
-//! Bits a frame that a model needs for clips it is shown: PROTOCOLS 2.5.
+//! Bits a frame that a model needs for clips it is shown: docs/measures.md, "Bits a frame".
 
 use super::pseudo::pseudo;
 use crate::corpus::{ClipRecord, Conditions, Corpus, EvalWindow, eval_windows, fill_sequence};

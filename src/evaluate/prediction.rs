@@ -1,4 +1,4 @@
-//! What a model foretells of the next 400 ms: PROTOCOLS 3.
+//! What a model foretells of the next 400 ms: docs/measures.md, "Short-term prediction".
 //!
 //! Clips are cut into windows of 3 s that begin 2 s apart; of each the first 2 s are the seed and the next 0.4 s the
 //! target. The model sees as many of the seed's last words as its context has room for beside the target's. Targets are

@@ -1,4 +1,4 @@
-//! What a masked model makes of clips: a figure of its own kind (PROTOCOLS 5.4).
+//! What a masked model makes of clips: a figure of its own kind (docs/measures.md, "Bits a frame").
 
 use super::likelihood::{BATCH_TOKENS, Likelihood, room, scored_frames, spread};
 use crate::corpus::{ClipRecord, Conditions, Corpus, EvalWindow, eval_windows, fill_masked};

@@ -3,7 +3,7 @@
 //!
 //! `logits = uncond + g (cond - uncond)`: 0 is the model without conditions, 1 with them, above 1 more than with them. A
 //! constant on all logits of one reading is the same constant on all of the sum, so logits serve as well as
-//! log-probabilities. Source: Ho, Salimans, "Classifier-Free Diffusion Guidance" (2022); PROTOCOLS 5.7.
+//! log-probabilities. Source: Ho, Salimans, "Classifier-Free Diffusion Guidance" (2022).
 
 /// How far conditions are followed.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,8 +2,8 @@
 //!
 //! A clip becomes a [`Series`] (rotation vectors of chosen joints, continuous in time, at one rate), the series windows
 //! ([`WindowSpec`]), a window a feature ([`Transform`]): magnitudes of a short-time Fourier transform, low coefficients of a
-//! cosine transform, or coordinates in a basis of principal components. Source: PROTOCOLS 6.1, after the
-//! motion-language thesis.
+//! cosine transform, or coordinates in a basis of principal components. Source: the motion-language thesis
+//! (docs/query.md).
 //!
 //! Beside these, [`filter`] takes fast movements away, and [`interpolate`] draws one dance towards another.
 //!

@@ -82,7 +82,7 @@ pub fn charts(clip: &Clip, wanted: &Wanted) -> Result<[Chart; 3]> {
 /// The spectral embedding of a body: of the spectrograms of its channels, all of one shape, the first principal component,
 /// a picture of that shape and of length 1 whose sum isn't negative. The mean spectrogram is taken off before.
 ///
-/// Zeros where all channels have the same spectrogram. Source: PROTOCOLS 6.3, after the thesis.
+/// Zeros where all channels have the same spectrogram. Source: the thesis; docs/interpolation.md, "Pictures".
 ///
 /// # Errors
 /// Numbers beyond all range.

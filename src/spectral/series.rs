@@ -25,7 +25,8 @@ impl Series {
     /// by slerp upwards. The root's rotation is one of them, its translation is not.
     ///
     /// Canonical vectors (angle up to PI) jump where the angle passes PI. Unless `raw` (compat), a frame's vector is the one
-    /// of `v` and `v - 2 PI v/|v|` that is nearer to that of the frame before; the first is canonical. Source: PROTOCOLS 6.1.
+    /// of `v` and `v - 2 PI v/|v|` that is nearer to that of the frame before; the first is canonical. See
+    /// docs/query.md, "Windows and features".
     ///
     /// # Errors
     /// [`Error::Call`] for a joint that the clip doesn't have or that is given twice; [`Error::Motion`] for a rate that

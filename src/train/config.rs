@@ -30,7 +30,7 @@ pub struct TrainFile {
     pub augment: AugmentConfig,
 }
 
-/// The `[train]` table. Defaults are PROTOCOLS 5.1's.
+/// The `[train]` table. Where the defaults come from: docs/training.md.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainConfig {

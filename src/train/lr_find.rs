@@ -1,4 +1,5 @@
-//! The learning-rate range test: a few hundred steps at rates that grow until the loss blows up (PROTOCOLS 5.2, L1).
+//! The learning-rate range test: a few hundred steps at rates that grow until the loss blows up (docs/training.md, "Which
+//! rate").
 //!
 //! Source: Smith, "Cyclical learning rates for training neural networks" (2017); the smoothing and the end at a multiple
 //! of the least loss are fastai's.

@@ -5,7 +5,8 @@ use crate::Clip;
 /// Mean jerk of the joints: `|p(t+3) - 3 p(t+2) + 3 p(t+1) - p(t)| fps^3` over all joints and frames, m/s^3; `None` of fewer
 /// than four frames.
 ///
-/// It grows with the rate, which says how fast shaking may be: only clips of one rate can be compared. Source: PROTOCOLS 4.5.
+/// It grows with the rate, which says how fast shaking may be: only clips of one rate can be compared. See
+/// docs/measures.md, "Floor and feet".
 pub fn jitter(clip: &Clip) -> Option<f64> {
     let (places, j) = (clip.positions(), clip.joints());
     let last = clip.frames().checked_sub(3).filter(|n| *n > 0)?;

@@ -23,8 +23,8 @@ const STILL_RAD: f64 = 1e-4;
 /// neutral body's, divided by the length of the left thigh. Windows are added one after the other; every window weighs the
 /// same.
 ///
-/// Source: Aksan, Kaufmann, Hilliges, "Structured Prediction Helps 3D Human Motion Modelling" (2019), as PROTOCOLS 3.1
-/// writes it down.
+/// Source: Aksan, Kaufmann, Hilliges, "Structured Prediction Helps 3D Human Motion Modelling" (2019);
+/// docs/measures.md, "Short-term prediction".
 #[derive(Debug, Clone)]
 pub struct ShortTerm {
     joints: Vec<usize>,

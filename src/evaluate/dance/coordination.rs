@@ -1,4 +1,4 @@
-//! Whether the free joints answer to the given ones: PROTOCOLS 4.7.
+//! Whether the free joints answer to the given ones: docs/measures.md, "The prompt".
 //!
 //! The correlation over time of how fast the given and the free joints turn, beside the same with the given part shifted
 //! in time; what is left of it is the effect. Turning is that of each joint in its parent's frame: places in the world

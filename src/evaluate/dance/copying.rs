@@ -1,4 +1,4 @@
-//! Whether a dance is a copy of what the model was trained on: PROTOCOLS 4.7.
+//! Whether a dance is a copy of what the model was trained on: docs/measures.md, "Copying".
 //!
 //! Windows of two seconds, the pelvis at 0, the heading of the first frame removed. For each window of a dance, half a
 //! second apart, the nearest of all training windows: every offset, mirrored too. The same of real validation clips is

@@ -1,4 +1,4 @@
-//! Whether and when a dance freezes: PROTOCOLS 4.6.
+//! Whether and when a dance freezes: docs/measures.md, "Freezing".
 //!
 //! e is the mean speed of the joints, E(t) its mean over the steps within 0.25 s of frame t. The threshold is the first
 //! percentile of E over the real training frames of the same rig, rate and joints, so 1 % of them are not above it by

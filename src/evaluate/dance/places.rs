@@ -60,7 +60,7 @@ impl Places {
 
 /// Where a body on SMPL-24 faces, radians from +z towards +x; `None` where it has no direction on the ground.
 ///
-/// Source: PROTOCOLS 1.1, hips and shoulders together.
+/// From hips and shoulders together: docs/measures.md, "Space and heading".
 pub fn heading_of(frame: &[Vec3]) -> Option<f64> {
     let across = ACROSS.iter().fold(Vec3::ZERO, |sum, &(left, right)| sum + (frame[left] - frame[right]));
     let forward = across.cross(Vec3::Y);

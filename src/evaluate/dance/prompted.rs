@@ -1,4 +1,4 @@
-//! What a dance made of its prompt: PROTOCOLS 4.7.
+//! What a dance made of its prompt: docs/measures.md, "The prompt".
 
 use super::coordination::{Coordination, coordination};
 use super::report::Dance;

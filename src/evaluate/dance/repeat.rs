@@ -1,4 +1,4 @@
-//! Whether a dance repeats itself: PROTOCOLS 4.6.
+//! Whether a dance repeats itself: docs/measures.md, "Repetition".
 
 /// How far back a repetition may have ended, seconds.
 const BACK_S: f64 = 10.0;

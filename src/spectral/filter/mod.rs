@@ -66,7 +66,7 @@ pub fn coefficients(frames: usize, fps: f64, cutoff_hz: f64) -> usize {
 /// A clip without what lies above a frequency: rotations and the root's path.
 ///
 /// Beyond the clip's ends the cosine transform goes on as if time ran backwards there, Butterworth as if turned by half
-/// a circle about the end. Source: PROTOCOLS 6.3 (the thesis's figure 3.5) and scipy's `filtfilt`.
+/// a circle about the end. Source: the thesis's figure 3.5 and scipy's `filtfilt` (docs/interpolation.md).
 ///
 /// # Errors
 /// A cut-off that isn't above 0 and below half the rate; more coefficients than frames, or none; for Butterworth what

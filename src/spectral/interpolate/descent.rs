@@ -69,7 +69,7 @@ pub struct Moved {
 /// For DCT and PCA plain descent moves every kept coefficient straight: after all steps by
 /// `strength (1 - (1 - 2 rate / n)^steps)` of the way, which [`How::Closed`] does at once; what isn't kept stays a's. Adam's
 /// steps, of one size for all numbers, go the same way sooner. Magnitudes leave the phase free and have no such form.
-/// Source: PROTOCOLS 6.3; Kingma and Ba, "Adam" (2015), with its betas 0.9 and 0.999, but one size of the gradient.
+/// Source: docs/interpolation.md; Kingma and Ba, "Adam" (2015), with its betas 0.9 and 0.999, but one size of the gradient.
 ///
 /// # Errors
 /// The closed form of a transform that isn't linear; amounts outside 0 to 1; a rate that is none, or so large that the

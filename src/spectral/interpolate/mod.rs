@@ -1,7 +1,8 @@
 //! One dance drawn towards another: its rotations moved until their spectrum is the other's, or lies between.
 //!
 //! [`Window`] makes two clips comparable, [`descent::interpolate`] moves the first's rotation vectors, [`blend`] does both
-//! and measures what came of it. The root's path stays the first's. Source: PROTOCOLS 6.3, after the motion-language thesis.
+//! and measures what came of it. The root's path stays the first's. Source: the motion-language thesis;
+//! docs/interpolation.md.
 
 pub mod align;
 pub mod descent;

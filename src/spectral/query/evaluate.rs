@@ -1,4 +1,5 @@
-//! How well the neighbours of a window tell its labels: the thesis's tables 3.1 and 3.2, PROTOCOLS 6.2.
+//! How well the neighbours of a window tell its labels: the thesis's tables 3.1 and 3.2; docs/query.md, "Do
+//! neighbours tell labels?".
 
 use super::database::Database;
 use super::exclude::{Exclude, Filter, Origin};

@@ -5,7 +5,7 @@ use super::record::ClipEntry;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// What is left out of an answer: each leaves out what those before it do. Source: PROTOCOLS 6.2.
+/// What is left out of an answer: each leaves out what those before it do. See docs/query.md, "What is left out".
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Exclude {

@@ -1,8 +1,8 @@
 //! Search in a collection of dances: windows of clips by their spectra or by a language model's own embedding.
 //!
 //! [`build`](build::build) makes an [`Index`] or adds to one, [`find`](find::find) answers "what else moves like this",
-//! [`evaluate`](evaluate::evaluate) measures how well neighbours tell a window's labels. Source: PROTOCOLS 6.2, after the
-//! motion-language thesis; the model's embedding is ours.
+//! [`evaluate`](evaluate::evaluate) measures how well neighbours tell a window's labels. Source: the motion-language
+//! thesis (docs/query.md); the model's embedding is ours.
 //!
 //! **Letters**: W windows, D numbers of a feature, Q queries, k neighbours.
 

@@ -9,8 +9,8 @@ pub struct Vote {
     pub entropy: f64,
 }
 
-/// The vote of neighbours by their values (below `values`) and scores, nearest first; `None` without any. Source:
-/// PROTOCOLS 6.2.
+/// The vote of neighbours by their values (below `values`) and scores, nearest first; `None` without any. See
+/// docs/query.md, "Do neighbours tell labels?".
 pub fn vote(neighbours: impl IntoIterator<Item = (usize, f64)>, values: usize) -> Option<Vote> {
     let mut counts = vec![(0usize, 0.0f64); values];
     let mut order = Vec::new();

@@ -1,4 +1,4 @@
-//! The text of a frame time, and the rate that is meant by it: PROTOCOLS 1.3.
+//! The text of a frame time, and the rate that is meant by it: docs/motion-files.md.
 
 use super::text::number;
 use crate::{Error, Result};

@@ -1,4 +1,4 @@
-//! The grammar of a hierarchy and of the two lines after it: PROTOCOLS 1.2.
+//! The grammar of a hierarchy and of the two lines after it: docs/motion-files.md.
 
 use super::frame_time;
 use super::header::{Channel, Head, MAX_DEPTH, MAX_JOINTS, Node, NodeKind, line_end_at, style};

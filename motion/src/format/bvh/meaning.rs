@@ -1,4 +1,4 @@
-//! Channels to a clip: PROTOCOLS 1.3.
+//! Channels to a clip: docs/motion-files.md, "What the numbers mean".
 
 use super::header::{Channel, Head, Node, NodeKind};
 use super::text::Text;

@@ -1,6 +1,6 @@
 //! BVH: a hierarchy of joints and rows of numbers.
 //!
-//! Grammar and meaning are those of PROTOCOLS 1.2 and 1.3: [`parse_head`] reads what stands before the rows,
+//! Grammar and meaning are those of docs/motion-files.md: [`parse_head`] reads what stands before the rows,
 //! [`Head::rows`] the numbers, [`read`] makes a [`Motion`] of both. What the clip has no place for stays in the
 //! [`BvhSource`], so that a file can be written back as it came.
 
@@ -61,7 +61,7 @@ pub struct PositionChannels {
 /// Reads everything before the rows.
 ///
 /// # Errors
-/// [`crate::Error::File`] with the place, by the table of PROTOCOLS 1.2.
+/// [`crate::Error::File`] with the place, by the table of docs/motion-files.md.
 pub fn parse_head(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Head> {
     Ok(grammar::parse(&Text::new(path, bytes), options.lenient)?)
 }
@@ -116,7 +116,7 @@ impl Parsed {
 /// for all formats.
 ///
 /// # Errors
-/// [`crate::Error::File`] with the place, by the table of PROTOCOLS 1.2; `unit_unknown` where the legs tell no unit;
+/// [`crate::Error::File`] with the place, by the table of docs/motion-files.md; `unit_unknown` where the legs tell no unit;
 /// [`crate::Error::Clip`] for numbers so large that the clip would not be finite, or when nothing is left after skipping.
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     motion(path, parse(path, bytes, options)?, options)

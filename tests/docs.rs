@@ -1,0 +1,121 @@
+//! The pages a reader meets: their links lead somewhere, their lines fit a screen, the code cites pages that are here.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Characters of a line outside tables, code blocks and lines with a link.
+const WIDTH: usize = 120;
+
+/// Text files of the repository by what their names end in, without what was built or unpacked.
+fn files(endings: &[&str]) -> Vec<PathBuf> {
+    let (mut found, mut folders) = (Vec::new(), vec![PathBuf::from(env!("CARGO_MANIFEST_DIR"))]);
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap().map(Result::unwrap) {
+            let name = entry.file_name().into_string().unwrap_or_default();
+            let kind = entry.file_type().unwrap();
+            if kind.is_dir() && !["target", ".git", "golden"].contains(&name.as_str()) {
+                folders.push(entry.path());
+            } else if kind.is_file() && endings.iter().any(|e| name.ends_with(e)) {
+                found.push(entry.path());
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+fn text(path: &Path) -> String {
+    fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// A page's lines with their numbers, without its blocks of code.
+fn prose(page: &str) -> Vec<(usize, &str)> {
+    let mut code = false;
+    let outside = page.lines().enumerate().filter(|(_, line)| {
+        let fence = line.trim_start().starts_with("```");
+        code ^= fence;
+        !code && !fence
+    });
+    outside.map(|(i, line)| (i + 1, line)).collect()
+}
+
+/// A heading as the anchor of a link, the way GitHub writes it.
+fn anchor(heading: &str) -> String {
+    let heading = heading.trim_start_matches('#').trim().to_lowercase();
+    let kept = heading.chars().filter(|c| c.is_alphanumeric() || " -_".contains(*c));
+    kept.map(|c| if c == ' ' { '-' } else { c }).collect()
+}
+
+fn anchors(page: &str) -> Vec<String> {
+    prose(page).iter().filter(|(_, line)| line.starts_with('#')).map(|(_, line)| anchor(line)).collect()
+}
+
+/// What the links of a line point to.
+fn links(line: &str) -> Vec<&str> {
+    line.split("](").skip(1).filter_map(|rest| rest.split(')').next()).collect()
+}
+
+#[test]
+fn relative_links_lead_somewhere() {
+    let mut broken = Vec::new();
+    for page in files(&[".md"]) {
+        for (number, line) in prose(&text(&page)) {
+            for link in links(line).into_iter().filter(|link| !link.contains("://")) {
+                let (path, section) = link.split_once('#').unwrap_or((link, ""));
+                let target = if path.is_empty() { page.clone() } else { page.parent().unwrap().join(path) };
+                let there =
+                    target.exists() && (section.is_empty() || anchors(&text(&target)).contains(&section.into()));
+                if !there {
+                    broken.push(format!("{}:{number}: {link}", page.display()));
+                }
+            }
+        }
+    }
+    assert!(broken.is_empty(), "links to nowhere:\n{}", broken.join("\n"));
+}
+
+#[test]
+fn lines_of_pages_are_short() {
+    let mut long = Vec::new();
+    for page in files(&[".md"]).iter().filter(|page| !page.ends_with("CHANGELOG.md")) {
+        for (number, line) in prose(&text(page)) {
+            let free = line.starts_with('|') || line.starts_with('!') || line.contains("](");
+            if !free && line.chars().count() > WIDTH {
+                long.push(format!("{}:{number}: {} characters", page.display(), line.chars().count()));
+            }
+        }
+    }
+    assert!(long.is_empty(), "lines of more than {WIDTH} characters:\n{}", long.join("\n"));
+}
+
+#[test]
+fn cited_pages_and_sections_are_in_the_repository() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    // written apart, for this file is looked at as well
+    let elsewhere = [concat!("PROTO", "COLS "), concat!("DESIGN", ".md"), concat!("STYLE", ".md")];
+    let mut wrong = Vec::new();
+    for file in files(&[".rs", ".py", ".sh", ".toml", ".js", ".html", ".md", "run"]) {
+        // a citation may go over a line of comment
+        let starts = ['/', '!', '#', ' '];
+        let text: Vec<String> = text(&file).lines().map(|l| l.trim().trim_start_matches(starts).to_owned()).collect();
+        let text = text.join(" ");
+        for name in elsewhere.iter().filter(|name| text.contains(**name)) {
+            wrong.push(format!("{}: cites {name}, which is not in the repository", file.display()));
+        }
+        for (at, _) in text.match_indices("docs/") {
+            let Some((page, rest)) = text[at..].split_once(".md") else { continue };
+            if page.contains(|c: char| !(c.is_ascii_alphanumeric() || "-_/".contains(c))) {
+                continue;
+            }
+            let path = root.join(format!("{page}.md"));
+            if !path.exists() {
+                wrong.push(format!("{}: {page}.md is not there", file.display()));
+            } else if let Some((section, _)) = rest.strip_prefix(", \"").and_then(|rest| rest.split_once('"'))
+                && !anchors(&fs::read_to_string(&path).unwrap()).contains(&anchor(section))
+            {
+                wrong.push(format!("{}: {page}.md has no section \"{section}\"", file.display()));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}

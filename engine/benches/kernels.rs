@@ -6,7 +6,7 @@
 
 use kinelm_engine::bins::Bins;
 use kinelm_engine::decode::{
-    Before, BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Previous, Relative, Rope, Shape,
+    Before, BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Previous, Relative, Rope, Sizes,
     WeightKind,
 };
 use kinelm_engine::dispatch;
@@ -215,7 +215,7 @@ fn norm_squared() -> Case {
 /// A token behind N others, through one block and the head; looking back, turned by its word, told the word before, and with
 /// logits of differences to it.
 fn token(weights: WeightKind, kv: KvKind, looking_back: bool) -> Case {
-    let shape = Shape { layers: 1, heads: 8, width: D, vocabulary: V, context: N + 1 };
+    let sizes = Sizes { layers: 1, heads: 8, width: D, vocabulary: V, context: N + 1 };
     let (matrix, bias) = (numbers(4 * D * D), numbers(4 * D));
     let linear = |k: usize, n: usize| (&matrix[..k * n], &bias[..n]);
     let norm = (&bias[..D], &bias[..D]);
@@ -231,7 +231,7 @@ fn token(weights: WeightKind, kv: KvKind, looking_back: bool) -> Case {
     };
     let rope = looking_back.then_some(Rope { front: 1, word: Some(places.len() + 1) });
     let before = looking_back.then_some(before);
-    let parts = Parts { shape, token, positions, rope, before, blocks, norm, head: token };
+    let parts = Parts { sizes, token, positions, rope, before, blocks, norm, head: token };
     let weights = DecoderWeights::new(&parts, weights);
     let bytes = weights.bytes();
     let mut decoder = Decoder::new(Arc::new(weights), 1, kv);

@@ -2,7 +2,7 @@
 
 use kinelm_engine::bins::Bins;
 use kinelm_engine::decode::{
-    Before, BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Previous, Relative, Rope, Shape,
+    Before, BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Previous, Relative, Rope, Sizes,
     WeightKind,
 };
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -30,7 +30,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-const SHAPE: Shape = Shape { layers: 2, heads: 4, width: 256, vocabulary: 300, context: 200 };
+const SIZES: Sizes = Sizes { layers: 2, heads: 4, width: 256, vocabulary: 300, context: 200 };
 
 const PLACES: [Bins; 3] = [
     Bins { first: 6, count: 294, circular: true },
@@ -39,7 +39,7 @@ const PLACES: [Bins; 3] = [
 ];
 
 fn decoder(streams: usize, weights: WeightKind, kv: KvKind, looks: bool) -> Decoder {
-    let Shape { width, vocabulary, context, .. } = SHAPE;
+    let Sizes { width, vocabulary, context, .. } = SIZES;
     let numbers: Vec<f32> =
         (0..4 * width * width.max(vocabulary)).map(|i| ((i * 7919) % 1000) as f32 / 5000.0 - 0.1).collect();
     let of = |n: usize| &numbers[..n];
@@ -53,10 +53,10 @@ fn decoder(streams: usize, weights: WeightKind, kv: KvKind, looks: bool) -> Deco
         down: linear(4 * width, width),
     };
     let parts = Parts {
-        shape: SHAPE,
+        sizes: SIZES,
         token: of(vocabulary * width),
         positions: Positions::Places(of(context * width)),
-        blocks: vec![block; SHAPE.layers],
+        blocks: vec![block; SIZES.layers],
         norm: (of(width), of(width)),
         head: of(vocabulary * width),
         rope: looks.then_some(Rope { front: 1, word: Some(4) }),

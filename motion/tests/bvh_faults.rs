@@ -323,7 +323,7 @@ proptest! {
         let rows: Vec<String> = numbers.chunks_exact(9).map(|r| r.join(" ")).collect();
         let text = format!("{}{}\n", &with("Frames: 3", &format!("Frames: {}", rows.len()))[..GOOD.find("0 1 2 3 4 5").unwrap()], rows.join("\n"));
         let text = text.replacen("0.033333\n", "0.05\n", 1);
-        let head = bvh::parse_head(Path::new("x"), text.as_bytes(), &options()).unwrap();
+        let head = bvh::parse_header(Path::new("x"), text.as_bytes(), &options()).unwrap();
         let want: Vec<f64> = rows.iter().flat_map(|r| r.split(' ')).map(|w| w.parse().unwrap()).collect();
         match head.rows(Path::new("x"), text.as_bytes(), &options()) {
             Ok((got, _)) => prop_assert!(got.iter().map(|v| v.to_bits()).eq(want.iter().map(|v| v.to_bits()))),

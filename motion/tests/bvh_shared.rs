@@ -89,7 +89,7 @@ fn every_number_is_that_of_the_standard_library() {
         for path in files(&folder, step) {
             let bytes = std::fs::read(&path).unwrap();
             let options = ReadOptions::default();
-            let head = bvh::parse_head(&path, &bytes, &options).unwrap();
+            let head = bvh::parse_header(&path, &bytes, &options).unwrap();
             let (numbers, _) = head.rows(&path, &bytes, &options).unwrap();
             let text = std::str::from_utf8(&bytes[head.rows_at..]).unwrap();
             let std = text.split_ascii_whitespace().map(|w| w.parse::<f64>().unwrap().to_bits());

@@ -3,7 +3,7 @@
 use super::view::stem;
 use super::{Say, WrongCall, print, read::ReadArgs};
 use anyhow::Result;
-use kinelm::spectral::interpolate::{Blended, Descent, Kind, Settings, Way, Window, blend};
+use kinelm::spectral::interpolate::{Alignment, Blended, Descent, Kind, Settings, Way, blend};
 use kinelm::view::{Figure, write_page};
 use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
@@ -147,7 +147,7 @@ impl Args {
         let WindowArgs { window, whole, fps, at_a, at_b, keep_heading } = self.what;
         let HowArgs { strength, amount, plain, rate, steps } = self.how;
         Settings {
-            window: Window {
+            alignment: Alignment {
                 frames: (!whole).then_some(window),
                 fps,
                 at_s: [at_a, at_b],

@@ -41,7 +41,7 @@ fn as_new(clip: &ClipRecord) -> NewClip {
 fn check_fits(first: &Corpus, other: &Corpus) -> Result<()> {
     let (a, b) = (first.dir().display(), other.dir().display());
     let (x, y) = (first.manifest(), other.manifest());
-    if x.shape() != y.shape() {
+    if x.coding() != y.coding() {
         let (t, u) = (&x.tokenizer, &y.tokenizer);
         return Err(Error::Call(format!("{a} has tokenizer {t}, {b} has {u}; shards are made with one tokenizer")));
     }

@@ -42,7 +42,7 @@ pub use merge::merge;
 pub use record::{ClipRecord, Count, FileRecord, Manifest, Shard, Split, TokenType};
 pub use settings::Settings;
 pub use stats::{Stats, stats};
-pub use store::{Corpus, Shape, Tokens};
+pub use store::{Coding, Corpus, Tokens};
 pub use windows::{EvalWindow, eval_windows, fill_sequence};
 pub use words::ClipWords;
 pub use writer::{CorpusWriter, NewClip};

@@ -182,7 +182,7 @@ impl Corpus {
 /// Reads `corpus.json`, its version first; the second value is its hash.
 fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
     #[derive(Deserialize)]
-    struct Head {
+    struct Versioned {
         version: u32,
     }
     let path = dir.join(MANIFEST);
@@ -202,7 +202,7 @@ fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
         let at = kinelm_motion::Place { path: path.clone(), line: e.line(), column: e.column() };
         Error::at(at, e.to_string(), "the manifest of a corpus", "make the corpus again with `kinelm tokenize`")
     };
-    let head: Head = serde_json::from_slice(&text).map_err(bad)?;
+    let head: Versioned = serde_json::from_slice(&text).map_err(bad)?;
     if head.version != VERSION {
         let help = match head.version > VERSION {
             true => "use a newer kinelm",
@@ -218,10 +218,10 @@ fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
 fn load_tokenizer(dir: &Path, manifest: &Manifest) -> Result<Tokenizer> {
     let path = dir.join(TOKENIZER);
     let tokenizer = Tokenizer::load(&path)?;
-    let (found, wanted) = (Shape::of(&tokenizer), manifest.shape());
+    let (found, wanted) = (Coding::of(&tokenizer), manifest.coding());
     if found != wanted {
-        let say = |s: &Shape| {
-            let Shape { tokenizer, frames_per_word, tokens_per_word, vocabulary, fps } = s;
+        let say = |s: &Coding| {
+            let Coding { tokenizer, frames_per_word, tokens_per_word, vocabulary, fps } = s;
             let tokens = tokens_per_word.map_or("any number of".to_string(), |w| w.to_string());
             format!(
                 "tokenizer {tokenizer} with {frames_per_word} frames and {tokens} tokens a word, {vocabulary} ids, {fps} fps"
@@ -279,9 +279,9 @@ fn check_clips(path: &Path, manifest: &Manifest, clips: &[ClipRecord]) -> Result
     Ok(())
 }
 
-/// What all tokens of a corpus share; all of it comes from the tokenizer.
+/// How the clips of a corpus were coded, which all its tokens share; all of it comes from the tokenizer.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Shape {
+pub struct Coding {
     /// SHA-256 that the tokenizer states of itself.
     pub tokenizer: String,
     /// L: the frames that a word stands for.
@@ -294,10 +294,10 @@ pub struct Shape {
     pub fps: f64,
 }
 
-impl Shape {
+impl Coding {
     /// What a tokenizer says.
     pub fn of(tokenizer: &Tokenizer) -> Self {
-        Shape {
+        Coding {
             tokenizer: tokenizer.hash(),
             frames_per_word: tokenizer.frames_per_word(),
             tokens_per_word: tokenizer.tokens_per_word(),
@@ -309,8 +309,8 @@ impl Shape {
 
 impl Manifest {
     /// What all tokens share.
-    pub fn shape(&self) -> Shape {
-        Shape {
+    pub fn coding(&self) -> Coding {
+        Coding {
             tokenizer: self.tokenizer.clone(),
             frames_per_word: self.frames_per_word,
             tokens_per_word: self.tokens_per_word,

@@ -3,7 +3,7 @@
 use super::record::{
     ClipRecord, Count, Failure, FileRecord, Manifest, Shard, SourceRecord, Split, TokenType, VERSION, hex,
 };
-use super::store::{CLIPS, MANIFEST, Shape, TOKENIZER};
+use super::store::{CLIPS, Coding, MANIFEST, TOKENIZER};
 use crate::{Error, Result, files};
 use kinelm_tokenizer::{SPACE, Tokenizer};
 use sha2::{Digest, Sha256};
@@ -62,8 +62,8 @@ impl CorpusWriter {
         refuse_to_overwrite(&dir, force)?;
         let work = files::beside(&dir, "writing")?;
         fs::create_dir_all(&work).map_err(Error::io(&work))?;
-        let shape = Shape::of(tokenizer);
-        let token_type = TokenType::of_vocabulary(shape.vocabulary);
+        let coding = Coding::of(tokenizer);
+        let token_type = TokenType::of_vocabulary(coding.vocabulary);
         files::write_whole(&work.join(TOKENIZER), tokenizer.to_json().as_bytes())?;
         let empty = FileRecord::of(b"");
         let source = |path: &String| SourceRecord { path: path.clone(), clips: 0, sha256: String::new() };
@@ -72,11 +72,11 @@ impl CorpusWriter {
             clips: HashingFile::create(work.join(CLIPS))?,
             manifest: Manifest {
                 version: VERSION,
-                tokenizer: shape.tokenizer,
-                frames_per_word: shape.frames_per_word,
-                tokens_per_word: shape.tokens_per_word,
-                vocabulary: shape.vocabulary,
-                fps: shape.fps,
+                tokenizer: coding.tokenizer,
+                frames_per_word: coding.frames_per_word,
+                tokens_per_word: coding.tokens_per_word,
+                vocabulary: coding.vocabulary,
+                fps: coding.fps,
                 token_type,
                 tokens: empty.clone(),
                 clips: empty,

@@ -26,7 +26,7 @@ pub struct ModelConfig {
     pub previous_frame: Option<bool>,
     /// What the softmax is over. Left out: `relative` where that is possible, see [`ModelConfig::head_of`].
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub head: Option<Head>,
+    pub head: Option<HeadKind>,
     /// Share of embeddings, attention weights and block outputs dropped in training, 0 up to below 1. Default 0.
     pub dropout: f64,
     /// The head uses the token embedding again. Default true.
@@ -61,7 +61,7 @@ pub enum Positions {
 /// What the softmax over the next token is over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Head {
+pub enum HeadKind {
     /// All ids.
     Absolute,
     /// The steps from the id at the same place one frame back; all ids where there is none, and for spaces.
@@ -128,7 +128,7 @@ impl ModelConfig {
         };
         match (self.previous_frame, self.head) {
             (Some(true), _) => refused("previous_frame", "true", "false"),
-            (_, Some(Head::Relative)) => refused("head", "relative", "absolute"),
+            (_, Some(HeadKind::Relative)) => refused("head", "relative", "absolute"),
             _ => Ok(()),
         }
     }
@@ -165,8 +165,8 @@ impl ModelConfig {
 
     /// What the softmax is over: as `head` says; left out, relative in causal models of words whose places are of one kind
     /// each, else absolute.
-    pub fn head_of(&self, tokens: &TokenLayout) -> Head {
-        let unasked = if self.knows_frame_before(tokens) { Head::Relative } else { Head::Absolute };
+    pub fn head_of(&self, tokens: &TokenLayout) -> HeadKind {
+        let unasked = if self.knows_frame_before(tokens) { HeadKind::Relative } else { HeadKind::Absolute };
         self.head.unwrap_or(unasked)
     }
 
@@ -339,14 +339,14 @@ mod tests {
     fn what_is_left_out_follows_from_the_tokens() {
         let config = ModelConfig::default();
         let read = |config: &ModelConfig, tokens: &TokenLayout| (config.reads_previous(tokens), config.head_of(tokens));
-        assert_eq!(read(&config, &placed()), (true, Head::Relative));
-        assert_eq!(read(&config, &TOKENS), (false, Head::Absolute));
+        assert_eq!(read(&config, &placed()), (true, HeadKind::Relative));
+        assert_eq!(read(&config, &TOKENS), (false, HeadKind::Absolute));
         let masked = ModelConfig { kind: Kind::Masked, ..config.clone() };
-        assert_eq!(read(&masked, &placed()), (false, Head::Absolute));
+        assert_eq!(read(&masked, &placed()), (false, HeadKind::Absolute));
         let said: ModelConfig = toml::from_str("previous_frame = false\nhead = \"absolute\"").unwrap();
-        assert_eq!(read(&said, &placed()), (false, Head::Absolute));
+        assert_eq!(read(&said, &placed()), (false, HeadKind::Absolute));
         let resolved = config.resolved(&placed());
-        assert_eq!((resolved.previous_frame, resolved.head), (Some(true), Some(Head::Relative)));
+        assert_eq!((resolved.previous_frame, resolved.head), (Some(true), Some(HeadKind::Relative)));
         resolved.validate_for(&placed()).unwrap();
         masked.resolved(&placed()).validate_for(&placed()).unwrap();
     }

@@ -1,6 +1,6 @@
 //! For the tests: models of every form, and batches as their tokenizers would make them.
 
-use super::config::{Head, Kind, ModelConfig, Positions, Stretch, TokenLayout};
+use super::config::{HeadKind, Kind, ModelConfig, Positions, Stretch, TokenLayout};
 use super::gpt::Gpt;
 use crate::corpus::windows::fill_sequence;
 use candle_core::{DType, Device, Tensor};
@@ -40,12 +40,12 @@ pub fn all(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
                 head: Some(head),
                 ..base.clone()
             };
-            forms.push((form(true, false, Head::Absolute), varying()));
-            forms.push((form(positions != Positions::Rope, false, Head::Absolute), placed()));
+            forms.push((form(true, false, HeadKind::Absolute), varying()));
+            forms.push((form(positions != Positions::Rope, false, HeadKind::Absolute), placed()));
             if kind == Kind::Causal {
-                forms.push((form(true, true, Head::Absolute), placed()));
-                forms.push((form(positions == Positions::Rope, false, Head::Relative), placed()));
-                forms.push((form(positions != Positions::Absolute, true, Head::Relative), placed()));
+                forms.push((form(true, true, HeadKind::Absolute), placed()));
+                forms.push((form(positions == Positions::Rope, false, HeadKind::Relative), placed()));
+                forms.push((form(positions != Positions::Absolute, true, HeadKind::Relative), placed()));
             }
         }
     }

@@ -1,6 +1,6 @@
 //! The tensors of a model: names, shapes, and how they begin.
 
-use super::config::{Head, ModelConfig, Positions, TokenLayout};
+use super::config::{HeadKind, ModelConfig, Positions, TokenLayout};
 use super::past::Counts;
 use crate::{Result, random};
 use candle_core::{Device, Tensor};
@@ -68,7 +68,7 @@ pub fn parameters(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> 
     if !config.tied_head {
         all.push(Parameter { decays: true, ..embedding("head.weight", tokens.vocabulary, d) });
     }
-    if config.head_of(tokens) == Head::Relative {
+    if config.head_of(tokens) == HeadKind::Relative {
         let tables = [("head.circular.weight", counts.circular), ("head.clamped.weight", counts.steps())];
         let tables = tables.into_iter().filter(|(_, rows)| *rows > 0);
         all.extend(tables.map(|(name, rows)| Parameter { decays: true, ..embedding(name, rows, d) }));

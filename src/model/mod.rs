@@ -25,7 +25,7 @@ pub mod weights;
 
 pub use cache::Cache;
 pub use checkpoint::Which;
-pub use config::{Head, Kind, ModelConfig, Positions, TokenLayout};
+pub use config::{HeadKind, Kind, ModelConfig, Positions, TokenLayout};
 pub use device::{Compute, DeviceName, Form};
 pub use dropout::Dropout;
 pub use gpt::Gpt;

@@ -1,7 +1,7 @@
 //! What the rows of a batch are asked, by the table that answers: the head's own over all ids, or one of the steps from
 //! the frame before.
 
-use super::config::{Head, Kind, ModelConfig, TokenLayout};
+use super::config::{HeadKind, Kind, ModelConfig, TokenLayout};
 use super::past::{Basis, Past};
 use crate::{Error, Result};
 use kinelm_engine::bins::Bins;
@@ -27,7 +27,7 @@ pub(super) type Groups = [Group; 3];
 #[derive(Debug, Clone)]
 pub(super) struct Questions {
     kind: Kind,
-    head: Head,
+    head: HeadKind,
     vocabulary: u32,
     pad: u32,
     /// If places are of one kind each.
@@ -47,7 +47,7 @@ impl Questions {
 
     /// What reads the frames before, if the head is relative.
     pub fn steps(&self) -> Option<&Past> {
-        self.past.as_ref().filter(|_| self.head == Head::Relative)
+        self.past.as_ref().filter(|_| self.head == HeadKind::Relative)
     }
 
     /// What the logits of input `i` of `window` stand for.
@@ -158,7 +158,7 @@ mod tests {
     }
 
     fn relative() -> ModelConfig {
-        ModelConfig { head: Some(Head::Relative), ..Default::default() }
+        ModelConfig { head: Some(HeadKind::Relative), ..Default::default() }
     }
 
     fn sort(config: &ModelConfig, inputs: &[u32], targets: &[u32]) -> Result<Groups> {
@@ -210,7 +210,7 @@ mod tests {
         let message = said(&[1, 9, 12, 5, 7, 10], &[0, 12, 5, 4, 10, 5]);
         assert!(message.starts_with("the target of input 3 is id 4; expected a bin of its place, 6 to 9"), "{message}");
         // an absolute head takes what comes
-        let absolute = ModelConfig { head: Some(Head::Absolute), ..config.clone() };
+        let absolute = ModelConfig { head: Some(HeadKind::Absolute), ..config.clone() };
         let [ids, ..] = sort(&absolute, &[1, 4, 12, 5, 7, 10], &[0, 12, 5, 4, 10, 5]).unwrap();
         assert_eq!(ids.rows, [1, 2, 3, 4, 5]);
     }

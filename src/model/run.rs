@@ -101,7 +101,7 @@ impl LoadedRun {
 
 /// What is needed of `config.toml`; the rest is for training.
 #[derive(Deserialize)]
-struct Shape {
+struct Needed {
     model: ModelConfig,
     tokens: TokenLayout,
     #[serde(default)]
@@ -131,17 +131,17 @@ pub fn load_run(run: &Path, which: Which) -> Result<LoadedRun> {
         }
         _ => Error::io(&path)(e),
     })?;
-    let shape: Shape = toml::from_str(&text)
+    let needed: Needed = toml::from_str(&text)
         .map_err(|e| Error::file(&path, e.message().to_string(), "the configuration of a run", ""))?;
     let mut notes = Vec::new();
     let found = Checkpoints::of(run).find(which, &[WEIGHTS], &[AVERAGED], &mut |n| notes.push(n))?;
     let file = if found.files.contains_key(AVERAGED) { AVERAGED } else { WEIGHTS };
     let weights = weights::from_bytes(&found.dir.join(file), &found.files[file])?;
     Ok(LoadedRun {
-        config: shape.model,
-        tokens: shape.tokens,
-        conditions: in_order(&shape.train.conditions),
-        label_dropout: shape.train.label_dropout,
+        config: needed.model,
+        tokens: needed.tokens,
+        conditions: in_order(&needed.train.conditions),
+        label_dropout: needed.train.label_dropout,
         weights,
         tokenizer: run.join(TOKENIZER),
         checkpoint: found.dir,

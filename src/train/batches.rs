@@ -58,7 +58,7 @@ pub struct Batches<'a> {
     label_dropout: f64,
     masked: bool,
     augment: Option<Augment>,
-    order: Option<(u64, Vec<Window>)>, // of the pass drawn last
+    order: Option<(u64, Vec<WindowId>)>, // of the pass drawn last
 }
 
 /// A clip of one of the corpora.
@@ -82,7 +82,7 @@ struct Share {
 /// A window of a pass: its number over all corpora, and the round in which its corpus gives it. Random numbers that
 /// belong to a window come from both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Window {
+pub struct WindowId {
     /// Which time it comes.
     pub round: u64,
     /// Its number among the windows of all corpora.
@@ -181,7 +181,7 @@ impl<'a> Batches<'a> {
     /// The windows of step `step`.
     pub fn batch(&mut self, step: u64) -> Batch {
         let (b, t) = (self.batch, self.context);
-        let windows: Vec<Window> = (0..b as u64).map(|i| self.window(step * b as u64 + i)).collect();
+        let windows: Vec<WindowId> = (0..b as u64).map(|i| self.window(step * b as u64 + i)).collect();
         let mut batch = Batch { inputs: vec![0; b * t], targets: vec![0; b * t], clips: Vec::new() };
         batch.clips.resize(b, String::new());
         let rows = (batch.inputs.par_chunks_mut(t), batch.targets.par_chunks_mut(t), &mut batch.clips, &windows);
@@ -190,7 +190,7 @@ impl<'a> Batches<'a> {
     }
 
     /// Writes a window (T); gives the name of its clip and where it starts.
-    fn fill(&self, window: Window, input: &mut [u32], target: &mut [u32]) -> String {
+    fn fill(&self, window: WindowId, input: &mut [u32], target: &mut [u32]) -> String {
         let stand = self.stand(window);
         let TrainClip { corpus, record, .. } = self.clips[stand.clip];
         let augment = self.augment.as_ref();
@@ -213,17 +213,17 @@ impl<'a> Batches<'a> {
     }
 
     /// The window at a place in the order of the data: of step s, place i of the batch, that is s B + i.
-    pub fn window(&mut self, place: u64) -> Window {
+    pub fn window(&mut self, place: u64) -> WindowId {
         let (pass, at) = (place / self.pass() as u64, place % self.pass() as u64);
         if self.order.as_ref().is_none_or(|(p, _)| *p != pass) {
             self.order = Some((pass, self.draw(pass)));
         }
-        self.order.as_ref().map_or(Window { round: 0, number: 0 }, |(_, order)| order[at as usize])
+        self.order.as_ref().map_or(WindowId { round: 0, number: 0 }, |(_, order)| order[at as usize])
     }
 
     /// The windows of a pass in the order of Fisher and Yates.
-    fn draw(&self, pass: u64) -> Vec<Window> {
-        let mut order: Vec<Window> = Vec::with_capacity(self.pass());
+    fn draw(&self, pass: u64) -> Vec<WindowId> {
+        let mut order: Vec<WindowId> = Vec::with_capacity(self.pass());
         for share in &self.shares {
             let (windows, a_pass) = (share.windows as u64, share.a_pass as u64);
             let (from, to) = (pass * a_pass, (pass + 1) * a_pass);
@@ -237,7 +237,7 @@ impl<'a> Batches<'a> {
                 }
                 let mut taken = numbers[low as usize..high as usize].to_vec();
                 taken.sort_unstable();
-                order.extend(taken.into_iter().map(|number| Window { round, number }));
+                order.extend(taken.into_iter().map(|number| WindowId { round, number }));
             }
         }
         random::shuffle(&mut order, &mut random::stream(self.seed, "order", pass, 0));
@@ -245,7 +245,7 @@ impl<'a> Batches<'a> {
     }
 
     /// What stands in front of a window: its clip's labels, each hidden in a share of the windows.
-    fn front(&self, clip: &ClipRecord, Window { round, number }: Window) -> Vec<u32> {
+    fn front(&self, clip: &ClipRecord, WindowId { round, number }: WindowId) -> Vec<u32> {
         let mut front = self.data.conditions().front(&clip.labels);
         let mut rng = random::stream(self.seed, "label dropout", round, number as u64);
         for id in &mut front[1..] {
@@ -257,7 +257,7 @@ impl<'a> Batches<'a> {
     }
 
     /// Where a window stands: its clip, the word and token it starts at.
-    pub fn stand(&self, Window { round, number }: Window) -> Stand {
+    pub fn stand(&self, WindowId { round, number }: WindowId) -> Stand {
         let index = self.ends.partition_point(|&end| end <= number);
         let TrainClip { record, words, .. } = self.clips[index];
         let before = if index == 0 { 0 } else { self.ends[index - 1] };

@@ -253,7 +253,7 @@ impl TrainConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Head;
+    use crate::model::HeadKind;
     use crate::train::fixture;
 
     #[test]
@@ -271,9 +271,9 @@ mod tests {
         let load = |name: &str| TrainFile::load(&folder.join(name)).unwrap().model;
         let [tiny, small, thesis, gpt2] = ["tiny.toml", "small.toml", "thesis-26m.toml", "gpt2.toml"].map(load);
         assert_eq!((tiny.previous_frame, tiny.head), (None, None));
-        assert_eq!((thesis.previous_frame, thesis.head), (Some(false), Some(Head::Absolute)));
+        assert_eq!((thesis.previous_frame, thesis.head), (Some(false), Some(HeadKind::Absolute)));
         assert_eq!((gpt2.layers, gpt2.width, gpt2.heads, gpt2.context), (12, 768, 12, 1024));
-        assert_eq!((gpt2.previous_frame, gpt2.head), (Some(false), Some(Head::Absolute)));
+        assert_eq!((gpt2.previous_frame, gpt2.head), (Some(false), Some(HeadKind::Absolute)));
         assert_eq!((tiny.layers, tiny.width, tiny.heads, tiny.context), (4, 128, 4, 256));
         assert_eq!((small.layers, small.width, small.heads, small.context), (6, 256, 8, 1024));
         let fine = TrainFile::load(&folder.join("finetune.toml")).unwrap();

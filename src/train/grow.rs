@@ -88,7 +88,7 @@ fn front_rows(old: &[String], new: &[String]) -> Vec<Option<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Gpt, Head, Positions};
+    use crate::model::{Gpt, HeadKind, Positions};
     use crate::train::fixture::TOKENS;
 
     fn model(positions: Positions, tied_head: bool) -> ModelConfig {
@@ -173,7 +173,7 @@ mod tests {
     fn what_would_lose_something_is_refused() {
         let all = TOKENS;
         let fewer = TokenLayout { vocabulary: 15, ..TOKENS };
-        let config = ModelConfig { head: Some(Head::Absolute), ..model(Positions::FrameJoint, true) };
+        let config = ModelConfig { head: Some(HeadKind::Absolute), ..model(Positions::FrameJoint, true) };
         let weights = layout::initial(&config, &TOKENS, 3).unwrap();
         let of = |tokens| Language { tokens, conditions: &[] };
         let message = grow(&weights, &config, of(&all), of(&fewer), 1).unwrap_err().to_string();

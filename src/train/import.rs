@@ -55,7 +55,7 @@ mod tests {
     use crate::corpus::{Corpus, Split};
     use crate::evaluate::likelihood::likelihood;
     use crate::model::exchange::{Format, export};
-    use crate::model::{Compute, Head, ModelConfig, Positions, Which, load_run};
+    use crate::model::{Compute, HeadKind, ModelConfig, Positions, Which, load_run};
     use crate::train::{PretrainOptions, Silent, TrainConfig, fixture, pretrain};
     use std::sync::atomic::AtomicBool;
 
@@ -84,7 +84,7 @@ mod tests {
             context: 30,
             positions: Positions::FrameJoint,
             previous_frame: Some(false),
-            head: Some(Head::Absolute),
+            head: Some(HeadKind::Absolute),
             ..Default::default()
         };
         let ours = ModelConfig { previous_frame: None, head: None, ..gpt2.clone() };

@@ -154,7 +154,7 @@ impl RunFile {
         let wrong = |e: toml::de::Error| {
             Error::in_text((&path, &text), e.span(), e.message(), "the configuration of a run", "")
         };
-        let head: Head = toml::from_str(&text).map_err(wrong)?;
+        let head: Versioned = toml::from_str(&text).map_err(wrong)?;
         match head.version {
             VERSION => toml::from_str(&text).map_err(wrong),
             1 => of_version_1(&text).map_err(wrong),
@@ -216,7 +216,7 @@ impl RunFile {
 
 /// What tells how to read the rest.
 #[derive(Deserialize)]
-struct Head {
+struct Versioned {
     version: u32,
 }
 

@@ -32,12 +32,12 @@ pub struct Body {
     pub balls: Vec<Ball>,
     /// Points whose ways are worth seeing: wrists and ankles.
     pub tips: Vec<usize>,
-    head: Option<Head>,
+    head: Option<Skull>,
 }
 
 /// The head's upper half: `further` metres beyond `joint`, on from `neck`.
 #[derive(Debug, Clone, PartialEq)]
-struct Head {
+struct Skull {
     neck: usize,
     joint: usize,
     further: f64,
@@ -179,10 +179,10 @@ impl<'a> Tree<'a> {
         }
     }
 
-    fn head(&self) -> Option<Head> {
+    fn head(&self) -> Option<Skull> {
         let joint = head_of(self.skeleton).filter(|&j| !self.trunk[j])?;
         let neck = self.skeleton.parents()[joint]?;
-        Some(Head { neck, joint, further: 0.052 * self.height })
+        Some(Skull { neck, joint, further: 0.052 * self.height })
     }
 
     /// The last joint of every long limb that still carries something: wrists and ankles.

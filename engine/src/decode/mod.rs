@@ -31,4 +31,4 @@ pub use matrix::WeightKind;
 pub use position::Positions;
 pub use rope::Rope;
 pub use step::{Decoder, Logits};
-pub use weights::{BlockParts, DecoderWeights, Pair, Parts, Shape};
+pub use weights::{BlockParts, DecoderWeights, Pair, Parts, Sizes};

@@ -78,30 +78,30 @@ impl Decoder {
     /// No streams.
     pub fn new(weights: Arc<DecoderWeights>, streams: usize, kv: KvKind) -> Decoder {
         assert!(streams > 0, "a decoder of no streams");
-        let shape = weights.shape;
-        let (d, unit) = (shape.width / shape.heads, Unit::new(shape.context, shape.width / shape.heads));
-        let rows = ROWS.min(shape.context * streams);
-        let hidden = (4 * shape.width).next_multiple_of(PIECE);
+        let sizes = weights.sizes;
+        let (d, unit) = (sizes.width / sizes.heads, Unit::new(sizes.context, sizes.width / sizes.heads));
+        let rows = ROWS.min(sizes.context * streams);
+        let hidden = (4 * sizes.width).next_multiple_of(PIECE);
         let widest = hidden.max(weights.head.widest().next_multiple_of(PIECE));
         let room = Room {
-            x: Floats::new(rows * shape.width),
-            normed: Floats::new(rows * shape.width),
+            x: Floats::new(rows * sizes.width),
+            normed: Floats::new(rows * sizes.width),
             stats: Floats::new(rows * 2),
             words: vec![0; if weights.turns.is_some() { rows } else { 0 }],
-            qkv: Floats::new(rows * shape.heads * (3 * d).next_multiple_of(unit.panel)),
-            heads: Floats::new(rows * shape.heads * unit.padded),
-            scores: Floats::new(shape.heads * SCORE_ROWS * unit.tokens),
+            qkv: Floats::new(rows * sizes.heads * (3 * d).next_multiple_of(unit.panel)),
+            heads: Floats::new(rows * sizes.heads * unit.padded),
+            scores: Floats::new(sizes.heads * SCORE_ROWS * unit.tokens),
             pieces: Floats::new(rows * widest),
             hidden: Floats::new(rows * hidden),
         };
         Decoder {
-            cache: KvCache::new(kv, shape.layers, shape.heads, streams, unit),
+            cache: KvCache::new(kv, sizes.layers, sizes.heads, streams, unit),
             lengths: vec![0; streams],
-            tokens: vec![0; streams * shape.context],
-            stands: vec![Stand::default(); streams * weights.positions.stands(shape.context)],
+            tokens: vec![0; streams * sizes.context],
+            stands: vec![Stand::default(); streams * weights.positions.stands(sizes.context)],
             runs: Vec::with_capacity(streams),
             asked: Vec::with_capacity(rows),
-            logits: Vec::with_capacity(streams * shape.vocabulary),
+            logits: Vec::with_capacity(streams * sizes.vocabulary),
             room,
             weights,
         }
@@ -158,7 +158,7 @@ impl Decoder {
     /// Not a block a stream, more tokens than the context has room for, tokens outside the vocabulary.
     pub fn read(&mut self, blocks: &[&[u32]], wanted: Logits) -> &[f32] {
         assert_eq!(blocks.len(), self.streams(), "blocks of tokens");
-        let context = self.weights.shape.context;
+        let context = self.weights.sizes.context;
         for (block, read) in blocks.iter().zip(&self.lengths) {
             assert!(block.len() + read <= context, "{} tokens behind {read}, of {context}", block.len());
         }
@@ -200,17 +200,17 @@ impl Decoder {
 
     /// The vectors of the next `tokens` of a stream into the rows from `row` on.
     fn embed(&mut self, row: usize, tokens: &[u32], stream: usize) {
-        let DecoderWeights { token, positions, turns, words, inputs, shape, .. } = &*self.weights;
-        let (width, first) = (shape.width, self.lengths[stream]);
+        let DecoderWeights { token, positions, turns, words, inputs, sizes, .. } = &*self.weights;
+        let (width, first) = (sizes.width, self.lengths[stream]);
         let x = &mut self.room.x[row * width..][..tokens.len() * width];
         for (x, &id) in x.chunks_exact_mut(width).zip(tokens) {
-            assert!((id as usize) < shape.vocabulary, "token {id} of {}", shape.vocabulary);
+            assert!((id as usize) < sizes.vocabulary, "token {id} of {}", sizes.vocabulary);
             x.copy_from_slice(&token[id as usize * width..][..width]);
         }
-        let stands = positions.stands(shape.context);
+        let stands = positions.stands(sizes.context);
         let stands = &mut self.stands[stream * stands..][..stands];
         positions.add(x, width, tokens, first, stands);
-        let all = &mut self.tokens[stream * shape.context..][..first + tokens.len()];
+        let all = &mut self.tokens[stream * sizes.context..][..first + tokens.len()];
         all[first..].copy_from_slice(tokens);
         if let Some((words, inputs)) = words.as_ref().zip(inputs.as_ref()) {
             inputs.add(x, width, words, all, first);
@@ -226,7 +226,7 @@ impl Decoder {
             KvKind::F32 => self.layers::<f32>(rows),
             KvKind::F16 => self.layers::<u16>(rows),
         }
-        let width = self.weights.shape.width;
+        let width = self.weights.sizes.width;
         self.asked.clear();
         // the rows that are asked for move to the front
         let mut end = 0;
@@ -257,11 +257,11 @@ impl Decoder {
 
     /// Adds the logits of the first rows, which are those asked for.
     fn head(&mut self) {
-        let DecoderWeights { head, norm, shape, .. } = &*self.weights;
+        let DecoderWeights { head, norm, sizes, .. } = &*self.weights;
         self.room.norm(norm, self.asked.len());
         let tokens = &self.tokens;
-        let asked = self.asked.iter().map(|&(stream, place)| (&tokens[stream * shape.context..][..=place], place));
-        head.logits(&mut self.logits, &mut self.room, shape.width, asked);
+        let asked = self.asked.iter().map(|&(stream, place)| (&tokens[stream * sizes.context..][..=place], place));
+        head.logits(&mut self.logits, &mut self.room, sizes.width, asked);
     }
 }
 

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 /// The numbers of a model.
 struct Model {
-    shape: Shape,
+    sizes: Sizes,
     tensors: Vec<Vec<f32>>,
     /// Rows of the tables of words and places, if words are counted.
     words: Option<(usize, usize)>,
@@ -24,8 +24,8 @@ const END: u32 = 2;
 const FRONT: usize = 2;
 
 impl Model {
-    fn new(shape: Shape, seed: u64) -> Model {
-        let Shape { layers, width, vocabulary, context, .. } = shape;
+    fn new(sizes: Sizes, seed: u64) -> Model {
+        let Sizes { layers, width, vocabulary, context, .. } = sizes;
         let mut lengths = vec![vocabulary * width, context * width, width, width, vocabulary * width];
         for _ in 0..layers {
             lengths.extend([width, width, 3 * width * width, 3 * width, width * width, width]);
@@ -35,13 +35,13 @@ impl Model {
         lengths.extend([vocabulary * width, (vocabulary + 1) * width, vocabulary * width, 2 * vocabulary * width]);
         let spread = 2.0 / (width as f32).sqrt();
         let tensors = lengths.iter().enumerate().map(|(i, &n)| numbers(seed + i as u64, n, spread)).collect();
-        Model { shape, tensors, words: None, rope: None, places: Vec::new(), looks: (false, false) }
+        Model { sizes, tensors, words: None, rope: None, places: Vec::new(), looks: (false, false) }
     }
 
-    /// The model in every form that its shape has: as it is, turned by words of one length or counted, looking one word back.
-    fn forms(shape: Shape, seed: u64) -> Vec<Model> {
-        let new = || Model::new(shape, seed);
-        let v = shape.vocabulary as u32;
+    /// The model in every form that its sizes has: as it is, turned by words of one length or counted, looking one word back.
+    fn forms(sizes: Sizes, seed: u64) -> Vec<Model> {
+        let new = || Model::new(sizes, seed);
+        let v = sizes.vocabulary as u32;
         let bins = |first, count, circular| Bins { first, count, circular };
         let small = [bins(0, 1, false), bins(1, v - 1, true)];
         let large = [bins(3, v - 4, true), bins(4, v - 5, false), bins(v - 3, 3, false), bins(3, v / 2, true)];
@@ -56,7 +56,7 @@ impl Model {
             let places = places.iter().copied().filter(|bins| bins.circular == circular).collect();
             all.push(Model { places, looks: (true, true), ..new() });
         }
-        if (shape.width / shape.heads).is_multiple_of(2) {
+        if (sizes.width / sizes.heads).is_multiple_of(2) {
             let rope = |word| Some(Rope { front: FRONT, word });
             all.push(Model { rope: rope(word), ..new() });
             all.push(Model { rope: rope(None), words: Some((5, 4)), ..new() });
@@ -66,13 +66,13 @@ impl Model {
     }
 
     fn name(&self) -> String {
-        let Model { shape, words, rope, places, looks, .. } = self;
-        format!("{shape:?} {words:?} {rope:?} {} places {looks:?}", places.len())
+        let Model { sizes, words, rope, places, looks, .. } = self;
+        format!("{sizes:?} {words:?} {rope:?} {} places {looks:?}", places.len())
     }
 
     fn parts(&self) -> Parts<'_> {
         let t = &self.tensors;
-        let width = self.shape.width;
+        let width = self.sizes.width;
         let positions = match self.words {
             None => Positions::Places(&t[1]),
             // any numbers will do
@@ -99,12 +99,12 @@ impl Model {
             }
         };
         Parts {
-            shape: self.shape,
+            sizes: self.sizes,
             token: &t[0],
             positions,
             rope: self.rope,
             before: self.before(),
-            blocks: (0..self.shape.layers).map(block).collect(),
+            blocks: (0..self.sizes.layers).map(block).collect(),
             norm: pair(2),
             head: &t[4],
         }
@@ -112,7 +112,7 @@ impl Model {
 
     fn before(&self) -> Option<Before<'_>> {
         let [.., character, step, circular, clamped] = self.tensors.as_slice() else { return None };
-        let width = self.shape.width;
+        let width = self.sizes.width;
         let most = |circular: bool| {
             let counts = self.places.iter().filter(|bins| bins.circular == circular).map(|bins| bins.count as usize);
             counts.max().unwrap_or(0)
@@ -141,7 +141,7 @@ impl Model {
             Some(place) if !self.places.is_empty() && any(i + n, 12) > 0 => {
                 self.places.get(place).map_or(END, |bins| bins.first + any(i, bins.count))
             }
-            _ => any(i, self.shape.vocabulary as u32),
+            _ => any(i, self.sizes.vocabulary as u32),
         };
         (0..n).map(token).collect()
     }
@@ -151,11 +151,11 @@ impl Model {
     }
 }
 
-const SHAPES: [Shape; 4] = [
-    Shape { layers: 2, heads: 2, width: 16, vocabulary: 11, context: 40 },
-    Shape { layers: 1, heads: 1, width: 5, vocabulary: 3, context: 1 },
-    Shape { layers: 2, heads: 3, width: 27, vocabulary: 70, context: 65 },
-    Shape { layers: 1, heads: 2, width: 192, vocabulary: 130, context: 33 },
+const SIZES: [Sizes; 4] = [
+    Sizes { layers: 2, heads: 2, width: 16, vocabulary: 11, context: 40 },
+    Sizes { layers: 1, heads: 1, width: 5, vocabulary: 3, context: 1 },
+    Sizes { layers: 2, heads: 3, width: 27, vocabulary: 70, context: 65 },
+    Sizes { layers: 1, heads: 2, width: 192, vocabulary: 130, context: 33 },
 ];
 
 /// The largest difference, by the largest number.
@@ -169,8 +169,8 @@ fn apart(found: &[f32], expected: &[f64]) -> f64 {
 
 #[test]
 fn logits_are_those_of_plain_loops() {
-    for model in SHAPES.into_iter().flat_map(|shape| Model::forms(shape, 1)) {
-        let tokens = model.tokens(model.shape.context, 9);
+    for model in SIZES.into_iter().flat_map(|sizes| Model::forms(sizes, 1)) {
+        let tokens = model.tokens(model.sizes.context, 9);
         let truth = scalar::decode::logits(&model.parts(), &tokens);
         // half floats have 11 bits; bytes with a scale a column 7 and a half, over sums that average them
         for (weights, kv, bound) in [
@@ -187,11 +187,11 @@ fn logits_are_those_of_plain_loops() {
 
 #[test]
 fn cuts_streams_and_threads_change_no_bit() {
-    let shape = Shape { layers: 2, heads: 3, width: 48, vocabulary: 70, context: 300 };
+    let sizes = Sizes { layers: 2, heads: 3, width: 48, vocabulary: 70, context: 300 };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-    for (i, model) in Model::forms(shape, 2).into_iter().enumerate() {
+    for (i, model) in Model::forms(sizes, 2).into_iter().enumerate() {
         let (weights, kv) = if i % 2 == 0 { (WeightKind::F32, KvKind::F32) } else { (WeightKind::Int8, KvKind::F16) };
-        let v = model.shape.vocabulary;
+        let v = model.sizes.vocabulary;
         let sequences: Vec<Vec<u32>> = [300, 211, 1, 280].iter().map(|&n| model.tokens(n, n as u64)).collect();
         let alone: Vec<Vec<f32>> =
             sequences.iter().map(|s| model.decoder(1, weights, kv).read(&[s], Logits::All).to_vec()).collect();
@@ -223,10 +223,10 @@ fn cuts_streams_and_threads_change_no_bit() {
 #[test]
 fn words_of_any_length_are_counted_however_they_are_cut() {
     let turned = Some(Rope { front: FRONT, word: None });
-    let shape = Shape { layers: 1, heads: 2, width: 16, vocabulary: 6, context: 60 };
+    let sizes = Sizes { layers: 1, heads: 2, width: 16, vocabulary: 6, context: 60 };
     // of a vocabulary of 6 every sixth token or so ends a word; words and places go beyond their tables too
     for (words, rope) in [((20, 30), None), ((3, 4), turned), ((1, 1), None), ((1, 1), turned)] {
-        let model = Model { words: Some(words), rope, ..Model::new(shape, 4) };
+        let model = Model { words: Some(words), rope, ..Model::new(sizes, 4) };
         let (tokens, other) = (model.tokens(60, 9), model.tokens(60, 5));
         let truth = scalar::decode::logits(&model.parts(), &tokens);
         let mut decoder = model.decoder(2, WeightKind::F32, KvKind::F32);
@@ -249,7 +249,7 @@ fn words_of_any_length_are_counted_however_they_are_cut() {
 
 #[test]
 fn what_was_forgotten_leaves_no_trace() {
-    for model in Model::forms(SHAPES[0], 3) {
+    for model in Model::forms(SIZES[0], 3) {
         let (tokens, others) = (model.tokens(40, 1), model.tokens(40, 2));
         let mut decoder = model.decoder(2, WeightKind::F32, KvKind::F32);
         let mut fresh = model.decoder(2, WeightKind::F32, KvKind::F32);
@@ -259,7 +259,7 @@ fn what_was_forgotten_leaves_no_trace() {
         decoder.truncate(1, 0);
         decoder.read(&[&others[6..], &[]], Logits::Last);
         decoder.truncate(0, 6);
-        let v = model.shape.vocabulary;
+        let v = model.sizes.vocabulary;
         let name = model.name();
         assert_eq!(decoder.read(&[&tokens[6..20], &tokens[..5]], Logits::All), &expected[6 * v..], "{name}");
         decoder.reset();

@@ -7,9 +7,9 @@ use super::position::{Positions, Tables};
 use super::rope::{Rope, Turns};
 use crate::arena::Floats;
 
-/// What a model is.
+/// The sizes of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shape {
+pub struct Sizes {
     /// L.
     pub layers: usize,
     /// H, divides the width.
@@ -45,8 +45,8 @@ pub struct BlockParts<'a> {
 /// The weights of a model.
 #[derive(Debug, Clone)]
 pub struct Parts<'a> {
-    /// What the model is.
-    pub shape: Shape,
+    /// How large the model is.
+    pub sizes: Sizes,
     /// (V, D), a row a token.
     pub token: &'a [f32],
     /// What is added to a token for where it stands.
@@ -65,7 +65,7 @@ pub struct Parts<'a> {
 
 /// The weights of a model, packed.
 pub struct DecoderWeights {
-    pub(super) shape: Shape,
+    pub(super) sizes: Sizes,
     pub(super) kind: WeightKind,
     pub(super) token: Floats,
     pub(super) positions: Tables,
@@ -99,7 +99,7 @@ impl DecoderWeights {
     /// Slices that don't have the shape they should; heads of an odd width that are to be turned; a [`Rope`] or [`Before`] of
     /// no words.
     pub fn new(parts: &Parts, kind: WeightKind) -> DecoderWeights {
-        let Shape { layers, width, vocabulary, context, heads } = parts.shape;
+        let Sizes { layers, width, vocabulary, context, heads } = parts.sizes;
         assert!(heads > 0 && width.is_multiple_of(heads), "{heads} heads of a width of {width}");
         assert_eq!(parts.blocks.len(), layers, "blocks");
         check("token", parts.token, vocabulary * width);
@@ -109,22 +109,22 @@ impl DecoderWeights {
         let relative = parts.before.and_then(|before| before.relative);
         let head = Head::new(kind, (vocabulary, width), parts.head, words.clone().zip(relative));
         DecoderWeights {
-            shape: parts.shape,
+            sizes: parts.sizes,
             kind,
             token: Floats::of(parts.token),
             turns: parts.rope.map(|rope| Turns::new(rope, &positions, context, width / heads)),
             positions,
             words,
             inputs,
-            blocks: parts.blocks.iter().map(|b| Block::new(b, &parts.shape, kind)).collect(),
+            blocks: parts.blocks.iter().map(|b| Block::new(b, &parts.sizes, kind)).collect(),
             norm: Norm::new(parts.norm, width),
             head,
         }
     }
 
-    /// What the model is.
-    pub fn shape(&self) -> Shape {
-        self.shape
+    /// How large the model is.
+    pub fn sizes(&self) -> Sizes {
+        self.sizes
     }
 
     /// How the matrices are held.
@@ -134,7 +134,7 @@ impl DecoderWeights {
 
     /// Multiply-adds of a token with the weights, about.
     pub fn multiply_adds(&self) -> usize {
-        let Shape { layers, width, vocabulary, .. } = self.shape;
+        let Sizes { layers, width, vocabulary, .. } = self.sizes;
         layers * 12 * width * width + vocabulary * width
     }
 
@@ -142,15 +142,15 @@ impl DecoderWeights {
     pub fn bytes(&self) -> usize {
         let block = |b: &Block| {
             let heads: usize = b.heads.iter().map(Matrix::bytes).sum();
-            heads + b.out.bytes() + b.up.bytes() + b.down.bytes() + 16 * self.shape.width
+            heads + b.out.bytes() + b.up.bytes() + b.down.bytes() + 16 * self.sizes.width
         };
         self.blocks.iter().map(block).sum::<usize>() + self.head.bytes()
     }
 }
 
 impl Block {
-    fn new(parts: &BlockParts, shape: &Shape, kind: WeightKind) -> Block {
-        let (width, d) = (shape.width, shape.width / shape.heads);
+    fn new(parts: &BlockParts, sizes: &Sizes, kind: WeightKind) -> Block {
+        let (width, d) = (sizes.width, sizes.width / sizes.heads);
         let linear = |name: &str, (weight, bias): Pair, k: usize, n: usize| {
             check(name, weight, k * n);
             check(name, bias, n);
@@ -167,7 +167,7 @@ impl Block {
         };
         Block {
             norm1: Norm::new(parts.norm1, width),
-            heads: (0..shape.heads).map(head).collect(),
+            heads: (0..sizes.heads).map(head).collect(),
             out: linear("out", parts.out, width, width),
             norm2: Norm::new(parts.norm2, width),
             up: linear("up", parts.up, width, 4 * width),

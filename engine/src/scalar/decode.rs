@@ -4,7 +4,7 @@ use crate::decode::{Before, BlockParts, Pair, Parts, Positions};
 
 /// Logits (n, V) behind each of `tokens` (n), which begin the context; minus infinity where a token can't come.
 pub fn logits(parts: &Parts, tokens: &[u32]) -> Vec<f64> {
-    let width = parts.shape.width;
+    let width = parts.sizes.width;
     let mut x: Vec<Vec<f64>> = tokens
         .iter()
         .enumerate()
@@ -16,7 +16,7 @@ pub fn logits(parts: &Parts, tokens: &[u32]) -> Vec<f64> {
         .collect();
     let turns: Vec<f64> = (0..tokens.len()).map(|i| turn(parts, &tokens[..i])).collect();
     for block in &parts.blocks {
-        attention(&mut x, block, parts.shape.heads, &turns);
+        attention(&mut x, block, parts.sizes.heads, &turns);
         for x in &mut x {
             let up = linear(&norm(x, block.norm2), block.up);
             let gelu =
@@ -31,17 +31,17 @@ pub fn logits(parts: &Parts, tokens: &[u32]) -> Vec<f64> {
 
 /// Logits (V) behind `tokens`, the last of which has become `y`.
 fn behind(parts: &Parts, tokens: &[u32], y: &[f64]) -> Vec<f64> {
-    let width = parts.shape.width;
+    let width = parts.sizes.width;
     let product = |table: &[f32], row: usize| {
         table[row * width..][..width].iter().zip(y).map(|(&w, y)| f64::from(w) * y).sum::<f64>()
     };
-    let all = || (0..parts.shape.vocabulary).map(|id| product(parts.head, id)).collect();
+    let all = || (0..parts.sizes.vocabulary).map(|id| product(parts.head, id)).collect();
     let Some(before) = parts.before else { return all() };
     let Some((relative, (place, back))) = before.relative.zip(back(&before, tokens, 1)) else { return all() };
     let Some(bins) = before.places.get(place) else { return all() };
     let n = bins.count as usize;
     let Some(p) = (0..n).find(|&p| bins.first as usize + p == back as usize) else { return all() };
-    let mut logits = vec![f64::NEG_INFINITY; parts.shape.vocabulary];
+    let mut logits = vec![f64::NEG_INFINITY; parts.sizes.vocabulary];
     let most = before.places.iter().filter(|bins| !bins.circular).map(|bins| bins.count).max().unwrap_or(0) as usize;
     for j in 0..n {
         logits[bins.first as usize + j] = match bins.circular {
@@ -62,7 +62,7 @@ fn back(before: &Before, tokens: &[u32], words: usize) -> Option<(usize, u32)> {
 /// Number `j` of what the last of `tokens` is told of the words before.
 fn previous(parts: &Parts, tokens: &[u32], j: usize) -> f64 {
     let Some((before, tables)) = parts.before.and_then(|before| Some((before, before.previous?))) else { return 0.0 };
-    let width = parts.shape.width;
+    let width = parts.sizes.width;
     let one = back(&before, tokens, 1);
     let step = || {
         let ((place, a), (_, b)) = (one?, back(&before, tokens, 2)?);
@@ -88,7 +88,7 @@ fn turn(parts: &Parts, before: &[u32]) -> f64 {
 
 /// Number `j` of what is added to the token behind those `before`.
 fn position(parts: &Parts, before: &[u32], j: usize) -> f64 {
-    let width = parts.shape.width;
+    let width = parts.sizes.width;
     match parts.positions {
         Positions::Places(table) => table[before.len() * width + j].into(),
         Positions::Words { front, .. } if before.len() * width < front.len() => front[before.len() * width + j].into(),

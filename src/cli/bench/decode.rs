@@ -1,6 +1,6 @@
 //! `kinelm bench decode`.
 
-use super::shape::{Shape, ShapeArgs};
+use super::model::{BenchModel, ModelArgs};
 use super::{How, Rates, Row, Unit, rounded, seconds};
 use crate::cli::{ReadingArgs, Say};
 use anyhow::Result;
@@ -28,7 +28,7 @@ const SWEEP: usize = 64 << 20;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    shape: ShapeArgs,
+    model: ModelArgs,
     /// S: sequences read side by side
     #[arg(long, value_name = "S", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=16))]
     streams: u8,
@@ -40,7 +40,7 @@ pub struct Args {
 
 struct Bench<'a> {
     args: &'a Args,
-    shape: Shape,
+    model: BenchModel,
     reading: Reading,
     reader: Reader,
     /// (T) tokens to read.
@@ -48,14 +48,14 @@ struct Bench<'a> {
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
-    let shape = args.shape.get()?;
+    let model = args.model.get()?;
     let reading = args.reading.get(args.streams.into());
-    let reader = Reader::new(&Gpt::new(&shape.file.model, &shape.tokens, 1)?, reading)?;
+    let reader = Reader::new(&Gpt::new(&model.file.model, &model.tokens, 1)?, reading)?;
     let mut rng = random::stream(1, "bench", 0, 0);
-    let ordinary = shape.tokens.vocabulary as u32 - FIRST_ID;
-    let tokens = (0..shape.file.model.context).map(|_| FIRST_ID + rng.next_u32() % ordinary).collect();
+    let ordinary = model.tokens.vocabulary as u32 - FIRST_ID;
+    let tokens = (0..model.file.model.context).map(|_| FIRST_ID + rng.next_u32() % ordinary).collect();
     say.line(format_args!("{} MB of weights a token", reader.weight_bytes() / 1_000_000));
-    let mut bench = Bench { args: &args, shape, reading, reader, tokens };
+    let mut bench = Bench { args: &args, model, reading, reader, tokens };
     bench.decode()?;
     bench.prefill()?;
     bench.prompted()
@@ -74,7 +74,7 @@ impl Bench<'_> {
         for (key, value) in more.as_object().into_iter().flatten() {
             all[key] = value.clone();
         }
-        Row { what, config: &self.shape.name, unit, rates, threads, more: all }.print(&self.args.how)
+        Row { what, config: &self.model.name, unit, rates, threads, more: all }.print(&self.args.how)
     }
 
     fn repeats(&self, usual: u16) -> u16 {
@@ -115,7 +115,7 @@ impl Bench<'_> {
 
     /// Bytes of keys and values that a token behind `seen` others reads.
     fn kv_bytes(&self, seen: usize) -> usize {
-        let ModelConfig { layers, width, .. } = self.shape.file.model;
+        let ModelConfig { layers, width, .. } = self.model.file.model;
         2 * layers * width * seen * if self.reading.kv == KvKind::F16 { 2 } else { 4 }
     }
 
@@ -133,11 +133,11 @@ impl Bench<'_> {
 
     /// Dances of which an arm is given, until the window has moved twice.
     fn prompted(&mut self) -> Result<()> {
-        let word = self.shape.tokens.word;
+        let word = self.model.tokens.word;
         let given: Vec<bool> = (0..word - 1).map(|place| GIVEN.contains(&place)).collect();
         let frames = 2 * (self.tokens.len() / word);
         let prompt: Vec<u32> = self.tokens.iter().copied().cycle().take(frames * word).collect();
-        let vocabulary = Vocabulary::new(self.shape.tokens.vocabulary as u32 - FIRST_ID);
+        let vocabulary = Vocabulary::new(self.model.tokens.vocabulary as u32 - FIRST_ID);
         let grammar = Grammar::new(&vocabulary, WordLength::Fixed(word - 1));
         let plan = Plan::free(grammar, frames, Draw::default(), 1);
         let plan = Plan { given: &given, prompt: &prompt, ..plan };

@@ -1,10 +1,10 @@
 //! `kinelm bench`: how fast this machine does what the program does. A file a subject; the rows are printed here.
 
 mod decode;
+mod model;
 mod peak;
 mod query;
 mod read;
-mod shape;
 mod tokenize;
 mod train;
 

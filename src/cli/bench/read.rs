@@ -29,7 +29,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
             (PathBuf::from("made-up.bvh"), source.to_bytes(&dance.clip)?)
         }
     };
-    let head = bvh::parse_head(&path, &bytes, &options)?;
+    let head = bvh::parse_header(&path, &bytes, &options)?;
     let block = (bytes.len() - head.rows_at) as f64 / 1e6;
     let mut numbers = 0;
     let timed = seconds(1, args.how.repeats.unwrap_or(15), || {

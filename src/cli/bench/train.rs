@@ -1,6 +1,6 @@
 //! `kinelm bench train`.
 
-use super::shape::{Shape, ShapeArgs};
+use super::model::{BenchModel, ModelArgs};
 use super::{How, Rates, Row, Unit, peak, rounded, seconds};
 use crate::cli::{ComputeArgs, Say};
 use anyhow::Result;
@@ -20,7 +20,7 @@ const FIRST_ID: u32 = 6;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    shape: ShapeArgs,
+    model: ModelArgs,
     /// B: windows of a step; 8 for tiny, 2 for small, 1 for others if not given
     #[arg(long, value_name = "B", value_parser = clap::value_parser!(u16).range(1..))]
     batch: Option<u16>,
@@ -31,22 +31,22 @@ pub struct Args {
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
-    let shape = args.shape.get()?;
-    let batch = args.batch.map_or_else(|| usual_batch(&shape.name), usize::from);
-    let batch = made_up(&shape, batch);
+    let bench = args.model.get()?;
+    let batch = args.batch.map_or_else(|| usual_batch(&bench.name), usize::from);
+    let batch = made_up(&bench, batch);
     let compute = args.compute.get();
-    let weights = layout::initial(&shape.file.model, &shape.tokens, 1)?;
+    let weights = layout::initial(&bench.file.model, &bench.tokens, 1)?;
     let parameters: usize = weights.values().map(|w| w.elem_count()).sum();
     let (tokens, length) = (batch.inputs.len(), batch.length());
     say.line(format_args!("{parameters} parameters, {} x {length} tokens a step", batch.clips.len()));
-    let mut learner = learner(&shape.file.model, &shape.tokens, &shape.file.train, weights, compute)?;
+    let mut learner = learner(&bench.file.model, &bench.tokens, &bench.file.train, weights, compute)?;
     let mut losses = Vec::new();
     let timed = seconds(WARM_UP, args.how.repeats.unwrap_or(10), || {
         losses.push(step(&mut *learner, &batch, losses.len() as u64)?);
         Ok(())
     })?;
     let rates = Rates::of(tokens as f64, &timed);
-    let gflops = operations(&shape, &batch) / tokens as f64 * rates.median / 1e9;
+    let gflops = operations(&bench, &batch) / tokens as f64 * rates.median / 1e9;
     let mut more = json!({
         "form": format!("{:?}", compute.form).to_lowercase(),
         "device": compute.device.to_string(),
@@ -63,7 +63,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         more["share_of_peak"] = rounded(gflops / most, 3);
     }
     let threads = rayon::current_num_threads();
-    Row { what: "train", config: &shape.name, unit: Unit::Tokens, rates, threads, more }.print(&args.how)
+    Row { what: "train", config: &bench.name, unit: Unit::Tokens, rates, threads, more }.print(&args.how)
 }
 
 /// Windows of a step that suit a configuration of this name.
@@ -76,10 +76,10 @@ fn usual_batch(name: &str) -> usize {
 }
 
 /// A batch of ids drawn from a fixed seed; every target counts.
-fn made_up(shape: &Shape, batch: usize) -> Batch {
-    let context = shape.file.model.context;
+fn made_up(bench: &BenchModel, batch: usize) -> Batch {
+    let context = bench.file.model.context;
     let mut rng = random::stream(1, "bench", 0, 0);
-    let ordinary = shape.tokens.vocabulary as u32 - FIRST_ID;
+    let ordinary = bench.tokens.vocabulary as u32 - FIRST_ID;
     let mut ids = || {
         let id = || FIRST_ID + rng.next_u32() % ordinary;
         std::iter::repeat_with(id).take(batch * context).collect::<Vec<u32>>()
@@ -96,11 +96,11 @@ fn step(learner: &mut dyn Learner, batch: &Batch, step: u64) -> Result<f64> {
 
 /// Operations of a step: two a weight and token forward, four backward; the same of causal attention's two products,
 /// which hold T (T + 1)/2 pairs. Nothing that is computed twice counts twice.
-fn operations(shape: &Shape, batch: &Batch) -> f64 {
-    let (model, length) = (&shape.file.model, batch.length() as f64);
+fn operations(bench: &BenchModel, batch: &Batch) -> f64 {
+    let (model, length) = (&bench.file.model, batch.length() as f64);
     let pairs = batch.clips.len() as f64 * length * (length + 1.0) / 2.0;
     let attention = 2.0 * 6.0 * pairs * (model.layers * model.width) as f64;
-    6.0 * shape.matrices() as f64 * batch.inputs.len() as f64 + attention
+    6.0 * bench.matrices() as f64 * batch.inputs.len() as f64 + attention
 }
 
 #[cfg(test)]
@@ -114,27 +114,27 @@ mod tests {
         args: Args,
     }
 
-    fn shape(more: &[&str]) -> Shape {
+    fn bench(more: &[&str]) -> BenchModel {
         let call = Call::parse_from(["x"].iter().chain(more));
-        call.args.shape.get().unwrap()
+        call.args.model.get().unwrap()
     }
 
     #[test]
     fn operations_of_a_step_counted_by_hand() {
-        let shape = shape(&["--context", "100"]);
+        let bench = bench(&["--context", "100"]);
         // 4 blocks of 12 x 128 x 128 and a head of 421 x 128; 2 windows of 100 tokens, 5,050 pairs each
         let products = 6.0 * (4.0 * 196_608.0 + 53_888.0) * 200.0;
         let attention = 12.0 * 10_100.0 * 4.0 * 128.0;
-        assert_eq!(operations(&shape, &made_up(&shape, 2)), products + attention);
+        assert_eq!(operations(&bench, &made_up(&bench, 2)), products + attention);
     }
 
     #[test]
     fn made_up_tokens_are_ordinary_ones_and_always_the_same() {
-        let shape = shape(&["--vocabulary", "9"]);
-        let batch = made_up(&shape, 3);
+        let bench = bench(&["--vocabulary", "9"]);
+        let batch = made_up(&bench, 3);
         assert_eq!((batch.inputs.len(), batch.targets.len(), batch.length()), (768, 768, 256));
         assert!(batch.inputs.iter().chain(&batch.targets).all(|id| (6..9).contains(id)));
         assert_ne!(batch.inputs, batch.targets);
-        assert_eq!(batch, made_up(&shape, 3));
+        assert_eq!(batch, made_up(&bench, 3));
     }
 }

@@ -5,7 +5,7 @@ use super::own::{ABOUT, About};
 use super::{check_tokenizer, loaded, tensors};
 use crate::model::net::EPSILON;
 use crate::model::run::{LoadedRun, TOKENIZER, WEIGHTS};
-use crate::model::{Head, Kind, ModelConfig, Positions, TokenLayout, layout};
+use crate::model::{HeadKind, Kind, ModelConfig, Positions, TokenLayout, layout};
 use crate::{Error, Result};
 use candle_core::Tensor;
 use kinelm_tokenizer::{Special, Tokenizer};
@@ -70,7 +70,7 @@ fn refuse(config: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
         ),
         (config.positions == Positions::Rope, "its positions are turns of queries and keys"),
         (config.reads_previous(tokens), "its inputs tell of the frame before"),
-        (config.head_of(tokens) == Head::Relative, "its head is over steps from the frame before"),
+        (config.head_of(tokens) == HeadKind::Relative, "its head is over steps from the frame before"),
     ];
     let reasons: Vec<&str> = reasons.into_iter().filter(|(holds, _)| *holds).map(|(_, reason)| reason).collect();
     match reasons.is_empty() {
@@ -252,7 +252,7 @@ impl Config {
             context: self.n_positions,
             positions: Positions::Absolute,
             previous_frame: Some(false),
-            head: Some(Head::Absolute),
+            head: Some(HeadKind::Absolute),
             dropout: self.resid_pdrop.unwrap_or(0.1),
             tied_head: self.is_tied(),
         }

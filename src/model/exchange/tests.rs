@@ -1,7 +1,7 @@
 //! Folders that are written and read back, and those that are refused.
 
 use super::*;
-use crate::model::{Head, Kind, Positions, layout};
+use crate::model::{HeadKind, Kind, Positions, layout};
 use kinelm_tokenizer::TokenizerConfig;
 use std::path::PathBuf;
 
@@ -31,7 +31,7 @@ fn gpt2(positions: Positions, tied_head: bool) -> ModelConfig {
         positions,
         tied_head,
         previous_frame: Some(false),
-        head: Some(Head::Absolute),
+        head: Some(HeadKind::Absolute),
         dropout: 0.125,
         ..Default::default()
     }
@@ -42,7 +42,7 @@ fn beyond() -> [ModelConfig; 4] {
     let of = |positions| gpt2(positions, true);
     [
         ModelConfig { previous_frame: Some(true), ..of(Positions::FrameJoint) },
-        ModelConfig { head: Some(Head::Relative), ..of(Positions::Absolute) },
+        ModelConfig { head: Some(HeadKind::Relative), ..of(Positions::Absolute) },
         of(Positions::Rope),
         ModelConfig { kind: Kind::Masked, ..of(Positions::FrameJoint) },
     ]

@@ -130,7 +130,7 @@ mod tests {
     use super::*;
     use crate::classify::windows::{Layout, mask};
     use crate::model::ops::Mask as PlainMask;
-    use crate::model::{Gpt, Head, ModelConfig, Positions, TokenLayout};
+    use crate::model::{Gpt, HeadKind, ModelConfig, Positions, TokenLayout};
     use crate::random;
     use crate::train::fixture::TOKENS;
     use candle_core::{Device, Tensor, Var};
@@ -146,7 +146,7 @@ mod tests {
             width: 8,
             context: 40,
             positions,
-            head: Some(Head::Absolute),
+            head: Some(HeadKind::Absolute),
             ..Default::default()
         }
     }

@@ -1,7 +1,7 @@
 //! The fast form against the plain one in f64.
 
 use super::*;
-use crate::model::{Head, Positions, forms, ops};
+use crate::model::{HeadKind, Positions, forms, ops};
 use candle_core::{DType, Var};
 use rand_chacha::rand_core::RngCore;
 
@@ -242,7 +242,7 @@ fn forms_begin_with_a_front_alone() {
 
 #[test]
 fn what_counts_behind_no_bin_is_refused_and_the_next_batch_is_taken() {
-    let (config, tokens) = forms::all(29).into_iter().find(|(c, _)| c.head == Some(Head::Relative)).unwrap();
+    let (config, tokens) = forms::all(29).into_iter().find(|(c, _)| c.head == Some(HeadKind::Relative)).unwrap();
     let mut fast = Fast::of(&forms::model(&config, &tokens)).unwrap();
     let (inputs, good) = forms::batch(&config, &tokens, 2, 29);
     let dropped = (29..58).find(|&row| inputs[row] == 3 && row + tokens.word < 58).unwrap();

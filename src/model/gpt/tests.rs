@@ -3,7 +3,7 @@
 use super::*;
 use crate::model::past::Basis;
 use crate::model::questions::Questions;
-use crate::model::{Head, Kind, Positions, forms};
+use crate::model::{HeadKind, Kind, Positions, forms};
 use rand_chacha::rand_core::RngCore;
 
 const TOKENS: TokenLayout =
@@ -124,13 +124,14 @@ fn losses_are_those_of_the_logits_and_relative_rows_know_their_place_alone() {
                 }
             }
         }
-        assert_eq!(relative > 20, config.head == Some(Head::Relative), "{what}: {relative} relative rows");
+        assert_eq!(relative > 20, config.head == Some(HeadKind::Relative), "{what}: {relative} relative rows");
     }
 }
 
 #[test]
 fn a_batch_that_counts_behind_no_bin_is_refused() {
-    let (config, tokens) = (ModelConfig { head: Some(Head::Relative), ..forms::all(29)[0].0.clone() }, forms::placed());
+    let (config, tokens) =
+        (ModelConfig { head: Some(HeadKind::Relative), ..forms::all(29)[0].0.clone() }, forms::placed());
     let gpt = forms::model(&config, &tokens);
     let (inputs, mut targets) = forms::batch(&config, &tokens, 2, 29);
     let dropped = (29..58).find(|&row| inputs[row] == 3 && row + tokens.word < 58).unwrap();

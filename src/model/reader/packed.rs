@@ -1,13 +1,13 @@
 //! A model's tensors by the names that the engine has for their uses.
 
 use crate::Result;
-use crate::model::config::{Head, ModelConfig, Positions, TokenLayout};
+use crate::model::config::{HeadKind, ModelConfig, Positions, TokenLayout};
 use crate::model::gpt::Gpt;
 use crate::model::layout;
 use candle_core::{Device, Tensor};
 use kinelm_engine::bins::Bins;
 use kinelm_engine::decode::{
-    Before, BlockParts, DecoderWeights, Pair, Parts, Positions as Tables, Previous, Relative, Rope, Shape, WeightKind,
+    Before, BlockParts, DecoderWeights, Pair, Parts, Positions as Tables, Previous, Relative, Rope, Sizes, WeightKind,
 };
 use std::collections::BTreeMap;
 
@@ -56,10 +56,10 @@ pub(super) fn weights(gpt: &Gpt, kind: WeightKind) -> Result<DecoderWeights> {
     });
     // a table exists only if such places do
     let (circular, clamped) = (some("head.circular.weight"), some("head.clamped.weight"));
-    let relative = (config.head_of(tokens) == Head::Relative).then_some(Relative { circular, clamped });
+    let relative = (config.head_of(tokens) == HeadKind::Relative).then_some(Relative { circular, clamped });
     let before = Before { front: tokens.front, places: &bins, previous, relative };
     let parts = Parts {
-        shape: Shape {
+        sizes: Sizes {
             layers: config.layers,
             heads: config.heads,
             width: config.width,

@@ -3,7 +3,7 @@
 use super::*;
 use crate::generate::sampling::Draw;
 use crate::generate::{NextToken, Plan, dances};
-use crate::model::{Head, Positions, forms, layout};
+use crate::model::{HeadKind, Positions, forms, layout};
 use candle_core::{Device, Tensor};
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use rand_chacha::rand_core::RngCore;
@@ -115,7 +115,7 @@ fn dances_of_the_default_form_are_those_of_the_plain_one_guessed_or_not() {
     let tokenizer = Tokenizer::fit([&walk], TokenizerConfig::uniform(&[0], 20.0, 10)).unwrap();
     let tokens = TokenLayout::of(&tokenizer);
     for positions in [Positions::FrameJoint, Positions::Rope] {
-        let (previous_frame, head) = (Some(true), Some(Head::Relative));
+        let (previous_frame, head) = (Some(true), Some(HeadKind::Relative));
         // 40 tokens hold 5 words of 7: the window moves again and again
         let config = ModelConfig {
             layers: 2,

@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 
 /// What of two clips is compared.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Window {
+pub struct Alignment {
     /// N, frames; `None`: all that the shorter clip has.
     pub frames: Option<usize>,
     /// Frames per second.
@@ -23,9 +23,9 @@ pub struct Window {
     pub map: Option<String>,
 }
 
-impl Default for Window {
+impl Default for Alignment {
     fn default() -> Self {
-        Window { frames: Some(128), fps: 60.0, at_s: [0.0; 2], keep_heading: false, map: None }
+        Alignment { frames: Some(128), fps: 60.0, at_s: [0.0; 2], keep_heading: false, map: None }
     }
 }
 
@@ -47,7 +47,7 @@ pub struct Aligned {
     pub said: Vec<String>,
 }
 
-impl Window {
+impl Alignment {
     /// Coefficients of a cosine transform up to 3.5 Hz over a window of `frames`: 16 of 128 at 60 frames a second.
     pub fn low(&self, frames: usize) -> usize {
         crate::spectral::filter::coefficients(frames, self.fps, LOW_HZ).min(frames)

@@ -1,13 +1,13 @@
 //! One dance drawn towards another: its rotations moved until their spectrum is the other's, or lies between.
 //!
-//! [`Window`] makes two clips comparable, [`descent::interpolate`] moves the first's rotation vectors, [`blend`] does both
+//! [`Alignment`] makes two clips comparable, [`descent::interpolate`] moves the first's rotation vectors, [`blend`] does both
 //! and measures what came of it. The root's path stays the first's. Source: the motion-language thesis;
 //! docs/interpolation.md.
 
 pub mod align;
 pub mod descent;
 
-pub use align::{Aligned, Window};
+pub use align::{Aligned, Alignment};
 pub use descent::{Descent, How};
 
 use super::pca::PcaFit;
@@ -39,7 +39,7 @@ pub enum Kind {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     /// What of them.
-    pub window: Window,
+    pub alignment: Alignment,
     /// By which spectrum.
     pub kind: Kind,
     /// Coefficients or components that are moved; `None`: those up to 3.5 Hz, 16 for a basis.
@@ -151,10 +151,10 @@ pub struct Report {
 /// Draws the first dance towards the second.
 ///
 /// # Errors
-/// What [`Window::of`] and [`descent::interpolate`] refuse; more coefficients than frames; a basis of more components than
+/// What [`Alignment::of`] and [`descent::interpolate`] refuse; more coefficients than frames; a basis of more components than
 /// the clips have series, or over a window of more than 1,024 frames.
 pub fn blend(a: &Motion, b: &Motion, settings: &Settings) -> Result<Blended> {
-    let Aligned { a: first, b: second, series: [sa, sb], said } = settings.window.of(a, b)?;
+    let Aligned { a: first, b: second, series: [sa, sb], said } = settings.alignment.of(a, b)?;
     let (frames, channels) = (sa.frames, sa.channels.len());
     let transform = settings.transform(frames, [a, b])?;
     let how = settings.how.resolve(channels * transform.kept());
@@ -187,7 +187,7 @@ impl Settings {
     fn transform(&self, frames: usize, clips: [&Motion; 2]) -> Result<Transform> {
         let keep = self.keep.unwrap_or_else(|| match self.kind {
             Kind::Pca => PcaBasis::KEEP.min(frames),
-            _ => self.window.low(frames),
+            _ => self.alignment.low(frames),
         });
         if keep == 0 || keep > frames {
             return Err(Error::Call(format!(
@@ -207,7 +207,7 @@ impl Settings {
             let what = format!("a basis over windows of {frames} frames; expected at most {MOST_OF_PCA}: take dct");
             return Err(Error::Call(what));
         }
-        let spec = WindowSpec { frames, hop: (frames / 2).max(1), fps: self.window.fps };
+        let spec = WindowSpec { frames, hop: (frames / 2).max(1), fps: self.alignment.fps };
         let mut fit = PcaFit::new(frames);
         let mut count = 0;
         for motion in clips {
@@ -298,8 +298,8 @@ mod tests {
     }
 
     fn settings(kind: Kind, how: Way) -> Settings {
-        let window = Window { at_s: [1.0, 1.0], ..Window::default() };
-        Settings { window, kind, keep: None, how }
+        let alignment = Alignment { at_s: [1.0, 1.0], ..Alignment::default() };
+        Settings { alignment, kind, keep: None, how }
     }
 
     #[test]

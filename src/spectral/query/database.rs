@@ -12,7 +12,7 @@ pub struct Window {
     pub start: usize,
 }
 
-/// W windows of clips with their features of D numbers.
+/// N windows of clips with their features of D numbers.
 pub struct Database {
     numbers: usize,
     parts: Vec<Part>,
@@ -49,7 +49,7 @@ impl Database {
         self.numbers
     }
 
-    /// W.
+    /// N.
     pub fn windows(&self) -> usize {
         self.windows.len()
     }

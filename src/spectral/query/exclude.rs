@@ -81,7 +81,7 @@ pub struct Filter<'a> {
     database: &'a Database,
     exclude: Exclude,
     origin: Origin<'a>,
-    /// N.
+    /// Of a window.
     frames: usize,
     /// Per clip, whether all of it is left out.
     clips: Vec<bool>,

@@ -20,9 +20,9 @@ enum How {
 
 /// What comes of a clip before a model reads.
 pub enum Made {
-    /// (W, D).
+    /// (N, D).
     Features(Vec<f32>),
-    /// (W).
+    /// (N).
     Tokens(Vec<Tokens>),
 }
 
@@ -81,7 +81,7 @@ impl Maker {
 }
 
 impl Finisher {
-    /// (W, D).
+    /// (N, D).
     ///
     /// # Errors
     /// As [`Reader::embed`].

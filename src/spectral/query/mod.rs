@@ -4,7 +4,7 @@
 //! [`evaluate`](evaluate::evaluate) measures how well neighbours tell a window's labels. Source: the motion-language
 //! thesis (docs/query.md); the model's embedding is ours.
 //!
-//! **Letters**: W windows, D numbers of a feature, Q queries, k neighbours.
+//! **Letters**: N windows, D numbers of a feature, Q queries, k neighbours.
 
 pub mod build;
 pub mod database;

@@ -93,7 +93,7 @@ impl Reader {
         self.width
     }
 
-    /// (W, D) the embeddings of windows.
+    /// (N, D) the embeddings of windows.
     ///
     /// # Errors
     /// Ids outside the vocabulary; a model whose vectors are not finite.

@@ -10,11 +10,11 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// (W, D) features, f32.
+/// (N, D) features, f32.
 pub const FEATURES: &str = "features.f32";
-/// (W, D padded) features over their lengths times [`SCALE`], half floats.
+/// (N, D padded) features over their lengths times [`SCALE`], half floats.
 pub const HALVES: &str = "halves.f16";
-/// (W, 2) length of a feature, and how far its half floats are off, f64.
+/// (N, 2) length of a feature, and how far its half floats are off, f64.
 pub const SIZES: &str = "sizes.f64";
 /// A [`ClipEntry`] a line.
 pub const CLIPS: &str = "clips.jsonl";
@@ -54,16 +54,16 @@ impl<T: bytemuck::Pod> Numbers<T> {
     }
 }
 
-/// W windows of D numbers.
+/// N windows of D numbers.
 pub struct Part {
     features: Numbers<f32>,
     halves: Numbers<u16>,
-    /// (W).
+    /// (N).
     pub sizes: Vec<Size>,
 }
 
 impl Part {
-    /// Features (W, D) in memory, without half floats.
+    /// Features (N, D) in memory, without half floats.
     ///
     /// # Panics
     /// When they are no whole features of `numbers`.
@@ -86,12 +86,12 @@ impl Part {
         self
     }
 
-    /// (W, D).
+    /// (N, D).
     pub fn features(&self) -> &[f32] {
         self.features.get()
     }
 
-    /// (W, D padded); empty where there are none.
+    /// (N, D padded); empty where there are none.
     pub fn halves(&self) -> &[u16] {
         self.halves.get()
     }
@@ -163,7 +163,7 @@ impl PartWriter {
         })
     }
 
-    /// Adds a clip and the features (W, D) of its windows.
+    /// Adds a clip and the features (N, D) of its windows.
     ///
     /// # Errors
     /// [`Error::Io`]; [`Error::Call`] for features that are not finite.

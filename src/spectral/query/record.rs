@@ -43,13 +43,13 @@ pub struct Manifest {
 pub struct PartRecord {
     /// The folder's name.
     pub name: String,
-    /// W.
+    /// N.
     pub windows: usize,
-    /// (W, D) f32.
+    /// (N, D) f32.
     pub features: Stretch,
-    /// (W, D rounded up to 32) half floats of the features over their lengths, times 32,768.
+    /// (N, D rounded up to 32) half floats of the features over their lengths, times 32,768.
     pub halves: Stretch,
-    /// (W, 2) f64: length, and how far the half floats are off.
+    /// (N, 2) f64: length, and how far the half floats are off.
     pub sizes: Stretch,
     /// A clip a line.
     pub clips: FileRecord,

@@ -84,7 +84,7 @@ pub struct Hit {
 
 /// Cosines of one query with all windows, and how far each may be off.
 pub struct Cosines<'a> {
-    /// (W).
+    /// (N).
     pub near: &'a [f32],
     /// By the product they come from, as a share of both lengths.
     pub error: f64,
@@ -125,7 +125,7 @@ impl Database {
         (near, query.error() + 0.5f64.powi(23))
     }
 
-    /// Cosines (Q, W) of windows of the database with all its windows, by a product of matrices, and how far they may be
+    /// Cosines (Q, N) of windows of the database with all its windows, by a product of matrices, and how far they may be
     /// off.
     pub fn cosines(&self, windows: &[usize]) -> (Vec<f32>, f64) {
         let (k, count) = (self.numbers(), windows.len());

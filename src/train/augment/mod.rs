@@ -11,7 +11,7 @@ mod heading;
 mod mirror;
 mod speed;
 
-use super::batches::{Stand, Window};
+use super::batches::{Stand, WindowId};
 use crate::corpus::{ClipRecord, Corpus};
 use crate::{Error, Result, random};
 use drop_joints::Droppable;
@@ -91,7 +91,7 @@ impl Augment {
         corpus: &Corpus,
         clip: &ClipRecord,
         stand: &Stand,
-        window: Window,
+        window: WindowId,
         room: usize,
     ) -> Option<Vec<u32>> {
         let words = corpus.words(clip);
@@ -120,7 +120,7 @@ impl Augment {
     }
 
     /// The places of a word that are hidden in a window, ascending.
-    pub fn dropped(&self, window: Window) -> Vec<usize> {
+    pub fn dropped(&self, window: WindowId) -> Vec<usize> {
         let mut rng = random::stream(self.seed, "drop joints", window.round, window.number as u64);
         match random::unit(&mut rng) < self.config.drop_joints {
             true => self.droppable.draw(&mut rng),

@@ -1,7 +1,7 @@
 //! The grammar of a hierarchy and of the two lines after it: docs/motion-files.md.
 
 use super::frame_time;
-use super::header::{Channel, Head, MAX_DEPTH, MAX_JOINTS, Node, NodeKind, line_end_at, style};
+use super::header::{Channel, Header, MAX_DEPTH, MAX_JOINTS, Node, NodeKind, line_end_at, style};
 use super::text::{BadNumber, Text, number, word_at};
 use crate::{FileError, Kind, Warning};
 use std::collections::HashMap;
@@ -10,7 +10,7 @@ use std::collections::HashMap;
 const MAX_NUMBERS: u64 = 1 << 31;
 
 /// Reads everything before the rows.
-pub(crate) fn parse(text: &Text, lenient: bool) -> Result<Head, FileError> {
+pub(crate) fn parse(text: &Text, lenient: bool) -> Result<Header, FileError> {
     let mut p = Parser {
         text: *text,
         at: text.start(),
@@ -357,7 +357,7 @@ impl<'a> Parser<'a> {
     }
 
     /// `Frames:` and `Frame Time:`, and the head they complete.
-    fn motion(mut self, lenient: bool) -> Step<Head> {
+    fn motion(mut self, lenient: bool) -> Step<Header> {
         let (count_at, count) =
             self.declaration(&["Frames"], Kind::FramesMissing, "Frames: and the number of frames")?;
         let declared = match std::str::from_utf8(count).ok().filter(|w| w.bytes().all(|b| b.is_ascii_digit())) {
@@ -393,7 +393,7 @@ impl<'a> Parser<'a> {
             style.line_end = if line_end.is_empty() { "\n".into() } else { line_end.into() };
         }
         let warnings = self.warnings(declared);
-        Ok(Head {
+        Ok(Header {
             nodes: self.nodes,
             width: self.width,
             declared,

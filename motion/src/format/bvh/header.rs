@@ -74,7 +74,7 @@ pub(crate) struct Style {
 
 /// Everything before the rows, with the bytes themselves where they are written back.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Head {
+pub struct Header {
     /// Nodes in file order, parents before children.
     pub nodes: Vec<Node>,
     /// C, the numbers of a row: the channels of all roots.
@@ -92,7 +92,7 @@ pub struct Head {
     pub(crate) style: Style,
 }
 
-impl Head {
+impl Header {
     /// Frames per second by the text of the frame time.
     pub fn fps(&self) -> f64 {
         frame_time::rate(&self.frame_time).unwrap_or(1.0)

@@ -1,6 +1,6 @@
 //! Channels to a clip: docs/motion-files.md, "What the numbers mean".
 
-use super::header::{Channel, Head, Node, NodeKind};
+use super::header::{Channel, Header, Node, NodeKind};
 use super::text::Text;
 use super::unit;
 use crate::format::{BvhPosition, ReadOptions};
@@ -90,7 +90,7 @@ impl Frames<'_> {
 }
 
 /// The nodes of the root that is asked for: itself and all under it.
-pub(crate) fn choose_root(path: &Path, head: &Head, options: &ReadOptions) -> Result<Range<usize>> {
+pub(crate) fn choose_root(path: &Path, head: &Header, options: &ReadOptions) -> Result<Range<usize>> {
     let is_root = |i: &usize| head.nodes[*i].kind == NodeKind::Root;
     let roots: Vec<usize> = (0..head.nodes.len()).filter(is_root).collect();
     let at = match &options.root {
@@ -112,7 +112,12 @@ pub(crate) fn choose_root(path: &Path, head: &Head, options: &ReadOptions) -> Re
 }
 
 /// What the nodes mean, judged by the rows.
-pub(crate) fn decide(path: &Path, head: &Head, frames: &Frames, options: &ReadOptions) -> Result<(Rig, Vec<Warning>)> {
+pub(crate) fn decide(
+    path: &Path,
+    head: &Header,
+    frames: &Frames,
+    options: &ReadOptions,
+) -> Result<(Rig, Vec<Warning>)> {
     let range = choose_root(path, head, options)?;
     let nodes = &head.nodes;
     let means: Vec<(Vec3, f64)> = range.clone().map(|n| frames.mean_place(n)).collect();

@@ -1,7 +1,7 @@
 //! BVH: a hierarchy of joints and rows of numbers.
 //!
-//! Grammar and meaning are those of docs/motion-files.md: [`parse_head`] reads what stands before the rows,
-//! [`Head::rows`] the numbers, [`read`] makes a [`Motion`] of both. What the clip has no place for stays in the
+//! Grammar and meaning are those of docs/motion-files.md: [`parse_header`] reads what stands before the rows,
+//! [`Header::rows`] the numbers, [`read`] makes a [`Motion`] of both. What the clip has no place for stays in the
 //! [`BvhSource`], so that a file can be written back as it came.
 
 mod frame_time;
@@ -18,7 +18,7 @@ mod text;
 mod unit;
 mod write;
 
-pub use header::{Channel, Head, Node, NodeKind};
+pub use header::{Channel, Header, Node, NodeKind};
 pub use meaning::Rig;
 pub use positions::positions;
 pub use text::looks_like;
@@ -35,7 +35,7 @@ use text::Text;
 #[derive(Debug, Clone, PartialEq)]
 pub struct BvhSource {
     /// Everything before the rows.
-    pub head: Head,
+    pub head: Header,
     /// (F, C) the numbers as they stand in the file: lengths in its unit, angles in degrees.
     pub numbers: Vec<f64>,
     /// F.
@@ -62,11 +62,11 @@ pub struct PositionChannels {
 ///
 /// # Errors
 /// [`crate::Error::File`] with the place, by the table of docs/motion-files.md.
-pub fn parse_head(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Head> {
+pub fn parse_header(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Header> {
     Ok(grammar::parse(&Text::new(path, bytes), options.lenient)?)
 }
 
-impl Head {
+impl Header {
     /// The rows (F, C) of the file that this is the head of, and what was odd in them.
     ///
     /// # Errors
@@ -79,7 +79,7 @@ impl Head {
 
 /// A file's head and rows, `--skip` done.
 struct Parsed {
-    head: Head,
+    head: Header,
     numbers: Vec<f64>,
     frames: usize,
     warnings: Vec<Warning>,

@@ -1,6 +1,6 @@
 //! A rig for clips that come from no BVH.
 
-use super::header::{Channel, Head, MAX_DEPTH, MAX_JOINTS, Node, NodeKind, Style};
+use super::header::{Channel, Header, MAX_DEPTH, MAX_JOINTS, Node, NodeKind, Style};
 use super::print::hierarchy;
 use super::{BvhSource, Rig};
 use crate::format::BvhPosition;
@@ -22,7 +22,7 @@ impl BvhSource {
         let style = Style { line_end: "\n".into(), indent: "  ".into() };
         let mut before = hierarchy(&nodes, &style);
         before.extend_from_slice(b"MOTION\nFrames: ");
-        let head = Head {
+        let head = Header {
             width: nodes.iter().map(|n| n.channels.len()).sum(),
             nodes,
             declared: 0,

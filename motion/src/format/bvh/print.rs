@@ -1,10 +1,10 @@
 //! The text of a BVH.
 
-use super::header::{Head, Node, NodeKind, Style};
+use super::header::{Header, Node, NodeKind, Style};
 use std::io::Write;
 
 /// The whole text of a file.
-pub(crate) fn print(head: &Head, frame_time: &str, frames: usize, numbers: &[f64]) -> Vec<u8> {
+pub(crate) fn print(head: &Header, frame_time: &str, frames: usize, numbers: &[f64]) -> Vec<u8> {
     let [before, between, after] = &head.pieces;
     let line_end = head.style.line_end.as_bytes();
     let mut out = Vec::with_capacity(before.len() + 100 + numbers.len() * 11);

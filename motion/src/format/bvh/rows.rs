@@ -1,6 +1,6 @@
 //! The rows of a BVH, and what can be wrong with them.
 
-use super::header::Head;
+use super::header::Header;
 use super::numbers::row;
 use super::text::{BadNumber, Text, number, word_at};
 use crate::{FileError, Kind, Warning};
@@ -15,7 +15,7 @@ pub(crate) struct Rows {
 }
 
 /// Reads the rows that the head declares.
-pub(crate) fn parse(text: &Text, head: &Head, lenient: bool) -> Result<Rows, FileError> {
+pub(crate) fn parse(text: &Text, head: &Header, lenient: bool) -> Result<Rows, FileError> {
     let bytes = text.bytes;
     let (width, mut at) = (head.width, head.rows_at.min(bytes.len()));
     let declared = usize::try_from(head.declared).unwrap_or(usize::MAX);
@@ -54,7 +54,7 @@ fn next_line(bytes: &[u8], mut at: usize) -> usize {
 }
 
 /// Rows that follow the declared ones.
-fn extra(text: &Text, head: &Head, at: usize, lenient: bool) -> Result<Vec<Warning>, FileError> {
+fn extra(text: &Text, head: &Header, at: usize, lenient: bool) -> Result<Vec<Warning>, FileError> {
     let start = next_line(text.bytes, at);
     if start == text.bytes.len() {
         return Ok(Vec::new());
@@ -73,7 +73,7 @@ fn extra(text: &Text, head: &Head, at: usize, lenient: bool) -> Result<Vec<Warni
 /// The way for what is not one row a line: it finds out what is wrong, or that rows are wrapped.
 struct Slow<'a> {
     text: &'a Text<'a>,
-    head: &'a Head,
+    head: &'a Header,
     declared: usize,
     lenient: bool,
 }

@@ -1,6 +1,6 @@
 //! The unit of a BVH, judged by the length of a leg.
 
-use super::header::{Head, NodeKind};
+use super::header::{Header, NodeKind};
 use super::text::Text;
 use crate::format::{BvhPosition, ReadOptions};
 use crate::retarget::SkeletonMap;
@@ -15,7 +15,7 @@ const LEGS: [(RangeInclusive<f64>, f64); 5] =
 /// Metres of the unit of a file whose nodes `range` have these rest `offset`s.
 pub(crate) fn judge(
     path: &Path,
-    head: &Head,
+    head: &Header,
     range: Range<usize>,
     offset: impl Fn(usize) -> Vec3,
     options: &ReadOptions,
@@ -50,7 +50,7 @@ pub(crate) fn judge(
 }
 
 /// The nodes below a hip down to its ankle by the skeleton map that is given, or the shipped one that fits.
-fn mapped_leg(head: &Head, range: Range<usize>, options: &ReadOptions) -> Result<Option<Vec<usize>>> {
+fn mapped_leg(head: &Header, range: Range<usize>, options: &ReadOptions) -> Result<Option<Vec<usize>>> {
     let joints: Vec<usize> = range.filter(|&n| head.nodes[n].kind != NodeKind::End).collect();
     let names: Vec<String> = joints.iter().map(|&n| head.nodes[n].unique.clone()).collect();
     let map = match &options.map {
@@ -77,7 +77,7 @@ fn mapped_leg(head: &Head, range: Range<usize>, options: &ReadOptions) -> Result
 }
 
 /// The nodes below a hip down to its ankle, by what rigs commonly call them; for rigs that no map knows.
-fn leg_by_words(head: &Head, range: Range<usize>) -> Option<Vec<usize>> {
+fn leg_by_words(head: &Header, range: Range<usize>) -> Option<Vec<usize>> {
     let plain = |n: usize| -> String {
         let name = &head.nodes[n].name;
         let name = name.rsplit(':').next().unwrap_or(name);

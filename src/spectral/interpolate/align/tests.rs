@@ -23,28 +23,28 @@ fn renamed(clip: &Clip, names: [&str; 24]) -> Clip {
 #[test]
 fn rates_and_lengths_are_made_one_and_said() {
     let (a, b) = (motion("a.bvh", dance(1, 4.0, 60.0)), motion("b.bvh", dance(2, 3.0, 30.0)));
-    let window = Window { at_s: [0.5, 0.25], ..Window::default() };
-    let aligned = window.of(&a, &b).unwrap();
+    let alignment = Alignment { at_s: [0.5, 0.25], ..Alignment::default() };
+    let aligned = alignment.of(&a, &b).unwrap();
     assert_eq!((aligned.a.frames(), aligned.b.frames(), aligned.b.fps()), (128, 128, 60.0));
     assert_eq!(aligned.a.root()[0], a.clip.root()[30]);
     assert!(aligned.said.iter().any(|s| s == "b.bvh: from 30 to 60 fps"), "{:?}", aligned.said);
-    let whole = Window { frames: None, ..Window::default() }.of(&a, &b).unwrap();
+    let whole = Alignment { frames: None, ..Alignment::default() }.of(&a, &b).unwrap();
     assert_eq!(whole.a.frames(), 179, "all of the shorter, 90 frames at 30");
     assert!(whole.said.iter().any(|s| s == "a.bvh: cut to the other's 179 frames"), "{:?}", whole.said);
-    assert_eq!((window.low(128), window.low(179)), (16, 21));
+    assert_eq!((alignment.low(128), alignment.low(179)), (16, 21));
 }
 
 #[test]
 fn a_second_dancer_begins_facing_as_the_first() {
     let a = motion("a", dance(1, 3.0, 60.0));
     let b = motion("b", turned(&a.clip, 2.5).unwrap());
-    let aligned = Window::default().of(&a, &b).unwrap();
+    let aligned = Alignment::default().of(&a, &b).unwrap();
     for (p, q) in aligned.a.rotations().iter().zip(aligned.b.rotations()) {
         assert!(angle_between(*p, *q) < 1e-9);
     }
     let off: f64 = aligned.series[0].numbers.iter().zip(&aligned.series[1].numbers).map(|(a, b)| (a - b).abs()).sum();
     assert!(off < 1e-6 && aligned.said[0].contains("turned by -143 degrees"), "{off} {:?}", aligned.said);
-    let kept = Window { keep_heading: true, ..Window::default() }.of(&a, &b).unwrap();
+    let kept = Alignment { keep_heading: true, ..Alignment::default() }.of(&a, &b).unwrap();
     assert!(kept.said.is_empty() && angle_between(kept.a.pose(0)[0], kept.b.pose(0)[0]) > 2.4);
 }
 
@@ -57,11 +57,11 @@ fn vectors_stand_on_one_branch() {
         let clip = Clip::new(Arc::new(s), 60.0, vec![Vec3::Y; 128], (0..128).map(at).collect()).unwrap();
         motion("one", clip)
     };
-    let window = Window { keep_heading: true, ..Window::default() };
-    let series = window.of(&one(3.0, 0.0), &one(3.3, 0.0)).unwrap().series;
+    let alignment = Alignment { keep_heading: true, ..Alignment::default() };
+    let series = alignment.of(&one(3.0, 0.0), &one(3.3, 0.0)).unwrap().series;
     assert!((series[0].channel(1)[5] - 3.0).abs() < 1e-9 && (series[1].channel(1)[5] - 3.3).abs() < 1e-9);
     // three turns, counted on
-    let spin = window.of(&one(0.1, 0.15), &one(0.4, 0.15)).unwrap().series;
+    let spin = alignment.of(&one(0.1, 0.15), &one(0.4, 0.15)).unwrap().series;
     for (s, from) in spin.iter().zip([0.1, 0.4]) {
         let last = s.channel(1)[127];
         assert!((last - (from + 127.0 * 0.15)).abs() < 1e-6, "{last}");
@@ -97,12 +97,12 @@ fn another_rig_is_put_on_the_first_ones() {
         "RightHandMiddle1",
     ];
     let (a, b) = (motion("a.bvh", dance(1, 3.0, 60.0)), motion("b.bvh", renamed(&dance(2, 3.0, 60.0), names)));
-    let aligned = Window { keep_heading: true, ..Window::default() }.of(&a, &b).unwrap();
+    let aligned = Alignment { keep_heading: true, ..Alignment::default() }.of(&a, &b).unwrap();
     assert_eq!(aligned.b.skeleton().names(), a.clip.skeleton().names());
     assert_eq!(aligned.said, ["b.bvh: put on the rig of a.bvh"]);
     let nobody: [String; 24] = std::array::from_fn(|i| format!("bone{i}"));
     let c = motion("c.bvh", renamed(&b.clip, std::array::from_fn(|i| nobody[i].as_str())));
-    let message = Window::default().of(&a, &c).unwrap_err().to_string();
+    let message = Alignment::default().of(&a, &c).unwrap_err().to_string();
     assert!(message.starts_with("c.bvh can't be put on the rig of a.bvh"), "{message}");
     assert_eq!(smpl::NAMES.len(), 24);
 }
@@ -110,15 +110,15 @@ fn another_rig_is_put_on_the_first_ones() {
 #[test]
 fn windows_that_are_not_there_are_said() {
     let (a, b) = (motion("a.bvh", dance(1, 3.0, 60.0)), motion("b.bvh", dance(2, 2.0, 60.0)));
-    let said = |w: Window| w.of(&a, &b).unwrap_err().to_string();
-    let d = Window::default;
+    let said = |w: Alignment| w.of(&a, &b).unwrap_err().to_string();
+    let d = Alignment::default;
     let short = said(d());
     assert!(short.starts_with("b.bvh: 120 frames at 60 fps, of which 120 lie from 0 s on"), "{short}");
     assert!(short.contains("the 128 of a window"), "{short}");
-    assert!(said(Window { at_s: [2.0, 0.0], ..d() }).starts_with("a.bvh: 180 frames"));
-    assert!(said(Window { at_s: [-1.0, 0.0], ..d() }).contains("times from 0 on"));
-    assert!(said(Window { at_s: [0.0, f64::INFINITY], ..d() }).contains("times from 0 on"));
-    assert!(said(Window { frames: Some(8), ..d() }).contains("expected 16 to 8192"));
-    assert!(said(Window { frames: Some(9000), ..d() }).contains("expected 16 to 8192"));
-    assert!(said(Window { frames: None, at_s: [0.0, 1.9], ..d() }).contains("b.bvh: 120 frames"));
+    assert!(said(Alignment { at_s: [2.0, 0.0], ..d() }).starts_with("a.bvh: 180 frames"));
+    assert!(said(Alignment { at_s: [-1.0, 0.0], ..d() }).contains("times from 0 on"));
+    assert!(said(Alignment { at_s: [0.0, f64::INFINITY], ..d() }).contains("times from 0 on"));
+    assert!(said(Alignment { frames: Some(8), ..d() }).contains("expected 16 to 8192"));
+    assert!(said(Alignment { frames: Some(9000), ..d() }).contains("expected 16 to 8192"));
+    assert!(said(Alignment { frames: None, at_s: [0.0, 1.9], ..d() }).contains("b.bvh: 120 frames"));
 }

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use kinelm::model::config::Stretch;
 use kinelm::model::past::Counts;
-use kinelm::model::{Head, ModelConfig, TokenLayout};
+use kinelm::model::{HeadKind, ModelConfig, TokenLayout};
 use kinelm::train::TrainFile;
 use kinelm_tokenizer::PlaceIds;
 use std::path::Path;
@@ -21,8 +21,8 @@ const NAMED: [(&str, &str); 5] = [
 const FIRST: u32 = 6;
 
 #[derive(Debug, clap::Args)]
-pub struct ShapeArgs {
-    /// The model's shape: tiny, small, thesis-26m, gpt2, demo, or a training TOML
+pub struct ModelArgs {
+    /// The model: tiny, small, thesis-26m, gpt2, demo, or a training TOML
     #[arg(long, default_value = "tiny", value_name = "NAME|FILE")]
     config: String,
     /// Tokens of a window; the configuration's if not given
@@ -38,16 +38,16 @@ pub struct ShapeArgs {
 
 /// A model to measure.
 #[derive(Debug)]
-pub struct Shape {
+pub struct BenchModel {
     /// The configuration's name, or its file's.
     pub name: String,
     pub file: TrainFile,
     pub tokens: TokenLayout,
 }
 
-impl ShapeArgs {
+impl ModelArgs {
     /// The configuration with what the call changes in it.
-    pub fn get(&self) -> Result<Shape> {
+    pub fn get(&self) -> Result<BenchModel> {
         let path = Path::new(&self.config);
         let mut file = match NAMED.iter().find(|(name, _)| *name == self.config) {
             Some((name, text)) => TrainFile::parse(text, Path::new(name))?,
@@ -72,11 +72,11 @@ impl ShapeArgs {
         };
         file.model.validate_for(&tokens)?;
         let name = path.file_stem().map_or(self.config.clone(), |s| s.to_string_lossy().into_owned());
-        Ok(Shape { name, file, tokens })
+        Ok(BenchModel { name, file, tokens })
     }
 }
 
-impl Shape {
+impl BenchModel {
     /// Numbers in the matrices that every token is multiplied with, the head among them: of several, the mean over a word's
     /// places.
     pub fn matrices(&self) -> usize {
@@ -84,9 +84,9 @@ impl Shape {
         let counts = Counts::of(&self.tokens);
         let rows = |kind: PlaceIds| if kind.circular { counts.circular } else { counts.steps() };
         let head = match self.file.model.head_of(&self.tokens) {
-            Head::Absolute => self.tokens.vocabulary,
+            HeadKind::Absolute => self.tokens.vocabulary,
             // the space's is over all ids
-            Head::Relative => {
+            HeadKind::Relative => {
                 (self.tokens.place_ids().map(rows).sum::<usize>() + self.tokens.vocabulary) / self.tokens.word
             }
         };
@@ -98,8 +98,8 @@ impl Shape {
 mod tests {
     use super::*;
 
-    fn args(config: &str) -> ShapeArgs {
-        ShapeArgs { config: config.into(), context: None, vocabulary: 400, dropout: 0.0 }
+    fn args(config: &str) -> ModelArgs {
+        ModelArgs { config: config.into(), context: None, vocabulary: 400, dropout: 0.0 }
     }
 
     #[test]
@@ -116,7 +116,7 @@ mod tests {
         assert_eq!(args(folder.to_str().unwrap()).get().unwrap().name, "small");
         let refused = format!("{:#}", args("huge").get().unwrap_err());
         assert!(refused.contains("--config huge: expected tiny"), "{refused}");
-        let short = ShapeArgs { context: Some(20), ..args("tiny") };
+        let short = ModelArgs { context: Some(20), ..args("tiny") };
         assert!(short.get().unwrap_err().to_string().contains("86 or more"));
     }
 }

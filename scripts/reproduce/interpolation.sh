@@ -1,5 +1,5 @@
 #!/bin/sh
-# The tables of docs/interpolation.md: two dances and what lies between, by DCT, PCA and STFT, over twelve pairs of each set.
+# The tables of docs/results/interpolation.md: two dances and what lies between, by DCT, PCA and STFT, over twelve pairs of each set.
 #
 #     sh ../shared/data/unpack.sh DATA && scripts/reproduce/interpolation.sh DATA ../shared/data/splits OUT
 #

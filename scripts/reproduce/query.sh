@@ -1,5 +1,5 @@
 #!/bin/sh
-# The tables of docs/query.md: unpacks the shared motion, asks for every window of both sets with `kinelm query evaluate`, and
+# The tables of docs/results/query.md: unpacks the shared motion, asks for every window of both sets with `kinelm query evaluate`, and
 # leaves the Markdown tables in OUT/tables.md and all figures in OUT/*.json.
 #
 #   scripts/reproduce/query.sh [OUT] [-- what every evaluation is given beside, such as --run RUN or --no-dc]

@@ -92,6 +92,13 @@ impl Classifier {
         }
         let mut tensors = weights::from_bytes(&at, &bytes)?;
         let tokenizer = Tokenizer::load(folder.join(TOKENIZER))?;
+        if tokenizer.base_hash() != about.tokenizer {
+            // one of the same shape would read other motion into the codes, and nothing else would tell
+            let (found, expected) = (tokenizer.base_hash(), &about.tokenizer);
+            let help = "put back the tokenizer.json that the classifier was trained with, or train it again";
+            let at = folder.join(TOKENIZER);
+            return Err(Error::file(at, format!("tokenizer {found}"), format!("the classifier's, {expected}"), help));
+        }
         let layout = Layout::new(&about.model, &about.tokens, about.fields.len())?;
         let heads = heads(&at, &about, &mut tensors)?;
         let model = Fast::from_tensors(&about.model, &grown(&about.tokens, &about.fields), tensors)?;

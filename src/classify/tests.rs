@@ -160,6 +160,14 @@ fn a_damaged_folder_is_refused() {
     fs::write(folder.join("classifier.json"), about.replace("\"schema\": 1", "\"schema\": 9")).unwrap();
     assert!(said().contains("found schema 9, expected schema 1"), "{}", said());
     fs::write(folder.join("classifier.json"), &about).unwrap();
+    let own = fs::read(folder.join("tokenizer.json")).unwrap();
+    fixture::foreign_tokenizer().save(folder.join("tokenizer.json")).unwrap();
+    assert!(
+        said().contains("tokenizer.json: found tokenizer") && said().contains("put back the tokenizer"),
+        "{}",
+        said()
+    );
+    fs::write(folder.join("tokenizer.json"), own).unwrap();
     let weights = folder.join("model-00000001.safetensors");
     let bytes = fs::read(&weights).unwrap();
     fs::write(&weights, &bytes[..bytes.len() / 2]).unwrap();

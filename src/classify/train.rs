@@ -272,7 +272,7 @@ fn check(options: &TrainOptions) -> Result<()> {
 
 /// The run's tokenizer, which must be the corpus's but for labels.
 pub(super) fn run_tokenizer(run: &LoadedRun, corpus: &Corpus) -> Result<Tokenizer> {
-    let tokenizer = Tokenizer::load(&run.tokenizer)?;
+    let tokenizer = run.load_tokenizer()?;
     same_tokenizer(&tokenizer.base_hash(), corpus)?;
     Ok(tokenizer)
 }

@@ -11,7 +11,6 @@ use kinelm::evaluate::likelihood::likelihood;
 use kinelm::evaluate::per_joint::{by_part, by_place, places};
 use kinelm::evaluate::{CodeSplits, Floors, measure};
 use kinelm::model::{Reading, Which, load_run};
-use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]
@@ -96,7 +95,7 @@ fn model(args: LikelihoodArgs, say: Say) -> Result<()> {
     let run = load_run(&args.run, Which::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
     let corpus = Corpus::open(&args.corpus)?;
-    let (ours, theirs) = (Tokenizer::load(&run.tokenizer)?.base_hash(), corpus.tokenizer().base_hash());
+    let (ours, theirs) = (run.load_tokenizer()?.base_hash(), corpus.tokenizer().base_hash());
     if ours != theirs {
         let what = format!(
             "the run's tokenizer is {ours} without labels, the corpus's {theirs}; tokenize the data with the run's"

@@ -56,7 +56,7 @@ impl Ready {
             check_step(&recipe.run, step)?;
         }
         let mut run = load_run(&recipe.run, which)?;
-        let tokenizer = Tokenizer::load(&run.tokenizer)?;
+        let tokenizer = run.load_tokenizer()?;
         let (front, without) = fronts(&recipe, &run)?;
         if run.label_dropout == Some(0.0) && (without.is_some() || recipe.labels.len() < run.conditions.len()) {
             let what = "labels were never hidden in training (train.label_dropout = 0): without some, or with guidance, the model \

@@ -125,6 +125,33 @@ impl Checkpoints {
         step_of(fs::read_to_string(self.run.join(which)).ok()?.trim())
     }
 
+    /// The step of the best checkpoint. The last state that can be read says so too: where `best` is missing, damaged or
+    /// names another, that counts, and `note` is told.
+    fn best(&self, steps: &[u64], note: &mut dyn FnMut(String)) -> Option<u64> {
+        let named = self.named("best");
+        let last = steps.iter().rev().find_map(|&step| self.state(step).ok());
+        let told = last.as_ref().and_then(|state| state.best).map(|best| best.step);
+        let path = self.run.join("best");
+        match (last, told.filter(|step| steps.contains(step))) {
+            (Some(last), Some(told)) if named != Some(told) => {
+                let found = match named {
+                    Some(step) => name(step),
+                    None if path.exists() => "no name of a checkpoint".into(),
+                    None => "no file".into(),
+                };
+                let (path, told_name, by) = (path.display(), name(told), name(last.step));
+                note(format!("{path}: found {found}, expected {told_name}, as the state of {by} says; taking that"));
+                Some(told)
+            }
+            _ => {
+                if named.is_none() && path.exists() {
+                    note(format!("{}: found no name of a checkpoint; taking the latest", path.display()));
+                }
+                named
+            }
+        }
+    }
+
     /// Writes a checkpoint, then `latest`, and `best` if it is the best.
     ///
     /// # Errors
@@ -161,7 +188,8 @@ impl Checkpoints {
     /// # Errors
     /// What the system refuses.
     pub fn prune(&self, keep: usize) -> Result<()> {
-        let (steps, best) = (self.steps()?, self.named("best"));
+        let steps = self.steps()?;
+        let best = self.best(&steps, &mut |_| ());
         for step in steps.iter().rev().skip(keep).filter(|s| Some(**s) != best) {
             let path = self.path(*step);
             fs::remove_dir_all(&path).map_err(Error::io(&path))?;
@@ -212,7 +240,7 @@ impl Checkpoints {
     /// The checkpoint that is wanted, or the nearest one before it that is whole; what was passed over is told to `note`.
     ///
     /// # Errors
-    /// No checkpoint that is whole, with the reason of the first.
+    /// No checkpoint that is whole, with the reason of the last one tried.
     pub fn find(
         &self,
         which: Which,
@@ -223,8 +251,8 @@ impl Checkpoints {
         let steps = self.steps()?;
         let latest = || self.named("latest").filter(|s| steps.contains(s)).or(steps.last().copied());
         let first = match which {
-            Which::Auto => self.named("best").or_else(latest),
-            Which::Best => self.named("best"),
+            Which::Auto => self.best(&steps, note).or_else(latest),
+            Which::Best => self.best(&steps, note),
             Which::Latest => latest(),
             Which::Step(step) => Some(step),
         };
@@ -241,7 +269,13 @@ impl Checkpoints {
                 Err(e) => reason = e,
             }
         }
-        Err(reason)
+        let damaged = steps.iter().filter(|s| **s <= first).map(|s| name(*s)).collect::<Vec<_>>().join(", ");
+        let others = match steps.last() > Some(&first) {
+            true => "the latest of the others is taken then",
+            false => "and begin the run again, as there is no other",
+        };
+        let (dir, help) = (self.dir(), format!("put back a copy of the files, or remove {damaged}: {others}"));
+        Err(Error::file(dir, format!("no whole checkpoint ({reason})"), format!("one up to step {first}"), help))
     }
 }
 
@@ -339,6 +373,47 @@ mod tests {
         // written again, the damaged one is whole
         all.write(state(40, Some(10)), &[("a", vec![40; 9])]).unwrap();
         assert_eq!(find(Which::Latest).0.unwrap().0, 40);
+    }
+
+    #[test]
+    fn the_best_is_the_one_of_the_state_where_its_name_is_gone_damaged_or_old() {
+        let dir = tempfile::tempdir().unwrap();
+        let all = Checkpoints::of(dir.path());
+        for (step, best) in [(10, 10), (20, 20), (30, 20)] {
+            all.write(state(step, Some(best)), &[("a", vec![step as u8; 9])]).unwrap();
+        }
+        let find = || {
+            let mut notes = Vec::new();
+            let found = all.find(Which::Auto, &["a"], &[], &mut |n| notes.push(n));
+            (found.map(|c| c.state.step).map_err(|e| e.to_string()), notes.join("\n"))
+        };
+        let best = dir.path().join("best");
+        assert_eq!(find(), (Ok(20), String::new()));
+        for (text, found) in [("step-0", "step-00000000"), ("step-00000010", "step-00000010"), ("st", "no name")] {
+            fs::write(&best, text).unwrap();
+            let (step, note) = find();
+            assert_eq!(step, Ok(20), "{text}");
+            assert!(
+                note.contains(&format!("best: found {found}")) && note.contains("expected step-00000020"),
+                "{note}"
+            );
+        }
+        fs::remove_file(&best).unwrap();
+        let (step, note) = find();
+        assert!(step == Ok(20) && note.contains("found no file"), "{note}");
+        all.prune(1).unwrap();
+        assert_eq!(all.steps().unwrap(), [20, 30]);
+        // with it the way back is told
+        fs::write(all.path(20).join("a"), "").unwrap();
+        let message = find().0.unwrap_err();
+        assert!(
+            message.contains("step-00000020/a: found 0 bytes") && message.contains("remove step-00000020: the latest")
+        );
+        fs::write(all.path(30).join("a"), "").unwrap();
+        let message = all.find(Which::Latest, &[], &[], &mut |_| ()).unwrap_err().to_string();
+        assert!(message.contains("put back a copy of the files, or remove step-00000020, step-00000030: and begin"));
+        fs::remove_dir_all(all.path(20)).unwrap();
+        assert!(find().0.unwrap_err().contains("remove step-00000030"));
     }
 
     #[test]

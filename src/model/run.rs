@@ -37,8 +37,10 @@ pub struct LoadedRun {
     pub label_dropout: Option<f64>,
     /// Its weights by name, on the CPU, in f32: their moving average if the checkpoint has it.
     pub weights: BTreeMap<String, Tensor>,
-    /// The tokenizer it was trained with.
+    /// Where the tokenizer lies that it was trained with; [`LoadedRun::load_tokenizer`] makes sure of it.
     pub tokenizer: PathBuf,
+    /// The hash of that tokenizer.
+    pub tokenizer_sha256: String,
     /// The checkpoint's folder.
     pub checkpoint: PathBuf,
     /// Where the run stood there.
@@ -48,12 +50,20 @@ pub struct LoadedRun {
 }
 
 impl LoadedRun {
+    /// The tokenizer it was trained with.
+    ///
+    /// # Errors
+    /// As [`load_tokenizer`].
+    pub fn load_tokenizer(&self) -> Result<Tokenizer> {
+        load_tokenizer(&self.tokenizer, &self.tokenizer_sha256)
+    }
+
     /// Its conditions with the ids of their values, from its tokenizer.
     ///
     /// # Errors
-    /// A tokenizer that can't be read or has other ids than the model.
+    /// A tokenizer that can't be read, is another or has other ids than the model.
     pub fn load_conditions(&self) -> Result<Conditions> {
-        let tokenizer = Tokenizer::load(&self.tokenizer)?;
+        let tokenizer = self.load_tokenizer()?;
         let conditions = Conditions::new(&self.conditions, tokenizer.vocabulary());
         let (found, ids) = (tokenizer.vocabulary().len() as usize, self.tokens.vocabulary);
         if found != ids || conditions.len() != self.tokens.front {
@@ -99,9 +109,28 @@ impl LoadedRun {
     }
 }
 
+/// The tokenizer at `path`, which must be the one that a model was made with: one of the same shape would turn its codes into
+/// other motion, and nothing else would tell.
+///
+/// # Errors
+/// A tokenizer that can't be read, or has another hash than `expected`.
+pub fn load_tokenizer(path: &Path, expected: &str) -> Result<Tokenizer> {
+    let tokenizer = Tokenizer::load(path)?;
+    match tokenizer.hash() {
+        found if found == expected => Ok(tokenizer),
+        found => Err(Error::file(
+            path,
+            format!("tokenizer {found}"),
+            format!("the run's, {expected}"),
+            "put back the tokenizer.json that the run was begun with",
+        )),
+    }
+}
+
 /// What is needed of `config.toml`; the rest is for training.
 #[derive(Deserialize)]
 struct Needed {
+    tokenizer_sha256: String,
     model: ModelConfig,
     tokens: TokenLayout,
     #[serde(default)]
@@ -144,6 +173,7 @@ pub fn load_run(run: &Path, which: Which) -> Result<LoadedRun> {
         label_dropout: needed.train.label_dropout,
         weights,
         tokenizer: run.join(TOKENIZER),
+        tokenizer_sha256: needed.tokenizer_sha256,
         checkpoint: found.dir,
         state: found.state,
         notes,

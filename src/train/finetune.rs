@@ -10,7 +10,6 @@ use crate::corpus::FileRecord;
 use crate::corpus::conditions::in_order;
 use crate::model::{Compute, LoadedRun, ModelConfig, TokenLayout, exchange, weights};
 use crate::{Error, Result};
-use kinelm_tokenizer::Tokenizer;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -53,7 +52,7 @@ pub fn finetune(options: &FinetuneOptions, stop: &AtomicBool, progress: &mut dyn
     let model = shape(&options.config, &file, &source)?;
     let corpora = if options.corpora.is_empty() { file.corpora()? } else { options.corpora.clone() };
     let fields = in_order(&[source.conditions.as_slice(), &file.train.conditions].concat());
-    let tokenizer = Tokenizer::load(&source.tokenizer)?;
+    let tokenizer = source.load_tokenizer()?;
     let data = Data::open(&corpora, Some(&tokenizer), &fields)?;
     let mut train = file.train.clone();
     train.conditions = fields;

@@ -5,7 +5,7 @@ use crate::corpus::{Corpus, CorpusWriter, Split};
 use crate::model::{LoadedRun, ModelConfig, TokenLayout, Which, load_run};
 use crate::random;
 use crate::train::{CorpusPart, PretrainOptions, Silent, TrainConfig, TrainFile, pretrain};
-use kinelm_motion::synth;
+use kinelm_motion::{Clip, synth};
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use rand_chacha::rand_core::RngCore;
 use std::path::Path;
@@ -39,6 +39,13 @@ pub fn corpus(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
     }
     writer.finish().unwrap();
     Corpus::open(&path).unwrap()
+}
+
+/// A tokenizer of the shape of the corpora's, for another rate.
+pub fn foreign_tokenizer() -> Tokenizer {
+    let walk = walk(5);
+    let faster = Clip::new(walk.skeleton().clone(), 30.0, walk.root().to_vec(), walk.rotations().to_vec()).unwrap();
+    Tokenizer::fit([&faster], TokenizerConfig::uniform(&[0], 30.0, 10)).unwrap()
 }
 
 /// A run in `dir` on the corpus beside it.

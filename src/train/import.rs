@@ -20,7 +20,7 @@ pub fn import(folder: &Path, run: &Path) -> Result<LoadedRun> {
         return Err(Error::Call(format!("{} is a run already; there is nothing to import", folder.display())));
     }
     let found = exchange::load(folder)?;
-    let tokenizer = Tokenizer::load(&found.tokenizer)?;
+    let tokenizer = found.load_tokenizer()?;
     let file = RunFile::imported(&found, &tokenizer);
     let parent = files::folder_of(run);
     fs::create_dir_all(parent).map_err(Error::io(parent))?;

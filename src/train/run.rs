@@ -4,7 +4,7 @@ use super::augment::AugmentConfig;
 use super::config::TrainConfig;
 use super::data::{CorpusPart, Data, Part};
 use crate::corpus::Corpus;
-use crate::model::run::{CONFIG, LoadedRun, TOKENIZER};
+use crate::model::run::{CONFIG, LoadedRun, TOKENIZER, load_tokenizer};
 use crate::model::{ModelConfig, TokenLayout};
 use crate::{Error, Result, files};
 use kinelm_tokenizer::Tokenizer;
@@ -184,15 +184,7 @@ impl RunFile {
                 format!("corpora of the weights {found}; the run was begun on corpora of the weights {expected}");
             return Err(Error::Call(what));
         }
-        let path = run.join(TOKENIZER);
-        let tokenizer = Tokenizer::load(&path)?;
-        let other = |found: String| {
-            let (expected, help) = (&self.tokenizer_sha256, "put back the tokenizer.json that the run was begun with");
-            Error::file(&path, format!("tokenizer {found}"), format!("the run's, {expected}"), help)
-        };
-        if tokenizer.hash() != self.tokenizer_sha256 {
-            return Err(other(tokenizer.hash()));
-        }
+        let tokenizer = load_tokenizer(&run.join(TOKENIZER), &self.tokenizer_sha256)?;
         let open = |(p, own): (&CorpusPart, &RunCorpus)| {
             let corpus = Corpus::open(&p.path)?;
             match corpus.hash() == own.sha256 {
@@ -209,7 +201,12 @@ impl RunFile {
         let data = Data::of(parts, Some(&tokenizer), &self.train.conditions)?;
         match data.tokenizer().hash() == self.tokenizer_sha256 {
             true => Ok(data),
-            false => Err(other(data.tokenizer().hash())),
+            false => Err(Error::file(
+                run,
+                format!("labels that make tokenizer {}", data.tokenizer().hash()),
+                format!("those of the run's, {}", self.tokenizer_sha256),
+                "put back the files that the run was begun with",
+            )),
         }
     }
 }

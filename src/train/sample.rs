@@ -4,12 +4,13 @@ use super::run::RunFile;
 use crate::generate::prompt::on_model_rig;
 use crate::generate::sampling::Draw;
 use crate::generate::{self, Plan};
+use crate::model::run::{TOKENIZER, load_tokenizer};
 use crate::model::{Gpt, Reader, Reading};
 use crate::view::{Figure, write_page};
 use crate::{Error, Result};
 use candle_core::Tensor;
 use kinelm_motion::format;
-use kinelm_tokenizer::{Rest, Special, Tokenizer};
+use kinelm_tokenizer::{Rest, Special};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -30,7 +31,7 @@ pub fn sample(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, T
 }
 
 fn draw(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {
-    let tokenizer = Tokenizer::load(run.join(crate::model::run::TOKENIZER))?;
+    let tokenizer = load_tokenizer(&run.join(TOKENIZER), &file.tokenizer_sha256)?;
     let gpt = Gpt::from_tensors(&file.model, &file.tokens, weights)?;
     let mut reader = Reader::new(&gpt, Reading::default())?;
     let frames = (SECONDS * tokenizer.fps()).round() as usize;

@@ -15,7 +15,6 @@ use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::metric::short_term::{MAJOR, UpTo};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, retarget};
-use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
 
 /// Frames per second of the protocol.
@@ -60,7 +59,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     }
     let run = load_run(&args.run, Which::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
-    let tokenizer = Tokenizer::load(&run.tokenizer)?;
+    let tokenizer = run.load_tokenizer()?;
     let conditions = run.load_conditions()?;
     let gathered = args.data.gather(say)?;
     let (own, protocol) = measured(args, &gathered, tokenizer.fps(), say)?;

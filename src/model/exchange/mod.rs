@@ -35,7 +35,7 @@ pub enum Format {
 pub fn export(run: &LoadedRun, format: Format, out: &Path) -> Result<()> {
     refuse_existing(out)?;
     check(&run.config, &run.tokens, &run.weights, &run.checkpoint)?;
-    let tokenizer = Tokenizer::load(&run.tokenizer)?;
+    let tokenizer = run.load_tokenizer()?;
     check_tokenizer(&run.tokens, &tokenizer, &run.tokenizer)?;
     let about = About::of(run, &tokenizer);
     let mut contents = match format {
@@ -68,7 +68,7 @@ pub fn load(folder: &Path) -> Result<LoadedRun> {
 
 /// What of a folder's `about` and `weights` becomes a model; both are checked.
 fn loaded(folder: &Path, about: About, weights: BTreeMap<String, Tensor>, notes: Vec<String>) -> Result<LoadedRun> {
-    let About { model: config, tokens, conditions, step, .. } = about;
+    let About { model: config, tokens, conditions, tokenizer_sha256, step, .. } = about;
     check(&config, &tokens, &weights, &folder.join(WEIGHTS))?;
     Ok(LoadedRun {
         config,
@@ -77,6 +77,7 @@ fn loaded(folder: &Path, about: About, weights: BTreeMap<String, Tensor>, notes:
         label_dropout: None,
         weights,
         tokenizer: folder.join(TOKENIZER),
+        tokenizer_sha256,
         checkpoint: folder.to_owned(),
         state: State::new(step, 0, 0, 0, None),
         notes,

@@ -65,6 +65,7 @@ fn made(config: ModelConfig) -> Made {
         label_dropout: None,
         weights,
         tokenizer: dir.path().join(TOKENIZER),
+        tokenizer_sha256: tokenizer.hash(),
         checkpoint: dir.path().to_owned(),
         state: State::new(70, 0, 0, 0, None),
         notes: Vec::new(),

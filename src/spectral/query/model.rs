@@ -68,7 +68,7 @@ pub fn open(run: &Path, weights: &str) -> Result<(Speaker, Reader)> {
     if context <= front.len() {
         return Err(Error::file(run, format!("a context of {context} tokens"), "room for words", ""));
     }
-    let speaker = Speaker(Tokenizer::load(&loaded.tokenizer)?);
+    let speaker = Speaker(loaded.load_tokenizer()?);
     let model = Fast::from_tensors(&loaded.config, &loaded.tokens, loaded.weights)?;
     Ok((speaker, Reader { model, front, pad, context, width }))
 }

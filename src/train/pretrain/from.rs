@@ -27,7 +27,7 @@ impl Source {
     pub fn load(path: &Path) -> Result<Source> {
         let run = exchange::load(path)?;
         let path = std::path::absolute(path).map_err(Error::io(path))?;
-        Ok(Source { path, tokenizer: Tokenizer::load(&run.tokenizer)?, run })
+        Ok(Source { path, tokenizer: run.load_tokenizer()?, run })
     }
 
     /// What was odd in it.

@@ -356,9 +356,31 @@ fn a_run_with_conditions_has_its_labels_in_its_vocabulary_and_resumes() {
     assert!(message.contains("names `mood`, which no training clip has; the clips have dancer, genre"), "{message}");
     assert!(!dir.path().join("none").exists());
     corpus.tokenizer().save(&run.tokenizer).unwrap();
-    assert!(run.load_conditions().unwrap_err().to_string().contains("put back the files"));
+    assert!(run.load_conditions().unwrap_err().to_string().contains("put back the tokenizer.json"));
     halves.run = Some(dir.path().join("straight"));
     assert!(go(&halves).unwrap_err().to_string().contains("put back the tokenizer.json"));
+}
+
+#[test]
+fn a_foreign_tokenizer_of_the_same_shape_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    fixture::corpus(dir.path(), &CLIPS);
+    let train = TrainConfig { steps: 1, batch: 2, warmup: 1, ..Default::default() };
+    let run = fixture::run(dir.path(), file().model, train);
+    let own = run.load_tokenizer().unwrap();
+    let foreign = fixture::foreign_tokenizer();
+    assert_eq!(crate::model::TokenLayout::of(&foreign), crate::model::TokenLayout::of(&own));
+    foreign.save(&run.tokenizer).unwrap();
+    let refused = |message: String| {
+        let hashes = message.contains(&own.hash()) && message.contains(&foreign.hash());
+        assert!(hashes && message.contains("tokenizer.json: found tokenizer"), "{message}");
+    };
+    refused(run.load_tokenizer().unwrap_err().to_string());
+    refused(run.load_conditions().unwrap_err().to_string());
+    let form = crate::model::exchange::Format::Kinelm;
+    refused(crate::model::exchange::export(&run, form, &dir.path().join("out")).unwrap_err().to_string());
+    let again = PretrainOptions { resume: true, run: Some(dir.path().join("run")), ..Default::default() };
+    refused(go(&again).unwrap_err().to_string());
 }
 
 #[test]

@@ -6,7 +6,7 @@ use super::windows::Layout;
 use crate::corpus::FileRecord;
 use crate::model::fast::Fast;
 use crate::model::{ModelConfig, TokenLayout, weights};
-use crate::{Error, Result, files};
+use crate::{Error, Result};
 use candle_core::Tensor;
 use kinelm_engine::arena::Floats;
 use kinelm_tokenizer::Tokenizer;
@@ -15,9 +15,9 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const ABOUT: &str = "classifier.json";
-const TOKENIZER: &str = "tokenizer.json";
-const METRICS: &str = "metrics.jsonl";
+pub(super) const ABOUT: &str = "classifier.json";
+pub(super) const TOKENIZER: &str = "tokenizer.json";
+pub(super) const METRICS: &str = "metrics.jsonl";
 
 /// `classifier.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -100,7 +100,7 @@ impl Classifier {
             return Err(Error::file(at, format!("tokenizer {found}"), format!("the classifier's, {expected}"), help));
         }
         let layout = Layout::new(&about.model, &about.tokens, about.fields.len())?;
-        let heads = heads(&at, &about, &mut tensors)?;
+        let heads = heads(&at, &about.fields, about.model.width, &mut tensors)?;
         let model = Fast::from_tensors(&about.model, &grown(&about.tokens, &about.fields), tensors)?;
         Ok(Classifier { about, tokenizer, model, heads, layout })
     }
@@ -111,9 +111,18 @@ pub(super) fn grown(tokens: &TokenLayout, fields: &Fields) -> TokenLayout {
     TokenLayout { vocabulary: tokens.vocabulary + fields.len(), ..tokens.clone() }
 }
 
-fn heads(path: &Path, about: &About, tensors: &mut BTreeMap<String, Tensor>) -> Result<Vec<Floats>> {
+/// The heads of the fields out of the tensors of the file at `path`.
+///
+/// # Errors
+/// A head that is missing or of another shape.
+pub(super) fn heads(
+    path: &Path,
+    fields: &Fields,
+    width: usize,
+    tensors: &mut BTreeMap<String, Tensor>,
+) -> Result<Vec<Floats>> {
     let one = |field: &super::Field| {
-        let (name, shape) = (head_name(&field.name), [field.classes.len(), about.model.width]);
+        let (name, shape) = (head_name(&field.name), [field.classes.len(), width]);
         let tensor = tensors.remove(&name).filter(|t| t.dims() == shape);
         let tensor = tensor.ok_or_else(|| {
             Error::file(
@@ -125,70 +134,5 @@ fn heads(path: &Path, about: &About, tensors: &mut BTreeMap<String, Tensor>) -> 
         })?;
         Ok(Floats::of(&tensor.flatten_all()?.to_vec1::<f32>()?))
     };
-    about.fields.0.iter().map(one).collect()
-}
-
-/// The folder of a classifier that is being trained: it comes to be with the first weights, whole.
-pub(super) struct Writer {
-    folder: PathBuf,
-    tokenizer: Vec<u8>,
-    metrics: Vec<u8>,
-    is_there: bool,
-}
-
-impl Writer {
-    /// For a new folder.
-    ///
-    /// # Errors
-    /// A folder that is there.
-    pub fn new(folder: &Path, tokenizer: &Tokenizer) -> Result<Writer> {
-        if fs::symlink_metadata(folder).is_ok() {
-            let help = "give another --out, or remove it";
-            return Err(Error::file(folder, "something is there", "no such folder", help));
-        }
-        let tokenizer = tokenizer.to_json().into_bytes();
-        Ok(Writer { folder: folder.into(), tokenizer, metrics: Vec::new(), is_there: false })
-    }
-
-    /// Adds a line to `metrics.jsonl`, which is written with the first weights, then at every line.
-    ///
-    /// # Errors
-    /// What the system refuses.
-    pub fn tell(&mut self, line: &impl Serialize) -> Result<()> {
-        self.metrics.extend(serde_json::to_vec(line).map_err(|e| Error::Call(e.to_string()))?);
-        self.metrics.push(b'\n');
-        match self.is_there {
-            true => files::write_whole(&self.folder.join(METRICS), &self.metrics),
-            false => Ok(()),
-        }
-    }
-
-    /// Makes these weights the classifier: whole, or those before them stay.
-    ///
-    /// # Errors
-    /// What the system refuses.
-    pub fn write(&mut self, mut about: About, tensors: &BTreeMap<String, Tensor>) -> Result<()> {
-        let bytes = weights::to_bytes(tensors.iter().map(|(name, t)| (name.as_str(), t)))?;
-        let name = format!("model-{:08}.safetensors", about.step);
-        about.weights = (name.clone(), FileRecord::of(&bytes));
-        let json = serde_json::to_vec_pretty(&about).map_err(|e| Error::Call(e.to_string()))?;
-        if !self.is_there {
-            let (tokenizer, metrics) = (self.tokenizer.clone(), self.metrics.clone());
-            let all = [(TOKENIZER, tokenizer), (METRICS, metrics), (name.as_str(), bytes), (ABOUT, json)];
-            files::write_folder(&self.folder, &all)?;
-            self.is_there = true;
-            return Ok(());
-        }
-        files::write_whole(&self.folder.join(&name), &bytes)?;
-        files::write_whole(&self.folder.join(ABOUT), &json)?;
-        for entry in fs::read_dir(&self.folder).map_err(Error::io(&self.folder))?.flatten() {
-            let other = entry.file_name();
-            let other = other.to_string_lossy();
-            if other.starts_with("model-") && *other != *name {
-                // nothing names it any more
-                let _ = fs::remove_file(entry.path());
-            }
-        }
-        Ok(())
-    }
+    fields.0.iter().map(one).collect()
 }

@@ -2,12 +2,14 @@
 
 use super::fields::Fields;
 use crate::Result;
-use crate::model::fast::{ClassRow, Fast, Losses, Windows};
+use crate::model::fast::{ClassRow, Fast, Losses, Windows, named};
 use crate::model::layout::{Init, Parameter};
 use crate::model::{Dropout, Scores};
 use crate::train::TrainConfig;
-use crate::train::learner::{clip_share, not_finite};
-use candle_core::{Device, Tensor};
+use crate::train::adamw::MOMENTS;
+use crate::train::fast::fill;
+use crate::train::learner::{clip_share, in_order, not_finite};
+use candle_core::Tensor;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::op::adamw::{self, Step};
 use rayon::prelude::*;
@@ -20,11 +22,13 @@ pub(super) fn head_name(field: &str) -> String {
 
 /// Heads before training: normal numbers of the model's own spread, (classes, D) each.
 pub(super) fn first_heads(fields: &Fields, width: usize, seed: u64) -> Vec<Floats> {
-    let one = |field: &super::Field| {
-        let (name, shape) = (head_name(&field.name), vec![field.classes.len(), width]);
-        Floats::of(&Parameter { name, shape, init: Init::Normal(0.02), decays: true }.initial(seed))
-    };
-    fields.0.iter().map(one).collect()
+    fields.0.iter().map(|field| Floats::of(&head(field, width).initial(seed))).collect()
+}
+
+/// A field's head among the parameters.
+fn head(field: &super::Field, width: usize) -> Parameter {
+    let (name, shape) = (head_name(&field.name), vec![field.classes.len(), width]);
+    Parameter { name, shape, init: Init::Normal(0.02), decays: true }
 }
 
 /// What learns: the model's tensors at one rate, the heads and the class tokens, which begin with nothing, at another.
@@ -120,13 +124,45 @@ impl Learner {
     ///
     /// # Errors
     /// None in practice.
-    pub fn tensors(&mut self, fields: &Fields) -> Result<BTreeMap<String, Tensor>> {
+    pub fn tensors(&self, fields: &Fields) -> Result<BTreeMap<String, Tensor>> {
         let mut all = self.model.tensors()?;
-        let width = Scores::config(&self.model).width;
-        for (field, head) in fields.0.iter().zip(&self.heads) {
-            let shape = (field.classes.len(), width);
-            all.insert(head_name(&field.name), Tensor::from_slice(head, shape, &Device::Cpu)?);
+        all.extend(self.of_heads(fields, &self.heads)?);
+        Ok(all)
+    }
+
+    /// The optimizer's moments by name.
+    ///
+    /// # Errors
+    /// None in practice.
+    pub fn moments(&self, fields: &Fields) -> Result<BTreeMap<String, Tensor>> {
+        let mut all = BTreeMap::new();
+        for (prefix, [of_model, of_heads]) in MOMENTS.iter().zip([&self.first, &self.second]) {
+            let mut tensors = named(self.model.parameters(), of_model)?;
+            tensors.extend(self.of_heads(fields, of_heads)?);
+            all.extend(tensors.into_iter().map(|(name, tensor)| (format!("{prefix}.{name}"), tensor)));
         }
         Ok(all)
+    }
+
+    /// Takes back what [`Learner::moments`] gave after so many updates.
+    ///
+    /// # Errors
+    /// Tensors that are missing or of another shape.
+    pub fn restore(&mut self, fields: &Fields, moments: &BTreeMap<String, Tensor>, updates: u64) -> Result<()> {
+        let width = Scores::config(&self.model).width;
+        let heads: Vec<Parameter> = fields.0.iter().map(|field| head(field, width)).collect();
+        for (prefix, [of_model, of_heads]) in MOMENTS.iter().zip([&mut self.first, &mut self.second]) {
+            let name = |p: &Parameter| format!("{prefix}.{}", p.name);
+            fill(of_model, &in_order("optimizer", self.model.parameters(), moments, name)?)?;
+            fill(of_heads, &in_order("optimizer", &heads, moments, name)?)?;
+        }
+        self.updates = updates;
+        Ok(())
+    }
+
+    fn of_heads(&self, fields: &Fields, numbers: &[Floats]) -> Result<BTreeMap<String, Tensor>> {
+        let width = Scores::config(&self.model).width;
+        let heads: Vec<Parameter> = fields.0.iter().map(|field| head(field, width)).collect();
+        named(&heads, numbers)
     }
 }

@@ -23,6 +23,7 @@ pub mod report;
 mod tests;
 pub mod train;
 pub mod windows;
+mod work;
 
 pub use eval::{Named, name_clips};
 pub use fields::{Field, Fields, Only};

@@ -12,7 +12,7 @@ use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use rand_chacha::rand_core::RngCore;
 use std::fs;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Clips that rise or fall (`way`), in codes that are low or high (`place`); the last of 24 train clips has no `place`.
 fn corpus(dir: &Path) -> Corpus {
@@ -70,7 +70,7 @@ fn trained(
     name: &str,
 ) -> Result<Summary, String> {
     let out = dir.join(name);
-    train(run, corpus, options, &out, &AtomicBool::new(false), &mut |_| ()).map_err(|e| e.to_string())
+    train(run, corpus, options, (&out, false), &AtomicBool::new(false), &mut |_| ()).map_err(|e| e.to_string())
 }
 
 #[test]
@@ -101,6 +101,44 @@ fn class_tokens_learn_what_motion_shows_and_the_folder_says_the_same() {
     one.install(|| trained(dir.path(), &run, &corpus, &options(), "d")).unwrap();
     let weights = |name: &str| fs::read(dir.path().join(name).join(&classifier.about.weights.0)).unwrap();
     assert!(weights("c") == weights("d"));
+}
+
+#[test]
+fn nothing_has_the_final_name_before_the_end_and_a_training_that_was_cut_goes_on_to_the_same_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    let (corpus, run) = (corpus(dir.path()), run(dir.path()));
+    let options = TrainOptions { steps: 30, eval_every: 8, ..options() };
+    trained(dir.path(), &run, &corpus, &options, "straight").unwrap();
+    let (out, work) = (dir.path().join("cut"), dir.path().join("cut.training"));
+    let go = |options: &TrainOptions, resume: bool, most: u64| {
+        let stop = AtomicBool::new(most == 0);
+        train(&run, &corpus, options, (&out, resume), &stop, &mut |told| {
+            stop.store(told.step >= most, Ordering::Relaxed)
+        })
+        .map_err(|e| e.to_string())
+    };
+    assert!(go(&options, true, 99).unwrap_err().contains("leave --resume out to begin one"));
+    // between measurements and at one
+    for (resume, most, step) in [(false, 0, 1), (true, 0, 2), (true, 16, 16)] {
+        let done = go(&options, resume, most).unwrap();
+        assert_eq!((done.step, done.stopped, out.exists()), (step, true, false));
+    }
+    assert!(go(&options, false, 99).unwrap_err().contains("the same call with --resume goes on"));
+    let other = TrainOptions { rate: 1e-4, ..options.clone() };
+    let message = go(&other, true, 99).unwrap_err();
+    assert!(message.contains("found rate = 0.0001 asked for, expected rate = 0.003, as begun"), "{message}");
+    let done = go(&options, true, 99).unwrap();
+    assert_eq!((done.step, done.stopped, work.exists()), (30, false, false));
+    let files = |name: &str| {
+        let entries = fs::read_dir(dir.path().join(name)).unwrap().map(|e| e.unwrap());
+        let mut all: Vec<_> = entries.map(|e| (e.file_name(), fs::read(e.path()).unwrap())).collect();
+        all.sort();
+        all
+    };
+    let names: Vec<_> = files("cut").into_iter().map(|(name, _)| name).collect();
+    assert_eq!(names.len(), 4, "{names:?}");
+    assert!(files("cut") == files("straight"));
+    assert!(go(&options, true, 99).unwrap_err().contains("something is there"));
 }
 
 #[test]

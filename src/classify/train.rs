@@ -3,9 +3,10 @@
 use super::batches::Batches;
 use super::eval::{Named, Source, read_windows};
 use super::fields::{self, Field, Fields, Only};
-use super::folder::{About, Writer, grown};
+use super::folder::{About, grown, heads};
 use super::learner::{Learner, first_heads};
 use super::windows::Layout;
+use super::work::{Asked, Saved, Work};
 use crate::corpus::{ClipRecord, Corpus, FileRecord, Split};
 use crate::model::fast::{Fast, Losses};
 use crate::model::{Dropout, LoadedRun, layout};
@@ -16,13 +17,13 @@ use crate::{Error, Result, random};
 use candle_core::Tensor;
 use kinelm_tokenizer::Tokenizer;
 use rand_chacha::rand_core::RngCore;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What to learn, from what.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrainOptions {
     /// The label fields to tell.
     pub fields: Vec<String>,
@@ -113,6 +114,8 @@ pub struct Summary {
     pub clips: usize,
     /// Windows of those.
     pub windows: usize,
+    /// Updates done.
+    pub step: u64,
     /// The step whose weights were kept.
     pub best: u64,
     /// Its validation figures.
@@ -121,24 +124,41 @@ pub struct Summary {
     pub stopped: bool,
 }
 
+/// Where a training stands after an update.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub(super) struct Standing {
+    /// Updates done.
+    pub step: u64,
+    /// Lines of `metrics.jsonl`.
+    pub told: usize,
+    /// The best measurement's step and -ln p.
+    best: u64,
+    valid_nats: Option<f64>,
+    /// Measurements since.
+    worse: u64,
+    averages: Averages,
+}
+
 /// Trains a classifier and writes it to the new folder `out`. It works on the rayon pool that it is called in; the number of
 /// threads changes nothing. Where there are validation clips the weights with the lowest -ln p of their classes are kept,
 /// else the last.
 ///
+/// Until it is done, `out` with `.training` behind it holds all that is needed to go on: with `resume` a training that was
+/// stopped or killed does, and has the bytes of one that was not.
+///
 /// # Errors
-/// A folder that is there; fields, classes or clips that aren't; a corpus of another tokenizer; a loss that is not finite;
-/// what the system refuses.
+/// A folder that is there; nothing, or something else, to go on with; fields, classes or clips that aren't; a corpus of
+/// another tokenizer; a loss that is not finite; what the system refuses.
 pub fn train(
     run: &LoadedRun,
     corpus: &Corpus,
     options: &TrainOptions,
-    out: &Path,
+    (out, resume): (&Path, bool),
     stop: &AtomicBool,
     tell: &mut dyn FnMut(&Told),
 ) -> Result<Summary> {
     check(options)?;
     let tokenizer = run_tokenizer(run, corpus)?;
-    let mut writer = Writer::new(out, &tokenizer)?;
     let clips = fields::clips(corpus, &options.only)?;
     let fields = Fields::of(corpus, &clips, &options.fields)?;
     let layout = Layout::new(&run.config, &run.tokens, fields.len())?;
@@ -146,51 +166,70 @@ pub fn train(
     let fields = fields.counted(&learned);
     let mut batches = Batches::new(corpus, learned, &fields, &layout, options);
     let valid: Vec<&ClipRecord> = clips.iter().copied().filter(|c| c.split == Split::Valid).collect();
-    let model = Fast::from_tensors(&run.config, &grown(&run.tokens, &fields), first_weights(run, &fields, options)?)?;
-    let heads = first_heads(&fields, run.config.width, options.seed);
-    let mut learner = Learner::new(model, heads, run.tokens.vocabulary as u32);
+    let asked = Asked {
+        weights: run.weights_sha256(),
+        corpus: corpus.hash().into(),
+        tokenizer: tokenizer.hash(),
+        options: options.clone(),
+    };
+    let (mut work, saved) = Work::open(out, &tokenizer, &asked, resume)?;
+    let (mut learner, mut standing) = match saved {
+        Some(saved) => go_on(run, &fields, saved, out)?,
+        None => (begin(run, &fields, options)?, Standing::default()),
+    };
     let about = about(run, &tokenizer, &fields, options);
     let train = options.schedule();
-    let mut summary = Summary {
-        fields: fields.clone(),
-        clips: batches.clips(),
-        windows: batches.windows(),
-        best: 0,
-        valid_nats: None,
-        stopped: false,
-    };
-    let mut averages = Averages::default();
-    let mut worse = 0;
-    for step in 0..options.steps {
+    let is_over = |s: &Standing| s.step >= options.steps || (options.patience > 0 && s.worse >= options.patience);
+    let mut stopped = false;
+    while !is_over(&standing) && !stopped {
+        let (step, now) = (standing.step, rate(&train, standing.step));
         let numbers = batches.batch(step);
         let (share, seed) = (run.config.dropout, options.seed);
         let dropout = (share > 0.0).then_some(Dropout { share, seed, step, first: 0 });
-        let now = rate(&train, step);
         let rates = [now, now / options.rate * options.head_rate];
         let counted = numbers.targets.iter().filter(|&&t| t != run.tokens.pad).count();
         let found = learner.step(numbers.as_batch(&layout), dropout.as_ref(), &train, rates);
-        averages.add(found.map_err(|e| failed(e, step, out))?, counted);
-        summary.stopped = stop.load(Ordering::Relaxed);
-        let last = step + 1 == options.steps || summary.stopped;
-        if !last && (step + 1) % options.eval_every.max(1) != 0 {
-            continue;
+        standing.averages.add(found.map_err(|e| failed(e, step, out))?, counted);
+        standing.step = step + 1;
+        let measures = standing.step == options.steps || standing.step.is_multiple_of(options.eval_every.max(1));
+        if measures {
+            let measured = measure(&mut learner, &layout, options.compat, corpus, &valid, &fields)?;
+            let told = standing.measured(measured);
+            work.tell(&told)?;
+            tell(&told);
+            if standing.best == told.step {
+                let about = About { step: told.step, valid_nats: told.valid_nats, ..about.clone() };
+                work.better(about, &learner.tensors(&fields)?)?;
+            }
         }
-        let measured = measure(&mut learner, &layout, options.compat, corpus, &valid, &fields)?;
-        let told = averages.told(step + 1, measured);
-        writer.tell(&told)?;
-        tell(&told);
-        if summary.better(&told) {
-            worse = 0;
-            let about = About { step: told.step, valid_nats: told.valid_nats, ..about.clone() };
-            writer.write(about, &learner.tensors(&fields)?)?;
-        } else {
-            worse += 1;
-        }
-        if summary.stopped || (options.patience > 0 && worse >= options.patience) {
-            break;
+        stopped = stop.load(Ordering::Relaxed) && !is_over(&standing);
+        if measures || stopped {
+            work.save(&standing, &learner.tensors(&fields)?, &learner.moments(&fields)?)?;
         }
     }
-    Ok(summary)
+    if !stopped {
+        work.finish()?;
+    }
+    let Standing { step, best, valid_nats, .. } = standing;
+    let (clips, windows) = (batches.clips(), batches.windows());
+    Ok(Summary { fields: fields.clone(), clips, windows, step, best, valid_nats, stopped })
+}
+
+/// What learns, before the first update.
+fn begin(run: &LoadedRun, fields: &Fields, options: &TrainOptions) -> Result<Learner> {
+    let model = Fast::from_tensors(&run.config, &grown(&run.tokens, fields), first_weights(run, fields, options)?)?;
+    let heads = first_heads(fields, run.config.width, options.seed);
+    Ok(Learner::new(model, heads, run.tokens.vocabulary as u32))
+}
+
+/// What learns, where it stood.
+fn go_on(run: &LoadedRun, fields: &Fields, saved: Saved, out: &Path) -> Result<(Learner, Standing)> {
+    let Saved { standing, mut tensors, moments } = saved;
+    let heads = heads(out, fields, run.config.width, &mut tensors)?;
+    let model = Fast::from_tensors(&run.config, &grown(&run.tokens, fields), tensors)?;
+    let mut learner = Learner::new(model, heads, run.tokens.vocabulary as u32);
+    learner.restore(fields, &moments, standing.step)?;
+    Ok((learner, standing))
 }
 
 /// What the folder says of itself, before the first update.
@@ -220,7 +259,7 @@ fn failed(e: Error, step: u64, out: &Path) -> Error {
 }
 
 /// Losses since they were last told.
-#[derive(Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 struct Averages {
     updates: u32,
     tokens: f64,
@@ -244,17 +283,20 @@ impl Averages {
     }
 }
 
-impl Summary {
-    /// Whether a measurement is better than those before, which it then stands for; without validation clips every one is.
-    fn better(&mut self, told: &Told) -> bool {
+impl Standing {
+    /// A measurement's line. It stands for the best if it is better than those before; without validation clips every one is.
+    fn measured(&mut self, measured: Option<(f64, f64)>) -> Told {
+        let told = self.averages.told(self.step, measured);
+        self.told += 1;
         let better = match (told.valid_nats, self.valid_nats) {
             (Some(now), Some(before)) => now < before,
             _ => true,
         };
-        if better {
-            (self.best, self.valid_nats) = (told.step, told.valid_nats);
+        match better {
+            true => (self.best, self.valid_nats, self.worse) = (told.step, told.valid_nats, 0),
+            false => self.worse += 1,
         }
-        better
+        told
     }
 }
 

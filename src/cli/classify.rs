@@ -33,7 +33,7 @@ pub struct TrainArgs {
     /// The label fields to tell, such as genre,dancer
     #[arg(long, value_name = "LIST", value_delimiter = ',', required = true, value_parser = clap::builder::NonEmptyStringValueParser::new())]
     fields: Vec<String>,
-    /// Where the classifier goes: a new folder
+    /// Where the classifier goes: a new folder, which is there when it is done
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Look only at clips with this label; may be given again
@@ -72,6 +72,9 @@ pub struct TrainArgs {
     /// The seed of all that is drawn
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
+    /// Go on with a training that was stopped or killed, asked for by the same call
+    #[arg(long)]
+    resume: bool,
 }
 
 #[derive(Debug, clap::Args)]
@@ -142,7 +145,7 @@ fn trained(args: TrainArgs, say: Say) -> Result<()> {
         seed: args.seed,
     };
     let stop = super::pretrain::stop_on_ctrl_c()?;
-    let done = train(&run, &corpus, &options, &args.out, &stop, &mut |told| {
+    let done = train(&run, &corpus, &options, (&args.out, args.resume), &stop, &mut |told| {
         let valid = match (told.valid_nats, told.valid_accuracy) {
             (Some(nats), Some(right)) => format!("; validation {nats:.3}, {:.1} % of windows right", 100.0 * right),
             _ => String::new(),
@@ -161,15 +164,16 @@ fn trained(args: TrainArgs, say: Say) -> Result<()> {
         let many: Vec<String> = field.classes.iter().zip(&field.clips).map(|(c, n)| format!("{c} {n}")).collect();
         say.line(format_args!("{}: training clips of {}", field.name, many.join(", ")));
     }
+    if done.stopped {
+        let what = format!("stopped after step {}; the same call with --resume goes on", done.step);
+        return Err(super::Stopped(what).into());
+    }
     let (clips, windows, best) = (done.clips, done.windows, done.best);
     say.line(format_args!(
         "{}: learned from {windows} windows of {clips} clips, weights of step {best}",
         args.out.display()
     ));
-    match done.stopped {
-        true => Err(super::Stopped(format!("stopped; {} holds what was best so far", args.out.display())).into()),
-        false => Ok(()),
-    }
+    Ok(())
 }
 
 fn measured(args: &EvalArgs, say: Say) -> Result<()> {

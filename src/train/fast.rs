@@ -162,7 +162,10 @@ impl Learner for FastLearner {
 }
 
 /// Copies tensors into buffers.
-fn fill(buffers: &mut [Floats], tensors: &[Tensor]) -> Result<()> {
+///
+/// # Errors
+/// Tensors that are not f32.
+pub fn fill(buffers: &mut [Floats], tensors: &[Tensor]) -> Result<()> {
     for (buffer, tensor) in buffers.iter_mut().zip(tensors) {
         buffer.copy_from_slice(&tensor.flatten_all()?.to_vec1::<f32>()?);
     }

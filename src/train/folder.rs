@@ -56,7 +56,11 @@ impl RunFolder {
         RunFolder::locked(run)
     }
 
-    fn locked(run: &Path) -> Result<RunFolder> {
+    /// Any folder of one writer.
+    ///
+    /// # Errors
+    /// Another process that writes it; what the system refuses.
+    pub fn locked(run: &Path) -> Result<RunFolder> {
         let path = run.join(LOCK);
         let file = OpenOptions::new().create(true).truncate(false).read(true).write(true).open(&path);
         let mut file = file.map_err(Error::io(&path))?;

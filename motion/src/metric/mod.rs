@@ -5,6 +5,7 @@
 //! same bits whatever the number of threads.
 
 pub mod border_jerk;
+pub mod floor;
 pub mod geodesic_error;
 pub mod jitter;
 pub mod mpjpe;
@@ -12,6 +13,7 @@ pub mod short_term;
 pub mod vector_angle;
 
 pub use border_jerk::BorderJerk;
+pub use floor::{Feet, Floor, floor};
 pub use geodesic_error::GeodesicError;
 pub use jitter::jitter;
 pub use mpjpe::Mpjpe;

@@ -7,7 +7,9 @@ use kinelm::corpus::{Corpus, Split, gather};
 use kinelm::evaluate::likelihood::likelihood;
 use kinelm::evaluate::{Baselines, CodeSplits, measure};
 use kinelm::files::write_whole;
-use kinelm::generate::prompt::{self, Prompt, RestJoints};
+use kinelm::generate::place::{Led, Place};
+use kinelm::generate::prompt::{self, Prompt};
+use kinelm::generate::rest::RestJoints;
 use kinelm::generate::sampling::Draw;
 use kinelm::generate::{NextToken, Plan, dance, reader};
 use kinelm::model::{Reading, Which, load_run};
@@ -15,7 +17,7 @@ use kinelm::train::{CorpusPart, PretrainOptions, TrainFile};
 use kinelm::view::{Figure, write_page};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::{Clip, joints, synth};
-use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{Rest, Tokenizer, TokenizerConfig};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -150,13 +152,19 @@ fn generate(model: &mut dyn NextToken, tokenizer: &Tokenizer, prompt: &Prompt, s
     let plan = Plan { given: &given, prompt: &ids, ..plan };
     let danced = dance(model, &plan, &mut |_| {})?;
     let words = tokenizer.words_of_ids(&danced).words;
-    Ok(prompt.decode(tokenizer, &words, RestJoints::Identity)?)
+    let danced = prompt.decode(tokenizer, &words, RestJoints::Follow, frames)?;
+    put(&danced, prompt)
+}
+
+/// A clip whose root is the prompt's, where the prompt stands.
+fn put(clip: &Clip, prompt: &Prompt) -> Result<Clip> {
+    let place = Place::of(&prompt.clip).context("the prompt has no frames")?;
+    Ok(place.put(clip, Led { place: true, heading: true })?)
 }
 
 /// The prompt as the model sees it beside what it made of the root and the right arm.
 fn page(path: &Path, name: &str, tokenizer: &Tokenizer, prompt: &Prompt, danced: &Clip) -> Result<()> {
-    let seen = prompt.decode(tokenizer, &prompt.words, RestJoints::Identity)?;
-    let seen = seen.slice(0..danced.frames());
+    let seen = put(&tokenizer.decode(&prompt.words, Rest::Clip(&prompt.clip))?, prompt)?.slice(0..danced.frames());
     let followed = joints::parse(FOLLOWED)?.joints;
     let figures = [
         Figure::new(name, &seen).note("a test dance, never trained on").forced(&followed),

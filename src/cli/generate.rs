@@ -3,14 +3,16 @@
 use super::{ComputeArgs, ReadingArgs, Say, WrongCall, draw::DrawArgs, read::ReadArgs};
 use anyhow::{Context, Result};
 use kinelm::corpus::load::{hash_file, load_clip};
+use kinelm::generate::apart::{apart, free_between};
 use kinelm::generate::make::{Followed, Ready};
-use kinelm::generate::prompt::{self, RestJoints};
+use kinelm::generate::prompt;
 use kinelm::generate::provenance::{self, Provenance};
 use kinelm::generate::recipe::{Computing, PromptRecipe, Recipe, Rig};
+use kinelm::generate::rest::RestJoints;
 use kinelm::generate::variation_seed;
 use kinelm::model::Which;
 use kinelm_motion::format::{self, RestFrame};
-use kinelm_motion::{Motion, joints};
+use kinelm_motion::{Motion, joints, smpl};
 use kinelm_tokenizer::{Tokenizer, Words};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -58,9 +60,9 @@ pub struct Args {
     /// The rig the dance is written on: the model's (SMPL-24), or the prompt's own
     #[arg(long, value_enum, default_value = "model", requires_if("prompt", "prompt"))]
     rig: RigArg,
-    /// What the joints do that the model doesn't know
-    #[arg(long, value_enum, default_value = "identity", requires_ifs([("prompt", "prompt"), ("mean", "prompt")]))]
-    rest_joints: RestArg,
+    /// What the joints do that the model doesn't know; if not given, follow with a prompt, identity without
+    #[arg(long, value_enum, requires_ifs([("follow", "prompt"), ("prompt", "prompt"), ("mean", "prompt")]))]
+    rest_joints: Option<RestArg>,
     /// Free tokens that are guessed to be those of the word before, and verified in one read; changes no token.
     /// If not given, 8 with --greedy and none without: drawn tokens are too rarely those of the word before
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=64), hide_short_help = true)]
@@ -83,9 +85,11 @@ enum RigArg {
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum RestArg {
+    /// They move as in the prompt while its frames are followed, then go to their mean over half a second
+    Follow,
     /// They stand at rest
     Identity,
-    /// They move as in the prompt
+    /// They move as in the prompt, then hold its last frame
     Prompt,
     /// They hold their mean over the prompt
     Mean,
@@ -103,6 +107,7 @@ impl From<RigArg> for Rig {
 impl From<RestArg> for RestJoints {
     fn from(rest: RestArg) -> RestJoints {
         match rest {
+            RestArg::Follow => RestJoints::Follow,
             RestArg::Identity => RestJoints::Identity,
             RestArg::Prompt => RestJoints::Prompt,
             RestArg::Mean => RestJoints::Mean,
@@ -116,7 +121,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     check_out(&args)?;
     let recipe = recipe(&args)?;
-    let ready = load(recipe, Which::Auto, say)?;
+    let mut ready = load(recipe, Which::Auto, say)?;
+    ready.stand_with_prompt();
     let outs = outs(&args)?;
     let danced = danced(&ready, outs.len(), args.guesses, say)?;
     for (i, (words, out)) in danced.iter().zip(&outs).enumerate() {
@@ -162,7 +168,12 @@ fn recipe(args: &Args) -> Result<Recipe> {
         seed: args.seed,
         draw: args.draw.get()?,
         rig: args.rig.into(),
-        rest_joints: args.rest_joints.into(),
+        rest_joints: match args.rest_joints {
+            Some(rest) => rest.into(),
+            None if args.prompt.is_some() => RestJoints::Follow,
+            None => RestJoints::Identity,
+        },
+        place: None,
         computing: Computing::new(args.compute.get(), reading.weights, reading.kv),
     })
 }
@@ -179,6 +190,11 @@ fn load(recipe: Recipe, which: Which, say: Say) -> Result<Ready> {
     super::warn(&prompt.clip.motion, say);
     if let Some(list) = &recipe.joints {
         say_not_followed(&ready.tokenizer, list, say)?;
+        say_free_between(&ready.tokenizer, prompt, list, say);
+    }
+    if prompt.clip.clipped > 0 {
+        let (n, path) = (prompt.clip.clipped, recipe.path.display());
+        say.line(format_args!("{path}: {n} numbers lie outside what the model codes; what follows them is late"));
     }
     let known = prompt.clip.frames();
     if !prompt.given.is_empty() && known < ready.frames {
@@ -278,6 +294,25 @@ fn say_not_followed(tokenizer: &Tokenizer, list: &str, say: Say) -> Result<()> {
     Ok(())
 }
 
+/// Free joints that move given ones, and the call that gives them too.
+fn say_free_between(tokenizer: &Tokenizer, prompt: &Followed, list: &str, say: Say) {
+    let between = free_between(tokenizer, prompt);
+    if between.is_empty() {
+        return;
+    }
+    let torso = joints::parse("torso").map(|s| s.joints).unwrap_or_default();
+    let (torso, others): (Vec<usize>, Vec<usize>) = between.iter().partition(|j| torso.contains(j));
+    let names = |joints: &[usize]| joints.iter().map(|&j| smpl::NAMES[j]).collect::<Vec<_>>();
+    let mut offer = vec!["root"];
+    offer.extend((!torso.is_empty()).then_some("torso"));
+    offer.extend(names(&others));
+    offer.extend(list.split(',').map(str::trim).filter(|part| !["root", "torso", "pelvis"].contains(part)));
+    let (free, offer) = (names(&between).join(", "), offer.join(","));
+    say.line(format_args!(
+        "{free}: free, and they move the given joints that hang on them; to give them too: --joints {offer}"
+    ));
+}
+
 fn check_out(args: &Args) -> Result<()> {
     let mut extension = String::new();
     for out in outs(args)? {
@@ -318,12 +353,16 @@ fn say_share_changed(
         bvh_position: recipe.read.bvh_position,
         ..Default::default()
     };
-    let (_, clip) = load_clip(out, &options, tokenizer.fps())?;
+    let (motion, clip) = load_clip(out, &options, tokenizer.fps())?;
     let again = tokenizer.encode(&clip)?.words;
     if let Some(share) = prompt::share_changed(words.codes(), again.codes(), &prompt.given, prompt.clip.words.len()) {
+        let apart = apart(tokenizer, prompt, recipe.read.map.as_deref(), &motion.clip)?;
+        let apart = apart
+            .map(|a| format!("; the given joints are {:.2} cm apart in the mean, {:.2} at most", a.mean_cm, a.most_cm));
         say.line(format_args!(
-            "read back from the prompt's rig, {:.4} % of the given characters differ",
-            100.0 * share
+            "read back from the prompt's rig, {:.4} % of the given characters differ{}",
+            100.0 * share,
+            apart.unwrap_or_default()
         ));
     }
     Ok(())

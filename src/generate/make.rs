@@ -1,13 +1,16 @@
 //! A recipe carried out: the model and the prompt read, the dances drawn, and put on a rig.
 
 use super::guidance::Guidance;
+use super::place::{Led, Place};
 use super::prompt::{self, Prompt};
 use super::recipe::{PromptRecipe, Recipe, Rig};
+use super::rest::{self, RestJoints};
 use super::{Danced, GUESSES, Plan, dances, reader};
 use crate::model::checkpoint::Checkpoints;
 use crate::model::{LoadedRun, Which, load_run};
 use crate::{Error, Result};
-use kinelm_motion::{Motion, joints};
+use kinelm_motion::joints::{self, Selection};
+use kinelm_motion::{Clip, Motion};
 use kinelm_tokenizer::{Rest, Tokenizer, Words};
 use std::path::Path;
 
@@ -33,10 +36,14 @@ pub struct Ready {
 pub struct Followed {
     /// The clip.
     pub clip: Prompt,
+    /// The joints that are followed.
+    pub selection: Option<Selection>,
     /// (C) places of a word; none if no joints are followed.
     pub given: Vec<bool>,
     /// Ids of the first words.
     pub beginning: Vec<u32>,
+    /// Frames of which something is followed: all if joints are, else those of the first words.
+    pub frames: usize,
 }
 
 /// Frames of a dance, at most: half a day at 20 frames a second, whose ids fit into memory.
@@ -78,6 +85,11 @@ impl Ready {
         Ok(Ready { recipe, run, tokenizer, prompt, frames, front, without })
     }
 
+    /// The dance is to stand where and as its prompt does, if it has one.
+    pub fn stand_with_prompt(&mut self) {
+        self.recipe.place = self.prompt.as_ref().and_then(|prompt| Place::of(&prompt.clip.clip));
+    }
+
     /// Draws `variations` dances side by side; guesses as [`Plan::guesses`]. `progress` is told the frames done.
     ///
     /// # Errors
@@ -110,14 +122,23 @@ impl Ready {
     /// # Errors
     /// Words that are not this tokenizer's, a rig that no skeleton map knows.
     pub fn motion(&self, words: &Words, out: &Path) -> Result<Motion> {
+        let clip = self.clip(words)?;
+        let Some((prompt, recipe)) = self.on_own_rig() else { return Ok(prompt::on_model_rig(out, clip)) };
+        let follows = self.recipe.rest_joints == RestJoints::Follow;
+        let base = follows.then(|| rest::settling(&prompt.clip.at_rate()?, prompt.frames)).transpose()?;
+        prompt.clip.on_own_rig(&clip, recipe.read.map.as_deref(), base.as_ref())
+    }
+
+    /// Words as a clip on the model's rig, where it is to stand.
+    fn clip(&self, words: &Words) -> Result<Clip> {
         let clip = match &self.prompt {
-            Some(prompt) => prompt.clip.decode(&self.tokenizer, words, self.recipe.rest_joints)?,
+            Some(prompt) => prompt.clip.decode(&self.tokenizer, words, self.recipe.rest_joints, prompt.frames)?,
             None => self.tokenizer.decode(words, Rest::Identity)?,
         };
         let clip = clip.slice(0..self.frames);
-        match self.on_own_rig() {
-            Some((prompt, recipe)) => prompt.clip.on_own_rig(&clip, recipe.read.map.as_deref()),
-            None => Ok(prompt::on_model_rig(out, clip)),
+        match (&self.prompt, self.recipe.place) {
+            (Some(prompt), Some(place)) => place.put(&clip, Led::by(prompt)),
+            _ => Ok(clip),
         }
     }
 
@@ -138,15 +159,19 @@ impl Followed {
         }
         let selection = recipe.joints.as_deref().map(joints::parse).transpose()?;
         let clip = Prompt::load(&recipe.path, &recipe.read, tokenizer)?;
-        let given = match (selection, &recipe.joints) {
+        let given = match (&selection, &recipe.joints) {
             (Some(selection), Some(list)) => {
-                prompt::given_places(tokenizer, &selection).map_err(|e| Error::Call(format!("--joints {list}: {e}")))?
+                prompt::given_places(tokenizer, selection).map_err(|e| Error::Call(format!("--joints {list}: {e}")))?
             }
             _ => Vec::new(),
         };
         let beginning = recipe.from_frame.map(|n| clip.beginning(tokenizer, n));
         let beginning = beginning.transpose().map_err(|e| Error::Call(format!("--from-frame: {e}")))?;
-        Ok(Followed { clip, given, beginning: beginning.unwrap_or_default() })
+        let frames = match recipe.from_frame {
+            Some(n) if given.is_empty() => n,
+            _ => clip.frames(),
+        };
+        Ok(Followed { clip, selection, given, beginning: beginning.unwrap_or_default(), frames })
     }
 }
 

@@ -8,12 +8,15 @@
 //! Several dances can be drawn side by side, sharing every read of the model's weights. Each free place of each dance
 //! draws from a random stream of its own, so neither company nor guessing ahead changes what is drawn.
 
+pub mod apart;
 mod dance;
 pub mod guidance;
 pub mod make;
+pub mod place;
 pub mod prompt;
 pub mod provenance;
 pub mod recipe;
+pub mod rest;
 pub mod sampling;
 
 use crate::model::{Cache, Compute, Kind, LoadedRun, Reader, Reading};

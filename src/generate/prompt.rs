@@ -1,13 +1,14 @@
 //! A prompt: a clip in the user's own rig, as the model sees it, and the way back.
 
+use super::rest::{self, RestJoints};
 use crate::corpus::load::load_clip;
 use crate::{Error, Result};
 use kinelm_motion::format::ReadOptions;
 use kinelm_motion::joints::Selection;
+use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
-use kinelm_motion::{Clip, Motion, Quat, Source, smpl};
+use kinelm_motion::{Clip, Motion, Source, smpl};
 use kinelm_tokenizer::{Rest, Tokenizer, WordLength, Words};
-use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// A prompt clip, read.
@@ -19,19 +20,8 @@ pub struct Prompt {
     pub clip: Clip,
     /// Its words.
     pub words: Words,
-}
-
-/// What the joints that the model doesn't know do in a new dance.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RestJoints {
-    /// They stand at rest.
-    #[default]
-    Identity,
-    /// They move as in the prompt; where it has ended, they hold its last frame.
-    Prompt,
-    /// They hold their mean over the prompt.
-    Mean,
+    /// How many of its values lie outside what the tokenizer codes.
+    pub clipped: u64,
 }
 
 impl Prompt {
@@ -44,13 +34,21 @@ impl Prompt {
         if clip.frames() == 0 {
             return Err(Error::file(path, "no frames", "at least one", "give another prompt"));
         }
-        let words = tokenizer.encode(&clip)?.words;
-        Ok(Prompt { motion, clip, words })
+        let coded = tokenizer.encode(&clip)?;
+        Ok(Prompt { motion, clip, words: coded.words, clipped: coded.clipped })
     }
 
     /// P, its frames at the tokenizer's rate.
     pub fn frames(&self) -> usize {
         self.clip.frames()
+    }
+
+    /// On the user's rig at the tokenizer's rate.
+    ///
+    /// # Errors
+    /// None that a clip brings about which was read.
+    pub fn at_rate(&self) -> Result<Clip> {
+        Ok(resample(&self.motion.clip, self.clip.fps(), Method::Auto)?)
     }
 
     /// Ids of the words of the first `frames` frames, for a dance to begin with: no word that the clip's end would be in.
@@ -76,32 +74,46 @@ impl Prompt {
         Ok(tokenizer.ids_of_words(&words.slice(0..whole - unsettled))?)
     }
 
-    /// The clip of a new dance's words, the other joints as asked.
+    /// The clip of a new dance's words, the other joints as asked; `followed` frames of the prompt count for
+    /// [`RestJoints::Follow`].
     ///
     /// # Errors
     /// Words that are not this tokenizer's.
-    pub fn decode(&self, tokenizer: &Tokenizer, words: &Words, rest: RestJoints) -> Result<Clip> {
-        let mean;
+    pub fn decode(&self, tokenizer: &Tokenizer, words: &Words, rest: RestJoints, followed: usize) -> Result<Clip> {
+        let (mean, settling);
         let rest = match rest {
             RestJoints::Identity => Rest::Identity,
             RestJoints::Prompt => Rest::Clip(&self.clip),
             RestJoints::Mean => {
-                mean = mean_pose(&self.clip);
+                let pose = rest::mean_pose(&self.clip);
+                mean = std::array::from_fn(|j| pose[j]);
                 Rest::Pose(&mean)
+            }
+            RestJoints::Follow => {
+                settling = rest::settling(&self.clip, followed)?;
+                Rest::Clip(&settling)
             }
         };
         Ok(tokenizer.decode(words, rest)?)
     }
 
-    /// A dance on SMPL-24 put on the prompt's own rig, as it will be written.
+    /// A dance on SMPL-24 put on the prompt's own rig, as it will be written. Joints that no SMPL joint stands for move as
+    /// in `base`, a clip on that rig, or stand at rest.
     ///
     /// # Errors
     /// A rig that no skeleton map knows.
-    pub fn on_own_rig(&self, dance: &Clip, map: Option<&str>) -> Result<Motion> {
-        let rig = self.motion.clip.skeleton();
-        let way = Retarget::new(rig, &retarget::map_for(rig, map)?, smpl::neutral())?;
-        let clip = way.to_rig(dance)?;
+    pub fn on_own_rig(&self, dance: &Clip, map: Option<&str>, base: Option<&Clip>) -> Result<Motion> {
+        let clip = self.way(map)?.to_rig_over(dance, base)?;
         Ok(Motion { clip, source: self.motion.source.clone(), ..self.motion.clone() })
+    }
+
+    /// The way between the prompt's own rig and SMPL-24.
+    ///
+    /// # Errors
+    /// A rig that no skeleton map knows.
+    pub fn way(&self, map: Option<&str>) -> Result<Retarget> {
+        let rig = self.motion.clip.skeleton();
+        Ok(Retarget::new(rig, &retarget::map_for(rig, map)?, smpl::neutral())?)
     }
 }
 
@@ -138,17 +150,6 @@ pub fn given_places(tokenizer: &Tokenizer, selection: &Selection) -> Result<Vec<
     Ok(given)
 }
 
-/// The mean of every joint's rotation, the signs made one.
-fn mean_pose(clip: &Clip) -> [Quat; 24] {
-    std::array::from_fn(|j| {
-        let first = clip.pose(0)[j];
-        let zero = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
-        let near = |f: usize| kinelm_motion::rotation::nearest_sign(clip.pose(f)[j], first);
-        let sum = (0..clip.frames()).fold(zero, |sum, f| sum + near(f));
-        if sum.length_squared() > 1e-12 { sum.normalize() } else { first }
-    })
-}
-
 /// The motion of a dance on the model's own rig.
 pub fn on_model_rig(path: &Path, clip: Clip) -> Motion {
     Motion { path: path.to_owned(), clip, source: Source::Plain, warnings: Vec::new() }
@@ -165,14 +166,5 @@ mod tests {
         assert_eq!(share_changed(&[1, 2, 3, 4], &[1, 2, 9, 4], &given, 2), Some(0.5));
         assert_eq!(share_changed(&[1, 2, 3, 4], &[1, 2], &given, 2), Some(0.5));
         assert_eq!(share_changed(&[1, 2], &[1, 2], &[false, false], 1), None);
-    }
-
-    #[test]
-    fn the_mean_of_two_turns_is_between_them() {
-        let turn = |a: f64| Quat::from_rotation_y(a);
-        let pose = |q: Quat| vec![q; 24];
-        let rotations = [pose(turn(0.2)), pose(-turn(0.6))].concat();
-        let clip = Clip::new(smpl::neutral(), 20.0, vec![Default::default(); 2], rotations).unwrap();
-        assert!(kinelm_motion::rotation::angle_between(mean_pose(&clip)[5], turn(0.4)) < 1e-9);
     }
 }

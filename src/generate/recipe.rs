@@ -1,6 +1,7 @@
 //! What decides a dance, as one value that a file can hold.
 
-use super::prompt::RestJoints;
+use super::place::Place;
+use super::rest::RestJoints;
 use super::sampling::Draw;
 use crate::model::{Compute, Reading};
 use crate::{Error, Result};
@@ -32,6 +33,9 @@ pub struct Recipe {
     pub rig: Rig,
     /// What the joints do that the model doesn't know.
     pub rest_joints: RestJoints,
+    /// Where the prompt stands and with it the dance; `None`: where the words leave it, at x = z = 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub place: Option<Place>,
     /// Where and how the model computes.
     pub computing: Computing,
 }

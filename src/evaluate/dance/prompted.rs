@@ -3,10 +3,10 @@
 use super::coordination::{Coordination, coordination};
 use super::report::Dance;
 use crate::Result;
-use crate::generate::prompt::{Prompt, RestJoints, given_places, share_changed};
+use crate::generate::prompt::{Prompt, given_places, share_changed};
 use crate::generate::recipe::PromptRecipe;
 use kinelm_motion::joints;
-use kinelm_tokenizer::Tokenizer;
+use kinelm_tokenizer::{Rest, Tokenizer};
 use serde::Serialize;
 
 /// What a dance made of the joints that it was given.
@@ -32,7 +32,7 @@ pub fn prompted(dance: &Dance, recipe: &PromptRecipe, tokenizer: &Tokenizer) -> 
     let selection = joints::parse(list)?;
     let places = given_places(tokenizer, &selection)?;
     let prompt = Prompt::load(&recipe.path, &recipe.read, tokenizer)?;
-    let seen = prompt.decode(tokenizer, &prompt.words, RestJoints::Identity)?;
+    let seen = tokenizer.decode(&prompt.words, Rest::Identity)?;
     let frames = dance.clip.frames().min(prompt.frames());
     let mismatch = share_changed(prompt.words.codes(), dance.words.codes(), &places, frames).unwrap_or(0.0);
     let joints = tokenizer.channels().joints().iter().copied();

@@ -1,5 +1,6 @@
 //! From a file's motion to the rig, rate and joints wanted.
 
+#[cfg(feature = "amass")]
 use crate::format::body_model::BodyModel;
 use crate::format::{self, ReadOptions};
 use crate::joints::Selection;
@@ -39,10 +40,11 @@ impl Rig {
                 "no rig {name_or_path:?}; expected smpl, a body model (SMPL_*.npz), or a motion file whose rig is meant"
             )));
         }
-        match BodyModel::load(path).and_then(|model| model.body(&[])) {
-            Ok(body) => Ok(Rig::Smpl(body.skeleton)),
-            Err(_) => Ok(Rig::Like(Box::new(format::read(path, options)?))),
+        #[cfg(feature = "amass")]
+        if let Ok(body) = BodyModel::load(path).and_then(|model| model.body(&[])) {
+            return Ok(Rig::Smpl(body.skeleton));
         }
+        Ok(Rig::Like(Box::new(format::read(path, options)?)))
     }
 }
 

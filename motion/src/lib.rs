@@ -9,8 +9,13 @@
 //!
 //! A [`Clip`] holds what motion *is*; what a file *says* and a clip has no place for (channel orders, units, names,
 //! line ends) travels in a [`Source`] beside it, and the two make a [`Motion`].
+//!
+//! **Features**: `amass` (`.npz`: AMASS, body models, places of joints) and `aist` (`.pkl`: AIST++) are on by default;
+//! `ndarray` gives views of rotations and places.
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "ndarray")]
+mod arrays;
 pub mod clip;
 pub mod convert;
 pub mod error;

@@ -1,16 +1,25 @@
 //! Motion files: found by name and first bytes, read into a [`Motion`], written back.
+//!
+//! BVH and JSON always; `.npz` by the feature `amass`, `.pkl` by `aist`. Without them these files are refused by name.
 
+#[cfg(feature = "aist")]
 pub mod aist;
+#[cfg(feature = "amass")]
 pub mod amass;
 pub mod atomic;
+#[cfg(feature = "amass")]
 pub mod body_model;
 pub mod bvh;
 pub mod json;
+#[cfg(feature = "amass")]
 pub mod npy;
+#[cfg(feature = "amass")]
 pub mod npz;
+#[cfg(feature = "amass")]
 pub mod pickle;
 pub mod positions;
 mod rest;
+#[cfg(feature = "amass")]
 mod smpl_arrays;
 
 pub(crate) use rest::looks_for_rest;
@@ -159,14 +168,27 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
     let bytes = std::fs::read(path).map_err(Error::io(path))?;
     let motion = match format {
         Format::Bvh => bvh::read(path, &bytes, options)?,
+        #[cfg(feature = "amass")]
         Format::Npz => skipped(amass::read(path, &bytes, options)?, options)?,
+        #[cfg(not(feature = "amass"))]
+        Format::Npz => return Err(left_out(path, "amass")),
+        #[cfg(feature = "aist")]
         Format::Pickle => skipped(aist::read(path, &bytes, options)?, options)?,
+        #[cfg(not(feature = "aist"))]
+        Format::Pickle => return Err(left_out(path, "aist")),
         Format::Json => match bvh::looks_like(&bytes) {
             "JSON" | "text" => skipped(json::read(path, &bytes, options)?, options)?,
             other => return Err(FileError::new(Place::file(path), Kind::NotThisFormat, other, "a clip as JSON").into()),
         },
     };
     Ok(rest::after_reading(motion, options))
+}
+
+/// The error of a format that this build leaves out.
+#[cfg(not(all(feature = "amass", feature = "aist")))]
+fn left_out(path: &Path, feature: &str) -> Error {
+    let expected = format!("a build of kinelm-motion with its feature `{feature}`");
+    FileError::new(Place::file(path), Kind::NotThisFormat, "a format that this build leaves out", expected).into()
 }
 
 /// An error of a name that says no format, with what the file looks like.
@@ -227,7 +249,10 @@ pub(crate) fn check_skip(path: &Path, skip: usize, frames: usize) -> Result<()> 
 pub fn write(path: &Path, motion: &Motion) -> Result<()> {
     match Format::of(path)? {
         Format::Bvh => bvh::write(path, motion),
+        #[cfg(feature = "amass")]
         Format::Npz => atomic::write(path, &amass::write(&motion.clip)?),
+        #[cfg(not(feature = "amass"))]
+        Format::Npz => Err(left_out(path, "amass")),
         Format::Json => atomic::write(path, &json::write(&motion.clip)),
         Format::Pickle => {
             let expected = "a .bvh, .npz or .json to write";

@@ -1,7 +1,11 @@
 //! Where every joint and end site is, frame by frame, for programs that want places and no rotations.
 
+#[cfg(feature = "amass")]
 use super::npz::{Values, Writer};
-use crate::{Clip, Error, Result, Vec3};
+use crate::{Clip, Vec3};
+#[cfg(feature = "amass")]
+use crate::{Error, Result};
+#[cfg(feature = "amass")]
 use std::path::Path;
 
 /// World positions of N joints and end sites over F frames.
@@ -51,6 +55,7 @@ impl Positions {
     ///
     /// # Errors
     /// [`crate::Error::Io`], and those of [`Positions::write`].
+    #[cfg(feature = "amass")]
     pub fn save(&self, path: &Path) -> Result<()> {
         super::atomic::write(path, &self.write()?)
     }
@@ -59,6 +64,7 @@ impl Positions {
     ///
     /// # Errors
     /// [`crate::Error::Call`] when the lengths don't fit each other.
+    #[cfg(feature = "amass")]
     pub fn write(&self) -> Result<Vec<u8>> {
         let n = self.joints.len();
         if let Some(i) = self.positions.iter().position(|p| !p.as_vec3().is_finite()) {

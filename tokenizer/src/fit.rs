@@ -3,8 +3,8 @@
 use crate::sample::Sample;
 use crate::scheme::uniform::UniformFit;
 use crate::scheme::walk::check_places;
-use crate::scheme::{Fitted, SchemeConfig, WordLength, check_skeleton};
-use crate::{Channels, Error, Result, Tokenizer, TokenizerConfig, Words, merges};
+use crate::scheme::{Fitted, SchemeConfig, WordLength, check_rate, check_skeleton};
+use crate::{Channels, Error, Result, Tokenizer, TokenizerConfig, Words};
 use kinelm_motion::Clip;
 
 /// What has been learnt so far. Clips may be added in any order, and parts of a corpus fitted apart and merged: the
@@ -35,6 +35,11 @@ impl Fit {
     /// [`Error::Setting`] for a setting outside its limits.
     pub fn new(config: TokenizerConfig) -> Result<Self> {
         config.validate()?;
+        #[cfg(not(feature = "merges"))]
+        if config.merges > 0 {
+            let expected = "0: this build leaves out kinelm-tokenizer's feature `merges`".into();
+            return Err(Error::Setting { field: "merges", found: config.merges.to_string(), expected });
+        }
         let channels = config.channels();
         let scheme = match &config.scheme {
             SchemeConfig::Uniform(c) if c.streams() => SchemeFit::Uniform(UniformFit::new(c.clone())),
@@ -119,19 +124,14 @@ fn learn_from_words(tokenizer: Tokenizer, sample: &[Clip], merges: u32) -> Resul
     }
     let merges = match merges {
         0 => Vec::new(),
-        n => merges::learn(&tokenizer.vocabulary, &words, n)?,
+        #[cfg(not(feature = "merges"))]
+        _ => Vec::new(), // refused by `Fit::new`
+        #[cfg(feature = "merges")]
+        n => crate::merges::learn(&tokenizer.vocabulary, &words, n)?,
     };
     let Tokenizer { config, fitted, .. } = tokenizer;
     let tokenizer = Tokenizer::new(config, fitted, &merges, 0)?;
     let ids = tokenizer.ids_of_words(&words)?;
     let longest = ids.split(|&id| id == crate::SPACE).map(<[u32]>::len).max().unwrap_or(0) + 1;
     Ok(Tokenizer { longest_word: longest, ..tokenizer })
-}
-
-/// Refuses a clip of another rate.
-pub(crate) fn check_rate(clip: &Clip, fps: f64) -> Result<()> {
-    if (clip.fps() - fps).abs() > 1e-9 * fps {
-        return Err(Error::Rate { found: clip.fps(), expected: fps });
-    }
-    Ok(())
 }

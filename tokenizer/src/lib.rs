@@ -21,7 +21,13 @@
 //! From the outside in: [`Tokenizer`] is the artefact on disk; a [`scheme`] turns clips into [`Words`] of codes (integers
 //! below the number of symbols) and back; [`alphabet`] names the character of a code; [`Vocabulary`] gives every
 //! character, merged, special and conditioning token its id; [`Grammar`] says which ids may stand at a place of a word.
+//!
+//! **Features**: `fit` ([`Fit`], [`Tokenizer::fit`]) brings a matrix library in, `merges` Hugging
+//! Face's trainer of byte-pair merges; both are on by default, and a fitted tokenizer needs neither to code and decode.
+//! `ndarray` gives views of codes.
 #![forbid(unsafe_code)]
+// what only learning asks for
+#![cfg_attr(not(feature = "fit"), allow(dead_code, unused_imports))]
 
 pub mod alphabet;
 mod artifact;
@@ -30,10 +36,12 @@ mod config;
 #[cfg(test)]
 mod contract;
 mod error;
+#[cfg(feature = "fit")]
 mod fit;
 mod grammar;
 mod merges;
 pub mod rate;
+#[cfg(feature = "fit")]
 mod sample;
 pub mod scheme;
 #[cfg(test)]
@@ -48,6 +56,7 @@ pub use artifact::{FORMAT_VERSION, MAX_FILE_BYTES};
 pub use channel::{Channel, Channels, RootRotation};
 pub use config::TokenizerConfig;
 pub use error::{Error, Result};
+#[cfg(feature = "fit")]
 pub use fit::Fit;
 pub use grammar::{Grammar, Place, PlaceIds};
 pub use scheme::dct::{DctConfig, Quantizer, Steps};

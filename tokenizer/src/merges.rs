@@ -3,10 +3,14 @@
 //! Merges are learnt by the trainer of Hugging Face's `tokenizers` (Sennrich et al. 2016) on the words of training clips,
 //! never across a space. Encoding is our own and gives the ids of their encoder.
 
+#[cfg(feature = "merges")]
 use crate::vocab::{FIRST_CHARACTER, Vocabulary};
+#[cfg(feature = "merges")]
 use crate::{Error, Result, Words, alphabet};
 use std::collections::HashMap;
+#[cfg(feature = "merges")]
 use tokenizers::Trainer;
+#[cfg(feature = "merges")]
 use tokenizers::models::bpe::{BPE, BpeTrainer};
 
 /// Pairs of ids and what they become, the first learnt first.
@@ -55,6 +59,7 @@ impl Merges {
 ///
 /// # Errors
 /// [`Error::Nothing`] with what the trainer said.
+#[cfg(feature = "merges")]
 pub(crate) fn learn(vocabulary: &Vocabulary, words: &Words, wanted: u32) -> Result<Vec<(u32, u32)>> {
     let failed = |e: String| Error::Nothing(format!("byte-pair merges: {e}"));
     let text = |word: &[u16]| word.iter().filter_map(|&k| alphabet::character(k.into())).collect::<String>();

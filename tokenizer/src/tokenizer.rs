@@ -1,12 +1,13 @@
 //! The tokenizer: settings, the fitted scheme, and the vocabulary.
 
-use crate::fit::check_rate;
+#[cfg(feature = "fit")]
+use crate::Fit;
 use crate::merges::Merges;
 use crate::scheme::quantile::Quantile;
 use crate::scheme::uniform::Uniform;
-use crate::scheme::{Encoded, Fitted, Rest, Scheme, WordLength, check_skeleton};
+use crate::scheme::{Encoded, Fitted, Rest, Scheme, WordLength, check_rate, check_skeleton};
 use crate::vocab::FIRST_CHARACTER;
-use crate::{Channels, Error, Fit, Grammar, PlaceIds, Result, TokenizerConfig, Vocabulary, Words, alphabet};
+use crate::{Channels, Error, Grammar, PlaceIds, Result, TokenizerConfig, Vocabulary, Words, alphabet};
 use kinelm_motion::Clip;
 use kinelm_motion::joints::Selection;
 
@@ -51,6 +52,7 @@ impl Tokenizer {
     ///
     /// # Errors
     /// Those of [`Fit::new`], [`Fit::add`] and [`Fit::finish`].
+    #[cfg(feature = "fit")]
     pub fn fit<'a>(clips: impl IntoIterator<Item = &'a Clip>, config: TokenizerConfig) -> Result<Self> {
         let mut fit = Fit::new(config)?;
         clips.into_iter().try_for_each(|clip| fit.add(clip))?;

@@ -79,6 +79,14 @@ impl Words {
         &self.codes[..self.ends.last().copied().unwrap_or(0)]
     }
 
+    /// (words, characters of a word) the codes, without a copy; `None` where words differ in length.
+    #[cfg(feature = "ndarray")]
+    pub fn view(&self) -> Option<ndarray::ArrayView2<'_, u16>> {
+        let length = self.iter().next().map_or(0, <[u16]>::len);
+        let even = self.iter().all(|word| word.len() == length);
+        even.then(|| ndarray::ArrayView2::from_shape((self.len(), length), self.codes()).expect("whole words"))
+    }
+
     /// Some of the words.
     ///
     /// # Panics
@@ -115,5 +123,16 @@ mod tests {
         assert_eq!(w.slice(1..1), Words::new());
         assert_eq!((w.length(), w.slice(0..1).length(), Words::new().length()), (None, Some(3), None));
         assert_eq!(Words::fixed(vec![1, 2, 3, 4], 2).slice(1..2), Words::fixed(vec![3, 4], 2));
+    }
+
+    #[cfg(feature = "ndarray")]
+    #[test]
+    fn a_view_is_of_words_of_one_length() {
+        let mut w = Words::fixed(vec![1, 2, 3, 4, 5, 6], 3);
+        let view = w.view().unwrap();
+        assert_eq!((view.shape(), view[(1, 2)]), (&[2, 3][..], 6));
+        w.push(&[7]);
+        assert_eq!(w.view(), None);
+        assert_eq!(Words::new().view().unwrap().shape(), [0, 0]);
     }
 }

@@ -382,6 +382,7 @@ impl DctTiles {
     ///
     /// # Errors
     /// [`Error::Nothing`] when no clip has a frame, [`Error::Frame`] for a place that can't be.
+    #[cfg(feature = "fit")]
     pub(crate) fn fit(config: &DctConfig, channels: &Channels, clips: &[Clip]) -> Result<DctTiles> {
         let clips: Vec<&Clip> = clips.iter().filter(|c| c.frames() > 0).collect();
         clips.iter().try_for_each(|clip| check_places(clip))?;

@@ -1,5 +1,6 @@
 //! The channels as fewer or less alike ones, before they are cut into bins or tiles.
 
+#[cfg(feature = "fit")]
 use crate::transform::{ica, pca};
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -88,6 +89,7 @@ impl Mix {
     ///
     /// # Panics
     /// When `data` isn't whole rows, or `weights` are another number.
+    #[cfg(feature = "fit")]
     pub fn fit(transform: &JointTransform, data: &[f64], channels: usize, weights: Option<&[f64]>) -> Result<Mix> {
         let scale = weights.map_or_else(|| vec![1.0; channels], <[f64]>::to_vec);
         assert_eq!(scale.len(), channels, "a weight a channel");

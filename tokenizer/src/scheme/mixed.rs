@@ -113,6 +113,7 @@ impl<S: Scale> Poses for Mixed<'_, S> {
 
 /// A joint transform fitted to the numbers of training poses, (N, `columns`), and their components, (N, K); `None` where
 /// the settings have none.
+#[cfg(feature = "fit")]
 pub(super) fn fit(transform: &JointTransform, rows: &mut [f64], columns: usize) -> Result<Option<(Mix, Vec<f64>)>> {
     if *transform == (JointTransform::None {}) {
         return Ok(None);

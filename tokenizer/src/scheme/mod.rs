@@ -84,6 +84,7 @@ impl Fitted {
     }
 
     /// What a sample of training frames teaches.
+    #[cfg(feature = "fit")]
     pub(crate) fn learnt(config: &SchemeConfig, channels: &Channels, clips: &[Clip]) -> Result<Self> {
         match config {
             SchemeConfig::Uniform(c) => Uniform::fit(c, channels, clips).map(Fitted::Uniform),
@@ -233,6 +234,14 @@ pub trait Scheme: Send + Sync {
     fn unsettled_words(&self) -> usize {
         0
     }
+}
+
+/// Refuses a clip of another rate.
+pub(crate) fn check_rate(clip: &Clip, fps: f64) -> Result<()> {
+    if (clip.fps() - fps).abs() > 1e-9 * fps {
+        return Err(Error::Rate { found: clip.fps(), expected: fps });
+    }
+    Ok(())
 }
 
 /// Refuses a clip that isn't on the 24 SMPL joints.

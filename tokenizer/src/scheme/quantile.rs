@@ -81,6 +81,7 @@ pub struct Quantile {
 
 impl Quantile {
     /// Learns from training clips on the 24 SMPL joints.
+    #[cfg(feature = "fit")]
     pub(crate) fn fit(config: &QuantileConfig, channels: &Channels, clips: &[Clip]) -> Result<Self> {
         let mut columns = Numbers::len(channels);
         let mut rows = Numbers::of_clips(channels, config.bins, clips);

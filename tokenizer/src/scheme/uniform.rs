@@ -132,6 +132,7 @@ impl Uniform {
     }
 
     /// Learns a joint transform, the ranges of its components and of the steps from training clips.
+    #[cfg(feature = "fit")]
     pub(crate) fn fit(config: &UniformConfig, channels: &Channels, clips: &[Clip]) -> Result<Self> {
         let columns = Numbers::len(channels);
         let mut rows = Numbers::of_clips(channels, config.bins, clips);

@@ -18,6 +18,7 @@
 //! channels, and what follows in place and turn by a constant. The last two words of a clip would read otherwise if it
 //! went on.
 
+#[cfg(feature = "fit")]
 mod fit;
 mod root;
 mod word;

@@ -8,6 +8,7 @@
 use crate::scheme::Fitted;
 use crate::vocab::Special;
 use crate::{Error, Result, Tokenizer, TokenizerConfig, Vocabulary};
+use kinelm_motion::Quat;
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 use serde_json::Value;
@@ -18,8 +19,12 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// The version of our part of the file.
-pub const FORMAT_VERSION: u64 = 2;
+/// The version of our part of the file. Version 2, which has no mean pose and no heights above the floor, is read too, and
+/// written again as it was.
+pub const FORMAT_VERSION: u64 = 3;
+
+/// The oldest version that is read.
+const OLDEST_VERSION: u64 = 2;
 
 /// Files larger than this are no tokenizer of ours, even with as many bins as there are characters.
 pub const MAX_FILE_BYTES: u64 = 64 << 20;
@@ -38,6 +43,9 @@ struct Own {
     merges: Vec<(u32, u32)>,
     longest_word: usize,
     conditioning: Vec<String>,
+    /// Of the joints that are not coded, by ascending id: x, y, z, w. Since version 3.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    mean_pose: Option<Vec<[f64; 4]>>,
 }
 
 /// The whole file, in the order it is written. Structs and not `json!`, whose order of keys hangs on a feature of
@@ -193,13 +201,14 @@ impl Tokenizer {
             decoder: Decoder {
                 r#type: "Fuse",
                 kinelm: Own {
-                    version: FORMAT_VERSION,
+                    version: if self.mean_pose.is_some() { FORMAT_VERSION } else { OLDEST_VERSION },
                     sha256: NO_HASH.into(),
                     config: self.config.clone(),
                     fitted: self.fitted.clone(),
                     merges: self.vocabulary.merges().to_vec(),
                     longest_word: self.longest_word,
                     conditioning: self.vocabulary.conditioning().to_vec(),
+                    mean_pose: self.mean_pose.map(|pose| uncoded(&self.config).map(|j| pose[j].to_array()).collect()),
                 },
             },
             model: Model {
@@ -257,11 +266,11 @@ impl Tokenizer {
             ));
         };
         match own.get("version") {
-            Some(v) if v.as_u64() == Some(FORMAT_VERSION) => {}
+            Some(v) if v.as_u64().is_some_and(|v| (OLDEST_VERSION..=FORMAT_VERSION).contains(&v)) => {}
             found => {
                 let found = found.map_or("none".into(), Value::to_string);
                 return Err(wrong(format!(
-                    "version {found} of the tokenizer's format, expected {FORMAT_VERSION}; fit it again with this program"
+                    "version {found} of the tokenizer's format, expected {OLDEST_VERSION} to {FORMAT_VERSION}; fit it again with this program"
                 )));
             }
         }
@@ -279,7 +288,9 @@ impl Own {
     fn build(self) -> Result<Tokenizer> {
         self.config.validate()?;
         let fitted = self.fitted.with_config(&self.config.scheme, &self.config.channels())?;
-        let mut tokenizer = Tokenizer::new(self.config, fitted, &self.merges, self.longest_word)?;
+        let mean_pose = self.mean_pose.map(|pose| mean_pose(&self.config, &pose)).transpose()?;
+        let tokenizer = Tokenizer::new(self.config, fitted, &self.merges, self.longest_word)?;
+        let mut tokenizer = Tokenizer { mean_pose, ..tokenizer };
         for token in &self.conditioning {
             let inner = token.strip_prefix('<').and_then(|t| t.strip_suffix('>')).and_then(|t| t.split_once(':'));
             let (field, value) = inner.unwrap_or((token, ""));
@@ -287,6 +298,31 @@ impl Own {
         }
         Ok(tokenizer)
     }
+}
+
+/// The joints that are not coded.
+fn uncoded(config: &TokenizerConfig) -> impl Iterator<Item = usize> + '_ {
+    (0..24).filter(|j| !config.joints.contains(j))
+}
+
+/// The pose (24) of a file's rotations.
+fn mean_pose(config: &TokenizerConfig, rotations: &[[f64; 4]]) -> Result<[Quat; 24]> {
+    let mut pose = [Quat::IDENTITY; 24];
+    let joints: Vec<usize> = uncoded(config).collect();
+    let unit = |q: &[f64; 4]| (Quat::from_array(*q).length_squared() - 1.0).abs() < 1e-9;
+    if rotations.len() != joints.len() || !rotations.iter().all(unit) {
+        return Err(Error::Setting {
+            field: "mean_pose",
+            found: format!(
+                "{} rotations, {} of them unit",
+                rotations.len(),
+                rotations.iter().filter(|q| unit(q)).count()
+            ),
+            expected: format!("{} unit quaternions, of the joints that are not coded", joints.len()),
+        });
+    }
+    joints.into_iter().zip(rotations).for_each(|(j, q)| pose[j] = Quat::from_array(*q));
+    Ok(pose)
 }
 
 fn check_hash(text: &str, found: &str) -> std::result::Result<(), String> {
@@ -341,13 +377,39 @@ mod tests {
     }
 
     #[test]
+    fn the_mean_pose_is_kept_and_version_2_has_none() {
+        let clip = bent(1, 40);
+        let t = Tokenizer::fit([&clip], TokenizerConfig::uniform(&[0, 4], 20.0, 60)).unwrap();
+        let pose = t.mean_pose().unwrap();
+        assert_eq!((pose[0], pose[4]), (Quat::IDENTITY, Quat::IDENTITY), "coded");
+        let off = |f: usize| kinelm_motion::rotation::angle_between(clip.pose(f)[16], pose[16]);
+        let far: Vec<f64> = (0..40).map(off).collect();
+        assert!(far.iter().all(|a| *a < 2.5) && far.iter().sum::<f64>() / 40.0 < 1.2, "{far:?}");
+        let back = Tokenizer::from_json(&t.to_json()).unwrap();
+        assert_eq!(back, t);
+        let words = t.encode(&clip).unwrap().words;
+        let decoded = back.decode(&words, back.rest()).unwrap();
+        assert_eq!((decoded.pose(3)[16], decoded.pose(39)[9]), (pose[16], pose[9]));
+        // as it was written before there was a mean pose
+        let old = Tokenizer { mean_pose: None, ..t };
+        let text = old.to_json();
+        assert!(text.contains("\"version\": 2,") && !text.contains("mean_pose"));
+        let old = Tokenizer::from_json(&text).unwrap();
+        assert_eq!((old.mean_pose(), old.to_json()), (None, text));
+        assert!(matches!(old.rest(), crate::Rest::Identity));
+        let all = TokenizerConfig { joints: (0..24).collect(), ..TokenizerConfig::default() };
+        let all = Tokenizer::fit([&clip], all).unwrap();
+        assert_eq!(Tokenizer::from_json(&all.to_json()).unwrap(), all);
+    }
+
+    #[test]
     fn what_is_not_ours_is_refused_with_a_reason() {
         let text = small().to_json();
         let error = |text: &str| Tokenizer::from_json(text).unwrap_err().to_string();
         assert!(error("").contains("no JSON"));
         assert!(error("{}").contains("no part of kinelm's"));
         assert!(
-            error(&text.replace("\"kinelm\": {\n      \"version\": 2", "\"kinelm\": {\n      \"version\": 1"))
+            error(&text.replace("\"kinelm\": {\n      \"version\": 3", "\"kinelm\": {\n      \"version\": 1"))
                 .contains("version 1")
         );
         assert!(error(&text.replace("\"bins\": 60", "\"bins\": 61")).contains("changed since"));
@@ -368,6 +430,9 @@ mod tests {
         assert!(forged("\"bins\": 60", "\"bins\": 0").contains("bins"));
         assert!(forged("\"fps\": 20.0", "\"fps\": -1.0").contains("fps"));
         assert!(forged("\"zero\": ", "\"zero\": 6").contains("zero"));
+        assert!(forged("\"version\": 3", "\"version\": 2").contains("not what its settings give"));
+        let mean = format!("{:?}", small().mean_pose().unwrap()[1].w);
+        assert!(forged(&mean, "7.0").contains("mean_pose"));
         assert!(forged("\"conditioning\": []", "\"conditioning\": [\"<pad>\"]").contains("conditioning token"));
     }
 }

@@ -1,5 +1,6 @@
 //! Learning a tokenizer from training clips, without holding them all.
 
+use crate::mean_pose::PoseSum;
 use crate::sample::Sample;
 use crate::scheme::uniform::UniformFit;
 use crate::scheme::walk::check_places;
@@ -16,6 +17,8 @@ pub struct Fit {
     scheme: SchemeFit,
     /// What is learnt from frames themselves, where the settings ask for it: tables, matrices, merges.
     sample: Option<Sample>,
+    /// What joints do that are not coded.
+    poses: PoseSum,
     clips: u64,
     frames: u64,
 }
@@ -46,7 +49,15 @@ impl Fit {
             _ => SchemeFit::Sampled,
         };
         let samples = config.merges > 0 || scheme == SchemeFit::Sampled;
-        Ok(Fit { config, channels, scheme, sample: samples.then(Sample::new), clips: 0, frames: 0 })
+        Ok(Fit {
+            config,
+            channels,
+            scheme,
+            sample: samples.then(Sample::new),
+            poses: PoseSum::new(),
+            clips: 0,
+            frames: 0,
+        })
     }
 
     /// Learns from a clip on the 24 SMPL joints at the tokenizer's rate. After an error nothing is learnt of it.
@@ -63,6 +74,7 @@ impl Fit {
         if let Some(sample) = &mut self.sample {
             sample.add(clip);
         }
+        self.poses.add(clip);
         self.clips += 1;
         self.frames += clip.frames() as u64;
         Ok(())
@@ -82,6 +94,7 @@ impl Fit {
         if let (Some(own), Some(other)) = (&mut self.sample, &other.sample) {
             own.merge(other);
         }
+        self.poses.merge(&other.poses);
         self.clips += other.clips;
         self.frames += other.frames;
         Ok(())
@@ -108,7 +121,8 @@ impl Fit {
             SchemeFit::Sampled => Fitted::learnt(&self.config.scheme, &self.channels, &sample)?,
         };
         let wanted = self.config.merges;
-        let tokenizer = Tokenizer::new(self.config, fitted, &[], 0)?;
+        let mean_pose = Some(self.poses.mean(&self.config.joints));
+        let tokenizer = Tokenizer { mean_pose, ..Tokenizer::new(self.config, fitted, &[], 0)? };
         if wanted == 0 && matches!(tokenizer.word_length(), WordLength::Fixed(_)) {
             return Ok(tokenizer);
         }
@@ -129,8 +143,8 @@ fn learn_from_words(tokenizer: Tokenizer, sample: &[Clip], merges: u32) -> Resul
         #[cfg(feature = "merges")]
         n => crate::merges::learn(&tokenizer.vocabulary, &words, n)?,
     };
-    let Tokenizer { config, fitted, .. } = tokenizer;
-    let tokenizer = Tokenizer::new(config, fitted, &merges, 0)?;
+    let Tokenizer { config, fitted, mean_pose, .. } = tokenizer;
+    let tokenizer = Tokenizer { mean_pose, ..Tokenizer::new(config, fitted, &merges, 0)? };
     let ids = tokenizer.ids_of_words(&words)?;
     let longest = ids.split(|&id| id == crate::SPACE).map(<[u32]>::len).max().unwrap_or(0) + 1;
     Ok(Tokenizer { longest_word: longest, ..tokenizer })

@@ -39,6 +39,7 @@ mod error;
 #[cfg(feature = "fit")]
 mod fit;
 mod grammar;
+mod mean_pose;
 mod merges;
 pub mod rate;
 #[cfg(feature = "fit")]

@@ -8,8 +8,8 @@ use crate::scheme::uniform::Uniform;
 use crate::scheme::{Encoded, Fitted, Rest, Scheme, WordLength, check_rate, check_skeleton};
 use crate::vocab::FIRST_CHARACTER;
 use crate::{Channels, Error, Grammar, PlaceIds, Result, TokenizerConfig, Vocabulary, Words, alphabet};
-use kinelm_motion::Clip;
 use kinelm_motion::joints::Selection;
+use kinelm_motion::{Clip, Quat};
 
 /// Clips to words to ids, and back.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,6 +19,8 @@ pub struct Tokenizer {
     pub(crate) vocabulary: Vocabulary,
     pub(crate) merges: Merges,
     pub(crate) longest_word: usize,
+    /// What joints do that are not coded; `None` in tokenizers that learnt none.
+    pub(crate) mean_pose: Option<[Quat; 24]>,
     pub(crate) channels: Channels,
 }
 
@@ -44,7 +46,7 @@ impl Tokenizer {
         }
         let vocabulary = Vocabulary::new(symbols).with_merges(merges)?;
         let merges = Merges::new(vocabulary.merge_table());
-        Ok(Tokenizer { config, fitted, vocabulary, merges, longest_word, channels })
+        Ok(Tokenizer { config, fitted, vocabulary, merges, longest_word, mean_pose: None, channels })
     }
 
     /// Learns from training clips on the 24 SMPL joints at the tokenizer's rate. For a corpus that doesn't fit into
@@ -153,6 +155,17 @@ impl Tokenizer {
             Fitted::Quantile(q) => Some(q),
             _ => None,
         }
+    }
+
+    /// (24) The mean rotations of the joints that are not coded, over the training clips; identity for coded ones. `None`
+    /// of tokenizers of version 2, which learnt none.
+    pub fn mean_pose(&self) -> Option<&[Quat; 24]> {
+        self.mean_pose.as_ref()
+    }
+
+    /// What the joints that are not coded do where nobody knows better: [`Tokenizer::mean_pose`], else identity.
+    pub fn rest(&self) -> Rest<'_> {
+        self.mean_pose().map_or(Rest::Identity, Rest::Pose)
     }
 
     /// The scheme.

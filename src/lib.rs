@@ -3,7 +3,7 @@
 //! Everything a command of the `kinelm` program does is a function here. The rooms, in the way of the data: `corpus`
 //! (labels, splits, the token store), `model`, `train`, `runs`, `generate`, `evaluate`, `study`, `spectral`,
 //! `view`.
-#![deny(unsafe_code)]
+#![forbid(unsafe_code)]
 
 pub mod classify;
 pub mod corpus;
@@ -11,6 +11,7 @@ pub mod error;
 pub mod evaluate;
 pub mod files;
 pub mod generate;
+pub mod memory;
 pub mod model;
 pub mod random;
 pub mod runs;

@@ -1,12 +1,28 @@
 //! Memory for numbers: taken from the system once, in large pages where there are some, and kept.
 
 use memmap2::MmapMut;
+use std::fmt;
 use std::ops::{Deref, DerefMut};
+
+/// What a thread unwinds with that got no memory, without a panic's message: a program can catch it and say so.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NoMemory {
+    /// What was asked for.
+    pub bytes: usize,
+}
+
+impl fmt::Display for NoMemory {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "there is none for {} bytes more", self.bytes)
+    }
+}
+
+impl std::error::Error for NoMemory {}
 
 /// A row of numbers of fixed length, 0 at first, aligned to a page.
 ///
 /// # Panics
-/// Making one panics where the system has no memory left, as `Vec` does.
+/// Making one unwinds with [`NoMemory`] where the system has no memory left.
 pub struct Floats {
     map: MmapMut,
     len: usize,
@@ -18,8 +34,9 @@ const LARGE: usize = 1 << 20;
 impl Floats {
     /// `len` zeros.
     pub fn new(len: usize) -> Floats {
-        let bytes = (len * size_of::<f32>()).max(1);
-        let map = MmapMut::map_anon(bytes).unwrap_or_else(|e| panic!("no memory for {bytes} bytes: {e}"));
+        let bytes = len.saturating_mul(size_of::<f32>()).max(1);
+        let none = |_| std::panic::resume_unwind(Box::new(NoMemory { bytes }));
+        let map = MmapMut::map_anon(bytes).unwrap_or_else(none);
         #[cfg(target_os = "linux")]
         if bytes >= LARGE {
             // fewer pages, fewer misses in the processor's table of them; without them all goes on, slower
@@ -59,6 +76,14 @@ impl Clone for Floats {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn where_there_is_no_memory_the_thread_unwinds_with_how_much_was_asked_for() {
+        for len in [usize::MAX / 8, usize::MAX] {
+            let caught = std::panic::catch_unwind(|| Floats::new(len).len()).unwrap_err();
+            assert_eq!(caught.downcast_ref(), Some(&NoMemory { bytes: len.saturating_mul(4) }));
+        }
+    }
 
     #[test]
     fn floats_begin_at_zero_keep_what_they_get_and_lie_on_a_page() {

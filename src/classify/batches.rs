@@ -4,6 +4,7 @@ use super::fields::{Field, Fields};
 use super::learner::Batch;
 use super::train::TrainOptions;
 use super::windows::{Layout, Window, mask};
+use crate::Result;
 use crate::corpus::{ClipRecord, Corpus};
 use crate::model::fast::{ClassRow, Windows};
 use crate::random;
@@ -58,11 +59,14 @@ impl<'a> Batches<'a> {
     }
 
     /// The windows of an update.
-    pub fn batch(&mut self, update: u64) -> Numbers {
+    ///
+    /// # Errors
+    /// A corpus that can't be read any more.
+    pub fn batch(&mut self, update: u64) -> Result<Numbers> {
         let first = update * self.batch as u64;
         let chosen: Vec<Window> = (first..first + self.batch as u64).map(|place| self.window(place)).collect();
         let ids_of = |w: &Window| self.corpus.word_ids(self.clips[w.clip], w.word..w.word + w.words);
-        let mut numbers = Numbers::of(self.layout, &ids_of, &chosen, self.compat);
+        let mut numbers = Numbers::of(self.layout, &ids_of, &chosen, self.compat)?;
         let t = self.layout.length();
         for (table, field) in self.fields.0.iter().enumerate() {
             let class = |w: &Window| field.class_of(self.clips[w.clip]);
@@ -75,7 +79,7 @@ impl<'a> Batches<'a> {
             }
         }
         numbers.clips = chosen.iter().map(|w| self.clips[w.clip].name.clone()).collect();
-        numbers
+        Ok(numbers)
     }
 
     /// The window at a place of all passes, one behind the other.
@@ -92,6 +96,9 @@ impl<'a> Batches<'a> {
     }
 }
 
+/// The ids of a window.
+pub(super) type IdsOf<'a> = dyn Fn(&Window) -> Result<Vec<u32>> + 'a;
+
 /// A batch's numbers.
 pub(super) struct Numbers {
     pub inputs: Vec<u32>,
@@ -103,14 +110,17 @@ pub(super) struct Numbers {
 
 impl Numbers {
     /// Windows without questions, of the ids that `ids_of` gives.
-    pub fn of(layout: &Layout, ids_of: &dyn Fn(&Window) -> Vec<u32>, windows: &[Window], compat: bool) -> Numbers {
+    ///
+    /// # Errors
+    /// Those of `ids_of`.
+    pub fn of(layout: &Layout, ids_of: &IdsOf<'_>, windows: &[Window], compat: bool) -> Result<Numbers> {
         let t = layout.length();
         let (mut inputs, mut targets) = (vec![0; windows.len() * t], vec![0; windows.len() * t]);
         for ((window, input), target) in windows.iter().zip(inputs.chunks_mut(t)).zip(targets.chunks_mut(t)) {
-            layout.fill(&ids_of(window), input, target);
+            layout.fill(&ids_of(window)?, input, target);
         }
         let words: Vec<usize> = windows.iter().map(|w| w.words).collect();
-        Numbers { inputs, targets, hiding: layout.hiding(&words, compat), rows: Vec::new(), clips: Vec::new() }
+        Ok(Numbers { inputs, targets, hiding: layout.hiding(&words, compat), rows: Vec::new(), clips: Vec::new() })
     }
 
     /// With their questions.

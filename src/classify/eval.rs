@@ -1,7 +1,7 @@
 //! What a classifier says of windows and clips.
 
 use super::Classifier;
-use super::batches::Numbers;
+use super::batches::{IdsOf, Numbers};
 use super::windows::{Layout, Window};
 use crate::Result;
 use crate::corpus::{ClipRecord, Corpus};
@@ -45,15 +45,12 @@ pub fn name_windows(classifier: &mut Classifier, corpus: &Corpus, clips: &[&Clip
     classifier.read(&Source::of(corpus, clips))
 }
 
-/// The ids of some words of a clip.
-type Ids<'a> = Box<dyn Fn(&Window) -> Vec<u32> + 'a>;
-
 /// Clips as ids, wherever they are from.
 pub(super) struct Source<'a> {
     /// Words of every clip.
     pub words: Vec<usize>,
     /// The ids of a window.
-    pub ids: Ids<'a>,
+    pub ids: Box<IdsOf<'a>>,
 }
 
 impl<'a> Source<'a> {
@@ -81,7 +78,7 @@ impl Classifier {
     /// What the model refuses.
     pub fn name_ids(&mut self, ids: &[u32]) -> Result<Vec<Named>> {
         let word = self.about.tokens.word;
-        let ids_of = |w: &Window| ids[w.word * word..(w.word + w.words) * word].to_vec();
+        let ids_of = |w: &Window| Ok(ids[w.word * word..(w.word + w.words) * word].to_vec());
         self.read(&Source { words: vec![ids.len() / word], ids: Box::new(ids_of) })
     }
 }
@@ -169,7 +166,7 @@ fn each_window<T>(
     let width = Scores::config(model).width;
     let mut all = Vec::with_capacity(windows.len());
     for some in windows.chunks(TOGETHER) {
-        let numbers = Numbers::of(layout, &source.ids, some, compat);
+        let numbers = Numbers::of(layout, &source.ids, some, compat)?;
         let rows = some.iter().enumerate().flat_map(|(i, w)| rows_of(w).map(move |r| i * layout.length() + r));
         let vectors = model.final_vectors(numbers.as_windows(layout), &rows.collect::<Vec<usize>>())?;
         let mut rest = vectors.as_slice();

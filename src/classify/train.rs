@@ -183,7 +183,7 @@ pub fn train(
     let mut stopped = false;
     while !is_over(&standing) && !stopped {
         let (step, now) = (standing.step, rate(&train, standing.step));
-        let numbers = batches.batch(step);
+        let numbers = batches.batch(step)?;
         let (share, seed) = (run.config.dropout, options.seed);
         let dropout = (share > 0.0).then_some(Dropout { share, seed, step, first: 0 });
         let rates = [now, now / options.rate * options.head_rate];

@@ -32,10 +32,12 @@ mod view;
 
 use anyhow::{Error, Result};
 use kinelm::model::{Compute, DeviceName, Form, Reading};
+use kinelm_engine::arena::NoMemory;
 use kinelm_engine::decode::{KvKind, WeightKind};
 use kinelm_motion::convert::{Rig, Wanted, convert};
 use kinelm_motion::{Motion, smpl};
 use std::io::Write;
+use std::panic::{AssertUnwindSafe, resume_unwind};
 use std::path::{Path, PathBuf};
 
 /// Motion capture into text, a GPT on that text, new dances out of it.
@@ -176,7 +178,11 @@ pub fn run(call: Call) -> Result<()> {
     pool.build_global()?;
     let say = Say { quiet: call.quiet };
     // on a thread of the pool: from outside, every parallel step would wake its threads anew and wait for them asleep
-    rayon::scope(|_| command(call.command, say))
+    let work = || rayon::scope(|_| command(call.command, say));
+    std::panic::catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|payload| match payload.downcast::<NoMemory>() {
+        Ok(none) => Err(Error::new(*none).context("memory ran out; a smaller model, batch or context takes less")),
+        Err(other) => resume_unwind(other),
+    })
 }
 
 /// Refuses kernels that have no such name.

@@ -1,7 +1,7 @@
 //! The token store, read with its hashes checked.
 
-use super::map::MappedFile;
 use super::record::{ClipRecord, FileRecord, Manifest, Split, TokenType, VERSION};
+use super::stored::Stored;
 use super::words::{ClipWords, Index};
 use crate::{Error, Result};
 use kinelm_tokenizer::{Place, Tokenizer, Words};
@@ -14,10 +14,10 @@ pub(super) const MANIFEST: &str = "corpus.json";
 pub(super) const CLIPS: &str = "clips.jsonl";
 pub(super) const TOKENIZER: &str = "tokenizer.json";
 
-/// The tokens of all clips, memory-mapped.
+/// The tokens of all clips.
 #[derive(Debug)]
 pub struct Tokens {
-    bytes: MappedFile,
+    bytes: Stored<u8>,
     kind: TokenType,
 }
 
@@ -34,11 +34,15 @@ impl Tokens {
 
     /// The ids of a range of places.
     ///
+    /// # Errors
+    /// A token file that was cut while it was in use.
+    ///
     /// # Panics
     /// If the range leaves the file.
-    pub fn ids(&self, places: Range<usize>) -> impl ExactSizeIterator<Item = u32> + '_ {
+    pub fn ids(&self, places: Range<usize>) -> Result<Vec<u32>> {
         let width = self.kind.width();
-        self.kind.ids_of(&self.bytes[places.start * width..places.end * width])
+        let bytes = self.bytes.read(places.start * width..places.end * width)?;
+        Ok(self.kind.ids_of(&bytes).collect())
     }
 }
 
@@ -55,7 +59,7 @@ pub struct Corpus {
 }
 
 impl Corpus {
-    /// Opens a corpus folder: checks version, lengths and hashes, maps the tokens.
+    /// Opens a corpus folder: checks version, lengths and hashes, and reads the tokens if memory has room for them.
     ///
     /// # Errors
     /// [`Error::Io`]; [`Error::File`] when a file is of another version, damaged, or doesn't fit the others; it says
@@ -70,7 +74,8 @@ impl Corpus {
         check_clips(&path, &manifest, &clips)?;
         let tokenizer = load_tokenizer(&dir, &manifest)?;
         let kind = manifest.token_type;
-        let bytes = MappedFile::open(&dir.join(kind.file_name()), &manifest.tokens)?;
+        let help = "the file was cut or changed after it was written: make the corpus again";
+        let bytes = Stored::open_checked(&dir.join(kind.file_name()), &manifest.tokens, help)?;
         let tokens = Tokens { bytes, kind };
         let words = Index::find(&dir.join(kind.file_name()), &manifest, &clips, &tokens)?;
         Ok(Corpus { dir, manifest, hash, clips, tokens, words, tokenizer })
@@ -135,15 +140,21 @@ impl Corpus {
     }
 
     /// All ids of a clip of this corpus.
-    pub fn clip_ids(&self, clip: &ClipRecord) -> Vec<u32> {
+    ///
+    /// # Errors
+    /// A token file that was cut while it was in use.
+    pub fn clip_ids(&self, clip: &ClipRecord) -> Result<Vec<u32>> {
         self.ids(clip, 0..clip.tokens)
     }
 
     /// Ids of some words of a clip of this corpus.
     ///
+    /// # Errors
+    /// As [`Corpus::clip_ids`].
+    ///
     /// # Panics
     /// If the range leaves the clip.
-    pub fn word_ids(&self, clip: &ClipRecord, words: Range<usize>) -> Vec<u32> {
+    pub fn word_ids(&self, clip: &ClipRecord, words: Range<usize>) -> Result<Vec<u32>> {
         let all = self.words(clip);
         assert!(words.end <= all.len(), "words {words:?} of {}, which has {}", clip.name, all.len());
         self.ids(clip, all.start(words.start)..all.start(words.end))
@@ -151,19 +162,22 @@ impl Corpus {
 
     /// Some ids of a clip of this corpus, tokens counted from the clip's first.
     ///
+    /// # Errors
+    /// As [`Corpus::clip_ids`].
+    ///
     /// # Panics
     /// If the range leaves the clip.
-    pub fn ids(&self, clip: &ClipRecord, tokens: Range<usize>) -> Vec<u32> {
+    pub fn ids(&self, clip: &ClipRecord, tokens: Range<usize>) -> Result<Vec<u32>> {
         assert!(tokens.end <= clip.tokens, "tokens {tokens:?} of {}, which has {}", clip.name, clip.tokens);
-        self.tokens.ids(clip.offset + tokens.start..clip.offset + tokens.end).collect()
+        self.tokens.ids(clip.offset + tokens.start..clip.offset + tokens.end)
     }
 
     /// The characters of a clip of this corpus, word by word, without the spaces.
     ///
     /// # Errors
-    /// [`Error::File`] when an id stands where it may not.
+    /// [`Error::File`] when an id stands where it may not; as [`Corpus::clip_ids`].
     pub fn clip_words(&self, clip: &ClipRecord) -> Result<Words> {
-        let ids = self.clip_ids(clip);
+        let ids = self.clip_ids(clip)?;
         let grammar = self.tokenizer.grammar();
         let mut place = Place::default();
         for (i, &id) in ids.iter().enumerate() {
@@ -337,9 +351,9 @@ mod tests {
         assert_eq!(c.tokenizer(), &tokenizer());
         assert_eq!(manifest.count, Count { clips: 3, frames: 3 });
         assert_eq!(manifest.splits[&Split::Train], Count { clips: 2, frames: 3 });
-        let train: Vec<_> = c.split(Split::Train).map(|r| c.clip_ids(r)).collect();
+        let train: Vec<_> = c.split(Split::Train).map(|r| c.clip_ids(r).unwrap()).collect();
         assert_eq!(train, [ids[0].clone(), ids[2].clone()]);
-        assert_eq!(c.word_ids(&c.clips()[0], 1..2), ids[0][7..]);
+        assert_eq!(c.word_ids(&c.clips()[0], 1..2).unwrap(), ids[0][7..]);
         assert_eq!((c.tokens_per_frame(Split::Train), c.tokens_per_frame(Split::Valid)), (7.0, 0.0));
         assert_eq!((c.tokens().len(), c.clips()[1].frames, c.clips()[0].clipped), (3 * 7, 0, 2));
         assert_eq!(fs::read_dir(tmp.path()).unwrap().count(), 1, "nothing is left beside the corpus");

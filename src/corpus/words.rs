@@ -79,7 +79,7 @@ impl Index {
     /// Finds the words of clips that are known to lie in the token file one after the other.
     ///
     /// # Errors
-    /// [`Error::File`] for a clip that has another number of words than its frames take, or doesn't end with a space.
+    /// Tokens that can't be read; [`Error::File`] for a clip that has another number of words than its frames take, or doesn't end with a space.
     pub fn find(path: &Path, manifest: &Manifest, clips: &[ClipRecord], tokens: &Tokens) -> Result<Index> {
         if let Some(word) = manifest.tokens_per_word {
             return Ok(Index::Fixed(word));
@@ -88,7 +88,7 @@ impl Index {
         for clip in clips {
             before.push(starts.len());
             let mut start = 0;
-            for (i, id) in (1..).zip(tokens.ids(clip.offset..clip.offset + clip.tokens)) {
+            for (i, id) in (1..).zip(tokens.ids(clip.offset..clip.offset + clip.tokens)?) {
                 if id == SPACE {
                     starts.push(start);
                     start = i;

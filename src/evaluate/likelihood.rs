@@ -152,7 +152,7 @@ fn batch_nats(
     let (mut inputs, mut targets) = (vec![pad; windows.len() * length], vec![pad; windows.len() * length]);
     for (window, (input, target)) in windows.iter().zip(inputs.chunks_mut(length).zip(targets.chunks_mut(length))) {
         let clip = clips[window.clip];
-        let ids = corpus.ids(clip, window.start..window.start + window.tokens);
+        let ids = corpus.ids(clip, window.start..window.start + window.tokens)?;
         fill_sequence(&ids, &conditions.front(&clip.labels), pad, input, target);
         target[..before + window.scored.start].fill(pad);
         target[before + window.scored.end..].fill(pad);
@@ -201,7 +201,7 @@ mod tests {
         let mut gpt = Gpt::new(&config, &fixture::TOKENS, 4).unwrap();
         let found = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
         // by hand: windows of 4 words at frames 0, 2, 4, 6, 8; the first is scored whole, then two words each, then one
-        let ids = corpus.clip_ids(clips[0]);
+        let ids = corpus.clip_ids(clips[0]).unwrap();
         let mut nats = 0.0;
         for (first, last, unscored) in [(0, 4, 0), (2, 6, 2), (4, 8, 2), (6, 10, 2), (8, 11, 2)] {
             let mut cache = gpt.cache().unwrap();
@@ -233,7 +233,7 @@ mod tests {
         assert_eq!((found.tokens, found.frames, found.windows), (15 * 7, 15, 6));
         // by hand, the second clip of one window: <bos> <genre:b> and its tokens but the last
         let by_hand = |model: &Gpt, genre: u32| {
-            let ids = corpus.clip_ids(clips[1]);
+            let ids = corpus.clip_ids(clips[1]).unwrap();
             let mut cache = model.cache().unwrap();
             let input: Vec<u32> = [1, genre].into_iter().chain(ids[..27].iter().copied()).collect();
             let logits = cache.read_all(&input).unwrap().to_vec2::<f32>().unwrap();

@@ -27,7 +27,7 @@ pub(super) fn pseudo(
         let (mut inputs, mut targets) = (vec![pad; windows.len() * length], vec![pad; windows.len() * length]);
         for (window, places) in windows.iter().zip(inputs.chunks_mut(length).zip(targets.chunks_mut(length))) {
             let clip = clips[window.clip];
-            let ids = corpus.ids(clip, window.start..window.start + window.tokens);
+            let ids = corpus.ids(clip, window.start..window.start + window.tokens)?;
             let mut rng = random::stream(0, "mask", 0, number(window));
             fill_masked((&ids, &conditions.front(&clip.labels)), pad, &|_| true, &mut rng, places);
             shown += window.scored.len();

@@ -95,7 +95,7 @@ pub fn measure(corpus: &Corpus, measured: Split) -> Result<TokenFloors> {
         order0[id as usize] += 1;
         place.count(at, id);
         before.count(last, id);
-    });
+    })?;
     let total: u64 = order0.iter().sum();
     let p = |id: u32| order0[id as usize] as f64 / total as f64;
     let mut bits = [0.0; 3];
@@ -103,10 +103,10 @@ pub fn measure(corpus: &Corpus, measured: Split) -> Result<TokenFloors> {
         let p = p(id);
         let found = [p, place.p(at, id, p), before.p(last, id, p)];
         bits.iter_mut().zip(found).for_each(|(sum, p)| *sum -= p.log2());
-    });
-    let ids: Vec<u32> = corpus.split(measured).flat_map(|c| corpus.clip_ids(c)).collect();
+    })?;
+    let ids: Vec<Vec<u32>> = corpus.split(measured).map(|c| corpus.clip_ids(c)).collect::<Result<_>>()?;
     let frames = test[1] as f64;
-    let xz = compressed_bytes(&corpus.manifest().token_type.to_bytes(&ids))?.map(|n| 8.0 * n as f64 / frames);
+    let xz = compressed_bytes(&corpus.manifest().token_type.to_bytes(&ids.concat()))?.map(|n| 8.0 * n as f64 / frames);
     Ok(TokenFloors { vocabulary, train, test, bits_per_frame: bits.map(|b| b / frames), xz })
 }
 
@@ -120,14 +120,15 @@ fn size(corpus: &Corpus, split: Split) -> Result<[usize; 3]> {
 }
 
 /// Every token of a split with its place in its word and the token before it.
-fn each_token(corpus: &Corpus, split: Split, mut take: impl FnMut(u32, u32, u32)) {
+fn each_token(corpus: &Corpus, split: Split, mut take: impl FnMut(u32, u32, u32)) -> Result<()> {
     for clip in corpus.split(split) {
         let (mut at, mut last) = (0, Special::Bos.id());
-        for id in corpus.tokens().ids(clip.offset..clip.offset + clip.tokens) {
+        for id in corpus.clip_ids(clip)? {
             take(id, at, last);
             (at, last) = (if id == SPACE { 0 } else { at + 1 }, id);
         }
     }
+    Ok(())
 }
 
 /// Counts of tokens behind each of what is known.

@@ -179,23 +179,32 @@ impl<'a> Batches<'a> {
     }
 
     /// The windows of step `step`.
-    pub fn batch(&mut self, step: u64) -> Batch {
+    ///
+    /// # Errors
+    /// A corpus that can't be read any more.
+    pub fn batch(&mut self, step: u64) -> Result<Batch> {
         let (b, t) = (self.batch, self.context);
         let windows: Vec<WindowId> = (0..b as u64).map(|i| self.window(step * b as u64 + i)).collect();
         let mut batch = Batch { inputs: vec![0; b * t], targets: vec![0; b * t], clips: Vec::new() };
         batch.clips.resize(b, String::new());
         let rows = (batch.inputs.par_chunks_mut(t), batch.targets.par_chunks_mut(t), &mut batch.clips, &windows);
-        rows.into_par_iter().for_each(|(input, target, clip, &window)| *clip = self.fill(window, input, target));
-        batch
+        let fill = |(input, target, clip, &window): (&mut [u32], &mut [u32], &mut String, &WindowId)| {
+            self.fill(window, input, target).map(|name| *clip = name)
+        };
+        rows.into_par_iter().try_for_each(fill)?;
+        Ok(batch)
     }
 
     /// Writes a window (T); gives the name of its clip and where it starts.
-    fn fill(&self, window: WindowId, input: &mut [u32], target: &mut [u32]) -> String {
+    fn fill(&self, window: WindowId, input: &mut [u32], target: &mut [u32]) -> Result<String> {
         let stand = self.stand(window);
         let TrainClip { corpus, record, .. } = self.clips[stand.clip];
         let augment = self.augment.as_ref();
         let changed = augment.and_then(|a| a.ids(corpus, record, &stand, window, self.room));
-        let ids = changed.unwrap_or_else(|| corpus.ids(record, stand.start..stand.start + stand.tokens));
+        let ids = match changed {
+            Some(ids) => ids,
+            None => corpus.ids(record, stand.start..stand.start + stand.tokens)?,
+        };
         let front = self.front(record, window);
         let (pad, dropped) = (Special::Pad.id(), augment.map_or_else(Vec::new, |a| a.dropped(window)));
         if self.masked {
@@ -209,7 +218,7 @@ impl<'a> Batches<'a> {
             let first = front.len() - usize::from(!self.masked);
             hide(&dropped, self.word, &mut input[front.len()..], &mut target[first..]);
         }
-        format!("{} from frame {}", record.name, corpus.frames_of(record, 0..stand.word))
+        Ok(format!("{} from frame {}", record.name, corpus.frames_of(record, 0..stand.word)))
     }
 
     /// The window at a place in the order of the data: of step s, place i of the batch, that is s B + i.
@@ -315,7 +324,7 @@ mod tests {
         // W = 7, T = 36: 5 whole words; 6 stretches of the first clip, one of the second
         let mut batches = of(&data, 36, 2, 5).unwrap();
         assert_eq!(batches.pass(), 7);
-        let steps: Vec<Batch> = (0..7).map(|s| batches.batch(s)).collect();
+        let steps: Vec<Batch> = (0..7).map(|s| batches.batch(s).unwrap()).collect();
         for pass in 0..2 {
             let windows = steps.iter().flat_map(|b| &b.clips).skip(7 * pass).take(7);
             let mut starts: Vec<(String, usize)> = windows
@@ -329,8 +338,8 @@ mod tests {
             }
             assert_eq!(starts[6], ("clip1".to_string(), 0));
         }
-        assert_eq!(batches.batch(3), steps[3]);
-        assert_ne!(of(&data, 36, 2, 6).unwrap().batch(0), steps[0]);
+        assert_eq!(batches.batch(3).unwrap(), steps[3]);
+        assert_ne!(of(&data, 36, 2, 6).unwrap().batch(0).unwrap(), steps[0]);
     }
 
     #[test]
@@ -338,8 +347,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let data = Data::one(fixture::corpus(dir.path(), &[(3, Split::Train)])).unwrap();
         let corpus = &data.parts()[0].corpus;
-        let batch = of(&data, 36, 1, 5).unwrap().batch(0);
-        let ids = corpus.clip_ids(&corpus.clips()[0]);
+        let batch = of(&data, 36, 1, 5).unwrap().batch(0).unwrap();
+        let ids = corpus.clip_ids(&corpus.clips()[0]).unwrap();
         assert_eq!(batch.targets[..21], ids);
         assert!(batch.targets[21..].iter().all(|&t| t == 0));
         assert_eq!(batch.inputs[0], 1);
@@ -360,7 +369,7 @@ mod tests {
             assert_eq!(batches.pass(), clip.tokens.div_ceil(context) + corpus.clips()[1].tokens.div_ceil(context));
             let (mut inside, mut seen) = (0, vec![false; clip.tokens]);
             for step in 0..4 * batches.pass() as u64 {
-                let batch = batches.batch(step);
+                let batch = batches.batch(step).unwrap();
                 let (name, frame) = batch.clips[0].split_once(" from frame ").unwrap();
                 if name != "clip0" {
                     continue;
@@ -368,7 +377,8 @@ mod tests {
                 let word = frame.parse().unwrap();
                 let (from, to) = (corpus.words(clip).start(word), corpus.words(clip).start(word + 1));
                 let ids: Vec<u32> = batch.targets.iter().copied().filter(|&id| id != 0).collect();
-                let start = (from..to).find(|&s| corpus.ids(clip, s..clip.tokens.min(s + context)) == ids).unwrap();
+                let start =
+                    (from..to).find(|&s| corpus.ids(clip, s..clip.tokens.min(s + context)).unwrap() == ids).unwrap();
                 assert!(start == from || to - from > context, "{} from token {start}", batch.clips[0]);
                 inside += usize::from(start > from);
                 assert!(ids.len() == context || start + ids.len() == clip.tokens);
@@ -423,7 +433,7 @@ mod tests {
         assert_eq!(data.tokenizer().vocabulary().conditioning(), ["<genre:a>", "<genre:b>", "<dancer:61>"]);
         let windows = |label_dropout: f64, batch| {
             let train = TrainConfig { batch, label_dropout, ..Default::default() };
-            Batches::new(&data, 37, &train).unwrap().batch(0)
+            Batches::new(&data, 37, &train).unwrap().batch(0).unwrap()
         };
         // T = 37 with three in front: 35 tokens of words, 5 whole ones
         let batch = windows(0.0, 14);
@@ -453,8 +463,8 @@ mod tests {
         let train = TrainConfig { batch: 7, ..Default::default() };
         let model = ModelConfig { kind: Kind::Masked, context: 36, ..Default::default() };
         let run = RunFile::new(&model, &train, &data).unwrap();
-        let found = Batches::of_run(&run, &data).unwrap().batch(0);
-        let plain = of(&data, 35, 7, 1).unwrap().batch(0);
+        let found = Batches::of_run(&run, &data).unwrap().batch(0).unwrap();
+        let plain = of(&data, 35, 7, 1).unwrap().batch(0).unwrap();
         assert_eq!((found.length(), &found.clips), (36, &plain.clips));
         let rows = found.inputs.chunks(36).zip(found.targets.chunks(36));
         for ((input, target), whole) in rows.zip(plain.targets.chunks(35)) {
@@ -467,7 +477,7 @@ mod tests {
                 assert!(target[i] == 0 && input[i] == own || target[i] == own && [own, 3].contains(&input[i]));
             }
         }
-        let again = Batches::of_run(&run, &data).unwrap().batch(1);
+        let again = Batches::of_run(&run, &data).unwrap().batch(1).unwrap();
         assert_ne!(again.targets, found.targets);
     }
 

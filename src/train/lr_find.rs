@@ -87,7 +87,8 @@ pub fn lr_find(options: &LrFindOptions, stop: &AtomicBool, tell: &mut dyn FnMut(
             return Err(Error::Call(format!("stopped after {step} of {} steps", options.steps)));
         }
         let parts = train.accumulate as u64;
-        let batches: Vec<Batch> = (step * parts..(step + 1) * parts).map(|i| batches.batch(i)).collect();
+        let batches: Vec<Batch> =
+            (step * parts..(step + 1) * parts).map(|i| batches.batch(i)).collect::<Result<_>>()?;
         let rate = options.from * (options.to / options.from).powf(step as f64 / (options.steps - 1) as f64);
         let gradients = match learner.gradients_of(&batches, step) {
             Ok(found) if found.norm.is_finite() => found,

@@ -107,10 +107,10 @@ mod tests {
         let mut batches = Batches::of_run(&run, &data).unwrap();
         let clips: Vec<_> = batches.clips().collect();
         assert_eq!(clips.iter().map(|(_, c)| c.name.as_str()).collect::<Vec<_>>(), ["clip0", "clip2"]);
-        for (batch, windows) in (0..15).map(|b| batches.batch(b)).zip(found.windows.chunks(6)) {
+        for (batch, windows) in (0..15).map(|b| batches.batch(b).unwrap()).zip(found.windows.chunks(6)) {
             for (target, window) in batch.targets.chunks(36).zip(windows.chunks(3)) {
                 let (corpus, clip) = clips[window[0] as usize];
-                let ids = corpus.ids(clip, window[1] as usize..(window[1] + window[2]) as usize);
+                let ids = corpus.ids(clip, window[1] as usize..(window[1] + window[2]) as usize).unwrap();
                 assert_eq!(target[..ids.len()], ids);
                 assert!(target[ids.len()..].iter().all(|id| *id == 0));
             }

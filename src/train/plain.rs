@@ -197,7 +197,7 @@ mod tests {
         let config = ModelConfig { layers: 2, heads: 2, width: 64, context, dropout, ..Default::default() };
         let gpt = Gpt::new(&config, &fixture::TOKENS, 1).unwrap();
         let train = TrainConfig { batch: 5, ..Default::default() };
-        let batch = Batches::new(&data, context, &train).unwrap().batch(0);
+        let batch = Batches::new(&data, context, &train).unwrap().batch(0).unwrap();
         (dir, Plain::new(gpt, &TrainConfig::default()).unwrap(), batch)
     }
 

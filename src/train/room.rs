@@ -3,7 +3,7 @@
 use super::config::TrainConfig;
 use crate::model::layout;
 use crate::model::{ModelConfig, TokenLayout};
-use crate::{Error, Result};
+use crate::{Error, Result, memory};
 
 /// Bytes that training takes, about: weights, gradients and two moments, the sum of gradients and the average of weights
 /// where there are; ten numbers of a token's width a layer for the backward pass, and what one layer needs while it is
@@ -21,8 +21,8 @@ pub fn needed(config: &ModelConfig, tokens: &TokenLayout, train: &TrainConfig) -
 /// # Errors
 /// A model or a batch that is too large, with what it takes and what there is; none where the system doesn't tell.
 pub fn check(config: &ModelConfig, tokens: &TokenLayout, train: &TrainConfig) -> Result<()> {
-    match free() {
-        Some(free) => compare(needed(config, tokens, train), free),
+    match memory::free() {
+        Some(free) => compare(needed(config, tokens, train), free.into()),
         None => Ok(()),
     }
 }
@@ -38,14 +38,6 @@ fn compare(needed: u128, free: u128) -> Result<()> {
         gb(needed),
         gb(free)
     )))
-}
-
-/// Bytes that programs can still have; `None` where the system doesn't tell.
-fn free() -> Option<u128> {
-    let said = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = said.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
-    let kb: u128 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kb * 1024)
 }
 
 #[cfg(test)]
@@ -74,7 +66,7 @@ mod tests {
         assert!(((needed(&thesis, &tokens, &more) as f64 - bytes) / 203.7e6 - 1.0).abs() < 0.01);
         let huge = ModelConfig { layers: 96, width: 8192, ..thesis.clone() };
         let message = check(&huge, &tokens, &one).map_err(|e| e.to_string());
-        if free().is_some() {
+        if memory::free().is_some() {
             assert!(message.unwrap_err().contains("lower model.width"));
         }
         check(&ModelConfig::default(), &tokens, &one).unwrap();

@@ -41,7 +41,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
             // a window somewhere, which is its own nearest neighbour
             query = (query + 7919) % count;
             let wanted = Wanted { k: 10, distance, one_a_clip: false };
-            let hits = database.nearest(database.feature(query), wanted, &|_| true);
+            let hits = database.nearest(&database.feature(query)?, wanted, &|_| true)?;
             wrong += usize::from(hits.len() != 10 || hits[0].window != query);
             Ok(())
         })?;

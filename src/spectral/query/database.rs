@@ -2,6 +2,8 @@
 
 use super::part::{Part, Size};
 use super::record::ClipEntry;
+use crate::Result;
+use std::borrow::Cow;
 
 /// A window of a clip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,7 +39,7 @@ impl Database {
                 windows.flat_map(|(i, c)| c.starts.iter().map(move |&start| Window { clip: first + i, start }));
             all.windows.extend(windows);
             assert_eq!(all.windows.len() - all.firsts[all.parts.len()], part.sizes.len(), "a feature a window");
-            assert_eq!(part.features().len(), part.sizes.len() * numbers, "features of {numbers}");
+            assert_eq!(part.numbers(), part.sizes.len() * numbers, "features of {numbers}");
             all.parts.push(part);
             all.clips.extend(clips);
         }
@@ -69,11 +71,14 @@ impl Database {
 
     /// (D) the feature of a window.
     ///
+    /// # Errors
+    /// An index whose files were cut while it was in use.
+    ///
     /// # Panics
     /// When there is no such window.
-    pub fn feature(&self, number: usize) -> &[f32] {
+    pub fn feature(&self, number: usize) -> Result<Cow<'_, [f32]>> {
         let (part, inside) = self.place(number);
-        &part.features()[inside * self.numbers..][..self.numbers]
+        part.features(inside * self.numbers..(inside + 1) * self.numbers)
     }
 
     pub(super) fn size(&self, number: usize) -> Size {

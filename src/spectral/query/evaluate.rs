@@ -164,7 +164,7 @@ pub fn evaluate(gathered: &Gathered, options: &EvaluateOptions, watch: &mut Watc
             let database = database(&held, kind, phase)?;
             let judge =
                 Judge { database: &database, labels: &labels, takes: &takes, options, excludes: &excludes, phase };
-            report.rows.extend(judge.ask(&kind.transform));
+            report.rows.extend(judge.ask(&kind.transform)?);
             if kind == &of_kind[0] {
                 report.rows.extend(judge.chance());
             }
@@ -338,35 +338,35 @@ struct Judge<'a> {
 
 impl Judge<'_> {
     /// Asks for every window, in every way.
-    fn ask(&self, kind: &Kind) -> Vec<Row> {
+    fn ask(&self, kind: &Kind) -> Result<Vec<Row>> {
         let ways: Vec<(Option<Distance>, Exclude)> = self.ways(&self.options.distances);
         let mut tallies = vec![Tally::default(); ways.len() * self.labels.len()];
         let windows: Vec<usize> = (0..self.database.windows()).collect();
         for block in windows.chunks(QUERIES) {
-            let (near, error) = self.database.cosines(block);
+            let (near, error) = self.database.cosines(block)?;
             let rows = near.par_chunks(self.database.windows()).zip(block);
-            let found: Vec<Vec<_>> = rows
+            let found: Vec<Vec<Vec<_>>> = rows
                 .map(|(near, &query)| {
                     let answer = |&(distance, exclude): &(Option<Distance>, Exclude)| {
                         let distance = distance.unwrap_or(Distance::Cosine);
                         let wanted = Wanted { k: self.options.k, distance, one_a_clip: false };
                         let filter = self.filter(query, exclude);
                         let hits = self.database.select(
-                            self.database.feature(query),
+                            &self.database.feature(query)?,
                             Cosines { near, error },
                             wanted,
                             &|window| filter.allows(window),
-                        );
-                        hits.into_iter().map(|h| (h.window, h.score)).collect::<Vec<_>>()
+                        )?;
+                        Ok(hits.into_iter().map(|h| (h.window, h.score)).collect::<Vec<_>>())
                     };
-                    ways.iter().map(answer).collect()
+                    ways.iter().map(answer).collect::<Result<_>>()
                 })
-                .collect();
+                .collect::<Result<_>>()?;
             for (&query, found) in block.iter().zip(&found) {
                 self.count(query, found, &mut tallies);
             }
         }
-        self.rows(kind.name(), &ways, &tallies)
+        Ok(self.rows(kind.name(), &ways, &tallies))
     }
 
     /// Neighbours drawn at random from those allowed.

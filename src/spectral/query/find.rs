@@ -109,7 +109,7 @@ pub fn find(index: &Index, question: &Question) -> Result<Answer> {
     let begun = Instant::now();
     let filter = Filter::new(database, question.exclude, origin, spec.frames);
     let wanted = Wanted { k: question.k, distance: question.distance, one_a_clip: question.one_a_clip };
-    let hits = database.nearest(&feature, wanted, &|window| filter.allows(window));
+    let hits = database.nearest(&feature, wanted, &|window| filter.allows(window))?;
     let seconds = begun.elapsed().as_secs_f64();
     let found = hits.iter().enumerate().map(|(i, hit)| {
         let window = database.window(hit.window);

@@ -52,5 +52,5 @@ pub fn made_up(kind: &Kind, windows: usize) -> Result<Database> {
         frames: (windows + 1) * options.windows.hop,
         starts,
     };
-    Ok(Database::new(numbers, vec![(Part::held(features, numbers).with_halves(numbers), vec![entry])]))
+    Ok(Database::new(numbers, vec![(Part::held(features, numbers).with_halves(numbers)?, vec![entry])]))
 }

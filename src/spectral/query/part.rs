@@ -1,13 +1,15 @@
-//! Features of some windows: held, or mapped from the files of a part of an index.
+//! Features of some windows: made here, or those of a part of an index.
 
 use super::record::{ClipEntry, PartRecord, Stretch};
-use crate::corpus::map::MappedFile;
 use crate::corpus::record::FileRecord;
+use crate::corpus::stored::Stored;
 use crate::{Error, Result, files};
 use kinelm_engine::op::dots;
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{BufWriter, Write};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// (N, D) features, f32.
@@ -38,18 +40,24 @@ impl Size {
     }
 }
 
-/// Numbers in memory or in a file.
+/// Numbers that were made here, or those of a file.
 enum Numbers<T> {
     Held(Vec<T>),
-    Mapped(MappedFile),
+    Stored(Stored<T>),
 }
 
-impl<T: bytemuck::Pod> Numbers<T> {
-    fn get(&self) -> &[T] {
+impl<T: bytemuck::Pod + Send + Sync> Numbers<T> {
+    fn len(&self) -> usize {
         match self {
-            Numbers::Held(numbers) => numbers,
-            // pages are aligned to any number, and the length was checked
-            Numbers::Mapped(bytes) => bytemuck::cast_slice(bytes),
+            Numbers::Held(numbers) => numbers.len(),
+            Numbers::Stored(stored) => stored.len(),
+        }
+    }
+
+    fn get(&self, range: Range<usize>) -> Result<Cow<'_, [T]>> {
+        match self {
+            Numbers::Held(numbers) => Ok(Cow::Borrowed(&numbers[range])),
+            Numbers::Stored(stored) => stored.read(range),
         }
     }
 }
@@ -74,56 +82,79 @@ impl Part {
     }
 
     /// The same with half floats, as a part on disk has them.
-    pub fn with_halves(mut self, numbers: usize) -> Part {
+    ///
+    /// # Errors
+    /// Features of a file that can't be read any more.
+    pub fn with_halves(mut self, numbers: usize) -> Result<Part> {
         let padded = numbers.next_multiple_of(dots::PAD);
         let mut halves = vec![0; self.sizes.len() * padded];
-        let all = halves.par_chunks_mut(padded).zip(self.features.get().par_chunks(numbers)).zip(&mut self.sizes);
+        let features = self.features.get(0..self.features.len())?;
+        let all = halves.par_chunks_mut(padded).zip(features.par_chunks(numbers)).zip(&mut self.sizes);
         all.for_each_init(
             || vec![0.0; numbers],
             |unit, ((row, feature), size)| size.error = round(feature, size.norm, unit, row),
         );
+        drop(features);
         self.halves = Numbers::Held(halves);
-        self
+        Ok(self)
     }
 
-    /// (N, D).
-    pub fn features(&self) -> &[f32] {
-        self.features.get()
+    /// Numbers of all features, N D.
+    pub fn numbers(&self) -> usize {
+        self.features.len()
     }
 
-    /// (N, D padded); empty where there are none.
-    pub fn halves(&self) -> &[u16] {
-        self.halves.get()
+    /// Some of the features (N, D), counted in numbers.
+    ///
+    /// # Errors
+    /// A file that was cut while it was in use.
+    ///
+    /// # Panics
+    /// When the range leaves them.
+    pub fn features(&self, range: Range<usize>) -> Result<Cow<'_, [f32]>> {
+        self.features.get(range)
     }
 
-    /// Maps the files of a part after checking them.
+    /// Some of the half floats (N, D padded), counted in numbers.
+    ///
+    /// # Errors
+    /// As [`Part::features`].
+    ///
+    /// # Panics
+    /// When the range leaves them, or there are none.
+    pub fn halves(&self, range: Range<usize>) -> Result<Cow<'_, [u16]>> {
+        self.halves.get(range)
+    }
+
+    /// Opens the files of a part after checking them.
     ///
     /// # Errors
     /// [`Error::Io`]; [`Error::File`] for files that are not as they were written.
     pub fn open(folder: &Path, record: &PartRecord, numbers: usize) -> Result<(Part, Vec<ClipEntry>)> {
-        let map = |name: &str, stretch: &Stretch, numbers: usize, width: usize| {
-            let path = folder.join(name);
-            let expected = (record.windows * numbers * width) as u64;
-            if stretch.bytes != expected {
-                let help = "put back the index.json of this index";
-                let found = format!("{} bytes by index.json", stretch.bytes);
-                return Err(Error::file(&path, found, format!("{expected} bytes"), help));
-            }
-            stretch.open(&path)
-        };
-        let features = map(FEATURES, &record.features, numbers, size_of::<f32>())?;
-        let halves = map(HALVES, &record.halves, numbers.next_multiple_of(dots::PAD), size_of::<u16>())?;
-        let sizes = map(SIZES, &record.sizes, 2, size_of::<f64>())?;
-        let sizes: &[[f64; 2]] = bytemuck::cast_slice(&sizes);
-        let sizes = sizes.iter().map(|&[norm, error]| Size { norm, error }).collect();
+        let windows = record.windows;
+        let features = stored(&folder.join(FEATURES), &record.features, windows * numbers)?;
+        let halves = stored(&folder.join(HALVES), &record.halves, windows * numbers.next_multiple_of(dots::PAD))?;
+        let sizes: Stored<[f64; 2]> = stored(&folder.join(SIZES), &record.sizes, windows)?;
+        let sizes = sizes.read(0..windows)?.iter().map(|&[norm, error]| Size { norm, error }).collect();
         let clips = ClipEntry::load(&folder.join(CLIPS), &record.clips)?;
         let windows: usize = clips.iter().map(|c| c.starts.len()).sum();
         if windows != record.windows {
             let (found, expected) = (format!("{windows} windows"), format!("{}", record.windows));
             return Err(Error::file(folder.join(CLIPS), found, expected, "put back the files of this index"));
         }
-        Ok((Part { features: Numbers::Mapped(features), halves: Numbers::Mapped(halves), sizes }, clips))
+        Ok((Part { features: Numbers::Stored(features), halves: Numbers::Stored(halves), sizes }, clips))
     }
+}
+
+/// A file of so many numbers.
+fn stored<T: bytemuck::Pod + Send + Sync>(path: &Path, stretch: &Stretch, numbers: usize) -> Result<Stored<T>> {
+    let expected = (numbers * size_of::<T>()) as u64;
+    if stretch.bytes != expected {
+        let help = "put back the index.json of this index";
+        let found = format!("{} bytes by index.json", stretch.bytes);
+        return Err(Error::file(path, found, format!("{expected} bytes"), help));
+    }
+    stretch.open(path)
 }
 
 /// A part on its way to disk, in a folder of its own, which is gone if it isn't finished.

@@ -1,21 +1,20 @@
 //! What an index says of itself: `index.json`, and the lines of `clips.jsonl`.
 
 use super::options::IndexOptions;
-use crate::corpus::map::MappedFile;
 use crate::corpus::record::FileRecord;
+use crate::corpus::stored::Stored;
 use crate::{Error, Result};
+use bytemuck::Pod;
 use kinelm_motion::Place;
 use kinelm_motion::format::ReadOptions;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The version of the folder's layout that this program writes and reads.
 pub const VERSION: u32 = 1;
-
-/// Bytes that a thread checks at a time.
-const BLOCK: usize = 4 << 20;
 
 pub(super) const DAMAGED: &str = "the file was cut or changed after it was written: build the index again";
 
@@ -66,19 +65,25 @@ pub struct Stretch {
 }
 
 impl Stretch {
-    /// Maps the file after checking it, on all threads.
+    /// Opens the file and checks it, on all threads.
     ///
     /// # Errors
     /// [`Error::Io`]; [`Error::File`] for another length or checksum.
-    pub fn open(&self, path: &Path) -> Result<MappedFile> {
-        let mapped = MappedFile::map(path, self.bytes, DAMAGED)?;
-        let blocks: Vec<(u32, usize)> = mapped.par_chunks(BLOCK).map(|b| (crc32c::crc32c(b), b.len())).collect();
+    pub fn open<T: Pod + Send + Sync>(&self, path: &Path) -> Result<Stored<T>> {
+        let stored = Stored::open(path, self.bytes, DAMAGED)?;
+        let blocks: Vec<_> = stored.blocks().collect();
+        let of = |block: &Range<usize>| {
+            let numbers = stored.read(block.clone())?;
+            let bytes: &[u8] = bytemuck::cast_slice(&numbers);
+            Ok((crc32c::crc32c(bytes), bytes.len()))
+        };
+        let blocks: Vec<(u32, usize)> = blocks.par_iter().map(of).collect::<Result<_>>()?;
         let found = blocks.iter().fold(0, |all, &(crc, bytes)| crc32c::crc32c_combine(all, crc, bytes));
         if found != self.crc32c {
             let say = |crc: u32| format!("CRC-32C {crc:08x}");
             return Err(Error::file(path, say(found), say(self.crc32c), DAMAGED));
         }
-        Ok(mapped)
+        Ok(stored)
     }
 }
 

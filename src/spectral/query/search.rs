@@ -6,6 +6,7 @@
 
 use super::database::Database;
 use super::part::{SCALE, Size, dot, squared_distance};
+use crate::{Error, Result};
 use kinelm_engine::op::dots::Query;
 use kinelm_engine::op::matmul::{self, Left, Panels, Store};
 use rayon::prelude::*;
@@ -94,16 +95,24 @@ impl Database {
     /// The k windows nearest to `feature` (D) of those that are `allowed`: nearest first, of equal ones the first in the
     /// database first. Fewer where there are not so many.
     ///
+    /// # Errors
+    /// An index whose files were cut while it was in use.
+    ///
     /// # Panics
     /// When the feature has another length, or the database was made without half floats.
-    pub fn nearest(&self, feature: &[f32], wanted: Wanted, allowed: &(dyn Fn(usize) -> bool + Sync)) -> Vec<Hit> {
+    pub fn nearest(
+        &self,
+        feature: &[f32],
+        wanted: Wanted,
+        allowed: &(dyn Fn(usize) -> bool + Sync),
+    ) -> Result<Vec<Hit>> {
         assert_eq!(feature.len(), self.numbers(), "a feature of another length");
-        let (near, error) = self.scan(feature);
+        let (near, error) = self.scan(feature)?;
         self.select(feature, Cosines { near: &near, error }, wanted, allowed)
     }
 
     /// Cosines from half floats.
-    fn scan(&self, feature: &[f32]) -> (Vec<f32>, f64) {
+    fn scan(&self, feature: &[f32]) -> Result<(Vec<f32>, f64)> {
         let norm = Size::of(feature).norm;
         let over = if norm > 0.0 { 1.0 / norm } else { 0.0 };
         let unit: Vec<f32> = feature.iter().map(|&x| (f64::from(x) * over) as f32).collect();
@@ -113,23 +122,29 @@ impl Database {
         for part in self.parts() {
             let (here, behind) = rest.split_at_mut(part.sizes.len());
             rest = behind;
-            let halves = part.halves();
-            assert_eq!(halves.len(), here.len() * query.padded(), "half floats of every window");
-            let blocks = here.par_chunks_mut(ROWS).zip(halves.par_chunks(ROWS * query.padded()));
-            blocks.for_each(|(out, rows)| {
-                query.dots(out, rows);
+            let padded = query.padded();
+            here.par_chunks_mut(ROWS).enumerate().try_for_each(|(block, out)| {
+                let first = block * ROWS;
+                query.dots(out, &part.halves(first * padded..(first + out.len()) * padded)?);
                 out.iter_mut().for_each(|x| *x /= SCALE);
-            });
+                Ok::<_, Error>(())
+            })?;
         }
         // rounding the unit vector, and the division, which is by a power of two
-        (near, query.error() + 0.5f64.powi(23))
+        Ok((near, query.error() + 0.5f64.powi(23)))
     }
 
     /// Cosines (Q, N) of windows of the database with all its windows, by a product of matrices, and how far they may be
     /// off.
-    pub fn cosines(&self, windows: &[usize]) -> (Vec<f32>, f64) {
+    ///
+    /// # Errors
+    /// As [`Database::nearest`].
+    pub fn cosines(&self, windows: &[usize]) -> Result<(Vec<f32>, f64)> {
         let (k, count) = (self.numbers(), windows.len());
-        let queries: Vec<f32> = windows.iter().flat_map(|&w| self.feature(w)).copied().collect();
+        let mut queries: Vec<f32> = Vec::with_capacity(k * count);
+        for &window in windows {
+            queries.extend_from_slice(&self.feature(window)?);
+        }
         let mut packed = vec![0.0; matmul::panels_len(k, count)];
         matmul::pack_transposed(&mut packed, &queries, k, k, count);
         let panels = Panels { numbers: &packed, block: k };
@@ -139,31 +154,37 @@ impl Database {
         for part in self.parts() {
             let here = &mut turned[first * count..][..part.sizes.len() * count];
             first += part.sizes.len();
-            let blocks = here.par_chunks_mut(ROWS * count).zip(part.features().par_chunks(ROWS * k));
-            blocks.zip(part.sizes.par_chunks(ROWS)).for_each(|((out, rows), sizes)| {
-                let left = Left::Rows { a: rows, lda: k };
+            let blocks = here.par_chunks_mut(ROWS * count).zip(part.sizes.par_chunks(ROWS)).enumerate();
+            blocks.try_for_each(|(block, (out, sizes))| {
+                let first = block * ROWS;
+                let rows = part.features(first * k..(first + sizes.len()) * k)?;
+                let left = Left::Rows { a: &rows, lda: k };
                 matmul::product(out, count, (sizes.len(), k, count), left, panels, 1.0, Store::Set);
                 for (row, size) in out.chunks_exact_mut(count).zip(sizes) {
                     row.iter_mut().zip(&norms).for_each(|(x, norm)| *x = over(f64::from(*x), norm * size.norm) as f32);
                 }
-            });
+                Ok::<_, Error>(())
+            })?;
         }
         let mut near = vec![0.0; turned.len()];
         near.par_chunks_mut(self.windows().max(1)).enumerate().for_each(|(query, row)| {
             row.iter_mut().zip(turned.chunks_exact(count)).for_each(|(x, all)| *x = all[query]);
         });
         let roundings = (k + 4) as f64 * 0.5f64.powi(24);
-        (near, roundings / (1.0 - roundings))
+        Ok((near, roundings / (1.0 - roundings)))
     }
 
     /// The k nearest by cosines that are nearly right.
+    ///
+    /// # Errors
+    /// As [`Database::nearest`].
     pub(super) fn select(
         &self,
         feature: &[f32],
         cosines: Cosines<'_>,
         wanted: Wanted,
         allowed: &(dyn Fn(usize) -> bool + Sync),
-    ) -> Vec<Hit> {
+    ) -> Result<Vec<Hit>> {
         let norm = Size::of(feature).norm;
         let limits = |window: usize| {
             let size = self.size(window);
@@ -174,15 +195,15 @@ impl Database {
         let least = self.least(&all, wanted);
         let may = |&&(_, [_, high]): &&(usize, [f64; 2])| high >= least;
         let candidates: Vec<usize> = all.iter().filter(may).map(|&(w, _)| w).collect();
-        let exact = |&window: &usize| Hit { window, score: wanted.distance.score(feature, self.feature(window)) };
-        let mut hits: Vec<Hit> = candidates.par_iter().with_min_len(32).map(exact).collect();
+        let exact = |&window: &usize| Ok(Hit { window, score: wanted.distance.score(feature, &self.feature(window)?) });
+        let mut hits: Vec<Hit> = candidates.par_iter().with_min_len(32).map(exact).collect::<Result<_>>()?;
         hits.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.window.cmp(&b.window)));
         if wanted.one_a_clip {
             let mut seen = vec![false; self.clips().len()];
             hits.retain(|h| !std::mem::replace(&mut seen[self.window(h.window).clip], true));
         }
         hits.truncate(wanted.k);
-        hits
+        Ok(hits)
     }
 
     /// What the k-th nearest has at least, as far as can be told; of each clip the best window alone where one is wanted.

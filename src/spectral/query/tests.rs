@@ -49,7 +49,7 @@ fn noisy(windows: usize, numbers: usize) -> (Vec<f32>, Vec<ClipEntry>) {
 
 /// The nearest by measuring every window.
 fn by_hand(database: &Database, feature: &[f32], wanted: Wanted, allowed: &dyn Fn(usize) -> bool) -> Vec<Hit> {
-    let score = |window| Hit { window, score: wanted.distance.score(feature, database.feature(window)) };
+    let score = |window| Hit { window, score: wanted.distance.score(feature, &database.feature(window).unwrap()) };
     let mut all: Vec<Hit> = (0..database.windows()).filter(|&w| allowed(w)).map(score).collect();
     all.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.window.cmp(&b.window)));
     let mut seen = Vec::new();
@@ -90,17 +90,17 @@ fn found_is_what_measuring_everything_finds() {
     let written = on_disk(dir.path(), &features, &clips, numbers);
     let held = Database::new(numbers, vec![(Part::held(features, numbers), clips)]);
     let asked = [0, 1, 5, 8, 333, 699];
-    let (near, error) = held.cosines(&asked);
+    let (near, error) = held.cosines(&asked).unwrap();
     for (i, &query) in asked.iter().enumerate() {
         for distance in [Distance::Cosine, Distance::Euclid] {
             for (k, one_a_clip) in [(0, false), (1, false), (10, false), (10, true), (1000, false), (1000, true)] {
                 let wanted = Wanted { k, distance, one_a_clip };
                 let allowed = |w: usize| w.abs_diff(query) > 2 || w.is_multiple_of(5);
-                let expected = by_hand(&held, held.feature(query), wanted, &allowed);
-                let found = written.nearest(held.feature(query), wanted, &allowed);
+                let expected = by_hand(&held, &held.feature(query).unwrap(), wanted, &allowed);
+                let found = written.nearest(&held.feature(query).unwrap(), wanted, &allowed).unwrap();
                 assert_eq!(found, expected, "{query} {wanted:?} by half floats");
                 let cosines = search::Cosines { near: &near[i * windows..(i + 1) * windows], error };
-                let found = held.select(held.feature(query), cosines, wanted, &allowed);
+                let found = held.select(&held.feature(query).unwrap(), cosines, wanted, &allowed).unwrap();
                 assert_eq!(found, expected, "{query} {wanted:?} by a product");
             }
         }
@@ -214,7 +214,7 @@ fn built_in_two_goes_as_in_one() {
     let (a, b) = (one.database(), two.database());
     assert_eq!(a.numbers(), 1152);
     for window in 0..a.windows() {
-        assert_eq!((a.window(window), a.feature(window)), (b.window(window), b.feature(window)));
+        assert_eq!((a.window(window), a.feature(window).unwrap()), (b.window(window), b.feature(window).unwrap()));
     }
     for clip in [0, 3] {
         let mut answers = [&one, &two].map(|index| find(index, &question(&data, clip)).unwrap());

@@ -156,7 +156,7 @@ impl Piece<'_> {
         if before > 0 {
             words.push(&tokenizer.neutral());
         }
-        let read = tokenizer.words_of_ids(&self.corpus.word_ids(self.clip, from..to)).words;
+        let read = tokenizer.words_of_ids(&self.corpus.word_ids(self.clip, from..to)?).words;
         read.iter().for_each(|word| words.push(word));
         let clip = tokenizer.decode(&words, Rest::Identity)?;
         let clip = if self.factor == 1.0 { clip } else { behind_start(&clip, before * l, self.factor)? };

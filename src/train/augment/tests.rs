@@ -40,7 +40,7 @@ fn differ(corpus: &Corpus, first: usize, words: usize, change: &dyn Fn(Clip) -> 
     let piece = Piece { corpus, clip, first, words, factor: 1.0 };
     let t = corpus.tokenizer();
     let read = |ids: &[u32]| t.words_of_ids(ids).words;
-    let (new, old) = (piece.recoded(t, change).unwrap(), corpus.word_ids(clip, first..first + words));
+    let (new, old) = (piece.recoded(t, change).unwrap(), corpus.word_ids(clip, first..first + words).unwrap());
     let (new, old) = (read(&new), read(&old));
     assert_eq!(new.len(), old.len());
     new.iter().zip(old.iter()).filter(|(a, b)| a != b).count()
@@ -82,7 +82,8 @@ fn tiles_that_are_coded_again_stay_near() {
         let first = 7;
         let piece = Piece { corpus: &corpus, clip, first, words: 3, factor: 1.0 };
         let decode = |ids: &[u32]| t.decode(&t.words_of_ids(ids).words, Rest::Identity).unwrap();
-        let (new, old) = (decode(&piece.recoded(t, &Ok).unwrap()), decode(&corpus.word_ids(clip, first..first + 3)));
+        let (new, old) =
+            (decode(&piece.recoded(t, &Ok).unwrap()), decode(&corpus.word_ids(clip, first..first + 3).unwrap()));
         let angles: f64 = new.rotations().iter().zip(old.rotations()).map(|(a, b)| angle_between(*a, *b)).sum();
         let degrees = (angles / (new.frames() * JOINTS.len()) as f64).to_degrees();
         println!("words of {l} frames: {degrees:.3} degrees apart");
@@ -103,17 +104,17 @@ fn shares_are_held_and_threads_change_nothing() {
     let data = Data::one(corpus(dir.path(), uniform(RootRotation::Absolute))).unwrap();
     let train = TrainConfig { batch: 400, ..Default::default() };
     let all = AugmentConfig { mirror: 0.5, heading: true, speed: 0.1, drop_joints: 0.3 };
-    let plain = batches(&data, AugmentConfig::default(), &train).batch(1);
-    let mirrored = batches(&data, AugmentConfig { mirror: 0.5, ..Default::default() }, &train).batch(1);
+    let plain = batches(&data, AugmentConfig::default(), &train).batch(1).unwrap();
+    let mirrored = batches(&data, AugmentConfig { mirror: 0.5, ..Default::default() }, &train).batch(1).unwrap();
     let changed = plain.targets.chunks(200).zip(mirrored.targets.chunks(200)).filter(|(a, b)| a != b).count();
     // four standard deviations of a binomial: 40
     assert!(changed.abs_diff(200) < 40, "{changed} of 400 windows are mirrored");
     let count = |t: &[u32]| t.iter().filter(|&&id| id != 0).count();
     assert_eq!(count(&plain.targets), count(&mirrored.targets), "a mirror takes no word");
-    let found = batches(&data, all, &train).batch(1);
+    let found = batches(&data, all, &train).batch(1).unwrap();
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    assert_eq!(one.install(|| batches(&data, all, &train).batch(1)), found);
-    assert_ne!(batches(&data, all, &TrainConfig { seed: 2, ..train.clone() }).batch(1).inputs, found.inputs);
+    assert_eq!(one.install(|| batches(&data, all, &train).batch(1).unwrap()), found);
+    assert_ne!(batches(&data, all, &TrainConfig { seed: 2, ..train.clone() }).batch(1).unwrap().inputs, found.inputs);
     assert_eq!(found.clips, plain.clips);
     // every other window faces another way
     let differ = plain.targets.chunks(200).zip(found.targets.chunks(200)).filter(|(a, b)| a != b).count();
@@ -125,8 +126,8 @@ fn dropped_joints_are_hidden_in_the_whole_window_and_never_asked_about() {
     let dir = tempfile::tempdir().unwrap();
     let data = Data::one(corpus(dir.path(), uniform(RootRotation::Absolute))).unwrap();
     let (word, train) = (16, TrainConfig { batch: 400, ..Default::default() });
-    let plain = batches(&data, AugmentConfig::default(), &train).batch(0);
-    let found = batches(&data, AugmentConfig { drop_joints: 0.5, ..Default::default() }, &train).batch(0);
+    let plain = batches(&data, AugmentConfig::default(), &train).batch(0).unwrap();
+    let found = batches(&data, AugmentConfig { drop_joints: 0.5, ..Default::default() }, &train).batch(0).unwrap();
     let mut windows = 0;
     let rows = |b: &'_ crate::train::batches::Batch| -> Vec<(Vec<u32>, Vec<u32>)> {
         b.inputs.chunks(200).zip(b.targets.chunks(200)).map(|(i, t)| (i.to_vec(), t.to_vec())).collect()
@@ -202,7 +203,7 @@ fn how_fast_windows_are_changed() {
             let file = RunFile { augment, ..RunFile::new(&model, &train, &data).unwrap() };
             let mut batches = Batches::of_run(&file, &data).unwrap();
             let started = std::time::Instant::now();
-            let batch = one.install(|| batches.batch(0));
+            let batch = one.install(|| batches.batch(0).unwrap());
             let frames = batch.counted(0) as f64 / data.tokens_per_frame();
             println!("{name}, {augment:?}: {:.0} frames/s", frames / started.elapsed().as_secs_f64());
         }

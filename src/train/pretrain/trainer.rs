@@ -133,7 +133,8 @@ impl<'a> Trainer<'a> {
         let begun = Instant::now();
         let (step, train) = (self.state.step, &self.file.train);
         let parts = train.accumulate as u64;
-        let batches: Vec<Batch> = (step * parts..(step + 1) * parts).map(|i| self.batches.batch(i)).collect();
+        let batches = (step * parts..(step + 1) * parts).map(|i| self.batches.batch(i));
+        let batches: Vec<Batch> = batches.collect::<Result<_>>()?;
         let here = |e| stopped_at(step + 1, e, &self.checkpoints);
         let found = self.learner.gradients_of(&batches, step).map_err(here)?;
         if !found.norm.is_finite() {

@@ -1,0 +1,196 @@
+//! A large file of numbers: in memory, or read where it is asked for. A file that is cut or changed while it is in use is an
+//! error at worst.
+
+use super::record::{FileRecord, hex};
+use crate::{Error, Result, memory};
+use bytemuck::Pod;
+use rayon::prelude::*;
+use sha2::{Digest, Sha256};
+use std::borrow::Cow;
+use std::fs::File;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// Bytes that a thread reads at a time.
+const BLOCK: usize = 4 << 20;
+/// The share of the free memory that a file may take.
+const SHARE: u64 = 4;
+
+/// The numbers of a file whose length was what its manifest says.
+#[derive(Debug)]
+pub struct Stored<T> {
+    path: PathBuf,
+    numbers: usize,
+    held: Held<T>,
+    help: &'static str,
+}
+
+#[derive(Debug)]
+enum Held<T> {
+    Memory(Vec<T>),
+    File(File),
+}
+
+impl<T: Pod + Send + Sync> Stored<T> {
+    /// Opens `path` after checking its length: a file of up to a quarter of the free memory is read, a larger one stays where
+    /// it is. `help` is for messages about a file that is not as it was written.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::File`] when the file hasn't `expected` bytes.
+    pub fn open(path: &Path, expected: u64, help: &'static str) -> Result<Stored<T>> {
+        Stored::open_within(path, expected, help, memory::free().map_or(u64::MAX, |free| free / SHARE))
+    }
+
+    /// As [`Stored::open`], in memory if it has at most `room` bytes.
+    ///
+    /// # Errors
+    /// As [`Stored::open`].
+    pub fn open_within(path: &Path, expected: u64, help: &'static str, room: u64) -> Result<Stored<T>> {
+        let file = File::open(path).map_err(Error::io(path))?;
+        let found = file.metadata().map_err(Error::io(path))?.len();
+        if found != expected {
+            return Err(Error::file(path, format!("{found} bytes"), format!("{expected} bytes"), help));
+        }
+        let numbers = (expected / size_of::<T>() as u64) as usize;
+        let mut stored = Stored { path: path.to_owned(), numbers, held: Held::File(file), help };
+        let all = if expected <= room { bytemuck::allocation::try_zeroed_vec(numbers).ok() } else { None };
+        if let Some(mut all) = all {
+            let block = stored.block();
+            let blocks = all.par_chunks_mut(block).enumerate();
+            blocks.try_for_each(|(i, numbers)| stored.fill(i * block, numbers))?;
+            stored.held = Held::Memory(all);
+        }
+        Ok(stored)
+    }
+
+    /// As [`Stored::open`], then checks the SHA-256.
+    ///
+    /// # Errors
+    /// As [`Stored::open`]; [`Error::File`] when the hash differs from the record's.
+    pub fn open_checked(path: &Path, record: &FileRecord, help: &'static str) -> Result<Stored<T>> {
+        let stored = Stored::open(path, record.bytes, help)?;
+        let mut hash = Sha256::new();
+        for block in stored.blocks() {
+            hash.update(bytemuck::cast_slice(&stored.read(block)?));
+        }
+        match hex(hash) {
+            found if found == record.sha256 => Ok(stored),
+            found => {
+                let say = |hash: &str| format!("{} bytes with SHA-256 {hash}", record.bytes);
+                Err(Error::file(path, say(&found), say(&record.sha256), help))
+            }
+        }
+    }
+
+    /// How many numbers there are.
+    pub fn len(&self) -> usize {
+        self.numbers
+    }
+
+    /// Stretches of the numbers, of some megabytes each, which make up all.
+    pub fn blocks(&self) -> impl Iterator<Item = Range<usize>> + use<T> {
+        let (numbers, block) = (self.numbers, self.block());
+        (0..numbers).step_by(block).map(move |first| first..(first + block).min(numbers))
+    }
+
+    /// Some of the numbers.
+    ///
+    /// # Errors
+    /// [`Error::File`] when the file has become shorter, [`Error::Io`] when it can't be read any more.
+    ///
+    /// # Panics
+    /// If the range leaves the file.
+    pub fn read(&self, range: Range<usize>) -> Result<Cow<'_, [T]>> {
+        if let Held::Memory(all) = &self.held {
+            return Ok(Cow::Borrowed(&all[range]));
+        }
+        assert!(range.end <= self.numbers, "numbers {range:?} of {}", self.numbers);
+        let mut numbers = vec![T::zeroed(); range.len()];
+        self.fill(range.start, &mut numbers)?;
+        Ok(Cow::Owned(numbers))
+    }
+
+    fn block(&self) -> usize {
+        BLOCK / size_of::<T>()
+    }
+
+    /// Reads the numbers from the `first` on out of the file.
+    fn fill(&self, first: usize, numbers: &mut [T]) -> Result<()> {
+        let Held::File(file) = &self.held else { return Ok(()) };
+        let at = (first * size_of::<T>()) as u64;
+        read_at(file, bytemuck::cast_slice_mut(numbers), at).map_err(|e| {
+            let expected = (self.numbers * size_of::<T>()) as u64;
+            match (e.kind(), file.metadata()) {
+                (std::io::ErrorKind::UnexpectedEof, Ok(now)) => {
+                    Error::file(&self.path, format!("{} bytes", now.len()), format!("{expected} bytes"), self.help)
+                }
+                _ => Error::io(&self.path)(e),
+            }
+        })
+    }
+}
+
+#[cfg(unix)]
+fn read_at(file: &File, bytes: &mut [u8], at: u64) -> std::io::Result<()> {
+    std::os::unix::fs::FileExt::read_exact_at(file, bytes, at)
+}
+
+#[cfg(windows)]
+fn read_at(file: &File, mut bytes: &mut [u8], mut at: u64) -> std::io::Result<()> {
+    while !bytes.is_empty() {
+        match std::os::windows::fs::FileExt::seek_read(file, bytes, at)? {
+            0 => return Err(std::io::ErrorKind::UnexpectedEof.into()),
+            read => {
+                bytes = &mut bytes[read..];
+                at += read as u64;
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HELP: &str = "make the corpus again";
+
+    #[test]
+    fn length_and_hash_are_checked() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("tokens.u16");
+        for bytes in [b"".as_slice(), b"abcd"] {
+            std::fs::write(&path, bytes).unwrap();
+            let stored = Stored::<u8>::open_checked(&path, &FileRecord::of(bytes), HELP).unwrap();
+            assert_eq!(&*stored.read(0..stored.len()).unwrap(), bytes);
+        }
+        let open = |record: &[u8]| Stored::<u8>::open_checked(&path, &FileRecord::of(record), HELP).unwrap_err();
+        let cut = open(b"abcde").to_string();
+        assert!(cut.contains("found 4 bytes, expected 5 bytes"), "{cut}");
+        assert!(open(b"abce").to_string().contains("SHA-256"));
+        assert!(Stored::<u8>::open(&dir.path().join("none"), 0, HELP).is_err());
+    }
+
+    #[test]
+    fn a_file_that_is_cut_while_in_use_is_whole_in_memory_and_an_error_where_it_is_read() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("features.f32");
+        let numbers: Vec<f32> = (0..3 << 20).map(|i| i as f32).collect();
+        std::fs::write(&path, bytemuck::cast_slice(&numbers)).unwrap();
+        let bytes = size_of_val(numbers.as_slice()) as u64;
+        let [memory, file] =
+            [bytes, bytes - 1].map(|room| Stored::<f32>::open_within(&path, bytes, HELP, room).unwrap());
+        assert!(matches!((&memory.held, &file.held), (Held::Memory(_), Held::File(_))));
+        assert_eq!(memory.blocks().map(|b| b.len()).collect::<Vec<_>>(), [1 << 20; 3]);
+        for block in memory.blocks().chain([5..5, 7..(1 << 20) + 9]) {
+            assert!(memory.read(block.clone()).unwrap() == file.read(block.clone()).unwrap());
+            assert!(*memory.read(block.clone()).unwrap() == numbers[block]);
+        }
+        File::options().write(true).open(&path).unwrap().set_len(bytes / 2).unwrap();
+        assert!(*memory.read(0..numbers.len()).unwrap() == numbers);
+        assert!(*file.read(0..9).unwrap() == numbers[..9]);
+        let message = file.read(0..numbers.len()).unwrap_err().to_string();
+        let expected = format!("features.f32: found {} bytes, expected {bytes} bytes; {HELP}", bytes / 2);
+        assert!(message.ends_with(&expected), "{message}");
+    }
+}

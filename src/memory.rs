@@ -1,0 +1,114 @@
+//! How much memory this process can still have: what the system, its control groups and its own limits leave.
+//!
+//! Sources: proc(5) (`meminfo`, `limits`, `status`), the kernel's documentation of control groups, versions 1 and 2.
+
+use std::fs;
+use std::path::Path;
+
+/// Bytes that this process can still have; `None` where the system doesn't tell.
+pub fn free() -> Option<u64> {
+    let system = read("/proc/meminfo").and_then(|text| kilobytes(&text, "MemAvailable:"));
+    let own =
+        read("/proc/self/limits").zip(read("/proc/self/status")).and_then(|(limits, status)| own(&limits, &status));
+    let groups = read("/proc/self/cgroup").and_then(|text| groups(&text, Path::new("/sys/fs/cgroup")));
+    [system, own, groups].into_iter().flatten().min()
+}
+
+fn read(path: impl AsRef<Path>) -> Option<String> {
+    fs::read_to_string(path).ok()
+}
+
+/// Bytes on the line that begins with `key`, which says kilobytes.
+fn kilobytes(text: &str, key: &str) -> Option<u64> {
+    let line = text.lines().find_map(|line| line.strip_prefix(key))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
+}
+
+/// What the limits of the process (`ulimit -v`, `ulimit -d`) leave.
+fn own(limits: &str, status: &str) -> Option<u64> {
+    let left = |limit: &str, used: &str| {
+        let line = limits.lines().find_map(|line| line.strip_prefix(limit))?;
+        let most: u64 = line.split_whitespace().next()?.parse().ok()?; // "unlimited" is no number
+        Some(most.saturating_sub(kilobytes(status, used)?))
+    };
+    [left("Max address space", "VmSize:"), left("Max data size", "VmData:")].into_iter().flatten().min()
+}
+
+/// What the control groups of the process leave, each of which is within the next; `text` is `/proc/self/cgroup`.
+fn groups(text: &str, root: &Path) -> Option<u64> {
+    let mut least = None;
+    for line in text.lines() {
+        let mut parts = line.splitn(3, ':').skip(1);
+        let (Some(kinds), Some(group)) = (parts.next(), parts.next()) else { continue };
+        let (root, names) = match kinds {
+            "" => (root.to_path_buf(), ["memory.max", "memory.current", "inactive_file "]),
+            kinds if kinds.split(',').any(|kind| kind == "memory") => {
+                let names = ["memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file "];
+                (root.join("memory"), names)
+            }
+            _ => continue,
+        };
+        // within a container the group may be named as outside of it, where there is no such folder
+        let group = root.join(group.trim_start_matches('/'));
+        let all = group.ancestors().take_while(|folder| folder.starts_with(&root));
+        least = all.filter_map(|folder| left_in(folder, names)).chain(least).min();
+    }
+    least
+}
+
+/// What is left in one group: files that it read and doesn't use any more count as free.
+fn left_in(folder: &Path, [limit, used, unused]: [&str; 3]) -> Option<u64> {
+    let number = |name: &str| read(folder.join(name))?.trim().parse::<u64>().ok();
+    let stat = read(folder.join("memory.stat")).unwrap_or_default();
+    let files = stat.lines().find_map(|line| line.strip_prefix(unused)?.trim().parse::<u64>().ok());
+    Some(number(limit)?.saturating_sub(number(used)?.saturating_sub(files.unwrap_or(0))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_limits_of_a_process_leave() {
+        let status = "Name:\tkinelm\nVmSize:\t    1000 kB\nVmData:\t     400 kB\n";
+        let limits = |space: &str, data: &str| {
+            let head = "Limit                     Soft Limit           Hard Limit           Units\n";
+            format!(
+                "{head}Max address space         {space}  unlimited  bytes\nMax data size             {data}  unlimited  bytes\n"
+            )
+        };
+        assert_eq!(own(&limits("unlimited", "unlimited"), status), None);
+        assert_eq!(own(&limits("1048576", "unlimited"), status), Some(1048576 - 1024000));
+        assert_eq!(own(&limits("9048576", "500000"), status), Some(500000 - 409600));
+        assert_eq!(own(&limits("5", "unlimited"), status), Some(0));
+        assert_eq!(kilobytes("MemTotal: 3 kB\nMemAvailable:   2 kB\n", "MemAvailable:"), Some(2048));
+    }
+
+    #[test]
+    fn what_control_groups_leave() {
+        let dir = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| {
+            let path = dir.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        };
+        let left = |text: &str| groups(text, dir.path());
+        assert_eq!(left("0::/\n"), None);
+        write("a/memory.max", "1000\n");
+        write("a/memory.current", "700\n");
+        write("a/memory.stat", "anon 1\ninactive_file 200\n");
+        write("a/b/memory.max", "max\n");
+        write("a/b/memory.current", "5\n");
+        // the group itself has no limit, the one around it has
+        assert_eq!(left("0::/a/b\n"), Some(500));
+        assert_eq!(left("0::/gone/elsewhere\n"), None);
+        write("memory/c/memory.limit_in_bytes", "900\n");
+        write("memory/c/memory.usage_in_bytes", "800\n");
+        assert_eq!(left("3:cpu:/c\n2:cpuset,memory:/c\n0::/a\n"), Some(100));
+    }
+
+    #[test]
+    fn this_system_tells() {
+        assert!(free().is_none_or(|bytes| bytes > 1 << 20), "{:?}", free());
+    }
+}

@@ -7,18 +7,22 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// The split of a take by the hash of its name alone: 80 % train, 10 % valid, 10 % test. It stays when clips are added.
 pub fn split_of_take(take: &str) -> Split {
-    let hash = Sha256::digest(take.as_bytes());
-    let k = u64::from_be_bytes(hash[..8].try_into().expect("SHA-256 has 32 bytes"));
-    match k % 10 {
+    match hash_of_take(take) % 10 {
         0..=7 => Split::Train,
         8 => Split::Valid,
         _ => Split::Test,
     }
 }
 
-/// Gives every item its split: the one stated for it, else the one stated for another clip of its take, else the hash's.
-/// `stated` stands beside `items`. Returns what a user should know: takes stated in two splits, splits without clips,
-/// labels that a split lacks.
+/// The first eight bytes of the SHA-256 of a take's name.
+fn hash_of_take(take: &str) -> u64 {
+    let hash = Sha256::digest(take.as_bytes());
+    u64::from_be_bytes(hash[..8].try_into().expect("SHA-256 has 32 bytes"))
+}
+
+/// Gives every item its split: the one stated for it, else the one stated for another clip of its take, else the hash's,
+/// which leaves no split empty that it can fill ([`fill`]). `stated` stands beside `items`. Returns what a user should know:
+/// takes stated in two splits, splits filled and splits without clips, labels that a split lacks.
 pub(super) fn assign(items: &mut [Item], stated: &[Option<Split>]) -> Vec<String> {
     let mut of_take: BTreeMap<&str, BTreeSet<Split>> = BTreeMap::new();
     for (item, split) in items.iter().zip(stated) {
@@ -31,10 +35,15 @@ pub(super) fn assign(items: &mut [Item], stated: &[Option<Split>]) -> Vec<String
     if !torn.is_empty() {
         said.push(format!("{} takes stand in two splits by the labels given: {}", torn.len(), some_of(&torn)));
     }
+    let mut hashed: BTreeMap<&str, Split> = (items.iter().map(|i| i.take.as_str()))
+        .filter(|take| !of_take.contains_key(take))
+        .map(|take| (take, split_of_take(take)))
+        .collect();
+    said.extend(fill(&mut hashed, &of_take));
     let splits: Vec<Split> = (items.iter().zip(stated))
         .map(|(item, stated)| {
             let of_its_take = || of_take.get(item.take.as_str()).and_then(|s| s.first().copied());
-            stated.or_else(of_its_take).unwrap_or_else(|| split_of_take(&item.take))
+            stated.or_else(of_its_take).unwrap_or_else(|| hashed[item.take.as_str()])
         })
         .collect();
     items.iter_mut().zip(splits).for_each(|(item, split)| item.split = split);
@@ -42,11 +51,47 @@ pub(super) fn assign(items: &mut [Item], stated: &[Option<Split>]) -> Vec<String
     said
 }
 
+/// Fills the splits that the hash left empty, test first, then valid, then train: with the take of the greatest hash, out
+/// of train if that has one to spare, else out of any split that does. Of fewer than three takes none can be spared, and
+/// takes whose split is stated stay. Returns the line that says so.
+fn fill(hashed: &mut BTreeMap<&str, Split>, stated: &BTreeMap<&str, BTreeSet<Split>>) -> Option<String> {
+    if hashed.len() + stated.len() < Split::ALL.len() {
+        return None;
+    }
+    let mut takes: BTreeMap<Split, usize> = BTreeMap::new();
+    for split in hashed.values().chain(stated.values().flatten()) {
+        *takes.entry(*split).or_default() += 1;
+    }
+    let mut moved = Vec::new();
+    for empty in [Split::Test, Split::Valid, Split::Train] {
+        let spared = hashed.iter().filter(|(_, split)| !takes.contains_key(&empty) && takes[split] > 1);
+        let Some((&take, &from)) = spared.max_by_key(|(take, split)| (**split == Split::Train, hash_of_take(take)))
+        else {
+            continue;
+        };
+        hashed.insert(take, empty);
+        *takes.entry(from).or_default() -= 1;
+        takes.insert(empty, 1);
+        moved.push(format!("{take} is {empty}"));
+    }
+    let why = "the split by the hashes of so few takes left a part empty";
+    (!moved.is_empty()).then(|| format!("{why}: {}", moved.join(", ")))
+}
+
+/// What can't be done without clips in a split.
+fn cannot(split: Split) -> &'static str {
+    match split {
+        Split::Train => "nothing can be fitted or trained",
+        Split::Valid => "training can't tell its best step, nor be measured on the way",
+        Split::Test => "a model can't be measured on clips that nothing was chosen by",
+    }
+}
+
 /// Splits without clips, and labels that some split lacks.
 fn missing(items: &[Item]) -> Vec<String> {
     let present: BTreeSet<Split> = items.iter().map(|i| i.split).collect();
     let mut said: Vec<String> = (Split::ALL.into_iter().filter(|s| !present.contains(s)))
-        .map(|s| format!("no clip is in the {s} split"))
+        .map(|s| format!("no clip is in the {s} split: {}", cannot(s)))
         .collect();
     let mut values: BTreeMap<&str, BTreeMap<&str, BTreeSet<Split>>> = BTreeMap::new();
     for item in items {
@@ -108,6 +153,43 @@ mod tests {
     fn an_empty_split_is_said() {
         let mut items = vec![item("a", "a", "x")];
         let said = assign(&mut items, &[Some(Split::Train)]);
-        assert_eq!(said, ["no clip is in the valid split", "no clip is in the test split"]);
+        assert_eq!(
+            said,
+            [
+                "no clip is in the valid split: training can't tell its best step, nor be measured on the way",
+                "no clip is in the test split: a model can't be measured on clips that nothing was chosen by"
+            ]
+        );
+    }
+
+    /// Takes of the same name as their one clip, split as the hash has it; what was said.
+    fn by_hash(takes: &[&str], stated: &[Option<Split>]) -> (Vec<Split>, Vec<String>) {
+        let mut items: Vec<Item> = takes.iter().map(|take| item(take, take, "x")).collect();
+        let said = assign(&mut items, stated);
+        (items.iter().map(|i| i.split).collect(), said)
+    }
+
+    #[test]
+    fn a_split_that_the_hash_left_empty_is_filled_where_there_are_three_takes() {
+        use Split::{Test, Train, Valid};
+        // by Python's hashlib, remainder and first bytes: a 0 ca97.., b 6 3e23.., c 0 2e7d..
+        let (splits, said) = by_hash(&["a", "b", "c"], &[None; 3]);
+        assert_eq!(splits, [Test, Valid, Train]);
+        let filled = "the split by the hashes of so few takes left a part empty: a is test, b is valid";
+        assert_eq!(said, [filled]);
+        // only what is empty is filled: salsa-05 has the remainder 8
+        let (splits, _) = by_hash(&["a", "b", "salsa-05"], &[None; 3]);
+        assert_eq!(splits, [Test, Train, Valid]);
+        // two takes are too few, and a stated split stays
+        let (splits, said) = by_hash(&["a", "b"], &[None; 2]);
+        assert_eq!((splits, said.len()), (vec![Train, Train], 2));
+        assert!(said[0].contains("no clip is in the valid split: training can't"), "{said:?}");
+        let (splits, said) = by_hash(&["a", "b", "c"], &[Some(Train), Some(Train), None]);
+        assert_eq!((splits, said.len()), (vec![Train, Train, Test], 2));
+        let (splits, _) = by_hash(&["a", "b", "c"], &[Some(Train); 3]);
+        assert_eq!(splits, [Train; 3]);
+        // all three fell to test: 31e9.., 8c99.., 3fd2..
+        let (splits, _) = by_hash(&["take 0", "take 3", "take 12"], &[None; 3]);
+        assert_eq!(splits, [Test, Valid, Train]);
     }
 }

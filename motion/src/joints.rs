@@ -1,6 +1,8 @@
 //! Groups and subsets of the SMPL joints.
 
-use crate::{Error, Result, smpl};
+use crate::retarget;
+use crate::suggest::did_you_mean;
+use crate::{Error, Result, Skeleton, smpl};
 
 /// The thesis's thirteen joints, by id.
 pub const THIRTEEN: [usize; 13] = [0, 1, 2, 4, 5, 7, 8, 16, 17, 18, 19, 20, 21];
@@ -14,6 +16,9 @@ pub const GROUPS: &[(&str, &[usize])] = &[
     ("left_arm", &[13, 16, 18, 20, 22]),
     ("right_arm", &[14, 17, 19, 21, 23]),
     ("arms", &[13, 14, 16, 17, 18, 19, 20, 21, 22, 23]),
+    ("hands", &[20, 21, 22, 23]),
+    ("feet", &[7, 8, 10, 11]),
+    ("spine", &[3, 6, 9]),
     ("torso", &[0, 3, 6, 9]),
     ("head", &[12, 15]),
     ("upper_body", &[3, 6, 9, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23]),
@@ -33,7 +38,7 @@ pub struct Selection {
 
 /// The joints of a list such as `13`, `24`, `root,right_arm`, `left_knee,7`.
 ///
-/// Parts are the numbers `13` and `24` alone, groups of [`GROUPS`], joint names, or ids. `head` alone is the group.
+/// Parts are the numbers `13` and `24` alone, groups of [`GROUPS`], SMPL joint names, or ids. `head` alone is the group.
 ///
 /// # Errors
 /// [`Error::Call`] naming the part that is none of these, with what there is.
@@ -53,17 +58,50 @@ pub fn parse(list: &str) -> Result<Selection> {
         } else if let Some(id) = part.parse::<usize>().ok().filter(|&id| id < 24) {
             selection.joints.push(id);
         } else {
-            let groups: Vec<_> = GROUPS.iter().map(|(n, _)| *n).collect();
-            return Err(Error::Call(format!(
-                "no joint or group {part:?}; groups are {}; joints are {}",
-                groups.join(" "),
-                smpl::NAMES.join(" ")
-            )));
+            return Err(unknown(part, &[]));
         }
     }
     selection.joints.sort_unstable();
     selection.joints.dedup();
     Ok(selection)
+}
+
+/// A list in which joints of a rig may stand by its own names, such as `root,RightArm`, as a list that [`parse`] takes: each
+/// becomes the SMPL joint that it stands for. What is a part without a rig stays as it is.
+///
+/// # Errors
+/// As [`parse`]; a joint of the rig that stands for no SMPL joint.
+pub fn in_smpl_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Result<String> {
+    let known = parse(list);
+    let map = match retarget::map_for(rig, map) {
+        Ok(map) if known.is_err() => map.bind(rig.names()).unwrap_or(map),
+        _ => return known.map(|_| list.to_owned()),
+    };
+    let stands_for = |name: &str| (0..24).find(|&id| map.joint(id) == Some(name));
+    let own: Vec<(&str, Option<usize>)> = rig.names().iter().map(|n| (n.as_str(), stands_for(n))).collect();
+    let with: Vec<&str> = own.iter().filter(|(_, id)| id.is_some()).map(|(n, _)| *n).collect();
+    let in_smpl = |part: &str| match own.iter().find(|(n, _)| *n == part) {
+        _ if parse(part).is_ok() => Ok(part.to_owned()),
+        // the joint `head` by its id: its name means the group
+        Some((_, Some(id))) if GROUPS.iter().any(|(n, _)| *n == smpl::NAMES[*id]) => Ok(id.to_string()),
+        Some((_, Some(id))) => Ok(smpl::NAMES[*id].to_owned()),
+        Some((name, None)) => Err(Error::Call(format!(
+            "{name} of the rig stands for no SMPL joint; joints that do are {}",
+            with.join(" ")
+        ))),
+        None => Err(unknown(part, &with)),
+    };
+    Ok(list.split(',').map(|part| in_smpl(part.trim())).collect::<Result<Vec<_>>>()?.join(","))
+}
+
+/// What a part of a list is told that is nothing, with the rig's own names if there is one.
+fn unknown(part: &str, own: &[&str]) -> Error {
+    let groups: Vec<_> = GROUPS.iter().map(|(n, _)| *n).collect();
+    let names = groups.iter().chain(&smpl::NAMES).chain(own).copied();
+    let meant = did_you_mean(part, names);
+    let own = if own.is_empty() { String::new() } else { format!("; the rig's own are {}", own.join(" ")) };
+    let (groups, joints) = (groups.join(" "), smpl::NAMES.join(" "));
+    Error::Call(format!("no joint or group {part:?}{meant}; groups are {groups}; joints are {joints}{own}"))
 }
 
 #[cfg(test)]
@@ -81,6 +119,62 @@ mod tests {
         assert!(parse("left_wing").unwrap_err().to_string().contains("left_wing"));
         assert!(parse("").is_err());
         assert!(parse("24,0").is_err());
+    }
+
+    #[test]
+    fn new_groups_and_slips_of_the_hand() {
+        assert_eq!(parse("hands,feet").unwrap().joints, [7, 8, 10, 11, 20, 21, 22, 23]);
+        assert_eq!(parse("spine").unwrap(), Selection { joints: vec![3, 6, 9], translation: false });
+        let message = parse("root,rigth_arm").unwrap_err().to_string();
+        assert!(message.contains("no joint or group \"rigth_arm\"; did you mean right_arm?; groups are"), "{message}");
+        assert!(!parse("wing").unwrap_err().to_string().contains("did you mean"));
+    }
+
+    /// A rig by its joints and their parents.
+    fn rig(joints: &[(&str, Option<usize>)]) -> Skeleton {
+        let (names, parents) = joints.iter().map(|(n, p)| ((*n).to_owned(), *p)).unzip();
+        Skeleton::new(names, parents, vec![crate::Vec3::ZERO; joints.len()], Vec::new()).unwrap()
+    }
+
+    #[test]
+    fn a_rig_s_own_names_stand_for_smpl_joints() {
+        let bandai = rig(&[
+            ("joint_Root", None),
+            ("Hips", Some(0)),
+            ("Spine", Some(1)),
+            ("Chest", Some(2)),
+            ("Neck", Some(3)),
+            ("Head", Some(4)),
+            ("UpperArm_L", Some(3)),
+            ("LowerArm_L", Some(6)),
+            ("Hand_L", Some(7)),
+            ("UpperArm_R", Some(3)),
+            ("LowerArm_R", Some(9)),
+            ("Hand_R", Some(10)),
+            ("UpperLeg_L", Some(1)),
+            ("LowerLeg_L", Some(12)),
+            ("Foot_L", Some(13)),
+            ("UpperLeg_R", Some(1)),
+            ("LowerLeg_R", Some(15)),
+            ("Foot_R", Some(16)),
+        ]);
+        let of = |list: &str| in_smpl_names(list, &bandai, None);
+        assert_eq!(of("root, UpperArm_R,LowerArm_R").unwrap(), "root,right_shoulder,right_elbow");
+        // a group is the group, whatever joints the rig has; what needs no rig is left alone
+        assert_eq!([of("head,Hand_R").unwrap(), of("13").unwrap()], ["head,right_wrist", "13"]);
+        assert_eq!(of("Head,Chest").unwrap(), "15,spine3");
+        let message = of("joint_Root").unwrap_err().to_string();
+        assert!(
+            message.contains("joint_Root of the rig stands for no SMPL joint; joints that do are Hips"),
+            "{message}"
+        );
+        let message = of("UperArm_R").unwrap_err().to_string();
+        assert!(
+            message.contains("did you mean UpperArm_R?") && message.contains("the rig's own are Hips"),
+            "{message}"
+        );
+        assert!(in_smpl_names("tail", &rig(&[("a", None)]), None).is_err());
+        assert_eq!(in_smpl_names("legs", &rig(&[("a", None)]), None).unwrap(), "legs");
     }
 
     #[test]

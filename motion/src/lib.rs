@@ -30,6 +30,7 @@ pub mod retarget;
 pub mod rotation;
 pub mod skeleton;
 pub mod smpl;
+pub mod suggest;
 pub mod synth;
 
 pub use clip::{Clip, Motion, Source, Warning};

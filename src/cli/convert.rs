@@ -46,6 +46,12 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         return Ok(());
     }
     check(&args)?;
+    let motion = format::read(&args.input, &options)?;
+    super::warn(&motion, say);
+    let selection = |list: &str| {
+        let list = joints::in_smpl_names(list, motion.clip.skeleton(), args.read.map.as_deref())?;
+        joints::parse(&list)
+    };
     let wanted = Wanted {
         fps: args.fps,
         rig: match (&args.skeleton, ext.as_str()) {
@@ -53,14 +59,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
             (None, "npz") => Some(Rig::Smpl(kinelm_motion::smpl::neutral())),
             (None, _) => None,
         },
-        joints: args
-            .joints
-            .as_deref()
-            .map(|list| joints::parse(list).map_err(|e| WrongCall(e.to_string())))
-            .transpose()?,
+        joints: args.joints.as_deref().map(selection).transpose().map_err(|e| WrongCall(e.to_string()))?,
     };
-    let motion = format::read(&args.input, &options)?;
-    super::warn(&motion, say);
     let motion = convert(motion, &wanted, args.read.map.as_deref())?;
     format::write(&args.output, &motion)?;
     told(&args.output, &motion, say);

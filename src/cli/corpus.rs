@@ -24,8 +24,8 @@ pub enum Command {
         /// The corpus folder; several as `pretrain` takes them
         #[arg(long, value_name = "CORPUS[=WEIGHT]")]
         corpus: Vec<CorpusPart>,
-        /// The training TOML
-        #[arg(long, value_name = "FILE")]
+        /// The training settings: a name that `pretrain --config` knows, or a TOML
+        #[arg(long, value_name = "NAME|FILE")]
         config: PathBuf,
         /// Steps; those of the file if not given
         #[arg(long, value_name = "N")]
@@ -58,7 +58,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
             print(&if json { serde_json::to_string(&found)? + "\n" } else { format!("{found}\n") })
         }
         Command::Order { corpus, config, steps, seed, out } => {
-            let file = TrainFile::load(&config)?;
+            let file = TrainFile::find(&config).map_err(super::asked)?;
             let corpora = if corpus.is_empty() { file.corpora()? } else { corpus };
             let data = Data::open(&corpora, None, &file.train.conditions)?;
             let train = TrainConfig { seed: seed.unwrap_or(file.train.seed), ..file.train };

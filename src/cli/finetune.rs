@@ -11,8 +11,9 @@ pub struct Args {
     /// What to begin with: a run, whose best checkpoint counts, or a folder that `kinelm export` or transformers wrote
     #[arg(long, value_name = "RUN|DIR", required_unless_present = "resume", conflicts_with = "resume")]
     from: Option<PathBuf>,
-    /// The training TOML; the model's shape is that of --from, so [model] is left out or says the same (but dropout)
-    #[arg(long, value_name = "FILE", required_unless_present = "resume", conflicts_with = "resume")]
+    /// The training settings: finetune, or a TOML; the model's shape is that of --from, so [model] is left out or says the
+    /// same (but dropout)
+    #[arg(long, value_name = "NAME|FILE", required_unless_present = "resume", conflicts_with = "resume")]
     config: Option<PathBuf>,
     /// A corpus of the same tokenizer; given several times, all of them, each of whose windows comes WEIGHT times a pass
     #[arg(long, value_name = "CORPUS[=WEIGHT]")]

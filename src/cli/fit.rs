@@ -24,8 +24,8 @@ pub struct Args {
 /// A file of settings, and flags that win over it. A key that the scheme doesn't have is refused by name.
 #[derive(Debug, Clone, clap::Args)]
 pub struct SettingsArgs {
-    /// Settings of a tokenizer; configs/tokenizer/ has one for each scheme. Flags win over it
-    #[arg(long, value_name = "FILE.toml")]
+    /// Settings of a tokenizer: uniform, thesis, quantile, dct-pca, lapped, or a TOML. Flags win over it
+    #[arg(long, value_name = "NAME|FILE")]
     config: Option<PathBuf>,
     /// Joints that are coded: 13, 24, or a list of groups, names and ids [default: 13]
     #[arg(long, value_name = "13|24|LIST")]
@@ -82,7 +82,7 @@ impl SettingsArgs {
     /// The settings of the file with the flags on top; the flags alone make a wrong call, the file is named otherwise.
     pub fn config(&self) -> Result<TokenizerConfig> {
         let mut settings = match &self.config {
-            Some(path) => Settings::load(path)?,
+            Some(path) => Settings::find(path).map_err(super::asked)?,
             None => Settings::default(),
         };
         if let Some(kind) = &self.scheme {

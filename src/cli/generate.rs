@@ -25,7 +25,8 @@ pub struct Args {
     /// A clip to follow: its joints (--joints), its frames up to one (--from-frame), or both; without, the dance is free
     #[arg(long, value_name = "CLIP")]
     prompt: Option<PathBuf>,
-    /// The joints that are followed: groups (root, right_arm, legs, ...), names and ids; root brings the translation
+    /// The joints that are followed: groups (root, right_arm, hands, feet, spine, ...), names (SMPL's, or as the prompt's rig
+    /// has them) and ids; root brings the translation
     #[arg(long, value_name = "LIST", requires = "prompt")]
     joints: Option<String>,
     /// Go on from this frame of the prompt: those before it are kept, as far as they fill whole words
@@ -155,9 +156,6 @@ fn recipe(args: &Args) -> Result<Recipe> {
         let what = "--prompt alone; say what is followed: --joints LIST, --from-frame N, or both";
         return Err(WrongCall(what.into()).into());
     }
-    if let Some(list) = &args.joints {
-        joints::parse(list).map_err(|e| WrongCall(e.to_string()))?;
-    }
     let reading = args.reading.get(1);
     Ok(Recipe {
         run: args.run.clone().context("no run folder")?,
@@ -208,7 +206,7 @@ fn load(recipe: Recipe, which: Which, say: Say) -> Result<Ready> {
 fn danced(ready: &Ready, variations: usize, guesses: Option<u8>, say: Say) -> Result<Vec<Words>> {
     let bar = super::progress::bar(ready.frames as u64, "frames", say);
     let danced = ready.dance(variations, guesses.map(usize::from), &mut |frames| bar.set_position(frames as u64));
-    bar.finish_and_clear();
+    drop(bar);
     let danced = danced?;
     if danced.guessed > 0 {
         say.line(format_args!("{} of {} tokens guessed ahead were right", danced.right, danced.guessed));

@@ -10,8 +10,8 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The training TOML; its rate, schedule, steps and run folder don't matter
-    #[arg(long, value_name = "FILE")]
+    /// The training settings, tiny, small, thesis-26m, gpt2 or a TOML; their rate, schedule, steps and run don't matter
+    #[arg(long, value_name = "NAME|FILE")]
     config: PathBuf,
     /// The corpus folder; given several times, all of them, each of whose windows comes WEIGHT times a pass (1 if not given)
     #[arg(long, value_name = "CORPUS[=WEIGHT]")]
@@ -38,7 +38,7 @@ pub struct Args {
 pub fn run(args: Args, say: Say) -> Result<()> {
     plot::check(&args.out).map_err(|e| super::WrongCall(e.to_string()))?;
     let options = LrFindOptions {
-        file: TrainFile::load(&args.config)?,
+        file: TrainFile::find(&args.config).map_err(super::asked)?,
         corpora: args.corpus,
         steps: args.steps,
         from: args.from,
@@ -48,7 +48,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let stop = super::pretrain::stop_on_ctrl_c()?;
     let bar = super::progress::bar(args.steps, "steps", say);
     let found = lr_find(&options, &stop, &mut |tried| bar.set_position(tried.step));
-    bar.finish_and_clear();
+    drop(bar);
     let found = found?;
     plot::draw_as(&args.out, &[found.chart()])?;
     say.line(format_args!("{}: {} steps", args.out.display(), found.steps.len()));

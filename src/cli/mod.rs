@@ -49,7 +49,7 @@ pub struct Call {
     /// Threads to use; all cores if not given
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// Say only what went wrong
+    /// Say only what went wrong, and nothing of how far a wait is
     #[arg(long, short, global = true)]
     quiet: bool,
 }
@@ -177,6 +177,7 @@ pub fn run(call: Call) -> Result<()> {
     }
     pool.build_global()?;
     let say = Say { quiet: call.quiet };
+    progress::tell_of_waits(say);
     // on a thread of the pool: from outside, every parallel step would wake its threads anew and wait for them asleep
     let work = || rayon::scope(|_| command(call.command, say));
     std::panic::catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|payload| match payload.downcast::<NoMemory>() {
@@ -227,6 +228,14 @@ fn command(command: Command, say: Say) -> Result<()> {
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct WrongCall(pub String);
+
+/// What the library refuses in the words of a call is a wrong call.
+pub fn asked(e: kinelm::Error) -> Error {
+    match e {
+        kinelm::Error::Call(what) | kinelm::Error::Motion(kinelm_motion::Error::Call(what)) => WrongCall(what).into(),
+        e => e.into(),
+    }
+}
 
 /// The user stopped the work with Ctrl-C; what is done is saved: exit code 130, as a shell has it.
 #[derive(Debug, thiserror::Error)]
@@ -321,6 +330,7 @@ impl Say {
     pub fn error(self, text: impl std::fmt::Display) {
         // a closed stderr is no reason to stop
         let _ = writeln!(std::io::stderr(), "kinelm: {text}");
+        progress::said();
     }
 
     /// Whether `--quiet` was given.

@@ -1,5 +1,6 @@
 //! `kinelm pretrain`.
 
+use super::progress::Telling;
 use super::{ComputeArgs, Say, Stopped};
 use anyhow::Result;
 use kinelm::train::{CorpusPart, Lines, PretrainOptions, Progress, Silent, Summary, TrainFile, pretrain};
@@ -10,8 +11,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The training TOML; paths inside it are relative to it
-    #[arg(long, value_name = "FILE", required_unless_present = "resume")]
+    /// The training settings: tiny, small, thesis-26m, gpt2, or a TOML; paths inside it are relative to it
+    #[arg(long, value_name = "NAME|FILE", required_unless_present = "resume")]
     config: Option<PathBuf>,
     /// The corpus folder; given several times, all of them, each of whose windows comes WEIGHT times a pass (1 if not given)
     #[arg(long, value_name = "CORPUS[=WEIGHT]")]
@@ -38,7 +39,7 @@ pub struct Args {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     let options = PretrainOptions {
-        file: args.config.as_deref().map(TrainFile::load).transpose()?,
+        file: args.config.as_deref().map(TrainFile::find).transpose().map_err(super::asked)?,
         corpora: args.corpus,
         run: args.run,
         steps: args.steps,
@@ -84,8 +85,7 @@ pub fn with_lines(
     train: impl FnOnce(&AtomicBool, &mut dyn Progress) -> kinelm::Result<Summary>,
 ) -> Result<Summary> {
     let stop = stop_on_ctrl_c()?;
-    let stderr = std::io::stderr();
-    let mut lines = Lines::new(stderr.lock(), stderr.is_terminal());
+    let mut lines = Lines::new(Telling::new(), std::io::stderr().is_terminal());
     let progress: &mut dyn Progress = if say.quiet() { &mut Silent } else { &mut lines };
     Ok(train(&stop, progress)?)
 }

@@ -1,31 +1,167 @@
-//! Progress bars, only where somebody watches.
+//! How far a wait is: a bar where somebody watches, else plain lines at growing intervals.
 
 use super::Say;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use kinelm::corpus::build::{Event, Watch};
+use kinelm::train::progress::time;
+use std::io::Write;
 use std::ops::ControlFlow;
+use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
-/// A bar of `total` steps on stderr; hidden when stderr is no terminal or `--quiet` was given.
-pub fn bar(total: u64, what: &str, say: Say) -> ProgressBar {
+/// What a wait is for, and when something was last said about it.
+#[derive(Debug)]
+struct Wait {
+    what: String,
+    done: u64,
+    /// 0: nobody knows.
+    of: u64,
+    since: Instant,
+    said: Instant,
+    gap: Duration,
+    /// Something else tells: a bar, the lines of a training.
+    told: bool,
+}
+
+/// A wait of so long is told.
+const FIRST_GAP: Duration = Duration::from_secs(2);
+/// Between lines at most.
+const LAST_GAP: Duration = Duration::from_secs(60);
+
+/// The process has one stderr, and so one wait.
+static WAIT: LazyLock<Mutex<Wait>> = LazyLock::new(|| Mutex::new(Wait::new("at work", 0, Instant::now())));
+
+fn wait() -> MutexGuard<'static, Wait> {
+    WAIT.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Wait {
+    fn new(what: &str, of: u64, now: Instant) -> Wait {
+        Wait { what: what.into(), done: 0, of, since: now, said: now, gap: FIRST_GAP, told: false }
+    }
+
+    /// The line that is due, if one is; the next comes after twice the time.
+    fn due(&mut self, now: Instant) -> Option<String> {
+        if self.told || now.saturating_duration_since(self.said) < self.gap {
+            return None;
+        }
+        self.said = now;
+        self.gap = (2 * self.gap).min(LAST_GAP);
+        let (what, done, of, gone) = (&self.what, self.done, self.of, now.saturating_duration_since(self.since));
+        Some(match (done, of) {
+            (_, 0) => format!("{what}, {} so far", time(gone)),
+            (0, _) => format!("0 of {of} {what}, {} so far", time(gone)),
+            _ => {
+                let left = gone.as_secs_f64() * of.saturating_sub(done) as f64 / done as f64;
+                format!("{done} of {of} {what}, {} left", time(Duration::from_secs_f64(left)))
+            }
+        })
+    }
+}
+
+/// Lets a thread tell of waits from now on.
+pub fn tell_of_waits(say: Say) {
+    if say.quiet() {
+        return;
+    }
+    std::thread::spawn(|| {
+        loop {
+            std::thread::sleep(Duration::from_millis(200));
+            let line = wait().due(Instant::now());
+            if let Some(line) = line {
+                // a closed stderr is no reason to stop
+                let _ = std::io::stderr().write_all(format!("kinelm: {line}\n").as_bytes());
+            }
+        }
+    });
+}
+
+/// Something was said: the next line about the wait has time.
+pub fn said() {
+    wait().said = Instant::now();
+}
+
+/// What comes next, where nobody knows how long it takes.
+pub fn stage(what: &str) {
+    *wait() = Wait::new(what, 0, Instant::now());
+}
+
+/// Stderr for one that tells of its progress itself, as long as it is there.
+pub struct Telling(std::io::Stderr);
+
+impl Telling {
+    pub fn new() -> Telling {
+        Telling(std::io::stderr())
+    }
+}
+
+impl Write for Telling {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        wait().told = true;
+        self.0.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.0.flush()
+    }
+}
+
+impl Drop for Telling {
+    fn drop(&mut self) {
+        stage("at work");
+    }
+}
+
+/// Counts steps, seen as a bar on a terminal and as lines elsewhere.
+pub struct Bar(ProgressBar);
+
+/// A count of `total` steps on stderr; unseen when `--quiet` was given.
+pub fn bar(total: u64, what: &str, say: Say) -> Bar {
     let target = if say.quiet() { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
     let bar = ProgressBar::with_draw_target(Some(total), target);
     let template = format!("{{bar:30}} {{pos}}/{{len}} {what}, {{eta}} left {{msg}}");
     if let Ok(style) = ProgressStyle::with_template(&template) {
         bar.set_style(style);
     }
-    bar
+    bar.tick();
+    *wait() = Wait { told: !bar.is_hidden(), ..Wait::new(what, total, Instant::now()) };
+    Bar(bar)
+}
+
+impl Bar {
+    /// So many steps are done.
+    pub fn set_position(&self, done: u64) {
+        self.0.set_position(done);
+        wait().done = done;
+    }
+
+    /// What is at work.
+    pub fn set_message(&self, message: String) {
+        self.0.set_message(message);
+    }
+
+    /// Says something that stays above the bar.
+    pub fn suspend(&self, say: impl FnOnce()) {
+        self.0.suspend(say);
+    }
+}
+
+impl Drop for Bar {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+        stage("at work");
+    }
 }
 
 /// A bar over files; bad ones are named as they turn up.
 pub fn watch(say: Say) -> Box<Watch<'static>> {
-    let mut shown: Option<ProgressBar> = None;
+    let mut shown: Option<Bar> = None;
     Box::new(move |event| {
         match event {
             Event::Done { done, of, .. } => {
-                let bar = shown.get_or_insert_with(|| bar(of as u64, "files", say));
-                bar.set_position(done as u64);
+                shown.get_or_insert_with(|| bar(of as u64, "files", say)).set_position(done as u64);
                 if done == of {
-                    bar.finish_and_clear();
+                    shown = None;
                 }
             }
             Event::Failed { item, error } => {
@@ -38,4 +174,27 @@ pub fn watch(say: Say) -> Box<Watch<'static>> {
         }
         ControlFlow::Continue(())
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_come_after_two_seconds_and_then_ever_more_seldom() {
+        let start = Instant::now();
+        let told = |wait: &mut Wait| -> Vec<(u64, String)> {
+            let at = |s| start + Duration::from_secs(s);
+            (0..=200).filter_map(|s| Some((s, wait.due(at(s))?))).collect()
+        };
+        let lines = told(&mut Wait { done: 30, ..Wait::new("steps", 300, start) });
+        assert_eq!(lines.iter().map(|(s, _)| *s).collect::<Vec<_>>(), [2, 6, 14, 30, 62, 122, 182]);
+        assert_eq!(lines[2].1, "30 of 300 steps, 2 min 06 s left");
+        assert_eq!(told(&mut Wait::new("steps", 300, start))[0].1, "0 of 300 steps, 2 s so far");
+        assert_eq!(told(&mut Wait::new("at work", 0, start))[3].1, "at work, 30 s so far");
+        assert_eq!(told(&mut Wait { told: true, ..Wait::new("steps", 300, start) }), []);
+        // what was said in between puts the next line off
+        let said = start + Duration::from_secs(50);
+        assert_eq!(told(&mut Wait { said, ..Wait::new("steps", 300, start) })[0].0, 52);
+    }
 }

@@ -5,6 +5,7 @@ use anyhow::Result;
 use kinelm::spectral::picture::{Wanted, charts};
 use kinelm::view::plot;
 use kinelm_motion::format::{self, RestFrame};
+use kinelm_motion::suggest::did_you_mean;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
@@ -41,8 +42,8 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let joint = match &args.joint {
         None => 0,
         Some(name) => skeleton.find(name).ok_or_else(|| {
-            let path = args.clip.display();
-            anyhow::anyhow!("{path}: no joint {name:?}; there are {}", skeleton.names().join(", "))
+            let (path, meant) = (args.clip.display(), did_you_mean(name, skeleton.names().iter().map(String::as_str)));
+            anyhow::anyhow!("{path}: no joint {name:?}; there are {}{meant}", skeleton.names().join(", "))
         })?,
     };
     let wanted = Wanted { joint, from_s: args.at, seconds: args.seconds, fps: args.fps, no_dc: args.no_dc };

@@ -3,7 +3,6 @@
 use super::data::DataArgs;
 use super::{Say, WrongCall, print, progress, read::ReadArgs};
 use anyhow::{Context, Result};
-use indicatif::ProgressBar;
 use kinelm::study::{self, Event, StudyOptions, default_rows, study};
 use kinelm_motion::format::RestFrame;
 use kinelm_motion::joints;
@@ -61,7 +60,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 
 /// A bar over the clips of all rows, with the name of the one at work.
 fn watch(say: Say) -> impl FnMut(Event<'_>) {
-    let mut shown: Option<ProgressBar> = None;
+    let mut shown: Option<progress::Bar> = None;
     let mut name = String::new();
     move |event| {
         let line = |text: String| match &shown {
@@ -77,7 +76,7 @@ fn watch(say: Say) -> impl FnMut(Event<'_>) {
                 bar.set_position(done);
                 bar.set_message(name.clone());
                 if done == of {
-                    bar.finish_and_clear();
+                    shown = None;
                 }
             }
         }

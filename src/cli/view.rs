@@ -40,8 +40,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let forced = match list.map(String::as_str) {
             None | Some("") => Vec::new(),
             Some(list) => {
-                let selection = joints::parse(list).map_err(|e| WrongCall(e.to_string()))?;
-                on_rig(motion.clip.skeleton(), &selection, args.read.map.as_deref())?
+                let (rig, map) = (motion.clip.skeleton(), args.read.map.as_deref());
+                let selection = joints::in_smpl_names(list, rig, map).and_then(|list| joints::parse(&list));
+                on_rig(rig, &selection.map_err(|e| WrongCall(e.to_string()))?, map)?
             }
         };
         figures.push(figure(motion).forced(&forced));

@@ -5,6 +5,7 @@
 
 use super::record::ClipRecord;
 use crate::{Error, Result};
+use kinelm_motion::suggest::did_you_mean;
 use kinelm_tokenizer::{Special, Tokenizer, Vocabulary};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -81,11 +82,14 @@ impl Conditions {
                     true => "this model knows no labels; train one with train.conditions".to_string(),
                     false => format!("this model knows {}", self.fields.join(", ")),
                 };
-                return Err(Error::Call(format!("label {field}={value}: no field `{field}`; {known}")));
+                let meant = did_you_mean(field, self.fields.iter().map(String::as_str));
+                return Err(Error::Call(format!("label {field}={value}: no field `{field}`; {known}{meant}")));
             };
             if !self.values[at].contains_key(value) {
-                let known = self.values(field).join(", ");
-                let what = format!("label {field}={value}: no value `{value}`; this model knows the {field} {known}");
+                let (known, meant) = (self.values(field), did_you_mean(value, self.values(field)));
+                let known = known.join(", ");
+                let what =
+                    format!("label {field}={value}: no value `{value}`; this model knows the {field} {known}{meant}");
                 return Err(Error::Call(what));
             }
             if labels.insert(field.clone(), value.clone()).is_some() {
@@ -186,6 +190,7 @@ mod tests {
         assert_eq!(ask(&[("dancer", "61"), ("genre", "a")]), Ok(vec![1, 70, 69, 4, 4]));
         assert_eq!(ask(&[]), Ok(vec![1, 4, 4, 4, 4]));
         let said = ask(&[("genre", "house")]).unwrap_err();
+        assert!(ask(&[("genre", "slasa")]).unwrap_err().ends_with("; did you mean salsa?"));
         assert_eq!(said, "label genre=house: no value `house`; this model knows the genre a, salsa, waack");
         assert!(ask(&[("mood", "x")]).unwrap_err().ends_with("this model knows genre, dancer, angle, style"));
         assert!(ask(&[("genre", "a"), ("genre", "a")]).unwrap_err().contains("asked for twice"));

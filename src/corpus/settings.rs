@@ -1,6 +1,6 @@
 //! The settings of a tokenizer in TOML, with single keys set on top.
 
-use crate::{Error, Result};
+use crate::{Error, Result, presets};
 use kinelm_motion::joints;
 use kinelm_tokenizer::TokenizerConfig;
 use serde::Deserialize;
@@ -19,6 +19,17 @@ pub struct Settings {
 const HELP: &str = "configs/tokenizer/ has examples with every key";
 
 impl Settings {
+    /// The settings of a name that is built in ([`presets::TOKENIZER`]), else those of a file.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when it is neither, else those of [`Settings::load`].
+    pub fn find(name_or_path: &Path) -> Result<Self> {
+        match presets::find(presets::TOKENIZER, name_or_path, "tokenizer settings")? {
+            Some(text) => Settings::parse(text, name_or_path),
+            None => Settings::load(name_or_path),
+        }
+    }
+
     /// Reads a file.
     ///
     /// # Errors

@@ -57,7 +57,7 @@ impl Ready {
     /// that the model doesn't know, with those that it knows; guidance of a model without conditions, or without labels;
     /// joints that aren't coded; a prompt of which nothing is followed, or that is too short to go on from; neither frames
     /// nor a prompt, more frames than memory holds, none that are left to make.
-    pub fn load(recipe: Recipe, which: Which) -> Result<Ready> {
+    pub fn load(mut recipe: Recipe, which: Which) -> Result<Ready> {
         recipe.draw.check()?;
         if let Which::Step(step) = which {
             check_step(&recipe.run, step)?;
@@ -70,7 +70,7 @@ impl Ready {
                         is asked what it has not seen";
             run.notes.push(what.into());
         }
-        let prompt = recipe.prompt.as_ref().map(|prompt| Followed::load(prompt, &tokenizer)).transpose()?;
+        let prompt = recipe.prompt.as_mut().map(|prompt| Followed::load(prompt, &tokenizer)).transpose()?;
         let frames = recipe.frames.or(prompt.as_ref().map(|p| p.clip.frames()));
         let frames = frames.ok_or_else(|| Error::Call("neither frames nor a prompt that says how many".into()))?;
         if frames > MOST_FRAMES {
@@ -150,15 +150,20 @@ impl Ready {
 }
 
 impl Followed {
-    fn load(recipe: &PromptRecipe, tokenizer: &Tokenizer) -> Result<Followed> {
+    /// Reads a prompt; joints named as its rig names them get SMPL's names in the recipe.
+    fn load(recipe: &mut PromptRecipe, tokenizer: &Tokenizer) -> Result<Followed> {
         if recipe.joints.is_none() && recipe.from_frame.is_none() {
             let path = recipe.path.display();
             return Err(Error::Call(format!(
                 "{path}: nothing of the prompt is followed; give joints, a frame to go on from, or both"
             )));
         }
-        let selection = recipe.joints.as_deref().map(joints::parse).transpose()?;
         let clip = Prompt::load(&recipe.path, &recipe.read, tokenizer)?;
+        let (rig, map) = (clip.motion.clip.skeleton(), recipe.read.map.as_deref());
+        let wrong = |list: &str, e: kinelm_motion::Error| Error::Call(format!("--joints {list}: {e}"));
+        let in_smpl_names = |list: &String| joints::in_smpl_names(list, rig, map).map_err(|e| wrong(list, e));
+        recipe.joints = recipe.joints.as_ref().map(in_smpl_names).transpose()?;
+        let selection = recipe.joints.as_deref().map(joints::parse).transpose()?;
         let given = match (&selection, &recipe.joints) {
             (Some(selection), Some(list)) => {
                 prompt::given_places(tokenizer, selection).map_err(|e| Error::Call(format!("--joints {list}: {e}")))?

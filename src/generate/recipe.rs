@@ -48,7 +48,8 @@ pub struct PromptRecipe {
     pub path: PathBuf,
     /// How it is read.
     pub read: ReadOptions,
-    /// The joints that are followed, as [`kinelm_motion::joints::parse`] takes them.
+    /// The joints that are followed, as [`kinelm_motion::joints::parse`] takes them; when a dance is asked for, names of the
+    /// prompt's rig too.
     pub joints: Option<String>,
     /// The frame from which the dance goes on by itself: those before it are the prompt's.
     pub from_frame: Option<usize>,

@@ -5,7 +5,7 @@ use super::data::CorpusPart;
 use super::schedule::Schedule;
 use crate::corpus::conditions::in_order;
 use crate::model::{ModelConfig, TokenLayout};
-use crate::{Error, Result};
+use crate::{Error, Result, presets};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -126,6 +126,17 @@ impl Default for TrainConfig {
 }
 
 impl TrainFile {
+    /// The training file of a name that is built in ([`presets::TRAIN`]), else that of a path.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when it is neither, else those of [`TrainFile::load`].
+    pub fn find(name_or_path: &Path) -> Result<TrainFile> {
+        match presets::find(presets::TRAIN, name_or_path, "training file")? {
+            Some(text) => TrainFile::parse(text, name_or_path),
+            None => TrainFile::load(name_or_path),
+        }
+    }
+
     /// Reads a training file; its paths become relative to where it stands.
     ///
     /// # Errors

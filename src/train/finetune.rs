@@ -44,7 +44,7 @@ pub struct FinetuneOptions {
 pub fn finetune(options: &FinetuneOptions, stop: &AtomicBool, progress: &mut dyn Progress) -> Result<Summary> {
     // a device that isn't there must not leave an empty run behind
     options.compute.device.open()?;
-    let file = TrainFile::load(&options.config)?;
+    let file = TrainFile::find(&options.config)?;
     let run = options.run.clone().or_else(|| file.run.clone());
     let run = run.ok_or_else(|| Error::Call("no run folder; give one by --run or in the training file".into()))?;
     let source = exchange::load(&options.from)?;

@@ -1,6 +1,7 @@
 //! Skeleton maps: which joint of a rig plays which SMPL joint, in a TOML that a user can write.
 
 use crate::rotation::{Axis, EulerOrder};
+use crate::suggest::did_you_mean;
 use crate::{Error, FileError, Kind, Place, Quat, Result, smpl};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -65,8 +66,9 @@ impl SkeletonMap {
         }
         if !Path::new(name_or_path).exists() {
             let names: Vec<_> = SkeletonMap::names().collect();
+            let meant = did_you_mean(name_or_path, names.iter().copied());
             return Err(Error::Call(format!(
-                "no skeleton map {name_or_path:?}: neither a file nor one of {}",
+                "no skeleton map {name_or_path:?}: neither a file nor one of {}{meant}",
                 names.join(", ")
             )));
         }
@@ -338,6 +340,8 @@ mod tests {
         }
         assert!(SkeletonMap::builtin("ballerina").is_none());
         assert!(SkeletonMap::by_name_or_file("ballerina").unwrap_err().to_string().contains("cmu-acrnn"));
+        let message = SkeletonMap::by_name_or_file("miximo").unwrap_err().to_string();
+        assert!(message.ends_with("; did you mean mixamo?"), "{message}");
     }
 
     #[test]

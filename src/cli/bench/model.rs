@@ -1,6 +1,6 @@
 //! Which model a bench is about.
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use kinelm::model::config::Stretch;
 use kinelm::model::past::Counts;
 use kinelm::model::{HeadKind, ModelConfig, TokenLayout};
@@ -8,21 +8,12 @@ use kinelm::train::TrainFile;
 use kinelm_tokenizer::PlaceIds;
 use std::path::Path;
 
-/// The training files that go by a name.
-const NAMED: [(&str, &str); 5] = [
-    ("tiny", include_str!("../../../configs/train/tiny.toml")),
-    ("small", include_str!("../../../configs/train/small.toml")),
-    ("thesis-26m", include_str!("../../../configs/train/thesis-26m.toml")),
-    ("gpt2", include_str!("../../../configs/train/gpt2.toml")),
-    ("demo", include_str!("../../../configs/train/demo.toml")),
-];
-
 /// The id of the first bin.
 const FIRST: u32 = 6;
 
 #[derive(Debug, clap::Args)]
 pub struct ModelArgs {
-    /// The model: tiny, small, thesis-26m, gpt2, demo, or a training TOML
+    /// The model: that of the training settings tiny, small, thesis-26m, gpt2, demo, or of a TOML
     #[arg(long, default_value = "tiny", value_name = "NAME|FILE")]
     config: String,
     /// Tokens of a window; the configuration's if not given
@@ -49,12 +40,7 @@ impl ModelArgs {
     /// The configuration with what the call changes in it.
     pub fn get(&self) -> Result<BenchModel> {
         let path = Path::new(&self.config);
-        let mut file = match NAMED.iter().find(|(name, _)| *name == self.config) {
-            Some((name, text)) => TrainFile::parse(text, Path::new(name))?,
-            None => TrainFile::load(path).with_context(|| {
-                format!("--config {}: expected tiny, small, thesis-26m, gpt2, demo, or a training file", self.config)
-            })?,
-        };
+        let mut file = TrainFile::find(path).map_err(crate::cli::asked)?;
         file.model.context = self.context.unwrap_or(file.model.context);
         file.model.dropout = self.dropout;
         // a word and the special ids as 13 joints have them: a place in space, then angles, of the same bins
@@ -97,6 +83,7 @@ impl BenchModel {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use kinelm::presets::TRAIN;
 
     fn args(config: &str) -> ModelArgs {
         ModelArgs { config: config.into(), context: None, vocabulary: 400, dropout: 0.0 }
@@ -104,8 +91,8 @@ mod tests {
 
     #[test]
     fn names_and_files_are_found_and_others_are_refused() {
-        for (name, _) in NAMED {
-            assert_eq!(args(name).get().unwrap().name, name);
+        for (name, _) in TRAIN {
+            assert_eq!(args(name).get().unwrap().name, *name);
         }
         let thesis = args("thesis-26m").get().unwrap();
         assert_eq!((thesis.file.model.width, thesis.file.model.dropout), (512, 0.0));
@@ -115,7 +102,7 @@ mod tests {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/train/small.toml");
         assert_eq!(args(folder.to_str().unwrap()).get().unwrap().name, "small");
         let refused = format!("{:#}", args("huge").get().unwrap_err());
-        assert!(refused.contains("--config huge: expected tiny"), "{refused}");
+        assert!(refused.contains("no training file \"huge\": neither a file nor one of tiny"), "{refused}");
         let short = ModelArgs { context: Some(20), ..args("tiny") };
         assert!(short.get().unwrap_err().to_string().contains("86 or more"));
     }

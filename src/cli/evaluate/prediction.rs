@@ -79,7 +79,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let seen = seen_s(&foreteller, &tokenizer);
     let bar = crate::cli::progress::bar(own.len() as u64, "windows", say);
     let rows = foreteller.rows(&own, &mut |n| bar.set_position(n as u64));
-    bar.finish_and_clear();
+    drop(bar);
     let joints = tokenizer.channels().joints();
     let mut all = baselines(&own, joints, "")?;
     all.extend(rows?);

@@ -1,0 +1,86 @@
+//! Settings that are compiled in, by the names of their files in `configs/`.
+//!
+//! A name that is built in means that; a file of the same name is meant by `./NAME`.
+
+use crate::{Error, Result};
+use kinelm_motion::suggest::did_you_mean;
+use std::path::Path;
+
+/// Names and texts of settings.
+type Presets = [(&'static str, &'static str)];
+
+/// Training files.
+pub const TRAIN: &Presets = &[
+    ("tiny", include_str!("../configs/train/tiny.toml")),
+    ("small", include_str!("../configs/train/small.toml")),
+    ("thesis-26m", include_str!("../configs/train/thesis-26m.toml")),
+    ("gpt2", include_str!("../configs/train/gpt2.toml")),
+    ("finetune", include_str!("../configs/train/finetune.toml")),
+    ("demo", include_str!("../configs/train/demo.toml")),
+];
+
+/// Settings of tokenizers.
+pub const TOKENIZER: &Presets = &[
+    ("uniform", include_str!("../configs/tokenizer/uniform.toml")),
+    ("thesis", include_str!("../configs/tokenizer/thesis.toml")),
+    ("quantile", include_str!("../configs/tokenizer/quantile.toml")),
+    ("dct-pca", include_str!("../configs/tokenizer/dct-pca.toml")),
+    ("lapped", include_str!("../configs/tokenizer/lapped.toml")),
+];
+
+/// The text of a name that is built in, `None` for a file that is there.
+///
+/// # Errors
+/// [`Error::Call`] with the names when it is neither.
+pub(crate) fn find(presets: &'static Presets, name_or_path: &Path, what: &str) -> Result<Option<&'static str>> {
+    if let Some((_, text)) = presets.iter().find(|(name, _)| Path::new(name) == name_or_path) {
+        return Ok(Some(text));
+    }
+    if std::fs::symlink_metadata(name_or_path).is_ok() {
+        return Ok(None);
+    }
+    let names: Vec<&str> = presets.iter().map(|(name, _)| *name).collect();
+    let wanted = name_or_path.display().to_string();
+    let meant = did_you_mean(&wanted, names.iter().copied());
+    Err(Error::Call(format!("no {what} {wanted:?}: neither a file nor one of {}{meant}", names.join(", "))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::corpus::Settings;
+    use crate::train::TrainFile;
+
+    #[test]
+    fn every_name_is_found_and_a_file_by_its_path() {
+        for (name, _) in TRAIN {
+            TrainFile::find(Path::new(name)).unwrap();
+        }
+        for (name, _) in TOKENIZER {
+            Settings::find(Path::new(name)).unwrap().config().unwrap();
+        }
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("tiny");
+        std::fs::write(&file, "[train]\nsteps = 7\n").unwrap();
+        assert_eq!(TrainFile::find(&file).unwrap().train.steps, 7);
+        let message = TrainFile::find(Path::new("smal")).unwrap_err().to_string();
+        let expected = "no training file \"smal\": neither a file nor one of tiny, small, thesis-26m, gpt2, finetune, \
+                        demo; did you mean small?";
+        assert_eq!(message, expected);
+        let message = Settings::find(Path::new("no/such.toml")).unwrap_err().to_string();
+        assert!(message.contains("neither a file nor one of uniform") && !message.contains("did you"), "{message}");
+    }
+
+    #[test]
+    fn every_file_of_the_folders_is_built_in() {
+        for (folder, presets) in [("train", TRAIN), ("tokenizer", TOKENIZER)] {
+            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs").join(folder);
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+                // lists of rows, `--schemes`
+                assert!(name.starts_with("study") || presets.iter().any(|(n, _)| *n == name), "{name}");
+            }
+        }
+    }
+}

@@ -5,9 +5,9 @@ mod prediction;
 
 use super::{ComputeArgs, ReadingArgs, Say, WrongCall, print};
 use anyhow::Result;
-use kinelm::corpus::{Corpus, Split};
+use kinelm::corpus::{ClipRecord, Corpus, Split};
 use kinelm::evaluate::baselines::figure_row;
-use kinelm::evaluate::likelihood::likelihood;
+use kinelm::evaluate::likelihood::likelihood_by_token;
 use kinelm::evaluate::per_joint::{by_part, by_place, places};
 use kinelm::evaluate::{CodeSplits, Floors, measure};
 use kinelm::model::{Reading, Which, load_run};
@@ -121,10 +121,23 @@ fn model(args: LikelihoodArgs, say: Say) -> Result<()> {
         true => {
             by_place(&mut *model, &corpus, &clips, args.windows, &conditions)?.map(|(found, bits)| (found, Some(bits)))
         }
-        false => likelihood(&mut *model, &corpus, &clips, args.windows, &conditions)?.map(|found| (found, None)),
+        false => {
+            // of some windows alone nobody knows how many tokens they have
+            let tokens = if args.windows == 0 { clips.iter().map(|c| c.tokens).sum() } else { 0 };
+            let (bar, mut done) = (super::progress::bar(tokens as u64, "tokens", say), 0);
+            let mut each = |_: &ClipRecord, _, _| {
+                done += 1;
+                if done % 512 == 0 {
+                    bar.set_position(done);
+                }
+            };
+            let found = likelihood_by_token(&mut *model, &corpus, &clips, args.windows, &conditions, &mut each);
+            found?.map(|found| (found, None))
+        }
     };
     let (found, bits) =
         found.ok_or_else(|| anyhow::anyhow!("{}: no {} clip has a frame", args.corpus.display(), args.split))?;
+    super::progress::stage("static models fitted and measured");
     let floors = Floors::of_corpus(&corpus, args.split)?;
     let checkpoint = run.checkpoint.display().to_string();
     let all_frames: usize = clips.iter().map(|c| c.frames).sum();
@@ -195,6 +208,7 @@ fn baselines(args: BaselinesArgs) -> Result<()> {
                     corpus.display()
                 );
             }
+            super::progress::stage("static models fitted and measured");
             Floors::of_corpus(&opened, split)?
         }
         (_, Some(tokens)) => Floors::Channels(Box::new(measure(&CodeSplits::load_npz(tokens, args.bins as usize)?)?)),

@@ -4,6 +4,9 @@ use super::{kinelm, metrics, place};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use std::fs;
+use std::io::{BufRead, BufReader, Read};
+use std::process::Stdio;
+use std::time::Duration;
 
 #[test]
 fn runs_are_listed_and_drawn() {
@@ -93,4 +96,29 @@ fn a_rate_is_found() {
     assert_eq!(found["steps"][0]["rate"].as_f64(), Some(1e-7));
     find("lr.gif", &["--to", "100"]).assert().code(2);
     find("lr2.svg", &["--from", "1", "--to", "0.1"]).assert().failure().stderr(contains("rates from 1 to 0.1"));
+}
+
+#[test]
+fn a_wait_is_told_without_a_terminal_and_quiet_silences_it() {
+    let place = place();
+    let config = place.config("wait.toml", "");
+    let find = |quiet: bool| {
+        let mut c = std::process::Command::new(assert_cmd::cargo::cargo_bin("kinelm"));
+        c.arg("lr-find").arg("--config").arg(&config).arg("--corpus").arg(place.at("corpus"));
+        c.arg("--out").arg(place.at("wait.svg")).args(["--steps", "50000"]).args(quiet.then_some("--quiet"));
+        let mut child = c.stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+        (child.stderr.take().unwrap(), child)
+    };
+    let (stderr, mut child) = find(false);
+    let told = BufReader::new(stderr).lines().map(Result::unwrap).find(|line| line.contains(" of 50000 steps, "));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(told.is_some_and(|line| line.starts_with("kinelm: ") && line.ends_with(" left")));
+    let (mut stderr, mut child) = find(true);
+    std::thread::sleep(Duration::from_millis(2500));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let mut said = String::new();
+    stderr.read_to_string(&mut said).unwrap();
+    assert_eq!(said, "");
 }

@@ -101,6 +101,15 @@ pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
+/// Makes the folder that `path` is to stand in, and those above it.
+///
+/// # Errors
+/// [`Error::Io`] when the system refuses.
+pub fn make_folder_of(path: &Path) -> Result<()> {
+    let folder = folder_of(path);
+    fs::create_dir_all(folder).map_err(Error::io(folder))
+}
+
 /// Refuses a file in a folder that isn't there, before any work is done for it.
 ///
 /// # Errors

@@ -99,6 +99,36 @@ fn what_is_wrong_is_said_with_its_place() {
 }
 
 #[test]
+fn folders_are_converted_with_their_paths_and_nothing_is_written_twice() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    for (folder, file) in [("d/salsa", "1.bvh"), ("d", "2.bvh"), ("e", "2.bvh")] {
+        fs::create_dir_all(at(folder)).unwrap();
+        fs::write(at(folder).join(file), TWO).unwrap();
+    }
+    let convert = |paths: &[&str], more: &[&str]| {
+        let mut c = kinelm();
+        c.args(["convert", "--unit", "m"]).args(paths.iter().map(|p| at(p))).args(more);
+        c.assert()
+    };
+    convert(&["d", "new/out"], &["--format", "json"]).success().stderr(contains("2 of 2: "));
+    assert!(at("new/out/salsa/1.json").exists() && at("new/out/2.json").exists());
+    // two inputs of one output: refused before anything is written
+    convert(&["d", "e", "both"], &["--format", "json"]).code(2).stderr(contains("would both be written to"));
+    assert!(!at("both").exists());
+    // a bad file doesn't keep the others from it
+    fs::write(at("d/0.bvh"), "no motion").unwrap();
+    convert(&["d", "rest"], &[]).code(1).stderr(contains("1 of 3 files could not be converted"));
+    assert!(at("rest/salsa/1.bvh").exists() && at("rest/2.bvh").exists());
+    // one file, one name: the extension decides, in a folder that isn't there yet
+    convert(&["e/2.bvh", "far/away/two.json"], &[]).success();
+    assert!(at("far/away/two.json").exists());
+    convert(&["e/2.bvh", "two.json"], &["--format", "bvh"]).code(2).stderr(contains("--format bvh, and OUT is"));
+    convert(&["e/2.bvh", "d/2.bvh", "two.json"], &[]).code(2).stderr(contains("it is no folder"));
+    convert(&["d", "d"], &[]).code(2).stderr(contains("over itself"));
+}
+
+#[test]
 fn inspect_goes_on_after_a_bad_file() {
     let dir = tempfile::tempdir().unwrap();
     let bad = dir.path().join("bad.bvh");

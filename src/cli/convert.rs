@@ -1,25 +1,31 @@
 //! `kinelm convert`.
 
+use super::many::{self, Pair};
 use super::{Say, WrongCall, extension, read::ReadArgs};
-use anyhow::Result;
+use anyhow::{Context, Result};
+use kinelm::files::make_folder_of;
 use kinelm_motion::convert::{Rig, Wanted, convert};
-use kinelm_motion::format::{self, RestFrame};
-use kinelm_motion::{Motion, joints};
-use std::path::PathBuf;
+use kinelm_motion::format::{self, ReadOptions, RestFrame};
+use kinelm_motion::{Motion, joints, smpl};
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A motion file (.bvh .npz .pkl .json)
-    input: PathBuf,
-    /// The file to write (.bvh .npz .json); an .npz is AMASS SMPL+H
-    output: PathBuf,
+    /// Motion files (.bvh .npz .pkl .json), or folders of them; then the file to write (.bvh .npz .json), or for several
+    /// the folder, in which paths below a folder are kept. An .npz is AMASS SMPL+H
+    #[arg(required = true, num_args = 2.., value_names = ["IN", "OUT"])]
+    paths: Vec<PathBuf>,
+    /// What is written into a folder; if not given, each file's own format, and .npz for a .pkl
+    #[arg(long, value_enum, value_name = "bvh|npz|json")]
+    format: Option<FormatArg>,
     /// Frames per second wanted
     #[arg(long, value_parser = super::read::positive)]
     fps: Option<f64>,
     /// The rig wanted: smpl, a body model (SMPL_*.npz), or a motion file whose rig is meant
     #[arg(long, value_name = "NAME|FILE")]
     skeleton: Option<String>,
-    /// Joints that go on moving, on the SMPL body: 13, 24, or a list of groups, names and ids; the others stand at rest
+    /// Joints that go on moving, on the SMPL body: 13, 24, or a list of groups, names (SMPL's or the file's own) and ids; the
+    /// others stand at rest
     #[arg(long, value_name = "LIST")]
     joints: Option<String>,
     /// Write joint positions instead of AMASS: positions (F,N,3) in metres, joints, parents, fps; in the file's own order,
@@ -30,61 +36,117 @@ pub struct Args {
     read: ReadArgs,
 }
 
-pub fn run(args: Args, say: Say) -> Result<()> {
-    let options = args.read.options(RestFrame::Keep);
-    let ext = extension(&args.output);
-    if args.positions {
-        if ext != "npz" {
-            return Err(WrongCall(format!("--positions writes .npz; OUT is {}", args.output.display())).into());
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum FormatArg {
+    Bvh,
+    Npz,
+    Json,
+}
+
+impl FormatArg {
+    fn extension(self) -> &'static str {
+        match self {
+            FormatArg::Bvh => "bvh",
+            FormatArg::Npz => "npz",
+            FormatArg::Json => "json",
         }
-        // what was odd in the file is found in reading its motion
-        super::warn(&format::read(&args.input, &options)?, say);
-        let positions = format::positions(&args.input, &options)?;
-        positions.save(&args.output)?;
-        let (out, n, f) = (args.output.display(), positions.joints.len(), positions.frames());
-        say.line(format_args!("{out}: {f} frames of {n} points at {} fps", positions.fps));
-        return Ok(());
     }
-    check(&args)?;
-    let motion = format::read(&args.input, &options)?;
-    super::warn(&motion, say);
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    let pairs = pairs(&args)?;
+    check(&args, &pairs)?;
+    let options = args.read.options(RestFrame::Keep);
+    let rig = args.skeleton.as_deref().map(|name| Rig::find(name, &options)).transpose()?;
+    let inputs: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
+    super::each_file(&inputs, "files could not be converted", say, |i, input| {
+        let output = &pairs[i].output;
+        let count = if pairs.len() > 1 { format!("{} of {}: ", i + 1, pairs.len()) } else { String::new() };
+        let written = if args.positions {
+            positions(input, output, &options, say)?
+        } else {
+            let motion = format::read(input, &options)?;
+            super::warn(&motion, say);
+            let wanted = wanted(&args, rig.as_ref(), &motion, output)?;
+            let motion = convert(motion, &wanted, args.read.map.as_deref())?;
+            make_folder_of(output)?;
+            format::write(output, &motion)?;
+            described(output, &motion)
+        };
+        say.line(format_args!("{count}{written}"));
+        Ok(())
+    })
+}
+
+/// What is read, and where it goes.
+fn pairs(args: &Args) -> Result<Vec<Pair>> {
+    let (out, given) = args.paths.split_last().context("no files")?;
+    let format = args.format.map(FormatArg::extension).or(args.positions.then_some("npz"));
+    if !many::is_folder(given, out) {
+        if let Some(format) = format.filter(|format| *format != extension(out)) {
+            let out = out.display();
+            let what = match args.positions {
+                true => format!("--positions writes .npz; OUT is {out}"),
+                false => {
+                    format!("--format {format}, and OUT is {out}; give a name in .{format}, or a folder (it ends in /)")
+                }
+            };
+            return Err(WrongCall(what).into());
+        }
+        return Ok(vec![Pair { input: given[0].clone(), output: out.clone() }]);
+    }
+    many::into_folder(given, out, |own| match (format, own) {
+        (Some(format), _) => format.into(),
+        (None, "pkl") => "npz".into(),
+        (None, own) => own.into(),
+    })
+}
+
+/// What can be known to be wrong before anything is read.
+fn check(args: &Args, pairs: &[Pair]) -> Result<()> {
+    let other_rig = args.skeleton.as_deref().is_some_and(|s| s != "smpl");
+    for Pair { input, output } in pairs {
+        if super::writable(output)? == "npz" && other_rig {
+            let what = "--skeleton with an .npz: AMASS files are on SMPL's joints; write .bvh or .json";
+            return Err(WrongCall(what.into()).into());
+        }
+        super::not_over_itself(input, output)?;
+    }
+    Ok(())
+}
+
+/// What is to become of a motion that goes to `output`.
+fn wanted(args: &Args, rig: Option<&Rig>, motion: &Motion, output: &Path) -> Result<Wanted> {
     let selection = |list: &str| {
         let list = joints::in_smpl_names(list, motion.clip.skeleton(), args.read.map.as_deref())?;
         joints::parse(&list)
     };
-    let wanted = Wanted {
+    let npz = || (extension(output) == "npz").then(|| Rig::Smpl(smpl::neutral()));
+    Ok(Wanted {
         fps: args.fps,
-        rig: match (&args.skeleton, ext.as_str()) {
-            (Some(name), _) => Some(Rig::find(name, &options)?),
-            (None, "npz") => Some(Rig::Smpl(kinelm_motion::smpl::neutral())),
-            (None, _) => None,
-        },
+        rig: rig.cloned().or_else(npz),
         joints: args.joints.as_deref().map(selection).transpose().map_err(|e| WrongCall(e.to_string()))?,
-    };
-    let motion = convert(motion, &wanted, args.read.map.as_deref())?;
-    format::write(&args.output, &motion)?;
-    told(&args.output, &motion, say);
-    Ok(())
+    })
 }
 
-/// What can be known to be wrong before anything is read.
-fn check(args: &Args) -> Result<()> {
-    if super::writable(&args.output)? == "npz" && args.skeleton.as_deref().is_some_and(|s| s != "smpl") {
-        return Err(
-            WrongCall("--skeleton with an .npz: AMASS files are on SMPL's joints; write .bvh or .json".into()).into()
-        );
-    }
-    super::not_over_itself(&args.input, &args.output)
+/// Writes the places of joints; what was written.
+fn positions(input: &Path, output: &Path, options: &ReadOptions, say: Say) -> Result<String> {
+    // what was odd in the file is found in reading its motion
+    super::warn(&format::read(input, options)?, say);
+    let positions = format::positions(input, options)?;
+    make_folder_of(output)?;
+    positions.save(output)?;
+    let (out, n, f) = (output.display(), positions.joints.len(), positions.frames());
+    Ok(format!("{out}: {f} frames of {n} points at {} fps", positions.fps))
 }
 
 /// Says what was written.
-pub fn told(path: &std::path::Path, motion: &Motion, say: Say) {
+pub fn told(path: &Path, motion: &Motion, say: Say) {
+    say.line(described(path, motion));
+}
+
+/// What stands in a file that was written.
+fn described(path: &Path, motion: &Motion) -> String {
     let clip = &motion.clip;
-    say.line(format_args!(
-        "{}: {} frames at {} fps, {} joints",
-        path.display(),
-        clip.frames(),
-        clip.fps(),
-        clip.joints()
-    ));
+    format!("{}: {} frames at {} fps, {} joints", path.display(), clip.frames(), clip.fps(), clip.joints())
 }

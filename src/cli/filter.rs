@@ -1,7 +1,8 @@
 //! `kinelm filter`.
 
-use super::{Say, WrongCall, extension, print, read::ReadArgs};
-use anyhow::{Context, Result};
+use super::many::{self, Pair};
+use super::{Say, print, read::ReadArgs};
+use anyhow::Result;
 use kinelm::spectral::filter::{Filter, LOW_HZ, MIDDLE_HZ, filter};
 use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
@@ -13,10 +14,11 @@ const LOST_SHARE: f64 = 1e-3;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Motion files (.bvh .npz .pkl .json)
+    /// Motion files (.bvh .npz .pkl .json), or folders of them
     #[arg(required = true, value_name = "CLIP")]
     clips: Vec<PathBuf>,
-    /// The file to write (.bvh .npz .json), or a folder for files of the clips' own names, which is made if it isn't there
+    /// The file to write (.bvh .npz .json), or a folder, which is made if it isn't there: files go by their names,
+    /// those of a folder by their paths below it
     #[arg(long, value_name = "FILE|DIR")]
     out: PathBuf,
     /// The bands of a cosine transform that stay: low, up to 3.5 Hz; or middle, up to 7.3 Hz
@@ -49,9 +51,10 @@ enum Level {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     let how = args.filter();
-    let outputs = outputs(&args.clips, &args.out)?;
-    let each = |i: usize, clip: &Path| one(clip, &outputs[i], &how, &args, say);
-    super::each_file(&args.clips, "clips could not be filtered", say, each)
+    let pairs = pairs(&args.clips, &args.out)?;
+    let clips: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
+    let each = |i: usize, clip: &Path| one(clip, &pairs[i].output, &how, &args, say);
+    super::each_file(&clips, "clips could not be filtered", say, each)
 }
 
 fn one(path: &Path, out: &Path, how: &Filter, args: &Args, say: Say) -> Result<()> {
@@ -70,6 +73,7 @@ fn one(path: &Path, out: &Path, how: &Filter, args: &Args, say: Say) -> Result<(
     }
     let after = jitter(&done.clip);
     let filtered = super::written_as(out, Motion { clip: done.clip, ..motion }, args.read.map.as_deref())?;
+    kinelm::files::make_folder_of(out)?;
     format::write(out, &filtered)?;
     let clip = &filtered.clip;
     if args.json {
@@ -101,33 +105,15 @@ impl Args {
     }
 }
 
-/// Where each clip goes: to `out` itself, or into it under its own name. A .pkl, which isn't written, becomes an .npz.
-fn outputs(clips: &[PathBuf], out: &Path) -> Result<Vec<PathBuf>> {
-    let wrong = |what: String| Err(WrongCall(what).into());
-    let meant = out.to_string_lossy().ends_with(std::path::is_separator) || clips.len() > 1;
-    if !out.is_dir() && !meant {
-        super::writable(out)?;
-        super::not_over_itself(&clips[0], out)?;
-        return Ok(vec![out.to_owned()]);
+/// Where each clip goes: to `out` itself, or into it under its own path. A .pkl, which isn't written, becomes an .npz.
+fn pairs(clips: &[PathBuf], out: &Path) -> Result<Vec<Pair>> {
+    let pairs = match many::is_folder(clips, out) {
+        true => many::into_folder(clips, out, |own| if own == "pkl" { "npz".into() } else { own.into() })?,
+        false => vec![Pair { input: clips[0].clone(), output: out.to_owned() }],
+    };
+    for Pair { input, output } in &pairs {
+        super::writable(output)?;
+        super::not_over_itself(input, output)?;
     }
-    if out.exists() && !out.is_dir() {
-        let (n, out) = (clips.len(), out.display());
-        return wrong(format!("{n} clips and one output: {out} is no folder; give a folder, or one clip"));
-    }
-    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-    let mut all: Vec<PathBuf> = Vec::new();
-    for clip in clips {
-        let Some(name) = clip.file_name() else { return wrong(format!("{}: no file", clip.display())) };
-        let mut to = out.join(name);
-        if extension(clip) == "pkl" {
-            to.set_extension("npz");
-        }
-        super::writable(&to)?;
-        super::not_over_itself(clip, &to)?;
-        if all.contains(&to) {
-            return wrong(format!("two clips would both be written to {}; give them apart", to.display()));
-        }
-        all.push(to);
-    }
-    Ok(all)
+    Ok(pairs)
 }

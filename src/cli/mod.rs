@@ -19,6 +19,7 @@ mod import;
 mod inspect;
 mod interpolate;
 mod lr_find;
+mod many;
 mod pretrain;
 mod progress;
 mod query;

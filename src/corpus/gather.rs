@@ -121,6 +121,17 @@ pub fn gather(data: &[PathBuf], labels: &[String]) -> Result<Gathered> {
     Ok(gathered)
 }
 
+/// The motion files below a folder, by path, as [`gather`] finds them.
+///
+/// # Errors
+/// [`Error::Io`] for what can't be read.
+pub fn files_below(folder: &Path) -> Result<Vec<PathBuf>> {
+    let mut counts = Gathered::default();
+    let mut walk = Walk { gathered: &mut counts, files: Vec::new(), folders: HashSet::new() };
+    walk.start(folder)?;
+    Ok(walk.files.into_iter().map(|(path, _)| path).collect())
+}
+
 fn say_left_out(g: &mut Gathered, twice: usize) {
     for (count, what) in [
         (g.no_motion, "files hold no motion (body shapes, other JSON) and are left out"),

@@ -101,26 +101,16 @@ pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Makes the folder that `path` is to stand in, and those above it.
-///
-/// # Errors
-/// [`Error::Io`] when the system refuses.
-pub fn make_folder_of(path: &Path) -> Result<()> {
-    let folder = folder_of(path);
-    fs::create_dir_all(folder).map_err(Error::io(folder))
-}
-
-/// Refuses a file in a folder that isn't there, before any work is done for it.
+/// Refuses a file whose folder neither is there nor can be made, since a file stands in its way, before any work is done.
 ///
 /// # Errors
 /// [`Error::Call`] then.
 pub fn folder_is_there(path: &Path) -> Result<()> {
-    let folder = folder_of(path);
-    match folder.is_dir() {
-        true => Ok(()),
-        false => {
-            Err(Error::Call(format!("{}: the folder {} is not there; make it first", path.display(), folder.display())))
+    match folder_of(path).ancestors().find(|folder| folder.exists()) {
+        Some(folder) if !folder.is_dir() => {
+            Err(Error::Call(format!("{}: {} is a file, no folder", path.display(), folder.display())))
         }
+        _ => Ok(()),
     }
 }
 
@@ -158,7 +148,9 @@ mod tests {
         write_whole(&path, b"two").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"two");
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
-        assert!(write_whole(&dir.path().join("no/where"), b"").is_err());
+        assert!(write_whole(&path.join("in/a/file"), b"").is_err());
+        assert!(folder_is_there(&path.join("in/a/file")).unwrap_err().to_string().contains("a.json is a file"));
+        write_whole(&dir.path().join("far/away"), b"").unwrap();
         assert!(write_whole(Path::new("/"), b"").is_err());
     }
 

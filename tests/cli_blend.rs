@@ -115,7 +115,7 @@ fn what_can_not_be_filtered_is_said() {
     said(&["--keep", "181"], "o.bvh", 1, "expected 1 to 180");
     said(&["--butterworth", "2"], "o.bvh", 2, "--cutoff");
     said(&["--level", "low", "--cutoff", "3"], "o.bvh", 2, "cannot be used with");
-    said(&[], "no/o.bvh", 2, "make it first");
+    said(&[], "a.bvh/o.bvh", 2, "a.bvh is a file, no folder");
     said(&[], "o.fbx", 2, ".bvh, .npz or .json");
     said(&[], "a.bvh", 2, "written over itself");
     let both = [&a, &d.path("b.json")];
@@ -155,11 +155,11 @@ fn spectra_are_drawn() {
     let said = |args: &[&str], code: i32, what: &str| {
         kinelm("spectrum").arg(d.path("a.bvh")).args(args).assert().code(code).stderr(contains(what));
     };
-    let [out, gif, no] = ["o.png", "o.gif", "no/o.png"].map(|n| d.path(n).display().to_string());
+    let [out, gif, no] = ["o.png", "o.gif", "a.bvh/o.png"].map(|n| d.path(n).display().to_string());
     said(&["--out", &out, "--joint", "knee"], 1, "no joint \"knee\"; there are pelvis, left_hip");
     said(&["--out", &out, "--at", "2.9"], 1, "expected at least 16, a window");
     said(&["--out", &gif], 2, ".png or .svg");
-    said(&["--out", &no], 2, "make it first");
+    said(&["--out", &no], 2, "is a file, no folder");
     said(&["--out", &out, "--at=-1"], 2, "seconds from 0 on");
     assert_eq!(d.count(), before);
 }
@@ -208,13 +208,13 @@ fn what_can_not_be_blended_is_said() {
         let call = kinelm("interpolate").arg(d.path("a.bvh")).arg(d.path(b)).args(args).assert();
         call.code(code).stderr(contains(what));
     };
-    let [out, no, page] = ["o.bvh", "no/o.bvh", "p.txt"].map(|n| d.path(n).display().to_string());
+    let [out, no, page] = ["o.bvh", "a.bvh/o.bvh", "p.txt"].map(|n| d.path(n).display().to_string());
     said("b.json", &["--out", &out, "--at-b", "2"], 1, "b.json: 180 frames at 60 fps, of which 60 lie from 2 s on");
     said("b.json", &["--out", &out, "--keep", "300"], 1, "expected 1 to 128");
     said("b.json", &["--out", &out, "--strength", "1.5"], 2, "expected a number from 0 to 1");
     said("b.json", &["--out", &out, "--transform", "stft", "--amount", "0.5"], 2, "no closed form");
     said("b.json", &["--out", &out, "--window", "9"], 1, "expected 16 to 8192");
-    said("b.json", &["--out", &no], 2, "make it first");
+    said("b.json", &["--out", &no], 2, "is a file, no folder");
     said("b.json", &["--out", &out, "--page", &page], 2, "ending in .html");
     let stranger = "stranger.bvh can't be put on the rig of";
     said("stranger.bvh", &["--out", &out, "--unit", "m"], 1, stranger);

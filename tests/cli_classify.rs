@@ -162,7 +162,7 @@ fn what_cannot_be_named_is_said() {
     refused("classify eval --classifier run --corpus corpus", "run");
     refused("classify eval --classifier who --corpus data", "corpus folder");
     refused("classify eval --classifier who --corpus corpus --plot a.jpg", "expected a name ending in .png or .svg");
-    refused("classify eval --classifier who --corpus corpus --plot no/a.png", "the folder no is not there");
+    refused("classify eval --classifier who --corpus corpus --plot corpus/clips.jsonl/a.png", "is a file, no folder");
     fs::write(data.at("empty.bvh"), "").unwrap();
     refused("classify predict --classifier who empty.bvh", "empty.bvh");
     refused("classify predict --classifier who nothing.bvh", "nothing.bvh");

@@ -225,7 +225,7 @@ fn a_description_that_cannot_be_is_said() {
 fn a_page_goes_over_nothing_else_and_lost_clips_are_said() {
     let data = Data::new();
     data.call(&["query", "build", "--out"]).arg(data.at("index")).assert().success();
-    for (page, says) in [("data/d0.bvh", ".html"), ("index/index.json", ".html"), ("no/a.html", "make it first")] {
+    for (page, says) in [("data/d0.bvh", ".html"), ("index/index.json", ".html"), ("data/d0.bvh/a.html", "is a file")] {
         let before = fs::read(data.at(page)).ok();
         let mut c = data.find("data/d0.bvh", "index");
         c.arg("--page").arg(data.at(page)).assert().code(2).stderr(contains(says));

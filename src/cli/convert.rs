@@ -3,7 +3,6 @@
 use super::many::{self, Pair};
 use super::{Say, WrongCall, extension, read::ReadArgs};
 use anyhow::{Context, Result};
-use kinelm::files::make_folder_of;
 use kinelm_motion::convert::{Rig, Wanted, convert};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::{Motion, joints, smpl};
@@ -69,7 +68,6 @@ pub fn run(args: Args, say: Say) -> Result<()> {
             super::warn(&motion, say);
             let wanted = wanted(&args, rig.as_ref(), &motion, output)?;
             let motion = convert(motion, &wanted, args.read.map.as_deref())?;
-            make_folder_of(output)?;
             format::write(output, &motion)?;
             described(output, &motion)
         };
@@ -134,7 +132,6 @@ fn positions(input: &Path, output: &Path, options: &ReadOptions, say: Say) -> Re
     // what was odd in the file is found in reading its motion
     super::warn(&format::read(input, options)?, say);
     let positions = format::positions(input, options)?;
-    make_folder_of(output)?;
     positions.save(output)?;
     let (out, n, f) = (output.display(), positions.joints.len(), positions.frames());
     Ok(format!("{out}: {f} frames of {n} points at {} fps", positions.fps))

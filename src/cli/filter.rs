@@ -73,7 +73,6 @@ fn one(path: &Path, out: &Path, how: &Filter, args: &Args, say: Say) -> Result<(
     }
     let after = jitter(&done.clip);
     let filtered = super::written_as(out, Motion { clip: done.clip, ..motion }, args.read.map.as_deref())?;
-    kinelm::files::make_folder_of(out)?;
     format::write(out, &filtered)?;
     let clip = &filtered.clip;
     if args.json {

@@ -6,21 +6,17 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Writes a file under a temporary name beside it, syncs, renames, and syncs the folder.
+/// Writes a file under a temporary name beside it, syncs, renames, and syncs the folder. Folders that are missing are made.
 ///
 /// # Errors
 /// [`Error::Io`]; the temporary file is removed then.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
-    let missing = path.parent().filter(|p| !p.as_os_str().is_empty() && !p.exists());
-    if let Some(folder) = missing {
-        let (path, folder) = (path.display(), folder.display());
-        return Err(Error::Call(format!("{path}: the folder {folder} is not there; make it first")));
-    }
     static COUNT: AtomicU64 = AtomicU64::new(0);
     let Some(name) = path.file_name() else {
         return Err(Error::Call(format!("{} is no name for a file", path.display())));
     };
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    fs::create_dir_all(folder).map_err(Error::io(folder))?;
     let mut temporary = name.to_owned();
     temporary.push(format!(".{}-{}.part", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed)));
     let temporary = folder.join(temporary);
@@ -51,7 +47,7 @@ mod tests {
         write(&path, b"two").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"two");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
-        assert!(write(&folder.path().join("no/such"), b"x").is_err());
+        assert!(write(&path.join("no/such"), b"x").is_err());
         assert!(write(folder.path(), b"x").is_err());
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }

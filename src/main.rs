@@ -16,7 +16,7 @@ fn main() -> ExitCode {
         Err(e) => {
             eprintln!("kinelm: {}", cli::chain(&e));
             ExitCode::from(match () {
-                _ if e.is::<cli::WrongCall>() => 2,
+                _ if cli::is_wrong_call(&e) => 2,
                 _ if e.is::<cli::Stopped>() => 130,
                 _ => 1,
             })

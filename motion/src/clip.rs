@@ -1,6 +1,6 @@
 //! The one motion type, and what a file said beside it.
 
-use crate::format::bvh::BvhSource;
+use crate::format::{Axes, bvh::BvhSource};
 use crate::{Error, Quat, Result, Skeleton, Vec3};
 use std::fmt;
 use std::ops::Range;
@@ -150,6 +150,8 @@ pub enum Source {
         /// Whether a user's body model supplied that and the offsets; if not, they are the neutral skeleton's.
         body_model: bool,
     },
+    /// Our own JSON whose world was read with another axis than y up.
+    Json(Axes),
     /// Our own JSON, or made by a program: nothing beside the clip.
     Plain,
 }

@@ -29,6 +29,14 @@ pub enum Error {
         /// What is wrong, where (frame, joint), what to do.
         what: String,
     },
+    /// An option of reading that the file's format doesn't have.
+    #[error("{path}: {what}")]
+    Option {
+        /// The file.
+        path: PathBuf,
+        /// The option, why it makes no sense here, what it is for.
+        what: String,
+    },
     /// The caller asked for something that doesn't exist.
     #[error("{0}")]
     Call(String),

@@ -354,6 +354,16 @@ pub fn print(text: &str) -> Result<()> {
     Ok(out.flush()?)
 }
 
+/// Whether the call was wrong, not the work.
+pub fn is_wrong_call(e: &Error) -> bool {
+    use kinelm_motion::Error as Motion;
+    let of_motion = |e: &(dyn std::error::Error + 'static)| match e.downcast_ref::<kinelm::Error>() {
+        Some(kinelm::Error::Motion(e)) => matches!(e, Motion::Option { .. }),
+        _ => matches!(e.downcast_ref(), Some(Motion::Option { .. })),
+    };
+    e.is::<WrongCall>() || e.chain().any(of_motion)
+}
+
 /// Whether the reader of stdout closed it.
 pub fn is_broken_pipe(e: &Error) -> bool {
     e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)

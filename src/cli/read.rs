@@ -1,6 +1,6 @@
 //! The reading options, the same on every command that reads motion.
 
-use kinelm_motion::format::{BvhPosition, ReadOptions, RestFrame, Unit};
+use kinelm_motion::format::{BvhPosition, ReadOptions, RestFrame, Unit, Up};
 use std::path::PathBuf;
 
 /// How motion files are read.
@@ -13,6 +13,9 @@ pub struct ReadArgs {
     /// Unit of a BVH, which has none of its own; auto judges by the length of the leg
     #[arg(long, value_enum, default_value = "auto")]
     pub unit: UnitArg,
+    /// The axis that points up in a BVH or JSON; auto judges a BVH by its rest pose and its motion, a JSON has y up
+    #[arg(long, value_enum, default_value = "auto", allow_hyphen_values = true, value_name = "AXIS")]
+    pub up: UpArg,
     /// Skeleton TOML for a rig whose joint names no shipped one knows: a shipped name or a file
     #[arg(long, value_name = "NAME|FILE")]
     pub map: Option<String>,
@@ -45,6 +48,7 @@ impl ReadArgs {
         ReadOptions {
             fps_source: self.fps_source,
             unit: self.unit.into(),
+            up: self.up.into(),
             map: self.map.clone(),
             bvh_position: self.bvh_position.into(),
             root: self.root.clone(),
@@ -109,6 +113,42 @@ impl From<UnitArg> for Unit {
             UnitArg::Mm => Unit::Millimetre,
             UnitArg::In => Unit::Inch,
             UnitArg::Cmu => Unit::Cmu,
+        }
+    }
+}
+
+/// `--up`.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+pub enum UpArg {
+    /// Judged by how the body stands
+    Auto,
+    /// x
+    X,
+    /// x, pointing down
+    #[value(name = "-x")]
+    NegX,
+    /// y
+    Y,
+    /// y, pointing down
+    #[value(name = "-y")]
+    NegY,
+    /// z, as in Blender
+    Z,
+    /// z, pointing down
+    #[value(name = "-z")]
+    NegZ,
+}
+
+impl From<UpArg> for Up {
+    fn from(up: UpArg) -> Up {
+        match up {
+            UpArg::Auto => Up::Auto,
+            UpArg::X => Up::X,
+            UpArg::NegX => Up::NegX,
+            UpArg::Y => Up::Y,
+            UpArg::NegY => Up::NegY,
+            UpArg::Z => Up::Z,
+            UpArg::NegZ => Up::NegZ,
         }
     }
 }

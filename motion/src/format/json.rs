@@ -7,8 +7,9 @@
 //! `root` is (F, 3) in metres, `rotations` (F, J, 4) in the order w, x, y, z; the root's parent is -1. `ends`, a list of
 //! `{"parent": j, "offset": [x, y, z]}`, may be missing.
 
-use super::ReadOptions;
+use super::{Axes, ReadOptions, Up};
 use crate::error::{FileError, Kind, Place};
+use crate::retarget;
 use crate::{Clip, EndSite, Error, Motion, Quat, Result, Skeleton, Source, Vec3};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -39,7 +40,8 @@ struct End {
     offset: [f64; 3],
 }
 
-/// Reads a clip: bit for bit the one that [`write()`] was given, at the rate in the options if there is one.
+/// Reads a clip: bit for bit the one that [`write()`] was given, at the rate in the options if there is one, turned to y up where
+/// the options say that another axis is.
 ///
 /// # Errors
 /// [`Kind::JsonBad`] with line and column where the text is no such JSON, without them where its numbers make no clip.
@@ -66,7 +68,13 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let clip = Skeleton::new(names, parents, offsets, ends)
         .and_then(|s| Clip::new(Arc::new(s), options.fps_source.unwrap_or(fps), root, rotations))
         .map_err(|e| bad(e.to_string(), "a clip"))?;
-    Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings: vec![] })
+    if matches!(options.up, Up::Auto | Up::Y) {
+        return Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings: vec![] });
+    }
+    let map = retarget::map_if_any(clip.skeleton().names(), options.map.as_deref())?;
+    let (axes, _) = Axes::of(&clip, options.up, map.as_ref());
+    let clip = axes.to_y(clip)?;
+    Ok(Motion { path: path.to_owned(), clip, source: Source::Json(axes), warnings: vec![] })
 }
 
 /// The clip as JSON, a line for each field and each frame.

@@ -21,9 +21,11 @@ pub mod positions;
 mod rest;
 #[cfg(feature = "amass")]
 mod smpl_arrays;
+mod up;
 
 pub(crate) use rest::looks_for_rest;
 pub use rest::rest_frame;
+pub use up::{Axes, Up, UpBy};
 
 use crate::{Error, FileError, Kind, Motion, Place, Result, Source};
 use positions::Positions;
@@ -41,6 +43,8 @@ pub struct ReadOptions {
     pub fps_source: Option<f64>,
     /// The unit of a BVH.
     pub unit: Unit,
+    /// The axis that points up in a BVH or a JSON.
+    pub up: Up,
     /// A skeleton TOML by its shipped name or its path, for a rig whose names no shipped one knows.
     pub map: Option<String>,
     /// What position channels do to a joint's OFFSET.
@@ -161,10 +165,12 @@ impl Format {
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::File`] with place and kind for a file that is wrong; [`Error::Call`] for a rate that is not
-/// positive and finite; [`Error::Clip`] when skipping leaves nothing.
+/// positive and finite; [`Error::Option`] for `up` where the format itself says which axis that is; [`Error::Clip`] when
+/// skipping leaves nothing.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
     let format = Format::of(path).map_err(|e| and_its_looks(e, path))?;
     check_rate(options)?;
+    check_up(path, format, options)?;
     let bytes = std::fs::read(path).map_err(Error::io(path))?;
     let motion = match format {
         Format::Bvh => bvh::read(path, &bytes, options)?,
@@ -208,7 +214,9 @@ fn and_its_looks(error: Error, path: &Path) -> Error {
 /// As [`read`].
 pub fn positions(path: &Path, options: &ReadOptions) -> Result<Positions> {
     check_rate(options)?;
-    match Format::of(path)? {
+    let format = Format::of(path)?;
+    check_up(path, format, options)?;
+    match format {
         Format::Bvh => bvh::positions(path, &std::fs::read(path).map_err(Error::io(path))?, options),
         _ => Ok(Positions::from_clip(&read(path, options)?.clip)),
     }
@@ -232,6 +240,20 @@ fn check_rate(options: &ReadOptions) -> Result<()> {
     Ok(())
 }
 
+/// Fails for an axis asked of a format that has its own.
+fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
+    let own = match format {
+        Format::Bvh | Format::Json => return Ok(()),
+        Format::Npz => "an AMASS file has z up",
+        Format::Pickle => "an AIST++ file has y up",
+    };
+    if options.up == Up::Auto {
+        return Ok(());
+    }
+    let what = format!("--up {}: {own}, always; --up is for BVH and JSON", options.up);
+    Err(Error::Option { path: path.to_owned(), what })
+}
+
 /// Fails when `skip` leaves none of `frames`.
 pub(crate) fn check_skip(path: &Path, skip: usize, frames: usize) -> Result<()> {
     if skip < frames {
@@ -253,7 +275,10 @@ pub fn write(path: &Path, motion: &Motion) -> Result<()> {
         Format::Npz => atomic::write(path, &amass::write(&motion.clip)?),
         #[cfg(not(feature = "amass"))]
         Format::Npz => Err(left_out(path, "amass")),
-        Format::Json => atomic::write(path, &json::write(&motion.clip)),
+        Format::Json => match motion.source {
+            Source::Json(axes) => atomic::write(path, &json::write(axes.from_y(&motion.clip)?.as_ref())),
+            _ => atomic::write(path, &json::write(&motion.clip)),
+        },
         Format::Pickle => {
             let expected = "a .bvh, .npz or .json to write";
             Err(FileError::new(Place::file(path), Kind::NotThisFormat, "the extension .pkl", expected).into())

@@ -1,8 +1,8 @@
 //! The report of a motion: as text for a reader, as JSON for a script.
 
 use super::figures::{self, Figures, figures};
-use crate::format::BvhPosition;
 use crate::format::bvh::{BvhSource, NodeKind};
+use crate::format::{Axes, BvhPosition, Up, UpBy};
 use crate::retarget::SkeletonMap;
 use crate::{Motion, Skeleton, Source, Vec3, Warning};
 use serde_json::{Value, json};
@@ -24,6 +24,7 @@ pub struct Report {
     offsets: Vec<[f64; 3]>,
     /// Metres that 1 means in a BVH.
     unit_m: Option<f64>,
+    axes: Axes,
     joints: usize,
     ends: usize,
     map: Option<String>,
@@ -36,7 +37,8 @@ pub struct Report {
 pub fn report(motion: &Motion) -> Report {
     let (clip, skeleton) = (&motion.clip, motion.clip.skeleton());
     let figures = figures(clip);
-    let mut doubts = motion.warnings.clone();
+    // which axis is up is no doubt where it could be judged; the report says it anyway
+    let mut doubts: Vec<Warning> = motion.warnings.iter().filter(|w| w.kind != "up_axis").cloned().collect();
     doubts.extend(doubts_of(&figures, skeleton, clip.fps()));
     let (format, source) = source_lines(&motion.source);
     Report {
@@ -54,6 +56,7 @@ pub fn report(motion: &Motion) -> Report {
             Source::Bvh(bvh) => Some(bvh.rig.unit_m),
             _ => None,
         },
+        axes: axes(&motion.source),
         joints: skeleton.joints(),
         ends: skeleton.ends().len(),
         map: SkeletonMap::detect(skeleton.names()).map(|m| m.name),
@@ -74,6 +77,7 @@ impl Report {
         for line in &self.source {
             let _ = writeln!(t, "  {line}");
         }
+        let _ = writeln!(t, "  {}", axes_line(&self.axes));
         let [low, high] = f.root_range;
         let _ = writeln!(t, "  height {:.2} m (median over frames of highest minus lowest point)", f.height_m);
         let axis = |name, l: f64, h: f64| format!("{name} {l:.2}..{h:.2}");
@@ -106,7 +110,7 @@ impl Report {
             "schema": 1, "file": self.path, "format": self.format, "source": self.source,
             "fps": self.fps, "frames": self.frames, "duration_s": self.duration_s,
             "joints": self.joints, "end_sites": self.ends, "names": self.names, "parents": self.parents,
-            "offsets_m": self.offsets, "unit_m": self.unit_m, "rig": self.map, "tree": self.tree,
+            "offsets_m": self.offsets, "unit_m": self.unit_m, "up": self.axes.up, "rig": self.map, "tree": self.tree,
             "height_m": f.height_m, "root_min_m": f.root_range[0].to_array(), "root_max_m": f.root_range[1].to_array(),
             "speed_m_s": f.speed_m_s, "fall_g": f.fall_g, "fps_for_free_fall": f.fps_for_free_fall,
             "root_jumps": f.root_jumps.len(), "joint_jumps": f.joint_jumps.len(),
@@ -166,8 +170,30 @@ fn source_lines(source: &Source) -> (&'static str, Vec<String>) {
         Source::Aist { scaling, rest_pelvis, body_model } => {
             ("AIST++", vec![format!("scaling {scaling}"), body_line(*rest_pelvis, *body_model)])
         }
-        Source::Plain => ("clip", Vec::new()),
+        Source::Json(_) | Source::Plain => ("clip", Vec::new()),
     }
+}
+
+/// The file's own axes.
+fn axes(source: &Source) -> Axes {
+    match source {
+        Source::Bvh(bvh) => bvh.rig.axes,
+        Source::Json(axes) => *axes,
+        Source::Amass { .. } => Axes { up: Up::Z, ..Axes::OWN },
+        Source::Aist { .. } | Source::Plain => Axes::OWN,
+    }
+}
+
+/// Which of the file's axes is up, and who says so.
+fn axes_line(axes: &Axes) -> String {
+    let why = match axes.by {
+        UpBy::Given => "",
+        UpBy::Judged => ", by the rest pose and the motion",
+        UpBy::Doubted => ", for want of agreement",
+        UpBy::Unknown => ", unjudged: no skeleton map knows the joints",
+    };
+    let turned = if axes.up == Up::Y { "" } else { " in the file; turned to y up here" };
+    format!("up {}{turned}{why}", axes.up)
 }
 
 /// Whose bones these are, and what was added to `trans`.

@@ -333,6 +333,17 @@ pub fn map_for(rig: &Skeleton, map: Option<&str>) -> Result<SkeletonMap> {
     }
 }
 
+/// The named or given map as far as it fits these joints, else the shipped one that does, if any.
+///
+/// # Errors
+/// Those of [`SkeletonMap::by_name_or_file`].
+pub(crate) fn map_if_any(names: &[String], map: Option<&str>) -> Result<Option<SkeletonMap>> {
+    Ok(match map {
+        Some(map) => Some(SkeletonMap::by_name_or_file(map)?.bind_any(names)),
+        None => SkeletonMap::detect(names),
+    })
+}
+
 /// A motion on the neutral SMPL-24 body, whatever it was read from; `map` is a shipped map's name or a TOML's path,
 /// `None` to find it by the names.
 ///

@@ -3,7 +3,7 @@
 use super::header::{Channel, Header, Node, NodeKind};
 use super::text::Text;
 use super::unit;
-use crate::format::{BvhPosition, ReadOptions};
+use crate::format::{Axes, BvhPosition, ReadOptions};
 use crate::{Clip, EndSite, Error, Kind, Quat, Result, Skeleton, Vec3, Warning};
 use std::ops::Range;
 use std::path::Path;
@@ -21,7 +21,7 @@ pub struct Rig {
     pub chain: Vec<usize>,
     /// (J) node of each joint.
     pub joints: Vec<usize>,
-    /// The clip's skeleton, metres.
+    /// The clip's skeleton, metres, y up.
     pub skeleton: Arc<Skeleton>,
     /// Metres of the file's unit.
     pub unit_m: f64,
@@ -31,6 +31,8 @@ pub struct Rig {
     pub position: BvhPosition,
     /// Per joint below the root whose position channels vary: the largest distance from their mean, metres, dropped.
     pub stretch: Vec<(usize, f64)>,
+    /// How the file's axes are turned to make the clip's.
+    pub axes: Axes,
 }
 
 /// The rows of a file as frames of its nodes.
@@ -111,7 +113,7 @@ pub(crate) fn choose_root(path: &Path, head: &Header, options: &ReadOptions) -> 
     Ok(roots.get(at).copied().unwrap_or(0)..end)
 }
 
-/// What the nodes mean, judged by the rows.
+/// What the nodes mean, judged by the rows: but for the axes, which the clip tells, and here are the file's own.
 pub(crate) fn decide(
     path: &Path,
     head: &Header,
@@ -137,7 +139,8 @@ pub(crate) fn decide(
     let stretch: Vec<(usize, f64)> = joints.iter().enumerate().filter_map(stretch).collect();
     let warnings = stretch_warning(&skeleton, &stretch);
     let position = options.bvh_position;
-    let rig = Rig { chain, joints, skeleton: Arc::new(skeleton), unit_m, unit_judged, position, stretch };
+    let rig =
+        Rig { chain, joints, skeleton: Arc::new(skeleton), unit_m, unit_judged, position, stretch, axes: Axes::OWN };
     Ok((rig, warnings))
 }
 
@@ -178,8 +181,8 @@ fn stretch_warning(skeleton: &Skeleton, stretch: &[(usize, f64)]) -> Vec<Warning
     vec![Warning { kind: "stretch_dropped", what }]
 }
 
-/// The clip of a rig's rows.
-pub(crate) fn clip(rig: &Rig, frames: &Frames, fps: f64) -> Result<Clip> {
+/// The clip of a rig's rows, in the file's axes.
+pub(crate) fn clip(rig: &Rig, skeleton: Arc<Skeleton>, frames: &Frames, fps: f64) -> Result<Clip> {
     let mut root = Vec::with_capacity(frames.frames);
     let mut rotations = Vec::with_capacity(frames.frames * rig.joints.len());
     for f in 0..frames.frames {
@@ -193,7 +196,7 @@ pub(crate) fn clip(rig: &Rig, frames: &Frames, fps: f64) -> Result<Clip> {
         rotations.push(q);
         rotations.extend(rig.joints[1..].iter().map(|&n| frames.turn(n, row)));
     }
-    Clip::new(rig.skeleton.clone(), fps, root, rotations)
+    Clip::new(skeleton, fps, root, rotations)
 }
 
 #[cfg(test)]

@@ -24,7 +24,8 @@ pub use positions::positions;
 pub use text::looks_like;
 pub use write::{to_bytes, write};
 
-use crate::format::{BvhPosition, ReadOptions};
+use crate::format::{Axes, BvhPosition, ReadOptions, Up, UpBy};
+use crate::retarget::map_if_any;
 use crate::{Clip, Motion, Result, Source, Warning};
 use meaning::Frames;
 use std::ops::Range;
@@ -127,8 +128,18 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
     let fps = parsed.fps(options);
     let Parsed { head, numbers, frames, mut warnings } = parsed;
     warnings.extend(more);
-    let source = BvhSource { head, numbers, frames, rig };
+    let mut source = BvhSource { head, numbers, frames, rig };
     let clip = source.clip(fps).map_err(|e| clip_error(path, e))?;
+    let map = map_if_any(clip.skeleton().names(), options.map.as_deref())?;
+    let (axes, doubt) = Axes::of(&clip, options.up, map.as_ref());
+    warnings.extend(doubt.map(|what| Warning { kind: "up_unsure", what }));
+    if axes.by == UpBy::Judged && axes.up != Up::Y {
+        let what = format!("{} is up, by the rest pose and the motion; if it is not, --up says what is", axes.up);
+        warnings.push(Warning { kind: "up_axis", what });
+    }
+    source.rig.axes = axes;
+    let clip = axes.to_y(clip)?;
+    source.rig.skeleton = clip.skeleton().clone();
     Ok(Motion { path: path.to_owned(), clip, source: Source::Bvh(Box::new(source)), warnings })
 }
 
@@ -145,12 +156,13 @@ impl BvhSource {
         Frames { nodes, width, frames: self.frames, numbers: &self.numbers, position: self.rig.position }
     }
 
-    /// The clip that the numbers are, at a rate.
+    /// The clip that the numbers are, at a rate, y up.
     ///
     /// # Errors
     /// [`crate::Error::Call`] when a number is so large that the clip is not finite, or for a rate that is not positive.
     pub fn clip(&self, fps: f64) -> Result<Clip> {
-        meaning::clip(&self.rig, &self.as_frames(), fps)
+        let skeleton = self.rig.axes.skeleton_from_y(&self.rig.skeleton)?;
+        self.rig.axes.to_y(meaning::clip(&self.rig, skeleton, &self.as_frames(), fps)?)
     }
 
     /// Frames per second by the text of the frame time, whatever the clip was read at.

@@ -6,7 +6,7 @@ use super::print::hierarchy;
 use crate::format::BvhPosition;
 use crate::rotation::euler::unwrap_near;
 use crate::rotation::{Axis, EulerOrder, angle_between};
-use crate::{Clip, Quat, Vec3};
+use crate::{Clip, Quat, Result, Vec3};
 
 /// Offsets that differ by more than this are another body, metres.
 const SAME_M: f64 = 1e-9;
@@ -20,12 +20,15 @@ struct Lack {
 }
 
 impl BvhSource {
-    /// This rig, with the offsets and channels that it lacks for a clip.
-    pub(super) fn for_clip(&self, clip: &Clip) -> BvhSource {
-        let lack = self.lack(clip);
+    /// This rig, with the offsets and channels that it lacks for a clip in the file's axes.
+    ///
+    /// # Errors
+    /// None for a finite clip.
+    pub(super) fn for_clip(&self, clip: &Clip) -> Result<BvhSource> {
+        let lack = self.lack(clip)?;
         let mut rig = BvhSource { numbers: Vec::new(), frames: 0, ..self.slice(0..0) };
         if lack.offsets.is_empty() && lack.channels.is_empty() {
-            return rig;
+            return Ok(rig);
         }
         for (node, offset) in lack.offsets {
             rig.head.nodes[node].offset = offset.to_array();
@@ -47,20 +50,21 @@ impl BvhSource {
         let mut first = hierarchy(&rig.head.nodes, &rig.head.style);
         first.extend_from_slice(&old[motion..]);
         rig.head.pieces[0] = first;
-        rig
+        Ok(rig)
     }
 
-    fn lack(&self, clip: &Clip) -> Lack {
+    fn lack(&self, clip: &Clip) -> Result<Lack> {
         let (nodes, rig, skeleton) = (&self.head.nodes, &self.rig, clip.skeleton());
+        let own = rig.axes.skeleton_from_y(&rig.skeleton)?;
         let mut lack = Lack { offsets: Vec::new(), channels: Vec::new() };
         for (j, &node) in rig.joints.iter().enumerate().skip(1) {
             let want = skeleton.offsets()[j];
-            if (want - rig.skeleton.offsets()[j]).length() > SAME_M {
+            if (want - own.offsets()[j]).length() > SAME_M {
                 lack.offsets.push((node, want / rig.unit_m));
             }
         }
         let ends = (rig.joints[0]..nodes.len()).filter(|&n| nodes[n].kind == NodeKind::End);
-        let (own, its) = (rig.skeleton.ends(), skeleton.ends());
+        let (own, its) = (own.ends(), skeleton.ends());
         if own.len() == its.len() && own.iter().zip(its).all(|(a, b)| a.parent == b.parent) {
             let differ = ends.zip(own.iter().zip(its)).filter(|(_, (a, b))| (a.offset - b.offset).length() > SAME_M);
             lack.offsets.extend(differ.map(|(n, (_, b))| (n, b.offset / rig.unit_m)));
@@ -80,7 +84,7 @@ impl BvhSource {
                 lack.channels.extend(missing.map(|a| (node, Channel::Rotation(a))));
             }
         }
-        lack
+        Ok(lack)
     }
 
     /// Where the clip's root stands when all channels above and at it are 0, in the file's unit.
@@ -99,7 +103,7 @@ impl BvhSource {
         Vec3::from_array(p)
     }
 
-    /// The channels (F, C) of a clip. Nodes of other roots take the rows of `old` that are nearest in time.
+    /// The channels (F, C) of a clip in the file's axes. Nodes of other roots take the rows of `old` that are nearest in time.
     pub(super) fn rows(&self, clip: &Clip, old: &BvhSource) -> Vec<f64> {
         let width = self.head.width;
         let mut numbers = vec![0.0; clip.frames() * width];

@@ -3,7 +3,7 @@
 use super::header::{Channel, Header, MAX_DEPTH, MAX_JOINTS, Node, NodeKind, Style};
 use super::print::hierarchy;
 use super::{BvhSource, Rig};
-use crate::format::BvhPosition;
+use crate::format::{Axes, BvhPosition};
 use crate::rotation::Axis;
 use crate::{Error, Result, Skeleton, Vec3};
 use std::sync::Arc;
@@ -40,6 +40,7 @@ impl BvhSource {
             unit_judged: false,
             position: BvhPosition::Replace,
             stretch: Vec::new(),
+            axes: Axes::OWN,
         };
         Ok(BvhSource { head, numbers: Vec::new(), frames: 0, rig })
     }

@@ -1,14 +1,14 @@
 //! Places of every joint and end site by the file's own channels.
 
 use super::header::NodeKind;
-use super::{meaning, unit};
+use super::meaning;
 use crate::format::ReadOptions;
 use crate::format::positions::Positions;
-use crate::{Quat, Result, Vec3};
+use crate::{Quat, Result, Source, Vec3};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Every joint and end site of the root that is read, in the file's order, nothing folded or averaged; metres.
+/// Every joint and end site of the root that is read, in the file's order, nothing folded or averaged; metres, y up.
 ///
 /// `options.skip` and `options.fps_source` are honoured, and `options.rest`: with [`crate::format::RestFrame::Drop`] a
 /// leading rest-pose frame is left out.
@@ -16,30 +16,19 @@ use std::path::Path;
 /// # Errors
 /// As [`super::read`].
 pub fn positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Positions> {
-    let mut parsed = super::parse(path, bytes, options)?;
-    if crate::format::looks_for_rest(options) {
-        let again = super::Parsed {
-            head: parsed.head.clone(),
-            numbers: parsed.numbers.clone(),
-            frames: parsed.frames,
-            warnings: Vec::new(),
-        };
-        if crate::format::rest_frame(&super::motion(path, again, options)?) {
-            parsed.numbers.drain(..parsed.head.width);
-            parsed.frames -= 1;
-        }
+    let mut motion = super::read(path, bytes, options)?;
+    if crate::format::looks_for_rest(options) && crate::format::rest_frame(&motion) {
+        motion = motion.slice(1..motion.clip.frames());
     }
-    let frames = parsed.frames(options.bvh_position);
-    let nodes = &parsed.head.nodes;
-    let range = meaning::choose_root(path, &parsed.head, options)?;
-    let unit_m = match options.unit.metres() {
-        Some(m) => m,
-        None => unit::judge(path, &parsed.head, range.clone(), |n| frames.mean_place(n).0, options)?,
-    };
-    let mut all = Vec::with_capacity(parsed.frames * range.len());
+    let fps = motion.clip.fps();
+    let Source::Bvh(source) = motion.source else { return Ok(Positions::from_clip(&motion.clip)) };
+    let frames = source.as_frames();
+    let nodes = &source.head.nodes;
+    let range = meaning::choose_root(path, &source.head, options)?;
+    let mut all = Vec::with_capacity(source.frames * range.len());
     let mut turns = vec![Quat::IDENTITY; range.len()];
     let mut places = vec![Vec3::ZERO; range.len()];
-    for f in 0..parsed.frames {
+    for f in 0..source.frames {
         let row = frames.row(f);
         for (i, node) in range.clone().enumerate() {
             let (p, q) = (frames.place(node, row), frames.turn(node, row));
@@ -51,7 +40,7 @@ pub fn positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Pos
                 }
             };
         }
-        all.extend(places.iter().map(|p| *p * unit_m));
+        all.extend(places.iter().map(|p| source.rig.axes.place_to_y(*p * source.rig.unit_m)));
     }
     let parents = nodes[range.clone()].iter().map(|n| n.parent.map_or(-1, |p| (p - range.start) as i32)).collect();
     let mut seen: HashMap<String, usize> = HashMap::new();
@@ -64,7 +53,7 @@ pub fn positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Pos
         }
         _ => nodes[n].unique.clone(),
     });
-    Ok(Positions { joints: names.collect(), parents, fps: parsed.fps(options), positions: all })
+    Ok(Positions { joints: names.collect(), parents, fps, positions: all })
 }
 
 #[cfg(test)]

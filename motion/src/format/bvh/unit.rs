@@ -3,7 +3,7 @@
 use super::header::{Header, NodeKind};
 use super::text::Text;
 use crate::format::{BvhPosition, ReadOptions};
-use crate::retarget::SkeletonMap;
+use crate::retarget::map_if_any;
 use crate::{Kind, Result, Vec3};
 use std::ops::{Range, RangeInclusive};
 use std::path::Path;
@@ -53,11 +53,7 @@ pub(crate) fn judge(
 fn mapped_leg(head: &Header, range: Range<usize>, options: &ReadOptions) -> Result<Option<Vec<usize>>> {
     let joints: Vec<usize> = range.filter(|&n| head.nodes[n].kind != NodeKind::End).collect();
     let names: Vec<String> = joints.iter().map(|&n| head.nodes[n].unique.clone()).collect();
-    let map = match &options.map {
-        Some(name) => Some(SkeletonMap::by_name_or_file(name)?.bind_any(&names)),
-        None => SkeletonMap::detect(&names),
-    };
-    let Some(map) = map else { return Ok(None) };
+    let Some(map) = map_if_any(&names, options.map.as_deref())? else { return Ok(None) };
     let node = |smpl: usize| {
         let name = map.joint(smpl)?;
         names.iter().position(|n| n == name).map(|i| joints[i])

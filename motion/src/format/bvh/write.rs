@@ -36,7 +36,7 @@ impl BvhSource {
 
     /// Writes any clip with this rig's joints, at the clip's own rate and with as many frames as it has.
     ///
-    /// Header, names, orders, end sites, unit and line ends are the rig's. Where a clip needs what the rig lacks (another
+    /// Header, names, orders, end sites, unit, axes and line ends are the rig's. Where a clip needs what the rig lacks (another
     /// OFFSET, a turn about an axis that a joint has no channel for, a place for a root without position channels), that
     /// is added to the header, so that the motion is never cut. Of other roots the rows nearest in time are kept.
     ///
@@ -61,8 +61,9 @@ impl BvhSource {
         if self.is_untouched(clip) {
             return Ok(print(&self.head, &time, clip.frames(), &self.numbers));
         }
-        let rig = self.for_clip(clip);
-        let numbers = rig.rows(clip, self);
+        let clip = self.rig.axes.from_y(clip)?;
+        let rig = self.for_clip(&clip)?;
+        let numbers = rig.rows(&clip, self);
         Ok(print(&rig.head, &time, clip.frames(), &numbers))
     }
 }

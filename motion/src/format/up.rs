@@ -1,0 +1,294 @@
+//! Which way is up in a file: said by the caller, or judged by how the body stands.
+
+use crate::retarget::SkeletonMap;
+use crate::rotation::Mat3;
+use crate::{Clip, EndSite, GlobalPose, Quat, Result, Skeleton, Vec3};
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+use std::fmt;
+use std::sync::Arc;
+
+/// A body stands along an axis if the cosine between them is at least this.
+const STANDS: f64 = 0.7;
+/// Frames that are looked at, evenly spaced.
+const FRAMES: usize = 600;
+
+/// The axis of a file's world that points up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum Up {
+    /// Of a BVH judged by how the body stands; of all others what their format says.
+    #[default]
+    #[serde(rename = "auto")]
+    Auto,
+    /// +x.
+    #[serde(rename = "x")]
+    X,
+    /// -x.
+    #[serde(rename = "-x")]
+    NegX,
+    /// +y.
+    #[serde(rename = "y")]
+    Y,
+    /// -y.
+    #[serde(rename = "-y")]
+    NegY,
+    /// +z.
+    #[serde(rename = "z")]
+    Z,
+    /// -z.
+    #[serde(rename = "-z")]
+    NegZ,
+}
+
+impl fmt::Display for Up {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Up::Auto => "auto",
+            Up::X => "x",
+            Up::NegX => "-x",
+            Up::Y => "y",
+            Up::NegY => "-y",
+            Up::Z => "z",
+            Up::NegZ => "-z",
+        })
+    }
+}
+
+impl Up {
+    /// The six axes; of two along which a body stands alike the first is taken.
+    const AXES: [Up; 6] = [Up::Y, Up::Z, Up::X, Up::NegZ, Up::NegX, Up::NegY];
+
+    /// The turn by quarters that brings this axis to +y: x to (-y, x, z), -x to (y, -x, z), -y to (x, -y, -z), z to
+    /// (x, z, -y), -z to (x, -z, y).
+    fn turn(self) -> Mat3 {
+        let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+        // columns: where the file's x, y and z go
+        let [a, b, c] = match self {
+            Up::Auto | Up::Y => [x, y, z],
+            Up::NegY => [x, -y, -z],
+            Up::X => [y, -x, z],
+            Up::NegX => [-y, x, z],
+            Up::Z => [x, -z, y],
+            Up::NegZ => [x, z, -y],
+        };
+        Mat3::from_cols(a, b, c)
+    }
+
+    /// The axis itself.
+    fn axis(self) -> Vec3 {
+        self.turn().transpose() * Vec3::Y
+    }
+}
+
+/// How a file's axes are turned to make a clip's, where y is up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Axes {
+    /// The file's axis that points up, never [`Up::Auto`].
+    pub up: Up,
+    /// Whether the bones of the rest pose stand along that axis too, as where a program turned all of a file; if not,
+    /// they stand along y, and the motion alone was turned.
+    pub rest_too: bool,
+    /// Who says so.
+    pub by: UpBy,
+}
+
+/// Who says which axis is up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum UpBy {
+    /// The caller, or a format that has no other.
+    Given,
+    /// The rest pose and the motion, which agree.
+    Judged,
+    /// Nobody: the rest pose and the motion disagree, or nobody stands.
+    Doubted,
+    /// Nobody: no skeleton map knows the joints.
+    Unknown,
+}
+
+impl Axes {
+    /// y up, as a clip is.
+    pub const OWN: Axes = Axes { up: Up::Y, rest_too: true, by: UpBy::Given };
+
+    /// The axes of a clip that is in its file's own, `up` being what the caller says; and the doubt, if there is one.
+    pub(crate) fn of(clip: &Clip, up: Up, map: Option<&SkeletonMap>) -> (Axes, Option<String>) {
+        let rest = map.and_then(|map| rest(clip.skeleton(), map));
+        if up != Up::Auto {
+            // whoever turns a file turns the rest pose too, unless that still stands along y
+            let rest_too = !rest.is_some_and(|rest| rest.up == Up::Y && rest.cosine >= STANDS);
+            return (Axes { up, rest_too, by: UpBy::Given }, None);
+        }
+        let motion = map.and_then(|map| motion(clip, map));
+        let (Some(rest), Some(motion)) = (rest, motion) else {
+            return (Axes { by: UpBy::Unknown, ..Axes::OWN }, None);
+        };
+        if motion.cosine >= STANDS && motion.up == rest.up {
+            return (Axes { up: motion.up, rest_too: true, by: UpBy::Judged }, None);
+        }
+        // a rest pose that is no stand says nothing against a motion that stands along y
+        if motion.cosine >= STANDS && motion.up == Up::Y && rest.cosine < STANDS {
+            return (Axes { by: UpBy::Judged, ..Axes::OWN }, None);
+        }
+        let doubt = if motion.cosine < STANDS {
+            format!("the body stands along no axis (nearest {}, cosine {:.2})", motion.up, motion.cosine)
+        } else {
+            format!("the body moves as if {} were up, its rest pose stands along {}", motion.up, rest.up)
+        };
+        let doubt = format!("{doubt}: read with y up; if another axis is, say so with --up x, -x, -y, z or -z");
+        (Axes { by: UpBy::Doubted, ..Axes::OWN }, Some(doubt))
+    }
+
+    /// A clip in the file's axes, with y up.
+    ///
+    /// # Errors
+    /// None for a finite clip.
+    pub(crate) fn to_y(&self, clip: Clip) -> Result<Clip> {
+        if self.up == Up::Y { Ok(clip) } else { self.turned(&clip, self.up.turn()) }
+    }
+
+    /// A clip with y up, in the file's axes.
+    ///
+    /// # Errors
+    /// None for a finite clip.
+    pub(crate) fn from_y<'a>(&self, clip: &'a Clip) -> Result<Cow<'a, Clip>> {
+        if self.up == Up::Y {
+            return Ok(Cow::Borrowed(clip));
+        }
+        self.turned(clip, self.up.turn().transpose()).map(Cow::Owned)
+    }
+
+    /// A clip's skeleton as the file has it.
+    ///
+    /// # Errors
+    /// None for a finite skeleton.
+    pub(crate) fn skeleton_from_y(&self, own: &Arc<Skeleton>) -> Result<Arc<Skeleton>> {
+        if self.up == Up::Y || !self.rest_too {
+            return Ok(own.clone());
+        }
+        Ok(Arc::new(skeleton(own, self.up.turn().transpose())?))
+    }
+
+    /// A place in the file's world, with y up.
+    pub(crate) fn place_to_y(&self, place: Vec3) -> Vec3 {
+        self.up.turn() * place
+    }
+
+    fn turned(&self, clip: &Clip, turn: Mat3) -> Result<Clip> {
+        let root = clip.root().iter().map(|&p| turn * p).collect();
+        let joints = clip.joints();
+        let (skeleton, rotations) = if self.rest_too {
+            let along = |q: &Quat| {
+                let v = turn * q.xyz();
+                Quat::from_xyzw(v.x, v.y, v.z, q.w)
+            };
+            (Arc::new(skeleton(clip.skeleton(), turn)?), clip.rotations().iter().map(along).collect())
+        } else {
+            let q = Quat::from_mat3(&turn);
+            let at_root = |(i, &r): (usize, &Quat)| if i % joints == 0 { q * r } else { r };
+            (clip.skeleton().clone(), clip.rotations().iter().enumerate().map(at_root).collect())
+        };
+        Clip::new(skeleton, clip.fps(), root, rotations)
+    }
+}
+
+/// A skeleton with all its bones turned.
+fn skeleton(skeleton: &Skeleton, turn: Mat3) -> Result<Skeleton> {
+    let ends = skeleton.ends().iter().map(|e| EndSite { parent: e.parent, offset: turn * e.offset });
+    let offsets = skeleton.offsets().iter().map(|&o| turn * o).collect();
+    Skeleton::new(skeleton.names().to_vec(), skeleton.parents().to_vec(), offsets, ends.collect())
+}
+
+/// Along which axis a body stands, and how well.
+#[derive(Debug, Clone, Copy)]
+struct Stand {
+    up: Up,
+    /// The smaller of two cosines between the axis and the body: ankles to pelvis, pelvis to head.
+    cosine: f64,
+}
+
+/// The axis that is best by `how_well`.
+fn best(how_well: impl Fn(Up) -> f64) -> Up {
+    let mut best = (Up::Y, how_well(Up::Y));
+    for up in Up::AXES {
+        let it = how_well(up);
+        if it > best.1 + 1e-9 {
+            best = (up, it);
+        }
+    }
+    best.0
+}
+
+/// The joints that say how a body stands.
+struct Body {
+    pelvis: usize,
+    hips: [usize; 2],
+    ankles: [usize; 2],
+    /// The head, else the neck, else both shoulders.
+    top: Vec<usize>,
+}
+
+impl Body {
+    fn of(skeleton: &Skeleton, map: &SkeletonMap) -> Option<Body> {
+        let joint = |id: usize| map.joint(id).and_then(|name| skeleton.find(name));
+        let top = match joint(15).or_else(|| joint(12)) {
+            Some(top) => vec![top],
+            None => vec![joint(16)?, joint(17)?],
+        };
+        Some(Body { pelvis: joint(0)?, hips: [joint(1)?, joint(2)?], ankles: [joint(7)?, joint(8)?], top })
+    }
+
+    /// From the ankles to the pelvis, from the pelvis to the head: directions, zero where a body has no length.
+    fn bones(&self, places: &[Vec3]) -> [Vec3; 2] {
+        let mean = |joints: &[usize]| joints.iter().map(|&j| places[j]).sum::<Vec3>() / joints.len() as f64;
+        let pelvis = places[self.pelvis];
+        [pelvis - mean(&self.ankles), mean(&self.top) - pelvis].map(Vec3::normalize_or_zero)
+    }
+}
+
+/// How the map's reference pose stands, were the rest pose turned with each axis.
+fn rest(rig: &Skeleton, map: &SkeletonMap) -> Option<Stand> {
+    let body = Body::of(rig, map)?;
+    let mut local = vec![Quat::IDENTITY; rig.joints()];
+    for (name, rotation) in map.reference() {
+        if let Some(j) = rig.find(name) {
+            local[j] = rotation;
+        }
+    }
+    let stands = |up: Up| {
+        let turned = skeleton(rig, up.turn()).ok()?;
+        let places = GlobalPose::new(&turned, Vec3::ZERO, &local).positions;
+        let cosine = body.bones(&places).into_iter().map(|b| b.y).fold(1.0, f64::min);
+        let left = (places[body.hips[0]] - places[body.hips[1]]).normalize_or_zero();
+        Some((cosine, left.x))
+    };
+    let stands = Up::AXES.map(|up| (up, stands(up).unwrap_or((-1.0, 0.0))));
+    let of = |up: Up| stands.iter().find(|(u, _)| *u == up).map_or((-1.0, 0.0), |s| s.1);
+    // where all bones lie along one axis of the joints, turns about it stand alike, but only one has its left at +x
+    let up = best(|up| {
+        let (cosine, left) = of(up);
+        if cosine < STANDS { cosine } else { 2.0 + cosine + left }
+    });
+    Some(Stand { up, cosine: of(up).0 })
+}
+
+/// How a body stands in the median of a clip's frames; `None` for a clip without frames.
+fn motion(clip: &Clip, map: &SkeletonMap) -> Option<Stand> {
+    let body = Body::of(clip.skeleton(), map)?;
+    let mut pose = GlobalPose::default();
+    let step = clip.frames().div_ceil(FRAMES).max(1);
+    let bones = |f: usize| {
+        pose.set(clip.skeleton(), clip.root()[f], clip.pose(f));
+        body.bones(&pose.positions)
+    };
+    let bones: Vec<[Vec3; 2]> = (0..clip.frames()).step_by(step).map(bones).collect();
+    if bones.is_empty() {
+        return None;
+    }
+    let median = |bone: usize, axis: Vec3| {
+        let mut cosines: Vec<f64> = bones.iter().map(|b| b[bone].dot(axis)).collect();
+        let middle = cosines.len() / 2;
+        *cosines.select_nth_unstable_by(middle, f64::total_cmp).1
+    };
+    let cosine = |up: Up| median(0, up.axis()).min(median(1, up.axis()));
+    let up = best(cosine);
+    Some(Stand { up, cosine: cosine(up) })
+}

@@ -1,0 +1,268 @@
+//! Files whose world has another axis up: read as if y were, and written back in their own.
+
+use kinelm_motion::format::bvh::{self, Channel};
+use kinelm_motion::format::{self, ReadOptions, Unit, Up, UpBy};
+use kinelm_motion::rotation::{Axis, angle_between};
+use kinelm_motion::{Clip, Error, Motion, Quat, Source, Vec3, smpl, synth};
+use std::path::{Path, PathBuf};
+
+/// The axes that aren't y: what a place (x, y, z) of a y-up file is in a file with that axis up, as axes and signs.
+const TURNS: [(Up, [(Axis, f64); 3]); 5] = [
+    (Up::Z, [(Axis::X, 1.0), (Axis::Z, -1.0), (Axis::Y, 1.0)]),
+    (Up::NegZ, [(Axis::X, 1.0), (Axis::Z, 1.0), (Axis::Y, -1.0)]),
+    (Up::X, [(Axis::Y, 1.0), (Axis::X, -1.0), (Axis::Z, 1.0)]),
+    (Up::NegX, [(Axis::Y, -1.0), (Axis::X, 1.0), (Axis::Z, 1.0)]),
+    (Up::NegY, [(Axis::X, 1.0), (Axis::Y, -1.0), (Axis::Z, -1.0)]),
+];
+
+fn options(up: Up) -> ReadOptions {
+    ReadOptions { up, ..Default::default() }
+}
+
+fn read(bytes: &[u8], options: &ReadOptions) -> Motion {
+    bvh::read(Path::new("x.bvh"), bytes, options).unwrap()
+}
+
+fn source(m: &Motion) -> &bvh::BvhSource {
+    let Source::Bvh(source) = &m.source else { panic!("a BVH") };
+    source
+}
+
+fn kinds(m: &Motion) -> Vec<&'static str> {
+    m.warnings.iter().map(|w| w.kind).filter(|k| k.starts_with("up_")).collect()
+}
+
+/// A y-up file's text turned whole: offsets, names of channels and signs, nothing of which passes through a rotation.
+fn whole(m: &Motion, turn: &[(Axis, f64); 3]) -> Vec<u8> {
+    let (head, numbers) = (&source(m).head, &source(m).numbers);
+    // own axis a lies along an axis of the file, with a sign
+    let goes = |a: Axis| {
+        let i = turn.iter().position(|(from, _)| *from == a).unwrap();
+        ([Axis::X, Axis::Y, Axis::Z][i], turn[i].1)
+    };
+    let mut text = String::from("HIERARCHY\n");
+    let mut open = Vec::new();
+    let mut signs = Vec::new();
+    for (i, n) in head.nodes.iter().enumerate() {
+        while open.last().copied() != n.parent && open.pop().is_some() {
+            text += "}\n";
+        }
+        let o = turn.map(|(from, sign)| sign * n.offset[from.index()]);
+        let name = match n.kind {
+            bvh::NodeKind::Root => format!("ROOT {}", n.name),
+            bvh::NodeKind::Joint => format!("JOINT {}", n.name),
+            bvh::NodeKind::End => "End Site".into(),
+        };
+        text += &format!("{name}\n{{\nOFFSET {} {} {}\n", o[0], o[1], o[2]);
+        if n.kind != bvh::NodeKind::End {
+            text += &format!("CHANNELS {}", n.channels.len());
+            for c in &n.channels {
+                let (c, sign) = match c {
+                    Channel::Position(a) => (Channel::Position(goes(*a).0), goes(*a).1),
+                    Channel::Rotation(a) => (Channel::Rotation(goes(*a).0), goes(*a).1),
+                };
+                signs.push(sign);
+                text += &format!(" {}", c.name());
+            }
+            text.push('\n');
+        }
+        open.push(i);
+    }
+    text += &"}\n".repeat(open.len());
+    text += &format!("MOTION\nFrames: {}\nFrame Time: {}\n", m.clip.frames(), head.frame_time);
+    for row in numbers.chunks(head.width) {
+        let row: Vec<String> = row.iter().zip(&signs).map(|(v, s)| (v * s).to_string()).collect();
+        text += &(row.join(" ") + "\n");
+    }
+    text.into_bytes()
+}
+
+/// The turn as a rotation of places.
+fn rotation(turn: &[(Axis, f64); 3]) -> Quat {
+    let to = |p: Vec3| Vec3::from_array(turn.map(|(from, sign)| sign * p[from.index()]));
+    Quat::from_mat3(&kinelm_motion::rotation::Mat3::from_cols(to(Vec3::X), to(Vec3::Y), to(Vec3::Z)))
+}
+
+/// A clip whose motion is turned, and whose bones aren't.
+fn turned(clip: &Clip, by: Quat) -> Clip {
+    let root = clip.root().iter().map(|&p| by * p).collect();
+    let at_root = |(i, &q): (usize, &Quat)| if i % clip.joints() == 0 { by * q } else { q };
+    let rotations = clip.rotations().iter().enumerate().map(at_root).collect();
+    Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations).unwrap()
+}
+
+/// Largest differences of places in metres and of rotations in radians.
+fn apart(a: &Clip, b: &Clip) -> (f64, f64) {
+    assert_eq!((a.frames(), a.joints()), (b.frames(), b.joints()));
+    let places = a.positions().iter().zip(b.positions()).map(|(a, b)| a.distance(b)).fold(0.0, f64::max);
+    let turns = a.rotations().iter().zip(b.rotations()).map(|(a, b)| angle_between(*a, *b)).fold(0.0, f64::max);
+    (places, turns)
+}
+
+fn assert_same(a: &Clip, b: &Clip, metres: f64, radians: f64, what: &str) {
+    let (places, turns) = apart(a, b);
+    assert!(places < metres && turns < radians, "{what}: {places} m, {turns} rad");
+}
+
+/// Every `nth` clip of a set.
+fn clips(set: &str, test: &str, nth: usize) -> Vec<PathBuf> {
+    let Some(folder) = kinelm_shared_data::set(set, test) else { return Vec::new() };
+    let (mut found, mut folders) = (Vec::new(), vec![folder]);
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            match path.extension().is_some_and(|e| e == "bvh") {
+                true => found.push(path),
+                false if path.is_dir() => folders.push(path),
+                false => {}
+            }
+        }
+    }
+    found.sort();
+    let all = std::env::var_os("KINELM_ALL_SHARED_FILES").is_some();
+    found.into_iter().step_by(if all { 1 } else { nth }).collect()
+}
+
+#[test]
+fn every_shared_file_stands_however_it_is_turned() {
+    let test = "every_shared_file_stands_however_it_is_turned";
+    let some = [("cmu-dance", 25), ("bandai-1", 60), ("bandai-2", 500)];
+    for path in some.into_iter().flat_map(|(set, nth)| clips(set, test, nth)) {
+        let name = path.display().to_string();
+        let own = format::read(&path, &options(Up::Auto)).unwrap();
+        assert_eq!((source(&own).rig.axes.up, source(&own).rig.axes.by), (Up::Y, UpBy::Judged), "{name}");
+        assert!(kinds(&own).is_empty(), "{name}: {:?}", own.warnings);
+        for (up, turn) in &TURNS {
+            let what = format!("{name}, {up} up");
+            let file = whole(&own, turn);
+            let m = read(&file, &options(Up::Auto));
+            assert_eq!((source(&m).rig.axes.up, kinds(&m)), (*up, vec!["up_axis"]), "{what}");
+            assert_same(&own.clip, &m.clip, 1e-9, 1e-9, &what);
+            assert_eq!(read(&file, &options(*up)).clip, m.clip, "{what}");
+
+            let lies = Motion { clip: turned(&own.clip, rotation(turn)), ..own.clone() };
+            let lies = bvh::to_bytes(&lies).unwrap();
+            let m = read(&lies, &options(Up::Auto));
+            assert_eq!((source(&m).rig.axes.up, kinds(&m)), (Up::Y, vec!["up_unsure"]), "{what}, motion alone");
+            assert!(m.warnings.iter().any(|w| w.what.contains("--up")), "{what}");
+            let m = read(&lies, &options(*up));
+            assert_same(&own.clip, &m.clip, 1e-5, 1e-6, &format!("{what}, motion alone"));
+        }
+    }
+}
+
+/// A dance of our own as a y-up BVH on SMPL's rig.
+fn dance() -> Motion {
+    let clip = synth::corpus(3, 1, 2.0, 30.0).unwrap().remove(0).clip;
+    let plain = Motion { path: "x".into(), clip, source: Source::Plain, warnings: vec![] };
+    read(&bvh::to_bytes(&plain).unwrap(), &options(Up::Auto))
+}
+
+#[test]
+fn what_was_read_is_written_in_its_own_axes() {
+    let own = dance();
+    for (up, turn) in &TURNS {
+        let m = read(&whole(&own, turn), &options(Up::Auto));
+        let bytes = bvh::to_bytes(&m).unwrap();
+        // untouched: the file's own numbers
+        assert_eq!(source(&read(&bytes, &options(Up::Auto))).numbers, source(&m).numbers, "{up}");
+        // touched: other numbers, the same axes
+        let moved = m.clip.root().iter().map(|p| *p + Vec3::new(0.5, 0.01, -0.25)).collect();
+        let clip = Clip::new(m.clip.skeleton().clone(), 30.0, moved, m.clip.rotations().to_vec()).unwrap();
+        let bytes = bvh::to_bytes(&Motion { clip: clip.clone(), ..m.clone() }).unwrap();
+        let back = read(&bytes, &options(Up::Auto));
+        assert_eq!(source(&back).rig.axes.up, *up);
+        assert_eq!(source(&back).head.nodes, source(&m).head.nodes);
+        assert_same(&clip, &back.clip, 1e-6, 1e-6, &format!("{up}"));
+        // places alone, too
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.bvh");
+        std::fs::write(&path, &bytes).unwrap();
+        let points = format::positions(&path, &options(Up::Auto)).unwrap();
+        let hips = points.joints.iter().position(|j| *j == clip.skeleton().names()[0]).unwrap();
+        assert!(points.positions[hips].distance(clip.root()[0]) < 1e-6, "{up}");
+
+        // the motion alone, said by the flag
+        let lies = Motion { clip: turned(&own.clip, rotation(turn)), ..own.clone() };
+        let m = read(&bvh::to_bytes(&lies).unwrap(), &options(*up));
+        let clip = turned(&m.clip, Quat::from_rotation_y(0.3));
+        let back = read(&bvh::to_bytes(&Motion { clip: clip.clone(), ..m }).unwrap(), &options(*up));
+        assert_same(&clip, &back.clip, 1e-5, 1e-6, &format!("{up}, motion alone"));
+    }
+}
+
+#[test]
+fn who_lies_crawls_or_stands_on_his_head_is_left_so() {
+    let own = dance();
+    let on_floor = |by: Quat| turned(&own.clip, by);
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let mut crawl = vec![Quat::IDENTITY; 24];
+    crawl[0] = Quat::from_rotation_x(quarter);
+    for (thigh, shin, arm) in [(1, 4, 16), (2, 5, 17)] {
+        crawl[thigh] = Quat::from_rotation_x(-quarter);
+        crawl[shin] = Quat::from_rotation_x(quarter);
+        crawl[arm] = Quat::from_rotation_y(if arm == 16 { -quarter } else { quarter });
+    }
+    let frames = 40;
+    let crawling = Clip::new(smpl::neutral(), 30.0, vec![Vec3::Y * 0.45; frames], crawl.repeat(frames)).unwrap();
+    for (what, clip) in [
+        ("on the back", on_floor(Quat::from_rotation_x(-quarter))),
+        ("on the belly", on_floor(Quat::from_rotation_x(quarter))),
+        ("on the side", on_floor(Quat::from_rotation_z(quarter))),
+        ("on the head", on_floor(Quat::from_rotation_x(2.0 * quarter))),
+        ("crawling", crawling),
+    ] {
+        let plain = Motion { path: "x".into(), clip, source: Source::Plain, warnings: vec![] };
+        let bytes = bvh::to_bytes(&plain).unwrap();
+        let m = read(&bytes, &options(Up::Auto));
+        assert_eq!((source(&m).rig.axes.up, kinds(&m)), (Up::Y, vec!["up_unsure"]), "{what}");
+        assert_eq!(m.clip, read(&bytes, &options(Up::Y)).clip, "{what}");
+        assert!(kinds(&read(&bytes, &options(Up::Y))).is_empty(), "{what}: who says so is not doubted");
+    }
+}
+
+#[test]
+fn joints_that_no_map_knows_are_left_as_they_are() {
+    let text = "HIERARCHY\nROOT a { OFFSET 0 0 0 CHANNELS 1 Xrotation JOINT b\n{ OFFSET 0 0 1 CHANNELS 1 Xrotation \
+                End Site { OFFSET 0 0 1 } } }\nMOTION\nFrames: 1\nFrame Time: 0.05\n0 0\n";
+    let with = |up| ReadOptions { unit: Unit::Metre, up, ..Default::default() };
+    let m = read(text.as_bytes(), &with(Up::Auto));
+    assert_eq!((source(&m).rig.axes.by, kinds(&m).len()), (UpBy::Unknown, 0));
+    let m = read(text.as_bytes(), &with(Up::Z));
+    assert!(m.clip.positions()[1].distance(Vec3::Y) < 1e-12);
+}
+
+#[test]
+fn a_json_is_turned_on_demand_and_archives_are_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let (clip, path) = (dance().clip, folder.path().join("a.json"));
+    let plain = |clip| Motion { path: "x".into(), clip, source: Source::Plain, warnings: vec![] };
+    format::write(&path, &plain(turned(&clip, rotation(&TURNS[0].1)))).unwrap();
+    let lies = format::read(&path, &options(Up::Auto)).unwrap();
+    assert!(lies.warnings.is_empty() && lies.clip != clip, "unasked a JSON has y up");
+    let m = format::read(&path, &options(Up::Z)).unwrap();
+    assert_same(&clip, &m.clip, 1e-12, 1e-12, "a JSON");
+    let back = folder.path().join("b.json");
+    format::write(&back, &m).unwrap();
+    assert_same(&lies.clip, &format::read(&back, &options(Up::Y)).unwrap().clip, 1e-12, 1e-12, "a JSON's own axes");
+
+    let path = folder.path().join("a.npz");
+    format::write(&path, &plain(synth::corpus(3, 1, 1.0, 30.0).unwrap().remove(0).clip)).unwrap();
+    assert!(format::read(&path, &options(Up::Auto)).is_ok());
+    for up in [Up::Y, Up::Z] {
+        let e = format::read(&path, &options(up)).unwrap_err();
+        assert!(matches!(e, Error::Option { .. }) && e.to_string().contains("AMASS"), "{e}");
+        assert!(format::positions(&path, &options(up)).is_err());
+    }
+}
+
+#[test]
+fn options_of_before_have_no_up() {
+    let old: ReadOptions = serde_json::from_str(r#"{"unit": "metre", "skip": 3}"#).unwrap();
+    assert_eq!((old.up, old.skip), (Up::Auto, 3));
+    for up in [Up::Auto, Up::X, Up::NegX, Up::Y, Up::NegY, Up::Z, Up::NegZ] {
+        let text = serde_json::to_string(&options(up)).unwrap();
+        assert!(text.contains(&format!("\"up\":\"{up}\"")), "{text}");
+        assert_eq!(serde_json::from_str::<ReadOptions>(&text).unwrap().up, up);
+    }
+}

@@ -172,3 +172,50 @@ fn the_way_to_amass_and_back_keeps_the_dance() {
     let worst = a.1.iter().zip(&b.1).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
     assert!(worst < 1e-5, "{worst}");
 }
+
+#[test]
+fn up_is_said_in_one_line_and_refused_where_the_format_says_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let [z, y, json, npz] = ["z.bvh", "y.bvh", "a.json", "a.npz"].map(|n| dir.path().join(n));
+    // two legs and a head, in centimetres: along z, with nobody moving
+    let joint = |name: &str, [x, y, z]: [f64; 3], inner: &str| {
+        format!("JOINT {name}\n{{\nOFFSET {x} {y} {z}\nCHANNELS 3 Zrotation Xrotation Yrotation\n{inner}}}\n")
+    };
+    let tip = "End Site\n{\nOFFSET 0 0 5\n}\n";
+    let limbs = |side: &str, x: f64| {
+        let leg = joint(&format!("{side}Foot"), [0.0, 0.0, -40.0], tip);
+        let leg = joint(&format!("{side}Leg"), [0.0, 0.0, -42.0], &leg);
+        let arm = joint(&format!("{side}Hand"), [2.5 * x, 0.0, 0.0], tip);
+        let arm = joint(&format!("{side}ForeArm"), [3.0 * x, 0.0, 0.0], &arm);
+        (joint(&format!("{side}UpLeg"), [x, 0.0, -5.0], &leg), joint(&format!("{side}Arm"), [2.0 * x, 0.0, 20.0], &arm))
+    };
+    let (left, right) = (limbs("Left", 9.0), limbs("Right", -9.0));
+    let spine = joint("Spine", [0.0, 0.0, 25.0], &(joint("Head", [0.0, 0.0, 30.0], tip) + &left.1 + &right.1));
+    let text = format!(
+        "HIERARCHY\nROOT Hips\n{{\nOFFSET 0 0 0\nCHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation\n\
+         {}{}{spine}}}\nMOTION\nFrames: 2\nFrame Time: 0.05\n10 20 90{zeros}\n10 20 91{zeros}\n",
+        left.0,
+        right.0,
+        zeros = " 0".repeat(39)
+    );
+    fs::write(&z, text).unwrap();
+    kinelm().arg("inspect").arg(&z).assert().success().stdout(contains("up z in the file").and(contains("no doubts")));
+    kinelm().args(["inspect", "--json"]).arg(&z).assert().success().stdout(contains("\"up\":\"z\""));
+    let said = kinelm().arg("convert").arg(&z).arg(&json).assert().success();
+    said.stderr(contains("up_axis: z is up").and(contains("--up")));
+    let json_text = fs::read_to_string(&json).unwrap();
+    assert!(json_text.contains("[0.1,0.9") && json_text.contains("-0.2]"), "{json_text}");
+    // as the file says it is not
+    let lies = kinelm().args(["inspect", "--up", "-x"]).arg(&z).assert().success();
+    lies.stdout(contains("up -x in the file"));
+    kinelm().args(["convert", "-q"]).arg(&z).arg(&y).assert().success();
+    assert!(fs::read_to_string(&y).unwrap().contains("10.000000 20.000000 91.000000"));
+    kinelm().args(["convert", "-q"]).arg(&z).arg(&npz).assert().success();
+    for up in ["z", "y"] {
+        let wrong = kinelm().args(["inspect", "--up", up]).arg(&npz).assert().failure();
+        wrong.stderr(contains("AMASS file has z up"));
+        let out = dir.path().join("b.bvh");
+        let wrong = kinelm().args(["convert", "--up", up]).arg(&npz).arg(out).assert().code(2);
+        wrong.stderr(contains("--up is for BVH and JSON"));
+    }
+}

@@ -7,6 +7,7 @@ use super::make::Ready;
 use super::recipe::Recipe;
 use crate::corpus::load::hash_file;
 use crate::{Error, Result, files};
+use kinelm_motion::format::Format;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -105,12 +106,13 @@ impl Provenance {
     pub fn load(path: &Path) -> Result<Provenance> {
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
         let expected = "what kinelm generate wrote beside a dance";
-        let value: serde_json::Value =
+        let mut value: serde_json::Value =
             serde_json::from_str(&text).map_err(|e| Error::file(path, e.to_string(), expected, ""))?;
         if value["schema"] != SCHEMA {
             let (found, expected) = (format!("schema {}", value["schema"]), format!("schema {SCHEMA}: {expected}"));
             return Err(Error::file(path, found, expected, "make it again with this version"));
         }
+        read_with_y_up(&mut value);
         serde_json::from_value(value).map_err(|e| Error::file(path, e.to_string(), expected, ""))
     }
 
@@ -149,4 +151,32 @@ fn same(what: &str, before: &str, now: &str) -> Result<()> {
 /// A file's name without its folder.
 pub fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+/// Files of before `--up` took every prompt to have y up; its dance is made again as it was.
+fn read_with_y_up(value: &mut serde_json::Value) {
+    let Some(prompt) = value.pointer_mut("/recipe/prompt") else { return };
+    let format = prompt["path"].as_str().and_then(|path| Format::of_name(Path::new(path)));
+    let Some(read) = prompt.get_mut("read").and_then(serde_json::Value::as_object_mut) else { return };
+    if matches!(format, Some(Format::Bvh | Format::Json)) && !read.contains_key("up") {
+        read.insert("up".into(), "y".into());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prompts_of_before_have_y_up() {
+        let read = |path: &str, read: serde_json::Value| {
+            let mut value = serde_json::json!({"recipe": {"prompt": {"path": path, "read": read}}});
+            read_with_y_up(&mut value);
+            value["recipe"]["prompt"]["read"]["up"].clone()
+        };
+        assert_eq!(read("a.BVH", serde_json::json!({"unit": "auto"})), "y");
+        assert_eq!(read("a.bvh", serde_json::json!({"up": "auto"})), "auto");
+        assert!(read("a.npz", serde_json::json!({})).is_null(), "it has no axis to choose");
+        let mut none = serde_json::json!({"recipe": {"prompt": null}});
+        read_with_y_up(&mut none);
+    }
 }

@@ -1,9 +1,11 @@
 //! The backward pass of a block.
 
-use super::{Back, Gradients, PanelSet, Rules, Saved, Weights, Workspace, dropped};
+use super::{Back, Gradients, PanelSet, Rules, Saved, Shape, Weights, Workspace, dropped};
+use crate::arena::Floats;
 use crate::linear::{Sums, pack_transposed_parallel, times, weight_gradient};
 use crate::op::matmul::{Store, pack, panels_len};
 use crate::op::{attention, bias, gelu, layer_norm, rope};
+use crate::pieces::PerThread;
 use rayon::prelude::*;
 
 /// Turns `dx` (N, D), the gradient of the block's output, into that of its input `x`, and adds to (or sets) the
@@ -25,124 +27,186 @@ pub fn backward(
     saved: &Saved,
     workspace: &mut Workspace,
 ) {
-    let Workspace { shape, piece, panels, scratch, attention: space, back } = workspace;
+    let Workspace { shape, piece, panels, scratch, attention, back } = workspace;
     let (shape, piece) = (*shape, *piece);
-    let (n, d, m) = (shape.rows(), shape.width, shape.hidden);
-    let heads = shape.attention();
-    let dropout = rules.dropout;
     let Some(back) = back else { panic!("a workspace for the forward pass only") };
     shape.check([dx, x], weights, saved);
     shape.check([dx, x], gradients, saved);
-    panels.pack_transposed(weights, d, m);
+    panels.pack_transposed(weights, shape.width, shape.hidden);
+    let pass = Pass { shape, piece, weights, store, rules, saved, panels, scratch };
+    pass.behind_attention(dx, back);
+    pass.sums_behind_attention(gradients, back);
+    pass.attention(gradients, attention, back);
+    pass.before_attention(dx, x, back);
+    pass.gradients_before_attention(gradients, back);
+}
 
-    // behind the attention
-    let slot = |width: usize| panels_len(piece, width);
-    let width = m + 4 * d;
-    let parts = (
-        (dx.par_chunks_mut(piece * d), saved.middle.par_chunks(piece * d), saved.stats2.par_chunks(piece * 2)),
-        (saved.up.par_chunks(piece * m), back.gelu.par_chunks_mut(piece * m)),
-        (back.normal.par_chunks_mut(piece * d), back.gathered.par_chunks_mut(piece * d)),
-        back.d_heads.par_chunks_mut(piece * d),
-        (back.d_down.par_chunks_mut(slot(d)), back.d_up.par_chunks_mut(slot(m)), back.d_out.par_chunks_mut(slot(d))),
-        back.partial.par_chunks_mut(width),
-    );
-    parts.into_par_iter().enumerate().for_each(
-        |(i, ((dx, middle, stats), (up, gelu), (normal, gathered), d_heads, (d_down, d_up, d_out), partial))| {
+/// What every part of the pass reads. Rows fall into pieces that are worked on side by side; what is summed over rows is
+/// summed a piece first, so that the number of threads changes no bit.
+struct Pass<'a> {
+    shape: Shape,
+    /// R, rows of a piece.
+    piece: usize,
+    weights: &'a Weights<'a>,
+    store: Store,
+    rules: Rules<'a>,
+    saved: &'a Saved,
+    panels: &'a PanelSet,
+    scratch: &'a PerThread<Floats>,
+}
+
+impl Pass<'_> {
+    /// Rows of a piece's partial sums behind the attention: of `down`'s bias, `up`'s, the second norm, `out`'s bias.
+    fn width_behind(&self) -> usize {
+        self.shape.hidden + 4 * self.shape.width
+    }
+
+    /// Of those before it: `qkv`'s bias and the first norm.
+    fn width_before(&self) -> usize {
+        5 * self.shape.width
+    }
+
+    /// Back through the hidden layer, the second norm and the attention's projection: `dx` becomes the gradient of
+    /// `middle`, `d_heads` that of the gathered heads. Both factors of the weights' gradients are left in `back`.
+    fn behind_attention(&self, dx: &mut [f32], back: &mut Back) {
+        let Pass { shape, piece, weights, rules, saved, panels, scratch, .. } = *self;
+        let (d, m, dropout) = (shape.width, shape.hidden, rules.dropout);
+        let slot = |width: usize| panels_len(piece, width);
+        let parts = (
+            (dx.par_chunks_mut(piece * d), saved.middle.par_chunks(piece * d), saved.stats2.par_chunks(piece * 2)),
+            (saved.up.par_chunks(piece * m), back.gelu.par_chunks_mut(piece * m)),
+            (back.normal.par_chunks_mut(piece * d), back.gathered.par_chunks_mut(piece * d)),
+            back.d_heads.par_chunks_mut(piece * d),
+            (
+                back.d_down.par_chunks_mut(slot(d)),
+                back.d_up.par_chunks_mut(slot(m)),
+                back.d_out.par_chunks_mut(slot(d)),
+            ),
+            back.partial.par_chunks_mut(self.width_behind()),
+        );
+        parts.into_par_iter().enumerate().for_each(
+            |(i, ((dx, middle, stats), (up, gelu), (normal, gathered), d_heads, (d_down, d_up, d_out), partial))| {
+                let (first, rows) = (i * piece, dx.len() / d);
+                partial.fill(0.0);
+                let (db_down, partial) = partial.split_at_mut(d);
+                let (db_up, partial) = partial.split_at_mut(m);
+                let (d_norm, db_out) = partial.split_at_mut(2 * d);
+                let (dw_norm, db_norm) = d_norm.split_at_mut(d);
+                scratch.with(|scratch| {
+                    let (dy, rest) = scratch.split_at_mut(dx.len());
+                    let (d_normal, rest) = rest.split_at_mut(dx.len());
+                    let d_hidden = &mut rest[..up.len()];
+                    dropped(shape, first, rows, dropout.map(|p| (p.share, p.mlp)), &mut |rows, mask| {
+                        bias::residual_backward(&mut dy[rows.clone()], &dx[rows], d, mask);
+                    });
+                    bias::add_column_sums(db_down, dy);
+                    pack(d_down, dy, d, rows, d);
+                    times(d_hidden, dy, d, &panels.down, m);
+                    gelu::backward(d_hidden, gelu, up);
+                    bias::add_column_sums(db_up, d_hidden);
+                    pack(d_up, d_hidden, m, rows, m);
+                    times(d_normal, d_hidden, m, &panels.up, d);
+                    // computed again rather than saved: the rows are in the cache, N D more numbers are not
+                    layer_norm::again(normal, middle, stats, weights.norm2.weight, weights.norm2.bias);
+                    let normed = layer_norm::Saved { x: middle, stats, weight: weights.norm2.weight };
+                    layer_norm::backward(dx, dw_norm, db_norm, normed, d_normal);
+                    dropped(shape, first, rows, dropout.map(|p| (p.share, p.out)), &mut |rows, mask| {
+                        bias::residual_backward(&mut dy[rows.clone()], &dx[rows], d, mask);
+                    });
+                    bias::add_column_sums(db_out, dy);
+                    pack(d_out, dy, d, rows, d);
+                    times(d_heads, dy, d, &panels.out, d);
+                    attention::gather(shape.attention(), 1, &saved.heads, first..first + rows, gathered);
+                });
+            },
+        );
+    }
+
+    /// The pieces' sums added up, in the order in which [`Pass::behind_attention`] lays them down.
+    fn sums_behind_attention(&self, gradients: &mut Gradients, back: &Back) {
+        let mut sums = self.sums(back, self.width_behind());
+        sums.take(gradients.down.bias);
+        sums.take(gradients.up.bias);
+        sums.take(gradients.norm2.weight);
+        sums.take(gradients.norm2.bias);
+        sums.take(gradients.out.bias);
+    }
+
+    /// Back through the attention, from `d_heads` to `dqkv_heads`. Beside it run the products of the weights behind it, which
+    /// wait for nothing: the attention has pieces of very unlike size, and they fill the threads that it leaves idle.
+    fn attention(&self, gradients: &mut Gradients, space: &mut attention::Workspace, back: &mut Back) {
+        let Pass { shape, piece, store, saved, .. } = *self;
+        let (n, d, m) = (shape.rows(), shape.width, shape.hidden);
+        let Back { d_down, d_up, d_out, gelu, normal, gathered, d_heads, dqkv_heads, .. } = back;
+        let done = attention::Done { qkv: &saved.qkv, out: &saved.heads, log_sums: &saved.lse, d_out: d_heads };
+        let (dw_down, dw_up) = (&mut *gradients.down.weight, &mut *gradients.up.weight);
+        let dw_out = &mut *gradients.out.weight;
+        rayon::join(
+            || attention::backward(shape.attention(), done, self.rules.attention(), space, dqkv_heads),
+            || {
+                rayon::join(
+                    || weight_gradient(dw_down, gelu, m, (d_down, piece), n, store),
+                    || {
+                        rayon::join(
+                            || weight_gradient(dw_up, normal, d, (d_up, piece), n, store),
+                            || weight_gradient(dw_out, gathered, d, (d_out, piece), n, store),
+                        )
+                    },
+                )
+            },
+        );
+    }
+
+    /// Back through the queries, keys and values and the first norm: `dx`, the gradient of `middle`, becomes that of the input.
+    fn before_attention(&self, dx: &mut [f32], x: &[f32], back: &mut Back) {
+        let Pass { shape, piece, weights, rules, saved, panels, scratch, .. } = *self;
+        let d = shape.width;
+        let dqkv_heads = &*back.dqkv_heads;
+        let parts = (
+            dx.par_chunks_mut(piece * d),
+            (x.par_chunks(piece * d), saved.stats1.par_chunks(piece * 2)),
+            back.normal.par_chunks_mut(piece * d),
+            back.d_qkv.par_chunks_mut(panels_len(piece, 3 * d)),
+            back.partial.par_chunks_mut(self.width_before()),
+        );
+        parts.into_par_iter().enumerate().for_each(|(i, (dx, (x, stats), normal, d_qkv, partial))| {
             let (first, rows) = (i * piece, dx.len() / d);
             partial.fill(0.0);
-            let (db_down, partial) = partial.split_at_mut(d);
-            let (db_up, partial) = partial.split_at_mut(m);
-            let (d_norm, db_out) = partial.split_at_mut(2 * d);
+            let (db_qkv, d_norm) = partial.split_at_mut(3 * d);
             let (dw_norm, db_norm) = d_norm.split_at_mut(d);
             scratch.with(|scratch| {
-                let (dy, rest) = scratch.split_at_mut(dx.len());
-                let (d_normal, rest) = rest.split_at_mut(dx.len());
-                let d_hidden = &mut rest[..up.len()];
-                dropped(shape, first, rows, dropout.map(|p| (p.share, p.mlp)), &mut |rows, mask| {
-                    bias::residual_backward(&mut dy[rows.clone()], &dx[rows], d, mask);
-                });
-                bias::add_column_sums(db_down, dy);
-                pack(d_down, dy, d, rows, d);
-                times(d_hidden, dy, d, &panels.down, m);
-                gelu::backward(d_hidden, gelu, up);
-                bias::add_column_sums(db_up, d_hidden);
-                pack(d_up, d_hidden, m, rows, m);
-                times(d_normal, d_hidden, m, &panels.up, d);
-                layer_norm::again(normal, middle, stats, weights.norm2.weight, weights.norm2.bias);
-                let normed = layer_norm::Saved { x: middle, stats, weight: weights.norm2.weight };
+                let (d_normal, rest) = scratch.split_at_mut(dx.len());
+                let dqkv = &mut rest[..3 * dx.len()];
+                attention::gather(shape.attention(), 3, dqkv_heads, first..first + rows, dqkv);
+                if let Some(by) = rules.rope {
+                    rope::turn(dqkv, shape.heads, first, by, true);
+                }
+                bias::add_column_sums(db_qkv, dqkv);
+                pack(d_qkv, dqkv, 3 * d, rows, 3 * d);
+                times(d_normal, dqkv, 3 * d, &panels.qkv, d);
+                layer_norm::again(normal, x, stats, weights.norm1.weight, weights.norm1.bias);
+                let normed = layer_norm::Saved { x, stats, weight: weights.norm1.weight };
                 layer_norm::backward(dx, dw_norm, db_norm, normed, d_normal);
-                dropped(shape, first, rows, dropout.map(|p| (p.share, p.out)), &mut |rows, mask| {
-                    bias::residual_backward(&mut dy[rows.clone()], &dx[rows], d, mask);
-                });
-                bias::add_column_sums(db_out, dy);
-                pack(d_out, dy, d, rows, d);
-                times(d_heads, dy, d, &panels.out, d);
-                attention::gather(heads, 1, &saved.heads, first..first + rows, gathered);
             });
-        },
-    );
-    let mut sums = Sums { partial: &back.partial[..n.div_ceil(piece) * width], width, store };
-    sums.take(gradients.down.bias);
-    sums.take(gradients.up.bias);
-    sums.take(gradients.norm2.weight);
-    sums.take(gradients.norm2.bias);
-    sums.take(gradients.out.bias);
-
-    // the attention, beside the gradients of the weights behind it
-    let Back { d_down, d_up, d_out, d_qkv, gelu, normal, gathered, d_heads, dqkv_heads, partial } = back;
-    let done = attention::Done { qkv: &saved.qkv, out: &saved.heads, log_sums: &saved.lse, d_out: d_heads };
-    let (dw_down, dw_up) = (&mut *gradients.down.weight, &mut *gradients.up.weight);
-    let dw_out = &mut *gradients.out.weight;
-    rayon::join(
-        || attention::backward(heads, done, rules.attention(), space, dqkv_heads),
-        || {
-            rayon::join(
-                || weight_gradient(dw_down, gelu, m, (d_down, piece), n, store),
-                || {
-                    rayon::join(
-                        || weight_gradient(dw_up, normal, d, (d_up, piece), n, store),
-                        || weight_gradient(dw_out, gathered, d, (d_out, piece), n, store),
-                    )
-                },
-            )
-        },
-    );
-
-    // before the attention
-    let dqkv_heads = &*dqkv_heads;
-    let width = 5 * d;
-    let parts = (
-        dx.par_chunks_mut(piece * d),
-        (x.par_chunks(piece * d), saved.stats1.par_chunks(piece * 2)),
-        normal.par_chunks_mut(piece * d),
-        d_qkv.par_chunks_mut(slot(3 * d)),
-        partial.par_chunks_mut(width),
-    );
-    parts.into_par_iter().enumerate().for_each(|(i, (dx, (x, stats), normal, d_qkv, partial))| {
-        let (first, rows) = (i * piece, dx.len() / d);
-        partial.fill(0.0);
-        let (db_qkv, d_norm) = partial.split_at_mut(3 * d);
-        let (dw_norm, db_norm) = d_norm.split_at_mut(d);
-        scratch.with(|scratch| {
-            let (d_normal, rest) = scratch.split_at_mut(dx.len());
-            let dqkv = &mut rest[..3 * dx.len()];
-            attention::gather(heads, 3, dqkv_heads, first..first + rows, dqkv);
-            if let Some(by) = rules.rope {
-                rope::turn(dqkv, shape.heads, first, by, true);
-            }
-            bias::add_column_sums(db_qkv, dqkv);
-            pack(d_qkv, dqkv, 3 * d, rows, 3 * d);
-            times(d_normal, dqkv, 3 * d, &panels.qkv, d);
-            layer_norm::again(normal, x, stats, weights.norm1.weight, weights.norm1.bias);
-            let normed = layer_norm::Saved { x, stats, weight: weights.norm1.weight };
-            layer_norm::backward(dx, dw_norm, db_norm, normed, d_normal);
         });
-    });
-    let mut sums = Sums { partial: &partial[..n.div_ceil(piece) * width], width, store };
-    sums.take(gradients.qkv.bias);
-    sums.take(gradients.norm1.weight);
-    sums.take(gradients.norm1.bias);
-    weight_gradient(gradients.qkv.weight, normal, d, (d_qkv, piece), n, store);
+    }
+
+    /// What [`Pass::before_attention`] has left, in its order.
+    fn gradients_before_attention(&self, gradients: &mut Gradients, back: &Back) {
+        let Pass { shape, piece, store, .. } = *self;
+        let mut sums = self.sums(back, self.width_before());
+        sums.take(gradients.qkv.bias);
+        sums.take(gradients.norm1.weight);
+        sums.take(gradients.norm1.bias);
+        let d_qkv = (&*back.d_qkv, piece);
+        weight_gradient(gradients.qkv.weight, &back.normal, shape.width, d_qkv, shape.rows(), store);
+    }
+
+    /// A row of `width` partial sums a piece.
+    fn sums<'b>(&self, back: &'b Back, width: usize) -> Sums<'b> {
+        let pieces = self.shape.rows().div_ceil(self.piece);
+        Sums { partial: &back.partial[..pieces * width], width, store: self.store }
+    }
 }
 
 impl PanelSet {

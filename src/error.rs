@@ -40,6 +40,15 @@ pub enum Error {
     /// The tensor library refused.
     #[error("tensors: {0}")]
     Tensor(#[from] candle_core::Error),
+    /// Numbers of a model that learns ran away: its loss, its gradients or its weights.
+    #[error("{0}")]
+    NotFinite(String),
+    /// Tensors that don't make the model that is described.
+    #[error("{0}")]
+    Weights(String),
+    /// The user broke the work off; what was promised whole isn't there.
+    #[error("{0}")]
+    Stopped(String),
     /// The caller asked for something that can't be done.
     #[error("{0}")]
     Call(String),

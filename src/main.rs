@@ -17,7 +17,7 @@ fn main() -> ExitCode {
             eprintln!("kinelm: {}", cli::chain(&e));
             ExitCode::from(match () {
                 _ if cli::is_wrong_call(&e) => 2,
-                _ if e.is::<cli::Stopped>() => 130,
+                _ if cli::is_stopped(&e) => 130,
                 _ => 1,
             })
         }

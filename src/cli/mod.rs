@@ -238,10 +238,16 @@ pub fn asked(e: kinelm::Error) -> Error {
     }
 }
 
-/// The user stopped the work with Ctrl-C; what is done is saved: exit code 130, as a shell has it.
+/// The user stopped the work with Ctrl-C; what is done is saved: exit code 130, as a shell has it. Work that can't be saved
+/// half done ends in [`kinelm::Error::Stopped`].
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Stopped(pub String);
+
+/// Whether the user broke the work off.
+pub fn is_stopped(e: &anyhow::Error) -> bool {
+    e.is::<Stopped>() || matches!(e.downcast_ref(), Some(kinelm::Error::Stopped(_)))
+}
 
 /// The extension of a motion file to write; refuses, before any work, what no motion is written as and a folder that isn't
 /// there.

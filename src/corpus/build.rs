@@ -100,7 +100,7 @@ impl Summary {
 /// Fits a tokenizer on the train clips.
 ///
 /// # Errors
-/// [`Error::Call`] when no train clip could be taken, or any file is bad and `strict` is given, or `watch` broke off;
+/// [`Error::Call`] when no train clip could be taken, or any file is bad and `strict` is given; [`Error::Stopped`] when `watch` broke off;
 /// [`Error::Tokenizer`] for settings outside their limits.
 pub fn fit(
     gathered: &Gathered,
@@ -218,7 +218,7 @@ pub(crate) fn each<T: Send>(
             let event = Event::Done { done, of: items.len(), frames: summary.frames };
             if goes_on.is_break() || watch(event).is_break() {
                 let of = items.len();
-                return Err(Error::Call(format!("stopped after {done} of {of} files; nothing was written")));
+                return Err(Error::Stopped(format!("stopped after {done} of {of} files; nothing was written")));
             }
         }
     }

@@ -92,7 +92,7 @@ pub fn likelihood_by_token(
             let sum: f64 = found.iter().map(|&x| f64::from(x)).sum();
             if !sum.is_finite() {
                 let clip = &clips[window.clip].name;
-                return Err(Error::Call(format!("{clip} from token {}: {sum} nats", window.start)));
+                return Err(Error::NotFinite(format!("{clip} from token {}: {sum} nats", window.start)));
             }
             nats += sum;
             for i in window.scored.clone() {

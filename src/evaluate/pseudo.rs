@@ -40,7 +40,7 @@ pub(super) fn pseudo(
             let sum: f64 = found.iter().map(|&x| x as f64).sum();
             if !sum.is_finite() {
                 let clip = &clips[window.clip].name;
-                return Err(Error::Call(format!("{clip} from token {}: {sum} nats", window.start)));
+                return Err(Error::NotFinite(format!("{clip} from token {}: {sum} nats", window.start)));
             }
             nats += sum;
         }

@@ -107,7 +107,7 @@ impl Ready {
         plan.guidance = self.without.as_deref().map(|without| Guidance { scale: self.recipe.guidance, without });
         plan.guesses = guesses.unwrap_or(if self.recipe.draw.greedy { GUESSES } else { 0 });
         let computing = &self.recipe.computing;
-        let reading = computing.reading(variations * plan.streams())?;
+        let reading = computing.reading(variations * plan.streams());
         let mut model = reader(&self.run, computing.compute()?, reading)?;
         dances(&mut *model, &plan, &mut |words| progress((words * length).min(self.frames)))
     }

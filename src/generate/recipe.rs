@@ -3,8 +3,8 @@
 use super::place::Place;
 use super::rest::RestJoints;
 use super::sampling::Draw;
+use crate::Result;
 use crate::model::{Compute, Reading};
-use crate::{Error, Result};
 use kinelm_engine::decode::{KvKind, WeightKind};
 use kinelm_motion::format::ReadOptions;
 use serde::{Deserialize, Serialize};
@@ -66,8 +66,8 @@ pub enum Rig {
     Prompt,
 }
 
-/// Where and how the model computes, in words. Other numbers of threads give the same bits; other devices, forms and ways
-/// to hold numbers may not.
+/// Where and how the model computes. Other numbers of threads give the same bits; other devices, forms and ways to hold
+/// numbers may not.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Computing {
@@ -76,30 +76,40 @@ pub struct Computing {
     /// `auto` or `plain`.
     pub form: String,
     /// How weights are held: `f32` or `int8`.
-    pub weights: String,
+    #[serde(with = "WeightName")]
+    pub weights: WeightKind,
     /// How keys and values are held: `f32` or `f16`.
-    pub kv: String,
+    #[serde(with = "KvName")]
+    pub kv: KvKind,
     /// Instructions of the processor that the engine's kernels used. Told, not asked for.
     #[serde(default)]
     pub kernels: String,
 }
 
+/// [`WeightKind`] by its name: the engine knows no files.
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "WeightKind", rename_all = "lowercase")]
+enum WeightName {
+    F32,
+    Int8,
+}
+
+/// [`KvKind`] by its name.
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "KvKind", rename_all = "lowercase")]
+enum KvName {
+    F32,
+    F16,
+}
+
 impl Computing {
-    /// In words.
+    /// With the kernels of the processor at hand.
     pub fn new(compute: Compute, weights: WeightKind, kv: KvKind) -> Computing {
-        let weights = match weights {
-            WeightKind::F32 => "f32",
-            WeightKind::Int8 => "int8",
-        };
-        let kv = match kv {
-            KvKind::F32 => "f32",
-            KvKind::F16 => "f16",
-        };
         Computing {
             device: compute.device.to_string(),
             form: compute.form.to_string(),
-            weights: weights.into(),
-            kv: kv.into(),
+            weights,
+            kv,
             kernels: kinelm_engine::dispatch::name().into(),
         }
     }
@@ -113,20 +123,22 @@ impl Computing {
     }
 
     /// How the model is read, so many sequences side by side.
-    ///
-    /// # Errors
-    /// Weights, keys or values that can't be held like that.
-    pub fn reading(&self, streams: usize) -> Result<Reading> {
-        let weights = match self.weights.as_str() {
-            "f32" => WeightKind::F32,
-            "int8" => WeightKind::Int8,
-            other => return Err(Error::Call(format!("weights held as `{other}`; expected f32 or int8"))),
-        };
-        let kv = match self.kv.as_str() {
-            "f32" => KvKind::F32,
-            "f16" => KvKind::F16,
-            other => return Err(Error::Call(format!("keys and values held as `{other}`; expected f32 or f16"))),
-        };
-        Ok(Reading { streams, weights, kv })
+    pub fn reading(&self, streams: usize) -> Reading {
+        Reading { streams, weights: self.weights, kv: self.kv }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_are_names_in_a_file_and_no_others_are_taken() {
+        let computing = Computing::new(Compute::default(), WeightKind::Int8, KvKind::F16);
+        let text = serde_json::to_string(&computing).unwrap();
+        assert!(text.contains(r#""weights":"int8","kv":"f16""#), "{text}");
+        assert_eq!(serde_json::from_str::<Computing>(&text).unwrap(), computing);
+        let refused = serde_json::from_str::<Computing>(&text.replace("int8", "int4")).unwrap_err().to_string();
+        assert!(refused.contains("`int4`") && refused.contains("f32") && refused.contains("int8"), "{refused}");
     }
 }

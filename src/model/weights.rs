@@ -88,7 +88,9 @@ impl Gpt {
     pub fn load(config: &ModelConfig, tokens: &TokenLayout, path: &Path) -> Result<Gpt> {
         let bytes = std::fs::read(path).map_err(Error::io(path))?;
         Gpt::from_tensors(config, tokens, from_bytes(path, &bytes)?).map_err(|e| match e {
-            Error::Call(found) => Error::file(path, found, "the weights of the model that config.toml describes", ""),
+            Error::Weights(found) => {
+                Error::file(path, found, "the weights of the model that config.toml describes", "")
+            }
             other => other,
         })
     }

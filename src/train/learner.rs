@@ -112,7 +112,7 @@ pub fn clip_share(norm: f64, limit: f64) -> f64 {
 
 /// The error of a loss that is not finite, on these of a batch's windows.
 pub fn not_finite(loss: f64, clips: &[String]) -> Error {
-    Error::Call(format!("the loss is {loss} on {}", listed(clips.iter())))
+    Error::NotFinite(format!("the loss is {loss} on {}", listed(clips.iter())))
 }
 
 /// The error of a moving average that the configuration doesn't have.

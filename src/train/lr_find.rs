@@ -84,7 +84,7 @@ pub fn lr_find(options: &LrFindOptions, stop: &AtomicBool, tell: &mut dyn FnMut(
     let mut test = Test::default();
     for step in 0..options.steps {
         if stop.load(Ordering::Relaxed) {
-            return Err(Error::Call(format!("stopped after {step} of {} steps", options.steps)));
+            return Err(Error::Stopped(format!("stopped after {step} of {} steps", options.steps)));
         }
         let parts = train.accumulate as u64;
         let batches: Vec<Batch> =
@@ -93,8 +93,8 @@ pub fn lr_find(options: &LrFindOptions, stop: &AtomicBool, tell: &mut dyn FnMut(
         let gradients = match learner.gradients_of(&batches, step) {
             Ok(found) if found.norm.is_finite() => found,
             // the rates before it were too high
-            Ok(_) | Err(Error::Call(_)) if step > 0 => return Ok(test.end(true)),
-            Ok(found) => return Err(Error::Call(format!("the first gradient's norm is {}", found.norm))),
+            Ok(_) | Err(Error::NotFinite(_)) if step > 0 => return Ok(test.end(true)),
+            Ok(found) => return Err(Error::NotFinite(format!("the first gradient's norm is {}", found.norm))),
             Err(e) => return Err(e),
         };
         if let Some(tried) = test.step(rate, gradients.loss) {

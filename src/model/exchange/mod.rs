@@ -98,7 +98,7 @@ pub fn refuse_existing(path: &Path) -> Result<()> {
 fn check(config: &ModelConfig, tokens: &TokenLayout, weights: &BTreeMap<String, Tensor>, path: &Path) -> Result<()> {
     let wrong = |found: String| Error::file(path, found, "the weights of the model that is described beside them", "");
     Gpt::from_tensors(config, tokens, weights.clone()).map_err(|e| match e {
-        Error::Call(found) => wrong(found),
+        Error::Weights(found) => wrong(found),
         other => other,
     })?;
     for (name, tensor) in weights {

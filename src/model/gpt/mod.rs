@@ -49,10 +49,10 @@ impl Gpt {
         let mut vars = BTreeMap::new();
         for p in layout::parameters(config, tokens) {
             let tensor = tensors.remove(&p.name).ok_or_else(|| {
-                Error::Call(format!("the weights have no tensor {}; expected one of shape {:?}", p.name, p.shape))
+                Error::Weights(format!("the weights have no tensor {}; expected one of shape {:?}", p.name, p.shape))
             })?;
             if tensor.dims() != p.shape {
-                return Err(Error::Call(format!(
+                return Err(Error::Weights(format!(
                     "tensor {} has shape {:?}; this model expects {:?}",
                     p.name,
                     tensor.dims(),
@@ -62,7 +62,7 @@ impl Gpt {
             vars.insert(p.name, Var::from_tensor(&tensor)?);
         }
         if let Some(name) = tensors.keys().next() {
-            return Err(Error::Call(format!("the weights have a tensor {name} that this model has no place for")));
+            return Err(Error::Weights(format!("the weights have a tensor {name} that this model has no place for")));
         }
         let net = Net::new(config, tokens, &|name| vars[name].as_tensor().clone());
         Ok(Gpt { config: config.clone(), tokens: tokens.clone(), vars, net, smoothing: None })

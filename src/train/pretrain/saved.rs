@@ -74,7 +74,7 @@ fn bytes(file: &str, tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
     for (name, tensor) in tensors {
         let odd = tensor.flatten_all()?.to_vec1::<f32>()?.into_iter().find(|x| !x.is_finite());
         if let Some(odd) = odd {
-            return Err(Error::Call(format!("{file} would hold {odd} in {name}, and is not written")));
+            return Err(Error::NotFinite(format!("{file} would hold {odd} in {name}, and is not written")));
         }
     }
     weights::to_bytes(tensors.iter().map(|(n, t)| (n.as_str(), t)))

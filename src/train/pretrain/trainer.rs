@@ -140,7 +140,7 @@ impl<'a> Trainer<'a> {
         if !found.norm.is_finite() {
             let clips: Vec<String> = batches.iter().flat_map(|b| b.clips.iter().cloned()).collect();
             let clips = listed(clips.iter());
-            return Err(here(Error::Call(format!("the gradient's norm is {} on {clips}", found.norm))));
+            return Err(here(Error::NotFinite(format!("the gradient's norm is {} on {clips}", found.norm))));
         }
         let rate = schedule::rate(train, step);
         self.learner.update(clip_share(found.norm, train.clip_norm), rate)?;
@@ -200,10 +200,7 @@ impl<'a> Trainer<'a> {
 
     fn save(&mut self) -> Result<PathBuf> {
         let step = self.state.step;
-        let contents = saved::of(&*self.learner).map_err(|e| match e {
-            Error::Call(_) => stopped_at(step, e, &self.checkpoints),
-            other => other,
-        })?;
+        let contents = saved::of(&*self.learner).map_err(|e| stopped_at(step, e, &self.checkpoints))?;
         self.metrics.sync()?;
         let path = self.checkpoints.write(self.state.clone(), &contents)?;
         self.checkpoints.prune(self.file.train.keep)?;
@@ -211,13 +208,14 @@ impl<'a> Trainer<'a> {
     }
 }
 
-/// The error of a step at which numbers ran away, with what to do.
+/// The error of a step; where numbers ran away, with what to do.
 fn stopped_at(step: u64, e: Error, checkpoints: &Checkpoints) -> Error {
+    let Error::NotFinite(what) = e else { return e };
     let way_on = match checkpoints.named("latest") {
         Some(step) => format!("the checkpoint of step {step} is whole; try a lower learning rate"),
         None => "try a lower learning rate".into(),
     };
-    Error::Call(format!("step {step}: {e}; {way_on}"))
+    Error::NotFinite(format!("step {step}: {what}; {way_on}"))
 }
 
 #[cfg(test)]

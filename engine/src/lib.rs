@@ -28,3 +28,8 @@ pub mod linear;
 pub mod op;
 pub mod pieces;
 pub mod scalar;
+
+/// The examples of the README are tested with those of the code.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -8,6 +8,18 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// F frames of J joints.
+///
+/// ```
+/// use kinelm_motion::{Clip, Quat, Vec3, smpl};
+///
+/// // a second of standing, 20 frames of SMPL's 24 joints
+/// let root = Vec3::new(0.0, smpl::STANDING_PELVIS_M, 0.0);
+/// let clip = Clip::new(smpl::neutral(), 20.0, vec![root; 20], vec![Quat::IDENTITY; 20 * 24])?;
+/// assert_eq!((clip.frames(), clip.joints(), clip.duration_s()), (20, 24, 1.0));
+/// let foot = clip.global_pose(0).positions[10];
+/// assert!(foot.y.abs() < 1e-9, "on the floor");
+/// # Ok::<(), kinelm_motion::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Clip {
     skeleton: Arc<Skeleton>,

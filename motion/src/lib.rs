@@ -38,3 +38,8 @@ pub use error::{Error, FileError, Kind, Place, Result};
 pub use pose::GlobalPose;
 pub use rotation::{Quat, Vec3};
 pub use skeleton::{EndSite, Skeleton};
+
+/// The examples of the README are tested with those of the code.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -196,7 +196,11 @@ impl Table {
         Table::parse(path, &fs::read(path).map_err(Error::io(path))?)
     }
 
-    fn parse(path: &Path, bytes: &[u8]) -> Result<Self> {
+    /// [`Table::load`] of bytes; `path` is for messages.
+    ///
+    /// # Errors
+    /// [`Error::File`] as there.
+    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self> {
         let mut records = csv::parse(path, bytes)?.into_iter();
         let Some(header) = records.next() else {
             return Err(Error::file(path, "no line", "a header with the column `clip`", ""));

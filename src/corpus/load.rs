@@ -1,7 +1,7 @@
 //! One file to a clip that a tokenizer takes.
 
 use super::gather::Item;
-use super::record::hex;
+use super::record::{FileRecord, hex};
 use crate::{Error, Result};
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
@@ -27,11 +27,11 @@ pub struct Loaded {
 /// # Errors
 /// What reading and retargeting fail with, the file named; [`Error::File`] for a clip without frames.
 pub fn load_item(item: &Item, options: &ReadOptions, fps: f64) -> Result<Loaded> {
-    let (motion, clip) = load_clip(&item.path, &item_options(item, options), fps)?;
+    let (motion, clip, sha256) = load_hashed(&item.path, &item_options(item, options), fps)?;
     if clip.frames() == 0 {
         return Err(Error::file(&item.path, "no frames", "at least one", ""));
     }
-    Ok(Loaded { clip, sha256: hash_file(&item.path)?, warnings: motion.warnings })
+    Ok(Loaded { clip, sha256, warnings: motion.warnings })
 }
 
 /// A file on the neutral SMPL-24 body at `fps` frames per second, and the motion as it was read.
@@ -39,7 +39,30 @@ pub fn load_item(item: &Item, options: &ReadOptions, fps: f64) -> Result<Loaded>
 /// # Errors
 /// What reading and retargeting fail with, the file named.
 pub fn load_clip(path: &Path, options: &ReadOptions, fps: f64) -> Result<(Motion, Clip)> {
-    let motion = format::read(path, options)?;
+    at_rate(format::read(path, options)?, options, fps)
+}
+
+/// [`load_clip`] with the SHA-256 of the very bytes that were read.
+///
+/// # Errors
+/// Those of [`load_clip`].
+pub fn load_hashed(path: &Path, options: &ReadOptions, fps: f64) -> Result<(Motion, Clip, String)> {
+    // refused by its name before it is read
+    format::Format::of(path)?;
+    let bytes = std::fs::read(path).map_err(Error::io(path))?;
+    let (motion, clip) = parse_clip(path, &bytes, options, fps)?;
+    Ok((motion, clip, FileRecord::of(&bytes).sha256))
+}
+
+/// [`load_clip`] of a file's bytes.
+///
+/// # Errors
+/// Those of [`load_clip`], but for the system's.
+pub fn parse_clip(path: &Path, bytes: &[u8], options: &ReadOptions, fps: f64) -> Result<(Motion, Clip)> {
+    at_rate(format::parse(path, bytes, options)?, options, fps)
+}
+
+fn at_rate(motion: Motion, options: &ReadOptions, fps: f64) -> Result<(Motion, Clip)> {
     let clip = retarget::to_smpl(&motion, options.map.as_deref())?;
     let clip = resample(&clip, fps, Method::Auto)?;
     Ok((motion, clip))

@@ -1,7 +1,7 @@
 //! A prompt: a clip in the user's own rig, as the model sees it, and the way back.
 
 use super::rest::{self, RestJoints};
-use crate::corpus::load::load_clip;
+use crate::corpus::load::load_hashed;
 use crate::{Error, Result};
 use kinelm_motion::format::ReadOptions;
 use kinelm_motion::joints::Selection;
@@ -22,6 +22,8 @@ pub struct Prompt {
     pub words: Words,
     /// How many of its values lie outside what the tokenizer codes.
     pub clipped: u64,
+    /// SHA-256 of the file.
+    pub sha256: String,
 }
 
 impl Prompt {
@@ -30,12 +32,12 @@ impl Prompt {
     /// # Errors
     /// What reading fails with, and a rig that no skeleton map knows; a clip without frames, and one that can't be coded.
     pub fn load(path: &Path, options: &ReadOptions, tokenizer: &Tokenizer) -> Result<Prompt> {
-        let (motion, clip) = load_clip(path, options, tokenizer.fps())?;
+        let (motion, clip, sha256) = load_hashed(path, options, tokenizer.fps())?;
         if clip.frames() == 0 {
             return Err(Error::file(path, "no frames", "at least one", "give another prompt"));
         }
         let coded = tokenizer.encode(&clip)?;
-        Ok(Prompt { motion, clip, words: coded.words, clipped: coded.clipped })
+        Ok(Prompt { motion, clip, words: coded.words, clipped: coded.clipped, sha256 })
     }
 
     /// P, its frames at the tokenizer's rate.

@@ -85,7 +85,7 @@ impl Provenance {
     /// The dance or the prompt can't be read.
     pub fn of(ready: &Ready, variation: usize, dance: &Path) -> Result<Provenance> {
         let recipe = Recipe { frames: Some(ready.frames), ..ready.recipe.clone() };
-        let prompt = recipe.prompt.as_ref().map(|prompt| hash_file(&prompt.path)).transpose()?;
+        let prompt = ready.prompt.as_ref().map(|prompt| prompt.clip.sha256.clone());
         Ok(Provenance {
             schema: SCHEMA,
             kinelm: env!("CARGO_PKG_VERSION").into(),
@@ -130,7 +130,7 @@ impl Provenance {
     /// # Errors
     /// [`Error::Call`] that names what has changed, with both hashes.
     pub fn check(&self, ready: &Ready) -> Result<()> {
-        let prompt = ready.recipe.prompt.as_ref().map(|prompt| hash_file(&prompt.path)).transpose()?;
+        let prompt = ready.prompt.as_ref().map(|prompt| prompt.clip.sha256.clone());
         let (run, tokenizer) = (ready.recipe.run.display(), ready.run.tokenizer.display());
         same(&format!("{run}: the weights at step {}", self.step), &self.weights_sha256, &ready.run.weights_sha256())?;
         same(&format!("{tokenizer}: the tokenizer"), &self.tokenizer_sha256, &ready.tokenizer.hash())?;

@@ -7,6 +7,17 @@ use std::ops::Range;
 
 /// The ids that may follow one another inside a word: characters (and merged tokens) up to the word's length, then the
 /// space; in words of varying length the space at any place. Whatever keeps to it decodes.
+///
+/// ```
+/// use kinelm_tokenizer::{Grammar, Place, SPACE, Vocabulary, WordLength};
+///
+/// // words of two characters of four
+/// let grammar = Grammar::new(&Vocabulary::new(4), WordLength::Fixed(2));
+/// let first = Place::default();
+/// assert!(grammar.allows(first, 6) && !grammar.allows(first, SPACE));
+/// let end = grammar.advance(grammar.advance(first, 6), 9);
+/// assert_eq!(grammar.only(end), Some(SPACE));
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Grammar {
     length: WordLength,

@@ -70,3 +70,8 @@ pub use tokenizer::Tokenizer;
 pub use vocab::{SPACE, Special, Vocabulary};
 pub use word::Words;
 pub use words::Reading;
+
+/// The examples of the README are tested with those of the code.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

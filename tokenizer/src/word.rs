@@ -6,6 +6,14 @@ use std::ops::Range;
 ///
 /// A word stands for one frame or one tile of frames; its characters are codes below the scheme's number of symbols.
 /// The space that ends a word in a text is not among them.
+///
+/// ```
+/// use kinelm_tokenizer::Words;
+///
+/// let mut words = Words::fixed(vec![1, 2, 3, 4], 2);
+/// words.push(&[5]);
+/// assert_eq!((words.len(), words.word(1), words.codes()), (3, &[3, 4][..], &[1, 2, 3, 4, 5][..]));
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
 pub struct Words {
     codes: Vec<u16>,

@@ -171,19 +171,29 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
     let format = Format::of(path).map_err(|e| and_its_looks(e, path))?;
     check_rate(options)?;
     check_up(path, format, options)?;
-    let bytes = std::fs::read(path).map_err(Error::io(path))?;
+    parse(path, &std::fs::read(path).map_err(Error::io(path))?, options)
+}
+
+/// [`read`] of a file's bytes, for those who need the bytes too; `path` says the format, and where faults are.
+///
+/// # Errors
+/// Those of [`read`], but for the system's.
+pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
+    let format = Format::of(path)?;
+    check_rate(options)?;
+    check_up(path, format, options)?;
     let motion = match format {
-        Format::Bvh => bvh::read(path, &bytes, options)?,
+        Format::Bvh => bvh::read(path, bytes, options)?,
         #[cfg(feature = "amass")]
-        Format::Npz => skipped(amass::read(path, &bytes, options)?, options)?,
+        Format::Npz => skipped(amass::read(path, bytes, options)?, options)?,
         #[cfg(not(feature = "amass"))]
         Format::Npz => return Err(left_out(path, "amass")),
         #[cfg(feature = "aist")]
-        Format::Pickle => skipped(aist::read(path, &bytes, options)?, options)?,
+        Format::Pickle => skipped(aist::read(path, bytes, options)?, options)?,
         #[cfg(not(feature = "aist"))]
         Format::Pickle => return Err(left_out(path, "aist")),
-        Format::Json => match bvh::looks_like(&bytes) {
-            "JSON" | "text" => skipped(json::read(path, &bytes, options)?, options)?,
+        Format::Json => match bvh::looks_like(bytes) {
+            "JSON" | "text" => skipped(json::read(path, bytes, options)?, options)?,
             other => return Err(FileError::new(Place::file(path), Kind::NotThisFormat, other, "a clip as JSON").into()),
         },
     };

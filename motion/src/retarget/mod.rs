@@ -25,7 +25,7 @@ use crate::{Clip, Error, GlobalPose, Motion, Quat, Result, Skeleton, Source, Vec
 use reference::LIMBS;
 use std::sync::Arc;
 
-/// The way between a rig and the SMPL-24 body, both directions.
+/// The way between a rig and the SMPL-24 body, both directions. For a motion as it was read there is [`to_smpl`].
 #[derive(Debug, Clone)]
 pub struct Retarget {
     rig: Arc<Skeleton>,

@@ -5,7 +5,8 @@ use super::index::Index;
 use super::maker::Maker;
 use super::record::ClipEntry;
 use super::search::{Distance, Wanted};
-use crate::corpus::load::{hash_file, load_clip};
+use crate::corpus::load::parse_clip;
+use crate::corpus::record::FileRecord;
 use crate::view::{Figure, write_page};
 use crate::{Error, Result};
 use kinelm_motion::format::ReadOptions;
@@ -96,11 +97,12 @@ pub struct Answer {
 pub fn find(index: &Index, question: &Question) -> Result<Answer> {
     let (database, spec) = (index.database(), index.options().windows);
     question.exclude.check(database.clips())?;
-    let sha256 = hash_file(&question.clip)?;
+    let bytes = std::fs::read(&question.clip).map_err(Error::io(&question.clip))?;
+    let sha256 = FileRecord::of(&bytes).sha256;
     let known = database.clips().iter().position(|c| c.sha256 == sha256);
     let entry = known.map(|i| &database.clips()[i]);
     let read = entry.filter(|_| question.as_indexed).map_or(&question.read, |entry| &entry.read).clone();
-    let (_, clip) = load_clip(&question.clip, &read, spec.fps)?;
+    let (_, clip) = parse_clip(&question.clip, &bytes, &read, spec.fps)?;
     let start = start_of(&question.clip, clip.frames(), spec.frames, spec.fps, question.at_s)?;
     let (maker, mut finisher) = Maker::new(index.options(), index.basis())?;
     let feature = finisher.finish(maker.make(&clip, &[start])?)?;
@@ -197,12 +199,13 @@ impl Stretch {
     }
 
     fn load(&self, frames: usize, fps: f64) -> Result<Clip> {
-        let found = hash_file(&self.path)?;
+        let bytes = std::fs::read(&self.path).map_err(Error::io(&self.path))?;
+        let found = FileRecord::of(&bytes).sha256;
         if found != self.sha256 {
             let help = "the file was changed since the index was built: build it again";
             return Err(Error::file(&self.path, format!("SHA-256 {found}"), &self.sha256, help));
         }
-        let (_, clip) = load_clip(&self.path, &self.read, fps)?;
+        let (_, clip) = parse_clip(&self.path, &bytes, &self.read, fps)?;
         if self.start + frames > clip.frames() {
             let found = format!("{} frames", clip.frames());
             return Err(Error::file(

@@ -112,6 +112,46 @@ fn given() -> Vec<usize> {
 }
 
 #[test]
+fn a_dance_of_seconds_is_written_at_the_rate_wanted() {
+    let way = way();
+    way.generate("slow.bvh").args(["--seconds", "1.5"]).assert().success().stderr(contains("30 frames at 20 fps"));
+    way.generate("fast.bvh")
+        .args(["--seconds", "1.5", "--fps", "60"])
+        .assert()
+        .success()
+        .stderr(contains("88 frames at 60"));
+    let read = |name: &str| format::read(&way.at(name), &Default::default()).unwrap().clip;
+    let (slow, fast) = (read("slow.bvh"), read("fast.bvh"));
+    for f in 0..slow.frames() {
+        assert!((slow.root()[f] - fast.root()[3 * f]).length() < 1e-6, "frame {f}");
+        let apart =
+            slow.pose(f).iter().zip(fast.pose(3 * f)).map(|(&a, &b)| kinelm_motion::rotation::angle_between(a, b));
+        assert!(apart.fold(0.0, f64::max) < 1e-6, "frame {f}");
+    }
+    // on the prompt's rig its own frames are read back from among them
+    let mut own = way.generate("own60.bvh");
+    own.args(["--fps", "60", "--rig", "prompt"])
+        .assert()
+        .success()
+        .stderr(contains("read back from the prompt's rig, 0."));
+    let first = fs::read(way.at("own60.bvh")).unwrap();
+    let sidecar = way.at("own60.kinelm.json");
+    kinelm().args(["generate", "--again"]).arg(&sidecar).assert().success();
+    assert_eq!(fs::read(way.at("own60.bvh")).unwrap(), first);
+    let mut bad = way.generate("bad.bvh");
+    bad.args(["--frames", "9", "--seconds", "2"]).assert().code(2);
+    way.generate("bad.bvh").args(["--fps", "1e9"]).assert().failure().stderr(contains("at most"));
+    // joints as the prompt's rig names them, and a slip of the hand
+    let joints = |list: &str| {
+        let mut c = kinelm();
+        c.arg("generate").arg("--run").arg(way.at("run")).arg("--prompt").arg(way.prompt());
+        c.args(["--joints", list, "--frames", "9", "--out"]).arg(way.at("names.bvh"));
+        c.assert()
+    };
+    joints("root,rigth_arm").code(2).stderr(contains("did you mean right_arm?"));
+}
+
+#[test]
 fn given_joints_come_out_exactly_on_the_model_s_rig() {
     let way = way();
     way.generate("a.bvh").args(["--frames", "40"]).assert().success().stdout("");

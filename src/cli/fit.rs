@@ -40,7 +40,7 @@ pub struct SettingsArgs {
     #[arg(long)]
     merges: Option<u32>,
     /// How numbers become characters [default: uniform]
-    #[arg(long, value_name = "uniform|quantile|dct|lapped")]
+    #[arg(long, value_name = "uniform|quantile|dct|lapped", value_parser = ["uniform", "quantile", "dct", "lapped"])]
     scheme: Option<String>,
     /// Bins a number [default: 360]
     #[arg(long)]

@@ -2,7 +2,7 @@
 
 use super::{ComputeArgs, ReadingArgs, Say, WrongCall, draw::DrawArgs, read::ReadArgs};
 use anyhow::{Context, Result};
-use kinelm::corpus::load::{hash_file, load_clip};
+use kinelm::corpus::load::hash_file;
 use kinelm::generate::apart::{apart, free_between};
 use kinelm::generate::make::{Followed, Ready};
 use kinelm::generate::prompt;
@@ -12,7 +12,8 @@ use kinelm::generate::rest::RestJoints;
 use kinelm::generate::variation_seed;
 use kinelm::model::Which;
 use kinelm_motion::format::{self, RestFrame};
-use kinelm_motion::{Motion, joints, smpl};
+use kinelm_motion::resample::{Method, resample};
+use kinelm_motion::{Motion, joints, retarget, smpl};
 use kinelm_tokenizer::{Tokenizer, Words};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -39,15 +40,21 @@ pub struct Args {
     #[arg(long, value_name = "G", default_value_t = 1.0)]
     guidance: f64,
     /// Frames to make, at the model's rate; the prompt's length if not given
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..), required_unless_present_any = ["prompt", "again"])]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..), required_unless_present_any = ["prompt", "again", "seconds"])]
     frames: Option<u32>,
+    /// Seconds to make, instead of --frames
+    #[arg(long, value_name = "S", conflicts_with = "frames", value_parser = super::read::positive)]
+    seconds: Option<f64>,
+    /// Frames a second of the file that is written; those between the model's are by slerp. The model's rate if not given
+    #[arg(long, value_parser = super::read::positive)]
+    fps: Option<f64>,
     /// Where the dance goes (.bvh .npz .json); with --variations, the dances go to FILE-1, FILE-2, ... before the
     /// extension. FILE.kinelm.json beside each tells where it is from
     #[arg(long, value_name = "FILE", required_unless_present = "again")]
     out: Option<PathBuf>,
     /// Make a dance again, to the same bytes, from the FILE.kinelm.json beside it; --run, --prompt and --out if they are
     /// elsewhere now
-    #[arg(long, value_name = "FILE.kinelm.json", conflicts_with_all = ["joints", "from_frame", "labels", "guidance", "frames",
+    #[arg(long, value_name = "FILE.kinelm.json", conflicts_with_all = ["joints", "from_frame", "labels", "guidance", "frames", "seconds", "fps",
         "variations", "seed", "greedy", "temperature", "top_k", "top_p", "min_p", "repetition_penalty",
         "repetition_words", "rig", "rest_joints", "weights", "kv", "device", "form", "fps_source", "unit", "map",
         "bvh_position", "root", "lenient", "keep_rest", "drop_rest", "skip", "body_model"])]
@@ -163,6 +170,8 @@ fn recipe(args: &Args) -> Result<Recipe> {
         labels,
         guidance: args.guidance,
         frames: args.frames.map(|n| n as usize),
+        seconds: args.seconds,
+        fps: args.fps,
         seed: args.seed,
         draw: args.draw.get()?,
         rig: args.rig.into(),
@@ -351,7 +360,13 @@ fn say_share_changed(
         bvh_position: recipe.read.bvh_position,
         ..Default::default()
     };
-    let (motion, clip) = load_clip(out, &options, tokenizer.fps())?;
+    let mut motion = format::read(out, &options)?;
+    // of a dance at a higher rate the frames that were drawn; at others there are none of them
+    match resample(&motion.clip, tokenizer.fps(), Method::Stride) {
+        Ok(drawn) => motion.clip = drawn,
+        Err(_) => return Ok(()),
+    }
+    let clip = retarget::to_smpl(&motion, options.map.as_deref())?;
     let again = tokenizer.encode(&clip)?.words;
     if let Some(share) = prompt::share_changed(words.codes(), again.codes(), &prompt.given, prompt.clip.words.len()) {
         let apart = apart(tokenizer, prompt, recipe.read.map.as_deref(), &motion.clip)?;

@@ -9,6 +9,7 @@ use anyhow::Result;
 use kinelm::spectral::query::{Distance, Exclude, Kind, model};
 use kinelm::spectral::{LowDct, PcaBasis};
 use kinelm_motion::joints;
+use kinelm_motion::suggest::did_you_mean;
 use std::path::Path;
 
 #[derive(Debug, clap::Subcommand)]
@@ -69,10 +70,14 @@ fn joints_of(list: &str) -> Result<Vec<usize>> {
 
 fn distance(text: &str) -> Result<Distance, String> {
     let all = [Distance::Cosine, Distance::Euclid];
-    all.into_iter().find(|d| d.name() == text).ok_or("expected cosine or euclid".into())
+    let meant = did_you_mean(text, all.iter().map(|d| d.name()));
+    all.into_iter().find(|d| d.name() == text).ok_or(format!("expected cosine or euclid{meant}"))
 }
 
 fn exclude(text: &str) -> Result<Exclude, String> {
     let names: Vec<&str> = Exclude::ALL.iter().map(|e| e.name()).collect();
-    Exclude::ALL.into_iter().find(|e| e.name() == text).ok_or(format!("expected one of {}", names.join(", ")))
+    Exclude::ALL.into_iter().find(|e| e.name() == text).ok_or_else(|| {
+        let meant = did_you_mean(text, names.iter().copied());
+        format!("expected one of {}{meant}", names.join(", "))
+    })
 }

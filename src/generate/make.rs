@@ -10,6 +10,7 @@ use crate::model::checkpoint::Checkpoints;
 use crate::model::{LoadedRun, Which, load_run};
 use crate::{Error, Result};
 use kinelm_motion::joints::{self, Selection};
+use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Motion};
 use kinelm_tokenizer::{Rest, Tokenizer, Words};
 use std::path::Path;
@@ -71,10 +72,14 @@ impl Ready {
             run.notes.push(what.into());
         }
         let prompt = recipe.prompt.as_mut().map(|prompt| Followed::load(prompt, &tokenizer)).transpose()?;
-        let frames = recipe.frames.or(prompt.as_ref().map(|p| p.clip.frames()));
+        let of_seconds = recipe.seconds.map(|s| (s * tokenizer.fps()).round().max(1.0) as usize);
+        let frames = recipe.frames.or(of_seconds).or(prompt.as_ref().map(|p| p.clip.frames()));
         let frames = frames.ok_or_else(|| Error::Call("neither frames nor a prompt that says how many".into()))?;
-        if frames > MOST_FRAMES {
-            return Err(Error::Call(format!("{frames} frames; expected {MOST_FRAMES} at most")));
+        let written = recipe.fps.map_or(frames, |fps| (frames as f64 * fps / tokenizer.fps()).ceil() as usize);
+        for frames in [frames, written] {
+            if frames > MOST_FRAMES {
+                return Err(Error::Call(format!("{frames} frames; expected {MOST_FRAMES} at most")));
+            }
         }
         let from = recipe.prompt.as_ref().and_then(|p| p.from_frame);
         if let Some(from) = from.filter(|from| *from >= frames) {
@@ -117,11 +122,19 @@ impl Ready {
         self.tokenizer.words_of_ids(ids).words
     }
 
-    /// Words as a motion on the rig wanted, to be written to `out`.
+    /// Words as a motion on the rig and at the rate wanted, to be written to `out`.
     ///
     /// # Errors
-    /// Words that are not this tokenizer's, a rig that no skeleton map knows.
+    /// Words that are not this tokenizer's, a rig that no skeleton map knows, a rate that is none.
     pub fn motion(&self, words: &Words, out: &Path) -> Result<Motion> {
+        let mut motion = self.motion_as_drawn(words, out)?;
+        if let Some(fps) = self.recipe.fps {
+            motion.clip = resample(&motion.clip, fps, Method::Auto)?;
+        }
+        Ok(motion)
+    }
+
+    fn motion_as_drawn(&self, words: &Words, out: &Path) -> Result<Motion> {
         let clip = self.clip(words)?;
         let Some((prompt, recipe)) = self.on_own_rig() else { return Ok(prompt::on_model_rig(out, clip)) };
         let follows = self.recipe.rest_joints == RestJoints::Follow;

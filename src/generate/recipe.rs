@@ -25,6 +25,12 @@ pub struct Recipe {
     pub guidance: f64,
     /// Frames, at the model's rate; `None`: as many as the prompt has.
     pub frames: Option<usize>,
+    /// The dance's length in seconds, asked for instead of frames; files tell frames.
+    #[serde(skip)]
+    pub seconds: Option<f64>,
+    /// Frames a second of the file that is written, the frames between by slerp; `None`: the model's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fps: Option<f64>,
     /// The seed of the draws.
     pub seed: u64,
     /// How free places are drawn.

@@ -155,6 +155,22 @@ fn a_page_needs_no_network() {
 }
 
 #[test]
+fn a_folder_has_a_page_a_clip_or_one_for_all() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    fs::create_dir_all(at("d/salsa")).unwrap();
+    ["d/1.bvh", "d/salsa/2.bvh"].iter().for_each(|name| fs::write(at(name), TWO).unwrap());
+    let view = |out: &str| {
+        let mut c = kinelm();
+        c.args(["view", "--unit", "m"]).arg(at("d")).arg("--out").arg(at(out)).assert()
+    };
+    view("pages/").success();
+    assert!(at("pages/1.html").exists() && at("pages/salsa/2.html").exists());
+    view("far/away/all.html").success().stderr(contains("2 dancers"));
+    view("all").code(2).stderr(contains(".html"));
+}
+
+#[test]
 fn the_way_to_amass_and_back_keeps_the_dance() {
     let Some(data) = kinelm_shared_data::set("cmu-dance", "the_way_to_amass_and_back_keeps_the_dance") else { return };
     let dir = tempfile::tempdir().unwrap();

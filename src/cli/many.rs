@@ -39,10 +39,14 @@ pub fn files(given: &[PathBuf]) -> Result<Vec<Found>> {
     Ok(all)
 }
 
+/// Whether a path ends as only a folder's does.
+pub fn ends_as_folder(path: &Path) -> bool {
+    path.to_string_lossy().ends_with(std::path::is_separator)
+}
+
 /// Whether `out` is meant as a folder: it is one, ends as one, or several files go there.
 pub fn is_folder(given: &[PathBuf], out: &Path) -> bool {
-    let ends_so = out.to_string_lossy().ends_with(std::path::is_separator);
-    out.is_dir() || ends_so || given.len() > 1 || given.iter().any(|place| place.is_dir())
+    out.is_dir() || ends_as_folder(out) || given.len() > 1 || given.iter().any(|place| place.is_dir())
 }
 
 /// Where each file goes below the folder `out`, under the extension that `to` gives to its own. Files that lie in `out` are no

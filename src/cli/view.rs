@@ -1,5 +1,6 @@
 //! `kinelm view`.
 
+use super::many;
 use super::{Say, WrongCall, read::ReadArgs};
 use anyhow::Result;
 use kinelm::view::{Figure, write_page};
@@ -8,13 +9,13 @@ use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::{Motion, Skeleton, retarget};
 use std::path::{Path, PathBuf};
 
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct Args {
-    /// Motion files, side by side
+    /// Motion files, or folders of them, side by side
     #[arg(required = true, value_name = "CLIP")]
     clips: Vec<PathBuf>,
-    /// Where the page goes (.html)
-    #[arg(long, value_name = "FILE")]
+    /// Where the page goes (.html), or the folder (it is there, or ends in /) of a page for each clip
+    #[arg(long, value_name = "FILE|DIR")]
     out: PathBuf,
     /// Joints drawn in another colour, as they were given to generate; once for all clips, or once a clip in their order
     #[arg(long, value_name = "LIST")]
@@ -23,7 +24,20 @@ pub struct Args {
     read: ReadArgs,
 }
 
-pub fn run(args: Args, say: Say) -> Result<()> {
+pub fn run(mut args: Args, say: Say) -> Result<()> {
+    if !args.out.is_dir() && !many::ends_as_folder(&args.out) {
+        args.clips = many::files(&args.clips)?.into_iter().map(|(clip, _)| clip).collect();
+        return one(args, say);
+    }
+    let pairs = many::into_folder(&args.clips, &args.out, |_| "html".into())?;
+    let clips: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
+    super::each_file(&clips, "clips have no page", say, |i, clip| {
+        one(Args { clips: vec![clip.into()], out: pairs[i].output.clone(), ..args.clone() }, say)
+    })
+}
+
+/// One page.
+fn one(args: Args, say: Say) -> Result<()> {
     if args.forced.len() > 1 && args.forced.len() != args.clips.len() {
         let (n, clips) = (args.forced.len(), args.clips.len());
         return Err(WrongCall(format!(

@@ -73,6 +73,30 @@ fn place() -> &'static Place {
     })
 }
 
+#[test]
+fn folders_that_an_output_lacks_are_made() {
+    let place = place();
+    let called = |args: &[&str], outs: &[(&str, &str)]| {
+        let mut c = kinelm();
+        c.args(args);
+        for (flag, out) in outs {
+            c.arg(flag).arg(place.at(out));
+        }
+        c.assert().success();
+        outs.iter().for_each(|(_, out)| assert!(place.at(out).exists(), "{out}"));
+    };
+    let data = place.at("data").display().to_string();
+    called(&["tokenizer", "fit", &data], &[("--out", "new/a/t.json")]);
+    called(&["tokenize", &data], &[("--tokenizer", "new/a/t.json"), ("--out", "new/b/corpus")]);
+    let config = place.config("parents.toml", "steps = 2\n").display().to_string();
+    let corpus = ("--corpus", "new/b/corpus");
+    called(&["pretrain", "--config", &config], &[corpus, ("--run", "new/c/run")]);
+    called(&["lr-find", "--config", &config, "--steps", "3"], &[corpus, ("--out", "new/d/lr.svg")]);
+    called(&["runs", "plot", &place.at("new/c/run").display().to_string()], &[("--out", "new/e/curves.svg")]);
+    called(&["export"], &[("--run", "new/c/run"), ("--out", "new/f/own")]);
+    called(&["generate", "--frames", "4"], &[("--run", "new/c/run"), ("--out", "new/g/dance.bvh")]);
+}
+
 /// The files of a run's last checkpoint, by name.
 fn latest(run: &Path) -> Vec<(String, Vec<u8>)> {
     let name = fs::read_to_string(run.join("latest")).unwrap();

@@ -85,7 +85,7 @@ pub fn with_lines(
     train: impl FnOnce(&AtomicBool, &mut dyn Progress) -> kinelm::Result<Summary>,
 ) -> Result<Summary> {
     let stop = stop_on_ctrl_c()?;
-    let mut lines = Lines::new(Telling::new(), std::io::stderr().is_terminal());
+    let mut lines = Lines::new(Telling::of("training"), std::io::stderr().is_terminal());
     let progress: &mut dyn Progress = if say.quiet() { &mut Silent } else { &mut lines };
     Ok(train(&stop, progress)?)
 }

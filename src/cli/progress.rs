@@ -4,7 +4,7 @@ use super::Say;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use kinelm::corpus::build::{Event, Watch};
 use kinelm::train::progress::time;
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::ops::ControlFlow;
 use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -86,18 +86,23 @@ pub fn stage(what: &str) {
     *wait() = Wait::new(what, 0, Instant::now());
 }
 
-/// Stderr for one that tells of its progress itself, as long as it is there.
+/// Stderr for one that tells of its progress itself: nothing is put between the pieces of a line on a terminal, and elsewhere
+/// only where nothing was told for long.
 pub struct Telling(std::io::Stderr);
 
 impl Telling {
-    pub fn new() -> Telling {
+    /// Of `what`.
+    pub fn of(what: &str) -> Telling {
+        stage(what);
         Telling(std::io::stderr())
     }
 }
 
 impl Write for Telling {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        wait().told = true;
+        let mut wait = wait();
+        (wait.told, wait.said, wait.gap) = (self.0.is_terminal(), Instant::now(), LAST_GAP / 2);
+        drop(wait);
         self.0.write(bytes)
     }
 

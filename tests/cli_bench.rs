@@ -51,6 +51,6 @@ fn training_is_measured_by_config_batch_context_and_threads() {
 
 #[test]
 fn a_model_that_is_not_there_is_told_with_what_is() {
-    bench(&["train", "--config", "huge"]).assert().code(1).stderr(contains("huge").and(contains("thesis-26m")));
+    bench(&["train", "--config", "huge"]).assert().code(2).stderr(contains("huge").and(contains("thesis-26m")));
     bench(&["train", "--vocabulary", "3"]).assert().code(2);
 }

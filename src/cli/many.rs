@@ -116,7 +116,6 @@ mod tests {
         let wrong = into_folder(&at(&["d"]), &dir.path().join("x.bvh"), json).unwrap_err().to_string();
         assert!(wrong.contains("it is no folder"), "{wrong}");
         assert!(into_folder(&at(&["d"]), &dir.path().join("new.json"), json).is_err());
-        assert!(files(&at(&["out-of-nowhere", "."])).is_ok() && files(&at(&[".."])).is_ok());
         std::fs::create_dir(dir.path().join("empty")).unwrap();
         assert!(files(&at(&["empty"])).is_err());
     }

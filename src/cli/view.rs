@@ -45,6 +45,7 @@ fn one(args: Args, say: Say) -> Result<()> {
         ))
         .into());
     }
+    super::page(&args.out)?;
     let options = args.read.options(RestFrame::Keep);
     let motions = args.clips.iter().map(|clip| Ok(format::read(clip, &options)?)).collect::<Result<Vec<_>>>()?;
     let mut figures = Vec::new();

@@ -3,7 +3,8 @@
 //! One file a rule, and the order is fixed: the grammar's ids alone; repetition penalty; then greedy takes the likeliest,
 //! or temperature, top-k, top-p, min-p, each on what the one before has left, and a draw by probability of what is left
 //! then. A rule that is not asked for changes nothing. The sampler of candle-transformers is not used: it has no min-p and
-//! no mask for the grammar's ids, and its greedy choice ignores edits of the probabilities.
+//! no mask for the grammar's ids, and its greedy choice ignores edits of the probabilities. Where the two have a rule in
+//! common, the tests hold ours to it.
 
 mod greedy;
 mod min_p;

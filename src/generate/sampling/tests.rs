@@ -168,3 +168,53 @@ proptest! {
         prop_assert_eq!(pick(0), pick(by));
     }
 }
+
+/// What the sampler of candle-transformers drew of the same logits: `scripts/reference/sampler`.
+#[derive(Deserialize)]
+struct Golden {
+    draws: u32,
+    logits: Vec<f32>,
+    cases: Vec<GoldenCase>,
+}
+
+#[derive(Deserialize)]
+struct GoldenCase {
+    rule: Draw,
+    counts: Vec<u32>,
+}
+
+/// The statistic that two equally large samples of `ids` ids exceed one time in 10,000 if they are drawn alike; by Wilson and
+/// Hilferty (1931).
+fn chi_square_bound(ids: usize) -> f64 {
+    let (df, z) = ((ids - 1) as f64, 3.719);
+    let part = 2.0 / (9.0 * df);
+    df * (1.0 - part + z * part.sqrt()).powi(3)
+}
+
+#[test]
+fn ids_kept_and_drawn_are_those_of_candle_transformers() {
+    let golden: Golden = serde_json::from_str(include_str!("../../../tests/golden/sampler.json")).unwrap();
+    for GoldenCase { rule, counts } in golden.cases {
+        let mut draw = rule;
+        if let (Some(k), Some(p)) = (rule.top_k, rule.top_p) {
+            // theirs counts p of all ids, ours of the k that are left
+            let mut all: Vec<f64> = golden.logits.iter().map(|l| (f64::from(*l) / rule.temperature).exp()).collect();
+            all.sort_by(|a, b| b.total_cmp(a));
+            draw.top_p = Some(p * all.iter().sum::<f64>() / all[..k].iter().sum::<f64>());
+        }
+        let theirs: Vec<u32> = (0..).zip(&counts).filter(|(_, n)| **n > 0).map(|(id, _)| id).collect();
+        let logits: Vec<f64> = golden.logits.iter().map(|l| f64::from(*l)).collect();
+        assert_eq!(kept(&logits, |c| draw.narrow(c)), theirs, "{rule:?}");
+        if theirs.len() < 2 {
+            continue;
+        }
+        let (mut rng, mut ours) = (rng(), vec![0u32; counts.len()]);
+        for _ in 0..golden.draws {
+            ours[draw.pick(&golden.logits, &[0..counts.len() as u32], &[], &mut rng).unwrap() as usize] += 1;
+        }
+        let off = |(a, b): (&u32, &u32)| (f64::from(*a) - f64::from(*b)).powi(2) / f64::from((a + b).max(1));
+        let statistic: f64 = ours.iter().zip(&counts).map(off).sum();
+        let bound = chi_square_bound(theirs.len());
+        assert!(statistic < bound, "{rule:?}: chi-square {statistic:.1}, expected below {bound:.1}");
+    }
+}

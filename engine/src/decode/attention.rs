@@ -67,6 +67,7 @@ pub(super) fn attend<E: Stored>(out: &mut [f32], queries: Queries, cache: &mut [
             scale: &[],
             bias: &[],
         });
+        // d numbers a row are divided here, instead of its T weights
         for (row, sum) in out.chunks_mut(padded).zip(sums) {
             row.iter_mut().for_each(|x| *x /= sum);
         }
@@ -90,6 +91,7 @@ impl WithSimd for Softmax<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         for (i, (row, total)) in self.scores.chunks_mut(self.stride).zip(self.sums).enumerate() {
+            // keys of later rows, whose values the next product takes along, and what fills the last panel: e^-infinity is 0
             row[self.first + i + 1..self.columns].fill(f32::NEG_INFINITY);
             let (row, _) = S::as_mut_simd_f32s(&mut row[..self.columns]);
             let mut most = simd.splat_f32s(f32::NEG_INFINITY);

@@ -206,6 +206,7 @@ impl WithSimd for Product<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
+        // a sum over nothing is 0, but no tile would come to write it
         if self.k == 0 {
             if self.store == Store::Set {
                 self.c.chunks_mut(self.ldc).take(self.m).for_each(|row| row[..self.n].fill(0.0));
@@ -223,6 +224,7 @@ impl WithSimd for Product<'_> {
                     turn(self.turned, a, lda, first, rows, k0, depth);
                 }
                 self.block(simd, first, rows, k0, depth, store);
+                // the parts of k behind the first grow what it has set
                 store = Store::Add;
             }
         }
@@ -258,6 +260,7 @@ impl Product<'_> {
             for row in (0..rows).step_by(TILE) {
                 let high = TILE.min(rows - row);
                 let tile = Tile { row: first + row, turned: row * depth, column, panel, k0, depth, begin, steps };
+                // a height that the compiler knows: only then are a tile's sums registers
                 match high {
                     1 => self.tile::<S, 1>(simd, tile, store),
                     2 => self.tile::<S, 2>(simd, tile, store),

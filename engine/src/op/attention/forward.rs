@@ -89,6 +89,7 @@ impl Piece<'_> {
         let at = query - self.queries.start;
         let out = &mut self.out[at * d..(at + rows) * d];
         let (largest, sums) = (&mut self.log_sums[at..at + rows], &mut scratch.sums[at..at + rows]);
+        // a row's softmax goes on from block to block of keys, and scales down what it has where a larger score comes
         if key == 0 {
             largest.fill(f32::NEG_INFINITY);
         }
@@ -100,6 +101,7 @@ impl Piece<'_> {
         let down = Panels { numbers: &scratch.down, block: packed };
         let store = if key == 0 { Store::Set } else { Store::Add };
         product(out, d, (rows, columns, d), left, down, 1.0, store);
+        // once a row, behind the last keys that it sees, and not once a block
         if key + packed >= if causal { query + rows } else { t } {
             divide(out, largest, sums);
         }
@@ -111,6 +113,7 @@ fn divide(out: &mut [f32], largest: &mut [f32], sums: &[f32]) {
     let d = out.len() / sums.len();
     for ((out, largest), sum) in out.chunks_exact_mut(d).zip(largest).zip(sums) {
         if *sum == 0.0 {
+            // sees nothing: its output is 0 already, and e^(score - infinity) gives no gradient either
             *largest = f32::INFINITY;
             continue;
         }

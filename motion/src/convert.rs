@@ -40,11 +40,12 @@ impl Rig {
                 "no rig {name_or_path:?}; expected smpl, a body model (SMPL_*.npz), or a motion file whose rig is meant"
             )));
         }
+        let bytes = std::fs::read(path).map_err(Error::io(path))?;
         #[cfg(feature = "amass")]
-        if let Ok(body) = BodyModel::load(path).and_then(|model| model.body(&[])) {
+        if let Ok(body) = BodyModel::parse(path, &bytes).and_then(|model| model.body(&[])) {
             return Ok(Rig::Smpl(body.skeleton));
         }
-        Ok(Rig::Like(Box::new(format::read(path, options)?)))
+        Ok(Rig::Like(Box::new(format::parse(path, &bytes, options)?)))
     }
 }
 

@@ -1,6 +1,7 @@
 //! The oracle: every operation once more as plain loops over one number at a time, for the tests.
 pub mod adamw;
 pub mod attention;
+pub mod bf16;
 pub mod bias;
 pub mod block;
 pub mod cross_entropy;

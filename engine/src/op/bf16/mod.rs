@@ -1,0 +1,160 @@
+//! Products of matrices whose numbers are rounded to bf16 and whose sums are f32.
+//!
+//! The same call as [`matmul::product`](super::matmul::product), with other panels. Letters as there.
+
+mod pack;
+mod tiles;
+
+use super::matmul::{Left, Store};
+use crate::arena::Floats;
+use pack::{How, Pack, pairs};
+use std::cell::RefCell;
+use tiles::{Right, SIDE, SQUARE};
+
+pub use pack::round;
+
+/// Pairs of k that are worked through before the sums go back to memory.
+const DEPTH: usize = 256;
+/// Rows of the left factor that are rounded at a time.
+const ROWS: usize = 160;
+/// Words between two rows of a rounded left factor: no power of two, whose rows would push each other out of the cache.
+const LDA: usize = DEPTH + SIDE;
+
+thread_local! {
+    /// Rows of a left factor as words.
+    static LEFT: RefCell<Floats> = RefCell::new(Floats::new(ROWS * LDA));
+}
+
+/// Whether there are tiles to use.
+pub fn has_tiles() -> bool {
+    tiles::are_there()
+}
+
+/// Numbers that a (k, n) matrix takes in panels.
+pub fn panels_len(k: usize, n: usize) -> usize {
+    pack::panels_len(k, n)
+}
+
+/// Lays `b` (k, n), rows `ldb` apart, out in panels; zeros fill the last one.
+///
+/// # Panics
+/// Slices that are too short.
+pub fn pack(panels: &mut [f32], b: &[f32], ldb: usize, k: usize, n: usize) {
+    let to = &mut bytemuck::cast_slice_mut(panels)[..panels_len(k, n)];
+    Pack { to, from: b, apart: ldb, k, n, how: How::Panels }.run();
+}
+
+/// As [`pack`], from `bt`, the transposed (n, k), rows `ldb` apart.
+///
+/// # Panics
+/// Slices that are too short.
+pub fn pack_transposed(panels: &mut [f32], bt: &[f32], ldb: usize, k: usize, n: usize) {
+    let to = &mut bytemuck::cast_slice_mut(panels)[..panels_len(k, n)];
+    Pack { to, from: bt, apart: ldb, k, n, how: How::PanelsTransposed }.run();
+}
+
+/// `c` (m, n), rows `ldc` apart, becomes (or grows by) `a` times the matrix in `panels`, packed in blocks of `block` rows.
+///
+/// # Panics
+/// Slices that are too short for (m, k, n); where there are no tiles.
+pub fn product(
+    c: &mut [f32],
+    ldc: usize,
+    (m, k, n): (usize, usize, usize),
+    a: Left,
+    (panels, block): (&[f32], usize),
+    store: Store,
+) {
+    if m == 0 || n == 0 {
+        return;
+    }
+    assert!(ldc >= n && c.len() >= (m - 1) * ldc + n, "a product of ({m}, {n}) in {} numbers", c.len());
+    if k == 0 {
+        if store == Store::Set {
+            c.chunks_mut(ldc).take(m).for_each(|row| row[..n].fill(0.0));
+        }
+        return;
+    }
+    let words: &[u32] = bytemuck::cast_slice(panels);
+    LEFT.with_borrow_mut(|left| {
+        let left: &mut [u32] = bytemuck::cast_slice_mut(left);
+        for first in (0..m).step_by(ROWS) {
+            let rows = ROWS.min(m - first);
+            let c = &mut c[first * ldc..];
+            let (mut k0, mut store) = (0, store);
+            while k0 < k {
+                let part = Part::at(k0, k, block, n);
+                part.round_left(left, a, first, rows, k0);
+                part.multiply(c, ldc, (rows, n), left, words, store);
+                (k0, store) = (k0 + part.blocks * part.high, Store::Add);
+            }
+        }
+    });
+}
+
+/// A stretch of k that is multiplied in one go: some whole blocks of the panels, or a piece of one.
+struct Part {
+    blocks: usize,
+    /// Rows of each.
+    high: usize,
+    /// Where its words begin in the first panel.
+    begin: usize,
+    /// Words of a panel, in its block.
+    panel: usize,
+    /// Words of a block.
+    apart: usize,
+}
+
+impl Part {
+    fn at(k0: usize, k: usize, block: usize, n: usize) -> Part {
+        let (index, inside) = (k0 / block, k0 % block);
+        let height = block.min(k - index * block);
+        let apart = panels_len(block, n);
+        let (blocks, high) = match inside == 0 && height == block && pairs(block) <= DEPTH {
+            true => ((DEPTH / pairs(block)).min((k - k0) / block), block),
+            false => (1, (height - inside).min(2 * DEPTH)),
+        };
+        Part { blocks, high, begin: index * apart + inside / 2 * SQUARE, panel: pairs(height) * SQUARE, apart }
+    }
+
+    /// Rows `first..` of the left factor, from step `k0` on.
+    fn round_left(&self, left: &mut [u32], a: Left, first: usize, rows: usize, k0: usize) {
+        for i in 0..self.blocks {
+            let begin = k0 + i * self.high;
+            let (from, apart, how) = match a {
+                Left::Rows { a, lda } => (&a[first * lda + begin..], lda, How::Rows(LDA)),
+                Left::Columns { a, lda } => (&a[begin * lda + first..], lda, How::RowsTransposed(LDA)),
+            };
+            Pack { to: &mut left[i * pairs(self.high)..], from, apart, k: self.high, n: rows, how }.run();
+        }
+    }
+
+    fn multiply(&self, c: &mut [f32], ldc: usize, (rows, n): (usize, usize), left: &[u32], words: &[u32], store: Store) {
+        let steps = pairs(self.high) / SIDE;
+        for (panel, column) in (0..n).step_by(SQUARE).enumerate() {
+            let words = &words[self.begin + panel * self.panel..];
+            let right = Right { words, steps, blocks: self.blocks, apart: self.apart };
+            let columns = SQUARE.min(n - column);
+            for row in (0..rows).step_by(SQUARE) {
+                let high = SQUARE.min(rows - row);
+                let tiles = high.next_multiple_of(SIDE);
+                let a = (&left[row * LDA..], LDA);
+                let c = &mut c[row * ldc + column..];
+                if high == tiles && columns == SQUARE {
+                    tiles::multiply(c, ldc, tiles, a, right, store == Store::Add);
+                    continue;
+                }
+                let mut edge = [0.0; SQUARE * SQUARE];
+                tiles::multiply(&mut edge, SQUARE, tiles, a, right, false);
+                for (c, sums) in c.chunks_mut(ldc).zip(edge.chunks(SQUARE)).take(high) {
+                    for (c, sum) in c[..columns].iter_mut().zip(sums) {
+                        *c = if store == Store::Add { *c + sum } else { *sum };
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

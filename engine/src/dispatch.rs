@@ -2,7 +2,7 @@
 //!
 //! A kernel is a struct of its operands that implements [`pulp::WithSimd`]: `with_simd` holds the loop, generic over the
 //! width of a vector, and [`run`] calls the instance for AVX-512, AVX2, NEON or plain floats. The environment variable
-//! `KINELM_KERNELS=portable` or `=avx2` asks for less than the CPU has, to compare or to look for an error; what the
+//! `KINELM_KERNELS=portable`, `=avx2`, `=avx512` or `=amx` asks for no more than that, to compare or to look for an error; what the
 //! CPU does not have is not used, whatever it says.
 
 use pulp::{Arch, WithSimd};
@@ -17,7 +17,7 @@ pub fn run<Op: WithSimd>(op: Op) -> Op::Output {
 /// The variable that asks for kernels, and the names it may have.
 pub const VARIABLE: &str = "KINELM_KERNELS";
 /// See [`VARIABLE`]; `auto` is as if it were not set.
-pub const NAMES: [&str; 3] = ["auto", "avx2", "portable"];
+pub const NAMES: [&str; 5] = ["auto", "amx", "avx512", "avx2", "portable"];
 
 /// The name of the instructions in use: `avx512`, `avx2`, `neon` or `portable`.
 pub fn name() -> &'static str {
@@ -30,6 +30,11 @@ pub fn name() -> &'static str {
         Arch::Neon(_) => "neon",
         _ => "portable",
     }
+}
+
+/// Whether the tiles of AMX may be used where there are some.
+pub(crate) fn may_use_tiles() -> bool {
+    matches!(std::env::var(VARIABLE).as_deref(), Err(_) | Ok("auto" | "amx"))
 }
 
 fn arch() -> Arch {

@@ -5,10 +5,10 @@
 
 use crate::arena::Floats;
 use crate::block::Norm;
-use crate::linear::{Sums, pack_parallel, pack_transposed_parallel, times, weight_gradient};
+use crate::linear::{Products, Sums};
 use crate::op::cross_entropy::{self, Asked};
 use crate::op::layer_norm;
-use crate::op::matmul::{Store, pack, panels_len};
+use crate::op::matmul::Store;
 use crate::op::smoothing::Smoothing;
 use crate::pieces::{self, PerThread};
 use rayon::prelude::*;
@@ -22,6 +22,7 @@ pub struct Workspace {
     rows: usize,
     width: usize,
     vocabulary: usize,
+    products: Products,
     piece: usize,
     /// Rows whose logits exist at a time.
     stretch: usize,
@@ -51,23 +52,24 @@ pub struct Gradients<'a> {
 
 impl Workspace {
     /// Memory for up to `rows` rows of `width` numbers and a head of `vocabulary` rows; `backward`: for training too.
-    pub fn new(rows: usize, width: usize, vocabulary: usize, backward: bool) -> Workspace {
+    pub fn new(rows: usize, width: usize, vocabulary: usize, products: Products, backward: bool) -> Workspace {
         let piece = pieces::rows(rows);
         let stretch = (LOGITS / vocabulary.max(1) / piece * piece).clamp(piece, rows.next_multiple_of(piece));
         Workspace {
             rows,
             width,
             vocabulary,
+            products,
             piece,
             stretch,
-            across: Floats::new(panels_len(width, vocabulary)),
+            across: Floats::new(products.panels_len(width, vocabulary)),
             stats: Floats::new(2 * rows),
             logits: Floats::new(stretch * vocabulary),
             normal: PerThread::new(|| Floats::new(2 * piece * width)),
             nats: vec![0.0; rows.div_ceil(piece)],
             back: backward.then(|| Back {
-                down: Floats::new(panels_len(vocabulary, width)),
-                normal: Floats::new(stretch / piece * panels_len(piece, width)),
+                down: Floats::new(products.panels_len(vocabulary, width)),
+                normal: Floats::new(stretch / piece * products.panels_len(piece, width)),
                 partial: Floats::new(rows.div_ceil(piece) * 2 * width),
             }),
         }
@@ -76,9 +78,9 @@ impl Workspace {
     /// Lays the head (V, D) out for the passes that follow.
     fn pack(&mut self, head: &[f32]) {
         assert_eq!(head.len(), self.vocabulary * self.width, "a head of other numbers");
-        pack_transposed_parallel(&mut self.across, head, self.width, self.vocabulary);
+        self.products.pack_transposed_parallel(&mut self.across, head, self.width, self.vocabulary);
         if let Some(back) = &mut self.back {
-            pack_parallel(&mut back.down, head, self.vocabulary, self.width);
+            self.products.pack_parallel(&mut back.down, head, self.vocabulary, self.width);
         }
     }
 }
@@ -110,8 +112,21 @@ pub fn loss(
     workspace: &mut Workspace,
 ) -> f64 {
     workspace.pack(head);
-    let Workspace { rows, width: d, vocabulary: v, piece, stretch, across, stats, logits, normal: scratch, nats, back } =
-        workspace;
+    let products = workspace.products;
+    let Workspace {
+        rows,
+        width: d,
+        vocabulary: v,
+        piece,
+        stretch,
+        across,
+        stats,
+        logits,
+        normal: scratch,
+        nats,
+        back,
+        ..
+    } = workspace;
     let (n, d, v, piece) = (asked.len(), *d, *v, *piece);
     let Some(back) = back else { panic!("a workspace for the forward pass only") };
     assert!(
@@ -130,7 +145,7 @@ pub fn loss(
             stats[2 * first..][..2 * rows].par_chunks_mut(2 * piece),
             asked[first..][..rows].par_chunks(piece),
             logits[..rows * v].par_chunks_mut(piece * v),
-            back.normal.par_chunks_mut(panels_len(piece, d)).take(pieces),
+            back.normal.par_chunks_mut(products.panels_len(piece, d)).take(pieces),
             back.partial[first / piece * 2 * d..][..pieces * 2 * d].par_chunks_mut(2 * d),
             nats[first / piece..][..pieces].par_iter_mut(),
         );
@@ -140,10 +155,10 @@ pub fn loss(
                 let (normal, rest) = scratch.split_at_mut(x.len());
                 let d_normal = &mut rest[..x.len()];
                 layer_norm::forward(normal, stats, x, norm.weight, norm.bias);
-                pack(panels, normal, d, asked.len(), d);
-                times(logits, normal, d, across, v);
+                products.pack(panels, normal, asked.len(), d);
+                products.times(logits, normal, d, across, v);
                 *nats = cross_entropy::forward_backward(logits, asked, smoothing, scale);
-                times(d_normal, logits, v, down, d);
+                products.times(d_normal, logits, v, down, d);
                 dx.fill(0.0);
                 partial.fill(0.0);
                 let (dw, db) = partial.split_at_mut(d);
@@ -151,7 +166,7 @@ pub fn loss(
                 layer_norm::backward(dx, dw, db, saved, d_normal);
             });
         });
-        weight_gradient(gradients.head, logits, v, (&back.normal, piece), rows, store_head);
+        products.weight_gradient(gradients.head, logits, v, (&back.normal, piece), rows, store_head);
         store_head = Store::Add;
     }
     let mut sums = Sums { partial: &back.partial[..n.div_ceil(piece) * 2 * d], width: 2 * d, store };
@@ -172,6 +187,7 @@ pub fn logits(
     take: &mut dyn FnMut(usize, &mut [f32]),
 ) {
     workspace.pack(head);
+    let products = workspace.products;
     let Workspace { rows, width: d, vocabulary: v, piece, stretch, across, stats, logits, normal: scratch, .. } =
         workspace;
     let (n, d, v, piece) = (x.len() / *d, *d, *v, *piece);
@@ -187,7 +203,7 @@ pub fn logits(
             scratch.with(|scratch| {
                 let normal = &mut scratch[..x.len()];
                 layer_norm::forward(normal, stats, x, norm.weight, norm.bias);
-                times(logits, normal, d, across, v);
+                products.times(logits, normal, d, across, v);
             });
         });
         take(first, &mut logits[..rows * v]);

@@ -1,56 +1,168 @@
 //! What every layer with weights is made of: the weight laid out in panels, products of a piece of rows, the gradients.
 //!
-//! A layer (k, n) is packed once a pass. Its output is computed a piece of rows at a time ([`times`]); so is the gradient of
-//! its input, with the transposed weight. The gradient of its output is packed by the same pieces, and
-//! [`weight_gradient`] multiplies them all; biases and norms add up [`Sums`] over the pieces.
+//! A layer (k, n) is packed once a pass. Its output is computed a piece of rows at a time ([`Products::times`]); so is the
+//! gradient of its input, with the transposed weight. The gradient of its output is packed by the same pieces, and
+//! [`Products::weight_gradient`] multiplies them all; biases and norms add up [`Sums`] over the pieces.
 
-use crate::op::matmul::{Left, Panels, Store, pack, pack_transposed, panel, panels_len, product};
+use crate::op::bf16;
+use crate::op::matmul::{self, Left, Panels, Store};
 use crate::pieces;
 use rayon::prelude::*;
+use std::cell::RefCell;
 
 /// Panels that one piece of the threads' work packs.
 const PANELS: usize = 4;
 
-/// [`pack`] of a whole weight (k, n), some panels a piece.
-pub fn pack_parallel(panels: &mut [f32], weight: &[f32], k: usize, n: usize) {
-    let columns = PANELS * panel();
-    panels[..panels_len(k, n)].par_chunks_mut(k * columns).enumerate().for_each(|(i, part)| {
-        let first = i * columns;
-        pack(part, &weight[first..], n, k, columns.min(n - first));
-    });
+/// In which numbers the products of layers are computed. All else, and the sums of the products, are f32.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Products {
+    /// The factors as they are.
+    #[default]
+    F32,
+    /// Factors rounded to bf16, on the tiles of AMX ([`bf16::has_tiles`]).
+    Tiles,
+    /// Factors rounded to bf16 and multiplied as f32: what [`Products::Tiles`] computes, up to the order of its sums, on
+    /// any machine, and slower than [`Products::F32`].
+    Rounded,
 }
 
-/// [`pack_transposed`] of a whole weight, given as (n, k), some panels a piece.
-pub fn pack_transposed_parallel(panels: &mut [f32], weight: &[f32], k: usize, n: usize) {
-    let columns = PANELS * panel();
-    panels[..panels_len(k, n)].par_chunks_mut(k * columns).enumerate().for_each(|(i, part)| {
-        let first = i * columns;
-        pack_transposed(part, &weight[first * k..], k, k, columns.min(n - first));
-    });
+thread_local! {
+    /// A left factor, rounded.
+    static ROUNDED: RefCell<Vec<f32>> = const { RefCell::new(Vec::new()) };
 }
 
-/// `out` (R, n) = `a` (R, k) times the weight in `panels`.
-pub fn times(out: &mut [f32], a: &[f32], k: usize, panels: &[f32], n: usize) {
-    let panels = Panels { numbers: panels, block: k };
-    product(out, n, (out.len() / n, k, n), Left::Rows { a, lda: k }, panels, 1.0, Store::Set);
-}
+impl Products {
+    /// bf16 as this machine does it best.
+    pub fn bf16() -> Products {
+        if bf16::has_tiles() { Products::Tiles } else { Products::Rounded }
+    }
 
-/// The gradient (k, n) of a weight: the transposed `x` (N, k) times the gradient (N, n) of the output in `panels`, in blocks
-/// of `block` rows.
-pub fn weight_gradient(
-    gradient: &mut [f32],
-    x: &[f32],
-    k: usize,
-    (panels, block): (&[f32], usize),
-    rows: usize,
-    store: Store,
-) {
-    let n = gradient.len() / k;
-    let (high, block) = (pieces::gradient_rows(k), block.min(rows));
-    gradient.par_chunks_mut(high * n).enumerate().for_each(|(i, part)| {
-        let left = Left::Columns { a: &x[i * high..], lda: k };
-        product(part, n, (part.len() / n, rows, n), left, Panels { numbers: panels, block }, 1.0, store);
-    });
+    /// Its name: `f32`, `amx` or `emulated`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Products::F32 => "f32",
+            Products::Tiles => "amx",
+            Products::Rounded => "emulated",
+        }
+    }
+
+    /// Numbers that a (k, n) right factor takes in panels.
+    pub fn panels_len(self, k: usize, n: usize) -> usize {
+        match self {
+            Products::F32 | Products::Rounded => matmul::panels_len(k, n),
+            Products::Tiles => bf16::panels_len(k, n),
+        }
+    }
+
+    /// Lays `b` (k, n) out in panels.
+    ///
+    /// # Panics
+    /// Slices that are too short, here and below.
+    pub fn pack(self, panels: &mut [f32], b: &[f32], k: usize, n: usize) {
+        self.pack_part(panels, b, n, k, n);
+    }
+
+    /// Columns of a (k, n) matrix whose rows are `ldb` apart.
+    fn pack_part(self, panels: &mut [f32], b: &[f32], ldb: usize, k: usize, n: usize) {
+        match self {
+            Products::F32 => matmul::pack(panels, b, ldb, k, n),
+            Products::Tiles => bf16::pack(panels, b, ldb, k, n),
+            Products::Rounded => {
+                matmul::pack(panels, b, ldb, k, n);
+                bf16::round_all(&mut panels[..matmul::panels_len(k, n)]);
+            }
+        }
+    }
+
+    /// As [`Products::pack`], on all threads: some panels a piece.
+    pub fn pack_parallel(self, panels: &mut [f32], weight: &[f32], k: usize, n: usize) {
+        self.in_parts(panels, k, n, |part, first, columns| self.pack_part(part, &weight[first..], n, k, columns));
+    }
+
+    /// The same of a transposed weight, (n, k).
+    pub fn pack_transposed_parallel(self, panels: &mut [f32], weight: &[f32], k: usize, n: usize) {
+        self.in_parts(panels, k, n, |part, first, columns| {
+            let from = &weight[first * k..];
+            match self {
+                Products::F32 => matmul::pack_transposed(part, from, k, k, columns),
+                Products::Tiles => bf16::pack_transposed(part, from, k, k, columns),
+                Products::Rounded => {
+                    matmul::pack_transposed(part, from, k, k, columns);
+                    bf16::round_all(part);
+                }
+            }
+        });
+    }
+
+    /// Calls `pack` with some panels at a time, their first column and how many they are.
+    fn in_parts(self, panels: &mut [f32], k: usize, n: usize, pack: impl Fn(&mut [f32], usize, usize) + Sync) {
+        if k == 0 || n == 0 {
+            return;
+        }
+        let columns = PANELS * matmul::panel().max(bf16::PANEL);
+        let len = self.panels_len(k, n);
+        panels[..len].par_chunks_mut(self.panels_len(k, columns)).enumerate().for_each(|(i, part)| {
+            let first = i * columns;
+            pack(part, first, columns.min(n - first));
+        });
+    }
+
+    /// `out` (R, n) = `a` (R, k) times the weight in `panels`.
+    pub fn times(self, out: &mut [f32], a: &[f32], k: usize, panels: &[f32], n: usize) {
+        let (rows, left) = (out.len() / n, Left::Rows { a, lda: k });
+        self.product(out, (rows, k, n), left, (panels, k), Store::Set);
+    }
+
+    /// The gradient (k, n) of a weight: the transposed `x` (N, k) times the gradient (N, n) of the output in `panels`, in
+    /// blocks of `block` rows.
+    pub fn weight_gradient(
+        self,
+        gradient: &mut [f32],
+        x: &[f32],
+        k: usize,
+        (panels, block): (&[f32], usize),
+        rows: usize,
+        store: Store,
+    ) {
+        let n = gradient.len() / k;
+        let (high, block) = (pieces::gradient_rows(k), block.min(rows));
+        gradient.par_chunks_mut(high * n).enumerate().for_each(|(i, part)| {
+            let left = Left::Columns { a: &x[i * high..], lda: k };
+            self.product(part, (part.len() / n, rows, n), left, (panels, block), store);
+        });
+    }
+
+    fn product(
+        self,
+        c: &mut [f32],
+        (m, k, n): (usize, usize, usize),
+        a: Left,
+        (numbers, block): (&[f32], usize),
+        store: Store,
+    ) {
+        let panels = Panels { numbers, block };
+        match self {
+            Products::F32 => matmul::product(c, n, (m, k, n), a, panels, 1.0, store),
+            Products::Tiles => bf16::product(c, n, (m, k, n), a, (numbers, block), store),
+            Products::Rounded => ROUNDED.with_borrow_mut(|rounded| {
+                rounded.resize(rounded.len().max(m * k), 0.0);
+                let rounded = &mut rounded[..m * k];
+                let (from, lda, width) = match a {
+                    Left::Rows { a, lda } => (a, lda, k),
+                    Left::Columns { a, lda } => (a, lda, m),
+                };
+                for (to, from) in rounded.chunks_mut(width.max(1)).zip(from.chunks(lda)) {
+                    to.copy_from_slice(&from[..width]);
+                }
+                bf16::round_all(rounded);
+                let a = match a {
+                    Left::Rows { .. } => Left::Rows { a: rounded, lda: k },
+                    Left::Columns { .. } => Left::Columns { a: rounded, lda: m },
+                };
+                matmul::product(c, n, (m, k, n), a, panels, 1.0, store);
+            }),
+        }
+    }
 }
 
 /// Sums over the pieces, taken from rows of `width` numbers from left to right.
@@ -73,5 +185,72 @@ impl Sums<'_> {
             to.iter_mut().zip(row).for_each(|(to, x)| *to += x);
         }
         self.partial = self.partial.get(to.len()..).unwrap_or(&[]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::op::check;
+    use crate::scalar;
+
+    /// Of the largest number, for k summed rows.
+    fn bound(k: usize) -> f64 {
+        1e-6 * (k as f64 / 4096.0).sqrt().max(1.0)
+    }
+
+    fn held(found: &[f32], truth: &[f64], k: usize, what: &str) {
+        let most = truth.iter().fold(1.0, |most: f64, x| most.max(x.abs()));
+        for (i, (x, t)) in found.iter().zip(truth).enumerate() {
+            assert!((*x as f64 - t).abs() <= bound(k) * most, "{what}, number {i}: {x}, expected {t}");
+        }
+    }
+
+    /// The kernels of bf16 that this machine has.
+    fn rounding() -> Vec<Products> {
+        let tiles = bf16::has_tiles().then_some(Products::Tiles);
+        [Products::Rounded].into_iter().chain(tiles).collect()
+    }
+
+    #[test]
+    fn layers_in_bf16_are_what_plain_loops_over_rounded_numbers_give() {
+        for (rows, k, n) in [(1, 1, 1), (5, 33, 17), (64, 48, 144), (70, 130, 65), (33, 1, 300), (150, 257, 40)] {
+            let (a, w) = (check::numbers(1, rows * k, 0.5), check::numbers(2, k * n, 0.5));
+            let turned: Vec<f32> = (0..k * n).map(|i| w[i % k * n + i / k]).collect();
+            let truth = scalar::bf16::product((rows, k, n), Left::Rows { a: &a, lda: k }, &w);
+            for by in rounding() {
+                let mut panels = vec![f32::NAN; by.panels_len(k, n)];
+                let mut out = vec![f32::NAN; rows * n];
+                by.pack_parallel(&mut panels, &w, k, n);
+                by.times(&mut out, &a, k, &panels, n);
+                held(&out, &truth, k, &format!("{by:?} ({rows}, {k}, {n})"));
+                by.pack_transposed_parallel(&mut panels, &turned, k, n);
+                by.times(&mut out, &a, k, &panels, n);
+                held(&out, &truth, k, &format!("{by:?} ({rows}, {k}, {n}) from the transposed"));
+            }
+        }
+    }
+
+    #[test]
+    fn gradients_of_weights_in_bf16_are_what_plain_loops_give() {
+        for (rows, k, n, piece) in
+            [(1, 3, 2, 1), (100, 40, 33, 43), (257, 150, 64, 64), (64, 17, 5, 64), (90, 1, 70, 7)]
+        {
+            let (x, d) = (check::numbers(1, rows * k, 0.5), check::numbers(2, rows * n, 0.5));
+            let truth = scalar::bf16::product((k, rows, n), Left::Columns { a: &x, lda: k }, &d);
+            for by in rounding() {
+                let room = by.panels_len(piece, n);
+                let mut panels = vec![f32::NAN; rows.div_ceil(piece) * room];
+                for (to, d) in panels.chunks_mut(room).zip(d.chunks(piece * n)) {
+                    by.pack(to, d, d.len() / n, n);
+                }
+                let mut gradient = vec![f32::NAN; k * n];
+                by.weight_gradient(&mut gradient, &x, k, (&panels, piece), rows, Store::Set);
+                held(&gradient, &truth, rows, &format!("{by:?} ({rows}, {k}, {n})"));
+                by.weight_gradient(&mut gradient, &x, k, (&panels, piece), rows, Store::Add);
+                let twice: Vec<f64> = truth.iter().map(|t| 2.0 * t).collect();
+                held(&gradient, &twice, rows, &format!("{by:?} ({rows}, {k}, {n}) added"));
+            }
+        }
     }
 }

@@ -3,7 +3,7 @@
 use super::{ComputeArgs, Say, WrongCall};
 use anyhow::Result;
 use kinelm::train::finetune::{FinetuneOptions, finetune};
-use kinelm::train::{CorpusPart, PretrainOptions, pretrain};
+use kinelm::train::{CorpusPart, Precision, PretrainOptions, pretrain};
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
@@ -30,21 +30,26 @@ pub struct Args {
     /// Go on with the run from its last whole checkpoint
     #[arg(long, requires = "run")]
     resume: bool,
+    /// In which numbers products are computed: f32, bf16 (on the tiles of AMX, rounded alike elsewhere), or auto; over the
+    /// file's. A run that goes on keeps its own
+    #[arg(long, value_name = "f32|bf16|auto")]
+    precision: Option<Precision>,
     #[command(flatten)]
     compute: ComputeArgs,
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
-    let compute = args.compute.get();
+    let (compute, precision) = (args.compute.get(), args.precision);
     let summary = match (args.from, args.config) {
         _ if args.resume => {
             let (corpora, run, steps, seed) = (args.corpus, args.run, args.steps, args.seed);
-            let options = PretrainOptions { corpora, run, steps, seed, resume: true, compute, ..Default::default() };
+            let options =
+                PretrainOptions { corpora, run, steps, seed, resume: true, precision, compute, ..Default::default() };
             super::pretrain::with_lines(say, |stop, progress| pretrain(&options, stop, progress))?
         }
         (Some(from), Some(config)) => {
             let (corpora, run, steps, seed) = (args.corpus, args.run, args.steps, args.seed);
-            let options = FinetuneOptions { from, config, corpora, run, steps, seed, compute };
+            let options = FinetuneOptions { from, config, corpora, run, steps, seed, precision, compute };
             super::pretrain::with_lines(say, |stop, progress| finetune(&options, stop, progress))?
         }
         _ => return Err(WrongCall("give --from and --config, or --resume".into()).into()),

@@ -3,7 +3,7 @@
 use super::progress::Telling;
 use super::{ComputeArgs, Say, Stopped};
 use anyhow::Result;
-use kinelm::train::{CorpusPart, Lines, PretrainOptions, Progress, Silent, Summary, TrainFile, pretrain};
+use kinelm::train::{CorpusPart, Lines, Precision, PretrainOptions, Progress, Silent, Summary, TrainFile, pretrain};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -33,6 +33,10 @@ pub struct Args {
     /// Go on with the run from its last whole checkpoint
     #[arg(long)]
     resume: bool,
+    /// In which numbers products are computed: f32, bf16 (on the tiles of AMX, rounded alike elsewhere), or auto; over the
+    /// file's. A run that goes on keeps its own
+    #[arg(long, value_name = "f32|bf16|auto")]
+    precision: Option<Precision>,
     #[command(flatten)]
     compute: ComputeArgs,
 }
@@ -46,6 +50,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         seed: args.seed,
         from: args.from,
         resume: args.resume,
+        precision: args.precision,
         compute: args.compute.get(),
     };
     told(&watched(&options, say)?, "pretrain", say)

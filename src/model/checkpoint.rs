@@ -33,6 +33,9 @@ pub struct State {
     pub seed: u64,
     /// The best measurement on the validation clips so far.
     pub best: Option<Best>,
+    /// What computed the products so far, where that was not f32 from the start: `amx`, `emulated` or `f32`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub products: Option<String>,
     /// The other files of the folder.
     pub files: BTreeMap<String, FileRecord>,
 }
@@ -50,7 +53,7 @@ pub struct Best {
 impl State {
     /// A state without files.
     pub fn new(step: u64, windows: u64, tokens: u64, seed: u64, best: Option<Best>) -> State {
-        State { schema: SCHEMA, step, windows, tokens, seed, best, files: BTreeMap::new() }
+        State { schema: SCHEMA, step, windows, tokens, seed, best, products: None, files: BTreeMap::new() }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::augment::AugmentConfig;
 use super::data::CorpusPart;
+use super::precision::Precision;
 use super::schedule::Schedule;
 use crate::corpus::conditions::in_order;
 use crate::model::{ModelConfig, TokenLayout};
@@ -83,6 +84,8 @@ pub struct TrainConfig {
     pub loss: Loss,
     /// How wide `ordinal` spreads a target, in bins, above 0 and at most 100. Default 0.75.
     pub ordinal_width: f64,
+    /// In which numbers products are computed: `f32`, `bf16` or `auto`. Default `f32`.
+    pub precision: Precision,
 }
 
 /// What the gradients pull towards; the loss that is reported is the cross-entropy with the target itself in any case.
@@ -121,6 +124,7 @@ impl Default for TrainConfig {
             label_dropout: 0.1,
             loss: Loss::CrossEntropy,
             ordinal_width: 0.75,
+            precision: Precision::F32,
         }
     }
 }

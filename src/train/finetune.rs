@@ -3,6 +3,7 @@
 use super::config::TrainFile;
 use super::data::{CorpusPart, Data};
 use super::grow::{Language, grow};
+use super::precision::Precision;
 use super::pretrain::{Summary, begin, go_on};
 use super::progress::Progress;
 use super::run::{Origin, RunFile};
@@ -28,6 +29,8 @@ pub struct FinetuneOptions {
     pub steps: Option<u64>,
     /// The seed, over the file's.
     pub seed: Option<u64>,
+    /// In which numbers products are computed, over the file's.
+    pub precision: Option<Precision>,
     /// Where and how to compute.
     pub compute: Compute,
 }
@@ -58,6 +61,8 @@ pub fn finetune(options: &FinetuneOptions, stop: &AtomicBool, progress: &mut dyn
     train.conditions = fields;
     train.steps = options.steps.unwrap_or(train.steps);
     train.seed = options.seed.unwrap_or(train.seed);
+    train.precision = options.precision.unwrap_or(train.precision);
+    train.precision.choose(None, options.compute)?;
     let new = RunFile::new(&model, &train, &data)?;
     let new = RunFile { augment: file.augment, from: Some(origin(&options.from, &source)?), ..new };
     let (was, is) = (&source.tokens, &new.tokens);
@@ -148,6 +153,7 @@ mod tests {
         };
         pretrain(&options, &AtomicBool::new(false), &mut Silent).unwrap();
         let options = FinetuneOptions {
+            precision: None,
             from: dir.join("source"),
             config: dir.join("config.toml"),
             corpora: vec![CorpusPart::once(corpus.dir())],

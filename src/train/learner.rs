@@ -9,6 +9,7 @@ use crate::model::layout::Parameter;
 use crate::model::{Compute, Gpt, ModelConfig, Scores, TokenLayout, weights};
 use crate::{Error, Result};
 use candle_core::Tensor;
+use kinelm_engine::linear::Products;
 use std::collections::BTreeMap;
 
 /// What a step computes before its update.
@@ -95,10 +96,12 @@ pub fn learner(
     tokens: &TokenLayout,
     train: &TrainConfig,
     weights: BTreeMap<String, Tensor>,
-    compute: Compute,
+    (compute, products): (Compute, Products),
 ) -> Result<Box<dyn Learner>> {
     if compute.is_fast() {
-        return Ok(Box::new(FastLearner::new(Fast::from_tensors(model, tokens, weights)?, train)));
+        let mut fast = Fast::from_tensors(model, tokens, weights)?;
+        fast.multiply_by(products);
+        return Ok(Box::new(FastLearner::new(fast, train)));
     }
     let device = compute.device.open()?;
     let gpt = Gpt::from_tensors(model, tokens, weights::to_device(&weights, &device)?)?;

@@ -80,7 +80,8 @@ pub fn lr_find(options: &LrFindOptions, stop: &AtomicBool, tell: &mut dyn FnMut(
     room::check(&file.model, &file.tokens, &train)?;
     let mut batches = Batches::of_run(&file, &data)?;
     let weights = layout::initial(&file.model, &file.tokens, train.seed)?;
-    let mut learner = learner(&file.model, &file.tokens, &train, weights, options.compute)?;
+    let products = train.precision.choose(None, options.compute)?.products;
+    let mut learner = learner(&file.model, &file.tokens, &train, weights, (options.compute, products))?;
     let mut test = Test::default();
     for step in 0..options.steps {
         if stop.load(Ordering::Relaxed) {

@@ -20,6 +20,7 @@ pub mod order;
 #[cfg(test)]
 mod parity;
 pub mod plain;
+pub mod precision;
 pub mod pretrain;
 pub mod progress;
 pub mod room;
@@ -33,6 +34,7 @@ mod tensorboard;
 pub use config::{TrainConfig, TrainFile};
 pub use data::{CorpusPart, Data};
 pub use learner::{Found, Learner, learner};
+pub use precision::Precision;
 pub use pretrain::{PretrainOptions, Summary, pretrain};
 pub use progress::{Lines, Progress, Silent};
 pub use schedule::Schedule;

@@ -9,6 +9,7 @@ use super::schedule;
 use crate::model::fast::{Fast, Windows};
 use crate::model::{Gpt, ModelConfig, Positions, TokenLayout, forms};
 use candle_core::{Device, Tensor};
+use kinelm_engine::linear::Products;
 use kinelm_engine::op::attention::Mask;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -163,6 +164,27 @@ fn ten_steps_of_every_form_cost_the_same_plain_and_fast() {
             "{what}: {fast:?}, plain {plain:?}"
         );
         assert!(fast[9] < fast[0], "{what}: {fast:?}");
+    }
+}
+
+#[test]
+fn training_in_bf16_follows_training_in_f32() {
+    let (config, tokens) = forms::all(40).remove(0);
+    let config = ModelConfig { width: 64, heads: 2, dropout: 0.1, ..config };
+    let gpt = Gpt::new(&config, &tokens, 1).unwrap();
+    let (inputs, targets) = forms::batch(&config, &tokens, 3, 40);
+    let batch = Batch { inputs, targets, clips: vec!["made up".into(); 3] };
+    let train_config = TrainConfig { steps: 10, learning_rate: 3e-3, warmup: 2, ..Default::default() };
+    let losses = |products| {
+        let mut fast = Fast::of(&gpt).unwrap();
+        fast.multiply_by(products);
+        train(&mut FastLearner::new(fast, &train_config), &batch, &train_config)
+    };
+    let [f32s, rounded, here] = [Products::F32, Products::Rounded, Products::bf16()].map(losses);
+    for (i, ((f32s, rounded), here)) in f32s.iter().zip(&rounded).zip(&here).enumerate() {
+        // eight bits of each factor: a thousandth of the loss; tiles sum in another order than vectors
+        assert!(f32s != rounded && (f32s - rounded).abs() < 2e-3 * f32s, "step {i}: {rounded}, in f32 {f32s}");
+        assert!((here - rounded).abs() < 2e-4 * f32s, "step {i}: {here}, emulated {rounded}");
     }
 }
 

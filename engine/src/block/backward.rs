@@ -2,8 +2,8 @@
 
 use super::{Back, Gradients, PanelSet, Rules, Saved, Shape, Weights, Workspace, dropped};
 use crate::arena::Floats;
-use crate::linear::{Sums, pack_transposed_parallel, times, weight_gradient};
-use crate::op::matmul::{Store, pack, panels_len};
+use crate::linear::{Products, Sums};
+use crate::op::matmul::Store;
 use crate::op::{attention, bias, gelu, layer_norm, rope};
 use crate::pieces::PerThread;
 use rayon::prelude::*;
@@ -27,13 +27,13 @@ pub fn backward(
     saved: &Saved,
     workspace: &mut Workspace,
 ) {
-    let Workspace { shape, piece, panels, scratch, attention, back } = workspace;
-    let (shape, piece) = (*shape, *piece);
+    let Workspace { shape, products, piece, panels, scratch, attention, back } = workspace;
+    let (shape, products, piece) = (*shape, *products, *piece);
     let Some(back) = back else { panic!("a workspace for the forward pass only") };
     shape.check([dx, x], weights, saved);
     shape.check([dx, x], gradients, saved);
-    panels.pack_transposed(weights, shape.width, shape.hidden);
-    let pass = Pass { shape, piece, weights, store, rules, saved, panels, scratch };
+    panels.pack_transposed(products, weights, shape.width, shape.hidden);
+    let pass = Pass { shape, products, piece, weights, store, rules, saved, panels, scratch };
     pass.behind_attention(dx, back);
     pass.sums_behind_attention(gradients, back);
     pass.attention(gradients, attention, back);
@@ -45,6 +45,7 @@ pub fn backward(
 /// summed a piece first, so that the number of threads changes no bit.
 struct Pass<'a> {
     shape: Shape,
+    products: Products,
     /// R, rows of a piece.
     piece: usize,
     weights: &'a Weights<'a>,
@@ -69,9 +70,9 @@ impl Pass<'_> {
     /// Back through the hidden layer, the second norm and the attention's projection: `dx` becomes the gradient of
     /// `middle`, `d_heads` that of the gathered heads. Both factors of the weights' gradients are left in `back`.
     fn behind_attention(&self, dx: &mut [f32], back: &mut Back) {
-        let Pass { shape, piece, weights, rules, saved, panels, scratch, .. } = *self;
+        let Pass { shape, products, piece, weights, rules, saved, panels, scratch, .. } = *self;
         let (d, m, dropout) = (shape.width, shape.hidden, rules.dropout);
-        let slot = |width: usize| panels_len(piece, width);
+        let slot = |width: usize| products.panels_len(piece, width);
         let parts = (
             (dx.par_chunks_mut(piece * d), saved.middle.par_chunks(piece * d), saved.stats2.par_chunks(piece * 2)),
             (saved.up.par_chunks(piece * m), back.gelu.par_chunks_mut(piece * m)),
@@ -100,12 +101,12 @@ impl Pass<'_> {
                         bias::residual_backward(&mut dy[rows.clone()], &dx[rows], d, mask);
                     });
                     bias::add_column_sums(db_down, dy);
-                    pack(d_down, dy, d, rows, d);
-                    times(d_hidden, dy, d, &panels.down, m);
+                    products.pack(d_down, dy, rows, d);
+                    products.times(d_hidden, dy, d, &panels.down, m);
                     gelu::backward(d_hidden, gelu, up);
                     bias::add_column_sums(db_up, d_hidden);
-                    pack(d_up, d_hidden, m, rows, m);
-                    times(d_normal, d_hidden, m, &panels.up, d);
+                    products.pack(d_up, d_hidden, rows, m);
+                    products.times(d_normal, d_hidden, m, &panels.up, d);
                     // computed again rather than saved: the rows are in the cache, N D more numbers are not
                     layer_norm::again(normal, middle, stats, weights.norm2.weight, weights.norm2.bias);
                     let normed = layer_norm::Saved { x: middle, stats, weight: weights.norm2.weight };
@@ -114,8 +115,8 @@ impl Pass<'_> {
                         bias::residual_backward(&mut dy[rows.clone()], &dx[rows], d, mask);
                     });
                     bias::add_column_sums(db_out, dy);
-                    pack(d_out, dy, d, rows, d);
-                    times(d_heads, dy, d, &panels.out, d);
+                    products.pack(d_out, dy, rows, d);
+                    products.times(d_heads, dy, d, &panels.out, d);
                     attention::gather(shape.attention(), 1, &saved.heads, first..first + rows, gathered);
                 });
             },
@@ -135,7 +136,7 @@ impl Pass<'_> {
     /// Back through the attention, from `d_heads` to `dqkv_heads`. Beside it run the products of the weights behind it, which
     /// wait for nothing: the attention has pieces of very unlike size, and they fill the threads that it leaves idle.
     fn attention(&self, gradients: &mut Gradients, space: &mut attention::Workspace, back: &mut Back) {
-        let Pass { shape, piece, store, saved, .. } = *self;
+        let Pass { shape, products, piece, store, saved, .. } = *self;
         let (n, d, m) = (shape.rows(), shape.width, shape.hidden);
         let Back { d_down, d_up, d_out, gelu, normal, gathered, d_heads, dqkv_heads, .. } = back;
         let done = attention::Done { qkv: &saved.qkv, out: &saved.heads, log_sums: &saved.lse, d_out: d_heads };
@@ -145,11 +146,11 @@ impl Pass<'_> {
             || attention::backward(shape.attention(), done, self.rules.attention(), space, dqkv_heads),
             || {
                 rayon::join(
-                    || weight_gradient(dw_down, gelu, m, (d_down, piece), n, store),
+                    || products.weight_gradient(dw_down, gelu, m, (d_down, piece), n, store),
                     || {
                         rayon::join(
-                            || weight_gradient(dw_up, normal, d, (d_up, piece), n, store),
-                            || weight_gradient(dw_out, gathered, d, (d_out, piece), n, store),
+                            || products.weight_gradient(dw_up, normal, d, (d_up, piece), n, store),
+                            || products.weight_gradient(dw_out, gathered, d, (d_out, piece), n, store),
                         )
                     },
                 )
@@ -159,14 +160,14 @@ impl Pass<'_> {
 
     /// Back through the queries, keys and values and the first norm: `dx`, the gradient of `middle`, becomes that of the input.
     fn before_attention(&self, dx: &mut [f32], x: &[f32], back: &mut Back) {
-        let Pass { shape, piece, weights, rules, saved, panels, scratch, .. } = *self;
+        let Pass { shape, products, piece, weights, rules, saved, panels, scratch, .. } = *self;
         let d = shape.width;
         let dqkv_heads = &*back.dqkv_heads;
         let parts = (
             dx.par_chunks_mut(piece * d),
             (x.par_chunks(piece * d), saved.stats1.par_chunks(piece * 2)),
             back.normal.par_chunks_mut(piece * d),
-            back.d_qkv.par_chunks_mut(panels_len(piece, 3 * d)),
+            back.d_qkv.par_chunks_mut(products.panels_len(piece, 3 * d)),
             back.partial.par_chunks_mut(self.width_before()),
         );
         parts.into_par_iter().enumerate().for_each(|(i, (dx, (x, stats), normal, d_qkv, partial))| {
@@ -182,8 +183,8 @@ impl Pass<'_> {
                     rope::turn(dqkv, shape.heads, first, by, true);
                 }
                 bias::add_column_sums(db_qkv, dqkv);
-                pack(d_qkv, dqkv, 3 * d, rows, 3 * d);
-                times(d_normal, dqkv, 3 * d, &panels.qkv, d);
+                products.pack(d_qkv, dqkv, rows, 3 * d);
+                products.times(d_normal, dqkv, 3 * d, &panels.qkv, d);
                 layer_norm::again(normal, x, stats, weights.norm1.weight, weights.norm1.bias);
                 let normed = layer_norm::Saved { x, stats, weight: weights.norm1.weight };
                 layer_norm::backward(dx, dw_norm, db_norm, normed, d_normal);
@@ -193,13 +194,13 @@ impl Pass<'_> {
 
     /// What [`Pass::before_attention`] has left, in its order.
     fn gradients_before_attention(&self, gradients: &mut Gradients, back: &Back) {
-        let Pass { shape, piece, store, .. } = *self;
+        let Pass { shape, products, piece, store, .. } = *self;
         let mut sums = self.sums(back, self.width_before());
         sums.take(gradients.qkv.bias);
         sums.take(gradients.norm1.weight);
         sums.take(gradients.norm1.bias);
         let d_qkv = (&*back.d_qkv, piece);
-        weight_gradient(gradients.qkv.weight, &back.normal, shape.width, d_qkv, shape.rows(), store);
+        products.weight_gradient(gradients.qkv.weight, &back.normal, shape.width, d_qkv, shape.rows(), store);
     }
 
     /// A row of `width` partial sums a piece.
@@ -210,17 +211,17 @@ impl Pass<'_> {
 }
 
 impl PanelSet {
-    fn pack_transposed(&mut self, weights: &Weights, d: usize, m: usize) {
+    fn pack_transposed(&mut self, products: Products, weights: &Weights, d: usize, m: usize) {
         let (qkv, out) = (&mut self.qkv, &mut self.out);
         let (up, down) = (&mut self.up, &mut self.down);
         rayon::join(
             || {
-                pack_transposed_parallel(down, weights.down.weight, d, m);
-                pack_transposed_parallel(out, weights.out.weight, d, d);
+                products.pack_transposed_parallel(down, weights.down.weight, d, m);
+                products.pack_transposed_parallel(out, weights.out.weight, d, d);
             },
             || {
-                pack_transposed_parallel(up, weights.up.weight, m, d);
-                pack_transposed_parallel(qkv, weights.qkv.weight, 3 * d, d);
+                products.pack_transposed_parallel(up, weights.up.weight, m, d);
+                products.pack_transposed_parallel(qkv, weights.qkv.weight, 3 * d, d);
             },
         );
     }

@@ -1,7 +1,7 @@
 //! The forward pass of a block.
 
 use super::{PanelSet, Rules, Saved, Shape, Weights, Workspace, dropped};
-use crate::linear::{pack_parallel, times};
+use crate::linear::Products;
 use crate::op::{attention, bias, gelu, layer_norm, rope};
 use rayon::prelude::*;
 
@@ -17,19 +17,20 @@ pub fn forward(
     saved: &mut Saved,
     workspace: &mut Workspace,
 ) {
-    let Workspace { shape, piece, panels, scratch, attention: space, .. } = workspace;
+    let Workspace { shape, products, piece, panels, scratch, attention: space, .. } = workspace;
+    let products = *products;
     let (shape, piece) = (*shape, *piece);
     let Shape { width: d, hidden: m, heads: h, .. } = shape;
     let dropout = rules.dropout;
     shape.check([out, x], weights, saved);
-    panels.pack(weights, d, m);
+    panels.pack(products, weights, d, m);
     let parts =
         (saved.qkv.par_chunks_mut(piece * 3 * d), saved.stats1.par_chunks_mut(piece * 2), x.par_chunks(piece * d));
     parts.into_par_iter().enumerate().for_each(|(i, (qkv, stats, x))| {
         scratch.with(|scratch| {
             let normal = &mut scratch[..x.len()];
             layer_norm::forward(normal, stats, x, weights.norm1.weight, weights.norm1.bias);
-            times(qkv, normal, d, &panels.qkv, 3 * d);
+            products.times(qkv, normal, d, &panels.qkv, 3 * d);
             bias::add(qkv, weights.qkv.bias);
             if let Some(by) = rules.rope {
                 rope::turn(qkv, h, i * piece, by, false);
@@ -52,15 +53,15 @@ pub fn forward(
             let (added, hidden) = rest.split_at_mut(x.len());
             let hidden = &mut hidden[..up.len()];
             attention::gather(shape.attention(), 1, heads, first..first + x.len() / d, normal);
-            times(added, normal, d, &panels.out, d);
+            products.times(added, normal, d, &panels.out, d);
             middle.copy_from_slice(x);
             dropped(shape, first, x.len() / d, dropout.map(|p| (p.share, p.out)), &mut |rows, mask| {
                 bias::residual(&mut middle[rows.clone()], &added[rows], weights.out.bias, mask);
             });
             layer_norm::forward(normal, stats, middle, weights.norm2.weight, weights.norm2.bias);
-            times(up, normal, d, &panels.up, m);
+            products.times(up, normal, d, &panels.up, m);
             gelu::forward_biased(hidden, up, weights.up.bias);
-            times(added, hidden, m, &panels.down, d);
+            products.times(added, hidden, m, &panels.down, d);
             out.copy_from_slice(middle);
             dropped(shape, first, x.len() / d, dropout.map(|p| (p.share, p.mlp)), &mut |rows, mask| {
                 bias::residual(&mut out[rows.clone()], &added[rows], weights.down.bias, mask);
@@ -70,17 +71,17 @@ pub fn forward(
 }
 
 impl PanelSet {
-    fn pack(&mut self, weights: &Weights, d: usize, m: usize) {
+    fn pack(&mut self, products: Products, weights: &Weights, d: usize, m: usize) {
         let (qkv, out) = (&mut self.qkv, &mut self.out);
         let (up, down) = (&mut self.up, &mut self.down);
         rayon::join(
             || {
-                pack_parallel(qkv, weights.qkv.weight, d, 3 * d);
-                pack_parallel(out, weights.out.weight, d, d);
+                products.pack_parallel(qkv, weights.qkv.weight, d, 3 * d);
+                products.pack_parallel(out, weights.out.weight, d, d);
             },
             || {
-                pack_parallel(up, weights.up.weight, d, m);
-                pack_parallel(down, weights.down.weight, m, d);
+                products.pack_parallel(up, weights.up.weight, d, m);
+                products.pack_parallel(down, weights.down.weight, m, d);
             },
         );
     }

@@ -15,9 +15,9 @@ pub use backward::backward;
 pub use forward::forward;
 
 use crate::arena::Floats;
+use crate::linear::Products;
 use crate::op::attention;
 use crate::op::dropout::Mask;
-use crate::op::matmul::panels_len;
 use crate::op::rope::Rope;
 use crate::pieces::{self, PerThread};
 use std::ops::{Deref, Range};
@@ -213,6 +213,7 @@ impl Saved {
 /// Memory that blocks of one shape share; the backward part is there if it was asked for.
 pub struct Workspace {
     shape: Shape,
+    products: Products,
     piece: usize,
     panels: PanelSet,
     scratch: PerThread<Floats>,
@@ -246,27 +247,29 @@ struct Back {
 
 impl Workspace {
     /// Memory for batches of `shape`; `backward`: for training too.
-    pub fn new(shape: Shape, backward: bool) -> Workspace {
+    pub fn new(shape: Shape, products: Products, backward: bool) -> Workspace {
         let Shape { width: d, hidden: m, .. } = shape;
         let piece = pieces::rows(shape.rows());
-        let both = |k: usize, n: usize| Floats::new(panels_len(k, n).max(if backward { panels_len(n, k) } else { 0 }));
+        let len = |k, n| products.panels_len(k, n);
+        let both = |k, n| Floats::new(len(k, n).max(if backward { len(n, k) } else { 0 }));
         let panels = PanelSet { qkv: both(d, 3 * d), out: both(d, d), up: both(d, m), down: both(m, d) };
         Workspace {
             shape,
+            products,
             piece,
             panels,
             scratch: PerThread::new(|| Floats::new(piece * (2 * d + m.max(3 * d)))),
             attention: attention::Workspace::new(shape.attention()),
-            back: backward.then(|| Back::new(shape, piece)),
+            back: backward.then(|| Back::new(shape, products, piece)),
         }
     }
 }
 
 impl Back {
-    fn new(shape: Shape, piece: usize) -> Back {
+    fn new(shape: Shape, products: Products, piece: usize) -> Back {
         let (n, d, m) = (shape.rows(), shape.width, shape.hidden);
         let pieces = n.div_ceil(piece);
-        let blocks = |width: usize| Floats::new(pieces * panels_len(piece, width));
+        let blocks = |width: usize| Floats::new(pieces * products.panels_len(piece, width));
         Back {
             d_down: blocks(d),
             d_up: blocks(m),

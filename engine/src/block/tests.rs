@@ -3,6 +3,7 @@
 use super::*;
 use crate::bins::Bins;
 use crate::head;
+use crate::linear::Products;
 use crate::op::attention::Mask;
 use crate::op::check::numbers;
 use crate::op::cross_entropy::Asked;
@@ -127,8 +128,8 @@ fn check(shape: Shape, mask: Mask, words: &[u32]) {
     let ask = |&target: &u32| Asked { target, first: 0, count: VOCABULARY as u32, bins: Bins::NONE };
     let asked: Vec<Asked> = targets.iter().map(ask).collect();
 
-    let (mut saved, mut space) = (Saved::new(shape), Workspace::new(shape, true));
-    let mut head_space = head::Workspace::new(n, shape.width, VOCABULARY, true);
+    let (mut saved, mut space) = (Saved::new(shape), Workspace::new(shape, Products::F32, true));
+    let mut head_space = head::Workspace::new(n, shape.width, VOCABULARY, Products::F32, true);
     let mut out = vec![f32::NAN; x.len()];
     forward(&mut out, &x, &weights.each_ref(), rules, &mut saved, &mut space);
     let mut gradients = map(&weights, |t| Floats::of(&vec![f32::NAN; t.len()]));
@@ -184,7 +185,7 @@ fn every_gradient_is_what_differences_say() {
 fn gradients_of_two_batches_add_up() {
     let shape = Shape { batch: 1, tokens: 5, width: 8, heads: 2, hidden: 16 };
     let weights = map(&tensors(shape), |t| Floats::of(t));
-    let (mut saved, mut space) = (Saved::new(shape), Workspace::new(shape, true));
+    let (mut saved, mut space) = (Saved::new(shape), Workspace::new(shape, Products::F32, true));
     let x = numbers(20, 40, 1.0);
     let mut out = vec![0.0; 40];
     forward(&mut out, &x, &weights.each_ref(), CAUSAL, &mut saved, &mut space);
@@ -206,7 +207,7 @@ fn rows_that_are_not_there_are_told_and_not_skipped() {
     let shape = Shape { batch: 1, tokens: 130, width: 4, heads: 2, hidden: 8 };
     let weights = map(&tensors(shape), |t| Floats::of(t));
     let forward = |rows: usize, saved: Shape| {
-        let (mut saved, mut space) = (Saved::new(saved), Workspace::new(shape, false));
+        let (mut saved, mut space) = (Saved::new(saved), Workspace::new(shape, Products::F32, false));
         let (mut out, x) = (vec![0.0; shape.rows() * shape.width], vec![0.0; rows * shape.width]);
         let pass = || forward(&mut out, &x, &weights.each_ref(), CAUSAL, &mut saved, &mut space);
         std::panic::catch_unwind(std::panic::AssertUnwindSafe(pass)).is_ok()

@@ -8,7 +8,7 @@ use kinelm::model::{DeviceName, layout};
 use kinelm::random;
 use kinelm::train::batches::Batch;
 use kinelm::train::learner::clip_share;
-use kinelm::train::{Learner, learner};
+use kinelm::train::{Learner, Precision, learner};
 use rand_chacha::rand_core::RngCore;
 use serde_json::json;
 
@@ -24,6 +24,9 @@ pub struct Args {
     /// B: windows of a step; 8 for tiny, 2 for small, 1 for others if not given
     #[arg(long, value_name = "B", value_parser = clap::value_parser!(u16).range(1..))]
     batch: Option<u16>,
+    /// In which numbers products are computed: f32, bf16 or auto
+    #[arg(long, value_name = "f32|bf16|auto", default_value = "f32")]
+    precision: Precision,
     #[command(flatten)]
     compute: ComputeArgs,
     #[command(flatten)]
@@ -39,7 +42,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let parameters: usize = weights.values().map(|w| w.elem_count()).sum();
     let (tokens, length) = (batch.inputs.len(), batch.length());
     say.line(format_args!("{parameters} parameters, {} x {length} tokens a step", batch.clips.len()));
-    let mut learner = learner(&bench.file.model, &bench.tokens, &bench.file.train, weights, compute)?;
+    let chosen = args.precision.choose(None, compute)?;
+    chosen.notes.iter().for_each(|note| say.line(note));
+    let mut learner =
+        learner(&bench.file.model, &bench.tokens, &bench.file.train, weights, (compute, chosen.products))?;
     let mut losses = Vec::new();
     let timed = seconds(WARM_UP, args.how.repeats.unwrap_or(10), || {
         losses.push(step(&mut *learner, &batch, losses.len() as u64)?);
@@ -58,6 +64,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     });
     if compute.device == DeviceName::Cpu {
         let most = peak::gflops();
+        more["products"] = json!(chosen.products.name());
         more["kernels"] = json!(kinelm_engine::dispatch::name());
         more["peak_gflops"] = rounded(most, 1);
         more["share_of_peak"] = rounded(gflops / most, 3);

@@ -7,6 +7,7 @@ use kinelm_engine::arena::Floats;
 use kinelm_engine::bins::Bins;
 use kinelm_engine::block::Norm;
 use kinelm_engine::head::{self, Exam, Workspace};
+use kinelm_engine::linear::Products;
 use kinelm_engine::op::cross_entropy::Asked;
 use kinelm_engine::op::matmul::Store;
 
@@ -104,7 +105,7 @@ impl Fast {
             let asked: Vec<Asked> = same.iter().map(ask).collect();
             let x: Vec<f32> = same.iter().flat_map(|r| &last[r.row * d..][..d]).copied().collect();
             let mut of_x = vec![0.0; x.len()];
-            let mut space = Workspace::new(same.len(), d, count, true);
+            let mut space = Workspace::new(same.len(), d, count, Products::F32, true);
             let Ok([bias, weight]) = gradients.get_disjoint_mut([bias, weight]) else {
                 panic!("{} gradients for a model of {}", gradients.len(), self.parameters.len());
             };

@@ -9,6 +9,7 @@ use crate::model::questions::{Groups, Questions, STEPS};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::Norm;
 use kinelm_engine::head::{self, Exam, Workspace};
+use kinelm_engine::linear::Products;
 use kinelm_engine::op::cross_entropy;
 use kinelm_engine::op::embedding::{self, Lookup, NONE};
 use kinelm_engine::op::matmul::Store;
@@ -37,13 +38,20 @@ pub(super) struct Heads {
 }
 
 impl Heads {
-    pub fn new(config: &ModelConfig, tokens: &TokenLayout, rows: usize, length: usize, learn: bool) -> Heads {
+    pub fn new(
+        config: &ModelConfig,
+        tokens: &TokenLayout,
+        rows: usize,
+        length: usize,
+        products: Products,
+        learn: bool,
+    ) -> Heads {
         let questions = Questions::of(config, tokens);
         let most = questions.most_rows(length).map(|most| most * (rows / length));
         let counts = questions.steps().map(|past| past.counts()).unwrap_or_default();
         let [ids, circular, clamped] = [tokens.vocabulary, counts.circular, counts.steps()];
         let space = |group: usize, columns| {
-            (most[group] > 0).then(|| Workspace::new(most[group], config.width, columns, learn))
+            (most[group] > 0).then(|| Workspace::new(most[group], config.width, columns, products, learn))
         };
         let room = |n: usize| Floats::new(n * config.width);
         let mut groups = Groups::default();

@@ -21,6 +21,7 @@ use candle_core::{Device, Tensor};
 use keys::Keys;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block;
+use kinelm_engine::linear::Products;
 use kinelm_engine::op::attention::Mask;
 use kinelm_engine::op::smoothing::Smoothing;
 use pass::Pass;
@@ -53,6 +54,8 @@ pub struct Fast {
     scoring: Option<Pass>,
     keys: Option<Keys>,
     smoothing: Option<Smoothing>,
+    /// How the products of training are computed; those of scoring are f32.
+    products: Products,
 }
 
 impl Fast {
@@ -83,6 +86,7 @@ impl Fast {
             scoring: None,
             keys: None,
             smoothing: None,
+            products: Products::F32,
         })
     }
 
@@ -100,6 +104,11 @@ impl Fast {
     /// If the width is no positive number.
     pub fn smooth_targets(&mut self, width: Option<f64>) {
         self.smoothing = width.map(Smoothing::new);
+    }
+
+    /// How the products of the passes with gradients are computed from now on; likelihoods stay f32.
+    pub fn multiply_by(&mut self, products: Products) {
+        self.products = products;
     }
 
     /// Its tensors by name, copied.
@@ -144,8 +153,9 @@ impl Fast {
     ) -> Result<f64> {
         self.check(windows)?;
         let Windows { inputs, targets, length, .. } = windows;
-        let pass = self.training.take().filter(|p| p.fits(inputs.len(), length));
-        let mut pass = pass.unwrap_or_else(|| Pass::new(&self.config, &self.tokens, inputs.len(), length, true));
+        let pass = self.training.take().filter(|p| p.fits(inputs.len(), length, self.products));
+        let mut pass =
+            pass.unwrap_or_else(|| Pass::new(&self.config, &self.tokens, inputs.len(), length, self.products, true));
         pass.ask(windows)?;
         let counted = targets.iter().filter(|&&t| t != self.tokens.pad).count();
         let batch = inputs.len() / length;
@@ -179,8 +189,8 @@ impl Fast {
     fn scored(&mut self, windows: Windows) -> Result<Pass> {
         self.check(windows)?;
         let (rows, length) = (windows.inputs.len(), windows.length);
-        let pass = self.scoring.take().filter(|p| p.fits(rows, length));
-        Ok(pass.unwrap_or_else(|| Pass::new(&self.config, &self.tokens, rows, length, false)))
+        let pass = self.scoring.take().filter(|p| p.fits(rows, length, Products::F32));
+        Ok(pass.unwrap_or_else(|| Pass::new(&self.config, &self.tokens, rows, length, Products::F32, false)))
     }
 
     fn check(&self, Windows { inputs, targets, length, .. }: Windows) -> Result<()> {

@@ -9,6 +9,7 @@ use crate::Result;
 use crate::model::config::{ModelConfig, TokenLayout};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::{self, Rules, Saved, Shape};
+use kinelm_engine::linear::Products;
 use kinelm_engine::op::embedding::{self, Lookup};
 use kinelm_engine::op::matmul::Store;
 use rayon::prelude::*;
@@ -19,6 +20,7 @@ const EMBEDDED: usize = 64;
 /// The buffers of one shape.
 pub(super) struct Pass {
     shape: Shape,
+    products: Products,
     inputs: Inputs,
     /// (N, D) each: what goes into every block, and what comes out of the last; two that take turns if nothing is
     /// learned.
@@ -31,23 +33,31 @@ pub(super) struct Pass {
 }
 
 impl Pass {
-    pub fn new(config: &ModelConfig, tokens: &TokenLayout, rows: usize, length: usize, learn: bool) -> Pass {
+    pub fn new(
+        config: &ModelConfig,
+        tokens: &TokenLayout,
+        rows: usize,
+        length: usize,
+        products: Products,
+        learn: bool,
+    ) -> Pass {
         let (d, layers) = (config.width, config.layers);
         let shape = Shape { batch: rows / length, tokens: length, width: d, heads: config.heads, hidden: 4 * d };
         let (streams, saved) = if learn { (layers + 1, layers) } else { (2, 1) };
         Pass {
             shape,
+            products,
             inputs: Inputs::new(config, tokens, rows, length),
             stream: (0..streams).map(|_| Floats::new(rows * d)).collect(),
             saved: (0..saved).map(|_| Saved::new(shape)).collect(),
-            block: block::Workspace::new(shape, learn),
-            heads: Heads::new(config, tokens, rows, length, learn),
+            block: block::Workspace::new(shape, products, learn),
+            heads: Heads::new(config, tokens, rows, length, products, learn),
             dx: Floats::new(if learn { rows * d } else { 0 }),
         }
     }
 
-    pub fn fits(&self, rows: usize, length: usize) -> bool {
-        (self.shape.rows(), self.shape.tokens) == (rows, length)
+    pub fn fits(&self, rows: usize, length: usize, products: Products) -> bool {
+        (self.shape.rows(), self.shape.tokens, self.products) == (rows, length, products)
     }
 
     /// Takes the rows whose target counts.

@@ -10,6 +10,7 @@ use super::batches::Batches;
 use super::config::TrainFile;
 use super::data::{CorpusPart, Data};
 use super::folder::RunFolder;
+use super::precision::Precision;
 use super::progress::Progress;
 use super::room;
 use super::run::RunFile;
@@ -41,6 +42,8 @@ pub struct PretrainOptions {
     pub from: Option<PathBuf>,
     /// Go on with the run where its last whole checkpoint stands.
     pub resume: bool,
+    /// In which numbers products are computed, over the file's (or the run's).
+    pub precision: Option<Precision>,
     /// Where and how to compute. A run can go on elsewhere than where it was begun.
     pub compute: Compute,
 }
@@ -114,6 +117,8 @@ fn asked(options: &PretrainOptions, progress: &mut dyn Progress) -> Result<(RunF
     let mut train = file.train.clone();
     train.steps = options.steps.unwrap_or(train.steps);
     train.seed = options.seed.unwrap_or(train.seed);
+    train.precision = options.precision.unwrap_or(train.precision);
+    train.precision.choose(None, options.compute)?;
     let mut run = RunFile { augment: file.augment, ..RunFile::new(&file.model, &train, &data)? };
     let weights = source.map(|source| source.weights(&mut run)).transpose()?;
     Ok((run, data, weights))
@@ -130,6 +135,7 @@ fn found(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)> 
     if let Some(given) = &options.file {
         let mut train = given.train.clone();
         (train.steps, train.seed) = (file.train.steps, options.seed.unwrap_or(train.seed));
+        train.precision = options.precision.map_or(train.precision, |_| file.train.precision);
         let (asked, own) = (given.model.resolved(&file.tokens), file.model.resolved(&file.tokens));
         if asked != own || train != file.train || given.augment != file.augment {
             let what = "was begun with another configuration; leave --config out to go on with the run's own";
@@ -145,6 +151,11 @@ fn found(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)> 
             return Err(Error::Call(what));
         }
         file.train.steps = steps;
+        file.write(run.path())?;
+    }
+    if let Some(precision) = options.precision.filter(|p| *p != file.train.precision) {
+        precision.choose(None, options.compute)?;
+        file.train.precision = precision;
         file.write(run.path())?;
     }
     Ok((file, data))

@@ -90,7 +90,12 @@ pub fn load(
     checkpoints: &Checkpoints,
     progress: &mut dyn Progress,
 ) -> Result<(Box<dyn Learner>, State)> {
-    let learner = |weights| learner(&file.model, &file.tokens, &file.train, weights, compute);
+    let learner = |ran: Option<&str>, weights, progress: &mut dyn Progress| -> Result<_> {
+        let chosen = file.train.precision.choose(ran, compute)?;
+        chosen.notes.iter().for_each(|note| progress.note(note));
+        let recorded = file.train.precision.recorded(chosen.products);
+        Ok((learner(&file.model, &file.tokens, &file.train, weights, (compute, chosen.products))?, recorded))
+    };
     if checkpoints.steps()?.is_empty() {
         if let Some(step) = checkpoints.named("latest") {
             let found = format!("no checkpoint, though `latest` names that of step {step}");
@@ -99,25 +104,29 @@ pub fn load(
         }
         progress.note("no checkpoint yet: beginning at the first step");
         let weights = layout::initial(&file.model, &file.tokens, file.train.seed)?;
-        let mut learner = learner(weights.clone())?;
+        let (mut learner, products) = learner(None, weights.clone(), progress)?;
         if file.train.ema > 0.0 {
             // a run that ends before its first update is its weights
             learner.restore_averages(weights)?;
         }
-        return Ok((learner, before(file)));
+        return Ok((learner, State { products, ..before(file) }));
     }
     let averages = file.train.ema > 0.0;
     let wanted = [WEIGHTS, OPTIMIZER, AVERAGED];
     let wanted = if averages { &wanted[..] } else { &wanted[..2] };
     let found = checkpoints.find(Which::Latest, wanted, &[], &mut |n| progress.note(&n))?;
     let tensors = |name: &str| weights::from_bytes(&found.dir.join(name), &found.files[name]);
-    let mut learner = learner(tensors(WEIGHTS)?)?;
+    // before its first step nothing ran, whatever the run began with
+    let ran = found.state.products.as_deref().filter(|_| found.state.step > 0);
+    let ran = ran.or((found.state.step > 0 && found.state.products.is_none()).then_some("f32"));
+    let (mut learner, products) = learner(ran, tensors(WEIGHTS)?, progress)?;
     learner.restore(tensors(OPTIMIZER)?, found.state.step)?;
     if averages {
         learner.restore_averages(tensors(AVERAGED)?)?;
     }
     let mut state = found.state;
     state.files.clear();
+    state.products = products;
     if state.step > 0 {
         progress.note(&format!("going on after step {}", state.step));
     }

@@ -5,7 +5,8 @@ use crate::model::checkpoint::Which;
 use crate::model::run::{AVERAGED, WEIGHTS, load_run};
 use crate::model::{Form, ModelConfig, layout, weights};
 use crate::train::metrics::StepFigures;
-use crate::train::{Schedule, Silent, TrainConfig, fixture};
+use crate::train::{Precision, Schedule, Silent, TrainConfig, fixture};
+use kinelm_engine::linear::Products;
 use kinelm_tokenizer::Tokenizer;
 use std::fs;
 use std::path::Path;
@@ -84,6 +85,38 @@ fn resumed(file: TrainFile, files: &[&str]) {
         text.lines().map(loss).collect::<Vec<_>>()
     };
     assert_eq!(losses("straight"), losses("halves"));
+}
+
+#[test]
+fn a_run_in_bf16_goes_on_bit_for_bit_and_says_what_computed_it() {
+    let mut asked = file();
+    asked.train.precision = Precision::Bf16;
+    resumed(asked.clone(), &[WEIGHTS, OPTIMIZER, "state.json"]);
+
+    let dir = tempfile::tempdir().unwrap();
+    fixture::corpus(dir.path(), &CLIPS);
+    let f32s = go(&options(dir.path(), "f32", Some(file()))).unwrap();
+    let stop = AtomicBool::new(false);
+    let mut halves = options(dir.path(), "bf16", Some(asked));
+    let first = pretrain(&halves, &stop, &mut StopAt(5, &stop, Vec::new())).unwrap();
+    let products = |s: &Summary| load_run(&s.run, Which::Latest).unwrap().state.products;
+    let name = Products::bf16().name();
+    assert_eq!((products(&first).as_deref(), products(&f32s)), (Some(name), None));
+
+    // another precision is asked for by name, and the break is said
+    (halves.resume, halves.file, halves.precision) = (true, None, Some(Precision::F32));
+    let mut told = StopAt(100, &stop, Vec::new());
+    let second = pretrain(&halves, &AtomicBool::new(false), &mut told).unwrap();
+    let said = told.2.join("\n");
+    assert!(said.contains(&format!("computed by {name} so far, now by f32")), "{said}");
+    assert_eq!((products(&second), RunFile::read(&second.run).unwrap().train.precision), (None, Precision::F32));
+    let (found, plain) = (second.loss.unwrap(), f32s.loss.unwrap());
+    assert!(found != plain && (found - plain).abs() < 0.02 * plain, "{found} nats a token, {plain} in f32 throughout");
+
+    let mut plain = options(dir.path(), "plain", Some(file()));
+    (plain.precision, plain.compute.form) = (Some(Precision::Bf16), Form::Plain);
+    let message = go(&plain).unwrap_err().to_string();
+    assert!(message.contains("this form computes in f32") && !dir.path().join("plain").exists(), "{message}");
 }
 
 #[test]

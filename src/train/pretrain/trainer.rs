@@ -227,6 +227,7 @@ mod tests {
     use crate::train::learner::learner;
     use crate::train::{Silent, TrainConfig, fixture};
     use candle_core::{Device, Tensor};
+    use kinelm_engine::linear::Products;
 
     /// The error of a run whose numbers are poisoned after `steps` steps, and the run.
     fn poisoned(
@@ -266,6 +267,7 @@ mod tests {
             weights.insert(name.into(), Tensor::full(value, shape.as_slice(), &Device::Cpu).unwrap());
         }
         let file = &trainer.file;
+        let compute = (compute, Products::F32);
         trainer.learner = learner(&file.model, &file.tokens, &file.train, weights, compute).unwrap();
     }
 

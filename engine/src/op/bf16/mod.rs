@@ -7,11 +7,16 @@ mod tiles;
 
 use super::matmul::{Left, Store};
 use crate::arena::Floats;
+use crate::dispatch;
 use pack::{How, Pack, pairs};
+use pulp::{Simd, WithSimd};
 use std::cell::RefCell;
 use tiles::{Right, SIDE, SQUARE};
 
 pub use pack::round;
+
+/// Columns of a panel.
+pub const PANEL: usize = SQUARE;
 
 /// Pairs of k that are worked through before the sums go back to memory.
 const DEPTH: usize = 256;
@@ -23,6 +28,21 @@ const LDA: usize = DEPTH + SIDE;
 thread_local! {
     /// Rows of a left factor as words.
     static LEFT: RefCell<Floats> = RefCell::new(Floats::new(ROWS * LDA));
+}
+
+/// Rounds numbers where they stand.
+pub fn round_all(numbers: &mut [f32]) {
+    struct Round<'a>(&'a mut [f32]);
+    impl WithSimd for Round<'_> {
+        type Output = ();
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) {
+            for x in self.0 {
+                *x = f32::from_bits(round(*x) << 16);
+            }
+        }
+    }
+    dispatch::run(Round(numbers));
 }
 
 /// Whether there are tiles to use.
@@ -129,7 +149,15 @@ impl Part {
         }
     }
 
-    fn multiply(&self, c: &mut [f32], ldc: usize, (rows, n): (usize, usize), left: &[u32], words: &[u32], store: Store) {
+    fn multiply(
+        &self,
+        c: &mut [f32],
+        ldc: usize,
+        (rows, n): (usize, usize),
+        left: &[u32],
+        words: &[u32],
+        store: Store,
+    ) {
         let steps = pairs(self.high) / SIDE;
         for (panel, column) in (0..n).step_by(SQUARE).enumerate() {
             let words = &words[self.begin + panel * self.panel..];

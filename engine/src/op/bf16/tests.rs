@@ -3,6 +3,7 @@
 use super::*;
 use crate::op::check;
 use crate::scalar;
+use std::io::Write;
 
 fn numbers(n: usize, seed: u64) -> Vec<f32> {
     check::numbers(seed, n, 0.5)
@@ -49,7 +50,9 @@ fn check((m, k, n): (usize, usize, usize), columns: bool, block: usize) {
 #[test]
 fn every_shape_is_what_plain_loops_give() {
     if !has_tiles() {
-        return eprintln!("SKIPPED tiles: this machine has none");
+        // past the test runner's capture, as a line that .ci/run counts
+        let _ = writeln!(std::io::stderr(), "SKIPPED op::bf16: this machine has no tiles");
+        return;
     }
     for m in [1, 2, 15, 16, 17, 31, 32, 33, 64, 97, 161] {
         for (k, n) in [(1, 1), (3, 15), (5, 16), (8, 33), (31, 64), (32, 32), (33, 65), (300, 7), (1100, 90)] {
@@ -69,44 +72,5 @@ fn rounding_is_to_the_nearest_even() {
     }
     for bits in [0x7fff_ffff, 0xffff_ffff, 0x7f80_0001] {
         assert!(f32::from_bits(round(f32::from_bits(bits)) << 16).is_nan(), "{bits:x}");
-    }
-}
-
-#[test]
-#[ignore = "speed, for a quiet machine"]
-fn speed() {
-    for (m, k, n) in [(64, 512, 1536), (64, 512, 512), (64, 2048, 512), (64, 512, 2048), (64, 128, 384), (144, 2048, 512), (144, 2048, 2048)] {
-        let (a, b) = (numbers(m * k, 1), numbers(k * n, 2));
-        let mut panels = Floats::new(panels_len(k, n));
-        let mut c = Floats::new(m * n);
-        for (what, columns) in [("rows", false), ("columns", true)] {
-            let left = if columns { Left::Columns { a: &a, lda: m } } else { Left::Rows { a: &a, lda: k } };
-            let block = if columns { 64 } else { k };
-            for (i, first) in (0..k).step_by(block).enumerate() {
-                pack(&mut panels[i * panels_len(block, n)..], &b[first * n..], n, block, n);
-            }
-            let mut best = f64::INFINITY;
-            for _ in 0..200 {
-                let t = std::time::Instant::now();
-                product(&mut c, n, (m, k, n), left, (&panels, block), Store::Set);
-                best = best.min(t.elapsed().as_secs_f64());
-            }
-            let part = Part::at(0, k, block, n);
-            let mut round = f64::INFINITY;
-            LEFT.with_borrow_mut(|l| for _ in 0..200 {
-                let t = std::time::Instant::now();
-                part.round_left(bytemuck::cast_slice_mut(l), left, 0, m, 0);
-                round = round.min(t.elapsed().as_secs_f64());
-            });
-            let depth = part.blocks * part.high;
-            eprintln!("({m}, {k}, {n}) {what}: {:.0} GFLOP/s; rounding {:.2} ns a number", (2 * m * k * n) as f64 / best / 1e9, round * 1e9 / (m * depth) as f64);
-        }
-        let t = std::time::Instant::now();
-        for _ in 0..20 { pack(&mut panels, &b, n, k, n); }
-        let p = t.elapsed().as_secs_f64() / 20.0;
-        let t = std::time::Instant::now();
-        for _ in 0..20 { pack_transposed(&mut panels, &b, k, k, n); }
-        let q = t.elapsed().as_secs_f64() / 20.0;
-        eprintln!("packing {:.2} transposed {:.2} ns a number", p * 1e9 / (k * n) as f64, q * 1e9 / (k * n) as f64);
     }
 }

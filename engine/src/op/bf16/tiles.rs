@@ -15,7 +15,7 @@ pub(super) const SQUARE: usize = 2 * SIDE;
 /// Whether this processor multiplies bf16 tiles and the system lets this process use them. Asked once.
 pub(super) fn are_there() -> bool {
     static THERE: OnceLock<bool> = OnceLock::new();
-    *THERE.get_or_init(|| amx::is_on_the_cpu() && amx::is_permitted())
+    *THERE.get_or_init(|| crate::dispatch::may_use_tiles() && amx::is_on_the_cpu() && amx::is_permitted())
 }
 
 /// Right factors: `blocks` blocks of panels, each with the same `steps` for the panel that is meant.

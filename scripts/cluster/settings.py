@@ -13,6 +13,7 @@ TRAIN = {  # the defaults of [train]
     "final_share": 0.1, "betas": [0.9, 0.95], "epsilon": 1e-8, "weight_decay": 0.1, "clip_norm": 1.0, "seed": 1,
     "eval_every": 250, "eval_windows": 128, "checkpoint_every": 250, "keep": 2, "patience": 0, "ema": 0.0,
     "conditions": [], "label_dropout": 0.1, "loss": "cross_entropy", "ordinal_width": 0.75, "sample_every": 0,
+    "precision": "f32",
 }
 
 

@@ -8,6 +8,7 @@ use kinelm_engine::bins::Bins;
 use kinelm_engine::block::{self, Linear, Norm, Rules, Saved, Shape, Tensors};
 use kinelm_engine::decode::{BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Sizes, WeightKind};
 use kinelm_engine::head::{self, Exam};
+use kinelm_engine::linear::Products;
 use kinelm_engine::op::adamw::{self, Step};
 use kinelm_engine::op::attention::Mask;
 use kinelm_engine::op::cross_entropy::Asked;
@@ -132,8 +133,8 @@ impl Trainer {
             moments: [Floats::new(all), Floats::new(all)],
             stream: (0..=LAYERS).map(|_| Floats::new(n * WIDTH)).collect(),
             saved: (0..LAYERS).map(|_| Saved::new(SHAPE)).collect(),
-            block: block::Workspace::new(SHAPE, true),
-            head: head::Workspace::new(n, WIDTH, vocabulary, true),
+            block: block::Workspace::new(SHAPE, Products::F32, true),
+            head: head::Workspace::new(n, WIDTH, vocabulary, Products::F32, true),
             dx: Floats::new(n * WIDTH),
         }
     }

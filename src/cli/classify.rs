@@ -184,7 +184,7 @@ fn measured(args: &EvalArgs, say: Say) -> Result<()> {
     let corpus = Corpus::open(&args.corpus)?;
     let run = args.run.as_deref().map(exchange::load).transpose()?;
     run.iter().flat_map(|r| &r.notes).for_each(|note| say.line(note));
-    super::progress::stage("clips named");
+    super::progress::stage("naming clips");
     let found = compare(&mut classifier, &corpus, args.split, run.as_ref(), args.baselines)?;
     if let Some(out) = &args.plot {
         plot::draw_as(out, &report::charts(&found, &classifier.about.fields))?;

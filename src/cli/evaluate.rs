@@ -62,7 +62,7 @@ fn baselines(args: BaselinesArgs) -> Result<()> {
                     corpus.display()
                 );
             }
-            super::progress::stage("static models fitted and measured");
+            super::progress::stage("fitting and measuring static models");
             Floors::of_corpus(&opened, split)?
         }
         (_, Some(tokens)) => Floors::Channels(Box::new(measure(&CodeSplits::load_npz(tokens, args.bins as usize)?)?)),

@@ -113,7 +113,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let config = args.settings.config()?;
     let gathered = args.data.gather(say)?;
     let options = args.data.build_options(args.read.options(RestFrame::Drop));
-    let (tokenizer, summary) = corpus::build::fit(&gathered, config, &options, &mut *super::progress::watch(say))?;
+    let (tokenizer, summary) =
+        corpus::build::fit(&gathered, config, &options, &mut *super::progress::watch(say, "fitting the tokenizer"))?;
     tokenizer.save(&args.out)?;
     for line in summary.lines() {
         say.line(line);

@@ -97,7 +97,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let motions = [format::read(&args.a, &options)?, format::read(&args.b, &options)?];
     motions.iter().for_each(|motion| super::warn(motion, say));
     let [a, b] = motions;
-    super::progress::stage("dances blended");
+    super::progress::stage("blending the dances");
     let done = blend(&a, &b, &args.settings())?;
     done.said.iter().for_each(|line| say.line(line));
     let between = Motion { path: args.out.clone(), clip: done.clips[2].clone(), ..a };

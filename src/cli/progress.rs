@@ -158,8 +158,8 @@ impl Drop for Bar {
     }
 }
 
-/// A bar over files; bad ones are named as they turn up.
-pub fn watch(say: Say) -> Box<Watch<'static>> {
+/// A bar over files, behind which comes a stage; bad ones are named as they turn up.
+pub fn watch(say: Say, then: &'static str) -> Box<Watch<'static>> {
     let mut shown: Option<Bar> = None;
     Box::new(move |event| {
         match event {
@@ -167,6 +167,7 @@ pub fn watch(say: Say) -> Box<Watch<'static>> {
                 shown.get_or_insert_with(|| bar(of as u64, "files", say)).set_position(done as u64);
                 if done == of {
                     shown = None;
+                    stage(then);
                 }
             }
             Event::Failed { item, error } => {

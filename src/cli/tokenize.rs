@@ -36,7 +36,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         force: args.force,
         ..args.data.build_options(args.read.options(RestFrame::Drop))
     };
-    let (manifest, summary) = tokenize(&gathered, &tokenizer, &args.out, &options, &mut *super::progress::watch(say))?;
+    let (manifest, summary) =
+        tokenize(&gathered, &tokenizer, &args.out, &options, &mut *super::progress::watch(say, "writing the corpus"))?;
     for line in summary.lines() {
         say.line(line);
     }

@@ -113,7 +113,7 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, say: Say) -> Result<Me
     };
     let (found, places) =
         found.ok_or_else(|| anyhow::anyhow!("{}: no {} clip has a frame", args.corpus.display(), args.split))?;
-    progress::stage("static models fitted and measured");
+    progress::stage("fitting and measuring static models");
     Ok(Measured {
         checkpoint: run.checkpoint.display().to_string(),
         split: args.split,

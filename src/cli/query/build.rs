@@ -65,7 +65,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     let gathered = args.data.gather(say)?;
     let options = args.data.build_options(args.read.options(RestFrame::Drop));
-    let built = build(&gathered, &asked, &options, &args.out, &mut *progress::watch(say))?;
+    let built = build(&gathered, &asked, &options, &args.out, &mut *progress::watch(say, "building the index"))?;
     for line in built.lines() {
         say.line(line);
     }

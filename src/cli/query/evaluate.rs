@@ -86,7 +86,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         k: args.k.into(),
     };
     let gathered = args.data.gather(say)?;
-    let report = evaluate(&gathered, &options, &mut *progress::watch(say))?;
+    let report = evaluate(&gathered, &options, &mut *progress::watch(say, "measuring neighbours"))?;
     for line in report.summary.lines() {
         say.line(line);
     }

@@ -318,6 +318,51 @@ fn the_place_travels_in_the_recipe_and_old_recipes_mean_what_they_meant() {
     assert!(begins.x.hypot(begins.z) < 0.003, "{begins}");
 }
 
+/// The figures of a page.
+fn figures(page: &Path) -> Vec<serde_json::Value> {
+    let text = fs::read_to_string(page).unwrap();
+    let (_, behind) = text.split_once("id=\"figures\"").unwrap();
+    let json = behind.split_once('>').unwrap().1.split("</script>").next().unwrap();
+    serde_json::from_str(json).unwrap()
+}
+
+#[test]
+fn a_dance_beside_its_prompt_plays_at_its_own_rate_and_stands_with_it() {
+    let way = way();
+    // a prompt that states a rate three times too slow, with ten frames to be left out
+    let prompt = format::read(&way.at("0.bvh"), &ReadOptions::default()).unwrap();
+    save(&way.at("slow.bvh"), &prompt.clip.with_fps(20.0).unwrap());
+    let mut c = way.generate("13", "slow.bvh", Some("root"), "seen.bvh");
+    c.args(["--rig", "prompt", "--fps-source", "60", "--skip", "10"]).assert().success();
+    fs::copy(way.at("slow.bvh"), way.at("elsewhere.bvh")).unwrap();
+    let page = way.at("page.html");
+    let view = |files: &[&str], more: &[&str]| {
+        let mut c = kinelm();
+        c.arg("view").args(files.iter().map(|f| way.at(f))).args(more).arg("--out").arg(&page);
+        let said = String::from_utf8_lossy(&c.assert().success().get_output().stderr).into_owned();
+        (figures(&page), said)
+    };
+    let of = |f: &serde_json::Value| (f["fps"].as_f64().unwrap().round(), f["frames"].as_u64().unwrap());
+    let frames = read(&way.at("seen.bvh"), &ReadOptions::default())[1].frames() as u64;
+    for more in [&[][..], &["--fps-source", "30", "--skip", "4"]] {
+        let (found, said) = view(&["seen.bvh", "elsewhere.bvh"], more);
+        assert_eq!((of(&found[0]), of(&found[1])), ((20.0, frames), (60.0, 170)), "{more:?}");
+        assert!(said.contains("elsewhere.bvh: read as seen.bvh followed it"), "{said}");
+        assert_eq!((&found[0]["onto"], &found[0]["world"]), (&found[1]["onto"], &found[1]["world"]));
+    }
+    // options of a file win, and concern it alone
+    let (found, _) = view(&["seen.bvh", "elsewhere.bvh:fps=30,skip=0", "1.bvh:skip=5"], &[]);
+    assert_eq!((of(&found[0]), of(&found[1])), ((20.0, frames), (30.0, 180)));
+    assert_eq!((of(&found[2]), &found[2]["world"]), ((60.0, 175), &1.into()));
+    let (found, _) = view(&["0.bvh", "1.bvh"], &[]);
+    assert_ne!(found[0]["onto"], found[1]["onto"]);
+    let (found, _) = view(&["0.bvh", "1.bvh"], &["--together"]);
+    assert_eq!((&found[0]["onto"], &found[0]["world"]), (&found[1]["onto"], &found[1]["world"]));
+    let mut c = kinelm();
+    c.arg("view").arg(format!("{}:speed=2", way.at("0.bvh").display())).arg("--out").arg(way.at("no.html"));
+    c.assert().code(2).stderr(contains("one of fps, skip, up, unit"));
+}
+
 #[test]
 fn a_salsa_is_followed_where_it_stands() {
     let Some(dir) = kinelm_shared_data::set("cmu-dance", "a_salsa_is_followed_where_it_stands") else { return };

@@ -143,4 +143,9 @@ fn the_address_sets_the_page_up() {
     let dom = opened(&browser, &page, "t=2.5&pause&bare&dark&trails");
     assert!(dom.contains("<b id=\"now\">0:02.5</b>"), "{dom}");
     assert!(dom.contains("class=\"bare dark\"") && dom.contains("id=\"trails\" aria-pressed=\"true\""));
+    // figures of one world stand in it until they are parted
+    let pair = ["a", "b"].map(|name| Figure::new(name, &dance).in_world(Some(0)));
+    let page = written("view-world.html", &pair);
+    let onto = |fragment: &str| opened(&browser, &page, fragment).contains("id=\"overlay\" aria-pressed=\"true\"");
+    assert!(onto("pause") && !onto("pause&beside"));
 }

@@ -137,9 +137,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let motion = ready.motion(words, out)?;
         format::write(out, &motion)?;
         super::convert::told(out, &motion, say);
-        if let Some((prompt, recipe)) = ready.on_own_rig() {
-            say_share_changed(recipe, out, &ready.tokenizer, words, prompt, say)?;
-        }
+        say_read_back(&ready, words, out, say)?;
         Provenance::of(&ready, i + 1, out)?.save(out)?;
     }
     Ok(())
@@ -342,24 +340,12 @@ fn check_out(args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// Reads the written file back and says which share of the given characters it codes otherwise.
-fn say_share_changed(
-    recipe: &PromptRecipe,
-    out: &Path,
-    tokenizer: &Tokenizer,
-    words: &Words,
-    prompt: &Followed,
-    say: Say,
-) -> Result<()> {
-    if prompt.given.is_empty() {
-        return Ok(());
-    }
-    let options = format::ReadOptions {
-        map: recipe.read.map.clone(),
-        unit: recipe.read.unit,
-        bvh_position: recipe.read.bvh_position,
-        ..Default::default()
-    };
+/// Reads a dance on the prompt's rig back and says which share of the given characters it codes otherwise, and how far the
+/// given joints are from the prompt's.
+fn say_read_back(ready: &Ready, words: &Words, out: &Path, say: Say) -> Result<()> {
+    let followed = ready.on_own_rig().filter(|(prompt, _)| !prompt.given.is_empty());
+    let (Some((prompt, recipe)), tokenizer) = (followed, &ready.tokenizer) else { return Ok(()) };
+    let options = ready.recipe.read_back();
     let mut motion = format::read(out, &options)?;
     // of a dance at a higher rate the frames that were drawn; at others there are none of them
     match resample(&motion.clip, tokenizer.fps(), Method::Stride) {

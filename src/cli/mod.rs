@@ -30,6 +30,7 @@ mod study;
 mod tokenize;
 mod tokenizer;
 mod view;
+mod view_files;
 
 use anyhow::{Error, Result};
 use kinelm::model::{Compute, DeviceName, Form, Reading};

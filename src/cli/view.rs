@@ -1,17 +1,18 @@
 //! `kinelm view`.
 
 use super::many;
-use super::{Say, WrongCall, read::ReadArgs};
+use super::{Say, WrongCall, read::ReadArgs, view_files::shown};
 use anyhow::Result;
 use kinelm::view::{Figure, write_page};
-use kinelm_motion::format::{self, RestFrame};
+use kinelm_motion::format;
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::{Motion, Skeleton, retarget};
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, Clone, clap::Args)]
 pub struct Args {
-    /// Motion files, or folders of them, side by side
+    /// Motion files, or folders of them, side by side; behind a file may stand how it is read: FILE:fps=60,skip=10 (and up,
+    /// unit, map, root, rest, position). A generated dance and its prompt are read as the file beside the dance tells
     #[arg(required = true, value_name = "CLIP")]
     clips: Vec<PathBuf>,
     /// Where the page goes (.html), or the folder (it is there, or ends in /) of a page for each clip
@@ -20,6 +21,9 @@ pub struct Args {
     /// Joints drawn in another colour, as they were given to generate; once for all clips, or once a clip in their order
     #[arg(long, value_name = "LIST")]
     forced: Vec<String>,
+    /// Leave all where their files put them, as a dance and its prompt are anyway; the page's Overlay button parts them
+    #[arg(long)]
+    together: bool,
     #[command(flatten)]
     read: ReadArgs,
 }
@@ -46,8 +50,9 @@ fn one(args: Args, say: Say) -> Result<()> {
         .into());
     }
     super::page(&args.out)?;
-    let options = args.read.options(RestFrame::Keep);
-    let motions = args.clips.iter().map(|clip| Ok(format::read(clip, &options)?)).collect::<Result<Vec<_>>>()?;
+    let files = shown(&args.clips, &args.read, args.together)?;
+    files.iter().flat_map(|file| &file.notes).for_each(|note| say.line(note));
+    let motions = files.iter().map(|file| Ok(format::read(&file.path, &file.options)?)).collect::<Result<Vec<_>>>()?;
     let mut figures = Vec::new();
     for (i, motion) in motions.iter().enumerate() {
         super::warn(motion, say);
@@ -55,12 +60,12 @@ fn one(args: Args, say: Say) -> Result<()> {
         let forced = match list.map(String::as_str) {
             None | Some("") => Vec::new(),
             Some(list) => {
-                let (rig, map) = (motion.clip.skeleton(), args.read.map.as_deref());
+                let (rig, map) = (motion.clip.skeleton(), files[i].options.map.as_deref());
                 let selection = joints::in_smpl_names(list, rig, map).and_then(|list| joints::parse(&list));
                 on_rig(rig, &selection.map_err(|e| WrongCall(e.to_string()))?, map)?
             }
         };
-        figures.push(figure(motion).forced(&forced));
+        figures.push(figure(motion).forced(&forced).in_world(files[i].world));
     }
     let bytes = write_page(&args.out, &figures)?;
     say.line(format_args!(

@@ -55,6 +55,16 @@ pub fn path_of(dance: &Path) -> PathBuf {
     dance.with_extension(ENDING)
 }
 
+/// What is told of `dance` beside it; `None` where nothing is, or of another file.
+///
+/// # Errors
+/// Those of [`Provenance::load`].
+pub fn find(dance: &Path) -> Result<Option<Provenance>> {
+    let path = path_of(dance);
+    let told = path.exists().then(|| Provenance::load(&path)).transpose()?;
+    Ok(told.filter(|told| told.output.file == name_of(dance)))
+}
+
 /// Refuses to write the file beside `dance` where one stands that tells of something else.
 ///
 /// # Errors

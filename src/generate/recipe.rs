@@ -46,6 +46,17 @@ pub struct Recipe {
     pub computing: Computing,
 }
 
+impl Recipe {
+    /// How the dance is read from the file that it was written to: at its own rate, whole.
+    pub fn read_back(&self) -> ReadOptions {
+        let Some(prompt) = self.prompt.as_ref().filter(|_| self.rig == Rig::Prompt) else {
+            return ReadOptions::default();
+        };
+        let (map, unit, bvh_position) = (prompt.read.map.clone(), prompt.read.unit, prompt.read.bvh_position);
+        ReadOptions { map, unit, bvh_position, ..ReadOptions::default() }
+    }
+}
+
 /// What is followed of a clip.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

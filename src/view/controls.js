@@ -134,7 +134,7 @@ function address() {
   number('yaw', v => { state.yaw = v * Math.PI / 180; });
   number('pitch', v => { state.pitch = clamp(v, -3, 86) * Math.PI / 180; });
   number('zoom', v => { state.zoom = clamp(1 / (v || 1), 0.12, 6); });
-  if (parts.has('overlay') && !state.overlay) toggle('overlay');
+  if ((parts.has('overlay') || oneWorld) && !parts.has('beside') && !state.overlay) toggle('overlay');
   if (parts.has('trails') && !state.trails) toggle('trails');
   if (parts.has('still') && state.follow) toggle('follow');
   // an address names a picture, not the way to it

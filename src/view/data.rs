@@ -15,6 +15,8 @@ pub struct Drawn {
     frames: usize,
     points: usize,
     height: f64,
+    /// Figures of one number stand to each other as their clips put them.
+    world: usize,
     bones: Vec<Bone>,
     balls: Vec<Ball>,
     tips: Vec<usize>,
@@ -33,11 +35,44 @@ const LARGEST: f64 = 1e6;
 /// Samples a second by which figures are kept apart.
 const APART_FPS: f64 = 20.0;
 
-/// All figures, placed beside each other from left to right.
+/// All figures, placed beside each other from left to right: each for itself where all are of one world, else each world.
 pub fn drawn(figures: &[Figure]) -> Result<Vec<Drawn>> {
-    let tracks = figures.iter().map(Track::new).collect::<Result<Vec<_>>>()?;
-    let beside = beside(&tracks);
-    tracks.iter().zip(figures).zip(beside).map(|((track, figure), x)| track.drawn(figure, x)).collect()
+    let mut tracks = figures.iter().map(Track::new).collect::<Result<Vec<_>>>()?;
+    let worlds = worlds(figures);
+    let in_world = |w: usize| worlds[w].iter().copied();
+    let floors: Vec<f64> = tracks.iter().map(Track::floor).collect();
+    for w in 0..worlds.len() {
+        // one floor for all, the lowest: nobody stands under it
+        let floor = in_world(w).map(|n| floors[n]).fold(f64::INFINITY, f64::min);
+        in_world(w).for_each(|n| tracks[n].places.iter_mut().for_each(|p| p.y -= floor));
+    }
+    let alone: Vec<Vec<usize>> = (0..tracks.len()).map(|n| vec![n]).collect();
+    let apart = if worlds.len() == 1 { &alone } else { &worlds };
+    let groups: Vec<Vec<&Track>> = apart.iter().map(|group| group.iter().map(|&n| &tracks[n]).collect()).collect();
+    let mut all: Vec<(usize, Drawn)> = Vec::new();
+    for ((group, tracks_of), x) in apart.iter().zip(&groups).zip(beside(&groups)) {
+        let z = tracks_of.iter().map(|track| track.middle_z()).sum::<f64>() / group.len() as f64;
+        for &n in group {
+            let world = worlds.iter().position(|world| world.contains(&n)).unwrap_or(n);
+            let start = tracks[worlds[world][0]].places[0];
+            all.push((n, tracks[n].drawn(&figures[n], world, [x, -z], [-start.x, -start.z])?));
+        }
+    }
+    all.sort_by_key(|(n, _)| *n);
+    Ok(all.into_iter().map(|(_, drawn)| drawn).collect())
+}
+
+/// The figures of each world, in their order.
+fn worlds(figures: &[Figure]) -> Vec<Vec<usize>> {
+    let mut worlds: Vec<Vec<usize>> = Vec::new();
+    for (n, figure) in figures.iter().enumerate() {
+        let known = worlds.iter_mut().find(|w| figure.world.is_some() && figures[w[0]].world == figure.world);
+        match known {
+            Some(world) => world.push(n),
+            None => worlds.push(vec![n]),
+        }
+    }
+    worlds
 }
 
 /// The ways of all points of a figure.
@@ -45,7 +80,7 @@ struct Track {
     body: Body,
     fps: f64,
     height: f64,
-    /// (F, P), on a floor at y = 0.
+    /// (F, P).
     places: Vec<Vec3>,
 }
 
@@ -71,9 +106,21 @@ impl Track {
             body.places(clip, f, &mut pose, &mut points);
             places.extend_from_slice(&points);
         }
-        let floor = floor(&places, body.points, height);
-        places.iter_mut().for_each(|p| p.y -= floor);
         Ok(Track { body, fps: clip.fps(), height, places })
+    }
+
+    /// Where the floor is: y = 0, unless the lowest point stays so far from it that the clip can't mean that floor.
+    fn floor(&self) -> f64 {
+        let low = |p: &[Vec3]| p.iter().map(|p| p.y).fold(f64::INFINITY, f64::min);
+        let mut lowest: Vec<f64> = self.places.chunks(self.body.points).map(low).collect();
+        lowest.sort_unstable_by(f64::total_cmp);
+        let usual = lowest[lowest.len() / 20];
+        if usual.abs() < 0.15 * self.height { 0.0 } else { usual }
+    }
+
+    /// The root's mean z, metres.
+    fn middle_z(&self) -> f64 {
+        self.places.iter().step_by(self.body.points).map(|p| p.z).sum::<f64>() / self.frames() as f64
     }
 
     fn frames(&self) -> usize {
@@ -91,7 +138,7 @@ impl Track {
         self.frames() as f64 / self.fps
     }
 
-    fn drawn(&self, figure: &Figure, beside: f64) -> Result<Drawn> {
+    fn drawn(&self, figure: &Figure, world: usize, beside: [f64; 2], onto: [f64; 2]) -> Result<Drawn> {
         let low = self.places.iter().copied().reduce(Vec3::min).unwrap_or_default();
         let high = self.places.iter().copied().reduce(Vec3::max).unwrap_or_default();
         let step = ((high - low).max_element() / 65535.0).max(1e-9);
@@ -101,21 +148,19 @@ impl Track {
                 bytes.extend_from_slice(&(number.round() as u16).to_le_bytes());
             }
         }
-        let start = self.places[0];
-        let points = self.body.points;
-        let middle_z = self.places.iter().step_by(points).map(|p| p.z).sum::<f64>() / self.frames() as f64;
         Ok(Drawn {
             title: figure.title.clone(),
             note: figure.note.clone(),
             fps: self.fps,
             frames: self.frames(),
-            points,
+            points: self.body.points,
             height: self.height,
+            world,
             bones: self.body.bones.clone(),
             balls: self.body.balls.clone(),
             tips: self.body.tips.clone(),
-            beside: [beside, -middle_z],
-            onto: [-start.x, -start.z],
+            beside,
+            onto,
             low: low.to_array(),
             step,
             data: base64(&bytes),
@@ -135,39 +180,36 @@ fn height(clip: &Clip) -> f64 {
     if h > 1e-6 { h } else { 1.0 }
 }
 
-/// Where the floor is: y = 0, unless the lowest point stays so far from it that the clip can't mean that floor.
-fn floor(places: &[Vec3], points: usize, height: f64) -> f64 {
-    let mut lowest: Vec<f64> =
-        places.chunks(points).map(|p| p.iter().map(|p| p.y).fold(f64::INFINITY, f64::min)).collect();
-    lowest.sort_unstable_by(f64::total_cmp);
-    let usual = lowest[lowest.len() / 20];
-    if usual.abs() < 0.15 * height { 0.0 } else { usual }
-}
-
-/// Shifts along x so that each figure stays right of the one before it at every moment, the whole centred.
-fn beside(tracks: &[Track]) -> Vec<f64> {
-    let longest = tracks.iter().map(Track::duration_s).fold(0.0, f64::max).min(24.0 * 3600.0);
+/// Shifts along x so that each group stays right of the one before it at every moment, the whole centred.
+fn beside(groups: &[Vec<&Track>]) -> Vec<f64> {
+    let all = || groups.iter().flatten();
+    let longest = all().map(|track| track.duration_s()).fold(0.0, f64::max).min(24.0 * 3600.0);
     let moments = (longest * APART_FPS) as usize + 1;
+    let width = |group: &[&Track], time_s: f64| {
+        let widths = group.iter().map(|track| track.width(time_s));
+        widths.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (l, h)| (low.min(l), high.max(h)))
+    };
+    let height = |group: &[&Track]| group.iter().map(|track| track.height).fold(0.0, f64::max);
     let mut shifts: Vec<f64> = Vec::new();
-    for (n, track) in tracks.iter().enumerate() {
+    for (n, group) in groups.iter().enumerate() {
         let shift = match (n.checked_sub(1), shifts.last()) {
             (Some(before), Some(shift)) => {
-                let before = &tracks[before];
+                let before = &groups[before];
                 let overlap = (0..moments)
                     .map(|m| m as f64 / APART_FPS)
-                    .map(|t| before.width(t).1 - track.width(t).0)
+                    .map(|t| width(before, t).1 - width(group, t).0)
                     .fold(f64::NEG_INFINITY, f64::max);
-                shift + overlap + 0.12 * track.height.max(before.height)
+                shift + overlap + 0.12 * height(group).max(height(before))
             }
             _ => 0.0,
         };
         shifts.push(shift);
     }
     let edge = |n: usize, side: fn((f64, f64)) -> f64| {
-        let (track, frames) = (&tracks[n], tracks[n].frames());
-        (0..frames).map(|f| side(track.width(f as f64 / track.fps))).sum::<f64>() / frames as f64 + shifts[n]
+        let (track, frames) = (groups[n][0], groups[n][0].frames());
+        (0..frames).map(|f| side(width(&groups[n], f as f64 / track.fps))).sum::<f64>() / frames as f64 + shifts[n]
     };
-    let Some(last) = tracks.len().checked_sub(1) else { return shifts };
+    let Some(last) = groups.len().checked_sub(1) else { return shifts };
     let middle = 0.5 * (edge(0, |w| w.0) + edge(last, |w| w.1));
     shifts.iter().map(|s| s - middle).collect()
 }
@@ -209,7 +251,7 @@ mod tests {
         let dances = synth::corpus(5, 6, 9.0, 60.0).unwrap();
         let figures: Vec<_> = dances.iter().map(|d| Figure::new(d.name(), &d.clip)).collect();
         let tracks: Vec<_> = figures.iter().map(|f| Track::new(f).unwrap()).collect();
-        let shifts = beside(&tracks);
+        let shifts = beside(&tracks.iter().map(|track| vec![track]).collect::<Vec<_>>());
         for n in 1..6 {
             for f in 0..540 {
                 let t = f as f64 / 60.0;
@@ -225,7 +267,38 @@ mod tests {
         let root = d.root().iter().map(|p| *p + Vec3::Y * 20.0).collect();
         let high = Clip::new(d.skeleton().clone(), 60.0, root, d.rotations().to_vec()).unwrap();
         let track = Track::new(&Figure::new("high", &high)).unwrap();
-        let lowest = track.places.iter().map(|p| p.y).fold(f64::INFINITY, f64::min);
+        let lowest = track.places.iter().map(|p| p.y).fold(f64::INFINITY, f64::min) - track.floor();
         assert!(lowest.abs() < 0.01, "{lowest}");
+        let drawn = drawn(&[Figure::new("high", &high)]).unwrap();
+        assert!(drawn[0].low[1].abs() < 0.01, "{}", drawn[0].low[1]);
+    }
+
+    #[test]
+    fn figures_of_one_world_stand_to_each_other_as_their_clips_put_them() {
+        let d = &synth::corpus(5, 1, 3.0, 60.0).unwrap()[0].clip;
+        let moved = |by: Vec3| {
+            let root = d.root().iter().map(|p| *p + by).collect();
+            Clip::new(d.skeleton().clone(), 60.0, root, d.rotations().to_vec()).unwrap()
+        };
+        let by = Vec3::new(0.7, -4.0, 1.5);
+        let there = moved(by);
+        let figure = |name, clip, world| Figure::new(name, clip).in_world(world);
+        let both = [figure("here", d, Some(3)), figure("there", &there, Some(3))];
+        let off = |drawn: &[Drawn], shift: fn(&Drawn) -> [f64; 2]| {
+            let at = |d: &Drawn| Vec3::new(d.low[0] + shift(d)[0], d.low[1], d.low[2] + shift(d)[1]);
+            at(&drawn[1]) - at(&drawn[0])
+        };
+        let alone = drawn(&both).unwrap();
+        assert!((off(&alone, |d| d.onto) - by).length() < 1e-9 && alone[0].world == alone[1].world);
+        assert!(off(&alone, |d| d.beside).x > 0.3, "side by side they stand apart as ever");
+        // beside a stranger they stay together
+        let three = [both[0].clone(), figure("stranger", d, None), both[1].clone()];
+        let drawn = drawn(&three).unwrap();
+        let pair = [&drawn[0], &drawn[2]];
+        for shift in [|d: &Drawn| d.beside, |d: &Drawn| d.onto] {
+            assert_eq!(shift(pair[0]), shift(pair[1]));
+        }
+        assert_eq!([drawn[0].world, drawn[1].world, drawn[2].world], [0, 1, 0]);
+        assert!(drawn[1].beside[0] > drawn[0].beside[0] + 0.5);
     }
 }

@@ -1,10 +1,12 @@
 //! A page to watch dances on: one HTML file with everything in it, for any browser with WebGL2, from `file://` and
 //! without a network.
 //!
-//! Figures stand side by side (or on one spot), play together by the clock whatever their rates and lengths, and show
-//! which joints were given in another colour. The fragment of the address sets the page up, `&` between the parts:
-//! `t=2.5` (seconds), `pause`, `yaw=`, `pitch=` (degrees), `zoom=`, `overlay`, `trails`, `still` (the camera doesn't
-//! follow), `bare` (no controls), `light`, `dark`, `selftest` (the page tests itself and writes the result as JSON
+//! Figures stand side by side or on one spot. Those of one world stand to each other as their clips put them; if all are
+//! of one, Overlay is on from the start, and off they stand side by side. All play together by the clock whatever their
+//! rates and lengths, and show which joints were given in another colour. The fragment of the address sets the page up,
+//! `&` between the parts: `t=2.5` (seconds), `pause`, `yaw=`, `pitch=` (degrees), `zoom=`, `overlay`, `beside`, `trails`,
+//! `still` (the camera doesn't follow), `bare` (no controls), `light`, `dark`, `selftest` (the page tests itself and
+//! writes the result as JSON
 //! into `<pre id="selftest">`).
 
 mod body;
@@ -27,17 +29,25 @@ pub struct Figure<'a> {
     pub clip: &'a Clip,
     /// (J) the joints that were given and not generated, or empty: drawn in another colour.
     pub forced: Vec<bool>,
+    /// Figures of one number stand to each other as their clips put them; `None`: alone.
+    pub world: Option<usize>,
 }
 
 impl<'a> Figure<'a> {
     /// A dance with no joints given.
     pub fn new(title: impl Into<String>, clip: &'a Clip) -> Self {
-        Figure { title: title.into(), note: String::new(), clip, forced: Vec::new() }
+        Figure { title: title.into(), note: String::new(), clip, forced: Vec::new(), world: None }
     }
 
     /// The same with a line under the title.
     pub fn note(mut self, note: impl Into<String>) -> Self {
         self.note = note.into();
+        self
+    }
+
+    /// The same in a world with others.
+    pub fn in_world(mut self, world: Option<usize>) -> Self {
+        self.world = world;
         self
     }
 

@@ -54,6 +54,8 @@ const figures = JSON.parse($('figures').textContent).map((data, i) => new Figure
 const unit = Math.max(...figures.map(f => f.height));
 const highest = Math.max(...figures.map(f => f.top));
 const whole = Math.max(...figures.map(f => f.lasts));
+// figures of one world stand to each other as their clips put them
+const oneWorld = figures.length > 1 && figures.every(f => f.world === figures[0].world);
 
 // ---- what the page is doing ----
 const HOME = { yaw: 0.0, pitch: 0.13, zoom: 1, pan: [0, 0, 0] };
@@ -222,18 +224,18 @@ function placeLabels(view) {
     const [px, py] = [0, 1].map(i => (view[i] * x + view[4 + i] * y + view[8 + i] * z + view[12 + i]) / w);
     return { x: (0.5 + 0.5 * px) * clientWidth, y: (0.5 - 0.5 * py) * clientHeight, seen: w > 0 };
   });
+  // 0 to 1: whether two figures stand on one spot
+  const close = (i, j) => (!oneWorld && figures[i].world === figures[j].world ? 1 : onto);
   // side by side a label has the room up to its neighbours; in steps, so that its lines don't break anew all the time
   labels.forEach((label, i) => {
-    const apart = Math.min(...at.map((p, j) => (i === j ? 340 : Math.abs(p.x - at[i].x) + 340 * onto)));
+    const apart = Math.min(...at.map((p, j) => (i === j ? 340 : Math.abs(p.x - at[i].x) + 340 * close(i, j))));
     label.style.maxWidth = `${clamp(16 * Math.floor((apart - 8) / 16), 64, 336)}px`;
   });
   const heights = labels.map(l => l.offsetHeight + 3);
-  let below = 0, above = heights.reduce((a, b) => a + b, 0);
   labels.forEach((label, i) => {
     // on one spot the labels stand above each other, the last on top; none leaves the window by its top
-    above -= heights[i];
-    const bottom = Math.max(at[i].y - below * onto, 10 + heights[i] + above * onto);
-    below += heights[i];
+    const sum = (from, upto) => heights.slice(from, upto).reduce((s, h, k) => s + h * close(i, from + k), 0);
+    const bottom = Math.max(at[i].y - sum(0, i), 10 + heights[i] + sum(i + 1));
     label.style.display = at[i].seen ? '' : 'none';
     label.style.transform = `translate(${at[i].x.toFixed(1)}px, ${bottom.toFixed(1)}px) translate(-50%, -100%)`;
   });

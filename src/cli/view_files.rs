@@ -1,0 +1,154 @@
+//! The files of `view`, and how each is read: options of its own (`FILE:fps=60,skip=10`), what stands beside a dance, and what
+//! the call says of all.
+
+use super::WrongCall;
+use super::read::{PositionArg, ReadArgs, UnitArg, UpArg, positive};
+use anyhow::Result;
+use clap::ValueEnum;
+use kinelm::corpus::load::hash_file;
+use kinelm::generate::provenance::{self, Provenance};
+use kinelm_motion::format::{ReadOptions, RestFrame};
+use std::path::{Path, PathBuf};
+
+/// A file to be shown.
+#[derive(Debug, Clone)]
+pub struct Shown {
+    /// The file.
+    pub path: PathBuf,
+    /// How it is read.
+    pub options: ReadOptions,
+    /// Files of one number stand to each other as they put themselves.
+    pub world: Option<usize>,
+    /// What the user should know of that.
+    pub notes: Vec<String>,
+}
+
+/// What is known of a file before it is read.
+struct Known {
+    path: PathBuf,
+    /// `key=value` of the call.
+    own: Vec<(String, String)>,
+    told: Option<Provenance>,
+    notes: Vec<String>,
+}
+
+/// The files of a call. A generated dance plays at its own rate and its prompt is read as it was followed, whatever `read` says
+/// of all; both stand in one world, as all files do if they are `together`.
+///
+/// # Errors
+/// Options of a file that are none.
+pub fn shown(clips: &[PathBuf], read: &ReadArgs, together: bool) -> Result<Vec<Shown>> {
+    let known = clips.iter().map(|clip| Known::of(clip)).collect::<Result<Vec<_>>>()?;
+    let mut all: Vec<Shown> = Vec::new();
+    for file in &known {
+        let mut options = read.options(RestFrame::Keep);
+        if let Some(told) = &file.told {
+            options = told.recipe.read_back();
+        }
+        all.push(Shown { path: file.path.clone(), options, world: None, notes: file.notes.clone() });
+    }
+    for (n, told) in known.iter().enumerate().filter_map(|(n, file)| Some((n, file.told.as_ref()?))) {
+        let (Some(prompt), Some(hash)) = (&told.recipe.prompt, &told.prompt_sha256) else { continue };
+        for m in (0..known.len()).filter(|&m| m != n && known[m].told.is_none() && is_file(&known[m].path, hash)) {
+            if all[m].world.is_none() {
+                all[m].options = prompt.read.clone();
+                all[m].notes.push(format!("{}: read as {} followed it", known[m].path.display(), told.output.file));
+            }
+            let world = all[m].world.or(all[n].world).unwrap_or(m);
+            // a dance without a place begins in the middle, wherever its prompt does
+            if told.recipe.place.is_some() {
+                (all[m].world, all[n].world) = (Some(world), Some(world));
+            }
+        }
+    }
+    for (shown, file) in all.iter_mut().zip(&known) {
+        file.own.iter().try_for_each(|(key, value)| set(&mut shown.options, key, value))?;
+        shown.world = if together { Some(0) } else { shown.world };
+    }
+    Ok(all)
+}
+
+/// Whether a file has the bytes of this hash.
+fn is_file(path: &Path, sha256: &str) -> bool {
+    hash_file(path).is_ok_and(|found| found == sha256)
+}
+
+impl Known {
+    fn of(clip: &Path) -> Result<Known> {
+        let (path, own) = split(clip)?;
+        let (told, notes) = match provenance::find(&path) {
+            // one that was changed since is a file like any other
+            Ok(told) => (told.filter(|told| is_file(&path, &told.output.sha256)), Vec::new()),
+            Err(e) => (None, vec![e.to_string()]),
+        };
+        Ok(Known { path, own, told, notes })
+    }
+}
+
+/// A file and its options, from the last `:` on, where what follows holds a `=` and no file has the whole name.
+fn split(clip: &Path) -> Result<(PathBuf, Vec<(String, String)>)> {
+    let parts = clip.to_str().filter(|_| !clip.exists()).and_then(|text| text.rsplit_once(':'));
+    let Some((path, list)) = parts.filter(|(_, list)| list.contains('=')) else { return Ok((clip.into(), Vec::new())) };
+    let pair = |part: &str| match part.split_once('=') {
+        Some((key, value)) => Ok((key.trim().to_string(), value.trim().to_string())),
+        None => Err(WrongCall(format!("{}: {part:?} after the colon; expected KEY=VALUE", clip.display())).into()),
+    };
+    Ok((path.into(), list.split(',').map(pair).collect::<Result<_>>()?))
+}
+
+/// Sets one option of a file.
+fn set(options: &mut ReadOptions, key: &str, value: &str) -> Result<()> {
+    let wrong = |expected: &str| WrongCall(format!("{key}={value}: expected {expected}"));
+    match key {
+        "fps" => options.fps_source = Some(positive(value).map_err(|_| wrong("a positive number"))?),
+        "skip" => options.skip = value.parse().map_err(|_| wrong("a number of frames"))?,
+        "unit" => {
+            options.unit = UnitArg::from_str(value, false).map_err(|_| wrong("auto, m, cm, mm, in or cmu"))?.into()
+        }
+        "up" => options.up = UpArg::from_str(value, false).map_err(|_| wrong("auto, x, -x, y, -y, z or -z"))?.into(),
+        "map" => options.map = Some(value.into()),
+        "root" => options.root = Some(value.into()),
+        "rest" => {
+            options.rest = match value {
+                "keep" => RestFrame::Keep,
+                "drop" => RestFrame::Drop,
+                _ => return Err(wrong("keep or drop").into()),
+            }
+        }
+        "position" => {
+            options.bvh_position = PositionArg::from_str(value, false).map_err(|_| wrong("replace or add"))?.into();
+        }
+        _ => return Err(wrong("one of fps, skip, up, unit, map, root, rest and position").into()),
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_stand_behind_the_last_colon() {
+        let of = |text: &str| split(Path::new(text)).unwrap();
+        let pair = |key: &str, value: &str| (key.to_string(), value.to_string());
+        assert_eq!(of("a/b.bvh:fps=60, skip=10"), ("a/b.bvh".into(), vec![pair("fps", "60"), pair("skip", "10")]));
+        for plain in ["a.bvh", "C:\\a.bvh", "a:b.bvh"] {
+            assert_eq!(of(plain), (plain.into(), vec![]));
+        }
+        assert!(split(Path::new("a.bvh:fps=60,lenient")).unwrap_err().to_string().contains("KEY=VALUE"));
+    }
+
+    #[test]
+    fn what_a_file_is_told_is_checked() {
+        let mut options = ReadOptions::default();
+        for (key, value) in [("fps", "60"), ("skip", "10"), ("unit", "cm"), ("rest", "drop"), ("map", "cmu")] {
+            set(&mut options, key, value).unwrap();
+        }
+        assert_eq!((options.fps_source, options.skip, options.rest), (Some(60.0), 10, RestFrame::Drop));
+        for (key, value) in
+            [("fps", "0"), ("fps", "x"), ("skip", "-1"), ("unit", "mile"), ("rest", "no"), ("what", "1")]
+        {
+            assert!(set(&mut options, key, value).unwrap_err().to_string().contains("expected"), "{key}={value}");
+        }
+    }
+}

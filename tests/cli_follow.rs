@@ -280,6 +280,24 @@ fn uncoded_joints_go_to_their_mean_when_the_prompt_ends() {
 }
 
 #[test]
+fn without_a_prompt_uncoded_joints_stand_as_in_training() {
+    let way = way();
+    let make = |out: &str, more: &[&str]| {
+        let mut c = kinelm();
+        c.arg("generate").arg("--run").arg(way.at("13")).args(["--frames", "5", "--out"]).arg(way.at(out)).args(more);
+        c.assert().success();
+        format::read(&way.at(out), &ReadOptions::default()).unwrap().clip
+    };
+    let tokenizer = kinelm_tokenizer::Tokenizer::load(way.at("13.json")).unwrap();
+    let mean = tokenizer.mean_pose().unwrap();
+    let (dance, still) = (make("alone.json", &[]), make("still.json", &["--rest-joints", "identity"]));
+    for j in [3, 6, 9, 12, 15] {
+        assert!(angle_between(dance.pose(4)[j], mean[j]) < 1e-9 && still.pose(4)[j] == Quat::IDENTITY, "joint {j}");
+    }
+    assert!(angle_between(mean[3], Quat::IDENTITY) > 0.001);
+}
+
+#[test]
 fn the_place_travels_in_the_recipe_and_old_recipes_mean_what_they_meant() {
     let way = way();
     let make = |out: &str, more: &[&str]| {

@@ -68,7 +68,7 @@ pub struct Args {
     /// The rig the dance is written on: the model's (SMPL-24), or the prompt's own
     #[arg(long, value_enum, default_value = "model", requires_if("prompt", "prompt"))]
     rig: RigArg,
-    /// What the joints do that the model doesn't know; if not given, follow with a prompt, identity without
+    /// What the joints do that the model doesn't know; if not given, follow with a prompt, training without
     #[arg(long, value_enum, requires_ifs([("follow", "prompt"), ("prompt", "prompt"), ("mean", "prompt")]))]
     rest_joints: Option<RestArg>,
     /// Free tokens that are guessed to be those of the word before, and verified in one read; changes no token.
@@ -95,6 +95,8 @@ enum RigArg {
 enum RestArg {
     /// They move as in the prompt while its frames are followed, then go to their mean over half a second
     Follow,
+    /// They hold the mean of the training clips
+    Training,
     /// They stand at rest
     Identity,
     /// They move as in the prompt, then hold its last frame
@@ -116,6 +118,7 @@ impl From<RestArg> for RestJoints {
     fn from(rest: RestArg) -> RestJoints {
         match rest {
             RestArg::Follow => RestJoints::Follow,
+            RestArg::Training => RestJoints::Training,
             RestArg::Identity => RestJoints::Identity,
             RestArg::Prompt => RestJoints::Prompt,
             RestArg::Mean => RestJoints::Mean,
@@ -176,7 +179,7 @@ fn recipe(args: &Args) -> Result<Recipe> {
         rest_joints: match args.rest_joints {
             Some(rest) => rest.into(),
             None if args.prompt.is_some() => RestJoints::Follow,
-            None => RestJoints::Identity,
+            None => RestJoints::Training,
         },
         place: None,
         computing: Computing::new(args.compute.get(), reading.weights, reading.kv),

@@ -146,6 +146,9 @@ impl Ready {
     fn clip(&self, words: &Words) -> Result<Clip> {
         let clip = match &self.prompt {
             Some(prompt) => prompt.clip.decode(&self.tokenizer, words, self.recipe.rest_joints, prompt.frames)?,
+            None if self.recipe.rest_joints == RestJoints::Training => {
+                self.tokenizer.decode(words, self.tokenizer.rest())?
+            }
             None => self.tokenizer.decode(words, Rest::Identity)?,
         };
         let clip = clip.slice(0..self.frames);

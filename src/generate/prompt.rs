@@ -85,6 +85,7 @@ impl Prompt {
         let (mean, settling);
         let rest = match rest {
             RestJoints::Identity => Rest::Identity,
+            RestJoints::Training => tokenizer.rest(),
             RestJoints::Prompt => Rest::Clip(&self.clip),
             RestJoints::Mean => {
                 let pose = rest::mean_pose(&self.clip);

@@ -16,6 +16,8 @@ pub enum RestJoints {
     Prompt,
     /// They hold their mean over the prompt.
     Mean,
+    /// They hold the mean of the training clips, which the tokenizer keeps; at rest where it is too old to.
+    Training,
     /// They move as in the prompt while frames of it are followed, then go to their mean over half a second; on the
     /// prompt's own rig so do the joints that SMPL doesn't have.
     Follow,

@@ -10,7 +10,7 @@ use super::run::{Origin, RunFile};
 use crate::corpus::FileRecord;
 use crate::corpus::conditions::in_order;
 use crate::model::{Compute, LoadedRun, ModelConfig, TokenLayout, exchange, weights};
-use crate::{Error, Result};
+use crate::{Error, Result, presets};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -78,7 +78,10 @@ pub fn finetune(options: &FinetuneOptions, stop: &AtomicBool, progress: &mut dyn
 fn shape(path: &Path, file: &TrainFile, source: &LoadedRun) -> Result<ModelConfig> {
     let own = ModelConfig { dropout: 0.0, ..source.config.resolved(&source.tokens) };
     let table = |what: &dyn Fn() -> String| Error::Call(format!("{}: {}", path.display(), what()));
-    let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+    let text = match presets::find(presets::TRAIN, path, "training file")? {
+        Some(text) => text.to_owned(),
+        None => std::fs::read_to_string(path).map_err(Error::io(path))?,
+    };
     let all: toml::Table = toml::from_str(&text).map_err(|e| table(&|| e.message().into()))?;
     let given = all.get("model").and_then(toml::Value::as_table).cloned().unwrap_or_default();
     let has = toml::Table::try_from(&own).map_err(|e| table(&|| e.to_string()))?;
@@ -191,6 +194,14 @@ mod tests {
         let named = file.from.unwrap();
         assert_eq!((named.path, named.step), (std::path::absolute(&options.from).unwrap(), source.state.step));
         assert_eq!(named.sha256, source.state.files[WEIGHTS].sha256);
+    }
+
+    #[test]
+    fn a_name_that_is_built_in_is_a_training_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let (_corpus, options) = setup(dir.path());
+        let named = FinetuneOptions { config: "finetune".into(), steps: Some(1), ..options };
+        assert_eq!(finetune(&named, &AtomicBool::new(false), &mut Silent).unwrap().step, 1);
     }
 
     #[test]

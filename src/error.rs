@@ -49,6 +49,14 @@ pub enum Error {
     /// The user broke the work off; what was promised whole isn't there.
     #[error("{0}")]
     Stopped(String),
+    /// Something stands where a file was to be written.
+    #[error("{path} {what}")]
+    Taken {
+        /// The output.
+        path: PathBuf,
+        /// What stands there or would happen, and what to do.
+        what: String,
+    },
     /// The caller asked for something that can't be done.
     #[error("{0}")]
     Call(String),
@@ -59,6 +67,11 @@ impl Error {
     pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Error {
         let path = path.as_ref().to_owned();
         move |source| Error::Io { path, source }
+    }
+
+    /// An output that must not be written: `what` goes on behind its name.
+    pub fn taken(path: impl AsRef<Path>, what: impl Into<String>) -> Error {
+        Error::Taken { path: path.as_ref().to_owned(), what: what.into() }
     }
 
     /// A fault of the file `path` as a whole.

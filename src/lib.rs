@@ -13,6 +13,7 @@ pub mod files;
 pub mod generate;
 pub mod memory;
 pub mod model;
+pub mod output;
 pub mod presets;
 pub mod random;
 pub mod runs;

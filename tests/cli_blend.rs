@@ -117,7 +117,7 @@ fn what_can_not_be_filtered_is_said() {
     said(&["--level", "low", "--cutoff", "3"], "o.bvh", 2, "cannot be used with");
     said(&[], "a.bvh/o.bvh", 2, "a.bvh is a file, no folder");
     said(&[], "o.fbx", 2, ".bvh, .npz or .json");
-    said(&[], "a.bvh", 2, "written over itself");
+    said(&[], "a.bvh", 2, "this call reads it");
     let both = [&a, &d.path("b.json")];
     kinelm("filter").args(both).arg("--out").arg(d.path("b.json")).assert().code(2).stderr(contains("is no folder"));
     save(&d.path("short.bvh"), &read(&a).slice(0..12));
@@ -186,7 +186,9 @@ fn a_dance_between_two() {
     blend(&["--threads", "1", "-q"]).assert().success();
     assert_eq!(fs::read(&out).unwrap(), first);
 
-    let json = blend(&["--json", "--whole", "--transform", "pca", "--plain", "--strength", "0.5"]).output().unwrap();
+    let json = blend(&["--force", "--json", "--whole", "--transform", "pca", "--plain", "--strength", "0.5"])
+        .output()
+        .unwrap();
     let line: Value = serde_json::from_slice(&json.stdout).unwrap();
     assert_eq!((line["schema"].as_u64(), line["frames"].as_u64()), (Some(1), Some(144)), "{line}");
     assert!(line["transform"] == "pca 16" && line["stft"]["a_c"].as_f64() > line["stft"]["a_b"].as_f64());

@@ -223,7 +223,7 @@ fn a_dance_tells_where_it_is_from_and_can_be_made_again() {
     c.arg("generate").arg("--run").arg(way.at("run")).arg("--prompt").arg(&prompt).args(["--joints", "legs"]);
     c.args(["--frames", "10", "--seed", "3", "--variations", "2", "--top-k", "20", "--min-p", "0.01"]);
     c.args(["--repetition-penalty", "1.5", "--rig", "prompt", "--out"]).arg(way.at("told.bvh")).assert().success();
-    let sidecar = fs::read(way.at("told-2.kinelm.json")).unwrap();
+    let sidecar = fs::read(way.at("told-2.bvh.kinelm.json")).unwrap();
     let told: serde_json::Value = serde_json::from_slice(&sidecar).unwrap();
     let recipe = &told["recipe"];
     assert_eq!((&told["variation"], &recipe["seed"], &recipe["draw"]["top_k"]), (&2.into(), &3.into(), &20.into()));
@@ -234,27 +234,29 @@ fn a_dance_tells_where_it_is_from_and_can_be_made_again() {
 
     let bytes = fs::read(way.at("told-2.bvh")).unwrap();
     fs::remove_file(way.at("told-2.bvh")).unwrap();
-    again("told-2.kinelm.json", &[]).success().stdout("");
+    again("told-2.bvh.kinelm.json", &[]).success().stdout("");
     assert!(fs::read(way.at("told-2.bvh")).unwrap() == bytes);
-    assert!(fs::read(way.at("told-2.kinelm.json")).unwrap() == sidecar);
+    assert!(fs::read(way.at("told-2.bvh.kinelm.json")).unwrap() == sidecar);
     let elsewhere = way.at("told-elsewhere.bvh").display().to_string();
-    again("told-2.kinelm.json", &["--out", &elsewhere, "--threads", "1"]).success();
+    again("told-2.bvh.kinelm.json", &["--out", &elsewhere, "--threads", "1"]).success();
     assert!(fs::read(&elsewhere).unwrap() == bytes);
-    again("told-elsewhere.kinelm.json", &[]).success();
+    again("told-elsewhere.bvh.kinelm.json", &[]).success();
 
     // what has changed is named, and nothing is written
     let said = contains("the prompt has changed since the dance was made");
     fs::write(&prompt, [fs::read(&prompt).unwrap(), b"\n".to_vec()].concat()).unwrap();
-    again("told-2.kinelm.json", &["--out", &elsewhere]).code(1).stderr(said);
+    again("told-2.bvh.kinelm.json", &["--out", &elsewhere]).code(1).stderr(said);
     pretrain(way, "told-run").args(["--seed", "9"]).assert().success();
     let (run, prompt) = (way.at("told-run").display().to_string(), way.prompt().display().to_string());
-    again("told-2.kinelm.json", &["--run", &run, "--prompt", &prompt]).code(1).stderr(contains("the weights at step"));
-    again("told-2.kinelm.json", &["--seed", "4"]).code(2).stderr(contains("cannot be used with"));
+    again("told-2.bvh.kinelm.json", &["--run", &run, "--prompt", &prompt])
+        .code(1)
+        .stderr(contains("the weights at step"));
+    again("told-2.bvh.kinelm.json", &["--seed", "4"]).code(2).stderr(contains("cannot be used with"));
 
     // a file of the user's own is left alone
-    fs::write(way.at("mine.kinelm.json"), "{}").unwrap();
-    way.generate("mine.bvh").args(["--frames", "2"]).assert().code(1).stderr(contains("not of kinelm generate"));
-    assert_eq!(fs::read(way.at("mine.kinelm.json")).unwrap(), b"{}");
+    fs::write(way.at("mine.bvh.kinelm.json"), "{}").unwrap();
+    way.generate("mine.bvh").args(["--frames", "2"]).assert().code(2).stderr(contains("--force"));
+    assert_eq!(fs::read(way.at("mine.bvh.kinelm.json")).unwrap(), b"{}");
     assert!(!way.at("mine.bvh").exists());
 }
 
@@ -295,7 +297,7 @@ fn labels_in_front_and_guidance_make_other_dances_and_masked_models_none() {
     assert_eq!(bytes("l3.json", &["--label", &label, "--guidance", "1"]), told);
     dance("l4.json", &["--label", &label, "--guidance", "40", "--variations", "2"]).success();
     assert_eq!(fs::read(way.at("l4-1.json")).unwrap(), guided);
-    let again = kinelm().args(["generate", "--again"]).arg(way.at("l4-2.kinelm.json")).assert();
+    let again = kinelm().args(["generate", "--again"]).arg(way.at("l4-2.json.kinelm.json")).assert();
     again.success();
     dance("no.json", &["--label", "genre=house"])
         .code(2)

@@ -6,7 +6,7 @@ use super::windows::Layout;
 use crate::corpus::FileRecord;
 use crate::model::fast::Fast;
 use crate::model::{ModelConfig, TokenLayout, weights};
-use crate::{Error, Result};
+use crate::{Error, Result, files};
 use candle_core::Tensor;
 use kinelm_engine::arena::Floats;
 use kinelm_tokenizer::Tokenizer;
@@ -83,6 +83,10 @@ impl Classifier {
         let about: About = serde_json::from_str(&text)
             .map_err(|e| Error::file(&path, e.to_string(), "what tells of a classifier", help))?;
         let (name, record) = &about.weights;
+        if !files::is_plain(name) {
+            let expected = "the name of a file in the classifier's folder";
+            return Err(Error::file(&path, format!("weights in `{name}`"), expected, help));
+        }
         let at = folder.join(name);
         let bytes = fs::read(&at).map_err(Error::io(&at))?;
         if FileRecord::of(&bytes) != *record {

@@ -197,6 +197,13 @@ fn a_damaged_folder_is_refused() {
     let said = || Classifier::load(&folder).map(|_| ()).unwrap_err().to_string();
     fs::write(folder.join("classifier.json"), about.replace("\"schema\": 1", "\"schema\": 9")).unwrap();
     assert!(said().contains("found schema 9, expected schema 1"), "{}", said());
+    // weights of another folder, though they are the right ones
+    let name = "model-00000001.safetensors";
+    fs::copy(folder.join(name), dir.path().join(name)).unwrap();
+    for elsewhere in [format!("../{name}"), dir.path().join(name).display().to_string(), format!("../c/{name}")] {
+        fs::write(folder.join("classifier.json"), about.replace(name, &elsewhere)).unwrap();
+        assert!(said().contains("expected the name of a file in the classifier's folder"), "{}", said());
+    }
     fs::write(folder.join("classifier.json"), &about).unwrap();
     let own = fs::read(folder.join("tokenizer.json")).unwrap();
     fixture::foreign_tokenizer().save(folder.join("tokenizer.json")).unwrap();

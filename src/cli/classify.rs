@@ -1,13 +1,12 @@
 //! `kinelm classify train`, `eval` and `predict`.
 
-use super::{Say, WrongCall, print, read::ReadArgs};
+use super::{ForceArgs, Say, WrongCall, print, read::ReadArgs};
 use anyhow::{Context, Result};
 use kinelm::classify::baselines::compare;
 use kinelm::classify::predict::Told;
 use kinelm::classify::{Classifier, Only, TrainOptions, report, train};
 use kinelm::corpus::{Corpus, Split};
 use kinelm::model::exchange;
-use kinelm::view::plot;
 use kinelm_motion::format::RestFrame;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -97,6 +96,8 @@ pub struct EvalArgs {
     /// Draw the confusion of the clips too
     #[arg(long, value_name = "FILE.png|FILE.svg")]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    force: ForceArgs,
     /// One JSON object instead of tables
     #[arg(long)]
     json: bool,
@@ -177,9 +178,8 @@ fn trained(args: TrainArgs, say: Say) -> Result<()> {
 }
 
 fn measured(args: &EvalArgs, say: Say) -> Result<()> {
-    if let Some(out) = &args.plot {
-        plot::check(out).map_err(|e| WrongCall(e.to_string()))?;
-    }
+    let outputs = args.force.outputs([&args.classifier, &args.corpus].into_iter().chain(&args.run));
+    args.plot.as_deref().map_or(Ok(()), |out| super::picture(out, &outputs))?;
     let mut classifier = Classifier::load(&args.classifier)?;
     let corpus = Corpus::open(&args.corpus)?;
     let run = args.run.as_deref().map(exchange::load).transpose()?;
@@ -187,7 +187,7 @@ fn measured(args: &EvalArgs, say: Say) -> Result<()> {
     super::progress::stage("naming clips");
     let found = compare(&mut classifier, &corpus, args.split, run.as_ref(), args.baselines)?;
     if let Some(out) = &args.plot {
-        plot::draw_as(out, &report::charts(&found, &classifier.about.fields))?;
+        super::draw_charts(out, &report::charts(&found, &classifier.about.fields), &outputs)?;
     }
     if args.json {
         #[derive(serde::Serialize)]

@@ -1,8 +1,9 @@
 //! `kinelm convert`.
 
 use super::many::{self, Pair};
-use super::{Say, WrongCall, extension, read::ReadArgs};
+use super::{ForceArgs, Say, WrongCall, extension, read::ReadArgs};
 use anyhow::{Context, Result};
+use kinelm::output::Outputs;
 use kinelm_motion::convert::{Rig, Wanted, convert};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::{Motion, joints, smpl};
@@ -32,6 +33,8 @@ pub struct Args {
     #[arg(long, conflicts_with_all = ["fps", "skeleton", "joints"])]
     positions: bool,
     #[command(flatten)]
+    force: ForceArgs,
+    #[command(flatten)]
     read: ReadArgs,
 }
 
@@ -56,19 +59,22 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let pairs = pairs(&args)?;
     check(&args, &pairs)?;
     let options = args.read.options(RestFrame::Keep);
+    let inputs = pairs.iter().map(|p| p.input.clone()).chain(args.read.files());
+    let outputs = args.force.outputs(inputs.chain(args.skeleton.iter().map(PathBuf::from)));
+    outputs.check(pairs.iter().map(|p| &*p.output))?;
     let rig = args.skeleton.as_deref().map(|name| Rig::find(name, &options)).transpose()?;
     let inputs: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
     super::each_file(&inputs, "files could not be converted", say, |i, input| {
         let output = &pairs[i].output;
         let count = if pairs.len() > 1 { format!("{} of {}: ", i + 1, pairs.len()) } else { String::new() };
         let written = if args.positions {
-            positions(input, output, &options, say)?
+            positions(input, output, &options, (&outputs, say))?
         } else {
             let motion = format::read(input, &options)?;
             super::warn(&motion, say);
             let wanted = wanted(&args, rig.as_ref(), &motion, output)?;
             let motion = convert(motion, &wanted, args.read.map.as_deref())?;
-            format::write(output, &motion)?;
+            outputs.write(output, &format::to_bytes(output, &motion)?)?;
             described(output, &motion)
         };
         say.line(format_args!("{count}{written}"));
@@ -103,12 +109,11 @@ fn pairs(args: &Args) -> Result<Vec<Pair>> {
 /// What can be known to be wrong before anything is read.
 fn check(args: &Args, pairs: &[Pair]) -> Result<()> {
     let other_rig = args.skeleton.as_deref().is_some_and(|s| s != "smpl");
-    for Pair { input, output } in pairs {
+    for Pair { output, .. } in pairs {
         if super::writable(output)? == "npz" && other_rig {
             let what = "--skeleton with an .npz: AMASS files are on SMPL's joints; write .bvh or .json";
             return Err(WrongCall(what.into()).into());
         }
-        super::not_over_itself(input, output)?;
     }
     Ok(())
 }
@@ -128,11 +133,11 @@ fn wanted(args: &Args, rig: Option<&Rig>, motion: &Motion, output: &Path) -> Res
 }
 
 /// Writes the places of joints; what was written.
-fn positions(input: &Path, output: &Path, options: &ReadOptions, say: Say) -> Result<String> {
+fn positions(input: &Path, output: &Path, options: &ReadOptions, (outputs, say): (&Outputs, Say)) -> Result<String> {
     // what was odd in the file is found in reading its motion
     super::warn(&format::read(input, options)?, say);
     let positions = format::positions(input, options)?;
-    positions.save(output)?;
+    outputs.write(output, &positions.write()?)?;
     let (out, n, f) = (output.display(), positions.joints.len(), positions.frames());
     Ok(format!("{out}: {f} frames of {n} points at {} fps", positions.fps))
 }

@@ -1,8 +1,9 @@
 //! `kinelm corpus stats`, `order` and `merge`.
 
-use super::{Say, print};
+use super::{ForceArgs, Say, print};
 use anyhow::Result;
-use kinelm::corpus::{Corpus, merge::merge, stats::stats};
+use kinelm::corpus::{Corpus, merge::merge, stats::stats, writer::LAYOUT};
+use kinelm::output::Outputs;
 use kinelm::train::order::order;
 use kinelm::train::run::RunFile;
 use kinelm::train::{CorpusPart, Data, TrainConfig, TrainFile};
@@ -36,6 +37,8 @@ pub enum Command {
         /// Where they go: an archive FILE.npz, or a folder that gets windows.npy
         #[arg(long, value_name = "FILE.npz|DIR")]
         out: PathBuf,
+        #[command(flatten)]
+        force: ForceArgs,
     },
     /// Put the pieces of `tokenize --shard` together
     Merge {
@@ -45,7 +48,7 @@ pub enum Command {
         /// Where the whole corpus goes
         #[arg(long, value_name = "CORPUS")]
         out: PathBuf,
-        /// Replace a corpus that stands at --out
+        /// Replace the files of a corpus that stands at --out
         #[arg(long)]
         force: bool,
     },
@@ -57,18 +60,21 @@ pub fn run(command: Command, say: Say) -> Result<()> {
             let found = stats(&Corpus::open(&corpus)?)?;
             print(&if json { serde_json::to_string(&found)? + "\n" } else { format!("{found}\n") })
         }
-        Command::Order { corpus, config, steps, seed, out } => {
+        Command::Order { corpus, config, steps, seed, out, force } => {
             let file = TrainFile::find(&config).map_err(super::asked)?;
             let corpora = if corpus.is_empty() { file.corpora()? } else { corpus };
+            let outputs = force.outputs(corpora.iter().map(|part| part.path.clone()).chain([config]));
             let data = Data::open(&corpora, None, &file.train.conditions)?;
             let train = TrainConfig { seed: seed.unwrap_or(file.train.seed), ..file.train };
             let steps = steps.unwrap_or(train.steps);
             let found = order(&RunFile::new(&file.model, &train, &data)?, &data, steps)?;
-            found.write(&out)?;
+            let (path, bytes) = found.to_file(&out)?;
+            outputs.write(&path, &bytes)?;
             say.line(format_args!("{}: {steps} steps of {} windows", out.display(), found.rows));
             Ok(())
         }
         Command::Merge { shards, out, force } => {
+            Outputs::new(&shards, force).check_folder(&out, &LAYOUT)?;
             let manifest = merge(&shards, &out, force)?;
             let (n, f) = (manifest.count.clips, manifest.count.frames);
             say.line(format_args!("{}: {n} clips, {f} frames", out.display()));

@@ -31,6 +31,12 @@ impl DataArgs {
         }
         Ok(gathered)
     }
+
+    /// The files that are read: the motion and its labels.
+    pub fn files(&self, gathered: &Gathered) -> impl Iterator<Item = PathBuf> {
+        let motion = gathered.items.iter().map(|item| item.path.clone());
+        motion.chain(self.labels.iter().map(PathBuf::from)).chain(self.data.clone().into_iter().filter(|p| p.is_file()))
+    }
 }
 
 impl DataArgs {

@@ -89,8 +89,11 @@ fn make_room(args: &Args) -> Result<()> {
             let what = format!("{} exists; give --force to replace the demo there, or another --out", name.display());
             return Err(WrongCall(what).into());
         }
-        let removed = if name.is_dir() { std::fs::remove_dir_all(name) } else { std::fs::remove_file(name) };
-        removed.with_context(|| name.display().to_string())?;
+    }
+    let run = args.out.join("run");
+    if run.exists() {
+        // a training begins in a new folder; the old one goes if it holds nothing but what a training writes
+        kinelm::train::folder::remove(&run)?;
     }
     std::fs::create_dir_all(args.out.join("motion")).with_context(|| args.out.display().to_string())
 }
@@ -121,7 +124,7 @@ fn tokenize(args: &Args) -> Result<Tokenizer> {
     let labels = args.out.join("labels.csv").display().to_string();
     let gathered = gather(&[args.out.join("motion")], &[labels])?;
     let read = ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
-    let options = BuildOptions { read, strict: true, ..BuildOptions::default() };
+    let options = BuildOptions { read, strict: true, force: args.force, ..BuildOptions::default() };
     let quiet = &mut |_: build::Event<'_>| std::ops::ControlFlow::Continue(());
     let (tokenizer, _) = build::fit(&gathered, TokenizerConfig::default(), &options, quiet)?;
     tokenizer.save(args.out.join("tokenizer.json"))?;

@@ -1,8 +1,9 @@
 //! `kinelm filter`.
 
 use super::many::{self, Pair};
-use super::{Say, print, read::ReadArgs};
+use super::{ForceArgs, Say, print, read::ReadArgs};
 use anyhow::Result;
+use kinelm::output::Outputs;
 use kinelm::spectral::filter::{Filter, LOW_HZ, MIDDLE_HZ, filter};
 use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
@@ -37,6 +38,8 @@ pub struct Args {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    force: ForceArgs,
+    #[command(flatten)]
     read: ReadArgs,
 }
 
@@ -53,11 +56,13 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let how = args.filter();
     let pairs = pairs(&args.clips, &args.out)?;
     let clips: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
-    let each = |i: usize, clip: &Path| one(clip, &pairs[i].output, &how, &args, say);
+    let outputs = args.force.outputs(clips.iter().cloned().chain(args.read.files()));
+    outputs.check(pairs.iter().map(|p| &*p.output))?;
+    let each = |i: usize, clip: &Path| one(clip, &pairs[i].output, &how, &args, (&outputs, say));
     super::each_file(&clips, "clips could not be filtered", say, each)
 }
 
-fn one(path: &Path, out: &Path, how: &Filter, args: &Args, say: Say) -> Result<()> {
+fn one(path: &Path, out: &Path, how: &Filter, args: &Args, (outputs, say): (&Outputs, Say)) -> Result<()> {
     let motion = format::read(path, &args.read.options(RestFrame::Drop))?;
     super::warn(&motion, say);
     let done = filter(&motion.clip, how)?;
@@ -73,7 +78,7 @@ fn one(path: &Path, out: &Path, how: &Filter, args: &Args, say: Say) -> Result<(
     }
     let after = jitter(&done.clip);
     let filtered = super::written_as(out, Motion { clip: done.clip, ..motion }, args.read.map.as_deref())?;
-    format::write(out, &filtered)?;
+    outputs.write(out, &format::to_bytes(out, &filtered)?)?;
     let clip = &filtered.clip;
     if args.json {
         let line = serde_json::json!({
@@ -110,9 +115,8 @@ fn pairs(clips: &[PathBuf], out: &Path) -> Result<Vec<Pair>> {
         true => many::into_folder(clips, out, |own| if own == "pkl" { "npz".into() } else { own.into() })?,
         false => vec![Pair { input: clips[0].clone(), output: out.to_owned() }],
     };
-    for Pair { input, output } in &pairs {
+    for Pair { output, .. } in &pairs {
         super::writable(output)?;
-        super::not_over_itself(input, output)?;
     }
     Ok(pairs)
 }

@@ -1,7 +1,7 @@
 //! `kinelm tokenizer fit`.
 
 use super::data::DataArgs;
-use super::{Say, WrongCall, read::ReadArgs};
+use super::{ForceArgs, Say, WrongCall, read::ReadArgs};
 use anyhow::Result;
 use kinelm::corpus::{self, Settings};
 use kinelm_motion::format::RestFrame;
@@ -15,6 +15,8 @@ pub struct Args {
     /// Where the tokenizer goes
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    #[command(flatten)]
+    force: ForceArgs,
     #[command(flatten)]
     settings: SettingsArgs,
     #[command(flatten)]
@@ -112,10 +114,13 @@ fn name_of(value: &impl clap::ValueEnum) -> String {
 pub fn run(args: Args, say: Say) -> Result<()> {
     let config = args.settings.config()?;
     let gathered = args.data.gather(say)?;
+    let inputs = args.data.files(&gathered).chain(args.settings.config.clone()).chain(args.read.files());
+    let outputs = args.force.outputs(inputs);
+    outputs.check([&*args.out])?;
     let options = args.data.build_options(args.read.options(RestFrame::Drop));
     let (tokenizer, summary) =
         corpus::build::fit(&gathered, config, &options, &mut *super::progress::watch(say, "fitting the tokenizer"))?;
-    tokenizer.save(&args.out)?;
+    outputs.write(&args.out, tokenizer.to_json().as_bytes())?;
     for line in summary.lines() {
         say.line(line);
     }

@@ -1,8 +1,8 @@
 //! `kinelm generate`.
 
-use super::{ComputeArgs, ReadingArgs, Say, WrongCall, draw::DrawArgs, read::ReadArgs};
+use super::{ComputeArgs, ForceArgs, ReadingArgs, Say, WrongCall, draw::DrawArgs, read::ReadArgs};
 use anyhow::{Context, Result};
-use kinelm::corpus::load::hash_file;
+use kinelm::corpus::FileRecord;
 use kinelm::generate::apart::{apart, free_between};
 use kinelm::generate::make::{Followed, Ready};
 use kinelm::generate::prompt;
@@ -11,9 +11,10 @@ use kinelm::generate::recipe::{Computing, PromptRecipe, Recipe, Rig};
 use kinelm::generate::rest::RestJoints;
 use kinelm::generate::variation_seed;
 use kinelm::model::Which;
+use kinelm::output::{Outputs, is_same};
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::resample::{Method, resample};
-use kinelm_motion::{Motion, joints, retarget, smpl};
+use kinelm_motion::{joints, retarget, smpl};
 use kinelm_tokenizer::{Tokenizer, Words};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -49,12 +50,12 @@ pub struct Args {
     #[arg(long, value_parser = super::read::positive)]
     fps: Option<f64>,
     /// Where the dance goes (.bvh .npz .json); with --variations, the dances go to FILE-1, FILE-2, ... before the
-    /// extension. FILE.kinelm.json beside each tells where it is from
+    /// extension. FILE.bvh.kinelm.json beside each tells where it is from
     #[arg(long, value_name = "FILE", required_unless_present = "again")]
     out: Option<PathBuf>,
-    /// Make a dance again, to the same bytes, from the FILE.kinelm.json beside it; --run, --prompt and --out if they are
+    /// Make a dance again, to the same bytes, from the FILE.bvh.kinelm.json beside it; --run, --prompt and --out if they are
     /// elsewhere now
-    #[arg(long, value_name = "FILE.kinelm.json", conflicts_with_all = ["joints", "from_frame", "labels", "guidance", "frames", "seconds", "fps",
+    #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["joints", "from_frame", "labels", "guidance", "frames", "seconds", "fps",
         "variations", "seed", "greedy", "temperature", "top_k", "top_p", "min_p", "repetition_penalty",
         "repetition_words", "rig", "rest_joints", "weights", "kv", "device", "form", "fps_source", "unit", "map",
         "bvh_position", "root", "lenient", "keep_rest", "drop_rest", "skip", "body_model"])]
@@ -75,6 +76,8 @@ pub struct Args {
     /// If not given, 8 with --greedy and none without: drawn tokens are too rarely those of the word before
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=64), hide_short_help = true)]
     guesses: Option<u8>,
+    #[command(flatten)]
+    force: ForceArgs,
     #[command(flatten)]
     draw: DrawArgs,
     #[command(flatten)]
@@ -130,20 +133,36 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     if let Some(file) = &args.again {
         return again(&args, file, say);
     }
-    check_out(&args)?;
+    let outs = outs(&args)?;
+    check_out(&args, &outs)?;
     let recipe = recipe(&args)?;
+    let outputs = outputs(&args, &recipe);
+    // all names, before the first frame
+    outputs.check(outs.iter().map(PathBuf::as_path))?;
+    for out in &outs {
+        outputs.check_replaceable(out, None)?;
+        outputs.check_replaceable(&provenance::path_of(out), None)?;
+    }
     let mut ready = load(recipe, Which::Auto, say)?;
     ready.stand_with_prompt();
-    let outs = outs(&args)?;
     let danced = danced(&ready, outs.len(), args.guesses, say)?;
     for (i, (words, out)) in danced.iter().zip(&outs).enumerate() {
         let motion = ready.motion(words, out)?;
-        format::write(out, &motion)?;
+        let bytes = format::to_bytes(out, &motion)?;
+        Provenance::of(&ready, i + 1, out, &bytes)?.write(out, &bytes, &outputs)?;
         super::convert::told(out, &motion, say);
         say_read_back(&ready, words, out, say)?;
-        Provenance::of(&ready, i + 1, out)?.save(out)?;
     }
     Ok(())
+}
+
+/// What a recipe reads is not written over.
+fn outputs(args: &Args, recipe: &Recipe) -> Outputs {
+    let prompt = recipe.prompt.iter().flat_map(|prompt| {
+        let map = prompt.read.map.iter().map(PathBuf::from);
+        map.chain(prompt.read.body_model.clone()).chain([prompt.path.clone()])
+    });
+    args.force.outputs(prompt.chain([recipe.run.clone()]).chain(args.again.clone()))
 }
 
 /// What was asked for.
@@ -233,7 +252,6 @@ fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
         let what = format!("{}: the dance was {}; other formats hold other bytes", out.display(), first.output.file);
         return Err(WrongCall(what).into());
     }
-    provenance::check_free(&out)?;
     let mut recipe = first.recipe.clone();
     recipe.seed = variation_seed(recipe.seed, first.variation.saturating_sub(1));
     if let Some(run) = &args.run {
@@ -242,39 +260,41 @@ fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     if let (Some(path), Some(prompt)) = (&args.prompt, &mut recipe.prompt) {
         prompt.path.clone_from(path);
     }
+    let outputs = outputs(args, &recipe);
+    outputs.check([&*out])?;
+    outputs.check_replaceable(&out, Some(&first.output.sha256))?;
     let ready = load(recipe, Which::Step(first.step), say)?;
     first.check(&ready)?;
     let words = danced(&ready, 1, args.guesses, say)?.remove(0);
     let motion = ready.motion(&words, &out)?;
-    write_again(&first, &out, &motion)?;
+    let bytes = format::to_bytes(&out, &motion)?;
+    check_same(&first, &bytes)?;
+    if is_same(&provenance::path_of(&out), file) {
+        outputs.write(&out, &bytes)?; // and it tells of the dance already
+    } else {
+        let recipe = Recipe { seed: first.recipe.seed, ..ready.recipe };
+        let output = provenance::FileHash { file: provenance::name_of(&out), ..first.output };
+        let told = Provenance { output, recipe, kinelm: env!("CARGO_PKG_VERSION").into(), ..first };
+        told.write(&out, &bytes, &outputs)?;
+    }
     super::convert::told(&out, &motion, say);
-    let recipe = Recipe { seed: first.recipe.seed, ..ready.recipe };
-    let output = provenance::FileHash { file: provenance::name_of(&out), ..first.output };
-    Ok(Provenance { output, recipe, kinelm: env!("CARGO_PKG_VERSION").into(), ..first }.save(&out)?)
+    Ok(())
 }
 
-/// Puts the motion to `out` if its bytes are those of the first time.
-fn write_again(first: &Provenance, out: &Path, motion: &Motion) -> Result<()> {
-    let mut beside = kinelm::files::beside(out, "again")?.into_os_string();
-    beside.push(format!(".{}", super::extension(out)));
-    let beside = PathBuf::from(beside);
-    format::write(&beside, motion)?;
-    let found = hash_file(&beside);
-    if !found.as_ref().is_ok_and(|found| *found == first.output.sha256) {
-        std::fs::remove_file(&beside).with_context(|| beside.display().to_string())?;
-        let (then, now) = (&first.recipe.computing, kinelm_engine::dispatch::name());
-        anyhow::bail!(
-            "the dance came out otherwise: SHA-256 {}, then {}; it was made by kinelm {} with the kernels {}, this is {} \
-             with {now}. Nothing was written",
-            found?,
-            first.output.sha256,
-            first.kinelm,
-            then.kernels,
-            env!("CARGO_PKG_VERSION"),
-        );
-    }
-    std::fs::rename(&beside, out).with_context(|| out.display().to_string())?;
-    Ok(kinelm::files::sync_folder(kinelm::files::folder_of(out))?)
+/// Refuses a dance that came out otherwise.
+fn check_same(first: &Provenance, bytes: &[u8]) -> Result<()> {
+    let found = FileRecord::of(bytes).sha256;
+    let (then, now) = (&first.recipe.computing, kinelm_engine::dispatch::name());
+    anyhow::ensure!(
+        found == first.output.sha256,
+        "the dance came out otherwise: SHA-256 {found}, then {}; it was made by kinelm {} with the kernels {}, this is {} \
+         with {now}. Nothing was written",
+        first.output.sha256,
+        first.kinelm,
+        then.kernels,
+        env!("CARGO_PKG_VERSION"),
+    );
+    Ok(())
 }
 
 /// The files that are written.
@@ -321,14 +341,10 @@ fn say_free_between(tokenizer: &Tokenizer, prompt: &Followed, list: &str, say: S
     ));
 }
 
-fn check_out(args: &Args) -> Result<()> {
+fn check_out(args: &Args, outs: &[PathBuf]) -> Result<()> {
     let mut extension = String::new();
-    for out in outs(args)? {
-        extension = super::writable(&out)?;
-        if let Some(prompt) = &args.prompt {
-            super::not_over_itself(prompt, &out)?;
-        }
-        provenance::check_free(&out)?;
+    for out in outs {
+        extension = super::writable(out)?;
     }
     if args.draw.get()?.greedy && args.variations > 1 {
         let what = "--variations with --greedy: the likeliest dance is always the same; leave one of them out";

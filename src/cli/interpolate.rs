@@ -1,10 +1,10 @@
 //! `kinelm interpolate`.
 
 use super::view::stem;
-use super::{Say, WrongCall, print, read::ReadArgs};
+use super::{ForceArgs, Say, WrongCall, print, read::ReadArgs};
 use anyhow::Result;
 use kinelm::spectral::interpolate::{Alignment, Blended, Descent, Kind, Settings, Way, blend};
-use kinelm::view::{Figure, write_page};
+use kinelm::view::{Figure, page};
 use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
 use std::path::PathBuf;
@@ -36,6 +36,8 @@ pub struct Args {
     /// One JSON object instead of a table
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    force: ForceArgs,
     #[command(flatten)]
     read: ReadArgs,
 }
@@ -93,6 +95,8 @@ enum KindArg {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     check(&args)?;
+    let outputs = args.force.outputs([args.a.clone(), args.b.clone()].into_iter().chain(args.read.files()));
+    outputs.check(std::iter::once(&*args.out).chain(args.page.as_deref()))?;
     let options = args.read.options(RestFrame::Drop);
     let motions = [format::read(&args.a, &options)?, format::read(&args.b, &options)?];
     motions.iter().for_each(|motion| super::warn(motion, say));
@@ -101,9 +105,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let done = blend(&a, &b, &args.settings())?;
     done.said.iter().for_each(|line| say.line(line));
     let between = Motion { path: args.out.clone(), clip: done.clips[2].clone(), ..a };
-    format::write(&args.out, &super::written_as(&args.out, between, args.read.map.as_deref())?)?;
-    if let Some(page) = &args.page {
-        write_page(page, &figures(&args, &done))?;
+    let between = super::written_as(&args.out, between, args.read.map.as_deref())?;
+    outputs.write(&args.out, &format::to_bytes(&args.out, &between)?)?;
+    if let Some(path) = &args.page {
+        outputs.write(path, page(&figures(&args, &done))?.as_bytes())?;
     }
     let report = &done.report;
     say.line(format_args!("{}: {} frames at {} fps", args.out.display(), report.frames, report.fps));
@@ -127,8 +132,6 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 /// What can be known to be wrong before anything is read.
 fn check(args: &Args) -> Result<()> {
     super::writable(&args.out)?;
-    super::not_over_itself(&args.a, &args.out)?;
-    super::not_over_itself(&args.b, &args.out)?;
     args.page.as_deref().map_or(Ok(()), super::page)?;
     if args.keep.is_some() && matches!(args.transform, KindArg::Stft) {
         return Err(

@@ -1,10 +1,9 @@
 //! `kinelm lr-find`.
 
-use super::{ComputeArgs, Say, print};
+use super::{ComputeArgs, ForceArgs, Say, print};
 use anyhow::Result;
 use kinelm::train::lr_find::{Found, LrFindOptions, Tried, lr_find};
 use kinelm::train::{CorpusPart, TrainFile};
-use kinelm::view::plot;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -32,11 +31,15 @@ pub struct Args {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    force: ForceArgs,
+    #[command(flatten)]
     compute: ComputeArgs,
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
-    plot::check(&args.out).map_err(|e| super::WrongCall(e.to_string()))?;
+    let corpora = args.corpus.iter().map(|part| part.path.clone());
+    let outputs = args.force.outputs(corpora.chain([args.config.clone()]));
+    super::picture(&args.out, &outputs)?;
     let options = LrFindOptions {
         file: TrainFile::find(&args.config).map_err(super::asked)?,
         corpora: args.corpus,
@@ -50,7 +53,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let found = lr_find(&options, &stop, &mut |tried| bar.set_position(tried.step));
     drop(bar);
     let found = found?;
-    plot::draw_as(&args.out, &[found.chart()])?;
+    super::draw_charts(&args.out, &[found.chart()], &outputs)?;
     say.line(format_args!("{}: {} steps", args.out.display(), found.steps.len()));
     if args.json {
         #[derive(serde::Serialize)]

@@ -34,6 +34,8 @@ mod view_files;
 
 use anyhow::{Error, Result};
 use kinelm::model::{Compute, DeviceName, Form, Reading};
+use kinelm::output::Outputs;
+use kinelm::view::plot;
 use kinelm_engine::arena::NoMemory;
 use kinelm_engine::decode::{KvKind, WeightKind};
 use kinelm_motion::convert::{Rig, Wanted, convert};
@@ -167,6 +169,21 @@ impl ReadingArgs {
     }
 }
 
+/// What a command that writes may write over.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct ForceArgs {
+    /// Replace what stands at an output and isn't this program's own beyond doubt; never a file that the call reads
+    #[arg(long)]
+    pub force: bool,
+}
+
+impl ForceArgs {
+    /// The outputs of a call that reads these files and folders.
+    pub fn outputs(self, inputs: impl IntoIterator<Item = impl Into<PathBuf>>) -> Outputs {
+        Outputs::new(inputs, self.force)
+    }
+}
+
 /// Bytes of stack of a thread that computes: what a program's first thread has.
 const STACK: usize = 8 << 20;
 
@@ -250,15 +267,13 @@ pub fn is_stopped(e: &anyhow::Error) -> bool {
     e.is::<Stopped>() || matches!(e.downcast_ref(), Some(kinelm::Error::Stopped(_)))
 }
 
-/// The extension of a motion file to write; refuses, before any work, what no motion is written as and a folder that isn't
-/// there.
+/// The extension of a motion file to write; refuses, before any work, what no motion is written as.
 pub fn writable(path: &Path) -> Result<String> {
     let extension = extension(path);
     if !["bvh", "npz", "json"].contains(&extension.as_str()) {
         let what = format!("{}: expected a name ending in .bvh, .npz or .json", path.display());
         return Err(WrongCall(what).into());
     }
-    kinelm::files::folder_is_there(path).map_err(|e| WrongCall(e.to_string()))?;
     Ok(extension)
 }
 
@@ -302,22 +317,26 @@ fn of_file(path: &Path, e: anyhow::Error) -> anyhow::Error {
     }
 }
 
-/// Refuses a page under another name than a page's, and in a folder that isn't there, before any work.
+/// Refuses a page under another name than a page's, before any work.
 pub fn page(path: &Path) -> Result<()> {
     if extension(path) != "html" {
         return Err(WrongCall(format!("{}: expected a name ending in .html for a page", path.display())).into());
     }
-    Ok(kinelm::files::folder_is_there(path).map_err(|e| WrongCall(e.to_string()))?)
+    Ok(())
 }
 
-/// Refuses an output that is the input itself.
-pub fn not_over_itself(input: &Path, output: &Path) -> Result<()> {
-    match (input.canonicalize(), output.canonicalize()) {
-        (Ok(a), Ok(b)) if a == b => {
-            Err(WrongCall(format!("{} would be written over itself; give another output", input.display())).into())
-        }
-        _ => Ok(()),
+/// Refuses a picture under another name than a picture's, and what must not be written over, before any work.
+pub fn picture(path: &Path, outputs: &Outputs) -> Result<()> {
+    plot::check(path).map_err(|e| WrongCall(e.to_string()))?;
+    Ok(outputs.check([path])?)
+}
+
+/// Draws charts into a file; nothing where there is nothing to draw.
+pub fn draw_charts(path: &Path, charts: &[plot::Chart], outputs: &Outputs) -> Result<()> {
+    if let Some(bytes) = plot::to_bytes(path, charts)? {
+        outputs.write(path, &bytes)?;
     }
+    Ok(())
 }
 
 /// Prints what is not data on stderr.
@@ -361,12 +380,13 @@ pub fn print(text: &str) -> Result<()> {
     Ok(out.flush()?)
 }
 
-/// Whether the call was wrong, not the work.
+/// Whether the call was wrong, not the work: what it asks for, or where it would write.
 pub fn is_wrong_call(e: &Error) -> bool {
     use kinelm_motion::Error as Motion;
     let of_motion = |e: &(dyn std::error::Error + 'static)| match e.downcast_ref::<kinelm::Error>() {
         Some(kinelm::Error::Motion(e)) => matches!(e, Motion::Option { .. }),
-        _ => matches!(e.downcast_ref(), Some(Motion::Option { .. })),
+        Some(e) => matches!(e, kinelm::Error::Taken { .. }),
+        None => matches!(e.downcast_ref(), Some(Motion::Option { .. })),
     };
     e.is::<WrongCall>() || e.chain().any(of_motion)
 }

@@ -43,6 +43,11 @@ pub struct ReadArgs {
 }
 
 impl ReadArgs {
+    /// The files that are read beside the motion.
+    pub fn files(&self) -> impl Iterator<Item = PathBuf> {
+        self.map.iter().map(PathBuf::from).chain(self.body_model.clone())
+    }
+
     /// The options, with what this command does about rest-pose frames unless told.
     pub fn options(&self, rest: RestFrame) -> ReadOptions {
         ReadOptions {

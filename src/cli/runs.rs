@@ -1,10 +1,9 @@
 //! `kinelm runs list` and `plot`.
 
-use super::{Say, WrongCall, print};
+use super::{ForceArgs, Say, print};
 use anyhow::Result;
 use comfy_table::{CellAlignment, Table, presets};
 use kinelm::runs::{Listed, Log, Metric, Over, chart, list};
-use kinelm::view::plot;
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -33,6 +32,8 @@ pub enum Command {
         /// What it is drawn over; time is that of the training steps
         #[arg(long, value_enum, default_value = "step")]
         over: OverArg,
+        #[command(flatten)]
+        force: ForceArgs,
     },
 }
 
@@ -85,8 +86,9 @@ pub fn run(command: Command, say: Say) -> Result<()> {
             }
             print(&if json { lines(&runs)? } else { table(&runs) })
         }
-        Command::Plot { runs, out, metric, over } => {
-            plot::check(&out).map_err(|e| WrongCall(e.to_string()))?;
+        Command::Plot { runs, out, metric, over, force } => {
+            let outputs = force.outputs(&runs);
+            super::picture(&out, &outputs)?;
             let mut logs = Vec::new();
             for (run, name) in runs.iter().zip(names(&runs)) {
                 let log = Log::read(run)?;
@@ -100,7 +102,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
             if chart.is_empty() {
                 anyhow::bail!("none of the runs has a figure to draw yet");
             }
-            plot::draw_as(&out, &[chart])?;
+            super::draw_charts(&out, &[chart], &outputs)?;
             let many = if runs.len() == 1 { "run" } else { "runs" };
             say.line(format_args!("{}: {} {many}", out.display(), runs.len()));
             Ok(())

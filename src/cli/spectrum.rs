@@ -1,9 +1,8 @@
 //! `kinelm spectrum`.
 
-use super::{Say, WrongCall, read::ReadArgs};
+use super::{ForceArgs, Say, read::ReadArgs};
 use anyhow::Result;
 use kinelm::spectral::picture::{Wanted, charts};
-use kinelm::view::plot;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::suggest::did_you_mean;
 use std::path::PathBuf;
@@ -31,11 +30,14 @@ pub struct Args {
     #[arg(long)]
     no_dc: bool,
     #[command(flatten)]
+    force: ForceArgs,
+    #[command(flatten)]
     read: ReadArgs,
 }
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
-    plot::check(&args.out).map_err(|e| WrongCall(e.to_string()))?;
+    let outputs = args.force.outputs([args.clip.clone()].into_iter().chain(args.read.files()));
+    super::picture(&args.out, &outputs)?;
     let motion = format::read(&args.clip, &args.read.options(RestFrame::Drop))?;
     super::warn(&motion, say);
     let skeleton = motion.clip.skeleton();
@@ -48,7 +50,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     };
     let wanted = Wanted { joint, from_s: args.at, seconds: args.seconds, fps: args.fps, no_dc: args.no_dc };
     let charts = charts(&motion.clip, &wanted).map_err(|e| anyhow::anyhow!("{}: {e}", args.clip.display()))?;
-    plot::draw_as(&args.out, &charts)?;
+    super::draw_charts(&args.out, &charts, &outputs)?;
     say.line(format_args!(
         "{}: the spectra of {} in {}",
         args.out.display(),

@@ -3,6 +3,7 @@
 use super::data::DataArgs;
 use super::{Say, WrongCall, print, progress, read::ReadArgs};
 use anyhow::{Context, Result};
+use kinelm::output::Outputs;
 use kinelm::study::{self, Event, StudyOptions, default_rows, study};
 use kinelm_motion::format::RestFrame;
 use kinelm_motion::joints;
@@ -28,7 +29,7 @@ pub struct Args {
     /// The rows that the page shows beside the original; unless given one of the DCT tiles and one lapped row
     #[arg(long, value_name = "ROW,ROW", value_delimiter = ',')]
     show: Vec<String>,
-    /// Measure every row anew
+    /// Measure every row anew, and replace files at --out that no study wrote
     #[arg(long)]
     force: bool,
     #[command(flatten)]
@@ -47,7 +48,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let build = args.data.build_options(args.read.options(RestFrame::Drop));
     let options = StudyOptions { build, rows, joints, fps: args.fps, force: args.force, shown: args.show };
     let gathered = args.data.gather(say)?;
-    let report = study(&gathered, &options, &args.out, &mut watch(say))?;
+    let inputs = args.data.files(&gathered).chain(args.schemes.clone()).chain(args.read.files());
+    let outputs = Outputs::new(inputs, args.force);
+    let report = study(&gathered, &options, (&args.out, &outputs), &mut watch(say))?;
     for line in report.said() {
         say.line(line);
     }

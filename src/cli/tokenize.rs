@@ -4,6 +4,8 @@ use super::{Say, data::DataArgs, read::ReadArgs};
 use anyhow::Result;
 use kinelm::corpus::Shard;
 use kinelm::corpus::build::{BuildOptions, tokenize};
+use kinelm::corpus::writer::LAYOUT;
+use kinelm::output::Outputs;
 use kinelm_motion::format::RestFrame;
 use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
@@ -21,7 +23,7 @@ pub struct Args {
     /// Only piece I of N, counted from 0; `corpus merge` puts the pieces together
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
-    /// Replace a corpus that stands at --out
+    /// Replace the files of a corpus that stands at --out
     #[arg(long)]
     force: bool,
     #[command(flatten)]
@@ -31,6 +33,8 @@ pub struct Args {
 pub fn run(args: Args, say: Say) -> Result<()> {
     let tokenizer = Tokenizer::load(&args.tokenizer)?;
     let gathered = args.data.gather(say)?;
+    let inputs = args.data.files(&gathered).chain([args.tokenizer.clone()]).chain(args.read.files());
+    Outputs::new(inputs, args.force).check_folder(&args.out, &LAYOUT)?;
     let options = BuildOptions {
         shard: args.shard,
         force: args.force,

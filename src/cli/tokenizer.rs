@@ -1,6 +1,6 @@
 //! `kinelm tokenizer text` and `decode`; `fit` and `study` have files of their own.
 
-use super::{Say, print, read::ReadArgs};
+use super::{ForceArgs, Say, print, read::ReadArgs};
 use anyhow::{Context, Result};
 use kinelm::corpus;
 use kinelm_motion::format::{self, RestFrame};
@@ -40,6 +40,8 @@ pub struct DecodeArgs {
     /// The tokenizer
     #[arg(long, value_name = "FILE")]
     tokenizer: PathBuf,
+    #[command(flatten)]
+    force: ForceArgs,
 }
 
 pub fn run(command: Command, say: Say) -> Result<()> {
@@ -66,6 +68,8 @@ fn text(args: TextArgs, say: Say) -> Result<()> {
 
 fn decode(args: DecodeArgs, say: Say) -> Result<()> {
     super::writable(&args.out)?;
+    let outputs = args.force.outputs([&args.words, &args.tokenizer]);
+    outputs.check([&*args.out])?;
     let tokenizer = Tokenizer::load(&args.tokenizer)?;
     let text = match args.words.as_os_str() == "-" {
         true => std::io::read_to_string(std::io::stdin())?,
@@ -75,7 +79,7 @@ fn decode(args: DecodeArgs, say: Say) -> Result<()> {
     anyhow::ensure!(!words.is_empty(), "{}: no words, nothing to decode", args.words.display());
     let clip = tokenizer.decode(&words, Rest::Identity)?;
     let motion = Motion { path: args.out.clone(), clip, source: Source::Plain, warnings: Vec::new() };
-    format::write(&args.out, &motion)?;
+    outputs.write(&args.out, &format::to_bytes(&args.out, &motion)?)?;
     super::convert::told(&args.out, &motion, say);
     Ok(())
 }

@@ -1,9 +1,10 @@
 //! `kinelm view`.
 
 use super::many;
-use super::{Say, WrongCall, read::ReadArgs, view_files::shown};
+use super::{ForceArgs, Say, WrongCall, read::ReadArgs, view_files::shown};
 use anyhow::Result;
-use kinelm::view::{Figure, write_page};
+use kinelm::output::Outputs;
+use kinelm::view::{Figure, page};
 use kinelm_motion::format;
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::{Motion, Skeleton, retarget};
@@ -25,23 +26,29 @@ pub struct Args {
     #[arg(long)]
     together: bool,
     #[command(flatten)]
+    force: ForceArgs,
+    #[command(flatten)]
     read: ReadArgs,
 }
 
 pub fn run(mut args: Args, say: Say) -> Result<()> {
     if !args.out.is_dir() && !many::ends_as_folder(&args.out) {
         args.clips = many::files(&args.clips)?.into_iter().map(|(clip, _)| clip).collect();
-        return one(args, say);
+        let outputs = args.force.outputs(args.clips.iter().cloned().chain(args.read.files()));
+        outputs.check([&*args.out])?;
+        return one(args, &outputs, say);
     }
     let pairs = many::into_folder(&args.clips, &args.out, |_| "html".into())?;
     let clips: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
+    let outputs = args.force.outputs(clips.iter().cloned().chain(args.read.files()));
+    outputs.check(pairs.iter().map(|p| &*p.output))?;
     super::each_file(&clips, "clips have no page", say, |i, clip| {
-        one(Args { clips: vec![clip.into()], out: pairs[i].output.clone(), ..args.clone() }, say)
+        one(Args { clips: vec![clip.into()], out: pairs[i].output.clone(), ..args.clone() }, &outputs, say)
     })
 }
 
 /// One page.
-fn one(args: Args, say: Say) -> Result<()> {
+fn one(args: Args, outputs: &Outputs, say: Say) -> Result<()> {
     if args.forced.len() > 1 && args.forced.len() != args.clips.len() {
         let (n, clips) = (args.forced.len(), args.clips.len());
         return Err(WrongCall(format!(
@@ -67,12 +74,13 @@ fn one(args: Args, say: Say) -> Result<()> {
         };
         figures.push(figure(motion).forced(&forced).in_world(files[i].world));
     }
-    let bytes = write_page(&args.out, &figures)?;
+    let page = page(&figures)?;
+    outputs.write(&args.out, page.as_bytes())?;
     say.line(format_args!(
         "{}: {} dancers, {} KB; open it in a browser",
         args.out.display(),
         figures.len(),
-        bytes / 1000
+        page.len() / 1000
     ));
     Ok(())
 }

@@ -4,7 +4,8 @@ use super::record::{
     ClipRecord, Count, Failure, FileRecord, Manifest, Shard, SourceRecord, Split, TokenType, VERSION, hex,
 };
 use super::store::{CLIPS, Coding, MANIFEST, TOKENIZER};
-use crate::{Error, Result, files};
+use crate::files::Hidden;
+use crate::{Error, Result};
 use kinelm_tokenizer::{SPACE, Tokenizer};
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, HashSet};
@@ -32,8 +33,7 @@ pub struct NewClip {
 /// [`CorpusWriter::finish`], it leaves nothing.
 #[derive(Debug)]
 pub struct CorpusWriter {
-    dir: PathBuf,
-    work: PathBuf,
+    work: Hidden,
     force: bool,
     tokens: HashingFile,
     clips: HashingFile,
@@ -49,8 +49,8 @@ impl CorpusWriter {
     /// Begins a corpus at `dir` with its tokenizer and the paths it is made from.
     ///
     /// # Errors
-    /// [`Error::Call`] when something stands at `dir` already and `force` is not given, or it is given and what stands
-    /// there is no corpus; [`Error::Io`].
+    /// [`Error::Taken`] when what stands at `dir` is no corpus, or one of another tokenizer and `force` is not given;
+    /// [`Error::Io`].
     pub fn create(
         dir: impl AsRef<Path>,
         tokenizer: &Tokenizer,
@@ -59,17 +59,16 @@ impl CorpusWriter {
         force: bool,
     ) -> Result<Self> {
         let dir = dir.as_ref().to_owned();
-        refuse_to_overwrite(&dir, force)?;
-        let work = files::beside(&dir, "writing")?;
-        fs::create_dir_all(&work).map_err(Error::io(&work))?;
+        check_place(&dir, tokenizer, force)?;
+        let work = Hidden::folder(&dir)?;
         let coding = Coding::of(tokenizer);
         let token_type = TokenType::of_vocabulary(coding.vocabulary);
-        files::write_whole(&work.join(TOKENIZER), tokenizer.to_json().as_bytes())?;
+        work.write(TOKENIZER, tokenizer.to_json().as_bytes())?;
         let empty = FileRecord::of(b"");
         let source = |path: &String| SourceRecord { path: path.clone(), clips: 0, sha256: String::new() };
         Ok(CorpusWriter {
-            tokens: HashingFile::create(work.join(token_type.file_name()))?,
-            clips: HashingFile::create(work.join(CLIPS))?,
+            tokens: HashingFile::create(work.path().join(token_type.file_name()))?,
+            clips: HashingFile::create(work.path().join(CLIPS))?,
             manifest: Manifest {
                 version: VERSION,
                 tokenizer: coding.tokenizer,
@@ -92,7 +91,6 @@ impl CorpusWriter {
             offset: 0,
             token_type,
             force,
-            dir,
             work,
         })
     }
@@ -170,7 +168,7 @@ impl CorpusWriter {
     /// Moves the whole corpus to its place.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::Call`] as in [`CorpusWriter::create`], when something came to stand there meanwhile.
+    /// [`Error::Io`]; [`Error::Taken`] where something else stands there and `force` is not given.
     pub fn finish(mut self) -> Result<Manifest> {
         self.manifest.tokens = self.tokens.finish()?;
         self.manifest.clips = self.clips.finish()?;
@@ -179,48 +177,34 @@ impl CorpusWriter {
         }
         let mut json = serde_json::to_string_pretty(&self.manifest).expect("a manifest is JSON");
         json.push('\n');
-        files::write_whole(&self.work.join(MANIFEST), json.as_bytes())?;
-        refuse_to_overwrite(&self.dir, self.force)?;
-        let old = files::beside(&self.dir, "old")?;
-        let replaces = self.dir.exists();
-        if replaces {
-            fs::rename(&self.dir, &old).map_err(Error::io(&self.dir))?;
+        self.work.write(MANIFEST, json.as_bytes())?;
+        match self.force {
+            true => self.work.settle_over(&LAYOUT)?,
+            false => self.work.settle(HELP)?,
         }
-        if let Err(e) = fs::rename(&self.work, &self.dir) {
-            let _ = fs::rename(&old, &self.dir);
-            return Err(Error::io(&self.dir)(e));
-        }
-        files::sync_folder(files::folder_of(&self.dir))?;
-        if replaces {
-            fs::remove_dir_all(&old).map_err(Error::io(&old))?;
-        }
-        Ok(self.manifest.clone())
+        Ok(self.manifest)
     }
 }
 
-impl Drop for CorpusWriter {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.work); // gone already after `finish`
-    }
-}
+/// What the folder may hold of a corpus, what tells of the others first.
+pub const LAYOUT: [&str; 5] = [MANIFEST, CLIPS, TOKENIZER, "tokens.u16", "tokens.u32"];
 
-/// A folder is replaced only by the user's word, and only if it is a corpus or empty.
-fn refuse_to_overwrite(dir: &Path, force: bool) -> Result<()> {
-    let shown = dir.display();
-    if fs::symlink_metadata(dir).is_err() {
-        return Ok(());
-    }
-    if fs::read_dir(dir).is_ok_and(|mut entries| entries.next().is_none()) {
+/// Files are replaced in a corpus alone, and without `force` only by the same: of another tokenizer they can't be.
+fn check_place(dir: &Path, tokenizer: &Tokenizer, force: bool) -> Result<()> {
+    let is_used = fs::read_dir(dir).is_ok_and(|mut entries| entries.next().is_some());
+    if fs::symlink_metadata(dir).is_err() || (dir.is_dir() && !is_used) {
         return Ok(());
     }
     if !dir.join(MANIFEST).is_file() {
-        return Err(Error::Call(format!("{shown} exists and is no corpus; give another place for the corpus")));
+        return Err(Error::taken(dir, "exists and is no corpus; give another place for the corpus"));
     }
-    if !force {
-        return Err(Error::Call(format!("{shown} holds a corpus; give another place, or --force to replace it")));
+    if !force && fs::read(dir.join(TOKENIZER)).is_ok_and(|found| found != tokenizer.to_json().as_bytes()) {
+        return Err(Error::taken(dir, format!("holds a corpus of another tokenizer; {HELP}")));
     }
     Ok(())
 }
+
+const HELP: &str = "give another place for the corpus, or --force to replace its files";
 
 /// A file that is hashed while it is written.
 #[derive(Debug)]
@@ -271,13 +255,18 @@ mod tests {
         let tmp = tempfile::tempdir().unwrap();
         let dir = tmp.path().join("c");
         small(&dir);
-        let e = begin(&dir, false).unwrap_err().to_string();
+        fs::write(dir.join("notes.txt"), "x").unwrap();
+        let mut w = begin(&dir, false).unwrap();
+        w.push(clip("z", 0, Split::Valid, 1), &words(1)).unwrap();
+        let e = w.finish().unwrap_err().to_string();
         assert!(e.contains("--force"), "{e}");
+        small(&dir);
         let mut w = begin(&dir, true).unwrap();
         w.push(clip("z", 0, Split::Valid, 1), &words(1)).unwrap();
         assert_eq!(Corpus::open(&dir).unwrap().clips()[0].name, "a", "the old one stands until the new one is whole");
         w.finish().unwrap();
         assert_eq!(Corpus::open(&dir).unwrap().clips()[0].name, "z");
+        assert!(dir.join("notes.txt").exists(), "what is no part of it stays");
         let other = tmp.path().join("letters");
         fs::create_dir(&other).unwrap();
         fs::write(other.join("dear.txt"), "x").unwrap();

@@ -1,11 +1,13 @@
 //! Where a dance is from: a file beside it, from which it can be made again.
 //!
-//! `dance.bvh` has `dance.kinelm.json`: the recipe, what the model, the tokenizer and the prompt were by their hashes, and
+//! `dance.bvh` has `dance.bvh.kinelm.json`: the recipe, what the model, the tokenizer and the prompt were by their hashes, and
 //! the hash of the dance itself.
 
 use super::make::Ready;
 use super::recipe::Recipe;
+use crate::corpus::FileRecord;
 use crate::corpus::load::hash_file;
+use crate::output::Outputs;
 use crate::{Error, Result, files};
 use kinelm_motion::format::Format;
 use serde::{Deserialize, Serialize};
@@ -26,6 +28,10 @@ pub struct Provenance {
     pub kinelm: String,
     /// The dance.
     pub output: FileHash,
+    /// SHA-256 of the dance that this one takes the place of: this file is written first, and until the dance is too the
+    /// other one stands there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub replaces: Option<String>,
     /// Which of the dances drawn side by side it is, from 1.
     pub variation: usize,
     /// What decides it. Its frames are never left out.
@@ -50,56 +56,68 @@ pub struct FileHash {
     pub sha256: String,
 }
 
-/// The file that tells where `dance` is from.
+/// The file that tells where `dance` is from: `dance.bvh.kinelm.json`, so that each format has its own.
 pub fn path_of(dance: &Path) -> PathBuf {
+    let mut path = dance.as_os_str().to_owned();
+    path.push(format!(".{ENDING}"));
+    path.into()
+}
+
+/// The same under the name that it had before: `dance.kinelm.json`.
+fn old_path_of(dance: &Path) -> PathBuf {
     dance.with_extension(ENDING)
 }
 
-/// What is told of `dance` beside it; `None` where nothing is, or of another file.
+/// What is told of `dance` beside it, under the new name or the old; `None` where nothing is, or of another file.
 ///
 /// # Errors
 /// Those of [`Provenance::load`].
 pub fn find(dance: &Path) -> Result<Option<Provenance>> {
-    let path = path_of(dance);
-    let told = path.exists().then(|| Provenance::load(&path)).transpose()?;
-    Ok(told.filter(|told| told.output.file == name_of(dance)))
+    for path in [path_of(dance), old_path_of(dance)].into_iter().filter(|path| path.exists()) {
+        let told = Provenance::load(&path)?;
+        if told.output.file == name_of(dance) {
+            return Ok(Some(told));
+        }
+    }
+    Ok(None)
 }
 
-/// Refuses to write the file beside `dance` where one stands that tells of something else.
+/// Whether a file beside `dance` holds the hash of its bytes: whether it is a dance as generation wrote it.
 ///
 /// # Errors
-/// [`Error::File`] with what stands there.
-pub fn check_free(dance: &Path) -> Result<()> {
-    let path = path_of(dance);
-    let expected = "no file, or one that tells of this dance";
-    match path.try_exists().map_err(Error::io(&path))? {
-        false => Ok(()),
-        true => match Provenance::load(&path) {
-            Ok(found) if found.output.file == name_of(dance) => Ok(()),
-            Ok(found) if !path.with_file_name(&found.output.file).exists() => Ok(()),
-            Ok(found) => {
-                let found = format!("where {} is from", found.output.file);
-                Err(Error::file(path, found, expected, "give the dance another name"))
-            }
-            Err(_) => {
-                Err(Error::file(path, "a file that is not of kinelm generate", expected, "give the dance another name"))
-            }
-        },
-    }
+/// [`Error::Io`] when the dance can't be read.
+pub fn tells_of(dance: &Path) -> Result<bool> {
+    // of any version: the hashes have always stood there
+    let hashes = |path: PathBuf| -> Option<Vec<String>> {
+        let told: serde_json::Value = serde_json::from_slice(&std::fs::read(path).ok()?).ok()?;
+        let found = [&told["output"]["sha256"], &told["replaces"]].into_iter().filter_map(|hash| hash.as_str());
+        (told["output"]["file"] == name_of(dance)).then(|| found.map(str::to_owned).collect())
+    };
+    let told: Vec<String> = [path_of(dance), old_path_of(dance)].into_iter().filter_map(hashes).flatten().collect();
+    Ok(!told.is_empty() && told.contains(&hash_file(dance)?))
+}
+
+/// Whether `path` is a file that [`path_of`] names, and tells of the dance that it is named after.
+pub fn is_beside_its_dance(path: &Path) -> bool {
+    let told = Provenance::load(path);
+    told.is_ok_and(|told| {
+        path_of(&path.with_file_name(&told.output.file)) == path && files::is_plain(&told.output.file)
+    })
 }
 
 impl Provenance {
-    /// Of a dance that was written.
+    /// Of a dance that is to be written, by its bytes.
     ///
     /// # Errors
-    /// The dance or the prompt can't be read.
-    pub fn of(ready: &Ready, variation: usize, dance: &Path) -> Result<Provenance> {
+    /// The prompt can't be read.
+    pub fn of(ready: &Ready, variation: usize, dance: &Path, bytes: &[u8]) -> Result<Provenance> {
         let recipe = Recipe { frames: Some(ready.frames), ..ready.recipe.clone() };
         let prompt = ready.prompt.as_ref().map(|prompt| prompt.clip.sha256.clone());
         Ok(Provenance {
             schema: SCHEMA,
             kinelm: env!("CARGO_PKG_VERSION").into(),
-            output: FileHash { file: name_of(dance), sha256: hash_file(dance)? },
+            output: FileHash { file: name_of(dance), sha256: FileRecord::of(bytes).sha256 },
+            replaces: None,
             variation,
             recipe,
             step: ready.run.state.step,
@@ -123,16 +141,28 @@ impl Provenance {
             return Err(Error::file(path, found, expected, "make it again with this version"));
         }
         read_with_y_up(&mut value);
-        serde_json::from_value(value).map_err(|e| Error::file(path, e.to_string(), expected, ""))
+        let told: Provenance =
+            serde_json::from_value(value).map_err(|e| Error::file(path, e.to_string(), expected, ""))?;
+        if !files::is_plain(&told.output.file) {
+            let expected = "the name of a dance beside this file, without a folder";
+            return Err(Error::file(path, format!("`{}`", told.output.file), expected, "it isn't as it was written"));
+        }
+        Ok(told)
     }
 
-    /// Writes it beside the dance.
+    /// Writes it beside the dance, then the dance: whenever this is cut short, what stands there is known by a hash.
     ///
     /// # Errors
-    /// [`Error::Motion`] with the path at which the system refused.
-    pub fn save(&self, dance: &Path) -> Result<()> {
-        let text = serde_json::to_string_pretty(self).expect("plain data with text keys is JSON") + "\n";
-        files::write_whole(&path_of(dance), text.as_bytes())
+    /// What [`Outputs::write`] refuses; a path that isn't UTF-8, which JSON can't hold.
+    pub fn write(mut self, dance: &Path, bytes: &[u8], outputs: &Outputs) -> Result<()> {
+        outputs.check_replaceable(dance, Some(&self.output.sha256))?;
+        let before = hash_file(dance).ok().filter(|hash| *hash != self.output.sha256);
+        self.replaces = before.filter(|_| tells_of(dance).unwrap_or(false));
+        let text = serde_json::to_string_pretty(&self)
+            .map_err(|e| Error::Call(format!("{}: {e}", path_of(dance).display())))?;
+        outputs.write(&path_of(dance), (text + "\n").as_bytes())?;
+        outputs.write(dance, bytes)?;
+        Ok(())
     }
 
     /// Refuses a model, a tokenizer or a prompt that is not the one that made the dance.

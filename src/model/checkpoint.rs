@@ -5,11 +5,11 @@
 //! and are written after it.
 
 use crate::corpus::FileRecord;
-use crate::{Error, Result, files};
+use crate::files::{self, Hidden};
+use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::fs::{self, File};
-use std::io::Write;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The layout of `state.json` that this program writes and reads.
@@ -165,19 +165,16 @@ impl Checkpoints {
         state.files = contents.iter().map(|(n, bytes)| (n.to_string(), FileRecord::of(bytes))).collect();
         let whole = read_state(&path).is_ok_and(|s| s == state) && check(&path, &state, &[]).is_ok();
         if !whole {
-            let work = files::beside(&path, "writing")?;
-            let written = write_folder(&work, &state, contents).and_then(|()| {
-                if path.exists() {
-                    // the same step again after a damaged one, or after going back
-                    fs::remove_dir_all(&path).map_err(Error::io(&path))?;
-                }
-                fs::rename(&work, &path).map_err(Error::io(&path))
-            });
-            if written.is_err() {
-                let _ = fs::remove_dir_all(&work);
+            let work = Hidden::folder(&path)?;
+            let json = serde_json::to_vec_pretty(&state);
+            let json = json.map_err(|e| Error::Call(format!("the state can't be written: {e}")))?;
+            contents.iter().try_for_each(|(name, bytes)| work.write(name, bytes))?;
+            work.write(STATE, &json)?;
+            if path.exists() {
+                // the same step again after a damaged one, or after going back
+                fs::remove_dir_all(&path).map_err(Error::io(&path))?;
             }
-            written?;
-            files::sync_folder(&dir)?;
+            work.settle("")?;
         }
         files::write_whole(&self.run.join("latest"), format!("{}\n", name(state.step)).as_bytes())?;
         if state.best.is_some_and(|b| b.step == state.step) {
@@ -206,8 +203,9 @@ impl Checkpoints {
     /// What the system refuses.
     pub fn sweep(&self) -> Result<()> {
         for entry in fs::read_dir(self.dir()).into_iter().flatten().flatten() {
-            let left = entry.file_name().to_string_lossy().starts_with(".step-");
-            if left {
+            let name = entry.file_name();
+            let of = name.to_str().and_then(files::left_over).and_then(|(name, _)| step_of(name));
+            if of.is_some() && entry.path().is_dir() {
                 fs::remove_dir_all(entry.path()).map_err(Error::io(entry.path()))?;
             }
         }
@@ -288,24 +286,6 @@ fn name(step: u64) -> String {
 
 fn step_of(name: &str) -> Option<u64> {
     name.strip_prefix("step-")?.parse().ok()
-}
-
-fn write_folder(work: &Path, state: &State, contents: &[(&str, Vec<u8>)]) -> Result<()> {
-    if work.exists() {
-        fs::remove_dir_all(work).map_err(Error::io(work))?;
-    }
-    fs::create_dir(work).map_err(Error::io(work))?;
-    let json = serde_json::to_vec_pretty(state).map_err(|e| Error::Call(format!("the state can't be written: {e}")))?;
-    for (name, bytes) in contents.iter().map(|(n, b)| (*n, b)).chain([(STATE, &json)]) {
-        let path = work.join(name);
-        let write = || -> std::io::Result<()> {
-            let mut file = File::create(&path)?;
-            file.write_all(bytes)?;
-            file.sync_all()
-        };
-        write().map_err(Error::io(&path))?;
-    }
-    files::sync_folder(work)
 }
 
 fn read_state(dir: &Path) -> Result<State> {

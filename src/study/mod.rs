@@ -19,7 +19,9 @@ pub use row::{Row, RowDefaults, default_rows};
 
 use crate::corpus::build::BuildOptions;
 use crate::corpus::{Gathered, Item};
-use crate::{Error, Result, files};
+use crate::output::Outputs;
+use crate::view::plot;
+use crate::{Error, Result};
 use clips::{Clips, Extent};
 use kinelm_tokenizer::TokenizerConfig;
 use serde::Serialize;
@@ -64,9 +66,14 @@ pub enum Event<'a> {
     Said(&'a str),
 }
 
+/// What stands in a study's folder beside `rows/`.
+const FILES: [&str; 7] = ["study.json", "study.md", "bins.svg", "bins.png", "rate.svg", "rate.png", "page.html"];
+
 /// All that a study found: `study.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
+    /// The mark by which the file is known as ours.
+    pub made_by: &'static str,
     /// Of this form.
     pub schema: u32,
     /// The program's version.
@@ -119,9 +126,12 @@ impl Report {
 pub fn study(
     gathered: &Gathered,
     options: &StudyOptions,
-    out: &Path,
+    (out, outputs): (&Path, &Outputs),
     watch: &mut dyn FnMut(Event<'_>),
 ) -> Result<Report> {
+    let names = FILES.map(|name| out.join(name));
+    outputs.check(names.iter().map(PathBuf::as_path))?;
+    names.iter().try_for_each(|path| outputs.check_replaceable(path, None))?;
     let rows_at = |fps: f64| {
         let defaults = RowDefaults { joints: options.joints.clone(), fps };
         row::parse(&options.rows.0, &options.rows.1, &defaults)
@@ -136,12 +146,22 @@ pub fn study(
     let losses = lost(&rows, &clips, &store)?;
     let [train, test] = clips.extents();
     let (file_rates, version) = (clips.rates(), env!("CARGO_PKG_VERSION"));
-    let report = Report { schema: 1, version, data, train, test, fps, file_rates, rows: figures, losses };
+    let report =
+        Report { made_by: "kinelm", schema: 1, version, data, train, test, fps, file_rates, rows: figures, losses };
     let json = serde_json::to_string_pretty(&report).map_err(|e| Error::Call(e.to_string()))?;
-    files::write_whole(&out.join("study.json"), (json + "\n").as_bytes())?;
-    files::write_whole(&out.join("study.md"), sheet::markdown(&report).as_bytes())?;
-    pictures::write(out, &report)?;
-    page::write(out, &report.rows, &options.shown, &clips, &store)?;
+    let mut contents = vec![("study.json".to_string(), (json + "\n").into_bytes())];
+    contents.push(("study.md".into(), sheet::markdown(&report).into_bytes()));
+    for (name, charts) in pictures::all(&report) {
+        for name in [format!("{name}.svg"), format!("{name}.png")] {
+            let bytes = plot::to_bytes(Path::new(&name), &charts)?;
+            contents.extend(bytes.map(|bytes| (name, bytes)));
+        }
+    }
+    let page = page::page(&report.rows, &options.shown, &clips, &store)?;
+    contents.extend(page.map(|page| ("page.html".into(), page.into_bytes())));
+    for (name, bytes) in &contents {
+        outputs.write(&out.join(name), bytes)?;
+    }
     Ok(report)
 }
 

@@ -6,20 +6,19 @@ use super::measure::decoded;
 use super::row::scheme_name;
 use super::sheet::short;
 use super::store::Store;
-use crate::view::{Figure, write_page};
+use crate::view::{self, Figure};
 use crate::{Error, Result};
 use kinelm_motion::Clip;
 use kinelm_tokenizer::{JointTransform, SchemeConfig, Tokenizer};
-use std::path::Path;
 
 /// The longest stretch of a clip that is shown, seconds.
 const LONGEST_S: f64 = 20.0;
 
-/// Writes `page.html`. The rows are those named, else chosen by [`pair`].
+/// The page, if there is a clip to show. The rows are those named, else chosen by [`pair`].
 ///
 /// # Errors
 /// [`Error::Call`] for a name that is no row's; those of reading and decoding.
-pub fn write(out: &Path, rows: &[Figures], named: &[String], clips: &Clips, store: &Store) -> Result<()> {
+pub fn page(rows: &[Figures], named: &[String], clips: &Clips, store: &Store) -> Result<Option<String>> {
     let shown = match named {
         [] => pair(rows),
         names => names.iter().map(|n| find(rows, n)).collect::<Result<Vec<_>>>()?,
@@ -27,7 +26,7 @@ pub fn write(out: &Path, rows: &[Figures], named: &[String], clips: &Clips, stor
     let length = |k: &&Known| (k.frames as f64 / k.fps).min(LONGEST_S);
     // the first of the longest
     let longest = clips.test.iter().rev().max_by(|a, b| length(a).total_cmp(&length(b)));
-    let Some(known) = longest else { return Ok(()) };
+    let Some(known) = longest else { return Ok(None) };
     let own = clips.get(known, known.fps)?;
     let cut = |clip: &Clip| clip.slice(0..clip.frames().min((LONGEST_S * clip.fps()) as usize + 1));
     let mut motions = vec![(known.name().to_string(), format!("as it was, {} fps", short(known.fps)), cut(&own))];
@@ -41,8 +40,7 @@ pub fn write(out: &Path, rows: &[Figures], named: &[String], clips: &Clips, stor
     }
     let figures: Vec<Figure> =
         motions.iter().map(|(title, note, clip)| Figure::new(title.as_str(), clip).note(note.as_str())).collect();
-    write_page(&out.join("page.html"), &figures)?;
-    Ok(())
+    Ok(Some(view::page(&figures)?))
 }
 
 fn find<'a>(rows: &'a [Figures], name: &str) -> Result<&'a Figures> {

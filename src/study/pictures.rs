@@ -2,18 +2,12 @@
 
 use super::Report;
 use super::figures::Figures;
-use crate::Result;
-use crate::view::plot::{Chart, Look, Series, draw};
+use crate::view::plot::{Chart, Look, Series};
 use kinelm_tokenizer::SchemeConfig;
-use std::path::Path;
 
-/// Writes `bins.png`, `rate.png` and both as SVG.
-///
-/// # Errors
-/// When a file can't be written.
-pub fn write(out: &Path, report: &Report) -> Result<()> {
-    draw(&out.join("bins.png"), &[bins(&report.rows)])?;
-    draw(&out.join("rate.png"), &rate(&report.rows))
+/// The pictures, by their names without extension.
+pub fn all(report: &Report) -> [(&'static str, Vec<Chart>); 2] {
+    [("bins", vec![bins(&report.rows)]), ("rate", rate(&report.rows).into())]
 }
 
 /// Angle error against the number of uniform bins, with what even errors would give.

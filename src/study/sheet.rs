@@ -2,6 +2,7 @@
 
 use super::Report;
 use super::figures::Figures;
+use crate::view::plot::TEXT_MARK;
 use crate::view::table;
 use std::fmt::Write;
 
@@ -145,7 +146,7 @@ impl Sheet {
 
 /// The whole report in Markdown.
 pub fn markdown(report: &Report) -> String {
-    let mut text = "# Motion as text\n\n".to_string();
+    let mut text = format!("# Motion as text\n\n{TEXT_MARK}\n\n");
     for line in report.said() {
         let _ = writeln!(text, "- {line}");
     }

@@ -38,8 +38,11 @@ impl Store {
             let what = "a folder that no study wrote: it has files and no rows/";
             return Err(Error::file(out, what, "a new folder, or a study's", "give another --out"));
         }
-        if force && rows.is_dir() {
-            fs::remove_dir_all(&rows).map_err(Error::io(&rows))?;
+        if force {
+            let finished = |path: &PathBuf| path.file_name().and_then(|n| n.to_str()).is_some_and(is_finished);
+            for path in fs::read_dir(&rows).into_iter().flatten().flatten().map(|e| e.path()).filter(finished) {
+                fs::remove_file(&path).map_err(Error::io(&path))?;
+            }
         }
         fs::create_dir_all(&rows).map_err(Error::io(&rows))?;
         Ok(Store { rows, data: data.to_string() })
@@ -86,6 +89,13 @@ impl Store {
     }
 }
 
+/// Whether [`Store::path`] gives such names.
+fn is_finished(name: &str) -> bool {
+    let stem = name.strip_suffix(".tokenizer.json").or(name.strip_suffix(".json"));
+    let key = stem.and_then(|stem| stem.rsplit_once('-')).map(|(_, key)| key);
+    key.is_some_and(|key| key.len() == 12 && key.bytes().all(|b| b.is_ascii_hexdigit()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -105,7 +115,10 @@ mod tests {
         fs::write(&only, "{").unwrap();
         assert_eq!(again.get::<u32>("a", &60).unwrap(), None, "a broken file counts for nothing");
         again.put("a", &60, &8).unwrap();
+        let notes = out.join("rows/notes.json");
+        fs::write(&notes, "mine").unwrap();
         assert_eq!(Store::open(&out, "data", true).unwrap().get::<u32>("a", &60).unwrap(), None, "by force anew");
+        assert!(notes.exists(), "and nothing else is removed");
     }
 
     #[test]

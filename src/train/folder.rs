@@ -1,7 +1,7 @@
 //! A run folder that one process writes.
 
 use crate::model::run::{CONFIG, TOKENIZER};
-use crate::{Error, Result};
+use crate::{Error, Result, files};
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Read, Seek, Write};
 use std::path::{Path, PathBuf};
@@ -11,8 +11,6 @@ use std::time::Duration;
 const LOCK: &str = ".lock";
 /// How often, and after which time, a lock is tried: whoever looks whether a run is going holds it for an instant.
 const TRIES: (u32, Duration) = (5, Duration::from_millis(40));
-/// How the names of half-written files end.
-const HALF: &str = ".part";
 /// What a folder holds before its `config.toml`.
 const EARLY: [&str; 5] = [LOCK, "samples", "checkpoints", "corpus.json", TOKENIZER];
 
@@ -101,11 +99,48 @@ pub fn is_written(run: &Path) -> bool {
 /// Removes what a killed process left half written.
 fn sweep(run: &Path) -> Result<()> {
     for entry in fs::read_dir(run).map_err(Error::io(run))?.flatten() {
-        if entry.file_name().to_string_lossy().ends_with(HALF) {
+        if is_half(&entry.file_name().to_string_lossy()) {
             fs::remove_file(entry.path()).map_err(Error::io(entry.path()))?;
         }
     }
     Ok(())
+}
+
+/// Whether this is the name of a file that was being written; under the lock by nobody who lives.
+fn is_half(name: &str) -> bool {
+    name.ends_with(".part") && files::left_over(name).is_some()
+}
+
+/// Removes a run, all of it or nothing.
+///
+/// # Errors
+/// [`Error::Taken`] where anything is in it that no training writes; a run that is being written; what the system refuses.
+pub fn remove(run: &Path) -> Result<()> {
+    let _locked = RunFolder::locked(run)?;
+    let names = |folder: &Path| -> Result<Vec<String>> {
+        let entries = fs::read_dir(folder).map_err(Error::io(folder))?;
+        Ok(entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect())
+    };
+    let own = |name: &str| {
+        EARLY.contains(&name)
+            || [CONFIG, "metrics.jsonl", "latest", "best"].contains(&name)
+            || name.starts_with("events.out.tfevents.")
+            || is_corpus(name)
+    };
+    let mut strange: Vec<PathBuf> = names(run)?.iter().filter(|name| !own(name)).map(|name| run.join(name)).collect();
+    for folder in ["samples", "checkpoints"].map(|name| run.join(name)).into_iter().filter(|folder| folder.is_dir()) {
+        let step = |name: &String| name.starts_with("step-") || name.starts_with(".step-");
+        strange.extend(names(&folder)?.iter().filter(|name| !step(name)).map(|name| folder.join(name)));
+    }
+    if let Some(path) = strange.first() {
+        return Err(Error::taken(path, "is in a run and no file of it; move it away, or give another folder"));
+    }
+    fs::remove_dir_all(run).map_err(Error::io(run))
+}
+
+/// Whether this describes a corpus of several: `corpus-2.json` and so on.
+fn is_corpus(name: &str) -> bool {
+    name.strip_prefix("corpus-").is_some_and(|n| n.ends_with(".json"))
 }
 
 /// Whether nothing is there, or nothing but what a process left that died while it began a run.
@@ -115,9 +150,7 @@ fn is_free(run: &Path) -> bool {
     }
     let Ok(entries) = fs::read_dir(run) else { return false };
     let names: Vec<String> = entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect();
-    // corpus-2.json and so on, of runs on several corpora
-    let corpus = |name: &str| name.strip_prefix("corpus-").is_some_and(|n| n.ends_with(".json"));
-    let early = |name: &String| EARLY.contains(&name.as_str()) || corpus(name) || name.ends_with(HALF);
+    let early = |name: &String| EARLY.contains(&name.as_str()) || is_corpus(name) || is_half(name);
     names.is_empty() || (names.iter().any(|n| n == LOCK) && names.iter().all(early))
 }
 
@@ -143,11 +176,36 @@ mod tests {
     }
 
     #[test]
+    fn a_run_is_removed_whole_or_not_at_all() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = dir.path().join("run");
+        drop(RunFolder::create(&run).unwrap());
+        for name in [CONFIG, TOKENIZER, "corpus-2.json", "best", "events.out.tfevents.1", "samples/step-00000001.bvh"] {
+            fs::write(run.join(name), "").unwrap();
+        }
+        for name in ["notes.txt", "samples/mine.bvh", "checkpoints/notes"] {
+            fs::write(run.join(name), "").unwrap();
+            let message = remove(&run).unwrap_err().to_string();
+            assert!(message.contains(name) && message.contains("move it away"), "{message}");
+            assert!(run.join(CONFIG).exists());
+            fs::remove_file(run.join(name)).unwrap();
+        }
+        remove(&run).unwrap();
+        assert!(!run.exists());
+    }
+
+    #[test]
     fn a_beginning_that_was_cut_short_is_begun_again_and_nothing_else_is_touched() {
         let dir = tempfile::tempdir().unwrap();
         let run = dir.path().join("run");
         drop(RunFolder::create(&run).unwrap());
         fs::write(run.join(TOKENIZER), "{}").unwrap();
+        fs::write(run.join("config.toml.77-0.part"), "ver").unwrap();
+        fs::write(run.join("notes.part"), "mine").unwrap();
+        assert!(RunFolder::create(&run).is_err(), "notes are no beginning of a run");
+        drop(RunFolder::locked(&run).unwrap());
+        assert!(run.join("notes.part").exists());
+        fs::remove_file(run.join("notes.part")).unwrap();
         fs::write(run.join("config.toml.77-0.part"), "ver").unwrap();
         drop(RunFolder::create(&run).unwrap());
         assert!(!run.join("config.toml.77-0.part").exists());

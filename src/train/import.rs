@@ -1,48 +1,33 @@
 //! Models that were trained elsewhere become runs.
 
 use super::run::RunFile;
+use crate::files::{self, Hidden};
 use crate::model::checkpoint::Checkpoints;
 use crate::model::run::{CONFIG, LoadedRun, TOKENIZER, WEIGHTS};
 use crate::model::{exchange, weights};
-use crate::{Error, Result, files};
+use crate::{Error, Result};
 use kinelm_tokenizer::Tokenizer;
-use std::fs;
 use std::path::Path;
 
 /// Makes the run folder `run` of a folder that `kinelm export`, scripts/cluster or `transformers` wrote: a tokenizer, one
 /// checkpoint, `config.toml`. It is whole or not there. What it holds is given back, with notes for the user.
 ///
 /// # Errors
-/// A run that is there; a folder that is a run already; as [`exchange::load`]; what the system refuses.
+/// Something else at `run`; a folder that is a run already; as [`exchange::load`]; what the system refuses.
 pub fn import(folder: &Path, run: &Path) -> Result<LoadedRun> {
-    exchange::refuse_existing(run)?;
     if folder.join(CONFIG).is_file() {
         return Err(Error::Call(format!("{} is a run already; there is nothing to import", folder.display())));
     }
     let found = exchange::load(folder)?;
     let tokenizer = found.load_tokenizer()?;
     let file = RunFile::imported(&found, &tokenizer);
-    let parent = files::folder_of(run);
-    fs::create_dir_all(parent).map_err(Error::io(parent))?;
-    let work = files::beside(run, "importing")?;
-    let written = write(&work, &found, &tokenizer, &file).and_then(|()| {
-        exchange::refuse_existing(run)?;
-        fs::rename(&work, run).map_err(Error::io(run))
-    });
-    if written.is_err() {
-        let _ = fs::remove_dir_all(&work);
-    }
-    written?;
-    files::sync_folder(parent)?;
+    let work = Hidden::folder(run)?;
+    write(work.path(), &found, &tokenizer, &file)?;
+    work.settle("give a folder that isn't there")?;
     Ok(found)
 }
 
 fn write(work: &Path, found: &LoadedRun, tokenizer: &Tokenizer, file: &RunFile) -> Result<()> {
-    if work.exists() {
-        // a process of this number died here
-        fs::remove_dir_all(work).map_err(Error::io(work))?;
-    }
-    fs::create_dir(work).map_err(Error::io(work))?;
     files::write_whole(&work.join(TOKENIZER), tokenizer.to_json().as_bytes())?;
     let bytes = weights::to_bytes(found.weights.iter().map(|(name, tensor)| (name.as_str(), tensor)))?;
     Checkpoints::of(work).write(found.state.clone(), &[(WEIGHTS, bytes)])?;
@@ -57,6 +42,7 @@ mod tests {
     use crate::model::exchange::{Format, export};
     use crate::model::{Compute, HeadKind, ModelConfig, Positions, Which, load_run};
     use crate::train::{PretrainOptions, Silent, TrainConfig, fixture, pretrain};
+    use std::fs;
     use std::sync::atomic::AtomicBool;
 
     /// A run of a few steps in `dir`, on a corpus beside it.
@@ -126,7 +112,7 @@ mod tests {
         trained(dir.path(), model);
         let said = |from: &str, to: &str| import(&at(from), &at(to)).err().unwrap().to_string();
         assert!(said("run", "other").ends_with("run is a run already; there is nothing to import"));
-        assert!(said("run", "corpus").ends_with("corpus exists; give a folder that isn't there"));
+        assert!(said("run", "corpus").ends_with("corpus exists, with other contents; give a folder that isn't there"));
         let run = load_run(&at("run"), Which::Auto).unwrap();
         export(&run, Format::Kinelm, &at("out")).unwrap();
         fs::write(at("out").join(WEIGHTS), "{").unwrap();

@@ -3,10 +3,10 @@
 use super::batches::Batches;
 use super::data::Data;
 use super::run::RunFile;
-use crate::{Error, Result, files};
+use crate::{Error, Result};
 use npyz::WriterBuilder;
 use std::io::{Cursor, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use zip::ZipWriter;
 use zip::write::SimpleFileOptions;
 
@@ -46,12 +46,11 @@ pub fn order(run: &RunFile, data: &Data, steps: u64) -> Result<Order> {
 }
 
 impl Order {
-    /// Writes `windows` (steps, rows, 3) int64: as `windows.npy` into the folder `out`, or as an archive if `out` ends in
-    /// `.npz`. The file is whole or not there.
+    /// `windows` (steps, rows, 3) int64 as a file: `windows.npy` in the folder `out`, or an archive if `out` ends in `.npz`.
     ///
     /// # Errors
-    /// What the system refuses.
-    pub fn write(&self, out: &Path) -> Result<()> {
+    /// What the memory of archives refuses.
+    pub fn to_file(&self, out: &Path) -> Result<(PathBuf, Vec<u8>)> {
         let npy = self.npy().map_err(Error::io(out))?;
         if out.extension().is_some_and(|e| e == "npz") {
             let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
@@ -59,10 +58,9 @@ impl Order {
             zip.start_file("windows.npy", SimpleFileOptions::default()).map_err(refused)?;
             zip.write_all(&npy).map_err(Error::io(out))?;
             let bytes = zip.finish().map_err(refused)?.into_inner();
-            return files::write_whole(out, &bytes);
+            return Ok((out.to_owned(), bytes));
         }
-        std::fs::create_dir_all(out).map_err(Error::io(out))?;
-        files::write_whole(&out.join("windows.npy"), &npy)
+        Ok((out.join("windows.npy"), npy))
     }
 
     fn npy(&self) -> std::io::Result<Vec<u8>> {
@@ -115,12 +113,12 @@ mod tests {
                 assert!(target[ids.len()..].iter().all(|id| *id == 0));
             }
         }
-        found.write(&dir.path().join("o.npz")).unwrap();
-        found.write(&dir.path().join("o")).unwrap();
-        let bytes = std::fs::read(dir.path().join("o/windows.npy")).unwrap();
+        let (archive, zip) = found.to_file(&dir.path().join("o.npz")).unwrap();
+        let (path, bytes) = found.to_file(&dir.path().join("o")).unwrap();
+        assert_eq!((archive, path), (dir.path().join("o.npz"), dir.path().join("o/windows.npy")));
         let file = npyz::NpyFile::new(bytes.as_slice()).unwrap();
         assert_eq!(file.shape(), [5, 6, 3]);
         assert_eq!(file.into_vec::<i64>().unwrap(), found.windows);
-        assert!(std::fs::read(dir.path().join("o.npz")).unwrap().starts_with(b"PK"));
+        assert!(zip.starts_with(b"PK"));
     }
 }

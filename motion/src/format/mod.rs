@@ -276,18 +276,25 @@ pub(crate) fn check_skip(path: &Path, skip: usize, frames: usize) -> Result<()> 
 /// Writes a motion file in the format of its name, whole or not at all.
 ///
 /// # Errors
-/// [`Error::Io`]; `not_this_format` for a name that says no format that is written; [`Error::Call`] for a clip that the
-/// format can't hold.
+/// [`Error::Io`], and those of [`to_bytes`].
 pub fn write(path: &Path, motion: &Motion) -> Result<()> {
+    atomic::write(path, &to_bytes(path, motion)?)
+}
+
+/// The bytes that [`write()`] writes.
+///
+/// # Errors
+/// `not_this_format` for a name that says no format that is written; [`Error::Call`] for a clip that the format can't hold.
+pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
     match Format::of(path)? {
-        Format::Bvh => bvh::write(path, motion),
+        Format::Bvh => bvh::to_bytes(motion),
         #[cfg(feature = "amass")]
-        Format::Npz => atomic::write(path, &amass::write(&motion.clip)?),
+        Format::Npz => amass::write(&motion.clip),
         #[cfg(not(feature = "amass"))]
         Format::Npz => Err(left_out(path, "amass")),
         Format::Json => match motion.source {
-            Source::Json(axes) => atomic::write(path, &json::write(axes.from_y(&motion.clip)?.as_ref())),
-            _ => atomic::write(path, &json::write(&motion.clip)),
+            Source::Json(axes) => Ok(json::write(axes.from_y(&motion.clip)?.as_ref())),
+            _ => Ok(json::write(&motion.clip)),
         },
         Format::Pickle => {
             let expected = "a .bvh, .npz or .json to write";

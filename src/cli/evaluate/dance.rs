@@ -7,14 +7,14 @@ use kinelm::corpus::Corpus;
 use kinelm::evaluate::dance::prompted::prompted;
 use kinelm::evaluate::dance::{Dance, Real};
 use kinelm::generate::prompt::given_places;
-use kinelm::generate::provenance::{self, Provenance};
+use kinelm::generate::provenance;
 use kinelm_motion::format::RestFrame;
 use kinelm_motion::joints;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Dances: motion files of any rig. What FILE.kinelm.json tells of a prompt is looked at
+    /// Dances: motion files of any rig. What FILE.bvh.kinelm.json tells of a prompt is looked at
     #[arg(required = true, value_name = "FILE")]
     dances: Vec<PathBuf>,
     /// The corpus of the real ones: its tokenizer codes all, its train clips give the thresholds, its valid clips stand
@@ -46,12 +46,8 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let mut report = real.report(&dances);
     let mut given: Option<Vec<bool>> = None;
     for (path, dance) in args.dances.iter().zip(&dances) {
-        let beside = provenance::path_of(path);
-        let told = beside.exists().then(|| Provenance::load(&beside)).transpose();
-        let recipe = match told {
-            Ok(told) => {
-                told.filter(|told| told.output.file == provenance::name_of(path)).and_then(|told| told.recipe.prompt)
-            }
+        let recipe = match provenance::find(path) {
+            Ok(told) => told.and_then(|told| told.recipe.prompt),
             Err(e) => {
                 say.line(e);
                 None

@@ -3,7 +3,7 @@
 use super::{TransformArg, distance, exclude, joints_of};
 use crate::cli::data::DataArgs;
 use crate::cli::read::{ReadArgs, count, positive};
-use crate::cli::{Say, print, progress};
+use crate::cli::{ForceArgs, Say, print, progress};
 use anyhow::Result;
 use kinelm::spectral::WindowSpec;
 use kinelm::spectral::query::{Distance, EvaluateOptions, Exclude, evaluate, sheet};
@@ -63,6 +63,8 @@ pub struct Args {
     #[arg(long, value_name = "FILE.json")]
     save: Option<PathBuf>,
     #[command(flatten)]
+    force: ForceArgs,
+    #[command(flatten)]
     read: ReadArgs,
 }
 
@@ -86,13 +88,15 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         k: args.k.into(),
     };
     let gathered = args.data.gather(say)?;
+    let outputs = args.force.outputs(args.data.files(&gathered).chain(args.run.clone()).chain(args.read.files()));
+    outputs.check(args.save.as_deref())?;
     let report = evaluate(&gathered, &options, &mut *progress::watch(say, "measuring neighbours"))?;
     for line in report.summary.lines() {
         say.line(line);
     }
     let figures = serde_json::to_string(&report)? + "\n";
     if let Some(path) = &args.save {
-        kinelm::files::write_whole(path, figures.as_bytes())?;
+        outputs.write(path, figures.as_bytes())?;
     }
     if args.json {
         return print(&figures);

@@ -2,7 +2,7 @@
 
 use super::{distance, exclude};
 use crate::cli::read::{ReadArgs, count, seconds};
-use crate::cli::{Say, print};
+use crate::cli::{ForceArgs, Say, print};
 use anyhow::Result;
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use kinelm::spectral::query::{Answer, Distance, Exclude, Index, Question, find};
@@ -41,11 +41,15 @@ pub struct Args {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    force: ForceArgs,
+    #[command(flatten)]
     read: ReadArgs,
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     args.page.as_deref().map_or(Ok(()), crate::cli::page)?;
+    let outputs = args.force.outputs([args.clip.clone(), args.index.clone()].into_iter().chain(args.read.files()));
+    outputs.check(args.page.as_deref())?;
     let index = Index::open(&args.index)?;
     let read = args.read.options(RestFrame::Drop);
     let as_indexed = read == ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
@@ -55,12 +59,13 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     for line in &answer.said {
         say.line(line);
     }
-    if let Some(page) = page {
-        let (bytes, lost) = answer.write_page(&page)?;
+    if let Some(path) = page {
+        let (page, lost) = answer.page()?;
+        outputs.write(&path, page.as_bytes())?;
         for line in lost {
             say.line(format_args!("{line}; left out of the page"));
         }
-        say.line(format_args!("{}: {} KB; open it in a browser", page.display(), bytes / 1000));
+        say.line(format_args!("{}: {} KB; open it in a browser", path.display(), page.len() / 1000));
     }
     let what = index.options().transform.name();
     if json {

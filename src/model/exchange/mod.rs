@@ -27,13 +27,12 @@ pub enum Format {
     Hf,
 }
 
-/// Writes a model to the new folder `out`, which is whole or not there.
+/// Writes a model to the new folder `out`, which is whole or not there; one that holds the same already stays.
 ///
 /// # Errors
-/// A folder that is there; a model that the format can't express, with the reasons; weights that don't fit the
+/// A folder that holds something else; a model that the format can't express, with the reasons; weights that don't fit the
 /// configuration; a tokenizer that isn't the model's; what the system refuses.
 pub fn export(run: &LoadedRun, format: Format, out: &Path) -> Result<()> {
-    refuse_existing(out)?;
     check(&run.config, &run.tokens, &run.weights, &run.checkpoint)?;
     let tokenizer = run.load_tokenizer()?;
     check_tokenizer(&run.tokens, &tokenizer, &run.tokenizer)?;
@@ -82,15 +81,6 @@ fn loaded(folder: &Path, about: About, weights: BTreeMap<String, Tensor>, notes:
         state: State::new(step, 0, 0, 0, None),
         notes,
     })
-}
-
-/// # Errors
-/// Something that is there at `path`.
-pub fn refuse_existing(path: &Path) -> Result<()> {
-    match fs::symlink_metadata(path) {
-        Ok(_) => Err(Error::Call(format!("{} exists; give a folder that isn't there", path.display()))),
-        Err(_) => Ok(()),
-    }
 }
 
 /// # Errors

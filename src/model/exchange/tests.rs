@@ -268,7 +268,7 @@ fn what_is_there_stays_and_what_cannot_be_is_refused() {
     let out = made.export(Format::Kinelm, "out");
     let before = fs::read(out.join(WEIGHTS)).unwrap();
     let message = export(&made.run, Format::Hf, &out).unwrap_err().to_string();
-    assert!(message.ends_with("out exists; give a folder that isn't there"), "{message}");
+    assert!(message.ends_with("out exists, with other contents; give a folder that isn't there"), "{message}");
     assert_eq!(fs::read(out.join(WEIGHTS)).unwrap(), before);
     let refused = |run: &LoadedRun| hf::contents(run).unwrap_err().to_string();
     let tokens = TokenLayout { varying: true, places: Vec::new(), ..made.run.tokens.clone() };

@@ -284,7 +284,7 @@ impl Work {
             None => {
                 let parent = files::folder_of(out);
                 std::fs::create_dir_all(parent).map_err(Error::io(parent))?;
-                files::sweep(out, "writing");
+                files::sweep(&[out]);
                 let folder = files::beside(out, "writing")?;
                 if folder.exists() {
                     // a process of this number died here
@@ -305,7 +305,7 @@ impl Work {
             // a build ended after it was renamed and before it was named: it is nobody's
             std::fs::remove_dir_all(&place).map_err(Error::io(&place))?;
         }
-        files::sweep(&place, "writing");
+        files::sweep(&[&place]);
         let temporary = files::beside(&place, "writing")?;
         if temporary.exists() {
             std::fs::remove_dir_all(&temporary).map_err(Error::io(&temporary))?;

@@ -7,7 +7,7 @@ use super::record::ClipEntry;
 use super::search::{Distance, Wanted};
 use crate::corpus::load::parse_clip;
 use crate::corpus::record::FileRecord;
-use crate::view::{Figure, write_page};
+use crate::view::{Figure, page};
 use crate::{Error, Result};
 use kinelm_motion::format::ReadOptions;
 use kinelm_motion::{Clip, Vec3};
@@ -224,13 +224,13 @@ impl Stretch {
 }
 
 impl Answer {
-    /// Writes a page that plays the query beside what was found, all on the model's body, each beginning on its own spot; its
-    /// size in bytes, and what was wrong with files that are gone or not as they were when the index was built, which are left
+    /// A page that plays the query beside what was found, all on the model's body, each beginning on its own spot; and what
+    /// was wrong with files that are gone or not as they were when the index was built, which are left
     /// out.
     ///
     /// # Errors
-    /// The query's file; those of writing.
-    pub fn write_page(&self, path: &Path) -> Result<(usize, Vec<Error>)> {
+    /// The query's file; those of [`page`].
+    pub fn page(&self) -> Result<(String, Vec<Error>)> {
         let asked = self.query.load(self.frames, self.fps)?;
         let found: Vec<Result<Clip>> = self.found.iter().map(|f| f.window.load(self.frames, self.fps)).collect();
         let clips = std::iter::once(Some(&asked)).chain(found.iter().map(|clip| clip.as_ref().ok()));
@@ -247,7 +247,7 @@ impl Answer {
             }
             figures.push(Figure::new(title, clip).note(note));
         }
-        let bytes = write_page(path, &figures)?;
-        Ok((bytes, found.into_iter().filter_map(Result::err).collect()))
+        let page = page(&figures)?;
+        Ok((page, found.into_iter().filter_map(Result::err).collect()))
     }
 }

@@ -16,6 +16,10 @@ use std::sync::OnceLock;
 
 /// Width of a chart with its legend and height of a picture, pixels.
 const SIZE: (u32, u32) = (860, 600);
+/// Stands in every PNG: a text chunk that says who made it.
+pub const PNG_MARK: [u8; 19] = *b"tEXtSoftware\0kinelm";
+/// Stands in every SVG and in tables: who made it.
+pub const TEXT_MARK: &str = "<!-- made by kinelm -->";
 /// DejaVu Sans, cut down to what charts say; the licence stands beside it.
 const FONT: &[u8] = include_bytes!("font/DejaVuSans-subset.ttf");
 
@@ -123,41 +127,57 @@ pub fn draw(path: &Path, charts: &[Chart]) -> Result<()> {
 /// # Errors
 /// Another extension than `png` and `svg`; when the file can't be written.
 pub fn draw_as(path: &Path, charts: &[Chart]) -> Result<()> {
+    to_bytes(path, charts)?.map_or(Ok(()), |bytes| files::write_whole(path, &bytes))
+}
+
+/// The bytes that [`draw_as`] writes, with our mark inside; `None` where there is nothing to draw.
+///
+/// # Errors
+/// Another extension than `png` and `svg`.
+pub fn to_bytes(path: &Path, charts: &[Chart]) -> Result<Option<Vec<u8>>> {
     let kind = kind(path)?;
     let charts: Vec<&Chart> = charts.iter().filter(|c| !c.is_empty()).collect();
     if charts.is_empty() {
-        return Ok(());
+        return Ok(None);
     }
     with_font()?;
+    let failed = |e: String| Error::Call(format!("{}: the chart could not be drawn: {e}", path.display()));
     let size = (SIZE.0 * charts.len() as u32, SIZE.1);
     match kind {
         Kind::Svg => {
             let mut text = String::new();
-            picture::all(SVGBackend::with_string(&mut text, size).into_drawing_area(), &charts)
-                .map_err(|e| failed(path, e))?;
-            files::write_whole(path, text.as_bytes())
+            picture::all(SVGBackend::with_string(&mut text, size).into_drawing_area(), &charts).map_err(failed)?;
+            let at = text.find('>').map_or(0, |i| i + 1); // behind the first tag, which an XML file begins with
+            text.insert_str(at, TEXT_MARK);
+            Ok(Some(text.into_bytes()))
         }
         Kind::Png => {
-            // the encoder knows the format by the name's end and writes by itself
-            let new = files::beside(path, "new")?.with_extension("png");
-            let drawn = picture::all(BitMapBackend::new(&new, size).into_drawing_area(), &charts);
-            let drawn = drawn.map_err(|e| failed(path, e));
-            let named = drawn.and_then(|()| std::fs::rename(&new, path).map_err(Error::io(path)));
-            if named.is_err() {
-                let _ = std::fs::remove_file(&new);
-            }
-            named
+            let mut pixels = vec![0; 3 * (size.0 * size.1) as usize];
+            picture::all(BitMapBackend::with_buffer(&mut pixels, size).into_drawing_area(), &charts).map_err(failed)?;
+            Ok(Some(png(size, &pixels).map_err(|e| failed(e.to_string()))?))
         }
     }
+}
+
+/// Pixels of red, green and blue as PNG.
+fn png((width, height): (u32, u32), pixels: &[u8]) -> std::result::Result<Vec<u8>, png::EncodingError> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.add_text_chunk("Software".into(), "kinelm".into())?;
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(pixels)?;
+    writer.finish()?;
+    Ok(bytes)
 }
 
 /// Refuses a file that no chart can be drawn into, before there is one.
 ///
 /// # Errors
-/// Another extension than `png` and `svg`; a folder that isn't there.
+/// Another extension than `png` and `svg`.
 pub fn check(path: &Path) -> Result<()> {
-    kind(path)?;
-    files::folder_is_there(path)
+    kind(path).map(|_| ())
 }
 
 /// What a picture is written as.
@@ -172,10 +192,6 @@ fn kind(path: &Path) -> Result<Kind> {
         Some("svg") => Ok(Kind::Svg),
         _ => Err(Error::Call(format!("{}: expected a name ending in .png or .svg", path.display()))),
     }
-}
-
-fn failed(path: &Path, e: String) -> Error {
-    Error::Call(format!("{}: the chart could not be drawn: {e}", path.display()))
 }
 
 /// Makes the font known, once.

@@ -212,7 +212,7 @@ fn up_is_said_in_one_line_and_refused_where_the_format_says_it() {
          {}{}{spine}}}\nMOTION\nFrames: 2\nFrame Time: 0.05\n10 20 90{zeros}\n10 20 91{zeros}\n",
         left.0,
         right.0,
-        zeros = " 0".repeat(39)
+        zeros = " 0".repeat(45)
     );
     fs::write(&z, text).unwrap();
     kinelm().arg("inspect").arg(&z).assert().success().stdout(contains("up z in the file").and(contains("no doubts")));

@@ -164,6 +164,11 @@ pub enum Source {
     },
     /// Our own JSON whose world was read with another axis than y up.
     Json(Axes),
+    /// A motion that was put on another body.
+    Retargeted {
+        /// Where its floor was found before that, metres: it still is there.
+        floor_m: f64,
+    },
     /// Our own JSON, or made by a program: nothing beside the clip.
     Plain,
 }

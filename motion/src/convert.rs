@@ -2,7 +2,7 @@
 
 #[cfg(feature = "amass")]
 use crate::format::body_model::BodyModel;
-use crate::format::{self, ReadOptions};
+use crate::format::{self, ReadOptions, Up};
 use crate::joints::Selection;
 use crate::resample::{Method, resample};
 use crate::retarget::{self, Retarget, SkeletonMap};
@@ -45,7 +45,9 @@ impl Rig {
         if let Ok(body) = BodyModel::parse(path, &bytes).and_then(|model| model.body(&[])) {
             return Ok(Rig::Smpl(body.skeleton));
         }
-        Ok(Rig::Like(Box::new(format::parse(path, &bytes, options)?)))
+        // the axis that is up in the motion says nothing of the rig's file
+        let options = ReadOptions { up: Up::Auto, ..options.clone() };
+        Ok(Rig::Like(Box::new(format::parse(path, &bytes, &options)?)))
     }
 }
 
@@ -68,18 +70,28 @@ pub struct Wanted {
 /// A rig that no skeleton map knows, and a rate that is none.
 pub fn convert(motion: Motion, wanted: &Wanted, map: Option<&str>) -> Result<Motion> {
     let mut motion = motion;
+    let rest = motion.warnings.iter().any(|w| w.kind == "rest_frame") && format::rest_frame(&motion);
     let neutral = wanted.joints.is_some().then(|| Rig::Smpl(smpl::neutral()));
     if let Some(selection) = &wanted.joints {
+        let floor_m = retarget::floor_m(&motion, map)?;
         motion.clip = keep_joints(&retarget::to_smpl(&motion, map)?, selection)?;
-        motion.source = Source::Plain;
+        motion.source = Source::Retargeted { floor_m };
     }
     if let Some(rig) = wanted.rig.as_ref().or(neutral.as_ref()) {
         motion = on_rig(motion, rig, map)?;
     }
     if let Some(fps) = wanted.fps {
-        motion.clip = resample(&motion.clip, fps, Method::Auto)?;
+        motion.clip = if rest { after_rest(&motion.clip, fps)? } else { resample(&motion.clip, fps, Method::Auto)? };
     }
     Ok(motion)
+}
+
+/// A clip at another rate whose frame 0 is a rest pose: it stays as it is, and out of the low pass.
+fn after_rest(clip: &Clip, fps: f64) -> Result<Clip> {
+    let rest = clip.slice(0..1);
+    let moving = resample(&clip.slice(1..clip.frames()), fps, Method::Auto)?;
+    let root = [rest.root(), moving.root()].concat();
+    Clip::new(clip.skeleton().clone(), fps, root, [rest.rotations(), moving.rotations()].concat())
 }
 
 /// The motion on another rig, by way of SMPL-24.
@@ -87,6 +99,7 @@ pub fn convert(motion: Motion, wanted: &Wanted, map: Option<&str>) -> Result<Mot
 /// # Errors
 /// A rig that no skeleton map knows.
 pub fn on_rig(motion: Motion, rig: &Rig, map: Option<&str>) -> Result<Motion> {
+    let floor_m = retarget::floor_m(&motion, map)?;
     match rig {
         Rig::Smpl(body) => {
             let clip = retarget::to_smpl(&motion, map)?;
@@ -95,15 +108,21 @@ pub fn on_rig(motion: Motion, rig: &Rig, map: Option<&str>) -> Result<Motion> {
             } else {
                 // positions grow with the legs, as they do from any rig to another
                 let neutral = retarget::map_for(clip.skeleton(), Some("smpl"))?;
-                Retarget::new(clip.skeleton(), &neutral, body.clone())?.to_smpl(&clip)?
+                Retarget::new(clip.skeleton(), &neutral, body.clone())?.with_floor(floor_m).to_smpl(&clip)?
             };
-            Ok(Motion { clip, source: Source::Plain, ..motion })
+            Ok(Motion { clip, source: Source::Retargeted { floor_m }, ..motion })
         }
         Rig::Like(like) => {
             let clip = retarget::to_smpl(&motion, map)?;
             let to = like.clip.skeleton();
-            let back = Retarget::new(to, &retarget::map_for(to, map)?, clip.skeleton().clone())?;
-            Ok(Motion { clip: back.to_rig(&clip)?, source: like.source.clone(), ..motion })
+            let back = Retarget::new(to, &retarget::map_for(to, map)?, clip.skeleton().clone())?.with_floor(floor_m);
+            let mut source = like.source.clone();
+            match &mut source {
+                Source::Bvh(bvh) => bvh.floor_m = Some(floor_m),
+                Source::Plain => source = Source::Retargeted { floor_m },
+                _ => {}
+            }
+            Ok(Motion { clip: back.to_rig(&clip)?, source, ..motion })
         }
     }
 }
@@ -113,4 +132,39 @@ fn keep_joints(clip: &Clip, selection: &Selection) -> Result<Clip> {
     let keep = |(i, &q): (usize, &Quat)| if selection.joints.contains(&(i % 24)) { q } else { Quat::IDENTITY };
     let rotations = clip.rotations().iter().enumerate().map(keep).collect();
     Clip::new(clip.skeleton().clone(), clip.fps(), clip.root().to_vec(), rotations)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::RestFrame;
+    use crate::{Vec3, synth};
+
+    #[test]
+    fn a_kept_rest_pose_stays_out_of_the_low_pass() {
+        let dance = synth::corpus(5, 1, 2.0, 60.0).unwrap().remove(0).clip;
+        let away = |clip: &Clip, frames: std::ops::Range<usize>| {
+            let clip = clip.slice(frames);
+            // far from the origin, and never unturned
+            let root = clip.root().iter().map(|p| *p + Vec3::X).collect();
+            let turn = |(i, q): (usize, &Quat)| if i % 24 == 0 { Quat::from_rotation_y(1.0) * *q } else { *q };
+            let rotations = clip.rotations().iter().enumerate().map(turn).collect();
+            Clip::new(clip.skeleton().clone(), 60.0, root, rotations).unwrap()
+        };
+        let moving = away(&dance, 30..100);
+        let mut pose = vec![Quat::IDENTITY; 24];
+        pose[16] = Quat::from_rotation_z(1.2);
+        let root = [&[Vec3::ZERO], moving.root()].concat();
+        let clip = Clip::new(smpl::neutral(), 60.0, root, [&pose, moving.rotations()].concat()).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.json");
+        format::write(&path, &Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] }).unwrap();
+        let motion = format::read(&path, &ReadOptions { rest: RestFrame::Keep, ..Default::default() }).unwrap();
+        assert!(motion.warnings.iter().any(|w| w.kind == "rest_frame"), "{:?}", motion.warnings);
+        let wanted = Wanted { fps: Some(20.0), ..Default::default() };
+        let slow = convert(motion.clone(), &wanted, None).unwrap().clip;
+        assert_eq!((slow.root()[0], slow.pose(0)), (Vec3::ZERO, motion.clip.pose(0)));
+        let without = resample(&motion.clip.slice(1..motion.clip.frames()), 20.0, Method::Auto).unwrap();
+        assert_eq!(slow.slice(1..slow.frames()), without);
+    }
 }

@@ -116,7 +116,8 @@ impl Prompt {
     /// A rig that no skeleton map knows.
     pub fn way(&self, map: Option<&str>) -> Result<Retarget> {
         let rig = self.motion.clip.skeleton();
-        Ok(Retarget::new(rig, &retarget::map_for(rig, map)?, smpl::neutral())?)
+        let floor_m = retarget::floor_m(&self.motion, map)?;
+        Ok(Retarget::new(rig, &retarget::map_for(rig, map)?, smpl::neutral())?.with_floor(floor_m))
     }
 }
 

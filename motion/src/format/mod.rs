@@ -365,7 +365,7 @@ mod tests {
         let out = folder.path().join("b.bvh");
         write(&out, &m).unwrap();
         let text = std::fs::read_to_string(&out).unwrap();
-        assert!(text.ends_with("Frames: 1\nFrame Time: 0.016667\n2.000000\n"), "{text}");
+        assert!(text.ends_with("Frames: 1\nFrame Time: 0.0166666667\n2.000000\n"), "{text}");
         assert!(write(&folder.path().join("b.fbx"), &m).is_err());
     }
 }

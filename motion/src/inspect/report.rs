@@ -170,7 +170,7 @@ fn source_lines(source: &Source) -> (&'static str, Vec<String>) {
         Source::Aist { scaling, rest_pelvis, body_model } => {
             ("AIST++", vec![format!("scaling {scaling}"), body_line(*rest_pelvis, *body_model)])
         }
-        Source::Json(_) | Source::Plain => ("clip", Vec::new()),
+        Source::Json(_) | Source::Retargeted { .. } | Source::Plain => ("clip", Vec::new()),
     }
 }
 
@@ -180,7 +180,7 @@ fn axes(source: &Source) -> Axes {
         Source::Bvh(bvh) => bvh.rig.axes,
         Source::Json(axes) => *axes,
         Source::Amass { .. } => Axes { up: Up::Z, ..Axes::OWN },
-        Source::Aist { .. } | Source::Plain => Axes::OWN,
+        Source::Aist { .. } | Source::Retargeted { .. } | Source::Plain => Axes::OWN,
     }
 }
 

@@ -13,6 +13,14 @@
 //! identity unless joints that no SMPL joint stands for (twist bones) move between a bone's two ends. `S` is identity
 //! for pelvis, spine, neck, head, collars and feet: those that stand straight or flat in one body do in the other.
 //! The way back is `G_s = G_t (E C)^-1`.
+//!
+//! The pelvis's path grows with the legs, about the floor, which stays where it is; and it is raised by what keeps the
+//! feet of the reference pose on it: bodies differ below the ankles and above the hips, too. With `floor`, `scale` (leg
+//! over leg) and `rise`
+//!
+//! ```text
+//! y_t = floor + scale (y_s - floor) + rise        x_t = scale x_s        z_t = scale z_s
+//! ```
 
 pub mod map;
 pub mod reference;
@@ -20,6 +28,7 @@ pub mod reference;
 pub use map::SkeletonMap;
 pub use reference::ReferencePose;
 
+use crate::metric::floor::{self, Feet};
 use crate::rotation::swing;
 use crate::{Clip, Error, GlobalPose, Motion, Quat, Result, Skeleton, Source, Vec3, smpl};
 use reference::LIMBS;
@@ -36,6 +45,9 @@ pub struct Retarget {
     /// identity.
     rest: Vec<Quat>,
     scale: f64,
+    /// What keeps the feet of the reference pose on the floor, metres on the SMPL body.
+    rise: f64,
+    floor: f64,
     same: bool,
 }
 
@@ -77,7 +89,37 @@ impl Retarget {
         let above = |j: usize| j != pelvis && rig.descends(pelvis, j);
         let rest = (0..rig.joints()).map(|j| if above(j) { Quat::IDENTITY } else { pose.local[j] }).collect();
         let same = is_same(rig, &smpl);
-        Ok(Retarget { rig: Arc::new(rig.clone()), smpl, links, rest, scale: if same { 1.0 } else { scale }, same })
+        let scale = if same { 1.0 } else { scale };
+        let mut way = Retarget { rig: Arc::new(rig.clone()), smpl, links, rest, scale, rise: 0.0, floor: 0.0, same };
+        if !same {
+            way.rise = way.rise(&pose)?;
+        }
+        Ok(way)
+    }
+
+    /// The same way for a motion whose floor lies at this height, metres: the path grows about it. 0 if not said.
+    pub fn with_floor(self, floor_m: f64) -> Self {
+        Retarget { floor: floor_m, ..self }
+    }
+
+    /// How much higher than by the scale alone the SMPL body's pelvis must be for both to stand in the reference pose.
+    fn rise(&self, pose: &ReferencePose) -> Result<f64> {
+        let stand = Clip::new(self.rig.clone(), 1.0, vec![Vec3::ZERO], pose.local.clone())?;
+        let stand = self.to_smpl(&stand)?;
+        let at_zero = Clip::new(self.smpl.clone(), 1.0, vec![Vec3::ZERO], stand.rotations().to_vec())?;
+        let smpl_map = SkeletonMap::by_name_or_file("smpl")?;
+        let feet = Feet::new(&self.smpl, &smpl_map)?.least(&at_zero);
+        Ok(-feet.first().copied().unwrap_or(0.0) - self.scale * Feet::of(&self.rig, pose).pelvis_m)
+    }
+
+    fn smpl_root(&self, pelvis: Vec3) -> Vec3 {
+        let raise = self.floor * (1.0 - self.scale) + self.rise;
+        pelvis * self.scale + Vec3::Y * raise
+    }
+
+    fn rig_pelvis(&self, root: Vec3) -> Vec3 {
+        let raise = self.floor * (1.0 - self.scale) + self.rise;
+        (root - Vec3::Y * raise) / self.scale
     }
 
     /// The rig's own skeleton.
@@ -95,8 +137,8 @@ impl Retarget {
         self.links.get(smpl_id)?.as_ref().map(|l| l.joint)
     }
 
-    /// The motion on the SMPL-24 body. The root's position is the place of the rig's pelvis times
-    /// [`Retarget::scale`]; SMPL joints without a counterpart keep their rest rotation. A clip that stands on this very
+    /// The motion on the SMPL-24 body. The root's position is the place of the rig's pelvis times [`Retarget::scale`],
+    /// about the floor, raised so that the feet stay on it; SMPL joints without a counterpart keep their rest rotation. A clip that stands on this very
     /// SMPL body already comes back bit for bit.
     ///
     /// # Errors
@@ -112,7 +154,7 @@ impl Retarget {
         let mut pose = GlobalPose::default();
         for f in 0..clip.frames() {
             pose.set(&self.rig, clip.root()[f], clip.pose(f));
-            root.push(pose.positions[pelvis] * self.scale);
+            root.push(self.smpl_root(pose.positions[pelvis]));
             let mut global = [Quat::IDENTITY; 24];
             for id in 0..24 {
                 let parent = smpl::PARENTS[id];
@@ -164,7 +206,7 @@ impl Retarget {
             pose.set(&self.smpl, clip.root()[f], clip.pose(f));
             let from = rotations.len();
             self.rig_frame(&by_joint, rest, &pose.rotations, &mut rotations);
-            root.push(self.rig_root(clip.root()[f] / self.scale, &rotations[from..]));
+            root.push(self.rig_root(self.rig_pelvis(clip.root()[f]), &rotations[from..]));
         }
         Clip::new(self.rig.clone(), clip.fps(), root, rotations)
     }
@@ -347,29 +389,57 @@ pub(crate) fn map_if_any(names: &[String], map: Option<&str>) -> Result<Option<S
 /// A motion on the neutral SMPL-24 body, whatever it was read from; `map` is a shipped map's name or a TOML's path,
 /// `None` to find it by the names.
 ///
-/// Motions of SMPL files keep their rotations, which mean the same on every SMPL body; only the root is scaled.
+/// The path grows with the legs, about the motion's floor ([`floor_m`]). Motions of SMPL files keep their rotations, which
+/// mean the same on every SMPL body.
 ///
 /// # Errors
 /// [`Error::Clip`] naming the file, with what [`map_for`] or [`Retarget::new`] say.
 pub fn to_smpl(motion: &Motion, map: Option<&str>) -> Result<Clip> {
     let rig = motion.clip.skeleton();
     if matches!(motion.source, Source::Amass { .. } | Source::Aist { .. }) && check_smpl(rig).is_ok() {
-        return on_neutral(&motion.clip);
+        return on_neutral(motion);
     }
-    let retargeted = || Retarget::new(rig, &map_for(rig, map)?, smpl::neutral())?.to_smpl(&motion.clip);
+    let retargeted = || {
+        let way = Retarget::new(rig, &map_for(rig, map)?, smpl::neutral())?;
+        let floor_m = if way.same { 0.0 } else { floor_m(motion, map)? };
+        way.with_floor(floor_m).to_smpl(&motion.clip)
+    };
     retargeted().map_err(|e| match e {
         Error::Call(what) => Error::Clip { clip: motion.path.display().to_string(), what },
         other => other,
     })
 }
 
-fn on_neutral(clip: &Clip) -> Result<Clip> {
+/// Where a motion's floor is, metres: found by the feet ([`mod@crate::metric::floor`]) on the file's own rig; of a motion that
+/// was put on another body, where it was found before.
+///
+/// # Errors
+/// A rig that no skeleton map knows, and those of [`Feet::new`].
+pub fn floor_m(motion: &Motion, map: Option<&str>) -> Result<f64> {
+    match &motion.source {
+        Source::Retargeted { floor_m } => return Ok(*floor_m),
+        Source::Bvh(bvh) => {
+            if let Some(floor_m) = bvh.floor_m {
+                return Ok(floor_m);
+            }
+        }
+        _ => {}
+    }
+    let rig = motion.clip.skeleton();
+    Ok(floor::floor(&motion.clip, &map_for(rig, map)?)?.height_m)
+}
+
+fn on_neutral(motion: &Motion) -> Result<Clip> {
+    let clip = &motion.clip;
     let neutral = smpl::neutral();
     if is_same(clip.skeleton(), &neutral) {
         return clip.clone().with_skeleton(neutral);
     }
     let scale = smpl_leg_m(&neutral) / smpl_leg_m(clip.skeleton());
-    let root = clip.root().iter().map(|p| *p * scale).collect();
+    let map = SkeletonMap::by_name_or_file("smpl")?;
+    let [on, from] = [&neutral, clip.skeleton()].map(|body| Feet::new(body, &map).map(|feet| feet.pelvis_m));
+    let raise = floor_m(motion, Some("smpl"))? * (1.0 - scale) + on? - scale * from?;
+    let root = clip.root().iter().map(|p| *p * scale + Vec3::Y * raise).collect();
     Clip::new(neutral, clip.fps(), root, clip.rotations().to_vec())
 }
 

@@ -145,6 +145,7 @@ impl Alignment {
             let window = Motion { clip: second, source, path: motions[1].path.clone(), warnings: Vec::new() };
             let smpl = retarget::to_smpl(&window, map)?;
             let way = Retarget::new(to, &retarget::map_for(to, map)?, smpl.skeleton().clone())?;
+            let way = way.with_floor(retarget::floor_m(&window, map)?);
             way.to_rig_over(&smpl, Some(first))
         };
         let clip = retargeted()

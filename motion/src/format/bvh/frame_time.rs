@@ -53,7 +53,8 @@ fn decimal(text: &str) -> Option<(u128, u128)> {
     Some((kept.parse::<u128>().ok()?, unit)).filter(|_| places >= 0)
 }
 
-/// A frame time whose text reads back as this rate: the shortest of six decimals or more.
+/// A frame time whose text reads back as this rate, here and where no digits are guessed (Blender divides 1 by it in single
+/// precision): the shortest of six decimals or more.
 ///
 /// A few rates that are no whole number are not 1 over any number of 64 bits; these come back to within one part in 10^15.
 ///
@@ -65,8 +66,13 @@ pub fn text(fps: f64) -> Result<String> {
     }
     let seconds = 1.0 / fps;
     let tries = (6..=30).map(|places| format!("{seconds:.places$}"));
-    let found = tries.into_iter().find(|t| rate(t) == Some(fps));
+    let found = tries.into_iter().find(|t| rate(t) == Some(fps) && is_exact(t, fps));
     Ok(found.unwrap_or_else(|| format!("{seconds:.20}")))
+}
+
+/// Whether one over the number is the rate, to a tenth of what single precision tells apart.
+pub(crate) fn is_exact(text: &str, fps: f64) -> bool {
+    text.parse::<f64>().is_ok_and(|seconds| (1.0 / seconds / fps - 1.0).abs() < 5e-9)
 }
 
 #[cfg(test)]
@@ -107,6 +113,13 @@ mod tests {
     fn whole_rates_come_back() {
         for n in 1..=2000 {
             assert_eq!(rate(&text(n as f64).unwrap()), Some(n as f64), "{n}");
+        }
+        assert_eq!(text(60.0).unwrap(), "0.0166666667");
+        assert_eq!(text(20.0).unwrap(), "0.050000");
+        for n in 1..=240 {
+            // as Blender reads it
+            let seconds: f64 = text(n as f64).unwrap().parse().unwrap();
+            assert_eq!((n as f64 / (1.0 / seconds)) as f32, 1.0, "{n}");
         }
         assert!(text(0.5).is_err() && text(f64::NAN).is_err());
     }

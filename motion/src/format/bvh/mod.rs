@@ -43,6 +43,8 @@ pub struct BvhSource {
     pub frames: usize,
     /// How the nodes are the clip's joints.
     pub rig: Rig,
+    /// Of a motion that was put on this rig from another: where its floor was found before that, metres.
+    pub floor_m: Option<f64>,
 }
 
 /// Position channels of one joint below the clip's root, for `inspect`.
@@ -128,7 +130,7 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
     let fps = parsed.fps(options);
     let Parsed { head, numbers, frames, mut warnings } = parsed;
     warnings.extend(more);
-    let mut source = BvhSource { head, numbers, frames, rig };
+    let mut source = BvhSource { head, numbers, frames, rig, floor_m: None };
     let clip = source.clip(fps).map_err(|e| clip_error(path, e))?;
     let map = map_if_any(clip.skeleton().names(), options.map.as_deref())?;
     let (axes, doubt) = Axes::of(&clip, options.up, map.as_ref());
@@ -181,6 +183,7 @@ impl BvhSource {
             numbers: self.numbers[frames.start * c..frames.end * c].to_vec(),
             frames: frames.len(),
             rig: self.rig.clone(),
+            floor_m: self.floor_m,
         }
     }
 

@@ -42,7 +42,7 @@ impl BvhSource {
             stretch: Vec::new(),
             axes: Axes::OWN,
         };
-        Ok(BvhSource { head, numbers: Vec::new(), frames: 0, rig })
+        Ok(BvhSource { head, numbers: Vec::new(), frames: 0, rig, floor_m: None })
     }
 }
 

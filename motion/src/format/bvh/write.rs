@@ -57,10 +57,12 @@ impl BvhSource {
                 "a clip of {its} joints for a rig of {own}; expected the same names and parents"
             )));
         }
-        let time = if self.fps() == clip.fps() { self.head.frame_time.clone() } else { frame_time::text(clip.fps())? };
+        let (own, same) = (&self.head.frame_time, self.fps() == clip.fps());
+        let time = |keep: bool| if keep { Ok(own.clone()) } else { frame_time::text(clip.fps()) };
         if self.is_untouched(clip) {
-            return Ok(print(&self.head, &time, clip.frames(), &self.numbers));
+            return Ok(print(&self.head, &time(same)?, clip.frames(), &self.numbers));
         }
+        let time = time(same && frame_time::is_exact(own, clip.fps()))?;
         let clip = self.rig.axes.from_y(clip)?;
         let rig = self.for_clip(&clip)?;
         let numbers = rig.rows(&clip, self);

@@ -202,7 +202,8 @@ fn a_dance_survives_a_file_on_its_own_rig() {
             let file = folder.path().join("out.bvh");
             let out = Motion { clip: way.to_rig(&mixed).unwrap(), ..motion.clone() };
             format::write(&file, &out).unwrap();
-            let again = retarget::to_smpl(&format::read(&file, &ReadOptions::default()).unwrap(), None).unwrap();
+            // the same way: what stands in a file doesn't tell its floor to the last digit
+            let again = way.to_smpl(&format::read(&file, &ReadOptions::default()).unwrap().clip).unwrap();
             assert_eq!(again.frames(), mixed.frames());
             for f in 0..mixed.frames() {
                 // six decimals of a degree, summed over the joints on the way

@@ -14,7 +14,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) if cli::is_broken_pipe(&e) => ExitCode::SUCCESS,
         Err(e) => {
-            eprintln!("kinelm: {}", cli::chain(&e));
+            eprintln!("kinelm: {}", cli::plain(&cli::chain(&e)));
             ExitCode::from(match () {
                 _ if cli::is_wrong_call(&e) => 2,
                 _ if cli::is_stopped(&e) => 130,

@@ -23,6 +23,7 @@ impl std::error::Error for NoMemory {}
 ///
 /// # Panics
 /// Making one unwinds with [`NoMemory`] where the system has no memory left.
+#[derive(Debug)]
 pub struct Floats {
     map: MmapMut,
     len: usize,

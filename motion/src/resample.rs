@@ -6,6 +6,8 @@ use std::f64::consts::PI;
 
 /// A ratio of rates beyond this is a wrong rate, and its low pass would take hours.
 const MOST_TIMES_SLOWER: f64 = 1e4;
+/// No movement needs more frames a second.
+pub const MOST_FPS: f64 = 1e4;
 /// Rotations of a clip that resampling makes at most: 4 GB.
 const MOST_ROTATIONS: f64 = 134e6;
 
@@ -47,6 +49,9 @@ pub fn resample(clip: &Clip, fps: f64, method: Method) -> Result<Clip> {
     }
     if a == b || clip.frames() == 0 {
         return clip.clone().with_fps(b);
+    }
+    if b > a && b > MOST_FPS {
+        return Err(Error::Call(format!("a rate of {b:?} frames per second; expected {MOST_FPS} at most")));
     }
     if a / b > MOST_TIMES_SLOWER {
         return Err(Error::Call(format!(

@@ -275,3 +275,19 @@ fn for_numpy() {
     std::fs::write(folder.join("positions.npz"), Positions::from_clip(&clip).write().unwrap()).unwrap();
     println!("{}", folder.display());
 }
+
+#[cfg(feature = "amass")]
+#[test]
+fn an_archive_of_still_frames_is_read_back() {
+    use kinelm_motion::format::npz::{Npz, Values, Writer};
+    // 100,000 frames of a pose: deflated, they would look like a trap
+    let poses = vec![0.25; 100_000 * 156];
+    let mut writer = Writer::new();
+    writer.add("poses", &[100_000, 156], Values::F64(&poses)).unwrap();
+    let bytes = writer.finish().unwrap();
+    let npz = Npz::open(std::path::Path::new("still.npz"), &bytes).unwrap();
+    assert!(npz.array("poses").is_ok());
+    let mut writer = Writer::new();
+    writer.add("poses", &[1000, 156], Values::F64(&poses[..156_000])).unwrap();
+    assert!(writer.finish().unwrap().len() < 100_000, "short ones are deflated");
+}

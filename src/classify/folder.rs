@@ -9,6 +9,7 @@ use crate::model::{ModelConfig, TokenLayout, weights};
 use crate::{Error, Result, files};
 use candle_core::Tensor;
 use kinelm_engine::arena::Floats;
+use kinelm_motion::format::input;
 use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -71,7 +72,7 @@ impl Classifier {
     pub fn load(folder: &Path) -> Result<Classifier> {
         let path = folder.join(ABOUT);
         let help = "a classifier is a folder that `kinelm classify train --out FOLDER` wrote";
-        let text = fs::read_to_string(&path).map_err(|e| match e.kind() {
+        let text = input::text(&path).map_err(|e| match e.kind() {
             std::io::ErrorKind::NotFound => Error::file(folder, format!("no {ABOUT}"), "a classifier's folder", help),
             _ => Error::io(&path)(e),
         })?;

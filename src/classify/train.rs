@@ -254,6 +254,9 @@ fn about(run: &LoadedRun, tokenizer: &Tokenizer, fields: &Fields, options: &Trai
 
 /// A step's error with what can be done about it.
 fn failed(e: Error, step: u64, out: &Path) -> Error {
+    if !matches!(e, Error::NotFinite(_)) {
+        return e; // no rate is to blame
+    }
     let help = "take lower rates by --rate and --head-rate";
     Error::file(out, format!("at step {}: {e}", step + 1), "a loss that is a number", help)
 }

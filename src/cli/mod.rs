@@ -40,7 +40,8 @@ use kinelm_engine::arena::NoMemory;
 use kinelm_engine::decode::{KvKind, WeightKind};
 use kinelm_motion::convert::{Rig, Wanted, convert};
 use kinelm_motion::{Motion, smpl};
-use std::io::Write;
+use std::borrow::Cow;
+use std::io::{IsTerminal, Write};
 use std::panic::{AssertUnwindSafe, resume_unwind};
 use std::path::{Path, PathBuf};
 
@@ -356,7 +357,7 @@ impl Say {
     /// One line, always.
     pub fn error(self, text: impl std::fmt::Display) {
         // a closed stderr is no reason to stop
-        let _ = writeln!(std::io::stderr(), "kinelm: {text}");
+        let _ = writeln!(std::io::stderr(), "kinelm: {}", plain(&text.to_string()));
         progress::said();
     }
 
@@ -366,6 +367,16 @@ impl Say {
     }
 }
 
+/// A text without what a terminal would take as an order: control characters out of names and files.
+pub fn plain(text: &str) -> Cow<'_, str> {
+    let is_order = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
+    if !text.contains(is_order) {
+        return Cow::Borrowed(text);
+    }
+    let one = |c: char| if is_order(c) { c.escape_default().to_string() } else { c.to_string() };
+    Cow::Owned(text.chars().map(one).collect())
+}
+
 /// Says what was odd in a file that was read all the same.
 pub fn warn(motion: &Motion, say: Say) {
     for warning in &motion.warnings {
@@ -373,9 +384,10 @@ pub fn warn(motion: &Motion, say: Say) {
     }
 }
 
-/// Writes data to stdout.
+/// Writes data to stdout; a terminal gets it [`plain`].
 pub fn print(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
+    let text = if out.is_terminal() { plain(text) } else { Cow::Borrowed(text) };
     out.write_all(text.as_bytes())?;
     Ok(out.flush()?)
 }

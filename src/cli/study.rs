@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use kinelm::output::Outputs;
 use kinelm::study::{self, Event, StudyOptions, default_rows, study};
 use kinelm_motion::format::RestFrame;
+use kinelm_motion::format::input;
 use kinelm_motion::joints;
 use std::path::PathBuf;
 
@@ -39,7 +40,7 @@ pub struct Args {
 pub fn run(args: Args, say: Say) -> Result<()> {
     let joints = joints::parse(&args.joints).map_err(|e| WrongCall(e.to_string()))?.joints;
     let rows = match &args.schemes {
-        Some(path) => (std::fs::read_to_string(path).with_context(|| path.display().to_string())?, path.clone()),
+        Some(path) => (input::text(path).with_context(|| path.display().to_string())?, path.clone()),
         None => {
             let (text, path) = default_rows(joints.len());
             (text.to_string(), path.into())

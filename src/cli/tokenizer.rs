@@ -3,6 +3,7 @@
 use super::{ForceArgs, Say, print, read::ReadArgs};
 use anyhow::{Context, Result};
 use kinelm::corpus;
+use kinelm_motion::format::input;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::{Motion, Source};
 use kinelm_tokenizer::{Rest, Tokenizer};
@@ -66,6 +67,9 @@ fn text(args: TextArgs, say: Say) -> Result<()> {
     print(&format!("{}\n", tokenizer.text(&encoded.words)?))
 }
 
+/// Bytes that a frame takes while it is decoded and written.
+const FRAME_BYTES: usize = 1 << 13;
+
 fn decode(args: DecodeArgs, say: Say) -> Result<()> {
     super::writable(&args.out)?;
     let outputs = args.force.outputs([&args.words, &args.tokenizer]);
@@ -73,10 +77,19 @@ fn decode(args: DecodeArgs, say: Say) -> Result<()> {
     let tokenizer = Tokenizer::load(&args.tokenizer)?;
     let text = match args.words.as_os_str() == "-" {
         true => std::io::read_to_string(std::io::stdin())?,
-        false => std::fs::read_to_string(&args.words).with_context(|| args.words.display().to_string())?,
+        false => input::text(&args.words).with_context(|| args.words.display().to_string())?,
     };
     let words = tokenizer.words_of_text(&text).with_context(|| args.words.display().to_string())?;
-    anyhow::ensure!(!words.is_empty(), "{}: no words, nothing to decode", args.words.display());
+    let blank = text.trim().is_empty();
+    let frames = words.len().saturating_mul(tokenizer.frames_per_word());
+    let (needed, free) = (frames.saturating_mul(FRAME_BYTES) as u64, kinelm::memory::free());
+    anyhow::ensure!(
+        free.is_none_or(|free| needed <= free),
+        "{}: {} words are {frames} frames, which take more memory than there is",
+        args.words.display(),
+        words.len()
+    );
+    anyhow::ensure!(!words.is_empty() && !blank, "{}: no words, nothing to decode", args.words.display());
     let clip = tokenizer.decode(&words, Rest::Identity)?;
     let motion = Motion { path: args.out.clone(), clip, source: Source::Plain, warnings: Vec::new() };
     outputs.write(&args.out, &format::to_bytes(&args.out, &motion)?)?;

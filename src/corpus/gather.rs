@@ -5,6 +5,7 @@ use super::pattern::{EXTENSIONS, without_extension};
 use super::record::Split;
 use super::splits::{self, some_of};
 use crate::{Error, Result};
+use kinelm_motion::format::input;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs::{self, File};
 use std::io::Read;
@@ -332,8 +333,8 @@ impl Walk<'_> {
             match fs::metadata(&path) {
                 Ok(m) if m.is_dir() => self.folder(&path, &relative, &ignore)?,
                 Ok(_) => self.file(path, relative, &ignore),
-                Err(_) if without_extension(&name) == name => {} // a link to nowhere
-                Err(e) => return Err(Error::io(&path)(e)),
+                // a link to nowhere among them, which is told where it is read
+                Err(_) => self.file(path, relative, &ignore),
             }
         }
         Ok(())
@@ -363,7 +364,7 @@ fn holds_no_motion(path: &Path, stem: &str) -> bool {
         Some(e) if e == "json" && stem.ends_with(".kinelm") => true,
         Some(e) if e == "json" => {
             let mut head = Vec::new();
-            let read = File::open(path).and_then(|f| f.take(4096).read_to_end(&mut head));
+            let read = input::check(path).and_then(|()| File::open(path)?.take(4096).read_to_end(&mut head));
             read.is_ok() && !String::from_utf8_lossy(&head).contains("\"schema\"")
         }
         _ => false,

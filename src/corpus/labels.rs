@@ -4,8 +4,8 @@ use super::csv::{self, Field};
 use super::pattern::{self, Pattern, without_extension};
 use super::record::Split;
 use crate::{Error, Result};
+use kinelm_motion::format::input;
 use std::collections::{BTreeMap, HashMap};
-use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Columns and pattern fields that are no labels.
@@ -193,7 +193,7 @@ impl Table {
     /// [`Error::Io`]; [`Error::File`] with line and column: no header, no `clip` column, a column without a name or
     /// named twice, a row of another width, a clip named twice or not at all, a split, rate or skip that is none.
     pub fn load(path: &Path) -> Result<Self> {
-        Table::parse(path, &fs::read(path).map_err(Error::io(path))?)
+        Table::parse(path, &input::bytes(path).map_err(Error::io(path))?)
     }
 
     /// [`Table::load`] of bytes; `path` is for messages.

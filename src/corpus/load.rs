@@ -49,7 +49,7 @@ pub fn load_clip(path: &Path, options: &ReadOptions, fps: f64) -> Result<(Motion
 pub fn load_hashed(path: &Path, options: &ReadOptions, fps: f64) -> Result<(Motion, Clip, String)> {
     // refused by its name before it is read
     format::Format::of(path)?;
-    let bytes = std::fs::read(path).map_err(Error::io(path))?;
+    let bytes = kinelm_motion::format::input::bytes(path).map_err(Error::io(path))?;
     let (motion, clip) = parse_clip(path, &bytes, options, fps)?;
     Ok((motion, clip, FileRecord::of(&bytes).sha256))
 }
@@ -83,6 +83,7 @@ pub fn item_options(item: &Item, options: &ReadOptions) -> ReadOptions {
 /// [`Error::Io`] when it can't be read.
 pub fn hash_file(path: &Path) -> Result<String> {
     let mut hash = Sha256::new();
+    kinelm_motion::format::input::check(path).map_err(Error::io(path))?;
     let mut file = File::open(path).map_err(Error::io(path))?;
     std::io::copy(&mut file, &mut hash).map_err(Error::io(path))?;
     Ok(hex(hash))

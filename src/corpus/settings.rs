@@ -1,6 +1,7 @@
 //! The settings of a tokenizer in TOML, with single keys set on top.
 
 use crate::{Error, Result, presets};
+use kinelm_motion::format::input;
 use kinelm_motion::joints;
 use kinelm_tokenizer::TokenizerConfig;
 use serde::Deserialize;
@@ -35,7 +36,7 @@ impl Settings {
     /// # Errors
     /// [`Error::Io`]; [`Error::File`] with line and column for text that is no TOML.
     pub fn load(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = input::text(path).map_err(Error::io(path))?;
         Settings::parse(&text, path)
     }
 

@@ -77,6 +77,7 @@ impl Corpus {
         let help = "the file was cut or changed after it was written: make the corpus again";
         let bytes = Stored::open_checked(&dir.join(kind.file_name()), &manifest.tokens, help)?;
         let tokens = Tokens { bytes, kind };
+        check_ids(&dir.join(kind.file_name()), &tokens, manifest.vocabulary)?;
         let words = Index::find(&dir.join(kind.file_name()), &manifest, &clips, &tokens)?;
         Ok(Corpus { dir, manifest, hash, clips, tokens, words, tokenizer })
     }
@@ -247,6 +248,18 @@ fn load_tokenizer(dir: &Path, manifest: &Manifest) -> Result<Tokenizer> {
     Ok(tokenizer)
 }
 
+/// Refuses ids that the tokenizer hasn't: a model has no row for them.
+fn check_ids(path: &Path, tokens: &Tokens, vocabulary: usize) -> Result<()> {
+    for block in tokens.bytes.blocks() {
+        let largest = tokens.kind.ids_of(&tokens.bytes.read(block)?).max();
+        if let Some(id) = largest.filter(|id| *id as usize >= vocabulary) {
+            let expected = format!("ids below {vocabulary}, those of its tokenizer.json");
+            return Err(Error::file(path, format!("id {id}"), expected, "make the corpus again"));
+        }
+    }
+    Ok(())
+}
+
 fn parse_clips(path: &Path, text: &[u8]) -> Result<Vec<ClipRecord>> {
     let lines = text.split(|&b| b == b'\n').enumerate().filter(|(_, l)| !l.is_empty());
     let parse = |(i, line): (usize, &[u8])| {
@@ -357,6 +370,22 @@ mod tests {
         assert_eq!((c.tokens_per_frame(Split::Train), c.tokens_per_frame(Split::Valid)), (7.0, 0.0));
         assert_eq!((c.tokens().len(), c.clips()[1].frames, c.clips()[0].clipped), (3 * 7, 0, 2));
         assert_eq!(fs::read_dir(tmp.path()).unwrap().count(), 1, "nothing is left beside the corpus");
+    }
+
+    #[test]
+    fn ids_that_the_tokenizer_has_not_are_refused() {
+        let tmp = tempfile::tempdir().unwrap();
+        let dir = tmp.path().join("c");
+        small(&dir);
+        let (tokens, manifest) = (dir.join("tokens.u16"), dir.join(MANIFEST));
+        let mut bytes = fs::read(&tokens).unwrap();
+        let before = FileRecord::of(&bytes).sha256;
+        bytes[9] = 0x40;
+        fs::write(&tokens, &bytes).unwrap();
+        let text = fs::read_to_string(&manifest).unwrap().replace(&before, &FileRecord::of(&bytes).sha256);
+        fs::write(&manifest, text).unwrap();
+        let message = Corpus::open(&dir).unwrap_err().to_string();
+        assert!(message.contains("tokens.u16: found id 16") && message.contains("expected ids below"), "{message}");
     }
 
     #[test]

@@ -4,10 +4,12 @@
 use super::record::{FileRecord, hex};
 use crate::{Error, Result, memory};
 use bytemuck::Pod;
+use kinelm_engine::arena::Floats;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use std::borrow::Cow;
 use std::fs::File;
+use std::marker::PhantomData;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -27,7 +29,8 @@ pub struct Stored<T> {
 
 #[derive(Debug)]
 enum Held<T> {
-    Memory(Vec<T>),
+    /// In large pages where there are some: it is the pages that cost the time.
+    Memory(Floats, PhantomData<T>),
     File(File),
 }
 
@@ -53,12 +56,12 @@ impl<T: Pod + Send + Sync> Stored<T> {
         }
         let numbers = (expected / size_of::<T>() as u64) as usize;
         let mut stored = Stored { path: path.to_owned(), numbers, held: Held::File(file), help };
-        let all = if expected <= room { bytemuck::allocation::try_zeroed_vec(numbers).ok() } else { None };
-        if let Some(mut all) = all {
+        if expected <= room {
+            let mut all = Floats::new((expected as usize).div_ceil(size_of::<f32>()));
             let block = stored.block();
-            let blocks = all.par_chunks_mut(block).enumerate();
+            let blocks = of_bytes(&mut all, numbers).par_chunks_mut(block).enumerate();
             blocks.try_for_each(|(i, numbers)| stored.fill(i * block, numbers))?;
-            stored.held = Held::Memory(all);
+            stored.held = Held::Memory(all, PhantomData);
         }
         Ok(stored)
     }
@@ -101,7 +104,9 @@ impl<T: Pod + Send + Sync> Stored<T> {
     /// # Panics
     /// If the range leaves the file.
     pub fn read(&self, range: Range<usize>) -> Result<Cow<'_, [T]>> {
-        if let Held::Memory(all) = &self.held {
+        if let Held::Memory(all, _) = &self.held {
+            let all: &[T] =
+                bytemuck::cast_slice(&bytemuck::cast_slice::<f32, u8>(all)[..self.numbers * size_of::<T>()]);
             return Ok(Cow::Borrowed(&all[range]));
         }
         assert!(range.end <= self.numbers, "numbers {range:?} of {}", self.numbers);
@@ -128,6 +133,11 @@ impl<T: Pod + Send + Sync> Stored<T> {
             }
         })
     }
+}
+
+/// So many numbers in memory, which is aligned to a page and so to any of them.
+fn of_bytes<T: Pod>(all: &mut Floats, numbers: usize) -> &mut [T] {
+    bytemuck::cast_slice_mut(&mut bytemuck::cast_slice_mut::<f32, u8>(all)[..numbers * size_of::<T>()])
 }
 
 #[cfg(unix)]
@@ -180,7 +190,7 @@ mod tests {
         let bytes = size_of_val(numbers.as_slice()) as u64;
         let [memory, file] =
             [bytes, bytes - 1].map(|room| Stored::<f32>::open_within(&path, bytes, HELP, room).unwrap());
-        assert!(matches!((&memory.held, &file.held), (Held::Memory(_), Held::File(_))));
+        assert!(matches!((&memory.held, &file.held), (Held::Memory(..), Held::File(_))));
         assert_eq!(memory.blocks().map(|b| b.len()).collect::<Vec<_>>(), [1 << 20; 3]);
         for block in memory.blocks().chain([5..5, 7..(1 << 20) + 9]) {
             assert!(memory.read(block.clone()).unwrap() == file.read(block.clone()).unwrap());

@@ -77,6 +77,9 @@ pub fn channels(corpus: &Corpus) -> Option<usize> {
 
 type Fault = (String, &'static str);
 
+/// Bytes of an array at most: codes of a week of dancing.
+const MOST_BYTES: u64 = 1 << 30;
+
 fn read_split(
     archive: &mut ZipArchive<BufReader<File>>,
     name: &'static str,
@@ -119,6 +122,10 @@ fn array<T: npyz::Deserialize>(
         return Err(fault("Fortran order".into()));
     }
     let shape = file.shape().to_vec();
+    let bytes = shape.iter().try_fold(size_of::<T>() as u64, |all, &n| all.checked_mul(n));
+    if bytes.is_none_or(|bytes| bytes > MOST_BYTES) {
+        return Err((format!("{name} of shape {shape:?}"), "arrays of 1 GiB at most"));
+    }
     Ok((shape, file.into_vec().map_err(|e| fault(e.to_string()))?))
 }
 
@@ -183,6 +190,13 @@ mod tests {
         }
         npz(&path, &[("train", &[3, 2], Array::Lengths(vec![0; 6]))]);
         assert!(says().contains("train.npy"), "{}", says());
+        // a header that promises more than fits
+        let mut zip = zip::ZipWriter::new(File::create(&path).unwrap());
+        zip.start_file("train.npy", zip::write::SimpleFileOptions::default()).unwrap();
+        let text = format!("{:<117}\n", "{'descr': '<u2', 'fortran_order': False, 'shape': (4294967296, 2), }");
+        zip.write_all(&[b"\x93NUMPY\x01\x00\x76\x00", text.as_bytes()].concat()).unwrap();
+        zip.finish().unwrap();
+        assert!(says().contains("[4294967296, 2], expected arrays of 1 GiB at most"), "{}", says());
         std::fs::write(&path, "PK").unwrap();
         assert!(says().contains("an npz archive"), "{}", says());
     }

@@ -60,6 +60,11 @@ impl Ready {
     /// nor a prompt, more frames than memory holds, none that are left to make.
     pub fn load(mut recipe: Recipe, which: Which) -> Result<Ready> {
         recipe.draw.check()?;
+        let paths = [Some(&recipe.run), recipe.prompt.as_ref().map(|prompt| &prompt.path)];
+        if let Some(path) = paths.into_iter().flatten().find(|path| path.to_str().is_none()) {
+            let what = "a name that is no UTF-8 can't be kept beside the dance; give it another name";
+            return Err(Error::Call(format!("{}: {what}", path.display())));
+        }
         if let Which::Step(step) = which {
             check_step(&recipe.run, step)?;
         }

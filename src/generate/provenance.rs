@@ -9,7 +9,7 @@ use crate::corpus::FileRecord;
 use crate::corpus::load::hash_file;
 use crate::output::Outputs;
 use crate::{Error, Result, files};
-use kinelm_motion::format::Format;
+use kinelm_motion::format::{Format, input};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -132,7 +132,7 @@ impl Provenance {
     /// # Errors
     /// [`Error::Io`], [`Error::File`] for text that is no such file or of another version.
     pub fn load(path: &Path) -> Result<Provenance> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = input::text(path).map_err(Error::io(path))?;
         let expected = "what kinelm generate wrote beside a dance";
         let mut value: serde_json::Value =
             serde_json::from_str(&text).map_err(|e| Error::file(path, e.to_string(), expected, ""))?;

@@ -11,6 +11,7 @@ use super::weights;
 use crate::corpus::conditions::{Conditions, in_order};
 use crate::{Error, Result};
 use candle_core::{Device, Tensor};
+use kinelm_motion::format::input;
 use kinelm_tokenizer::Tokenizer;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -153,7 +154,7 @@ struct Told {
 /// No run folder, no checkpoint that is whole.
 pub fn load_run(run: &Path, which: Which) -> Result<LoadedRun> {
     let path = run.join(CONFIG);
-    let text = std::fs::read_to_string(&path).map_err(|e| match e.kind() {
+    let text = input::text(&path).map_err(|e| match e.kind() {
         std::io::ErrorKind::NotFound => {
             let help = "a run is a folder that `kinelm pretrain --run RUN` wrote";
             Error::file(run, "no config.toml", "a run folder", help)

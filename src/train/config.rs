@@ -7,6 +7,7 @@ use super::schedule::Schedule;
 use crate::corpus::conditions::in_order;
 use crate::model::{ModelConfig, TokenLayout};
 use crate::{Error, Result, presets};
+use kinelm_motion::format::input;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -29,6 +30,9 @@ pub struct TrainFile {
     pub train: TrainConfig,
     /// How the motion is changed on the way.
     pub augment: AugmentConfig,
+    /// The file, for messages.
+    #[serde(skip)]
+    pub path: Option<PathBuf>,
 }
 
 /// The `[train]` table. Where the defaults come from: docs/training.md.
@@ -146,17 +150,25 @@ impl TrainFile {
     /// # Errors
     /// A file that can't be read, keys that are unknown or outside their limits (line and column where TOML tells them).
     pub fn load(path: &Path) -> Result<TrainFile> {
-        let text = std::fs::read_to_string(path).map_err(|e| match e.kind() {
+        let text = input::text(path).map_err(|e| match e.kind() {
             std::io::ErrorKind::InvalidData => Error::file(path, "bytes that are no text", "a training TOML", ""),
             _ => Error::io(path)(e),
         })?;
-        let mut file = TrainFile::parse(&text, path)?;
+        let mut file = TrainFile { path: Some(path.to_owned()), ..TrainFile::parse(&text, path)? };
         let folder = crate::files::folder_of(path);
         let corpora = file.corpora.iter_mut().map(|c| &mut c.path);
         for place in [&mut file.corpus, &mut file.run].into_iter().flatten().chain(corpora) {
             *place = folder.join(&place);
         }
         Ok(file)
+    }
+
+    /// An error of settings that are wrong for a corpus, with the file that they stand in.
+    pub fn named(&self, error: Error) -> Error {
+        match (error, &self.path) {
+            (Error::Call(what), Some(path)) => Error::Call(format!("{}: {what}", path.display())),
+            (error, _) => error,
+        }
     }
 
     /// The corpora that the file names, whichever way; none if it names none.

@@ -11,6 +11,7 @@ use crate::corpus::FileRecord;
 use crate::corpus::conditions::in_order;
 use crate::model::{Compute, LoadedRun, ModelConfig, TokenLayout, exchange, weights};
 use crate::{Error, Result, presets};
+use kinelm_motion::format::input;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -56,14 +57,14 @@ pub fn finetune(options: &FinetuneOptions, stop: &AtomicBool, progress: &mut dyn
     let corpora = if options.corpora.is_empty() { file.corpora()? } else { options.corpora.clone() };
     let fields = in_order(&[source.conditions.as_slice(), &file.train.conditions].concat());
     let tokenizer = source.load_tokenizer()?;
-    let data = Data::open(&corpora, Some(&tokenizer), &fields)?;
+    let data = Data::open(&corpora, Some(&tokenizer), &fields).map_err(|e| file.named(e))?;
     let mut train = file.train.clone();
     train.conditions = fields;
     train.steps = options.steps.unwrap_or(train.steps);
     train.seed = options.seed.unwrap_or(train.seed);
     train.precision = options.precision.unwrap_or(train.precision);
     train.precision.choose(None, options.compute)?;
-    let new = RunFile::new(&model, &train, &data)?;
+    let new = RunFile::new(&model, &train, &data).map_err(|e| file.named(e))?;
     let new = RunFile { augment: file.augment, from: Some(origin(&options.from, &source)?), ..new };
     let (was, is) = (&source.tokens, &new.tokens);
     let old = Language { tokens: was, conditions: &source.conditions };
@@ -80,7 +81,7 @@ fn shape(path: &Path, file: &TrainFile, source: &LoadedRun) -> Result<ModelConfi
     let table = |what: &dyn Fn() -> String| Error::Call(format!("{}: {}", path.display(), what()));
     let text = match presets::find(presets::TRAIN, path, "training file")? {
         Some(text) => text.to_owned(),
-        None => std::fs::read_to_string(path).map_err(Error::io(path))?,
+        None => input::text(path).map_err(Error::io(path))?,
     };
     let all: toml::Table = toml::from_str(&text).map_err(|e| table(&|| e.message().into()))?;
     let given = all.get("model").and_then(toml::Value::as_table).cloned().unwrap_or_default();

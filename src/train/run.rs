@@ -7,6 +7,7 @@ use crate::corpus::Corpus;
 use crate::model::run::{CONFIG, LoadedRun, TOKENIZER, load_tokenizer};
 use crate::model::{ModelConfig, TokenLayout};
 use crate::{Error, Result, files};
+use kinelm_motion::format::input;
 use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
 use std::fs;
@@ -145,7 +146,7 @@ impl RunFile {
     /// No run there, another version, wrong keys.
     pub fn read(run: &Path) -> Result<RunFile> {
         let path = run.join(CONFIG);
-        let text = fs::read_to_string(&path).map_err(|e| match e.kind() {
+        let text = input::text(&path).map_err(|e| match e.kind() {
             std::io::ErrorKind::NotFound => {
                 Error::file(run, "no config.toml", "a run folder", "leave --resume out to begin a run")
             }

@@ -236,9 +236,15 @@ impl Tokenizer {
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let mut text = String::new();
+        kinelm_motion::format::input::check(path).map_err(Error::io(path))?;
         let file = File::open(path).map_err(Error::io(path))?;
-        file.take(MAX_FILE_BYTES + 1).read_to_string(&mut text).map_err(Error::io(path))?;
         let wrong = |what| Error::File { path: path.to_owned(), what };
+        file.take(MAX_FILE_BYTES + 1).read_to_string(&mut text).map_err(|e| match e.kind() {
+            std::io::ErrorKind::InvalidData => {
+                wrong("bytes that are no UTF-8; expected a tokenizer.json of kinelm".into())
+            }
+            _ => Error::io(path)(e),
+        })?;
         if text.len() as u64 > MAX_FILE_BYTES {
             return Err(wrong(format!("more than {MAX_FILE_BYTES} bytes; expected a tokenizer.json of kinelm")));
         }

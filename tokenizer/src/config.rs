@@ -3,6 +3,7 @@
 use crate::scheme::SchemeConfig;
 use crate::{Channels, Error, Result, RootRotation};
 use kinelm_motion::joints::THIRTEEN;
+use kinelm_motion::resample::MOST_FPS;
 use serde::{Deserialize, Serialize};
 
 /// What is coded, at which rate, and how.
@@ -64,11 +65,11 @@ impl TokenizerConfig {
                 expected: "SMPL joint ids 0 to 23, ascending, each once, at least one".into(),
             });
         }
-        if !(self.fps.is_finite() && self.fps > 0.0 && self.fps <= 1e6) {
+        if !(self.fps.is_finite() && self.fps > 0.0 && self.fps <= MOST_FPS) {
             return Err(Error::Setting {
                 field: "fps",
                 found: self.fps.to_string(),
-                expected: "above 0, at most 1000000 frames per second".into(),
+                expected: format!("above 0, at most {MOST_FPS} frames per second"),
             });
         }
         if self.merges > MOST_MERGES {

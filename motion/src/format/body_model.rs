@@ -62,7 +62,7 @@ impl BodyModel {
     /// # Errors
     /// [`Error::Io`], and those of [`BodyModel::parse`].
     pub fn load(path: &Path) -> Result<Self> {
-        BodyModel::parse(path, &std::fs::read(path).map_err(Error::io(path))?)
+        BodyModel::parse(path, &super::input::bytes(path).map_err(Error::io(path))?)
     }
 
     /// Reads a model; `path` is for messages.

@@ -10,6 +10,7 @@ pub mod atomic;
 #[cfg(feature = "amass")]
 pub mod body_model;
 pub mod bvh;
+pub mod input;
 pub mod json;
 #[cfg(feature = "amass")]
 pub mod npy;
@@ -171,7 +172,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
     let format = Format::of(path).map_err(|e| and_its_looks(e, path))?;
     check_rate(options)?;
     check_up(path, format, options)?;
-    parse(path, &std::fs::read(path).map_err(Error::io(path))?, options)
+    parse(path, &input::bytes(path).map_err(Error::io(path))?, options)
 }
 
 /// [`read`] of a file's bytes, for those who need the bytes too; `path` says the format, and where faults are.
@@ -210,7 +211,7 @@ fn left_out(path: &Path, feature: &str) -> Error {
 /// An error of a name that says no format, with what the file looks like.
 fn and_its_looks(error: Error, path: &Path) -> Error {
     let mut head = [0; 512];
-    match (error, File::open(path).and_then(|mut f| f.read(&mut head))) {
+    match (error, input::check(path).and_then(|()| File::open(path)?.read(&mut head))) {
         (Error::File(e), Ok(n)) => e.help(format!("the file looks like {}", bvh::looks_like(&head[..n]))).into(),
         (_, Err(e)) => Error::io(path)(e),
         (e, _) => e,
@@ -227,7 +228,7 @@ pub fn positions(path: &Path, options: &ReadOptions) -> Result<Positions> {
     let format = Format::of(path)?;
     check_up(path, format, options)?;
     match format {
-        Format::Bvh => bvh::positions(path, &std::fs::read(path).map_err(Error::io(path))?, options),
+        Format::Bvh => bvh::positions(path, &input::bytes(path).map_err(Error::io(path))?, options),
         _ => Ok(Positions::from_clip(&read(path, options)?.clip)),
     }
 }

@@ -50,7 +50,7 @@ impl<'a> Npz<'a> {
             .filter_map(|n| n.strip_suffix(".npy").map(str::to_owned))
             .collect();
         keys.sort_unstable();
-        let budget = (bytes.len() as u64).saturating_mul(64).saturating_add(1 << 26).min(MAX_BYTES);
+        let budget = budget(bytes.len());
         Ok(Npz { path: path.to_owned(), zip: RefCell::new(zip), keys, budget, left: Cell::new(budget) })
     }
 
@@ -125,6 +125,11 @@ impl<'a> Npz<'a> {
     }
 }
 
+/// What the arrays of an archive of so many bytes may take.
+fn budget(archive: usize) -> u64 {
+    (archive as u64).saturating_mul(64).saturating_add(1 << 26).min(MAX_BYTES)
+}
+
 /// Names for a message.
 pub(super) fn list(keys: &[String]) -> String {
     let short = |k: &String| k.chars().take(60).collect::<String>();
@@ -168,21 +173,16 @@ pub enum Values<'a> {
     Text(&'a [String]),
 }
 
-/// An archive being written, deflated.
+/// An archive being written: deflated, or as it is where it would shrink so far that it looked like a trap to the reader.
+#[derive(Default)]
 pub struct Writer {
-    zip: ZipWriter<Cursor<Vec<u8>>>,
-}
-
-impl Default for Writer {
-    fn default() -> Self {
-        Self::new()
-    }
+    entries: Vec<(String, Vec<u8>)>,
 }
 
 impl Writer {
     /// An empty archive.
     pub fn new() -> Self {
-        Writer { zip: ZipWriter::new(Cursor::new(Vec::new())) }
+        Writer::default()
     }
 
     /// Adds an array; an empty shape is a 0-d array of one element. The same arrays give the same bytes.
@@ -199,20 +199,18 @@ impl Writer {
         if shape.iter().try_fold(1usize, |p, &n| p.checked_mul(n)) != Some(count) {
             return Err(Error::Call(format!("npz: {key}: {count} values in the shape {}", npy::tuple(shape))));
         }
-        let failed = |e: &dyn std::fmt::Display| Error::Call(format!("npz: {key}: {e}"));
-        // a fixed date, so that bytes don't depend on the day; sizes above 4 GiB need zip64 from the start
-        let options = SimpleFileOptions::default()
-            .compression_method(CompressionMethod::Deflated)
-            .last_modified_time(zip::DateTime::default())
-            .large_file(count >= 1 << 28);
-        self.zip.start_file(format!("{key}.npy"), options).map_err(|e| failed(&e))?;
-        let bytes: Vec<u8> = match values {
-            Values::F64(v) => v.iter().flat_map(|x| x.to_le_bytes()).collect(),
-            Values::F32(v) => v.iter().flat_map(|x| x.to_le_bytes()).collect(),
-            Values::I32(v) => v.iter().flat_map(|x| x.to_le_bytes()).collect(),
-            Values::Text(v) => v.iter().flat_map(|t| npy::padded(t, width(v))).collect(),
-        };
-        self.zip.write_all(&header(&descr, shape)).and_then(|()| self.zip.write_all(&bytes)).map_err(|e| failed(&e))
+        if self.entries.iter().any(|(there, _)| there == key) {
+            return Err(Error::Call(format!("npz: {key} stands twice")));
+        }
+        let mut bytes = header(&descr, shape);
+        match values {
+            Values::F64(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
+            Values::F32(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
+            Values::I32(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
+            Values::Text(v) => v.iter().for_each(|t| bytes.extend(npy::padded(t, width(v)))),
+        }
+        self.entries.push((key.to_owned(), bytes));
+        Ok(())
     }
 
     /// The archive's bytes.
@@ -220,7 +218,24 @@ impl Writer {
     /// # Errors
     /// [`Error::Call`] when the archive can't be closed.
     pub fn finish(self) -> Result<Vec<u8>> {
-        let closed = self.zip.finish().map_err(|e| Error::Call(format!("npz: {e}")))?;
+        let small = self.zipped(CompressionMethod::Deflated)?;
+        let whole: u64 = self.entries.iter().map(|(_, bytes)| bytes.len() as u64).sum();
+        if whole > budget(small.len()) { self.zipped(CompressionMethod::Stored) } else { Ok(small) }
+    }
+
+    fn zipped(&self, method: CompressionMethod) -> Result<Vec<u8>> {
+        let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+        for (key, bytes) in &self.entries {
+            let failed = |e: &dyn std::fmt::Display| Error::Call(format!("npz: {key}: {e}"));
+            // a fixed date, so that bytes don't depend on the day; sizes above 4 GiB need zip64 from the start
+            let options = SimpleFileOptions::default()
+                .compression_method(method)
+                .last_modified_time(zip::DateTime::default())
+                .large_file(bytes.len() >= 1 << 30);
+            zip.start_file(format!("{key}.npy"), options).map_err(|e| failed(&e))?;
+            zip.write_all(bytes).map_err(|e| failed(&e))?;
+        }
+        let closed = zip.finish().map_err(|e| Error::Call(format!("npz: {e}")))?;
         Ok(closed.into_inner())
     }
 }

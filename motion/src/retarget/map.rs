@@ -52,7 +52,7 @@ impl SkeletonMap {
     /// [`Error::Io`] when it can't be read, else those of [`SkeletonMap::parse`].
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = crate::format::input::text(path).map_err(Error::io(path))?;
         SkeletonMap::parse(&text, path)
     }
 

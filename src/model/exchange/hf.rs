@@ -8,13 +8,13 @@ use crate::model::run::{LoadedRun, TOKENIZER, WEIGHTS};
 use crate::model::{HeadKind, Kind, ModelConfig, Positions, TokenLayout, layout};
 use crate::{Error, Result};
 use candle_core::Tensor;
+use kinelm_motion::format::input;
 use kinelm_tokenizer::{Special, Tokenizer};
 use safetensors::Dtype;
 use safetensors::tensor::TensorView;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, HashMap};
-use std::fs;
 use std::path::Path;
 
 /// The model's configuration.
@@ -204,7 +204,7 @@ struct Config {
 impl Config {
     fn read(folder: &Path) -> Result<Config> {
         let path = folder.join(CONFIG);
-        let text = fs::read_to_string(&path).map_err(Error::io(&path))?;
+        let text = input::text(&path).map_err(Error::io(&path))?;
         let wrong = |found: String, expected: String| Error::file(&path, found, expected, "");
         let config: Config =
             serde_json::from_str(&text).map_err(|e| wrong(e.to_string(), "the configuration of a GPT-2".into()))?;

@@ -5,9 +5,9 @@ use super::{check_tokenizer, loaded, tensors};
 use crate::model::run::{LoadedRun, TOKENIZER, WEIGHTS};
 use crate::model::{ModelConfig, TokenLayout, weights};
 use crate::{Error, Result};
+use kinelm_motion::format::input;
 use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
-use std::fs;
 use std::path::Path;
 
 /// Our description of a folder's model.
@@ -61,7 +61,7 @@ impl About {
     /// No `kinelm.json` that holds, a tokenizer that isn't the one it names.
     pub fn read(folder: &Path) -> Result<About> {
         let path = folder.join(ABOUT);
-        let text = fs::read_to_string(&path).map_err(Error::io(&path))?;
+        let text = input::text(&path).map_err(Error::io(&path))?;
         let wrong = |found: String, expected: &str| Error::file(&path, found, expected, "");
         #[derive(Deserialize)]
         struct Schema {

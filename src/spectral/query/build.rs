@@ -12,6 +12,7 @@ use crate::corpus::{Gathered, Item};
 use crate::spectral::PcaBasis;
 use crate::spectral::pca::PcaFit;
 use crate::{Error, Result, files};
+use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 
 /// What an index is asked to hold. What isn't said is as in the index that is there, or in [`IndexOptions::new`].
@@ -104,9 +105,12 @@ pub fn build(
     out: &Path,
     watch: &mut Watch<'_>,
 ) -> Result<Built> {
-    let there = match std::fs::symlink_metadata(out) {
-        Ok(_) => Some(Index::open(out)?),
-        Err(_) => None,
+    let (there, _alone) = match std::fs::symlink_metadata(out) {
+        Ok(_) => {
+            let alone = alone(out)?;
+            (Some(Index::open(out)?), alone)
+        }
+        Err(_) => (None, None),
     };
     let held = asked.over(there.as_ref().map(Index::options));
     held.validate()?;
@@ -161,6 +165,24 @@ pub fn build(
     built.windows = manifest.parts.iter().map(|p| p.windows).sum();
     work.finish(&manifest, basis.as_deref())?;
     Ok(built)
+}
+
+/// Keeps other builds from an index that is there, while the answer lives.
+///
+/// # Errors
+/// Another build that adds to it; a folder that can't be opened.
+fn alone(out: &Path) -> Result<Option<File>> {
+    if cfg!(not(unix)) {
+        return Ok(None); // only there folders are locked
+    }
+    let folder = File::open(out).map_err(Error::io(out))?;
+    match folder.try_lock() {
+        Err(TryLockError::WouldBlock) => {
+            Err(Error::Call(format!("{}: another build adds to it; build again when that is done", out.display())))
+        }
+        // file systems without locks can't tell
+        _ => Ok(Some(folder)),
+    }
 }
 
 fn same_options(out: &Path, there: &IndexOptions, asked: &IndexOptions) -> Result<()> {

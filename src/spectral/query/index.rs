@@ -11,6 +11,7 @@ use super::record::{DAMAGED, Manifest, VERSION};
 use crate::corpus::record::FileRecord;
 use crate::spectral::PcaBasis;
 use crate::{Error, Result};
+use kinelm_motion::format::input;
 use std::path::{Path, PathBuf};
 
 pub(super) const MANIFEST: &str = "index.json";
@@ -74,7 +75,7 @@ impl Index {
 /// Reads `index.json`, its version first.
 pub(super) fn read_manifest(dir: &Path) -> Result<Manifest> {
     let path = dir.join(MANIFEST);
-    let text = std::fs::read_to_string(&path).map_err(|e| match e.kind() {
+    let text = input::text(&path).map_err(|e| match e.kind() {
         std::io::ErrorKind::NotFound => {
             let help = "an index is a folder that `kinelm query build DATA --out INDEX` wrote";
             Error::file(dir, "no index.json", "an index", help)

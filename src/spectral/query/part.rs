@@ -214,7 +214,9 @@ impl PartWriter {
             self.sizes.write(bytemuck::cast_slice(&[norm, error]))?;
         }
         self.windows += clip.starts.len();
-        serde_json::to_writer(&mut self.clips, clip).map_err(|e| Error::Call(e.to_string()))?;
+        serde_json::to_writer(&mut self.clips, clip).map_err(|e| {
+            Error::Call(format!("{}: {e}, which an index can't name; give it another name", clip.path.display()))
+        })?;
         self.clips.push(b'\n');
         Ok(())
     }

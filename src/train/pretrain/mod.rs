@@ -113,13 +113,15 @@ fn asked(options: &PretrainOptions, progress: &mut dyn Progress) -> Result<(RunF
     let corpora = if options.corpora.is_empty() { file.corpora()? } else { options.corpora.clone() };
     let source = options.from.as_deref().map(Source::load).transpose()?;
     source.iter().flat_map(Source::notes).for_each(|note| progress.note(note));
-    let data = Data::open(&corpora, source.as_ref().map(|s| &s.tokenizer), &file.train.conditions)?;
+    let data = Data::open(&corpora, source.as_ref().map(|s| &s.tokenizer), &file.train.conditions)
+        .map_err(|e| file.named(e))?;
     let mut train = file.train.clone();
     train.steps = options.steps.unwrap_or(train.steps);
     train.seed = options.seed.unwrap_or(train.seed);
     train.precision = options.precision.unwrap_or(train.precision);
     train.precision.choose(None, options.compute)?;
-    let mut run = RunFile { augment: file.augment, ..RunFile::new(&file.model, &train, &data)? };
+    let mut run =
+        RunFile { augment: file.augment, ..RunFile::new(&file.model, &train, &data).map_err(|e| file.named(e))? };
     let weights = source.map(|source| source.weights(&mut run)).transpose()?;
     Ok((run, data, weights))
 }

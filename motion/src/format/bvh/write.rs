@@ -66,6 +66,12 @@ impl BvhSource {
         let clip = self.rig.axes.from_y(clip)?;
         let rig = self.for_clip(&clip)?;
         let numbers = rig.rows(&clip, self);
+        if let Some(at) = numbers.iter().position(|x| !x.is_finite()) {
+            let (frame, found) = (at / rig.head.width.max(1), numbers[at]);
+            return Err(Error::Call(format!(
+                "frame {frame}: {found} in the unit of a BVH; expected numbers, as of a body of some metres"
+            )));
+        }
         Ok(print(&rig.head, &time, clip.frames(), &numbers))
     }
 }

@@ -1,0 +1,211 @@
+//! What goes wrong at a user's: each ends with a line that helps and an exit code, never in a panic, a signal or silence.
+
+use assert_cmd::Command;
+use kinelm_motion::{Motion, Source, format, synth};
+use predicates::str::contains;
+use std::fs;
+use std::path::PathBuf;
+use std::sync::OnceLock;
+use std::time::Duration;
+
+/// Four short dances, their tokenizers and corpus, a run of two steps.
+struct Data(tempfile::TempDir);
+
+const TRAIN: &str = "[model]\nlayers = 1\nheads = 2\nwidth = 16\ncontext = 90\n\
+                     [train]\nbatch = 2\nsteps = 4\nwarmup = 1\neval_every = 2\ncheckpoint_every = 2\nkeep = 9\n";
+
+impl Data {
+    fn at(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
+        fs::write(self.at(name), bytes).unwrap();
+    }
+
+    /// A call in the folder, its arguments parted by spaces; one that hangs is ended.
+    fn call(&self, args: &str) -> Command {
+        let mut c = Command::cargo_bin("kinelm").unwrap();
+        c.current_dir(self.0.path()).args(args.split(' ')).env("NO_COLOR", "1").timeout(Duration::from_secs(60));
+        c
+    }
+
+    /// What a call says that exits with `code`.
+    fn said(&self, args: &str, code: i32) -> String {
+        let found = self.call(args).assert().code(code);
+        let said = String::from_utf8_lossy(&found.get_output().stderr).into_owned();
+        assert!(!said.contains("panicked"), "{said}");
+        said
+    }
+
+    /// Sees a call exit with 1 and say all of these.
+    fn refused(&self, args: &str, all: &[&str]) {
+        let said = self.said(args, 1);
+        all.iter().for_each(|what| assert!(said.contains(what), "{args}: no {what:?} in {said}"));
+    }
+}
+
+fn data() -> &'static Data {
+    static DATA: OnceLock<Data> = OnceLock::new();
+    DATA.get_or_init(|| {
+        let data = Data(tempfile::tempdir().unwrap());
+        fs::create_dir(data.at("data")).unwrap();
+        for (i, dance) in synth::corpus(3, 4, 3.0, 20.0).unwrap().into_iter().enumerate() {
+            let path = data.at(&format!("data/d{i}.bvh"));
+            let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+            format::write(&path, &motion).unwrap();
+        }
+        data.write("labels.csv", "clip,split\nd0,train\nd1,train\nd2,valid\nd3,test\n");
+        data.write("train.toml", TRAIN);
+        let tiles = include_str!("../configs/tokenizer/dct-pca.toml");
+        data.write("tiles.toml", tiles);
+        for call in [
+            "tokenizer fit data --labels labels.csv --out t.json",
+            "tokenize data --labels labels.csv --tokenizer t.json --out corpus",
+            "pretrain --config train.toml --corpus corpus --run run",
+        ] {
+            data.call(call).assert().success();
+        }
+        data
+    })
+}
+
+#[cfg(unix)]
+#[test]
+fn names_that_are_no_utf_8_are_told_before_any_work() {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+    let data = data();
+    let name = OsStr::from_bytes(b"odd\xff");
+    let run = data.0.path().join(name);
+    if std::os::unix::fs::symlink(data.at("run"), &run).is_err() {
+        println!("SKIPPED: this file system has UTF-8 names alone");
+        return;
+    }
+    let mut c = data.call("generate --frames 20 --out odd.bvh --run");
+    c.arg(&run).assert().code(1).stderr(contains("a name that is no UTF-8 can't be kept beside the dance"));
+    assert!(!data.at("odd.bvh").exists());
+    let clip = data.0.path().join(OsStr::from_bytes(b"clip\xff.bvh"));
+    fs::copy(data.at("data/d0.bvh"), &clip).unwrap();
+    let mut c = data.call("query build --out odd-index");
+    c.arg(&clip).assert().code(1).stderr(contains("which an index can't name"));
+}
+
+#[test]
+fn rates_that_no_movement_needs_are_refused() {
+    let data = data();
+    let rate = "a rate of 1000000.0 frames per second; expected 10000 at most";
+    data.refused("spectrum data/d0.bvh --out s.png --fps 1000000", &[rate]);
+    data.refused("convert data/d0.bvh fast.bvh --fps 1e308", &["a rate of 1e308 frames", "10000 at most"]);
+    data.write("fast.toml", "fps = 1000000.0\n");
+    let fit = "tokenizer fit data --labels labels.csv --config fast.toml --out fast.json";
+    data.refused(fit, &["fast.toml: ", "found 1000000", "at most 10000 frames"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn pipes_devices_and_links_to_nowhere_are_told() {
+    let data = data();
+    for name in ["pipe.bvh", "pipe.json", "pipe.csv", "pipe.toml"] {
+        assert!(std::process::Command::new("mkfifo").arg(data.at(name)).status().unwrap().success());
+    }
+    std::os::unix::fs::symlink("/dev/zero", data.at("zero.bvh")).unwrap();
+    let no_file = "found a pipe or a device, expected a file";
+    for call in [
+        "inspect pipe.bvh",
+        "inspect zero.bvh",
+        "convert zero.bvh zero.npz",
+        "tokenize data --tokenizer pipe.json --out pipe",
+        "tokenize data --labels pipe.csv --tokenizer t.json --out pipe",
+        "tokenizer fit data --config pipe.toml --out pipe.json",
+        "pretrain --config pipe.toml --corpus corpus --run pipe",
+    ] {
+        data.refused(call, &[no_file]);
+    }
+    fs::create_dir(data.at("links")).unwrap();
+    fs::copy(data.at("data/d0.bvh"), data.at("links/d0.bvh")).unwrap();
+    std::os::unix::fs::symlink("nowhere", data.at("links/gone.bvh")).unwrap();
+    let call = "tokenize links --labels labels.csv --tokenizer t.json --out links-corpus";
+    data.refused(&format!("{call} --strict"), &["gone.bvh"]);
+    let said = data.said(call, 0);
+    assert!(said.contains("gone.bvh") && said.contains("1 files could not be taken"), "{said}");
+}
+
+#[test]
+fn numbers_that_a_file_cannot_hold_are_refused() {
+    let data = data();
+    data.call("convert data/d0.bvh far.json").assert().success();
+    let mut clip: serde_json::Value = serde_json::from_slice(&fs::read(data.at("far.json")).unwrap()).unwrap();
+    for place in clip["root"].as_array_mut().unwrap() {
+        place[0] = 1e307.into();
+    }
+    data.write("far.json", clip.to_string());
+    data.refused("convert far.json far.bvh", &["frame 0: inf in the unit of a BVH"]);
+    assert!(!data.at("far.bvh").exists());
+}
+
+#[test]
+fn a_text_of_spaces_has_no_words() {
+    let data = data();
+    data.write("spaces.txt", " ".repeat(20_000));
+    data.call("tokenizer fit data --labels labels.csv --config tiles.toml --out tiles.json").assert().success();
+    data.refused("tokenizer decode --tokenizer tiles.json spaces.txt spaces.bvh", &["no words, nothing to decode"]);
+}
+
+#[test]
+fn settings_and_texts_are_told_with_their_file() {
+    let data = data();
+    data.write("short.toml", "[model]\ncontext = 3\n");
+    data.write("mood.toml", "[train]\nconditions = [\"mood\"]\n");
+    data.refused("pretrain --config short.toml --corpus corpus --run other", &["short.toml: model.context is 3"]);
+    data.refused(
+        "pretrain --config mood.toml --corpus corpus --run other",
+        &["mood.toml: train.conditions names `mood`"],
+    );
+    data.write("odd.toml", b"\xff\xfe\x00");
+    data.refused("tokenizer fit data --config odd.toml --out o.json", &["odd.toml: found bytes that are no UTF-8"]);
+    data.refused("tokenize data --tokenizer odd.toml --out o", &["odd.toml: bytes that are no UTF-8"]);
+}
+
+#[test]
+fn orders_to_a_terminal_in_names_are_written_out() {
+    let data = data();
+    for call in ["inspect a\u{1b}[31mb.bvh", "tokenize data --tokenizer a\u{1b}[31m\u{7}.json --out x"] {
+        let said = data.said(call, 1);
+        assert!(said.contains("a\\u{1b}[31m") && !said.contains('\u{1b}') && !said.contains('\u{7}'), "{said:?}");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn the_memory_that_a_shell_allows_counts_before_training() {
+    let data = data();
+    data.write("wide.toml", TRAIN.replace("width = 16", "width = 2048"));
+    let program = Command::cargo_bin("kinelm").unwrap().get_program().to_owned();
+    let script = "ulimit -v 900000 || exit 77; exec \"$0\" pretrain --config wide.toml --corpus corpus --run wide";
+    let mut c = std::process::Command::new("sh");
+    let found = c.current_dir(data.0.path()).arg("-c").arg(script).arg(program).output().unwrap();
+    let said = String::from_utf8_lossy(&found.stderr);
+    if found.status.code() == Some(77) {
+        println!("SKIPPED: this shell has no limits of memory");
+        return;
+    }
+    assert_eq!(found.status.code(), Some(1), "{said}");
+    assert!(said.contains("GB of memory") && said.contains("lower model.width"), "{said}");
+    assert!(!data.at("wide").exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn one_build_at_a_time_adds_to_an_index() {
+    let data = data();
+    data.call("query build data/d0.bvh --out index --window 20 --hop 10").assert().success();
+    let held = fs::File::open(data.at("index")).unwrap();
+    held.lock().unwrap();
+    data.refused(
+        "query build data/d1.bvh --out index",
+        &["index: another build adds to it; build again when that is done"],
+    );
+    drop(held);
+    data.call("query build data/d1.bvh --out index").assert().success();
+}

@@ -1,6 +1,7 @@
 //! Motion files to a generated dance, as a user goes.
 
 use assert_cmd::Command;
+use kinelm_motion::metric::floor_of;
 use kinelm_motion::{Motion, Source, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
@@ -39,10 +40,18 @@ impl Way {
         c
     }
 
-    /// The words of a clip.
+    /// The words of a clip that stands on the prompt's floor.
     fn words(&self, clip: &Path) -> Vec<Vec<char>> {
-        let text =
-            kinelm().args(["tokenizer", "text"]).arg(clip).arg("--tokenizer").arg(self.at("t.json")).output().unwrap();
+        let options = format::ReadOptions { rest: format::RestFrame::Drop, ..Default::default() };
+        let mut prompt = format::read(&self.prompt(), &options).unwrap();
+        self.words_above(clip, floor_of(&mut prompt, &options).unwrap())
+    }
+
+    /// The words of a clip.
+    fn words_above(&self, clip: &Path, floor_m: f64) -> Vec<Vec<char>> {
+        let mut c = kinelm();
+        c.args(["tokenizer", "text"]).arg(clip).arg("--tokenizer").arg(self.at("t.json"));
+        let text = c.args(["--floor", &floor_m.to_string()]).output().unwrap();
         let text = String::from_utf8(text.stdout).unwrap();
         assert_eq!(text.lines().count(), 1);
         text.trim_end().split(' ').map(|w| w.chars().collect()).collect()
@@ -411,7 +420,8 @@ fn words_decode_to_the_clip_they_came_from() {
     let mut c = kinelm();
     c.args(["tokenizer", "decode"]).arg(way.at("w.txt")).arg(way.at("w.bvh")).arg("--tokenizer").arg(way.at("t.json"));
     c.assert().success();
-    assert_eq!(way.words(&way.at("w.bvh")), way.words(&way.prompt()), "encode(decode(codes)) = codes");
+    // words know no floor: decoded it is at 0
+    assert_eq!(way.words_above(&way.at("w.bvh"), 0.0), way.words(&way.prompt()), "encode(decode(codes)) = codes");
     fs::write(way.at("bad.txt"), "not words of ours").unwrap();
     let mut c = kinelm();
     c.args(["tokenizer", "decode"])

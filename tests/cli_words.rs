@@ -1,7 +1,7 @@
 //! Words of any kind through the whole program: merged characters, tiles of frames.
 
 use assert_cmd::Command;
-use kinelm::corpus::load::load_clip;
+use kinelm::corpus::load::load_placed;
 use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, Motion, Source, format, synth};
@@ -162,10 +162,11 @@ impl Way {
         let begun = read(&self.at("begun.json"));
         let (l, unsettled) = (self.tokenizer.frames_per_word(), self.tokenizer.scheme().unsettled_words());
         let options = format::ReadOptions { rest: format::RestFrame::Drop, ..Default::default() };
-        let (_, clip) = load_clip(&self.at("prompt.bvh"), &options, FPS).unwrap();
+        let placed = load_placed(&self.at("prompt.bvh"), &options, self.tokenizer.config().into()).unwrap();
+        let clip = placed.lowered();
         let whole = 41 / l;
         let words = self.tokenizer.encode(&clip.slice(0..whole * l)).unwrap().words.slice(0..whole - unsettled);
-        let known = self.tokenizer.decode(&words, Rest::Identity).unwrap();
+        let known = self.tokenizer.decode(&words, Rest::Identity).unwrap().raised(placed.under_m);
         // the last words may reach into the next
         let same = (words.len() - unsettled) * l;
         assert!(same >= 20 && begun.frames() == 50);

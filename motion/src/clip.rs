@@ -118,6 +118,12 @@ impl Clip {
         }
     }
 
+    /// The same motion with every place of the root so much higher, metres.
+    pub fn raised(mut self, by_m: f64) -> Self {
+        self.root.iter_mut().for_each(|p| p.y += by_m);
+        self
+    }
+
     /// The same frames at another rate: time runs faster or slower, nothing is resampled.
     ///
     /// # Errors

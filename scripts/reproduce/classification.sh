@@ -22,7 +22,7 @@ awk -F, -v OFS=, 'NR == 1 { for (i = 1; i <= NF; i++) at[$i] = i }
     NR > 1 { $at["split"] = $at["style"] ~ /^(elderly|youthful)$/ ? "test" : $at["split"] == "test" ? "valid" : $at["split"] }
     { print }' "$splits/bandai-2.csv" > "$out/held-out.csv"
 awk -v OFS=, 'NR == 1 { print $0, "skip" } NR > 1 { print $0, 10 }' "$splits/cmu-dance.csv" > "$out/cmu-dance.csv"
-[ -e "$out/tokenizer.json" ] || "$kinelm" tokenizer fit "$data/bandai-1" "$data/bandai-2" "$data/cmu-dance" --joints 13 --fps "$fps" \
+[ -e "$out/tokenizer.json" ] || "$kinelm" tokenizer fit "$data/bandai-1" "$data/bandai-2" "$data/cmu-dance" --joints 13 --fps "$fps" --root-rotation absolute --height velocity \
     --labels "$splits/bandai-1.csv" --labels "$splits/bandai-2.csv" --labels "$out/cmu-dance.csv" --out "$out/tokenizer.json" --quiet
 corpus() {
     [ -e "$out/$1/corpus.json" ] || "$kinelm" tokenize "$data/$2" --labels "$3" --tokenizer "$out/tokenizer.json" --out "$out/$1" --quiet

@@ -28,7 +28,7 @@ read_as() { case $1 in cmu-dance) echo --skip 10 ;; esac; }
 tokenizer() {
     name=$1
     shift
-    [ -e "$out/corpora/$name.json" ] || "$kinelm" tokenizer fit "$@" --out "$out/corpora/$name.json" --quiet
+    [ -e "$out/corpora/$name.json" ] || "$kinelm" tokenizer fit "$@" --root-rotation absolute --height velocity --out "$out/corpora/$name.json" --quiet
 }
 
 # NAME SET TOKENIZER : a corpus, and its static floors

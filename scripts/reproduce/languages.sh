@@ -34,10 +34,10 @@ language() {
     touch "$out/$name/done"
 }
 
-language uniform --config "$here/configs/tokenizer/uniform.toml" --root-rotation heading_delta
-language quantile --config "$here/configs/tokenizer/quantile.toml" --root-rotation heading_delta
-language dct-pca --config "$here/configs/tokenizer/dct-pca.toml" --root-rotation heading_delta --set tile=20
-language lapped --config "$here/configs/tokenizer/lapped.toml" --root-rotation heading_delta
+language uniform --config "$here/configs/tokenizer/uniform.toml" --root-rotation heading_delta --height velocity
+language quantile --config "$here/configs/tokenizer/quantile.toml" --root-rotation heading_delta --height velocity
+language dct-pca --config "$here/configs/tokenizer/dct-pca.toml" --root-rotation heading_delta --height velocity --set tile=20
+language lapped --config "$here/configs/tokenizer/lapped.toml" --root-rotation heading_delta --height absolute
 
 for name in uniform quantile dct-pca lapped; do
     echo "== $name"

@@ -2,7 +2,7 @@
 
 use super::Classifier;
 use super::eval::{Named, likeliest, normalised, of_clips};
-use crate::corpus::load::load_clip;
+use crate::corpus::load::load_placed;
 use crate::{Error, Result};
 use kinelm_motion::Motion;
 use kinelm_motion::format::ReadOptions;
@@ -39,7 +39,8 @@ impl Classifier {
     /// # Errors
     /// A file that can't be read or retargeted, one without a whole word.
     pub fn predict(&mut self, path: &Path, options: &ReadOptions) -> Result<(Motion, Prediction)> {
-        let (motion, clip) = load_clip(path, options, self.tokenizer.fps())?;
+        let placed = load_placed(path, options, self.tokenizer.config().into())?;
+        let (clip, motion) = (placed.lowered(), placed.motion);
         let ids = self.tokenizer.ids_of_words(&self.tokenizer.encode(&clip)?.words)?;
         let none = || {
             let (found, expected) = (format!("{} frames", motion.clip.frames()), "at least one whole word of motion");

@@ -17,7 +17,7 @@ use kinelm::train::{CorpusPart, PretrainOptions, TrainFile};
 use kinelm::view::{Figure, write_page};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::{Clip, joints, synth};
-use kinelm_tokenizer::{Rest, Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -167,7 +167,8 @@ fn put(clip: &Clip, prompt: &Prompt) -> Result<Clip> {
 
 /// The prompt as the model sees it beside what it made of the root and the right arm.
 fn page(path: &Path, name: &str, tokenizer: &Tokenizer, prompt: &Prompt, danced: &Clip) -> Result<()> {
-    let seen = put(&tokenizer.decode(&prompt.words, Rest::Clip(&prompt.clip))?, prompt)?.slice(0..danced.frames());
+    let seen = put(&prompt.decode(tokenizer, &prompt.words, RestJoints::Prompt, prompt.frames())?, prompt)?
+        .slice(0..danced.frames());
     let followed = joints::parse(FOLLOWED)?.joints;
     let figures = [
         Figure::new(name, &seen).note("a test dance, never trained on").forced(&followed),

@@ -53,9 +53,10 @@ pub struct SettingsArgs {
     /// Uniform: the root's translation as steps in the decoded heading, or as places in metres [default: velocity]
     #[arg(long, value_enum)]
     translation: Option<TravelArg>,
-    /// Uniform: the root's height alone [default: velocity]
+    /// The root's height: above the clip's floor, as steps (not lapped), or in the world (uniform, lapped)
+    /// [default: velocity, of lapped absolute]
     #[arg(long, value_enum)]
-    height: Option<TravelArg>,
+    height: Option<HeightArg>,
     /// Any other key of the scheme, as in its file: tile=60, keep=0.1, joint_transform.type=pca (may be given again)
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
@@ -69,6 +70,13 @@ enum FormArg {
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum TravelArg {
+    Velocity,
+    Absolute,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum HeightArg {
+    Floor,
     Velocity,
     Absolute,
 }

@@ -371,8 +371,9 @@ fn say_read_back(ready: &Ready, words: &Words, out: &Path, say: Say) -> Result<(
         Ok(drawn) => motion.clip = drawn,
         Err(_) => return Ok(()),
     }
-    let clip = retarget::to_smpl(&motion, options.map.as_deref())?;
-    let again = tokenizer.encode(&clip)?.words;
+    let floor = options.floor.filter(|_| tokenizer.config().above_floor()).unwrap_or(0.0);
+    let lowered = Motion { clip: motion.clip.clone().raised(-floor), ..motion.clone() };
+    let again = tokenizer.encode(&retarget::to_smpl(&lowered, options.map.as_deref())?)?.words;
     if let Some(share) = prompt::share_changed(words.codes(), again.codes(), &prompt.given, prompt.clip.words.len()) {
         let apart = apart(tokenizer, prompt, recipe.read.map.as_deref(), &motion.clip)?;
         let apart = apart

@@ -4,6 +4,7 @@ use super::{Say, print, read::ReadArgs};
 use anyhow::Result;
 use kinelm_motion::format::{self, ReadOptions, RestFrame, Unit};
 use kinelm_motion::inspect::report;
+use kinelm_motion::metric::floor_of;
 use kinelm_motion::{Kind, Motion, Warning};
 use std::path::{Path, PathBuf};
 
@@ -24,8 +25,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let mut failed = 0;
     for file in &args.files {
         match read(file, &options) {
-            Ok(motion) => {
-                let report = report(&motion);
+            Ok(mut motion) => {
+                // a rig that no map knows has no feet to go by, which is said as its rig
+                let floor = floor_of(&mut motion, &options).ok();
+                let report = report(&motion).with_floor(floor);
                 print(&if args.json { report.json() + "\n" } else { report.text() })?;
             }
             Err(e) => {

@@ -40,6 +40,18 @@ pub struct ReadArgs {
     /// Your own SMPL_*.npz: its rest offsets and shape take the place of the neutral skeleton's (AMASS, AIST++)
     #[arg(long, value_name = "FILE")]
     pub body_model: Option<PathBuf>,
+    /// Where the floor is, metres, for tokenizers that code heights above it; auto goes by the feet (a floor column of the
+    /// labels overrules it)
+    #[arg(long, value_name = "auto|METRES", value_parser = floor, allow_negative_numbers = true)]
+    pub floor: Option<Option<f64>>,
+}
+
+/// `auto`, or a height in metres.
+fn floor(text: &str) -> Result<Option<f64>, String> {
+    if text == "auto" {
+        return Ok(None);
+    }
+    text.parse().ok().filter(|x: &f64| x.is_finite()).map(Some).ok_or("expected auto or a height in metres".into())
 }
 
 impl ReadArgs {
@@ -65,6 +77,7 @@ impl ReadArgs {
             },
             skip: self.skip,
             body_model: self.body_model.clone(),
+            floor: self.floor.flatten(),
         }
     }
 }

@@ -6,7 +6,7 @@ use kinelm::corpus;
 use kinelm_motion::format::input;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::{Motion, Source};
-use kinelm_tokenizer::{Rest, Tokenizer};
+use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]
@@ -43,6 +43,14 @@ pub struct DecodeArgs {
     tokenizer: PathBuf,
     #[command(flatten)]
     force: ForceArgs,
+    /// Where the floor is that heights are put back on, metres
+    #[arg(long, value_name = "METRES", default_value_t = 0.0, allow_negative_numbers = true, value_parser = metres)]
+    floor: f64,
+}
+
+/// A height.
+fn metres(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|x: &f64| x.is_finite()).ok_or("expected a height in metres".into())
 }
 
 pub fn run(command: Command, say: Say) -> Result<()> {
@@ -57,9 +65,9 @@ pub fn run(command: Command, say: Say) -> Result<()> {
 fn text(args: TextArgs, say: Say) -> Result<()> {
     let tokenizer = Tokenizer::load(&args.tokenizer)?;
     let options = args.read.options(RestFrame::Drop);
-    let (motion, clip) = corpus::load::load_clip(&args.clip, &options, tokenizer.fps())?;
-    super::warn(&motion, say);
-    let encoded = tokenizer.encode(&clip)?;
+    let placed = corpus::load::load_placed(&args.clip, &options, tokenizer.config().into())?;
+    super::warn(&placed.motion, say);
+    let encoded = tokenizer.encode(&placed.lowered())?;
     let clipped = encoded.clipped;
     if clipped > 0 {
         say.line(format_args!("{clipped} steps of the root lay outside the fitted range and are caught up later"));
@@ -90,7 +98,8 @@ fn decode(args: DecodeArgs, say: Say) -> Result<()> {
         words.len()
     );
     anyhow::ensure!(!words.is_empty() && !blank, "{}: no words, nothing to decode", args.words.display());
-    let clip = tokenizer.decode(&words, Rest::Identity)?;
+    let clip = tokenizer.decode(&words, tokenizer.rest())?;
+    let clip = if tokenizer.config().above_floor() { clip.raised(args.floor) } else { clip };
     let motion = Motion { path: args.out.clone(), clip, source: Source::Plain, warnings: Vec::new() };
     outputs.write(&args.out, &format::to_bytes(&args.out, &motion)?)?;
     super::convert::told(&args.out, &motion, say);

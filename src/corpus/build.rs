@@ -4,7 +4,7 @@
 //! corpus depends on the number of threads. A bad file is named, counted and passed over.
 
 use super::gather::{Gathered, Item};
-use super::load::{Loaded, load_item};
+use super::load::{Loaded, Wanted, load_item};
 use super::record::{Failure, Manifest, Shard, Split};
 use super::writer::{CorpusWriter, NewClip};
 use crate::{Error, Result};
@@ -118,7 +118,7 @@ pub fn fit(
         one.add(&loaded.clip)?;
         Ok((one, loaded.clip.frames()))
     };
-    let summary = each(&items, options, config.fps, watch, work, |_, _, (one, frames), _| {
+    let summary = each(&items, options, Wanted::from(&config), watch, work, |_, _, (one, frames), _| {
         all.merge(&one)?;
         Ok(frames)
     })?;
@@ -142,19 +142,19 @@ pub fn tokenize(
     let items: Vec<&Item> = gathered.items.iter().filter(|i| options.shard.is_none_or(|s| s.holds(i.key))).collect();
     let work = |loaded: &Loaded| {
         let encoded = tokenizer.encode(&loaded.clip)?;
-        Ok((tokenizer.ids_of_words(&encoded.words)?, loaded.clip.frames(), encoded))
+        Ok((tokenizer.ids_of_words(&encoded.words)?, loaded.clip.frames(), loaded.floor_m, encoded))
     };
-    let summary =
-        each(&items, options, tokenizer.fps(), watch, work, |item, sha256, (ids, frames, encoded), summary| {
-            let (clipped, second_codes) = (encoded.clipped as usize, encoded.second_codes as usize);
-            summary.clipped += clipped;
-            summary.second_codes += second_codes;
-            summary.padded += encoded.padded as usize;
-            let Item { name, labels, split, take, key, source, .. } = item.clone();
-            let clip = NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes };
-            writer.push(clip, &ids)?;
-            Ok(frames)
-        })?;
+    let summary = each(&items, options, tokenizer.config().into(), watch, work, |item, sha256, made, summary| {
+        let (ids, frames, floor_m, encoded) = made;
+        let (clipped, second_codes) = (encoded.clipped as usize, encoded.second_codes as usize);
+        summary.clipped += clipped;
+        summary.second_codes += second_codes;
+        summary.padded += encoded.padded as usize;
+        let Item { name, labels, split, take, key, source, .. } = item.clone();
+        let clip = NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m };
+        writer.push(clip, &ids)?;
+        Ok(frames)
+    })?;
     check(&summary, options, items.len())?;
     summary.failed.iter().for_each(|f| writer.fail(f.clone()));
     Ok((writer.finish()?, summary))
@@ -182,13 +182,13 @@ pub(crate) fn check(summary: &Summary, options: &BuildOptions, items: usize) -> 
 pub(crate) fn each<T: Send>(
     items: &[&Item],
     options: &BuildOptions,
-    fps: f64,
+    wanted: Wanted,
     watch: &mut Watch<'_>,
     work: impl Fn(&Loaded) -> Result<T> + Sync,
     mut take: impl FnMut(&Item, String, T, &mut Summary) -> Result<usize>,
 ) -> Result<Summary> {
     let one = |item: &Item| {
-        let loaded = load_item(item, &options.read, fps)?;
+        let loaded = load_item(item, &options.read, wanted)?;
         let made = work(&loaded).map_err(|e| named(item, e))?;
         Ok((made, loaded.sha256, loaded.warnings))
     };
@@ -294,7 +294,7 @@ mod tests {
         assert!(manifest.failed[0].why.contains("walk3b.bvh"), "{}", manifest.failed[0].why);
 
         let corpus = Corpus::open(&whole).unwrap();
-        let clip = load_item(&gathered.items[0], &options.read, 20.0).unwrap().clip;
+        let clip = load_item(&gathered.items[0], &options.read, tokenizer.config().into()).unwrap().clip;
         assert_eq!(corpus.clip_words(&corpus.clips()[0]).unwrap(), tokenizer.encode(&clip).unwrap().words);
         let codes = CodeSplits::of_corpus(&corpus, Split::Test).unwrap();
         assert_eq!((codes.bins, codes.channels, codes.train.clips.len(), codes.test.clips.len()), (90, 12, 4, 2));

@@ -28,6 +28,8 @@ pub struct Item {
     pub fps: Option<f64>,
     /// Source frames to leave out at the start, where its labels state it.
     pub skip: Option<usize>,
+    /// Where the floor is, metres, where its labels state it.
+    pub floor: Option<f64>,
     /// Its place among all items.
     pub key: usize,
     /// Index into [`Gathered::sources`].
@@ -44,6 +46,7 @@ impl Default for Item {
             split: Split::Train,
             fps: None,
             skip: None,
+            floor: None,
             key: 0,
             source: 0,
         }
@@ -183,6 +186,7 @@ fn label(g: &mut Gathered, found: Vec<Found>, labels: &[Labels]) -> Result<Vec<O
             split: Split::Train, // given by `splits::assign`
             fps: known.fps,
             skip: known.skip,
+            floor: known.floor,
             key,
             source: file.source,
         });

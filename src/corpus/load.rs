@@ -4,34 +4,100 @@ use super::gather::Item;
 use super::record::{FileRecord, hex};
 use crate::{Error, Result};
 use kinelm_motion::format::{self, ReadOptions};
+use kinelm_motion::metric::floor_of;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Motion, Warning, retarget};
+use kinelm_tokenizer::TokenizerConfig;
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::path::Path;
 
-/// A clip on the 24 SMPL joints at the rate wanted.
+/// What a tokenizer takes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wanted {
+    /// Frames per second.
+    pub fps: f64,
+    /// The floor at y = 0.
+    pub above_floor: bool,
+}
+
+impl Wanted {
+    /// Clips as they stand in the world.
+    pub fn in_world(fps: f64) -> Wanted {
+        Wanted { fps, above_floor: false }
+    }
+}
+
+impl From<&TokenizerConfig> for Wanted {
+    fn from(config: &TokenizerConfig) -> Wanted {
+        Wanted { fps: config.fps, above_floor: config.above_floor() }
+    }
+}
+
+/// A clip on the 24 SMPL joints as it is wanted.
 #[derive(Debug, Clone)]
 pub struct Loaded {
     /// What moves.
     pub clip: Clip,
+    /// Where the file's floor is, metres, if it was taken off.
+    pub floor_m: Option<f64>,
     /// SHA-256 of the file.
     pub sha256: String,
     /// What was odd in it.
     pub warnings: Vec<Warning>,
 }
 
-/// Reads an item's file, brings it onto the neutral SMPL-24 body and to `fps` frames per second. The rate and the
-/// frames to skip that the item's labels state overrule those of `options`.
+/// A file as a tokenizer takes it, and where it was.
+#[derive(Debug, Clone)]
+pub struct Placed {
+    /// As it was read, with doubts of the floor.
+    pub motion: Motion,
+    /// On the neutral SMPL-24 body at the rate wanted, in the world.
+    pub clip: Clip,
+    /// Where the file's floor is, metres, if it is to be taken off.
+    pub floor_m: Option<f64>,
+    /// Where that floor is under `clip`, metres; 0 if it isn't to be taken off.
+    pub under_m: f64,
+    /// SHA-256 of the file.
+    pub sha256: String,
+}
+
+impl Placed {
+    /// The clip with its floor at y = 0, where that is wanted.
+    pub fn lowered(&self) -> Clip {
+        self.clip.clone().raised(-self.under_m)
+    }
+}
+
+/// Reads a file as a tokenizer takes it.
+///
+/// # Errors
+/// As [`load_clip`].
+pub fn load_placed(path: &Path, options: &ReadOptions, wanted: Wanted) -> Result<Placed> {
+    let (mut motion, clip, sha256) = load_hashed(path, options, wanted.fps)?;
+    let (mut floor_m, mut under_m) = (None, 0.0);
+    if let Some(first) = clip.root().first().filter(|_| wanted.above_floor) {
+        let floor = floor_of(&mut motion, options)?;
+        // however retargeting treats the ground: the floor is taken off on the file's own rig
+        let lowered = Motion { clip: motion.clip.clone().raised(-floor), ..motion.clone() };
+        let lowered = resample(&retarget::to_smpl(&lowered, options.map.as_deref())?, wanted.fps, Method::Auto)?;
+        (floor_m, under_m) = (Some(floor), first.y - lowered.root()[0].y);
+    }
+    Ok(Placed { motion, clip, floor_m, under_m, sha256 })
+}
+
+/// Reads an item's file as a tokenizer takes it. The rate, the frames to skip and the floor that the item's labels state
+/// overrule those of `options`.
 ///
 /// # Errors
 /// What reading and retargeting fail with, the file named; [`Error::File`] for a clip without frames.
-pub fn load_item(item: &Item, options: &ReadOptions, fps: f64) -> Result<Loaded> {
-    let (motion, clip, sha256) = load_hashed(&item.path, &item_options(item, options), fps)?;
+pub fn load_item(item: &Item, options: &ReadOptions, wanted: Wanted) -> Result<Loaded> {
+    let placed = load_placed(&item.path, &item_options(item, options), wanted)?;
+    let clip = placed.lowered();
     if clip.frames() == 0 {
         return Err(Error::file(&item.path, "no frames", "at least one", ""));
     }
-    Ok(Loaded { clip, sha256, warnings: motion.warnings })
+    Ok(Loaded { clip, floor_m: placed.floor_m, sha256: placed.sha256, warnings: placed.motion.warnings })
 }
 
 /// A file on the neutral SMPL-24 body at `fps` frames per second, and the motion as it was read.
@@ -73,6 +139,7 @@ pub fn item_options(item: &Item, options: &ReadOptions) -> ReadOptions {
     ReadOptions {
         fps_source: item.fps.or(options.fps_source),
         skip: item.skip.unwrap_or(options.skip),
+        floor: item.floor.or(options.floor),
         ..options.clone()
     }
 }
@@ -107,9 +174,35 @@ mod tests {
         let Some(dir) = kinelm_shared_data::set("cmu-dance", "corpus::load") else { return };
         let item = Item { path: dir.join("salsa/01.bvh"), fps: Some(60.0), ..Item::default() };
         let options = ReadOptions { skip: 10, ..ReadOptions::default() };
-        let loaded = load_item(&item, &options, 20.0).unwrap();
+        let loaded = load_item(&item, &options, Wanted::in_world(20.0)).unwrap();
         let source = format::read(&item.path, &ReadOptions::default()).unwrap().clip.frames();
         assert_eq!(loaded.clip.frames(), (source - 10 - 1) / 3 + 1);
         assert_eq!((loaded.clip.joints(), loaded.clip.fps(), loaded.sha256.len()), (24, 20.0, 64));
+    }
+
+    #[test]
+    fn the_floor_is_taken_off_once() {
+        use kinelm_motion::{Source, smpl, synth};
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("high.bvh");
+        let dance = synth::corpus(3, 1, 4.0, 60.0).unwrap().remove(0).clip.raised(0.4);
+        let motion = Motion { path: path.clone(), clip: dance, source: Source::Plain, warnings: vec![] };
+        format::write(&path, &motion).unwrap();
+        let (options, wanted) = (ReadOptions::default(), Wanted { fps: 20.0, above_floor: true });
+        let placed = load_placed(&path, &options, wanted).unwrap();
+        let floor = placed.floor_m.unwrap();
+        assert!((floor - 0.4).abs() < 0.01 && (placed.under_m - floor).abs() < 1e-9, "{floor} {}", placed.under_m);
+        let feet = kinelm_motion::metric::Feet::new(
+            &smpl::neutral(),
+            &kinelm_motion::retarget::SkeletonMap::builtin("smpl").unwrap(),
+        );
+        assert!(feet.unwrap().floor(&placed.lowered()).found_m.abs() < 0.01);
+        let told = load_placed(&path, &ReadOptions { floor: Some(0.1), ..options.clone() }, wanted).unwrap();
+        assert_eq!(told.floor_m, Some(0.1));
+        assert!((told.lowered().root()[7].y - placed.lowered().root()[7].y - (floor - 0.1)).abs() < 1e-9);
+        let world = load_placed(&path, &options, Wanted::in_world(20.0)).unwrap();
+        assert_eq!((world.floor_m, world.lowered() == world.clip, world.clip == placed.clip), (None, true, true));
+        let item = Item { path, floor: Some(0.25), ..Item::default() };
+        assert_eq!(load_item(&item, &options, wanted).unwrap().floor_m, Some(0.25));
     }
 }

@@ -34,8 +34,9 @@ pub fn merge(shards: &[PathBuf], out: &Path, force: bool) -> Result<Manifest> {
 }
 
 fn as_new(clip: &ClipRecord) -> NewClip {
-    let ClipRecord { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, .. } = clip.clone();
-    NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes }
+    let ClipRecord { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m, .. } =
+        clip.clone();
+    NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m }
 }
 
 fn check_fits(first: &Corpus, other: &Corpus) -> Result<()> {

@@ -290,6 +290,9 @@ pub struct ClipRecord {
     /// Rotations that took the second code (near a half turn).
     #[serde(default)]
     pub second_codes: usize,
+    /// Where the file's floor is, metres, if it was taken off before coding.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub floor_m: Option<f64>,
 }
 
 #[cfg(test)]

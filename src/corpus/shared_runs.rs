@@ -89,6 +89,7 @@ mod tests {
     fn record(name: &str, split: Split) -> ClipRecord {
         let (name, take) = (name.to_string(), name.to_string());
         ClipRecord {
+            floor_m: None,
             name,
             take,
             split,

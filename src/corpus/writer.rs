@@ -27,6 +27,7 @@ pub struct NewClip {
     pub frames: usize,
     pub clipped: usize,
     pub second_codes: usize,
+    pub floor_m: Option<f64>,
 }
 
 /// Writes a corpus into a hidden folder beside its place and moves it there when it is whole. Dropped before
@@ -103,7 +104,7 @@ impl CorpusWriter {
     pub fn push(&mut self, clip: NewClip, ids: &[u32]) -> Result<()> {
         self.check(&clip, ids)?;
         self.tokens.write(&self.token_type.to_bytes(ids))?;
-        let NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes } = clip;
+        let NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m } = clip;
         self.sources[source].update(format!("{name} {sha256}\n"));
         self.manifest.sources[source].clips += 1;
         self.manifest.count.add(frames);
@@ -125,6 +126,7 @@ impl CorpusWriter {
             sha256,
             clipped,
             second_codes,
+            floor_m,
         };
         let line = serde_json::to_string(&record).expect("a record of strings and integers is JSON");
         self.clips.write(format!("{line}\n").as_bytes())

@@ -180,6 +180,8 @@ impl Followed {
             )));
         }
         let clip = Prompt::load(&recipe.path, &recipe.read, tokenizer)?;
+        // the recipe says where the floor is, so that it is not looked for again
+        recipe.read.floor = clip.floor_m.or(recipe.read.floor);
         let (rig, map) = (clip.motion.clip.skeleton(), recipe.read.map.as_deref());
         let wrong = |list: &str, e: kinelm_motion::Error| Error::Call(format!("--joints {list}: {e}"));
         let in_smpl_names = |list: &String| joints::in_smpl_names(list, rig, map).map_err(|e| wrong(list, e));

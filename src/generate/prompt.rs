@@ -1,14 +1,14 @@
 //! A prompt: a clip in the user's own rig, as the model sees it, and the way back.
 
 use super::rest::{self, RestJoints};
-use crate::corpus::load::load_hashed;
+use crate::corpus::load::{Placed, load_placed};
 use crate::{Error, Result};
 use kinelm_motion::format::ReadOptions;
 use kinelm_motion::joints::Selection;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
-use kinelm_motion::{Clip, Motion, Source, smpl};
-use kinelm_tokenizer::{Rest, Tokenizer, WordLength, Words};
+use kinelm_motion::{Clip, Motion, Source, Warning, smpl};
+use kinelm_tokenizer::{Encoded, Rest, Tokenizer, WordLength, Words};
 use std::path::Path;
 
 /// A prompt clip, read.
@@ -18,6 +18,9 @@ pub struct Prompt {
     pub motion: Motion,
     /// On SMPL-24 at the tokenizer's rate.
     pub clip: Clip,
+    /// Where the file's floor is, metres, and where under `clip`; what the tokenizer doesn't take off is 0.
+    pub floor_m: Option<f64>,
+    under_m: f64,
     /// Its words.
     pub words: Words,
     /// How many of its values lie outside what the tokenizer codes.
@@ -32,12 +35,15 @@ impl Prompt {
     /// # Errors
     /// What reading fails with, and a rig that no skeleton map knows; a clip without frames, and one that can't be coded.
     pub fn load(path: &Path, options: &ReadOptions, tokenizer: &Tokenizer) -> Result<Prompt> {
-        let (motion, clip, sha256) = load_hashed(path, options, tokenizer.fps())?;
+        let placed = load_placed(path, options, tokenizer.config().into())?;
+        let lowered = placed.lowered();
+        let Placed { mut motion, clip, floor_m, under_m, sha256 } = placed;
         if clip.frames() == 0 {
             return Err(Error::file(path, "no frames", "at least one", "give another prompt"));
         }
-        let coded = tokenizer.encode(&clip)?;
-        Ok(Prompt { motion, clip, words: coded.words, clipped: coded.clipped, sha256 })
+        let coded = tokenizer.encode(&lowered)?;
+        motion.warnings.extend(off_range(&coded, clip.frames()));
+        Ok(Prompt { motion, clip, floor_m, under_m, words: coded.words, clipped: coded.clipped, sha256 })
     }
 
     /// P, its frames at the tokenizer's rate.
@@ -72,7 +78,8 @@ impl Prompt {
                 "{frames} frames of a prompt of {has}; words of this tokenizer need at least {least} to begin with"
             )));
         }
-        let words = tokenizer.encode(&self.clip.slice(0..whole * tokenizer.frames_per_word()))?.words;
+        let words =
+            tokenizer.encode(&self.clip.slice(0..whole * tokenizer.frames_per_word()).raised(-self.under_m))?.words;
         Ok(tokenizer.ids_of_words(&words.slice(0..whole - unsettled))?)
     }
 
@@ -97,7 +104,7 @@ impl Prompt {
                 Rest::Clip(&settling)
             }
         };
-        Ok(tokenizer.decode(words, rest)?)
+        Ok(tokenizer.decode(words, rest)?.raised(self.under_m))
     }
 
     /// A dance on SMPL-24 put on the prompt's own rig, as it will be written. Joints that no SMPL joint stands for move as
@@ -120,6 +127,20 @@ impl Prompt {
         Ok(Retarget::new(rig, &retarget::map_for(rig, map)?, smpl::neutral())?.with_floor(floor_m))
     }
 }
+
+/// What there is to say of heights that the tokenizer was not made for.
+fn off_range(coded: &Encoded, frames: usize) -> Option<Warning> {
+    let share = coded.off_range as f64 / frames.max(1) as f64;
+    let what = format!(
+        "in {:.1} % of frames the pelvis is higher or lower above the floor than in the clips that the tokenizer was fitted on: \
+         its height ends there; --floor METRES says where the floor is",
+        100.0 * share
+    );
+    (share > OFF_RANGE).then_some(Warning { kind: "height_off_range", what })
+}
+
+/// The share of frames off the range of heights that is said.
+const OFF_RANGE: f64 = 0.01;
 
 /// The share of given characters that another reading of the dance codes otherwise: `codes` and `again` are (F, C), of
 /// `prompt` frames only the first count. `None` when nothing was given.

@@ -53,7 +53,7 @@ impl Recipe {
             return ReadOptions::default();
         };
         let (map, unit, bvh_position) = (prompt.read.map.clone(), prompt.read.unit, prompt.read.bvh_position);
-        ReadOptions { map, unit, bvh_position, ..ReadOptions::default() }
+        ReadOptions { map, unit, bvh_position, floor: prompt.read.floor, ..ReadOptions::default() }
     }
 }
 

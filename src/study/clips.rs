@@ -6,6 +6,7 @@ use crate::corpus::record::{Split, hex};
 use crate::corpus::{Gathered, Item};
 use crate::{Error, Result};
 use kinelm_motion::format::{self, ReadOptions};
+use kinelm_motion::metric::floor_of;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Kind, Quat, Vec3, retarget, smpl};
 use rayon::prelude::*;
@@ -186,9 +187,12 @@ fn named(known: &Known, error: Error) -> Error {
     }
 }
 
-/// A clip on the neutral skeleton at its own rate, beginning above x = z = 0.
+/// A clip on the neutral skeleton at its own rate, its floor at y = 0, beginning above x = z = 0.
 fn load(item: &Item, read: &ReadOptions) -> Result<Clip> {
-    let motion = format::read(&item.path, &item_options(item, read))?;
+    let options = item_options(item, read);
+    let mut motion = format::read(&item.path, &options)?;
+    let floor = floor_of(&mut motion, &options)?;
+    motion.clip = motion.clip.raised(-floor);
     let clip = retarget::to_smpl(&motion, read.map.as_deref())?;
     let Some(first) = clip.root().first() else {
         return Err(Error::file(&item.path, "no frames", "at least one", ""));

@@ -46,6 +46,9 @@ struct Own {
     /// Of the joints that are not coded, by ascending id: x, y, z, w. Since version 3.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     mean_pose: Option<Vec<[f64; 4]>>,
+    /// Where heights above the floor lie, metres. Since version 3.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    height_range: Option<[f64; 2]>,
 }
 
 /// The whole file, in the order it is written. Structs and not `json!`, whose order of keys hangs on a feature of
@@ -201,7 +204,11 @@ impl Tokenizer {
             decoder: Decoder {
                 r#type: "Fuse",
                 kinelm: Own {
-                    version: if self.mean_pose.is_some() { FORMAT_VERSION } else { OLDEST_VERSION },
+                    version: if self.mean_pose.is_some() || self.height_range.is_some() {
+                        FORMAT_VERSION
+                    } else {
+                        OLDEST_VERSION
+                    },
                     sha256: NO_HASH.into(),
                     config: self.config.clone(),
                     fitted: self.fitted.clone(),
@@ -209,6 +216,7 @@ impl Tokenizer {
                     longest_word: self.longest_word,
                     conditioning: self.vocabulary.conditioning().to_vec(),
                     mean_pose: self.mean_pose.map(|pose| uncoded(&self.config).map(|j| pose[j].to_array()).collect()),
+                    height_range: self.height_range,
                 },
             },
             model: Model {
@@ -281,7 +289,9 @@ impl Tokenizer {
             }
         }
         check_hash(text, own.get("sha256").and_then(Value::as_str).unwrap_or("")).map_err(wrong)?;
-        let own: Own = serde_json::from_value(own.clone()).map_err(|e| wrong(format!("decoder.kinelm: {e}")))?;
+        let mut own = own.clone();
+        state_old_height(&mut own);
+        let own: Own = serde_json::from_value(own).map_err(|e| wrong(format!("decoder.kinelm: {e}")))?;
         let tokenizer = own.build().map_err(|e| wrong(format!("decoder.kinelm: {e}")))?;
         if tokenizer.to_json() != text {
             return Err(wrong("its vocabulary is not what its settings give; fit it again".into()));
@@ -295,8 +305,17 @@ impl Own {
         self.config.validate()?;
         let fitted = self.fitted.with_config(&self.config.scheme, &self.config.channels())?;
         let mean_pose = self.mean_pose.map(|pose| mean_pose(&self.config, &pose)).transpose()?;
+        let above_floor = self.config.above_floor();
+        let good = |[low, high]: [f64; 2]| low <= high && low.abs().max(high.abs()) < 1e7;
+        if self.height_range.is_some() != above_floor || !self.height_range.is_none_or(good) {
+            let expected =
+                if above_floor { "the least and the greatest height" } else { "none: heights have no floor" };
+            let found = format!("{:?}", self.height_range);
+            return Err(Error::Setting { field: "height_range", found, expected: expected.into() });
+        }
+        let height_range = self.height_range;
         let tokenizer = Tokenizer::new(self.config, fitted, &self.merges, self.longest_word)?;
-        let mut tokenizer = Tokenizer { mean_pose, ..tokenizer };
+        let mut tokenizer = Tokenizer { mean_pose, height_range, ..tokenizer };
         for token in &self.conditioning {
             let inner = token.strip_prefix('<').and_then(|t| t.strip_suffix('>')).and_then(|t| t.split_once(':'));
             let (field, value) = inner.unwrap_or((token, ""));
@@ -304,6 +323,13 @@ impl Own {
         }
         Ok(tokenizer)
     }
+}
+
+/// Files whose scheme says nothing of heights are older than the setting: they mean what was done then.
+fn state_old_height(own: &mut Value) {
+    let Some(scheme) = own.pointer_mut("/config/scheme").and_then(Value::as_object_mut) else { return };
+    let old = if scheme.get("type").is_some_and(|t| t == "lapped") { "absolute" } else { "velocity" };
+    scheme.entry("height").or_insert_with(|| old.into());
 }
 
 /// The joints that are not coded.
@@ -353,6 +379,7 @@ fn hex_sha256(bytes: &[u8]) -> String {
 mod tests {
     use super::*;
     use crate::contract::{bent, small};
+    use crate::{DctConfig, Height, LappedConfig, QuantileConfig, SchemeConfig, UniformConfig};
 
     #[test]
     fn save_and_load() {
@@ -397,7 +424,8 @@ mod tests {
         let decoded = back.decode(&words, back.rest()).unwrap();
         assert_eq!((decoded.pose(3)[16], decoded.pose(39)[9]), (pose[16], pose[9]));
         // as it was written before there was a mean pose
-        let old = Tokenizer { mean_pose: None, ..t };
+        let config = TokenizerConfig { scheme: old_form(), ..t.config().clone() };
+        let old = Tokenizer { mean_pose: None, ..Tokenizer::fit([&clip], config).unwrap() };
         let text = old.to_json();
         assert!(text.contains("\"version\": 2,") && !text.contains("mean_pose"));
         let old = Tokenizer::from_json(&text).unwrap();
@@ -406,6 +434,34 @@ mod tests {
         let all = TokenizerConfig { joints: (0..24).collect(), ..TokenizerConfig::default() };
         let all = Tokenizer::fit([&clip], all).unwrap();
         assert_eq!(Tokenizer::from_json(&all.to_json()).unwrap(), all);
+    }
+
+    fn old_form() -> SchemeConfig {
+        SchemeConfig::Uniform(UniformConfig { bins: 60, height: Height::Velocity, ..Default::default() })
+    }
+
+    #[test]
+    fn files_older_than_heights_above_the_floor_keep_their_form() {
+        let velocity = Height::Velocity;
+        let schemes = [
+            old_form(),
+            SchemeConfig::Quantile(QuantileConfig { bins: 60, height: velocity, ..Default::default() }),
+            SchemeConfig::Dct(DctConfig { tile: 15, height: velocity, ..Default::default() }),
+            SchemeConfig::Lapped(LappedConfig { hop: 8, height: Height::Absolute, ..Default::default() }),
+        ];
+        for scheme in schemes {
+            let clip = bent(1, 60);
+            let config = TokenizerConfig { scheme, ..TokenizerConfig::uniform(&[0, 4], 20.0, 60) };
+            let old = Tokenizer { mean_pose: None, ..Tokenizer::fit([&clip], config.clone()).unwrap() };
+            let text = old.to_json();
+            assert!(text.contains("\"version\": 2,") && !text.contains("height_range"));
+            if !matches!(config.scheme, SchemeConfig::Uniform(_)) {
+                assert!(!text.contains("\"height\""), "not said then");
+            }
+            let back = Tokenizer::from_json(&text).unwrap();
+            assert_eq!((back.config(), back.height_range()), (&config, None));
+            assert_eq!(back.encode(&clip).unwrap(), old.encode(&clip).unwrap());
+        }
     }
 
     #[test]

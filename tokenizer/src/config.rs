@@ -52,6 +52,11 @@ impl TokenizerConfig {
         Channels::new(self.joints.clone(), self.root_rotation)
     }
 
+    /// Whether heights are coded above the clip's floor: then clips come with their floor at y = 0.
+    pub fn above_floor(&self) -> bool {
+        self.scheme.height() == crate::Height::Floor
+    }
+
     /// Checks every setting.
     ///
     /// # Errors

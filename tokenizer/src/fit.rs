@@ -8,6 +8,12 @@ use crate::scheme::{Fitted, SchemeConfig, WordLength, check_rate, check_skeleton
 use crate::{Channels, Error, Result, Tokenizer, TokenizerConfig, Words};
 use kinelm_motion::Clip;
 
+/// The range of heights reaches so much further on each side than the training clips', in parts of theirs.
+const BEYOND: f64 = 0.1;
+
+/// And so much at least, metres.
+const LEAST_MARGIN_M: f64 = 0.005;
+
 /// What has been learnt so far. Clips may be added in any order, and parts of a corpus fitted apart and merged: the
 /// tokenizer is the same to the bit.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,6 +25,8 @@ pub struct Fit {
     sample: Option<Sample>,
     /// What joints do that are not coded.
     poses: PoseSum,
+    /// The least and the greatest height, metres.
+    heights: [f64; 2],
     clips: u64,
     frames: u64,
 }
@@ -55,6 +63,7 @@ impl Fit {
             scheme,
             sample: samples.then(Sample::new),
             poses: PoseSum::new(),
+            heights: [f64::INFINITY, f64::NEG_INFINITY],
             clips: 0,
             frames: 0,
         })
@@ -75,6 +84,7 @@ impl Fit {
             sample.add(clip);
         }
         self.poses.add(clip);
+        clip.root().iter().for_each(|p| self.reach([p.y; 2]));
         self.clips += 1;
         self.frames += clip.frames() as u64;
         Ok(())
@@ -95,9 +105,14 @@ impl Fit {
             own.merge(other);
         }
         self.poses.merge(&other.poses);
+        self.reach(other.heights);
         self.clips += other.clips;
         self.frames += other.frames;
         Ok(())
+    }
+
+    fn reach(&mut self, [low, high]: [f64; 2]) {
+        self.heights = [self.heights[0].min(low), self.heights[1].max(high)];
     }
 
     /// Clips learnt from.
@@ -116,13 +131,17 @@ impl Fit {
     /// [`Error::Nothing`] when there was no frame to learn from.
     pub fn finish(self) -> Result<Tokenizer> {
         let sample = self.sample.map(Sample::into_clips).unwrap_or_default();
+        let [low, high] = if self.frames > 0 { self.heights } else { [0.0; 2] };
+        let margin = (BEYOND * (high - low)).max(LEAST_MARGIN_M);
+        let heights = [low - margin, high + margin];
         let fitted = match self.scheme {
-            SchemeFit::Uniform(u) => Fitted::Uniform(u.finish()?),
-            SchemeFit::Sampled => Fitted::learnt(&self.config.scheme, &self.channels, &sample)?,
+            SchemeFit::Uniform(u) => Fitted::Uniform(u.finish(heights)?),
+            SchemeFit::Sampled => Fitted::learnt(&self.config.scheme, &self.channels, &sample, heights)?,
         };
         let wanted = self.config.merges;
         let mean_pose = Some(self.poses.mean(&self.config.joints));
-        let tokenizer = Tokenizer { mean_pose, ..Tokenizer::new(self.config, fitted, &[], 0)? };
+        let height_range = self.config.above_floor().then_some(heights);
+        let tokenizer = Tokenizer { mean_pose, height_range, ..Tokenizer::new(self.config, fitted, &[], 0)? };
         if wanted == 0 && matches!(tokenizer.word_length(), WordLength::Fixed(_)) {
             return Ok(tokenizer);
         }
@@ -143,8 +162,8 @@ fn learn_from_words(tokenizer: Tokenizer, sample: &[Clip], merges: u32) -> Resul
         #[cfg(feature = "merges")]
         n => crate::merges::learn(&tokenizer.vocabulary, &words, n)?,
     };
-    let Tokenizer { config, fitted, mean_pose, .. } = tokenizer;
-    let tokenizer = Tokenizer { mean_pose, ..Tokenizer::new(config, fitted, &merges, 0)? };
+    let Tokenizer { config, fitted, mean_pose, height_range, .. } = tokenizer;
+    let tokenizer = Tokenizer { mean_pose, height_range, ..Tokenizer::new(config, fitted, &merges, 0)? };
     let ids = tokenizer.ids_of_words(&words)?;
     let longest = ids.split(|&id| id == crate::SPACE).map(<[u32]>::len).max().unwrap_or(0) + 1;
     Ok(Tokenizer { longest_word: longest, ..tokenizer })

@@ -39,6 +39,7 @@ mod error;
 #[cfg(feature = "fit")]
 mod fit;
 mod grammar;
+#[cfg(feature = "fit")]
 mod mean_pose;
 mod merges;
 pub mod rate;
@@ -64,7 +65,7 @@ pub use scheme::dct::{DctConfig, Quantizer, Steps};
 pub use scheme::lapped::{Lapped, LappedConfig, LappedMix};
 pub use scheme::mix::JointTransform;
 pub use scheme::quantile::{Pooled, QuantileConfig};
-pub use scheme::uniform::{Form, Travel, UniformConfig};
+pub use scheme::uniform::{Form, Height, Travel, UniformConfig};
 pub use scheme::{Encoded, Rest, Scheme, SchemeConfig, WordLength};
 pub use tokenizer::Tokenizer;
 pub use vocab::{SPACE, Special, Vocabulary};

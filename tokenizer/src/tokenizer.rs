@@ -11,6 +11,9 @@ use crate::{Channels, Error, Grammar, PlaceIds, Result, TokenizerConfig, Vocabul
 use kinelm_motion::joints::Selection;
 use kinelm_motion::{Clip, Quat};
 
+/// A decoded height at the range's end is not beyond it.
+const ROUNDING_M: f64 = 1e-6;
+
 /// Clips to words to ids, and back.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tokenizer {
@@ -21,6 +24,8 @@ pub struct Tokenizer {
     pub(crate) longest_word: usize,
     /// What joints do that are not coded; `None` in tokenizers that learnt none.
     pub(crate) mean_pose: Option<[Quat; 24]>,
+    /// Where heights above the floor lie, metres; `None` where they are coded otherwise.
+    pub(crate) height_range: Option<[f64; 2]>,
     pub(crate) channels: Channels,
 }
 
@@ -46,7 +51,16 @@ impl Tokenizer {
         }
         let vocabulary = Vocabulary::new(symbols).with_merges(merges)?;
         let merges = Merges::new(vocabulary.merge_table());
-        Ok(Tokenizer { config, fitted, vocabulary, merges, longest_word, mean_pose: None, channels })
+        Ok(Tokenizer {
+            config,
+            fitted,
+            vocabulary,
+            merges,
+            longest_word,
+            mean_pose: None,
+            height_range: None,
+            channels,
+        })
     }
 
     /// Learns from training clips on the 24 SMPL joints at the tokenizer's rate. For a corpus that doesn't fit into
@@ -59,6 +73,12 @@ impl Tokenizer {
         let mut fit = Fit::new(config)?;
         clips.into_iter().try_for_each(|clip| fit.add(clip))?;
         fit.finish()
+    }
+
+    /// Where heights above the floor lie, metres: the range of the training clips, a tenth wider on each side. `None` where
+    /// heights are coded otherwise.
+    pub fn height_range(&self) -> Option<[f64; 2]> {
+        self.height_range
     }
 
     /// The settings.
@@ -173,7 +193,8 @@ impl Tokenizer {
         self.fitted.as_scheme()
     }
 
-    /// The clip's words, ceil(F / L) of them, with the counts of what was clipped.
+    /// The clip's words, ceil(F / L) of them, with the counts of what was clipped. Where heights are coded above the floor
+    /// ([`TokenizerConfig::above_floor`]), the clip's floor is at y = 0.
     ///
     /// # Errors
     /// [`Error::Rate`](crate::Error::Rate) and [`Error::Skeleton`](crate::Error::Skeleton) for a clip that was not
@@ -181,7 +202,12 @@ impl Tokenizer {
     pub fn encode(&self, clip: &Clip) -> Result<Encoded> {
         check_rate(clip, self.config.fps)?;
         check_skeleton(clip)?;
-        self.scheme().encode(&self.channels, clip)
+        let mut encoded = self.scheme().encode(&self.channels, clip)?;
+        if let Some([low, high]) = self.height_range {
+            let outside = |y: f64| y < low - ROUNDING_M || y > high + ROUNDING_M;
+            encoded.off_range = clip.root().iter().filter(|p| outside(p.y)).count() as u64;
+        }
+        Ok(encoded)
     }
 
     /// The clip of words, L frames each, on the neutral skeleton, with `rest` for the joints that are not coded. Any codes

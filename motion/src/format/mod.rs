@@ -60,6 +60,9 @@ pub struct ReadOptions {
     pub skip: usize,
     /// A body model (`SMPL_*.npz`) whose rest offsets replace the neutral skeleton's, for AMASS and AIST++.
     pub body_model: Option<PathBuf>,
+    /// Where the floor is, metres, world, for what codes heights above it; `None`: found by the feet.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub floor: Option<f64>,
 }
 
 /// The length that 1 in a BVH means.

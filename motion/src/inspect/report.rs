@@ -28,6 +28,8 @@ pub struct Report {
     joints: usize,
     ends: usize,
     map: Option<String>,
+    /// Where the floor is, metres; `None` on a rig that no map knows.
+    floor_m: Option<f64>,
     figures: Figures,
     still: Vec<String>,
     doubts: Vec<Warning>,
@@ -61,12 +63,18 @@ pub fn report(motion: &Motion) -> Report {
         ends: skeleton.ends().len(),
         map: SkeletonMap::detect(skeleton.names()).map(|m| m.name),
         still: figures.still_joints.iter().map(|&j| skeleton.names()[j].clone()).collect(),
+        floor_m: None,
         figures,
         doubts,
     }
 }
 
 impl Report {
+    /// With the floor that was found or told, metres.
+    pub fn with_floor(self, floor_m: Option<f64>) -> Self {
+        Report { floor_m, ..self }
+    }
+
     /// Lines for a reader, the last ended too.
     pub fn text(&self) -> String {
         let mut t = String::new();
@@ -83,6 +91,9 @@ impl Report {
         let axis = |name, l: f64, h: f64| format!("{name} {l:.2}..{h:.2}");
         let ranges = [axis("x", low.x, high.x), axis("y", low.y, high.y), axis("z", low.z, high.z)].join(", ");
         let _ = writeln!(t, "  root {ranges} m; fastest joint {:.1} m/s, fastest fall {:.1} g", f.speed_m_s, f.fall_g);
+        if let Some(floor) = self.floor_m {
+            let _ = writeln!(t, "  floor at y = {floor:.3} m");
+        }
         if f.root_vector_flips > 0 {
             let n = f.root_vector_flips;
             let _ = writeln!(t, "  root vector changes sign, its angle passing 180 degrees, {n} times");
@@ -111,7 +122,7 @@ impl Report {
             "fps": self.fps, "frames": self.frames, "duration_s": self.duration_s,
             "joints": self.joints, "end_sites": self.ends, "names": self.names, "parents": self.parents,
             "offsets_m": self.offsets, "unit_m": self.unit_m, "up": self.axes.up, "rig": self.map, "tree": self.tree,
-            "height_m": f.height_m, "root_min_m": f.root_range[0].to_array(), "root_max_m": f.root_range[1].to_array(),
+            "height_m": f.height_m, "floor_m": self.floor_m, "root_min_m": f.root_range[0].to_array(), "root_max_m": f.root_range[1].to_array(),
             "speed_m_s": f.speed_m_s, "fall_g": f.fall_g, "fps_for_free_fall": f.fps_for_free_fall,
             "root_jumps": f.root_jumps.len(), "joint_jumps": f.joint_jumps.len(),
             "root_vector_flips": f.root_vector_flips, "still_joints": self.still, "doubts": doubts,

@@ -5,8 +5,9 @@
 //! least height seldom goes below: at its 5th percentile over the frames. Clips that don't walk on one flat floor are
 //! told by the doubts.
 
-use crate::retarget::{ReferencePose, SkeletonMap};
-use crate::{Clip, GlobalPose, Result, Skeleton, Vec3, Warning, smpl};
+use crate::format::ReadOptions;
+use crate::retarget::{ReferencePose, SkeletonMap, map_for};
+use crate::{Clip, Error, GlobalPose, Motion, Result, Skeleton, Vec3, Warning, smpl};
 
 /// Another joint that lies deeper than this below the floor speaks against it, metres.
 const BELOW_M: f64 = 0.1;
@@ -55,6 +56,21 @@ pub struct Floor {
 /// As [`Feet::new`].
 pub fn floor(clip: &Clip, map: &SkeletonMap) -> Result<Floor> {
     Ok(Feet::new(clip.skeleton(), map)?.floor(clip))
+}
+
+/// Where the floor of a motion is, as `options` tell it or as its feet do; in doubt the doubts join its warnings.
+///
+/// # Errors
+/// As [`map_for`] and [`Feet::new`]; [`Error::Call`] for a floor that is told and isn't finite.
+pub fn floor_of(motion: &mut Motion, options: &ReadOptions) -> Result<f64> {
+    if let Some(told) = options.floor {
+        let what = || format!("a floor at y = {told}; expected a height in metres");
+        return if told.is_finite() { Ok(told) } else { Err(Error::Call(what())) };
+    }
+    let map = map_for(motion.clip.skeleton(), options.map.as_deref())?;
+    let floor = floor(&motion.clip, &map)?;
+    motion.warnings.extend(floor.doubts);
+    Ok(floor.height_m)
 }
 
 impl Feet {

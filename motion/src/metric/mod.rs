@@ -7,14 +7,16 @@
 pub mod border_jerk;
 pub mod floor;
 pub mod geodesic_error;
+pub mod ground;
 pub mod jitter;
 pub mod mpjpe;
 pub mod short_term;
 pub mod vector_angle;
 
 pub use border_jerk::BorderJerk;
-pub use floor::{Feet, Floor, floor};
+pub use floor::{Feet, Floor, floor, floor_of};
 pub use geodesic_error::GeodesicError;
+pub use ground::Ground;
 pub use jitter::jitter;
 pub use mpjpe::Mpjpe;
 pub use short_term::ShortTerm;

@@ -7,10 +7,10 @@ use kinelm::corpus::Corpus;
 use kinelm::evaluate::dance::prompted::prompted;
 use kinelm::evaluate::dance::{Dance, Real};
 use kinelm::generate::prompt::given_places;
-use kinelm::generate::provenance;
-use kinelm_motion::format::RestFrame;
+use kinelm::generate::provenance::{self, Provenance};
+use kinelm_motion::format::{ReadOptions, RestFrame};
 use kinelm_motion::joints;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -41,7 +41,10 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let tokenizer = corpus.tokenizer();
     let real = Real::load(&corpus)?;
     let options = args.read.options(RestFrame::Drop);
-    let dances = args.dances.iter().map(|path| Dance::of_file(path, &options, tokenizer));
+    let dances = args.dances.iter().map(|path| {
+        let options = ReadOptions { floor: options.floor.or_else(|| floor_of(path)), ..options.clone() };
+        Dance::of_file(path, &options, tokenizer)
+    });
     let dances: Vec<Dance> = dances.collect::<kinelm::Result<_>>()?;
     let mut report = real.report(&dances);
     let mut given: Option<Vec<bool>> = None;
@@ -67,4 +70,11 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         report.copied = Some(real.copied(&dances, &given.unwrap_or_default())?);
     }
     print(&if args.json { format!("{}\n", serde_json::to_string(&report)?) } else { format!("{report}\n") })
+}
+
+/// Where the floor of a dance of ours is, as its recipe says: that of its prompt, 0 without.
+fn floor_of(path: &Path) -> Option<f64> {
+    let told = Provenance::load(&provenance::path_of(path)).ok()?;
+    let ours = told.output.file == provenance::name_of(path);
+    ours.then(|| told.recipe.prompt.and_then(|prompt| prompt.read.floor).unwrap_or(0.0))
 }

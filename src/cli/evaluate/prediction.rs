@@ -6,12 +6,13 @@ use crate::cli::read::ReadArgs;
 use crate::cli::{ComputeArgs, Say, WrongCall, print};
 use anyhow::Result;
 use kinelm::corpus::gather::Item;
-use kinelm::corpus::load::item_options;
+use kinelm::corpus::load::{Wanted, item_options};
 use kinelm::corpus::{Split, gather::Gathered};
 use kinelm::evaluate::prediction::{Foreteller, Row, TIMES_MS, Window, baselines, seen_s, windows};
 use kinelm::generate::{NextToken, reader};
 use kinelm::model::{Reading, Which, load_run};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
+use kinelm_motion::metric::floor_of;
 use kinelm_motion::metric::short_term::{MAJOR, UpTo};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, retarget};
@@ -62,7 +63,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let tokenizer = run.load_tokenizer()?;
     let conditions = run.load_conditions()?;
     let gathered = args.data.gather(say)?;
-    let (own, protocol) = measured(args, &gathered, tokenizer.fps(), say)?;
+    let (own, protocol) = measured(args, &gathered, tokenizer.config().into(), say)?;
     anyhow::ensure!(!own.is_empty(), "no {} clip is as long as a window, 3 s", args.split);
     let compute = args.compute.get();
     let of = |streams: usize| reader(&run, compute, Reading { streams, ..Reading::default() });
@@ -102,11 +103,11 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
 }
 
 /// The windows of the split's clips at the model's rate, and at the protocol's of the clips that have it.
-fn measured(args: &Args, gathered: &Gathered, fps: f64, say: Say) -> Result<(Vec<Window>, Vec<Window>)> {
-    let options = args.read.options(RestFrame::Drop);
+fn measured(args: &Args, gathered: &Gathered, wanted: Wanted, say: Say) -> Result<(Vec<Window>, Vec<Window>)> {
+    let (options, fps) = (args.read.options(RestFrame::Drop), wanted.fps);
     let (mut own, mut protocol) = (Vec::new(), Vec::new());
     for item in gathered.items.iter().filter(|item| item.split == args.split) {
-        let clip = match load(item, &options) {
+        let clip = match load(item, &options, wanted) {
             Err(e) if !args.data.strict => {
                 say.error(e);
                 continue;
@@ -127,8 +128,13 @@ fn measured(args: &Args, gathered: &Gathered, fps: f64, say: Say) -> Result<(Vec
 }
 
 /// A file on SMPL-24 at its own rate.
-fn load(item: &Item, options: &ReadOptions) -> Result<Clip> {
-    let motion = format::read(&item.path, &item_options(item, options))?;
+fn load(item: &Item, options: &ReadOptions, wanted: Wanted) -> Result<Clip> {
+    let options = item_options(item, options);
+    let mut motion = format::read(&item.path, &options)?;
+    if wanted.above_floor {
+        let floor = floor_of(&mut motion, &options)?;
+        motion.clip = motion.clip.raised(-floor);
+    }
     Ok(retarget::to_smpl(&motion, options.map.as_deref())?)
 }
 

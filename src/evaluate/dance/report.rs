@@ -5,11 +5,13 @@ use super::freeze::{Freezing, Summary, energy, summary, threshold};
 use super::places::Places;
 use super::prompted::Prompted;
 use super::repeat::repeats;
-use crate::corpus::load::load_clip;
+use crate::corpus::load::load_placed;
 use crate::corpus::{ClipRecord, Corpus, Split};
 use crate::{Error, Result};
-use kinelm_motion::Clip;
 use kinelm_motion::format::ReadOptions;
+use kinelm_motion::metric::{Feet, Ground};
+use kinelm_motion::retarget::SkeletonMap;
+use kinelm_motion::{Clip, smpl};
 use kinelm_tokenizer::{Rest, SPACE, Tokenizer, Words};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -43,7 +45,7 @@ impl Dance {
     /// # Errors
     /// What reading, retargeting and coding fail with; no frames.
     pub fn of_file(path: &Path, options: &ReadOptions, tokenizer: &Tokenizer) -> Result<Dance> {
-        let (_, clip) = load_clip(path, options, tokenizer.fps())?;
+        let clip = load_placed(path, options, tokenizer.config().into())?.lowered();
         if clip.frames() == 0 {
             return Err(Error::file(path, "no frames", "at least one", ""));
         }
@@ -69,6 +71,7 @@ pub struct Real {
     train: Vec<Dance>,
     valid: Vec<Dance>,
     joints: Vec<usize>,
+    feet: Feet,
     fps: f64,
     frames_per_word: usize,
     /// In the world, and of the pose alone, cm/s.
@@ -81,6 +84,7 @@ struct Figures {
     world: Freezing,
     pose: Freezing,
     repeats: [usize; 2],
+    ground: Ground,
 }
 
 /// The figures of several dances.
@@ -94,6 +98,12 @@ pub struct Group {
     pub pose: Summary,
     /// Share of frames whose next second of tokens came in the ten seconds before; `None` of dances under a second.
     pub repeat_rate: Option<f64>,
+    /// Mean depth of the lowest foot in the floor beyond 2 cm, cm.
+    pub penetration_cm: Option<f64>,
+    /// Share of frames in which it is as deep.
+    pub penetration_share: Option<f64>,
+    /// Share of frames that hang in the air and are in no jump.
+    pub floating_share: Option<f64>,
 }
 
 /// Distances to the nearest training window.
@@ -157,7 +167,8 @@ impl Real {
             ));
         };
         let (fps, frames_per_word) = (corpus.tokenizer().fps(), corpus.tokenizer().frames_per_word());
-        Ok(Real { train, valid, joints, fps, frames_per_word, thresholds: [world, pose] })
+        let feet = feet(&joints)?;
+        Ok(Real { train, valid, joints, feet, fps, frames_per_word, thresholds: [world, pose] })
     }
 
     /// The figures of dances beside those of the real ones.
@@ -185,7 +196,14 @@ impl Real {
             world: freezing(Places::of(&dance.clip, &self.joints), self.thresholds[0]),
             pose: freezing(Places::of_pose(&dance.clip, &self.joints), self.thresholds[1]),
             repeats: repeats(&dance.word_ids(), self.frames_per_word, self.fps),
+            ground: self.ground(&dance.clip),
         }
+    }
+
+    /// How a decoded dance stands on its floor, which coding has put to y = 0.
+    fn ground(&self, clip: &Clip) -> Ground {
+        let pelvis: Vec<f64> = clip.root().iter().map(|p| p.y).collect();
+        Ground::of(&self.feet.least(clip), &pelvis, self.fps)
     }
 
     /// Whether dances are copies of training clips; `given`: the places of a word that were given to all of them.
@@ -219,14 +237,28 @@ impl Real {
     }
 }
 
+/// The feet of the model's body as far as they are coded: of the thirteen joints the ankles. Where none is, the ankles.
+fn feet(joints: &[usize]) -> Result<Feet> {
+    let map = SkeletonMap::builtin("smpl").ok_or_else(|| Error::Call("no skeleton map smpl".into()))?;
+    let mut feet = Feet::new(&smpl::neutral(), &map)?;
+    let coded = feet.joints.iter().any(|(j, _)| joints.contains(j));
+    feet.joints.retain(|(j, _)| if coded { joints.contains(j) } else { matches!(j, 7 | 8) });
+    Ok(feet)
+}
+
 fn group(name: &str, all: &[Figures]) -> Group {
     let of = |part: fn(&Figures) -> &Freezing| summary(&all.iter().map(|f| part(f).clone()).collect::<Vec<_>>());
     let (found, of_all) = all.iter().fold((0, 0), |(a, b), f| (a + f.repeats[0], b + f.repeats[1]));
+    let mut ground = Ground::default();
+    all.iter().for_each(|f| ground.add(&f.ground));
     Group {
         name: name.into(),
         world: of(|f| &f.world),
         pose: of(|f| &f.pose),
         repeat_rate: (of_all > 0).then(|| found as f64 / of_all as f64),
+        penetration_cm: ground.penetration_cm(),
+        penetration_share: ground.penetration_share(),
+        floating_share: ground.floating_share(),
     }
 }
 
@@ -244,7 +276,18 @@ impl fmt::Display for Report {
             "{:.3} cm/s in the world, {:.3} cm/s of the pose alone",
             self.threshold_cm_s, self.pose_threshold_cm_s
         )?;
-        let heads = ["frames", "freeze %", "(sd)", "pose %", "to freeze s", "never %", "repeat %"];
+        let heads = [
+            "frames",
+            "freeze %",
+            "(sd)",
+            "pose %",
+            "to freeze s",
+            "never %",
+            "repeat %",
+            "in floor cm",
+            "in floor %",
+            "floating %",
+        ];
         write!(f, "{:<32}", "")?;
         heads.iter().try_for_each(|head| write!(f, " {head:>11}"))?;
         for group in &self.groups {
@@ -258,6 +301,9 @@ impl fmt::Display for Report {
                 w.median_time_to_freeze_s.map_or(format!("> {:.0}", w.duration_s[1]), |t| format!("{t:.1}")),
                 percent(w.never),
                 percent(group.repeat_rate),
+                group.penetration_cm.map_or("n/a".into(), |x| format!("{x:.2}")),
+                percent(group.penetration_share),
+                percent(group.floating_share),
             ];
             cells.iter().try_for_each(|cell| write!(f, " {cell:>11}"))?;
         }
@@ -340,7 +386,16 @@ mod tests {
         assert_eq!((dances.pose.freeze_rate, dances.pose.median_time_to_freeze_s), (Some(1.0), Some(0.0)));
         // all but the first second of it came before
         assert_eq!(dances.repeat_rate, Some(121.0 / 141.0));
+        // one that hangs floats, one that has sunk is in the floor
+        let at = |y: f64| {
+            let clip = real.train[0].clip.clone().raised(y);
+            let moved = real.report(&[Dance { clip, ..real.train[0].clone() }]).groups.swap_remove(2);
+            (moved.floating_share.unwrap(), moved.penetration_cm.unwrap())
+        };
+        assert!(at(1.0).0 > 0.9 && at(1.0).1 == 0.0, "{:?}", at(1.0));
+        assert!(at(-1.5).1 > 80.0 && at(-1.5).0 == 0.0, "{:?}", at(-1.5));
         let text = report.to_string();
+        assert!(text.contains("in floor cm") && text.contains("floating %"), "{text}");
         assert!(text.contains("320 training frames") && text.contains("statue"), "{text}");
 
         let copy = Dance::of_corpus(&corpus, &corpus.clips()[0]).unwrap();

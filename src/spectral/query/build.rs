@@ -6,7 +6,7 @@ use super::options::{IndexOptions, Kind};
 use super::part::PartWriter;
 use super::record::{ClipEntry, Manifest, PartRecord, VERSION};
 use crate::corpus::build::{BuildOptions, Summary, Watch, check, each};
-use crate::corpus::load::item_options;
+use crate::corpus::load::{Wanted, item_options};
 use crate::corpus::record::FileRecord;
 use crate::corpus::{Gathered, Item};
 use crate::spectral::PcaBasis;
@@ -211,7 +211,7 @@ fn fit(
     let summary = each(
         &items,
         options,
-        held.windows.fps,
+        Wanted::in_world(held.windows.fps),
         watch,
         |loaded| {
             let starts: Vec<usize> = held.windows.starts(loaded.clip.frames(), 0).collect();
@@ -253,7 +253,7 @@ fn write_part(
     built.summary = each(
         &items,
         options,
-        held.windows.fps,
+        Wanted::in_world(held.windows.fps),
         watch,
         |loaded| {
             let starts: Vec<usize> = held.windows.starts(loaded.clip.frames(), 0).collect();

@@ -197,7 +197,7 @@ fn load(items: &[&Item], options: &EvaluateOptions, watch: &mut Watch<'_>) -> Re
     let summary = each(
         items,
         &options.build,
-        spec.fps,
+        crate::corpus::load::Wanted::in_world(spec.fps),
         watch,
         |loaded| Ok(loaded.clip.clone()),
         |item, sha256, clip, _| {

@@ -59,6 +59,14 @@ impl Bins {
         fitted
     }
 
+    /// As many bins of one width over this range, which holds 0.
+    pub(crate) fn even(low: f64, high: f64, bins: u32) -> Self {
+        let width = (high - low) / f64::from(bins);
+        let edges = (1..bins).map(|k| low + width * f64::from(k)).collect();
+        let values = (0..bins).map(|k| low + width * (f64::from(k) + 0.5)).collect();
+        Bins { edges, values, range: [low, high] }
+    }
+
     /// Lets the bin of 0 decode to 0, and moves an edge just above it away, so that rounding doesn't leave that bin.
     fn stand_still(&mut self) {
         for (k, edge) in self.edges.iter_mut().enumerate().filter(|(_, e)| (0.0..=2.0 * SLACK).contains(*e)) {

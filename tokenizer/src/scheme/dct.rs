@@ -20,9 +20,10 @@
 use super::bins::Bins;
 use super::line::{Line, Scale};
 use super::mix::{JointTransform, Mix};
+use super::quantile::is_velocity;
 use super::runs::Runs;
 use super::series::{self, Anchor};
-use super::walk::{check_height, check_places, start};
+use super::walk::{Height, check_height, check_places, one_of, start};
 use super::{Encoded, Rest, Scheme, WordLength};
 use crate::channel::{Channel, Channels};
 use crate::transform::dct::Dct;
@@ -79,6 +80,9 @@ pub struct DctConfig {
     pub step: Option<f64>,
     /// The most zeros that one character says, from 1. Default 256. Longer runs take several.
     pub longest_run: u32,
+    /// How the path's height is told: above the clip's floor or from the place at the end of the tile before (default).
+    #[serde(skip_serializing_if = "is_velocity")]
+    pub height: Height,
 }
 
 impl Default for DctConfig {
@@ -92,6 +96,7 @@ impl Default for DctConfig {
             steps: Steps::Equal,
             step: None,
             longest_run: 256,
+            height: Height::Velocity,
         }
     }
 }
@@ -130,7 +135,15 @@ impl DctConfig {
             }
             _ => {}
         }
+        one_of(self.height, &[Height::Floor, Height::Velocity])?;
         self.joint_transform.validate()
+    }
+
+    fn anchor(&self, height: f64) -> Anchor {
+        match self.height {
+            Height::Velocity => Anchor::new(height),
+            _ => Anchor::above_floor(height),
+        }
     }
 
     fn runs(&self) -> Runs {
@@ -282,7 +295,7 @@ impl<'a> Tile<'a> {
             open: vec![0.0; series::open_count(channels) * n],
             series: vec![0.0; (series::closed_count(channels) + mix.components()) * n],
             scratch,
-            anchor: Anchor::new(height),
+            anchor: config.anchor(height),
         }
     }
 

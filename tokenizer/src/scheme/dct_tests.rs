@@ -127,6 +127,7 @@ fn within_half_a_step() {
                 steps,
                 step: Some(step),
                 longest_run: 100,
+                height: Height::Floor,
             };
             let clips: Vec<Clip> = (0..3).map(|seed| wild(seed, 250, 1.0, 0.05)).collect();
             let t = fit(dct, root_rotation, &ALL, &clips[..2]);

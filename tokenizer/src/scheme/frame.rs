@@ -2,7 +2,7 @@
 
 use super::line::Scale;
 use super::pelvis::{Turns, about_y};
-use super::walk::{Travel, Walk, check_places, start};
+use super::walk::{Height, Travel, Walk, check_places, start};
 use super::{Encoded, Rest};
 use crate::{Channels, Result, Words};
 use kinelm_motion::rotation::exp_map;
@@ -292,7 +292,7 @@ pub(super) fn training_steps<P: Poses>(
     let mut word = vec![0; length];
     for clip in clips {
         check_places(clip)?;
-        let mut walk = Walk::new(0.0, [Travel::Velocity; 2]);
+        let mut walk = Walk::new(0.0, Travel::Velocity, Height::Velocity);
         let mut poses = poses();
         for (f, pair) in clip.root().windows(2).enumerate() {
             if let Some(pelvis) = poses.encode(clip.pose(f), &mut word[3..], &mut Encoded::default()) {

@@ -17,8 +17,14 @@ const ROOTS: [RootRotation; 2] = [RootRotation::Absolute, RootRotation::HeadingD
 
 fn schemes(bins: u32, joint_transform: JointTransform) -> [SchemeConfig; 3] {
     let uniform = UniformConfig { bins, joint_transform: joint_transform.clone(), ..Default::default() };
-    let quantile =
-        |pooled| SchemeConfig::Quantile(QuantileConfig { bins, pooled, joint_transform: joint_transform.clone() });
+    let quantile = |pooled| {
+        SchemeConfig::Quantile(QuantileConfig {
+            bins,
+            pooled,
+            joint_transform: joint_transform.clone(),
+            ..Default::default()
+        })
+    };
     [SchemeConfig::Uniform(uniform), quantile(Pooled::Channel), quantile(Pooled::Global)]
 }
 

@@ -58,6 +58,14 @@ impl Line {
         Line { width, zero: zero as u16, offset: 0.0, bins }
     }
 
+    /// Bins over this range, which holds 0, no wider than it takes to put 0 on a bin's value.
+    pub(crate) fn over(low: f64, high: f64, bins: u32) -> Self {
+        let n = f64::from(bins);
+        let width = ((high - low) / (n - 1.0)).max(NARROWEST / n);
+        let zero = (-low / width).round().clamp(0.0, n - 1.0);
+        Line { width, zero: zero as u16, offset: 0.0, bins }
+    }
+
     /// The code of a value, and whether it was clipped: further than half a bin from what its code decodes to.
     pub fn code(&self, value: f64) -> (u16, bool) {
         let k = nearest_whole((value - self.offset) / self.width); // saturates
@@ -95,6 +103,21 @@ mod tests {
         assert_eq!((l.value(l.zero), l.code(0.0)), (0.0, (l.zero, false)));
         let still = Line::fitted(0.0, 0.0, 360);
         assert!((still.width * 360.0 - 0.01).abs() < 1e-15);
+    }
+
+    #[test]
+    fn over_a_range_nothing_clips() {
+        for (low, high) in [(-0.4, 0.3), (-1e-9, 0.7), (0.0, 0.0), (-0.2, 0.0)] {
+            for bins in [2, 3, 20, 360] {
+                let l = Line::over(low, high, bins);
+                for k in 0..=100 {
+                    let v = low + (high - low) * f64::from(k) / 100.0;
+                    assert!(!l.code(v).1, "{v} of {low}..{high} in {l:?}");
+                }
+                l.validate(bins).unwrap();
+            }
+        }
+        assert!((Line::over(-0.5, 0.5, 360).width * 359.0 - 1.0).abs() < 1e-12);
     }
 
     #[test]

@@ -23,6 +23,7 @@ use lapped::{Lapped, LappedConfig};
 use quantile::{Quantile, QuantileConfig};
 use serde::{Deserialize, Serialize};
 use uniform::{Uniform, UniformConfig};
+use walk::Height;
 
 /// The settings of a scheme, tagged by `type`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -57,6 +58,16 @@ impl SchemeConfig {
             SchemeConfig::Lapped(c) => c.validate(),
         }
     }
+
+    /// How the height of the pelvis is coded.
+    pub fn height(&self) -> Height {
+        match self {
+            SchemeConfig::Uniform(c) => c.height,
+            SchemeConfig::Quantile(c) => c.height,
+            SchemeConfig::Dct(c) => c.height,
+            SchemeConfig::Lapped(c) => c.height,
+        }
+    }
 }
 
 /// A fitted scheme. A file holds what was learnt from training clips; the settings stand beside it, once.
@@ -83,12 +94,17 @@ impl Fitted {
         }
     }
 
-    /// What a sample of training frames teaches.
+    /// What a sample of training frames teaches; `heights`: the range of heights above the floor.
     #[cfg(feature = "fit")]
-    pub(crate) fn learnt(config: &SchemeConfig, channels: &Channels, clips: &[Clip]) -> Result<Self> {
+    pub(crate) fn learnt(
+        config: &SchemeConfig,
+        channels: &Channels,
+        clips: &[Clip],
+        heights: [f64; 2],
+    ) -> Result<Self> {
         match config {
-            SchemeConfig::Uniform(c) => Uniform::fit(c, channels, clips).map(Fitted::Uniform),
-            SchemeConfig::Quantile(c) => Quantile::fit(c, channels, clips).map(Fitted::Quantile),
+            SchemeConfig::Uniform(c) => Uniform::fit(c, channels, clips, heights).map(Fitted::Uniform),
+            SchemeConfig::Quantile(c) => Quantile::fit(c, channels, clips, heights).map(Fitted::Quantile),
             SchemeConfig::Dct(c) => DctTiles::fit(c, channels, clips).map(Fitted::Dct),
             SchemeConfig::Lapped(c) => Lapped::fit(c, channels, clips).map(Fitted::Lapped),
         }
@@ -143,6 +159,8 @@ pub struct Encoded {
     pub second_codes: u64,
     /// Frames that were added to fill the last tile.
     pub padded: u64,
+    /// Frames whose height above the floor lay outside the range of the training clips.
+    pub off_range: u64,
 }
 
 /// How many characters a word has, its space not counted.

@@ -5,7 +5,7 @@ use super::frame::{self, Coded, Each, LONGEST, Numbers, Poses, Vectors, sorted_c
 use super::line::Scale;
 use super::mix::{JointTransform, Mix};
 use super::mixed::{self, Mixed};
-use super::walk::{Travel, Walk, check_height};
+use super::walk::{Height, Travel, Walk, check_height, one_of};
 use super::{Encoded, Rest, Scheme, WordLength};
 use crate::channel::{Channel, Channels};
 use crate::{Error, Result, Words, alphabet};
@@ -35,11 +35,24 @@ pub struct QuantileConfig {
     pub pooled: Pooled,
     /// What is coded of a pose: its rotation vectors (default) or components of them.
     pub joint_transform: JointTransform,
+    /// How the height is coded: above the clip's floor, in bins of one width, or as steps (default).
+    #[serde(skip_serializing_if = "is_velocity")]
+    pub height: Height,
+}
+
+/// What tokenizers say that are older than the setting: nothing.
+pub(super) fn is_velocity(height: &Height) -> bool {
+    *height == Height::Velocity
 }
 
 impl Default for QuantileConfig {
     fn default() -> Self {
-        QuantileConfig { bins: 360, pooled: Pooled::Channel, joint_transform: JointTransform::None {} }
+        QuantileConfig {
+            bins: 360,
+            pooled: Pooled::Channel,
+            joint_transform: JointTransform::None {},
+            height: Height::Velocity,
+        }
     }
 }
 
@@ -55,6 +68,7 @@ impl QuantileConfig {
             found: self.bins.to_string(),
             expected: format!("3 to {size}"),
         })?;
+        one_of(self.height, &[Height::Floor, Height::Velocity])?;
         self.joint_transform.validate()
     }
 }
@@ -82,7 +96,7 @@ pub struct Quantile {
 impl Quantile {
     /// Learns from training clips on the 24 SMPL joints.
     #[cfg(feature = "fit")]
-    pub(crate) fn fit(config: &QuantileConfig, channels: &Channels, clips: &[Clip]) -> Result<Self> {
+    pub(crate) fn fit(config: &QuantileConfig, channels: &Channels, clips: &[Clip], heights: [f64; 2]) -> Result<Self> {
         let mut columns = Numbers::len(channels);
         let mut rows = Numbers::of_clips(channels, config.bins, clips);
         if rows.is_empty() {
@@ -108,6 +122,10 @@ impl Quantile {
         if let Some((steps, first_height)) = steps {
             fitted.steps = steps.map(|sorted| Bins::fitted_to_steps(&sorted, config.bins));
             fitted.first_height = first_height;
+            if config.height == Height::Floor {
+                let [low, high] = heights.map(|y| y - first_height);
+                fitted.steps[1] = Bins::even(low.min(0.0), high.max(0.0), config.bins);
+            }
         }
         Ok(fitted)
     }
@@ -164,7 +182,7 @@ impl Quantile {
     }
 
     fn walk(&self) -> Walk {
-        Walk::new(self.first_height, [Travel::Velocity; 2])
+        Walk::new(self.first_height, Travel::Velocity, self.config.height)
     }
 
     fn vectors(&self, channels: &Channels) -> Quantiles<'_> {

@@ -98,12 +98,19 @@ pub(crate) struct Anchor {
     facing: (f64, f64),
     /// Of the pelvis about the vertical, radians; 0 where it isn't coded.
     turn: f64,
+    /// What heights are told from, metres; `None`: from the place's.
+    base: Option<f64>,
 }
 
 impl Anchor {
     /// Where every clip starts: over the origin at this height, heading and turn 0.
     pub(crate) fn new(height: f64) -> Self {
-        Anchor { place: Vec3::new(0.0, height, 0.0), facing: (0.0, 1.0), turn: 0.0 }
+        Anchor { place: Vec3::new(0.0, height, 0.0), facing: (0.0, 1.0), turn: 0.0, base: None }
+    }
+
+    /// The same, but that heights are always told from where every clip starts: they can't drift.
+    pub(crate) fn above_floor(height: f64) -> Self {
+        Anchor { base: Some(height), ..Anchor::new(height) }
     }
 
     /// The closed series of some frames of a clip, seen from here, into `out` (3 or 4, n): the offset of the root's place,
@@ -125,7 +132,8 @@ impl Anchor {
         let mut turn = 0.0;
         for t in 0..n {
             let f = frames.start + t.min(frames.len() - 1);
-            let offset = self.turned_in(clip.root()[f] - start - self.place);
+            let mut offset = self.turned_in(clip.root()[f] - start - self.place);
+            offset.y = clip.root()[f].y - self.base.unwrap_or(self.place.y);
             (out[t], out[n + t], out[2 * n + t]) = (offset.x, offset.y, offset.z);
             if channels.has_turn() {
                 if let Some(split) = Split::of(clip.pose(f)[0]) {
@@ -141,7 +149,9 @@ impl Anchor {
     pub(crate) fn apply(&self, channels: &Channels, closed: &[f64], n: usize, t: usize) -> (Vec3, f64) {
         let offset = Vec3::new(closed[t], closed[n + t], closed[2 * n + t]);
         let turn = if channels.has_turn() { self.turn + closed[3 * n + t] } else { 0.0 };
-        (self.place + self.turned_out(offset), turn)
+        let mut place = self.place + self.turned_out(offset);
+        place.y = self.base.unwrap_or(self.place.y) + offset.y;
+        (place, turn)
     }
 
     /// Moves to the end of a tile: its last place and turn, and the decoded pelvis there, whose local +z laid on the ground

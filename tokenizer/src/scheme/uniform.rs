@@ -5,7 +5,7 @@ use super::frame::{self, Coded, Each, Numbers, Poses, Vectors};
 use super::line::Line;
 use super::mix::{JointTransform, Mix};
 use super::mixed::{self, Mixed};
-pub use super::walk::Travel;
+pub use super::walk::{Height, Travel};
 use super::walk::{Walk, check_height, check_places};
 use super::{Encoded, Rest, Scheme, WordLength};
 use crate::channel::{Channel, Channels};
@@ -37,7 +37,7 @@ pub struct UniformConfig {
     /// How x and z of the translation are coded. Default velocity.
     pub translation: Travel,
     /// How its y is coded. Default velocity.
-    pub height: Travel,
+    pub height: Height,
     /// What is coded of a pose: its rotation vectors (default) or components of them, over a fitted range.
     pub joint_transform: JointTransform,
 }
@@ -48,7 +48,7 @@ impl Default for UniformConfig {
             bins: 360,
             form: Form::Centred,
             translation: Travel::Velocity,
-            height: Travel::Velocity,
+            height: Height::Velocity,
             joint_transform: JointTransform::None {},
         }
     }
@@ -133,13 +133,13 @@ impl Uniform {
 
     /// Learns a joint transform, the ranges of its components and of the steps from training clips.
     #[cfg(feature = "fit")]
-    pub(crate) fn fit(config: &UniformConfig, channels: &Channels, clips: &[Clip]) -> Result<Self> {
+    pub(crate) fn fit(config: &UniformConfig, channels: &Channels, clips: &[Clip], heights: [f64; 2]) -> Result<Self> {
         let columns = Numbers::len(channels);
         let mut rows = Numbers::of_clips(channels, config.bins, clips);
         let mut fit = UniformFit::new(config.clone());
         let Some((mix, rows)) = mixed::fit(&config.joint_transform, &mut rows, columns)? else {
             clips.iter().try_for_each(|clip| fit.add(channels, clip))?;
-            return fit.finish();
+            return fit.finish(heights);
         };
         let line = |i: usize| {
             let column = || rows.iter().skip(i).step_by(mix.components()).copied();
@@ -150,7 +150,7 @@ impl Uniform {
         for clip in clips {
             fit.add_seen_from(clip, length, Mixed::new(channels, config.bins, &mix, &lines))?;
         }
-        Ok(Uniform { components: Some(Components { mix, lines }), ..fit.finish()? })
+        Ok(Uniform { components: Some(Components { mix, lines }), ..fit.finish(heights)? })
     }
 
     pub(crate) fn with_config(self, config: UniformConfig) -> Self {
@@ -182,7 +182,7 @@ impl Uniform {
     }
 
     fn walk(&self) -> Walk {
-        Walk::new(self.first_height, [self.config.translation, self.config.height])
+        Walk::new(self.first_height, self.config.translation, self.config.height)
     }
 
     fn each<'a>(&self, channels: &'a Channels) -> Each<'a, Angles> {
@@ -194,7 +194,7 @@ impl Uniform {
     }
 
     fn absolute_y(&self) -> bool {
-        self.config.height == Travel::Absolute
+        self.config.height == Height::Absolute
     }
 }
 
@@ -313,7 +313,7 @@ impl UniformFit {
     fn add_seen_from(&mut self, clip: &Clip, length: usize, mut poses: impl Poses) -> Result<()> {
         check_places(clip)?;
         let Some(first) = clip.root().first() else { return Ok(()) };
-        let mut walk = Walk::new(0.0, [Travel::Velocity; 2]);
+        let mut walk = Walk::new(0.0, Travel::Velocity, Height::Velocity);
         let mut word = vec![0; length];
         for (f, pair) in clip.root().windows(2).enumerate() {
             if let Some(pelvis) = poses.encode(clip.pose(f), &mut word, &mut Encoded::default()) {
@@ -337,7 +337,8 @@ impl UniformFit {
         self.clips += other.clips;
     }
 
-    pub(crate) fn finish(self) -> Result<Uniform> {
+    /// `heights`: the range of heights above the floor.
+    pub(crate) fn finish(self, heights: [f64; 2]) -> Result<Uniform> {
         if self.clips == 0 {
             return Err(Error::Nothing("no training clip has a frame".into()));
         }
@@ -345,11 +346,20 @@ impl UniformFit {
         let (mut low, mut high) = (self.low, self.high);
         low.y = low.y.min(self.first_low - first_height);
         high.y = high.y.max(self.first_high - first_height);
-        let line = |i: usize| match if i == 1 { self.config.height } else { self.config.translation } {
-            Travel::Velocity => Line::fitted(low[i], high[i], self.config.bins),
+        let steps = |i: usize| Line::fitted(low[i], high[i], self.config.bins);
+        let ground = |i: usize| match self.config.translation {
+            Travel::Velocity => steps(i),
             Travel::Absolute => self.config.place_line(),
         };
-        let translation = [line(0), line(1), line(2)];
+        let height = match self.config.height {
+            Height::Floor => {
+                let [low, high] = heights.map(|y| y - first_height);
+                Line::over(low.min(0.0), high.max(0.0), self.config.bins)
+            }
+            Height::Velocity => steps(1),
+            Height::Absolute => self.config.place_line(),
+        };
+        let translation = [ground(0), height, ground(2)];
         Ok(Uniform { config: self.config, translation, first_height, components: None })
     }
 }

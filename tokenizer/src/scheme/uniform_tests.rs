@@ -11,7 +11,7 @@ use proptest::prelude::*;
 /// Half a bin, with what rounding may add.
 const HALF: f64 = 0.5 + 1e-6;
 
-fn config(bins: u32, translation: Travel, height: Travel) -> TokenizerConfig {
+fn config(bins: u32, translation: Travel, height: Height) -> TokenizerConfig {
     let uniform = UniformConfig { bins, translation, height, ..Default::default() };
     TokenizerConfig { scheme: super::super::SchemeConfig::Uniform(uniform), ..Default::default() }
 }
@@ -28,7 +28,7 @@ fn worst_step(t: &Tokenizer, clip: &Clip) -> [f64; 3] {
     let back = t.decode(&words, Rest::Identity).unwrap();
     let start = clip.root()[0] * Vec3::new(1.0, 0.0, 1.0);
     let mut worst = [0.0f64; 3];
-    let mut walk = Walk::new(0.0, [Travel::Velocity; 2]);
+    let mut walk = Walk::new(0.0, Travel::Velocity, Height::Velocity);
     for f in 0..clip.frames() {
         let miss = clip.root()[f] - start - back.root()[f];
         let turned = if u.config.translation == Travel::Velocity { walk.turned_in(miss) } else { miss };
@@ -45,9 +45,10 @@ fn contract() {
     let clips = [training(), vec![wild(9, 200, 2.0, 0.05)]].concat();
     for bins in [360, 361, 60, 1080, 24] {
         for (translation, height) in [
-            (Travel::Velocity, Travel::Velocity),
-            (Travel::Velocity, Travel::Absolute),
-            (Travel::Absolute, Travel::Absolute),
+            (Travel::Velocity, Height::Floor),
+            (Travel::Velocity, Height::Velocity),
+            (Travel::Velocity, Height::Absolute),
+            (Travel::Absolute, Height::Absolute),
         ] {
             let t = Tokenizer::fit(&clips, config(bins, translation, height)).unwrap();
             check_scheme(&t, &clips);
@@ -66,7 +67,11 @@ fn rotations_within_half_a_bin() {
         let uniform = UniformConfig { form, ..Default::default() };
         let t = Tokenizer::fit(
             &clips,
-            TokenizerConfig { scheme: super::super::SchemeConfig::Uniform(uniform), ..Default::default() },
+            TokenizerConfig {
+                root_rotation: crate::RootRotation::Absolute,
+                scheme: super::super::SchemeConfig::Uniform(uniform),
+                ..Default::default()
+            },
         )
         .unwrap();
         let bound = 0.5 * 3f64.sqrt() * 1f64.to_radians() + 1e-9;
@@ -93,7 +98,8 @@ fn errors_of_the_walk_never_add_up() {
     let mut clips = training();
     clips.push(bent(77, 2000));
     for bins in [360, 361, 60, 1080] {
-        for (translation, height) in [(Travel::Velocity, Travel::Velocity), (Travel::Velocity, Travel::Absolute)] {
+        for (translation, height) in [Height::Floor, Height::Velocity, Height::Absolute].map(|h| (Travel::Velocity, h))
+        {
             let t = Tokenizer::fit(&clips, config(bins, translation, height)).unwrap();
             for clip in &clips {
                 assert!(t.encode(clip).unwrap().clipped == 0);
@@ -175,7 +181,7 @@ fn the_fitted_range_is_that_of_the_training_steps() {
         let root = poses.iter().map(|p| *p + Vec3::Y * y).collect();
         Clip::new(smpl::neutral(), 20.0, root, vec![Quat::IDENTITY; 11 * 24]).unwrap()
     };
-    let t = Tokenizer::fit(&[clip(0.0), clip(0.4)], TokenizerConfig::default()).unwrap();
+    let t = Tokenizer::fit(&[clip(0.0), clip(0.4)], config(360, Travel::Velocity, Height::Velocity)).unwrap();
     let [x, y, z] = *t.uniform().unwrap().translation();
     assert!((x.width * 360.0 - 0.3 * 1.05).abs() < 1e-9);
     assert!((x.value(0) - 0.5 * x.width + 0.1 + 0.0075).abs() <= 0.5 * x.width + 1e-12);
@@ -185,8 +191,44 @@ fn the_fitted_range_is_that_of_the_training_steps() {
 }
 
 #[test]
+fn heights_above_the_floor() {
+    let clips = training();
+    let t = Tokenizer::fit(&clips, config(360, Travel::Velocity, Height::Floor)).unwrap();
+    let ys = || clips.iter().flat_map(|c| c.root().iter().map(|p| p.y));
+    let (low, high) = (ys().fold(f64::MAX, f64::min), ys().fold(f64::MIN, f64::max));
+    let margin = 0.1 * (high - low);
+    let [from, to] = t.height_range().unwrap();
+    assert!((from - low + margin).abs() < 1e-12 && (to - high - margin).abs() < 1e-12);
+    // the bins reach over the range and a bin further at most
+    let (u, y) = (t.uniform().unwrap(), t.uniform().unwrap().translation()[1]);
+    let ends = [y.value(0) + u.first_height(), y.value(359) + u.first_height()];
+    assert!((ends[0] - from).abs() <= y.width && (ends[1] - to).abs() <= y.width, "{ends:?} {from} {to}");
+    let at = |heights: &[f64]| {
+        let root = heights.iter().map(|&y| Vec3::new(0.0, y, 0.0)).collect();
+        let clip = Clip::new(smpl::neutral(), 20.0, root, vec![Quat::IDENTITY; 24 * heights.len()]).unwrap();
+        let e = t.encode(&clip).unwrap();
+        (e.off_range, t.decode(&e.words, Rest::Identity).unwrap().root().iter().map(|p| p.y).collect::<Vec<_>>())
+    };
+    // each height by itself: no step is too large, nothing adds up
+    let (off, back) = at(&[low, high, low, 0.5 * (low + high)]);
+    assert_eq!(off, 0);
+    for (a, b) in [low, high, low, 0.5 * (low + high)].iter().zip(back) {
+        assert!((a - b).abs() <= HALF * y.width);
+    }
+    // outside it clamps, is counted, and the next frame is right again
+    let (off, back) = at(&[to + 1.0, low, from - 1.0]);
+    assert_eq!(off, 2);
+    assert!((back[0] - to).abs() <= y.width && (back[2] - from).abs() <= y.width);
+    assert!((back[1] - low).abs() <= HALF * y.width);
+    // whatever is drawn: a minute of any codes stays within the range
+    let words = Words::fixed((0..1200 * 42).map(|i| (i * 7919 % 360) as u16).collect(), 42);
+    let drawn = t.decode(&words, Rest::Identity).unwrap();
+    assert!(drawn.root().iter().all(|p| p.y >= from - y.width && p.y <= to + y.width));
+}
+
+#[test]
 fn absolute_places() {
-    let t = Tokenizer::fit(&training(), config(360, Travel::Absolute, Travel::Absolute)).unwrap();
+    let t = Tokenizer::fit(&training(), config(360, Travel::Absolute, Height::Absolute)).unwrap();
     let at = |x: f64, y: f64| {
         let root = vec![Vec3::new(1.0, y, 2.0), Vec3::new(1.0 + x, y, 2.0)];
         let e = t.encode(&Clip::new(smpl::neutral(), 20.0, root, vec![Quat::IDENTITY; 48]).unwrap()).unwrap();

@@ -16,6 +16,19 @@ pub enum Travel {
     Absolute,
 }
 
+/// What is coded of the root's height.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Height {
+    /// The height above the clip's floor, which is taken off before, over the range of the training clips: it can't drift.
+    Floor,
+    /// The step from the decoded height before, over a fitted range.
+    #[default]
+    Velocity,
+    /// The height in the world as it is.
+    Absolute,
+}
+
 /// A root further from the origin than this is no body's, metres.
 pub(crate) const FARTHEST: f64 = 1e6;
 
@@ -25,14 +38,18 @@ pub(crate) struct Walk {
     at: Vec3,
     /// Sine and cosine of the heading.
     facing: (f64, f64),
-    /// Of x and z, and of y.
-    travel: [Travel; 2],
+    /// Of x and z.
+    travel: Travel,
+    /// Of y.
+    height: Height,
+    /// Metres; where heights above the floor are counted from.
+    base: f64,
 }
 
 impl Walk {
     /// From x = z = 0 at this height, heading 0.
-    pub(crate) fn new(height: f64, travel: [Travel; 2]) -> Self {
-        Walk { at: Vec3::new(0.0, height, 0.0), facing: (0.0, 1.0), travel }
+    pub(crate) fn new(base: f64, travel: Travel, height: Height) -> Self {
+        Walk { at: Vec3::new(0.0, base, 0.0), facing: (0.0, 1.0), travel, height, base }
     }
 
     /// The decoded place, metres.
@@ -43,7 +60,7 @@ impl Walk {
     /// One step: the codes of a place in the bins of x, y, z, and which of them clipped. Moves to what they decode to.
     pub(crate) fn step(&mut self, bins: &[impl Scale; 3], place: Vec3) -> [(u16, bool); 3] {
         let ahead = self.turned_in(place - self.at);
-        let wanted = self.each(ahead, place);
+        let wanted = self.each(ahead, place, place.y - self.base);
         let coded: [(u16, bool); 3] = std::array::from_fn(|i| bins[i].code(wanted[i]));
         self.follow(bins, coded.map(|(code, _)| code));
         coded
@@ -52,7 +69,7 @@ impl Walk {
     /// Moves by decoded codes.
     pub(crate) fn follow(&mut self, bins: &[impl Scale; 3], codes: [u16; 3]) {
         let value = Vec3::from_array(std::array::from_fn(|i| bins[i].value(codes[i])));
-        self.at = self.each(self.at + self.turned_out(value), value);
+        self.at = self.each(self.at + self.turned_out(value), value, value.y + self.base);
     }
 
     /// Takes the heading of a decoded pelvis, [`heading`](kinelm_motion::rotation::heading) without its angle; one that
@@ -77,10 +94,15 @@ impl Walk {
         Vec3::new(v.x * c + v.z * s, v.y, v.z * c - v.x * s)
     }
 
-    /// Each coordinate from the vector that its way of travelling means.
-    fn each(&self, velocity: Vec3, absolute: Vec3) -> Vec3 {
-        let [xz, y] = self.travel.map(|t| if t == Travel::Velocity { velocity } else { absolute });
-        Vec3::new(xz.x, y.y, xz.z)
+    /// Each coordinate from the vector that its way of travelling means, of y perhaps its height about the base.
+    fn each(&self, velocity: Vec3, absolute: Vec3, about_base: f64) -> Vec3 {
+        let xz = if self.travel == Travel::Velocity { velocity } else { absolute };
+        let y = match self.height {
+            Height::Floor => about_base,
+            Height::Velocity => velocity.y,
+            Height::Absolute => absolute.y,
+        };
+        Vec3::new(xz.x, y, xz.z)
     }
 }
 
@@ -113,6 +135,16 @@ pub(crate) fn check_height(first_height: f64) -> Result<()> {
     })
 }
 
+/// Refuses a way of coding heights that a scheme doesn't have.
+pub(crate) fn one_of(height: Height, ways: &[Height]) -> Result<()> {
+    let name = |h: &Height| format!("{h:?}").to_lowercase();
+    ways.contains(&height).then_some(()).ok_or_else(|| Error::Setting {
+        field: "height",
+        found: name(&height),
+        expected: ways.iter().map(name).collect::<Vec<_>>().join(" or "),
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::bins::Bins;
@@ -122,7 +154,7 @@ mod tests {
 
     #[test]
     fn in_and_out_are_inverse() {
-        let mut walk = Walk::new(1.0, [Travel::Velocity; 2]);
+        let mut walk = Walk::new(1.0, Travel::Velocity, Height::Velocity);
         walk.face(exp_map::from_vector(Vec3::new(0.3, 2.0, -0.4)));
         let v = Vec3::new(0.2, -0.3, 0.7);
         assert!((walk.turned_out(walk.turned_in(v)) - v).length() < 1e-15);
@@ -140,7 +172,8 @@ mod tests {
         let mut steps: Vec<f64> = (0..500).map(|f| 0.15 * (f as f64 * 0.71).sin()).collect();
         steps.sort_by(f64::total_cmp);
         let bins = [(); 3].map(|()| Bins::fitted_to_steps(&steps, 60));
-        let (mut a, mut b) = (Walk::new(0.9, [Travel::Velocity; 2]), Walk::new(0.9, [Travel::Velocity; 2]));
+        let walk = Walk::new(0.9, Travel::Velocity, Height::Velocity);
+        let (mut a, mut b) = (walk.clone(), walk);
         for f in 0..400 {
             let turn = exp_map::from_vector(Vec3::Y * (0.05 * f as f64));
             a.step(&line, path(f));

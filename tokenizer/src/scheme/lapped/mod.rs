@@ -24,7 +24,7 @@ mod root;
 mod word;
 
 use super::series::{self, open_count};
-use super::walk::check_places;
+use super::walk::{Height, check_places, one_of};
 use super::{Encoded, Rest, Scheme, WordLength};
 use crate::channel::{Channel, Channels};
 use crate::transform::lapped::Lapped as Transform;
@@ -65,6 +65,14 @@ pub struct LappedConfig {
     pub levels: u32,
     /// A run of up to so many zeros is one character, 1 to 1000. Default 40.
     pub runs: u32,
+    /// How the height is told: above the clip's floor or as it is in the world (`absolute`, default).
+    #[serde(skip_serializing_if = "is_absolute")]
+    pub height: Height,
+}
+
+/// What tokenizers say that are older than the setting: nothing.
+fn is_absolute(height: &Height) -> bool {
+    *height == Height::Absolute
 }
 
 impl Default for LappedConfig {
@@ -77,6 +85,7 @@ impl Default for LappedConfig {
             tip_m: 0.1,
             levels: 30,
             runs: 40,
+            height: Height::Absolute,
         }
     }
 }
@@ -99,7 +108,8 @@ impl LappedConfig {
         within("thrift", self.thrift, 0.0, 0.2)?;
         within("tip_m", self.tip_m, 0.001, 1.0)?;
         within("levels", self.levels.into(), 1.0, 10_000.0)?;
-        within("runs", self.runs.into(), 1.0, 1000.0)
+        within("runs", self.runs.into(), 1.0, 1000.0)?;
+        one_of(self.height, &[Height::Floor, Height::Absolute])
     }
 
     /// The step of a coefficient, metres.
@@ -346,7 +356,7 @@ impl Scheme for Lapped {
             words.push(&word);
         }
         let padded = (words.len() * self.frames_per_word() - clip.frames()) as u64;
-        Ok(Encoded { words, clipped, second_codes: 0, padded })
+        Ok(Encoded { words, clipped, padded, ..Encoded::default() })
     }
 
     fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: Rest<'_>) -> Result<Clip> {

@@ -1,0 +1,130 @@
+//! How a motion stands on its floor: how deep its feet go into it, and how long it hangs above.
+
+/// Feet may go so deep into the floor: soles give, and so do rest heights, metres.
+const DEPTH_M: f64 = 0.02;
+/// Both feet are up above this height, metres.
+const UP_M: f64 = 0.05;
+/// For longer than this, seconds.
+const UP_S: f64 = 0.25;
+/// A body in the air falls like this, m/s^2, within [`FALL_SLACK`].
+const GRAVITY: f64 = 9.81;
+const FALL_SLACK: f64 = 3.0;
+
+/// Counts of frames, which add up over clips.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Ground {
+    frames: usize,
+    inside: usize,
+    depth_m: f64,
+    floating: usize,
+}
+
+impl Ground {
+    /// Of one clip: (F) `least`, how high its lower foot is above the floor, less its standing height
+    /// ([`Feet::least`](super::Feet::least) with the floor taken off), and (F) heights of its `pelvis`, metres.
+    ///
+    /// A frame floats if it stands in a stretch of more than 0.25 s in which both feet are over 5 cm up, unless the pelvis
+    /// falls freely there, as in a jump: its acceleration over 0.1 s is within 3 m/s^2 of gravity's. Source:
+    /// docs/measures.md, "Floor and feet".
+    ///
+    /// # Panics
+    /// If the two lengths differ.
+    pub fn of(least: &[f64], pelvis: &[f64], fps: f64) -> Ground {
+        assert_eq!(least.len(), pelvis.len(), "a height of the pelvis for each frame");
+        let depth = |h: &f64| (-h - DEPTH_M).max(0.0);
+        let mut ground = Ground {
+            frames: least.len(),
+            inside: least.iter().filter(|h| depth(h) > 0.0).count(),
+            depth_m: least.iter().map(depth).sum(),
+            floating: 0,
+        };
+        let step = ((0.05 * fps).round() as usize).max(1);
+        let falls = |f: usize| {
+            if pelvis.len() < 2 * step + 1 {
+                return false;
+            }
+            // at the ends, where there is no frame on one side, as in the nearest that has both
+            let f = f.clamp(step, pelvis.len() - 1 - step);
+            let seconds = step as f64 / fps;
+            let acceleration = (pelvis[f + step] - 2.0 * pelvis[f] + pelvis[f - step]) / (seconds * seconds);
+            (acceleration + GRAVITY).abs() <= FALL_SLACK
+        };
+        let mut start = 0;
+        for stretch in least.chunk_by(|a, b| (*a > UP_M) == (*b > UP_M)) {
+            if stretch[0] > UP_M && stretch.len() as f64 > UP_S * fps {
+                ground.floating += (start..start + stretch.len()).filter(|&f| !falls(f)).count();
+            }
+            start += stretch.len();
+        }
+        ground
+    }
+
+    /// Adds another clip.
+    pub fn add(&mut self, other: &Ground) {
+        self.frames += other.frames;
+        self.inside += other.inside;
+        self.depth_m += other.depth_m;
+        self.floating += other.floating;
+    }
+
+    /// Mean over frames of how far the lowest joint is deeper than 2 cm in the floor, centimetres; `None` of no frame.
+    pub fn penetration_cm(&self) -> Option<f64> {
+        self.of_frames(100.0 * self.depth_m)
+    }
+
+    /// The share of frames in which it is.
+    pub fn penetration_share(&self) -> Option<f64> {
+        self.of_frames(self.inside as f64)
+    }
+
+    /// The share of frames that float.
+    pub fn floating_share(&self) -> Option<f64> {
+        self.of_frames(self.floating as f64)
+    }
+
+    fn of_frames(&self, sum: f64) -> Option<f64> {
+        (self.frames > 0).then(|| sum / self.frames as f64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FPS: f64 = 60.0;
+
+    fn near(found: Option<f64>, wanted: f64) -> bool {
+        found.is_some_and(|x| (x - wanted).abs() < 1e-9)
+    }
+
+    #[test]
+    fn by_hand() {
+        // a stand, then 5 cm deep for a quarter of the time
+        let least: Vec<f64> = (0..200).map(|f| if f < 150 { 0.01 } else { -0.05 }).collect();
+        let ground = Ground::of(&least, &[1.0; 200], FPS);
+        assert!(near(ground.penetration_cm(), 0.75) && near(ground.penetration_share(), 0.25), "{ground:?}");
+        assert!(near(ground.floating_share(), 0.0));
+        let mut two = ground;
+        two.add(&Ground::of(&[0.0; 200], &[1.0; 200], FPS));
+        assert!(near(two.penetration_share(), 0.125));
+        assert_eq!(Ground::default().floating_share(), None);
+    }
+
+    #[test]
+    fn hanging_floats_and_jumps_do_not() {
+        let up = |from: usize, to: usize| (0..120).map(|f| if (from..to).contains(&f) { 0.3 } else { 0.0 }).collect();
+        let hung: Vec<f64> = up(40, 80);
+        assert!(near(Ground::of(&hung, &[1.3; 120], FPS).floating_share(), 40.0 / 120.0));
+        let short: Vec<f64> = up(40, 55);
+        assert!(near(Ground::of(&short, &[1.3; 120], FPS).floating_share(), 0.0), "a quarter of a second");
+        // a jump of 0.6 s: up and down as thrown
+        let t = |f: usize| f as f64 / FPS;
+        let height = |f: usize| (4.905 * (t(f) - 0.5) * (1.1 - t(f))).max(0.0);
+        let least: Vec<f64> = (0..120).map(height).collect();
+        let pelvis: Vec<f64> = least.iter().map(|h| 0.95 + h).collect();
+        assert!(least.iter().filter(|h| **h > UP_M).count() > 20, "a real jump");
+        assert!(near(Ground::of(&least, &pelvis, FPS).floating_share(), 0.0));
+        // the same feet drawn up by one who sits on a swing
+        assert!(Ground::of(&least, &[1.0; 120], FPS).floating_share().unwrap() > 0.15);
+    }
+}

@@ -373,7 +373,7 @@ fn a_dance_beside_its_prompt_plays_at_its_own_rate_and_stands_with_it() {
     assert_eq!((of(&found[0]), of(&found[1])), ((20.0, frames), (30.0, 180)));
     assert_eq!((of(&found[2]), &found[2]["world"]), ((60.0, 175), &1.into()));
     let (found, _) = view(&["0.bvh", "1.bvh"], &[]);
-    assert_ne!(found[0]["onto"], found[1]["onto"]);
+    assert_ne!(found[0]["world"], found[1]["world"]);
     let (found, _) = view(&["0.bvh", "1.bvh"], &["--together"]);
     assert_eq!((&found[0]["onto"], &found[0]["world"]), (&found[1]["onto"], &found[1]["world"]));
     let mut c = kinelm();

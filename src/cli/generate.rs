@@ -14,7 +14,7 @@ use kinelm::model::Which;
 use kinelm::output::{Outputs, is_same};
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::resample::{Method, resample};
-use kinelm_motion::{joints, retarget, smpl};
+use kinelm_motion::{Motion, joints, retarget, smpl};
 use kinelm_tokenizer::{Tokenizer, Words};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -191,12 +191,12 @@ mod tests {
         let (options, wanted) = (ReadOptions::default(), Wanted { fps: 20.0, above_floor: true });
         let placed = load_placed(&path, &options, wanted).unwrap();
         let floor = placed.floor_m.unwrap();
-        assert!((floor - 0.4).abs() < 0.01 && (placed.under_m - floor).abs() < 1e-9, "{floor} {}", placed.under_m);
+        assert!((floor - 0.4).abs() < 0.03 && (placed.under_m - floor).abs() < 1e-9, "{floor} {}", placed.under_m);
         let feet = kinelm_motion::metric::Feet::new(
             &smpl::neutral(),
             &kinelm_motion::retarget::SkeletonMap::builtin("smpl").unwrap(),
         );
-        assert!(feet.unwrap().floor(&placed.lowered()).found_m.abs() < 0.01);
+        assert!(feet.unwrap().floor(&placed.lowered()).found_m.abs() < 0.03);
         let told = load_placed(&path, &ReadOptions { floor: Some(0.1), ..options.clone() }, wanted).unwrap();
         assert_eq!(told.floor_m, Some(0.1));
         assert!((told.lowered().root()[7].y - placed.lowered().root()[7].y - (floor - 0.1)).abs() < 1e-9);

@@ -83,7 +83,7 @@ fn names_that_are_no_utf_8_are_told_before_any_work() {
         return;
     }
     let mut c = data.call("generate --frames 20 --out odd.bvh --run");
-    c.arg(&run).assert().code(1).stderr(contains("a name that is no UTF-8 can't be kept beside the dance"));
+    c.arg(&run).assert().code(2).stderr(contains("a name that is no UTF-8 can't be kept beside the dance"));
     assert!(!data.at("odd.bvh").exists());
     let clip = data.0.path().join(OsStr::from_bytes(b"clip\xff.bvh"));
     fs::copy(data.at("data/d0.bvh"), &clip).unwrap();

@@ -144,7 +144,7 @@ fn a_dance_of_seconds_is_written_at_the_rate_wanted() {
         .success()
         .stderr(contains("read back from the prompt's rig, 0."));
     let first = fs::read(way.at("own60.bvh")).unwrap();
-    let sidecar = way.at("own60.kinelm.json");
+    let sidecar = way.at("own60.bvh.kinelm.json");
     kinelm().args(["generate", "--again"]).arg(&sidecar).assert().success();
     assert_eq!(fs::read(way.at("own60.bvh")).unwrap(), first);
     let mut bad = way.generate("bad.bvh");

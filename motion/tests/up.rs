@@ -272,11 +272,12 @@ fn a_dance_through_blender_and_back_is_the_same() {
     // made by scripts/reference/blender.py
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
     let own = format::read(&golden.join("blender_y_up.bvh"), &options(Up::Auto)).unwrap();
-    let m = format::read(&golden.join("blender_z_up.bvh"), &options(Up::Auto)).unwrap();
+    // half a second of tumbling: no body that stands
+    let m = format::read(&golden.join("blender_z_up.bvh"), &options(Up::Z)).unwrap();
     assert_eq!((source(&own).rig.axes.up, source(&m).rig.axes.up), (Up::Y, Up::Z));
     assert_eq!((own.clip.fps(), m.clip.fps()), (60.0, 60.0));
     assert_same(&own.clip, &m.clip, 1e-4, 0.01f64.to_radians(), "through Blender");
     // and what Blender wrote is written back as it wrote it
-    let again = read(&bvh::to_bytes(&m).unwrap(), &options(Up::Auto));
+    let again = read(&bvh::to_bytes(&m).unwrap(), &options(Up::Z));
     assert_eq!((&source(&again).numbers, &source(&again).head.nodes), (&source(&m).numbers, &source(&m).head.nodes));
 }

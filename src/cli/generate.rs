@@ -14,7 +14,7 @@ use kinelm::model::Which;
 use kinelm::output::{Outputs, is_same};
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::resample::{Method, resample};
-use kinelm_motion::{Motion, joints, retarget, smpl};
+use kinelm_motion::{Motion, Source, joints, retarget, smpl};
 use kinelm_tokenizer::{Tokenizer, Words};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -373,6 +373,9 @@ fn say_read_back(ready: &Ready, words: &Words, out: &Path, say: Say) -> Result<(
     }
     let floor = options.floor.filter(|_| tokenizer.config().above_floor()).unwrap_or(0.0);
     let lowered = Motion { clip: motion.clip.clone().raised(-floor), ..motion.clone() };
+    // the way there went about the prompt's floor
+    let floor_m = retarget::floor_m(&prompt.clip.motion, recipe.read.map.as_deref())? - floor;
+    let lowered = Motion { source: Source::Retargeted { floor_m }, ..lowered };
     let again = tokenizer.encode(&retarget::to_smpl(&lowered, options.map.as_deref())?)?.words;
     if let Some(share) = prompt::share_changed(words.codes(), again.codes(), &prompt.given, prompt.clip.words.len()) {
         let apart = apart(tokenizer, prompt, recipe.read.map.as_deref(), &motion.clip)?;

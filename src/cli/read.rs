@@ -43,15 +43,23 @@ pub struct ReadArgs {
     /// Where the floor is, metres, for tokenizers that code heights above it; auto goes by the feet (a floor column of the
     /// labels overrules it)
     #[arg(long, value_name = "auto|METRES", value_parser = floor, allow_negative_numbers = true)]
-    pub floor: Option<Option<f64>>,
+    pub floor: Option<FloorArg>,
 }
 
+/// `--floor`: by the feet, or a height.
+#[derive(Debug, Clone, Copy)]
+pub struct FloorArg(Option<f64>);
+
 /// `auto`, or a height in metres.
-fn floor(text: &str) -> Result<Option<f64>, String> {
+fn floor(text: &str) -> Result<FloorArg, String> {
     if text == "auto" {
-        return Ok(None);
+        return Ok(FloorArg(None));
     }
-    text.parse().ok().filter(|x: &f64| x.is_finite()).map(Some).ok_or("expected auto or a height in metres".into())
+    text.parse()
+        .ok()
+        .filter(|x: &f64| x.is_finite())
+        .map(|x| FloorArg(Some(x)))
+        .ok_or("expected auto or a height in metres".into())
 }
 
 impl ReadArgs {
@@ -77,7 +85,7 @@ impl ReadArgs {
             },
             skip: self.skip,
             body_model: self.body_model.clone(),
-            floor: self.floor.flatten(),
+            floor: self.floor.and_then(|f| f.0),
         }
     }
 }

@@ -104,7 +104,8 @@ pub fn gather(data: &[PathBuf], labels: &[String]) -> Result<Gathered> {
         let mut walk = Walk { gathered: &mut gathered, files: Vec::new(), folders: HashSet::new() };
         let alone = !walk.start(place)?;
         for (path, relative) in std::mem::take(&mut walk.files) {
-            if seen.insert(fs::canonicalize(&path).map_err(Error::io(&path))?) {
+            // a link to nowhere is told where it is read
+            if seen.insert(fs::canonicalize(&path).unwrap_or(path.clone())) {
                 found.push(Found { path, relative, source, alone });
             } else {
                 twice += 1;

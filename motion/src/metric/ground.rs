@@ -39,12 +39,12 @@ impl Ground {
             floating: 0,
         };
         let step = ((0.05 * fps).round() as usize).max(1);
-        let falls = |f: usize| {
-            if pelvis.len() < 2 * step + 1 {
+        let falls = |f: usize, start: usize, end: usize| {
+            if end - start < 2 * step + 1 {
                 return false;
             }
-            // at the ends, where there is no frame on one side, as in the nearest that has both
-            let f = f.clamp(step, pelvis.len() - 1 - step);
+            // at the ends of a stretch, where the feet push or land, as in the nearest frame whose 0.1 s lie inside
+            let f = f.clamp(start + step, end - 1 - step);
             let seconds = step as f64 / fps;
             let acceleration = (pelvis[f + step] - 2.0 * pelvis[f] + pelvis[f - step]) / (seconds * seconds);
             (acceleration + GRAVITY).abs() <= FALL_SLACK
@@ -52,7 +52,8 @@ impl Ground {
         let mut start = 0;
         for stretch in least.chunk_by(|a, b| (*a > UP_M) == (*b > UP_M)) {
             if stretch[0] > UP_M && stretch.len() as f64 > UP_S * fps {
-                ground.floating += (start..start + stretch.len()).filter(|&f| !falls(f)).count();
+                let end = start + stretch.len();
+                ground.floating += (start..end).filter(|&f| !falls(f, start, end)).count();
             }
             start += stretch.len();
         }

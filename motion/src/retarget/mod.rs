@@ -89,9 +89,15 @@ impl Retarget {
         let above = |j: usize| j != pelvis && rig.descends(pelvis, j);
         let rest = (0..rig.joints()).map(|j| if above(j) { Quat::IDENTITY } else { pose.local[j] }).collect();
         let same = is_same(rig, &smpl);
-        let scale = if same { 1.0 } else { scale };
+        // files hold the joints in an order of their own and their leaves with tips
+        let alike = same
+            || (0..24).all(|id| {
+                let joint = rig.names().iter().position(|name| name == smpl::NAMES[id]);
+                joint.is_some_and(|j| id == 0 || rig.offsets()[j].distance(smpl.offsets()[id]) < 1e-6)
+            });
+        let scale = if alike { 1.0 } else { scale };
         let mut way = Retarget { rig: Arc::new(rig.clone()), smpl, links, rest, scale, rise: 0.0, floor: 0.0, same };
-        if !same {
+        if !alike {
             way.rise = way.rise(&pose)?;
         }
         Ok(way)
@@ -138,8 +144,8 @@ impl Retarget {
     }
 
     /// The motion on the SMPL-24 body. The root's position is the place of the rig's pelvis times [`Retarget::scale`],
-    /// about the floor, raised so that the feet stay on it; SMPL joints without a counterpart keep their rest rotation. A clip that stands on this very
-    /// SMPL body already comes back bit for bit.
+    /// about the floor, raised so that the feet stay on it; SMPL joints without a counterpart keep their rest rotation. A
+    /// clip that stands on this very SMPL body already (offsets to a micrometre) keeps its numbers, bit for bit.
     ///
     /// # Errors
     /// [`Error::Call`] when the clip is not on the rig.
@@ -321,8 +327,9 @@ fn smpl_leg_m(smpl: &Skeleton) -> f64 {
 }
 
 fn is_same(rig: &Skeleton, smpl: &Skeleton) -> bool {
-    // the root's offset is read by no kinematics
-    rig.names() == smpl.names() && rig.parents() == smpl.parents() && rig.offsets()[1..] == smpl.offsets()[1..]
+    // the root's offset is read by no kinematics; files hold the others rounded
+    let offsets = || rig.offsets()[1..].iter().zip(&smpl.offsets()[1..]);
+    rig.names() == smpl.names() && rig.parents() == smpl.parents() && offsets().all(|(a, b)| a.distance(*b) < 1e-6)
 }
 
 /// SMPL's 24 joints: names and tree.

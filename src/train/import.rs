@@ -114,7 +114,7 @@ mod tests {
         assert!(said("run", "other").ends_with("run is a run already; there is nothing to import"));
         let run = load_run(&at("run"), Which::Auto).unwrap();
         export(&run, Format::Kinelm, &at("out")).unwrap();
-        assert!(said("out", "corpus").contains("corpus exists"));
+        assert!(said("out", "corpus").ends_with("corpus exists, with other contents; give a folder that isn't there"));
         fs::write(at("out").join(WEIGHTS), "{").unwrap();
         assert!(said("out", "other").contains("found no safetensors file"));
         let mut names: Vec<String> =

@@ -3,7 +3,7 @@
 use kinelm_motion::format::bvh::{self, Channel};
 use kinelm_motion::format::{self, ReadOptions, Unit, Up, UpBy};
 use kinelm_motion::rotation::{Axis, angle_between};
-use kinelm_motion::{Clip, Error, Motion, Quat, Source, Vec3, smpl, synth};
+use kinelm_motion::{Clip, Error, Motion, Quat, Source, Vec3, inspect, metric, smpl, synth};
 use std::path::{Path, PathBuf};
 
 /// The axes that aren't y: what a place (x, y, z) of a y-up file is in a file with that axis up, as axes and signs.
@@ -267,17 +267,38 @@ fn options_of_before_have_no_up() {
     }
 }
 
+/// A movement of scripts/reference/blender.py, and what Blender's importer and exporter made of it, read as `up` tells;
+/// they are the same movement at `fps`, and what Blender wrote is written back as it wrote it.
+fn through_blender(name: &str, up: Up, fps: f64) -> [Motion; 2] {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
+    let own = format::read(&golden.join(format!("{name}_y_up.bvh")), &options(Up::Auto)).unwrap();
+    let m = format::read(&golden.join(format!("{name}_z_up.bvh")), &options(up)).unwrap();
+    assert_eq!((source(&own).rig.axes.up, source(&m).rig.axes.up), (Up::Y, Up::Z), "{name}");
+    assert_eq!((own.clip.fps(), m.clip.fps()), (fps, fps), "{name}");
+    assert_eq!(own.clip.skeleton().names(), m.clip.skeleton().names(), "{name}");
+    assert_same(&own.clip, &m.clip, 1e-4, 0.01f64.to_radians(), name);
+    let again = read(&bvh::to_bytes(&m).unwrap(), &options(up));
+    assert_eq!((&source(&again).numbers, &source(&again).head.nodes), (&source(&m).numbers, &source(&m).head.nodes));
+    [own, m]
+}
+
 #[test]
 fn a_dance_through_blender_and_back_is_the_same() {
-    // made by scripts/reference/blender.py
-    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
-    let own = format::read(&golden.join("blender_y_up.bvh"), &options(Up::Auto)).unwrap();
-    // half a second of tumbling: no body that stands
-    let m = format::read(&golden.join("blender_z_up.bvh"), &options(Up::Z)).unwrap();
-    assert_eq!((source(&own).rig.axes.up, source(&m).rig.axes.up), (Up::Y, Up::Z));
-    assert_eq!((own.clip.fps(), m.clip.fps()), (60.0, 60.0));
-    assert_same(&own.clip, &m.clip, 1e-4, 0.01f64.to_radians(), "through Blender");
-    // and what Blender wrote is written back as it wrote it
-    let again = read(&bvh::to_bytes(&m).unwrap(), &options(Up::Z));
-    assert_eq!((&source(&again).numbers, &source(&again).head.nodes), (&source(&m).numbers, &source(&m).head.nodes));
+    // who dances upright needs no flag, and leaves no doubt: of the axis, of the floor, of anything
+    let floors = through_blender("blender_dance", Up::Auto, 20.0).map(|mut m| {
+        assert_eq!(source(&m).rig.axes.by, UpBy::Judged);
+        let said = if source(&m).rig.axes.up == Up::Y { vec![] } else { vec!["up_axis"] };
+        let floor = metric::floor_of(&mut m, &options(Up::Auto)).unwrap();
+        assert_eq!(m.warnings.iter().map(|w| w.kind).collect::<Vec<_>>(), said, "{:?}", m.warnings);
+        let report = inspect::report(&m).text();
+        assert!(report.contains("no doubts"), "{report}");
+        floor
+    });
+    assert!(floors.iter().all(|floor| floor.abs() < 1e-4), "the feet stand on y = 0: {floors:?}");
+}
+
+#[test]
+fn a_tumble_through_blender_and_back_is_the_same() {
+    // all joints turn every way, no body stands: which axis is up is for the caller to say
+    through_blender("blender", Up::Z, 60.0);
 }

@@ -1,7 +1,11 @@
 //! `kinelm view`.
 
 use super::many;
-use super::{ForceArgs, Say, WrongCall, read::ReadArgs, view_files::shown};
+use super::{
+    ForceArgs, Say, WrongCall,
+    read::ReadArgs,
+    view_files::{Named, named, shown},
+};
 use anyhow::Result;
 use kinelm::output::Outputs;
 use kinelm::view::{Figure, page};
@@ -31,33 +35,39 @@ pub struct Args {
     read: ReadArgs,
 }
 
-pub fn run(mut args: Args, say: Say) -> Result<()> {
+pub fn run(args: Args, say: Say) -> Result<()> {
+    let given = args.clips.iter().map(|clip| named(clip)).collect::<Result<Vec<_>>>()?;
+    let paths: Vec<PathBuf> = given.iter().map(|place| place.path.clone()).collect();
+    let outputs = args.force.outputs(paths.iter().cloned().chain(args.read.files()));
     if !args.out.is_dir() && !many::ends_as_folder(&args.out) {
-        args.clips = many::files(&args.clips)?.into_iter().map(|(clip, _)| clip).collect();
-        let outputs = args.force.outputs(args.clips.iter().cloned().chain(args.read.files()));
         outputs.check([&*args.out])?;
-        return one(args, &outputs, say);
+        let mut clips = Vec::new();
+        for place in &given {
+            let found = many::files(std::slice::from_ref(&place.path))?;
+            clips.extend(found.into_iter().map(|(clip, _)| place.of(clip)));
+        }
+        return one(&args, &clips, &args.out, &outputs, say);
     }
-    let pairs = many::into_folder(&args.clips, &args.out, |_| "html".into())?;
-    let clips: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
-    let outputs = args.force.outputs(clips.iter().cloned().chain(args.read.files()));
+    let pairs = many::into_folder(&paths, &args.out, |_| "html".into())?;
     outputs.check(pairs.iter().map(|p| &*p.output))?;
+    let clips: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
     super::each_file(&clips, "clips have no page", say, |i, clip| {
-        one(Args { clips: vec![clip.into()], out: pairs[i].output.clone(), ..args.clone() }, &outputs, say)
+        let place = given.iter().find(|place| clip.starts_with(&place.path)).unwrap_or(&given[0]);
+        one(&args, &[place.of(clip.into())], &pairs[i].output, &outputs, say)
     })
 }
 
 /// One page.
-fn one(args: Args, outputs: &Outputs, say: Say) -> Result<()> {
-    if args.forced.len() > 1 && args.forced.len() != args.clips.len() {
-        let (n, clips) = (args.forced.len(), args.clips.len());
+fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) -> Result<()> {
+    if args.forced.len() > 1 && args.forced.len() != clips.len() {
+        let (n, clips) = (args.forced.len(), clips.len());
         return Err(WrongCall(format!(
             "{n} lists of forced joints for {clips} clips; give one for all, or one a clip"
         ))
         .into());
     }
-    super::page(&args.out)?;
-    let files = shown(&args.clips, &args.read, args.together)?;
+    super::page(out)?;
+    let files = shown(clips, &args.read, args.together)?;
     files.iter().flat_map(|file| &file.notes).for_each(|note| say.line(note));
     let motions = files.iter().map(|file| Ok(format::read(&file.path, &file.options)?)).collect::<Result<Vec<_>>>()?;
     let mut figures = Vec::new();
@@ -75,10 +85,10 @@ fn one(args: Args, outputs: &Outputs, say: Say) -> Result<()> {
         figures.push(figure(motion).forced(&forced).in_world(files[i].world));
     }
     let page = page(&figures)?;
-    outputs.write(&args.out, page.as_bytes())?;
+    outputs.write(out, page.as_bytes())?;
     say.line(format_args!(
         "{}: {} dancers, {} KB; open it in a browser",
-        args.out.display(),
+        out.display(),
         figures.len(),
         page.len() / 1000
     ));

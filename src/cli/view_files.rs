@@ -23,11 +23,18 @@ pub struct Shown {
     pub notes: Vec<String>,
 }
 
+/// A file or a folder of the call, and the `key=value` that stand behind it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Named {
+    /// Without what stands behind it.
+    pub path: PathBuf,
+    /// How it is read, or all that is in it.
+    own: Vec<(String, String)>,
+}
+
 /// What is known of a file before it is read.
 struct Known {
-    path: PathBuf,
-    /// `key=value` of the call.
-    own: Vec<(String, String)>,
+    named: Named,
     told: Option<Provenance>,
     notes: Vec<String>,
 }
@@ -37,22 +44,27 @@ struct Known {
 ///
 /// # Errors
 /// Options of a file that are none.
-pub fn shown(clips: &[PathBuf], read: &ReadArgs, together: bool) -> Result<Vec<Shown>> {
-    let known = clips.iter().map(|clip| Known::of(clip)).collect::<Result<Vec<_>>>()?;
+pub fn shown(clips: &[Named], read: &ReadArgs, together: bool) -> Result<Vec<Shown>> {
+    let known = clips.iter().map(Known::of).collect::<Vec<_>>();
     let mut all: Vec<Shown> = Vec::new();
     for file in &known {
         let mut options = read.options(RestFrame::Keep);
         if let Some(told) = &file.told {
             options = told.recipe.read_back();
         }
-        all.push(Shown { path: file.path.clone(), options, world: None, notes: file.notes.clone() });
+        all.push(Shown { path: file.named.path.clone(), options, world: None, notes: file.notes.clone() });
     }
     for (n, told) in known.iter().enumerate().filter_map(|(n, file)| Some((n, file.told.as_ref()?))) {
         let (Some(prompt), Some(hash)) = (&told.recipe.prompt, &told.prompt_sha256) else { continue };
-        for m in (0..known.len()).filter(|&m| m != n && known[m].told.is_none() && is_file(&known[m].path, hash)) {
+        for m in (0..known.len()).filter(|&m| m != n && known[m].told.is_none() && is_file(&known[m].named.path, hash))
+        {
             if all[m].world.is_none() {
                 all[m].options = prompt.read.clone();
-                all[m].notes.push(format!("{}: read as {} followed it", known[m].path.display(), told.output.file));
+                all[m].notes.push(format!(
+                    "{}: read as {} followed it",
+                    known[m].named.path.display(),
+                    told.output.file
+                ));
             }
             let world = all[m].world.or(all[n].world).unwrap_or(m);
             // a dance without a place begins in the middle, wherever its prompt does
@@ -62,7 +74,7 @@ pub fn shown(clips: &[PathBuf], read: &ReadArgs, together: bool) -> Result<Vec<S
         }
     }
     for (shown, file) in all.iter_mut().zip(&known) {
-        file.own.iter().try_for_each(|(key, value)| set(&mut shown.options, key, value))?;
+        file.named.own.iter().try_for_each(|(key, value)| set(&mut shown.options, key, value))?;
         shown.world = if together { Some(0) } else { shown.world };
     }
     Ok(all)
@@ -74,26 +86,38 @@ fn is_file(path: &Path, sha256: &str) -> bool {
 }
 
 impl Known {
-    fn of(clip: &Path) -> Result<Known> {
-        let (path, own) = split(clip)?;
-        let (told, notes) = match provenance::find(&path) {
+    fn of(clip: &Named) -> Known {
+        let path = &clip.path;
+        let (told, notes) = match provenance::find(path) {
             // one that was changed since is a file like any other
-            Ok(told) => (told.filter(|told| is_file(&path, &told.output.sha256)), Vec::new()),
+            Ok(told) => (told.filter(|told| is_file(path, &told.output.sha256)), Vec::new()),
             Err(e) => (None, vec![e.to_string()]),
         };
-        Ok(Known { path, own, told, notes })
+        Known { named: clip.clone(), told, notes }
     }
 }
 
-/// A file and its options, from the last `:` on, where what follows holds a `=` and no file has the whole name.
-fn split(clip: &Path) -> Result<(PathBuf, Vec<(String, String)>)> {
+impl Named {
+    /// The same options for another file: one in this folder.
+    pub fn of(&self, path: PathBuf) -> Named {
+        Named { path, own: self.own.clone() }
+    }
+}
+
+/// A file or a folder and its options, from the last `:` on, where what follows holds a `=` and nothing has the whole name.
+///
+/// # Errors
+/// What stands behind the colon beside pairs.
+pub fn named(clip: &Path) -> Result<Named> {
     let parts = clip.to_str().filter(|_| !clip.exists()).and_then(|text| text.rsplit_once(':'));
-    let Some((path, list)) = parts.filter(|(_, list)| list.contains('=')) else { return Ok((clip.into(), Vec::new())) };
+    let Some((path, list)) = parts.filter(|(_, list)| list.contains('=')) else {
+        return Ok(Named { path: clip.into(), own: Vec::new() });
+    };
     let pair = |part: &str| match part.split_once('=') {
         Some((key, value)) => Ok((key.trim().to_string(), value.trim().to_string())),
         None => Err(WrongCall(format!("{}: {part:?} after the colon; expected KEY=VALUE", clip.display())).into()),
     };
-    Ok((path.into(), list.split(',').map(pair).collect::<Result<_>>()?))
+    Ok(Named { path: path.into(), own: list.split(',').map(pair).collect::<Result<_>>()? })
 }
 
 /// Sets one option of a file.
@@ -129,13 +153,13 @@ mod tests {
 
     #[test]
     fn options_stand_behind_the_last_colon() {
-        let of = |text: &str| split(Path::new(text)).unwrap();
+        let of = |text: &str| named(Path::new(text)).map(|n| (n.path, n.own)).unwrap();
         let pair = |key: &str, value: &str| (key.to_string(), value.to_string());
         assert_eq!(of("a/b.bvh:fps=60, skip=10"), ("a/b.bvh".into(), vec![pair("fps", "60"), pair("skip", "10")]));
         for plain in ["a.bvh", "C:\\a.bvh", "a:b.bvh"] {
             assert_eq!(of(plain), (plain.into(), vec![]));
         }
-        assert!(split(Path::new("a.bvh:fps=60,lenient")).unwrap_err().to_string().contains("KEY=VALUE"));
+        assert!(named(Path::new("a.bvh:fps=60,lenient")).unwrap_err().to_string().contains("KEY=VALUE"));
     }
 
     #[test]

@@ -290,7 +290,7 @@ impl Tokenizer {
         }
         check_hash(text, own.get("sha256").and_then(Value::as_str).unwrap_or("")).map_err(wrong)?;
         let mut own = own.clone();
-        state_old_height(&mut own);
+        state_old_form(&mut own);
         let own: Own = serde_json::from_value(own).map_err(|e| wrong(format!("decoder.kinelm: {e}")))?;
         let tokenizer = own.build().map_err(|e| wrong(format!("decoder.kinelm: {e}")))?;
         if tokenizer.to_json() != text {
@@ -325,8 +325,11 @@ impl Own {
     }
 }
 
-/// Files whose scheme says nothing of heights are older than the setting: they mean what was done then.
-fn state_old_height(own: &mut Value) {
+/// Files that say nothing of heights or turns are older than the setting: they mean what was done then.
+fn state_old_form(own: &mut Value) {
+    if let Some(config) = own.get_mut("config").and_then(Value::as_object_mut) {
+        config.entry("root_rotation").or_insert_with(|| "absolute".into());
+    }
     let Some(scheme) = own.pointer_mut("/config/scheme").and_then(Value::as_object_mut) else { return };
     let old = if scheme.get("type").is_some_and(|t| t == "lapped") { "absolute" } else { "velocity" };
     scheme.entry("height").or_insert_with(|| old.into());

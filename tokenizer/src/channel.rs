@@ -11,9 +11,9 @@ use std::fmt;
 #[serde(rename_all = "snake_case")]
 pub enum RootRotation {
     /// The rotation vector in the world: every facing has words of its own, and it jumps where the angle passes half a turn.
-    #[default]
     Absolute,
     /// The turn about the vertical as a closed-loop step, and the tilt that is left: words don't depend on where one faces.
+    #[default]
     HeadingDelta,
 }
 

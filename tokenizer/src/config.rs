@@ -14,7 +14,7 @@ pub struct TokenizerConfig {
     pub joints: Vec<usize>,
     /// Frames per second of every clip. Default 20.
     pub fps: f64,
-    /// What is coded of the pelvis's rotation. Default: the whole rotation.
+    /// What is coded of the pelvis's rotation. Default: its turn as steps, and its tilt.
     pub root_rotation: RootRotation,
     /// Byte-pair merges that are learnt on the training words, 0 to 40000. Default 0: a token is a character.
     pub merges: u32,

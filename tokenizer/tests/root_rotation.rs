@@ -6,7 +6,9 @@ mod prepared;
 
 use kinelm_motion::rotation::{angle_between, exp_map};
 use kinelm_motion::{Clip, Vec3};
-use kinelm_tokenizer::{QuantileConfig, Rest, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig, Words};
+use kinelm_tokenizer::{
+    Height, QuantileConfig, Rest, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig, UniformConfig, Words,
+};
 use rayon::prelude::*;
 
 /// Bits a frame: of all channels, and of the pelvis's three characters alone.
@@ -83,7 +85,10 @@ fn check(set: &str, test: &str, skip: usize) {
     let elsewhere: Vec<&Clip> = elsewhere.iter().collect();
     let frames: usize = test.iter().map(|c| c.frames()).sum();
     println!("{set}: {} clips to train, {} to test ({frames} frames), 20 frames/s, 13 joints", train.len(), test.len());
-    for scheme in [SchemeConfig::default(), SchemeConfig::Quantile(QuantileConfig::default())] {
+    // heights as steps: the clips are as they are in the world
+    let uniform = UniformConfig { height: Height::Velocity, ..Default::default() };
+    let quantile = QuantileConfig { height: Height::Velocity, ..Default::default() };
+    for scheme in [SchemeConfig::Uniform(uniform), SchemeConfig::Quantile(quantile)] {
         let of = |root_rotation| figures(&scheme, root_rotation, &train, &test, &elsewhere);
         let [absolute, delta] = [RootRotation::Absolute, RootRotation::HeadingDelta].map(of);
         assert!(delta[0].pelvis < absolute[0].pelvis, "a facing costs bits: {absolute:?} {delta:?}");

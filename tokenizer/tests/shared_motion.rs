@@ -4,7 +4,7 @@ mod prepared;
 
 use kinelm_motion::rotation::{angle_between, exp_map, heading};
 use kinelm_motion::{Clip, Vec3};
-use kinelm_tokenizer::{Fit, Rest, Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{Fit, Height, Rest, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig, UniformConfig};
 use rayon::prelude::*;
 
 /// Half a bin, with what rounding may add.
@@ -21,6 +21,8 @@ struct Found {
     /// Bins.
     worst_component: f64,
     worst_step: f64,
+    /// Of a pelvis coded as turn and tilt, degrees.
+    worst_pelvis: f64,
     /// Degrees.
     worst_angle: f64,
 }
@@ -35,6 +37,7 @@ impl Found {
             over: self.over + b.over,
             worst_component: self.worst_component.max(b.worst_component),
             worst_step: self.worst_step.max(b.worst_step),
+            worst_pelvis: self.worst_pelvis.max(b.worst_pelvis),
             worst_angle: self.worst_angle.max(b.worst_angle),
         }
     }
@@ -55,13 +58,17 @@ fn measure(t: &Tokenizer, clip: &Clip) -> Found {
     for f in 0..clip.frames() {
         for &j in t.channels().joints() {
             let (was, is) = (clip.pose(f)[j], back.pose(f)[j]);
+            found.rotations += 1;
+            if j == 0 && t.config().root_rotation == RootRotation::HeadingDelta {
+                found.worst_pelvis = found.worst_pelvis.max(angle_between(was, is).to_degrees());
+                continue;
+            }
             let code = t.channels().joints().iter().position(|&k| k == j).expect("coded") * 3 + 3;
             let decoded = uniform.angles().vector([0, 1, 2].map(|i| encoded.words.word(f)[code + i]));
             let v = exp_map::to_vector(was);
             let miss = |v: Vec3| (v - decoded).abs().max_element() / bin;
             let component = exp_map::twin(v).map_or(miss(v), |t| miss(v).min(miss(t)));
             let angle = angle_between(was, is);
-            found.rotations += 1;
             found.over += u64::from(component > HALF || angle > 0.75f64.sqrt() * bin + 1e-9);
             found.worst_component = found.worst_component.max(component);
             found.worst_angle = found.worst_angle.max(angle.to_degrees());
@@ -78,8 +85,15 @@ fn measure(t: &Tokenizer, clip: &Clip) -> Found {
 fn check(set: &str, test: &str, skip: usize) {
     let Some(clips) = prepared::clips(set, test, skip) else { return };
     let clips: Vec<(Clip, bool)> = clips.into_iter().map(|(clip, split)| (clip, split == "train")).collect();
-    for joints in [&kinelm_motion::joints::THIRTEEN[..], &(0..24).collect::<Vec<_>>()] {
-        let mut fit = Fit::new(TokenizerConfig::uniform(joints, 20.0, 360)).expect("good settings");
+    let (thirteen, all) = (&kinelm_motion::joints::THIRTEEN[..], &(0..24).collect::<Vec<_>>()[..]);
+    let steps = SchemeConfig::Uniform(UniformConfig { height: Height::Velocity, ..Default::default() });
+    let old = (RootRotation::Absolute, steps);
+    let new = (RootRotation::default(), SchemeConfig::default());
+    for (joints, (root_rotation, scheme)) in [(thirteen, &old), (all, &old), (thirteen, &new), (all, &new)] {
+        let joints = joints.to_vec();
+        let config =
+            TokenizerConfig { joints, root_rotation: *root_rotation, scheme: scheme.clone(), ..Default::default() };
+        let mut fit = Fit::new(config).expect("good settings");
         clips.iter().filter(|(_, trains)| *trains).for_each(|(clip, _)| fit.add(clip).expect("a prepared clip"));
         let t = fit.finish().expect("training clips");
         let all = clips.par_iter().map(|(clip, trains)| {
@@ -89,9 +103,11 @@ fn check(set: &str, test: &str, skip: usize) {
             found
         });
         let found = all.reduce(Found::default, Found::and);
-        println!("{set}, {} clips, {} joints: {found:?}", clips.len(), joints.len());
+        println!("{set}, {} clips, {} joints, {root_rotation:?}: {found:?}", clips.len(), t.channels().joints().len());
         assert!(found.over <= found.second && found.second * 1000 <= found.rotations, "{found:?}");
         assert!(found.worst_component <= 1.0 && found.worst_angle <= 3f64.sqrt() + 1e-9, "{found:?}");
+        // half a bin of the turn, and of each number of the tilt
+        assert!(found.worst_pelvis <= 0.5 + 0.5f64.sqrt() + 1e-6, "{found:?}");
         assert!(found.rotations > 10_000);
     }
 }

@@ -80,7 +80,7 @@ pub struct DctConfig {
     pub step: Option<f64>,
     /// The most zeros that one character says, from 1. Default 256. Longer runs take several.
     pub longest_run: u32,
-    /// How the path's height is told: above the clip's floor or from the place at the end of the tile before (default).
+    /// How the path's height is told: above the clip's floor (default) or from the place at the end of the tile before.
     #[serde(skip_serializing_if = "is_velocity")]
     pub height: Height,
 }
@@ -96,7 +96,7 @@ impl Default for DctConfig {
             steps: Steps::Equal,
             step: None,
             longest_run: 256,
-            height: Height::Velocity,
+            height: Height::Floor,
         }
     }
 }

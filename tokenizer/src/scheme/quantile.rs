@@ -35,7 +35,7 @@ pub struct QuantileConfig {
     pub pooled: Pooled,
     /// What is coded of a pose: its rotation vectors (default) or components of them.
     pub joint_transform: JointTransform,
-    /// How the height is coded: above the clip's floor, in bins of one width, or as steps (default).
+    /// How the height is coded: above the clip's floor, in bins of one width (default), or as steps.
     #[serde(skip_serializing_if = "is_velocity")]
     pub height: Height,
 }
@@ -51,7 +51,7 @@ impl Default for QuantileConfig {
             bins: 360,
             pooled: Pooled::Channel,
             joint_transform: JointTransform::None {},
-            height: Height::Velocity,
+            height: Height::Floor,
         }
     }
 }

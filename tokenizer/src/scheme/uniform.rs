@@ -36,7 +36,7 @@ pub struct UniformConfig {
     pub form: Form,
     /// How x and z of the translation are coded. Default velocity.
     pub translation: Travel,
-    /// How its y is coded. Default velocity.
+    /// How its y is coded. Default floor: above the clip's.
     pub height: Height,
     /// What is coded of a pose: its rotation vectors (default) or components of them, over a fitted range.
     pub joint_transform: JointTransform,
@@ -48,7 +48,7 @@ impl Default for UniformConfig {
             bins: 360,
             form: Form::Centred,
             translation: Travel::Velocity,
-            height: Height::Velocity,
+            height: Height::Floor,
             joint_transform: JointTransform::None {},
         }
     }

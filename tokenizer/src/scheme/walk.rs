@@ -21,9 +21,9 @@ pub enum Travel {
 #[serde(rename_all = "snake_case")]
 pub enum Height {
     /// The height above the clip's floor, which is taken off before, over the range of the training clips: it can't drift.
+    #[default]
     Floor,
     /// The step from the decoded height before, over a fitted range.
-    #[default]
     Velocity,
     /// The height in the world as it is.
     Absolute,

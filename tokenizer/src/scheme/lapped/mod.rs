@@ -65,7 +65,7 @@ pub struct LappedConfig {
     pub levels: u32,
     /// A run of up to so many zeros is one character, 1 to 1000. Default 40.
     pub runs: u32,
-    /// How the height is told: above the clip's floor or as it is in the world (`absolute`, default).
+    /// How the height is told: above the clip's floor (default) or as it is in the world (`absolute`).
     #[serde(skip_serializing_if = "is_absolute")]
     pub height: Height,
 }
@@ -85,7 +85,7 @@ impl Default for LappedConfig {
             tip_m: 0.1,
             levels: 30,
             runs: 40,
-            height: Height::Absolute,
+            height: Height::Floor,
         }
     }
 }

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 const KEYS: &str = "accumulate = 2\nema = 0.9\neval_every = 20\neval_windows = 4\ncheckpoint_every = 5\nkeep = 2\n";
 
 /// Behind the steps.
-const AUGMENT: &str = "[augment]\nmirror = 0.5\nheading = true\nspeed = 0.1\ndrop_joints = 0.3\n";
+const AUGMENT: &str = "[augment]\nmirror = 0.5\nspeed = 0.1\ndrop_joints = 0.3\n";
 
 /// How often a run is killed.
 const KILLS: u64 = 12;

@@ -140,7 +140,8 @@ fn same_bytes(a: &Path, b: &Path) -> bool {
             if k == 0 || x[..k] != y[..k] {
                 break x.is_empty() && y.is_empty();
             }
-            (a.consume(k), b.consume(k));
+            a.consume(k);
+            b.consume(k);
         }
 }
 

@@ -31,8 +31,11 @@ pub struct Outputs {
     inputs: Vec<PathBuf>,
     force: bool,
     /// Of the inputs the files, and the folders by their paths without links; looked up once, where an output is there.
-    known: OnceLock<(HashSet<Identity>, Vec<(PathBuf, PathBuf)>)>,
+    known: OnceLock<(HashSet<Identity>, Vec<Folder>)>,
 }
+
+/// A folder as it was given, and without links.
+type Folder = (PathBuf, PathBuf);
 
 /// What writing came to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,7 +55,7 @@ impl Outputs {
         Outputs { inputs: inputs.into_iter().map(Into::into).collect(), force, known: OnceLock::new() }
     }
 
-    fn known(&self) -> &(HashSet<Identity>, Vec<(PathBuf, PathBuf)>) {
+    fn known(&self) -> &(HashSet<Identity>, Vec<Folder>) {
         self.known.get_or_init(|| {
             let folders = self.inputs.iter().filter(|input| input.is_dir());
             let whole = |input: &PathBuf| Some((input.clone(), input.canonicalize().ok()?));
@@ -181,7 +184,7 @@ pub fn is_same(a: &Path, b: &Path) -> bool {
 
 /// Which of the folders, a run, a corpus, an index or a classifier, may be made of this file. Of motion, pages and pictures
 /// none is.
-fn part_of<'a>(path: &Path, folders: &'a [(PathBuf, PathBuf)]) -> Option<&'a Path> {
+fn part_of<'a>(path: &Path, folders: &'a [Folder]) -> Option<&'a Path> {
     if folders.is_empty() || ["bvh", "npz", "html", "png", "svg"].contains(&extension(path).as_str()) {
         return None;
     }

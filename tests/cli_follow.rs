@@ -59,11 +59,14 @@ fn on_another_rig(clip: &Clip) -> Clip {
     let (mut parents, mut offsets) =
         (body.parents().to_vec(), body.offsets().iter().map(|o| *o * 1.15).collect::<Vec<_>>());
     // joints 17 19 21 are the right arm: shoulder, elbow, wrist; a joint goes in before the elbow
-    (names.insert(18, "Twist".into()), offsets.insert(18, 0.5 * offsets[19]));
+    names.insert(18, "Twist".into());
+    offsets.insert(18, 0.5 * offsets[19]);
     parents.insert(18, Some(17));
     parents.iter_mut().skip(19).for_each(|p| *p = p.map(|p| p + usize::from(p >= 18)));
     (parents[20], offsets[20]) = (Some(18), 0.5 * offsets[20]);
-    (names.push("Thumb".into()), parents.push(Some(22)), offsets.push(Vec3::new(-0.03, 0.0, 0.03)));
+    names.push("Thumb".into());
+    parents.push(Some(22));
+    offsets.push(Vec3::new(-0.03, 0.0, 0.03));
     let rig = Arc::new(Skeleton::new(names, parents, offsets, vec![]).unwrap());
     let way = Retarget::new(&rig, &retarget::map_for(&rig, None).unwrap(), body).unwrap();
     let clip = way.to_rig(clip).unwrap();

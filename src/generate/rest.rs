@@ -81,9 +81,9 @@ mod tests {
         let settled = settling(&clip, 30).unwrap();
         assert_eq!((settled.frames(), &settled.rotations()[..30 * 24]), (40, &clip.rotations()[..30 * 24]));
         let mean = mean_pose(&clip.slice(0..30));
-        for j in 0..24 {
-            assert!(angle_between(settled.pose(39)[j], mean[j]) < 1e-9);
-            let whole = angle_between(clip.pose(29)[j], mean[j]);
+        for (j, mean) in mean.into_iter().enumerate() {
+            assert!(angle_between(settled.pose(39)[j], mean) < 1e-9);
+            let whole = angle_between(clip.pose(29)[j], mean);
             let steps = (29..39).map(|f| angle_between(settled.pose(f)[j], settled.pose(f + 1)[j]));
             assert!(steps.clone().all(|step| step <= 0.16 * whole + 1e-9), "{j}: {:?}", steps.collect::<Vec<_>>());
         }

@@ -57,11 +57,7 @@ fn principal(sum: &[i128; 10]) -> Quat {
         m = from_fn(|i| from_fn(|j| (0..4).map(|k| scaled[i][k] * scaled[k][j]).sum()));
     }
     let largest = (0..4).fold(0, |best, i| if m[i][i] > m[best][best] { i } else { best });
-    let q = Quat::from_array(m[largest]);
-    if !(q.length_squared() > 0.0) {
-        return Quat::IDENTITY;
-    }
-    let q = q.normalize();
+    let q = Quat::from_array(m[largest]).normalize();
     if q.w < 0.0 { -q } else { q }
 }
 

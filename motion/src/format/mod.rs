@@ -297,7 +297,7 @@ pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
         #[cfg(not(feature = "amass"))]
         Format::Npz => Err(left_out(path, "amass")),
         Format::Json => match motion.source {
-            Source::Json(axes) => Ok(json::write(axes.from_y(&motion.clip)?.as_ref())),
+            Source::Json(axes) => Ok(json::write(axes.lay_back(&motion.clip)?.as_ref())),
             _ => Ok(json::write(&motion.clip)),
         },
         Format::Pickle => {

@@ -141,7 +141,7 @@ impl Axes {
     ///
     /// # Errors
     /// None for a finite clip.
-    pub(crate) fn to_y(&self, clip: Clip) -> Result<Clip> {
+    pub(crate) fn stand(&self, clip: Clip) -> Result<Clip> {
         if self.up == Up::Y { Ok(clip) } else { self.turned(&clip, self.up.turn()) }
     }
 
@@ -149,7 +149,7 @@ impl Axes {
     ///
     /// # Errors
     /// None for a finite clip.
-    pub(crate) fn from_y<'a>(&self, clip: &'a Clip) -> Result<Cow<'a, Clip>> {
+    pub(crate) fn lay_back<'a>(&self, clip: &'a Clip) -> Result<Cow<'a, Clip>> {
         if self.up == Up::Y {
             return Ok(Cow::Borrowed(clip));
         }
@@ -160,7 +160,7 @@ impl Axes {
     ///
     /// # Errors
     /// None for a finite skeleton.
-    pub(crate) fn skeleton_from_y(&self, own: &Arc<Skeleton>) -> Result<Arc<Skeleton>> {
+    pub(crate) fn skeleton_laid_back(&self, own: &Arc<Skeleton>) -> Result<Arc<Skeleton>> {
         if self.up == Up::Y || !self.rest_too {
             return Ok(own.clone());
         }
@@ -168,7 +168,7 @@ impl Axes {
     }
 
     /// A place in the file's world, with y up.
-    pub(crate) fn place_to_y(&self, place: Vec3) -> Vec3 {
+    pub(crate) fn stand_place(&self, place: Vec3) -> Vec3 {
         self.up.turn() * place
     }
 

@@ -140,7 +140,7 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
         warnings.push(Warning { kind: "up_axis", what });
     }
     source.rig.axes = axes;
-    let clip = axes.to_y(clip)?;
+    let clip = axes.stand(clip)?;
     source.rig.skeleton = clip.skeleton().clone();
     Ok(Motion { path: path.to_owned(), clip, source: Source::Bvh(Box::new(source)), warnings })
 }
@@ -163,8 +163,8 @@ impl BvhSource {
     /// # Errors
     /// [`crate::Error::Call`] when a number is so large that the clip is not finite, or for a rate that is not positive.
     pub fn clip(&self, fps: f64) -> Result<Clip> {
-        let skeleton = self.rig.axes.skeleton_from_y(&self.rig.skeleton)?;
-        self.rig.axes.to_y(meaning::clip(&self.rig, skeleton, &self.as_frames(), fps)?)
+        let skeleton = self.rig.axes.skeleton_laid_back(&self.rig.skeleton)?;
+        self.rig.axes.stand(meaning::clip(&self.rig, skeleton, &self.as_frames(), fps)?)
     }
 
     /// Frames per second by the text of the frame time, whatever the clip was read at.

@@ -40,7 +40,7 @@ pub fn positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Pos
                 }
             };
         }
-        all.extend(places.iter().map(|p| source.rig.axes.place_to_y(*p * source.rig.unit_m)));
+        all.extend(places.iter().map(|p| source.rig.axes.stand_place(*p * source.rig.unit_m)));
     }
     let parents = nodes[range.clone()].iter().map(|n| n.parent.map_or(-1, |p| (p - range.start) as i32)).collect();
     let mut seen: HashMap<String, usize> = HashMap::new();

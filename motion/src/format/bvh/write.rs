@@ -63,7 +63,7 @@ impl BvhSource {
             return Ok(print(&self.head, &time(same)?, clip.frames(), &self.numbers));
         }
         let time = time(same && frame_time::is_exact(own, clip.fps()))?;
-        let clip = self.rig.axes.from_y(clip)?;
+        let clip = self.rig.axes.lay_back(clip)?;
         let rig = self.for_clip(&clip)?;
         let numbers = rig.rows(&clip, self);
         if let Some(at) = numbers.iter().position(|x| !x.is_finite()) {

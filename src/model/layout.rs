@@ -4,7 +4,6 @@ use super::config::{HeadKind, ModelConfig, Positions, TokenLayout};
 use super::past::Counts;
 use crate::{Result, random};
 use candle_core::{Device, Tensor};
-use rand_chacha::rand_core::RngCore;
 use std::collections::BTreeMap;
 
 /// One tensor of a model.
@@ -131,16 +130,10 @@ impl Parameter {
             Init::Ones => vec![1.0; self.len()],
             Init::Normal(sd) => {
                 let mut rng = random::stream(seed, &format!("init {}", self.name), 0, 0);
-                (0..self.len()).map(|_| (normal(&mut rng) * sd) as f32).collect()
+                (0..self.len()).map(|_| (random::normal(&mut rng) * sd) as f32).collect()
             }
         }
     }
-}
-
-/// A standard normal number, by Box and Muller's method.
-fn normal(rng: &mut impl RngCore) -> f64 {
-    let (u, v) = (1.0 - random::unit(rng), random::unit(rng));
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
 #[cfg(test)]

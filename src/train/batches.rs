@@ -214,6 +214,9 @@ impl<'a> Batches<'a> {
         } else {
             fill_sequence(&ids, &front, pad, input, target);
         }
+        if let Some(augment) = augment {
+            augment.disturb(window, &mut input[front.len()..]);
+        }
         if !dropped.is_empty() {
             let first = front.len() - usize::from(!self.masked);
             hide(&dropped, self.word, &mut input[front.len()..], &mut target[first..]);

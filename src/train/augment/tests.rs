@@ -103,7 +103,7 @@ fn shares_are_held_and_threads_change_nothing() {
     let dir = tempfile::tempdir().unwrap();
     let data = Data::one(corpus(dir.path(), uniform(RootRotation::Absolute))).unwrap();
     let train = TrainConfig { batch: 400, ..Default::default() };
-    let all = AugmentConfig { mirror: 0.5, heading: true, speed: 0.1, drop_joints: 0.3 };
+    let all = AugmentConfig { mirror: 0.5, heading: true, speed: 0.1, drop_joints: 0.3, history_noise: 2.0 };
     let plain = batches(&data, AugmentConfig::default(), &train).batch(1).unwrap();
     let mirrored = batches(&data, AugmentConfig { mirror: 0.5, ..Default::default() }, &train).batch(1).unwrap();
     let changed = plain.targets.chunks(200).zip(mirrored.targets.chunks(200)).filter(|(a, b)| a != b).count();
@@ -189,7 +189,7 @@ fn how_fast_windows_are_changed() {
     let dir = tempfile::tempdir().unwrap();
     let joints = kinelm_motion::joints::THIRTEEN;
     let quiet = AugmentConfig::default();
-    let all = AugmentConfig { mirror: 0.5, heading: false, speed: 0.1, drop_joints: 0.3 };
+    let all = AugmentConfig { mirror: 0.5, heading: false, speed: 0.1, drop_joints: 0.3, history_noise: 2.0 };
     let lapped =
         TokenizerConfig { scheme: SchemeConfig::Lapped(LappedConfig::default()), ..TokenizerConfig::default() };
     for (name, config) in [("uniform", TokenizerConfig::uniform(&joints, 20.0, 360)), ("lapped", lapped)] {

@@ -22,6 +22,7 @@ pub mod arena;
 pub mod bins;
 pub mod block;
 pub mod decode;
+pub mod dense;
 pub mod dispatch;
 pub mod head;
 pub mod linear;

@@ -1,5 +1,6 @@
 //! What a model is: the `[model]` table of a training file, and what its tokenizer adds to it.
 
+use super::architecture::{Architecture, DecoderConfig};
 use crate::{Error, Result};
 use kinelm_tokenizer::{PlaceIds, SPACE, Special, Tokenizer};
 use serde::{Deserialize, Serialize};
@@ -8,6 +9,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ModelConfig {
+    /// What it is built of. Default `flat`.
+    #[serde(skip_serializing_if = "Architecture::is_flat")]
+    pub architecture: Architecture,
     /// What a token may see. Default `causal`.
     pub kind: Kind,
     /// L: transformer blocks, 1..=96. Default 4.
@@ -16,7 +20,8 @@ pub struct ModelConfig {
     pub heads: usize,
     /// D: numbers a token is described by, 1..=8192. Default 128.
     pub width: usize,
-    /// T: tokens of a window, the front token included; holds two words at least if all have one length. Default 256.
+    /// T: tokens of a window, the front token included; holds two words at least if all have one length. Default 256. Of a
+    /// two-level model what `window` says.
     pub context: usize,
     /// How a token's place is told. Default `frame_joint`.
     pub positions: Positions,
@@ -31,6 +36,12 @@ pub struct ModelConfig {
     pub dropout: f64,
     /// The head uses the token embedding again. Default true.
     pub tied_head: bool,
+    /// F: frames of a two-level model's window, 2..=8192. Left out: 128.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub window: Option<usize>,
+    /// What spells a frame in a two-level model. Left out: its defaults.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub decoder: Option<DecoderConfig>,
 }
 
 /// What a token may see.
@@ -71,6 +82,7 @@ pub enum HeadKind {
 impl Default for ModelConfig {
     fn default() -> Self {
         ModelConfig {
+            architecture: Architecture::Flat,
             kind: Kind::Causal,
             layers: 4,
             heads: 4,
@@ -81,6 +93,8 @@ impl Default for ModelConfig {
             head: None,
             dropout: 0.0,
             tied_head: true,
+            window: None,
+            decoder: None,
         }
     }
 }
@@ -115,6 +129,7 @@ impl ModelConfig {
                 self.width, self.heads
             )));
         }
+        self.validate_architecture()?;
         match self.kind {
             Kind::Causal => Ok(()),
             Kind::Masked => self.refuse_frame_before("model.kind is masked, and the frame before may be masked too"),
@@ -140,6 +155,7 @@ impl ModelConfig {
     pub fn validate_for(&self, tokens: &TokenLayout) -> Result<()> {
         self.validate()?;
         tokens.validate()?;
+        self.validate_frames(tokens)?;
         if tokens.places.is_empty() {
             self.refuse_frame_before("words of this tokenizer have no places of one kind each")?;
         }
@@ -176,6 +192,9 @@ impl ModelConfig {
 
     /// The same model with every key said.
     pub fn resolved(&self, tokens: &TokenLayout) -> ModelConfig {
+        if self.architecture == Architecture::TwoLevel {
+            return self.two_levels(tokens);
+        }
         let (previous_frame, head) = (Some(self.reads_previous(tokens)), Some(self.head_of(tokens)));
         ModelConfig { previous_frame, head, ..self.clone() }
     }

@@ -1,5 +1,6 @@
 //! For the tests: models of every form, and batches as their tokenizers would make them.
 
+use super::architecture::{Architecture, DecoderConfig};
 use super::config::{HeadKind, Kind, ModelConfig, Positions, Stretch, TokenLayout};
 use super::gpt::Gpt;
 use crate::corpus::windows::fill_sequence;
@@ -52,11 +53,29 @@ pub fn all(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
     forms
 }
 
+/// The same and small two-level models, in windows of about so many tokens: each has its own context.
+pub fn every(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
+    let tokens = TokenLayout { front: 1, ..placed() };
+    let decoder = DecoderConfig { layers: 2, heads: 2, width: 8, character_width: 3 };
+    let levels = ModelConfig {
+        architecture: Architecture::TwoLevel,
+        layers: 2,
+        heads: 2,
+        width: 12,
+        window: Some((length / tokens.word).max(2)),
+        decoder: Some(decoder),
+        ..Default::default()
+    };
+    all(length).into_iter().chain([(levels.resolved(&tokens), tokens)]).collect()
+}
+
 /// What a form is, for messages.
 pub fn name(config: &ModelConfig, tokens: &TokenLayout) -> String {
-    let ModelConfig { kind, positions, previous_frame, head, tied_head, dropout, .. } = config;
+    let ModelConfig { architecture, kind, positions, previous_frame, head, tied_head, dropout, .. } = config;
     let words = if tokens.varying { "any words" } else { "words of one length" };
-    format!("{kind:?} {positions:?} previous {previous_frame:?} {head:?} tied {tied_head} dropout {dropout}, {words}")
+    format!(
+        "{architecture:?} {kind:?} {positions:?} previous {previous_frame:?} {head:?} tied {tied_head} dropout {dropout}, {words}"
+    )
 }
 
 /// A model away from zeros and ones, where gradients could be right by accident.

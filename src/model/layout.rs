@@ -1,6 +1,8 @@
 //! The tensors of a model: names, shapes, and how they begin.
 
+use super::architecture::Architecture;
 use super::config::{HeadKind, ModelConfig, Positions, TokenLayout};
+use super::frames::{BACK, Frames, SPELT};
 use super::past::Counts;
 use crate::{Result, random};
 use candle_core::{Device, Tensor};
@@ -34,6 +36,27 @@ pub enum Init {
 ///
 /// GPT-2's beginning: sd 0.02, outputs into the residual stream 0.02/sqrt(2 L), biases 0, norms 1.
 pub fn parameters(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
+    let mut all = match config.architecture {
+        Architecture::Flat => flat(config, tokens),
+        Architecture::TwoLevel => two_level(config, tokens),
+    };
+    let d = config.head_width();
+    norm(&mut all, "norm", d);
+    if config.ids_table() == "head.weight" {
+        all.push(Parameter { decays: true, ..embedding("head.weight", tokens.vocabulary, d) });
+    }
+    let counts = Counts::of(tokens);
+    if config.head_of(tokens) == HeadKind::Relative {
+        let tables = [("head.circular.weight", counts.circular), ("head.clamped.weight", counts.steps())];
+        let tables = tables.into_iter().filter(|(_, rows)| *rows > 0);
+        all.extend(tables.map(|(name, rows)| Parameter { decays: true, ..embedding(name, rows, d) }));
+    }
+    all.sort_by(|a, b| a.name.cmp(&b.name));
+    all
+}
+
+/// What stands before the last norm of a flat model.
+fn flat(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
     let d = config.width;
     let mut all = vec![embedding("token.weight", tokens.vocabulary, d)];
     match config.positions {
@@ -53,29 +76,47 @@ pub fn parameters(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> 
         all.push(embedding("previous.character.weight", tokens.vocabulary, d));
         all.push(embedding("previous.step.weight", counts.largest() + 1, d));
     }
-    let residual = 0.02 / (2.0 * config.layers as f64).sqrt();
-    for layer in 0..config.layers {
-        let block = block_name(layer);
-        norm(&mut all, &format!("{block}.norm1"), d);
-        linear(&mut all, &format!("{block}.attention.qkv"), d, 3 * d, 0.02);
-        linear(&mut all, &format!("{block}.attention.out"), d, d, residual);
-        norm(&mut all, &format!("{block}.norm2"), d);
-        linear(&mut all, &format!("{block}.mlp.up"), d, 4 * d, 0.02);
-        linear(&mut all, &format!("{block}.mlp.down"), 4 * d, d, residual);
-    }
-    norm(&mut all, "norm", d);
-    if !config.tied_head {
-        all.push(Parameter { decays: true, ..embedding("head.weight", tokens.vocabulary, d) });
-    }
-    if config.head_of(tokens) == HeadKind::Relative {
-        let tables = [("head.circular.weight", counts.circular), ("head.clamped.weight", counts.steps())];
-        let tables = tables.into_iter().filter(|(_, rows)| *rows > 0);
-        all.extend(tables.map(|(name, rows)| Parameter { decays: true, ..embedding(name, rows, d) }));
-    }
-    all.sort_by(|a, b| a.name.cmp(&b.name));
+    stack(&mut all, "", config.layers, d);
     all
 }
 
+/// What stands before the last norm of a two-level model.
+fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
+    let (frames, decoder, trunk) = (Frames::of(tokens), config.decoder(), config.width);
+    let (e, d, c) = (decoder.character_width, decoder.width, frames.characters());
+    let mut all = vec![
+        embedding("frame.character.weight", c * frames.bins(), e),
+        embedding("frame.position.weight", config.frames(tokens), trunk),
+    ];
+    linear(&mut all, "frame.join", BACK * c * e, trunk, 0.02);
+    stack(&mut all, TRUNK, config.layers, trunk);
+    norm(&mut all, "trunk.norm", trunk);
+    linear(&mut all, "spell.frame", trunk, d, 0.02);
+    let steps = frames.steps() + 1;
+    let rows = [steps + frames.bins() - 1, tokens.word, frames.bins(), steps];
+    all.extend(SPELT.iter().zip(rows).map(|(name, rows)| embedding(name, rows, d)));
+    stack(&mut all, SPELL, decoder.layers, d);
+    all
+}
+
+/// What the names of the trunk's blocks begin with, and of the decoder's.
+pub(super) const TRUNK: &str = "trunk.";
+pub(super) const SPELL: &str = "spell.";
+
+/// Blocks of width `d`, whose names begin with `prefix`.
+fn stack(all: &mut Vec<Parameter>, prefix: &str, layers: usize, d: usize) {
+    let residual = 0.02 / (2.0 * layers as f64).sqrt();
+    for layer in 0..layers {
+        let block = format!("{prefix}{}", block_name(layer));
+        let all = &mut *all;
+        norm(all, &format!("{block}.norm1"), d);
+        linear(all, &format!("{block}.attention.qkv"), d, 3 * d, 0.02);
+        linear(all, &format!("{block}.attention.out"), d, d, residual);
+        norm(all, &format!("{block}.norm2"), d);
+        linear(all, &format!("{block}.mlp.up"), d, 4 * d, 0.02);
+        linear(all, &format!("{block}.mlp.down"), 4 * d, d, residual);
+    }
+}
 /// The tensors of a model before training, by name, on the CPU.
 ///
 /// # Errors

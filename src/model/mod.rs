@@ -1,5 +1,6 @@
 //! The models: their configuration, the plain form, weights.
 
+pub mod architecture;
 mod cache;
 pub mod checkpoint;
 pub mod config;
@@ -9,6 +10,7 @@ pub mod exchange;
 pub mod fast;
 #[cfg(test)]
 pub(crate) mod forms;
+mod frames;
 #[cfg(test)]
 mod golden;
 pub mod gpt;
@@ -23,6 +25,7 @@ pub mod run;
 mod scores;
 pub mod weights;
 
+pub use architecture::{Architecture, DecoderConfig};
 pub use cache::Cache;
 pub use checkpoint::Which;
 pub use config::{HeadKind, Kind, ModelConfig, Positions, TokenLayout};

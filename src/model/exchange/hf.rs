@@ -255,6 +255,7 @@ impl Config {
             head: Some(HeadKind::Absolute),
             dropout: self.resid_pdrop.unwrap_or(0.1),
             tied_head: self.is_tied(),
+            ..Default::default()
         }
     }
 }

@@ -68,7 +68,7 @@ impl Fast {
     pub fn final_vectors(&mut self, windows: Windows, rows: &[usize]) -> Result<Vec<f32>> {
         let mut pass = self.scored(windows)?;
         pass.forward(self, windows, None);
-        let found = self.normed(pass.last(self), rows);
+        let found = self.normed(pass.last(), rows);
         self.scoring = Some(pass);
         Ok(found)
     }
@@ -91,7 +91,7 @@ impl Fast {
         of_tables: &mut [Floats],
     ) -> f64 {
         let d = self.config.width;
-        let [Some(bias), Some(weight)] = ["norm.bias", "norm.weight"].map(|name| self.rest(name)) else {
+        let [Some(bias), Some(weight)] = ["norm.bias", "norm.weight"].map(|name| self.find(name)) else {
             panic!("a model has a norm")
         };
         let mut nats = 0.0;

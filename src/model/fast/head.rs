@@ -51,9 +51,9 @@ impl Heads {
         let counts = questions.steps().map(|past| past.counts()).unwrap_or_default();
         let [ids, circular, clamped] = [tokens.vocabulary, counts.circular, counts.steps()];
         let space = |group: usize, columns| {
-            (most[group] > 0).then(|| Workspace::new(most[group], config.width, columns, products, learn))
+            (most[group] > 0).then(|| Workspace::new(most[group], config.head_width(), columns, products, learn))
         };
-        let room = |n: usize| Floats::new(n * config.width);
+        let room = |n: usize| Floats::new(n * config.head_width());
         let mut groups = Groups::default();
         for (group, most) in groups.iter_mut().zip(most) {
             group.rows.reserve_exact(most);
@@ -61,10 +61,10 @@ impl Heads {
         }
         Heads {
             groups,
-            names: [if config.tied_head { "token.weight" } else { "head.weight" }, STEPS[0], STEPS[1]],
+            names: [config.ids_table(), STEPS[0], STEPS[1]],
             spaces: [space(0, ids), space(1, circular), space(2, clamped)],
             most,
-            width: config.width,
+            width: config.head_width(),
             x: room(rows),
             dx: room(if learn { rows } else { 0 }),
             places: vec![NONE; rows],
@@ -89,7 +89,7 @@ impl Heads {
     /// the norm and the heads go to `gradients`, times `scale`.
     pub fn loss(&mut self, model: &Fast, last: &[f32], scale: f32, dx: &mut [f32], gradients: &mut [Floats]) -> f64 {
         let d = self.width;
-        let index = |name: &str| model.rest(name);
+        let index = |name: &str| model.find(name);
         let tables = self.names.map(index);
         let [Some(bias), Some(weight)] = ["norm.bias", "norm.weight"].map(index) else { panic!("a model has a norm") };
         for i in tables.into_iter().flatten().chain([bias, weight]) {

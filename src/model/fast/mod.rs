@@ -4,18 +4,21 @@
 //! of batch and used again.
 
 mod classes;
+mod flat;
 mod head;
 mod input;
 mod keys;
 mod pass;
+mod stack;
 #[cfg(test)]
 mod tests;
+mod two_level;
 
 pub use classes::{ClassRow, Losses};
 
 use super::config::{ModelConfig, TokenLayout};
 use super::layout::{self, Parameter};
-use super::{Dropout, Gpt, Kind, Scores};
+use super::{Architecture, Dropout, Gpt, Kind, Scores};
 use crate::{Error, Result};
 use candle_core::{Device, Tensor};
 use keys::Keys;
@@ -47,7 +50,7 @@ pub struct Windows<'a> {
 pub struct Fast {
     config: ModelConfig,
     tokens: TokenLayout,
-    /// Sorted by name: the blocks' come first.
+    /// Sorted by name.
     parameters: Vec<Parameter>,
     weights: Vec<Floats>,
     training: Option<Pass>,
@@ -154,8 +157,7 @@ impl Fast {
         self.check(windows)?;
         let Windows { inputs, targets, length, .. } = windows;
         let pass = self.training.take().filter(|p| p.fits(inputs.len(), length, self.products));
-        let mut pass =
-            pass.unwrap_or_else(|| Pass::new(&self.config, &self.tokens, inputs.len(), length, self.products, true));
+        let mut pass = pass.unwrap_or_else(|| Pass::new(self, inputs.len(), length, self.products, true));
         pass.ask(windows)?;
         let counted = targets.iter().filter(|&&t| t != self.tokens.pad).count();
         let batch = inputs.len() / length;
@@ -190,7 +192,7 @@ impl Fast {
         self.check(windows)?;
         let (rows, length) = (windows.inputs.len(), windows.length);
         let pass = self.scoring.take().filter(|p| p.fits(rows, length, Products::F32));
-        Ok(pass.unwrap_or_else(|| Pass::new(&self.config, &self.tokens, rows, length, Products::F32, false)))
+        Ok(pass.unwrap_or_else(|| Pass::new(self, rows, length, Products::F32, false)))
     }
 
     fn check(&self, Windows { inputs, targets, length, .. }: Windows) -> Result<()> {
@@ -202,26 +204,29 @@ impl Fast {
             let found = (inputs.len(), targets.len());
             return Err(Error::Call(format!("{} inputs and {} targets are no windows of {length}", found.0, found.1)));
         }
+        if self.config.architecture == Architecture::TwoLevel && !length.is_multiple_of(self.tokens.word) {
+            let word = self.tokens.word;
+            return Err(Error::Call(format!(
+                "a window of {length} tokens; a two-level model reads whole frames of {word}"
+            )));
+        }
         match inputs.iter().chain(targets).find(|&&id| id as usize >= vocabulary) {
             Some(id) => Err(Error::Call(format!("token {id} is outside the vocabulary of {vocabulary} ids"))),
             None => Ok(()),
         }
     }
 
-    fn block(&self, layer: usize) -> block::Weights<'_> {
-        let [out_b, out_w, qkv_b, qkv_w, down_b, down_w, up_b, up_w, n1_b, n1_w, n2_b, n2_w] =
-            std::array::from_fn(|i| &*self.weights[layer * BLOCK + i]);
-        block_tensors([out_b, out_w, qkv_b, qkv_w, down_b, down_w, up_b, up_w, n1_b, n1_w, n2_b, n2_w])
+    /// Where a tensor stands.
+    fn find(&self, name: &str) -> Option<usize> {
+        self.parameters.binary_search_by(|p| p.name.as_str().cmp(name)).ok()
     }
 
-    /// What stands behind the blocks' tensors, by name.
-    fn rest(&self, name: &str) -> Option<usize> {
-        let first = self.config.layers * BLOCK;
-        self.parameters[first..].iter().position(|p| p.name == name).map(|i| first + i)
+    fn index(&self, name: &str) -> usize {
+        self.find(name).unwrap_or_else(|| panic!("a model has a {name}"))
     }
 
     fn weight(&self, name: &str) -> &[f32] {
-        self.rest(name).map_or(&[], |i| &self.weights[i])
+        self.find(name).map_or(&[], |i| &self.weights[i])
     }
 
     fn norm(&self) -> block::Norm<&[f32]> {

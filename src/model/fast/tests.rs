@@ -204,10 +204,16 @@ fn check_form(config: &ModelConfig, tokens: &TokenLayout, windows: usize, width:
 
 #[test]
 fn every_form_is_the_oracle_s() {
-    for (config, tokens) in forms::all(23) {
+    for (config, tokens) in forms::every(23) {
         let widths: &[Option<f64>] = if tokens.varying { &[None] } else { &[None, Some(0.75)] };
         for &width in widths {
             check_form(&config, &tokens, 2, width);
+        }
+        if config.architecture == Architecture::TwoLevel {
+            let window = |frames| ModelConfig { window: Some(frames), ..config.clone() }.resolved(&tokens);
+            check_form(&ModelConfig { width: 40, heads: 4, ..window(13) }, &tokens, 3, None);
+            check_form(&ModelConfig { layers: 1, ..window(70) }, &tokens, 1, Some(0.75));
+            continue;
         }
         check_form(&ModelConfig { dropout: 0.2, ..config.clone() }, &tokens, 3, None);
         // wider than a vector, longer than a piece; shorter than a word
@@ -347,20 +353,21 @@ fn random_shapes_agree_too() {
 
 #[test]
 fn threads_change_no_bit_and_a_second_shape_finds_its_room() {
-    for (config, tokens) in forms::all(100) {
+    for (config, tokens) in forms::every(100) {
         let config = ModelConfig { heads: 4, width: 64, ..config };
+        let length = config.context;
         let gpt = forms::model(&config, &tokens);
-        let (inputs, targets) = forms::batch(&config, &tokens, 3, 100);
-        let dropout = Dropout { share: 0.1, seed: 1, step: 0, first: 0 };
+        let (inputs, targets) = forms::batch(&config, &tokens, 3, length);
+        let dropout = config.architecture.is_flat().then_some(Dropout { share: 0.1, seed: 1, step: 0, first: 0 });
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
                 let mut fast = Fast::of(&gpt).unwrap();
                 let mask = fast.mask();
-                let windows = |n: usize| Windows { inputs: &inputs[..n], targets: &targets[..n], length: 100, mask };
+                let windows = |n: usize| Windows { inputs: &inputs[..n], targets: &targets[..n], length, mask };
                 let mut gradients = fast.like_weights();
-                fast.gradients(windows(200), None, &mut gradients).unwrap();
-                let nats = fast.gradients(windows(300), Some(&dropout), &mut gradients).unwrap();
+                fast.gradients(windows(2 * length), None, &mut gradients).unwrap();
+                let nats = fast.gradients(windows(3 * length), dropout.as_ref(), &mut gradients).unwrap();
                 let bits: Vec<u32> = gradients.iter().flat_map(|g| g.iter().map(|x| x.to_bits())).collect();
                 (nats.to_bits(), bits)
             })

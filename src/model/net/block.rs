@@ -24,17 +24,14 @@ pub(super) struct Norm {
 }
 
 #[derive(Clone)]
-struct Linear {
+pub(super) struct Linear {
     weight: Tensor, // (in, out)
     bias: Tensor,
 }
 
 impl Block {
     pub fn new(name: String, tensor: &dyn Fn(&str) -> Tensor) -> Block {
-        let linear = |part: &str| Linear {
-            weight: tensor(&format!("{name}.{part}.weight")),
-            bias: tensor(&format!("{name}.{part}.bias")),
-        };
+        let linear = |part: &str| Linear::new(&format!("{name}.{part}"), tensor);
         Block {
             norm1: Norm::new(&format!("{name}.norm1"), tensor),
             qkv: linear("attention.qkv"),
@@ -107,7 +104,11 @@ impl Norm {
 }
 
 impl Linear {
-    fn forward(&self, x: &Tensor) -> Result<Tensor> {
+    pub fn new(name: &str, tensor: &dyn Fn(&str) -> Tensor) -> Linear {
+        Linear { weight: tensor(&format!("{name}.weight")), bias: tensor(&format!("{name}.bias")) }
+    }
+
+    pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
         let (batch, length, _) = x.dims3()?;
         // one product of 2-D views; a batched one would copy the weight for every sequence
         x.flatten_to(1)?.matmul(&self.weight)?.broadcast_add(&self.bias)?.reshape((batch, length, ()))

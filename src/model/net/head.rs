@@ -23,10 +23,15 @@ impl Head {
         let counts = questions.steps().map(Past::counts).unwrap_or_default();
         let table = |rows: usize, name: &str| (rows > 0).then(|| tensor(name));
         Head {
-            ids: tensor(if config.tied_head { "token.weight" } else { "head.weight" }),
+            ids: tensor(config.ids_table()),
             steps: [table(counts.circular, STEPS[0]), table(counts.steps(), STEPS[1])],
             questions,
         }
+    }
+
+    /// (V, D).
+    pub fn ids(&self) -> &Tensor {
+        &self.ids
     }
 
     /// The tables in the order of the groups.

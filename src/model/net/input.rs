@@ -1,5 +1,6 @@
 //! What goes into the first block: a vector for the token, and what is added to it.
 
+use super::rows_of;
 use super::turn::Turn;
 use crate::model::config::{ModelConfig, Positions, TokenLayout};
 use crate::model::past::Past;
@@ -128,8 +129,4 @@ fn all_counted(counter: Counter, windows: &[Vec<u32>], range: Range<usize>) -> (
         places.extend_from_slice(&p[range.clone()]);
     }
     (words, places)
-}
-
-fn rows_of(table: &Tensor, ids: Vec<u32>) -> Result<Tensor> {
-    table.index_select(&Tensor::new(ids, table.device())?, 0)
 }

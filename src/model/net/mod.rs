@@ -3,20 +3,23 @@
 //! Letters: B batch, T tokens, D width, H heads, d = D/H, L layers, V vocabulary, W tokens of a word, K of the front.
 
 mod block;
+mod flat;
 mod head;
 mod input;
 mod turn;
+mod two_level;
 
+use super::architecture::Architecture;
 use super::config::{Kind, ModelConfig, TokenLayout};
 use super::dropout::Dropout;
-use super::layout;
 use super::ops::Mask;
 use crate::{Error, Result};
-use block::{Block, Norm};
+use block::Norm;
 use candle_core::{Device, Tensor};
+use flat::Flat;
 use head::Head;
-use input::Input;
 use kinelm_engine::op::smoothing::Smoothing;
+use two_level::TwoLevel;
 
 /// Added to the variance in layer norms, as in GPT-2.
 pub const EPSILON: f64 = 1e-5;
@@ -25,11 +28,16 @@ pub const EPSILON: f64 = 1e-5;
 #[derive(Clone)]
 pub(super) struct Net {
     kind: Kind,
-    heads: usize,
-    input: Input,
-    blocks: Vec<Block>,
+    body: Body,
     norm: Norm,
     head: Head,
+}
+
+/// What makes a row of every token.
+#[derive(Clone)]
+enum Body {
+    Flat(Flat),
+    TwoLevel(TwoLevel),
 }
 
 /// What was read before.
@@ -45,16 +53,17 @@ impl Net {
     pub(super) fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> Net {
         Net {
             kind: config.kind,
-            heads: config.heads,
-            input: Input::new(config, tokens, tensor),
-            blocks: (0..config.layers).map(|layer| Block::new(layout::block_name(layer), tensor)).collect(),
+            body: match config.architecture {
+                Architecture::Flat => Body::Flat(Flat::new(config, tokens, tensor)),
+                Architecture::TwoLevel => Body::TwoLevel(TwoLevel::new(config, tokens, tensor)),
+            },
             norm: Norm::new("norm", tensor),
             head: Head::new(config, tokens, tensor),
         }
     }
 
     pub(super) fn device(&self) -> &Device {
-        self.input.token.device()
+        self.head.ids().device()
     }
 
     /// What attention sees.
@@ -68,7 +77,7 @@ impl Net {
     /// Ids (B, T), T = `length`, on the model's device.
     pub(super) fn ids(&self, ids: &[u32], length: usize) -> Result<Tensor> {
         assert!(length > 0 && ids.len().is_multiple_of(length), "{} ids in windows of {length}", ids.len());
-        let vocabulary = self.input.token.dim(0)?;
+        let vocabulary = self.head.ids().dim(0)?;
         match ids.iter().find(|&&id| id as usize >= vocabulary) {
             Some(id) => Err(Error::Call(format!("id {id} outside the vocabulary of {vocabulary} ids"))),
             None => Ok(Tensor::from_slice(ids, (ids.len() / length, length), self.device())?),
@@ -117,20 +126,17 @@ impl Net {
         dropout: Option<&Dropout>,
         memory: Option<&Memory>,
     ) -> candle_core::Result<Tensor> {
-        let length = ids.dim(1)?;
-        let before = memory.map_or(0, |m| m.before.len());
-        let mut x = self.input.forward(ids, windows, before)?;
-        if let Some(dropout) = dropout {
-            x = dropout.apply(&x, "embedding")?;
-        }
-        let turn = self.input.turn(windows, before, x.dim(2)? / self.heads)?;
-        let hiding = mask.hiding(length, before + length, x.dtype(), x.device())?;
-        for (layer, block) in self.blocks.iter().enumerate() {
-            let kept = memory.map(|m| (&m.keys[layer], &m.values[layer], before));
-            x = block.forward(&x, self.heads, turn.as_ref(), hiding.as_ref(), dropout, kept)?;
-        }
+        let x = match &self.body {
+            Body::Flat(flat) => flat.rows(ids, windows, mask, dropout, memory)?,
+            Body::TwoLevel(levels) => levels.rows(windows)?,
+        };
         self.norm.forward(&x)?.flatten_to(1)
     }
+}
+
+/// Rows of a table.
+fn rows_of(table: &Tensor, ids: Vec<u32>) -> candle_core::Result<Tensor> {
+    table.index_select(&Tensor::new(ids, table.device())?, 0)
 }
 
 /// The ids of every window, from its first on.

@@ -1,0 +1,190 @@
+//! A trunk in which every frame is a row, and a decoder that spells a frame.
+//!
+//! Letters: B windows, F frames, N = B F, W tokens of a word, C characters, T = F W, D width of the trunk, d of the decoder,
+//! e numbers of a character.
+
+use super::stack::{Blocks, Stack};
+use super::{Fast, Windows};
+use crate::model::frames::{BACK, Frames, SPELT};
+use crate::model::layout::{SPELL, TRUNK};
+use kinelm_engine::arena::Floats;
+use kinelm_engine::block::{Linear, Norm, Rules, Shape};
+use kinelm_engine::dense;
+use kinelm_engine::linear::Products;
+use kinelm_engine::op::attention::Mask;
+use kinelm_engine::op::embedding::{self, Lookup};
+use rayon::prelude::*;
+
+/// Rows of an embedding that a piece computes.
+const EMBEDDED: usize = 64;
+
+/// Bias and weight of what the trunk reads, of its norm, and of what it tells the decoder.
+const JOIN: [&str; 2] = ["frame.join.bias", "frame.join.weight"];
+const NORM: [&str; 2] = ["trunk.norm.bias", "trunk.norm.weight"];
+const TELL: [&str; 2] = ["spell.frame.bias", "spell.frame.weight"];
+
+/// A frame sees those before it, a character those before it in its frame.
+const RULES: Rules<'static> = Rules { mask: Mask::Causal, dropout: None, rope: None };
+
+/// The buffers of one shape.
+pub(super) struct TwoLevel {
+    frames: Frames,
+    /// F.
+    number: usize,
+    /// e.
+    character: usize,
+    /// (N, 2 C) rows of the table of characters.
+    seen: Vec<u32>,
+    /// (N) rows of the table of positions.
+    positions: Vec<u32>,
+    /// (N W) each, rows of the tables of [`SPELT`], and of the frames' vectors.
+    spelt: [Vec<u32>; 4],
+    own: Vec<u32>,
+    /// (N, 2 C e) What the trunk reads.
+    read: Floats,
+    join: dense::Workspace,
+    trunk: Stack,
+    /// (N, 2), (N, D), (N, d).
+    stats: Floats,
+    normed: Floats,
+    told: Floats,
+    tell: dense::Workspace,
+    decoder: Stack,
+    back: Option<Back>,
+}
+
+/// Gradients on their way.
+struct Back {
+    d_read: Floats,
+    d_told: Floats,
+    d_normed: Floats,
+    d_trunk: Floats,
+}
+
+impl TwoLevel {
+    pub fn new(model: &Fast, rows: usize, length: usize, products: Products, learn: bool) -> TwoLevel {
+        let (config, frames) = (&model.config, Frames::of(&model.tokens));
+        let (word, spells, trunk) = (frames.word(), config.decoder(), config.width);
+        let (batch, number) = (rows / length, length / word);
+        let (n, d, of_frame) = (batch * number, spells.width, BACK * frames.characters());
+        let wide = of_frame * spells.character_width;
+        let shape = |batch, tokens, width, heads| Shape { batch, tokens, width, heads, hidden: 4 * width };
+        let stack =
+            |prefix, layers, shape| Stack::new(&model.parameters, Blocks { prefix, layers }, shape, products, learn);
+        TwoLevel {
+            number,
+            character: spells.character_width,
+            seen: vec![0; n * of_frame],
+            positions: (0..n).map(|row| (row % number) as u32).collect(),
+            spelt: std::array::from_fn(|_| vec![0; n * word]),
+            own: (0..n * word).map(|row| (row / word) as u32).collect(),
+            read: Floats::new(n * wide),
+            join: dense::Workspace::new(n, wide, trunk, products, learn),
+            trunk: stack(TRUNK, config.layers, shape(batch, number, trunk, config.heads)),
+            stats: Floats::new(2 * n),
+            normed: Floats::new(n * trunk),
+            told: Floats::new(n * d),
+            tell: dense::Workspace::new(n, trunk, d, products, learn),
+            decoder: stack(SPELL, spells.layers, shape(n, word, d, spells.heads)),
+            back: learn.then(|| Back {
+                d_read: Floats::new(n * wide),
+                d_told: Floats::new(n * d),
+                d_normed: Floats::new(n * trunk),
+                d_trunk: Floats::new(n * trunk),
+            }),
+            frames,
+        }
+    }
+
+    /// Finds the rows that windows (B, T) take of all tables.
+    fn look(&mut self, inputs: &[u32], length: usize) {
+        let (frames, number, word) = (&self.frames, self.number, self.frames.word());
+        let of_frame = BACK * frames.characters();
+        let window = |frame: usize| &inputs[frame / number * length..][..length];
+        self.seen.par_chunks_mut(of_frame).enumerate().for_each(|(i, rows)| frames.seen(window(i), i % number, rows));
+        let [last, place, character, step] = self.spelt.each_mut().map(|rows| rows.par_chunks_mut(word));
+        (last, place, character, step).into_par_iter().enumerate().for_each(|(i, (last, place, character, step))| {
+            for k in 0..word {
+                [last[k], place[k], character[k], step[k]] = frames.spelt(window(i), i % number * word + k);
+            }
+        });
+    }
+
+    pub fn forward(&mut self, model: &Fast, windows: Windows) {
+        self.look(windows.inputs, windows.length);
+        let seen = [Lookup { table: model.weight("frame.character.weight"), ids: &self.seen }];
+        embed(&mut self.read, self.character, &seen);
+        dense::forward(self.trunk.input(), &self.read, linear(model, JOIN), &mut self.join);
+        let width = model.config.width;
+        let positions = model.weight("frame.position.weight");
+        let rows = self.trunk.input().par_chunks_mut(width).zip(&self.positions);
+        rows.for_each(|(x, &row)| {
+            let position = &positions[row as usize * width..][..width];
+            x.iter_mut().zip(position).for_each(|(x, p)| *x += p);
+        });
+        self.trunk.forward(&model.weights, |_| RULES);
+        let norm = Norm { weight: model.weight(NORM[1]), bias: model.weight(NORM[0]) };
+        dense::norm(&mut self.normed, &mut self.stats, self.trunk.last(), norm);
+        dense::forward(&mut self.told, &self.normed, linear(model, TELL), &mut self.tell);
+        let mut lookups = [Lookup { table: &self.told, ids: &self.own }; SPELT.len() + 1];
+        for ((lookup, name), ids) in lookups[1..].iter_mut().zip(SPELT).zip(&self.spelt) {
+            *lookup = Lookup { table: model.weight(name), ids };
+        }
+        let d = self.decoder.shape().width;
+        embed(self.decoder.input(), d, &lookups);
+        self.decoder.forward(&model.weights, |_| RULES);
+    }
+
+    /// What the decoder gave (B T, d).
+    pub fn last(&self) -> &[f32] {
+        self.decoder.last()
+    }
+
+    /// From the gradient `dx` (B T, d) of [`TwoLevel::last`], which is used up, those of all tensors before it.
+    pub fn backward(&mut self, model: &Fast, dx: &mut [f32], gradients: &mut [Floats]) {
+        let Some(Back { d_read, d_told, d_normed, d_trunk }) = &mut self.back else {
+            panic!("buffers for the forward pass only")
+        };
+        let d = self.decoder.shape().width;
+        self.decoder.backward(&model.weights, gradients, dx, |_| RULES);
+        for (name, ids) in SPELT.iter().zip(&self.spelt) {
+            into_table(&mut gradients[model.index(name)], d, ids, dx);
+        }
+        into_table(d_told, d, &self.own, dx);
+        let to = gradients_of(model, gradients, TELL);
+        dense::backward(d_normed, d_told, &self.normed, model.weight(TELL[1]), to, &mut self.tell);
+        let Linear { weight, bias } = gradients_of(model, gradients, NORM);
+        let saved = (self.trunk.last(), &*self.stats);
+        dense::norm_backward(d_trunk, d_normed, saved, model.weight(NORM[1]), Norm { weight, bias });
+        self.trunk.backward(&model.weights, gradients, d_trunk, |_| RULES);
+        let width = model.config.width;
+        into_table(&mut gradients[model.index("frame.position.weight")], width, &self.positions, d_trunk);
+        let to = gradients_of(model, gradients, JOIN);
+        dense::backward(d_read, d_trunk, &self.read, model.weight(JOIN[1]), to, &mut self.join);
+        into_table(&mut gradients[model.index("frame.character.weight")], self.character, &self.seen, d_read);
+    }
+}
+
+/// Sums of rows of tables, on all threads.
+fn embed(out: &mut [f32], width: usize, lookups: &[Lookup]) {
+    let pieces = out.par_chunks_mut(EMBEDDED * width).enumerate();
+    pieces.for_each(|(i, out)| embedding::forward(out, width, i * EMBEDDED, lookups));
+}
+
+/// `table` becomes the sums of the rows of `dout` by their ids.
+fn into_table(table: &mut [f32], width: usize, ids: &[u32], dout: &[f32]) {
+    table.fill(0.0);
+    embedding::backward(table, width, ids, dout);
+}
+
+fn linear<'a>(model: &'a Fast, [bias, weight]: [&str; 2]) -> Linear<&'a [f32]> {
+    Linear { weight: model.weight(weight), bias: model.weight(bias) }
+}
+
+/// The gradients of a layer.
+fn gradients_of<'a>(model: &Fast, all: &'a mut [Floats], names: [&str; 2]) -> Linear<&'a mut [f32]> {
+    let Ok([bias, weight]) = all.get_disjoint_mut(names.map(|name| model.index(name))) else {
+        panic!("a model has its tensors")
+    };
+    Linear { weight: &mut **weight, bias: &mut **bias }
+}

@@ -1,0 +1,151 @@
+//! What a two-level model reads: rows of tables for the trunk, a frame at a time, and for the decoder, a character at a time.
+//!
+//! Letters: W tokens of a word, C = W - 1 characters, S the most bins of a place, R steps that a place can take. Token t of a
+//! window's words is its input t + 1, behind `<bos>`; row t of the decoder predicts it, at place t mod W of frame t / W.
+
+use super::config::TokenLayout;
+use super::past::Counts;
+use kinelm_tokenizer::PlaceIds;
+
+/// Rows of `last`, `place`, `character` and `step` that are added for a token.
+pub const SPELT: [&str; 4] = ["spell.last.weight", "spell.place.weight", "spell.character.weight", "spell.step.weight"];
+
+/// Frames back that the trunk reads.
+pub const BACK: usize = 2;
+
+/// Reads windows whose words are frames.
+#[derive(Debug, Clone)]
+pub struct Frames {
+    word: usize,
+    places: Vec<PlaceIds>,
+    counts: Counts,
+}
+
+impl Frames {
+    /// Of windows of these tokens, whose places are of one kind each.
+    pub fn of(tokens: &TokenLayout) -> Frames {
+        Frames { word: tokens.word, places: tokens.place_ids().collect(), counts: Counts::of(tokens) }
+    }
+
+    /// W.
+    pub fn word(&self) -> usize {
+        self.word
+    }
+
+    /// C: characters of a frame.
+    pub fn characters(&self) -> usize {
+        self.places.len()
+    }
+
+    /// S + 1: rows that a character has in a table of characters; the last is for one that is missing.
+    pub fn bins(&self) -> usize {
+        self.counts.largest() + 1
+    }
+
+    /// R: circular steps, then clamped ones. Row R of a table of steps is for one that is missing.
+    pub fn steps(&self) -> usize {
+        self.counts.circular + self.counts.steps()
+    }
+
+    /// The bin of token `at` of a window; `None` before it, and where the token is none of its place's.
+    fn bin(&self, inputs: &[u32], at: Option<usize>) -> Option<u32> {
+        let at = at?;
+        self.places.get(at % self.word)?.bin(*inputs.get(at + 1)?)
+    }
+
+    /// The step that leads from one bin of a place to another.
+    fn step(&self, place: usize, to: u32, from: u32) -> u32 {
+        let kind = self.places[place];
+        match kind.circular {
+            true => (to + kind.count - from) % kind.count,
+            false => (self.counts.circular + self.counts.clamped - 1) as u32 + to - from,
+        }
+    }
+
+    /// The rows (2 C) of the table of characters that the trunk reads for frame `frame`: of the frame before, then of the one
+    /// before that; each place has S + 1 rows of its own.
+    pub fn seen(&self, inputs: &[u32], frame: usize, rows: &mut [u32]) {
+        let (c, bins) = (self.characters(), self.bins() as u32);
+        for (k, row) in rows.iter_mut().enumerate() {
+            let (back, place) = (1 + k / c, k % c);
+            let bin = self.bin(inputs, frame.checked_sub(back).map(|f| f * self.word + place));
+            *row = place as u32 * bins + bin.unwrap_or(bins - 1);
+        }
+    }
+
+    /// The rows of [`SPELT`] for the decoder's row of token `token`, which reads what stands before it.
+    pub fn spelt(&self, inputs: &[u32], token: usize) -> [u32; 4] {
+        let (missing, begin) = (self.counts.largest() as u32, self.steps() as u32);
+        let place = token % self.word;
+        let back = |token: Option<usize>, frames: usize| token?.checked_sub(frames * self.word);
+        let before = (place > 0).then(|| token - 1);
+        let last = match (self.bin(inputs, before), self.bin(inputs, back(before, 1))) {
+            (None, _) => begin,
+            (Some(now), Some(then)) => self.step(place - 1, now, then),
+            (Some(now), None) => begin + 1 + now,
+        };
+        let [a, b] = [1, 2].map(|frames| self.bin(inputs, back(Some(token), frames)));
+        let step = a.zip(b).map_or(begin, |(a, b)| self.step(place, a, b));
+        [last, place as u32, a.unwrap_or(missing), step]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::forms;
+
+    /// Two angles of 7 bins, one of 5, heights of 6 and 4: S 7, circular steps 7, clamped 11.
+    fn frames() -> Frames {
+        Frames::of(&TokenLayout { front: 1, ..forms::placed() })
+    }
+
+    /// `<bos>` and three frames of which the first has one character missing.
+    const INPUTS: [u32; 19] = [1, 6, 3, 13, 18, 19, 5, 12, 7, 17, 23, 22, 5, 6, 6, 13, 18, 19, 5];
+
+    #[test]
+    fn the_trunk_reads_two_frames_back() {
+        let frames = frames();
+        assert_eq!((frames.characters(), frames.bins(), frames.steps()), (5, 8, 18));
+        let seen = |f: usize| {
+            let mut rows = [0; 10];
+            frames.seen(&INPUTS, f, &mut rows);
+            rows
+        };
+        let none = [7, 15, 23, 31, 39];
+        assert_eq!(seen(0), [none, none].concat()[..]);
+        assert_eq!(seen(1), [[0, 15, 16, 24, 32], none].concat()[..]);
+        assert_eq!(seen(2), [[6, 9, 20, 29, 35], [0, 15, 16, 24, 32]].concat()[..]);
+    }
+
+    #[test]
+    fn the_decoder_reads_steps_round_the_circle_and_up_to_the_ends() {
+        let frames = frames();
+        // begin; then bins of a first frame, behind one that is missing the beginning again
+        assert_eq!(frames.spelt(&INPUTS, 0), [18, 0, 7, 18]);
+        assert_eq!(frames.spelt(&INPUTS, 1), [19, 1, 7, 18]);
+        assert_eq!(frames.spelt(&INPUTS, 2), [18, 2, 7, 18]);
+        // the second frame: 0 to 6 is 6 round a circle of 7
+        assert_eq!(frames.spelt(&INPUTS, 7), [6, 1, 7, 18]);
+        // behind a character whose frame before is missing, its bin
+        assert_eq!(frames.spelt(&INPUTS, 8), [18 + 1 + 1, 2, 0, 18]);
+        // the third: a height from 5 down to 0, 11 clamped steps around 7 + 5
+        assert_eq!(frames.spelt(&INPUTS, 16), [7 + 5 - 5, 4, 3, 7 + 5 + 3]);
+        // a space
+        assert_eq!(frames.spelt(&INPUTS, 17), [7 + 5 - 3, 5, 7, 18]);
+    }
+
+    #[test]
+    fn nothing_ahead_is_read() {
+        let frames = frames();
+        for token in 0..18 {
+            let mut other = INPUTS;
+            other[token + 1..].fill(0);
+            assert_eq!(frames.spelt(&other, token), frames.spelt(&INPUTS, token), "{token}");
+            let (mut a, mut b) = ([0; 10], [0; 10]);
+            frames.seen(&INPUTS, token / 6, &mut a);
+            frames.seen(&other, token / 6, &mut b);
+            assert_eq!(a, b, "{token}");
+        }
+    }
+}

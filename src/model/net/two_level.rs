@@ -1,0 +1,93 @@
+//! A trunk in which every frame is a row, and a decoder that spells a frame.
+//!
+//! Letters: B batch, F frames, N = B F, W tokens of a word, D width of the trunk, d of the decoder.
+
+use super::block::{Block, Linear, Norm};
+use super::rows_of;
+use crate::model::config::{ModelConfig, TokenLayout};
+use crate::model::frames::{BACK, Frames, SPELT};
+use crate::model::layout::{SPELL, TRUNK, block_name};
+use crate::model::ops::Mask;
+use candle_core::{Result, Tensor};
+
+#[derive(Clone)]
+pub(super) struct TwoLevel {
+    frames: Frames,
+    heads: [usize; 2],
+    /// (C (S + 1), e).
+    character: Tensor,
+    /// (F, D).
+    position: Tensor,
+    /// (2 C e, D).
+    join: Linear,
+    trunk: Vec<Block>,
+    trunk_norm: Norm,
+    /// (D, d).
+    frame: Linear,
+    /// Rows of d numbers each.
+    spelt: [Tensor; 4],
+    decoder: Vec<Block>,
+}
+
+impl TwoLevel {
+    pub fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> TwoLevel {
+        let blocks = |prefix: &str, layers: usize| {
+            (0..layers).map(|layer| Block::new(format!("{prefix}{}", block_name(layer)), tensor)).collect()
+        };
+        let decoder = config.decoder();
+        TwoLevel {
+            frames: Frames::of(tokens),
+            heads: [config.heads, decoder.heads],
+            character: tensor("frame.character.weight"),
+            position: tensor("frame.position.weight"),
+            join: Linear::new("frame.join", tensor),
+            trunk: blocks(TRUNK, config.layers),
+            trunk_norm: Norm::new("trunk.norm", tensor),
+            frame: Linear::new("spell.frame", tensor),
+            spelt: SPELT.map(tensor),
+            decoder: blocks(SPELL, decoder.layers),
+        }
+    }
+
+    /// (B, T, d) of `windows` (B, T).
+    pub fn rows(&self, windows: &[Vec<u32>]) -> Result<Tensor> {
+        let (batch, length) = (windows.len(), windows[0].len());
+        let frames = length.div_ceil(self.frames.word());
+        let u = self.frame.forward(&self.trunk_norm.forward(&self.trunk(windows, frames)?)?)?;
+        // a row for every token of every frame, the window's or not
+        let word = self.frames.word();
+        let x = self.spelt(windows, frames)?.reshape((batch * frames, word, ()))?;
+        let mut x = x.broadcast_add(&u.reshape((batch * frames, 1, ()))?)?;
+        let hiding = Mask::Causal.hiding(word, word, x.dtype(), x.device())?;
+        for block in &self.decoder {
+            x = block.forward(&x, self.heads[1], None, hiding.as_ref(), None, None)?;
+        }
+        x.reshape((batch, frames * word, ()))?.narrow(1, 0, length)
+    }
+
+    /// (B, F, D).
+    fn trunk(&self, windows: &[Vec<u32>], frames: usize) -> Result<Tensor> {
+        let of_frame = BACK * self.frames.characters();
+        let mut seen = vec![0; windows.len() * frames * of_frame];
+        for (i, rows) in seen.chunks_mut(of_frame).enumerate() {
+            self.frames.seen(&windows[i / frames], i % frames, rows);
+        }
+        let x = rows_of(&self.character, seen)?.reshape((windows.len(), frames, ()))?;
+        let position = self.position.narrow(0, 0, frames)?.unsqueeze(0)?;
+        let mut x = self.join.forward(&x)?.broadcast_add(&position)?;
+        let hiding = Mask::Causal.hiding(frames, frames, x.dtype(), x.device())?;
+        for block in &self.trunk {
+            x = block.forward(&x, self.heads[0], None, hiding.as_ref(), None, None)?;
+        }
+        Ok(x)
+    }
+
+    /// (B F W, d).
+    fn spelt(&self, windows: &[Vec<u32>], frames: usize) -> Result<Tensor> {
+        let tokens = frames * self.frames.word();
+        let rows: Vec<[u32; 4]> =
+            windows.iter().flat_map(|w| (0..tokens).map(|token| self.frames.spelt(w, token))).collect();
+        let one = |i: usize| rows_of(&self.spelt[i], rows.iter().map(|row| row[i]).collect());
+        (one(0)? + one(1)?)? + (one(2)? + one(3)?)?
+    }
+}

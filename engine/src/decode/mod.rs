@@ -17,6 +17,7 @@ mod before;
 mod cache;
 mod head;
 pub(crate) mod kernel;
+mod layers;
 mod matrix;
 mod position;
 mod rope;

@@ -81,8 +81,8 @@ pub(super) struct Room {
 }
 
 impl Layers {
-    /// For `streams` of `places` each, and `rows` in a read at most. `widest` are the columns of the widest product beside
-    /// those of the blocks.
+    /// For `streams` of `places` each, and `rows` in a read at most. `widest` are the columns of the widest product
+    /// beside those of the blocks.
     pub fn new(
         kv: KvKind,
         stack: Stack,
@@ -117,6 +117,11 @@ impl Layers {
     /// The rows that go next.
     pub fn rows(&self) -> usize {
         self.rows
+    }
+
+    /// What of them belongs to which stream.
+    pub fn runs(&self) -> &[Run] {
+        &self.runs
     }
 
     /// How many more there is room for.

@@ -124,8 +124,8 @@ impl FrameDecoder {
         self.readings.fill(Reading::default());
     }
 
-    /// A stream forgets all but its first `length` tokens. Where they end in an earlier frame, the next read pays for the
-    /// speller's rows of that frame once more.
+    /// A stream forgets all but its first `length` tokens. Where they end in an earlier frame, the next read pays for
+    /// the speller's rows of that frame once more.
     ///
     /// # Panics
     /// A stream that is not there.

@@ -147,7 +147,11 @@ fn logits_are_those_of_plain_loops() {
     let stack = Stack { layers: 1, heads: 2, width: 10 };
     let sizes = FrameSizes { trunk: stack, speller: stack, character: 1, vocabulary: 10, frames: 3 };
     let long = Model::new(sizes, &long, 90);
-    for model in Model::all(4, 1).into_iter().chain(Model::all(1, 2)).chain([long]) {
+    // widths of a model that dances
+    let wide: Vec<Bins> = (0..42).map(|i| Bins { first: 6, count: 360 - 2 * i, circular: i % 3 > 0 }).collect();
+    let (trunk, speller) = (Stack { layers: 1, heads: 8, width: 256 }, Stack { layers: 1, heads: 4, width: 128 });
+    let wide = Model::new(FrameSizes { trunk, speller, character: 24, vocabulary: 366, frames: 4 }, &wide, 95);
+    for model in Model::all(4, 1).into_iter().chain(Model::all(1, 2)).chain([long, wide]) {
         let tokens = model.tokens(model.context(), 9);
         let truth = scalar::frames::logits(&model.parts(), &tokens);
         // of a word's places, those behind a bin one frame back have no other logits
@@ -283,7 +287,7 @@ fn speed_of_tokens() {
             });
             let begun = std::time::Instant::now();
             decoder.reset();
-            let all = pool.install(|| decoder.read(&vec![&prompt[..]; streams], Logits::All).len());
+            let all = pool.install(|| decoder.read(&vec![prompt; streams], Logits::All).len());
             let rate = all as f64 / 366.0 / begun.elapsed().as_secs_f64();
             println!("{weights:?} {kv:?}, {streams} streams: {rate:.0} tokens/s of a known text");
         }

@@ -24,8 +24,8 @@ pub struct FrameSizes {
     pub frames: usize,
 }
 
-/// The weights of a model of two stacks. C characters and an end make a frame, W = C + 1; S is the largest count of bins
-/// of a place, Sc that of the circular places and Sl that of the others, 0 if there are none.
+/// The weights of a model of two stacks. C characters and an end make a frame, W = C + 1; S is the largest count of
+/// bins of a place, Sc that of the circular places and Sl that of the others, 0 if there are none.
 ///
 /// A step between two bins of a place is a row of a table: that from b to a is (a - b) mod count where the place is
 /// circular and Sc + a - b + Sl - 1 where it isn't. R = Sc + max(2 Sl - 1, 0) is the row where there is none.

@@ -2,8 +2,8 @@
 
 use kinelm_engine::bins::Bins;
 use kinelm_engine::decode::{
-    Before, BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Previous, Relative, Rope, Sizes,
-    WeightKind,
+    Before, BlockParts, Decoder, DecoderWeights, FrameDecoder, FrameParts, FrameSizes, FrameWeights, KvKind, Logits,
+    Parts, Positions, Previous, Relative, Rope, Sizes, Stack, WeightKind,
 };
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::Arc;
@@ -38,25 +38,34 @@ const PLACES: [Bins; 3] = [
     Bins { first: 6, count: 90, circular: true },
 ];
 
-fn decoder(streams: usize, weights: WeightKind, kv: KvKind, looks: bool) -> Decoder {
-    let Sizes { width, vocabulary, context, .. } = SIZES;
-    let numbers: Vec<f32> =
-        (0..4 * width * width.max(vocabulary)).map(|i| ((i * 7919) % 1000) as f32 / 5000.0 - 0.1).collect();
+/// Some numbers, as many as the largest table has.
+fn numbers() -> Vec<f32> {
+    let Sizes { width, vocabulary, .. } = SIZES;
+    (0..4 * width * width.max(vocabulary)).map(|i| ((i * 7919) % 1000) as f32 / 5000.0 - 0.1).collect()
+}
+
+fn block(numbers: &[f32], width: usize) -> BlockParts<'_> {
     let of = |n: usize| &numbers[..n];
     let linear = |k: usize, n: usize| (of(k * n), of(n));
-    let block = BlockParts {
+    BlockParts {
         norm1: (of(width), of(width)),
         qkv: linear(width, 3 * width),
         out: linear(width, width),
         norm2: (of(width), of(width)),
         up: linear(width, 4 * width),
         down: linear(4 * width, width),
-    };
+    }
+}
+
+fn decoder(streams: usize, weights: WeightKind, kv: KvKind, looks: bool) -> Decoder {
+    let Sizes { width, vocabulary, context, .. } = SIZES;
+    let numbers = numbers();
+    let of = |n: usize| &numbers[..n];
     let parts = Parts {
         sizes: SIZES,
         token: of(vocabulary * width),
         positions: Positions::Places(of(context * width)),
-        blocks: vec![block; SIZES.layers],
+        blocks: vec![block(&numbers, width); SIZES.layers],
         norm: (of(width), of(width)),
         head: of(vocabulary * width),
         rope: looks.then_some(Rope { front: 1, word: Some(4) }),
@@ -68,6 +77,35 @@ fn decoder(streams: usize, weights: WeightKind, kv: KvKind, looks: bool) -> Deco
         }),
     };
     Decoder::new(Arc::new(DecoderWeights::new(&parts, weights)), streams, kv)
+}
+
+fn frame_decoder(streams: usize, weights: WeightKind, kv: KvKind) -> FrameDecoder {
+    let Sizes { width, vocabulary, .. } = SIZES;
+    let (d, e, bins, frames) = (96, 8, 294, 50);
+    let steps = bins + 2 * bins - 1;
+    let numbers = numbers();
+    let of = |n: usize| &numbers[..n];
+    let linear = |k: usize, n: usize| (of(k * n), of(n));
+    let stack = |width: usize| Stack { layers: 2, heads: 4, width };
+    let parts = FrameParts {
+        sizes: FrameSizes { trunk: stack(width), speller: stack(d), character: e, vocabulary, frames },
+        places: &PLACES,
+        bins: of(3 * (bins + 1) * e),
+        frames: linear(6 * e, width),
+        positions: of(frames * width),
+        trunk: vec![block(&numbers, width); 2],
+        trunk_norm: (of(width), of(width)),
+        join: linear(width, d),
+        last: of((steps + 1 + bins) * d),
+        place: of(4 * d),
+        back: of((bins + 1) * d),
+        step: of((steps + 1) * d),
+        speller: vec![block(&numbers, d); 2],
+        norm: (of(d), of(d)),
+        head: of(vocabulary * d),
+        relative: Relative { circular: of(bins * d), clamped: of((2 * bins - 1) * d) },
+    };
+    FrameDecoder::new(Arc::new(FrameWeights::new(&parts, weights)), streams, kv)
 }
 
 #[test]
@@ -88,6 +126,23 @@ fn a_token_allocates_nothing() {
             (60..200).for_each(|i| assert!(step(i).is_finite()));
             let taken = TAKEN.load(Ordering::Relaxed) - before;
             assert_eq!(taken, 0, "{weights:?} {kv:?}, looking back {looks}: allocations in 140 tokens");
+        }
+        for (weights, kv) in kinds {
+            let mut decoder = frame_decoder(3, weights, kv);
+            let mut step = |i: u32| {
+                // back into the frame before now and then
+                if i % 50 == 49 {
+                    decoder.truncate(1, i as usize - 6);
+                    decoder.read(&[&[], &[7, 8, 9, 7, 8, 9], &[]], Logits::All);
+                }
+                let tokens = [6 + i % 90, 6 + (i + 7) % 90, 6 + (i + 9) % 90];
+                decoder.read(&[&tokens[..1], &tokens[1..2], &tokens[2..]], Logits::Last)[6]
+            };
+            (0..60).for_each(|i| assert!(step(i).is_finite()));
+            let before = TAKEN.load(Ordering::Relaxed);
+            (60..200).for_each(|i| assert!(step(i).is_finite()));
+            let taken = TAKEN.load(Ordering::Relaxed) - before;
+            assert_eq!(taken, 0, "{weights:?} {kv:?}, frames: allocations in 140 tokens");
         }
     });
 }

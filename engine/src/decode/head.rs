@@ -5,8 +5,8 @@
 
 use super::before::{Relative, Words};
 use super::kernel::Left;
+use super::layers::{Room, products};
 use super::matrix::{Matrix, PIECE, WeightKind};
-use super::step::{Room, products};
 use std::ops::Range;
 
 /// A table of the head.
@@ -63,16 +63,16 @@ impl Task {
 }
 
 /// Some pieces of a product.
-struct Pieces<'a> {
-    numbers: &'a [f32],
-    rows: usize,
+pub(super) struct Pieces<'a> {
+    pub numbers: &'a [f32],
+    pub rows: usize,
     /// The first piece that is there.
-    first: usize,
+    pub first: usize,
 }
 
 impl Pieces<'_> {
     /// The numbers of a row from a column on.
-    fn copy(&self, mut to: &mut [f32], row: usize, mut column: usize) {
+    pub fn copy(&self, mut to: &mut [f32], row: usize, mut column: usize) {
         while !to.is_empty() {
             let within = column % PIECE;
             let n = to.len().min(PIECE - within);

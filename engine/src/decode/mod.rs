@@ -9,14 +9,19 @@
 //! the token one word back, and logits may be those of differences to it ([`Before`]). Tokens that can't follow have a
 //! logit of minus infinity then.
 //!
+//! A model may also be of two stacks of blocks, one over words of one length and one that spells a word's tokens
+//! ([`FrameDecoder`]).
+//!
 //! Products of a row are the same bits whatever rows stand beside it, so a block of tokens gives the logits that its tokens
 //! give one by one. A drafted block can therefore be verified without any change to what is drawn.
 
 mod attention;
 mod before;
 mod cache;
+mod frames;
 mod head;
 pub(crate) mod kernel;
+mod layers;
 mod matrix;
 mod position;
 mod rope;
@@ -27,6 +32,8 @@ mod weights;
 
 pub use before::{Before, Previous, Relative};
 pub use cache::KvKind;
+pub use frames::{FrameDecoder, FrameParts, FrameSizes, FrameWeights};
+pub use layers::Stack;
 pub use matrix::WeightKind;
 pub use position::Positions;
 pub use rope::Rope;

@@ -2,6 +2,7 @@
 
 use super::before::{Before, Inputs, Words};
 use super::head::Head;
+use super::layers::Stack;
 use super::matrix::{Matrix, PIECE, WeightKind};
 use super::position::{Positions, Tables};
 use super::rope::{Rope, Turns};
@@ -92,6 +93,13 @@ pub(super) struct Norm {
     pub bias: Vec<f32>,
 }
 
+impl Sizes {
+    /// Those of the blocks.
+    pub(super) fn stack(&self) -> Stack {
+        Stack { layers: self.layers, heads: self.heads, width: self.width }
+    }
+}
+
 impl DecoderWeights {
     /// Packs the weights of a model; all matrices as `kind`, the rest in f32.
     ///
@@ -99,9 +107,8 @@ impl DecoderWeights {
     /// Slices that don't have the shape they should; heads of an odd width that are to be turned; a [`Rope`] or [`Before`] of
     /// no words.
     pub fn new(parts: &Parts, kind: WeightKind) -> DecoderWeights {
-        let Sizes { layers, width, vocabulary, context, heads } = parts.sizes;
-        assert!(heads > 0 && width.is_multiple_of(heads), "{heads} heads of a width of {width}");
-        assert_eq!(parts.blocks.len(), layers, "blocks");
+        let Sizes { width, vocabulary, context, heads, .. } = parts.sizes;
+        let blocks = Block::all(&parts.blocks, parts.sizes.stack(), kind);
         check("token", parts.token, vocabulary * width);
         let positions = Tables::new(&parts.positions, context, width);
         let words = parts.before.map(|before| Words::new(&before, vocabulary));
@@ -116,7 +123,7 @@ impl DecoderWeights {
             positions,
             words,
             inputs,
-            blocks: parts.blocks.iter().map(|b| Block::new(b, &parts.sizes, kind)).collect(),
+            blocks,
             norm: Norm::new(parts.norm, width),
             head,
         }
@@ -134,23 +141,33 @@ impl DecoderWeights {
 
     /// Multiply-adds of a token with the weights, about.
     pub fn multiply_adds(&self) -> usize {
-        let Sizes { layers, width, vocabulary, .. } = self.sizes;
-        layers * 12 * width * width + vocabulary * width
+        self.sizes.stack().multiply_adds() + self.sizes.vocabulary * self.sizes.width
     }
 
     /// Bytes of weights that are read for a token, the mean over the places of a word.
     pub fn bytes(&self) -> usize {
-        let block = |b: &Block| {
-            let heads: usize = b.heads.iter().map(Matrix::bytes).sum();
-            heads + b.out.bytes() + b.up.bytes() + b.down.bytes() + 16 * self.sizes.width
-        };
-        self.blocks.iter().map(block).sum::<usize>() + self.head.bytes()
+        self.blocks.iter().map(Block::bytes).sum::<usize>() + self.head.bytes()
     }
 }
 
 impl Block {
-    fn new(parts: &BlockParts, sizes: &Sizes, kind: WeightKind) -> Block {
-        let (width, d) = (sizes.width, sizes.width / sizes.heads);
+    /// # Panics
+    /// Not as many blocks as the stack has, or of other shapes.
+    pub fn all(parts: &[BlockParts], stack: Stack, kind: WeightKind) -> Vec<Block> {
+        let Stack { layers, heads, width } = stack;
+        assert!(heads > 0 && width.is_multiple_of(heads), "{heads} heads of a width of {width}");
+        assert_eq!(parts.len(), layers, "blocks");
+        parts.iter().map(|parts| Block::new(parts, stack, kind)).collect()
+    }
+
+    /// Bytes that are read for a row.
+    pub fn bytes(&self) -> usize {
+        let heads: usize = self.heads.iter().map(Matrix::bytes).sum();
+        heads + self.out.bytes() + self.up.bytes() + self.down.bytes() + 16 * self.norm1.weight.len()
+    }
+
+    fn new(parts: &BlockParts, stack: Stack, kind: WeightKind) -> Block {
+        let (width, d) = (stack.width, stack.width / stack.heads);
         let linear = |name: &str, (weight, bias): Pair, k: usize, n: usize| {
             check(name, weight, k * n);
             check(name, bias, n);
@@ -167,7 +184,7 @@ impl Block {
         };
         Block {
             norm1: Norm::new(parts.norm1, width),
-            heads: (0..sizes.heads).map(head).collect(),
+            heads: (0..stack.heads).map(head).collect(),
             out: linear("out", parts.out, width, width),
             norm2: Norm::new(parts.norm2, width),
             up: linear("up", parts.up, width, 4 * width),
@@ -177,13 +194,13 @@ impl Block {
 }
 
 impl Norm {
-    fn new((weight, bias): Pair, width: usize) -> Norm {
+    pub fn new((weight, bias): Pair, width: usize) -> Norm {
         check("norm", weight, width);
         check("norm", bias, width);
         Norm { weight: weight.to_vec(), bias: bias.to_vec() }
     }
 }
 
-fn check(what: &str, numbers: &[f32], expected: usize) {
+pub(super) fn check(what: &str, numbers: &[f32], expected: usize) {
     assert_eq!(numbers.len(), expected, "numbers of {what}");
 }

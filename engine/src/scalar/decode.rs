@@ -16,32 +16,37 @@ pub fn logits(parts: &Parts, tokens: &[u32]) -> Vec<f64> {
         .collect();
     let turns: Vec<f64> = (0..tokens.len()).map(|i| turn(parts, &tokens[..i])).collect();
     for block in &parts.blocks {
-        attention(&mut x, block, parts.sizes.heads, &turns);
-        for x in &mut x {
-            let up = linear(&norm(x, block.norm2), block.up);
-            let gelu =
-                |x: f64| 0.5 * x * (1.0 + ((2.0 / std::f64::consts::PI).sqrt() * (x + 0.044715 * x.powi(3))).tanh());
-            let up: Vec<f64> = up.into_iter().map(gelu).collect();
-            add(x, &linear(&up, block.down));
-        }
+        through(&mut x, block, parts.sizes.heads, &turns);
     }
-    let behind = |i: usize| behind(parts, &tokens[..=i], &norm(&x[i], parts.norm));
+    let head = (parts.head, parts.before);
+    let behind = |i: usize| behind(head, &tokens[..=i], &norm(&x[i], parts.norm));
     (0..tokens.len()).flat_map(behind).collect()
 }
 
-/// Logits (V) behind `tokens`, the last of which has become `y`.
-fn behind(parts: &Parts, tokens: &[u32], y: &[f64]) -> Vec<f64> {
-    let width = parts.sizes.width;
+/// Rows `x` through a block, each seeing those before it, queries and keys turned by `turns`.
+pub(super) fn through(x: &mut [Vec<f64>], block: &BlockParts, heads: usize, turns: &[f64]) {
+    attention(x, block, heads, turns);
+    for x in x {
+        let up = linear(&norm(x, block.norm2), block.up);
+        let gelu = |x: f64| 0.5 * x * (1.0 + ((2.0 / std::f64::consts::PI).sqrt() * (x + 0.044715 * x.powi(3))).tanh());
+        let up: Vec<f64> = up.into_iter().map(gelu).collect();
+        add(x, &linear(&up, block.down));
+    }
+}
+
+/// Logits (V) behind `tokens`, the last of which has become `y`, of a head (V, D).
+pub(super) fn behind((head, before): (&[f32], Option<Before>), tokens: &[u32], y: &[f64]) -> Vec<f64> {
+    let (width, vocabulary) = (y.len(), head.len() / y.len());
     let product = |table: &[f32], row: usize| {
         table[row * width..][..width].iter().zip(y).map(|(&w, y)| f64::from(w) * y).sum::<f64>()
     };
-    let all = || (0..parts.sizes.vocabulary).map(|id| product(parts.head, id)).collect();
-    let Some(before) = parts.before else { return all() };
+    let all = || (0..vocabulary).map(|id| product(head, id)).collect();
+    let Some(before) = before else { return all() };
     let Some((relative, (place, back))) = before.relative.zip(back(&before, tokens, 1)) else { return all() };
     let Some(bins) = before.places.get(place) else { return all() };
     let n = bins.count as usize;
     let Some(p) = (0..n).find(|&p| bins.first as usize + p == back as usize) else { return all() };
-    let mut logits = vec![f64::NEG_INFINITY; parts.sizes.vocabulary];
+    let mut logits = vec![f64::NEG_INFINITY; vocabulary];
     let most = before.places.iter().filter(|bins| !bins.circular).map(|bins| bins.count).max().unwrap_or(0) as usize;
     for j in 0..n {
         logits[bins.first as usize + j] = match bins.circular {
@@ -134,19 +139,19 @@ fn attention(x: &mut [Vec<f64>], block: &BlockParts, heads: usize, turns: &[f64]
     }
 }
 
-fn norm(x: &[f64], (weight, bias): Pair) -> Vec<f64> {
+pub(super) fn norm(x: &[f64], (weight, bias): Pair) -> Vec<f64> {
     let mean = x.iter().sum::<f64>() / x.len() as f64;
     let variance = x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / x.len() as f64;
     let sd = (variance + 1e-5).sqrt();
     x.iter().zip(weight.iter().zip(bias)).map(|(x, (w, b))| (x - mean) / sd * f64::from(*w) + f64::from(*b)).collect()
 }
 
-fn linear(x: &[f64], (weight, bias): Pair) -> Vec<f64> {
+pub(super) fn linear(x: &[f64], (weight, bias): Pair) -> Vec<f64> {
     let n = bias.len();
     let column = |j: usize| x.iter().enumerate().map(|(i, x)| x * f64::from(weight[i * n + j])).sum::<f64>();
     (0..n).map(|j| column(j) + f64::from(bias[j])).collect()
 }
 
-fn add(x: &mut [f64], y: &[f64]) {
+pub(super) fn add(x: &mut [f64], y: &[f64]) {
     x.iter_mut().zip(y).for_each(|(x, y)| *x += y);
 }

@@ -8,6 +8,7 @@ pub mod cross_entropy;
 pub mod decode;
 pub mod dots;
 pub mod embedding;
+pub mod frames;
 pub mod gelu;
 pub mod layer_norm;
 pub mod matmul;

@@ -1,0 +1,88 @@
+//! The model of two stacks that [`crate::decode::FrameDecoder`] reads with, in plain loops and f64.
+
+use super::decode::{add, behind, linear, norm, through};
+use crate::bins::Bins;
+use crate::decode::{Before, FrameParts};
+
+/// Logits (n, V) behind each of `tokens` (n), which begin the context; minus infinity where a token can't come.
+pub fn logits(parts: &FrameParts, tokens: &[u32]) -> Vec<f64> {
+    let word = parts.places.len() + 1;
+    let frames = tokens.len().div_ceil(word);
+    let mut trunk: Vec<Vec<f64>> = (0..frames).map(|frame| before(parts, tokens, frame)).collect();
+    for block in &parts.trunk {
+        through(&mut trunk, block, parts.sizes.trunk.heads, &vec![0.0; frames]);
+    }
+    let words = Before { front: 1, places: parts.places, previous: None, relative: Some(parts.relative) };
+    let mut all = Vec::new();
+    for (frame, known) in trunk.iter().enumerate() {
+        let known = linear(&norm(known, parts.trunk_norm), parts.join);
+        let end = tokens.len().min((frame + 1) * word);
+        let row = |i: usize| row(parts, &tokens[..=i], (frame, i - frame * word), &known);
+        let mut rows: Vec<Vec<f64>> = (frame * word..end).map(row).collect();
+        for block in &parts.speller {
+            let none = vec![0.0; rows.len()];
+            through(&mut rows, block, parts.sizes.speller.heads, &none);
+        }
+        for (i, x) in (frame * word..).zip(&rows) {
+            all.extend(behind((parts.head, Some(words)), &tokens[..=i], &norm(x, parts.norm)));
+        }
+    }
+    all
+}
+
+/// The largest count of bins of the places that go round or don't.
+fn most(parts: &FrameParts, circular: bool) -> usize {
+    parts.places.iter().filter(|bins| bins.circular == circular).map(|bins| bins.count as usize).max().unwrap_or(0)
+}
+
+/// The bin at a place of a frame so many `frames` before another.
+fn bin(parts: &FrameParts, tokens: &[u32], (frame, place): (usize, usize), frames: usize) -> Option<usize> {
+    let Bins { first, count, .. } = *parts.places.get(place)?;
+    let id = tokens[1 + frame.checked_sub(frames)? * (parts.places.len() + 1) + place];
+    (0..count as usize).find(|bin| first as usize + bin == id as usize)
+}
+
+/// The trunk's input for a frame.
+fn before(parts: &FrameParts, tokens: &[u32], frame: usize) -> Vec<f64> {
+    let (e, width) = (parts.sizes.character, parts.sizes.trunk.width);
+    let missing = most(parts, true).max(most(parts, false));
+    let mut told = Vec::new();
+    for frames in [1, 2] {
+        for place in 0..parts.places.len() {
+            let row = place * (missing + 1) + bin(parts, tokens, (frame, place), frames).unwrap_or(missing);
+            told.extend(parts.bins[row * e..][..e].iter().map(|&x| f64::from(x)));
+        }
+    }
+    let mut x = linear(&told, parts.frames);
+    add(&mut x, &wide(parts.positions, frame, width));
+    x
+}
+
+/// The speller's input for the last of `tokens`, which is followed by a place of a frame.
+fn row(parts: &FrameParts, tokens: &[u32], (frame, place): (usize, usize), known: &[f64]) -> Vec<f64> {
+    let (round, clamps) = (most(parts, true), most(parts, false));
+    let (missing, none) = (round.max(clamps), round + if clamps > 0 { 2 * clamps - 1 } else { 0 });
+    let step = |place: usize, from: usize, to: usize| {
+        let n = parts.places[place].count as usize;
+        if parts.places[place].circular { (to + n - from) % n } else { round + to + clamps - from - 1 }
+    };
+    let at = |place, frames| bin(parts, tokens, (frame, place), frames);
+    let last = match place.checked_sub(1).map(|place| (place, at(place, 0), at(place, 1))) {
+        Some((place, Some(x), Some(p))) => step(place, p, x),
+        Some((_, Some(x), None)) => none + 1 + x,
+        _ => none,
+    };
+    let (a, b) = (at(place, 1), at(place, 2));
+    let steps = a.zip(b).map_or(none, |(a, b)| step(place, b, a));
+    let mut z = known.to_vec();
+    let rows = [(parts.last, last), (parts.place, place), (parts.back, a.unwrap_or(missing)), (parts.step, steps)];
+    for (table, row) in rows {
+        add(&mut z, &wide(table, row, known.len()));
+    }
+    z
+}
+
+/// A row of a table.
+fn wide(table: &[f32], row: usize, width: usize) -> Vec<f64> {
+    table[row * width..][..width].iter().map(|&x| f64::from(x)).collect()
+}

@@ -182,8 +182,12 @@ impl Gpt {
     /// It shares the model's numbers: training steps taken later are seen by what it reads then.
     ///
     /// # Errors
-    /// No memory on the device.
+    /// A two-level model; no memory on the device.
     pub fn cache(&self) -> Result<Cache> {
+        if !self.config.architecture.is_flat() {
+            let what = "the plain form of a two-level model reads whole windows alone; generate with the form auto on the cpu";
+            return Err(Error::Call(what.into()));
+        }
         let c = &self.config;
         Cache::new(self.frozen(), (c.layers, c.heads, c.context, c.width / c.heads), self.device())
     }

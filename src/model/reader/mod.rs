@@ -4,11 +4,12 @@ mod packed;
 #[cfg(test)]
 mod tests;
 
+use super::architecture::Architecture;
 use super::config::{Kind, ModelConfig, TokenLayout};
 use super::gpt::Gpt;
 use super::scores::Scores;
 use crate::{Error, Result};
-use kinelm_engine::decode::{Decoder, KvKind, Logits, WeightKind};
+use kinelm_engine::decode::{Decoder, FrameDecoder, KvKind, Logits, WeightKind};
 use kinelm_engine::op::cross_entropy;
 use std::sync::Arc;
 
@@ -33,7 +34,13 @@ impl Default for Reading {
 pub struct Reader {
     config: ModelConfig,
     tokens: TokenLayout,
-    decoder: Decoder,
+    decoding: Decoding,
+}
+
+/// What reads them.
+enum Decoding {
+    Tokens(Decoder),
+    Frames(FrameDecoder),
 }
 
 impl Reader {
@@ -49,9 +56,16 @@ impl Reader {
             let what = "a masked model sees the whole window at once: it can't be read token after token";
             return Err(Error::Call(what.into()));
         }
-        let weights = Arc::new(packed::weights(gpt, reading.weights)?);
-        let decoder = Decoder::new(weights, reading.streams, reading.kv);
-        Ok(Reader { config: gpt.config().clone(), tokens: gpt.tokens().clone(), decoder })
+        let Reading { streams, weights, kv } = reading;
+        let decoding = match gpt.config().architecture {
+            Architecture::Flat => {
+                Decoding::Tokens(Decoder::new(Arc::new(packed::weights(gpt, weights)?), streams, kv))
+            }
+            Architecture::TwoLevel => {
+                Decoding::Frames(FrameDecoder::new(Arc::new(packed::frame_weights(gpt, weights)?), streams, kv))
+            }
+        };
+        Ok(Reader { config: gpt.config().clone(), tokens: gpt.tokens().clone(), decoding })
     }
 
     /// T: the most tokens of a sequence.
@@ -61,12 +75,18 @@ impl Reader {
 
     /// Sequences.
     pub fn streams(&self) -> usize {
-        self.decoder.streams()
+        match &self.decoding {
+            Decoding::Tokens(decoder) => decoder.streams(),
+            Decoding::Frames(decoder) => decoder.streams(),
+        }
     }
 
-    /// Bytes of weights that are read for a token.
+    /// Bytes of weights that are read for a token; where places differ, their mean.
     pub fn weight_bytes(&self) -> usize {
-        self.decoder.weights().bytes()
+        match &self.decoding {
+            Decoding::Tokens(decoder) => decoder.weights().bytes(),
+            Decoding::Frames(decoder) => decoder.weights().bytes(),
+        }
     }
 
     /// A sequence forgets all but its first `length` tokens.
@@ -74,7 +94,10 @@ impl Reader {
     /// # Panics
     /// A sequence that is not there.
     pub fn truncate(&mut self, stream: usize, length: usize) {
-        self.decoder.truncate(stream, length);
+        match &mut self.decoding {
+            Decoding::Tokens(decoder) => decoder.truncate(stream, length),
+            Decoding::Frames(decoder) => decoder.truncate(stream, length),
+        }
     }
 
     /// Reads a block of tokens a sequence, which may be empty; logits (rows, V), the rows in the order of the sequences.
@@ -88,7 +111,7 @@ impl Reader {
             return Err(Error::Call(format!("{} blocks of tokens for {} sequences", blocks.len(), self.streams())));
         }
         for (stream, block) in blocks.iter().enumerate() {
-            let (read, context) = (self.decoder.len(stream), self.config.context);
+            let (read, context) = (self.len(stream), self.config.context);
             if read + block.len() > context {
                 return Err(Error::Call(format!(
                     "{} more tokens behind {read} read; expected at most {}",
@@ -101,7 +124,18 @@ impl Reader {
                 return Err(Error::Call(format!("token {id} is outside the vocabulary of {vocabulary} ids")));
             }
         }
-        Ok(self.decoder.read(blocks, wanted))
+        Ok(match &mut self.decoding {
+            Decoding::Tokens(decoder) => decoder.read(blocks, wanted),
+            Decoding::Frames(decoder) => decoder.read(blocks, wanted),
+        })
+    }
+
+    /// Tokens that a sequence has read.
+    fn len(&self, stream: usize) -> usize {
+        match &self.decoding {
+            Decoding::Tokens(decoder) => decoder.len(stream),
+            Decoding::Frames(decoder) => decoder.len(stream),
+        }
     }
 }
 
@@ -120,7 +154,7 @@ impl Scores for Reader {
         let mut nats = vec![0.0; length];
         let windows = inputs.chunks(length).zip(targets.chunks(length)).zip(out.chunks_mut(length));
         for ((inputs, targets), out) in windows {
-            self.decoder.reset();
+            (0..self.streams()).for_each(|stream| self.truncate(stream, 0));
             let mut blocks = vec![&[][..]; self.streams()];
             blocks[0] = inputs;
             let logits = self.read(&blocks, Logits::All)?;

@@ -13,6 +13,7 @@ type Presets = [(&'static str, &'static str)];
 pub const TRAIN: &Presets = &[
     ("tiny", include_str!("../configs/train/tiny.toml")),
     ("small", include_str!("../configs/train/small.toml")),
+    ("two-level", include_str!("../configs/train/two-level.toml")),
     ("thesis-26m", include_str!("../configs/train/thesis-26m.toml")),
     ("gpt2", include_str!("../configs/train/gpt2.toml")),
     ("finetune", include_str!("../configs/train/finetune.toml")),
@@ -64,7 +65,7 @@ mod tests {
         std::fs::write(&file, "[train]\nsteps = 7\n").unwrap();
         assert_eq!(TrainFile::find(&file).unwrap().train.steps, 7);
         let message = TrainFile::find(Path::new("smal")).unwrap_err().to_string();
-        let expected = "no training file \"smal\": neither a file nor one of tiny, small, thesis-26m, gpt2, finetune, \
+        let expected = "no training file \"smal\": neither a file nor one of tiny, small, two-level, thesis-26m, gpt2, finetune, \
                         demo; did you mean small?";
         assert_eq!(message, expected);
         let message = Settings::find(Path::new("no/such.toml")).unwrap_err().to_string();

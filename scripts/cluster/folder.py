@@ -35,6 +35,8 @@ class Model:
             name = next((folder / n).read_text().strip() for n in ("best", "latest") if (folder / n).exists())
             weights = folder / "checkpoints" / name / "model.safetensors"
             step, conditions = int(name.removeprefix("step-")), about["train"].get("conditions", [])
+        if about["model"].get("architecture", "flat") != "flat":
+            raise SystemExit(f"{folder}: a two-level model; only `kinelm pretrain` trains those")
         config, tokens = Config(**about["model"]), Tokens(**about["tokens"])
         return Model(config.resolved(tokens), tokens, conditions, tokenizer, weights, step, about["kinelm"])
 

@@ -36,10 +36,14 @@ impl Layout {
     /// For a model of this shape, whose `tokens` don't hold the class tokens yet.
     ///
     /// # Errors
-    /// A masked model, words of varying length, a context that doesn't hold a word and the class tokens.
+    /// A masked or two-level model, words of varying length, a context that doesn't hold a word and the class tokens.
     pub fn new(config: &ModelConfig, tokens: &TokenLayout, fields: usize) -> Result<Layout> {
         if config.kind != crate::model::Kind::Causal {
             let what = "a masked model; classifiers go on from causal ones: train with [model] kind = \"causal\"";
+            return Err(Error::Call(what.into()));
+        }
+        if !config.architecture.is_flat() {
+            let what = "a two-level model; classifiers go on from flat ones: train with [model] architecture = \"flat\"";
             return Err(Error::Call(what.into()));
         }
         if tokens.varying {

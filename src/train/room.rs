@@ -2,7 +2,7 @@
 
 use super::config::TrainConfig;
 use crate::model::layout;
-use crate::model::{ModelConfig, TokenLayout};
+use crate::model::{Architecture, ModelConfig, TokenLayout};
 use crate::{Error, Result, memory};
 
 /// Bytes that training takes, about: weights, gradients and two moments, the sum of gradients and the average of weights
@@ -11,8 +11,13 @@ use crate::{Error, Result, memory};
 pub fn needed(config: &ModelConfig, tokens: &TokenLayout, train: &TrainConfig) -> u128 {
     let copies = 4 + u128::from(train.accumulate > 1) + u128::from(train.ema > 0.0);
     let parameters: u128 = layout::parameters(config, tokens).iter().map(|p| p.len() as u128).sum();
-    let numbers = (train.batch * config.context) as u128 * config.width as u128;
-    let activations = numbers * (11 * config.layers as u128 + 30);
+    let tokens_a_step = (train.batch * config.context) as u128;
+    // of a two-level model the decoder's rows are tokens, the trunk's so few that they don't count
+    let (layers, width) = match config.architecture {
+        Architecture::Flat => (config.layers, config.width),
+        Architecture::TwoLevel => (config.decoder().layers, config.decoder().width),
+    };
+    let activations = tokens_a_step * width as u128 * (11 * layers as u128 + 30);
     4 * (copies * parameters + activations)
 }
 
@@ -34,7 +39,7 @@ fn compare(needed: u128, free: u128) -> Result<()> {
     let gb = |bytes: u128| bytes as f64 / 1e9;
     Err(Error::Call(format!(
         "training this model on these batches takes about {:.1} GB of memory and {:.1} GB are free; lower model.width, \
-         model.layers, model.context or train.batch (with train.accumulate that much higher, a step stays the same)",
+         model.layers, model.context (of two levels model.window) or train.batch (with train.accumulate that much higher, a step stays the same)",
         gb(needed),
         gb(free)
     )))

@@ -82,6 +82,8 @@ impl RunFile {
     /// Keys outside their limits, a context too short for the corpora's words, a corpus path that can't be made absolute.
     pub fn new(model: &ModelConfig, train: &TrainConfig, data: &Data) -> Result<RunFile> {
         let tokens = data.tokens();
+        model.validate()?;
+        let model = model.resolved(&tokens);
         model.validate_for(&tokens)?;
         train.validate_for(&tokens)?;
         Ok(RunFile {
@@ -89,7 +91,7 @@ impl RunFile {
             kinelm: env!("CARGO_PKG_VERSION").into(),
             tokenizer_sha256: data.tokenizer().hash(),
             corpora: data.parts().iter().map(RunCorpus::of).collect::<Result<_>>()?,
-            model: model.resolved(&tokens),
+            model,
             train: train.clone(),
             augment: AugmentConfig::default(),
             tokens,

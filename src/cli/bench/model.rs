@@ -3,13 +3,16 @@
 use anyhow::Result;
 use kinelm::model::config::Stretch;
 use kinelm::model::past::Counts;
-use kinelm::model::{HeadKind, ModelConfig, TokenLayout};
+use kinelm::model::{Architecture, HeadKind, TokenLayout};
 use kinelm::train::TrainFile;
 use kinelm_tokenizer::PlaceIds;
 use std::path::Path;
 
 /// The id of the first bin.
 const FIRST: u32 = 6;
+
+/// Tokens of a word.
+const WORD: usize = 43;
 
 #[derive(Debug, clap::Args)]
 pub struct ModelArgs {
@@ -41,14 +44,17 @@ impl ModelArgs {
     pub fn get(&self) -> Result<BenchModel> {
         let path = Path::new(&self.config);
         let mut file = TrainFile::find(path).map_err(crate::cli::asked)?;
-        file.model.context = self.context.unwrap_or(file.model.context);
+        match file.model.architecture {
+            Architecture::Flat => file.model.context = self.context.unwrap_or(file.model.context),
+            Architecture::TwoLevel => file.model.window = self.context.map(|t| t / WORD).or(file.model.window),
+        }
         file.model.dropout = self.dropout;
         // a word and the special ids as 13 joints have them: a place in space, then angles, of the same bins
         let kind = |circular| PlaceIds { first: FIRST, count: self.vocabulary - FIRST, circular };
         let places = [(3, false), (39, true)].map(|(number, circular)| Stretch { number, kind: kind(circular) });
         let tokens = TokenLayout {
             vocabulary: self.vocabulary as usize,
-            word: 43,
+            word: WORD,
             varying: false,
             front: 1,
             pad: 0,
@@ -56,6 +62,7 @@ impl ModelArgs {
             space: 5,
             places: places.to_vec(),
         };
+        file.model = file.model.resolved(&tokens);
         file.model.validate_for(&tokens)?;
         let name = path.file_stem().map_or(self.config.clone(), |s| s.to_string_lossy().into_owned());
         Ok(BenchModel { name, file, tokens })
@@ -66,17 +73,28 @@ impl BenchModel {
     /// Numbers in the matrices that every token is multiplied with, the head among them: of several, the mean over a word's
     /// places.
     pub fn matrices(&self) -> usize {
-        let ModelConfig { layers, width, .. } = self.file.model;
+        let config = &self.file.model;
         let counts = Counts::of(&self.tokens);
         let rows = |kind: PlaceIds| if kind.circular { counts.circular } else { counts.steps() };
-        let head = match self.file.model.head_of(&self.tokens) {
+        let head = match config.head_of(&self.tokens) {
             HeadKind::Absolute => self.tokens.vocabulary,
             // the space's is over all ids
             HeadKind::Relative => {
                 (self.tokens.place_ids().map(rows).sum::<usize>() + self.tokens.vocabulary) / self.tokens.word
             }
         };
-        12 * layers * width * width + head * width
+        let blocks = |layers: usize, width: usize| 12 * layers * width * width;
+        let stacks = blocks(config.layers, config.width);
+        let before_head = match config.architecture {
+            Architecture::Flat => stacks,
+            Architecture::TwoLevel => {
+                let decoder = config.decoder();
+                let read = 2 * (self.tokens.word - 1) * decoder.character_width;
+                let frame = stacks + (read + decoder.width) * config.width;
+                frame / self.tokens.word + blocks(decoder.layers, decoder.width)
+            }
+        };
+        before_head + head * config.head_width()
     }
 }
 

@@ -4,7 +4,7 @@ use super::model::{BenchModel, ModelArgs};
 use super::{How, Rates, Row, Unit, peak, rounded, seconds};
 use crate::cli::{ComputeArgs, Say};
 use anyhow::Result;
-use kinelm::model::{DeviceName, layout};
+use kinelm::model::{Architecture, DeviceName, layout};
 use kinelm::random;
 use kinelm::train::batches::Batch;
 use kinelm::train::learner::clip_share;
@@ -105,8 +105,21 @@ fn step(learner: &mut dyn Learner, batch: &Batch, step: u64) -> Result<f64> {
 /// which hold T (T + 1)/2 pairs. Nothing that is computed twice counts twice.
 fn operations(bench: &BenchModel, batch: &Batch) -> f64 {
     let (model, length) = (&bench.file.model, batch.length() as f64);
-    let pairs = batch.clips.len() as f64 * length * (length + 1.0) / 2.0;
-    let attention = 2.0 * 6.0 * pairs * (model.layers * model.width) as f64;
+    // numbers of the pairs of some sequences in a stack
+    let seen = |sequences: f64, rows: f64, layers: usize, width: usize| {
+        sequences * rows * (rows + 1.0) / 2.0 * (layers * width) as f64
+    };
+    let windows = batch.clips.len() as f64;
+    let pairs = match model.architecture {
+        Architecture::Flat => seen(windows, length, model.layers, model.width),
+        Architecture::TwoLevel => {
+            let (decoder, word) = (model.decoder(), bench.tokens.word as f64);
+            let frames = length / word;
+            let spelt = seen(windows * frames, word, decoder.layers, decoder.width);
+            seen(windows, frames, model.layers, model.width) + spelt
+        }
+    };
+    let attention = 2.0 * 6.0 * pairs;
     6.0 * bench.matrices() as f64 * batch.inputs.len() as f64 + attention
 }
 

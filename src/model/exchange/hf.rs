@@ -63,6 +63,7 @@ pub(super) fn is_buffer(name: &str) -> bool {
 /// A model that GPT-2 can't express: all reasons.
 fn refuse(config: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
     let reasons = [
+        (!config.architecture.is_flat(), "it has two levels"),
         (config.kind != Kind::Causal, "it is masked"),
         (
             config.positions == Positions::FrameJoint && tokens.varying,

@@ -41,9 +41,14 @@ pub struct Reader {
 /// The kind of index that a run makes.
 ///
 /// # Errors
-/// As [`load_run`]; weights that can't be read.
+/// As [`load_run`]; weights that can't be read; a two-level model.
 pub fn kind_of(run: &Path) -> Result<Kind> {
-    let weights = load_run(run, Which::Auto)?.weights_sha256();
+    let loaded = load_run(run, Which::Auto)?;
+    if !loaded.config.architecture.is_flat() {
+        let help = "give a run of `architecture = \"flat\"`";
+        return Err(Error::file(run, "a two-level model", "one whose vectors are of tokens", help));
+    }
+    let weights = loaded.weights_sha256();
     Ok(Kind::Model { run: std::path::absolute(run).map_err(Error::io(run))?, weights })
 }
 

@@ -1,0 +1,143 @@
+//! A two-level model, as a user trains it and dances with it.
+
+use assert_cmd::Command;
+use kinelm_motion::{Motion, Source, format, synth};
+use predicates::str::contains;
+use std::fs;
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+const CONFIG: &str = "[model]\narchitecture = \"two_level\"\nlayers = 1\nheads = 2\nwidth = 24\nwindow = 6\n\
+                      [model.decoder]\nlayers = 1\nheads = 2\nwidth = 16\ncharacter_width = 4\n\
+                      [train]\nbatch = 2\nsteps = 6\nwarmup = 1\nlearning_rate = 3e-3\neval_every = 3\n\
+                      checkpoint_every = 3\n[augment]\nhistory_noise = 2.0\n";
+
+/// Twelve short dances, a tokenizer, a corpus and a run.
+struct Place {
+    dir: tempfile::TempDir,
+}
+
+impl Place {
+    fn at(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    /// A call in the folder, its words parted by spaces.
+    fn call(&self, words: &str) -> Command {
+        let mut c = Command::cargo_bin("kinelm").unwrap();
+        c.env("NO_COLOR", "1").current_dir(self.dir.path()).args(words.split(' '));
+        c
+    }
+
+    fn done(&self, words: &str) -> String {
+        let done = self.call(words).assert().success();
+        String::from_utf8(done.get_output().stdout.clone()).unwrap()
+    }
+}
+
+fn place() -> &'static Place {
+    static PLACE: OnceLock<Place> = OnceLock::new();
+    PLACE.get_or_init(|| {
+        let place = Place { dir: tempfile::tempdir().unwrap() };
+        fs::create_dir(place.at("data")).unwrap();
+        for (i, dance) in synth::corpus(3, 12, 3.0, 30.0).unwrap().into_iter().enumerate() {
+            let path = place.at(&format!("data/{i:02}.bvh"));
+            let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+            format::write(&path, &motion).unwrap();
+        }
+        fs::write(place.at("c.toml"), CONFIG).unwrap();
+        fs::write(place.at("labels.csv"), labels()).unwrap();
+        place.done("tokenizer fit data --labels labels.csv --out t.json");
+        place.done("tokenize data --labels labels.csv --tokenizer t.json --out corpus");
+        place.done("pretrain --config c.toml --corpus corpus --run run");
+        place
+    })
+}
+
+fn labels() -> String {
+    let split = |i| ["train", "train", "valid", "test"][i % 4];
+    let rows = (0..12).map(|i| format!("{i:02},{},{}\n", split(i), ["salsa", "waltz"][i % 2]));
+    format!("clip,split,genre\n{}", rows.collect::<String>())
+}
+
+#[test]
+fn it_is_measured_alike_in_both_forms_and_by_the_reader() {
+    let place = place();
+    let bits = |more: &str| {
+        let text = place.done(&format!("evaluate likelihood --run run --corpus corpus --json{more}"));
+        let found: serde_json::Value = serde_json::from_str(&text).unwrap();
+        found["bits_per_frame"].as_f64().unwrap()
+    };
+    let fast = bits("");
+    assert!(fast > 10.0 && fast < 400.0, "{fast}");
+    // half floats are read token by token, as dances are
+    for (more, apart) in [(" --form plain", 1e-4), (" --kv f16", 1e-2)] {
+        let other = bits(more);
+        assert!((other / fast - 1.0).abs() < apart, "{more}: {other}, {fast}");
+    }
+}
+
+#[test]
+fn it_goes_on_bit_for_bit() {
+    let place = place();
+    place.done("pretrain --config c.toml --corpus corpus --run again --threads 1");
+    let weights = |run: &str| fs::read(place.at(&format!("{run}/checkpoints/step-00000006/model.safetensors"))).unwrap();
+    assert_eq!(weights("again"), weights("run"), "threads change no bit");
+    fs::remove_dir_all(place.at("again/checkpoints/step-00000006")).unwrap();
+    fs::write(place.at("again/latest"), "step-00000003\n").unwrap();
+    fs::write(place.at("again/best"), "step-00000003\n").unwrap();
+    place.done("pretrain --config c.toml --corpus corpus --run again --resume");
+    assert_eq!(weights("again"), weights("run"), "neither does going on");
+}
+
+#[test]
+fn it_dances_after_a_prompt_and_again() {
+    let place = place();
+    place.call("generate --run run --prompt data/03.bvh --joints root,right_arm --variations 2 --seed 5 --out d.bvh")
+        .assert()
+        .success()
+        .stderr(contains("0.0000 % of the given characters differ"));
+    let dance = fs::read(place.at("d-1.bvh")).unwrap();
+    assert_ne!(dance, fs::read(place.at("d-2.bvh")).unwrap());
+    // alone it is what it was beside another
+    place.done("generate --run run --prompt data/03.bvh --joints root,right_arm --seed 5 --out alone.bvh");
+    let words = |name: &str| place.done(&format!("tokenizer text {name} --tokenizer t.json --floor 0 --up y"));
+    assert_eq!(words("alone.bvh"), words("d-1.bvh"));
+    place.done("generate --again d-1.bvh.kinelm.json --out twice.bvh");
+    assert_eq!(fs::read(place.at("twice.bvh")).unwrap(), dance);
+    // longer than its window many times over, free and greedy
+    place.done("generate --run run --frames 40 --greedy --out free.bvh");
+    place.done("generate --run run --prompt data/03.bvh --from-frame 9 --frames 30 --weights int8 --kv f16 --out on.bvh");
+}
+
+#[test]
+fn it_leaves_as_a_folder_of_our_own_and_comes_back() {
+    let place = place();
+    place.done("export --run run --out model");
+    place.done("import model --run back");
+    let bits = |run: &str| {
+        let text = place.done(&format!("evaluate likelihood --run {run} --corpus corpus --json"));
+        serde_json::from_str::<serde_json::Value>(&text).unwrap()["bits_per_frame"].as_f64().unwrap()
+    };
+    assert_eq!(bits("back"), bits("run"));
+    place.call("export --run run --format hf --out hf").assert().failure().stderr(contains("it has two levels"));
+}
+
+#[test]
+fn what_it_is_not_made_for_is_refused_before_anything_is_written() {
+    let place = place();
+    fs::write(place.at("labels.toml"), CONFIG.replace("[train]", "[train]\nconditions = [\"genre\"]")).unwrap();
+    fs::write(place.at("context.toml"), CONFIG.replace("window = 6", "window = 6\nhead = \"absolute\"")).unwrap();
+    for (call, said) in [
+        ("pretrain --config labels.toml --corpus corpus --run no", "train.conditions"),
+        ("pretrain --config context.toml --corpus corpus --run no", "model.head = \"absolute\""),
+        ("classify train --run run --corpus corpus --fields genre --out no", "two-level model"),
+        ("query build data --transform model --run run --out no", "two-level model"),
+    ] {
+        place.call(call).assert().failure().stderr(contains(said));
+    }
+    place.done("tokenizer fit data --labels labels.csv --config lapped --out lapped.json");
+    place.done("tokenize data --labels labels.csv --tokenizer lapped.json --out tiles");
+    place.call("pretrain --config c.toml --corpus tiles --run no").assert().failure().stderr(contains("uniform or quantile"));
+    assert!(!place.at("no").exists());
+}

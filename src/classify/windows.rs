@@ -43,7 +43,8 @@ impl Layout {
             return Err(Error::Call(what.into()));
         }
         if !config.architecture.is_flat() {
-            let what = "a two-level model; classifiers go on from flat ones: train with [model] architecture = \"flat\"";
+            let what =
+                "a two-level model; classifiers go on from flat ones: train with [model] architecture = \"flat\"";
             return Err(Error::Call(what.into()));
         }
         if tokens.varying {

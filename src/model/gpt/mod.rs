@@ -185,7 +185,8 @@ impl Gpt {
     /// A two-level model; no memory on the device.
     pub fn cache(&self) -> Result<Cache> {
         if !self.config.architecture.is_flat() {
-            let what = "the plain form of a two-level model reads whole windows alone; generate with the form auto on the cpu";
+            let what =
+                "the plain form of a two-level model reads whole windows alone; generate with the form auto on the cpu";
             return Err(Error::Call(what.into()));
         }
         let c = &self.config;

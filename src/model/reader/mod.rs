@@ -58,9 +58,7 @@ impl Reader {
         }
         let Reading { streams, weights, kv } = reading;
         let decoding = match gpt.config().architecture {
-            Architecture::Flat => {
-                Decoding::Tokens(Decoder::new(Arc::new(packed::weights(gpt, weights)?), streams, kv))
-            }
+            Architecture::Flat => Decoding::Tokens(Decoder::new(Arc::new(packed::weights(gpt, weights)?), streams, kv)),
             Architecture::TwoLevel => {
                 Decoding::Frames(FrameDecoder::new(Arc::new(packed::frame_weights(gpt, weights)?), streams, kv))
             }

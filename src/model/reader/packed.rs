@@ -8,8 +8,8 @@ use crate::model::layout;
 use candle_core::{Device, Tensor};
 use kinelm_engine::bins::Bins;
 use kinelm_engine::decode::{
-    Before, BlockParts, DecoderWeights, FrameParts, FrameSizes, FrameWeights, Pair, Parts, Positions as Tables, Previous,
-    Relative, Rope, Sizes, Stack, WeightKind,
+    Before, BlockParts, DecoderWeights, FrameParts, FrameSizes, FrameWeights, Pair, Parts, Positions as Tables,
+    Previous, Relative, Rope, Sizes, Stack, WeightKind,
 };
 use std::collections::BTreeMap;
 

@@ -23,3 +23,9 @@ pub mod train;
 pub mod view;
 
 pub use error::{Error, Result};
+
+/// So many of what a word in the plural names: "1 clip", "2 clips".
+pub fn counted(n: usize, words: &str) -> String {
+    let word = if n == 1 { words.strip_suffix('s').unwrap_or(words) } else { words };
+    format!("{n} {word}")
+}

@@ -9,7 +9,7 @@ use clap::Parser;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let call = cli::Call::parse();
+    let call = cli::Call::try_parse().unwrap_or_else(|e| cli::told_plain(e).exit());
     match cli::run(call) {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) if cli::is_broken_pipe(&e) => ExitCode::SUCCESS,

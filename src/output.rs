@@ -146,7 +146,7 @@ impl Outputs {
             return Err(Error::taken(path, "is a folder; give a name in it"));
         }
         if !found.is_file() && !found.is_symlink() {
-            return Err(Error::taken(path, "is no file that could be replaced; give another name"));
+            return Err(Error::taken(path, "is no regular file, so it is not replaced; give another name"));
         }
         let (files, folders) = self.known();
         if identity(path).is_some_and(|id| files.contains(&id)) {

@@ -111,7 +111,7 @@ fn what_can_not_be_filtered_is_said() {
         kinelm("filter").arg(&a).args(args).arg("--out").arg(d.path(out)).assert().code(code).stderr(contains(what));
     };
     said(&["--cutoff", "30"], "o.bvh", 1, "below half the rate, 30 Hz");
-    said(&["--cutoff", "5", "--butterworth", "9"], "o.bvh", 1, "order 9; expected 1 to 8");
+    said(&["--cutoff", "5", "--butterworth", "9"], "o.bvh", 2, "expected 1 to 8");
     said(&["--keep", "181"], "o.bvh", 1, "expected 1 to 180");
     said(&["--butterworth", "2"], "o.bvh", 2, "--cutoff");
     said(&["--level", "low", "--cutoff", "3"], "o.bvh", 2, "cannot be used with");
@@ -215,7 +215,7 @@ fn what_can_not_be_blended_is_said() {
     said("b.json", &["--out", &out, "--keep", "300"], 1, "expected 1 to 128");
     said("b.json", &["--out", &out, "--strength", "1.5"], 2, "expected a number from 0 to 1");
     said("b.json", &["--out", &out, "--transform", "stft", "--amount", "0.5"], 2, "no closed form");
-    said("b.json", &["--out", &out, "--window", "9"], 1, "expected 16 to 8192");
+    said("b.json", &["--out", &out, "--window", "9"], 2, "expected 16 to 8192");
     said("b.json", &["--out", &no], 2, "is a file, no folder");
     said("b.json", &["--out", &out, "--page", &page], 2, "ending in .html");
     let stranger = "stranger.bvh can't be put on the rig of";

@@ -1,6 +1,7 @@
 //! What goes wrong at a user's: each ends with a line that helps and an exit code, never in a panic, a signal or silence.
 
 use assert_cmd::Command;
+use kinelm_motion::format::npz::{Values, Writer};
 use kinelm_motion::{Motion, Source, format, synth};
 use predicates::str::contains;
 use std::fs;
@@ -94,12 +95,53 @@ fn names_that_are_no_utf_8_are_told_before_any_work() {
 #[test]
 fn rates_that_no_movement_needs_are_refused() {
     let data = data();
-    let rate = "a rate of 1000000.0 frames per second; expected 10000 at most";
+    let rate = "a rate of 1000000 frames per second; expected 10000 at most";
     data.refused("spectrum data/d0.bvh --out s.png --fps 1000000", &[rate]);
-    data.refused("convert data/d0.bvh fast.bvh --fps 1e308", &["a rate of 1e308 frames", "10000 at most"]);
+    // of the file as of the call
+    let mut npz = Writer::new();
+    npz.add("poses", &[1, 156], Values::F64(&[0.0; 156])).unwrap();
+    npz.add("trans", &[1, 3], Values::F64(&[0.0; 3])).unwrap();
+    npz.add("mocap_framerate", &[], Values::F64(&[1e308])).unwrap();
+    data.write("rate.npz", npz.finish().unwrap());
+    data.refused("convert rate.npz rate.bvh", &["mocap_framerate: 1e308, expected", "at most 10000"]);
+    let slow = data.said("convert data/d0.bvh slow.bvh --fps 0.0001", 1);
+    assert!(slow.contains("from 20 to 0.0001 frames per second; expected") && !slow.contains("no capture"), "{slow}");
     data.write("fast.toml", "fps = 1000000.0\n");
     let fit = "tokenizer fit data --labels labels.csv --config fast.toml --out fast.json";
-    data.refused(fit, &["fast.toml: ", "found 1000000", "at most 10000 frames"]);
+    data.refused(fit, &["fast.toml: found fps = 1000000", "at most 10000 frames"]);
+}
+
+/// Wrong calls, and what names the flag.
+#[test]
+fn numbers_outside_their_range_are_wrong_calls() {
+    let data = data();
+    for (call, named) in [
+        ("convert data/d0.bvh fast.bvh --fps 1e308", "--fps <FPS>'"),
+        ("convert data/d0.bvh fast.bvh --fps-source 1e9", "--fps-source <FPS>'"),
+        ("interpolate data/d0.bvh data/d1.bvh --window 1 --out w.bvh", "--window"),
+        ("filter data/d0.bvh f.bvh --butterworth 100 --cutoff 5", "--butterworth"),
+        ("query build data --window 1 --out w", "--window"),
+        ("generate --run run --frames 5 --fps 0.5 --out slow.bvh", "--fps 0.5 with a .bvh"),
+        (
+            "tokenizer fit data --config lapped --set hop=999 --out l.json",
+            "--set hop=999 over lapped: tokenizer setting hop: found 999",
+        ),
+    ] {
+        let said = data.said(call, 2);
+        assert!(said.contains(named) && said.matches("expected").count() <= 1, "{call}: {said}");
+    }
+    data.call("convert data/d0.bvh up.npz").assert().success();
+    assert!(data.said("inspect up.npz --up z", 2).contains("an AMASS file has z up"));
+}
+
+#[test]
+fn heights_above_the_floor_are_told_as_heights() {
+    let data = data();
+    let said = data.said("tokenizer text data/d0.bvh --tokenizer t.json --floor 5", 0);
+    assert!(said.contains("60 heights of the root above the floor") && !said.contains("caught up"), "{said}");
+    let call = "generate --run run --prompt data/d0.bvh --joints root --floor 5 --frames 5 --out high.bvh";
+    let said = data.said(call, 0);
+    assert!(said.contains("height_off_range") && !said.contains("is late"), "{said}");
 }
 
 #[cfg(unix)]
@@ -128,7 +170,7 @@ fn pipes_devices_and_links_to_nowhere_are_told() {
     let call = "tokenize links --labels labels.csv --tokenizer t.json --out links-corpus";
     data.refused(&format!("{call} --strict"), &["gone.bvh"]);
     let said = data.said(call, 0);
-    assert!(said.contains("gone.bvh") && said.contains("1 files could not be taken"), "{said}");
+    assert!(said.contains("gone.bvh") && said.contains("1 file could not be taken"), "{said}");
 }
 
 #[test]
@@ -173,6 +215,12 @@ fn orders_to_a_terminal_in_names_are_written_out() {
     for call in ["inspect a\u{1b}[31mb.bvh", "tokenize data --tokenizer a\u{1b}[31m\u{7}.json --out x"] {
         let said = data.said(call, 1);
         assert!(said.contains("a\\u{1b}[31m") && !said.contains('\u{1b}') && !said.contains('\u{7}'), "{said:?}");
+    }
+    // in words that the parser itself refuses too
+    let odd = ["inspect data/d0.bvh --a\u{1b}[31mb", "a\u{1b}[31mb", "inspect data/d0.bvh --unit a\u{1b}[31mb"];
+    for call in odd {
+        let said = data.said(call, 2);
+        assert!(said.contains("a\\u{1b}[31mb") && !said.contains('\u{1b}'), "{said:?}");
     }
 }
 

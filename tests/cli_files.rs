@@ -227,6 +227,16 @@ const REPEATED: &[&str] = &[
 
 /// A call, then one with other settings and the same output: ours is replaced without a word.
 #[test]
+fn a_folder_of_others_is_no_place_for_a_demo() {
+    let place = Place::new();
+    let before = place.files();
+    for call in ["demo --out . --force", "demo --out data --force", "demo --out ."] {
+        place.call(call).assert().code(2).stderr(contains("holds files that are no demo's"));
+        assert_eq!(place.files(), before, "{call}");
+    }
+}
+
+#[test]
 fn ours_is_replaced() {
     for (out, first, second) in OURS {
         let place = Place::new();

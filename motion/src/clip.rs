@@ -1,6 +1,6 @@
 //! The one motion type, and what a file said beside it.
 
-use crate::format::{Axes, bvh::BvhSource};
+use crate::format::{Axes, Up, bvh::BvhSource};
 use crate::{Error, Quat, Result, Skeleton, Vec3};
 use std::fmt;
 use std::ops::Range;
@@ -177,6 +177,18 @@ pub enum Source {
     },
     /// Our own JSON, or made by a program: nothing beside the clip.
     Plain,
+}
+
+impl Source {
+    /// The axes of the file, as it was read.
+    pub fn axes(&self) -> Axes {
+        match self {
+            Source::Bvh(bvh) => bvh.rig.axes,
+            Source::Json(axes) => *axes,
+            Source::Amass { .. } => Axes { up: Up::Z, ..Axes::OWN },
+            Source::Aist { .. } | Source::Retargeted { .. } | Source::Plain => Axes::OWN,
+        }
+    }
 }
 
 /// Something odd in a file that was read all the same.

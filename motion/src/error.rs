@@ -58,6 +58,11 @@ impl Error {
     }
 }
 
+/// A number for a message: the hundreds of digits of one that is huge or tiny say no more than its power of ten.
+pub fn in_short(x: f64) -> String {
+    if x == 0.0 || (1e-6..1e15).contains(&x.abs()) { x.to_string() } else { format!("{x:e}") }
+}
+
 /// A place in a file. Lines and columns count from 1; 0 means the file as a whole (binary formats).
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Place {

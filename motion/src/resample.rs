@@ -1,5 +1,6 @@
 //! Change of frame rate.
 
+use crate::error::in_short;
 use crate::rotation::{nearest_sign, slerp};
 use crate::{Clip, Error, Quat, Result, Vec3};
 use std::f64::consts::PI;
@@ -45,17 +46,20 @@ impl Method {
 pub fn resample(clip: &Clip, fps: f64, method: Method) -> Result<Clip> {
     let (a, b) = (clip.fps(), fps);
     if !(b.is_finite() && b > 0.0) {
-        return Err(Error::Call(format!("a rate of {b} frames per second; expected a positive number")));
+        return Err(Error::Call(format!("a rate of {} frames per second; expected a positive number", in_short(b))));
     }
     if a == b || clip.frames() == 0 {
         return clip.clone().with_fps(b);
     }
     if b > a && b > MOST_FPS {
-        return Err(Error::Call(format!("a rate of {b:?} frames per second; expected {MOST_FPS} at most")));
+        return Err(Error::Call(format!("a rate of {} frames per second; expected {MOST_FPS} at most", in_short(b))));
     }
     if a / b > MOST_TIMES_SLOWER {
         return Err(Error::Call(format!(
-            "from {a} to {b} frames per second: no capture is that fast; give the true rate (--fps-source)"
+            "from {} to {} frames per second; expected a rate at most {MOST_TIMES_SLOWER} times slower; if the file states \
+             its own wrongly, give the true one (--fps-source)",
+            in_short(a),
+            in_short(b)
         )));
     }
     let frames = ((clip.frames() - 1) as f64 * b / a + 1e-9).floor() + 1.0;

@@ -3,6 +3,7 @@
 use super::many::{self, Pair};
 use super::{ForceArgs, Say, WrongCall, extension, read::ReadArgs};
 use anyhow::{Context, Result};
+use kinelm::counted;
 use kinelm::output::Outputs;
 use kinelm_motion::convert::{Rig, Wanted, convert};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
@@ -19,7 +20,7 @@ pub struct Args {
     #[arg(long, value_enum, value_name = "bvh|npz|json")]
     format: Option<FormatArg>,
     /// Frames per second wanted
-    #[arg(long, value_parser = super::read::positive)]
+    #[arg(long, value_parser = super::read::rate)]
     fps: Option<f64>,
     /// The rig wanted: smpl, a body model (SMPL_*.npz), or a motion file whose rig is meant
     #[arg(long, value_name = "NAME|FILE")]
@@ -139,7 +140,7 @@ fn positions(input: &Path, output: &Path, options: &ReadOptions, (outputs, say):
     let positions = format::positions(input, options)?;
     outputs.write(output, &positions.write()?)?;
     let (out, n, f) = (output.display(), positions.joints.len(), positions.frames());
-    Ok(format!("{out}: {f} frames of {n} points at {} fps", positions.fps))
+    Ok(format!("{out}: {} of {n} points at {} fps", counted(f, "frames"), positions.fps))
 }
 
 /// Says what was written.
@@ -150,5 +151,6 @@ pub fn told(path: &Path, motion: &Motion, say: Say) {
 /// What stands in a file that was written.
 fn described(path: &Path, motion: &Motion) -> String {
     let clip = &motion.clip;
-    format!("{}: {} frames at {} fps, {} joints", path.display(), clip.frames(), clip.fps(), clip.joints())
+    let (frames, joints) = (counted(clip.frames(), "frames"), counted(clip.joints(), "joints"));
+    format!("{}: {frames} at {} fps, {joints}", path.display(), clip.fps())
 }

@@ -3,6 +3,7 @@
 use super::{ForceArgs, Say, print};
 use anyhow::Result;
 use kinelm::corpus::{Corpus, merge::merge, stats::stats, writer::LAYOUT};
+use kinelm::counted;
 use kinelm::output::Outputs;
 use kinelm::train::order::order;
 use kinelm::train::run::RunFile;
@@ -77,7 +78,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
             Outputs::new(&shards, force).check_folder(&out, &LAYOUT)?;
             let manifest = merge(&shards, &out, force)?;
             let (n, f) = (manifest.count.clips, manifest.count.frames);
-            say.line(format_args!("{}: {n} clips, {f} frames", out.display()));
+            say.line(format_args!("{}: {}, {}", out.display(), counted(n, "clips"), counted(f, "frames")));
             Ok(())
         }
     }

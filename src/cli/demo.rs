@@ -81,12 +81,21 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     Ok(())
 }
 
-/// An empty folder at `--out`.
+/// What a demo's report begins with; it stands there from the beginning, and tells a demo's folder from others.
+const MARK: &str = "# kinelm demo";
+
+/// A folder at `--out` that is empty but for an earlier demo.
 fn make_room(args: &Args) -> Result<()> {
-    let ours = ["motion", "labels.csv", "tokenizer.json", "corpus", "run", "dance.bvh", "page.html", "report.md"];
-    for name in ours.map(|n| args.out.join(n)).iter().filter(|p| p.exists()) {
+    let (out, report) = (args.out.display(), args.out.join("report.md"));
+    let holds_files = std::fs::read_dir(&args.out).is_ok_and(|mut entries| entries.next().is_some());
+    if holds_files || args.out.is_file() {
+        // what is somebody's own is replaced by no --force
+        if !std::fs::read(&report).is_ok_and(|text| text.starts_with(MARK.as_bytes())) {
+            let what = format!("{out} holds files that are no demo's; give a new or an empty folder with --out");
+            return Err(WrongCall(what).into());
+        }
         if !args.force {
-            let what = format!("{} exists; give --force to replace the demo there, or another --out", name.display());
+            let what = format!("{out} holds a demo; give --force to replace it, or another --out");
             return Err(WrongCall(what).into());
         }
     }
@@ -95,7 +104,8 @@ fn make_room(args: &Args) -> Result<()> {
         // a training begins in a new folder; the old one goes if it holds nothing but what a training writes
         kinelm::train::folder::remove(&run)?;
     }
-    std::fs::create_dir_all(args.out.join("motion")).with_context(|| args.out.display().to_string())
+    std::fs::create_dir_all(args.out.join("motion")).with_context(|| out.to_string())?;
+    Ok(write_whole(&report, format!("{MARK}, seed {}\n\nIt isn't done.\n", args.seed).as_bytes())?)
 }
 
 /// The dances as BVH files, and their labels. Of every genre and dancer the last take is for test, the one before for
@@ -181,7 +191,7 @@ fn page(path: &Path, name: &str, tokenizer: &Tokenizer, prompt: &Prompt, danced:
 fn report(args: &Args, model: f64, floors: &Baselines, seconds: f64) -> String {
     let order0 = floors.bits_per_frame[0];
     format!(
-        "# kinelm demo, seed {}\n\n\
+        "{MARK}, seed {}\n\n\
          {CLIPS} made-up dances of {SECONDS} s at {FPS} fps; 13 joints at 20 fps, 43 tokens a frame.\n\n\
          | bits/frame on the test dances | |\n|---|---|\n\
          | every character equally likely | {:.1} |\n\

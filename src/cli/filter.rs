@@ -4,7 +4,7 @@ use super::many::{self, Pair};
 use super::{ForceArgs, Say, print, read::ReadArgs};
 use anyhow::Result;
 use kinelm::output::Outputs;
-use kinelm::spectral::filter::{Filter, LOW_HZ, MIDDLE_HZ, filter};
+use kinelm::spectral::filter::{Filter, LOW_HZ, MIDDLE_HZ, butterworth, filter};
 use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::metric::jitter;
@@ -32,7 +32,8 @@ pub struct Args {
     #[arg(long, value_name = "K", conflicts_with = "cutoff", value_parser = super::read::count)]
     keep: Option<usize>,
     /// A Butterworth filter of this order instead, forth and back, as scipy's butter and filtfilt
-    #[arg(long, value_name = "ORDER", requires = "cutoff", conflicts_with = "keep")]
+    #[arg(long, value_name = "ORDER", requires = "cutoff", conflicts_with = "keep",
+        value_parser = super::read::within(1..=butterworth::MOST))]
     butterworth: Option<usize>,
     /// One JSON object a clip
     #[arg(long)]

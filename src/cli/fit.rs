@@ -54,7 +54,7 @@ pub struct SettingsArgs {
     #[arg(long, value_enum)]
     translation: Option<TravelArg>,
     /// The root's height: above the clip's floor, as steps (not lapped), or in the world (uniform, lapped)
-    /// [default: velocity, of lapped absolute]
+    /// [default: floor]
     #[arg(long, value_enum)]
     height: Option<HeightArg>,
     /// Any other key of the scheme, as in its file: tile=60, keep=0.1, joint_transform.type=pca (may be given again)
@@ -95,6 +95,7 @@ impl SettingsArgs {
             Some(path) => Settings::find(path).map_err(super::asked)?,
             None => Settings::default(),
         };
+        let own = settings.clone().config();
         if let Some(kind) = &self.scheme {
             settings.set_scheme(kind);
         }
@@ -109,8 +110,17 @@ impl SettingsArgs {
         for pair in &self.set {
             settings.set_pair(pair).map_err(|e| WrongCall(format!("--set {pair}: {e}")))?;
         }
-        let config = settings.config();
-        if self.config.is_none() { config.map_err(|e| WrongCall(e.to_string()).into()) } else { Ok(config?) }
+        let Some(path) = &self.config else { return settings.config().map_err(|e| WrongCall(e.to_string()).into()) };
+        if own.is_err() {
+            return Ok(settings.config()?);
+        }
+        // a file that holds by itself is not at fault
+        let flags = match self.set.is_empty() {
+            true => "the flags".into(),
+            false => self.set.iter().map(|pair| format!("--set {pair}")).collect::<Vec<_>>().join(" "),
+        };
+        let over = |e| WrongCall(format!("{flags} over {}: {e}", path.display())).into();
+        settings.of_no_file().config().map_err(over)
     }
 }
 

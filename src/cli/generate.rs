@@ -13,8 +13,7 @@ use kinelm::generate::variation_seed;
 use kinelm::model::Which;
 use kinelm::output::{Outputs, is_same};
 use kinelm_motion::format::{self, RestFrame};
-use kinelm_motion::resample::{Method, resample};
-use kinelm_motion::{Motion, Source, joints, retarget, smpl};
+use kinelm_motion::{joints, smpl};
 use kinelm_tokenizer::{Tokenizer, Words};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -47,7 +46,7 @@ pub struct Args {
     #[arg(long, value_name = "S", conflicts_with = "frames", value_parser = super::read::positive)]
     seconds: Option<f64>,
     /// Frames a second of the file that is written; those between the model's are by slerp. The model's rate if not given
-    #[arg(long, value_parser = super::read::positive)]
+    #[arg(long, value_parser = super::read::rate)]
     fps: Option<f64>,
     /// Where the dance goes (.bvh .npz .json); with --variations, the dances go to FILE-1, FILE-2, ... before the
     /// extension. FILE.bvh.kinelm.json beside each tells where it is from
@@ -281,13 +280,13 @@ fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a dance that came out otherwise.
+/// Refuses a dance that came out different.
 fn check_same(first: &Provenance, bytes: &[u8]) -> Result<()> {
     let found = FileRecord::of(bytes).sha256;
     let (then, now) = (&first.recipe.computing, kinelm_engine::dispatch::name());
     anyhow::ensure!(
         found == first.output.sha256,
-        "the dance came out otherwise: SHA-256 {found}, then {}; it was made by kinelm {} with the kernels {}, this is {} \
+        "the dance came out different: SHA-256 {found}, then {}; it was made by kinelm {} with the kernels {}, this is {} \
          with {now}. Nothing was written",
         first.output.sha256,
         first.kinelm,
@@ -350,6 +349,10 @@ fn check_out(args: &Args, outs: &[PathBuf]) -> Result<()> {
         let what = "--variations with --greedy: the likeliest dance is always the same; leave one of them out";
         return Err(WrongCall(what.into()).into());
     }
+    if let Some(fps) = args.fps.filter(|fps| *fps < 1.0 && extension == "bvh") {
+        let what = format!("--fps {fps} with a .bvh: its frame time is a second at most; write .npz or .json");
+        return Err(WrongCall(what).into());
+    }
     if args.rig == RigArg::Prompt && extension == "npz" {
         return Err(WrongCall(
             "--rig prompt with an .npz: AMASS files are on the model's rig; write .bvh or .json".into(),
@@ -364,19 +367,8 @@ fn check_out(args: &Args, outs: &[PathBuf]) -> Result<()> {
 fn say_read_back(ready: &Ready, words: &Words, out: &Path, say: Say) -> Result<()> {
     let followed = ready.on_own_rig().filter(|(prompt, _)| !prompt.given.is_empty());
     let (Some((prompt, recipe)), tokenizer) = (followed, &ready.tokenizer) else { return Ok(()) };
-    let options = ready.recipe.read_back();
-    let mut motion = format::read(out, &options)?;
-    // of a dance at a higher rate the frames that were drawn; at others there are none of them
-    match resample(&motion.clip, tokenizer.fps(), Method::Stride) {
-        Ok(drawn) => motion.clip = drawn,
-        Err(_) => return Ok(()),
-    }
-    let floor = options.floor.filter(|_| tokenizer.config().above_floor()).unwrap_or(0.0);
-    let lowered = Motion { clip: motion.clip.clone().raised(-floor), ..motion.clone() };
-    // the way there went about the prompt's floor
-    let floor_m = retarget::floor_m(&prompt.clip.motion, recipe.read.map.as_deref())? - floor;
-    let lowered = Motion { source: Source::Retargeted { floor_m }, ..lowered };
-    let again = tokenizer.encode(&retarget::to_smpl(&lowered, options.map.as_deref())?)?.words;
+    let back = prompt::read_back(out, &ready.recipe, &prompt.clip, tokenizer)?;
+    let Some((motion, again)) = back else { return Ok(()) };
     if let Some(share) = prompt::share_changed(words.codes(), again.codes(), &prompt.given, prompt.clip.words.len()) {
         let apart = apart(tokenizer, prompt, recipe.read.map.as_deref(), &motion.clip)?;
         let apart = apart

@@ -31,6 +31,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
                 let report = report(&motion).with_floor(floor);
                 print(&if args.json { report.json() + "\n" } else { report.text() })?;
             }
+            // the one file's format says how the call is wrong
+            Err(e @ kinelm_motion::Error::Option { .. }) if args.files.len() == 1 && !args.json => return Err(e.into()),
             Err(e) => {
                 failed += 1;
                 if args.json {

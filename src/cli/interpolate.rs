@@ -3,7 +3,7 @@
 use super::view::stem;
 use super::{ForceArgs, Say, WrongCall, print, read::ReadArgs};
 use anyhow::Result;
-use kinelm::spectral::interpolate::{Alignment, Blended, Descent, Kind, Settings, Way, blend};
+use kinelm::spectral::interpolate::{Alignment, Blended, Descent, Kind, Settings, Way, align, blend};
 use kinelm::view::{Figure, page};
 use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
@@ -46,13 +46,14 @@ pub struct Args {
 #[derive(Debug, clap::Args)]
 struct WindowArgs {
     /// Frames that are blended
-    #[arg(long, value_name = "FRAMES", default_value_t = 128, value_parser = super::read::count)]
+    #[arg(long, value_name = "FRAMES", default_value_t = 128,
+        value_parser = super::read::within(align::FEWEST..=align::MOST))]
     window: usize,
     /// As many frames as the shorter clip has, instead
     #[arg(long, conflicts_with = "window")]
     whole: bool,
     /// The rate at which, and that of the dance between
-    #[arg(long, default_value_t = 60.0, value_parser = super::read::positive)]
+    #[arg(long, default_value_t = 60.0, value_parser = super::read::rate)]
     fps: f64,
     /// Where A's window begins, seconds
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::read::seconds)]

@@ -33,6 +33,7 @@ mod view;
 mod view_files;
 
 use anyhow::{Error, Result};
+use clap::Parser;
 use kinelm::model::{Compute, DeviceName, Form, Reading};
 use kinelm::output::Outputs;
 use kinelm::view::plot;
@@ -46,7 +47,7 @@ use std::panic::{AssertUnwindSafe, resume_unwind};
 use std::path::{Path, PathBuf};
 
 /// Motion capture into text, a GPT on that text, new dances out of it.
-#[derive(Debug, clap::Parser)]
+#[derive(Debug, Parser)]
 #[command(name = "kinelm", version, arg_required_else_help = true, propagate_version = true)]
 pub struct Call {
     #[command(subcommand)]
@@ -375,6 +376,17 @@ pub fn plain(text: &str) -> Cow<'_, str> {
     }
     let one = |c: char| if is_order(c) { c.escape_default().to_string() } else { c.to_string() };
     Cow::Owned(text.chars().map(one).collect())
+}
+
+/// The error of a call that the parser refused, which shows words of the call: of the same call with its control
+/// characters written out, as the error's own colours are control characters too.
+pub fn told_plain(e: clap::Error) -> clap::Error {
+    let words = std::env::args_os().map(|word| plain(&word.to_string_lossy()).into_owned());
+    let is_odd = |word: std::ffi::OsString| matches!(plain(&word.to_string_lossy()), Cow::Owned(_));
+    match std::env::args_os().any(is_odd) {
+        true => Call::try_parse_from(words).err().unwrap_or(e),
+        false => e,
+    }
 }
 
 /// Says what was odd in a file that was read all the same.

@@ -1,6 +1,9 @@
 //! The reading options, the same on every command that reads motion.
 
+use kinelm::spectral::windows::{LEAST_FRAMES, MOST_FRAMES};
 use kinelm_motion::format::{BvhPosition, ReadOptions, RestFrame, Unit, Up};
+use kinelm_motion::resample::MOST_FPS;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 /// How motion files are read.
@@ -8,7 +11,7 @@ use std::path::PathBuf;
 #[command(next_help_heading = "Reading motion")]
 pub struct ReadArgs {
     /// The true rate of the files, where they state it wrongly (an fps column of the labels overrules it)
-    #[arg(long, value_name = "FPS", value_parser = positive)]
+    #[arg(long, value_name = "FPS", value_parser = rate)]
     pub fps_source: Option<f64>,
     /// Unit of a BVH, which has none of its own; auto judges by the length of the leg
     #[arg(long, value_enum, default_value = "auto")]
@@ -98,9 +101,28 @@ pub fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A rate, frames a second.
+pub fn rate(text: &str) -> Result<f64, String> {
+    let wrong = || format!("expected a rate above 0, at most {MOST_FPS} frames per second");
+    positive(text).ok().filter(|fps| *fps <= MOST_FPS).ok_or_else(wrong)
+}
+
 /// A whole number from 1 on.
 pub fn count(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|&n| n > 0).ok_or("expected a whole number from 1 on".into())
+}
+
+/// A whole number in a range.
+pub fn within(range: RangeInclusive<usize>) -> impl Fn(&str) -> Result<usize, String> + Clone {
+    move |text| {
+        let wrong = || format!("expected {} to {}", range.start(), range.end());
+        text.parse().ok().filter(|n| range.contains(n)).ok_or_else(wrong)
+    }
+}
+
+/// The frames of a query's window.
+pub fn window(text: &str) -> Result<usize, String> {
+    within(LEAST_FRAMES..=MOST_FRAMES)(text)
 }
 
 /// A time from the beginning on.

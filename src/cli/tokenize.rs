@@ -5,6 +5,7 @@ use anyhow::Result;
 use kinelm::corpus::Shard;
 use kinelm::corpus::build::{BuildOptions, tokenize};
 use kinelm::corpus::writer::LAYOUT;
+use kinelm::counted;
 use kinelm::output::Outputs;
 use kinelm_motion::format::RestFrame;
 use kinelm_tokenizer::Tokenizer;
@@ -47,6 +48,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     let (n, f) = (manifest.count.clips, manifest.count.frames);
     let tokens = manifest.token_count();
-    say.line(format_args!("{}: {n} clips, {f} frames, {tokens} tokens", args.out.display()));
+    let (clips, frames) = (counted(n, "clips"), counted(f, "frames"));
+    say.line(format_args!("{}: {clips}, {frames}, {tokens} tokens", args.out.display()));
     Ok(())
 }

@@ -68,9 +68,13 @@ fn text(args: TextArgs, say: Say) -> Result<()> {
     let placed = corpus::load::load_placed(&args.clip, &options, tokenizer.config().into())?;
     super::warn(&placed.motion, say);
     let encoded = tokenizer.encode(&placed.lowered())?;
-    let clipped = encoded.clipped;
-    if clipped > 0 {
-        say.line(format_args!("{clipped} steps of the root lay outside the fitted range and are caught up later"));
+    let (steps, heights) = (encoded.clipped.saturating_sub(encoded.off_range), encoded.off_range);
+    if steps > 0 {
+        say.line(format_args!("{steps} steps of the root lay outside the fitted range and are caught up later"));
+    }
+    if heights > 0 {
+        let what = "of the root above the floor lay outside the fitted range and end at its edge";
+        say.line(format_args!("{heights} heights {what}; --floor METRES says where the floor is"));
     }
     print(&format!("{}\n", tokenizer.text(&encoded.words)?))
 }

@@ -7,6 +7,7 @@ use super::{
     view_files::{Named, named, shown},
 };
 use anyhow::Result;
+use kinelm::counted;
 use kinelm::output::Outputs;
 use kinelm::view::{Figure, page};
 use kinelm_motion::format;
@@ -87,9 +88,9 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
     let page = page(&figures)?;
     outputs.write(out, page.as_bytes())?;
     say.line(format_args!(
-        "{}: {} dancers, {} KB; open it in a browser",
+        "{}: {}, {} KB; open it in a browser",
         out.display(),
-        figures.len(),
+        counted(figures.len(), "dancers"),
         page.len() / 1000
     ));
     Ok(())

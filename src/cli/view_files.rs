@@ -50,7 +50,7 @@ pub fn shown(clips: &[Named], read: &ReadArgs, together: bool) -> Result<Vec<Sho
     for file in &known {
         let mut options = read.options(RestFrame::Keep);
         if let Some(told) = &file.told {
-            options = told.recipe.read_back();
+            options = told.recipe.read_back(&file.named.path);
         }
         all.push(Shown { path: file.named.path.clone(), options, world: None, notes: file.notes.clone() });
     }

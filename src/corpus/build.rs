@@ -7,7 +7,7 @@ use super::gather::{Gathered, Item};
 use super::load::{Loaded, Wanted, load_item};
 use super::record::{Failure, Manifest, Shard, Split};
 use super::writer::{CorpusWriter, NewClip};
-use crate::{Error, Result};
+use crate::{Error, Result, counted};
 use kinelm_motion::Kind;
 use kinelm_motion::format::ReadOptions;
 use kinelm_tokenizer::{Fit, Tokenizer, TokenizerConfig};
@@ -82,7 +82,7 @@ impl Summary {
     /// What the user should be told, one line each.
     pub fn lines(&self) -> Vec<String> {
         let mut lines: Vec<String> = (self.warnings.iter())
-            .map(|(kind, (files, first))| format!("{kind}: {files} files, the first {first}"))
+            .map(|(kind, (files, first))| format!("{kind}: {}, the first {first}", counted(*files, "files")))
             .collect();
         if self.no_motion > 0 {
             lines.push(format!("{} files hold no motion and are left out", self.no_motion));
@@ -91,7 +91,7 @@ impl Summary {
             lines.push(format!("{} frames were added to fill the last words of clips", self.padded));
         }
         if !self.failed.is_empty() {
-            lines.push(format!("{} files could not be taken", self.failed.len()));
+            lines.push(format!("{} could not be taken", counted(self.failed.len(), "files")));
         }
         lines
     }

@@ -42,7 +42,7 @@ fn not_utf8(path: &Path, before: &[u8]) -> Error {
     let line = text.lines().count().max(1);
     let column = text.lines().last().map_or(0, |l| l.chars().count()) + 1;
     let at = Place { path: path.to_owned(), line, column };
-    Error::at(at, "a byte that is no UTF-8", "UTF-8 text", "save the file as UTF-8")
+    Error::at(at, "a byte that is not UTF-8", "UTF-8 text", "save the file as UTF-8")
 }
 
 struct Reader<'a> {

@@ -105,6 +105,11 @@ impl Settings {
         scheme
     }
 
+    /// The settings without their file's name: what is wrong is not its fault.
+    pub fn of_no_file(self) -> Self {
+        Settings { path: None, ..self }
+    }
+
     /// The settings as a whole.
     ///
     /// # Errors
@@ -112,26 +117,56 @@ impl Settings {
     /// its limits, joints that nobody knows.
     pub fn config(mut self) -> Result<TokenizerConfig> {
         let path = self.path.take();
-        let wrong = |found: String| match &path {
-            Some(path) => Error::file(path, found, "the settings of a tokenizer", HELP),
-            None => Error::Call(format!("{found}; {HELP}")),
+        let wrong = |wrong: Wrong| match &path {
+            Some(path) => {
+                let expected = wrong.expected.unwrap_or_else(|| "the settings of a tokenizer".into());
+                Error::file(path, wrong.found, expected, HELP)
+            }
+            None => Error::Call(format!("{}; {HELP}", wrong.text)),
         };
         if self.table.contains_key("scheme") {
             self.scheme();
         }
-        read(self.table).map_err(wrong)
+        checked(self.table).map_err(wrong)
+    }
+}
+
+/// What is wrong with settings.
+struct Wrong {
+    found: String,
+    /// What a key's value may be, if that is it.
+    expected: Option<String>,
+    /// All of it in a sentence.
+    text: String,
+}
+
+impl From<String> for Wrong {
+    fn from(text: String) -> Wrong {
+        Wrong { found: text.clone(), expected: None, text }
     }
 }
 
 /// The settings of a table's keys, `joints` perhaps as text; what is wrong otherwise.
-pub(crate) fn read(mut table: Table) -> std::result::Result<TokenizerConfig, String> {
+pub(crate) fn read(table: Table) -> std::result::Result<TokenizerConfig, String> {
+    checked(table).map_err(|wrong| wrong.text)
+}
+
+fn checked(mut table: Table) -> std::result::Result<TokenizerConfig, Wrong> {
     if let Some(Value::String(list)) = table.get("joints") {
         let selection = joints::parse(list).map_err(|e| format!("joints: {e}"))?;
         let ids: Vec<Value> = selection.joints.iter().map(|&j| Value::from(j as i64)).collect();
         table.insert("joints".into(), ids.into());
     }
     let config = TokenizerConfig::deserialize(table).map_err(|e| e.message().to_string())?;
-    config.validate().map_err(|e| e.to_string())?;
+    config.validate().map_err(|e| {
+        let text = e.to_string();
+        match e {
+            kinelm_tokenizer::Error::Setting { field, found, expected } => {
+                Wrong { found: format!("{field} = {found}"), expected: Some(expected), text }
+            }
+            _ => text.into(),
+        }
+    })?;
     Ok(config)
 }
 

@@ -11,7 +11,7 @@ use crate::model::{LoadedRun, Which, load_run};
 use crate::{Error, Result};
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::resample::{Method, resample};
-use kinelm_motion::{Clip, Motion};
+use kinelm_motion::{Clip, Motion, Source};
 use kinelm_tokenizer::{Rest, Tokenizer, Words};
 use std::path::Path;
 
@@ -180,8 +180,11 @@ impl Followed {
             )));
         }
         let clip = Prompt::load(&recipe.path, &recipe.read, tokenizer)?;
-        // the recipe says where the floor is, so that it is not looked for again
+        // the recipe says where the floor is and which axis is up, so that neither is judged again, least of all of the dance
         recipe.read.floor = clip.floor_m.or(recipe.read.floor);
+        if let Source::Bvh(_) | Source::Json(_) = clip.motion.source {
+            recipe.read.up = clip.motion.source.axes().up;
+        }
         let (rig, map) = (clip.motion.clip.skeleton(), recipe.read.map.as_deref());
         let wrong = |list: &str, e: kinelm_motion::Error| Error::Call(format!("--joints {list}: {e}"));
         let in_smpl_names = |list: &String| joints::in_smpl_names(list, rig, map).map_err(|e| wrong(list, e));

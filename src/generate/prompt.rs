@@ -1,9 +1,10 @@
 //! A prompt: a clip in the user's own rig, as the model sees it, and the way back.
 
+use super::recipe::{Recipe, Rig};
 use super::rest::{self, RestJoints};
 use crate::corpus::load::{Placed, load_placed};
 use crate::{Error, Result};
-use kinelm_motion::format::ReadOptions;
+use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::joints::Selection;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
@@ -23,7 +24,7 @@ pub struct Prompt {
     under_m: f64,
     /// Its words.
     pub words: Words,
-    /// How many of its values lie outside what the tokenizer codes.
+    /// How many of its values lie outside what the tokenizer codes, heights above the floor not counted.
     pub clipped: u64,
     /// SHA-256 of the file.
     pub sha256: String,
@@ -43,7 +44,9 @@ impl Prompt {
         }
         let coded = tokenizer.encode(&lowered)?;
         motion.warnings.extend(off_range(&coded, clip.frames()));
-        Ok(Prompt { motion, clip, floor_m, under_m, words: coded.words, clipped: coded.clipped, sha256 })
+        // heights off the range are clamped and told above; they delay nothing
+        let clipped = coded.clipped.saturating_sub(coded.off_range);
+        Ok(Prompt { motion, clip, floor_m, under_m, words: coded.words, clipped, sha256 })
     }
 
     /// P, its frames at the tokenizer's rate.
@@ -141,6 +144,36 @@ fn off_range(coded: &Encoded, frames: usize) -> Option<Warning> {
 
 /// The share of frames off the range of heights that is said.
 const OFF_RANGE: f64 = 0.01;
+
+/// A dance on its prompt's own rig as it is read from its file, and its words, with the floor where its way there had it:
+/// the prompt's. `None` where the file has none of the frames that were drawn, at another rate, or is on the model's rig.
+///
+/// # Errors
+/// What reading, retargeting and coding fail with.
+pub fn read_back(
+    dance: &Path,
+    recipe: &Recipe,
+    prompt: &Prompt,
+    tokenizer: &Tokenizer,
+) -> Result<Option<(Motion, Words)>> {
+    if recipe.rig != Rig::Prompt {
+        return Ok(None);
+    }
+    let options = recipe.read_back(dance);
+    let mut motion = format::read(dance, &options)?;
+    // of a dance at a higher rate the frames that were drawn; at others there are none of them
+    match resample(&motion.clip, tokenizer.fps(), Method::Stride) {
+        Ok(drawn) => motion.clip = drawn,
+        Err(_) => return Ok(None),
+    }
+    let floor = prompt.floor_m.unwrap_or(0.0);
+    // the way there went about the prompt's floor
+    let floor_m = retarget::floor_m(&prompt.motion, options.map.as_deref())? - floor;
+    let clip = motion.clip.clone().raised(-floor);
+    let lowered = Motion { clip, source: Source::Retargeted { floor_m }, ..motion.clone() };
+    let words = tokenizer.encode(&retarget::to_smpl(&lowered, options.map.as_deref())?)?.words;
+    Ok(Some((motion, words)))
+}
 
 /// The share of given characters that another reading of the dance codes otherwise: `codes` and `again` are (F, C), of
 /// `prompt` frames only the first count. `None` when nothing was given.

@@ -6,10 +6,10 @@ use super::sampling::Draw;
 use crate::Result;
 use crate::model::{Compute, Reading};
 use kinelm_engine::decode::{KvKind, WeightKind};
-use kinelm_motion::format::ReadOptions;
+use kinelm_motion::format::{Format, ReadOptions, Up};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Everything that decides a dance, but the bytes of the model and of the prompt.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -47,13 +47,17 @@ pub struct Recipe {
 }
 
 impl Recipe {
-    /// How the dance is read from the file that it was written to: at its own rate, whole.
-    pub fn read_back(&self) -> ReadOptions {
+    /// How the dance is read from `dance`, the file that it was written to: at its own rate, whole.
+    pub fn read_back(&self, dance: &Path) -> ReadOptions {
+        let (format, own) = (Format::of_name(dance), ReadOptions::default());
+        // the program writes with y up, but on a prompt's rig in the prompt's format, where its axes are kept
+        let up = if matches!(format, Some(Format::Bvh | Format::Json)) { Up::Y } else { Up::Auto };
         let Some(prompt) = self.prompt.as_ref().filter(|_| self.rig == Rig::Prompt) else {
-            return ReadOptions::default();
+            return ReadOptions { up, ..own };
         };
+        let up = if format == Format::of_name(&prompt.path) { prompt.read.up } else { up };
         let (map, unit, bvh_position) = (prompt.read.map.clone(), prompt.read.unit, prompt.read.bvh_position);
-        ReadOptions { map, unit, bvh_position, floor: prompt.read.floor, ..ReadOptions::default() }
+        ReadOptions { map, unit, up, bvh_position, floor: prompt.read.floor, ..own }
     }
 }
 

@@ -5,11 +5,13 @@
 //! and are written after it.
 
 use crate::corpus::FileRecord;
+use crate::corpus::load::hash_file;
 use crate::files::{self, Hidden};
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// The layout of `state.json` that this program writes and reads.
@@ -241,7 +243,7 @@ impl Checkpoints {
     /// The checkpoint that is wanted, or the nearest one before it that is whole; what was passed over is told to `note`.
     ///
     /// # Errors
-    /// No checkpoint that is whole, with the reason of the last one tried.
+    /// No checkpoint that is whole, with the reason of the last one tried; too little memory to read the one wanted.
     pub fn find(
         &self,
         which: Which,
@@ -260,14 +262,14 @@ impl Checkpoints {
         let nothing = || Error::file(&self.run, "no checkpoint", "a run that reached its first one", "train it first");
         let first = first.ok_or_else(nothing)?;
         let mut reason = match self.read(first, wanted, also) {
-            Err(e) if !matches!(which, Which::Step(_)) => e,
+            Err(e) if !matches!(which, Which::Step(_)) && is_fault(&e) => e,
             other => return other,
         };
         for &step in steps.iter().rev().filter(|s| **s < first) {
             note(format!("{reason}; going back to the checkpoint of step {step}"));
             match self.read(step, wanted, also) {
-                Ok(found) => return Ok(found),
-                Err(e) => reason = e,
+                Err(e) if is_fault(&e) => reason = e,
+                other => return other,
             }
         }
         let damaged = steps.iter().filter(|s| **s <= first).map(|s| name(*s)).collect::<Vec<_>>().join(", ");
@@ -304,17 +306,33 @@ fn check(dir: &Path, state: &State, wanted: &[&str]) -> Result<BTreeMap<String, 
     let mut kept = BTreeMap::new();
     for (name, record) in &state.files {
         let path = dir.join(name);
-        let bytes = fs::read(&path).map_err(Error::io(&path))?;
-        let found = FileRecord::of(&bytes);
+        let read = |e| Error::io(&path)(short_of_memory(e));
+        // what nobody asked for, such as the moments of a model that is to dance, is hashed in pieces
+        let bytes = wanted.contains(&name.as_str()).then(|| fs::read(&path)).transpose().map_err(read)?;
+        let found = match &bytes {
+            Some(bytes) => FileRecord::of(bytes),
+            None => FileRecord { bytes: fs::metadata(&path).map_err(read)?.len(), sha256: hash_file(&path)? },
+        };
         if found != *record {
             let say = |r: &FileRecord| format!("{} bytes with SHA-256 {}", r.bytes, r.sha256);
             return Err(Error::file(&path, say(&found), say(record), ""));
         }
-        if wanted.contains(&name.as_str()) {
-            kept.insert(name.clone(), bytes);
-        }
+        kept.extend(bytes.map(|bytes| (name.clone(), bytes)));
     }
     Ok(kept)
+}
+
+/// An error of reading; where memory ran out it says so.
+fn short_of_memory(e: std::io::Error) -> std::io::Error {
+    match e.kind() {
+        ErrorKind::OutOfMemory => std::io::Error::new(e.kind(), "memory ran out in reading it; the file may be whole"),
+        _ => e,
+    }
+}
+
+/// Whether an error speaks against a checkpoint: being out of memory says nothing of its files.
+fn is_fault(e: &Error) -> bool {
+    !matches!(e, Error::Io { source, .. } if source.kind() == ErrorKind::OutOfMemory)
 }
 
 #[cfg(test)]
@@ -397,6 +415,25 @@ mod tests {
         assert!(message.contains("put back a copy of the files, or remove step-00000020, step-00000030: and begin"));
         fs::remove_dir_all(all.path(20)).unwrap();
         assert!(find().0.unwrap_err().contains("remove step-00000030"));
+    }
+
+    #[test]
+    fn files_that_nobody_wants_are_checked_and_not_kept() {
+        let dir = tempfile::tempdir().unwrap();
+        let all = Checkpoints::of(dir.path());
+        all.write(state(1, None), &[("a", vec![1; 9]), ("b", vec![2; 9])]).unwrap();
+        assert_eq!(all.read(1, &["a"], &[]).unwrap().files.keys().collect::<Vec<_>>(), ["a"]);
+        fs::write(all.path(1).join("b"), [3; 9]).unwrap();
+        let message = all.read(1, &["a"], &[]).unwrap_err().to_string();
+        assert!(message.contains("/b: found 9 bytes with SHA-256"), "{message}");
+    }
+
+    #[test]
+    fn too_little_memory_is_no_fault_of_a_checkpoint() {
+        let of = |kind: ErrorKind| Error::io("c/a")(short_of_memory(kind.into()));
+        let (none, gone) = (of(ErrorKind::OutOfMemory), of(ErrorKind::NotFound));
+        assert!(!is_fault(&none) && none.to_string().contains("c/a: memory ran out"), "{none}");
+        assert!(is_fault(&gone) && !gone.to_string().contains("memory"), "{gone}");
     }
 
     #[test]

@@ -4,12 +4,13 @@
 //! rest and then adds `trans`, so the pelvis lies at `rest_pelvis + trans`. Without a body model the rest pelvis is
 //! [`smpl::REST_PELVIS`] and the bones are the neutral skeleton's. Fingers, jaw and eyes are left out.
 
-use super::ReadOptions;
 use super::body_model;
 use super::npy::Array;
 use super::npz::{Npz, Values, Writer, list};
 use super::smpl_arrays::{Vectors, translations};
-use crate::error::{FileError, Kind, Place};
+use super::{ReadOptions, is_rate};
+use crate::error::{FileError, Kind, Place, in_short};
+use crate::resample::MOST_FPS;
 use crate::rotation::exp_map;
 use crate::{Clip, Error, Motion, Quat, Result, Source, Vec3, Warning, smpl};
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -142,8 +143,11 @@ fn rate(npz: &Npz) -> Result<f64> {
         None => npz.optional("mocap_frame_rate")?.ok_or_else(|| npz.missing("mocap_framerate or mocap_frame_rate"))?,
     };
     match array.real()? {
-        fps if fps.is_finite() && fps > 0.0 => Ok(fps),
-        fps => Err(array.fault(Kind::RateBad, fps.to_string(), "frames per second above 0")),
+        fps if is_rate(fps) => Ok(fps),
+        fps => {
+            let expected = format!("frames per second above 0, at most {MOST_FPS}");
+            Err(array.fault(Kind::RateBad, in_short(fps), &expected))
+        }
     }
 }
 

@@ -28,6 +28,8 @@ pub(crate) use rest::looks_for_rest;
 pub use rest::rest_frame;
 pub use up::{Axes, Up, UpBy};
 
+use crate::error::in_short;
+use crate::resample::MOST_FPS;
 use crate::{Error, FileError, Kind, Motion, Place, Result, Source};
 use positions::Positions;
 use serde::{Deserialize, Serialize};
@@ -169,7 +171,8 @@ impl Format {
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::File`] with place and kind for a file that is wrong; [`Error::Call`] for a rate that is not
-/// positive and finite; [`Error::Option`] for `up` where the format itself says which axis that is; [`Error::Clip`] when
+/// above 0 and at most [`MOST_FPS`]; [`Error::Option`] for `up` where the format itself says which axis that is;
+/// [`Error::Clip`] when
 /// skipping leaves nothing.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
     let format = Format::of(path).map_err(|e| and_its_looks(e, path))?;
@@ -246,10 +249,18 @@ fn skipped(motion: Motion, options: &ReadOptions) -> Result<Motion> {
     Ok(motion.slice(options.skip..frames))
 }
 
+/// Whether a rate is one that motion is captured at: what is faster is a slip, and no rate that could be written again.
+pub(crate) fn is_rate(fps: f64) -> bool {
+    fps > 0.0 && fps <= MOST_FPS
+}
+
 /// Fails for a source rate that is none.
 fn check_rate(options: &ReadOptions) -> Result<()> {
-    if let Some(fps) = options.fps_source.filter(|f| !(f.is_finite() && *f > 0.0)) {
-        return Err(Error::Call(format!("a source rate of {fps} frames per second; expected a positive number")));
+    if let Some(fps) = options.fps_source.filter(|f| !is_rate(*f)) {
+        return Err(Error::Call(format!(
+            "a source rate of {} frames per second; expected one above 0, at most {MOST_FPS}",
+            in_short(fps)
+        )));
     }
     Ok(())
 }

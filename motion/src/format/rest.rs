@@ -4,6 +4,10 @@ use super::{ReadOptions, RestFrame};
 use crate::rotation::angle_between;
 use crate::{Motion, Quat, Source, Warning};
 
+/// A root that is turned by less is unturned, radians: a file with z up has it turned there and back, some in single
+/// precision.
+const UNTURNED: f64 = 1e-6;
+
 /// The rest-pose frame of a motion that was read with `options`: reported, and kept or dropped.
 pub(crate) fn after_reading(mut motion: Motion, options: &ReadOptions) -> Motion {
     if options.skip > 0 || !rest_frame(&motion) {
@@ -28,15 +32,15 @@ pub(crate) fn looks_for_rest(options: &ReadOptions) -> bool {
 
 /// Whether frame 0 is a rest pose put before the motion, as many CMU conversions have it.
 ///
-/// So it is if the root's rotation is exactly nothing (of a BVH: all its rotation channels are 0) and the step from frame
-/// 0 to frame 1 is above 10 times the median step. A step is the largest angle that a joint turns between two frames (the
-/// mean over the joints misses a clip of cmu-dance). Fewer than 3 frames have no median to compare with.
+/// So it is if the root's rotation is nothing (of a BVH: all its rotation channels are 0; else to rounding) and the step
+/// from frame 0 to frame 1 is above 10 times the median step. A step is the largest angle that a joint turns between two
+/// frames (the mean over the joints misses a clip of cmu-dance). Fewer than 3 frames have no median to compare with.
 pub fn rest_frame(motion: &Motion) -> bool {
     let clip = &motion.clip;
     let unturned = match &motion.source {
         _ if clip.frames() < 3 => false,
         Source::Bvh(source) if source.frames == clip.frames() => source.root_unturned(0),
-        _ => clip.pose(0)[0].abs_diff_eq(Quat::IDENTITY, 0.0),
+        _ => angle_between(clip.pose(0)[0], Quat::IDENTITY) < UNTURNED,
     };
     if !unturned {
         return false;

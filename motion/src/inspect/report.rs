@@ -58,7 +58,7 @@ pub fn report(motion: &Motion) -> Report {
             Source::Bvh(bvh) => Some(bvh.rig.unit_m),
             _ => None,
         },
-        axes: axes(&motion.source),
+        axes: motion.source.axes(),
         joints: skeleton.joints(),
         ends: skeleton.ends().len(),
         map: SkeletonMap::detect(skeleton.names()).map(|m| m.name),
@@ -182,16 +182,6 @@ fn source_lines(source: &Source) -> (&'static str, Vec<String>) {
             ("AIST++", vec![format!("scaling {scaling}"), body_line(*rest_pelvis, *body_model)])
         }
         Source::Json(_) | Source::Retargeted { .. } | Source::Plain => ("clip", Vec::new()),
-    }
-}
-
-/// The file's own axes.
-fn axes(source: &Source) -> Axes {
-    match source {
-        Source::Bvh(bvh) => bvh.rig.axes,
-        Source::Json(axes) => *axes,
-        Source::Amass { .. } => Axes { up: Up::Z, ..Axes::OWN },
-        Source::Aist { .. } | Source::Retargeted { .. } | Source::Plain => Axes::OWN,
     }
 }
 

@@ -6,8 +6,9 @@
 //! told by the doubts.
 
 use crate::format::ReadOptions;
+use crate::format::bvh::MADE_UP_TIP;
 use crate::retarget::{ReferencePose, SkeletonMap, map_for};
-use crate::{Clip, Error, GlobalPose, Motion, Result, Skeleton, Vec3, Warning, smpl};
+use crate::{Clip, EndSite, Error, GlobalPose, Motion, Result, Skeleton, Vec3, Warning, smpl};
 
 /// Another joint that lies deeper than this below the floor speaks against it, metres.
 const BELOW_M: f64 = 0.1;
@@ -91,7 +92,10 @@ impl Feet {
         let of_foot: Vec<bool> = (0..rig.joints()).map(|j| joints.iter().any(|&foot| rig.descends(j, foot))).collect();
         let y = |j: usize| pose.global.positions[j].y;
         // tips: end sites, and joints without children where a file has no end sites
-        let ends = rig.ends().iter().zip(pose.global.ends(rig)).filter(|(end, _)| of_foot[end.parent]);
+        let ends = || rig.ends().iter().zip(pose.global.ends(rig)).filter(|(end, _)| !is_made_up(rig, end));
+        let highest = pose.global.positions.iter().copied().chain(ends().map(|(_, place)| place));
+        let highest = highest.fold(f64::MIN, |h, p| h.max(p.y));
+        let ends = ends().filter(|(end, _)| of_foot[end.parent]);
         let leaves =
             (0..rig.joints()).filter(|&j| of_foot[j] && !joints.contains(&j) && rig.children(j).next().is_none());
         let tips: Vec<f64> = ends.map(|(_, place)| place.y).chain(leaves.map(y)).collect();
@@ -99,8 +103,6 @@ impl Feet {
         let ankles_alone = joints.len() == 2 && tips.is_empty();
         let under = if ankles_alone { smpl_ankle_m() * pose.leg_m() / smpl_leg_m() } else { 0.0 };
         let above = |y: f64| y - lowest + under;
-        let highest =
-            pose.global.positions.iter().copied().chain(pose.global.ends(rig)).fold(f64::MIN, |h, p| h.max(p.y));
         let pelvis = pose.joints[0].unwrap_or(0);
         Feet {
             joints: joints.into_iter().map(|j| (j, above(y(j)))).collect(),
@@ -192,6 +194,14 @@ impl Feet {
     }
 }
 
+/// Whether an end site is one that [`crate::format::bvh::BvhSource::plain`] adds where a body has none, since a BVH needs
+/// one: it says nothing of the foot, and the floor is the same in a file that has none.
+fn is_made_up(rig: &Skeleton, end: &EndSite) -> bool {
+    let bone = rig.offsets()[end.parent];
+    // to the digits of a file
+    rig.parents()[end.parent].is_some() && end.offset.distance(bone * MADE_UP_TIP) < 1e-4 * bone.length()
+}
+
 fn slides(clip: &Clip, places: &[Vec3], lowest: &[(f64, usize)]) -> Option<String> {
     let frames = clip.frames();
     if frames < 2 {
@@ -240,6 +250,8 @@ pub(crate) fn quantile(mut values: Vec<f64>, q: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Source;
+    use crate::format;
     use crate::{Quat, synth};
     use std::f64::consts::FRAC_PI_2;
     use std::sync::Arc;
@@ -409,6 +421,21 @@ mod tests {
         for ((_, rest), want) in feet.joints.iter().zip([0.09, 0.09, 0.03, 0.03]) {
             assert!(near(*rest, want, 1e-12), "{feet:?}");
         }
+    }
+
+    #[test]
+    fn it_is_the_same_in_a_bvh_which_needs_end_sites() {
+        let dance = synth::corpus(1, 1, 8.0, FPS).unwrap().remove(0).clip;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.bvh");
+        let motion = Motion { path: path.clone(), clip: dance.clone(), source: Source::Plain, warnings: vec![] };
+        format::write(&path, &motion).unwrap();
+        let back = format::read(&path, &ReadOptions::default()).unwrap().clip;
+        assert!(!back.skeleton().ends().is_empty());
+        let (floor, want) = (floor_of(&back), floor_of(&dance));
+        assert!(near(floor.found_m, want.found_m, 1e-5), "{floor:?} {want:?}");
+        let [a, b] = [&back, &dance].map(|clip| Feet::new(clip.skeleton(), &smpl_map()).unwrap());
+        assert!(near(a.body_m, b.body_m, 1e-5) && near(a.pelvis_m, b.pelvis_m, 1e-5), "{a:?} {b:?}");
     }
 
     #[test]

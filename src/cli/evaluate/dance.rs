@@ -8,7 +8,7 @@ use kinelm::evaluate::dance::prompted::prompted;
 use kinelm::evaluate::dance::{Dance, Real};
 use kinelm::generate::prompt::given_places;
 use kinelm::generate::provenance::{self, Provenance};
-use kinelm_motion::format::{ReadOptions, RestFrame};
+use kinelm_motion::format::{ReadOptions, RestFrame, Unit, Up};
 use kinelm_motion::joints;
 use std::path::{Path, PathBuf};
 
@@ -41,27 +41,24 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let tokenizer = corpus.tokenizer();
     let real = Real::load(&corpus)?;
     let options = args.read.options(RestFrame::Drop);
-    let dances = args.dances.iter().map(|path| {
-        let options = ReadOptions { floor: options.floor.or_else(|| floor_of(path)), ..options.clone() };
-        Dance::of_file(path, &options, tokenizer)
-    });
+    let dances = args.dances.iter().map(|path| Dance::of_file(path, &as_told(path, &options), tokenizer));
     let dances: Vec<Dance> = dances.collect::<kinelm::Result<_>>()?;
     let mut report = real.report(&dances);
     let mut given: Option<Vec<bool>> = None;
     for (path, dance) in args.dances.iter().zip(&dances) {
         let recipe = match provenance::find(path) {
-            Ok(told) => told.and_then(|told| told.recipe.prompt),
+            Ok(told) => told.map(|told| told.recipe),
             Err(e) => {
                 say.line(e);
                 None
             }
         };
-        let places =
-            recipe.as_ref().and_then(|r| given_places(tokenizer, &joints::parse(r.joints.as_ref()?).ok()?).ok());
+        let followed = recipe.as_ref().and_then(|r| r.prompt.as_ref()?.joints.as_ref());
+        let places = followed.and_then(|list| given_places(tokenizer, &joints::parse(list).ok()?).ok());
         // what was given to one dance alone may be a copy in the others
         let places = places.unwrap_or_default();
         given = Some(given.map_or(places.clone(), |given| if given == places { given } else { Vec::new() }));
-        match recipe.map(|recipe| prompted(dance, &recipe, tokenizer)).transpose() {
+        match recipe.map(|recipe| prompted(dance, path, &recipe, tokenizer)).transpose() {
             Ok(found) => report.prompted.extend(found.flatten().map(|found| (dance.name.clone(), found))),
             Err(e) => say.line(format_args!("{}: its prompt is not looked at: {e}", path.display())),
         }
@@ -72,9 +69,17 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     print(&if args.json { format!("{}\n", serde_json::to_string(&report)?) } else { format!("{report}\n") })
 }
 
-/// Where the floor of a dance of ours is, as its recipe says: that of its prompt, 0 without.
-fn floor_of(path: &Path) -> Option<f64> {
-    let told = Provenance::load(&provenance::path_of(path)).ok()?;
-    let ours = told.output.file == provenance::name_of(path);
-    ours.then(|| told.recipe.prompt.and_then(|prompt| prompt.read.floor).unwrap_or(0.0))
+/// The options of a call for one file: of a dance of ours, its recipe says what the call leaves open. Without a prompt the
+/// floor is at 0.
+fn as_told(path: &Path, call: &ReadOptions) -> ReadOptions {
+    let told = Provenance::load(&provenance::path_of(path)).ok();
+    let Some(told) = told.filter(|told| told.output.file == provenance::name_of(path)) else { return call.clone() };
+    let (own, read) = (told.recipe.read_back(path), call.clone());
+    ReadOptions {
+        floor: read.floor.or(told.recipe.prompt.and_then(|prompt| prompt.read.floor)).or(Some(0.0)),
+        up: if read.up == Up::Auto { own.up } else { read.up },
+        unit: if read.unit == Unit::Auto { own.unit } else { read.unit },
+        map: read.map.or(own.map),
+        ..read
+    }
 }

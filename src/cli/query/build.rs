@@ -2,7 +2,7 @@
 
 use super::{TransformArg, joints_of};
 use crate::cli::data::DataArgs;
-use crate::cli::read::{ReadArgs, count, positive};
+use crate::cli::read::{ReadArgs, count, rate, window};
 use crate::cli::{Say, WrongCall, progress};
 use anyhow::Result;
 use kinelm::spectral::query::options::joint_names;
@@ -33,13 +33,13 @@ pub struct Args {
     #[arg(long, value_name = "13|24|LIST")]
     joints: Option<String>,
     /// Frames of a window [default: 128]
-    #[arg(long, value_name = "FRAMES", value_parser = count)]
+    #[arg(long, value_name = "FRAMES", value_parser = window)]
     window: Option<usize>,
     /// Frames from a window to the next [default: 64]
     #[arg(long, value_name = "FRAMES", value_parser = count)]
     hop: Option<usize>,
     /// Frames per second [default: 60]
-    #[arg(long, value_parser = positive)]
+    #[arg(long, value_parser = rate)]
     fps: Option<f64>,
     /// Rotation vectors that jump at half a turn (compat), instead of continuous ones
     #[arg(long)]

@@ -2,7 +2,7 @@
 
 use super::{TransformArg, distance, exclude, joints_of};
 use crate::cli::data::DataArgs;
-use crate::cli::read::{ReadArgs, count, positive};
+use crate::cli::read::{ReadArgs, count, rate, window};
 use crate::cli::{ForceArgs, Say, print, progress};
 use anyhow::Result;
 use kinelm::spectral::WindowSpec;
@@ -42,13 +42,13 @@ pub struct Args {
     #[arg(long, value_name = "13|24|LIST", default_value = "24")]
     joints: String,
     /// Frames of a window
-    #[arg(long, value_name = "FRAMES", default_value_t = 128, value_parser = count)]
+    #[arg(long, value_name = "FRAMES", default_value_t = 128, value_parser = window)]
     window: usize,
     /// Frames from a window to the next
     #[arg(long, value_name = "FRAMES", default_value_t = 64, value_parser = count)]
     hop: usize,
     /// Frames per second
-    #[arg(long, value_parser = positive, default_value_t = 60.0)]
+    #[arg(long, value_parser = rate, default_value_t = 60.0)]
     fps: f64,
     /// Rotation vectors that jump at half a turn (compat), instead of continuous ones
     #[arg(long)]

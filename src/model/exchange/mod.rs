@@ -9,6 +9,7 @@ use super::checkpoint::{State, Which};
 use super::gpt::Gpt;
 use super::run::{CONFIG, LoadedRun, TOKENIZER, WEIGHTS, load_run};
 use super::{ModelConfig, TokenLayout};
+use crate::corpus::FileRecord;
 use crate::{Error, Result, files};
 use candle_core::{DType, Device, Tensor};
 use kinelm_tokenizer::Tokenizer;
@@ -36,11 +37,15 @@ pub fn export(run: &LoadedRun, format: Format, out: &Path) -> Result<()> {
     check(&run.config, &run.tokens, &run.weights, &run.checkpoint)?;
     let tokenizer = run.load_tokenizer()?;
     check_tokenizer(&run.tokens, &tokenizer, &run.tokenizer)?;
-    let about = About::of(run, &tokenizer);
+    let mut about = About::of(run, &tokenizer);
     let mut contents = match format {
         Format::Kinelm => own::contents(run)?,
         Format::Hf => hf::contents(run)?,
     };
+    if format == Format::Kinelm {
+        let weights = contents.iter().find(|(name, _)| *name == WEIGHTS);
+        about.weights_sha256 = weights.map(|(_, bytes)| FileRecord::of(bytes).sha256);
+    }
     contents.push((own::ABOUT, about.to_json()?));
     contents.push((TOKENIZER, tokenizer.to_json().into_bytes()));
     files::write_folder(out, &contents)

@@ -2,6 +2,7 @@
 //! says what they are.
 
 use super::{check_tokenizer, loaded, tensors};
+use crate::corpus::load::hash_file;
 use crate::model::run::{LoadedRun, TOKENIZER, WEIGHTS};
 use crate::model::{ModelConfig, TokenLayout, weights};
 use crate::{Error, Result};
@@ -30,6 +31,10 @@ pub(super) struct About {
     pub tokenizer_sha256: String,
     /// Updates that the weights have seen.
     pub step: u64,
+    /// SHA-256 of the weights' file, of a folder in our own form: a bit that flips in a weight is a weight all the same.
+    /// Folders of earlier versions don't say it, nor do those that other programs may train on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub weights_sha256: Option<String>,
 }
 
 impl About {
@@ -43,6 +48,7 @@ impl About {
             conditions: Vec::new(),
             tokenizer_sha256: tokenizer.hash(),
             step: 0,
+            weights_sha256: None,
         }
     }
 
@@ -107,6 +113,14 @@ pub(super) fn contents(run: &LoadedRun) -> Result<Vec<(&'static str, Vec<u8>)>> 
 /// # Errors
 /// As [`super::load`].
 pub fn load(folder: &Path) -> Result<LoadedRun> {
-    let about = About::read(folder)?;
-    loaded(folder, about, tensors(&folder.join(WEIGHTS))?, Vec::new())
+    let (about, path) = (About::read(folder)?, folder.join(WEIGHTS));
+    if let Some(named) = &about.weights_sha256 {
+        let found = hash_file(&path)?;
+        if found != *named {
+            let (found, expected) = (format!("SHA-256 {found}"), format!("that of {ABOUT}, {named}"));
+            let help = "the file was changed after it was written: export the model again, or copy the folder again";
+            return Err(Error::file(&path, found, expected, help));
+        }
+    }
+    loaded(folder, about, tensors(&path)?, Vec::new())
 }

@@ -180,6 +180,30 @@ fn reweigh(folder: &Path, change: &dyn Fn(&mut BTreeMap<String, Tensor>)) {
     change(&mut all);
     let bytes = crate::model::weights::to_bytes(all.iter().map(|(name, t)| (name.as_str(), t))).unwrap();
     fs::write(folder.join(WEIGHTS), bytes).unwrap();
+    // of an early version, so that the tensors themselves are looked at
+    let about = fs::read_to_string(folder.join(own::ABOUT)).unwrap();
+    let mut about: serde_json::Value = serde_json::from_str(&about).unwrap();
+    about.as_object_mut().unwrap().remove("weights_sha256");
+    fs::write(folder.join(own::ABOUT), about.to_string()).unwrap();
+}
+
+#[test]
+fn a_flipped_bit_of_the_weights_is_told_by_their_hash() {
+    let flip = |folder: &Path| {
+        let mut bytes = fs::read(folder.join(WEIGHTS)).unwrap();
+        *bytes.last_mut().unwrap() ^= 1;
+        fs::write(folder.join(WEIGHTS), bytes).unwrap();
+    };
+    let message = said(Format::Kinelm, &flip);
+    assert!(message.contains("model.safetensors: found SHA-256") && message.contains("kinelm.json"), "{message}");
+    // folders that say nothing of it are read as they are
+    let made = made(gpt2(Positions::Absolute, true));
+    for (format, name) in [(Format::Kinelm, "own"), (Format::Hf, "hf")] {
+        let folder = made.export(format, name);
+        reweigh(&folder, &|_| ());
+        flip(&folder);
+        load(&folder).unwrap();
+    }
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The text of a frame time, and the rate that is meant by it: docs/motion-files.md.
 
 use super::text::number;
+use crate::error::in_short;
 use crate::{Error, Result};
 
 /// Rates that files are made at; where the digits allow several, the nearest of these is meant.
@@ -59,15 +60,22 @@ fn decimal(text: &str) -> Option<(u128, u128)> {
 /// A few rates that are no whole number are not 1 over any number of 64 bits; these come back to within one part in 10^15.
 ///
 /// # Errors
-/// [`Error::Call`] for a rate below 1, which no BVH can state.
+/// [`Error::Call`] for a rate below 1, which no BVH can state, and one whose frame time would round to 0.
 pub fn text(fps: f64) -> Result<String> {
     if !(fps >= 1.0 && fps.is_finite()) {
-        return Err(Error::Call(format!("{fps} frames per second can't be written to a BVH; expected at least 1")));
+        return Err(Error::Call(format!(
+            "{} frames per second can't be written to a BVH; expected at least 1",
+            in_short(fps)
+        )));
     }
     let seconds = 1.0 / fps;
     let tries = (6..=30).map(|places| format!("{seconds:.places$}"));
     let found = tries.into_iter().find(|t| rate(t) == Some(fps) && is_exact(t, fps));
-    Ok(found.unwrap_or_else(|| format!("{seconds:.20}")))
+    let text = found.unwrap_or_else(|| format!("{seconds:.20}"));
+    match rate(&text) {
+        Some(_) => Ok(text),
+        None => Err(Error::Call(format!("{} frames per second are too many to be written to a BVH", in_short(fps)))),
+    }
 }
 
 /// Whether one over the number is the rate, to a tenth of what single precision tells apart.
@@ -121,7 +129,7 @@ mod tests {
             let seconds: f64 = text(n as f64).unwrap().parse().unwrap();
             assert_eq!((n as f64 / (1.0 / seconds)) as f32, 1.0, "{n}");
         }
-        assert!(text(0.5).is_err() && text(f64::NAN).is_err());
+        assert!(text(0.5).is_err() && text(f64::NAN).is_err() && text(1e30).is_err());
     }
 
     proptest! {

@@ -18,6 +18,8 @@ mod text;
 mod unit;
 mod write;
 
+pub(crate) use plain::MADE_UP_TIP;
+
 pub use header::{Channel, Header, Node, NodeKind};
 pub use meaning::Rig;
 pub use positions::positions;

@@ -11,6 +11,9 @@ use std::sync::Arc;
 /// The unit of a plain rig: centimetres, as most BVH files are.
 const METRES: f64 = 0.01;
 
+/// The tip that a leaf without end sites gets, as a part of its own bone.
+pub(crate) const MADE_UP_TIP: f64 = 0.3;
+
 impl BvhSource {
     /// A rig without frames for clips that come from no BVH: centimetres, the root with `Xposition Yposition Zposition
     /// Zrotation Xrotation Yrotation`, the others with `Zrotation Xrotation Yrotation`, an end site under every leaf.
@@ -107,7 +110,7 @@ fn tips(skeleton: &Skeleton, joint: usize, leaf: bool) -> Vec<Vec3> {
         return own;
     }
     let bone = if joint == 0 { Vec3::ZERO } else { skeleton.offsets()[joint] };
-    vec![if bone.length() > 1e-6 { bone * 0.3 } else { Vec3::new(0.0, 0.02, 0.0) }]
+    vec![if bone.length() > 1e-6 { bone * MADE_UP_TIP } else { Vec3::new(0.0, 0.02, 0.0) }]
 }
 
 /// A name that a reader takes: no opening brace, no line ends, no blanks around it.

@@ -10,7 +10,7 @@ use kinelm::files::write_whole;
 use kinelm::generate::place::{Led, Place};
 use kinelm::generate::prompt::{self, Prompt};
 use kinelm::generate::rest::RestJoints;
-use kinelm::generate::sampling::Draw;
+use kinelm::generate::sampling::{Draw, TOP_P};
 use kinelm::generate::{NextToken, Plan, dance, reader};
 use kinelm::model::{Reading, Which, load_run};
 use kinelm::train::{CorpusPart, PretrainOptions, TrainFile};
@@ -161,7 +161,7 @@ fn generate(model: &mut dyn NextToken, tokenizer: &Tokenizer, prompt: &Prompt, s
     let given = prompt::given_places(tokenizer, &joints::parse(FOLLOWED)?)?;
     let ids = tokenizer.ids_of_words(&prompt.words)?;
     let frames = FRAMES.min(prompt.frames());
-    let plan = Plan::free(tokenizer.grammar(), frames, Draw::default(), seed);
+    let plan = Plan::free(tokenizer.grammar(), frames, Draw { top_p: Some(TOP_P), ..Draw::default() }, seed);
     let plan = Plan { given: &given, prompt: &ids, ..plan };
     let danced = dance(model, &plan, &mut |_| {})?;
     let words = tokenizer.words_of_ids(&danced).words;

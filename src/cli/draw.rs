@@ -3,7 +3,7 @@
 use super::WrongCall;
 use super::read::positive;
 use anyhow::Result;
-use kinelm::generate::sampling::Draw;
+use kinelm::generate::sampling::{Draw, TOP_P};
 
 /// How the next token is drawn: the penalty first, then temperature, top-k, top-p, min-p, in this order.
 #[derive(Debug, Clone, Copy, clap::Args)]
@@ -18,7 +18,8 @@ pub struct DrawArgs {
     /// Draw from the N likeliest tokens only
     #[arg(long, value_name = "N")]
     top_k: Option<usize>,
-    /// Draw from the fewest likeliest tokens only that have the probability P together
+    /// Draw from the fewest likeliest tokens only that have the probability P together; 1 cuts nothing. 0.95 where no
+    /// other option cuts: rare tokens, drawn again and again, make a body fly apart
     #[arg(long, value_name = "P")]
     top_p: Option<f64>,
     /// Draw from the tokens only that are at least P times as likely as the likeliest
@@ -35,13 +36,14 @@ pub struct DrawArgs {
 impl DrawArgs {
     /// As the library has it.
     pub fn get(self) -> Result<Draw> {
+        let cuts_nothing = !self.greedy && self.top_k.is_none() && self.min_p.is_none();
         let draw = Draw {
             greedy: self.greedy,
             repetition_penalty: self.repetition_penalty,
             repetition_words: self.repetition_words,
             temperature: self.temperature,
             top_k: self.top_k,
-            top_p: self.top_p,
+            top_p: self.top_p.or(cuts_nothing.then_some(TOP_P)),
             min_p: self.min_p,
         };
         draw.check().map_err(|e| WrongCall(format!("--{e}")))?;

@@ -31,7 +31,7 @@ impl Architecture {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DecoderConfig {
-    /// Blocks, 1..=96. Default 3.
+    /// Blocks, 1..=96. Default 2.
     pub layers: usize,
     /// Attention heads; divides `width`. Default 4.
     pub heads: usize,
@@ -43,7 +43,7 @@ pub struct DecoderConfig {
 
 impl Default for DecoderConfig {
     fn default() -> Self {
-        DecoderConfig { layers: 3, heads: 4, width: 128, character_width: 24 }
+        DecoderConfig { layers: 2, heads: 4, width: 128, character_width: 24 }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::run::RunFile;
 use crate::generate::prompt::on_model_rig;
-use crate::generate::sampling::Draw;
+use crate::generate::sampling::{Draw, TOP_P};
 use crate::generate::{self, Plan};
 use crate::model::run::{TOKENIZER, load_tokenizer};
 use crate::model::{Gpt, Reader, Reading};
@@ -39,7 +39,7 @@ fn draw(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>
     // no condition is asked for
     let mut front = vec![Special::Unk.id(); file.tokens.front];
     front[0] = Special::Bos.id();
-    let mut plan = Plan::free(tokenizer.grammar(), words, Draw::default(), file.train.seed);
+    let mut plan = Plan::free(tokenizer.grammar(), words, Draw { top_p: Some(TOP_P), ..Draw::default() }, file.train.seed);
     plan.front = &front;
     let ids = generate::dance(&mut reader, &plan, &mut |_| ())?;
     let clip = tokenizer.decode(&tokenizer.words_of_ids(&ids).words, Rest::Identity)?.slice(0..frames);

@@ -39,6 +39,9 @@ pub struct Draw {
     pub min_p: Option<f64>,
 }
 
+/// What [`Draw::top_p`] is in the program where nothing else is asked for: measured in docs/results/two-level.md.
+pub const TOP_P: f64 = 0.95;
+
 impl Default for Draw {
     fn default() -> Draw {
         Draw {

@@ -17,7 +17,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-# name, parent, offset in cm: a body that stands along y and faces z, its pelvis 95.8 cm above the tips of its feet
+# name, parent, offset in cm: a body that stands along y and faces z, its pelvis 96.1 cm above the tips of its feet
 JOINTS = [
     ("pelvis", None, (0, 0, 0)),
     ("left_hip", "pelvis", (7, -9, 0)), ("left_knee", "left_hip", (3, -38, 1)),
@@ -33,7 +33,7 @@ JOINTS = [
 ]
 NAMES = [name for name, _, _ in JOINTS]
 OFFSETS = {name: np.array(offset, float) for name, _, offset in JOINTS}
-TIP = 0.3  # an end site's offset, as a part of its joint's
+TIP = 0.35  # an end site's offset, as a part of its joint's
 ANKLE = 6 * (1 + TIP)  # how high an ankle is above a foot that stands
 
 

@@ -1,4 +1,4 @@
-"""Two-level model of PROTOCOLS 5.8 in PyTorch: frames N packed from windows, characters C=42, codes 0..n-1 (n=360).
+"""Two-level model of docs/model.md in PyTorch: frames N packed from windows, characters C=42, codes 0..n-1 (n=360).
 
 A batch is packed: `b` (N, C) codes as told (targets), `x` (N, C) codes as seen (noisy or the same), `seg` (N) window, `pos` (N)
 frame of its window. Places 0..2 are clamped (root x y z), 3..41 angles."""
@@ -52,7 +52,7 @@ STEPS = n + 2 * n - 1  # 1079: rows of circular, then clamped steps; 1079 = miss
 
 class TwoLevel(nn.Module):
     def __init__(s, frames=128, d=256, layers=6, heads=8, e=24, dd=128, dlayers=3, dheads=4, L=1, track=False,
-                 kd=192, klayers=3, kheads=6, ahead=64, per_place=False, four=0, steps=False):
+                 kd=192, klayers=3, kheads=6, ahead=64, per_place=False, four=0, steps=False, nxt=False):
         super().__init__()
         s.frames, s.L, s.ahead, s.dd, s.per_place = frames, L, ahead, dd, per_place
         s.E, s.W1, s.W2, s.P = table(C, n + 1, e), lin(C * e, d), lin(C * e, d), table(frames, d)
@@ -75,6 +75,9 @@ class TwoLevel(nn.Module):
         if L > 1:
             s.band = nn.ParameterList(nn.Parameter(torch.zeros(dheads, L)) for _ in range(dlayers))
         s.track = track
+        s.nxt = nxt
+        if nxt:  # from the frame before to the next given frame of the place, and how far that is
+            s.N, s.Nd = table(1, STEPS + 1, dd), table(16, dd)
         if track:
             s.steps = steps
             if steps:
@@ -173,7 +176,13 @@ class TwoLevel(nn.Module):
         h = h[None]
         for b in s.trunk:
             h = b(h, ok[None, None])
-        return s.decode(s.dec_in(x, p1, p2, s.norm(h[0]), df), pos), p1
+        z = s.dec_in(x, p1, p2, s.norm(h[0]), df)
+        if s.nxt and track is not None:
+            code, far = track[5], track[6]  # (N, C) or MISS; (N) frames
+            ok = (code != MISS) & (p1 != MISS)
+            y = torch.where(ok, p1, 0)
+            z = z + ok[..., None] * (F.embedding(diff(torch.where(ok, code, 0), y), s.N[0]) + s.Nd[(2 * far.float().clamp(min=1).log2()).long().clamp(max=15)][:, None])
+        return s.decode(z, pos), p1
 
     def nats(s, b, x, seg, pos, track=None):
         """-ln p (N, C) of every character."""

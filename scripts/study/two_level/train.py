@@ -89,6 +89,15 @@ def pack(ws, givens=None, seen=None):
             ts.append(torch.full((len(t),), i)); tp.append(torch.arange(len(t)))
             at.append(torch.arange(m, m + len(w))); m += len(t)
         track = tuple(torch.cat(z) for z in (rows, ts, tp, at, on))
+        code, far = torch.full((len(b), C), MISS), torch.zeros(len(b), dtype=torch.long); m = 0
+        for (w, a), g in zip(ws, givens):
+            if g is not None and g.dim() == 2:
+                t, f = torch.cat([w, a]), (~g[:, 0]).nonzero()[:, 0]
+                end = int(f[-1]) + 1
+                if end < len(t):
+                    f = f[f < len(w)]; code[m + f] = t[end]; far[m + f] = end - f
+            m += len(w)
+        track += (code, far)
     return b, x, seg, pos, track
 
 

@@ -39,7 +39,8 @@ fn draw(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>
     // no condition is asked for
     let mut front = vec![Special::Unk.id(); file.tokens.front];
     front[0] = Special::Bos.id();
-    let mut plan = Plan::free(tokenizer.grammar(), words, Draw { top_p: Some(TOP_P), ..Draw::default() }, file.train.seed);
+    let mut plan =
+        Plan::free(tokenizer.grammar(), words, Draw { top_p: Some(TOP_P), ..Draw::default() }, file.train.seed);
     plan.front = &front;
     let ids = generate::dance(&mut reader, &plan, &mut |_| ())?;
     let clip = tokenizer.decode(&tokenizer.words_of_ids(&ids).words, Rest::Identity)?.slice(0..frames);

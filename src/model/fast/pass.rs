@@ -24,8 +24,8 @@ pub(super) struct Pass {
 
 /// What makes a row of every token.
 enum Body {
-    Flat(Flat),
-    TwoLevel(TwoLevel),
+    Flat(Box<Flat>),
+    TwoLevel(Box<TwoLevel>),
 }
 
 impl Pass {
@@ -36,8 +36,8 @@ impl Pass {
             length,
             products,
             body: match config.architecture {
-                Architecture::Flat => Body::Flat(Flat::new(model, rows, length, products, learn)),
-                Architecture::TwoLevel => Body::TwoLevel(TwoLevel::new(model, rows, length, products, learn)),
+                Architecture::Flat => Body::Flat(Box::new(Flat::new(model, rows, length, products, learn))),
+                Architecture::TwoLevel => Body::TwoLevel(Box::new(TwoLevel::new(model, rows, length, products, learn))),
             },
             heads: Heads::new(config, &model.tokens, rows, length, products, learn),
             dx: Floats::new(if learn { rows * config.head_width() } else { 0 }),

@@ -39,8 +39,8 @@ pub struct Reader {
 
 /// What reads them.
 enum Decoding {
-    Tokens(Decoder),
-    Frames(FrameDecoder),
+    Tokens(Box<Decoder>),
+    Frames(Box<FrameDecoder>),
 }
 
 impl Reader {
@@ -58,9 +58,12 @@ impl Reader {
         }
         let Reading { streams, weights, kv } = reading;
         let decoding = match gpt.config().architecture {
-            Architecture::Flat => Decoding::Tokens(Decoder::new(Arc::new(packed::weights(gpt, weights)?), streams, kv)),
+            Architecture::Flat => {
+                Decoding::Tokens(Box::new(Decoder::new(Arc::new(packed::weights(gpt, weights)?), streams, kv)))
+            }
             Architecture::TwoLevel => {
-                Decoding::Frames(FrameDecoder::new(Arc::new(packed::frame_weights(gpt, weights)?), streams, kv))
+                let weights = Arc::new(packed::frame_weights(gpt, weights)?);
+                Decoding::Frames(Box::new(FrameDecoder::new(weights, streams, kv)))
             }
         };
         Ok(Reader { config: gpt.config().clone(), tokens: gpt.tokens().clone(), decoding })

@@ -129,6 +129,7 @@ const NO_INPUT: &[&str] = &[
     "convert a.npz a.npz --positions",
     "view a.bvh data/0.bvh --out a.html",
     "view a.bvh data/0.bvh:fps=29.97,skip=1 --out a.html",
+    "view data:fps=29.97 --out a.html",
     "generate --run run --frames 3 --out run/tokenizer.json",
     "generate --run run --frames 3 --out run/corpus.json",
     "generate --run run --prompt a.json --joints legs --out a.json",

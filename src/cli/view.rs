@@ -39,19 +39,21 @@ pub struct Args {
 pub fn run(args: Args, say: Say) -> Result<()> {
     let given = args.clips.iter().map(|clip| named(clip)).collect::<Result<Vec<_>>>()?;
     let paths: Vec<PathBuf> = given.iter().map(|place| place.path.clone()).collect();
-    let outputs = args.force.outputs(paths.iter().cloned().chain(args.read.files()));
+    let outputs = |clips: &[PathBuf]| args.force.outputs(clips.iter().cloned().chain(args.read.files()));
     if !args.out.is_dir() && !many::ends_as_folder(&args.out) {
-        outputs.check([&*args.out])?;
         let mut clips = Vec::new();
         for place in &given {
             let found = many::files(std::slice::from_ref(&place.path))?;
             clips.extend(found.into_iter().map(|(clip, _)| place.of(clip)));
         }
+        let outputs = outputs(&clips.iter().map(|clip| clip.path.clone()).collect::<Vec<_>>());
+        outputs.check([&*args.out])?;
         return one(&args, &clips, &args.out, &outputs, say);
     }
     let pairs = many::into_folder(&paths, &args.out, |_| "html".into())?;
-    outputs.check(pairs.iter().map(|p| &*p.output))?;
     let clips: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
+    let outputs = outputs(&clips);
+    outputs.check(pairs.iter().map(|p| &*p.output))?;
     super::each_file(&clips, "clips have no page", say, |i, clip| {
         let place = given.iter().find(|place| clip.starts_with(&place.path)).unwrap_or(&given[0]);
         one(&args, &[place.of(clip.into())], &pairs[i].output, &outputs, say)

@@ -3,15 +3,12 @@
 use super::input::{Inputs, TABLES};
 use super::keys::Keys;
 use super::stack::{Blocks, Stack};
+use super::tables::{embed, into_table};
 use super::{Fast, Windows};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::{Rules, Shape};
 use kinelm_engine::linear::Products;
 use kinelm_engine::op::embedding::{self, Lookup};
-use rayon::prelude::*;
-
-/// Rows of the embedding that a piece computes.
-const EMBEDDED: usize = 64;
 
 /// The buffers of one shape.
 pub(super) struct Flat {
@@ -40,8 +37,7 @@ impl Flat {
             *lookup = Lookup { table: model.weight(name), ids };
         }
         let (lookups, shape) = (&lookups[..=tables.len()], self.stack.shape());
-        let pieces = self.stack.input().par_chunks_mut(EMBEDDED * shape.width).enumerate();
-        pieces.for_each(|(i, out)| embedding::forward(out, shape.width, i * EMBEDDED, lookups));
+        embed(self.stack.input(), shape.width, lookups);
         if let Some(keys) = keys {
             keys.drop_embedded(self.stack.input(), shape);
         }
@@ -76,9 +72,7 @@ impl Flat {
         }
         embedding::backward(&mut gradients[token], shape.width, inputs, dx);
         for (name, ids) in self.inputs.tables() {
-            let table = &mut gradients[model.index(name)];
-            table.fill(0.0);
-            embedding::backward(table, shape.width, ids, dx);
+            into_table(&mut gradients[model.index(name)], shape.width, ids, dx);
         }
     }
 }

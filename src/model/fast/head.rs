@@ -2,6 +2,7 @@
 //! goes back to where they were.
 
 use super::Fast;
+use super::tables::embed;
 use crate::Result;
 use crate::model::config::{ModelConfig, TokenLayout};
 use crate::model::past::Basis;
@@ -11,11 +12,11 @@ use kinelm_engine::block::Norm;
 use kinelm_engine::head::{self, Exam, Workspace};
 use kinelm_engine::linear::Products;
 use kinelm_engine::op::cross_entropy;
-use kinelm_engine::op::embedding::{self, Lookup, NONE};
+use kinelm_engine::op::embedding::{Lookup, NONE};
 use kinelm_engine::op::matmul::Store;
 use rayon::prelude::*;
 
-/// Rows that are brought together, or scored, at a time.
+/// Rows that are scored at a time.
 const ROWS: usize = 64;
 
 /// The heads for batches of one shape.
@@ -179,7 +180,5 @@ fn group_of(basis: &Basis) -> usize {
 
 /// `out` (n, D) becomes the rows `rows` (n) of `x`, D = `width`; [`NONE`] is a row of zeros.
 fn collect(out: &mut [f32], width: usize, x: &[f32], rows: &[u32]) {
-    let lookup = [Lookup { table: x, ids: rows }];
-    let pieces = out.par_chunks_mut(ROWS * width).enumerate();
-    pieces.for_each(|(i, out)| embedding::forward(out, width, i * ROWS, &lookup));
+    embed(out, width, &[Lookup { table: x, ids: rows }]);
 }

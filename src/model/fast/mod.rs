@@ -10,6 +10,7 @@ mod input;
 mod keys;
 mod pass;
 mod stack;
+mod tables;
 #[cfg(test)]
 mod tests;
 mod two_level;

@@ -4,6 +4,7 @@
 //! e numbers of a character.
 
 use super::stack::{Blocks, Stack};
+use super::tables::{embed, into_table};
 use super::{Fast, Windows};
 use crate::model::frames::{BACK, Frames, SPELT};
 use crate::model::layout::{SPELL, TRUNK};
@@ -12,11 +13,8 @@ use kinelm_engine::block::{Linear, Norm, Rules, Shape};
 use kinelm_engine::dense;
 use kinelm_engine::linear::Products;
 use kinelm_engine::op::attention::Mask;
-use kinelm_engine::op::embedding::{self, Lookup};
+use kinelm_engine::op::embedding::Lookup;
 use rayon::prelude::*;
-
-/// Rows of an embedding that a piece computes.
-const EMBEDDED: usize = 64;
 
 /// Bias and weight of what the trunk reads, of its norm, and of what it tells the decoder.
 const JOIN: [&str; 2] = ["frame.join.bias", "frame.join.weight"];
@@ -163,18 +161,6 @@ impl TwoLevel {
         dense::backward(d_read, d_trunk, &self.read, model.weight(JOIN[1]), to, &mut self.join);
         into_table(&mut gradients[model.index("frame.character.weight")], self.character, &self.seen, d_read);
     }
-}
-
-/// Sums of rows of tables, on all threads.
-fn embed(out: &mut [f32], width: usize, lookups: &[Lookup]) {
-    let pieces = out.par_chunks_mut(EMBEDDED * width).enumerate();
-    pieces.for_each(|(i, out)| embedding::forward(out, width, i * EMBEDDED, lookups));
-}
-
-/// `table` becomes the sums of the rows of `dout` by their ids.
-fn into_table(table: &mut [f32], width: usize, ids: &[u32], dout: &[f32]) {
-    table.fill(0.0);
-    embedding::backward(table, width, ids, dout);
 }
 
 fn linear<'a>(model: &'a Fast, [bias, weight]: [&str; 2]) -> Linear<&'a [f32]> {

@@ -10,7 +10,8 @@ use std::sync::OnceLock;
 const CONFIG: &str = "[model]\narchitecture = \"two_level\"\nlayers = 1\nheads = 2\nwidth = 24\nwindow = 6\n\
                       [model.decoder]\nlayers = 1\nheads = 2\nwidth = 16\ncharacter_width = 4\n\
                       [train]\nbatch = 2\nsteps = 6\nwarmup = 1\nlearning_rate = 3e-3\neval_every = 3\n\
-                      checkpoint_every = 3\n[augment]\nhistory_noise = 2.0\n";
+                      checkpoint_every = 3\ntable_rate = 3.0\n\
+                      stages = [{ until = 0.4, frames = 3, batch = 4 }]\n[augment]\nhistory_noise = 2.0\n";
 
 /// Twelve short dances, a tokenizer, a corpus and a run.
 struct Place {

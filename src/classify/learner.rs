@@ -3,7 +3,7 @@
 use super::fields::Fields;
 use crate::Result;
 use crate::model::fast::{ClassRow, Fast, Losses, Windows, named};
-use crate::model::layout::{Init, Parameter};
+use crate::model::layout::{Init, Parameter, Role};
 use crate::model::{Dropout, Scores};
 use crate::train::TrainConfig;
 use crate::train::adamw::MOMENTS;
@@ -28,7 +28,7 @@ pub(super) fn first_heads(fields: &Fields, width: usize, seed: u64) -> Vec<Float
 /// A field's head among the parameters.
 fn head(field: &super::Field, width: usize) -> Parameter {
     let (name, shape) = (head_name(&field.name), vec![field.classes.len(), width]);
-    Parameter { name, shape, init: Init::Normal(0.02), decays: true }
+    Parameter { name, shape, init: Init::Normal(0.02), role: Role::Matrix }
 }
 
 /// What learns: the model's tensors at one rate, the heads and the class tokens, which begin with nothing, at another.
@@ -66,7 +66,7 @@ impl Learner {
             first,
             second,
             class_rows: (token, class_token as usize * width),
-            decays: model.parameters().iter().map(|p| p.decays).collect(),
+            decays: model.parameters().iter().map(|p| p.role == Role::Matrix).collect(),
             model,
             heads,
             updates: 0,

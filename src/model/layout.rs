@@ -17,8 +17,19 @@ pub struct Parameter {
     pub shape: Vec<usize>,
     /// What it holds before training.
     pub init: Init,
-    /// Whether weight decay pulls at it: matrices, except embeddings.
-    pub decays: bool,
+    /// What it is to the optimizer.
+    pub role: Role,
+}
+
+/// What a tensor is to the optimizer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// A norm's weights, or a bias.
+    Vector,
+    /// A matrix that rows are multiplied with, at which weight decay pulls.
+    Matrix,
+    /// A table whose rows are looked up, which may learn at a rate of its own.
+    Table,
 }
 
 /// What a tensor holds before training.
@@ -43,13 +54,13 @@ pub fn parameters(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> 
     let d = config.head_width();
     norm(&mut all, "norm", d);
     if config.ids_table() == "head.weight" {
-        all.push(Parameter { decays: true, ..embedding("head.weight", tokens.vocabulary, d) });
+        all.push(Parameter { role: Role::Matrix, ..embedding("head.weight", tokens.vocabulary, d) });
     }
     let counts = Counts::of(tokens);
     if config.head_of(tokens) == HeadKind::Relative {
         let tables = [("head.circular.weight", counts.circular), ("head.clamped.weight", counts.steps())];
         let tables = tables.into_iter().filter(|(_, rows)| *rows > 0);
-        all.extend(tables.map(|(name, rows)| Parameter { decays: true, ..embedding(name, rows, d) }));
+        all.extend(tables.map(|(name, rows)| Parameter { role: Role::Matrix, ..embedding(name, rows, d) }));
     }
     all.sort_by(|a, b| a.name.cmp(&b.name));
     all
@@ -138,19 +149,19 @@ pub(super) fn block_name(layer: usize) -> String {
 }
 
 fn embedding(name: &str, rows: usize, width: usize) -> Parameter {
-    Parameter { name: name.into(), shape: vec![rows, width], init: Init::Normal(0.02), decays: false }
+    Parameter { name: name.into(), shape: vec![rows, width], init: Init::Normal(0.02), role: Role::Table }
 }
 
 fn norm(all: &mut Vec<Parameter>, name: &str, width: usize) {
     for (part, init) in [("weight", Init::Ones), ("bias", Init::Zeros)] {
-        all.push(Parameter { name: format!("{name}.{part}"), shape: vec![width], init, decays: false });
+        all.push(Parameter { name: format!("{name}.{part}"), shape: vec![width], init, role: Role::Vector });
     }
 }
 
 fn linear(all: &mut Vec<Parameter>, name: &str, rows: usize, columns: usize, sd: f64) {
     let (weight, bias) = (format!("{name}.weight"), format!("{name}.bias"));
-    all.push(Parameter { name: weight, shape: vec![rows, columns], init: Init::Normal(sd), decays: true });
-    all.push(Parameter { name: bias, shape: vec![columns], init: Init::Zeros, decays: false });
+    all.push(Parameter { name: weight, shape: vec![rows, columns], init: Init::Normal(sd), role: Role::Matrix });
+    all.push(Parameter { name: bias, shape: vec![columns], init: Init::Zeros, role: Role::Vector });
 }
 
 impl Parameter {
@@ -208,7 +219,7 @@ mod tests {
 
     #[test]
     fn the_beginning_has_the_spread_it_should_and_comes_from_the_seed() {
-        let p = Parameter { name: "x".into(), shape: vec![200, 100], init: Init::Normal(0.02), decays: true };
+        let p = Parameter { name: "x".into(), shape: vec![200, 100], init: Init::Normal(0.02), role: Role::Matrix };
         let x = p.initial(3);
         let sd = (x.iter().map(|x| x * x).sum::<f32>() / x.len() as f32).sqrt();
         // the sd of 20,000 draws lies within 2 % but for 1 in 10,000 seeds

@@ -5,7 +5,7 @@
 use super::config::TrainConfig;
 use super::learner::in_order;
 use crate::model::Gpt;
-use crate::model::layout::{self, Parameter};
+use crate::model::layout::{self, Parameter, Role};
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
 use std::collections::BTreeMap;
@@ -17,6 +17,7 @@ pub struct AdamW {
     betas: [f64; 2],
     epsilon: f64,
     weight_decay: f64,
+    table_rate: f64,
     /// Updates done.
     step: u64,
 }
@@ -33,11 +34,11 @@ impl AdamW {
         let parameters = layout::parameters(model.config(), model.tokens());
         let zeros = |p: &Parameter| Tensor::zeros(p.shape.as_slice(), DType::F32, model.device());
         let moments = parameters.iter().map(|p| Ok([zeros(p)?, zeros(p)?])).collect::<Result<_>>()?;
-        let TrainConfig { betas, epsilon, weight_decay, .. } = *config;
-        Ok(AdamW { parameters, moments, betas, epsilon, weight_decay, step: 0 })
+        let TrainConfig { betas, epsilon, weight_decay, table_rate, .. } = *config;
+        Ok(AdamW { parameters, moments, betas, epsilon, weight_decay, table_rate, step: 0 })
     }
 
-    /// Moves every variable of `model` by its gradient times `share`, at the learning rate `rate`. The gradients stand in
+    /// Moves every variable of `model` by its gradient times `share`, at the learning rate `rate`, tables at theirs. The gradients stand in
     /// the order of the variables' names.
     ///
     /// # Errors
@@ -54,7 +55,11 @@ impl AdamW {
             *first = ((&*first * b1)? + (&g * (1.0 - b1))?)?;
             *second = ((&*second * b2)? + (g.sqr()? * (1.0 - b2))?)?;
             let root = ((second.sqrt()? / correction2.sqrt())? + self.epsilon)?;
-            let keep = if parameter.decays { 1.0 - rate * self.weight_decay } else { 1.0 };
+            let (rate, keep) = match parameter.role {
+                Role::Vector => (rate, 1.0),
+                Role::Matrix => (rate, 1.0 - rate * self.weight_decay),
+                Role::Table => (rate * self.table_rate, 1.0),
+            };
             let var = &model.vars()[&parameter.name];
             let x = (var.as_detached_tensor() * keep)?;
             var.set(&(x - (&*first * (rate / correction1))?.div(&root)?)?)?;
@@ -112,7 +117,7 @@ mod tests {
         };
         let model = ModelConfig { layers: 1, heads: 1, width: 2, context: 10, ..Default::default() };
         let gpt = Gpt::new(&model, &tokens, 1).unwrap();
-        let config = TrainConfig { betas: [0.9, 0.99], weight_decay: 0.5, ..Default::default() };
+        let config = TrainConfig { betas: [0.9, 0.99], weight_decay: 0.5, table_rate: 3.0, ..Default::default() };
         let mut adamw = AdamW::new(&gpt, &config).unwrap();
         let numbers = |name: &str| gpt.vars()[name].flatten_all().unwrap().to_vec1::<f32>().unwrap();
         let names = ["block.00.mlp.up.weight", "token.weight", "norm.weight"];
@@ -123,13 +128,13 @@ mod tests {
         adamw.update(&gpt, &all(2.0), 0.5, 0.1).unwrap();
         adamw.update(&gpt, &all(-1.0), 1.0, 0.1).unwrap();
         // gradients 1 and -1: first moments 0.1, then 0.09 - 0.1 = -0.01; second ones 0.01, then 0.0199
-        let moves = |x: f64, decay: f64| {
-            let x = x * (1.0 - 0.1 * decay) - 0.1 * 1.0 / (1.0 + 1e-8);
-            x * (1.0 - 0.1 * decay) - 0.1 * (-0.01 / 0.19) / ((0.0199f64 / 0.0199).sqrt() + 1e-8)
+        let moves = |x: f64, rate: f64, decay: f64| {
+            let x = x * (1.0 - rate * decay) - rate * 1.0 / (1.0 + 1e-8);
+            x * (1.0 - rate * decay) - rate * (-0.01 / 0.19) / ((0.0199f64 / 0.0199).sqrt() + 1e-8)
         };
-        for ((name, before), decay) in names.iter().zip(&before).zip([0.5, 0.0, 0.0]) {
+        for ((name, before), (rate, decay)) in names.iter().zip(&before).zip([(0.1, 0.5), (0.3, 0.0), (0.1, 0.0)]) {
             for (x, &b) in numbers(name).iter().zip(before) {
-                let expected = moves(b as f64, decay);
+                let expected = moves(b as f64, rate, decay);
                 assert!((*x as f64 - expected).abs() < 2e-7, "{name}: {x}, expected {expected}");
             }
         }

@@ -4,6 +4,7 @@ use super::augment::AugmentConfig;
 use super::data::CorpusPart;
 use super::precision::Precision;
 use super::schedule::Schedule;
+use super::stages::{self, Stage};
 use crate::corpus::conditions::in_order;
 use crate::model::{ModelConfig, TokenLayout};
 use crate::{Error, Result, presets};
@@ -59,6 +60,8 @@ pub struct TrainConfig {
     pub weight_decay: f64,
     /// Largest norm of the gradient; 0 means no limit. Default 1.
     pub clip_norm: f64,
+    /// What the rate of tables whose rows are looked up is multiplied with, above 0 and at most 100. Default 1.
+    pub table_rate: f64,
     /// Every random number comes from it. Default 1.
     pub seed: u64,
     /// Steps between measurements on the validation clips; 0 means only at the end. Default 250.
@@ -90,6 +93,9 @@ pub struct TrainConfig {
     pub ordinal_width: f64,
     /// In which numbers products are computed: `f32`, `bf16` or `auto`. Default `f32`.
     pub precision: Precision,
+    /// Windows that grow: those of the first steps. Default none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub stages: Vec<Stage>,
 }
 
 /// What the gradients pull towards; the loss that is reported is the cross-entropy with the target itself in any case.
@@ -115,6 +121,7 @@ impl Default for TrainConfig {
             epsilon: 1e-8,
             weight_decay: 0.1,
             clip_norm: 1.0,
+            table_rate: 1.0,
             seed: 1,
             eval_every: 250,
             eval_windows: 128,
@@ -129,6 +136,7 @@ impl Default for TrainConfig {
             loss: Loss::CrossEntropy,
             ordinal_width: 0.75,
             precision: Precision::F32,
+            stages: Vec::new(),
         }
     }
 }
@@ -224,12 +232,14 @@ impl TrainConfig {
         (self.loss == Loss::Ordinal).then_some(self.ordinal_width)
     }
 
-    /// Checks every key, and that words of `tokens` have what the loss asks for.
+    /// Checks every key, that words of `tokens` have what the loss asks for, and that `model` holds the windows.
     ///
     /// # Errors
-    /// As [`Self::validate`]; `ordinal` for words whose places aren't of one kind each.
-    pub fn validate_for(&self, tokens: &TokenLayout) -> Result<()> {
+    /// As [`Self::validate`]; `ordinal` for words whose places aren't of one kind each; those of
+    /// [`stages::validate_for`].
+    pub fn validate_for(&self, model: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
         self.validate()?;
+        stages::validate_for(&self.stages, model, tokens)?;
         if self.loss == Loss::Ordinal && tokens.places.is_empty() {
             let why = "words of this tokenizer have no places of one kind each, so that no bin has neighbours";
             return Err(Error::Call(format!("train.loss is ordinal; expected cross_entropy: {why}")));
@@ -257,6 +267,9 @@ impl TrainConfig {
         }
         number(self.epsilon > 0.0, "epsilon", self.epsilon, "a number above 0")?;
         number(self.weight_decay >= 0.0, "weight_decay", self.weight_decay, "0 or more")?;
+        let table_rate = self.table_rate > 0.0 && self.table_rate <= 100.0;
+        number(table_rate, "table_rate", self.table_rate, "a number above 0 and at most 100")?;
+        stages::validate(&self.stages)?;
         number(self.clip_norm >= 0.0, "clip_norm", self.clip_norm, "0 (no limit) or more")?;
         let width = (0.0..=100.0).contains(&self.ordinal_width) && self.ordinal_width > 0.0;
         number(width, "ordinal_width", self.ordinal_width, "a number above 0 and at most 100")?;
@@ -287,9 +300,10 @@ mod tests {
     fn neighbours_are_asked_for_where_bins_have_some() {
         let train: TrainConfig = toml::from_str("loss = \"ordinal\"").unwrap();
         assert_eq!((train.smoothing(), TrainConfig::default().smoothing()), (Some(0.75), None));
+        let model = ModelConfig::default();
         let without = TokenLayout { places: Vec::new(), ..fixture::TOKENS };
-        assert!(train.validate_for(&without).unwrap_err().to_string().contains("train.loss is ordinal"));
-        TrainConfig::default().validate_for(&without).unwrap();
+        assert!(train.validate_for(&model, &without).unwrap_err().to_string().contains("train.loss is ordinal"));
+        TrainConfig::default().validate_for(&model, &without).unwrap();
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::config::TrainConfig;
 use super::learner::{Found, Learner, in_order, no_average, not_finite};
 use crate::Result;
 use crate::model::fast::{Fast, Windows, named};
-use crate::model::layout::Parameter;
+use crate::model::layout::{Parameter, Role};
 use crate::model::{Dropout, ModelConfig, Scores, TokenLayout};
 use candle_core::Tensor;
 use kinelm_engine::arena::Floats;
@@ -23,8 +23,7 @@ pub struct FastLearner {
     moments: [Vec<Floats>; 2],
     /// Of each gradient: its squares, summed.
     squares: Vec<f64>,
-    /// Whether weight decay pulls at a tensor.
-    decays: Vec<bool>,
+    roles: Vec<Role>,
     /// Of several batches: their gradients, summed. Empty where a step has one.
     sum: Vec<Floats>,
     /// The moving average of the weights, if there is one.
@@ -42,7 +41,7 @@ impl FastLearner {
             gradients: model.like_weights(),
             moments: [model.like_weights(), model.like_weights()],
             squares: vec![0.0; model.parameters().len()],
-            decays: model.parameters().iter().map(|p| p.decays).collect(),
+            roles: model.parameters().iter().map(|p| p.role).collect(),
             sum: if train.accumulate > 1 { model.like_weights() } else { Vec::new() },
             averages: (train.ema > 0.0).then(|| model.like_weights()),
             model,
@@ -108,12 +107,17 @@ impl Learner for FastLearner {
 
     fn update(&mut self, share: f64, rate: f64) -> Result<()> {
         self.step += 1;
-        let TrainConfig { betas, epsilon, weight_decay, .. } = self.train;
-        let step = |decay| adamw::Step::new(self.step, rate, betas, epsilon, decay, share);
-        let steps = [step(0.0), step(weight_decay)];
+        let TrainConfig { betas, epsilon, weight_decay, table_rate, .. } = self.train;
+        let step = |rate, decay| adamw::Step::new(self.step, rate, betas, epsilon, decay, share);
+        let (vectors, matrices, tables) = (step(rate, 0.0), step(rate, weight_decay), step(rate * table_rate, 0.0));
+        let of = |role| match role {
+            Role::Vector => &vectors,
+            Role::Matrix => &matrices,
+            Role::Table => &tables,
+        };
         let [first, second] = &mut self.moments;
-        let all = (self.model.weights_mut(), first, second, &self.gradients, &self.decays);
-        all.into_par_iter().for_each(|(x, m, v, g, &decays)| adamw::update(x, m, v, g, &steps[usize::from(decays)]));
+        let all = (self.model.weights_mut(), first, second, &self.gradients, &self.roles);
+        all.into_par_iter().for_each(|(x, m, v, g, &role)| adamw::update(x, m, v, g, of(role)));
         if let Some(averages) = &mut self.averages {
             let share = average::share(self.train.ema, self.step) as f32;
             let all = averages.par_iter_mut().zip(self.model.weights_mut());

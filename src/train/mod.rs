@@ -29,6 +29,7 @@ pub mod sample;
 pub mod schedule;
 #[cfg(test)]
 mod shapes;
+pub mod stages;
 mod tensorboard;
 
 pub use config::{TrainConfig, TrainFile};

@@ -27,8 +27,12 @@ const MOST_WINDOWS: u64 = 100_000_000;
 /// The order of the first `steps` steps of a run, without what augmentation changes of a window.
 ///
 /// # Errors
-/// Those of [`Batches::of_run`].
+/// Those of [`Batches::of_run`]; windows that grow.
 pub fn order(run: &RunFile, data: &Data, steps: u64) -> Result<Order> {
+    if !run.train.stages.is_empty() {
+        let what = "train.stages, whose windows grow; an order has windows of one size: leave the stages out";
+        return Err(Error::Call(what.into()));
+    }
     let mut batches = Batches::of_run(run, data)?;
     let rows = run.train.batch * run.train.accumulate;
     if steps.checked_mul(rows as u64).is_none_or(|all| all > MOST_WINDOWS) {

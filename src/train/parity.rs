@@ -147,7 +147,7 @@ fn train(learner: &mut dyn Learner, batch: &Batch, config: &TrainConfig) -> Vec<
 
 #[test]
 fn ten_steps_of_every_form_cost_the_same_plain_and_fast() {
-    let train_config = TrainConfig { steps: 10, learning_rate: 3e-3, warmup: 2, ..Default::default() };
+    let train_config = TrainConfig { steps: 10, learning_rate: 3e-3, warmup: 2, table_rate: 3.0, ..Default::default() };
     let ordinal = TrainConfig { loss: Loss::Ordinal, ..train_config.clone() };
     for (config, tokens) in forms::all(40) {
         let config = ModelConfig { width: 16, dropout: 0.1, ..config };

@@ -1,6 +1,7 @@
 //! Whether this machine has the memory that training a model takes, asked before anything is allocated.
 
 use super::config::TrainConfig;
+use super::stages;
 use crate::model::layout;
 use crate::model::{Architecture, ModelConfig, TokenLayout};
 use crate::{Error, Result, memory};
@@ -11,7 +12,7 @@ use crate::{Error, Result, memory};
 pub fn needed(config: &ModelConfig, tokens: &TokenLayout, train: &TrainConfig) -> u128 {
     let copies = 4 + u128::from(train.accumulate > 1) + u128::from(train.ema > 0.0);
     let parameters: u128 = layout::parameters(config, tokens).iter().map(|p| p.len() as u128).sum();
-    let tokens_a_step = (train.batch * config.context) as u128;
+    let tokens_a_step = stages::most_tokens(train, config, tokens) as u128;
     // of a two-level model the decoder's rows are tokens, the trunk's so few that they don't count
     let (layers, width) = match config.architecture {
         Architecture::Flat => (config.layers, config.width),

@@ -85,7 +85,7 @@ impl RunFile {
         model.validate()?;
         let model = model.resolved(&tokens);
         model.validate_for(&tokens)?;
-        train.validate_for(&tokens)?;
+        train.validate_for(&model, &tokens)?;
         Ok(RunFile {
             version: VERSION,
             kinelm: env!("CARGO_PKG_VERSION").into(),

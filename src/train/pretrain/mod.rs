@@ -6,7 +6,6 @@ mod saved;
 mod tests;
 mod trainer;
 
-use super::batches::Batches;
 use super::config::TrainFile;
 use super::data::{CorpusPart, Data};
 use super::folder::RunFolder;
@@ -14,6 +13,7 @@ use super::precision::Precision;
 use super::progress::Progress;
 use super::room;
 use super::run::RunFile;
+use super::stages::Stages;
 use crate::evaluate::likelihood::Likelihood;
 use crate::model::Compute;
 use crate::model::checkpoint::{Best, Checkpoints};
@@ -176,7 +176,7 @@ pub fn begin(
     weights: Option<BTreeMap<String, Tensor>>,
 ) -> Result<RunFolder> {
     // whatever is refused must not leave an empty run behind
-    Batches::of_run(file, data)?;
+    Stages::of_run(file, data)?;
     room::check(&file.model, &file.tokens, &file.train)?;
     let first = weights.map(|weights| saved::first(file, weights)).transpose()?;
     let folder = RunFolder::create(run)?;

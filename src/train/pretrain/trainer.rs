@@ -5,7 +5,6 @@ use crate::corpus::Split;
 use crate::evaluate::likelihood::Likelihood;
 use crate::model::checkpoint::{Best, Checkpoints, State};
 use crate::model::{Compute, Kind};
-use crate::train::batches::{Batch, Batches};
 use crate::train::data::Data;
 use crate::train::folder::RunFolder;
 use crate::train::learner::{Learner, clip_share, listed};
@@ -14,6 +13,7 @@ use crate::train::progress::Progress;
 use crate::train::run::RunFile;
 use crate::train::sample::sample;
 use crate::train::schedule;
+use crate::train::stages::Stages;
 use crate::{Error, Result};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 pub struct Trainer<'a> {
     file: RunFile,
     data: &'a Data,
-    batches: Batches<'a>,
+    stages: Stages<'a>,
     learner: Box<dyn Learner>,
     checkpoints: Checkpoints,
     run: PathBuf,
@@ -52,7 +52,7 @@ impl<'a> Trainer<'a> {
     ) -> Result<Trainer<'a>> {
         let started = Instant::now();
         let c = &file.model;
-        let batches = Batches::of_run(&file, data)?;
+        let stages = Stages::of_run(&file, data)?;
         if !data.has(Split::Valid) {
             progress.note("the corpus has no validation clip: the run is not measured, its latest checkpoint counts");
         }
@@ -69,7 +69,7 @@ impl<'a> Trainer<'a> {
         let metrics = Metrics::open(run.path(), state.step)?;
         Ok(Trainer {
             data,
-            batches,
+            stages,
             learner,
             checkpoints,
             run: run.path().to_owned(),
@@ -132,9 +132,7 @@ impl<'a> Trainer<'a> {
     fn step(&mut self) -> Result<f64> {
         let begun = Instant::now();
         let (step, train) = (self.state.step, &self.file.train);
-        let parts = train.accumulate as u64;
-        let batches = (step * parts..(step + 1) * parts).map(|i| self.batches.batch(i));
-        let batches: Vec<Batch> = batches.collect::<Result<_>>()?;
+        let batches = self.stages.of_step(step)?;
         let here = |e| stopped_at(step + 1, e, &self.checkpoints);
         let found = self.learner.gradients_of(&batches, step).map_err(here)?;
         if !found.norm.is_finite() {
@@ -145,7 +143,7 @@ impl<'a> Trainer<'a> {
         let rate = schedule::rate(train, step);
         self.learner.update(clip_share(found.norm, train.clip_norm), rate)?;
         self.state.step += 1;
-        self.state.windows += train.batch as u64 * parts;
+        self.state.windows += batches.iter().map(|b| b.clips.len() as u64).sum::<u64>();
         self.state.tokens += found.counted as u64;
         let seconds = begun.elapsed().as_secs_f64();
         let pace = self.pace.map_or(seconds, |p| 0.95 * p + 0.05 * seconds);

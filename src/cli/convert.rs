@@ -25,7 +25,7 @@ pub struct Args {
     /// The rig wanted: smpl, a body model (SMPL_*.npz), or a motion file whose rig is meant
     #[arg(long, value_name = "NAME|FILE")]
     skeleton: Option<String>,
-    /// Joints that go on moving, on the SMPL body: 13, 24, or a list of groups, names (SMPL's or the file's own) and ids; the
+    /// Joints that go on moving, on the SMPL body: 13, 18, 24, or a list of groups, names (SMPL's or the file's own) and ids; the
     /// others stand at rest
     #[arg(long, value_name = "LIST")]
     joints: Option<String>,

@@ -29,13 +29,13 @@ pub struct SettingsArgs {
     /// Settings of a tokenizer: uniform, thesis, quantile, dct-pca, lapped, or a TOML. Flags win over it
     #[arg(long, value_name = "NAME|FILE")]
     config: Option<PathBuf>,
-    /// Joints that are coded: 13, 24, or a list of groups, names and ids [default: 13]
-    #[arg(long, value_name = "13|24|LIST")]
+    /// Joints that are coded: 13, 18, 24, or a list of groups, names and ids [default: 13]
+    #[arg(long, value_name = "13|18|24|LIST")]
     joints: Option<String>,
     /// Frames per second of the words [default: 20]
     #[arg(long, value_parser = super::read::positive)]
     fps: Option<f64>,
-    /// The pelvis's rotation as it stands in the world, or its turn as steps and its tilt [default: absolute]
+    /// The pelvis's rotation as it stands in the world, or its turn as steps and its tilt [default: heading_delta]
     #[arg(long, value_enum, value_name = "KIND")]
     root_rotation: Option<RootRotationArg>,
     /// Byte-pair merges of characters that often stand side by side [default: 0]

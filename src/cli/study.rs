@@ -21,8 +21,8 @@ pub struct Args {
     /// configs/tokenizer/study.toml, with fewer than 24 joints study-13.toml
     #[arg(long, value_name = "FILE.toml")]
     schemes: Option<PathBuf>,
-    /// Joints of rows that state none: 13, 24, or a list of groups, names and ids
-    #[arg(long, default_value = "13", value_name = "13|24|LIST")]
+    /// Joints of rows that state none: 13, 18, 24, or a list of groups, names and ids
+    #[arg(long, default_value = "13", value_name = "13|18|24|LIST")]
     joints: String,
     /// Frames per second of rows that state none; unless given 60, or the slowest file's rate if that is lower
     #[arg(long, value_parser = super::read::positive)]

@@ -29,8 +29,8 @@ pub struct Args {
     /// Numbers of a channel that DCT or PCA keep [default: 16]
     #[arg(long, value_name = "N", value_parser = count)]
     keep: Option<usize>,
-    /// Joints that count: 13, 24, or a list of groups, names and ids [default: 24]
-    #[arg(long, value_name = "13|24|LIST")]
+    /// Joints that count: 13, 18, 24, or a list of groups, names and ids [default: 24]
+    #[arg(long, value_name = "13|18|24|LIST")]
     joints: Option<String>,
     /// Frames of a window [default: 128]
     #[arg(long, value_name = "FRAMES", value_parser = window)]

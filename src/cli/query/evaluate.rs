@@ -38,8 +38,8 @@ pub struct Args {
     /// Neighbours
     #[arg(short, default_value_t = 10, value_parser = clap::value_parser!(u16).range(1..))]
     k: u16,
-    /// Joints that count: 13, 24, or a list of groups, names and ids
-    #[arg(long, value_name = "13|24|LIST", default_value = "24")]
+    /// Joints that count: 13, 18, 24, or a list of groups, names and ids
+    #[arg(long, value_name = "13|18|24|LIST", default_value = "24")]
     joints: String,
     /// Frames of a window
     #[arg(long, value_name = "FRAMES", default_value_t = 128, value_parser = window)]

@@ -8,11 +8,20 @@ use crate::Clip;
 /// It grows with the rate, which says how fast shaking may be: only clips of one rate can be compared. See
 /// docs/measures.md, "Floor and feet".
 pub fn jitter(clip: &Clip) -> Option<f64> {
+    jitter_of(clip, &(0..clip.joints()).collect::<Vec<_>>())
+}
+
+/// The same over these joints alone; `None` also of no joint.
+///
+/// # Panics
+/// If the clip lacks one of the joints.
+pub fn jitter_of(clip: &Clip, joints: &[usize]) -> Option<f64> {
     let (places, j) = (clip.positions(), clip.joints());
-    let last = clip.frames().checked_sub(3).filter(|n| *n > 0)?;
+    let last = clip.frames().checked_sub(3).filter(|n| *n > 0 && !joints.is_empty())?;
     let third = |i: usize| places[i + 3 * j] - places[i + 2 * j] * 3.0 + places[i + j] * 3.0 - places[i];
-    let sum: f64 = (0..last * j).map(|i| third(i).length()).sum();
-    Some(sum / (last * j) as f64 * clip.fps().powi(3))
+    let sum: f64 =
+        (0..last).flat_map(|f| joints.iter().map(move |joint| f * j + joint)).map(|i| third(i).length()).sum();
+    Some(sum / (last * joints.len()) as f64 * clip.fps().powi(3))
 }
 
 #[cfg(test)]
@@ -35,5 +44,6 @@ mod tests {
         assert_eq!(jitter(&path(4, |_| 1.0)), Some(0.0));
         assert_eq!(jitter(&path(3, |_| 1.0)), None);
         assert_eq!(jitter(&path(0, |_| 1.0)), None);
+        assert_eq!(jitter_of(&path(40, |t| t), &[]), None);
     }
 }

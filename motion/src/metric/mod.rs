@@ -11,15 +11,17 @@ pub mod ground;
 pub mod jitter;
 pub mod mpjpe;
 pub mod short_term;
+pub mod skate;
 pub mod vector_angle;
 
 pub use border_jerk::BorderJerk;
 pub use floor::{Feet, Floor, floor, floor_of};
 pub use geodesic_error::GeodesicError;
 pub use ground::Ground;
-pub use jitter::jitter;
+pub use jitter::{jitter, jitter_of};
 pub use mpjpe::Mpjpe;
 pub use short_term::ShortTerm;
+pub use skate::Skate;
 pub use vector_angle::VectorAngle;
 
 use crate::{Clip, Error, Result};

@@ -9,7 +9,7 @@ use crate::corpus::load::load_placed;
 use crate::corpus::{ClipRecord, Corpus, Split};
 use crate::{Error, Result};
 use kinelm_motion::format::ReadOptions;
-use kinelm_motion::metric::{Feet, Ground};
+use kinelm_motion::metric::{Feet, Ground, Skate, jitter_of};
 use kinelm_motion::retarget::SkeletonMap;
 use kinelm_motion::{Clip, smpl};
 use kinelm_tokenizer::{Rest, SPACE, Tokenizer, Words};
@@ -85,6 +85,10 @@ struct Figures {
     pose: Freezing,
     repeats: [usize; 2],
     ground: Ground,
+    skate: Skate,
+    /// Sums over the frames that have one: m/s, m/s^3.
+    speed: Mean,
+    jitter: Mean,
 }
 
 /// The figures of several dances.
@@ -104,6 +108,31 @@ pub struct Group {
     pub penetration_share: Option<f64>,
     /// Share of frames that hang in the air and are in no jump.
     pub floating_share: Option<f64>,
+    /// Mean horizontal speed of foot joints that stand, cm/s.
+    pub skate_cm_s: Option<f64>,
+    /// Mean speed of the coded joints, cm/s.
+    pub speed_cm_s: Option<f64>,
+    /// Mean jerk of the coded joints, m/s^3.
+    pub jitter_m_s3: Option<f64>,
+}
+
+/// A mean over frames that adds up over clips.
+#[derive(Debug, Clone, Copy, Default)]
+struct Mean {
+    sum: f64,
+    frames: usize,
+}
+
+impl Mean {
+    /// Of `frames` frames, or of nothing.
+    fn of(mean: Option<f64>, frames: usize) -> Mean {
+        mean.map_or(Mean::default(), |mean| Mean { sum: mean * frames as f64, frames })
+    }
+
+    fn over<'a>(all: impl Iterator<Item = &'a Mean>) -> Option<f64> {
+        let (sum, frames) = all.fold((0.0, 0), |(sum, frames), m| (sum + m.sum, frames + m.frames));
+        (frames > 0).then(|| sum / frames as f64)
+    }
 }
 
 /// Distances to the nearest training window.
@@ -197,6 +226,12 @@ impl Real {
             pose: freezing(Places::of_pose(&dance.clip, &self.joints), self.thresholds[1]),
             repeats: repeats(&dance.word_ids(), self.frames_per_word, self.fps),
             ground: self.ground(&dance.clip),
+            skate: Skate::of(&self.feet, &dance.clip),
+            speed: {
+                let speeds = Places::of(&dance.clip, &self.joints).speeds();
+                Mean { sum: speeds.iter().sum(), frames: speeds.len() }
+            },
+            jitter: Mean::of(jitter_of(&dance.clip, &self.joints), dance.clip.frames().saturating_sub(3)),
         }
     }
 
@@ -238,7 +273,7 @@ impl Real {
 }
 
 /// The feet of the model's body as far as they are coded: of the thirteen joints the ankles. Where none is, the ankles.
-fn feet(joints: &[usize]) -> Result<Feet> {
+pub(super) fn feet(joints: &[usize]) -> Result<Feet> {
     let map = SkeletonMap::builtin("smpl").ok_or_else(|| Error::Call("no skeleton map smpl".into()))?;
     let mut feet = Feet::new(&smpl::neutral(), &map)?;
     let coded = feet.joints.iter().any(|(j, _)| joints.contains(j));
@@ -250,7 +285,11 @@ fn group(name: &str, all: &[Figures]) -> Group {
     let of = |part: fn(&Figures) -> &Freezing| summary(&all.iter().map(|f| part(f).clone()).collect::<Vec<_>>());
     let (found, of_all) = all.iter().fold((0, 0), |(a, b), f| (a + f.repeats[0], b + f.repeats[1]));
     let mut ground = Ground::default();
-    all.iter().for_each(|f| ground.add(&f.ground));
+    let mut skate = Skate::default();
+    all.iter().for_each(|f| {
+        ground.add(&f.ground);
+        skate.add(&f.skate);
+    });
     Group {
         name: name.into(),
         world: of(|f| &f.world),
@@ -259,6 +298,22 @@ fn group(name: &str, all: &[Figures]) -> Group {
         penetration_cm: ground.penetration_cm(),
         penetration_share: ground.penetration_share(),
         floating_share: ground.floating_share(),
+        skate_cm_s: skate.cm_s(),
+        speed_cm_s: Mean::over(all.iter().map(|f| &f.speed)).map(|m_s| 100.0 * m_s),
+        jitter_m_s3: Mean::over(all.iter().map(|f| &f.jitter)),
+    }
+}
+
+impl Report {
+    /// A row of `cells` a group, without a line end after the last.
+    fn table(&self, f: &mut fmt::Formatter<'_>, heads: &[&str], cells: impl Fn(&Group) -> Vec<String>) -> fmt::Result {
+        write!(f, "{:<32}", "")?;
+        heads.iter().try_for_each(|head| write!(f, " {head:>11}"))?;
+        for group in &self.groups {
+            write!(f, "\n{:<32}", shortened(&group.name))?;
+            cells(group).iter().try_for_each(|cell| write!(f, " {cell:>11}"))?;
+        }
+        Ok(())
     }
 }
 
@@ -276,37 +331,32 @@ impl fmt::Display for Report {
             "{:.3} cm/s in the world, {:.3} cm/s of the pose alone",
             self.threshold_cm_s, self.pose_threshold_cm_s
         )?;
-        let heads = [
-            "frames",
-            "freeze %",
-            "(sd)",
-            "pose %",
-            "to freeze s",
-            "never %",
-            "repeat %",
-            "in floor cm",
-            "in floor %",
-            "floating %",
-        ];
-        write!(f, "{:<32}", "")?;
-        heads.iter().try_for_each(|head| write!(f, " {head:>11}"))?;
-        for group in &self.groups {
-            write!(f, "\n{:<32} {:>11}", shortened(&group.name), group.world.frames)?;
-            let percent = |x: Option<f64>| x.map_or("n/a".into(), |x| format!("{:.2}", 100.0 * x));
+        let percent = |x: Option<f64>| x.map_or("n/a".into(), |x| format!("{:.2}", 100.0 * x));
+        let number = |x: Option<f64>, digits: usize| x.map_or("n/a".into(), |x| format!("{x:.digits$}"));
+        self.table(f, &["frames", "freeze %", "(sd)", "pose %", "to freeze s", "never %", "repeat %"], |group| {
             let w = &group.world;
-            let cells = [
+            vec![
+                w.frames.to_string(),
                 percent(w.freeze_rate),
                 percent(w.freeze_rate_sd),
                 percent(group.pose.freeze_rate),
                 w.median_time_to_freeze_s.map_or(format!("> {:.0}", w.duration_s[1]), |t| format!("{t:.1}")),
                 percent(w.never),
                 percent(group.repeat_rate),
-                group.penetration_cm.map_or("n/a".into(), |x| format!("{x:.2}")),
+            ]
+        })?;
+        writeln!(f)?;
+        let heads = ["speed cm/s", "jitter m/s3", "skate cm/s", "in floor cm", "in floor %", "floating %"];
+        self.table(f, &heads, |group| {
+            vec![
+                number(group.speed_cm_s, 1),
+                number(group.jitter_m_s3, 0),
+                number(group.skate_cm_s, 1),
+                number(group.penetration_cm, 2),
                 percent(group.penetration_share),
                 percent(group.floating_share),
-            ];
-            cells.iter().try_for_each(|cell| write!(f, " {cell:>11}"))?;
-        }
+            ]
+        })?;
         write!(f, "\nfreeze % of every 5 s:")?;
         for group in self.groups.iter().take(3).filter(|g| g.world.dances > 0) {
             write!(f, "\n{:<32}", shortened(&group.name))?;
@@ -319,6 +369,12 @@ impl fmt::Display for Report {
                 f,
                 "\n{name:<32} follows {joints}: {mismatch:.4} % of its characters differ, places {cm:.2} cm apart"
             )?;
+            if let Some(x) = p.free_jitter {
+                write!(f, "; free joints: jitter {:.2} of the prompt's", x)?;
+            }
+            if let Some(x) = p.free_skate {
+                write!(f, ", skate {:.2} of the prompt's", x)?;
+            }
             if let Some(c) = p.coordination {
                 write!(f, "; coordination {:.3}, shifted {:.3}, effect {:.3}", c.correlation, c.shifted, c.effect)?;
             }
@@ -386,6 +442,12 @@ mod tests {
         assert_eq!((dances.pose.freeze_rate, dances.pose.median_time_to_freeze_s), (Some(1.0), Some(0.0)));
         // all but the first second of it came before
         assert_eq!(dances.repeat_rate, Some(121.0 / 141.0));
+        let clip = &real.valid[0].clip;
+        assert!((valid.jitter_m_s3.unwrap() / jitter_of(clip, &real.joints).unwrap() - 1.0).abs() < 1e-12);
+        assert_eq!(valid.skate_cm_s, Skate::of(&real.feet, clip).cm_s());
+        let speeds = Places::of(clip, &real.joints).speeds();
+        let mean = 100.0 * speeds.iter().sum::<f64>() / speeds.len() as f64;
+        assert!((valid.speed_cm_s.unwrap() / mean - 1.0).abs() < 1e-12);
         // one that hangs floats, one that has sunk is in the floor
         let at = |y: f64| {
             let clip = real.train[0].clip.clone().raised(y);
@@ -395,7 +457,7 @@ mod tests {
         assert!(at(1.0).0 > 0.9 && at(1.0).1 == 0.0, "{:?}", at(1.0));
         assert!(at(-1.5).1 > 80.0 && at(-1.5).0 == 0.0, "{:?}", at(-1.5));
         let text = report.to_string();
-        assert!(text.contains("in floor cm") && text.contains("floating %"), "{text}");
+        assert!(text.contains("skate cm/s") && text.contains("in floor cm") && text.contains("floating %"), "{text}");
         assert!(text.contains("320 training frames") && text.contains("statue"), "{text}");
 
         let copy = Dance::of_corpus(&corpus, &corpus.clips()[0]).unwrap();

@@ -1,0 +1,79 @@
+//! How fast feet slide that stand.
+
+use super::Feet;
+use crate::Clip;
+
+/// A foot joint that is no more than this above where it would rest stands on the floor, metres.
+const LOW_M: f64 = 0.05;
+
+/// Foot skate: the mean horizontal speed of foot joints near the floor. Real recordings skate too.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Skate {
+    metres_per_s: f64,
+    steps: u64,
+}
+
+impl Skate {
+    /// Of one clip whose floor is at y = 0: every step of a foot joint that is under 5 cm at both its frames counts. Source:
+    /// docs/measures.md, "Floor and feet".
+    ///
+    /// # Panics
+    /// If the clip is not on the rig of these feet.
+    pub fn of(feet: &Feet, clip: &Clip) -> Skate {
+        let (places, j) = (clip.positions(), clip.joints());
+        let mut skate = Skate::default();
+        for pair in places.chunks_exact(j).collect::<Vec<_>>().windows(2) {
+            for &(foot, rest_m) in &feet.joints {
+                let [a, b] = [pair[0][foot], pair[1][foot]];
+                if a.y - rest_m < LOW_M && b.y - rest_m < LOW_M {
+                    skate.metres_per_s += (b.x - a.x).hypot(b.z - a.z) * clip.fps();
+                    skate.steps += 1;
+                }
+            }
+        }
+        skate
+    }
+
+    /// Adds another clip.
+    pub fn add(&mut self, other: &Skate) {
+        self.metres_per_s += other.metres_per_s;
+        self.steps += other.steps;
+    }
+
+    /// The mean, cm/s; `None` where no foot stood.
+    pub fn cm_s(&self) -> Option<f64> {
+        (self.steps > 0).then(|| 100.0 * self.metres_per_s / self.steps as f64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::retarget::SkeletonMap;
+    use crate::{Quat, Vec3, smpl};
+
+    /// A body at rest whose pelvis is at these heights above its standing height, and goes 3 and 4 cm along x and z a frame.
+    fn gliding(heights: &[f64]) -> (Feet, Clip) {
+        let feet = Feet::new(&smpl::neutral(), &SkeletonMap::builtin("smpl").unwrap()).unwrap();
+        let root =
+            heights.iter().zip(0..).map(|(y, f)| Vec3::new(0.03, 0.0, 0.04) * f as f64 + Vec3::Y * (feet.pelvis_m + y));
+        let clip = Clip::new(smpl::neutral(), 20.0, root.collect(), vec![Quat::IDENTITY; 24 * heights.len()]).unwrap();
+        (feet, clip)
+    }
+
+    #[test]
+    fn a_body_that_glides_skates_and_one_in_the_air_does_not() {
+        let of = |heights: &[f64]| {
+            let (feet, clip) = gliding(heights);
+            Skate::of(&feet, &clip)
+        };
+        assert!((of(&[0.0; 5]).cm_s().unwrap() - 100.0).abs() < 1e-9);
+        assert_eq!(of(&[0.2; 5]).cm_s(), None);
+        // a landing: the step from the air onto the floor isn't one of a foot that stands
+        let mut landing = of(&[0.2, 0.0, 0.0]);
+        assert_eq!(landing.steps, 4);
+        landing.add(&of(&[0.0; 2]));
+        assert_eq!((landing.steps, landing.cm_s().map(|x| (x * 1e6).round() / 1e6)), (8, Some(100.0)));
+        assert_eq!(of(&[]).cm_s(), None);
+    }
+}

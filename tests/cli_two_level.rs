@@ -114,6 +114,35 @@ fn it_dances_after_a_prompt_and_again() {
 }
 
 #[test]
+fn it_learns_labels_at_once_or_later_and_dances_under_them() {
+    let place = place();
+    fs::write(place.at("labels.toml"), CONFIG.replace("[train]", "[train]\nconditions = [\"genre\"]")).unwrap();
+    place.done("pretrain --config labels.toml --corpus corpus --run labelled");
+    let bits = |more: &str| {
+        let text = place.done(&format!("evaluate likelihood --corpus corpus --json {more}"));
+        serde_json::from_str::<serde_json::Value>(&text).unwrap()["bits_per_frame"].as_f64().unwrap()
+    };
+    let (fast, plain) = (bits("--run labelled"), bits("--run labelled --form plain"));
+    assert!((plain / fast - 1.0).abs() < 1e-4, "{fast} {plain}");
+    assert_ne!(bits("--run labelled --conditions none"), fast);
+    let dance = |name: &str, more: &str| {
+        place.done(&format!("generate --run labelled --frames 20 --seed 5 {more} --out {name}"));
+        fs::read(place.at(name)).unwrap()
+    };
+    let [salsa, waltz] = ["salsa", "waltz"].map(|g| dance(&format!("{g}.bvh"), &format!("--label genre={g}")));
+    assert_ne!(salsa, waltz);
+    assert_ne!(dance("guided.bvh", "--label genre=salsa --guidance 3"), salsa);
+    place.done(
+        "generate --run labelled --prompt data/03.bvh --joints root --label genre=salsa --variations 2 --out p.bvh",
+    );
+    // a model that knew none begins as it was
+    fs::write(place.at("more.toml"), "[train]\nbatch = 2\nsteps = 0\nconditions = [\"genre\"]\n").unwrap();
+    place.done("finetune --from run --config more.toml --corpus corpus --run later");
+    let begun = bits("--run later");
+    assert!((begun / bits("--run run") - 1.0).abs() < 1e-3, "{begun}");
+}
+
+#[test]
 fn it_leaves_as_a_folder_of_our_own_and_comes_back() {
     let place = place();
     place.done("export --run run --out model");
@@ -129,10 +158,8 @@ fn it_leaves_as_a_folder_of_our_own_and_comes_back() {
 #[test]
 fn what_it_is_not_made_for_is_refused_before_anything_is_written() {
     let place = place();
-    fs::write(place.at("labels.toml"), CONFIG.replace("[train]", "[train]\nconditions = [\"genre\"]")).unwrap();
     fs::write(place.at("context.toml"), CONFIG.replace("window = 6", "window = 6\nhead = \"absolute\"")).unwrap();
     for (call, said) in [
-        ("pretrain --config labels.toml --corpus corpus --run no", "train.conditions"),
         ("pretrain --config context.toml --corpus corpus --run no", "model.head = \"absolute\""),
         ("classify train --run run --corpus corpus --fields genre --out no", "two-level model"),
         ("query build data --transform model --run run --out no", "two-level model"),

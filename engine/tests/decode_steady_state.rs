@@ -88,11 +88,12 @@ fn frame_decoder(streams: usize, weights: WeightKind, kv: KvKind) -> FrameDecode
     let linear = |k: usize, n: usize| (of(k * n), of(n));
     let stack = |width: usize| Stack { layers: 2, heads: 4, width };
     let parts = FrameParts {
-        sizes: FrameSizes { trunk: stack(width), speller: stack(d), character: e, vocabulary, frames },
+        sizes: FrameSizes { trunk: stack(width), speller: stack(d), character: e, vocabulary, frames, front: 2 },
         places: &PLACES,
         bins: of(3 * (bins + 1) * e),
         frames: linear(6 * e, width),
         positions: of(frames * width),
+        labels: of(vocabulary * width),
         trunk: vec![block(&numbers, width); 2],
         trunk_norm: (of(width), of(width)),
         join: linear(width, d),

@@ -74,14 +74,14 @@ impl ModelConfig {
 
     /// F: frames of a two-level model's window.
     pub fn frames(&self, tokens: &TokenLayout) -> usize {
-        self.context / tokens.word.max(1)
+        tokens.room(self.context) / tokens.word.max(1)
     }
 
     /// The keys of a two-level model, with those that say the same in its own words.
     pub(super) fn two_levels(&self, tokens: &TokenLayout) -> ModelConfig {
         let window = self.window.unwrap_or(WINDOW);
         ModelConfig {
-            context: window * tokens.word,
+            context: window * tokens.word + tokens.front - 1,
             window: Some(window),
             decoder: Some(self.decoder()),
             positions: Positions::FrameJoint,
@@ -138,7 +138,7 @@ impl ModelConfig {
     /// Checks that words are frames, and the context whole ones.
     ///
     /// # Errors
-    /// Tokens of tiles or merges; labels in front of a window; a context that isn't the window's.
+    /// Tokens of tiles or merges; a context that isn't the window's.
     pub(super) fn validate_frames(&self, tokens: &TokenLayout) -> Result<()> {
         if self.architecture.is_flat() {
             return Ok(());
@@ -148,18 +148,13 @@ impl ModelConfig {
                         components or merged: take the uniform or quantile scheme without merges";
             return Err(Error::Call(what.into()));
         }
-        if tokens.front != 1 {
-            let what = "train.conditions with model.architecture = \"two_level\": it has no place for labels in front of a \
-                        window; leave them out, or take the flat architecture";
-            return Err(Error::Call(what.into()));
-        }
         let expected = self.two_levels(tokens).context;
         match self.context == expected {
             true => Ok(()),
             false => Err(Error::Call(format!(
                 "model.context is {} tokens; a two-level model's window of {} frames has {expected}: state model.window alone",
                 self.context,
-                expected / tokens.word
+                self.window.unwrap_or(WINDOW)
             ))),
         }
     }
@@ -192,7 +187,10 @@ mod tests {
         assert_eq!(whole.resolved(&tokens), whole);
         whole.validate_for(&tokens).unwrap();
         let said = |tokens: TokenLayout| whole.validate_for(&tokens).unwrap_err().to_string();
-        assert!(said(forms::placed()).starts_with("train.conditions"));
+        // two labels more in front
+        assert!(said(forms::placed()).contains("4 frames has 26"));
+        let labelled = config.resolved(&forms::placed());
+        assert_eq!((labelled.context, labelled.frames(&forms::placed())), (26, 4));
         assert!(said(TokenLayout { front: 1, ..forms::varying() }).contains("tiles, components or merged"));
         let other = ModelConfig { context: 25, ..whole.clone() };
         assert!(other.validate_for(&tokens).unwrap_err().to_string().contains("4 frames has 24"));

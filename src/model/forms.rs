@@ -55,18 +55,18 @@ pub fn all(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
 
 /// The same and small two-level models, in windows of about so many tokens: each has its own context.
 pub fn every(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
-    let tokens = TokenLayout { front: 1, ..placed() };
+    let alone = TokenLayout { front: 1, ..placed() };
     let decoder = DecoderConfig { layers: 2, heads: 2, width: 8, character_width: 3 };
     let levels = ModelConfig {
         architecture: Architecture::TwoLevel,
         layers: 2,
         heads: 2,
         width: 12,
-        window: Some((length / tokens.word).max(2)),
+        window: Some((length / alone.word).max(2)),
         decoder: Some(decoder),
         ..Default::default()
     };
-    all(length).into_iter().chain([(levels.resolved(&tokens), tokens)]).collect()
+    all(length).into_iter().chain([alone, placed()].map(|tokens| (levels.resolved(&tokens), tokens))).collect()
 }
 
 /// What a form is, for messages.

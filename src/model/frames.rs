@@ -1,7 +1,8 @@
 //! What a two-level model reads: rows of tables for the trunk, a frame at a time, and for the decoder, a character at a time.
 //!
 //! Letters: W tokens of a word, C = W - 1 characters, S the most bins of a place, R steps that a place can take. Token t of a
-//! window's words is its input t + 1, behind `<bos>`; row t of the decoder predicts it, at place t mod W of frame t / W.
+//! window's words is its input t + 1: windows begin with the last token of the front here, so that tokens before it (the labels)
+//! are left out. Row t of the decoder predicts it, at place t mod W of frame t / W.
 
 use super::config::TokenLayout;
 use super::past::Counts;

@@ -99,6 +99,10 @@ fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
         embedding("frame.character.weight", c * frames.bins(), e),
         embedding("frame.position.weight", config.frames(tokens), trunk),
     ];
+    if tokens.front > 1 {
+        // a model that learns labels later begins as it was
+        all.push(Parameter { init: Init::Zeros, ..embedding(LABEL, tokens.vocabulary, trunk) });
+    }
     linear(&mut all, "frame.join", BACK * c * e, trunk, 0.02);
     stack(&mut all, TRUNK, config.layers, trunk);
     norm(&mut all, "trunk.norm", trunk);
@@ -110,6 +114,8 @@ fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
     all
 }
 
+/// The table of labels, whose rows are added to every frame: there where windows begin with labels.
+pub(super) const LABEL: &str = "frame.label.weight";
 /// What the names of the trunk's blocks begin with, and of the decoder's.
 pub(super) const TRUNK: &str = "trunk.";
 pub(super) const SPELL: &str = "spell.";

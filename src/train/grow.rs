@@ -20,7 +20,7 @@ pub struct Language<'a> {
 /// Rows of ids and of fields that are new are drawn as a model begins with them, from `seed`; all others are what they
 /// were, bit for bit, each field's at the place where it now stands. Of learned places (`absolute`) those of new fields
 /// are put in where these stand, words keep theirs, and what is too much falls away at the end; so do rows of frames that
-/// no longer fit into a window.
+/// no longer fit into a window. Tensors that the model had no use for begin as they do in a new one.
 ///
 /// # Errors
 /// A new vocabulary that has fewer ids, words of another length, fields that are gone; weights that are missing or of
@@ -47,8 +47,13 @@ pub fn grow(
     let front = front_rows(&fields[0], &fields[1]);
     let before = layout::parameters(config, was);
     let grown = layout::parameters(config, is).into_iter().map(|p| {
-        let tensor = weights.get(&p.name).ok_or_else(|| Error::Call(format!("no tensor {}", p.name)))?;
         let expected = before.iter().find(|b| b.name == p.name).map(|b| b.shape.as_slice());
+        if expected.is_none() {
+            // what comes with the first labels
+            let tensor = Tensor::from_vec(p.initial(seed), p.shape.as_slice(), &Device::Cpu)?;
+            return Ok((p.name, tensor));
+        }
+        let tensor = weights.get(&p.name).ok_or_else(|| Error::Call(format!("no tensor {}", p.name)))?;
         if expected != Some(tensor.dims()) {
             let (name, found) = (&p.name, tensor.dims());
             return Err(Error::Call(format!("tensor {name} has the shape {found:?}; expected {expected:?}")));

@@ -4,16 +4,26 @@ use super::decode::{add, behind, linear, norm, through};
 use crate::bins::Bins;
 use crate::decode::{Before, FrameParts};
 
-/// Logits (n, V) behind each of `tokens` (n), which begin the context; minus infinity where a token can't come.
+/// Logits (n, V) behind each of `tokens` (n), which begin the context; minus infinity where a token can't come, 0 in the
+/// front.
 pub fn logits(parts: &FrameParts, tokens: &[u32]) -> Vec<f64> {
+    let ahead = parts.sizes.front - 1;
+    let mut all = vec![0.0; tokens.len().min(ahead) * parts.sizes.vocabulary];
+    if tokens.len() <= ahead {
+        return all;
+    }
+    let (labels, tokens) = (&tokens[1..=ahead], &tokens[ahead..]);
     let word = parts.places.len() + 1;
     let frames = tokens.len().div_ceil(word);
     let mut trunk: Vec<Vec<f64>> = (0..frames).map(|frame| before(parts, tokens, frame)).collect();
+    for &label in labels {
+        let label = wide(parts.labels, label as usize, parts.sizes.trunk.width);
+        trunk.iter_mut().for_each(|x| add(x, &label));
+    }
     for block in &parts.trunk {
         through(&mut trunk, block, parts.sizes.trunk.heads, &vec![0.0; frames]);
     }
     let words = Before { front: 1, places: parts.places, previous: None, relative: Some(parts.relative) };
-    let mut all = Vec::new();
     for (frame, known) in trunk.iter().enumerate() {
         let known = linear(&norm(known, parts.trunk_norm), parts.join);
         let end = tokens.len().min((frame + 1) * word);

@@ -205,7 +205,9 @@ impl Fast {
             let found = (inputs.len(), targets.len());
             return Err(Error::Call(format!("{} inputs and {} targets are no windows of {length}", found.0, found.1)));
         }
-        if self.config.architecture == Architecture::TwoLevel && !length.is_multiple_of(self.tokens.word) {
+        let words = (length + 1).saturating_sub(self.tokens.front);
+        let whole = words > 0 && words.is_multiple_of(self.tokens.word);
+        if self.config.architecture == Architecture::TwoLevel && !whole {
             let word = self.tokens.word;
             return Err(Error::Call(format!(
                 "a window of {length} tokens; a two-level model reads whole frames of {word}"

@@ -12,6 +12,12 @@ pub(super) fn embed(out: &mut [f32], width: usize, lookups: &[Lookup]) {
     pieces.for_each(|(i, out)| embedding::forward(out, width, i * ROWS, lookups));
 }
 
+/// Adds to each row of `x` (n, D) that of a table by its id.
+pub(super) fn add_rows(x: &mut [f32], width: usize, table: &[f32], ids: &[u32]) {
+    let rows = x.par_chunks_mut(width).zip(ids);
+    rows.for_each(|(x, &row)| x.iter_mut().zip(&table[row as usize * width..][..width]).for_each(|(x, y)| *x += y));
+}
+
 /// `table` becomes the sums of the rows of `dout` by their ids.
 pub(super) fn into_table(table: &mut [f32], width: usize, ids: &[u32], dout: &[f32]) {
     table.fill(0.0);

@@ -4,10 +4,10 @@
 //! e numbers of a character.
 
 use super::stack::{Blocks, Stack};
-use super::tables::{embed, into_table};
+use super::tables::{add_rows, embed, into_table};
 use super::{Fast, Windows};
 use crate::model::frames::{BACK, Frames, SPELT};
-use crate::model::layout::{SPELL, TRUNK};
+use crate::model::layout::{LABEL, SPELL, TRUNK};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::{Linear, Norm, Rules, Shape};
 use kinelm_engine::dense;
@@ -27,6 +27,10 @@ const RULES: Rules<'static> = Rules { mask: Mask::Causal, dropout: None, rope: N
 /// The buffers of one shape.
 pub(super) struct TwoLevel {
     frames: Frames,
+    /// K - 1: tokens of a window before those that the frames begin behind, all but the first of which are labels.
+    ahead: usize,
+    /// T.
+    length: usize,
     /// F.
     number: usize,
     /// e.
@@ -38,6 +42,10 @@ pub(super) struct TwoLevel {
     /// (N W) each, rows of the tables of [`SPELT`], and of the frames' vectors.
     spelt: [Vec<u32>; 4],
     own: Vec<u32>,
+    /// (N) each of the K - 1: rows of the table of labels.
+    labels: Vec<Vec<u32>>,
+    /// (B T, d), where K > 1: what the decoder gave, and 0 where nobody asks.
+    rows: Floats,
     /// (N, 2 C e) What the trunk reads.
     read: Floats,
     join: dense::Workspace,
@@ -57,25 +65,35 @@ struct Back {
     d_told: Floats,
     d_normed: Floats,
     d_trunk: Floats,
+    /// (N W, d), where K > 1.
+    d_rows: Floats,
+    /// (V, D), where K > 1: the gradient of one label.
+    d_label: Floats,
 }
 
 impl TwoLevel {
     pub fn new(model: &Fast, rows: usize, length: usize, products: Products, learn: bool) -> TwoLevel {
         let (config, frames) = (&model.config, Frames::of(&model.tokens));
         let (word, spells, trunk) = (frames.word(), config.decoder(), config.width);
-        let (batch, number) = (rows / length, length / word);
+        let ahead = model.tokens.front - 1;
+        let (batch, number) = (rows / length, (length - ahead) / word);
         let (n, d, of_frame) = (batch * number, spells.width, BACK * frames.characters());
         let wide = of_frame * spells.character_width;
         let shape = |batch, tokens, width, heads| Shape { batch, tokens, width, heads, hidden: 4 * width };
         let stack =
             |prefix, layers, shape| Stack::new(&model.parameters, Blocks { prefix, layers }, shape, products, learn);
+        let where_labelled = |n: usize| Floats::new(if ahead > 0 { n } else { 0 });
         TwoLevel {
+            ahead,
+            length,
             number,
             character: spells.character_width,
             seen: vec![0; n * of_frame],
             positions: (0..n).map(|row| (row % number) as u32).collect(),
             spelt: std::array::from_fn(|_| vec![0; n * word]),
             own: (0..n * word).map(|row| (row / word) as u32).collect(),
+            labels: vec![vec![0; n]; ahead],
+            rows: where_labelled(rows * d),
             read: Floats::new(n * wide),
             join: dense::Workspace::new(n, wide, trunk, products, learn),
             trunk: stack(TRUNK, config.layers, shape(batch, number, trunk, config.heads)),
@@ -89,6 +107,8 @@ impl TwoLevel {
                 d_told: Floats::new(n * d),
                 d_normed: Floats::new(n * trunk),
                 d_trunk: Floats::new(n * trunk),
+                d_rows: where_labelled(n * word * d),
+                d_label: where_labelled(model.tokens.vocabulary * trunk),
             }),
             frames,
         }
@@ -96,9 +116,12 @@ impl TwoLevel {
 
     /// Finds the rows that windows (B, T) take of all tables.
     fn look(&mut self, inputs: &[u32], length: usize) {
-        let (frames, number, word) = (&self.frames, self.number, self.frames.word());
+        let (frames, number, word, ahead) = (&self.frames, self.number, self.frames.word(), self.ahead);
+        for (k, labels) in self.labels.iter_mut().enumerate() {
+            labels.iter_mut().enumerate().for_each(|(row, label)| *label = inputs[row / number * length + 1 + k]);
+        }
         let of_frame = BACK * frames.characters();
-        let window = |frame: usize| &inputs[frame / number * length..][..length];
+        let window = |frame: usize| &inputs[frame / number * length + ahead..][..length - ahead];
         self.seen.par_chunks_mut(of_frame).enumerate().for_each(|(i, rows)| frames.seen(window(i), i % number, rows));
         let [last, place, character, step] = self.spelt.each_mut().map(|rows| rows.par_chunks_mut(word));
         (last, place, character, step).into_par_iter().enumerate().for_each(|(i, (last, place, character, step))| {
@@ -114,12 +137,10 @@ impl TwoLevel {
         embed(&mut self.read, self.character, &seen);
         dense::forward(self.trunk.input(), &self.read, linear(model, JOIN), &mut self.join);
         let width = model.config.width;
-        let positions = model.weight("frame.position.weight");
-        let rows = self.trunk.input().par_chunks_mut(width).zip(&self.positions);
-        rows.for_each(|(x, &row)| {
-            let position = &positions[row as usize * width..][..width];
-            x.iter_mut().zip(position).for_each(|(x, p)| *x += p);
-        });
+        add_rows(self.trunk.input(), width, model.weight("frame.position.weight"), &self.positions);
+        for labels in &self.labels {
+            add_rows(self.trunk.input(), width, model.weight(LABEL), labels);
+        }
         self.trunk.forward(&model.weights, |_| RULES);
         let norm = Norm { weight: model.weight(NORM[1]), bias: model.weight(NORM[0]) };
         dense::norm(&mut self.normed, &mut self.stats, self.trunk.last(), norm);
@@ -131,19 +152,34 @@ impl TwoLevel {
         let d = self.decoder.shape().width;
         embed(self.decoder.input(), d, &lookups);
         self.decoder.forward(&model.weights, |_| RULES);
+        if self.ahead > 0 {
+            let (length, ahead) = (self.length * d, self.ahead * d);
+            for (rows, given) in self.rows.chunks_mut(length).zip(self.decoder.last().chunks(length - ahead)) {
+                rows[ahead..].copy_from_slice(given);
+            }
+        }
     }
 
-    /// What the decoder gave (B T, d).
+    /// What the decoder gave (B T, d); 0 for the tokens of the front but its last.
     pub fn last(&self) -> &[f32] {
-        self.decoder.last()
+        if self.ahead > 0 { &self.rows } else { self.decoder.last() }
     }
 
     /// From the gradient `dx` (B T, d) of [`TwoLevel::last`], which is used up, those of all tensors before it.
     pub fn backward(&mut self, model: &Fast, dx: &mut [f32], gradients: &mut [Floats]) {
-        let Some(Back { d_read, d_told, d_normed, d_trunk }) = &mut self.back else {
+        let Some(Back { d_read, d_told, d_normed, d_trunk, d_rows, d_label }) = &mut self.back else {
             panic!("buffers for the forward pass only")
         };
         let d = self.decoder.shape().width;
+        let dx = if self.ahead > 0 {
+            let (length, ahead) = (self.length * d, self.ahead * d);
+            for (dx, rows) in dx.chunks(length).zip(d_rows.chunks_mut(length - ahead)) {
+                rows.copy_from_slice(&dx[ahead..]);
+            }
+            &mut **d_rows
+        } else {
+            dx
+        };
         self.decoder.backward(&model.weights, gradients, dx, |_| RULES);
         for (name, ids) in SPELT.iter().zip(&self.spelt) {
             into_table(&mut gradients[model.index(name)], d, ids, dx);
@@ -157,6 +193,14 @@ impl TwoLevel {
         self.trunk.backward(&model.weights, gradients, d_trunk, |_| RULES);
         let width = model.config.width;
         into_table(&mut gradients[model.index("frame.position.weight")], width, &self.positions, d_trunk);
+        for (k, ids) in self.labels.iter().enumerate() {
+            into_table(d_label, width, ids, d_trunk);
+            let gradient = &mut gradients[model.index(LABEL)];
+            if k == 0 {
+                gradient.fill(0.0);
+            }
+            gradient.iter_mut().zip(&**d_label).for_each(|(g, d)| *g += d);
+        }
         let to = gradients_of(model, gradients, JOIN);
         dense::backward(d_read, d_trunk, &self.read, model.weight(JOIN[1]), to, &mut self.join);
         into_table(&mut gradients[model.index("frame.character.weight")], self.character, &self.seen, d_read);

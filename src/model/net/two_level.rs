@@ -6,18 +6,22 @@ use super::block::{Block, Linear, Norm};
 use super::rows_of;
 use crate::model::config::{ModelConfig, TokenLayout};
 use crate::model::frames::{BACK, Frames, SPELT};
-use crate::model::layout::{SPELL, TRUNK, block_name};
+use crate::model::layout::{LABEL, SPELL, TRUNK, block_name};
 use crate::model::ops::Mask;
 use candle_core::{Result, Tensor};
 
 #[derive(Clone)]
 pub(super) struct TwoLevel {
     frames: Frames,
+    /// K - 1: tokens of a window before those that the frames begin behind, all but the first of which are labels.
+    ahead: usize,
     heads: [usize; 2],
     /// (C (S + 1), e).
     character: Tensor,
     /// (F, D).
     position: Tensor,
+    /// (V, D), where windows begin with labels.
+    label: Option<Tensor>,
     /// (2 C e, D).
     join: Linear,
     trunk: Vec<Block>,
@@ -37,9 +41,11 @@ impl TwoLevel {
         let decoder = config.decoder();
         TwoLevel {
             frames: Frames::of(tokens),
+            ahead: tokens.front - 1,
             heads: [config.heads, decoder.heads],
             character: tensor("frame.character.weight"),
             position: tensor("frame.position.weight"),
+            label: (tokens.front > 1).then(|| tensor(LABEL)),
             join: Linear::new("frame.join", tensor),
             trunk: blocks(TRUNK, config.layers),
             trunk_norm: Norm::new("trunk.norm", tensor),
@@ -49,9 +55,14 @@ impl TwoLevel {
         }
     }
 
-    /// (B, T, d) of `windows` (B, T).
+    /// (B, T, d) of `windows` (B, T); 0 for the tokens of the front but its last, behind which nobody asks.
     pub fn rows(&self, windows: &[Vec<u32>]) -> Result<Tensor> {
-        let (batch, length) = (windows.len(), windows[0].len());
+        let (batch, length) = (windows.len(), windows[0].len().saturating_sub(self.ahead));
+        let ahead = (batch, self.ahead.min(windows[0].len()), self.spelt[0].dim(1)?);
+        let ahead = Tensor::zeros(ahead, self.spelt[0].dtype(), self.spelt[0].device())?;
+        if length == 0 {
+            return Ok(ahead);
+        }
         let frames = length.div_ceil(self.frames.word());
         let u = self.frame.forward(&self.trunk_norm.forward(&self.trunk(windows, frames)?)?)?;
         // a row for every token of every frame, the window's or not
@@ -62,7 +73,8 @@ impl TwoLevel {
         for block in &self.decoder {
             x = block.forward(&x, self.heads[1], None, hiding.as_ref(), None, None)?;
         }
-        x.reshape((batch, frames * word, ()))?.narrow(1, 0, length)
+        let x = x.reshape((batch, frames * word, ()))?.narrow(1, 0, length)?;
+        if self.ahead == 0 { Ok(x) } else { Tensor::cat(&[ahead, x], 1) }
     }
 
     /// (B, F, D).
@@ -70,11 +82,16 @@ impl TwoLevel {
         let of_frame = BACK * self.frames.characters();
         let mut seen = vec![0; windows.len() * frames * of_frame];
         for (i, rows) in seen.chunks_mut(of_frame).enumerate() {
-            self.frames.seen(&windows[i / frames], i % frames, rows);
+            self.frames.seen(&windows[i / frames][self.ahead..], i % frames, rows);
         }
         let x = rows_of(&self.character, seen)?.reshape((windows.len(), frames, ()))?;
         let position = self.position.narrow(0, 0, frames)?.unsqueeze(0)?;
         let mut x = self.join.forward(&x)?.broadcast_add(&position)?;
+        if let Some(label) = &self.label {
+            let labels = windows.iter().flat_map(|w| &w[1..=self.ahead]).copied().collect();
+            let labels = rows_of(label, labels)?.reshape((windows.len(), self.ahead, ()))?.sum_keepdim(1)?;
+            x = x.broadcast_add(&labels)?;
+        }
         let hiding = Mask::Causal.hiding(frames, frames, x.dtype(), x.device())?;
         for block in &self.trunk {
             x = block.forward(&x, self.heads[0], None, hiding.as_ref(), None, None)?;
@@ -86,7 +103,7 @@ impl TwoLevel {
     fn spelt(&self, windows: &[Vec<u32>], frames: usize) -> Result<Tensor> {
         let tokens = frames * self.frames.word();
         let rows: Vec<[u32; 4]> =
-            windows.iter().flat_map(|w| (0..tokens).map(|token| self.frames.spelt(w, token))).collect();
+            windows.iter().flat_map(|w| (0..tokens).map(|token| self.frames.spelt(&w[self.ahead..], token))).collect();
         let one = |i: usize| rows_of(&self.spelt[i], rows.iter().map(|row| row[i]).collect());
         (one(0)? + one(1)?)? + (one(2)? + one(3)?)?
     }

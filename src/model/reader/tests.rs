@@ -35,14 +35,19 @@ fn apart(a: &[f32], b: &[f32]) -> f32 {
     let largest = |x: &mut dyn Iterator<Item = f32>| x.fold(0.0, |m: f32, x| m.max(x.abs()));
     // minus infinity is minus infinity
     let apart = largest(&mut a.iter().zip(b).map(|(a, b)| if a == b { 0.0 } else { a - b }));
-    apart / largest(&mut b.iter().copied().filter(|x| x.is_finite()))
+    apart / largest(&mut b.iter().copied().filter(|x| x.is_finite())).max(f32::MIN_POSITIVE)
 }
 
 /// Windows of the plain form's logits for each of `sequences`.
 fn truth(gpt: &Gpt, sequences: &[Vec<u32>]) -> Vec<Vec<f32>> {
     let logits = |ids: &Vec<u32>| {
         let input = Tensor::new(ids.as_slice(), &Device::Cpu).unwrap().unsqueeze(0).unwrap();
-        gpt.predict(&input).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap()
+        let mut logits = gpt.predict(&input).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        if !gpt.config().architecture.is_flat() {
+            // what follows a token of the front isn't known to a decoder of frames
+            logits[..(gpt.tokens().front - 1) * gpt.tokens().vocabulary].fill(0.0);
+        }
+        logits
     };
     sequences.iter().map(logits).collect()
 }

@@ -1,7 +1,8 @@
 //! Reading words of one length with two stacks of blocks: one looks over frames, one spells a frame's tokens.
 //!
-//! A frame is a word: C characters and its end, W = C + 1 tokens; one token stands in front of the first. Input i of a
-//! sequence, counted from 0, is followed by place c = i mod W of frame f = i div W.
+//! A frame is a word: C characters and its end, W = C + 1 tokens; K tokens stand in front of the first, labels behind the
+//! first of them. Input i of a sequence, counted from the last of the front, is followed by place c = i mod W of frame
+//! f = i div W.
 //!
 //! The **trunk** has a row a frame, made of the two frames before it, and sees the rows of the frames before. The
 //! **speller** has a row a token, made of the token just read, of the tokens at the same place one and two frames back,
@@ -46,7 +47,7 @@ pub struct FrameDecoder {
 /// How far a stream is.
 #[derive(Debug, Clone, Copy, Default)]
 struct Reading {
-    /// Tokens read.
+    /// Tokens read, those of the front among them.
     length: usize,
     /// Frames whose trunk rows are there.
     frames: usize,
@@ -57,12 +58,17 @@ struct Reading {
 }
 
 impl Reading {
-    /// Forgets all but `length` tokens; frames have `word`.
-    fn truncate(&mut self, length: usize, word: usize) {
+    /// Inputs of frames that are read, behind `ahead` tokens.
+    fn inputs(&self, ahead: usize) -> usize {
+        self.length.saturating_sub(ahead)
+    }
+
+    /// Forgets all but `length` tokens; frames have `word`, behind `ahead`.
+    fn truncate(&mut self, length: usize, word: usize, ahead: usize) {
         self.length = self.length.min(length);
         // the first row of a frame needs all of the frames before and nothing else
-        self.frames = self.frames.min(self.length.div_ceil(word));
-        self.rows = self.rows.min(self.length.saturating_sub(self.frame * word));
+        self.frames = self.frames.min(self.inputs(ahead).div_ceil(word));
+        self.rows = self.rows.min(self.inputs(ahead).saturating_sub(self.frame * word));
     }
 }
 
@@ -130,11 +136,12 @@ impl FrameDecoder {
     /// # Panics
     /// A stream that is not there.
     pub fn truncate(&mut self, stream: usize, length: usize) {
-        self.readings[stream].truncate(length, self.weights.rows.word());
+        self.readings[stream].truncate(length, self.weights.rows.word(), self.weights.ahead());
     }
 
     /// Reads a block of tokens a stream, which may be empty; logits (rows, V) of what follows, the rows in the order of
-    /// the streams and of their tokens; minus infinity where a token can't come.
+    /// the streams and of their tokens; minus infinity where a token can't come. What follows a token of the front but its
+    /// last isn't known: its row is 0.
     ///
     /// Work is shared out over the threads of the pool that this is called in where it is worth it. A token's logits
     /// depend on the tokens before it alone: not on how blocks are cut, on other streams or on threads.
@@ -156,7 +163,8 @@ impl FrameDecoder {
         }
         self.logits.clear();
         let word = self.weights.rows.word();
-        let frames = self.readings.iter().map(|reading| reading.length.div_ceil(word) - reading.frames).sum();
+        let ahead = self.weights.ahead();
+        let frames = self.readings.iter().map(|reading| reading.inputs(ahead).div_ceil(word) - reading.frames).sum();
         let tokens = blocks.iter().map(|block| block.len()).sum();
         in_pool(self.weights.work(frames, tokens), || {
             self.look();
@@ -170,16 +178,21 @@ impl FrameDecoder {
         let weights = self.weights.clone();
         let (rows, width) = (&weights.rows, weights.sizes.trunk.width);
         for stream in 0..self.readings.len() {
-            let ids = stream * weights.context();
+            let (front, ids) = (stream * weights.context(), stream * weights.context() + weights.ahead());
             loop {
-                let Reading { length, frames, .. } = self.readings[stream];
+                let (length, frames) = (self.readings[stream].inputs(weights.ahead()), self.readings[stream].frames);
                 let n = (length.div_ceil(rows.word()) - frames).min(self.trunk.free());
                 if n == 0 {
                     break;
                 }
                 let first = self.trunk.push(Run { stream, place: frames, rows: n });
                 let positions = &weights.positions[frames * width..][..n * width];
-                self.trunk.room.x[first * width..][..n * width].copy_from_slice(positions);
+                let x = &mut self.trunk.room.x[first * width..][..n * width];
+                x.copy_from_slice(positions);
+                for &label in &self.tokens[front + 1..=ids] {
+                    let label = &weights.labels[label as usize * width..][..width];
+                    x.chunks_exact_mut(width).for_each(|x| x.iter_mut().zip(label).for_each(|(x, y)| *x += y));
+                }
                 let wide = rows.frame_width();
                 for (frame, x) in (frames..frames + n).zip(self.frames[first * wide..].chunks_exact_mut(wide)) {
                     rows.frame(x, &self.tokens[ids..ids + length], frame);
@@ -220,13 +233,22 @@ impl FrameDecoder {
 
     /// Speller rows of the frames whose logits are wanted, up to the last token read.
     fn spell(&mut self, blocks: &[&[u32]], wanted: Logits) {
-        let word = self.weights.rows.word();
+        let (word, ahead, vocabulary) = (self.weights.rows.word(), self.weights.ahead(), self.weights.sizes.vocabulary);
         for (stream, block) in blocks.iter().enumerate().filter(|(_, block)| !block.is_empty()) {
-            let end = self.readings[stream].length;
+            let Reading { length, .. } = self.readings[stream];
             let first = match wanted {
-                Logits::All => end - block.len(),
-                Logits::Last => end - 1,
+                Logits::All => length - block.len(),
+                Logits::Last => length - 1,
             };
+            let unasked = length.min(ahead).saturating_sub(first);
+            if unasked > 0 {
+                // logits stand in the order of the streams
+                if self.speller.rows() > 0 {
+                    self.pass_speller();
+                }
+                self.logits.extend(std::iter::repeat_n(0.0, unasked * vocabulary));
+            }
+            let (first, end) = (first.max(ahead) - ahead, length.saturating_sub(ahead));
             for frame in first / word..end.div_ceil(word) {
                 if self.readings[stream].frame != frame {
                     self.readings[stream] = Reading { frame, rows: 0, ..self.readings[stream] };
@@ -252,7 +274,7 @@ impl FrameDecoder {
             }
             let row = self.speller.push(Run { stream, place: done, rows: n });
             let known = &self.known[(stream * weights.sizes.frames + frame) * width..][..width];
-            let ids = &self.tokens[stream * context..][..end];
+            let ids = &self.tokens[stream * context + weights.ahead()..][..end];
             for (i, x) in (from..from + n).zip(self.speller.room.x[row * width..].chunks_exact_mut(width)) {
                 rows.spelled(x, ids, i, known);
             }
@@ -267,13 +289,13 @@ impl FrameDecoder {
 
     /// Takes the rows through the speller and adds the logits that are asked for.
     fn pass_speller(&mut self) {
-        let context = self.weights.context();
+        let (context, ahead) = (self.weights.context(), self.weights.ahead());
         let FrameWeights { speller, norm, head, sizes, .. } = &*self.weights;
         self.speller.pass(speller, None);
         if !self.asked.is_empty() {
             self.speller.finish(&self.asked, norm);
             let tokens = &self.tokens;
-            let ids = |asked: &Asked| (&tokens[asked.stream * context..][..=asked.place], asked.place);
+            let ids = |asked: &Asked| (&tokens[asked.stream * context + ahead..][..=asked.place], asked.place);
             head.logits(&mut self.logits, &mut self.speller.room, sizes.speller.width, self.asked.iter().map(ids));
         }
         self.asked.clear();

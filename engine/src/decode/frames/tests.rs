@@ -25,7 +25,7 @@ const END: u32 = 2;
 
 impl Model {
     fn new(sizes: FrameSizes, places: &[Bins], seed: u64) -> Model {
-        let FrameSizes { trunk, speller, character, vocabulary, frames } = sizes;
+        let FrameSizes { trunk, speller, character, vocabulary, frames, front } = sizes;
         let most = |circular: bool| {
             let counts = places.iter().filter(|bins| bins.circular == circular).map(|bins| bins.count as usize);
             counts.max().unwrap_or(0)
@@ -39,7 +39,7 @@ impl Model {
         let told = 2 * c * character;
         let mut lengths = vec![c * (s + 1) * character, told * wide, wide, frames * wide, wide, wide, wide * d, d];
         lengths.extend([(r + 1 + s) * d, (c + 1) * d, (s + 1) * d, (r + 1) * d, d, d, vocabulary * d]);
-        lengths.extend([round * d, clamps * d]);
+        lengths.extend([round * d, clamps * d, if front > 1 { vocabulary * wide } else { 0 }]);
         let blocks = |seed: u64, Stack { layers, width, .. }: Stack| {
             let mut lengths = vec![];
             for _ in 0..layers {
@@ -70,7 +70,7 @@ impl Model {
             (both.to_vec(), stack(1, 2, 64), stack(0, 1, 48)),
         ];
         let new = |(i, (places, trunk, speller)): (usize, (Vec<Bins>, Stack, Stack))| {
-            let sizes = FrameSizes { trunk, speller, character: 3, vocabulary: 20, frames };
+            let sizes = FrameSizes { trunk, speller, character: 3, vocabulary: 20, frames, front: [1, 3, 1, 2][i] };
             Model::new(sizes, &places, seed + 10 * i as u64)
         };
         models.into_iter().enumerate().map(new).collect()
@@ -99,11 +99,12 @@ impl Model {
             norm: (t(12), t(13)),
             head: t(14),
             relative: Relative { circular: t(15), clamped: t(16) },
+            labels: t(17),
         }
     }
 
     fn context(&self) -> usize {
-        self.sizes.frames * (self.places.len() + 1)
+        self.sizes.front - 1 + self.sizes.frames * (self.places.len() + 1)
     }
 
     /// Frames with a token here and there that doesn't belong.
@@ -112,7 +113,7 @@ impl Model {
             let number = numbers(seed * 1009 + i as u64, 1, 0.5)[0] + 0.5;
             (number * count as f32) as u32 % count
         };
-        let token = |i: usize| match i.checked_sub(1).map(|k| k % (self.places.len() + 1)) {
+        let token = |i: usize| match i.checked_sub(self.sizes.front).map(|k| k % (self.places.len() + 1)) {
             Some(place) if any(i + n, 12) > 0 => {
                 self.places.get(place).map_or(END, |bins| bins.first + any(i, bins.count))
             }
@@ -145,12 +146,13 @@ fn logits_are_those_of_plain_loops() {
     // frames longer than what goes through the layers at once, too
     let long: Vec<Bins> = (0..209).map(|i| Bins { first: 4, count: 2 + i % 5, circular: i % 3 == 0 }).collect();
     let stack = Stack { layers: 1, heads: 2, width: 10 };
-    let sizes = FrameSizes { trunk: stack, speller: stack, character: 1, vocabulary: 10, frames: 3 };
+    let sizes = FrameSizes { trunk: stack, speller: stack, character: 1, vocabulary: 10, frames: 3, front: 1 };
     let long = Model::new(sizes, &long, 90);
     // widths of a model that dances
     let wide: Vec<Bins> = (0..42).map(|i| Bins { first: 6, count: 360 - 2 * i, circular: i % 3 > 0 }).collect();
     let (trunk, speller) = (Stack { layers: 1, heads: 8, width: 256 }, Stack { layers: 1, heads: 4, width: 128 });
-    let wide = Model::new(FrameSizes { trunk, speller, character: 24, vocabulary: 366, frames: 4 }, &wide, 95);
+    let wide =
+        Model::new(FrameSizes { trunk, speller, character: 24, vocabulary: 366, frames: 4, front: 3 }, &wide, 95);
     for model in Model::all(4, 1).into_iter().chain(Model::all(1, 2)).chain([long, wide]) {
         let tokens = model.tokens(model.context(), 9);
         let truth = scalar::frames::logits(&model.parts(), &tokens);
@@ -266,7 +268,7 @@ fn what_nobody_asks_for_is_not_spelled() {
 fn speed_of_tokens() {
     let trunk = Stack { layers: 6, heads: 8, width: 256 };
     let speller = Stack { layers: 3, heads: 4, width: 128 };
-    let sizes = FrameSizes { trunk, speller, character: 24, vocabulary: 366, frames: 128 };
+    let sizes = FrameSizes { trunk, speller, character: 24, vocabulary: 366, frames: 128, front: 1 };
     let model = Model::new(sizes, &[Bins { first: 6, count: 360, circular: true }; 42], 1);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     for (weights, kv) in [(WeightKind::F32, KvKind::F32), (WeightKind::Int8, KvKind::F16)] {

@@ -22,6 +22,8 @@ pub struct FrameSizes {
     pub vocabulary: usize,
     /// F: the most frames of a sequence.
     pub frames: usize,
+    /// K: tokens in front of the first frame, 1 or more.
+    pub front: usize,
 }
 
 /// The weights of a model of two stacks. C characters and an end make a frame, W = C + 1; S is the largest count of
@@ -41,6 +43,8 @@ pub struct FrameParts<'a> {
     pub frames: Pair<'a>,
     /// (F, D): a row a frame.
     pub positions: &'a [f32],
+    /// (V, D), where K > 1: the rows of the tokens of the front but its first are added to every frame.
+    pub labels: &'a [f32],
     /// Blocks of the trunk.
     pub trunk: Vec<BlockParts<'a>>,
     /// (D), (D): the trunk's last norm.
@@ -73,6 +77,7 @@ pub struct FrameWeights {
     pub(super) rows: Rows,
     pub(super) frames: Matrix,
     pub(super) positions: Floats,
+    pub(super) labels: Floats,
     pub(super) trunk: Vec<Block>,
     pub(super) trunk_norm: Norm,
     pub(super) join: Matrix,
@@ -94,7 +99,7 @@ impl FrameWeights {
     /// # Panics
     /// Slices that don't have the shape they should; no places, or a place of no bins or of ids outside the vocabulary.
     pub fn new(parts: &FrameParts, kind: WeightKind) -> FrameWeights {
-        let FrameSizes { trunk, speller, frames, vocabulary, .. } = parts.sizes;
+        let FrameSizes { trunk, speller, frames, vocabulary, front, .. } = parts.sizes;
         let words = Words::new(&parts.before(), vocabulary);
         let rows = Rows::new(parts, words.clone());
         let linear = |name: &str, (weight, bias): Pair, (k, n): (usize, usize)| {
@@ -102,13 +107,16 @@ impl FrameWeights {
             check(name, bias, n);
             Matrix::new(kind, (k, n), PIECE, |j| bias[j], |i, j| weight[i * n + j])
         };
+        assert!(front > 0, "no token in front of the first frame");
         check("positions", parts.positions, frames * trunk.width);
+        check("labels", parts.labels, if front > 1 { vocabulary * trunk.width } else { 0 });
         FrameWeights {
             sizes: parts.sizes,
             kind,
             frames: linear("frames", parts.frames, (rows.frame_width(), trunk.width)),
             rows,
             positions: Floats::of(parts.positions),
+            labels: Floats::of(parts.labels),
             trunk: Block::all(&parts.trunk, trunk, kind),
             trunk_norm: Norm::new(parts.trunk_norm, trunk.width),
             join: linear("join", parts.join, (trunk.width, speller.width)),
@@ -128,9 +136,14 @@ impl FrameWeights {
         self.kind
     }
 
-    /// T = F W: the most tokens of a sequence.
+    /// T = K - 1 + F W: the most tokens of a sequence.
     pub fn context(&self) -> usize {
-        self.sizes.frames * self.rows.word()
+        self.ahead() + self.sizes.frames * self.rows.word()
+    }
+
+    /// K - 1: tokens before the one that the first frame begins behind.
+    pub(super) fn ahead(&self) -> usize {
+        self.sizes.front - 1
     }
 
     /// Multiply-adds of a token with the weights, about, the mean over the places of a frame.

@@ -26,7 +26,7 @@ impl Place {
     /// A call in the folder, its words parted by spaces.
     fn call(&self, words: &str) -> Command {
         let mut c = Command::cargo_bin("kinelm").unwrap();
-        c.env("NO_COLOR", "1").current_dir(self.dir.path()).args(words.split(' '));
+        c.env("NO_COLOR", "1").current_dir(self.dir.path()).args(words.split_whitespace());
         c
     }
 
@@ -111,6 +111,37 @@ fn it_dances_after_a_prompt_and_again() {
     place.done(
         "generate --run run --prompt data/03.bvh --from-frame 9 --frames 30 --weights int8 --kv f16 --out on.bvh",
     );
+}
+
+#[test]
+fn feet_are_held_where_no_leg_is_given_and_the_sidecar_says_so() {
+    let place = place();
+    let dance = |name: &str, more: &str| {
+        let call =
+            format!("generate --run run --prompt data/03.bvh --from-frame 12 --frames 60 --seed 5 {more} --out {name}");
+        let said = place.call(&call).assert().success();
+        let said = String::from_utf8(said.get_output().stderr.clone()).unwrap();
+        (fs::read_to_string(place.at(name)).unwrap(), said)
+    };
+    let (held, said) = dance("held.bvh", "");
+    assert!(said.contains("feet: ") && said.contains("contacts held"), "{said}");
+    let (raw, said) = dance("raw.bvh", "--feet off");
+    assert!(!said.contains("feet: "), "{said}");
+    let frames =
+        |text: &str| text.split_once("Frame Time").unwrap().1.lines().skip(1).map(str::to_owned).collect::<Vec<_>>();
+    let (held, raw) = (frames(&held), frames(&raw));
+    assert_eq!((held.len(), &held[..12]), (60, &raw[..12]), "frames that are given stay");
+    assert_ne!(held, raw);
+    let sidecar = |name: &str| fs::read_to_string(place.at(&format!("{name}.kinelm.json"))).unwrap();
+    assert!(sidecar("held.bvh").contains("\"feet\": \"lock\"") && !sidecar("raw.bvh").contains("\"feet\""));
+    place.done("generate --again held.bvh.kinelm.json --out twice.held.bvh");
+    assert_eq!(frames(&fs::read_to_string(place.at("twice.held.bvh")).unwrap()), held);
+    let (_, said) = dance("legs.bvh", "--joints root,legs");
+    assert!(!said.contains("feet: "), "{said}");
+    // what stands already stays about where it is, to within what is held
+    let text = place.done("filter held.bvh --feet --out filtered.bvh --json");
+    let found: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert!(found["feet"]["held"].as_u64().is_some() && found["kept"].is_null(), "{text}");
 }
 
 #[test]

@@ -19,6 +19,7 @@ mod arrays;
 pub mod clip;
 pub mod convert;
 pub mod error;
+pub mod feet;
 pub mod format;
 pub mod inspect;
 pub mod joints;

@@ -4,10 +4,12 @@ use super::many::{self, Pair};
 use super::{ForceArgs, Say, print, read::ReadArgs};
 use anyhow::Result;
 use kinelm::output::Outputs;
-use kinelm::spectral::filter::{Filter, LOW_HZ, MIDDLE_HZ, butterworth, filter};
+use kinelm::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth, filter};
 use kinelm_motion::Motion;
+use kinelm_motion::feet::{Fixed, Locked, lock};
 use kinelm_motion::format::{self, RestFrame};
-use kinelm_motion::metric::jitter;
+use kinelm_motion::metric::{floor_of, jitter};
+use kinelm_motion::retarget::map_for;
 use std::path::{Path, PathBuf};
 
 /// Less movement than this of one frame to the next isn't worth a word: a share of all rotations.
@@ -22,9 +24,9 @@ pub struct Args {
     /// those of a folder by their paths below it
     #[arg(long, value_name = "FILE|DIR")]
     out: PathBuf,
-    /// The bands of a cosine transform that stay: low, up to 3.5 Hz; or middle, up to 7.3 Hz
-    #[arg(long, value_enum, default_value = "low", conflicts_with_all = ["cutoff", "keep"])]
-    level: Level,
+    /// The bands of a cosine transform that stay: low, up to 3.5 Hz; or middle, up to 7.3 Hz. Low, if nothing is given
+    #[arg(long, value_enum, conflicts_with_all = ["cutoff", "keep"])]
+    level: Option<Level>,
     /// Movements faster than this go, Hz
     #[arg(long, value_name = "HZ", value_parser = super::read::positive)]
     cutoff: Option<f64>,
@@ -35,6 +37,9 @@ pub struct Args {
     #[arg(long, value_name = "ORDER", requires = "cutoff", conflicts_with = "keep",
         value_parser = super::read::within(1..=butterworth::MOST))]
     butterworth: Option<usize>,
+    /// Hold the feet that stand, and the body on its floor; without --level, --cutoff or --keep nothing else changes
+    #[arg(long)]
+    feet: bool,
     /// One JSON object a clip
     #[arg(long)]
     json: bool,
@@ -59,14 +64,25 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let clips: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
     let outputs = args.force.outputs(clips.iter().cloned().chain(args.read.files()));
     outputs.check(pairs.iter().map(|p| &*p.output))?;
-    let each = |i: usize, clip: &Path| one(clip, &pairs[i].output, &how, &args, (&outputs, say));
+    let each = |i: usize, clip: &Path| one(clip, &pairs[i].output, how.as_ref(), &args, (&outputs, say));
     super::each_file(&clips, "clips could not be filtered", say, each)
 }
 
-fn one(path: &Path, out: &Path, how: &Filter, args: &Args, (outputs, say): (&Outputs, Say)) -> Result<()> {
-    let motion = format::read(path, &args.read.options(RestFrame::Drop))?;
+fn one(path: &Path, out: &Path, how: Option<&Filter>, args: &Args, (outputs, say): (&Outputs, Say)) -> Result<()> {
+    let options = args.read.options(RestFrame::Drop);
+    let mut motion = format::read(path, &options)?;
+    let floor_m = if args.feet { Some(floor_of(&mut motion, &options)?) } else { None };
     super::warn(&motion, say);
-    let done = filter(&motion.clip, how)?;
+    let mut done = match how {
+        Some(how) => filter(&motion.clip, how)?,
+        None => Filtered { clip: motion.clip.clone(), kept: None, lost: Vec::new() },
+    };
+    let mut locked = None;
+    if let Some(floor_m) = floor_m {
+        let map = map_for(motion.clip.skeleton(), args.read.map.as_deref())?;
+        let (clip, found) = lock(&done.clip, &map, floor_m, Fixed::default())?;
+        (done.clip, locked) = (clip, Some(found));
+    }
     let before = jitter(&motion.clip);
     let total = done.clip.rotations().len();
     if done.lost.len() as f64 > LOST_SHARE * total as f64 {
@@ -85,6 +101,10 @@ fn one(path: &Path, out: &Path, how: &Filter, args: &Args, (outputs, say): (&Out
         let line = serde_json::json!({
             "schema": 1, "clip": path, "out": out, "frames": clip.frames(), "fps": clip.fps(), "kept": done.kept,
             "jitter": [before, after], "too_fast": done.lost.len(),
+            "feet": locked.map(|l| serde_json::json!({
+                "held": l.held.len(), "out_of_reach": l.out_of_reach.len(), "moved_cm": l.moved_cm,
+                "settled_cm": l.settled_cm, "carried_cm": l.carried_cm,
+            })),
         });
         return print(&format!("{line}\n"));
     }
@@ -92,21 +112,43 @@ fn one(path: &Path, out: &Path, how: &Filter, args: &Args, (outputs, say): (&Out
     let jerk = before.zip(after).map(|(a, b)| format!(", jitter {a:.0} to {b:.0} m/s^3")).unwrap_or_default();
     let (out, frames, fps) = (out.display(), clip.frames(), (clip.fps() * 1e3).round() / 1e3);
     say.line(format_args!("{out}: {frames} frames at {fps} fps{kept}{jerk}"));
+    locked.iter().for_each(|locked| say_locked(locked, clip.fps(), say));
     Ok(())
 }
 
+/// What was done to feet, and where a leg couldn't reach.
+pub(super) fn say_locked(locked: &Locked, fps: f64, say: Say) {
+    let Locked { held, out_of_reach, moved_cm, settled_cm, carried_cm } = locked;
+    say.line(format_args!(
+        "feet: {} contacts held, moved {moved_cm:.1} cm in the mean; the body set up or down by {settled_cm:.0} cm at most, \
+         carried {carried_cm:.0} cm",
+        held.len()
+    ));
+    for contact in out_of_reach {
+        let side = ["left", "right"][contact.side.min(1)];
+        let [from, to] = [contact.from, contact.to].map(|f| f as f64 / fps);
+        say.line(format_args!(
+            "feet: the {side} leg can't reach where its foot would stay from {from:.2} to {to:.2} s: left as it is"
+        ));
+    }
+}
+
 impl Args {
-    fn filter(&self) -> Filter {
+    /// None where only the feet are asked for.
+    fn filter(&self) -> Option<Filter> {
+        if self.feet && self.level.is_none() && self.cutoff.is_none() && self.keep.is_none() {
+            return None;
+        }
         let level = match self.level {
-            Level::Low => LOW_HZ,
-            Level::Middle => MIDDLE_HZ,
+            None | Some(Level::Low) => LOW_HZ,
+            Some(Level::Middle) => MIDDLE_HZ,
         };
         let cutoff_hz = self.cutoff.unwrap_or(level);
-        match (self.butterworth, self.keep) {
+        Some(match (self.butterworth, self.keep) {
             (Some(order), _) => Filter::Butterworth { order, cutoff_hz },
             (None, Some(keep)) => Filter::Coefficients { keep },
             (None, None) => Filter::Band { cutoff_hz },
-        }
+        })
     }
 }
 

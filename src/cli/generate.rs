@@ -4,7 +4,8 @@ use super::{ComputeArgs, ForceArgs, ReadingArgs, Say, WrongCall, draw::DrawArgs,
 use anyhow::{Context, Result};
 use kinelm::corpus::FileRecord;
 use kinelm::generate::apart::{apart, free_between};
-use kinelm::generate::make::{Followed, Ready};
+use kinelm::generate::feet::Care;
+use kinelm::generate::make::{Followed, Made, Ready};
 use kinelm::generate::prompt;
 use kinelm::generate::provenance::{self, Provenance};
 use kinelm::generate::recipe::{Computing, PromptRecipe, Recipe, Rig};
@@ -56,7 +57,7 @@ pub struct Args {
     /// elsewhere now
     #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["joints", "from_frame", "labels", "guidance", "frames", "seconds", "fps",
         "variations", "seed", "greedy", "temperature", "top_k", "top_p", "min_p", "repetition_penalty",
-        "repetition_words", "rig", "rest_joints", "weights", "kv", "device", "form", "fps_source", "unit", "map",
+        "repetition_words", "rig", "rest_joints", "feet", "weights", "kv", "device", "form", "fps_source", "unit", "map",
         "bvh_position", "root", "lenient", "keep_rest", "drop_rest", "skip", "body_model"])]
     again: Option<PathBuf>,
     /// Dances to make side by side, which costs less than one after the other; the first is the one made without this
@@ -71,6 +72,10 @@ pub struct Args {
     /// What the joints do that the model doesn't know; if not given, follow with a prompt, training without
     #[arg(long, value_enum, requires_ifs([("follow", "prompt"), ("prompt", "prompt"), ("mean", "prompt")]))]
     rest_joints: Option<RestArg>,
+    /// Feet that stand are held where they stand, and the body on its floor, as far as they are not given; or all is left
+    /// as it is decoded. If not given, lock where no leg is followed
+    #[arg(long, value_enum)]
+    feet: Option<FeetArg>,
     /// Free tokens that are guessed to be those of the word before, and verified in one read; changes no token.
     /// If not given, 8 with --greedy and none without: drawn tokens are too rarely those of the word before
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=64), hide_short_help = true)]
@@ -91,6 +96,12 @@ pub struct Args {
 enum RigArg {
     Model,
     Prompt,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum FeetArg {
+    Lock,
+    Off,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -146,10 +157,11 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     ready.stand_with_prompt();
     let danced = danced(&ready, outs.len(), args.guesses, say)?;
     for (i, (words, out)) in danced.iter().zip(&outs).enumerate() {
-        let motion = ready.motion(words, out)?;
+        let Made { motion, locked } = ready.motion(words, out)?;
         let bytes = format::to_bytes(out, &motion)?;
         Provenance::of(&ready, i + 1, out, &bytes)?.write(out, &bytes, &outputs)?;
         super::convert::told(out, &motion, say);
+        locked.iter().for_each(|locked| super::filter::say_locked(locked, motion.clip.fps(), say));
         say_read_back(&ready, words, out, say)?;
     }
     Ok(())
@@ -200,8 +212,21 @@ fn recipe(args: &Args) -> Result<Recipe> {
             None => RestJoints::Training,
         },
         place: None,
+        feet: care(args),
         computing: Computing::new(args.compute.get(), reading.weights, reading.kv),
     })
+}
+
+/// What is done to the feet: unless it is said, they are held where no leg is followed.
+fn care(args: &Args) -> Care {
+    let list = args.joints.as_deref().and_then(|list| joints::parse(list).ok());
+    let legs = joints::parse("legs").map(|legs| legs.joints).unwrap_or_default();
+    let given = list.is_some_and(|given| given.joints.iter().any(|j| legs.contains(j)));
+    match args.feet {
+        Some(FeetArg::Lock) => Care::Lock,
+        None if !given => Care::Lock,
+        _ => Care::Off,
+    }
 }
 
 /// Reads what a recipe names, and says what the user should know.
@@ -265,7 +290,7 @@ fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     let ready = load(recipe, Which::Step(first.step), say)?;
     first.check(&ready)?;
     let words = danced(&ready, 1, args.guesses, say)?.remove(0);
-    let motion = ready.motion(&words, &out)?;
+    let Made { motion, .. } = ready.motion(&words, &out)?;
     let bytes = format::to_bytes(&out, &motion)?;
     check_same(&first, &bytes)?;
     if is_same(&provenance::path_of(&out), file) {

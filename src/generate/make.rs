@@ -1,5 +1,6 @@
 //! A recipe carried out: the model and the prompt read, the dances drawn, and put on a rig.
 
+use super::feet::{self, Care};
 use super::guidance::Guidance;
 use super::place::{Led, Place};
 use super::prompt::{self, Prompt};
@@ -9,6 +10,7 @@ use super::{Danced, GUESSES, Plan, dances, reader};
 use crate::model::checkpoint::Checkpoints;
 use crate::model::{LoadedRun, Which, load_run};
 use crate::{Error, Result};
+use kinelm_motion::feet::Locked;
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Motion, Source};
@@ -31,6 +33,14 @@ pub struct Ready {
     front: Vec<u32>,
     /// The same with every label unknown, where the dance is guided.
     without: Option<Vec<u32>>,
+}
+
+/// A dance as it is written.
+pub struct Made {
+    /// On its rig, at its rate.
+    pub motion: Motion,
+    /// What was done to its feet.
+    pub locked: Option<Locked>,
 }
 
 /// What is followed of a clip.
@@ -131,12 +141,25 @@ impl Ready {
     ///
     /// # Errors
     /// Words that are not this tokenizer's, a rig that no skeleton map knows, a rate that is none.
-    pub fn motion(&self, words: &Words, out: &Path) -> Result<Motion> {
+    pub fn motion(&self, words: &Words, out: &Path) -> Result<Made> {
         let mut motion = self.motion_as_drawn(words, out)?;
         if let Some(fps) = self.recipe.fps {
             motion.clip = resample(&motion.clip, fps, Method::Auto)?;
         }
-        Ok(motion)
+        if self.recipe.feet == Care::Off {
+            return Ok(Made { motion, locked: None });
+        }
+        let (map, floor_m) = match self.on_own_rig() {
+            Some((prompt, recipe)) => (recipe.read.map.as_deref(), prompt.clip.floor_m),
+            None => (None, self.prompt.as_ref().map_or(Some(0.0), |prompt| prompt.clip.under_m())),
+        };
+        let floor_m = floor_m.filter(|_| self.tokenizer.config().above_floor());
+        let kept = self.recipe.prompt.as_ref().and_then(|p| p.from_frame).unwrap_or(0);
+        // the last of the frames that are kept, at the rate that is written
+        let kept =
+            kept.checked_sub(1).map_or(0, |last| (last as f64 * motion.clip.fps() / self.tokenizer.fps()) as usize + 1);
+        let (motion, locked) = feet::held(motion, map, floor_m, feet::fixed(self.prompt.as_ref(), kept))?;
+        Ok(Made { motion, locked: Some(locked) })
     }
 
     fn motion_as_drawn(&self, words: &Words, out: &Path) -> Result<Motion> {

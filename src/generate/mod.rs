@@ -10,6 +10,7 @@
 
 pub mod apart;
 mod dance;
+pub mod feet;
 pub mod guidance;
 pub mod make;
 pub mod place;

@@ -54,6 +54,11 @@ impl Prompt {
         self.clip.frames()
     }
 
+    /// Where the floor is under `clip`, metres; `None` where the tokenizer doesn't take it off.
+    pub fn under_m(&self) -> Option<f64> {
+        self.floor_m.map(|_| self.under_m)
+    }
+
     /// On the user's rig at the tokenizer's rate.
     ///
     /// # Errors

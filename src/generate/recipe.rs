@@ -1,5 +1,6 @@
 //! What decides a dance, as one value that a file can hold.
 
+use super::feet::Care;
 use super::place::Place;
 use super::rest::RestJoints;
 use super::sampling::Draw;
@@ -42,6 +43,9 @@ pub struct Recipe {
     /// Where the prompt stands and with it the dance; `None`: where the words leave it, at x = z = 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub place: Option<Place>,
+    /// What is done to the feet.
+    #[serde(default, skip_serializing_if = "Care::is_off")]
+    pub feet: Care,
     /// Where and how the model computes.
     pub computing: Computing,
 }

@@ -1,0 +1,183 @@
+//! When and where feet stand.
+
+use super::{BLEND_S, leg::Leg};
+use crate::{Clip, Vec3};
+use std::ops::Range;
+
+/// A foot is taken to stand when it is lower and slower than the first, and until it is higher or faster than the second:
+/// metres above where it would rest, and metres a second.
+const BEGINS: (f64, f64) = (0.04, 0.5);
+const ENDS: (f64, f64) = (0.07, 0.9);
+/// Shorter ones are steps in passing, seconds.
+const SHORTEST_S: f64 = 0.1;
+/// A foot that goes further from its mean place meanwhile slides on purpose, or steps close to the floor, metres.
+const FURTHEST_M: f64 = 0.12;
+/// It steps where it is so many times as fast as in the middle of its speeds; in the step, faster than this share of it.
+const STEP: f64 = 2.0;
+const IN_STEP: f64 = 0.4;
+
+/// A stretch of frames in which a foot stands.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contact {
+    /// 0: left, 1: right.
+    pub side: usize,
+    /// The first frame.
+    pub from: usize,
+    /// The first frame behind it.
+    pub to: usize,
+    /// The joint that stands: the ankle, or the ball if that keeps its place better.
+    pub joint: usize,
+    /// Where: x, z, and the least height, which is put on the floor; metres.
+    pub place: [f64; 3],
+}
+
+impl Contact {
+    /// The frames.
+    pub fn frames(&self) -> Range<usize> {
+        self.from..self.to
+    }
+
+    /// Takes the first `given` frames as they are: what began in them stays where it stood at the last of them.
+    pub fn begin_at(&mut self, given: usize, clip: &Clip) {
+        if self.from < given {
+            let stood = clip.global_pose(given.min(self.to) - 1).positions[self.joint];
+            self.place = [stood.x, stood.y, stood.z];
+            self.from = given.min(self.to);
+        }
+    }
+}
+
+/// The contacts of a leg, in their order, with the floor at `floor_m`.
+pub fn contacts(clip: &Clip, leg: &Leg, side: usize, floor_m: f64) -> Vec<Contact> {
+    let (places, j, frames) = (clip.positions(), clip.joints(), clip.frames());
+    let at = |f: usize, joint: usize| places[f * j + joint];
+    let speed = |f: usize, joint: usize| {
+        let (a, b) = (f.saturating_sub(1), (f + 1).min(frames - 1));
+        if b > a { (at(b, joint) - at(a, joint)).length() * clip.fps() / (b - a) as f64 } else { 0.0 }
+    };
+    // the foot stands as long as one of its joints does
+    let stands = |f: usize, (height, fast): (f64, f64)| {
+        leg.foot.iter().any(|&(joint, rest)| at(f, joint).y - floor_m - rest < height && speed(f, joint) < fast)
+    };
+    let mut found: Vec<Contact> = Vec::new();
+    let mut f = 0;
+    while f < frames {
+        if !stands(f, BEGINS) {
+            f += 1;
+            continue;
+        }
+        let mut from = f;
+        while from > 0 && found.last().is_none_or(|c| c.to < from) && stands(from - 1, ENDS) {
+            from -= 1;
+        }
+        while f < frames && stands(f, ENDS) {
+            f += 1;
+        }
+        split(&|frames| best(&at, leg, side, frames), &speed, from..f, SHORTEST_S * clip.fps(), &mut found);
+    }
+    found
+}
+
+/// Adds a stretch as a contact; one in which the foot goes too far as those before and behind its step, if it has one.
+fn split(
+    stand: &dyn Fn(Range<usize>) -> Option<(f64, Contact)>,
+    speed: &dyn Fn(usize, usize) -> f64,
+    frames: Range<usize>,
+    shortest: f64,
+    found: &mut Vec<Contact>,
+) {
+    if (frames.len() as f64) < shortest.max(2.0) {
+        return;
+    }
+    let Some((spread, contact)) = stand(frames.clone()) else { return };
+    if spread <= FURTHEST_M {
+        found.push(contact);
+        return;
+    }
+    let speeds: Vec<f64> = frames.clone().map(|f| speed(f, contact.joint)).collect();
+    let mut sorted = speeds.clone();
+    sorted.sort_by(f64::total_cmp);
+    let Some(fastest) = (0..speeds.len()).max_by(|&a, &b| speeds[a].total_cmp(&speeds[b])) else { return };
+    let peak = speeds[fastest];
+    if peak < STEP * sorted[sorted.len() / 2] {
+        return;
+    }
+    let in_step = |i: &usize| speeds[*i] > IN_STEP * peak;
+    let first = (0..fastest).rev().find(|i| !in_step(i)).map_or(0, |i| i + 1);
+    let last = (fastest..speeds.len()).find(|i| !in_step(i)).unwrap_or(speeds.len());
+    split(stand, speed, frames.start..frames.start + first, shortest, found);
+    split(stand, speed, frames.start + last..frames.end, shortest, found);
+}
+
+/// The joint of a foot that keeps its place best, and how far it goes from there.
+fn best(at: &dyn Fn(usize, usize) -> Vec3, leg: &Leg, side: usize, frames: Range<usize>) -> Option<(f64, Contact)> {
+    let of = |&(joint, _): &(usize, f64)| {
+        let mean = frames.clone().map(|f| at(f, joint)).sum::<Vec3>() / frames.len() as f64;
+        let apart = |f: usize| (at(f, joint).x - mean.x).hypot(at(f, joint).z - mean.z);
+        let least = frames.clone().map(|f| at(f, joint).y).fold(f64::MAX, f64::min);
+        let furthest = frames.clone().map(apart).fold(0.0, f64::max);
+        let place = [mean.x, least, mean.z];
+        (furthest, Contact { side, from: frames.start, to: frames.end, joint, place })
+    };
+    leg.foot.iter().map(of).min_by(|a, b| a.0.total_cmp(&b.0))
+}
+
+/// (F) By how much the foot of a leg is to be moved: to its place in a contact, out of the floor elsewhere; between both over
+/// [`BLEND_S`]. The first `given` frames stay.
+pub fn offsets(clip: &Clip, leg: &Leg, contacts: &[Contact], (floor_m, given): (f64, usize)) -> Vec<Vec3> {
+    let (places, j, frames) = (clip.positions(), clip.joints(), clip.frames());
+    let at = |f: usize, joint: usize| places[f * j + joint];
+    let rest = |joint: usize| leg.foot.iter().find(|(j, _)| *j == joint).map_or(0.0, |(_, rest)| *rest);
+    let mut out = vec![Vec3::ZERO; frames];
+    let mut held: Vec<bool> = (0..frames).map(|f| f < given).collect();
+    for contact in contacts {
+        let [x, least, z] = contact.place;
+        for f in contact.frames() {
+            let p = at(f, contact.joint);
+            out[f] = Vec3::new(x - p.x, floor_m + rest(contact.joint) - least, z - p.z);
+            held[f] = true;
+        }
+    }
+    let n = ((BLEND_S * clip.fps()).round() as usize).max(1);
+    let before: Vec<Option<usize>> = last_held(held.iter().copied());
+    let mut behind: Vec<Option<usize>> = last_held(held.iter().rev().copied());
+    behind.reverse();
+    let ends = out.clone();
+    for f in (0..frames).filter(|&f| !held[f]) {
+        let a = before[f].map(|back| (back, ends[f - back]));
+        let b = behind[f].map(|ahead| (ahead, ends[f + ahead]));
+        out[f] = match (a, b) {
+            // two contacts that are near: from one to the other
+            (Some((i, a)), Some((k, b))) if i + k <= 2 * n => {
+                let t = smooth(i as f64 / (i + k) as f64);
+                a * (1.0 - t) + b * t
+            }
+            (a, b) => [a, b]
+                .into_iter()
+                .flatten()
+                .filter(|(i, _)| *i <= n)
+                .map(|(i, x)| x * (1.0 - smooth(i as f64 / (n + 1) as f64)))
+                .sum(),
+        };
+        // what would be in the floor comes out of it
+        let lowest =
+            leg.foot.iter().map(|&(joint, rest)| at(f, joint).y + out[f].y - floor_m - rest).fold(f64::MAX, f64::min);
+        out[f].y += (-lowest).max(0.0);
+    }
+    out
+}
+
+/// How many frames back each frame's last held one lies.
+fn last_held(held: impl Iterator<Item = bool>) -> Vec<Option<usize>> {
+    let mut back = None;
+    held.map(|held| {
+        back = if held { Some(0) } else { back.map(|b: usize| b + 1) };
+        back
+    })
+    .collect()
+}
+
+/// From 0 to 1 without a corner at either end.
+pub(super) fn smooth(t: f64) -> f64 {
+    t * t * (3.0 - 2.0 * t)
+}

@@ -1,0 +1,179 @@
+//! Feet that stay where they stand: what a generated dance needs after it is decoded.
+//!
+//! Three steps, each a file: the body is [settled](settle) on its floor, the places where feet stand are [found](contact),
+//! and legs are [bent](leg) so that these stay there. Definitions: docs/generation.md, "Feet".
+
+pub mod contact;
+pub mod glide;
+pub mod leg;
+pub mod settle;
+
+use crate::metric::Feet;
+use crate::retarget::{ReferencePose, SkeletonMap};
+use crate::{Clip, GlobalPose, Quat, Result, Vec3};
+use contact::{Contact, contacts};
+use leg::Leg;
+
+/// What must not be moved: it was given.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Fixed {
+    /// The place of the body.
+    pub root: bool,
+    /// Left and right: a joint of this leg.
+    pub legs: [bool; 2],
+    /// So many frames, from the first, whole.
+    pub frames: usize,
+}
+
+/// What was done to a clip.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Locked {
+    /// Contacts that were held, left and right.
+    pub held: Vec<Contact>,
+    /// Contacts that were left alone, since the leg can't reach within 5 cm of where the foot would stay.
+    pub out_of_reach: Vec<Contact>,
+    /// Mean distance that feet were moved in the frames of contacts, centimetres.
+    pub moved_cm: f64,
+    /// The furthest that the body was raised or lowered, centimetres.
+    pub settled_cm: f64,
+    /// The furthest that it was carried along the ground, centimetres.
+    pub carried_cm: f64,
+}
+
+/// Offsets of a contact come and go over so many seconds.
+pub const BLEND_S: f64 = 0.1;
+/// Behind given frames the body comes to its floor over so many seconds.
+const BEGIN_S: f64 = 0.5;
+/// A foot that stays further from its place than this isn't held, metres.
+const REACH_M: f64 = 0.05;
+/// The share of a leg's length up to which it is stretched; the body is lowered first.
+const STRETCH: f64 = 0.998;
+/// The body is lowered no further for a leg, metres.
+const LOWER_M: f64 = 0.05;
+
+/// Settles the body on its floor at y = `floor_m`, and holds the feet that stand. Joints above the hips keep their rotations,
+/// feet theirs in the world.
+///
+/// Where the root is fixed the body stays, and only legs bend; a fixed leg is left alone, and so are fixed frames: what is
+/// behind them begins where they end.
+///
+/// # Errors
+/// As [`ReferencePose::new`], for a rig that has no legs by this map.
+pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: Fixed) -> Result<(Clip, Locked)> {
+    let pose = ReferencePose::new(clip.skeleton(), map)?;
+    let feet = Feet::of(clip.skeleton(), &pose);
+    let legs = Leg::both(&pose, &feet);
+    let mut locked = Locked::default();
+    let mut root = clip.root().to_vec();
+    if !fixed.root {
+        let least: Vec<f64> = feet.least(clip).iter().map(|y| y - floor_m).collect();
+        let begins = Begins { frames: fixed.frames, fps: clip.fps() };
+        for (f, (root, up)) in root.iter_mut().zip(settle::offsets(&least, clip.fps())).enumerate() {
+            let up = up * begins.share(f);
+            root.y -= up;
+            locked.settled_cm = locked.settled_cm.max(100.0 * up.abs());
+        }
+    }
+    let at = |root: Vec<Vec3>| Clip::new(clip.skeleton().clone(), clip.fps(), root, clip.rotations().to_vec());
+    let mut settled = at(root)?;
+    if !fixed.root {
+        let offsets = glide::offsets(&settled, &legs, floor_m, fixed.frames);
+        settled = at(settled.root().iter().zip(&offsets).map(|(p, by)| *p + *by).collect())?;
+        locked.carried_cm = offsets.iter().map(|by| 100.0 * by.length()).fold(0.0, f64::max);
+    }
+    let mut found: [Vec<Contact>; 2] = Default::default();
+    for (side, leg) in legs.iter().enumerate().filter(|(side, _)| !fixed.legs[*side]) {
+        found[side] = contacts(&settled, leg, side, floor_m);
+        found[side].iter_mut().for_each(|contact| contact.begin_at(fixed.frames, &settled));
+        found[side].retain(|contact| !contact.frames().is_empty());
+    }
+    // what can't be reached is known only when the body has been lowered, so it is left out and all is done again
+    loop {
+        let (done, far) = hold(&settled, &legs, &found, floor_m, fixed)?;
+        if far.is_empty() {
+            locked.moved_cm = moved_cm(&settled, &done, &legs, &found);
+            locked.held = found.concat();
+            return Ok((done, locked));
+        }
+        for contact in far {
+            found[contact.side].retain(|c| *c != contact);
+            locked.out_of_reach.push(contact);
+        }
+    }
+}
+
+/// How what is done to the body comes in behind the frames that are given.
+#[derive(Debug, Clone, Copy)]
+struct Begins {
+    frames: usize,
+    fps: f64,
+}
+
+impl Begins {
+    /// From 0 in the given frames to 1 over [`BEGIN_S`].
+    fn share(self, frame: usize) -> f64 {
+        if self.frames == 0 {
+            return 1.0;
+        }
+        let t = (frame + 1).saturating_sub(self.frames) as f64 / (BEGIN_S * self.fps).max(1.0);
+        contact::smooth(t.min(1.0))
+    }
+}
+
+/// The clip with these contacts held, and those of them that are too far.
+fn hold(
+    clip: &Clip,
+    legs: &[Leg; 2],
+    found: &[Vec<Contact>; 2],
+    floor_m: f64,
+    fixed: Fixed,
+) -> Result<(Clip, Vec<Contact>)> {
+    let (frames, fps) = (clip.frames(), clip.fps());
+    let begins = Begins { frames: fixed.frames, fps };
+    let free = (0..2).filter(|side| !fixed.legs[*side]);
+    let offsets: Vec<(usize, Vec<Vec3>)> =
+        free.map(|side| (side, contact::offsets(clip, &legs[side], &found[side], (floor_m, fixed.frames)))).collect();
+    let mut lower = vec![0.0f64; frames];
+    if !fixed.root {
+        let mut pose = GlobalPose::default();
+        for (f, lower) in lower.iter_mut().enumerate() {
+            pose.set(clip.skeleton(), clip.root()[f], clip.pose(f));
+            for (side, offsets) in &offsets {
+                let needed = legs[*side].lowering(&pose, offsets[f], STRETCH) * begins.share(f);
+                *lower = lower.max(needed.min(LOWER_M));
+            }
+        }
+        lower = settle::widened(&lower, fps);
+        lower.iter_mut().enumerate().for_each(|(f, lower)| *lower *= begins.share(f));
+    }
+    let root = clip.root().iter().zip(&lower).map(|(p, down)| *p - Vec3::Y * *down).collect();
+    let mut rotations = clip.rotations().to_vec();
+    let mut apart: [Vec<f64>; 2] = [vec![0.0; frames], vec![0.0; frames]];
+    let mut pose = GlobalPose::default();
+    let lowered = Clip::new(clip.skeleton().clone(), fps, root, clip.rotations().to_vec())?;
+    for f in 0..frames {
+        let local: &mut [Quat] = &mut rotations[f * clip.joints()..][..clip.joints()];
+        for (side, offsets) in &offsets {
+            // a foot stays where it was, however far the body went down
+            let offset = offsets[f] + Vec3::Y * lower[f];
+            if offset.length() > 0.0 {
+                pose.set(clip.skeleton(), lowered.root()[f], local);
+                apart[*side][f] = legs[*side].bend(clip.skeleton(), &pose, offset, local);
+            }
+        }
+    }
+    let far = found.iter().flatten().filter(|c| apart[c.side][c.frames()].iter().any(|apart| *apart > REACH_M));
+    let far = far.cloned().collect();
+    Ok((Clip::new(clip.skeleton().clone(), fps, lowered.root().to_vec(), rotations)?, far))
+}
+
+/// Mean distance of the ankles before and after, over the frames of contacts.
+fn moved_cm(before: &Clip, after: &Clip, legs: &[Leg; 2], found: &[Vec<Contact>; 2]) -> f64 {
+    let (a, b, j) = (before.positions(), after.positions(), before.joints());
+    let frames = found.iter().flatten().flat_map(|c| c.frames().map(|f| f * j + legs[c.side].ankle));
+    let (sum, n) = frames.fold((0.0, 0), |(sum, n), i| (sum + (b[i] - a[i]).length(), n + 1));
+    100.0 * sum / f64::from(n.max(1))
+}
+
+#[cfg(test)]
+mod tests;

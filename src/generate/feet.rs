@@ -1,0 +1,52 @@
+//! Feet of a dance held where they stand, as far as they were invented.
+
+use super::make::Followed;
+use crate::Result;
+use kinelm_motion::Motion;
+use kinelm_motion::feet::{Fixed, Locked, lock};
+use kinelm_motion::metric::floor;
+use kinelm_motion::retarget::map_for;
+use serde::{Deserialize, Serialize};
+
+/// What is done to the feet of a dance when it is decoded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Care {
+    /// Nothing. What files of dances mean that don't say.
+    #[default]
+    Off,
+    /// The body is settled on its floor, and feet that stand are held: [`lock`].
+    Lock,
+}
+
+impl Care {
+    /// Whether it is what files don't name.
+    pub fn is_off(&self) -> bool {
+        *self == Care::Off
+    }
+}
+
+/// SMPL's legs, left and right.
+const LEGS: [[usize; 4]; 2] = [[1, 4, 7, 10], [2, 5, 8, 11]];
+
+/// What was given of a dance: the first `frames` frames whole, and the followed joints throughout.
+pub fn fixed(prompt: Option<&Followed>, frames: usize) -> Fixed {
+    let selection = prompt.and_then(|prompt| prompt.selection.as_ref());
+    let has = |joints: &[usize]| selection.is_some_and(|s| s.joints.iter().any(|j| joints.contains(j)));
+    let root = selection.is_some_and(|s| s.translation || s.joints.contains(&0));
+    Fixed { root, legs: LEGS.map(|leg| has(&leg)), frames }
+}
+
+/// A dance with its feet held, and what that did. Its floor is at `floor_m`, or where its feet say.
+///
+/// # Errors
+/// A rig that no skeleton map knows.
+pub fn held(motion: Motion, map: Option<&str>, floor_m: Option<f64>, fixed: Fixed) -> Result<(Motion, Locked)> {
+    let map = map_for(motion.clip.skeleton(), map)?;
+    let floor_m = match floor_m {
+        Some(floor_m) => floor_m,
+        None => floor(&motion.clip, &map)?.height_m,
+    };
+    let (clip, locked) = lock(&motion.clip, &map, floor_m, fixed)?;
+    Ok((Motion { clip, ..motion }, locked))
+}

@@ -61,7 +61,7 @@ fn data() -> &'static Data {
         let tiles = include_str!("../configs/tokenizer/dct-pca.toml");
         data.write("tiles.toml", tiles);
         for call in [
-            "tokenizer fit data --labels labels.csv --out t.json",
+            "tokenizer fit data --labels labels.csv --joints 13 --out t.json",
             "tokenize data --labels labels.csv --tokenizer t.json --out corpus",
             "pretrain --config train.toml --corpus corpus --run run",
         ] {

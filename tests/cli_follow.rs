@@ -88,6 +88,9 @@ fn made(dir: &Path, name: &str, data: &[&Path], labels: &Path, more: &[&str]) {
     let [tokenizer, corpus] = ["json", "corpus"].map(|end| dir.join(name).with_extension(end));
     let mut c = kinelm();
     c.args(["tokenizer", "fit"]).args(data).arg("--labels").arg(labels).args(more).arg("--out").arg(&tokenizer);
+    if !more.contains(&"--joints") {
+        c.args(["--joints", "13"]);
+    }
     c.assert().success();
     let mut c = kinelm();
     c.arg("tokenize").args(data).arg("--labels").arg(labels).arg("--tokenizer").arg(&tokenizer);

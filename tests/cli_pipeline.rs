@@ -79,7 +79,7 @@ fn way() -> &'static Way {
             c.arg(way.at("data")).arg("--labels").arg(&labels);
         };
         let mut c = kinelm();
-        data(c.args(["tokenizer", "fit"]));
+        data(c.args(["tokenizer", "fit", "--joints", "13"]));
         c.arg("--out").arg(way.at("t.json")).assert().success().stdout("");
         let mut c = kinelm();
         data(c.arg("tokenize"));

@@ -116,7 +116,7 @@ fn bits_are_those_of_the_baselines() {
     let (tokenizer, corpus) = (data.at("t.json"), data.at("corpus"));
     let mut c = kinelm();
     c.args(["tokenizer", "fit"]).arg(data.at("data")).arg("--labels").arg(data.at("labels.csv"));
-    c.args(["--fps", "30", "--bins", "60", "--out"]).arg(&tokenizer).assert().success();
+    c.args(["--joints", "13", "--fps", "30", "--bins", "60", "--out"]).arg(&tokenizer).assert().success();
     let mut c = kinelm();
     c.arg("tokenize").arg(data.at("data")).arg("--labels").arg(data.at("labels.csv"));
     c.arg("--tokenizer").arg(&tokenizer).arg("--out").arg(&corpus).assert().success();

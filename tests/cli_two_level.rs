@@ -70,7 +70,7 @@ fn it_is_measured_alike_in_both_forms_and_by_the_reader() {
         found["bits_per_frame"].as_f64().unwrap()
     };
     let fast = bits("");
-    assert!(fast > 10.0 && fast < 400.0, "{fast}");
+    assert!(fast > 10.0 && fast < 500.0, "{fast}");
     // half floats are read token by token, as dances are
     for (more, apart) in [(" --form plain", 1e-4), (" --kv f16", 1e-2)] {
         let other = bits(more);

@@ -7,14 +7,16 @@ use kinelm::corpus::{Corpus, Split, gather};
 use kinelm::evaluate::likelihood::likelihood;
 use kinelm::evaluate::{Baselines, CodeSplits, measure};
 use kinelm::files::write_whole;
+use kinelm::generate::feet;
 use kinelm::generate::place::{Led, Place};
 use kinelm::generate::prompt::{self, Prompt};
 use kinelm::generate::rest::RestJoints;
-use kinelm::generate::sampling::{Draw, TOP_P};
+use kinelm::generate::sampling::Draw;
 use kinelm::generate::{NextToken, Plan, dance, reader};
 use kinelm::model::{Reading, Which, load_run};
 use kinelm::train::{CorpusPart, PretrainOptions, TrainFile};
 use kinelm::view::{Figure, write_page};
+use kinelm_motion::feet::Fixed;
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::{Clip, joints, synth};
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
@@ -29,6 +31,8 @@ const CLIPS: usize = 72;
 const SECONDS: f64 = 12.0;
 const FPS: f64 = 30.0;
 const FRAMES: usize = 200;
+/// `--top-p`: a model that has learned for a minute is surer of what it does where less is left to chance.
+const CALM: f64 = 0.9;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -61,14 +65,18 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     train(&args, say)?;
     let run = load_run(&at("run"), Which::Auto)?;
     let corpus = Corpus::open(at("corpus"))?;
-    say.line("4/5 it dances to a root and a right arm that it has not seen");
+    say.line("4/5 it dances: to a root and a right arm that it has not seen, and on from a first second");
     let test = corpus.split(Split::Test).next().context("the demo's corpus has no test clip")?;
     let prompt =
         Prompt::load(&at("motion").join(&test.name).with_extension("bvh"), &ReadOptions::default(), &tokenizer)?;
-    let danced = generate(&mut *reader(&run, args.compute.get(), Reading::default())?, &tokenizer, &prompt, args.seed)?;
-    format::write(&at("dance.bvh"), &prompt::on_model_rig(&at("dance.bvh"), danced.clone()))?;
+    let mut model = reader(&run, args.compute.get(), Reading::default())?;
+    let follows = generate(&mut *model, &tokenizer, &prompt, Asked::Follows, args.seed)?;
+    let goes_on = generate(&mut *model, &tokenizer, &prompt, Asked::GoesOn, args.seed)?;
+    for (name, dance) in [("dance.bvh", &follows), ("free.bvh", &goes_on)] {
+        format::write(&at(name), &prompt::on_model_rig(&at(name), dance.clone()))?;
+    }
     say.line("5/5 page and report");
-    page(&at("page.html"), &test.name, &tokenizer, &prompt, &danced)?;
+    page(&at("page.html"), &test.name, (&tokenizer, &prompt), &follows, &goes_on)?;
     let tests: Vec<_> = corpus.split(Split::Test).collect();
     let model = likelihood(&mut *run.scores(args.compute.get())?, &corpus, &tests, 0, &run.load_conditions()?)?
         .context("the demo's corpus has no test frame")?;
@@ -76,8 +84,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let report = report(&args, model.bits_per_frame, &floors, started.elapsed().as_secs_f64());
     write_whole(&at("report.md"), report.as_bytes())?;
     super::print(&report)?;
-    let (page, dance) = (at("page.html"), at("dance.bvh"));
-    say.line(format_args!("done: open {} in a browser; the dance is {}", page.display(), dance.display()));
+    let [page, dance, free] = ["page.html", "dance.bvh", "free.bvh"].map(|name| at(name).display().to_string());
+    say.line(format_args!("done: open {page} in a browser; the dances are {dance} and {free}"));
     Ok(())
 }
 
@@ -157,32 +165,64 @@ fn train(args: &Args, say: Say) -> Result<()> {
     Ok(())
 }
 
-fn generate(model: &mut dyn NextToken, tokenizer: &Tokenizer, prompt: &Prompt, seed: u64) -> Result<Clip> {
-    let given = prompt::given_places(tokenizer, &joints::parse(FOLLOWED)?)?;
-    let ids = tokenizer.ids_of_words(&prompt.words)?;
-    let frames = FRAMES.min(prompt.frames());
-    let plan = Plan::free(tokenizer.grammar(), frames, Draw { top_p: Some(TOP_P), ..Draw::default() }, seed);
-    let plan = Plan { given: &given, prompt: &ids, ..plan };
-    let danced = dance(model, &plan, &mut |_| {})?;
-    let words = tokenizer.words_of_ids(&danced).words;
-    let danced = prompt.decode(tokenizer, &words, RestJoints::Follow, frames)?;
-    put(&danced, prompt)
+/// What a dance is given.
+#[derive(Clone, Copy, PartialEq)]
+enum Asked {
+    /// Root and right arm.
+    Follows,
+    /// The first second.
+    GoesOn,
 }
 
-/// A clip whose root is the prompt's, where the prompt stands.
+fn generate(
+    model: &mut dyn NextToken,
+    tokenizer: &Tokenizer,
+    prompt: &Prompt,
+    asked: Asked,
+    seed: u64,
+) -> Result<Clip> {
+    let (frames, second) = (FRAMES.min(prompt.frames()), tokenizer.fps() as usize);
+    let plan = Plan::free(tokenizer.grammar(), frames, Draw { top_p: Some(CALM), ..Draw::default() }, seed);
+    let (given, ids, beginning);
+    let (plan, followed, fixed) = match asked {
+        Asked::Follows => {
+            given = prompt::given_places(tokenizer, &joints::parse(FOLLOWED)?)?;
+            ids = tokenizer.ids_of_words(&prompt.words)?;
+            (Plan { given: &given, prompt: &ids, ..plan }, frames, Fixed { root: true, ..Fixed::default() })
+        }
+        Asked::GoesOn => {
+            beginning = prompt.beginning(tokenizer, second)?;
+            (Plan { beginning: &beginning, ..plan }, second, Fixed { frames: second, ..Fixed::default() })
+        }
+    };
+    let danced = dance(model, &plan, &mut |_| {})?;
+    let words = tokenizer.words_of_ids(&danced).words;
+    let danced = put(&prompt.decode(tokenizer, &words, RestJoints::Follow, followed)?, prompt)?;
+    let motion = prompt::on_model_rig(Path::new("dance.bvh"), danced);
+    Ok(feet::held(motion, None, prompt.under_m(), fixed)?.0.clip)
+}
+
+/// A clip that begins as the prompt does, where the prompt stands.
 fn put(clip: &Clip, prompt: &Prompt) -> Result<Clip> {
     let place = Place::of(&prompt.clip).context("the prompt has no frames")?;
     Ok(place.put(clip, Led { place: true, heading: true })?)
 }
 
-/// The prompt as the model sees it beside what it made of the root and the right arm.
-fn page(path: &Path, name: &str, tokenizer: &Tokenizer, prompt: &Prompt, danced: &Clip) -> Result<()> {
+/// The prompt as the model sees it beside what it made of the root and the right arm, and of the first second.
+fn page(
+    path: &Path,
+    name: &str,
+    (tokenizer, prompt): (&Tokenizer, &Prompt),
+    follows: &Clip,
+    goes_on: &Clip,
+) -> Result<()> {
     let seen = put(&prompt.decode(tokenizer, &prompt.words, RestJoints::Prompt, prompt.frames())?, prompt)?
-        .slice(0..danced.frames());
+        .slice(0..follows.frames());
     let followed = joints::parse(FOLLOWED)?.joints;
     let figures = [
         Figure::new(name, &seen).note("a test dance, never trained on").forced(&followed),
-        Figure::new("generated", danced).note("follows its root and right arm").forced(&followed),
+        Figure::new("follows", follows).note("its root and right arm; the rest is the model's").forced(&followed),
+        Figure::new("goes on", goes_on).note("from its first second, by itself"),
     ];
     write_page(path, &figures)?;
     Ok(())
@@ -192,14 +232,15 @@ fn report(args: &Args, model: f64, floors: &Baselines, seconds: f64) -> String {
     let order0 = floors.bits_per_frame[0];
     format!(
         "{MARK}, seed {}\n\n\
-         {CLIPS} made-up dances of {SECONDS} s at {FPS} fps; 13 joints at 20 fps, 43 tokens a frame.\n\n\
+         {CLIPS} made-up dances of {SECONDS} s at {FPS} fps; 18 joints at 20 fps, 58 tokens a frame.\n\n\
          | bits/frame on the test dances | |\n|---|---|\n\
          | every character equally likely | {:.1} |\n\
          | order 0 | {order0:.1} |\n\
          | best static model | {:.1} |\n\
          | **the trained model** | **{model:.1}** |\n\n\
          {}\n\n\
-         `dance.bvh` follows the root and the right arm of a test dance; `page.html` shows both. {seconds:.0} s in all.\n",
+         `dance.bvh` follows the root and the right arm of a test dance, `free.bvh` goes on from its first second; `page.html` \
+         shows all. {seconds:.0} s in all.\n",
         args.seed,
         floors.uniform(),
         floors.best(),

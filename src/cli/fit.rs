@@ -29,7 +29,7 @@ pub struct SettingsArgs {
     /// Settings of a tokenizer: uniform, thesis, quantile, dct-pca, lapped, or a TOML. Flags win over it
     #[arg(long, value_name = "NAME|FILE")]
     config: Option<PathBuf>,
-    /// Joints that are coded: 13, 18, 24, or a list of groups, names and ids [default: 13]
+    /// Joints that are coded: 13, 18, 24, or a list of groups, names and ids [default: 18]
     #[arg(long, value_name = "13|18|24|LIST")]
     joints: Option<String>,
     /// Frames per second of the words [default: 20]

@@ -64,7 +64,7 @@ fn place() -> &'static Place {
             c.arg(&data).arg("--labels").arg(place.at("labels.csv"));
         };
         let mut c = kinelm();
-        of_data(c.args(["tokenizer", "fit"]));
+        of_data(c.args(["tokenizer", "fit", "--joints", "13"]));
         c.arg("--out").arg(place.at("t.json")).assert().success();
         let mut c = kinelm();
         of_data(c.arg("tokenize"));
@@ -86,7 +86,7 @@ fn folders_that_an_output_lacks_are_made() {
         outs.iter().for_each(|(_, out)| assert!(place.at(out).exists(), "{out}"));
     };
     let data = place.at("data").display().to_string();
-    called(&["tokenizer", "fit", &data], &[("--out", "new/a/t.json")]);
+    called(&["tokenizer", "fit", "--joints", "13", &data], &[("--out", "new/a/t.json")]);
     called(&["tokenize", &data], &[("--tokenizer", "new/a/t.json"), ("--out", "new/b/corpus")]);
     let config = place.config("parents.toml", "steps = 2\n").display().to_string();
     let corpus = ("--corpus", "new/b/corpus");

@@ -2,7 +2,7 @@
 
 use crate::scheme::SchemeConfig;
 use crate::{Channels, Error, Result, RootRotation};
-use kinelm_motion::joints::THIRTEEN;
+use kinelm_motion::joints::EIGHTEEN;
 use kinelm_motion::resample::MOST_FPS;
 use serde::{Deserialize, Serialize};
 
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TokenizerConfig {
-    /// The coded joints, SMPL ids ascending. Default: the thirteen of [`THIRTEEN`].
+    /// The coded joints, SMPL ids ascending. Default: the eighteen of [`EIGHTEEN`].
     pub joints: Vec<usize>,
     /// Frames per second of every clip. Default 20.
     pub fps: f64,
@@ -28,7 +28,7 @@ const MOST_MERGES: u32 = 40_000;
 impl Default for TokenizerConfig {
     fn default() -> Self {
         TokenizerConfig {
-            joints: THIRTEEN.to_vec(),
+            joints: EIGHTEEN.to_vec(),
             fps: 20.0,
             root_rotation: RootRotation::default(),
             merges: 0,

@@ -3,6 +3,7 @@
 use super::{How, Rates, Row, Unit, seconds};
 use crate::cli::Say;
 use anyhow::Result;
+use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::{Clip, synth};
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig, Words};
 use rayon::prelude::*;
@@ -16,7 +17,8 @@ pub struct Args {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     let clips: Vec<Clip> = synth::corpus(1, 32, 60.0, 20.0)?.into_iter().map(|d| d.clip).collect();
-    let tokenizer = Tokenizer::fit(&clips, TokenizerConfig::default())?;
+    let tokenizer =
+        Tokenizer::fit(&clips, TokenizerConfig { joints: THIRTEEN.to_vec(), ..TokenizerConfig::default() })?;
     let frames: usize = clips.iter().map(Clip::frames).sum();
     let words: Vec<Words> = clips.iter().map(|c| Ok(tokenizer.encode(c)?.words)).collect::<Result<_>>()?;
     let (threads, repeats) = (rayon::current_num_threads(), args.how.repeats.unwrap_or(15));

@@ -15,15 +15,15 @@ use std::sync::LazyLock;
 
 const ROOTS: [RootRotation; 2] = [RootRotation::Absolute, RootRotation::HeadingDelta];
 
+/// The default, of thirteen joints.
+fn thirteen() -> TokenizerConfig {
+    TokenizerConfig { joints: THIRTEEN.to_vec(), ..TokenizerConfig::default() }
+}
+
 fn schemes(bins: u32, joint_transform: JointTransform) -> [SchemeConfig; 3] {
     let uniform = UniformConfig { bins, joint_transform: joint_transform.clone(), ..Default::default() };
     let quantile = |pooled| {
-        SchemeConfig::Quantile(QuantileConfig {
-            bins,
-            pooled,
-            joint_transform: joint_transform.clone(),
-            ..Default::default()
-        })
+        SchemeConfig::Quantile(QuantileConfig { bins, pooled, joint_transform: joint_transform.clone(), ..thirteen() })
     };
     [SchemeConfig::Uniform(uniform), quantile(Pooled::Channel), quantile(Pooled::Global)]
 }
@@ -39,11 +39,8 @@ fn mixed(bins: u32, components: u32) -> Vec<TokenizerConfig> {
 }
 
 fn of_all(schemes: Vec<SchemeConfig>) -> Vec<TokenizerConfig> {
-    let with = |scheme: &SchemeConfig, root_rotation| TokenizerConfig {
-        root_rotation,
-        scheme: scheme.clone(),
-        ..Default::default()
-    };
+    let with =
+        |scheme: &SchemeConfig, root_rotation| TokenizerConfig { root_rotation, scheme: scheme.clone(), ..thirteen() };
     schemes.iter().flat_map(|s| ROOTS.map(|root| with(s, root))).collect()
 }
 
@@ -144,7 +141,7 @@ fn words_do_not_say_where_one_faces() {
 #[test]
 fn turn_and_tilt_within_half_a_bin() {
     let scheme = schemes(360, JointTransform::None {})[0].clone();
-    let config = TokenizerConfig { root_rotation: RootRotation::HeadingDelta, scheme, ..Default::default() };
+    let config = TokenizerConfig { root_rotation: RootRotation::HeadingDelta, scheme, ..thirteen() };
     let t = Tokenizer::fit(&training(), config).unwrap();
     let bin = 1f64.to_radians();
     for clip in [bent(21, 2000), wild(22, 500, 1.5, 0.05)] {

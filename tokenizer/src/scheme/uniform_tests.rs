@@ -11,9 +11,14 @@ use proptest::prelude::*;
 /// Half a bin, with what rounding may add.
 const HALF: f64 = 0.5 + 1e-6;
 
+/// The default, of thirteen joints.
+fn thirteen() -> TokenizerConfig {
+    TokenizerConfig { joints: THIRTEEN.to_vec(), ..TokenizerConfig::default() }
+}
+
 fn config(bins: u32, translation: Travel, height: Height) -> TokenizerConfig {
     let uniform = UniformConfig { bins, translation, height, ..Default::default() };
-    TokenizerConfig { scheme: super::super::SchemeConfig::Uniform(uniform), ..Default::default() }
+    TokenizerConfig { scheme: super::super::SchemeConfig::Uniform(uniform), ..thirteen() }
 }
 
 fn training() -> Vec<Clip> {
@@ -70,7 +75,7 @@ fn rotations_within_half_a_bin() {
             TokenizerConfig {
                 root_rotation: crate::RootRotation::Absolute,
                 scheme: super::super::SchemeConfig::Uniform(uniform),
-                ..Default::default()
+                ..thirteen()
             },
         )
         .unwrap();
@@ -112,7 +117,7 @@ fn errors_of_the_walk_never_add_up() {
 
 #[test]
 fn a_clipped_step_is_caught_up() {
-    let t = Tokenizer::fit(&training(), TokenizerConfig::default()).unwrap();
+    let t = Tokenizer::fit(&training(), thirteen()).unwrap();
     let clip = bent(3, 100);
     let mut root = clip.root().to_vec();
     root[50..].iter_mut().for_each(|p| *p += Vec3::new(0.3, 0.05, -0.2));
@@ -126,7 +131,7 @@ fn a_clipped_step_is_caught_up() {
 
 #[test]
 fn one_who_stands_still_has_one_word() {
-    let t = Tokenizer::fit(&training(), TokenizerConfig::default()).unwrap();
+    let t = Tokenizer::fit(&training(), thirteen()).unwrap();
     let height = t.uniform().unwrap().first_height();
     let place = Vec3::new(5.0, height, -7.0);
     let still = Clip::new(smpl::neutral(), 20.0, vec![place; 9], vec![Quat::IDENTITY; 9 * 24]).unwrap();
@@ -148,7 +153,7 @@ fn steps_are_seen_from_the_body() {
         Clip::new(smpl::neutral(), 20.0, root, poses).unwrap()
     };
     let degrees = |d: f64| d.to_radians();
-    let t = Tokenizer::fit(&[walk(0.0), walk(degrees(90.0))], TokenizerConfig::default()).unwrap();
+    let t = Tokenizer::fit(&[walk(0.0), walk(degrees(90.0))], thirteen()).unwrap();
     let of = |h: f64| t.encode(&walk(degrees(h))).unwrap().words;
     // whole degrees, so that the decoded heading is the true one; frame 1 steps ahead whatever the heading
     for h in [90.0, 37.0, -120.0] {
@@ -159,9 +164,9 @@ fn steps_are_seen_from_the_body() {
 #[test]
 fn fit_in_parts_and_in_any_order_is_the_same() {
     let clips = training();
-    let whole = Tokenizer::fit(&clips, TokenizerConfig::default()).unwrap();
+    let whole = Tokenizer::fit(&clips, thirteen()).unwrap();
     let part = |range: &[usize]| {
-        let mut fit = Fit::new(TokenizerConfig::default()).unwrap();
+        let mut fit = Fit::new(thirteen()).unwrap();
         range.iter().for_each(|&i| fit.add(&clips[i]).unwrap());
         fit
     };
@@ -243,7 +248,7 @@ fn absolute_places() {
 
 #[test]
 fn what_cannot_be_coded_is_named() {
-    let t = Tokenizer::fit(&training(), TokenizerConfig::default()).unwrap();
+    let t = Tokenizer::fit(&training(), thirteen()).unwrap();
     let error = |clip: &Clip| t.encode(clip).unwrap_err().to_string();
     assert!(error(&bent(1, 3).with_fps(30.0).unwrap()).contains("resample it first (`--fps 20`)"));
     let far = Clip::new(smpl::neutral(), 20.0, vec![Vec3::ZERO, Vec3::X * 1e300], vec![Quat::IDENTITY; 48]).unwrap();
@@ -253,13 +258,13 @@ fn what_cannot_be_coded_is_named() {
     assert!(error(&other).contains("retarget it first"));
     assert!(t.decode(&Words::fixed(vec![0; 42], 42), Rest::Clip(&other)).is_err());
     assert!(t.decode(&Words::fixed(vec![360; 42], 42), Rest::Identity).unwrap_err().to_string().contains("code 360"));
-    assert!(Tokenizer::fit(&[], TokenizerConfig::default()).unwrap_err().to_string().contains("no training clip"));
-    assert!(Tokenizer::fit(&[bent(1, 0)], TokenizerConfig::default()).is_err());
+    assert!(Tokenizer::fit(&[], thirteen()).unwrap_err().to_string().contains("no training clip"));
+    assert!(Tokenizer::fit(&[bent(1, 0)], thirteen()).is_err());
 }
 
 #[test]
 fn joints_that_are_not_coded_come_from_where_the_caller_says() {
-    let t = Tokenizer::fit(&training(), TokenizerConfig::default()).unwrap();
+    let t = Tokenizer::fit(&training(), thirteen()).unwrap();
     let clip = bent(1, 5);
     let words = t.encode(&clip).unwrap().words;
     let pose: [Quat; 24] = std::array::from_fn(|j| clip.pose(2)[j]);

@@ -1,6 +1,7 @@
 //! `inspect`, `convert` and `view` as a user runs them.
 
 use assert_cmd::Command;
+use kinelm_motion::{Clip, Motion, Source, Vec3, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use std::fs;
@@ -239,4 +240,70 @@ fn up_is_said_in_one_line_and_refused_where_the_format_says_it() {
         let wrong = kinelm().args(["convert", "--up", up]).arg(&npz).arg(out).assert().code(2);
         wrong.stderr(contains("--up is for BVH and JSON"));
     }
+}
+
+/// A made-up dance of 90 frames at 30 a second.
+fn dance(dir: &Path) -> std::path::PathBuf {
+    let clip = synth::corpus(3, 1, 3.0, 30.0).unwrap().remove(0).clip;
+    let path = dir.join("dance.bvh");
+    let motion = Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] };
+    format::write(&path, &motion).unwrap();
+    path
+}
+
+fn clip(path: &Path) -> Clip {
+    format::read(path, &Default::default()).unwrap().clip
+}
+
+#[test]
+fn a_piece_is_cut_out_by_seconds_or_frames() {
+    let dir = tempfile::tempdir().unwrap();
+    let (whole, out) = (dance(dir.path()), dir.path().join("piece.bvh"));
+    let cut = |args: &[&str]| {
+        let mut c = kinelm();
+        c.arg("convert").arg(&whole).arg(&out).arg("--force").args(args).assert()
+    };
+    for (args, frames) in [
+        (&["--from", "0.5s", "--to", "2s"][..], 15..60),
+        (&["--from", "10f", "--to", "-1s"], 10..60),
+        (&["--from", "-20f"], 70..90),
+        (&["--to", "1"], 0..30),
+    ] {
+        cut(args).success();
+        let (piece, expected) = (clip(&out), clip(&whole).slice(frames));
+        assert_eq!(piece.frames(), expected.frames(), "{args:?}");
+        let apart = |(a, b): (&Vec3, Vec3)| (*a - b).length();
+        assert!(piece.positions().iter().zip(expected.positions()).map(apart).all(|d| d < 1e-6), "{args:?}");
+    }
+    cut(&["--from", "4s"]).code(2).stderr(contains("--from lies outside the clip, which has 90 frames, 3.00 s"));
+    cut(&["--from", "2s", "--to", "1s"]).code(2).stderr(contains("nothing lies between"));
+    cut(&["--from", "1m"]).code(2).stderr(contains("is no moment"));
+}
+
+#[test]
+fn a_mirrored_clip_is_the_image_and_twice_is_the_clip() {
+    let dir = tempfile::tempdir().unwrap();
+    let (first, [once, twice]) = (dance(dir.path()), ["once.bvh", "twice.bvh"].map(|n| dir.path().join(n)));
+    for (from, to) in [(&first, &once), (&once, &twice)] {
+        kinelm().arg("mirror").arg(from).arg("--out").arg(to).assert().success().stderr(contains("90 frames"));
+    }
+    let [a, b, c] = [&first, &once, &twice].map(|path| clip(path));
+    let places = [&a, &b, &c].map(Clip::positions);
+    let partner = |joint: usize| {
+        let name = &a.skeleton().names()[joint];
+        let other = match name.strip_prefix("left_") {
+            Some(rest) => format!("right_{rest}"),
+            None => name.replacen("right_", "left_", 1),
+        };
+        a.skeleton().find(&other).unwrap()
+    };
+    for (i, p) in places[0].iter().enumerate() {
+        let (frame, joint) = (i / 24, i % 24);
+        let image = places[1][frame * 24 + partner(joint)];
+        assert!((Vec3::new(-p.x, p.y, p.z) - image).length() < 1e-4, "joint {joint} of frame {frame}");
+        assert!((*p - places[2][i]).length() < 1e-4);
+    }
+    let said = kinelm().arg("mirror").arg(&first).arg("--out").arg(&first).assert().failure();
+    said.stderr(contains("dance.bvh"));
+    assert_eq!(clip(&first), a);
 }

@@ -1,6 +1,7 @@
 //! `kinelm convert`.
 
 use super::many::{self, Pair};
+use super::moment::Moment;
 use super::{ForceArgs, Say, WrongCall, extension, read::ReadArgs};
 use anyhow::{Context, Result};
 use kinelm::counted;
@@ -29,9 +30,15 @@ pub struct Args {
     /// others stand at rest
     #[arg(long, value_name = "LIST")]
     joints: Option<String>,
+    /// Begin here: 2.5s, 2.5 or 40f (frames of the file); with a - in front, from the end
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    from: Option<Moment>,
+    /// End before this
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    to: Option<Moment>,
     /// Write joint positions instead of AMASS: positions (F,N,3) in metres, joints, parents, fps; in the file's own order,
     /// rate and channels
-    #[arg(long, conflicts_with_all = ["fps", "skeleton", "joints"])]
+    #[arg(long, conflicts_with_all = ["fps", "skeleton", "joints", "from", "to"])]
     positions: bool,
     #[command(flatten)]
     force: ForceArgs,
@@ -71,7 +78,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let written = if args.positions {
             positions(input, output, &options, (&outputs, say))?
         } else {
-            let motion = format::read(input, &options)?;
+            let motion = cut(&args, format::read(input, &options)?)?;
             super::warn(&motion, say);
             let wanted = wanted(&args, rig.as_ref(), &motion, output)?;
             let motion = convert(motion, &wanted, args.read.map.as_deref())?;
@@ -131,6 +138,27 @@ fn wanted(args: &Args, rig: Option<&Rig>, motion: &Motion, output: &Path) -> Res
         rig: rig.cloned().or_else(npz),
         joints: args.joints.as_deref().map(selection).transpose().map_err(|e| WrongCall(e.to_string()))?,
     })
+}
+
+/// The frames that are asked for.
+fn cut(args: &Args, motion: Motion) -> Result<Motion> {
+    let (frames, fps) = (motion.clip.frames(), motion.clip.fps());
+    let border = |flag: &str, moment: Option<Moment>, otherwise: usize| match moment.map(|m| m.border(frames, fps)) {
+        None => Ok(otherwise),
+        Some(Some(border)) => Ok(border),
+        Some(None) => {
+            let s = motion.clip.duration_s();
+            Err(WrongCall(format!("--{flag} lies outside the clip, which has {frames} frames, {s:.2} s at {fps} fps")))
+        }
+    };
+    let (from, to) = (border("from", args.from, 0)?, border("to", args.to, frames)?);
+    if args.from.is_none() && args.to.is_none() {
+        return Ok(motion);
+    }
+    if from >= to {
+        return Err(WrongCall(format!("--from frame {from}, --to frame {to}: nothing lies between")).into());
+    }
+    Ok(Motion { clip: motion.clip.slice(from..to), ..motion })
 }
 
 /// Writes the places of joints; what was written.

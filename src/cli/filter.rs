@@ -1,6 +1,6 @@
 //! `kinelm filter`.
 
-use super::many::{self, Pair};
+use super::many;
 use super::{ForceArgs, Say, print, read::ReadArgs};
 use anyhow::Result;
 use kinelm::output::Outputs;
@@ -60,7 +60,7 @@ enum Level {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     let how = args.filter();
-    let pairs = pairs(&args.clips, &args.out)?;
+    let pairs = many::pairs(&args.clips, &args.out)?;
     let clips: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
     let outputs = args.force.outputs(clips.iter().cloned().chain(args.read.files()));
     outputs.check(pairs.iter().map(|p| &*p.output))?;
@@ -150,16 +150,4 @@ impl Args {
             (None, None) => Filter::Band { cutoff_hz },
         })
     }
-}
-
-/// Where each clip goes: to `out` itself, or into it under its own path. A .pkl, which isn't written, becomes an .npz.
-fn pairs(clips: &[PathBuf], out: &Path) -> Result<Vec<Pair>> {
-    let pairs = match many::is_folder(clips, out) {
-        true => many::into_folder(clips, out, |own| if own == "pkl" { "npz".into() } else { own.into() })?,
-        false => vec![Pair { input: clips[0].clone(), output: out.to_owned() }],
-    };
-    for Pair { output, .. } in &pairs {
-        super::writable(output)?;
-    }
-    Ok(pairs)
 }

@@ -86,6 +86,18 @@ pub fn into_folder(given: &[PathBuf], out: &Path, to: impl Fn(&str) -> String) -
     Ok(pairs)
 }
 
+/// Where each clip goes: to `out` itself, or into it under its own path. A .pkl, which isn't written, becomes an .npz.
+pub fn pairs(clips: &[PathBuf], out: &Path) -> Result<Vec<Pair>> {
+    let pairs = match is_folder(clips, out) {
+        true => into_folder(clips, out, |own| if own == "pkl" { "npz".into() } else { own.into() })?,
+        false => vec![Pair { input: clips[0].clone(), output: out.to_owned() }],
+    };
+    for Pair { output, .. } in &pairs {
+        super::writable(output)?;
+    }
+    Ok(pairs)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

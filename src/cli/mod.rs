@@ -20,6 +20,8 @@ mod inspect;
 mod interpolate;
 mod lr_find;
 mod many;
+mod mirror;
+mod moment;
 mod pretrain;
 mod progress;
 mod query;
@@ -98,6 +100,8 @@ enum Command {
     Interpolate(interpolate::Args),
     /// Clips without their fast movements
     Filter(filter::Args),
+    /// Clips as they are seen in a mirror, left for right
+    Mirror(mirror::Args),
     /// Pictures of a clip's spectra
     Spectrum(spectrum::Args),
     /// Measures
@@ -223,6 +227,7 @@ fn command(command: Command, say: Say) -> Result<()> {
     match command {
         Command::Inspect(args) => inspect::run(args, say),
         Command::Convert(args) => convert::run(args, say),
+        Command::Mirror(args) => mirror::run(args, say),
         Command::View(args) => view::run(args, say),
         Command::Tokenizer(command) => tokenizer::run(command, say),
         Command::Tokenize(args) => tokenize::run(args, say),

@@ -23,7 +23,12 @@ fn thirteen() -> TokenizerConfig {
 fn schemes(bins: u32, joint_transform: JointTransform) -> [SchemeConfig; 3] {
     let uniform = UniformConfig { bins, joint_transform: joint_transform.clone(), ..Default::default() };
     let quantile = |pooled| {
-        SchemeConfig::Quantile(QuantileConfig { bins, pooled, joint_transform: joint_transform.clone(), ..thirteen() })
+        SchemeConfig::Quantile(QuantileConfig {
+            bins,
+            pooled,
+            joint_transform: joint_transform.clone(),
+            ..Default::default()
+        })
     };
     [SchemeConfig::Uniform(uniform), quantile(Pooled::Channel), quantile(Pooled::Global)]
 }

@@ -9,7 +9,7 @@ use kinelm_tokenizer::{Rest, Tokenizer, TokenizerConfig};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let dances: Vec<Clip> = synth::corpus(1, 8, 10.0, 20.0)?.into_iter().map(|dance| dance.clip).collect();
-    // 13 joints, 20 frames a second, a turn in 360 bins
+    // 18 joints, 20 frames a second, a turn in 360 bins
     let tokenizer = Tokenizer::fit(&dances, TokenizerConfig::uniform(&THIRTEEN, 20.0, 360))?;
 
     let words = tokenizer.encode(&dances[0])?.words;

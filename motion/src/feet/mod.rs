@@ -66,7 +66,13 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: Fixed) -> Resul
     let mut locked = Locked::default();
     let mut root = clip.root().to_vec();
     if !fixed.root {
-        let least: Vec<f64> = feet.least(clip).iter().map(|y| y - floor_m).collect();
+        let others = feet.others(clip);
+        let least: Vec<f64> = feet
+            .least(clip)
+            .iter()
+            .zip(&others)
+            .map(|(y, other)| settle::height(y - floor_m, other - floor_m))
+            .collect();
         let begins = Begins { frames: fixed.frames, fps: clip.fps() };
         for (f, (root, up)) in root.iter_mut().zip(settle::offsets(&least, clip.fps())).enumerate() {
             let up = up * begins.share(f);

@@ -9,7 +9,16 @@ const SLACK_M: f64 = 0.01;
 /// Half the time over which a body that has to go down for a leg does so, seconds.
 const LOWER_S: f64 = 0.1;
 
-/// (F) How far the body is too high, metres, of (F) heights of its lower foot above the floor.
+/// How thick a body is around its joints, metres.
+const FLESH_M: f64 = 0.1;
+
+/// How high a body is above its floor whose lower foot is at `foot` and whose lowest other joint at `other`: one who lies,
+/// kneels or stands on the hands doesn't hang, however high the feet are. Metres.
+pub fn height(foot: f64, other: f64) -> f64 {
+    foot.min((other - FLESH_M).max(0.0))
+}
+
+/// (F) How far the body is too high, metres, of (F) [heights](height) above the floor.
 ///
 /// One foot stands nearly always, so that the first quartile of the heights within half a second is where the floor seems to be;
 /// it is averaged over a quarter of a second. Jumps, which are shorter, stay. A centimetre is left.

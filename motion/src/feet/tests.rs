@@ -146,3 +146,20 @@ fn what_is_behind_given_frames_begins_where_they_end() {
     }
     assert!(ground(&done.slice(90..done.frames())).floating_share().unwrap() < 0.05);
 }
+
+#[test]
+fn one_who_stands_on_the_hands_or_lies_is_not_set_down() {
+    let turned = |by: Quat, up: f64| {
+        let mut rotations = vec![Quat::IDENTITY; 24 * 60];
+        (0..60).for_each(|f| rotations[24 * f] = by);
+        let clip = Clip::new(smpl::neutral(), 20.0, vec![Vec3::Y * up; 60], rotations).unwrap();
+        let lowest = clip.positions().iter().map(|p| p.y).fold(f64::MAX, f64::min);
+        clip.raised(0.08 - lowest)
+    };
+    let half = std::f64::consts::PI;
+    for clip in [turned(Quat::from_rotation_x(half), 1.2), turned(Quat::from_rotation_x(-half / 2.0), 0.2)] {
+        let (done, locked) = lock(&clip, &map(), 0.0, Fixed::default()).unwrap();
+        assert!(locked.settled_cm < 1e-6, "{locked:?}");
+        assert!(done.positions().iter().zip(clip.positions()).all(|(a, b)| (*a - b).length() < 0.08));
+    }
+}

@@ -122,6 +122,19 @@ impl Feet {
         self.lowest(clip).into_iter().map(|(least, _)| least).collect()
     }
 
+    /// (F) Of each frame the height of the lowest joint that is no foot and hangs on none, metres, world: of one who lies,
+    /// kneels or stands on the hands it is near the floor.
+    ///
+    /// # Panics
+    /// If the clip is not on a rig of these joints.
+    pub fn others(&self, clip: &Clip) -> Vec<f64> {
+        let lowest = |frame: &[Vec3]| {
+            let others = frame.iter().zip(&self.of_foot).filter(|(_, of_foot)| !**of_foot);
+            others.map(|(p, _)| p.y).fold(f64::MAX, f64::min)
+        };
+        clip.positions().chunks_exact(clip.joints()).map(lowest).collect()
+    }
+
     /// [`Feet::least`], and where that foot is.
     fn lowest(&self, clip: &Clip) -> Vec<(f64, usize)> {
         let mut pose = GlobalPose::default();

@@ -73,7 +73,7 @@ pub fn contacts(clip: &Clip, leg: &Leg, side: usize, floor_m: f64) -> Vec<Contac
         while f < frames && stands(f, ENDS) {
             f += 1;
         }
-        split(&|frames| best(&at, leg, side, frames), &speed, from..f, SHORTEST_S * clip.fps(), &mut found);
+        split(&|frames| best(&at, leg, (side, floor_m), frames), &speed, from..f, SHORTEST_S * clip.fps(), &mut found);
     }
     found
 }
@@ -109,17 +109,25 @@ fn split(
     split(stand, speed, frames.start + last..frames.end, shortest, found);
 }
 
-/// The joint of a foot that keeps its place best, and how far it goes from there.
-fn best(at: &dyn Fn(usize, usize) -> Vec3, leg: &Leg, side: usize, frames: Range<usize>) -> Option<(f64, Contact)> {
-    let of = |&(joint, _): &(usize, f64)| {
-        let mean = frames.clone().map(|f| at(f, joint)).sum::<Vec3>() / frames.len() as f64;
-        let apart = |f: usize| (at(f, joint).x - mean.x).hypot(at(f, joint).z - mean.z);
+/// The joint of a foot that stands and keeps its place best, and how far it goes from there.
+fn best(
+    at: &dyn Fn(usize, usize) -> Vec3,
+    leg: &Leg,
+    (side, floor_m): (usize, f64),
+    frames: Range<usize>,
+) -> Option<(f64, Contact)> {
+    let of = |&(joint, rest): &(usize, f64)| {
         let least = frames.clone().map(|f| at(f, joint).y).fold(f64::MAX, f64::min);
-        let furthest = frames.clone().map(apart).fold(0.0, f64::max);
-        let place = [mean.x, least, mean.z];
-        (furthest, Contact { side, from: frames.start, to: frames.end, joint, place })
+        // toes in the air keep their place as well as the heel below them
+        (least - floor_m - rest < ENDS.0).then(|| {
+            let mean = frames.clone().map(|f| at(f, joint)).sum::<Vec3>() / frames.len() as f64;
+            let apart = |f: usize| (at(f, joint).x - mean.x).hypot(at(f, joint).z - mean.z);
+            let furthest = frames.clone().map(apart).fold(0.0, f64::max);
+            let place = [mean.x, least, mean.z];
+            (furthest, Contact { side, from: frames.start, to: frames.end, joint, place })
+        })
     };
-    leg.foot.iter().map(of).min_by(|a, b| a.0.total_cmp(&b.0))
+    leg.foot.iter().filter_map(of).min_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 /// (F) By how much the foot of a leg is to be moved: to its place in a contact, out of the floor elsewhere; between both over

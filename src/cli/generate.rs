@@ -155,6 +155,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     let mut ready = load(recipe, Which::Auto, say)?;
     ready.stand_with_prompt();
+    if args.feet.is_none() {
+        ready.hold_feet_unless_followed();
+    }
     let danced = danced(&ready, outs.len(), args.guesses, say)?;
     for (i, (words, out)) in danced.iter().zip(&outs).enumerate() {
         let Made { motion, locked } = ready.motion(words, out)?;
@@ -212,21 +215,12 @@ fn recipe(args: &Args) -> Result<Recipe> {
             None => RestJoints::Training,
         },
         place: None,
-        feet: care(args),
+        feet: match args.feet {
+            Some(FeetArg::Lock) => Care::Lock,
+            _ => Care::Off,
+        },
         computing: Computing::new(args.compute.get(), reading.weights, reading.kv),
     })
-}
-
-/// What is done to the feet: unless it is said, they are held where no leg is followed.
-fn care(args: &Args) -> Care {
-    let list = args.joints.as_deref().and_then(|list| joints::parse(list).ok());
-    let legs = joints::parse("legs").map(|legs| legs.joints).unwrap_or_default();
-    let given = list.is_some_and(|given| given.joints.iter().any(|j| legs.contains(j)));
-    match args.feet {
-        Some(FeetArg::Lock) => Care::Lock,
-        None if !given => Care::Lock,
-        _ => Care::Off,
-    }
 }
 
 /// Reads what a recipe names, and says what the user should know.

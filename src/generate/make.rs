@@ -110,6 +110,12 @@ impl Ready {
         self.recipe.place = self.prompt.as_ref().and_then(|prompt| Place::of(&prompt.clip.clip));
     }
 
+    /// Feet are to be held unless a leg is followed, by whatever names.
+    pub fn hold_feet_unless_followed(&mut self) {
+        let given = feet::fixed(self.prompt.as_ref(), 0).legs.contains(&true);
+        self.recipe.feet = if given { Care::Off } else { Care::Lock };
+    }
+
     /// Draws `variations` dances side by side; guesses as [`Plan::guesses`]. `progress` is told the frames done.
     ///
     /// # Errors

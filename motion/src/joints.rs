@@ -11,11 +11,14 @@ pub const THIRTEEN: [usize; 13] = [0, 1, 2, 4, 5, 7, 8, 16, 17, 18, 19, 20, 21];
 /// joint stands elsewhere than with all 24; with the thirteen hands are 10 to 20 cm off.
 pub const EIGHTEEN: [usize; 18] = [0, 1, 2, 3, 4, 5, 7, 8, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21];
 
+/// Hip, knee, ankle and ball of the left leg, then of the right.
+pub const LEGS: [[usize; 4]; 2] = [[1, 4, 7, 10], [2, 5, 8, 11]];
+
 /// The groups by name.
 pub const GROUPS: &[(&str, &[usize])] = &[
     ("root", &[0]),
-    ("left_leg", &[1, 4, 7, 10]),
-    ("right_leg", &[2, 5, 8, 11]),
+    ("left_leg", &LEGS[0]),
+    ("right_leg", &LEGS[1]),
     ("legs", &[1, 2, 4, 5, 7, 8, 10, 11]),
     ("left_arm", &[13, 16, 18, 20, 22]),
     ("right_arm", &[14, 17, 19, 21, 23]),

@@ -1,6 +1,6 @@
 //! `kinelm filter`.
 
-use super::many;
+use super::many::InOut;
 use super::{ForceArgs, Say, print, read::ReadArgs};
 use anyhow::Result;
 use kinelm::output::Outputs;
@@ -17,13 +17,8 @@ const LOST_SHARE: f64 = 1e-3;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Motion files (.bvh .npz .pkl .json), or folders of them
-    #[arg(required = true, value_name = "CLIP")]
-    clips: Vec<PathBuf>,
-    /// The file to write (.bvh .npz .json), or a folder, which is made if it isn't there: files go by their names,
-    /// those of a folder by their paths below it
-    #[arg(long, value_name = "FILE|DIR")]
-    out: PathBuf,
+    #[command(flatten)]
+    files: InOut,
     /// The bands of a cosine transform that stay: low, up to 3.5 Hz; or middle, up to 7.3 Hz. Low, if nothing is given
     #[arg(long, value_enum, conflicts_with_all = ["cutoff", "keep"])]
     level: Option<Level>,
@@ -60,7 +55,7 @@ enum Level {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     let how = args.filter();
-    let pairs = many::pairs(&args.clips, &args.out)?;
+    let pairs = args.files.pairs()?;
     let clips: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
     let outputs = args.force.outputs(clips.iter().cloned().chain(args.read.files()));
     outputs.check(pairs.iter().map(|p| &*p.output))?;

@@ -86,16 +86,31 @@ pub fn into_folder(given: &[PathBuf], out: &Path, to: impl Fn(&str) -> String) -
     Ok(pairs)
 }
 
-/// Where each clip goes: to `out` itself, or into it under its own path. A .pkl, which isn't written, becomes an .npz.
-pub fn pairs(clips: &[PathBuf], out: &Path) -> Result<Vec<Pair>> {
-    let pairs = match is_folder(clips, out) {
-        true => into_folder(clips, out, |own| if own == "pkl" { "npz".into() } else { own.into() })?,
-        false => vec![Pair { input: clips[0].clone(), output: out.to_owned() }],
-    };
-    for Pair { output, .. } in &pairs {
-        super::writable(output)?;
+/// Clips, and where what is made of each of them goes.
+#[derive(Debug, clap::Args)]
+pub struct InOut {
+    /// Motion files (.bvh .npz .pkl .json), or folders of them
+    #[arg(required = true, value_name = "CLIP")]
+    clips: Vec<PathBuf>,
+    /// The file to write (.bvh .npz .json), or a folder, which is made if it isn't there: files go by their names,
+    /// those of a folder by their paths below it
+    #[arg(long, value_name = "FILE|DIR")]
+    out: PathBuf,
+}
+
+impl InOut {
+    /// Where each clip goes: to `out` itself, or into it under its own path. A .pkl, which isn't written, becomes an .npz.
+    pub fn pairs(&self) -> Result<Vec<Pair>> {
+        let InOut { clips, out } = self;
+        let pairs = match is_folder(clips, out) {
+            true => into_folder(clips, out, |own| if own == "pkl" { "npz".into() } else { own.into() })?,
+            false => vec![Pair { input: clips[0].clone(), output: out.to_owned() }],
+        };
+        for Pair { output, .. } in &pairs {
+            super::writable(output)?;
+        }
+        Ok(pairs)
     }
-    Ok(pairs)
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! `kinelm mirror`.
 
-use super::many::{self, Pair};
+use super::many::{InOut, Pair};
 use super::{ForceArgs, Say, read::ReadArgs};
 use anyhow::Result;
 use kinelm_motion::Motion;
@@ -11,12 +11,8 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Motion files (.bvh .npz .pkl .json), or folders of them
-    #[arg(required = true, value_name = "CLIP")]
-    clips: Vec<PathBuf>,
-    /// The file to write (.bvh .npz .json), or a folder, which is made if it isn't there
-    #[arg(long, value_name = "FILE|DIR")]
-    out: PathBuf,
+    #[command(flatten)]
+    files: InOut,
     #[command(flatten)]
     force: ForceArgs,
     #[command(flatten)]
@@ -24,7 +20,7 @@ pub struct Args {
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
-    let pairs = many::pairs(&args.clips, &args.out)?;
+    let pairs = args.files.pairs()?;
     let clips: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
     let outputs = args.force.outputs(clips.iter().cloned().chain(args.read.files()));
     outputs.check(pairs.iter().map(|p| &*p.output))?;

@@ -4,6 +4,7 @@ use super::make::Followed;
 use crate::Result;
 use kinelm_motion::Motion;
 use kinelm_motion::feet::{Fixed, Locked, lock};
+use kinelm_motion::joints::LEGS;
 use kinelm_motion::metric::floor;
 use kinelm_motion::retarget::map_for;
 use serde::{Deserialize, Serialize};
@@ -25,9 +26,6 @@ impl Care {
         *self == Care::Off
     }
 }
-
-/// SMPL's legs, left and right.
-const LEGS: [[usize; 4]; 2] = [[1, 4, 7, 10], [2, 5, 8, 11]];
 
 /// What was given of a dance: the first `frames` frames whole, and the followed joints throughout.
 pub fn fixed(prompt: Option<&Followed>, frames: usize) -> Fixed {

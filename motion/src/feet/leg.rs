@@ -1,5 +1,6 @@
 //! A leg of two bones, bent so that its ankle comes to a place.
 
+use crate::joints::LEGS;
 use crate::metric::Feet;
 use crate::retarget::ReferencePose;
 use crate::{GlobalPose, Quat, Skeleton, Vec3};
@@ -17,15 +18,13 @@ pub struct Leg {
     pub foot: Vec<(usize, f64)>,
 }
 
-/// SMPL's hips, knees, ankles and balls, left and right.
-const SMPL: [[usize; 4]; 2] = [[1, 4, 7, 10], [2, 5, 8, 11]];
 /// Shorter than this nothing has a direction, metres.
 const SMALLEST_M: f64 = 1e-6;
 
 impl Leg {
     /// Left and right; every map has hips, knees and ankles.
     pub fn both(pose: &ReferencePose, feet: &Feet) -> [Leg; 2] {
-        SMPL.map(|[hip, knee, ankle, ball]| {
+        LEGS.map(|[hip, knee, ankle, ball]| {
             let joint = |id: usize| pose.joints[id];
             let foot = [joint(ankle), joint(ball)].into_iter().flatten();
             let foot = foot.filter_map(|j| feet.joints.iter().copied().find(|(foot, _)| *foot == j)).collect();

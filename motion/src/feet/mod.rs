@@ -152,25 +152,24 @@ fn hold(
         lower = settle::widened(&lower, fps);
         lower.iter_mut().enumerate().for_each(|(f, lower)| *lower *= begins.share(f));
     }
-    let root = clip.root().iter().zip(&lower).map(|(p, down)| *p - Vec3::Y * *down).collect();
+    let root: Vec<Vec3> = clip.root().iter().zip(&lower).map(|(p, down)| *p - Vec3::Y * *down).collect();
     let mut rotations = clip.rotations().to_vec();
     let mut apart: [Vec<f64>; 2] = [vec![0.0; frames], vec![0.0; frames]];
     let mut pose = GlobalPose::default();
-    let lowered = Clip::new(clip.skeleton().clone(), fps, root, clip.rotations().to_vec())?;
     for f in 0..frames {
         let local: &mut [Quat] = &mut rotations[f * clip.joints()..][..clip.joints()];
         for (side, offsets) in &offsets {
             // a foot stays where it was, however far the body went down
             let offset = offsets[f] + Vec3::Y * lower[f];
             if offset.length() > 0.0 {
-                pose.set(clip.skeleton(), lowered.root()[f], local);
+                pose.set(clip.skeleton(), root[f], local);
                 apart[*side][f] = legs[*side].bend(clip.skeleton(), &pose, offset, local);
             }
         }
     }
     let far = found.iter().flatten().filter(|c| apart[c.side][c.frames()].iter().any(|apart| *apart > REACH_M));
     let far = far.cloned().collect();
-    Ok((Clip::new(clip.skeleton().clone(), fps, lowered.root().to_vec(), rotations)?, far))
+    Ok((Clip::new(clip.skeleton().clone(), fps, root, rotations)?, far))
 }
 
 /// Mean distance of the ankles before and after, over the frames of contacts.

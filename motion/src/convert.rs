@@ -81,7 +81,7 @@ pub fn convert(motion: Motion, wanted: &Wanted, map: Option<&str>) -> Result<Mot
         motion = on_rig(motion, rig, map)?;
     }
     if let Some(fps) = wanted.fps {
-        motion.clip = if rest { after_rest(&motion.clip, fps)? } else { resample(&motion.clip, fps, Method::Auto)? };
+        motion.clip = if rest { after_rest(&motion.clip, fps)? } else { resample(&motion.clip, fps, Method::Smooth)? };
     }
     Ok(motion)
 }
@@ -89,7 +89,7 @@ pub fn convert(motion: Motion, wanted: &Wanted, map: Option<&str>) -> Result<Mot
 /// A clip at another rate whose frame 0 is a rest pose: it stays as it is, and out of the low pass.
 fn after_rest(clip: &Clip, fps: f64) -> Result<Clip> {
     let rest = clip.slice(0..1);
-    let moving = resample(&clip.slice(1..clip.frames()), fps, Method::Auto)?;
+    let moving = resample(&clip.slice(1..clip.frames()), fps, Method::Smooth)?;
     let root = [rest.root(), moving.root()].concat();
     Clip::new(clip.skeleton().clone(), fps, root, [rest.rotations(), moving.rotations()].concat())
 }

@@ -25,6 +25,7 @@ pub mod inspect;
 pub mod joints;
 pub mod metric;
 pub mod mirror;
+pub mod moment;
 pub mod pose;
 pub mod resample;
 pub mod retarget;

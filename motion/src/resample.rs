@@ -4,6 +4,7 @@ use crate::error::in_short;
 use crate::rotation::{nearest_sign, slerp};
 use crate::{Clip, Error, Quat, Result, Vec3};
 use std::f64::consts::PI;
+use std::ops::{Add, Mul, Sub};
 
 /// A ratio of rates beyond this is a wrong rate, and its low pass would take hours.
 const MOST_TIMES_SLOWER: f64 = 1e4;
@@ -24,6 +25,11 @@ pub enum Method {
     Slerp,
     /// A Lanczos-3 low pass with cutoff 0.45 of the new rate, then sampled.
     Filtered,
+    /// Natural cubic splines through the frames, which are met exactly: speed and acceleration run on (C2). For rotations
+    /// through the four components, then normalised. No low pass.
+    Curve,
+    /// [`Method::Filtered`] downwards, [`Method::Curve`] upwards: for motion that is to be watched.
+    Smooth,
 }
 
 impl Method {
@@ -32,6 +38,8 @@ impl Method {
         match self {
             Method::Auto if b < a => Method::Filtered,
             Method::Auto => Method::Slerp,
+            Method::Smooth if b < a => Method::Filtered,
+            Method::Smooth => Method::Curve,
             m => m,
         }
     }
@@ -75,10 +83,17 @@ pub fn resample(clip: &Clip, fps: f64, method: Method) -> Result<Clip> {
             }
             gather(clip, times.map(|t| (t.round() as usize, 0.0)))
         }
-        Method::Slerp => gather(clip, times.map(|t| ((t + 1e-9).floor() as usize, (t - (t + 1e-9).floor()).max(0.0)))),
-        Method::Filtered | Method::Auto => filtered(clip, 0.45 * b / a, times),
+        Method::Slerp => gather(clip, times.map(between)),
+        Method::Curve => curve(clip, times.map(between)),
+        Method::Filtered | Method::Auto | Method::Smooth => filtered(clip, 0.45 * b / a, times),
     };
     Clip::new(clip.skeleton().clone(), b, root, rotations)
+}
+
+/// A time in frames as the frame before it and the share of the way to the next.
+fn between(time: f64) -> (usize, f64) {
+    let frame = (time + 1e-9).floor();
+    (frame as usize, (time - frame).max(0.0))
 }
 
 /// Frames `i + t` between frames `i` and `i + 1`.
@@ -93,16 +108,75 @@ fn gather(clip: &Clip, places: impl Iterator<Item = (usize, f64)>) -> (Vec<Vec3>
     (root, rotations)
 }
 
+/// Frames `i + t` on natural cubic splines through the frames.
+fn curve(clip: &Clip, places: impl Iterator<Item = (usize, f64)>) -> (Vec<Vec3>, Vec<Quat>) {
+    let (last, j) = (clip.frames() - 1, clip.joints());
+    let signed = continuous(clip);
+    let bends = bends(clip.root(), 1, Vec3::ZERO);
+    let turns = self::bends(&signed, j, Quat::from_xyzw(0.0, 0.0, 0.0, 0.0));
+    let (mut root, mut rotations) = (Vec::new(), Vec::new());
+    for (i, t) in places {
+        let (i, next) = (i.min(last), (i + 1).min(last));
+        // a cubic that takes both values and both second derivatives
+        let (a, b) = (1.0 - t, t);
+        let (p, q) = ((a * a * a - a) / 6.0, (b * b * b - b) / 6.0);
+        if t == 0.0 || i == next {
+            root.push(clip.root()[i]);
+            rotations.extend_from_slice(clip.pose(i));
+            continue;
+        }
+        root.push(clip.root()[i] * a + clip.root()[next] * b + bends[i] * p + bends[next] * q);
+        for k in 0..j {
+            let (i, next) = (i * j + k, next * j + k);
+            let turn = signed[i] * a + signed[next] * b + turns[i] * p + turns[next] * q;
+            let far = turn.length_squared() < 0.25;
+            rotations.push(if far { slerp(signed[i], signed[next], t) } else { turn.normalize() });
+        }
+    }
+    (root, rotations)
+}
+
+/// (F, J) second derivatives of natural cubic splines through `values` (F, J), a frame apart: the tridiagonal system
+/// m[i-1] + 4 m[i] + m[i+1] = 6 (y[i+1] - 2 y[i] + y[i-1]), 0 at both ends.
+fn bends<T>(values: &[T], joints: usize, zero: T) -> Vec<T>
+where
+    T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f64, Output = T>,
+{
+    let frames = values.len() / joints;
+    let mut bends = vec![zero; values.len()];
+    let mut shares = vec![0.0; frames];
+    for f in 1..frames.saturating_sub(1) {
+        shares[f] = 1.0 / (4.0 - shares[f - 1]);
+        for k in f * joints..(f + 1) * joints {
+            let right = (values[k + joints] - values[k] * 2.0 + values[k - joints]) * 6.0;
+            bends[k] = (right - bends[k - joints]) * shares[f];
+        }
+    }
+    for f in (1..frames.saturating_sub(1)).rev() {
+        for k in f * joints..(f + 1) * joints {
+            bends[k] = bends[k] - bends[k + joints] * shares[f];
+        }
+    }
+    bends
+}
+
+/// (F, J) rotations, each of the sign that is nearer to the one before.
+fn continuous(clip: &Clip) -> Vec<Quat> {
+    let j = clip.joints();
+    let mut signed = clip.rotations().to_vec();
+    for i in j..signed.len() {
+        signed[i] = nearest_sign(signed[i], signed[i - j]);
+    }
+    signed
+}
+
 /// Low-passed values at `times` (in source frames); `cutoff` in cycles per source frame.
 ///
 /// The four components are convolved after their signs are made continuous in time, then normalised. Beyond the ends
 /// time runs backwards about the end frame.
 fn filtered(clip: &Clip, cutoff: f64, times: impl Iterator<Item = f64>) -> (Vec<Vec3>, Vec<Quat>) {
     let (f, j) = (clip.frames() as i64, clip.joints());
-    let mut smooth = clip.rotations().to_vec();
-    for i in j..smooth.len() {
-        smooth[i] = nearest_sign(smooth[i], smooth[i - j]);
-    }
+    let smooth = continuous(clip);
     let reach = 3.0 / (2.0 * cutoff);
     let (mut root, mut rotations) = (Vec::new(), Vec::new());
     let mut taps: Vec<(usize, f64)> = Vec::new();
@@ -161,7 +235,7 @@ mod tests {
     #[test]
     fn the_same_rate_is_the_identity() {
         let c = swinging(30.0, 1.0, sine(2.0));
-        for m in [Method::Auto, Method::Slerp, Method::Stride, Method::Filtered] {
+        for m in [Method::Auto, Method::Slerp, Method::Stride, Method::Filtered, Method::Curve, Method::Smooth] {
             assert_eq!(resample(&c, 30.0, m).unwrap(), c);
         }
     }
@@ -216,5 +290,29 @@ mod tests {
         for (a, b) in c.rotations().iter().zip(back.rotations()) {
             assert!(angle_between(*a, *b) < 1e-9);
         }
+    }
+
+    #[test]
+    fn a_curve_meets_its_frames_and_has_no_kinks() {
+        let slow = swinging(20.0, 3.0, sine(1.3));
+        let [curve, chords] = [Method::Smooth, Method::Auto].map(|m| resample(&slow, 120.0, m).unwrap());
+        for f in 0..slow.frames() {
+            assert_eq!((curve.root()[6 * f], curve.pose(6 * f)), (slow.root()[f], slow.pose(f)));
+        }
+        let value = |c: &Clip, f: usize| (c.root()[f].x, exp_map::to_vector(c.rotations()[f]).x);
+        // second differences: of a sine that is sampled finely they are small everywhere, of chords they stand at the frames
+        let most = |c: &Clip, of: &dyn Fn((f64, f64)) -> f64| {
+            let at = |f: usize| of(value(c, f));
+            (12..c.frames() - 12).map(|f| (at(f + 1) - 2.0 * at(f) + at(f - 1)).abs()).fold(0.0, f64::max)
+        };
+        for of in [|v: (f64, f64)| v.0, |v: (f64, f64)| v.1] {
+            let (curve, chords) = (most(&curve, &of), most(&chords, &of));
+            assert!(curve < 0.003 && chords > 4.0 * curve, "{curve} {chords}");
+        }
+        let off = (18..curve.frames() - 18).map(|f| (value(&curve, f).1 - sine(1.3)(f as f64 / 120.0)).abs());
+        assert!(off.fold(0.0, f64::max) < 2e-3);
+        // two frames are a straight way
+        let two = resample(&slow.slice(0..2), 60.0, Method::Curve).unwrap();
+        assert!((two.root()[1].x - (2.0 * slow.root()[0].x + slow.root()[1].x) / 3.0).abs() < 1e-12);
     }
 }

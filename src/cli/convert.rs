@@ -1,13 +1,13 @@
 //! `kinelm convert`.
 
 use super::many::{self, Pair};
-use super::moment::Moment;
 use super::{ForceArgs, Say, WrongCall, extension, read::ReadArgs};
 use anyhow::{Context, Result};
 use kinelm::counted;
 use kinelm::output::Outputs;
 use kinelm_motion::convert::{Rig, Wanted, convert};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
+use kinelm_motion::moment::{Moment, Scale};
 use kinelm_motion::{Motion, joints, smpl};
 use std::path::{Path, PathBuf};
 
@@ -143,8 +143,12 @@ fn wanted(args: &Args, rig: Option<&Rig>, motion: &Motion, output: &Path) -> Res
 /// The frames that are asked for.
 fn cut(args: &Args, motion: Motion) -> Result<Motion> {
     let (frames, fps) = (motion.clip.frames(), motion.clip.fps());
-    let border = |flag: &str, moment: Option<Moment>, otherwise: usize| match moment.map(|m| m.border(frames, fps)) {
+    let scale = Scale { frames, fps, left_out: 0, model_fps: None };
+    let border = |flag: &str, moment: Option<Moment>, otherwise: usize| match moment.map(|m| m.border(scale)) {
         None => Ok(otherwise),
+        Some(_) if matches!(moment, Some(Moment::Model(_))) => Err(WrongCall(format!(
+            "--{flag} in frames of a model, and there is none; give seconds (2s) or frames (40f)"
+        ))),
         Some(Some(border)) => Ok(border),
         Some(None) => {
             let s = motion.clip.duration_s();

@@ -21,7 +21,6 @@ mod interpolate;
 mod lr_find;
 mod many;
 mod mirror;
-mod moment;
 mod pretrain;
 mod progress;
 mod query;

@@ -27,6 +27,12 @@ pub(super) struct Dance<'a> {
     block_without: Vec<u32>,
     /// Tokens of the block that are guesses, or given places between them.
     ahead: usize,
+    /// What was drawn where it is given: the place among the ids, and the id.
+    foretold: Vec<(usize, u32)>,
+    /// Words up to here need not be foretold any more.
+    told: usize,
+    /// Tokens that are left of those that the model has read, since words were foretold and taken back.
+    taken_back: Option<usize>,
     /// Tokens guessed so far, and those that were right.
     pub guessed: u64,
     pub right: u64,
@@ -48,6 +54,9 @@ impl<'a> Dance<'a> {
             block: Vec::new(),
             block_without: Vec::new(),
             ahead: 0,
+            foretold: Vec::new(),
+            told: 0,
+            taken_back: None,
             guessed: 0,
             right: 0,
         };
@@ -64,8 +73,9 @@ impl<'a> Dance<'a> {
         self.words() == self.plan.words
     }
 
-    pub fn into_ids(self) -> Vec<u32> {
-        self.ids
+    /// Its ids, and what was drawn where they are given.
+    pub fn into_drawn(self) -> (Vec<u32>, Vec<(usize, u32)>) {
+        (self.ids, self.foretold)
     }
 
     /// What the model reads next; nothing when the dance is done.
@@ -88,16 +98,34 @@ impl<'a> Dance<'a> {
         self.plan.front.len() + self.ids.len() - self.first
     }
 
-    /// The token that must stand at a place of the word that is being drawn, `behind` tokens behind the next one.
+    /// The token that must stand at a place of the word that is being drawn, `behind` tokens behind the next one; none where
+    /// it is to be drawn all the same.
     fn known(&self, place: Place, behind: usize) -> Option<u32> {
         let plan = self.plan;
-        let given = || {
-            let word = plan.given.len() + 1;
-            plan.given.get(place.tokens).filter(|given| **given)?;
-            plan.prompt.get(self.words() * word + place.tokens)
-        };
-        let known = plan.beginning.get(self.ids.len() + behind).or_else(given);
-        known.copied().or_else(|| plan.grammar.only(place))
+        let given = || self.given(place).filter(|_| !self.foretells(place));
+        let known = plan.beginning.get(self.ids.len() + behind).copied().or_else(given);
+        known.or_else(|| plan.grammar.only(place))
+    }
+
+    /// The prompt's token at a place of this word, if it is given.
+    fn given(&self, place: Place) -> Option<u32> {
+        let word = self.plan.grammar.tokens_per_word()?;
+        let prompted = self.words().checked_sub(self.plan.lead_in)?;
+        let given = self.is_so(self.plan.given, place);
+        self.plan.prompt.get(prompted * word + place.tokens).copied().filter(|_| given)
+    }
+
+    /// Whether a place of this word is drawn although it is given.
+    fn foretells(&self, place: Place) -> bool {
+        self.words() >= self.told && self.is_so(self.plan.foretold, place)
+    }
+
+    /// What `flags`, (C) of every word or (P, C), say of a place of this word.
+    fn is_so(&self, flags: &[bool], place: Place) -> bool {
+        let characters = self.plan.grammar.tokens_per_word().map_or(0, |word| word - 1);
+        let Some(prompted) = self.words().checked_sub(self.plan.lead_in) else { return false };
+        let word = if flags.len() > characters { prompted } else { 0 };
+        place.tokens < characters && flags.get(word * characters + place.tokens).copied().unwrap_or(false)
     }
 
     /// Adds what is known up to the next free place, for which the window has room then.
@@ -114,9 +142,25 @@ impl<'a> Dance<'a> {
     fn push(&mut self, id: u32) {
         self.ids.push(id);
         self.place = self.plan.grammar.advance(self.place, id);
-        if id == SPACE {
+        if id == SPACE && !self.take_back() {
             self.starts.push(self.ids.len());
         }
+    }
+
+    /// A whole word of which something was foretold is noted and taken back, to be made anew of what is given.
+    fn take_back(&mut self) -> bool {
+        let start = self.starts[self.words()];
+        let place = |at: usize| Place { tokens: at - start, ..Place::default() };
+        let told: Vec<_> = (start..self.ids.len()).filter(|&at| self.foretells(place(at))).collect();
+        if told.is_empty() {
+            return false;
+        }
+        self.foretold.extend(told.into_iter().map(|at| (at, self.ids[at])));
+        self.told = self.words() + 1;
+        self.ids.truncate(start);
+        self.place = Place::default();
+        self.taken_back = Some(self.window());
+        true
     }
 
     /// Words of one length: a window that is full moves when the next word begins.
@@ -218,6 +262,9 @@ impl<'a> Dance<'a> {
             }
             self.push(id);
             self.advance();
+            if self.taken_back.is_some() {
+                break;
+            }
             // up to the next free place, if the model has read so far
             let drawn = self.ids.len() - start;
             match ahead.get(right..drawn) {
@@ -227,8 +274,9 @@ impl<'a> Dance<'a> {
         }
         // a window that has moved is read anew
         if self.first == first {
-            self.read = read + right;
+            self.read = self.taken_back.map_or(read + right, |left| left.min(read + right));
         }
+        self.taken_back = None;
         Ok(())
     }
 

@@ -1,21 +1,25 @@
 //! A recipe carried out: the model and the prompt read, the dances drawn, and put on a rig.
 
+use super::edit::close::LeftOver;
+use super::edit::{Closed, Edited};
 use super::feet::{self, Care};
 use super::guidance::Guidance;
 use super::place::{Led, Place};
 use super::prompt::{self, Prompt};
 use super::recipe::{PromptRecipe, Recipe, Rig};
 use super::rest::{self, RestJoints};
-use super::{Danced, GUESSES, Plan, dances, reader};
+use super::{Danced, GUESSES, Plan, dances, reader, variation_seed};
 use crate::model::checkpoint::Checkpoints;
 use crate::model::{LoadedRun, Which, load_run};
 use crate::{Error, Result};
 use kinelm_motion::feet::Locked;
+use kinelm_motion::format::{self, Format, bvh::Changed};
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Motion, Source};
 use kinelm_tokenizer::{Rest, Tokenizer, Words};
 use std::path::Path;
+use std::sync::Arc;
 
 /// All that a recipe names, read.
 pub struct Ready {
@@ -39,8 +43,35 @@ pub struct Ready {
 pub struct Made {
     /// On its rig, at its rate.
     pub motion: Motion,
-    /// What was done to its feet.
-    pub locked: Option<Locked>,
+    /// What was done to its feet, gap by gap where a clip is edited; frames are [`Made::locked_fps`] a second.
+    pub locked: Vec<Locked>,
+    /// The rate at which feet were held.
+    pub locked_fps: f64,
+    /// Of an edited clip: what was left over at the ends of gaps, frames at the model's rate.
+    pub left: Vec<LeftOver>,
+    /// Of an edited clip on its own rig and at its own rate: what is new, and the bytes of its file.
+    changed: Option<(Changed, Arc<[u8]>)>,
+}
+
+impl Made {
+    /// The bytes of a file of this name.
+    ///
+    /// # Errors
+    /// Those of [`format::to_bytes`].
+    pub fn bytes(&self, out: &Path) -> Result<Vec<u8>> {
+        match (&self.motion.source, &self.changed) {
+            (Source::Bvh(source), Some((changed, text))) if Format::of_name(out) == Some(Format::Bvh) => {
+                Ok(source.spliced(text, &self.motion.clip, changed)?)
+            }
+            _ => Ok(format::to_bytes(out, &self.motion)?),
+        }
+    }
+
+    /// Whether what is not new has the very numbers of the prompt's file.
+    pub fn keeps_numbers(&self, out: &Path) -> bool {
+        let is_bvh = Format::of_name(out) == Some(Format::Bvh) && matches!(self.motion.source, Source::Bvh(_));
+        is_bvh && self.changed.is_some()
+    }
 }
 
 /// What is followed of a clip.
@@ -55,7 +86,12 @@ pub struct Followed {
     pub beginning: Vec<u32>,
     /// Frames of which something is followed: all if joints are, else those of the first words.
     pub frames: usize,
+    /// What is kept of it and what is invented, if it is edited.
+    pub edit: Option<Edited>,
 }
+
+/// What leads in to a dance that begins from nothing.
+const LEAD_IN_S: f64 = 1.0;
 
 /// Frames of a dance, at most: half a day at 20 frames a second, whose ids fit into memory.
 const MOST_FRAMES: usize = 1 << 20;
@@ -86,9 +122,10 @@ impl Ready {
                         is asked what it has not seen";
             run.notes.push(what.into());
         }
-        let prompt = recipe.prompt.as_mut().map(|prompt| Followed::load(prompt, &tokenizer)).transpose()?;
         let of_seconds = recipe.seconds.map(|s| (s * tokenizer.fps()).round().max(1.0) as usize);
-        let frames = recipe.frames.or(of_seconds).or(prompt.as_ref().map(|p| p.clip.frames()));
+        let asked = recipe.frames.or(of_seconds);
+        let prompt = recipe.prompt.as_mut().map(|prompt| Followed::load(prompt, asked, &tokenizer)).transpose()?;
+        let frames = asked.or(prompt.as_ref().map(|p| p.clip.frames()));
         let frames = frames.ok_or_else(|| Error::Call("neither frames nor a prompt that says how many".into()))?;
         let written = recipe.fps.map_or(frames, |fps| (frames as f64 * fps / tokenizer.fps()).ceil() as usize);
         for frames in [frames, written] {
@@ -107,7 +144,8 @@ impl Ready {
 
     /// The dance is to stand where and as its prompt does, if it has one.
     pub fn stand_with_prompt(&mut self) {
-        self.recipe.place = self.prompt.as_ref().and_then(|prompt| Place::of(&prompt.clip.clip));
+        let free = self.prompt.as_ref().filter(|prompt| prompt.edit.is_none());
+        self.recipe.place = free.as_ref().and_then(|prompt| Place::of(&prompt.clip.clip));
     }
 
     /// Feet are to be held unless a leg is followed, by whatever names.
@@ -116,31 +154,94 @@ impl Ready {
         self.recipe.feet = if given { Care::Off } else { Care::Lock };
     }
 
+    /// A second leads in to what begins from nothing: no prompt, or an edit whose first frame is all free.
+    pub fn lead_in_from_nothing(&mut self) {
+        let nothing = match &self.prompt {
+            Some(prompt) => prompt.edit.as_ref().is_some_and(Edited::begins_from_nothing),
+            None => true,
+        };
+        let length = self.tokenizer.frames_per_word();
+        let words = (LEAD_IN_S * self.tokenizer.fps() / length as f64).ceil() as usize;
+        self.recipe.lead_in = if nothing { words * length } else { 0 };
+    }
+
     /// Draws `variations` dances side by side; guesses as [`Plan::guesses`]. `progress` is told the frames done.
+    ///
+    /// Of an edited clip whose gaps end, each is the best of several tries, drawn side by side, and the variations one after
+    /// the other.
     ///
     /// # Errors
     /// Those of [`reader`] and [`dances`].
     pub fn dance(&self, variations: usize, guesses: Option<usize>, progress: &mut dyn FnMut(usize)) -> Result<Danced> {
         let length = self.tokenizer.frames_per_word();
-        let followed = self.prompt.as_ref().filter(|p| !p.given.is_empty());
+        let edit = self.edit();
+        let followed = self.prompt.as_ref().filter(|p| !p.given.is_empty() || p.edit.is_some());
         let ids = followed.map(|p| self.tokenizer.ids_of_words(&p.clip.words)).transpose()?.unwrap_or_default();
-        let words = self.frames.div_ceil(length);
+        let lead_in = self.recipe.lead_in / length;
+        let words = edit.map_or(self.frames, |(_, edited)| edited.frames).div_ceil(length) + lead_in;
         let mut plan = Plan::free(self.tokenizer.grammar(), words, self.recipe.draw, self.recipe.seed);
+        let given = edit.map(|(prompt, edited)| edited.given(prompt.clip.words.len())).unwrap_or_default();
         if let Some(prompt) = &self.prompt {
             (plan.beginning, plan.given, plan.prompt) = (&prompt.beginning, &prompt.given, &ids);
         }
+        if edit.is_some() {
+            (plan.given, plan.foretold) = (&given.0, &given.1);
+        }
+        plan.lead_in = lead_in;
         plan.front = &self.front;
         plan.guidance = self.without.as_deref().map(|without| Guidance { scale: self.recipe.guidance, without });
         plan.guesses = guesses.unwrap_or(if self.recipe.draw.greedy { GUESSES } else { 0 });
         let computing = &self.recipe.computing;
-        let reading = computing.reading(variations * plan.streams());
-        let mut model = reader(&self.run, computing.compute()?, reading)?;
-        dances(&mut *model, &plan, &mut |words| progress((words * length).min(self.frames)))
+        let tries = self.tries();
+        let at_once = if tries > 1 { tries } else { variations };
+        let mut model = reader(&self.run, computing.compute()?, computing.reading(at_once * plan.streams()))?;
+        if tries == 1 {
+            return dances(&mut *model, &plan, &mut |words| progress((words * length).min(self.frames)));
+        }
+        let mut all = Danced { ids: Vec::new(), foretold: Vec::new(), guessed: 0, right: 0 };
+        for variation in 0..variations {
+            plan.seed = variation_seed(self.recipe.seed, variation);
+            let drawn = dances(&mut *model, &plan, &mut |words| progress((words * length).min(self.frames)))?;
+            let best = self.best(&drawn)?;
+            all.ids.push(drawn.ids[best].clone());
+            all.foretold.push(drawn.foretold[best].clone());
+            (all.guessed, all.right) = (all.guessed + drawn.guessed, all.right + drawn.right);
+        }
+        Ok(all)
     }
 
-    /// The words of a dance's ids.
-    pub fn words(&self, ids: &[u32]) -> Words {
-        self.tokenizer.words_of_ids(ids).words
+    /// The prompt that is edited, and how.
+    fn edit(&self) -> Option<(&Followed, &Edited)> {
+        let prompt = self.prompt.as_ref()?;
+        Some((prompt, prompt.edit.as_ref()?))
+    }
+
+    /// Ways that are drawn of each variation.
+    fn tries(&self) -> usize {
+        let asked = self.recipe.prompt.as_ref().and_then(|prompt| prompt.edit.as_ref()).map_or(1, |edit| edit.tries);
+        let ends = self.edit().is_some_and(|(_, edited)| edited.has_ends());
+        if ends && !self.recipe.draw.greedy { asked.max(1) } else { 1 }
+    }
+
+    /// The try that ends nearest to where the clip goes on, the first of several.
+    fn best(&self, drawn: &Danced) -> Result<usize> {
+        let Some((prompt, edited)) = self.edit() else { return Ok(0) };
+        let mut best = (f64::INFINITY, 0);
+        for i in 0..drawn.ids.len() {
+            let closed =
+                edited.closed(&self.words(drawn, i), (&prompt.clip, self.recipe.lead_in), &self.tokenizer, false)?;
+            if closed.left_over() < best.0 {
+                best = (closed.left_over(), i);
+            }
+        }
+        Ok(best.1)
+    }
+
+    /// The words of one of several dances; behind gaps of an edited clip those that were foretold.
+    pub fn words(&self, danced: &Danced, dance: usize) -> Words {
+        let mut ids = danced.ids[dance].clone();
+        danced.foretold[dance].iter().for_each(|&(at, id)| ids[at] = id);
+        self.tokenizer.words_of_ids(&ids).words
     }
 
     /// Words as a motion on the rig and at the rate wanted, to be written to `out`.
@@ -148,12 +249,19 @@ impl Ready {
     /// # Errors
     /// Words that are not this tokenizer's, a rig that no skeleton map knows, a rate that is none.
     pub fn motion(&self, words: &Words, out: &Path) -> Result<Made> {
+        if let Some((prompt, edited)) = self.edit() {
+            return self.edited(words, (prompt, edited), out);
+        }
         let mut motion = self.motion_as_drawn(words, out)?;
         if let Some(fps) = self.recipe.fps {
-            motion.clip = resample(&motion.clip, fps, Method::Auto)?;
+            motion.clip = resample(&motion.clip, fps, Method::Smooth)?;
         }
+        let made = |motion: Motion, locked: Vec<Locked>| {
+            let locked_fps = motion.clip.fps();
+            Made { motion, locked, locked_fps, left: Vec::new(), changed: None }
+        };
         if self.recipe.feet == Care::Off {
-            return Ok(Made { motion, locked: None });
+            return Ok(made(motion, Vec::new()));
         }
         let (map, floor_m) = match self.on_own_rig() {
             Some((prompt, recipe)) => (recipe.read.map.as_deref(), prompt.clip.floor_m),
@@ -165,7 +273,26 @@ impl Ready {
         let kept =
             kept.checked_sub(1).map_or(0, |last| (last as f64 * motion.clip.fps() / self.tokenizer.fps()) as usize + 1);
         let (motion, locked) = feet::held(motion, map, floor_m, feet::fixed(self.prompt.as_ref(), kept))?;
-        Ok(Made { motion, locked: Some(locked) })
+        Ok(made(motion, vec![locked]))
+    }
+
+    /// An edited clip.
+    fn edited(&self, words: &Words, (prompt, edited): (&Followed, &Edited), out: &Path) -> Result<Made> {
+        let hold = self.recipe.feet == Care::Lock;
+        let Closed { clip, left, locked } =
+            edited.closed(words, (&prompt.clip, self.recipe.lead_in), &self.tokenizer, hold)?;
+        let (mut motion, mut changed) = match self.on_own_rig() {
+            Some((prompt, recipe)) => {
+                let (motion, changed) = edited.on_own_rig(&clip, &prompt.clip, recipe.read.map.as_deref())?;
+                (motion, Some((changed, edited.text.clone())))
+            }
+            None => (prompt::on_model_rig(out, clip.slice(0..self.frames)), None),
+        };
+        if let Some(fps) = self.recipe.fps {
+            motion.clip = resample(&motion.clip, fps, Method::Smooth)?;
+            changed = None;
+        }
+        Ok(Made { motion, locked, locked_fps: self.tokenizer.fps(), left, changed })
     }
 
     fn motion_as_drawn(&self, words: &Words, out: &Path) -> Result<Motion> {
@@ -185,11 +312,20 @@ impl Ready {
             }
             None => self.tokenizer.decode(words, Rest::Identity)?,
         };
-        let clip = clip.slice(0..self.frames);
+        let clip = self.behind_lead_in(&clip)?.slice(0..self.frames);
         match (&self.prompt, self.recipe.place) {
             (Some(prompt), Some(place)) => place.put(&clip, Led::by(prompt)),
             _ => Ok(clip),
         }
+    }
+
+    /// A clip without the frames that led in, standing where dances begin: at x = z = 0, facing as the model's rig does.
+    fn behind_lead_in(&self, clip: &Clip) -> Result<Clip> {
+        if self.recipe.lead_in == 0 {
+            return Ok(clip.clone());
+        }
+        let clip = clip.slice(self.recipe.lead_in.min(clip.frames())..clip.frames());
+        Place { x: 0.0, z: 0.0, heading: Some(0.0) }.put(&clip, Led { place: false, heading: false })
     }
 
     /// The prompt on whose own rig the dance is written.
@@ -201,8 +337,8 @@ impl Ready {
 
 impl Followed {
     /// Reads a prompt; joints named as its rig names them get SMPL's names in the recipe.
-    fn load(recipe: &mut PromptRecipe, tokenizer: &Tokenizer) -> Result<Followed> {
-        if recipe.joints.is_none() && recipe.from_frame.is_none() {
+    fn load(recipe: &mut PromptRecipe, frames: Option<usize>, tokenizer: &Tokenizer) -> Result<Followed> {
+        if recipe.joints.is_none() && recipe.from_frame.is_none() && recipe.edit.is_none() {
             let path = recipe.path.display();
             return Err(Error::Call(format!(
                 "{path}: nothing of the prompt is followed; give joints, a frame to go on from, or both"
@@ -227,11 +363,14 @@ impl Followed {
         };
         let beginning = recipe.from_frame.map(|n| clip.beginning(tokenizer, n));
         let beginning = beginning.transpose().map_err(|e| Error::Call(format!("--from-frame: {e}")))?;
+        let mut edit = recipe.edit.take();
+        let edited = edit.as_mut().map(|edit| Edited::load(edit, frames, (recipe, &clip), tokenizer)).transpose()?;
+        recipe.edit = edit;
         let frames = match recipe.from_frame {
             Some(n) if given.is_empty() => n,
             _ => clip.frames(),
         };
-        Ok(Followed { clip, selection, given, beginning: beginning.unwrap_or_default(), frames })
+        Ok(Followed { clip, selection, given, beginning: beginning.unwrap_or_default(), frames, edit: edited })
     }
 }
 

@@ -10,6 +10,7 @@
 
 pub mod apart;
 mod dance;
+pub mod edit;
 pub mod feet;
 pub mod guidance;
 pub mod make;
@@ -140,12 +141,18 @@ const GUESSES: usize = 8;
 pub struct Plan<'a> {
     /// Words wanted.
     pub words: usize,
+    /// Of these the first ones that only lead in: all of them free, the prompt's first word behind them.
+    pub lead_in: usize,
     /// Which ids may stand where.
     pub grammar: Grammar,
     /// Ids of whole words, spaces included, that the dance begins with.
     pub beginning: &'a [u32],
-    /// (C) which places of a word are given, where all words have C characters and none are merged; empty: none.
+    /// (C) which places of a word are given, where all words have C characters and none are merged, or (P, C) which of each
+    /// word of the prompt; empty: none.
     pub given: &'a [bool],
+    /// (P, C) given places that are first drawn, to tell what the model would have done there, and then taken back with
+    /// their word; empty: none.
+    pub foretold: &'a [bool],
     /// (P, W) ids of the P words that these places are taken from, spaces included; words beyond them are free.
     pub prompt: &'a [u32],
     /// The tokens in front of every window: `<bos>`, then those of conditions.
@@ -167,8 +174,21 @@ impl Plan<'_> {
     /// A free dance of so many words of a grammar.
     pub fn free(grammar: Grammar, words: usize, draw: Draw, seed: u64) -> Self {
         let guesses = if draw.greedy { GUESSES } else { 0 };
-        let (beginning, given, prompt) = (&[][..], &[][..], &[][..]);
-        Plan { words, grammar, beginning, given, prompt, front: FRONT, guidance: None, draw, seed, guesses }
+        let (beginning, given, foretold, prompt) = (&[][..], &[][..], &[][..], &[][..]);
+        Plan {
+            words,
+            lead_in: 0,
+            grammar,
+            beginning,
+            given,
+            foretold,
+            prompt,
+            front: FRONT,
+            guidance: None,
+            draw,
+            seed,
+            guesses,
+        }
     }
 
     /// Sequences that a dance takes: two where it is guided.
@@ -196,6 +216,8 @@ pub fn dance(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(us
 pub struct Danced {
     /// The ids of each dance, spaces included.
     pub ids: Vec<Vec<u32>>,
+    /// What was drawn of each where it was given: the place among its ids, and the id. See [`Plan::foretold`].
+    pub foretold: Vec<Vec<(usize, u32)>>,
     /// Tokens that were guessed ahead.
     pub guessed: u64,
     /// Of these the ones that were drawn.
@@ -242,7 +264,8 @@ pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(u
     }
     let count = |f: &dyn Fn(&Dance) -> u64| dances.iter().map(f).sum();
     let (guessed, right) = (count(&|d| d.guessed), count(&|d| d.right));
-    Ok(Danced { ids: dances.into_iter().map(Dance::into_ids).collect(), guessed, right })
+    let (ids, foretold) = dances.into_iter().map(Dance::into_drawn).unzip();
+    Ok(Danced { ids, foretold, guessed, right })
 }
 
 /// Refuses a model and a plan that make no dances together.

@@ -1,5 +1,6 @@
 //! What decides a dance, as one value that a file can hold.
 
+use super::edit::Edit;
 use super::feet::Care;
 use super::place::Place;
 use super::rest::RestJoints;
@@ -32,6 +33,10 @@ pub struct Recipe {
     /// Frames a second of the file that is written, the frames between by slerp; `None`: the model's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fps: Option<f64>,
+    /// Frames that are drawn in front of a dance that begins from nothing, and left out: the first ones a model draws don't
+    /// belong together yet.
+    #[serde(default, skip_serializing_if = "is_none_at_all")]
+    pub lead_in: usize,
     /// The seed of the draws.
     pub seed: u64,
     /// How free places are drawn.
@@ -65,6 +70,10 @@ impl Recipe {
     }
 }
 
+fn is_none_at_all(frames: &usize) -> bool {
+    *frames == 0
+}
+
 /// What is followed of a clip.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -78,6 +87,9 @@ pub struct PromptRecipe {
     pub joints: Option<String>,
     /// The frame from which the dance goes on by itself: those before it are the prompt's.
     pub from_frame: Option<usize>,
+    /// What is kept of it and what is invented, instead of these two.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub edit: Option<Edit>,
 }
 
 /// What a dance is written on.

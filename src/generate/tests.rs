@@ -288,3 +288,37 @@ fn guidance_reads_with_and_without_conditions() {
     assert!(said(guided(&[2]), 3).contains("3 sequences for dances of 2 each"));
     assert!(said(guided(&[2, 2]), 2).contains("a front of 2 tokens without conditions, of 1 with them"));
 }
+
+#[test]
+fn a_word_that_is_foretold_is_drawn_taken_back_and_made_of_what_is_given() {
+    // place 1 is free in word 1 and given behind it: what the model would have drawn in word 2 is told
+    let prompt: Vec<u32> = (0..4u32).flat_map(|w| [6 + w, 7 + w, 8 + w, 5]).collect();
+    let given: Vec<bool> = (0..12).map(|i| i != 4).collect();
+    let foretold: Vec<bool> = (0..12).map(|i| i == 7).collect();
+    let one_frame = |context: usize, guesses: usize, foretold: &[bool]| {
+        let plan = Plan { foretold, guesses, words: 6, ..plan(6, &given[..3], &prompt, Draw::greedy()) };
+        let plan = Plan { given: &given, ..plan };
+        dances(&mut model(context, 1), &plan, &mut |_| {}).unwrap()
+    };
+    for (context, guesses) in [(100, 0), (100, 4), (14, 0), (12, 2)] {
+        let [without, with] = [&[][..], &foretold].map(|foretold| one_frame(context, guesses, foretold));
+        assert_eq!(with.ids, without.ids, "what is foretold changes nothing");
+        assert!(without.foretold == [vec![]]);
+        let ids = &with.ids[0];
+        assert_eq!((ids.len(), &ids[8..16]), (24, &prompt[8..16]));
+        let [(at, id)] = with.foretold[0][..] else { panic!("{:?}", with.foretold) };
+        assert_eq!(at, 9);
+        if context == 100 {
+            assert_eq!(id, 6 + (1 + ids[..9].iter().sum::<u32>() + 1) % 10, "of all that stood before it");
+        }
+    }
+}
+
+#[test]
+fn what_leads_in_is_free_and_the_prompt_stands_behind_it() {
+    let prompt = [6, 7, 8, 5, 9, 10, 11, 5];
+    let plan = Plan { lead_in: 2, ..plan(5, &[false, true, false], &prompt, Draw::temperature(3.0)) };
+    let (ids, calls) = run(100, &plan).unwrap();
+    assert_eq!((ids.len(), ids[2 * 4 + 1], ids[3 * 4 + 1]), (20, 7, 10));
+    assert_eq!(calls, 3 * 3 + 2 * 2);
+}

@@ -14,6 +14,7 @@ mod plain;
 mod positions;
 mod print;
 mod rows;
+mod splice;
 mod text;
 mod unit;
 mod write;
@@ -23,6 +24,7 @@ pub(crate) use plain::MADE_UP_TIP;
 pub use header::{Channel, Header, Node, NodeKind};
 pub use meaning::Rig;
 pub use positions::positions;
+pub use splice::Changed;
 pub use text::looks_like;
 pub use write::{to_bytes, write};
 

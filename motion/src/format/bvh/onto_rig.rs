@@ -105,6 +105,16 @@ impl BvhSource {
 
     /// The channels (F, C) of a clip in the file's axes. Nodes of other roots take the rows of `old` that are nearest in time.
     pub(super) fn rows(&self, clip: &Clip, old: &BvhSource) -> Vec<f64> {
+        self.rows_with(clip, old, |_, _| {})
+    }
+
+    /// [`BvhSource::rows`], each changed by `change` before the next is made.
+    pub(super) fn rows_with(
+        &self,
+        clip: &Clip,
+        old: &BvhSource,
+        mut change: impl FnMut(usize, &mut [f64]),
+    ) -> Vec<f64> {
         let width = self.head.width;
         let mut numbers = vec![0.0; clip.frames() * width];
         let root = self.rig.chain[0];
@@ -128,6 +138,7 @@ impl BvhSource {
                 }
                 self.turn(node, clip.pose(f)[j], previous, row);
             }
+            change(f, row);
         }
         numbers
     }

@@ -5,17 +5,8 @@ use std::io::Write;
 
 /// The whole text of a file.
 pub(crate) fn print(head: &Header, frame_time: &str, frames: usize, numbers: &[f64]) -> Vec<u8> {
-    let [before, between, after] = &head.pieces;
     let line_end = head.style.line_end.as_bytes();
-    let mut out = Vec::with_capacity(before.len() + 100 + numbers.len() * 11);
-    out.extend_from_slice(before);
-    out.extend_from_slice(frames.to_string().as_bytes());
-    out.extend_from_slice(between);
-    out.extend_from_slice(frame_time.as_bytes());
-    out.extend_from_slice(after);
-    if !after.ends_with(b"\n") && !after.ends_with(b"\r") {
-        out.extend_from_slice(line_end);
-    }
+    let mut out = print_head(head, frame_time, frames, numbers.len());
     for row in numbers.chunks_exact(head.width.max(1)) {
         for (i, &v) in row.iter().enumerate() {
             if i > 0 {
@@ -28,8 +19,23 @@ pub(crate) fn print(head: &Header, frame_time: &str, frames: usize, numbers: &[f
     out
 }
 
+/// What stands before the rows, with room for so many numbers behind it.
+pub(super) fn print_head(head: &Header, frame_time: &str, frames: usize, numbers: usize) -> Vec<u8> {
+    let [before, between, after] = &head.pieces;
+    let mut out = Vec::with_capacity(before.len() + 100 + numbers * 11);
+    out.extend_from_slice(before);
+    out.extend_from_slice(frames.to_string().as_bytes());
+    out.extend_from_slice(between);
+    out.extend_from_slice(frame_time.as_bytes());
+    out.extend_from_slice(after);
+    if !after.ends_with(b"\n") && !after.ends_with(b"\r") {
+        out.extend_from_slice(head.style.line_end.as_bytes());
+    }
+    out
+}
+
 /// Appends a number with six decimals; one that rounds to zero has no sign.
-fn push_number(out: &mut Vec<u8>, v: f64) {
+pub(super) fn push_number(out: &mut Vec<u8>, v: f64) {
     if v.abs() >= 1e8 {
         // a Vec takes every write
         let _ = write!(out, "{v:.6}");

@@ -66,12 +66,15 @@ impl BvhSource {
         let clip = self.rig.axes.lay_back(clip)?;
         let rig = self.for_clip(&clip)?;
         let numbers = rig.rows(&clip, self);
-        if let Some(at) = numbers.iter().position(|x| !x.is_finite()) {
-            let (frame, found) = (at / rig.head.width.max(1), numbers[at]);
-            return Err(Error::Call(format!(
-                "frame {frame}: {found} in the unit of a BVH; expected numbers, as of a body of some metres"
-            )));
-        }
+        not_finite(&numbers, rig.head.width)?;
         Ok(print(&rig.head, &time, clip.frames(), &numbers))
     }
+}
+
+/// Refuses rows (F, `width`) with a number that no file can hold.
+pub(super) fn not_finite(numbers: &[f64], width: usize) -> Result<()> {
+    let Some(at) = numbers.iter().position(|x| !x.is_finite()) else { return Ok(()) };
+    let (frame, found) = (at / width.max(1), numbers[at]);
+    let expected = "expected numbers, as of a body of some metres";
+    Err(Error::Call(format!("frame {frame}: {found} in the unit of a BVH; {expected}")))
 }

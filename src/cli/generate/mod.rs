@@ -1,11 +1,14 @@
 //! `kinelm generate`.
 
+mod edit;
+
 use super::{ComputeArgs, ForceArgs, ReadingArgs, Say, WrongCall, draw::DrawArgs, read::ReadArgs};
 use anyhow::{Context, Result};
+use edit::EditArgs;
 use kinelm::corpus::FileRecord;
 use kinelm::generate::apart::{apart, free_between};
 use kinelm::generate::feet::Care;
-use kinelm::generate::make::{Followed, Made, Ready};
+use kinelm::generate::make::{Followed, Ready};
 use kinelm::generate::prompt;
 use kinelm::generate::provenance::{self, Provenance};
 use kinelm::generate::recipe::{Computing, PromptRecipe, Recipe, Rig};
@@ -13,7 +16,7 @@ use kinelm::generate::rest::RestJoints;
 use kinelm::generate::variation_seed;
 use kinelm::model::Which;
 use kinelm::output::{Outputs, is_same};
-use kinelm_motion::format::{self, RestFrame};
+use kinelm_motion::format::RestFrame;
 use kinelm_motion::{joints, smpl};
 use kinelm_tokenizer::{Tokenizer, Words};
 use std::collections::BTreeMap;
@@ -46,7 +49,7 @@ pub struct Args {
     /// Seconds to make, instead of --frames
     #[arg(long, value_name = "S", conflicts_with = "frames", value_parser = super::read::positive)]
     seconds: Option<f64>,
-    /// Frames a second of the file that is written; those between the model's are by slerp. The model's rate if not given
+    /// Frames a second of the file that is written; those between the model's lie on smooth curves. The model's rate if not given
     #[arg(long, value_parser = super::read::rate)]
     fps: Option<f64>,
     /// Where the dance goes (.bvh .npz .json); with --variations, the dances go to FILE-1, FILE-2, ... before the
@@ -55,7 +58,7 @@ pub struct Args {
     out: Option<PathBuf>,
     /// Make a dance again, to the same bytes, from the FILE.bvh.kinelm.json beside it; --run, --prompt and --out if they are
     /// elsewhere now
-    #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["joints", "from_frame", "labels", "guidance", "frames", "seconds", "fps",
+    #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["joints", "from_frame", "given", "free", "blend", "tries", "labels", "guidance", "frames", "seconds", "fps",
         "variations", "seed", "greedy", "temperature", "top_k", "top_p", "min_p", "repetition_penalty",
         "repetition_words", "rig", "rest_joints", "feet", "weights", "kv", "device", "form", "fps_source", "unit", "map",
         "bvh_position", "root", "lenient", "keep_rest", "drop_rest", "skip", "body_model"])]
@@ -66,9 +69,10 @@ pub struct Args {
     /// The seed of the draws; the same gives the same dance
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// The rig the dance is written on: the model's (SMPL-24), or the prompt's own
-    #[arg(long, value_enum, default_value = "model", requires_if("prompt", "prompt"))]
-    rig: RigArg,
+    /// The rig the dance is written on: the model's (SMPL-24), or the prompt's own. If not given, the model's, and the
+    /// prompt's own with --given or --free
+    #[arg(long, value_enum, requires_if("prompt", "prompt"))]
+    rig: Option<RigArg>,
     /// What the joints do that the model doesn't know; if not given, follow with a prompt, training without
     #[arg(long, value_enum, requires_ifs([("follow", "prompt"), ("prompt", "prompt"), ("mean", "prompt")]))]
     rest_joints: Option<RestArg>,
@@ -80,6 +84,8 @@ pub struct Args {
     /// If not given, 8 with --greedy and none without: drawn tokens are too rarely those of the word before
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=64), hide_short_help = true)]
     guesses: Option<u8>,
+    #[command(flatten)]
+    edit: EditArgs,
     #[command(flatten)]
     force: ForceArgs,
     #[command(flatten)]
@@ -155,16 +161,18 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     let mut ready = load(recipe, Which::Auto, say)?;
     ready.stand_with_prompt();
+    ready.lead_in_from_nothing();
     if args.feet.is_none() {
         ready.hold_feet_unless_followed();
     }
     let danced = danced(&ready, outs.len(), args.guesses, say)?;
     for (i, (words, out)) in danced.iter().zip(&outs).enumerate() {
-        let Made { motion, locked } = ready.motion(words, out)?;
-        let bytes = format::to_bytes(out, &motion)?;
+        let made = ready.motion(words, out)?;
+        let bytes = made.bytes(out)?;
         Provenance::of(&ready, i + 1, out, &bytes)?.write(out, &bytes, &outputs)?;
-        super::convert::told(out, &motion, say);
-        locked.iter().for_each(|locked| super::filter::say_locked(locked, motion.clip.fps(), say));
+        super::convert::told(out, &made.motion, say);
+        edit::say_left(&made.left, made.locked_fps, say);
+        made.locked.iter().for_each(|locked| super::filter::say_locked(locked, made.locked_fps, say));
         say_read_back(&ready, words, out, say)?;
     }
     Ok(())
@@ -192,12 +200,17 @@ fn recipe(args: &Args) -> Result<Recipe> {
         read: args.read.options(RestFrame::Drop),
         joints: args.joints.clone(),
         from_frame: args.from_frame.map(|n| n as usize),
+        edit: args.edit.get(),
     });
-    if prompt.as_ref().is_some_and(|p| p.joints.is_none() && p.from_frame.is_none()) {
-        let what = "--prompt alone; say what is followed: --joints LIST, --from-frame N, or both";
+    let edit = prompt.as_ref().and_then(|prompt| prompt.edit.as_ref());
+    edit::check(edit, args.rest_joints.is_some())?;
+    if prompt.as_ref().is_some_and(|p| p.joints.is_none() && p.from_frame.is_none() && p.edit.is_none()) {
+        let what = "--prompt alone; say what is followed (--joints LIST, --from-frame N, or both) or what of it is made anew \
+                    (--free, --given)";
         return Err(WrongCall(what.into()).into());
     }
     let reading = args.reading.get(1);
+    let own_rig = args.rig.unwrap_or(if edit.is_some() { RigArg::Prompt } else { RigArg::Model });
     Ok(Recipe {
         run: args.run.clone().context("no run folder")?,
         prompt,
@@ -206,9 +219,10 @@ fn recipe(args: &Args) -> Result<Recipe> {
         frames: args.frames.map(|n| n as usize),
         seconds: args.seconds,
         fps: args.fps,
+        lead_in: 0,
         seed: args.seed,
         draw: args.draw.get()?,
-        rig: args.rig.into(),
+        rig: own_rig.into(),
         rest_joints: match args.rest_joints {
             Some(rest) => rest.into(),
             None if args.prompt.is_some() => RestJoints::Follow,
@@ -241,6 +255,9 @@ fn load(recipe: Recipe, which: Which, say: Say) -> Result<Ready> {
         let (n, path) = (prompt.clip.clipped, recipe.path.display());
         say.line(format_args!("{path}: {n} numbers lie outside what the model codes; what follows them is late"));
     }
+    if let Some(edited) = &prompt.edit {
+        edit::say_understood(prompt, edited, say);
+    }
     let known = prompt.clip.frames();
     if !prompt.given.is_empty() && known < ready.frames {
         let free = ready.frames - known;
@@ -258,7 +275,7 @@ fn danced(ready: &Ready, variations: usize, guesses: Option<u8>, say: Say) -> Re
     if danced.guessed > 0 {
         say.line(format_args!("{} of {} tokens guessed ahead were right", danced.right, danced.guessed));
     }
-    Ok(danced.ids.iter().map(|ids| ready.words(ids)).collect())
+    Ok((0..danced.ids.len()).map(|dance| ready.words(&danced, dance)).collect())
 }
 
 /// Makes a dance again and holds it to the hash of the first.
@@ -284,8 +301,8 @@ fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     let ready = load(recipe, Which::Step(first.step), say)?;
     first.check(&ready)?;
     let words = danced(&ready, 1, args.guesses, say)?.remove(0);
-    let Made { motion, .. } = ready.motion(&words, &out)?;
-    let bytes = format::to_bytes(&out, &motion)?;
+    let made = ready.motion(&words, &out)?;
+    let bytes = made.bytes(&out)?;
     check_same(&first, &bytes)?;
     if is_same(&provenance::path_of(&out), file) {
         outputs.write(&out, &bytes)?; // and it tells of the dance already
@@ -295,7 +312,7 @@ fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
         let told = Provenance { output, recipe, kinelm: env!("CARGO_PKG_VERSION").into(), ..first };
         told.write(&out, &bytes, &outputs)?;
     }
-    super::convert::told(&out, &motion, say);
+    super::convert::told(&out, &made.motion, say);
     Ok(())
 }
 
@@ -372,7 +389,7 @@ fn check_out(args: &Args, outs: &[PathBuf]) -> Result<()> {
         let what = format!("--fps {fps} with a .bvh: its frame time is a second at most; write .npz or .json");
         return Err(WrongCall(what).into());
     }
-    if args.rig == RigArg::Prompt && extension == "npz" {
+    if args.rig == Some(RigArg::Prompt) && extension == "npz" {
         return Err(WrongCall(
             "--rig prompt with an .npz: AMASS files are on the model's rig; write .bvh or .json".into(),
         )

@@ -1,0 +1,176 @@
+//! New motion in part of a file, the rest of its text as it is.
+
+use super::BvhSource;
+use super::header::Channel;
+use super::print::{print_head, push_number};
+use super::write::not_finite;
+use crate::{Clip, Error, Result};
+use std::ops::Range;
+
+/// What of a clip differs from the file that it is made from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Changed {
+    /// (F) the root's place.
+    pub root: Vec<bool>,
+    /// (F, J) rotations.
+    pub joints: Vec<bool>,
+}
+
+impl BvhSource {
+    /// The bytes of `clip`, y up, on this rig, at the file's own frame time. `text` is the file that this was read from, no
+    /// frame left out: what hasn't `changed` stands in its words. Angles run on from those before them.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when the joints are others, the flags aren't as many, or a number isn't finite.
+    pub fn spliced(&self, text: &[u8], clip: &Clip, changed: &Changed) -> Result<Vec<u8>> {
+        let (frames, joints) = (clip.frames(), clip.joints());
+        if !self.fits(clip) || changed.root.len() != frames || changed.joints.len() != frames * joints {
+            let (own, flags) = (self.rig.skeleton.joints(), changed.joints.len());
+            return Err(Error::Call(format!(
+                "{frames} frames of {joints} joints and {flags} flags for a rig of {own}"
+            )));
+        }
+        let clip = self.rig.axes.lay_back(clip)?;
+        let rig = self.for_clip(&clip)?;
+        let (width, own) = (rig.head.width, self.head.width);
+        let kept = |frame: usize| self.kept(frame, changed, &rig);
+        let numbers = rig.rows_with(&clip, self, |frame, row| {
+            for (number, from) in row.iter_mut().zip(kept(frame)) {
+                *number = from.map_or(*number, |column| self.numbers[frame * own + column]);
+            }
+        });
+        not_finite(&numbers, width)?;
+        let words = words(text, self.head.rows_at, self.numbers.len());
+        let mut out = print_head(&rig.head, &self.head.frame_time, frames, numbers.len());
+        for (frame, row) in numbers.chunks_exact(width.max(1)).enumerate() {
+            let kept = kept(frame);
+            match words.get(frame * own..(frame + 1) * own) {
+                Some([first, .., last]) if width == own && kept.iter().all(Option::is_some) => {
+                    out.extend_from_slice(&text[first.start..last.end]);
+                }
+                words => print_row(&mut out, row, &kept, words.unwrap_or_default(), text),
+            }
+            out.extend_from_slice(rig.head.style.line_end.as_bytes());
+        }
+        Ok(out)
+    }
+
+    /// (C of `rig`) the columns of this file from which a frame's channels come that haven't changed.
+    fn kept(&self, frame: usize, changed: &Changed, rig: &BvhSource) -> Vec<Option<usize>> {
+        let mut kept = vec![None; rig.head.width];
+        if frame >= self.frames {
+            return kept;
+        }
+        let joints = self.rig.joints.len();
+        let mut new = vec![false; self.head.width];
+        self.flag(&mut new, changed.root[frame], &changed.joints[frame * joints..][..joints]);
+        for (was, is) in self.head.nodes.iter().zip(&rig.head.nodes) {
+            for (i, channel) in was.channels.iter().enumerate().filter(|(i, _)| !new[was.column + i]) {
+                if let Some(at) = is.channels.iter().position(|c| c == channel) {
+                    kept[is.column + at] = Some(was.column + i);
+                }
+            }
+        }
+        kept
+    }
+
+    /// (C) which channels are new in a frame.
+    fn flag(&self, flags: &mut [bool], root: bool, joints: &[bool]) {
+        flags.fill(false);
+        let mut set = |node: usize, place: bool, turn: bool| {
+            let node = &self.head.nodes[node];
+            for (flag, channel) in flags[node.column..].iter_mut().zip(&node.channels) {
+                *flag = if matches!(channel, Channel::Position(_)) { place } else { turn };
+            }
+        };
+        for (&node, &joint) in self.rig.joints.iter().zip(joints) {
+            set(node, joint, joint);
+        }
+        for &node in &self.rig.chain {
+            set(node, root, joints[0]);
+        }
+    }
+}
+
+/// A row, its kept numbers in the words of the file's row.
+fn print_row(out: &mut Vec<u8>, row: &[f64], kept: &[Option<usize>], words: &[Range<usize>], text: &[u8]) {
+    for (i, (&number, column)) in row.iter().zip(kept).enumerate() {
+        if i > 0 {
+            out.push(b' ');
+        }
+        match column.and_then(|column| words.get(column)) {
+            Some(word) => out.extend_from_slice(&text[word.clone()]),
+            None => push_number(out, number),
+        }
+    }
+}
+
+/// The first `count` words of a text from a byte on.
+fn words(text: &[u8], from: usize, count: usize) -> Vec<Range<usize>> {
+    let (mut words, mut at) = (Vec::with_capacity(count), from);
+    while words.len() < count && at < text.len() {
+        let start = at + text[at..].iter().take_while(|byte| byte.is_ascii_whitespace()).count();
+        let end = start + text[start..].iter().take_while(|byte| !byte.is_ascii_whitespace()).count();
+        words.extend((end > start).then_some(start..end));
+        at = end;
+    }
+    words
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::{ReadOptions, Unit, bvh};
+    use crate::rotation::{Axis, angle_between};
+    use crate::{Source, Vec3};
+    use std::path::Path;
+
+    const TEXT: &str = "HIERARCHY\nROOT a\n{\n  OFFSET 0 1 0\n  CHANNELS 6 Xposition Yposition Zposition Zrotation \
+                        Xrotation Yrotation\n  JOINT b\n  {\n    OFFSET 0 2 0\n    CHANNELS 3 Zrotation Xrotation Yrotation\n    \
+                        End Site\n    {\n      OFFSET 0 1 0\n    }\n  }\n}\nMOTION\nFrames: 4\nFrame Time: 0.0083333\n\
+                        0.1 0.2 0.3 370 5 6.25 11 12 13\n1 1 1 371 5 6 11 12 13\n2 1 1 372 5 6 11 12 13\n3 1 1  373 5 6 \
+                        -170.123456789 12 13\n";
+
+    #[test]
+    fn only_what_changed_has_new_numbers() {
+        let options = ReadOptions { unit: Unit::Metre, fps_source: Some(60.0), ..Default::default() };
+        let motion = bvh::read(Path::new("x.bvh"), TEXT.as_bytes(), &options).unwrap();
+        let Source::Bvh(source) = &motion.source else { panic!("a BVH") };
+        let clip = &motion.clip;
+        let mut changed = Changed { root: vec![false; 4], joints: vec![false; 8] };
+        assert_eq!(source.spliced(TEXT.as_bytes(), clip, &changed).unwrap(), TEXT.as_bytes());
+        // the root stands and turns elsewhere in frame 1, the other joint in frame 2, and there is a frame more
+        let (mut root, mut rotations) = (clip.root().to_vec(), clip.rotations().to_vec());
+        root[1] += Vec3::X;
+        rotations[2] = Axis::Z.turn(0.2) * rotations[2];
+        rotations[5] = Axis::X.turn(0.3) * rotations[5];
+        root.push(Vec3::Y);
+        rotations.extend_from_slice(clip.pose(0));
+        let new = Clip::new(clip.skeleton().clone(), 60.0, root, rotations).unwrap();
+        changed.root = vec![false, true, false, false, true];
+        changed.joints = [[false, false], [true, false], [false, true], [false, false], [true, true]].concat();
+        let bytes = source.spliced(TEXT.as_bytes(), &new, &changed).unwrap();
+        let back = bvh::read(Path::new("y.bvh"), &bytes, &options).unwrap();
+        let Source::Bvh(written) = &back.source else { panic!("a BVH") };
+        assert_eq!((written.frames, written.head.frame_time.as_str()), (5, "0.0083333"));
+        let row = |source: &crate::format::bvh::BvhSource, f: usize| source.numbers[f * 9..(f + 1) * 9].to_vec();
+        assert_eq!([row(written, 0), row(written, 3)], [row(source, 0), row(source, 3)]);
+        assert_eq!(row(written, 1)[6..], row(source, 1)[6..]);
+        assert_eq!(row(written, 2)[..6], row(source, 2)[..6]);
+        assert_eq!(row(written, 1)[0], 2.0);
+        assert!((row(written, 1)[3] - 371.0).abs() < 90.0, "it runs on from 370: {:?}", row(written, 1));
+        for (a, b) in new.rotations().iter().zip(back.clip.rotations()) {
+            assert!(angle_between(*a, *b) < 1e-6);
+        }
+        changed.root.pop();
+        let text = String::from_utf8(bytes).unwrap();
+        assert!(text.contains("\n0.1 0.2 0.3 370 5 6.25 11 12 13\n2.0"), "{text}");
+        assert!(
+            text.contains(" 11 12 13\n2 1 1 372 5 6 ") && text.contains("\n3 1 1  373 5 6 -170.123456789 12 13\n"),
+            "{text}"
+        );
+        assert!(
+            source.spliced(TEXT.as_bytes(), &new, &changed).unwrap_err().to_string().contains("5 frames of 2 joints")
+        );
+    }
+}

@@ -1,0 +1,109 @@
+//! Moments of a clip as a call names them: `2.5s`, `2.5`, `40f`, and `-1s` from the end.
+
+use crate::error::in_short;
+use std::fmt;
+use std::str::FromStr;
+
+/// A moment, counted from the clip's first frame, or from its end where it is negative.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Moment {
+    /// Seconds.
+    Seconds(f64),
+    /// Frames of the file.
+    Frames(f64),
+    /// Frames at a model's rate.
+    Model(f64),
+}
+
+/// What moments of a clip are counted in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scale {
+    /// F, the clip's frames.
+    pub frames: usize,
+    /// Its rate.
+    pub fps: f64,
+    /// Frames of the file in front of the clip's first, left out on reading: the file's frames are counted with them.
+    pub left_out: usize,
+    /// The rate of a model's frames, if there is a model.
+    pub model_fps: Option<f64>,
+}
+
+impl FromStr for Moment {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Moment, String> {
+        let (number, unit) = match text.char_indices().last() {
+            Some((at, unit @ ('s' | 'f' | 'm'))) => (&text[..at], unit),
+            _ => (text, 's'),
+        };
+        let wrong = || format!("`{text}` is no moment; expected 2.5s, 2.5 or 40f, with a - in front from the end");
+        let number: f64 = number.parse().map_err(|_| wrong())?;
+        match unit {
+            _ if !number.is_finite() => Err(wrong()),
+            's' => Ok(Moment::Seconds(number)),
+            _ if number.fract() != 0.0 => Err(wrong()),
+            'f' => Ok(Moment::Frames(number)),
+            _ => Ok(Moment::Model(number)),
+        }
+    }
+}
+
+impl fmt::Display for Moment {
+    fn fmt(&self, out: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Moment::Seconds(s) => write!(out, "{}s", in_short(*s)),
+            Moment::Frames(n) => write!(out, "{n}f"),
+            Moment::Model(n) => write!(out, "{n}m"),
+        }
+    }
+}
+
+impl Moment {
+    /// The border between frames of the clip that lies nearest; `None` outside of it, and for a model's frames where there
+    /// is no model.
+    pub fn border(self, scale: Scale) -> Option<usize> {
+        let (frames, left_out) = (scale.frames as f64, scale.left_out as f64);
+        let (number, at) = match self {
+            Moment::Seconds(s) => (s, (s * scale.fps).round()),
+            Moment::Frames(n) if n.is_sign_negative() => (n, n),
+            Moment::Frames(n) => (n, n - left_out),
+            Moment::Model(n) => (n, (n * scale.fps / scale.model_fps?).round()),
+        };
+        // -0 is the end too
+        let at = if number.is_sign_negative() { frames + at } else { at };
+        (0.0..=frames).contains(&at).then_some(at as usize)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SCALE: Scale = Scale { frames: 100, fps: 20.0, left_out: 0, model_fps: None };
+
+    #[test]
+    fn seconds_and_frames_from_either_end() {
+        let border = |text: &str| text.parse::<Moment>().unwrap().border(SCALE);
+        assert_eq!([border("2s"), border("2.52"), border("40f"), border("0")], [40, 50, 40, 0].map(Some));
+        assert_eq!([border("-1s"), border("-10f"), border("-0"), border("5s")], [80, 90, 100, 100].map(Some));
+        assert_eq!([border("5.1s"), border("-5.1s"), border("101f"), border("3m")], [None; 4]);
+        for text in ["", "f", "m", "2x", "1.5f", "1.5m", "nan", "inf", "2 s", "ä"] {
+            assert!(text.parse::<Moment>().unwrap_err().contains("expected 2.5s"), "{text}");
+        }
+    }
+
+    #[test]
+    fn frames_of_the_file_count_what_was_left_out_and_a_model_has_its_own() {
+        let scale = Scale { left_out: 10, model_fps: Some(8.0), ..SCALE };
+        let border = |text: &str| text.parse::<Moment>().unwrap().border(scale);
+        assert_eq!([border("10f"), border("110f"), border("-10f"), border("2s")], [0, 100, 90, 40].map(Some));
+        assert_eq!([border("9f"), border("4m"), border("-4m"), border("5m")], [None, Some(10), Some(90), Some(13)]);
+    }
+
+    #[test]
+    fn they_are_told_as_they_are_read() {
+        for text in ["2.5s", "40f", "-3m", "-1s", "-0f"] {
+            assert_eq!(text.parse::<Moment>().unwrap().to_string(), text);
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! `kinelm generate --given --free`: what is asked for, and what was understood.
+
+use crate::cli::{Say, WrongCall};
+use kinelm::counted;
+use kinelm::generate::edit::close::LeftOver;
+use kinelm::generate::edit::mask::Understood;
+use kinelm::generate::edit::span::Span;
+use kinelm::generate::edit::{Edit, Edited};
+use kinelm::generate::make::Followed;
+use kinelm_motion::smpl;
+
+/// Further off than this a gap ends elsewhere than its clip goes on: said.
+const FAR_CM: f64 = 30.0;
+const FAR_DEGREES: f64 = 30.0;
+
+#[derive(Debug, clap::Args)]
+pub struct EditArgs {
+    /// Keep these joints of the prompt, throughout or from one moment to another (2s, 40f of the file, 12m of the model, -1s
+    /// from the end); all else is made anew. Several add up
+    #[arg(long, value_name = "JOINTS[@FROM:TO]", requires = "prompt", conflicts_with_all = ["joints", "from_frame"])]
+    given: Vec<Span>,
+    /// Make these joints anew, throughout or from one moment to another, even where they are given; without --given all else
+    /// is kept. The file's other numbers stay as they are
+    #[arg(long, value_name = "JOINTS[@FROM:TO]", requires = "prompt", conflicts_with_all = ["joints", "from_frame"])]
+    free: Vec<Span>,
+    /// Seconds over which what differs where new meets old is faded, on the new side
+    #[arg(long, value_name = "S", default_value_t = 0.2, value_parser = seconds)]
+    blend: f64,
+    /// Ways that are drawn through a gap, of which the one is kept that ends nearest to where the clip goes on
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=64))]
+    tries: u8,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let s: f64 = text.parse().map_err(|_| "expected seconds, as 0.2".to_owned())?;
+    if (0.0..=60.0).contains(&s) { Ok(s) } else { Err("expected 0 to 60 seconds".into()) }
+}
+
+impl EditArgs {
+    /// What is asked for, if a clip is to be edited.
+    pub fn get(&self) -> Option<Edit> {
+        let (given, free) = (self.given.clone(), self.free.clone());
+        let edits = !given.is_empty() || !free.is_empty();
+        edits.then(|| Edit { given, free, blend_s: self.blend, tries: self.tries.into() })
+    }
+}
+
+/// Says what was understood of an edit.
+pub fn say_understood(prompt: &Followed, edited: &Edited, say: Say) {
+    let fps = prompt.clip.motion.clip.fps();
+    let names = |joints: &[usize]| joints.iter().map(|&j| smpl::NAMES[j]).collect::<Vec<_>>().join(" ");
+    let tell = |word: &str, understood: &Understood| {
+        let Understood { span, joints, uncoded, frames } = understood;
+        let (from, to) = (frames.start + edited.left_out, frames.end + edited.left_out);
+        let (from_s, to_s) = (frames.start as f64 / fps, frames.end as f64 / fps);
+        let (joints, last) = (names(joints), to - 1);
+        say.line(format_args!(
+            "{word} {span}: {joints}; frames {from} to {last} of the file, {from_s:.2} to {to_s:.2} s"
+        ));
+        if !uncoded.is_empty() {
+            let what = "the model doesn't know them; they are the prompt's, and where all that it knows is free, go from their \
+                        pose before to that behind";
+            say.line(format_args!("  {}: {what}", names(uncoded)));
+        }
+    };
+    edited.read.given.iter().for_each(|understood| tell("given", understood));
+    edited.read.free.iter().for_each(|understood| tell("free", understood));
+    if edited.read.given.is_empty() {
+        say.line("all else is given");
+    }
+}
+
+/// Says how far the dance was from its clip where gaps end.
+pub fn say_left(left: &[LeftOver], fps: f64, say: Say) {
+    for gap in left {
+        let (from, to) = (gap.frames.start as f64 / fps, gap.frames.end as f64 / fps);
+        let LeftOver { cm, heading_degrees, joints_degrees, .. } = gap;
+        say.line(format_args!(
+            "at {to:.2} s the new frames since {from:.2} s ended {cm:.1} cm and {heading_degrees:.0} degrees of heading from where \
+             the clip goes on, joints {joints_degrees:.0} degrees; spread over them"
+        ));
+    }
+    let far = left.iter().filter(|gap| gap.cm > FAR_CM || gap.heading_degrees > FAR_DEGREES).count();
+    if far > 0 {
+        let what = "may look pulled; more --tries, a longer gap or another --seed may end nearer";
+        say.line(format_args!("warning: {} ended far from where the clip goes on: it {what}", counted(far, "gaps")));
+    }
+}
+
+/// Refuses what goes with no edit.
+pub fn check(edit: Option<&Edit>, rest_joints: bool) -> anyhow::Result<()> {
+    if edit.is_some() && rest_joints {
+        let what =
+            "--rest-joints with --given or --free: joints that the model doesn't know are the prompt's; leave it out";
+        return Err(WrongCall(what.into()).into());
+    }
+    Ok(())
+}

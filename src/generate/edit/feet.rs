@@ -1,0 +1,60 @@
+//! Feet held in the gaps where they are free, before the gaps are closed.
+
+use super::mask::Mask;
+use super::splice::on_both;
+use crate::Result;
+use kinelm_motion::Clip;
+use kinelm_motion::feet::{Fixed, Locked, lock};
+use kinelm_motion::joints::LEGS;
+use kinelm_motion::retarget::SkeletonMap;
+use std::ops::Range;
+
+/// The gaps in which a leg or the root is free, each once, in their order.
+fn gaps(mask: &Mask) -> Vec<Range<usize>> {
+    let joints = LEGS.iter().flatten().filter(|&&joint| mask.is_coded(joint)).chain(&[0]);
+    let mut gaps: Vec<Range<usize>> = joints.flat_map(|&joint| mask.free_runs(joint)).collect();
+    gaps.sort_by_key(|gap| (gap.start, gap.end));
+    gaps.dedup();
+    gaps
+}
+
+/// What is fixed in a gap.
+fn fixed(mask: &Mask, gap: &Range<usize>) -> Fixed {
+    let given = |joint: usize| mask.is_coded(joint) && gap.clone().any(|frame| mask.is_given(frame, joint));
+    Fixed { root: given(0), legs: LEGS.map(|leg| leg.into_iter().any(given)), frames: gap.start }
+}
+
+/// `dance`, on SMPL-24, with its feet held in every gap in which a leg is free; what is given is `truth`, of as many
+/// frames. What was done, gap by gap.
+///
+/// # Errors
+/// None that clips on SMPL-24 bring about.
+pub fn held(dance: &Clip, truth: &Clip, mask: &Mask, floor_m: f64) -> Result<(Clip, Vec<Locked>)> {
+    let map = SkeletonMap::by_name_or_file("smpl")?;
+    let (mut dance, mut done) = (dance.clone(), Vec::new());
+    for gap in gaps(mask) {
+        let fixed = fixed(mask, &gap);
+        if fixed.legs == [true; 2] {
+            continue;
+        }
+        // the frame behind the gap as it is foretold, where the clip goes on
+        let end = (gap.end + 1).min(dance.frames());
+        let before = on_both(truth, &dance, |frame, joint| {
+            !mask.is_given(frame.min(gap.end - 1), joint) || !mask.is_given(frame, joint)
+        })?
+        .slice(0..end);
+        let (after, locked) = lock(&before, &map, floor_m, fixed)?;
+        let (mut root, mut rotations) = (dance.root().to_vec(), dance.rotations().to_vec());
+        for f in gap.start..end {
+            if !fixed.root {
+                root[f] = after.root()[f];
+            }
+            for leg in LEGS.iter().zip(fixed.legs).filter(|(_, fixed)| !fixed).flat_map(|(leg, _)| leg) {
+                rotations[f * 24 + leg] = after.pose(f)[*leg];
+            }
+        }
+        dance = Clip::new(dance.skeleton().clone(), dance.fps(), root, rotations)?;
+        done.push(locked);
+    }
+    Ok((dance, done))
+}

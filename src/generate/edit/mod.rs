@@ -1,0 +1,224 @@
+//! A clip edited: chosen joints at chosen times are invented anew, all else stays as it is.
+//!
+//! What is asked for is read ([`span`], [`mask`]), drawn as any dance is, with the given characters in their places, brought to
+//! what is given on both sides ([`close`]), and put into the clip at its file's own rate ([`splice`]). docs/editing.md.
+
+pub mod close;
+mod feet;
+pub mod mask;
+pub mod span;
+mod splice;
+
+use super::prompt::Prompt;
+use super::recipe::PromptRecipe;
+use super::rest::{RestJoints, mean_pose};
+use crate::{Error, Result};
+use close::LeftOver;
+use kinelm_motion::feet::Locked;
+use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh::Changed};
+use kinelm_motion::joints::Selection;
+use kinelm_motion::metric::floor;
+use kinelm_motion::moment::Scale;
+use kinelm_motion::retarget::SkeletonMap;
+use kinelm_motion::{Clip, Motion};
+use kinelm_tokenizer::{Tokenizer, WordLength, Words};
+use mask::Mask;
+use serde::{Deserialize, Serialize};
+use span::Span;
+use splice::{RigJoints, lengthened, on_both, spliced};
+use std::ops::Range;
+use std::sync::Arc;
+
+/// What is kept of a prompt and what is invented.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Edit {
+    /// These joints at these times are given; none: all are, but the free ones.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub given: Vec<Span>,
+    /// These are free, even where they are given.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub free: Vec<Span>,
+    /// What differs where free frames meet given ones fades over so many seconds.
+    pub blend_s: f64,
+    /// Ways that are drawn, of which the one is kept that ends nearest to where the clip goes on.
+    pub tries: usize,
+}
+
+/// An edit of a prompt, understood.
+pub struct Edited {
+    /// What was understood, and what is given of the clip.
+    pub read: mask::Read,
+    /// The whole file, with frames that are left out on reading.
+    whole: Motion,
+    /// Its bytes.
+    pub(super) text: Arc<[u8]>,
+    /// Those frames, in front.
+    pub left_out: usize,
+    /// Frames at the model's rate, such that they reach to the end of the clip.
+    pub frames: usize,
+    /// Frames that are written, without those left out.
+    written: usize,
+    /// What is given at the model's rate.
+    model: Mask,
+    /// A place of a word is this joint's.
+    places: Vec<usize>,
+    blend_s: f64,
+}
+
+/// What came out of words: on SMPL-24, at the model's rate.
+pub struct Closed {
+    /// What is given as the prompt has it, what is free invented.
+    pub clip: Clip,
+    /// What was left over at the ends of gaps.
+    pub left: Vec<LeftOver>,
+    /// What was done to feet, gap by gap.
+    pub locked: Vec<Locked>,
+}
+
+impl Closed {
+    /// All that was left over, as one number; see [`LeftOver::total`].
+    pub fn left_over(&self) -> f64 {
+        self.left.iter().map(LeftOver::total).sum()
+    }
+}
+
+impl Edited {
+    /// Understands an edit; spans get SMPL's names. `frames`: as many as are asked for, at the model's rate, if any are.
+    ///
+    /// # Errors
+    /// [`Error::Call`]: see [`Mask::read`]; words of several frames or of several lengths, merged tokens; nothing to
+    /// invent; fewer frames than the prompt has.
+    pub fn load(
+        edit: &mut Edit,
+        frames: Option<usize>,
+        (recipe, prompt): (&PromptRecipe, &Prompt),
+        tokenizer: &Tokenizer,
+    ) -> Result<Edited> {
+        let places = places(tokenizer).map_err(|e| Error::Call(format!("--given, --free: {e}")))?;
+        let options = ReadOptions { skip: 0, rest: RestFrame::Keep, ..recipe.read.clone() };
+        let text: Arc<[u8]> = format::input::bytes(&recipe.path).map_err(Error::io(&recipe.path))?.into();
+        let whole = format::parse(&recipe.path, &text, &options)?;
+        let (clip, fps) = (&prompt.motion.clip, tokenizer.fps());
+        let left_out = whole.clip.frames().saturating_sub(clip.frames());
+        let scale = Scale { frames: clip.frames(), fps: clip.fps(), left_out, model_fps: Some(fps) };
+        let rig = (&**clip.skeleton(), recipe.read.map.as_deref());
+        let read = Mask::read((&edit.given, &edit.free), scale, tokenizer, rig).map_err(Error::Call)?;
+        let known = prompt.frames();
+        if let Some(frames) = frames.filter(|&frames| frames < known) {
+            let what = format!(
+                "{frames} frames of a prompt of {known}; an edited clip is as long at least: cut it first (kinelm convert --to)"
+            );
+            return Err(Error::Call(what));
+        }
+        let longer = frames.filter(|&frames| frames > known);
+        if !read.mask.frees_anything() && longer.is_none() {
+            return Err(Error::Call("nothing is free: all joints that the model knows are given throughout".into()));
+        }
+        for (spans, read) in [(&mut edit.given, &read.given), (&mut edit.free, &read.free)] {
+            *spans = read.iter().map(|understood| understood.span.clone()).collect();
+        }
+        let reach = ((clip.frames() - 1) as f64 * fps / clip.fps() - 1e-9).ceil() as usize + 1;
+        let frames = longer.unwrap_or(reach).max(reach);
+        let written = longer.map_or(clip.frames(), |n| ((n - 1) as f64 * clip.fps() / fps + 1e-9) as usize + 1);
+        let model = read.mask.at_model_rate(frames, reach);
+        Ok(Edited { read, whole, text, left_out, frames, written, model, places, blend_s: edit.blend_s })
+    }
+
+    /// (P, C) which characters of the prompt's words are given, and which of these are foretold: those behind a gap.
+    pub fn given(&self, words: usize) -> (Vec<bool>, Vec<bool>) {
+        let is_given = |frame: usize, joint: usize| self.model.is_given(frame, joint);
+        let places = (0..words).flat_map(|frame| self.places.iter().map(move |&joint| (frame, joint)));
+        let foretold = |(frame, joint)| is_given(frame, joint) && frame > 0 && !is_given(frame - 1, joint);
+        (places.clone().map(|(f, j)| is_given(f, j)).collect(), places.map(foretold).collect())
+    }
+
+    /// Whether a gap ends where the clip goes on, so that one way through it may be better than another.
+    pub fn has_ends(&self) -> bool {
+        let joints = (0..24).filter(|&joint| self.model.is_coded(joint));
+        joints.flat_map(|joint| self.model.free_runs(joint)).any(|gap| gap.start > 0 && gap.end < self.frames)
+    }
+
+    /// Whether nothing is given in the first frame.
+    pub fn begins_from_nothing(&self) -> bool {
+        self.model.is_all_free(0)
+    }
+
+    /// What words make behind so many frames that led in: drawn ones, and behind every gap those that were foretold.
+    ///
+    /// # Errors
+    /// Words that are not this tokenizer's.
+    pub fn closed(
+        &self,
+        words: &Words,
+        (prompt, lead_in): (&Prompt, usize),
+        tokenizer: &Tokenizer,
+        hold_feet: bool,
+    ) -> Result<Closed> {
+        let uncoded: Vec<usize> = (0..24).filter(|&joint| !self.model.is_coded(joint)).collect();
+        let truth = lengthened(&prompt.clip, self.frames)?;
+        let truth = close::bridged(&truth, &uncoded, &self.gaps(), &mean_pose(&prompt.clip))?;
+        let drawn = prompt.decode(tokenizer, words, RestJoints::Prompt, 0)?;
+        let drawn = drawn.slice(lead_in.min(drawn.frames())..drawn.frames());
+        let drawn = lengthened(&drawn, self.frames)?;
+        let drawn = on_both(&truth, &drawn, |_, joint| self.model.is_coded(joint))?;
+        let mut dance = close::aligned(&drawn, &truth, &self.model)?;
+        let mut locked = Vec::new();
+        if hold_feet {
+            let floor_m = match prompt.under_m() {
+                Some(floor_m) => floor_m,
+                None => floor(&prompt.clip, &SkeletonMap::by_name_or_file("smpl")?)?.height_m,
+            };
+            (dance, locked) = feet::held(&dance, &truth, &self.model, floor_m)?;
+        }
+        let (clip, left) = close::closed(&dance, &truth, &self.model)?;
+        Ok(Closed { clip, left, locked })
+    }
+
+    /// Frames in which nothing is given, at the model's rate.
+    fn gaps(&self) -> Vec<Range<usize>> {
+        Mask::runs(self.frames, |frame| self.model.is_all_free(frame))
+    }
+
+    /// The prompt's file with what was invented put in, and what of it is new.
+    ///
+    /// # Errors
+    /// A rig that no skeleton map knows.
+    pub fn on_own_rig(&self, closed: &Clip, prompt: &Prompt, map: Option<&str>) -> Result<(Motion, Changed)> {
+        let way = prompt.way(map)?;
+        let rig = RigJoints::of(&way);
+        let own = prompt.at_rate()?;
+        let base = close::bridged(&lengthened(&own, self.frames)?, &rig.others(), &self.gaps(), &mean_pose(&own))?;
+        let dance = way.to_rig_over(closed, Some(&base))?;
+        let (clips, how) = ((&prompt.motion.clip, &dance), (&self.read.mask, &rig));
+        let (clip, changed) = spliced(clips, how, self.written, self.blend_s)?;
+        let (clip, changed) = self.behind_left_out(&clip, changed)?;
+        Ok((Motion { clip, ..self.whole.clone() }, changed))
+    }
+
+    /// Behind the frames of the file that were left out on reading.
+    fn behind_left_out(&self, clip: &Clip, changed: Changed) -> Result<(Clip, Changed)> {
+        let front = self.whole.clip.slice(0..self.left_out);
+        let root = [front.root(), clip.root()].concat();
+        let rotations = [front.rotations(), clip.rotations()].concat();
+        let before = |flags: Vec<bool>, n: usize| [vec![false; n], flags].concat();
+        let joints = before(changed.joints, self.left_out * clip.joints());
+        let changed = Changed { root: before(changed.root, self.left_out), joints };
+        Ok((Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations)?, changed))
+    }
+}
+
+/// (C) the joint of each place of a word.
+fn places(tokenizer: &Tokenizer) -> std::result::Result<Vec<usize>, String> {
+    let expected = "an edit needs a tokenizer of uniform or quantile bins, whose words are frames";
+    let (WordLength::Fixed(characters), 1) = (tokenizer.word_length(), tokenizer.frames_per_word()) else {
+        return Err(format!("words of this tokenizer are no single frames; {expected}"));
+    };
+    let mut places = vec![0; characters];
+    for &joint in tokenizer.channels().joints() {
+        let selection = Selection { joints: vec![joint], translation: joint == 0 };
+        let own = tokenizer.places_of(&selection).map_err(|e| format!("{e}; {expected}"))?;
+        own.into_iter().for_each(|place| places[place] = joint);
+    }
+    Ok(places)
+}

@@ -1,0 +1,205 @@
+//! A clip edited: what is free is made anew, and no other number of its file changes.
+
+use assert_cmd::Command;
+use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh::BvhSource};
+use kinelm_motion::{Motion, Source, synth};
+use predicates::str::contains;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+fn kinelm() -> Command {
+    let mut c = Command::cargo_bin("kinelm").unwrap();
+    c.env("NO_COLOR", "1");
+    c
+}
+
+const CONFIG: &str = "[model]\narchitecture = \"two_level\"\nlayers = 1\nheads = 2\nwidth = 16\nwindow = 32\n\
+                      [model.decoder]\nlayers = 1\nheads = 2\nwidth = 16\n\
+                      [train]\nbatch = 2\nsteps = 4\nwarmup = 1\neval_every = 4\ncheckpoint_every = 4\n";
+
+/// A run of a few steps on short dances, and one of them at 60 frames a second as a file with long numbers.
+struct Set {
+    dir: tempfile::TempDir,
+}
+
+impl Set {
+    fn at(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    fn edit(&self, prompt: &Path, more: &[&str], out: &str) -> Command {
+        let mut c = kinelm();
+        c.arg("generate").arg("--run").arg(self.at("run")).arg("--prompt").arg(prompt).args(more);
+        c.arg("--out").arg(self.at(out));
+        c
+    }
+}
+
+fn set() -> &'static Set {
+    static SET: OnceLock<Set> = OnceLock::new();
+    SET.get_or_init(|| {
+        let set = Set { dir: tempfile::tempdir().unwrap() };
+        fs::create_dir(set.at("data")).unwrap();
+        let mut labels = "clip,split\n".to_string();
+        for (i, d) in synth::corpus(3, 6, 3.0, 60.0).unwrap().iter().enumerate() {
+            let path = set.at(&format!("data/{i}.bvh"));
+            let motion = Motion { path: path.clone(), clip: d.clip.clone(), source: Source::Plain, warnings: vec![] };
+            format::write(&path, &motion).unwrap();
+            labels += &format!("{i},{}\n", ["train", "train", "train", "train", "valid", "test"][i]);
+        }
+        fs::write(set.at("labels.csv"), labels).unwrap();
+        // numbers as other programs write them
+        let text = fs::read_to_string(set.at("data/5.bvh")).unwrap();
+        let rows = text[text.find("Frame Time").unwrap()..].find('\n').unwrap() + text.find("Frame Time").unwrap() + 1;
+        let (head, rows) = text.split_at(rows);
+        let longer = |row: &str| row.split(' ').map(|n| format!("{n}04")).collect::<Vec<_>>().join("  ");
+        let rows: String = rows.lines().map(|row| longer(row) + "\n").collect();
+        fs::write(set.at("long.bvh"), head.to_owned() + &rows).unwrap();
+        let mut c = kinelm();
+        c.args(["tokenizer", "fit"]).arg(set.at("data")).arg("--labels").arg(set.at("labels.csv"));
+        c.arg("--out").arg(set.at("tok.json")).assert().success();
+        let mut c = kinelm();
+        c.arg("tokenize").arg(set.at("data")).arg("--labels").arg(set.at("labels.csv"));
+        c.arg("--tokenizer").arg(set.at("tok.json")).arg("--out").arg(set.at("corpus")).assert().success();
+        fs::write(set.at("c.toml"), CONFIG).unwrap();
+        let mut c = kinelm();
+        c.arg("pretrain").arg("--config").arg(set.at("c.toml")).arg("--corpus").arg(set.at("corpus"));
+        c.arg("--run").arg(set.at("run")).assert().success();
+        set
+    })
+}
+
+fn source(path: &Path, options: &ReadOptions) -> BvhSource {
+    let options = ReadOptions { rest: RestFrame::Keep, ..options.clone() };
+    let Source::Bvh(source) = format::read(path, &options).unwrap().source else { panic!("a BVH") };
+    *source
+}
+
+/// The frames and columns of numbers that differ.
+fn differ(a: &BvhSource, b: &BvhSource) -> (Vec<usize>, Vec<usize>) {
+    let width = a.head.width;
+    let at = (0..a.numbers.len().min(b.numbers.len())).filter(|&i| a.numbers[i] != b.numbers[i]);
+    let (mut frames, mut columns): (Vec<usize>, Vec<usize>) = at.map(|i| (i / width, i % width)).unzip();
+    frames.dedup();
+    columns.sort_unstable();
+    columns.dedup();
+    (frames, columns)
+}
+
+fn column(source: &BvhSource, joint: &str) -> std::ops::Range<usize> {
+    let node = source.head.nodes.iter().find(|n| n.name == joint).unwrap();
+    node.column..node.column + node.channels.len()
+}
+
+#[test]
+fn only_what_is_free_has_other_numbers() {
+    let (set, options) = (set(), ReadOptions::default());
+    let prompt = set.at("data/5.bvh");
+    let old = source(&prompt, &options);
+    set.edit(&prompt, &["--free", "left_arm@1s:2s"], "arm.bvh").assert().success().stderr(contains(
+        "free left_arm@1s:2s: left_collar left_shoulder left_elbow left_wrist; frames 60 to 119 of the file, 1.00 to 2.00 s",
+    ));
+    let new = source(&set.at("arm.bvh"), &options);
+    assert_eq!((new.frames, &new.head.frame_time), (old.frames, &old.head.frame_time));
+    let (frames, columns) = differ(&old, &new);
+    assert_eq!((frames.first(), frames.last()), (Some(&60), Some(&119)));
+    let arm: Vec<usize> =
+        ["left_collar", "left_shoulder", "left_elbow", "left_wrist"].iter().flat_map(|j| column(&old, j)).collect();
+    assert!(!columns.is_empty() && columns.iter().all(|c| arm.contains(c)), "{columns:?} of {arm:?}");
+
+    // a gap: the ends are given, also in words that this program would not write
+    let long = set.at("long.bvh");
+    let mut c = set.edit(&long, &["--given", "all@:1s", "--given", "all@-1s:", "--tries", "3"], "gap.bvh");
+    c.assert().success().stderr(contains("at 2.00 s the new frames since 1.00 s ended"));
+    let [old_text, new_text] = [long, set.at("gap.bvh")].map(|path| fs::read_to_string(path).unwrap());
+    let same: Vec<bool> = old_text.lines().zip(new_text.lines()).map(|(a, b)| a == b).collect();
+    let other: Vec<usize> = (0..same.len()).filter(|&i| !same[i]).collect();
+    assert_eq!((other.len(), other[59] - other[0]), (60, 59), "a second, and every other line as it was");
+}
+
+#[test]
+fn frames_left_out_on_reading_come_back_in_their_places() {
+    let set = set();
+    let prompt = set.at("data/4.bvh");
+    let read = ["--skip", "12", "--fps-source", "30"];
+    let more = [&read[..], &["--free", "legs@30f:60f"]].concat();
+    set.edit(&prompt, &more, "legs.bvh")
+        .assert()
+        .success()
+        .stderr(contains("frames 30 to 59 of the file, 0.60 to 1.60 s"));
+    let options = ReadOptions { fps_source: Some(30.0), ..ReadOptions::default() };
+    let (old, new) = (source(&prompt, &options), source(&set.at("legs.bvh"), &options));
+    let (frames, columns) = differ(&old, &new);
+    assert_eq!((new.frames, frames.first(), frames.last()), (old.frames, Some(&30), Some(&59)));
+    let pelvis = column(&old, "pelvis");
+    assert!(columns.iter().all(|c| !pelvis.contains(c)), "the root is given");
+}
+
+#[test]
+fn a_longer_dance_goes_on_behind_the_clip_and_is_made_again_to_the_byte() {
+    let set = set();
+    let prompt = set.at("data/5.bvh");
+    set.edit(&prompt, &["--given", "all", "--seconds", "4.5", "--seed", "9"], "on.bvh").assert().success();
+    let (old, new) = (source(&prompt, &ReadOptions::default()), source(&set.at("on.bvh"), &ReadOptions::default()));
+    assert_eq!((differ(&old, &new).0.len(), new.frames), (0, 268), "90 frames at 20: the last at 4.45 s");
+    for (name, more) in [
+        ("begin", vec!["--free", "all@:1s", "--variations", "2"]),
+        ("keys", vec!["--given", "all@0.5s:0.6s", "--given", "all@2s:2.1s", "--tries", "2"]),
+        ("model", vec!["--free", "right_arm", "--rig", "model", "--fps", "60"]),
+    ] {
+        let out = format!("{name}.bvh");
+        set.edit(&prompt, &more, &out).assert().success();
+        let first = if name == "begin" { format!("{name}-2.bvh") } else { out };
+        let (record, again) = (set.at(&format!("{first}.kinelm.json")), set.at(&format!("again-{name}.bvh")));
+        kinelm().args(["generate", "--again"]).arg(record).arg("--out").arg(&again).assert().success();
+        assert_eq!(fs::read(set.at(&first)).unwrap(), fs::read(again).unwrap(), "{name}");
+    }
+}
+
+#[test]
+fn what_can_t_be_edited_is_told_and_nothing_is_written() {
+    let set = set();
+    let prompt = set.at("data/5.bvh");
+    for (more, told) in [
+        (&["--free", "left_arm@2s"][..], "2s is a moment, not a time; expected FROM:TO, or 2s: for all from then on"),
+        (&["--free", "left_arm@2s:9s"], "9s lies outside the clip, which has 180 frames, 3.00 s"),
+        (&["--free", "left_arm@2s:1s"], "from frame 120 to frame 60 there is nothing"),
+        (&["--free", "left_hand"], "the model knows none of these joints; it knows pelvis"),
+        (&["--free", "left_wing@1s:2s"], "no joint or group \"left_wing\""),
+        (&["--given", "all"], "nothing is free"),
+        (&["--free", "all", "--frames", "20"], "20 frames of a prompt of 60"),
+        (&["--free", "all", "--joints", "root"], "cannot be used with"),
+        (&["--free", "all", "--rest-joints", "mean"], "leave it out"),
+        (&["--free", "all", "--blend=-1"], "expected 0 to 60 seconds"),
+        (&[], "what of it is made anew (--free, --given)"),
+    ] {
+        set.edit(&prompt, more, "never.bvh").assert().failure().stderr(contains(told));
+    }
+    assert!(!set.at("never.bvh").exists());
+    let mut c = kinelm();
+    c.arg("generate").arg("--run").arg(set.at("run")).args(["--frames", "9", "--free", "all"]);
+    c.arg("--out").arg(set.at("x.bvh")).assert().failure().stderr(contains("--prompt"));
+}
+
+#[test]
+fn real_clips_keep_their_numbers() {
+    let set = set();
+    for (name, clip, read) in [
+        ("cmu-dance", "salsa/07.bvh", &["--fps-source", "60", "--skip", "10"][..]),
+        ("bandai-2", "dataset-2_walk_active_001.bvh", &[][..]),
+    ] {
+        let Some(dir) = kinelm_shared_data::set(name, "real_clips_keep_their_numbers") else { return };
+        let prompt = dir.join(clip);
+        let out = format!("{name}.bvh");
+        let more = [read, &["--free", "all@0.6s:1s", "--free", "right_arm,head@1.2s:1.4s"]].concat();
+        set.edit(&prompt, &more, &out).assert().success();
+        let (old, new) = (source(&prompt, &ReadOptions::default()), source(&set.at(&out), &ReadOptions::default()));
+        let (frames, _) = differ(&old, &new);
+        let (fps, left_out) = if name == "cmu-dance" { (60.0, 10.0) } else { (old.fps(), 0.0) };
+        let at = |s: f64| (s * fps).round() + left_out;
+        let inside = |f: f64| (at(0.6)..at(1.0)).contains(&f) || (at(1.2)..at(1.4)).contains(&f);
+        assert!(frames.len() > 10 && frames.iter().all(|&f| inside(f as f64)), "{name}: {frames:?}");
+        assert_eq!((old.frames, &old.head.frame_time), (new.frames, &new.head.frame_time));
+    }
+}

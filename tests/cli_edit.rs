@@ -183,6 +183,26 @@ fn what_can_t_be_edited_is_told_and_nothing_is_written() {
 }
 
 #[test]
+fn gaps_are_measured_beside_straight_ways() {
+    let set = set();
+    let gaps = |more: &[&str]| {
+        let mut c = kinelm();
+        c.args(["evaluate", "gaps"]).arg("--run").arg(set.at("run")).arg("--corpus").arg(set.at("corpus")).args(more);
+        c.assert()
+    };
+    let few = ["--frames", "5", "--gaps", "3", "--draws", "2", "--feet"];
+    let table =
+        gaps(&few).success().stderr(contains("3 gaps of 5 frames (0.2 s) of 1 recordings, 26 frames before each"));
+    let table = String::from_utf8(table.get_output().stdout.clone()).unwrap();
+    assert!(table.contains("slerp, a straight path") && table.contains("the draw that ends nearest"), "{table}");
+    let json = gaps(&[&few[..], &["--json"]].concat()).success();
+    let found: serde_json::Value = serde_json::from_slice(&json.get_output().stdout).unwrap();
+    let cm = |row: usize| found["rows"][row]["mean"]["global_cm"].as_f64().unwrap();
+    assert!(cm(0) > 0.0 && cm(1) > 0.0 && cm(4) <= cm(2), "{found}");
+    gaps(&["--frames", "40"]).code(2).stderr(contains("the model sees 32 frames; a gap of 40 needs 42 at least"));
+}
+
+#[test]
 fn real_clips_keep_their_numbers() {
     let set = set();
     for (name, clip, read) in [

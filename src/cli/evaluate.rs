@@ -1,6 +1,7 @@
 //! `kinelm evaluate`.
 
 mod dance;
+mod gaps;
 mod likelihood;
 mod prediction;
 
@@ -18,6 +19,8 @@ pub enum Command {
     Likelihood(likelihood::Args),
     /// Whether dances freeze, repeat themselves, answer to their prompts, copy, with real ones beside them
     Dance(dance::Args),
+    /// How well a model fills gaps, with straight ways through them beside it
+    Gaps(gaps::Args),
     /// What a model foretells of the next 400 ms, with standing still and going on beside it
     Prediction(prediction::Args),
 }
@@ -46,6 +49,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
         Command::Baselines(args) => baselines(args),
         Command::Likelihood(args) => likelihood::run(&args, say),
         Command::Dance(args) => dance::run(&args, say),
+        Command::Gaps(args) => gaps::run(&args, say),
         Command::Prediction(args) => prediction::run(&args, say),
     }
 }

@@ -82,6 +82,13 @@ impl Mask {
         Ok(Read { given, free, mask })
     }
 
+    /// Of a clip of so many frames in which all of `joints` are free in a gap, and given elsewhere.
+    pub fn with_gap(frames: usize, joints: &[usize], fps: f64, gap: Range<usize>) -> Mask {
+        let coded = bits(joints);
+        let given = (0..frames).map(|frame| if gap.contains(&frame) { 0 } else { coded }).collect();
+        Mask { given, coded, rates: (fps, fps) }
+    }
+
     /// F, the clip's frames.
     pub fn frames(&self) -> usize {
         self.given.len()

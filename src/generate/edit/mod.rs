@@ -4,10 +4,10 @@
 //! what is given on both sides ([`close`]), and put into the clip at its file's own rate ([`splice`]). docs/editing.md.
 
 pub mod close;
-mod feet;
+pub mod feet;
 pub mod mask;
 pub mod span;
-mod splice;
+pub mod splice;
 
 use super::prompt::Prompt;
 use super::recipe::PromptRecipe;

@@ -1,0 +1,109 @@
+//! `kinelm evaluate gaps`.
+
+use crate::cli::draw::DrawArgs;
+use crate::cli::{ComputeArgs, ReadingArgs, Say, WrongCall, print, progress};
+use anyhow::Result;
+use kinelm::corpus::{Corpus, Split};
+use kinelm::evaluate::gaps::{Filler, Measured, frames_before, gaps};
+use kinelm::generate::reader;
+use kinelm::model::{Which, load_run};
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The run folder of a trained model
+    #[arg(long, value_name = "RUN")]
+    run: PathBuf,
+    /// A corpus folder of the same tokenizer
+    #[arg(long, value_name = "CORPUS")]
+    corpus: PathBuf,
+    /// The split whose clips have gaps
+    #[arg(long, default_value = "test", value_name = "train|valid|test")]
+    split: Split,
+    /// Frames of a gap
+    #[arg(long, default_value_t = 20, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=512))]
+    frames: u16,
+    /// Gaps at most, spread evenly
+    #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    gaps: u16,
+    /// Draws a gap; the best of them and the one that ends nearest are rows of their own
+    #[arg(long, default_value_t = 10, value_name = "K", value_parser = clap::value_parser!(u8).range(1..=64))]
+    draws: u8,
+    /// Feet are held, as `generate --feet lock` does
+    #[arg(long)]
+    feet: bool,
+    /// The seed of the draws
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    #[command(flatten)]
+    draw: DrawArgs,
+    #[command(flatten)]
+    reading: ReadingArgs,
+    #[command(flatten)]
+    compute: ComputeArgs,
+    /// One JSON object instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args, say: Say) -> Result<()> {
+    let run = load_run(&args.run, Which::Auto)?;
+    run.notes.iter().for_each(|note| say.line(note));
+    let (tokenizer, corpus) = (run.load_tokenizer()?, Corpus::open(&args.corpus)?);
+    let (ours, theirs) = (tokenizer.base_hash(), corpus.tokenizer().base_hash());
+    if ours != theirs {
+        let what = format!(
+            "the run's tokenizer is {ours} without labels, the corpus's {theirs}; tokenize the data with the run's"
+        );
+        return Err(WrongCall(what).into());
+    }
+    let conditions = run.load_conditions()?;
+    let mut model = reader(&run, args.compute.get(), args.reading.get(args.draws.into()))?;
+    let wrong = |e: kinelm::Error| WrongCall(e.to_string());
+    let before = frames_before(model.context(), conditions.len(), &tokenizer, args.frames.into()).map_err(wrong)?;
+    let gaps = gaps(&corpus, args.split, (before, args.frames.into()), args.gaps.into()).map_err(wrong)?;
+    let bar = progress::bar(gaps.len() as u64, "gaps", say);
+    let mut filler = Filler {
+        model: &mut *model,
+        tokenizer: &tokenizer,
+        conditions: &conditions,
+        draw: args.draw.get()?,
+        seed: args.seed,
+        hold_feet: args.feet,
+    };
+    let found = filler.measure(&gaps, &mut |done| bar.set_position(done as u64))?;
+    drop(bar);
+    if args.json {
+        return print(&format!("{}\n", serde_json::to_value(&found)?));
+    }
+    print(&table(&found))?;
+    let (frames, seconds) = (found.frames, found.frames as f64 / tokenizer.fps());
+    say.line(format_args!(
+        "{} gaps of {frames} frames ({seconds:.1} s) of {} recordings, {before} frames before each, {} draws",
+        found.gaps, found.takes, found.draws
+    ));
+    Ok(())
+}
+
+fn table(found: &Measured) -> String {
+    let head = ["middle, cm", "95 %", "root, cm", "of slerp's", "border jerk, of real"];
+    let mut table =
+        format!("{:<28} {:>10} {:>16} {:>9} {:>11} {:>21}\n", "", head[0], head[1], head[2], head[3], head[4]);
+    let slerp = found.rows.first().map_or(1.0, |row| row.mean.global_cm);
+    for row in &found.rows {
+        let interval = format!("{:.1} to {:.1}", row.interval[0], row.interval[1]);
+        let (ratio, jerk) = (row.mean.global_cm / slerp, row.mean.border_jerk / found.real_jerk);
+        table += &format!(
+            "{:<28} {:>10.2} {interval:>16} {:>9.2} {ratio:>11.2} {jerk:>21.2}\n",
+            row.way, row.mean.global_cm, row.mean.root_cm
+        );
+    }
+    let ([cm, cm90], [degrees, degrees90], [all, kept]) = (found.closing_cm, found.closing_degrees, found.within);
+    table
+        + &format!(
+            "\nbefore they were closed, draws ended {cm:.1} cm and {degrees:.0} degrees off (median; {cm90:.1} and {degrees90:.0} \
+             in the worst tenth);\nwithin 10 cm and 10 degrees: {:.0} % of the draws, {:.0} % of those that end nearest\n",
+            100.0 * all,
+            100.0 * kept
+        )
+}

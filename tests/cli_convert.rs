@@ -308,3 +308,34 @@ fn a_mirrored_clip_is_the_image_and_twice_is_the_clip() {
     said.stderr(contains("dance.bvh"));
     assert_eq!(clip(&first), a);
 }
+
+#[test]
+fn a_glb_has_one_dancer_or_several_and_is_not_read() {
+    let dir = tempfile::tempdir().unwrap();
+    let (one, other, out) = (dance(dir.path()), dir.path().join("other.bvh"), dir.path().join("both.glb"));
+    std::fs::copy(&one, &other).unwrap();
+    let document = |path: &Path| -> serde_json::Value {
+        let bytes = std::fs::read(path).unwrap();
+        let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+        serde_json::from_slice(&bytes[20..20 + length]).unwrap()
+    };
+    kinelm().arg("convert").args([&one, &other, &out]).assert().success().stderr(contains("both.glb: 2 dancers"));
+    let both = document(&out);
+    assert_eq!((both["skins"].as_array().unwrap().len(), both["animations"].as_array().unwrap().len()), (2, 1));
+    assert_eq!([&both["nodes"][0]["name"], &both["skins"][1]["name"]], ["dance", "other"]);
+    let folder = dir.path().join("glb/");
+    kinelm().arg("convert").args([&one, &other, &folder]).args(["--format", "glb"]).assert().success();
+    assert_eq!(document(&folder.join("other.glb"))["skins"].as_array().unwrap().len(), 1);
+    // what stands there and is no file of ours is left alone, and a GLB is no motion to read
+    kinelm()
+        .arg("convert")
+        .args([&one, &other, &out])
+        .arg("--fps")
+        .arg("60")
+        .assert()
+        .failure()
+        .stderr(contains("--force"));
+    let mut c = kinelm();
+    c.arg("convert").arg(&out).arg(dir.path().join("back.bvh"));
+    c.assert().failure().stderr(contains("a GLB, which is written and not read"));
+}

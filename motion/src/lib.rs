@@ -16,6 +16,7 @@
 
 #[cfg(feature = "ndarray")]
 mod arrays;
+pub mod body;
 pub mod clip;
 pub mod convert;
 pub mod error;

@@ -13,12 +13,13 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Motion files (.bvh .npz .pkl .json), or folders of them; then the file to write (.bvh .npz .json), or for several
-    /// the folder, in which paths below a folder are kept. An .npz is AMASS SMPL+H
+    /// Motion files (.bvh .npz .pkl .json), or folders of them; then the file to write (.bvh .npz .json .glb), or for several
+    /// the folder, in which paths below a folder are kept. An .npz is AMASS SMPL+H; a .glb has a body and takes several
+    /// clips, which play together
     #[arg(required = true, num_args = 2.., value_names = ["IN", "OUT"])]
     paths: Vec<PathBuf>,
     /// What is written into a folder; if not given, each file's own format, and .npz for a .pkl
-    #[arg(long, value_enum, value_name = "bvh|npz|json")]
+    #[arg(long, value_enum, value_name = "bvh|npz|json|glb")]
     format: Option<FormatArg>,
     /// Frames per second wanted
     #[arg(long, value_parser = super::read::rate)]
@@ -51,6 +52,7 @@ enum FormatArg {
     Bvh,
     Npz,
     Json,
+    Glb,
 }
 
 impl FormatArg {
@@ -59,11 +61,15 @@ impl FormatArg {
             FormatArg::Bvh => "bvh",
             FormatArg::Npz => "npz",
             FormatArg::Json => "json",
+            FormatArg::Glb => "glb",
         }
     }
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
+    if let Some((out, inputs)) = together(&args) {
+        return write_together(&args, inputs, out, say);
+    }
     let pairs = pairs(&args)?;
     check(&args, &pairs)?;
     let options = args.read.options(RestFrame::Keep);
@@ -88,6 +94,32 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         say.line(format_args!("{count}{written}"));
         Ok(())
     })
+}
+
+/// The GLB that several clips go into, and these.
+fn together(args: &Args) -> Option<(&Path, &[PathBuf])> {
+    let (out, given) = args.paths.split_last()?;
+    (given.len() > 1 && extension(out) == "glb" && !out.is_dir() && !args.positions).then_some((out, given))
+}
+
+fn write_together(args: &Args, inputs: &[PathBuf], out: &Path, say: Say) -> Result<()> {
+    let options = args.read.options(RestFrame::Keep);
+    let read = inputs.iter().cloned().chain(args.read.files());
+    let outputs = args.force.outputs(read.chain(args.skeleton.iter().map(PathBuf::from)));
+    outputs.check([out])?;
+    let rig = args.skeleton.as_deref().map(|name| Rig::find(name, &options)).transpose()?;
+    let mut clips = Vec::with_capacity(inputs.len());
+    for input in inputs {
+        let motion = cut(args, format::read(input, &options)?)?;
+        super::warn(&motion, say);
+        let wanted = wanted(args, rig.as_ref(), &motion, out)?;
+        let name = input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        clips.push((name, convert(motion, &wanted, args.read.map.as_deref())?.clip));
+    }
+    let named: Vec<_> = clips.iter().map(|(name, clip)| (name.as_str(), clip)).collect();
+    outputs.write(out, &format::glb::to_bytes(&named)?)?;
+    say.line(format_args!("{}: {} dancers", out.display(), clips.len()));
+    Ok(())
 }
 
 /// What is read, and where it goes.

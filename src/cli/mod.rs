@@ -276,8 +276,8 @@ pub fn is_stopped(e: &anyhow::Error) -> bool {
 /// The extension of a motion file to write; refuses, before any work, what no motion is written as.
 pub fn writable(path: &Path) -> Result<String> {
     let extension = extension(path);
-    if !["bvh", "npz", "json"].contains(&extension.as_str()) {
-        let what = format!("{}: expected a name ending in .bvh, .npz or .json", path.display());
+    if !["bvh", "npz", "json", "glb"].contains(&extension.as_str()) {
+        let what = format!("{}: expected a name ending in .bvh, .npz, .json or .glb", path.display());
         return Err(WrongCall(what).into());
     }
     Ok(extension)

@@ -403,7 +403,7 @@ mod tests {
             writer.push(samples::clip(name, key, Split::Train, frames), &samples::words(frames)).unwrap();
         }
         writer.finish().unwrap();
-        let corpus = Corpus::open(&dir.path().join("c")).unwrap();
+        let corpus = Corpus::open(dir.path().join("c")).unwrap();
         let all = gaps(&corpus, Split::Train, (2, 1), usize::MAX).unwrap();
         assert_eq!(all.len(), 7 + 4, "the second is too short");
         let few = gaps(&corpus, Split::Train, (2, 1), 2).unwrap();

@@ -1,8 +1,8 @@
 //! The dances as the page holds them: places of points, sixteen bits each, and where on the floor each figure stands.
 
 use super::Figure;
-use super::body::{Ball, Body, Bone, standing};
 use crate::{Error, Result};
+use kinelm_motion::body::{Ball, Body, Bone, standing};
 use kinelm_motion::{Clip, GlobalPose, Vec3};
 use serde::Serialize;
 

@@ -9,7 +9,6 @@
 //! writes the result as JSON
 //! into `<pre id="selftest">`).
 
-mod body;
 mod data;
 pub mod plot;
 pub mod table;

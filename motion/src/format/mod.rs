@@ -10,6 +10,7 @@ pub mod atomic;
 #[cfg(feature = "amass")]
 pub mod body_model;
 pub mod bvh;
+pub mod glb;
 pub mod input;
 pub mod json;
 #[cfg(feature = "amass")]
@@ -133,6 +134,8 @@ pub enum Format {
     Pickle,
     /// `.json`: a clip of our own.
     Json,
+    /// `.glb`: written, not read.
+    Glb,
 }
 
 impl Format {
@@ -144,6 +147,7 @@ impl Format {
             "npz" => Format::Npz,
             "pkl" => Format::Pickle,
             "json" => Format::Json,
+            "glb" => Format::Glb,
             _ => return None,
         })
     }
@@ -203,6 +207,11 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
             "JSON" | "text" => skipped(json::read(path, bytes, options)?, options)?,
             other => return Err(FileError::new(Place::file(path), Kind::NotThisFormat, other, "a clip as JSON").into()),
         },
+        Format::Glb => {
+            let (found, expected) =
+                ("a GLB, which is written and not read", "the .bvh, .npz, .pkl or .json it is from");
+            return Err(FileError::new(Place::file(path), Kind::NotThisFormat, found, expected).into());
+        }
     };
     Ok(rest::after_reading(motion, options))
 }
@@ -268,7 +277,7 @@ fn check_rate(options: &ReadOptions) -> Result<()> {
 /// Fails for an axis asked of a format that has its own.
 fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
     let own = match format {
-        Format::Bvh | Format::Json => return Ok(()),
+        Format::Bvh | Format::Json | Format::Glb => return Ok(()),
         Format::Npz => "an AMASS file has z up",
         Format::Pickle => "an AIST++ file has y up",
     };
@@ -311,8 +320,9 @@ pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
             Source::Json(axes) => Ok(json::write(axes.lay_back(&motion.clip)?.as_ref())),
             _ => Ok(json::write(&motion.clip)),
         },
+        Format::Glb => glb::to_bytes(&[(&path.file_stem().unwrap_or_default().to_string_lossy(), &motion.clip)]),
         Format::Pickle => {
-            let expected = "a .bvh, .npz or .json to write";
+            let expected = "a .bvh, .npz, .json or .glb to write";
             Err(FileError::new(Place::file(path), Kind::NotThisFormat, "the extension .pkl", expected).into())
         }
     }

@@ -3,32 +3,43 @@
 //! It knows no names but the head's: trunk and limbs are told apart by the tree and its lengths, so that any rig looks
 //! like a body.
 
-use kinelm_motion::{Clip, GlobalPose, Skeleton, Vec3};
+use crate::{Clip, GlobalPose, Skeleton, Vec3};
 use serde::Serialize;
 
 /// A bone between two points, thick `ra` and `rb` metres at its ends; `given` if the joint that turns it is.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Bone {
+    /// The point that it begins at, a joint: the one that turns it.
     pub a: usize,
+    /// The point that it ends at.
     pub b: usize,
+    /// Radius at `a`.
     pub ra: f64,
+    /// Radius at `b`.
     pub rb: f64,
+    /// Whether the joint that turns it is given.
     pub given: bool,
 }
 
 /// A joint.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ball {
+    /// Its point.
     pub at: usize,
+    /// Radius.
     pub r: f64,
+    /// Whether it is given.
     pub given: bool,
 }
 
 /// A body made drawable. Points are the joints, then the end sites, then the head's upper half where there is a head.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Body {
+    /// How many there are.
     pub points: usize,
+    /// Between points.
     pub bones: Vec<Bone>,
+    /// At joints.
     pub balls: Vec<Ball>,
     /// Points whose ways are worth seeing: wrists and ankles.
     pub tips: Vec<usize>,
@@ -207,7 +218,7 @@ impl<'a> Tree<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kinelm_motion::{EndSite, smpl};
+    use crate::{EndSite, smpl};
 
     #[test]
     fn the_model_rig_looks_like_a_body() {

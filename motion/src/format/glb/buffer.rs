@@ -1,0 +1,92 @@
+//! The binary part of a GLB, and the container around both parts.
+
+use serde_json::{Value, json};
+
+/// What a run of numbers is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Target {
+    /// Animation, matrices.
+    None,
+    /// Vertices.
+    Vertices = 34962,
+    /// Corners of triangles.
+    Corners = 34963,
+}
+
+/// The component types that are used.
+const U16: u32 = 5123;
+const U32: u32 = 5125;
+const F32: u32 = 5126;
+
+/// Numbers one after the other, each run with the accessor that finds it.
+#[derive(Debug, Default)]
+pub struct Buffer {
+    bytes: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+impl Buffer {
+    /// Adds (N, C) floats, C by `kind` (`SCALAR`, `VEC3`, `VEC4`, `MAT4`); the accessor's index. With `bounds` it tells the
+    /// least and the largest of each component.
+    pub fn floats(&mut self, numbers: &[f32], kind: (&str, usize), target: Target, bounds: bool) -> usize {
+        let (name, width) = kind;
+        let bytes = numbers.iter().flat_map(|x| x.to_le_bytes()).collect();
+        let mut accessor = json!({"componentType": F32, "count": numbers.len() / width, "type": name});
+        if bounds {
+            let each = |pick: fn(f32, f32) -> f32| -> Vec<f32> {
+                let of = |c: usize| numbers.iter().skip(c).step_by(width).copied().reduce(pick).unwrap_or(0.0);
+                (0..width).map(of).collect()
+            };
+            accessor["min"] = each(f32::min).into();
+            accessor["max"] = each(f32::max).into();
+        }
+        self.add(bytes, accessor, target)
+    }
+
+    /// Adds the joints (V, 4) that turn vertices.
+    pub fn joints(&mut self, joints: &[[u16; 4]]) -> usize {
+        let bytes = joints.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+        self.add(bytes, json!({"componentType": U16, "count": joints.len(), "type": "VEC4"}), Target::Vertices)
+    }
+
+    /// Adds the corners (T, 3) of triangles.
+    pub fn corners(&mut self, corners: &[[u32; 3]]) -> usize {
+        let bytes = corners.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+        self.add(bytes, json!({"componentType": U32, "count": 3 * corners.len(), "type": "SCALAR"}), Target::Corners)
+    }
+
+    fn add(&mut self, bytes: Vec<u8>, mut accessor: Value, target: Target) -> usize {
+        let mut view = json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()});
+        if target != Target::None {
+            view["target"] = (target as u32).into();
+        }
+        self.bytes.extend(bytes);
+        accessor["bufferView"] = self.views.len().into();
+        self.views.push(view);
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+
+    /// The bytes of a GLB: `document` with what was added.
+    pub fn container(self, mut document: Value) -> Vec<u8> {
+        document["buffers"] = json!([{"byteLength": self.bytes.len()}]);
+        document["bufferViews"] = self.views.into();
+        document["accessors"] = self.accessors.into();
+        let mut text = document.to_string().into_bytes();
+        text.resize(text.len().next_multiple_of(4), b' ');
+        let mut binary = self.bytes;
+        binary.resize(binary.len().next_multiple_of(4), 0);
+        let mut out = b"glTF".to_vec();
+        let whole = 12 + 8 + text.len() + 8 + binary.len();
+        for number in [2, whole as u32, text.len() as u32] {
+            out.extend(number.to_le_bytes());
+        }
+        out.extend(b"JSON");
+        out.extend(text);
+        out.extend((binary.len() as u32).to_le_bytes());
+        out.extend(b"BIN\0");
+        out.extend(binary);
+        out
+    }
+}

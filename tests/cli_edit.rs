@@ -203,6 +203,21 @@ fn gaps_are_measured_beside_straight_ways() {
 }
 
 #[test]
+fn features_stand_beside_those_of_real_clips() {
+    let set = set();
+    let mut c = kinelm();
+    c.args(["evaluate", "dance"]).arg(set.at("data/5.bvh")).arg("--real").arg(set.at("corpus")).arg("--features");
+    let table = c.assert().success().stdout(contains("kinetic features, fixed")).get_output().stdout.clone();
+    let table = String::from_utf8(table).unwrap();
+    assert!(table.contains("train with 5 cm of noise") && table.contains("too few"), "{table}");
+    let json = c.arg("--json").assert().success().get_output().stdout.clone();
+    let found: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    // clips of three seconds have no window of five, and one vector each in compat
+    let vectors = |table: usize| found["features"][table]["sets"][3][1]["vectors"].as_u64();
+    assert_eq!([vectors(0), vectors(2)], [Some(0), Some(1)], "{found}");
+}
+
+#[test]
 fn real_clips_keep_their_numbers() {
     let set = set();
     for (name, clip, read) in [

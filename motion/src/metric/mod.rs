@@ -5,6 +5,7 @@
 //! same bits whatever the number of threads.
 
 pub mod border_jerk;
+pub mod features;
 pub mod floor;
 pub mod geodesic_error;
 pub mod ground;

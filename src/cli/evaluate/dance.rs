@@ -24,6 +24,9 @@ pub struct Args {
     /// Look for copies of training clips too, which takes longer
     #[arg(long)]
     copying: bool,
+    /// Fréchet distances and diversities of kinetic and geometric features too
+    #[arg(long)]
+    features: bool,
     /// One JSON object instead of tables
     #[arg(long)]
     json: bool,
@@ -65,6 +68,9 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     }
     if args.copying {
         report.copied = Some(real.copied(&dances, &given.unwrap_or_default())?);
+    }
+    if args.features {
+        report.features = real.features(&corpus, &dances)?;
     }
     print(&if args.json { format!("{}\n", serde_json::to_string(&report)?) } else { format!("{report}\n") })
 }

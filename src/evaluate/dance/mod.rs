@@ -5,6 +5,8 @@
 
 pub mod coordination;
 pub mod copying;
+pub mod features;
+pub mod frechet;
 pub mod freeze;
 pub mod places;
 pub mod prompted;

@@ -1,6 +1,7 @@
 //! Dances held to real ones.
 
 use super::copying::{Track, longest_run, nearest};
+use super::features::{Features, features};
 use super::freeze::{Freezing, Summary, energy, summary, threshold};
 use super::places::Places;
 use super::prompted::Prompted;
@@ -170,6 +171,9 @@ pub struct Report {
     pub prompted: Vec<(String, Prompted)>,
     /// Whether they are copies, where that was asked for.
     pub copied: Option<Copied>,
+    /// Clouds of features beside those of the real train clips, where that was asked for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub features: Vec<Features>,
 }
 
 impl Real {
@@ -216,6 +220,7 @@ impl Real {
             groups,
             prompted: Vec::new(),
             copied: None,
+            features: Vec::new(),
         }
     }
 
@@ -239,6 +244,16 @@ impl Real {
     fn ground(&self, clip: &Clip) -> Ground {
         let pelvis: Vec<f64> = clip.root().iter().map(|p| p.y).collect();
         Ground::of(&self.feet.least(clip), &pelvis, self.fps)
+    }
+
+    /// Features of dances, and of the real clips that no dance was learned from, beside those of the real train clips.
+    ///
+    /// # Errors
+    /// What coding, resampling and features fail with.
+    pub fn features(&self, corpus: &Corpus, dances: &[Dance]) -> Result<Vec<Features>> {
+        let test: Vec<Dance> =
+            corpus.split(Split::Test).map(|record| Dance::of_corpus(corpus, record)).collect::<Result<_>>()?;
+        features(&self.train, &[("valid", &self.valid), ("test", &test), ("dances", dances)])
     }
 
     /// Whether dances are copies of training clips; `given`: the places of a word that were given to all of them.
@@ -379,6 +394,7 @@ impl fmt::Display for Report {
                 write!(f, "; coordination {:.3}, shifted {:.3}, effect {:.3}", c.correlation, c.shifted, c.effect)?;
             }
         }
+        self.features.iter().try_for_each(|features| write!(f, "\n\n{features}"))?;
         self.copied.as_ref().map_or(Ok(()), |copied| write!(f, "\n{copied}"))
     }
 }

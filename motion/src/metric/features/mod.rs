@@ -1,0 +1,101 @@
+//! Numbers that say how a piece of dance moves: kinetic and geometric features, of which Fréchet distances are made.
+//!
+//! Each comes in two forms: `compat` as published code computes it, slips and all, so that figures can be laid beside
+//! papers; `fixed` as we think it was meant. docs/referee.md tells what is wrong with the first.
+
+mod geometric;
+mod kinetic;
+
+pub use geometric::{GEOMETRIC, geometric};
+pub use kinetic::{KINETIC, kinetic};
+
+use crate::{Clip, Error, Result, Vec3, smpl};
+
+/// The rate that `compat` features are of.
+pub const COMPAT_FPS: f64 = 60.0;
+
+/// Which formulas.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Form {
+    /// As published.
+    Compat,
+    /// As meant.
+    Fixed,
+}
+
+/// Places of the 24 SMPL joints over time, (F, 24), metres, y up, at a rate, with what the body measures at rest.
+#[derive(Debug, Clone)]
+pub struct Places {
+    places: Vec<Vec3>,
+    fps: f64,
+    lengths: Lengths,
+}
+
+/// Lengths of a body, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lengths {
+    /// Shoulder to elbow.
+    pub humerus: f64,
+    /// From shoulder to shoulder.
+    pub shoulders: f64,
+    /// From hip to hip.
+    pub hips: f64,
+}
+
+impl Lengths {
+    /// Those that published code has for everybody.
+    pub const COMPAT: Lengths = Lengths { humerus: 0.256_838_1, shoulders: 0.390_848_3, hips: 0.119_247_1 };
+}
+
+impl Places {
+    /// Of a clip on SMPL-24.
+    ///
+    /// # Errors
+    /// [`Error::Call`] for another rig and fewer than two frames.
+    pub fn of(clip: &Clip) -> Result<Places> {
+        if clip.skeleton().names() != smpl::NAMES || clip.frames() < 2 {
+            let (joints, frames) = (clip.joints(), clip.frames());
+            let what = "expected SMPL's 24 joints and two frames at least";
+            return Err(Error::Call(format!("features of {frames} frames of {joints} joints; {what}")));
+        }
+        let at_rest = crate::GlobalPose::new(clip.skeleton(), Vec3::ZERO, &[crate::Quat::IDENTITY; 24]).positions;
+        let apart = |a: usize, b: usize| (at_rest[a] - at_rest[b]).length();
+        let lengths = Lengths { humerus: apart(16, 18), shoulders: apart(16, 17), hips: apart(1, 2) };
+        Ok(Places { places: clip.positions(), fps: clip.fps(), lengths })
+    }
+
+    /// A range of the frames.
+    ///
+    /// # Panics
+    /// If the range leaves them.
+    pub fn slice(&self, frames: std::ops::Range<usize>) -> Places {
+        Places { places: self.places[frames.start * 24..frames.end * 24].to_vec(), ..*self }
+    }
+
+    /// Time running backwards.
+    pub fn reversed(&self) -> Places {
+        Places { places: self.places.chunks(24).rev().flatten().copied().collect(), ..*self }
+    }
+
+    /// Every place changed by `change`.
+    pub fn changed(&self, change: impl FnMut(Vec3) -> Vec3) -> Places {
+        Places { places: self.places.iter().copied().map(change).collect(), ..*self }
+    }
+
+    /// Frames a second.
+    pub fn fps(&self) -> f64 {
+        self.fps
+    }
+
+    /// F.
+    pub fn frames(&self) -> usize {
+        self.places.len() / 24
+    }
+
+    fn at(&self, frame: usize, joint: usize) -> Vec3 {
+        self.places[frame * 24 + joint]
+    }
+}
+
+#[cfg(test)]
+mod tests;

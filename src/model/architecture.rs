@@ -99,7 +99,8 @@ impl ModelConfig {
     pub(super) fn validate_architecture(&self) -> Result<()> {
         let refuse = |what: String| Err(Error::Call(what));
         if self.architecture.is_flat() {
-            let keys = [("window", self.window.is_some()), ("decoder", self.decoder.is_some())];
+            let keys =
+                [("window", self.window.is_some()), ("decoder", self.decoder.is_some()), ("ahead", self.ahead)];
             return match keys.into_iter().find(|(_, given)| *given) {
                 Some((key, _)) => refuse(format!("model.{key} goes with model.architecture = \"two_level\" alone")),
                 None => Ok(()),
@@ -170,6 +171,7 @@ mod tests {
         let said = |text: &str| toml::from_str::<ModelConfig>(text).unwrap().validate().unwrap_err().to_string();
         assert!(said("window = 12").starts_with("model.window goes with"));
         assert!(said("[decoder]\nlayers = 2").starts_with("model.decoder goes with"));
+        assert!(said("ahead = true").starts_with("model.ahead goes with"));
         let two = "architecture = \"two_level\"\n";
         assert_eq!(said(&format!("{two}window = 1")), "model.window is 1; expected 2 to 8192");
         assert!(said(&format!("{two}[decoder]\nheads = 3")).contains("decoder.width is 128 and heads 3"));

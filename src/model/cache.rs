@@ -1,6 +1,6 @@
 //! Reading token after token: keys and values of what was read are kept.
 
-use super::net::{Memory, Net};
+use super::net::{Beside, Memory, Net};
 use super::ops::Mask;
 use crate::{Error, Result};
 use candle_core::{DType, Device, IndexOp, Tensor};
@@ -79,7 +79,7 @@ impl Cache {
         }
         let ids = self.net.ids(tokens, tokens.len())?;
         let memory = Memory { keys: &self.keys, values: &self.values, before: &self.read };
-        let logits = self.net.forward(&ids, &Mask::Causal, None, Some(&memory))?;
+        let logits = self.net.forward(&ids, &Mask::Causal, Beside::default(), Some(&memory))?;
         self.read.extend_from_slice(tokens);
         Ok(logits.squeeze(0)?)
     }

@@ -42,6 +42,9 @@ pub struct ModelConfig {
     /// What spells a frame in a two-level model. Left out: its defaults.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decoder: Option<DecoderConfig>,
+    /// A two-level model may be told what is given ahead of the frame that it spells, see [`super::ahead`]. Default false.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub ahead: bool,
 }
 
 /// What a token may see.
@@ -95,6 +98,7 @@ impl Default for ModelConfig {
             tied_head: true,
             window: None,
             decoder: None,
+            ahead: false,
         }
     }
 }

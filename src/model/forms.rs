@@ -1,7 +1,9 @@
 //! For the tests: models of every form, and batches as their tokenizers would make them.
 
+use super::ahead::{self, Told};
 use super::architecture::{Architecture, DecoderConfig};
 use super::config::{HeadKind, Kind, ModelConfig, Positions, Stretch, TokenLayout};
+use super::frames::Frames;
 use super::gpt::Gpt;
 use crate::corpus::windows::fill_sequence;
 use candle_core::{DType, Device, Tensor};
@@ -66,15 +68,37 @@ pub fn every(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
         decoder: Some(decoder),
         ..Default::default()
     };
-    all(length).into_iter().chain([alone, placed()].map(|tokens| (levels.resolved(&tokens), tokens))).collect()
+    let told = ModelConfig { ahead: true, ..levels.clone() };
+    let two = [(levels.clone(), alone.clone()), (levels, placed()), (told.clone(), alone), (told, placed())];
+    all(length).into_iter().chain(two.map(|(levels, tokens)| (levels.resolved(&tokens), tokens))).collect()
+}
+
+/// What frames of a batch are told, where they may be: two of three frames, rows missing here and there.
+pub fn told(config: &ModelConfig, tokens: &TokenLayout, windows: usize) -> Option<Told> {
+    if !config.ahead {
+        return None;
+    }
+    let frames = Frames::of(tokens);
+    let mut told = Told::nothing(windows * config.frames(tokens), frames.characters());
+    let mut rng = crate::random::stream(5, "told", 0, 0);
+    let numbers = ahead::numbers(frames.characters());
+    for (frame, of_frame) in told.numbers.chunks_mut(numbers).enumerate().filter(|(frame, _)| frame % 3 != 1) {
+        of_frame.iter_mut().for_each(|x| *x = crate::random::unit(&mut rng) as f32 - 0.5);
+        for row in told.rows.iter_mut().flat_map(|rows| &mut rows[frame * tokens.word..][..frames.characters()]) {
+            if rng.next_u32() % 4 > 0 {
+                *row = rng.next_u32() % frames.steps() as u32;
+            }
+        }
+    }
+    Some(told)
 }
 
 /// What a form is, for messages.
 pub fn name(config: &ModelConfig, tokens: &TokenLayout) -> String {
-    let ModelConfig { architecture, kind, positions, previous_frame, head, tied_head, dropout, .. } = config;
+    let ModelConfig { architecture, kind, positions, previous_frame, head, tied_head, dropout, ahead, .. } = config;
     let words = if tokens.varying { "any words" } else { "words of one length" };
     format!(
-        "{architecture:?} {kind:?} {positions:?} previous {previous_frame:?} {head:?} tied {tied_head} dropout {dropout}, {words}"
+        "{architecture:?} {kind:?} {positions:?} previous {previous_frame:?} {head:?} tied {tied_head} dropout {dropout} ahead {ahead}, {words}"
     )
 }
 

@@ -56,11 +56,21 @@ impl Frames {
 
     /// The step that leads from one bin of a place to another.
     fn step(&self, place: usize, to: u32, from: u32) -> u32 {
+        self.step_of(place, i64::from(to) - i64::from(from))
+    }
+
+    /// The step of so many bins, of a clamped place fewer than it has.
+    pub fn step_of(&self, place: usize, bins: i64) -> u32 {
         let kind = self.places[place];
         match kind.circular {
-            true => (to + kind.count - from) % kind.count,
-            false => (self.counts.circular + self.counts.clamped - 1) as u32 + to - from,
+            true => bins.rem_euclid(kind.count.into()) as u32,
+            false => ((self.counts.circular + self.counts.clamped) as i64 - 1 + bins) as u32,
         }
+    }
+
+    /// What stands at the places of a frame.
+    pub fn places(&self) -> &[PlaceIds] {
+        &self.places
     }
 
     /// The rows (2 C) of the table of characters that the trunk reads for frame `frame`: of the frame before, then of the one

@@ -120,7 +120,7 @@ impl Case<'_> {
         let tensors = self.gpt.vars().iter().map(tensor).collect();
         let mut fast = Fast::from_tensors(self.gpt.config(), self.gpt.tokens(), tensors).unwrap();
         let (inputs, targets) = (&self.inputs, &self.targets);
-        let windows = Windows { inputs, targets, length: self.length, mask: fast.mask() };
+        let windows = Windows { inputs, targets, length: self.length, mask: fast.mask(), told: None };
         let logits: Vec<f64> = fast.logits(windows).unwrap().into_iter().map(f64::from).collect();
         self.check_logits("fast", &logits, FAST);
         let mut check = |width: Option<f64>, expected: &Value| {

@@ -1,5 +1,6 @@
 //! The tensors of a model: names, shapes, and how they begin.
 
+use super::ahead;
 use super::architecture::Architecture;
 use super::config::{HeadKind, ModelConfig, Positions, TokenLayout};
 use super::frames::{BACK, Frames, SPELT};
@@ -111,11 +112,22 @@ fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
     let rows = [steps + frames.bins() - 1, tokens.word, frames.bins(), steps];
     all.extend(SPELT.iter().zip(rows).map(|(name, rows)| embedding(name, rows, d)));
     stack(&mut all, SPELL, decoder.layers, d);
+    if config.ahead {
+        let (told, steps) = (ahead::numbers(c), frames.steps());
+        let shapes = [(told, trunk), (told, d), (steps, d), (steps, d)];
+        // a model that learns to be told begins as it was
+        let begin = |(name, (rows, width))| Parameter { init: Init::Zeros, ..embedding(name, rows, width) };
+        all.extend(AHEAD.into_iter().zip(shapes).map(begin));
+    }
     all
 }
 
 /// The table of labels, whose rows are added to every frame: there where windows begin with labels.
 pub(super) const LABEL: &str = "frame.label.weight";
+/// What a frame is told of what is given ahead goes through these: its numbers to the trunk's row and to those of the decoder,
+/// and two tables of steps.
+pub(crate) const AHEAD: [&str; 4] =
+    ["ahead.frame.weight", "ahead.spell.weight", "ahead.step.weight", "ahead.pace.weight"];
 /// What the names of the trunk's blocks begin with, and of the decoder's.
 pub(super) const TRUNK: &str = "trunk.";
 pub(super) const SPELL: &str = "spell.";

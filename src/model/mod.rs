@@ -1,5 +1,6 @@
 //! The models: their configuration, the plain form, weights.
 
+pub mod ahead;
 pub mod architecture;
 mod cache;
 pub mod checkpoint;

@@ -36,7 +36,7 @@ impl Scores for Gpt {
     fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
         assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
         let ids = self.ids(inputs, length)?;
-        let nats = self.frozen_nats(&ids, targets)?.to_vec1::<f32>()?;
+        let nats = self.frozen_nats(&ids, targets, None)?.to_vec1::<f32>()?;
         out.copy_from_slice(&nats);
         Ok(())
     }

@@ -62,7 +62,7 @@ impl FastLearner {
         let share = Scores::config(&self.model).dropout;
         let dropout = (share > 0.0).then_some(Dropout { share, seed: self.train.seed, step, first });
         let (inputs, targets) = (&batch.inputs, &batch.targets);
-        let windows = Windows { inputs, targets, length: batch.length(), mask: self.model.mask() };
+        let windows = Windows { inputs, targets, length: batch.length(), mask: self.model.mask(), told: None };
         let nats = self.model.gradients(windows, dropout.as_ref(), &mut self.gradients)?;
         match nats.is_finite() {
             true => Ok(nats),

@@ -91,7 +91,7 @@ fn logits_and_gradients_are_pytorchs_to_1e_4() {
     let logits = gpt.forward(&ids, None).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
     let mut fast = Fast::of(&gpt).unwrap();
     let (inputs, targets) = (&batch.inputs, &batch.targets);
-    let windows = Windows { inputs, targets, length: context, mask: Mask::Causal };
+    let windows = Windows { inputs, targets, length: context, mask: Mask::Causal, told: None };
     for (form, logits) in [("plain", logits), ("fast", fast.logits(windows).unwrap())] {
         let apart = furthest(&logits, &numbers(&g["logits"]));
         assert!(apart < BOUND, "{form}: logits: {apart}");

@@ -57,8 +57,12 @@ impl Plain {
         let mut found = Vec::with_capacity(self.model.vars().len());
         for (i, (name, var)) in self.model.vars().iter().enumerate() {
             let missing = || Error::Call(format!("variable {name} got no gradient: the graph is cut before it"));
-            // what remembers its graph would keep it alive
-            let gradient = store.remove(var.as_tensor()).ok_or_else(missing)?.detach();
+            let gradient = match store.remove(var.as_tensor()) {
+                // a batch may have nothing to tell
+                None if layout::AHEAD.contains(&name.as_str()) => var.zeros_like()?,
+                // what remembers its graph would keep it alive
+                found => found.ok_or_else(missing)?.detach(),
+            };
             found.push(match self.gradients.get(i) {
                 Some(before) => (before + gradient)?,
                 None => gradient,

@@ -31,6 +31,7 @@
 
 pub mod alphabet;
 mod artifact;
+pub mod carriage;
 pub mod channel;
 mod config;
 #[cfg(test)]

@@ -2,11 +2,15 @@
 
 use super::decode::{add, behind, linear, norm, through};
 use crate::bins::Bins;
-use crate::decode::{Before, FrameParts};
+use crate::decode::{Before, FrameParts, Told};
+use crate::op::embedding::NONE;
 
 /// Logits (n, V) behind each of `tokens` (n), which begin the context; minus infinity where a token can't come, 0 in the
-/// front.
-pub fn logits(parts: &FrameParts, tokens: &[u32]) -> Vec<f64> {
+/// front. `told`: what each frame is told, nothing beyond its end.
+///
+/// # Panics
+/// Frames that are told something by a model that can't be.
+pub fn logits(parts: &FrameParts, tokens: &[u32], told: &[Option<Told>]) -> Vec<f64> {
     let ahead = parts.sizes.front - 1;
     let mut all = vec![0.0; tokens.len().min(ahead) * parts.sizes.vocabulary];
     if tokens.len() <= ahead {
@@ -20,15 +24,26 @@ pub fn logits(parts: &FrameParts, tokens: &[u32]) -> Vec<f64> {
         let label = wide(parts.labels, label as usize, parts.sizes.trunk.width);
         trunk.iter_mut().for_each(|x| add(x, &label));
     }
+    for (x, told) in trunk.iter_mut().zip(told) {
+        add_told(x, parts.told.map(|parts| parts.trunk), *told);
+    }
     for block in &parts.trunk {
         through(&mut trunk, block, parts.sizes.trunk.heads, &vec![0.0; frames]);
     }
     let words = Before { front: 1, places: parts.places, previous: None, relative: Some(parts.relative) };
     for (frame, known) in trunk.iter().enumerate() {
-        let known = linear(&norm(known, parts.trunk_norm), parts.join);
+        let mut known = linear(&norm(known, parts.trunk_norm), parts.join);
+        let told = told.get(frame).copied().flatten();
+        add_told(&mut known, parts.told.map(|parts| parts.speller), told);
         let end = tokens.len().min((frame + 1) * word);
         let row = |i: usize| row(parts, &tokens[..=i], (frame, i - frame * word), &known);
         let mut rows: Vec<Vec<f64>> = (frame * word..end).map(row).collect();
+        if let Some((told, parts)) = told.zip(parts.told) {
+            for (place, x) in rows.iter_mut().enumerate() {
+                let tables = told.rows.iter().zip(parts.rows).filter(|(rows, _)| rows[place] != NONE);
+                tables.for_each(|(rows, table)| add(x, &wide(table, rows[place] as usize, known.len())));
+            }
+        }
         for block in &parts.speller {
             let none = vec![0.0; rows.len()];
             through(&mut rows, block, parts.sizes.speller.heads, &none);
@@ -90,6 +105,16 @@ fn row(parts: &FrameParts, tokens: &[u32], (frame, place): (usize, usize), known
         add(&mut z, &wide(table, row, known.len()));
     }
     z
+}
+
+/// Adds what the numbers that a frame is told times `matrix` (P, n) give to `x` (n).
+fn add_told(x: &mut [f64], matrix: Option<&[f32]>, told: Option<Told>) {
+    let Some(told) = told else { return };
+    let matrix = matrix.expect("a model that can be told");
+    for (i, &number) in told.numbers.iter().enumerate() {
+        let row: Vec<f64> = wide(matrix, i, x.len()).iter().map(|y| f64::from(number) * y).collect();
+        add(x, &row);
+    }
 }
 
 /// A row of a table.

@@ -188,7 +188,7 @@ mod tests {
     impl Case {
         fn windows(&self) -> Windows<'_> {
             let length = self.layout.length();
-            Windows { inputs: &self.inputs, targets: &self.targets, length, mask: mask(Some(&self.hiding)) }
+            Windows { inputs: &self.inputs, targets: &self.targets, length, mask: mask(Some(&self.hiding)), told: None }
         }
     }
 

@@ -17,6 +17,7 @@ mod two_level;
 
 pub use classes::{ClassRow, Losses};
 
+use super::ahead::Told;
 use super::config::{ModelConfig, TokenLayout};
 use super::layout::{self, Parameter};
 use super::{Architecture, Dropout, Gpt, Kind, Scores};
@@ -45,6 +46,8 @@ pub struct Windows<'a> {
     pub length: usize,
     /// Which tokens a token sees.
     pub mask: Mask<'a>,
+    /// What the frames of a two-level model are told of what is given ahead.
+    pub told: Option<&'a Told>,
 }
 
 /// A model whose passes the engine computes, on the rayon pool they are called in.
@@ -196,7 +199,7 @@ impl Fast {
         Ok(pass.unwrap_or_else(|| Pass::new(self, rows, length, Products::F32, false)))
     }
 
-    fn check(&self, Windows { inputs, targets, length, .. }: Windows) -> Result<()> {
+    fn check(&self, Windows { inputs, targets, length, told, .. }: Windows) -> Result<()> {
         let (context, vocabulary) = (self.config.context, self.tokens.vocabulary);
         if length > context {
             return Err(Error::Call(format!("a window of {length} tokens; the context holds {context}")));
@@ -212,6 +215,9 @@ impl Fast {
             return Err(Error::Call(format!(
                 "a window of {length} tokens; a two-level model reads whole frames of {word}"
             )));
+        }
+        if let Some(told) = told {
+            told.check(&self.config, &self.tokens, (inputs.len() / length, length))?;
         }
         match inputs.iter().chain(targets).find(|&&id| id as usize >= vocabulary) {
             Some(id) => Err(Error::Call(format!("token {id} is outside the vocabulary of {vocabulary} ids"))),
@@ -273,7 +279,7 @@ impl Scores for Fast {
 
     fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
         assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
-        let windows = Windows { inputs, targets, length, mask: self.mask() };
+        let windows = Windows { inputs, targets, length, mask: self.mask(), told: None };
         let mut pass = self.scored(windows)?;
         pass.ask(windows)?;
         pass.forward(self, windows, None);

@@ -93,7 +93,7 @@ impl Pass {
         added(model, last, &mut self.dx, gradients);
         match &mut self.body {
             Body::Flat(flat) => flat.backward(model, windows, keys, &mut self.dx, gradients),
-            Body::TwoLevel(levels) => levels.backward(model, &mut self.dx, gradients),
+            Body::TwoLevel(levels) => levels.backward(model, windows.told, &mut self.dx, gradients),
         }
         nats
     }

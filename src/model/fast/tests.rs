@@ -124,7 +124,7 @@ fn check(case: &Case) {
     };
     let logits = truth.forward_masked(&ids, &plain_mask, dropout.as_ref()).unwrap();
     let loss = ops::check::loss_sum(&logits.flatten_to(1).unwrap(), &targets, 0).unwrap();
-    let windows = Windows { inputs: &inputs, targets: &targets, length: case.length, mask };
+    let windows = Windows { inputs: &inputs, targets: &targets, length: case.length, mask, told: None };
     let fast = compare(&what, &truth, Fast::of(&gpt).unwrap(), (windows, dropout.as_ref()), &loss, &logits);
     if case.mask == Hides::Later {
         check_nats(&what, fast, windows, dropout.as_ref());
@@ -175,7 +175,7 @@ fn compare(
 
 /// The nats one by one against those at once.
 fn check_nats(what: &str, (mut fast, nats): (Fast, f64), windows: Windows, dropout: Option<&Dropout>) {
-    if dropout.is_none() {
+    if dropout.is_none() && windows.told.is_none() {
         let mut each = vec![f32::NAN; windows.inputs.len()];
         fast.nats(windows.inputs, windows.targets, windows.length, &mut each).unwrap();
         let sum: f64 = each.iter().map(|x| *x as f64).sum();
@@ -195,9 +195,13 @@ fn check_form(config: &ModelConfig, tokens: &TokenLayout, windows: usize, width:
     truth.smooth_targets(width);
     fast.smooth_targets(width);
     let ids = forms::ids(&inputs, length);
-    let logits = truth.forward(&ids, dropout.as_ref()).unwrap();
-    let loss = truth.loss_sum(&ids, &targets, dropout.as_ref()).unwrap();
-    let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask() };
+    let told = forms::told(config, tokens, windows);
+    let logits = match &told {
+        Some(told) => truth.forward_told(&ids, told).unwrap(),
+        None => truth.forward(&ids, dropout.as_ref()).unwrap(),
+    };
+    let loss = truth.loss_sum_told(&ids, &targets, dropout.as_ref(), told.as_ref()).unwrap();
+    let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), told: told.as_ref() };
     let found = compare(&what, &truth, fast, (windows, dropout.as_ref()), &loss, &logits);
     check_nats(&what, found, windows, dropout.as_ref());
 }
@@ -227,13 +231,47 @@ fn every_form_is_the_oracle_s() {
 }
 
 #[test]
+fn what_nobody_tells_changes_no_bit_and_learns_nothing() {
+    for (config, tokens) in forms::every(23).into_iter().filter(|(config, _)| config.ahead) {
+        let length = config.context;
+        let (inputs, targets) = forms::batch(&config, &tokens, 2, length);
+        let gpt = forms::model(&config, &tokens);
+        let without = ModelConfig { ahead: false, ..config.clone() };
+        let mut tensors = gpt.vars().iter().map(|(name, var)| (name.clone(), var.as_tensor().clone())).collect();
+        let run = |fast: &mut Fast, told: Option<&Told>| {
+            let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), told };
+            let mut gradients = fast.like_weights();
+            fast.gradients(windows, None, &mut gradients).unwrap();
+            let learns: Vec<bool> = gradients.iter().map(|g| g.iter().any(|x| *x != 0.0)).collect();
+            (fast.logits(windows).unwrap(), learns)
+        };
+        let mut fast = Fast::from_tensors(&config, &tokens, Clone::clone(&tensors)).unwrap();
+        let nothing = Told::nothing(2 * config.frames(&tokens), 5);
+        let (untold, learns) = run(&mut fast, None);
+        for (parameter, learns) in fast.parameters().iter().zip(learns) {
+            assert!(!(learns && layout::AHEAD.contains(&parameter.name.as_str())), "{}", parameter.name);
+        }
+        assert!(run(&mut fast, Some(&nothing)).0 == untold);
+        assert!(run(&mut fast, forms::told(&config, &tokens, 2).as_ref()).0 != untold);
+        BTreeMap::retain(&mut tensors, |name: &String, _: &mut Tensor| !layout::AHEAD.contains(&name.as_str()));
+        assert!(run(&mut Fast::from_tensors(&without, &tokens, tensors).unwrap(), None).0 == untold);
+        // of other frames, or to a model that can't be told
+        let told = Told::nothing(3, 5);
+        let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), told: Some(&told) };
+        assert!(fast.logits(windows).unwrap_err().to_string().contains("numbers and rows are told of"));
+        let mut other = Fast::of(&forms::model(&without, &tokens)).unwrap();
+        assert!(other.logits(windows).unwrap_err().to_string().contains("model.ahead = false"));
+    }
+}
+
+#[test]
 fn forms_begin_with_a_front_alone() {
     for (config, tokens) in forms::all(23) {
         let gpt = forms::model(&config, &tokens);
         let mut fast = Fast::of(&gpt).unwrap();
         for length in tokens.front..12 {
             let (inputs, targets) = forms::batch(&config, &tokens, 2, length);
-            let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask() };
+            let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), told: None };
             let found = fast.logits(windows).unwrap();
             let expected =
                 gpt.predict(&forms::ids(&inputs, length)).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
@@ -256,7 +294,7 @@ fn what_counts_behind_no_bin_is_refused_and_the_next_batch_is_taken() {
     bad[dropped - 1 + tokens.word] = 6;
     let mut gradients = fast.like_weights();
     let mut run = |targets: &[u32]| {
-        let windows = Windows { inputs: &inputs, targets, length: 29, mask: Mask::Causal };
+        let windows = Windows { inputs: &inputs, targets, length: 29, mask: Mask::Causal, told: None };
         fast.gradients(windows, None, &mut gradients).map_err(|e| e.to_string())
     };
     assert!(run(&bad).unwrap_err().contains("is id 3; expected a bin of its place"));
@@ -306,7 +344,7 @@ fn words_of_any_length_have_the_oracle_s_positions() {
     let gpt = model(&case);
     let mut fast = Fast::of(&gpt).unwrap();
     for ids in [[1, 7, 5, 8, 9, 6, 5, 5, 7], [1, 5, 8, 8, 8, 5, 8, 8, 8]] {
-        let windows = Windows { inputs: &ids, targets: &ids, length: 9, mask: Mask::Causal };
+        let windows = Windows { inputs: &ids, targets: &ids, length: 9, mask: Mask::Causal, told: None };
         let found = fast.logits(windows).unwrap();
         let expected =
             gpt.predict(&gpt.ids(&ids, 9).unwrap()).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
@@ -364,7 +402,7 @@ fn threads_change_no_bit_and_a_second_shape_finds_its_room() {
             pool.install(|| {
                 let mut fast = Fast::of(&gpt).unwrap();
                 let mask = fast.mask();
-                let windows = |n: usize| Windows { inputs: &inputs[..n], targets: &targets[..n], length, mask };
+                let windows = |n: usize| Windows { inputs: &inputs[..n], targets: &targets[..n], length, mask, told: None };
                 let mut gradients = fast.like_weights();
                 fast.gradients(windows(2 * length), None, &mut gradients).unwrap();
                 let nats = fast.gradients(windows(3 * length), dropout.as_ref(), &mut gradients).unwrap();
@@ -381,7 +419,7 @@ fn threads_change_no_bit_and_a_second_shape_finds_its_room() {
 fn wrong_windows_are_refused() {
     let mut fast = Fast::of(&model(&CASE)).unwrap();
     let mut said = |inputs: &[u32], length| {
-        let windows = Windows { inputs, targets: inputs, length, mask: Mask::Causal };
+        let windows = Windows { inputs, targets: inputs, length, mask: Mask::Causal, told: None };
         fast.logits(windows).unwrap_err().to_string()
     };
     assert_eq!(said(&[1; 10], 10), "a window of 10 tokens; the context holds 9");

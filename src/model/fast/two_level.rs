@@ -6,8 +6,9 @@
 use super::stack::{Blocks, Stack};
 use super::tables::{add_rows, embed, into_table};
 use super::{Fast, Windows};
+use crate::model::ahead::{self, Told};
 use crate::model::frames::{BACK, Frames, SPELT};
-use crate::model::layout::{LABEL, SPELL, TRUNK};
+use crate::model::layout::{AHEAD, LABEL, SPELL, TRUNK};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::{Linear, Norm, Rules, Shape};
 use kinelm_engine::dense;
@@ -56,7 +57,58 @@ pub(super) struct TwoLevel {
     told: Floats,
     tell: dense::Workspace,
     decoder: Stack,
+    /// Where frames may be told what is given ahead.
+    ahead_of: Option<Telling>,
     back: Option<Back>,
+}
+
+/// What becomes of what frames are told.
+struct Telling {
+    /// From P numbers to the trunk's rows (N, D), and to the decoder's, by frames (N, d).
+    trunk: Matrix,
+    decoder: Matrix,
+}
+
+/// A matrix (P, n) without a bias.
+struct Matrix {
+    space: dense::Workspace,
+    /// (N, n).
+    out: Floats,
+    /// (n), zeros.
+    bias: Floats,
+    back: Option<MatrixBack>,
+}
+
+/// What a matrix's gradient needs and nobody reads: (N, P) and (n).
+struct MatrixBack {
+    d_numbers: Floats,
+    d_bias: Floats,
+}
+
+impl Matrix {
+    fn new((n, told, out): (usize, usize, usize), products: Products, learn: bool) -> Matrix {
+        Matrix {
+            space: dense::Workspace::new(n, told, out, products, learn),
+            out: Floats::new(n * out),
+            bias: Floats::new(out),
+            back: learn.then(|| MatrixBack { d_numbers: Floats::new(n * told), d_bias: Floats::new(out) }),
+        }
+    }
+
+    /// Adds what `numbers` (N, P) times `weight` are to `x` (N, n).
+    fn add(&mut self, x: &mut [f32], numbers: &[f32], weight: &[f32]) {
+        dense::forward(&mut self.out, numbers, Linear { weight, bias: &self.bias }, &mut self.space);
+        x.iter_mut().zip(&*self.out).for_each(|(x, y)| *x += y);
+    }
+
+    /// The gradient of `weight` from that of what it was added to, `dx` (N, n).
+    fn backward(&mut self, dx: &[f32], numbers: &[f32], weight: &[f32], gradient: &mut [f32]) {
+        let Some(MatrixBack { d_numbers, d_bias }) = &mut self.back else {
+            panic!("buffers for the forward pass only")
+        };
+        let to = Linear { weight: gradient, bias: d_bias };
+        dense::backward(d_numbers, dx, numbers, weight, to, &mut self.space);
+    }
 }
 
 /// Gradients on their way.
@@ -102,6 +154,10 @@ impl TwoLevel {
             told: Floats::new(n * d),
             tell: dense::Workspace::new(n, trunk, d, products, learn),
             decoder: stack(SPELL, spells.layers, shape(n, word, d, spells.heads)),
+            ahead_of: config.ahead.then(|| {
+                let matrix = |out| Matrix::new((n, ahead::numbers(frames.characters()), out), products, learn);
+                Telling { trunk: matrix(trunk), decoder: matrix(d) }
+            }),
             back: learn.then(|| Back {
                 d_read: Floats::new(n * wide),
                 d_told: Floats::new(n * d),
@@ -141,16 +197,26 @@ impl TwoLevel {
         for labels in &self.labels {
             add_rows(self.trunk.input(), width, model.weight(LABEL), labels);
         }
+        let mut told = windows.told.zip(self.ahead_of.as_mut());
+        if let Some((told, telling)) = &mut told {
+            telling.trunk.add(self.trunk.input(), &told.numbers, model.weight(AHEAD[0]));
+        }
         self.trunk.forward(&model.weights, |_| RULES);
         let norm = Norm { weight: model.weight(NORM[1]), bias: model.weight(NORM[0]) };
         dense::norm(&mut self.normed, &mut self.stats, self.trunk.last(), norm);
         dense::forward(&mut self.told, &self.normed, linear(model, TELL), &mut self.tell);
-        let mut lookups = [Lookup { table: &self.told, ids: &self.own }; SPELT.len() + 1];
-        for ((lookup, name), ids) in lookups[1..].iter_mut().zip(SPELT).zip(&self.spelt) {
+        if let Some((told, telling)) = &mut told {
+            telling.decoder.add(&mut self.told, &told.numbers, model.weight(AHEAD[1]));
+        }
+        let mut lookups = [Lookup { table: &self.told, ids: &self.own }; SPELT.len() + 3];
+        let ahead = told.iter().flat_map(|(told, _)| AHEAD[2..].iter().copied().zip(&told.rows));
+        let mut used = 1;
+        for (lookup, (name, ids)) in lookups[1..].iter_mut().zip(SPELT.into_iter().zip(&self.spelt).chain(ahead)) {
             *lookup = Lookup { table: model.weight(name), ids };
+            used += 1;
         }
         let d = self.decoder.shape().width;
-        embed(self.decoder.input(), d, &lookups);
+        embed(self.decoder.input(), d, &lookups[..used]);
         self.decoder.forward(&model.weights, |_| RULES);
         if self.ahead > 0 {
             let (length, ahead) = (self.length * d, self.ahead * d);
@@ -165,8 +231,9 @@ impl TwoLevel {
         if self.ahead > 0 { &self.rows } else { self.decoder.last() }
     }
 
-    /// From the gradient `dx` (B T, d) of [`TwoLevel::last`], which is used up, those of all tensors before it.
-    pub fn backward(&mut self, model: &Fast, dx: &mut [f32], gradients: &mut [Floats]) {
+    /// From the gradient `dx` (B T, d) of [`TwoLevel::last`], which is used up, those of all tensors before it. Frames were
+    /// `told` this.
+    pub fn backward(&mut self, model: &Fast, told: Option<&Told>, dx: &mut [f32], gradients: &mut [Floats]) {
         let Some(Back { d_read, d_told, d_normed, d_trunk, d_rows, d_label }) = &mut self.back else {
             panic!("buffers for the forward pass only")
         };
@@ -185,12 +252,28 @@ impl TwoLevel {
             into_table(&mut gradients[model.index(name)], d, ids, dx);
         }
         into_table(d_told, d, &self.own, dx);
+        let mut told = self.ahead_of.as_mut().map(|telling| (telling, told));
+        match &mut told {
+            Some((telling, Some(told))) => {
+                for (name, rows) in AHEAD[2..].iter().zip(&told.rows) {
+                    into_table(&mut gradients[model.index(name)], d, rows, dx);
+                }
+                let (name, to) = (AHEAD[1], &mut gradients[model.index(AHEAD[1])]);
+                telling.decoder.backward(d_told, &told.numbers, model.weight(name), to);
+            }
+            Some((_, None)) => AHEAD.iter().for_each(|name| gradients[model.index(name)].fill(0.0)),
+            None => (),
+        }
         let to = gradients_of(model, gradients, TELL);
         dense::backward(d_normed, d_told, &self.normed, model.weight(TELL[1]), to, &mut self.tell);
         let Linear { weight, bias } = gradients_of(model, gradients, NORM);
         let saved = (self.trunk.last(), &*self.stats);
         dense::norm_backward(d_trunk, d_normed, saved, model.weight(NORM[1]), Norm { weight, bias });
         self.trunk.backward(&model.weights, gradients, d_trunk, |_| RULES);
+        if let Some((telling, Some(told))) = told {
+            let to = &mut gradients[model.index(AHEAD[0])];
+            telling.trunk.backward(d_trunk, &told.numbers, model.weight(AHEAD[0]), to);
+        }
         let width = model.config.width;
         into_table(&mut gradients[model.index("frame.position.weight")], width, &self.positions, d_trunk);
         for (k, ids) in self.labels.iter().enumerate() {

@@ -6,11 +6,12 @@
 #[cfg(test)]
 mod tests;
 
+use crate::model::ahead::Told;
 use crate::model::cache::Cache;
 use crate::model::config::{ModelConfig, TokenLayout};
 use crate::model::dropout::Dropout;
 use crate::model::layout;
-use crate::model::net::Net;
+use crate::model::net::{Beside, Net};
 use crate::model::ops::Mask;
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor, Var};
@@ -124,7 +125,16 @@ impl Gpt {
     /// As [`Gpt::forward`]; a mask of another shape.
     pub fn forward_masked(&self, ids: &Tensor, mask: &Mask, dropout: Option<&Dropout>) -> Result<Tensor> {
         self.check_length(ids.dims2()?.1)?;
-        self.net.forward(ids, mask, dropout, None)
+        self.net.forward(ids, mask, Beside { dropout, told: None }, None)
+    }
+
+    /// As [`Gpt::forward`], frames being told what is given ahead.
+    ///
+    /// # Errors
+    /// As [`Gpt::forward`]; what is told of other frames.
+    pub fn forward_told(&self, ids: &Tensor, told: &Told) -> Result<Tensor> {
+        self.check_told(ids, Some(told))?;
+        self.net.forward(ids, &self.mask(), Beside { dropout: None, told: Some(told) }, None)
     }
 
     /// What the heads read of `ids` (B, T): the final norm's output (B T, D). Differentiable.
@@ -142,7 +152,7 @@ impl Gpt {
     /// As [`Gpt::forward`].
     pub fn predict(&self, ids: &Tensor) -> Result<Tensor> {
         self.check_length(ids.dims2()?.1)?;
-        self.frozen().forward(ids, &self.mask(), None, None)
+        self.frozen().forward(ids, &self.mask(), Beside::default(), None)
     }
 
     /// What attention sees in a model of this kind.
@@ -164,8 +174,23 @@ impl Gpt {
     /// # Errors
     /// As [`Gpt::forward`]; targets outside the vocabulary; under a relative head targets behind no bin.
     pub fn loss_sum(&self, ids: &Tensor, targets: &[u32], dropout: Option<&Dropout>) -> Result<Tensor> {
+        self.loss_sum_told(ids, targets, dropout, None)
+    }
+
+    /// As [`Gpt::loss_sum`], frames being told what is given ahead.
+    ///
+    /// # Errors
+    /// As [`Gpt::loss_sum`]; what is told of other frames.
+    pub fn loss_sum_told(
+        &self,
+        ids: &Tensor,
+        targets: &[u32],
+        dropout: Option<&Dropout>,
+        told: Option<&Told>,
+    ) -> Result<Tensor> {
         self.check(ids, targets)?;
-        Ok(self.net.nats(ids, targets, dropout, self.smoothing.as_ref())?.sum_all()?)
+        self.check_told(ids, told)?;
+        Ok(self.net.nats(ids, targets, Beside { dropout, told }, self.smoothing.as_ref())?.sum_all()?)
     }
 
     /// Mean cross-entropy over the targets that aren't `<pad>`, in nats a token; 0 where there are none.
@@ -193,9 +218,15 @@ impl Gpt {
         Cache::new(self.frozen(), (c.layers, c.heads, c.context, c.width / c.heads), self.device())
     }
 
-    pub(super) fn frozen_nats(&self, ids: &Tensor, targets: &[u32]) -> Result<Tensor> {
+    pub(super) fn frozen_nats(&self, ids: &Tensor, targets: &[u32], told: Option<&Told>) -> Result<Tensor> {
         self.check(ids, targets)?;
-        self.frozen().nats(ids, targets, None, None)
+        self.check_told(ids, told)?;
+        self.frozen().nats(ids, targets, Beside { dropout: None, told }, None)
+    }
+
+    fn check_told(&self, ids: &Tensor, told: Option<&Told>) -> Result<()> {
+        let (batch, length) = ids.dims2()?;
+        told.map_or(Ok(()), |told| told.check(&self.config, &self.tokens, (batch, length)))
     }
 
     fn check(&self, ids: &Tensor, targets: &[u32]) -> Result<()> {

@@ -9,6 +9,7 @@ mod input;
 mod turn;
 mod two_level;
 
+use super::ahead::Told;
 use super::architecture::Architecture;
 use super::config::{Kind, ModelConfig, TokenLayout};
 use super::dropout::Dropout;
@@ -49,6 +50,15 @@ pub(super) struct Memory<'a> {
     pub before: &'a [u32],
 }
 
+/// What goes into a pass beside the ids.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Beside<'a> {
+    /// What is dropped.
+    pub dropout: Option<&'a Dropout>,
+    /// What frames are told ahead.
+    pub told: Option<&'a Told>,
+}
+
 impl Net {
     pub(super) fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> Net {
         Net {
@@ -85,16 +95,10 @@ impl Net {
     }
 
     /// Logits (B, T, V), minus infinity where an id can't come; with a memory, B is 1 and `ids` continue what was read.
-    pub(super) fn forward(
-        &self,
-        ids: &Tensor,
-        mask: &Mask,
-        dropout: Option<&Dropout>,
-        memory: Option<&Memory>,
-    ) -> Result<Tensor> {
+    pub(super) fn forward(&self, ids: &Tensor, mask: &Mask, beside: Beside, memory: Option<&Memory>) -> Result<Tensor> {
         let (batch, length) = ids.dims2()?;
         let windows = windows(ids, memory)?;
-        let hidden = self.hidden(ids, &windows, mask, dropout, memory)?;
+        let hidden = self.hidden(ids, &windows, mask, beside, memory)?;
         let before = memory.map_or(0, |m| m.before.len());
         Ok(self.head.logits(&hidden, &windows, before)?.reshape((batch, length, ()))?)
     }
@@ -105,17 +109,17 @@ impl Net {
         &self,
         ids: &Tensor,
         targets: &[u32],
-        dropout: Option<&Dropout>,
+        beside: Beside,
         smoothing: Option<&Smoothing>,
     ) -> Result<Tensor> {
         let windows = windows(ids, None)?;
-        let hidden = self.hidden(ids, &windows, &self.mask(), dropout, None)?;
+        let hidden = self.hidden(ids, &windows, &self.mask(), beside, None)?;
         self.head.nats(&hidden, &windows, targets, smoothing)
     }
 
     /// What the final norm gives (N, D).
     pub(super) fn final_vectors(&self, ids: &Tensor, mask: &Mask) -> Result<Tensor> {
-        Ok(self.hidden(ids, &windows(ids, None)?, mask, None, None)?)
+        Ok(self.hidden(ids, &windows(ids, None)?, mask, Beside::default(), None)?)
     }
 
     fn hidden(
@@ -123,12 +127,12 @@ impl Net {
         ids: &Tensor,
         windows: &[Vec<u32>],
         mask: &Mask,
-        dropout: Option<&Dropout>,
+        beside: Beside,
         memory: Option<&Memory>,
     ) -> candle_core::Result<Tensor> {
         let x = match &self.body {
-            Body::Flat(flat) => flat.rows(ids, windows, mask, dropout, memory)?,
-            Body::TwoLevel(levels) => levels.rows(windows)?,
+            Body::Flat(flat) => flat.rows(ids, windows, mask, beside.dropout, memory)?,
+            Body::TwoLevel(levels) => levels.rows(windows, beside.told)?,
         };
         self.norm.forward(&x)?.flatten_to(1)
     }

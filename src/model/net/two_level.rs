@@ -4,11 +4,13 @@
 
 use super::block::{Block, Linear, Norm};
 use super::rows_of;
+use crate::model::ahead::Told;
 use crate::model::config::{ModelConfig, TokenLayout};
 use crate::model::frames::{BACK, Frames, SPELT};
-use crate::model::layout::{LABEL, SPELL, TRUNK, block_name};
+use crate::model::layout::{AHEAD, LABEL, SPELL, TRUNK, block_name};
 use crate::model::ops::Mask;
 use candle_core::{Result, Tensor};
+use kinelm_engine::op::embedding::NONE;
 
 #[derive(Clone)]
 pub(super) struct TwoLevel {
@@ -31,6 +33,8 @@ pub(super) struct TwoLevel {
     /// Rows of d numbers each.
     spelt: [Tensor; 4],
     decoder: Vec<Block>,
+    /// (P, D), (P, d), and two of steps (R, d), where frames may be told what is given ahead.
+    told: Option<[Tensor; 4]>,
 }
 
 impl TwoLevel {
@@ -52,11 +56,13 @@ impl TwoLevel {
             frame: Linear::new("spell.frame", tensor),
             spelt: SPELT.map(tensor),
             decoder: blocks(SPELL, decoder.layers),
+            told: config.ahead.then(|| AHEAD.map(tensor)),
         }
     }
 
-    /// (B, T, d) of `windows` (B, T); 0 for the tokens of the front but its last, behind which nobody asks.
-    pub fn rows(&self, windows: &[Vec<u32>]) -> Result<Tensor> {
+    /// (B, T, d) of `windows` (B, T), of which frames are `told` something; 0 for the tokens of the front but its last,
+    /// behind which nobody asks.
+    pub fn rows(&self, windows: &[Vec<u32>], told: Option<&Told>) -> Result<Tensor> {
         let (batch, length) = (windows.len(), windows[0].len().saturating_sub(self.ahead));
         let ahead = (batch, self.ahead.min(windows[0].len()), self.spelt[0].dim(1)?);
         let ahead = Tensor::zeros(ahead, self.spelt[0].dtype(), self.spelt[0].device())?;
@@ -64,11 +70,20 @@ impl TwoLevel {
             return Ok(ahead);
         }
         let frames = length.div_ceil(self.frames.word());
-        let u = self.frame.forward(&self.trunk_norm.forward(&self.trunk(windows, frames)?)?)?;
+        let told = told.zip(self.told.as_ref());
+        let mut u = self.frame.forward(&self.trunk_norm.forward(&self.trunk(windows, frames, told)?)?)?;
+        if let Some((told, [_, speller, ..])) = told {
+            u = (u + through(told, speller, (windows.len(), frames))?)?;
+        }
         // a row for every token of every frame, the window's or not
         let word = self.frames.word();
         let x = self.spelt(windows, frames)?.reshape((batch * frames, word, ()))?;
         let mut x = x.broadcast_add(&u.reshape((batch * frames, 1, ()))?)?;
+        if let Some((told, [_, _, tables @ ..])) = told {
+            for (table, rows) in tables.iter().zip(&told.rows) {
+                x = (x + some_rows(table, rows)?.reshape((batch * frames, word, ()))?)?;
+            }
+        }
         let hiding = Mask::Causal.hiding(word, word, x.dtype(), x.device())?;
         for block in &self.decoder {
             x = block.forward(&x, self.heads[1], None, hiding.as_ref(), None, None)?;
@@ -78,7 +93,7 @@ impl TwoLevel {
     }
 
     /// (B, F, D).
-    fn trunk(&self, windows: &[Vec<u32>], frames: usize) -> Result<Tensor> {
+    fn trunk(&self, windows: &[Vec<u32>], frames: usize, told: Option<(&Told, &[Tensor; 4])>) -> Result<Tensor> {
         let of_frame = BACK * self.frames.characters();
         let mut seen = vec![0; windows.len() * frames * of_frame];
         for (i, rows) in seen.chunks_mut(of_frame).enumerate() {
@@ -91,6 +106,9 @@ impl TwoLevel {
             let labels = windows.iter().flat_map(|w| &w[1..=self.ahead]).copied().collect();
             let labels = rows_of(label, labels)?.reshape((windows.len(), self.ahead, ()))?.sum_keepdim(1)?;
             x = x.broadcast_add(&labels)?;
+        }
+        if let Some((told, [matrix, ..])) = told {
+            x = (x + through(told, matrix, (windows.len(), frames))?)?;
         }
         let hiding = Mask::Causal.hiding(frames, frames, x.dtype(), x.device())?;
         for block in &self.trunk {
@@ -107,4 +125,18 @@ impl TwoLevel {
         let one = |i: usize| rows_of(&self.spelt[i], rows.iter().map(|row| row[i]).collect());
         (one(0)? + one(1)?)? + (one(2)? + one(3)?)?
     }
+}
+
+/// The numbers of all frames times a matrix (P, n): (B, F, n).
+fn through(told: &Told, matrix: &Tensor, (batch, frames): (usize, usize)) -> Result<Tensor> {
+    let numbers = Tensor::from_slice(&told.numbers, (batch * frames, matrix.dim(0)?), matrix.device())?;
+    numbers.to_dtype(matrix.dtype())?.matmul(matrix)?.reshape((batch, frames, ()))
+}
+
+/// Rows of a table, zeros for [`NONE`].
+fn some_rows(table: &Tensor, rows: &[u32]) -> Result<Tensor> {
+    let is_some: Vec<f32> = rows.iter().map(|&row| f32::from(u8::from(row != NONE))).collect();
+    let is_some = Tensor::from_vec(is_some, (rows.len(), 1), table.device())?.to_dtype(table.dtype())?;
+    let rows = rows.iter().map(|&row| if row == NONE { 0 } else { row }).collect();
+    rows_of(table, rows)?.broadcast_mul(&is_some)
 }

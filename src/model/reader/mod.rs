@@ -9,7 +9,7 @@ use super::config::{Kind, ModelConfig, TokenLayout};
 use super::gpt::Gpt;
 use super::scores::Scores;
 use crate::{Error, Result};
-use kinelm_engine::decode::{Decoder, FrameDecoder, KvKind, Logits, WeightKind};
+use kinelm_engine::decode::{Decoder, FrameDecoder, KvKind, Logits, Told, WeightKind};
 use kinelm_engine::op::cross_entropy;
 use std::sync::Arc;
 
@@ -99,6 +99,23 @@ impl Reader {
             Decoding::Tokens(decoder) => decoder.truncate(stream, length),
             Decoding::Frames(decoder) => decoder.truncate(stream, length),
         }
+    }
+
+    /// Tells a frame of a sequence something of what is given ahead, or nothing, before the token is read that it is spelled
+    /// behind.
+    ///
+    /// # Errors
+    /// Something told to a model without `model.ahead`.
+    ///
+    /// # Panics
+    /// A sequence or a frame that is not there; numbers or rows of another shape.
+    pub fn tell(&mut self, stream: usize, frame: usize, told: Option<Told>) -> Result<()> {
+        match &mut self.decoding {
+            Decoding::Frames(decoder) if self.config.ahead => decoder.tell(stream, frame, told),
+            _ if told.is_some() => return Err(Error::Call("a model with model.ahead = false can't be told".into())),
+            _ => (),
+        }
+        Ok(())
     }
 
     /// Reads a block of tokens a sequence, which may be empty; logits (rows, V), the rows in the order of the sequences.

@@ -9,7 +9,7 @@ use candle_core::{Device, Tensor};
 use kinelm_engine::bins::Bins;
 use kinelm_engine::decode::{
     Before, BlockParts, DecoderWeights, FrameParts, FrameSizes, FrameWeights, Pair, Parts, Positions as Tables,
-    Previous, Relative, Rope, Sizes, Stack, WeightKind,
+    Previous, Relative, Rope, Sizes, Stack, ToldParts, WeightKind,
 };
 use std::collections::BTreeMap;
 
@@ -95,6 +95,10 @@ pub(super) fn frame_weights(gpt: &Gpt, kind: WeightKind) -> Result<FrameWeights>
         norm: numbers.pair("norm"),
         head: numbers.get(config.ids_table()),
         relative: numbers.relative(),
+        told: config.ahead.then(|| {
+            let [trunk, speller, step, pace] = layout::AHEAD.map(|name| numbers.get(name));
+            ToldParts { trunk, speller, rows: [step, pace] }
+        }),
     };
     Ok(FrameWeights::new(&parts, kind))
 }

@@ -69,6 +69,11 @@ impl Turns {
         (bins / 2) as u16
     }
 
+    /// Bins of a full circle.
+    pub(crate) fn bins(&self) -> i64 {
+        self.bins
+    }
+
     /// The decoded turn, radians.
     pub(crate) fn radians(&self) -> f64 {
         self.at as f64 * TAU / self.bins as f64

@@ -13,9 +13,11 @@
 mod rows;
 #[cfg(test)]
 mod tests;
+mod told;
 mod weights;
 
-pub use weights::{FrameParts, FrameSizes, FrameWeights};
+pub use told::Told;
+pub use weights::{FrameParts, FrameSizes, FrameWeights, ToldParts};
 
 use super::cache::KvKind;
 use super::head::Pieces;
@@ -24,6 +26,7 @@ use super::layers::{Asked, Layers, Run, in_pool, products};
 use super::step::Logits;
 use crate::arena::Floats;
 use std::sync::Arc;
+use told::ToldFrames;
 
 /// Sequences of frames that are read side by side, sharing every read of a weight: the [`super::Decoder`] of a model of
 /// two stacks.
@@ -39,6 +42,8 @@ pub struct FrameDecoder {
     known: Floats,
     /// What the trunk's next rows are made of, (m, 2 C e).
     frames: Floats,
+    /// What frames are told beside it.
+    told: ToldFrames,
     /// The rows whose logits are asked for.
     asked: Vec<Asked>,
     logits: Vec<f32>,
@@ -89,6 +94,7 @@ impl FrameDecoder {
             tokens: vec![0; streams * context],
             known: Floats::new(streams * frames * speller.width),
             frames: Floats::new(trunk.free() * weights.rows.frame_width()),
+            told: ToldFrames::new((streams, frames), weights.told_numbers(), word),
             asked: Vec::with_capacity(spelled.free()),
             logits: Vec::with_capacity(streams * vocabulary),
             trunk,
@@ -125,18 +131,36 @@ impl FrameDecoder {
         self.readings.iter().all(|reading| reading.length == 0)
     }
 
-    /// Every stream forgets all it has read.
+    /// Every stream forgets all it has read, and what its frames were told.
     pub fn reset(&mut self) {
         self.readings.fill(Reading::default());
+        (0..self.streams()).for_each(|stream| self.told.forget(stream, 0));
     }
 
-    /// A stream forgets all but its first `length` tokens. Where they end in an earlier frame, the next read pays for
-    /// the speller's rows of that frame once more.
+    /// A stream forgets all but its first `length` tokens, and what later frames were told. Where the tokens end in an
+    /// earlier frame, the next read pays for the speller's rows of that frame once more.
     ///
     /// # Panics
     /// A stream that is not there.
     pub fn truncate(&mut self, stream: usize, length: usize) {
         self.readings[stream].truncate(length, self.weights.rows.word(), self.weights.ahead());
+        let inputs = self.readings[stream].inputs(self.weights.ahead());
+        self.told.forget(stream, inputs.div_ceil(self.weights.rows.word()));
+    }
+
+    /// Tells a frame of a stream something, or nothing, before the token is read that it is spelled behind. Frames from it
+    /// on that were read already are read again with the next block.
+    ///
+    /// # Panics
+    /// A stream or a frame that is not there; a model that can't be told, numbers or rows of another shape.
+    pub fn tell(&mut self, stream: usize, frame: usize, told: Option<Told>) {
+        let steps = self.weights.rows.steps();
+        self.told.tell(stream, frame, told, steps);
+        let reading = &mut self.readings[stream];
+        reading.frames = reading.frames.min(frame);
+        if reading.frame >= frame {
+            reading.rows = 0;
+        }
     }
 
     /// Reads a block of tokens a stream, which may be empty; logits (rows, V) of what follows, the rows in the order of
@@ -194,6 +218,11 @@ impl FrameDecoder {
                     x.chunks_exact_mut(width).for_each(|x| x.iter_mut().zip(label).for_each(|(x, y)| *x += y));
                 }
                 let wide = rows.frame_width();
+                if let Some(weights) = &weights.told {
+                    for (frame, x) in (frames..frames + n).zip(x.chunks_exact_mut(width)) {
+                        self.told.add(x, (stream, frame), &weights.trunk);
+                    }
+                }
                 for (frame, x) in (frames..frames + n).zip(self.frames[first * wide..].chunks_exact_mut(wide)) {
                     rows.frame(x, &self.tokens[ids..ids + length], frame);
                 }
@@ -210,7 +239,7 @@ impl FrameDecoder {
 
     /// Takes the frames through the trunk, and keeps what it makes of them.
     fn pass_trunk(&mut self) {
-        let FrameWeights { frames, trunk, trunk_norm, join, rows: table, sizes, .. } = &*self.weights;
+        let FrameWeights { frames, trunk, trunk_norm, join, rows: table, sizes, told, .. } = &*self.weights;
         let (rows, wide, width) = (self.trunk.rows(), table.frame_width(), sizes.trunk.width);
         let room = &mut self.trunk.room;
         products(frames, 0..frames.pieces(), &mut room.pieces, Left::whole(&self.frames, rows, wide, wide));
@@ -223,8 +252,11 @@ impl FrameDecoder {
         let mut row = 0;
         for run in self.trunk.runs() {
             let known = &mut self.known[(run.stream * sizes.frames + run.place) * sizes.speller.width..];
-            for known in known.chunks_exact_mut(sizes.speller.width).take(run.rows) {
+            for (i, known) in known.chunks_exact_mut(sizes.speller.width).take(run.rows).enumerate() {
                 product.copy(known, row, 0);
+                if let Some(weights) = told {
+                    self.told.add(known, (run.stream, run.place + i), &weights.speller);
+                }
                 row += 1;
             }
         }
@@ -277,6 +309,9 @@ impl FrameDecoder {
             let ids = &self.tokens[stream * context + weights.ahead()..][..end];
             for (i, x) in (from..from + n).zip(self.speller.room.x[row * width..].chunks_exact_mut(width)) {
                 rows.spelled(x, ids, i, known);
+                if let Some(told) = &weights.told {
+                    self.told.add_rows(x, (stream, frame), i % rows.word(), &told.rows);
+                }
             }
             let asked = (from..from + n).zip(row..).filter(|&(place, _)| place >= first);
             self.asked.extend(asked.map(|(place, row)| Asked { row, stream, place }));

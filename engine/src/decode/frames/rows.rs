@@ -83,6 +83,11 @@ impl Rows {
         self.words.places().len() + 1
     }
 
+    /// R.
+    pub fn steps(&self) -> usize {
+        self.steps.none()
+    }
+
     /// 2 C e.
     pub fn frame_width(&self) -> usize {
         2 * self.words.places().len() * self.character

@@ -3,6 +3,7 @@
 use super::*;
 use crate::bins::Bins;
 use crate::decode::{BlockParts, Relative, Stack, WeightKind};
+use crate::op::embedding::NONE;
 use crate::op::check::numbers;
 use crate::scalar;
 
@@ -23,6 +24,17 @@ fn block_of(t: &[Vec<f32>]) -> BlockParts<'_> {
 /// Ends a frame.
 const END: u32 = 2;
 
+/// Numbers that a frame may be told.
+const TOLD: usize = 5;
+
+/// What frames are told: numbers and the rows of both tables.
+type Telling = Vec<Option<(Vec<f32>, [Vec<u32>; 2])>>;
+
+/// The same as the decoder takes it.
+fn told(telling: &Telling) -> Vec<Option<Told<'_>>> {
+    telling.iter().map(|told| told.as_ref().map(|(numbers, [a, b])| Told { numbers, rows: [a, b] })).collect()
+}
+
 impl Model {
     fn new(sizes: FrameSizes, places: &[Bins], seed: u64) -> Model {
         let FrameSizes { trunk, speller, character, vocabulary, frames, front } = sizes;
@@ -40,6 +52,7 @@ impl Model {
         let mut lengths = vec![c * (s + 1) * character, told * wide, wide, frames * wide, wide, wide, wide * d, d];
         lengths.extend([(r + 1 + s) * d, (c + 1) * d, (s + 1) * d, (r + 1) * d, d, d, vocabulary * d]);
         lengths.extend([round * d, clamps * d, if front > 1 { vocabulary * wide } else { 0 }]);
+        lengths.extend([TOLD * wide, TOLD * d, r * d, r * d]);
         let blocks = |seed: u64, Stack { layers, width, .. }: Stack| {
             let mut lengths = vec![];
             for _ in 0..layers {
@@ -100,6 +113,7 @@ impl Model {
             head: t(14),
             relative: Relative { circular: t(15), clamped: t(16) },
             labels: t(17),
+            told: Some(ToldParts { trunk: t(18), speller: t(19), rows: [t(20), t(21)] }),
         }
     }
 
@@ -120,6 +134,19 @@ impl Model {
             _ => any(i, self.sizes.vocabulary as u32),
         };
         (0..n).map(token).collect()
+    }
+
+    /// Something told to two of three frames, rows missing here and there.
+    fn telling(&self, seed: u64) -> Telling {
+        let word = self.places.len() + 1;
+        let steps = self.tables[20].len() / self.sizes.speller.width;
+        let of_frame = |frame: u64| {
+            let any = numbers(seed * 77 + frame, 2 * word, 0.5);
+            let row = |x: &f32| if *x > 0.3 { NONE } else { ((x + 0.5) * steps as f32) as u32 };
+            let rows = [0, 1].map(|i| any[i * word..][..word].iter().map(row).collect());
+            (frame % 3 != 1).then(|| (numbers(seed * 78 + frame, TOLD, 1.0), rows))
+        };
+        (0..self.sizes.frames as u64).map(of_frame).collect()
     }
 
     fn decoder(&self, streams: usize, weights: WeightKind, kv: KvKind) -> FrameDecoder {
@@ -155,7 +182,9 @@ fn logits_are_those_of_plain_loops() {
         Model::new(FrameSizes { trunk, speller, character: 24, vocabulary: 366, frames: 4, front: 3 }, &wide, 95);
     for model in Model::all(4, 1).into_iter().chain(Model::all(1, 2)).chain([long, wide]) {
         let tokens = model.tokens(model.context(), 9);
-        let truth = scalar::frames::logits(&model.parts(), &tokens);
+        let telling = model.telling(5);
+        let truths = [&[][..], &told(&telling)].map(|told| scalar::frames::logits(&model.parts(), &tokens, told));
+        let truth = &truths[0];
         // of a word's places, those behind a bin one frame back have no other logits
         if model.sizes.frames > 1 {
             assert!(truth.contains(&f64::NEG_INFINITY));
@@ -165,8 +194,12 @@ fn logits_are_those_of_plain_loops() {
             (WeightKind::F32, KvKind::F16, 2e-3),
             (WeightKind::Int8, KvKind::F32, 5e-2),
         ] {
-            let apart = apart(&model.alone(&tokens, weights, kv), &truth);
-            assert!(apart < bound, "{} {weights:?} {kv:?}: {apart:e}", model.name());
+            let off = apart(&model.alone(&tokens, weights, kv), truth);
+            assert!(off < bound, "{} {weights:?} {kv:?}: {off:e}", model.name());
+            let mut decoder = model.decoder(1, weights, kv);
+            told(&telling).into_iter().enumerate().for_each(|(frame, told)| decoder.tell(0, frame, told));
+            let off = apart(decoder.read(&[&tokens], Logits::All), &truths[1]);
+            assert!(off < bound, "{} {weights:?} {kv:?}, told: {off:e}", model.name());
         }
     }
 }
@@ -243,6 +276,38 @@ fn what_was_forgotten_leaves_no_trace() {
         let expected = model.alone(&read[0], WeightKind::F32, KvKind::F32);
         assert!(decoder.read(&[&read[0], &[]], Logits::All) == expected, "{}", model.name());
         assert!(decoder.read(&[&[], &[]], Logits::Last).is_empty());
+    }
+}
+
+#[test]
+fn what_is_told_in_time_or_late_or_to_another_stream_is_told_to_its_frame_alone() {
+    for model in Model::all(6, 6) {
+        let (tokens, telling) = (model.tokens(model.context(), 3), model.telling(4));
+        let (word, ahead) = (model.places.len() + 1, model.sizes.front - 1);
+        let mut decoder = model.decoder(1, WeightKind::F32, KvKind::F32);
+        told(&telling).into_iter().enumerate().for_each(|(frame, told)| decoder.tell(0, frame, told));
+        let all = decoder.read(&[&tokens], Logits::All).to_vec();
+        // what is told is forgotten with the tokens
+        decoder.reset();
+        let untold = model.alone(&tokens, WeightKind::F32, KvKind::F32);
+        assert!(decoder.read(&[&tokens], Logits::All) == untold && untold != all, "{}", model.name());
+        // token by token beside another stream, told before each frame begins
+        let mut decoder = model.decoder(2, WeightKind::F32, KvKind::F32);
+        let v = model.sizes.vocabulary;
+        for (i, logits) in all.chunks(v).enumerate() {
+            if let Some(frame) = i.checked_sub(ahead).filter(|i| i % word == 0).map(|i| i / word) {
+                decoder.truncate(0, i);
+                decoder.tell(0, frame, told(&telling)[frame]);
+            }
+            let found = decoder.read(&[&tokens[i..=i], &tokens[i..=i]], Logits::Last);
+            assert!(found[..v] == *logits && found[v..] == untold[i * v..][..v], "{} token {i}", model.name());
+        }
+        // told late: frames are read again
+        let mut decoder = model.decoder(1, WeightKind::F32, KvKind::F32);
+        let (read, rest) = tokens.split_at(tokens.len() - 1);
+        decoder.read(&[read], Logits::Last);
+        told(&telling).into_iter().enumerate().for_each(|(frame, told)| decoder.tell(0, frame, told));
+        assert!(decoder.read(&[rest], Logits::Last) == &all[all.len() - v..], "{}", model.name());
     }
 }
 

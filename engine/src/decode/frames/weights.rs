@@ -68,6 +68,46 @@ pub struct FrameParts<'a> {
     pub head: &'a [f32],
     /// (Sc, d) and (2 Sl - 1, d): logits over differences to the token one frame back.
     pub relative: Relative<'a>,
+    /// What frames may be told beside what was read, if they may.
+    pub told: Option<ToldParts<'a>>,
+}
+
+/// What becomes of the P numbers and the rows of [`super::Told`].
+#[derive(Debug, Clone, Copy)]
+pub struct ToldParts<'a> {
+    /// (P, D): from a frame's numbers to its row of the trunk.
+    pub trunk: &'a [f32],
+    /// (P, d): from its numbers to each of its rows of the speller.
+    pub speller: &'a [f32],
+    /// (R, d) each: rows of steps that are added to rows of the speller.
+    pub rows: [&'a [f32]; 2],
+}
+
+/// The same, kept.
+pub(super) struct ToldWeights {
+    /// P.
+    pub numbers: usize,
+    pub trunk: Floats,
+    pub speller: Floats,
+    pub rows: [Floats; 2],
+}
+
+impl ToldWeights {
+    /// # Panics
+    /// Slices that don't have the shape they should.
+    fn new(parts: &ToldParts, sizes: FrameSizes, steps: usize) -> ToldWeights {
+        let (wide, d) = (sizes.trunk.width, sizes.speller.width);
+        let numbers = parts.trunk.len() / wide;
+        check("told to the trunk", parts.trunk, numbers * wide);
+        check("told to the speller", parts.speller, numbers * d);
+        parts.rows.iter().for_each(|rows| check("told rows", rows, steps * d));
+        ToldWeights {
+            numbers,
+            trunk: Floats::of(parts.trunk),
+            speller: Floats::of(parts.speller),
+            rows: parts.rows.map(Floats::of),
+        }
+    }
 }
 
 /// The weights of a model of two stacks, packed.
@@ -84,6 +124,7 @@ pub struct FrameWeights {
     pub(super) speller: Vec<Block>,
     pub(super) norm: Norm,
     pub(super) head: Head,
+    pub(super) told: Option<ToldWeights>,
 }
 
 impl FrameParts<'_> {
@@ -114,6 +155,7 @@ impl FrameWeights {
             sizes: parts.sizes,
             kind,
             frames: linear("frames", parts.frames, (rows.frame_width(), trunk.width)),
+            told: parts.told.map(|told| ToldWeights::new(&told, parts.sizes, rows.steps())),
             rows,
             positions: Floats::of(parts.positions),
             labels: Floats::of(parts.labels),
@@ -144,6 +186,11 @@ impl FrameWeights {
     /// K - 1: tokens before the one that the first frame begins behind.
     pub(super) fn ahead(&self) -> usize {
         self.sizes.front - 1
+    }
+
+    /// P: how many numbers a frame may be told beside what was read; 0 where it may be told none.
+    pub fn told_numbers(&self) -> usize {
+        self.told.as_ref().map_or(0, |told| told.numbers)
     }
 
     /// Multiply-adds of a token with the weights, about, the mean over the places of a frame.

@@ -1,0 +1,304 @@
+//! What is told ahead of a frame that is being spelled: of characters that are given later, how far they lie and how fast they
+//! have to be reached.
+//!
+//! A character that is free has a *goal*: the next one that is given in its place, l frames from the frame before (the frame
+//! that the goal stands in among them), unless that is more than [`FARTHEST`] away. Characters that say how the root steps have none of
+//! their own: where the root stands now and where it stands in the next frame in which all of it is given make the step a frame that it
+//! takes from one to the other, and that is the goal, one frame away.
+//!
+//! Of a frame with goals two things are told. P = 4 C + 24 *numbers* ([`numbers`]): of every place sin a, 1 - cos a, a, and 8 a / l,
+//! where a is what lies between the code one frame back and the goal, in radians of circular places and in hundredths of a
+//! bin of others, place by place, 0 where there is no goal; of the root 8, its way in x and z, cosine and sine of its turn, 1/l and the three a frame, times
+//! ten; a 1 in one of 16 places for the least l of all, two to a doubling. And two rows of tables of
+//! steps for every place: the step to the goal, and that divided by l.
+//!
+//! Training, measuring and generation all ask [`Course::tell`].
+
+use super::config::{ModelConfig, TokenLayout};
+use super::frames::Frames;
+use crate::{Error, Result};
+use kinelm_engine::op::embedding::NONE;
+use kinelm_tokenizer::Tokenizer;
+use kinelm_tokenizer::carriage::{Carriage, ROOT_PLACES, STEP_PLACES, Stand};
+
+/// A character that is given later than so many frames behind a free one is no goal of it.
+pub const FARTHEST: usize = 64;
+/// Numbers of the root.
+const ROOT: usize = 8;
+/// Numbers of the frames that are left.
+const BUCKETS: usize = 16;
+/// How far a bin of a place that doesn't go round counts.
+const CLAMPED_BIN: f64 = 0.01;
+
+/// P: numbers that a frame of so many characters is told.
+pub fn numbers(characters: usize) -> usize {
+    4 * characters + ROOT + BUCKETS
+}
+
+/// What the N frames of a batch are told, one window behind the other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Told {
+    /// (N, P); 0 where a frame is told nothing.
+    pub numbers: Vec<f32>,
+    /// (N, W) each: rows of the tables of steps; [`NONE`] adds nothing.
+    pub rows: [Vec<u32>; 2],
+}
+
+impl Told {
+    /// Nothing, for so many frames.
+    pub fn nothing(frames: usize, characters: usize) -> Told {
+        let rows = [(); 2].map(|()| vec![NONE; frames * (characters + 1)]);
+        Told { numbers: vec![0.0; frames * numbers(characters)], rows }
+    }
+
+    /// What is told behind the frames of `self`.
+    pub fn extend(&mut self, other: &Told) {
+        self.numbers.extend_from_slice(&other.numbers);
+        self.rows.iter_mut().zip(&other.rows).for_each(|(rows, other)| rows.extend_from_slice(other));
+    }
+
+    /// Checks that it is told of the frames of `batch` windows of `length` tokens.
+    ///
+    /// # Errors
+    /// A model that can't be told, other frames, rows beyond the tables.
+    pub fn check(&self, config: &ModelConfig, tokens: &TokenLayout, (batch, length): (usize, usize)) -> Result<()> {
+        if !config.ahead {
+            return Err(Error::Call("frames told something ahead; this model has model.ahead = false".into()));
+        }
+        let (frames, steps) = (Frames::of(tokens), Frames::of(tokens).steps());
+        let n = batch * ((length + 1).saturating_sub(tokens.front)).div_ceil(tokens.word);
+        let is = (self.numbers.len(), self.rows[0].len(), self.rows[1].len());
+        let expected = (n * numbers(frames.characters()), n * tokens.word, n * tokens.word);
+        if is != expected {
+            let what = format!("{is:?} numbers and rows are told of {n} frames; expected {expected:?}");
+            return Err(Error::Call(what));
+        }
+        match self.rows.iter().flatten().find(|&&row| row != NONE && row as usize >= steps) {
+            Some(row) => Err(Error::Call(format!("row {row} of a table of {steps} steps"))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// How a tokenizer's frames are told what is ahead.
+#[derive(Debug, Clone)]
+pub struct Ahead {
+    frames: Frames,
+    carriage: Carriage,
+}
+
+impl Ahead {
+    /// Of a tokenizer whose codes say how the root steps.
+    ///
+    /// # Errors
+    /// Another tokenizer: what of it is wrong.
+    pub fn of(tokenizer: &Tokenizer) -> Result<Ahead> {
+        let carriage = Carriage::of(tokenizer).map_err(|e| Error::Call(format!("model.ahead is true: {e}")))?;
+        Ok(Ahead { frames: Frames::of(&TokenLayout::of(tokenizer)), carriage })
+    }
+
+    /// C: characters of a frame.
+    pub fn characters(&self) -> usize {
+        self.frames.characters()
+    }
+
+    /// Codes of ids of whole words, spaces among them (F W) -> (F, C); 0 for ids that are no bin of their place.
+    pub fn codes(&self, ids: &[u32]) -> Vec<u16> {
+        let (word, places) = (self.frames.word(), self.frames.places());
+        let of_word = |ids: &[u32]| -> Vec<u16> {
+            places.iter().zip(ids).map(|(place, &id)| place.bin(id).unwrap_or(0) as u16).collect()
+        };
+        ids.chunks_exact(word).flat_map(of_word).collect()
+    }
+
+    /// Where the root stands before the first word.
+    pub fn start(&self) -> Stand {
+        self.carriage.start()
+    }
+
+    /// Moves by a word's codes (C).
+    pub fn follow(&self, stand: &mut Stand, word: &[u16]) {
+        self.carriage.follow(stand, word);
+    }
+}
+
+/// Frames of which some characters are given, and what of that can be told ahead.
+#[derive(Debug)]
+pub struct Course {
+    ahead: Ahead,
+    /// (F, C).
+    codes: Vec<u16>,
+    /// (F, C).
+    given: Vec<bool>,
+    /// (F, C): frames up to the next given character of the place, 0 where none is near.
+    next: Vec<u8>,
+    /// (F): the same of the next frame in which all of the root is given.
+    next_root: Vec<u8>,
+    /// (F): where the root stands.
+    stands: Vec<Stand>,
+}
+
+/// Where a character has to get to.
+#[derive(Clone, Copy)]
+struct Goal {
+    code: i64,
+    /// l.
+    left: f64,
+}
+
+impl Course {
+    /// Of `codes` (F, C), of which some are `given` (F, C); words begin behind the first `lead_in` frames.
+    ///
+    /// # Panics
+    /// Not as many of both, or not of whole frames.
+    pub fn new(ahead: Ahead, codes: Vec<u16>, given: Vec<bool>, lead_in: usize) -> Course {
+        let c = ahead.characters();
+        assert!(codes.len() == given.len() && codes.len().is_multiple_of(c), "codes of whole frames");
+        let frames = codes.len() / c;
+        let mut stand = ahead.start();
+        let stands = codes.chunks_exact(c).enumerate().map(|(frame, word)| {
+            if frame >= lead_in {
+                ahead.follow(&mut stand, word);
+            }
+            stand.clone()
+        });
+        let stands = stands.collect();
+        let root = |frame: usize| given[frame * c..][..ROOT_PLACES].iter().all(|is| *is);
+        let next_root = until(frames, 1, |frame, _| root(frame));
+        let next = until(frames, c, |frame, place| given[frame * c + place]);
+        Course { ahead, codes, given, next, next_root, stands }
+    }
+
+    /// F.
+    pub fn frames(&self) -> usize {
+        self.next_root.len()
+    }
+
+    /// C.
+    pub fn characters(&self) -> usize {
+        self.ahead.characters()
+    }
+
+    /// Whether some character is free and given later.
+    pub fn has_goals(&self) -> bool {
+        self.given.iter().zip(&self.next).any(|(given, next)| !given && *next > 0)
+    }
+
+    /// Where the root stands behind a frame: as it is given, else where the codes (C) lead from where it stood `before`;
+    /// nowhere that is known if it stood nowhere.
+    pub fn stand(&self, frame: usize, word: &[u16], before: Option<&Stand>) -> Option<Stand> {
+        if frame < self.frames() && self.root_is_given(frame) {
+            return Some(self.stands[frame].clone());
+        }
+        let mut stand = before?.clone();
+        self.ahead.follow(&mut stand, word);
+        Some(stand)
+    }
+
+    /// Whether all of the root is given in a frame.
+    fn root_is_given(&self, frame: usize) -> bool {
+        self.given[frame * self.characters()..][..ROOT_PLACES].iter().all(|is| *is)
+    }
+
+    /// What a frame is told: behind `word` (C), the codes one frame back, and where the root stands there, if that is
+    /// known. It is put into `numbers` (P) and the rows (C or more); whether it is anything.
+    pub fn tell(
+        &self,
+        frame: usize,
+        (word, stand): (&[u16], Option<&Stand>),
+        numbers: &mut [f32],
+        [steps, paces]: [&mut [u32]; 2],
+    ) -> bool {
+        numbers.fill(0.0);
+        [&mut *steps, &mut *paces].into_iter().for_each(|rows| rows.fill(NONE));
+        if frame >= self.frames() {
+            return false;
+        }
+        let (c, root) = (self.characters(), stand.and_then(|stand| self.way(frame, stand)));
+        let mut least = root.map_or(f64::INFINITY, |(_, left)| left);
+        let whole = root.map(|(way, left)| self.ahead.carriage.codes_of(way.map(|way| way / left)));
+        for place in 0..c {
+            let step = STEP_PLACES.iter().position(|&at| at == place);
+            let Some(goal) = (match step {
+                Some(step) => whole.map(|codes| Goal { code: codes[step].round_ties_even() as i64, left: 1.0 }),
+                None => self.goal(frame, place).inspect(|goal| least = least.min(goal.left)),
+            }) else {
+                continue;
+            };
+            let kind = self.ahead.frames.places()[place];
+            let (d, angle) = apart(goal.code, word[place].into(), (kind.count.into(), kind.circular));
+            for (i, number) in [angle.sin(), 1.0 - angle.cos(), angle, 8.0 * angle / goal.left].into_iter().enumerate() {
+                numbers[i * c + place] = number as f32;
+            }
+            steps[place] = self.ahead.frames.step_of(place, d);
+            paces[place] = self.ahead.frames.step_of(place, (d as f64 / goal.left).round_ties_even() as i64);
+        }
+        if least.is_infinite() {
+            return false;
+        }
+        if let Some(([x, z, turn], left)) = root {
+            let all = [x, z, turn.cos(), turn.sin(), 1.0 / left, 10.0 * x / left, 10.0 * z / left, 10.0 * turn / left];
+            numbers[4 * c..].iter_mut().zip(all).for_each(|(number, x)| *number = x as f32);
+        }
+        let bucket = ((2.0 * least.log2()) as usize).min(BUCKETS - 1);
+        numbers[4 * c + ROOT + bucket] = 1.0;
+        true
+    }
+
+    /// The next given character of a place, if it is free.
+    fn goal(&self, frame: usize, place: usize) -> Option<Goal> {
+        let at = frame * self.characters() + place;
+        let ahead = usize::from(self.next[at]);
+        let is_goal = !self.given[at] && ahead > 0;
+        is_goal.then(|| Goal { code: self.codes[at + ahead * self.characters()].into(), left: (ahead + 1) as f64 })
+    }
+
+    /// The root's way to where it is given next, and the frames that it has, where its steps are free.
+    fn way(&self, frame: usize, stand: &Stand) -> Option<([f64; 3], f64)> {
+        let given = &self.given[frame * self.characters()..];
+        let ahead = usize::from(self.next_root[frame]);
+        let is_free = ahead > 0 && STEP_PLACES.iter().all(|&place| !given[place]);
+        is_free.then(|| (stand.way_to(&self.stands[frame + ahead]), (ahead + 1) as f64))
+    }
+
+    /// What the first `frames` are told of themselves, the first nothing.
+    pub fn told(&self, frames: usize) -> Told {
+        let c = self.characters();
+        let mut told = Told::nothing(frames, c);
+        let Told { numbers: all, rows: [steps, paces] } = &mut told;
+        let parts = all.chunks_exact_mut(numbers(c)).zip(steps.chunks_exact_mut(c + 1)).zip(paces.chunks_exact_mut(c + 1));
+        for (frame, ((numbers, steps), paces)) in parts.enumerate().take(self.frames()).skip(1) {
+            let before = (&self.codes[(frame - 1) * c..][..c], Some(&self.stands[frame - 1]));
+            self.tell(frame, before, numbers, [steps, paces]);
+        }
+        told
+    }
+}
+
+/// (F, n): frames from each of n columns up to the next in which `is` says so, behind it; 0 where none is within reach.
+fn until(frames: usize, n: usize, is: impl Fn(usize, usize) -> bool) -> Vec<u8> {
+    let mut next = vec![0u8; frames * n];
+    for frame in (0..frames.saturating_sub(1)).rev() {
+        for column in 0..n {
+            let behind = usize::from(next[(frame + 1) * n + column]);
+            let far = if is(frame + 1, column) { 1 } else { behind + 1 };
+            let known = far == 1 || behind > 0;
+            next[frame * n + column] = if known && far <= FARTHEST { far as u8 } else { 0 };
+        }
+    }
+    next
+}
+
+/// What lies between a code and a goal of a place of so many bins: in bins, and as an angle.
+fn apart(goal: i64, from: i64, (bins, circular): (i64, bool)) -> (i64, f64) {
+    match circular {
+        true => {
+            let d = (goal - from + bins / 2).rem_euclid(bins) - bins / 2;
+            (d, d as f64 * std::f64::consts::TAU / bins as f64)
+        }
+        false => {
+            let d = goal.clamp(0, bins - 1) - from;
+            (d, d as f64 * CLAMPED_BIN)
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! How the codes of frames carry the root over the ground, told from outside of a clip: where it stands after a word, and what
+//! codes it takes to get somewhere else.
+
+use crate::scheme::angle::Angles;
+use crate::scheme::line::Line;
+use crate::scheme::pelvis::{Turns, about_y};
+use crate::scheme::walk::Walk;
+use crate::{Error, Height, JointTransform, Result, Tokenizer, Travel};
+use kinelm_motion::Vec3;
+use kinelm_motion::rotation::exp_map;
+use std::f64::consts::{PI, TAU};
+
+/// The characters of a word that say what the root does: its step in x, its height, its step in z, its turn, its tilt in x
+/// and z.
+pub const ROOT_PLACES: usize = 6;
+
+/// Those of them that are steps from the frame before: in x, in z, in turn.
+pub const STEP_PLACES: [usize; 3] = [0, 2, 3];
+
+/// The rule of a tokenizer.
+#[derive(Debug, Clone)]
+pub struct Carriage {
+    translation: [Line; 3],
+    angles: Angles,
+    turns: Turns,
+    start: Walk,
+}
+
+/// Where the root stands and which way it faces.
+#[derive(Debug, Clone)]
+pub struct Stand {
+    walk: Walk,
+    turns: Turns,
+}
+
+impl Carriage {
+    /// That of a tokenizer whose words are frames of uniform bins, x and z steps, heights no steps, and turns coded as steps.
+    ///
+    /// # Errors
+    /// [`Error::Setting`]: the first setting of another tokenizer.
+    pub fn of(tokenizer: &Tokenizer) -> Result<Carriage> {
+        let refused = |field, found: String, expected: &str| Err(Error::Setting { field, found, expected: expected.into() });
+        let Some(uniform) = tokenizer.uniform().filter(|_| tokenizer.tokens_per_word().is_some()) else {
+            return refused("scheme", "another, or merged tokens".into(), "uniform bins without merges");
+        };
+        let config = uniform.config();
+        if config.joint_transform != (JointTransform::None {}) {
+            return refused("joint_transform", "components of poses".into(), "none");
+        }
+        if config.translation != Travel::Velocity {
+            return refused("translation", "absolute".into(), "velocity");
+        }
+        if config.height == Height::Velocity {
+            return refused("height", "velocity".into(), "floor or absolute");
+        }
+        if !tokenizer.channels().has_turn() {
+            return refused("root_rotation", "absolute, or a pelvis that is not coded".into(), "heading_delta");
+        }
+        Ok(Carriage {
+            translation: *uniform.translation(),
+            angles: uniform.angles(),
+            turns: Turns::new(config.bins),
+            start: Walk::new(uniform.first_height(), config.translation, config.height),
+        })
+    }
+
+    /// Where every clip's words begin: at x = z = 0, turn 0.
+    pub fn start(&self) -> Stand {
+        Stand { walk: self.start.clone(), turns: self.turns }
+    }
+
+    /// Moves by a word's codes, [`ROOT_PLACES`] or more.
+    ///
+    /// # Panics
+    /// Fewer codes.
+    pub fn follow(&self, stand: &mut Stand, word: &[u16]) {
+        stand.walk.follow(&self.translation, [word[0], word[1], word[2]]);
+        stand.turns.follow(word[3]);
+        let tilt = self.angles.vector([word[4], 0, word[5]]) * Vec3::new(1.0, 0.0, 1.0);
+        stand.walk.face(about_y(stand.turns.radians()) * exp_map::from_vector(tilt));
+    }
+
+    /// The numbers, not yet whole, of the codes at [`STEP_PLACES`] that make a step ([`Stand::way_to`]).
+    pub fn codes_of(&self, [x, z, turn]: [f64; 3]) -> [f64; 3] {
+        let along = |line: &Line, step: f64| f64::from(line.zero) + (step - line.offset) / line.width;
+        let bins = self.turns.bins();
+        [along(&self.translation[0], x), along(&self.translation[2], z), (bins / 2) as f64 + turn / TAU * bins as f64]
+    }
+}
+
+impl Stand {
+    /// What lies between here and there: metres in x and z as seen by one who faces +z here, radians of turn, half a circle
+    /// either way.
+    pub fn way_to(&self, there: &Stand) -> [f64; 3] {
+        let way = self.walk.turned_in(there.walk.at() - self.walk.at());
+        let turn = there.turns.radians() - self.turns.radians();
+        [way.x, way.z, (turn + PI).rem_euclid(TAU) - PI]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contract::{bent, presets};
+    use crate::{Form, Rest, RootRotation, SchemeConfig, TokenizerConfig, UniformConfig};
+
+    fn fitted(form: Form, height: Height) -> Tokenizer {
+        let scheme = SchemeConfig::Uniform(UniformConfig { bins: 120, form, height, ..Default::default() });
+        let config = TokenizerConfig::uniform(&[0, 4], 20.0, 120);
+        let config = TokenizerConfig { root_rotation: RootRotation::HeadingDelta, scheme, ..config };
+        Tokenizer::fit([&bent(2, 90)], config).unwrap()
+    }
+
+    #[test]
+    fn a_stand_is_where_the_decoder_puts_the_root_and_steps_lead_from_one_to_the_next() {
+        for (form, height) in [(Form::Centred, Height::Floor), (Form::Edge, Height::Absolute)] {
+            let tokenizer = fitted(form, height);
+            let words = tokenizer.encode(&bent(5, 60)).unwrap().words;
+            let clip = tokenizer.decode(&words, Rest::Identity).unwrap();
+            let carriage = Carriage::of(&tokenizer).unwrap();
+            let mut stand = carriage.start();
+            for (frame, word) in words.iter().enumerate() {
+                let before = stand.clone();
+                carriage.follow(&mut stand, word);
+                assert_eq!(stand.walk.at(), clip.root()[frame], "frame {frame}");
+                // the codes of the very step
+                let codes = carriage.codes_of(before.way_to(&stand));
+                for (code, place) in codes.iter().zip(STEP_PLACES) {
+                    assert!((code - f64::from(word[place])).abs() < 1e-6, "frame {frame}, place {place}: {code}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn other_tokenizers_are_refused_by_their_first_setting() {
+        let said = |tokenizer: &Tokenizer| Carriage::of(tokenizer).map(|_| ()).map_err(|e| e.to_string());
+        for (name, tokenizer) in presets() {
+            assert_eq!(said(&tokenizer).is_ok(), name == "uniform, headings", "{name}");
+        }
+        assert!(said(&fitted(Form::Centred, Height::Velocity)).unwrap_err().contains("height"));
+    }
+}

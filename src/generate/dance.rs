@@ -1,7 +1,10 @@
 //! One dance being drawn: what of its window the model has read, what it reads next, what is drawn from the logits.
 
-use super::Plan;
+use super::{NextToken, Plan};
+use crate::model::ahead::{Course, Told};
 use crate::{Error, Result};
+use kinelm_engine::decode as engine;
+use kinelm_tokenizer::carriage::Stand;
 use kinelm_tokenizer::{Place, SPACE};
 
 pub(super) struct Dance<'a> {
@@ -33,9 +36,44 @@ pub(super) struct Dance<'a> {
     told: usize,
     /// Tokens that are left of those that the model has read, since words were foretold and taken back.
     taken_back: Option<usize>,
+    /// Where the model is told what is given ahead.
+    led: Option<Led<'a>>,
     /// Tokens guessed so far, and those that were right.
     pub guessed: u64,
     pub right: u64,
+}
+
+/// A dance on its way to what is given ahead.
+struct Led<'a> {
+    course: &'a Course,
+    /// Where the root stands behind each word, as far as that was asked for.
+    stands: Vec<Option<Stand>>,
+    /// What one frame is told.
+    told: Told,
+    /// The last word that was told something.
+    last: Option<usize>,
+}
+
+impl<'a> Led<'a> {
+    fn new(course: &'a Course) -> Led<'a> {
+        Led { course, stands: Vec::new(), told: Told::nothing(1, course.characters()), last: None }
+    }
+
+    /// What a word is told behind those of `ids`.
+    fn tell(&mut self, word: usize, ids: &[u32]) -> Option<engine::Told<'_>> {
+        let length = self.course.characters() + 1;
+        let codes = |word: usize| self.course.codes(&ids[word * length..][..length]);
+        for word in self.stands.len()..word {
+            let stand = self.course.stand(word, &codes(word), self.stands.last().and_then(Option::as_ref));
+            self.stands.push(stand);
+        }
+        let before = word.checked_sub(1)?;
+        let Told { numbers, rows: [steps, paces] } = &mut self.told;
+        let behind = (codes(before), self.stands[before].as_ref());
+        let is_told = self.course.tell(word, (&behind.0, behind.1), numbers, [steps, paces]);
+        self.last = self.last.filter(|_| !is_told).or(is_told.then_some(word));
+        is_told.then_some(engine::Told { numbers, rows: [steps, paces] })
+    }
 }
 
 impl<'a> Dance<'a> {
@@ -57,6 +95,7 @@ impl<'a> Dance<'a> {
             foretold: Vec::new(),
             told: 0,
             taken_back: None,
+            led: plan.told().map(Led::new),
             guessed: 0,
             right: 0,
         };
@@ -83,9 +122,31 @@ impl<'a> Dance<'a> {
         &self.block
     }
 
-    /// The same for the reading without conditions; `None` where the dance is not guided.
+    /// The same for the second reading; `None` where the dance has one alone.
     pub fn block_without(&self) -> Option<&[u32]> {
-        self.plan.guidance.map(|_| self.block_without.as_slice())
+        (self.plan.streams() > 1).then_some(self.block_without.as_slice())
+    }
+
+    /// Tells the sequence `stream` of a model what is given ahead of the frames that begin with the block; all words have
+    /// one length then.
+    pub fn tell(&mut self, model: &mut dyn NextToken, stream: usize) -> Result<()> {
+        let Some(led) = &mut self.led else { return Ok(()) };
+        let (front, length) = (self.plan.front.len(), led.course.characters() + 1);
+        // a window's first frame has none before it
+        let frames = (1..).map(|frame| (frame, front - 1 + frame * length));
+        let begun = frames.take_while(|(_, at)| *at < self.read + self.block.len()).filter(|(_, at)| *at >= self.read);
+        for (frame, _) in begun {
+            model.tell(stream, frame, led.tell(self.first / length + frame, &self.ids))?;
+        }
+        Ok(())
+    }
+
+    /// What the difference of both readings is multiplied with for the next token: where the frame is told what is given
+    /// ahead, or is what was told of, [`Plan::ahead`], else the guidance's; `None`: the first reading alone counts.
+    pub fn scale(&self) -> Option<f64> {
+        let is_led = |led: &Led| led.last == Some(self.words()) || self.foretells(self.place);
+        let ahead = self.led.as_ref().filter(|led| is_led(led)).map(|_| self.plan.ahead);
+        ahead.or(self.plan.guidance.map(|guidance| guidance.scale))
     }
 
     /// Whether there are guesses in the block.
@@ -187,11 +248,11 @@ impl<'a> Dance<'a> {
     /// Makes the next block, with up to `guesses` guesses; the number of tokens of the window that the model has read.
     pub fn prepare(&mut self, guesses: usize) -> usize {
         self.fill_block(guesses);
-        if let Some(guidance) = self.plan.guidance {
+        if self.plan.streams() > 1 {
             self.block_without.clone_from(&self.block);
-            if self.read == 0 && !self.block.is_empty() {
-                self.block_without[..guidance.without.len()].copy_from_slice(guidance.without);
-            }
+        }
+        if let Some(guidance) = self.plan.guidance.filter(|_| self.read == 0 && !self.block.is_empty()) {
+            self.block_without[..guidance.without.len()].copy_from_slice(guidance.without);
         }
         self.read
     }

@@ -9,6 +9,7 @@ use super::prompt::{self, Prompt};
 use super::recipe::{PromptRecipe, Recipe, Rig};
 use super::rest::{self, RestJoints};
 use super::{Danced, GUESSES, Plan, dances, reader, variation_seed};
+use crate::model::ahead::{Ahead, Course};
 use crate::model::checkpoint::Checkpoints;
 use crate::model::{LoadedRun, Which, load_run};
 use crate::{Error, Result};
@@ -90,6 +91,9 @@ pub struct Followed {
     pub edit: Option<Edited>,
 }
 
+/// How far gaps are led to what is given behind them, where nobody says.
+const AHEAD: f64 = 2.0;
+
 /// What leads in to a dance that begins from nothing.
 const LEAD_IN_S: f64 = 1.0;
 
@@ -101,7 +105,8 @@ impl Ready {
     ///
     /// # Errors
     /// What reading the run and the prompt fails with; settings outside their ranges; a model that is not causal; labels
-    /// that the model doesn't know, with those that it knows; guidance of a model without conditions, or without labels;
+    /// that the model doesn't know, with those that it knows; guidance of a model without conditions, or without labels; what
+    /// is ahead told to a model that can't be told;
     /// joints that aren't coded; a prompt of which nothing is followed, or that is too short to go on from; neither frames
     /// nor a prompt, more frames than memory holds, none that are left to make.
     pub fn load(mut recipe: Recipe, which: Which) -> Result<Ready> {
@@ -117,6 +122,7 @@ impl Ready {
         let mut run = load_run(&recipe.run, which)?;
         let tokenizer = run.load_tokenizer()?;
         let (front, without) = fronts(&recipe, &run)?;
+        check_ahead(recipe.ahead, &run)?;
         if run.label_dropout == Some(0.0) && (without.is_some() || recipe.labels.len() < run.conditions.len()) {
             let what = "labels were never hidden in training (train.label_dropout = 0): without some, or with guidance, the model \
                         is asked what it has not seen";
@@ -165,6 +171,24 @@ impl Ready {
         self.recipe.lead_in = if nothing { words * length } else { 0 };
     }
 
+    /// Gaps of an edited clip are led to what is given behind them, if the model can be told of it.
+    pub fn lead_ahead(&mut self) {
+        let ends = self.edit().is_some_and(|(_, edited)| edited.has_ends());
+        self.recipe.ahead = if self.run.config.ahead && ends { AHEAD } else { 0.0 };
+    }
+
+    /// What the model is told of an edited clip, of the ids of its words and which of their characters are given.
+    fn course(&self, ids: &[u32], given: &[bool], lead_in: usize) -> Result<Option<Course>> {
+        if self.recipe.ahead == 0.0 || !self.run.config.ahead || given.is_empty() {
+            return Ok(None);
+        }
+        let ahead = Ahead::of(&self.tokenizer)?;
+        let front = lead_in * ahead.characters();
+        let codes = [vec![0; front], ahead.codes(ids)].concat();
+        let course = Course::new(ahead, codes, [&vec![false; front], given].concat(), lead_in);
+        Ok(Some(course).filter(Course::has_goals))
+    }
+
     /// Draws `variations` dances side by side; guesses as [`Plan::guesses`]. `progress` is told the frames done.
     ///
     /// Of an edited clip whose gaps end, each is the best of several tries, drawn side by side, and the variations one after
@@ -187,6 +211,8 @@ impl Ready {
         if edit.is_some() {
             (plan.given, plan.foretold) = (&given.0, &given.1);
         }
+        let course = self.course(&ids, &given.0, lead_in)?;
+        (plan.course, plan.ahead) = (course.as_ref(), self.recipe.ahead);
         plan.lead_in = lead_in;
         plan.front = &self.front;
         plan.guidance = self.without.as_deref().map(|without| Guidance { scale: self.recipe.guidance, without });
@@ -382,6 +408,18 @@ fn check_step(run: &Path, step: u64) -> Result<()> {
     }
     let found = format!("checkpoints of the steps {steps:?}");
     Err(Error::file(run, found, format!("one of step {step}"), "a run keeps the best and the last few (train.keep)"))
+}
+
+/// Refuses to tell a model ahead that can't be told.
+fn check_ahead(ahead: f64, run: &LoadedRun) -> Result<()> {
+    let wrong = |what: &str| Err(Error::Call(format!("ahead {ahead}: {what}")));
+    if !ahead.is_finite() {
+        return wrong("expected a finite number");
+    }
+    if ahead != 0.0 && !run.config.ahead {
+        return wrong("this model can't be told what is given ahead; expected 0, or a model trained with model.ahead");
+    }
+    Ok(())
 }
 
 /// The tokens in front of every window, and those of the reading without conditions, if there is to be one.

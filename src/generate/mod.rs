@@ -21,11 +21,12 @@ pub mod recipe;
 pub mod rest;
 pub mod sampling;
 
+use crate::model::ahead::Course;
 use crate::model::{Cache, Compute, Kind, LoadedRun, Reader, Reading};
 use crate::{Error, Result};
 use dance::Dance;
 use guidance::Guidance;
-use kinelm_engine::decode::{KvKind, Logits, WeightKind};
+use kinelm_engine::decode::{KvKind, Logits, Told, WeightKind};
 use kinelm_tokenizer::{Grammar, Special};
 use rand_chacha::rand_core::RngCore;
 use sampling::Draw;
@@ -41,8 +42,17 @@ pub trait NextToken: Send {
     /// Whether tokens have the very same logits however blocks are cut, so that tokens may be guessed ahead.
     fn is_exact(&self) -> bool;
 
-    /// A sequence forgets all but its first `length` tokens.
+    /// A sequence forgets all but its first `length` tokens, and what later frames were told.
     fn truncate(&mut self, stream: usize, length: usize);
+
+    /// Tells a frame of a sequence, counted from its window's first, what is given ahead of it, before the token is read that
+    /// it is spelled behind. Models that can't be told do nothing.
+    ///
+    /// # Errors
+    /// Whatever keeps the model from it.
+    fn tell(&mut self, _stream: usize, _frame: usize, _told: Option<Told>) -> Result<()> {
+        Ok(())
+    }
 
     /// Reads a block of tokens a sequence, which may be empty, and puts the logits (rows, V) of what follows into `logits`:
     /// behind the last token of each block, or behind every token, in the order of the sequences.
@@ -67,6 +77,10 @@ impl NextToken for Reader {
 
     fn truncate(&mut self, stream: usize, length: usize) {
         Reader::truncate(self, stream, length);
+    }
+
+    fn tell(&mut self, stream: usize, frame: usize, told: Option<Told>) -> Result<()> {
+        Reader::tell(self, stream, frame, told)
     }
 
     fn read(&mut self, blocks: &[&[u32]], wanted: Logits, logits: &mut Vec<f32>) -> Result<()> {
@@ -159,6 +173,11 @@ pub struct Plan<'a> {
     pub front: &'a [u32],
     /// How far the conditions in front are followed; `None`: as the model has learned them, in half the time.
     pub guidance: Option<Guidance<'a>>,
+    /// What is given, where the model is to be told ahead of it; its frames are the lead-in's and the prompt's.
+    pub course: Option<&'a Course>,
+    /// How far frames are led to what is given ahead, 1: as the model has learned it; 0: it is told nothing. Other numbers
+    /// take twice the time.
+    pub ahead: f64,
     /// How free places are drawn.
     pub draw: Draw,
     /// The seed of the draws.
@@ -185,15 +204,22 @@ impl Plan<'_> {
             prompt,
             front: FRONT,
             guidance: None,
+            course: None,
+            ahead: 1.0,
             draw,
             seed,
             guesses,
         }
     }
 
-    /// Sequences that a dance takes: two where it is guided.
+    /// Sequences that a dance takes: two where it is guided, or led ahead in other measure than learned.
     pub fn streams(&self) -> usize {
-        1 + usize::from(self.guidance.is_some())
+        1 + usize::from(self.guidance.is_some() || (self.told().is_some() && self.ahead != 1.0))
+    }
+
+    /// What the model is told of.
+    fn told(&self) -> Option<&Course> {
+        self.course.filter(|_| self.ahead != 0.0)
     }
 }
 
@@ -229,7 +255,7 @@ pub struct Danced {
 ///
 /// # Errors
 /// A context that holds fewer than two words of the one length that all have, or two tokens; sequences that are no whole
-/// number of dances; a front without conditions of another length than that with them; logits that allow no token (word
+/// number of dances; a front without conditions of another length than that with them; a course of other words; logits that allow no token (word
 /// and place are named), and what the model's own reading fails with.
 pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Danced> {
     check(model, plan)?;
@@ -242,6 +268,8 @@ pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(u
         for (i, dance) in dances.iter_mut().enumerate() {
             let read = dance.prepare(guesses);
             (0..each).for_each(|stream| model.truncate(i * each + stream, read));
+            // the second reading is told nothing
+            dance.tell(model, i * each)?;
         }
         let wanted = if dances.iter().any(Dance::guesses) { Logits::All } else { Logits::Last };
         let blocks: Vec<&[u32]> =
@@ -254,8 +282,8 @@ pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(u
         for dance in &mut dances {
             let (own, behind) = rest.split_at_mut(rows(dance) * each * vocabulary);
             let (with, without) = own.split_at_mut(rows(dance) * vocabulary);
-            if let Some(guidance) = plan.guidance {
-                guidance.mix(with, without);
+            if let Some(scale) = dance.scale().filter(|_| each > 1) {
+                guidance::mix(scale, with, without);
             }
             dance.take(with, vocabulary)?;
             rest = behind;
@@ -282,6 +310,10 @@ fn check(model: &dyn NextToken, plan: &Plan) -> Result<()> {
     let (streams, each) = (model.streams(), plan.streams());
     if !streams.is_multiple_of(each) {
         return Err(Error::Call(format!("{streams} sequences for dances of {each} each; expected a multiple")));
+    }
+    if let Some(course) = plan.told().filter(|course| word != Some(course.characters() + 1)) {
+        let what = format!("frames of {} characters given ahead of words of another length", course.characters());
+        return Err(Error::Call(what));
     }
     match plan.guidance {
         Some(guidance) if guidance.without.len() != plan.front.len() => Err(Error::Call(format!(

@@ -25,6 +25,10 @@ pub struct Recipe {
     pub labels: BTreeMap<String, String>,
     /// How far the labels are followed, 1: as the model has learned them. See [`super::guidance`].
     pub guidance: f64,
+    /// How far gaps are led to what is given behind them, 1: as the model has learned it, 0: it is told nothing. See
+    /// [`super::Plan::ahead`].
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub ahead: f64,
     /// Frames, at the model's rate; `None`: as many as the prompt has.
     pub frames: Option<usize>,
     /// The dance's length in seconds, asked for instead of frames; files tell frames.
@@ -68,6 +72,10 @@ impl Recipe {
         let (map, unit, bvh_position) = (prompt.read.map.clone(), prompt.read.unit, prompt.read.bvh_position);
         ReadOptions { map, unit, up, bvh_position, floor: prompt.read.floor, ..own }
     }
+}
+
+fn is_zero(ahead: &f64) -> bool {
+    *ahead == 0.0
 }
 
 fn is_none_at_all(frames: &usize) -> bool {

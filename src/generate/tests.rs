@@ -322,3 +322,131 @@ fn what_leads_in_is_free_and_the_prompt_stands_behind_it() {
     assert_eq!((ids.len(), ids[2 * 4 + 1], ids[3 * 4 + 1]), (20, 7, 10));
     assert_eq!(calls, 3 * 3 + 2 * 2);
 }
+
+mod led {
+    use super::*;
+    use crate::corpus::samples;
+    use crate::model::ahead::{Ahead, numbers};
+    use crate::model::fast::{Fast, Windows};
+    use crate::model::{Architecture, Gpt, ModelConfig, TokenLayout, forms};
+    use kinelm_tokenizer::{RootRotation, Tokenizer, TokenizerConfig};
+
+    const FRAMES: usize = 16;
+    const C: usize = 9;
+
+    /// A tokenizer, a model of its words whose windows hold `window` frames, and the ids of a clip.
+    fn setup(window: usize) -> (Tokenizer, Gpt, Vec<u32>) {
+        let walk = samples::walk(FRAMES);
+        let config = TokenizerConfig::uniform(&[0, 4], 20.0, 20);
+        let config = TokenizerConfig { root_rotation: RootRotation::HeadingDelta, ..config };
+        let tokenizer = Tokenizer::fit([&walk], config).unwrap();
+        let tokens = TokenLayout::of(&tokenizer);
+        let config = ModelConfig {
+            architecture: Architecture::TwoLevel,
+            layers: 1,
+            heads: 2,
+            width: 16,
+            window: Some(window),
+            ahead: true,
+            ..Default::default()
+        };
+        let gpt = forms::model(&config.resolved(&tokens), &tokens);
+        let ids = tokenizer.ids_of_words(&tokenizer.encode(&walk).unwrap().words).unwrap();
+        (tokenizer, gpt, ids)
+    }
+
+    fn course(tokenizer: &Tokenizer, ids: &[u32], given: &[bool], lead_in: usize) -> Course {
+        let ahead = Ahead::of(tokenizer).unwrap();
+        let codes = [vec![0; lead_in * C], ahead.codes(ids)].concat();
+        Course::new(ahead, codes, [&vec![false; lead_in * C], given].concat(), lead_in)
+    }
+
+    fn drawn(gpt: &Gpt, plan: &Plan) -> Vec<u32> {
+        let mut reader = Reader::new(gpt, Reading { streams: plan.streams(), ..Reading::default() }).unwrap();
+        dance(&mut reader, plan, &mut |_| {}).unwrap()
+    }
+
+    /// The knee free in frames 4 to 8 and 12.
+    fn knee_free() -> Vec<bool> {
+        let is_free = |frame: usize, place: usize| place >= 6 && (4..9).contains(&frame) || (frame, place) == (12, 7);
+        (0..FRAMES).flat_map(|frame| (0..C).map(move |place| !is_free(frame, place))).collect()
+    }
+
+    #[test]
+    fn a_frame_is_told_what_a_whole_window_is_told() {
+        let (tokenizer, gpt, prompt) = setup(FRAMES);
+        let given = knee_free();
+        let course = course(&tokenizer, &prompt, &given, 0);
+        for guesses in [0, 4] {
+            let free = Plan::free(tokenizer.grammar(), FRAMES, Draw::greedy(), 1);
+            let plan = Plan { given: &given, prompt: &prompt, course: Some(&course), guesses, ..free };
+            assert_eq!(plan.streams(), 1);
+            let ids = drawn(&gpt, &plan);
+            assert_ne!(ids, drawn(&gpt, &Plan { ahead: 0.0, ..plan.clone() }));
+            // the characters that the plain logits of the whole dance want, told by the course of its own characters
+            let own = super::led::course(&tokenizer, &ids, &given, 0);
+            let inputs = [&[1], &ids[..ids.len() - 1]].concat();
+            let mut fast = Fast::of(&gpt).unwrap();
+            let told = own.told(FRAMES);
+            assert!(
+                told.numbers
+                    .chunks(numbers(C))
+                    .enumerate()
+                    .all(|(frame, x)| { x.iter().any(|x| *x != 0.0) == ((4..9).contains(&frame) || frame == 12) })
+            );
+            let mask = fast.mask();
+            let windows = Windows { inputs: &inputs, targets: &ids, length: ids.len(), mask, told: Some(&told) };
+            let logits = fast.logits(windows).unwrap();
+            for (at, row) in logits.chunks(tokenizer.vocabulary().len() as usize).enumerate() {
+                let (frame, place) = (at / (C + 1), at % (C + 1));
+                if place < C && !given[frame * C + place] {
+                    let best = row.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+                    assert!(row[ids[at] as usize] >= best - 1e-4, "frame {frame}, place {place}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn weights_of_zero_lead_nowhere_and_others_the_more_the_higher_the_scale() {
+        // windows that move, a lead-in, a frame that is foretold
+        let (tokenizer, gpt, prompt) = setup(5);
+        let is_free = |frame: usize| frame < 3 || (7..12).contains(&frame);
+        let given: Vec<bool> = (0..FRAMES).flat_map(|frame| [!is_free(frame); C]).collect();
+        let foretold: Vec<bool> = (0..FRAMES).flat_map(|frame| [frame == 12; C]).collect();
+        let course = course(&tokenizer, &prompt, &given, 2);
+        let free = Plan::free(tokenizer.grammar(), FRAMES + 2, Draw::temperature(0.5), 4);
+        let plan = Plan { given: &given, foretold: &foretold, prompt: &prompt, lead_in: 2, ..free };
+        let led = |ahead: f64| Plan { course: Some(&course), ahead, ..plan.clone() };
+        assert_eq!([0.0, 1.0, 2.0].map(|ahead| led(ahead).streams()), [1, 1, 2]);
+        let ways = [0.0, 1.0, 2.0].map(|ahead| drawn(&gpt, &led(ahead)));
+        assert_eq!(ways[0], drawn(&gpt, &plan));
+        assert!(ways[0] != ways[1] && ways[1] != ways[2]);
+        for way in &ways {
+            let (lead_in, kept) = (2 * (C + 1), |frame: &usize| !is_free(*frame));
+            for frame in (0..FRAMES).filter(kept) {
+                let of = |ids: &[u32], at: usize| ids[at..at + C + 1].to_vec();
+                assert_eq!(of(way, lead_in + frame * (C + 1)), of(&prompt, frame * (C + 1)), "frame {frame}");
+            }
+        }
+        let zeros = gpt.vars().iter().map(|(name, var)| {
+            let is_ahead = crate::model::layout::AHEAD.contains(&name.as_str());
+            let tensor = var.as_tensor();
+            (name.clone(), if is_ahead { tensor.zeros_like().unwrap() } else { tensor.clone() })
+        });
+        let zeros = Gpt::from_tensors(gpt.config(), gpt.tokens(), zeros.collect()).unwrap();
+        for ahead in [0.0, 1.0, 2.0] {
+            assert_eq!(drawn(&zeros, &led(ahead)), ways[0], "{ahead}");
+        }
+    }
+
+    #[test]
+    fn a_course_of_other_words_is_refused() {
+        let (tokenizer, gpt, prompt) = setup(5);
+        let course = course(&tokenizer, &prompt, &vec![true; FRAMES * C], 0);
+        let mut reader = Reader::new(&gpt, Reading::default()).unwrap();
+        let plan = Plan { course: Some(&course), ..plan(5, &[true], &[6, 5], Draw::greedy()) };
+        let message = dance(&mut reader, &plan, &mut |_| {}).unwrap_err().to_string();
+        assert!(message.contains("frames of 9 characters given ahead of words of another length"), "{message}");
+    }
+}

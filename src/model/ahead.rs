@@ -20,6 +20,7 @@ use crate::{Error, Result};
 use kinelm_engine::op::embedding::NONE;
 use kinelm_tokenizer::Tokenizer;
 use kinelm_tokenizer::carriage::{Carriage, ROOT_PLACES, STEP_PLACES, Stand};
+use std::ops::Range;
 
 /// A character that is given later than so many frames behind a free one is no goal of it.
 pub const FARTHEST: usize = 64;
@@ -36,7 +37,7 @@ pub fn numbers(characters: usize) -> usize {
 }
 
 /// What the N frames of a batch are told, one window behind the other.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Told {
     /// (N, P); 0 where a frame is told nothing.
     pub numbers: Vec<f32>,
@@ -49,6 +50,19 @@ impl Told {
     pub fn nothing(frames: usize, characters: usize) -> Told {
         let rows = [(); 2].map(|()| vec![NONE; frames * (characters + 1)]);
         Told { numbers: vec![0.0; frames * numbers(characters)], rows }
+    }
+
+    /// Nothing, for as many frames.
+    pub fn like_nothing(&self) -> Told {
+        let rows = [(); 2].map(|()| vec![NONE; self.rows[0].len()]);
+        Told { numbers: vec![0.0; self.numbers.len()], rows }
+    }
+
+    /// What `windows` are told, of `all` there are.
+    pub fn of_windows(&self, windows: Range<usize>, all: usize) -> Told {
+        let part = |n: usize| windows.start * (n / all)..windows.end * (n / all);
+        let rows = [0, 1].map(|i| self.rows[i][part(self.rows[i].len())].to_vec());
+        Told { numbers: self.numbers[part(self.numbers.len())].to_vec(), rows }
     }
 
     /// What is told behind the frames of `self`.
@@ -179,6 +193,11 @@ impl Course {
         self.ahead.characters()
     }
 
+    /// Codes of ids of whole words, spaces among them (F W) -> (F, C); 0 for ids that are no bin of their place.
+    pub fn codes(&self, ids: &[u32]) -> Vec<u16> {
+        self.ahead.codes(ids)
+    }
+
     /// Whether some character is free and given later.
     pub fn has_goals(&self) -> bool {
         self.given.iter().zip(&self.next).any(|(given, next)| !given && *next > 0)
@@ -227,7 +246,8 @@ impl Course {
             };
             let kind = self.ahead.frames.places()[place];
             let (d, angle) = apart(goal.code, word[place].into(), (kind.count.into(), kind.circular));
-            for (i, number) in [angle.sin(), 1.0 - angle.cos(), angle, 8.0 * angle / goal.left].into_iter().enumerate() {
+            for (i, number) in [angle.sin(), 1.0 - angle.cos(), angle, 8.0 * angle / goal.left].into_iter().enumerate()
+            {
                 numbers[i * c + place] = number as f32;
             }
             steps[place] = self.ahead.frames.step_of(place, d);
@@ -266,7 +286,8 @@ impl Course {
         let c = self.characters();
         let mut told = Told::nothing(frames, c);
         let Told { numbers: all, rows: [steps, paces] } = &mut told;
-        let parts = all.chunks_exact_mut(numbers(c)).zip(steps.chunks_exact_mut(c + 1)).zip(paces.chunks_exact_mut(c + 1));
+        let parts =
+            all.chunks_exact_mut(numbers(c)).zip(steps.chunks_exact_mut(c + 1)).zip(paces.chunks_exact_mut(c + 1));
         for (frame, ((numbers, steps), paces)) in parts.enumerate().take(self.frames()).skip(1) {
             let before = (&self.codes[(frame - 1) * c..][..c], Some(&self.stands[frame - 1]));
             self.tell(frame, before, numbers, [steps, paces]);
@@ -280,10 +301,11 @@ fn until(frames: usize, n: usize, is: impl Fn(usize, usize) -> bool) -> Vec<u8> 
     let mut next = vec![0u8; frames * n];
     for frame in (0..frames.saturating_sub(1)).rev() {
         for column in 0..n {
-            let behind = usize::from(next[(frame + 1) * n + column]);
-            let far = if is(frame + 1, column) { 1 } else { behind + 1 };
-            let known = far == 1 || behind > 0;
-            next[frame * n + column] = if known && far <= FARTHEST { far as u8 } else { 0 };
+            next[frame * n + column] = match next[(frame + 1) * n + column] {
+                _ if is(frame + 1, column) => 1,
+                far if (1..FARTHEST).contains(&usize::from(far)) => far + 1,
+                _ => 0,
+            };
         }
     }
     next
@@ -300,5 +322,119 @@ fn apart(goal: i64, from: i64, (bins, circular): (i64, bool)) -> (i64, f64) {
             let d = goal.clamp(0, bins - 1) - from;
             (d, d as f64 * CLAMPED_BIN)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinelm_tokenizer::{RootRotation, TokenizerConfig};
+    use serde_json::Value;
+
+    /// Of f32 against f64, of numbers up to some tens.
+    const BOUND: f64 = 1e-4;
+
+    const TOKENIZER: &str = include_str!("../../tests/golden/ahead_tokenizer.json");
+
+    fn tokenizer() -> Tokenizer {
+        Tokenizer::from_json(TOKENIZER).unwrap()
+    }
+
+    fn ahead() -> Ahead {
+        Ahead::of(&tokenizer()).unwrap()
+    }
+
+    #[test]
+    fn gaps_are_told_what_numpy_tells_them() {
+        let golden: Value = serde_json::from_str(include_str!("../../tests/golden/ahead.json")).unwrap();
+        let codes: Vec<Vec<u16>> = serde_json::from_value(golden["codes"].clone()).unwrap();
+        let gaps: Vec<(usize, usize)> = serde_json::from_value(golden["gaps"].clone()).unwrap();
+        let free = |frame: usize| gaps.iter().any(|(start, end)| (*start..*end).contains(&frame));
+        let given = (0..codes.len()).flat_map(|frame| [!free(frame); 9]).collect();
+        let told = Course::new(ahead(), codes.concat(), given, 0).told(codes.len());
+        let p = numbers(9);
+        let mut expected = 0;
+        for frame in golden["frames"].as_array().unwrap() {
+            let at = frame["frame"].as_u64().unwrap() as usize;
+            let truth: Vec<f64> = serde_json::from_value(frame["numbers"].clone()).unwrap();
+            assert_eq!(truth.len(), p);
+            for (i, (found, truth)) in told.numbers[at * p..][..p].iter().zip(&truth).enumerate() {
+                assert!((f64::from(*found) - truth).abs() < BOUND, "frame {at}, number {i}: {found}, expected {truth}");
+            }
+            let rows: [Vec<u32>; 2] = serde_json::from_value(frame["rows"].clone()).unwrap();
+            for (found, rows) in told.rows.iter().zip(&rows) {
+                assert_eq!((&found[at * 10..][..9], found[at * 10 + 9]), (&rows[..], NONE), "frame {at}");
+            }
+            expected += 1;
+        }
+        let found = told.numbers.chunks(p).filter(|numbers| numbers.iter().any(|x| *x != 0.0)).count();
+        assert_eq!((found, expected), (11 + 57 + 2 + 9, 79));
+    }
+
+    #[test]
+    fn places_have_goals_of_their_own_and_none_too_far() {
+        // the root given throughout, the knee's x free up to frame 5, its y from frame 2 on, its z up to frame 99
+        let frames = 120;
+        let is_given = |frame: usize, place: usize| match place {
+            6 => frame == 0 || frame >= 5,
+            7 => frame < 2,
+            8 => frame == 0 || frame >= 99,
+            _ => true,
+        };
+        let given: Vec<bool> = (0..frames).flat_map(|f| (0..9).map(move |p| is_given(f, p))).collect();
+        let codes: Vec<u16> = (0..frames as u16).flat_map(|f| (0..9).map(move |p| (f + p) % 40)).collect();
+        let course = Course::new(ahead(), codes, given, 0);
+        assert!(course.has_goals());
+        let told = course.told(frames);
+        let goals = |frame: usize| -> Vec<usize> {
+            (0..9).filter(|place| told.rows.iter().all(|rows| rows[frame * 10 + place] != NONE)).collect()
+        };
+        assert_eq!((goals(0), goals(1), goals(4), goals(5)), (vec![], vec![6], vec![6], vec![]));
+        assert_eq!((goals(34), goals(35), goals(98), goals(99)), (vec![], vec![8], vec![8], vec![]));
+        // no root, the bucket of 2 frames
+        let p = numbers(9);
+        let of_frame = &told.numbers[4 * p..][..p];
+        assert!(of_frame[36..44].iter().all(|x| *x == 0.0) && of_frame[44 + 2] == 1.0);
+        let nothing = Course::new(ahead(), vec![0; 27], vec![true; 27], 0);
+        assert!(!nothing.has_goals());
+        assert_eq!(nothing.told(5), Told::nothing(5, 9));
+    }
+
+    #[test]
+    fn the_root_stands_as_given_else_where_codes_lead() {
+        let codes: Vec<u16> = (0..8u16).flat_map(|f| [20 + f % 3, 20, 22, 19, 20, 20, 7, 7, 7]).collect();
+        let given: Vec<bool> = (0..8).flat_map(|f| [!(3..5).contains(&f) && f > 0; 9]).collect();
+        let course = Course::new(ahead(), codes.clone(), given, 1);
+        let is = |stand: &Stand, frame: usize| stand.way_to(&course.stands[frame]).iter().all(|x| x.abs() < 1e-9);
+        // nothing is known before something is given
+        assert!(course.stand(0, &codes[..9], None).is_none());
+        assert!(is(&course.stand(2, &[0; 9], None).unwrap(), 2));
+        let drawn = course.stand(3, &[30; 9], Some(&course.stands[2])).unwrap();
+        assert!(!is(&drawn, 3));
+        assert!(is(&course.stand(3, &codes[27..36], Some(&course.stands[2])).unwrap(), 3));
+        assert!(is(&course.stand(5, &[30; 9], Some(&drawn)).unwrap(), 5));
+        // a gap whose beginning stands nowhere has no goal of the root
+        let (mut numbers, mut rows) = (vec![0.0; numbers(9)], [vec![0; 10], vec![0; 10]]);
+        let [a, b] = &mut rows;
+        assert!(course.tell(3, (&codes[18..27], None), &mut numbers, [a, b]));
+        assert!(rows[0][0] == NONE && rows[0][1] != NONE && numbers[36..44].iter().all(|x| *x == 0.0));
+    }
+
+    #[test]
+    fn batches_are_cut_and_joined() {
+        let mut all = Told::nothing(2, 2);
+        let other = Told { numbers: vec![1.0; 2 * numbers(2)], rows: [vec![3; 6], vec![4; 6]] };
+        all.extend(&other);
+        assert_eq!(all.of_windows(1..2, 2), other);
+        assert_eq!((all.of_windows(0..1, 2), other.like_nothing()), (Told::nothing(2, 2), Told::nothing(2, 2)));
+    }
+
+    #[test]
+    fn other_tokenizers_are_refused() {
+        let walk = crate::corpus::samples::walk(5);
+        let config =
+            TokenizerConfig { root_rotation: RootRotation::Absolute, ..TokenizerConfig::uniform(&[0], 20.0, 10) };
+        let said = Ahead::of(&Tokenizer::fit([&walk], config).unwrap()).unwrap_err().to_string();
+        assert!(said.contains("model.ahead is true") && said.contains("heading_delta"), "{said}");
     }
 }

@@ -99,8 +99,7 @@ impl ModelConfig {
     pub(super) fn validate_architecture(&self) -> Result<()> {
         let refuse = |what: String| Err(Error::Call(what));
         if self.architecture.is_flat() {
-            let keys =
-                [("window", self.window.is_some()), ("decoder", self.decoder.is_some()), ("ahead", self.ahead)];
+            let keys = [("window", self.window.is_some()), ("decoder", self.decoder.is_some()), ("ahead", self.ahead)];
             return match keys.into_iter().find(|(_, given)| *given) {
                 Some((key, _)) => refuse(format!("model.{key} goes with model.architecture = \"two_level\" alone")),
                 None => Ok(()),

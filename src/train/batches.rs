@@ -11,17 +11,19 @@
 use super::augment::Augment;
 use super::config::TrainConfig;
 use super::data::{Data, Part};
+use super::gaps::Gaps;
 use super::run::RunFile;
 use crate::corpus::fill_masked;
 use crate::corpus::windows::{fill_sequence, whole_words};
 use crate::corpus::{ClipRecord, ClipWords, Corpus, Split};
 use crate::model::Kind;
+use crate::model::ahead::Told;
 use crate::{Error, Result, random};
 use kinelm_tokenizer::Special;
 use rayon::prelude::*;
 
 /// The windows of one step.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Batch {
     /// (B, T) ids: the front, and all tokens but the last.
     pub inputs: Vec<u32>,
@@ -30,6 +32,8 @@ pub struct Batch {
     pub targets: Vec<u32>,
     /// Names of the windows' clips, with the frame at which the window starts.
     pub clips: Vec<String>,
+    /// What the windows' frames are told of what is given ahead, if any are.
+    pub told: Option<Told>,
 }
 
 impl Batch {
@@ -58,6 +62,7 @@ pub struct Batches<'a> {
     label_dropout: f64,
     masked: bool,
     augment: Option<Augment>,
+    gaps: Option<Gaps>,
     order: Option<(u64, Vec<WindowId>)>, // of the pass drawn last
 }
 
@@ -152,6 +157,7 @@ impl<'a> Batches<'a> {
             label_dropout,
             masked: false,
             augment: None,
+            gaps: None,
             order: None,
         })
     }
@@ -169,6 +175,7 @@ impl<'a> Batches<'a> {
             masked,
             context: run.model.context,
             augment: Augment::new(&run.augment, data.tokenizer(), run.train.seed)?,
+            gaps: Gaps::new(run.train.gaps, data.tokenizer(), run.train.seed)?,
             ..batches
         })
     }
@@ -185,28 +192,33 @@ impl<'a> Batches<'a> {
     pub fn batch(&mut self, step: u64) -> Result<Batch> {
         let (b, t) = (self.batch, self.context);
         let windows: Vec<WindowId> = (0..b as u64).map(|i| self.window(step * b as u64 + i)).collect();
-        let mut batch = Batch { inputs: vec![0; b * t], targets: vec![0; b * t], clips: Vec::new() };
-        batch.clips.resize(b, String::new());
-        let rows = (batch.inputs.par_chunks_mut(t), batch.targets.par_chunks_mut(t), &mut batch.clips, &windows);
-        let fill = |(input, target, clip, &window): (&mut [u32], &mut [u32], &mut String, &WindowId)| {
-            self.fill(window, input, target).map(|name| *clip = name)
-        };
-        rows.into_par_iter().try_for_each(fill)?;
-        Ok(batch)
+        let (mut inputs, mut targets) = (vec![0; b * t], vec![0; b * t]);
+        let rows = (inputs.par_chunks_mut(t), targets.par_chunks_mut(t), &windows);
+        let fill = |(input, target, &window): (&mut [u32], &mut [u32], &WindowId)| self.fill(window, input, target);
+        let (clips, told): (Vec<String>, Vec<Option<Told>>) =
+            rows.into_par_iter().map(fill).collect::<Result<Vec<_>>>()?.into_iter().unzip();
+        Ok(Batch { inputs, targets, clips, told: together(told) })
     }
 
-    /// Writes a window (T); gives the name of its clip and where it starts.
-    fn fill(&self, window: WindowId, input: &mut [u32], target: &mut [u32]) -> Result<String> {
+    /// Writes a window (T); gives the name of its clip and where it starts, and what it is told.
+    fn fill(&self, window: WindowId, input: &mut [u32], target: &mut [u32]) -> Result<(String, Option<Told>)> {
         let stand = self.stand(window);
         let TrainClip { corpus, record, .. } = self.clips[stand.clip];
         let augment = self.augment.as_ref();
-        let changed = augment.and_then(|a| a.ids(corpus, record, &stand, window, self.room));
-        let ids = match changed {
+        let gaps = self.gaps.as_ref().filter(|gaps| gaps.takes(window));
+        // gaps reach beyond the window
+        let beyond = gaps.map_or(0, |gaps| gaps.reach() * self.word);
+        let wide = Stand { tokens: (record.tokens - stand.start).min(stand.tokens + beyond), ..stand };
+        let changed = augment.and_then(|a| a.ids(corpus, record, &wide, window, self.room + beyond));
+        let mut ids = match changed {
             Some(ids) => ids,
-            None => corpus.ids(record, stand.start..stand.start + stand.tokens)?,
+            None => corpus.ids(record, wide.start..wide.start + wide.tokens)?,
         };
         let front = self.front(record, window);
         let (pad, dropped) = (Special::Pad.id(), augment.map_or_else(Vec::new, |a| a.dropped(window)));
+        let shown = ids.len().min(stand.tokens);
+        let told = gaps.map(|gaps| gaps.told(window, &ids, (shown / self.word, self.room / self.word), &dropped));
+        ids.truncate(shown);
         if self.masked {
             let may = |k: usize| !dropped.contains(&(k % self.word));
             let mut rng = random::stream(self.seed, "mask", window.round, window.number as u64);
@@ -221,7 +233,7 @@ impl<'a> Batches<'a> {
             let first = front.len() - usize::from(!self.masked);
             hide(&dropped, self.word, &mut input[front.len()..], &mut target[first..]);
         }
-        Ok(format!("{} from frame {}", record.name, corpus.frames_of(record, 0..stand.word)))
+        Ok((format!("{} from frame {}", record.name, corpus.frames_of(record, 0..stand.word)), told))
     }
 
     /// The window at a place in the order of the data: of step s, place i of the batch, that is s B + i.
@@ -293,6 +305,14 @@ impl<'a> Batches<'a> {
     pub fn clips(&self) -> impl Iterator<Item = (&'a Corpus, &'a ClipRecord)> + '_ {
         self.clips.iter().map(|c| (c.corpus, c.record))
     }
+}
+
+/// What the frames of all windows are told, if any window's are.
+fn together(windows: Vec<Option<Told>>) -> Option<Told> {
+    let nothing = windows.iter().flatten().next()?.like_nothing();
+    let mut all = Told::default();
+    windows.iter().for_each(|told| all.extend(told.as_ref().unwrap_or(&nothing)));
+    Some(all)
 }
 
 /// Puts `<mask>` for the tokens at these places of each word of `word` tokens, and asks for none of them. Both begin with a

@@ -93,9 +93,17 @@ pub struct TrainConfig {
     pub ordinal_width: f64,
     /// In which numbers products are computed: `f32`, `bf16` or `auto`. Default `f32`.
     pub precision: Precision,
+    /// Share of the windows in which runs of frames count as free and the model is told what is given behind them, 0..=1.
+    /// Needs `model.ahead`. Default 0.
+    #[serde(skip_serializing_if = "is_none")]
+    pub gaps: f64,
     /// Windows that grow: those of the first steps. Default none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub stages: Vec<Stage>,
+}
+
+fn is_none(share: &f64) -> bool {
+    *share == 0.0
 }
 
 /// What the gradients pull towards; the loss that is reported is the cross-entropy with the target itself in any case.
@@ -136,6 +144,7 @@ impl Default for TrainConfig {
             loss: Loss::CrossEntropy,
             ordinal_width: 0.75,
             precision: Precision::F32,
+            gaps: 0.0,
             stages: Vec::new(),
         }
     }
@@ -240,6 +249,10 @@ impl TrainConfig {
     pub fn validate_for(&self, model: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
         self.validate()?;
         stages::validate_for(&self.stages, model, tokens)?;
+        if self.gaps > 0.0 && !model.ahead {
+            let what = "expected 0, or model.ahead = true: what is told in gaps needs a model that can be told";
+            return Err(Error::Call(format!("train.gaps is {}; {what}", self.gaps)));
+        }
         if self.loss == Loss::Ordinal && tokens.places.is_empty() {
             let why = "words of this tokenizer have no places of one kind each, so that no bin has neighbours";
             return Err(Error::Call(format!("train.loss is ordinal; expected cross_entropy: {why}")));
@@ -286,6 +299,7 @@ impl TrainConfig {
         measured("sample_every", self.sample_every)?;
         let once = in_order(&self.conditions).len() == self.conditions.len();
         check(once, "conditions", self.conditions.join(", "), "every field once")?;
+        number((0.0..=1.0).contains(&self.gaps), "gaps", self.gaps, "0 to 1")?;
         number((0.0..=1.0).contains(&self.label_dropout), "label_dropout", self.label_dropout, "0 to 1")
     }
 }
@@ -336,6 +350,7 @@ mod tests {
             said("[train]\nconditions = [\"a\", \"a\"]")
                 .contains("train.conditions is a, a; expected every field once")
         );
+        assert!(said("[train]\ngaps = -0.5").contains("train.gaps is -0.5; expected 0 to 1"));
         assert!(said("[train]\nlabel_dropout = 2").contains("train.label_dropout is 2; expected 0 to 1"));
         assert!(said("[model]\nlayers = 0").contains("model.layers is 0"));
         let message = said("[train]\nordinal_width = 0.0");

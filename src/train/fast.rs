@@ -61,8 +61,8 @@ impl FastLearner {
     fn of_batch(&mut self, batch: &Batch, step: u64, first: u64) -> Result<f64> {
         let share = Scores::config(&self.model).dropout;
         let dropout = (share > 0.0).then_some(Dropout { share, seed: self.train.seed, step, first });
-        let (inputs, targets) = (&batch.inputs, &batch.targets);
-        let windows = Windows { inputs, targets, length: batch.length(), mask: self.model.mask(), told: None };
+        let (inputs, targets, told) = (&batch.inputs, &batch.targets, batch.told.as_ref());
+        let windows = Windows { inputs, targets, length: batch.length(), mask: self.model.mask(), told };
         let nats = self.model.gradients(windows, dropout.as_ref(), &mut self.gradients)?;
         match nats.is_finite() {
             true => Ok(nats),

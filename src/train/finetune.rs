@@ -20,7 +20,8 @@ use std::sync::atomic::AtomicBool;
 pub struct FinetuneOptions {
     /// A run, of which its best checkpoint counts, or a folder that `kinelm export` or `transformers` wrote.
     pub from: PathBuf,
-    /// The training TOML. The model's shape is the source's: keys of `[model]` that are given must agree, but dropout.
+    /// The training TOML. The model's shape is the source's: keys of `[model]` that are given must agree, but
+    /// dropout and `ahead`, which may be added.
     pub config: PathBuf,
     /// The corpora, over those in the file.
     pub corpora: Vec<CorpusPart>,
@@ -75,8 +76,9 @@ pub fn finetune(options: &FinetuneOptions, stop: &AtomicBool, progress: &mut dyn
     go_on(&folder, new, &data, options.compute, stop, progress)
 }
 
-/// The source's shape, with the dropout that the file gives.
+/// The source's shape, with the dropout that the file gives, and told what is ahead if the file says so.
 fn shape(path: &Path, file: &TrainFile, source: &LoadedRun) -> Result<ModelConfig> {
+    let ahead = file.model.ahead || source.config.ahead;
     let own = ModelConfig { dropout: 0.0, ..source.config.resolved(&source.tokens) };
     let table = |what: &dyn Fn() -> String| Error::Call(format!("{}: {}", path.display(), what()));
     let text = match presets::find(presets::TRAIN, path, "training file")? {
@@ -86,7 +88,9 @@ fn shape(path: &Path, file: &TrainFile, source: &LoadedRun) -> Result<ModelConfi
     let all: toml::Table = toml::from_str(&text).map_err(|e| table(&|| e.message().into()))?;
     let given = all.get("model").and_then(toml::Value::as_table).cloned().unwrap_or_default();
     let has = toml::Table::try_from(&own).map_err(|e| table(&|| e.to_string()))?;
-    for (key, value) in given.iter().filter(|(key, _)| *key != "dropout") {
+    // a model may learn to be told what is ahead, and can't unlearn it
+    let may_differ = |key: &str| key == "dropout" || (key == "ahead" && !source.config.ahead);
+    for (key, value) in given.iter().filter(|(key, _)| !may_differ(key)) {
         if has.get(key) != Some(value) {
             let own = has.get(key).map_or("nothing".into(), |own| own.to_string());
             let help = "leave [model] out: the shape is that of the weights";
@@ -94,7 +98,7 @@ fn shape(path: &Path, file: &TrainFile, source: &LoadedRun) -> Result<ModelConfi
         }
     }
     let dropout = if given.contains_key("dropout") { file.model.dropout } else { source.config.dropout };
-    Ok(ModelConfig { dropout, ..own })
+    Ok(ModelConfig { dropout, ahead, ..own })
 }
 
 /// What a run says of where its weights came from.
@@ -195,6 +199,61 @@ mod tests {
         let named = file.from.unwrap();
         assert_eq!((named.path, named.step), (std::path::absolute(&options.from).unwrap(), source.state.step));
         assert_eq!(named.sha256, source.state.files[WEIGHTS].sha256);
+    }
+
+    #[test]
+    fn a_run_learns_to_be_told_what_is_ahead_from_where_it_was_and_resumes_bit_for_bit() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::turning(dir.path(), &[(90, Split::Train), (60, Split::Valid)]);
+        let levels = "[model]\narchitecture = \"two_level\"\n";
+        let model = "layers = 1\nheads = 2\nwidth = 16\nwindow = 20\n";
+        let train = "[train]\nbatch = 3\nsteps = 6\nwarmup = 2\nlearning_rate = 1e-2\neval_every = 3\nkeep = 9\n";
+        fs::write(dir.path().join("source.toml"), format!("{levels}{model}{train}")).unwrap();
+        fs::write(dir.path().join("config.toml"), format!("{levels}ahead = true\n{train}gaps = 0.5\n")).unwrap();
+        let source = PretrainOptions {
+            file: Some(TrainFile::load(&dir.path().join("source.toml")).unwrap()),
+            corpora: vec![CorpusPart::once(corpus.dir())],
+            run: Some(dir.path().join("source")),
+            ..Default::default()
+        };
+        pretrain(&source, &AtomicBool::new(false), &mut Silent).unwrap();
+        let options = FinetuneOptions {
+            precision: None,
+            from: dir.path().join("source"),
+            config: dir.path().join("config.toml"),
+            corpora: vec![CorpusPart::once(corpus.dir())],
+            run: Some(dir.path().join("run")),
+            steps: None,
+            seed: None,
+            compute: Compute::default(),
+        };
+        let whole = finetune(&options, &AtomicBool::new(false), &mut Silent).unwrap();
+        let stop = AtomicBool::new(false);
+        let halves = FinetuneOptions { run: Some(dir.path().join("halves")), ..options.clone() };
+        finetune(&halves, &stop, &mut StopAt(3, &stop)).unwrap();
+        let resume = PretrainOptions { run: halves.run, resume: true, ..Default::default() };
+        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let second = one.install(|| pretrain(&resume, &AtomicBool::new(false), &mut Silent)).unwrap();
+        let bytes = |s: &Summary| fs::read(s.checkpoint.join(WEIGHTS)).unwrap();
+        assert!(bytes(&whole) == bytes(&second));
+        let begun = load_run(&whole.run, Which::Step(0)).unwrap();
+        let was = load_run(&options.from, Which::Auto).unwrap();
+        assert!(begun.config.ahead && !was.config.ahead);
+        let numbers = |run: &LoadedRun, name: &str| run.weights[name].flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        for name in was.weights.keys() {
+            assert!(numbers(&begun, name) == numbers(&was, name), "{name}");
+        }
+        let learned = load_run(&whole.run, Which::Step(6)).unwrap();
+        for name in crate::model::layout::AHEAD {
+            assert!(numbers(&begun, name).iter().all(|x| *x == 0.0), "{name}");
+            assert!(numbers(&learned, name).iter().any(|x| *x != 0.0), "{name}");
+        }
+        // and on from there, which can't be unlearned
+        let again = FinetuneOptions { from: dir.path().join("run"), run: Some(dir.path().join("again")), ..options };
+        finetune(&again, &AtomicBool::new(false), &mut Silent).unwrap();
+        fs::write(dir.path().join("config.toml"), format!("{levels}ahead = false\n")).unwrap();
+        let message = finetune(&again, &AtomicBool::new(false), &mut Silent).unwrap_err().to_string();
+        assert!(message.contains("model.ahead is false; the source has true"), "{message}");
     }
 
     #[test]

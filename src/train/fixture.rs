@@ -6,7 +6,7 @@ use crate::model::{LoadedRun, ModelConfig, TokenLayout, Which, load_run};
 use crate::random;
 use crate::train::{CorpusPart, PretrainOptions, Silent, TrainConfig, TrainFile, pretrain};
 use kinelm_motion::{Clip, synth};
-use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{RootRotation, Tokenizer, TokenizerConfig};
 use rand_chacha::rand_core::RngCore;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -62,16 +62,27 @@ pub fn run(dir: &Path, model: ModelConfig, train: TrainConfig) -> LoadedRun {
 
 /// A corpus in `dir` of clips of so many frames of dances, in words of any length: merged characters of two joints.
 pub fn merged(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
-    let path = dir.join("merged");
-    let dances: Vec<_> = synth::corpus(5, clips.len(), 10.0, 20.0).unwrap().into_iter().map(|d| d.clip).collect();
     let config = TokenizerConfig { merges: 60, ..TokenizerConfig::uniform(&[0, 4], 20.0, 20) };
+    let corpus = danced(&dir.join("merged"), config, clips);
+    assert_eq!(corpus.tokenizer().tokens_per_word(), None);
+    corpus
+}
+
+/// The same in words of nine characters, the turn as steps: frames that can be told what is ahead.
+pub fn turning(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
+    let config = TokenizerConfig::uniform(&[0, 4], 20.0, 20);
+    danced(&dir.join("turning"), TokenizerConfig { root_rotation: RootRotation::HeadingDelta, ..config }, clips)
+}
+
+/// A corpus in the folder `path` of clips of so many frames of dances.
+pub fn danced(path: &Path, config: TokenizerConfig, clips: &[(usize, Split)]) -> Corpus {
+    let dances: Vec<_> = synth::corpus(5, clips.len(), 10.0, 20.0).unwrap().into_iter().map(|d| d.clip).collect();
     let tokenizer = Tokenizer::fit(&dances, config).unwrap();
-    assert_eq!(tokenizer.tokens_per_word(), None);
-    let mut writer = CorpusWriter::create(&path, &tokenizer, &["made".into()], None, false).unwrap();
+    let mut writer = CorpusWriter::create(path, &tokenizer, &["made".into()], None, false).unwrap();
     for (key, (&(frames, split), dance)) in clips.iter().zip(&dances).enumerate() {
         let words = tokenizer.encode(&dance.slice(0..frames)).unwrap().words;
         writer.push(clip(&format!("clip{key}"), key, split, frames), &tokenizer.ids_of_words(&words).unwrap()).unwrap();
     }
     writer.finish().unwrap();
-    Corpus::open(&path).unwrap()
+    Corpus::open(path).unwrap()
 }

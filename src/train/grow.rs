@@ -1,7 +1,8 @@
 //! Weights of a model that gets more labels: its tables grow, what it knows stays.
 
 use crate::corpus::conditions::in_order;
-use crate::model::{ModelConfig, TokenLayout, layout};
+use crate::model::layout::{self, AHEAD};
+use crate::model::{ModelConfig, TokenLayout};
 use crate::{Error, Result};
 use candle_core::{Device, Tensor};
 use std::collections::BTreeMap;
@@ -48,8 +49,9 @@ pub fn grow(
     let before = layout::parameters(config, was);
     let grown = layout::parameters(config, is).into_iter().map(|p| {
         let expected = before.iter().find(|b| b.name == p.name).map(|b| b.shape.as_slice());
-        if expected.is_none() {
-            // what comes with the first labels
+        let comes_new = AHEAD.contains(&p.name.as_str()) && !weights.contains_key(&p.name);
+        if expected.is_none() || comes_new {
+            // what comes with the first labels, or with being told what is ahead
             let tensor = Tensor::from_vec(p.initial(seed), p.shape.as_slice(), &Device::Cpu)?;
             return Ok((p.name, tensor));
         }

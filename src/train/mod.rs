@@ -11,6 +11,7 @@ pub mod finetune;
 #[cfg(test)]
 pub(crate) mod fixture;
 pub mod folder;
+mod gaps;
 pub mod grow;
 pub mod import;
 pub mod learner;

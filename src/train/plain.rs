@@ -89,7 +89,8 @@ impl Plain {
             let part = first * length..(first + clips.len()) * length;
             let dropout = self.dropout.map(|d| Dropout { step, first: before + first as u64, ..d });
             let ids = self.model.ids(&batch.inputs[part.clone()], length)?;
-            let loss = self.model.loss_sum(&ids, &batch.targets[part], dropout.as_ref())?;
+            let told = batch.told.as_ref().map(|told| told.of_windows(first..first + clips.len(), batch.clips.len()));
+            let loss = self.model.loss_sum_told(&ids, &batch.targets[part], dropout.as_ref(), told.as_ref())?;
             let loss = (loss / counted.max(1) as f64)?;
             let value = loss.to_scalar::<f32>()? as f64;
             if !value.is_finite() {

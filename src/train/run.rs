@@ -4,6 +4,7 @@ use super::augment::AugmentConfig;
 use super::config::TrainConfig;
 use super::data::{CorpusPart, Data, Part};
 use crate::corpus::Corpus;
+use crate::model::ahead::Ahead;
 use crate::model::run::{CONFIG, LoadedRun, TOKENIZER, load_tokenizer};
 use crate::model::{ModelConfig, TokenLayout};
 use crate::{Error, Result, files};
@@ -86,6 +87,9 @@ impl RunFile {
         let model = model.resolved(&tokens);
         model.validate_for(&tokens)?;
         train.validate_for(&model, &tokens)?;
+        if model.ahead {
+            Ahead::of(data.tokenizer())?;
+        }
         Ok(RunFile {
             version: VERSION,
             kinelm: env!("CARGO_PKG_VERSION").into(),

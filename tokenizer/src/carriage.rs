@@ -39,7 +39,8 @@ impl Carriage {
     /// # Errors
     /// [`Error::Setting`]: the first setting of another tokenizer.
     pub fn of(tokenizer: &Tokenizer) -> Result<Carriage> {
-        let refused = |field, found: String, expected: &str| Err(Error::Setting { field, found, expected: expected.into() });
+        let refused =
+            |field, found: String, expected: &str| Err(Error::Setting { field, found, expected: expected.into() });
         let Some(uniform) = tokenizer.uniform().filter(|_| tokenizer.tokens_per_word().is_some()) else {
             return refused("scheme", "another, or merged tokens".into(), "uniform bins without merges");
         };

@@ -43,6 +43,10 @@ pub struct Args {
     /// How far the labels are followed: 1 as learned, above 1 more so (2 to 3), which takes twice the time
     #[arg(long, value_name = "G", default_value_t = 1.0)]
     guidance: f64,
+    /// How far gaps (--given, --free) are led to what is given behind them: 1 as learned, above 1 more so, which takes twice
+    /// the time; 0 not at all. If not given, 2 where the model was trained for it (model.ahead)
+    #[arg(long, value_name = "G", requires = "prompt")]
+    ahead: Option<f64>,
     /// Frames to make, at the model's rate; the prompt's length if not given
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..), required_unless_present_any = ["prompt", "again", "seconds"])]
     frames: Option<u32>,
@@ -58,7 +62,7 @@ pub struct Args {
     out: Option<PathBuf>,
     /// Make a dance again, to the same bytes, from the FILE.bvh.kinelm.json beside it; --run, --prompt and --out if they are
     /// elsewhere now
-    #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["joints", "from_frame", "given", "free", "blend", "tries", "labels", "guidance", "frames", "seconds", "fps",
+    #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["joints", "from_frame", "given", "free", "blend", "tries", "labels", "guidance", "ahead", "frames", "seconds", "fps",
         "variations", "seed", "greedy", "temperature", "top_k", "top_p", "min_p", "repetition_penalty",
         "repetition_words", "rig", "rest_joints", "feet", "weights", "kv", "device", "form", "fps_source", "unit", "map",
         "bvh_position", "root", "lenient", "keep_rest", "drop_rest", "skip", "body_model"])]
@@ -162,6 +166,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let mut ready = load(recipe, Which::Auto, say)?;
     ready.stand_with_prompt();
     ready.lead_in_from_nothing();
+    if args.ahead.is_none() {
+        ready.lead_ahead();
+    }
     if args.feet.is_none() {
         ready.hold_feet_unless_followed();
     }
@@ -216,6 +223,7 @@ fn recipe(args: &Args) -> Result<Recipe> {
         prompt,
         labels,
         guidance: args.guidance,
+        ahead: args.ahead.unwrap_or(0.0),
         frames: args.frames.map(|n| n as usize),
         seconds: args.seconds,
         fps: args.fps,

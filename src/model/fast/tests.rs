@@ -402,7 +402,8 @@ fn threads_change_no_bit_and_a_second_shape_finds_its_room() {
             pool.install(|| {
                 let mut fast = Fast::of(&gpt).unwrap();
                 let mask = fast.mask();
-                let windows = |n: usize| Windows { inputs: &inputs[..n], targets: &targets[..n], length, mask, told: None };
+                let windows =
+                    |n: usize| Windows { inputs: &inputs[..n], targets: &targets[..n], length, mask, told: None };
                 let mut gradients = fast.like_weights();
                 fast.gradients(windows(2 * length), None, &mut gradients).unwrap();
                 let nats = fast.gradients(windows(3 * length), dropout.as_ref(), &mut gradients).unwrap();

@@ -5,6 +5,7 @@ use crate::generate::sampling::Draw;
 use crate::generate::{NextToken, Plan, dances};
 use crate::model::{HeadKind, Positions, forms, layout};
 use candle_core::{Device, Tensor};
+use kinelm_engine::decode as engine;
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use rand_chacha::rand_core::RngCore;
 
@@ -113,6 +114,29 @@ fn reading_gives_the_logits_of_the_plain_form_in_every_form() {
         count += 1;
     }
     assert!(count >= 15, "{count} forms");
+}
+
+#[test]
+fn what_frames_are_told_makes_the_logits_of_the_plain_form() {
+    for (config, tokens) in forms::every(40).into_iter().filter(|(config, _)| config.ahead) {
+        let (gpt, length) = (forms::model(&config, &tokens), config.context);
+        let (inputs, _) = forms::batch(&config, &tokens, 2, length);
+        let told = forms::told(&config, &tokens, 2).unwrap();
+        let truth = gpt.forward_told(&forms::ids(&inputs, length), &told).unwrap();
+        let mut truth = truth.to_vec3::<f32>().unwrap();
+        truth.iter_mut().for_each(|rows| rows[..tokens.front - 1].iter_mut().for_each(|row| row.fill(0.0)));
+        let mut reader = Reader::new(&gpt, Reading { streams: 2, ..Reading::default() }).unwrap();
+        let (numbers, [steps, paces]) = (&told.numbers, &told.rows);
+        let (frames, p) = (config.frames(&tokens), numbers.len() / (steps.len() / tokens.word));
+        for at in 0..2 * frames {
+            let rows = [steps, paces].map(|rows| &rows[at * tokens.word..][..tokens.word]);
+            let told = engine::Told { numbers: &numbers[at * p..][..p], rows };
+            reader.tell(at / frames, at % frames, Some(told)).unwrap();
+        }
+        let blocks: Vec<&[u32]> = inputs.chunks(length).collect();
+        let apart = apart(reader.read(&blocks, Logits::All).unwrap(), &truth.concat().concat());
+        assert!(apart < 1e-5, "{}: {apart:e}", forms::name(&config, &tokens));
+    }
 }
 
 #[test]

@@ -132,7 +132,8 @@ impl Reader {
             rows.extend(piece.scored.clone().map(|t| i * length + self.front.len() + t));
         }
         let mask = self.model.mask();
-        let vectors = self.model.final_vectors(Windows { inputs: &inputs, targets: &inputs, length, mask, told: None }, &rows)?;
+        let vectors =
+            self.model.final_vectors(Windows { inputs: &inputs, targets: &inputs, length, mask, told: None }, &rows)?;
         for (row, vector) in rows.iter().zip(vectors.chunks_exact(self.width)) {
             let sum = &mut sums[pieces[row / length].clip * self.width..][..self.width];
             sum.iter_mut().zip(vector).for_each(|(s, x)| *s += f64::from(*x));

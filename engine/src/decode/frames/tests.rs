@@ -3,8 +3,8 @@
 use super::*;
 use crate::bins::Bins;
 use crate::decode::{BlockParts, Relative, Stack, WeightKind};
-use crate::op::embedding::NONE;
 use crate::op::check::numbers;
+use crate::op::embedding::NONE;
 use crate::scalar;
 
 /// The numbers of a model, in the order of its parts.

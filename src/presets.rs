@@ -17,6 +17,7 @@ pub const TRAIN: &Presets = &[
     ("thesis-26m", include_str!("../configs/train/thesis-26m.toml")),
     ("gpt2", include_str!("../configs/train/gpt2.toml")),
     ("finetune", include_str!("../configs/train/finetune.toml")),
+    ("ahead", include_str!("../configs/train/ahead.toml")),
     ("demo", include_str!("../configs/train/demo.toml")),
 ];
 

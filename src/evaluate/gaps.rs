@@ -11,6 +11,7 @@ use crate::generate::edit::mask::Mask;
 use crate::generate::edit::splice::lengthened;
 use crate::generate::sampling::Draw;
 use crate::generate::{NextToken, Plan, dances, variation_seed};
+use crate::model::ahead::{Ahead, Course};
 use crate::{Error, Result, random};
 use kinelm_motion::rotation::slerp;
 use kinelm_motion::{Clip, Vec3};
@@ -125,6 +126,8 @@ pub struct Filler<'a> {
     pub seed: u64,
     /// Whether feet are held.
     pub hold_feet: bool,
+    /// How the model is told what lies behind a gap, and how far it is led there, as [`Plan::ahead`]; `None`: it isn't told.
+    pub ahead: Option<(Ahead, f64)>,
 }
 
 /// Frames before a gap of so many that a model has room for.
@@ -174,7 +177,13 @@ impl Filler<'_> {
         let front = self.conditions.asked(&[])?;
         let words = gap.frames.end + 1;
         let seed = variation_seed(self.seed, index);
+        let course = self
+            .ahead
+            .as_ref()
+            .map(|(ahead, scale)| (Course::new(ahead.clone(), ahead.codes(&gap.ids), given.clone(), 0), *scale));
         let plan = Plan {
+            course: course.as_ref().map(|(course, _)| course),
+            ahead: course.as_ref().map_or(0.0, |(_, scale)| *scale),
             given: &given,
             foretold: &foretold,
             prompt: &gap.ids,

@@ -32,7 +32,7 @@ pub fn fixed(prompt: Option<&Followed>, frames: usize) -> Fixed {
     let selection = prompt.and_then(|prompt| prompt.selection.as_ref());
     let has = |joints: &[usize]| selection.is_some_and(|s| s.joints.iter().any(|j| joints.contains(j)));
     let root = selection.is_some_and(|s| s.translation || s.joints.contains(&0));
-    Fixed { root, legs: LEGS.map(|leg| has(&leg)), frames }
+    Fixed { root, path: false, legs: LEGS.map(|leg| has(&leg)), frames }
 }
 
 /// A dance with its feet held, and what that did. Its floor is at `floor_m`, or where its feet say.

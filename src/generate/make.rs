@@ -92,7 +92,7 @@ pub struct Followed {
 }
 
 /// How far gaps are led to what is given behind them, where nobody says.
-const AHEAD: f64 = 2.0;
+pub const AHEAD: f64 = 2.0;
 
 /// What leads in to a dance that begins from nothing.
 const LEAD_IN_S: f64 = 1.0;
@@ -411,7 +411,10 @@ fn check_step(run: &Path, step: u64) -> Result<()> {
 }
 
 /// Refuses to tell a model ahead that can't be told.
-fn check_ahead(ahead: f64, run: &LoadedRun) -> Result<()> {
+///
+/// # Errors
+/// [`Error::Call`]: such a model, a number that isn't finite.
+pub fn check_ahead(ahead: f64, run: &LoadedRun) -> Result<()> {
     let wrong = |what: &str| Err(Error::Call(format!("ahead {ahead}: {what}")));
     if !ahead.is_finite() {
         return wrong("expected a finite number");

@@ -19,6 +19,8 @@ use leg::Leg;
 pub struct Fixed {
     /// The place of the body.
     pub root: bool,
+    /// Its way over the ground alone: it is not carried, but may be raised and lowered.
+    pub path: bool,
     /// Left and right: a joint of this leg.
     pub legs: [bool; 2],
     /// So many frames, from the first, whole.
@@ -82,7 +84,7 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: Fixed) -> Resul
     }
     let at = |root: Vec<Vec3>| Clip::new(clip.skeleton().clone(), clip.fps(), root, clip.rotations().to_vec());
     let mut settled = at(root)?;
-    if !fixed.root {
+    if !fixed.root && !fixed.path {
         let offsets = glide::offsets(&settled, &legs, floor_m, fixed.frames);
         settled = at(settled.root().iter().zip(&offsets).map(|(p, by)| *p + *by).collect())?;
         locked.carried_cm = offsets.iter().map(|by| 100.0 * by.length()).fold(0.0, f64::max);

@@ -75,7 +75,8 @@ fn a_dance_that_slides_and_hangs_stands() {
 #[test]
 fn what_is_given_is_not_touched() {
     let bad = spoiled(&dance(2));
-    let (done, locked) = lock(&bad, &map(), 0.0, Fixed { root: true, legs: [false, true], frames: 0 }).unwrap();
+    let (done, locked) =
+        lock(&bad, &map(), 0.0, Fixed { root: true, path: false, legs: [false, true], frames: 0 }).unwrap();
     assert_eq!((done.root(), locked.settled_cm), (bad.root(), 0.0));
     assert!(locked.held.iter().all(|c| c.side == 0));
     for f in 0..done.frames() {
@@ -83,8 +84,17 @@ fn what_is_given_is_not_touched() {
             assert_eq!(done.pose(f)[j], bad.pose(f)[j]);
         }
     }
-    let (same, locked) = lock(&bad, &map(), 0.0, Fixed { root: true, legs: [true, true], frames: 0 }).unwrap();
+    let (same, locked) =
+        lock(&bad, &map(), 0.0, Fixed { root: true, path: false, legs: [true, true], frames: 0 }).unwrap();
     assert_eq!((&same, locked), (&bad, Locked::default()));
+}
+
+#[test]
+fn a_path_that_is_fixed_goes_where_it_goes_and_the_body_still_comes_to_its_floor() {
+    let clip = spoiled(&dance(5));
+    let (held, locked) = lock(&clip, &map(), 0.0, Fixed { path: true, ..Fixed::default() }).unwrap();
+    assert!(locked.carried_cm == 0.0 && locked.settled_cm > 5.0, "{locked:?}");
+    assert!(clip.root().iter().zip(held.root()).all(|(a, b)| (a.x, a.z) == (b.x, b.z)));
 }
 
 #[test]

@@ -5,8 +5,11 @@ use crate::cli::{ComputeArgs, ReadingArgs, Say, WrongCall, print, progress};
 use anyhow::Result;
 use kinelm::corpus::{Corpus, Split};
 use kinelm::evaluate::gaps::{Filler, Measured, frames_before, gaps};
+use kinelm::generate::make::{AHEAD, check_ahead};
 use kinelm::generate::reader;
-use kinelm::model::{Which, load_run};
+use kinelm::model::ahead::Ahead;
+use kinelm::model::{LoadedRun, Which, load_run};
+use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
@@ -29,6 +32,10 @@ pub struct Args {
     /// Draws a gap; the best of them and the one that ends nearest are rows of their own
     #[arg(long, default_value_t = 10, value_name = "K", value_parser = clap::value_parser!(u8).range(1..=64))]
     draws: u8,
+    /// How far the model is led to what lies behind a gap, as in `generate`: 0 not at all, 1 as learned. If not given, 2 where
+    /// it was trained for it (model.ahead)
+    #[arg(long, value_name = "G")]
+    ahead: Option<f64>,
     /// Feet are held, as `generate --feet lock` does
     #[arg(long)]
     feet: bool,
@@ -58,7 +65,10 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         return Err(WrongCall(what).into());
     }
     let conditions = run.load_conditions()?;
-    let mut model = reader(&run, args.compute.get(), args.reading.get(args.draws.into()))?;
+    let ahead = ahead(args.ahead, &run, &tokenizer)?;
+    // a second reading, which is told nothing
+    let streams = if ahead.as_ref().is_some_and(|(_, scale)| *scale != 1.0) { 2 } else { 1 };
+    let mut model = reader(&run, args.compute.get(), args.reading.get(streams * usize::from(args.draws)))?;
     let wrong = |e: kinelm::Error| WrongCall(e.to_string());
     let before = frames_before(model.context(), conditions.len(), &tokenizer, args.frames.into()).map_err(wrong)?;
     let gaps = gaps(&corpus, args.split, (before, args.frames.into()), args.gaps.into()).map_err(wrong)?;
@@ -70,6 +80,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         draw: args.draw.get()?,
         seed: args.seed,
         hold_feet: args.feet,
+        ahead,
     };
     let found = filler.measure(&gaps, &mut |done| bar.set_position(done as u64))?;
     drop(bar);
@@ -83,6 +94,13 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         found.gaps, found.takes, found.draws
     ));
     Ok(())
+}
+
+/// How the model is told ahead, if it is.
+fn ahead(asked: Option<f64>, run: &LoadedRun, tokenizer: &Tokenizer) -> Result<Option<(Ahead, f64)>> {
+    let scale = asked.unwrap_or(if run.config.ahead { AHEAD } else { 0.0 });
+    check_ahead(scale, run).map_err(|e| WrongCall(e.to_string()))?;
+    Ok(if scale == 0.0 { None } else { Some((Ahead::of(tokenizer)?, scale)) })
 }
 
 fn table(found: &Measured) -> String {

@@ -21,7 +21,9 @@ fn gaps(mask: &Mask) -> Vec<Range<usize>> {
 /// What is fixed in a gap.
 fn fixed(mask: &Mask, gap: &Range<usize>) -> Fixed {
     let given = |joint: usize| mask.is_coded(joint) && gap.clone().any(|frame| mask.is_given(frame, joint));
-    Fixed { root: given(0), legs: LEGS.map(|leg| leg.into_iter().any(given)), frames: gap.start }
+    let legs = LEGS.map(|leg| leg.into_iter().any(given));
+    // a path that has to arrive isn't carried elsewhere, to be pulled back again
+    Fixed { root: given(0), path: gap.end < mask.frames(), legs, frames: gap.start }
 }
 
 /// `dance`, on SMPL-24, with its feet held in every gap in which a leg is free; what is given is `truth`, of as many

@@ -174,6 +174,40 @@ fn it_learns_labels_at_once_or_later_and_dances_under_them() {
 }
 
 #[test]
+fn it_learns_what_is_ahead_and_fills_gaps_that_way() {
+    let place = place();
+    let ahead = "[model]\narchitecture = \"two_level\"\nahead = true\n\
+                 [train]\nbatch = 2\nsteps = 6\nwarmup = 1\nlearning_rate = 3e-3\ngaps = 0.8\ntable_rate = 3.0\n";
+    fs::write(place.at("ahead.toml"), ahead).unwrap();
+    place.done("finetune --from run --config ahead.toml --corpus corpus --run ahead");
+    let bits = |more: &str| {
+        let text = place.done(&format!("evaluate likelihood --corpus corpus --json {more}"));
+        serde_json::from_str::<serde_json::Value>(&text).unwrap()["bits_per_frame"].as_f64().unwrap()
+    };
+    let (fast, plain) = (bits("--run ahead"), bits("--run ahead --form plain"));
+    assert!((plain / fast - 1.0).abs() < 1e-4, "{fast} {plain}");
+    let fill = |run: &str, more: &str, name: &str| {
+        let call = format!("generate --run {run} --prompt data/03.bvh --free all@1s:1.7s --seed 5 {more} --out {name}");
+        place.done(&call);
+        fs::read_to_string(place.at(&format!("{name}.kinelm.json"))).unwrap()
+    };
+    assert!(fill("ahead", "", "led.bvh").contains("\"ahead\": 2.0"));
+    assert!(!fill("ahead", "--ahead 0", "blind.bvh").contains("\"ahead\":"));
+    assert!(fill("ahead", "--ahead 1", "once.bvh").contains("\"ahead\": 1.0"));
+    let bytes = |name: &str| fs::read(place.at(name)).unwrap();
+    assert_ne!(bytes("led.bvh"), bytes("blind.bvh"));
+    place.done("generate --again led.bvh.kinelm.json --out twice.led.bvh");
+    assert_eq!(bytes("twice.led.bvh"), bytes("led.bvh"));
+    // a model that can't be told
+    assert!(!fill("run", "", "untold.bvh").contains("\"ahead\":"));
+    let call = "generate --run run --prompt data/03.bvh --free all@1s:1.7s --ahead 2 --out no.bvh";
+    place.call(call).assert().failure().stderr(contains("ahead 2: this model can't be told what is given ahead"));
+    place.done("export --run ahead --out told");
+    place.done("import told --run told-back");
+    assert_eq!(bits("--run told-back"), fast);
+}
+
+#[test]
 fn it_leaves_as_a_folder_of_our_own_and_comes_back() {
     let place = place();
     place.done("export --run run --out model");

@@ -137,8 +137,11 @@ mod tests {
     fn other_tokenizers_are_refused_by_their_first_setting() {
         let said = |tokenizer: &Tokenizer| Carriage::of(tokenizer).map(|_| ()).map_err(|e| e.to_string());
         for (name, tokenizer) in presets() {
-            assert_eq!(said(&tokenizer).is_ok(), name == "uniform, headings", "{name}");
+            assert_eq!(said(&tokenizer).is_ok(), ["uniform", "uniform, headings"].contains(&name), "{name}");
         }
+        let absolute =
+            TokenizerConfig { root_rotation: RootRotation::Absolute, ..TokenizerConfig::uniform(&[0], 20.0, 60) };
+        assert!(said(&Tokenizer::fit([&bent(1, 20)], absolute).unwrap()).unwrap_err().contains("root_rotation"));
         assert!(said(&fitted(Form::Centred, Height::Velocity)).unwrap_err().contains("height"));
     }
 }

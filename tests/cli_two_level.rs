@@ -205,6 +205,15 @@ fn it_learns_what_is_ahead_and_fills_gaps_that_way() {
     place.done("export --run ahead --out told");
     place.done("import told --run told-back");
     assert_eq!(bits("--run told-back"), fast);
+    let text = place.done("evaluate likelihood --run ahead --corpus corpus --json --gaps 2,3");
+    let found: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let gaps: Vec<u64> = found["gaps"].as_array().unwrap().iter().map(|gap| gap["frames"].as_u64().unwrap()).collect();
+    assert_eq!(gaps, [2, 3]);
+    place
+        .call("evaluate likelihood --run run --corpus corpus --gaps 2")
+        .assert()
+        .failure()
+        .stderr(contains("--gaps 2: frames told something ahead; this model has model.ahead = false"));
 }
 
 #[test]

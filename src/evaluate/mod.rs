@@ -4,6 +4,7 @@ pub mod baselines;
 pub mod codes;
 pub mod dance;
 pub mod floors;
+pub mod gap_bits;
 pub mod gaps;
 pub mod kernels;
 pub mod likelihood;

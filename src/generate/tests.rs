@@ -443,7 +443,7 @@ mod led {
     #[test]
     fn a_course_of_other_words_is_refused() {
         let (tokenizer, gpt, prompt) = setup(5);
-        let course = course(&tokenizer, &prompt, &vec![true; FRAMES * C], 0);
+        let course = course(&tokenizer, &prompt, &[true; FRAMES * C], 0);
         let mut reader = Reader::new(&gpt, Reading::default()).unwrap();
         let plan = Plan { course: Some(&course), ..plan(5, &[true], &[6, 5], Draw::greedy()) };
         let message = dance(&mut reader, &plan, &mut |_| {}).unwrap_err().to_string();

@@ -85,7 +85,7 @@ pub fn told(config: &ModelConfig, tokens: &TokenLayout, windows: usize) -> Optio
     for (frame, of_frame) in told.numbers.chunks_mut(numbers).enumerate().filter(|(frame, _)| frame % 3 != 1) {
         of_frame.iter_mut().for_each(|x| *x = crate::random::unit(&mut rng) as f32 - 0.5);
         for row in told.rows.iter_mut().flat_map(|rows| &mut rows[frame * tokens.word..][..frames.characters()]) {
-            if rng.next_u32() % 4 > 0 {
+            if !rng.next_u32().is_multiple_of(4) {
                 *row = rng.next_u32() % frames.steps() as u32;
             }
         }

@@ -1,8 +1,9 @@
 //! What a model thinks of given tokens.
 
+use super::ahead::Told;
 use super::config::{ModelConfig, TokenLayout};
 use super::gpt::Gpt;
-use crate::Result;
+use crate::{Error, Result};
 
 /// A model of any form, on any device, that can be asked how likely tokens are.
 pub trait Scores {
@@ -22,6 +23,26 @@ pub trait Scores {
     /// # Panics
     /// If the three are of different length, or not of whole windows.
     fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()>;
+
+    /// As [`Scores::nats`] of inputs and targets, frames being told what is given ahead.
+    ///
+    /// # Errors
+    /// As [`Scores::nats`]; something told to a model that can't be told, or to a reader.
+    ///
+    /// # Panics
+    /// As [`Scores::nats`].
+    fn nats_told(
+        &mut self,
+        (inputs, targets): (&[u32], &[u32]),
+        length: usize,
+        told: Option<&Told>,
+        out: &mut [f32],
+    ) -> Result<()> {
+        match told {
+            None => self.nats(inputs, targets, length, out),
+            Some(_) => Err(Error::Call("what is ahead is told to whole windows; measure without a reader".into())),
+        }
+    }
 }
 
 impl Scores for Gpt {
@@ -34,9 +55,19 @@ impl Scores for Gpt {
     }
 
     fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
+        self.nats_told((inputs, targets), length, None, out)
+    }
+
+    fn nats_told(
+        &mut self,
+        (inputs, targets): (&[u32], &[u32]),
+        length: usize,
+        told: Option<&Told>,
+        out: &mut [f32],
+    ) -> Result<()> {
         assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
         let ids = self.ids(inputs, length)?;
-        let nats = self.frozen_nats(&ids, targets, None)?.to_vec1::<f32>()?;
+        let nats = self.frozen_nats(&ids, targets, told)?.to_vec1::<f32>()?;
         out.copy_from_slice(&nats);
         Ok(())
     }

@@ -6,6 +6,7 @@ use super::batches::Batch;
 use super::config::TrainConfig;
 use super::learner::{Found, Learner, in_order, no_average, not_finite};
 use crate::Result;
+use crate::model::ahead::Told;
 use crate::model::fast::{Fast, Windows, named};
 use crate::model::layout::{Parameter, Role};
 use crate::model::{Dropout, ModelConfig, Scores, TokenLayout};
@@ -187,5 +188,15 @@ impl Scores for FastLearner {
 
     fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
         self.model.nats(inputs, targets, length, out)
+    }
+
+    fn nats_told(
+        &mut self,
+        windows: (&[u32], &[u32]),
+        length: usize,
+        told: Option<&Told>,
+        out: &mut [f32],
+    ) -> Result<()> {
+        self.model.nats_told(windows, length, told, out)
     }
 }

@@ -5,6 +5,7 @@ use super::average;
 use super::batches::Batch;
 use super::config::TrainConfig;
 use super::learner::{Found, Learner, in_order, no_average, not_finite};
+use crate::model::ahead::Told;
 use crate::model::{Dropout, Gpt, ModelConfig, Scores, TokenLayout, layout};
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
@@ -178,6 +179,16 @@ impl Scores for Plain {
 
     fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
         self.model.nats(inputs, targets, length, out)
+    }
+
+    fn nats_told(
+        &mut self,
+        windows: (&[u32], &[u32]),
+        length: usize,
+        told: Option<&Told>,
+        out: &mut [f32],
+    ) -> Result<()> {
+        self.model.nats_told(windows, length, told, out)
     }
 }
 

@@ -5,6 +5,7 @@ use anyhow::Result;
 use kinelm::corpus::{ClipRecord, Corpus, Split};
 use kinelm::evaluate::Floors;
 use kinelm::evaluate::baselines::figure_row;
+use kinelm::evaluate::gap_bits::{GapBits, gap_bits};
 use kinelm::evaluate::likelihood::{Likelihood, likelihood_by_token};
 use kinelm::evaluate::per_joint::{PlaceBits, by_part, by_place, places};
 use kinelm::model::{LoadedRun, Reading, Which, load_run};
@@ -31,6 +32,9 @@ pub struct Args {
     /// Also which joints cost the bits, where a word is a frame of one character a channel
     #[arg(long)]
     per_joint: bool,
+    /// Also gaps of so many frames (10, or 10,20,40), whose end is told to a model that can be told (model.ahead), and isn't
+    #[arg(long, value_name = "FRAMES", value_delimiter = ',')]
+    gaps: Vec<usize>,
     #[command(flatten)]
     reading: ReadingArgs,
     #[command(flatten)]
@@ -56,6 +60,8 @@ struct Measured {
     found: Likelihood,
     /// Of each place of a word, where it was asked for.
     places: Option<Vec<PlaceBits>>,
+    /// Of gaps of every length that was asked for.
+    gaps: Vec<GapBits>,
     floors: Floors,
     /// Frames of the split, scored or not.
     all_frames: usize,
@@ -113,12 +119,18 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, say: Say) -> Result<Me
     };
     let (found, places) =
         found.ok_or_else(|| anyhow::anyhow!("{}: no {} clip has a frame", args.corpus.display(), args.split))?;
+    let mut gaps = Vec::new();
+    for &frames in &args.gaps {
+        let found = gap_bits(&mut *model, corpus, &clips, frames, &conditions);
+        gaps.extend(found.map_err(|e| WrongCall(format!("--gaps {frames}: {e}")))?);
+    }
     progress::stage("fitting and measuring static models");
     Ok(Measured {
         checkpoint: run.checkpoint.display().to_string(),
         split: args.split,
         found,
         places,
+        gaps,
         floors: Floors::of_corpus(corpus, args.split)?,
         all_frames: clips.iter().map(|c| c.frames).sum(),
         fps: corpus.manifest().fps,
@@ -148,11 +160,14 @@ impl Measured {
             line["parts"] =
                 by_part(places).into_iter().map(|(part, bits)| (part, bits.into())).collect::<Map<_, _>>().into();
         }
+        if !self.gaps.is_empty() {
+            line["gaps"] = serde_json::to_value(&self.gaps)?;
+        }
         Ok(line)
     }
 
     fn table(&self) -> String {
-        let Measured { split, found, places, floors, all_frames, .. } = self;
+        let Measured { split, found, places, gaps, floors, all_frames, .. } = self;
         let name = if found.pseudo { "the model (pseudo)" } else { "the model" };
         let mut table = format!("{floors}\n{}\n", figure_row(name, found.bits_per_frame, None));
         let of = format!("{all_frames} frames of {split}");
@@ -160,6 +175,15 @@ impl Measured {
         let rows = [("order 0", Some(floors.order0())), ("xz -9", floors.xz()), (name, Some(found.bits_per_frame))];
         for (name, bits) in rows.into_iter().filter_map(|(name, bits)| Some((name, bits?))) {
             table += &format!("{name:<32} {bits:>12.2} {:>14.0}\n", self.in_all(bits));
+        }
+        if !gaps.is_empty() {
+            table += &format!("\n{:<32} {:>12} {:>14}\n", "in gaps, bits/frame", "untold", "told the end");
+        }
+        for gap in gaps {
+            let name = format!("{} of {} frames", gap.gaps, gap.frames);
+            table += &format!("{name:<32} {:>12.2} {:>14.2}\n", gap.untold, gap.told);
+            let (untold, told) = (gap.untold_at_the_end, gap.told_at_the_end);
+            table += &format!("{:<32} {untold:>12.2} {told:>14.2}\n", "  their last quarter");
         }
         if let Some(places) = places {
             table += &format!("\n{:<32} {:>12} {:>14}\n", "under the model", "bits/frame", "share %");

@@ -278,8 +278,18 @@ impl Scores for Fast {
     }
 
     fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
+        self.nats_told((inputs, targets), length, None, out)
+    }
+
+    fn nats_told(
+        &mut self,
+        (inputs, targets): (&[u32], &[u32]),
+        length: usize,
+        told: Option<&Told>,
+        out: &mut [f32],
+    ) -> Result<()> {
         assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
-        let windows = Windows { inputs, targets, length, mask: self.mask(), told: None };
+        let windows = Windows { inputs, targets, length, mask: self.mask(), told };
         let mut pass = self.scored(windows)?;
         pass.ask(windows)?;
         pass.forward(self, windows, None);

@@ -134,6 +134,13 @@ fn frames_left_out_on_reading_come_back_in_their_places() {
     assert_eq!((new.frames, frames.first(), frames.last()), (old.frames, Some(&30), Some(&59)));
     let pelvis = column(&old, "pelvis");
     assert!(columns.iter().all(|c| !pelvis.contains(c)), "the root is given");
+    // the file states the rate that it stated; the program reads it as it read the prompt
+    let mut c = kinelm();
+    c.args(["evaluate", "dance"]).arg(set.at("legs.bvh")).arg("--real").arg(set.at("corpus")).arg("--json");
+    let found = c.assert().success().get_output().stdout.clone();
+    let found: serde_json::Value = serde_json::from_slice(&found).unwrap();
+    let frames = found["groups"][2]["world"]["frames"].as_u64();
+    assert_eq!(frames, Some((old.frames as u64 - 12 - 1) * 20 / 30 + 1), "{found}");
 }
 
 #[test]
@@ -172,11 +179,13 @@ fn what_can_t_be_edited_is_told_and_nothing_is_written() {
         (&["--free", "all", "--joints", "root"], "cannot be used with"),
         (&["--free", "all", "--rest-joints", "mean"], "leave it out"),
         (&["--free", "all", "--blend=-1"], "expected 0 to 60 seconds"),
+        (&["--free", "all", "--ahead", "2"], "this model can't be told what is given ahead"),
         (&[], "what of it is made anew (--free, --given)"),
     ] {
         set.edit(&prompt, more, "never.bvh").assert().failure().stderr(contains(told));
     }
     assert!(!set.at("never.bvh").exists());
+    set.edit(&prompt, &["--free", "head"], "never.npz").assert().code(2).stderr(contains("add --rig model"));
     let mut c = kinelm();
     c.arg("generate").arg("--run").arg(set.at("run")).args(["--frames", "9", "--free", "all"]);
     c.arg("--out").arg(set.at("x.bvh")).assert().failure().stderr(contains("--prompt"));

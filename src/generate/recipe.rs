@@ -60,7 +60,8 @@ pub struct Recipe {
 }
 
 impl Recipe {
-    /// How the dance is read from `dance`, the file that it was written to: at its own rate, whole.
+    /// How the dance is read from `dance`, the file that it was written to: at its own rate, whole. An edited clip is its
+    /// prompt's file with other numbers: what is left out of that and what its rate is, where it states another, hold for both.
     pub fn read_back(&self, dance: &Path) -> ReadOptions {
         let (format, own) = (Format::of_name(dance), ReadOptions::default());
         // the program writes with y up, but on a prompt's rig in the prompt's format, where its axes are kept
@@ -70,7 +71,13 @@ impl Recipe {
         };
         let up = if format == Format::of_name(&prompt.path) { prompt.read.up } else { up };
         let (map, unit, bvh_position) = (prompt.read.map.clone(), prompt.read.unit, prompt.read.bvh_position);
-        ReadOptions { map, unit, up, bvh_position, floor: prompt.read.floor, ..own }
+        let own = ReadOptions { map, unit, up, bvh_position, floor: prompt.read.floor, ..own };
+        if prompt.edit.is_none() || self.fps.is_some() {
+            return own;
+        }
+        let keeps_rate = format == Some(Format::Bvh) && Format::of_name(&prompt.path) == format;
+        let fps_source = prompt.read.fps_source.filter(|_| keeps_rate);
+        ReadOptions { fps_source, skip: prompt.read.skip, rest: prompt.read.rest, ..own }
     }
 }
 

@@ -86,6 +86,8 @@ fn as_told(path: &Path, call: &ReadOptions) -> ReadOptions {
         up: if read.up == Up::Auto { own.up } else { read.up },
         unit: if read.unit == Unit::Auto { own.unit } else { read.unit },
         map: read.map.or(own.map),
+        fps_source: read.fps_source.or(own.fps_source),
+        skip: if read.skip == 0 { own.skip } else { read.skip },
         ..read
     }
 }

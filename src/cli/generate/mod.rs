@@ -397,6 +397,16 @@ fn check_out(args: &Args, outs: &[PathBuf]) -> Result<()> {
         let what = format!("--fps {fps} with a .bvh: its frame time is a second at most; write .npz or .json");
         return Err(WrongCall(what).into());
     }
+    let is_amass = |prompt: &PathBuf| ["npz", "pkl"].contains(&super::extension(prompt).as_str());
+    if args.edit.get().is_some()
+        && args.rig.is_none()
+        && extension == "npz"
+        && !args.prompt.as_ref().is_some_and(is_amass)
+    {
+        let what = "an .npz of an edited clip, which is on its own rig: AMASS files are on the model's; write .bvh or .json, or \
+                    add --rig model";
+        return Err(WrongCall(what.into()).into());
+    }
     if args.rig == Some(RigArg::Prompt) && extension == "npz" {
         return Err(WrongCall(
             "--rig prompt with an .npz: AMASS files are on the model's rig; write .bvh or .json".into(),

@@ -1,16 +1,16 @@
-//! What is told ahead of a frame that is being spelled: of characters that are given later, how far they lie and how fast they
-//! have to be reached.
+//! What is told ahead of a frame that is being spelled: of characters that are given later, how far they lie and how fast
+//! they have to be reached.
 //!
-//! A character that is free has a *goal*: the next one that is given in its place, l frames from the frame before (the frame
-//! that the goal stands in among them), unless that is more than [`FARTHEST`] away. Characters that say how the root steps have none of
-//! their own: where the root stands now and where it stands in the next frame in which all of it is given make the step a frame that it
-//! takes from one to the other, and that is the goal, one frame away.
+//! A character that is free has a *goal*: the next one that is given in its place, l frames from the frame before (its own
+//! frame among them), unless that is further than [`FARTHEST`]. Characters that say how the root steps have none of their
+//! own: where the root stands now and where it stands in the next frame in which all of it is given make the step a frame
+//! that it takes from one to the other, and that is the goal, one frame away.
 //!
-//! Of a frame with goals two things are told. P = 4 C + 24 *numbers* ([`numbers`]): of every place sin a, 1 - cos a, a, and 8 a / l,
-//! where a is what lies between the code one frame back and the goal, in radians of circular places and in hundredths of a
-//! bin of others, place by place, 0 where there is no goal; of the root 8, its way in x and z, cosine and sine of its turn, 1/l and the three a frame, times
-//! ten; a 1 in one of 16 places for the least l of all, two to a doubling. And two rows of tables of
-//! steps for every place: the step to the goal, and that divided by l.
+//! Of a frame with goals two things are told. P = 4 C + 24 *numbers* ([`numbers`]): sin a, 1 - cos a, a, and 8 a / l of every
+//! place, where a is what lies between the code one frame back and the goal, in radians of circular places and in hundredths
+//! of a bin of others, 0 where there is no goal; of the root 8, its way in x and z, cosine and sine of its turn, 1/l, and
+//! the three a frame, times ten; a 1 in one of 16 places for the least l of all, two to a doubling. And two *rows* of tables
+//! of steps for every place: the step to the goal, and that divided by l.
 //!
 //! Training, measuring and generation all ask [`Course::tell`].
 

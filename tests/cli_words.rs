@@ -146,14 +146,14 @@ impl Way {
     /// Dances of the run.
     fn dances(&self) {
         let prompt = self.at("prompt.bvh").display().to_string();
-        let free = self.generate("free.json", &["--frames", "33", "--seed", "5"]);
-        assert_eq!(read(&self.at("free.json")).frames(), 33);
-        assert_eq!(free, self.generate("again.json", &["--frames", "33", "--seed", "5", "--threads", "1"]));
-        assert_eq!(free, self.generate("ahead.json", &["--frames", "33", "--seed", "5", "--guesses", "4"]));
-        self.generate("v.json", &["--frames", "33", "--seed", "5", "--variations", "2"]);
+        let free = self.generate("free.json", &["--frames", "133", "--seed", "5"]);
+        assert_eq!(read(&self.at("free.json")).frames(), 133);
+        assert_eq!(free, self.generate("again.json", &["--frames", "133", "--seed", "5", "--threads", "1"]));
+        assert_eq!(free, self.generate("ahead.json", &["--frames", "133", "--seed", "5", "--guesses", "4"]));
+        self.generate("v.json", &["--frames", "133", "--seed", "5", "--variations", "2"]);
         assert_eq!(free, fs::read(self.at("v-1.json")).unwrap());
         assert_ne!(free, fs::read(self.at("v-2.json")).unwrap());
-        assert_ne!(free, self.generate("other.json", &["--frames", "33", "--seed", "6"]));
+        assert_ne!(free, self.generate("other.json", &["--frames", "133", "--seed", "6"]));
         let greedy = self.generate("greedy.json", &["--frames", "33", "--greedy"]);
         assert_eq!(greedy, self.generate("slow.json", &["--frames", "33", "--greedy", "--form", "plain"]));
 

@@ -175,6 +175,7 @@ fn what_can_t_be_edited_is_told_and_nothing_is_written() {
         (&["--free", "left_hand"], "the model knows none of these joints; it knows pelvis"),
         (&["--free", "left_wing@1s:2s"], "no joint or group \"left_wing\""),
         (&["--given", "all"], "nothing is free"),
+        (&["--free", "all@1:2", "--given", "left_arm@1.2:1.4"], "nothing is given in the end"),
         (&["--free", "all", "--frames", "20"], "20 frames of a prompt of 60"),
         (&["--free", "all", "--joints", "root"], "cannot be used with"),
         (&["--free", "all", "--rest-joints", "mean"], "leave it out"),

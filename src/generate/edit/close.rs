@@ -126,7 +126,10 @@ pub fn closed(dance: &Clip, truth: &Clip, mask: &Mask) -> Result<(Clip, Vec<Left
     let mut found: Vec<(usize, f64, f64, Option<f64>)> = Vec::new();
     for gap in mask.free_runs(0) {
         let goes_on = mask.is_given(gap.end, 0) && mask.is_given(gap.end + 1, 0);
-        let way = Way::between(dance, truth, &gap, goes_on);
+        let mut way = Way::between(dance, truth, &gap, goes_on);
+        if !drawn_behind_given(mask, 0, &gap) {
+            way.tilt_before = Vec3::ZERO;
+        }
         for f in gap.clone() {
             let fade = (BEGIN_S * fps, gap.len() as f64);
             let speed = speed_share(f, &gap, SPEED_S * fps);
@@ -139,7 +142,7 @@ pub fn closed(dance: &Clip, truth: &Clip, mask: &Mask) -> Result<(Clip, Vec<Left
     for joint in (1..j).filter(|&joint| mask.is_coded(joint)) {
         for gap in mask.free_runs(joint) {
             let off = |f: usize| difference(dance.pose(f)[joint], truth.pose(f)[joint]);
-            let begin = if gap.start > 0 { off(gap.start - 1) } else { Vec3::ZERO };
+            let begin = if drawn_behind_given(mask, joint, &gap) { off(gap.start - 1) } else { Vec3::ZERO };
             let end = if gap.end < frames { off(gap.end) } else { Vec3::ZERO };
             let goes_on = mask.is_given(gap.end, joint) && mask.is_given(gap.end + 1, joint);
             let speed = |clip: &Clip, f: usize| difference(clip.pose(f)[joint], clip.pose(f + 1)[joint]);
@@ -170,6 +173,11 @@ pub fn closed(dance: &Clip, truth: &Clip, mask: &Mask) -> Result<(Clip, Vec<Left
     Ok((clip, left.into_iter().map(|(left, _)| left).collect()))
 }
 
+/// Whether the frame before a gap is given and decoded as such: behind another gap it is the foretold one.
+fn drawn_behind_given(mask: &Mask, joint: usize, gap: &Range<usize>) -> bool {
+    gap.start == 1 || gap.start > 1 && mask.is_given(gap.start - 2, joint)
+}
+
 /// The turn that leads from one rotation to another, in the frame of the first, as a rotation vector.
 fn difference(from: Quat, to: Quat) -> Vec3 {
     let turn = from.conjugate() * to;
@@ -197,8 +205,10 @@ struct Way {
 impl Way {
     fn between(dance: &Clip, truth: &Clip, gap: &Range<usize>, goes_on: bool) -> Way {
         let before = gap.start.checked_sub(1);
-        let start = dance.root()[before.unwrap_or(gap.start)];
-        let tilt_before = before.map_or(Vec3::ZERO, |f| difference(dance.pose(f)[0], truth.pose(f)[0]));
+        // the frame before stands as it was decoded, and the gap as it was laid on the truth
+        let start = before.map_or(dance.root()[gap.start], |f| truth.root()[f]);
+        let before_turned = |f: usize| turn_between(dance.pose(f)[0], truth.pose(f)[0]) * dance.pose(f)[0];
+        let tilt_before = before.map_or(Vec3::ZERO, |f| difference(before_turned(f), truth.pose(f)[0]));
         let none = Vec3::ZERO;
         let mut way = Way { start, turn: 0.0, to: none, tilt: none, tilt_before, faster: none, turns_faster: 0.0 };
         if gap.end < dance.frames() {
@@ -314,6 +324,23 @@ mod tests {
         let turned = clip.rotations().iter().zip(truth.rotations()).map(|(a, b)| angle_between(*a, *b));
         assert!(turned.fold(0.0, f64::max) < turn);
         assert!(clip.root().iter().zip(truth.root()).all(|(a, b)| (*a - *b).length() < path));
+    }
+
+    #[test]
+    fn wherever_a_dance_is_decoded_a_gap_begins_where_it_is_given() {
+        let (truth, mask) = (truth(), mask(60, |f, _| !(20..40).contains(&f)));
+        let elsewhere = Quat::from_rotation_y(2.2);
+        let root = truth.root().iter().map(|p| elsewhere * *p + Vec3::new(7.0, 0.0, 3.0)).collect();
+        let mut rotations = truth.rotations().to_vec();
+        rotations.iter_mut().step_by(24).for_each(|pelvis| *pelvis = elsewhere * *pelvis);
+        let dance = Clip::new(truth.skeleton().clone(), truth.fps(), root, rotations).unwrap();
+        let (clip, left) = closed(&aligned(&dance, &truth, &mask).unwrap(), &truth, &mask).unwrap();
+        assert!(left[0].total() < 1e-6, "{left:?}");
+        let (path, turn) = most_step(&truth);
+        for f in 20..40 {
+            assert!((clip.root()[f] - truth.root()[f]).length() < path, "frame {f}");
+            assert!(angle_between(clip.pose(f)[0], truth.pose(f)[0]) < turn, "frame {f}");
+        }
     }
 
     #[test]

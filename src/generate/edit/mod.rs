@@ -115,6 +115,10 @@ impl Edited {
         if !read.mask.frees_anything() && longer.is_none() {
             return Err(Error::Call("nothing is free: all joints that the model knows are given throughout".into()));
         }
+        if !edit.given.is_empty() && (0..clip.frames()).all(|frame| read.mask.is_all_free(frame)) {
+            let what = "nothing is given in the end: what is free is taken off what is given, wherever both are named";
+            return Err(Error::Call(what.into()));
+        }
         for (spans, read) in [(&mut edit.given, &read.given), (&mut edit.free, &read.free)] {
             *spans = read.iter().map(|understood| understood.span.clone()).collect();
         }

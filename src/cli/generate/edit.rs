@@ -65,9 +65,7 @@ pub fn say_understood(prompt: &Followed, edited: &Edited, say: Say) {
     };
     edited.read.given.iter().for_each(|understood| tell("given", understood));
     edited.read.free.iter().for_each(|understood| tell("free", understood));
-    if edited.read.given.is_empty() {
-        say.line("all else is given");
-    }
+    say.line(if edited.read.given.is_empty() { "all else is given" } else { "all else is free" });
 }
 
 /// Says how far the dance was from its clip where gaps end.

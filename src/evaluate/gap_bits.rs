@@ -1,5 +1,6 @@
 //! Bits a frame in gaps behind which a frame is given: told to the model ([`crate::model::ahead`]) and untold.
 
+use super::gaps::BEFORE;
 use crate::corpus::{ClipRecord, Conditions, Corpus, fill_sequence};
 use crate::model::Scores;
 use crate::model::ahead::{Ahead, Course};
@@ -7,9 +8,6 @@ use crate::{Error, Result};
 use serde::Serialize;
 use std::f64::consts::LN_2;
 use std::ops::Range;
-
-/// Frames before a gap that the model reads, if its window holds as many.
-const BEFORE: usize = 64;
 
 /// What a model makes of gaps of one length.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

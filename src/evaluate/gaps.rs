@@ -20,7 +20,7 @@ use serde::Serialize;
 use std::ops::Range;
 
 /// Frames before a gap that the model is given, at most.
-const BEFORE: usize = 64;
+pub(super) const BEFORE: usize = 64;
 /// Frames behind it that borders are measured with.
 const BEHIND: usize = 3;
 /// Resamples of takes.

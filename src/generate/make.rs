@@ -67,12 +67,6 @@ impl Made {
             _ => Ok(format::to_bytes(out, &self.motion)?),
         }
     }
-
-    /// Whether what is not new has the very numbers of the prompt's file.
-    pub fn keeps_numbers(&self, out: &Path) -> bool {
-        let is_bvh = Format::of_name(out) == Some(Format::Bvh) && matches!(self.motion.source, Source::Bvh(_));
-        is_bvh && self.changed.is_some()
-    }
 }
 
 /// What is followed of a clip.

@@ -3,7 +3,7 @@
 use super::ahead::Told;
 use super::config::{ModelConfig, TokenLayout};
 use super::gpt::Gpt;
-use crate::{Error, Result};
+use crate::Result;
 
 /// A model of any form, on any device, that can be asked how likely tokens are.
 pub trait Scores {
@@ -22,7 +22,9 @@ pub trait Scores {
     ///
     /// # Panics
     /// If the three are of different length, or not of whole windows.
-    fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()>;
+    fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
+        self.nats_told((inputs, targets), length, None, out)
+    }
 
     /// As [`Scores::nats`] of inputs and targets, frames being told what is given ahead.
     ///
@@ -33,16 +35,11 @@ pub trait Scores {
     /// As [`Scores::nats`].
     fn nats_told(
         &mut self,
-        (inputs, targets): (&[u32], &[u32]),
+        windows: (&[u32], &[u32]),
         length: usize,
         told: Option<&Told>,
         out: &mut [f32],
-    ) -> Result<()> {
-        match told {
-            None => self.nats(inputs, targets, length, out),
-            Some(_) => Err(Error::Call("what is ahead is told to whole windows; measure without a reader".into())),
-        }
-    }
+    ) -> Result<()>;
 }
 
 impl Scores for Gpt {
@@ -52,10 +49,6 @@ impl Scores for Gpt {
 
     fn tokens(&self) -> &TokenLayout {
         Gpt::tokens(self)
-    }
-
-    fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
-        self.nats_told((inputs, targets), length, None, out)
     }
 
     fn nats_told(

@@ -186,10 +186,6 @@ impl Scores for FastLearner {
         Scores::tokens(&self.model)
     }
 
-    fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
-        self.model.nats(inputs, targets, length, out)
-    }
-
     fn nats_told(
         &mut self,
         windows: (&[u32], &[u32]),

@@ -8,7 +8,6 @@ use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Vec3};
 use rayon::prelude::*;
 use serde::Serialize;
-use std::f64::consts::TAU;
 use std::fmt;
 
 /// Length of a window and the way from one to the next, seconds.
@@ -121,10 +120,7 @@ impl Done {
             Done::Reversed => places.reversed(),
             Done::Noise => {
                 let mut rng = random::stream(SEED, "noise", clip as u64, 0);
-                let mut one = || {
-                    let (u, v) = (random::unit(&mut rng).max(1e-12), random::unit(&mut rng));
-                    NOISE_M * (-2.0 * u.ln()).sqrt() * (TAU * v).cos()
-                };
+                let mut one = || NOISE_M * random::normal(&mut rng);
                 places.changed(|place| place + Vec3::new(one(), one(), one()))
             }
         }

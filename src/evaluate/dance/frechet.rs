@@ -106,9 +106,9 @@ fn at_infinity(set: &[Vec<f64>], real: &[Vec<f64>], seed: u64) -> Result<f64> {
         let count = set.len() / share;
         for draw in 0..if share == 1 { 1 } else { DRAWS } {
             let mut rng = random::stream(seed, "frechet", i as u64, draw as u64);
-            let mut order: Vec<(f64, usize)> = (0..set.len()).map(|row| (random::unit(&mut rng), row)).collect();
-            order.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let part: Rows = order[..count].iter().map(|&(_, row)| set[row].clone()).collect();
+            let mut order: Vec<usize> = (0..set.len()).collect();
+            random::shuffle(&mut order, &mut rng);
+            let part: Rows = order[..count].iter().map(|&row| set[row].clone()).collect();
             if let Some(distance) = distance(&part, real, RIDGE)? {
                 // each count weighs as much as the others
                 points.push((1.0 / count as f64, distance, if share == 1 { DRAWS as f64 } else { 1.0 }));
@@ -203,10 +203,7 @@ mod tests {
     /// Rows of independent numbers with mean `m` and spread `s`.
     fn normal(count: usize, n: usize, (m, s): (f64, f64), seed: u64) -> Rows {
         let mut rng = random::stream(seed, "rows", 0, 0);
-        let mut one = || {
-            let (u, v) = (random::unit(&mut rng).max(1e-12), random::unit(&mut rng));
-            m + s * (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
-        };
+        let mut one = || m + s * random::normal(&mut rng);
         (0..count).map(|_| (0..n).map(|_| one()).collect()).collect()
     }
 

@@ -179,7 +179,7 @@ fn drawn_behind_given(mask: &Mask, joint: usize, gap: &Range<usize>) -> bool {
 }
 
 /// The turn that leads from one rotation to another, in the frame of the first, as a rotation vector.
-fn difference(from: Quat, to: Quat) -> Vec3 {
+pub(super) fn difference(from: Quat, to: Quat) -> Vec3 {
     let turn = from.conjugate() * to;
     exp_map::to_vector(nearest_sign(turn, Quat::IDENTITY))
 }

@@ -1,13 +1,13 @@
 //! Invented motion put into the clip that it is made for: on the clip's own rig, at the rate of its file.
 
-use super::close::Shares;
+use super::close::{Shares, difference};
 use super::mask::Mask;
 use crate::Result;
 use kinelm_motion::format::bvh::Changed;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::Retarget;
-use kinelm_motion::rotation::{exp_map, nearest_sign};
-use kinelm_motion::{Clip, Quat, Vec3};
+use kinelm_motion::rotation::exp_map;
+use kinelm_motion::{Clip, Vec3};
 use std::ops::Range;
 
 /// The joints of a rig as a mask has them.
@@ -73,7 +73,8 @@ pub fn spliced(
     }
     for joint in 0..j {
         for gap in Mask::runs(frames, |f| rig.is_free(mask, f, joint)) {
-            let off = |f: Option<usize>| f.map_or(Vec3::ZERO, |f| turn(dance.pose(f)[joint], whole.pose(f)[joint]));
+            let off =
+                |f: Option<usize>| f.map_or(Vec3::ZERO, |f| difference(dance.pose(f)[joint], whole.pose(f)[joint]));
             let (before, behind) = ends(&gap);
             let (begin, end) = (off(before), off(behind));
             for f in gap.clone() {
@@ -85,11 +86,6 @@ pub fn spliced(
         }
     }
     Ok((Clip::new(clip.skeleton().clone(), fps, root, rotations)?, changed))
-}
-
-/// The turn from one rotation to another, in the frame of the first.
-fn turn(from: Quat, to: Quat) -> Vec3 {
-    exp_map::to_vector(nearest_sign(from.conjugate() * to, Quat::IDENTITY))
 }
 
 /// The clip with its last frame held up to `frames` frames.

@@ -277,10 +277,6 @@ impl Scores for Fast {
         &self.tokens
     }
 
-    fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
-        self.nats_told((inputs, targets), length, None, out)
-    }
-
     fn nats_told(
         &mut self,
         (inputs, targets): (&[u32], &[u32]),

@@ -4,6 +4,7 @@ mod packed;
 #[cfg(test)]
 mod tests;
 
+use super::ahead;
 use super::architecture::Architecture;
 use super::config::{Kind, ModelConfig, TokenLayout};
 use super::gpt::Gpt;
@@ -166,7 +167,16 @@ impl Scores for Reader {
         &self.tokens
     }
 
-    fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
+    fn nats_told(
+        &mut self,
+        (inputs, targets): (&[u32], &[u32]),
+        length: usize,
+        told: Option<&ahead::Told>,
+        out: &mut [f32],
+    ) -> Result<()> {
+        if told.is_some() {
+            return Err(Error::Call("what is ahead is told to whole windows; measure without a reader".into()));
+        }
         assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
         let pad = self.tokens.pad;
         let mut nats = vec![0.0; length];

@@ -12,6 +12,7 @@ use kinelm_engine::decode::{
 use kinelm_engine::dispatch;
 use kinelm_engine::op::dropout::Mask;
 use kinelm_engine::op::matmul::{Left, Panels, Store};
+use kinelm_engine::op::products::Products;
 use kinelm_engine::op::{adamw, attention, bias, cross_entropy, embedding, gelu, layer_norm, matmul, rope};
 use std::hint::black_box;
 use std::sync::Arc;
@@ -86,7 +87,7 @@ fn product(turned: bool) -> Case {
     case("GFLOP/s", 2 * N * D * n, move || {
         let a = if turned { Left::Columns { a: &a, lda: N } } else { Left::Rows { a: &a, lda: D } };
         let panels = Panels { numbers: &panels, block: D };
-        matmul::product(black_box(&mut c), n, (N, D, n), a, panels, 1.0, Store::Set);
+        matmul::product(black_box(&mut c), n, (N, D, n), a, panels, Store::Set);
     })
 }
 
@@ -146,7 +147,8 @@ fn pair_product() -> usize {
 }
 
 fn attention() -> Case {
-    let (space, qkv) = (attention::Workspace::new(ATTENTION), numbers(ATTENTION.rows() * 3 * ATTENTION.columns()));
+    let (space, qkv) =
+        (attention::Workspace::new(ATTENTION, Products::F32), numbers(ATTENTION.rows() * 3 * ATTENTION.columns()));
     let (mut out, mut sums) = (zeros(qkv.len() / 3), zeros(ATTENTION.rows() * ATTENTION.heads));
     case("GFLOP/s", 2 * pair_product(), move || {
         attention::forward(ATTENTION, &qkv, CAUSAL, &space, black_box(&mut out), &mut sums);
@@ -154,7 +156,8 @@ fn attention() -> Case {
 }
 
 fn attention_backward() -> Case {
-    let (space, qkv) = (attention::Workspace::new(ATTENTION), numbers(ATTENTION.rows() * 3 * ATTENTION.columns()));
+    let (space, qkv) =
+        (attention::Workspace::new(ATTENTION, Products::F32), numbers(ATTENTION.rows() * 3 * ATTENTION.columns()));
     let (mut out, mut log_sums) = (zeros(qkv.len() / 3), zeros(ATTENTION.rows() * ATTENTION.heads));
     attention::forward(ATTENTION, &qkv, CAUSAL, &space, &mut out, &mut log_sums);
     let (d_out, mut d_qkv) = (numbers(out.len()), zeros(qkv.len()));

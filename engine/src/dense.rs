@@ -96,7 +96,7 @@ pub fn backward(
     parts.into_par_iter().for_each(|(dx, d_out, columns, partial)| {
         partial.fill(0.0);
         bias::add_column_sums(partial, d_out);
-        products.pack(columns, d_out, d_out.len() / m, m);
+        products.pack(columns, d_out, m, d_out.len() / m, m);
         products.times(dx, d_out, m, down, k);
     });
     Sums { partial, width: m, store: Store::Set }.take(gradients.bias);

@@ -155,7 +155,7 @@ pub fn loss(
                 let (normal, rest) = scratch.split_at_mut(x.len());
                 let d_normal = &mut rest[..x.len()];
                 layer_norm::forward(normal, stats, x, norm.weight, norm.bias);
-                products.pack(panels, normal, asked.len(), d);
+                products.pack(panels, normal, d, asked.len(), d);
                 products.times(logits, normal, d, across, v);
                 *nats = cross_entropy::forward_backward(logits, asked, smoothing, scale);
                 products.times(d_normal, logits, v, down, d);

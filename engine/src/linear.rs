@@ -5,92 +5,29 @@
 //! [`Products::weight_gradient`] multiplies them all; biases and norms add up [`Sums`] over the pieces.
 
 use crate::op::bf16;
-use crate::op::matmul::{self, Left, Panels, Store};
+use crate::op::matmul::{self, Left, Store};
+use crate::op::products::Right;
 use crate::pieces;
 use rayon::prelude::*;
-use std::cell::RefCell;
+
+pub use crate::op::products::Products;
 
 /// Panels that one piece of the threads' work packs.
 const PANELS: usize = 4;
 
-/// In which numbers the products of layers are computed. All else, and the sums of the products, are f32.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Products {
-    /// The factors as they are.
-    #[default]
-    F32,
-    /// Factors rounded to bf16, on the tiles of AMX ([`bf16::has_tiles`]).
-    Tiles,
-    /// Factors rounded to bf16 and multiplied as f32: what [`Products::Tiles`] computes, up to the order of its sums, on
-    /// any machine, and slower than [`Products::F32`].
-    Rounded,
-}
-
-thread_local! {
-    /// A left factor, rounded.
-    static ROUNDED: RefCell<Vec<f32>> = const { RefCell::new(Vec::new()) };
-}
-
 impl Products {
-    /// bf16 as this machine does it best.
-    pub fn bf16() -> Products {
-        if bf16::has_tiles() { Products::Tiles } else { Products::Rounded }
-    }
-
-    /// Its name: `f32`, `amx` or `emulated`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Products::F32 => "f32",
-            Products::Tiles => "amx",
-            Products::Rounded => "emulated",
-        }
-    }
-
-    /// Numbers that a (k, n) right factor takes in panels.
-    pub fn panels_len(self, k: usize, n: usize) -> usize {
-        match self {
-            Products::F32 | Products::Rounded => matmul::panels_len(k, n),
-            Products::Tiles => bf16::panels_len(k, n),
-        }
-    }
-
-    /// Lays `b` (k, n) out in panels.
+    /// As [`Products::pack`] of a weight (k, n), on all threads: some panels a piece.
     ///
     /// # Panics
     /// Slices that are too short, here and below.
-    pub fn pack(self, panels: &mut [f32], b: &[f32], k: usize, n: usize) {
-        self.pack_part(panels, b, n, k, n);
-    }
-
-    /// Columns of a (k, n) matrix whose rows are `ldb` apart.
-    fn pack_part(self, panels: &mut [f32], b: &[f32], ldb: usize, k: usize, n: usize) {
-        match self {
-            Products::F32 => matmul::pack(panels, b, ldb, k, n),
-            Products::Tiles => bf16::pack(panels, b, ldb, k, n),
-            Products::Rounded => {
-                matmul::pack(panels, b, ldb, k, n);
-                bf16::round_all(&mut panels[..matmul::panels_len(k, n)]);
-            }
-        }
-    }
-
-    /// As [`Products::pack`], on all threads: some panels a piece.
     pub fn pack_parallel(self, panels: &mut [f32], weight: &[f32], k: usize, n: usize) {
-        self.in_parts(panels, k, n, |part, first, columns| self.pack_part(part, &weight[first..], n, k, columns));
+        self.in_parts(panels, k, n, |part, first, columns| self.pack(part, &weight[first..], n, k, columns));
     }
 
     /// The same of a transposed weight, (n, k).
     pub fn pack_transposed_parallel(self, panels: &mut [f32], weight: &[f32], k: usize, n: usize) {
         self.in_parts(panels, k, n, |part, first, columns| {
-            let from = &weight[first * k..];
-            match self {
-                Products::F32 => matmul::pack_transposed(part, from, k, k, columns),
-                Products::Tiles => bf16::pack_transposed(part, from, k, k, columns),
-                Products::Rounded => {
-                    matmul::pack_transposed(part, from, k, k, columns);
-                    bf16::round_all(part);
-                }
-            }
+            self.pack_transposed(part, &weight[first * k..], k, k, columns);
         });
     }
 
@@ -110,7 +47,7 @@ impl Products {
     /// `out` (R, n) = `a` (R, k) times the weight in `panels`.
     pub fn times(self, out: &mut [f32], a: &[f32], k: usize, panels: &[f32], n: usize) {
         let (rows, left) = (out.len() / n, Left::Rows { a, lda: k });
-        self.product(out, (rows, k, n), left, (panels, k), Store::Set);
+        self.product(out, n, (rows, k, n), left, Right { panels, block: k, first: 0 }, Store::Set);
     }
 
     /// The gradient (k, n) of a weight: the transposed `x` (N, k) times the gradient (N, n) of the output in `panels`, in
@@ -128,40 +65,8 @@ impl Products {
         let (high, block) = (pieces::gradient_rows(k), block.min(rows));
         gradient.par_chunks_mut(high * n).enumerate().for_each(|(i, part)| {
             let left = Left::Columns { a: &x[i * high..], lda: k };
-            self.product(part, (part.len() / n, rows, n), left, (panels, block), store);
+            self.product(part, n, (part.len() / n, rows, n), left, Right { panels, block, first: 0 }, store);
         });
-    }
-
-    fn product(
-        self,
-        c: &mut [f32],
-        (m, k, n): (usize, usize, usize),
-        a: Left,
-        (numbers, block): (&[f32], usize),
-        store: Store,
-    ) {
-        let panels = Panels { numbers, block };
-        match self {
-            Products::F32 => matmul::product(c, n, (m, k, n), a, panels, 1.0, store),
-            Products::Tiles => bf16::product(c, n, (m, k, n), a, (numbers, block), store),
-            Products::Rounded => ROUNDED.with_borrow_mut(|rounded| {
-                rounded.resize(rounded.len().max(m * k), 0.0);
-                let rounded = &mut rounded[..m * k];
-                let (from, lda, width) = match a {
-                    Left::Rows { a, lda } => (a, lda, k),
-                    Left::Columns { a, lda } => (a, lda, m),
-                };
-                for (to, from) in rounded.chunks_mut(width.max(1)).zip(from.chunks(lda)) {
-                    to.copy_from_slice(&from[..width]);
-                }
-                bf16::round_all(rounded);
-                let a = match a {
-                    Left::Rows { .. } => Left::Rows { a: rounded, lda: k },
-                    Left::Columns { .. } => Left::Columns { a: rounded, lda: m },
-                };
-                matmul::product(c, n, (m, k, n), a, panels, 1.0, store);
-            }),
-        }
     }
 }
 
@@ -242,7 +147,7 @@ mod tests {
                 let room = by.panels_len(piece, n);
                 let mut panels = vec![f32::NAN; rows.div_ceil(piece) * room];
                 for (to, d) in panels.chunks_mut(room).zip(d.chunks(piece * n)) {
-                    by.pack(to, d, d.len() / n, n);
+                    by.pack(to, d, n, d.len() / n, n);
                 }
                 let mut gradient = vec![f32::NAN; k * n];
                 by.weight_gradient(&mut gradient, &x, k, (&panels, piece), rows, Store::Set);

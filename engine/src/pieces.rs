@@ -1,6 +1,6 @@
 //! How work falls into pieces that threads share, and the scratch memory that a thread has for one.
 
-use crate::op::matmul::{ROWS, TILE};
+use crate::op::matmul::{ROWS, TILES};
 use std::sync::{Mutex, PoisonError};
 
 /// Rows that a piece of `rows` rows has: about 64, so that the weights are read once for so many, and an even number of
@@ -13,11 +13,11 @@ pub fn rows(rows: usize) -> usize {
     rows.div_ceil(pieces).max(1)
 }
 
-/// Rows of a weight's gradient that one piece computes: up to 144, whole tiles of 6, in an even number of pieces. The more
+/// Rows of a weight's gradient that one piece computes: up to 144, whole tiles, in an even number of pieces. The more
 /// rows, the less often the right factor is fetched.
 pub fn gradient_rows(rows: usize) -> usize {
     let pieces = rows.div_ceil(ROWS).next_multiple_of(2);
-    rows.div_ceil(pieces).next_multiple_of(TILE)
+    rows.div_ceil(pieces).next_multiple_of(TILES)
 }
 
 /// Scratch memory for each thread of the pool, allocated once.
@@ -45,7 +45,7 @@ mod tests {
         for n in 1..5000 {
             let (r, g) = (rows(n), gradient_rows(n));
             assert!(r <= 64 && r * n.div_ceil(r) >= n, "{n}: {r}");
-            assert!(g <= ROWS && g % TILE == 0, "{n}: {g}");
+            assert!(g <= ROWS && g % TILES == 0, "{n}: {g}");
         }
         assert_eq!([rows(1), rows(64), rows(1024), rows(2048)], [1, 64, 64, 64]);
     }

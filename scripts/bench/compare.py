@@ -83,6 +83,17 @@ def heats(args):
         aims = [Ratio(("kinelm", "train"), (r, "train"), aim, memory=True) for r in rivals]
         return Heat("train", f"training {name}", entries, aims)
 
+    def tiles(name, ours_aim, their_aim, count, *more, torch=True):
+        more = [*more, *repeats(count)]
+        here = ours("kinelm, bf16", "train", *more, "--precision", "bf16")
+        entries, aims = [here, ours("kinelm, f32", "train", *more)], []
+        aims.append(Ratio((here.label, "train"), ("kinelm, f32", "train"), ours_aim))
+        if torch:
+            for label, how, env in [("autocast", [], None), ("autocast, memory kept", [], KEEP_HEAP), ("autocast, compiled", ["--compile"], None)]:
+                entries += theirs(label, "train", *more, "--bf16", *how, env=env)
+                aims.append(Ratio((here.label, "train"), (label, "train"), their_aim))
+        return Heat("bf16", f"bf16, {name}", entries, aims)
+
     big = ["--config", "thesis-26m"]
     yield train("tiny, 256 x 8", 1.5, 40, "--config", "tiny")
     yield train("26 M, 1,024 x 1", 1.15, 9, *big, "--batch", "1")
@@ -93,6 +104,10 @@ def heats(args):
             entries = [ours(f"{n} threads", "train", *more), ours("one thread", "train", *more, threads="1")]
             aim = Ratio((f"{n} threads", "train"), ("one thread", "train"), 1.8 if args.threads == 2 else None)
             yield Heat("train", f"threads, {name}", entries, [aim])
+    if has_tiles():
+        yield tiles("tiny, 256 x 8", 1.5, None, 40, "--config", "tiny")
+        yield tiles("26 M, 1,024 x 1", 3.0, 1.3, 9, *big, "--batch", "1")
+        yield tiles("two-level, 4 windows", 1.5, None, 9, "--config", "two-level", "--batch", "4", torch=False)
     contexts = [256, 512, 1024, 2048, 4096]
     shape = lambda t: ["--config", "small", "--context", str(t), "--batch", str(4096 // t), *repeats(6)]
     yield Heat("train", "contexts, small, 4,096 tokens a step", [ours(f"context {t:,}", "train", *shape(t)) for t in contexts])
@@ -119,6 +134,19 @@ def heats(args):
             aims.append(Share(("f32 x 1", "decode"), "share_of_bandwidth", 0.8))
             aims += [Share((f"{k} x {s}", "generate"), "frames_per_s", f) for k in kinds for s, f in [(1, 12), (4, 20)]]
         yield Heat("decode", f"decoding 26 M, context {context:,}", entries, aims)
+
+
+def flags():
+    """What of the processor decides which kernels run."""
+    try:
+        line = next(l for l in open("/proc/cpuinfo") if l.startswith("flags"))
+    except (OSError, StopIteration):
+        return ""
+    return " ".join(f for f in ("avx2", "avx512f", "avx512_vnni", "avx512_bf16", "amx_bf16", "amx_int8") if f in line.split())
+
+
+def has_tiles():
+    return "amx_bf16" in flags().split()
 
 
 class Machine:
@@ -171,7 +199,7 @@ def facts(args):
         cpu = platform.processor() or platform.machine()
     commit = said("git", "rev-parse", "--short", "HEAD") + ("+" if said("git", "status", "--porcelain", "-uno") else "")
     rustc = " ".join(said("rustc", "--version").split()[:2])
-    return f"{cpu}, {os.cpu_count()} cores, {args.threads} threads; {rustc}; commit {commit}; {time.strftime('%Y-%m-%d')}"
+    return f"{cpu} ({flags()}), {os.cpu_count()} cores, {args.threads} threads; {rustc}; commit {commit}; {time.strftime('%Y-%m-%d')}"
 
 
 def number(x):
@@ -238,7 +266,7 @@ def table(heat):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kinelm", type=pathlib.Path, default=ROOT / "target" / "release" / "kinelm")
-    parser.add_argument("--only", choices=["train", "decode"])
+    parser.add_argument("--only", choices=["train", "bf16", "decode"])
     parser.add_argument("--match", help="only heats whose name holds this")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--quick", action="store_true", help="two rounds, a third of the steps: to see that all works")

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """The same GPT in PyTorch, at its best on a CPU: one JSON line a measurement, with the fields of `kinelm bench --json`.
 
-    torch_gpt.py train   --config tiny [--batch B --context T] [--compile] [--threads N] [--repeats R]
+    torch_gpt.py train   --config tiny [--batch B --context T] [--compile] [--bf16] [--threads N] [--repeats R]
     torch_gpt.py decode  --config thesis-26m --context 1000 [--streams S]
     torch_gpt.py prefill --config thesis-26m --context 1000
 
 Pre-norm GPT-2 with learned positions, biases and a tied head. Training: fused AdamW, scaled_dot_product_attention, the
-gradient's norm clipped at 1, gradients set to None. Decoding: a KV cache allocated once, inference mode, greedy. Needs
+gradient's norm clipped at 1, gradients set to None; with --bf16 forward and loss under autocast. Decoding: a KV cache allocated once, inference mode, greedy. Needs
 torch and Python 3.11; `run.sh` beside this file makes an environment for it.
 """
 import argparse, json, pathlib, statistics, time, tomllib
@@ -100,7 +100,8 @@ def train(model, args, table):
     inputs, targets = ids[:, :-1].contiguous(), ids[:, 1:].contiguous()
 
     def step():
-        loss = loss_of(inputs, targets)
+        with torch.autocast("cpu", torch.bfloat16, enabled=args.bf16):
+            loss = loss_of(inputs, targets)
         optimizer.zero_grad(set_to_none=True)
         loss.backward()
         nn.utils.clip_grad_norm_(model.parameters(), 1.0, foreach=True)
@@ -144,6 +145,7 @@ def main():
     parser.add_argument("--threads", type=int)
     parser.add_argument("--repeats", type=int)
     parser.add_argument("--compile", action="store_true")
+    parser.add_argument("--bf16", action="store_true", help="train under autocast to bf16")
     args = parser.parse_args()
     path = pathlib.Path(args.config)
     path = path if path.suffix == ".toml" else CONFIGS / f"{args.config}.toml"
@@ -167,7 +169,7 @@ def main():
         "rss_at_start_mb": at_start,
         "threads": torch.get_num_threads(),
         "context": args.context,
-        "form": f"torch {torch.__version__}" + (" compiled" if args.compile else ""),
+        "form": f"torch {torch.__version__}" + (" compiled" if args.compile else "") + (" bf16" if args.bf16 else ""),
         "parameters": sum(p.numel() for p in model.parameters()),
         "first_step_s": round(first, 3),
     }

@@ -101,11 +101,11 @@ impl Pass<'_> {
                         bias::residual_backward(&mut dy[rows.clone()], &dx[rows], d, mask);
                     });
                     bias::add_column_sums(db_down, dy);
-                    products.pack(d_down, dy, rows, d);
+                    products.pack(d_down, dy, d, rows, d);
                     products.times(d_hidden, dy, d, &panels.down, m);
                     gelu::backward(d_hidden, gelu, up);
                     bias::add_column_sums(db_up, d_hidden);
-                    products.pack(d_up, d_hidden, rows, m);
+                    products.pack(d_up, d_hidden, m, rows, m);
                     products.times(d_normal, d_hidden, m, &panels.up, d);
                     // computed again rather than saved: the rows are in the cache, N D more numbers are not
                     layer_norm::again(normal, middle, stats, weights.norm2.weight, weights.norm2.bias);
@@ -115,7 +115,7 @@ impl Pass<'_> {
                         bias::residual_backward(&mut dy[rows.clone()], &dx[rows], d, mask);
                     });
                     bias::add_column_sums(db_out, dy);
-                    products.pack(d_out, dy, rows, d);
+                    products.pack(d_out, dy, d, rows, d);
                     products.times(d_heads, dy, d, &panels.out, d);
                     attention::gather(shape.attention(), 1, &saved.heads, first..first + rows, gathered);
                 });
@@ -183,7 +183,7 @@ impl Pass<'_> {
                     rope::turn(dqkv, shape.heads, first, by, true);
                 }
                 bias::add_column_sums(db_qkv, dqkv);
-                products.pack(d_qkv, dqkv, rows, 3 * d);
+                products.pack(d_qkv, dqkv, 3 * d, rows, 3 * d);
                 products.times(d_normal, dqkv, 3 * d, &panels.qkv, d);
                 layer_norm::again(normal, x, stats, weights.norm1.weight, weights.norm1.bias);
                 let normed = layer_norm::Saved { x, stats, weight: weights.norm1.weight };

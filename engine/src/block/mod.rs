@@ -259,7 +259,7 @@ impl Workspace {
             piece,
             panels,
             scratch: PerThread::new(|| Floats::new(piece * (2 * d + m.max(3 * d)))),
-            attention: attention::Workspace::new(shape.attention()),
+            attention: attention::Workspace::new(shape.attention(), products),
             back: backward.then(|| Back::new(shape, products, piece)),
         }
     }

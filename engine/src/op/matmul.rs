@@ -11,14 +11,18 @@ use pulp::{Simd, WithSimd};
 use std::cell::RefCell;
 use std::sync::OnceLock;
 
-/// Rows of a tile: with two vectors each they take 12 of the 16 vector registers of AVX2.
-pub(crate) const TILE: usize = 6;
+/// Rows of a tile: with two vectors each they take 12 of the 16 vector registers of AVX2, and 16 of the 32 of AVX-512.
+const TILE: usize = 6;
+const WIDE_TILE: usize = 8;
 
 /// Steps of k before a tile goes back to memory: a panel of so many rows fills half of a 32 KB cache on AVX2.
 const DEPTH: usize = 256;
 
+/// Whole tiles, whatever their height.
+pub(crate) const TILES: usize = 24;
+
 /// Rows of the left factor that are worked through before the next panel's turn.
-pub(crate) const ROWS: usize = 24 * TILE;
+pub(crate) const ROWS: usize = 6 * TILES;
 
 /// Up to so many columns of the product, a transposed left factor is read where it lies: it is read so few times that
 /// turning it costs more.
@@ -159,28 +163,20 @@ fn pack_transposed_width(width: usize, panels: &mut [f32], bt: &[f32], ldb: usiz
     }
 }
 
-/// `c` (m, n), rows `ldc` apart, becomes (or grows by) `scale` times `a` times the matrix in `panels`.
+/// `c` (m, n), rows `ldc` apart, becomes (or grows by) `a` times the matrix in `panels`.
 ///
 /// The sum over k has the same order for any m, so a row's product doesn't depend on the rows beside it.
 ///
 /// # Panics
 /// Slices that are too short for (m, k, n).
-pub fn product(
-    c: &mut [f32],
-    ldc: usize,
-    (m, k, n): (usize, usize, usize),
-    a: Left,
-    panels: Panels,
-    scale: f32,
-    store: Store,
-) {
+pub fn product(c: &mut [f32], ldc: usize, (m, k, n): (usize, usize, usize), a: Left, panels: Panels, store: Store) {
     if m == 0 || n == 0 {
         return;
     }
     assert!(ldc >= n && c.len() >= (m - 1) * ldc + n, "a product of ({m}, {n}) in {} numbers", c.len());
     assert!(panels.numbers.len() >= panels_len(k, n), "({k}, {n}) in panels of {} numbers", panels.numbers.len());
     // borrowed out here: a closure inside the kernel would be compiled without its instructions
-    TURNED.with_borrow_mut(|turned| dispatch::run(Product { c, ldc, m, k, n, a, panels, scale, store, turned }));
+    TURNED.with_borrow_mut(|turned| dispatch::run(Product { c, ldc, m, k, n, a, panels, store, turned }));
 }
 
 struct Product<'a> {
@@ -191,7 +187,6 @@ struct Product<'a> {
     n: usize,
     a: Left<'a>,
     panels: Panels<'a>,
-    scale: f32,
     store: Store,
     turned: &'a mut [f32],
 }
@@ -205,7 +200,17 @@ impl WithSimd for Product<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(mut self, simd: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
+        match S::F32_LANES >= 16 {
+            true => self.all::<S, WIDE_TILE>(simd),
+            false => self.all::<S, TILE>(simd),
+        }
+    }
+}
+
+impl Product<'_> {
+    #[inline(always)]
+    fn all<S: Simd, const HIGH: usize>(mut self, simd: S) {
         // a sum over nothing is 0, but no tile would come to write it
         if self.k == 0 {
             if self.store == Store::Set {
@@ -221,9 +226,9 @@ impl WithSimd for Product<'_> {
                 if let Left::Columns { a, lda } = self.a
                     && self.n > DIRECT
                 {
-                    turn(self.turned, a, lda, first, rows, k0, depth);
+                    turn::<HIGH>(self.turned, a, lda, first, rows, k0, depth);
                 }
-                self.block(simd, first, rows, k0, depth, store);
+                self.block::<S, HIGH>(simd, first, rows, k0, depth, store);
                 // the parts of k behind the first grow what it has set
                 store = Store::Add;
             }
@@ -236,14 +241,22 @@ impl WithSimd for Product<'_> {
 /// Step by step, so that a line of the factor is fetched once: its rows are often a power of two apart and push each other
 /// out of the cache.
 #[inline(always)]
-fn turn(turned: &mut [f32], a: &[f32], lda: usize, first: usize, rows: usize, k0: usize, depth: usize) {
-    let whole = rows / TILE;
-    let (tiles, rest) = turned.split_at_mut(whole * depth * TILE);
-    let (tiles, _) = pulp::as_arrays_mut::<TILE, _>(tiles);
+fn turn<const HIGH: usize>(
+    turned: &mut [f32],
+    a: &[f32],
+    lda: usize,
+    first: usize,
+    rows: usize,
+    k0: usize,
+    depth: usize,
+) {
+    let whole = rows / HIGH;
+    let (tiles, rest) = turned.split_at_mut(whole * depth * HIGH);
+    let (tiles, _) = pulp::as_arrays_mut::<HIGH, _>(tiles);
     for step in 0..depth {
-        let (six, last) = pulp::as_arrays::<TILE, _>(&a[(k0 + step) * lda + first..][..rows]);
-        for (tile, six) in six.iter().enumerate() {
-            tiles[tile * depth + step] = *six;
+        let (columns, last) = pulp::as_arrays::<HIGH, _>(&a[(k0 + step) * lda + first..][..rows]);
+        for (tile, column) in columns.iter().enumerate() {
+            tiles[tile * depth + step] = *column;
         }
         if !last.is_empty() {
             rest[step * last.len()..][..last.len()].copy_from_slice(last);
@@ -253,21 +266,32 @@ fn turn(turned: &mut [f32], a: &[f32], lda: usize, first: usize, rows: usize, k0
 
 impl Product<'_> {
     #[inline(always)]
-    fn block<S: Simd>(&mut self, simd: S, first: usize, rows: usize, k0: usize, depth: usize, store: Store) {
+    fn block<S: Simd, const HIGH: usize>(
+        &mut self,
+        simd: S,
+        first: usize,
+        rows: usize,
+        k0: usize,
+        depth: usize,
+        store: Store,
+    ) {
         let width = 2 * S::F32_LANES;
         for (panel, column) in (0..self.n).step_by(width).enumerate() {
             let (begin, steps) = self.steps(width, panel, k0, k0 + depth);
-            for row in (0..rows).step_by(TILE) {
-                let high = TILE.min(rows - row);
+            for row in (0..rows).step_by(HIGH) {
+                let high = HIGH.min(rows - row);
                 let tile = Tile { row: first + row, turned: row * depth, column, panel, k0, depth, begin, steps };
                 // a height that the compiler knows: only then are a tile's sums registers
                 match high {
+                    _ if high == HIGH => self.tile::<S, HIGH>(simd, tile, store),
                     1 => self.tile::<S, 1>(simd, tile, store),
                     2 => self.tile::<S, 2>(simd, tile, store),
                     3 => self.tile::<S, 3>(simd, tile, store),
                     4 => self.tile::<S, 4>(simd, tile, store),
                     5 => self.tile::<S, 5>(simd, tile, store),
-                    _ => self.tile::<S, TILE>(simd, tile, store),
+                    6 if HIGH > 6 => self.tile::<S, 6>(simd, tile, store),
+                    7 if HIGH > 6 => self.tile::<S, 7>(simd, tile, store),
+                    _ => unreachable!("a tile of {high} rows"),
                 }
             }
         }
@@ -314,11 +338,11 @@ impl Product<'_> {
         match store {
             _ if columns < width => {
                 for (c, sum) in c.chunks_mut(self.ldc).zip(sums) {
-                    put_part(simd, &mut c[..columns], sum, self.scale, store);
+                    put_part(simd, &mut c[..columns], sum, store);
                 }
             }
-            Store::Set => put::<S, M, false>(simd, c, self.ldc, sums, self.scale),
-            Store::Add => put::<S, M, true>(simd, c, self.ldc, sums, self.scale),
+            Store::Set => put::<S, M, false>(simd, c, self.ldc, sums),
+            Store::Add => put::<S, M, true>(simd, c, self.ldc, sums),
         }
     }
 }
@@ -405,32 +429,24 @@ fn by_columns<S: Simd, const M: usize>(simd: S, sums: &mut [[S::f32s; 2]; M], a:
 
 /// Rows of whole panels, short enough for the compiler to unroll: the sums never leave the registers.
 #[inline(always)]
-fn put<S: Simd, const M: usize, const ADD: bool>(
-    simd: S,
-    c: &mut [f32],
-    ldc: usize,
-    sums: [[S::f32s; 2]; M],
-    scale: f32,
-) {
-    let scale = simd.splat_f32s(scale);
+fn put<S: Simd, const M: usize, const ADD: bool>(simd: S, c: &mut [f32], ldc: usize, sums: [[S::f32s; 2]; M]) {
     for i in 0..M {
         let row = S::as_mut_simd_f32s(&mut c[i * ldc..][..2 * S::F32_LANES]).0;
         for half in 0..2 {
             row[half] = match ADD {
-                true => simd.mul_add_e_f32s(sums[i][half], scale, row[half]),
-                false => simd.mul_f32s(sums[i][half], scale),
+                true => simd.add_f32s(row[half], sums[i][half]),
+                false => sums[i][half],
             };
         }
     }
 }
 
 #[inline(always)]
-fn put_part<S: Simd>(simd: S, c: &mut [f32], sum: [S::f32s; 2], scale: f32, store: Store) {
-    let scale = simd.splat_f32s(scale);
+fn put_part<S: Simd>(simd: S, c: &mut [f32], sum: [S::f32s; 2], store: Store) {
     for (part, sum) in c.chunks_mut(S::F32_LANES).zip(sum) {
         let sum = match store {
-            Store::Set => simd.mul_f32s(sum, scale),
-            Store::Add => simd.mul_add_e_f32s(sum, scale, simd.partial_load_f32s(part)),
+            Store::Set => sum,
+            Store::Add => simd.add_f32s(simd.partial_load_f32s(part), sum),
         };
         simd.partial_store_f32s(part, sum);
     }

@@ -14,6 +14,7 @@ pub mod gelu;
 pub mod layer_norm;
 pub(crate) mod math;
 pub mod matmul;
+pub mod products;
 pub mod rope;
 pub mod smoothing;
 #[cfg(test)]

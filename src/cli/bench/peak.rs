@@ -1,41 +1,51 @@
 //! What the processor reaches at most, seen in the same run as what is compared with it.
 
-use kinelm_engine::op::matmul::{self, Left, Panels, Store};
+use kinelm_engine::op::matmul::{Left, Store};
+use kinelm_engine::op::products::{Products, Right};
 use std::time::Instant;
 
-/// Rows, depth and columns of a product whose three matrices stay in a core's own cache.
-const SIDE: usize = 192;
 /// Products a thread makes between two looks at the clock.
 const TURNS: usize = 32;
 
-/// fp32 operations a second, in 10^9, that all threads of this rayon pool reach together on products: the best of 12.
-pub fn gflops() -> f64 {
-    (0..12).map(|_| once()).fold(0.0, f64::max)
+/// Operations a second, in 10^9, that all threads of this rayon pool reach together on `products`: the best of 12.
+pub fn gflops(products: Products) -> f64 {
+    (0..12).map(|_| once(products)).fold(0.0, f64::max)
 }
 
-fn once() -> f64 {
+/// Rows, depth and columns whose matrices stay in a core's own cache; for tiles so many columns that rounding the left
+/// factor, once for all of them, weighs little.
+fn shape(products: Products) -> (usize, usize, usize) {
+    if products == Products::Tiles { (160, 512, 1536) } else { (192, 192, 192) }
+}
+
+fn once(products: Products) -> f64 {
+    let (m, k, n) = shape(products);
     let rates = rayon::broadcast(|_| {
-        let numbers = vec![0.5; SIDE * SIDE];
-        let mut packed = vec![0.0; matmul::panels_len(SIDE, SIDE)];
-        matmul::pack(&mut packed, &numbers, SIDE, SIDE, SIDE);
-        let mut out = vec![0.0; SIDE * SIDE];
+        let (a, b) = (vec![0.5; m * k], vec![0.5; k * n]);
+        let mut panels = vec![0.0; products.panels_len(k, n)];
+        products.pack(&mut panels, &b, n, k, n);
+        let mut out = vec![0.0; m * n];
         let mut product = || {
-            let (a, panels) = (Left::Rows { a: &numbers, lda: SIDE }, Panels { numbers: &packed, block: SIDE });
-            matmul::product(&mut out, SIDE, (SIDE, SIDE, SIDE), a, panels, 1.0, Store::Set);
+            let right = Right { panels: &panels, block: k, first: 0 };
+            products.product(&mut out, n, (m, k, n), Left::Rows { a: &a, lda: k }, right, Store::Set);
         };
         product();
         let started = Instant::now();
         (0..TURNS).for_each(|_| product());
-        (2 * TURNS * SIDE * SIDE * SIDE) as f64 / started.elapsed().as_secs_f64() / 1e9
+        (2 * TURNS * m * k * n) as f64 / started.elapsed().as_secs_f64() / 1e9
     });
     rates.iter().sum()
 }
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+
     #[test]
     fn a_rate_that_a_machine_may_have_comes_out() {
-        let rate = super::once();
-        assert!((0.01..1e6).contains(&rate), "{rate}");
+        for products in [Products::F32, Products::bf16()] {
+            let rate = once(products);
+            assert!((0.01..1e6).contains(&rate), "{products:?}: {rate}");
+        }
     }
 }

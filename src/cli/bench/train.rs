@@ -63,7 +63,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         "last_loss": losses.last(),
     });
     if compute.device == DeviceName::Cpu {
-        let most = peak::gflops();
+        let most = peak::gflops(chosen.products);
         more["products"] = json!(chosen.products.name());
         more["kernels"] = json!(kinelm_engine::dispatch::name());
         more["peak_gflops"] = rounded(most, 1);

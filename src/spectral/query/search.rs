@@ -159,7 +159,7 @@ impl Database {
                 let first = block * ROWS;
                 let rows = part.features(first * k..(first + sizes.len()) * k)?;
                 let left = Left::Rows { a: &rows, lda: k };
-                matmul::product(out, count, (sizes.len(), k, count), left, panels, 1.0, Store::Set);
+                matmul::product(out, count, (sizes.len(), k, count), left, panels, Store::Set);
                 for (row, size) in out.chunks_exact_mut(count).zip(sizes) {
                     row.iter_mut().zip(&norms).for_each(|(x, norm)| *x = over(f64::from(*x), norm * size.norm) as f32);
                 }

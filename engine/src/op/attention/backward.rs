@@ -1,9 +1,10 @@
 //! Backward: for each block of keys, the queries that see it, a tile of rows at a time.
 
 use super::softmax::{Means, SoftmaxBack};
-use super::{KEYS, QUERIES, ROW, Rules, STEP, Scratch, Shape, Tile, Workspace, copy_rows, part_of};
+use super::{KEYS, QUERIES, ROW, Rules, Scratch, Shape, Tile, Workspace, copy_rows, part_of, step};
 use crate::dispatch;
-use crate::op::matmul::{Left, Panels, Store, pack, pack_transposed, panel, product};
+use crate::op::matmul::{Left, Store};
+use crate::op::products::{Products, Right};
 use rayon::prelude::*;
 
 /// What [`forward`](super::forward()) read and gave, and the gradient of its output as rows.
@@ -39,7 +40,8 @@ pub fn backward(shape: Shape, done: Done, rules: Rules, space: &Workspace, d_qkv
     d_qkv.par_chunks_mut(3 * size).enumerate().for_each(|(piece, gradients)| {
         let (d_queries, rest) = gradients.split_at_mut(size);
         let (d_keys, d_values) = rest.split_at_mut(size);
-        let head = Piece { shape, done, rules, piece, d_queries, d_keys, d_values };
+        let products = space.products;
+        let head = Piece { shape, products, done, rules, piece, d_queries, d_keys, d_values };
         space.scratch.with(|scratch| head.run(scratch));
         if shape.tokens == 1 {
             // a single key's weight is 1 whatever its score, which rounding doesn't know
@@ -51,6 +53,7 @@ pub fn backward(shape: Shape, done: Done, rules: Rules, space: &Workspace, d_qkv
 /// A head of a sequence.
 struct Piece<'a> {
     shape: Shape,
+    products: Products,
     done: Done<'a>,
     rules: Rules<'a>,
     piece: usize,
@@ -69,10 +72,12 @@ impl Piece<'_> {
             let columns = KEYS.min(t - key);
             let part = |part| part_of(self.done.qkv, self.shape, self.piece, part, key);
             copy_rows(&mut scratch.rows, part(2), stride, columns, d);
-            pack_transposed(&mut scratch.values_across, &scratch.rows, d, d, columns);
+            self.products.pack_transposed(&mut scratch.values_across, &scratch.rows, d, d, columns);
             copy_rows(&mut scratch.rows, part(1), stride, columns, d);
-            pack_transposed(&mut scratch.keys_across, &scratch.rows, d, d, columns);
-            pack(&mut scratch.down, &scratch.rows, d, columns, d);
+            self.products.pack_transposed(&mut scratch.keys_across, &scratch.rows, d, d, columns);
+            // scores are of queries that are scaled, and so are their gradients by the keys
+            self.shape.scale(&mut scratch.rows[..columns * d]);
+            self.products.pack(&mut scratch.down, &scratch.rows, d, columns, d);
             let first = if self.rules.is_causal() { key } else { 0 };
             for query in (first..t).step_by(QUERIES) {
                 let rows = QUERIES.min(t - query);
@@ -95,11 +100,13 @@ impl Piece<'_> {
         let Tile { query, rows, key, .. } = tile;
         let queries = part_of(self.done.qkv, self.shape, self.piece, 0, query);
         copy_rows(&mut scratch.queries, queries, 3 * stride, rows, d);
+        self.shape.scale(&mut scratch.queries[..rows * d]);
         copy_rows(&mut scratch.slopes, self.d_out(query), stride, rows, d);
-        pack(&mut scratch.queries_down, &scratch.queries, d, rows, d);
-        pack(&mut scratch.slopes_down, &scratch.slopes, d, rows, d);
-        for first in (0..rows).step_by(STEP) {
-            self.step(scratch, tile.part(first, STEP.min(rows - first)), first, tile.columns);
+        self.products.pack(&mut scratch.queries_down, &scratch.queries, d, rows, d);
+        self.products.pack(&mut scratch.slopes_down, &scratch.slopes, d, rows, d);
+        let step = step(self.products);
+        for first in (0..rows).step_by(step) {
+            self.step(scratch, tile.part(first, step.min(rows - first)), first, tile.columns);
         }
         // keys in front of the tile's first query are seen by all its rows, later ones from their own step on
         let all = if tile.causal { tile.columns.min(query - key) } else { tile.columns };
@@ -107,17 +114,18 @@ impl Piece<'_> {
         while from < tile.visible(rows - 1) {
             let (columns, skip) = match from < all {
                 true => (all, 0),
-                false => (STEP.min(tile.visible(rows - 1) - from), key + from - query),
+                false => (step.min(tile.visible(rows - 1) - from), key + from - query),
             };
             // the first queries that see a key begin its sums
             let store = if query + skip == if tile.causal { key + from } else { 0 } { Store::Set } else { Store::Add };
-            let sum = |to: &mut [f32], a: &[f32], panels: &[f32], scale| {
+            let sum = |to: &mut [f32], a: &[f32], panels: &[f32]| {
                 let left = Left::Columns { a: &a[skip * ROW + from..], lda: ROW };
-                let panels = Panels { numbers: &panels[skip * panel()..], block: rows };
-                product(&mut to[(key + from) * d..], d, (columns, rows - skip, d), left, panels, scale, store);
+                let right = Right { panels, block: rows, first: skip };
+                let to = &mut to[(key + from) * d..];
+                self.products.product(to, d, (columns, rows - skip, d), left, right, store);
             };
-            sum(self.d_keys, &scratch.changes, &scratch.queries_down, self.shape.scale());
-            sum(self.d_values, &scratch.weights, &scratch.slopes_down, 1.0);
+            sum(self.d_keys, &scratch.changes, &scratch.queries_down);
+            sum(self.d_values, &scratch.weights, &scratch.slopes_down);
             from += columns;
         }
     }
@@ -129,12 +137,13 @@ impl Piece<'_> {
         let Tile { query, rows, key, columns, .. } = tile;
         let scores = &mut scratch.weights[first * ROW..(first + rows) * ROW];
         let changes = &mut scratch.changes[first * ROW..(first + rows) * ROW];
-        let across = |to: &mut [f32], a: &[f32], numbers: &[f32], scale| {
+        let across = |to: &mut [f32], a: &[f32], panels: &[f32]| {
             let left = Left::Rows { a: &a[first * d..], lda: d };
-            product(to, ROW, (rows, d, columns), left, Panels { numbers, block: d }, scale, Store::Set);
+            let right = Right { panels, block: d, first: 0 };
+            self.products.product(to, ROW, (rows, d, columns), left, right, Store::Set);
         };
-        across(scores, &scratch.queries, &scratch.keys_across, self.shape.scale());
-        across(changes, &scratch.slopes, &scratch.values_across, 1.0);
+        across(scores, &scratch.queries, &scratch.keys_across);
+        across(changes, &scratch.slopes, &scratch.values_across);
 
         let bias = self.rules.bias(self.shape, self.piece, tile);
         let drops = self.rules.drops(self.shape, self.piece, tile);
@@ -143,8 +152,8 @@ impl Piece<'_> {
         dispatch::run(SoftmaxBack { tile, scores, changes, bias, drops, log_sums, means });
 
         let left = Left::Rows { a: changes, lda: ROW };
-        let down = Panels { numbers: &scratch.down, block: packed };
+        let down = Right { panels: &scratch.down, block: packed, first: 0 };
         let store = if key == 0 { Store::Set } else { Store::Add };
-        product(&mut self.d_queries[query * d..], d, (rows, columns, d), left, down, self.shape.scale(), store);
+        self.products.product(&mut self.d_queries[query * d..], d, (rows, columns, d), left, down, store);
     }
 }

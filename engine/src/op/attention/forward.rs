@@ -1,9 +1,10 @@
 //! Forward: for each block of keys, the queries that see it, a step of rows at a time.
 
 use super::softmax::Softmax;
-use super::{KEYS, ROW, Rules, STEP, Scratch, Shape, Tile, Workspace, copy_rows, part_of};
+use super::{KEYS, ROW, Rules, Scratch, Shape, Tile, Workspace, copy_rows, part_of, step};
 use crate::dispatch;
-use crate::op::matmul::{Left, Panels, Store, pack, pack_transposed, product};
+use crate::op::matmul::{Left, Store};
+use crate::op::products::{Products, Right};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -24,23 +25,26 @@ pub fn forward(shape: Shape, qkv: &[f32], rules: Rules, space: &Workspace, out: 
         return;
     }
     let (t, d) = (shape.tokens, shape.width);
-    let span = span(shape);
+    let products = space.products;
+    let span = span(shape, step(products));
     let pieces = out.par_chunks_mut(t * d).zip(log_sums.par_chunks_mut(t)).enumerate();
     pieces.for_each(|(piece, (out, log_sums))| {
         let spans = out.par_chunks_mut(span * d).zip(log_sums.par_chunks_mut(span)).enumerate();
         spans.for_each(|(at, (out, log_sums))| {
             let queries = at * span..at * span + log_sums.len();
-            space.scratch.with(|scratch| Piece { shape, qkv, rules, piece, queries, out, log_sums }.run(scratch));
+            space
+                .scratch
+                .with(|scratch| Piece { shape, products, qkv, rules, piece, queries, out, log_sums }.run(scratch));
         });
     });
 }
 
 /// Queries that a thread takes at a time: all of a head, but fewer where there are fewer heads than threads. Each span
 /// lays out its keys anew, which 8 steps' products outweigh.
-fn span(shape: Shape) -> usize {
+fn span(shape: Shape, step: usize) -> usize {
     let wanted = (2 * rayon::current_num_threads()).div_ceil(shape.pieces());
     match shape.pieces() < rayon::current_num_threads() {
-        true => shape.tokens.div_ceil(wanted).next_multiple_of(8 * STEP),
+        true => shape.tokens.div_ceil(wanted).next_multiple_of(8 * step),
         false => shape.tokens,
     }
 }
@@ -48,6 +52,7 @@ fn span(shape: Shape) -> usize {
 /// Some queries of a head of a sequence.
 struct Piece<'a> {
     shape: Shape,
+    products: Products,
     qkv: &'a [f32],
     rules: Rules<'a>,
     piece: usize,
@@ -64,11 +69,12 @@ impl Piece<'_> {
             let columns = KEYS.min(seen - key);
             let part = |part| part_of(self.qkv, self.shape, self.piece, part, key);
             copy_rows(&mut scratch.rows, part(1), stride, columns, d);
-            pack_transposed(&mut scratch.keys_across, &scratch.rows, d, d, columns);
-            pack(&mut scratch.down, part(2), stride, columns, d);
+            self.products.pack_transposed(&mut scratch.keys_across, &scratch.rows, d, d, columns);
+            self.products.pack(&mut scratch.down, part(2), stride, columns, d);
             let first = if self.rules.is_causal() { key.max(self.queries.start) } else { self.queries.start };
-            for query in (first..self.queries.end).step_by(STEP) {
-                let rows = STEP.min(self.queries.end - query);
+            let step = step(self.products);
+            for query in (first..self.queries.end).step_by(step) {
+                let rows = step.min(self.queries.end - query);
                 let tile = Tile { query, rows, key, columns, causal: self.rules.is_causal() };
                 self.step(scratch, tile.part(0, rows), columns);
             }
@@ -81,10 +87,11 @@ impl Piece<'_> {
         let Tile { query, rows, key, columns, causal } = tile;
         let (from, stride) = (part_of(self.qkv, self.shape, self.piece, 0, query), 3 * self.shape.columns());
         copy_rows(&mut scratch.queries, from, stride, rows, d);
+        self.shape.scale(&mut scratch.queries[..rows * d]);
         let scores = &mut scratch.weights[..rows * ROW];
         let left = Left::Rows { a: &scratch.queries, lda: d };
-        let across = Panels { numbers: &scratch.keys_across, block: d };
-        product(scores, ROW, (rows, d, columns), left, across, self.shape.scale(), Store::Set);
+        let across = Right { panels: &scratch.keys_across, block: d, first: 0 };
+        self.products.product(scores, ROW, (rows, d, columns), left, across, Store::Set);
 
         let at = query - self.queries.start;
         let out = &mut self.out[at * d..(at + rows) * d];
@@ -98,9 +105,9 @@ impl Piece<'_> {
         dispatch::run(Softmax { tile, scores, bias, drops, largest, sums, out });
 
         let left = Left::Rows { a: scores, lda: ROW };
-        let down = Panels { numbers: &scratch.down, block: packed };
+        let down = Right { panels: &scratch.down, block: packed, first: 0 };
         let store = if key == 0 { Store::Set } else { Store::Add };
-        product(out, d, (rows, columns, d), left, down, 1.0, store);
+        self.products.product(out, d, (rows, columns, d), left, down, store);
         // once a row, behind the last keys that it sees, and not once a block
         if key + packed >= if causal { query + rows } else { t } {
             divide(out, largest, sums);

@@ -15,17 +15,18 @@ pub use backward::{Done, backward};
 pub use forward::forward;
 
 use super::dropout::{growth, threshold};
-use super::matmul::{copy, panels_len};
+use super::matmul::copy;
+use super::products::Products;
 use crate::arena::Floats;
 use crate::pieces::PerThread;
 use softmax::{Bias, Drops};
 use std::ops::Range;
 
-/// Rows of queries that go through scores, softmax and weighted sum at a time.
-const STEP: usize = 24;
+/// Rows of queries that go through scores, softmax and weighted sum at a time, at most.
+const STEP: usize = 32;
 
 /// Queries of a tile of the backward pass: so many terms each addition to the gradients of keys and values sums.
-const QUERIES: usize = 4 * STEP;
+const QUERIES: usize = 96;
 
 /// Keys of a tile. A row of a tile is followed by a cache line's room, so that rows don't meet in the cache.
 const KEYS: usize = 2 * QUERIES;
@@ -64,9 +65,10 @@ impl Shape {
         self.rows() * self.columns() == 0
     }
 
-    /// What the scores q k^T are multiplied with.
-    fn scale(self) -> f32 {
-        1.0 / (self.width as f32).sqrt()
+    /// Multiplies numbers with what the scores q k^T are multiplied with.
+    fn scale(self, numbers: &mut [f32]) {
+        let scale = 1.0 / (self.width as f32).sqrt();
+        numbers.iter_mut().for_each(|x| *x *= scale);
     }
 }
 
@@ -159,17 +161,18 @@ impl Rules<'_> {
 /// Room for the passes over one shape: a part for each thread of the pool that it is made in.
 pub struct Workspace {
     shape: Shape,
+    products: Products,
     scratch: PerThread<Scratch>,
 }
 
 struct Scratch {
     /// The tile's keys or values (KEYS, d).
     rows: Floats,
-    /// Both in panels: k^T and v^T (d, KEYS), k or v (KEYS, d).
+    /// Both in panels: k^T and v^T (d, KEYS), k / sqrt(d) or v (KEYS, d).
     keys_across: Floats,
     values_across: Floats,
     down: Floats,
-    /// The tile's queries and gradients, in rows and in panels (QUERIES, d).
+    /// The tile's queries / sqrt(d) and gradients, in rows and in panels (QUERIES, d).
     queries: Floats,
     slopes: Floats,
     queries_down: Floats,
@@ -182,11 +185,11 @@ struct Scratch {
 }
 
 impl Workspace {
-    /// Room for `shape` on the threads of this pool.
-    pub fn new(shape: Shape) -> Workspace {
+    /// Room for `shape` on the threads of this pool, its products computed by `products`.
+    pub fn new(shape: Shape, products: Products) -> Workspace {
         let scratch = || {
-            let (across, down) = (panels_len(shape.width, KEYS), panels_len(KEYS, shape.width));
-            let (rows, panels) = (QUERIES * shape.width, panels_len(QUERIES, shape.width));
+            let (across, down) = (products.panels_len(shape.width, KEYS), products.panels_len(KEYS, shape.width));
+            let (rows, panels) = (QUERIES * shape.width, products.panels_len(QUERIES, shape.width));
             Scratch {
                 rows: Floats::new(KEYS * shape.width),
                 keys_across: Floats::new(across),
@@ -201,7 +204,7 @@ impl Workspace {
                 sums: Floats::new(shape.tokens),
             }
         };
-        Workspace { shape, scratch: PerThread::new(scratch) }
+        Workspace { shape, products, scratch: PerThread::new(scratch) }
     }
 }
 
@@ -238,6 +241,11 @@ fn part_of(qkv: &[f32], shape: Shape, piece: usize, part: usize, token: usize) -
     let (sequence, head) = (piece / shape.heads, piece % shape.heads);
     let row = sequence * shape.tokens + token;
     &qkv[row * 3 * shape.columns() + part * shape.columns() + head * shape.width..]
+}
+
+/// Rows of queries that go through a step: whole tiles of the products.
+fn step(products: Products) -> usize {
+    if products == Products::F32 { 24 } else { STEP }
 }
 
 /// Copies `rows` rows of `width` numbers, `stride` apart, to one behind the other. What is turned or read more than once

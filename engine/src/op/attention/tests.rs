@@ -1,5 +1,6 @@
 use super::softmax::{Bias, Drops, Softmax, SoftmaxBack};
 use super::*;
+use crate::op::bf16;
 use crate::op::check::{Lanes, numbers};
 use crate::op::dropout::kept;
 use crate::scalar::attention as scalar;
@@ -30,9 +31,13 @@ fn wide(x: &[f32]) -> Vec<f64> {
     x.iter().map(|x| *x as f64).collect()
 }
 
-/// Forward and backward from buffers full of what must not shine through.
 fn run(shape: Shape, qkv: &[f32], d_out: &[f32], rules: Rules) -> [Vec<f32>; 3] {
-    let (n, space) = (shape.rows() * shape.columns(), Workspace::new(shape));
+    run_in(Products::F32, shape, qkv, d_out, rules)
+}
+
+/// Forward and backward from buffers full of what must not shine through.
+fn run_in(products: Products, shape: Shape, qkv: &[f32], d_out: &[f32], rules: Rules) -> [Vec<f32>; 3] {
+    let (n, space) = (shape.rows() * shape.columns(), Workspace::new(shape, products));
     let [mut out, mut log_sums, mut d_qkv] = [n, shape.rows() * shape.heads, 3 * n].map(|n| vec![f32::NAN; n]);
     for _ in 0..2 {
         forward(shape, qkv, rules, &space, &mut out, &mut log_sums);
@@ -117,6 +122,37 @@ proptest! {
     }
 }
 
+/// How far numbers rounded to bf16 lead attention away, of the largest number: 8 bits of each factor.
+const ROUNDED: f64 = 0.02;
+
+#[test]
+fn attention_in_bf16_is_that_of_plain_loops_up_to_the_rounding() {
+    let keys = [9, 10];
+    let kinds = [Products::Rounded].into_iter().chain(bf16::has_tiles().then_some(Products::Tiles));
+    for products in kinds {
+        for (tokens, heads, width) in [(1, 1, 5), (31, 2, 32), (33, 1, 16), (130, 2, 33), (193, 1, 64), (400, 1, 8)] {
+            let shape = Shape { batch: 2, tokens, heads, width };
+            let qkv = numbers(tokens as u64, shape.rows() * 3 * shape.columns(), 1.5);
+            let d_out = numbers(3, shape.rows() * shape.columns(), 1.0);
+            let hidden = mask(5, shape, tokens * tokens);
+            let dropout = Some(Dropout { keys: &keys, share: 0.2 });
+            let masks = [(Mask::Causal, None), (Mask::Causal, dropout), (Mask::Full, None)];
+            for (mask, dropout) in masks.into_iter().chain([(Mask::CausalAdditive(&hidden), None)]) {
+                let rules = Rules { mask, dropout };
+                let [out, _, d_qkv] = run_in(products, shape, &qkv, &d_out, rules);
+                let factors = dropout.map(|dropout| factors(shape, dropout));
+                let truth = scalar::forward(shape, &wide(&qkv), mask, factors.as_deref());
+                let slopes = scalar::backward(shape, &wide(&qkv), &truth, factors.as_deref(), &wide(&d_out));
+                for (what, found, truth) in [("out", &out, &truth.out), ("gradients", &d_qkv, &slopes)] {
+                    let most = greatest(truth);
+                    let apart = found.iter().zip(truth).map(|(f, t)| (*f as f64 - t).abs()).fold(0.0, f64::max);
+                    assert!(apart <= ROUNDED * most, "{products:?} {shape:?}, {what}: {apart:e} of {most}");
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn large_scores_stay_numbers() {
     let shape = Shape { batch: 1, tokens: 300, heads: 1, width: 4 };
@@ -151,7 +187,9 @@ fn what_is_no_number_shows() {
 
 #[test]
 fn threads_change_no_bit() {
-    for (batch, tokens, heads, width) in [(1, 700, 1, 16), (3, 100, 2, 8)] {
+    let shapes = [(1, 700, 1, 16), (3, 100, 2, 8)];
+    let products = [Products::F32, Products::bf16()];
+    for ((batch, tokens, heads, width), products) in shapes.into_iter().flat_map(|shape| products.map(|p| (shape, p))) {
         let shape = Shape { batch, tokens, heads, width };
         let qkv = numbers(1, shape.rows() * 3 * shape.columns(), 1.0);
         let d_out = numbers(2, shape.rows() * shape.columns(), 1.0);
@@ -159,7 +197,7 @@ fn threads_change_no_bit() {
         let rules = Rules { mask: Mask::Causal, dropout: Some(Dropout { keys: &keys, share: 0.1 }) };
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-            pool.install(|| run(shape, &qkv, &d_out, rules))
+            pool.install(|| run_in(products, shape, &qkv, &d_out, rules))
         };
         let one = on(1);
         assert!(on(2) == one && on(3) == one, "{shape:?}");

@@ -55,6 +55,12 @@ pub fn panels_len(k: usize, n: usize) -> usize {
     pack::panels_len(k, n)
 }
 
+/// Where row `k`, a multiple of 32, of a panel begins.
+pub fn row(k: usize) -> usize {
+    debug_assert!(k.is_multiple_of(pack::STEP), "row {k} is in the middle of a step");
+    k / 2 * SQUARE
+}
+
 /// Lays `b` (k, n), rows `ldb` apart, out in panels; zeros fill the last one.
 ///
 /// # Panics
@@ -74,6 +80,7 @@ pub fn pack_transposed(panels: &mut [f32], bt: &[f32], ldb: usize, k: usize, n: 
 }
 
 /// `c` (m, n), rows `ldc` apart, becomes (or grows by) `a` times the matrix in `panels`, packed in blocks of `block` rows.
+/// If all was packed in one block, a product may take fewer rows than it has.
 ///
 /// # Panics
 /// Slices that are too short for (m, k, n); where there are no tiles.
@@ -128,11 +135,12 @@ struct Part {
 impl Part {
     fn at(k0: usize, k: usize, block: usize, n: usize) -> Part {
         let (index, inside) = (k0 / block, k0 % block);
-        let height = block.min(k - index * block);
+        // all in one block: it may have more rows than are multiplied
+        let height = if block >= k { block } else { block.min(k - index * block) };
         let apart = panels_len(block, n);
-        let (blocks, high) = match inside == 0 && height == block && pairs(block) <= DEPTH {
+        let (blocks, high) = match inside == 0 && block <= k - k0 && pairs(block) <= DEPTH {
             true => ((DEPTH / pairs(block)).min((k - k0) / block), block),
-            false => (1, (height - inside).min(2 * DEPTH)),
+            false => (1, (height - inside).min(2 * DEPTH).min(k - k0)),
         };
         Part { blocks, high, begin: index * apart + inside / 2 * SQUARE, panel: pairs(height) * SQUARE, apart }
     }

@@ -66,6 +66,26 @@ fn every_shape_is_what_plain_loops_give() {
 }
 
 #[test]
+fn a_product_may_take_some_of_the_packed_rows() {
+    if !has_tiles() {
+        return; // told above
+    }
+    let (m, k, n) = (40, 96, 70);
+    let (a, b) = (numbers(m * k, 1), numbers(k * n, 2));
+    let mut packed = vec![f32::NAN; panels_len(k, n)];
+    pack(&mut packed, &b, n, k, n);
+    for (first, steps) in [(0, 96), (0, 33), (32, 64), (32, 7), (64, 32), (64, 1)] {
+        let mut c = vec![f32::NAN; m * n];
+        let left = Left::Rows { a: &a[first..], lda: k };
+        product(&mut c, n, (m, steps, n), left, (&packed[row(first)..], k), Store::Set);
+        let truth = scalar::bf16::product((m, steps, n), left, &b[first * n..]);
+        let most = truth.iter().fold(1.0, |most: f64, x| most.max(x.abs()));
+        let apart = c.iter().zip(&truth).map(|(c, t)| (*c as f64 - t).abs()).fold(0.0, f64::max);
+        assert!(apart <= bound(steps) * most, "{steps} rows from {first}: {apart:e} apart");
+    }
+}
+
+#[test]
 fn rounding_is_to_the_nearest_even() {
     for x in numbers(10_000, 4).into_iter().chain([0.0, -0.0, f32::INFINITY, f32::NEG_INFINITY, 1e-40, 3.4e38]) {
         assert_eq!(round(x), half::bf16::from_f32(x).to_bits().into(), "{x}");

@@ -34,16 +34,16 @@ fn check<S: Simd>(simd: S, (m, k, n): (usize, usize, usize), columns: bool, bloc
             at += rows * n.next_multiple_of(width);
         }
         let before = numbers(m * ldc, 3);
-        for (store, scale) in [(Store::Set, 1.0), (Store::Add, -0.5)] {
+        for store in [Store::Set, Store::Add] {
             let mut c = before.clone();
             let panels = Panels { numbers: &packed, block };
             let turned = &mut vec![f32::NAN; ROWS * DEPTH];
-            Product { c: &mut c, ldc, m, k, n, a, panels, scale, store, turned }.with_simd(simd);
+            Product { c: &mut c, ldc, m, k, n, a, panels, store, turned }.with_simd(simd);
             for (i, (c, before)) in c.iter().zip(&before).enumerate() {
                 let (row, column) = (i / ldc, i % ldc);
                 let there = if store == Store::Add { *before as f64 } else { 0.0 };
                 let expected = match column < n {
-                    true => there + scale as f64 * truth[row * n + column],
+                    true => there + truth[row * n + column],
                     false => *before as f64,
                 };
                 let apart = (*c as f64 - expected).abs();
@@ -93,9 +93,9 @@ fn every_width_of_vector_gives_the_same() {
 #[test]
 fn nothing_times_nothing_is_nothing() {
     let mut c = vec![3.0; 4];
-    product(&mut c, 2, (2, 0, 2), Left::Rows { a: &[], lda: 0 }, Panels { numbers: &[], block: 1 }, 1.0, Store::Set);
+    product(&mut c, 2, (2, 0, 2), Left::Rows { a: &[], lda: 0 }, Panels { numbers: &[], block: 1 }, Store::Set);
     assert_eq!(c, [0.0; 4]);
-    product(&mut c, 2, (0, 3, 2), Left::Rows { a: &[], lda: 3 }, Panels { numbers: &[], block: 3 }, 1.0, Store::Set);
+    product(&mut c, 2, (0, 3, 2), Left::Rows { a: &[], lda: 3 }, Panels { numbers: &[], block: 3 }, Store::Set);
 }
 
 #[test]
@@ -108,7 +108,7 @@ fn a_product_may_take_some_of_the_packed_rows() {
         let left = Left::Rows { a: &a[first..], lda: k };
         let some = Panels { numbers: &packed[first * panel()..], block: k };
         let mut c = vec![0.0; m * n];
-        product(&mut c, n, (m, steps, n), left, some, 1.0, Store::Set);
+        product(&mut c, n, (m, steps, n), left, some, Store::Set);
         let truth = scalar::matmul::product((m, steps, n), Left::Rows { a: &a[first..], lda: k }, &b[first * n..]);
         let apart = c.iter().zip(truth).map(|(c, t)| (*c as f64 - t).abs()).fold(0.0, f64::max);
         assert!(apart <= bound(k), "steps {first}..{}: {apart:e} apart", first + steps);
@@ -124,7 +124,7 @@ fn a_row_does_not_depend_on_the_rows_beside_it() {
     let rows = |first: usize, m: usize| {
         let mut c = vec![0.0; m * n];
         let left = Left::Rows { a: &a[first * k..], lda: k };
-        product(&mut c, n, (m, k, n), left, Panels { numbers: &packed, block: k }, 1.0, Store::Set);
+        product(&mut c, n, (m, k, n), left, Panels { numbers: &packed, block: k }, Store::Set);
         c
     };
     let all = rows(0, 9);

@@ -1,0 +1,119 @@
+//! In which numbers products are computed: a right factor in panels, and what is multiplied with it.
+
+use super::bf16;
+use super::matmul::{self, Left, Panels, Store};
+use std::cell::RefCell;
+
+/// In which numbers the products of layers and of attention are computed. All else, and the sums of the products, are f32.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Products {
+    /// The factors as they are.
+    #[default]
+    F32,
+    /// Factors rounded to bf16, on the tiles of AMX ([`bf16::has_tiles`]).
+    Tiles,
+    /// Factors rounded to bf16 and multiplied as f32: what [`Products::Tiles`] computes, up to the order of its sums, on
+    /// any machine, and slower than [`Products::F32`].
+    Rounded,
+}
+
+thread_local! {
+    /// A left factor, rounded.
+    static ROUNDED: RefCell<Vec<f32>> = const { RefCell::new(Vec::new()) };
+}
+
+/// Rows `first..` of a right factor that was packed in blocks of `block` rows; from elsewhere than 0, of one block.
+#[derive(Debug, Clone, Copy)]
+pub struct Right<'a> {
+    /// What [`Products::pack`] made.
+    pub panels: &'a [f32],
+    /// Rows of a block.
+    pub block: usize,
+    /// In bf16 a multiple of 32.
+    pub first: usize,
+}
+
+impl Products {
+    /// bf16 as this machine does it best.
+    pub fn bf16() -> Products {
+        if bf16::has_tiles() { Products::Tiles } else { Products::Rounded }
+    }
+
+    /// Its name: `f32`, `amx` or `emulated`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Products::F32 => "f32",
+            Products::Tiles => "amx",
+            Products::Rounded => "emulated",
+        }
+    }
+
+    /// Numbers that a (k, n) right factor takes in panels.
+    pub fn panels_len(self, k: usize, n: usize) -> usize {
+        match self {
+            Products::F32 | Products::Rounded => matmul::panels_len(k, n),
+            Products::Tiles => bf16::panels_len(k, n),
+        }
+    }
+
+    /// Lays `b` (k, n), rows `ldb` apart, out in panels.
+    ///
+    /// # Panics
+    /// Slices that are too short, here and below.
+    pub fn pack(self, panels: &mut [f32], b: &[f32], ldb: usize, k: usize, n: usize) {
+        match self {
+            Products::F32 => matmul::pack(panels, b, ldb, k, n),
+            Products::Tiles => bf16::pack(panels, b, ldb, k, n),
+            Products::Rounded => {
+                matmul::pack(panels, b, ldb, k, n);
+                bf16::round_all(&mut panels[..matmul::panels_len(k, n)]);
+            }
+        }
+    }
+
+    /// As [`Products::pack`], from `bt`, the transposed (n, k), rows `ldb` apart.
+    pub fn pack_transposed(self, panels: &mut [f32], bt: &[f32], ldb: usize, k: usize, n: usize) {
+        match self {
+            Products::F32 => matmul::pack_transposed(panels, bt, ldb, k, n),
+            Products::Tiles => bf16::pack_transposed(panels, bt, ldb, k, n),
+            Products::Rounded => {
+                matmul::pack_transposed(panels, bt, ldb, k, n);
+                bf16::round_all(&mut panels[..matmul::panels_len(k, n)]);
+            }
+        }
+    }
+
+    /// `c` (m, n), rows `ldc` apart, becomes (or grows by) `a` (m, k) times k rows of `b`.
+    pub fn product(self, c: &mut [f32], ldc: usize, (m, k, n): (usize, usize, usize), a: Left, b: Right, store: Store) {
+        let Right { panels, block, first } = b;
+        if self == Products::Tiles {
+            return bf16::product(c, ldc, (m, k, n), a, (&panels[bf16::row(first)..], block), store);
+        }
+        let panels = Panels { numbers: &panels[first * matmul::panel()..], block };
+        match self {
+            Products::Rounded => ROUNDED.with_borrow_mut(|rounded| {
+                let a = round_left(rounded, a, m, k);
+                matmul::product(c, ldc, (m, k, n), a, panels, store);
+            }),
+            _ => matmul::product(c, ldc, (m, k, n), a, panels, store),
+        }
+    }
+}
+
+/// `a` (m, k) in rounded numbers, those in `rounded`.
+fn round_left<'a>(rounded: &'a mut Vec<f32>, a: Left, m: usize, k: usize) -> Left<'a> {
+    rounded.resize(rounded.len().max(m * k), 0.0);
+    let rounded = &mut rounded[..m * k];
+    let (from, lda, width) = match a {
+        Left::Rows { a, lda } => (a, lda, k),
+        Left::Columns { a, lda } => (a, lda, m),
+    };
+    for (to, from) in rounded.chunks_mut(width.max(1)).zip(from.chunks(lda)) {
+        to.copy_from_slice(&from[..width]);
+    }
+    bf16::round_all(rounded);
+    match a {
+        Left::Rows { .. } => Left::Rows { a: rounded, lda: k },
+        Left::Columns { .. } => Left::Columns { a: rounded, lda: m },
+    }
+}

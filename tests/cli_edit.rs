@@ -3,6 +3,7 @@
 use assert_cmd::Command;
 use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh::BvhSource};
 use kinelm_motion::{Motion, Source, synth};
+use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -165,6 +166,44 @@ fn a_longer_dance_goes_on_behind_the_clip_and_is_made_again_to_the_byte() {
 }
 
 #[test]
+fn a_clip_that_goes_round_ends_where_it_begins() {
+    let set = set();
+    let prompt = set.at("long.bvh");
+    let text = fs::read_to_string(&prompt).unwrap();
+    let rows =
+        |text: &str| text.lines().skip_while(|l| !l.starts_with("Frame Time")).skip(1).map(str::to_owned).collect();
+    let old: Vec<String> = rows(&text);
+    for (round, name) in [("--loop", "round.bvh"), ("--loop=pose", "on.pose.bvh")] {
+        let more = ["--skip", "5", round, "--loop-over", "1", "--tries", "2"];
+        let told = "free all@120f:180f";
+        set.edit(&prompt, &more, name).assert().success().stderr(contains(told).and(contains("where it goes round")));
+        let new: Vec<String> = rows(&fs::read_to_string(set.at(name)).unwrap());
+        assert_eq!(new.len(), 175, "as long as the clip, without what is skipped");
+        assert_eq!(new[..115], old[5..120], "{round}: the words of the file up to the gap");
+        assert!((115..175).all(|f| new[f] != old[f + 5]), "{round}: and none of the gap's");
+        let clip = format::read(&set.at(name), &ReadOptions::default()).unwrap().clip;
+        let (last, first) = (clip.pose(174), clip.pose(0));
+        let apart: f64 = (1..clip.joints()).map(|j| last[j].angle_between(first[j])).sum::<f64>() / 23.0;
+        assert!(apart < 0.5, "{round}: {apart} rad in the mean from the last pose to the first");
+        if round == "--loop" {
+            let far = (clip.root()[174] - clip.root()[0]).length();
+            assert!(far < 0.06, "{far} m");
+        }
+        let again = set.at(&format!("again-{name}"));
+        let record = set.at(&format!("{name}.kinelm.json"));
+        kinelm().args(["generate", "--again"]).arg(record).arg("--out").arg(&again).assert().success();
+        assert_eq!(fs::read(set.at(name)).unwrap(), fs::read(again).unwrap());
+    }
+    set.edit(&prompt, &["--loop", "--rig", "model"], "model.bvh")
+        .assert()
+        .failure()
+        .stderr(contains("it needs 3 and a"));
+    let more = ["--loop", "--loop-over", "1", "--rig", "model", "--fps", "60"];
+    set.edit(&prompt, &more, "model.bvh").assert().success();
+    assert_eq!(format::read(&set.at("model.bvh"), &ReadOptions::default()).unwrap().clip.frames(), 180);
+}
+
+#[test]
 fn what_can_t_be_edited_is_told_and_nothing_is_written() {
     let set = set();
     let prompt = set.at("data/5.bvh");
@@ -181,6 +220,13 @@ fn what_can_t_be_edited_is_told_and_nothing_is_written() {
         (&["--free", "all", "--rest-joints", "mean"], "leave it out"),
         (&["--free", "all", "--blend=-1"], "expected 0 to 60 seconds"),
         (&["--free", "all", "--ahead", "2"], "this model can't be told what is given ahead"),
+        (&["--loop", "--free", "all"], "cannot be used with"),
+        (&["--loop", "--seconds", "4"], "cannot be used with"),
+        (&["--loop=there"], "possible values: back, pose"),
+        (
+            &["--loop", "--loop-over", "2.5"],
+            "--loop: the clip has 3.00 s; with 2.5 s made anew it needs 3.5 and a frame",
+        ),
         (&[], "what of it is made anew (--free, --given)"),
     ] {
         set.edit(&prompt, more, "never.bvh").assert().failure().stderr(contains(told));

@@ -125,7 +125,8 @@ impl Ready {
         let of_seconds = recipe.seconds.map(|s| (s * tokenizer.fps()).round().max(1.0) as usize);
         let asked = recipe.frames.or(of_seconds);
         let prompt = recipe.prompt.as_mut().map(|prompt| Followed::load(prompt, asked, &tokenizer)).transpose()?;
-        let frames = asked.or(prompt.as_ref().map(|p| p.clip.frames()));
+        let of_prompt = |p: &Followed| p.edit.as_ref().map_or(p.clip.frames(), Edited::known);
+        let frames = asked.or(prompt.as_ref().map(of_prompt));
         let frames = frames.ok_or_else(|| Error::Call("neither frames nor a prompt that says how many".into()))?;
         let written = recipe.fps.map_or(frames, |fps| (frames as f64 * fps / tokenizer.fps()).ceil() as usize);
         for frames in [frames, written] {
@@ -384,7 +385,13 @@ impl Followed {
         let beginning = recipe.from_frame.map(|n| clip.beginning(tokenizer, n));
         let beginning = beginning.transpose().map_err(|e| Error::Call(format!("--from-frame: {e}")))?;
         let mut edit = recipe.edit.take();
-        let edited = edit.as_mut().map(|edit| Edited::load(edit, frames, (recipe, &clip), tokenizer)).transpose()?;
+        let round = edit.as_ref().and_then(|edit| edit.round);
+        let (clip, seam) = match round.map(|round| round.lay(clip.clone(), recipe.read.map.as_deref(), tokenizer)) {
+            Some(laid) => laid.map(|(clip, seam)| (clip, Some(seam)))?,
+            None => (clip, None),
+        };
+        let load = |edit| Edited::load(edit, frames, (recipe, &clip, seam), tokenizer);
+        let edited = edit.as_mut().map(load).transpose()?;
         recipe.edit = edit;
         let frames = match recipe.from_frame {
             Some(n) if given.is_empty() => n,

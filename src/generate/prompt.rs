@@ -49,6 +49,16 @@ impl Prompt {
         Ok(Prompt { motion, clip, floor_m, under_m, words: coded.words, clipped, sha256 })
     }
 
+    /// The same prompt with another motion of the same rig, rate and first frame.
+    ///
+    /// # Errors
+    /// What retargeting and coding fail with.
+    pub fn with_motion(self, motion: Motion, map: Option<&str>, tokenizer: &Tokenizer) -> Result<Prompt> {
+        let clip = resample(&retarget::to_smpl(&motion, map)?, tokenizer.fps(), Method::Auto)?;
+        let words = tokenizer.encode(&clip.clone().raised(-self.under_m))?.words;
+        Ok(Prompt { motion, clip, words, ..self })
+    }
+
     /// P, its frames at the tokenizer's rate.
     pub fn frames(&self) -> usize {
         self.clip.frames()

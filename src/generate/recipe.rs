@@ -8,7 +8,7 @@ use super::sampling::Draw;
 use crate::Result;
 use crate::model::{Compute, Reading};
 use kinelm_engine::decode::{KvKind, WeightKind};
-use kinelm_motion::format::{Format, ReadOptions, Up};
+use kinelm_motion::format::{Format, ReadOptions, RestFrame, Up};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -77,6 +77,9 @@ impl Recipe {
         }
         let keeps_rate = format == Some(Format::Bvh) && Format::of_name(&prompt.path) == format;
         let fps_source = prompt.read.fps_source.filter(|_| keeps_rate);
+        if prompt.edit.as_ref().is_some_and(|edit| edit.round.is_some()) {
+            return ReadOptions { fps_source, rest: RestFrame::Keep, ..own };
+        }
         ReadOptions { fps_source, skip: prompt.read.skip, rest: prompt.read.rest, ..own }
     }
 }

@@ -4,9 +4,10 @@ use crate::cli::{Say, WrongCall};
 use kinelm::counted;
 use kinelm::generate::edit::close::LeftOver;
 use kinelm::generate::edit::mask::Understood;
+use kinelm::generate::edit::round::{Comes, Round, roughness};
 use kinelm::generate::edit::span::Span;
 use kinelm::generate::edit::{Edit, Edited};
-use kinelm::generate::make::Followed;
+use kinelm::generate::make::{Followed, Made};
 use kinelm_motion::smpl;
 
 /// Further off than this a gap ends elsewhere than its clip goes on: said.
@@ -23,12 +24,33 @@ pub struct EditArgs {
     /// is kept. The file's other numbers stay as they are
     #[arg(long, value_name = "JOINTS[@FROM:TO]", requires = "prompt", conflicts_with_all = ["joints", "from_frame"])]
     free: Vec<Span>,
+    /// Make the end of the prompt anew so that it goes over into its beginning: it can be played over and over. With `pose`
+    /// only the pose comes back, while place and heading go on
+    #[arg(long = "loop", value_name = "back|pose", num_args = 0..=1, require_equals = true, default_missing_value = "back",
+        requires = "prompt", conflicts_with_all = ["joints", "from_frame", "given", "free", "frames", "seconds"])]
+    round: Option<ComesArg>,
+    /// Seconds of the end that --loop makes anew
+    #[arg(long, value_name = "S", default_value_t = 2.0, requires = "round", value_parser = over)]
+    loop_over: f64,
     /// Seconds over which what differs where new meets old is faded, on the new side
     #[arg(long, value_name = "S", default_value_t = 0.2, value_parser = seconds)]
     blend: f64,
     /// Ways that are drawn through a gap, of which the one is kept that ends nearest to where the clip goes on
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=64))]
     tries: u8,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum ComesArg {
+    Back,
+    Pose,
+}
+
+fn over(text: &str) -> Result<f64, String> {
+    match seconds(text)? {
+        s if s >= 0.1 => Ok(s),
+        _ => Err("expected 0.1 to 60 seconds".into()),
+    }
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -40,8 +62,15 @@ impl EditArgs {
     /// What is asked for, if a clip is to be edited.
     pub fn get(&self) -> Option<Edit> {
         let (given, free) = (self.given.clone(), self.free.clone());
-        let edits = !given.is_empty() || !free.is_empty();
-        edits.then(|| Edit { given, free, blend_s: self.blend, tries: self.tries.into() })
+        let round = self.round.map(|comes| Round {
+            comes: match comes {
+                ComesArg::Back => Comes::Back,
+                ComesArg::Pose => Comes::Pose,
+            },
+            over_s: self.loop_over,
+        });
+        let edits = !given.is_empty() || !free.is_empty() || round.is_some();
+        edits.then(|| Edit { given, free, blend_s: self.blend, tries: self.tries.into(), round })
     }
 }
 
@@ -65,7 +94,11 @@ pub fn say_understood(prompt: &Followed, edited: &Edited, say: Say) {
     };
     edited.read.given.iter().for_each(|understood| tell("given", understood));
     edited.read.free.iter().for_each(|understood| tell("free", understood));
-    say.line(if edited.read.given.is_empty() { "all else is given" } else { "all else is free" });
+    say.line(match edited.read.given.is_empty() {
+        _ if edited.seam.is_some() => "all else is given; behind it the beginning comes again",
+        true => "all else is given",
+        false => "all else is free",
+    });
 }
 
 /// Says how far the dance was from its clip where gaps end.
@@ -82,6 +115,18 @@ pub fn say_left(left: &[LeftOver], fps: f64, say: Say) {
     if far > 0 {
         let what = "may look pulled; more --tries, a longer gap or another --seed may end nearer";
         say.line(format_args!("warning: {} ended far from where the clip goes on: it {what}", counted(far, "gaps")));
+    }
+}
+
+/// Says how rough the seam of a clip is that goes round.
+pub fn say_seam(edited: &Edited, made: &Made, say: Say) {
+    let Some(seam) = &edited.seam else { return };
+    // at another rate than the file's the gap lies elsewhere
+    let clip = Some(&made.motion.clip).filter(|clip| clip.frames() == seam.frames());
+    if let Some((seam, usual)) = clip.and_then(|clip| roughness(clip, &seam.gap)) {
+        say.line(format_args!(
+            "where it goes round it jerks by {seam:.0} m/s³; 99 of 100 given frames by less than {usual:.0}"
+        ));
     }
 }
 

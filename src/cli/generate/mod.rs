@@ -179,6 +179,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         Provenance::of(&ready, i + 1, out, &bytes)?.write(out, &bytes, &outputs)?;
         super::convert::told(out, &made.motion, say);
         edit::say_left(&made.left, made.locked_fps, say);
+        if let Some(edited) = ready.prompt.as_ref().and_then(|prompt| prompt.edit.as_ref()) {
+            edit::say_seam(edited, &made, say);
+        }
         made.locked.iter().for_each(|locked| super::filter::say_locked(locked, made.locked_fps, say));
         say_read_back(&ready, words, out, say)?;
     }

@@ -6,6 +6,7 @@
 pub mod close;
 pub mod feet;
 pub mod mask;
+pub mod round;
 pub mod span;
 pub mod splice;
 
@@ -23,6 +24,7 @@ use kinelm_motion::retarget::SkeletonMap;
 use kinelm_motion::{Clip, Motion};
 use kinelm_tokenizer::{Tokenizer, WordLength, Words};
 use mask::Mask;
+use round::{Round, Seam};
 use serde::{Deserialize, Serialize};
 use span::Span;
 use splice::{RigJoints, lengthened, on_both, spliced};
@@ -43,6 +45,9 @@ pub struct Edit {
     pub blend_s: f64,
     /// Ways that are drawn, of which the one is kept that ends nearest to where the clip goes on.
     pub tries: usize,
+    /// The end is invented so that it goes over into the beginning, instead of all that is given and free.
+    #[serde(default, rename = "loop", skip_serializing_if = "Option::is_none")]
+    pub round: Option<Round>,
 }
 
 /// An edit of a prompt, understood.
@@ -64,6 +69,9 @@ pub struct Edited {
     /// A place of a word is this joint's.
     places: Vec<usize>,
     blend_s: f64,
+    /// Of a clip that goes round.
+    pub seam: Option<Seam>,
+    known: usize,
 }
 
 /// What came out of words: on SMPL-24, at the model's rate.
@@ -85,14 +93,15 @@ impl Closed {
 
 impl Edited {
     /// Understands an edit; spans get SMPL's names. `frames`: as many as are asked for, at the model's rate, if any are.
+    /// `seam`: of a prompt that was laid to go round.
     ///
     /// # Errors
     /// [`Error::Call`]: see [`Mask::read`]; words of several frames or of several lengths, merged tokens; nothing to
-    /// invent; fewer frames than the prompt has.
+    /// invent; fewer frames than the prompt has; others, of one that goes round.
     pub fn load(
         edit: &mut Edit,
         frames: Option<usize>,
-        (recipe, prompt): (&PromptRecipe, &Prompt),
+        (recipe, prompt, seam): (&PromptRecipe, &Prompt, Option<Seam>),
         tokenizer: &Tokenizer,
     ) -> Result<Edited> {
         let places = places(tokenizer).map_err(|e| Error::Call(format!("--given, --free: {e}")))?;
@@ -100,11 +109,23 @@ impl Edited {
         let text: Arc<[u8]> = format::input::bytes(&recipe.path).map_err(Error::io(&recipe.path))?.into();
         let whole = format::parse(&recipe.path, &text, &options)?;
         let (clip, fps) = (&prompt.motion.clip, tokenizer.fps());
-        let left_out = whole.clip.frames().saturating_sub(clip.frames());
+        let again = seam.as_ref().map_or(0, |seam| seam.again);
+        let left_out = whole.clip.frames().saturating_sub(clip.frames() - again);
         let scale = Scale { frames: clip.frames(), fps: clip.fps(), left_out, model_fps: Some(fps) };
         let rig = (&**clip.skeleton(), recipe.read.map.as_deref());
-        let read = Mask::read((&edit.given, &edit.free), scale, tokenizer, rig).map_err(Error::Call)?;
-        let known = prompt.frames();
+        let looped = seam.as_ref().map(|seam| seam.span(left_out));
+        let (given, free) = match &looped {
+            Some(gap) => (&[][..], std::slice::from_ref(gap)),
+            None => (&edit.given[..], &edit.free[..]),
+        };
+        let read = Mask::read((given, free), scale, tokenizer, rig).map_err(Error::Call)?;
+        // the last frame of the model that lies within so many of the file
+        let within = |frames: usize| ((frames - 1) as f64 * fps / clip.fps() + 1e-9) as usize + 1;
+        let known = seam.as_ref().map_or(prompt.frames(), |seam| within(seam.frames()));
+        if let Some(frames) = frames.filter(|&frames| seam.is_some() && frames != known) {
+            let what = format!("--loop: {frames} frames; a clip that goes round stays as long as it is, {known}");
+            return Err(Error::Call(what));
+        }
         if let Some(frames) = frames.filter(|&frames| frames < known) {
             let what = format!(
                 "{frames} frames of a prompt of {known}; an edited clip is as long at least: cut it first (kinelm convert --to)"
@@ -120,13 +141,22 @@ impl Edited {
             return Err(Error::Call(what.into()));
         }
         for (spans, read) in [(&mut edit.given, &read.given), (&mut edit.free, &read.free)] {
+            if seam.is_some() {
+                break;
+            }
             *spans = read.iter().map(|understood| understood.span.clone()).collect();
         }
         let reach = ((clip.frames() - 1) as f64 * fps / clip.fps() - 1e-9).ceil() as usize + 1;
         let frames = longer.unwrap_or(reach).max(reach);
-        let written = longer.map_or(clip.frames(), |n| ((n - 1) as f64 * clip.fps() / fps + 1e-9) as usize + 1);
+        let own = seam.as_ref().map_or(clip.frames(), Seam::frames);
+        let written = longer.map_or(own, |n| ((n - 1) as f64 * clip.fps() / fps + 1e-9) as usize + 1);
         let model = read.mask.at_model_rate(frames, reach);
-        Ok(Edited { read, whole, text, left_out, frames, written, model, places, blend_s: edit.blend_s })
+        Ok(Edited { read, whole, text, left_out, frames, written, model, places, blend_s: edit.blend_s, seam, known })
+    }
+
+    /// Frames of what is written, at the model's rate, where no more are asked for.
+    pub fn known(&self) -> usize {
+        self.known
     }
 
     /// (P, C) which characters of the prompt's words are given, and which of these are foretold: those behind a gap.
@@ -195,8 +225,17 @@ impl Edited {
         let base = close::bridged(&lengthened(&own, self.frames)?, &rig.others(), &self.gaps(), &mean_pose(&own))?;
         let dance = way.to_rig_over(closed, Some(&base))?;
         let (clips, how) = ((&prompt.motion.clip, &dance), (&self.read.mask, &rig));
-        let (clip, changed) = spliced(clips, how, self.written, self.blend_s)?;
-        let (clip, changed) = self.behind_left_out(&clip, changed)?;
+        // what was laid behind the end is met there, and not written
+        let again = self.seam.as_ref().map_or(0, |seam| seam.again);
+        let (clip, mut changed) = spliced(clips, how, self.written + again, self.blend_s)?;
+        let clip = clip.slice(0..self.written);
+        changed.root.truncate(self.written);
+        changed.joints.truncate(self.written * clip.joints());
+        let (clip, changed) = match self.seam {
+            // a rest pose in front would come round with every turn
+            Some(_) => (clip, Changed { before: self.left_out, ..changed }),
+            None => self.behind_left_out(&clip, changed)?,
+        };
         Ok((Motion { clip, ..self.whole.clone() }, changed))
     }
 
@@ -207,7 +246,7 @@ impl Edited {
         let rotations = [front.rotations(), clip.rotations()].concat();
         let before = |flags: Vec<bool>, n: usize| [vec![false; n], flags].concat();
         let joints = before(changed.joints, self.left_out * clip.joints());
-        let changed = Changed { root: before(changed.root, self.left_out), joints };
+        let changed = Changed { before: 0, root: before(changed.root, self.left_out), joints };
         Ok((Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations)?, changed))
     }
 }

@@ -59,7 +59,7 @@ pub fn spliced(
     let j = clip.joints();
     let whole = lengthened(clip, frames)?;
     let (mut root, mut rotations) = (whole.root().to_vec(), whole.rotations().to_vec());
-    let mut changed = Changed { root: vec![false; frames], joints: vec![false; frames * j] };
+    let mut changed = Changed { before: 0, root: vec![false; frames], joints: vec![false; frames * j] };
     let blend = |gap: &Range<usize>| (blend_s * fps).min(gap.len() as f64 / 2.0);
     let ends = |gap: &Range<usize>| (gap.start.checked_sub(1), Some(gap.end).filter(|&end| end < frames));
     for gap in Mask::runs(frames, |f| !mask.is_given(f, 0)) {

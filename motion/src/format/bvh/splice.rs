@@ -10,6 +10,8 @@ use std::ops::Range;
 /// What of a clip differs from the file that it is made from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Changed {
+    /// Frames of the file in front of the clip's first: they are not written.
+    pub before: usize,
     /// (F) the root's place.
     pub root: Vec<bool>,
     /// (F, J) rotations.
@@ -18,7 +20,7 @@ pub struct Changed {
 
 impl BvhSource {
     /// The bytes of `clip`, y up, on this rig, at the file's own frame time. `text` is the file that this was read from, no
-    /// frame left out: what hasn't `changed` stands in its words. Angles run on from those before them.
+    /// frame left out on reading: what hasn't `changed` stands in its words. Angles run on from those before them.
     ///
     /// # Errors
     /// [`Error::Call`] when the joints are others, the flags aren't as many, or a number isn't finite.
@@ -36,7 +38,7 @@ impl BvhSource {
         let kept = |frame: usize| self.kept(frame, changed, &rig);
         let numbers = rig.rows_with(&clip, self, |frame, row| {
             for (number, from) in row.iter_mut().zip(kept(frame)) {
-                *number = from.map_or(*number, |column| self.numbers[frame * own + column]);
+                *number = from.map_or(*number, |column| self.numbers[(changed.before + frame) * own + column]);
             }
         });
         not_finite(&numbers, width)?;
@@ -44,7 +46,8 @@ impl BvhSource {
         let mut out = print_head(&rig.head, &self.head.frame_time, frames, numbers.len());
         for (frame, row) in numbers.chunks_exact(width.max(1)).enumerate() {
             let kept = kept(frame);
-            match words.get(frame * own..(frame + 1) * own) {
+            let of_file = changed.before + frame;
+            match words.get(of_file * own..(of_file + 1) * own) {
                 Some([first, .., last]) if width == own && kept.iter().all(Option::is_some) => {
                     out.extend_from_slice(&text[first.start..last.end]);
                 }
@@ -58,7 +61,7 @@ impl BvhSource {
     /// (C of `rig`) the columns of this file from which a frame's channels come that haven't changed.
     fn kept(&self, frame: usize, changed: &Changed, rig: &BvhSource) -> Vec<Option<usize>> {
         let mut kept = vec![None; rig.head.width];
-        if frame >= self.frames {
+        if changed.before + frame >= self.frames {
             return kept;
         }
         let joints = self.rig.joints.len();
@@ -137,7 +140,7 @@ mod tests {
         let motion = bvh::read(Path::new("x.bvh"), TEXT.as_bytes(), &options).unwrap();
         let Source::Bvh(source) = &motion.source else { panic!("a BVH") };
         let clip = &motion.clip;
-        let mut changed = Changed { root: vec![false; 4], joints: vec![false; 8] };
+        let mut changed = Changed { before: 0, root: vec![false; 4], joints: vec![false; 8] };
         assert_eq!(source.spliced(TEXT.as_bytes(), clip, &changed).unwrap(), TEXT.as_bytes());
         // the root stands and turns elsewhere in frame 1, the other joint in frame 2, and there is a frame more
         let (mut root, mut rotations) = (clip.root().to_vec(), clip.rotations().to_vec());
@@ -172,5 +175,11 @@ mod tests {
         assert!(
             source.spliced(TEXT.as_bytes(), &new, &changed).unwrap_err().to_string().contains("5 frames of 2 joints")
         );
+
+        // from the file's third frame on
+        let short = Changed { before: 2, root: vec![false, true], joints: vec![false, false, true, false] };
+        let bytes = source.spliced(TEXT.as_bytes(), &new.slice(2..4), &short).unwrap();
+        let cut = String::from_utf8(bytes).unwrap();
+        assert!(cut.contains("Frames: 2\n") && cut.contains("\n2 1 1 372 5 6 ") && !cut.contains(" 371 "), "{cut}");
     }
 }

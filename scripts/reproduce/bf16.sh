@@ -8,7 +8,8 @@
 set -eu
 call="the call is: $0 DATA SPLITS OUT"
 data=${1:?$call} splits=${2:?$call} out=${3:?$call}
-CONFIG=${CONFIG:-$(dirname "$0")/../../configs/train/two-level.toml} STEPS=${STEPS:-1000} WINDOWS=${WINDOWS:-0}
+CONFIG=${CONFIG:-$(dirname "$0")/../../configs/train/two-level.toml}
+DROPOUT=${DROPOUT:-0} STEPS=${STEPS:-1000} WINDOWS=${WINDOWS:-0}
 . "$(dirname "$0")/common.sh"
 sets=${SETS:-cmu-dance bandai-2}
 

@@ -5,6 +5,7 @@
 //! same bits whatever the number of threads.
 
 pub mod border_jerk;
+pub mod contact;
 pub mod features;
 pub mod floor;
 pub mod geodesic_error;
@@ -16,6 +17,7 @@ pub mod skate;
 pub mod vector_angle;
 
 pub use border_jerk::BorderJerk;
+pub use contact::physical_foot_contact;
 pub use floor::{Feet, Floor, floor, floor_of};
 pub use geodesic_error::GeodesicError;
 pub use ground::Ground;

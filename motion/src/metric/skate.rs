@@ -5,12 +5,15 @@ use crate::Clip;
 
 /// A foot joint that is no more than this above where it would rest stands on the floor, metres.
 const LOW_M: f64 = 0.05;
+/// A step that is faster slides, metres a second.
+const FAST_M_S: f64 = 0.1;
 
 /// Foot skate: the mean horizontal speed of foot joints near the floor. Real recordings skate too.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Skate {
     metres_per_s: f64,
     steps: u64,
+    fast: u64,
 }
 
 impl Skate {
@@ -26,8 +29,10 @@ impl Skate {
             for &(foot, rest_m) in &feet.joints {
                 let [a, b] = [pair[0][foot], pair[1][foot]];
                 if a.y - rest_m < LOW_M && b.y - rest_m < LOW_M {
-                    skate.metres_per_s += (b.x - a.x).hypot(b.z - a.z) * clip.fps();
+                    let metres_per_s = (b.x - a.x).hypot(b.z - a.z) * clip.fps();
+                    skate.metres_per_s += metres_per_s;
                     skate.steps += 1;
+                    skate.fast += u64::from(metres_per_s > FAST_M_S);
                 }
             }
         }
@@ -38,6 +43,12 @@ impl Skate {
     pub fn add(&mut self, other: &Skate) {
         self.metres_per_s += other.metres_per_s;
         self.steps += other.steps;
+        self.fast += other.fast;
+    }
+
+    /// The share of steps that are faster than 10 cm/s; `None` where no foot stood.
+    pub fn share(&self) -> Option<f64> {
+        (self.steps > 0).then(|| self.fast as f64 / self.steps as f64)
     }
 
     /// The mean, cm/s; `None` where no foot stood.
@@ -68,6 +79,7 @@ mod tests {
             Skate::of(&feet, &clip)
         };
         assert!((of(&[0.0; 5]).cm_s().unwrap() - 100.0).abs() < 1e-9);
+        assert_eq!((of(&[0.0; 5]).share(), of(&[0.2; 5]).share()), (Some(1.0), None));
         assert_eq!(of(&[0.2; 5]).cm_s(), None);
         // a landing: the step from the air onto the floor isn't one of a foot that stands
         let mut landing = of(&[0.2, 0.0, 0.0]);

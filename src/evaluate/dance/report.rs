@@ -10,7 +10,7 @@ use crate::corpus::load::load_placed;
 use crate::corpus::{ClipRecord, Corpus, Split};
 use crate::{Error, Result};
 use kinelm_motion::format::ReadOptions;
-use kinelm_motion::metric::{Feet, Ground, Skate, jitter_of};
+use kinelm_motion::metric::{Feet, Ground, Skate, jitter_of, physical_foot_contact};
 use kinelm_motion::retarget::SkeletonMap;
 use kinelm_motion::{Clip, smpl};
 use kinelm_tokenizer::{Rest, SPACE, Tokenizer, Words};
@@ -90,6 +90,7 @@ struct Figures {
     /// Sums over the frames that have one: m/s, m/s^3.
     speed: Mean,
     jitter: Mean,
+    pfc: Option<f64>,
 }
 
 /// The figures of several dances.
@@ -111,6 +112,10 @@ pub struct Group {
     pub floating_share: Option<f64>,
     /// Mean horizontal speed of foot joints that stand, cm/s.
     pub skate_cm_s: Option<f64>,
+    /// Share of those steps that are faster than 10 cm/s.
+    pub skate_share: Option<f64>,
+    /// Physical foot contact, mean over the dances; see [`physical_foot_contact`].
+    pub pfc: Option<f64>,
     /// Mean speed of the coded joints, cm/s.
     pub speed_cm_s: Option<f64>,
     /// Mean jerk of the coded joints, m/s^3.
@@ -237,6 +242,7 @@ impl Real {
                 Mean { sum: speeds.iter().sum(), frames: speeds.len() }
             },
             jitter: Mean::of(jitter_of(&dance.clip, &self.joints), dance.clip.frames().saturating_sub(3)),
+            pfc: physical_foot_contact(&dance.clip).ok().flatten(),
         }
     }
 
@@ -314,6 +320,8 @@ fn group(name: &str, all: &[Figures]) -> Group {
         penetration_share: ground.penetration_share(),
         floating_share: ground.floating_share(),
         skate_cm_s: skate.cm_s(),
+        skate_share: skate.share(),
+        pfc: Mean::over(all.iter().filter_map(|f| f.pfc).map(|x| Mean::of(Some(x), 1)).collect::<Vec<_>>().iter()),
         speed_cm_s: Mean::over(all.iter().map(|f| &f.speed)).map(|m_s| 100.0 * m_s),
         jitter_m_s3: Mean::over(all.iter().map(|f| &f.jitter)),
     }
@@ -361,15 +369,18 @@ impl fmt::Display for Report {
             ]
         })?;
         writeln!(f)?;
-        let heads = ["speed cm/s", "jitter m/s3", "skate cm/s", "in floor cm", "in floor %", "floating %"];
+        let heads =
+            ["speed cm/s", "jitter m/s3", "skate cm/s", "skating %", "in floor cm", "in floor %", "floating %", "PFC"];
         self.table(f, &heads, |group| {
             vec![
                 number(group.speed_cm_s, 1),
                 number(group.jitter_m_s3, 0),
                 number(group.skate_cm_s, 1),
+                percent(group.skate_share),
                 number(group.penetration_cm, 2),
                 percent(group.penetration_share),
                 percent(group.floating_share),
+                number(group.pfc, 2),
             ]
         })?;
         write!(f, "\nfreeze % of every 5 s:")?;
@@ -460,7 +471,9 @@ mod tests {
         assert_eq!(dances.repeat_rate, Some(121.0 / 141.0));
         let clip = &real.valid[0].clip;
         assert!((valid.jitter_m_s3.unwrap() / jitter_of(clip, &real.joints).unwrap() - 1.0).abs() < 1e-12);
-        assert_eq!(valid.skate_cm_s, Skate::of(&real.feet, clip).cm_s());
+        let skate = Skate::of(&real.feet, clip);
+        assert_eq!((valid.skate_cm_s, valid.skate_share), (skate.cm_s(), skate.share()));
+        assert_eq!(valid.pfc, physical_foot_contact(clip).unwrap());
         let speeds = Places::of(clip, &real.joints).speeds();
         let mean = 100.0 * speeds.iter().sum::<f64>() / speeds.len() as f64;
         assert!((valid.speed_cm_s.unwrap() / mean - 1.0).abs() < 1e-12);

@@ -5,6 +5,7 @@
 //! `view`.
 #![forbid(unsafe_code)]
 
+pub mod aclstm;
 pub mod classify;
 pub mod corpus;
 pub mod error;

@@ -1,0 +1,16 @@
+//! The auto-conditioned LSTM: the field's oldest cure for freezing, as a baseline beside the GPT.
+//!
+//! An LSTM that foretells the next frame drifts once it sees its own frames, so it is fed them in training too, some steps
+//! true and some its own by turns. Source: Li, Zhou, Xiao, He, Huang and Li, "Auto-conditioned recurrent networks for
+//! extended complex human motion synthesis" (2018), and the code they published.
+//!
+//! Letters: F frames, J joints, E end sites, C channels, B sequences of a batch, T steps.
+
+pub mod form;
+pub mod rig;
+
+pub use form::Form;
+pub use rig::Rig;
+
+/// Frames a second that all is learned and made at.
+pub const FPS: f64 = 30.0;

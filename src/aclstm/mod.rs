@@ -6,9 +6,16 @@
 //!
 //! Letters: F frames, J joints, E end sites, C channels, B sequences of a batch, T steps.
 
+pub mod config;
+pub mod data;
 pub mod form;
+pub mod loss;
+pub mod network;
 pub mod rig;
+pub mod run;
+pub mod train;
 
+pub use config::Config;
 pub use form::Form;
 pub use rig::Rig;
 

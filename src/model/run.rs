@@ -21,6 +21,8 @@ use std::path::{Path, PathBuf};
 pub const WEIGHTS: &str = "model.safetensors";
 /// The moving average of the weights; where a checkpoint has it, it is the model.
 pub const AVERAGED: &str = "ema.safetensors";
+/// The optimizer's file in a checkpoint.
+pub const OPTIMIZER: &str = "optimizer.safetensors";
 /// The run's configuration.
 pub const CONFIG: &str = "config.toml";
 /// The run's tokenizer.

@@ -7,10 +7,17 @@
 //! Letters: F frames, J joints, E end sites, C channels, B sequences of a batch, T steps.
 
 pub mod config;
+pub mod dance;
 pub mod data;
+pub mod evaluate;
 pub mod form;
+mod going_on;
+#[cfg(test)]
+mod golden;
 pub mod loss;
 pub mod network;
+#[cfg(test)]
+mod plain;
 pub mod rig;
 pub mod run;
 pub mod train;

@@ -1,5 +1,7 @@
 //! `kinelm aclstm train`, `generate` and `evaluate`.
 
+mod evaluate;
+mod generate;
 mod train;
 
 use super::Say;
@@ -10,11 +12,17 @@ use kinelm::aclstm::Form;
 pub enum Command {
     /// Train a network on motion files of one rig
     Train(train::Args),
+    /// A dance that goes on from a clip
+    Generate(generate::Args),
+    /// How well a network foretells the next frames, and for how long it moves
+    Evaluate(evaluate::Args),
 }
 
 pub fn run(command: Command, say: Say) -> Result<()> {
     match command {
         Command::Train(args) => train::run(args, say),
+        Command::Generate(args) => generate::run(&args, say),
+        Command::Evaluate(args) => evaluate::run(&args, say),
     }
 }
 

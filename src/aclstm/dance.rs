@@ -166,6 +166,8 @@ impl Recipe {
         let (mut motion, clip_sha256) = read(&self.clip, &self.read)?;
         trained.file.rig.check(&self.clip, motion.clip.skeleton())?;
         stride(&self.clip, motion.clip.fps())?;
+        // a rest pose in front lies within the margin
+        motion.warnings.retain(|warning| warning.kind != "rest_frame" || trained.file.config.margin == 0);
         let clip = resample(&inner(&motion.clip, trained.file.config.margin), FPS, Method::Stride)?;
         // one more: the last step of the hip leads to it
         let (n, needed) = (self.seed_frames, self.from + self.seed_frames + 1);

@@ -57,3 +57,61 @@ impl Trained {
         Ok(made)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::aclstm::data::Sources;
+    use crate::aclstm::form::Coder;
+    use crate::aclstm::run::RunFile;
+    use crate::aclstm::{Config, Rig, network};
+    use kinelm_motion::format::ReadOptions;
+    use kinelm_motion::{Motion, Source, synth};
+
+    fn untrained() -> (Trained, Vec<f64>) {
+        let clip = synth::corpus(4, 1, 4.0, 30.0).unwrap().remove(0).clip;
+        let motion = Motion { path: "made-up".into(), clip, source: Source::Plain, warnings: vec![] };
+        let config = Config { width: 24, layers: 2, ..Config::default() };
+        let sources = Sources { data: vec![], labels: vec![], only: vec![], read: ReadOptions::default() };
+        let file = RunFile {
+            kind: "aclstm".into(),
+            version: 1,
+            kinelm: String::new(),
+            clips_sha256: String::new(),
+            rig: Rig::of(&motion),
+            config,
+            sources,
+        };
+        let coder = Coder::new(file.config.form, &file.rig).unwrap();
+        let shape = file.config.shape(coder.channels());
+        let frames = coder.frames(&motion.clip);
+        let weights = network::initial(&shape, 1);
+        let (step, sha256, notes) = (0, String::new(), vec![]);
+        (Trained { file, coder, shape, weights, step, sha256, notes }, frames)
+    }
+
+    #[test]
+    fn seeds_side_by_side_give_what_each_gives_alone_for_any_length() {
+        let (trained, frames) = untrained();
+        let c = trained.shape.channels;
+        let seeds: Vec<&[f64]> = [0, 7, 20].iter().map(|first| &frames[first * c..(first + 61) * c]).collect();
+        let together = trained.go_on(&seeds, 120, &mut |_| ()).unwrap();
+        for (seed, made) in seeds.iter().zip(&together) {
+            let alone = trained.go_on(&[seed], 130, &mut |_| ()).unwrap().remove(0);
+            assert!(alone[..120 * c] == made[..], "side by side");
+            assert_eq!(alone.len(), 130 * c);
+        }
+        assert_ne!(together[0], together[1]);
+        assert!(trained.go_on(&[], 9, &mut |_| ()).unwrap().is_empty());
+        assert_eq!(trained.go_on(&seeds[..1], 0, &mut |_| ()).unwrap(), [Vec::<f64>::new()]);
+    }
+
+    #[test]
+    fn a_network_that_runs_away_is_told() {
+        let (mut trained, frames) = untrained();
+        trained.weights.iter_mut().for_each(|w| w.fill(f32::NAN));
+        let seed = &frames[..40 * trained.shape.channels];
+        let message = trained.go_on(&[seed], 9, &mut |_| ()).unwrap_err().to_string();
+        assert_eq!(message, "frame 0, channel 0: found NaN, expected a number");
+    }
+}

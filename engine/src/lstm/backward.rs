@@ -1,8 +1,8 @@
 //! Back through the sequence: gradients of the weights by those of the outputs.
 
-use super::{Back, Lstm, Wiring, stretches};
+use super::{Lstm, Sums, Wiring, stretches};
 use crate::arena::Floats;
-use crate::linear::{Products, Sums};
+use crate::linear::{self, Products};
 use crate::op::bias;
 use crate::op::matmul::Store;
 use crate::pieces;
@@ -55,19 +55,17 @@ impl Lstm {
             let own = &self.layers[l];
             let [of_input, of_own, of_bias, of_own_bias] = &mut gradients[4 * l..4 * l + 4] else { continue };
             let Some(sums) = own.back.as_ref().map(|own| &own.gates[..4 * rows * d]) else { continue };
-            back.gradients(sums, 4 * d, &mut [(input, width, of_input), (&own.h[..rows * d], d, of_own)], of_bias);
+            back.sums.gradients(sums, 4 * d, &mut [(input, width, of_input), (&own.h[..rows * d], d, of_own)], of_bias);
             of_own_bias.copy_from_slice(of_bias);
         }
         let top = &self.layers[self.layers.len() - 1].h[b * d..][..rows * d];
         let [weight, bias] = &mut gradients[4 * self.layers.len()..] else { return };
-        let dy = std::mem::replace(&mut back.dy, Floats::new(0));
-        back.gradients(&dy[..rows * c], c, &mut [(top, d, weight)], bias);
-        back.dy = dy;
+        back.sums.gradients(&back.dy[..rows * c], c, &mut [(top, d, weight)], bias);
         self.given.clear();
     }
 }
 
-impl Back {
+impl Sums {
     /// Gradients of weights (k, n) and of the bias (n) behind rows of gradients `d` (R, n): of each weight its input (R, k).
     fn gradients(&mut self, d: &[f32], n: usize, weights: &mut [(&[f32], usize, &mut Floats)], of_bias: &mut [f32]) {
         let (rows, products) = (d.len() / n, Products::F32);
@@ -84,6 +82,6 @@ impl Back {
         for (input, k, gradient) in weights {
             products.weight_gradient(gradient, input, *k, (&self.panels, piece), rows, Store::Set);
         }
-        Sums { partial, width: n, store: Store::Set }.take(of_bias);
+        linear::Sums { partial, width: n, store: Store::Set }.take(of_bias);
     }
 }

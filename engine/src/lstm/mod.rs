@@ -70,6 +70,8 @@ impl Shape {
 /// A network's weights, laid out for products, and the memory of a pass over up to T steps of B sequences.
 pub struct Lstm {
     shape: Shape,
+    /// Numbers of each tensor.
+    sizes: Vec<usize>,
     batch: usize,
     /// T, the most steps.
     steps: usize,
@@ -92,7 +94,11 @@ struct Back {
     dx: Floats,
     /// To the top layer.
     output: Columns,
-    /// Gradients of rows in panels, and their columns' sums, a piece.
+    sums: Sums,
+}
+
+/// Gradients of rows in panels, and their columns' sums, a piece.
+struct Sums {
     panels: Floats,
     partial: Floats,
 }
@@ -110,6 +116,7 @@ impl Lstm {
         let layer = |l: usize| Layer::new(if l == 0 { c } else { d }, d, (batch, steps), backward);
         Lstm {
             shape,
+            sizes: shape.tensors().iter().map(|[rows, columns]| rows * columns).collect(),
             batch,
             steps,
             given: Vec::with_capacity(steps),
@@ -122,8 +129,10 @@ impl Lstm {
                 dy: Floats::new(rows * c),
                 dx: Floats::new(batch * c),
                 output: Columns::new(c, d, rows),
-                panels: Floats::new(rows.div_ceil(piece) * matmul::panels_len(piece, widest)),
-                partial: Floats::new(rows.div_ceil(piece) * widest),
+                sums: Sums {
+                    panels: Floats::new(rows.div_ceil(piece) * matmul::panels_len(piece, widest)),
+                    partial: Floats::new(rows.div_ceil(piece) * widest),
+                },
             }),
         }
     }
@@ -138,9 +147,8 @@ impl Lstm {
     /// # Panics
     /// Tensors of another shape.
     pub fn pack(&mut self, weights: &[Floats]) {
-        let expected = self.shape.tensors();
-        let found: Vec<usize> = weights.iter().map(|w| w.len()).collect();
-        assert!(found == expected.iter().map(|[r, c]| r * c).collect::<Vec<_>>(), "tensors of {found:?} numbers");
+        let sizes = weights.iter().map(|w| w.len());
+        assert!(sizes.eq(self.sizes.iter().copied()), "expected tensors of {:?} numbers", self.sizes);
         for (layer, four) in self.layers.iter_mut().zip(weights.chunks_exact(4)) {
             layer.pack([&four[0], &four[1], &four[2], &four[3]]);
         }

@@ -25,6 +25,7 @@ use std::time::Instant;
 
 /// What to train.
 #[derive(Debug, Clone)]
+#[allow(clippy::large_enum_variant)] // a call has one
 pub enum Asked {
     /// A new run.
     New(Config, Sources),

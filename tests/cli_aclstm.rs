@@ -74,7 +74,9 @@ fn a_run_goes_on_and_says_how_it_was_asked() {
     assert!(names.collect::<Vec<_>>().iter().any(|name| name.starts_with("events.out.tfevents.")));
     place.call("aclstm train --run euler --resume --steps 1").assert().code(2).stderr(contains("the run has done 4"));
     place.call("aclstm train --run none --resume").assert().failure().stderr(contains("no config.toml"));
-    place.call("generate --run euler --frames 9 --out x.bvh").assert().failure();
+    for call in ["generate --run euler --frames 9 --out x.bvh", "pretrain --run euler --resume"] {
+        place.call(call).assert().failure().stderr(contains("found a run of kind \"aclstm\", expected one of a GPT"));
+    }
     let wrong = [
         (format!("{TRAIN} --only genre=waltz --run x"), "no clip with genre=waltz"),
         (format!("{TRAIN} --wiring old --run x"), "expected fixed or compat"),

@@ -195,7 +195,7 @@ impl Lasting {
 /// What a network makes of many seeds. Each figure stands beside that of the last true frame held.
 #[derive(Debug, Clone, Serialize)]
 pub struct Figures {
-    /// The form's own loss over the frames compared, and its deviation over seeds.
+    /// The form's own loss over the frames compared.
     pub loss: Mean,
     /// The same of the last frame held.
     pub still_loss: Mean,

@@ -2,9 +2,10 @@
 //!
 //! Everything a command of the `kinelm` program does is a function here. The rooms, in the way of the data: `corpus`
 //! (labels, splits, the token store), `model`, `train`, `runs`, `generate`, `evaluate`, `study`, `spectral`,
-//! `view`.
+//! `view`; and `aclstm`, a baseline without tokens.
 #![forbid(unsafe_code)]
 
+pub mod aclstm;
 pub mod classify;
 pub mod corpus;
 pub mod error;

@@ -21,6 +21,12 @@ pub const TRAIN: &Presets = &[
     ("demo", include_str!("../configs/train/demo.toml")),
 ];
 
+/// Settings of auto-conditioned LSTMs.
+pub const ACLSTM: &Presets = &[
+    ("256", include_str!("../configs/aclstm/256.toml")),
+    ("published", include_str!("../configs/aclstm/published.toml")),
+];
+
 /// Settings of tokenizers.
 pub const TOKENIZER: &Presets = &[
     ("uniform", include_str!("../configs/tokenizer/uniform.toml")),
@@ -75,7 +81,7 @@ mod tests {
 
     #[test]
     fn every_file_of_the_folders_is_built_in() {
-        for (folder, presets) in [("train", TRAIN), ("tokenizer", TOKENIZER)] {
+        for (folder, presets) in [("train", TRAIN), ("aclstm", ACLSTM), ("tokenizer", TOKENIZER)] {
             let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs").join(folder);
             for entry in std::fs::read_dir(folder).unwrap() {
                 let path = entry.unwrap().path();

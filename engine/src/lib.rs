@@ -1,5 +1,5 @@
-//! Transformer mathematics on the CPU: fused forward and backward passes over buffers that are allocated once, and
-//! decoding a token at a time. It knows numbers and shapes, no motion, no files, no random generator.
+//! Transformer and LSTM mathematics on the CPU: fused forward and backward passes over buffers that are allocated once,
+//! and decoding a token at a time. It knows numbers and shapes, no motion, no files, no random generator.
 //!
 //! **Letters**: B batch, T tokens, D width, H heads, d = D/H, L layers, V vocabulary, N = B T rows. The last index is
 //! the fastest. Matrices of weights are (in, out).
@@ -26,6 +26,7 @@ pub mod dense;
 pub mod dispatch;
 pub mod head;
 pub mod linear;
+pub mod lstm;
 pub mod op;
 pub mod pieces;
 pub mod scalar;

@@ -135,6 +135,19 @@ def heats(args):
             aims += [Share((f"{k} x {s}", "generate"), "frames_per_s", f) for k in kinds for s, f in [(1, 12), (4, 20)]]
         yield Heat("decode", f"decoding 26 M, context {context:,}", entries, aims)
 
+    def recurrent(label, *more):
+        command = [sys.executable, str(HERE / "torch_lstm.py"), "--threads", n, *more]
+        return [] if args.no_torch else [Entry(label, command)]
+
+    for width, count, least in [(256, 10, 1.5), (1024, 4, 1.0)]:
+        more = ["--width", str(width), *repeats(count)]
+        entries = [ours("kinelm", "lstm", *more), *recurrent("cells", *more), *recurrent("cells, compiled", *more, "--compile")]
+        aims = [Ratio(("kinelm", "lstm"), (r, "lstm"), least) for r in ["cells", "cells, compiled"]]
+        yield Heat("lstm", f"LSTM {width}, 5 true frames and 5 own", entries, aims)
+        more += ["--condition", "0"]
+        entries = [ours("kinelm", "lstm", *more), *recurrent("nn.LSTM", *more, "--whole")]
+        yield Heat("lstm", f"LSTM {width}, true frames alone", entries, [Ratio(("kinelm", "lstm"), ("nn.LSTM", "lstm"), None)])
+
 
 def flags():
     """What of the processor decides which kernels run."""
@@ -266,7 +279,7 @@ def table(heat):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kinelm", type=pathlib.Path, default=ROOT / "target" / "release" / "kinelm")
-    parser.add_argument("--only", choices=["train", "bf16", "decode"])
+    parser.add_argument("--only", choices=["train", "bf16", "decode", "lstm"])
     parser.add_argument("--match", help="only heats whose name holds this")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--quick", action="store_true", help="two rounds, a third of the steps: to see that all works")

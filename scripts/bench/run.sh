@@ -2,7 +2,7 @@
 # kinelm against PyTorch on this machine, in turn: builds kinelm, installs PyTorch into a throw-away environment, measures,
 # prints a table in Markdown and says whether the machine was quiet.
 #
-#   scripts/bench/run.sh [--only train|bf16|decode] [--rounds 5] [--quick] [--threads N] [--json FILE]
+#   scripts/bench/run.sh [--only train|bf16|decode|lstm] [--rounds 5] [--quick] [--threads N] [--json FILE]
 #   scripts/bench/run.sh --torch PYTHON ..     an interpreter that has PyTorch already: nothing is installed
 #   scripts/bench/run.sh --no-torch ..         kinelm alone
 #

@@ -112,7 +112,7 @@ fn one(path: &Path, out: &Path, how: Option<&Filter>, args: &Args, (outputs, say
 }
 
 /// What was done to feet, and where a leg couldn't reach.
-pub(super) fn say_locked(locked: &Locked, fps: f64, say: Say) {
+pub(in crate::cli) fn say_locked(locked: &Locked, fps: f64, say: Say) {
     let Locked { held, out_of_reach, moved_cm, settled_cm, carried_cm } = locked;
     say.line(format_args!(
         "feet: {} contacts held, moved {moved_cm:.1} cm in the mean; the body set up or down by {settled_cm:.0} cm at most, \

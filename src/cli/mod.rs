@@ -2,6 +2,7 @@
 //!
 //! Only here are there `anyhow`, printing and environment variables. Data go to stdout, everything else to stderr.
 
+mod aclstm;
 mod bench;
 mod classify;
 mod convert;
@@ -109,6 +110,9 @@ enum Command {
     /// Search in a collection of dances: what else moves like this
     #[command(subcommand)]
     Query(query::Command),
+    /// The auto-conditioned LSTM, a baseline beside the GPT
+    #[command(subcommand)]
+    Aclstm(aclstm::Command),
     /// How fast this machine does what the program does
     #[command(subcommand)]
     Bench(bench::Command),
@@ -244,6 +248,7 @@ fn command(command: Command, say: Say) -> Result<()> {
         Command::Spectrum(args) => spectrum::run(&args, say),
         Command::Evaluate(command) => evaluate::run(command, say),
         Command::Query(command) => query::run(command, say),
+        Command::Aclstm(command) => aclstm::run(command, say),
         Command::Bench(command) => bench::run(command, say),
         Command::Demo(args) => demo::run(args, say),
     }

@@ -4,6 +4,7 @@
 //! frame behind it are given, as coded and decoded; the model draws the frames between several times, each is closed as
 //! `generate --given --free` closes it, and the joints at the gap's middle are held to where they were.
 
+use super::takes;
 use crate::corpus::{Conditions, Corpus, Split};
 use crate::generate::edit::close::{LeftOver, aligned, closed};
 use crate::generate::edit::feet;
@@ -12,7 +13,7 @@ use crate::generate::edit::splice::lengthened;
 use crate::generate::sampling::Draw;
 use crate::generate::{NextToken, Plan, dances, variation_seed};
 use crate::model::ahead::{Ahead, Course};
-use crate::{Error, Result, random};
+use crate::{Error, Result};
 use kinelm_motion::rotation::slerp;
 use kinelm_motion::{Clip, Vec3};
 use kinelm_tokenizer::Tokenizer;
@@ -23,8 +24,6 @@ use std::ops::Range;
 pub(super) const BEFORE: usize = 64;
 /// Frames behind it that borders are measured with.
 const BEHIND: usize = 3;
-/// Resamples of takes.
-const RESAMPLES: usize = 2000;
 
 /// A piece of a clip with a gap in it.
 #[derive(Debug, Clone, PartialEq)]
@@ -327,27 +326,9 @@ fn summed(gaps: &[Gap], found: &[Filled]) -> Measured {
     }
 }
 
-/// The middle 95 % of the mean when takes are drawn with replacement.
+/// The interval of the mean over takes.
 fn interval(gaps: &[Gap], errors: &[Apart]) -> [f64; 2] {
-    let mut takes: Vec<(&str, f64, f64)> = Vec::new();
-    for (gap, error) in gaps.iter().zip(errors) {
-        match takes.iter_mut().find(|(take, ..)| *take == gap.take) {
-            Some((_, sum, n)) => (*sum, *n) = (*sum + error.global_cm, *n + 1.0),
-            None => takes.push((&gap.take, error.global_cm, 1.0)),
-        }
-    }
-    let one = |resample: usize| {
-        let mut rng = random::stream(0, "takes", resample as u64, 0);
-        let (mut sum, mut all) = (0.0, 0.0);
-        for _ in 0..takes.len() {
-            let (_, s, n) = takes[((random::unit(&mut rng) * takes.len() as f64) as usize).min(takes.len() - 1)];
-            (sum, all) = (sum + s, all + n);
-        }
-        sum / all
-    };
-    let mut found: Vec<f64> = (0..RESAMPLES).map(one).collect();
-    found.sort_by(f64::total_cmp);
-    [0.025, 0.975].map(|share| found[(share * RESAMPLES as f64) as usize])
+    takes::interval(gaps.iter().zip(errors).map(|(gap, error)| (gap.take.as_str(), error.global_cm, 1.0)))
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ pub mod likelihood;
 pub mod per_joint;
 pub mod prediction;
 mod pseudo;
+pub mod takes;
 pub mod token_floors;
 pub mod xz;
 

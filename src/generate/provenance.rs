@@ -8,7 +8,7 @@ use super::recipe::Recipe;
 use crate::corpus::FileRecord;
 use crate::corpus::load::hash_file;
 use crate::output::Outputs;
-use crate::{Error, Result, files};
+use crate::{Error, Result, aclstm, files};
 use kinelm_motion::format::{Format, input};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -68,12 +68,14 @@ fn old_path_of(dance: &Path) -> PathBuf {
     dance.with_extension(ENDING)
 }
 
-/// What is told of `dance` beside it, under the new name or the old; `None` where nothing is, or of another file.
+/// What is told of `dance` beside it, under the new name or the old; `None` where nothing is, or of another file, or of
+/// another model than a GPT.
 ///
 /// # Errors
 /// Those of [`Provenance::load`].
 pub fn find(dance: &Path) -> Result<Option<Provenance>> {
-    for path in [path_of(dance), old_path_of(dance)].into_iter().filter(|path| path.exists()) {
+    let known = |path: &PathBuf| path.exists() && !is_of_another_model(path);
+    for path in [path_of(dance), old_path_of(dance)].into_iter().filter(known) {
         let told = Provenance::load(&path)?;
         if told.output.file == name_of(dance) {
             return Ok(Some(told));
@@ -99,10 +101,41 @@ pub fn tells_of(dance: &Path) -> Result<bool> {
 
 /// Whether `path` is a file that [`path_of`] names, and tells of the dance that it is named after.
 pub fn is_beside_its_dance(path: &Path) -> bool {
-    let told = Provenance::load(path);
-    told.is_ok_and(|told| {
-        path_of(&path.with_file_name(&told.output.file)) == path && files::is_plain(&told.output.file)
-    })
+    let told = match is_of_another_model(path) {
+        true => aclstm::dance::Told::load(path).map(|told| told.output),
+        false => Provenance::load(path).map(|told| told.output),
+    };
+    told.is_ok_and(|output| path_of(&path.with_file_name(&output.file)) == path && files::is_plain(&output.file))
+}
+
+/// Writes what `tell` makes of the hash of the dance that is replaced, and then the dance, whose bytes have the hash
+/// `sha256`.
+///
+/// # Errors
+/// Those of [`Provenance::write`].
+pub fn write_beside(
+    dance: &Path,
+    bytes: &[u8],
+    sha256: &str,
+    outputs: &Outputs,
+    tell: impl FnOnce(Option<String>) -> serde_json::Result<String>,
+) -> Result<()> {
+    outputs.check_replaceable(dance, Some(sha256))?;
+    let before = hash_file(dance).ok().filter(|hash| hash != sha256);
+    let text = tell(before.filter(|_| tells_of(dance).unwrap_or(false)));
+    let text = text.map_err(|e| Error::Call(format!("{}: {e}", path_of(dance).display())))?;
+    outputs.write(&path_of(dance), (text + "\n").as_bytes())?;
+    outputs.write(dance, bytes)?;
+    Ok(())
+}
+
+/// What a file beside a dance holds that an auto-conditioned LSTM made, which [`Provenance`] doesn't.
+const OTHER: &str = "aclstm";
+
+/// Whether such a file tells of a dance that another model than a GPT made.
+fn is_of_another_model(path: &Path) -> bool {
+    let told = std::fs::read(path).ok().and_then(|bytes| serde_json::from_slice::<serde_json::Value>(&bytes).ok());
+    told.is_some_and(|told| told.get(OTHER).is_some())
 }
 
 impl Provenance {
@@ -136,6 +169,10 @@ impl Provenance {
         let expected = "what kinelm generate wrote beside a dance";
         let mut value: serde_json::Value =
             serde_json::from_str(&text).map_err(|e| Error::file(path, e.to_string(), expected, ""))?;
+        if value.get(OTHER).is_some() {
+            let (found, help) = ("a dance of an auto-conditioned LSTM", "kinelm aclstm generate makes it again");
+            return Err(Error::file(path, found, expected, help));
+        }
         if value["schema"] != SCHEMA {
             let (found, expected) = (format!("schema {}", value["schema"]), format!("schema {SCHEMA}: {expected}"));
             return Err(Error::file(path, found, expected, "make it again with this version"));
@@ -155,14 +192,11 @@ impl Provenance {
     /// # Errors
     /// What [`Outputs::write`] refuses; a path that isn't UTF-8, which JSON can't hold.
     pub fn write(mut self, dance: &Path, bytes: &[u8], outputs: &Outputs) -> Result<()> {
-        outputs.check_replaceable(dance, Some(&self.output.sha256))?;
-        let before = hash_file(dance).ok().filter(|hash| *hash != self.output.sha256);
-        self.replaces = before.filter(|_| tells_of(dance).unwrap_or(false));
-        let text = serde_json::to_string_pretty(&self)
-            .map_err(|e| Error::Call(format!("{}: {e}", path_of(dance).display())))?;
-        outputs.write(&path_of(dance), (text + "\n").as_bytes())?;
-        outputs.write(dance, bytes)?;
-        Ok(())
+        let sha256 = self.output.sha256.clone();
+        write_beside(dance, bytes, &sha256, outputs, |before| {
+            self.replaces = before;
+            serde_json::to_string_pretty(&self)
+        })
     }
 
     /// Refuses a model, a tokenizer or a prompt that is not the one that made the dance.

@@ -21,6 +21,8 @@ use std::path::{Path, PathBuf};
 pub const WEIGHTS: &str = "model.safetensors";
 /// The moving average of the weights; where a checkpoint has it, it is the model.
 pub const AVERAGED: &str = "ema.safetensors";
+/// The optimizer's file in a checkpoint.
+pub const OPTIMIZER: &str = "optimizer.safetensors";
 /// The run's configuration.
 pub const CONFIG: &str = "config.toml";
 /// The run's tokenizer.
@@ -146,6 +148,21 @@ struct Told {
     label_dropout: Option<f64>,
 }
 
+/// Refuses the configuration of a run that is no GPT's: it has a `kind`.
+///
+/// # Errors
+/// [`Error::File`] with the kind, and who reads it.
+pub fn check_kind(path: &Path, text: &str) -> Result<()> {
+    let table: Option<toml::Table> = toml::from_str(text).ok();
+    match table.as_ref().and_then(|table| table.get("kind")?.as_str()) {
+        None => Ok(()),
+        Some(kind) => {
+            let help = format!("kinelm {kind} has commands of its own for it");
+            Err(Error::file(path, format!("a run of kind {kind:?}"), "one of a GPT", help))
+        }
+    }
+}
+
 /// Loads a model from a run folder; by default the best on the validation clips, or the latest where there were none.
 ///
 /// A checkpoint that is damaged is passed over for the one before it, with a note.
@@ -161,6 +178,7 @@ pub fn load_run(run: &Path, which: Which) -> Result<LoadedRun> {
         }
         _ => Error::io(&path)(e),
     })?;
+    check_kind(&path, &text)?;
     let needed: Needed = toml::from_str(&text)
         .map_err(|e| Error::file(&path, e.message().to_string(), "the configuration of a run", ""))?;
     let mut notes = Vec::new();

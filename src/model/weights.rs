@@ -32,6 +32,20 @@ pub fn to_bytes<'a>(tensors: impl IntoIterator<Item = (&'a str, &'a Tensor)>) ->
     written.map_err(|e| Error::Call(format!("the weights can't be written: {e}")))
 }
 
+/// [`to_bytes`] for a checkpoint: one that would only spread numbers that are none is not written.
+///
+/// # Errors
+/// [`Error::NotFinite`] with the first of them; `file` is for the message. Tensors that are not f32.
+pub fn finite_bytes(file: &str, tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
+    for (name, tensor) in tensors {
+        let odd = tensor.flatten_all()?.to_vec1::<f32>()?.into_iter().find(|x| !x.is_finite());
+        if let Some(odd) = odd {
+            return Err(Error::NotFinite(format!("{file} would hold {odd} in {name}, and is not written")));
+        }
+    }
+    to_bytes(tensors.iter().map(|(n, t)| (n.as_str(), t)))
+}
+
 /// The tensors of a file that [`to_bytes`] made; `path` is only for messages.
 ///
 /// # Errors

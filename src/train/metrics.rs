@@ -99,6 +99,15 @@ impl Metrics {
         self.events.scalars(step, &values)
     }
 
+    /// Writes any figures of a step: a line of this kind, and these values for TensorBoard.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn other(&mut self, kind: &str, step: u64, figures: &impl Serialize, values: &[(&str, f64)]) -> Result<()> {
+        self.line(kind, figures)?;
+        self.events.scalars(step, values)
+    }
+
     fn line(&mut self, kind: &str, figures: &impl Serialize) -> Result<()> {
         #[derive(Serialize)]
         struct Line<'a, T> {

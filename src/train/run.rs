@@ -5,7 +5,7 @@ use super::config::TrainConfig;
 use super::data::{CorpusPart, Data, Part};
 use crate::corpus::Corpus;
 use crate::model::ahead::Ahead;
-use crate::model::run::{CONFIG, LoadedRun, TOKENIZER, load_tokenizer};
+use crate::model::run::{CONFIG, LoadedRun, TOKENIZER, check_kind, load_tokenizer};
 use crate::model::{ModelConfig, TokenLayout};
 use crate::{Error, Result, files};
 use kinelm_motion::format::input;
@@ -161,6 +161,7 @@ impl RunFile {
         let wrong = |e: toml::de::Error| {
             Error::in_text((&path, &text), e.span(), e.message(), "the configuration of a run", "")
         };
+        check_kind(&path, &text)?;
         let head: Versioned = toml::from_str(&text).map_err(wrong)?;
         match head.version {
             VERSION => toml::from_str(&text).map_err(wrong),

@@ -4,6 +4,7 @@ pub mod adamw;
 pub mod attention;
 pub mod bf16;
 pub mod bias;
+pub mod cell;
 #[cfg(test)]
 pub(crate) mod check;
 pub mod cross_entropy;

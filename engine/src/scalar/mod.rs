@@ -11,5 +11,6 @@ pub mod embedding;
 pub mod frames;
 pub mod gelu;
 pub mod layer_norm;
+pub mod lstm;
 pub mod matmul;
 pub mod rope;

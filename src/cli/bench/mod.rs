@@ -1,6 +1,7 @@
 //! `kinelm bench`: how fast this machine does what the program does. A file a subject; the rows are printed here.
 
 mod decode;
+mod lstm;
 mod model;
 mod peak;
 mod query;
@@ -23,6 +24,8 @@ pub enum Command {
     Train(train::Args),
     /// Tokens/s of reading with random weights: one by one, a whole context, and dances of which an arm is given
     Decode(decode::Args),
+    /// Frames/s of updates of an auto-conditioned LSTM on made-up frames: forward, backward, Adam
+    Lstm(lstm::Args),
     /// Milliseconds of a search among made-up windows, exact, on all threads
     Query(query::Args),
 }
@@ -44,6 +47,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
         Command::Tokenize(args) => tokenize::run(args, say),
         Command::Train(args) => train::run(args, say),
         Command::Decode(args) => decode::run(args, say),
+        Command::Lstm(args) => lstm::run(args, say),
         Command::Query(args) => query::run(args, say),
     }
 }

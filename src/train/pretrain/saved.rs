@@ -2,7 +2,7 @@
 //! one.
 
 use crate::model::checkpoint::{Checkpoints, State, Which};
-use crate::model::run::{AVERAGED, WEIGHTS};
+use crate::model::run::{AVERAGED, OPTIMIZER, WEIGHTS};
 use crate::model::{Compute, layout, weights};
 use crate::train::learner::{Learner, learner};
 use crate::train::progress::Progress;
@@ -10,9 +10,6 @@ use crate::train::run::RunFile;
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
 use std::collections::BTreeMap;
-
-/// The optimizer's file in a checkpoint.
-pub const OPTIMIZER: &str = "optimizer.safetensors";
 
 /// Files of a checkpoint and their bytes.
 pub type Contents = Vec<(&'static str, Vec<u8>)>;
@@ -66,18 +63,7 @@ type Tensors = BTreeMap<String, Tensor>;
 fn contents(weights: Tensors, moments: Tensors, averages: Option<Tensors>) -> Result<Contents> {
     let averages = averages.map(|all| (AVERAGED, all));
     let all = [(WEIGHTS, weights), (OPTIMIZER, moments)].into_iter().chain(averages);
-    all.map(|(name, all)| Ok((name, bytes(name, &all)?))).collect()
-}
-
-/// The bytes of a file; a checkpoint that would only spread numbers that are none is not written.
-fn bytes(file: &str, tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
-    for (name, tensor) in tensors {
-        let odd = tensor.flatten_all()?.to_vec1::<f32>()?.into_iter().find(|x| !x.is_finite());
-        if let Some(odd) = odd {
-            return Err(Error::NotFinite(format!("{file} would hold {odd} in {name}, and is not written")));
-        }
-    }
-    weights::to_bytes(tensors.iter().map(|(n, t)| (n.as_str(), t)))
+    all.map(|(name, all)| Ok((name, weights::finite_bytes(name, &all)?))).collect()
 }
 
 /// Where the run stands: at its last whole checkpoint, or before its first step.

@@ -1,7 +1,7 @@
-use super::saved::OPTIMIZER;
 use super::*;
 use crate::corpus::{Conditions, Corpus, Split};
 use crate::model::checkpoint::Which;
+use crate::model::run::OPTIMIZER;
 use crate::model::run::{AVERAGED, WEIGHTS, load_run};
 use crate::model::{Form, ModelConfig, layout, weights};
 use crate::train::metrics::StepFigures;

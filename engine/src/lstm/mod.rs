@@ -1,0 +1,188 @@
+//! Layers of LSTM with a linear output, over sequences in which the network is fed its own output, and back through time.
+//!
+//! Letters: T steps, B sequences, C channels of input and output, D units of a layer, L layers, I inputs of a layer (C or D).
+//! Rows lie step by step: (T, B, ..).
+//!
+//! A step's input is either given or the output of the step before, for all sequences alike ([`Lstm::forward`]). The sequence
+//! falls into stretches whose inputs are all known when they begin: a given step joins the stretch before it, a fed one
+//! begins its own. In a stretch one layer follows the other, so that the products with its inputs are one; what a layer
+//! remembers takes a product a step, of all four gates at once. Gradients go the same stretches back, through fed outputs
+//! too; the gradients of weights are one product each over all steps.
+//!
+//! Threads share a step's columns, units of [`UNITS`] at a time, so that every number is summed by one thread.
+
+mod backward;
+mod columns;
+mod forward;
+mod layer;
+#[cfg(test)]
+mod tests;
+
+use crate::arena::Floats;
+use crate::op::matmul;
+use crate::pieces;
+use columns::Columns;
+use layer::Layer;
+use std::ops::Range;
+
+/// Units of a layer that a thread computes at a time.
+pub const UNITS: usize = 64;
+
+/// How layers are joined.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Wiring {
+    /// A layer sees the output of the one below at the same step.
+    #[default]
+    Fixed,
+    /// It sees that of the step before, so that an input reaches the output L - 1 steps late.
+    Compat,
+}
+
+/// What a network is like.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shape {
+    /// C.
+    pub channels: usize,
+    /// D.
+    pub width: usize,
+    /// L.
+    pub layers: usize,
+    /// How layers are joined.
+    pub wiring: Wiring,
+}
+
+impl Shape {
+    /// Rows and columns of the tensors in their order: of each layer the weights of its input (I, 4D) and of its own last
+    /// output (D, 4D), and the biases of both (4D), columns by gates i, f, g, o; then the output's weight (D, C) and bias
+    /// (C). A vector has one row.
+    pub fn tensors(&self) -> Vec<[usize; 2]> {
+        let (c, d) = (self.channels, self.width);
+        let of = |layer: usize| [[if layer == 0 { c } else { d }, 4 * d], [d, 4 * d], [1, 4 * d], [1, 4 * d]];
+        (0..self.layers).flat_map(of).chain([[d, c], [1, c]]).collect()
+    }
+
+    /// Numbers of all tensors.
+    pub fn parameters(&self) -> usize {
+        self.tensors().iter().map(|[rows, columns]| rows * columns).sum()
+    }
+}
+
+/// A network's weights, laid out for products, and the memory of a pass over up to T steps of B sequences.
+pub struct Lstm {
+    shape: Shape,
+    /// Numbers of each tensor.
+    sizes: Vec<usize>,
+    batch: usize,
+    /// T, the most steps.
+    steps: usize,
+    /// Steps of the last pass, and which of them were given.
+    given: Vec<bool>,
+    layers: Vec<Layer>,
+    /// (T, B, C) inputs as the first layer saw them.
+    x: Floats,
+    /// (T + 1, B, C): outputs, behind the one before the first step.
+    y: Floats,
+    output: Columns,
+    bias: Floats,
+    back: Option<Back>,
+}
+
+struct Back {
+    /// (T, B, C).
+    dy: Floats,
+    /// (B, C), of one fed step.
+    dx: Floats,
+    /// To the top layer.
+    output: Columns,
+    sums: Sums,
+}
+
+/// Gradients of rows in panels, and their columns' sums, a piece.
+struct Sums {
+    panels: Floats,
+    partial: Floats,
+}
+
+impl Lstm {
+    /// Memory for sequences of up to `steps` steps, `batch` side by side; `backward`: for gradients too.
+    ///
+    /// # Panics
+    /// A shape or batch with a 0.
+    pub fn new(shape: Shape, batch: usize, steps: usize, backward: bool) -> Lstm {
+        let Shape { channels: c, width: d, layers, .. } = shape;
+        assert!(c * d * layers * batch * steps > 0, "{shape:?}, {batch} sequences of {steps} steps");
+        let (rows, widest) = (batch * steps, c.max(4 * d));
+        let piece = pieces::rows(rows);
+        let layer = |l: usize| Layer::new(if l == 0 { c } else { d }, d, (batch, steps), backward);
+        Lstm {
+            shape,
+            sizes: shape.tensors().iter().map(|[rows, columns]| rows * columns).collect(),
+            batch,
+            steps,
+            given: Vec::with_capacity(steps),
+            layers: (0..layers).map(layer).collect(),
+            x: Floats::new(rows * c),
+            y: Floats::new((rows + batch) * c),
+            output: Columns::new(d, c, rows),
+            bias: Floats::new(c),
+            back: backward.then(|| Back {
+                dy: Floats::new(rows * c),
+                dx: Floats::new(batch * c),
+                output: Columns::new(c, d, rows),
+                sums: Sums {
+                    panels: Floats::new(rows.div_ceil(piece) * matmul::panels_len(piece, widest)),
+                    partial: Floats::new(rows.div_ceil(piece) * widest),
+                },
+            }),
+        }
+    }
+
+    /// The network's shape.
+    pub fn shape(&self) -> &Shape {
+        &self.shape
+    }
+
+    /// Takes over weights, in the order of [`Shape::tensors`]: before the first pass and after every update.
+    ///
+    /// # Panics
+    /// Tensors of another shape.
+    pub fn pack(&mut self, weights: &[Floats]) {
+        let sizes = weights.iter().map(|w| w.len());
+        assert!(sizes.eq(self.sizes.iter().copied()), "expected tensors of {:?} numbers", self.sizes);
+        for (layer, four) in self.layers.iter_mut().zip(weights.chunks_exact(4)) {
+            layer.pack([&four[0], &four[1], &four[2], &four[3]]);
+        }
+        let last = 4 * self.shape.layers;
+        self.output.pack(&weights[last]);
+        self.bias.copy_from_slice(&weights[last + 1]);
+        if let Some(back) = &mut self.back {
+            back.output.pack_transposed(&weights[last]);
+        }
+    }
+
+    /// The next pass begins at rest: nothing remembered, and an output of 0 before it.
+    pub fn rest(&mut self) {
+        let (b, c) = (self.batch, self.shape.channels);
+        self.y[..b * c].fill(0.0);
+        self.layers.iter_mut().for_each(|layer| layer.rest());
+    }
+
+    /// The next pass goes on where the last one ended.
+    pub fn carry(&mut self) {
+        let (steps, row) = (self.given.len(), self.batch * self.shape.channels);
+        self.y.copy_within(steps * row..(steps + 1) * row, 0);
+        self.layers.iter_mut().for_each(|layer| layer.carry(steps));
+    }
+
+    /// What output a fed first step would see, (B, C).
+    pub fn last_output(&self) -> &[f32] {
+        &self.y[..self.batch * self.shape.channels]
+    }
+}
+
+/// The stretches of a sequence whose inputs are all known when they begin.
+fn stretches(given: &[bool]) -> impl DoubleEndedIterator<Item = Range<usize>> + '_ {
+    let begins = move |t: &usize| *t == 0 || !given[*t];
+    let end = move |t: usize| (t + 1..given.len()).find(|n| !given[*n]).unwrap_or(given.len());
+    (0..given.len()).filter(begins).map(move |t| t..end(t))
+}

@@ -1,0 +1,182 @@
+//! Clips as the network learns them: their frames in a form, at the file's own rate, and how far apart those are that
+//! follow each other at the network's.
+
+use super::form::Coder;
+use super::{Config, FPS, Rig};
+use crate::classify::Only;
+use crate::corpus::gather::{Gathered, Item, gather};
+use crate::corpus::load::item_options;
+use crate::corpus::{FileRecord, Split};
+use crate::{Error, Result};
+use kinelm_motion::format::{self, ReadOptions, input};
+use kinelm_motion::resample::{Method, resample};
+use kinelm_motion::{Clip, Motion};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+
+/// Where a run's motion is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sources {
+    /// Folders of motion files, or files.
+    pub data: Vec<PathBuf>,
+    /// As [`gather`] takes them.
+    pub labels: Vec<String>,
+    /// Labels that clips must have.
+    pub only: Vec<Only>,
+    /// How files are read.
+    pub read: ReadOptions,
+}
+
+/// A clip.
+#[derive(Debug, Clone)]
+pub struct Recording {
+    /// Its name.
+    pub name: String,
+    /// The recording it is of: the independent unit.
+    pub take: String,
+    /// Which part of the experiment it serves.
+    pub split: Split,
+    /// As it was read, without its ends, at its own rate.
+    pub clip: Clip,
+    /// Frames from one that is used to the next.
+    pub stride: usize,
+    /// SHA-256 of its file.
+    pub sha256: String,
+}
+
+impl Recording {
+    /// The clip at the network's rate, from a frame of the file's on.
+    ///
+    /// # Errors
+    /// None that a recording brings about.
+    pub fn at_rate(&self) -> Result<Clip> {
+        Ok(resample(&self.clip, FPS, Method::Stride)?)
+    }
+
+    /// Frames that it has at the network's rate.
+    pub fn frames(&self) -> usize {
+        self.clip.frames().div_ceil(self.stride)
+    }
+}
+
+/// The clips of a run.
+#[derive(Debug, Clone)]
+pub struct Recordings {
+    /// In the order of [`gather`].
+    pub all: Vec<Recording>,
+    /// Their rig: the first clip's.
+    pub rig: Rig,
+    /// What the user should be told.
+    pub said: Vec<String>,
+}
+
+impl Recordings {
+    /// Reads the clips; `rig` is the one that they must have, if one is known.
+    ///
+    /// # Errors
+    /// What gathering and reading fail with; no clip with the labels; a clip on another rig than the first, with its joints;
+    /// a rate that is no multiple of the network's.
+    pub fn load(sources: &Sources, margin: usize, rig: Option<&Rig>) -> Result<Recordings> {
+        let Gathered { items, said, .. } = gather(&sources.data, &sources.labels)?;
+        let meets = |item: &&Item| sources.only.iter().all(|o| item.labels.get(&o.field) == Some(&o.value));
+        let items: Vec<&Item> = items.iter().filter(meets).collect();
+        let mut loaded: Option<Recordings> = None;
+        for item in &items {
+            let options = item_options(item, &sources.read);
+            let (motion, sha256) = read(&item.path, &options)?;
+            let known = loaded.as_ref().map(|loaded| &loaded.rig).or(rig);
+            if let Some(rig) = known {
+                rig.check(&item.path, motion.clip.skeleton())?;
+            }
+            let stride = stride(&item.path, motion.clip.fps())?;
+            let clip = inner(&motion.clip, margin);
+            let (name, take, split) = (item.name.clone(), item.take.clone(), item.split);
+            let own =
+                || Recordings { all: Vec::new(), rig: rig.cloned().unwrap_or(Rig::of(&motion)), said: said.clone() };
+            loaded.get_or_insert_with(own).all.push(Recording { name, take, split, clip, stride, sha256 });
+        }
+        loaded.ok_or_else(|| {
+            let asked: Vec<String> = sources.only.iter().map(|o| format!("{}={}", o.field, o.value)).collect();
+            Error::Call(format!("no clip with {}; see the labels' columns", asked.join(", ")))
+        })
+    }
+
+    /// One hash of all files, in their order.
+    pub fn sha256(&self) -> String {
+        let mut hash = Sha256::new();
+        for one in &self.all {
+            hash.update(format!("{}\0{}\0{}\0{}\n", one.name, one.split, one.stride, one.sha256));
+        }
+        crate::corpus::record::hex(hash)
+    }
+
+    /// Those of a split.
+    pub fn split(&self, split: Split) -> impl Iterator<Item = &Recording> {
+        self.all.iter().filter(move |one| one.split == split)
+    }
+}
+
+/// A motion and the hash of its file.
+///
+/// # Errors
+/// What reading fails with.
+pub fn read(path: &Path, options: &ReadOptions) -> Result<(Motion, String)> {
+    // refused by its name before it is read
+    format::Format::of(path)?;
+    let bytes = input::bytes(path).map_err(Error::io(path))?;
+    Ok((format::parse(path, &bytes, options)?, FileRecord::of(&bytes).sha256))
+}
+
+/// A clip without this many frames at both its ends.
+pub fn inner(clip: &Clip, margin: usize) -> Clip {
+    let end = clip.frames().saturating_sub(margin);
+    clip.slice(margin.min(end)..end)
+}
+
+/// Frames from one that is used to the next.
+///
+/// # Errors
+/// A rate that is no multiple of the network's.
+pub fn stride(path: &Path, fps: f64) -> Result<usize> {
+    let stride = (fps / FPS).round();
+    if stride >= 1.0 && (fps / FPS - stride).abs() <= 1e-6 * stride {
+        return Ok(stride as usize);
+    }
+    let help = "--fps-source says the true rate; kinelm convert --fps makes files of another one";
+    Err(Error::file(path, format!("{fps} frames a second"), format!("a multiple of {FPS}"), help))
+}
+
+/// What sequences are drawn from: clips that are long enough, as frames.
+pub struct Learned {
+    /// (F, C) of each, with its stride and its name.
+    pub clips: Vec<(Vec<f32>, usize, String)>,
+    /// Clips that are too short.
+    pub short: Vec<String>,
+}
+
+impl Learned {
+    /// The training clips.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when none is long enough.
+    pub fn of(recordings: &Recordings, coder: &Coder, config: &Config) -> Result<Learned> {
+        let mut learned = Learned { clips: Vec::new(), short: Vec::new() };
+        for one in recordings.split(Split::Train) {
+            match one.frames() >= config.length + 2 {
+                true => {
+                    let frames = coder.frames(&one.clip).into_iter().map(|x| x as f32).collect();
+                    learned.clips.push((frames, one.stride, one.name.clone()));
+                }
+                false => learned.short.push(one.name.clone()),
+            }
+        }
+        if learned.clips.is_empty() {
+            let (found, length) = (learned.short.len(), config.length + 2);
+            let what = format!("no training clip of {length} frames at {FPS} a second; {found} are shorter");
+            return Err(Error::Call(format!("{what}: take a shorter length, or other clips")));
+        }
+        Ok(learned)
+    }
+}

@@ -1,0 +1,172 @@
+//! Motion as channels, in three forms, and back.
+//!
+//! A frame's first three channels are the hip's place. As *frames* these are metres in the world; as *steps*, which the
+//! network sees, x and z are what they move by until the next frame, so that nothing says where a dance takes place.
+
+mod angles;
+pub mod fit;
+mod points;
+mod quaternions;
+#[cfg(test)]
+mod tests;
+
+use super::Rig;
+use crate::{Error, Result};
+use kinelm_motion::rotation::EulerOrder;
+use kinelm_motion::{Clip, Quat, Skeleton, Vec3};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// How a pose is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Form {
+    /// C = 3 (J + E): the hip's place, and from it to every other joint and end site, metres, in the world's directions.
+    Positional,
+    /// C = 3 + 3 J: the hip's place and each joint's angles, radians, in its own order, the middle one within a quarter
+    /// turn of 0.
+    Euler,
+    /// C = 3 + 4 J: the hip's place and each joint's rotation as w, x, y, z.
+    #[default]
+    Quaternion,
+}
+
+/// A form on a rig.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Coder {
+    form: Form,
+    joints: usize,
+    points: usize,
+    orders: Vec<EulerOrder>,
+}
+
+impl Coder {
+    /// For a rig.
+    ///
+    /// # Errors
+    /// [`Error::Call`] for orders of angles that are none.
+    pub fn new(form: Form, rig: &Rig) -> Result<Coder> {
+        Ok(Coder { form, joints: rig.joints(), points: rig.points(), orders: rig.angles()? })
+    }
+
+    /// Which form.
+    pub fn form(&self) -> Form {
+        self.form
+    }
+
+    /// J.
+    pub fn joints(&self) -> usize {
+        self.joints
+    }
+
+    /// C.
+    pub fn channels(&self) -> usize {
+        match self.form {
+            Form::Positional => 3 * self.points,
+            Form::Euler => 3 + 3 * self.joints,
+            Form::Quaternion => 3 + 4 * self.joints,
+        }
+    }
+
+    /// (F, C) the frames of a clip on the rig.
+    ///
+    /// # Panics
+    /// A clip of another number of joints or end sites.
+    pub fn frames(&self, clip: &Clip) -> Vec<f64> {
+        assert_eq!(clip.joints() + clip.skeleton().ends().len(), self.points, "a clip on the rig");
+        match self.form {
+            Form::Positional => points::frames(clip),
+            Form::Euler => angles::frames(clip, &self.orders),
+            Form::Quaternion => quaternions::frames(clip),
+        }
+    }
+
+    /// A frame as it is where the whole dance is turned by `angle` radians about the world's y axis.
+    pub fn turn(&self, frame: &mut [f64], angle: f64) {
+        let by = Quat::from_rotation_y(angle);
+        let hip = by * Vec3::from_slice(frame);
+        hip.write_to_slice(frame);
+        match self.form {
+            Form::Positional => points::turn(&mut frame[3..], by),
+            Form::Euler => angles::turn(&mut frame[3..6], self.orders[0], by),
+            Form::Quaternion => quaternions::turn(&mut frame[3..7], by),
+        }
+    }
+
+    /// (F, C) frames as a clip on a skeleton of the rig. Points have lost how bones are twisted and how long they are:
+    /// rotations are fitted to them ([`fit`]).
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] for a number that is none, with the frame.
+    pub fn clip(&self, frames: &[f64], skeleton: &Arc<Skeleton>, fps: f64) -> Result<Clip> {
+        let c = self.channels();
+        check_finite(frames, c)?;
+        let root = frames.chunks_exact(c).map(Vec3::from_slice).collect();
+        let rotations = match self.form {
+            Form::Positional => {
+                let places = self.places(frames, skeleton);
+                places.chunks_exact(self.points).flat_map(|frame| fit::rotations(skeleton, frame)).collect()
+            }
+            Form::Euler => angles::rotations(frames, c, &self.orders),
+            Form::Quaternion => quaternions::rotations(frames, c),
+        };
+        Ok(Clip::new(skeleton.clone(), fps, root, rotations)?)
+    }
+
+    /// (F, J + E) places of joints and end sites, metres, world: of points as they stand, of rotations on the skeleton.
+    pub fn places(&self, frames: &[f64], skeleton: &Arc<Skeleton>) -> Vec<Vec3> {
+        let c = self.channels();
+        let rotations = match self.form {
+            Form::Positional => return points::places(frames, c),
+            Form::Euler => angles::rotations(frames, c, &self.orders),
+            Form::Quaternion => quaternions::rotations(frames, c),
+        };
+        let mut pose = kinelm_motion::GlobalPose::default();
+        let mut places = Vec::with_capacity(frames.len() / c * self.points);
+        for (frame, local) in frames.chunks_exact(c).zip(rotations.chunks_exact(self.joints)) {
+            pose.set(skeleton, Vec3::from_slice(frame), local);
+            places.extend_from_slice(&pose.positions);
+            places.extend(pose.ends(skeleton));
+        }
+        places
+    }
+}
+
+/// (F - 1, C) steps of (F, C) frames.
+pub fn steps(frames: &[f64], channels: usize) -> Vec<f64> {
+    let whole = frames.len().saturating_sub(channels);
+    let mut steps = frames[..whole].to_vec();
+    for (step, next) in
+        steps.chunks_exact_mut(channels).zip(frames[frames.len().min(channels)..].chunks_exact(channels))
+    {
+        for axis in [0, 2] {
+            step[axis] = next[axis] - step[axis];
+        }
+    }
+    steps
+}
+
+/// (F, C) frames of (F, C) steps, the first one at `x` and `z`: what [`steps`] makes of them, but for the last frame's.
+pub fn frames_of_steps(steps: &[f64], channels: usize, [mut x, mut z]: [f64; 2]) -> Vec<f64> {
+    let mut frames = steps.to_vec();
+    for frame in frames.chunks_exact_mut(channels) {
+        let by = [frame[0], frame[2]];
+        (frame[0], frame[2]) = (x, z);
+        (x, z) = (x + by[0], z + by[1]);
+    }
+    frames
+}
+
+/// Refuses numbers that are none.
+///
+/// # Errors
+/// [`Error::NotFinite`] with the frame and the channel.
+pub fn check_finite(frames: &[f64], channels: usize) -> Result<()> {
+    match frames.iter().position(|x| !x.is_finite()) {
+        None => Ok(()),
+        Some(at) => {
+            let (frame, channel) = (at / channels, at % channels);
+            Err(Error::NotFinite(format!("frame {frame}, channel {channel}: found {}, expected a number", frames[at])))
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! A trained network that goes on from true frames by itself.
+
+use super::form::{check_finite, steps};
+use super::run::Trained;
+use crate::Result;
+use kinelm_engine::lstm::Lstm;
+
+/// Steps that are computed at a time: what the memory is for.
+const AT_ONCE: usize = 50;
+
+impl Trained {
+    /// What follows each of some seeds, (F, C) steps, `frames` of them. All seeds have the same number of frames, at least 2:
+    /// the hip's steps need the one behind.
+    ///
+    /// The network is driven by the seed from rest; from there on it sees its own steps, as they come out of it. Seeds side
+    /// by side give the bits that each one gives alone.
+    ///
+    /// # Errors
+    /// [`crate::Error::NotFinite`] for steps that run away, with the frame and the channel; `progress` is told the frames done.
+    ///
+    /// # Panics
+    /// Seeds of different lengths, or shorter than 2 frames.
+    pub fn go_on(&self, seeds: &[&[f64]], frames: usize, progress: &mut dyn FnMut(usize)) -> Result<Vec<Vec<f64>>> {
+        let (c, b) = (self.shape.channels, seeds.len());
+        let seeds: Vec<Vec<f64>> = seeds.iter().map(|seed| steps(seed, c)).collect();
+        let Some(length) = seeds.first().map(|seed| seed.len() / c) else { return Ok(Vec::new()) };
+        assert!(
+            length > 0 && seeds.iter().all(|seed| seed.len() == length * c),
+            "seeds of one length, 2 frames or more"
+        );
+        let mut lstm = Lstm::new(self.shape, b, AT_ONCE, false);
+        lstm.pack(&self.weights);
+        for first in (0..length).step_by(AT_ONCE) {
+            let n = AT_ONCE.min(length - first);
+            let rows = (first..first + n).flat_map(|t| seeds.iter().flat_map(move |s| &s[t * c..(t + 1) * c]));
+            let inputs: Vec<f32> = rows.map(|x| *x as f32).collect();
+            lstm.forward(&inputs, &vec![true; n]);
+            lstm.carry();
+        }
+        let mut made: Vec<Vec<f64>> = vec![Vec::with_capacity(frames * c); b];
+        let mut take = |outputs: &[f32]| {
+            for (i, row) in outputs.chunks_exact(c).enumerate() {
+                made[i % b].extend(row.iter().map(|x| *x as f64));
+            }
+        };
+        if frames > 0 {
+            take(lstm.last_output());
+        }
+        let nothing = vec![0.0; AT_ONCE * b * c];
+        for first in (1..frames).step_by(AT_ONCE) {
+            let n = AT_ONCE.min(frames - first);
+            take(lstm.forward(&nothing[..n * b * c], &vec![false; n]));
+            lstm.carry();
+            progress(first + n);
+        }
+        made.iter().try_for_each(|made| check_finite(made, c))?;
+        Ok(made)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::aclstm::data::Sources;
+    use crate::aclstm::form::Coder;
+    use crate::aclstm::run::RunFile;
+    use crate::aclstm::{Config, Rig, network};
+    use kinelm_motion::format::ReadOptions;
+    use kinelm_motion::{Motion, Source, synth};
+
+    fn untrained() -> (Trained, Vec<f64>) {
+        let clip = synth::corpus(4, 1, 4.0, 30.0).unwrap().remove(0).clip;
+        let motion = Motion { path: "made-up".into(), clip, source: Source::Plain, warnings: vec![] };
+        let config = Config { width: 24, layers: 2, ..Config::default() };
+        let sources = Sources { data: vec![], labels: vec![], only: vec![], read: ReadOptions::default() };
+        let file = RunFile {
+            kind: "aclstm".into(),
+            version: 1,
+            kinelm: String::new(),
+            clips_sha256: String::new(),
+            rig: Rig::of(&motion),
+            config,
+            sources,
+        };
+        let coder = Coder::new(file.config.form, &file.rig).unwrap();
+        let shape = file.config.shape(coder.channels());
+        let frames = coder.frames(&motion.clip);
+        let weights = network::initial(&shape, 1);
+        let (step, sha256, notes) = (0, String::new(), vec![]);
+        (Trained { file, coder, shape, weights, step, sha256, notes }, frames)
+    }
+
+    #[test]
+    fn seeds_side_by_side_give_what_each_gives_alone_for_any_length() {
+        let (trained, frames) = untrained();
+        let c = trained.shape.channels;
+        let seeds: Vec<&[f64]> = [0, 7, 20].iter().map(|first| &frames[first * c..(first + 61) * c]).collect();
+        let together = trained.go_on(&seeds, 120, &mut |_| ()).unwrap();
+        for (seed, made) in seeds.iter().zip(&together) {
+            let alone = trained.go_on(&[seed], 130, &mut |_| ()).unwrap().remove(0);
+            assert!(alone[..120 * c] == made[..], "side by side");
+            assert_eq!(alone.len(), 130 * c);
+        }
+        assert_ne!(together[0], together[1]);
+        assert!(trained.go_on(&[], 9, &mut |_| ()).unwrap().is_empty());
+        assert_eq!(trained.go_on(&seeds[..1], 0, &mut |_| ()).unwrap(), [Vec::<f64>::new()]);
+    }
+
+    #[test]
+    fn a_network_that_runs_away_is_told() {
+        let (mut trained, frames) = untrained();
+        trained.weights.iter_mut().for_each(|w| w.fill(f32::NAN));
+        let seed = &frames[..40 * trained.shape.channels];
+        let message = trained.go_on(&[seed], 9, &mut |_| ()).unwrap_err().to_string();
+        assert_eq!(message, "frame 0, channel 0: found NaN, expected a number");
+    }
+}

@@ -1,0 +1,151 @@
+//! How far foretold frames are from true ones, in each form's own measure, and its gradient.
+//!
+//! Positions: the mean square over all channels. Angles: the mean square of the hip's channels plus the mean of 1 - cos of
+//! the differences. Quaternions: the same of the hip plus the mean over joints of the angle 2 arccos |q.q'| between the
+//! normalised ones, radians. All are means, over rows and channels or joints; the three can't be compared.
+
+use super::form::Form;
+use rayon::prelude::*;
+
+/// An arc cosine has no slope at 1: the product of two quaternions counts up to here.
+const NEAREST: f64 = 1.0 - 1e-7;
+/// Shorter quaternions are taken to be so long, as PyTorch's `normalize` does.
+const SHORTEST: f64 = 1e-12;
+/// Rows that a thread takes.
+const ROWS: usize = 64;
+
+/// The loss of `found` (R, C) against `truth` (R, C); `gradients` (R, C) becomes its gradient.
+///
+/// # Panics
+/// Slices of other lengths, no whole rows.
+pub fn loss(form: Form, channels: usize, found: &[f32], truth: &[f32], gradients: &mut [f32]) -> f64 {
+    assert!(found.len() == truth.len() && found.len() == gradients.len(), "as many numbers of each");
+    assert!(channels >= 3 && found.len().is_multiple_of(channels), "whole rows of {channels}");
+    let rows = (found.len() / channels).max(1) as f64;
+    let piece = ROWS * channels;
+    let pieces = found.par_chunks(piece).zip(truth.par_chunks(piece)).zip(gradients.par_chunks_mut(piece));
+    let sums: Vec<f64> = pieces
+        .map(|((found, truth), gradients)| {
+            let all = found.chunks_exact(channels).zip(truth.chunks_exact(channels));
+            all.zip(gradients.chunks_exact_mut(channels)).map(|((y, t), g)| of_row(form, y, t, g, rows)).sum()
+        })
+        .collect();
+    sums.iter().sum::<f64>() / rows
+}
+
+fn of_row(form: Form, found: &[f32], truth: &[f32], gradients: &mut [f32], rows: f64) -> f64 {
+    let hip = if form == Form::Positional { found.len() } else { 3 };
+    let squares = squares(&found[..hip], &truth[..hip], &mut gradients[..hip], rows);
+    let (found, truth, gradients) = (&found[hip..], &truth[hip..], &mut gradients[hip..]);
+    squares
+        + match form {
+            Form::Positional => 0.0,
+            Form::Euler => angles(found, truth, gradients, rows),
+            Form::Quaternion => quaternions(found, truth, gradients, rows),
+        }
+}
+
+fn squares(found: &[f32], truth: &[f32], gradients: &mut [f32], rows: f64) -> f64 {
+    let n = found.len() as f64;
+    let mut sum = 0.0;
+    for ((y, t), g) in found.iter().zip(truth).zip(gradients) {
+        let d = (y - t) as f64;
+        sum += d * d;
+        *g = (2.0 * d / (n * rows)) as f32;
+    }
+    sum / n
+}
+
+fn angles(found: &[f32], truth: &[f32], gradients: &mut [f32], rows: f64) -> f64 {
+    let n = found.len() as f64;
+    let mut sum = 0.0;
+    for ((y, t), g) in found.iter().zip(truth).zip(gradients) {
+        let (sin, cos) = (*y as f64 - *t as f64).sin_cos();
+        sum += 1.0 - cos;
+        *g = (sin / (n * rows)) as f32;
+    }
+    sum / n
+}
+
+fn quaternions(found: &[f32], truth: &[f32], gradients: &mut [f32], rows: f64) -> f64 {
+    let n = (found.len() / 4) as f64;
+    let mut sum = 0.0;
+    for ((y, t), g) in found.chunks_exact(4).zip(truth.chunks_exact(4)).zip(gradients.chunks_exact_mut(4)) {
+        let (y, length) = unit(y);
+        let (t, _) = unit(t);
+        let product: f64 = y.iter().zip(&t).map(|(y, t)| y * t).sum();
+        let near = product.abs().min(NEAREST);
+        sum += 2.0 * near.acos();
+        let slope = match product.abs() < NEAREST {
+            true => -2.0 * product.signum() / (1.0 - near * near).sqrt() / (n * rows * length),
+            false => 0.0,
+        };
+        for (g, (y, t)) in g.iter_mut().zip(y.iter().zip(&t)) {
+            *g = (slope * (t - product * y)) as f32;
+        }
+    }
+    sum / n
+}
+
+/// A quaternion of length 1, and its length before.
+fn unit(q: &[f32]) -> ([f64; 4], f64) {
+    let q: [f64; 4] = std::array::from_fn(|i| q[i] as f64);
+    let length = q.iter().map(|x| x * x).sum::<f64>().sqrt().max(SHORTEST);
+    (q.map(|x| x / length), length)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random;
+
+    const FORMS: [(Form, usize); 3] = [(Form::Positional, 12), (Form::Euler, 9), (Form::Quaternion, 11)];
+
+    fn numbers(purpose: &str, len: usize) -> Vec<f32> {
+        let mut rng = random::stream(1, purpose, 0, 0);
+        (0..len).map(|_| random::normal(&mut rng) as f32).collect()
+    }
+
+    #[test]
+    fn by_hand() {
+        let of =
+            |form, found: &[f32], truth: &[f32]| loss(form, found.len(), found, truth, &mut vec![0.0; found.len()]);
+        assert!((of(Form::Positional, &[1.0, 0.0, 0.0, 2.0], &[0.0; 4]) - 1.25).abs() < 1e-12);
+        let angles = of(Form::Euler, &[3.0, 0.0, 0.0, 1.0, 1.0, 7.0], &[0.0, 0.0, 0.0, 1.0, 1.0, 7.0]);
+        assert!((angles - 3.0).abs() < 1e-12);
+        // half a turn about x, of any length, and the same with the other sign
+        let q = of(Form::Quaternion, &[0.0, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0], &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
+        assert!((q - std::f64::consts::PI).abs() < 1e-12);
+        let q = of(Form::Quaternion, &[0.0, 0.0, 0.0, -2.0, 0.0, 0.0, 0.0], &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
+        assert!(q < 1e-3, "{q}");
+    }
+
+    #[test]
+    fn gradients_are_slopes() {
+        for (form, c) in FORMS {
+            let (found, truth) = (numbers("found", 70 * c), numbers("truth", 70 * c));
+            let mut gradients = vec![7.0; found.len()];
+            loss(form, c, &found, &truth, &mut gradients);
+            for at in (0..found.len()).step_by(13) {
+                let slope = |by: f32| {
+                    let mut moved = found.clone();
+                    moved[at] += by;
+                    (loss(form, c, &moved, &truth, &mut vec![0.0; found.len()]), moved[at] as f64)
+                };
+                let ((up, x1), (down, x0)) = (slope(1e-3), slope(-1e-3));
+                let expected = (up - down) / (x1 - x0);
+                assert!((gradients[at] as f64 - expected).abs() < 1e-5, "{form:?} {at}: {} {expected}", gradients[at]);
+            }
+        }
+    }
+
+    #[test]
+    fn the_true_frame_has_no_slope() {
+        for (form, c) in FORMS {
+            let truth = numbers("truth", 3 * c);
+            let mut gradients = vec![7.0; truth.len()];
+            loss(form, c, &truth, &truth, &mut gradients);
+            assert!(gradients.iter().all(|g| *g == 0.0), "{form:?}");
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! A run's `config.toml`, and a trained network out of its folder.
+
+use super::data::{Recordings, Sources};
+use super::form::Coder;
+use super::{Config, Rig, network};
+use crate::corpus::FileRecord;
+use crate::model::checkpoint::{Checkpoints, Which};
+use crate::model::run::{CONFIG, WEIGHTS};
+use crate::model::weights;
+use crate::{Error, Result, files};
+use kinelm_engine::arena::Floats;
+use kinelm_engine::lstm::Shape;
+use kinelm_motion::format::input;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The layout of `config.toml` that this program writes and reads.
+const VERSION: u32 = 1;
+/// What tells such a run from others.
+const KIND: &str = "aclstm";
+
+/// `config.toml` of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunFile {
+    /// `aclstm`.
+    pub kind: String,
+    /// The layout's version.
+    pub version: u32,
+    /// The version of kinelm that began the run.
+    pub kinelm: String,
+    /// One hash of the clips.
+    pub clips_sha256: String,
+    /// The settings.
+    pub config: Config,
+    /// The rig, with the order of the root's angles that the settings ask for.
+    pub rig: Rig,
+    /// Where the motion is.
+    pub sources: Sources,
+}
+
+impl RunFile {
+    /// Of a new run.
+    pub fn new(config: &Config, sources: &Sources, recordings: &Recordings) -> RunFile {
+        let mut rig = recordings.rig.clone();
+        if let (Some(order), Some(root)) = (&config.root_order, rig.orders.first_mut()) {
+            root.clone_from(order);
+        }
+        RunFile {
+            kind: KIND.into(),
+            version: VERSION,
+            kinelm: env!("CARGO_PKG_VERSION").into(),
+            clips_sha256: recordings.sha256(),
+            config: config.clone(),
+            rig,
+            sources: sources.clone(),
+        }
+    }
+
+    /// Writes it.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn write(&self, run: &Path) -> Result<()> {
+        let text = toml::to_string(self).map_err(|e| Error::Call(format!("{CONFIG} can't be written: {e}")))?;
+        files::write_whole(&run.join(CONFIG), text.as_bytes())
+    }
+
+    /// Reads that of a run.
+    ///
+    /// # Errors
+    /// A folder without one, a run of another kind, another version, keys that are wrong.
+    pub fn read(run: &Path) -> Result<RunFile> {
+        #[derive(Deserialize)]
+        struct Head {
+            kind: Option<String>,
+            version: u32,
+        }
+        let path = run.join(CONFIG);
+        let help = "a run of this kind is a folder that `kinelm aclstm train --run RUN` wrote";
+        let text = input::text(&path).map_err(|e| match e.kind() {
+            std::io::ErrorKind::NotFound => Error::file(run, format!("no {CONFIG}"), "a run folder", help),
+            _ => Error::io(&path)(e),
+        })?;
+        let wrong =
+            |e: toml::de::Error| Error::in_text((&path, &text), e.span(), e.message(), "the settings of a run", "");
+        let head: Head = toml::from_str(&text).map_err(wrong)?;
+        if head.kind.as_deref() != Some(KIND) {
+            let found = head.kind.map_or("a run of a GPT".into(), |kind| format!("a run of kind {kind:?}"));
+            return Err(Error::file(&path, found, "one of an auto-conditioned LSTM", help));
+        }
+        if head.version != VERSION {
+            let found = format!("version {}", head.version);
+            return Err(Error::file(&path, found, format!("version {VERSION}"), "take the kinelm that wrote it"));
+        }
+        let file: RunFile = toml::from_str(&text).map_err(wrong)?;
+        file.config.validate().map_err(|e| Error::Call(format!("{}: {e}", path.display())))?;
+        Ok(file)
+    }
+
+    /// The form on the rig.
+    ///
+    /// # Errors
+    /// Orders of angles that are none.
+    pub fn coder(&self) -> Result<Coder> {
+        Coder::new(self.config.form, &self.rig)
+    }
+}
+
+/// A trained network.
+pub struct Trained {
+    /// What its run is.
+    pub file: RunFile,
+    /// Its form on its rig.
+    pub coder: Coder,
+    /// Its shape.
+    pub shape: Shape,
+    /// Its weights, in the order of [`Shape::tensors`].
+    pub weights: Vec<Floats>,
+    /// Updates that they had.
+    pub step: u64,
+    /// SHA-256 of their file.
+    pub sha256: String,
+    /// What the user should be told.
+    pub notes: Vec<String>,
+}
+
+impl Trained {
+    /// The network of a run at a checkpoint.
+    ///
+    /// # Errors
+    /// A folder that is no run of this kind; no checkpoint that is whole; weights of another network.
+    pub fn load(run: &Path, which: Which) -> Result<Trained> {
+        let file = RunFile::read(run)?;
+        let coder = file.coder()?;
+        let shape = file.config.shape(coder.channels());
+        let mut notes = Vec::new();
+        let found = Checkpoints::of(run).find(which, &[WEIGHTS], &[], &mut |note| notes.push(note))?;
+        let (path, bytes) = (found.dir.join(WEIGHTS), &found.files[WEIGHTS]);
+        let weights = network::numbers(&shape, &weights::from_bytes(&path, bytes)?, "").map_err(|e| match e {
+            Error::Weights(found) => Error::file(&path, found, "the network that config.toml describes", ""),
+            other => other,
+        })?;
+        Ok(Trained { coder, shape, weights, step: found.state.step, sha256: FileRecord::of(bytes).sha256, notes, file })
+    }
+}

@@ -1,0 +1,51 @@
+//! Sequences of an update: any clip with equal chance, any place in it, turned by any angle.
+
+use crate::aclstm::Config;
+use crate::aclstm::data::Learned;
+use crate::aclstm::form::{Coder, steps};
+use crate::random;
+use rand_chacha::rand_core::RngCore;
+use rayon::prelude::*;
+use std::f64::consts::TAU;
+
+/// What an update sees.
+pub struct Batch {
+    /// (T, B, C) true steps.
+    pub inputs: Vec<f32>,
+    /// (T, B, C) the ones behind them.
+    pub targets: Vec<f32>,
+    /// (B) the clips.
+    pub clips: Vec<usize>,
+}
+
+/// The sequences of update `step`, counted from 0: a function of the seed and of it.
+pub fn batch(learned: &Learned, coder: &Coder, config: &Config, step: u64) -> Batch {
+    let (c, t, b) = (coder.channels(), config.length, config.batch);
+    let one = |index: usize| -> (usize, Vec<f64>) {
+        let mut rng = random::stream(config.seed, "aclstm batch", step, index as u64);
+        let clip = (rng.next_u64() % learned.clips.len() as u64) as usize;
+        let (frames, stride, _) = &learned.clips[clip];
+        // T inputs, the target of the last, and where the hip goes from there
+        let span = (t + 1) * stride + 1;
+        let first = (rng.next_u64() % (frames.len() / c - span + 1) as u64) as usize;
+        let angle = TAU * random::unit(&mut rng) - TAU / 2.0;
+        let rows = frames[first * c..(first + span) * c].chunks_exact(c).step_by(*stride);
+        let mut sequence: Vec<f64> = rows.flatten().map(|x| *x as f64).collect();
+        if config.turn {
+            sequence.chunks_exact_mut(c).for_each(|frame| coder.turn(frame, angle));
+        }
+        (clip, steps(&sequence, c))
+    };
+    let drawn: Vec<(usize, Vec<f64>)> = (0..b).into_par_iter().map(one).collect();
+    let mut batch = Batch { inputs: vec![0.0; t * b * c], targets: vec![0.0; t * b * c], clips: Vec::new() };
+    for (i, (clip, sequence)) in drawn.iter().enumerate() {
+        batch.clips.push(*clip);
+        for (late, to) in [&mut batch.inputs, &mut batch.targets].into_iter().enumerate() {
+            let rows = to.chunks_exact_mut(c).skip(i).step_by(b);
+            for (to, from) in rows.zip(sequence[late * c..].chunks_exact(c)) {
+                to.iter_mut().zip(from).for_each(|(to, from)| *to = *from as f32);
+            }
+        }
+    }
+    batch
+}

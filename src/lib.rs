@@ -2,7 +2,7 @@
 //!
 //! Everything a command of the `kinelm` program does is a function here. The rooms, in the way of the data: `corpus`
 //! (labels, splits, the token store), `model`, `train`, `runs`, `generate`, `evaluate`, `study`, `spectral`,
-//! `view`.
+//! `music`, `view`.
 #![forbid(unsafe_code)]
 
 pub mod classify;
@@ -13,6 +13,7 @@ pub mod files;
 pub mod generate;
 pub mod memory;
 pub mod model;
+pub mod music;
 pub mod output;
 pub mod presets;
 pub mod random;

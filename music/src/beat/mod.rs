@@ -36,21 +36,20 @@ pub struct Beats {
 }
 
 impl Beats {
-    /// Beats a minute: the median of the piece. None where there are fewer than two beats.
+    /// Beats a minute: the median of [`Beats::tempi_bpm`]. None where there are fewer than two beats.
     pub fn bpm(&self) -> Option<f64> {
-        let mut steps: Vec<f64> = self.times_s.windows(2).map(|w| w[1] - w[0]).collect();
-        median(&mut steps).map(|step| 60.0 / step)
+        median(&mut self.tempi_bpm()).filter(|bpm| *bpm > 0.0)
     }
 
-    /// Beats a minute around each beat: the median of eight steps, of fewer where the piece has fewer. As many as beats.
+    /// Beats a minute around each beat: of eight steps, of fewer where the piece has fewer; 0 of a single beat.
     pub fn tempi_bpm(&self) -> Vec<f64> {
-        let steps: Vec<f64> = self.times_s.windows(2).map(|w| w[1] - w[0]).collect();
+        let (times, last) = (&self.times_s, self.times_s.len().saturating_sub(1));
         let around = |i: usize| {
-            let from = i.saturating_sub(TEMPO_BEATS / 2).min(steps.len().saturating_sub(TEMPO_BEATS));
-            let to = (from + TEMPO_BEATS).min(steps.len());
-            median(&mut steps[from..to].to_vec()).map_or(0.0, |step| 60.0 / step)
+            let from = i.saturating_sub(TEMPO_BEATS / 2).min(last.saturating_sub(TEMPO_BEATS));
+            let to = (from + TEMPO_BEATS).min(last);
+            if to > from { 60.0 * (to - from) as f64 / (times[to] - times[from]) } else { 0.0 }
         };
-        (0..self.times_s.len()).map(around).collect()
+        (0..times.len()).map(around).collect()
     }
 }
 
@@ -133,4 +132,49 @@ pub fn beats_of(samples: &[f32]) -> Result<Beats> {
     let mut tracker = Tracker::new();
     tracker.push(samples)?;
     tracker.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Clicks at these times, each with a low thud.
+    fn clicks(times: &[f64], seconds: f64) -> Vec<f32> {
+        let mut x = vec![0.0f32; (seconds * f64::from(RATE)) as usize];
+        for time in times {
+            let start = (time * f64::from(RATE)).round() as usize;
+            for (i, to) in x[start..].iter_mut().take(2000).enumerate() {
+                let t = i as f64 / f64::from(RATE);
+                let thud = (-t / 0.04).exp() * (500.0 * t).sin() + (-t / 0.01).exp() * (9000.0 * t).sin();
+                *to += 0.3 * thud as f32;
+            }
+        }
+        x
+    }
+
+    fn hits(found: &[f64], truth: &[f64]) -> usize {
+        truth.iter().filter(|t| found.iter().any(|f| (f - *t).abs() < 0.025)).count()
+    }
+
+    #[test]
+    fn clicks_are_beats_also_when_the_tempo_changes() {
+        let (mut time, mut truth) = (0.7, Vec::new());
+        while time < 58.0 {
+            truth.push(time);
+            time += if time < 30.0 { 60.0 / 100.0 } else { 60.0 / 126.0 };
+        }
+        let beats = beats_of(&clicks(&truth, 60.0)).unwrap();
+        let (n, tempi) = (beats.times_s.len(), beats.tempi_bpm());
+        assert!(hits(&beats.times_s, &truth) * 20 > truth.len() * 19 && n.abs_diff(truth.len()) < 4, "{n}: {beats:?}");
+        assert!((tempi[n / 5] - 100.0).abs() < 1.0 && (tempi[n * 4 / 5] - 126.0).abs() < 1.0, "{tempi:?}");
+        assert!((beats.seconds - 60.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn silence_has_no_beats_and_neither_has_a_moment() {
+        for x in [vec![], vec![0.0; 10], vec![0.0; 500_000], vec![0.5; 10]] {
+            let beats = beats_of(&x).unwrap();
+            assert!(beats.times_s.len() <= 1 && beats.bpm().is_none(), "{} samples: {beats:?}", x.len());
+        }
+    }
 }

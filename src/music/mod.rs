@@ -1,0 +1,5 @@
+//! Music beside dances: what a file holds, its beats as text, a picture of both.
+
+pub mod beats;
+pub mod picture;
+pub mod report;

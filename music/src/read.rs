@@ -20,8 +20,8 @@ const AGAIN: &str = "copy or download the file again";
 /// Packets in a row that make no sense before a file counts as damaged.
 const NONSENSE: usize = 8;
 
-/// Samples that a header may promise too many: two packets of mp3.
-const ROUNDED: u64 = 2500;
+/// Samples that a header may promise too many: less than a packet of mp3.
+const ROUNDED: u64 = 1151;
 
 /// What a file's header says.
 #[derive(Debug, Clone, PartialEq)]
@@ -108,9 +108,10 @@ pub fn open(path: &Path) -> Result<Reader> {
     }
     let channels = parameters.channels.as_ref().map_or(0, |c| c.count());
     let streamed = container == "wave" && ends(path).first().and_then(|head| head.get(4..8)) == Some(&[0xff; 4]);
-    let info = Info { container, rate, channels, samples: samples.filter(|_| !streamed) };
     // other containers' readers leave it out themselves
     let lead = if container == "isomp4" { lead_of_m4a(path) } else { 0 };
+    let samples = samples.filter(|_| !streamed).map(|n| n.saturating_sub(lead as u64));
+    let info = Info { container, rate, channels, samples };
     let (planes, mono) = (Vec::new(), Vec::new());
     let mut reader = Reader {
         path: path.into(),

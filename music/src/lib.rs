@@ -17,6 +17,7 @@ pub mod frames;
 pub mod read;
 pub mod resample;
 pub mod stft;
+pub mod synth;
 pub mod wav;
 
 pub use error::{Error, FileError, Kind, Result};

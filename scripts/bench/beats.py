@@ -11,6 +11,7 @@ pieces (10,000 draws). Every second piece in the order of names was looked at wh
 were not.
 """
 import argparse
+import os
 import pathlib
 import subprocess
 import time
@@ -127,56 +128,61 @@ def interval(differences, draws=10_000):
     return np.quantile(means, [0.025, 0.975])
 
 
-parser = argparse.ArgumentParser()
-parser.add_argument("kinelm")
-parser.add_argument("work", type=pathlib.Path)
-arguments = parser.parse_args()
-arguments.work.mkdir(exist_ok=True)
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("kinelm")
+    parser.add_argument("work", type=pathlib.Path)
+    arguments = parser.parse_args()
+    arguments.work.mkdir(exist_ok=True)
 
-pieces = []
-for i, path in enumerate(sorted(MIDI.glob("*.mid"))):
-    wav = arguments.work / f"{path.stem}.wav"
-    if not wav.exists():
-        subprocess.run(["fluidsynth", "-ni", "-q", "-r", "44100", "-g", "0.5", "-F", wav, FONT, path], check=True)
-    truth, one = quarters(path)
-    groups = ["all pieces", "looked at" if i % 2 == 0 else "not looked at", "one tempo" if one else "tempo changes"]
-    pieces.append((path.stem, groups, wav, truth))
-for name in KINDS:
-    for seed in range(6):
-        wav = arguments.work / f"clicks-{name}-{seed}.wav"
-        y, truth = clicks(seed, name)
+    pieces = []
+    for i, path in enumerate(sorted(MIDI.glob("*.mid"))):
+        wav = arguments.work / f"{path.stem}.wav"
         if not wav.exists():
-            soundfile.write(wav, y, RATE)
-        pieces.append((wav.stem, ["clicks", f"clicks, {name}"], wav, truth))
+            subprocess.run(["fluidsynth", "-ni", "-q", "-r", "44100", "-g", "0.5", "-F", wav, FONT, path], check=True)
+        truth, one = quarters(path)
+        groups = ["all pieces", "looked at" if i % 2 == 0 else "not looked at", "one tempo" if one else "tempo changes"]
+        pieces.append((path.stem, groups, wav, truth))
+    for name in KINDS:
+        for seed in range(6):
+            wav = arguments.work / f"clicks-{name}-{seed}.wav"
+            y, truth = clicks(seed, name)
+            if not wav.exists():
+                soundfile.write(wav, y, RATE)
+            pieces.append((wav.stem, ["clicks", f"clicks, {name}"], wav, truth))
 
-trackers = {"kinelm": lambda wav: of_kinelm(arguments.kinelm, wav), "librosa": of_librosa, "aubio": of_aubio}
-# compiled and loaded before the clock runs
-[track(pieces[0][2]) for track in trackers.values()]
-rows, spent = [], dict.fromkeys(trackers, 0.0)
-for name, groups, wav, truth in pieces:
-    found = {}
-    for tracker, track in trackers.items():
-        start = time.process_time() + sum(__import__("os").times()[2:4])
-        beats = track(wav)
-        spent[tracker] += time.process_time() + sum(__import__("os").times()[2:4]) - start
-        found[tracker] = (f_measure(truth, beats), kind(truth, beats))
-    rows.append((name, groups, found))
-    print(name, *(f"{t} {f:.3f} {k}" for t, (f, k) in found.items()), flush=True)
+    trackers = {"kinelm": lambda wav: of_kinelm(arguments.kinelm, wav), "librosa": of_librosa, "aubio": of_aubio}
+    # compiled and loaded before the clock runs
+    [track(pieces[0][2]) for track in trackers.values()]
+    rows, spent = [], dict.fromkeys(trackers, 0.0)
+    for name, groups, wav, truth in pieces:
+        found = {}
+        for tracker, track in trackers.items():
+            start = time.process_time() + sum(os.times()[2:4])
+            beats = track(wav)
+            spent[tracker] += time.process_time() + sum(os.times()[2:4]) - start
+            found[tracker] = (f_measure(truth, beats), kind(truth, beats))
+        rows.append((name, groups, found))
+        print(name, *(f"{t} {f:.3f} {k}" for t, (f, k) in found.items()), flush=True)
 
-seconds = sum(soundfile.info(p[2]).duration for p in pieces)
-print({t: f"{seconds / s:.0f} times real time" for t, s in spent.items()}, f"{seconds / 60:.0f} minutes")
-print("| | pieces | kinelm | librosa | difference, 95 % | aubio | difference, 95 % |\n|---|---|---|---|---|---|---|")
-for group in dict.fromkeys(g for _, groups, _ in rows for g in groups):
-    these = [found for _, groups, found in rows if group in groups]
-    f = {t: np.array([found[t][0] for found in these]) for t in trackers}
-    cells = [f"{f['kinelm'].mean():.3f}"]
-    for other in ("librosa", "aubio"):
-        d = f["kinelm"] - f[other]
-        low, high = interval(d)
-        cells += [f"{f[other].mean():.3f}", f"{d.mean():+.3f} ({low:+.3f} to {high:+.3f})"]
-    print(f"| {group} | {len(these)} | {' | '.join(cells)} |")
-for group in ("all pieces", "not looked at", "clicks"):
-    these = [found for _, groups, found in rows if group in groups]
-    for t in trackers:
-        kinds = [found[t][1] for found in these]
-        print(group, t, {k: kinds.count(k) for k in ("right", "half", "double", "between", "other")})
+    seconds = sum(soundfile.info(p[2]).duration for p in pieces)
+    print({t: f"{seconds / s:.0f} times real time" for t, s in spent.items()}, f"{seconds / 60:.0f} minutes")
+    print("| | pieces | kinelm | librosa | difference, 95 % | aubio | difference, 95 % |\n|---|---|---|---|---|---|---|")
+    for group in dict.fromkeys(g for _, groups, _ in rows for g in groups):
+        these = [found for _, groups, found in rows if group in groups]
+        f = {t: np.array([found[t][0] for found in these]) for t in trackers}
+        cells = [f"{f['kinelm'].mean():.3f}"]
+        for other in ("librosa", "aubio"):
+            d = f["kinelm"] - f[other]
+            low, high = interval(d)
+            cells += [f"{f[other].mean():.3f}", f"{d.mean():+.3f} ({low:+.3f} to {high:+.3f})"]
+        print(f"| {group} | {len(these)} | {' | '.join(cells)} |")
+    for group in ("all pieces", "not looked at", "clicks"):
+        these = [found for _, groups, found in rows if group in groups]
+        for t in trackers:
+            kinds = [found[t][1] for found in these]
+            print(group, t, {k: kinds.count(k) for k in ("right", "half", "double", "between", "other")})
+
+
+if __name__ == "__main__":
+    main()

@@ -118,7 +118,7 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
 /// The music of a page: in it, or beside it where it is large; it is copied there if it isn't there.
 fn beside(file: &Path, from_s: f64, page: &Path, outputs: &Outputs, say: Say) -> Result<music::Music> {
     let beats = kinelm_music::beat::beats(file).map_err(kinelm::Error::from)?;
-    let ends = beats.seconds - from_s;
+    let ends = beats.seconds - from_s.max(0.0);
     if from_s >= beats.seconds {
         let what = format!("--music-from {from_s}: {} ends at {:.2} s; give less", file.display(), beats.seconds);
         return Err(WrongCall(what).into());

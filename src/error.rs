@@ -34,6 +34,9 @@ pub enum Error {
     /// A motion file or clip is wrong.
     #[error(transparent)]
     Motion(#[from] kinelm_motion::Error),
+    /// A music file is wrong, or is asked for what it can't give.
+    #[error(transparent)]
+    Music(#[from] kinelm_music::Error),
     /// The tokenizer refused.
     #[error(transparent)]
     Tokenizer(#[from] kinelm_tokenizer::Error),

@@ -10,6 +10,7 @@
 
 use crate::corpus::load::hash_file;
 use crate::generate::provenance;
+use crate::music::beats;
 use crate::view::{self, plot};
 use crate::{Error, Result, files};
 use std::collections::HashSet;
@@ -199,7 +200,7 @@ fn holds(path: &Path, file: &Metadata, bytes: &[u8]) -> bool {
 
 /// Whether files of this name carry our mark inside.
 fn is_marked(path: &Path) -> bool {
-    ["html", "png", "svg", "md"].contains(&extension(path).as_str())
+    ["html", "png", "svg", "md", "txt"].contains(&extension(path).as_str())
 }
 
 /// Whether this program made the file, beyond doubt.
@@ -213,6 +214,7 @@ fn is_ours(path: &Path) -> Result<bool> {
         "png" => Ok(has(&plot::PNG_MARK)),
         "json" if JSON_MARKS.iter().any(|mark| head.starts_with(mark.as_bytes())) => Ok(true),
         "svg" | "md" => Ok(has(plot::TEXT_MARK.as_bytes())),
+        "txt" => Ok(head.starts_with(beats::MARK.as_bytes())),
         _ => Ok(provenance::is_beside_its_dance(path) || provenance::tells_of(path)?),
     }
 }

@@ -22,6 +22,7 @@ mod interpolate;
 mod lr_find;
 mod many;
 mod mirror;
+mod music;
 mod pretrain;
 mod progress;
 mod query;
@@ -104,6 +105,9 @@ enum Command {
     Mirror(mirror::Args),
     /// Pictures of a clip's spectra
     Spectrum(spectrum::Args),
+    /// Music: what a file holds, and its beats
+    #[command(subcommand)]
+    Music(music::Command),
     /// Measures
     #[command(subcommand)]
     Evaluate(evaluate::Command),
@@ -246,6 +250,7 @@ fn command(command: Command, say: Say) -> Result<()> {
         Command::Interpolate(args) => interpolate::run(args, say),
         Command::Filter(args) => filter::run(args, say),
         Command::Spectrum(args) => spectrum::run(&args, say),
+        Command::Music(command) => music::run(command, say),
         Command::Evaluate(command) => evaluate::run(command, say),
         Command::Query(command) => query::run(command, say),
         Command::Aclstm(command) => aclstm::run(command, say),

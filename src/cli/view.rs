@@ -8,8 +8,8 @@ use super::{
 };
 use anyhow::Result;
 use kinelm::counted;
-use kinelm::output::Outputs;
-use kinelm::view::{Figure, page};
+use kinelm::output::{Outputs, is_same};
+use kinelm::view::{Figure, music, page_with};
 use kinelm_motion::format;
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::{Motion, Skeleton, retarget};
@@ -30,16 +30,32 @@ pub struct Args {
     /// Leave all where their files put them, as a dance and its prompt are anyway; the page's Overlay button parts them
     #[arg(long)]
     together: bool,
+    /// Music that plays in step with the dancers (.mp3 .ogg .flac .wav .m4a), its beats as ticks: in the page up to 8 MiB,
+    /// else beside it
+    #[arg(long, value_name = "FILE")]
+    music: Option<PathBuf>,
+    /// The music's time when the dance begins, such as 12.5s; below 0 it begins later than the dance
+    #[arg(long, value_name = "SECONDS", default_value = "0s", value_parser = seconds_with_unit)]
+    #[arg(allow_hyphen_values = true, requires = "music")]
+    music_from: f64,
     #[command(flatten)]
     force: ForceArgs,
     #[command(flatten)]
     read: ReadArgs,
 }
 
+/// Seconds with or without their unit.
+fn seconds_with_unit(text: &str) -> Result<f64, String> {
+    let number = text.strip_suffix('s').unwrap_or(text).parse().ok();
+    number.filter(|s: &f64| s.is_finite()).ok_or("expected seconds, such as 12.5s".into())
+}
+
 pub fn run(args: Args, say: Say) -> Result<()> {
     let given = args.clips.iter().map(|clip| named(clip)).collect::<Result<Vec<_>>>()?;
     let paths: Vec<PathBuf> = given.iter().map(|place| place.path.clone()).collect();
-    let outputs = |clips: &[PathBuf]| args.force.outputs(clips.iter().cloned().chain(args.read.files()));
+    let outputs = |clips: &[PathBuf]| {
+        args.force.outputs(clips.iter().cloned().chain(args.read.files()).chain(args.music.clone()))
+    };
     if !args.out.is_dir() && !many::ends_as_folder(&args.out) {
         let mut clips = Vec::new();
         for place in &given {
@@ -87,7 +103,8 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
         };
         figures.push(figure(motion).forced(&forced).in_world(files[i].world));
     }
-    let page = page(&figures)?;
+    let played = args.music.as_deref().map(|file| beside(file, args.music_from, out, outputs, say)).transpose()?;
+    let page = page_with(&figures, played.as_ref())?;
     outputs.write(out, page.as_bytes())?;
     say.line(format_args!(
         "{}: {}, {} KB; open it in a browser",
@@ -96,6 +113,29 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
         page.len() / 1000
     ));
     Ok(())
+}
+
+/// The music of a page: in it, or beside it where it is large; it is copied there if it isn't there.
+fn beside(file: &Path, from_s: f64, page: &Path, outputs: &Outputs, say: Say) -> Result<music::Music> {
+    let beats = kinelm_music::beat::beats(file).map_err(kinelm::Error::from)?;
+    let ends = beats.seconds - from_s.max(0.0);
+    if from_s >= beats.seconds {
+        let what = format!("--music-from {from_s}: {} ends at {:.2} s; give less", file.display(), beats.seconds);
+        return Err(WrongCall(what).into());
+    }
+    say.line(format_args!("{}: {} beats, sounds for {ends:.1} s of the dance", file.display(), beats.times_s.len()));
+    let bytes = std::fs::read(file).map_err(kinelm::Error::io(file))?;
+    if bytes.len() as u64 <= music::EMBEDDED {
+        return Ok(music::Music::embedded(file, &bytes, from_s, beats.times_s));
+    }
+    if let Some(name) = file.file_name() {
+        let copy = page.with_file_name(name);
+        if !is_same(file, &copy) {
+            outputs.write(&copy, &bytes)?;
+            say.line(format_args!("{}: has to stay beside the page", copy.display()));
+        }
+    }
+    Ok(music::Music::beside(file, from_s, beats.times_s))
 }
 
 /// A motion under its file's name, without a path.

@@ -11,6 +11,7 @@ function seek(time) {
   state.time = clamp(time, 0, whole);
   state.rested = 0;
   state.dirty = true;
+  if (player) player.seek(state.time);
 }
 
 function toggle(name) {
@@ -42,6 +43,7 @@ const KEYS = {
   o: () => toggle('overlay'),
   t: () => toggle('trails'),
   f: resetView,
+  m: () => player && player.mute(!player.muted),
 };
 
 function listen() {

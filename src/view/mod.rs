@@ -10,11 +10,13 @@
 //! into `<pre id="selftest">`).
 
 mod data;
+pub mod music;
 pub mod plot;
 pub mod table;
 
 use crate::{Result, files};
 use kinelm_motion::Clip;
+use music::Music;
 use std::path::Path;
 
 /// A dance on the page.
@@ -66,6 +68,14 @@ pub const MARK: &str = r#"<meta name="generator" content="kinelm view">"#;
 /// [`crate::Error::Call`] when there is no figure, a clip has no frames, the marks of forced joints are not as many as
 /// the joints, or a place is beyond any stage (1,000 km).
 pub fn page(figures: &[Figure]) -> Result<String> {
+    page_with(figures, None)
+}
+
+/// The same with music, which plays in step with the dancers; the first frame stands at its `from_s`.
+///
+/// # Errors
+/// As [`page`].
+pub fn page_with(figures: &[Figure], music: Option<&Music>) -> Result<String> {
     if figures.is_empty() {
         return Err(crate::Error::Call("a page of no figures; expected at least one clip".into()));
     }
@@ -76,11 +86,14 @@ pub fn page(figures: &[Figure]) -> Result<String> {
         ("title", escaped(&titles.join(", "))),
         ("style", include_str!("page.css").into()),
         ("scene", include_str!("scene.js").into()),
+        ("player", if music.is_some() { include_str!("player.js").into() } else { String::new() }),
         ("page", include_str!("page.js").into()),
         ("controls", include_str!("controls.js").into()),
         ("selftest", include_str!("selftest.js").into()),
         // in JSON, `<` stands only inside strings: none is left that could end the element or open a comment
         ("data", data.replace('<', "\\u003c")),
+        ("music", music.map(Music::json).transpose()?.unwrap_or("null".into()).replace('<', "\\u003c")),
+        ("media", if music.is_some() { "; media-src 'self' data: file:".into() } else { String::new() }),
     ];
     Ok(filled(include_str!("page.html"), &parts))
 }

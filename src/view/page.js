@@ -57,6 +57,10 @@ const whole = Math.max(...figures.map(f => f.lasts));
 // figures of one world stand to each other as their clips put them
 const oneWorld = figures.length > 1 && figures.every(f => f.world === figures[0].world);
 
+// ---- music, where there is some ----
+const music = JSON.parse($('music').textContent);
+const player = music && new Player(music, { ticks: $('ticks'), pulse: $('pulse'), button: $('sound'), length: whole });
+
 // ---- what the page is doing ----
 const HOME = { yaw: 0.0, pitch: 0.13, zoom: 1, pan: [0, 0, 0] };
 const state = {
@@ -254,6 +258,7 @@ function show() {
   scene.resize();
   placeLabels(draw().view);
   const clock = s => `${Math.floor(s / 60)}:${(s % 60 < 9.95 ? '0' : '') + (s % 60).toFixed(1)}`;
+  if (player) player.show(state.time);
   $('now').textContent = clock(state.time);
   $('whole').textContent = ` / ${clock(whole)}`;
   $('scrub').value = state.time;
@@ -274,9 +279,12 @@ function tick(stamp) {
 
 // Time passes: the dance, and changes that take a moment.
 function advance(dt) {
+  if (player) player.follow(state.time, state.playing && state.time < whole ? state.speed : 0);
   if (state.playing) {
     state.dirty = true;
-    state.time += dt * state.speed;
+    // the sound's time where there is sound: it can't be made to wait
+    const heard = player ? player.now() : null;
+    state.time = heard === null || heard >= whole ? state.time + dt * state.speed : heard;
     if (state.time >= whole) {
       state.time = whole;
       state.rested += dt;

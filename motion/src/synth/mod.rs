@@ -33,6 +33,10 @@ pub struct Dance {
     pub dancer: &'static str,
     /// Counts from 1 for each genre and dancer.
     pub take: usize,
+    /// The beats that are danced to, seconds, all within the clip.
+    pub beats_s: Vec<f64>,
+    /// The number of the beat on which the first figure begins, and with it a bar of four.
+    pub downbeat: usize,
 }
 
 impl Dance {
@@ -79,7 +83,8 @@ fn dance(seed: u64, index: usize, seconds: f64, fps: f64) -> Result<Dance> {
     let mut rng = Rng::new(seed, &[g as u64, d as u64, take as u64]);
     let score = Score::new(genre, dancer, seconds, &mut rng);
     let clip = perform(&score, seconds, fps)?;
-    Ok(Dance { clip, genre: genre.name, dancer: dancer.name, take: take + 1 })
+    let (beats_s, downbeat) = score.beats(seconds);
+    Ok(Dance { clip, genre: genre.name, dancer: dancer.name, take: take + 1, beats_s, downbeat })
 }
 
 /// The largest angle between a standing foot and the body before the foot turns on its ball, radians.

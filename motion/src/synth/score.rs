@@ -124,6 +124,13 @@ impl Score {
         even / self.beats_per_s + UPBEAT_S
     }
 
+    /// The beats from 0 to `seconds`, and the number of that on which the first figure begins.
+    pub fn beats(&self, seconds: f64) -> (Vec<f64>, usize) {
+        let first = self.beat(0.0).ceil();
+        let all = (0..).map(|i| self.time_s(first + f64::from(i)));
+        (all.skip_while(|t| *t < 0.0).take_while(|t| *t < seconds).collect(), (-first).max(0.0) as usize)
+    }
+
     fn turned_at_end(&self) -> f64 {
         self.parts.last().map_or(0.0, |p| p.at(p.ends(), 1.0).turn)
     }

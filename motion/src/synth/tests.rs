@@ -137,3 +137,17 @@ fn at_another_rate_it_is_the_same_dance() {
         }
     }
 }
+
+#[test]
+fn beats_are_those_of_the_score() {
+    for (i, d) in twelve().iter().enumerate() {
+        let score = score_of(i);
+        let step = d.beats_s[1] - d.beats_s[0];
+        assert!(d.beats_s.windows(2).all(|w| (w[1] - w[0] - step).abs() < 1e-9), "{}", d.name());
+        assert!(d.beats_s[0] >= 0.0 && d.beats_s[0] < step && d.beats_s[d.beats_s.len() - 1] > SECONDS - step);
+        // standing lasts 0.6 s
+        assert!((d.beats_s[d.downbeat] - 0.6).abs() < 1e-9, "{}: {:?}", d.name(), d.beats_s);
+        assert_eq!((d.beats_s.clone(), d.downbeat), score.beats(SECONDS));
+    }
+    assert!(corpus(1, 1, 0.0, FPS).unwrap()[0].beats_s.is_empty());
+}

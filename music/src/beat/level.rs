@@ -1,0 +1,242 @@
+//! Which level of a pulse is the beat, and where in it the beat falls.
+//!
+//! A tracker that follows its loudest series takes every second beat for one, or the swung eighth before the beat. So all
+//! levels and phases of the pulse that music has are laid over each stretch of 32 pulses, and what is heard at the beats
+//! of each and between them is weighed ([`super::weights`]).
+
+use super::FPS;
+use super::flux::{RISES, SERIES, Series};
+use super::weights::{ALTERNATION, MIDDLE, PROFILE, RETURN, TEMPO};
+
+/// Parts of a pulse in which levels are counted.
+const PARTS: usize = 12;
+/// Levels, in parts: three beats to a pulse, two, three to two; down to three pulses to a beat.
+const LEVELS: [usize; 9] = [4, 6, 8, 9, 12, 16, 18, 24, 36];
+/// Places between two beats that are listened at, in beats.
+pub const PLACES: [f64; 6] = [0.0, 0.25, 1.0 / 3.0, 0.5, 2.0 / 3.0, 0.75];
+/// After so many beats a pattern should return.
+pub const RETURNS: [usize; 5] = [1, 2, 3, 4, 8];
+/// Pulses of a stretch, and from one to the next.
+const STRETCH: usize = 32;
+const STEP: usize = 8;
+/// Pulses on each side of a stretch that are heard for patterns that return.
+const AROUND: usize = 16;
+/// What it costs to go on at another level or phase.
+const CHANGE: f32 = 10.0;
+/// Beats are never nearer, frames.
+const NEAREST: f64 = 0.2 * FPS;
+
+/// A way to count: a beat every `parts`, the first at `phase`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Count {
+    parts: usize,
+    phase: usize,
+}
+
+impl Count {
+    fn all() -> Vec<Count> {
+        LEVELS.into_iter().flat_map(|parts| (0..parts).map(move |phase| Count { parts, phase })).collect()
+    }
+
+    /// Its beats from one part of the piece on until another.
+    fn beats(self, from: f64, to: f64) -> impl Iterator<Item = f64> {
+        let (parts, phase) = (self.parts as f64, self.phase as f64);
+        let first = ((from - phase) / parts).ceil();
+        (0..).map(move |i| phase + parts * (first + f64::from(i))).take_while(move |part| *part < to)
+    }
+}
+
+/// The pulse and what is heard around it.
+struct Piece<'a> {
+    series: &'a Series,
+    pulse: &'a [f64],
+}
+
+impl Piece<'_> {
+    /// The frame of a part of the piece.
+    fn frame(&self, part: f64) -> f64 {
+        let (p, last) = (self.pulse, self.pulse.len() - 1);
+        let at = part / PARTS as f64;
+        let i = (at.max(0.0) as usize).min(last - 1);
+        p[i] + (at - i as f64) * (p[i + 1] - p[i])
+    }
+
+    fn heard(&self, series: usize, part: f64) -> f32 {
+        let x = &self.series[series];
+        let frame = self.frame(part).clamp(0.0, (x.len() - 1) as f64);
+        let i = (frame as usize).min(x.len().saturating_sub(2));
+        let t = (frame - i as f64) as f32;
+        (1.0 - t) * x[i] + t * x[(i + 1).min(x.len() - 1)]
+    }
+
+    /// The mean of each series over a stretch of pulses.
+    fn means(&self, from: usize, to: usize) -> [f32; SERIES] {
+        let n = ((to - from) * PARTS) as f32;
+        let mean = |s| (from * PARTS..to * PARTS).map(|part| self.heard(s, part as f64)).sum::<f32>() / n;
+        std::array::from_fn(|s| mean(s) + 0.05)
+    }
+
+    /// How much what rises is the same after each of these numbers of parts, -1 to 1.
+    fn returns(&self, from: usize, to: usize) -> Vec<f32> {
+        let (from, to) = (from.saturating_sub(AROUND), (to + AROUND).min(self.pulse.len()));
+        let n = (to - from) * PARTS;
+        let columns: Vec<Vec<f32>> = (0..RISES)
+            .map(|s| {
+                let x: Vec<f32> = (from * PARTS..to * PARTS).map(|part| self.heard(s, part as f64)).collect();
+                let mean = x.iter().sum::<f32>() / n as f32;
+                let square = x.iter().map(|x| (x - mean).powi(2)).sum::<f32>() / n as f32;
+                x.iter().map(|x| (x - mean) / (square.sqrt() + 0.05)).collect()
+            })
+            .collect();
+        let after = |lag: usize| {
+            if lag + PARTS >= n {
+                return 0.0;
+            }
+            let of = |x: &Vec<f32>| x.iter().zip(&x[lag..]).map(|(a, b)| a * b).sum::<f32>();
+            columns.iter().map(of).sum::<f32>() / ((n - lag) * RISES) as f32
+        };
+        (0..=RETURNS[RETURNS.len() - 1] * LEVELS[LEVELS.len() - 1])
+            .map(|lag| if is_return(lag) { after(lag) } else { 0.0 })
+            .collect()
+    }
+
+    /// How well each count explains a stretch of pulses.
+    fn scores(&self, counts: &[Count], from: usize, to: usize) -> Vec<f32> {
+        let (means, returns) = (self.means(from, to), self.returns(from, to));
+        let mut paces: Vec<f64> =
+            self.pulse[from..(to + 1).min(self.pulse.len())].windows(2).map(|w| w[1] - w[0]).collect();
+        let pace = super::median(&mut paces).unwrap_or(self.pulse[1] - self.pulse[0]);
+        let score = |count: &Count| {
+            let beats: Vec<f64> = count.beats((from * PARTS) as f64, (to * PARTS) as f64).collect();
+            if beats.is_empty() {
+                return f32::NEG_INFINITY;
+            }
+            let bpm = 60.0 * FPS * PARTS as f64 / (pace * count.parts as f64);
+            let octaves = (bpm / 110.0).log2() as f32;
+            let repeats = RETURNS.iter().zip(RETURN).map(|(n, w)| w * returns[n * count.parts]).sum::<f32>();
+            let heard: f32 = (0..SERIES).map(|s| self.weigh(s, *count, &beats, means[s])).sum();
+            heard + repeats + TEMPO[0] * octaves + TEMPO[1] * octaves * octaves
+        };
+        counts.iter().map(score).collect()
+    }
+
+    /// What a series says for a count.
+    fn weigh(&self, s: usize, count: Count, beats: &[f64], mean: f32) -> f32 {
+        let n = beats.len() as f32;
+        let mut on: Vec<f32> = beats.iter().map(|part| self.heard(s, *part) / mean).collect();
+        let mut out = 0.0;
+        for (place, weight) in PLACES.iter().zip(PROFILE[s]) {
+            let off = place * count.parts as f64;
+            let level = beats.iter().map(|part| self.heard(s, part + off)).sum::<f32>() / (mean * n);
+            out += weight * (level + 0.1).ln();
+        }
+        if on.len() > 3 {
+            let every_second = |from: usize| {
+                let n = (on.len() - from).div_ceil(2) as f32;
+                on[from..].iter().step_by(2).sum::<f32>() / n
+            };
+            out += ALTERNATION[s] * (every_second(0) - every_second(1)).abs() / (on.iter().sum::<f32>() / n + 0.1);
+        }
+        on.sort_by(f32::total_cmp);
+        let middle = 0.5 * (on[(on.len() - 1) / 2] + on[on.len() / 2]);
+        out + MIDDLE[s] * (middle + 0.1).ln()
+    }
+}
+
+fn is_return(lag: usize) -> bool {
+    LEVELS.iter().any(|parts| RETURNS.iter().any(|n| n * parts == lag))
+}
+
+/// The beats, in frames, of a pulse in a piece: the way of counting it that explains most, changed seldom.
+pub fn beats(series: &Series, pulse: &[f64]) -> Vec<f64> {
+    if pulse.len() < 3 {
+        return pulse.to_vec();
+    }
+    let (piece, counts) = (Piece { series, pulse }, Count::all());
+    let last = pulse.len().saturating_sub(STRETCH);
+    let stretches: Vec<(usize, usize)> =
+        (0..=last).step_by(STEP).map(|from| (from, (from + STRETCH).min(pulse.len()))).collect();
+    let scores: Vec<Vec<f32>> = stretches.iter().map(|(from, to)| piece.scores(&counts, *from, *to)).collect();
+    let path = steadiest(&scores);
+    let mut out: Vec<f64> = Vec::new();
+    let middle = |i: usize| 0.5 * (stretches[i].0 + stretches[i].1 - STEP) as f64;
+    for (i, count) in path.iter().enumerate() {
+        let from = if i == 0 { 0.0 } else { middle(i) };
+        let to = if i + 1 == path.len() { pulse.len() as f64 } else { middle(i + 1) };
+        for part in counts[*count].beats(from * PARTS as f64, to * PARTS as f64) {
+            let frame = piece.frame(part);
+            if frame >= 0.0 && out.last().is_none_or(|last| frame - last > NEAREST) {
+                out.push(frame);
+            }
+        }
+    }
+    out
+}
+
+/// The best path through scores where each change costs the same.
+fn steadiest(scores: &[Vec<f32>]) -> Vec<usize> {
+    let greatest = |x: &[f32]| (0..x.len()).fold(0, |a, b| if x[b] > x[a] { b } else { a });
+    let (mut total, mut back) = (scores[0].clone(), Vec::new());
+    for row in &scores[1..] {
+        let best = greatest(&total);
+        let from: Vec<usize> =
+            (0..total.len()).map(|i| if total[i] >= total[best] - CHANGE { i } else { best }).collect();
+        total = from
+            .iter()
+            .zip(row)
+            .enumerate()
+            .map(|(i, (from, x))| x + if *from == i { total[i] } else { total[best] - CHANGE })
+            .collect();
+        back.push(from);
+    }
+    let mut at = greatest(&total);
+    let mut path = vec![at];
+    for from in back.iter().rev() {
+        at = from[at];
+        path.push(at);
+    }
+    path.reverse();
+    path
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_have_their_beats() {
+        let count = Count { parts: 8, phase: 3 };
+        assert_eq!(count.beats(0.0, 30.0).collect::<Vec<_>>(), [3.0, 11.0, 19.0, 27.0]);
+        assert_eq!(count.beats(3.5, 19.0).collect::<Vec<_>>(), [11.0]);
+        assert_eq!(Count::all().len(), LEVELS.iter().sum());
+    }
+
+    #[test]
+    fn a_path_changes_only_where_it_pays() {
+        let row = |a, b| vec![a, b];
+        let short = [row(5.0, 0.0), row(0.0, 5.0), row(5.0, 0.0)];
+        assert_eq!(steadiest(&short), [0, 0, 0]);
+        let long = [row(15.0, 0.0), row(15.0, 0.0), row(0.0, 15.0), row(0.0, 15.0)];
+        assert_eq!(steadiest(&long), [0, 0, 1, 1]);
+    }
+
+    #[test]
+    fn a_swung_pulse_is_counted_from_its_beats() {
+        // strong low beats every 48 frames, weak high strokes two thirds on; the pulse has been caught by the strokes
+        let mut series: Series = Default::default();
+        series.iter_mut().for_each(|s| s.resize(4800, 0.0));
+        for beat in (10..4700).step_by(48) {
+            for (s, x) in [(0, 3.0), (4, 2.0), (5, 2.0), (2, 1.0)] {
+                series[s][beat] = x;
+            }
+            series[3][beat + 32] = 2.0;
+            series[3][beat] = 1.5;
+        }
+        let pulse: Vec<f64> = (0..97).map(|i| 42.0 + 48.0 * f64::from(i)).collect();
+        let found = beats(&series, &pulse);
+        let phases: Vec<f64> = found.iter().map(|f| (f - 10.0).rem_euclid(48.0)).collect();
+        let right = phases.iter().filter(|p| **p < 3.0 || **p > 45.0).count();
+        // without bars every second beat will do
+        assert!(right == phases.len() && found.len() > 45, "{phases:?}");
+    }
+}

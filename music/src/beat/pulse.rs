@@ -1,0 +1,96 @@
+//! A pulse through a series of change, whatever the level at which it beats.
+
+use super::tempogram::STEP;
+
+/// How much a step counts that isn't of the period: times the square of the logarithm of what it is of it.
+const STIFFNESS: f32 = 1000.0;
+
+/// The frames of a pulse that falls on change and keeps to periods (a number every [`STEP`] frames), extended to both ends.
+/// Empty where nothing changes.
+///
+/// Source: Ellis, "Beat tracking by dynamic programming" (2007), eq. 4 to 7.
+pub fn pulse(change: &[f32], periods: &[f64]) -> Vec<f64> {
+    let n = change.len() as f64;
+    let mean = change.iter().map(|x| f64::from(*x)).sum::<f64>() / n;
+    let deviation = (change.iter().map(|x| (f64::from(*x) - mean).powi(2)).sum::<f64>() / n).sqrt();
+    if deviation.is_nan() || deviation < 1e-6 {
+        return Vec::new();
+    }
+    let period = |f: usize| {
+        let (i, t) = (f / STEP, (f % STEP) as f64 / STEP as f64);
+        let at = |i: usize| periods[i.min(periods.len() - 1)];
+        at(i) + t * (at(i + 1) - at(i))
+    };
+    let longest = periods.iter().copied().fold(0.0, f64::max);
+    let logs: Vec<f32> = (0..=(2.0 * longest) as usize + 1).map(|i| (i as f32).ln()).collect();
+    let mut score = vec![0.0f32; change.len()];
+    let mut back: Vec<Option<u32>> = vec![None; change.len()];
+    for f in 0..change.len() {
+        let p = period(f);
+        let log = p.ln() as f32;
+        let mut best = (0.0, None);
+        let nearest = ((p / 2.0) as usize).max(1);
+        for (i, of_step) in logs[nearest..=(2.0 * p) as usize].iter().enumerate() {
+            let Some(from) = f.checked_sub(nearest + i) else { break };
+            let off = of_step - log;
+            let found = score[from] - STIFFNESS * off * off;
+            // of equals the longer step, as the search from far back has it
+            if found >= best.0 && found > 0.0 {
+                best = (found, Some(from as u32));
+            }
+        }
+        score[f] = change[f] / deviation as f32 + best.0;
+        back[f] = best.1;
+    }
+    let tail = (periods[periods.len() - 1] * 1.5) as usize;
+    let from = change.len().saturating_sub(tail.max(1));
+    let last = (from..change.len()).fold(from, |a, b| if score[b] >= score[a] { b } else { a });
+    let mut path = vec![last as f64];
+    let mut at = back[last];
+    while let Some(f) = at {
+        path.push(f64::from(f));
+        at = back[f as usize];
+    }
+    path.reverse();
+    extend(path, change.len() as f64)
+}
+
+/// Goes on at the pace of the nearest eight steps, before and behind.
+fn extend(path: Vec<f64>, end: f64) -> Vec<f64> {
+    let pace = |steps: &[f64]| {
+        let mut all: Vec<f64> = steps.windows(2).map(|w| w[1] - w[0]).collect();
+        all.sort_by(f64::total_cmp);
+        // of an even number the mean of the middle two
+        let n = all.len();
+        if n == 0 { f64::INFINITY } else { 0.5 * (all[(n - 1) / 2] + all[n / 2]) }
+    };
+    let n = path.len();
+    let (first, last) = (pace(&path[..n.min(9)]), pace(&path[n.saturating_sub(9)..]));
+    let mut out: Vec<f64> = (1..).map(|i| path[0] - first * f64::from(i)).take_while(|t| *t > 0.0).collect();
+    out.reverse();
+    let start = path[n - 1];
+    out.extend(path);
+    out.extend((1..).map(|i| start + last * f64::from(i)).take_while(|t| *t < end));
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pulse_follows_ticks_and_bridges_a_gap() {
+        let mut change = vec![0.0f32; 4000];
+        let truth: Vec<f64> = (0..99).map(|i| 20.0 + 40.5 * f64::from(i)).collect();
+        for t in &truth {
+            change[*t as usize] = 1.0;
+        }
+        change[1500..1700].fill(0.0);
+        let found = pulse(&change, &[40.0; 48]);
+        assert_eq!(found.len(), truth.len());
+        assert!(found.iter().zip(&truth).all(|(a, b)| (a - b).abs() < 2.0), "{found:?}");
+        assert_eq!(pulse(&[0.0; 100], &[40.0; 2]), []);
+        assert_eq!(pulse(&[], &[40.0]), []);
+        assert_eq!(pulse(&[0.0, 1.0, 0.0], &[40.0]), [1.0]);
+    }
+}

@@ -1,0 +1,344 @@
+//! Files to samples, packet by packet.
+
+use crate::error::{FileError, Kind};
+use crate::resample::{RATES, Resampler, Sink};
+use crate::{Error, Result};
+use std::fs::File;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use symphonia::core::codecs::CodecParameters;
+use symphonia::core::codecs::audio::well_known::CODEC_ID_OPUS;
+use symphonia::core::codecs::audio::{AudioCodecParameters, AudioDecoder, AudioDecoderOptions};
+use symphonia::core::errors::Error as Fault;
+use symphonia::core::formats::probe::Hint;
+use symphonia::core::formats::{FormatOptions, FormatReader, Track, TrackType};
+use symphonia::core::io::MediaSourceStream;
+use symphonia::core::meta::MetadataOptions;
+
+const READ: &str = "wav, flac, ogg (Vorbis), mp3 and m4a (AAC-LC) are read; convert the file to one of them";
+const AGAIN: &str = "copy or download the file again";
+/// Packets in a row that make no sense before a file counts as damaged.
+const NONSENSE: usize = 8;
+
+/// Samples that a header may promise too many: less than a packet of mp3.
+const ROUNDED: u64 = 1151;
+
+/// What a file's header says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Info {
+    /// The container's name, such as `wave` or `ogg`.
+    pub container: &'static str,
+    /// Samples per second.
+    pub rate: u32,
+    /// Channels, of which the mean is taken.
+    pub channels: usize,
+    /// Samples of each channel, where the header says it.
+    pub samples: Option<u64>,
+}
+
+/// An open music file; an iterator would have to lend its blocks, so ask [`Reader::next_block`].
+pub struct Reader {
+    path: PathBuf,
+    info: Info,
+    track: u32,
+    format: Box<dyn FormatReader>,
+    decoder: Box<dyn AudioDecoder>,
+    planes: Vec<f32>,
+    mono: Vec<f32>,
+    /// Samples given out.
+    given: u64,
+    /// A wav that was written before its length was known.
+    streamed: bool,
+    /// Samples that the coding put before the sound, still to be left out.
+    lead: usize,
+    skipped: usize,
+}
+
+impl std::fmt::Debug for Reader {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Reader").field("path", &self.path).field("info", &self.info).finish_non_exhaustive()
+    }
+}
+
+/// Opens a music file and reads its header.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::File`] with the [`Kind`] of what is wrong and what to do.
+pub fn open(path: &Path) -> Result<Reader> {
+    let fault = |kind, what: &str, help: &str| file_error(path, kind, what, help);
+    let file = File::open(path).map_err(Error::io(path))?;
+    let about = file.metadata().map_err(Error::io(path))?;
+    if about.is_dir() {
+        return Err(fault(Kind::Unknown, "found a folder, expected a file", READ));
+    }
+    if about.len() == 0 {
+        return Err(fault(Kind::Empty, "found 0 bytes, expected a sound", AGAIN));
+    }
+    let mut hint = Hint::new();
+    if let Some(extension) = path.extension().and_then(|e| e.to_str()) {
+        hint.with_extension(extension);
+    }
+    let stream = MediaSourceStream::new(Box::new(file), Default::default());
+    let probed =
+        symphonia::default::get_probe().probe(&hint, stream, FormatOptions::default(), MetadataOptions::default());
+    let format = probed.map_err(|e| match e {
+        Fault::IoError(e) if e.kind() == ErrorKind::UnexpectedEof => {
+            fault(Kind::Cut, "the file ends within its header, expected a sound behind it", AGAIN)
+        }
+        Fault::IoError(e) => Error::io(path)(e),
+        e if e.to_string().contains("missing moov") => {
+            fault(Kind::Cut, "the file ends before its table (moov), expected one", AGAIN)
+        }
+        e => fault(Kind::Unknown, &format!("found no sound ({e}), expected one"), READ),
+    })?;
+    let track = choose(path, &*format)?;
+    let (id, samples) = (track.id, track.num_frames);
+    let parameters = parameters(path, track)?;
+    if parameters.codec == CODEC_ID_OPUS {
+        return Err(fault(Kind::Opus, "found sound coded by Opus, expected another coding", READ));
+    }
+    let container = format.format_info().short_name;
+    let made = symphonia::default::get_codecs().make_audio_decoder(parameters, &AudioDecoderOptions::default());
+    let decoder = made.map_err(|e| fault(Kind::Codec, &format!("found a coding that isn't read ({e})"), READ))?;
+    let rate = parameters.sample_rate.unwrap_or(0);
+    if !RATES.contains(&rate) {
+        let (low, high) = RATES.into_inner();
+        let what = format!("found a rate of {rate} samples per second, expected {low} to {high}");
+        return Err(fault(Kind::Range, &what, READ));
+    }
+    let channels = parameters.channels.as_ref().map_or(0, |c| c.count());
+    let streamed = container == "wave" && ends(path).first().and_then(|head| head.get(4..8)) == Some(&[0xff; 4]);
+    // other containers' readers leave it out themselves
+    let lead = if container == "isomp4" { lead_of_m4a(path) } else { 0 };
+    let samples = samples.filter(|_| !streamed).map(|n| n.saturating_sub(lead as u64));
+    let info = Info { container, rate, channels, samples };
+    let (planes, mono) = (Vec::new(), Vec::new());
+    let mut reader = Reader {
+        path: path.into(),
+        info,
+        track: id,
+        format,
+        decoder,
+        planes,
+        mono,
+        given: 0,
+        streamed,
+        lead,
+        skipped: 0,
+    };
+    // where the header leaves the channels open the first packet says them
+    if reader.info.channels == 0 {
+        reader.decode()?;
+    }
+    Ok(reader)
+}
+
+fn file_error(path: &Path, kind: Kind, what: &str, help: &str) -> Error {
+    Box::new(FileError { path: path.into(), kind, what: what.into(), help: help.into() }).into()
+}
+
+/// The track to hear: the default one, or the first that is sound.
+fn choose<'a>(path: &Path, format: &'a dyn FormatReader) -> Result<&'a Track> {
+    let is_sound = |t: &&Track| matches!(t.codec_params, Some(CodecParameters::Audio(_)));
+    let track = format.default_track(TrackType::Audio).or_else(|| format.tracks().iter().find(is_sound));
+    track.ok_or_else(|| {
+        if holds(path, &[b"enca", b"drms"]) {
+            let what = "found encrypted sound, expected plain";
+            return file_error(path, Kind::Protected, what, "its shop's own player is the only one to open it");
+        }
+        if holds(path, &[b"OpusHead"]) {
+            return file_error(path, Kind::Opus, "found sound coded by Opus, expected another coding", READ);
+        }
+        file_error(path, Kind::NoAudioTrack, "found no sound in it, expected a track of it", READ)
+    })
+}
+
+fn parameters<'a>(path: &Path, track: &'a Track) -> Result<&'a AudioCodecParameters> {
+    let found = track.codec_params.as_ref().and_then(|p| p.audio());
+    found.ok_or_else(|| file_error(path, Kind::NoAudioTrack, "found a track of unknown coding, expected sound", READ))
+}
+
+/// Whether one of these marks stands in the file's ends.
+fn holds(path: &Path, marks: &[&[u8]]) -> bool {
+    ends(path).iter().any(|piece| marks.iter().any(|mark| piece.windows(mark.len()).any(|w| w == *mark)))
+}
+
+/// The samples before the sound that an m4a's first edit leaves out. 0 where it has none: such a file is heard some 20 to
+/// 50 ms late.
+///
+/// Source: ISO/IEC 14496-12, 8.6.6, version 0: flags, count, then duration and media time of 32 bits each.
+fn lead_of_m4a(path: &Path) -> usize {
+    let find = |piece: &Vec<u8>| {
+        let at = piece.windows(8).position(|w| w == b"elst\0\0\0\0")?;
+        let time = piece.get(at + 16..at + 20)?.try_into().ok()?;
+        usize::try_from(i32::from_be_bytes(time)).ok()
+    };
+    // no coding puts more before a sound than this
+    ends(path).iter().find_map(find).filter(|lead| *lead < 1 << 14).unwrap_or(0)
+}
+
+/// The file's first and last 256 KiB: where m4a's tables and Ogg's heads are.
+fn ends(path: &Path) -> Vec<Vec<u8>> {
+    use std::io::{Read, Seek, SeekFrom};
+    const PIECE: u64 = 256 << 10;
+    let Ok(mut file) = File::open(path) else { return Vec::new() };
+    let length = file.metadata().map_or(0, |m| m.len());
+    let mut piece = |from: u64| {
+        let mut piece = Vec::new();
+        file.seek(SeekFrom::Start(from)).and_then(|_| (&mut file).take(PIECE).read_to_end(&mut piece)).ok()?;
+        Some(piece)
+    };
+    [0, length.saturating_sub(PIECE)].into_iter().filter_map(&mut piece).collect()
+}
+
+impl Reader {
+    /// What the header says.
+    pub fn info(&self) -> &Info {
+        &self.info
+    }
+
+    /// Samples given out so far.
+    pub fn given(&self) -> u64 {
+        self.given
+    }
+
+    /// Packets that were no sound and were left out: a player would skip them too.
+    pub fn skipped(&self) -> usize {
+        self.skipped
+    }
+
+    /// The next samples, at most a packet of them; none at the end.
+    ///
+    /// # Errors
+    /// [`Error::File`]: [`Kind::Cut`] where the file ends before its track, [`Kind::Damaged`] where it stops being sound,
+    /// [`Kind::Empty`] where it held none. A cut mp3 without a header of its length is one that ends there.
+    pub fn next_block(&mut self) -> Result<Option<&[f32]>> {
+        if self.mono.is_empty() && !self.decode()? {
+            return self.end().map(|()| None);
+        }
+        self.given += self.mono.len() as u64;
+        self.planes.clear();
+        std::mem::swap(&mut self.planes, &mut self.mono);
+        Ok(Some(&self.planes))
+    }
+
+    fn fault<T>(&self, kind: Kind, what: String, help: &str) -> Result<T> {
+        Err(file_error(&self.path, kind, &what, help))
+    }
+
+    fn seconds(&self) -> f64 {
+        self.given as f64 / f64::from(self.info.rate)
+    }
+
+    fn end(&self) -> Result<()> {
+        match self.info.samples {
+            Some(told) if told > self.given + ROUNDED => {
+                let whole = told as f64 / f64::from(self.info.rate);
+                let what = format!("ends after {:.2} s, expected {whole:.2} s of sound", self.seconds());
+                self.fault(Kind::Cut, what, AGAIN)
+            }
+            _ if self.given == 0 => {
+                self.fault(Kind::Empty, "found a track without samples, expected some".into(), AGAIN)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Decodes packets into `mono` until there is something; false at the end.
+    fn decode(&mut self) -> Result<bool> {
+        let mut nonsense = 0;
+        loop {
+            let packet = match self.format.next_packet() {
+                Ok(Some(packet)) => packet,
+                // another stream behind the first, as radio recordings have them, is another sound
+                Ok(None) | Err(Fault::ResetRequired) => return Ok(false),
+                Err(Fault::IoError(e)) if e.kind() == ErrorKind::UnexpectedEof && self.streamed => return Ok(false),
+                Err(Fault::IoError(e)) if e.kind() == ErrorKind::UnexpectedEof => {
+                    let what = format!("ends within a packet after {:.2} s, expected its rest", self.seconds());
+                    return self.fault(Kind::Cut, what, AGAIN);
+                }
+                Err(Fault::IoError(e)) => return Err(Error::io(&self.path)(e)),
+                Err(e) => {
+                    let what = format!("found no packet after {:.2} s ({e}), expected one", self.seconds());
+                    return self.fault(Kind::Damaged, what, AGAIN);
+                }
+            };
+            if packet.track_id != self.track {
+                continue;
+            }
+            match self.decoder.decode(&packet) {
+                Ok(buffer) => {
+                    let (channels, rate) = (buffer.spec().channels().count(), buffer.spec().rate());
+                    if rate != self.info.rate {
+                        let (was, at) = (self.info.rate, self.seconds());
+                        let what = format!("found {rate} samples per second after {at:.2} s, expected {was} as before");
+                        return self.fault(Kind::Damaged, what, READ);
+                    }
+                    if channels == 0 || buffer.frames() == 0 {
+                        continue;
+                    }
+                    self.info.channels = channels;
+                    self.planes.resize(buffer.samples_interleaved(), 0.0);
+                    buffer.copy_to_slice_interleaved(&mut self.planes);
+                    let share = 1.0 / channels as f32;
+                    let mean = |frame: &[f32]| clean(frame.iter().sum::<f32>() * share);
+                    self.mono.clear();
+                    let lead = self.lead.min(buffer.frames());
+                    self.lead -= lead;
+                    self.mono.extend(self.planes.chunks_exact(channels).skip(lead).map(mean));
+                    if !self.mono.is_empty() {
+                        return Ok(true);
+                    }
+                }
+                Err(Fault::DecodeError(_)) if nonsense < NONSENSE => {
+                    nonsense += 1;
+                    self.skipped += 1;
+                }
+                Err(e) => {
+                    let what = format!("found no sound after {:.2} s ({e}), expected some", self.seconds());
+                    return self.fault(Kind::Damaged, what, AGAIN);
+                }
+            }
+        }
+    }
+}
+
+/// Files of floats may hold what is no number, or numbers that no loudspeaker knows.
+fn clean(x: f32) -> f32 {
+    if x.is_finite() { x.clamp(-1e3, 1e3) } else { 0.0 }
+}
+
+/// Hands a file's samples on, at each of these rates to its own sink, in one pass.
+///
+/// # Errors
+/// Those of [`open`] and [`Reader::next_block`], [`Error::Call`] for a rate outside
+/// [`RATES`], and what a sink refuses.
+pub fn hear(path: &Path, sinks: &mut [(u32, Sink)]) -> Result<Info> {
+    let mut reader = open(path)?;
+    let rate = reader.info.rate;
+    let made: Result<Vec<_>> = sinks.iter().map(|(to, _)| Resampler::new(rate, *to)).collect();
+    let mut resamplers = made?;
+    while let Some(block) = reader.next_block()? {
+        for (resampler, (_, sink)) in resamplers.iter_mut().zip(&mut *sinks) {
+            resampler.push(block, sink)?;
+        }
+    }
+    for (resampler, (_, sink)) in resamplers.into_iter().zip(sinks) {
+        resampler.finish(sink)?;
+    }
+    Ok(Info { samples: Some(reader.given), ..reader.info })
+}
+
+/// A whole file's samples at a rate, in memory: for short ones.
+///
+/// # Errors
+/// Those of [`hear`].
+pub fn samples(path: &Path, rate: u32) -> Result<Vec<f32>> {
+    let mut out = Vec::new();
+    let mut sink = |block: &[f32]| {
+        out.extend_from_slice(block);
+        Ok(())
+    };
+    hear(path, &mut [(rate, &mut sink)])?;
+    Ok(out)
+}

@@ -1,0 +1,169 @@
+//! The spectrogram that the music-to-dance dissertation feeds its network: 6 columns of 1,025 numbers a frame.
+
+use crate::frames::{Spectrum, hann};
+use crate::read::hear;
+use crate::{Error, Result};
+use std::path::Path;
+
+/// Samples per second at which it is heard.
+pub const RATE: u32 = 16_000;
+/// Bins of a column.
+pub const BINS: usize = 1025;
+/// Columns of a frame.
+pub const COLUMNS: usize = 6;
+const WINDOW: usize = 2048;
+const HOP: usize = 200;
+/// Samples that the dissertation cuts out for a frame: two frames of 30 a second. *Derived*: one frame's 533 would give
+/// three columns, not its six.
+const CUT: usize = 1067;
+
+/// How the numbers of a frame come about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Form {
+    /// As printed: 1,067 samples from the frame's time on, mirrored at both ends to fill the windows; magnitudes.
+    Compat,
+    /// Six windows 12.5 ms apart around the frame's time, out of the whole sound; `ln(1 + 100 m)`.
+    Fixed,
+}
+
+/// A listener that hands on a frame's (6, 1025) numbers as soon as its samples are there.
+pub struct Stft {
+    form: Form,
+    fps: f64,
+    spectrum: Spectrum,
+    /// Samples from number `start` on.
+    waiting: Vec<f32>,
+    start: usize,
+    read: usize,
+    frame: usize,
+    numbers: Vec<f32>,
+}
+
+impl Stft {
+    /// For frames of a motion of `fps` per second.
+    ///
+    /// # Errors
+    /// [`Error::Call`] outside 1 to 1000 frames per second.
+    pub fn new(form: Form, fps: f64) -> Result<Stft> {
+        if !(1.0..=1000.0).contains(&fps) {
+            return Err(Error::Call(format!("spectra of {fps} frames per second; expected 1 to 1000")));
+        }
+        let spectrum = Spectrum::new(hann(WINDOW));
+        let numbers = vec![0.0; COLUMNS * BINS];
+        Ok(Stft { form, fps, spectrum, waiting: Vec::new(), start: 0, read: 0, frame: 0, numbers })
+    }
+
+    /// Takes samples at [`RATE`].
+    ///
+    /// # Errors
+    /// What `each` refuses.
+    pub fn push(&mut self, samples: &[f32], each: &mut dyn FnMut(&[f32]) -> Result<()>) -> Result<()> {
+        self.waiting.extend_from_slice(samples);
+        self.read += samples.len();
+        while self.at() + WINDOW + HOP * COLUMNS <= self.read {
+            self.one(each)?;
+        }
+        Ok(())
+    }
+
+    /// Hands on the frames whose time is before the end, with silence behind it. Gives their number.
+    ///
+    /// # Errors
+    /// What `each` refuses.
+    pub fn finish(mut self, each: &mut dyn FnMut(&[f32]) -> Result<()>) -> Result<usize> {
+        while self.at() < self.read {
+            self.one(each)?;
+        }
+        Ok(self.frame)
+    }
+
+    /// The sample at which the next frame stands.
+    fn at(&self) -> usize {
+        (self.frame as f64 * f64::from(RATE) / self.fps).round() as usize
+    }
+
+    fn sample(&self, i: isize) -> f32 {
+        let here = usize::try_from(i).ok().and_then(|i| i.checked_sub(self.start));
+        here.and_then(|i| self.waiting.get(i)).copied().unwrap_or(0.0)
+    }
+
+    fn one(&mut self, each: &mut dyn FnMut(&[f32]) -> Result<()>) -> Result<()> {
+        let at = self.at() as isize;
+        for column in 0..COLUMNS {
+            let window: Vec<f32> = match self.form {
+                Form::Compat => {
+                    let first = (column * HOP) as isize - (WINDOW / 2) as isize;
+                    (0..WINDOW as isize).map(|i| self.sample(at + mirrored(first + i))).collect()
+                }
+                Form::Fixed => {
+                    let middle = at + (column * HOP) as isize - ((COLUMNS - 1) * HOP / 2) as isize;
+                    let first = middle - (WINDOW / 2) as isize;
+                    (0..WINDOW as isize).map(|i| self.sample(first + i)).collect()
+                }
+            };
+            self.spectrum.take(&window)?;
+            for (to, bin) in self.numbers[column * BINS..].iter_mut().zip(&self.spectrum.bins) {
+                let magnitude = bin.norm();
+                *to = if self.form == Form::Fixed { (100.0 * magnitude).ln_1p() } else { magnitude };
+            }
+        }
+        each(&self.numbers)?;
+        self.frame += 1;
+        let needed = self.at().saturating_sub(WINDOW).min(self.read);
+        self.waiting.drain(..needed.saturating_sub(self.start).min(self.waiting.len()));
+        self.start = self.start.max(needed);
+        Ok(())
+    }
+}
+
+/// The number of a sample in the cut, mirrored at its first and last.
+fn mirrored(i: isize) -> isize {
+    let last = CUT as isize - 1;
+    let i = i.rem_euclid(2 * last);
+    if i > last { 2 * last - i } else { i }
+}
+
+/// The frames of a file, handed on one after the other; their number.
+///
+/// # Errors
+/// Those of [`Stft::new`], of reading, and what `each` refuses.
+pub fn stft(path: &Path, form: Form, fps: f64, each: &mut dyn FnMut(&[f32]) -> Result<()>) -> Result<usize> {
+    let mut stft = Stft::new(form, fps)?;
+    hear(path, &mut [(RATE, &mut |samples: &[f32]| stft.push(samples, each))])?;
+    stft.finish(each)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frames(form: Form, x: &[f32], block: usize) -> Vec<Vec<f32>> {
+        let (mut s, mut out) = (Stft::new(form, 30.0).unwrap(), Vec::new());
+        let mut keep = |f: &[f32]| {
+            out.push(f.to_vec());
+            Ok(())
+        };
+        x.chunks(block).try_for_each(|b| s.push(b, &mut keep)).unwrap();
+        let n = s.finish(&mut keep).unwrap();
+        assert_eq!(n, out.len());
+        out
+    }
+
+    #[test]
+    fn blocks_change_nothing_and_each_frame_has_its_time() {
+        let x: Vec<f32> = (0..16_000).map(|i| if (8_000..8_100).contains(&i) { 1.0 } else { 0.0 }).collect();
+        for form in [Form::Compat, Form::Fixed] {
+            let whole = frames(form, &x, 16_000);
+            assert_eq!(whole.len(), 30);
+            assert_eq!(frames(form, &x, 77), whole);
+            let loud = |f: &Vec<f32>| f.iter().sum::<f32>();
+            assert!(loud(&whole[0]) == 0.0 && loud(&whole[15]) > 0.0 && loud(&whole[25]) == 0.0);
+        }
+        assert!(Stft::new(Form::Fixed, 0.0).is_err());
+    }
+
+    #[test]
+    fn the_ends_are_mirrored() {
+        assert_eq!([-1, 0, 1066, 1067, 1068].map(mirrored), [1, 0, 1066, 1065, 1064]);
+    }
+}

@@ -1,0 +1,107 @@
+//! Sounds of the band, sample by sample.
+
+use std::f64::consts::TAU;
+
+/// Numbers that sound like noise, the same for the same seed.
+///
+/// Source: Steele, Lea and Flood, "Fast Splittable Pseudorandom Number Generators" (2014).
+pub struct Noise(u64);
+
+impl Noise {
+    pub fn new(seed: u64) -> Noise {
+        Noise(seed)
+    }
+
+    fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Uniform in -1 to 1.
+    pub fn next(&mut self) -> f32 {
+        (self.bits() >> 40) as f32 / (1 << 23) as f32 - 1.0
+    }
+
+    /// Uniform below `n`.
+    pub fn below(&mut self, n: usize) -> usize {
+        (self.bits() % n.max(1) as u64) as usize
+    }
+}
+
+/// What sounds.
+pub enum Sound {
+    Kick,
+    Snare,
+    Hat,
+    /// A MIDI note held for `length` seconds.
+    Bass {
+        note: i32,
+        length: f64,
+    },
+    Chord {
+        notes: [i32; 3],
+        length: f64,
+    },
+}
+
+fn hz(note: i32) -> f64 {
+    440.0 * 2f64.powf(f64::from(note - 69) / 12.0)
+}
+
+/// Adds a sound at a time; what lies beyond the end is left out.
+pub fn add(out: &mut [f32], rate: u32, at_s: f64, loud: f32, sound: &Sound, noise: &mut Noise) {
+    let start = (at_s * f64::from(rate)).round() as usize;
+    let Some(out) = out.get_mut(start..) else { return };
+    let each = |seconds: f64| (0..(seconds * f64::from(rate)) as usize).map(|i| i as f64 / f64::from(rate));
+    match sound {
+        Sound::Kick => {
+            // the pitch falls from 160 to 45 Hz within 40 ms
+            let phase = |t: f64| 45.0 * t + 115.0 * 0.04 * (1.0 - (-t / 0.04).exp());
+            for (to, t) in out.iter_mut().zip(each(0.4)) {
+                *to += loud * ((TAU * phase(t)).sin() * (-t / 0.11).exp() * attack(t)) as f32;
+            }
+        }
+        Sound::Snare => {
+            for (to, t) in out.iter_mut().zip(each(0.25)) {
+                let rattle = f64::from(noise.next()) * (-t / 0.06).exp();
+                let skin = (TAU * 190.0 * t).sin() * (-t / 0.04).exp();
+                *to += loud * (0.6 * rattle + 0.5 * skin) as f32;
+            }
+        }
+        Sound::Hat => {
+            // differences of noise have little that is low
+            let (mut last, mut before) = (0.0, 0.0);
+            for (to, t) in out.iter_mut().zip(each(0.12)) {
+                let x = noise.next();
+                *to += loud * (x - 2.0 * last + before) * 0.5 * (-t / 0.025).exp() as f32;
+                (before, last) = (last, x);
+            }
+        }
+        Sound::Bass { note, length } => tone(out, rate, hz(*note), *length, 0.5, loud, 5),
+        Sound::Chord { notes, length } => {
+            notes.iter().for_each(|note| tone(out, rate, hz(*note), *length, 0.9, loud / 3.0, 4));
+        }
+    }
+}
+
+/// The first 2 ms, so that nothing cracks.
+fn attack(t: f64) -> f64 {
+    (t / 0.002).min(1.0)
+}
+
+/// A note with overtones that fall off as a plucked string's do, `decay` seconds long, damped at its end.
+fn tone(out: &mut [f32], rate: u32, hz: f64, length: f64, decay: f64, loud: f32, overtones: u32) {
+    let n = ((length + 0.05) * f64::from(rate)) as usize;
+    for (i, to) in out.iter_mut().take(n).enumerate() {
+        let t = i as f64 / f64::from(rate);
+        let damped = if t > length { 1.0 - (t - length) / 0.05 } else { 1.0 };
+        let mut x = 0.0;
+        for h in (1..=overtones).map(f64::from).take_while(|h| h * hz < 0.45 * f64::from(rate)) {
+            x += (TAU * h * hz * t).sin() * (-t * h / decay).exp() / h;
+        }
+        *to += loud * (x * damped * attack(t)) as f32;
+    }
+}

@@ -1,0 +1,109 @@
+//! `kinelm music`.
+
+use super::{ForceArgs, Say, chain, each_file, print};
+use anyhow::{Error, Result};
+use kinelm::music::{beats, picture, report};
+use kinelm_music::{beat, feature};
+use std::path::{Path, PathBuf};
+
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// What music files hold: length, loudness, beats and tempo; a picture of one
+    Inspect(InspectArgs),
+    /// The beats of a music file, a time in seconds a line
+    Beats(BeatsArgs),
+}
+
+#[derive(Debug, clap::Args)]
+pub struct InspectArgs {
+    /// Music files (.wav .flac .ogg .mp3 .m4a)
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// One JSON object a file and line instead of text
+    #[arg(long, conflicts_with = "out")]
+    json: bool,
+    /// A picture of the one file (.png .svg): onset strength with the beats, pitch classes, tempo
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Where the stretch begins that is drawn, seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = super::read::seconds, requires = "out")]
+    at: f64,
+    /// How long it is
+    #[arg(long, default_value_t = 10.0, value_parser = super::read::positive, requires = "out")]
+    seconds: f64,
+    #[command(flatten)]
+    force: ForceArgs,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct BeatsArgs {
+    /// A music file (.wav .flac .ogg .mp3 .m4a)
+    file: PathBuf,
+    /// Where the beats go (.txt); to stdout if not given
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    force: ForceArgs,
+}
+
+/// Frames per second of what is drawn.
+const PICTURE_FPS: f64 = 60.0;
+
+pub fn run(command: Command, say: Say) -> Result<()> {
+    match command {
+        Command::Inspect(args) => match &args.out {
+            Some(out) => draw(&args, out, say),
+            None => inspect(&args, say),
+        },
+        Command::Beats(args) => beats_of(&args, say),
+    }
+}
+
+fn inspect(args: &InspectArgs, say: Say) -> Result<()> {
+    each_file(&args.files, "files could not be heard", say, |_, file| {
+        let told = report::report(file).map_err(Error::from);
+        match told {
+            Ok(told) => print(&if args.json { told.json() + "\n" } else { told.text() }),
+            Err(e) => {
+                if args.json {
+                    let line = serde_json::json!({"schema": 1, "file": file, "error": chain(&e)});
+                    print(&format!("{line}\n"))?;
+                }
+                Err(e)
+            }
+        }
+    })
+}
+
+fn draw(args: &InspectArgs, out: &Path, say: Say) -> Result<()> {
+    let [file] = &args.files[..] else {
+        let what = format!("--out draws one file, and {} are given", args.files.len());
+        return Err(super::WrongCall(what).into());
+    };
+    let outputs = args.force.outputs(args.files.clone());
+    super::picture(out, &outputs)?;
+    let features = feature::features(file, PICTURE_FPS).map_err(kinelm::Error::from)?;
+    let charts = picture::charts(&features, args.at..args.at + args.seconds)
+        .map_err(|e| Error::new(e).context(file.display().to_string()))?;
+    super::draw_charts(out, &charts, &outputs)?;
+    say.line(format_args!("{}: {} heard, {} beats", out.display(), file.display(), features.beats.times_s.len()));
+    Ok(())
+}
+
+fn beats_of(args: &BeatsArgs, say: Say) -> Result<()> {
+    let outputs = args.force.outputs([args.file.clone()]);
+    if let Some(out) = &args.out {
+        if super::extension(out) != "txt" {
+            let what = format!("{}: expected a name ending in .txt for beats", out.display());
+            return Err(super::WrongCall(what).into());
+        }
+        outputs.check([&**out])?;
+    }
+    let found = beat::beats(&args.file).map_err(kinelm::Error::from)?;
+    let text = beats::text(&found.times_s, &args.file);
+    let Some(out) = &args.out else { return print(&text) };
+    outputs.write(out, text.as_bytes())?;
+    let pace = found.bpm().map(|bpm| format!(", {bpm:.1} a minute")).unwrap_or_default();
+    say.line(format_args!("{}: {}{pace}", out.display(), kinelm::counted(found.times_s.len(), "beats")));
+    Ok(())
+}

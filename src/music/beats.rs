@@ -1,0 +1,68 @@
+//! Beats as a text file: a time in seconds a line, as `numpy.loadtxt` and mir_eval read it.
+
+use crate::{Error, Result};
+use kinelm_motion::Place;
+use std::fmt::Write;
+use std::path::Path;
+
+/// Stands in the first line of every file of beats that is written.
+pub const MARK: &str = "# made by kinelm";
+
+/// The text of beats: our mark, a line that says what they are of, the times to a millisecond.
+pub fn text(times_s: &[f64], of: &Path) -> String {
+    let name = of.file_name().map(|n| n.to_string_lossy().replace(char::is_control, " ")).unwrap_or_default();
+    let mut out = format!("{MARK}: beats of {name}, seconds\n");
+    for time in times_s {
+        // a string takes whatever is written
+        let _ = writeln!(out, "{time:.3}");
+    }
+    out
+}
+
+/// The times of a text: the first number of each line, seconds, rising; `#` begins a comment. Lines of more numbers, as
+/// trackers of bars write them, count by their first.
+///
+/// # Errors
+/// [`Error::File`] with line and column of what is no time, is below 0, or doesn't rise.
+pub fn parse(path: &Path, text: &str) -> Result<Vec<f64>> {
+    let mut out: Vec<f64> = Vec::new();
+    for (i, line) in text.lines().enumerate() {
+        let told = line.split('#').next().unwrap_or("");
+        let Some(word) = told.split([' ', '\t', ',', ';']).find(|w| !w.trim().is_empty()) else { continue };
+        let column = 1 + line.find(word).map_or(0, |at| line[..at].chars().count());
+        let at = Place { path: path.into(), line: i + 1, column };
+        let help = "give a time in seconds a line, in rising order";
+        let time: f64 = match word.trim().parse() {
+            Ok(time) if (0.0..1e6).contains(&time) => time,
+            _ => return Err(Error::at(at, format!("{word:?}"), "a time in seconds, not below 0", help)),
+        };
+        if let Some(last) = out.last().filter(|last| time <= **last) {
+            return Err(Error::at(at, format!("{time} behind {last}"), "a later time", help));
+        }
+        out.push(time);
+    }
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read() {
+        let path = Path::new("a/song\n.mp3");
+        let written = text(&[0.0, 0.5126, 1.0], path);
+        assert_eq!(written, "# made by kinelm: beats of song .mp3, seconds\n0.000\n0.513\n1.000\n");
+        assert_eq!(parse(path, &written).unwrap(), [0.0, 0.513, 1.0]);
+        assert_eq!(parse(path, "1.5\t1\n\n 2,2 # two\n").unwrap(), [1.5, 2.0]);
+    }
+
+    #[test]
+    fn what_is_no_time_is_refused_with_its_place() {
+        let of = |text| parse(Path::new("b.txt"), text).unwrap_err().to_string();
+        assert!(of("0.5\n  zwei\n").starts_with("b.txt:2:3: found \"zwei\", expected a time in seconds"));
+        assert!(of("0.5\n-1\n").starts_with("b.txt:2:1: found \"-1\""));
+        assert!(of("NaN").starts_with("b.txt:1:1: found \"NaN\""));
+        assert!(of("0.5\n0.5\n").starts_with("b.txt:2:1: found 0.5 behind 0.5, expected a later time"));
+    }
+}

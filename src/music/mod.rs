@@ -1,0 +1,6 @@
+//! Music beside dances: what a file holds, its beats as text, a picture of both.
+
+pub mod beats;
+pub mod dance;
+pub mod picture;
+pub mod report;

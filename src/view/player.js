@@ -1,0 +1,85 @@
+// Music in step with the page's clock: the sound is the clock while it runs, so the two can't drift apart.
+// Other pages can take it: it needs an element for its switch, one for its ticks, and is told of play, seek and speed.
+
+const APART_S = 0.01;                                // a seek is made only where sound and clock are further apart
+
+class Player {
+  // music: { src, name, from, beats }: `from` is the music's time at the dance's beginning; beats in the music's time
+  constructor(music, { ticks, pulse, button, length }) {
+    Object.assign(this, { from: music.from, button, pulse, blocked: false, muted: false });
+    this.beats = music.beats.map(beat => beat - music.from).filter(beat => beat >= 0 && beat <= length);
+    this.audio = new Audio();
+    this.audio.preload = 'auto';
+    this.audio.src = music.src;
+    this.audio.onerror = () => { this.trouble = `${music.name} can't be played; it has to lie beside this page`; };
+    button.title = `${music.name}: sound on or off (M)`;
+    button.hidden = false;
+    button.onclick = () => this.mute(!this.muted);
+    this.mark(ticks, length);
+  }
+
+  // One tick a beat, or every second, fourth ... where they would run together.
+  mark(ticks, length) {
+    let every = 1;
+    while (this.beats.length / every > 200) every *= 2;
+    for (let i = 0; i < this.beats.length; i += every) {
+      const tick = document.createElement('i');
+      tick.style.left = `${100 * this.beats[i] / (length || 1)}%`;
+      ticks.append(tick);
+    }
+  }
+
+  mute(on) {
+    this.muted = this.audio.muted = on;
+    this.button.setAttribute('aria-pressed', !on);
+  }
+
+  // Whether there is sound at a time of the dance.
+  reaches(time) {
+    const at = time + this.from;
+    return at >= 0 && at < (Number.isFinite(this.audio.duration) ? this.audio.duration : 0);
+  }
+
+  // The dance's time by the sound; null while it is silent: before its beginning, behind its end, not yet allowed.
+  now() {
+    const a = this.audio;
+    return a.paused || a.ended || a.seeking || a.readyState < 2 ? null : a.currentTime - this.from;
+  }
+
+  // The page stands at this time; it plays at this speed, or not at all with 0.
+  follow(time, speed) {
+    const a = this.audio;
+    if (!speed || !this.reaches(time)) {
+      if (!a.paused) a.pause();
+      return;
+    }
+    if (a.playbackRate !== speed) a.playbackRate = speed;
+    if (!a.paused || this.blocked) return;
+    this.seek(time);
+    // browsers wait for a first click before a page may sound
+    this.blocked = true;
+    a.play().then(() => { this.blocked = false; }, () => {
+      for (const what of ['pointerdown', 'keydown']) {
+        addEventListener(what, () => { this.blocked = false; }, { once: true });
+      }
+    });
+  }
+
+  seek(time) {
+    if (this.reaches(time) && Math.abs(this.audio.currentTime - this.from - time) > APART_S) {
+      this.audio.currentTime = time + this.from;
+    }
+  }
+
+  // Lights up at each beat.
+  show(time) {
+    let low = 0, high = this.beats.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (this.beats[middle] <= time) low = middle + 1;
+      else high = middle;
+    }
+    const since = low ? time - this.beats[low - 1] : Infinity;
+    this.pulse.style.opacity = Math.exp(-since / 0.12).toFixed(2);
+  }
+}

@@ -114,6 +114,52 @@ fn it_dances_after_a_prompt_and_again() {
 }
 
 #[test]
+fn the_best_of_several_is_kept_and_made_again() {
+    let place = place();
+    let told = |name: &str| -> serde_json::Value {
+        serde_json::from_slice(&fs::read(place.at(&format!("{name}.kinelm.json"))).unwrap()).unwrap()
+    };
+    let said =
+        place.call("generate --run run --seconds 3 --best 4 --keep-all --seed 5 --out all.bvh").assert().success();
+    let said = String::from_utf8(said.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("held to the train clips of") && said.contains("of 4, score"), "{said}");
+    let all: Vec<_> = (1..=4).map(|i| told(&format!("all-{i}.bvh"))).collect();
+    let score = |i: usize| all[i]["best"]["verdict"]["score"].as_f64().unwrap();
+    let is_out = |i: usize| {
+        let verdict = &all[i]["best"]["verdict"];
+        !verdict["freezes_s"].is_null() || verdict["copied"] == true
+    };
+    for i in 0..3 {
+        assert!((is_out(i), score(i)) <= (is_out(i + 1), score(i + 1)), "{all:?}");
+    }
+    let mut drawn: Vec<u64> = all.iter().map(|told| told["variation"].as_u64().unwrap()).collect();
+    drawn.sort_unstable();
+    assert_eq!((drawn, &all[2]["best"]["of"], &all[2]["best"]["better"]), (vec![1, 2, 3, 4], &4.into(), &2.into()));
+    // one alone is the best of them, and needs no corpus to be made again
+    place.done("generate --run run --seconds 3 --best 4 --seed 5 --out one.bvh");
+    let best = fs::read(place.at("all-1.bvh")).unwrap();
+    assert_eq!(fs::read(place.at("one.bvh")).unwrap(), best);
+    place.done("generate --again one.bvh.kinelm.json --out twice.one.bvh");
+    assert_eq!(fs::read(place.at("twice.one.bvh")).unwrap(), best);
+    // under a prompt, and two of three
+    let on = "generate --run run --prompt data/03.bvh --joints root,legs --best 3 --variations 2 --real corpus --out of3.bvh";
+    place.done(on);
+    assert!(place.at("of3-2.bvh").exists() && !place.at("of3-3.bvh").exists());
+    assert!(told("of3-1.bvh")["best"]["verdict"]["skate_share"].is_null(), "legs are given");
+    for (call, why) in [
+        ("--best 3 --variations 4", "--variations 4 of --best 3; expected as many at most"),
+        ("--best 3 --greedy", "cannot be used with"),
+        ("--best 3 --real data", "no corpus.json"),
+        ("--real corpus", "--best <N>"),
+        ("--best 1", "2..=16"),
+    ] {
+        let call = format!("generate --run run --seconds 3 {call} --out refused.bvh");
+        place.call(&call).assert().code(2).stderr(contains(why));
+    }
+    assert!(!place.at("refused.bvh").exists());
+}
+
+#[test]
 fn feet_are_held_where_no_leg_is_given_and_the_sidecar_says_so() {
     let place = place();
     let dance = |name: &str, more: &str| {

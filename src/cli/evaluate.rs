@@ -1,6 +1,6 @@
 //! `kinelm evaluate`.
 
-mod dance;
+pub mod dance;
 mod gaps;
 mod likelihood;
 mod prediction;

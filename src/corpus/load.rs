@@ -74,7 +74,19 @@ impl Placed {
 /// # Errors
 /// As [`load_clip`].
 pub fn load_placed(path: &Path, options: &ReadOptions, wanted: Wanted) -> Result<Placed> {
-    let (mut motion, clip, sha256) = load_hashed(path, options, wanted.fps)?;
+    // refused by its name before it is read
+    format::Format::of(path)?;
+    let bytes = format::input::bytes(path).map_err(Error::io(path))?;
+    parse_placed(path, &bytes, options, wanted)
+}
+
+/// [`load_placed`] of a file's bytes.
+///
+/// # Errors
+/// Those of [`load_clip`], but for the system's.
+pub fn parse_placed(path: &Path, bytes: &[u8], options: &ReadOptions, wanted: Wanted) -> Result<Placed> {
+    let (mut motion, clip) = parse_clip(path, bytes, options, wanted.fps)?;
+    let sha256 = FileRecord::of(bytes).sha256;
     let (mut floor_m, mut under_m) = (None, 0.0);
     if let Some(first) = clip.root().first().filter(|_| wanted.above_floor) {
         let floor = floor_of(&mut motion, options)?;
@@ -106,18 +118,6 @@ pub fn load_item(item: &Item, options: &ReadOptions, wanted: Wanted) -> Result<L
 /// What reading and retargeting fail with, the file named.
 pub fn load_clip(path: &Path, options: &ReadOptions, fps: f64) -> Result<(Motion, Clip)> {
     at_rate(format::read(path, options)?, options, fps)
-}
-
-/// [`load_clip`] with the SHA-256 of the very bytes that were read.
-///
-/// # Errors
-/// Those of [`load_clip`].
-pub fn load_hashed(path: &Path, options: &ReadOptions, fps: f64) -> Result<(Motion, Clip, String)> {
-    // refused by its name before it is read
-    format::Format::of(path)?;
-    let bytes = kinelm_motion::format::input::bytes(path).map_err(Error::io(path))?;
-    let (motion, clip) = parse_clip(path, &bytes, options, fps)?;
-    Ok((motion, clip, FileRecord::of(&bytes).sha256))
 }
 
 /// [`load_clip`] of a file's bytes.

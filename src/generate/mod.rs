@@ -9,9 +9,11 @@
 //! draws from a random stream of its own, so neither company nor guessing ahead changes what is drawn.
 
 pub mod apart;
+pub mod best;
 mod dance;
 pub mod edit;
 pub mod feet;
+pub mod free;
 pub mod guidance;
 pub mod make;
 pub mod place;

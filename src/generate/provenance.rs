@@ -3,6 +3,7 @@
 //! `dance.bvh` has `dance.bvh.kinelm.json`: the recipe, what the model, the tokenizer and the prompt were by their hashes, and
 //! the hash of the dance itself.
 
+use super::best::Best;
 use super::make::Ready;
 use super::recipe::Recipe;
 use crate::corpus::FileRecord;
@@ -34,6 +35,9 @@ pub struct Provenance {
     pub replaces: Option<String>,
     /// Which of the dances drawn side by side it is, from 1.
     pub variation: usize,
+    /// Where it stands among them, if the best were looked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub best: Option<Best>,
     /// What decides it. Its frames are never left out.
     pub recipe: Recipe,
     /// Updates that the model's checkpoint had.
@@ -152,6 +156,7 @@ impl Provenance {
             output: FileHash { file: name_of(dance), sha256: FileRecord::of(bytes).sha256 },
             replaces: None,
             variation,
+            best: None,
             recipe,
             step: ready.run.state.step,
             weights_sha256: ready.run.weights_sha256(),

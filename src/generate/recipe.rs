@@ -8,7 +8,7 @@ use super::sampling::Draw;
 use crate::Result;
 use crate::model::{Compute, Reading};
 use kinelm_engine::decode::{KvKind, WeightKind};
-use kinelm_motion::format::{Format, ReadOptions, RestFrame, Up};
+use kinelm_motion::format::{Format, ReadOptions, RestFrame, Unit, Up};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -81,6 +81,20 @@ impl Recipe {
             return ReadOptions { fps_source, rest: RestFrame::Keep, ..own };
         }
         ReadOptions { fps_source, skip: prompt.read.skip, rest: prompt.read.rest, ..own }
+    }
+
+    /// How the dance is measured: as [`Recipe::read_back`], where `call` says nothing else. Without a prompt the floor is at 0.
+    pub fn measured(&self, dance: &Path, call: ReadOptions) -> ReadOptions {
+        let own = self.read_back(dance);
+        ReadOptions {
+            floor: call.floor.or(self.prompt.as_ref().and_then(|prompt| prompt.read.floor)).or(Some(0.0)),
+            up: if call.up == Up::Auto { own.up } else { call.up },
+            unit: if call.unit == Unit::Auto { own.unit } else { call.unit },
+            map: call.map.or(own.map),
+            fps_source: call.fps_source.or(own.fps_source),
+            skip: if call.skip == 0 { own.skip } else { call.skip },
+            ..call
+        }
     }
 }
 

@@ -8,8 +8,9 @@ use kinelm::evaluate::dance::prompted::prompted;
 use kinelm::evaluate::dance::{Dance, Real};
 use kinelm::generate::prompt::given_places;
 use kinelm::generate::provenance::{self, Provenance};
-use kinelm_motion::format::{ReadOptions, RestFrame, Unit, Up};
+use kinelm_motion::format::{ReadOptions, RestFrame};
 use kinelm_motion::joints;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
@@ -35,12 +36,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
-    if !args.real.join("corpus.json").exists() {
-        let what =
-            format!("--real {}: no corpus.json; expected a corpus, as kinelm tokenize makes it", args.real.display());
-        return Err(WrongCall(what).into());
-    }
-    let corpus = Corpus::open(&args.real)?;
+    let corpus = corpus(&args.real)?;
     let tokenizer = corpus.tokenizer();
     let real = Real::load(&corpus)?;
     let options = args.read.options(RestFrame::Drop);
@@ -48,9 +44,13 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let dances: Vec<Dance> = dances.collect::<kinelm::Result<_>>()?;
     let mut report = real.report(&dances);
     let mut given: Option<Vec<bool>> = None;
+    let mut best = BTreeMap::<usize, usize>::new();
     for (path, dance) in args.dances.iter().zip(&dances) {
         let recipe = match provenance::find(path) {
-            Ok(told) => told.map(|told| told.recipe),
+            Ok(told) => told.map(|told| {
+                told.best.iter().for_each(|of| *best.entry(of.of).or_default() += 1);
+                told.recipe
+            }),
             Err(e) => {
                 say.line(e);
                 None
@@ -66,6 +66,9 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
             Err(e) => say.line(format_args!("{}: its prompt is not looked at: {e}", path.display())),
         }
     }
+    for (of, dances) in best {
+        say.line(format_args!("{dances} of these {} dances were chosen among {of} each", args.dances.len()));
+    }
     if args.copying {
         report.copied = Some(real.copied(&dances, &given.unwrap_or_default())?);
     }
@@ -75,19 +78,18 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     print(&if args.json { format!("{}\n", serde_json::to_string(&report)?) } else { format!("{report}\n") })
 }
 
-/// The options of a call for one file: of a dance of ours, its recipe says what the call leaves open. Without a prompt the
-/// floor is at 0.
+/// The corpus that `--real` names.
+pub fn corpus(real: &Path) -> Result<Corpus> {
+    if !real.join("corpus.json").exists() {
+        let what = format!("--real {}: no corpus.json; expected a corpus, as kinelm tokenize makes it", real.display());
+        return Err(WrongCall(what).into());
+    }
+    Ok(Corpus::open(real)?)
+}
+
+/// The options of a call for one file: of a dance of ours, its recipe says what the call leaves open.
 fn as_told(path: &Path, call: &ReadOptions) -> ReadOptions {
     let told = Provenance::load(&provenance::path_of(path)).ok();
-    let Some(told) = told.filter(|told| told.output.file == provenance::name_of(path)) else { return call.clone() };
-    let (own, read) = (told.recipe.read_back(path), call.clone());
-    ReadOptions {
-        floor: read.floor.or(told.recipe.prompt.and_then(|prompt| prompt.read.floor)).or(Some(0.0)),
-        up: if read.up == Up::Auto { own.up } else { read.up },
-        unit: if read.unit == Unit::Auto { own.unit } else { read.unit },
-        map: read.map.or(own.map),
-        fps_source: read.fps_source.or(own.fps_source),
-        skip: if read.skip == 0 { own.skip } else { read.skip },
-        ..read
-    }
+    let told = told.filter(|told| told.output.file == provenance::name_of(path));
+    told.map_or(call.clone(), |told| told.recipe.measured(path, call.clone()))
 }

@@ -1,12 +1,15 @@
 //! `kinelm generate`.
 
+mod best;
 mod edit;
 
 use super::{ComputeArgs, ForceArgs, ReadingArgs, Say, WrongCall, draw::DrawArgs, read::ReadArgs};
 use anyhow::{Context, Result};
+use best::BestArgs;
 use edit::EditArgs;
 use kinelm::corpus::FileRecord;
 use kinelm::generate::apart::{apart, free_between};
+use kinelm::generate::best::Best;
 use kinelm::generate::feet::Care;
 use kinelm::generate::make::{Followed, Ready};
 use kinelm::generate::prompt;
@@ -63,7 +66,7 @@ pub struct Args {
     /// Make a dance again, to the same bytes, from the FILE.bvh.kinelm.json beside it; --run, --prompt and --out if they are
     /// elsewhere now
     #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["joints", "from_frame", "given", "free", "blend", "tries", "labels", "guidance", "ahead", "frames", "seconds", "fps",
-        "variations", "seed", "greedy", "temperature", "top_k", "top_p", "min_p", "repetition_penalty",
+        "variations", "best", "real", "keep_all", "seed", "greedy", "temperature", "top_k", "top_p", "min_p", "repetition_penalty",
         "repetition_words", "rig", "rest_joints", "feet", "weights", "kv", "device", "form", "fps_source", "unit", "map",
         "bvh_position", "root", "lenient", "keep_rest", "drop_rest", "skip", "body_model"])]
     again: Option<PathBuf>,
@@ -88,6 +91,8 @@ pub struct Args {
     /// If not given, 8 with --greedy and none without: drawn tokens are too rarely those of the word before
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=64), hide_short_help = true)]
     guesses: Option<u8>,
+    #[command(flatten)]
+    best: BestArgs,
     #[command(flatten)]
     edit: EditArgs,
     #[command(flatten)]
@@ -172,11 +177,22 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     if args.feet.is_none() {
         ready.hold_feet_unless_followed();
     }
-    let danced = danced(&ready, outs.len(), args.guesses, say)?;
-    for (i, (words, out)) in danced.iter().zip(&outs).enumerate() {
+    let beside = args.best.beside(&ready, say)?;
+    let drawn = args.best.best.map_or(outs.len(), usize::from);
+    let danced = danced(&ready, drawn, args.guesses, say)?;
+    let chosen: Vec<(usize, Option<Best>)> = match beside {
+        Some(beside) => {
+            let best = beside.choose(&ready, &danced, outs.len(), &outs[0], say)?;
+            best.into_iter().map(|(i, best)| (i, Some(best))).collect()
+        }
+        None => (0..drawn).map(|i| (i, None)).collect(),
+    };
+    for ((i, best), out) in chosen.into_iter().zip(&outs) {
+        let words = &danced[i];
         let made = ready.motion(words, out)?;
         let bytes = made.bytes(out)?;
-        Provenance::of(&ready, i + 1, out, &bytes)?.write(out, &bytes, &outputs)?;
+        let told = Provenance { best, ..Provenance::of(&ready, i + 1, out, &bytes)? };
+        told.write(out, &bytes, &outputs)?;
         super::convert::told(out, &made.motion, say);
         edit::say_left(&made.left, made.locked_fps, say);
         if let Some(edited) = ready.prompt.as_ref().and_then(|prompt| prompt.edit.as_ref()) {
@@ -352,7 +368,7 @@ fn outs(args: &Args) -> Result<Vec<PathBuf>> {
         name.push(out.extension().unwrap_or_default());
         out.with_file_name(name)
     };
-    Ok(match args.variations {
+    Ok(match args.best.written(args.variations) {
         1 => vec![out.clone()],
         n => (1..=n).map(numbered).collect(),
     })
@@ -391,6 +407,10 @@ fn check_out(args: &Args, outs: &[PathBuf]) -> Result<()> {
     let mut extension = String::new();
     for out in outs {
         extension = super::writable(out)?;
+    }
+    if let Some(best) = args.best.best.filter(|best| *best < args.variations) {
+        let what = format!("--variations {} of --best {best}; expected as many at most", args.variations);
+        return Err(WrongCall(what).into());
     }
     if args.draw.get()?.greedy && args.variations > 1 {
         let what = "--variations with --greedy: the likeliest dance is always the same; leave one of them out";

@@ -8,6 +8,7 @@ pub mod copying;
 pub mod features;
 pub mod frechet;
 pub mod freeze;
+pub mod judge;
 pub mod places;
 pub mod prompted;
 pub mod repeat;

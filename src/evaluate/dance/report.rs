@@ -6,10 +6,10 @@ use super::freeze::{Freezing, Summary, energy, summary, threshold};
 use super::places::Places;
 use super::prompted::Prompted;
 use super::repeat::repeats;
-use crate::corpus::load::load_placed;
+use crate::corpus::load::parse_placed;
 use crate::corpus::{ClipRecord, Corpus, Split};
 use crate::{Error, Result};
-use kinelm_motion::format::ReadOptions;
+use kinelm_motion::format::{self, Format, ReadOptions};
 use kinelm_motion::metric::{Feet, Ground, Skate, jitter_of, physical_foot_contact};
 use kinelm_motion::retarget::SkeletonMap;
 use kinelm_motion::{Clip, smpl};
@@ -46,7 +46,17 @@ impl Dance {
     /// # Errors
     /// What reading, retargeting and coding fail with; no frames.
     pub fn of_file(path: &Path, options: &ReadOptions, tokenizer: &Tokenizer) -> Result<Dance> {
-        let clip = load_placed(path, options, tokenizer.config().into())?.lowered();
+        Format::of(path)?; // refused by its name before it is read
+        let bytes = format::input::bytes(path).map_err(Error::io(path))?;
+        Dance::of_bytes(path, &bytes, options, tokenizer)
+    }
+
+    /// The same of a file's bytes.
+    ///
+    /// # Errors
+    /// Those of [`Dance::of_file`].
+    pub fn of_bytes(path: &Path, bytes: &[u8], options: &ReadOptions, tokenizer: &Tokenizer) -> Result<Dance> {
+        let clip = parse_placed(path, bytes, options, tokenizer.config().into())?.lowered();
         if clip.frames() == 0 {
             return Err(Error::file(path, "no frames", "at least one", ""));
         }
@@ -69,11 +79,11 @@ impl Dance {
 
 /// Real dances, and the thresholds measured from them.
 pub struct Real {
-    train: Vec<Dance>,
-    valid: Vec<Dance>,
-    joints: Vec<usize>,
+    pub(super) train: Vec<Dance>,
+    pub(super) valid: Vec<Dance>,
+    pub(super) joints: Vec<usize>,
     feet: Feet,
-    fps: f64,
+    pub(super) fps: f64,
     frames_per_word: usize,
     /// In the world, and of the pose alone, cm/s.
     thresholds: [f64; 2],

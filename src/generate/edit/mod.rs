@@ -159,6 +159,11 @@ impl Edited {
         self.known
     }
 
+    /// What is given at the model's rate.
+    pub fn model(&self) -> &Mask {
+        &self.model
+    }
+
     /// (P, C) which characters of the prompt's words are given, and which of these are foretold: those behind a gap.
     pub fn given(&self, words: usize) -> (Vec<bool>, Vec<bool>) {
         let is_given = |frame: usize, joint: usize| self.model.is_given(frame, joint);

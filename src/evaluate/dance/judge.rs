@@ -238,7 +238,7 @@ mod tests {
         let copy = Dance::of_corpus(&corpus, &corpus.clips()[0]).unwrap();
         let slides = moved(&test, |f| Vec3::X * 0.2 * f as f64);
         let sunk = moved(&test, |_| Vec3::Y * -0.5);
-        let shakes = moved(&test, |f| Vec3::Y * if f % 2 == 0 { 0.03 } else { -0.03 });
+        let shakes = moved(&test, |f| Vec3::Y * if f.is_multiple_of(2) { 0.03 } else { -0.03 });
         let mut still = test.clone();
         let at = |f: usize| f.min(75);
         let root = (0..150).map(|f| test.clip.root()[at(f)]).collect();
@@ -268,7 +268,7 @@ mod tests {
         let real = Real::load(&corpus).unwrap();
         let test = Dance::of_corpus(&corpus, &corpus.clips()[2]).unwrap();
         // in the floor, and shaking, while the body is given
-        let wrong = |f: usize| if f < 100 { Vec3::Y * if f % 2 == 0 { -0.5 } else { -0.6 } } else { Vec3::ZERO };
+        let wrong = |f: usize| if f < 100 { Vec3::Y * if f.is_multiple_of(2) { -0.5 } else { -0.6 } } else { Vec3::ZERO };
         let dance = moved(&test, wrong);
         let of = |invented: Vec<Stretch>| Judge::new(&real, invented).unwrap().verdict(&dance);
         let (whole, later) = (of(all(200)), of(vec![Stretch { frames: 100..200, joints: JOINTS.to_vec() }]));

@@ -336,6 +336,8 @@ impl<'a> Dance<'a> {
         // a window that has moved is read anew
         if self.first == first {
             self.read = self.taken_back.map_or(read + right, |left| left.min(read + right));
+            // a word taken back may begin with a free place, which the token before it speaks for
+            self.read = self.read.min(self.window() - 1);
         }
         self.taken_back = None;
         Ok(())

@@ -315,6 +315,22 @@ fn a_word_that_is_foretold_is_drawn_taken_back_and_made_of_what_is_given() {
 }
 
 #[test]
+fn a_word_that_is_foretold_may_begin_with_a_free_place() {
+    // place 2 is free in word 1 and given behind it, the first place of word 2 is free
+    let prompt: Vec<u32> = (0..4u32).flat_map(|w| [6 + w, 7 + w, 8 + w, 5]).collect();
+    let given: Vec<bool> = (0..12).map(|i| !(3..7).contains(&i)).collect();
+    let foretold: Vec<bool> = (0..12).map(|i| i == 7 || i == 8).collect();
+    for (context, guesses) in [(100, 0), (100, 4), (14, 0), (12, 2)] {
+        let plan = Plan { guesses, words: 6, ..plan(6, &given[..3], &prompt, Draw::greedy()) };
+        let [without, with] = [&[][..], &foretold].map(|foretold| {
+            dances(&mut model(context, 1), &Plan { given: &given, foretold, ..plan.clone() }, &mut |_| {}).unwrap()
+        });
+        assert_eq!(with.ids, without.ids, "{context} {guesses}");
+        assert_eq!(with.foretold[0].len(), 2);
+    }
+}
+
+#[test]
 fn what_leads_in_is_free_and_the_prompt_stands_behind_it() {
     let prompt = [6, 7, 8, 5, 9, 10, 11, 5];
     let plan = Plan { lead_in: 2, ..plan(5, &[false, true, false], &prompt, Draw::temperature(3.0)) };

@@ -23,6 +23,7 @@ mod lr_find;
 mod many;
 mod mirror;
 mod music;
+mod plan;
 mod pretrain;
 mod progress;
 mod query;
@@ -89,7 +90,10 @@ enum Command {
     /// A learning rate for a model: a few hundred steps at rates that grow until the loss blows up, as a plot
     LrFind(lr_find::Args),
     /// A new dance that follows chosen joints of a clip
-    Generate(generate::Args),
+    Generate(Box<generate::Args>),
+    /// Plans of dances made of several clips
+    #[command(subcommand)]
+    Plan(plan::Command),
     /// Name dancer, genre or any other label of a dance
     #[command(subcommand)]
     Classify(classify::Command),
@@ -235,6 +239,7 @@ fn command(command: Command, say: Say) -> Result<()> {
         Command::Inspect(args) => inspect::run(args, say),
         Command::Convert(args) => convert::run(args, say),
         Command::Mirror(args) => mirror::run(args, say),
+        Command::Plan(command) => plan::run(&command, say),
         Command::View(args) => view::run(args, say),
         Command::Tokenizer(command) => tokenizer::run(command, say),
         Command::Tokenize(args) => tokenize::run(args, say),
@@ -244,7 +249,7 @@ fn command(command: Command, say: Say) -> Result<()> {
         Command::Finetune(args) => finetune::run(args, say),
         Command::Classify(command) => classify::run(command, say),
         Command::LrFind(args) => lr_find::run(args, say),
-        Command::Generate(args) => generate::run(args, say),
+        Command::Generate(args) => generate::run(*args, say),
         Command::Export(args) => export::run(args, say),
         Command::Import(args) => import::run(args, say),
         Command::Interpolate(args) => interpolate::run(args, say),

@@ -365,7 +365,8 @@ impl Followed {
                 "{path}: nothing of the prompt is followed; give joints, a frame to go on from, or both"
             )));
         }
-        let clip = Prompt::load(&recipe.path, &recipe.read, tokenizer)?;
+        let bytes: Arc<[u8]> = recipe.bytes()?.into();
+        let clip = Prompt::parse(&recipe.path, &bytes, &recipe.read, tokenizer)?;
         // the recipe says where the floor is and which axis is up, so that neither is judged again, least of all of the dance
         recipe.read.floor = clip.floor_m.or(recipe.read.floor);
         if let Source::Bvh(_) | Source::Json(_) = clip.motion.source {
@@ -390,7 +391,7 @@ impl Followed {
             Some(laid) => laid.map(|(clip, seam)| (clip, Some(seam)))?,
             None => (clip, None),
         };
-        let load = |edit| Edited::load(edit, frames, (recipe, &clip, seam), tokenizer);
+        let load = |edit| Edited::load(edit, frames, (recipe, &bytes), (&clip, seam), tokenizer);
         let edited = edit.as_mut().map(load).transpose()?;
         recipe.edit = edit;
         let frames = match recipe.from_frame {

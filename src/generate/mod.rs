@@ -17,6 +17,7 @@ pub mod free;
 pub mod guidance;
 pub mod make;
 pub mod place;
+pub mod plan;
 pub mod prompt;
 pub mod provenance;
 pub mod recipe;

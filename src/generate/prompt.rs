@@ -2,7 +2,7 @@
 
 use super::recipe::{Recipe, Rig};
 use super::rest::{self, RestJoints};
-use crate::corpus::load::{Placed, load_placed};
+use crate::corpus::load::{Placed, load_placed, parse_placed};
 use crate::{Error, Result};
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::joints::Selection;
@@ -36,11 +36,22 @@ impl Prompt {
     /// # Errors
     /// What reading fails with, and a rig that no skeleton map knows; a clip without frames, and one that can't be coded.
     pub fn load(path: &Path, options: &ReadOptions, tokenizer: &Tokenizer) -> Result<Prompt> {
-        let placed = load_placed(path, options, tokenizer.config().into())?;
+        Prompt::of(load_placed(path, options, tokenizer.config().into())?, tokenizer)
+    }
+
+    /// The same of bytes that are read as the file `path` would be.
+    ///
+    /// # Errors
+    /// Those of [`Prompt::load`].
+    pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions, tokenizer: &Tokenizer) -> Result<Prompt> {
+        Prompt::of(parse_placed(path, bytes, options, tokenizer.config().into())?, tokenizer)
+    }
+
+    fn of(placed: Placed, tokenizer: &Tokenizer) -> Result<Prompt> {
         let lowered = placed.lowered();
         let Placed { mut motion, clip, floor_m, under_m, sha256 } = placed;
         if clip.frames() == 0 {
-            return Err(Error::file(path, "no frames", "at least one", "give another prompt"));
+            return Err(Error::file(&motion.path, "no frames", "at least one", "give another prompt"));
         }
         let coded = tokenizer.encode(&lowered)?;
         motion.warnings.extend(off_range(&coded, clip.frames()));

@@ -3,12 +3,13 @@
 use super::edit::Edit;
 use super::feet::Care;
 use super::place::Place;
+use super::plan::Plan;
 use super::rest::RestJoints;
 use super::sampling::Draw;
-use crate::Result;
 use crate::model::{Compute, Reading};
+use crate::{Error, Result};
 use kinelm_engine::decode::{KvKind, WeightKind};
-use kinelm_motion::format::{Format, ReadOptions, RestFrame, Unit, Up};
+use kinelm_motion::format::{Format, ReadOptions, RestFrame, Unit, Up, input};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -119,9 +120,34 @@ pub struct PromptRecipe {
     pub joints: Option<String>,
     /// The frame from which the dance goes on by itself: those before it are the prompt's.
     pub from_frame: Option<usize>,
+    /// Clips that are laid into one on the file's rig: what is edited then, instead of the file itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plan: Option<Plan>,
     /// What is kept of it and what is invented, instead of these two.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub edit: Option<Edit>,
+}
+
+impl PromptRecipe {
+    /// The bytes of the clip that is followed.
+    ///
+    /// # Errors
+    /// A file that can't be read; a plan that can't be laid any more.
+    pub fn bytes(&self) -> Result<Vec<u8>> {
+        match &self.plan {
+            Some(plan) => Ok(plan.composed()?.bytes),
+            None => {
+                Format::of(&self.path)?; // refused by its name before it is read
+                input::bytes(&self.path).map_err(Error::io(&self.path))
+            }
+        }
+    }
+
+    /// The files that are read.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let of_plan = self.plan.iter().flat_map(|plan| plan.clips.values()).map(|clip| clip.file.clone());
+        of_plan.chain([self.path.clone()]).collect()
+    }
 }
 
 /// What a dance is written on.

@@ -1,6 +1,7 @@
 //! `kinelm generate --given --free`: what is asked for, and what was understood.
 
 use crate::cli::{Say, WrongCall};
+use anyhow::Result;
 use kinelm::counted;
 use kinelm::generate::edit::close::LeftOver;
 use kinelm::generate::edit::mask::Understood;
@@ -8,7 +9,10 @@ use kinelm::generate::edit::round::{Comes, Round, roughness};
 use kinelm::generate::edit::span::Span;
 use kinelm::generate::edit::{Edit, Edited};
 use kinelm::generate::make::{Followed, Made};
+use kinelm::generate::plan::{Composed, Plan};
+use kinelm::generate::recipe::PromptRecipe;
 use kinelm_motion::smpl;
+use std::path::Path;
 
 /// Further off than this a gap ends elsewhere than its clip goes on: said.
 const FAR_CM: f64 = 30.0;
@@ -46,14 +50,14 @@ enum ComesArg {
     Pose,
 }
 
-fn over(text: &str) -> Result<f64, String> {
+fn over(text: &str) -> std::result::Result<f64, String> {
     match seconds(text)? {
         s if s >= 0.1 => Ok(s),
         _ => Err("expected 0.1 to 60 seconds".into()),
     }
 }
 
-fn seconds(text: &str) -> Result<f64, String> {
+fn seconds(text: &str) -> std::result::Result<f64, String> {
     let s: f64 = text.parse().map_err(|_| "expected seconds, as 0.2".to_owned())?;
     if (0.0..=60.0).contains(&s) { Ok(s) } else { Err("expected 0 to 60 seconds".into()) }
 }
@@ -72,6 +76,15 @@ impl EditArgs {
         let edits = !given.is_empty() || !free.is_empty() || round.is_some();
         edits.then(|| Edit { given, free, blend_s: self.blend, tries: self.tries.into(), round })
     }
+}
+
+/// What a plan asks for.
+pub fn planned(path: &Path, args: &EditArgs, say: Say) -> Result<PromptRecipe> {
+    let (plan, laid) = Plan::load(path)?;
+    laid.notes.iter().for_each(|note| say.line(note));
+    let Composed { path, read, given, .. } = laid.composed()?;
+    let edit = Edit { given, free: Vec::new(), blend_s: args.blend, tries: args.tries.into(), round: None };
+    Ok(PromptRecipe { path, read, joints: None, from_frame: None, plan: Some(plan), edit: Some(edit) })
 }
 
 /// Says what was understood of an edit.
@@ -131,7 +144,7 @@ pub fn say_seam(edited: &Edited, made: &Made, say: Say) {
 }
 
 /// Refuses what goes with no edit.
-pub fn check(edit: Option<&Edit>, rest_joints: bool) -> anyhow::Result<()> {
+pub fn check(edit: Option<&Edit>, rest_joints: bool) -> Result<()> {
     if edit.is_some() && rest_joints {
         let what =
             "--rest-joints with --given or --free: joints that the model doesn't know are the prompt's; leave it out";

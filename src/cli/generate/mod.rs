@@ -33,6 +33,10 @@ pub struct Args {
     /// A clip to follow: its joints (--joints), its frames up to one (--from-frame), or both; without, the dance is free
     #[arg(long, value_name = "CLIP")]
     prompt: Option<PathBuf>,
+    /// A file with a timeline of clips (docs/plans.md): what none of them gives is made anew. kinelm plan check shows it
+    #[arg(long, value_name = "PLAN.toml", conflicts_with_all = ["prompt", "joints", "from_frame", "given", "free", "round",
+        "fps_source", "unit", "map", "bvh_position", "root", "lenient", "keep_rest", "drop_rest", "skip", "body_model"])]
+    plan: Option<PathBuf>,
     /// The joints that are followed: groups (root, right_arm, hands, feet, spine, ...), names (SMPL's, or as the prompt's rig
     /// has them) and ids; root brings the translation
     #[arg(long, value_name = "LIST", requires = "prompt")]
@@ -48,10 +52,10 @@ pub struct Args {
     guidance: f64,
     /// How far gaps (--given, --free) are led to what is given behind them: 1 as learned, above 1 more so, which takes twice
     /// the time; 0 not at all. If not given, 2 where the model was trained for it (model.ahead)
-    #[arg(long, value_name = "G", requires = "prompt")]
+    #[arg(long, value_name = "G")]
     ahead: Option<f64>,
     /// Frames to make, at the model's rate; the prompt's length if not given
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..), required_unless_present_any = ["prompt", "again", "seconds"])]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..), required_unless_present_any = ["prompt", "plan", "again", "seconds"])]
     frames: Option<u32>,
     /// Seconds to make, instead of --frames
     #[arg(long, value_name = "S", conflicts_with = "frames", value_parser = super::read::positive)]
@@ -65,7 +69,7 @@ pub struct Args {
     out: Option<PathBuf>,
     /// Make a dance again, to the same bytes, from the FILE.bvh.kinelm.json beside it; --run, --prompt and --out if they are
     /// elsewhere now
-    #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["joints", "from_frame", "given", "free", "blend", "tries", "labels", "guidance", "ahead", "frames", "seconds", "fps",
+    #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["plan", "joints", "from_frame", "given", "free", "blend", "tries", "labels", "guidance", "ahead", "frames", "seconds", "fps",
         "variations", "best", "real", "keep_all", "seed", "greedy", "temperature", "top_k", "top_p", "min_p", "repetition_penalty",
         "repetition_words", "rig", "rest_joints", "feet", "weights", "kv", "device", "form", "fps_source", "unit", "map",
         "bvh_position", "root", "lenient", "keep_rest", "drop_rest", "skip", "body_model"])]
@@ -160,7 +164,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     let outs = outs(&args)?;
     check_out(&args, &outs)?;
-    let recipe = recipe(&args)?;
+    let recipe = recipe(&args, say)?;
     let outputs = outputs(&args, &recipe);
     // all names, before the first frame
     outputs.check(outs.iter().map(PathBuf::as_path))?;
@@ -208,26 +212,34 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 fn outputs(args: &Args, recipe: &Recipe) -> Outputs {
     let prompt = recipe.prompt.iter().flat_map(|prompt| {
         let map = prompt.read.map.iter().map(PathBuf::from);
-        map.chain(prompt.read.body_model.clone()).chain([prompt.path.clone()])
+        map.chain(prompt.read.body_model.clone()).chain(prompt.files())
     });
-    args.force.outputs(prompt.chain([recipe.run.clone()]).chain(args.again.clone()))
+    args.force.outputs(prompt.chain([recipe.run.clone()]).chain(args.again.clone()).chain(args.plan.clone()))
 }
 
 /// What was asked for.
-fn recipe(args: &Args) -> Result<Recipe> {
+fn recipe(args: &Args, say: Say) -> Result<Recipe> {
     let mut labels = BTreeMap::new();
     for (field, value) in &args.labels {
         if labels.insert(field.clone(), value.clone()).is_some() {
             return Err(WrongCall(format!("--label {field}={value}: {field} is asked for twice; give it once")).into());
         }
     }
-    let prompt = args.prompt.clone().map(|path| PromptRecipe {
-        path,
-        read: args.read.options(RestFrame::Drop),
-        joints: args.joints.clone(),
-        from_frame: args.from_frame.map(|n| n as usize),
-        edit: args.edit.get(),
-    });
+    let prompt = match &args.plan {
+        Some(plan) => Some(edit::planned(plan, &args.edit, say)?),
+        None => args.prompt.clone().map(|path| PromptRecipe {
+            path,
+            read: args.read.options(RestFrame::Drop),
+            joints: args.joints.clone(),
+            from_frame: args.from_frame.map(|n| n as usize),
+            plan: None,
+            edit: args.edit.get(),
+        }),
+    };
+    if args.ahead.is_some() && prompt.is_none() {
+        let what = "--ahead without a clip; what is given ahead is that of --prompt or --plan";
+        return Err(WrongCall(what.into()).into());
+    }
     let edit = prompt.as_ref().and_then(|prompt| prompt.edit.as_ref());
     edit::check(edit, args.rest_joints.is_some())?;
     if prompt.as_ref().is_some_and(|p| p.joints.is_none() && p.from_frame.is_none() && p.edit.is_none()) {
@@ -252,7 +264,7 @@ fn recipe(args: &Args) -> Result<Recipe> {
         rig: own_rig.into(),
         rest_joints: match args.rest_joints {
             Some(rest) => rest.into(),
-            None if args.prompt.is_some() => RestJoints::Follow,
+            None if args.prompt.is_some() || args.plan.is_some() => RestJoints::Follow,
             None => RestJoints::Training,
         },
         place: None,

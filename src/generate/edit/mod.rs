@@ -92,7 +92,7 @@ impl Closed {
 }
 
 impl Edited {
-    /// Understands an edit; spans get SMPL's names. `frames`: as many as are asked for, at the model's rate, if any are.
+    /// Understands an edit of the bytes of a clip; spans get SMPL's names. `frames`: as many as are asked for, at the model's rate, if any are.
     /// `seam`: of a prompt that was laid to go round.
     ///
     /// # Errors
@@ -101,13 +101,13 @@ impl Edited {
     pub fn load(
         edit: &mut Edit,
         frames: Option<usize>,
-        (recipe, prompt, seam): (&PromptRecipe, &Prompt, Option<Seam>),
+        (recipe, text): (&PromptRecipe, &Arc<[u8]>),
+        (prompt, seam): (&Prompt, Option<Seam>),
         tokenizer: &Tokenizer,
     ) -> Result<Edited> {
         let places = places(tokenizer).map_err(|e| Error::Call(format!("--given, --free: {e}")))?;
         let options = ReadOptions { skip: 0, rest: RestFrame::Keep, ..recipe.read.clone() };
-        let text: Arc<[u8]> = format::input::bytes(&recipe.path).map_err(Error::io(&recipe.path))?.into();
-        let whole = format::parse(&recipe.path, &text, &options)?;
+        let whole = format::parse(&recipe.path, text, &options)?;
         let (clip, fps) = (&prompt.motion.clip, tokenizer.fps());
         let again = seam.as_ref().map_or(0, |seam| seam.again);
         let left_out = whole.clip.frames().saturating_sub(clip.frames() - again);
@@ -151,7 +151,19 @@ impl Edited {
         let own = seam.as_ref().map_or(clip.frames(), Seam::frames);
         let written = longer.map_or(own, |n| ((n - 1) as f64 * clip.fps() / fps + 1e-9) as usize + 1);
         let model = read.mask.at_model_rate(frames, reach);
-        Ok(Edited { read, whole, text, left_out, frames, written, model, places, blend_s: edit.blend_s, seam, known })
+        Ok(Edited {
+            read,
+            whole,
+            text: text.clone(),
+            left_out,
+            frames,
+            written,
+            model,
+            places,
+            blend_s: edit.blend_s,
+            seam,
+            known,
+        })
     }
 
     /// Frames of what is written, at the model's rate, where no more are asked for.

@@ -4,6 +4,7 @@
 //! [`Header::rows`] the numbers, [`read`] makes a [`Motion`] of both. What the clip has no place for stays in the
 //! [`BvhSource`], so that a file can be written back as it came.
 
+mod compose;
 mod frame_time;
 mod grammar;
 mod header;
@@ -21,6 +22,7 @@ mod write;
 
 pub(crate) use plain::MADE_UP_TIP;
 
+pub use compose::Piece;
 pub use header::{Channel, Header, Node, NodeKind};
 pub use meaning::Rig;
 pub use positions::positions;

@@ -109,7 +109,7 @@ fn print_row(out: &mut Vec<u8>, row: &[f64], kept: &[Option<usize>], words: &[Ra
 }
 
 /// The first `count` words of a text from a byte on.
-fn words(text: &[u8], from: usize, count: usize) -> Vec<Range<usize>> {
+pub(super) fn words(text: &[u8], from: usize, count: usize) -> Vec<Range<usize>> {
     let (mut words, mut at) = (Vec::with_capacity(count), from);
     while words.len() < count && at < text.len() {
         let start = at + text[at..].iter().take_while(|byte| byte.is_ascii_whitespace()).count();

@@ -1,0 +1,198 @@
+//! A plan: clips on a timeline, from which one dance is made. docs/plans.md.
+//!
+//! The clips are laid into one file on the rig of one of them ([`lay`], [`compose`]), and what none of them gives is made
+//! anew, as in any edit of a clip. [`draw`] shows a plan as text.
+
+mod compose;
+mod draw;
+mod lay;
+
+pub use compose::Composed;
+pub use draw::timeline;
+pub use lay::{Laid, Placed};
+
+use crate::{Error, Result};
+use kinelm_motion::format::{ReadOptions, Unit, Up, input};
+use kinelm_motion::moment::Moment;
+use lay::Fault;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use toml::Spanned;
+
+/// What a plan file says, its paths as they are found from here.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plan {
+    /// The clip on whose rig, at whose rate and on whose floor the dance is written.
+    pub rig: String,
+    /// Seconds that are made anew where one clip goes over into another.
+    #[serde(default = "over_s")]
+    pub over: f64,
+    /// How long the dance is; up to the end of the last segment if not said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<f64>,
+    /// The clips by the names that the plan has for them.
+    pub clips: BTreeMap<String, PlanClip>,
+    /// What is given when.
+    #[serde(rename = "segment")]
+    pub segments: Vec<Segment>,
+}
+
+fn over_s() -> f64 {
+    1.0
+}
+
+/// A clip, and how it is read.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlanClip {
+    /// The file.
+    pub file: PathBuf,
+    /// Its true rate, where it states it wrongly.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fps_source: Option<f64>,
+    /// Frames at its beginning that are left out.
+    #[serde(default, skip_serializing_if = "is_none_at_all")]
+    pub skip: usize,
+    /// Of a BVH.
+    #[serde(default)]
+    pub unit: Unit,
+    /// Which axis is up.
+    #[serde(default)]
+    pub up: Up,
+    /// Which joint is which: a map's name or file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map: Option<String>,
+    /// Where its floor is, metres.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub floor: Option<f64>,
+}
+
+fn is_none_at_all(frames: &usize) -> bool {
+    *frames == 0
+}
+
+impl PlanClip {
+    /// How the file is read.
+    pub fn options(&self) -> ReadOptions {
+        let (fps_source, skip, unit, up) = (self.fps_source, self.skip, self.unit, self.up);
+        ReadOptions { fps_source, skip, unit, up, map: self.map.clone(), floor: self.floor, ..ReadOptions::default() }
+    }
+}
+
+/// Joints of a clip over a time of the dance.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Segment {
+    /// The clip's name in the plan.
+    pub clip: String,
+    /// As [`kinelm_motion::joints::parse`] takes them, or as the clip's rig names its own.
+    #[serde(default = "all_joints")]
+    pub joints: String,
+    /// From when on in the dance.
+    pub from: At,
+    /// Until when, half-open.
+    pub to: At,
+    /// Where in the clip it begins.
+    #[serde(default)]
+    pub at: At,
+}
+
+fn all_joints() -> String {
+    "all".into()
+}
+
+/// A moment, as a number of seconds or a text such as `2.5s`, `40f`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct At(pub Moment);
+
+impl Default for At {
+    fn default() -> At {
+        At(Moment::Seconds(0.0))
+    }
+}
+
+impl Serialize for At {
+    fn serialize<S: Serializer>(&self, to: S) -> std::result::Result<S::Ok, S::Error> {
+        to.collect_str(&self.0)
+    }
+}
+
+impl<'de> Deserialize<'de> for At {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> std::result::Result<At, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(untagged, expecting = "a moment: seconds, as 2.5 or \"2.5s\", or frames, as \"40f\"")]
+        enum Either {
+            Whole(i64),
+            Number(f64),
+            Text(String),
+        }
+        match Either::deserialize(from)? {
+            Either::Whole(s) => Ok(At(Moment::Seconds(s as f64))),
+            Either::Number(s) => Ok(At(Moment::Seconds(s))),
+            Either::Text(text) => text.parse().map(At).map_err(serde::de::Error::custom),
+        }
+    }
+}
+
+/// The same with the places of its segments in the text.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PlanFile {
+    rig: Spanned<String>,
+    #[serde(default = "over_s")]
+    over: f64,
+    #[serde(default)]
+    seconds: Option<f64>,
+    clips: BTreeMap<String, Spanned<PlanClip>>,
+    #[serde(default, rename = "segment")]
+    segments: Vec<Spanned<Segment>>,
+}
+
+const HELP: &str = "docs/plans.md has examples with every key";
+
+impl Plan {
+    /// Reads a plan and lays it; files that it names without a root are looked for beside it.
+    ///
+    /// # Errors
+    /// [`Error::File`] with line and column: no such TOML, unknown keys; a clip that isn't named, can't be read or is no BVH
+    /// where its rig is written; times outside of a clip; joints that are none; two clips that give one joint at a time.
+    pub fn load(path: &Path) -> Result<(Plan, Laid)> {
+        let text = input::text(path).map_err(Error::io(path))?;
+        let wrong = |span, found: &str, expected: &str| Error::in_text((path, &text), span, found, expected, HELP);
+        let file: PlanFile = toml::from_str(&text).map_err(|e| wrong(e.span(), e.message(), "a plan"))?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let clip_spans: BTreeMap<String, Range<usize>> =
+            file.clips.iter().map(|(k, c)| (k.clone(), c.span())).collect();
+        let (rig_span, segment_spans) = (file.rig.span(), file.segments.iter().map(Spanned::span).collect::<Vec<_>>());
+        let found = |(name, clip): (String, Spanned<PlanClip>)| {
+            let clip = clip.into_inner();
+            (name, PlanClip { file: folder.join(&clip.file), ..clip })
+        };
+        let plan = Plan {
+            rig: file.rig.into_inner(),
+            over: file.over,
+            seconds: file.seconds,
+            clips: file.clips.into_iter().map(found).collect(),
+            segments: file.segments.into_iter().map(Spanned::into_inner).collect(),
+        };
+        let laid = Laid::of(&plan).map_err(|fault| match fault {
+            Fault::Segment(n, what, expected) => wrong(segment_spans.get(n).cloned(), &what, &expected),
+            Fault::Clip(name, what, expected) => wrong(clip_spans.get(&name).cloned(), &what, &expected),
+            Fault::Rig(what, expected) => wrong(Some(rig_span.clone()), &what, &expected),
+            Fault::Plan(what, expected) => wrong(None, &what, &expected),
+            Fault::Read(e) => e,
+        })?;
+        Ok((plan, laid))
+    }
+
+    /// The plan carried out, as far as clips give it.
+    ///
+    /// # Errors
+    /// As [`Plan::load`], without lines.
+    pub fn composed(&self) -> Result<Composed> {
+        Laid::of(self).map_err(Error::from)?.composed()
+    }
+}

@@ -1,0 +1,210 @@
+//! Plans: several clips laid on a timeline, what none of them gives made anew.
+
+use assert_cmd::Command;
+use kinelm_motion::resample::{Method, resample};
+use kinelm_motion::{Motion, Source, format, synth};
+use predicates::str::contains;
+use std::fs;
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+const CONFIG: &str = "[model]\narchitecture = \"two_level\"\nlayers = 1\nheads = 2\nwidth = 16\nwindow = 32\n\
+                      [model.decoder]\nlayers = 1\nheads = 2\nwidth = 16\n\
+                      [train]\nbatch = 2\nsteps = 4\nwarmup = 1\neval_every = 4\ncheckpoint_every = 4\n";
+
+/// A run of a few steps on six short dances of 60 frames a second, and one of them at 30.
+struct Set {
+    dir: tempfile::TempDir,
+}
+
+impl Set {
+    fn at(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    fn call(&self, words: &str) -> Command {
+        let mut c = Command::cargo_bin("kinelm").unwrap();
+        c.env("NO_COLOR", "1").current_dir(self.dir.path()).args(words.split_whitespace());
+        c
+    }
+
+    /// The numbers of a BVH's rows as they are printed.
+    fn rows(&self, name: &str) -> Vec<Vec<String>> {
+        let text = fs::read_to_string(self.at(name)).unwrap();
+        let (_, rows) = text.split_once("Frame Time").unwrap();
+        rows.lines().skip(1).map(|row| row.split_whitespace().map(str::to_owned).collect()).collect()
+    }
+}
+
+fn set() -> &'static Set {
+    static SET: OnceLock<Set> = OnceLock::new();
+    SET.get_or_init(|| {
+        let set = Set { dir: tempfile::tempdir().unwrap() };
+        fs::create_dir(set.at("data")).unwrap();
+        let write = |name: &str, clip| {
+            let path = set.at(name);
+            let motion = Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] };
+            format::write(&path, &motion).unwrap();
+        };
+        let mut labels = "clip,split\n".to_string();
+        for (i, dance) in synth::corpus(3, 6, 5.0, 60.0).unwrap().into_iter().enumerate() {
+            if i == 5 {
+                write("slow.bvh", resample(&dance.clip, 30.0, Method::Auto).unwrap());
+            }
+            write(&format!("data/{i}.bvh"), dance.clip);
+            labels += &format!("{i},{}\n", ["train", "train", "train", "train", "valid", "test"][i]);
+        }
+        fs::write(set.at("labels.csv"), labels).unwrap();
+        fs::write(set.at("c.toml"), CONFIG).unwrap();
+        set.call("tokenizer fit data --labels labels.csv --out t.json").assert().success();
+        set.call("tokenize data --labels labels.csv --tokenizer t.json --out corpus").assert().success();
+        set.call("pretrain --config c.toml --corpus corpus --run run").assert().success();
+        fs::write(set.at("plan.toml"), PLAN).unwrap();
+        set
+    })
+}
+
+const PLAN: &str = r#"rig = "a"
+over = 0.5
+
+[clips.a]
+file = "data/0.bvh"
+skip = 4
+[clips.b]
+file = "data/1.bvh"
+[clips.slow]
+file = "slow.bvh"
+
+[[segment]]
+clip = "a"
+from = 0
+to = 1.5
+at = 0.5
+
+[[segment]]
+clip = "b"
+from = 1.5
+to = "210f"
+at = "60f"
+
+[[segment]]
+clip = "slow"
+joints = "right_arm"
+from = "4.5s"
+to = 6
+
+[[segment]]
+clip = "a"
+joints = "legs,head"
+from = 5
+to = 6
+at = 3
+"#;
+
+#[test]
+fn clips_keep_their_numbers_and_what_is_between_is_made_anew() {
+    let set = set();
+    let said = set.call("generate --run run --plan plan.toml --tries 2 --seed 3 --out dance.bvh").assert().success();
+    let said = String::from_utf8(said.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("slow (slow.bvh) has another rig or rate than the plan's"), "{said}");
+    assert!(said.contains("given all@0f:75f") && said.contains("given right_arm@270f:360f"), "{said}");
+    let (dance, a, b) = (set.rows("dance.bvh"), set.rows("data/0.bvh"), set.rows("data/1.bvh"));
+    assert_eq!(dance.len(), 360);
+    // a's from its 34th row on: 4 are left out, and half a second; a quarter of a second before b is made anew
+    assert_eq!(dance[..75], a[34..109]);
+    // of b all but the root, which goes on where a has come to
+    for frame in 105..210 {
+        let own = &b[60 + frame - 90];
+        assert_eq!(dance[frame][6..], own[6..], "frame {frame}");
+        assert_ne!(dance[frame][..6], own[..6], "frame {frame}");
+    }
+    let step = |rows: &[Vec<String>], f: usize| {
+        let at = |f: usize, axis: usize| rows[f][axis].parse::<f64>().unwrap();
+        [0, 2].map(|axis| at(f + 1, axis) - at(f, axis)).iter().map(|x| x * x).sum::<f64>().sqrt()
+    };
+    for frame in 110..200 {
+        assert!((step(&dance, frame) - step(&b, frame - 30)).abs() < 1e-3, "turned and moved as a whole");
+    }
+    let far = |f: usize, g: usize| {
+        (0..3)
+            .map(|i| (dance[f][i].parse::<f64>().unwrap() - dance[g][i].parse::<f64>().unwrap()).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    };
+    assert!(far(74, 105) < 80.0, "centimetres: joined in place: {}", far(74, 105));
+    // the legs and the head of a at the end, no more of it
+    let same = (0..dance[0].len()).filter(|&i| (310..355).all(|f| dance[f][i] == a[4 + 180 + f - 300][i])).count();
+    assert!((24..40).contains(&same), "{same} columns");
+
+    let told = fs::read_to_string(set.at("dance.bvh.kinelm.json")).unwrap();
+    assert!(told.contains("\"plan\"") && told.contains("\"at\": \"60f\""), "{told}");
+    set.call("generate --again dance.bvh.kinelm.json --out twice.bvh").assert().success();
+    assert_eq!(fs::read(set.at("twice.bvh")).unwrap(), fs::read(set.at("dance.bvh")).unwrap());
+    // longer than its segments, and as a skeleton of another kind
+    set.call("generate --run run --plan plan.toml --tries 1 --seconds 7 --rig model --out long.json")
+        .assert()
+        .success();
+}
+
+#[test]
+fn a_plan_is_drawn_as_text() {
+    let set = set();
+    let drawn = set.call("plan check plan.toml").assert().success();
+    let drawn = String::from_utf8(drawn.get_output().stdout.clone()).unwrap();
+    assert!(
+        drawn.starts_with("6.00 s, 360 frames at 60 fps\n1     0.00 to    1.25 s  all of a from 0.50 s on\n"),
+        "{drawn}"
+    );
+    assert!(drawn.contains("right_arm of slow from 0.00 s on") && drawn.contains(", turned by "), "{drawn}");
+    let line =
+        |part: &str| drawn.lines().find(|line| line.starts_with(part)).unwrap().split_once(' ').unwrap().1.trim();
+    assert_eq!(line("root"), format!("{}{}{}{}", "1".repeat(15), ".".repeat(6), "2".repeat(21), ".".repeat(30)));
+    assert!(
+        line("right_arm").ends_with(&"3".repeat(18)) && line("left_leg").ends_with(&format!(".{}", "4".repeat(12))),
+        "{drawn}"
+    );
+}
+
+#[test]
+fn what_is_wrong_with_a_plan_is_told_with_its_line_and_nothing_is_written() {
+    let set = set();
+    let cases: [(&str, &str, &str); 11] = [
+        ("rig = \"a\"", "rig = \"c\"", "wrong.toml:1:7: found `c`, expected the name of one of the clips: a, b, slow"),
+        ("clip = \"b\"", "clip = \"bb\"", "found clip = \"bb\", expected one of the clips"),
+        ("to = \"210f\"", "to = 1", "wrong.toml:18:1: found from 1.5s to 1s, expected an end behind the beginning"),
+        ("to = \"210f\"", "to = 99", "which the clip still has there"),
+        ("at = \"60f\"", "at = 50", "found at = 50s, expected a moment of the clip, which has 5.00 s"),
+        ("to = \"210f\"", "to = \"2m\"", "found to = 2m, expected seconds or frames (40f)"),
+        ("joints = \"right_arm\"", "joints = \"wing\"", "joints = \"wing\""),
+        (
+            "joints = \"legs,head\"",
+            "joints = \"legs,arms\"",
+            "found right_collar from 5.00 to 6.00 s, which segment 3 gives too",
+        ),
+        ("skip = 4", "skips = 4", "wrong.toml:6:1: found unknown field `skips`"),
+        ("from = 5", "from = \"soon\"", "is no moment"),
+        ("over = 0.5", "over = 5.0", "that are made anew where clips meet (over)"),
+    ];
+    for (from, to, told) in cases {
+        assert!(PLAN.contains(from), "{from}");
+        fs::write(set.at("wrong.toml"), PLAN.replace(from, to)).unwrap();
+        set.call("plan check wrong.toml").assert().failure().stderr(contains(told));
+        set.call("generate --run run --plan wrong.toml --out wrong.bvh").assert().failure().stderr(contains(told));
+    }
+    fs::write(set.at("wrong.toml"), PLAN.replace("data/1.bvh", "data/none.bvh")).unwrap();
+    set.call("plan check wrong.toml").assert().failure().stderr(contains("none.bvh"));
+    assert!(!set.at("wrong.bvh").exists());
+    for (call, told) in [
+        ("--plan plan.toml --prompt data/0.bvh", "cannot be used with"),
+        ("--plan plan.toml --free legs", "cannot be used with"),
+        ("--plan plan.toml --seconds 2", "of a prompt of"),
+        ("--plan plan.toml --skip 3", "cannot be used with"),
+    ] {
+        set.call(&format!("generate --run run {call} --out wrong.bvh")).assert().code(2).stderr(contains(told));
+    }
+    // the clips are read, not written over
+    let over = "generate --run run --plan plan.toml --force --out data/1.bvh";
+    let before = fs::read(set.at("data/1.bvh")).unwrap();
+    set.call(over).assert().failure();
+    assert_eq!(fs::read(set.at("data/1.bvh")).unwrap(), before);
+}

@@ -25,8 +25,8 @@ pub struct Verdict {
     pub skate_share: Option<f64>,
     /// Mean depth of the lowest foot in the floor beyond 2 cm, cm, where feet were invented.
     pub penetration_cm: Option<f64>,
-    /// Mean jerk, m/s^3.
-    pub jerk_m_s3: Option<f64>,
+    /// Jerk over speed, 1/s^2: jerk alone is larger the faster one dances.
+    pub shake: Option<f64>,
     /// Seconds until what was invented up to the end stands still for good; `None`: never.
     pub freezes_s: Option<f64>,
     /// Whether it is a copy of what was trained on, where that was looked for.
@@ -49,7 +49,7 @@ impl fmt::Display for Verdict {
         let mut parts = Vec::new();
         parts.extend(self.skate_share.map(|x| format!("{:.0} % of steps slide", 100.0 * x)));
         parts.extend(self.penetration_cm.map(|x| format!("{x:.2} cm in the floor")));
-        parts.extend(self.jerk_m_s3.map(|x| format!("jerk {x:.0} m/s³")));
+        parts.extend(self.shake.map(|x| format!("jerk {x:.0} times its speed")));
         parts.extend(self.doubt());
         if parts.is_empty() { Ok(()) } else { write!(f, ": {}", parts.join(", ")) }
     }

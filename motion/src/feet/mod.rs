@@ -75,8 +75,9 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: Fixed) -> Resul
             .zip(&others)
             .map(|(y, other)| settle::height(y - floor_m, other - floor_m))
             .collect();
+        let pelvis: Vec<f64> = root.iter().map(|p| p.y).collect();
         let begins = Begins { frames: fixed.frames, fps: clip.fps() };
-        for (f, (root, up)) in root.iter_mut().zip(settle::offsets(&least, clip.fps())).enumerate() {
+        for (f, (root, up)) in root.iter_mut().zip(settle::offsets(&least, &pelvis, clip.fps())).enumerate() {
             let up = up * begins.share(f);
             root.y -= up;
             locked.settled_cm = locked.settled_cm.max(100.0 * up.abs());

@@ -1,9 +1,11 @@
 //! A body that hangs above its floor, or has sunk into it, slowly brought back.
 
-/// Half the time for a quarter of which a foot is on the floor at least, seconds.
-const HALF_S: f64 = 0.5;
-/// Half the time over which that is averaged, seconds.
-const SMOOTH_S: f64 = 0.25;
+use crate::metric::ground::{Aloft, aloft};
+
+/// Half the time for which a foot may be up while the body steps, seconds.
+const HALF_S: f64 = 0.1;
+/// Half the time over which what is taken off is averaged, seconds.
+const SMOOTH_S: f64 = 0.1;
 /// So high or low a body may stand: rest heights are no more exact, metres.
 const SLACK_M: f64 = 0.01;
 /// Half the time over which a body that has to go down for a leg does so, seconds.
@@ -18,25 +20,28 @@ pub fn height(foot: f64, other: f64) -> f64 {
     foot.min((other - FLESH_M).max(0.0))
 }
 
-/// (F) How far the body is too high, metres, of (F) [heights](height) above the floor.
+/// (F) How far the body is too high, metres, of (F) [heights](height) above the floor and (F) heights of its pelvis.
 ///
-/// One foot stands nearly always, so that the first quartile of the heights within half a second is where the floor seems to be;
-/// it is averaged over a quarter of a second. Jumps, which are shorter, stay. A centimetre is left.
-pub fn offsets(least: &[f64], fps: f64) -> Vec<f64> {
+/// One foot stands nearly always: what is up for longer than a fifth of a second hangs, unless it is a jump, in half of which at
+/// least the pelvis falls freely. What hangs is averaged over a fifth of a second; a centimetre is left.
+pub fn offsets(least: &[f64], pelvis: &[f64], fps: f64) -> Vec<f64> {
     let [half, smooth] = [HALF_S, SMOOTH_S].map(|s| (s * fps).round() as usize);
-    let quartile = |around: &[f64]| {
-        let mut sorted = around.to_vec();
-        sorted.sort_by(f64::total_cmp);
-        sorted[(sorted.len() - 1) / 4]
-    };
-    let floor = mean(&over(least, half, quartile), smooth);
-    floor.into_iter().map(|h| h - h.clamp(-SLACK_M, SLACK_M)).collect()
+    let mut stands = least.to_vec();
+    let jumps = aloft(least, pelvis, fps).into_iter().filter(|Aloft { frames, falls }| 2 * falls >= frames.len());
+    jumps.for_each(|jump| stands[jump.frames].fill(0.0));
+    let lowest = |around: &[f64]| around.iter().copied().fold(f64::INFINITY, f64::min);
+    let hangs = over(&over(&stands, half, lowest), half, highest);
+    mean(&hangs, smooth).into_iter().map(|h| h - h.clamp(-SLACK_M, SLACK_M)).collect()
+}
+
+fn highest(around: &[f64]) -> f64 {
+    around.iter().copied().fold(f64::NEG_INFINITY, f64::max)
 }
 
 /// (F) The largest of what is around, averaged: never less than what it is of.
 pub fn widened(lower: &[f64], fps: f64) -> Vec<f64> {
     let half = ((LOWER_S * fps).round() as usize).max(1);
-    mean(&over(lower, half, |around| around.iter().copied().fold(0.0, f64::max)), half)
+    mean(&over(lower, half, highest), half)
 }
 
 /// Something of what is around each number.
@@ -60,12 +65,22 @@ mod tests {
     #[test]
     fn a_body_that_hangs_comes_down_and_one_that_jumps_does_not() {
         let fps = 20.0;
-        assert!(offsets(&[0.009; 40], fps).iter().all(|x| *x == 0.0), "within what rest heights are good for");
-        assert!(offsets(&[0.10; 40], fps).iter().all(|x| (x - 0.09).abs() < 1e-12));
-        assert!(offsets(&[-0.10; 40], fps).iter().all(|x| (x + 0.09).abs() < 1e-12));
-        let jump: Vec<f64> = (0..60).map(|f| if (20..29).contains(&f) { 0.4 } else { 0.0 }).collect();
-        assert!(offsets(&jump, fps).iter().all(|x| *x == 0.0));
-        assert_eq!((offsets(&[], fps).len(), offsets(&[0.3], fps).len()), (0, 1));
+        let of = |least: &[f64]| offsets(least, &vec![1.0; least.len()], fps);
+        assert!(of(&[0.009; 40]).iter().all(|x| *x == 0.0), "within what rest heights are good for");
+        assert!(of(&[0.10; 40]).iter().all(|x| (x - 0.09).abs() < 1e-12));
+        assert!(of(&[-0.10; 40]).iter().all(|x| (x + 0.09).abs() < 1e-12));
+        // a step from one foot to the other, and feet that hang as long as a jump
+        let up = |from: usize, to: usize| (0..60).map(|f| if (from..to).contains(&f) { 0.2 } else { 0.0 }).collect();
+        let (step, hangs): (Vec<f64>, Vec<f64>) = (up(20, 24), up(20, 32));
+        assert!(of(&step).iter().all(|x| *x == 0.0));
+        assert!((of(&hangs)[26] - 0.19).abs() < 1e-12 && of(&hangs)[10] == 0.0);
+        // thrown up at 3 m/s for 0.6 s
+        let thrown = |f: usize| (4.905 * (f as f64 / fps - 1.0) * (1.6 - f as f64 / fps)).max(0.0);
+        let least: Vec<f64> = (0..60).map(thrown).collect();
+        let pelvis: Vec<f64> = least.iter().map(|h| 0.95 + h).collect();
+        assert!(offsets(&least, &pelvis, fps).iter().all(|x| *x == 0.0));
+        assert!(of(&least)[26] > 0.2, "the same feet of one who is held up");
+        assert_eq!((of(&[]).len(), of(&[0.3]).len()), (0, 1));
     }
 
     #[test]

@@ -42,7 +42,7 @@ fn a_dance_that_slides_and_hangs_stands() {
         let clip = dance(seed);
         let bad = spoiled(&clip);
         let (done, locked) = lock(&bad, &map(), 0.0, Fixed::default()).unwrap();
-        assert!(locked.held.len() >= 3, "{locked:?}");
+        assert!(locked.held.len() >= 2, "{locked:?}");
         assert!(ground(&bad).floating_share().unwrap() > 0.5);
         assert!(ground(&done).floating_share().unwrap() < 0.05, "{:?}", ground(&done));
         assert!(ground(&done).penetration_share().unwrap() < 0.02, "{:?}", ground(&done));

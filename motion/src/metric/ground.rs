@@ -1,5 +1,7 @@
 //! How a motion stands on its floor: how deep its feet go into it, and how long it hangs above.
 
+use std::ops::Range;
+
 /// Feet may go so deep into the floor: soles give, and so do rest heights, metres.
 const DEPTH_M: f64 = 0.02;
 /// Both feet are up above this height, metres.
@@ -9,6 +11,38 @@ const UP_S: f64 = 0.25;
 /// A body in the air falls like this, m/s^2, within [`FALL_SLACK`].
 const GRAVITY: f64 = 9.81;
 const FALL_SLACK: f64 = 3.0;
+
+/// Frames in which both feet are over 5 cm up.
+pub(crate) struct Aloft {
+    pub frames: Range<usize>,
+    /// In how many of them the pelvis falls freely.
+    pub falls: usize,
+}
+
+/// The stretches of a clip in which both feet are up: see [`Ground::of`].
+pub(crate) fn aloft(least: &[f64], pelvis: &[f64], fps: f64) -> Vec<Aloft> {
+    let step = ((0.05 * fps).round() as usize).max(1);
+    let falls = |f: usize, start: usize, end: usize| {
+        if end - start < 2 * step + 1 {
+            return false;
+        }
+        // at the ends of a stretch, where the feet push or land, as in the nearest frame whose 0.1 s lie inside
+        let f = f.clamp(start + step, end - 1 - step);
+        let seconds = step as f64 / fps;
+        let acceleration = (pelvis[f + step] - 2.0 * pelvis[f] + pelvis[f - step]) / (seconds * seconds);
+        (acceleration + GRAVITY).abs() <= FALL_SLACK
+    };
+    let (mut all, mut start) = (Vec::new(), 0);
+    for stretch in least.chunk_by(|a, b| (*a > UP_M) == (*b > UP_M)) {
+        let end = start + stretch.len();
+        if stretch[0] > UP_M {
+            let falls = (start..end).filter(|&f| falls(f, start, end)).count();
+            all.push(Aloft { frames: start..end, falls });
+        }
+        start = end;
+    }
+    all
+}
 
 /// Counts of frames, which add up over clips.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -38,24 +72,10 @@ impl Ground {
             depth_m: least.iter().map(depth).sum(),
             floating: 0,
         };
-        let step = ((0.05 * fps).round() as usize).max(1);
-        let falls = |f: usize, start: usize, end: usize| {
-            if end - start < 2 * step + 1 {
-                return false;
+        for Aloft { frames, falls } in aloft(least, pelvis, fps) {
+            if frames.len() as f64 > UP_S * fps {
+                ground.floating += frames.len() - falls;
             }
-            // at the ends of a stretch, where the feet push or land, as in the nearest frame whose 0.1 s lie inside
-            let f = f.clamp(start + step, end - 1 - step);
-            let seconds = step as f64 / fps;
-            let acceleration = (pelvis[f + step] - 2.0 * pelvis[f] + pelvis[f - step]) / (seconds * seconds);
-            (acceleration + GRAVITY).abs() <= FALL_SLACK
-        };
-        let mut start = 0;
-        for stretch in least.chunk_by(|a, b| (*a > UP_M) == (*b > UP_M)) {
-            if stretch[0] > UP_M && stretch.len() as f64 > UP_S * fps {
-                let end = start + stretch.len();
-                ground.floating += (start..end).filter(|&f| !falls(f, start, end)).count();
-            }
-            start += stretch.len();
         }
         ground
     }

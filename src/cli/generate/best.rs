@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct BestArgs {
-    /// Draw so many dances and keep the best, or the best few (--variations): the one that slides, sinks and jerks least
+    /// Draw so many dances and keep the best, or the best few (--variations): the one that slides, sinks and shakes least
     /// beyond what real dances do, and neither stands still for good nor copies
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(2..=16), conflicts_with = "greedy")]
     pub best: Option<u8>,

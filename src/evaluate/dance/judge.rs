@@ -16,7 +16,7 @@ use std::cell::OnceCell;
 const WINDOW_S: f64 = 5.0;
 const HOP_S: f64 = 2.5;
 /// A spread of real windows is taken to be so much at least, or a thousandth more would count as far off: of the share of
-/// steps that slide, of penetration in cm, of jerk over its median.
+/// steps that slide, of penetration in cm, of shaking over its median.
 const LEAST: [f64; 3] = [0.02, 0.2, 0.1];
 /// A dance is a copy if more than this share of its windows is nearer to training than 99 of 100 windows of real dances
 /// that nothing was trained on.
@@ -94,9 +94,9 @@ impl<'a> Judge<'a> {
         let beyond = |(found, usual): (Option<f64>, Option<Usual>)| {
             found.zip(usual).map_or(0.0, |(x, usual)| ((x - usual.median) / usual.spread).max(0.0))
         };
-        let [skate_share, penetration_cm, jerk_m_s3] = found;
+        let [skate_share, penetration_cm, shake] = found;
         let score = found.into_iter().zip(self.usual).map(beyond).sum();
-        Verdict { score, skate_share, penetration_cm, jerk_m_s3, freezes_s: self.freezes_s(&dance.clip), copied: false }
+        Verdict { score, skate_share, penetration_cm, shake, freezes_s: self.freezes_s(&dance.clip), copied: false }
     }
 
     /// The dances from the best to the worst, with what is said of them. Those that stand still for good or copy are behind
@@ -150,10 +150,10 @@ impl<'a> Judge<'a> {
         Ok((training, limit))
     }
 
-    /// Share of steps that slide, penetration and jerk of what was invented of a clip; of the feet where both legs were.
+    /// Share of steps that slide, penetration and shaking of what was invented of a clip; of the feet where both legs were.
     fn measures(&self, clip: &Clip, invented: &[Stretch]) -> [Option<f64>; 3] {
         let (mut skate, mut ground) = (Skate::default(), Ground::default());
-        let (mut jerk, mut frames) = (0.0, 0.0);
+        let (mut jerk, mut speed) = (0.0, 0.0);
         for stretch in invented {
             let part = slice(clip, stretch);
             if LEGS.iter().flatten().all(|joint| stretch.joints.contains(joint) || !self.real.joints.contains(joint)) {
@@ -162,11 +162,11 @@ impl<'a> Judge<'a> {
                 ground.add(&Ground::of(&self.feet.least(&part), &pelvis, clip.fps()));
             }
             if let Some(mean) = jitter_of(&part, &stretch.joints) {
-                let weight = (part.frames() - 3) as f64;
-                (jerk, frames) = (jerk + weight * mean, frames + weight);
+                jerk += (part.frames() - 3) as f64 * mean;
+                speed += Places::of(&part, &stretch.joints).speeds().iter().sum::<f64>();
             }
         }
-        [skate.share(), ground.penetration_cm(), (frames > 0.0).then(|| jerk / frames)]
+        [skate.share(), ground.penetration_cm(), (speed > 0.0).then(|| jerk / speed)]
     }
 
     /// From when on what was invented up to the end stands still, seconds.
@@ -236,7 +236,7 @@ mod tests {
         let mut test = Dance::of_corpus(&corpus, &corpus.clips()[2]).unwrap();
         test.clip = test.clip.slice(0..150);
         let copy = Dance::of_corpus(&corpus, &corpus.clips()[0]).unwrap();
-        let slides = moved(&test, |f| Vec3::X * 0.2 * f as f64);
+        let slides = moved(&test, |f| Vec3::X * 0.03 * f as f64);
         let sunk = moved(&test, |_| Vec3::Y * -0.5);
         let shakes = moved(&test, |f| Vec3::Y * if f.is_multiple_of(2) { 0.03 } else { -0.03 });
         let mut still = test.clone();
@@ -247,7 +247,8 @@ mod tests {
         let verdict = |dance: &Dance| judge.verdict(dance);
         let own = verdict(&test);
         assert!(own.score < 2.0 && own.doubt().is_none(), "{own}");
-        for (worse, by) in [(&slides, 0.5), (&sunk, 5.0), (&shakes, 2.0)] {
+        assert!(verdict(&slides).skate_share > own.skate_share, "{} beside {own}", verdict(&slides));
+        for (worse, by) in [(&sunk, 5.0), (&shakes, 2.0)] {
             assert!(verdict(worse).score > own.score + by, "{} beside {own}", verdict(worse));
         }
         let stands = verdict(&still).freezes_s.unwrap();
@@ -274,7 +275,7 @@ mod tests {
         let of = |invented: Vec<Stretch>| Judge::new(&real, invented).unwrap().verdict(&dance);
         let (whole, later) = (of(all(200)), of(vec![Stretch { frames: 100..200, joints: JOINTS.to_vec() }]));
         assert!(whole.penetration_cm.unwrap() > 10.0 && later.penetration_cm.unwrap() < 1.0, "{whole}; {later}");
-        assert!(whole.jerk_m_s3 > later.jerk_m_s3.map(|x| 2.0 * x), "{whole}; {later}");
+        assert!(whole.shake > later.shake.map(|x| 1.2 * x), "{whole}; {later}");
         let arms = of(vec![Stretch { frames: 0..200, joints: vec![18, 19] }]);
         assert_eq!((arms.skate_share, arms.penetration_cm), (None, None), "feet that are given aren't judged");
         assert_eq!(of(Vec::new()).score, 0.0);

@@ -89,7 +89,7 @@ enum Command {
     /// A learning rate for a model: a few hundred steps at rates that grow until the loss blows up, as a plot
     LrFind(lr_find::Args),
     /// A new dance that follows chosen joints of a clip
-    Generate(generate::Args),
+    Generate(Box<generate::Args>),
     /// Name dancer, genre or any other label of a dance
     #[command(subcommand)]
     Classify(classify::Command),
@@ -244,7 +244,7 @@ fn command(command: Command, say: Say) -> Result<()> {
         Command::Finetune(args) => finetune::run(args, say),
         Command::Classify(command) => classify::run(command, say),
         Command::LrFind(args) => lr_find::run(args, say),
-        Command::Generate(args) => generate::run(args, say),
+        Command::Generate(args) => generate::run(*args, say),
         Command::Export(args) => export::run(args, say),
         Command::Import(args) => import::run(args, say),
         Command::Interpolate(args) => interpolate::run(args, say),

@@ -268,7 +268,8 @@ mod tests {
         let real = Real::load(&corpus).unwrap();
         let test = Dance::of_corpus(&corpus, &corpus.clips()[2]).unwrap();
         // in the floor, and shaking, while the body is given
-        let wrong = |f: usize| if f < 100 { Vec3::Y * if f.is_multiple_of(2) { -0.5 } else { -0.6 } } else { Vec3::ZERO };
+        let wrong =
+            |f: usize| if f < 100 { Vec3::Y * if f.is_multiple_of(2) { -0.5 } else { -0.6 } } else { Vec3::ZERO };
         let dance = moved(&test, wrong);
         let of = |invented: Vec<Stretch>| Judge::new(&real, invented).unwrap().verdict(&dance);
         let (whole, later) = (of(all(200)), of(vec![Stretch { frames: 100..200, joints: JOINTS.to_vec() }]));

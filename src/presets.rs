@@ -19,6 +19,7 @@ pub const TRAIN: &Presets = &[
     ("finetune", include_str!("../configs/train/finetune.toml")),
     ("ahead", include_str!("../configs/train/ahead.toml")),
     ("demo", include_str!("../configs/train/demo.toml")),
+    ("demo-music", include_str!("../configs/train/demo-music.toml")),
 ];
 
 /// Settings of auto-conditioned LSTMs.
@@ -73,7 +74,7 @@ mod tests {
         assert_eq!(TrainFile::find(&file).unwrap().train.steps, 7);
         let message = TrainFile::find(Path::new("smal")).unwrap_err().to_string();
         let expected = "no training file \"smal\": neither a file nor one of tiny, small, two-level, thesis-26m, gpt2, finetune, ahead, \
-                        demo; did you mean small?";
+                        demo, demo-music; did you mean small?";
         assert_eq!(message, expected);
         let message = Settings::find(Path::new("no/such.toml")).unwrap_err().to_string();
         assert!(message.contains("neither a file nor one of uniform") && !message.contains("did you"), "{message}");

@@ -1,6 +1,7 @@
 //! `kinelm music`, as a user runs it.
 
 use assert_cmd::Command;
+use kinelm_motion::{Motion, Source, format, synth};
 use kinelm_music::synth::{Score, Style, render};
 use kinelm_music::wav;
 use predicates::prelude::*;
@@ -90,4 +91,138 @@ fn a_page_has_its_music() {
     view(&["--music-from", "soon"]).code(2).stderr(predicate::str::contains("expected seconds, such as 12.5s"));
     kinelm(dir.path()).args(["view", "d.bvh", "--out", "q.html"]).assert().success();
     assert!(!fs::read_to_string(dir.path().join("q.html")).unwrap().contains("class Player"));
+}
+
+const CONFIG: &str = "[model]\narchitecture = \"two_level\"\nlayers = 1\nheads = 2\nwidth = 24\nwindow = 12\n\
+                      music = \"beats\"\n[model.decoder]\nlayers = 1\nheads = 2\nwidth = 16\ncharacter_width = 4\n\
+                      [train]\nbatch = 2\nsteps = 8\nwarmup = 1\nlearning_rate = 3e-3\neval_every = 4\n\
+                      checkpoint_every = 4\ntable_rate = 3.0\n";
+
+/// Dances with music of their names in a folder, a corpus that has heard it, and a run.
+fn heard(dir: &Path) {
+    fs::create_dir_all(dir.join("data")).unwrap();
+    fs::create_dir_all(dir.join("songs")).unwrap();
+    let dances = synth::corpus_at(3, &[90.0, 120.0, 100.0, 110.0], 6.0, 30.0).unwrap();
+    let mut labels = "clip,split,music,music_from\n".to_owned();
+    for (i, dance) in dances.iter().enumerate() {
+        let path = dir.join(format!("data/{i}.bvh"));
+        let motion = Motion { path: path.clone(), clip: dance.clip.clone(), source: Source::Plain, warnings: vec![] };
+        format::write(&path, &motion).unwrap();
+        let samples = kinelm::music::dance::music(dance, 3, 22_050).unwrap();
+        let later = [vec![0.0; 22_050], samples.clone()].concat();
+        // one is named by a label and begins a second later, one has no music
+        let (name, samples) = if i == 1 { ("named".into(), &later) } else { (i.to_string(), &samples) };
+        if i != 2 {
+            fs::write(dir.join(format!("songs/{name}.wav")), wav::bytes(samples, 22_050)).unwrap();
+        }
+        let split = ["train", "train", "train", "valid"][i];
+        labels += &format!("{i},{split},{}\n", if i == 1 { "named.wav,1" } else { "," });
+    }
+    fs::write(dir.join("labels.csv"), labels).unwrap();
+    fs::write(dir.join("c.toml"), CONFIG).unwrap();
+    let call = |words: &str| {
+        kinelm(dir).args(words.split_whitespace()).assert().success();
+    };
+    call("tokenizer fit data --labels labels.csv --out t.json");
+    call("tokenize data --labels labels.csv --tokenizer t.json --out deaf");
+    kinelm(dir)
+        .args("tokenize data --labels labels.csv --tokenizer t.json --music songs --out corpus".split_whitespace())
+        .assert()
+        .success()
+        .stderr(predicate::str::contains("songs: 3 clips of 4 have music"));
+    let corpus = kinelm::corpus::Corpus::open(dir.join("corpus")).unwrap();
+    let beats: Vec<&[f64]> = corpus.clips().iter().map(|clip| clip.beats_s()).collect();
+    assert!(beats[2].is_empty());
+    let near = |clip: usize| {
+        let is = |t: &&f64| beats[clip].iter().any(|beat| (beat - **t).abs() < 0.04);
+        dances[clip].beats_s.iter().filter(is).count() * 5 >= dances[clip].beats_s.len() * 4
+    };
+    assert!(near(0) && near(1) && near(3), "{beats:?}");
+    call("pretrain --config c.toml --corpus corpus --run run");
+}
+
+#[test]
+fn a_model_hears_dances_as_long_as_the_music_and_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    heard(dir);
+    let song = song(dir);
+    let said = |words: &str, code: i32, what: &str| {
+        let text = predicate::str::contains(what);
+        kinelm(dir).args(words.split_whitespace()).assert().code(code).stderr(text);
+    };
+    let frames = |file: &str| format::read(&dir.join(file), &Default::default()).unwrap().clip.frames();
+    said("generate --run run --music song.wav --music-from 25.5s --out a.bvh", 0, "100.");
+    assert_eq!(frames("a.bvh"), 50);
+    said("generate --run run --music song.wav --frames 30 --guidance 2 --out b.bvh", 0, "");
+    assert_eq!(frames("b.bvh"), 30);
+    said("generate --run run --frames 50 --out free.bvh", 0, "");
+    let bytes = |file: &str| fs::read(dir.join(file)).unwrap();
+    assert!(bytes("a.bvh") != bytes("free.bvh"));
+    // again, and not with other music
+    let before = bytes("a.bvh");
+    fs::remove_file(dir.join("a.bvh")).unwrap();
+    said("generate --again a.bvh.kinelm.json", 0, "");
+    assert!(bytes("a.bvh") == before);
+    fs::write(dir.join("other.wav"), wav::bytes(&render(&score(28.0), 22_050).unwrap(), 22_050)).unwrap();
+    said("generate --again a.bvh.kinelm.json --music other.wav --out c.bvh", 1, "other.wav: the music has changed");
+    // the page plays it, and the beats are those that it was made to
+    said("view a.bvh --out page.html", 0, "song.wav: 45 beats, sounds for 2.5 s of the dance");
+    assert!(fs::read_to_string(dir.join("page.html")).unwrap().contains("data:audio/wav;base64,"));
+    for beats in ["", " --music song.wav --music-from 25.5s"] {
+        let call = format!("evaluate dance a.bvh --real corpus{beats}");
+        let text = kinelm(dir).args(call.split_whitespace()).assert().success();
+        let text = String::from_utf8(text.get_output().stdout.clone()).unwrap();
+        assert!(text.contains("all joints, on the beat") && text.contains("formula"), "{text}");
+        assert_eq!(text.matches("\na.bvh").count(), 4, "{text}");
+    }
+    said("evaluate likelihood --run run --corpus corpus --split valid --conditions none", 0, "");
+    // what can't be
+    said(
+        "generate --run run --music song.wav --seconds 40 --out d.bvh",
+        1,
+        "28.00 s of music behind 0 s, expected 40.00 s",
+    );
+    said(
+        "generate --run run --music song.wav --music-from 28s --out d.bvh",
+        1,
+        "a beginning at 28 s, expected 0 up to",
+    );
+    fs::write(dir.join("silence.wav"), wav::bytes(&vec![0.0; 60_000], 22_050)).unwrap();
+    said("generate --run run --music silence.wav --out d.bvh", 1, "0 beats in 2.72 s of music, expected two or more");
+    said("generate --run run --music no.wav --out d.bvh", 1, "no.wav");
+    fs::write(dir.join("deaf.toml"), CONFIG.replace("music = \"beats\"\n", "")).unwrap();
+    said("pretrain --config c.toml --corpus deaf --run no", 1, "no training clip of the corpora has any");
+    said("pretrain --config deaf.toml --corpus deaf --run deaf-run", 0, "");
+    let refused = "this model hears no music (model.music); train one on a corpus of kinelm tokenize --music";
+    said("generate --run deaf-run --music song.wav --out d.bvh", 2, refused);
+    // which can be added, and not taken away
+    said("finetune --from deaf-run --config c.toml --corpus corpus --run fine --steps 2", 0, "");
+    said("generate --run fine --music song.wav --frames 20 --out e.bvh", 0, "");
+    let none = fs::read_to_string(dir.join("c.toml")).unwrap().replace("\"beats\"", "\"none\"");
+    fs::write(dir.join("none.toml"), none).unwrap();
+    said(
+        "finetune --from run --config none.toml --corpus corpus --run worse --steps 2",
+        1,
+        "model.music is \"none\"; the source has",
+    );
+    // music that ends before its clip, and a label of a file that isn't there
+    fs::write(dir.join("songs/0.wav"), wav::bytes(&render(&score(3.0), 22_050).unwrap(), 22_050)).unwrap();
+    said(
+        "tokenize data --labels labels.csv --tokenizer t.json --music songs --out x --strict",
+        1,
+        "0: songs/0.wav: found 3.00 s of music",
+    );
+    fs::remove_file(dir.join("songs/named.wav")).unwrap();
+    said(
+        "tokenize data --labels labels.csv --tokenizer t.json --music songs --out x",
+        1,
+        "1: music `named.wav`: no such file",
+    );
+    drop(song);
+}
+
+fn score(seconds: f64) -> Score {
+    let beats_s = (0..).map(|i| 0.3 + 0.5 * f64::from(i)).take_while(|beat| *beat < seconds).collect();
+    Score { style: Style::Pop, beats_s, downbeat: 0, seconds, seed: 2 }
 }

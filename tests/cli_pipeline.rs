@@ -526,6 +526,18 @@ fn ctrl_c_leaves_a_checkpoint_that_generate_takes() {
 }
 
 #[test]
+#[ignore = "84 dances, their music and 24 more: a minute or two"]
+fn the_demo_with_music_makes_all_it_promises() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut demo = kinelm();
+    demo.current_dir(dir.path()).args(["demo", "--music", "--steps", "2"]).timeout(std::time::Duration::from_secs(900));
+    demo.assert().success().stdout(contains("half a beat off").and(contains("told the music")));
+    for name in ["page.html", "dance.bvh", "report.md", "music/sway/sway_ash_01.wav"] {
+        assert!(dir.path().join("demo").join(name).exists(), "{name}");
+    }
+}
+
+#[test]
 fn the_demo_makes_all_it_promises() {
     let dir = tempfile::tempdir().unwrap();
     let demo = || {

@@ -13,8 +13,8 @@ pub struct DataArgs {
     /// Folders of motion files, or files
     #[arg(required = true, value_name = "DATA")]
     data: Vec<PathBuf>,
-    /// Labels of the DATA in the same place of the call: a CSV (clip, split, take, fps, skip are reserved, other columns
-    /// are labels) or a pattern such as '{genre}/{take}.bvh'; known names are tried by themselves
+    /// Labels of the DATA in the same place of the call: a CSV (clip, split, take, fps, skip, floor, music_from are reserved,
+    /// other columns are labels) or a pattern such as '{genre}/{take}.bvh'; known names are tried by themselves
     #[arg(long, value_name = "FILE.csv|PATTERN")]
     labels: Vec<String>,
     /// Fail if any file is bad, instead of naming it and going on

@@ -24,6 +24,13 @@ pub struct Args {
     /// Only piece I of N, counted from 0; `corpus merge` puts the pieces together
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
+    /// Where the clips' music is: the files that the label `music` names, from the second `music_from` on, else those of the
+    /// clips' own names, here or beside the motion. The corpus keeps their beats
+    #[arg(long, value_name = "FOLDER")]
+    music: Option<PathBuf>,
+    /// Clips without music get motion-derived beats: those that their own steps tell
+    #[arg(long)]
+    motion_beats: bool,
     /// Replace the files of a corpus that stands at --out
     #[arg(long)]
     force: bool,
@@ -39,12 +46,22 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let options = BuildOptions {
         shard: args.shard,
         force: args.force,
+        music: args.music.clone(),
+        own_beats: args.motion_beats,
         ..args.data.build_options(args.read.options(RestFrame::Drop))
     };
     let (manifest, summary) =
         tokenize(&gathered, &tokenizer, &args.out, &options, &mut *super::progress::watch(say, "writing the corpus"))?;
     for line in summary.lines() {
         say.line(line);
+    }
+    if let Some(folder) = &args.music {
+        let (heard, clips) = (counted(summary.with_music, "clips"), summary.clips);
+        say.line(format_args!("{}: {heard} of {clips} have music", folder.display()));
+    }
+    if args.motion_beats {
+        let (own, clips) = (counted(summary.with_own_beats, "clips"), summary.clips);
+        say.line(format_args!("{own} of {clips} have motion-derived beats"));
     }
     let (n, f) = (manifest.count.clips, manifest.count.frames);
     let tokens = manifest.token_count();

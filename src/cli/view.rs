@@ -8,6 +8,7 @@ use super::{
 };
 use anyhow::Result;
 use kinelm::counted;
+use kinelm::generate::provenance;
 use kinelm::output::{Outputs, is_same};
 use kinelm::view::{Figure, music, page_with};
 use kinelm_motion::format;
@@ -31,7 +32,7 @@ pub struct Args {
     #[arg(long)]
     together: bool,
     /// Music that plays in step with the dancers (.mp3 .ogg .flac .wav .m4a), its beats as ticks: in the page up to 8 MiB,
-    /// else beside it
+    /// else beside it. If not given, the music that a dance was made to, as the file beside it tells
     #[arg(long, value_name = "FILE")]
     music: Option<PathBuf>,
     /// The music's time when the dance begins, such as 12.5s; below 0 it begins later than the dance
@@ -45,7 +46,7 @@ pub struct Args {
 }
 
 /// Seconds with or without their unit.
-fn seconds_with_unit(text: &str) -> Result<f64, String> {
+pub fn seconds_with_unit(text: &str) -> Result<f64, String> {
     let number = text.strip_suffix('s').unwrap_or(text).parse().ok();
     number.filter(|s: &f64| s.is_finite()).ok_or("expected seconds, such as 12.5s".into())
 }
@@ -103,7 +104,8 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
         };
         figures.push(figure(motion).forced(&forced).in_world(files[i].world));
     }
-    let played = args.music.as_deref().map(|file| beside(file, args.music_from, out, outputs, say)).transpose()?;
+    let asked = args.music.clone().map(|file| (file, args.music_from)).or_else(|| told(clips, say));
+    let played = asked.map(|(file, from_s)| beside(&file, from_s, out, outputs, say)).transpose()?;
     let page = page_with(&figures, played.as_ref())?;
     outputs.write(out, page.as_bytes())?;
     say.line(format_args!(
@@ -113,6 +115,20 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
         page.len() / 1000
     ));
     Ok(())
+}
+
+/// The music that the first dance of several was made to, and its time when the dance begins, if it is there.
+fn told(clips: &[Named], say: Say) -> Option<(PathBuf, f64)> {
+    let told = |clip: &Named| provenance::find(&clip.path).ok().flatten()?.recipe.music;
+    let music = clips.iter().find_map(told)?;
+    if !music.path.is_file() {
+        say.line(format_args!(
+            "{}: the music of the dance isn't there; --music plays it from elsewhere",
+            music.path.display()
+        ));
+        return None;
+    }
+    Some((music.path, music.from_s))
 }
 
 /// The music of a page: in it, or beside it where it is large; it is copied there if it isn't there.

@@ -5,8 +5,10 @@
 
 use super::gather::{Gathered, Item};
 use super::load::{Loaded, Wanted, load_item};
-use super::record::{Failure, Manifest, Shard, Split};
+use super::record::{BeatsOf, ClipBeats, Failure, Manifest, Shard, Split};
 use super::writer::{CorpusWriter, NewClip};
+use crate::music::find::Heard;
+use crate::music::own;
 use crate::{Error, Result, counted};
 use kinelm_motion::Kind;
 use kinelm_motion::format::ReadOptions;
@@ -14,7 +16,7 @@ use kinelm_tokenizer::{Fit, Tokenizer, TokenizerConfig};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Files a block holds for each thread: few enough that results wait in little memory, enough that a long file at a
 /// block's end keeps others waiting only now and then.
@@ -31,6 +33,10 @@ pub struct BuildOptions {
     pub shard: Option<Shard>,
     /// A corpus that stands at the place is replaced.
     pub force: bool,
+    /// Where the clips' music is, whose beats a corpus keeps; none is looked for if not given.
+    pub music: Option<PathBuf>,
+    /// Clips without music get motion-derived beats, of their own steps.
+    pub own_beats: bool,
 }
 
 /// What happens while files are worked on.
@@ -76,6 +82,10 @@ pub struct Summary {
     pub second_codes: usize,
     /// Frames added to fill last tiles.
     pub padded: usize,
+    /// Files whose music was heard.
+    pub with_music: usize,
+    /// Files that have motion-derived beats.
+    pub with_own_beats: usize,
 }
 
 impl Summary {
@@ -113,7 +123,7 @@ pub fn fit(
     if items.is_empty() {
         return Err(Error::Call("no clip is in the train split, and a tokenizer is fitted on that alone".into()));
     }
-    let work = |loaded: &Loaded| {
+    let work = |_: &Item, loaded: &Loaded| {
         let mut one = Fit::new(config.clone())?;
         one.add(&loaded.clip)?;
         Ok((one, loaded.clip.frames()))
@@ -140,18 +150,31 @@ pub fn tokenize(
 ) -> Result<(Manifest, Summary)> {
     let mut writer = CorpusWriter::create(out, tokenizer, &gathered.sources, options.shard, options.force)?;
     let items: Vec<&Item> = gathered.items.iter().filter(|i| options.shard.is_none_or(|s| s.holds(i.key))).collect();
-    let work = |loaded: &Loaded| {
-        let encoded = tokenizer.encode(&loaded.clip)?;
-        Ok((tokenizer.ids_of_words(&encoded.words)?, loaded.clip.frames(), loaded.floor_m, encoded))
+    let heard = options.music.as_ref().map(|folder| Heard::of(&items, folder)).transpose()?;
+    let work = |item: &Item, loaded: &Loaded| {
+        let (encoded, frames) = (tokenizer.encode(&loaded.clip)?, loaded.clip.frames());
+        let seconds = frames as f64 / loaded.clip.fps();
+        let of_music = heard.as_ref().map_or(Ok(None), |heard| heard.beats_s(item, seconds))?;
+        let own = options.own_beats && of_music.is_none();
+        let of_motion = if own { own::beats_s(&loaded.clip)? } else { None };
+        let of = |of| move |times_s| ClipBeats { of, times_s };
+        let beats = of_music.map(of(BeatsOf::Music)).or(of_motion.map(of(BeatsOf::Motion)));
+        Ok((tokenizer.ids_of_words(&encoded.words)?, frames, loaded.floor_m, encoded, beats))
     };
     let summary = each(&items, options, tokenizer.config().into(), watch, work, |item, sha256, made, summary| {
-        let (ids, frames, floor_m, encoded) = made;
+        let (ids, frames, floor_m, encoded, beats) = made;
+        match beats.as_ref().map(|beats: &ClipBeats| beats.of) {
+            Some(BeatsOf::Music) => summary.with_music += 1,
+            Some(BeatsOf::Motion) => summary.with_own_beats += 1,
+            None => {}
+        }
         let (clipped, second_codes) = (encoded.clipped as usize, encoded.second_codes as usize);
         summary.clipped += clipped;
         summary.second_codes += second_codes;
         summary.padded += encoded.padded as usize;
         let Item { name, labels, split, take, key, source, .. } = item.clone();
-        let clip = NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m };
+        let clip =
+            NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m, beats };
         writer.push(clip, &ids)?;
         Ok(frames)
     })?;
@@ -184,12 +207,12 @@ pub(crate) fn each<T: Send>(
     options: &BuildOptions,
     wanted: Wanted,
     watch: &mut Watch<'_>,
-    work: impl Fn(&Loaded) -> Result<T> + Sync,
+    work: impl Fn(&Item, &Loaded) -> Result<T> + Sync,
     mut take: impl FnMut(&Item, String, T, &mut Summary) -> Result<usize>,
 ) -> Result<Summary> {
     let one = |item: &Item| {
         let loaded = load_item(item, &options.read, wanted)?;
-        let made = work(&loaded).map_err(|e| named(item, e))?;
+        let made = work(item, &loaded).map_err(|e| named(item, e))?;
         Ok((made, loaded.sha256, loaded.warnings))
     };
     let mut summary = Summary::default();

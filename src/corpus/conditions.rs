@@ -18,6 +18,8 @@ pub struct Conditions {
     fields: Vec<String>,
     /// Per field: value and id, by value.
     values: Vec<BTreeMap<String, u32>>,
+    /// Whether nothing is told: neither labels nor music.
+    hidden: bool,
 }
 
 impl Conditions {
@@ -32,7 +34,7 @@ impl Conditions {
                 values[at].insert(value.to_owned(), id);
             }
         }
-        Conditions { fields, values }
+        Conditions { fields, values, hidden: false }
     }
 
     /// No fields: `<bos>` alone stands in front.
@@ -40,9 +42,15 @@ impl Conditions {
         Conditions::default()
     }
 
-    /// The same fields without their values, so that every label is unknown: what a model knows without labels.
+    /// The same fields without their values, so that every label is unknown, and music too: what a model knows when it is
+    /// told nothing.
     pub fn unknown(&self) -> Conditions {
-        Conditions { fields: self.fields.clone(), values: vec![BTreeMap::new(); self.fields.len()] }
+        Conditions { fields: self.fields.clone(), values: vec![BTreeMap::new(); self.fields.len()], hidden: true }
+    }
+
+    /// Whether nothing is to be told: neither labels nor music.
+    pub fn are_hidden(&self) -> bool {
+        self.hidden
     }
 
     /// The fields, in their order.

@@ -30,6 +30,8 @@ pub struct Item {
     pub skip: Option<usize>,
     /// Where the floor is, metres, where its labels state it.
     pub floor: Option<f64>,
+    /// The time of its music at which it begins, seconds, where its labels state it.
+    pub music_from_s: Option<f64>,
     /// Its place among all items.
     pub key: usize,
     /// Index into [`Gathered::sources`].
@@ -47,6 +49,7 @@ impl Default for Item {
             fps: None,
             skip: None,
             floor: None,
+            music_from_s: None,
             key: 0,
             source: 0,
         }
@@ -188,6 +191,7 @@ fn label(g: &mut Gathered, found: Vec<Found>, labels: &[Labels]) -> Result<Vec<O
             fps: known.fps,
             skip: known.skip,
             floor: known.floor,
+            music_from_s: known.music_from_s,
             key,
             source: file.source,
         });

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 /// Columns and pattern fields that are no labels.
-const RESERVED: [&str; 6] = ["clip", "split", "take", "fps", "skip", "floor"];
+const RESERVED: [&str; 7] = ["clip", "split", "take", "fps", "skip", "floor", "music_from"];
 
 /// Pattern fields that name a file and nothing that could be learned.
 const NO_LABEL: [&str; 2] = ["set", "id"];
@@ -40,6 +40,8 @@ pub struct Known {
     pub skip: Option<usize>,
     /// Where the floor is, metres, if stated.
     pub floor: Option<f64>,
+    /// The time of its music at which it begins, seconds, if stated.
+    pub music_from_s: Option<f64>,
 }
 
 /// Where labels come from.
@@ -168,6 +170,10 @@ impl Known {
                 let floor: Option<f64> = value.parse().ok().filter(|f: &f64| f.is_finite());
                 self.floor = Some(floor.ok_or("a height in metres")?);
             }
+            "music_from" => {
+                let from: Option<f64> = value.parse().ok().filter(|f: &f64| f.is_finite() && *f >= 0.0);
+                self.music_from_s = Some(from.ok_or("seconds, 0 or more")?);
+            }
             "skip" => self.skip = Some(value.parse().map_err(|_| "a whole number of frames")?),
             _ => {
                 self.labels.insert(field.to_owned(), value.to_owned());
@@ -284,7 +290,7 @@ fn check_header(path: &Path, header: &[Field]) -> Result<usize> {
     }
     header.iter().position(|c| c.text == "clip").ok_or_else(|| {
         let names: Vec<&str> = header.iter().map(|c| c.text.as_str()).collect();
-        let help = "the first line names the columns: clip, and any of split, take, fps, skip, floor and your labels";
+        let help = "the first line names the columns: clip, and any of split, take, fps, skip, floor, music_from and your labels";
         Error::at(
             kinelm_motion::Place { path: path.to_owned(), line: header[0].at.line, column: 1 },
             format!("columns {}", names.join(", ")),
@@ -337,6 +343,7 @@ mod tests {
             ("clip,fps\na,NaN\n", "l.csv:2:3: found fps `NaN`"),
             ("clip,skip\na,1.5\n", "l.csv:2:3: found skip `1.5`"),
             ("clip,floor\na,low\n", "l.csv:2:3: found floor `low`"),
+            ("clip,music_from\na,-1\n", "l.csv:2:3: found music_from `-1`, expected seconds, 0 or more"),
             ("clip,x\n,b\n", "l.csv:2:1: found an empty clip"),
             ("clip,x\na,b\na,c\n", "l.csv:3:1: found clip a a second time (first in line 2)"),
         ] {

@@ -34,9 +34,22 @@ pub fn merge(shards: &[PathBuf], out: &Path, force: bool) -> Result<Manifest> {
 }
 
 fn as_new(clip: &ClipRecord) -> NewClip {
-    let ClipRecord { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m, .. } =
-        clip.clone();
-    NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m }
+    let ClipRecord {
+        name,
+        labels,
+        split,
+        take,
+        key,
+        source,
+        sha256,
+        frames,
+        clipped,
+        second_codes,
+        floor_m,
+        beats,
+        ..
+    } = clip.clone();
+    NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m, beats }
 }
 
 fn check_fits(first: &Corpus, other: &Corpus) -> Result<()> {

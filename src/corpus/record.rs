@@ -293,6 +293,36 @@ pub struct ClipRecord {
     /// Where the file's floor is, metres, if it was taken off before coding.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub floor_m: Option<f64>,
+    /// Its beats, if any were looked for and found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub beats: Option<ClipBeats>,
+}
+
+impl ClipRecord {
+    /// Its beats, seconds from its first frame, rising; none where there are none.
+    pub fn beats_s(&self) -> &[f64] {
+        self.beats.as_ref().map_or(&[], |beats| &beats.times_s)
+    }
+}
+
+/// The beats of a clip.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClipBeats {
+    /// What they are of.
+    pub of: BeatsOf,
+    /// Seconds from its first frame, rising; some may lie before it and behind its last.
+    pub times_s: Vec<f64>,
+}
+
+/// What beats are of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BeatsOf {
+    /// The music that the clip was danced to.
+    Music,
+    /// The clip's own steps: motion-derived ([`crate::music::own`]).
+    Motion,
 }
 
 #[cfg(test)]

@@ -28,7 +28,20 @@ pub fn words(frames: usize) -> Vec<u32> {
 pub fn clip(name: &str, key: usize, split: Split, frames: usize) -> NewClip {
     let labels = BTreeMap::from([("genre".to_string(), "salsa".to_string())]);
     let (name, take, sha256) = (name.to_string(), name.to_string(), "0".repeat(64));
-    NewClip { name, labels, split, take, key, source: 0, sha256, frames, clipped: 2, second_codes: 1, floor_m: None }
+    NewClip {
+        name,
+        labels,
+        split,
+        take,
+        key,
+        source: 0,
+        sha256,
+        frames,
+        clipped: 2,
+        second_codes: 1,
+        floor_m: None,
+        beats: None,
+    }
 }
 
 pub fn begin(dir: &Path, force: bool) -> Result<CorpusWriter> {

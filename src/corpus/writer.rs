@@ -1,7 +1,7 @@
 //! Writing the token store: whole or not at all.
 
 use super::record::{
-    ClipRecord, Count, Failure, FileRecord, Manifest, Shard, SourceRecord, Split, TokenType, VERSION, hex,
+    ClipBeats, ClipRecord, Count, Failure, FileRecord, Manifest, Shard, SourceRecord, Split, TokenType, VERSION, hex,
 };
 use super::store::{CLIPS, Coding, MANIFEST, TOKENIZER};
 use crate::files::Hidden;
@@ -28,6 +28,7 @@ pub struct NewClip {
     pub clipped: usize,
     pub second_codes: usize,
     pub floor_m: Option<f64>,
+    pub beats: Option<ClipBeats>,
 }
 
 /// Writes a corpus into a hidden folder beside its place and moves it there when it is whole. Dropped before
@@ -104,7 +105,8 @@ impl CorpusWriter {
     pub fn push(&mut self, clip: NewClip, ids: &[u32]) -> Result<()> {
         self.check(&clip, ids)?;
         self.tokens.write(&self.token_type.to_bytes(ids))?;
-        let NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m } = clip;
+        let NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m, beats } =
+            clip;
         self.sources[source].update(format!("{name} {sha256}\n"));
         self.manifest.sources[source].clips += 1;
         self.manifest.count.add(frames);
@@ -127,6 +129,7 @@ impl CorpusWriter {
             clipped,
             second_codes,
             floor_m,
+            beats,
         };
         let line = serde_json::to_string(&record).expect("a record of strings and integers is JSON");
         self.clips.write(format!("{line}\n").as_bytes())

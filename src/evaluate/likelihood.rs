@@ -2,7 +2,8 @@
 
 use super::pseudo::pseudo;
 use crate::corpus::{ClipRecord, Conditions, Corpus, EvalWindow, eval_windows, fill_sequence};
-use crate::model::{Kind, ModelConfig, Scores, TokenLayout};
+use crate::model::ahead::Told;
+use crate::model::{Kind, ModelConfig, Scores, TokenLayout, music};
 use crate::{Error, Result};
 use serde::Serialize;
 
@@ -158,8 +159,31 @@ fn batch_nats(
         target[before + window.scored.end..].fill(pad);
     }
     let mut nats = vec![0.0; targets.len()];
-    model.nats(&inputs, &targets, length, &mut nats)?;
+    let told = heard(model.config(), corpus, clips, windows, (length, conditions));
+    model.nats_told((&inputs, &targets), length, told.as_ref(), &mut nats)?;
     Ok(nats)
+}
+
+/// What windows of so many tokens are told of the music of their clips, if the model is told of any and conditions aren't
+/// hidden.
+fn heard(
+    config: &ModelConfig,
+    corpus: &Corpus,
+    clips: &[&ClipRecord],
+    windows: &[&EvalWindow],
+    (length, conditions): (usize, &Conditions),
+) -> Option<Told> {
+    if config.music.is_none() || conditions.are_hidden() {
+        return None;
+    }
+    let (manifest, word) = (corpus.manifest(), corpus.manifest().tokens_per_word?);
+    let frames = (length + 1 - conditions.len()) / word;
+    let of_window = |window: &&EvalWindow| {
+        let first = window.start / word;
+        let times = (first..first + frames).map(|frame| frame as f64 / manifest.fps);
+        music::told(config.music, clips[window.clip].beats_s(), times)
+    };
+    Some(Told { music: windows.iter().flat_map(of_window).collect(), ..Told::default() })
 }
 
 #[cfg(test)]
@@ -251,6 +275,51 @@ mod tests {
         assert!((by_hand(&gpt, 17) - by_hand(&gpt, 4)).abs() > 1e-3);
         let message = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap_err().to_string();
         assert_eq!(message, "1 tokens in front of a window; the model was trained with 2");
+    }
+
+    #[test]
+    fn music_is_told_where_each_window_stands_unless_it_is_hidden() {
+        use crate::model::music::Music;
+        use crate::model::{Architecture, forms};
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::heard(dir.path(), &[(40, Split::Train), (20, Split::Valid)]);
+        let clips: Vec<_> = corpus.split(Split::Valid).collect();
+        let tokens = TokenLayout::of(corpus.tokenizer());
+        let config = ModelConfig {
+            architecture: Architecture::TwoLevel,
+            layers: 1,
+            heads: 2,
+            width: 16,
+            window: Some(16),
+            music: Music::Beats,
+            ..Default::default()
+        };
+        let gpt = forms::model(&config.resolved(&tokens), &tokens);
+        let mut fast = Fast::of(&gpt).unwrap();
+        let mut bits = |conditions: &Conditions| {
+            likelihood(&mut fast, &corpus, &clips, 0, conditions).unwrap().unwrap().bits_per_frame
+        };
+        let (told, hidden) = (bits(&Conditions::none()), bits(&Conditions::none().unknown()));
+        // by hand: a window of the first 16 frames, and one from frame 8 on of which the last four are scored
+        let ids = corpus.clip_ids(clips[0]).unwrap();
+        let mut by_hand = |is_told: bool| {
+            let mut nats = 0.0;
+            for (first, last, scored) in [(0, 16, 0), (8, 20, 8)] {
+                let word = tokens.word;
+                let targets = &ids[first * word..last * word];
+                let inputs = [&[1], &targets[..targets.len() - 1]].concat();
+                let times = (first..last).map(|frame| frame as f64 / 20.0);
+                let music = music::told(Music::Beats, clips[0].beats_s(), times);
+                let told = Told { music, ..Told::default() };
+                let mut found = vec![0.0; inputs.len()];
+                let windows = (&inputs[..], targets);
+                Scores::nats_told(&mut fast, windows, inputs.len(), is_told.then_some(&told), &mut found).unwrap();
+                nats += found[scored * word..].iter().map(|&x| f64::from(x)).sum::<f64>();
+            }
+            nats / std::f64::consts::LN_2 / 20.0
+        };
+        assert!((told - by_hand(true)).abs() < 1e-4 && (hidden - by_hand(false)).abs() < 1e-4);
+        assert!((told - hidden).abs() > 1e-2, "{told} {hidden}");
     }
 
     #[test]

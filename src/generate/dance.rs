@@ -68,7 +68,7 @@ impl<'a> Led<'a> {
             self.stands.push(stand);
         }
         let before = word.checked_sub(1)?;
-        let Told { numbers, rows: [steps, paces] } = &mut self.told;
+        let Told { numbers, rows: [steps, paces], .. } = &mut self.told;
         let behind = (codes(before), self.stands[before].as_ref());
         let is_told = self.course.tell(word, (&behind.0, behind.1), numbers, [steps, paces]);
         self.last = self.last.filter(|_| !is_told).or(is_told.then_some(word));
@@ -127,16 +127,25 @@ impl<'a> Dance<'a> {
         (self.plan.streams() > 1).then_some(self.block_without.as_slice())
     }
 
-    /// Tells the sequence `stream` of a model what is given ahead of the frames that begin with the block; all words have
-    /// one length then.
+    /// Tells the sequence `stream` of a model what is given ahead of the frames that begin with the block, and their music; all
+    /// words have one length then.
     pub fn tell(&mut self, model: &mut dyn NextToken, stream: usize) -> Result<()> {
-        let Some(led) = &mut self.led else { return Ok(()) };
-        let (front, length) = (self.plan.front.len(), led.course.characters() + 1);
-        // a window's first frame has none before it
-        let frames = (1..).map(|frame| (frame, front - 1 + frame * length));
+        let (Some(length), m) = (self.plan.grammar.tokens_per_word(), self.plan.music.len() / self.plan.words.max(1))
+        else {
+            return Ok(());
+        };
+        if self.led.is_none() && m == 0 {
+            return Ok(());
+        }
+        let front = self.plan.front.len();
+        let frames = (0..).map(|frame| (frame, front - 1 + frame * length));
         let begun = frames.take_while(|(_, at)| *at < self.read + self.block.len()).filter(|(_, at)| *at >= self.read);
         for (frame, _) in begun {
-            model.tell(stream, frame, led.tell(self.first / length + frame, &self.ids))?;
+            let word = self.first / length + frame;
+            let music = self.plan.music.get(word * m..(word + 1) * m).unwrap_or_default();
+            // a window's first frame has none before it
+            let led = self.led.as_mut().filter(|_| frame > 0);
+            model.tell(stream, frame, led.and_then(|led| led.tell(word, &self.ids)), music)?;
         }
         Ok(())
     }

@@ -3,8 +3,8 @@
 //!
 //! `logits = uncond + g (cond - uncond)`: 0 is the model without conditions, 1 with them, above 1 more than with them. A
 //! constant on all logits of one reading is the same constant on all of the sum, so logits serve as well as
-//! log-probabilities. Frames that are told what is given ahead of them are led there in the same way, by the reading that is told
-//! nothing. Source: Ho, Salimans, "Classifier-Free Diffusion Guidance" (2022).
+//! log-probabilities. Music is a condition as labels are. Frames that are told what is given ahead of them are led there in the
+//! same way, by the reading that is told nothing. Source: Ho, Salimans, "Classifier-Free Diffusion Guidance" (2022).
 
 /// How far conditions are followed.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,6 +4,7 @@ use super::edit::close::LeftOver;
 use super::edit::{Closed, Edited};
 use super::feet::{self, Care};
 use super::guidance::Guidance;
+use super::music::Music;
 use super::place::{Led, Place};
 use super::prompt::{self, Prompt};
 use super::recipe::{PromptRecipe, Recipe, Rig};
@@ -11,7 +12,7 @@ use super::rest::{self, RestJoints};
 use super::{Danced, GUESSES, Plan, dances, reader, variation_seed};
 use crate::model::ahead::{Ahead, Course};
 use crate::model::checkpoint::Checkpoints;
-use crate::model::{LoadedRun, Which, load_run};
+use crate::model::{LoadedRun, Which, load_run, music};
 use crate::{Error, Result};
 use kinelm_motion::feet::Locked;
 use kinelm_motion::format::{self, Format, bvh::Changed};
@@ -32,6 +33,8 @@ pub struct Ready {
     pub tokenizer: Tokenizer,
     /// The clip that is followed.
     pub prompt: Option<Followed>,
+    /// The music that is danced to.
+    pub music: Option<Music>,
     /// Frames of the dance.
     pub frames: usize,
     /// The tokens in front of every window: `<bos>` and the labels.
@@ -99,13 +102,14 @@ impl Ready {
     ///
     /// # Errors
     /// What reading the run and the prompt fails with; settings outside their ranges; a model that is not causal; labels
-    /// that the model doesn't know, with those that it knows; guidance of a model without conditions, or without labels; what
-    /// is ahead told to a model that can't be told;
+    /// that the model doesn't know, with those that it knows; guidance of a model without conditions, or without labels and music;
+    /// music for a model that isn't told of any, or that the dance has no room in; what is ahead told to a model that can't be told;
     /// joints that aren't coded; a prompt of which nothing is followed, or that is too short to go on from; neither frames
     /// nor a prompt, more frames than memory holds, none that are left to make.
     pub fn load(mut recipe: Recipe, which: Which) -> Result<Ready> {
         recipe.draw.check()?;
-        let paths = [Some(&recipe.run), recipe.prompt.as_ref().map(|prompt| &prompt.path)];
+        let music = recipe.music.as_ref().map(|music| &music.path);
+        let paths = [Some(&recipe.run), recipe.prompt.as_ref().map(|prompt| &prompt.path), music];
         if let Some(path) = paths.into_iter().flatten().find(|path| path.to_str().is_none()) {
             let what = "a name that is no UTF-8 can't be kept beside the dance; give it another name";
             return Err(Error::Call(format!("{}: {what}", path.display())));
@@ -117,6 +121,7 @@ impl Ready {
         let tokenizer = run.load_tokenizer()?;
         let (front, without) = fronts(&recipe, &run)?;
         check_ahead(recipe.ahead, &run)?;
+        let music = recipe.music.as_ref().map(|music| Music::hear(music, &run)).transpose()?;
         if run.label_dropout == Some(0.0) && (without.is_some() || recipe.labels.len() < run.conditions.len()) {
             let what = "labels were never hidden in training (train.label_dropout = 0): without some, or with guidance, the model \
                         is asked what it has not seen";
@@ -126,7 +131,10 @@ impl Ready {
         let asked = recipe.frames.or(of_seconds);
         let prompt = recipe.prompt.as_mut().map(|prompt| Followed::load(prompt, asked, &tokenizer)).transpose()?;
         let of_prompt = |p: &Followed| p.edit.as_ref().map_or(p.clip.frames(), Edited::known);
-        let frames = asked.or(prompt.as_ref().map(of_prompt));
+        let follows = |p: &&Followed| p.edit.is_some() || !p.given.is_empty();
+        let of_followed = prompt.as_ref().filter(follows).map(of_prompt);
+        let of_music = music.as_ref().map(|music| (music.seconds() * tokenizer.fps() + 1e-6).floor().max(1.0) as usize);
+        let frames = asked.or(of_followed).or(of_music).or(prompt.as_ref().map(of_prompt));
         let frames = frames.ok_or_else(|| Error::Call("neither frames nor a prompt that says how many".into()))?;
         let written = recipe.fps.map_or(frames, |fps| (frames as f64 * fps / tokenizer.fps()).ceil() as usize);
         for frames in [frames, written] {
@@ -140,7 +148,10 @@ impl Ready {
                 format!("--from-frame {from} of a dance of {frames} frames; expected fewer: nothing is left to make");
             return Err(Error::Call(what));
         }
-        Ok(Ready { recipe, run, tokenizer, prompt, frames, front, without })
+        if let Some(music) = &music {
+            music.check(frames as f64 / tokenizer.fps())?;
+        }
+        Ok(Ready { recipe, run, tokenizer, prompt, music, frames, front, without })
     }
 
     /// The dance is to stand where and as its prompt does, if it has one.
@@ -207,6 +218,8 @@ impl Ready {
             (plan.given, plan.foretold) = (&given.0, &given.1);
         }
         let course = self.course(&ids, &given.0, lead_in)?;
+        let heard = self.heard(words);
+        plan.music = &heard;
         (plan.course, plan.ahead) = (course.as_ref(), self.recipe.ahead);
         plan.lead_in = lead_in;
         plan.front = &self.front;
@@ -229,6 +242,14 @@ impl Ready {
             (all.guessed, all.right) = (all.guessed + drawn.guessed, all.right + drawn.right);
         }
         Ok(all)
+    }
+
+    /// (words, M) What each word is told of the music, the lead-in's among them.
+    fn heard(&self, words: usize) -> Vec<f32> {
+        let Some(music) = &self.music else { return Vec::new() };
+        let (fps, lead_in) = (self.tokenizer.fps(), self.recipe.lead_in as f64);
+        let times = (0..words).map(|word| (word as f64 - lead_in) / fps);
+        music::told(self.run.config.music, &music.beats_s(), times)
     }
 
     /// The prompt that is edited, and how.
@@ -440,11 +461,13 @@ fn fronts(recipe: &Recipe, run: &LoadedRun) -> Result<(Vec<u32>, Option<Vec<u32>
     if !scale.is_finite() {
         return wrong("expected a finite number");
     }
-    if conditions.fields().is_empty() {
+    if recipe.music.is_none() && conditions.fields().is_empty() && run.config.music.is_none() {
         return wrong("this model knows no labels, so there is nothing to follow; train one with train.conditions");
     }
-    if asked.is_empty() {
-        return wrong("no label is given that could be followed; give some with --label FIELD=VALUE");
+    if recipe.music.is_none() && asked.is_empty() {
+        return wrong(
+            "no label is given that could be followed, nor music; give some with --label FIELD=VALUE or --music",
+        );
     }
     let without = conditions.unknown().asked(&[])?;
     Ok((front, Some(without)))

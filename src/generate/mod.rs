@@ -16,6 +16,7 @@ pub mod feet;
 pub mod free;
 pub mod guidance;
 pub mod make;
+pub mod music;
 pub mod place;
 pub mod plan;
 pub mod prompt;
@@ -48,12 +49,12 @@ pub trait NextToken: Send {
     /// A sequence forgets all but its first `length` tokens, and what later frames were told.
     fn truncate(&mut self, stream: usize, length: usize);
 
-    /// Tells a frame of a sequence, counted from its window's first, what is given ahead of it, before the token is read that
-    /// it is spelled behind. Models that can't be told do nothing.
+    /// Tells a frame of a sequence, counted from its window's first, what is given ahead of it, and (M) its music if there is
+    /// any, before the token is read that it is spelled behind. Models that can't be told do nothing.
     ///
     /// # Errors
     /// Whatever keeps the model from it.
-    fn tell(&mut self, _stream: usize, _frame: usize, _told: Option<Told>) -> Result<()> {
+    fn tell(&mut self, _stream: usize, _frame: usize, _told: Option<Told>, _music: &[f32]) -> Result<()> {
         Ok(())
     }
 
@@ -82,8 +83,8 @@ impl NextToken for Reader {
         Reader::truncate(self, stream, length);
     }
 
-    fn tell(&mut self, stream: usize, frame: usize, told: Option<Told>) -> Result<()> {
-        Reader::tell(self, stream, frame, told)
+    fn tell(&mut self, stream: usize, frame: usize, told: Option<Told>, music: &[f32]) -> Result<()> {
+        Reader::tell(self, stream, frame, told, music)
     }
 
     fn read(&mut self, blocks: &[&[u32]], wanted: Logits, logits: &mut Vec<f32>) -> Result<()> {
@@ -181,6 +182,8 @@ pub struct Plan<'a> {
     /// How far frames are led to what is given ahead, 1: as the model has learned it; 0: it is told nothing. Other numbers
     /// take twice the time.
     pub ahead: f64,
+    /// (words, M) what each word is told of music, the lead-in's among them; empty: nothing.
+    pub music: &'a [f32],
     /// How free places are drawn.
     pub draw: Draw,
     /// The seed of the draws.
@@ -209,6 +212,7 @@ impl Plan<'_> {
             guidance: None,
             course: None,
             ahead: 1.0,
+            music: &[],
             draw,
             seed,
             guesses,
@@ -258,7 +262,8 @@ pub struct Danced {
 ///
 /// # Errors
 /// A context that holds fewer than two words of the one length that all have, or two tokens; sequences that are no whole
-/// number of dances; a front without conditions of another length than that with them; a course of other words; logits that allow no token (word
+/// number of dances; a front without conditions of another length than that with them; a course of other words, music of
+/// another number of them; logits that allow no token (word
 /// and place are named), and what the model's own reading fails with.
 pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Danced> {
     check(model, plan)?;
@@ -271,7 +276,7 @@ pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(u
         for (i, dance) in dances.iter_mut().enumerate() {
             let read = dance.prepare(guesses);
             (0..each).for_each(|stream| model.truncate(i * each + stream, read));
-            // the second reading is told nothing
+            // the second reading is told nothing, neither what is ahead nor music
             dance.tell(model, i * each)?;
         }
         let wanted = if dances.iter().any(Dance::guesses) { Logits::All } else { Logits::Last };
@@ -316,6 +321,10 @@ fn check(model: &dyn NextToken, plan: &Plan) -> Result<()> {
     }
     if let Some(course) = plan.told().filter(|course| word != Some(course.characters() + 1)) {
         let what = format!("frames of {} characters given ahead of words of another length", course.characters());
+        return Err(Error::Call(what));
+    }
+    if !plan.music.is_empty() && (word.is_none() || !plan.music.len().is_multiple_of(plan.words.max(1))) {
+        let what = format!("{} numbers of music for {} words; expected as many for each", plan.music.len(), plan.words);
         return Err(Error::Call(what));
     }
     match plan.guidance {

@@ -48,6 +48,9 @@ pub struct Provenance {
     pub tokenizer_sha256: String,
     /// SHA-256 of the prompt's file.
     pub prompt_sha256: Option<String>,
+    /// SHA-256 of the music's file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub music_sha256: Option<String>,
 }
 
 /// A file of the same folder.
@@ -162,6 +165,7 @@ impl Provenance {
             weights_sha256: ready.run.weights_sha256(),
             tokenizer_sha256: ready.tokenizer.hash(),
             prompt_sha256: prompt,
+            music_sha256: ready.music.as_ref().map(|music| music.sha256.clone()),
         })
     }
 
@@ -204,7 +208,7 @@ impl Provenance {
         })
     }
 
-    /// Refuses a model, a tokenizer or a prompt that is not the one that made the dance.
+    /// Refuses a model, a tokenizer, a prompt or music that is not the one that made the dance.
     ///
     /// # Errors
     /// [`Error::Call`] that names what has changed, with both hashes.
@@ -215,6 +219,9 @@ impl Provenance {
         same(&format!("{tokenizer}: the tokenizer"), &self.tokenizer_sha256, &ready.tokenizer.hash())?;
         if let (Some(before), Some(now), Some(recipe)) = (&self.prompt_sha256, &prompt, &ready.recipe.prompt) {
             same(&format!("{}: the prompt", recipe.path.display()), before, now)?;
+        }
+        if let (Some(before), Some(now), Some(recipe)) = (&self.music_sha256, &ready.music, &ready.recipe.music) {
+            same(&format!("{}: the music", recipe.path.display()), before, &now.sha256)?;
         }
         Ok(())
     }

@@ -24,13 +24,16 @@ pub struct Recipe {
     pub prompt: Option<PromptRecipe>,
     /// What the model is told of the dance: values of label fields; fields that are left out are unknown.
     pub labels: BTreeMap<String, String>,
-    /// How far the labels are followed, 1: as the model has learned them. See [`super::guidance`].
+    /// How far labels and music are followed, 1: as the model has learned them. See [`super::guidance`].
     pub guidance: f64,
     /// How far gaps are led to what is given behind them, 1: as the model has learned it, 0: it is told nothing. See
     /// [`super::Plan::ahead`].
     #[serde(default, skip_serializing_if = "is_zero")]
     pub ahead: f64,
-    /// Frames, at the model's rate; `None`: as many as the prompt has.
+    /// The music that is danced to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub music: Option<MusicRecipe>,
+    /// Frames, at the model's rate; `None`: as many as the music has, or the prompt.
     pub frames: Option<usize>,
     /// The dance's length in seconds, asked for instead of frames; files tell frames.
     #[serde(skip)]
@@ -105,6 +108,16 @@ fn is_zero(ahead: &f64) -> bool {
 
 fn is_none_at_all(frames: &usize) -> bool {
     *frames == 0
+}
+
+/// The music that is danced to.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MusicRecipe {
+    /// The file.
+    pub path: PathBuf,
+    /// Its time when the dance begins, seconds.
+    pub from_s: f64,
 }
 
 /// What is followed of a clip.

@@ -466,3 +466,96 @@ mod led {
         assert!(message.contains("frames of 9 characters given ahead of words of another length"), "{message}");
     }
 }
+
+mod heard {
+    use super::*;
+    use crate::corpus::samples;
+    use crate::model::fast::{Fast, Windows};
+    use crate::model::music::{Music, told};
+    use crate::model::{Architecture, Gpt, ModelConfig, TokenLayout, ahead, forms};
+    use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
+
+    const FRAMES: usize = 12;
+
+    /// A tokenizer and a model of its words whose windows hold `window` frames and are told beats.
+    fn setup(window: usize) -> (Tokenizer, Gpt) {
+        let tokenizer = Tokenizer::fit([&samples::walk(9)], TokenizerConfig::uniform(&[0, 4], 20.0, 20)).unwrap();
+        let tokens = TokenLayout::of(&tokenizer);
+        let config = ModelConfig {
+            architecture: Architecture::TwoLevel,
+            layers: 1,
+            heads: 2,
+            width: 16,
+            window: Some(window),
+            music: Music::Beats,
+            ..Default::default()
+        };
+        (tokenizer, forms::model(&config.resolved(&tokens), &tokens))
+    }
+
+    fn beats(words: usize) -> Vec<f32> {
+        told(Music::Beats, &[0.05, 0.3, 0.5], (0..words).map(|word| word as f64 / 20.0))
+    }
+
+    fn drawn(gpt: &Gpt, plan: &Plan) -> Vec<u32> {
+        let mut reader = Reader::new(gpt, Reading { streams: plan.streams(), ..Reading::default() }).unwrap();
+        dance(&mut reader, plan, &mut |_| {}).unwrap()
+    }
+
+    #[test]
+    fn a_frame_hears_what_a_whole_window_hears() {
+        let (tokenizer, gpt) = setup(FRAMES);
+        let music = beats(FRAMES);
+        for guesses in [0, 4] {
+            let plan = Plan { music: &music, guesses, ..Plan::free(tokenizer.grammar(), FRAMES, Draw::greedy(), 1) };
+            let ids = drawn(&gpt, &plan);
+            assert_ne!(ids, drawn(&gpt, &Plan { music: &[], ..plan.clone() }));
+            let inputs = [&[1], &ids[..ids.len() - 1]].concat();
+            let mut fast = Fast::of(&gpt).unwrap();
+            let told = ahead::Told { music: music.clone(), ..Default::default() };
+            let windows =
+                Windows { inputs: &inputs, targets: &ids, length: ids.len(), mask: fast.mask(), told: Some(&told) };
+            let logits = fast.logits(windows).unwrap();
+            for (at, row) in logits.chunks(tokenizer.vocabulary().len() as usize).enumerate() {
+                // spaces are the grammar's
+                if ids[at] != kinelm_tokenizer::SPACE {
+                    let best = row.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+                    assert!(row[ids[at] as usize] >= best - 1e-4, "token {at}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn windows_that_move_keep_the_music_s_time_and_guidance_enlarges_it() {
+        let (tokenizer, gpt) = setup(4);
+        let music = beats(FRAMES);
+        let free = Plan::free(tokenizer.grammar(), FRAMES, Draw::temperature(0.5), 4);
+        let heard = Plan { music: &music, ..free.clone() };
+        // what comes later in the music changes nothing before it
+        let mut later = music.clone();
+        let (m, word) = (music.len() / FRAMES, tokenizer.tokens_per_word().unwrap());
+        later[9 * m..].fill(0.0);
+        let (a, b) = (drawn(&gpt, &heard), drawn(&gpt, &Plan { music: &later, ..free.clone() }));
+        assert!(a[..9 * word] == b[..9 * word] && a != b);
+        let front = [Special::Bos.id()];
+        let guided = |scale: f64| {
+            let guidance = Some(Guidance { scale, without: &front });
+            drawn(&gpt, &Plan { guidance, ..heard.clone() })
+        };
+        assert!(guided(1.0) == a && guided(3.0) != a);
+        assert_eq!(guided(0.0), drawn(&gpt, &free));
+    }
+
+    #[test]
+    fn music_of_other_words_and_numbers_is_refused() {
+        let (tokenizer, gpt) = setup(4);
+        let free = Plan::free(tokenizer.grammar(), 5, Draw::greedy(), 4);
+        let said = |music: &[f32]| {
+            let mut reader = Reader::new(&gpt, Reading::default()).unwrap();
+            dance(&mut reader, &Plan { music, ..free.clone() }, &mut |_| {}).unwrap_err().to_string()
+        };
+        assert!(said(&[0.0; 7]).contains("7 numbers of music for 5 words"));
+        assert!(said(&[0.0; 10]).contains("2 numbers of music; this model is told"));
+    }
+}

@@ -36,38 +36,42 @@ pub fn numbers(characters: usize) -> usize {
     4 * characters + ROOT + BUCKETS
 }
 
-/// What the N frames of a batch are told, one window behind the other.
+/// What the N frames of a batch are told, one window behind the other: what is given ahead, and the music.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Told {
-    /// (N, P); 0 where a frame is told nothing.
+    /// (N, P); 0 where a frame is told nothing; empty where nothing is told ahead.
     pub numbers: Vec<f32>,
-    /// (N, W) each: rows of the tables of steps; [`NONE`] adds nothing.
+    /// (N, W) each: rows of the tables of steps; [`NONE`] adds nothing. Empty where nothing is told ahead.
     pub rows: [Vec<u32>; 2],
+    /// (N, M) of [`super::music`]; empty where nothing is told of music.
+    pub music: Vec<f32>,
 }
 
 impl Told {
     /// Nothing, for so many frames.
     pub fn nothing(frames: usize, characters: usize) -> Told {
         let rows = [(); 2].map(|()| vec![NONE; frames * (characters + 1)]);
-        Told { numbers: vec![0.0; frames * numbers(characters)], rows }
+        Told { numbers: vec![0.0; frames * numbers(characters)], rows, music: Vec::new() }
     }
 
     /// Nothing, for as many frames.
     pub fn like_nothing(&self) -> Told {
         let rows = [(); 2].map(|()| vec![NONE; self.rows[0].len()]);
-        Told { numbers: vec![0.0; self.numbers.len()], rows }
+        Told { numbers: vec![0.0; self.numbers.len()], rows, music: vec![0.0; self.music.len()] }
     }
 
     /// What `windows` are told, of `all` there are.
     pub fn of_windows(&self, windows: Range<usize>, all: usize) -> Told {
         let part = |n: usize| windows.start * (n / all)..windows.end * (n / all);
         let rows = [0, 1].map(|i| self.rows[i][part(self.rows[i].len())].to_vec());
-        Told { numbers: self.numbers[part(self.numbers.len())].to_vec(), rows }
+        let [numbers, music] = [&self.numbers, &self.music].map(|all| all[part(all.len())].to_vec());
+        Told { numbers, rows, music }
     }
 
     /// What is told behind the frames of `self`.
     pub fn extend(&mut self, other: &Told) {
         self.numbers.extend_from_slice(&other.numbers);
+        self.music.extend_from_slice(&other.music);
         self.rows.iter_mut().zip(&other.rows).for_each(|(rows, other)| rows.extend_from_slice(other));
     }
 
@@ -76,14 +80,23 @@ impl Told {
     /// # Errors
     /// A model that can't be told, other frames, rows beyond the tables.
     pub fn check(&self, config: &ModelConfig, tokens: &TokenLayout, (batch, length): (usize, usize)) -> Result<()> {
-        if !config.ahead {
+        let is_ahead = !self.numbers.is_empty() || self.rows.iter().any(|rows| !rows.is_empty());
+        if is_ahead && !config.ahead {
             return Err(Error::Call("frames told something ahead; this model has model.ahead = false".into()));
         }
         let (frames, steps) = (Frames::of(tokens), Frames::of(tokens).steps());
         let n = batch * ((length + 1).saturating_sub(tokens.front)).div_ceil(tokens.word);
+        let m = n * config.music.numbers();
+        if !self.music.is_empty() && m == 0 {
+            return Err(Error::Call("frames told of music; this model has model.music = \"none\"".into()));
+        }
+        if !self.music.is_empty() && self.music.len() != m {
+            let found = self.music.len();
+            return Err(Error::Call(format!("{found} numbers of music are told of {n} frames; expected {m}")));
+        }
         let is = (self.numbers.len(), self.rows[0].len(), self.rows[1].len());
         let expected = (n * numbers(frames.characters()), n * tokens.word, n * tokens.word);
-        if is != expected {
+        if is_ahead && is != expected {
             let what = format!("{is:?} numbers and rows are told of {n} frames; expected {expected:?}");
             return Err(Error::Call(what));
         }
@@ -285,7 +298,7 @@ impl Course {
     pub fn told(&self, frames: usize) -> Told {
         let c = self.characters();
         let mut told = Told::nothing(frames, c);
-        let Told { numbers: all, rows: [steps, paces] } = &mut told;
+        let Told { numbers: all, rows: [steps, paces], .. } = &mut told;
         let parts =
             all.chunks_exact_mut(numbers(c)).zip(steps.chunks_exact_mut(c + 1)).zip(paces.chunks_exact_mut(c + 1));
         for (frame, ((numbers, steps), paces)) in parts.enumerate().take(self.frames()).skip(1) {
@@ -423,7 +436,7 @@ mod tests {
     #[test]
     fn batches_are_cut_and_joined() {
         let mut all = Told::nothing(2, 2);
-        let other = Told { numbers: vec![1.0; 2 * numbers(2)], rows: [vec![3; 6], vec![4; 6]] };
+        let other = Told { numbers: vec![1.0; 2 * numbers(2)], rows: [vec![3; 6], vec![4; 6]], music: Vec::new() };
         all.extend(&other);
         assert_eq!(all.of_windows(1..2, 2), other);
         assert_eq!((all.of_windows(0..1, 2), other.like_nothing()), (Told::nothing(2, 2), Told::nothing(2, 2)));

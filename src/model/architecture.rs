@@ -99,7 +99,12 @@ impl ModelConfig {
     pub(super) fn validate_architecture(&self) -> Result<()> {
         let refuse = |what: String| Err(Error::Call(what));
         if self.architecture.is_flat() {
-            let keys = [("window", self.window.is_some()), ("decoder", self.decoder.is_some()), ("ahead", self.ahead)];
+            let keys = [
+                ("window", self.window.is_some()),
+                ("decoder", self.decoder.is_some()),
+                ("ahead", self.ahead),
+                ("music", !self.music.is_none()),
+            ];
             return match keys.into_iter().find(|(_, given)| *given) {
                 Some((key, _)) => refuse(format!("model.{key} goes with model.architecture = \"two_level\" alone")),
                 None => Ok(()),
@@ -171,6 +176,7 @@ mod tests {
         assert!(said("window = 12").starts_with("model.window goes with"));
         assert!(said("[decoder]\nlayers = 2").starts_with("model.decoder goes with"));
         assert!(said("ahead = true").starts_with("model.ahead goes with"));
+        assert!(said("music = \"beats\"").starts_with("model.music goes with"));
         let two = "architecture = \"two_level\"\n";
         assert_eq!(said(&format!("{two}window = 1")), "model.window is 1; expected 2 to 8192");
         assert!(said(&format!("{two}[decoder]\nheads = 3")).contains("decoder.width is 128 and heads 3"));

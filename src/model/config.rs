@@ -1,6 +1,7 @@
 //! What a model is: the `[model]` table of a training file, and what its tokenizer adds to it.
 
 use super::architecture::{Architecture, DecoderConfig};
+use super::music::Music;
 use crate::{Error, Result};
 use kinelm_tokenizer::{PlaceIds, SPACE, Special, Tokenizer};
 use serde::{Deserialize, Serialize};
@@ -45,6 +46,9 @@ pub struct ModelConfig {
     /// A two-level model may be told what is given ahead of the frame that it spells, see [`super::ahead`]. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub ahead: bool,
+    /// What a two-level model is told of the music that is danced to, see [`super::music`]. Default `none`.
+    #[serde(skip_serializing_if = "Music::is_none")]
+    pub music: Music,
 }
 
 /// What a token may see.
@@ -99,6 +103,7 @@ impl Default for ModelConfig {
             window: None,
             decoder: None,
             ahead: false,
+            music: Music::None,
         }
     }
 }
@@ -192,6 +197,11 @@ impl ModelConfig {
 
     fn knows_frame_before(&self, tokens: &TokenLayout) -> bool {
         self.kind == Kind::Causal && !tokens.places.is_empty()
+    }
+
+    /// Whether its frames can be told something beside their characters.
+    pub fn can_be_told(&self) -> bool {
+        self.ahead || !self.music.is_none()
     }
 
     /// The same model with every key said.

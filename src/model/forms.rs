@@ -5,6 +5,7 @@ use super::architecture::{Architecture, DecoderConfig};
 use super::config::{HeadKind, Kind, ModelConfig, Positions, Stretch, TokenLayout};
 use super::frames::Frames;
 use super::gpt::Gpt;
+use super::music::Music;
 use crate::corpus::windows::fill_sequence;
 use candle_core::{DType, Device, Tensor};
 use kinelm_tokenizer::{PlaceIds, Special};
@@ -69,18 +70,28 @@ pub fn every(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
         ..Default::default()
     };
     let told = ModelConfig { ahead: true, ..levels.clone() };
-    let two = [(levels.clone(), alone.clone()), (levels, placed()), (told.clone(), alone), (told, placed())];
+    let danced = ModelConfig { music: Music::Beats, ..levels.clone() };
+    let both = ModelConfig { music: Music::Beats, ..told.clone() };
+    let two = [
+        (levels.clone(), alone.clone()),
+        (levels, placed()),
+        (told.clone(), alone.clone()),
+        (told, placed()),
+        (danced, placed()),
+        (both, alone),
+    ];
     all(length).into_iter().chain(two.map(|(levels, tokens)| (levels.resolved(&tokens), tokens))).collect()
 }
 
 /// What frames of a batch are told, where they may be: two of three frames, rows missing here and there.
 pub fn told(config: &ModelConfig, tokens: &TokenLayout, windows: usize) -> Option<Told> {
-    if !config.ahead {
+    if !config.can_be_told() {
         return None;
     }
-    let frames = Frames::of(tokens);
-    let mut told = Told::nothing(windows * config.frames(tokens), frames.characters());
+    let (frames, n) = (Frames::of(tokens), windows * config.frames(tokens));
+    let mut told = if config.ahead { Told::nothing(n, frames.characters()) } else { Told::default() };
     let mut rng = crate::random::stream(5, "told", 0, 0);
+    told.music = (0..n * config.music.numbers()).map(|_| crate::random::unit(&mut rng) as f32 - 0.5).collect();
     let numbers = ahead::numbers(frames.characters());
     for (frame, of_frame) in told.numbers.chunks_mut(numbers).enumerate().filter(|(frame, _)| frame % 3 != 1) {
         of_frame.iter_mut().for_each(|x| *x = crate::random::unit(&mut rng) as f32 - 0.5);
@@ -95,10 +106,11 @@ pub fn told(config: &ModelConfig, tokens: &TokenLayout, windows: usize) -> Optio
 
 /// What a form is, for messages.
 pub fn name(config: &ModelConfig, tokens: &TokenLayout) -> String {
-    let ModelConfig { architecture, kind, positions, previous_frame, head, tied_head, dropout, ahead, .. } = config;
+    let ModelConfig { architecture, kind, positions, previous_frame, head, tied_head, dropout, ahead, music, .. } =
+        config;
     let words = if tokens.varying { "any words" } else { "words of one length" };
     format!(
-        "{architecture:?} {kind:?} {positions:?} previous {previous_frame:?} {head:?} tied {tied_head} dropout {dropout} ahead {ahead}, {words}"
+        "{architecture:?} {kind:?} {positions:?} previous {previous_frame:?} {head:?} tied {tied_head} dropout {dropout} ahead {ahead} music {music:?}, {words}"
     )
 }
 

@@ -119,6 +119,10 @@ fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
         let begin = |(name, (rows, width))| Parameter { init: Init::Zeros, ..embedding(name, rows, width) };
         all.extend(AHEAD.into_iter().zip(shapes).map(begin));
     }
+    if !config.music.is_none() {
+        let begin = |(name, width)| Parameter { init: Init::Zeros, ..embedding(name, config.music.numbers(), width) };
+        all.extend(MUSIC.into_iter().zip([trunk, d]).map(begin));
+    }
     all
 }
 
@@ -128,6 +132,8 @@ pub(super) const LABEL: &str = "frame.label.weight";
 /// and two tables of steps.
 pub(crate) const AHEAD: [&str; 4] =
     ["ahead.frame.weight", "ahead.spell.weight", "ahead.step.weight", "ahead.pace.weight"];
+/// What a frame is told of music goes through these: to the trunk's row, and to those of the decoder.
+pub(crate) const MUSIC: [&str; 2] = ["music.frame.weight", "music.spell.weight"];
 /// What the names of the trunk's blocks begin with, and of the decoder's.
 pub(super) const TRUNK: &str = "trunk.";
 pub(super) const SPELL: &str = "spell.";

@@ -2,5 +2,7 @@
 
 pub mod beats;
 pub mod dance;
+pub mod find;
+pub mod own;
 pub mod picture;
 pub mod report;

@@ -8,10 +8,11 @@
 //! Of several corpora a pass takes, of each, weight times as many windows as it has (rounded, one at least): whole rounds of
 //! them, and a drawn part of a round, of which the next pass takes the rest.
 
-use super::augment::Augment;
+use super::augment::{Augment, Changed};
 use super::config::TrainConfig;
 use super::data::{Data, Part};
 use super::gaps::Gaps;
+use super::heard::Heard;
 use super::run::RunFile;
 use crate::corpus::fill_masked;
 use crate::corpus::windows::{fill_sequence, whole_words};
@@ -63,6 +64,7 @@ pub struct Batches<'a> {
     masked: bool,
     augment: Option<Augment>,
     gaps: Option<Gaps>,
+    heard: Option<Heard>,
     order: Option<(u64, Vec<WindowId>)>, // of the pass drawn last
 }
 
@@ -158,6 +160,7 @@ impl<'a> Batches<'a> {
             masked: false,
             augment: None,
             gaps: None,
+            heard: None,
             order: None,
         })
     }
@@ -176,6 +179,7 @@ impl<'a> Batches<'a> {
             context: run.model.context,
             augment: Augment::new(&run.augment, data.tokenizer(), run.train.seed)?,
             gaps: Gaps::new(run.train.gaps, data.tokenizer(), run.train.seed)?,
+            heard: Heard::new(run.model.music, run.train.seed, (batches.room / batches.word, data.tokenizer().fps())),
             ..batches
         })
     }
@@ -195,13 +199,27 @@ impl<'a> Batches<'a> {
         let (mut inputs, mut targets) = (vec![0; b * t], vec![0; b * t]);
         let rows = (inputs.par_chunks_mut(t), targets.par_chunks_mut(t), &windows);
         let fill = |(input, target, &window): (&mut [u32], &mut [u32], &WindowId)| self.fill(window, input, target);
-        let (clips, told): (Vec<String>, Vec<Option<Told>>) =
-            rows.into_par_iter().map(fill).collect::<Result<Vec<_>>>()?.into_iter().unzip();
-        Ok(Batch { inputs, targets, clips, told: together(told) })
+        let filled: Vec<(String, Option<Told>, Vec<f32>)> = rows.into_par_iter().map(fill).collect::<Result<_>>()?;
+        let (mut clips, mut told, mut music) = (Vec::new(), Vec::new(), Vec::new());
+        for (clip, ahead, heard) in filled {
+            clips.push(clip);
+            told.push(ahead);
+            music.extend(heard);
+        }
+        let mut told = together(told);
+        if !music.is_empty() {
+            told.get_or_insert_default().music = music;
+        }
+        Ok(Batch { inputs, targets, clips, told })
     }
 
-    /// Writes a window (T); gives the name of its clip and where it starts, and what it is told.
-    fn fill(&self, window: WindowId, input: &mut [u32], target: &mut [u32]) -> Result<(String, Option<Told>)> {
+    /// Writes a window (T); gives the name of its clip and where it starts, what it is told ahead, and (F, M) of music.
+    fn fill(
+        &self,
+        window: WindowId,
+        input: &mut [u32],
+        target: &mut [u32],
+    ) -> Result<(String, Option<Told>, Vec<f32>)> {
         let stand = self.stand(window);
         let TrainClip { corpus, record, .. } = self.clips[stand.clip];
         let augment = self.augment.as_ref();
@@ -210,10 +228,11 @@ impl<'a> Batches<'a> {
         let beyond = gaps.map_or(0, |gaps| gaps.reach() * self.word);
         let wide = Stand { tokens: (record.tokens - stand.start).min(stand.tokens + beyond), ..stand };
         let changed = augment.and_then(|a| a.ids(corpus, record, &wide, window, self.room + beyond));
-        let mut ids = match changed {
-            Some(ids) => ids,
-            None => corpus.ids(record, wide.start..wide.start + wide.tokens)?,
+        let (mut ids, first, factor) = match changed {
+            Some(Changed { ids, first, factor }) => (ids, first, factor),
+            None => (corpus.ids(record, wide.start..wide.start + wide.tokens)?, stand.word as f64, 1.0),
         };
+        let heard = self.heard.map_or_else(Vec::new, |heard| heard.told(record, window, (first, factor)));
         let front = self.front(record, window);
         let (pad, dropped) = (Special::Pad.id(), augment.map_or_else(Vec::new, |a| a.dropped(window)));
         let shown = ids.len().min(stand.tokens);
@@ -233,7 +252,7 @@ impl<'a> Batches<'a> {
             let first = front.len() - usize::from(!self.masked);
             hide(&dropped, self.word, &mut input[front.len()..], &mut target[first..]);
         }
-        Ok((format!("{} from frame {}", record.name, corpus.frames_of(record, 0..stand.word)), told))
+        Ok((format!("{} from frame {}", record.name, corpus.frames_of(record, 0..stand.word)), told, heard))
     }
 
     /// The window at a place in the order of the data: of step s, place i of the batch, that is s B + i.

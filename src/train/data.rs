@@ -156,6 +156,11 @@ impl Data {
         sum(&|c| c.tokens) / sum(&|c| c.frames).max(1.0)
     }
 
+    /// Whether some training clip has music.
+    pub fn has_music(&self) -> bool {
+        self.parts.iter().any(|p| p.corpus.split(Split::Train).any(|c| c.beats.is_some()))
+    }
+
     /// Whether some clip of a split has a frame.
     pub fn has(&self, split: Split) -> bool {
         self.parts.iter().any(|p| p.corpus.split(split).any(|c| c.frames > 0))

@@ -76,9 +76,10 @@ pub fn finetune(options: &FinetuneOptions, stop: &AtomicBool, progress: &mut dyn
     go_on(&folder, new, &data, options.compute, stop, progress)
 }
 
-/// The source's shape, with the dropout that the file gives, and told what is ahead if the file says so.
+/// The source's shape, with the dropout that the file gives, and told what is ahead, and music, if the file says so.
 fn shape(path: &Path, file: &TrainFile, source: &LoadedRun) -> Result<ModelConfig> {
     let ahead = file.model.ahead || source.config.ahead;
+    let music = if source.config.music.is_none() { file.model.music } else { source.config.music };
     let own = ModelConfig { dropout: 0.0, ..source.config.resolved(&source.tokens) };
     let table = |what: &dyn Fn() -> String| Error::Call(format!("{}: {}", path.display(), what()));
     let text = match presets::find(presets::TRAIN, path, "training file")? {
@@ -88,8 +89,12 @@ fn shape(path: &Path, file: &TrainFile, source: &LoadedRun) -> Result<ModelConfi
     let all: toml::Table = toml::from_str(&text).map_err(|e| table(&|| e.message().into()))?;
     let given = all.get("model").and_then(toml::Value::as_table).cloned().unwrap_or_default();
     let has = toml::Table::try_from(&own).map_err(|e| table(&|| e.to_string()))?;
-    // a model may learn to be told what is ahead, and can't unlearn it
-    let may_differ = |key: &str| key == "dropout" || (key == "ahead" && !source.config.ahead);
+    // a model may learn to be told what is ahead, or music, and can't unlearn it
+    let may_differ = |key: &str| match key {
+        "ahead" => !source.config.ahead,
+        "music" => source.config.music.is_none(),
+        key => key == "dropout",
+    };
     for (key, value) in given.iter().filter(|(key, _)| !may_differ(key)) {
         if has.get(key) != Some(value) {
             let own = has.get(key).map_or("nothing".into(), |own| own.to_string());
@@ -98,7 +103,7 @@ fn shape(path: &Path, file: &TrainFile, source: &LoadedRun) -> Result<ModelConfi
         }
     }
     let dropout = if given.contains_key("dropout") { file.model.dropout } else { source.config.dropout };
-    Ok(ModelConfig { dropout, ahead, ..own })
+    Ok(ModelConfig { dropout, ahead, music, ..own })
 }
 
 /// What a run says of where its weights came from.

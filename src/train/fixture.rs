@@ -1,5 +1,6 @@
 //! A small corpus for tests: words of six characters that a model can learn.
 
+use crate::corpus::record::{BeatsOf, ClipBeats};
 use crate::corpus::samples::{clip, walk};
 use crate::corpus::{Corpus, CorpusWriter, Split};
 use crate::model::{LoadedRun, ModelConfig, TokenLayout, Which, load_run};
@@ -74,14 +75,29 @@ pub fn turning(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
     danced(&dir.join("turning"), TokenizerConfig { root_rotation: RootRotation::HeadingDelta, ..config }, clips)
 }
 
+/// The same with the beats of the dances; every third has no music.
+pub fn heard(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
+    let config = TokenizerConfig::uniform(&[0, 4], 20.0, 20);
+    let has_music = |clip: usize| clip % 3 != 2;
+    made(&dir.join("heard"), TokenizerConfig { root_rotation: RootRotation::HeadingDelta, ..config }, clips, &has_music)
+}
+
 /// A corpus in the folder `path` of clips of so many frames of dances.
 pub fn danced(path: &Path, config: TokenizerConfig, clips: &[(usize, Split)]) -> Corpus {
-    let dances: Vec<_> = synth::corpus(5, clips.len(), 10.0, 20.0).unwrap().into_iter().map(|d| d.clip).collect();
+    made(path, config, clips, &|_| false)
+}
+
+fn made(path: &Path, config: TokenizerConfig, clips: &[(usize, Split)], has_music: &dyn Fn(usize) -> bool) -> Corpus {
+    let all = synth::corpus(5, clips.len(), 10.0, 20.0).unwrap();
+    let dances: Vec<_> = all.iter().map(|d| d.clip.clone()).collect();
     let tokenizer = Tokenizer::fit(&dances, config).unwrap();
     let mut writer = CorpusWriter::create(path, &tokenizer, &["made".into()], None, false).unwrap();
     for (key, (&(frames, split), dance)) in clips.iter().zip(&dances).enumerate() {
         let words = tokenizer.encode(&dance.slice(0..frames)).unwrap().words;
-        writer.push(clip(&format!("clip{key}"), key, split, frames), &tokenizer.ids_of_words(&words).unwrap()).unwrap();
+        let mut new = clip(&format!("clip{key}"), key, split, frames);
+        let times_s = all[key].beats_s.clone();
+        new.beats = has_music(key).then_some(ClipBeats { of: BeatsOf::Music, times_s });
+        writer.push(new, &tokenizer.ids_of_words(&words).unwrap()).unwrap();
     }
     writer.finish().unwrap();
     Corpus::open(path).unwrap()

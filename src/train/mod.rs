@@ -13,6 +13,7 @@ pub(crate) mod fixture;
 pub mod folder;
 mod gaps;
 pub mod grow;
+mod heard;
 pub mod import;
 pub mod learner;
 pub mod lr_find;

@@ -90,6 +90,10 @@ impl RunFile {
         if model.ahead {
             Ahead::of(data.tokenizer())?;
         }
+        if !model.music.is_none() && !data.has_music() {
+            let what = "and no training clip of the corpora has any; kinelm tokenize --music FOLDER keeps its beats";
+            return Err(Error::Call(format!("model.music asks for music, {what}")));
+        }
         Ok(RunFile {
             version: VERSION,
             kinelm: env!("CARGO_PKG_VERSION").into(),

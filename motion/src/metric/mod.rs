@@ -4,6 +4,7 @@
 //! grows with what went through. Sums are in f64 and in the order of the calls, so that merging in a fixed order gives the
 //! same bits whatever the number of threads.
 
+pub mod beat;
 pub mod border_jerk;
 pub mod contact;
 pub mod features;

@@ -68,20 +68,41 @@ const FASTEST_FPS: f64 = 1000.0;
 /// # Errors
 /// [`Error::Call`] when `seconds` is outside `0..=3600` or `fps` outside `1..=1000`.
 pub fn corpus(seed: u64, clips: usize, seconds: f64, fps: f64) -> Result<Vec<Dance>> {
+    check(seconds, fps)?;
+    (0..clips).map(|i| dance(seed, i, None, (seconds, fps))).collect()
+}
+
+/// Slowest and fastest dance, beats a minute.
+const TEMPI_BPM: std::ops::RangeInclusive<f64> = 60.0..=180.0;
+
+/// As [`corpus`], a dance for each of these tempi, beats a minute, which it keeps exactly but for a dancer's shuffle.
+///
+/// # Errors
+/// As [`corpus`]; a tempo outside `60..=180`.
+pub fn corpus_at(seed: u64, tempi_bpm: &[f64], seconds: f64, fps: f64) -> Result<Vec<Dance>> {
+    check(seconds, fps)?;
+    if let Some((i, bpm)) = tempi_bpm.iter().enumerate().find(|(_, bpm)| !TEMPI_BPM.contains(bpm)) {
+        let (slow, fast) = (TEMPI_BPM.start(), TEMPI_BPM.end());
+        return Err(Error::Call(format!("dance {i} at {bpm} beats a minute; expected {slow} to {fast}")));
+    }
+    tempi_bpm.iter().enumerate().map(|(i, bpm)| dance(seed, i, Some(*bpm), (seconds, fps))).collect()
+}
+
+fn check(seconds: f64, fps: f64) -> Result<()> {
     if !(0.0..=LONGEST_S).contains(&seconds) || !(1.0..=FASTEST_FPS).contains(&fps) {
         return Err(Error::Call(format!(
             "dances of {seconds} seconds at {fps} frames per second; expected 0 to {LONGEST_S} and 1 to {FASTEST_FPS}"
         )));
     }
-    (0..clips).map(|i| dance(seed, i, seconds, fps)).collect()
+    Ok(())
 }
 
-fn dance(seed: u64, index: usize, seconds: f64, fps: f64) -> Result<Dance> {
+fn dance(seed: u64, index: usize, bpm: Option<f64>, (seconds, fps): (f64, f64)) -> Result<Dance> {
     let (g, d) = (index % GENRES.len(), index / GENRES.len() % DANCERS.len());
     let take = index / (GENRES.len() * DANCERS.len());
     let (genre, dancer): (&'static Genre, &'static Dancer) = (&GENRES[g], &DANCERS[d]);
     let mut rng = Rng::new(seed, &[g as u64, d as u64, take as u64]);
-    let score = Score::new(genre, dancer, seconds, &mut rng);
+    let score = Score::new((genre, dancer), bpm, seconds, &mut rng);
     let clip = perform(&score, seconds, fps)?;
     let (beats_s, downbeat) = score.beats(seconds);
     Ok(Dance { clip, genre: genre.name, dancer: dancer.name, take: take + 1, beats_s, downbeat })

@@ -71,9 +71,16 @@ pub struct Score {
 }
 
 impl Score {
-    /// Figures in pairs, the second mostly the mirror of the first, as many as fit before the closing.
-    pub fn new(genre: &'static Genre, dancer: &'static Dancer, seconds: f64, rng: &mut Rng) -> Self {
-        let wished = genre.tempo_bpm * dancer.tempo * rng.range(0.98, 1.02) / 60.0;
+    /// Figures in pairs, the second mostly the mirror of the first, as many as fit before the closing; at `bpm` beats a minute,
+    /// or about as fast as the genre has it.
+    pub fn new(
+        (genre, dancer): (&'static Genre, &'static Dancer),
+        bpm: Option<f64>,
+        seconds: f64,
+        rng: &mut Rng,
+    ) -> Self {
+        let own = genre.tempo_bpm * dancer.tempo * rng.range(0.98, 1.02) / 60.0;
+        let wished = bpm.map_or(own, |bpm| bpm / 60.0);
         let room = (seconds - UPBEAT_S) * wished - CLOSING_BEATS;
         let mut parts: Vec<Part> = Vec::new();
         let (mut starts, mut turned) = (0.0, 0.0);
@@ -85,7 +92,8 @@ impl Score {
                 // a little hurry is better than standing about at the end
                 if starts + figure.beats > room * 1.05 {
                     let total = starts + CLOSING_BEATS;
-                    let beats_per_s = wished * (total / (room + CLOSING_BEATS).max(1.0)).clamp(0.94, 1.06);
+                    let fits = wished * (total / (room + CLOSING_BEATS).max(1.0)).clamp(0.94, 1.06);
+                    let beats_per_s = if bpm.is_some() { wished } else { fits };
                     let amplitude = dancer.amplitude * rng.range(0.95, 1.05);
                     let drift = Drift::new(rng);
                     return Score { genre, dancer, parts, beats_per_s, amplitude, mirrored_end: mirrored, drift };

@@ -8,7 +8,7 @@ use kinelm::evaluate::dance::prompted::prompted;
 use kinelm::evaluate::dance::{Dance, Real};
 use kinelm::generate::prompt::given_places;
 use kinelm::generate::provenance::{self, Provenance};
-use kinelm_motion::format::{ReadOptions, RestFrame};
+use kinelm_motion::format::{ReadOptions, RestFrame, input};
 use kinelm_motion::joints;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -28,6 +28,16 @@ pub struct Args {
     /// Fréchet distances and diversities of kinetic and geometric features too
     #[arg(long)]
     features: bool,
+    /// How the dances keep to these beats, a time in seconds a line; if not given, to those of --music, or of the music that
+    /// each dance was made to
+    #[arg(long, value_name = "FILE", conflicts_with = "music")]
+    beats: Option<PathBuf>,
+    /// How the dances keep to the beats of this music
+    #[arg(long, value_name = "FILE")]
+    music: Option<PathBuf>,
+    /// The time of the music, or of the beats, when the dances begin, such as 12.5s
+    #[arg(long, value_name = "SECONDS", default_value = "0s", value_parser = crate::cli::view::seconds_with_unit)]
+    music_from: f64,
     /// One JSON object instead of tables
     #[arg(long)]
     json: bool,
@@ -45,6 +55,8 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let mut report = real.report(&dances);
     let mut given: Option<Vec<bool>> = None;
     let mut best = BTreeMap::<usize, usize>::new();
+    let beats = beats(args)?;
+    let mut music_s = Vec::new();
     for (path, dance) in args.dances.iter().zip(&dances) {
         let recipe = match provenance::find(path) {
             Ok(told) => told.map(|told| {
@@ -56,6 +68,10 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
                 None
             }
         };
+        music_s.push(match (&beats, recipe.as_ref().and_then(|recipe| recipe.music.as_ref())) {
+            (None, Some(told)) => Some(behind(&heard(&told.path)?, told.from_s)),
+            (beats, _) => beats.clone(),
+        });
         let followed = recipe.as_ref().and_then(|r| r.prompt.as_ref()?.joints.as_ref());
         let places = followed.and_then(|list| given_places(tokenizer, &joints::parse(list).ok()?).ok());
         // what was given to one dance alone may be a copy in the others
@@ -72,6 +88,9 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     if args.copying {
         report.copied = Some(real.copied(&dances, &given.unwrap_or_default())?);
     }
+    if music_s.iter().any(Option::is_some) {
+        report.beats = real.beats(&corpus, &dances, &music_s)?;
+    }
     if args.features {
         report.features = real.features(&corpus, &dances)?;
     }
@@ -85,6 +104,38 @@ pub fn corpus(real: &Path) -> Result<Corpus> {
         return Err(WrongCall(what).into());
     }
     Ok(Corpus::open(real)?)
+}
+
+/// The beats that all dances are held to, if the call names any, seconds from their first frame.
+fn beats(args: &Args) -> Result<Option<Vec<f64>>> {
+    let found = match (&args.beats, &args.music) {
+        (Some(path), _) => {
+            let text = input::text(path).map_err(kinelm::Error::io(path))?;
+            let beats = kinelm::music::beats::parse(path, &text)?;
+            if beats.len() < 2 {
+                let what = format!("--beats {}: {} beats; expected two or more", path.display(), beats.len());
+                return Err(WrongCall(what).into());
+            }
+            Some(beats)
+        }
+        (None, Some(path)) => Some(heard(path)?),
+        (None, None) => None,
+    };
+    Ok(found.map(|beats| behind(&beats, args.music_from)))
+}
+
+/// The beats of a piece.
+fn heard(path: &Path) -> Result<Vec<f64>> {
+    let beats = kinelm_music::beat::beats(path).map_err(kinelm::Error::from)?.times_s;
+    match beats.len() {
+        0 | 1 => Err(WrongCall(format!("{}: {} beats; is it silent?", path.display(), beats.len())).into()),
+        _ => Ok(beats),
+    }
+}
+
+/// Beats from another time on.
+fn behind(beats_s: &[f64], from_s: f64) -> Vec<f64> {
+    beats_s.iter().map(|beat| beat - from_s).collect()
 }
 
 /// The options of a call for one file: of a dance of ours, its recipe says what the call leaves open.

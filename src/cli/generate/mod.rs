@@ -12,9 +12,10 @@ use kinelm::generate::apart::{apart, free_between};
 use kinelm::generate::best::Best;
 use kinelm::generate::feet::Care;
 use kinelm::generate::make::{Followed, Ready};
+use kinelm::generate::music::GUIDANCE;
 use kinelm::generate::prompt;
 use kinelm::generate::provenance::{self, Provenance};
-use kinelm::generate::recipe::{Computing, PromptRecipe, Recipe, Rig};
+use kinelm::generate::recipe::{Computing, MusicRecipe, PromptRecipe, Recipe, Rig};
 use kinelm::generate::rest::RestJoints;
 use kinelm::generate::variation_seed;
 use kinelm::model::Which;
@@ -47,15 +48,23 @@ pub struct Args {
     /// What the dance shall be, for every label field that the model was told of in training; once a field
     #[arg(long = "label", value_name = "FIELD=VALUE", value_parser = kinelm::corpus::labels::pair)]
     labels: Vec<(String, String)>,
-    /// How far the labels are followed: 1 as learned, above 1 more so (2 to 3), which takes twice the time
-    #[arg(long, value_name = "G", default_value_t = 1.0)]
-    guidance: f64,
+    /// Music to dance to (.mp3 .ogg .flac .wav .m4a), for a model that was told of music (model.music). The dance is as long as
+    /// the music unless told
+    #[arg(long, value_name = "FILE")]
+    music: Option<PathBuf>,
+    /// The music's time when the dance begins, such as 12.5s; 0 if not given
+    #[arg(long, value_name = "SECONDS", value_parser = super::view::seconds_with_unit, requires = "music")]
+    music_from: Option<f64>,
+    /// How far labels and music are followed: 1 as learned, above 1 more so (2 to 3), which takes twice the time. If not
+    /// given, 3 with music, else 1
+    #[arg(long, value_name = "G")]
+    guidance: Option<f64>,
     /// How far gaps (--given, --free) are led to what is given behind them: 1 as learned, above 1 more so, which takes twice
     /// the time; 0 not at all. If not given, 2 where the model was trained for it (model.ahead)
     #[arg(long, value_name = "G")]
     ahead: Option<f64>,
     /// Frames to make, at the model's rate; the prompt's length if not given
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..), required_unless_present_any = ["prompt", "plan", "again", "seconds"])]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..), required_unless_present_any = ["prompt", "plan", "again", "seconds", "music"])]
     frames: Option<u32>,
     /// Seconds to make, instead of --frames
     #[arg(long, value_name = "S", conflicts_with = "frames", value_parser = super::read::positive)]
@@ -67,9 +76,9 @@ pub struct Args {
     /// extension. FILE.bvh.kinelm.json beside each tells where it is from
     #[arg(long, value_name = "FILE", required_unless_present = "again")]
     out: Option<PathBuf>,
-    /// Make a dance again, to the same bytes, from the FILE.bvh.kinelm.json beside it; --run, --prompt and --out if they are
-    /// elsewhere now
-    #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["plan", "joints", "from_frame", "given", "free", "blend", "tries", "labels", "guidance", "ahead", "frames", "seconds", "fps",
+    /// Make a dance again, to the same bytes, from the FILE.bvh.kinelm.json beside it; --run, --prompt, --music and --out if they
+    /// are elsewhere now
+    #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["plan", "joints", "from_frame", "given", "free", "blend", "tries", "labels", "music_from", "guidance", "ahead", "frames", "seconds", "fps",
         "variations", "best", "real", "keep_all", "seed", "greedy", "temperature", "top_k", "top_p", "min_p", "repetition_penalty",
         "repetition_words", "rig", "rest_joints", "feet", "weights", "kv", "device", "form", "fps_source", "unit", "map",
         "bvh_position", "root", "lenient", "keep_rest", "drop_rest", "skip", "body_model"])]
@@ -173,6 +182,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         outputs.check_replaceable(&provenance::path_of(out), None)?;
     }
     let mut ready = load(recipe, Which::Auto, say)?;
+    if let Some((music, recipe)) = ready.music.as_ref().zip(ready.recipe.music.as_ref()) {
+        let (path, bpm) = (recipe.path.display(), music.bpm().unwrap_or_default());
+        say.line(format_args!("{path}: {bpm:.1} beats a minute"));
+    }
     ready.stand_with_prompt();
     ready.lead_in_from_nothing();
     if args.ahead.is_none() {
@@ -214,7 +227,9 @@ fn outputs(args: &Args, recipe: &Recipe) -> Outputs {
         let map = prompt.read.map.iter().map(PathBuf::from);
         map.chain(prompt.read.body_model.clone()).chain(prompt.files())
     });
-    args.force.outputs(prompt.chain([recipe.run.clone()]).chain(args.again.clone()).chain(args.plan.clone()))
+    let music = recipe.music.iter().map(|music| music.path.clone());
+    let others = music.chain([recipe.run.clone()]).chain(args.again.clone()).chain(args.plan.clone());
+    args.force.outputs(prompt.chain(others))
 }
 
 /// What was asked for.
@@ -253,7 +268,8 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
         run: args.run.clone().context("no run folder")?,
         prompt,
         labels,
-        guidance: args.guidance,
+        music: args.music.clone().map(|path| MusicRecipe { path, from_s: args.music_from.unwrap_or(0.0) }),
+        guidance: args.guidance.unwrap_or(if args.music.is_some() { GUIDANCE } else { 1.0 }),
         ahead: args.ahead.unwrap_or(0.0),
         frames: args.frames.map(|n| n as usize),
         seconds: args.seconds,
@@ -333,6 +349,9 @@ fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     }
     if let (Some(path), Some(prompt)) = (&args.prompt, &mut recipe.prompt) {
         prompt.path.clone_from(path);
+    }
+    if let (Some(path), Some(music)) = (&args.music, &mut recipe.music) {
+        music.path.clone_from(path);
     }
     let outputs = outputs(args, &recipe);
     outputs.check([&*out])?;

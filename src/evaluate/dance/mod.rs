@@ -3,6 +3,7 @@
 //! Real and generated clips go through the same coding and decoding: the tokenizer of the corpus that holds the real ones,
 //! the joints that it doesn't code at rest.
 
+pub mod beats;
 pub mod coordination;
 pub mod copying;
 pub mod features;

@@ -1,5 +1,6 @@
 //! Dances held to real ones.
 
+use super::beats::{self, Kept};
 use super::copying::{Track, longest_run, nearest};
 use super::features::{Features, features};
 use super::freeze::{Freezing, Summary, energy, summary, threshold};
@@ -189,6 +190,9 @@ pub struct Report {
     /// Clouds of features beside those of the real train clips, where that was asked for.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub features: Vec<Features>,
+    /// How real clips and dances keep to the beats of their music, where there is any.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub beats: Vec<Kept>,
 }
 
 impl Real {
@@ -236,6 +240,7 @@ impl Real {
             prompted: Vec::new(),
             copied: None,
             features: Vec::new(),
+            beats: Vec::new(),
         }
     }
 
@@ -270,6 +275,15 @@ impl Real {
         let test: Vec<Dance> =
             corpus.split(Split::Test).map(|record| Dance::of_corpus(corpus, record)).collect::<Result<_>>()?;
         features(&self.train, &[("valid", &self.valid), ("test", &test), ("dances", dances)])
+    }
+
+    /// How dances keep to the beats of their music (seconds from their first frame), beside the real clips of a corpus.
+    ///
+    /// # Errors
+    /// What decoding and resampling fail with.
+    pub fn beats(&self, corpus: &Corpus, dances: &[Dance], music_s: &[Option<Vec<f64>>]) -> Result<Vec<Kept>> {
+        let (real, lag) = beats::of_corpus(corpus, &self.joints)?;
+        Ok(real.into_iter().chain(beats::of_dances(dances, music_s, &self.joints, lag)?).collect())
     }
 
     /// Whether dances are copies of training clips; `given`: the places of a word that were given to all of them.
@@ -414,6 +428,15 @@ impl fmt::Display for Report {
             if let Some(c) = p.coordination {
                 write!(f, "; coordination {:.3}, shifted {:.3}, effect {:.3}", c.correlation, c.shifted, c.effect)?;
             }
+        }
+        if let Some(Kept { lag, .. }) = self.beats.first() {
+            write!(f, "\n\n{:<32}{}", "all joints, on the beat", beats::HEADS)?;
+            self.beats.iter().try_for_each(|kept| write!(f, "\n{:<32}{}", shortened(&kept.name), kept.all))?;
+            let way = format!("knees, ankles, {lag:.2} of a beat on");
+            write!(f, "\n\n{way:<32}{} in tempo %", beats::HEADS)?;
+            self.beats.iter().try_for_each(|kept| {
+                write!(f, "\n{:<32}{} {:>10.0}", shortened(&kept.name), kept.legs, 100.0 * kept.in_tempo)
+            })?;
         }
         self.features.iter().try_for_each(|features| write!(f, "\n\n{features}"))?;
         self.copied.as_ref().map_or(Ok(()), |copied| write!(f, "\n{copied}"))

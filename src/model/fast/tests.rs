@@ -1,6 +1,7 @@
 //! The fast form against the plain one in f64.
 
 use super::*;
+use crate::model::music::Music;
 use crate::model::{HeadKind, Positions, forms, ops};
 use candle_core::{DType, Var};
 use rand_chacha::rand_core::RngCore;
@@ -232,11 +233,12 @@ fn every_form_is_the_oracle_s() {
 
 #[test]
 fn what_nobody_tells_changes_no_bit_and_learns_nothing() {
-    for (config, tokens) in forms::every(23).into_iter().filter(|(config, _)| config.ahead) {
+    for (config, tokens) in forms::every(23).into_iter().filter(|(config, _)| config.can_be_told()) {
         let length = config.context;
         let (inputs, targets) = forms::batch(&config, &tokens, 2, length);
         let gpt = forms::model(&config, &tokens);
-        let without = ModelConfig { ahead: false, ..config.clone() };
+        let without = ModelConfig { ahead: false, music: Music::None, ..config.clone() };
+        let is_told = |name: &str| layout::AHEAD.contains(&name) || layout::MUSIC.contains(&name);
         let mut tensors = gpt.vars().iter().map(|(name, var)| (name.clone(), var.as_tensor().clone())).collect();
         let run = |fast: &mut Fast, told: Option<&Told>| {
             let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), told };
@@ -246,21 +248,26 @@ fn what_nobody_tells_changes_no_bit_and_learns_nothing() {
             (fast.logits(windows).unwrap(), learns)
         };
         let mut fast = Fast::from_tensors(&config, &tokens, Clone::clone(&tensors)).unwrap();
-        let nothing = Told::nothing(2 * config.frames(&tokens), 5);
+        let nothing = forms::told(&config, &tokens, 2).unwrap().like_nothing();
         let (untold, learns) = run(&mut fast, None);
         for (parameter, learns) in fast.parameters().iter().zip(learns) {
-            assert!(!(learns && layout::AHEAD.contains(&parameter.name.as_str())), "{}", parameter.name);
+            assert!(!(learns && is_told(&parameter.name)), "{}", parameter.name);
         }
         assert!(run(&mut fast, Some(&nothing)).0 == untold);
         assert!(run(&mut fast, forms::told(&config, &tokens, 2).as_ref()).0 != untold);
-        BTreeMap::retain(&mut tensors, |name: &String, _: &mut Tensor| !layout::AHEAD.contains(&name.as_str()));
+        BTreeMap::retain(&mut tensors, |name: &String, _: &mut Tensor| !is_told(name));
         assert!(run(&mut Fast::from_tensors(&without, &tokens, tensors).unwrap(), None).0 == untold);
         // of other frames, or to a model that can't be told
-        let told = Told::nothing(3, 5);
-        let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), told: Some(&told) };
-        assert!(fast.logits(windows).unwrap_err().to_string().contains("numbers and rows are told of"));
+        let of_music = Told { music: vec![0.5; 7], ..Default::default() };
         let mut other = Fast::of(&forms::model(&without, &tokens)).unwrap();
-        assert!(other.logits(windows).unwrap_err().to_string().contains("model.ahead = false"));
+        for (told, can, what, why) in [
+            (Told::nothing(3, 5), config.ahead, "numbers and rows are told of", "model.ahead = false"),
+            (of_music, !config.music.is_none(), "7 numbers of music are told of", "model.music = \"none\""),
+        ] {
+            let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), told: Some(&told) };
+            assert!(fast.logits(windows).unwrap_err().to_string().contains(if can { what } else { why }));
+            assert!(other.logits(windows).unwrap_err().to_string().contains(why));
+        }
     }
 }
 

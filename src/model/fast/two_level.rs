@@ -8,7 +8,7 @@ use super::tables::{add_rows, embed, into_table};
 use super::{Fast, Windows};
 use crate::model::ahead::{self, Told};
 use crate::model::frames::{BACK, Frames, SPELT};
-use crate::model::layout::{AHEAD, LABEL, SPELL, TRUNK};
+use crate::model::layout::{AHEAD, LABEL, MUSIC, SPELL, TRUNK};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::{Linear, Norm, Rules, Shape};
 use kinelm_engine::dense;
@@ -57,13 +57,17 @@ pub(super) struct TwoLevel {
     told: Floats,
     tell: dense::Workspace,
     decoder: Stack,
-    /// Where frames may be told what is given ahead.
-    ahead_of: Option<Telling>,
+    /// Of what frames may be told: what is given ahead, and music.
+    tellings: Vec<Telling>,
     back: Option<Back>,
 }
 
-/// What becomes of what frames are told.
+/// What becomes of numbers that frames are told.
 struct Telling {
+    /// Which of those told.
+    numbers: fn(&Told) -> &[f32],
+    /// The matrices.
+    names: [&'static str; 2],
     /// From P numbers to the trunk's rows (N, D), and to the decoder's, by frames (N, d).
     trunk: Matrix,
     decoder: Matrix,
@@ -154,10 +158,18 @@ impl TwoLevel {
             told: Floats::new(n * d),
             tell: dense::Workspace::new(n, trunk, d, products, learn),
             decoder: stack(SPELL, spells.layers, shape(n, word, d, spells.heads)),
-            ahead_of: config.ahead.then(|| {
-                let matrix = |out| Matrix::new((n, ahead::numbers(frames.characters()), out), products, learn);
-                Telling { trunk: matrix(trunk), decoder: matrix(d) }
-            }),
+            tellings: {
+                let telling = |numbers: fn(&Told) -> &[f32], names, p| {
+                    let matrix = |out| Matrix::new((n, p, out), products, learn);
+                    Telling { numbers, names, trunk: matrix(trunk), decoder: matrix(d) }
+                };
+                let [frame, spell, ..] = AHEAD;
+                let p = ahead::numbers(frames.characters());
+                let ahead = config.ahead.then(|| telling(|told| &told.numbers, [frame, spell], p));
+                let m = config.music.numbers();
+                let music = (m > 0).then(|| telling(|told| &told.music, MUSIC, m));
+                ahead.into_iter().chain(music).collect()
+            },
             back: learn.then(|| Back {
                 d_read: Floats::new(n * wide),
                 d_told: Floats::new(n * d),
@@ -197,19 +209,19 @@ impl TwoLevel {
         for labels in &self.labels {
             add_rows(self.trunk.input(), width, model.weight(LABEL), labels);
         }
-        let mut told = windows.told.zip(self.ahead_of.as_mut());
-        if let Some((told, telling)) = &mut told {
-            telling.trunk.add(self.trunk.input(), &told.numbers, model.weight(AHEAD[0]));
+        for (telling, numbers) in told(&mut self.tellings, windows.told) {
+            telling.trunk.add(self.trunk.input(), numbers, model.weight(telling.names[0]));
         }
         self.trunk.forward(&model.weights, |_| RULES);
         let norm = Norm { weight: model.weight(NORM[1]), bias: model.weight(NORM[0]) };
         dense::norm(&mut self.normed, &mut self.stats, self.trunk.last(), norm);
         dense::forward(&mut self.told, &self.normed, linear(model, TELL), &mut self.tell);
-        if let Some((told, telling)) = &mut told {
-            telling.decoder.add(&mut self.told, &told.numbers, model.weight(AHEAD[1]));
+        for (telling, numbers) in told(&mut self.tellings, windows.told) {
+            telling.decoder.add(&mut self.told, numbers, model.weight(telling.names[1]));
         }
         let mut lookups = [Lookup { table: &self.told, ids: &self.own }; SPELT.len() + 3];
-        let ahead = told.iter().flat_map(|(told, _)| AHEAD[2..].iter().copied().zip(&told.rows));
+        let ahead = windows.told.filter(|told| !told.rows[0].is_empty());
+        let ahead = ahead.iter().flat_map(|told| AHEAD[2..].iter().copied().zip(&told.rows));
         let mut used = 1;
         for (lookup, (name, ids)) in lookups[1..].iter_mut().zip(SPELT.into_iter().zip(&self.spelt).chain(ahead)) {
             *lookup = Lookup { table: model.weight(name), ids };
@@ -233,7 +245,7 @@ impl TwoLevel {
 
     /// From the gradient `dx` (B T, d) of [`TwoLevel::last`], which is used up, those of all tensors before it. Frames were
     /// `told` this.
-    pub fn backward(&mut self, model: &Fast, told: Option<&Told>, dx: &mut [f32], gradients: &mut [Floats]) {
+    pub fn backward(&mut self, model: &Fast, is_told: Option<&Told>, dx: &mut [f32], gradients: &mut [Floats]) {
         let Some(Back { d_read, d_told, d_normed, d_trunk, d_rows, d_label }) = &mut self.back else {
             panic!("buffers for the forward pass only")
         };
@@ -252,17 +264,19 @@ impl TwoLevel {
             into_table(&mut gradients[model.index(name)], d, ids, dx);
         }
         into_table(d_told, d, &self.own, dx);
-        let mut told = self.ahead_of.as_mut().map(|telling| (telling, told));
-        match &mut told {
-            Some((telling, Some(told))) => {
-                for (name, rows) in AHEAD[2..].iter().zip(&told.rows) {
-                    into_table(&mut gradients[model.index(name)], d, rows, dx);
-                }
-                let (name, to) = (AHEAD[1], &mut gradients[model.index(AHEAD[1])]);
-                telling.decoder.backward(d_told, &told.numbers, model.weight(name), to);
+        for name in AHEAD.iter().chain(&MUSIC) {
+            if let Some(i) = model.find(name) {
+                gradients[i].fill(0.0);
             }
-            Some((_, None)) => AHEAD.iter().for_each(|name| gradients[model.index(name)].fill(0.0)),
-            None => (),
+        }
+        if let Some(rows) = is_told.map(|told| &told.rows).filter(|rows| !rows[0].is_empty()) {
+            for (name, rows) in AHEAD[2..].iter().zip(rows) {
+                into_table(&mut gradients[model.index(name)], d, rows, dx);
+            }
+        }
+        for (telling, numbers) in told(&mut self.tellings, is_told) {
+            let name = telling.names[1];
+            telling.decoder.backward(d_told, numbers, model.weight(name), &mut gradients[model.index(name)]);
         }
         let to = gradients_of(model, gradients, TELL);
         dense::backward(d_normed, d_told, &self.normed, model.weight(TELL[1]), to, &mut self.tell);
@@ -270,9 +284,9 @@ impl TwoLevel {
         let saved = (self.trunk.last(), &*self.stats);
         dense::norm_backward(d_trunk, d_normed, saved, model.weight(NORM[1]), Norm { weight, bias });
         self.trunk.backward(&model.weights, gradients, d_trunk, |_| RULES);
-        if let Some((telling, Some(told))) = told {
-            let to = &mut gradients[model.index(AHEAD[0])];
-            telling.trunk.backward(d_trunk, &told.numbers, model.weight(AHEAD[0]), to);
+        for (telling, numbers) in told(&mut self.tellings, is_told) {
+            let name = telling.names[0];
+            telling.trunk.backward(d_trunk, numbers, model.weight(name), &mut gradients[model.index(name)]);
         }
         let width = model.config.width;
         into_table(&mut gradients[model.index("frame.position.weight")], width, &self.positions, d_trunk);
@@ -288,6 +302,16 @@ impl TwoLevel {
         dense::backward(d_read, d_trunk, &self.read, model.weight(JOIN[1]), to, &mut self.join);
         into_table(&mut gradients[model.index("frame.character.weight")], self.character, &self.seen, d_read);
     }
+}
+
+/// The tellings that there are numbers for, with them.
+fn told<'a>(tellings: &'a mut [Telling], told: Option<&'a Told>) -> impl Iterator<Item = (&'a mut Telling, &'a [f32])> {
+    let with = move |telling: &'a mut Telling| told.map(|told| ((telling.numbers)(told), telling));
+    tellings
+        .iter_mut()
+        .filter_map(with)
+        .filter(|(numbers, _)| !numbers.is_empty())
+        .map(|(numbers, telling)| (telling, numbers))
 }
 
 fn linear<'a>(model: &'a Fast, [bias, weight]: [&str; 2]) -> Linear<&'a [f32]> {

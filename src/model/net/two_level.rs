@@ -7,7 +7,7 @@ use super::rows_of;
 use crate::model::ahead::Told;
 use crate::model::config::{ModelConfig, TokenLayout};
 use crate::model::frames::{BACK, Frames, SPELT};
-use crate::model::layout::{AHEAD, LABEL, SPELL, TRUNK, block_name};
+use crate::model::layout::{AHEAD, LABEL, MUSIC, SPELL, TRUNK, block_name};
 use crate::model::ops::Mask;
 use candle_core::{Result, Tensor};
 use kinelm_engine::op::embedding::NONE;
@@ -35,6 +35,8 @@ pub(super) struct TwoLevel {
     decoder: Vec<Block>,
     /// (P, D), (P, d), and two of steps (R, d), where frames may be told what is given ahead.
     told: Option<[Tensor; 4]>,
+    /// (M, D), (M, d), where frames may be told of music.
+    music: Option<[Tensor; 2]>,
 }
 
 impl TwoLevel {
@@ -57,6 +59,7 @@ impl TwoLevel {
             spelt: SPELT.map(tensor),
             decoder: blocks(SPELL, decoder.layers),
             told: config.ahead.then(|| AHEAD.map(tensor)),
+            music: (!config.music.is_none()).then(|| MUSIC.map(tensor)),
         }
     }
 
@@ -70,17 +73,16 @@ impl TwoLevel {
             return Ok(ahead);
         }
         let frames = length.div_ceil(self.frames.word());
-        let told = told.zip(self.told.as_ref());
         let mut u = self.frame.forward(&self.trunk_norm.forward(&self.trunk(windows, frames, told)?)?)?;
-        if let Some((told, [_, speller, ..])) = told {
-            u = (u + through(told, speller, (windows.len(), frames))?)?;
+        for (numbers, [_, speller]) in self.told(told) {
+            u = (u + through(numbers, speller, (windows.len(), frames))?)?;
         }
         // a row for every token of every frame, the window's or not
         let word = self.frames.word();
         let x = self.spelt(windows, frames)?.reshape((batch * frames, word, ()))?;
         let mut x = x.broadcast_add(&u.reshape((batch * frames, 1, ()))?)?;
-        if let Some((told, [_, _, tables @ ..])) = told {
-            for (table, rows) in tables.iter().zip(&told.rows) {
+        if let Some((told, [_, _, tables @ ..])) = told.zip(self.told.as_ref()) {
+            for (table, rows) in tables.iter().zip(&told.rows).filter(|(_, rows)| !rows.is_empty()) {
                 x = (x + some_rows(table, rows)?.reshape((batch * frames, word, ()))?)?;
             }
         }
@@ -92,8 +94,15 @@ impl TwoLevel {
         if self.ahead == 0 { Ok(x) } else { Tensor::cat(&[ahead, x], 1) }
     }
 
+    /// The numbers that frames are told, with the matrices that take them to the trunk and to the decoder.
+    fn told<'a>(&'a self, told: Option<&'a Told>) -> impl Iterator<Item = (&'a [f32], [&'a Tensor; 2])> {
+        let ahead = told.zip(self.told.as_ref()).map(|(told, [trunk, speller, ..])| (&*told.numbers, [trunk, speller]));
+        let music = told.zip(self.music.as_ref()).map(|(told, [trunk, speller])| (&*told.music, [trunk, speller]));
+        ahead.into_iter().chain(music).filter(|(numbers, _)| !numbers.is_empty())
+    }
+
     /// (B, F, D).
-    fn trunk(&self, windows: &[Vec<u32>], frames: usize, told: Option<(&Told, &[Tensor; 4])>) -> Result<Tensor> {
+    fn trunk(&self, windows: &[Vec<u32>], frames: usize, told: Option<&Told>) -> Result<Tensor> {
         let of_frame = BACK * self.frames.characters();
         let mut seen = vec![0; windows.len() * frames * of_frame];
         for (i, rows) in seen.chunks_mut(of_frame).enumerate() {
@@ -107,8 +116,8 @@ impl TwoLevel {
             let labels = rows_of(label, labels)?.reshape((windows.len(), self.ahead, ()))?.sum_keepdim(1)?;
             x = x.broadcast_add(&labels)?;
         }
-        if let Some((told, [matrix, ..])) = told {
-            x = (x + through(told, matrix, (windows.len(), frames))?)?;
+        for (numbers, [matrix, _]) in self.told(told) {
+            x = (x + through(numbers, matrix, (windows.len(), frames))?)?;
         }
         let hiding = Mask::Causal.hiding(frames, frames, x.dtype(), x.device())?;
         for block in &self.trunk {
@@ -127,9 +136,9 @@ impl TwoLevel {
     }
 }
 
-/// The numbers of all frames times a matrix (P, n): (B, F, n).
-fn through(told: &Told, matrix: &Tensor, (batch, frames): (usize, usize)) -> Result<Tensor> {
-    let numbers = Tensor::from_slice(&told.numbers, (batch * frames, matrix.dim(0)?), matrix.device())?;
+/// The numbers of all frames (B F, P) times a matrix (P, n): (B, F, n).
+fn through(numbers: &[f32], matrix: &Tensor, (batch, frames): (usize, usize)) -> Result<Tensor> {
+    let numbers = Tensor::from_slice(numbers, (batch * frames, matrix.dim(0)?), matrix.device())?;
     numbers.to_dtype(matrix.dtype())?.matmul(matrix)?.reshape((batch, frames, ()))
 }
 

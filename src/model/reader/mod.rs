@@ -7,11 +7,13 @@ mod tests;
 use super::ahead;
 use super::architecture::Architecture;
 use super::config::{Kind, ModelConfig, TokenLayout};
+use super::frames::Frames;
 use super::gpt::Gpt;
 use super::scores::Scores;
 use crate::{Error, Result};
 use kinelm_engine::decode::{Decoder, FrameDecoder, KvKind, Logits, Told, WeightKind};
 use kinelm_engine::op::cross_entropy;
+use kinelm_engine::op::embedding::NONE;
 use std::sync::Arc;
 
 /// How a model is read.
@@ -102,20 +104,37 @@ impl Reader {
         }
     }
 
-    /// Tells a frame of a sequence something of what is given ahead, or nothing, before the token is read that it is spelled
-    /// behind.
+    /// Tells a frame of a sequence something of what is given ahead, or nothing, and (M) of its music, or nothing, before the
+    /// token is read that it is spelled behind.
     ///
     /// # Errors
-    /// Something told to a model without `model.ahead`.
+    /// Something told to a model without `model.ahead` and `model.music`.
     ///
     /// # Panics
     /// A sequence or a frame that is not there; numbers or rows of another shape.
-    pub fn tell(&mut self, stream: usize, frame: usize, told: Option<Told>) -> Result<()> {
-        match &mut self.decoding {
-            Decoding::Frames(decoder) if self.config.ahead => decoder.tell(stream, frame, told),
-            _ if told.is_some() => return Err(Error::Call("a model with model.ahead = false can't be told".into())),
-            _ => (),
+    pub fn tell(&mut self, stream: usize, frame: usize, told: Option<Told>, music: &[f32]) -> Result<()> {
+        if told.is_some() && !self.config.ahead {
+            return Err(Error::Call("a model with model.ahead = false can't be told".into()));
         }
+        let m = self.config.music.numbers();
+        if !music.is_empty() && music.len() != m {
+            return Err(Error::Call(format!("{} numbers of music; this model is told {m}", music.len())));
+        }
+        let Decoding::Frames(decoder) = &mut self.decoding else { return Ok(()) };
+        if !self.config.can_be_told() || (told.is_none() && music.is_empty()) {
+            if self.config.can_be_told() {
+                decoder.tell(stream, frame, None);
+            }
+            return Ok(());
+        }
+        // what one of the two doesn't tell is 0
+        let of_music = if music.is_empty() { vec![0.0; m] } else { music.to_vec() };
+        let frames = Frames::of(&self.tokens);
+        let p = if self.config.ahead { ahead::numbers(frames.characters()) } else { 0 };
+        let (nothing, none) = (vec![0.0; p], vec![NONE; self.tokens.word]);
+        let ahead = told.unwrap_or(Told { numbers: &nothing, rows: [&none; 2] });
+        let numbers = [ahead.numbers, &of_music].concat();
+        decoder.tell(stream, frame, Some(Told { numbers: &numbers, rows: ahead.rows }));
         Ok(())
     }
 
@@ -175,7 +194,9 @@ impl Scores for Reader {
         out: &mut [f32],
     ) -> Result<()> {
         if told.is_some() {
-            return Err(Error::Call("what is ahead is told to whole windows; measure without a reader".into()));
+            return Err(Error::Call(
+                "what is ahead, and music, are told to whole windows; measure with weights and keys in f32".into(),
+            ));
         }
         assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
         let pad = self.tokens.pad;

@@ -70,6 +70,10 @@ pub(super) fn frame_weights(gpt: &Gpt, kind: WeightKind) -> Result<FrameWeights>
     let (config, tokens, numbers) = (gpt.config(), gpt.tokens(), Numbers::of(gpt)?);
     let (decoder, places) = (config.decoder(), bins(tokens));
     let [last, place, back, step] = SPELT.map(|name| numbers.get(name));
+    // the numbers that are told ahead, and behind them those of music
+    let [trunk, speller, tables @ ..] = layout::AHEAD.map(|name| numbers.some(name));
+    let music = layout::MUSIC.map(|name| numbers.some(name));
+    let told = [[trunk, music[0]].concat(), [speller, music[1]].concat()];
     let parts = FrameParts {
         sizes: FrameSizes {
             trunk: Stack { layers: config.layers, heads: config.heads, width: config.width },
@@ -95,10 +99,7 @@ pub(super) fn frame_weights(gpt: &Gpt, kind: WeightKind) -> Result<FrameWeights>
         norm: numbers.pair("norm"),
         head: numbers.get(config.ids_table()),
         relative: numbers.relative(),
-        told: config.ahead.then(|| {
-            let [trunk, speller, step, pace] = layout::AHEAD.map(|name| numbers.get(name));
-            ToldParts { trunk, speller, rows: [step, pace] }
-        }),
+        told: config.can_be_told().then_some(ToldParts { trunk: &told[0], speller: &told[1], rows: tables }),
     };
     Ok(FrameWeights::new(&parts, kind))
 }

@@ -118,7 +118,7 @@ fn reading_gives_the_logits_of_the_plain_form_in_every_form() {
 
 #[test]
 fn what_frames_are_told_makes_the_logits_of_the_plain_form() {
-    for (config, tokens) in forms::every(40).into_iter().filter(|(config, _)| config.ahead) {
+    for (config, tokens) in forms::every(40).into_iter().filter(|(config, _)| config.can_be_told()) {
         let (gpt, length) = (forms::model(&config, &tokens), config.context);
         let (inputs, _) = forms::batch(&config, &tokens, 2, length);
         let told = forms::told(&config, &tokens, 2).unwrap();
@@ -126,12 +126,16 @@ fn what_frames_are_told_makes_the_logits_of_the_plain_form() {
         let mut truth = truth.to_vec3::<f32>().unwrap();
         truth.iter_mut().for_each(|rows| rows[..tokens.front - 1].iter_mut().for_each(|row| row.fill(0.0)));
         let mut reader = Reader::new(&gpt, Reading { streams: 2, ..Reading::default() }).unwrap();
-        let (numbers, [steps, paces]) = (&told.numbers, &told.rows);
-        let (frames, p) = (config.frames(&tokens), numbers.len() / (steps.len() / tokens.word));
+        let frames = config.frames(&tokens);
+        let of_frame = |all: &[f32], at: usize| {
+            let n = all.len() / (2 * frames);
+            all[at * n..][..n].to_vec()
+        };
         for at in 0..2 * frames {
-            let rows = [steps, paces].map(|rows| &rows[at * tokens.word..][..tokens.word]);
-            let told = engine::Told { numbers: &numbers[at * p..][..p], rows };
-            reader.tell(at / frames, at % frames, Some(told)).unwrap();
+            let rows = told.rows.each_ref().map(|rows| rows.get(at * tokens.word..(at + 1) * tokens.word));
+            let (numbers, music) = (of_frame(&told.numbers, at), of_frame(&told.music, at));
+            let ahead = Option::zip(rows[0], rows[1]).map(|(a, b)| engine::Told { numbers: &numbers, rows: [a, b] });
+            reader.tell(at / frames, at % frames, ahead, &music).unwrap();
         }
         let blocks: Vec<&[u32]> = inputs.chunks(length).collect();
         let apart = apart(reader.read(&blocks, Logits::All).unwrap(), &truth.concat().concat());

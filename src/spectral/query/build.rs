@@ -213,7 +213,7 @@ fn fit(
         options,
         Wanted::in_world(held.windows.fps),
         watch,
-        |loaded| {
+        |_, loaded| {
             let starts: Vec<usize> = held.windows.starts(loaded.clip.frames(), 0).collect();
             Ok((fit_of(&loaded.clip, &starts, held)?, starts.len(), loaded.clip.frames()))
         },
@@ -255,7 +255,7 @@ fn write_part(
         options,
         Wanted::in_world(held.windows.fps),
         watch,
-        |loaded| {
+        |_, loaded| {
             let starts: Vec<usize> = held.windows.starts(loaded.clip.frames(), 0).collect();
             Ok((maker.make(&loaded.clip, &starts)?, starts, loaded.clip.frames()))
         },

@@ -199,7 +199,7 @@ fn load(items: &[&Item], options: &EvaluateOptions, watch: &mut Watch<'_>) -> Re
         &options.build,
         crate::corpus::load::Wanted::in_world(spec.fps),
         watch,
-        |loaded| Ok(loaded.clip.clone()),
+        |_, loaded| Ok(loaded.clip.clone()),
         |item, sha256, clip, _| {
             let frames = clip.frames();
             if frames < spec.frames {

@@ -106,7 +106,7 @@ impl Augment {
         stand: &Stand,
         window: WindowId,
         room: usize,
-    ) -> Option<Vec<u32>> {
+    ) -> Option<Changed> {
         let words = corpus.words(clip);
         if !self.config.moves() || words.start(stand.word) != stand.start {
             return None;
@@ -129,7 +129,7 @@ impl Augment {
         let most = if corpus.manifest().tokens_per_word.is_some() { stand.tokens } else { room };
         let mut ids = piece.recoded(&self.tokenizer, &change).ok()?;
         ids.truncate(most);
-        Some(ids)
+        Some(Changed { ids, first: piece.first_frame(&self.tokenizer), factor })
     }
 
     /// Moves what a model reads of a window, from its first word on.
@@ -148,6 +148,17 @@ impl Augment {
     }
 }
 
+/// A window that was changed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Changed {
+    /// Its ids.
+    pub ids: Vec<u32>,
+    /// The frame of the clip at which its first frame stands, which may lie between frames.
+    pub first: f64,
+    /// Frames of the clip from one of its frames to the next.
+    pub factor: f64,
+}
+
 /// Words of a clip that become motion and words again.
 struct Piece<'a> {
     corpus: &'a Corpus,
@@ -159,12 +170,24 @@ struct Piece<'a> {
 }
 
 impl Piece<'_> {
+    /// What a word's neighbours change of it must be there: the first word that is read.
+    fn from(&self, tokenizer: &Tokenizer) -> usize {
+        let reach = tokenizer.scheme().reach().div_ceil(tokenizer.frames_per_word());
+        self.first.saturating_sub(1 + reach)
+    }
+
+    /// The frame of the clip at which the first frame stands: all that is read is `factor` times as fast.
+    fn first_frame(&self, tokenizer: &Tokenizer) -> f64 {
+        let l = tokenizer.frames_per_word();
+        let from = self.from(tokenizer);
+        (from * l) as f64 + ((self.first - from) * l) as f64 * self.factor
+    }
+
     /// The ids of the words after `change`; fewer words where a faster clip ends early.
     fn recoded(&self, tokenizer: &Tokenizer, change: &dyn Fn(Clip) -> Result<Clip>) -> Result<Vec<u32>> {
         let (l, scheme) = (tokenizer.frames_per_word(), tokenizer.scheme());
         let reach = scheme.reach().div_ceil(l);
-        // what a word's neighbours change of it must be there
-        let from = self.first.saturating_sub(1 + reach);
+        let from = self.from(tokenizer);
         let behind = reach + scheme.unsettled_words();
         let lead = self.first - from;
         let needed =

@@ -154,7 +154,8 @@ impl FrameDecoder {
     /// # Panics
     /// A stream or a frame that is not there; a model that can't be told, numbers or rows of another shape.
     pub fn tell(&mut self, stream: usize, frame: usize, told: Option<Told>) {
-        let steps = self.weights.rows.steps();
+        let has_rows = self.weights.told.as_ref().is_some_and(|told| !told.rows[0].is_empty());
+        let steps = if has_rows { self.weights.rows.steps() } else { 0 };
         self.told.tell(stream, frame, told, steps);
         let reading = &mut self.readings[stream];
         reading.frames = reading.frames.min(frame);

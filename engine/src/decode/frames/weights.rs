@@ -79,7 +79,7 @@ pub struct ToldParts<'a> {
     pub trunk: &'a [f32],
     /// (P, d): from its numbers to each of its rows of the speller.
     pub speller: &'a [f32],
-    /// (R, d) each: rows of steps that are added to rows of the speller.
+    /// (R, d) each: rows of steps that are added to rows of the speller; empty where no row is.
     pub rows: [&'a [f32]; 2],
 }
 
@@ -100,7 +100,8 @@ impl ToldWeights {
         let numbers = parts.trunk.len() / wide;
         check("told to the trunk", parts.trunk, numbers * wide);
         check("told to the speller", parts.speller, numbers * d);
-        parts.rows.iter().for_each(|rows| check("told rows", rows, steps * d));
+        let of_steps = |rows: &&[f32]| if rows.is_empty() { 0 } else { steps * d };
+        parts.rows.iter().for_each(|rows| check("told rows", rows, of_steps(rows)));
         ToldWeights {
             numbers,
             trunk: Floats::of(parts.trunk),

@@ -1,6 +1,8 @@
 //! `kinelm demo`: the whole way on dances made up for it, with no data and no network.
 
-use super::{ComputeArgs, Say, WrongCall};
+mod music;
+
+use crate::cli::{ComputeArgs, Say, WrongCall};
 use anyhow::{Context, Result};
 use kinelm::corpus::build::{self, BuildOptions};
 use kinelm::corpus::{Corpus, Split, gather};
@@ -18,13 +20,14 @@ use kinelm::train::{CorpusPart, PretrainOptions, TrainFile};
 use kinelm::view::{Figure, write_page};
 use kinelm_motion::feet::Fixed;
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
+use kinelm_motion::synth::Dance;
 use kinelm_motion::{Clip, joints, synth};
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// The demo's training settings, a file like any other.
-const SETTINGS: &str = include_str!("../../configs/train/demo.toml");
+const SETTINGS: &str = include_str!("../../../configs/train/demo.toml");
 /// What the generated dance follows.
 const FOLLOWED: &str = "root,right_arm";
 const CLIPS: usize = 72;
@@ -48,6 +51,9 @@ pub struct Args {
     /// Training steps, over the demo's own
     #[arg(long, value_name = "N")]
     steps: Option<u64>,
+    /// Dances with music: a model learns to hear it, and dances to a tempo that it has never heard
+    #[arg(long)]
+    music: bool,
     #[command(flatten)]
     compute: ComputeArgs,
 }
@@ -56,13 +62,16 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let started = Instant::now();
     args.compute.get().device.open()?;
     make_room(&args)?;
+    if args.music {
+        return music::run(&args, started, say);
+    }
     let at = |name: &str| args.out.join(name);
     say.line(format_args!("1/5 {CLIPS} dances of {SECONDS} s are made up"));
     compose(&args)?;
     say.line("2/5 they become words");
-    let tokenizer = tokenize(&args)?;
+    let tokenizer = tokenize(&args, None)?;
     say.line("3/5 a small model learns the language");
-    train(&args, say)?;
+    train(&args, SETTINGS, say)?;
     let run = load_run(&at("run"), Which::Auto)?;
     let corpus = Corpus::open(at("corpus"))?;
     say.line("4/5 it dances: to a root and a right arm that it has not seen, and on from a first second");
@@ -83,7 +92,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let floors = measure(&CodeSplits::of_corpus(&corpus, Split::Test)?)?;
     let report = report(&args, model.bits_per_frame, &floors, started.elapsed().as_secs_f64());
     write_whole(&at("report.md"), report.as_bytes())?;
-    super::print(&report)?;
+    crate::cli::print(&report)?;
     let [page, dance, free] = ["page.html", "dance.bvh", "free.bvh"].map(|name| at(name).display().to_string());
     say.line(format_args!("done: open {page} in a browser; the dances are {dance} and {free}"));
     Ok(())
@@ -119,30 +128,33 @@ fn make_room(args: &Args) -> Result<()> {
 /// The dances as BVH files, and their labels. Of every genre and dancer the last take is for test, the one before for
 /// validation.
 fn compose(args: &Args) -> Result<()> {
-    let dances = synth::corpus(args.seed, CLIPS, SECONDS, FPS)?;
+    write_dances(&args.out, &synth::corpus(args.seed, CLIPS, SECONDS, FPS)?)
+}
+
+fn write_dances(out: &Path, dances: &[Dance]) -> Result<()> {
     let pairs = synth::genres().count() * synth::dancers().count();
     let mut labels = "clip,split,genre,dancer,take\n".to_string();
     for (i, dance) in dances.iter().enumerate() {
-        let folder = args.out.join("motion").join(dance.genre);
+        let folder = out.join("motion").join(dance.genre);
         std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
         let name = dance.name();
         let path = folder.join(&name).with_extension("bvh");
         format::write(&path, &prompt::on_model_rig(&path, dance.clip.clone()))?;
-        let split = match (CLIPS - 1 - i) / pairs {
+        let split = match (dances.len() - 1 - i) / pairs {
             0 => "test",
             1 => "valid",
             _ => "train",
         };
         labels += &format!("{}/{name},{split},{},{},{name}\n", dance.genre, dance.genre, dance.dancer);
     }
-    Ok(write_whole(&args.out.join("labels.csv"), labels.as_bytes())?)
+    Ok(write_whole(&out.join("labels.csv"), labels.as_bytes())?)
 }
 
-fn tokenize(args: &Args) -> Result<Tokenizer> {
+fn tokenize(args: &Args, music: Option<PathBuf>) -> Result<Tokenizer> {
     let labels = args.out.join("labels.csv").display().to_string();
     let gathered = gather(&[args.out.join("motion")], &[labels])?;
     let read = ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
-    let options = BuildOptions { read, strict: true, force: args.force, ..BuildOptions::default() };
+    let options = BuildOptions { read, strict: true, force: args.force, music, ..BuildOptions::default() };
     let quiet = &mut |_: build::Event<'_>| std::ops::ControlFlow::Continue(());
     let (tokenizer, _) = build::fit(&gathered, TokenizerConfig::default(), &options, quiet)?;
     tokenizer.save(args.out.join("tokenizer.json"))?;
@@ -150,9 +162,9 @@ fn tokenize(args: &Args) -> Result<Tokenizer> {
     Ok(tokenizer)
 }
 
-fn train(args: &Args, say: Say) -> Result<()> {
+fn train(args: &Args, settings: &str, say: Say) -> Result<()> {
     let options = PretrainOptions {
-        file: Some(TrainFile::parse(SETTINGS, Path::new("demo.toml"))?),
+        file: Some(TrainFile::parse(settings, Path::new("demo.toml"))?),
         corpora: vec![CorpusPart::once(args.out.join("corpus"))],
         run: Some(args.out.join("run")),
         steps: args.steps,
@@ -160,7 +172,7 @@ fn train(args: &Args, say: Say) -> Result<()> {
         compute: args.compute.get(),
         ..PretrainOptions::default()
     };
-    let summary = super::pretrain::watched(&options, say)?;
+    let summary = crate::cli::pretrain::watched(&options, say)?;
     anyhow::ensure!(!summary.stopped, "stopped in training; run the demo again with --force");
     Ok(())
 }

@@ -1,0 +1,287 @@
+//! Whether a dance keeps to beats: where its own are, how near they are to those of the music, and what chance gives.
+
+use crate::resample::{Method, resample};
+use crate::{Clip, Result, Vec3};
+use std::f64::consts::TAU;
+
+/// Frames a second at which beats of motion are looked for.
+const FPS: f64 = 60.0;
+/// How near counts, seconds: three frames.
+const SIGMA_S: f64 = 3.0 / FPS;
+/// Standard deviation of the low pass of a speed, frames.
+const SMOOTH: f64 = 5.0;
+/// Neighbours on either side that a beat is slower than.
+const ORDER: usize = 10;
+/// Shifts of the music by which chance is measured.
+const SHIFTS: usize = 1000;
+
+/// How beats of motion are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rule {
+    /// Minima of the speed as it is against all within 10 frames (Li et al., "AI Choreographer", 2021).
+    CompatA,
+    /// Minima against both neighbours of the speed after a Gaussian low pass of 5 frames (Siyao et al., "Bailando", 2022).
+    CompatB,
+    /// The first rule on the second's speed, and a step's time half-way between its frames.
+    Fixed,
+}
+
+/// The beats of a clip, seconds: where its joints move slowest. It is brought to 60 frames a second.
+///
+/// # Errors
+/// None in practice: those of resampling.
+///
+/// # Panics
+/// A joint that the clip doesn't have.
+pub fn beats_s(clip: &Clip, joints: &[usize], rule: Rule) -> Result<Vec<f64>> {
+    let speeds = speeds(clip, joints)?;
+    let (speeds, order, late) = match rule {
+        Rule::CompatA => (speeds, ORDER, 0.0),
+        Rule::CompatB => (smoothed(&speeds), 1, 0.0),
+        Rule::Fixed => (smoothed(&speeds), ORDER, 0.5),
+    };
+    Ok(minima(&speeds, order).into_iter().map(|i| (i as f64 + late) / FPS).collect())
+}
+
+/// The mean distance that joints go in a step of a sixtieth of a second.
+fn speeds(clip: &Clip, joints: &[usize]) -> Result<Vec<f64>> {
+    let at_60 = if clip.fps() == FPS { None } else { Some(resample(clip, FPS, Method::Smooth)?) };
+    let clip = at_60.as_ref().unwrap_or(clip);
+    let (places, j) = (clip.positions(), clip.joints());
+    let frames: Vec<_> = places.chunks_exact(j).collect();
+    let speed = |pair: &[&[Vec3]]| {
+        joints.iter().map(|&joint| (pair[1][joint] - pair[0][joint]).length()).sum::<f64>() / joints.len().max(1) as f64
+    };
+    Ok(frames.windows(2).map(speed).collect())
+}
+
+/// How often a minute a clip's joints hurry most regularly: the peak of the spectrum of their speed (its mean taken off, a
+/// Hann window) from 40 to 300 a minute. None of a clip that doesn't move, or under two seconds.
+///
+/// # Errors
+/// None in practice: those of resampling.
+///
+/// # Panics
+/// A joint that the clip doesn't have.
+pub fn pulse_bpm(clip: &Clip, joints: &[usize]) -> Result<Option<f64>> {
+    let mut x = speeds(clip, joints)?;
+    let (n, mean) = (x.len() as f64, x.iter().sum::<f64>() / x.len().max(1) as f64);
+    if n < 2.0 * FPS {
+        return Ok(None);
+    }
+    let window = |i: usize| 0.5 - 0.5 * (TAU * (i as f64 + 0.5) / n).cos();
+    x.iter_mut().enumerate().for_each(|(i, x)| *x = (*x - mean) * window(i));
+    let power = |bpm: f64| {
+        let turn = |i: usize| TAU * bpm / 60.0 * i as f64 / FPS;
+        let (a, b) =
+            x.iter().enumerate().fold((0.0, 0.0), |(a, b), (i, x)| (a + x * turn(i).cos(), b + x * turn(i).sin()));
+        a * a + b * b
+    };
+    let tempi = (0..=520).map(|i| 40.0 + 0.5 * f64::from(i));
+    let peak = tempi.map(|bpm| (power(bpm), bpm)).max_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(peak.filter(|(power, _)| *power > 1e-18).map(|(_, bpm)| bpm))
+}
+
+/// Numbers that are less than all within `order` on either side; beyond the ends stands the last one there.
+fn minima(x: &[f64], order: usize) -> Vec<usize> {
+    let last = x.len().saturating_sub(1);
+    let is = |i: usize| (1..=order).all(|k| x[i] < x[i.saturating_sub(k)] && x[i] < x[(i + k).min(last)]);
+    (0..x.len()).filter(|&i| is(i)).collect()
+}
+
+/// A Gaussian low pass over four standard deviations, the ends mirrored.
+fn smoothed(x: &[f64]) -> Vec<f64> {
+    let radius = (4.0 * SMOOTH + 0.5) as i64;
+    let kernel: Vec<f64> = (-radius..=radius).map(|k| (-0.5 * (k as f64 / SMOOTH).powi(2)).exp()).collect();
+    let (total, n) = (kernel.iter().sum::<f64>(), x.len() as i64);
+    let mirrored = |i: i64| {
+        let i = i.rem_euclid(2 * n);
+        x[i.min(2 * n - 1 - i) as usize]
+    };
+    (0..n).map(|i| kernel.iter().zip(i - radius..).map(|(k, at)| k * mirrored(at)).sum::<f64>() / total).collect()
+}
+
+/// How near two series of beats are.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Alignment {
+    /// Mean over the beats of the motion of how near the next of the music is, 0 to 1; 0 without any.
+    pub motion: f64,
+    /// The same over the beats of the music.
+    pub music: f64,
+}
+
+impl Alignment {
+    /// Of beats that rise: `exp(-d² / 2 sigma²)`, d to the nearest, sigma 50 ms. Li et al. (2021) define the first and compute
+    /// the second, Siyao et al. (2022) compute the second.
+    pub fn of(motion_s: &[f64], music_s: &[f64]) -> Alignment {
+        Alignment { motion: nearness(motion_s, music_s), music: nearness(music_s, motion_s) }
+    }
+
+    /// The harmonic mean of both.
+    pub fn both(&self) -> f64 {
+        let sum = self.motion + self.music;
+        if sum > 0.0 { 2.0 * self.motion * self.music / sum } else { 0.0 }
+    }
+}
+
+/// Mean nearness of `of` to the nearest of `to`, both rising.
+fn nearness(of: &[f64], to: &[f64]) -> f64 {
+    let near = |time: f64| {
+        let next = to.partition_point(|t| *t < time);
+        let around = [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|i| to.get(i));
+        let d = around.map(|t| (t - time).abs()).fold(f64::INFINITY, f64::min);
+        (-0.5 * (d / SIGMA_S).powi(2)).exp()
+    };
+    if of.is_empty() { 0.0 } else { of.iter().map(|time| near(*time)).sum::<f64>() / of.len() as f64 }
+}
+
+/// What [`Alignment::motion`] is in the mean of a beat that falls anywhere between the first and the last of the music: over
+/// steps P, `sigma sqrt(2 pi) erf(P / (2 sqrt(2) sigma)) / P`. None of fewer than two beats.
+pub fn chance(music_s: &[f64]) -> Option<f64> {
+    let whole = music_s.last()? - music_s.first()?;
+    let of_step = |pair: &[f64]| SIGMA_S * TAU.sqrt() * erf((pair[1] - pair[0]) / (8f64.sqrt() * SIGMA_S));
+    (whole > 0.0).then(|| music_s.windows(2).map(of_step).sum::<f64>() / whole)
+}
+
+/// The error function to 1.5e-7, of numbers that are not negative: Abramowitz and Stegun (1964), 7.1.26.
+fn erf(x: f64) -> f64 {
+    let t = 1.0 / (1.0 + 0.327_591_1 * x);
+    let sum = [1.061_405_429, -1.453_152_027, 1.421_413_741, -0.284_496_736, 0.254_829_592];
+    1.0 - sum.iter().fold(0.0, |sum, a| (sum + a) * t) * (-x * x).exp()
+}
+
+/// A dance's beats against those of its music, and against the same music shifted.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Held {
+    /// As they are.
+    pub found: Alignment,
+    /// Mean over 1,000 shifts of the music round the dance.
+    pub mean: Alignment,
+    /// Their variance.
+    pub variance: Alignment,
+    /// Share of the shifts that are less near.
+    pub percentile: Alignment,
+    /// [`chance`] of the music.
+    pub chance: Option<f64>,
+    /// Beats of the motion and of the music.
+    pub beats: [usize; 2],
+}
+
+impl Held {
+    /// Of a dance of so many seconds; beats of the music outside of it don't count.
+    pub fn of(motion_s: &[f64], music_s: &[f64], seconds: f64) -> Held {
+        let music: Vec<f64> = music_s.iter().copied().filter(|beat| (0.0..seconds).contains(beat)).collect();
+        let found = Alignment::of(motion_s, &music);
+        let shifted = |i: usize| {
+            let by = seconds * i as f64 / SHIFTS as f64;
+            let mut shifted: Vec<f64> = music.iter().map(|beat| (beat + by).rem_euclid(seconds)).collect();
+            shifted.sort_by(f64::total_cmp);
+            Alignment::of(motion_s, &shifted)
+        };
+        let all: Vec<Alignment> = (0..SHIFTS).map(shifted).collect();
+        let [motion, in_music] = [|a: &Alignment| a.motion, |a: &Alignment| a.music].map(|part| {
+            let mean = |of: &dyn Fn(f64) -> f64| all.iter().map(|a| of(part(a))).sum::<f64>() / SHIFTS as f64;
+            let (found, whole) = (part(&found), mean(&|x| x));
+            [whole, mean(&|x| (x - whole).powi(2)), mean(&|x| f64::from(u8::from(x < found)))]
+        });
+        let [mean, variance, percentile] =
+            [0, 1, 2].map(|figure| Alignment { motion: motion[figure], music: in_music[figure] });
+        Held { found, mean, variance, percentile, chance: chance(&music), beats: [motion_s.len(), music.len()] }
+    }
+
+    /// How many standard deviations the mean over dances lies above that of their shifts: of the motion's, of the music's.
+    /// None where nothing varies.
+    pub fn z(all: &[Held]) -> Option<Alignment> {
+        let z = |part: fn(&Alignment) -> f64| {
+            let above: f64 = all.iter().map(|held| part(&held.found) - part(&held.mean)).sum();
+            let variance: f64 = all.iter().map(|held| part(&held.variance)).sum();
+            (variance > 1e-12).then(|| above / variance.sqrt())
+        };
+        Some(Alignment { motion: z(|a| a.motion)?, music: z(|a| a.music)? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Quat, smpl};
+    use serde_json::Value;
+
+    /// A body that goes to and fro, at rest at every beat of so many a minute, for so many seconds.
+    fn swaying(bpm: f64, fps: f64, seconds: f64) -> Clip {
+        let times = (0..(seconds * fps) as usize).map(|f| f as f64 / fps);
+        // at rest half-way between two frames of sixty a second, so that one step alone is the slowest
+        let turn = |t: f64| std::f64::consts::PI * (t - 0.5 / FPS) * bpm / 60.0;
+        let root: Vec<Vec3> = times.map(|t| Vec3::X * turn(t).cos()).collect();
+        let rotations = vec![Quat::IDENTITY; 24 * root.len()];
+        Clip::new(smpl::neutral(), fps, root, rotations).unwrap()
+    }
+
+    fn every(bpm: f64, seconds: f64) -> Vec<f64> {
+        (0..).map(|i| 60.0 / bpm * f64::from(i)).take_while(|t| *t < seconds).collect()
+    }
+
+    #[test]
+    fn a_body_at_rest_on_the_beat_scores_one_and_off_it_by_50_ms_0_607() {
+        for fps in [60.0, 20.0] {
+            let found = beats_s(&swaying(120.0, fps, 20.0), &[0, 4, 5], Rule::Fixed).unwrap();
+            assert!((38..=40).contains(&found.len()), "{fps}: {}", found.len());
+            for beat in &found {
+                assert!((beat * 2.0 - (beat * 2.0).round()).abs() < 0.02, "{fps}: {beat}");
+            }
+        }
+        let (a, b) = (every(120.0, 20.0), every(120.0, 20.0).iter().map(|t| t + 0.05).collect::<Vec<_>>());
+        let found = Alignment::of(&a, &b);
+        let sixty = (-0.5f64).exp();
+        assert!((found.motion - sixty).abs() < 1e-9 && (found.both() - sixty).abs() < 1e-9, "{found:?}");
+        assert_eq!(Alignment::of(&a, &a), Alignment { motion: 1.0, music: 1.0 });
+        assert_eq!(Alignment::of(&[], &a).both(), 0.0);
+    }
+
+    #[test]
+    fn a_pulse_is_as_fast_as_the_beats_between_which_a_body_goes() {
+        for bpm in [90.0, 113.0] {
+            let found = pulse_bpm(&swaying(bpm, 20.0, 20.0), &[0, 4, 5]).unwrap().unwrap();
+            assert!((found - bpm).abs() <= 1.0, "{bpm}: {found}");
+        }
+        assert_eq!(pulse_bpm(&swaying(90.0, 20.0, 1.0), &[0]).unwrap(), None);
+        assert_eq!(pulse_bpm(&swaying(0.0, 20.0, 9.0), &[0]).unwrap(), None);
+    }
+
+    #[test]
+    fn chance_is_the_formula_s_and_that_of_shifts() {
+        for (bpm, expected) in [(80.0, 0.167), (100.0, 0.209), (120.0, 0.251), (135.0, 0.282)] {
+            let music = every(bpm, 30.0);
+            assert!((chance(&music).unwrap() - expected).abs() < 5e-4, "{bpm}: {:?}", chance(&music));
+        }
+        let music = every(120.0, 30.0);
+        // steady steps of another tempo
+        let held = Held::of(&every(97.0, 30.0), &music, 30.0);
+        assert!((held.mean.motion - 0.25).abs() < 0.005 && (held.found.motion - 0.25).abs() < 0.05, "{held:?}");
+        let held = Held::of(&music, &music, 30.0);
+        assert!(held.percentile.motion > 0.95 && (held.mean.motion - 0.25).abs() < 0.005, "{held:?}");
+        // of one dance of a steady beat z can't be high, of ten it is
+        let [one, ten] = [1, 10].map(|n| Held::z(&vec![held; n]).unwrap().motion);
+        assert!(one < 2.7 && (ten / one - 10f64.sqrt()).abs() < 1e-9, "{one} {ten}");
+        assert_eq!(Held::z(&[Held::of(&[], &[], 5.0)]), None);
+    }
+
+    #[test]
+    fn beats_of_a_speed_are_scipy_s() {
+        let golden: Value = serde_json::from_str(include_str!("../../tests/golden/beats.json")).unwrap();
+        let numbers = |key: &str| -> Vec<f64> { serde_json::from_value(golden[key].clone()).unwrap() };
+        let places = |key: &str| -> Vec<usize> { serde_json::from_value(golden[key].clone()).unwrap() };
+        let speed = numbers("speed");
+        let smooth = smoothed(&speed);
+        for (found, expected) in smooth.iter().zip(numbers("smooth")) {
+            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        }
+        assert_eq!(minima(&speed, ORDER), places("compat_a"));
+        assert_eq!(minima(&smooth, 1), places("compat_b"));
+        assert_eq!(minima(&smooth, ORDER), places("fixed"));
+        for (x, expected) in [0.0, 0.1, 0.5, 1.0, 2.0, 4.0].iter().zip(numbers("erf")) {
+            assert!((erf(*x) - expected).abs() < 2e-7, "{x}");
+        }
+        assert!(smoothed(&[]).is_empty() && minima(&[], ORDER).is_empty());
+    }
+}

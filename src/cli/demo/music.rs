@@ -1,0 +1,219 @@
+//! The demo with music: dances made up at several tempi, each with the music of its score; a model that hears beats; and a
+//! dance to music of a tempo that it has never heard.
+
+use super::{Args, MARK, tokenize, train, write_dances};
+use crate::cli::Say;
+use anyhow::{Context, Result};
+use kinelm::corpus::{Corpus, Split};
+use kinelm::evaluate::dance::beats::{Figures, Kept, Pair, of_corpus};
+use kinelm::evaluate::likelihood::likelihood;
+use kinelm::files::write_whole;
+use kinelm::generate::feet::Care;
+use kinelm::generate::make::Ready;
+use kinelm::generate::music::GUIDANCE;
+use kinelm::generate::recipe::{Computing, MusicRecipe, Recipe, Rig};
+use kinelm::generate::rest::RestJoints;
+use kinelm::generate::sampling::Draw;
+use kinelm::generate::variation_seed;
+use kinelm::model::{Which, load_run};
+use kinelm::music::dance::music;
+use kinelm::view::music::Music;
+use kinelm::view::{Figure, page_with};
+use kinelm_engine::decode::{KvKind, WeightKind};
+use kinelm_motion::synth::{self, Dance};
+use kinelm_motion::{Clip, format};
+use kinelm_music::beat::{RATE, beats_of};
+use kinelm_music::wav;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+const SETTINGS: &str = include_str!("../../../configs/train/demo-music.toml");
+const CLIPS: usize = 84;
+const SECONDS: f64 = 20.0;
+const FPS: f64 = 30.0;
+/// Beats a minute of the dances that are learned from and validated on, in turn.
+const HEARD_BPM: [f64; 8] = [80.0, 84.0, 97.0, 103.0, 117.0, 123.0, 137.0, 141.0];
+/// Where other music is begun, seconds.
+const ELSEWHERE_S: f64 = 7.3;
+/// Those of the test dances.
+const UNHEARD_BPM: [f64; 3] = [110.0, 90.0, 130.0];
+
+pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
+    let at = |name: &str| args.out.join(name);
+    say.line(format_args!("1/5 {CLIPS} dances of {SECONDS} s are made up, and played to"));
+    let dances = compose(args)?;
+    say.line("2/5 they become words, and their music is heard");
+    let tokenizer = tokenize(args, Some(at("music")))?;
+    say.line("3/5 a small model learns the language, told where the beats are");
+    train(args, SETTINGS, say)?;
+    say.line("4/5 it dances to music of tempi that it has never heard");
+    let (run, corpus) = (load_run(&at("run"), Which::Auto)?, Corpus::open(at("corpus"))?);
+    let tests: Vec<&Dance> = dances.iter().skip(CLIPS - pairs()).collect();
+    let pieces = tests.iter().map(|dance| piece(args, dance)).collect::<Result<Vec<_>>>()?;
+    let all = |told: bool| -> Result<Vec<Clip>> {
+        let dance = |(i, piece): (usize, &Piece)| danced(args, Some(piece).filter(|_| told), i);
+        pieces.iter().enumerate().map(dance).collect()
+    };
+    let (made, free) = (all(true)?, all(false)?);
+    format::write(&at("dance.bvh"), &kinelm::generate::prompt::on_model_rig(&at("dance.bvh"), made[0].clone()))?;
+    say.line("5/5 page and report");
+    page(&at("page.html"), &tests[0].clip, &made[0], &pieces[0])?;
+    let joints = tokenizer.channels().joints().to_vec();
+    let (_, lag) = of_corpus(&corpus, &joints)?;
+    let table = table((&tests, &made, &free), &pieces, &joints, lag)?;
+    let clips: Vec<_> = corpus.split(Split::Test).collect();
+    let conditions = run.load_conditions()?;
+    let mut model = run.scores(args.compute.get())?;
+    let mut bits = |conditions| -> Result<f64> {
+        let found = likelihood(&mut *model, &corpus, &clips, 0, conditions)?;
+        Ok(found.context("the demo's corpus has no test frame")?.bits_per_frame)
+    };
+    let bits = [bits(&conditions)?, bits(&conditions.unknown())?];
+    let report = report(args, &table, bits, started.elapsed().as_secs_f64());
+    write_whole(&at("report.md"), report.as_bytes())?;
+    crate::cli::print(&report)?;
+    let [page, dance] = ["page.html", "dance.bvh"].map(|name| at(name).display().to_string());
+    say.line(format_args!("done: open {page} in a browser, and click to hear it; the dance is {dance}"));
+    Ok(())
+}
+
+/// Dances of one take: a pair of genre and dancer each.
+fn pairs() -> usize {
+    synth::genres().count() * synth::dancers().count()
+}
+
+/// The dances, their labels and their music as files; the last take is for test and at tempi of its own.
+fn compose(args: &Args) -> Result<Vec<Dance>> {
+    let tempo = |i: usize| match i + pairs() >= CLIPS {
+        true => UNHEARD_BPM[i % UNHEARD_BPM.len()],
+        // another one of each pair in each take
+        false => HEARD_BPM[(i + i / pairs()) % HEARD_BPM.len()],
+    };
+    let tempi: Vec<f64> = (0..CLIPS).map(tempo).collect();
+    let dances = synth::corpus_at(args.seed, &tempi, SECONDS, FPS)?;
+    write_dances(&args.out, &dances)?;
+    for dance in &dances {
+        let path = music_of(args, dance);
+        std::fs::create_dir_all(path.parent().context("a folder")?)?;
+        write_whole(&path, &wav::bytes(&music(dance, args.seed, RATE)?, RATE))?;
+    }
+    Ok(dances)
+}
+
+fn music_of(args: &Args, dance: &Dance) -> PathBuf {
+    args.out.join("music").join(dance.genre).join(dance.name()).with_extension("wav")
+}
+
+/// Music that is danced to: its file, its beats as they are heard.
+struct Piece {
+    path: PathBuf,
+    beats_s: Vec<f64>,
+}
+
+fn piece(args: &Args, dance: &Dance) -> Result<Piece> {
+    let beats_s = beats_of(&music(dance, args.seed, RATE)?)?.times_s;
+    Ok(Piece { path: music_of(args, dance), beats_s })
+}
+
+/// A dance to a piece, or to nothing; its number draws it.
+fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
+    let recipe = Recipe {
+        run: args.out.join("run"),
+        prompt: None,
+        labels: BTreeMap::new(),
+        guidance: if piece.is_some() { GUIDANCE } else { 1.0 },
+        ahead: 0.0,
+        music: piece.map(|piece| MusicRecipe { path: piece.path.clone(), from_s: 0.0 }),
+        frames: None,
+        seconds: Some(SECONDS),
+        fps: None,
+        lead_in: 0,
+        seed: variation_seed(args.seed, number),
+        draw: Draw { top_p: Some(super::CALM), ..Draw::default() },
+        rig: Rig::Model,
+        rest_joints: RestJoints::Training,
+        place: None,
+        feet: Care::Lock,
+        computing: Computing::new(args.compute.get(), WeightKind::F32, KvKind::F32),
+    };
+    let mut ready = Ready::load(recipe, Which::Auto)?;
+    ready.lead_in_from_nothing();
+    let danced = ready.dance(1, None, &mut |_| {})?;
+    Ok(ready.motion(&ready.words(&danced, 0), Path::new("dance.bvh"))?.motion.clip)
+}
+
+/// How dances keep to the beats of their music, and of other music.
+fn table(
+    (tests, made, free): (&[&Dance], &[Clip], &[Clip]),
+    pieces: &[Piece],
+    joints: &[usize],
+    lag: f64,
+) -> Result<Vec<Kept>> {
+    let all = |name: &str, clips: Vec<&Clip>, beats: &dyn Fn(usize) -> Vec<f64>| -> Result<Option<Kept>> {
+        let pair = |(i, clip): (usize, &&Clip)| Pair::new(clip, joints, &beats(i));
+        let pairs = clips.iter().enumerate().map(pair).collect::<kinelm::Result<Vec<_>>>()?;
+        Ok(Kept::of(name, &pairs, lag))
+    };
+    let own = |i: usize| pieces[i].beats_s.clone();
+    // of another tempo, and from another place: all begin alike
+    let other = |i: usize| moved(&pieces[(i + 1) % pieces.len()].beats_s);
+    let off = |i: usize| pieces[i].beats_s.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect();
+    let rows = [
+        all("the real test dances", tests.iter().map(|dance| &dance.clip).collect(), &own)?,
+        all("the model's, told the music", made.iter().collect(), &own)?,
+        all("the same against other music", made.iter().collect(), &other)?,
+        all("the same, half a beat off", made.iter().collect(), &off)?,
+        all("the model's, told no music", free.iter().collect(), &own)?,
+    ];
+    Ok(rows.into_iter().flatten().collect())
+}
+
+/// Beats of a piece that is begun elsewhere and comes round.
+fn moved(beats_s: &[f64]) -> Vec<f64> {
+    let mut moved: Vec<f64> = beats_s.iter().map(|beat| (beat + ELSEWHERE_S) % SECONDS).collect();
+    moved.sort_by(f64::total_cmp);
+    moved
+}
+
+/// The test dance of the same music beside the model's.
+fn page(path: &Path, real: &Clip, made: &Clip, piece: &Piece) -> Result<()> {
+    let figures = [
+        Figure::new("test", real).note("a made-up dance to this music, never trained on"),
+        Figure::new("dance", made).note("the model's, told its beats"),
+    ];
+    let sound = std::fs::read(&piece.path).map_err(kinelm::Error::io(&piece.path))?;
+    let music = Music::embedded(&piece.path, &sound, 0.0, piece.beats_s.clone());
+    Ok(write_whole(path, page_with(&figures, Some(&music))?.as_bytes())?)
+}
+
+fn report(args: &Args, table: &[Kept], bits: [f64; 2], seconds: f64) -> String {
+    let mut out = format!(
+        "{MARK}, seed {}\n\n{CLIPS} made-up dances of {SECONDS} s at {} tempi, with music; the model dances to music at {} \
+         beats a minute, which it has never heard.\n\n\
+         | against beats | dances | BA_motion | shifted music | z | BA_music | shifted music | z | in tempo |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|\n",
+        args.seed,
+        HEARD_BPM.len(),
+        UNHEARD_BPM.map(|bpm| bpm.to_string()).join(", "),
+    );
+    for Kept { name, dances, legs: Figures { found, shifted, z, .. }, in_tempo, .. } in table {
+        let z = z.map_or(["n/a".into(), "n/a".into()], |z| z.map(|z| format!("{z:.1}")));
+        out += &format!(
+            "| {name} | {dances} | {:.3} | {:.3} | {} | {:.3} | {:.3} | {} | {:.0} % |\n",
+            found[0],
+            shifted[0],
+            z[0],
+            found[1],
+            shifted[1],
+            z[1],
+            100.0 * in_tempo
+        );
+    }
+    let ([told, untold], lag) = (bits, table.first().map_or(0.0, |kept| kept.lag));
+    out + &format!(
+        "\nBA, beat alignment of knees and ankles: 1 where they rest wherever the train dances would, {lag:.2} of a beat behind \
+         each. *Shifted music* is what chance gives; z says how many standard deviations of chance the mean lies above it. In \
+         tempo: the legs' speed peaks at the beat, its half or double, to 5 %.\n\nBits a frame of the test dances: {told:.1} told the music, \
+         {untold:.1} not.\n\n`page.html` plays a dance with its music. {seconds:.0} s in all.\n"
+    )
+}

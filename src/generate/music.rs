@@ -1,0 +1,62 @@
+//! The music of a dance that is to be made.
+
+use super::recipe::MusicRecipe;
+use crate::corpus::load::hash_file;
+use crate::model::LoadedRun;
+use crate::music::find::in_dance;
+use crate::{Error, Result};
+use kinelm_music::beat::{self, Beats};
+
+/// How far music is followed where nobody says: as it is learned, it is followed little (docs/results/music.md).
+pub const GUIDANCE: f64 = 3.0;
+
+/// A piece, heard.
+pub struct Music {
+    recipe: MusicRecipe,
+    /// SHA-256 of its file.
+    pub sha256: String,
+    beats: Beats,
+}
+
+impl Music {
+    /// Hears what a recipe names, for a model.
+    ///
+    /// # Errors
+    /// A model that isn't told of music; music that can't be read, is silent, or ends before the dance begins.
+    pub fn hear(recipe: &MusicRecipe, run: &LoadedRun) -> Result<Music> {
+        if run.config.music.is_none() {
+            return Err(Error::Call(format!(
+                "--music {}: this model hears no music (model.music); train one on a corpus of kinelm tokenize --music, or \
+                 have kinelm finetune add it",
+                recipe.path.display()
+            )));
+        }
+        let music =
+            Music { recipe: recipe.clone(), sha256: hash_file(&recipe.path)?, beats: beat::beats(&recipe.path)? };
+        music.check(0.0)?;
+        Ok(music)
+    }
+
+    /// Seconds of it from the dance's beginning on.
+    pub fn seconds(&self) -> f64 {
+        self.beats.seconds - self.recipe.from_s
+    }
+
+    /// Refuses a dance of so many seconds that it can't be danced to.
+    ///
+    /// # Errors
+    /// Those of [`in_dance`].
+    pub fn check(&self, seconds: f64) -> Result<()> {
+        in_dance(&self.recipe.path, &self.beats, (self.recipe.from_s, seconds)).map(|_| ())
+    }
+
+    /// Its beats, seconds from the dance's beginning, those before it among them.
+    pub fn beats_s(&self) -> Vec<f64> {
+        self.beats.times_s.iter().map(|beat| beat - self.recipe.from_s).collect()
+    }
+
+    /// Its beats a minute.
+    pub fn bpm(&self) -> Option<f64> {
+        self.beats.bpm()
+    }
+}

@@ -1,0 +1,164 @@
+//! Which music belongs to a clip of a folder of dances, and where its beats are in the clip.
+
+use crate::corpus::gather::Item;
+use crate::{Error, Result};
+use kinelm_music::beat::{Beats, beats};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// The label that names a clip's music.
+pub const LABEL: &str = "music";
+/// What names of music files end in.
+pub const EXTENSIONS: [&str; 7] = ["wav", "flac", "ogg", "oga", "mp3", "m4a", "mp4"];
+/// Seconds that a clip may go on behind its music.
+const SLACK_S: f64 = 0.5;
+
+/// The music of clips, every file heard once.
+#[derive(Debug, Default)]
+pub struct Heard {
+    /// Per clip, by its name.
+    of: BTreeMap<String, PathBuf>,
+    beats: BTreeMap<PathBuf, std::result::Result<Beats, String>>,
+}
+
+impl Heard {
+    /// Finds and hears the music of `items` in `folder`: the file that the label `music` names, else one of the clip's own
+    /// name, there or beside the motion.
+    ///
+    /// # Errors
+    /// A label that names a file that isn't there.
+    pub fn of(items: &[&Item], folder: &Path) -> Result<Heard> {
+        let mut of = BTreeMap::new();
+        for item in items {
+            if let Some(path) = find(item, folder)? {
+                of.insert(item.name.clone(), path);
+            }
+        }
+        let mut files: Vec<&PathBuf> = of.values().collect();
+        files.sort();
+        files.dedup();
+        let beats = files.into_par_iter().map(|path| (path.clone(), beats(path).map_err(|e| e.to_string()))).collect();
+        Ok(Heard { of, beats })
+    }
+
+    /// Clips that have music.
+    pub fn clips(&self) -> usize {
+        self.of.len()
+    }
+
+    /// Beats of a clip of so many seconds, whose first frame is at the music's time `Item::music_from_s`; `None`: it has no
+    /// music.
+    ///
+    /// # Errors
+    /// Music that can't be read, has no beats, ends before the clip, or isn't there yet when it begins.
+    pub fn beats_s(&self, item: &Item, seconds: f64) -> Result<Option<Vec<f64>>> {
+        let Some(path) = self.of.get(&item.name) else { return Ok(None) };
+        let beats = self.beats[path].as_ref().map_err(|why| Error::Call(format!("{}: its music: {why}", item.name)))?;
+        let from_s = item.music_from_s.unwrap_or(0.0);
+        let what = |e| Error::Call(format!("{}: {e}", item.name));
+        in_dance(path, beats, (from_s, seconds)).map(Some).map_err(what)
+    }
+}
+
+/// Beats of the music in `path` as a dance has them that begins at the music's time `from_s` and has so many seconds. Those
+/// around it, of the whole piece, stay, so that they may lie before its first frame and behind its last.
+///
+/// # Errors
+/// [`Error::File`]: music without beats, a beginning outside of it, an end before that of the dance.
+pub fn in_dance(path: &Path, beats: &Beats, (from_s, seconds): (f64, f64)) -> Result<Vec<f64>> {
+    let wrong = |found: String, expected: String, help: &str| Err(Error::file(path, found, expected, help));
+    let ends = beats.seconds;
+    if beats.times_s.len() < 2 {
+        let found = format!("{} beats in {ends:.2} s of music", beats.times_s.len());
+        return wrong(found, "two or more".into(), "is it silent? kinelm music inspect shows what is heard");
+    }
+    if !(0.0..ends).contains(&from_s) {
+        let expected = format!("0 up to below {ends:.2} s, where the music ends");
+        return wrong(format!("a beginning at {from_s} s"), expected, "the dance begins at this time of the music");
+    }
+    if from_s + seconds > ends + SLACK_S {
+        let found = format!("{:.2} s of music behind {from_s} s", ends - from_s);
+        return wrong(found, format!("{seconds:.2} s, as long as the dance"), "take longer music, or a shorter dance");
+    }
+    Ok(beats.times_s.iter().map(|beat| ((beat - from_s) * 1e4).round() / 1e4).collect())
+}
+
+/// The music file of a clip, if it has one.
+fn find(item: &Item, folder: &Path) -> Result<Option<PathBuf>> {
+    let with_extension = |base: &Path| {
+        let name = |extension: &&str| {
+            let mut name = base.as_os_str().to_owned();
+            name.push(format!(".{extension}"));
+            PathBuf::from(name)
+        };
+        EXTENSIONS.iter().map(name).find(|path| path.is_file())
+    };
+    if let Some(name) = item.labels.get(LABEL) {
+        let path = folder.join(name);
+        let found = Some(path.clone()).filter(|path| path.is_file()).or_else(|| with_extension(&path));
+        let endings = EXTENSIONS.join(", ");
+        return found.map(Some).ok_or_else(|| {
+            let what = format!("{}: music `{name}`: no such file, nor one that ends in {endings}", item.name);
+            Error::Call(format!("{what}, in {}; put it there, or leave the label out", folder.display()))
+        });
+    }
+    let stem = item.path.file_stem().map(|stem| folder.join(stem));
+    let beside = item.path.with_extension("");
+    Ok(with_extension(&folder.join(&item.name)).or_else(|| with_extension(&stem?)).or_else(|| with_extension(&beside)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn beats() -> Beats {
+        Beats { times_s: vec![0.5, 1.0, 1.5, 2.0, 2.5], seconds: 3.0 }
+    }
+
+    #[test]
+    fn beats_are_counted_from_the_dance_s_beginning() {
+        let path = Path::new("song.wav");
+        assert_eq!(in_dance(path, &beats(), (0.0, 3.0)).unwrap(), [0.5, 1.0, 1.5, 2.0, 2.5]);
+        assert_eq!(in_dance(path, &beats(), (1.25, 2.0)).unwrap(), [-0.75, -0.25, 0.25, 0.75, 1.25]);
+    }
+
+    #[test]
+    fn music_that_doesnt_reach_is_refused_with_what_was_found_and_expected() {
+        let said = |beats: &Beats, at| in_dance(Path::new("song.wav"), beats, at).unwrap_err().to_string();
+        let short = said(&beats(), (1.0, 2.6));
+        assert!(short.contains("song.wav: found 2.00 s of music behind 1 s, expected 2.60 s"), "{short}");
+        let outside = said(&beats(), (3.0, 1.0));
+        assert!(outside.contains("found a beginning at 3 s, expected 0 up to below 3.00 s"), "{outside}");
+        assert!(said(&beats(), (-1.0, 1.0)).contains("a beginning at -1 s"));
+        let silent = Beats { times_s: vec![], seconds: 3.0 };
+        assert!(said(&silent, (0.0, 1.0)).contains("found 0 beats in 3.00 s of music, expected two or more"));
+    }
+
+    #[test]
+    fn files_are_found_by_label_by_name_and_beside_the_motion() {
+        let dir = tempfile::tempdir().unwrap();
+        let (music, dances) = (dir.path().join("music"), dir.path().join("dances"));
+        for folder in [&music, &dances] {
+            std::fs::create_dir(folder).unwrap();
+        }
+        for file in ["mKR2.wav", "b.mp3", "named.song.ogg"] {
+            std::fs::write(music.join(file), "").unwrap();
+        }
+        std::fs::write(dances.join("c.flac"), "").unwrap();
+        let item = |name: &str, label: Option<&str>| Item {
+            name: name.into(),
+            path: dances.join(name).with_extension("bvh"),
+            labels: label.map(|label| (LABEL.into(), label.into())).into_iter().collect(),
+            ..Item::default()
+        };
+        let found = |name: &str, label| find(&item(name, label), &music).unwrap();
+        assert_eq!(found("a", Some("mKR2")), Some(music.join("mKR2.wav")));
+        assert_eq!(found("a", Some("named.song")), Some(music.join("named.song.ogg")));
+        assert_eq!(found("b", None), Some(music.join("b.mp3")));
+        assert_eq!(found("c", None), Some(dances.join("c.flac")));
+        assert_eq!(found("d", None), None);
+        let said = find(&item("a", Some("mBR0")), &music).unwrap_err().to_string();
+        assert!(said.starts_with("a: music `mBR0`: no such file"), "{said}");
+    }
+}

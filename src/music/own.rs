@@ -1,0 +1,88 @@
+//! Motion-derived beats: those that a dance without music tells by its feet.
+//!
+//! Every landing of a foot becomes a click, and the tracker taps what it hears. They say nothing about music: whoever
+//! measures alignment by them measures whether a dance keeps to its own steps.
+
+use crate::Result;
+use kinelm_motion::Clip;
+use kinelm_motion::feet::contact::contacts;
+use kinelm_motion::feet::leg::Leg;
+use kinelm_motion::metric::Feet;
+use kinelm_motion::retarget::{ReferencePose, SkeletonMap};
+use kinelm_music::beat::{RATE, beats_of};
+use std::f64::consts::TAU;
+
+/// How fast a click fades, and how high it is: seconds, and turns a second.
+const FADE_S: f64 = 0.03;
+const HIGH_HZ: [f64; 2] = [90.0, 1500.0];
+
+/// Beats of a clip on the model's body with its floor at 0, seconds from its first frame, as its landings tell them; `None`
+/// where they tell fewer than two.
+///
+/// # Errors
+/// Those of the tracker.
+pub fn beats_s(clip: &Clip) -> Result<Option<Vec<f64>>> {
+    let landings = landings_s(clip)?;
+    let seconds = clip.frames() as f64 / clip.fps();
+    let beats = beats_of(&clicks(&landings, seconds))?.times_s;
+    Ok((landings.len() > 1 && beats.len() > 1).then(|| beats.iter().map(|t| (t * 1e4).round() / 1e4).collect()))
+}
+
+/// When feet land, seconds, rising.
+fn landings_s(clip: &Clip) -> Result<Vec<f64>> {
+    let Some(map) = SkeletonMap::builtin("smpl") else { return Ok(Vec::new()) };
+    let pose = ReferencePose::new(clip.skeleton(), &map)?;
+    let legs = Leg::both(&pose, &Feet::of(clip.skeleton(), &pose));
+    let of_leg = |(side, leg): (usize, &Leg)| contacts(clip, leg, side, 0.0).into_iter().map(|contact| contact.from);
+    let mut frames: Vec<usize> = legs.iter().enumerate().flat_map(of_leg).filter(|from| *from > 0).collect();
+    frames.sort_unstable();
+    Ok(frames.into_iter().map(|frame| frame as f64 / clip.fps()).collect())
+}
+
+/// A click at each of these times.
+fn clicks(times_s: &[f64], seconds: f64) -> Vec<f32> {
+    let rate = f64::from(RATE);
+    let mut out = vec![0.0f32; (seconds * rate).round() as usize];
+    for time in times_s {
+        let start = (time * rate).round() as usize;
+        let end = (start + (5.0 * FADE_S * rate) as usize).min(out.len());
+        for (i, x) in out.iter_mut().enumerate().take(end).skip(start) {
+            let t = i as f64 / rate - time;
+            let sound: f64 = HIGH_HZ.iter().map(|hz| (TAU * hz * t).sin()).sum();
+            *x += (0.3 * (-t / FADE_S).exp() * sound) as f32;
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinelm_motion::{Quat, Vec3, smpl, synth};
+
+    #[test]
+    fn steps_of_made_up_dances_tell_their_tempo_or_a_multiple() {
+        let dances = synth::corpus_at(5, &[100.0; 8], 30.0, 60.0).unwrap();
+        let (mut right, mut told) = (0, Vec::new());
+        for dance in &dances {
+            let landings = landings_s(&dance.clip).unwrap().len();
+            let Some(beats) = beats_s(&dance.clip).unwrap() else {
+                told.push((dance.genre, landings, 0.0));
+                continue;
+            };
+            let bpm = 60.0 * (beats.len() - 1) as f64 / (beats[beats.len() - 1] - beats[0]);
+            right += usize::from([0.5, 1.0, 2.0].iter().any(|times| (bpm / (100.0 * times) - 1.0).abs() < 0.05));
+            assert!(beats.windows(2).all(|pair| pair[1] > pair[0]));
+            told.push((dance.genre, landings, bpm));
+        }
+        // genres that step on other parts of the beat tell something else
+        assert!(right >= 4, "{right} of 8: {told:?}");
+    }
+
+    #[test]
+    fn who_stands_has_no_beats() {
+        let root = vec![Vec3::Y * smpl::STANDING_PELVIS_M; 200];
+        let clip = kinelm_motion::Clip::new(smpl::neutral(), 20.0, root, vec![Quat::IDENTITY; 24 * 200]).unwrap();
+        assert_eq!(beats_s(&clip).unwrap(), None);
+    }
+}

@@ -45,6 +45,10 @@ pub struct ModelConfig {
     /// A two-level model may be told what is given ahead of the frame that it spells, see [`super::ahead`]. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub ahead: bool,
+    /// n: rows of a two-level model's trunk behind a window's last frame, for a classifier to read, see [`super::frames`]. No
+    /// file says it: a classifier knows what it tells.
+    #[serde(skip)]
+    pub classes: usize,
 }
 
 /// What a token may see.
@@ -99,6 +103,7 @@ impl Default for ModelConfig {
             window: None,
             decoder: None,
             ahead: false,
+            classes: 0,
         }
     }
 }

@@ -6,6 +6,7 @@
 use super::gather::{Gathered, Item};
 use super::load::{Loaded, Wanted, load_item};
 use super::record::{Failure, Manifest, Shard, Split};
+use super::timed::in_pieces;
 use super::writer::{CorpusWriter, NewClip};
 use crate::{Error, Result, counted};
 use kinelm_motion::Kind;
@@ -126,7 +127,7 @@ pub fn fit(
     Ok((all.finish()?, summary))
 }
 
-/// Tokenizes all clips (or a shard of them) into a corpus folder at `out`.
+/// Tokenizes all clips (or a shard of them) into a corpus folder at `out`; clips whose labels change are cut into pieces.
 ///
 /// # Errors
 /// Those of [`CorpusWriter`]; [`Error::Call`] when no clip could be taken, or any file is bad and `strict` is given, or
@@ -139,7 +140,8 @@ pub fn tokenize(
     watch: &mut Watch<'_>,
 ) -> Result<(Manifest, Summary)> {
     let mut writer = CorpusWriter::create(out, tokenizer, &gathered.sources, options.shard, options.force)?;
-    let items: Vec<&Item> = gathered.items.iter().filter(|i| options.shard.is_none_or(|s| s.holds(i.key))).collect();
+    let pieces = in_pieces(&gathered.items);
+    let items: Vec<&Item> = pieces.iter().filter(|i| options.shard.is_none_or(|s| s.holds(i.key))).collect();
     let work = |loaded: &Loaded| {
         let encoded = tokenizer.encode(&loaded.clip)?;
         Ok((tokenizer.ids_of_words(&encoded.words)?, loaded.clip.frames(), loaded.floor_m, encoded))
@@ -189,8 +191,11 @@ pub(crate) fn each<T: Send>(
 ) -> Result<Summary> {
     let one = |item: &Item| {
         let loaded = load_item(item, &options.read, wanted)?;
+        if loaded.clip.frames() == 0 {
+            return Ok(None); // nothing is left behind the last labels
+        }
         let made = work(&loaded).map_err(|e| named(item, e))?;
-        Ok((made, loaded.sha256, loaded.warnings))
+        Ok(Some((made, loaded.sha256, loaded.warnings)))
     };
     let mut summary = Summary::default();
     let mut done = 0;
@@ -200,7 +205,8 @@ pub(crate) fn each<T: Send>(
             done += 1;
             let mut goes_on = ControlFlow::Continue(());
             match result {
-                Ok((made, sha256, warnings)) => {
+                Ok(None) => {}
+                Ok(Some((made, sha256, warnings))) => {
                     for warning in warnings {
                         let first = || (0, format!("{}: {}", item.name, warning.what));
                         summary.warnings.entry(warning.kind).or_insert_with(first).0 += 1;

@@ -8,6 +8,7 @@ use edit::EditArgs;
 use kinelm::corpus::FileRecord;
 use kinelm::generate::apart::{apart, free_between};
 use kinelm::generate::feet::Care;
+use kinelm::generate::labels::TimedLabel;
 use kinelm::generate::make::{Followed, Ready};
 use kinelm::generate::prompt;
 use kinelm::generate::provenance::{self, Provenance};
@@ -37,9 +38,10 @@ pub struct Args {
     /// Go on from this frame of the prompt: those before it are kept, as far as they fill whole words
     #[arg(long, value_name = "N", requires = "prompt", value_parser = clap::value_parser!(u32).range(1..))]
     from_frame: Option<u32>,
-    /// What the dance shall be, for every label field that the model was told of in training; once a field
-    #[arg(long = "label", value_name = "FIELD=VALUE", value_parser = kinelm::corpus::labels::pair)]
-    labels: Vec<(String, String)>,
+    /// What the dance shall be, for every label field that the model was told of in training; once a field, or for times that
+    /// don't meet (genre=salsa@0s:10s)
+    #[arg(long = "label", value_name = "FIELD=VALUE[@FROM:TO]")]
+    labels: Vec<TimedLabel>,
     /// How far the labels are followed: 1 as learned, above 1 more so (2 to 3), which takes twice the time
     #[arg(long, value_name = "G", default_value_t = 1.0)]
     guidance: f64,
@@ -200,7 +202,8 @@ fn outputs(args: &Args, recipe: &Recipe) -> Outputs {
 /// What was asked for.
 fn recipe(args: &Args) -> Result<Recipe> {
     let mut labels = BTreeMap::new();
-    for (field, value) in &args.labels {
+    let (always, timed): (Vec<&TimedLabel>, Vec<_>) = args.labels.iter().partition(|label| label.is_always());
+    for TimedLabel { field, value, .. } in always {
         if labels.insert(field.clone(), value.clone()).is_some() {
             return Err(WrongCall(format!("--label {field}={value}: {field} is asked for twice; give it once")).into());
         }
@@ -225,6 +228,7 @@ fn recipe(args: &Args) -> Result<Recipe> {
         run: args.run.clone().context("no run folder")?,
         prompt,
         labels,
+        timed_labels: timed.into_iter().cloned().collect(),
         guidance: args.guidance,
         ahead: args.ahead.unwrap_or(0.0),
         frames: args.frames.map(|n| n as usize),

@@ -82,7 +82,7 @@ pub(super) fn time_of(header: &[Field], record: &[Field]) -> Result<Option<(f64,
     let field = |column: &str| header.iter().position(|c| c.text == column).map(|i| &record[i]);
     let seconds = |column: &str| {
         let Some(field) = field(column).filter(|field| !field.text.is_empty()) else { return Ok(None) };
-        let s: Option<f64> = field.text.parse().ok().filter(|s: &f64| s.is_finite() && *s >= 0.0);
+        let s: Option<f64> = field.text.parse().ok().filter(|s: &f64| s.is_finite() && *s >= 0.0).map(f64::abs);
         let wrong = || Error::at(field.at.clone(), format!("{column} `{}`", field.text), "seconds, 0 or more", "");
         s.map(|s| Some((s, field))).ok_or_else(wrong)
     };

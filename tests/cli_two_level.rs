@@ -212,6 +212,21 @@ fn it_learns_labels_at_once_or_later_and_dances_under_them() {
     place.done(
         "generate --run labelled --prompt data/03.bvh --joints root --label genre=salsa --variations 2 --out p.bvh",
     );
+    // over a time: as the first label begins, and as neither goes on
+    let timed = dance("timed.bvh", "--label genre=salsa@0s:0.5s --label genre=waltz@0.5s:");
+    assert!(timed != salsa && timed != waltz);
+    let sidecar = fs::read_to_string(place.at("timed.bvh.kinelm.json")).unwrap();
+    assert!(sidecar.contains("\"genre=salsa@0s:0.5s\""), "{sidecar}");
+    place.done("generate --again timed.bvh.kinelm.json --out twice.timed.bvh");
+    assert_eq!(fs::read(place.at("twice.timed.bvh")).unwrap(), timed);
+    for (labels, said) in [
+        ("--label genre=salsa@0s:0.5s --label genre=waltz", "two values of genre at a time"),
+        ("--label genre=salsa@0s:90s", "90s lies outside the clip"),
+        ("--label genre=salsa --label genre=waltz", "asked for twice"),
+    ] {
+        let call = format!("generate --run labelled --frames 20 {labels} --out no.bvh");
+        place.call(&call).assert().code(2).stderr(contains(said));
+    }
     // a model that knew none begins as it was
     fs::write(place.at("more.toml"), "[train]\nbatch = 2\nsteps = 0\nconditions = [\"genre\"]\n").unwrap();
     place.done("finetune --from run --config more.toml --corpus corpus --run later");
@@ -220,10 +235,36 @@ fn it_learns_labels_at_once_or_later_and_dances_under_them() {
 }
 
 #[test]
+fn labels_of_a_time_are_learned_from_pieces() {
+    let place = place();
+    let timed = labels().replace("split,genre", "split,genre,from_s,to_s").replace(",salsa\n", ",salsa,,\n");
+    let timed = timed.replace(",waltz\n", ",waltz,,1\n");
+    fs::write(place.at("timed.csv"), format!("{timed}01,,salsa,1.5,\n")).unwrap();
+    place.done("tokenize data --labels timed.csv --tokenizer t.json --out pieces");
+    let clips = fs::read_to_string(place.at("pieces/clips.jsonl")).unwrap();
+    let told = |name: &str| {
+        let clips = clips.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+        let clip = clips.into_iter().find(|clip| clip["name"] == name).unwrap_or_else(|| panic!("no {name}"));
+        (clip["frames"].as_u64().unwrap(), clip["labels"]["genre"].as_str().map(str::to_owned), clip["take"].clone())
+    };
+    assert_eq!(told("01@0s-1s"), (20, Some("waltz".into()), "01".into()));
+    assert_eq!(told("01@1s-1.5s"), (10, None, "01".into()));
+    assert_eq!((told("01@1.5s-end").1, told("00").1), (Some("salsa".into()), Some("salsa".into())));
+    fs::write(place.at("pieces.toml"), CONFIG.replace("[train]", "[train]\nconditions = [\"genre\"]")).unwrap();
+    place.done("pretrain --config pieces.toml --corpus pieces --run of-pieces");
+    fs::write(place.at("late.csv"), "clip,genre,from_s,to_s\n00,salsa,1,60\n").unwrap();
+    place
+        .call("tokenize data --labels late.csv --tokenizer t.json --out late")
+        .assert()
+        .success()
+        .stderr(contains("labels from 1 s to 60 s of a clip of 3.0"));
+}
+
+#[test]
 fn it_learns_what_is_ahead_and_fills_gaps_that_way() {
     let place = place();
     let ahead = "[model]\narchitecture = \"two_level\"\nahead = true\n\
-                 [train]\nbatch = 2\nsteps = 6\nwarmup = 1\nlearning_rate = 3e-3\ngaps = 0.8\ntable_rate = 3.0\n";
+                 [train]\nconditions = [\"genre\"]\nbatch = 2\nsteps = 6\nwarmup = 1\nlearning_rate = 3e-3\ngaps = 0.8\ntable_rate = 3.0\n";
     fs::write(place.at("ahead.toml"), ahead).unwrap();
     place.done("finetune --from run --config ahead.toml --corpus corpus --run ahead");
     let bits = |more: &str| {
@@ -244,6 +285,14 @@ fn it_learns_what_is_ahead_and_fills_gaps_that_way() {
     assert_ne!(bytes("led.bvh"), bytes("blind.bvh"));
     place.done("generate --again led.bvh.kinelm.json --out twice.led.bvh");
     assert_eq!(bytes("twice.led.bvh"), bytes("led.bvh"));
+    // led, and under labels that change within the gap
+    let labels = "--label genre=salsa@:1.3s --label genre=waltz@1.3s: --guidance 2";
+    assert!(fill("ahead", labels, "both.bvh").contains("\"ahead\": 2.0"));
+    assert_ne!(bytes("both.bvh"), bytes("led.bvh"));
+    place.done("generate --again both.bvh.kinelm.json --out twice.both.bvh");
+    assert_eq!(bytes("twice.both.bvh"), bytes("both.bvh"));
+    fill("ahead", "--label genre=salsa --ahead 0", "unled.bvh");
+    assert_ne!(bytes("both.bvh"), bytes("unled.bvh"));
     // a model that can't be told
     assert!(!fill("run", "", "untold.bvh").contains("\"ahead\":"));
     let call = "generate --run run --prompt data/03.bvh --free all@1s:1.7s --ahead 2 --out no.bvh";
@@ -276,16 +325,26 @@ fn it_leaves_as_a_folder_of_our_own_and_comes_back() {
 }
 
 #[test]
+fn it_names_dances_and_finds_what_is_like_them() {
+    let place = place();
+    place.done("classify train --run run --corpus corpus --fields genre --steps 2 --batch 2 --out who");
+    let told = place.done("classify eval --classifier who --corpus corpus --baselines --run run");
+    assert!(told.contains("class tokens") && told.contains("LDA of the model's vectors"), "{told}");
+    assert!(place.done("classify predict --classifier who data/03.bvh").contains("a letter a second"));
+    place.done("query build data --transform model --run run --out index");
+    let found = place.done("query find data/03.bvh --index index --at 0.5");
+    assert!(found.contains("cosine") && found.contains("2.13"), "{found}");
+}
+
+#[test]
 fn what_it_is_not_made_for_is_refused_before_anything_is_written() {
     let place = place();
     fs::write(place.at("context.toml"), CONFIG.replace("window = 6", "window = 6\nhead = \"absolute\"")).unwrap();
-    for (call, said) in [
-        ("pretrain --config context.toml --corpus corpus --run no", "model.head = \"absolute\""),
-        ("classify train --run run --corpus corpus --fields genre --out no", "two-level model"),
-        ("query build data --transform model --run run --out no", "two-level model"),
-    ] {
-        place.call(call).assert().failure().stderr(contains(said));
-    }
+    place
+        .call("pretrain --config context.toml --corpus corpus --run no")
+        .assert()
+        .failure()
+        .stderr(contains("model.head = \"absolute\""));
     place.done("tokenizer fit data --labels labels.csv --config lapped --out lapped.json");
     place.done("tokenize data --labels labels.csv --tokenizer lapped.json --out tiles");
     place

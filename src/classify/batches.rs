@@ -67,7 +67,7 @@ impl<'a> Batches<'a> {
         let chosen: Vec<Window> = (first..first + self.batch as u64).map(|place| self.window(place)).collect();
         let ids_of = |w: &Window| self.corpus.word_ids(self.clips[w.clip], w.word..w.word + w.words);
         let mut numbers = Numbers::of(self.layout, &ids_of, &chosen, self.compat)?;
-        let t = self.layout.length();
+        let t = self.layout.places();
         for (table, field) in self.fields.0.iter().enumerate() {
             let class = |w: &Window| field.class_of(self.clips[w.clip]);
             let counted = chosen.iter().filter(|w| class(w).is_some()).count().max(1) as f64;

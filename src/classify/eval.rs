@@ -167,7 +167,7 @@ fn each_window<T>(
     let mut all = Vec::with_capacity(windows.len());
     for some in windows.chunks(TOGETHER) {
         let numbers = Numbers::of(layout, &source.ids, some, compat)?;
-        let rows = some.iter().enumerate().flat_map(|(i, w)| rows_of(w).map(move |r| i * layout.length() + r));
+        let rows = some.iter().enumerate().flat_map(|(i, w)| rows_of(w).map(move |r| i * layout.places() + r));
         let vectors = model.final_vectors(numbers.as_windows(layout), &rows.collect::<Vec<usize>>())?;
         let mut rest = vectors.as_slice();
         for w in some {

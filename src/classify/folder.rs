@@ -5,7 +5,7 @@ use super::learner::head_name;
 use super::windows::Layout;
 use crate::corpus::FileRecord;
 use crate::model::fast::Fast;
-use crate::model::{ModelConfig, TokenLayout, weights};
+use crate::model::{Architecture, ModelConfig, TokenLayout, weights};
 use crate::{Error, Result, files};
 use candle_core::Tensor;
 use kinelm_engine::arena::Floats;
@@ -29,7 +29,7 @@ pub struct About {
     pub kinelm: String,
     /// The shape of the model.
     pub model: ModelConfig,
-    /// Its tokens without the class tokens, which are the ids behind them.
+    /// Its tokens without the class tokens, which in a flat model are the ids behind them.
     pub tokens: TokenLayout,
     /// What it tells.
     pub fields: Fields,
@@ -106,14 +106,20 @@ impl Classifier {
         }
         let layout = Layout::new(&about.model, &about.tokens, about.fields.len())?;
         let heads = heads(&at, &about.fields, about.model.width, &mut tensors)?;
-        let model = Fast::from_tensors(&about.model, &grown(&about.tokens, &about.fields), tensors)?;
+        let (config, tokens) = grown(&about.model, &about.tokens, &about.fields);
+        let model = Fast::from_tensors(&config, &tokens, tensors)?;
         Ok(Classifier { about, tokenizer, model, heads, layout })
     }
 }
 
-/// The tokens with a class token a field behind them.
-pub(super) fn grown(tokens: &TokenLayout, fields: &Fields) -> TokenLayout {
-    TokenLayout { vocabulary: tokens.vocabulary + fields.len(), ..tokens.clone() }
+/// A model with a class token a field behind its tokens, or with as many class rows.
+pub(super) fn grown(config: &ModelConfig, tokens: &TokenLayout, fields: &Fields) -> (ModelConfig, TokenLayout) {
+    match config.architecture {
+        Architecture::Flat => {
+            (config.clone(), TokenLayout { vocabulary: tokens.vocabulary + fields.len(), ..tokens.clone() })
+        }
+        Architecture::TwoLevel => (ModelConfig { classes: fields.len(), ..config.clone() }, tokens.clone()),
+    }
 }
 
 /// The heads of the fields out of the tensors of the file at `path`.

@@ -3,8 +3,8 @@
 use super::fields::Fields;
 use crate::Result;
 use crate::model::fast::{ClassRow, Fast, Losses, Windows, named};
-use crate::model::layout::{Init, Parameter, Role};
-use crate::model::{Dropout, Scores};
+use crate::model::layout::{CLASS, Init, Parameter, Role};
+use crate::model::{Architecture, Dropout, Scores};
 use crate::train::TrainConfig;
 use crate::train::adamw::MOMENTS;
 use crate::train::fast::fill;
@@ -39,7 +39,7 @@ pub(super) struct Learner {
     gradients: [Vec<Floats>; 2],
     first: [Vec<Floats>; 2],
     second: [Vec<Floats>; 2],
-    /// Where the class tokens' rows begin in `token.weight`, and which tensor that is.
+    /// The tensor that holds what stands for class tokens or rows, and where that begins in it.
     class_rows: (usize, usize),
     /// Which of the model's tensors decay.
     decays: Vec<bool>,
@@ -54,10 +54,14 @@ pub(super) struct Batch<'a> {
 }
 
 impl Learner {
-    /// `class_token` is the first class token's id.
+    /// `class_token` is the first class token's id in a flat model.
     pub fn new(model: Fast, heads: Vec<Floats>, class_token: u32) -> Learner {
-        let width = Scores::config(&model).width;
-        let token = model.parameters().iter().position(|p| p.name == "token.weight").unwrap_or_default();
+        let config = Scores::config(&model);
+        let (table, row) = match config.architecture {
+            Architecture::Flat => ("token.weight", class_token as usize * config.width),
+            Architecture::TwoLevel => (CLASS, 0),
+        };
+        let table = model.parameters().iter().position(|p| p.name == table).unwrap_or_default();
         let like = |heads: &[Floats]| heads.iter().map(|h| Floats::new(h.len())).collect::<Vec<_>>();
         let room = || [model.like_weights(), like(&heads)];
         let (gradients, first, second) = (room(), room(), room());
@@ -65,7 +69,7 @@ impl Learner {
             gradients,
             first,
             second,
-            class_rows: (token, class_token as usize * width),
+            class_rows: (table, row),
             decays: model.parameters().iter().map(|p| p.role == Role::Matrix).collect(),
             model,
             heads,

@@ -5,7 +5,7 @@ use super::train::Summary;
 use super::*;
 use crate::corpus::samples::{clip, walk};
 use crate::corpus::{ClipRecord, Corpus, CorpusWriter, Split};
-use crate::model::{LoadedRun, ModelConfig, TokenLayout};
+use crate::model::{Architecture, DecoderConfig, LoadedRun, ModelConfig, TokenLayout};
 use crate::train::{TrainConfig, fixture};
 use crate::{files, random};
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
@@ -50,6 +50,15 @@ fn run(dir: &Path) -> LoadedRun {
     fixture::run(dir, model, train)
 }
 
+/// The same in two levels.
+fn two_levels(dir: &Path) -> LoadedRun {
+    let decoder = Some(DecoderConfig { layers: 1, heads: 2, width: 8, character_width: 3 });
+    let architecture = Architecture::TwoLevel;
+    let model =
+        ModelConfig { architecture, layers: 1, heads: 2, width: 16, window: Some(12), decoder, ..Default::default() };
+    fixture::run(dir, model, TrainConfig { steps: 4, batch: 4, warmup: 1, ..Default::default() })
+}
+
 fn options() -> TrainOptions {
     TrainOptions {
         fields: vec!["way".into(), "place".into()],
@@ -75,6 +84,12 @@ fn trained(
 
 #[test]
 fn class_tokens_learn_what_motion_shows_and_the_folder_says_the_same() {
+    for run in [run, two_levels] {
+        learns(run);
+    }
+}
+
+fn learns(run: fn(&Path) -> LoadedRun) {
     let dir = tempfile::tempdir().unwrap();
     let (corpus, run) = (corpus(dir.path()), run(dir.path()));
     let done = trained(dir.path(), &run, &corpus, &options(), "c").unwrap();
@@ -105,6 +120,12 @@ fn class_tokens_learn_what_motion_shows_and_the_folder_says_the_same() {
 
 #[test]
 fn nothing_has_the_final_name_before_the_end_and_a_training_that_was_cut_goes_on_to_the_same_bytes() {
+    for run in [run, two_levels] {
+        goes_on(run);
+    }
+}
+
+fn goes_on(run: fn(&Path) -> LoadedRun) {
     let dir = tempfile::tempdir().unwrap();
     let (corpus, run) = (corpus(dir.path()), run(dir.path()));
     let options = TrainOptions { steps: 30, eval_every: 8, ..options() };
@@ -179,6 +200,9 @@ fn what_cannot_be_told_is_refused() {
     assert!(!dir.path().join("x").exists(), "nothing is begun");
     let config = ModelConfig { context: 8, ..run.config.clone() };
     assert!(said_layout(&config, &run.tokens).contains("expected room for a word"));
+    let config = ModelConfig { architecture: Architecture::TwoLevel, window: Some(2), ..Default::default() };
+    let config = config.resolved(&run.tokens);
+    assert!(said_layout(&config, &run.tokens).contains("2 class rows and a window of 2 frames; expected room"));
     files::write_folder(&dir.path().join("x"), &[("a", Vec::new())]).unwrap();
     assert!(said(&options()).contains("something is there"));
 }

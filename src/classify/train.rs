@@ -217,7 +217,8 @@ pub fn train(
 
 /// What learns, before the first update.
 fn begin(run: &LoadedRun, fields: &Fields, options: &TrainOptions) -> Result<Learner> {
-    let model = Fast::from_tensors(&run.config, &grown(&run.tokens, fields), first_weights(run, fields, options)?)?;
+    let (config, tokens) = grown(&run.config, &run.tokens, fields);
+    let model = Fast::from_tensors(&config, &tokens, first_weights(run, fields, options)?)?;
     let heads = first_heads(fields, run.config.width, options.seed);
     Ok(Learner::new(model, heads, run.tokens.vocabulary as u32))
 }
@@ -226,7 +227,8 @@ fn begin(run: &LoadedRun, fields: &Fields, options: &TrainOptions) -> Result<Lea
 fn go_on(run: &LoadedRun, fields: &Fields, saved: Saved, out: &Path) -> Result<(Learner, Standing)> {
     let Saved { standing, mut tensors, moments } = saved;
     let heads = heads(out, fields, run.config.width, &mut tensors)?;
-    let model = Fast::from_tensors(&run.config, &grown(&run.tokens, fields), tensors)?;
+    let (config, tokens) = grown(&run.config, &run.tokens, fields);
+    let model = Fast::from_tensors(&config, &tokens, tensors)?;
     let mut learner = Learner::new(model, heads, run.tokens.vocabulary as u32);
     learner.restore(fields, &moments, standing.step)?;
     Ok((learner, standing))
@@ -333,14 +335,14 @@ pub(super) fn same_tokenizer(expected: &str, corpus: &Corpus) -> Result<()> {
     Err(Error::file(corpus.dir(), found, expected, help))
 }
 
-/// The run's weights, or drawn ones, with rows for the class tokens.
+/// The run's weights, or drawn ones, with rows for what answers.
 fn first_weights(run: &LoadedRun, fields: &Fields, options: &TrainOptions) -> Result<BTreeMap<String, Tensor>> {
-    let tokens = grown(&run.tokens, fields);
+    let (config, tokens) = grown(&run.config, &run.tokens, fields);
     if options.scratch {
-        return layout::initial(&run.config, &tokens, options.seed);
+        return layout::initial(&config, &tokens, options.seed);
     }
     let language = |tokens| Language { tokens, conditions: &run.conditions };
-    grow(&run.weights, &run.config, language(&run.tokens), language(&tokens), options.seed)
+    grow(&run.weights, &config, language(&run.tokens), language(&tokens), options.seed)
 }
 
 /// The clips that a classifier learns from.

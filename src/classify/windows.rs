@@ -1,4 +1,7 @@
 //! The windows of a clip as a classifier reads them.
+//!
+//! What answers is a row of the model behind the window's last word, one a field. In a flat model the row is a class token's;
+//! in a two-level model the trunk has rows of its own there, and no token stands for them.
 
 use crate::corpus::fill_sequence;
 use crate::model::{ModelConfig, TokenLayout};
@@ -15,10 +18,11 @@ pub struct Layout {
     word: usize,
     /// Words of a window, at most.
     words: usize,
-    /// The first class token; those of the other fields follow.
-    class_token: u32,
+    /// The first class token; those of the other fields follow. None where rows are frames.
+    class_token: Option<u32>,
     /// n.
     fields: usize,
+    pad: u32,
 }
 
 /// Some words of a clip.
@@ -36,21 +40,28 @@ impl Layout {
     /// For a model of this shape, whose `tokens` don't hold the class tokens yet.
     ///
     /// # Errors
-    /// A masked or two-level model, words of varying length, a context that doesn't hold a word and the class tokens.
+    /// A masked model, words of varying length, a context that doesn't hold a word and the class tokens.
     pub fn new(config: &ModelConfig, tokens: &TokenLayout, fields: usize) -> Result<Layout> {
         if config.kind != crate::model::Kind::Causal {
             let what = "a masked model; classifiers go on from causal ones: train with [model] kind = \"causal\"";
-            return Err(Error::Call(what.into()));
-        }
-        if !config.architecture.is_flat() {
-            let what =
-                "a two-level model; classifiers go on from flat ones: train with [model] architecture = \"flat\"";
             return Err(Error::Call(what.into()));
         }
         if tokens.varying {
             let what =
                 "words of varying length; classifiers need a tokenizer whose words have one length, such as uniform";
             return Err(Error::Call(what.into()));
+        }
+        let front = (0..tokens.front).map(|i| if i == 0 { tokens.bos } else { Special::Unk.id() }).collect();
+        let (word, pad) = (tokens.word, tokens.pad);
+        if !config.architecture.is_flat() {
+            // a row behind the last frame has read it, and is there without a field too
+            let (frames, behind) = (config.frames(tokens), fields.max(1));
+            if frames <= behind {
+                return Err(Error::Call(format!(
+                    "{fields} class rows and a window of {frames} frames; expected room for a frame and the class rows"
+                )));
+            }
+            return Ok(Layout { front, word, words: frames - behind, class_token: None, fields, pad });
         }
         // the last class token must not see into a word behind the last
         let room = config.context.saturating_sub(tokens.front + fields);
@@ -61,9 +72,8 @@ impl Layout {
                  class tokens than a word has tokens"
             )));
         }
-        let front = (0..tokens.front).map(|i| if i == 0 { tokens.bos } else { Special::Unk.id() }).collect();
-        let (word, class_token) = (tokens.word, tokens.vocabulary as u32);
-        Ok(Layout { front, word, words: room / word, class_token, fields })
+        let class_token = Some(tokens.vocabulary as u32);
+        Ok(Layout { front, word, words: room / word, class_token, fields, pad })
     }
 
     /// Words of a window, at most.
@@ -73,7 +83,23 @@ impl Layout {
 
     /// T.
     pub fn length(&self) -> usize {
-        self.front.len() + self.words * self.word + self.fields
+        match self.class_token {
+            Some(_) => self.front.len() + self.words * self.word + self.fields,
+            None => self.front.len() - 1 + self.places() * self.word,
+        }
+    }
+
+    /// Rows of a window among which [`Layout::rows`] are: T, or frames.
+    pub fn places(&self) -> usize {
+        match self.class_token {
+            Some(_) => self.length(),
+            None => self.words + self.fields.max(1),
+        }
+    }
+
+    /// The row behind so many words.
+    fn behind(&self, words: usize) -> usize {
+        self.class_token.map_or(words, |_| self.front.len() + words * self.word)
     }
 
     /// The windows of a clip of `all` words, a hop of half a window to the end; one for a clip that is shorter.
@@ -87,32 +113,36 @@ impl Layout {
 
     /// Writes a window's `ids` of whole words to `input` and `target` (T), the class tokens behind them, `<pad>` to the end.
     pub fn fill(&self, ids: &[u32], input: &mut [u32], target: &mut [u32]) {
-        let pad = Special::Pad.id();
-        fill_sequence(ids, &self.front, pad, input, target);
+        fill_sequence(ids, &self.front, self.pad, input, target);
         let first = self.front.len() + ids.len();
-        for field in 0..self.fields {
-            input[first + field] = self.class_token + field as u32;
+        for (input, class_token) in
+            input[first..].iter_mut().take(self.fields).zip(self.class_token.into_iter().flat_map(|t| t..))
+        {
+            *input = class_token;
         }
     }
 
-    /// The rows of the class tokens of a window of m words.
+    /// The rows that answer for a window of m words.
     pub fn rows(&self, words: usize) -> std::ops::Range<usize> {
-        let first = self.front.len() + words * self.word;
+        let first = self.behind(words);
         first..first + self.fields
     }
 
-    /// The rows that have read the window's motion tokens.
+    /// The rows that have read the window's motion: its tokens, or of a two-level model the rows behind each of its frames.
     pub fn motion_rows(&self, words: usize) -> std::ops::Range<usize> {
-        self.front.len()..self.front.len() + words * self.word
+        match self.class_token {
+            Some(_) => self.behind(0)..self.behind(words),
+            None => 1..words + 1,
+        }
     }
 
-    /// Of windows of so many words: what hides class tokens from each other, (B, T, T); none where there is one field or
-    /// they may see those before them, as a causal mask lets them (`compat`).
+    /// Of windows of so many words: what hides class tokens from each other, (B, T, T) or a row a frame; none where there is
+    /// one field or they may see those before them, as a causal mask lets them (`compat`).
     pub fn hiding(&self, words: &[usize], compat: bool) -> Option<Vec<f32>> {
         if self.fields < 2 || compat {
             return None;
         }
-        let t = self.length();
+        let t = self.places();
         let mut mask = vec![0.0; words.len() * t * t];
         for (square, &words) in mask.chunks_exact_mut(t * t).zip(words) {
             for (query, row) in square.chunks_exact_mut(t).enumerate() {

@@ -6,6 +6,7 @@
 use super::gather::{Gathered, Item};
 use super::load::{Loaded, Wanted, load_item};
 use super::record::{BeatsOf, ClipBeats, Failure, Manifest, Shard, Split};
+use super::timed::in_pieces;
 use super::writer::{CorpusWriter, NewClip};
 use crate::music::find::Heard;
 use crate::music::own;
@@ -136,7 +137,7 @@ pub fn fit(
     Ok((all.finish()?, summary))
 }
 
-/// Tokenizes all clips (or a shard of them) into a corpus folder at `out`.
+/// Tokenizes all clips (or a shard of them) into a corpus folder at `out`; clips whose labels change are cut into pieces.
 ///
 /// # Errors
 /// Those of [`CorpusWriter`]; [`Error::Call`] when no clip could be taken, or any file is bad and `strict` is given, or
@@ -149,7 +150,8 @@ pub fn tokenize(
     watch: &mut Watch<'_>,
 ) -> Result<(Manifest, Summary)> {
     let mut writer = CorpusWriter::create(out, tokenizer, &gathered.sources, options.shard, options.force)?;
-    let items: Vec<&Item> = gathered.items.iter().filter(|i| options.shard.is_none_or(|s| s.holds(i.key))).collect();
+    let pieces = in_pieces(&gathered.items);
+    let items: Vec<&Item> = pieces.iter().filter(|i| options.shard.is_none_or(|s| s.holds(i.key))).collect();
     let heard = options.music.as_ref().map(|folder| Heard::of(&items, folder)).transpose()?;
     let work = |item: &Item, loaded: &Loaded| {
         let (encoded, frames) = (tokenizer.encode(&loaded.clip)?, loaded.clip.frames());
@@ -212,8 +214,11 @@ pub(crate) fn each<T: Send>(
 ) -> Result<Summary> {
     let one = |item: &Item| {
         let loaded = load_item(item, &options.read, wanted)?;
+        if loaded.clip.frames() == 0 {
+            return Ok(None); // nothing is left behind the last labels
+        }
         let made = work(item, &loaded).map_err(|e| named(item, e))?;
-        Ok((made, loaded.sha256, loaded.warnings))
+        Ok(Some((made, loaded.sha256, loaded.warnings)))
     };
     let mut summary = Summary::default();
     let mut done = 0;
@@ -223,7 +228,8 @@ pub(crate) fn each<T: Send>(
             done += 1;
             let mut goes_on = ControlFlow::Continue(());
             match result {
-                Ok((made, sha256, warnings)) => {
+                Ok(None) => {}
+                Ok(Some((made, sha256, warnings))) => {
                     for warning in warnings {
                         let first = || (0, format!("{}: {}", item.name, warning.what));
                         summary.warnings.entry(warning.kind).or_insert_with(first).0 += 1;

@@ -4,6 +4,7 @@ use super::labels::{Known, Labels, Rule};
 use super::pattern::{EXTENSIONS, without_extension};
 use super::record::Split;
 use super::splits::{self, some_of};
+use super::timed::{Piece, Timed};
 use crate::{Error, Result};
 use kinelm_motion::format::input;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
@@ -20,6 +21,10 @@ pub struct Item {
     pub name: String,
     /// Field to value.
     pub labels: BTreeMap<String, String>,
+    /// Labels that hold for a time alone; [`super::timed::in_pieces`] cuts by them.
+    pub timed: Vec<Timed>,
+    /// What of the file it is, where it was cut.
+    pub piece: Option<Piece>,
     /// The recording; the name where nothing else is known.
     pub take: String,
     /// Which part of the experiment it serves.
@@ -44,6 +49,8 @@ impl Default for Item {
             path: PathBuf::new(),
             name: String::new(),
             labels: BTreeMap::new(),
+            timed: Vec::new(),
+            piece: None,
             take: String::new(),
             split: Split::Train,
             fps: None,
@@ -173,7 +180,8 @@ fn label(g: &mut Gathered, found: Vec<Found>, labels: &[Labels]) -> Result<Vec<O
                 };
                 let entry = by_rule.entry((which, group)).or_default();
                 entry.0 += 1;
-                entry.1.extend(known.labels.keys().cloned());
+                let timed = known.timed.iter().flat_map(|timed| timed.labels.keys());
+                entry.1.extend(known.labels.keys().chain(timed).cloned());
                 known
             }
             None => {
@@ -187,6 +195,8 @@ fn label(g: &mut Gathered, found: Vec<Found>, labels: &[Labels]) -> Result<Vec<O
             path: file.path,
             name,
             labels: known.labels,
+            timed: known.timed,
+            piece: None,
             split: Split::Train, // given by `splits::assign`
             fps: known.fps,
             skip: known.skip,

@@ -3,13 +3,15 @@
 use super::csv::{self, Field};
 use super::pattern::{self, Pattern, without_extension};
 use super::record::Split;
+use super::rows::{FROM, Row, TO, at_column, time_of};
+use super::timed::Timed;
 use crate::{Error, Result};
 use kinelm_motion::format::input;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 /// Columns and pattern fields that are no labels.
-const RESERVED: [&str; 7] = ["clip", "split", "take", "fps", "skip", "floor", "music_from"];
+const RESERVED: [&str; 9] = ["clip", "split", "take", "fps", "skip", "floor", "music_from", FROM, TO];
 
 /// Pattern fields that name a file and nothing that could be learned.
 const NO_LABEL: [&str; 2] = ["set", "id"];
@@ -42,6 +44,8 @@ pub struct Known {
     pub floor: Option<f64>,
     /// The time of its music at which it begins, seconds, if stated.
     pub music_from_s: Option<f64>,
+    /// Labels that hold for a time alone.
+    pub timed: Vec<Timed>,
 }
 
 /// Where labels come from.
@@ -144,6 +148,9 @@ fn auto(path: &str) -> Result<Option<(Known, Rule)>> {
 fn from_fields(found: BTreeMap<String, String>, path: &str) -> Result<Known> {
     let mut known = Known::default();
     for (field, value) in found {
+        if [FROM, TO].contains(&field.as_str()) {
+            return Err(Error::Call(format!("{path}: a {field} by the pattern; expected it in a CSV, as a column")));
+        }
         if !NO_LABEL.contains(&field.as_str()) {
             let what = |expected| Error::Call(format!("{path}: {field} `{value}` by the pattern; expected {expected}"));
             known.set(&field, &value).map_err(what)?;
@@ -174,6 +181,7 @@ impl Known {
                 let from: Option<f64> = value.parse().ok().filter(|f: &f64| f.is_finite() && *f >= 0.0);
                 self.music_from_s = Some(from.ok_or("seconds, 0 or more")?);
             }
+            FROM | TO => {}
             "skip" => self.skip = Some(value.parse().map_err(|_| "a whole number of frames")?),
             _ => {
                 self.labels.insert(field.to_owned(), value.to_owned());
@@ -191,19 +199,14 @@ pub struct Table {
     by_clip: HashMap<String, usize>,
 }
 
-#[derive(Debug, Clone)]
-struct Row {
-    clip: String,
-    line: usize,
-    known: Known,
-}
-
 impl Table {
     /// Reads a CSV.
     ///
     /// # Errors
     /// [`Error::Io`]; [`Error::File`] with line and column: no header, no `clip` column, a column without a name or
-    /// named twice, a row of another width, a clip named twice or not at all, a split, rate or skip that is none.
+    /// named twice, a row of another width, a clip named twice or not at all, a split, rate or skip that is none; of rows
+    /// with times, a time that is none, a label at a time at which another row has told it, two rows that state another
+    /// split, take, rate, skip or floor of one clip.
     pub fn load(path: &Path) -> Result<Self> {
         Table::parse(path, &input::bytes(path).map_err(Error::io(path))?)
     }
@@ -242,12 +245,30 @@ impl Table {
         if clip.is_empty() {
             return Err(Error::at(field.at.clone(), "an empty clip", "a path below the folder of the data", ""));
         }
-        if let Some(&other) = self.by_clip.get(&clip) {
-            let found = format!("clip {clip} a second time (first in line {})", self.rows[other].line);
-            return Err(Error::at(field.at.clone(), found, "a row a clip", "take one of the two out"));
+        let line = field.at.line;
+        let time = time_of(header, record)?;
+        if let Some((from_s, to_s)) = time {
+            known.timed = vec![Timed { from_s, to_s, labels: std::mem::take(&mut known.labels), line }];
         }
-        self.by_clip.insert(clip.clone(), self.rows.len());
-        self.rows.push(Row { clip, line: field.at.line, known });
+        let whole = time.is_none().then_some(line);
+        match self.by_clip.get(&clip) {
+            None => {
+                self.by_clip.insert(clip.clone(), self.rows.len());
+                self.rows.push(Row { clip, line, known, whole });
+            }
+            Some(&other) => {
+                let row = &mut self.rows[other];
+                if let Some((first, _)) = row.whole.zip(whole) {
+                    let found = format!("clip {clip} a second time (first in line {first})");
+                    let help = "take one of the two out, or say from_s and to_s";
+                    return Err(Error::at(field.at.clone(), found, "a row a clip", help));
+                }
+                row.merge(&known, |column| at_column(header, record, column))?;
+                row.known.timed.extend(known.timed);
+                row.known.labels.extend(known.labels);
+                row.whole = row.whole.or(whole);
+            }
+        }
         Ok(())
     }
 
@@ -290,7 +311,8 @@ fn check_header(path: &Path, header: &[Field]) -> Result<usize> {
     }
     header.iter().position(|c| c.text == "clip").ok_or_else(|| {
         let names: Vec<&str> = header.iter().map(|c| c.text.as_str()).collect();
-        let help = "the first line names the columns: clip, and any of split, take, fps, skip, floor, music_from and your labels";
+        let help = "the first line names the columns: clip, and any of split, take, fps, skip, floor, music_from, from_s, to_s and \
+                    your labels";
         Error::at(
             kinelm_motion::Place { path: path.to_owned(), line: header[0].at.line, column: 1 },
             format!("columns {}", names.join(", ")),
@@ -346,6 +368,17 @@ mod tests {
             ("clip,music_from\na,-1\n", "l.csv:2:3: found music_from `-1`, expected seconds, 0 or more"),
             ("clip,x\n,b\n", "l.csv:2:1: found an empty clip"),
             ("clip,x\na,b\na,c\n", "l.csv:3:1: found clip a a second time (first in line 2)"),
+            ("clip,from_s\na,-1\n", "l.csv:2:3: found from_s `-1`, expected seconds, 0 or more"),
+            ("clip,to_s\na,later\n", "l.csv:2:3: found to_s `later`"),
+            ("clip,from_s,to_s\na,2,2\n", "l.csv:2:5: found to_s `2`, expected more than from_s, 2"),
+            ("clip,From_s\n", "l.csv:1:6: found column From_s, expected `from_s`"),
+            (
+                "clip,x,from_s,to_s\na,b,1,3\nb,c,,\na,c,2.5,4\n",
+                "l.csv:4:3: found x at a time at which line 2 tells it",
+            ),
+            ("clip,x,to_s\na,b,\na,c,2\n", "l.csv:3:3: found x at a time at which line 2 tells it"),
+            ("clip,x,to_s\na,b,2\na,b,\n", "l.csv:3:3: found x at a time at which line 2 tells it"),
+            ("clip,take,to_s\na,t,2\na,u,3\n", "l.csv:3:3: found another take than in line 2"),
         ] {
             let e = table(text).unwrap_err().to_string();
             assert!(e.starts_with(start), "{e}");

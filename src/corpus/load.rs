@@ -2,6 +2,7 @@
 
 use super::gather::Item;
 use super::record::{FileRecord, hex};
+use super::timed::piece_of;
 use crate::{Error, Result};
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::metric::floor_of;
@@ -99,13 +100,18 @@ pub fn parse_placed(path: &Path, bytes: &[u8], options: &ReadOptions, wanted: Wa
 }
 
 /// Reads an item's file as a tokenizer takes it. The rate, the frames to skip and the floor that the item's labels state
-/// overrule those of `options`.
+/// overrule those of `options`. Of an item that is a piece of a file nothing may be left.
 ///
 /// # Errors
-/// What reading and retargeting fail with, the file named; [`Error::File`] for a clip without frames.
+/// What reading and retargeting fail with, the file named; [`Error::File`] for a clip without frames, or without those that
+/// labels tell of.
 pub fn load_item(item: &Item, options: &ReadOptions, wanted: Wanted) -> Result<Loaded> {
     let placed = load_placed(&item.path, &item_options(item, options), wanted)?;
     let clip = placed.lowered();
+    if item.piece.is_some() {
+        let (clip, warnings) = (piece_of(item, clip)?, placed.motion.warnings);
+        return Ok(Loaded { clip, floor_m: placed.floor_m, sha256: placed.sha256, warnings });
+    }
     if clip.frames() == 0 {
         return Err(Error::file(&item.path, "no frames", "at least one", ""));
     }

@@ -21,6 +21,7 @@ pub mod masking;
 pub mod merge;
 pub mod pattern;
 pub mod record;
+mod rows;
 #[cfg(test)]
 pub(crate) mod samples;
 pub mod settings;
@@ -29,6 +30,7 @@ pub mod splits;
 pub mod stats;
 pub mod store;
 pub(crate) mod stored;
+pub mod timed;
 pub mod windows;
 pub mod words;
 pub mod writer;

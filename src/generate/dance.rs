@@ -12,6 +12,8 @@ pub(super) struct Dance<'a> {
     seed: u64,
     /// Tokens that a window holds.
     context: usize,
+    /// The tokens in front of the window.
+    front: &'a [u32],
     /// Words that a window holds, if all have one length.
     most: Option<usize>,
     /// What is known: drawn, given, spaces. Behind it stands a free place, or nothing.
@@ -83,6 +85,7 @@ impl<'a> Dance<'a> {
             plan,
             seed,
             context,
+            front: plan.front,
             most: word.map(|word| (context + 1 - plan.front.len()) / word),
             ids: Vec::with_capacity(plan.words * word.unwrap_or(1)),
             starts: vec![0],
@@ -201,6 +204,7 @@ impl<'a> Dance<'a> {
     /// Adds what is known up to the next free place, for which the window has room then.
     fn advance(&mut self) {
         while !self.is_done() {
+            self.change_front();
             self.move_by_words();
             match self.known(self.place, 0) {
                 Some(id) => self.push(id),
@@ -231,6 +235,15 @@ impl<'a> Dance<'a> {
         self.place = Place::default();
         self.taken_back = Some(self.window());
         true
+    }
+
+    /// A window before which other tokens are to stand is read anew with the word that begins.
+    fn change_front(&mut self) {
+        let begun = self.plan.fronts.iter().rev().find(|(word, _)| *word <= self.words());
+        let front = begun.map_or(self.plan.front, |(_, front)| front.as_slice());
+        if front != self.front {
+            (self.front, self.read) = (front, 0);
+        }
     }
 
     /// Words of one length: a window that is full moves when the next word begins.
@@ -273,7 +286,7 @@ impl<'a> Dance<'a> {
             return;
         }
         if self.read == 0 {
-            self.block.extend_from_slice(self.plan.front);
+            self.block.extend_from_slice(self.front);
         }
         self.block.extend_from_slice(&self.ids[self.first + self.read.saturating_sub(self.plan.front.len())..]);
         // a window that begins is read for itself: its rows would all be given logits
@@ -317,7 +330,8 @@ impl<'a> Dance<'a> {
         if self.block.is_empty() {
             return Ok(());
         }
-        let (first, read, start) = (self.first, self.window(), self.ids.len());
+        let (first, front) = (self.first, self.front);
+        let (read, start) = (self.window(), self.ids.len());
         let ahead = self.block.split_off(self.block.len() - self.ahead);
         let rows = logits.len() / vocabulary.max(1);
         // tokens ahead that have turned out right
@@ -342,8 +356,8 @@ impl<'a> Dance<'a> {
                 _ => break,
             }
         }
-        // a window that has moved is read anew
-        if self.first == first {
+        // a window that has moved, or has another front, is read anew
+        if self.first == first && self.front == front {
             self.read = self.taken_back.map_or(read + right, |left| left.min(read + right));
             // a word taken back may begin with a free place, which the token before it speaks for
             self.read = self.read.min(self.window() - 1);

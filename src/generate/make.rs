@@ -4,6 +4,7 @@ use super::edit::close::LeftOver;
 use super::edit::{Closed, Edited};
 use super::feet::{self, Care};
 use super::guidance::Guidance;
+use super::labels;
 use super::music::Music;
 use super::place::{Led, Place};
 use super::prompt::{self, Prompt};
@@ -17,6 +18,7 @@ use crate::{Error, Result};
 use kinelm_motion::feet::Locked;
 use kinelm_motion::format::{self, Format, bvh::Changed};
 use kinelm_motion::joints::{self, Selection};
+use kinelm_motion::moment::Scale;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Motion, Source};
 use kinelm_tokenizer::{Rest, Tokenizer, Words};
@@ -37,8 +39,8 @@ pub struct Ready {
     pub music: Option<Music>,
     /// Frames of the dance.
     pub frames: usize,
-    /// The tokens in front of every window: `<bos>` and the labels.
-    front: Vec<u32>,
+    /// The tokens in front of windows, `<bos>` and the labels, each from a frame on; the first from 0.
+    fronts: Vec<(usize, Vec<u32>)>,
     /// The same with every label unknown, where the dance is guided.
     without: Option<Vec<u32>>,
 }
@@ -119,9 +121,9 @@ impl Ready {
         }
         let mut run = load_run(&recipe.run, which)?;
         let tokenizer = run.load_tokenizer()?;
-        let (front, without) = fronts(&recipe, &run)?;
         check_ahead(recipe.ahead, &run)?;
         let music = recipe.music.as_ref().map(|music| Music::hear(music, &run)).transpose()?;
+        let without = without(&recipe, &run)?;
         if run.label_dropout == Some(0.0) && (without.is_some() || recipe.labels.len() < run.conditions.len()) {
             let what = "labels were never hidden in training (train.label_dropout = 0): without some, or with guidance, the model \
                         is asked what it has not seen";
@@ -142,6 +144,10 @@ impl Ready {
                 return Err(Error::Call(format!("{frames} frames; expected {MOST_FRAMES} at most")));
             }
         }
+        let of_edit = prompt.as_ref().and_then(|p| p.edit.as_ref()).map(|edited| edited.frames);
+        let fps = tokenizer.fps();
+        let scale = Scale { frames: of_edit.unwrap_or(frames), fps, left_out: 0, model_fps: Some(fps) };
+        let fronts = labels::fronts(&run.load_conditions()?, &recipe.labels, &recipe.timed_labels, scale)?;
         let from = recipe.prompt.as_ref().and_then(|p| p.from_frame);
         if let Some(from) = from.filter(|from| *from >= frames) {
             let what =
@@ -151,7 +157,7 @@ impl Ready {
         if let Some(music) = &music {
             music.check(frames as f64 / tokenizer.fps())?;
         }
-        Ok(Ready { recipe, run, tokenizer, prompt, music, frames, front, without })
+        Ok(Ready { recipe, run, tokenizer, prompt, music, frames, fronts, without })
     }
 
     /// The dance is to stand where and as its prompt does, if it has one.
@@ -222,7 +228,9 @@ impl Ready {
         plan.music = &heard;
         (plan.course, plan.ahead) = (course.as_ref(), self.recipe.ahead);
         plan.lead_in = lead_in;
-        plan.front = &self.front;
+        let begins = |(frame, front): &(usize, Vec<u32>)| (lead_in + frame.div_ceil(length), front.clone());
+        let fronts: Vec<_> = self.fronts.iter().skip(1).map(begins).collect();
+        (plan.front, plan.fronts) = (&self.fronts[0].1, &fronts);
         plan.guidance = self.without.as_deref().map(|without| Guidance { scale: self.recipe.guidance, without });
         plan.guesses = guesses.unwrap_or(if self.recipe.draw.greedy { GUESSES } else { 0 });
         let computing = &self.recipe.computing;
@@ -448,15 +456,13 @@ pub fn check_ahead(ahead: f64, run: &LoadedRun) -> Result<()> {
     Ok(())
 }
 
-/// The tokens in front of every window, and those of the reading without conditions, if there is to be one.
-fn fronts(recipe: &Recipe, run: &LoadedRun) -> Result<(Vec<u32>, Option<Vec<u32>>)> {
-    let conditions = run.load_conditions()?;
-    let asked: Vec<(String, String)> = recipe.labels.clone().into_iter().collect();
-    let front = conditions.asked(&asked)?;
+/// The tokens in front of the windows of the reading without conditions, if there is to be one.
+fn without(recipe: &Recipe, run: &LoadedRun) -> Result<Option<Vec<u32>>> {
     let scale = recipe.guidance;
     if scale == 1.0 {
-        return Ok((front, None));
+        return Ok(None);
     }
+    let conditions = run.load_conditions()?;
     let wrong = |what: &str| Err(Error::Call(format!("guidance {scale}: {what}")));
     if !scale.is_finite() {
         return wrong("expected a finite number");
@@ -464,11 +470,10 @@ fn fronts(recipe: &Recipe, run: &LoadedRun) -> Result<(Vec<u32>, Option<Vec<u32>
     if recipe.music.is_none() && conditions.fields().is_empty() && run.config.music.is_none() {
         return wrong("this model knows no labels, so there is nothing to follow; train one with train.conditions");
     }
-    if recipe.music.is_none() && asked.is_empty() {
+    if recipe.music.is_none() && recipe.labels.is_empty() && recipe.timed_labels.is_empty() {
         return wrong(
             "no label is given that could be followed, nor music; give some with --label FIELD=VALUE or --music",
         );
     }
-    let without = conditions.unknown().asked(&[])?;
-    Ok((front, Some(without)))
+    Ok(Some(conditions.unknown().asked(&[])?))
 }

@@ -15,6 +15,7 @@ pub mod edit;
 pub mod feet;
 pub mod free;
 pub mod guidance;
+pub mod labels;
 pub mod make;
 pub mod music;
 pub mod place;
@@ -175,6 +176,8 @@ pub struct Plan<'a> {
     pub prompt: &'a [u32],
     /// The tokens in front of every window: `<bos>`, then those of conditions.
     pub front: &'a [u32],
+    /// From which words on, the lead-in's counted, other tokens stand there, as many; ascending.
+    pub fronts: &'a [(usize, Vec<u32>)],
     /// How far the conditions in front are followed; `None`: as the model has learned them, in half the time.
     pub guidance: Option<Guidance<'a>>,
     /// What is given, where the model is to be told ahead of it; its frames are the lead-in's and the prompt's.
@@ -209,6 +212,7 @@ impl Plan<'_> {
             foretold,
             prompt,
             front: FRONT,
+            fronts: &[],
             guidance: None,
             course: None,
             ahead: 1.0,
@@ -262,8 +266,8 @@ pub struct Danced {
 ///
 /// # Errors
 /// A context that holds fewer than two words of the one length that all have, or two tokens; sequences that are no whole
-/// number of dances; a front without conditions of another length than that with them; a course of other words, music of
-/// another number of them; logits that allow no token (word
+/// number of dances; fronts of other lengths than the first; a course of other words, music of another number of them; logits
+/// that allow no token (word
 /// and place are named), and what the model's own reading fails with.
 pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Danced> {
     check(model, plan)?;
@@ -326,6 +330,12 @@ fn check(model: &dyn NextToken, plan: &Plan) -> Result<()> {
     if !plan.music.is_empty() && (word.is_none() || !plan.music.len().is_multiple_of(plan.words.max(1))) {
         let what = format!("{} numbers of music for {} words; expected as many for each", plan.music.len(), plan.words);
         return Err(Error::Call(what));
+    }
+    if let Some((word, front)) = plan.fronts.iter().find(|(_, front)| front.len() != plan.front.len()) {
+        let (found, expected) = (front.len(), plan.front.len());
+        return Err(Error::Call(format!(
+            "a front of {found} tokens from word {word} on; expected {expected} as before"
+        )));
     }
     match plan.guidance {
         Some(guidance) if guidance.without.len() != plan.front.len() => Err(Error::Call(format!(

@@ -2,6 +2,7 @@
 
 use super::edit::Edit;
 use super::feet::Care;
+use super::labels::TimedLabel;
 use super::place::Place;
 use super::plan::Plan;
 use super::rest::RestJoints;
@@ -24,6 +25,9 @@ pub struct Recipe {
     pub prompt: Option<PromptRecipe>,
     /// What the model is told of the dance: values of label fields; fields that are left out are unknown.
     pub labels: BTreeMap<String, String>,
+    /// What it is told of a time of the dance, beside those.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub timed_labels: Vec<TimedLabel>,
     /// How far labels and music are followed, 1: as the model has learned them. See [`super::guidance`].
     pub guidance: f64,
     /// How far gaps are led to what is given behind them, 1: as the model has learned it, 0: it is told nothing. See

@@ -290,6 +290,25 @@ fn guidance_reads_with_and_without_conditions() {
 }
 
 #[test]
+fn a_front_that_changes_is_that_of_the_window_from_its_word_on() {
+    let fronts = [(3, vec![2]), (7, vec![1])];
+    for (context, guesses) in [(200, 0), (200, 3), (20, 0)] {
+        let base = Plan { guesses, ..plan(9, &[false, true, false], &[6, 7, 8, 5], Draw::temperature(3.0)) };
+        let ids = |plan: &Plan| run(context, plan).unwrap().0;
+        let changed = ids(&Plan { fronts: &fronts, ..base.clone() });
+        let before = ids(&base);
+        assert!(changed[..12] == before[..12] && changed[12..28] != before[12..28], "{changed:?}");
+        // as if one with that front went on from there
+        let second = ids(&Plan { front: &[2], beginning: &changed[..12], ..base.clone() });
+        assert_eq!(changed[..28], second[..28]);
+        assert_eq!(changed, ids(&Plan { beginning: &changed[..28], ..base.clone() }));
+    }
+    let longer = [(3, vec![2, 2])];
+    let wrong = Plan { fronts: &longer, ..plan(9, &[false; 3], &[], Draw::greedy()) };
+    assert!(run(200, &wrong).unwrap_err().to_string().contains("a front of 2 tokens from word 3 on; expected 1"));
+}
+
+#[test]
 fn a_word_that_is_foretold_is_drawn_taken_back_and_made_of_what_is_given() {
     // place 1 is free in word 1 and given behind it: what the model would have drawn in word 2 is told
     let prompt: Vec<u32> = (0..4u32).flat_map(|w| [6 + w, 7 + w, 8 + w, 5]).collect();

@@ -49,6 +49,10 @@ pub struct ModelConfig {
     /// What a two-level model is told of the music that is danced to, see [`super::music`]. Default `none`.
     #[serde(skip_serializing_if = "Music::is_none")]
     pub music: Music,
+    /// n: rows of a two-level model's trunk behind a window's last frame, for a classifier to read, see [`super::frames`]. No
+    /// file says it: a classifier knows what it tells.
+    #[serde(skip)]
+    pub classes: usize,
 }
 
 /// What a token may see.
@@ -104,6 +108,7 @@ impl Default for ModelConfig {
             decoder: None,
             ahead: false,
             music: Music::None,
+            classes: 0,
         }
     }
 }

@@ -3,9 +3,13 @@
 //! Letters: W tokens of a word, C = W - 1 characters, S the most bins of a place, R steps that a place can take. Token t of a
 //! window's words is its input t + 1: windows begin with the last token of the front here, so that tokens before it (the labels)
 //! are left out. Row t of the decoder predicts it, at place t mod W of frame t / W.
+//!
+//! Of a classifier's model the n rows of the trunk behind a window's last frame are *class rows*. Each reads the two frames
+//! before it, as the row that would speak for the next frame does, and has a vector of its own in the place of a position.
 
 use super::config::TokenLayout;
 use super::past::Counts;
+use kinelm_engine::op::embedding::NONE;
 use kinelm_tokenizer::PlaceIds;
 
 /// Rows of `last`, `place`, `character` and `step` that are added for a token.
@@ -18,6 +22,7 @@ pub const BACK: usize = 2;
 #[derive(Debug, Clone)]
 pub struct Frames {
     word: usize,
+    pad: u32,
     places: Vec<PlaceIds>,
     counts: Counts,
 }
@@ -25,7 +30,13 @@ pub struct Frames {
 impl Frames {
     /// Of windows of these tokens, whose places are of one kind each.
     pub fn of(tokens: &TokenLayout) -> Frames {
-        Frames { word: tokens.word, places: tokens.place_ids().collect(), counts: Counts::of(tokens) }
+        let (word, pad) = (tokens.word, tokens.pad);
+        Frames { word, pad, places: tokens.place_ids().collect(), counts: Counts::of(tokens) }
+    }
+
+    /// Frames of a window, up to the first that is padding.
+    pub fn shown(&self, inputs: &[u32]) -> usize {
+        inputs.iter().skip(1).step_by(self.word).take_while(|&&id| id != self.pad).count()
     }
 
     /// W.
@@ -101,6 +112,25 @@ impl Frames {
     }
 }
 
+/// A row of the trunk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TrunkRow {
+    /// It reads the frames before this one.
+    pub frame: usize,
+    /// Its row of the table of positions; [`NONE`] of a class row.
+    pub position: u32,
+    /// Its row of the table of class rows; [`NONE`] of one that speaks for a frame.
+    pub class: u32,
+}
+
+/// The row `row` of the trunk in a window of `shown` frames, behind which `classes` class rows stand.
+pub fn trunk_row(row: usize, shown: usize, classes: usize) -> TrunkRow {
+    match row.checked_sub(shown).filter(|class| *class < classes) {
+        Some(class) => TrunkRow { frame: shown, position: NONE, class: class as u32 },
+        None => TrunkRow { frame: row, position: row as u32, class: NONE },
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -144,6 +174,19 @@ mod tests {
         assert_eq!(frames.spelt(&INPUTS, 16), [7 + 5 - 5, 4, 3, 7 + 5 + 3]);
         // a space
         assert_eq!(frames.spelt(&INPUTS, 17), [7 + 5 - 3, 5, 7, 18]);
+    }
+
+    #[test]
+    fn padding_is_no_frame() {
+        let frames = frames();
+        assert_eq!(frames.shown(&INPUTS), 3);
+        assert_eq!(frames.shown(&INPUTS[..8]), 2);
+        assert_eq!(frames.shown(&[&INPUTS[..13], &[0; 12]].concat()), 2);
+        assert_eq!((frames.shown(&[1]), frames.shown(&[])), (0, 0));
+        let rows: Vec<_> = (0..5).map(|row| trunk_row(row, 2, 2)).collect();
+        assert_eq!(rows.iter().map(|r| r.frame).collect::<Vec<_>>(), [0, 1, 2, 2, 4]);
+        assert_eq!(rows.iter().map(|r| r.position).collect::<Vec<_>>(), [0, 1, NONE, NONE, 4]);
+        assert_eq!(rows.iter().map(|r| r.class).collect::<Vec<_>>(), [NONE, NONE, 0, 1, NONE]);
     }
 
     #[test]

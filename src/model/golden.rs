@@ -1,5 +1,6 @@
 //! Both forms of every kind of model against PyTorch's in f64.
 
+use super::ahead::Told;
 use super::config::{ModelConfig, TokenLayout};
 use super::fast::{Fast, Windows};
 use super::gpt::Gpt;
@@ -10,8 +11,10 @@ use std::collections::BTreeMap;
 
 /// For the plain form in f64: the golden numbers have nine digits.
 const BOUND: f64 = 1e-7;
-/// For the fast form in f32, whose weights are rounded to it.
-const FAST: f64 = 1e-4;
+/// For the fast form in f32, whose weights are rounded to it: logits and losses, then gradients; of flat models, and of
+/// two-level ones.
+const FAST: [f64; 2] = [1e-4; 2];
+const TWO_LEVELS: [f64; 2] = [1e-5, 3e-5];
 
 /// As scripts/reference/gpt_forms.py fills tensors, by their number in the order of the names.
 fn numbers(parameter: &layout::Parameter, tensor: usize) -> Tensor {
@@ -29,6 +32,7 @@ struct Case<'a> {
     inputs: Vec<u32>,
     targets: Vec<u32>,
     length: usize,
+    told: Option<Told>,
 }
 
 impl Case<'_> {
@@ -39,12 +43,18 @@ impl Case<'_> {
         let tensors = parameters.iter().enumerate().map(|(i, p)| (p.name.clone(), numbers(p, i))).collect();
         let ids = |key: &str| serde_json::from_value::<Vec<Vec<u32>>>(golden[key].clone()).unwrap();
         let (inputs, targets) = (ids("inputs"), ids("targets"));
+        let told = golden.get("told").map(|told| Told {
+            numbers: serde_json::from_value(told["numbers"].clone()).unwrap(),
+            rows: serde_json::from_value(told["rows"].clone()).unwrap(),
+            music: Vec::new(),
+        });
         Case {
             golden,
             gpt: Gpt::from_tensors(&config, &tokens, tensors).unwrap(),
             length: inputs[0].len(),
             inputs: inputs.concat(),
             targets: targets.concat(),
+            told,
         }
     }
 
@@ -94,11 +104,16 @@ impl Case<'_> {
     fn check_plain(&self) {
         let mut gpt = self.gpt.to_f64().unwrap();
         let ids = gpt.ids(&self.inputs, self.length).unwrap();
-        let logits = gpt.predict(&ids).unwrap().flatten_all().unwrap().to_vec1::<f64>().unwrap();
+        let logits = match &self.told {
+            Some(told) => gpt.forward_told(&ids, told).unwrap(),
+            None => gpt.predict(&ids).unwrap(),
+        };
+        let logits = logits.flatten_all().unwrap().to_vec1::<f64>().unwrap();
         self.check_logits("plain", &logits, BOUND);
         let mut check = |width: Option<f64>, expected: &Value| {
             gpt.smooth_targets(width);
-            let loss = gpt.loss(&ids, &self.targets, None).unwrap();
+            let loss = gpt.loss_sum_told(&ids, &self.targets, None, self.told.as_ref()).unwrap();
+            let loss = (loss / self.counted() as f64).unwrap();
             self.check_loss("plain", loss.to_scalar().unwrap(), BOUND);
             let store = loss.backward().unwrap();
             let gradient = |(name, var): (&String, &Var)| {
@@ -115,22 +130,22 @@ impl Case<'_> {
 }
 
 impl Case<'_> {
-    fn check_fast(&self) {
+    fn check_fast(&self, [bound, of_gradients]: [f64; 2]) {
         let tensor = |(name, var): (&String, &Var)| (name.clone(), var.to_dtype(DType::F32).unwrap());
         let tensors = self.gpt.vars().iter().map(tensor).collect();
         let mut fast = Fast::from_tensors(self.gpt.config(), self.gpt.tokens(), tensors).unwrap();
         let (inputs, targets) = (&self.inputs, &self.targets);
-        let windows = Windows { inputs, targets, length: self.length, mask: fast.mask(), told: None };
+        let windows = Windows { inputs, targets, length: self.length, mask: fast.mask(), told: self.told.as_ref() };
         let logits: Vec<f64> = fast.logits(windows).unwrap().into_iter().map(f64::from).collect();
-        self.check_logits("fast", &logits, FAST);
+        self.check_logits("fast", &logits, bound);
         let mut check = |width: Option<f64>, expected: &Value| {
             fast.smooth_targets(width);
             let mut gradients = fast.like_weights();
             let nats = fast.gradients(windows, None, &mut gradients).unwrap();
-            self.check_loss("fast", nats / self.counted() as f64, FAST);
+            self.check_loss("fast", nats / self.counted() as f64, bound);
             let wide = |g: &[f32]| g.iter().map(|&x| f64::from(x)).collect();
             let named = fast.parameters().iter().zip(&gradients).map(|(p, g)| (p.name.clone(), wide(g)));
-            self.check_gradients("fast", &named.collect(), expected, FAST);
+            self.check_gradients("fast", &named.collect(), expected, of_gradients);
         };
         check(None, &self.golden["gradients"]);
         if let Some(width) = self.golden["ordinal"]["width"].as_f64() {
@@ -147,6 +162,18 @@ fn every_form_is_pytorchs() {
     for case in cases.iter().map(Case::of) {
         assert!(case.counted() > 0);
         case.check_plain();
-        case.check_fast();
+        case.check_fast(FAST);
+    }
+}
+
+#[test]
+fn two_levels_are_pytorchs() {
+    let golden: Value = serde_json::from_str(include_str!("../../tests/golden/two_level.json")).unwrap();
+    let cases = golden["cases"].as_array().unwrap();
+    assert_eq!(cases.iter().map(|case| case.get("told").is_some()).collect::<Vec<_>>(), [false, false, true, true]);
+    for case in cases.iter().map(Case::of) {
+        assert!(case.counted() > 0 && case.inputs.contains(&case.gpt.tokens().pad));
+        case.check_plain();
+        case.check_fast(TWO_LEVELS);
     }
 }

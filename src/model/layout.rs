@@ -104,6 +104,9 @@ fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
         // a model that learns labels later begins as it was
         all.push(Parameter { init: Init::Zeros, ..embedding(LABEL, tokens.vocabulary, trunk) });
     }
+    if config.classes > 0 {
+        all.push(embedding(CLASS, config.classes, trunk));
+    }
     linear(&mut all, "frame.join", BACK * c * e, trunk, 0.02);
     stack(&mut all, TRUNK, config.layers, trunk);
     norm(&mut all, "trunk.norm", trunk);
@@ -128,6 +131,8 @@ fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
 
 /// The table of labels, whose rows are added to every frame: there where windows begin with labels.
 pub(super) const LABEL: &str = "frame.label.weight";
+/// What stands in the place of a position in the rows behind the last frame that a classifier reads.
+pub(crate) const CLASS: &str = "frame.class.weight";
 /// What a frame is told of what is given ahead goes through these: its numbers to the trunk's row and to those of the decoder,
 /// and two tables of steps.
 pub(crate) const AHEAD: [&str; 4] =

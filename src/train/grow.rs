@@ -1,7 +1,7 @@
 //! Weights of a model that gets more labels: its tables grow, what it knows stays.
 
 use crate::corpus::conditions::in_order;
-use crate::model::layout::{self, AHEAD, MUSIC};
+use crate::model::layout::{self, AHEAD, CLASS, MUSIC};
 use crate::model::{ModelConfig, TokenLayout};
 use crate::{Error, Result};
 use candle_core::{Device, Tensor};
@@ -49,10 +49,11 @@ pub fn grow(
     let before = layout::parameters(config, was);
     let grown = layout::parameters(config, is).into_iter().map(|p| {
         let expected = before.iter().find(|b| b.name == p.name).map(|b| b.shape.as_slice());
-        let is_told = AHEAD.contains(&p.name.as_str()) || MUSIC.contains(&p.name.as_str());
-        let comes_new = is_told && !weights.contains_key(&p.name);
+        let name = p.name.as_str();
+        let comes_new =
+            (AHEAD.contains(&name) || MUSIC.contains(&name) || name == CLASS) && !weights.contains_key(name);
         if expected.is_none() || comes_new {
-            // what comes with the first labels, or with being told what is ahead, or music
+            // what comes with the first labels, with being told what is ahead, or music, or with a classifier
             let tensor = Tensor::from_vec(p.initial(seed), p.shape.as_slice(), &Device::Cpu)?;
             return Ok((p.name, tensor));
         }

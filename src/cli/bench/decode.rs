@@ -14,6 +14,7 @@ use kinelm_tokenizer::{Grammar, Vocabulary, WordLength};
 use rand_chacha::rand_core::RngCore;
 use rayon::prelude::*;
 use serde_json::{Value, json};
+use std::ops::Range;
 use std::time::Instant;
 
 /// Tokens that are read one by one, at the end of the context, in a timing.
@@ -21,7 +22,12 @@ const STEPS: usize = 32;
 /// Ids below it are special ones.
 const FIRST_ID: u32 = 6;
 /// Places of a word that a prompted dance has given: a shoulder, an elbow and a wrist of three angles each.
-const GIVEN: std::ops::Range<usize> = 27..36;
+const GIVEN: Range<usize> = 27..36;
+/// And of a two-level model: the pelvis's place and turn.
+const ROOT: Range<usize> = 0..6;
+/// Frames of a second, at 20 a second, behind which times are compared, and how many frames at a time.
+const LEAD_IN: usize = 20;
+const EVEN: usize = 64;
 /// Numbers that are read for the memory's bandwidth: 256 MiB.
 const SWEEP: usize = 64 << 20;
 
@@ -32,10 +38,20 @@ pub struct Args {
     /// S: sequences read side by side
     #[arg(long, value_name = "S", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=16))]
     streams: u8,
+    /// Frames of the dances; two windows if not given. Of 148 and more it is told how even their times are
+    #[arg(long, value_name = "F", value_parser = frames)]
+    frames: Option<usize>,
     #[command(flatten)]
     reading: ReadingArgs,
     #[command(flatten)]
     how: How,
+}
+
+fn frames(text: &str) -> std::result::Result<usize, String> {
+    match text.parse() {
+        Ok(frames @ 1..=1_000_000) => Ok(frames),
+        _ => Err("expected 1 to 1000000 frames".into()),
+    }
 }
 
 struct Bench<'a> {
@@ -103,6 +119,10 @@ impl Bench<'_> {
             Ok(())
         })?;
         let rates = Rates::of((steps * streams) as f64, &timed);
+        if !self.model.file.model.architecture.is_flat() {
+            // a frame's keys and the decoder's weights stay in the cache: memory doesn't bound it
+            return self.row("decode", Unit::Tokens, rates, json!({}));
+        }
         let bytes = self.reader.weight_bytes() + streams * self.kv_bytes(context - steps / 2);
         let (read, most) = (bytes as f64 * rates.median / streams as f64 / 1e9, bandwidth());
         let more = json!({
@@ -131,22 +151,57 @@ impl Bench<'_> {
         self.row("prefill", Unit::Tokens, Rates::of(self.tokens.len() as f64, &timed), json!({}))
     }
 
-    /// Dances of which an arm is given, until the window has moved twice.
+    /// Dances of which an arm is given, of a two-level model the root too; by default until the window has moved twice.
     fn prompted(&mut self) -> Result<()> {
-        let word = self.model.tokens.word;
-        let given: Vec<bool> = (0..word - 1).map(|place| GIVEN.contains(&place)).collect();
-        let frames = 2 * (self.tokens.len() / word);
-        let prompt: Vec<u32> = self.tokens.iter().copied().cycle().take(frames * word).collect();
-        let vocabulary = Vocabulary::new(self.model.tokens.vocabulary as u32 - FIRST_ID);
+        let tokens = &self.model.tokens;
+        let (word, window) = (tokens.word, tokens.room(self.tokens.len()) / tokens.word);
+        let root = if self.model.file.model.architecture.is_flat() { 0..0 } else { ROOT };
+        let given: Vec<bool> = (0..word - 1).map(|place| GIVEN.contains(&place) || root.contains(&place)).collect();
+        let frames = self.args.frames.unwrap_or(2 * window);
+        let ids = self.tokens.iter().copied().cycle().take(frames.max(window) * word).enumerate();
+        let prompt: Vec<u32> = ids.map(|(i, id)| if i % word + 1 == word { tokens.space } else { id }).collect();
+        let vocabulary = Vocabulary::new(tokens.vocabulary as u32 - FIRST_ID);
         let grammar = Grammar::new(&vocabulary, WordLength::Fixed(word - 1));
         let plan = Plan::free(grammar, frames, Draw::default(), 1);
         let plan = Plan { given: &given, prompt: &prompt, ..plan };
-        let reader = &mut self.reader;
+        let behind = Plan { beginning: &prompt[..(window - 1) * word], words: window, ..plan.clone() };
         let repeats = self.args.how.repeats.unwrap_or(3);
-        let timed = seconds(0, repeats, || Ok(dances(reader, &plan, &mut |_| {}).map(|_| ())?))?;
-        let rates = Rates::of((frames * self.reading.streams) as f64, &timed);
-        self.row("generate", Unit::Frames, rates, json!({ "given": GIVEN.len(), "free": given.len() - GIVEN.len() }))
+        let runs = (0..repeats).map(|_| times(&mut self.reader, &plan)).collect::<Result<Vec<_>>>()?;
+        let later =
+            (0..repeats).map(|_| Ok(times(&mut self.reader, &behind)?[window - 1])).collect::<Result<Vec<_>>>()?;
+        let whole: Vec<f64> = runs.iter().filter_map(|run| run.last().copied()).collect();
+        let first: Vec<f64> = runs.iter().filter_map(|run| run.first().copied()).collect();
+        let milliseconds = |seconds: &[f64]| rounded(1e3 / Rates::of(1.0, seconds).median, 1);
+        let count = given.iter().filter(|given| **given).count();
+        let mut more = json!({
+            "given": count,
+            "free": given.len() - count,
+            "first_frame_ms": milliseconds(&first),
+            "first_behind_a_window_ms": milliseconds(&later),
+        });
+        if let Some((least, most)) = runs.last().and_then(|run| evenness(run)) {
+            more["even_64"] = json!([rounded(least, 3), rounded(most, 3)]);
+        }
+        let rates = Rates::of((frames * self.reading.streams) as f64, &whole);
+        self.row("generate", Unit::Frames, rates, more)
     }
+}
+
+/// Seconds from the call until each frame of `plan` was there.
+fn times(reader: &mut Reader, plan: &Plan) -> Result<Vec<f64>> {
+    let (started, mut at) = (Instant::now(), Vec::with_capacity(plan.words));
+    dances(reader, plan, &mut |frames| at.resize(frames, started.elapsed().as_secs_f64()))?;
+    Ok(at)
+}
+
+/// Of every 64 frames from the 20th on, the time over that of the first 64 there: the least and the most; `None` where there
+/// are fewer than twice 64.
+fn evenness(at: &[f64]) -> Option<(f64, f64)> {
+    let marks: Vec<f64> = at.iter().skip(LEAD_IN - 1).step_by(EVEN).copied().collect();
+    let each: Vec<f64> = marks.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let (first, later) = each.split_first().filter(|(_, later)| !later.is_empty())?;
+    let ratios = later.iter().map(|seconds| seconds / first.max(1e-9));
+    Some(ratios.fold((f64::INFINITY, 0.0), |(least, most), ratio| (least.min(ratio), most.max(ratio))))
 }
 
 /// 10^9 bytes a second that all threads together read from memory: the best of 8 sweeps, four streams a thread.
@@ -169,4 +224,19 @@ fn bandwidth() -> f64 {
         (SWEEP * 4) as f64 / started.elapsed().as_secs_f64() / 1e9
     };
     (0..8).map(sweep).fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn evenness_is_of_whole_stretches_behind_the_first_second() {
+        // a frame a second, from the 100th on two
+        let at: Vec<f64> = (0..300).map(|i| if i < 100 { i as f64 } else { 2.0 * i as f64 - 100.0 }).collect();
+        // frames 19, 83, 147, 211, 275: 64 s, 64 + 47 s, twice 128 s
+        assert_eq!(evenness(&at), Some((111.0 / 64.0, 2.0)));
+        assert_eq!((evenness(&at[..147]), evenness(&[])), (None, None));
+        assert!(evenness(&at[..148]).is_some());
+    }
 }

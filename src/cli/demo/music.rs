@@ -121,6 +121,7 @@ fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
     let recipe = Recipe {
         run: args.out.join("run"),
         prompt: None,
+        timed_labels: Vec::new(),
         labels: BTreeMap::new(),
         guidance: if piece.is_some() { GUIDANCE } else { 1.0 },
         ahead: 0.0,

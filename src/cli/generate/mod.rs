@@ -11,6 +11,7 @@ use kinelm::corpus::FileRecord;
 use kinelm::generate::apart::{apart, free_between};
 use kinelm::generate::best::Best;
 use kinelm::generate::feet::Care;
+use kinelm::generate::labels::TimedLabel;
 use kinelm::generate::make::{Followed, Ready};
 use kinelm::generate::music::GUIDANCE;
 use kinelm::generate::prompt;
@@ -45,9 +46,10 @@ pub struct Args {
     /// Go on from this frame of the prompt: those before it are kept, as far as they fill whole words
     #[arg(long, value_name = "N", requires = "prompt", value_parser = clap::value_parser!(u32).range(1..))]
     from_frame: Option<u32>,
-    /// What the dance shall be, for every label field that the model was told of in training; once a field
-    #[arg(long = "label", value_name = "FIELD=VALUE", value_parser = kinelm::corpus::labels::pair)]
-    labels: Vec<(String, String)>,
+    /// What the dance shall be, for every label field that the model was told of in training; once a field, or for times that
+    /// don't meet (genre=salsa@0s:10s)
+    #[arg(long = "label", value_name = "FIELD=VALUE[@FROM:TO]")]
+    labels: Vec<TimedLabel>,
     /// Music to dance to (.mp3 .ogg .flac .wav .m4a), for a model that was told of music (model.music). The dance is as long as
     /// the music unless told
     #[arg(long, value_name = "FILE")]
@@ -235,7 +237,8 @@ fn outputs(args: &Args, recipe: &Recipe) -> Outputs {
 /// What was asked for.
 fn recipe(args: &Args, say: Say) -> Result<Recipe> {
     let mut labels = BTreeMap::new();
-    for (field, value) in &args.labels {
+    let (always, timed): (Vec<&TimedLabel>, Vec<_>) = args.labels.iter().partition(|label| label.is_always());
+    for TimedLabel { field, value, .. } in always {
         if labels.insert(field.clone(), value.clone()).is_some() {
             return Err(WrongCall(format!("--label {field}={value}: {field} is asked for twice; give it once")).into());
         }
@@ -268,6 +271,7 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
         run: args.run.clone().context("no run folder")?,
         prompt,
         labels,
+        timed_labels: timed.into_iter().cloned().collect(),
         music: args.music.clone().map(|path| MusicRecipe { path, from_s: args.music_from.unwrap_or(0.0) }),
         guidance: args.guidance.unwrap_or(if args.music.is_some() { GUIDANCE } else { 1.0 }),
         ahead: args.ahead.unwrap_or(0.0),

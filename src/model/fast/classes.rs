@@ -2,7 +2,7 @@
 
 use super::{Fast, Windows};
 use crate::Result;
-use crate::model::Dropout;
+use crate::model::{Architecture, Dropout};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::bins::Bins;
 use kinelm_engine::block::Norm;
@@ -35,7 +35,7 @@ pub struct Losses {
 
 impl Fast {
     /// As [`Fast::gradients`], of the mean over the targets plus the weighted sum over the class rows: logit c of a row is
-    /// h . row c of its table (C, D), h the final norm's output. `of_tables` become the gradients of the tables.
+    /// h . row c of its table (C, D), h as [`Fast::final_vectors`] has it. `of_tables` become the gradients of the tables.
     ///
     /// # Errors
     /// As [`Fast::gradients`].
@@ -58,7 +58,8 @@ impl Fast {
         Ok(Losses { tokens, classes })
     }
 
-    /// The final norm's output at the rows `rows` of a batch, a vector of D each, one after the other.
+    /// The final norm's output at the rows `rows` of a batch, a vector of D each, one after the other. Of a two-level model
+    /// that is the trunk's norm, and rows are frames (B F).
     ///
     /// # Errors
     /// As [`Fast::gradients`].
@@ -67,8 +68,7 @@ impl Fast {
     /// If a row isn't there.
     pub fn final_vectors(&mut self, windows: Windows, rows: &[usize]) -> Result<Vec<f32>> {
         let mut pass = self.scored(windows)?;
-        pass.forward(self, windows, None);
-        let found = self.normed(pass.last(), rows);
+        let found = self.normed(pass.vectors(self, windows), rows);
         self.scoring = Some(pass);
         Ok(found)
     }
@@ -77,9 +77,22 @@ impl Fast {
         let d = self.config.width;
         let x: Vec<f32> = rows.iter().flat_map(|&row| &last[row * d..][..d]).copied().collect();
         let (mut out, mut stats) = (vec![0.0; x.len()], vec![0.0; 2 * rows.len()]);
-        let Norm { weight, bias } = self.norm();
+        let Norm { weight, bias } = self.vector_norm();
         kinelm_engine::op::layer_norm::forward(&mut out, &mut stats, &x, weight, bias);
         out
+    }
+
+    fn vector_norm(&self) -> Norm<&[f32]> {
+        let [bias, weight] = self.vector_norm_names().map(|name| self.weight(name));
+        Norm { weight, bias }
+    }
+
+    /// Bias and weight of the norm behind which final vectors stand.
+    fn vector_norm_names(&self) -> [&'static str; 2] {
+        match self.config.architecture {
+            Architecture::Flat => ["norm.bias", "norm.weight"],
+            Architecture::TwoLevel => super::two_level::NORM,
+        }
     }
 
     fn class_loss(
@@ -91,9 +104,7 @@ impl Fast {
         of_tables: &mut [Floats],
     ) -> f64 {
         let d = self.config.width;
-        let [Some(bias), Some(weight)] = ["norm.bias", "norm.weight"].map(|name| self.find(name)) else {
-            panic!("a model has a norm")
-        };
+        let [bias, weight] = self.vector_norm_names().map(|name| self.index(name));
         let mut nats = 0.0;
         // an exam has one scale: rows of one table and one weight go together
         let mut order: Vec<&ClassRow> = rows.iter().collect();
@@ -112,7 +123,7 @@ impl Fast {
             let norm = Norm { weight: &mut **weight, bias: &mut **bias };
             let mut to = head::Gradients { dx: &mut of_x, norm, head: &mut of_tables[table] };
             let exam = Exam { asked: &asked, smoothing: None, scale };
-            let found = head::loss(&x, self.norm(), &tables[table], exam, &mut to, Store::Add, &mut space);
+            let found = head::loss(&x, self.vector_norm(), &tables[table], exam, &mut to, Store::Add, &mut space);
             nats += f64::from(scale) * found;
             for (r, of_x) in same.iter().zip(of_x.chunks(d)) {
                 dx[r.row * d..][..d].iter_mut().zip(of_x).for_each(|(dx, g)| *dx += g);
@@ -122,8 +133,8 @@ impl Fast {
     }
 }
 
-/// What is added to a backward pass when the heads over ids are done: from the last block's output (N, D) to its gradient
-/// and those of the model's tensors.
+/// What is added to a backward pass where final vectors stand: from what goes into their norm (N, D) to its gradient and those
+/// of the model's tensors.
 pub(super) type Added<'a> = &'a mut dyn FnMut(&Fast, &[f32], &mut [f32], &mut [Floats]);
 
 #[cfg(test)]
@@ -131,10 +142,10 @@ mod tests {
     use super::*;
     use crate::classify::windows::{Layout, mask};
     use crate::model::ops::Mask as PlainMask;
-    use crate::model::{Gpt, HeadKind, ModelConfig, Positions, TokenLayout};
+    use crate::model::{Gpt, HeadKind, ModelConfig, Positions, TokenLayout, forms, layout};
     use crate::random;
     use crate::train::fixture::TOKENS;
-    use candle_core::{Device, Tensor, Var};
+    use candle_core::{DType, Device, Tensor, Var};
     use rand_chacha::rand_core::RngCore;
 
     const CLASSES: [usize; 2] = [3, 2];
@@ -270,5 +281,126 @@ mod tests {
         for (row, (a, b)) in case.rows.iter().zip(vectors.chunks(d).zip(others.chunks(d))) {
             assert_eq!(a == b, row.table == 1, "only the token itself is another");
         }
+    }
+
+    /// Two windows of a two-level model, of 4 and 2 frames in front of two class rows; a room of 6.
+    fn frames() -> (Gpt, Layout, [usize; 2], Vec<u32>, Vec<u32>) {
+        let (levels, tokens) = forms::every(36).into_iter().find(|(c, _)| !c.architecture.is_flat()).unwrap();
+        let layout = Layout::new(&levels, &tokens, 2).unwrap();
+        let gpt = forms::model(&ModelConfig { classes: 2, ..levels }, &tokens);
+        let (t, words) = (layout.length(), [layout.words(), 2]);
+        assert_eq!((t, words), (36, [4, 2]));
+        // the first of three windows is whole
+        let (_, ids) = forms::batch(gpt.config(), &tokens, 3, t);
+        let (mut inputs, mut targets) = (vec![0; 2 * t], vec![0; 2 * t]);
+        for (i, words) in words.into_iter().enumerate() {
+            let ids = &ids[i * tokens.word..][..words * tokens.word];
+            layout.fill(ids, &mut inputs[i * t..][..t], &mut targets[i * t..][..t]);
+        }
+        (gpt, layout, words, inputs, targets)
+    }
+
+    #[test]
+    fn class_rows_of_a_two_level_model_are_the_oracles() {
+        let (gpt, layout, words, inputs, targets) = frames();
+        let (truth, d) = (gpt.to_f64().unwrap(), gpt.config().width);
+        let (length, places) = (layout.length(), layout.places());
+        let mut rng = random::stream(4, "tables", 0, 0);
+        let mut numbers = |n: usize| (0..n).map(|_| random::unit(&mut rng) as f32 - 0.5).collect::<Vec<f32>>();
+        let tables: Vec<Floats> = CLASSES.iter().map(|n| Floats::of(&numbers(n * d))).collect();
+        let row = |window: usize, table: usize, class, weight| ClassRow {
+            row: window * places + layout.rows(words[window]).start + table,
+            table,
+            class,
+            weight,
+        };
+        let rows = [row(0, 0, 2, 0.5), row(1, 0, 0, 1.25), row(0, 1, 1, 0.5), row(1, 1, 1, 0.75)];
+        let ids = truth.ids(&inputs, length).unwrap();
+        for hiding in [None, layout.hiding(&words, false)] {
+            let plain = hiding.as_ref().map_or(PlainMask::Causal, |mask| {
+                let mask = Tensor::from_slice(mask, (2, 1, places, places), &Device::Cpu).unwrap();
+                PlainMask::Additive(mask.to_dtype(DType::F64).unwrap())
+            });
+            let vectors = truth.final_vectors(&ids, &plain).unwrap();
+            let vars: Vec<Var> = tables
+                .iter()
+                .map(|x| {
+                    let x = Tensor::from_slice(x, (x.len() / d, d), &Device::Cpu).unwrap();
+                    Var::from_tensor(&x.to_dtype(DType::F64).unwrap()).unwrap()
+                })
+                .collect();
+            let nats = rows.iter().map(|r| {
+                let logits = vectors.narrow(0, r.row, 1).unwrap().matmul(&vars[r.table].t().unwrap()).unwrap();
+                let log_p = candle_nn::ops::log_softmax(&logits, 1).unwrap().narrow(1, r.class as usize, 1).unwrap();
+                (log_p.sum_all().unwrap() * f64::from(-r.weight)).unwrap()
+            });
+            let classes = nats.reduce(|a, b| (a + b).unwrap()).unwrap();
+            let motion = truth.loss_sum(&ids, &targets, None).unwrap();
+            let counted = targets.iter().filter(|&&t| t != 0).count();
+            let loss = (&motion / counted as f64).unwrap().add(&classes).unwrap();
+            let store = loss.backward().unwrap();
+
+            let mut fast = Fast::of(&gpt).unwrap();
+            let (mut gradients, mut of_tables) = (fast.like_weights(), tables.clone());
+            gradients.iter_mut().for_each(|g| g.fill(f32::NAN));
+            let windows =
+                Windows { inputs: &inputs, targets: &targets, length, mask: mask(hiding.as_deref()), told: None };
+            let asked = (tables.as_slice(), &rows[..]);
+            let found = fast.gradients_with_classes(windows, None, &mut gradients, asked, &mut of_tables).unwrap();
+            let near = |found: f64, expected: &Tensor| {
+                let expected = expected.to_scalar::<f64>().unwrap();
+                (found - expected).abs() <= 1e-5 * expected.abs()
+            };
+            assert!(near(found.tokens, &motion) && near(found.classes, &classes), "{found:?}");
+            let close = |name: &str, found: &[f32], expected: &Tensor| {
+                let expected = expected.flatten_all().unwrap().to_vec1::<f64>().unwrap();
+                let most = expected.iter().fold(1e-3, |m: f64, x| m.max(x.abs()));
+                let far = found.iter().zip(&expected).map(|(a, b)| (f64::from(*a) - b).abs()).fold(0.0, f64::max);
+                assert!(far <= 1e-5 * most && found.iter().all(|x| x.is_finite()), "{name}: {far} of {most}");
+            };
+            for (p, gradient) in fast.parameters().iter().zip(&gradients) {
+                close(&p.name, gradient, store.get(truth.vars()[&p.name].as_tensor()).unwrap());
+            }
+            for (i, (var, gradient)) in vars.iter().zip(&of_tables).enumerate() {
+                close(&format!("table {i}"), gradient, store.get(var.as_tensor()).unwrap());
+            }
+            let all: Vec<usize> = (0..2 * places).collect();
+            close("vectors", &fast.final_vectors(windows, &all).unwrap(), &vectors);
+        }
+    }
+
+    #[test]
+    fn class_rows_see_the_frames_and_themselves_and_nobody_sees_them() {
+        let (gpt, layout, words, inputs, targets) = frames();
+        let (length, places, d, word) = (layout.length(), layout.places(), gpt.config().width, gpt.tokens().word);
+        let hiding = layout.hiding(&words, false).unwrap();
+        let read = |inputs: &[u32]| {
+            let mut fast = Fast::of(&gpt).unwrap();
+            let windows = Windows { inputs, targets: &targets, length, mask: mask(Some(&hiding)), told: None };
+            let vectors = fast.final_vectors(windows, &(0..2 * places).collect::<Vec<_>>()).unwrap();
+            (vectors, fast.logits(windows).unwrap())
+        };
+        let (vectors, logits) = read(&inputs);
+        // which rows of the second window become others (0 and 1 are frames, 2 and 3 class rows), and whether a logit does
+        let others = |(now, of_tokens): &(Vec<f32>, Vec<f32>)| {
+            let row = |row: &usize| vectors[(places + row) * d..][..d] != now[(places + row) * d..][..d];
+            let [from, to] = [length, length + 2 * word].map(|at| at * gpt.tokens().vocabulary);
+            ((0..4).filter(row).collect::<Vec<_>>(), logits[from..to] != of_tokens[from..to])
+        };
+        let with = |at: usize, id: u32| {
+            let mut inputs = inputs.clone();
+            assert_ne!(std::mem::replace(&mut inputs[length + 1 + at], id), id);
+            read(&inputs)
+        };
+        // a character of the last frame, which the decoder reads too; padding
+        let last = 2 * word - 2;
+        let other = if inputs[length + 1 + last] == 20 { 21 } else { 20 };
+        assert_eq!(others(&with(last, other)), (vec![2, 3], true));
+        assert_eq!(others(&with(2 * word + 1, 6)), (vec![], false));
+        // what stands for the first field
+        let class = &gpt.vars()[layout::CLASS];
+        let first = Tensor::new(&[[2f32], [1.0]], &Device::Cpu).unwrap();
+        class.set(&class.as_tensor().broadcast_mul(&first).unwrap()).unwrap();
+        assert_eq!(others(&read(&inputs)), (vec![2], false));
     }
 }

@@ -73,9 +73,18 @@ impl Pass {
         self.heads.logits(model, self.body.last(), windows.inputs, windows.length, out);
     }
 
-    /// What the head reads (N, d), before its norm.
-    pub fn last(&self) -> &[f32] {
-        self.body.last()
+    /// What [`Fast::final_vectors`] are of, before their norm: (B T, D), of a two-level model the trunk's rows (B F, D).
+    pub fn vectors(&mut self, model: &Fast, windows: Windows) -> &[f32] {
+        match &mut self.body {
+            Body::Flat(flat) => {
+                flat.forward(model, windows, None);
+                flat.last()
+            }
+            Body::TwoLevel(levels) => {
+                levels.forward_trunk(model, windows);
+                levels.vectors()
+            }
+        }
     }
 
     /// Loss in nats, summed; `gradients` become those of the loss times `scale`, and of what `added` adds.
@@ -90,10 +99,12 @@ impl Pass {
     ) -> f64 {
         let last = self.body.last();
         let nats = self.heads.loss(model, last, scale, &mut self.dx, gradients);
-        added(model, last, &mut self.dx, gradients);
         match &mut self.body {
-            Body::Flat(flat) => flat.backward(model, windows, keys, &mut self.dx, gradients),
-            Body::TwoLevel(levels) => levels.backward(model, windows.told, &mut self.dx, gradients),
+            Body::Flat(flat) => {
+                added(model, flat.last(), &mut self.dx, gradients);
+                flat.backward(model, windows, keys, &mut self.dx, gradients);
+            }
+            Body::TwoLevel(levels) => levels.backward(model, windows, &mut self.dx, gradients, added),
         }
         nats
     }

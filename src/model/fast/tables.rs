@@ -1,6 +1,6 @@
 //! Sums of rows of tables on all threads, and their gradients.
 
-use kinelm_engine::op::embedding::{self, Lookup};
+use kinelm_engine::op::embedding::{self, Lookup, NONE};
 use rayon::prelude::*;
 
 /// Rows that a piece computes.
@@ -12,9 +12,9 @@ pub(super) fn embed(out: &mut [f32], width: usize, lookups: &[Lookup]) {
     pieces.for_each(|(i, out)| embedding::forward(out, width, i * ROWS, lookups));
 }
 
-/// Adds to each row of `x` (n, D) that of a table by its id.
+/// Adds to each row of `x` (n, D) that of a table by its id; [`NONE`] adds nothing.
 pub(super) fn add_rows(x: &mut [f32], width: usize, table: &[f32], ids: &[u32]) {
-    let rows = x.par_chunks_mut(width).zip(ids);
+    let rows = x.par_chunks_mut(width).zip(ids).filter(|(_, row)| **row != NONE);
     rows.for_each(|(x, &row)| x.iter_mut().zip(&table[row as usize * width..][..width]).for_each(|(x, y)| *x += y));
 }
 

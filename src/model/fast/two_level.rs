@@ -3,27 +3,28 @@
 //! Letters: B windows, F frames, N = B F, W tokens of a word, C characters, T = F W, D width of the trunk, d of the decoder,
 //! e numbers of a character.
 
+use super::classes::Added;
 use super::stack::{Blocks, Stack};
 use super::tables::{add_rows, embed, into_table};
 use super::{Fast, Windows};
 use crate::model::ahead::{self, Told};
-use crate::model::frames::{BACK, Frames, SPELT};
-use crate::model::layout::{AHEAD, LABEL, MUSIC, SPELL, TRUNK};
+use crate::model::frames::{BACK, Frames, SPELT, TrunkRow, trunk_row};
+use crate::model::layout::{AHEAD, CLASS, LABEL, MUSIC, SPELL, TRUNK};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::{Linear, Norm, Rules, Shape};
 use kinelm_engine::dense;
 use kinelm_engine::linear::Products;
 use kinelm_engine::op::attention::Mask;
-use kinelm_engine::op::embedding::Lookup;
+use kinelm_engine::op::embedding::{Lookup, NONE};
 use rayon::prelude::*;
 
 /// Bias and weight of what the trunk reads, of its norm, and of what it tells the decoder.
 const JOIN: [&str; 2] = ["frame.join.bias", "frame.join.weight"];
-const NORM: [&str; 2] = ["trunk.norm.bias", "trunk.norm.weight"];
+pub(super) const NORM: [&str; 2] = ["trunk.norm.bias", "trunk.norm.weight"];
 const TELL: [&str; 2] = ["spell.frame.bias", "spell.frame.weight"];
 
-/// A frame sees those before it, a character those before it in its frame.
-const RULES: Rules<'static> = Rules { mask: Mask::Causal, dropout: None, rope: None };
+/// A character sees those before it in its frame.
+const SPELLING: Rules<'static> = Rules { mask: Mask::Causal, dropout: None, rope: None };
 
 /// The buffers of one shape.
 pub(super) struct TwoLevel {
@@ -40,6 +41,9 @@ pub(super) struct TwoLevel {
     seen: Vec<u32>,
     /// (N) rows of the table of positions.
     positions: Vec<u32>,
+    /// n, and (N) rows of their table.
+    class_rows: usize,
+    classes: Vec<u32>,
     /// (N W) each, rows of the tables of [`SPELT`], and of the frames' vectors.
     spelt: [Vec<u32>; 4],
     own: Vec<u32>,
@@ -146,6 +150,8 @@ impl TwoLevel {
             character: spells.character_width,
             seen: vec![0; n * of_frame],
             positions: (0..n).map(|row| (row % number) as u32).collect(),
+            class_rows: config.classes,
+            classes: vec![NONE; n],
             spelt: std::array::from_fn(|_| vec![0; n * word]),
             own: (0..n * word).map(|row| (row / word) as u32).collect(),
             labels: vec![vec![0; n]; ahead],
@@ -190,7 +196,19 @@ impl TwoLevel {
         }
         let of_frame = BACK * frames.characters();
         let window = |frame: usize| &inputs[frame / number * length + ahead..][..length - ahead];
-        self.seen.par_chunks_mut(of_frame).enumerate().for_each(|(i, rows)| frames.seen(window(i), i % number, rows));
+        let rows = self.positions.chunks_mut(number).zip(self.classes.chunks_mut(number)).enumerate();
+        for (i, (positions, classes)) in rows.filter(|_| self.class_rows > 0) {
+            let shown = frames.shown(window(i * number));
+            for (row, (position, class)) in positions.iter_mut().zip(classes).enumerate() {
+                TrunkRow { position: *position, class: *class, .. } = trunk_row(row, shown, self.class_rows);
+            }
+        }
+        // a class row reads what the first row behind the frames does
+        let read = |row: usize| match self.classes[row] {
+            NONE => row % number,
+            class => row % number - class as usize,
+        };
+        self.seen.par_chunks_mut(of_frame).enumerate().for_each(|(i, rows)| frames.seen(window(i), read(i), rows));
         let [last, place, character, step] = self.spelt.each_mut().map(|rows| rows.par_chunks_mut(word));
         (last, place, character, step).into_par_iter().enumerate().for_each(|(i, (last, place, character, step))| {
             for k in 0..word {
@@ -199,20 +217,33 @@ impl TwoLevel {
         });
     }
 
-    pub fn forward(&mut self, model: &Fast, windows: Windows) {
+    /// The trunk alone, for [`TwoLevel::vectors`].
+    pub fn forward_trunk(&mut self, model: &Fast, windows: Windows) {
         self.look(windows.inputs, windows.length);
         let seen = [Lookup { table: model.weight("frame.character.weight"), ids: &self.seen }];
         embed(&mut self.read, self.character, &seen);
         dense::forward(self.trunk.input(), &self.read, linear(model, JOIN), &mut self.join);
         let width = model.config.width;
         add_rows(self.trunk.input(), width, model.weight("frame.position.weight"), &self.positions);
+        if self.class_rows > 0 {
+            add_rows(self.trunk.input(), width, model.weight(CLASS), &self.classes);
+        }
         for labels in &self.labels {
             add_rows(self.trunk.input(), width, model.weight(LABEL), labels);
         }
         for (telling, numbers) in told(&mut self.tellings, windows.told) {
             telling.trunk.add(self.trunk.input(), numbers, model.weight(telling.names[0]));
         }
-        self.trunk.forward(&model.weights, |_| RULES);
+        self.trunk.forward(&model.weights, |_| between_frames(windows.mask));
+    }
+
+    /// What the trunk's last block gave (N, D).
+    pub fn vectors(&self) -> &[f32] {
+        self.trunk.last()
+    }
+
+    pub fn forward(&mut self, model: &Fast, windows: Windows) {
+        self.forward_trunk(model, windows);
         let norm = Norm { weight: model.weight(NORM[1]), bias: model.weight(NORM[0]) };
         dense::norm(&mut self.normed, &mut self.stats, self.trunk.last(), norm);
         dense::forward(&mut self.told, &self.normed, linear(model, TELL), &mut self.tell);
@@ -229,7 +260,7 @@ impl TwoLevel {
         }
         let d = self.decoder.shape().width;
         embed(self.decoder.input(), d, &lookups[..used]);
-        self.decoder.forward(&model.weights, |_| RULES);
+        self.decoder.forward(&model.weights, |_| SPELLING);
         if self.ahead > 0 {
             let (length, ahead) = (self.length * d, self.ahead * d);
             for (rows, given) in self.rows.chunks_mut(length).zip(self.decoder.last().chunks(length - ahead)) {
@@ -243,9 +274,9 @@ impl TwoLevel {
         if self.ahead > 0 { &self.rows } else { self.decoder.last() }
     }
 
-    /// From the gradient `dx` (B T, d) of [`TwoLevel::last`], which is used up, those of all tensors before it. Frames were
-    /// `told` this.
-    pub fn backward(&mut self, model: &Fast, is_told: Option<&Told>, dx: &mut [f32], gradients: &mut [Floats]) {
+    /// From the gradient `dx` (B T, d) of [`TwoLevel::last`], which is used up, those of all tensors before it; `added` adds to
+    /// that of [`TwoLevel::vectors`].
+    pub fn backward(&mut self, model: &Fast, windows: Windows, dx: &mut [f32], gradients: &mut [Floats], added: Added) {
         let Some(Back { d_read, d_told, d_normed, d_trunk, d_rows, d_label }) = &mut self.back else {
             panic!("buffers for the forward pass only")
         };
@@ -259,7 +290,7 @@ impl TwoLevel {
         } else {
             dx
         };
-        self.decoder.backward(&model.weights, gradients, dx, |_| RULES);
+        self.decoder.backward(&model.weights, gradients, dx, |_| SPELLING);
         for (name, ids) in SPELT.iter().zip(&self.spelt) {
             into_table(&mut gradients[model.index(name)], d, ids, dx);
         }
@@ -269,12 +300,12 @@ impl TwoLevel {
                 gradients[i].fill(0.0);
             }
         }
-        if let Some(rows) = is_told.map(|told| &told.rows).filter(|rows| !rows[0].is_empty()) {
+        if let Some(rows) = windows.told.map(|told| &told.rows).filter(|rows| !rows[0].is_empty()) {
             for (name, rows) in AHEAD[2..].iter().zip(rows) {
                 into_table(&mut gradients[model.index(name)], d, rows, dx);
             }
         }
-        for (telling, numbers) in told(&mut self.tellings, is_told) {
+        for (telling, numbers) in told(&mut self.tellings, windows.told) {
             let name = telling.names[1];
             telling.decoder.backward(d_told, numbers, model.weight(name), &mut gradients[model.index(name)]);
         }
@@ -283,13 +314,17 @@ impl TwoLevel {
         let Linear { weight, bias } = gradients_of(model, gradients, NORM);
         let saved = (self.trunk.last(), &*self.stats);
         dense::norm_backward(d_trunk, d_normed, saved, model.weight(NORM[1]), Norm { weight, bias });
-        self.trunk.backward(&model.weights, gradients, d_trunk, |_| RULES);
-        for (telling, numbers) in told(&mut self.tellings, is_told) {
+        added(model, self.trunk.last(), d_trunk, gradients);
+        self.trunk.backward(&model.weights, gradients, d_trunk, |_| between_frames(windows.mask));
+        for (telling, numbers) in told(&mut self.tellings, windows.told) {
             let name = telling.names[0];
             telling.trunk.backward(d_trunk, numbers, model.weight(name), &mut gradients[model.index(name)]);
         }
         let width = model.config.width;
         into_table(&mut gradients[model.index("frame.position.weight")], width, &self.positions, d_trunk);
+        if self.class_rows > 0 {
+            into_table(&mut gradients[model.index(CLASS)], width, &self.classes, d_trunk);
+        }
         for (k, ids) in self.labels.iter().enumerate() {
             into_table(d_label, width, ids, d_trunk);
             let gradient = &mut gradients[model.index(LABEL)];
@@ -312,6 +347,11 @@ fn told<'a>(tellings: &'a mut [Telling], told: Option<&'a Told>) -> impl Iterato
         .filter_map(with)
         .filter(|(numbers, _)| !numbers.is_empty())
         .map(|(numbers, telling)| (telling, numbers))
+}
+
+/// A frame sees those before it, or what `mask` (F, F) or (B, F, F) lets it.
+fn between_frames(mask: Mask<'_>) -> Rules<'_> {
+    Rules { mask, dropout: None, rope: None }
 }
 
 fn linear<'a>(model: &'a Fast, [bias, weight]: [&str; 2]) -> Linear<&'a [f32]> {

@@ -117,9 +117,13 @@ impl Net {
         self.head.nats(&hidden, &windows, targets, smoothing)
     }
 
-    /// What the final norm gives (N, D).
+    /// What the final norm gives (N, D); of a two-level model the trunk's, a row a frame.
     pub(super) fn final_vectors(&self, ids: &Tensor, mask: &Mask) -> Result<Tensor> {
-        Ok(self.hidden(ids, &windows(ids, None)?, mask, Beside::default(), None)?)
+        let windows = windows(ids, None)?;
+        match &self.body {
+            Body::Flat(_) => Ok(self.hidden(ids, &windows, mask, Beside::default(), None)?),
+            Body::TwoLevel(levels) => Ok(levels.vectors(&windows, mask)?.flatten_to(1)?),
+        }
     }
 
     fn hidden(
@@ -132,7 +136,7 @@ impl Net {
     ) -> candle_core::Result<Tensor> {
         let x = match &self.body {
             Body::Flat(flat) => flat.rows(ids, windows, mask, beside.dropout, memory)?,
-            Body::TwoLevel(levels) => levels.rows(windows, beside.told)?,
+            Body::TwoLevel(levels) => levels.rows(windows, mask, beside.told)?,
         };
         self.norm.forward(&x)?.flatten_to(1)
     }

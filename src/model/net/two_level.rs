@@ -6,8 +6,8 @@ use super::block::{Block, Linear, Norm};
 use super::rows_of;
 use crate::model::ahead::Told;
 use crate::model::config::{ModelConfig, TokenLayout};
-use crate::model::frames::{BACK, Frames, SPELT};
-use crate::model::layout::{AHEAD, LABEL, MUSIC, SPELL, TRUNK, block_name};
+use crate::model::frames::{BACK, Frames, SPELT, TrunkRow, trunk_row};
+use crate::model::layout::{AHEAD, CLASS, LABEL, MUSIC, SPELL, TRUNK, block_name};
 use crate::model::ops::Mask;
 use candle_core::{Result, Tensor};
 use kinelm_engine::op::embedding::NONE;
@@ -22,6 +22,8 @@ pub(super) struct TwoLevel {
     character: Tensor,
     /// (F, D).
     position: Tensor,
+    /// (n, D), where a classifier reads rows behind the last frame.
+    class: Option<Tensor>,
     /// (V, D), where windows begin with labels.
     label: Option<Tensor>,
     /// (2 C e, D).
@@ -51,6 +53,7 @@ impl TwoLevel {
             heads: [config.heads, decoder.heads],
             character: tensor("frame.character.weight"),
             position: tensor("frame.position.weight"),
+            class: (config.classes > 0).then(|| tensor(CLASS)),
             label: (tokens.front > 1).then(|| tensor(LABEL)),
             join: Linear::new("frame.join", tensor),
             trunk: blocks(TRUNK, config.layers),
@@ -63,9 +66,15 @@ impl TwoLevel {
         }
     }
 
-    /// (B, T, d) of `windows` (B, T), of which frames are `told` something; 0 for the tokens of the front but its last,
-    /// behind which nobody asks.
-    pub fn rows(&self, windows: &[Vec<u32>], told: Option<&Told>) -> Result<Tensor> {
+    /// (B, F, D) what the trunk's norm gives of `windows` (B, T), whose frames see what `mask` lets them.
+    pub fn vectors(&self, windows: &[Vec<u32>], mask: &Mask) -> Result<Tensor> {
+        let frames = windows[0].len().saturating_sub(self.ahead).div_ceil(self.frames.word());
+        self.trunk_norm.forward(&self.trunk(windows, frames, mask, None)?)
+    }
+
+    /// (B, T, d) of `windows` (B, T), of which frames see what `mask` lets them and are `told` something; 0 for the tokens of
+    /// the front but its last, behind which nobody asks.
+    pub fn rows(&self, windows: &[Vec<u32>], mask: &Mask, told: Option<&Told>) -> Result<Tensor> {
         let (batch, length) = (windows.len(), windows[0].len().saturating_sub(self.ahead));
         let ahead = (batch, self.ahead.min(windows[0].len()), self.spelt[0].dim(1)?);
         let ahead = Tensor::zeros(ahead, self.spelt[0].dtype(), self.spelt[0].device())?;
@@ -73,7 +82,7 @@ impl TwoLevel {
             return Ok(ahead);
         }
         let frames = length.div_ceil(self.frames.word());
-        let mut u = self.frame.forward(&self.trunk_norm.forward(&self.trunk(windows, frames, told)?)?)?;
+        let mut u = self.frame.forward(&self.trunk_norm.forward(&self.trunk(windows, frames, mask, told)?)?)?;
         for (numbers, [_, speller]) in self.told(told) {
             u = (u + through(numbers, speller, (windows.len(), frames))?)?;
         }
@@ -102,15 +111,24 @@ impl TwoLevel {
     }
 
     /// (B, F, D).
-    fn trunk(&self, windows: &[Vec<u32>], frames: usize, told: Option<&Told>) -> Result<Tensor> {
+    fn trunk(&self, windows: &[Vec<u32>], frames: usize, mask: &Mask, told: Option<&Told>) -> Result<Tensor> {
         let of_frame = BACK * self.frames.characters();
         let mut seen = vec![0; windows.len() * frames * of_frame];
+        let classes = self.class.as_ref().map_or(Ok(0), |class| class.dim(0))?;
+        let (mut positions, mut class_rows) = (Vec::new(), Vec::new());
         for (i, rows) in seen.chunks_mut(of_frame).enumerate() {
-            self.frames.seen(&windows[i / frames][self.ahead..], i % frames, rows);
+            let window = &windows[i / frames][self.ahead..];
+            let TrunkRow { frame, position, class } = trunk_row(i % frames, self.frames.shown(window), classes);
+            self.frames.seen(window, frame, rows);
+            positions.push(position);
+            class_rows.push(class);
         }
-        let x = rows_of(&self.character, seen)?.reshape((windows.len(), frames, ()))?;
-        let position = self.position.narrow(0, 0, frames)?.unsqueeze(0)?;
-        let mut x = self.join.forward(&x)?.broadcast_add(&position)?;
+        let shape = (windows.len(), frames, ());
+        let x = rows_of(&self.character, seen)?.reshape(shape)?;
+        let mut x = (self.join.forward(&x)? + some_rows(&self.position, &positions)?.reshape(shape)?)?;
+        if let Some(class) = &self.class {
+            x = (x + some_rows(class, &class_rows)?.reshape(shape)?)?;
+        }
         if let Some(label) = &self.label {
             let labels = windows.iter().flat_map(|w| &w[1..=self.ahead]).copied().collect();
             let labels = rows_of(label, labels)?.reshape((windows.len(), self.ahead, ()))?.sum_keepdim(1)?;
@@ -119,7 +137,7 @@ impl TwoLevel {
         for (numbers, [matrix, _]) in self.told(told) {
             x = (x + through(numbers, matrix, (windows.len(), frames))?)?;
         }
-        let hiding = Mask::Causal.hiding(frames, frames, x.dtype(), x.device())?;
+        let hiding = mask.hiding(frames, frames, x.dtype(), x.device())?;
         for block in &self.trunk {
             x = block.forward(&x, self.heads[0], None, hiding.as_ref(), None, None)?;
         }

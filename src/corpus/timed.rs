@@ -1,0 +1,146 @@
+//! Labels that hold for a time: rows of a CSV with `from_s` and `to_s`, and the pieces into which they cut a clip.
+//!
+//! A window of a model has its labels in front and one value of each, so a clip whose labels change is cut where they do.
+//! Every piece is a clip of its own, of the same take and split. Times are seconds of the clip as it is read, half-open: a
+//! frame at second t has the labels of `from_s <= t < to_s`. What no row tells of is unknown.
+
+use super::gather::Item;
+use crate::{Error, Result};
+use kinelm_motion::Clip;
+use std::collections::BTreeMap;
+
+/// Labels over a time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Timed {
+    /// From when on, seconds, 0 or more.
+    pub from_s: f64,
+    /// Until when, seconds, more than `from_s`; infinite: to the clip's end.
+    pub to_s: f64,
+    /// Field to value.
+    pub labels: BTreeMap<String, String>,
+    /// The line of the CSV that says so.
+    pub line: usize,
+}
+
+impl Timed {
+    /// Whether both hold at some time.
+    pub fn meets(&self, other: &Timed) -> bool {
+        self.from_s < other.to_s && other.from_s < self.to_s
+    }
+}
+
+/// A stretch of a clip between two changes of its labels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Piece {
+    /// Its first second.
+    pub from_s: f64,
+    /// The second behind its last; infinite: the clip's end.
+    pub to_s: f64,
+    /// Whether a row tells of it: then the clip has to have it.
+    pub stated: bool,
+}
+
+/// The items with those cut that have labels over time, and keys anew.
+pub fn in_pieces(items: &[Item]) -> Vec<Item> {
+    let cut = |item: &Item| match item.timed.is_empty() {
+        true => vec![item.clone()],
+        false => pieces(item),
+    };
+    let all = items.iter().flat_map(cut).enumerate();
+    all.map(|(key, item)| Item { key, ..item }).collect()
+}
+
+fn pieces(item: &Item) -> Vec<Item> {
+    let mut borders: Vec<f64> =
+        item.timed.iter().flat_map(|t| [t.from_s, t.to_s]).chain([0.0, f64::INFINITY]).collect();
+    borders.sort_by(f64::total_cmp);
+    borders.dedup();
+    let piece = |pair: &[f64]| {
+        let (from_s, to_s) = (pair[0], pair[1]);
+        let holds = item.timed.iter().filter(|t| t.from_s <= from_s && to_s <= t.to_s);
+        let stated = holds.clone().count() > 0;
+        let labels = item.labels.clone().into_iter().chain(holds.flat_map(|t| t.labels.clone())).collect();
+        let until = if to_s.is_finite() { format!("{to_s}s") } else { "end".into() };
+        let name = format!("{}@{from_s}s-{until}", item.name);
+        Item { name, labels, timed: Vec::new(), piece: Some(Piece { from_s, to_s, stated }), ..item.clone() }
+    };
+    borders.windows(2).map(piece).collect()
+}
+
+/// The frames of a clip that are an item's: all, or its piece's; none where nothing is left behind the last row.
+///
+/// # Errors
+/// [`Error::File`]: a row tells of seconds that the clip doesn't have; to the end means to within a frame of it.
+pub fn piece_of(item: &Item, clip: Clip) -> Result<Clip> {
+    let Some(Piece { from_s, to_s, stated }) = item.piece else { return Ok(clip) };
+    let (frames, fps) = (clip.frames(), clip.fps());
+    let frame = |s: f64| ((s * fps - 1e-6).ceil().max(0.0) as usize).min(frames);
+    let seconds = frames as f64 / fps;
+    if (stated && frame(from_s) >= frames) || (to_s.is_finite() && to_s * fps > frames as f64 + 1.0) {
+        let until = if to_s.is_finite() { format!("{to_s} s") } else { "the end".into() };
+        let found = format!("labels from {from_s} s to {until} of a clip of {seconds:.2} s");
+        let help = "times are seconds of the clip as it is read: without the frames that are skipped, at its true rate";
+        return Err(Error::file(&item.path, found, "times within the clip", help));
+    }
+    Ok(clip.slice(frame(from_s)..frame(to_s)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::corpus::samples::walk;
+
+    fn timed(from_s: f64, to_s: f64, field: &str, value: &str) -> Timed {
+        Timed { from_s, to_s, labels: BTreeMap::from([(field.into(), value.into())]), line: 2 }
+    }
+
+    fn item() -> Item {
+        let labels = BTreeMap::from([("dancer".to_string(), "61".to_string())]);
+        let timed = vec![
+            timed(0.1, 0.2, "genre", "salsa"),
+            timed(0.3, f64::INFINITY, "genre", "waltz"),
+            timed(0.15, 0.3, "mood", "glad"),
+        ];
+        Item { name: "a".into(), take: "t".into(), key: 4, labels, timed, ..Item::default() }
+    }
+
+    #[test]
+    fn a_clip_is_cut_where_a_label_changes() {
+        let all = in_pieces(&[Item { name: "x".into(), ..Item::default() }, item(), Item::default()]);
+        let told = |item: &Item| {
+            let labels: Vec<String> =
+                item.labels.iter().filter(|(f, _)| *f != "dancer").map(|(f, v)| format!("{f}={v}")).collect();
+            (item.name.clone(), labels.join(" "))
+        };
+        let expected = [
+            ("x", ""),
+            ("a@0s-0.1s", ""),
+            ("a@0.1s-0.15s", "genre=salsa"),
+            ("a@0.15s-0.2s", "genre=salsa mood=glad"),
+            ("a@0.2s-0.3s", "mood=glad"),
+            ("a@0.3s-end", "genre=waltz"),
+            ("", ""),
+        ];
+        assert_eq!(all.iter().map(told).collect::<Vec<_>>(), expected.map(|(n, l)| (n.to_string(), l.to_string())));
+        assert_eq!(all.iter().map(|i| i.key).collect::<Vec<_>>(), (0..7).collect::<Vec<_>>());
+        assert!(all[1..6].iter().all(|i| i.labels["dancer"] == "61" && i.take == "t" && i.timed.is_empty()));
+    }
+
+    #[test]
+    fn times_are_half_open_and_within_the_clip() {
+        // 10 frames at 20 a second: half a second
+        let clip = walk(10);
+        let frames = |from_s: f64, to_s: f64, stated: bool| {
+            let item = Item { piece: Some(Piece { from_s, to_s, stated }), ..Item::default() };
+            piece_of(&item, clip.clone()).map(|c| c.frames()).map_err(|e| e.to_string())
+        };
+        let end = f64::INFINITY;
+        assert_eq!((frames(0.0, 0.1, true), frames(0.1, 0.15, true), frames(0.12, end, true)), (Ok(2), Ok(1), Ok(7)));
+        // the first frame lies before what is left
+        assert_eq!((frames(0.01, 0.04, true), frames(0.5, end, false), frames(0.1, 0.55, true)), (Ok(0), Ok(0), Ok(8)));
+        let said = frames(0.5, end, true).unwrap_err();
+        assert!(said.contains("found labels from 0.5 s to the end of a clip of 0.50 s"), "{said}");
+        assert!(frames(0.1, 0.6, true).unwrap_err().contains("from 0.1 s to 0.6 s of a clip"));
+        assert_eq!(piece_of(&Item::default(), clip.clone()).unwrap(), clip);
+    }
+}

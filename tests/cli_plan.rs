@@ -147,6 +147,55 @@ fn clips_keep_their_numbers_and_what_is_between_is_made_anew() {
 }
 
 #[test]
+fn moments_of_a_clip_are_its_own_and_all_that_meet_it_wait_alike() {
+    let set = set();
+    let head = "rig = \"a\"\n[clips.a]\nfile = \"data/0.bvh\"\n[clips.slow]\nfile = \"slow.bvh\"\nskip = 15\n";
+    let segment = |clip: &str, joints: &str, from: f64, to: f64, at: &str| {
+        format!("[[segment]]\nclip = \"{clip}\"\njoints = \"{joints}\"\nfrom = {from}\nto = {to}\nat = {at}\n")
+    };
+    // frame 45 of a file at 30 frames a second, of which 15 are left out: its second second
+    let plan = head.to_owned() + &segment("slow", "all", 0.0, 1.0, "\"45f\"");
+    fs::write(set.at("own.toml"), plan).unwrap();
+    set.call("plan check own.toml").assert().success().stdout(contains("all of slow from 1.00 s on"));
+    let both = segment("a", "root,legs", 2.0, 3.5, "3") + &segment("a", "arms", 2.0, 3.5, "0");
+    fs::write(set.at("own.toml"), head.to_owned() + &segment("a", "all", 0.0, 2.0, "0") + &both).unwrap();
+    let drawn = set.call("plan check own.toml").assert().success();
+    let drawn = String::from_utf8(drawn.get_output().stdout.clone()).unwrap();
+    assert!(drawn.contains("0.00 to    1.50 s  all"), "{drawn}");
+    assert!(drawn.contains("2.50 to    3.50 s  root,legs") && drawn.contains("2.50 to    3.50 s  arms"), "{drawn}");
+    // a rig alone, as exporters write it
+    let text = fs::read_to_string(set.at("data/0.bvh")).unwrap();
+    let (head, rows) = text.split_once("Frames: ").unwrap();
+    let rate = rows.lines().find(|line| line.starts_with("Frame Time")).unwrap();
+    fs::write(set.at("bare.bvh"), format!("{head}Frames: 0\n{rate}\n")).unwrap();
+    fs::write(set.at("own.toml"), PLAN.replace("file = \"data/0.bvh\"\nskip = 4", "file = \"bare.bvh\"")).unwrap();
+    set.call("plan check own.toml").assert().failure().stderr(contains("own.toml:4:1: found no frames"));
+}
+
+#[test]
+fn a_dance_of_a_plan_is_made_again_where_its_clips_are_now() {
+    let set = set();
+    set.call("generate --run run --plan plan.toml --tries 1 --seed 4 --out here.bvh").assert().success();
+    fs::create_dir_all(set.at("there/data")).unwrap();
+    for name in ["data/0.bvh", "data/1.bvh", "slow.bvh", "plan.toml"] {
+        fs::copy(set.at(name), set.at(&format!("there/{name}"))).unwrap();
+    }
+    set.call("generate --again here.bvh.kinelm.json --plan there/plan.toml --out again.bvh").assert().success();
+    assert_eq!(fs::read(set.at("again.bvh")).unwrap(), fs::read(set.at("here.bvh")).unwrap());
+    fs::copy(set.at("data/2.bvh"), set.at("there/data/1.bvh")).unwrap();
+    let changed = "generate --again here.bvh.kinelm.json --plan there/plan.toml --out other.bvh";
+    set.call(changed)
+        .assert()
+        .failure()
+        .stderr(contains("what the plan makes of its clips has changed since the dance was made"));
+    for (option, why) in [("--prompt data/0.bvh", "prompt but a plan"), ("--music no.wav", "the dance has no music")] {
+        let call = format!("generate --again here.bvh.kinelm.json {option} --out other.bvh");
+        set.call(&call).assert().code(2).stderr(contains(why));
+    }
+    assert!(!set.at("other.bvh").exists());
+}
+
+#[test]
 fn a_plan_is_drawn_as_text() {
     let set = set();
     let drawn = set.call("plan check plan.toml").assert().success();
@@ -192,13 +241,14 @@ fn what_is_wrong_with_a_plan_is_told_with_its_line_and_nothing_is_written() {
         set.call("generate --run run --plan wrong.toml --out wrong.bvh").assert().failure().stderr(contains(told));
     }
     fs::write(set.at("wrong.toml"), PLAN.replace("data/1.bvh", "data/none.bvh")).unwrap();
-    set.call("plan check wrong.toml").assert().failure().stderr(contains("none.bvh"));
+    set.call("plan check wrong.toml").assert().failure().stderr(contains("wrong.toml:7:1: found data/none.bvh"));
     assert!(!set.at("wrong.bvh").exists());
     for (call, told) in [
         ("--plan plan.toml --prompt data/0.bvh", "cannot be used with"),
         ("--plan plan.toml --free legs", "cannot be used with"),
         ("--plan plan.toml --seconds 2", "of a prompt of"),
         ("--plan plan.toml --skip 3", "cannot be used with"),
+        ("--plan plan.toml --floor 1", "cannot be used with"),
     ] {
         set.call(&format!("generate --run run {call} --out wrong.bvh")).assert().code(2).stderr(contains(told));
     }

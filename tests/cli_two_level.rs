@@ -141,6 +141,7 @@ fn the_best_of_several_is_kept_and_made_again() {
     assert_eq!(fs::read(place.at("one.bvh")).unwrap(), best);
     place.done("generate --again one.bvh.kinelm.json --out twice.one.bvh");
     assert_eq!(fs::read(place.at("twice.one.bvh")).unwrap(), best);
+    place.done("generate --run run --seconds 3 --best 2 --seed 5 --out body.glb");
     // under a prompt, and two of three
     let on = "generate --run run --prompt data/03.bvh --joints root,legs --best 3 --variations 2 --real corpus --out of3.bvh";
     place.done(on);

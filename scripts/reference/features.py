@@ -57,19 +57,20 @@ def geometric(p, hl, sw, hw, tau, compat):
     return np.array([x.mean() for x in f])
 
 
-p = motion(150, 60.0)
-out = {"frames": 150, "fps": 60.0, "places": p.reshape(150, -1).round(9).tolist(),
-       "lengths": [0.26, 0.34, 0.18]}
-p = np.array(out["places"]).reshape(150, 24, 3)
-out |= {"kinetic_compat": kinetic(p, 1 / 60, True).tolist(), "kinetic_fixed": kinetic(p, 1 / 60, False).tolist(),
-        "geometric_compat": geometric(p, 0.2568381, 0.3908483, 0.1192471, 1 / 120, True).tolist(),
-        "geometric_fixed": geometric(p, 0.26, 0.34, 0.18, 1 / 60, False).tolist()}
-json.dump(out, open(sys.argv[1], "w"))
-# Fréchet distance of two sets of vectors, by scipy's square root of a matrix
-from scipy.linalg import sqrtm
-g = np.random.default_rng(5); A = g.normal(size=(40, 6)); B = A @ (np.eye(6) + 0.2 * g.normal(size=(6, 6))) + 0.3 * g.normal(size=6) + 0.5 * g.normal(size=(40, 6))
-m, s = A.mean(0), A.std(0) + 1e-10; a, b = (A - m) / s, (B - m) / s
-Sa, Sb = np.cov(a.T), np.cov(b.T)
-out = {"real": A.tolist(), "dances": B.tolist(), "frechet": float(((a.mean(0) - b.mean(0)) ** 2).sum() + np.trace(Sa + Sb - 2 * sqrtm(Sa @ Sb).real)),
-        "diversity": float(np.mean([np.linalg.norm(b[i] - b[j]) for i in range(40) for j in range(i)]))}
-json.dump(out, open(sys.argv[2], "w"))
+if __name__ == "__main__":
+    p = motion(150, 60.0)
+    out = {"frames": 150, "fps": 60.0, "places": p.reshape(150, -1).round(9).tolist(),
+           "lengths": [0.26, 0.34, 0.18]}
+    p = np.array(out["places"]).reshape(150, 24, 3)
+    out |= {"kinetic_compat": kinetic(p, 1 / 60, True).tolist(), "kinetic_fixed": kinetic(p, 1 / 60, False).tolist(),
+            "geometric_compat": geometric(p, 0.2568381, 0.3908483, 0.1192471, 1 / 120, True).tolist(),
+            "geometric_fixed": geometric(p, 0.26, 0.34, 0.18, 1 / 60, False).tolist()}
+    json.dump(out, open(sys.argv[1], "w"))
+    # Fréchet distance of two sets of vectors, by scipy's square root of a matrix
+    from scipy.linalg import sqrtm
+    g = np.random.default_rng(5); A = g.normal(size=(40, 6)); B = A @ (np.eye(6) + 0.2 * g.normal(size=(6, 6))) + 0.3 * g.normal(size=6) + 0.5 * g.normal(size=(40, 6))
+    m, s = A.mean(0), A.std(0) + 1e-10; a, b = (A - m) / s, (B - m) / s
+    Sa, Sb = np.cov(a.T), np.cov(b.T)
+    out = {"real": A.tolist(), "dances": B.tolist(), "frechet": float(((a.mean(0) - b.mean(0)) ** 2).sum() + np.trace(Sa + Sb - 2 * sqrtm(Sa @ Sb).real)),
+            "diversity": float(np.mean([np.linalg.norm(b[i] - b[j]) for i in range(40) for j in range(i)]))}
+    json.dump(out, open(sys.argv[2], "w"))

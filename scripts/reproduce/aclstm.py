@@ -27,7 +27,8 @@ def main():
     out = pathlib.Path(sys.argv[1])
     found = {}
     for name in ROWS:
-        reports = [json.loads(p.read_text()) for p in sorted(out.glob(f"{name}-[0-9]*.json"))]
+        files = [p for p in sorted(out.glob(f"{name}-[0-9]*.json")) if not p.name.endswith(".kinelm.json")]
+        reports = [json.loads(p.read_text()) for p in files]
         if reports:
             found[name] = reports
     lengths = [row["seed_frames"] for row in next(iter(found.values()))[0]["rows"]]

@@ -155,10 +155,10 @@ pub fn tokenize(
     let heard = options.music.as_ref().map(|folder| Heard::of(&items, folder)).transpose()?;
     let work = |item: &Item, loaded: &Loaded| {
         let (encoded, frames) = (tokenizer.encode(&loaded.clip)?, loaded.clip.frames());
-        let seconds = frames as f64 / loaded.clip.fps();
-        let of_music = heard.as_ref().map_or(Ok(None), |heard| heard.beats_s(item, seconds))?;
+        let length = (frames, loaded.clip.fps());
+        let of_music = heard.as_ref().map_or(Ok(None), |heard| heard.beats_s(item, length))?;
         let own = options.own_beats && of_music.is_none();
-        let of_motion = if own { own::beats_s(&loaded.clip)? } else { None };
+        let of_motion = if own { own::beats_s(&loaded.clip, loaded.floor_m.map(|_| 0.0))? } else { None };
         let of = |of| move |times_s| ClipBeats { of, times_s };
         let beats = of_music.map(of(BeatsOf::Music)).or(of_motion.map(of(BeatsOf::Motion)));
         Ok((tokenizer.ids_of_words(&encoded.words)?, frames, loaded.floor_m, encoded, beats))

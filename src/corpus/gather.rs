@@ -43,6 +43,14 @@ pub struct Item {
     pub source: usize,
 }
 
+impl Item {
+    /// The clip's name, whatever piece of it this is.
+    pub fn clip_name(&self) -> &str {
+        let of_piece = self.piece.and_then(|_| self.name.rsplit_once('@'));
+        of_piece.map_or(&self.name, |(name, _)| name)
+    }
+}
+
 impl Default for Item {
     fn default() -> Self {
         Item {

@@ -378,6 +378,7 @@ mod tests {
             ),
             ("clip,x,to_s\na,b,\na,c,2\n", "l.csv:3:3: found x at a time at which line 2 tells it"),
             ("clip,x,to_s\na,b,2\na,b,\n", "l.csv:3:3: found x at a time at which line 2 tells it"),
+            ("clip,music_from,to_s\na,2,2\na,5,3\n", "l.csv:3:3: found another music_from than in line 2"),
             ("clip,take,to_s\na,t,2\na,u,3\n", "l.csv:3:3: found another take than in line 2"),
         ] {
             let e = table(text).unwrap_err().to_string();

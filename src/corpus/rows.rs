@@ -37,6 +37,7 @@ impl Row {
             ("fps", agree(&mut known.fps, &other.fps)),
             ("skip", agree(&mut known.skip, &other.skip)),
             ("floor", agree(&mut known.floor, &other.floor)),
+            ("music_from", agree(&mut known.music_from_s, &other.music_from_s)),
         ];
         if let Some((column, _)) = same.into_iter().find(|(_, same)| !same) {
             return differs(column);

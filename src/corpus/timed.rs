@@ -38,6 +38,20 @@ pub struct Piece {
     pub to_s: f64,
     /// Whether a row tells of it: then the clip has to have it.
     pub stated: bool,
+    /// The line of the CSV that says when it begins or ends.
+    pub line: usize,
+}
+
+impl Piece {
+    /// Its first frame, of those of the whole clip at `fps`.
+    pub fn first(&self, fps: f64) -> usize {
+        frame_at(self.from_s, fps)
+    }
+}
+
+/// The first frame that isn't before a second.
+fn frame_at(s: f64, fps: f64) -> usize {
+    (s * fps - 1e-6).ceil().max(0.0) as usize
 }
 
 /// The items with those cut that have labels over time, and keys anew.
@@ -62,7 +76,10 @@ fn pieces(item: &Item) -> Vec<Item> {
         let labels = item.labels.clone().into_iter().chain(holds.flat_map(|t| t.labels.clone())).collect();
         let until = if to_s.is_finite() { format!("{to_s}s") } else { "end".into() };
         let name = format!("{}@{from_s}s-{until}", item.name);
-        Item { name, labels, timed: Vec::new(), piece: Some(Piece { from_s, to_s, stated }), ..item.clone() }
+        let borders = |t: &&Timed| [t.from_s, t.to_s].iter().any(|s| *s == from_s || *s == to_s);
+        let line = item.timed.iter().find(borders).map_or(0, |t| t.line);
+        let piece = Some(Piece { from_s, to_s, stated, line });
+        Item { name, labels, timed: Vec::new(), piece, ..item.clone() }
     };
     borders.windows(2).map(piece).collect()
 }
@@ -72,14 +89,15 @@ fn pieces(item: &Item) -> Vec<Item> {
 /// # Errors
 /// [`Error::File`]: a row tells of seconds that the clip doesn't have; to the end means to within a frame of it.
 pub fn piece_of(item: &Item, clip: Clip) -> Result<Clip> {
-    let Some(Piece { from_s, to_s, stated }) = item.piece else { return Ok(clip) };
+    let Some(Piece { from_s, to_s, stated, line }) = item.piece else { return Ok(clip) };
     let (frames, fps) = (clip.frames(), clip.fps());
-    let frame = |s: f64| ((s * fps - 1e-6).ceil().max(0.0) as usize).min(frames);
+    let frame = |s: f64| frame_at(s, fps).min(frames);
     let seconds = frames as f64 / fps;
     if (stated && frame(from_s) >= frames) || (to_s.is_finite() && to_s * fps > frames as f64 + 1.0) {
         let until = if to_s.is_finite() { format!("{to_s} s") } else { "the end".into() };
         let found = format!("labels from {from_s} s to {until} of a clip of {seconds:.2} s");
         let help = "times are seconds of the clip as it is read: without the frames that are skipped, at its true rate";
+        let help = format!("line {line} of the labels says so; {help}");
         return Err(Error::file(&item.path, found, "times within the clip", help));
     }
     Ok(clip.slice(frame(from_s)..frame(to_s)))
@@ -131,7 +149,7 @@ mod tests {
         // 10 frames at 20 a second: half a second
         let clip = walk(10);
         let frames = |from_s: f64, to_s: f64, stated: bool| {
-            let item = Item { piece: Some(Piece { from_s, to_s, stated }), ..Item::default() };
+            let item = Item { piece: Some(Piece { from_s, to_s, stated, line: 2 }), ..Item::default() };
             piece_of(&item, clip.clone()).map(|c| c.frames()).map_err(|e| e.to_string())
         };
         let end = f64::INFINITY;

@@ -218,7 +218,11 @@ impl Provenance {
         same(&format!("{run}: the weights at step {}", self.step), &self.weights_sha256, &ready.run.weights_sha256())?;
         same(&format!("{tokenizer}: the tokenizer"), &self.tokenizer_sha256, &ready.tokenizer.hash())?;
         if let (Some(before), Some(now), Some(recipe)) = (&self.prompt_sha256, &prompt, &ready.recipe.prompt) {
-            same(&format!("{}: the prompt", recipe.path.display()), before, now)?;
+            let what = match recipe.plan {
+                Some(_) => "what the plan makes of its clips".into(),
+                None => format!("{}: the prompt", recipe.path.display()),
+            };
+            same(&what, before, now)?;
         }
         if let (Some(before), Some(now), Some(recipe)) = (&self.music_sha256, &ready.music, &ready.recipe.music) {
             same(&format!("{}: the music", recipe.path.display()), before, &now.sha256)?;

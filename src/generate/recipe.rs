@@ -10,7 +10,7 @@ use super::sampling::Draw;
 use crate::model::{Compute, Reading};
 use crate::{Error, Result};
 use kinelm_engine::decode::{KvKind, WeightKind};
-use kinelm_motion::format::{Format, ReadOptions, RestFrame, Unit, Up, input};
+use kinelm_motion::format::{BvhPosition, Format, ReadOptions, RestFrame, Unit, Up, input};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -101,6 +101,8 @@ impl Recipe {
             map: call.map.or(own.map),
             fps_source: call.fps_source.or(own.fps_source),
             skip: if call.skip == 0 { own.skip } else { call.skip },
+            bvh_position: if call.bvh_position == BvhPosition::Replace { own.bvh_position } else { call.bvh_position },
+            rest: if self.prompt.as_ref().is_some_and(|prompt| prompt.edit.is_some()) { own.rest } else { call.rest },
             ..call
         }
     }

@@ -27,8 +27,11 @@ impl Heard {
     /// name, there or beside the motion.
     ///
     /// # Errors
-    /// A label that names a file that isn't there.
+    /// A folder, or a file that a label names, that isn't there.
     pub fn of(items: &[&Item], folder: &Path) -> Result<Heard> {
+        if !folder.is_dir() {
+            return Err(Error::file(folder, "no folder", "one that holds music", "see docs/music.md"));
+        }
         let mut of = BTreeMap::new();
         for item in items {
             if let Some(path) = find(item, folder)? {
@@ -47,15 +50,17 @@ impl Heard {
         self.of.len()
     }
 
-    /// Beats of a clip of so many seconds, whose first frame is at the music's time `Item::music_from_s`; `None`: it has no
-    /// music.
+    /// Beats of a clip of so many frames at `fps`, or of a piece of one, whose own first frame is at the music's time
+    /// `Item::music_from_s`; `None`: it has no music.
     ///
     /// # Errors
     /// Music that can't be read, has no beats, ends before the clip, or isn't there yet when it begins.
-    pub fn beats_s(&self, item: &Item, seconds: f64) -> Result<Option<Vec<f64>>> {
+    pub fn beats_s(&self, item: &Item, (frames, fps): (usize, f64)) -> Result<Option<Vec<f64>>> {
         let Some(path) = self.of.get(&item.name) else { return Ok(None) };
         let beats = self.beats[path].as_ref().map_err(|why| Error::Call(format!("{}: its music: {why}", item.name)))?;
-        let from_s = item.music_from_s.unwrap_or(0.0);
+        let first = item.piece.map_or(0, |piece| piece.first(fps));
+        let from_s = item.music_from_s.unwrap_or(0.0) + first as f64 / fps;
+        let seconds = frames as f64 / fps;
         let what = |e| Error::Call(format!("{}: {e}", item.name));
         in_dance(path, beats, (from_s, seconds)).map(Some).map_err(what)
     }
@@ -105,7 +110,9 @@ fn find(item: &Item, folder: &Path) -> Result<Option<PathBuf>> {
     }
     let stem = item.path.file_stem().map(|stem| folder.join(stem));
     let beside = item.path.with_extension("");
-    Ok(with_extension(&folder.join(&item.name)).or_else(|| with_extension(&stem?)).or_else(|| with_extension(&beside)))
+    Ok(with_extension(&folder.join(item.clip_name()))
+        .or_else(|| with_extension(&stem?))
+        .or_else(|| with_extension(&beside)))
 }
 
 #[cfg(test)]
@@ -114,6 +121,26 @@ mod tests {
 
     fn beats() -> Beats {
         Beats { times_s: vec![0.5, 1.0, 1.5, 2.0, 2.5], seconds: 3.0 }
+    }
+
+    #[test]
+    fn a_piece_of_a_clip_has_the_beats_of_its_own_time() {
+        use crate::corpus::timed::{Timed, in_pieces};
+        let timed = |from_s, to_s| Timed { from_s, to_s, labels: BTreeMap::new(), line: 2 };
+        let item = Item {
+            name: "a/b".into(),
+            music_from_s: Some(0.25),
+            timed: vec![timed(0.0, 0.5), timed(0.5, f64::INFINITY)],
+            ..Item::default()
+        };
+        let path = PathBuf::from("song.wav");
+        let pieces: Vec<Item> = in_pieces(&[item]).into_iter().filter(|i| i.piece.is_some()).collect();
+        let of = pieces.iter().map(|piece| (piece.name.clone(), path.clone())).collect();
+        let heard = Heard { of, beats: BTreeMap::from([(path, Ok(beats()))]) };
+        let found = |i: usize, frames: usize| heard.beats_s(&pieces[i], (frames, 20.0)).unwrap().unwrap()[0];
+        assert_eq!((pieces.len(), found(0, 10), found(1, 30)), (2, 0.25, -0.25));
+        assert!(pieces.iter().all(|piece| piece.clip_name() == "a/b"));
+        assert_eq!(Item { name: "c@d".into(), ..Item::default() }.clip_name(), "c@d");
     }
 
     #[test]

@@ -7,7 +7,7 @@ use crate::Result;
 use kinelm_motion::Clip;
 use kinelm_motion::feet::contact::contacts;
 use kinelm_motion::feet::leg::Leg;
-use kinelm_motion::metric::Feet;
+use kinelm_motion::metric::{Feet, floor};
 use kinelm_motion::retarget::{ReferencePose, SkeletonMap};
 use kinelm_music::beat::{RATE, beats_of};
 use std::f64::consts::TAU;
@@ -21,19 +21,21 @@ const HIGH_HZ: [f64; 2] = [90.0, 1500.0];
 ///
 /// # Errors
 /// Those of the tracker.
-pub fn beats_s(clip: &Clip) -> Result<Option<Vec<f64>>> {
-    let landings = landings_s(clip)?;
+pub fn beats_s(clip: &Clip, floor_m: Option<f64>) -> Result<Option<Vec<f64>>> {
+    let landings = landings_s(clip, floor_m)?;
     let seconds = clip.frames() as f64 / clip.fps();
     let beats = beats_of(&clicks(&landings, seconds))?.times_s;
     Ok((landings.len() > 1 && beats.len() > 1).then(|| beats.iter().map(|t| (t * 1e4).round() / 1e4).collect()))
 }
 
 /// When feet land, seconds, rising.
-fn landings_s(clip: &Clip) -> Result<Vec<f64>> {
+fn landings_s(clip: &Clip, floor_m: Option<f64>) -> Result<Vec<f64>> {
     let Some(map) = SkeletonMap::builtin("smpl") else { return Ok(Vec::new()) };
     let pose = ReferencePose::new(clip.skeleton(), &map)?;
+    let floor_m = floor_m.map_or_else(|| floor(clip, &map).map(|floor| floor.height_m), Ok)?;
     let legs = Leg::both(&pose, &Feet::of(clip.skeleton(), &pose));
-    let of_leg = |(side, leg): (usize, &Leg)| contacts(clip, leg, side, 0.0).into_iter().map(|contact| contact.from);
+    let of_leg =
+        |(side, leg): (usize, &Leg)| contacts(clip, leg, side, floor_m).into_iter().map(|contact| contact.from);
     let mut frames: Vec<usize> = legs.iter().enumerate().flat_map(of_leg).filter(|from| *from > 0).collect();
     frames.sort_unstable();
     Ok(frames.into_iter().map(|frame| frame as f64 / clip.fps()).collect())
@@ -65,8 +67,8 @@ mod tests {
         let dances = synth::corpus_at(5, &[100.0; 8], 30.0, 60.0).unwrap();
         let (mut right, mut told) = (0, Vec::new());
         for dance in &dances {
-            let landings = landings_s(&dance.clip).unwrap().len();
-            let Some(beats) = beats_s(&dance.clip).unwrap() else {
+            let landings = landings_s(&dance.clip, Some(0.0)).unwrap().len();
+            let Some(beats) = beats_s(&dance.clip, None).unwrap() else {
                 told.push((dance.genre, landings, 0.0));
                 continue;
             };
@@ -83,6 +85,6 @@ mod tests {
     fn who_stands_has_no_beats() {
         let root = vec![Vec3::Y * smpl::STANDING_PELVIS_M; 200];
         let clip = kinelm_motion::Clip::new(smpl::neutral(), 20.0, root, vec![Quat::IDENTITY; 24 * 200]).unwrap();
-        assert_eq!(beats_s(&clip).unwrap(), None);
+        assert_eq!(beats_s(&clip, None).unwrap(), None);
     }
 }

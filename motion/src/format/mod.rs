@@ -76,12 +76,16 @@ pub enum Unit {
     #[default]
     Auto,
     /// Metres.
+    #[serde(alias = "m")]
     Metre,
     /// Centimetres.
+    #[serde(alias = "cm")]
     Centimetre,
     /// Millimetres.
+    #[serde(alias = "mm")]
     Millimetre,
     /// Inches.
+    #[serde(alias = "in")]
     Inch,
     /// 0.0564444 m, the unit of CMU's ASF/AMC files.
     Cmu,

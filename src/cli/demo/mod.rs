@@ -121,8 +121,33 @@ fn make_room(args: &Args) -> Result<()> {
         // a training begins in a new folder; the old one goes if it holds nothing but what a training writes
         kinelm::train::folder::remove(&run)?;
     }
+    for (folder, extensions) in [("motion", &["bvh"][..]), ("music", &["wav"])] {
+        sweep(&args.out.join(folder), extensions)?;
+    }
     std::fs::create_dir_all(args.out.join("motion")).with_context(|| out.to_string())?;
     Ok(write_whole(&report, format!("{MARK}, seed {}\n\nIt isn't done.\n", args.seed).as_bytes())?)
+}
+
+/// Takes away the files of these kinds that another demo has left in a folder, whose dances would be taken for this one's.
+fn sweep(folder: &Path, extensions: &[&str]) -> Result<()> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Ok(()) };
+    for entry in entries {
+        let path = entry.with_context(|| folder.display().to_string())?.path();
+        if path.is_dir() {
+            sweep(&path, extensions)?;
+        } else if extensions.contains(&super::extension(&path).as_str()) && is_made_up(&path) {
+            std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
+        }
+    }
+    Ok(())
+}
+
+/// Whether a file has the name of a made-up dance: genre_dancer_number.
+fn is_made_up(path: &Path) -> bool {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let parts: Vec<&str> = stem.split('_').collect();
+    let [genre, dancer, number] = parts[..] else { return false };
+    synth::genres().any(|g| g == genre) && synth::dancers().any(|d| d == dancer) && number.parse::<u32>().is_ok()
 }
 
 /// The dances as BVH files, and their labels. Of every genre and dancer the last take is for test, the one before for

@@ -4,12 +4,15 @@ use crate::cli::read::ReadArgs;
 use crate::cli::{Say, WrongCall, print};
 use anyhow::Result;
 use kinelm::corpus::Corpus;
+use kinelm::corpus::load::hash_file;
 use kinelm::evaluate::dance::prompted::prompted;
 use kinelm::evaluate::dance::{Dance, Real};
 use kinelm::generate::prompt::given_places;
 use kinelm::generate::provenance::{self, Provenance};
+use kinelm::music::find::in_dance;
 use kinelm_motion::format::{ReadOptions, RestFrame, input};
 use kinelm_motion::joints;
+use kinelm_music::beat::Beats;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -55,23 +58,23 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let mut report = real.report(&dances);
     let mut given: Option<Vec<bool>> = None;
     let mut best = BTreeMap::<usize, usize>::new();
+    let mut pieces = BTreeMap::new();
     let beats = beats(args)?;
     let mut music_s = Vec::new();
     for (path, dance) in args.dances.iter().zip(&dances) {
-        let recipe = match provenance::find(path) {
-            Ok(told) => told.map(|told| {
-                told.best.iter().for_each(|of| *best.entry(of.of).or_default() += 1);
-                told.recipe
-            }),
-            Err(e) => {
-                say.line(e);
+        let told = provenance::find(path).unwrap_or_else(|e| {
+            say.line(e);
+            None
+        });
+        told.iter().filter_map(|told| told.best).for_each(|of| *best.entry(of.of).or_default() += 1);
+        music_s.push(match (&beats, &told) {
+            (None, Some(told)) => own_music(told, &mut pieces).unwrap_or_else(|e| {
+                say.line(format_args!("{}: not held to its music: {e}; --music says where it is", path.display()));
                 None
-            }
-        };
-        music_s.push(match (&beats, recipe.as_ref().and_then(|recipe| recipe.music.as_ref())) {
-            (None, Some(told)) => Some(behind(&heard(&told.path)?, told.from_s)),
+            }),
             (beats, _) => beats.clone(),
         });
+        let recipe = told.map(|told| told.recipe);
         let followed = recipe.as_ref().and_then(|r| r.prompt.as_ref()?.joints.as_ref());
         let places = followed.and_then(|list| given_places(tokenizer, &joints::parse(list).ok()?).ok());
         // what was given to one dance alone may be a copy in the others
@@ -108,7 +111,7 @@ pub fn corpus(real: &Path) -> Result<Corpus> {
 
 /// The beats that all dances are held to, if the call names any, seconds from their first frame.
 fn beats(args: &Args) -> Result<Option<Vec<f64>>> {
-    let found = match (&args.beats, &args.music) {
+    match (&args.beats, &args.music) {
         (Some(path), _) => {
             let text = input::text(path).map_err(kinelm::Error::io(path))?;
             let beats = kinelm::music::beats::parse(path, &text)?;
@@ -116,26 +119,28 @@ fn beats(args: &Args) -> Result<Option<Vec<f64>>> {
                 let what = format!("--beats {}: {} beats; expected two or more", path.display(), beats.len());
                 return Err(WrongCall(what).into());
             }
-            Some(beats)
+            Ok(Some(beats.iter().map(|beat| beat - args.music_from).collect()))
         }
-        (None, Some(path)) => Some(heard(path)?),
-        (None, None) => None,
-    };
-    Ok(found.map(|beats| behind(&beats, args.music_from)))
-}
-
-/// The beats of a piece.
-fn heard(path: &Path) -> Result<Vec<f64>> {
-    let beats = kinelm_music::beat::beats(path).map_err(kinelm::Error::from)?.times_s;
-    match beats.len() {
-        0 | 1 => Err(WrongCall(format!("{}: {} beats; is it silent?", path.display(), beats.len())).into()),
-        _ => Ok(beats),
+        (None, Some(path)) => {
+            let heard = kinelm_music::beat::beats(path).map_err(kinelm::Error::from)?;
+            Ok(Some(in_dance(path, &heard, (args.music_from, 0.0))?))
+        }
+        (None, None) => Ok(None),
     }
 }
 
-/// Beats from another time on.
-fn behind(beats_s: &[f64], from_s: f64) -> Vec<f64> {
-    beats_s.iter().map(|beat| beat - from_s).collect()
+/// The beats of the music that a dance was made to, if it was: of pieces that are heard already, or now.
+fn own_music(told: &Provenance, pieces: &mut BTreeMap<PathBuf, Beats>) -> kinelm::Result<Option<Vec<f64>>> {
+    let Some(music) = &told.recipe.music else { return Ok(None) };
+    if !pieces.contains_key(&music.path) {
+        let now = hash_file(&music.path)?;
+        if told.music_sha256.as_ref().is_some_and(|then| *then != now) {
+            let what = format!("{} has changed since the dance was made", music.path.display());
+            return Err(kinelm::Error::Call(what));
+        }
+        pieces.insert(music.path.clone(), kinelm_music::beat::beats(&music.path)?);
+    }
+    in_dance(&music.path, &pieces[&music.path], (music.from_s, 0.0)).map(Some)
 }
 
 /// The options of a call for one file: of a dance of ours, its recipe says what the call leaves open.

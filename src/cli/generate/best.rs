@@ -2,7 +2,7 @@
 
 use crate::cli::{Say, WrongCall, evaluate::dance};
 use anyhow::Result;
-use kinelm::corpus::Corpus;
+use kinelm::corpus::{Corpus, Split};
 use kinelm::evaluate::dance::judge::Judge;
 use kinelm::evaluate::dance::{Dance, Real};
 use kinelm::generate::best::Best;
@@ -56,6 +56,9 @@ impl BestArgs {
             return Err(WrongCall(what).into());
         }
         let real = Real::load(&corpus)?;
+        if corpus.split(Split::Valid).next().is_none() {
+            say.line("no validation clips: whether a dance copies can't be told");
+        }
         say.line(format_args!("held to the train clips of {}", path.display()));
         Ok(Some(Beside { corpus, real }))
     }
@@ -90,8 +93,9 @@ impl Beside {
         say: Say,
     ) -> Result<Vec<(usize, Best)>> {
         let judge = Judge::new(&self.real, ready.invented())?;
-        // a body in a file that isn't read back has its bones as .json has them
-        let name = if Format::of_name(out).is_some() { out.to_owned() } else { out.with_extension("json") };
+        // what is written and never read is judged as .json
+        let is_read = Format::of_name(out).is_some_and(|format| format != Format::Glb);
+        let name = if is_read { out.to_owned() } else { out.with_extension("json") };
         let options = ready.recipe.measured(&name, ReadOptions::default());
         let dance = |words: &Words| {
             let bytes = ready.motion(words, &name)?.bytes(&name)?;

@@ -17,6 +17,8 @@ use std::path::Path;
 /// Further off than this a gap ends elsewhere than its clip goes on: said.
 const FAR_CM: f64 = 30.0;
 const FAR_DEGREES: f64 = 30.0;
+/// A seam that is so many times as rough as nearly all of its clip is seen.
+const ROUGH: f64 = 3.0;
 
 #[derive(Debug, clap::Args)]
 pub struct EditArgs {
@@ -137,8 +139,9 @@ pub fn say_seam(edited: &Edited, made: &Made, say: Say) {
     // at another rate than the file's the gap lies elsewhere
     let clip = Some(&made.motion.clip).filter(|clip| clip.frames() == seam.frames());
     if let Some((seam, usual)) = clip.and_then(|clip| roughness(clip, &seam.gap)) {
+        let warning = if seam > ROUGH * usual { "warning: " } else { "" };
         say.line(format_args!(
-            "where it goes round it jerks by {seam:.0} m/s³; 99 of 100 given frames by less than {usual:.0}"
+            "{warning}where it goes round it jerks by {seam:.0} m/s³; 99 of 100 given frames by less than {usual:.0}"
         ));
     }
 }

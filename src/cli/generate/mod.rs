@@ -14,6 +14,7 @@ use kinelm::generate::feet::Care;
 use kinelm::generate::labels::TimedLabel;
 use kinelm::generate::make::{Followed, Ready};
 use kinelm::generate::music::GUIDANCE;
+use kinelm::generate::plan::Plan;
 use kinelm::generate::prompt;
 use kinelm::generate::provenance::{self, Provenance};
 use kinelm::generate::recipe::{Computing, MusicRecipe, PromptRecipe, Recipe, Rig};
@@ -37,7 +38,7 @@ pub struct Args {
     prompt: Option<PathBuf>,
     /// A file with a timeline of clips (docs/plans.md): what none of them gives is made anew. kinelm plan check shows it
     #[arg(long, value_name = "PLAN.toml", conflicts_with_all = ["prompt", "joints", "from_frame", "given", "free", "round",
-        "fps_source", "unit", "map", "bvh_position", "root", "lenient", "keep_rest", "drop_rest", "skip", "body_model"])]
+        "fps_source", "unit", "up", "floor", "map", "bvh_position", "root", "lenient", "keep_rest", "drop_rest", "skip", "body_model"])]
     plan: Option<PathBuf>,
     /// The joints that are followed: groups (root, right_arm, hands, feet, spine, ...), names (SMPL's, or as the prompt's rig
     /// has them) and ids; root brings the translation
@@ -80,7 +81,7 @@ pub struct Args {
     out: Option<PathBuf>,
     /// Make a dance again, to the same bytes, from the FILE.bvh.kinelm.json beside it; --run, --prompt, --music and --out if they
     /// are elsewhere now
-    #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["plan", "joints", "from_frame", "given", "free", "blend", "tries", "labels", "music_from", "guidance", "ahead", "frames", "seconds", "fps",
+    #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["up", "floor", "joints", "from_frame", "given", "free", "blend", "tries", "labels", "music_from", "guidance", "ahead", "frames", "seconds", "fps",
         "variations", "best", "real", "keep_all", "seed", "greedy", "temperature", "top_k", "top_p", "min_p", "repetition_penalty",
         "repetition_words", "rig", "rest_joints", "feet", "weights", "kv", "device", "form", "fps_source", "unit", "map",
         "bvh_position", "root", "lenient", "keep_rest", "drop_rest", "skip", "body_model"])]
@@ -351,12 +352,7 @@ fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     if let Some(run) = &args.run {
         recipe.run.clone_from(run);
     }
-    if let (Some(path), Some(prompt)) = (&args.prompt, &mut recipe.prompt) {
-        prompt.path.clone_from(path);
-    }
-    if let (Some(path), Some(music)) = (&args.music, &mut recipe.music) {
-        music.path.clone_from(path);
-    }
+    moved(args, &mut recipe)?;
     let outputs = outputs(args, &recipe);
     outputs.check([&*out])?;
     outputs.check_replaceable(&out, Some(&first.output.sha256))?;
@@ -375,6 +371,33 @@ fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
         told.write(&out, &bytes, &outputs)?;
     }
     super::convert::told(&out, &made.motion, say);
+    Ok(())
+}
+
+/// Where the files of a dance are now, if they are elsewhere.
+fn moved(args: &Args, recipe: &mut Recipe) -> Result<()> {
+    let none =
+        |option: &str, what: &str| Err(WrongCall(format!("{option}: the dance has no {what}; leave it out")).into());
+    let prompt = recipe.prompt.as_mut();
+    match (&args.prompt, &args.plan, prompt) {
+        (None, None, _) => {}
+        (Some(path), None, Some(prompt)) if prompt.plan.is_none() => prompt.path.clone_from(path),
+        (None, Some(path), Some(prompt)) if prompt.plan.is_some() => {
+            let (plan, laid) = Plan::load(path)?;
+            prompt.path = laid.composed()?.path;
+            prompt.plan = Some(plan);
+        }
+        (Some(_), _, Some(_)) => {
+            return none("--prompt", "prompt but a plan; name a plan of the same clips with --plan");
+        }
+        (Some(_), _, None) => return none("--prompt", "prompt"),
+        (None, Some(_), _) => return none("--plan", "plan"),
+    }
+    match (&args.music, &mut recipe.music) {
+        (Some(path), Some(music)) => music.path.clone_from(path),
+        (Some(_), None) => return none("--music", "music"),
+        (None, _) => {}
+    }
     Ok(())
 }
 
@@ -456,7 +479,7 @@ fn check_out(args: &Args, outs: &[PathBuf]) -> Result<()> {
         return Err(WrongCall(what).into());
     }
     let is_amass = |prompt: &PathBuf| ["npz", "pkl"].contains(&super::extension(prompt).as_str());
-    if args.edit.get().is_some()
+    if (args.edit.get().is_some() || args.plan.is_some())
         && args.rig.is_none()
         && extension == "npz"
         && !args.prompt.as_ref().is_some_and(is_amass)

@@ -10,7 +10,9 @@ use crate::generate::best::Verdict;
 use crate::generate::free::Stretch;
 use kinelm_motion::metric::{Feet, Ground, Skate, jitter_of};
 use kinelm_motion::{Clip, joints::LEGS};
-use std::cell::OnceCell;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::rc::Rc;
 
 /// Real clips are measured in windows of so many seconds, one every so many.
 const WINDOW_S: f64 = 5.0;
@@ -32,8 +34,15 @@ pub struct Judge<'a> {
     usual: [Option<Usual>; 3],
     /// Of what was invented up to the end: the frames and joints, and the threshold under which they stand still, cm/s.
     last: Option<(Stretch, f64)>,
-    /// The training clips and their mirror images, and how near a dance may come to them, cm.
-    training: OnceCell<(Vec<Track>, Option<f64>)>,
+    /// By joints.
+    near: RefCell<BTreeMap<Vec<usize>, Rc<Near>>>,
+}
+
+/// The training clips and their mirror images as some joints show them.
+struct Near {
+    training: Vec<Track>,
+    /// How near a dance may come to them; nobody knows without validation clips.
+    limit_cm: Option<f64>,
 }
 
 /// A measure over windows of the real train clips.
@@ -60,7 +69,7 @@ impl<'a> Judge<'a> {
             joints,
             usual: [None; 3],
             last: None,
-            training: OnceCell::new(),
+            near: RefCell::default(),
         };
         let windows = real.train.iter().flat_map(|dance| windows(&dance.clip));
         let all: Vec<[Option<f64>; 3]> = windows
@@ -126,38 +135,41 @@ impl<'a> Judge<'a> {
 
     /// Whether the invented joints of a dance are those of a training clip, in a tenth of its windows or more.
     fn is_copy(&self, dance: &Dance) -> Result<bool> {
-        let (training, limit) = match self.training.get() {
-            Some(known) => known,
-            None => {
-                let known = self.training()?;
-                self.training.get_or_init(|| known)
-            }
-        };
-        let Some(limit) = limit else { return Ok(false) };
-        let stretches = self.invented.iter().map(|stretch| slice(&dance.clip, stretch));
-        let near: Vec<f64> = stretches.flat_map(|clip| nearest(&Track::of(&clip, &self.joints), training)).collect();
-        let copied = near.iter().filter(|cm| *cm < limit).count();
-        Ok(copied as f64 > COPIED * near.len() as f64)
+        let (mut all, mut copied) = (0, 0);
+        for stretch in &self.invented {
+            let near = self.near(&stretch.joints)?;
+            let Some(limit) = near.limit_cm else { continue };
+            let found = nearest(&Track::of(&slice(&dance.clip, stretch), &stretch.joints), &near.training);
+            all += found.len();
+            copied += found.iter().filter(|cm| **cm < limit).count();
+        }
+        Ok(copied as f64 > COPIED * all as f64)
     }
 
-    fn training(&self) -> Result<(Vec<Track>, Option<f64>)> {
-        let both = self.real.train.iter().map(|dance| Track::both(&dance.clip, &self.joints));
+    /// The training clips as these joints show them.
+    fn near(&self, joints: &[usize]) -> Result<Rc<Near>> {
+        if let Some(known) = self.near.borrow().get(joints) {
+            return Ok(known.clone());
+        }
+        let both = self.real.train.iter().map(|dance| Track::both(&dance.clip, joints));
         let training = both.collect::<Result<Vec<_>>>()?.concat();
-        let valid = self.real.valid.iter().flat_map(|dance| nearest(&Track::of(&dance.clip, &self.joints), &training));
+        let valid = self.real.valid.iter().flat_map(|dance| nearest(&Track::of(&dance.clip, joints), &training));
         let mut valid: Vec<f64> = valid.collect();
         valid.sort_by(f64::total_cmp);
-        let limit = percentile(&valid, 0.01);
-        Ok((training, limit))
+        let near = Rc::new(Near { limit_cm: percentile(&valid, 0.01), training });
+        self.near.borrow_mut().insert(joints.to_vec(), near.clone());
+        Ok(near)
     }
 
     /// Share of steps that slide, penetration and shaking of what was invented of a clip; of the feet where both legs were.
     fn measures(&self, clip: &Clip, invented: &[Stretch]) -> [Option<f64>; 3] {
         let (mut skate, mut ground) = (Skate::default(), Ground::default());
-        let (mut jerk, mut speed) = (0.0, 0.0);
+        let (mut jerk, mut speed, mut feet_frames) = (0.0, 0.0, 0);
         for stretch in invented {
             let part = slice(clip, stretch);
             if LEGS.iter().flatten().all(|joint| stretch.joints.contains(joint) || !self.real.joints.contains(joint)) {
                 skate.add(&Skate::of(&self.feet, &part));
+                feet_frames += part.frames();
                 let pelvis: Vec<f64> = part.root().iter().map(|p| p.y).collect();
                 ground.add(&Ground::of(&self.feet.least(&part), &pelvis, clip.fps()));
             }
@@ -166,7 +178,9 @@ impl<'a> Judge<'a> {
                 speed += Places::of(&part, &stretch.joints).speeds().iter().sum::<f64>();
             }
         }
-        [skate.share(), ground.penetration_cm(), (speed > 0.0).then(|| jerk / speed)]
+        // feet that never stand are no better than feet that always slide
+        let slides = skate.share().or((feet_frames > 1).then_some(1.0));
+        [slides, ground.penetration_cm(), (speed > 0.0).then(|| jerk / speed)]
     }
 
     /// From when on what was invented up to the end stands still, seconds.

@@ -54,11 +54,16 @@ impl Laid {
             exact[clip].map(|_| exact[..clip].iter().flatten().count())
         };
         let of_segment: Vec<Option<usize>> = (0..self.placed.len()).map(piece_of).collect();
+        // where no clip gives words, numbers are new; until then those of the rig stand there, which has its own bones
+        let of_rig = names.iter().position(|name| **name == self.rig_name).unwrap_or(0);
+        let of_rig = (exact[..of_rig].iter().flatten().count(), self.clips[&self.rig_name].left_out);
         let words = |frame: usize, joint: usize| {
-            let n = by[frame * j + joint]?;
-            let segment = &self.placed[n];
-            let left_out = self.clips[&segment.clip].left_out;
-            Some((of_segment[n]?, left_out + segment.at + frame - segment.frames.start))
+            let given = by[frame * j + joint].and_then(|n| {
+                let segment = &self.placed[n];
+                let left_out = self.clips[&segment.clip].left_out;
+                Some((of_segment[n]?, left_out + segment.at + frame - segment.frames.start))
+            });
+            Some(given.unwrap_or(of_rig))
         };
         let text = source.composed(&pieces, self.frames, words);
         let stays = |n: usize| self.placed[n].turn == 0.0 && self.placed[n].shift == Vec3::ZERO;

@@ -1,6 +1,6 @@
 //! A plan as text, to be looked at before anything is drawn.
 
-use super::lay::Laid;
+use super::lay::{Laid, Placed};
 use kinelm_motion::joints;
 use std::fmt::Write;
 
@@ -30,9 +30,9 @@ pub fn timeline(laid: &Laid) -> String {
         let own = joints::parse(part).map(|s| s.joints).unwrap_or_default();
         let _ = write!(text, "{part:<10} ");
         for column in 0..columns {
-            let frame = (column * laid.frames + laid.frames / 2) / columns;
-            let here =
-                |joint: &usize| laid.placed.iter().position(|p| p.frames.contains(&frame) && p.joints.contains(joint));
+            let frames = column * laid.frames / columns..(column + 1) * laid.frames / columns;
+            let meets = |p: &Placed| p.frames.start < frames.end && frames.start < p.frames.end;
+            let here = |joint: &usize| laid.placed.iter().position(|p| meets(p) && p.joints.contains(joint));
             let given: Vec<Option<usize>> = own.iter().map(here).collect();
             text.push(match given.first() {
                 Some(Some(n)) if given.iter().all(|g| *g == Some(*n)) => mark(*n),
@@ -41,6 +41,11 @@ pub fn timeline(laid: &Laid) -> String {
             });
         }
         text.push('\n');
+    }
+    let is_given =
+        |frame: usize, joint: usize| laid.placed.iter().any(|p| p.frames.contains(&frame) && p.joints.contains(&joint));
+    if (0..24).all(|joint| (0..laid.frames).all(|frame| is_given(frame, joint))) {
+        text.push_str("nothing is made anew: there is nothing for a model to do\n");
     }
     text
 }

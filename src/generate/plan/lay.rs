@@ -73,6 +73,8 @@ pub(super) struct Ready {
     pub exact: Option<(BvhSource, Arc<[u8]>)>,
     /// Frames of the file in front of the clip's.
     pub left_out: usize,
+    /// The frames and the rate of its file: moments are counted in these.
+    scale: Scale,
     /// How far its floor lies above that of the rig's clip, metres.
     above_m: f64,
     /// (F) where it faces, radians.
@@ -119,7 +121,9 @@ pub struct Laid {
     pub fps: f64,
     /// What the user should know.
     pub notes: Vec<String>,
-    /// The clip that lends its rig, and how its file is read.
+    /// The name of the clip that lends its rig.
+    pub(super) rig_name: String,
+    /// That clip, and how its file is read.
     pub(super) rig: (PlanClip, Motion, BvhSource),
     /// Where its floor is, metres.
     pub(super) floor_m: f64,
@@ -129,9 +133,11 @@ pub struct Laid {
 impl Laid {
     pub(super) fn of(plan: &Plan) -> Result<Laid, Fault> {
         let (over, length) = (plan.over, plan.seconds);
-        if !(0.0..=10.0).contains(&over) || length.is_some_and(|s| !(s > 0.0 && s <= LONGEST_S)) {
-            let found = format!("over = {over}, seconds = {length:?}");
-            return Err(Fault::Plan(found, format!("0 to 10 s over, and up to {LONGEST_S} s in all")));
+        if !(0.0..=10.0).contains(&over) {
+            return Err(Fault::Plan(format!("over = {over}"), "0 to 10 seconds".into()));
+        }
+        if let Some(s) = length.filter(|s| !(*s > 0.0 && *s <= LONGEST_S)) {
+            return Err(Fault::Plan(format!("seconds = {s}"), format!("more than 0, and {LONGEST_S} at most")));
         }
         if plan.segments.is_empty() {
             return Err(Fault::Plan("no [[segment]]".into(), "at least one".into()));
@@ -142,17 +148,26 @@ impl Laid {
             .get(&plan.rig)
             .ok_or_else(|| Fault::Rig(format!("`{}`", plan.rig), format!("the name of one of the clips: {known}")))?;
         let mut notes = Vec::new();
-        let mut motion = format::read(&own.file, &own.options())?;
+        let unread = |name: &str, e: &dyn std::fmt::Display| {
+            Fault::Clip(name.to_owned(), e.to_string(), "a clip that can be read".into())
+        };
+        let mut motion = format::read(&own.file, &own.options()).map_err(|e| unread(&plan.rig, &e))?;
+        if motion.clip.frames() == 0 {
+            return Err(Fault::Clip(plan.rig.clone(), "no frames".into(), "a clip with at least one".into()));
+        }
         let Source::Bvh(source) = &motion.source else {
             let expected = "a .bvh, whose numbers can be kept; kinelm convert makes one";
             return Err(Fault::Clip(plan.rig.clone(), format!("{}", own.file.display()), expected.into()));
         };
         let source = (**source).clone();
-        let floor_m = floor_of(&mut motion, &own.options())?;
+        let floor_m = floor_of(&mut motion, &own.options()).map_err(|e| unread(&plan.rig, &e))?;
         let mut clips = BTreeMap::new();
         for (name, clip) in &plan.clips {
-            if plan.segments.iter().any(|segment| segment.clip == *name) {
-                let ready = ready(clip, (own, &motion, &source, floor_m))?;
+            if *name == plan.rig || plan.segments.iter().any(|segment| segment.clip == *name) {
+                let ready = ready(clip, (own, &motion, &source, floor_m), &mut notes).map_err(|fault| match fault {
+                    Fault::Read(e) => unread(name, &e),
+                    fault => fault,
+                })?;
                 if ready.exact.is_none() {
                     let what = "has another rig or rate than the plan's: its numbers are converted, not copied";
                     notes.push(format!("{name} ({}) {what}", clip.file.display()));
@@ -181,14 +196,25 @@ impl Laid {
         }
         let mut placed: Vec<Placed> = placed.into_iter().map(|(_, p)| p).collect();
         join(&mut placed, &clips, fps);
-        Ok(Laid { placed, frames, fps, notes, rig: (own.clone(), motion, source), floor_m, clips })
+        let rig_name = plan.rig.clone();
+        Ok(Laid { placed, frames, fps, notes, rig_name, rig: (own.clone(), motion, source), floor_m, clips })
     }
 }
 
 /// Reads a clip and brings it to the rig.
-fn ready(clip: &PlanClip, (own, rig, source, floor_m): (&PlanClip, &Motion, &BvhSource, f64)) -> Result<Ready, Fault> {
+fn ready(
+    clip: &PlanClip,
+    (own, rig, source, floor_m): (&PlanClip, &Motion, &BvhSource, f64),
+    notes: &mut Vec<String>,
+) -> Result<Ready, Fault> {
     let (options, fps) = (clip.options(), rig.clip.fps());
     let mut motion = format::read(&clip.file, &options)?;
+    notes.extend(motion.warnings.iter().map(|warning| format!("{}: {}", clip.file.display(), warning.what)));
+    let whole = ReadOptions { skip: 0, rest: RestFrame::Keep, ..options.clone() };
+    let bytes: Arc<[u8]> = format::input::bytes(&clip.file).map_err(Error::io(&clip.file))?.into();
+    let all = format::parse(&clip.file, &bytes, &whole)?;
+    let left_out = all.clip.frames() - motion.clip.frames();
+    let scale = Scale { frames: motion.clip.frames(), fps: motion.clip.fps(), left_out, model_fps: None };
     let on_smpl = resample(&retarget::to_smpl(&motion, clip.map.as_deref())?, fps, Method::Auto)?;
     let mut last = 0.0;
     let headings = (0..on_smpl.frames()).map(|f| {
@@ -196,25 +222,20 @@ fn ready(clip: &PlanClip, (own, rig, source, floor_m): (&PlanClip, &Motion, &Bvh
         last
     });
     let headings = headings.collect();
-    if let Source::Bvh(other) = &motion.source
+    if let Source::Bvh(other) = &all.source
         && source.is_alike(other)
         && motion.clip.fps() == fps
     {
-        let whole = ReadOptions { skip: 0, rest: RestFrame::Keep, ..options.clone() };
-        let bytes: Arc<[u8]> = format::input::bytes(&clip.file).map_err(Error::io(&clip.file))?.into();
-        let Source::Bvh(all) = format::parse(&clip.file, &bytes, &whole)?.source else {
-            return Err(Fault::Plan(format!("{}", clip.file.display()), "the file that it was before".into()));
-        };
-        let left_out = all.frames - motion.clip.frames();
         let above_m = if clip == own { 0.0 } else { floor_of(&mut motion, &options)? - floor_m };
-        return Ok(Ready { clip: motion.clip, exact: Some((*all, bytes)), left_out, above_m, headings });
+        let exact = Some(((**other).clone(), bytes));
+        return Ok(Ready { clip: motion.clip, exact, left_out, scale, above_m, headings });
     }
     let skeleton = rig.clip.skeleton();
     let way = Retarget::new(skeleton, &retarget::map_for(skeleton, own.map.as_deref())?, smpl::neutral())?;
     let moved = way.with_floor(retarget::floor_m(rig, own.map.as_deref())?).to_rig_over(&on_smpl, None)?;
     let mut on_rig = Motion { clip: moved, ..rig.clone() };
     let above_m = floor_of(&mut on_rig, &own.options())? - floor_m;
-    Ok(Ready { clip: on_rig.clip, exact: None, left_out: 0, above_m, headings })
+    Ok(Ready { clip: on_rig.clip, exact: None, left_out: 0, scale, above_m, headings })
 }
 
 /// A segment in frames; found and expected where it can't be.
@@ -237,8 +258,9 @@ fn place(segment: &Segment, ready: &Ready, rig: &Motion, own: &PlanClip) -> Resu
     let (from, to) =
         (border("from", segment.from, of_dance, counted())?, border("to", segment.to, of_dance, counted())?);
     let has = ready.clip.frames();
-    let of_clip = Scale { frames: has, fps, left_out: ready.left_out, model_fps: None };
-    let at = border("at", segment.at, of_clip, format!("a moment of the clip, which has {:.2} s", has as f64 / fps))?;
+    let at =
+        border("at", segment.at, ready.scale, format!("a moment of the clip, which has {:.2} s", has as f64 / fps))?;
+    let at = (at as f64 / ready.scale.fps * fps).round() as usize;
     if from >= to {
         return Err((format!("from {} to {}", segment.from.0, segment.to.0), "an end behind the beginning".into()));
     }
@@ -252,10 +274,11 @@ fn place(segment: &Segment, ready: &Ready, rig: &Motion, own: &PlanClip) -> Resu
 
 /// Refuses joints that two segments give at a time, and makes room where one goes over into another.
 fn apart(placed: &mut [(usize, Placed)], over: usize, fps: f64) -> Result<(), Fault> {
+    // of each, frames at its beginning and at its end
+    let mut cuts = vec![(0, 0); placed.len()];
     for second in 1..placed.len() {
         for first in 0..second {
-            let (head, tail) = placed.split_at_mut(second);
-            let ((n, a), (m, b)) = (&mut head[first], &mut tail[0]);
+            let ((n, a), (m, b)) = (&placed[first], &placed[second]);
             let Some(&joint) = a.joints.iter().find(|joint| b.joints.contains(joint)) else { continue };
             if b.frames.start < a.frames.end {
                 let [from, to] = [b.frames.start, a.frames.end.min(b.frames.end)].map(|f| f as f64 / fps);
@@ -267,21 +290,19 @@ fn apart(placed: &mut [(usize, Placed)], over: usize, fps: f64) -> Result<(), Fa
             if room == 0 || b.goes_on(a) {
                 continue;
             }
-            let (back, forth) = (room - room / 2, room / 2);
-            for (n, segment, cut) in [(*n, &*a, back), (*m, &*b, forth)] {
-                if segment.frames.len() <= cut {
-                    let found = format!("{:.2} s", segment.frames.len() as f64 / fps);
-                    let expected = format!(
-                        "more than the {:.2} s of it that are made anew where clips meet (over)",
-                        cut as f64 / fps
-                    );
-                    return Err(Fault::Segment(n, found, expected));
-                }
-            }
-            a.frames.end -= back;
-            b.frames.start += forth;
-            b.at += forth;
+            cuts[first].1 = cuts[first].1.max(room - room / 2);
+            cuts[second].0 = cuts[second].0.max(room / 2);
         }
+    }
+    for ((n, segment), (front, back)) in placed.iter_mut().zip(cuts) {
+        if segment.frames.len() <= front + back {
+            let found = format!("{:.2} s", segment.frames.len() as f64 / fps);
+            let cut = (front + back) as f64 / fps;
+            let expected = format!("more than the {cut:.2} s of it that are made anew where clips meet (over)");
+            return Err(Fault::Segment(*n, found, expected));
+        }
+        segment.frames = segment.frames.start + front..segment.frames.end - back;
+        segment.at += front;
     }
     Ok(())
 }

@@ -12,7 +12,7 @@ pub use draw::timeline;
 pub use lay::{Laid, Placed};
 
 use crate::{Error, Result};
-use kinelm_motion::format::{ReadOptions, Unit, Up, input};
+use kinelm_motion::format::{ReadOptions, RestFrame, Unit, Up, input};
 use kinelm_motion::moment::Moment;
 use lay::Fault;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -78,7 +78,8 @@ impl PlanClip {
     /// How the file is read.
     pub fn options(&self) -> ReadOptions {
         let (fps_source, skip, unit, up) = (self.fps_source, self.skip, self.unit, self.up);
-        ReadOptions { fps_source, skip, unit, up, map: self.map.clone(), floor: self.floor, ..ReadOptions::default() }
+        let (map, floor) = (self.map.clone(), self.floor);
+        ReadOptions { fps_source, skip, unit, up, map, floor, rest: RestFrame::Drop, ..ReadOptions::default() }
     }
 }
 

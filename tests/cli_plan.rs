@@ -258,3 +258,28 @@ fn what_is_wrong_with_a_plan_is_told_with_its_line_and_nothing_is_written() {
     set.call(over).assert().failure();
     assert_eq!(fs::read(set.at("data/1.bvh")).unwrap(), before);
 }
+
+#[test]
+fn a_rig_whose_joints_have_places_is_written_too() {
+    let Some(bandai) = kinelm_shared_data::set("bandai-1", "cli_plan") else { return };
+    let Some(cmu) = kinelm_shared_data::set("cmu-dance", "cli_plan") else { return };
+    let mut walks: Vec<PathBuf> = fs::read_dir(&bandai).unwrap().map(|entry| entry.unwrap().path()).collect();
+    walks.retain(|path| path.extension().is_some_and(|extension| extension == "bvh"));
+    walks.sort();
+    let set = set();
+    fs::copy(&walks[0], set.at("walk.bvh")).unwrap();
+    let plan = format!(
+        "rig = \"walk\"\n[clips.walk]\nfile = \"walk.bvh\"\n[clips.salsa]\nfile = {:?}\nfps_source = 60\nskip = 10\n\
+         [[segment]]\nclip = \"walk\"\nfrom = 0\nto = 1\n[[segment]]\nclip = \"salsa\"\nfrom = 2\nto = 3\nat = 4\n",
+        cmu.join("salsa/03.bvh")
+    );
+    fs::write(set.at("walk.toml"), plan).unwrap();
+    set.call("generate --run run --plan walk.toml --tries 1 --out walked.bvh").assert().success();
+    let (dance, walk) = (set.rows("walked.bvh"), set.rows("walk.bvh"));
+    assert_eq!((dance.len(), &dance[..30]), (90, &walk[..30]));
+    let read = |name: &str| format::read(&set.at(name), &Default::default()).unwrap().clip;
+    let (dance, walk) = (read("walked.bvh"), read("walk.bvh"));
+    // no bone has shrunk, and the body goes on at its height
+    assert!(dance.skeleton().offsets().iter().zip(walk.skeleton().offsets()).all(|(a, b)| (*a - *b).length() < 1e-4));
+    assert!((30..90).all(|f| (dance.root()[f].y - walk.root()[0].y).abs() < 0.3));
+}

@@ -6,11 +6,11 @@ use crate::generate::edit::close::bridged;
 use crate::generate::edit::mask::Mask;
 use crate::generate::edit::span::Span;
 use crate::generate::edit::splice::RigJoints;
-use kinelm_motion::format::bvh::{BvhSource, Changed, Piece};
-use kinelm_motion::format::{self, ReadOptions, RestFrame};
+use kinelm_motion::format::bvh::{BvhSource, Changed, Piece, parse_header};
+use kinelm_motion::format::{ReadOptions, RestFrame};
 use kinelm_motion::moment::Moment;
 use kinelm_motion::retarget::{self, Retarget};
-use kinelm_motion::{Clip, Quat, Source, Vec3, smpl};
+use kinelm_motion::{Clip, Quat, Vec3, smpl};
 use std::path::PathBuf;
 
 /// A plan as a file to be edited.
@@ -83,9 +83,10 @@ impl Laid {
             floor: Some(self.floor_m),
             ..own.options()
         };
-        let read_back = format::parse(&own.file, &text, &read)?;
-        let Source::Bvh(composed) = &read_back.source else { unreachable!("a BVH is read as one") };
-        let composed: &BvhSource = composed;
+        // what the rig is was judged by its own clip, not by rows that are to be filled yet
+        let head = parse_header(&own.file, &text, &read)?;
+        let (numbers, _) = head.rows(&own.file, &text, &read)?;
+        let composed = BvhSource { head, numbers, frames: self.frames, rig: source.rig.clone(), floor_m: None };
         let bytes = composed.spliced(&text, &clip, &changed)?;
         let span = |segment: &super::Placed| {
             let [from, to] = [segment.frames.start, segment.frames.end].map(|f| Some(Moment::Frames(f as f64)));

@@ -5,7 +5,7 @@
 #     scripts/reproduce/aclstm.sh DATA SPLITS OUT
 #
 # DATA and SPLITS as ../shared/data/unpack.sh leaves them. What is there is not made again, and a run that was stopped goes
-# on. Variables: STEPS of every run (6000), RATE (the configuration's, 1e-4), SEEDS ("1 2 3"), MORE ("yes": one run each of
+# on. Variables: STEPS of every run (6000), RATE (the configuration's, 1e-3), SEEDS ("1 2 3"), MORE ("yes": one run each of
 # the compat wiring, of the rate in the files' headers and of another order of the root's angles), SEED_COUNT of an
 # evaluation (50), FRAMES made of each (4000), CONFIG (256), THREADS (1), KINELM.
 set -eu

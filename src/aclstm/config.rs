@@ -68,7 +68,7 @@ impl Default for Config {
             condition: 5,
             length: 100,
             batch: 32,
-            learning_rate: 1e-4,
+            learning_rate: 1e-3,
             steps: 6000,
             turn: true,
             margin: 10,

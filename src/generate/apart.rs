@@ -3,7 +3,7 @@
 //! A given joint is only where the joints above it leave it. So it is measured in the frame of the joint that it hangs on
 //! by given and uncoded joints alone: of the pelvis, where no coded joint between is free.
 
-use super::make::Followed;
+use super::followed::Followed;
 use crate::Result;
 use kinelm_motion::{Clip, Skeleton, smpl};
 use kinelm_tokenizer::Tokenizer;

@@ -1,6 +1,6 @@
 //! Feet of a dance held where they stand, as far as they were invented.
 
-use super::make::Followed;
+use super::followed::Followed;
 use crate::Result;
 use kinelm_motion::Motion;
 use kinelm_motion::feet::{Fixed, Locked, lock};

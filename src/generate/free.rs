@@ -1,6 +1,7 @@
 //! What of a dance was invented: the rest is its prompt's.
 
-use super::make::{Followed, Ready};
+use super::followed::Followed;
+use super::make::Ready;
 use std::ops::Range;
 
 /// Frames through which the same joints were invented.

@@ -13,6 +13,7 @@ pub mod best;
 mod dance;
 pub mod edit;
 pub mod feet;
+pub mod followed;
 pub mod free;
 pub mod guidance;
 pub mod labels;

@@ -1,6 +1,6 @@
 //! Where a dance stands: coding takes the place of the first frame off, and a free root starts facing anywhere.
 
-use super::make::Followed;
+use super::followed::Followed;
 use crate::Result;
 use kinelm_motion::rotation::heading;
 use kinelm_motion::{Clip, Quat, Vec3};

@@ -1,32 +1,28 @@
 //! `kinelm generate`.
 
+mod again;
 mod best;
 mod edit;
+mod say;
 
 use super::{ComputeArgs, ForceArgs, ReadingArgs, Say, WrongCall, draw::DrawArgs, read::ReadArgs};
 use anyhow::{Context, Result};
 use best::BestArgs;
 use edit::EditArgs;
-use kinelm::corpus::FileRecord;
-use kinelm::generate::apart::{apart, free_between};
 use kinelm::generate::best::Best;
 use kinelm::generate::feet::Care;
 use kinelm::generate::labels::TimedLabel;
-use kinelm::generate::make::{Followed, Ready};
+use kinelm::generate::make::Ready;
 use kinelm::generate::music::GUIDANCE;
-use kinelm::generate::plan::Plan;
-use kinelm::generate::prompt;
 use kinelm::generate::provenance::{self, Provenance};
 use kinelm::generate::recipe::{Computing, MusicRecipe, PromptRecipe, Recipe, Rig};
 use kinelm::generate::rest::RestJoints;
-use kinelm::generate::variation_seed;
 use kinelm::model::Which;
-use kinelm::output::{Outputs, is_same};
+use kinelm::output::Outputs;
 use kinelm_motion::format::RestFrame;
-use kinelm_motion::{joints, smpl};
-use kinelm_tokenizer::{Tokenizer, Words};
+use kinelm_tokenizer::Words;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -172,7 +168,7 @@ impl From<RestArg> for RestJoints {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     if let Some(file) = &args.again {
-        return again(&args, file, say);
+        return again::again(&args, file, say);
     }
     let outs = outs(&args)?;
     check_out(&args, &outs)?;
@@ -219,7 +215,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
             edit::say_seam(edited, &made, say);
         }
         made.locked.iter().for_each(|locked| super::filter::say_locked(locked, made.locked_fps, say));
-        say_read_back(&ready, words, out, say)?;
+        say::read_back(&ready, words, out, say)?;
     }
     Ok(())
 }
@@ -308,8 +304,8 @@ fn load(recipe: Recipe, which: Which, say: Say) -> Result<Ready> {
     let Some((prompt, recipe)) = ready.prompt.as_ref().zip(ready.recipe.prompt.as_ref()) else { return Ok(ready) };
     super::warn(&prompt.clip.motion, say);
     if let Some(list) = &recipe.joints {
-        say_not_followed(&ready.tokenizer, list, say)?;
-        say_free_between(&ready.tokenizer, prompt, list, say);
+        say::not_followed(&ready.tokenizer, list, say)?;
+        say::of_free_between(&ready.tokenizer, prompt, list, say);
     }
     if prompt.clip.clipped > 0 {
         let (n, path) = (prompt.clip.clipped, recipe.path.display());
@@ -338,85 +334,6 @@ fn danced(ready: &Ready, variations: usize, guesses: Option<u8>, say: Say) -> Re
     Ok((0..danced.ids.len()).map(|dance| ready.words(&danced, dance)).collect())
 }
 
-/// Makes a dance again and holds it to the hash of the first.
-fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
-    let first = Provenance::load(file)?;
-    let out = args.out.clone().unwrap_or_else(|| file.with_file_name(&first.output.file));
-    super::writable(&out)?;
-    if super::extension(&out) != super::extension(Path::new(&first.output.file)) {
-        let what = format!("{}: the dance was {}; other formats hold other bytes", out.display(), first.output.file);
-        return Err(WrongCall(what).into());
-    }
-    let mut recipe = first.recipe.clone();
-    recipe.seed = variation_seed(recipe.seed, first.variation.saturating_sub(1));
-    if let Some(run) = &args.run {
-        recipe.run.clone_from(run);
-    }
-    moved(args, &mut recipe)?;
-    let outputs = outputs(args, &recipe);
-    outputs.check([&*out])?;
-    outputs.check_replaceable(&out, Some(&first.output.sha256))?;
-    let ready = load(recipe, Which::Step(first.step), say)?;
-    first.check(&ready)?;
-    let words = danced(&ready, 1, args.guesses, say)?.remove(0);
-    let made = ready.motion(&words, &out)?;
-    let bytes = made.bytes(&out)?;
-    check_same(&first, &bytes)?;
-    if is_same(&provenance::path_of(&out), file) {
-        outputs.write(&out, &bytes)?; // and it tells of the dance already
-    } else {
-        let recipe = Recipe { seed: first.recipe.seed, ..ready.recipe };
-        let output = provenance::FileHash { file: provenance::name_of(&out), ..first.output };
-        let told = Provenance { output, recipe, kinelm: env!("CARGO_PKG_VERSION").into(), ..first };
-        told.write(&out, &bytes, &outputs)?;
-    }
-    super::convert::told(&out, &made.motion, say);
-    Ok(())
-}
-
-/// Where the files of a dance are now, if they are elsewhere.
-fn moved(args: &Args, recipe: &mut Recipe) -> Result<()> {
-    let none =
-        |option: &str, what: &str| Err(WrongCall(format!("{option}: the dance has no {what}; leave it out")).into());
-    let prompt = recipe.prompt.as_mut();
-    match (&args.prompt, &args.plan, prompt) {
-        (None, None, _) => {}
-        (Some(path), None, Some(prompt)) if prompt.plan.is_none() => prompt.path.clone_from(path),
-        (None, Some(path), Some(prompt)) if prompt.plan.is_some() => {
-            let (plan, laid) = Plan::load(path)?;
-            prompt.path = laid.composed()?.path;
-            prompt.plan = Some(plan);
-        }
-        (Some(_), _, Some(_)) => {
-            return none("--prompt", "prompt but a plan; name a plan of the same clips with --plan");
-        }
-        (Some(_), _, None) => return none("--prompt", "prompt"),
-        (None, Some(_), _) => return none("--plan", "plan"),
-    }
-    match (&args.music, &mut recipe.music) {
-        (Some(path), Some(music)) => music.path.clone_from(path),
-        (Some(_), None) => return none("--music", "music"),
-        (None, _) => {}
-    }
-    Ok(())
-}
-
-/// Refuses a dance that came out different.
-fn check_same(first: &Provenance, bytes: &[u8]) -> Result<()> {
-    let found = FileRecord::of(bytes).sha256;
-    let (then, now) = (&first.recipe.computing, kinelm_engine::dispatch::name());
-    anyhow::ensure!(
-        found == first.output.sha256,
-        "the dance came out different: SHA-256 {found}, then {}; it was made by kinelm {} with the kernels {}, this is {} \
-         with {now}. Nothing was written",
-        first.output.sha256,
-        first.kinelm,
-        then.kernels,
-        env!("CARGO_PKG_VERSION"),
-    );
-    Ok(())
-}
-
 /// The files that are written.
 fn outs(args: &Args) -> Result<Vec<PathBuf>> {
     let out = args.out.as_ref().context("no file to write to")?;
@@ -430,35 +347,6 @@ fn outs(args: &Args) -> Result<Vec<PathBuf>> {
         1 => vec![out.clone()],
         n => (1..=n).map(numbered).collect(),
     })
-}
-/// Parts of the list that name nothing the model knows. (A group is followed as far as it is known.)
-fn say_not_followed(tokenizer: &Tokenizer, list: &str, say: Say) -> Result<()> {
-    for part in list.split(',').filter(|_| list.contains(',')) {
-        let joints = joints::parse(part)?.joints;
-        if !joints.iter().any(|j| tokenizer.channels().joints().contains(j)) {
-            say.line(format_args!("{} is not followed: the model doesn't know it", part.trim()));
-        }
-    }
-    Ok(())
-}
-
-/// Free joints that move given ones, and the call that gives them too.
-fn say_free_between(tokenizer: &Tokenizer, prompt: &Followed, list: &str, say: Say) {
-    let between = free_between(tokenizer, prompt);
-    if between.is_empty() {
-        return;
-    }
-    let torso = joints::parse("torso").map(|s| s.joints).unwrap_or_default();
-    let (torso, others): (Vec<usize>, Vec<usize>) = between.iter().partition(|j| torso.contains(j));
-    let names = |joints: &[usize]| joints.iter().map(|&j| smpl::NAMES[j]).collect::<Vec<_>>();
-    let mut offer = vec!["root"];
-    offer.extend((!torso.is_empty()).then_some("torso"));
-    offer.extend(names(&others));
-    offer.extend(list.split(',').map(str::trim).filter(|part| !["root", "torso", "pelvis"].contains(part)));
-    let (free, offer) = (names(&between).join(", "), offer.join(","));
-    say.line(format_args!(
-        "{free}: free, and they move the given joints that hang on them; to give them too: --joints {offer}"
-    ));
 }
 
 fn check_out(args: &Args, outs: &[PathBuf]) -> Result<()> {
@@ -493,26 +381,6 @@ fn check_out(args: &Args, outs: &[PathBuf]) -> Result<()> {
             "--rig prompt with an .npz: AMASS files are on the model's rig; write .bvh or .json".into(),
         )
         .into());
-    }
-    Ok(())
-}
-
-/// Reads a dance on the prompt's rig back and says which share of the given characters it codes otherwise, and how far the
-/// given joints are from the prompt's.
-fn say_read_back(ready: &Ready, words: &Words, out: &Path, say: Say) -> Result<()> {
-    let followed = ready.on_own_rig().filter(|(prompt, _)| !prompt.given.is_empty());
-    let (Some((prompt, recipe)), tokenizer) = (followed, &ready.tokenizer) else { return Ok(()) };
-    let back = prompt::read_back(out, &ready.recipe, &prompt.clip, tokenizer)?;
-    let Some((motion, again)) = back else { return Ok(()) };
-    if let Some(share) = prompt::share_changed(words.codes(), again.codes(), &prompt.given, prompt.clip.words.len()) {
-        let apart = apart(tokenizer, prompt, recipe.read.map.as_deref(), &motion.clip)?;
-        let apart = apart
-            .map(|a| format!("; the given joints are {:.2} cm apart in the mean, {:.2} at most", a.mean_cm, a.most_cm));
-        say.line(format_args!(
-            "read back from the prompt's rig, {:.4} % of the given characters differ{}",
-            100.0 * share,
-            apart.unwrap_or_default()
-        ));
     }
     Ok(())
 }

@@ -1,0 +1,92 @@
+//! `generate --again`: a dance made once more from what is told beside it.
+
+use super::{Args, danced, load, outputs};
+use crate::cli::{Say, WrongCall, convert, extension, writable};
+use anyhow::Result;
+use kinelm::corpus::FileRecord;
+use kinelm::generate::plan::Plan;
+use kinelm::generate::provenance::{self, Provenance};
+use kinelm::generate::recipe::Recipe;
+use kinelm::generate::variation_seed;
+use kinelm::model::Which;
+use kinelm::output::is_same;
+use std::path::Path;
+
+/// Makes a dance again and holds it to the hash of the first.
+pub fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
+    let first = Provenance::load(file)?;
+    let out = args.out.clone().unwrap_or_else(|| file.with_file_name(&first.output.file));
+    writable(&out)?;
+    if extension(&out) != extension(Path::new(&first.output.file)) {
+        let what = format!("{}: the dance was {}; other formats hold other bytes", out.display(), first.output.file);
+        return Err(WrongCall(what).into());
+    }
+    let mut recipe = first.recipe.clone();
+    recipe.seed = variation_seed(recipe.seed, first.variation.saturating_sub(1));
+    if let Some(run) = &args.run {
+        recipe.run.clone_from(run);
+    }
+    moved(args, &mut recipe)?;
+    let outputs = outputs(args, &recipe);
+    outputs.check([&*out])?;
+    outputs.check_replaceable(&out, Some(&first.output.sha256))?;
+    let ready = load(recipe, Which::Step(first.step), say)?;
+    first.check(&ready)?;
+    let words = danced(&ready, 1, args.guesses, say)?.remove(0);
+    let made = ready.motion(&words, &out)?;
+    let bytes = made.bytes(&out)?;
+    check_same(&first, &bytes)?;
+    if is_same(&provenance::path_of(&out), file) {
+        outputs.write(&out, &bytes)?; // and it tells of the dance already
+    } else {
+        let recipe = Recipe { seed: first.recipe.seed, ..ready.recipe };
+        let output = provenance::FileHash { file: provenance::name_of(&out), ..first.output };
+        let told = Provenance { output, recipe, kinelm: env!("CARGO_PKG_VERSION").into(), ..first };
+        told.write(&out, &bytes, &outputs)?;
+    }
+    convert::told(&out, &made.motion, say);
+    Ok(())
+}
+
+/// Where the files of a dance are now, if they are elsewhere.
+fn moved(args: &Args, recipe: &mut Recipe) -> Result<()> {
+    let none =
+        |option: &str, what: &str| Err(WrongCall(format!("{option}: the dance has no {what}; leave it out")).into());
+    let prompt = recipe.prompt.as_mut();
+    match (&args.prompt, &args.plan, prompt) {
+        (None, None, _) => {}
+        (Some(path), None, Some(prompt)) if prompt.plan.is_none() => prompt.path.clone_from(path),
+        (None, Some(path), Some(prompt)) if prompt.plan.is_some() => {
+            let (plan, laid) = Plan::load(path)?;
+            prompt.path = laid.composed()?.path;
+            prompt.plan = Some(plan);
+        }
+        (Some(_), _, Some(_)) => {
+            return none("--prompt", "prompt but a plan; name a plan of the same clips with --plan");
+        }
+        (Some(_), _, None) => return none("--prompt", "prompt"),
+        (None, Some(_), _) => return none("--plan", "plan"),
+    }
+    match (&args.music, &mut recipe.music) {
+        (Some(path), Some(music)) => music.path.clone_from(path),
+        (Some(_), None) => return none("--music", "music"),
+        (None, _) => {}
+    }
+    Ok(())
+}
+
+/// Refuses a dance that came out different.
+fn check_same(first: &Provenance, bytes: &[u8]) -> Result<()> {
+    let found = FileRecord::of(bytes).sha256;
+    let (then, now) = (&first.recipe.computing, kinelm_engine::dispatch::name());
+    anyhow::ensure!(
+        found == first.output.sha256,
+        "the dance came out different: SHA-256 {found}, then {}; it was made by kinelm {} with the kernels {}, this is {} \
+         with {now}. Nothing was written",
+        first.output.sha256,
+        first.kinelm,
+        then.kernels,
+        env!("CARGO_PKG_VERSION"),
+    );
+    Ok(())
+}

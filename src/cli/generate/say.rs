@@ -1,0 +1,61 @@
+//! What the user of `generate` should know of the joints that are followed.
+
+use crate::cli::Say;
+use anyhow::Result;
+use kinelm::generate::apart::{apart, free_between};
+use kinelm::generate::followed::Followed;
+use kinelm::generate::make::Ready;
+use kinelm::generate::prompt;
+use kinelm_motion::{joints, smpl};
+use kinelm_tokenizer::{Tokenizer, Words};
+use std::path::Path;
+
+/// Parts of the list that name nothing the model knows. (A group is followed as far as it is known.)
+pub fn not_followed(tokenizer: &Tokenizer, list: &str, say: Say) -> Result<()> {
+    for part in list.split(',').filter(|_| list.contains(',')) {
+        let joints = joints::parse(part)?.joints;
+        if !joints.iter().any(|j| tokenizer.channels().joints().contains(j)) {
+            say.line(format_args!("{} is not followed: the model doesn't know it", part.trim()));
+        }
+    }
+    Ok(())
+}
+
+/// Free joints that move given ones, and the call that gives them too.
+pub fn of_free_between(tokenizer: &Tokenizer, prompt: &Followed, list: &str, say: Say) {
+    let between = free_between(tokenizer, prompt);
+    if between.is_empty() {
+        return;
+    }
+    let torso = joints::parse("torso").map(|s| s.joints).unwrap_or_default();
+    let (torso, others): (Vec<usize>, Vec<usize>) = between.iter().partition(|j| torso.contains(j));
+    let names = |joints: &[usize]| joints.iter().map(|&j| smpl::NAMES[j]).collect::<Vec<_>>();
+    let mut offer = vec!["root"];
+    offer.extend((!torso.is_empty()).then_some("torso"));
+    offer.extend(names(&others));
+    offer.extend(list.split(',').map(str::trim).filter(|part| !["root", "torso", "pelvis"].contains(part)));
+    let (free, offer) = (names(&between).join(", "), offer.join(","));
+    say.line(format_args!(
+        "{free}: free, and they move the given joints that hang on them; to give them too: --joints {offer}"
+    ));
+}
+
+/// Reads a dance on the prompt's rig back and says which share of the given characters it codes otherwise, and how far the
+/// given joints are from the prompt's.
+pub fn read_back(ready: &Ready, words: &Words, out: &Path, say: Say) -> Result<()> {
+    let followed = ready.on_own_rig().filter(|(prompt, _)| !prompt.given.is_empty());
+    let (Some((prompt, recipe)), tokenizer) = (followed, &ready.tokenizer) else { return Ok(()) };
+    let back = prompt::read_back(out, &ready.recipe, &prompt.clip, tokenizer)?;
+    let Some((motion, again)) = back else { return Ok(()) };
+    if let Some(share) = prompt::share_changed(words.codes(), again.codes(), &prompt.given, prompt.clip.words.len()) {
+        let apart = apart(tokenizer, prompt, recipe.read.map.as_deref(), &motion.clip)?;
+        let apart = apart
+            .map(|a| format!("; the given joints are {:.2} cm apart in the mean, {:.2} at most", a.mean_cm, a.most_cm));
+        say.line(format_args!(
+            "read back from the prompt's rig, {:.4} % of the given characters differ{}",
+            100.0 * share,
+            apart.unwrap_or_default()
+        ));
+    }
+    Ok(())
+}

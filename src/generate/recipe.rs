@@ -154,7 +154,7 @@ impl PromptRecipe {
     /// A file that can't be read; a plan that can't be laid any more.
     pub fn bytes(&self) -> Result<Vec<u8>> {
         match &self.plan {
-            Some(plan) => Ok(plan.composed()?.bytes),
+            Some(plan) => plan.bytes(),
             None => {
                 Format::of(&self.path)?; // refused by its name before it is read
                 input::bytes(&self.path).map_err(Error::io(&self.path))

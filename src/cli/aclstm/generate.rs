@@ -1,7 +1,7 @@
 //! `kinelm aclstm generate`.
 
 use crate::cli::read::ReadArgs;
-use crate::cli::{ForceArgs, Say, WrongCall, asked, extension, filter, progress, writable, written_as};
+use crate::cli::{ForceArgs, Say, WrongCall, asked, filter, generate, progress, writable, written_as};
 use anyhow::{Context, Result};
 use kinelm::aclstm::FPS;
 use kinelm::aclstm::dance::{Recipe, Told};
@@ -116,12 +116,7 @@ fn made(recipe: &Recipe, which: Which, out: &Path, say: Say) -> Result<(Told, Ve
 /// Makes a dance again and holds it to the hash of the first.
 fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     let first = Told::load(file)?;
-    let out = args.out.clone().unwrap_or_else(|| file.with_file_name(&first.output.file));
-    writable(&out)?;
-    if extension(&out) != extension(Path::new(&first.output.file)) {
-        let what = format!("{}: the dance was {}; other formats hold other bytes", out.display(), first.output.file);
-        return Err(WrongCall(what).into());
-    }
+    let out = generate::again::out(args.out.as_ref(), file, &first.output.file)?;
     let mut recipe = first.aclstm.clone();
     recipe.run = args.run.clone().unwrap_or(recipe.run);
     recipe.clip = args.seed_clip.clone().unwrap_or(recipe.clip);

@@ -10,17 +10,12 @@ use kinelm::generate::recipe::Recipe;
 use kinelm::generate::variation_seed;
 use kinelm::model::Which;
 use kinelm::output::is_same;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Makes a dance again and holds it to the hash of the first.
 pub fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     let first = Provenance::load(file)?;
-    let out = args.out.clone().unwrap_or_else(|| file.with_file_name(&first.output.file));
-    writable(&out)?;
-    if extension(&out) != extension(Path::new(&first.output.file)) {
-        let what = format!("{}: the dance was {}; other formats hold other bytes", out.display(), first.output.file);
-        return Err(WrongCall(what).into());
-    }
+    let out = out(args.out.as_ref(), file, &first.output.file)?;
     let mut recipe = first.recipe.clone();
     recipe.seed = variation_seed(recipe.seed, first.variation.saturating_sub(1));
     if let Some(run) = &args.run {
@@ -48,6 +43,17 @@ pub fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     Ok(())
 }
 
+/// Where a dance goes that is made again: beside `file`, which tells of it, under the name that it has there, or to `asked`.
+pub fn out(asked: Option<&PathBuf>, file: &Path, name: &str) -> Result<PathBuf> {
+    let out = asked.cloned().unwrap_or_else(|| file.with_file_name(name));
+    writable(&out)?;
+    if extension(&out) != extension(Path::new(name)) {
+        let what = format!("{}: the dance was {name}; other formats hold other bytes", out.display());
+        return Err(WrongCall(what).into());
+    }
+    Ok(out)
+}
+
 /// Where the files of a dance are now, if they are elsewhere.
 fn moved(args: &Args, recipe: &mut Recipe) -> Result<()> {
     let none =
@@ -58,7 +64,7 @@ fn moved(args: &Args, recipe: &mut Recipe) -> Result<()> {
         (Some(path), None, Some(prompt)) if prompt.plan.is_none() => prompt.path.clone_from(path),
         (None, Some(path), Some(prompt)) if prompt.plan.is_some() => {
             let (plan, laid) = Plan::load(path)?;
-            prompt.path = laid.composed()?.path;
+            prompt.path = laid.path().to_owned();
             prompt.plan = Some(plan);
         }
         (Some(_), _, Some(_)) => {

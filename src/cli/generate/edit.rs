@@ -10,7 +10,7 @@ use kinelm::generate::edit::span::Span;
 use kinelm::generate::edit::{Edit, Edited};
 use kinelm::generate::followed::Followed;
 use kinelm::generate::make::Made;
-use kinelm::generate::plan::{Composed, Plan};
+use kinelm::generate::plan::Plan;
 use kinelm::generate::recipe::PromptRecipe;
 use kinelm_motion::smpl;
 use std::path::Path;
@@ -85,7 +85,7 @@ impl EditArgs {
 pub fn planned(path: &Path, args: &EditArgs, say: Say) -> Result<PromptRecipe> {
     let (plan, laid) = Plan::load(path)?;
     laid.notes.iter().for_each(|note| say.line(note));
-    let Composed { path, read, given, .. } = laid.composed()?;
+    let (path, read, given) = (laid.path().to_owned(), laid.read(), laid.given());
     let edit = Edit { given, free: Vec::new(), blend_s: args.blend, tries: args.tries.into(), round: None };
     Ok(PromptRecipe { path, read, joints: None, from_frame: None, plan: Some(plan), edit: Some(edit) })
 }

@@ -1,6 +1,6 @@
 //! `kinelm generate`.
 
-mod again;
+pub mod again;
 mod best;
 mod edit;
 mod say;

@@ -1,6 +1,6 @@
 //! A laid plan as one file: what clips give in their own words, straight ways between.
 
-use super::lay::Laid;
+use super::lay::{Laid, Placed};
 use crate::Result;
 use crate::generate::edit::close::bridged;
 use crate::generate::edit::mask::Mask;
@@ -11,26 +11,35 @@ use kinelm_motion::format::{ReadOptions, RestFrame};
 use kinelm_motion::moment::Moment;
 use kinelm_motion::retarget::{self, Retarget};
 use kinelm_motion::{Clip, Quat, Vec3, smpl};
-use std::path::PathBuf;
-
-/// A plan as a file to be edited.
-pub struct Composed {
-    /// The file that lends its rig.
-    pub path: PathBuf,
-    /// The bytes of the dance, as far as clips give it.
-    pub bytes: Vec<u8>,
-    /// How they are read.
-    pub read: ReadOptions,
-    /// What is given of it.
-    pub given: Vec<Span>,
-}
+use std::path::Path;
 
 impl Laid {
-    /// The clips as one file.
+    /// The file that lends its rig.
+    pub fn path(&self) -> &Path {
+        &self.rig.0.file
+    }
+
+    /// How the bytes are read.
+    pub fn read(&self) -> ReadOptions {
+        let (own, _, source) = &self.rig;
+        let (up, floor) = (source.rig.axes.up, Some(self.floor_m));
+        ReadOptions { skip: 0, rest: RestFrame::Keep, up, floor, ..own.options() }
+    }
+
+    /// What is given of the dance.
+    pub fn given(&self) -> Vec<Span> {
+        let span = |segment: &Placed| {
+            let [from, to] = [segment.frames.start, segment.frames.end].map(|f| Some(Moment::Frames(f as f64)));
+            Span { joints: segment.list.clone(), from, to }
+        };
+        self.placed.iter().map(span).collect()
+    }
+
+    /// The bytes of the dance, as far as clips give it.
     ///
     /// # Errors
     /// None that clips which were read bring about.
-    pub fn composed(&self) -> Result<Composed> {
+    pub fn bytes(&self) -> Result<Vec<u8>> {
         let (own, motion, source) = &self.rig;
         let skeleton = motion.clip.skeleton();
         let way = Retarget::new(skeleton, &retarget::map_for(skeleton, own.map.as_deref())?, smpl::neutral())?;
@@ -76,23 +85,12 @@ impl Laid {
             root: (0..self.frames).map(|frame| is_new(frame, 0)).collect(),
             joints: (0..self.frames * j).map(|i| is_new(i / j, i % j)).collect(),
         };
-        let read = ReadOptions {
-            skip: 0,
-            rest: RestFrame::Keep,
-            up: source.rig.axes.up,
-            floor: Some(self.floor_m),
-            ..own.options()
-        };
+        let read = self.read();
         // what the rig is was judged by its own clip, not by rows that are to be filled yet
         let head = parse_header(&own.file, &text, &read)?;
         let (numbers, _) = head.rows(&own.file, &text, &read)?;
         let composed = BvhSource { head, numbers, frames: self.frames, rig: source.rig.clone(), floor_m: None };
-        let bytes = composed.spliced(&text, &clip, &changed)?;
-        let span = |segment: &super::Placed| {
-            let [from, to] = [segment.frames.start, segment.frames.end].map(|f| Some(Moment::Frames(f as f64)));
-            Span { joints: segment.list.clone(), from, to }
-        };
-        Ok(Composed { path: own.file.clone(), bytes, read, given: self.placed.iter().map(span).collect() })
+        Ok(composed.spliced(&text, &clip, &changed)?)
     }
 
     /// What the segments give, and straight ways where none does.

@@ -208,10 +208,11 @@ fn ready(
     notes: &mut Vec<String>,
 ) -> Result<Ready, Fault> {
     let (options, fps) = (clip.options(), rig.clip.fps());
-    let mut motion = format::read(&clip.file, &options)?;
+    format::Format::of(&clip.file)?; // refused by its name before it is read
+    let bytes: Arc<[u8]> = format::input::bytes(&clip.file).map_err(Error::io(&clip.file))?.into();
+    let mut motion = format::parse(&clip.file, &bytes, &options)?;
     notes.extend(motion.warnings.iter().map(|warning| format!("{}: {}", clip.file.display(), warning.what)));
     let whole = ReadOptions { skip: 0, rest: RestFrame::Keep, ..options.clone() };
-    let bytes: Arc<[u8]> = format::input::bytes(&clip.file).map_err(Error::io(&clip.file))?.into();
     let all = format::parse(&clip.file, &bytes, &whole)?;
     let left_out = all.clip.frames() - motion.clip.frames();
     let scale = Scale { frames: motion.clip.frames(), fps: motion.clip.fps(), left_out, model_fps: None };

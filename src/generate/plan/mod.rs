@@ -7,7 +7,6 @@ mod compose;
 mod draw;
 mod lay;
 
-pub use compose::Composed;
 pub use draw::timeline;
 pub use lay::{Laid, Placed};
 
@@ -189,11 +188,11 @@ impl Plan {
         Ok((plan, laid))
     }
 
-    /// The plan carried out, as far as clips give it.
+    /// The bytes of the dance, as far as clips give it.
     ///
     /// # Errors
     /// As [`Plan::load`], without lines.
-    pub fn composed(&self) -> Result<Composed> {
-        Laid::of(self).map_err(Error::from)?.composed()
+    pub fn bytes(&self) -> Result<Vec<u8>> {
+        Laid::of(self).map_err(Error::from)?.bytes()
     }
 }

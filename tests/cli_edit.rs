@@ -298,3 +298,42 @@ fn real_clips_keep_their_numbers() {
         assert_eq!((old.frames, &old.head.frame_time), (new.frames, &new.head.frame_time));
     }
 }
+
+#[test]
+fn two_folders_of_dances_are_held_to_each_other() {
+    let set = set();
+    for folder in ["lock", "off"] {
+        std::fs::create_dir_all(set.at(folder)).unwrap();
+        for prompt in ["4", "5"] {
+            let more = ["--free", "legs@1s:2s", "--feet", folder];
+            set.edit(&set.at(&format!("data/{prompt}.bvh")), &more, &format!("{folder}/{prompt}.bvh"))
+                .assert()
+                .success();
+        }
+    }
+    let compare = |more: &[&str]| {
+        let mut c = kinelm();
+        c.args(["evaluate", "dance", "--real"]).arg(set.at("corpus")).arg("--compare");
+        c.arg(set.at("lock")).arg(set.at("off")).args(more);
+        c.assert()
+    };
+    let text = String::from_utf8(compare(&["--features"]).success().get_output().stdout.clone()).unwrap();
+    assert!(text.contains("off, 2 dances of 2 takes\n") && text.contains("takes drawn for both at once"), "{text}");
+    assert!(text.contains("\nskating, % of steps") && text.contains("doubt: 2 takes of A, 2 takes of B"), "{text}");
+    assert!(text.contains("kinetic") && text.lines().any(|line| line.starts_with("A ")), "{text}");
+    let json = compare(&["--json"]).success().get_output().stdout.clone();
+    let found: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    let row = found["rows"].as_array().unwrap().iter().find(|row| row["what"] == "speed, cm/s").unwrap();
+    let [a, b, d] = [&row["sides"][0], &row["sides"][1], &row["difference"]].map(|s| s["mean"].as_f64().unwrap());
+    assert!(a > 1.0 && (b - a - d).abs() < 1e-9, "{row}");
+    let plot = set.at("measures.svg");
+    compare(&["--plot", plot.to_str().unwrap()]).success();
+    let drawn = std::fs::read_to_string(&plot).unwrap();
+    assert!(drawn.contains("skating, % of steps") && drawn.contains("% of clips with so much or less"));
+    let text = set.at("lock/4.bvh").with_extension("txt");
+    compare(&["--plot", text.to_str().unwrap()]).code(2).stderr(contains("png"));
+    compare(&["--copying"]).code(2).stderr(contains("cannot be used with"));
+    let mut c = kinelm();
+    c.args(["evaluate", "dance", "--real"]).arg(set.at("corpus")).args(["--compare", "none"]).arg(set.at("off"));
+    c.assert().code(2).stderr(contains("--compare none: there is no such folder"));
+}

@@ -7,6 +7,15 @@ use crate::spectral::{LowDct, Series, Transform, WindowSpec};
 use kinelm_motion::Clip;
 use kinelm_tokenizer::Rest;
 
+/// Of some frames of a channel the mean, the standard deviation and the mean absolute first difference.
+pub(crate) fn moments_of(x: &[f64]) -> [f64; 3] {
+    let n = x.len() as f64;
+    let mean = x.iter().sum::<f64>() / n;
+    let deviation = (x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt();
+    let steps = x.windows(2).map(|w| (w[1] - w[0]).abs()).sum::<f64>() / (n - 1.0).max(1.0);
+    [mean, deviation, steps]
+}
+
 /// A clip as its corpus codes it: channels over time.
 pub(super) struct Motion {
     clip: Clip,
@@ -38,15 +47,7 @@ impl Motion {
     pub fn window(&self, window: &Window, frames_per_word: usize) -> Vec<f64> {
         let from = window.word * frames_per_word;
         let to = ((window.word + window.words) * frames_per_word).min(self.clip.frames());
-        let of = |channel: &Vec<f64>| {
-            let x = &channel[from..to];
-            let n = x.len() as f64;
-            let mean = x.iter().sum::<f64>() / n;
-            let deviation = (x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt();
-            let steps = x.windows(2).map(|w| (w[1] - w[0]).abs()).sum::<f64>() / (n - 1.0).max(1.0);
-            [mean, deviation, steps]
-        };
-        self.channels.iter().flat_map(of).collect()
+        self.channels.iter().flat_map(|channel| moments_of(&channel[from..to])).collect()
     }
 
     /// What doesn't move: the logarithm of its frames, and how it starts.

@@ -8,10 +8,10 @@
 use crate::{Error, Result};
 
 /// Components that are kept of the features (docs/classification.md, "Plain classifiers").
-pub(super) const COMPONENTS: usize = 64;
+pub(crate) const COMPONENTS: usize = 64;
 
 /// A fitted classifier.
-pub(super) struct Lda {
+pub(crate) struct Lda {
     mean: Vec<f64>,
     scale: Vec<f64>,
     /// (components, features)

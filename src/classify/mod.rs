@@ -10,10 +10,10 @@
 pub mod baselines;
 mod batches;
 pub mod eval;
-mod features;
+pub(crate) mod features;
 pub mod fields;
 pub mod folder;
-mod lda;
+pub(crate) mod lda;
 mod learner;
 pub mod measures;
 mod plain;

@@ -1,5 +1,6 @@
 //! `kinelm evaluate`.
 
+mod compare;
 pub mod dance;
 mod gaps;
 mod likelihood;

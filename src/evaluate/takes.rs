@@ -5,26 +5,54 @@ use crate::random;
 /// Resamples of takes.
 const RESAMPLES: usize = 2000;
 
+/// A take, and sum and count over its clips.
+type Take<'a> = (&'a str, f64, f64);
+
 /// The middle 95 % of sums over counts, when takes are drawn with replacement; each part is (take, sum, count).
 ///
 /// Source: Efron, "Bootstrap methods" (1979), of clusters.
 pub fn interval<'a>(parts: impl IntoIterator<Item = (&'a str, f64, f64)>) -> [f64; 2] {
-    let mut takes: Vec<(&str, f64, f64)> = Vec::new();
+    let takes = by_take(parts);
+    middle(|resample| mean(&takes, &drawn(takes.len(), resample, 0)))
+}
+
+/// The same of the difference of two means, the second's less the first's. Where both have the same takes these are drawn once
+/// for both.
+pub fn difference<'a>(parts: [impl IntoIterator<Item = (&'a str, f64, f64)>; 2]) -> [f64; 2] {
+    let [mut a, mut b] = parts.map(by_take);
+    a.sort_by_key(|take| take.0);
+    b.sort_by_key(|take| take.0);
+    let paired = a.iter().map(|take| take.0).eq(b.iter().map(|take| take.0));
+    middle(|resample| {
+        let of_a = drawn(a.len(), resample, 0);
+        let of_b = if paired { of_a.clone() } else { drawn(b.len(), resample, 1) };
+        mean(&b, &of_b) - mean(&a, &of_a)
+    })
+}
+
+fn by_take<'a>(parts: impl IntoIterator<Item = Take<'a>>) -> Vec<Take<'a>> {
+    let mut takes: Vec<Take> = Vec::new();
     for (take, sum, count) in parts {
         match takes.iter_mut().find(|(known, ..)| *known == take) {
             Some((_, s, n)) => (*s, *n) = (*s + sum, *n + count),
             None => takes.push((take, sum, count)),
         }
     }
-    let one = |resample: usize| {
-        let mut rng = random::stream(0, "takes", resample as u64, 0);
-        let (mut sum, mut all) = (0.0, 0.0);
-        for _ in 0..takes.len() {
-            let (_, s, n) = takes[((random::unit(&mut rng) * takes.len() as f64) as usize).min(takes.len() - 1)];
-            (sum, all) = (sum + s, all + n);
-        }
-        sum / all
-    };
+    takes
+}
+
+/// Which takes a resample has.
+fn drawn(takes: usize, resample: usize, side: u64) -> Vec<usize> {
+    let mut rng = random::stream(0, "takes", resample as u64, side);
+    (0..takes).map(|_| ((random::unit(&mut rng) * takes as f64) as usize).min(takes - 1)).collect()
+}
+
+fn mean(takes: &[Take], drawn: &[usize]) -> f64 {
+    let (sum, all) = drawn.iter().map(|&t| takes[t]).fold((0.0, 0.0), |(sum, all), (_, s, n)| (sum + s, all + n));
+    sum / all
+}
+
+fn middle(one: impl Fn(usize) -> f64) -> [f64; 2] {
     let mut found: Vec<f64> = (0..RESAMPLES).map(one).collect();
     found.sort_by(f64::total_cmp);
     [0.025, 0.975].map(|share| found[(share * RESAMPLES as f64) as usize])
@@ -39,5 +67,14 @@ mod tests {
         assert_eq!(interval([("a", 3.0, 1.0), ("a", 5.0, 1.0)]), [4.0, 4.0]);
         let [low, high] = interval((0..20).map(|i| (["a", "b", "c", "d"][i % 4], (i % 4) as f64, 1.0)));
         assert!((0.0..1.0).contains(&low) && high > 2.0 && high <= 3.0, "{low} {high}");
+    }
+
+    #[test]
+    fn what_differs_by_as_much_in_every_take_differs_for_sure() {
+        let of = |more: f64| (0..12).map(move |i| (["a", "b", "c", "d"][i % 4], (i % 4) as f64 + more, 1.0));
+        assert_eq!(difference([of(0.0).collect::<Vec<_>>(), of(0.5).collect()]), [0.5, 0.5]);
+        let other = of(0.5).map(|(take, sum, n)| (if take == "a" { "e" } else { take }, sum, n));
+        let [low, high] = difference([of(0.0).collect::<Vec<_>>(), other.collect()]);
+        assert!(low < 0.0 && high > 1.0, "{low} {high}");
     }
 }

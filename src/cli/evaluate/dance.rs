@@ -1,10 +1,12 @@
 //! `kinelm evaluate dance`.
 
+use super::compare::{self, How};
 use crate::cli::read::ReadArgs;
-use crate::cli::{Say, WrongCall, print};
+use crate::cli::{ForceArgs, Say, WrongCall, print};
 use anyhow::Result;
 use kinelm::corpus::Corpus;
 use kinelm::corpus::load::hash_file;
+use kinelm::evaluate::dance::named::fidelity;
 use kinelm::evaluate::dance::prompted::prompted;
 use kinelm::evaluate::dance::{Dance, Real};
 use kinelm::generate::prompt::given_places;
@@ -19,8 +21,12 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Dances: motion files of any rig. What FILE.bvh.kinelm.json tells of a prompt is looked at
-    #[arg(required = true, value_name = "FILE")]
+    #[arg(required_unless_present = "compare", value_name = "FILE")]
     dances: Vec<PathBuf>,
+    /// Two folders of dances instead: figures of both side by side, and of what they differ by
+    #[arg(long, num_args = 2, value_names = ["A", "B"],
+        conflicts_with_all = ["dances", "copying", "fidelity", "beats", "music"])]
+    compare: Vec<PathBuf>,
     /// The corpus of the real ones: its tokenizer codes all, its train clips give the thresholds, its valid clips stand
     /// beside
     #[arg(long, value_name = "CORPUS")]
@@ -31,6 +37,10 @@ pub struct Args {
     /// Fréchet distances and diversities of kinetic and geometric features too
     #[arg(long)]
     features: bool,
+    /// Whether a label can be told by the dances, such as genre: how often they are named as they were asked for, or as
+    /// their prompt is
+    #[arg(long, value_name = "FIELD")]
+    fidelity: Option<String>,
     /// How the dances keep to these beats, a time in seconds a line; if not given, to those of --music, or of the music that
     /// each dance was made to
     #[arg(long, value_name = "FILE", conflicts_with = "music")]
@@ -41,9 +51,14 @@ pub struct Args {
     /// The time of the music, or of the beats, when the dances begin, such as 12.5s
     #[arg(long, value_name = "SECONDS", default_value = "0s", value_parser = crate::cli::view::seconds_with_unit)]
     music_from: f64,
+    /// Draw every measure too: how it is spread over the real train clips and over the dances
+    #[arg(long, value_name = "FILE.svg|png")]
+    plot: Option<PathBuf>,
     /// One JSON object instead of tables
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    force: ForceArgs,
     #[command(flatten)]
     read: ReadArgs,
 }
@@ -51,8 +66,15 @@ pub struct Args {
 pub fn run(args: &Args, say: Say) -> Result<()> {
     let corpus = corpus(&args.real)?;
     let tokenizer = corpus.tokenizer();
-    let real = Real::load(&corpus)?;
     let options = args.read.options(RestFrame::Drop);
+    let outputs = args.force.outputs(args.dances.iter().chain(&args.compare).chain([&args.real]).cloned());
+    let plot = args.plot.as_deref();
+    plot.map_or(Ok(()), |out| crate::cli::picture(out, &outputs))?;
+    if let [a, b] = &args.compare[..] {
+        let how = How { features: args.features, plot: plot.map(|out| (out, &outputs)), json: args.json };
+        return compare::run(&corpus, [a, b], &options, how, say);
+    }
+    let real = Real::load(&corpus)?;
     let dances = args.dances.iter().map(|path| Dance::of_file(path, &as_told(path, &options), tokenizer));
     let dances: Vec<Dance> = dances.collect::<kinelm::Result<_>>()?;
     let mut report = real.report(&dances);
@@ -61,6 +83,8 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let mut pieces = BTreeMap::new();
     let beats = beats(args)?;
     let mut music_s = Vec::new();
+    let mut asked = Vec::new();
+    let mut joints_given = Vec::new();
     for (path, dance) in args.dances.iter().zip(&dances) {
         let told = provenance::find(path).unwrap_or_else(|e| {
             say.line(e);
@@ -74,9 +98,11 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
             }),
             (beats, _) => beats.clone(),
         });
+        asked.push(args.fidelity.as_ref().and_then(|field| asked_label(&corpus, field, told.as_ref()?)));
         let recipe = told.map(|told| told.recipe);
-        let followed = recipe.as_ref().and_then(|r| r.prompt.as_ref()?.joints.as_ref());
-        let places = followed.and_then(|list| given_places(tokenizer, &joints::parse(list).ok()?).ok());
+        let followed = recipe.as_ref().and_then(|r| joints::parse(r.prompt.as_ref()?.joints.as_ref()?).ok());
+        joints_given.extend(followed.iter().flat_map(|followed| followed.joints.iter().copied()));
+        let places = followed.and_then(|followed| given_places(tokenizer, &followed).ok());
         // what was given to one dance alone may be a copy in the others
         let places = places.unwrap_or_default();
         given = Some(given.map_or(places.clone(), |given| if given == places { given } else { Vec::new() }));
@@ -95,9 +121,27 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         report.beats = real.beats(&corpus, &dances, &music_s)?;
     }
     if args.features {
-        report.features = real.features(&corpus, &dances)?;
+        report.features = real.features(&corpus, &[("dances", &dances)])?;
+    }
+    if let Some(field) = &args.fidelity {
+        let dances: Vec<_> = dances.iter().zip(asked).collect();
+        report.fidelity = Some(fidelity(&corpus, field, &joints_given, &dances)?);
+    }
+    if let Some(out) = plot {
+        let of = |name: &str| report.prompted.iter().find(|(of, _)| of == name).map(|(_, prompted)| prompted);
+        let dances = dances.iter().map(|dance| (dance, of(&dance.name)));
+        crate::cli::draw_charts(out, &real.charts(&[("dances", dances.collect())]), &outputs)?;
     }
     print(&if args.json { format!("{}\n", serde_json::to_string(&report)?) } else { format!("{report}\n") })
+}
+
+/// What a dance was asked for: its label, or where it had none that of the clip that it follows.
+fn asked_label(corpus: &Corpus, field: &str, told: &Provenance) -> Option<String> {
+    let of_prompt = || {
+        let sha256 = told.prompt_sha256.as_ref()?;
+        corpus.clips().iter().find(|record| record.sha256 == *sha256)?.labels.get(field)
+    };
+    told.recipe.labels.get(field).or_else(of_prompt).cloned()
 }
 
 /// The corpus that `--real` names.
@@ -144,7 +188,7 @@ fn own_music(told: &Provenance, pieces: &mut BTreeMap<PathBuf, Beats>) -> kinelm
 }
 
 /// The options of a call for one file: of a dance of ours, its recipe says what the call leaves open.
-fn as_told(path: &Path, call: &ReadOptions) -> ReadOptions {
+pub fn as_told(path: &Path, call: &ReadOptions) -> ReadOptions {
     let told = Provenance::load(&provenance::path_of(path)).ok();
     let told = told.filter(|told| told.output.file == provenance::name_of(path));
     told.map_or(call.clone(), |told| told.recipe.measured(path, call.clone()))

@@ -1,7 +1,7 @@
 //! Dances and real ones as clouds of features, and how far these are apart: docs/referee.md.
 
+use super::coded::Dance;
 use super::frechet::{Held, Rows, Scale, held};
-use super::report::Dance;
 use crate::{Result, random};
 use kinelm_motion::metric::features::{COMPAT_FPS, Form, Places, geometric, kinetic};
 use kinelm_motion::resample::{Method, resample};

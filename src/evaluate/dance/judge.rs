@@ -1,10 +1,11 @@
 //! Which of several dances is least unlike real ones: docs/generation.md, "The best of several".
 
+use super::coded::Dance;
 use super::copying::{Track, nearest};
 use super::freeze::{Freezing, energy, threshold};
 use super::percentile;
 use super::places::Places;
-use super::report::{Dance, Real, feet};
+use super::report::{Real, feet};
 use crate::Result;
 use crate::generate::best::Verdict;
 use crate::generate::free::Stretch;

@@ -4,18 +4,27 @@
 //! the joints that it doesn't code at rest.
 
 pub mod beats;
+pub mod coded;
+pub mod compare;
 pub mod coordination;
 pub mod copying;
 pub mod features;
+mod figures;
 pub mod frechet;
 pub mod freeze;
 pub mod judge;
+pub mod named;
 pub mod places;
+mod print;
 pub mod prompted;
 pub mod repeat;
 mod report;
+#[cfg(test)]
+mod tests;
 
-pub use report::{Copied, Dance, Real, Report};
+pub use coded::Dance;
+pub use figures::Group;
+pub use report::{Copied, Real, Report};
 
 /// The p-quantile of ascending numbers, linear between ranks.
 fn percentile(sorted: &[f64], p: f64) -> Option<f64> {

@@ -1,7 +1,8 @@
 //! What a dance made of its prompt: docs/measures.md, "The prompt".
 
+use super::coded::Dance;
 use super::coordination::{Coordination, coordination};
-use super::report::{Dance, feet};
+use super::report::feet;
 use crate::Result;
 use crate::generate::prompt::{Prompt, given_places, read_back, share_changed};
 use crate::generate::recipe::Recipe;

@@ -113,7 +113,7 @@ impl Chart {
     }
 }
 
-/// Draws charts side by side into `path.png` and `path.svg`; empty ones are left out, and nothing is written when all are.
+/// Draws charts side by side, many of them in rows, into `path.png` and `path.svg`; empty ones are left out, and nothing is written when all are.
 ///
 /// # Errors
 /// When a file can't be written.
@@ -142,7 +142,8 @@ pub fn to_bytes(path: &Path, charts: &[Chart]) -> Result<Option<Vec<u8>>> {
     }
     with_font()?;
     let failed = |e: String| Error::Call(format!("{}: the chart could not be drawn: {e}", path.display()));
-    let size = (SIZE.0 * charts.len() as u32, SIZE.1);
+    let (rows, columns) = picture::grid_of(charts.len());
+    let size = (SIZE.0 * columns as u32, SIZE.1 * rows as u32);
     match kind {
         Kind::Svg => {
             let mut text = String::new();

@@ -28,10 +28,16 @@ pub const LETTER: f64 = 7.3;
 /// Letters of a name in the legend.
 const LETTERS: usize = 30;
 
+/// Rows and columns of so many charts.
+pub fn grid_of(charts: usize) -> (usize, usize) {
+    let columns = if charts <= 4 { charts } else { 4 };
+    (charts.div_ceil(columns.max(1)), columns)
+}
+
 /// Draws charts side by side on the whole area.
 pub fn all<B: DrawingBackend>(area: DrawingArea<B, Shift>, charts: &[&Chart]) -> Result<(), String> {
     area.fill(&WHITE).map_err(|e| e.to_string())?;
-    for (part, chart) in area.split_evenly((1, charts.len())).iter().zip(charts) {
+    for (part, chart) in area.split_evenly(grid_of(charts.len())).iter().zip(charts) {
         one(part, chart).map_err(|e| e.to_string())?;
     }
     area.present().map_err(|e| e.to_string())

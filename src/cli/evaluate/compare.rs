@@ -1,0 +1,98 @@
+//! `kinelm evaluate dance --compare A B`.
+
+use super::dance::as_told;
+use crate::cli::{Say, WrongCall, many, print};
+use anyhow::Result;
+use kinelm::corpus::Corpus;
+use kinelm::corpus::load::hash_file;
+use kinelm::evaluate::dance::compare::{Comparison, Measured, Side, take_of};
+use kinelm::evaluate::dance::features::Features;
+use kinelm::evaluate::dance::prompted::prompted;
+use kinelm::evaluate::dance::{Dance, Real};
+use kinelm::generate::provenance;
+use kinelm::output::Outputs;
+use kinelm_motion::format::ReadOptions;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// What is printed as JSON.
+#[derive(Serialize)]
+struct Line {
+    #[serde(flatten)]
+    comparison: Comparison,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    features: Vec<Features>,
+}
+
+/// Holds the dances of two folders to each other.
+pub fn run(corpus: &Corpus, folders: [&PathBuf; 2], options: &ReadOptions, how: How<'_>, say: Say) -> Result<()> {
+    let real = Real::load(corpus)?;
+    let [a, b] = folders.map(|folder| side(corpus, folder, options, say));
+    let sides = [a?, b?];
+    let comparison = real.compare(&sides);
+    let features = match how.features {
+        true => {
+            let sets = sides.each_ref().map(|side| side.dances.iter().map(|d| d.dance.clone()).collect::<Vec<_>>());
+            real.features(corpus, &[("A", &sets[0]), ("B", &sets[1])])?
+        }
+        false => Vec::new(),
+    };
+    if let Some((out, outputs)) = how.plot {
+        let sets = [("A", &sides[0]), ("B", &sides[1])]
+            .map(|(name, side)| (name, side.dances.iter().map(|d| (&d.dance, d.prompted.as_ref())).collect()));
+        crate::cli::draw_charts(out, &real.charts(&sets), outputs)?;
+    }
+    if how.json {
+        return print(&format!("{}\n", serde_json::to_string(&Line { comparison, features })?));
+    }
+    let tables: String = features.iter().map(|table| format!("\n\n{table}")).collect();
+    print(&format!("{comparison}{tables}\n"))
+}
+
+/// What is asked for beside the comparison.
+#[derive(Clone, Copy)]
+pub struct How<'a> {
+    /// Clouds of features too.
+    pub features: bool,
+    /// A picture of all measures.
+    pub plot: Option<(&'a Path, &'a Outputs)>,
+    /// One JSON object instead of tables.
+    pub json: bool,
+}
+
+fn side(corpus: &Corpus, folder: &PathBuf, options: &ReadOptions, say: Say) -> Result<Side> {
+    if !folder.exists() {
+        return Err(WrongCall(format!("--compare {}: there is no such folder", folder.display())).into());
+    }
+    let files = many::files(std::slice::from_ref(folder))?;
+    let dances = files.iter().map(|(path, _)| measured(corpus, path, options, say));
+    Ok(Side { name: folder.display().to_string(), dances: dances.collect::<Result<_>>()? })
+}
+
+fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, say: Say) -> Result<Measured> {
+    let told = provenance::find(path).unwrap_or_else(|e| {
+        say.line(e);
+        None
+    });
+    let sha256 = match told.as_ref().and_then(|told| told.prompt_sha256.clone()) {
+        Some(of_prompt) => of_prompt,
+        None => hash_file(path)?,
+    };
+    // a clip of the corpus is measured as the corpus has read it
+    let mut same = corpus.clips().iter().filter(|record| told.is_none() && record.sha256 == sha256);
+    let dance = match (same.next(), same.next()) {
+        (Some(record), None) => Dance::of_corpus(corpus, record)?,
+        _ => Dance::of_file(path, &as_told(path, options), corpus.tokenizer())?,
+    };
+    let prompt = told.as_ref().and_then(|told| told.recipe.prompt.as_ref());
+    let itself = || (prompt.map_or(path, |prompt| &prompt.path).display().to_string(), false);
+    let (take, learned) = take_of(corpus, &sha256).unwrap_or_else(itself);
+    let prompted = match told.map(|told| prompted(&dance, path, &told.recipe, corpus.tokenizer())).transpose() {
+        Ok(found) => found.flatten(),
+        Err(e) => {
+            say.line(format_args!("{}: its prompt is not looked at: {e}", path.display()));
+            None
+        }
+    };
+    Ok(Measured { dance, take, learned, prompted })
+}

@@ -1,0 +1,93 @@
+//! The figures of one dance, and of several.
+
+use super::freeze::{Freezing, Summary, summary};
+use kinelm_motion::metric::{Ground, Skate};
+use serde::Serialize;
+
+/// The figures of one dance.
+#[derive(Debug, Clone)]
+pub(super) struct Figures {
+    pub(super) world: Freezing,
+    pub(super) pose: Freezing,
+    pub(super) repeats: [usize; 2],
+    pub(super) ground: Ground,
+    pub(super) skate: Skate,
+    /// Sums over the frames that have one: m/s, m/s^3.
+    pub(super) speed: Mean,
+    pub(super) jitter: Mean,
+    pub(super) pfc: Option<f64>,
+}
+
+/// The figures of several dances.
+#[derive(Debug, Clone, Serialize)]
+pub struct Group {
+    /// What they are.
+    pub name: String,
+    /// In the world.
+    pub world: Summary,
+    /// Of the pose alone: the pelvis at 0, the heading removed.
+    pub pose: Summary,
+    /// Share of frames whose next second of tokens came in the ten seconds before; `None` of dances under a second.
+    pub repeat_rate: Option<f64>,
+    /// Mean depth of the lowest foot in the floor beyond 2 cm, cm.
+    pub penetration_cm: Option<f64>,
+    /// Share of frames in which it is as deep.
+    pub penetration_share: Option<f64>,
+    /// Share of frames that hang in the air and are in no jump.
+    pub floating_share: Option<f64>,
+    /// Mean horizontal speed of foot joints that stand, cm/s.
+    pub skate_cm_s: Option<f64>,
+    /// Share of those steps that are faster than 10 cm/s.
+    pub skate_share: Option<f64>,
+    /// Physical foot contact, mean over the dances; see [`physical_foot_contact`].
+    pub pfc: Option<f64>,
+    /// Mean speed of the coded joints, cm/s.
+    pub speed_cm_s: Option<f64>,
+    /// Mean jerk of the coded joints, m/s^3.
+    pub jitter_m_s3: Option<f64>,
+}
+
+/// A mean over frames that adds up over clips.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Mean {
+    pub(super) sum: f64,
+    pub(super) frames: usize,
+}
+
+impl Mean {
+    /// Of `frames` frames, or of nothing.
+    pub fn of(mean: Option<f64>, frames: usize) -> Mean {
+        mean.map_or(Mean::default(), |mean| Mean { sum: mean * frames as f64, frames })
+    }
+
+    pub fn over<'a>(all: impl Iterator<Item = &'a Mean>) -> Option<f64> {
+        let (sum, frames) = all.fold((0.0, 0), |(sum, frames), m| (sum + m.sum, frames + m.frames));
+        (frames > 0).then(|| sum / frames as f64)
+    }
+}
+
+/// The figures of several dances put together.
+pub(super) fn group(name: &str, all: &[Figures]) -> Group {
+    let of = |part: fn(&Figures) -> &Freezing| summary(&all.iter().map(|f| part(f).clone()).collect::<Vec<_>>());
+    let (found, of_all) = all.iter().fold((0, 0), |(a, b), f| (a + f.repeats[0], b + f.repeats[1]));
+    let mut ground = Ground::default();
+    let mut skate = Skate::default();
+    all.iter().for_each(|f| {
+        ground.add(&f.ground);
+        skate.add(&f.skate);
+    });
+    Group {
+        name: name.into(),
+        world: of(|f| &f.world),
+        pose: of(|f| &f.pose),
+        repeat_rate: (of_all > 0).then(|| found as f64 / of_all as f64),
+        penetration_cm: ground.penetration_cm(),
+        penetration_share: ground.penetration_share(),
+        floating_share: ground.floating_share(),
+        skate_cm_s: skate.cm_s(),
+        skate_share: skate.share(),
+        pfc: Mean::over(all.iter().filter_map(|f| f.pfc).map(|x| Mean::of(Some(x), 1)).collect::<Vec<_>>().iter()),
+        speed_cm_s: Mean::over(all.iter().map(|f| &f.speed)).map(|m_s| 100.0 * m_s),
+        jitter_m_s3: Mean::over(all.iter().map(|f| &f.jitter)),
+    }
+}

@@ -1,0 +1,157 @@
+//! Whether a label can be told by the dances: docs/referee.md, "Does a label show?".
+//!
+//! A linear discriminant learns from windows of the real train clips. It reads of every free channel the mean, the deviation
+//! and the mean step; not of the pelvis, for a dance may face and go anywhere.
+
+use super::coded::Dance;
+use crate::classify::features::moments_of;
+use crate::classify::fields::Fields;
+use crate::classify::lda::{COMPONENTS, Lda};
+use crate::classify::measures::wilson;
+use crate::corpus::{ClipRecord, Corpus, Split};
+use crate::spectral::Series;
+use crate::{Error, Result};
+use rayon::prelude::*;
+use serde::Serialize;
+use std::fmt;
+
+/// Length of a window and the way from one to the next, seconds.
+const WINDOW_S: f64 = 2.0;
+const HOP_S: f64 = 1.0;
+
+/// How often clips are named as they were asked for.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Fidelity {
+    /// The label field.
+    pub field: String,
+    /// Its values, as the train clips have them.
+    pub classes: Vec<String>,
+    /// The joints that are read, SMPL ids.
+    pub joints: Vec<usize>,
+    /// Real valid and test clips, dances.
+    pub groups: Vec<Hits>,
+}
+
+/// One group of clips.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Hits {
+    /// What they are.
+    pub name: String,
+    /// (asked for, named): clips.
+    pub confusion: Vec<Vec<usize>>,
+    /// Clips of no known label, or shorter than a window: they count nowhere.
+    pub left_out: usize,
+}
+
+impl Hits {
+    /// Clips that are named as asked, and all.
+    pub fn count(&self) -> [usize; 2] {
+        let right = (0..self.confusion.len()).map(|class| self.confusion[class][class]).sum();
+        [right, self.confusion.iter().flatten().sum()]
+    }
+}
+
+/// Names dances, each with the label that was asked for, beside the real clips that nothing was learned from. `given`: joints
+/// that were given to a dance, SMPL ids, which say nothing of what was made.
+///
+/// # Errors
+/// A field that the train clips don't have; no joint left to read; words that can't be decoded.
+pub fn fidelity(
+    corpus: &Corpus,
+    field: &str,
+    given: &[usize],
+    dances: &[(&Dance, Option<String>)],
+) -> Result<Fidelity> {
+    let records: Vec<&ClipRecord> = corpus.clips().iter().collect();
+    let fields = Fields::of(corpus, &records, &[field.to_owned()])?;
+    let of_field = &fields.0[0];
+    let coded = corpus.tokenizer().channels().joints();
+    let joints: Vec<usize> = coded.iter().copied().filter(|j| *j != 0 && !given.contains(j)).collect();
+    if joints.is_empty() {
+        let what = format!("the label {field} can't be looked for: of the coded joints all but the pelvis were given");
+        return Err(Error::Call(what));
+    }
+    let read = |record: &ClipRecord| windows(&Dance::of_corpus(corpus, record)?, &joints);
+    let rows: Vec<Vec<Vec<f64>>> = records.par_iter().map(|record| read(record)).collect::<Result<_>>()?;
+    let real: Vec<(&ClipRecord, Vec<Vec<f64>>)> = records.into_iter().zip(rows).collect();
+    let seen = real.iter().filter(|(record, _)| record.split == Split::Train);
+    let seen = seen.filter_map(|(record, windows)| Some((of_field.class_of(record)?, windows)));
+    let (rows, labels): (Vec<Vec<f64>>, Vec<usize>) =
+        seen.flat_map(|(class, windows)| windows.iter().map(move |row| (row.clone(), class))).unzip();
+    let classes = of_field.classes.len();
+    let lda = Lda::fit(&rows, &labels, classes, COMPONENTS)?;
+    let group = |name: String, clips: Vec<(Option<usize>, &Vec<Vec<f64>>)>| {
+        let mut hits = Hits { name, confusion: vec![vec![0; classes]; classes], left_out: 0 };
+        for (asked, windows) in clips {
+            match (asked, named(&lda, windows)) {
+                (Some(asked), Some(named)) => hits.confusion[asked][named] += 1,
+                _ => hits.left_out += 1,
+            }
+        }
+        hits
+    };
+    let mut groups: Vec<Hits> = [Split::Valid, Split::Test]
+        .into_iter()
+        .map(|split| {
+            let of_split = real.iter().filter(|(record, _)| record.split == split);
+            let clips = of_split.map(|(record, windows)| (of_field.class_of(record), windows));
+            group(format!("real, {split}"), clips.collect())
+        })
+        .collect();
+    let made: Vec<Vec<Vec<f64>>> =
+        dances.par_iter().map(|(dance, _)| windows(dance, &joints)).collect::<Result<Vec<_>>>()?;
+    let asked = dances.iter().map(|(_, asked)| of_field.classes.binary_search(asked.as_ref()?).ok());
+    groups.push(group("dances".into(), asked.zip(&made).collect()));
+    Ok(Fidelity { field: field.into(), classes: of_field.classes.clone(), joints, groups })
+}
+
+/// What is read of each window of a dance; none of one that is shorter.
+fn windows(dance: &Dance, joints: &[usize]) -> Result<Vec<Vec<f64>>> {
+    let fps = dance.clip.fps();
+    let [size, hop] = [WINDOW_S, HOP_S].map(|s| ((s * fps).round() as usize).max(2));
+    let series = Series::of(&dance.clip, joints, fps, false)?;
+    let starts = (0..(series.frames + 1).saturating_sub(size)).step_by(hop);
+    let one = |at: usize| {
+        let channels = (0..series.channels.len()).map(|c| &series.channel(c)[at..at + size]);
+        channels.flat_map(moments_of).collect()
+    };
+    Ok(starts.map(one).collect())
+}
+
+/// The class with the largest sum of ln p.
+fn named(lda: &Lda, windows: &[Vec<f64>]) -> Option<usize> {
+    let each: Vec<Vec<f64>> = windows.iter().map(|row| lda.log_p(row)).collect();
+    let sum = |class: usize| each.iter().map(|log_p| log_p[class]).sum::<f64>();
+    (0..each.first()?.len()).max_by(|a, b| sum(*a).total_cmp(&sum(*b)))
+}
+
+impl fmt::Display for Fidelity {
+    /// A table, without a line end after the last line.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let width = self.classes.iter().map(|class| class.chars().count() + 1).max().unwrap_or(0).max(10);
+        write!(f, "{:<18} {:>9} {:>18}", self.field, "as asked", "% (95 %)")?;
+        self.classes.iter().try_for_each(|class| write!(f, " {class:>width$}"))?;
+        for group in &self.groups {
+            let [right, all] = group.count();
+            write!(f, "\n{:<18} {:>9}", group.name, format!("{right} of {all}"))?;
+            let share = match all {
+                0 => "n/a".into(),
+                _ => {
+                    let [low, high] = wilson(right, all).map(|x| 100.0 * x);
+                    format!("{:.0} ({low:.0} to {high:.0})", 100.0 * right as f64 / all as f64)
+                }
+            };
+            write!(f, " {share:>18}")?;
+            for (class, row) in group.confusion.iter().enumerate() {
+                let of: usize = row.iter().sum();
+                let cell = if of == 0 { "-".into() } else { format!("{} of {of}", row[class]) };
+                write!(f, " {cell:>width$}")?;
+            }
+        }
+        let left_out = self.groups.last().map_or(0, |dances| dances.left_out);
+        if left_out > 0 {
+            write!(f, "\n{left_out} dances without a {} that was asked for, or under two seconds", self.field)?;
+        }
+        Ok(())
+    }
+}

@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 
 const CONFIG: &str = "[model]\narchitecture = \"two_level\"\nlayers = 1\nheads = 2\nwidth = 16\nwindow = 32\n\
                       [model.decoder]\nlayers = 1\nheads = 2\nwidth = 16\n\
-                      [train]\nbatch = 2\nsteps = 4\nwarmup = 1\neval_every = 4\ncheckpoint_every = 4\n";
+                      [train]\nconditions = [\"genre\"]\nbatch = 2\nsteps = 4\nwarmup = 1\neval_every = 4\ncheckpoint_every = 4\n";
 
 /// A run of a few steps on six short dances of 60 frames a second, and one of them at 30.
 struct Set {
@@ -46,13 +46,14 @@ fn set() -> &'static Set {
             let motion = Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] };
             format::write(&path, &motion).unwrap();
         };
-        let mut labels = "clip,split\n".to_string();
+        let mut labels = "clip,split,genre\n".to_string();
         for (i, dance) in synth::corpus(3, 6, 5.0, 60.0).unwrap().into_iter().enumerate() {
             if i == 5 {
                 write("slow.bvh", resample(&dance.clip, 30.0, Method::Auto).unwrap());
             }
+            let split = ["train", "train", "train", "train", "valid", "test"][i];
+            labels += &format!("{i},{split},{}\n", dance.genre);
             write(&format!("data/{i}.bvh"), dance.clip);
-            labels += &format!("{i},{}\n", ["train", "train", "train", "train", "valid", "test"][i]);
         }
         fs::write(set.at("labels.csv"), labels).unwrap();
         fs::write(set.at("c.toml"), CONFIG).unwrap();
@@ -193,6 +194,55 @@ fn a_dance_of_a_plan_is_made_again_where_its_clips_are_now() {
         set.call(&call).assert().code(2).stderr(contains(why));
     }
     assert!(!set.at("other.bvh").exists());
+}
+
+/// A plan of a clip with a gap, and what else is to stand there.
+fn with_gap(more: &str) -> String {
+    let segment = |from: f64, to: f64| format!("[[segment]]\nclip = \"a\"\nfrom = {from}\nto = {to}\nat = {from}\n");
+    let head = "rig = \"a\"\n[clips.a]\nfile = \"data/0.bvh\"\n";
+    format!("{head}{}{}{more}", segment(0.0, 1.0), segment(2.5, 3.5))
+}
+
+#[test]
+fn a_plan_tells_labels_of_its_times() {
+    let set = set();
+    let sway = "[[segment]]\nfrom = 1\nto = 2\nlabels = { genre = \"sway\" }\n";
+    fs::write(set.at("sway.toml"), with_gap(sway)).unwrap();
+    fs::write(set.at("stomp.toml"), with_gap(&sway.replace("sway", "stomp"))).unwrap();
+    fs::write(set.at("none.toml"), with_gap("")).unwrap();
+    set.call("plan check sway.toml").assert().success().stdout(contains("\ntold genre=sway@1s:2s\n"));
+    for name in ["sway", "stomp", "none"] {
+        let guidance = if name == "none" { "" } else { "--guidance 3" };
+        set.call(&format!("generate --run run --plan {name}.toml {guidance} --tries 1 --out {name}.bvh"))
+            .assert()
+            .success();
+    }
+    let [sway_rows, stomp, none] = ["sway.bvh", "stomp.bvh", "none.bvh"].map(|name| set.rows(name));
+    assert!(sway_rows != stomp && sway_rows != none, "another word, another dance");
+    assert_eq!((&sway_rows[..55], &sway_rows[150..]), (&none[..55], &none[150..]), "where it is given nothing changes");
+    set.call("generate --again sway.bvh.kinelm.json --out sway-2.bvh").assert().success();
+    assert_eq!(fs::read(set.at("sway-2.bvh")).unwrap(), fs::read(set.at("sway.bvh")).unwrap());
+    let call = "generate --run run --plan sway.toml --label genre=stomp --out wrong.bvh";
+    set.call(call).assert().failure().stderr(contains("two values of genre at a time"));
+    // all to the end, with a clip and its label in one
+    let both = sway
+        .replace("to = 2", "to = 4.01")
+        .replace("from = 1\n", "clip = \"a\"\njoints = \"head\"\nat = 3.5\nfrom = 3.5\n");
+    fs::write(set.at("both.toml"), with_gap(&both)).unwrap();
+    set.call("plan check both.toml").assert().success().stdout(contains("\ntold genre=sway@3.5s:\n"));
+    set.call("generate --run run --plan both.toml --tries 1 --out both.bvh").assert().success();
+    for (more, told) in [
+        (sway.replace("labels", "# labels"), "wrong.toml:14:1: found neither a clip nor labels"),
+        (sway.replace("to = 2", "to = 2\nat = 1"), "found joints or at without a clip"),
+        (format!("{sway}{}", sway.replace("to = 2", "to = 3")), "while segment 3 says what genre is too"),
+        (sway.replace("to = 2", "to = 0"), "expected an end behind the beginning"),
+    ] {
+        fs::write(set.at("wrong.toml"), with_gap(&more)).unwrap();
+        set.call("plan check wrong.toml").assert().failure().stderr(contains(told));
+    }
+    fs::write(set.at("waltz.toml"), with_gap(&sway.replace("sway", "waltz"))).unwrap();
+    let waltz = set.call("generate --run run --plan waltz.toml --out wrong.bvh").assert().failure();
+    waltz.stderr(contains("waltz"));
 }
 
 #[test]

@@ -46,6 +46,7 @@ pub struct Selection {
 /// The joints of a list such as `13`, `18`, `24`, `root,right_arm`, `left_knee,7`.
 ///
 /// Parts are the numbers `13`, `18` and `24` alone, groups of [`GROUPS`], SMPL joint names, or ids. `head` alone is the group.
+/// Where a name is both, it is SMPL's; `rig:NAME` is a rig's own alone, which [`in_smpl_names`] takes.
 ///
 /// # Errors
 /// [`Error::Call`] naming the part that is none of these, with what there is.
@@ -57,7 +58,7 @@ pub fn parse(list: &str) -> Result<Selection> {
         _ => {}
     }
     let mut selection = Selection { joints: Vec::new(), translation: false };
-    for part in list.split(',').map(str::trim) {
+    for part in parts(list) {
         if let Some((name, ids)) = GROUPS.iter().find(|(n, _)| *n == part) {
             selection.joints.extend_from_slice(ids);
             selection.translation |= matches!(*name, "root" | "all");
@@ -74,32 +75,78 @@ pub fn parse(list: &str) -> Result<Selection> {
     Ok(selection)
 }
 
-/// A list in which joints of a rig may stand by its own names, such as `root,RightArm`, as a list that [`parse`] takes: each
-/// becomes the SMPL joint that it stands for. What is a part without a rig stays as it is.
+/// The parts of a list between its commas; in `rig:"NAME"` the name may have some.
+fn parts(list: &str) -> impl Iterator<Item = &str> {
+    let mut quoted = false;
+    let apart = move |c: char| {
+        quoted ^= c == '"';
+        c == ',' && !quoted
+    };
+    list.split(apart).map(str::trim)
+}
+
+/// NAME of `rig:"NAME"` or `rig:NAME`.
+fn of_rig_alone(part: &str) -> Option<&str> {
+    let name = part.strip_prefix(RIG)?;
+    Some(name.strip_prefix('"').and_then(|name| name.strip_suffix('"')).unwrap_or(name))
+}
+
+/// In front of a name that is a rig's own.
+const RIG: &str = "rig:";
+
+/// The names of a rig's joints, each with the SMPL joint that it stands for.
+fn own_names<'a>(rig: &'a Skeleton, map: Option<&str>) -> Option<Vec<(&'a str, Option<usize>)>> {
+    let map = retarget::map_for(rig, map).ok()?;
+    let map = map.bind(rig.names()).unwrap_or(map);
+    let stands_for = |name: &str| (0..24).find(|&id| map.joint(id) == Some(name));
+    Some(rig.names().iter().map(|n| (n.as_str(), stands_for(n))).collect())
+}
+
+/// A list in which joints of a rig may stand by its own names, such as `root,RightArm` or `rig:"Head"`, as a list that
+/// [`parse`] takes: each becomes the SMPL joint that it stands for. What is a part without a rig stays as it is.
 ///
 /// # Errors
 /// As [`parse`]; a joint of the rig that stands for no SMPL joint.
 pub fn in_smpl_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Result<String> {
     let known = parse(list);
-    let map = match retarget::map_for(rig, map) {
-        Ok(map) if known.is_err() => map.bind(rig.names()).unwrap_or(map),
+    let own = match own_names(rig, map) {
+        Some(own) if known.is_err() => own,
         _ => return known.map(|_| list.to_owned()),
     };
-    let stands_for = |name: &str| (0..24).find(|&id| map.joint(id) == Some(name));
-    let own: Vec<(&str, Option<usize>)> = rig.names().iter().map(|n| (n.as_str(), stands_for(n))).collect();
     let with: Vec<&str> = own.iter().filter(|(_, id)| id.is_some()).map(|(n, _)| *n).collect();
-    let in_smpl = |part: &str| match own.iter().find(|(n, _)| *n == part) {
-        _ if parse(part).is_ok() => Ok(part.to_owned()),
-        // the joint `head` by its id: its name means the group
-        Some((_, Some(id))) if GROUPS.iter().any(|(n, _)| *n == smpl::NAMES[*id]) => Ok(id.to_string()),
-        Some((_, Some(id))) => Ok(smpl::NAMES[*id].to_owned()),
-        Some((name, None)) => Err(Error::Call(format!(
-            "{name} of the rig stands for no SMPL joint; joints that do are {}",
-            with.join(" ")
-        ))),
-        None => Err(unknown(part, &with)),
+    let in_smpl = |part: &str| {
+        let name = match of_rig_alone(part) {
+            None if parse(part).is_ok() => return Ok(part.to_owned()),
+            name => name.unwrap_or(part),
+        };
+        match own.iter().find(|(n, _)| *n == name) {
+            // the joint `head` by its id: its name means the group
+            Some((_, Some(id))) if GROUPS.iter().any(|(n, _)| *n == smpl::NAMES[*id]) => Ok(id.to_string()),
+            Some((_, Some(id))) => Ok(smpl::NAMES[*id].to_owned()),
+            Some((name, None)) => Err(Error::Call(format!(
+                "{name} of the rig stands for no SMPL joint; joints that do are {}",
+                with.join(" ")
+            ))),
+            None => Err(unknown(name, &with)),
+        }
     };
-    Ok(list.split(',').map(|part| in_smpl(part.trim())).collect::<Result<Vec<_>>>()?.join(","))
+    Ok(parts(list).map(in_smpl).collect::<Result<Vec<_>>>()?.join(","))
+}
+
+/// The parts of a list that are SMPL's and a rig's own at once and mean other joints there: `(part, SMPL's name of the rig's)`.
+pub fn meant_twice(list: &str, rig: &Skeleton, map: Option<&str>) -> Vec<(String, &'static str)> {
+    let own = own_names(rig, map).unwrap_or_default();
+    let other = |part: &str| {
+        let (_, id) = own.iter().find(|(name, _)| *name == part)?;
+        let meant = parse(part).ok()?.joints;
+        id.filter(|id| meant != [*id]).map(|id| (part.to_owned(), smpl::NAMES[id]))
+    };
+    parts(list).filter_map(other).collect()
+}
+
+/// What is said of such a part.
+pub fn say_meant_twice(part: &str, own: &str) -> String {
+    format!("{part} is SMPL's here; the rig's own {part} is {own}, or rig:{part}")
 }
 
 /// What a part of a list is told that is nothing, with the rig's own names if there is one.
@@ -175,6 +222,10 @@ mod tests {
         // a group is the group, whatever joints the rig has; what needs no rig is left alone
         assert_eq!([of("head,Hand_R").unwrap(), of("13").unwrap()], ["head,right_wrist", "13"]);
         assert_eq!(of("Head,Chest").unwrap(), "15,spine3");
+        assert_eq!(of("rig:Head, rig:\"Hand_R\",hands").unwrap(), "15,right_wrist,hands");
+        let message = of("rig:head").unwrap_err().to_string();
+        assert!(message.contains("no joint or group \"head\""), "{message}");
+        assert!(parse("rig:Head").is_err());
         let message = of("joint_Root").unwrap_err().to_string();
         assert!(
             message.contains("joint_Root of the rig stands for no SMPL joint; joints that do are Hips"),
@@ -187,6 +238,10 @@ mod tests {
         );
         assert!(in_smpl_names("tail", &rig(&[("a", None)]), None).is_err());
         assert_eq!(in_smpl_names("legs", &rig(&[("a", None)]), None).unwrap(), "legs");
+        // the smpl rig's own head is the joint, and `head` the group
+        let smpl = smpl::neutral();
+        assert_eq!(meant_twice("head,left_knee,legs", &smpl, None), [("head".to_owned(), "head")]);
+        assert_eq!(in_smpl_names("rig:head,left_knee", &smpl, None).unwrap(), "15,left_knee");
     }
 
     #[test]

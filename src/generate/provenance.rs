@@ -14,8 +14,11 @@ use kinelm_motion::format::{Format, input};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// The layout that this program writes and reads.
-const SCHEMA: u32 = 1;
+/// The layout that this program writes. It reads the one before too, which had no edits, plans and places: what that leaves
+/// out was not done, and the hash of the dance says whether it comes out the same.
+const SCHEMA: u32 = 2;
+/// Those that it reads.
+const READ: std::ops::RangeInclusive<u64> = 1..=SCHEMA as u64;
 /// What the name of such a file ends in.
 const ENDING: &str = "kinelm.json";
 
@@ -182,8 +185,9 @@ impl Provenance {
             let (found, help) = ("a dance of an auto-conditioned LSTM", "kinelm aclstm generate makes it again");
             return Err(Error::file(path, found, expected, help));
         }
-        if value["schema"] != SCHEMA {
-            let (found, expected) = (format!("schema {}", value["schema"]), format!("schema {SCHEMA}: {expected}"));
+        if !value["schema"].as_u64().is_some_and(|schema| READ.contains(&schema)) {
+            let (found, expected) =
+                (format!("schema {}", value["schema"]), format!("schema 1 or {SCHEMA}: {expected}"));
             return Err(Error::file(path, found, expected, "make it again with this version"));
         }
         read_with_y_up(&mut value);

@@ -9,9 +9,11 @@ use kinelm::generate::edit::round::{Comes, Round, roughness};
 use kinelm::generate::edit::span::Span;
 use kinelm::generate::edit::{Edit, Edited};
 use kinelm::generate::followed::Followed;
+use kinelm::generate::labels::TimedLabel;
 use kinelm::generate::make::Made;
 use kinelm::generate::plan::Plan;
 use kinelm::generate::recipe::PromptRecipe;
+use kinelm_motion::joints::say_meant_twice;
 use kinelm_motion::smpl;
 use std::path::Path;
 
@@ -81,13 +83,14 @@ impl EditArgs {
     }
 }
 
-/// What a plan asks for.
-pub fn planned(path: &Path, args: &EditArgs, say: Say) -> Result<PromptRecipe> {
+/// What a plan asks for: what is made of its clips, and what the model is told when.
+pub fn planned(path: &Path, args: &EditArgs, say: Say) -> Result<(PromptRecipe, Vec<TimedLabel>)> {
     let (plan, laid) = Plan::load(path)?;
     laid.notes.iter().for_each(|note| say.line(note));
     let (path, read, given) = (laid.path().to_owned(), laid.read(), laid.given());
     let edit = Edit { given, free: Vec::new(), blend_s: args.blend, tries: args.tries.into(), round: None };
-    Ok(PromptRecipe { path, read, joints: None, from_frame: None, plan: Some(plan), edit: Some(edit) })
+    let prompt = PromptRecipe { path, read, joints: None, from_frame: None, plan: Some(plan), edit: Some(edit) };
+    Ok((prompt, laid.labels))
 }
 
 /// Says what was understood of an edit.
@@ -95,13 +98,14 @@ pub fn say_understood(prompt: &Followed, edited: &Edited, say: Say) {
     let fps = prompt.clip.motion.clip.fps();
     let names = |joints: &[usize]| joints.iter().map(|&j| smpl::NAMES[j]).collect::<Vec<_>>().join(" ");
     let tell = |word: &str, understood: &Understood| {
-        let Understood { span, joints, uncoded, frames } = understood;
+        let Understood { span, joints, uncoded, frames, twice } = understood;
         let (from, to) = (frames.start + edited.left_out, frames.end + edited.left_out);
         let (from_s, to_s) = (frames.start as f64 / fps, frames.end as f64 / fps);
         let (joints, last) = (names(joints), to - 1);
         say.line(format_args!(
             "{word} {span}: {joints}; frames {from} to {last} of the file, {from_s:.2} to {to_s:.2} s"
         ));
+        twice.iter().for_each(|(part, own)| say.line(format_args!("  {}", say_meant_twice(part, own))));
         if !uncoded.is_empty() {
             let what = "the model doesn't know them; they are the prompt's, and where all that it knows is free, go from their \
                         pose before to that behind";

@@ -240,8 +240,13 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
             return Err(WrongCall(format!("--label {field}={value}: {field} is asked for twice; give it once")).into());
         }
     }
+    let mut timed: Vec<TimedLabel> = timed.into_iter().cloned().collect();
     let prompt = match &args.plan {
-        Some(plan) => Some(edit::planned(plan, &args.edit, say)?),
+        Some(plan) => {
+            let (prompt, told) = edit::planned(plan, &args.edit, say)?;
+            timed.extend(told);
+            Some(prompt)
+        }
         None => args.prompt.clone().map(|path| PromptRecipe {
             path,
             read: args.read.options(RestFrame::Drop),
@@ -268,7 +273,7 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
         run: args.run.clone().context("no run folder")?,
         prompt,
         labels,
-        timed_labels: timed.into_iter().cloned().collect(),
+        timed_labels: timed,
         music: args.music.clone().map(|path| MusicRecipe { path, from_s: args.music_from.unwrap_or(0.0) }),
         guidance: args.guidance.unwrap_or(if args.music.is_some() { GUIDANCE } else { 1.0 }),
         ahead: args.ahead.unwrap_or(0.0),

@@ -30,6 +30,8 @@ pub struct Understood {
     pub uncoded: Vec<usize>,
     /// Frames of the clip.
     pub frames: Range<usize>,
+    /// Parts that the rig has for other joints too, which are not meant.
+    pub twice: Vec<(String, &'static str)>,
 }
 
 /// What was understood of the spans, and the mask that they make.
@@ -65,8 +67,9 @@ impl Mask {
                 return Err(format!("{span}: the model knows none of these joints; it knows {}", known.join(" ")));
             }
             let frames = span.frames(scale)?;
+            let twice = joints::meant_twice(&span.joints, rig, map);
             let (span, uncoded) = (Span { joints: list, ..span.clone() }, if all { Vec::new() } else { uncoded });
-            Ok(Understood { span, joints, uncoded, frames })
+            Ok(Understood { span, joints, uncoded, frames, twice })
         };
         let of = |spans: &[Span]| spans.iter().map(understood).collect::<Result<Vec<_>, _>>();
         let (given, free) = (of(given)?, of(free)?);

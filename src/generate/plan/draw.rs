@@ -25,6 +25,9 @@ pub fn timeline(laid: &Laid) -> String {
         }
         text.push('\n');
     }
+    for label in &laid.labels {
+        let _ = writeln!(text, "told {label}");
+    }
     let columns = laid.frames.clamp(1, WIDTH);
     for part in PARTS {
         let own = joints::parse(part).map(|s| s.joints).unwrap_or_default();

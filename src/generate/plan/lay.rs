@@ -1,7 +1,8 @@
 //! The clips of a plan read and laid beside each other: which frames of which go where, turned and moved how.
 
-use super::{At, Plan, PlanClip, Segment};
+use super::{At, Plan, PlanClip, Segment, told};
 use crate::Error;
+use crate::generate::labels::TimedLabel;
 use kinelm_motion::format::bvh::BvhSource;
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::joints::{self, Selection};
@@ -119,6 +120,8 @@ pub struct Laid {
     pub frames: usize,
     /// Frames a second.
     pub fps: f64,
+    /// What the model is told when, in seconds of the dance.
+    pub labels: Vec<TimedLabel>,
     /// What the user should know.
     pub notes: Vec<String>,
     /// The name of the clip that lends its rig.
@@ -163,7 +166,7 @@ impl Laid {
         let floor_m = floor_of(&mut motion, &own.options()).map_err(|e| unread(&plan.rig, &e))?;
         let mut clips = BTreeMap::new();
         for (name, clip) in &plan.clips {
-            if *name == plan.rig || plan.segments.iter().any(|segment| segment.clip == *name) {
+            if *name == plan.rig || plan.segments.iter().any(|segment| segment.clip.as_ref() == Some(name)) {
                 let ready = ready(clip, (own, &motion, &source, floor_m), &mut notes).map_err(|fault| match fault {
                     Fault::Read(e) => unread(name, &e),
                     fault => fault,
@@ -178,26 +181,30 @@ impl Laid {
         let fps = motion.clip.fps();
         let mut placed = Vec::new();
         for (n, segment) in plan.segments.iter().enumerate() {
-            let ready = clips.get(&segment.clip).ok_or_else(|| {
-                Fault::Segment(n, format!("clip = \"{}\"", segment.clip), format!("one of the clips: {known}"))
-            })?;
-            placed.push((
-                n,
-                place(segment, ready, &motion, own).map_err(|(found, expected)| Fault::Segment(n, found, expected))?,
-            ));
+            let Some(clip) = &segment.clip else { continue };
+            let ready = clips
+                .get(clip)
+                .ok_or_else(|| Fault::Segment(n, format!("clip = \"{clip}\""), format!("one of the clips: {known}")))?;
+            let place = place((clip, segment), ready, (&motion, own), &mut notes);
+            placed.push((n, place.map_err(|(found, expected)| Fault::Segment(n, found, expected))?));
         }
         placed.sort_by_key(|(n, p)| (p.frames.start, *n));
         apart(&mut placed, (over * fps).round() as usize, fps)?;
-        let last = placed.iter().map(|(_, p)| p.frames.end).max().unwrap_or(0);
+        let (mut labels, told_to) = told::labels(&plan.segments, fps)?;
+        let last = placed.iter().map(|(_, p)| p.frames.end).chain([told_to]).max().unwrap_or(0);
         let frames = length.map_or(last, |s| (s * fps).round() as usize);
         if frames < last {
             let found = format!("a segment up to {:.2} s", last as f64 / fps);
             return Err(Fault::Plan(found, format!("all to end within seconds = {}", frames as f64 / fps)));
         }
+        // to the end, whatever part of a frame of the model that is
+        for label in labels.iter_mut().filter(|_| told_to == frames) {
+            label.to = label.to.filter(|to| *to != Moment::Seconds(frames as f64 / fps));
+        }
         let mut placed: Vec<Placed> = placed.into_iter().map(|(_, p)| p).collect();
         join(&mut placed, &clips, fps);
         let rig_name = plan.rig.clone();
-        Ok(Laid { placed, frames, fps, notes, rig_name, rig: (own.clone(), motion, source), floor_m, clips })
+        Ok(Laid { placed, frames, fps, labels, notes, rig_name, rig: (own.clone(), motion, source), floor_m, clips })
     }
 }
 
@@ -240,37 +247,49 @@ fn ready(
 }
 
 /// A segment in frames; found and expected where it can't be.
-fn place(segment: &Segment, ready: &Ready, rig: &Motion, own: &PlanClip) -> Result<Placed, (String, String)> {
+fn place(
+    (clip, segment): (&str, &Segment),
+    ready: &Ready,
+    (rig, own): (&Motion, &PlanClip),
+    notes: &mut Vec<String>,
+) -> Result<Placed, (String, String)> {
     let fps = rig.clip.fps();
     let wrong =
         |e: kinelm_motion::Error| (format!("joints = \"{}\": {e}", segment.joints), "joints of the rig".to_owned());
     let list = joints::in_smpl_names(&segment.joints, rig.clip.skeleton(), own.map.as_deref()).map_err(wrong)?;
+    let twice = joints::meant_twice(&segment.joints, rig.clip.skeleton(), own.map.as_deref());
+    notes.extend(twice.iter().map(|(part, own)| joints::say_meant_twice(part, own)));
     let Selection { mut joints, .. } = joints::parse(&list).map_err(wrong)?;
     joints.sort_unstable();
     joints.dedup();
-    let longest = (LONGEST_S * fps) as usize;
-    let of_dance = Scale { frames: longest, fps, left_out: 0, model_fps: None };
-    let border = |key: &str, at: At, scale: Scale, expected: String| {
-        let negative =
-            matches!(at.0, Moment::Seconds(n) | Moment::Frames(n) | Moment::Model(n) if n.is_sign_negative());
-        at.0.border(scale).filter(|_| !negative).ok_or_else(|| (format!("{key} = {}", at.0), expected))
-    };
-    let counted = || "seconds or frames (40f) from the beginning of the dance".to_owned();
-    let (from, to) =
-        (border("from", segment.from, of_dance, counted())?, border("to", segment.to, of_dance, counted())?);
+    let Range { start: from, end: to } = times(segment, fps)?;
     let has = ready.clip.frames();
     let at =
         border("at", segment.at, ready.scale, format!("a moment of the clip, which has {:.2} s", has as f64 / fps))?;
     let at = (at as f64 / ready.scale.fps * fps).round() as usize;
+    if at + (to - from) > has {
+        let (long, left) = ((to - from) as f64 / fps, (has - at) as f64 / fps);
+        let found = format!("{long:.2} s from {} of {} on", segment.at.0, clip);
+        return Err((found, format!("{left:.2} s at most, which the clip still has there")));
+    }
+    Ok(Placed { clip: clip.to_owned(), joints, list, frames: from..to, at, turn: 0.0, shift: Vec3::ZERO })
+}
+
+/// The frames of the dance over which a segment holds; found and expected where there are none.
+pub(super) fn times(segment: &Segment, fps: f64) -> Result<Range<usize>, (String, String)> {
+    let scale = Scale { frames: (LONGEST_S * fps) as usize, fps, left_out: 0, model_fps: None };
+    let counted = || "seconds or frames (40f) from the beginning of the dance".to_owned();
+    let (from, to) = (border("from", segment.from, scale, counted())?, border("to", segment.to, scale, counted())?);
     if from >= to {
         return Err((format!("from {} to {}", segment.from.0, segment.to.0), "an end behind the beginning".into()));
     }
-    if at + (to - from) > has {
-        let (long, left) = ((to - from) as f64 / fps, (has - at) as f64 / fps);
-        let found = format!("{long:.2} s from {} of {} on", segment.at.0, segment.clip);
-        return Err((found, format!("{left:.2} s at most, which the clip still has there")));
-    }
-    Ok(Placed { clip: segment.clip.clone(), joints, list, frames: from..to, at, turn: 0.0, shift: Vec3::ZERO })
+    Ok(from..to)
+}
+
+/// The frame of a moment that a key names, not counted from the end.
+fn border(key: &str, at: At, scale: Scale, expected: String) -> Result<usize, (String, String)> {
+    let negative = matches!(at.0, Moment::Seconds(n) | Moment::Frames(n) | Moment::Model(n) if n.is_sign_negative());
+    at.0.border(scale).filter(|_| !negative).ok_or_else(|| (format!("{key} = {}", at.0), expected))
 }
 
 /// Refuses joints that two segments give at a time, and makes room where one goes over into another.

@@ -6,6 +6,7 @@
 mod compose;
 mod draw;
 mod lay;
+mod told;
 
 pub use draw::timeline;
 pub use lay::{Laid, Placed};
@@ -82,12 +83,13 @@ impl PlanClip {
     }
 }
 
-/// Joints of a clip over a time of the dance.
+/// Joints of a clip over a time of the dance, what the model is told then, or both.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Segment {
     /// The clip's name in the plan.
-    pub clip: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clip: Option<String>,
     /// As [`kinelm_motion::joints::parse`] takes them, or as the clip's rig names its own.
     #[serde(default = "all_joints")]
     pub joints: String,
@@ -98,6 +100,9 @@ pub struct Segment {
     /// Where in the clip it begins.
     #[serde(default)]
     pub at: At,
+    /// What the model is told of this time, by fields.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub labels: BTreeMap<String, String>,
 }
 
 fn all_joints() -> String {

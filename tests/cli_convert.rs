@@ -282,6 +282,30 @@ fn a_piece_is_cut_out_by_seconds_or_frames() {
 }
 
 #[test]
+fn a_bvh_is_written_in_the_unit_that_is_asked_for() {
+    let dir = tempfile::tempdir().unwrap();
+    let (first, metres) = (dance(dir.path()), dir.path().join("metres.bvh"));
+    kinelm().arg("convert").args([&first, &metres]).args(["--write-unit", "m"]).assert().success();
+    let text = |path: &Path| std::fs::read_to_string(path).unwrap();
+    let numbers = |path: &Path| -> Vec<f64> {
+        text(path).lines().last().unwrap().split_whitespace().map(|x| x.parse().unwrap()).collect()
+    };
+    let (own, other) = (numbers(&first), numbers(&metres));
+    assert!(own[..3].iter().zip(&other).all(|(cm, m)| (cm / 100.0 - m).abs() < 1e-6), "{own:?} {other:?}");
+    assert_eq!(own[3..], other[3..], "angles are what they were");
+    // in its own unit it is the file itself
+    let back = dir.path().join("back.bvh");
+    kinelm().arg("convert").args([&first, &back]).args(["--write-unit", "cm"]).assert().success();
+    assert_eq!(text(&back), text(&first));
+    let json = dir.path().join("a.json");
+    let refused = kinelm().arg("convert").args([&first, &json]).args(["--write-unit", "m"]).assert().code(2);
+    refused.stderr(contains("all files but a .bvh are in metres"));
+    let glb = dir.path().join("both.glb");
+    let refused = kinelm().arg("convert").args([&first, &metres, &glb]).args(["--write-unit", "m"]).assert().code(2);
+    refused.stderr(contains("a .glb is in metres"));
+}
+
+#[test]
 fn a_mirrored_clip_is_the_image_and_twice_is_the_clip() {
     let dir = tempfile::tempdir().unwrap();
     let (first, [once, twice]) = (dance(dir.path()), ["once.bvh", "twice.bvh"].map(|n| dir.path().join(n)));

@@ -11,7 +11,7 @@
 //! line ends) travels in a [`Source`] beside it, and the two make a [`Motion`].
 //!
 //! **Features**: `amass` (`.npz`: AMASS, body models, places of joints) and `aist` (`.pkl`: AIST++) are on by default;
-//! `ndarray` gives views of rotations and places.
+//! `fbx` (`.fbx`, which needs a C compiler) is not; `ndarray` gives views of rotations and places.
 #![forbid(unsafe_code)]
 
 #[cfg(feature = "ndarray")]

@@ -18,7 +18,7 @@ pub struct Args {
     /// clips, which play together
     #[arg(required = true, num_args = 2.., value_names = ["IN", "OUT"])]
     paths: Vec<PathBuf>,
-    /// What is written into a folder; if not given, each file's own format, and .npz for a .pkl
+    /// What is written into a folder; if not given, each file's own format, .npz for a .pkl and .bvh for an .fbx
     #[arg(long, value_enum, value_name = "bvh|npz|json|glb")]
     format: Option<FormatArg>,
     /// Frames per second wanted
@@ -37,9 +37,12 @@ pub struct Args {
     /// End before this
     #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
     to: Option<Moment>,
+    /// The unit of a BVH that is written; if not given, that of its own file, and centimetres for others
+    #[arg(long, value_enum, value_name = "m|cm|mm|in")]
+    write_unit: Option<WriteUnit>,
     /// Write joint positions instead of AMASS: positions (F,N,3) in metres, joints, parents, fps; in the file's own order,
     /// rate and channels
-    #[arg(long, conflicts_with_all = ["fps", "skeleton", "joints", "from", "to"])]
+    #[arg(long, conflicts_with_all = ["fps", "skeleton", "joints", "from", "to", "write_unit"])]
     positions: bool,
     #[command(flatten)]
     force: ForceArgs,
@@ -53,6 +56,25 @@ enum FormatArg {
     Npz,
     Json,
     Glb,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum WriteUnit {
+    M,
+    Cm,
+    Mm,
+    In,
+}
+
+impl WriteUnit {
+    fn metres(self) -> f64 {
+        match self {
+            WriteUnit::M => 1.0,
+            WriteUnit::Cm => 0.01,
+            WriteUnit::Mm => 0.001,
+            WriteUnit::In => 0.0254,
+        }
+    }
 }
 
 impl FormatArg {
@@ -88,7 +110,11 @@ pub fn run(args: Args, say: Say) -> Result<()> {
             super::warn(&motion, say);
             let wanted = wanted(&args, rig.as_ref(), &motion, output)?;
             let motion = convert(motion, &wanted, args.read.map.as_deref())?;
-            outputs.write(output, &format::to_bytes(output, &motion)?)?;
+            let bytes = match args.write_unit {
+                Some(unit) => format::bvh::to_bytes_in(&motion, unit.metres())?,
+                None => format::to_bytes(output, &motion)?,
+            };
+            outputs.write(output, &bytes)?;
             described(output, &motion)
         };
         say.line(format_args!("{count}{written}"));
@@ -103,6 +129,10 @@ fn together(args: &Args) -> Option<(&Path, &[PathBuf])> {
 }
 
 fn write_together(args: &Args, inputs: &[PathBuf], out: &Path, say: Say) -> Result<()> {
+    if args.write_unit.is_some() {
+        let what = format!("--write-unit with {}: a .glb is in metres; leave it out", out.display());
+        return Err(WrongCall(what).into());
+    }
     let options = args.read.options(RestFrame::Keep);
     let read = inputs.iter().cloned().chain(args.read.files());
     let outputs = args.force.outputs(read.chain(args.skeleton.iter().map(PathBuf::from)));
@@ -141,8 +171,7 @@ fn pairs(args: &Args) -> Result<Vec<Pair>> {
     }
     many::into_folder(given, out, |own| match (format, own) {
         (Some(format), _) => format.into(),
-        (None, "pkl") => "npz".into(),
-        (None, own) => own.into(),
+        (None, own) => many::written_for(own).into(),
     })
 }
 
@@ -153,6 +182,11 @@ fn check(args: &Args, pairs: &[Pair]) -> Result<()> {
         if super::writable(output)? == "npz" && other_rig {
             let what = "--skeleton with an .npz: AMASS files are on SMPL's joints; write .bvh or .json";
             return Err(WrongCall(what.into()).into());
+        }
+        if args.write_unit.is_some() && extension(output) != "bvh" {
+            let what =
+                format!("--write-unit with {}: all files but a .bvh are in metres; leave it out", output.display());
+            return Err(WrongCall(what).into());
         }
     }
     Ok(())

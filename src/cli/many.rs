@@ -39,6 +39,15 @@ pub fn files(given: &[PathBuf]) -> Result<Vec<Found>> {
     Ok(all)
 }
 
+/// The format that is written for a file of another: of those that are read alone one that holds as much.
+pub fn written_for(own: &str) -> &str {
+    match own {
+        "pkl" => "npz",
+        "fbx" => "bvh",
+        own => own,
+    }
+}
+
 /// Whether a path ends as only a folder's does.
 pub fn ends_as_folder(path: &Path) -> bool {
     path.to_string_lossy().ends_with(std::path::is_separator)
@@ -99,11 +108,11 @@ pub struct InOut {
 }
 
 impl InOut {
-    /// Where each clip goes: to `out` itself, or into it under its own path. A .pkl, which isn't written, becomes an .npz.
+    /// Where each clip goes: to `out` itself, or into it under its own path. A .pkl, which isn't written, becomes an .npz, an .fbx a .bvh.
     pub fn pairs(&self) -> Result<Vec<Pair>> {
         let InOut { clips, out } = self;
         let pairs = match is_folder(clips, out) {
-            true => into_folder(clips, out, |own| if own == "pkl" { "npz".into() } else { own.into() })?,
+            true => into_folder(clips, out, |own| written_for(own).into())?,
             false => vec![Pair { input: clips[0].clone(), output: out.to_owned() }],
         };
         for Pair { output, .. } in &pairs {

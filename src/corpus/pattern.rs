@@ -4,7 +4,8 @@ use crate::{Error, Result};
 use std::collections::BTreeMap;
 
 /// Extensions of motion files.
-pub const EXTENSIONS: [&str; 4] = ["bvh", "npz", "pkl", "json"];
+pub const EXTENSIONS: &[&str] =
+    if cfg!(feature = "fbx") { &["bvh", "npz", "pkl", "json", "fbx"] } else { &["bvh", "npz", "pkl", "json"] };
 
 /// A path without the extension of a motion file.
 pub fn without_extension(path: &str) -> &str {

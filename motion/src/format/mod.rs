@@ -1,6 +1,7 @@
 //! Motion files: found by name and first bytes, read into a [`Motion`], written back.
 //!
-//! BVH and JSON always; `.npz` by the feature `amass`, `.pkl` by `aist`. Without them these files are refused by name.
+//! BVH and JSON always; `.npz` by the feature `amass`, `.pkl` by `aist`, `.fbx` by `fbx`. Without them these files are refused
+//! by name.
 
 #[cfg(feature = "aist")]
 pub mod aist;
@@ -10,6 +11,8 @@ pub mod atomic;
 #[cfg(feature = "amass")]
 pub mod body_model;
 pub mod bvh;
+#[cfg(feature = "fbx")]
+pub mod fbx;
 pub mod glb;
 pub mod input;
 pub mod json;
@@ -140,6 +143,8 @@ pub enum Format {
     Json,
     /// `.glb`: written, not read.
     Glb,
+    /// `.fbx`: read, not written.
+    Fbx,
 }
 
 impl Format {
@@ -152,6 +157,7 @@ impl Format {
             "pkl" => Format::Pickle,
             "json" => Format::Json,
             "glb" => Format::Glb,
+            "fbx" => Format::Fbx,
             _ => return None,
         })
     }
@@ -166,8 +172,16 @@ impl Format {
             None => "no extension".into(),
         };
         let expected = ".bvh, .npz, .pkl or .json";
-        Format::of_name(path)
-            .ok_or_else(|| FileError::new(Place::file(path), Kind::NotThisFormat, found, expected).into())
+        Format::of_name(path).ok_or_else(|| {
+            let fault = FileError::new(Place::file(path), Kind::NotThisFormat, found, expected);
+            match path.extension().is_some_and(|e| e.eq_ignore_ascii_case("c3d")) {
+                true => fault.help(
+                    "a C3D holds markers, not joints: let the capture system solve it onto a skeleton, and export BVH",
+                ),
+                false => fault,
+            }
+            .into()
+        })
     }
 }
 
@@ -207,6 +221,10 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         Format::Pickle => skipped(aist::read(path, bytes, options)?, options)?,
         #[cfg(not(feature = "aist"))]
         Format::Pickle => return Err(left_out(path, "aist")),
+        #[cfg(feature = "fbx")]
+        Format::Fbx => skipped(fbx::read(path, bytes, options)?, options)?,
+        #[cfg(not(feature = "fbx"))]
+        Format::Fbx => return Err(left_out(path, "fbx")),
         Format::Json => match bvh::looks_like(bytes) {
             "JSON" | "text" => skipped(json::read(path, bytes, options)?, options)?,
             other => return Err(FileError::new(Place::file(path), Kind::NotThisFormat, other, "a clip as JSON").into()),
@@ -221,7 +239,7 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
 }
 
 /// The error of a format that this build leaves out.
-#[cfg(not(all(feature = "amass", feature = "aist")))]
+#[cfg(not(all(feature = "amass", feature = "aist", feature = "fbx")))]
 fn left_out(path: &Path, feature: &str) -> Error {
     let expected = format!("a build of kinelm-motion with its feature `{feature}`");
     FileError::new(Place::file(path), Kind::NotThisFormat, "a format that this build leaves out", expected).into()
@@ -284,6 +302,7 @@ fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
         Format::Bvh | Format::Json | Format::Glb => return Ok(()),
         Format::Npz => "an AMASS file has z up",
         Format::Pickle => "an AIST++ file has y up",
+        Format::Fbx => "an FBX says itself which axis is up",
     };
     if options.up == Up::Auto {
         return Ok(());
@@ -325,9 +344,10 @@ pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
             _ => Ok(json::write(&motion.clip)),
         },
         Format::Glb => glb::to_bytes(&[(&path.file_stem().unwrap_or_default().to_string_lossy(), &motion.clip)]),
-        Format::Pickle => {
+        Format::Pickle | Format::Fbx => {
+            let found = format!("the extension .{}", path.extension().unwrap_or_default().to_string_lossy());
             let expected = "a .bvh, .npz, .json or .glb to write";
-            Err(FileError::new(Place::file(path), Kind::NotThisFormat, "the extension .pkl", expected).into())
+            Err(FileError::new(Place::file(path), Kind::NotThisFormat, found, expected).into())
         }
     }
 }

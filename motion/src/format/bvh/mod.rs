@@ -28,7 +28,7 @@ pub use meaning::Rig;
 pub use positions::positions;
 pub use splice::Changed;
 pub use text::looks_like;
-pub use write::{to_bytes, write};
+pub use write::{to_bytes, to_bytes_in, write};
 
 use crate::format::{Axes, BvhPosition, ReadOptions, Up, UpBy};
 use crate::retarget::map_if_any;

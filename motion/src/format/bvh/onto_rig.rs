@@ -2,7 +2,6 @@
 
 use super::BvhSource;
 use super::header::{Channel, Node, NodeKind};
-use super::print::hierarchy;
 use crate::format::BvhPosition;
 use crate::rotation::euler::unwrap_near;
 use crate::rotation::{Axis, EulerOrder, angle_between};
@@ -45,11 +44,7 @@ impl BvhSource {
             n.column = rig.head.width;
             rig.head.width += n.channels.len();
         }
-        let old = &self.head.pieces[0];
-        let motion = old.windows(6).rposition(|w| w.eq_ignore_ascii_case(b"MOTION")).unwrap_or(old.len());
-        let mut first = hierarchy(&rig.head.nodes, &rig.head.style);
-        first.extend_from_slice(&old[motion..]);
-        rig.head.pieces[0] = first;
+        rig.head.write_nodes();
         Ok(rig)
     }
 

@@ -67,6 +67,17 @@ pub(super) fn push_number(out: &mut Vec<u8>, v: f64) {
     out.extend_from_slice(&digits[at..]);
 }
 
+impl Header {
+    /// Writes the hierarchy anew, where its nodes have changed.
+    pub(super) fn write_nodes(&mut self) {
+        let old = &self.pieces[0];
+        let motion = old.windows(6).rposition(|w| w.eq_ignore_ascii_case(b"MOTION")).unwrap_or(old.len());
+        let mut first = hierarchy(&self.nodes, &self.style);
+        first.extend_from_slice(&old[motion..]);
+        self.pieces[0] = first;
+    }
+}
+
 /// The text of a hierarchy.
 pub(crate) fn hierarchy(nodes: &[Node], style: &Style) -> Vec<u8> {
     let mut text = format!("HIERARCHY{}", style.line_end);

@@ -1,5 +1,6 @@
 //! Clips to BVH: back onto the rig they came from, or onto a plain one.
 
+use super::header::Channel;
 use super::print::print;
 use super::{BvhSource, frame_time};
 use crate::format::atomic;
@@ -27,7 +28,36 @@ pub fn to_bytes(motion: &Motion) -> Result<Vec<u8>> {
     }
 }
 
+/// A motion as a BVH in which 1 means so many metres; joints, orders and turns are those of [`to_bytes`].
+///
+/// # Errors
+/// Those of [`to_bytes`].
+pub fn to_bytes_in(motion: &Motion, metres: f64) -> Result<Vec<u8>> {
+    match &motion.source {
+        Source::Bvh(source) if source.fits(&motion.clip) => source.in_unit(metres).to_bytes(&motion.clip),
+        _ => BvhSource::plain(motion.clip.skeleton())?.in_unit(metres).to_bytes(&motion.clip),
+    }
+}
+
 impl BvhSource {
+    /// The same in another unit: OFFSETs and positions are other numbers, angles the same.
+    fn in_unit(&self, metres: f64) -> BvhSource {
+        let scale = self.rig.unit_m / metres;
+        let mut other = self.clone();
+        if scale == 1.0 {
+            return other;
+        }
+        other.rig.unit_m = metres;
+        other.head.nodes.iter_mut().flat_map(|node| &mut node.offset).for_each(|x| *x *= scale);
+        other.head.write_nodes();
+        let channels = self.head.nodes.iter().flat_map(|node| &node.channels);
+        let lengths: Vec<bool> = channels.map(|channel| matches!(channel, Channel::Position(_))).collect();
+        for row in other.numbers.chunks_mut(self.head.width.max(1)) {
+            row.iter_mut().zip(&lengths).filter(|(_, is_length)| **is_length).for_each(|(x, _)| *x *= scale);
+        }
+        other
+    }
+
     /// Whether a clip has this rig's joints: the same names and parents.
     pub fn fits(&self, clip: &Clip) -> bool {
         let (own, its) = (&self.rig.skeleton, clip.skeleton());
@@ -77,4 +107,34 @@ pub(super) fn not_finite(numbers: &[f64], width: usize) -> Result<()> {
     let (frame, found) = (at / width.max(1), numbers[at]);
     let expected = "expected numbers, as of a body of some metres";
     Err(Error::Call(format!("frame {frame}: {found} in the unit of a BVH; {expected}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::{ReadOptions, Unit, bvh};
+    use crate::{Clip, synth};
+
+    #[test]
+    fn another_unit_is_the_same_motion() {
+        let dance: Clip = synth::corpus(1, 1, 6.0, 30.0).unwrap().remove(0).clip;
+        let motion = Motion { path: "a.bvh".into(), clip: dance, source: Source::Plain, warnings: Vec::new() };
+        let centimetres = to_bytes(&motion).unwrap();
+        let read = |bytes: &[u8], unit: Unit| {
+            bvh::read(Path::new("a.bvh"), bytes, &ReadOptions { unit, ..Default::default() }).unwrap()
+        };
+        let own = read(&centimetres, Unit::Centimetre);
+        assert_eq!(to_bytes_in(&own, 0.01).unwrap(), centimetres);
+        for (unit, metres) in [(Unit::Metre, 1.0), (Unit::Inch, 0.0254), (Unit::Millimetre, 0.001)] {
+            let other = read(&to_bytes_in(&own, metres).unwrap(), unit);
+            let (a, b) = (own.clip.positions(), other.clip.positions());
+            let far = a.iter().zip(&b).map(|(a, b)| (*a - *b).length()).fold(0.0, f64::max);
+            assert!(a.len() == b.len() && far < 2e-5, "{unit:?}: {far}");
+            // judged by the leg, not told
+            assert!(
+                (read(&to_bytes_in(&own, metres).unwrap(), Unit::Auto).clip.root()[0] - own.clip.root()[0]).length()
+                    < 2e-5
+            );
+        }
+    }
 }

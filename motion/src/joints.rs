@@ -146,7 +146,7 @@ pub fn meant_twice(list: &str, rig: &Skeleton, map: Option<&str>) -> Vec<(String
 
 /// What is said of such a part.
 pub fn say_meant_twice(part: &str, own: &str) -> String {
-    format!("{part} is SMPL's here; the rig's own {part} is {own}, or rig:{part}")
+    format!("{part} is SMPL's here; the rig's own joint of that name, its {own}, is rig:{part}")
 }
 
 /// What a part of a list is told that is nothing, with the rig's own names if there is one.

@@ -249,6 +249,7 @@ fn left_out(path: &Path, feature: &str) -> Error {
 fn and_its_looks(error: Error, path: &Path) -> Error {
     let mut head = [0; 512];
     match (error, input::check(path).and_then(|()| File::open(path)?.read(&mut head))) {
+        (Error::File(e), Ok(_)) if !e.help.is_empty() => e.into(),
         (Error::File(e), Ok(n)) => e.help(format!("the file looks like {}", bvh::looks_like(&head[..n]))).into(),
         (_, Err(e)) => Error::io(path)(e),
         (e, _) => e,
@@ -415,6 +416,10 @@ mod tests {
         write(&out, &m).unwrap();
         let text = std::fs::read_to_string(&out).unwrap();
         assert!(text.ends_with("Frames: 1\nFrame Time: 0.0166666667\n2.000000\n"), "{text}");
+        let markers = folder.path().join("a.C3D");
+        std::fs::write(&markers, [2, 0x50]).unwrap();
+        let told = read(&markers, &ReadOptions::default()).unwrap_err().to_string();
+        assert!(told.contains("a C3D holds markers, not joints"), "{told}");
         assert!(write(&folder.path().join("b.fbx"), &m).is_err());
     }
 }

@@ -84,6 +84,12 @@ const LEAD_IN_S: f64 = 1.0;
 const MOST_FRAMES: usize = 1 << 20;
 
 impl Ready {
+    /// The tokens in front of a window that begins at a frame.
+    pub(super) fn front_at(&self, frame: usize) -> &[u32] {
+        let last = self.fronts.iter().rev().find(|(from, _)| *from <= frame);
+        last.map_or(&[], |(_, front)| front)
+    }
+
     /// Reads what a recipe names; the checkpoint as [`load_run`] takes it.
     ///
     /// # Errors

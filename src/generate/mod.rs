@@ -17,6 +17,7 @@ pub mod followed;
 pub mod free;
 pub mod guidance;
 pub mod labels;
+mod likely;
 pub mod make;
 pub mod music;
 pub mod place;

@@ -106,8 +106,9 @@ impl Beside {
         let of = ranked.len();
         let best = ranked.into_iter().enumerate().map(|(better, (i, verdict))| (i, Best { of, better, verdict }));
         let chosen: Vec<(usize, Best)> = best.take(wanted).collect();
-        for (i, best) in &chosen {
-            say.line(format_args!("number {} of {of}, {}", i + 1, best.verdict));
+        let words: Vec<Words> = chosen.iter().map(|(i, _)| danced[*i].clone()).collect();
+        for ((i, best), bits) in chosen.iter().zip(ready.bits_per_frame(&words)?) {
+            say.line(format_args!("number {} of {of}, {}; {bits:.1} bits/frame to its model", i + 1, best.verdict));
         }
         if let Some(doubt) = chosen.first().and_then(|(_, best)| best.verdict.doubt()) {
             say.line(format_args!("warning: none of {of} dances is without doubt; of the least bad one {doubt}"));

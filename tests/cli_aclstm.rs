@@ -2,7 +2,7 @@
 
 use assert_cmd::Command;
 use kinelm_motion::format::ReadOptions;
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{Clip, Motion, Source, format, synth};
 use predicates::str::contains;
 use std::fs;
 use std::path::PathBuf;
@@ -140,4 +140,79 @@ fn measures_are_told_as_tables_and_as_json() {
         .code(2)
         .stderr(contains("no test clip of 921 frames"));
     place.call("aclstm evaluate --run data").assert().failure().stderr(contains("no config.toml"));
+}
+
+/// Frames of a seed, one after the other, as a dance of this name.
+fn dance(place: &Place, seed: &Clip, name: &str, frames: impl Iterator<Item = usize>) {
+    let (mut root, mut rotations) = (vec![], vec![]);
+    for f in frames {
+        root.push(seed.root()[f]);
+        rotations.extend_from_slice(seed.pose(f));
+    }
+    let clip = Clip::new(seed.skeleton().clone(), seed.fps(), root, rotations).unwrap();
+    let path = place.at(name);
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    format::write(&path, &Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] }).unwrap();
+}
+
+#[test]
+fn dances_of_something_else_are_measured_as_the_networks_own() {
+    let place = place();
+    let evaluate = "aclstm evaluate --run run --seeds 3 --seed-frames 40,80 --frames 450";
+    place
+        .call(&format!("{evaluate} --write-seeds seeds"))
+        .assert()
+        .success()
+        .stderr(contains("seeds: 3 seeds of 80 frames"));
+    let seed =
+        |i: usize| format::read(&place.at(&format!("seeds/seed-0{i}.bvh")), &ReadOptions::default()).unwrap().clip;
+    assert_eq!((seed(1).frames(), seed(1).fps()), (80, 30.0));
+    // one stands still behind its seed, one dances to and fro
+    dance(place, &seed(1), "held/seed-01.bvh", (0..80).chain([79; 430]));
+    dance(
+        place,
+        &seed(3),
+        "moving/seed-03.bvh",
+        (0..80).chain((1..=430).map(|f| if f / 79 % 2 == 0 { 79 - f % 79 } else { f % 79 })),
+    );
+    let figures = |folder: &str| {
+        let call = place.call(&format!("{evaluate} --dances {folder} --json")).assert().success();
+        let call = call.stderr(contains("1 of 3 seeds have a dance"));
+        fs::write(place.at(&format!("{folder}.json")), &call.get_output().stdout).unwrap();
+        let json: serde_json::Value = serde_json::from_slice(&call.get_output().stdout).unwrap();
+        assert_eq!((&json["dances"], json["rows"].as_array().unwrap().len()), (&folder.into(), 1));
+        (json["rows"][0]["seed_frames"].clone(), json["rows"][0]["figures"].clone())
+    };
+    let (length, held) = figures("held");
+    assert_eq!((length, &held["long"]["frames"]), (80.into(), &430.into()));
+    let mean = |figures: &serde_json::Value, key: &str| figures[key]["mean"].as_f64().unwrap();
+    for key in ["root_cm", "degrees"] {
+        let (found, still) = (mean(&held, key), mean(&held, &format!("still_{key}")));
+        assert!((found - still).abs() < 1e-3 * still, "{key}: {found} {still}");
+        assert_eq!(held["curves"][key].as_array().unwrap().len(), 20);
+    }
+    assert_eq!((mean(&held["short"], "never"), held["curves"]["still"][14].as_f64()), (0.0, Some(1.0)));
+    assert!(held["short"]["pose"]["median_time_to_freeze_s"].as_f64().unwrap() < 0.3, "{held}");
+    let (_, moving) = figures("moving");
+    assert_eq!((mean(&moving["short"], "never"), mean(&moving["short"], "still") < 0.2), (1.0, true), "{moving}");
+    assert!(
+        place.done(&format!("{evaluate} --dances held")).starts_with("the dances of held as quaternion: 1 seeds of 1")
+    );
+
+    let refused = |folder: &str, message: &str| {
+        place.call(&format!("{evaluate} --dances {folder}")).assert().failure().stderr(contains(message));
+    };
+    dance(place, &seed(1), "short/seed-01.bvh", 0..80);
+    refused("short", "found 80 frames at 30 a second, expected 480 or more");
+    dance(place, &seed(1), "other/seed-02.bvh", (0..80).rev().chain([0; 430]));
+    refused("other", "cm from those of seed-02, expected the seed itself");
+    refused("data", "expected dances that are named as their seeds: seed-01.bvh");
+    refused("none", "none");
+
+    place.done("aclstm plot held.json moving.json --out curves.svg");
+    let curves = fs::read_to_string(place.at("curves.svg")).unwrap();
+    assert!(["held", "moving", "last frame held", "seconds danced"].iter().all(|text| curves.contains(text)));
+    place.call("aclstm plot held.json --out held.json").assert().code(2).stderr(contains(".png or .svg"));
+    fs::write(place.at("odd.json"), "{}").unwrap();
+    place.call("aclstm plot odd.json --out odd.svg").assert().failure().stderr(contains("missing field `rows`"));
 }

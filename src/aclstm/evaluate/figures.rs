@@ -13,6 +13,7 @@ use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, GlobalPose, Quat, Vec3};
 use serde::Serialize;
 
+use super::curves::Curves;
 use super::{COMPARED, SHORT};
 
 /// A joint that turns by more from frame to frame flips.
@@ -43,6 +44,8 @@ pub struct Moves {
     pose: Freezing,
     /// Mean speed of the joints, cm/s.
     speed: f64,
+    /// Of every second the frames, and those that stand still with the hip held.
+    per_s: Vec<[usize; 2]>,
 }
 
 impl Moves {
@@ -50,7 +53,9 @@ impl Moves {
         let part = |all: &[f64]| all[..frames.min(all.len())].to_vec();
         let (world, pose) = (part(&energy.world), part(&energy.pose));
         let speed = world.iter().sum::<f64>() / world.len().max(1) as f64;
-        Moves { world: Freezing::of(&world, FPS, x), pose: Freezing::of(&pose, FPS, y), speed }
+        let still = |frames: &[f64]| [frames.len(), Freezing::of(frames, FPS, y).still];
+        let per_s = pose.chunks(FPS as usize).map(still).collect();
+        Moves { world: Freezing::of(&world, FPS, x), pose: Freezing::of(&pose, FPS, y), speed, per_s }
     }
 }
 
@@ -83,6 +88,7 @@ pub struct Continued {
     short: Moves,
     long: Moves,
     flips: [usize; 2],
+    curves: Curves,
 }
 
 impl Continued {
@@ -113,30 +119,48 @@ impl Continued {
             all.chunks_exact(points).flat_map(|frame| frame[..joints].to_vec()).collect::<Vec<Vec3>>()
         };
         let true_places = places(compared);
+        // of each frame
         let root_cm = |frames: &[f64]| {
-            let mut found = Mpjpe::default();
-            found.add_positions(&places(frames), &true_places, joints)?;
-            Ok::<f64, crate::Error>(found.root_mm() / 10.0)
+            let of = |(found, truth): (&[Vec3], &[Vec3])| {
+                let mut error = Mpjpe::default();
+                error.add_positions(found, truth, joints)?;
+                Ok(error.root_mm() / 10.0)
+            };
+            places(frames).chunks(joints).zip(true_places.chunks(joints)).map(of).collect::<Result<Vec<f64>>>()
         };
         let true_clip = coder.clip(compared, skeleton, FPS)?;
         let degrees = |frames: &[f64]| {
-            let mut found = GeodesicError::new((0..joints).collect());
-            found.add(&coder.clip(frames, skeleton, FPS)?, &true_clip)?;
-            Ok::<f64, crate::Error>(found.mean().to_degrees())
+            let clip = coder.clip(frames, skeleton, FPS)?;
+            let of = |f: usize| {
+                let mut error = GeodesicError::new((0..joints).collect());
+                error.add(&clip.slice(f..f + 1), &true_clip.slice(f..f + 1))?;
+                Ok(error.mean().to_degrees())
+            };
+            (0..COMPARED).map(of).collect::<Result<Vec<f64>>>()
         };
         let frames = frames_of_steps(made, c, start);
         let energy = Energy::of(places(&frames), joints);
         let short = SHORT.min(frames.len() / c);
-        Ok(Continued {
-            loss: apart(&made[..COMPARED * c]),
-            still_loss: apart(&still),
+        let long = Moves::of(&energy, frames.len() / c, thresholds);
+        let curves = Curves {
             root_cm: root_cm(&foretold)?,
             still_root_cm: root_cm(&held)?,
             degrees: degrees(&foretold)?,
             still_degrees: degrees(&held)?,
+            still: long.per_s.iter().map(|[frames, still]| *still as f64 / (*frames).max(1) as f64).collect(),
+        };
+        let mean = |all: &[f64]| all.iter().sum::<f64>() / all.len().max(1) as f64;
+        Ok(Continued {
+            loss: apart(&made[..COMPARED * c]),
+            still_loss: apart(&still),
+            root_cm: mean(&curves.root_cm),
+            still_root_cm: mean(&curves.still_root_cm),
+            degrees: mean(&curves.degrees),
+            still_degrees: mean(&curves.still_degrees),
             short: Moves::of(&energy, short, thresholds),
-            long: Moves::of(&energy, frames.len() / c, thresholds),
+            long,
             flips: flips(&coder.clip(&frames[..short * c], skeleton, FPS)?),
+            curves,
         })
     }
 }
@@ -213,6 +237,8 @@ pub struct Figures {
     pub long: Lasting,
     /// Share of steps with a flip, over the first 400 frames; of positions by the rotations fitted to them.
     pub flips: Mean,
+    /// The same over time.
+    pub curves: Curves,
 }
 
 impl Figures {
@@ -233,6 +259,7 @@ impl Figures {
             short: lasting(|one| &one.short),
             long: lasting(|one| &one.long),
             flips: Mean::of(all.iter().map(|(take, one)| (*take, one.flips[0] as f64, one.flips[1] as f64))),
+            curves: Curves::mean(all.iter().map(|(_, one)| &one.curves)),
         }
     }
 }

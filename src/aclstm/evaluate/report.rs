@@ -1,11 +1,12 @@
 //! What is said of a network that was measured.
 
 use super::figures::{Figures, Lasting, Mean, Moves, unit};
-use super::{COMPARED, Options};
+use super::{COMPARED, Options, Seed, Test};
 use crate::aclstm::form::Form;
 use crate::aclstm::run::Trained;
 use crate::view::table::terminal;
 use serde::Serialize;
+use std::collections::BTreeSet;
 use std::fmt;
 
 /// Figures of a network.
@@ -13,7 +14,10 @@ use std::fmt;
 pub struct Report {
     /// The layout's version.
     pub schema: u32,
-    /// How it writes a pose.
+    /// The folder of the dances, where they are not the network's own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dances: Option<String>,
+    /// How the network writes a pose.
     pub form: Form,
     /// Frames of its own that it was fed in training.
     pub condition: usize,
@@ -45,25 +49,21 @@ pub struct Row {
 }
 
 impl Report {
-    pub(super) fn new(
-        trained: &Trained,
-        options: &Options,
-        (seeds, takes): (usize, usize),
-        thresholds_cm_s: [f64; 2],
-        real: Vec<(Moves, [usize; 2])>,
-        rows: Vec<Row>,
-    ) -> Report {
+    pub(super) fn new(trained: &Trained, options: &Options, test: &Test, seeds: &[&Seed], rows: Vec<Row>) -> Report {
+        let real = &test.real;
         let [flips, steps] = real.iter().fold([0, 0], |[f, s], (_, [found, all])| [f + found, s + all]);
+        let takes: BTreeSet<&str> = seeds.iter().map(|seed| &*seed.take).collect();
         let moves: Vec<(&str, &Moves)> = real.iter().map(|(moves, _)| ("real", moves)).collect();
         Report {
             schema: 1,
+            dances: None,
             form: trained.file.config.form,
             condition: trained.file.config.condition,
             step: trained.step,
             split: options.split.to_string(),
-            seeds,
-            takes,
-            thresholds_cm_s,
+            seeds: seeds.len(),
+            takes: takes.len(),
+            thresholds_cm_s: test.thresholds,
             real: Lasting::of(&moves, 0),
             real_flips: flips as f64 / steps.max(1) as f64,
             rows,
@@ -80,7 +80,11 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (condition, step, seeds, takes) = (self.condition, self.step, self.seeds, self.takes);
         let name = format!("{:?}", self.form).to_lowercase();
-        writeln!(f, "{name} {condition} after {step} updates: {seeds} seeds of {takes} {} takes", self.split)?;
+        match &self.dances {
+            Some(folder) => write!(f, "the dances of {folder} as {name}")?,
+            None => write!(f, "{name} {condition} after {step} updates")?,
+        }
+        writeln!(f, ": {seeds} seeds of {takes} {} takes", self.split)?;
         writeln!(f, "in brackets: the middle 95 % when takes are drawn anew\n")?;
         let next = |row: &Row| {
             let g = &row.figures;

@@ -1,12 +1,14 @@
 //! `kinelm aclstm evaluate`.
 
-use crate::cli::{Say, asked, print, progress};
+use crate::cli::{ForceArgs, Say, asked, print, progress};
 use anyhow::Result;
-use kinelm::aclstm::evaluate::{Options, SHORT, evaluate};
+use kinelm::aclstm::evaluate::{Options, Report, SHORT, Test, evaluate, evaluate_dances};
 use kinelm::aclstm::run::Trained;
 use kinelm::corpus::Split;
+use kinelm::counted;
 use kinelm::model::Which;
-use std::path::PathBuf;
+use kinelm_motion::format;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -25,9 +27,19 @@ pub struct Args {
     /// Frames that are made of each, to see for how long they move
     #[arg(long, value_name = "N", default_value_t = 4000, value_parser = clap::value_parser!(u32).range(SHORT as i64..=1 << 20))]
     frames: u32,
+    /// Write the longest seeds as seed-01.bvh and so on instead, at 30 frames a second, so that something else goes on from
+    /// them
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["dances", "json"])]
+    write_seeds: Option<PathBuf>,
+    /// Measure these dances instead of the network's own: named as the seeds that --write-seeds writes, each beginning with
+    /// its seed, for some of them or all
+    #[arg(long, value_name = "FOLDER")]
+    dances: Option<PathBuf>,
     /// One JSON object instead of tables
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    force: ForceArgs,
 }
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
@@ -39,9 +51,33 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         lengths: args.seed_frames.iter().map(|n| *n as usize).collect(),
         frames: args.frames as usize,
     };
-    let bar = progress::bar((options.lengths.len() * options.frames) as u64, "frames", say);
-    let report = evaluate(&trained, &options, &mut |done| bar.set_position(done as u64));
-    drop(bar);
-    let report = report.map_err(asked)?;
+    if let Some(folder) = &args.write_seeds {
+        return write_seeds(args, &trained, &options, folder, say);
+    }
+    let report = match &args.dances {
+        Some(folder) => evaluate_dances(&trained, &options, folder).map_err(asked)?,
+        None => own(&trained, &options, say)?,
+    };
+    if args.dances.is_some() && report.seeds < options.seeds {
+        say.line(format_args!("{} of {} have a dance", report.seeds, counted(options.seeds, "seeds")));
+    }
     print(&if args.json { format!("{}\n", serde_json::to_string(&report)?) } else { format!("{report}\n") })
+}
+
+fn own(trained: &Trained, options: &Options, say: Say) -> Result<Report> {
+    let bar = progress::bar((options.lengths.len() * options.frames) as u64, "frames", say);
+    evaluate(trained, options, &mut |done| bar.set_position(done as u64)).map_err(asked)
+}
+
+fn write_seeds(args: &Args, trained: &Trained, options: &Options, folder: &Path, say: Say) -> Result<()> {
+    let test = Test::load(trained, options).map_err(asked)?;
+    let frames = options.lengths.iter().copied().max().unwrap_or(0);
+    let outputs = args.force.outputs(trained.file.sources.data.iter().chain([&args.run]));
+    for seed in &test.seeds {
+        let path = folder.join(format!("{}.bvh", seed.name));
+        outputs.write(&path, &format::to_bytes(&path, &seed.motion(frames, &path))?)?;
+    }
+    let seeds = counted(test.seeds.len(), "seeds");
+    say.line(format_args!("{}: {seeds} of {}", folder.display(), counted(frames, "frames")));
+    Ok(())
 }

@@ -1,7 +1,8 @@
-//! `kinelm aclstm train`, `generate` and `evaluate`.
+//! `kinelm aclstm train`, `generate`, `evaluate` and `plot`.
 
 mod evaluate;
 mod generate;
+mod plot;
 mod train;
 
 use super::Say;
@@ -16,6 +17,8 @@ pub enum Command {
     Generate(generate::Args),
     /// How well a network foretells the next frames, and for how long it moves
     Evaluate(evaluate::Args),
+    /// Curves of what `evaluate --json` printed: errors of the next frames, and who stands still at which second
+    Plot(plot::Args),
 }
 
 pub fn run(command: Command, say: Say) -> Result<()> {
@@ -23,6 +26,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
         Command::Train(args) => train::run(args, say),
         Command::Generate(args) => generate::run(&args, say),
         Command::Evaluate(args) => evaluate::run(&args, say),
+        Command::Plot(args) => plot::run(args, say),
     }
 }
 

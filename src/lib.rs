@@ -1,12 +1,13 @@
 //! From motion to text, from text to a model, from a model to new dances.
 //!
 //! Everything a command of the `kinelm` program does is a function here. The rooms, in the way of the data: `corpus`
-//! (labels, splits, the token store), `model`, `train`, `runs`, `generate`, `evaluate`, `study`, `spectral`,
+//! (labels, splits, the token store), `model`, `train`, `runs`, `generate`, `evaluate`, `clean`, `study`, `spectral`,
 //! `music`, `view`; and `aclstm`, a baseline without tokens.
 #![forbid(unsafe_code)]
 
 pub mod aclstm;
 pub mod classify;
+pub mod clean;
 pub mod corpus;
 pub mod error;
 pub mod evaluate;

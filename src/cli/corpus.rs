@@ -1,4 +1,4 @@
-//! `kinelm corpus stats`, `order` and `merge`.
+//! `kinelm corpus stats`, `clean`, `order` and `merge`.
 
 use super::{ForceArgs, Say, print};
 use anyhow::Result;
@@ -20,6 +20,8 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// What corpora are better made without, of training clips: steps that no body makes, bodies in the floor, copies of other clips
+    Clean(super::clean::Args),
     /// The windows that a training takes, in their order, for programs that train on the corpus themselves: which clip, from
     /// which token, how many tokens, (steps, rows, 3) int64
     Order {
@@ -61,6 +63,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
             let found = stats(&Corpus::open(&corpus)?)?;
             print(&if json { serde_json::to_string(&found)? + "\n" } else { format!("{found}\n") })
         }
+        Command::Clean(args) => super::clean::run(&args, say),
         Command::Order { corpus, config, steps, seed, out, force } => {
             let file = TrainFile::find(&config).map_err(super::asked)?;
             let corpora = if corpus.is_empty() { file.corpora()? } else { corpus };

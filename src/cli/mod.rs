@@ -5,6 +5,7 @@
 mod aclstm;
 mod bench;
 mod classify;
+mod clean;
 mod convert;
 mod corpus;
 mod data;

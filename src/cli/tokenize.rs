@@ -4,6 +4,7 @@ use super::{Say, data::DataArgs, read::ReadArgs};
 use anyhow::Result;
 use kinelm::corpus::Shard;
 use kinelm::corpus::build::{BuildOptions, tokenize};
+use kinelm::corpus::left_out::leave_out;
 use kinelm::corpus::writer::LAYOUT;
 use kinelm::counted;
 use kinelm::output::Outputs;
@@ -31,6 +32,10 @@ pub struct Args {
     /// Clips without music get motion-derived beats: those that their own steps tell
     #[arg(long)]
     motion_beats: bool,
+    /// Ranges of clips that the corpus does without, a CSV (clip, from_s, to_s, why) such as `corpus clean` writes; corpus.json
+    /// lists them. A clip out of whose middle something is left out becomes two
+    #[arg(long, value_name = "FILE.csv")]
+    leave_out: Option<PathBuf>,
     /// Replace the files of a corpus that stands at --out
     #[arg(long)]
     force: bool,
@@ -40,14 +45,19 @@ pub struct Args {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     let tokenizer = Tokenizer::load(&args.tokenizer)?;
-    let gathered = args.data.gather(say)?;
-    let inputs = args.data.files(&gathered).chain([args.tokenizer.clone()]).chain(args.read.files());
+    let mut gathered = args.data.gather(say)?;
+    let said = gathered.said.len();
+    let left_out = args.leave_out.as_ref().map(|csv| leave_out(&mut gathered, csv)).transpose()?.unwrap_or_default();
+    gathered.said[said..].iter().for_each(|line| say.line(line));
+    let inputs = args.data.files(&gathered).chain([args.tokenizer.clone()]).chain(args.leave_out.clone());
+    let inputs = inputs.chain(args.read.files());
     Outputs::new(inputs, args.force).check_folder(&args.out, &LAYOUT)?;
     let options = BuildOptions {
         shard: args.shard,
         force: args.force,
         music: args.music.clone(),
         own_beats: args.motion_beats,
+        left_out,
         ..args.data.build_options(args.read.options(RestFrame::Drop))
     };
     let (manifest, summary) =

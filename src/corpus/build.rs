@@ -5,7 +5,7 @@
 
 use super::gather::{Gathered, Item};
 use super::load::{Loaded, Wanted, load_item};
-use super::record::{BeatsOf, ClipBeats, Failure, Manifest, Shard, Split};
+use super::record::{BeatsOf, ClipBeats, Failure, LeftOut, Manifest, Shard, Split};
 use super::timed::in_pieces;
 use super::writer::{CorpusWriter, NewClip};
 use crate::music::find::Heard;
@@ -38,6 +38,8 @@ pub struct BuildOptions {
     pub music: Option<PathBuf>,
     /// Clips without music get motion-derived beats, of their own steps.
     pub own_beats: bool,
+    /// What the clips are taken without, for the corpus to tell: what [`super::left_out::leave_out`] gave the items.
+    pub left_out: Vec<LeftOut>,
 }
 
 /// What happens while files are worked on.
@@ -137,7 +139,8 @@ pub fn fit(
     Ok((all.finish()?, summary))
 }
 
-/// Tokenizes all clips (or a shard of them) into a corpus folder at `out`; clips whose labels change are cut into pieces.
+/// Tokenizes all clips (or a shard of them) into a corpus folder at `out`; clips whose labels change are cut into pieces, as are those
+/// out of whose middle something is left out.
 ///
 /// # Errors
 /// Those of [`CorpusWriter`]; [`Error::Call`] when no clip could be taken, or any file is bad and `strict` is given, or
@@ -182,6 +185,7 @@ pub fn tokenize(
     })?;
     check(&summary, options, items.len())?;
     summary.failed.iter().for_each(|f| writer.fail(f.clone()));
+    writer.left_out(&options.left_out);
     Ok((writer.finish()?, summary))
 }
 

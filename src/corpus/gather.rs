@@ -1,6 +1,7 @@
 //! Motion files below the folders given, with what is known of each.
 
 use super::labels::{Known, Labels, Rule};
+use super::left_out::Range;
 use super::pattern::{EXTENSIONS, without_extension};
 use super::record::Split;
 use super::splits::{self, some_of};
@@ -23,6 +24,8 @@ pub struct Item {
     pub labels: BTreeMap<String, String>,
     /// Labels that hold for a time alone; [`super::timed::in_pieces`] cuts by them.
     pub timed: Vec<Timed>,
+    /// What of it a corpus does without.
+    pub left_out: Vec<Range>,
     /// What of the file it is, where it was cut.
     pub piece: Option<Piece>,
     /// The recording; the name where nothing else is known.
@@ -58,6 +61,7 @@ impl Default for Item {
             name: String::new(),
             labels: BTreeMap::new(),
             timed: Vec::new(),
+            left_out: Vec::new(),
             piece: None,
             take: String::new(),
             split: Split::Train,
@@ -204,6 +208,7 @@ fn label(g: &mut Gathered, found: Vec<Found>, labels: &[Labels]) -> Result<Vec<O
             name,
             labels: known.labels,
             timed: known.timed,
+            left_out: Vec::new(),
             piece: None,
             split: Split::Train, // given by `splits::assign`
             fps: known.fps,

@@ -27,6 +27,7 @@ pub fn merge(shards: &[PathBuf], out: &Path, force: bool) -> Result<Manifest> {
     for (shard, clip) in clips {
         writer.push(as_new(clip), &shard.clip_ids(clip)?)?;
     }
+    writer.left_out(&first.manifest().left_out);
     let mut failed: Vec<&Failure> = shards.iter().flat_map(|s| &s.manifest().failed).collect();
     failed.sort_by_key(|f| f.key);
     failed.into_iter().for_each(|f| writer.fail(f.clone()));
@@ -63,6 +64,11 @@ fn check_fits(first: &Corpus, other: &Corpus) -> Result<()> {
     if paths(x) != paths(y) {
         let (p, q) = (paths(x).join(" "), paths(y).join(" "));
         return Err(Error::Call(format!("{a} was made from {p}, {b} from {q}; shards are made from the same DATA")));
+    }
+    if x.left_out != y.left_out {
+        let (m, n) = (x.left_out.len(), y.left_out.len());
+        let what = format!("{a} was made without {m} ranges of its clips, {b} without {n}, or without others");
+        return Err(Error::Call(format!("{what}; shards are made with the same --leave-out")));
     }
     Ok(())
 }

@@ -16,6 +16,7 @@ pub mod conditions;
 pub mod csv;
 pub mod gather;
 pub mod labels;
+pub mod left_out;
 pub mod load;
 pub mod masking;
 pub mod merge;

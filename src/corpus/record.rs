@@ -213,6 +213,20 @@ pub struct Failure {
     pub why: String,
 }
 
+/// A range of a clip that the corpus does without.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LeftOut {
+    /// The clip's name.
+    pub clip: String,
+    /// The first second, of the clip as it is read.
+    pub from_s: f64,
+    /// The second behind the last; `null`: to the clip's end.
+    pub to_s: Option<f64>,
+    /// Why.
+    pub why: String,
+}
+
 /// `corpus.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -243,6 +257,9 @@ pub struct Manifest {
     pub sources: Vec<SourceRecord>,
     /// What could not be taken.
     pub failed: Vec<Failure>,
+    /// What of the clips was left out; those out of whose middle something is became several.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<LeftOut>,
     /// Which piece this is, if it is not the whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shard: Option<Shard>,

@@ -170,8 +170,9 @@ fn same_words(words: &[Words]) -> Vec<Vec<usize>> {
     groups.into_values().filter(|g| g.len() > 1).collect()
 }
 
-/// The glitches of a decoded clip. Only `joints` are looked at; the others do what they are told.
-fn glitches(name: &str, clip: &Clip, joints: &[usize]) -> Vec<Glitch> {
+/// The glitches of a clip, the root's first, then joint by joint. Only `joints` are looked at; in a decoded clip the others
+/// do what they are told.
+pub fn glitches(name: &str, clip: &Clip, joints: &[usize]) -> Vec<Glitch> {
     let glitch = |frame: usize, what: &str, step: f64| Glitch { clip: name.into(), frame, what: what.into(), step };
     let steps: Vec<f64> = clip.root().windows(2).map(|w| w[0].distance(w[1])).collect();
     let mut found: Vec<Glitch> =

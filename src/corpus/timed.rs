@@ -40,6 +40,8 @@ pub struct Piece {
     pub stated: bool,
     /// The line of the CSV that says when it begins or ends.
     pub line: usize,
+    /// Whether that CSV is the one of what is left out; else it is that of the labels.
+    pub beside_left_out: bool,
 }
 
 impl Piece {
@@ -54,9 +56,9 @@ fn frame_at(s: f64, fps: f64) -> usize {
     (s * fps - 1e-6).ceil().max(0.0) as usize
 }
 
-/// The items with those cut that have labels over time, and keys anew.
+/// The items with those cut that have labels over time or ranges that are left out, and keys anew.
 pub fn in_pieces(items: &[Item]) -> Vec<Item> {
-    let cut = |item: &Item| match item.timed.is_empty() {
+    let cut = |item: &Item| match item.timed.is_empty() && item.left_out.is_empty() {
         true => vec![item.clone()],
         false => pieces(item),
     };
@@ -65,8 +67,9 @@ pub fn in_pieces(items: &[Item]) -> Vec<Item> {
 }
 
 fn pieces(item: &Item) -> Vec<Item> {
-    let mut borders: Vec<f64> =
-        item.timed.iter().flat_map(|t| [t.from_s, t.to_s]).chain([0.0, f64::INFINITY]).collect();
+    let of_labels = item.timed.iter().flat_map(|t| [t.from_s, t.to_s]);
+    let of_ranges = item.left_out.iter().flat_map(|r| [r.from_s, r.to_s]);
+    let mut borders: Vec<f64> = of_labels.chain(of_ranges).chain([0.0, f64::INFINITY]).collect();
     borders.sort_by(f64::total_cmp);
     borders.dedup();
     let piece = |pair: &[f64]| {
@@ -76,12 +79,15 @@ fn pieces(item: &Item) -> Vec<Item> {
         let labels = item.labels.clone().into_iter().chain(holds.flat_map(|t| t.labels.clone())).collect();
         let until = if to_s.is_finite() { format!("{to_s}s") } else { "end".into() };
         let name = format!("{}@{from_s}s-{until}", item.name);
-        let borders = |t: &&Timed| [t.from_s, t.to_s].iter().any(|s| *s == from_s || *s == to_s);
-        let line = item.timed.iter().find(borders).map_or(0, |t| t.line);
-        let piece = Some(Piece { from_s, to_s, stated, line });
-        Item { name, labels, timed: Vec::new(), piece, ..item.clone() }
+        let borders = |from: f64, to: f64| [from, to].iter().any(|s| *s == from_s || *s == to_s);
+        let of_labels = item.timed.iter().find(|t| borders(t.from_s, t.to_s)).map(|t| t.line);
+        let of_ranges = item.left_out.iter().find(|r| borders(r.from_s, r.to_s)).map(|r| r.line);
+        let line = of_ranges.or(of_labels).unwrap_or(0);
+        let piece = Some(Piece { from_s, to_s, stated, line, beside_left_out: of_ranges.is_some() });
+        Item { name, labels, timed: Vec::new(), left_out: Vec::new(), piece, ..item.clone() }
     };
-    borders.windows(2).map(piece).collect()
+    let is_left_out = |pair: &&[f64]| item.left_out.iter().any(|r| r.from_s <= pair[0] && pair[1] <= r.to_s);
+    borders.windows(2).filter(|pair| !is_left_out(pair)).map(piece).collect()
 }
 
 /// The frames of a clip that are an item's: all, or its piece's; none where nothing is left behind the last row.
@@ -89,15 +95,19 @@ fn pieces(item: &Item) -> Vec<Item> {
 /// # Errors
 /// [`Error::File`]: a row tells of seconds that the clip doesn't have; to the end means to within a frame of it.
 pub fn piece_of(item: &Item, clip: Clip) -> Result<Clip> {
-    let Some(Piece { from_s, to_s, stated, line }) = item.piece else { return Ok(clip) };
+    let Some(Piece { from_s, to_s, stated, line, beside_left_out }) = item.piece else { return Ok(clip) };
     let (frames, fps) = (clip.frames(), clip.fps());
     let frame = |s: f64| frame_at(s, fps).min(frames);
     let seconds = frames as f64 / fps;
     if (stated && frame(from_s) >= frames) || (to_s.is_finite() && to_s * fps > frames as f64 + 1.0) {
         let until = if to_s.is_finite() { format!("{to_s} s") } else { "the end".into() };
-        let found = format!("labels from {from_s} s to {until} of a clip of {seconds:.2} s");
+        let (what, csv) = match beside_left_out {
+            true => ("a border of what is left out, a piece", "the ranges that are left out"),
+            false => ("labels", "the labels"),
+        };
+        let found = format!("{what} from {from_s} s to {until} of a clip of {seconds:.2} s");
         let help = "times are seconds of the clip as it is read: without the frames that are skipped, at its true rate";
-        let help = format!("line {line} of the labels says so; {help}");
+        let help = format!("line {line} of {csv} says so; {help}");
         return Err(Error::file(&item.path, found, "times within the clip", help));
     }
     Ok(clip.slice(frame(from_s)..frame(to_s)))
@@ -149,7 +159,10 @@ mod tests {
         // 10 frames at 20 a second: half a second
         let clip = walk(10);
         let frames = |from_s: f64, to_s: f64, stated: bool| {
-            let item = Item { piece: Some(Piece { from_s, to_s, stated, line: 2 }), ..Item::default() };
+            let item = Item {
+                piece: Some(Piece { from_s, to_s, stated, line: 2, beside_left_out: false }),
+                ..Item::default()
+            };
             piece_of(&item, clip.clone()).map(|c| c.frames()).map_err(|e| e.to_string())
         };
         let end = f64::INFINITY;

@@ -1,7 +1,8 @@
 //! Writing the token store: whole or not at all.
 
 use super::record::{
-    ClipBeats, ClipRecord, Count, Failure, FileRecord, Manifest, Shard, SourceRecord, Split, TokenType, VERSION, hex,
+    ClipBeats, ClipRecord, Count, Failure, FileRecord, LeftOut, Manifest, Shard, SourceRecord, Split, TokenType,
+    VERSION, hex,
 };
 use super::store::{CLIPS, Coding, MANIFEST, TOKENIZER};
 use crate::files::Hidden;
@@ -85,6 +86,7 @@ impl CorpusWriter {
                 splits: Split::ALL.into_iter().map(|s| (s, Count::default())).collect(),
                 sources: sources.iter().map(source).collect(),
                 failed: Vec::new(),
+                left_out: Vec::new(),
                 shard,
             },
             sources: vec![Sha256::new(); sources.len()],
@@ -168,6 +170,11 @@ impl CorpusWriter {
     /// Records a file that could not be taken.
     pub fn fail(&mut self, failure: Failure) {
         self.manifest.failed.push(failure);
+    }
+
+    /// Records what the clips were taken without.
+    pub fn left_out(&mut self, ranges: &[LeftOut]) {
+        self.manifest.left_out = ranges.to_vec();
     }
 
     /// Moves the whole corpus to its place.

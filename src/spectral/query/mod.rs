@@ -13,7 +13,7 @@ pub mod exclude;
 pub mod find;
 pub mod index;
 pub mod made_up;
-mod maker;
+pub mod maker;
 pub mod model;
 pub mod options;
 pub mod part;

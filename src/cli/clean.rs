@@ -1,0 +1,42 @@
+//! `kinelm corpus clean`.
+
+use super::{ForceArgs, Say, data::DataArgs, read::ReadArgs};
+use anyhow::Result;
+use kinelm::clean::clean;
+use kinelm::corpus::left_out::to_csv;
+use kinelm_motion::format::RestFrame;
+use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    data: DataArgs,
+    /// Where the ranges go: a CSV (clip, from_s, to_s, why) that `tokenize --leave-out` takes
+    #[arg(long, value_name = "FILE.csv")]
+    out: PathBuf,
+    /// The tokenizer whose rate and joints clips are looked at with; if not given, 20 frames a second and 18 joints
+    #[arg(long, value_name = "FILE")]
+    tokenizer: Option<PathBuf>,
+    #[command(flatten)]
+    force: ForceArgs,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+pub fn run(args: &Args, say: Say) -> Result<()> {
+    let config = match &args.tokenizer {
+        Some(path) => Tokenizer::load(path)?.config().clone(),
+        None => TokenizerConfig::default(),
+    };
+    let gathered = args.data.gather(say)?;
+    let inputs = args.data.files(&gathered).chain(args.tokenizer.clone()).chain(args.read.files());
+    let outputs = args.force.outputs(inputs);
+    outputs.check([&*args.out])?;
+    let options = args.data.build_options(args.read.options(RestFrame::Drop));
+    let found = clean(&gathered, &config, &options, &mut *super::progress::watch(say, "looking at clips"))?;
+    found.summary.lines().iter().for_each(|line| say.line(line));
+    outputs.write(&args.out, to_csv(&found.ranges).as_bytes())?;
+    found.to_string().lines().for_each(|line| say.line(line));
+    Ok(())
+}

@@ -22,9 +22,10 @@ pub const WINDOW_S: f64 = 2.0;
 /// Windows that are asked for are so far apart, seconds.
 const HOP_S: f64 = 1.0;
 /// The mean angle between the local rotations of a copy and its original is below this, degrees.
-pub const APART_DEG: f64 = 2.0;
-/// And this part of what the window differs from itself half a second later: a body that hardly moves is like any other.
-const OF_ITSELF: f64 = 0.5;
+pub const APART_DEG: f64 = 1.0;
+/// And below this part of what the window differs from itself half a second later: a body that hardly moves is like any
+/// other. At 2 degrees and a half, gestures that one dancer repeats pass for copies: 280 ranges of bandai-2.
+const OF_ITSELF: f64 = 0.2;
 /// Coefficients of a channel: up to 2 Hz, which tells windows of 2 s apart.
 const KEEP: usize = 8;
 

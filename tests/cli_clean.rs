@@ -19,7 +19,7 @@ fn data(dir: &Path) {
         let (clip, j) = (&dance.clip, dance.clip.joints());
         let mut rotations = clip.rotations().to_vec();
         for f in (60..63).filter(|_| i == 0) {
-            rotations[f * j + 1] = rotations[f * j + 1] * Quat::from_rotation_x(2.8);
+            rotations[f * j + 1] *= Quat::from_rotation_x(2.8);
         }
         let clip = Clip::new(clip.skeleton().clone(), clip.fps(), clip.root().to_vec(), rotations).unwrap();
         let path = dir.join(format!("data/{i}.json"));

@@ -69,12 +69,13 @@ pub fn forward(out: &mut [f32], x: &[f32], layer: Linear<&[f32]>, workspace: &mu
     });
 }
 
-/// From the gradient `d_out` (N, M) of the output: `dx` (N, K) becomes that of the input `x`, `gradients` those of the layer.
+/// From the gradient `d_out` (N, M) of the output: `dx` (N, K) becomes that of the input `x`, where somebody wants it,
+/// `gradients` those of the layer.
 ///
 /// # Panics
 /// Slices of other lengths than the workspace's; one without its backward part.
 pub fn backward(
-    dx: &mut [f32],
+    dx: Option<&mut [f32]>,
     d_out: &[f32],
     x: &[f32],
     weight: &[f32],
@@ -82,22 +83,22 @@ pub fn backward(
     workspace: &mut Workspace,
 ) {
     workspace.check(x.len(), d_out.len(), weight.len(), gradients.bias.len());
-    assert_eq!((dx.len(), gradients.weight.len()), (x.len(), weight.len()), "gradients of a layer");
+    let sizes = (dx.as_ref().map_or(x.len(), |dx| dx.len()), gradients.weight.len());
+    assert_eq!(sizes, (x.len(), weight.len()), "gradients of a layer");
     let Workspace { rows, inputs: k, outputs: m, products, piece, ref mut panels, ref mut back } = *workspace;
     let Some(Back { d_out: columns, partial }) = back else { panic!("a workspace for the forward pass only") };
-    products.pack_transposed_parallel(panels, weight, m, k);
-    let down = &**panels;
-    let parts = (
-        dx.par_chunks_mut(piece * k),
-        d_out.par_chunks(piece * m),
-        columns.par_chunks_mut(products.panels_len(piece, m)),
-        partial.par_chunks_mut(m),
-    );
-    parts.into_par_iter().for_each(|(dx, d_out, columns, partial)| {
+    if let Some(dx) = dx {
+        products.pack_transposed_parallel(panels, weight, m, k);
+        let down = &**panels;
+        let parts = dx.par_chunks_mut(piece * k).zip(d_out.par_chunks(piece * m));
+        parts.for_each(|(dx, d_out)| products.times(dx, d_out, m, down, k));
+    }
+    let parts =
+        (d_out.par_chunks(piece * m), columns.par_chunks_mut(products.panels_len(piece, m)), partial.par_chunks_mut(m));
+    parts.into_par_iter().for_each(|(d_out, columns, partial)| {
         partial.fill(0.0);
         bias::add_column_sums(partial, d_out);
         products.pack(columns, d_out, m, d_out.len() / m, m);
-        products.times(dx, d_out, m, down, k);
     });
     Sums { partial, width: m, store: Store::Set }.take(gradients.bias);
     products.weight_gradient(gradients.weight, x, k, (columns, piece), rows, Store::Set);
@@ -169,7 +170,10 @@ mod tests {
             let truth = loss(&x, &weight, &bias, &by, (k, m));
             assert!((found - truth).abs() < 1e-4 * truth.abs().max(10.0), "{found}, expected {truth}");
             let (mut dx, mut dw, mut db) = (vec![f32::NAN; n * k], vec![f32::NAN; k * m], vec![f32::NAN; m]);
-            backward(&mut dx, &by, &x, &weight, Linear { weight: &mut dw, bias: &mut db }, &mut space);
+            backward(Some(&mut dx), &by, &x, &weight, Linear { weight: &mut dw, bias: &mut db }, &mut space);
+            let (mut own, mut sums) = (vec![f32::NAN; k * m], vec![f32::NAN; m]);
+            backward(None, &by, &x, &weight, Linear { weight: &mut own, bias: &mut sums }, &mut space);
+            assert!((&own, &sums) == (&dw, &db), "nobody wants that of the input");
             let sum = |n: usize, f: &dyn Fn(usize) -> f64| (0..n).map(f).sum::<f64>();
             let f = f64::from;
             let of_x = |i: usize| sum(m, &|c| f(by[i / k * m + c]) * f(weight[i % k * m + c]));

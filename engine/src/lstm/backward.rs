@@ -1,10 +1,11 @@
 //! Back through the sequence: gradients of the weights by those of the outputs.
 
+use super::layer::Told;
 use super::{Lstm, Sums, Wiring, stretches};
 use crate::arena::Floats;
 use crate::linear::{self, Products};
 use crate::op::bias;
-use crate::op::matmul::Store;
+use crate::op::matmul::{self, Store};
 use crate::pieces;
 use rayon::prelude::*;
 
@@ -33,7 +34,7 @@ impl Lstm {
             back.output.times(&mut top.dh[from * b * d..to * b * d], &back.dy[from * b * c..to * b * c], None);
             for l in (0..self.layers.len()).rev() {
                 let (below, layers) = self.layers.split_at_mut(l);
-                layers[0].backward(stretch.clone(), steps);
+                layers[0].backward(stretch.clone(), steps, Told::NOTHING);
                 let Some(own) = &mut layers[0].back else { continue };
                 if let Some(below) = below.last_mut().and_then(|below| below.back.as_mut()) {
                     let first = from.max(late);
@@ -66,8 +67,21 @@ impl Lstm {
 }
 
 impl Sums {
+    /// Memory for up to `rows` rows of `widest` numbers.
+    pub fn new(rows: usize, widest: usize) -> Sums {
+        let piece = pieces::rows(rows);
+        let pieces = rows.div_ceil(piece);
+        Sums { panels: Floats::new(pieces * matmul::panels_len(piece, widest)), partial: Floats::new(pieces * widest) }
+    }
+
     /// Gradients of weights (k, n) and of the bias (n) behind rows of gradients `d` (R, n): of each weight its input (R, k).
-    fn gradients(&mut self, d: &[f32], n: usize, weights: &mut [(&[f32], usize, &mut Floats)], of_bias: &mut [f32]) {
+    pub fn gradients(
+        &mut self,
+        d: &[f32],
+        n: usize,
+        weights: &mut [(&[f32], usize, &mut Floats)],
+        of_bias: &mut [f32],
+    ) {
         let (rows, products) = (d.len() / n, Products::F32);
         let piece = pieces::rows(rows);
         let room = products.panels_len(piece, n);

@@ -19,6 +19,36 @@ pub struct Layer {
     pub back: Option<Back>,
 }
 
+/// What a layer sees in place of its own output of the step before.
+#[derive(Debug, Clone, Copy)]
+pub struct Told<'a> {
+    /// At which steps of a pass; those behind the last are none.
+    pub steps: &'a [bool],
+    /// (T, B, D), read at these steps alone.
+    pub rows: &'a [f32],
+}
+
+impl Told<'_> {
+    /// Nothing, at any step.
+    pub const NOTHING: Told<'static> = Told { steps: &[], rows: &[] };
+
+    /// Whether step `t` is told something.
+    pub fn at(self, t: usize) -> bool {
+        self.steps.get(t).is_some_and(|told| *told)
+    }
+}
+
+/// What comes back to a step from the one behind it.
+#[derive(Clone, Copy)]
+enum Behind<'a> {
+    /// It is the last.
+    Nothing,
+    /// The state's gradient.
+    State,
+    /// That, and the output's by those of the sums at the gates (B, 4D).
+    Both(&'a [f32]),
+}
+
 /// What a layer needs for its gradients.
 pub struct Back {
     /// (T, B, D), gradients of the outputs as far as they come from above.
@@ -123,12 +153,13 @@ impl Layer {
         }
     }
 
-    /// A stretch of steps whose inputs (n, B, I) are known.
-    pub fn forward(&mut self, stretch: Range<usize>, inputs: &[f32]) {
+    /// A stretch of steps whose inputs (n, B, I) are known; at steps that are told something, the layer sees that in place
+    /// of its own output before.
+    pub fn forward(&mut self, stretch: Range<usize>, inputs: &[f32], told: Told) {
         let (b, d, i) = (self.batch, self.width, self.inputs);
         for t in stretch.clone() {
             let (before, now) = self.h.split_at_mut((t + 1) * b * d);
-            let before = &before[t * b * d..];
+            let before = if told.at(t) { &told.rows[t * b * d..][..b * d] } else { &before[t * b * d..] };
             self.slabs.par_iter_mut().for_each(|slab| {
                 if t == stretch.start {
                     slab.product(stretch.clone(), b, (inputs, i), Store::Set);
@@ -145,13 +176,17 @@ impl Layer {
     }
 
     /// The same stretch back: from `dh` and what stands behind it in `gates` to `gates`. It is the last one of a pass of
-    /// `steps` where it ends there.
-    pub fn backward(&mut self, stretch: Range<usize>, steps: usize) {
+    /// `steps` where it ends there. Nothing comes back through an output whose place something told has taken.
+    pub fn backward(&mut self, stretch: Range<usize>, steps: usize, told: Told) {
         let (b, d) = (self.batch, self.width);
         let Some(back) = &mut self.back else { panic!("memory for the forward pass only") };
         for t in stretch.rev() {
             let (now, behind) = back.gates.split_at_mut(4 * (t + 1) * b * d);
-            let behind = (t + 1 < steps).then(|| &behind[..4 * b * d]);
+            let behind = match t + 1 < steps {
+                false => Behind::Nothing,
+                true if told.at(t + 1) => Behind::State,
+                true => Behind::Both(&behind[..4 * b * d]),
+            };
             let dh = &back.dh[t * b * d..][..b * d];
             self.slabs.par_iter_mut().for_each(|slab| slab.step_back(t, (b, d), dh, behind));
             for slab in &self.slabs {
@@ -186,18 +221,19 @@ impl Slab {
         cell::forward(gates, &self.bias, &before[t * row..], &mut now[..row], &mut self.h);
     }
 
-    fn step_back(&mut self, t: usize, (batch, d): (usize, usize), above: &[f32], behind: Option<&[f32]>) {
+    fn step_back(&mut self, t: usize, (batch, d): (usize, usize), above: &[f32], behind: Behind) {
         let (first, units, p) = (self.first, self.units, self.padded);
         let Some((turned, dh, dc)) = &mut self.back else { return };
         for (to, from) in dh.chunks_exact_mut(p).zip(above.chunks_exact(d)) {
             matmul::copy(&mut to[..units], &from[first..][..units]);
         }
         match behind {
-            Some(a) => {
+            Behind::Both(a) => {
                 let (panels, left) = (Panels { numbers: turned, block: 4 * d }, Left::Rows { a, lda: 4 * d });
                 matmul::product(dh, p, (batch, 4 * d, units), left, panels, Store::Add);
             }
-            None => dc.fill(0.0),
+            Behind::State => (),
+            Behind::Nothing => dc.fill(0.0),
         }
         let row = batch * p;
         let (before, now) = self.states[t * row..][..2 * row].split_at(row);

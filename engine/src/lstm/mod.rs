@@ -9,21 +9,25 @@
 //! remembers takes a product a step, of all four gates at once. Gradients go the same stretches back, through fed outputs
 //! too; the gradients of weights are one product each over all steps.
 //!
+//! [`Single`] is one such layer by itself, whose own output can be replaced at some steps: for networks of another build.
+//!
 //! Threads share a step's columns, units of [`UNITS`] at a time, so that every number is summed by one thread.
 
 mod backward;
 mod columns;
 mod forward;
 mod layer;
+mod single;
 #[cfg(test)]
 mod tests;
 
 use crate::arena::Floats;
-use crate::op::matmul;
-use crate::pieces;
 use columns::Columns;
 use layer::Layer;
 use std::ops::Range;
+
+pub use layer::Told;
+pub use single::Single;
 
 /// Units of a layer that a thread computes at a time.
 pub const UNITS: usize = 64;
@@ -112,7 +116,6 @@ impl Lstm {
         let Shape { channels: c, width: d, layers, .. } = shape;
         assert!(c * d * layers * batch * steps > 0, "{shape:?}, {batch} sequences of {steps} steps");
         let (rows, widest) = (batch * steps, c.max(4 * d));
-        let piece = pieces::rows(rows);
         let layer = |l: usize| Layer::new(if l == 0 { c } else { d }, d, (batch, steps), backward);
         Lstm {
             shape,
@@ -129,10 +132,7 @@ impl Lstm {
                 dy: Floats::new(rows * c),
                 dx: Floats::new(batch * c),
                 output: Columns::new(c, d, rows),
-                sums: Sums {
-                    panels: Floats::new(rows.div_ceil(piece) * matmul::panels_len(piece, widest)),
-                    partial: Floats::new(rows.div_ceil(piece) * widest),
-                },
+                sums: Sums::new(rows, widest),
             }),
         }
     }

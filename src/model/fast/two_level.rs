@@ -115,7 +115,7 @@ impl Matrix {
             panic!("buffers for the forward pass only")
         };
         let to = Linear { weight: gradient, bias: d_bias };
-        dense::backward(d_numbers, dx, numbers, weight, to, &mut self.space);
+        dense::backward(Some(d_numbers), dx, numbers, weight, to, &mut self.space);
     }
 }
 
@@ -310,7 +310,7 @@ impl TwoLevel {
             telling.decoder.backward(d_told, numbers, model.weight(name), &mut gradients[model.index(name)]);
         }
         let to = gradients_of(model, gradients, TELL);
-        dense::backward(d_normed, d_told, &self.normed, model.weight(TELL[1]), to, &mut self.tell);
+        dense::backward(Some(d_normed), d_told, &self.normed, model.weight(TELL[1]), to, &mut self.tell);
         let Linear { weight, bias } = gradients_of(model, gradients, NORM);
         let saved = (self.trunk.last(), &*self.stats);
         dense::norm_backward(d_trunk, d_normed, saved, model.weight(NORM[1]), Norm { weight, bias });
@@ -334,7 +334,7 @@ impl TwoLevel {
             gradient.iter_mut().zip(&**d_label).for_each(|(g, d)| *g += d);
         }
         let to = gradients_of(model, gradients, JOIN);
-        dense::backward(d_read, d_trunk, &self.read, model.weight(JOIN[1]), to, &mut self.join);
+        dense::backward(Some(d_read), d_trunk, &self.read, model.weight(JOIN[1]), to, &mut self.join);
         into_table(&mut gradients[model.index("frame.character.weight")], self.character, &self.seen, d_read);
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Everything a command of the `kinelm` program does is a function here. The rooms, in the way of the data: `corpus`
 //! (labels, splits, the token store), `model`, `train`, `runs`, `generate`, `evaluate`, `clean`, `study`, `spectral`,
-//! `music`, `view`; and `aclstm`, a baseline without tokens.
+//! `music`, `view`; and `aclstm` and `music_lstm`, baselines without tokens.
 #![forbid(unsafe_code)]
 
 pub mod aclstm;
@@ -16,6 +16,7 @@ pub mod generate;
 pub mod memory;
 pub mod model;
 pub mod music;
+pub mod music_lstm;
 pub mod output;
 pub mod presets;
 pub mod random;

@@ -28,6 +28,12 @@ pub const ACLSTM: &Presets = &[
     ("published", include_str!("../configs/aclstm/published.toml")),
 ];
 
+/// Settings of music LSTMs.
+pub const MUSIC_LSTM: &Presets = &[
+    ("small", include_str!("../configs/music_lstm/small.toml")),
+    ("dissertation", include_str!("../configs/music_lstm/dissertation.toml")),
+];
+
 /// Settings of tokenizers.
 pub const TOKENIZER: &Presets = &[
     ("uniform", include_str!("../configs/tokenizer/uniform.toml")),
@@ -82,7 +88,9 @@ mod tests {
 
     #[test]
     fn every_file_of_the_folders_is_built_in() {
-        for (folder, presets) in [("train", TRAIN), ("aclstm", ACLSTM), ("tokenizer", TOKENIZER)] {
+        for (folder, presets) in
+            [("train", TRAIN), ("aclstm", ACLSTM), ("music_lstm", MUSIC_LSTM), ("tokenizer", TOKENIZER)]
+        {
             let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs").join(folder);
             for entry in std::fs::read_dir(folder).unwrap() {
                 let path = entry.unwrap().path();

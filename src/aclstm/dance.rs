@@ -4,13 +4,11 @@ use super::FPS;
 use super::data::{inner, read, stride};
 use super::form::frames_of_steps;
 use super::run::Trained;
-use crate::corpus::FileRecord;
 use crate::generate::feet::{self, Care};
-use crate::generate::provenance::{self, FileHash};
-use crate::output::Outputs;
-use crate::{Error, Result, files};
+use crate::generate::told;
+use crate::{Error, Result};
 use kinelm_motion::feet::{Fixed, Locked};
-use kinelm_motion::format::{ReadOptions, input};
+use kinelm_motion::format::ReadOptions;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::map_for;
 use kinelm_motion::{Motion, metric};
@@ -39,111 +37,18 @@ pub struct Recipe {
     pub feet: Care,
 }
 
+impl told::Recipe for Recipe {
+    const KEY: &'static str = "aclstm";
+    const GIVEN: [&'static str; 2] = ["the clip", "clip_sha256"];
+    const COMMAND: &'static str = "kinelm aclstm generate";
+
+    fn run(&self) -> &Path {
+        &self.run
+    }
+}
+
 /// What stands beside a dance.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Told {
-    /// The layout's version: 1.
-    pub schema: u32,
-    /// The program's version.
-    pub kinelm: String,
-    /// The dance.
-    pub output: FileHash,
-    /// SHA-256 of the dance that this one takes the place of.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub replaces: Option<String>,
-    /// What decides it.
-    pub aclstm: Recipe,
-    /// Updates that the network had.
-    pub step: u64,
-    /// SHA-256 of its weights' file.
-    pub weights_sha256: String,
-    /// SHA-256 of the clip's file.
-    pub clip_sha256: String,
-    /// Instructions of the processor that the engine used.
-    pub kernels: String,
-}
-
-impl Told {
-    /// Of a dance that is to be written, by its bytes.
-    pub fn of(recipe: &Recipe, trained: &Trained, clip_sha256: &str, dance: &Path, bytes: &[u8]) -> Told {
-        Told {
-            schema: 1,
-            kinelm: env!("CARGO_PKG_VERSION").into(),
-            output: FileHash { file: provenance::name_of(dance), sha256: FileRecord::of(bytes).sha256 },
-            replaces: None,
-            aclstm: recipe.clone(),
-            step: trained.step,
-            weights_sha256: trained.sha256.clone(),
-            clip_sha256: clip_sha256.into(),
-            kernels: kinelm_engine::dispatch::name().into(),
-        }
-    }
-
-    /// Reads such a file.
-    ///
-    /// # Errors
-    /// [`Error::Io`]; [`Error::File`] for text that is no such file, of a GPT's dance, or of another version.
-    pub fn load(path: &Path) -> Result<Told> {
-        let text = input::text(path).map_err(Error::io(path))?;
-        let expected = "what kinelm aclstm generate wrote beside a dance";
-        let wrong = |e: serde_json::Error| Error::file(path, e.to_string(), expected, "");
-        let value: serde_json::Value = serde_json::from_str(&text).map_err(wrong)?;
-        if value["schema"] != 1 {
-            let found = format!("schema {}", value["schema"]);
-            return Err(Error::file(path, found, format!("schema 1: {expected}"), "make it again with this version"));
-        }
-        let told: Told = serde_json::from_value(value).map_err(wrong)?;
-        match files::is_plain(&told.output.file) {
-            true => Ok(told),
-            false => {
-                let (found, expected) = (format!("`{}`", told.output.file), "the name of a dance beside this file");
-                Err(Error::file(path, found, expected, "it isn't as it was written"))
-            }
-        }
-    }
-
-    /// Refuses a network or a clip that is not the one that made the dance, and bytes that came out different.
-    ///
-    /// # Errors
-    /// [`Error::Call`] that names what has changed, with both hashes.
-    pub fn check(&self, now: &Told) -> Result<()> {
-        let recipe = &now.aclstm;
-        let all = [
-            (
-                format!("{}: the weights at step {}", recipe.run.display(), self.step),
-                &self.weights_sha256,
-                &now.weights_sha256,
-            ),
-            (format!("{}: the clip", recipe.clip.display()), &self.clip_sha256, &now.clip_sha256),
-            (format!("{}: the dance", self.output.file), &self.output.sha256, &now.output.sha256),
-        ];
-        for (what, then, now_is) in all {
-            if then != now_is {
-                let (kernels, by) = (&self.kernels, &self.kinelm);
-                let what =
-                    format!("{what} has SHA-256 {now_is}, then {then}, made by kinelm {by} with the kernels {kernels}");
-                return Err(Error::Call(format!(
-                    "{what}; this is {} with {}. Nothing was written",
-                    now.kinelm, now.kernels
-                )));
-            }
-        }
-        Ok(())
-    }
-
-    /// Writes it beside the dance, and then the dance.
-    ///
-    /// # Errors
-    /// What [`Outputs::write`] refuses; paths that aren't UTF-8, which JSON can't hold.
-    pub fn write(mut self, dance: &Path, bytes: &[u8], outputs: &Outputs) -> Result<()> {
-        let sha256 = self.output.sha256.clone();
-        provenance::write_beside(dance, bytes, &sha256, outputs, |before| {
-            self.replaces = before;
-            serde_json::to_string_pretty(&self)
-        })
-    }
-}
+pub type Told = told::Told<Recipe>;
 
 /// A dance.
 pub struct Made {

@@ -44,6 +44,8 @@ pub struct Recording {
     pub stride: usize,
     /// SHA-256 of its file.
     pub sha256: String,
+    /// What else is known of its file.
+    pub item: Item,
 }
 
 impl Recording {
@@ -95,7 +97,15 @@ impl Recordings {
             let (name, take, split) = (item.name.clone(), item.take.clone(), item.split);
             let own =
                 || Recordings { all: Vec::new(), rig: rig.cloned().unwrap_or(Rig::of(&motion)), said: said.clone() };
-            loaded.get_or_insert_with(own).all.push(Recording { name, take, split, clip, stride, sha256 });
+            loaded.get_or_insert_with(own).all.push(Recording {
+                name,
+                take,
+                split,
+                clip,
+                stride,
+                sha256,
+                item: (*item).clone(),
+            });
         }
         loaded.ok_or_else(|| {
             let asked: Vec<String> = sources.only.iter().map(|o| format!("{}={}", o.field, o.value)).collect();

@@ -72,11 +72,11 @@ fn outputs_gradients_and_ten_losses_are_pytorchs() {
             let found = learner.gradients(&sequence[..given.len() * row], &sequence[row..], &given);
             assert!((found - expected).abs() < 2e-5, "{what}, step {step}: {found}, expected {expected}");
             if step == 0 {
-                for (i, (found, expected)) in learner.gradients_found().iter().zip(&gradients).enumerate() {
+                for (i, (found, expected)) in learner.parameters.gradients.iter().zip(&gradients).enumerate() {
                     near(&format!("{what}, tensor {i}"), found, expected);
                 }
             }
-            learner.update(rate);
+            learner.parameters.update(rate, None);
         }
     }
 }

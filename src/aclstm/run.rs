@@ -7,17 +7,17 @@ use crate::corpus::FileRecord;
 use crate::model::checkpoint::{Checkpoints, Which};
 use crate::model::run::{CONFIG, WEIGHTS};
 use crate::model::weights;
-use crate::{Error, Result, files};
+use crate::train::parameters::numbers;
+use crate::train::updates::Kind;
+use crate::{Error, Result};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::Shape;
-use kinelm_motion::format::input;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// The layout of `config.toml` that this program writes and reads.
-const VERSION: u32 = 1;
 /// What tells such a run from others.
-const KIND: &str = "aclstm";
+const KIND: Kind =
+    Kind { name: "aclstm", one_of: "one of an auto-conditioned LSTM", command: "kinelm aclstm train", version: 1 };
 
 /// `config.toml` of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -47,8 +47,8 @@ impl RunFile {
             root.clone_from(order);
         }
         RunFile {
-            kind: KIND.into(),
-            version: VERSION,
+            kind: KIND.name.into(),
+            version: KIND.version,
             kinelm: env!("CARGO_PKG_VERSION").into(),
             clips_sha256: recordings.sha256(),
             config: config.clone(),
@@ -62,8 +62,7 @@ impl RunFile {
     /// # Errors
     /// What the system refuses.
     pub fn write(&self, run: &Path) -> Result<()> {
-        let text = toml::to_string(self).map_err(|e| Error::Call(format!("{CONFIG} can't be written: {e}")))?;
-        files::write_whole(&run.join(CONFIG), text.as_bytes())
+        KIND.write(run, self)
     }
 
     /// Reads that of a run.
@@ -71,30 +70,8 @@ impl RunFile {
     /// # Errors
     /// A folder without one, a run of another kind, another version, keys that are wrong.
     pub fn read(run: &Path) -> Result<RunFile> {
-        #[derive(Deserialize)]
-        struct Head {
-            kind: Option<String>,
-            version: u32,
-        }
-        let path = run.join(CONFIG);
-        let help = "a run of this kind is a folder that `kinelm aclstm train --run RUN` wrote";
-        let text = input::text(&path).map_err(|e| match e.kind() {
-            std::io::ErrorKind::NotFound => Error::file(run, format!("no {CONFIG}"), "a run folder", help),
-            _ => Error::io(&path)(e),
-        })?;
-        let wrong =
-            |e: toml::de::Error| Error::in_text((&path, &text), e.span(), e.message(), "the settings of a run", "");
-        let head: Head = toml::from_str(&text).map_err(wrong)?;
-        if head.kind.as_deref() != Some(KIND) {
-            let found = head.kind.map_or("a run of a GPT".into(), |kind| format!("a run of kind {kind:?}"));
-            return Err(Error::file(&path, found, "one of an auto-conditioned LSTM", help));
-        }
-        if head.version != VERSION {
-            let found = format!("version {}", head.version);
-            return Err(Error::file(&path, found, format!("version {VERSION}"), "take the kinelm that wrote it"));
-        }
-        let file: RunFile = toml::from_str(&text).map_err(wrong)?;
-        file.config.validate().map_err(|e| Error::Call(format!("{}: {e}", path.display())))?;
+        let file: RunFile = KIND.read(run)?;
+        file.config.validate().map_err(|e| Error::Call(format!("{}: {e}", run.join(CONFIG).display())))?;
         Ok(file)
     }
 
@@ -137,10 +114,11 @@ impl Trained {
         let mut notes = Vec::new();
         let found = Checkpoints::of(run).find(which, &[WEIGHTS], &[], &mut |note| notes.push(note))?;
         let (path, bytes) = (found.dir.join(WEIGHTS), &found.files[WEIGHTS]);
-        let weights = network::numbers(&shape, &weights::from_bytes(&path, bytes)?, "").map_err(|e| match e {
-            Error::Weights(found) => Error::file(&path, found, "the network that config.toml describes", ""),
-            other => other,
-        })?;
+        let weights =
+            numbers(&network::list(&shape), &weights::from_bytes(&path, bytes)?, "").map_err(|e| match e {
+                Error::Weights(found) => Error::file(&path, found, "the network that config.toml describes", ""),
+                other => other,
+            })?;
         Ok(Trained { coder, shape, weights, step: found.state.step, sha256: FileRecord::of(bytes).sha256, notes, file })
     }
 }

@@ -24,6 +24,7 @@ mod lr_find;
 mod many;
 mod mirror;
 mod music;
+mod music_lstm;
 mod plan;
 mod pretrain;
 mod progress;
@@ -34,6 +35,7 @@ mod spectrum;
 mod study;
 mod tokenize;
 mod tokenizer;
+mod updates;
 mod view;
 mod view_files;
 
@@ -122,6 +124,9 @@ enum Command {
     /// The auto-conditioned LSTM, a baseline beside the GPT
     #[command(subcommand)]
     Aclstm(aclstm::Command),
+    /// The music-to-dance dissertation's system, a baseline beside the GPT
+    #[command(subcommand)]
+    MusicLstm(music_lstm::Command),
     /// How fast this machine does what the program does
     #[command(subcommand)]
     Bench(bench::Command),
@@ -260,6 +265,7 @@ fn command(command: Command, say: Say) -> Result<()> {
         Command::Evaluate(command) => evaluate::run(command, say),
         Command::Query(command) => query::run(command, say),
         Command::Aclstm(command) => aclstm::run(command, say),
+        Command::MusicLstm(command) => music_lstm::run(command, say),
         Command::Bench(command) => bench::run(command, say),
         Command::Demo(args) => demo::run(args, say),
     }

@@ -27,6 +27,7 @@ pub mod provenance;
 pub mod recipe;
 pub mod rest;
 pub mod sampling;
+pub mod told;
 
 use crate::model::ahead::Course;
 use crate::model::{Cache, Compute, Kind, LoadedRun, Reader, Reading};

@@ -6,10 +6,11 @@
 use super::best::Best;
 use super::make::Ready;
 use super::recipe::Recipe;
+use super::told::Recipe as _;
 use crate::corpus::FileRecord;
 use crate::corpus::load::hash_file;
 use crate::output::Outputs;
-use crate::{Error, Result, aclstm, files};
+use crate::{Error, Result, aclstm, files, music_lstm};
 use kinelm_motion::format::{Format, input};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -84,7 +85,7 @@ fn old_path_of(dance: &Path) -> PathBuf {
 /// # Errors
 /// Those of [`Provenance::load`].
 pub fn find(dance: &Path) -> Result<Option<Provenance>> {
-    let known = |path: &PathBuf| path.exists() && !is_of_another_model(path);
+    let known = |path: &PathBuf| path.exists() && other_model(path).is_none();
     for path in [path_of(dance), old_path_of(dance)].into_iter().filter(known) {
         let told = Provenance::load(&path)?;
         if told.output.file == name_of(dance) {
@@ -111,9 +112,10 @@ pub fn tells_of(dance: &Path) -> Result<bool> {
 
 /// Whether `path` is a file that [`path_of`] names, and tells of the dance that it is named after.
 pub fn is_beside_its_dance(path: &Path) -> bool {
-    let told = match is_of_another_model(path) {
-        true => aclstm::dance::Told::load(path).map(|told| told.output),
-        false => Provenance::load(path).map(|told| told.output),
+    let told = match other_model(path) {
+        Some(Other::Aclstm) => aclstm::dance::Told::load(path).map(|told| told.output),
+        Some(Other::MusicLstm) => music_lstm::dance::Told::load(path).map(|told| told.output),
+        None => Provenance::load(path).map(|told| told.output),
     };
     told.is_ok_and(|output| path_of(&path.with_file_name(&output.file)) == path && files::is_plain(&output.file))
 }
@@ -139,13 +141,39 @@ pub fn write_beside(
     Ok(())
 }
 
-/// What a file beside a dance holds that an auto-conditioned LSTM made, which [`Provenance`] doesn't.
-const OTHER: &str = "aclstm";
+/// Models that make dances besides GPTs.
+#[derive(Debug, Clone, Copy)]
+enum Other {
+    Aclstm,
+    MusicLstm,
+}
 
-/// Whether such a file tells of a dance that another model than a GPT made.
-fn is_of_another_model(path: &Path) -> bool {
+impl Other {
+    /// What a file beside such a dance holds, which [`Provenance`] doesn't.
+    fn key(self) -> &'static str {
+        match self {
+            Other::Aclstm => aclstm::dance::Recipe::KEY,
+            Other::MusicLstm => music_lstm::dance::Recipe::KEY,
+        }
+    }
+
+    fn of(told: &serde_json::Value) -> Option<Other> {
+        [Other::Aclstm, Other::MusicLstm].into_iter().find(|other| told.get(other.key()).is_some())
+    }
+
+    /// What it is, and what makes it again.
+    fn says(self) -> [&'static str; 2] {
+        match self {
+            Other::Aclstm => ["a dance of an auto-conditioned LSTM", "kinelm aclstm generate makes it again"],
+            Other::MusicLstm => ["a dance of a music LSTM", "kinelm music-lstm generate makes it again"],
+        }
+    }
+}
+
+/// The model that such a file tells of, where it is no GPT.
+fn other_model(path: &Path) -> Option<Other> {
     let told = std::fs::read(path).ok().and_then(|bytes| serde_json::from_slice::<serde_json::Value>(&bytes).ok());
-    told.is_some_and(|told| told.get(OTHER).is_some())
+    told.as_ref().and_then(Other::of)
 }
 
 impl Provenance {
@@ -181,8 +209,8 @@ impl Provenance {
         let expected = "what kinelm generate wrote beside a dance";
         let mut value: serde_json::Value =
             serde_json::from_str(&text).map_err(|e| Error::file(path, e.to_string(), expected, ""))?;
-        if value.get(OTHER).is_some() {
-            let (found, help) = ("a dance of an auto-conditioned LSTM", "kinelm aclstm generate makes it again");
+        if let Some(other) = Other::of(&value) {
+            let [found, help] = other.says();
             return Err(Error::file(path, found, expected, help));
         }
         if !value["schema"].as_u64().is_some_and(|schema| READ.contains(&schema)) {

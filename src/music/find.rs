@@ -89,8 +89,12 @@ pub fn in_dance(path: &Path, beats: &Beats, (from_s, seconds): (f64, f64)) -> Re
     Ok(beats.times_s.iter().map(|beat| ((beat - from_s) * 1e4).round() / 1e4).collect())
 }
 
-/// The music file of a clip, if it has one.
-fn find(item: &Item, folder: &Path) -> Result<Option<PathBuf>> {
+/// The music file of a clip, if it has one: the file in `folder` that its label names, else one of its own name, there or
+/// beside the motion.
+///
+/// # Errors
+/// [`Error::Call`] for a file that its label names and that isn't there.
+pub fn find(item: &Item, folder: &Path) -> Result<Option<PathBuf>> {
     let with_extension = |base: &Path| {
         let name = |extension: &&str| {
             let mut name = base.as_os_str().to_owned();

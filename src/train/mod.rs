@@ -19,6 +19,7 @@ pub mod learner;
 pub mod lr_find;
 pub mod metrics;
 pub mod order;
+pub mod parameters;
 #[cfg(test)]
 mod parity;
 pub mod plain;
@@ -33,6 +34,7 @@ pub mod schedule;
 mod shapes;
 pub mod stages;
 mod tensorboard;
+pub mod updates;
 
 pub use config::{TrainConfig, TrainFile};
 pub use data::{CorpusPart, Data};

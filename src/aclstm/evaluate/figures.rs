@@ -175,7 +175,8 @@ pub struct Mean {
 }
 
 impl Mean {
-    fn of<'a>(all: impl Iterator<Item = (&'a str, f64, f64)> + Clone) -> Mean {
+    /// Of parts (take, sum, count).
+    pub fn of<'a>(all: impl Iterator<Item = (&'a str, f64, f64)> + Clone) -> Mean {
         let (sum, count) = all.clone().fold((0.0, 0.0), |(s, n), (_, sum, count)| (s + sum, n + count));
         Mean { mean: sum / count, over_takes: interval(all) }
     }

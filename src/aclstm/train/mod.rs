@@ -6,22 +6,20 @@ mod tests;
 
 pub use batches::{Batch, batch};
 
+pub use crate::train::updates::{Event, Figures, Summary};
+
 use super::Config;
 use super::data::{Learned, Recordings, Sources};
 use super::form::Coder;
-use super::network::{self, Learner};
+use super::network;
 use super::run::RunFile;
-use crate::model::checkpoint::{Checkpoints, State, Which};
-use crate::model::run::{OPTIMIZER, WEIGHTS};
-use crate::model::weights;
 use crate::train::folder::RunFolder;
 use crate::train::learner::listed;
-use crate::train::metrics::Metrics;
+use crate::train::parameters::Parameters;
+use crate::train::updates::{self, Plan};
 use crate::{Error, Result};
-use serde::Serialize;
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
 
 /// What to train.
 #[derive(Debug, Clone)]
@@ -31,40 +29,6 @@ pub enum Asked {
     New(Config, Sources),
     /// One that is there, to so many steps if they are said.
     Resumed(Option<u64>),
-}
-
-/// Figures of an update.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Figures {
-    /// Updates done with it.
-    pub step: u64,
-    /// The batch's loss, in the form's own measure.
-    pub loss: f64,
-    /// What it took.
-    pub seconds: f64,
-}
-
-/// How a training ended.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Summary {
-    /// Its last checkpoint.
-    pub checkpoint: PathBuf,
-    /// Updates done in all.
-    pub step: u64,
-    /// Whether it was stopped before its last.
-    pub stopped: bool,
-    /// Mean loss of the last hundred updates of this call; `None` if there were none.
-    pub loss: Option<f64>,
-    /// Seconds of this call's updates.
-    pub seconds: f64,
-}
-
-/// What is heard while it goes.
-pub enum Event<'a> {
-    /// Something the user should know.
-    Note(&'a str),
-    /// An update of so many.
-    Step(Figures, u64),
 }
 
 /// Trains a network, or goes on with one where its last whole checkpoint stands: to the same bits as if it had never
@@ -79,7 +43,27 @@ pub fn train(run: &Path, asked: &Asked, stop: &AtomicBool, hear: &mut dyn FnMut(
         Asked::New(config, sources) => begin(run, config, sources, hear)?,
         Asked::Resumed(steps) => found(run, *steps, hear)?,
     };
-    Trainer::new(&folder, file, learned, coder, hear)?.train(stop, hear)
+    let config = file.config.clone();
+    let shape = config.shape(coder.channels());
+    let plan = Plan {
+        kind: "aclstm",
+        steps: config.steps,
+        rate: config.learning_rate,
+        clip: None,
+        batch: config.batch,
+        seed: config.seed,
+        checkpoint_every: config.checkpoint_every,
+        keep: config.keep,
+    };
+    let size = (config.batch, config.length);
+    let learner = |weights| Learning {
+        network: network::Learner::new(config.form, shape, size, weights),
+        learned,
+        coder,
+        config,
+    };
+    let initial = || network::initial(&shape, plan.seed);
+    updates::train(&folder, &plan, &network::list(&shape), (initial, learner), stop, hear)
 }
 
 type Ready = (RunFolder, RunFile, Learned, Coder);
@@ -107,9 +91,7 @@ fn found(run: &Path, steps: Option<u64>, hear: &mut dyn FnMut(Event)) -> Result<
         return Err(Error::file(run, found, format!("the run's, {}", file.clips_sha256), help));
     }
     if let Some(steps) = steps.filter(|steps| *steps != file.config.steps) {
-        if let Some(done) = Checkpoints::of(run).named("latest").filter(|done| steps < *done) {
-            return Err(Error::Call(format!("steps {steps}; the run has done {done}: ask for that or more")));
-        }
+        updates::check_steps(run, steps)?;
         file.config.steps = steps;
         file.config.validate()?;
         file.write(run)?;
@@ -128,109 +110,22 @@ fn told(recordings: &Recordings, coder: &Coder, config: &Config, hear: &mut dyn 
     Ok(learned)
 }
 
-struct Trainer {
-    file: RunFile,
+/// A network that learns, with what it learns from.
+struct Learning {
+    network: network::Learner,
     learned: Learned,
     coder: Coder,
-    learner: Learner,
-    checkpoints: Checkpoints,
-    metrics: Metrics,
-    state: State,
+    config: Config,
 }
 
-impl Trainer {
-    fn new(
-        run: &RunFolder,
-        file: RunFile,
-        learned: Learned,
-        coder: Coder,
-        hear: &mut dyn FnMut(Event),
-    ) -> Result<Trainer> {
-        let config = &file.config;
-        let shape = config.shape(coder.channels());
-        let checkpoints = Checkpoints::of(run.path());
-        let size = (config.batch, config.length);
-        let (learner, state) = if checkpoints.steps()?.is_empty() {
-            if let Some(step) = checkpoints.named("latest") {
-                let found = format!("no checkpoint, though `latest` names that of step {step}");
-                let help = "put it back, or begin a new run";
-                return Err(Error::file(run.path(), found, "the checkpoints that it wrote", help));
-            }
-            let weights = network::initial(&shape, config.seed);
-            (Learner::new(config.form, shape, size, weights), State::new(0, 0, 0, config.seed, None))
-        } else {
-            let mut note = |text: String| hear(Event::Note(&text));
-            let found = checkpoints.find(Which::Latest, &[WEIGHTS, OPTIMIZER], &[], &mut note)?;
-            let tensors = |name: &str| weights::from_bytes(&found.dir.join(name), &found.files[name]);
-            let weights = network::numbers(&shape, &tensors(WEIGHTS)?, "")?;
-            let mut learner = Learner::new(config.form, shape, size, weights);
-            learner.restore(&tensors(OPTIMIZER)?, found.state.step)?;
-            note(format!("going on after step {}", found.state.step));
-            let mut state = found.state;
-            state.files.clear();
-            (learner, state)
-        };
-        checkpoints.sweep()?;
-        let metrics = Metrics::open(run.path(), state.step)?;
-        Ok(Trainer { file, learned, coder, learner, checkpoints, metrics, state })
+impl updates::Learner for Learning {
+    fn gradients(&mut self, step: u64) -> (f64, Vec<String>) {
+        let batch = batch(&self.learned, &self.coder, &self.config, step);
+        let loss = self.network.gradients(&batch.inputs, &batch.targets, &self.config.given());
+        (loss, batch.clips.iter().map(|&clip| self.learned.clips[clip].2.clone()).collect())
     }
 
-    fn train(mut self, stop: &AtomicBool, hear: &mut dyn FnMut(Event)) -> Result<Summary> {
-        let (steps, every) = (self.file.config.steps, self.file.config.checkpoint_every);
-        let (mut losses, mut seconds, mut saved) = (Vec::new(), 0.0, None);
-        while self.state.step < steps && !stop.load(Ordering::Relaxed) {
-            let figures = self.step()?;
-            losses.push(figures.loss);
-            seconds += figures.seconds;
-            hear(Event::Step(figures, steps));
-            let step = self.state.step;
-            if step == steps || (every > 0 && step.is_multiple_of(every)) {
-                saved = Some((step, self.save()?));
-            }
-        }
-        let step = self.state.step;
-        let checkpoint = match saved {
-            Some((at, path)) if at == step => path,
-            _ => self.save()?,
-        };
-        let last = &losses[losses.len().saturating_sub(100)..];
-        let loss = (!last.is_empty()).then(|| last.iter().sum::<f64>() / last.len() as f64);
-        Ok(Summary { checkpoint, step, stopped: step < steps, loss, seconds })
-    }
-
-    fn step(&mut self) -> Result<Figures> {
-        let begun = Instant::now();
-        let config = &self.file.config;
-        let batch = batch(&self.learned, &self.coder, config, self.state.step);
-        let loss = self.learner.gradients(&batch.inputs, &batch.targets, &config.given());
-        let step = self.state.step + 1;
-        if !loss.is_finite() {
-            let clips: Vec<String> = batch.clips.iter().map(|&clip| self.learned.clips[clip].2.clone()).collect();
-            let whole = match self.checkpoints.named("latest") {
-                Some(step) => format!("the checkpoint of step {step} is whole; "),
-                None => String::new(),
-            };
-            let on = listed(clips.iter());
-            let what = format!("step {step}: the loss is {loss} on {on}; {whole}try a lower learning rate");
-            return Err(Error::NotFinite(what));
-        }
-        self.learner.update(config.learning_rate);
-        self.state.step = step;
-        self.state.windows += config.batch as u64;
-        let figures = Figures { step, loss, seconds: begun.elapsed().as_secs_f64() };
-        let values = [("train/loss", loss), ("train/steps_per_second", 1.0 / figures.seconds)];
-        self.metrics.other("aclstm", step, &figures, &values)?;
-        Ok(figures)
-    }
-
-    fn save(&mut self) -> Result<PathBuf> {
-        self.metrics.sync()?;
-        let contents = [
-            (WEIGHTS, weights::finite_bytes(WEIGHTS, &self.learner.weights()?)?),
-            (OPTIMIZER, weights::finite_bytes(OPTIMIZER, &self.learner.moments()?)?),
-        ];
-        let path = self.checkpoints.write(self.state.clone(), &contents)?;
-        self.checkpoints.prune(self.file.config.keep)?;
-        Ok(path)
+    fn parameters(&mut self) -> &mut Parameters {
+        &mut self.network.parameters
     }
 }

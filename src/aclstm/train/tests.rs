@@ -2,9 +2,11 @@
 
 use super::*;
 use crate::aclstm::form::Form;
+use crate::model::run::{OPTIMIZER, WEIGHTS};
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::{Clip, Motion, Source, synth};
 use std::fs;
+use std::sync::atomic::Ordering;
 
 /// Some dances in a folder, and what a small run takes of them.
 fn place(dir: &Path, fps: f64) -> (Config, Sources) {

@@ -110,14 +110,14 @@ fn made(recipe: &Recipe, which: Which, out: &Path, say: Say) -> Result<(Told, Ve
     if let Some(locked) = &made.locked {
         filter::say_locked(locked, FPS, say);
     }
-    Ok((Told::of(recipe, &trained, &made.clip_sha256, out, &bytes), bytes))
+    Ok((Told::of(recipe, (trained.step, &trained.sha256), &made.clip_sha256, out, &bytes), bytes))
 }
 
 /// Makes a dance again and holds it to the hash of the first.
 fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     let first = Told::load(file)?;
     let out = generate::again::out(args.out.as_ref(), file, &first.output.file)?;
-    let mut recipe = first.aclstm.clone();
+    let mut recipe = first.recipe.clone();
     recipe.run = args.run.clone().unwrap_or(recipe.run);
     recipe.clip = args.seed_clip.clone().unwrap_or(recipe.clip);
     let outputs = outputs(args, &recipe);

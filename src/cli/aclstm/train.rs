@@ -2,15 +2,14 @@
 
 use super::FormArg;
 use crate::cli::read::{ReadArgs, positive};
-use crate::cli::{Say, Stopped, WrongCall, asked, progress};
+use crate::cli::{Say, asked, updates};
 use anyhow::Result;
 use kinelm::aclstm::Config;
-use kinelm::aclstm::data::Sources;
-use kinelm::aclstm::train::{Asked, Event, Summary, train};
+use kinelm::aclstm::train::{Asked, train};
 use kinelm::classify::Only;
 use kinelm_engine::lstm::Wiring;
 use kinelm_motion::format::RestFrame;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -80,37 +79,13 @@ fn wiring(text: &str) -> Result<Wiring, String> {
 pub fn run(args: Args, say: Say) -> Result<()> {
     let asked_for = match args.resume {
         true => Asked::Resumed(args.steps),
-        false => Asked::New(config(&args)?, sources(&args)?),
-    };
-    let stop = crate::cli::pretrain::stop_on_ctrl_c()?;
-    let mut bar: Option<_> = None;
-    let done = train(&args.run, &asked_for, &stop, &mut |event| match event {
-        Event::Note(text) => say.line(text),
-        Event::Step(figures, steps) => {
-            let bar = bar.get_or_insert_with(|| progress::bar(steps, "updates", say));
-            bar.set_position(figures.step);
-            if figures.step.is_multiple_of(100) {
-                let (step, loss, seconds) = (figures.step, figures.loss, figures.seconds);
-                say.line(format_args!("step {step}/{steps}  loss {loss:.4}  {:.0} ms an update", 1000.0 * seconds));
-            }
+        // the margin leaves out what stands before the motion
+        false => {
+            let read = args.read.options(RestFrame::Keep);
+            Asked::New(config(&args)?, updates::sources(&args.data, &args.labels, &args.only, read)?)
         }
-    });
-    drop(bar);
-    told(&done.map_err(asked)?, &args.run, say)
-}
-
-fn told(done: &Summary, run: &Path, say: Say) -> Result<()> {
-    let (step, seconds) = (done.step, done.seconds);
-    say.line(format_args!("{}: {step} updates in all, {seconds:.0} s now", done.checkpoint.display()));
-    if let Some(loss) = done.loss {
-        say.line(format_args!("mean loss of the last 100: {loss:.4}"));
-    }
-    if done.stopped {
-        let run = run.display();
-        let what = format!("stopped after update {step}; go on with: kinelm aclstm train --run {run} --resume");
-        return Err(Stopped(what).into());
-    }
-    Ok(())
+    };
+    updates::follow("kinelm aclstm train", &args.run, say, |stop, hear| train(&args.run, &asked_for, stop, hear))
 }
 
 fn config(args: &Args) -> Result<Config> {
@@ -128,20 +103,4 @@ fn config(args: &Args) -> Result<Config> {
     config.seed = args.seed.unwrap_or(config.seed);
     config.validate().map_err(asked)?;
     Ok(config)
-}
-
-/// Paths as a run keeps them: it may be gone on with from another folder.
-fn sources(args: &Args) -> Result<Sources> {
-    let whole = |path: &Path| match std::path::absolute(path) {
-        Ok(path) if path.to_str().is_some() => Ok(path),
-        _ => Err(WrongCall(format!("{}: expected a path in UTF-8, which a run can keep", path.display()))),
-    };
-    let data = args.data.iter().map(|path| whole(path)).collect::<Result<_, _>>()?;
-    let label = |text: &String| match Path::new(text).is_file() {
-        true => Ok(whole(Path::new(text))?.to_string_lossy().into_owned()),
-        false => Ok::<_, WrongCall>(text.clone()),
-    };
-    let labels = args.labels.iter().map(label).collect::<Result<_, _>>()?;
-    // the margin leaves out what stands before the motion
-    Ok(Sources { data, labels, only: args.only.clone(), read: args.read.options(RestFrame::Keep) })
 }

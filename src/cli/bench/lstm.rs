@@ -47,7 +47,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let mut last = 0.0;
     let timed = seconds(WARM_UP, args.how.repeats.unwrap_or(10), || {
         last = learner.gradients(&inputs, &targets, &given);
-        learner.update(config.learning_rate);
+        learner.parameters.update(config.learning_rate, None);
         Ok(())
     })?;
     let rates = Rates::of(frames as f64, &timed);

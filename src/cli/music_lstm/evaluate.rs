@@ -1,0 +1,39 @@
+//! `kinelm music-lstm evaluate`.
+
+use crate::cli::{Say, asked, print, progress};
+use anyhow::Result;
+use kinelm::corpus::Split;
+use kinelm::model::Which;
+use kinelm::music_lstm::evaluate::{Options, evaluate};
+use kinelm::music_lstm::run::Trained;
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The run folder of a trained network
+    #[arg(long, value_name = "RUN")]
+    run: PathBuf,
+    /// The split whose music it hasn't heard: valid or test
+    #[arg(long, value_name = "SPLIT", default_value = "test")]
+    split: Split,
+    /// Frames of one long dance to that music, to see whether it freezes
+    #[arg(long, value_name = "N", default_value_t = 12_000, value_parser = clap::value_parser!(u32).range(30..=1 << 20))]
+    frames: u32,
+    /// Frequency of the Butterworth filter that dances are measured behind too, Hz
+    #[arg(long, value_name = "HZ", default_value_t = 6.0, value_parser = crate::cli::read::positive)]
+    cutoff: f64,
+    /// One JSON object instead of tables
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args, say: Say) -> Result<()> {
+    let trained = Trained::load(&args.run, Which::Auto)?;
+    trained.notes.iter().for_each(|note| say.line(note));
+    let options = Options { unheard: args.split, frames: args.frames as usize, cutoff_hz: args.cutoff };
+    let bar = progress::bar(0, "frames", say);
+    let report = evaluate(&trained, &options, &mut |done| bar.set_position(done as u64));
+    drop(bar);
+    let report = report.map_err(asked)?;
+    print(&if args.json { format!("{}\n", serde_json::to_string(&report)?) } else { format!("{report}\n") })
+}

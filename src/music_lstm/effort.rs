@@ -1,0 +1,215 @@
+//! Laban's weight effort as a sum of angular speeds, and how far that of one dance is from another's.
+//!
+//! `w_j(t) = s rotvec(q_j(t+1) conj q_j(t))`, the shorter turn, rad/s at s frames a second; `e(t) = sum_j m_j |w_j(t)|`;
+//! the loss is the mean over t of `(ln(1 + smooth e) - ln(1 + smooth e'))^2`, smoothed over 0.25 s.
+//!
+//! The dissertation sets omega = 2 dq conj(q), dq = q(t+1) conj(q(t)): of unit quaternions that has length 2 whatever
+//! moves, and tells orientations. From q' = omega q / 2 follows omega = 2 q' conj(q); where a difference is needed, a
+//! rotation stands. [`compat`] is that form.
+
+use super::FPS;
+use kinelm_motion::{Quat, Skeleton};
+
+/// Seconds over which effort is smoothed.
+const SMOOTH_S: f64 = 0.25;
+/// Turns below this have no direction.
+const NO_TURN: f64 = 1e-9;
+
+/// Each joint's share of the bones' lengths that lie below it: what moves when it turns.
+pub fn shares(skeleton: &Skeleton) -> Vec<f64> {
+    let mut below: Vec<f64> = vec![0.0; skeleton.joints()];
+    for end in skeleton.ends() {
+        below[end.parent] += end.offset.length();
+    }
+    for joint in (0..skeleton.joints()).rev() {
+        if let Some(parent) = skeleton.parents()[joint] {
+            below[parent] += below[joint] + skeleton.offsets()[joint].length();
+        }
+    }
+    let all = below.iter().fold(0.0, |most: f64, one| most.max(*one));
+    below.iter().map(|one| if all > 0.0 { one / all } else { 1.0 }).collect()
+}
+
+/// The shorter turn between two unit quaternions, radians, and its gradient by each of them.
+fn turn(a: Quat, b: Quat) -> (f64, Quat, Quat) {
+    let dot = a.dot(b);
+    let sign = if dot < 0.0 { -1.0 } else { 1.0 };
+    // what of one stands across the other: its length is the sine of half the turn
+    let (of_a, of_b) = (b * sign - a * dot.abs(), a * sign - b * dot.abs());
+    let sine = of_b.length();
+    let angle = 2.0 * sine.atan2(dot.abs());
+    match sine > NO_TURN {
+        true => (angle, of_a * (-2.0 / sine), of_b * (-2.0 / sine)),
+        false => (angle, Quat::from_xyzw(0.0, 0.0, 0.0, 0.0), Quat::from_xyzw(0.0, 0.0, 0.0, 0.0)),
+    }
+}
+
+/// (T - 1) effort of frames (T, J) of unit quaternions at `fps`, joints weighed by `weights` (J), rad/s.
+pub fn effort(frames: &[Quat], weights: &[f64], fps: f64) -> Vec<f64> {
+    let j = weights.len();
+    let steps = frames.chunks_exact(j).zip(frames.chunks_exact(j).skip(1));
+    steps.map(|(a, b)| (0..j).map(|i| weights[i] * fps * turn(a[i], b[i]).0).sum()).collect()
+}
+
+/// Means over [`SMOOTH_S`], of fewer numbers where there are no more.
+fn smooth(effort: &[f64]) -> (usize, Vec<f64>) {
+    let window = ((SMOOTH_S * FPS).round() as usize).clamp(1, effort.len().max(1));
+    (window, effort.windows(window).map(|some| some.iter().sum::<f64>() / window as f64).collect())
+}
+
+/// The corrected loss of frames (T, J) against true ones, at 30 a second; `gradients` (T, J) gets `scale` times its
+/// gradient added. 0 of fewer than two frames.
+pub fn corrected(found: &[Quat], truth: &[Quat], weights: &[f64], scale: f64, gradients: &mut [Quat]) -> f64 {
+    let j = weights.len();
+    let (window, own) = smooth(&effort(found, weights, FPS));
+    let (_, theirs) = smooth(&effort(truth, weights, FPS));
+    let n = own.len() as f64;
+    let mut loss = 0.0;
+    let mut by_step = vec![0.0; (found.len() / j).saturating_sub(1)];
+    for (t, (own, theirs)) in own.iter().zip(&theirs).enumerate() {
+        let apart = own.ln_1p() - theirs.ln_1p();
+        loss += apart * apart / n;
+        let slope = 2.0 * apart / (n * (1.0 + own) * window as f64);
+        by_step[t..t + window].iter_mut().for_each(|step| *step += slope);
+    }
+    for (t, slope) in by_step.iter().enumerate() {
+        for (i, weight) in weights.iter().enumerate() {
+            let (a, b) = (t * j + i, (t + 1) * j + i);
+            let (_, of_a, of_b) = turn(found[a], found[b]);
+            let by = scale * slope * weight * FPS;
+            gradients[a] = gradients[a] + of_a * by;
+            gradients[b] = gradients[b] + of_b * by;
+        }
+    }
+    loss
+}
+
+/// The dissertation's omega of two frames of a joint: 2 dq conj(q). A joint that leaps by 120 degrees and back, frame after
+/// frame, about the axis of a pose and from a third of a turn beside it, has the same as one at rest in that pose.
+pub fn omega(a: Quat, b: Quat) -> Quat {
+    let back = a.conjugate();
+    b * back * back * 2.0
+}
+
+/// The loss as printed: the mean over joints, steps and numbers of the squares of what [`omega`] differs by. Else as
+/// [`corrected`].
+pub fn compat(found: &[Quat], truth: &[Quat], joints: usize, scale: f64, gradients: &mut [Quat]) -> f64 {
+    let n = 4.0 * found.len().saturating_sub(joints) as f64;
+    let mut loss = 0.0;
+    for b in joints..found.len() {
+        let a = b - joints;
+        let apart = omega(found[a], found[b]) - omega(truth[a], truth[b]);
+        loss += apart.length_squared() / n;
+        let pull = apart * (2.0 * 2.0 * scale / n);
+        // adjoints: of what stands to a factor's left and right, the conjugates
+        let (q, back) = (found[b], found[a].conjugate());
+        gradients[b] = gradients[b] + pull * (back * back).conjugate();
+        let of_back = q.conjugate() * pull * back.conjugate() + (q * back).conjugate() * pull;
+        gradients[a] = gradients[a] + of_back.conjugate();
+    }
+    loss
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random;
+    use kinelm_motion::Vec3;
+
+    fn any(purpose: &str, n: usize) -> Vec<Quat> {
+        let mut rng = random::stream(1, purpose, 0, 0);
+        let mut number = || random::normal(&mut rng);
+        (0..n).map(|_| Quat::from_xyzw(number(), number(), number(), number()).normalize()).collect()
+    }
+
+    #[test]
+    fn rest_has_none_and_a_radian_a_second_has_one() {
+        for fps in [30.0, 60.0, 120.0] {
+            for fixed in any("fixed", 5) {
+                let spin = |rate: f64| -> Vec<Quat> {
+                    let turned = |t: usize| Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), rate * t as f64 / fps);
+                    // one joint turns, the other doesn't; either sign says the same
+                    (0..9).flat_map(|t| [turned(t) * fixed * if t % 2 == 0 { 1.0 } else { -1.0 }, fixed]).collect()
+                };
+                assert!(effort(&spin(0.0), &[1.0, 1.0], fps).iter().all(|e| *e < 1e-6));
+                let found = effort(&spin(1.0), &[1.0, 1.0], fps);
+                assert!(found.len() == 8 && found.iter().all(|e| (e - 1.0).abs() < 1e-9), "{found:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_printed_form_has_length_two_at_rest_and_tells_orientation() {
+        let at = any("at rest", 2);
+        for q in &at {
+            assert!((omega(*q, *q).length() - 2.0).abs() < 1e-12);
+        }
+        assert!((omega(at[0], at[0]) - omega(at[1], at[1])).length() > 0.1);
+    }
+
+    #[test]
+    fn the_printed_form_takes_leaps_of_a_third_of_a_turn_for_rest() {
+        for rest in any("leap", 5) {
+            let axis = Vec3::new(rest.x, rest.y, rest.z).normalize();
+            let [a, b] = [1.0, 2.0].map(|k| Quat::from_axis_angle(axis, k * 2.0 * std::f64::consts::TAU / 3.0) * rest);
+            assert!((turn(a, b).0.to_degrees() - 120.0).abs() < 1e-6);
+            let (leaps, still) = ([a, b, a, b], [rest; 4]);
+            assert!(compat(&leaps, &still, 1, 1.0, &mut [Quat::IDENTITY; 4]) < 1e-20);
+            assert!(corrected(&leaps, &still, &[1.0], 1.0, &mut [Quat::IDENTITY; 4]) > 10.0);
+        }
+    }
+
+    #[test]
+    fn what_is_below_a_joint_weighs() {
+        let names = ["hip", "knee", "foot"].map(String::from).to_vec();
+        let offsets = vec![Vec3::ZERO, Vec3::Y * -3.0, Vec3::Y * -1.0];
+        let leg = Skeleton::new(names, vec![None, Some(0), Some(1)], offsets, vec![]).unwrap();
+        assert_eq!(shares(&leg), [1.0, 0.25, 0.0]);
+    }
+
+    type Loss<'a> = &'a dyn Fn(&[Quat], &mut [Quat]) -> f64;
+
+    fn slopes(frames: &[Quat], of: Loss) {
+        let mut gradients = vec![Quat::from_xyzw(0.0, 0.0, 0.0, 0.0); frames.len()];
+        of(frames, &mut gradients);
+        for at in 0..frames.len() {
+            for axis in 0..4 {
+                let value = |by: f64| {
+                    let mut moved = frames.to_vec();
+                    let mut numbers = moved[at].to_array();
+                    numbers[axis] += by;
+                    moved[at] = Quat::from_array(numbers);
+                    of(&moved, &mut gradients.clone())
+                };
+                let expected = (value(1e-6) - value(-1e-6)) / 2e-6;
+                let found = gradients[at].to_array()[axis];
+                assert!((found - expected).abs() < 1e-5 * expected.abs().max(1.0), "{at} {axis}: {found} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn gradients_are_slopes() {
+        let (found, truth) = (any("found", 24), any("truth", 24));
+        slopes(&found, &|x, g| compat(x, &truth, 2, 1.0, g));
+        // along the sphere alone: an angle means nothing off it
+        let unit = |x: &[Quat]| x.iter().map(|q| q.normalize()).collect::<Vec<_>>();
+        slopes(&found, &|x, g| {
+            let loss = corrected(&unit(x), &unit(&truth), &[1.0, 0.3], 1.0, g);
+            for (g, q) in g.iter_mut().zip(x) {
+                *g = *g - *q * g.dot(*q);
+            }
+            loss
+        });
+    }
+
+    #[test]
+    fn the_true_dance_and_one_without_steps_cost_nothing() {
+        let truth = any("truth", 20);
+        let mut gradients = vec![Quat::from_xyzw(0.0, 0.0, 0.0, 0.0); 20];
+        assert!(corrected(&truth, &truth, &[1.0; 2], 1.0, &mut gradients) < 1e-20);
+        assert!(compat(&truth, &truth, 2, 1.0, &mut gradients) < 1e-20);
+        assert_eq!(corrected(&truth[..2], &truth[..2], &[1.0; 2], 1.0, &mut gradients[..2]), 0.0);
+        assert!(gradients.iter().all(|g| g.length() < 1e-9));
+    }
+}

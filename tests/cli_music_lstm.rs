@@ -1,0 +1,166 @@
+//! A music LSTM, as a user trains it, dances with it and measures it.
+
+use assert_cmd::Command;
+use kinelm::music::dance::music;
+use kinelm_motion::format::ReadOptions;
+use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_music::wav;
+use predicates::str::contains;
+use std::fs;
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+const TRAIN: &str = "music-lstm train data --labels labels.csv --music songs --config c.toml";
+const CONFIG: &str = "encoder = [8]\nwidth = 12\nlayers = 2\nlength = 20\nbatch = 2\nsteps = 4\nmargin = 3\n\
+                      checkpoint_every = 2\n";
+
+struct Place {
+    dir: tempfile::TempDir,
+}
+
+impl Place {
+    fn at(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    /// A call in the folder, its words parted by spaces.
+    fn call(&self, words: &str) -> Command {
+        let mut c = Command::cargo_bin("kinelm").unwrap();
+        c.env("NO_COLOR", "1").current_dir(self.dir.path()).args(words.split_whitespace());
+        c
+    }
+
+    fn done(&self, words: &str) -> String {
+        let done = self.call(words).assert().success();
+        String::from_utf8(done.get_output().stdout.clone()).unwrap()
+    }
+
+    fn refused(&self, words: &str, message: &str) {
+        self.call(words).assert().failure().stderr(contains(message));
+    }
+}
+
+/// Four dances of four seconds at 60 frames a second with music of their own, two of them to learn from, and a run.
+fn place() -> &'static Place {
+    static PLACE: OnceLock<Place> = OnceLock::new();
+    PLACE.get_or_init(|| {
+        let place = Place { dir: tempfile::tempdir().unwrap() };
+        ["data", "songs"].into_iter().for_each(|name| fs::create_dir(place.at(name)).unwrap());
+        let mut labels = "clip,split,genre,music,music_from\n".to_owned();
+        for (i, dance) in synth::corpus(3, 4, 4.0, 60.0).unwrap().into_iter().enumerate() {
+            let path = place.at(&format!("data/{i}.bvh"));
+            let sound = music(&dance, 3, 16_000).unwrap();
+            fs::write(place.at(&format!("songs/song{i}.wav")), wav::bytes(&sound, 16_000)).unwrap();
+            let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+            format::write(&path, &motion).unwrap();
+            labels += &format!("{i},{},{},song{i},0\n", ["train", "train", "test", "test"][i], dance.genre);
+        }
+        fs::write(place.at("c.toml"), CONFIG).unwrap();
+        fs::write(place.at("labels.csv"), labels).unwrap();
+        place.done(&format!("{TRAIN} --run run"));
+        place
+    })
+}
+
+#[test]
+fn a_run_goes_on_and_says_how_it_was_asked() {
+    let place = place();
+    place.refused(&format!("{TRAIN} --run run"), "run exists; go on with it by --resume");
+    place.done(&format!("{TRAIN} --pose none --effort compat --effort-every 1 --audio compat --steps 2 --run other"));
+    place
+        .call("music-lstm train --run other --resume --steps 4")
+        .assert()
+        .success()
+        .stderr(contains("going on after step 2"));
+    let config = fs::read_to_string(place.at("other/config.toml")).unwrap();
+    assert!(config.contains("effort = \"compat\"") && config.contains("audio = \"compat\""), "{config}");
+    assert_eq!(fs::read_to_string(place.at("other/metrics.jsonl")).unwrap().lines().count(), 4);
+    let names = fs::read_dir(place.at("other")).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+    assert!(names.collect::<Vec<_>>().iter().any(|name| name.starts_with("events.out.tfevents.")));
+    place.refused("music-lstm train --run other --resume --steps 1", "the run has done 4");
+    place.refused("aclstm train --run other --resume", "found a run of kind \"music-lstm\"");
+    place.refused("music-lstm generate --run data --music songs/song0.wav --out x.bvh", "no config.toml");
+    let wrong = [
+        (format!("{TRAIN} --pose none --run x"), "both \"none\""),
+        (format!("{TRAIN} --teacher 2 --run x"), "teacher is 2; expected 0 to 1"),
+        (format!("{TRAIN} --only genre=waltz --run x"), "no clip with genre=waltz"),
+        (format!("{TRAIN} --fps-source 50 --run x"), "found 50 frames a second, expected a multiple of 30"),
+        ("music-lstm train data --run x".into(), "--music"),
+        ("music-lstm train data --music data --run x".into(), "no clip with music in "),
+    ];
+    for (words, message) in wrong {
+        place.refused(&words, message);
+        assert!(!place.at("x").exists());
+    }
+}
+
+#[test]
+fn a_dance_to_music_is_made_again() {
+    let place = place();
+    let generate = "music-lstm generate --run run --music songs/song3.wav";
+    place
+        .call(&format!("{generate} --out a.bvh"))
+        .assert()
+        .success()
+        .stderr(contains("120 frames at 30 fps, 24 joints"));
+    let dance = format::read(&place.at("a.bvh"), &ReadOptions::default()).unwrap();
+    assert!(dance.clip.root().iter().all(|p| (*p - dance.clip.root()[0]).length() < 1e-6), "on the spot");
+    let bytes = fs::read(place.at("a.bvh")).unwrap();
+    fs::remove_file(place.at("a.bvh")).unwrap();
+    place.done("music-lstm generate --again a.bvh.kinelm.json --threads 2");
+    assert!(fs::read(place.at("a.bvh")).unwrap() == bytes);
+    place.refused("generate --again a.bvh.kinelm.json", "kinelm music-lstm generate makes it again");
+    place.refused("aclstm generate --again a.bvh.kinelm.json", "what kinelm aclstm generate wrote beside a dance");
+    // its own dance is replaced, a stranger's isn't
+    place.done(&format!("{generate} --music-from 1s --frames 40 --out a.bvh"));
+    assert_eq!(format::read(&place.at("a.bvh"), &ReadOptions::default()).unwrap().clip.frames(), 40);
+    fs::write(place.at("mine.bvh"), "mine").unwrap();
+    place.call(&format!("{generate} --out mine.bvh")).assert().code(2).stderr(contains("--force"));
+    let over = format!("{generate} --out songs/song3.wav --force");
+    place.call(&over).assert().code(2);
+    place.done(&format!("{generate} --out b.json"));
+
+    fs::write(place.at("silence.wav"), wav::bytes(&vec![0.0; 32_000], 16_000)).unwrap();
+    fs::write(place.at("words.wav"), "no sound").unwrap();
+    let wrong = [
+        (
+            format!("{generate} --frames 400 --out c.bvh"),
+            "song3.wav: found 4.00 s of music behind 0.00 s, expected 13.33 s",
+        ),
+        (format!("{generate} --music-from 9s --out c.bvh"), "found 0.00 s of music behind 9.00 s"),
+        (
+            "music-lstm generate --run run --music silence.wav --out c.bvh".into(),
+            "silence.wav: found silence from 0.00 s",
+        ),
+        ("music-lstm generate --run run --music words.wav --out c.bvh".into(), "words.wav"),
+        ("music-lstm generate --run run --music none.wav --out c.bvh".into(), "none.wav"),
+    ];
+    for (words, message) in wrong {
+        place.refused(&words, message);
+        assert!(!place.at("c.bvh").exists());
+    }
+    // other music under the same name
+    fs::copy(place.at("songs/song3.wav"), place.at("d.wav")).unwrap();
+    place.done("music-lstm generate --run run --music d.wav --frames 30 --out d.bvh");
+    fs::copy(place.at("songs/song1.wav"), place.at("d.wav")).unwrap();
+    place.refused("music-lstm generate --again d.bvh.kinelm.json", "run: the music has SHA-256");
+}
+
+#[test]
+fn measures_are_told_as_tables_and_as_json() {
+    let place = place();
+    let evaluate = "music-lstm evaluate --run run --frames 300";
+    let text = place.done(evaluate);
+    assert!(text.contains("audio fixed, pose aligned, effort none every 4, after 4 updates"), "{text}");
+    assert!(text.contains("300 frames (10 s) to unheard music: "), "{text}");
+    let json: serde_json::Value = serde_json::from_str(&place.done(&format!("{evaluate} --json"))).unwrap();
+    let rows = json["rows"].as_array().unwrap();
+    let named: Vec<[&str; 2]> = rows.iter().map(|r| ["split", "music"].map(|key| r[key].as_str().unwrap())).collect();
+    let music = ["none: the true dances", "the clips' own", "other clips'"];
+    let expected: Vec<[&str; 2]> = ["train", "test"].iter().flat_map(|s| music.map(|m| [*s, m])).collect();
+    assert_eq!(named, expected);
+    let ratio = |i: usize| rows[i]["figures"]["speed_ratio"]["mean"].as_f64().unwrap();
+    assert!(ratio(0) == 1.0 && ratio(1) != 1.0);
+    place.refused("music-lstm evaluate --run run --split valid", "no valid clip with music");
+    place.refused("music-lstm evaluate --run data", "no config.toml");
+}

@@ -77,8 +77,8 @@ pub fn corrected(found: &[Quat], truth: &[Quat], weights: &[f64], scale: f64, gr
             let (a, b) = (t * j + i, (t + 1) * j + i);
             let (_, of_a, of_b) = turn(found[a], found[b]);
             let by = scale * slope * weight * FPS;
-            gradients[a] = gradients[a] + of_a * by;
-            gradients[b] = gradients[b] + of_b * by;
+            gradients[a] += of_a * by;
+            gradients[b] += of_b * by;
         }
     }
     loss
@@ -103,9 +103,9 @@ pub fn compat(found: &[Quat], truth: &[Quat], joints: usize, scale: f64, gradien
         let pull = apart * (2.0 * 2.0 * scale / n);
         // adjoints: of what stands to a factor's left and right, the conjugates
         let (q, back) = (found[b], found[a].conjugate());
-        gradients[b] = gradients[b] + pull * (back * back).conjugate();
+        gradients[b] += pull * (back * back).conjugate();
         let of_back = q.conjugate() * pull * back.conjugate() + (q * back).conjugate() * pull;
-        gradients[a] = gradients[a] + of_back.conjugate();
+        gradients[a] += of_back.conjugate();
     }
     loss
 }
@@ -197,7 +197,8 @@ mod tests {
         slopes(&found, &|x, g| {
             let loss = corrected(&unit(x), &unit(&truth), &[1.0, 0.3], 1.0, g);
             for (g, q) in g.iter_mut().zip(x) {
-                *g = *g - *q * g.dot(*q);
+                let along = g.dot(*q);
+                *g -= *q * along;
             }
             loss
         });

@@ -42,7 +42,7 @@ pub fn loss(asked: Asked, batch: usize, found: &[f32], truth: &[f32], gradients:
 /// Quaternions of sequence `b` of `batch`, (T, J).
 fn of_sequence(numbers: &[f32], joints: usize, (batch, b): (usize, usize)) -> Vec<Quat> {
     let frames = numbers.chunks_exact(4 * joints).skip(b).step_by(batch);
-    frames.flat_map(|frame| frame.chunks_exact(4).map(|q| of(q))).collect()
+    frames.flat_map(|frame| frame.chunks_exact(4).map(of)).collect()
 }
 
 fn of(wxyz: &[f32]) -> Quat {
@@ -104,7 +104,7 @@ mod tests {
     fn by_hand() {
         let of = |pose, found: &[f32], truth: &[f32]| {
             let asked = Asked { pose, effort: Effort::None, weights: &[1.0] };
-            loss(asked, 1, found, truth, &mut vec![7.0; 4])
+            loss(asked, 1, found, truth, &mut [7.0; 4])
         };
         // of any length; a quarter of the square of the distance of two unit quaternions
         assert!((of(Pose::Aligned, &[3.0, 0.0, 0.0, 0.0], &[0.0, 1.0, 0.0, 0.0]) - 0.5).abs() < 1e-12);

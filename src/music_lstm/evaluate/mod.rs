@@ -116,7 +116,7 @@ fn mean_pose(all: &[True]) -> Vec<Quat> {
     let joints = all.first().map_or(0, |one| one.clip.joints());
     let mut sums = vec![Quat::from_xyzw(0.0, 0.0, 0.0, 0.0); joints];
     for frame in all.iter().flat_map(|one| one.clip.rotations().chunks_exact(joints)) {
-        sums.iter_mut().zip(frame).for_each(|(sum, q)| *sum = *sum + *q * if sum.dot(*q) < 0.0 { -1.0 } else { 1.0 });
+        sums.iter_mut().zip(frame).for_each(|(sum, q)| *sum += *q * if sum.dot(*q) < 0.0 { -1.0 } else { 1.0 });
     }
     sums.into_iter().map(|sum| if sum.length() > 1e-9 { sum.normalize() } else { Quat::IDENTITY }).collect()
 }

@@ -120,6 +120,9 @@ mod tests {
     use crate::op::check::{near, numbers};
     use crate::scalar::lstm::cell;
 
+    /// What is added to a number of the weights, or of the inputs.
+    type Change<'a> = dyn Fn(&mut Vec<Vec<f64>>, &mut Vec<f64>, f64) + 'a;
+
     /// Sums of some dozen numbers below 1, over some steps.
     const BOUND: f64 = 3e-6;
 
@@ -176,7 +179,7 @@ mod tests {
                 let outputs = plain((inputs, d, b), weights, x, &told, &rows);
                 outputs.iter().zip(&pull).map(|(y, p)| y * f64::from(*p)).sum()
             };
-            let slope = |change: &dyn Fn(&mut Vec<Vec<f64>>, &mut Vec<f64>, f64)| {
+            let slope = |change: &Change<'_>| {
                 let of = |by: f64| {
                     let (mut weights, mut x) = (all.clone(), wide(&x));
                     change(&mut weights, &mut x, by);

@@ -102,7 +102,13 @@ fn ranges_that_are_wrong_are_told_with_their_place() {
     };
     refused("clip,from_s,to_s\n0,2,1\n", "x.csv:2:5: found to_s `1`, expected more than from_s, 2");
     refused("clip,from\n", "x.csv:1:6: found column `from`");
-    refused("clip,from_s,to_s\n0,20,21\n", "line 2 of the ranges that are left out says so");
+    fs::write(dir.join("x.csv"), "clip,from_s,to_s\n0,20,21\n").unwrap();
+    call(dir, "tokenize data --labels l.csv --tokenizer t.json --leave-out x.csv --strict --out behind")
+        .assert()
+        .success()
+        .stderr(contains("line 2 of the ranges that are left out begins at 20 s of a clip of 10.00 s"));
+    let whole = call(dir, "corpus stats behind").assert().success().get_output().stdout.clone();
+    assert!(String::from_utf8(whole).unwrap().contains("600 frames"));
     fs::remove_file(dir.join("x.csv")).unwrap();
     call(dir, "tokenize data --tokenizer t.json --leave-out x.csv --out c")
         .assert()

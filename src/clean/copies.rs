@@ -44,7 +44,9 @@ pub fn find(held: &mut [Held], fps: f64) -> Result<()> {
     let mut first = 0;
     for number in 0..held.len() {
         let starts = database.clips()[number].starts.len();
-        let asked = (first..first + starts).step_by(hop);
+        // the last one too, or a copy's end would be left
+        let last = (first + starts).checked_sub(1).filter(|_| starts > 0 && (starts - 1) % hop != 0);
+        let asked = (first..first + starts).step_by(hop).chain(last);
         first += starts;
         if held[number].split != Split::Train {
             continue;

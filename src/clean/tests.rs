@@ -93,6 +93,11 @@ fn a_copy_in_the_middle_is_found_and_standing_still_is_none() {
     assert_eq!(copies.len(), 1, "{:?}", rows(&found));
     assert!(copies[0].clip == "b" && copies[0].from_s >= 4.9 && copies[0].to_s.unwrap() <= 9.1, "{copies:?}");
     assert!(copies[0].to_s.unwrap() - copies[0].from_s >= 3.0, "{copies:?}");
+    // up to its very end, which lies between two seconds
+    let whole = first.slice(0..216);
+    let listed = cleaned(&[("a", "train", first.clone()), ("b", "train", whole)]);
+    let listed: Vec<_> = rows(&listed).into_iter().map(|(clip, from_s, to_s, _)| (clip, from_s, to_s)).collect();
+    assert_eq!(listed, [("b", 0.0, None)]);
     // two that stand alike are no copies
     let still = |f: usize| {
         let clip = first.slice(f..f + 1);

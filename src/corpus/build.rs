@@ -201,6 +201,11 @@ pub(crate) fn check(summary: &Summary, options: &BuildOptions, items: usize) -> 
             "{failed} of {items} files could not be taken{why}; nothing was written; the first was {name}: {reason}"
         )));
     }
+    if items == 0 && !options.left_out.is_empty() && whole {
+        return Err(Error::Call(
+            "what is left out (--leave-out) leaves nothing of the clips; nothing was written".into(),
+        ));
+    }
     if summary.clips == 0 && items > 0 && whole {
         return Err(Error::Call(format!("{items} files, and none holds motion")));
     }

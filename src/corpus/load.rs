@@ -2,7 +2,7 @@
 
 use super::gather::Item;
 use super::record::{FileRecord, hex};
-use super::timed::piece_of;
+use super::timed::{behind_its_end, piece_of};
 use crate::{Error, Result};
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::metric::floor_of;
@@ -109,7 +109,9 @@ pub fn load_item(item: &Item, options: &ReadOptions, wanted: Wanted) -> Result<L
     let placed = load_placed(&item.path, &item_options(item, options), wanted)?;
     let clip = placed.lowered();
     if item.piece.is_some() {
-        let (clip, warnings) = (piece_of(item, clip)?, placed.motion.warnings);
+        let mut warnings = placed.motion.warnings;
+        warnings.extend(behind_its_end(item, &clip));
+        let clip = piece_of(item, clip)?;
         return Ok(Loaded { clip, floor_m: placed.floor_m, sha256: placed.sha256, warnings });
     }
     if clip.frames() == 0 {

@@ -6,7 +6,7 @@
 
 use super::gather::Item;
 use crate::{Error, Result};
-use kinelm_motion::Clip;
+use kinelm_motion::{Clip, Warning};
 use std::collections::BTreeMap;
 
 /// Labels over a time.
@@ -90,6 +90,16 @@ fn pieces(item: &Item) -> Vec<Item> {
     borders.windows(2).filter(|pair| !is_left_out(pair)).map(piece).collect()
 }
 
+/// What is said of a range to leave out that begins behind the clip's end, and so takes nothing away.
+pub fn behind_its_end(item: &Item, clip: &Clip) -> Option<Warning> {
+    let piece = item.piece.filter(|piece| piece.beside_left_out && piece.to_s.is_finite())?;
+    let seconds = clip.frames() as f64 / clip.fps();
+    let outside = piece.to_s * clip.fps() > clip.frames() as f64 + 1.0;
+    let (line, from_s) = (piece.line, piece.to_s);
+    let what = format!("line {line} of the ranges that are left out begins at {from_s} s of a clip of {seconds:.2} s");
+    outside.then(|| Warning { kind: "left_out_behind_end", what: format!("{what}: nothing is left out by it") })
+}
+
 /// The frames of a clip that are an item's: all, or its piece's; none where nothing is left behind the last row.
 ///
 /// # Errors
@@ -99,15 +109,13 @@ pub fn piece_of(item: &Item, clip: Clip) -> Result<Clip> {
     let (frames, fps) = (clip.frames(), clip.fps());
     let frame = |s: f64| frame_at(s, fps).min(frames);
     let seconds = frames as f64 / fps;
-    if (stated && frame(from_s) >= frames) || (to_s.is_finite() && to_s * fps > frames as f64 + 1.0) {
+    let outside = (stated && frame(from_s) >= frames) || (to_s.is_finite() && to_s * fps > frames as f64 + 1.0);
+    // a range to leave out that lies behind the end takes nothing away
+    if outside && !beside_left_out {
         let until = if to_s.is_finite() { format!("{to_s} s") } else { "the end".into() };
-        let (what, csv) = match beside_left_out {
-            true => ("a border of what is left out, a piece", "the ranges that are left out"),
-            false => ("labels", "the labels"),
-        };
-        let found = format!("{what} from {from_s} s to {until} of a clip of {seconds:.2} s");
+        let found = format!("labels from {from_s} s to {until} of a clip of {seconds:.2} s");
         let help = "times are seconds of the clip as it is read: without the frames that are skipped, at its true rate";
-        let help = format!("line {line} of {csv} says so; {help}");
+        let help = format!("line {line} of the labels says so; {help}");
         return Err(Error::file(&item.path, found, "times within the clip", help));
     }
     Ok(clip.slice(frame(from_s)..frame(to_s)))

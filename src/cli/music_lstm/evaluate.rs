@@ -1,6 +1,6 @@
 //! `kinelm music-lstm evaluate`.
 
-use crate::cli::{Say, asked, print, progress};
+use crate::cli::{Say, WrongCall, asked, print, progress};
 use anyhow::Result;
 use kinelm::corpus::Split;
 use kinelm::model::Which;
@@ -28,6 +28,10 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
+    if args.split == Split::Train {
+        let what = "--split train: that music was heard in training, and is measured anyway; expected valid or test";
+        return Err(WrongCall(what.into()).into());
+    }
     let trained = Trained::load(&args.run, Which::Auto)?;
     trained.notes.iter().for_each(|note| say.line(note));
     let options = Options { unheard: args.split, frames: args.frames as usize, cutoff_hz: args.cutoff };

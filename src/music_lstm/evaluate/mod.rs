@@ -37,7 +37,8 @@ struct True<'a> {
     heard: Vec<f32>,
 }
 
-/// Measures a network on the clips and the music of its own run; `progress` is told the frames made.
+/// Measures a network on the clips and the music of its own run, those of a second and more; `progress` is told the frames
+/// made.
 ///
 /// # Errors
 /// What reading and hearing fail with; no clip with music in a split; a network that runs away.
@@ -49,7 +50,7 @@ pub fn evaluate(trained: &Trained, options: &Options, progress: &mut dyn FnMut(u
     let recordings = Recordings::load(&trained.file.places.motion, config.margin, Some(&trained.file.rig))?;
     let splits = [Split::Train, options.unheard];
     let dances = Dances::hear(&recordings, &trained.file.places, config.audio, config.margin, |one| {
-        splits.contains(&one.split) && one.frames() > 1
+        splits.contains(&one.split) && one.frames() >= FPS as usize
     })?;
     let [heard, unheard] = splits.map(|split| truths(trained, &dances, split));
     let (heard, unheard) = (heard?, unheard?);

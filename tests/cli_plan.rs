@@ -240,6 +240,9 @@ fn a_plan_tells_labels_of_its_times() {
         fs::write(set.at("wrong.toml"), with_gap(&more)).unwrap();
         set.call("plan check wrong.toml").assert().failure().stderr(contains(told));
     }
+    let head = with_gap("").split("[[segment]]").next().unwrap().to_owned();
+    fs::write(set.at("wrong.toml"), head + sway).unwrap();
+    set.call("plan check wrong.toml").assert().failure().stderr(contains("and none with a clip, expected one"));
     fs::write(set.at("waltz.toml"), with_gap(&sway.replace("sway", "waltz"))).unwrap();
     let waltz = set.call("generate --run run --plan waltz.toml --out wrong.bvh").assert().failure();
     waltz.stderr(contains("waltz"));

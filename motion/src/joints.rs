@@ -127,6 +127,10 @@ pub fn in_smpl_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Result<St
                 "{name} of the rig stands for no SMPL joint; joints that do are {}",
                 with.join(" ")
             ))),
+            None if of_rig_alone(part).is_some() => {
+                let meant = did_you_mean(name, with.iter().copied());
+                Err(Error::Call(format!("no joint {name:?} in the rig{meant}; its own are {}", with.join(" "))))
+            }
             None => Err(unknown(name, &with)),
         }
     };
@@ -224,7 +228,7 @@ mod tests {
         assert_eq!(of("Head,Chest").unwrap(), "15,spine3");
         assert_eq!(of("rig:Head, rig:\"Hand_R\",hands").unwrap(), "15,right_wrist,hands");
         let message = of("rig:head").unwrap_err().to_string();
-        assert!(message.contains("no joint or group \"head\""), "{message}");
+        assert!(message.contains("no joint \"head\" in the rig") && !message.contains("groups"), "{message}");
         assert!(parse("rig:Head").is_err());
         let message = of("joint_Root").unwrap_err().to_string();
         assert!(

@@ -257,6 +257,13 @@ impl Checkpoints {
             Which::Auto => self.best(&steps, note).or_else(latest),
             Which::Best => self.best(&steps, note),
             Which::Latest => latest(),
+            Which::Step(step) if !steps.contains(&step) => {
+                let there = steps.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
+                let expected = format!("one of step {step}; there are {there}");
+                let help =
+                    "the run has gone on, and keeps its last few (`keep`) and the best: take a copy of it as it was";
+                return Err(Error::file(&self.run, format!("no checkpoint of step {step}"), expected, help));
+            }
             Which::Step(step) => Some(step),
         };
         let nothing = || Error::file(&self.run, "no checkpoint", "a run that reached its first one", "train it first");
@@ -369,6 +376,12 @@ mod tests {
             "{notes:?}"
         );
         assert!(find(Which::Step(40)).0.unwrap_err().contains("8 bytes"));
+        assert!(
+            find(Which::Step(41))
+                .0
+                .unwrap_err()
+                .contains("no checkpoint of step 41, expected one of step 41; there are")
+        );
         fs::remove_file(all.path(30).join(STATE)).unwrap();
         assert_eq!(find(Which::Latest).0.unwrap().0, 10);
         // written again, the damaged one is whole

@@ -14,6 +14,8 @@ use ufbx::{EvaluateOpts, LoadOpts, Matrix, Node, Scene};
 
 /// Frames that are read at most: at 120 a second more than a day.
 const MOST_FRAMES: f64 = 1e7;
+/// Frames times bones at most: 8 GiB.
+const MOST_ROTATIONS: f64 = (1u64 << 28) as f64;
 /// Bones that are read at most.
 const MOST_JOINTS: usize = 4096;
 /// Bones in bones at most.
@@ -61,6 +63,10 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let count = ((end - begin) * own).round() + 1.0;
     if !(1.0..=MOST_FRAMES).contains(&count) {
         return Err(fault(Kind::TooLarge, format!("{count} frames"), "1 to 10,000,000").into());
+    }
+    if count * figure.len() as f64 > MOST_ROTATIONS {
+        let found = format!("{count} frames of {} bones", figure.len());
+        return Err(fault(Kind::TooLarge, found, "268,435,456 rotations at most").into());
     }
     let rest: Vec<(Quat, Vec3)> = figure.iter().map(|joint| placed(&bind(joint.node))).collect();
     let places: Vec<Vec3> = rest.iter().map(|(_, place)| *place).collect();

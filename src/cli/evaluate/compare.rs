@@ -1,15 +1,16 @@
 //! `kinelm evaluate dance --compare A B`.
 
-use super::dance::as_told;
+use super::dance::read_dance;
 use crate::cli::{Say, WrongCall, many, print};
 use anyhow::Result;
+use kinelm::aclstm;
 use kinelm::corpus::Corpus;
 use kinelm::corpus::load::hash_file;
+use kinelm::evaluate::dance::Real;
 use kinelm::evaluate::dance::compare::{Comparison, Measured, Side, take_of};
 use kinelm::evaluate::dance::features::Features;
 use kinelm::evaluate::dance::prompted::prompted;
-use kinelm::evaluate::dance::{Dance, Real};
-use kinelm::generate::provenance;
+use kinelm::generate::provenance::{self, Provenance};
 use kinelm::output::Outputs;
 use kinelm_motion::format::ReadOptions;
 use serde::Serialize;
@@ -74,16 +75,8 @@ fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, say: Say) -> Re
         say.line(e);
         None
     });
-    let sha256 = match told.as_ref().and_then(|told| told.prompt_sha256.clone()) {
-        Some(of_prompt) => of_prompt,
-        None => hash_file(path)?,
-    };
-    // a clip of the corpus is measured as the corpus has read it
-    let mut same = corpus.clips().iter().filter(|record| told.is_none() && record.sha256 == sha256);
-    let dance = match (same.next(), same.next()) {
-        (Some(record), None) => Dance::of_corpus(corpus, record)?,
-        _ => Dance::of_file(path, &as_told(path, options), corpus.tokenizer())?,
-    };
+    let sha256 = followed(path, told.as_ref())?;
+    let dance = read_dance(corpus, path, told.as_ref(), options)?;
     let prompt = told.as_ref().and_then(|told| told.recipe.prompt.as_ref());
     let itself = || (prompt.map_or(path, |prompt| &prompt.path).display().to_string(), false);
     let (take, learned) = take_of(corpus, &sha256).unwrap_or_else(itself);
@@ -95,4 +88,20 @@ fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, say: Say) -> Re
         }
     };
     Ok(Measured { dance, take, learned, prompted })
+}
+
+/// The hashes of what a dance goes on from, or of itself.
+fn followed(path: &Path, told: Option<&Provenance>) -> Result<Vec<String>> {
+    let prompt = told.and_then(|told| told.recipe.prompt.as_ref());
+    if let Some(plan) = prompt.and_then(|prompt| prompt.plan.as_ref()) {
+        let given = plan.segments.iter().filter_map(|segment| plan.clips.get(segment.clip.as_ref()?));
+        return Ok(given.map(|clip| hash_file(&clip.file)).collect::<kinelm::Result<_>>()?);
+    }
+    if let Some(of_prompt) = told.and_then(|told| told.prompt_sha256.clone()) {
+        return Ok(vec![of_prompt]);
+    }
+    match aclstm::dance::Told::load(&provenance::path_of(path)) {
+        Ok(lstm) => Ok(vec![lstm.given_sha256]),
+        Err(_) => Ok(vec![hash_file(path)?]),
+    }
 }

@@ -12,7 +12,7 @@ use kinelm::evaluate::dance::{Dance, Real};
 use kinelm::generate::prompt::given_places;
 use kinelm::generate::provenance::{self, Provenance};
 use kinelm::music::find::in_dance;
-use kinelm_motion::format::{ReadOptions, RestFrame, input};
+use kinelm_motion::format::{Format, ReadOptions, RestFrame, input};
 use kinelm_motion::joints;
 use kinelm_music::beat::Beats;
 use std::collections::BTreeMap;
@@ -75,8 +75,11 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         return compare::run(&corpus, [a, b], &options, how, say);
     }
     let real = Real::load(&corpus)?;
-    let dances = args.dances.iter().map(|path| Dance::of_file(path, &as_told(path, &options), tokenizer));
-    let dances: Vec<Dance> = dances.collect::<kinelm::Result<_>>()?;
+    let read = |path: &PathBuf| {
+        let told = provenance::find(path).unwrap_or_default(); // what is wrong with it is said below
+        read_dance(&corpus, path, told.as_ref(), &options)
+    };
+    let dances: Vec<Dance> = args.dances.iter().map(read).collect::<kinelm::Result<_>>()?;
     let mut report = real.report(&dances);
     let mut given: Option<Vec<bool>> = None;
     let mut best = BTreeMap::<usize, usize>::new();
@@ -98,7 +101,10 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
             }),
             (beats, _) => beats.clone(),
         });
-        asked.push(args.fidelity.as_ref().and_then(|field| asked_label(&corpus, field, told.as_ref()?)));
+        asked.push(match &args.fidelity {
+            Some(field) => asked_label(&corpus, field, path, told.as_ref())?,
+            None => None,
+        });
         let recipe = told.map(|told| told.recipe);
         let followed = recipe.as_ref().and_then(|r| joints::parse(r.prompt.as_ref()?.joints.as_ref()?).ok());
         joints_given.extend(followed.iter().flat_map(|followed| followed.joints.iter().copied()));
@@ -135,13 +141,23 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     print(&if args.json { format!("{}\n", serde_json::to_string(&report)?) } else { format!("{report}\n") })
 }
 
-/// What a dance was asked for: its label, or where it had none that of the clip that it follows.
-fn asked_label(corpus: &Corpus, field: &str, told: &Provenance) -> Option<String> {
-    let of_prompt = || {
-        let sha256 = told.prompt_sha256.as_ref()?;
-        corpus.clips().iter().find(|record| record.sha256 == *sha256)?.labels.get(field)
+/// What a dance was asked for: its label, or where it had none that of the clip that it follows or is. Nothing of one whose
+/// label changes, nor of an edited clip, which is what it was for the most part.
+fn asked_label(corpus: &Corpus, field: &str, path: &Path, told: Option<&Provenance>) -> Result<Option<String>> {
+    let of_clip = |sha256: &str| {
+        let record = corpus.clips().iter().find(|record| record.sha256 == sha256)?;
+        record.labels.get(field).cloned()
     };
-    told.recipe.labels.get(field).or_else(of_prompt).cloned()
+    let Some(told) = told else { return Ok(of_clip(&hash_file(path)?)) };
+    if told.recipe.prompt.as_ref().is_some_and(|prompt| prompt.edit.is_some()) {
+        return Ok(None);
+    }
+    let mut timed = told.recipe.timed_labels.iter().filter(|label| label.field == field).peekable();
+    if let Some(first) = timed.peek().map(|label| label.value.clone()) {
+        return Ok(timed.all(|label| label.value == first).then_some(first));
+    }
+    let of_prompt = || of_clip(told.prompt_sha256.as_ref()?);
+    Ok(told.recipe.labels.get(field).cloned().or_else(of_prompt))
 }
 
 /// The corpus that `--real` names.
@@ -191,5 +207,27 @@ fn own_music(told: &Provenance, pieces: &mut BTreeMap<PathBuf, Beats>) -> kinelm
 pub fn as_told(path: &Path, call: &ReadOptions) -> ReadOptions {
     let told = Provenance::load(&provenance::path_of(path)).ok();
     let told = told.filter(|told| told.output.file == provenance::name_of(path));
-    told.map_or(call.clone(), |told| told.recipe.measured(path, call.clone()))
+    // a true rate and frames to skip are said of files that don't tell theirs
+    let of_others = ReadOptions { fps_source: None, skip: 0, ..call.clone() };
+    told.map_or(call.clone(), |told| told.recipe.measured(path, of_others))
+}
+
+/// A dance from its file; of one that the corpus was made from as the corpus has read it.
+pub fn read_dance(
+    corpus: &Corpus,
+    path: &Path,
+    told: Option<&Provenance>,
+    call: &ReadOptions,
+) -> kinelm::Result<Dance> {
+    Format::of(path)?; // refused by its name before it is read
+    let sha256 = hash_file(path)?;
+    let mut same = corpus.clips().iter().filter(|record| told.is_none() && record.sha256 == sha256);
+    match (same.next(), same.next()) {
+        (Some(record), None) => {
+            let mut dance = Dance::of_corpus(corpus, record)?;
+            dance.name = path.display().to_string();
+            Ok(dance)
+        }
+        _ => Dance::of_file(path, &as_told(path, call), corpus.tokenizer()),
+    }
 }

@@ -64,6 +64,10 @@ fn moved(args: &Args, recipe: &mut Recipe) -> Result<()> {
         (Some(path), None, Some(prompt)) if prompt.plan.is_none() => prompt.path.clone_from(path),
         (None, Some(path), Some(prompt)) if prompt.plan.is_some() => {
             let (plan, laid) = Plan::load(path)?;
+            if let Some(other) = laid.labels.iter().find(|label| !recipe.timed_labels.contains(label)) {
+                let what = format!("--plan {}: it tells {other}, which the dance wasn't told", path.display());
+                return Err(WrongCall(what).into());
+            }
             prompt.path = laid.path().to_owned();
             prompt.plan = Some(plan);
         }

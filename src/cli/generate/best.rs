@@ -107,8 +107,13 @@ impl Beside {
         let best = ranked.into_iter().enumerate().map(|(better, (i, verdict))| (i, Best { of, better, verdict }));
         let chosen: Vec<(usize, Best)> = best.take(wanted).collect();
         let words: Vec<Words> = chosen.iter().map(|(i, _)| danced[*i].clone()).collect();
-        for ((i, best), bits) in chosen.iter().zip(ready.bits_per_frame(&words)?) {
-            say.line(format_args!("number {} of {of}, {}; {bits:.1} bits/frame to its model", i + 1, best.verdict));
+        let bits = ready.bits_per_frame(&words).unwrap_or_else(|e| {
+            say.line(format_args!("how likely they are isn't known: {e}"));
+            Vec::new()
+        });
+        for (n, (i, best)) in chosen.iter().enumerate() {
+            let bits = bits.get(n).map(|bits| format!("; {bits:.1} bits/frame to its model")).unwrap_or_default();
+            say.line(format_args!("number {} of {of}, {}{bits}", i + 1, best.verdict));
         }
         if let Some(doubt) = chosen.first().and_then(|(_, best)| best.verdict.doubt()) {
             say.line(format_args!("warning: none of {of} dances is without doubt; of the least bad one {doubt}"));

@@ -131,7 +131,9 @@ pub fn say_left(left: &[LeftOver], fps: f64, say: Say) {
              the clip goes on, joints {joints_degrees:.0} degrees; spread over them"
         ));
     }
-    let far = left.iter().filter(|gap| gap.cm > FAR_CM || gap.heading_degrees > FAR_DEGREES).count();
+    let is_far =
+        |gap: &&LeftOver| gap.cm > FAR_CM || gap.heading_degrees > FAR_DEGREES || gap.joints_degrees > FAR_DEGREES;
+    let far = left.iter().filter(is_far).count();
     if far > 0 {
         let what = "may look pulled; more --tries, a longer gap or another --seed may end nearer";
         say.line(format_args!("warning: {} ended far from where the clip goes on: it {what}", counted(far, "gaps")));

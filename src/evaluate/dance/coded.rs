@@ -17,8 +17,8 @@ pub struct Dance {
     pub clip: Clip,
     /// Its words.
     pub words: Words,
-    /// Frames a second of what it was coded from.
-    pub file_fps: f64,
+    /// Frames a second of the file that it was coded from, if that was read.
+    pub file_fps: Option<f64>,
     pub(super) ids: Vec<u32>,
 }
 
@@ -48,7 +48,7 @@ impl Dance {
     /// Those of [`Dance::of_file`].
     pub fn of_bytes(path: &Path, bytes: &[u8], options: &ReadOptions, tokenizer: &Tokenizer) -> Result<Dance> {
         let placed = parse_placed(path, bytes, options, tokenizer.config().into())?;
-        let (clip, file_fps) = (placed.lowered(), placed.motion.clip.fps());
+        let (clip, file_fps) = (placed.lowered(), Some(placed.motion.clip.fps()));
         if clip.frames() == 0 {
             return Err(Error::file(path, "no frames", "at least one", ""));
         }
@@ -60,7 +60,7 @@ impl Dance {
         let clip = tokenizer.decode(&words, Rest::Identity)?;
         let clip = clip.slice(0..frames.min(clip.frames()));
         let ids = tokenizer.ids_of_words(&words)?;
-        Ok(Dance { name, clip, words, file_fps: tokenizer.fps(), ids })
+        Ok(Dance { name, clip, words, file_fps: None, ids })
     }
 
     /// Ids of each word, with its space.

@@ -52,11 +52,14 @@ impl Side {
     }
 }
 
-/// The recording that a file with this hash belongs to, and whether it is a train clip; `None` of a file that the corpus
-/// wasn't made from.
-pub fn take_of(corpus: &Corpus, sha256: &str) -> Option<(String, bool)> {
-    let record = corpus.clips().iter().find(|record| record.sha256 == sha256)?;
-    Some((record.take.clone(), record.split == Split::Train))
+/// The recordings that files with these hashes belong to, as one name, and whether a train clip is among them; `None` of files
+/// that the corpus wasn't made from.
+pub fn take_of(corpus: &Corpus, sha256: &[String]) -> Option<(String, bool)> {
+    let of = |hash: &String| corpus.clips().iter().find(|record| record.sha256 == *hash);
+    let records: Vec<_> = sha256.iter().filter_map(of).collect();
+    let takes: BTreeSet<&str> = records.iter().map(|record| &*record.take).collect();
+    let learned = records.iter().any(|record| record.split == Split::Train);
+    (!takes.is_empty()).then(|| (takes.into_iter().collect::<Vec<_>>().join(" + "), learned))
 }
 
 /// A mean over dances, and its middle 95 % when takes are drawn anew.
@@ -222,12 +225,12 @@ fn doubts(sides: &[Side; 2], fps: f64) -> Vec<String> {
         doubts.push(format!("{} of A, {} of B: their intervals say little of others", told[0], told[1]));
     }
     let rates = sides.each_ref().map(|side| {
-        let mut all: Vec<f64> = side.dances.iter().map(|d| d.dance.file_fps).collect();
+        let mut all: Vec<f64> = side.dances.iter().filter_map(|d| d.dance.file_fps).collect();
         all.sort_by(f64::total_cmp);
         all.dedup();
         all
     });
-    if rates[0] != rates[1] {
+    if rates.iter().all(|rates| !rates.is_empty()) && rates[0] != rates[1] {
         let told = rates.map(|rates| rates.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "));
         doubts.push(format!(
             "files of {} and of {} frames a second, measured at {fps}: jerk depends on how they were drawn",
@@ -265,7 +268,9 @@ impl fmt::Display for Comparison {
                 sure.map_or("n/a".into(), text)
             };
             let real = row.real.map_or("n/a".into(), number);
-            let star = row.difference.is_some_and(|d| d.interval[0] > 0.0 || d.interval[1] < 0.0);
+            // one take has no spread
+            let star = self.takes.iter().all(|takes| *takes > 1)
+                && row.difference.is_some_and(|d| d.interval[0] > 0.0 || d.interval[1] < 0.0);
             let [a, b] = row.sides.map(sure);
             write!(f, "\n{:<32} {real:>9} {a:>28} {b:>28} {:>28}", shortened(row.what), sure(row.difference))?;
             f.write_str(if star { "*" } else { " " })?;

@@ -150,7 +150,11 @@ impl fmt::Display for Fidelity {
         }
         let left_out = self.groups.last().map_or(0, |dances| dances.left_out);
         if left_out > 0 {
-            write!(f, "\n{left_out} dances without a {} that was asked for, or under two seconds", self.field)?;
+            write!(
+                f,
+                "\n{left_out} dances without a {} that was asked for throughout, edited, or under two seconds",
+                self.field
+            )?;
         }
         Ok(())
     }

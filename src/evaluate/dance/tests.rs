@@ -148,10 +148,12 @@ fn a_set_that_is_sunk_differs_in_the_floor_alone() {
     let mut other = side("c", 0.0);
     for dance in &mut other.dances {
         dance.take.push('x');
-        dance.dance.file_fps = 60.0;
+        dance.dance.file_fps = Some(60.0);
         dance.dance.clip = dance.dance.clip.slice(0..dance.dance.clip.frames() / 2);
     }
-    let found = real.compare(&[side("a", 0.0), other]);
+    let mut first = side("a", 0.0);
+    first.dances.iter_mut().for_each(|dance| dance.dance.file_fps = Some(20.0));
+    let found = real.compare(&[first, other]);
     assert!(!found.paired, "{found}");
     let text = found.doubts.join("\n");
     assert!(text.contains("of 20 and of 60 frames a second") && text.contains("in the mean: longer"), "{text}");

@@ -145,6 +145,10 @@ impl Laid {
         if plan.segments.is_empty() {
             return Err(Fault::Plan("no [[segment]]".into(), "at least one".into()));
         }
+        if plan.segments.iter().all(|segment| segment.clip.is_none() && !segment.labels.is_empty()) {
+            let expected = "one with a clip at least; a dance of labels alone is made by --label";
+            return Err(Fault::Plan("segments that tell labels, and none with a clip".into(), expected.into()));
+        }
         let known = plan.clips.keys().cloned().collect::<Vec<_>>().join(", ");
         let own = plan
             .clips

@@ -16,6 +16,8 @@ use std::sync::OnceLock;
 
 /// Width of a chart with its legend and height of a picture, pixels.
 const SIZE: (u32, u32) = (860, 600);
+/// And of one in rows of charts.
+const SMALL: (u32, u32) = (520, 360);
 /// Stands in every PNG: a text chunk that says who made it.
 pub const PNG_MARK: [u8; 19] = *b"tEXtSoftware\0kinelm";
 /// Stands in every SVG and in tables: who made it.
@@ -143,7 +145,8 @@ pub fn to_bytes(path: &Path, charts: &[Chart]) -> Result<Option<Vec<u8>>> {
     with_font()?;
     let failed = |e: String| Error::Call(format!("{}: the chart could not be drawn: {e}", path.display()));
     let (rows, columns) = picture::grid_of(charts.len());
-    let size = (SIZE.0 * columns as u32, SIZE.1 * rows as u32);
+    let one = if rows > 1 { SMALL } else { SIZE };
+    let size = (one.0 * columns as u32, one.1 * rows as u32);
     match kind {
         Kind::Svg => {
             let mut text = String::new();

@@ -3,7 +3,9 @@
 //! A name that is built in means that; a file of the same name is meant by `./NAME`.
 
 use crate::{Error, Result};
+use kinelm_motion::format::input;
 use kinelm_motion::suggest::did_you_mean;
+use serde::de::DeserializeOwned;
 use std::path::Path;
 
 /// Names and texts of settings.
@@ -42,6 +44,25 @@ pub const TOKENIZER: &Presets = &[
     ("dct-pca", include_str!("../configs/tokenizer/dct-pca.toml")),
     ("lapped", include_str!("../configs/tokenizer/lapped.toml")),
 ];
+
+/// Settings by a name that is built in, else those of a TOML; `folder` of configs/ has examples of `what`.
+///
+/// # Errors
+/// [`Error::Call`] when it is neither; a file that can't be read; keys that are unknown.
+pub(crate) fn read<T: DeserializeOwned>(
+    presets: &'static Presets,
+    name_or_path: &Path,
+    (folder, what): (&str, &str),
+) -> Result<T> {
+    let text = match find(presets, name_or_path, "settings")? {
+        Some(text) => text.to_owned(),
+        None => input::text(name_or_path).map_err(Error::io(name_or_path))?,
+    };
+    toml::from_str(&text).map_err(|e| {
+        let help = format!("configs/{folder}/ has examples with every key");
+        Error::in_text((name_or_path, &text), e.span(), e.message(), what, &help)
+    })
+}
 
 /// The text of a name that is built in, `None` for a file that is there.
 ///

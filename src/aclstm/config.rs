@@ -4,7 +4,6 @@ use super::form::Form;
 use super::rig;
 use crate::{Error, Result, presets};
 use kinelm_engine::lstm::{Shape, Wiring};
-use kinelm_motion::format::input;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -85,14 +84,8 @@ impl Config {
     /// # Errors
     /// [`Error::Call`] when it is neither; a file that can't be read; keys that are unknown or outside their limits.
     pub fn find(name_or_path: &Path) -> Result<Config> {
-        let text = match presets::find(presets::ACLSTM, name_or_path, "settings")? {
-            Some(text) => text.to_owned(),
-            None => input::text(name_or_path).map_err(Error::io(name_or_path))?,
-        };
-        let config: Config = toml::from_str(&text).map_err(|e| {
-            let help = "configs/aclstm/ has examples with every key";
-            Error::in_text((name_or_path, &text), e.span(), e.message(), "settings of an auto-conditioned LSTM", help)
-        })?;
+        let config: Config =
+            presets::read(presets::ACLSTM, name_or_path, ("aclstm", "settings of an auto-conditioned LSTM"))?;
         config.validate().map_err(|e| Error::Call(format!("{}: {e}", name_or_path.display())))?;
         Ok(config)
     }

@@ -13,7 +13,7 @@ impl Ready {
     ///
     /// # Errors
     /// What the model fails with; words that are not its tokenizer's.
-    pub fn bits_per_frame(&self, dances: &[Words]) -> Result<Vec<f64>> {
+    pub fn bits_per_frame(&self, dances: &[&Words]) -> Result<Vec<f64>> {
         let mut model = self.run.scores(self.recipe.computing.compute()?)?;
         let (pad, room) = (model.tokens().pad, room(model.config(), model.tokens()));
         let mut bits = Vec::with_capacity(dances.len());

@@ -3,7 +3,6 @@
 use super::HEARD;
 use crate::{Error, Result, presets};
 use kinelm_engine::lstm::Single;
-use kinelm_motion::format::input;
 use kinelm_music::stft::Form;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -128,14 +127,8 @@ impl Config {
     /// # Errors
     /// [`Error::Call`] when it is neither; a file that can't be read; keys that are unknown or outside their limits.
     pub fn find(name_or_path: &Path) -> Result<Config> {
-        let text = match presets::find(presets::MUSIC_LSTM, name_or_path, "settings")? {
-            Some(text) => text.to_owned(),
-            None => input::text(name_or_path).map_err(Error::io(name_or_path))?,
-        };
-        let config: Config = toml::from_str(&text).map_err(|e| {
-            let help = "configs/music_lstm/ has examples with every key";
-            Error::in_text((name_or_path, &text), e.span(), e.message(), "settings of a music LSTM", help)
-        })?;
+        let config: Config =
+            presets::read(presets::MUSIC_LSTM, name_or_path, ("music_lstm", "settings of a music LSTM"))?;
         config.validate().map_err(|e| Error::Call(format!("{}: {e}", name_or_path.display())))?;
         Ok(config)
     }

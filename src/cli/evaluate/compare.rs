@@ -1,6 +1,6 @@
 //! `kinelm evaluate dance --compare A B`.
 
-use super::dance::read_dance;
+use super::dance::{held_to_prompt, read_dance, told_of};
 use crate::cli::{Say, WrongCall, many, print};
 use anyhow::Result;
 use kinelm::aclstm;
@@ -9,7 +9,6 @@ use kinelm::corpus::load::hash_file;
 use kinelm::evaluate::dance::Real;
 use kinelm::evaluate::dance::compare::{Comparison, Measured, Side, take_of};
 use kinelm::evaluate::dance::features::Features;
-use kinelm::evaluate::dance::prompted::prompted;
 use kinelm::generate::provenance::{self, Provenance};
 use kinelm::output::Outputs;
 use kinelm_motion::format::ReadOptions;
@@ -71,22 +70,13 @@ fn side(corpus: &Corpus, folder: &PathBuf, options: &ReadOptions, say: Say) -> R
 }
 
 fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, say: Say) -> Result<Measured> {
-    let told = provenance::find(path).unwrap_or_else(|e| {
-        say.line(e);
-        None
-    });
+    let told = told_of(path, say);
     let sha256 = followed(path, told.as_ref())?;
     let dance = read_dance(corpus, path, told.as_ref(), options)?;
     let prompt = told.as_ref().and_then(|told| told.recipe.prompt.as_ref());
     let itself = || (prompt.map_or(path, |prompt| &prompt.path).display().to_string(), false);
     let (take, learned) = take_of(corpus, &sha256).unwrap_or_else(itself);
-    let prompted = match told.map(|told| prompted(&dance, path, &told.recipe, corpus.tokenizer())).transpose() {
-        Ok(found) => found.flatten(),
-        Err(e) => {
-            say.line(format_args!("{}: its prompt is not looked at: {e}", path.display()));
-            None
-        }
-    };
+    let prompted = told.and_then(|told| held_to_prompt(&dance, path, &told.recipe, corpus.tokenizer(), say));
     Ok(Measured { dance, take, learned, prompted })
 }
 

@@ -7,14 +7,16 @@ use anyhow::Result;
 use kinelm::corpus::Corpus;
 use kinelm::corpus::load::hash_file;
 use kinelm::evaluate::dance::named::fidelity;
-use kinelm::evaluate::dance::prompted::prompted;
+use kinelm::evaluate::dance::prompted::{Prompted, prompted};
 use kinelm::evaluate::dance::{Dance, Real};
 use kinelm::generate::prompt::given_places;
 use kinelm::generate::provenance::{self, Provenance};
+use kinelm::generate::recipe::Recipe;
 use kinelm::music::find::in_dance;
 use kinelm_motion::format::{Format, ReadOptions, RestFrame, input};
 use kinelm_motion::joints;
 use kinelm_music::beat::Beats;
+use kinelm_tokenizer::Tokenizer;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -75,11 +77,9 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         return compare::run(&corpus, [a, b], &options, how, say);
     }
     let real = Real::load(&corpus)?;
-    let read = |path: &PathBuf| {
-        let told = provenance::find(path).unwrap_or_default(); // what is wrong with it is said below
-        read_dance(&corpus, path, told.as_ref(), &options)
-    };
-    let dances: Vec<Dance> = args.dances.iter().map(read).collect::<kinelm::Result<_>>()?;
+    let told: Vec<Option<Provenance>> = args.dances.iter().map(|path| told_of(path, say)).collect();
+    let read = |(path, told): (&PathBuf, &Option<Provenance>)| read_dance(&corpus, path, told.as_ref(), &options);
+    let dances: Vec<Dance> = args.dances.iter().zip(&told).map(read).collect::<kinelm::Result<_>>()?;
     let mut report = real.report(&dances);
     let mut given: Option<Vec<bool>> = None;
     let mut best = BTreeMap::<usize, usize>::new();
@@ -88,11 +88,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let mut music_s = Vec::new();
     let mut asked = Vec::new();
     let mut joints_given = Vec::new();
-    for (path, dance) in args.dances.iter().zip(&dances) {
-        let told = provenance::find(path).unwrap_or_else(|e| {
-            say.line(e);
-            None
-        });
+    for ((path, dance), told) in args.dances.iter().zip(&dances).zip(told) {
         told.iter().filter_map(|told| told.best).for_each(|of| *best.entry(of.of).or_default() += 1);
         music_s.push(match (&beats, &told) {
             (None, Some(told)) => own_music(told, &mut pieces).unwrap_or_else(|e| {
@@ -112,10 +108,8 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         // what was given to one dance alone may be a copy in the others
         let places = places.unwrap_or_default();
         given = Some(given.map_or(places.clone(), |given| if given == places { given } else { Vec::new() }));
-        match recipe.map(|recipe| prompted(dance, path, &recipe, tokenizer)).transpose() {
-            Ok(found) => report.prompted.extend(found.flatten().map(|found| (dance.name.clone(), found))),
-            Err(e) => say.line(format_args!("{}: its prompt is not looked at: {e}", path.display())),
-        }
+        let found = recipe.and_then(|recipe| held_to_prompt(dance, path, &recipe, tokenizer, say));
+        report.prompted.extend(found.map(|found| (dance.name.clone(), found)));
     }
     for (of, dances) in best {
         say.line(format_args!("{dances} of these {} dances were chosen among {of} each", args.dances.len()));
@@ -203,6 +197,28 @@ fn own_music(told: &Provenance, pieces: &mut BTreeMap<PathBuf, Beats>) -> kinelm
     in_dance(&music.path, &pieces[&music.path], (music.from_s, 0.0)).map(Some)
 }
 
+/// What is told beside a dance; what is wrong with it is said.
+pub fn told_of(path: &Path, say: Say) -> Option<Provenance> {
+    provenance::find(path).unwrap_or_else(|e| {
+        say.line(e);
+        None
+    })
+}
+
+/// What a dance made of its prompt, if it has one that can be read; if not, that is said.
+pub fn held_to_prompt(
+    dance: &Dance,
+    path: &Path,
+    recipe: &Recipe,
+    tokenizer: &Tokenizer,
+    say: Say,
+) -> Option<Prompted> {
+    prompted(dance, path, recipe, tokenizer).unwrap_or_else(|e| {
+        say.line(format_args!("{}: its prompt is not looked at: {e}", path.display()));
+        None
+    })
+}
+
 /// The options of a call for one file: of a dance of ours, its recipe says what the call leaves open.
 pub fn as_told(path: &Path, call: &ReadOptions) -> ReadOptions {
     let told = Provenance::load(&provenance::path_of(path)).ok();
@@ -220,14 +236,14 @@ pub fn read_dance(
     call: &ReadOptions,
 ) -> kinelm::Result<Dance> {
     Format::of(path)?; // refused by its name before it is read
-    let sha256 = hash_file(path)?;
-    let mut same = corpus.clips().iter().filter(|record| told.is_none() && record.sha256 == sha256);
-    match (same.next(), same.next()) {
-        (Some(record), None) => {
+    if told.is_none() {
+        let sha256 = hash_file(path)?;
+        let mut same = corpus.clips().iter().filter(|record| record.sha256 == sha256);
+        if let (Some(record), None) = (same.next(), same.next()) {
             let mut dance = Dance::of_corpus(corpus, record)?;
             dance.name = path.display().to_string();
-            Ok(dance)
+            return Ok(dance);
         }
-        _ => Dance::of_file(path, &as_told(path, call), corpus.tokenizer()),
     }
+    Dance::of_file(path, &as_told(path, call), corpus.tokenizer())
 }

@@ -106,7 +106,7 @@ impl Beside {
         let of = ranked.len();
         let best = ranked.into_iter().enumerate().map(|(better, (i, verdict))| (i, Best { of, better, verdict }));
         let chosen: Vec<(usize, Best)> = best.take(wanted).collect();
-        let words: Vec<Words> = chosen.iter().map(|(i, _)| danced[*i].clone()).collect();
+        let words: Vec<&Words> = chosen.iter().map(|(i, _)| &danced[*i]).collect();
         let bits = ready.bits_per_frame(&words).unwrap_or_else(|e| {
             say.line(format_args!("how likely they are isn't known: {e}"));
             Vec::new()

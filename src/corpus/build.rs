@@ -34,7 +34,7 @@ pub struct BuildOptions {
     pub shard: Option<Shard>,
     /// A corpus that stands at the place is replaced.
     pub force: bool,
-    /// Where the clips' music is, whose beats a corpus keeps; none is looked for if not given.
+    /// Where the clips' music is, whose beats and sound a corpus keeps; none is looked for if not given.
     pub music: Option<PathBuf>,
     /// Clips without music get motion-derived beats, of their own steps.
     pub own_beats: bool,
@@ -155,19 +155,21 @@ pub fn tokenize(
     let mut writer = CorpusWriter::create(out, tokenizer, &gathered.sources, options.shard, options.force)?;
     let pieces = in_pieces(&gathered.items);
     let items: Vec<&Item> = pieces.iter().filter(|i| options.shard.is_none_or(|s| s.holds(i.key))).collect();
-    let heard = options.music.as_ref().map(|folder| Heard::of(&items, folder)).transpose()?;
+    let fps = tokenizer.fps();
+    let heard = options.music.as_ref().map(|folder| Heard::of(&items, folder, fps)).transpose()?;
     let work = |item: &Item, loaded: &Loaded| {
         let (encoded, frames) = (tokenizer.encode(&loaded.clip)?, loaded.clip.frames());
         let length = (frames, loaded.clip.fps());
-        let of_music = heard.as_ref().map_or(Ok(None), |heard| heard.beats_s(item, length))?;
+        let of_music = heard.as_ref().map_or(Ok(None), |heard| heard.of_clip(item, length))?;
+        let (of_music, sound) = of_music.map_or((None, Vec::new()), |music| (Some(music.beats_s), music.sound));
         let own = options.own_beats && of_music.is_none();
         let of_motion = if own { own::beats_s(&loaded.clip, loaded.floor_m.map(|_| 0.0))? } else { None };
         let of = |of| move |times_s| ClipBeats { of, times_s };
         let beats = of_music.map(of(BeatsOf::Music)).or(of_motion.map(of(BeatsOf::Motion)));
-        Ok((tokenizer.ids_of_words(&encoded.words)?, frames, loaded.floor_m, encoded, beats))
+        Ok((tokenizer.ids_of_words(&encoded.words)?, frames, loaded.floor_m, encoded, beats, sound))
     };
     let summary = each(&items, options, tokenizer.config().into(), watch, work, |item, sha256, made, summary| {
-        let (ids, frames, floor_m, encoded, beats) = made;
+        let (ids, frames, floor_m, encoded, beats, sound) = made;
         match beats.as_ref().map(|beats: &ClipBeats| beats.of) {
             Some(BeatsOf::Music) => summary.with_music += 1,
             Some(BeatsOf::Motion) => summary.with_own_beats += 1,
@@ -178,9 +180,22 @@ pub fn tokenize(
         summary.second_codes += second_codes;
         summary.padded += encoded.padded as usize;
         let Item { name, labels, split, take, key, source, .. } = item.clone();
-        let clip =
-            NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m, beats };
-        writer.push(clip, &ids)?;
+        let coded = NewClip {
+            name,
+            labels,
+            split,
+            take,
+            key,
+            source,
+            sha256,
+            frames,
+            clipped,
+            second_codes,
+            floor_m,
+            beats,
+            sound,
+        };
+        writer.push(coded, &ids)?;
         Ok(frames)
     })?;
     check(&summary, options, items.len())?;

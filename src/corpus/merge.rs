@@ -25,7 +25,8 @@ pub fn merge(shards: &[PathBuf], out: &Path, force: bool) -> Result<Manifest> {
     }
     clips.sort_by_key(|(_, clip)| clip.key);
     for (shard, clip) in clips {
-        writer.push(as_new(clip), &shard.clip_ids(clip)?)?;
+        let sound = shard.sound(clip)?.rows.numbers.into_owned();
+        writer.push(NewClip { sound, ..as_new(clip) }, &shard.clip_ids(clip)?)?;
     }
     writer.left_out(&first.manifest().left_out);
     let mut failed: Vec<&Failure> = shards.iter().flat_map(|s| &s.manifest().failed).collect();
@@ -34,6 +35,7 @@ pub fn merge(shards: &[PathBuf], out: &Path, force: bool) -> Result<Manifest> {
     writer.finish()
 }
 
+/// All but its music's sound.
 fn as_new(clip: &ClipRecord) -> NewClip {
     let ClipRecord {
         name,
@@ -50,7 +52,8 @@ fn as_new(clip: &ClipRecord) -> NewClip {
         beats,
         ..
     } = clip.clone();
-    NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m, beats }
+    let sound = Vec::new();
+    NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m, beats, sound }
 }
 
 fn check_fits(first: &Corpus, other: &Corpus) -> Result<()> {

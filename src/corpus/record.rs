@@ -49,6 +49,9 @@ impl FromStr for Split {
     }
 }
 
+/// The file of what clips' music sounds like.
+pub const SOUND: &str = "music.f32";
+
 /// The width of a number in the token file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -249,6 +252,9 @@ pub struct Manifest {
     pub tokens: FileRecord,
     /// `clips.jsonl`.
     pub clips: FileRecord,
+    /// `music.f32`, (N, 35) little-endian, where clips have music.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sound: Option<FileRecord>,
     /// All clips.
     pub count: Count,
     /// Clips by split.
@@ -313,6 +319,9 @@ pub struct ClipRecord {
     /// Its beats, if any were looked for and found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub beats: Option<ClipBeats>,
+    /// What its music sounds like, if it has some.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sound: Option<ClipSound>,
 }
 
 impl ClipRecord {
@@ -330,6 +339,17 @@ pub struct ClipBeats {
     pub of: BeatsOf,
     /// Seconds from its first frame, rising; some may lie before it and behind its last.
     pub times_s: Vec<f64>,
+}
+
+/// The rows of `music.f32` that tell what a clip's music sounds like: one for each frame, as far as the music goes, and for
+/// a second behind the last. Each has the 35 numbers of [`kinelm_music::feature`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClipSound {
+    /// The row of the first frame.
+    pub first: usize,
+    /// How many there are.
+    pub rows: usize,
 }
 
 /// What beats are of.

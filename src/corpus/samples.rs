@@ -41,6 +41,7 @@ pub fn clip(name: &str, key: usize, split: Split, frames: usize) -> NewClip {
         second_codes: 1,
         floor_m: None,
         beats: None,
+        sound: Vec::new(),
     }
 }
 

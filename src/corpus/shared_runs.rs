@@ -91,6 +91,7 @@ mod tests {
         ClipRecord {
             floor_m: None,
             beats: None,
+            sound: None,
             name,
             take,
             split,

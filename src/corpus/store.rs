@@ -1,9 +1,12 @@
 //! The token store, read with its hashes checked.
 
-use super::record::{ClipRecord, FileRecord, Manifest, Split, TokenType, VERSION};
+use super::record::{ClipRecord, FileRecord, Manifest, SOUND, Split, TokenType, VERSION};
 use super::stored::Stored;
 use super::words::{ClipWords, Index};
+use crate::model::music::Sound;
+use crate::model::music::features::Rows;
 use crate::{Error, Result};
+use kinelm_music::feature::CHANNELS;
 use kinelm_tokenizer::{Place, Tokenizer, Words};
 use serde::Deserialize;
 use std::fs;
@@ -55,6 +58,7 @@ pub struct Corpus {
     clips: Vec<ClipRecord>,
     tokens: Tokens,
     words: Index,
+    sound: Option<Stored<f32>>,
     tokenizer: Tokenizer,
 }
 
@@ -79,7 +83,9 @@ impl Corpus {
         let tokens = Tokens { bytes, kind };
         check_ids(&dir.join(kind.file_name()), &tokens, manifest.vocabulary)?;
         let words = Index::find(&dir.join(kind.file_name()), &manifest, &clips, &tokens)?;
-        Ok(Corpus { dir, manifest, hash, clips, tokens, words, tokenizer })
+        let sound = manifest.sound.as_ref();
+        let sound = sound.map(|record| Stored::open_checked(&dir.join(SOUND), record, help)).transpose()?;
+        Ok(Corpus { dir, manifest, hash, clips, tokens, words, sound, tokenizer })
     }
 
     /// The folder.
@@ -121,6 +127,18 @@ impl Corpus {
     /// The tokens of all clips.
     pub fn tokens(&self) -> &Tokens {
         &self.tokens
+    }
+
+    /// What is known of the music of a clip of this corpus.
+    ///
+    /// # Errors
+    /// A file of music that was cut while it was in use.
+    pub fn sound<'a>(&'a self, clip: &'a ClipRecord) -> Result<Sound<'a>> {
+        let mut rows = Rows { fps: self.manifest.fps, ..Rows::default() };
+        if let (Some(sound), Some(of)) = (&self.sound, clip.sound) {
+            rows.numbers = sound.read(of.first * CHANNELS..(of.first + of.rows) * CHANNELS)?;
+        }
+        Ok(Sound { beats_s: clip.beats_s(), rows })
     }
 
     /// Where the words of a clip of this corpus stand.
@@ -274,7 +292,18 @@ fn parse_clips(path: &Path, text: &[u8]) -> Result<Vec<ClipRecord>> {
 /// Whether the clips lie one after the other and sum to what the manifest counts.
 fn check_clips(path: &Path, manifest: &Manifest, clips: &[ClipRecord]) -> Result<()> {
     let mut next = 0_usize;
+    let sound = manifest.sound.as_ref().map_or(0, |file| file.bytes / (CHANNELS * size_of::<f32>()) as u64);
     for clip in clips {
+        let rows = clip.sound.map_or(Some(0), |of| of.first.checked_add(of.rows));
+        if rows.is_none_or(|rows| rows as u64 > sound) {
+            let found = format!("clip {} with music up to row {}", clip.name, rows.unwrap_or(usize::MAX));
+            return Err(Error::file(
+                path,
+                found,
+                format!("at most {sound}, those of {SOUND}"),
+                "make the corpus again",
+            ));
+        }
         if clip.offset != next {
             let found = format!("clip {} at token {}", clip.name, clip.offset);
             return Err(Error::file(path, found, format!("token {next}"), "make the corpus again"));

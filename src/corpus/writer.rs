@@ -1,12 +1,13 @@
 //! Writing the token store: whole or not at all.
 
 use super::record::{
-    ClipBeats, ClipRecord, Count, Failure, FileRecord, LeftOut, Manifest, Shard, SourceRecord, Split, TokenType,
-    VERSION, hex,
+    ClipBeats, ClipRecord, ClipSound, Count, Failure, FileRecord, LeftOut, Manifest, SOUND, Shard, SourceRecord, Split,
+    TokenType, VERSION, hex,
 };
 use super::store::{CLIPS, Coding, MANIFEST, TOKENIZER};
 use crate::files::Hidden;
 use crate::{Error, Result};
+use kinelm_music::feature::CHANNELS;
 use kinelm_tokenizer::{SPACE, Tokenizer};
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, HashSet};
@@ -30,6 +31,8 @@ pub struct NewClip {
     pub second_codes: usize,
     pub floor_m: Option<f64>,
     pub beats: Option<ClipBeats>,
+    /// (N, 35) what its music sounds like, at each frame; empty: it has none.
+    pub sound: Vec<f32>,
 }
 
 /// Writes a corpus into a hidden folder beside its place and moves it there when it is whole. Dropped before
@@ -40,6 +43,8 @@ pub struct CorpusWriter {
     force: bool,
     tokens: HashingFile,
     clips: HashingFile,
+    /// Begun with the first clip that has music.
+    sound: Option<HashingFile>,
     token_type: TokenType,
     manifest: Manifest,
     sources: Vec<Sha256>,
@@ -72,6 +77,7 @@ impl CorpusWriter {
         Ok(CorpusWriter {
             tokens: HashingFile::create(work.path().join(token_type.file_name()))?,
             clips: HashingFile::create(work.path().join(CLIPS))?,
+            sound: None,
             manifest: Manifest {
                 version: VERSION,
                 tokenizer: coding.tokenizer,
@@ -82,6 +88,7 @@ impl CorpusWriter {
                 token_type,
                 tokens: empty.clone(),
                 clips: empty,
+                sound: None,
                 count: Count::default(),
                 splits: Split::ALL.into_iter().map(|s| (s, Count::default())).collect(),
                 sources: sources.iter().map(source).collect(),
@@ -107,8 +114,22 @@ impl CorpusWriter {
     pub fn push(&mut self, clip: NewClip, ids: &[u32]) -> Result<()> {
         self.check(&clip, ids)?;
         self.tokens.write(&self.token_type.to_bytes(ids))?;
-        let NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m, beats } =
-            clip;
+        let sound = self.push_sound(&clip.sound)?;
+        let NewClip {
+            name,
+            labels,
+            split,
+            take,
+            key,
+            source,
+            sha256,
+            frames,
+            clipped,
+            second_codes,
+            floor_m,
+            beats,
+            ..
+        } = clip;
         self.sources[source].update(format!("{name} {sha256}\n"));
         self.manifest.sources[source].clips += 1;
         self.manifest.count.add(frames);
@@ -132,9 +153,26 @@ impl CorpusWriter {
             second_codes,
             floor_m,
             beats,
+            sound,
         };
         let line = serde_json::to_string(&record).expect("a record of strings and integers is JSON");
         self.clips.write(format!("{line}\n").as_bytes())
+    }
+
+    /// Appends the rows (N, 35) of a clip's music.
+    fn push_sound(&mut self, numbers: &[f32]) -> Result<Option<ClipSound>> {
+        if numbers.is_empty() {
+            return Ok(None);
+        }
+        if self.sound.is_none() {
+            self.sound = Some(HashingFile::create(self.work.path().join(SOUND))?);
+        }
+        let row = CHANNELS * size_of::<f32>();
+        self.sound.as_mut().map_or(Ok(None), |file| {
+            let first = (file.bytes / row as u64) as usize;
+            file.write(&numbers.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>())?;
+            Ok(Some(ClipSound { first, rows: numbers.len() / CHANNELS }))
+        })
     }
 
     fn check(&self, clip: &NewClip, ids: &[u32]) -> Result<()> {
@@ -164,6 +202,9 @@ impl CorpusWriter {
         if clip.source >= self.sources.len() {
             return fail(format!("source {}; the corpus lists {}", clip.source, self.sources.len()));
         }
+        if !clip.sound.len().is_multiple_of(CHANNELS) {
+            return fail(format!("{} numbers of its music; expected {CHANNELS} a row", clip.sound.len()));
+        }
         Ok(())
     }
 
@@ -184,6 +225,7 @@ impl CorpusWriter {
     pub fn finish(mut self) -> Result<Manifest> {
         self.manifest.tokens = self.tokens.finish()?;
         self.manifest.clips = self.clips.finish()?;
+        self.manifest.sound = self.sound.as_mut().map(HashingFile::finish).transpose()?;
         for (record, hash) in self.manifest.sources.iter_mut().zip(&self.sources) {
             record.sha256 = hex(hash.clone());
         }
@@ -199,7 +241,7 @@ impl CorpusWriter {
 }
 
 /// What the folder may hold of a corpus, what tells of the others first.
-pub const LAYOUT: [&str; 5] = [MANIFEST, CLIPS, TOKENIZER, "tokens.u16", "tokens.u32"];
+pub const LAYOUT: [&str; 6] = [MANIFEST, CLIPS, TOKENIZER, "tokens.u16", "tokens.u32", SOUND];
 
 /// Files are replaced in a corpus alone, and without `force` only by the same: of another tokenizer they can't be.
 fn check_place(dir: &Path, tokenizer: &Tokenizer, force: bool) -> Result<()> {

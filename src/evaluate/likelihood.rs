@@ -159,7 +159,7 @@ fn batch_nats(
         target[before + window.scored.end..].fill(pad);
     }
     let mut nats = vec![0.0; targets.len()];
-    let told = heard(model.config(), corpus, clips, windows, (length, conditions));
+    let told = heard(model.config(), corpus, clips, windows, (length, conditions))?;
     model.nats_told((&inputs, &targets), length, told.as_ref(), &mut nats)?;
     Ok(nats)
 }
@@ -172,18 +172,17 @@ fn heard(
     clips: &[&ClipRecord],
     windows: &[&EvalWindow],
     (length, conditions): (usize, &Conditions),
-) -> Option<Told> {
-    if config.music.is_none() || conditions.are_hidden() {
-        return None;
-    }
-    let (manifest, word) = (corpus.manifest(), corpus.manifest().tokens_per_word?);
+) -> Result<Option<Told>> {
+    let (manifest, is_told) = (corpus.manifest(), !config.music.is_none() && !conditions.are_hidden());
+    let Some(word) = manifest.tokens_per_word.filter(|_| is_told) else { return Ok(None) };
     let frames = (length + 1 - conditions.len()) / word;
     let of_window = |window: &&EvalWindow| {
         let first = window.start / word;
         let times = (first..first + frames).map(|frame| frame as f64 / manifest.fps);
-        music::told(config.music, clips[window.clip].beats_s(), times)
+        Ok(music::told(config, &corpus.sound(clips[window.clip])?, times, 1.0))
     };
-    Some(Told { music: windows.iter().flat_map(of_window).collect(), ..Told::default() })
+    let all: Vec<Vec<f32>> = windows.iter().map(of_window).collect::<Result<_>>()?;
+    Ok(Some(Told { music: all.concat(), ..Told::default() }))
 }
 
 #[cfg(test)]
@@ -309,7 +308,7 @@ mod tests {
                 let targets = &ids[first * word..last * word];
                 let inputs = [&[1], &targets[..targets.len() - 1]].concat();
                 let times = (first..last).map(|frame| frame as f64 / 20.0);
-                let music = music::told(Music::Beats, clips[0].beats_s(), times);
+                let music = music::told(&config, &corpus.sound(clips[0]).unwrap(), times, 1.0);
                 let told = Told { music, ..Told::default() };
                 let mut found = vec![0.0; inputs.len()];
                 let windows = (&inputs[..], targets);

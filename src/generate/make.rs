@@ -14,6 +14,7 @@ use super::rest::{self, RestJoints};
 use super::{Danced, GUESSES, Plan, dances, reader, variation_seed};
 use crate::model::ahead::{Ahead, Course};
 use crate::model::checkpoint::Checkpoints;
+use crate::model::music::Sound;
 use crate::model::{LoadedRun, Which, load_run, music};
 use crate::{Error, Result};
 use kinelm_motion::feet::Locked;
@@ -247,7 +248,8 @@ impl Ready {
         let Some(music) = &self.music else { return Vec::new() };
         let (fps, lead_in) = (self.tokenizer.fps(), self.recipe.lead_in as f64);
         let times = (0..words).map(|word| (word as f64 - lead_in) / fps);
-        music::told(self.run.config.music, &music.beats_s(), times)
+        let beats_s = music.beats_s();
+        music::told(&self.run.config, &Sound { beats_s: &beats_s, rows: music.rows() }, times, 1.0)
     }
 
     /// The prompt that is edited, and how.

@@ -3,9 +3,10 @@
 use super::recipe::MusicRecipe;
 use crate::corpus::load::hash_file;
 use crate::model::LoadedRun;
+use crate::model::music::features::Rows;
 use crate::music::find::in_dance;
+use crate::music::piece::Piece;
 use crate::{Error, Result};
-use kinelm_music::beat::{self, Beats};
 
 /// How far music is followed where nobody says: as it is learned, it is followed little (docs/results/music.md).
 pub const GUIDANCE: f64 = 3.0;
@@ -15,7 +16,7 @@ pub struct Music {
     recipe: MusicRecipe,
     /// SHA-256 of its file.
     pub sha256: String,
-    beats: Beats,
+    piece: Piece,
 }
 
 impl Music {
@@ -31,15 +32,19 @@ impl Music {
                 recipe.path.display()
             )));
         }
-        let music =
-            Music { recipe: recipe.clone(), sha256: hash_file(&recipe.path)?, beats: beat::beats(&recipe.path)? };
+        let sha256 = hash_file(&recipe.path)?;
+        let piece = match run.config.music.has_features() {
+            true => Piece::hear(&recipe.path, run.load_tokenizer()?.fps())?,
+            false => Piece::beats_of(&recipe.path)?,
+        };
+        let music = Music { recipe: recipe.clone(), sha256, piece };
         music.check(0.0)?;
         Ok(music)
     }
 
     /// Seconds of it from the dance's beginning on.
     pub fn seconds(&self) -> f64 {
-        self.beats.seconds - self.recipe.from_s
+        self.piece.beats.seconds - self.recipe.from_s
     }
 
     /// Refuses a dance of so many seconds that it can't be danced to.
@@ -47,16 +52,21 @@ impl Music {
     /// # Errors
     /// Those of [`in_dance`].
     pub fn check(&self, seconds: f64) -> Result<()> {
-        in_dance(&self.recipe.path, &self.beats, (self.recipe.from_s, seconds)).map(|_| ())
+        in_dance(&self.recipe.path, &self.piece.beats, (self.recipe.from_s, seconds)).map(|_| ())
     }
 
     /// Its beats, seconds from the dance's beginning, those before it among them.
     pub fn beats_s(&self) -> Vec<f64> {
-        self.beats.times_s.iter().map(|beat| beat - self.recipe.from_s).collect()
+        self.piece.beats.times_s.iter().map(|beat| beat - self.recipe.from_s).collect()
+    }
+
+    /// What it sounds like, by the dance's time.
+    pub fn rows(&self) -> Rows<'_> {
+        self.piece.rows(self.recipe.from_s)
     }
 
     /// Its beats a minute.
     pub fn bpm(&self) -> Option<f64> {
-        self.beats.bpm()
+        self.piece.beats.bpm()
     }
 }

@@ -490,7 +490,7 @@ mod heard {
     use super::*;
     use crate::corpus::samples;
     use crate::model::fast::{Fast, Windows};
-    use crate::model::music::{Music, told};
+    use crate::model::music::{Music, Sound, told};
     use crate::model::{Architecture, Gpt, ModelConfig, TokenLayout, ahead, forms};
     use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 
@@ -513,7 +513,9 @@ mod heard {
     }
 
     fn beats(words: usize) -> Vec<f32> {
-        told(Music::Beats, &[0.05, 0.3, 0.5], (0..words).map(|word| word as f64 / 20.0))
+        let config = ModelConfig { music: Music::Beats, ..ModelConfig::default() };
+        let sound = Sound { beats_s: &[0.05, 0.3, 0.5], ..Sound::default() };
+        told(&config, &sound, (0..words).map(|word| word as f64 / 20.0), 1.0)
     }
 
     fn drawn(gpt: &Gpt, plan: &Plan) -> Vec<u32> {

@@ -104,6 +104,7 @@ impl ModelConfig {
                 ("decoder", self.decoder.is_some()),
                 ("ahead", self.ahead),
                 ("music", !self.music.is_none()),
+                ("music_scale", self.music_scale.is_some()),
             ];
             return match keys.into_iter().find(|(_, given)| *given) {
                 Some((key, _)) => refuse(format!("model.{key} goes with model.architecture = \"two_level\" alone")),

@@ -2,6 +2,7 @@
 
 use super::architecture::{Architecture, DecoderConfig};
 use super::music::Music;
+use super::music::features::Scale;
 use crate::{Error, Result};
 use kinelm_tokenizer::{PlaceIds, SPACE, Special, Tokenizer};
 use serde::{Deserialize, Serialize};
@@ -49,6 +50,9 @@ pub struct ModelConfig {
     /// What a two-level model is told of the music that is danced to, see [`super::music`]. Default `none`.
     #[serde(skip_serializing_if = "Music::is_none")]
     pub music: Music,
+    /// What the features of music are standardised by. No training file says it: a new run takes it of its training clips.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub music_scale: Option<Scale>,
     /// n: rows of a two-level model's trunk behind a window's last frame, for a classifier to read, see [`super::frames`]. No
     /// file says it: a classifier knows what it tells.
     #[serde(skip)]
@@ -108,6 +112,7 @@ impl Default for ModelConfig {
             decoder: None,
             ahead: false,
             music: Music::None,
+            music_scale: None,
             classes: 0,
         }
     }
@@ -144,6 +149,7 @@ impl ModelConfig {
             )));
         }
         self.validate_architecture()?;
+        self.music_scale.as_ref().map_or(Ok(()), Scale::validate)?;
         match self.kind {
             Kind::Causal => Ok(()),
             Kind::Masked => self.refuse_frame_before("model.kind is masked, and the frame before may be masked too"),

@@ -71,7 +71,7 @@ pub fn every(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
     };
     let told = ModelConfig { ahead: true, ..levels.clone() };
     let danced = ModelConfig { music: Music::Beats, ..levels.clone() };
-    let both = ModelConfig { music: Music::Beats, ..told.clone() };
+    let both = ModelConfig { music: Music::Both, ..told.clone() };
     let two = [
         (levels.clone(), alone.clone()),
         (levels, placed()),

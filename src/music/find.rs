@@ -1,8 +1,9 @@
 //! Which music belongs to a clip of a folder of dances, and where its beats are in the clip.
 
+use super::piece::Piece;
 use crate::corpus::gather::Item;
 use crate::{Error, Result};
-use kinelm_music::beat::{Beats, beats};
+use kinelm_music::beat::Beats;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -19,16 +20,25 @@ const SLACK_S: f64 = 0.5;
 pub struct Heard {
     /// Per clip, by its name.
     of: BTreeMap<String, PathBuf>,
-    beats: BTreeMap<PathBuf, std::result::Result<Beats, String>>,
+    pieces: BTreeMap<PathBuf, std::result::Result<Piece, String>>,
+}
+
+/// The music of a clip, as the clip has it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OfClip {
+    /// Beats, seconds from its first frame; some may lie before it and behind its last.
+    pub beats_s: Vec<f64>,
+    /// (N, 35) What it sounds like at each frame and for a second more, as far as the music goes; empty at rates without features.
+    pub sound: Vec<f32>,
 }
 
 impl Heard {
-    /// Finds and hears the music of `items` in `folder`: the file that the label `music` names, else one of the clip's own
-    /// name, there or beside the motion.
+    /// Finds and hears the music of `items` in `folder`, for clips of `fps` frames a second: the file that the label `music`
+    /// names, else one of the clip's own name, there or beside the motion.
     ///
     /// # Errors
     /// A folder, or a file that a label names, that isn't there.
-    pub fn of(items: &[&Item], folder: &Path) -> Result<Heard> {
+    pub fn of(items: &[&Item], folder: &Path, fps: f64) -> Result<Heard> {
         if !folder.is_dir() {
             return Err(Error::file(folder, "no folder", "one that holds music", "see docs/music.md"));
         }
@@ -41,8 +51,9 @@ impl Heard {
         let mut files: Vec<&PathBuf> = of.values().collect();
         files.sort();
         files.dedup();
-        let beats = files.into_par_iter().map(|path| (path.clone(), beats(path).map_err(|e| e.to_string()))).collect();
-        Ok(Heard { of, beats })
+        let hear = |path: &PathBuf| (path.clone(), Piece::hear_if_possible(path, fps).map_err(|e| e.to_string()));
+        let pieces = files.into_par_iter().map(hear).collect();
+        Ok(Heard { of, pieces })
     }
 
     /// Clips that have music.
@@ -50,19 +61,21 @@ impl Heard {
         self.of.len()
     }
 
-    /// Beats of a clip of so many frames at `fps`, or of a piece of one, whose own first frame is at the music's time
-    /// `Item::music_from_s`; `None`: it has no music.
+    /// The music of a clip of so many frames at `fps`, or of a piece of one, whose own first frame is at the music's time
+    /// `Item::music_from_s`; `None`: it has none.
     ///
     /// # Errors
     /// Music that can't be read, has no beats, ends before the clip, or isn't there yet when it begins.
-    pub fn beats_s(&self, item: &Item, (frames, fps): (usize, f64)) -> Result<Option<Vec<f64>>> {
+    pub fn of_clip(&self, item: &Item, (frames, fps): (usize, f64)) -> Result<Option<OfClip>> {
         let Some(path) = self.of.get(&item.name) else { return Ok(None) };
-        let beats = self.beats[path].as_ref().map_err(|why| Error::Call(format!("{}: its music: {why}", item.name)))?;
-        let first = item.piece.map_or(0, |piece| piece.first(fps));
+        let piece =
+            self.pieces[path].as_ref().map_err(|why| Error::Call(format!("{}: its music: {why}", item.name)))?;
+        let first = item.piece.map_or(0, |cut| cut.first(fps));
         let from_s = item.music_from_s.unwrap_or(0.0) + first as f64 / fps;
         let seconds = frames as f64 / fps;
         let what = |e| Error::Call(format!("{}: {e}", item.name));
-        in_dance(path, beats, (from_s, seconds)).map(Some).map_err(what)
+        let beats_s = in_dance(path, &piece.beats, (from_s, seconds)).map_err(what)?;
+        Ok(Some(OfClip { beats_s, sound: piece.rows_of(from_s, frames) }))
     }
 }
 
@@ -140,8 +153,8 @@ mod tests {
         let path = PathBuf::from("song.wav");
         let pieces: Vec<Item> = in_pieces(&[item]).into_iter().filter(|i| i.piece.is_some()).collect();
         let of = pieces.iter().map(|piece| (piece.name.clone(), path.clone())).collect();
-        let heard = Heard { of, beats: BTreeMap::from([(path, Ok(beats()))]) };
-        let found = |i: usize, frames: usize| heard.beats_s(&pieces[i], (frames, 20.0)).unwrap().unwrap()[0];
+        let heard = Heard { of, pieces: BTreeMap::from([(path, Ok(Piece { beats: beats(), features: None }))]) };
+        let found = |i: usize, frames: usize| heard.of_clip(&pieces[i], (frames, 20.0)).unwrap().unwrap().beats_s[0];
         assert_eq!((pieces.len(), found(0, 10), found(1, 30)), (2, 0.25, -0.25));
         assert!(pieces.iter().all(|piece| piece.clip_name() == "a/b"));
         assert_eq!(Item { name: "c@d".into(), ..Item::default() }.clip_name(), "c@d");

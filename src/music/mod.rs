@@ -5,4 +5,5 @@ pub mod dance;
 pub mod find;
 pub mod own;
 pub mod picture;
+pub mod piece;
 pub mod report;

@@ -179,7 +179,7 @@ impl<'a> Batches<'a> {
             context: run.model.context,
             augment: Augment::new(&run.augment, data.tokenizer(), run.train.seed)?,
             gaps: Gaps::new(run.train.gaps, data.tokenizer(), run.train.seed)?,
-            heard: Heard::new(run.model.music, run.train.seed, (batches.room / batches.word, data.tokenizer().fps())),
+            heard: Heard::new(&run.model, run.train.seed, (batches.room / batches.word, data.tokenizer().fps())),
             ..batches
         })
     }
@@ -232,7 +232,8 @@ impl<'a> Batches<'a> {
             Some(Changed { ids, first, factor }) => (ids, first, factor),
             None => (corpus.ids(record, wide.start..wide.start + wide.tokens)?, stand.word as f64, 1.0),
         };
-        let heard = self.heard.map_or_else(Vec::new, |heard| heard.told(record, window, (first, factor)));
+        let of_music = |heard: &Heard| heard.told((corpus, record), window, (first, factor));
+        let heard = self.heard.as_ref().map_or(Ok(Vec::new()), of_music)?;
         let front = self.front(record, window);
         let (pad, dropped) = (Special::Pad.id(), augment.map_or_else(Vec::new, |a| a.dropped(window)));
         let shown = ids.len().min(stand.tokens);

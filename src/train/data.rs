@@ -3,6 +3,7 @@
 use crate::corpus::conditions::{Conditions, with_labels};
 use crate::corpus::{ClipRecord, Corpus, Split, eval_windows};
 use crate::evaluate::likelihood::{Likelihood, likelihood, room};
+use crate::model::music::features::{Scale, Scaling};
 use crate::model::{Scores, TokenLayout};
 use crate::{Error, Result};
 use kinelm_tokenizer::Tokenizer;
@@ -159,6 +160,21 @@ impl Data {
     /// Whether some training clip has music.
     pub fn has_music(&self) -> bool {
         self.parts.iter().any(|p| p.corpus.split(Split::Train).any(|c| c.beats.is_some()))
+    }
+
+    /// Mean and deviation of what the music of the training clips sounds like, over all corpora as often as they come; `None`:
+    /// no clip has any.
+    ///
+    /// # Errors
+    /// A corpus that can't be read any more.
+    pub fn music_scale(&self) -> Result<Option<Scale>> {
+        let mut scaling = Scaling::default();
+        for part in &self.parts {
+            for clip in part.corpus.split(Split::Train) {
+                scaling.add(&part.corpus.sound(clip)?.rows.numbers, part.weight);
+            }
+        }
+        Ok(scaling.scale())
     }
 
     /// Whether some clip of a split has a frame.

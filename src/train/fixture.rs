@@ -7,6 +7,7 @@ use crate::model::{LoadedRun, ModelConfig, TokenLayout, Which, load_run};
 use crate::random;
 use crate::train::{CorpusPart, PretrainOptions, Silent, TrainConfig, TrainFile, pretrain};
 use kinelm_motion::{Clip, synth};
+use kinelm_music::feature::CHANNELS;
 use kinelm_tokenizer::{RootRotation, Tokenizer, TokenizerConfig};
 use rand_chacha::rand_core::RngCore;
 use std::path::Path;
@@ -75,7 +76,7 @@ pub fn turning(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
     danced(&dir.join("turning"), TokenizerConfig { root_rotation: RootRotation::HeadingDelta, ..config }, clips)
 }
 
-/// The same with the beats of the dances; every third has no music.
+/// The same with the beats of the dances, and a sound; every third has no music.
 pub fn heard(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
     let config = TokenizerConfig::uniform(&[0, 4], 20.0, 20);
     let has_music = |clip: usize| clip % 3 != 2;
@@ -97,6 +98,10 @@ fn made(path: &Path, config: TokenizerConfig, clips: &[(usize, Split)], has_musi
         let mut new = clip(&format!("clip{key}"), key, split, frames);
         let times_s = all[key].beats_s.clone();
         new.beats = has_music(key).then_some(ClipBeats { of: BeatsOf::Music, times_s });
+        if has_music(key) {
+            let rows = (0..frames + 20).flat_map(|row| (0..CHANNELS).map(move |c| row * (c + 1) % 17));
+            new.sound = rows.map(|x| x as f32).collect();
+        }
         writer.push(new, &tokenizer.ids_of_words(&words).unwrap()).unwrap();
     }
     writer.finish().unwrap();

@@ -1,17 +1,18 @@
 //! What training windows are told of the music of their clips: [`crate::model::music`].
 
 use super::batches::WindowId;
-use crate::corpus::ClipRecord;
-use crate::model::music::{Music, told};
-use crate::random;
+use crate::corpus::{ClipRecord, Corpus};
+use crate::model::ModelConfig;
+use crate::model::music::told;
+use crate::{Result, random};
 
 /// Share of the windows in which music is hidden, so that the model serves without it too.
 const HIDDEN: f64 = 0.1;
 
 /// What tells windows of music.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Heard {
-    music: Music,
+    model: ModelConfig,
     seed: u64,
     /// Of windows.
     frames: usize,
@@ -20,19 +21,27 @@ pub struct Heard {
 
 impl Heard {
     /// For windows of so many frames at `fps`; `None` where nothing is told.
-    pub fn new(music: Music, seed: u64, (frames, fps): (usize, f64)) -> Option<Heard> {
-        (!music.is_none()).then_some(Heard { music, seed, frames, fps })
+    pub fn new(model: &ModelConfig, seed: u64, (frames, fps): (usize, f64)) -> Option<Heard> {
+        (!model.music.is_none()).then(|| Heard { model: model.clone(), seed, frames, fps })
     }
 
     /// (F, M) What a window is told whose first frame stands at the clip's frame `first`, and of which a frame is `factor` of
     /// the clip's. All 0 where the clip has no music, and where it is hidden.
-    pub fn told(&self, clip: &ClipRecord, window: WindowId, (first, factor): (f64, f64)) -> Vec<f32> {
+    ///
+    /// # Errors
+    /// A corpus that can't be read any more.
+    pub fn told(
+        &self,
+        (corpus, clip): (&Corpus, &ClipRecord),
+        window: WindowId,
+        (first, factor): (f64, f64),
+    ) -> Result<Vec<f32>> {
         let mut rng = random::stream(self.seed, "music", window.round, window.number as u64);
-        let is_hidden = random::unit(&mut rng) < HIDDEN;
-        let beats_s = if is_hidden { &[] } else { clip.beats_s() };
-        // beats as the window has them: `factor` times as fast
-        let beats_s: Vec<f64> = beats_s.iter().map(|beat| (beat - first / self.fps) / factor).collect();
-        told(self.music, &beats_s, (0..self.frames).map(|frame| frame as f64 / self.fps))
+        if random::unit(&mut rng) < HIDDEN {
+            return Ok(vec![0.0; self.frames * self.model.music.numbers()]);
+        }
+        let times = (0..self.frames).map(|frame| (first + factor * frame as f64) / self.fps);
+        Ok(told(&self.model, &corpus.sound(clip)?, times, factor))
     }
 }
 
@@ -40,8 +49,9 @@ impl Heard {
 mod tests {
     use super::*;
     use crate::corpus::Split;
-    use crate::corpus::record::{BeatsOf, ClipBeats};
-    use crate::model::{Architecture, ModelConfig};
+    use crate::model::Architecture;
+    use crate::model::music::features::Rows;
+    use crate::model::music::{Music, Sound};
     use crate::train::augment::AugmentConfig;
     use crate::train::batches::{Batch, Batches};
     use crate::train::run::RunFile;
@@ -73,50 +83,62 @@ mod tests {
         let clips = [(150, Split::Train), (140, Split::Train), (120, Split::Train), (30, Split::Valid)];
         let data = Data::one(fixture::heard(dir.path(), &clips)).unwrap();
         let augment = AugmentConfig { mirror: 0.5, ..Default::default() };
-        let (without, with) = (batch(&data, Music::None, augment), batch(&data, Music::Beats, augment));
-        assert_eq!((&without.inputs, &without.targets, &without.clips), (&with.inputs, &with.targets, &with.clips));
+        let without = batch(&data, Music::None, augment);
         assert_eq!(without.told, None);
-        let told_windows = with.told.clone().unwrap();
-        assert!(told_windows.numbers.is_empty() && told_windows.rows[0].is_empty());
-        let of_window = told_windows.music.len() / 200;
-        assert_eq!(of_window, WINDOW * Music::Beats.numbers());
-        let (mut hidden, mut heard) = (0, 0);
-        for (name, numbers) in with.clips.iter().zip(told_windows.music.chunks(of_window)) {
-            let (clip, first) = name.split_once(" from frame ").unwrap();
-            let clip = data.parts()[0].corpus.clips().iter().find(|c| c.name == clip).unwrap();
-            let first: f64 = first.parse().unwrap();
-            let beats = clip.beats_s();
-            let whole = told(Music::Beats, beats, (0..WINDOW).map(|frame| (first + frame as f64) / 20.0));
-            if numbers.iter().all(|x| *x == 0.0) {
-                hidden += usize::from(!beats.is_empty());
-            } else {
-                heard += 1;
-                assert!(numbers.iter().zip(&whole).all(|(a, b)| (a - b).abs() < 1e-4), "{name}");
+        for music in [Music::Beats, Music::Features, Music::Both] {
+            let with = batch(&data, music, augment);
+            assert_eq!((&without.inputs, &without.targets, &without.clips), (&with.inputs, &with.targets, &with.clips));
+            let model = RunFile::new(&model(music), &TrainConfig::default(), &data).unwrap().model;
+            assert_eq!(model.music_scale.is_some(), music.has_features());
+            let told_windows = with.told.clone().unwrap();
+            assert!(told_windows.numbers.is_empty() && told_windows.rows[0].is_empty());
+            let of_window = told_windows.music.len() / 200;
+            assert_eq!(of_window, WINDOW * music.numbers());
+            let (mut hidden, mut heard) = (0, 0);
+            for (name, numbers) in with.clips.iter().zip(told_windows.music.chunks(of_window)) {
+                let (clip, first) = name.split_once(" from frame ").unwrap();
+                let corpus = &data.parts()[0].corpus;
+                let clip = corpus.clips().iter().find(|c| c.name == clip).unwrap();
+                let first: f64 = first.parse().unwrap();
+                let times = (0..WINDOW).map(|frame| (first + frame as f64) / 20.0);
+                let whole = told(&model, &corpus.sound(clip).unwrap(), times, 1.0);
+                if numbers.iter().all(|x| *x == 0.0) {
+                    hidden += usize::from(clip.beats.is_some());
+                } else {
+                    heard += 1;
+                    assert!(numbers.iter().zip(&whole).all(|(a, b)| (a - b).abs() < 1e-4), "{name}");
+                }
             }
+            assert!((5..25).contains(&hidden) && heard > 100, "{hidden} hidden, {heard} heard");
+            let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+            assert_eq!(one.install(|| batch(&data, music, augment)), with);
         }
-        assert!((5..25).contains(&hidden) && heard > 100, "{hidden} hidden, {heard} heard");
-        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        assert_eq!(one.install(|| batch(&data, Music::Beats, augment)), with);
     }
 
     #[test]
-    fn faster_windows_have_faster_beats() {
-        let beats_s: Vec<f64> = (0..40).map(|i| 0.2 + 0.5 * f64::from(i)).collect();
-        let clip = ClipRecord { beats: Some(ClipBeats { of: BeatsOf::Music, times_s: beats_s.clone() }), ..record() };
-        let heard = Heard::new(Music::Beats, 1, (8, 20.0)).unwrap();
+    fn faster_windows_have_faster_music() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::heard(dir.path(), &[(150, Split::Train)])).unwrap();
+        let (corpus, config) = (&data.parts()[0].corpus, model(Music::Both));
+        let config = RunFile::new(&config, &TrainConfig::default(), &data).unwrap().model;
+        let heard = Heard::new(&config, 1, (8, 20.0)).unwrap();
         let window = (0..).map(|number| WindowId { round: 0, number });
         let shown = |at: (f64, f64)| {
-            let mut windows = window.clone().map(|window| heard.told(&clip, window, at));
+            let mut windows =
+                window.clone().map(|window| heard.told((corpus, &corpus.clips()[0]), window, at).unwrap());
             windows.find(|numbers| numbers.iter().any(|x| *x != 0.0)).unwrap()
         };
         let found = shown((30.5, 1.25));
         // frame i stands at the clip's frame 30.5 + 1.25 i, and what is ahead comes sooner
-        let faster: Vec<f64> = beats_s.iter().map(|beat| (beat - 30.5 / 20.0) / 1.25).collect();
-        assert_eq!(found, told(Music::Beats, &faster, (0..8).map(|frame| f64::from(frame) / 20.0)));
-        let phase = |numbers: &[f32]| f64::from(numbers[2]).atan2(numbers[1].into()) / std::f64::consts::TAU;
-        let at = 2.0 * ((30.5 + 3.0 * 1.25) / 20.0 - 0.2);
-        let frame = &found[3 * Music::Beats.numbers()..];
-        assert!((phase(frame) - at + (at - phase(frame)).round()).abs() < 1e-6, "{} {at}", phase(frame));
+        let sound = corpus.sound(&corpus.clips()[0]).unwrap();
+        let faster: Vec<f64> = sound.beats_s.iter().map(|beat| (beat - 30.5 / 20.0) / 1.25).collect();
+        let (fps, from_s) = (20.0 * 1.25, -30.5 / 20.0 / 1.25);
+        let rows = Rows { fps, from_s, numbers: sound.rows.numbers.clone() };
+        let faster = Sound { beats_s: &faster, rows };
+        let expected = told(&config, &faster, (0..8).map(|frame| f64::from(frame) / 20.0), 1.0);
+        assert!(found.len() == expected.len() && found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-4));
+        let slow = shown((30.5, 1.0));
+        assert!(found.iter().zip(&slow).any(|(a, b)| (a - b).abs() > 0.1));
     }
 
     #[test]
@@ -142,14 +164,10 @@ mod tests {
     fn a_model_that_hears_asks_for_music() {
         let dir = tempfile::tempdir().unwrap();
         let data = Data::one(fixture::turning(dir.path(), &[(50, Split::Train)])).unwrap();
-        let said = RunFile::new(&model(Music::Beats), &TrainConfig::default(), &data).unwrap_err().to_string();
-        assert!(said.contains("no training clip of the corpora has any; kinelm tokenize --music"), "{said}");
-    }
-
-    fn record() -> ClipRecord {
-        serde_json::from_str(
-            r#"{"name":"a","offset":0,"tokens":0,"frames":0,"labels":{},"split":"train","take":"a","key":0,"source":0,"sha256":""}"#,
-        )
-        .unwrap()
+        let said = |music| RunFile::new(&model(music), &TrainConfig::default(), &data).unwrap_err().to_string();
+        let beats = said(Music::Beats);
+        assert!(beats.contains("asks for music, and no training clip of the corpora has any; kinelm tokenize --music"));
+        assert!(said(Music::Both).contains("asks for music, and no"));
+        assert!(said(Music::Features).contains("asks for what music sounds like, and no"));
     }
 }

@@ -90,10 +90,7 @@ impl RunFile {
         if model.ahead {
             Ahead::of(data.tokenizer())?;
         }
-        if !model.music.is_none() && !data.has_music() {
-            let what = "and no training clip of the corpora has any; kinelm tokenize --music FOLDER keeps its beats";
-            return Err(Error::Call(format!("model.music asks for music, {what}")));
-        }
+        let model = told_music(model, data)?;
         Ok(RunFile {
             version: VERSION,
             kinelm: env!("CARGO_PKG_VERSION").into(),
@@ -227,6 +224,26 @@ impl RunFile {
 #[derive(Deserialize)]
 struct Versioned {
     version: u32,
+}
+
+/// A model that is told music its training clips have; what is told of its sound standardised by them, or as the weights that it
+/// begins with have learned it.
+fn told_music(model: ModelConfig, data: &Data) -> Result<ModelConfig> {
+    let none = |what: &str| {
+        let help = "and no training clip of the corpora has any; kinelm tokenize --music FOLDER keeps it";
+        Err(Error::Call(format!("model.music asks for {what}, {help}")))
+    };
+    if model.music.has_beats() && !data.has_music() {
+        return none("music");
+    }
+    if !model.music.has_features() {
+        return Ok(ModelConfig { music_scale: None, ..model });
+    }
+    let of_data = data.music_scale()?;
+    match of_data {
+        Some(_) => Ok(ModelConfig { music_scale: model.music_scale.or(of_data), ..model }),
+        None => none("what music sounds like"),
+    }
 }
 
 /// Version 1 knew one corpus.

@@ -102,13 +102,15 @@ impl Octave {
         let hz = |i: usize| lowest_hz * 2f64.powf(number as f64 + i as f64 / BINS_PER_OCTAVE as f64);
         let step = 2f64.powf(2.0 / BINS_PER_OCTAVE as f64);
         let q = (step + 1.0) / (step - 1.0);
-        let size = ((q * rate_here / hz(0)).ceil() as usize).next_power_of_two();
+        let hop = hop >> down;
+        // at low rates the longest window is shorter than a hop
+        let size = ((q * rate_here / hz(0)).ceil() as usize).max(hop).next_power_of_two();
         let weight = |i: usize| (q * rate / hz(i)).sqrt();
         let kernels = (0..BINS_PER_OCTAVE)
             .map(|i| Kernel::new(hz(i) / rate_here, q * rate_here / hz(i), size, weight(i)))
             .collect();
         let spectrum = Spectrum::new(vec![1.0; size]);
-        Octave { first: number * BINS_PER_OCTAVE, frames: Frames::new(size, hop >> down), spectrum, kernels, frame: 0 }
+        Octave { first: number * BINS_PER_OCTAVE, frames: Frames::new(size, hop), spectrum, kernels, frame: 0 }
     }
 
     fn push(&mut self, samples: &[f32], bins: Bins) -> Result<()> {

@@ -242,3 +242,32 @@ impl Second {
         Ok(Features { fps, numbers, beats })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn there_are_features_at_the_lowest_rate_the_highest_and_the_models_own() {
+        for fps in [17.0, 20.0, 24.0, 30.0, 60.0, 240.0] {
+            let rate = rate_of(fps).unwrap();
+            let beat = |i: u32| (i % (rate / 2)) as f32 / rate as f32;
+            let sound: Vec<f32> = (0..4 * rate)
+                .map(|i| (-30.0 * beat(i)).exp() * (1.0 + (i as f32 * 880.0 / rate as f32).sin()))
+                .collect();
+            let found = features_of(&sound, fps).unwrap();
+            assert_eq!(found.frames(), 1 + (4.0 * fps) as usize, "{fps}");
+            assert!(found.numbers.iter().all(|x| x.is_finite()));
+            let strength = |f: usize| found.numbers[f * CHANNELS + STRENGTH];
+            let peaks = (0..found.frames()).filter(|f| found.numbers[f * CHANNELS + PEAK] == 1.0).count();
+            assert!((5..=9).contains(&peaks), "{fps}: {peaks} peaks");
+            // loudest where it begins anew, half a window late at most
+            let best = (1..found.frames() / 2).max_by(|a, b| strength(*a).total_cmp(&strength(*b))).unwrap();
+            let off = (best as f64 / fps) % 0.5;
+            assert!(off.min(0.5 - off) <= 1.0 / fps + 0.5 * WINDOW as f64 / f64::from(rate), "{fps}: {best}");
+        }
+        for fps in [16.9, 240.1, 29.97] {
+            assert!(rate_of(fps).is_err(), "{fps}");
+        }
+    }
+}

@@ -70,6 +70,27 @@ fn nothing_of_the_users_is_written_over_and_what_is_wrong_is_said() {
 }
 
 #[test]
+fn a_piece_is_rendered_at_its_tempo_and_heard() {
+    let dir = tempfile::tempdir().unwrap();
+    let call = |words: &str| kinelm(dir.path()).args(words.split_whitespace()).assert();
+    let words = "music render --bpm 104 --seconds 20 --style disco --out a.wav";
+    call(words).success().stderr(predicate::str::contains("a.wav: disco, 35 beats, 104 a minute"));
+    let before = fs::read(dir.path().join("a.wav")).unwrap();
+    call(words).success();
+    assert!(fs::read(dir.path().join("a.wav")).unwrap() == before);
+    call("music beats a.wav").success().stdout(predicate::str::contains("# made by kinelm: beats of a.wav"));
+    let heard = kinelm_music::beat::beats(&dir.path().join("a.wav")).unwrap().bpm().unwrap();
+    assert!((heard - 104.0).abs() < 1.0, "{heard}");
+    call("music render --seed 2 --out a.wav").code(2).stderr(predicate::str::contains("a.wav is there already"));
+    call("music render --bpm 5 --out b.wav").code(2).stderr(predicate::str::contains("expected 20 to 400 beats"));
+    call("music render --style polka --out b.wav")
+        .code(2)
+        .stderr(predicate::str::contains("pop, march, lounge, disco"));
+    call("music render --out b.mp3").code(2).stderr(predicate::str::contains("expected a name ending in .wav"));
+    call("music render --seconds 9999 --out b.wav").code(1).stderr(predicate::str::contains("expected 0 to 3600"));
+}
+
+#[test]
 fn a_page_has_its_music() {
     let dir = tempfile::tempdir().unwrap();
     song(dir.path());
@@ -97,6 +118,21 @@ const CONFIG: &str = "[model]\narchitecture = \"two_level\"\nlayers = 1\nheads =
                       music = \"beats\"\n[model.decoder]\nlayers = 1\nheads = 2\nwidth = 16\ncharacter_width = 4\n\
                       [train]\nbatch = 2\nsteps = 8\nwarmup = 1\nlearning_rate = 3e-3\neval_every = 4\n\
                       checkpoint_every = 4\ntable_rate = 3.0\n";
+
+const FLAT: &str = r#"
+[model]
+layers = 1
+heads = 2
+width = 16
+context = 128
+
+[train]
+batch = 2
+steps = 3
+conditions = ["tempo"]
+eval_every = 0
+checkpoint_every = 0
+"#;
 
 /// Dances with music of their names in a folder, a corpus that has heard it, and a run.
 fn heard(dir: &Path) {
@@ -169,6 +205,11 @@ fn a_model_hears_dances_as_long_as_the_music_and_again() {
     // the page plays it, and the beats are those that it was made to
     said("view a.bvh --out page.html", 0, "song.wav: 45 beats, sounds for 2.5 s of the dance");
     assert!(fs::read_to_string(dir.join("page.html")).unwrap().contains("data:audio/wav;base64,"));
+    said(
+        "evaluate dance a.bvh --real corpus --music song.wav --music song.wav",
+        2,
+        "--music names 2 files for 1 dances; give one for all, or one for each",
+    );
     for beats in ["", " --music song.wav --music-from 25.5s"] {
         let call = format!("evaluate dance a.bvh --real corpus{beats}");
         let text = kinelm(dir).args(call.split_whitespace()).assert().success();
@@ -194,7 +235,8 @@ fn a_model_hears_dances_as_long_as_the_music_and_again() {
     fs::write(dir.join("deaf.toml"), CONFIG.replace("music = \"beats\"\n", "")).unwrap();
     said("pretrain --config c.toml --corpus deaf --run no", 1, "no training clip of the corpora has any");
     said("pretrain --config deaf.toml --corpus deaf --run deaf-run", 0, "");
-    let refused = "this model hears no music (model.music); train one on a corpus of kinelm tokenize --music";
+    let refused =
+        "this model hears no music (model.music) and knows no tempo (train.conditions); train one on a corpus";
     said("generate --run deaf-run --music song.wav --out d.bvh", 2, refused);
     // which can be added, and not taken away
     said("finetune --from deaf-run --config c.toml --corpus corpus --run fine --steps 2", 0, "");
@@ -219,6 +261,58 @@ fn a_model_hears_dances_as_long_as_the_music_and_again() {
         1,
         "1: music `named.wav`: no such file",
     );
+    drop(song);
+}
+
+#[test]
+fn a_model_is_told_what_music_sounds_like_and_a_flat_one_its_tempo() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    heard(dir);
+    let song = song(dir);
+    let said = |words: &str, code: i32, what: &str| {
+        let text = predicate::str::contains(what);
+        kinelm(dir).args(words.split_whitespace()).assert().code(code).stderr(text);
+    };
+    let bytes = |file: &str| fs::read(dir.join(file)).unwrap();
+    // a row a frame and for a second more, as far as the music goes
+    let corpus = kinelm::corpus::Corpus::open(dir.join("corpus")).unwrap();
+    let rows: Vec<usize> = corpus.clips().iter().map(|clip| clip.sound.map_or(0, |sound| sound.rows)).collect();
+    assert!(rows[2] == 0 && [0, 1, 3].iter().all(|i| rows[*i] >= corpus.clips()[*i].frames), "{rows:?}");
+    assert_eq!(bytes("corpus/music.f32").len(), 140 * rows.iter().sum::<usize>());
+    let tempi: Vec<_> = corpus.clips().iter().map(|clip| clip.labels.get("tempo").map(String::as_str)).collect();
+    assert_eq!(tempi, [Some("090"), Some("120"), None, Some("110")]);
+    fs::write(dir.join("both.toml"), CONFIG.replace("\"beats\"", "\"both\"")).unwrap();
+    said("pretrain --config both.toml --corpus deaf --run no", 1, "no training clip of the corpora has any");
+    said("pretrain --config both.toml --corpus corpus --run both", 0, "");
+    assert!(String::from_utf8(bytes("both/config.toml")).unwrap().contains("[model.music_scale]"));
+    said("generate --run both --music song.wav --seconds 2 --out b.bvh", 0, "100.");
+    let before = bytes("b.bvh");
+    fs::remove_file(dir.join("b.bvh")).unwrap();
+    said("generate --again b.bvh.kinelm.json", 0, "");
+    assert!(bytes("b.bvh") == before);
+    said("evaluate likelihood --run both --corpus corpus --split valid", 0, "");
+    // a model that hears beats learns the rest with what it was standardised by when that began
+    said("finetune --from both --config both.toml --corpus corpus --run fine --steps 2", 0, "");
+    let scale = |run: &str| {
+        let text = String::from_utf8(bytes(&format!("{run}/config.toml"))).unwrap();
+        text.split("[model.music_scale]").nth(1).unwrap().split("\n[").next().unwrap().to_owned()
+    };
+    assert_eq!(scale("fine"), scale("both"));
+    // tempo, which a flat model can be told
+    fs::write(dir.join("flat.toml"), FLAT).unwrap();
+    said("pretrain --config flat.toml --corpus corpus --run flat", 0, "");
+    said("generate --run flat --music song.wav --seconds 2 --out f.bvh", 0, "told as tempo=090");
+    said("generate --run flat --music song.wav --seconds 2 --label tempo=120 --out g.bvh", 0, "told as tempo=120");
+    said(
+        "generate --run flat --music song.wav --seconds 2 --label tempo=95 --out h.bvh",
+        2,
+        "this model knows the tempo 090, 120",
+    );
+    let before = bytes("f.bvh");
+    fs::remove_file(dir.join("f.bvh")).unwrap();
+    said("generate --again f.bvh.kinelm.json", 0, "");
+    assert!(bytes("f.bvh") == before && bytes("g.bvh") != before);
     drop(song);
 }
 

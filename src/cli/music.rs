@@ -3,7 +3,8 @@
 use super::{ForceArgs, Say, chain, each_file, print};
 use anyhow::{Error, Result};
 use kinelm::music::{beats, picture, report};
-use kinelm_music::{beat, feature};
+use kinelm_music::synth::{Score, Style, render};
+use kinelm_music::{beat, feature, wav};
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Subcommand)]
@@ -12,6 +13,8 @@ pub enum Command {
     Inspect(InspectArgs),
     /// The beats of a music file, a time in seconds a line
     Beats(BeatsArgs),
+    /// A piece at a tempo of your own, played by a small band: to try what a model makes of it
+    Render(RenderArgs),
 }
 
 #[derive(Debug, clap::Args)]
@@ -46,6 +49,40 @@ pub struct BeatsArgs {
     force: ForceArgs,
 }
 
+#[derive(Debug, clap::Args)]
+pub struct RenderArgs {
+    /// Beats a minute
+    #[arg(long, default_value_t = 110.0, value_parser = bpm)]
+    bpm: f64,
+    /// How long it is
+    #[arg(long, default_value_t = 30.0, value_parser = super::read::positive)]
+    seconds: f64,
+    /// Its style
+    #[arg(long, default_value = "pop", value_parser = style)]
+    style: Style,
+    /// Chooses key, chords and accents
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Where it goes (.wav)
+    #[arg(long, value_name = "FILE.wav")]
+    out: PathBuf,
+    #[command(flatten)]
+    force: ForceArgs,
+}
+
+/// A tempo that can be danced to.
+fn bpm(text: &str) -> std::result::Result<f64, String> {
+    let found = text.parse().ok().filter(|bpm| (20.0..=400.0).contains(bpm));
+    found.ok_or_else(|| format!("found `{text}`, expected 20 to 400 beats a minute"))
+}
+
+fn style(text: &str) -> std::result::Result<Style, String> {
+    let names = || Style::ALL.map(|style| style.name());
+    Style::ALL.into_iter().find(|style| style.name() == text).ok_or_else(|| format!("expected {}", names().join(", ")))
+}
+
+/// When the first beat of a piece is, seconds.
+const FIRST_S: f64 = 0.3;
 /// Frames per second of what is drawn.
 const PICTURE_FPS: f64 = 60.0;
 
@@ -56,6 +93,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
             None => inspect(&args, say),
         },
         Command::Beats(args) => beats_of(&args, say),
+        Command::Render(args) => play(&args, say),
     }
 }
 
@@ -87,6 +125,23 @@ fn draw(args: &InspectArgs, out: &Path, say: Say) -> Result<()> {
         .map_err(|e| Error::new(e).context(file.display().to_string()))?;
     super::draw_charts(out, &charts, &outputs)?;
     say.line(format_args!("{}: {} heard, {} beats", out.display(), file.display(), features.beats.times_s.len()));
+    Ok(())
+}
+
+fn play(args: &RenderArgs, say: Say) -> Result<()> {
+    if super::extension(&args.out) != "wav" {
+        return Err(super::WrongCall(format!("{}: expected a name ending in .wav", args.out.display())).into());
+    }
+    let outputs = args.force.outputs(Vec::<PathBuf>::new());
+    outputs.check([&*args.out])?;
+    // the first beat stands where a tracker, and a dancer, can hear it coming
+    let beats_s = (0..).map(|i| FIRST_S + 60.0 / args.bpm * f64::from(i)).take_while(|beat| *beat < args.seconds);
+    let score =
+        Score { style: args.style, beats_s: beats_s.collect(), downbeat: 0, seconds: args.seconds, seed: args.seed };
+    let sound = render(&score, beat::RATE).map_err(kinelm::Error::from)?;
+    outputs.write(&args.out, &wav::bytes(&sound, beat::RATE))?;
+    let (style, beats) = (args.style.name(), kinelm::counted(score.beats_s.len(), "beats"));
+    say.line(format_args!("{}: {style}, {beats}, {} a minute", args.out.display(), args.bpm));
     Ok(())
 }
 

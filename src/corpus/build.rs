@@ -8,12 +8,12 @@ use super::load::{Loaded, Wanted, load_item};
 use super::record::{BeatsOf, ClipBeats, Failure, LeftOut, Manifest, Shard, Split};
 use super::timed::in_pieces;
 use super::writer::{CorpusWriter, NewClip};
-use crate::music::find::Heard;
-use crate::music::own;
+use crate::music::find::{Heard, OfClip};
+use crate::music::{own, tempo};
 use crate::{Error, Result, counted};
 use kinelm_motion::Kind;
 use kinelm_motion::format::ReadOptions;
-use kinelm_tokenizer::{Fit, Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{Encoded, Fit, Tokenizer, TokenizerConfig};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -158,18 +158,27 @@ pub fn tokenize(
     let fps = tokenizer.fps();
     let heard = options.music.as_ref().map(|folder| Heard::of(&items, folder, fps)).transpose()?;
     let work = |item: &Item, loaded: &Loaded| {
-        let (encoded, frames) = (tokenizer.encode(&loaded.clip)?, loaded.clip.frames());
-        let length = (frames, loaded.clip.fps());
+        let (encoded, length) = (tokenizer.encode(&loaded.clip)?, (loaded.clip.frames(), loaded.clip.fps()));
         let of_music = heard.as_ref().map_or(Ok(None), |heard| heard.of_clip(item, length))?;
-        let (of_music, sound) = of_music.map_or((None, Vec::new()), |music| (Some(music.beats_s), music.sound));
         let own = options.own_beats && of_music.is_none();
-        let of_motion = if own { own::beats_s(&loaded.clip, loaded.floor_m.map(|_| 0.0))? } else { None };
-        let of = |of| move |times_s| ClipBeats { of, times_s };
-        let beats = of_music.map(of(BeatsOf::Music)).or(of_motion.map(of(BeatsOf::Motion)));
-        Ok((tokenizer.ids_of_words(&encoded.words)?, frames, loaded.floor_m, encoded, beats, sound))
+        let own = if own { own::beats_s(&loaded.clip, loaded.floor_m.map(|_| 0.0))? } else { None };
+        let (of, OfClip { beats_s, sound, tempo }) = match of_music {
+            Some(music) => (Some(BeatsOf::Music), music),
+            None => (own.as_ref().map(|_| BeatsOf::Motion), own.map(OfClip::steps).unwrap_or_default()),
+        };
+        let beats = of.map(|of| ClipBeats { of, times_s: beats_s });
+        Ok(Coded {
+            ids: tokenizer.ids_of_words(&encoded.words)?,
+            encoded,
+            frames: length.0,
+            floor_m: loaded.floor_m,
+            beats,
+            sound,
+            tempo,
+        })
     };
-    let summary = each(&items, options, tokenizer.config().into(), watch, work, |item, sha256, made, summary| {
-        let (ids, frames, floor_m, encoded, beats, sound) = made;
+    let summary = each(&items, options, tokenizer.config().into(), watch, work, |item, sha256, coded, summary| {
+        let Coded { ids, encoded, frames, floor_m, beats, sound, tempo } = coded;
         match beats.as_ref().map(|beats: &ClipBeats| beats.of) {
             Some(BeatsOf::Music) => summary.with_music += 1,
             Some(BeatsOf::Motion) => summary.with_own_beats += 1,
@@ -179,8 +188,11 @@ pub fn tokenize(
         summary.clipped += clipped;
         summary.second_codes += second_codes;
         summary.padded += encoded.padded as usize;
-        let Item { name, labels, split, take, key, source, .. } = item.clone();
-        let coded = NewClip {
+        let Item { name, mut labels, split, take, key, source, .. } = item.clone();
+        if let Some(tempo) = tempo {
+            labels.entry(tempo::FIELD.into()).or_insert(tempo);
+        }
+        let clip = NewClip {
             name,
             labels,
             split,
@@ -195,13 +207,24 @@ pub fn tokenize(
             beats,
             sound,
         };
-        writer.push(coded, &ids)?;
+        writer.push(clip, &ids)?;
         Ok(frames)
     })?;
     check(&summary, options, items.len())?;
     summary.failed.iter().for_each(|f| writer.fail(f.clone()));
     writer.left_out(&options.left_out);
     Ok((writer.finish()?, summary))
+}
+
+/// A clip in words, and what is known of its music.
+struct Coded {
+    ids: Vec<u32>,
+    encoded: Encoded,
+    frames: usize,
+    floor_m: Option<f64>,
+    beats: Option<ClipBeats>,
+    sound: Vec<f32>,
+    tempo: Option<String>,
 }
 
 /// Whether what was found is enough.

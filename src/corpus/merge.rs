@@ -110,12 +110,18 @@ mod tests {
     use super::*;
     use crate::corpus::Split;
     use crate::corpus::samples::{clip, tokenizer, words};
+    use kinelm_music::feature::CHANNELS;
 
     fn shard(dir: &Path, index: usize, of: usize, keys: &[usize], source: &str) -> PathBuf {
         let out = dir.join(format!("{source}{index}-{of}"));
         let s = Some(Shard { index, of });
         let mut w = CorpusWriter::create(&out, &tokenizer(), &[source.to_string()], s, false).unwrap();
-        keys.iter().for_each(|k| w.push(clip(&format!("c{k}"), *k, Split::Train, k + 1), &words(k + 1)).unwrap());
+        for k in keys {
+            // every clip but the first has as many rows of music as frames
+            let sound = vec![*k as f32; if *k == 0 { 0 } else { CHANNELS * (k + 1) }];
+            let new = NewClip { sound, ..clip(&format!("c{k}"), *k, Split::Train, k + 1) };
+            w.push(new, &words(k + 1)).unwrap();
+        }
         w.finish().unwrap();
         out
     }
@@ -131,6 +137,10 @@ mod tests {
         let corpus = Corpus::open(&out).unwrap();
         assert_eq!(corpus.clips().iter().map(|c| c.key).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
         assert_eq!(corpus.clip_ids(&corpus.clips()[3]).unwrap(), words(4));
+        for (k, clip) in corpus.clips().iter().enumerate() {
+            let rows = corpus.sound(clip).unwrap().rows.numbers.into_owned();
+            assert!(rows.len() == if k == 0 { 0 } else { CHANNELS * (k + 1) } && rows.iter().all(|x| *x == k as f32));
+        }
     }
 
     #[test]

@@ -348,6 +348,8 @@ mod tests {
         let none = |name: &str, key| clip(name, key, Split::Train, 0);
         assert!(says(w.push(none("a", 4), &[])).contains("stands once"));
         assert!(says(w.push(none("b", 3), &[])).contains("keys ascend"));
+        let odd = NewClip { sound: vec![0.0; 36], ..none("b", 4) };
+        assert!(says(w.push(odd, &[])).contains("36 numbers of its music; expected 35 a row"));
         let far = NewClip { source: 1, ..none("b", 4) };
         assert!(says(w.push(far, &[])).contains("source 1"));
     }

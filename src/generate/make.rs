@@ -16,6 +16,7 @@ use crate::model::ahead::{Ahead, Course};
 use crate::model::checkpoint::Checkpoints;
 use crate::model::music::Sound;
 use crate::model::{LoadedRun, Which, load_run, music};
+use crate::music::tempo;
 use crate::{Error, Result};
 use kinelm_motion::feet::Locked;
 use kinelm_motion::format::{self, Format, bvh::Changed};
@@ -114,6 +115,12 @@ impl Ready {
         let tokenizer = run.load_tokenizer()?;
         check_ahead(recipe.ahead, &run)?;
         let music = recipe.music.as_ref().map(|music| Music::hear(music, &run)).transpose()?;
+        let conditions = run.load_conditions()?;
+        let is_told =
+            recipe.labels.keys().chain(recipe.timed_labels.iter().map(|l| &l.field)).any(|f| f == tempo::FIELD);
+        if let Some(tempo) = music.as_ref().filter(|_| !is_told).and_then(|music| music.tempo(&conditions)) {
+            recipe.labels.insert(tempo::FIELD.into(), tempo);
+        }
         let without = without(&recipe, &run)?;
         if run.label_dropout == Some(0.0) && (without.is_some() || recipe.labels.len() < run.conditions.len()) {
             let what = "labels were never hidden in training (train.label_dropout = 0): without some, or with guidance, the model \
@@ -138,7 +145,7 @@ impl Ready {
         let of_edit = prompt.as_ref().and_then(|p| p.edit.as_ref()).map(|edited| edited.frames);
         let fps = tokenizer.fps();
         let scale = Scale { frames: of_edit.unwrap_or(frames), fps, left_out: 0, model_fps: Some(fps) };
-        let fronts = labels::fronts(&run.load_conditions()?, &recipe.labels, &recipe.timed_labels, scale)?;
+        let fronts = labels::fronts(&conditions, &recipe.labels, &recipe.timed_labels, scale)?;
         let from = recipe.prompt.as_ref().and_then(|p| p.from_frame);
         if let Some(from) = from.filter(|from| *from >= frames) {
             let what =

@@ -1,11 +1,13 @@
 //! The music of a dance that is to be made.
 
 use super::recipe::MusicRecipe;
+use crate::corpus::Conditions;
 use crate::corpus::load::hash_file;
 use crate::model::LoadedRun;
 use crate::model::music::features::Rows;
 use crate::music::find::in_dance;
 use crate::music::piece::Piece;
+use crate::music::tempo;
 use crate::{Error, Result};
 
 /// How far music is followed where nobody says: as it is learned, it is followed little (docs/results/music.md).
@@ -23,12 +25,12 @@ impl Music {
     /// Hears what a recipe names, for a model.
     ///
     /// # Errors
-    /// A model that isn't told of music; music that can't be read, is silent, or ends before the dance begins.
+    /// A model that is told neither music nor its tempo; music that can't be read, is silent, or ends before the dance begins.
     pub fn hear(recipe: &MusicRecipe, run: &LoadedRun) -> Result<Music> {
-        if run.config.music.is_none() {
+        if run.config.music.is_none() && !run.conditions.iter().any(|field| field == tempo::FIELD) {
             return Err(Error::Call(format!(
-                "--music {}: this model hears no music (model.music); train one on a corpus of kinelm tokenize --music, or \
-                 have kinelm finetune add it",
+                "--music {}: this model hears no music (model.music) and knows no tempo (train.conditions); train one on a \
+                 corpus of kinelm tokenize --music, or have kinelm finetune add it",
                 recipe.path.display()
             )));
         }
@@ -63,6 +65,11 @@ impl Music {
     /// What it sounds like, by the dance's time.
     pub fn rows(&self) -> Rows<'_> {
         self.piece.rows(self.recipe.from_s)
+    }
+
+    /// Its tempo as a label for a model that is told of it: the nearest that it knows.
+    pub fn tempo(&self, conditions: &Conditions) -> Option<String> {
+        tempo::nearest(&conditions.values(tempo::FIELD), self.bpm()?)
     }
 
     /// Its beats a minute.

@@ -1,6 +1,7 @@
 //! Which music belongs to a clip of a folder of dances, and where its beats are in the clip.
 
 use super::piece::Piece;
+use super::tempo;
 use crate::corpus::gather::Item;
 use crate::{Error, Result};
 use kinelm_music::beat::Beats;
@@ -24,12 +25,21 @@ pub struct Heard {
 }
 
 /// The music of a clip, as the clip has it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct OfClip {
     /// Beats, seconds from its first frame; some may lie before it and behind its last.
     pub beats_s: Vec<f64>,
     /// (N, 35) What it sounds like at each frame and for a second more, as far as the music goes; empty at rates without features.
     pub sound: Vec<f32>,
+    /// Its tempo as a label ([`super::tempo`]).
+    pub tempo: Option<String>,
+}
+
+impl OfClip {
+    /// Without music: the beats of its own steps.
+    pub fn steps(beats_s: Vec<f64>) -> OfClip {
+        OfClip { beats_s, ..OfClip::default() }
+    }
 }
 
 impl Heard {
@@ -75,7 +85,8 @@ impl Heard {
         let seconds = frames as f64 / fps;
         let what = |e| Error::Call(format!("{}: {e}", item.name));
         let beats_s = in_dance(path, &piece.beats, (from_s, seconds)).map_err(what)?;
-        Ok(Some(OfClip { beats_s, sound: piece.rows_of(from_s, frames) }))
+        let tempo = tempo::label(&beats_s, seconds);
+        Ok(Some(OfClip { beats_s, sound: piece.rows_of(from_s, frames), tempo }))
     }
 }
 

@@ -7,3 +7,4 @@ pub mod own;
 pub mod picture;
 pub mod piece;
 pub mod report;
+pub mod tempo;

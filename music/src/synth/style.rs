@@ -131,6 +131,16 @@ impl Style {
     /// All of them.
     pub const ALL: [Style; 4] = [Style::Pop, Style::March, Style::Lounge, Style::Disco];
 
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Style::Pop => "pop",
+            Style::March => "march",
+            Style::Lounge => "lounge",
+            Style::Disco => "disco",
+        }
+    }
+
     /// The notes of a bar.
     pub(super) fn pattern(self) -> &'static [Hit] {
         match self {

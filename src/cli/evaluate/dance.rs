@@ -47,9 +47,9 @@ pub struct Args {
     /// each dance was made to
     #[arg(long, value_name = "FILE", conflicts_with = "music")]
     beats: Option<PathBuf>,
-    /// How the dances keep to the beats of this music
+    /// How the dances keep to the beats of this music; given several times: one for each dance, in their order
     #[arg(long, value_name = "FILE")]
-    music: Option<PathBuf>,
+    music: Vec<PathBuf>,
     /// The time of the music, or of the beats, when the dances begin, such as 12.5s
     #[arg(long, value_name = "SECONDS", default_value = "0s", value_parser = crate::cli::view::seconds_with_unit)]
     music_from: f64,
@@ -84,18 +84,18 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let mut given: Option<Vec<bool>> = None;
     let mut best = BTreeMap::<usize, usize>::new();
     let mut pieces = BTreeMap::new();
-    let beats = beats(args)?;
+    let beats = beats(args, &mut pieces)?;
     let mut music_s = Vec::new();
     let mut asked = Vec::new();
     let mut joints_given = Vec::new();
-    for ((path, dance), told) in args.dances.iter().zip(&dances).zip(told) {
+    for (i, ((path, dance), told)) in args.dances.iter().zip(&dances).zip(told).enumerate() {
         told.iter().filter_map(|told| told.best).for_each(|of| *best.entry(of.of).or_default() += 1);
         music_s.push(match (&beats, &told) {
             (None, Some(told)) => own_music(told, &mut pieces).unwrap_or_else(|e| {
                 say.line(format_args!("{}: not held to its music: {e}; --music says where it is", path.display()));
                 None
             }),
-            (beats, _) => beats.clone(),
+            (beats, _) => beats.as_ref().map(|beats| beats[i % beats.len()].clone()),
         });
         asked.push(match &args.fidelity {
             Some(field) => asked_label(&corpus, field, path, told.as_ref())?,
@@ -163,24 +163,31 @@ pub fn corpus(real: &Path) -> Result<Corpus> {
     Ok(Corpus::open(real)?)
 }
 
-/// The beats that all dances are held to, if the call names any, seconds from their first frame.
-fn beats(args: &Args) -> Result<Option<Vec<f64>>> {
-    match (&args.beats, &args.music) {
-        (Some(path), _) => {
-            let text = input::text(path).map_err(kinelm::Error::io(path))?;
-            let beats = kinelm::music::beats::parse(path, &text)?;
-            if beats.len() < 2 {
-                let what = format!("--beats {}: {} beats; expected two or more", path.display(), beats.len());
-                return Err(WrongCall(what).into());
-            }
-            Ok(Some(beats.iter().map(|beat| beat - args.music_from).collect()))
+/// The beats that the dances are held to, if the call names any, seconds from their first frame: one for all, or one for each.
+/// Pieces are heard once.
+fn beats(args: &Args, pieces: &mut BTreeMap<PathBuf, Beats>) -> Result<Option<Vec<Vec<f64>>>> {
+    if let Some(path) = &args.beats {
+        let text = input::text(path).map_err(kinelm::Error::io(path))?;
+        let beats = kinelm::music::beats::parse(path, &text)?;
+        if beats.len() < 2 {
+            let what = format!("--beats {}: {} beats; expected two or more", path.display(), beats.len());
+            return Err(WrongCall(what).into());
         }
-        (None, Some(path)) => {
-            let heard = kinelm_music::beat::beats(path).map_err(kinelm::Error::from)?;
-            Ok(Some(in_dance(path, &heard, (args.music_from, 0.0))?))
-        }
-        (None, None) => Ok(None),
+        return Ok(Some(vec![beats.iter().map(|beat| beat - args.music_from).collect()]));
     }
+    let (music, dances) = (args.music.len(), args.dances.len());
+    if music > 1 && music != dances {
+        let what = format!("--music names {music} files for {dances} dances; give one for all, or one for each");
+        return Err(WrongCall(what).into());
+    }
+    let heard = |path: &PathBuf| -> Result<Vec<f64>> {
+        if !pieces.contains_key(path) {
+            pieces.insert(path.clone(), kinelm_music::beat::beats(path).map_err(kinelm::Error::from)?);
+        }
+        Ok(in_dance(path, &pieces[path], (args.music_from, 0.0))?)
+    };
+    let all: Vec<Vec<f64>> = args.music.iter().map(heard).collect::<Result<_>>()?;
+    Ok(Some(all).filter(|all| !all.is_empty()))
 }
 
 /// The beats of the music that a dance was made to, if it was: of pieces that are heard already, or now.

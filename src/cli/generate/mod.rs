@@ -18,6 +18,7 @@ use kinelm::generate::provenance::{self, Provenance};
 use kinelm::generate::recipe::{Computing, MusicRecipe, PromptRecipe, Recipe, Rig};
 use kinelm::generate::rest::RestJoints;
 use kinelm::model::Which;
+use kinelm::music::tempo;
 use kinelm::output::Outputs;
 use kinelm_motion::format::RestFrame;
 use kinelm_tokenizer::Words;
@@ -47,8 +48,8 @@ pub struct Args {
     /// don't meet (genre=salsa@0s:10s)
     #[arg(long = "label", value_name = "FIELD=VALUE[@FROM:TO]")]
     labels: Vec<TimedLabel>,
-    /// Music to dance to (.mp3 .ogg .flac .wav .m4a), for a model that was told of music (model.music). The dance is as long as
-    /// the music unless told
+    /// Music to dance to (.mp3 .ogg .flac .wav .m4a), for a model that was told of music (model.music) or of its tempo
+    /// (conditions = ["tempo"]). The dance is as long as the music unless told
     #[arg(long, value_name = "FILE")]
     music: Option<PathBuf>,
     /// The music's time when the dance begins, such as 12.5s; 0 if not given
@@ -183,7 +184,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let mut ready = load(recipe, Which::Auto, say)?;
     if let Some((music, recipe)) = ready.music.as_ref().zip(ready.recipe.music.as_ref()) {
         let (path, bpm) = (recipe.path.display(), music.bpm().unwrap_or_default());
-        say.line(format_args!("{path}: {bpm:.1} beats a minute"));
+        let told = ready.recipe.labels.get(tempo::FIELD).map(|tempo| format!(", told as tempo={tempo}"));
+        say.line(format_args!("{path}: {bpm:.1} beats a minute{}", told.unwrap_or_default()));
     }
     ready.stand_with_prompt();
     ready.lead_in_from_nothing();

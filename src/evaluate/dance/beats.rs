@@ -17,6 +17,8 @@ use std::fmt;
 const LEGS: [usize; 4] = [4, 5, 7, 8];
 /// Parts of a beat that are tried, in hundredths.
 const LAGS: std::ops::Range<i32> = -50..50;
+/// Where other music is begun, seconds.
+const ELSEWHERE_S: f64 = 7.3;
 /// How near to the beat, half or double of it, the peak of a speed counts as its tempo.
 const SAME: f64 = 0.05;
 
@@ -190,7 +192,8 @@ pub fn of_corpus(corpus: &Corpus, joints: &[usize]) -> Result<(Vec<Kept>, f64)> 
     Ok((all.iter().filter_map(|(name, pairs)| Kept::of(name, pairs, lag)).collect(), lag))
 }
 
-/// Dances against the beats of their music, together and one by one; those without are left out.
+/// Dances against the beats of their music, together, against other music, half a beat off, and one by one; those without music
+/// are left out.
 ///
 /// # Errors
 /// Those of resampling.
@@ -198,7 +201,33 @@ pub fn of_dances(dances: &[Dance], music_s: &[Option<Vec<f64>>], joints: &[usize
     let with: Vec<_> = dances.iter().zip(music_s).filter_map(|(d, music)| Some((d, music.as_ref()?))).collect();
     let all = with.par_iter().map(|(d, music)| Pair::new(&d.clip, joints, music)).collect::<Result<Vec<Pair>>>()?;
     let each = with.iter().zip(&all).filter_map(|((d, _), pair)| Kept::of(&d.name, std::slice::from_ref(pair), lag));
-    Ok(Kept::of("dances", &all, lag).into_iter().chain(each).collect())
+    Ok(Kept::of("dances", &all, lag).into_iter().chain(doubted("the same", &all, lag)).chain(each).collect())
+}
+
+/// What says whether it is their own music that dances keep to: the same dances against that of the next one that has other
+/// music, begun elsewhere, and half a beat off. Nothing where all have the same.
+pub fn doubted(name: &str, all: &[Pair], lag: f64) -> Vec<Kept> {
+    let other = |i: usize| -> Option<Pair> {
+        let next = all[i + 1..].iter().chain(&all[..i]).find(|next| next.music_s != all[i].music_s)?;
+        Some(all[i].against(moved(&next.music_s, all[i].seconds)))
+    };
+    let Some(others) = (0..all.len()).map(other).collect::<Option<Vec<Pair>>>() else { return Vec::new() };
+    let off = |pair: &Pair| pair.against(pair.music_s.windows(2).map(|beats| 0.5 * (beats[0] + beats[1])).collect());
+    let off: Vec<Pair> = all.iter().map(off).collect();
+    let rows = [
+        Kept::of(&format!("{name} against other music"), &others, lag),
+        Kept::of(&format!("{name}, half a beat off"), &off, lag),
+    ];
+    rows.into_iter().flatten().collect()
+}
+
+/// The beats of so many seconds of a piece that is begun elsewhere and comes round: pieces often begin alike.
+fn moved(beats_s: &[f64], seconds: f64) -> Vec<f64> {
+    let inside = beats_s.iter().filter(|beat| (0.0..seconds).contains(*beat));
+    let mut moved: Vec<f64> = inside.map(|beat| (beat + ELSEWHERE_S) % seconds).collect();
+    moved.sort_by(f64::total_cmp);
+    moved.dedup();
+    moved
 }
 
 #[cfg(test)]
@@ -217,11 +246,12 @@ mod tests {
         assert!((0.05..0.3).contains(&lag), "{lag}");
         let of = |pairs: &[Pair]| Kept::of("all", pairs, lag).unwrap();
         let right = of(&pairs);
-        let other: Vec<Pair> =
-            pairs.iter().zip(dances[1..].iter().chain(&dances)).map(|(p, d)| p.against(d.beats_s.clone())).collect();
-        let other = of(&other);
+        let [other, off] = doubted("the same", &pairs, lag).try_into().unwrap();
         let z = |kept: &Kept| kept.legs.z.unwrap()[0];
-        assert!(z(&right) > 5.0 && z(&other) < 2.0, "{right:?} {other:?}");
+        assert!(z(&right) > 5.0 && z(&other) < 2.0 && z(&off) < 2.0, "{right:?} {other:?} {off:?}");
+        assert_eq!([&other.name, &off.name], ["the same against other music", "the same, half a beat off"]);
+        let alike: Vec<Pair> = pairs.iter().map(|pair| pair.against(dances[0].beats_s.clone())).collect();
+        assert!(doubted("the same", &alike, lag).is_empty());
         assert!(right.in_tempo > other.in_tempo && right.dances == 16, "{right:?} {other:?}");
     }
 

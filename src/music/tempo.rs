@@ -1,0 +1,51 @@
+//! Tempo as a label: `<tempo:NNN>`, beats a minute in steps of five.
+
+use kinelm_music::beat::Beats;
+
+/// The label's field.
+pub const FIELD: &str = "tempo";
+/// Beats a minute from a value to the next.
+const STEP: f64 = 5.0;
+
+/// The value of so many beats a minute: three digits.
+fn value(bpm: f64) -> String {
+    format!("{:03}", STEP * (bpm / STEP).round())
+}
+
+/// The tempo of a clip of so many seconds, among beats by its time, as a label; `None`: fewer than two lie in it.
+pub fn label(beats_s: &[f64], seconds: f64) -> Option<String> {
+    let times_s = beats_s.iter().copied().filter(|time| (0.0..=seconds).contains(time)).collect();
+    Beats { times_s, seconds }.bpm().map(value)
+}
+
+/// The value among those that a model knows that is nearest to so many beats a minute; the slower of two.
+pub fn nearest(known: &[&str], bpm: f64) -> Option<String> {
+    let told = known.iter().filter_map(|value| Some((value, value.parse::<f64>().ok().filter(|x| x.is_finite())?)));
+    let nearest = told.min_by(|(_, a), (_, b)| (a - bpm).abs().total_cmp(&(b - bpm).abs()).then(a.total_cmp(b)));
+    nearest.map(|(value, _)| (*value).to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clip_has_the_tempo_of_its_own_time_in_steps_of_five() {
+        // 120 a minute up to 10 s, then 80
+        let beats: Vec<f64> =
+            (-4..20).map(|i| 0.5 * f64::from(i)).chain((0..20).map(|i| 10.0 + 0.75 * f64::from(i))).collect();
+        assert_eq!(label(&beats, 9.0).as_deref(), Some("120"));
+        let behind: Vec<f64> = beats.iter().map(|beat| beat - 10.0).collect();
+        assert_eq!(label(&behind, 14.0).as_deref(), Some("080"));
+        assert_eq!((label(&beats, 0.4), label(&[], 5.0)), (None, None));
+        assert_eq!((value(97.4), value(97.6), value(243.0)), ("095".into(), "100".into(), "245".into()));
+    }
+
+    #[test]
+    fn the_nearest_known_tempo_is_taken() {
+        let known = ["080", "100", "slow", "140", "NaN"];
+        let near = |bpm| nearest(&known, bpm);
+        assert_eq!([near(60.0), near(90.0), near(91.0), near(300.0)].map(Option::unwrap), ["080", "080", "100", "140"]);
+        assert_eq!((nearest(&["slow"], 90.0), nearest(&[], 90.0)), (None, None));
+    }
+}

@@ -108,6 +108,15 @@ fn a_page_has_its_music() {
     assert!(
         page.contains("data:audio/wav;base64,UklGR") && page.contains("\"from\":2.5") && page.contains("class Player")
     );
+    let says = |page: &str| page.split("\"says\":\"").nth(1).unwrap().split('"').next().unwrap().to_owned();
+    let all = says(&page);
+    assert!(all.contains(" of 7 beats hit, by chance "), "{all}");
+    view(&["--music-from", "2.5s", "--lag", "0.17"]).success();
+    let legs = says(&fs::read_to_string(dir.path().join("p.html")).unwrap());
+    assert!(legs.contains(" beats hit, by chance ") && legs != all, "{legs} and {all}");
+    view(&["--lag", "0.7"]).code(2).stderr(predicate::str::contains("expected a part of a beat, -0.5 to 0.5"));
+    let deaf = ["view", "d.bvh", "--out", "q.html", "--lag", "0"];
+    kinelm(dir.path()).args(deaf).assert().code(2).stderr(predicate::str::contains("--lag without music"));
     view(&["--music-from", "28"]).code(2).stderr(predicate::str::contains("song.wav ends at 28.00 s; give less"));
     view(&["--music-from", "soon"]).code(2).stderr(predicate::str::contains("expected seconds, such as 12.5s"));
     kinelm(dir.path()).args(["view", "d.bvh", "--out", "q.html"]).assert().success();

@@ -1,7 +1,10 @@
-//! A page with music in a real browser: after a jump to 600 s and 20 s of play, dance and music are at one time.
+//! A page with music in a real browser: after a jump to 600 s and 20 s of play, dance and music are at one time; what a
+//! dancer hits of the beats is lit, what it misses isn't.
 
+use kinelm::evaluate::dance::beats::Pair;
 use kinelm::view::music::Music;
 use kinelm::view::{Figure, page_with};
+use kinelm_motion::metric::beat::Hits;
 use kinelm_motion::synth;
 use kinelm_music::wav;
 use serde_json::Value;
@@ -32,12 +35,28 @@ window.addEventListener('load', () => {
 });
 ";
 
-fn browser() -> Option<PathBuf> {
+/// What the page shows at each beat of the music: the light of each dancer, the pulse, and whether it is a ring; and of the
+/// whole, how many ticks are lit for each number of dancers, and the captions.
+const LIT: &str = "
+window.addEventListener('load', () => {
+  play(false);
+  const lights = [...document.querySelectorAll('.label .light')], pulse = $('pulse');
+  const out = player.beats.map(beat => {
+    player.show(beat + 0.001);
+    return [lights.map(light => Number(light.style.opacity) > 0.9), pulse.style.opacity > 0.9, pulse.classList.contains('missed')];
+  });
+  const ticks = [...$('ticks').children].map(tick => tick.classList.contains('hit') ? tick.style.background.split('figure').length : 0);
+  const says = [...document.querySelectorAll('.label .light')].map(light => light.parentElement.textContent);
+  fetch('http://127.0.0.1:PORT/', { method: 'POST', mode: 'no-cors', body: JSON.stringify([out, ticks, [says]]) });
+});
+";
+
+fn browser(test: &str) -> Option<PathBuf> {
     let path = std::env::var_os("PATH")?;
     let mut all = BROWSERS.iter().flat_map(|name| std::env::split_paths(&path).map(move |folder| folder.join(name)));
     let found = all.find(|p| p.is_file());
     if found.is_none() {
-        kinelm_shared_data::skipped("dance_and_music_keep_together", "no chromium on the PATH");
+        kinelm_shared_data::skipped(test, "no chromium on the PATH");
     }
     found
 }
@@ -54,7 +73,7 @@ fn posted(listener: &TcpListener, within: Duration) -> Option<String> {
         stream.set_nonblocking(false).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
         let (mut text, mut piece) = (Vec::new(), [0; 4096]);
-        // the numbers end with their list
+        // what is told ends with its lists
         while !text.ends_with(b"]]") {
             match stream.read(&mut piece) {
                 Ok(n) if n > 0 => text.extend(&piece[..n]),
@@ -69,26 +88,19 @@ fn posted(listener: &TcpListener, within: Duration) -> Option<String> {
 }
 
 /// The page with the probe, which may call nobody but this test.
-fn probed(page: &str, port: u16) -> String {
+fn probed(page: &str, probe: &str, port: u16) -> String {
     let end = page.rfind("</script>").unwrap();
     let (before, behind) = page.split_at(end);
     let open = before.replacen("img-src data:", &format!("img-src data:; connect-src http://127.0.0.1:{port}"), 1);
-    open + &PROBE.replace("PORT", &port.to_string()) + behind
+    open + &probe.replace("PORT", &port.to_string()) + behind
 }
 
-#[test]
-fn dance_and_music_keep_together() {
-    let Some(browser) = browser() else { return };
-    let clip = synth::corpus(1, 1, 640.0, 2.0).unwrap().remove(0).clip;
-    let beats: Vec<f64> = (0..1280).map(|i| 0.5 * f64::from(i)).collect();
-    let tick = |i: u32| if i % 4000 < 80 { 0.5 } else { 0.0 };
-    let sound: Vec<f32> = (0..650 * 8000).map(tick).collect();
-    let music = Music::embedded(Path::new("ticks.wav"), &wav::bytes(&sound, 8000), 2.5, beats);
-    let page = page_with(&[Figure::new("ticks", &clip)], Some(&music)).unwrap();
+/// What a page tells with a probe in it.
+fn told(browser: &Path, page: &str, probe: &str) -> Vec<Value> {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("page.html");
-    std::fs::write(&path, probed(&page, listener.local_addr().unwrap().port())).unwrap();
+    std::fs::write(&path, probed(page, probe, listener.local_addr().unwrap().port())).unwrap();
     let mut child = Command::new(browser)
         .args(["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"])
         .args(["--autoplay-policy=no-user-gesture-required", "--disable-quic", "--no-first-run"])
@@ -103,7 +115,69 @@ fn dance_and_music_keep_together() {
     let told = posted(&listener, Duration::from_secs(120));
     child.kill().unwrap();
     child.wait().unwrap();
-    let told: Vec<Value> = serde_json::from_str(&told.expect("the page told nothing within two minutes")).unwrap();
+    serde_json::from_str(&told.expect("the page told nothing within two minutes")).unwrap()
+}
+
+#[test]
+fn what_a_dancer_hits_is_lit_and_what_it_misses_is_not() {
+    let Some(browser) = browser("what_a_dancer_hits_is_lit_and_what_it_misses_is_not") else { return };
+    let dances = synth::corpus_at(3, &[100.0, 100.0], 12.0, 60.0).unwrap();
+    let body: Vec<usize> = (0..22).collect();
+    let sound = kinelm::music::dance::music(&dances[0], 3, 16_000).unwrap();
+    // the dance begins a second behind the music
+    let from_s = 1.0;
+    let beats_s: Vec<f64> = dances[0].beats_s.iter().map(|beat| beat + from_s).collect();
+    let own_s: Vec<f64> = beats_s.iter().map(|beat| beat - from_s).collect();
+    let hits = dances.iter().map(|dance| Pair::new(&dance.clip, &body, &own_s).unwrap().hits(Some(0.17)));
+    let hits: Vec<Hits> = hits.collect();
+    let wav = wav::bytes(&[vec![0.0; 16_000], sound].concat(), 16_000);
+    let early = [&[0.25, 0.75], &beats_s[..]].concat();
+    let music = Music::embedded(Path::new("song.wav"), &wav, from_s, early);
+    let figures = dances.iter().zip(&hits).map(|(dance, hits)| {
+        // the music has two beats before the dance
+        let each = [&[None, None], &hits.each[..]].concat();
+        Figure::new(dance.name(), &dance.clip).hits(Some(Hits { each, ..hits.clone() }))
+    });
+    let figures: Vec<Figure> = figures.collect();
+    let page = page_with(&figures, Some(&music)).unwrap();
+    // to be looked at
+    std::fs::write(Path::new(env!("CARGO_TARGET_TMPDIR")).join("view-hits.html"), &page).unwrap();
+    let told = told(&browser, &page, LIT);
+    let hit = |i: usize| [0, 1].map(|n| hits[n].each[i] == Some(true));
+    let (at, ticks) = (told[0].as_array().unwrap(), told[1].as_array().unwrap());
+    assert!(at.len() > 15 && at.len() == ticks.len(), "{told:?}");
+    for (i, found) in at.iter().enumerate() {
+        let [a, b] = hit(i);
+        assert_eq!(*found, serde_json::json!([[a, b], true, !a && !b]), "beat {i}: {told:?}");
+        let colours = [a, b].into_iter().filter(|hit| *hit).count();
+        // each dancer's colour stands there, and the last once more to end the stripes
+        assert_eq!(
+            ticks[i].as_u64().unwrap() as usize,
+            if colours > 0 { colours + 2 } else { 0 },
+            "beat {i}: {told:?}"
+        );
+    }
+    for (says, hits) in told[2][0].as_array().unwrap().iter().zip(&hits) {
+        let expected = format!("{} of {} beats hit, by chance {:.0}", hits.hit(), hits.beats(), hits.chance);
+        assert_eq!(says, &expected);
+    }
+    // the one whose music it is keeps to it
+    assert!(hits[0].hit() as f64 > 1.5 * hits[0].chance && hits[0].hit() < hits[0].beats(), "{hits:?}");
+    let unlike = [figures[0].clone().hits(Some(Hits::default()))];
+    let said = page_with(&unlike, Some(&music)).unwrap_err().to_string();
+    assert!(said.contains("0 marks of hits for ") && said.contains("beats of music; expected as many"), "{said}");
+}
+
+#[test]
+fn dance_and_music_keep_together() {
+    let Some(browser) = browser("dance_and_music_keep_together") else { return };
+    let clip = synth::corpus(1, 1, 640.0, 2.0).unwrap().remove(0).clip;
+    let beats: Vec<f64> = (0..1280).map(|i| 0.5 * f64::from(i)).collect();
+    let tick = |i: u32| if i % 4000 < 80 { 0.5 } else { 0.0 };
+    let sound: Vec<f32> = (0..650 * 8000).map(tick).collect();
+    let music = Music::embedded(Path::new("ticks.wav"), &wav::bytes(&sound, 8000), 2.5, beats);
+    let page = page_with(&[Figure::new("ticks", &clip)], Some(&music)).unwrap();
+    let told = told(&browser, &page, PROBE);
     let number = |row: &Value, i: usize| row[i].as_f64().unwrap();
     // a second after the jump everything has got there
     let after: Vec<&Value> = told.iter().filter(|row| number(row, 0) > 2.0).collect();

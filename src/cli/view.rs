@@ -8,13 +8,19 @@ use super::{
 };
 use anyhow::Result;
 use kinelm::counted;
+use kinelm::evaluate::dance::beats::Pair;
 use kinelm::generate::provenance;
 use kinelm::output::{Outputs, is_same};
 use kinelm::view::{Figure, music, page_with};
 use kinelm_motion::format;
 use kinelm_motion::joints::{self, Selection};
+use kinelm_motion::metric::beat::Hits;
 use kinelm_motion::{Motion, Skeleton, retarget};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
+
+/// Joints of the model's body whose beats are looked for: all but the hands.
+const BODY: Range<usize> = 0..22;
 
 #[derive(Debug, Clone, clap::Args)]
 pub struct Args {
@@ -39,6 +45,10 @@ pub struct Args {
     #[arg(long, value_name = "SECONDS", default_value = "0s", value_parser = seconds_with_unit)]
     #[arg(allow_hyphen_values = true, requires = "music")]
     music_from: f64,
+    /// When a beat of the music is hit: where knees and ankles come to rest this part of a beat behind it, to 50 ms, as
+    /// evaluate dance finds it in real dances. If not given: where all joints move slowest, on the beat itself
+    #[arg(long, value_name = "PART", value_parser = part_of_a_beat, allow_hyphen_values = true)]
+    lag: Option<f64>,
     #[command(flatten)]
     force: ForceArgs,
     #[command(flatten)]
@@ -49,6 +59,11 @@ pub struct Args {
 pub fn seconds_with_unit(text: &str) -> Result<f64, String> {
     let number = text.strip_suffix('s').unwrap_or(text).parse().ok();
     number.filter(|s: &f64| s.is_finite()).ok_or("expected seconds, such as 12.5s".into())
+}
+
+fn part_of_a_beat(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|part| (-0.5..=0.5).contains(part));
+    number.ok_or("expected a part of a beat, -0.5 to 0.5".into())
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
@@ -106,6 +121,17 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
     }
     let asked = args.music.clone().map(|file| (file, args.music_from)).or_else(|| told(clips, say));
     let played = asked.map(|(file, from_s)| beside(&file, from_s, out, outputs, say)).transpose()?;
+    match &played {
+        Some(music) => {
+            let all = figures.into_iter().zip(&motions).zip(&files);
+            let lit = all.map(|((figure, motion), file)| {
+                figure.hits(hits(motion, file.options.map.as_deref(), music, args.lag, say))
+            });
+            figures = lit.collect();
+        }
+        None if args.lag.is_some() => return Err(WrongCall("--lag without music; give --music too".into()).into()),
+        None => {}
+    }
     let page = page_with(&figures, played.as_ref())?;
     outputs.write(out, page.as_bytes())?;
     say.line(format_args!(
@@ -138,6 +164,15 @@ fn beside(file: &Path, from_s: f64, page: &Path, outputs: &Outputs, say: Say) ->
     if from_s >= beats.seconds {
         let what = format!("--music-from {from_s}: {} ends at {:.2} s; give less", file.display(), beats.seconds);
         return Err(WrongCall(what).into());
+/// What a dance hits of the music of its page; of a rig that can't be brought to the model's body nothing is known.
+fn hits(motion: &Motion, map: Option<&str>, music: &music::Music, lag: Option<f64>, say: Say) -> Option<Hits> {
+    let found = || -> kinelm::Result<Hits> {
+        let beats: Vec<f64> = music.beats_s.iter().map(|beat| beat - music.from_s).collect();
+        Ok(Pair::new(&retarget::to_smpl(motion, map)?, &BODY.collect::<Vec<_>>(), &beats)?.hits(lag))
+    };
+    found().map_err(|e| say.line(format_args!("no beat is lit as hit: {e}"))).ok()
+}
+
     }
     say.line(format_args!("{}: {} beats, sounds for {ends:.1} s of the dance", file.display(), beats.times_s.len()));
     let bytes = std::fs::read(file).map_err(kinelm::Error::io(file))?;

@@ -1,8 +1,9 @@
 //! The dances as the page holds them: places of points, sixteen bits each, and where on the floor each figure stands.
 
 use super::Figure;
-use crate::{Error, Result};
+use crate::{Error, Result, counted};
 use kinelm_motion::body::{Ball, Body, Bone, standing};
+use kinelm_motion::metric::beat::Hits;
 use kinelm_motion::{Clip, GlobalPose, Vec3};
 use serde::Serialize;
 
@@ -28,6 +29,26 @@ pub struct Drawn {
     step: f64,
     /// (F, P, 3) numbers of 16 bits, little-endian, in base64.
     data: String,
+    /// What it hits of the music, where somebody has looked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    hits: Option<Lit>,
+}
+
+/// Beats that light up.
+#[derive(Debug, Serialize)]
+struct Lit {
+    /// Which of the music's, from 0.
+    beats: Vec<usize>,
+    /// Stands under the title.
+    says: String,
+}
+
+impl Lit {
+    fn of(hits: &Hits) -> Lit {
+        let beats = (0..hits.each.len()).filter(|&i| hits.each[i] == Some(true)).collect();
+        let says = format!("{} of {} hit, by chance {:.0}", hits.hit(), counted(hits.beats(), "beats"), hits.chance);
+        Lit { beats, says }
+    }
 }
 
 /// Metres beyond which a clip is taken for broken rather than for a dance.
@@ -164,6 +185,7 @@ impl Track {
             low: low.to_array(),
             step,
             data: base64(&bytes),
+            hits: figure.hits.as_ref().map(Lit::of),
         })
     }
 }

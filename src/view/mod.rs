@@ -16,6 +16,7 @@ pub mod table;
 
 use crate::{Result, files};
 use kinelm_motion::Clip;
+use kinelm_motion::metric::beat::Hits;
 use music::Music;
 use std::path::Path;
 
@@ -32,12 +33,14 @@ pub struct Figure<'a> {
     pub forced: Vec<bool>,
     /// Figures of one number stand to each other as their clips put them; `None`: alone.
     pub world: Option<usize>,
+    /// Which beats of the page's music it hits, one mark a beat: these are lit. `None`: nobody has looked.
+    pub hits: Option<Hits>,
 }
 
 impl<'a> Figure<'a> {
     /// A dance with no joints given.
     pub fn new(title: impl Into<String>, clip: &'a Clip) -> Self {
-        Figure { title: title.into(), note: String::new(), clip, forced: Vec::new(), world: None }
+        Figure { title: title.into(), note: String::new(), clip, forced: Vec::new(), world: None, hits: None }
     }
 
     /// The same with a line under the title.
@@ -49,6 +52,12 @@ impl<'a> Figure<'a> {
     /// The same in a world with others.
     pub fn in_world(mut self, world: Option<usize>) -> Self {
         self.world = world;
+        self
+    }
+
+    /// The same with what it hits of the page's music.
+    pub fn hits(mut self, hits: Option<Hits>) -> Self {
+        self.hits = hits;
         self
     }
 
@@ -71,13 +80,21 @@ pub fn page(figures: &[Figure]) -> Result<String> {
     page_with(figures, None)
 }
 
-/// The same with music, which plays in step with the dancers; the first frame stands at its `from_s`.
+/// The same with music, which plays in step with the dancers; the first frame stands at its `from_s`. Beats that a figure
+/// hits are lit in its colour.
 ///
 /// # Errors
-/// As [`page`].
+/// As [`page`]; marks of hits that aren't as many as the beats of the music.
 pub fn page_with(figures: &[Figure], music: Option<&Music>) -> Result<String> {
     if figures.is_empty() {
         return Err(crate::Error::Call("a page of no figures; expected at least one clip".into()));
+    }
+    let beats = music.map_or(0, |music| music.beats_s.len());
+    let marked = |figure: &&Figure| figure.hits.as_ref().is_some_and(|hits| hits.each.len() != beats);
+    if let Some(Figure { title, hits: Some(hits), .. }) = figures.iter().find(marked) {
+        let n = hits.each.len();
+        let what = format!("the figure {title:?}: {n} marks of hits for {beats} beats of music; expected as many");
+        return Err(crate::Error::Call(what));
     }
     let data = serde_json::to_string(&data::drawn(figures)?)
         .map_err(|e| crate::Error::Call(format!("the page's data: {e}")))?;

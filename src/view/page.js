@@ -213,6 +213,13 @@ const labels = figures.map((f, i) => {
     note.textContent = f.note;
     label.append(note);
   }
+  if (player && f.hits) {
+    const kept = document.createElement('span'), light = document.createElement('i');
+    light.className = 'light';
+    kept.append(light, f.hits.says);
+    label.append(kept);
+    player.hit(f.hits.beats, `var(--figure-${i % 6})`, light);
+  }
   label.style.setProperty('--own', `var(--figure-${i % 6})`);
   // many stand close together and have the height of the window instead
   label.style.setProperty('--lines', figures.length > 5 ? 5 : 2);

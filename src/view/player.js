@@ -1,13 +1,16 @@
 // Music in step with the page's clock: the sound is the clock while it runs, so the two can't drift apart.
 // Other pages can take it: it needs an element for its switch, one for its ticks, and is told of play, seek and speed.
+// What dancers hit of its beats is lit where it is told of them.
 
 const APART_S = 0.01;                                // a seek is made only where sound and clock are further apart
 
 class Player {
   // music: { src, name, from, beats }: `from` is the music's time at the dance's beginning; beats in the music's time
   constructor(music, { ticks, pulse, button, length }) {
-    Object.assign(this, { from: music.from, button, pulse, blocked: false, muted: false });
-    this.beats = music.beats.map(beat => beat - music.from).filter(beat => beat >= 0 && beat <= length);
+    Object.assign(this, { from: music.from, button, pulse, blocked: false, muted: false, ticks: new Map(), dancers: [] });
+    const beats = music.beats.map(beat => beat - music.from);
+    this.beats = beats.filter(beat => beat >= 0 && beat <= length);
+    this.before = beats.filter(beat => beat < 0).length;
     this.audio = new Audio();
     this.audio.preload = 'auto';
     this.audio.src = music.src;
@@ -26,6 +29,21 @@ class Player {
       const tick = document.createElement('i');
       tick.style.left = `${100 * this.beats[i] / (length || 1)}%`;
       ticks.append(tick);
+      this.ticks.set(i, { tick, colours: [] });
+    }
+  }
+
+  // A dancer hits these of the music's beats: their ticks have its colour, those of several one above the other, and its
+  // light goes on at each.
+  hit(beats, colour, light) {
+    const hits = new Set(beats.map(beat => beat - this.before));
+    this.dancers.push({ hits, light });
+    for (const [i, { tick, colours }] of this.ticks) {
+      if (!hits.has(i)) continue;
+      colours.push(colour);
+      const part = k => `${100 * k / colours.length}%`;
+      tick.className = 'hit';
+      tick.style.background = `linear-gradient(to top, ${colours.map((c, k) => `${c} ${part(k)} ${part(k + 1)}`)}, ${colour})`;
     }
   }
 
@@ -71,7 +89,7 @@ class Player {
     }
   }
 
-  // Lights up at each beat.
+  // Lights up at each beat: as a ring where there are dancers and none hits it.
   show(time) {
     let low = 0, high = this.beats.length;
     while (low < high) {
@@ -80,6 +98,9 @@ class Player {
       else high = middle;
     }
     const since = low ? time - this.beats[low - 1] : Infinity;
-    this.pulse.style.opacity = Math.exp(-since / 0.12).toFixed(2);
+    const glow = Math.exp(-since / 0.12).toFixed(2);
+    this.pulse.style.opacity = glow;
+    this.dancers.forEach(({ hits, light }) => { light.style.opacity = hits.has(low - 1) ? glow : 0; });
+    this.pulse.classList.toggle('missed', this.dancers.length > 0 && !this.dancers.some(d => d.hits.has(low - 1)));
   }
 }

@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 /// Frames a second at which beats of motion are looked for.
 const FPS: f64 = 60.0;
 /// How near counts, seconds: three frames.
-const SIGMA_S: f64 = 3.0 / FPS;
+pub const SIGMA_S: f64 = 3.0 / FPS;
 /// Standard deviation of the low pass of a speed, frames.
 const SMOOTH: f64 = 5.0;
 /// Neighbours on either side that a beat is slower than.
@@ -124,15 +124,61 @@ impl Alignment {
     }
 }
 
+/// How far a time is from the nearest of `to`, which rise.
+fn distance(time: f64, to: &[f64]) -> f64 {
+    let next = to.partition_point(|t| *t < time);
+    let around = [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|i| to.get(i));
+    around.map(|t| (t - time).abs()).fold(f64::INFINITY, f64::min)
+}
+
 /// Mean nearness of `of` to the nearest of `to`, both rising.
 fn nearness(of: &[f64], to: &[f64]) -> f64 {
-    let near = |time: f64| {
-        let next = to.partition_point(|t| *t < time);
-        let around = [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|i| to.get(i));
-        let d = around.map(|t| (t - time).abs()).fold(f64::INFINITY, f64::min);
-        (-0.5 * (d / SIGMA_S).powi(2)).exp()
-    };
-    if of.is_empty() { 0.0 } else { of.iter().map(|time| near(*time)).sum::<f64>() / of.len() as f64 }
+    let near = |time: &f64| (-0.5 * (distance(*time, to) / SIGMA_S).powi(2)).exp();
+    if of.is_empty() { 0.0 } else { of.iter().map(near).sum::<f64>() / of.len() as f64 }
+}
+
+/// The music's beats at the shifts round a dance of so many seconds by which chance is measured, each rising.
+fn shifts(music_s: &[f64], seconds: f64) -> impl Iterator<Item = Vec<f64>> {
+    (0..SHIFTS).map(move |i| {
+        let by = seconds * i as f64 / SHIFTS as f64;
+        let mut shifted: Vec<f64> = music_s.iter().map(|beat| (beat + by).rem_euclid(seconds)).collect();
+        shifted.sort_by(f64::total_cmp);
+        shifted
+    })
+}
+
+/// Which beats of the music a dance hits: those that have a beat of the motion within [`SIGMA_S`], 50 ms.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Hits {
+    /// Per beat of the music; `None`: it is outside of the dance and doesn't count.
+    pub each: Vec<Option<bool>>,
+    /// How many are hit in the mean over 1,000 shifts of the music round the dance.
+    pub chance: f64,
+}
+
+impl Hits {
+    /// Of a dance of so many seconds, all beats rising.
+    pub fn of(motion_s: &[f64], music_s: &[f64], seconds: f64) -> Hits {
+        // what is 50 ms off but for rounding counts
+        let is_hit = |beat: &f64| distance(*beat, motion_s) <= SIGMA_S + 1e-9;
+        let counts = |beat: &f64| (0.0..seconds).contains(beat);
+        let music: Vec<f64> = music_s.iter().copied().filter(counts).collect();
+        let hits = shifts(&music, seconds).map(|beats| beats.iter().filter(|beat| is_hit(beat)).count());
+        Hits {
+            chance: hits.sum::<usize>() as f64 / SHIFTS as f64,
+            each: music_s.iter().map(|beat| counts(beat).then(|| is_hit(beat))).collect(),
+        }
+    }
+
+    /// Beats that are hit.
+    pub fn hit(&self) -> usize {
+        self.each.iter().flatten().filter(|hit| **hit).count()
+    }
+
+    /// Beats within the dance.
+    pub fn beats(&self) -> usize {
+        self.each.iter().flatten().count()
+    }
 }
 
 /// What [`Alignment::motion`] is in the mean of a beat that falls anywhere between the first and the last of the music: over
@@ -172,13 +218,7 @@ impl Held {
     pub fn of(motion_s: &[f64], music_s: &[f64], seconds: f64) -> Held {
         let music: Vec<f64> = music_s.iter().copied().filter(|beat| (0.0..seconds).contains(beat)).collect();
         let found = Alignment::of(motion_s, &music);
-        let shifted = |i: usize| {
-            let by = seconds * i as f64 / SHIFTS as f64;
-            let mut shifted: Vec<f64> = music.iter().map(|beat| (beat + by).rem_euclid(seconds)).collect();
-            shifted.sort_by(f64::total_cmp);
-            Alignment::of(motion_s, &shifted)
-        };
-        let all: Vec<Alignment> = (0..SHIFTS).map(shifted).collect();
+        let all: Vec<Alignment> = shifts(&music, seconds).map(|shifted| Alignment::of(motion_s, &shifted)).collect();
         let [motion, in_music] = [|a: &Alignment| a.motion, |a: &Alignment| a.music].map(|part| {
             let mean = |of: &dyn Fn(f64) -> f64| all.iter().map(|a| of(part(a))).sum::<f64>() / SHIFTS as f64;
             let (found, whole) = (part(&found), mean(&|x| x));
@@ -264,6 +304,18 @@ mod tests {
         let [one, ten] = [1, 10].map(|n| Held::z(&vec![held; n]).unwrap().motion);
         assert!(one < 2.7 && (ten / one - 10f64.sqrt()).abs() < 1e-9, "{one} {ten}");
         assert_eq!(Held::z(&[Held::of(&[], &[], 5.0)]), None);
+    }
+
+    #[test]
+    fn a_beat_is_hit_within_50_ms_and_by_chance_as_often_as_they_cover_the_dance() {
+        let motion = [0.5, 1.55, 2.551];
+        let hits = Hits::of(&motion, &[-0.5, 0.45, 1.5, 2.5, 3.5, 4.0], 4.0);
+        assert_eq!(hits.each, [None, Some(true), Some(true), Some(false), Some(false), None]);
+        assert_eq!((hits.hit(), hits.beats()), (2, 4));
+        // three beats of the motion cover 0.3 of 4 s; each of the music's four falls there as often
+        assert!((hits.chance - 0.3).abs() < 0.01, "{}", hits.chance);
+        assert_eq!(Hits::of(&[], &[0.5], 1.0), Hits { each: vec![Some(false)], chance: 0.0 });
+        assert_eq!(Hits::of(&[0.5], &[], 0.0), Hits::default());
     }
 
     #[test]

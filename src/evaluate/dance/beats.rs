@@ -8,7 +8,7 @@ use crate::Result;
 use crate::corpus::record::BeatsOf;
 use crate::corpus::{ClipRecord, Corpus, Split};
 use kinelm_motion::Clip;
-use kinelm_motion::metric::beat::{Alignment, Held, Rule, beats_s, pulse_bpm};
+use kinelm_motion::metric::beat::{Alignment, Held, Hits, Rule, beats_s, pulse_bpm};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt;
@@ -67,6 +67,15 @@ impl Pair {
     fn held_at(&self, lag: f64) -> [Held; 2] {
         let [all, legs] = &self.own_s;
         [Held::of(all, &self.music_s, self.seconds), Held::of(legs, &self.later(lag), self.seconds)]
+    }
+
+    /// Which beats of the music are hit: by all joints, on the beat; or by the legs, at a part of a beat behind it.
+    pub fn hits(&self, lag: Option<f64>) -> Hits {
+        let [all, legs] = &self.own_s;
+        match lag {
+            None => Hits::of(all, &self.music_s, self.seconds),
+            Some(lag) => Hits::of(legs, &self.later(lag), self.seconds),
+        }
     }
 
     /// Whether the legs' speed peaks at the music's tempo, its half or double.

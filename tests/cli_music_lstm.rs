@@ -5,6 +5,7 @@ use kinelm::music::dance::music;
 use kinelm_motion::format::ReadOptions;
 use kinelm_motion::{Motion, Source, format, synth};
 use kinelm_music::wav;
+use predicates::prelude::*;
 use predicates::str::contains;
 use std::fs;
 use std::path::PathBuf;
@@ -43,23 +44,26 @@ impl Place {
 /// Four dances of four seconds at 60 frames a second with music of their own, two of them to learn from, and a run.
 fn place() -> &'static Place {
     static PLACE: OnceLock<Place> = OnceLock::new();
-    PLACE.get_or_init(|| {
-        let place = Place { dir: tempfile::tempdir().unwrap() };
-        ["data", "songs"].into_iter().for_each(|name| fs::create_dir(place.at(name)).unwrap());
-        let mut labels = "clip,split,genre,music,music_from\n".to_owned();
-        for (i, dance) in synth::corpus(3, 4, 4.0, 60.0).unwrap().into_iter().enumerate() {
-            let path = place.at(&format!("data/{i}.bvh"));
-            let sound = music(&dance, 3, 16_000).unwrap();
-            fs::write(place.at(&format!("songs/song{i}.wav")), wav::bytes(&sound, 16_000)).unwrap();
-            let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
-            format::write(&path, &motion).unwrap();
-            labels += &format!("{i},{},{},song{i},0\n", ["train", "train", "test", "test"][i], dance.genre);
-        }
-        fs::write(place.at("c.toml"), CONFIG).unwrap();
-        fs::write(place.at("labels.csv"), labels).unwrap();
-        place.done(&format!("{TRAIN} --run run"));
-        place
-    })
+    PLACE.get_or_init(own_place)
+}
+
+/// The same for a test that changes it.
+fn own_place() -> Place {
+    let place = Place { dir: tempfile::tempdir().unwrap() };
+    ["data", "songs"].into_iter().for_each(|name| fs::create_dir(place.at(name)).unwrap());
+    let mut labels = "clip,split,genre,music,music_from\n".to_owned();
+    for (i, dance) in synth::corpus(3, 4, 4.0, 60.0).unwrap().into_iter().enumerate() {
+        let path = place.at(&format!("data/{i}.bvh"));
+        let sound = music(&dance, 3, 16_000).unwrap();
+        fs::write(place.at(&format!("songs/song{i}.wav")), wav::bytes(&sound, 16_000)).unwrap();
+        let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+        format::write(&path, &motion).unwrap();
+        labels += &format!("{i},{},{},song{i},0\n", ["train", "train", "test", "test"][i], dance.genre);
+    }
+    fs::write(place.at("c.toml"), CONFIG).unwrap();
+    fs::write(place.at("labels.csv"), labels).unwrap();
+    place.done(&format!("{TRAIN} --run run"));
+    place
 }
 
 #[test]
@@ -163,4 +167,34 @@ fn measures_are_told_as_tables_and_as_json() {
     assert!(ratio(0) == 1.0 && ratio(1) != 1.0);
     place.refused("music-lstm evaluate --run run --split valid", "no valid clip with music");
     place.refused("music-lstm evaluate --run data", "no config.toml");
+}
+
+#[test]
+fn a_dance_brings_its_music_along() {
+    let place = own_place();
+    place.done("tokenizer fit data --labels labels.csv --out t.json");
+    place.done("tokenize data --labels labels.csv --tokenizer t.json --out corpus");
+    // as a frame of the network has it, a thirtieth of a second
+    place.done("music-lstm generate --run run --music songs/song3.wav --music-from 0.51s --frames 80 --out e.bvh");
+    let view = "view e.bvh --out e.html --force";
+    place.call(view).assert().success().stderr(contains("songs/song3.wav: ").and(contains("sounds for 3.5 s")));
+    let page = fs::read_to_string(place.at("e.html")).unwrap();
+    assert!(
+        page.contains("data:audio/wav;base64,") && page.contains("\"from\":0.5,") && page.contains(" beats hit, by")
+    );
+    let evaluate = "evaluate dance e.bvh --real corpus";
+    let text = place.done(evaluate);
+    assert!(text.contains("all joints, on the beat"), "{text}");
+    // the same as where it is named
+    let row = |text: &str| text.lines().filter(|line| line.starts_with("e.bvh")).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(row(&text), row(&place.done(&format!("{evaluate} --music songs/song3.wav --music-from 0.5s"))));
+    // other music under the same name, and none
+    fs::copy(place.at("songs/song1.wav"), place.at("songs/song3.wav")).unwrap();
+    let changed = "songs/song3.wav has changed since the dance was made; --music";
+    place.call(view).assert().success().stderr(contains(changed));
+    assert!(!fs::read_to_string(place.at("e.html")).unwrap().contains("data:audio"));
+    place.call(evaluate).assert().success().stderr(contains("e.bvh: not held to its music: ").and(contains(changed)));
+    fs::remove_file(place.at("songs/song3.wav")).unwrap();
+    place.call(view).assert().success().stderr(contains("the music of the dance isn't there"));
+    place.call(evaluate).assert().success().stderr(contains("e.bvh: not held to its music: "));
 }

@@ -145,7 +145,10 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
 
 /// The music that the first dance of several was made to, and its time when the dance begins, if it is there.
 fn told(clips: &[Named], say: Say) -> Option<(PathBuf, f64)> {
-    let told = |clip: &Named| provenance::find(&clip.path).ok().flatten()?.recipe.music;
+    let told = |clip: &Named| {
+        let told = provenance::find(&clip.path).ok()?;
+        provenance::music_of(told.as_ref(), &clip.path).map_err(|e| say.line(e)).ok()?
+    };
     let music = clips.iter().find_map(told)?;
     if !music.path.is_file() {
         say.line(format_args!(
@@ -154,16 +157,13 @@ fn told(clips: &[Named], say: Say) -> Option<(PathBuf, f64)> {
         ));
         return None;
     }
+    if let Err(e) = music.check() {
+        say.line(format_args!("{e}; --music plays it all the same"));
+        return None;
+    }
     Some((music.path, music.from_s))
 }
 
-/// The music of a page: in it, or beside it where it is large; it is copied there if it isn't there.
-fn beside(file: &Path, from_s: f64, page: &Path, outputs: &Outputs, say: Say) -> Result<music::Music> {
-    let beats = kinelm_music::beat::beats(file).map_err(kinelm::Error::from)?;
-    let ends = beats.seconds - from_s.max(0.0);
-    if from_s >= beats.seconds {
-        let what = format!("--music-from {from_s}: {} ends at {:.2} s; give less", file.display(), beats.seconds);
-        return Err(WrongCall(what).into());
 /// What a dance hits of the music of its page; of a rig that can't be brought to the model's body nothing is known.
 fn hits(motion: &Motion, map: Option<&str>, music: &music::Music, lag: Option<f64>, say: Say) -> Option<Hits> {
     let found = || -> kinelm::Result<Hits> {
@@ -173,6 +173,13 @@ fn hits(motion: &Motion, map: Option<&str>, music: &music::Music, lag: Option<f6
     found().map_err(|e| say.line(format_args!("no beat is lit as hit: {e}"))).ok()
 }
 
+/// The music of a page: in it, or beside it where it is large; it is copied there if it isn't there.
+fn beside(file: &Path, from_s: f64, page: &Path, outputs: &Outputs, say: Say) -> Result<music::Music> {
+    let beats = kinelm_music::beat::beats(file).map_err(kinelm::Error::from)?;
+    let ends = beats.seconds - from_s.max(0.0);
+    if from_s >= beats.seconds {
+        let what = format!("--music-from {from_s}: {} ends at {:.2} s; give less", file.display(), beats.seconds);
+        return Err(WrongCall(what).into());
     }
     say.line(format_args!("{}: {} beats, sounds for {ends:.1} s of the dance", file.display(), beats.times_s.len()));
     let bytes = std::fs::read(file).map_err(kinelm::Error::io(file))?;

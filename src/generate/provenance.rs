@@ -57,6 +57,54 @@ pub struct Provenance {
     pub music_sha256: Option<String>,
 }
 
+/// Music that a dance was made to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MadeTo {
+    /// Its file.
+    pub path: PathBuf,
+    /// Its time when the dance begins, seconds.
+    pub from_s: f64,
+    /// SHA-256 of its file then, where that was kept.
+    pub sha256: Option<String>,
+}
+
+impl MadeTo {
+    /// Refuses a file that isn't the one that was danced to.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Call`] for one that has changed.
+    pub fn check(&self) -> Result<()> {
+        let now = hash_file(&self.path)?;
+        match self.sha256.as_ref().is_none_or(|then| *then == now) {
+            true => Ok(()),
+            false => Err(Error::Call(format!("{} has changed since the dance was made", self.path.display()))),
+        }
+    }
+}
+
+/// The music that `dance` was made to, by the model of whose dance `told` tells, or, where nothing is told, by a music LSTM, as
+/// the file beside it tells.
+///
+/// # Errors
+/// A file beside the dance that tells of a music LSTM and isn't as it was written.
+pub fn music_of(told: Option<&Provenance>, dance: &Path) -> Result<Option<MadeTo>> {
+    if let Some(told) = told {
+        let made_to = |music: &super::recipe::MusicRecipe| {
+            let (path, sha256) = (music.path.clone(), told.music_sha256.clone());
+            MadeTo { path, from_s: music.from_s, sha256 }
+        };
+        return Ok(told.recipe.music.as_ref().map(made_to));
+    }
+    let path = path_of(dance);
+    if !matches!(other_model(&path), Some(Other::MusicLstm)) {
+        return Ok(None);
+    }
+    let told = music_lstm::dance::Told::load(&path)?;
+    let from_s = told.recipe.begins_s();
+    let made_to = MadeTo { path: told.recipe.music, from_s, sha256: Some(told.given_sha256) };
+    Ok((told.output.file == name_of(dance)).then_some(made_to))
+}
+
 /// A file of the same folder.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -49,13 +49,18 @@ pub struct Made {
 }
 
 impl Recipe {
+    /// The music's time at the first frame: [`Recipe::from_s`] to a frame.
+    pub fn begins_s(&self) -> f64 {
+        (self.from_s * FPS).round() / FPS
+    }
+
     /// Carries it out; `progress` is told the frames done.
     ///
     /// # Errors
     /// Music that can't be read, is silent where it is danced to, or ends before the dance; a network that runs away.
     pub fn make(&self, trained: &Trained, progress: &mut dyn FnMut(usize)) -> Result<Made> {
         let music_sha256 = hash_file(&self.music)?;
-        let first = (self.from_s * FPS).round();
+        let first = (self.begins_s() * FPS).round();
         if !(0.0..1e9).contains(&first) {
             let found = format!("a beginning at {} s", self.from_s);
             return Err(Error::file(&self.music, found, "0 s or more", "the dance begins at this time of the music"));

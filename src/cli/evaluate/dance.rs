@@ -90,12 +90,12 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let mut joints_given = Vec::new();
     for (i, ((path, dance), told)) in args.dances.iter().zip(&dances).zip(told).enumerate() {
         told.iter().filter_map(|told| told.best).for_each(|of| *best.entry(of.of).or_default() += 1);
-        music_s.push(match (&beats, &told) {
-            (None, Some(told)) => own_music(told, &mut pieces).unwrap_or_else(|e| {
+        music_s.push(match &beats {
+            None => own_music(path, told.as_ref(), &mut pieces).unwrap_or_else(|e| {
                 say.line(format_args!("{}: not held to its music: {e}; --music says where it is", path.display()));
                 None
             }),
-            (beats, _) => beats.as_ref().map(|beats| beats[i % beats.len()].clone()),
+            Some(beats) => Some(beats[i % beats.len()].clone()),
         });
         asked.push(match &args.fidelity {
             Some(field) => asked_label(&corpus, field, path, told.as_ref())?,
@@ -191,14 +191,14 @@ fn beats(args: &Args, pieces: &mut BTreeMap<PathBuf, Beats>) -> Result<Option<Ve
 }
 
 /// The beats of the music that a dance was made to, if it was: of pieces that are heard already, or now.
-fn own_music(told: &Provenance, pieces: &mut BTreeMap<PathBuf, Beats>) -> kinelm::Result<Option<Vec<f64>>> {
-    let Some(music) = &told.recipe.music else { return Ok(None) };
+fn own_music(
+    path: &Path,
+    told: Option<&Provenance>,
+    pieces: &mut BTreeMap<PathBuf, Beats>,
+) -> kinelm::Result<Option<Vec<f64>>> {
+    let Some(music) = provenance::music_of(told, path)? else { return Ok(None) };
     if !pieces.contains_key(&music.path) {
-        let now = hash_file(&music.path)?;
-        if told.music_sha256.as_ref().is_some_and(|then| *then != now) {
-            let what = format!("{} has changed since the dance was made", music.path.display());
-            return Err(kinelm::Error::Call(what));
-        }
+        music.check()?;
         pieces.insert(music.path.clone(), kinelm_music::beat::beats(&music.path)?);
     }
     in_dance(&music.path, &pieces[&music.path], (music.from_s, 0.0)).map(Some)

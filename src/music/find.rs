@@ -7,11 +7,12 @@ use crate::{Error, Result};
 use kinelm_music::beat::Beats;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// The label that names a clip's music.
 pub const LABEL: &str = "music";
-/// What names of music files end in.
+/// What names of music files end in, in any letter case.
 pub const EXTENSIONS: [&str; 7] = ["wav", "flac", "ogg", "oga", "mp3", "m4a", "mp4"];
 /// Seconds that a clip may go on behind its music.
 const SLACK_S: f64 = 0.5;
@@ -52,9 +53,9 @@ impl Heard {
         if !folder.is_dir() {
             return Err(Error::file(folder, "no folder", "one that holds music", "see docs/music.md"));
         }
-        let mut of = BTreeMap::new();
+        let (mut of, mut finder) = (BTreeMap::new(), Finder::new(folder));
         for item in items {
-            if let Some(path) = find(item, folder)? {
+            if let Some(path) = finder.find(item)? {
                 of.insert(item.name.clone(), path);
             }
         }
@@ -113,34 +114,70 @@ pub fn in_dance(path: &Path, beats: &Beats, (from_s, seconds): (f64, f64)) -> Re
     Ok(beats.times_s.iter().map(|beat| ((beat - from_s) * 1e4).round() / 1e4).collect())
 }
 
-/// The music file of a clip, if it has one: the file in `folder` that its label names, else one of its own name, there or
-/// beside the motion.
-///
-/// # Errors
-/// [`Error::Call`] for a file that its label names and that isn't there.
-pub fn find(item: &Item, folder: &Path) -> Result<Option<PathBuf>> {
-    let with_extension = |base: &Path| {
-        let name = |extension: &&str| {
-            let mut name = base.as_os_str().to_owned();
-            name.push(format!(".{extension}"));
-            PathBuf::from(name)
-        };
-        EXTENSIONS.iter().map(name).find(|path| path.is_file())
-    };
-    if let Some(name) = item.labels.get(LABEL) {
-        let path = folder.join(name);
-        let found = Some(path.clone()).filter(|path| path.is_file()).or_else(|| with_extension(&path));
-        let endings = EXTENSIONS.join(", ");
-        return found.map(Some).ok_or_else(|| {
-            let what = format!("{}: music `{name}`: no such file, nor one that ends in {endings}", item.name);
-            Error::Call(format!("{what}, in {}; put it there, or leave the label out", folder.display()))
-        });
+/// Finds the music of clips; every folder is read once.
+pub struct Finder<'a> {
+    folder: &'a Path,
+    /// Music files of folders, by their names without the ending.
+    listed: BTreeMap<PathBuf, BTreeMap<OsString, PathBuf>>,
+}
+
+impl Finder<'_> {
+    /// In a folder of music.
+    pub fn new(folder: &Path) -> Finder<'_> {
+        Finder { folder, listed: BTreeMap::new() }
     }
-    let stem = item.path.file_stem().map(|stem| folder.join(stem));
-    let beside = item.path.with_extension("");
-    Ok(with_extension(&folder.join(item.clip_name()))
-        .or_else(|| with_extension(&stem?))
-        .or_else(|| with_extension(&beside)))
+
+    /// The music file of a clip, if it has one: the file in the folder that its label names, else one of its own name, there
+    /// or beside the motion. Of several endings that of [`EXTENSIONS`] that stands first counts, in small letters before
+    /// others.
+    ///
+    /// # Errors
+    /// [`Error::Call`] for a file that its label names and that isn't there.
+    pub fn find(&mut self, item: &Item) -> Result<Option<PathBuf>> {
+        let folder = self.folder;
+        if let Some(name) = item.labels.get(LABEL) {
+            let path = folder.join(name);
+            let found = Some(path.clone()).filter(|path| path.is_file()).or_else(|| self.with_ending(&path));
+            let endings = EXTENSIONS.join(", ");
+            return found.map(Some).ok_or_else(|| {
+                let what = format!("{}: music `{name}`: no such file, nor one that ends in {endings}", item.name);
+                Error::Call(format!("{what}, in {}; put it there, or leave the label out", folder.display()))
+            });
+        }
+        let stem = item.path.file_stem().map(|stem| folder.join(stem));
+        Ok(self
+            .with_ending(&folder.join(item.clip_name()))
+            .or_else(|| self.with_ending(&stem?))
+            .or_else(|| self.with_ending(&item.path.with_extension(""))))
+    }
+
+    /// The music file of this path and an ending.
+    fn with_ending(&mut self, base: &Path) -> Option<PathBuf> {
+        let (folder, name) = (base.parent()?, base.file_name()?);
+        let listed = self.listed.entry(folder.into()).or_insert_with(|| listed(folder));
+        listed.get(name).cloned()
+    }
+}
+
+/// The music files of a folder by their names without the ending; none of one that can't be read.
+fn listed(folder: &Path) -> BTreeMap<OsString, PathBuf> {
+    let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let entries = std::fs::read_dir(here).into_iter().flatten().flatten();
+    let ranked = |name: OsString| {
+        let ending = Path::new(&name).extension()?.to_str()?;
+        let rank = EXTENSIONS.iter().position(|known| ending.eq_ignore_ascii_case(known))?;
+        Some((rank, ending != EXTENSIONS[rank], name))
+    };
+    let mut all: Vec<_> = entries.filter_map(|entry| ranked(entry.file_name())).collect();
+    all.sort();
+    let mut listed = BTreeMap::new();
+    for (_, _, name) in all {
+        let path = folder.join(&name);
+        if let (Some(stem), true) = (path.file_stem(), path.is_file()) {
+            listed.entry(stem.to_owned()).or_insert_with(|| path.clone());
+        }
+    }
+    listed
 }
 
 #[cfg(test)]
@@ -197,9 +234,10 @@ mod tests {
         for folder in [&music, &dances] {
             std::fs::create_dir(folder).unwrap();
         }
-        for file in ["mKR2.wav", "b.mp3", "named.song.ogg"] {
+        for file in ["mKR2.wav", "b.mp3", "named.song.ogg", "e.WAV", "e.Mp3", "f.MP3", "f.mp3", "f.Mp3"] {
             std::fs::write(music.join(file), "").unwrap();
         }
+        std::fs::create_dir(music.join("d.wav")).unwrap();
         std::fs::write(dances.join("c.flac"), "").unwrap();
         let item = |name: &str, label: Option<&str>| Item {
             name: name.into(),
@@ -207,13 +245,16 @@ mod tests {
             labels: label.map(|label| (LABEL.into(), label.into())).into_iter().collect(),
             ..Item::default()
         };
-        let found = |name: &str, label| find(&item(name, label), &music).unwrap();
+        let found = |name: &str, label| Finder::new(&music).find(&item(name, label)).unwrap();
         assert_eq!(found("a", Some("mKR2")), Some(music.join("mKR2.wav")));
         assert_eq!(found("a", Some("named.song")), Some(music.join("named.song.ogg")));
         assert_eq!(found("b", None), Some(music.join("b.mp3")));
         assert_eq!(found("c", None), Some(dances.join("c.flac")));
         assert_eq!(found("d", None), None);
-        let said = find(&item("a", Some("mBR0")), &music).unwrap_err().to_string();
+        // in any letters, and of several always the same
+        assert_eq!(found("e", None), Some(music.join("e.WAV")));
+        assert_eq!(found("a", Some("f")), Some(music.join("f.mp3")));
+        let said = Finder::new(&music).find(&item("a", Some("mBR0"))).unwrap_err().to_string();
         assert!(said.starts_with("a: music `mBR0`: no such file"), "{said}");
     }
 }

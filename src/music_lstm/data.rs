@@ -7,7 +7,7 @@ use crate::aclstm::data::{Recording, Recordings, Sources};
 use crate::aclstm::form::{Coder, Form};
 use crate::corpus::Split;
 use crate::corpus::load::hash_file;
-use crate::music::find;
+use crate::music::find::Finder;
 use crate::{Error, Result};
 use kinelm_music::stft::stft;
 use rayon::prelude::*;
@@ -91,9 +91,9 @@ impl Dances {
         let coder = Coder::new(Form::Quaternion, &recordings.rig)?;
         let (mut all, mut without, mut hash) = (Vec::new(), Vec::new(), Sha256::new());
         hash.update(recordings.sha256());
-        let mut hashes: BTreeMap<PathBuf, String> = BTreeMap::new();
+        let (mut hashes, mut finder): (BTreeMap<PathBuf, String>, _) = (BTreeMap::new(), Finder::new(folder));
         for one in &recordings.all {
-            let Some(music) = find::find(&one.item, folder)? else {
+            let Some(music) = finder.find(&one.item)? else {
                 without.push(one.name.clone());
                 continue;
             };

@@ -3,6 +3,7 @@
 use assert_cmd::Command;
 use kinelm_motion::format::ReadOptions;
 use kinelm_motion::{Clip, Motion, Source, format, synth};
+use predicates::prelude::*;
 use predicates::str::contains;
 use std::fs;
 use std::path::PathBuf;
@@ -215,4 +216,28 @@ fn dances_of_something_else_are_measured_as_the_networks_own() {
     place.call("aclstm plot held.json --out held.json").assert().code(2).stderr(contains(".png or .svg"));
     fs::write(place.at("odd.json"), "{}").unwrap();
     place.call("aclstm plot odd.json --out odd.svg").assert().failure().stderr(contains("missing field `rows`"));
+}
+
+#[test]
+fn clips_that_have_changed_are_named() {
+    let place = Place { dir: tempfile::tempdir().unwrap() };
+    fs::create_dir(place.at("data")).unwrap();
+    for (i, dance) in synth::corpus(3, 2, 6.0, 60.0).unwrap().into_iter().enumerate() {
+        let path = place.at(&format!("data/{i}.bvh"));
+        let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+        format::write(&path, &motion).unwrap();
+    }
+    fs::write(place.at("c.toml"), CONFIG).unwrap();
+    fs::write(place.at("labels.csv"), "clip,split\n0,train\n1,test\n").unwrap();
+    place.done(&format!("{TRAIN} --run run"));
+    let evaluate = "aclstm evaluate --run run --seeds 1 --seed-frames 20 --frames 400";
+    place.done(evaluate);
+    let other = fs::read(place.at("data/0.bvh")).unwrap();
+    fs::write(place.at("data/1.bvh"), other).unwrap();
+    for words in [evaluate, &format!("{evaluate} --write-seeds seeds"), "aclstm train --run run --resume --steps 9"] {
+        let said = contains("data/1.bvh: found SHA-256 ").and(contains("put back the files and labels"));
+        place.call(words).assert().failure().stderr(said);
+    }
+    fs::remove_file(place.at("data/1.bvh")).unwrap();
+    place.call(evaluate).assert().failure().stderr(contains("data/1.bvh: found no such file among those of the run"));
 }

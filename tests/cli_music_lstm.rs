@@ -198,3 +198,33 @@ fn a_dance_brings_its_music_along() {
     place.call(view).assert().success().stderr(contains("the music of the dance isn't there"));
     place.call(evaluate).assert().success().stderr(contains("e.bvh: not held to its music: "));
 }
+
+#[test]
+fn files_that_have_changed_are_named() {
+    let place = own_place();
+    let both = ["music-lstm evaluate --run run --frames 300", "music-lstm train --run run --resume --steps 6"];
+    let refused = |message: &str| both.iter().for_each(|words| place.refused(words, message));
+    let (clip, song) = (place.at("data/1.bvh"), place.at("songs/song2.wav"));
+    let [bvh, wav] = [&clip, &song].map(|path| fs::read(path).unwrap());
+    fs::copy(place.at("data/0.bvh"), &clip).unwrap();
+    refused("data/1.bvh: found SHA-256 ");
+    fs::write(&clip, bvh).unwrap();
+    fs::copy(place.at("songs/song1.wav"), &song).unwrap();
+    refused("songs/song2.wav: found SHA-256 ");
+    fs::write(&song, wav).unwrap();
+    fs::copy(place.at("data/0.bvh"), place.at("data/9.bvh")).unwrap();
+    refused("data/9.bvh: found a file, expected none");
+    fs::remove_file(place.at("data/9.bvh")).unwrap();
+    let labels = fs::read_to_string(place.at("labels.csv")).unwrap();
+    fs::write(place.at("labels.csv"), labels.replace("song3,0", "song3,0.1")).unwrap();
+    refused("found files, rates, splits or times with the hash ");
+    fs::write(place.at("labels.csv"), labels).unwrap();
+    both.iter().for_each(|words| drop(place.done(words)));
+    // runs of before know one hash of all
+    let config = fs::read_to_string(place.at("run/config.toml")).unwrap();
+    let (before, _) = config.split_once("[files]").unwrap();
+    fs::write(place.at("run/config.toml"), before).unwrap();
+    place.done(both[0]);
+    fs::copy(place.at("data/0.bvh"), &clip).unwrap();
+    refused("found files, rates, splits or times with the hash ");
+}

@@ -13,6 +13,7 @@ use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Motion};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Where a run's motion is.
@@ -122,10 +123,47 @@ impl Recordings {
         crate::corpus::record::hex(hash)
     }
 
+    /// SHA-256 of each file, by its path.
+    pub fn files(&self) -> Hashes {
+        self.all.iter().map(|one| (one.item.path.display().to_string(), one.sha256.clone())).collect()
+    }
+
     /// Those of a split.
     pub fn split(&self, split: Split) -> impl Iterator<Item = &Recording> {
         self.all.iter().filter(move |one| one.split == split)
     }
+}
+
+/// SHA-256 of files by their paths.
+pub type Hashes = BTreeMap<String, String>;
+
+/// Refuses files that aren't those that a run has learned from, by the hash of all and those of each: of each nothing is known
+/// in runs of before.
+///
+/// # Errors
+/// [`Error::File`] that names the first that has changed, is gone or is new; where none has, what else may have.
+pub fn check_files(run: &Path, all: [&str; 2], each: [&Hashes; 2]) -> Result<()> {
+    let ([then, now], [then_each, now_each]) = (all, each);
+    if then == now {
+        return Ok(());
+    }
+    let help = "put back the files and labels that the run was begun with, or begin a new one";
+    let wrong = |path: &str, found: String, expected: String| Err(Error::file(path, found, expected, help));
+    if !then_each.is_empty() {
+        for (path, then) in then_each {
+            let expected = format!("the file that {} was begun with, {then}", run.display());
+            match now_each.get(path) {
+                Some(now) if now == then => {}
+                Some(now) => return wrong(path, format!("SHA-256 {now}"), expected),
+                None => return wrong(path, "no such file among those of the run".into(), expected),
+            }
+        }
+        if let Some(path) = now_each.keys().find(|path| !then_each.contains_key(*path)) {
+            return wrong(path, "a file".into(), format!("none: {} was begun without it", run.display()));
+        }
+    }
+    let found = format!("files, rates, splits or times with the hash {now}");
+    wrong(&run.display().to_string(), found, format!("the run's, {then}"))
 }
 
 /// A motion and the hash of its file.

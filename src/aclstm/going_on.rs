@@ -81,13 +81,14 @@ mod tests {
             rig: Rig::of(&motion),
             config,
             sources,
+            files: Default::default(),
         };
         let coder = Coder::new(file.config.form, &file.rig).unwrap();
         let shape = file.config.shape(coder.channels());
         let frames = coder.frames(&motion.clip);
         let weights = network::initial(&shape, 1);
         let (step, sha256, notes) = (0, String::new(), vec![]);
-        (Trained { file, coder, shape, weights, step, sha256, notes }, frames)
+        (Trained { run: "run".into(), file, coder, shape, weights, step, sha256, notes }, frames)
     }
 
     #[test]

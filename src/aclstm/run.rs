@@ -1,6 +1,6 @@
 //! A run's `config.toml`, and a trained network out of its folder.
 
-use super::data::{Recordings, Sources};
+use super::data::{Hashes, Recordings, Sources, check_files};
 use super::form::Coder;
 use super::{Config, Rig, network};
 use crate::corpus::FileRecord;
@@ -13,7 +13,8 @@ use crate::{Error, Result};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::Shape;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 /// What tells such a run from others.
 const KIND: Kind =
@@ -37,6 +38,9 @@ pub struct RunFile {
     pub rig: Rig,
     /// Where the motion is.
     pub sources: Sources,
+    /// SHA-256 of each file of motion; runs of before don't know it.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub files: Hashes,
 }
 
 impl RunFile {
@@ -54,7 +58,18 @@ impl RunFile {
             config: config.clone(),
             rig,
             sources: sources.clone(),
+            files: recordings.files(),
         }
+    }
+
+    /// The clips that `run` has learned from and is measured on.
+    ///
+    /// # Errors
+    /// What reading fails with; files that have changed since.
+    pub fn recordings(&self, run: &Path) -> Result<Recordings> {
+        let recordings = Recordings::load(&self.sources, self.config.margin, Some(&self.rig))?;
+        check_files(run, [&self.clips_sha256, &recordings.sha256()], [&self.files, &recordings.files()])?;
+        Ok(recordings)
     }
 
     /// Writes it.
@@ -86,6 +101,8 @@ impl RunFile {
 
 /// A trained network.
 pub struct Trained {
+    /// Its run folder.
+    pub run: PathBuf,
     /// What its run is.
     pub file: RunFile,
     /// Its form on its rig.
@@ -119,6 +136,7 @@ impl Trained {
                 Error::Weights(found) => Error::file(&path, found, "the network that config.toml describes", ""),
                 other => other,
             })?;
-        Ok(Trained { coder, shape, weights, step: found.state.step, sha256: FileRecord::of(bytes).sha256, notes, file })
+        let (step, sha256) = (found.state.step, FileRecord::of(bytes).sha256);
+        Ok(Trained { run: run.into(), coder, shape, weights, step, sha256, notes, file })
     }
 }

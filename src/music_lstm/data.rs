@@ -3,7 +3,7 @@
 
 use super::config::{Audio, Config};
 use super::{FPS, HEARD};
-use crate::aclstm::data::{Recording, Recordings, Sources};
+use crate::aclstm::data::{Hashes, Recording, Recordings, Sources};
 use crate::aclstm::form::{Coder, Form};
 use crate::corpus::Split;
 use crate::corpus::load::hash_file;
@@ -67,6 +67,8 @@ pub struct Dances {
     pub all: Vec<Danced>,
     /// One hash of all files of motion and music, and of the times at which clips begin.
     pub sha256: String,
+    /// SHA-256 of each of these files.
+    pub files: Hashes,
     /// What the user should be told.
     pub said: Vec<String>,
 }
@@ -131,7 +133,9 @@ impl Dances {
             false => vec![format!("{} clips have no music and are left out", without.len())],
         };
         hear_all(&mut all, audio)?;
-        Ok(Dances { all, sha256: crate::corpus::record::hex(hash), said })
+        let music = hashes.into_iter().map(|(path, hash)| (path.display().to_string(), hash));
+        let files = recordings.files().into_iter().chain(music).collect();
+        Ok(Dances { all, sha256: crate::corpus::record::hex(hash), files, said })
     }
 
     /// Those of a split.

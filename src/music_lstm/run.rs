@@ -5,7 +5,7 @@ use super::data::{Dances, Places};
 use super::network::{Dropped, Network, list, standardise};
 use super::{FPS, HEARD};
 use crate::aclstm::Rig;
-use crate::aclstm::data::Recordings;
+use crate::aclstm::data::{Hashes, Recording, Recordings, check_files};
 use crate::aclstm::form::{Coder, Form, check_finite};
 use crate::corpus::FileRecord;
 use crate::model::checkpoint::{Checkpoints, Which};
@@ -19,7 +19,8 @@ use kinelm_engine::lstm::Told;
 use kinelm_motion::skeleton::EndSite;
 use kinelm_motion::{Clip, Skeleton, Vec3};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// What tells such a run from others.
@@ -91,6 +92,9 @@ pub struct RunFile {
     pub body: Body,
     /// Where the motion and the music are.
     pub places: Places,
+    /// SHA-256 of each file of both; runs of before don't know it.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub files: Hashes,
 }
 
 impl RunFile {
@@ -105,7 +109,20 @@ impl RunFile {
             rig: recordings.rig.clone(),
             body: Body::of(&recordings.all[0].clip),
             places: places.clone(),
+            files: dances.files.clone(),
         }
+    }
+
+    /// The clips and the music that `run` has learned from and is measured on; `wanted` says which are heard.
+    ///
+    /// # Errors
+    /// What reading and hearing fail with; files that have changed since.
+    pub fn dances(&self, run: &Path, wanted: impl Fn(&Recording) -> bool) -> Result<(Recordings, Dances)> {
+        let (config, places) = (&self.config, &self.places);
+        let recordings = Recordings::load(&places.motion, config.margin, Some(&self.rig))?;
+        let dances = Dances::hear(&recordings, places, config.audio, config.margin, wanted)?;
+        check_files(run, [&self.dances_sha256, &dances.sha256], [&self.files, &dances.files])?;
+        Ok((recordings, dances))
     }
 
     /// Writes it.
@@ -129,6 +146,8 @@ impl RunFile {
 
 /// A trained network.
 pub struct Trained {
+    /// Its run folder.
+    pub run: PathBuf,
     /// What its run is.
     pub file: RunFile,
     /// Quaternions on its rig.
@@ -165,7 +184,7 @@ impl Trained {
             other => other,
         })?;
         let (step, sha256) = (found.state.step, FileRecord::of(bytes).sha256);
-        Ok(Trained { coder, skeleton, shape, weights, step, sha256, notes, file })
+        Ok(Trained { run: run.into(), coder, skeleton, shape, weights, step, sha256, notes, file })
     }
 
     /// A dance that begins at rest.

@@ -45,10 +45,10 @@ impl Test {
     /// Of the clips of a run's own sources.
     ///
     /// # Errors
-    /// What reading fails with; no clip of the split that is long enough.
+    /// What reading fails with; clips that have changed since the run was begun; no clip of the split that is long enough.
     pub fn load(trained: &Trained, options: &Options) -> Result<Test> {
         options.check()?;
-        let recordings = Recordings::load(&trained.file.sources, trained.file.config.margin, Some(&trained.file.rig))?;
+        let recordings = trained.file.recordings(&trained.run)?;
         let seeds = seeds(&recordings, options)?;
         let train =
             recordings.split(Split::Train).map(|one| Energy::of_clip(&one.at_rate()?)).collect::<Result<Vec<_>>>()?;

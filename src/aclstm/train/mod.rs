@@ -13,11 +13,11 @@ use super::data::{Learned, Recordings, Sources};
 use super::form::Coder;
 use super::network;
 use super::run::RunFile;
+use crate::Result;
 use crate::train::folder::RunFolder;
 use crate::train::learner::listed;
 use crate::train::parameters::Parameters;
 use crate::train::updates::{self, Plan};
-use crate::{Error, Result};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
@@ -84,12 +84,7 @@ fn found(run: &Path, steps: Option<u64>, hear: &mut dyn FnMut(Event)) -> Result<
     let folder = RunFolder::open(run)?;
     let mut file = RunFile::read(run)?;
     let coder = file.coder()?;
-    let recordings = Recordings::load(&file.sources, file.config.margin, Some(&file.rig))?;
-    if recordings.sha256() != file.clips_sha256 {
-        let found = format!("clips with hash {}", recordings.sha256());
-        let help = "put back the files and labels that the run was begun with, or begin a new one";
-        return Err(Error::file(run, found, format!("the run's, {}", file.clips_sha256), help));
-    }
+    let recordings = file.recordings(run)?;
     if let Some(steps) = steps.filter(|steps| *steps != file.config.steps) {
         updates::check_steps(run, steps)?;
         file.config.steps = steps;

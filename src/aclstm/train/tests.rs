@@ -145,5 +145,5 @@ fn what_can_not_be_learned_from_is_refused() {
     go(&run, &Asked::New(config, sources.clone()), 1).unwrap();
     fs::remove_file(sources.data[0].join("2.json")).unwrap();
     let message = go(&run, &Asked::Resumed(None), 1).unwrap_err().to_string();
-    assert!(message.contains("run: found clips with hash"), "{message}");
+    assert!(message.contains("2.json: found no such file among those of the run"), "{message}");
 }

@@ -11,7 +11,7 @@ pub use report::{Report, Row};
 use super::FPS;
 use super::data::{Danced, Dances};
 use super::run::Trained;
-use crate::aclstm::data::Recordings;
+use crate::aclstm::data::Recording;
 use crate::corpus::Split;
 use crate::evaluate::dance::freeze;
 use crate::{Error, Result};
@@ -41,17 +41,14 @@ struct True<'a> {
 /// made.
 ///
 /// # Errors
-/// What reading and hearing fail with; no clip with music in a split; a network that runs away.
+/// What reading and hearing fail with; clips or music that have changed since the run was begun; no clip with music in a split; a network that runs away.
 pub fn evaluate(trained: &Trained, options: &Options, progress: &mut dyn FnMut(usize)) -> Result<Report> {
-    let config = &trained.file.config;
     if options.frames < FPS as usize {
         return Err(Error::Call(format!("{} frames of the long dance; expected {FPS} or more", options.frames)));
     }
-    let recordings = Recordings::load(&trained.file.places.motion, config.margin, Some(&trained.file.rig))?;
     let splits = [Split::Train, options.unheard];
-    let dances = Dances::hear(&recordings, &trained.file.places, config.audio, config.margin, |one| {
-        splits.contains(&one.split) && one.frames() >= FPS as usize
-    })?;
+    let measured = |one: &Recording| splits.contains(&one.split) && one.frames() >= FPS as usize;
+    let (_, dances) = trained.file.dances(&trained.run, measured)?;
     let [heard, unheard] = splits.map(|split| truths(trained, &dances, split));
     let (heard, unheard) = (heard?, unheard?);
     let still: Vec<f64> = heard.iter().flat_map(|one| energy(&one.clip)).collect();

@@ -12,14 +12,14 @@ use super::effort::shares;
 use super::loss::{Asked as Wanted, loss};
 use super::network::{Dropped, Network, initial, list, standardise};
 use super::run::RunFile;
-use crate::aclstm::data::Recordings;
+use crate::Result;
+use crate::aclstm::data::{Recording, Recordings};
 use crate::corpus::Split;
 use crate::random;
 use crate::train::folder::RunFolder;
 use crate::train::learner::listed;
 use crate::train::parameters::Parameters;
 use crate::train::updates::{self, Plan};
-use crate::{Error, Result};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::Told;
 use rand_chacha::rand_core::RngCore;
@@ -69,15 +69,14 @@ pub fn train(run: &Path, asked: &Asked, stop: &AtomicBool, hear: &mut dyn FnMut(
 
 type Ready = (RunFolder, RunFile, Vec<Danced>);
 
-fn training(recordings: &Recordings, places: &Places, config: &Config) -> Result<Dances> {
-    let of = |one: &crate::aclstm::data::Recording| one.split == Split::Train;
-    Dances::hear(recordings, places, config.audio, config.margin, of)
+fn is_learned(one: &Recording) -> bool {
+    one.split == Split::Train
 }
 
 fn begin(run: &Path, config: &Config, places: &Places, hear: &mut dyn FnMut(Event)) -> Result<Ready> {
     config.validate()?;
     let recordings = Recordings::load(&places.motion, config.margin, None)?;
-    let dances = training(&recordings, places, config)?;
+    let dances = Dances::hear(&recordings, places, config.audio, config.margin, is_learned)?;
     let file = RunFile::new(config, places, &recordings, &dances);
     let all = told(&recordings, dances, config, hear)?;
     // whatever is refused must not leave an empty run behind
@@ -89,13 +88,7 @@ fn begin(run: &Path, config: &Config, places: &Places, hear: &mut dyn FnMut(Even
 fn found(run: &Path, steps: Option<u64>, hear: &mut dyn FnMut(Event)) -> Result<Ready> {
     let folder = RunFolder::open(run)?;
     let mut file = RunFile::read(run)?;
-    let recordings = Recordings::load(&file.places.motion, file.config.margin, Some(&file.rig))?;
-    let dances = training(&recordings, &file.places, &file.config)?;
-    if dances.sha256 != file.dances_sha256 {
-        let found = format!("clips and music with hash {}", dances.sha256);
-        let help = "put back the files and labels that the run was begun with, or begin a new one";
-        return Err(Error::file(run, found, format!("the run's, {}", file.dances_sha256), help));
-    }
+    let (recordings, dances) = file.dances(run, is_learned)?;
     if let Some(steps) = steps.filter(|steps| *steps != file.config.steps) {
         updates::check_steps(run, steps)?;
         file.config.steps = steps;

@@ -83,7 +83,7 @@ fn a_run_that_was_stopped_goes_on_to_the_same_bits() {
     let song = places.music.join("1.wav");
     fs::copy(places.music.join("0.wav"), &song).unwrap();
     let message = go(&parts, &Asked::Resumed(None), 1).unwrap_err().to_string();
-    assert!(message.contains("found clips and music with hash"), "{message}");
+    assert!(message.contains("songs/1.wav: found SHA-256 "), "{message}");
 }
 
 #[test]
@@ -109,7 +109,7 @@ fn batches_are_true_frames_with_the_music_of_their_time() {
     let dir = tempfile::tempdir().unwrap();
     let (config, places) = place(dir.path(), 60.0);
     let recordings = Recordings::load(&places.motion, config.margin, None).unwrap();
-    let dances = training(&recordings, &places, &config).unwrap();
+    let dances = Dances::hear(&recordings, &places, config.audio, config.margin, is_learned).unwrap();
     let (all, short) = learned(dances, &config).unwrap();
     assert!(all.len() == 3 && short.is_empty(), "the test dance isn't learned from");
     let (b, c) = (config.batch, 4 * recordings.rig.joints());

@@ -60,8 +60,8 @@ pub struct Args {
     #[arg(long, value_name = "G")]
     guidance: Option<f64>,
     /// How far gaps (--given, --free) are led to what is given behind them: 1 as learned, above 1 more so, which takes twice
-    /// the time; 0 not at all. If not given, 2 where the model was trained for it (model.ahead)
-    #[arg(long, value_name = "G")]
+    /// the time, up to 10; 0 not at all. If not given, 2 where the model was trained for it (model.ahead)
+    #[arg(long, value_name = "G", value_parser = led, allow_hyphen_values = true)]
     ahead: Option<f64>,
     /// Frames to make, at the model's rate; the prompt's length if not given
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..), required_unless_present_any = ["prompt", "plan", "again", "seconds", "music"])]
@@ -165,6 +165,12 @@ impl From<RestArg> for RestJoints {
             RestArg::Mean => RestJoints::Mean,
         }
     }
+}
+
+/// How far gaps are led; beyond 10 a model draws from what it hardly means.
+fn led(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|ahead| (0.0..=10.0).contains(ahead));
+    number.ok_or("expected a number from 0 (not at all) to 10; 1 is as learned".into())
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {

@@ -6,8 +6,8 @@ use super::pattern::{EXTENSIONS, without_extension};
 use super::record::Split;
 use super::splits::{self, some_of};
 use super::timed::{Piece, Timed};
-use crate::{Error, Result};
-use kinelm_motion::format::input;
+use crate::{Error, Result, counted};
+use kinelm_motion::format::{Format, input};
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs::{self, File};
 use std::io::Read;
@@ -89,6 +89,8 @@ pub struct Gathered {
     pub no_motion: usize,
     /// Files that an `ignore_list.txt` names.
     pub ignored: usize,
+    /// FBX files that this build doesn't read.
+    pub unread_fbx: usize,
     /// Files without a row in their label CSV.
     pub without_row: usize,
     /// Rows of label CSVs without a file.
@@ -111,7 +113,8 @@ struct Found {
 ///
 /// # Errors
 /// [`Error::Io`] for a path that is not there or can't be read; [`Error::Call`] when nothing is found, or `labels` are
-/// neither none, one nor as many as `data`; those of [`Labels::parse`] and [`Labels::find`].
+/// neither none, one nor as many as `data`; [`Error::File`] when nothing is found but FBX files, in a build that doesn't read
+/// them; those of [`Labels::parse`] and [`Labels::find`].
 pub fn gather(data: &[PathBuf], labels: &[String]) -> Result<Gathered> {
     if labels.len() > 1 && labels.len() != data.len() {
         let (l, d) = (labels.len(), data.len());
@@ -135,6 +138,7 @@ pub fn gather(data: &[PathBuf], labels: &[String]) -> Result<Gathered> {
         }
     }
     if found.is_empty() {
+        refuse_fbx_alone(&data[0], gathered.unread_fbx)?;
         let places = gathered.sources.join(", ");
         return Err(Error::Call(format!(
             "no motion in {places}; looked for files ending in {}",
@@ -151,18 +155,38 @@ pub fn gather(data: &[PathBuf], labels: &[String]) -> Result<Gathered> {
 /// The motion files below a folder, by path, as [`gather`] finds them.
 ///
 /// # Errors
-/// [`Error::Io`] for what can't be read.
+/// [`Error::Io`] for what can't be read; [`Error::File`] for a folder of FBX files alone, in a build that doesn't read them.
 pub fn files_below(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut counts = Gathered::default();
     let mut walk = Walk { gathered: &mut counts, files: Vec::new(), folders: HashSet::new() };
     walk.start(folder)?;
-    Ok(walk.files.into_iter().map(|(path, _)| path).collect())
+    let files: Vec<PathBuf> = walk.files.into_iter().map(|(path, _)| path).collect();
+    if files.is_empty() {
+        refuse_fbx_alone(folder, counts.unread_fbx)?;
+    }
+    Ok(files)
+}
+
+/// Says why `place`, which holds no other motion, is refused for all its FBX files.
+fn refuse_fbx_alone(place: &Path, unread: usize) -> Result<()> {
+    if unread == 0 {
+        return Ok(());
+    }
+    let expected = "motion that this build reads, or a build with the feature `fbx`";
+    let help = "cargo install --path . --features fbx makes one; or convert the files to BVH";
+    Err(Error::file(place, format!("{} and no other motion", counted(unread, ".fbx files")), expected, help))
+}
+
+/// Whether a file is one that only another build reads.
+fn is_unread_fbx(path: &Path) -> bool {
+    !cfg!(feature = "fbx") && Format::of_name(path) == Some(Format::Fbx)
 }
 
 fn say_left_out(g: &mut Gathered, twice: usize) {
     for (count, what) in [
         (g.no_motion, "files hold no motion (body shapes, other JSON) and are left out"),
         (g.ignored, "files are left out because ignore_list.txt names them"),
+        (g.unread_fbx, ".fbx files are left out: this build has not the feature `fbx`"),
         (twice, "files were given twice and are taken once"),
     ] {
         if count > 0 {
@@ -338,6 +362,7 @@ impl Walk<'_> {
         }
         let name = place.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         if without_extension(&name) == name {
+            refuse_fbx_alone(place, usize::from(is_unread_fbx(place)))?;
             let expected = format!("a file ending in {}, or a folder", EXTENSIONS.join(", "));
             return Err(Error::file(place, "a file of another kind", expected, ""));
         }
@@ -375,6 +400,7 @@ impl Walk<'_> {
     fn file(&mut self, path: PathBuf, relative: String, ignore: &HashSet<String>) {
         let stem = without_extension(&relative);
         if stem == relative {
+            self.gathered.unread_fbx += usize::from(is_unread_fbx(&path));
             return;
         }
         let name = stem.rsplit('/').next().unwrap_or(stem);
@@ -532,6 +558,25 @@ mod tests {
         assert!(gather(&[dir.path().into()], &[]).unwrap_err().to_string().contains("no motion in"));
         assert!(gather(&[dir.path().join("none")], &[]).is_err());
         assert!(gather(&[dir.path().join("a.txt")], &[]).unwrap_err().to_string().contains("another kind"));
+    }
+
+    #[cfg(not(feature = "fbx"))]
+    #[test]
+    fn fbx_files_are_named_where_nothing_reads_them() {
+        let dir = tree(&["a/x.FBX", "a/y.fbx"]);
+        for said in [
+            gather(&[dir.path().into()], &[]).unwrap_err().to_string(),
+            files_below(&dir.path().join("a")).unwrap_err().to_string(),
+        ] {
+            assert!(said.contains("found 2 .fbx files and no other motion") && said.contains("`fbx`"), "{said}");
+        }
+        let said = gather(&[dir.path().join("a/x.FBX")], &[]).unwrap_err().to_string();
+        assert!(said.contains("x.FBX") && said.contains("--features fbx"), "{said}");
+        fs::write(dir.path().join("b.bvh"), "").unwrap();
+        let g = gather(&[dir.path().into()], &[]).unwrap();
+        assert_eq!((names(&g), g.unread_fbx), (vec!["b"], 2));
+        assert!(says(&g, "2 .fbx files are left out: this build has not the feature `fbx`"), "{:?}", g.said);
+        assert_eq!(files_below(dir.path()).unwrap().len(), 1);
     }
 
     #[test]

@@ -110,6 +110,11 @@ fn seeds(target: &str) -> Vec<Vec<u8>> {
         }
         "sidecar" => own(r#"{"schema": 1, "program": "kinelm", "files": [{"file": "a.bvh", "sha256": "00"}]}"#),
         "folders" => own("version = 2\n[model]\nlayers = 1\n{\"version\": 2, \"clips\": {}}"),
+        "music" => ["wav", "flac", "mp3", "ogg", "m4a", "mp4", "opus"]
+            .iter()
+            .flat_map(|extension| files("music/tests/sounds", extension))
+            .collect(),
+        "beats" => own("# made by kinelm: beats of song.mp3, seconds\n0.500\n1.013\t1\n\n 1.5,2 # two\n"),
         other => panic!("no sound file for {other}"),
     }
 }

@@ -9,6 +9,7 @@ use kinelm::corpus::{Corpus, labels};
 use kinelm::evaluate::CodeSplits;
 use kinelm::generate::provenance::Provenance;
 use kinelm::model::{Which, load_run, weights};
+use kinelm::music::beats;
 use kinelm::spectral::query::Index;
 use kinelm::train::TrainFile;
 use kinelm_motion::format::body_model::BodyModel;
@@ -26,7 +27,7 @@ use std::sync::LazyLock;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All of them; a file of `fuzz_targets/` has the name of each.
-pub const TARGETS: [Target; 16] = [
+pub const TARGETS: [Target; 18] = [
     ("bvh", bvh),
     ("amass", amass),
     ("body_model", body_model),
@@ -43,6 +44,8 @@ pub const TARGETS: [Target; 16] = [
     ("codes", codes),
     ("sidecar", sidecar),
     ("folders", folders),
+    ("music", music),
+    ("beats", beats),
 ];
 
 /// A BVH, read strictly or leniently, its places too; what was read is written and read again.
@@ -167,6 +170,25 @@ pub fn folders(data: &[u8]) {
     in_folder("corpus.json", data, |folder| drop(Corpus::open(folder)));
     in_folder("index.json", data, |folder| drop(Index::open(folder)));
     in_folder("config.toml", data, |folder| drop(load_run(folder, Which::Auto)));
+}
+
+/// A music file, whatever it is of, heard for its beats.
+pub fn music(data: &[u8]) {
+    in_folder("song", data, |folder| {
+        if let Ok(found) = kinelm_music::beat::beats(&folder.join("song")) {
+            assert!(found.times_s.windows(2).all(|pair| pair[0] < pair[1]), "beats rise");
+            assert!(found.times_s.iter().all(|time| (0.0..=found.seconds).contains(time)), "and are within the music");
+        }
+    });
+}
+
+/// Beats as text.
+pub fn beats(data: &[u8]) {
+    with_text(data, |text| {
+        if let Ok(times) = beats::parse(Path::new("beats.txt"), text) {
+            assert!(times.windows(2).all(|pair| pair[0] < pair[1]), "what is read rises");
+        }
+    });
 }
 
 fn with_text(data: &[u8], read: impl FnOnce(&str)) {

@@ -1,6 +1,6 @@
 //! When and where feet stand.
 
-use super::{BLEND_S, leg::Leg};
+use super::{BLEND_S, leg::Leg, sole};
 use crate::{Clip, Vec3};
 use std::ops::Range;
 
@@ -11,7 +11,9 @@ const ENDS: (f64, f64) = (0.07, 0.9);
 /// Shorter ones are steps in passing, seconds.
 const SHORTEST_S: f64 = 0.1;
 /// A foot that goes further from its mean place meanwhile slides on purpose, or steps close to the floor, metres.
-const FURTHEST_M: f64 = 0.12;
+const FURTHEST_M: f64 = 0.16;
+/// The joint of a foot that doesn't keep its place may go so deep into the floor, metres.
+const GIVES_M: f64 = 0.02;
 /// It steps where it is so many times as fast as in the middle of its speeds; in the step, faster than this share of it.
 const STEP: f64 = 2.0;
 const IN_STEP: f64 = 0.4;
@@ -27,8 +29,10 @@ pub struct Contact {
     pub to: usize,
     /// The joint that stands: the ankle, or the ball if that keeps its place better.
     pub joint: usize,
-    /// Where: x, z, and the least height, which is put on the floor; metres.
-    pub place: [f64; 3],
+    /// Where: x, z; metres.
+    pub place: [f64; 2],
+    /// By how much the foot is turned in its ankle, toes up, radians: [`sole::turn`].
+    pub turn: f64,
 }
 
 impl Contact {
@@ -41,8 +45,9 @@ impl Contact {
     pub fn begin_at(&mut self, given: usize, clip: &Clip) {
         if self.from < given {
             let stood = clip.global_pose(given.min(self.to) - 1).positions[self.joint];
-            self.place = [stood.x, stood.y, stood.z];
+            self.place = [stood.x, stood.z];
             self.from = given.min(self.to);
+            self.turn = 0.0;
         }
     }
 }
@@ -123,26 +128,45 @@ fn best(
             let mean = frames.clone().map(|f| at(f, joint)).sum::<Vec3>() / frames.len() as f64;
             let apart = |f: usize| (at(f, joint).x - mean.x).hypot(at(f, joint).z - mean.z);
             let furthest = frames.clone().map(apart).fold(0.0, f64::max);
-            let place = [mean.x, least, mean.z];
-            (furthest, Contact { side, from: frames.start, to: frames.end, joint, place })
+            let place = [mean.x, mean.z];
+            (furthest, Contact { side, from: frames.start, to: frames.end, joint, place, turn: 0.0 })
         })
     };
     leg.foot.iter().filter_map(of).min_by(|a, b| a.0.total_cmp(&b.0))
 }
 
-/// (F) By how much the foot of a leg is to be moved: to its place in a contact, out of the floor elsewhere; between both over
+/// How the foot of a leg is to be moved, (F) each.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Moves {
+    /// The way of the ankle, metres.
+    pub by: Vec<Vec3>,
+    /// The turn about it, toes up, radians.
+    pub turn: Vec<f64>,
+}
+
+/// How the foot of a leg is to be moved: to its place in a contact, out of the floor elsewhere; between both over
 /// [`BLEND_S`]. The first `given` frames stay.
-pub fn offsets(clip: &Clip, leg: &Leg, contacts: &[Contact], (floor_m, given): (f64, usize)) -> Vec<Vec3> {
+pub fn moves(clip: &Clip, leg: &Leg, contacts: &[Contact], (floor_m, given): (f64, usize)) -> Moves {
     let (places, j, frames) = (clip.positions(), clip.joints(), clip.frames());
     let at = |f: usize, joint: usize| places[f * j + joint];
-    let rest = |joint: usize| leg.foot.iter().find(|(j, _)| *j == joint).map_or(0.0, |(_, rest)| *rest);
-    let mut out = vec![Vec3::ZERO; frames];
+    // where a joint of the foot comes by its turn alone
+    let turned = |f: usize, joint: usize, turn: f64| {
+        let foot = at(f, joint) - at(f, leg.ankle);
+        at(f, leg.ankle) + sole::toes_up(foot, turn) * foot
+    };
+    let mut out = Moves { by: vec![Vec3::ZERO; frames], turn: vec![0.0; frames] };
     let mut held: Vec<bool> = (0..frames).map(|f| f < given).collect();
     for contact in contacts {
-        let [x, least, z] = contact.place;
+        let [x, z] = contact.place;
+        let least = |&(joint, rest): &(usize, f64)| {
+            let heights = contact.frames().map(|f| turned(f, joint, contact.turn).y - rest);
+            heights.fold(f64::MAX, f64::min) + if joint == contact.joint { 0.0 } else { GIVES_M }
+        };
+        let lowest = leg.foot.iter().map(least).fold(f64::MAX, f64::min);
         for f in contact.frames() {
-            let p = at(f, contact.joint);
-            out[f] = Vec3::new(x - p.x, floor_m + rest(contact.joint) - least, z - p.z);
+            let by = Vec3::new(x, 0.0, z) - turned(f, contact.joint, contact.turn);
+            out.by[f] = Vec3::new(by.x, floor_m - lowest, by.z);
+            out.turn[f] = contact.turn;
             held[f] = true;
         }
     }
@@ -151,26 +175,28 @@ pub fn offsets(clip: &Clip, leg: &Leg, contacts: &[Contact], (floor_m, given): (
     let mut behind: Vec<Option<usize>> = last_held(held.iter().rev().copied());
     behind.reverse();
     let ends = out.clone();
+    let end = |f: usize| (ends.by[f], ends.turn[f]);
     for f in (0..frames).filter(|&f| !held[f]) {
-        let a = before[f].map(|back| (back, ends[f - back]));
-        let b = behind[f].map(|ahead| (ahead, ends[f + ahead]));
-        out[f] = match (a, b) {
+        let a = before[f].map(|back| (back, end(f - back)));
+        let b = behind[f].map(|ahead| (ahead, end(f + ahead)));
+        (out.by[f], out.turn[f]) = match (a, b) {
             // two contacts that are near: from one to the other
             (Some((i, a)), Some((k, b))) if i + k <= 2 * n => {
                 let t = smooth(i as f64 / (i + k) as f64);
-                a * (1.0 - t) + b * t
+                (a.0 * (1.0 - t) + b.0 * t, a.1 * (1.0 - t) + b.1 * t)
             }
-            (a, b) => [a, b]
-                .into_iter()
-                .flatten()
-                .filter(|(i, _)| *i <= n)
-                .map(|(i, x)| x * (1.0 - smooth(i as f64 / (n + 1) as f64)))
-                .sum(),
+            (a, b) => {
+                let near = [a, b].into_iter().flatten().filter(|(i, _)| *i <= n);
+                near.fold((Vec3::ZERO, 0.0), |sum, (i, (by, turn))| {
+                    let share = 1.0 - smooth(i as f64 / (n + 1) as f64);
+                    (sum.0 + by * share, sum.1 + turn * share)
+                })
+            }
         };
         // what would be in the floor comes out of it
-        let lowest =
-            leg.foot.iter().map(|&(joint, rest)| at(f, joint).y + out[f].y - floor_m - rest).fold(f64::MAX, f64::min);
-        out[f].y += (-lowest).max(0.0);
+        let height = |&(joint, rest): &(usize, f64)| turned(f, joint, out.turn[f]).y + out.by[f].y - floor_m - rest;
+        let lowest = leg.foot.iter().map(height).fold(f64::MAX, f64::min);
+        out.by[f].y += (-lowest).max(0.0);
     }
     out
 }

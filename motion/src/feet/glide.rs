@@ -8,7 +8,7 @@ const LOW_M: f64 = 0.06;
 /// The slower a foot is, the more it stands; this fast it counts a quarter, metres a second.
 const SLOW_M_S: f64 = 0.1;
 /// What is left of a glide changes over so many seconds around.
-const SMOOTH_S: f64 = 0.05;
+const SMOOTH_S: f64 = 0.15;
 
 /// (F) By how much the body is to be moved along the ground, metres, with the floor at `floor_m`: the way that the foot which
 /// stands has gone, back. Of several foot joints near the floor the slow ones count. The first `given` frames stay.

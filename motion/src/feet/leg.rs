@@ -54,8 +54,14 @@ impl Leg {
     }
 
     /// Turns hip and knee in `local` (J), whose world pose is `pose`, so that the ankle moves by `offset`; the foot keeps its
-    /// rotation in the world. How far the ankle stays from there, metres: 0 but for a place that is too far.
-    pub fn bend(&self, skeleton: &Skeleton, pose: &GlobalPose, offset: Vec3, local: &mut [Quat]) -> f64 {
+    /// rotation in the world but for `turn`. How far the ankle stays from there, metres: 0 but for a place that is too far.
+    pub fn bend(
+        &self,
+        skeleton: &Skeleton,
+        pose: &GlobalPose,
+        (offset, turn): (Vec3, Quat),
+        local: &mut [Quat],
+    ) -> f64 {
         let [hip, knee, ankle] = [self.hip, self.knee, self.ankle].map(|j| pose.positions[j]);
         let (upper, lower) = self.lengths(pose);
         let (goal, now) = (ankle + offset - hip, ankle - hip);
@@ -82,7 +88,7 @@ impl Leg {
         let over_knee = under(parents[self.knee], hip_turn);
         local[self.knee] = (over_knee.conjugate() * hip_turn * knee_turn * world(self.knee)).normalize();
         let over_ankle = under(parents[self.ankle], hip_turn * knee_turn);
-        local[self.ankle] = (over_ankle.conjugate() * world(self.ankle)).normalize();
+        local[self.ankle] = (over_ankle.conjugate() * turn * world(self.ankle)).normalize();
         goal.length() - distance
     }
 

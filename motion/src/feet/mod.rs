@@ -7,11 +7,12 @@ pub mod contact;
 pub mod glide;
 pub mod leg;
 pub mod settle;
+pub mod sole;
 
 use crate::metric::Feet;
 use crate::retarget::{ReferencePose, SkeletonMap};
 use crate::{Clip, GlobalPose, Quat, Result, Vec3};
-use contact::{Contact, contacts};
+use contact::{Contact, Moves, contacts};
 use leg::Leg;
 
 /// What must not be moved: it was given.
@@ -67,18 +68,9 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: Fixed) -> Resul
     let legs = Leg::both(&pose, &feet);
     let mut locked = Locked::default();
     let mut root = clip.root().to_vec();
+    let ups = hangs(clip, &feet, floor_m, fixed);
     if !fixed.root {
-        let others = feet.others(clip);
-        let least: Vec<f64> = feet
-            .least(clip)
-            .iter()
-            .zip(&others)
-            .map(|(y, other)| settle::height(y - floor_m, other - floor_m))
-            .collect();
-        let pelvis: Vec<f64> = root.iter().map(|p| p.y).collect();
-        let begins = Begins { frames: fixed.frames, fps: clip.fps() };
-        for (f, (root, up)) in root.iter_mut().zip(settle::offsets(&least, &pelvis, clip.fps())).enumerate() {
-            let up = up * begins.share(f);
+        for (root, up) in root.iter_mut().zip(&ups) {
             root.y -= up;
             locked.settled_cm = locked.settled_cm.max(100.0 * up.abs());
         }
@@ -90,11 +82,17 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: Fixed) -> Resul
         settled = at(settled.root().iter().zip(&offsets).map(|(p, by)| *p + *by).collect())?;
         locked.carried_cm = offsets.iter().map(|by| 100.0 * by.length()).fold(0.0, f64::max);
     }
+    if fixed.root && fixed.legs == [false; 2] {
+        let down = Moves { by: ups.iter().map(|up| Vec3::Y * -up).collect(), turn: vec![0.0; clip.frames()] };
+        settled = bent(&settled, &legs, &[(0, down.clone()), (1, down)])?.0;
+    }
     let mut found: [Vec<Contact>; 2] = Default::default();
     for (side, leg) in legs.iter().enumerate().filter(|(side, _)| !fixed.legs[*side]) {
         found[side] = contacts(&settled, leg, side, floor_m);
         found[side].iter_mut().for_each(|contact| contact.begin_at(fixed.frames, &settled));
         found[side].retain(|contact| !contact.frames().is_empty());
+        let whole = found[side].iter_mut().filter(|contact| contact.from > fixed.frames || fixed.frames == 0);
+        whole.for_each(|contact| contact.turn = sole::turn(&settled, leg, contact));
     }
     // what can't be reached is known only when the body has been lowered, so it is left out and all is done again
     loop {
@@ -105,10 +103,47 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: Fixed) -> Resul
             return Ok((done, locked));
         }
         for contact in far {
-            found[contact.side].retain(|c| *c != contact);
+            let same = |c: &Contact| *c == contact;
+            if let Some(c) = found[contact.side].iter_mut().find(|c| same(c) && c.turn != 0.0) {
+                c.turn = 0.0;
+                continue;
+            }
+            found[contact.side].retain(|c| !same(c));
             locked.out_of_reach.push(contact);
         }
     }
+}
+
+/// (F) How far the body is too high for its floor, metres.
+fn hangs(clip: &Clip, feet: &Feet, floor_m: f64, fixed: Fixed) -> Vec<f64> {
+    let (least, others) = (feet.least(clip), feet.others(clip));
+    let least: Vec<f64> =
+        least.iter().zip(&others).map(|(y, other)| settle::height(y - floor_m, other - floor_m)).collect();
+    let pelvis: Vec<f64> = clip.root().iter().map(|p| p.y).collect();
+    let begins = Begins { frames: fixed.frames, fps: clip.fps() };
+    settle::offsets(&least, &pelvis, clip.fps()).into_iter().enumerate().map(|(f, up)| up * begins.share(f)).collect()
+}
+
+/// The clip with the feet of these legs moved, and (F) how far each ankle stays from where it should be, metres.
+fn bent(clip: &Clip, legs: &[Leg; 2], moves: &[(usize, Moves)]) -> Result<(Clip, [Vec<f64>; 2])> {
+    let frames = clip.frames();
+    let mut rotations = clip.rotations().to_vec();
+    let mut apart: [Vec<f64>; 2] = [vec![0.0; frames], vec![0.0; frames]];
+    let mut pose = GlobalPose::default();
+    for f in 0..frames {
+        let local: &mut [Quat] = &mut rotations[f * clip.joints()..][..clip.joints()];
+        for (side, Moves { by, turn }) in moves {
+            if by[f].length() > 0.0 || turn[f] != 0.0 {
+                let leg = &legs[*side];
+                pose.set(clip.skeleton(), clip.root()[f], local);
+                let turn = sole::flat(leg).map_or(Quat::IDENTITY, |(ball, _)| {
+                    sole::toes_up(pose.positions[ball] - pose.positions[leg.ankle], turn[f])
+                });
+                apart[*side][f] = leg.bend(clip.skeleton(), &pose, (by[f], turn), local);
+            }
+        }
+    }
+    Ok((Clip::new(clip.skeleton().clone(), clip.fps(), clip.root().to_vec(), rotations)?, apart))
 }
 
 /// How what is done to the body comes in behind the frames that are given.
@@ -140,15 +175,15 @@ fn hold(
     let (frames, fps) = (clip.frames(), clip.fps());
     let begins = Begins { frames: fixed.frames, fps };
     let free = (0..2).filter(|side| !fixed.legs[*side]);
-    let offsets: Vec<(usize, Vec<Vec3>)> =
-        free.map(|side| (side, contact::offsets(clip, &legs[side], &found[side], (floor_m, fixed.frames)))).collect();
+    let mut moves: Vec<(usize, Moves)> =
+        free.map(|side| (side, contact::moves(clip, &legs[side], &found[side], (floor_m, fixed.frames)))).collect();
     let mut lower = vec![0.0f64; frames];
     if !fixed.root {
         let mut pose = GlobalPose::default();
         for (f, lower) in lower.iter_mut().enumerate() {
             pose.set(clip.skeleton(), clip.root()[f], clip.pose(f));
-            for (side, offsets) in &offsets {
-                let needed = legs[*side].lowering(&pose, offsets[f], STRETCH) * begins.share(f);
+            for (side, Moves { by, .. }) in &moves {
+                let needed = legs[*side].lowering(&pose, by[f], STRETCH) * begins.share(f);
                 *lower = lower.max(needed.min(LOWER_M));
             }
         }
@@ -156,23 +191,12 @@ fn hold(
         lower.iter_mut().enumerate().for_each(|(f, lower)| *lower *= begins.share(f));
     }
     let root: Vec<Vec3> = clip.root().iter().zip(&lower).map(|(p, down)| *p - Vec3::Y * *down).collect();
-    let mut rotations = clip.rotations().to_vec();
-    let mut apart: [Vec<f64>; 2] = [vec![0.0; frames], vec![0.0; frames]];
-    let mut pose = GlobalPose::default();
-    for f in 0..frames {
-        let local: &mut [Quat] = &mut rotations[f * clip.joints()..][..clip.joints()];
-        for (side, offsets) in &offsets {
-            // a foot stays where it was, however far the body went down
-            let offset = offsets[f] + Vec3::Y * lower[f];
-            if offset.length() > 0.0 {
-                pose.set(clip.skeleton(), root[f], local);
-                apart[*side][f] = legs[*side].bend(clip.skeleton(), &pose, offset, local);
-            }
-        }
-    }
+    let lowered = Clip::new(clip.skeleton().clone(), fps, root, clip.rotations().to_vec())?;
+    // a foot stays where it was, however far the body went down
+    moves.iter_mut().for_each(|(_, moves)| moves.by.iter_mut().zip(&lower).for_each(|(by, down)| by.y += down));
+    let (done, apart) = bent(&lowered, legs, &moves)?;
     let far = found.iter().flatten().filter(|c| apart[c.side][c.frames()].iter().any(|apart| *apart > REACH_M));
-    let far = far.cloned().collect();
-    Ok((Clip::new(clip.skeleton().clone(), fps, root, rotations)?, far))
+    Ok((done, far.cloned().collect()))
 }
 
 /// Mean distance of the ankles before and after, over the frames of contacts.

@@ -54,19 +54,22 @@ fn a_dance_that_slides_and_hangs_stands() {
         for contact in &locked.held {
             for f in contact.frames() {
                 let p = places[f * 24 + contact.joint];
-                let apart = (p.x - contact.place[0]).hypot(p.z - contact.place[2]);
+                let apart = (p.x - contact.place[0]).hypot(p.z - contact.place[1]);
                 assert!(apart < REACH_M + 1e-9, "{apart}");
             }
         }
-        // nothing but hips, knees and ankles turns, and feet keep their rotation in the world
+        // nothing but hips, knees and ankles turns, and feet turn in the world by what lays them flat
         for f in 0..done.frames() {
             let (a, b) = (bad.global_pose(f), done.global_pose(f));
             for j in 0..24 {
                 let same = done.pose(f)[j].angle_between(bad.pose(f)[j]) < 1e-6;
                 assert!(same || [1, 2, 4, 5, 7, 8].contains(&j), "joint {j} of frame {f}");
             }
-            for foot in [7, 8, 10, 11] {
-                assert!(a.rotations[foot].angle_between(b.rotations[foot]) < 1e-6);
+            for (ankle, ball) in [(7, 10), (8, 11)] {
+                let turned = b.rotations[ankle] * a.rotations[ankle].conjugate();
+                assert!(turned.angle_between(Quat::IDENTITY) < 0.5 + 1e-6);
+                assert!(turned.to_scaled_axis().y.abs() < 1e-6, "about what lies level");
+                assert!((b.rotations[ball] * a.rotations[ball].conjugate()).angle_between(turned) < 1e-6);
             }
         }
     }
@@ -87,6 +90,90 @@ fn what_is_given_is_not_touched() {
     let (same, locked) =
         lock(&bad, &map(), 0.0, Fixed { root: true, path: false, legs: [true, true], frames: 0 }).unwrap();
     assert_eq!((&same, locked), (&bad, Locked::default()));
+}
+
+#[test]
+fn where_the_root_is_given_legs_come_down_to_the_floor() {
+    for seed in 1..4 {
+        let bad = dance(seed).raised(0.05);
+        let fixed = Fixed { root: true, ..Fixed::default() };
+        let (done, locked) = lock(&bad, &map(), 0.0, fixed).unwrap();
+        assert_eq!((done.root(), locked.settled_cm), (bad.root(), 0.0));
+        let least = |clip: &Clip| {
+            let mut least = Feet::new(clip.skeleton(), &map()).unwrap().least(clip);
+            least.sort_by(f64::total_cmp);
+            least[least.len() / 2]
+        };
+        assert!(least(&bad) > 0.05 && least(&done) < 0.025, "{} {}", least(&bad), least(&done));
+        // one that sinks comes up
+        let (done, _) = lock(&dance(seed).raised(-0.05), &map(), 0.0, fixed).unwrap();
+        assert!(ground(&done).penetration_share().unwrap() < 0.02, "{:?}", ground(&done));
+        // a leg that is given may be the one that stands
+        let one = Fixed { root: true, legs: [true, false], ..Fixed::default() };
+        let (done, _) = lock(&bad, &map(), 0.0, one).unwrap();
+        assert!((0..done.frames()).all(|f| [1, 4, 7].iter().all(|&j| done.pose(f)[j] == bad.pose(f)[j])));
+    }
+}
+
+#[test]
+fn feet_that_stand_lie_flat_and_who_stands_on_the_balls_goes_on() {
+    let pose = ReferencePose::new(&smpl::neutral(), &map()).unwrap();
+    let legs = Leg::both(&pose, &Feet::of(&smpl::neutral(), &pose));
+    let stands = |pitch: f64| {
+        let mut local = vec![Quat::IDENTITY; 24];
+        // knees a little bent, so that heels can come down
+        for (leg, [hip, knee, ankle]) in legs.iter().zip([[1, 4, 7], [2, 5, 8]]) {
+            (local[hip], local[knee]) = (Quat::from_rotation_x(-0.3), Quat::from_rotation_x(0.6));
+            local[ankle] = Quat::from_rotation_x(-0.3);
+            let before = GlobalPose::new(&smpl::neutral(), Vec3::Y, &local);
+            let foot = before.positions[sole::flat(leg).unwrap().0] - before.positions[ankle];
+            let turn = sole::toes_up(foot, pitch);
+            let over = before.rotations[ankle] * local[ankle].conjugate();
+            local[ankle] = over.conjugate() * turn * before.rotations[ankle];
+        }
+        let clip = Clip::new(smpl::neutral(), 20.0, vec![Vec3::Y; 40], local.repeat(40)).unwrap();
+        let least = Feet::new(&smpl::neutral(), &map()).unwrap().least(&clip)[0];
+        clip.raised(-least)
+    };
+    let pitch = |clip: &Clip, f: usize, leg: &Leg| {
+        let (places, (ball, flat)) = (clip.global_pose(f).positions, sole::flat(leg).unwrap());
+        sole::pitch(places[ball] - places[leg.ankle], flat)
+    };
+    for (before, after) in [(0.0, 0.0), (0.04, 0.04), (-0.2, -0.05), (0.25, 0.05), (-0.6, -0.3), (0.9, 0.9)] {
+        let clip = stands(before);
+        let (done, locked) = lock(&clip, &map(), 0.0, Fixed::default()).unwrap();
+        assert_eq!(locked.held.len(), 2);
+        for leg in &legs {
+            assert!((pitch(&clip, 20, leg) - before).abs() < 1e-6);
+            assert!((pitch(&done, 20, leg) - after).abs() < 1e-6, "{before}: {}", pitch(&done, 20, leg));
+        }
+        assert!(ground(&done).penetration_cm().unwrap() < 1e-6, "{before}: {:?}", ground(&done));
+        // frames that are given keep their feet, and those behind go on with them
+        let given = Fixed { frames: 10, ..Fixed::default() };
+        let (done, _) = lock(&clip, &map(), 0.0, given).unwrap();
+        assert!((pitch(&done, 12, &legs[0]) - before).abs() < 1e-6, "{before}: {}", pitch(&done, 12, &legs[0]));
+    }
+}
+
+#[test]
+fn feet_that_tremble_do_not_shake_the_body() {
+    // hips that turn a degree to and fro in every frame, as codes do
+    let still = dance(3).slice(0..1);
+    let feet = Feet::new(still.skeleton(), &map()).unwrap();
+    let mut rotations = vec![Quat::IDENTITY; 24 * 80];
+    for (f, pose) in rotations.chunks_mut(24).enumerate() {
+        let turn = if f % 2 == 0 { 0.01 } else { -0.01 };
+        (pose[1], pose[2]) = (Quat::from_rotation_x(turn), Quat::from_rotation_x(turn));
+    }
+    let clip = Clip::new(smpl::neutral(), 20.0, vec![Vec3::Y * feet.pelvis_m; 80], rotations).unwrap();
+    let (done, _) = lock(&clip, &map(), 0.0, Fixed::default()).unwrap();
+    let jerk = |f: usize| {
+        let at = |f: usize| done.root()[f];
+        ((at(f + 3) - at(f)) - (at(f + 2) - at(f + 1)) * 3.0).length() * 8000.0
+    };
+    let furthest = (0..77).map(jerk).fold(0.0, f64::max);
+    // averaged over three frames it came to 183 m/s^3
+    assert!(furthest < 100.0, "{furthest}");
 }
 
 #[test]
@@ -127,7 +214,7 @@ fn a_leg_bends_to_a_place_and_says_what_is_too_far() {
             for offset in [Vec3::new(0.05, 0.03, -0.04), Vec3::new(-0.1, 0.1, 0.0), Vec3::new(0.0, 0.2, 0.1)] {
                 let before = clip.global_pose(f);
                 let mut local = clip.pose(f).to_vec();
-                let far = leg.bend(clip.skeleton(), &before, offset, &mut local);
+                let far = leg.bend(clip.skeleton(), &before, (offset, Quat::IDENTITY), &mut local);
                 let after = GlobalPose::new(clip.skeleton(), clip.root()[f], &local);
                 let apart = (after.positions[leg.ankle] - before.positions[leg.ankle] - offset).length();
                 assert!((apart - far).abs() < 1e-6, "{apart} {far}");
@@ -137,7 +224,7 @@ fn a_leg_bends_to_a_place_and_says_what_is_too_far() {
     }
     // a metre down is out of reach
     let mut local = clip.pose(0).to_vec();
-    let far = legs[0].bend(clip.skeleton(), &clip.global_pose(0), -Vec3::Y, &mut local);
+    let far = legs[0].bend(clip.skeleton(), &clip.global_pose(0), (-Vec3::Y, Quat::IDENTITY), &mut local);
     assert!(far > 0.5, "{far}");
 }
 

@@ -15,7 +15,7 @@ use kinelm_motion::Kind;
 use kinelm_motion::format::ReadOptions;
 use kinelm_tokenizer::{Encoded, Fit, Tokenizer, TokenizerConfig};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -268,7 +268,7 @@ pub(crate) fn each<T: Send>(
         Ok(Some((made, loaded.sha256, loaded.warnings)))
     };
     let mut summary = Summary::default();
-    let mut done = 0;
+    let (mut done, mut odd) = (0, BTreeSet::new());
     for block in items.chunks(BLOCK_PER_THREAD * rayon::current_num_threads()) {
         let results: Vec<Result<_>> = block.par_iter().map(|item| one(item)).collect();
         for (item, result) in block.iter().zip(results) {
@@ -279,7 +279,9 @@ pub(crate) fn each<T: Send>(
                 Ok(Some((made, sha256, warnings))) => {
                     for warning in warnings {
                         let first = || (0, format!("{}: {}", item.name, warning.what));
-                        summary.warnings.entry(warning.kind).or_insert_with(first).0 += 1;
+                        let known = summary.warnings.entry(warning.kind).or_insert_with(first);
+                        // a file that labels cut comes once a piece
+                        known.0 += usize::from(odd.insert((warning.kind, &item.path)));
                     }
                     summary.frames += take(item, sha256, made, &mut summary)?;
                     summary.clips += 1;
@@ -315,7 +317,7 @@ mod tests {
     use crate::corpus::{Corpus, gather, merge, samples};
     use crate::evaluate::CodeSplits;
     use kinelm_motion::format;
-    use kinelm_motion::{Motion, Source};
+    use kinelm_motion::{Clip, Motion, Quat, Source};
     use std::fs;
     use std::path::PathBuf;
 
@@ -336,6 +338,27 @@ mod tests {
         let labels = tmp.path().join("labels.csv");
         fs::write(&labels, csv).unwrap();
         (tmp, dir, labels.display().to_string())
+    }
+
+    #[test]
+    fn a_file_that_labels_cut_is_counted_once() {
+        let tmp = tempfile::tempdir().unwrap();
+        let (clip, path) = (samples::walk(40), tmp.path().join("w.bvh"));
+        // nothing turned, and then a pose that is held
+        let turned = Quat::from_rotation_z(1.0);
+        let rotation = |i: usize| if i < clip.joints() || i % clip.joints() != 16 { Quat::IDENTITY } else { turned };
+        let rotations = (0..40 * clip.joints()).map(rotation).collect();
+        let clip = Clip::new(clip.skeleton().clone(), clip.fps(), clip.root().to_vec(), rotations).unwrap();
+        let motion = Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] };
+        format::write(&path, &motion).unwrap();
+        let csv = tmp.path().join("labels.csv");
+        fs::write(&csv, "clip,split,kind,from_s,to_s\nw,train,a,0,0.5\nw,train,b,0.5,\n").unwrap();
+        let gathered = gather(&[path], &[csv.display().to_string()]).unwrap();
+        let config = TokenizerConfig::uniform(&[0, 1, 2], 20.0, 90);
+        let options = BuildOptions::default();
+        let (tokenizer, _) = fit(&gathered, config, &options, &mut go).unwrap();
+        let (_, summary) = tokenize(&gathered, &tokenizer, &tmp.path().join("c"), &options, &mut go).unwrap();
+        assert_eq!((summary.clips, summary.warnings["rest_frame"].0), (2, 1), "{summary:?}");
     }
 
     fn go(_: Event<'_>) -> ControlFlow<()> {

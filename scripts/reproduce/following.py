@@ -19,7 +19,7 @@ def row(name, kept):
 print("| | dances | BA_motion | shifted | z | BA_music | shifted | z | in tempo |")
 print("|---|--:|--:|--:|--:|--:|--:|--:|--:|")
 by_tempo = []
-for told in ["beats", "features", "both", "none", "transfer"]:
+for told in ["beats", "features", "both", "none", "transfer", "beats-pieces", "features-pieces", "both-pieces"]:
     path = out / f"{told}.json"
     if not path.exists():
         continue
@@ -27,7 +27,11 @@ for told in ["beats", "features", "both", "none", "transfer"]:
     rows = {kept["name"]: kept for kept in report["beats"]}
     if not by_tempo:
         print(row("the real test dances, coded", rows["test"]))
-    what = "told beats, after a second of another dance" if told == "transfer" else f"told {told}"
+    what = f"told {told}"
+    if told == "transfer":
+        what = "told beats, after a second of another dance"
+    if told.endswith("-pieces"):
+        what = f"told {told.removesuffix('-pieces')}, music of another kind"
     names = {"dances": what, "the same against other music": "against other music"}
     for name in ["dances", "the same against other music", "the same, half a beat off"]:
         print(row(names.get(name, "half a beat off"), rows[name]))
@@ -35,7 +39,8 @@ for told in ["beats", "features", "both", "none", "transfer"]:
     for bpm in tempi:
         own = [kept for name, kept in rows.items() if re.search(rf"-{bpm}(-\d)?(\.bvh)?$", name)]
         cells.append(f"{sum(kept['in_tempo'] for kept in own):.0f} of {len(own)}")
-    by_tempo.append(f"| {what} | {' | '.join(cells)} |")
+    if not told.endswith("-pieces"):
+        by_tempo.append(f"| {what} | {' | '.join(cells)} |")
 print("\n| in tempo at | " + " | ".join(tempi) + " |")
 print("|---|--:|--:|--:|")
 print("\n".join(by_tempo))

@@ -5,7 +5,8 @@
 #
 #     scripts/reproduce/following.sh OUT
 #
-# What is there is not made again. Variables: TOLD ("beats features both"), SEED of the demo and its models (1), GUIDANCE (3), THREADS
+# What is there is not made again. Variables: PIECES (a folder of music of another kind, such as scripts/reproduce/music-lstm.sh
+# renders: a dance to 30 s of each), TOLD ("beats features both"), SEED of the demo and its models (1), GUIDANCE (3), THREADS
 # (1), KINELM.
 set -eu
 out=${1:?the call is: $0 OUT}
@@ -69,6 +70,17 @@ for told in ${TOLD:-beats features both}; do
     done
     danced "$told" "$run" --guidance "${GUIDANCE:-3}"
     measured "$told"
+    [ -n "${PIECES:-}" ] || continue
+    mkdir -p "$out/$told-pieces"
+    number=0
+    for piece in "$PIECES"/*.wav; do
+        number=$((number + 1))
+        dance=$out/$told-pieces/$(basename "$piece" .wav).bvh
+        # what ends before, or has no beats, is left out
+        [ -e "$dance" ] || "$kinelm" generate --run "$run" --seconds 30 --top-p 0.9 --music "$piece" --music-from 10s \
+            --guidance "${GUIDANCE:-3}" --seed $number --out "$dance" $threads || continue
+    done
+    measured "$told-pieces"
 done
 danced none "$out/demo/run"
 # the last three takes: 12 dances of test, 12 of valid, and the six last of train

@@ -56,9 +56,9 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
     let (made, free) = (all(true)?, all(false)?);
     format::write(&at("dance.bvh"), &kinelm::generate::prompt::on_model_rig(&at("dance.bvh"), made[0].clone()))?;
     say.line("5/5 page and report");
-    page(&at("page.html"), &tests[0].clip, &made[0], &pieces[0])?;
     let joints = tokenizer.channels().joints().to_vec();
     let (_, lag) = of_corpus(&corpus, &joints)?;
+    page(&at("page.html"), [&tests[0].clip, &made[0]], &pieces[0], (&joints, lag))?;
     let table = table((&tests, &made, &free), &pieces, &joints, lag)?;
     let clips: Vec<_> = corpus.split(Split::Test).collect();
     let conditions = run.load_conditions()?;
@@ -163,11 +163,12 @@ fn table(
     Ok(rows)
 }
 
-/// The test dance of the same music beside the model's.
-fn page(path: &Path, real: &Clip, made: &Clip, piece: &Piece) -> Result<()> {
+/// The test dance of the same music beside the model's, with the beats that their legs hit.
+fn page(path: &Path, [real, made]: [&Clip; 2], piece: &Piece, (joints, lag): (&[usize], f64)) -> Result<()> {
+    let hits = |clip: &Clip| Ok::<_, kinelm::Error>(Pair::new(clip, joints, &piece.beats_s)?.hits(Some(lag)));
     let figures = [
-        Figure::new("test", real).note("a made-up dance to this music, never trained on"),
-        Figure::new("dance", made).note("the model's, told its beats"),
+        Figure::new("test", real).note("a made-up dance to this music, never trained on").hits(Some(hits(real)?)),
+        Figure::new("dance", made).note("the model's, told its beats").hits(Some(hits(made)?)),
     ];
     let sound = std::fs::read(&piece.path).map_err(kinelm::Error::io(&piece.path))?;
     let music = Music::embedded(&piece.path, &sound, 0.0, piece.beats_s.clone());

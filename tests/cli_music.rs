@@ -87,7 +87,10 @@ fn a_piece_is_rendered_at_its_tempo_and_heard() {
         .code(2)
         .stderr(predicate::str::contains("pop, march, lounge, disco"));
     call("music render --out b.mp3").code(2).stderr(predicate::str::contains("expected a name ending in .wav"));
-    call("music render --seconds 9999 --out b.wav").code(1).stderr(predicate::str::contains("expected 0 to 3600"));
+    for seconds in ["9999", "1e12", "0.1", "inf"] {
+        let words = format!("music render --seconds {seconds} --out b.wav");
+        call(&words).code(2).stderr(predicate::str::contains("expected 1 to 3600 seconds"));
+    }
 }
 
 #[test]

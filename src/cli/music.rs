@@ -3,7 +3,7 @@
 use super::{ForceArgs, Say, chain, each_file, print};
 use anyhow::{Error, Result};
 use kinelm::music::{beats, picture, report};
-use kinelm_music::synth::{Score, Style, render};
+use kinelm_music::synth::{LONGEST_S, Score, Style, render};
 use kinelm_music::{beat, feature, wav};
 use std::path::{Path, PathBuf};
 
@@ -54,8 +54,8 @@ pub struct RenderArgs {
     /// Beats a minute
     #[arg(long, default_value_t = 110.0, value_parser = bpm)]
     bpm: f64,
-    /// How long it is
-    #[arg(long, default_value_t = 30.0, value_parser = super::read::positive)]
+    /// How long it is, up to an hour
+    #[arg(long, default_value_t = 30.0, value_parser = length)]
     seconds: f64,
     /// Its style
     #[arg(long, default_value = "pop", value_parser = style)]
@@ -74,6 +74,12 @@ pub struct RenderArgs {
 fn bpm(text: &str) -> std::result::Result<f64, String> {
     let found = text.parse().ok().filter(|bpm| (20.0..=400.0).contains(bpm));
     found.ok_or_else(|| format!("found `{text}`, expected 20 to 400 beats a minute"))
+}
+
+/// Seconds of a piece.
+fn length(text: &str) -> std::result::Result<f64, String> {
+    let found = text.parse().ok().filter(|seconds| (1.0..=LONGEST_S).contains(seconds));
+    found.ok_or_else(|| format!("found `{text}`, expected 1 to {LONGEST_S} seconds"))
 }
 
 fn style(text: &str) -> std::result::Result<Style, String> {

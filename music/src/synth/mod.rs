@@ -15,7 +15,7 @@ use voice::{Noise, add};
 /// Beats of a bar.
 const BAR: usize = 4;
 /// Longest piece, seconds.
-const LONGEST_S: f64 = 3600.0;
+pub const LONGEST_S: f64 = 3600.0;
 
 /// What is played.
 #[derive(Debug, Clone, PartialEq)]

@@ -311,6 +311,15 @@ fn a_model_is_told_what_music_sounds_like_and_a_flat_one_its_tempo() {
         text.split("[model.music_scale]").nth(1).unwrap().split("\n[").next().unwrap().to_owned()
     };
     assert_eq!(scale("fine"), scale("both"));
+    // a run that lost what it was standardised by
+    let config = String::from_utf8(bytes("both/config.toml")).unwrap();
+    let scale_at = config.find("[model.music_scale]").unwrap();
+    let rest = config[scale_at + 5..].find("\n[").map_or("", |end| &config[scale_at + 5 + end..]);
+    fs::create_dir(dir.join("kept")).unwrap();
+    fs::rename(dir.join("both/config.toml"), dir.join("kept/config.toml")).unwrap();
+    fs::write(dir.join("both/config.toml"), format!("{}{rest}", &config[..scale_at])).unwrap();
+    said("generate --run both --music song.wav --seconds 2 --out n.bvh", 1, "found no model.music_scale");
+    fs::rename(dir.join("kept/config.toml"), dir.join("both/config.toml")).unwrap();
     // tempo, which a flat model can be told
     fs::write(dir.join("flat.toml"), FLAT).unwrap();
     said("pretrain --config flat.toml --corpus corpus --run flat", 0, "");

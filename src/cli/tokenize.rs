@@ -9,6 +9,7 @@ use kinelm::corpus::writer::LAYOUT;
 use kinelm::counted;
 use kinelm::output::Outputs;
 use kinelm_motion::format::RestFrame;
+use kinelm_music::feature::rate_of;
 use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
 
@@ -68,6 +69,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     if let Some(folder) = &args.music {
         let (heard, clips) = (counted(summary.with_music, "clips"), summary.clips);
         say.line(format_args!("{}: {heard} of {clips} have music", folder.display()));
+        if let Err(e) = rate_of(tokenizer.fps()) {
+            say.line(format_args!("their beats are kept, not what they sound like: {e}"));
+        }
     }
     if args.motion_beats {
         let (own, clips) = (counted(summary.with_own_beats, "clips"), summary.clips);

@@ -170,7 +170,8 @@ fn hits(motion: &Motion, map: Option<&str>, music: &music::Music, lag: Option<f6
         let beats: Vec<f64> = music.beats_s.iter().map(|beat| beat - music.from_s).collect();
         Ok(Pair::new(&retarget::to_smpl(motion, map)?, &BODY.collect::<Vec<_>>(), &beats)?.hits(lag))
     };
-    found().map_err(|e| say.line(format_args!("no beat is lit as hit: {e}"))).ok()
+    let why = |e| say.line(format_args!("{}: no beat is lit as hit: {e}", motion.path.display()));
+    found().map_err(why).ok().filter(|_| !music.beats_s.is_empty())
 }
 
 /// The music of a page: in it, or beside it where it is large; it is copied there if it isn't there.

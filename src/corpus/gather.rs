@@ -124,10 +124,11 @@ pub fn gather(data: &[PathBuf], labels: &[String]) -> Result<Gathered> {
     let mut gathered = Gathered { sources: data.iter().map(|d| slashed(d)).collect(), ..Gathered::default() };
     let mut found = Vec::new();
     let mut seen = HashSet::new();
-    let mut twice = 0;
+    let (mut twice, mut of_fbx) = (0, None);
     for (source, place) in data.iter().enumerate() {
         let mut walk = Walk { gathered: &mut gathered, files: Vec::new(), folders: HashSet::new() };
         let alone = !walk.start(place)?;
+        of_fbx = of_fbx.or((walk.gathered.unread_fbx > 0).then_some(place));
         for (path, relative) in std::mem::take(&mut walk.files) {
             // a link to nowhere is told where it is read
             if seen.insert(fs::canonicalize(&path).unwrap_or(path.clone())) {
@@ -138,7 +139,7 @@ pub fn gather(data: &[PathBuf], labels: &[String]) -> Result<Gathered> {
         }
     }
     if found.is_empty() {
-        refuse_fbx_alone(&data[0], gathered.unread_fbx)?;
+        of_fbx.map_or(Ok(()), |place| refuse_fbx_alone(place, gathered.unread_fbx))?;
         let places = gathered.sources.join(", ");
         return Err(Error::Call(format!(
             "no motion in {places}; looked for files ending in {}",

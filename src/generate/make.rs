@@ -12,6 +12,7 @@ use super::prompt;
 use super::recipe::{PromptRecipe, Recipe, Rig};
 use super::rest::{self, RestJoints};
 use super::{Danced, GUESSES, Plan, dances, reader, variation_seed};
+use crate::corpus::Conditions;
 use crate::model::ahead::{Ahead, Course};
 use crate::model::checkpoint::Checkpoints;
 use crate::model::music::Sound;
@@ -116,17 +117,7 @@ impl Ready {
         check_ahead(recipe.ahead, &run)?;
         let music = recipe.music.as_ref().map(|music| Music::hear(music, &run)).transpose()?;
         let conditions = run.load_conditions()?;
-        let is_told =
-            recipe.labels.keys().chain(recipe.timed_labels.iter().map(|l| &l.field)).any(|f| f == tempo::FIELD);
-        if let Some(tempo) = music.as_ref().filter(|_| !is_told).and_then(|music| music.tempo(&conditions)) {
-            recipe.labels.insert(tempo::FIELD.into(), tempo);
-        }
         let without = without(&recipe, &run)?;
-        if run.label_dropout == Some(0.0) && (without.is_some() || recipe.labels.len() < run.conditions.len()) {
-            let what = "labels were never hidden in training (train.label_dropout = 0): without some, or with guidance, the model \
-                        is asked what it has not seen";
-            run.notes.push(what.into());
-        }
         let of_seconds = recipe.seconds.map(|s| (s * tokenizer.fps()).round().max(1.0) as usize);
         let asked = recipe.frames.or(of_seconds);
         let prompt = recipe.prompt.as_mut().map(|prompt| Followed::load(prompt, asked, &tokenizer)).transpose()?;
@@ -145,6 +136,14 @@ impl Ready {
         let of_edit = prompt.as_ref().and_then(|p| p.edit.as_ref()).map(|edited| edited.frames);
         let fps = tokenizer.fps();
         let scale = Scale { frames: of_edit.unwrap_or(frames), fps, left_out: 0, model_fps: Some(fps) };
+        if let Some(music) = &music {
+            tell_tempo(&mut recipe, music, (&run, &conditions), frames as f64 / fps)?;
+        }
+        if run.label_dropout == Some(0.0) && (without.is_some() || recipe.labels.len() < run.conditions.len()) {
+            let what = "labels were never hidden in training (train.label_dropout = 0): without some, or with guidance, the model \
+                        is asked what it has not seen";
+            run.notes.push(what.into());
+        }
         let fronts = labels::fronts(&conditions, &recipe.labels, &recipe.timed_labels, scale)?;
         let from = recipe.prompt.as_ref().and_then(|p| p.from_frame);
         if let Some(from) = from.filter(|from| *from >= frames) {
@@ -405,6 +404,34 @@ pub fn check_ahead(ahead: f64, run: &LoadedRun) -> Result<()> {
     }
     if ahead != 0.0 && !run.config.ahead {
         return wrong("this model can't be told what is given ahead; expected 0, or a model trained with model.ahead");
+    }
+    Ok(())
+}
+
+/// Tells a model that knows tempi that of a dance of so many seconds to its music, unless a label does.
+///
+/// # Errors
+/// A model that is told of music by its tempo alone, and knows none that is a number.
+fn tell_tempo(
+    recipe: &mut Recipe,
+    music: &Music,
+    (run, conditions): (&LoadedRun, &Conditions),
+    seconds: f64,
+) -> Result<()> {
+    let mut asked = recipe.labels.keys().chain(recipe.timed_labels.iter().map(|label| &label.field));
+    if asked.any(|field| field == tempo::FIELD) {
+        return Ok(());
+    }
+    match music.tempo(conditions, seconds) {
+        Some(tempo) => {
+            recipe.labels.insert(tempo::FIELD.into(), tempo);
+        }
+        None if run.config.music.is_none() => {
+            let known = conditions.values(tempo::FIELD).join(", ");
+            let what = "this model hears of music its tempo alone, and none that it knows is a number";
+            return Err(Error::Call(format!("--music: {what} ({known}); give --label tempo=..")));
+        }
+        None => {}
     }
     Ok(())
 }

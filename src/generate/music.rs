@@ -67,13 +67,13 @@ impl Music {
         self.piece.rows(self.recipe.from_s)
     }
 
-    /// Its tempo as a label for a model that is told of it: the nearest that it knows.
-    pub fn tempo(&self, conditions: &Conditions) -> Option<String> {
-        tempo::nearest(&conditions.values(tempo::FIELD), self.bpm()?)
+    /// The tempo of a dance of so many seconds to it, as a label for a model that is told of it: the nearest that it knows.
+    pub fn tempo(&self, conditions: &Conditions, seconds: f64) -> Option<String> {
+        tempo::nearest(&conditions.values(tempo::FIELD), self.bpm(seconds)?)
     }
 
-    /// Its beats a minute.
-    pub fn bpm(&self) -> Option<f64> {
-        self.piece.beats.bpm()
+    /// Its beats a minute in a dance of so many seconds; where fewer than two lie there, in the whole piece.
+    pub fn bpm(&self, seconds: f64) -> Option<f64> {
+        tempo::bpm(&self.beats_s(), seconds).or(self.piece.beats.bpm())
     }
 }

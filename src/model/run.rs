@@ -140,6 +140,15 @@ struct Needed {
     train: Told,
 }
 
+/// Refuses a model that is told what music sounds like, and doesn't say by what that is standardised.
+fn scaled(model: ModelConfig, path: &Path) -> Result<ModelConfig> {
+    if model.music.has_features() && model.music_scale.is_none() {
+        let help = "it is written when a run begins: put back the file that the run was made with";
+        return Err(Error::file(path, "no model.music_scale", "that of the run's training clips", help));
+    }
+    Ok(model)
+}
+
 /// What is needed of its `[train]` table.
 #[derive(Default, Deserialize)]
 #[serde(default)]
@@ -186,7 +195,7 @@ pub fn load_run(run: &Path, which: Which) -> Result<LoadedRun> {
     let file = if found.files.contains_key(AVERAGED) { AVERAGED } else { WEIGHTS };
     let weights = weights::from_bytes(&found.dir.join(file), &found.files[file])?;
     Ok(LoadedRun {
-        config: needed.model,
+        config: scaled(needed.model, &path)?,
         tokens: needed.tokens,
         conditions: in_order(&needed.train.conditions),
         label_dropout: needed.train.label_dropout,

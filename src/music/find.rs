@@ -137,7 +137,13 @@ impl Finder<'_> {
         let folder = self.folder;
         if let Some(name) = item.labels.get(LABEL) {
             let path = folder.join(name);
-            let found = Some(path.clone()).filter(|path| path.is_file()).or_else(|| self.with_ending(&path));
+            let mut found = Some(path.clone()).filter(|path| path.is_file()).or_else(|| self.with_ending(&path));
+            // a name with an ending may mean one in other letters
+            if let (None, Some(ending)) = (&found, path.extension()) {
+                let is_asked =
+                    |found: &PathBuf| found.extension().is_some_and(|other| other.eq_ignore_ascii_case(ending));
+                found = self.with_ending(&path.with_extension("")).filter(is_asked);
+            }
             let endings = EXTENSIONS.join(", ");
             return found.map(Some).ok_or_else(|| {
                 let what = format!("{}: music `{name}`: no such file, nor one that ends in {endings}", item.name);
@@ -248,6 +254,7 @@ mod tests {
         let found = |name: &str, label| Finder::new(&music).find(&item(name, label)).unwrap();
         assert_eq!(found("a", Some("mKR2")), Some(music.join("mKR2.wav")));
         assert_eq!(found("a", Some("named.song")), Some(music.join("named.song.ogg")));
+        assert_eq!(found("a", Some("mKR2.WAV")), Some(music.join("mKR2.wav")));
         assert_eq!(found("b", None), Some(music.join("b.mp3")));
         assert_eq!(found("c", None), Some(dances.join("c.flac")));
         assert_eq!(found("d", None), None);

@@ -1,6 +1,7 @@
 //! Tempo as a label: `<tempo:NNN>`, beats a minute in steps of five.
 
 use kinelm_music::beat::Beats;
+use std::collections::BTreeMap;
 
 /// The label's field.
 pub const FIELD: &str = "tempo";
@@ -12,10 +13,15 @@ fn value(bpm: f64) -> String {
     format!("{:03}", STEP * (bpm / STEP).round())
 }
 
+/// Beats a minute in so many seconds, among beats by their time; `None`: fewer than two lie there.
+pub fn bpm(beats_s: &[f64], seconds: f64) -> Option<f64> {
+    let times_s = beats_s.iter().copied().filter(|time| (0.0..=seconds).contains(time)).collect();
+    Beats { times_s, seconds }.bpm()
+}
+
 /// The tempo of a clip of so many seconds, among beats by its time, as a label; `None`: fewer than two lie in it.
 pub fn label(beats_s: &[f64], seconds: f64) -> Option<String> {
-    let times_s = beats_s.iter().copied().filter(|time| (0.0..=seconds).contains(time)).collect();
-    Beats { times_s, seconds }.bpm().map(value)
+    bpm(beats_s, seconds).map(value)
 }
 
 /// The value among those that a model knows that is nearest to so many beats a minute; the slower of two.
@@ -23,6 +29,14 @@ pub fn nearest(known: &[&str], bpm: f64) -> Option<String> {
     let told = known.iter().filter_map(|value| Some((value, value.parse::<f64>().ok().filter(|x| x.is_finite())?)));
     let nearest = told.min_by(|(_, a), (_, b)| (a - bpm).abs().total_cmp(&(b - bpm).abs()).then(a.total_cmp(b)));
     nearest.map(|(value, _)| (*value).to_owned())
+}
+
+/// Labels of a clip that is played `factor` times as fast, its tempo the nearest that a model knows; `None`: they stay.
+pub fn faster(labels: &BTreeMap<String, String>, known: &[&str], factor: f64) -> Option<BTreeMap<String, String>> {
+    let told: f64 = labels.get(FIELD).filter(|_| factor != 1.0)?.parse().ok()?;
+    let mut labels = labels.clone();
+    labels.insert(FIELD.into(), nearest(known, told * factor)?);
+    Some(labels)
 }
 
 #[cfg(test)]
@@ -47,5 +61,16 @@ mod tests {
         let near = |bpm| nearest(&known, bpm);
         assert_eq!([near(60.0), near(90.0), near(91.0), near(300.0)].map(Option::unwrap), ["080", "080", "100", "140"]);
         assert_eq!((nearest(&["slow"], 90.0), nearest(&[], 90.0)), (None, None));
+    }
+
+    #[test]
+    fn a_faster_clip_has_a_faster_tempo() {
+        let labels =
+            |tempo: &str| BTreeMap::from([("tempo".to_owned(), tempo.to_owned()), ("genre".into(), "a".into())]);
+        let known = ["100", "110", "120"];
+        assert_eq!(faster(&labels("100"), &known, 1.09), Some(labels("110")));
+        assert_eq!(faster(&labels("120"), &known, 0.85), Some(labels("100")));
+        assert_eq!([faster(&labels("100"), &known, 1.0), faster(&labels("slow"), &known, 1.1)], [None, None]);
+        assert_eq!([faster(&BTreeMap::new(), &known, 1.1), faster(&labels("100"), &[], 1.1)], [None, None]);
     }
 }

@@ -19,6 +19,7 @@ use crate::corpus::windows::{fill_sequence, whole_words};
 use crate::corpus::{ClipRecord, ClipWords, Corpus, Split};
 use crate::model::Kind;
 use crate::model::ahead::Told;
+use crate::music::tempo;
 use crate::{Error, Result, random};
 use kinelm_tokenizer::Special;
 use rayon::prelude::*;
@@ -234,7 +235,7 @@ impl<'a> Batches<'a> {
         };
         let of_music = |heard: &Heard| heard.told((corpus, record), window, (first, factor));
         let heard = self.heard.as_ref().map_or(Ok(Vec::new()), of_music)?;
-        let front = self.front(record, window);
+        let front = self.front(record, window, factor);
         let (pad, dropped) = (Special::Pad.id(), augment.map_or_else(Vec::new, |a| a.dropped(window)));
         let shown = ids.len().min(stand.tokens);
         let told = gaps.map(|gaps| gaps.told(window, &ids, (shown / self.word, self.room / self.word), &dropped));
@@ -288,9 +289,14 @@ impl<'a> Batches<'a> {
         order
     }
 
-    /// What stands in front of a window: its clip's labels, each hidden in a share of the windows.
-    fn front(&self, clip: &ClipRecord, WindowId { round, number }: WindowId) -> Vec<u32> {
-        let mut front = self.data.conditions().front(&clip.labels);
+    /// What stands in front of a window that is `factor` times as fast as its clip: the clip's labels, each hidden in a share of
+    /// the windows.
+    fn front(&self, clip: &ClipRecord, WindowId { round, number }: WindowId, factor: f64) -> Vec<u32> {
+        let conditions = self.data.conditions();
+        let mut front = match tempo::faster(&clip.labels, &conditions.values(tempo::FIELD), factor) {
+            Some(labels) => conditions.front(&labels),
+            None => conditions.front(&clip.labels),
+        };
         let mut rng = random::stream(self.seed, "label dropout", round, number as u64);
         for id in &mut front[1..] {
             if random::unit(&mut rng) < self.label_dropout {

@@ -9,6 +9,7 @@ use crate::model::run::{CONFIG, LoadedRun, TOKENIZER, check_kind, load_tokenizer
 use crate::model::{ModelConfig, TokenLayout};
 use crate::{Error, Result, files};
 use kinelm_motion::format::input;
+use kinelm_music::feature::rate_of;
 use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
 use std::fs;
@@ -239,6 +240,9 @@ fn told_music(model: ModelConfig, data: &Data) -> Result<ModelConfig> {
     if !model.music.has_features() {
         return Ok(ModelConfig { music_scale: None, ..model });
     }
+    // a corpus of another rate has heard beats alone
+    let rate = rate_of(data.tokenizer().fps());
+    rate.map_err(|e| Error::Call(format!("model.music asks for what music sounds like: {e}")))?;
     let of_data = data.music_scale()?;
     match of_data {
         Some(_) => Ok(ModelConfig { music_scale: model.music_scale.or(of_data), ..model }),

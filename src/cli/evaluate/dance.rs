@@ -197,8 +197,9 @@ fn own_music(
     pieces: &mut BTreeMap<PathBuf, Beats>,
 ) -> kinelm::Result<Option<Vec<f64>>> {
     let Some(music) = provenance::music_of(told, path)? else { return Ok(None) };
+    // another dance may have been made to another file of this name
+    music.check()?;
     if !pieces.contains_key(&music.path) {
-        music.check()?;
         pieces.insert(music.path.clone(), kinelm_music::beat::beats(&music.path)?);
     }
     in_dance(&music.path, &pieces[&music.path], (music.from_s, 0.0)).map(Some)

@@ -189,7 +189,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     let mut ready = load(recipe, Which::Auto, say)?;
     if let Some((music, recipe)) = ready.music.as_ref().zip(ready.recipe.music.as_ref()) {
-        let (path, bpm) = (recipe.path.display(), music.bpm().unwrap_or_default());
+        let seconds = ready.frames as f64 / ready.tokenizer.fps();
+        let (path, bpm) = (recipe.path.display(), music.bpm(seconds).unwrap_or_default());
         let told = ready.recipe.labels.get(tempo::FIELD).map(|tempo| format!(", told as tempo={tempo}"));
         say.line(format_args!("{path}: {bpm:.1} beats a minute{}", told.unwrap_or_default()));
     }

@@ -175,7 +175,10 @@ mod tests {
         assert!(near([of(0, 3), of(0, 4), of(2, 4), of(3, 4)], [0.0, 0.275, 0.5, 0.0]), "{told:?}");
         let mut before = vec![0.0; NUMBERS];
         tell(&rows, &scale, AHEAD_S.map(|ahead| 0.9 + ahead), &mut before);
-        assert!(before[..1 + CHANNELS].iter().all(|x| *x == 0.0) && (before[1 + CHANNELS] + 0.05).abs() < 1e-6, "{before:?}");
+        assert!(
+            before[..1 + CHANNELS].iter().all(|x| *x == 0.0) && (before[1 + CHANNELS] + 0.05).abs() < 1e-6,
+            "{before:?}"
+        );
         let mut none = vec![0.0; NUMBERS];
         tell(&Rows::default(), &scale, AHEAD_S, &mut none);
         assert!(none.iter().all(|x| *x == 0.0));

@@ -120,7 +120,8 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
         figures.push(figure(motion).forced(&forced).in_world(files[i].world));
     }
     let asked = args.music.clone().map(|file| (file, args.music_from)).or_else(|| told(clips, say));
-    let played = asked.map(|(file, from_s)| beside(&file, from_s, out, outputs, say)).transpose()?;
+    let seconds = motions.iter().map(|motion| motion.clip.frames() as f64 / motion.clip.fps()).fold(0.0, f64::max);
+    let played = asked.map(|(file, from_s)| beside(&file, (from_s, seconds), out, outputs, say)).transpose()?;
     match &played {
         Some(music) => {
             let all = figures.into_iter().zip(&motions).zip(&files);
@@ -174,15 +175,21 @@ fn hits(motion: &Motion, map: Option<&str>, music: &music::Music, lag: Option<f6
     found().map_err(why).ok().filter(|_| !music.beats_s.is_empty())
 }
 
-/// The music of a page: in it, or beside it where it is large; it is copied there if it isn't there.
-fn beside(file: &Path, from_s: f64, page: &Path, outputs: &Outputs, say: Say) -> Result<music::Music> {
+/// The music of a page of so many seconds: in it, or beside it where it is large; it is copied there if it isn't there.
+fn beside(
+    file: &Path,
+    (from_s, seconds): (f64, f64),
+    page: &Path,
+    outputs: &Outputs,
+    say: Say,
+) -> Result<music::Music> {
     let beats = kinelm_music::beat::beats(file).map_err(kinelm::Error::from)?;
-    let ends = beats.seconds - from_s.max(0.0);
+    let sounds = beats.seconds.min(from_s + seconds) - from_s.max(0.0);
     if from_s >= beats.seconds {
         let what = format!("--music-from {from_s}: {} ends at {:.2} s; give less", file.display(), beats.seconds);
         return Err(WrongCall(what).into());
     }
-    say.line(format_args!("{}: {} beats, sounds for {ends:.1} s of the dance", file.display(), beats.times_s.len()));
+    say.line(format_args!("{}: {} beats, sounds for {sounds:.1} s of the dance", file.display(), beats.times_s.len()));
     let bytes = std::fs::read(file).map_err(kinelm::Error::io(file))?;
     if bytes.len() as u64 <= music::EMBEDDED {
         return Ok(music::Music::embedded(file, &bytes, from_s, beats.times_s));

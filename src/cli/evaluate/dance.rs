@@ -51,8 +51,9 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     music: Vec<PathBuf>,
     /// The time of the music, or of the beats, when the dances begin, such as 12.5s
-    #[arg(long, value_name = "SECONDS", default_value = "0s", value_parser = crate::cli::view::seconds_with_unit)]
-    music_from: f64,
+    /// [default: 0s]
+    #[arg(long, value_name = "SECONDS", value_parser = crate::cli::view::seconds_with_unit)]
+    music_from: Option<f64>,
     /// Draw every measure too: how it is spread over the real train clips and over the dances
     #[arg(long, value_name = "FILE.svg|png")]
     plot: Option<PathBuf>,
@@ -166,6 +167,11 @@ pub fn corpus(real: &Path) -> Result<Corpus> {
 /// The beats that the dances are held to, if the call names any, seconds from their first frame: one for all, or one for each.
 /// Pieces are heard once.
 fn beats(args: &Args, pieces: &mut BTreeMap<PathBuf, Beats>) -> Result<Option<Vec<Vec<f64>>>> {
+    if args.music_from.is_some() && args.beats.is_none() && args.music.is_empty() {
+        let what = "--music-from without --music or --beats: a dance that was made to music knows where it began";
+        return Err(WrongCall(what.into()).into());
+    }
+    let from_s = args.music_from.unwrap_or(0.0);
     if let Some(path) = &args.beats {
         let text = input::text(path).map_err(kinelm::Error::io(path))?;
         let beats = kinelm::music::beats::parse(path, &text)?;
@@ -173,7 +179,7 @@ fn beats(args: &Args, pieces: &mut BTreeMap<PathBuf, Beats>) -> Result<Option<Ve
             let what = format!("--beats {}: {} beats; expected two or more", path.display(), beats.len());
             return Err(WrongCall(what).into());
         }
-        return Ok(Some(vec![beats.iter().map(|beat| beat - args.music_from).collect()]));
+        return Ok(Some(vec![beats.iter().map(|beat| beat - from_s).collect()]));
     }
     let (music, dances) = (args.music.len(), args.dances.len());
     if music > 1 && music != dances {
@@ -184,7 +190,7 @@ fn beats(args: &Args, pieces: &mut BTreeMap<PathBuf, Beats>) -> Result<Option<Ve
         if !pieces.contains_key(path) {
             pieces.insert(path.clone(), kinelm_music::beat::beats(path).map_err(kinelm::Error::from)?);
         }
-        Ok(in_dance(path, &pieces[path], (args.music_from, 0.0))?)
+        Ok(in_dance(path, &pieces[path], (from_s, 0.0))?)
     };
     let all: Vec<Vec<f64>> = args.music.iter().map(heard).collect::<Result<_>>()?;
     Ok(Some(all).filter(|all| !all.is_empty()))

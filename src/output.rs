@@ -214,7 +214,9 @@ fn is_ours(path: &Path) -> Result<bool> {
         "png" => Ok(has(&plot::PNG_MARK)),
         "json" if JSON_MARKS.iter().any(|mark| head.starts_with(mark.as_bytes())) => Ok(true),
         "svg" | "md" => Ok(has(plot::TEXT_MARK.as_bytes())),
-        "txt" => Ok(head.starts_with(beats::MARK.as_bytes())),
+        // beats that somebody has corrected aren't ours any more
+        "txt" if !head.starts_with(beats::MARK.as_bytes()) => Ok(false),
+        "txt" => Ok(fs::read_to_string(path).is_ok_and(|text| beats::is_as_written(&text))),
         _ => Ok(provenance::is_beside_its_dance(path) || provenance::tells_of(path)?),
     }
 }

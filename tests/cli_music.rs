@@ -39,9 +39,14 @@ fn a_song_is_told_tapped_and_drawn() {
     let found = kinelm::music::beats::parse(Path::new("b.txt"), &text).unwrap();
     let near = |t: f64| found.iter().any(|f| (f - t).abs() < 0.03);
     assert!((0..45).filter(|i| near(0.4 + 0.6 * f64::from(*i))).count() > 42, "{found:?}");
-    kinelm(dir.path()).args(["music", "beats", "song.wav"]).assert().success().stdout(text);
-    // its own is replaced
-    kinelm(dir.path()).args(["music", "beats", "song.wav", "--out", "b.txt"]).assert().success();
+    kinelm(dir.path()).args(["music", "beats", "song.wav"]).assert().success().stdout(text.clone());
+    // its own is replaced, and not what somebody has corrected
+    fs::copy(dir.path().join("b.txt"), dir.path().join("c.txt")).unwrap();
+    kinelm(dir.path()).args(["music", "render", "--out", "other.wav"]).assert().success();
+    kinelm(dir.path()).args(["music", "beats", "other.wav", "--out", "c.txt"]).assert().success();
+    fs::write(dir.path().join("c.txt"), text.replacen('\n', "\n0.001\n", 1)).unwrap();
+    let corrected = kinelm(dir.path()).args(["music", "beats", "other.wav", "--out", "c.txt"]).assert().code(2);
+    corrected.stderr(predicate::str::contains("c.txt is there already, with other contents"));
 
     kinelm(dir.path()).args(["music", "inspect", "song.wav", "--out", "s.svg", "--at", "5"]).assert().success();
     let svg = fs::read_to_string(dir.path().join("s.svg")).unwrap();

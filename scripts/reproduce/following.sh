@@ -6,8 +6,8 @@
 #     scripts/reproduce/following.sh OUT
 #
 # What is there is not made again. Variables: PIECES (a folder of music of another kind, such as scripts/reproduce/music-lstm.sh
-# renders: a dance to 30 s of each), TOLD ("beats features both"), SEED of the demo and its models (1), GUIDANCE (3), THREADS
-# (1), KINELM.
+# renders: a dance to 30 s of each), TOLD ("beats features both"), SEED of the demo and its models (1), GUIDANCE (as generate
+# has it: 3 where beats are told, else 2), THREADS (1), KINELM.
 set -eu
 out=${1:?the call is: $0 OUT}
 here=$(cd "$(dirname "$0")/../.." && pwd)
@@ -68,7 +68,7 @@ for told in ${TOLD:-beats features both}; do
             mv "$bits.new" "$bits"
         }
     done
-    danced "$told" "$run" --guidance "${GUIDANCE:-3}"
+    danced "$told" "$run" ${GUIDANCE:+--guidance $GUIDANCE}
     measured "$told"
     [ -n "${PIECES:-}" ] || continue
     mkdir -p "$out/$told-pieces"
@@ -78,7 +78,7 @@ for told in ${TOLD:-beats features both}; do
         dance=$out/$told-pieces/$(basename "$piece" .wav).bvh
         # what ends before, or has no beats, is left out
         [ -e "$dance" ] || "$kinelm" generate --run "$run" --seconds 30 --top-p 0.9 --music "$piece" --music-from 10s \
-            --guidance "${GUIDANCE:-3}" --seed $number --out "$dance" $threads || continue
+            ${GUIDANCE:+--guidance $GUIDANCE} --seed $number --out "$dance" $threads || continue
     done
     measured "$told-pieces"
 done
@@ -93,7 +93,7 @@ for prompt in $prompts; do
     for bpm in 90 110 130; do
         dance=$out/transfer/$(basename "$prompt" .bvh)-$bpm.bvh
         [ -e "$dance" ] || "$kinelm" generate --run "$out/demo/run" --prompt "$prompt" --from-frame 20 --seconds 30 --top-p 0.9 \
-            --music "$out/music/$style-$bpm.wav" --guidance "${GUIDANCE:-3}" --rig model --seed $number --out "$dance" $threads
+            --music "$out/music/$style-$bpm.wav" ${GUIDANCE:+--guidance $GUIDANCE} --rig model --seed $number --out "$dance" $threads
     done
 done
 measured transfer

@@ -6,7 +6,7 @@ use super::feet::{self, Care};
 use super::followed::Followed;
 use super::guidance::Guidance;
 use super::labels;
-use super::music::Music;
+use super::music::{Music, guidance};
 use super::place::{Led, Place};
 use super::prompt;
 use super::recipe::{PromptRecipe, Recipe, Rig};
@@ -161,6 +161,14 @@ impl Ready {
     pub fn stand_with_prompt(&mut self) {
         let free = self.prompt.as_ref().filter(|prompt| prompt.edit.is_none());
         self.recipe.place = free.as_ref().and_then(|prompt| Place::of(&prompt.clip.clip));
+    }
+
+    /// Music is followed as far as the model bears, if there is some.
+    pub fn follow_music(&mut self) {
+        if self.music.is_some() {
+            self.recipe.guidance = guidance(self.run.config.music);
+            self.without = self.without.take().filter(|_| self.recipe.guidance != 1.0);
+        }
     }
 
     /// Feet are to be held unless a leg is followed, by whatever names.

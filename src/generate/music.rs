@@ -10,8 +10,20 @@ use crate::music::piece::Piece;
 use crate::music::tempo;
 use crate::{Error, Result};
 
-/// How far music is followed where nobody says: as it is learned, it is followed little (docs/results/music.md).
+/// How far music is followed where nobody says and its beats are told: as they are learned, they are followed little
+/// (docs/results/music.md).
 pub const GUIDANCE: f64 = 3.0;
+/// The same where it is told what music sounds like: followed further, some dances fly apart.
+const GUIDANCE_OF_FEATURES: f64 = 2.0;
+
+/// How far music is followed by a model that is told so much of it, where nobody says; 1, as learned, of its tempo alone.
+pub fn guidance(told: crate::model::music::Music) -> f64 {
+    match told {
+        told if told.has_features() => GUIDANCE_OF_FEATURES,
+        told if told.has_beats() => GUIDANCE,
+        _ => 1.0,
+    }
+}
 
 /// A piece, heard.
 pub struct Music {

@@ -1,5 +1,6 @@
 //! Beats as a text file: a time in seconds a line, as `numpy.loadtxt` and mir_eval read it.
 
+use crate::corpus::record::FileRecord;
 use crate::{Error, Result};
 use kinelm_motion::Place;
 use std::fmt::Write;
@@ -8,15 +9,25 @@ use std::path::Path;
 /// Stands in the first line of every file of beats that is written.
 pub const MARK: &str = "# made by kinelm";
 
-/// The text of beats: our mark, a line that says what they are of, the times to a millisecond.
+/// What stands before the hash of the times in the first line.
+const HASH: &str = "seconds, SHA-256 ";
+
+/// The text of beats: our mark, what they are of and the hash of the times, in a line; the times to a millisecond.
 pub fn text(times_s: &[f64], of: &Path) -> String {
     let name = of.file_name().map(|n| n.to_string_lossy().replace(char::is_control, " ")).unwrap_or_default();
-    let mut out = format!("{MARK}: beats of {name}, seconds\n");
+    let mut times = String::new();
     for time in times_s {
         // a string takes whatever is written
-        let _ = writeln!(out, "{time:.3}");
+        let _ = writeln!(times, "{time:.3}");
     }
-    out
+    format!("{MARK}: beats of {name}, {HASH}{}\n{times}", FileRecord::of(times.as_bytes()).sha256)
+}
+
+/// Whether a text is one of [`text`], as it was written: beats that somebody has corrected are theirs.
+pub fn is_as_written(text: &str) -> bool {
+    let Some((head, times)) = text.split_once('\n') else { return false };
+    let hash = head.strip_prefix(MARK).and_then(|head| head.rsplit_once(HASH));
+    hash.is_some_and(|(_, hash)| hash == FileRecord::of(times.as_bytes()).sha256)
 }
 
 /// The times of a text: the first number of each line, seconds, rising; `#` begins a comment. Lines of more numbers, as
@@ -52,7 +63,11 @@ mod tests {
     fn what_is_written_is_read() {
         let path = Path::new("a/song\n.mp3");
         let written = text(&[0.0, 0.5126, 1.0], path);
-        assert_eq!(written, "# made by kinelm: beats of song .mp3, seconds\n0.000\n0.513\n1.000\n");
+        let (head, times) = written.split_once('\n').unwrap();
+        assert!(head.starts_with("# made by kinelm: beats of song .mp3, seconds, SHA-256 "), "{head}");
+        assert_eq!(times, "0.000\n0.513\n1.000\n");
+        assert!(is_as_written(&written) && !is_as_written(&written.replace("0.513", "0.520")));
+        assert!(!is_as_written("") && !is_as_written("# made by kinelm: beats of a, seconds\n0.5\n"));
         assert_eq!(parse(path, &written).unwrap(), [0.0, 0.513, 1.0]);
         assert_eq!(parse(path, "1.5\t1\n\n 2,2 # two\n").unwrap(), [1.5, 2.0]);
     }

@@ -56,7 +56,7 @@ pub struct Args {
     #[arg(long, value_name = "SECONDS", value_parser = super::view::seconds_with_unit, requires = "music")]
     music_from: Option<f64>,
     /// How far labels and music are followed: 1 as learned, above 1 more so (2 to 3), which takes twice the time. If not
-    /// given, 3 with music, else 1
+    /// given, with music 3 where the model is told its beats and 2 where it is told its sound, else 1
     #[arg(long, value_name = "G")]
     guidance: Option<f64>,
     /// How far gaps (--given, --free) are led to what is given behind them: 1 as learned, above 1 more so, which takes twice
@@ -198,6 +198,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     ready.lead_in_from_nothing();
     if args.ahead.is_none() {
         ready.lead_ahead();
+    }
+    if args.guidance.is_none() {
+        ready.follow_music();
     }
     if args.feet.is_none() {
         ready.hold_feet_unless_followed();

@@ -177,7 +177,7 @@ fn a_dance_brings_its_music_along() {
     // as a frame of the network has it, a thirtieth of a second
     place.done("music-lstm generate --run run --music songs/song3.wav --music-from 0.51s --frames 80 --out e.bvh");
     let view = "view e.bvh --out e.html --force";
-    place.call(view).assert().success().stderr(contains("songs/song3.wav: ").and(contains("sounds for 3.5 s")));
+    place.call(view).assert().success().stderr(contains("songs/song3.wav: ").and(contains("sounds for 2.7 s")));
     let page = fs::read_to_string(place.at("e.html")).unwrap();
     assert!(
         page.contains("data:audio/wav;base64,") && page.contains("\"from\":0.5,") && page.contains(" beats hit, by")

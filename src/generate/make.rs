@@ -1,5 +1,6 @@
 //! A recipe carried out: the model and the prompt read, the dances drawn, and put on a rig.
 
+use super::conditions::{check_ahead, tell_tempo, without};
 use super::edit::close::LeftOver;
 use super::edit::{Closed, Edited};
 use super::feet::{self, Care};
@@ -12,12 +13,10 @@ use super::prompt;
 use super::recipe::{PromptRecipe, Recipe, Rig};
 use super::rest::{self, RestJoints};
 use super::{Danced, GUESSES, Plan, dances, reader, variation_seed};
-use crate::corpus::Conditions;
 use crate::model::ahead::{Ahead, Course};
 use crate::model::checkpoint::Checkpoints;
 use crate::model::music::Sound;
 use crate::model::{LoadedRun, Which, load_run, music};
-use crate::music::tempo;
 use crate::{Error, Result};
 use kinelm_motion::feet::Locked;
 use kinelm_motion::format::{self, Format, bvh::Changed};
@@ -117,7 +116,7 @@ impl Ready {
         check_ahead(recipe.ahead, &run)?;
         let music = recipe.music.as_ref().map(|music| Music::hear(music, &run)).transpose()?;
         let conditions = run.load_conditions()?;
-        let without = without(&recipe, &run)?;
+        let without = without(&recipe, &run, &conditions)?;
         let of_seconds = recipe.seconds.map(|s| (s * tokenizer.fps()).round().max(1.0) as usize);
         let asked = recipe.frames.or(of_seconds);
         let prompt = recipe.prompt.as_mut().map(|prompt| Followed::load(prompt, asked, &tokenizer)).transpose()?;
@@ -399,69 +398,4 @@ fn check_step(run: &Path, step: u64) -> Result<()> {
     }
     let found = format!("checkpoints of the steps {steps:?}");
     Err(Error::file(run, found, format!("one of step {step}"), "a run keeps the best and the last few (train.keep)"))
-}
-
-/// Refuses to tell a model ahead that can't be told.
-///
-/// # Errors
-/// [`Error::Call`]: such a model, a number that isn't finite.
-pub fn check_ahead(ahead: f64, run: &LoadedRun) -> Result<()> {
-    let wrong = |what: &str| Err(Error::Call(format!("ahead {ahead}: {what}")));
-    if !ahead.is_finite() {
-        return wrong("expected a finite number");
-    }
-    if ahead != 0.0 && !run.config.ahead {
-        return wrong("this model can't be told what is given ahead; expected 0, or a model trained with model.ahead");
-    }
-    Ok(())
-}
-
-/// Tells a model that knows tempi that of a dance of so many seconds to its music, unless a label does.
-///
-/// # Errors
-/// A model that is told of music by its tempo alone, and knows none that is a number.
-fn tell_tempo(
-    recipe: &mut Recipe,
-    music: &Music,
-    (run, conditions): (&LoadedRun, &Conditions),
-    seconds: f64,
-) -> Result<()> {
-    let mut asked = recipe.labels.keys().chain(recipe.timed_labels.iter().map(|label| &label.field));
-    if asked.any(|field| field == tempo::FIELD) {
-        return Ok(());
-    }
-    match music.tempo(conditions, seconds) {
-        Some(tempo) => {
-            recipe.labels.insert(tempo::FIELD.into(), tempo);
-        }
-        None if run.config.music.is_none() => {
-            let known = conditions.values(tempo::FIELD).join(", ");
-            let what = "this model hears of music its tempo alone, and none that it knows is a number";
-            return Err(Error::Call(format!("--music: {what} ({known}); give --label tempo=..")));
-        }
-        None => {}
-    }
-    Ok(())
-}
-
-/// The tokens in front of the windows of the reading without conditions, if there is to be one.
-fn without(recipe: &Recipe, run: &LoadedRun) -> Result<Option<Vec<u32>>> {
-    let scale = recipe.guidance;
-    if scale == 1.0 {
-        return Ok(None);
-    }
-    let conditions = run.load_conditions()?;
-    let wrong = |what: &str| Err(Error::Call(format!("guidance {scale}: {what}")));
-    if !scale.is_finite() {
-        return wrong("expected a finite number");
-    }
-    if recipe.music.is_none() && conditions.fields().is_empty() && run.config.music.is_none() {
-        return wrong("this model knows no labels, so there is nothing to follow; train one with train.conditions");
-    }
-    if recipe.music.is_none() && recipe.labels.is_empty() && recipe.timed_labels.is_empty() {
-        return wrong(
-            "no label is given that could be followed, nor music; give some with --label FIELD=VALUE or --music",
-        );
-    }
-    Ok(Some(conditions.unknown().asked(&[])?))
 }

@@ -10,6 +10,7 @@
 
 pub mod apart;
 pub mod best;
+pub mod conditions;
 mod dance;
 pub mod edit;
 pub mod feet;

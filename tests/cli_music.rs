@@ -151,6 +151,12 @@ eval_every = 0
 checkpoint_every = 0
 "#;
 
+/// A call ends with this code, and says this.
+fn said(dir: &Path, words: &str, code: i32, what: &str) {
+    let text = predicate::str::contains(what);
+    kinelm(dir).args(words.split_whitespace()).assert().code(code).stderr(text);
+}
+
 /// Dances with music of their names in a folder, a corpus that has heard it, and a run.
 fn heard(dir: &Path) {
     fs::create_dir_all(dir.join("data")).unwrap();
@@ -200,10 +206,7 @@ fn a_model_hears_dances_as_long_as_the_music_and_again() {
     let dir = dir.path();
     heard(dir);
     let song = song(dir);
-    let said = |words: &str, code: i32, what: &str| {
-        let text = predicate::str::contains(what);
-        kinelm(dir).args(words.split_whitespace()).assert().code(code).stderr(text);
-    };
+    let said = |words: &str, code: i32, what: &str| said(dir, words, code, what);
     let frames = |file: &str| format::read(&dir.join(file), &Default::default()).unwrap().clip.frames();
     said("generate --run run --music song.wav --music-from 25.5s --out a.bvh", 0, "100.");
     assert_eq!(frames("a.bvh"), 50);
@@ -287,10 +290,7 @@ fn a_model_is_told_what_music_sounds_like_and_a_flat_one_its_tempo() {
     let dir = dir.path();
     heard(dir);
     let song = song(dir);
-    let said = |words: &str, code: i32, what: &str| {
-        let text = predicate::str::contains(what);
-        kinelm(dir).args(words.split_whitespace()).assert().code(code).stderr(text);
-    };
+    let said = |words: &str, code: i32, what: &str| said(dir, words, code, what);
     let bytes = |file: &str| fs::read(dir.join(file)).unwrap();
     // a row a frame and for a second more, as far as the music goes
     let corpus = kinelm::corpus::Corpus::open(dir.join("corpus")).unwrap();

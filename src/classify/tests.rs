@@ -34,9 +34,9 @@ fn corpus(dir: &Path) -> Corpus {
             ids.push(5);
         }
         let mut new = clip(&format!("clip{key}"), key, split, frames);
-        new.labels.insert("way".into(), if up { "up" } else { "down" }.into());
+        new.record.labels.insert("way".into(), if up { "up" } else { "down" }.into());
         if key != 23 {
-            new.labels.insert("place".into(), if high { "high" } else { "low" }.into());
+            new.record.labels.insert("place".into(), if high { "high" } else { "low" }.into());
         }
         writer.push(new, &ids).unwrap();
     }

@@ -5,7 +5,7 @@
 
 use super::gather::{Gathered, Item};
 use super::load::{Loaded, Wanted, load_item};
-use super::record::{BeatsOf, ClipBeats, Failure, LeftOut, Manifest, Shard, Split};
+use super::record::{BeatsOf, ClipBeats, ClipRecord, Failure, LeftOut, Manifest, Shard, Split};
 use super::timed::in_pieces;
 use super::writer::{CorpusWriter, NewClip};
 use crate::music::find::{Heard, OfClip};
@@ -192,7 +192,7 @@ pub fn tokenize(
         if let Some(tempo) = tempo {
             labels.entry(tempo::FIELD.into()).or_insert(tempo);
         }
-        let clip = NewClip {
+        let record = ClipRecord {
             name,
             labels,
             split,
@@ -205,9 +205,12 @@ pub fn tokenize(
             second_codes,
             floor_m,
             beats,
-            sound,
+            // the writer's to say
+            offset: 0,
+            tokens: 0,
+            sound: None,
         };
-        writer.push(clip, &ids)?;
+        writer.push(NewClip { record, sound }, &ids)?;
         Ok(frames)
     })?;
     check(&summary, options, items.len())?;

@@ -26,34 +26,13 @@ pub fn merge(shards: &[PathBuf], out: &Path, force: bool) -> Result<Manifest> {
     clips.sort_by_key(|(_, clip)| clip.key);
     for (shard, clip) in clips {
         let sound = shard.sound(clip)?.rows.numbers.into_owned();
-        writer.push(NewClip { sound, ..as_new(clip) }, &shard.clip_ids(clip)?)?;
+        writer.push(NewClip { record: clip.clone(), sound }, &shard.clip_ids(clip)?)?;
     }
     writer.left_out(&first.manifest().left_out);
     let mut failed: Vec<&Failure> = shards.iter().flat_map(|s| &s.manifest().failed).collect();
     failed.sort_by_key(|f| f.key);
     failed.into_iter().for_each(|f| writer.fail(f.clone()));
     writer.finish()
-}
-
-/// All but its music's sound.
-fn as_new(clip: &ClipRecord) -> NewClip {
-    let ClipRecord {
-        name,
-        labels,
-        split,
-        take,
-        key,
-        source,
-        sha256,
-        frames,
-        clipped,
-        second_codes,
-        floor_m,
-        beats,
-        ..
-    } = clip.clone();
-    let sound = Vec::new();
-    NewClip { name, labels, split, take, key, source, sha256, frames, clipped, second_codes, floor_m, beats, sound }
 }
 
 fn check_fits(first: &Corpus, other: &Corpus) -> Result<()> {

@@ -1,6 +1,6 @@
 //! A small tokenizer and corpus for the tests.
 
-use super::record::{Failure, Manifest, Split};
+use super::record::{ClipRecord, Failure, Manifest, Split};
 use super::writer::{CorpusWriter, NewClip};
 use crate::Result;
 use kinelm_motion::{Clip, Quat, Vec3, smpl};
@@ -28,21 +28,24 @@ pub fn words(frames: usize) -> Vec<u32> {
 pub fn clip(name: &str, key: usize, split: Split, frames: usize) -> NewClip {
     let labels = BTreeMap::from([("genre".to_string(), "salsa".to_string())]);
     let (name, take, sha256) = (name.to_string(), name.to_string(), "0".repeat(64));
-    NewClip {
+    let record = ClipRecord {
         name,
         labels,
         split,
         take,
         key,
-        source: 0,
         sha256,
         frames,
         clipped: 2,
         second_codes: 1,
+        source: 0,
         floor_m: None,
         beats: None,
-        sound: Vec::new(),
-    }
+        offset: 0,
+        tokens: 0,
+        sound: None,
+    };
+    NewClip { record, sound: Vec::new() }
 }
 
 pub fn begin(dir: &Path, force: bool) -> Result<CorpusWriter> {

@@ -1,8 +1,8 @@
 //! Writing the token store: whole or not at all.
 
 use super::record::{
-    ClipBeats, ClipRecord, ClipSound, Count, Failure, FileRecord, LeftOut, Manifest, SOUND, Shard, SourceRecord, Split,
-    TokenType, VERSION, hex,
+    ClipRecord, ClipSound, Count, Failure, FileRecord, LeftOut, Manifest, SOUND, Shard, SourceRecord, Split, TokenType,
+    VERSION, hex,
 };
 use super::store::{CLIPS, Coding, MANIFEST, TOKENIZER};
 use crate::files::Hidden;
@@ -10,27 +10,16 @@ use crate::{Error, Result};
 use kinelm_music::feature::CHANNELS;
 use kinelm_tokenizer::{SPACE, Tokenizer};
 use sha2::{Digest, Sha256};
-use std::collections::{BTreeMap, HashSet};
+use std::collections::HashSet;
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// A clip for [`CorpusWriter::push`]: a [`ClipRecord`] without what the writer counts itself.
+/// A clip for [`CorpusWriter::push`].
 #[derive(Debug, Clone, PartialEq)]
-#[expect(missing_docs, reason = "the fields are those of ClipRecord")]
 pub struct NewClip {
-    pub name: String,
-    pub labels: BTreeMap<String, String>,
-    pub split: Split,
-    pub take: String,
-    pub key: usize,
-    pub source: usize,
-    pub sha256: String,
-    pub frames: usize,
-    pub clipped: usize,
-    pub second_codes: usize,
-    pub floor_m: Option<f64>,
-    pub beats: Option<ClipBeats>,
+    /// What is known of it; its places in the token file and in that of music, and its tokens, are the writer's to say.
+    pub record: ClipRecord,
     /// (N, 35) what its music sounds like, at each frame; empty: it has none.
     pub sound: Vec<f32>,
 }
@@ -115,46 +104,16 @@ impl CorpusWriter {
         self.check(&clip, ids)?;
         self.tokens.write(&self.token_type.to_bytes(ids))?;
         let sound = self.push_sound(&clip.sound)?;
-        let NewClip {
-            name,
-            labels,
-            split,
-            take,
-            key,
-            source,
-            sha256,
-            frames,
-            clipped,
-            second_codes,
-            floor_m,
-            beats,
-            ..
-        } = clip;
-        self.sources[source].update(format!("{name} {sha256}\n"));
-        self.manifest.sources[source].clips += 1;
-        self.manifest.count.add(frames);
-        self.manifest.splits.entry(split).or_default().add(frames);
-        self.names.insert(name.clone());
-        self.last_key = Some(key);
         let (offset, tokens) = (self.offset, ids.len());
+        let record = ClipRecord { offset, tokens, sound, ..clip.record };
+        let ClipRecord { name, sha256, source, frames, .. } = &record;
+        self.sources[*source].update(format!("{name} {sha256}\n"));
+        self.manifest.sources[*source].clips += 1;
+        self.manifest.count.add(*frames);
+        self.manifest.splits.entry(record.split).or_default().add(*frames);
+        self.names.insert(name.clone());
+        self.last_key = Some(record.key);
         self.offset += tokens;
-        let record = ClipRecord {
-            name,
-            offset,
-            tokens,
-            frames,
-            labels,
-            split,
-            take,
-            key,
-            source,
-            sha256,
-            clipped,
-            second_codes,
-            floor_m,
-            beats,
-            sound,
-        };
         let line = serde_json::to_string(&record).expect("a record of strings and integers is JSON");
         self.clips.write(format!("{line}\n").as_bytes())
     }
@@ -164,18 +123,17 @@ impl CorpusWriter {
         if numbers.is_empty() {
             return Ok(None);
         }
-        if self.sound.is_none() {
-            self.sound = Some(HashingFile::create(self.work.path().join(SOUND))?);
-        }
+        let file = match &mut self.sound {
+            Some(file) => file,
+            none => none.insert(HashingFile::create(self.work.path().join(SOUND))?),
+        };
         let row = CHANNELS * size_of::<f32>();
-        self.sound.as_mut().map_or(Ok(None), |file| {
-            let first = (file.bytes / row as u64) as usize;
-            file.write(&numbers.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>())?;
-            Ok(Some(ClipSound { first, rows: numbers.len() / CHANNELS }))
-        })
+        let first = (file.bytes / row as u64) as usize;
+        file.write(&numbers.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>())?;
+        Ok(Some(ClipSound { first, rows: numbers.len() / CHANNELS }))
     }
 
-    fn check(&self, clip: &NewClip, ids: &[u32]) -> Result<()> {
+    fn check(&self, NewClip { record: clip, sound }: &NewClip, ids: &[u32]) -> Result<()> {
         let fail = |what: String| Err(Error::Call(format!("{}: {what}", clip.name)));
         let v = self.manifest.vocabulary;
         let expected = self.manifest.words_of(clip.frames);
@@ -202,8 +160,8 @@ impl CorpusWriter {
         if clip.source >= self.sources.len() {
             return fail(format!("source {}; the corpus lists {}", clip.source, self.sources.len()));
         }
-        if !clip.sound.len().is_multiple_of(CHANNELS) {
-            return fail(format!("{} numbers of its music; expected {CHANNELS} a row", clip.sound.len()));
+        if !sound.len().is_multiple_of(CHANNELS) {
+            return fail(format!("{} numbers of its music; expected {CHANNELS} a row", sound.len()));
         }
         Ok(())
     }
@@ -350,7 +308,8 @@ mod tests {
         assert!(says(w.push(none("b", 3), &[])).contains("keys ascend"));
         let odd = NewClip { sound: vec![0.0; 36], ..none("b", 4) };
         assert!(says(w.push(odd, &[])).contains("36 numbers of its music; expected 35 a row"));
-        let far = NewClip { source: 1, ..none("b", 4) };
+        let mut far = none("b", 4);
+        far.record.source = 1;
         assert!(says(w.push(far, &[])).contains("source 1"));
     }
 }

@@ -114,7 +114,7 @@ impl Ready {
         let mut run = load_run(&recipe.run, which)?;
         let tokenizer = run.load_tokenizer()?;
         check_ahead(recipe.ahead, &run)?;
-        let music = recipe.music.as_ref().map(|music| Music::hear(music, &run)).transpose()?;
+        let music = recipe.music.as_ref().map(|music| Music::hear(music, &run, tokenizer.fps())).transpose()?;
         let conditions = run.load_conditions()?;
         let without = without(&recipe, &run, &conditions)?;
         let of_seconds = recipe.seconds.map(|s| (s * tokenizer.fps()).round().max(1.0) as usize);

@@ -34,11 +34,11 @@ pub struct Music {
 }
 
 impl Music {
-    /// Hears what a recipe names, for a model.
+    /// Hears what a recipe names, for a model of so many frames a second.
     ///
     /// # Errors
     /// A model that is told neither music nor its tempo; music that can't be read, is silent, or ends before the dance begins.
-    pub fn hear(recipe: &MusicRecipe, run: &LoadedRun) -> Result<Music> {
+    pub fn hear(recipe: &MusicRecipe, run: &LoadedRun, fps: f64) -> Result<Music> {
         if run.config.music.is_none() && !run.conditions.iter().any(|field| field == tempo::FIELD) {
             return Err(Error::Call(format!(
                 "--music {}: this model hears no music (model.music) and knows no tempo (train.conditions); train one on a \
@@ -48,7 +48,7 @@ impl Music {
         }
         let sha256 = hash_file(&recipe.path)?;
         let piece = match run.config.music.has_features() {
-            true => Piece::hear(&recipe.path, run.load_tokenizer()?.fps())?,
+            true => Piece::hear(&recipe.path, fps)?,
             false => Piece::beats_of(&recipe.path)?,
         };
         let music = Music { recipe: recipe.clone(), sha256, piece };

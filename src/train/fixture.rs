@@ -35,8 +35,8 @@ pub fn corpus(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
             ids.push(TOKENS.space);
         }
         let mut new = clip(&format!("clip{key}"), key, split, frames);
-        new.labels.insert("genre".into(), ["a", "b"][key % 2].into());
-        new.labels.insert("dancer".into(), "61".into());
+        new.record.labels.insert("genre".into(), ["a", "b"][key % 2].into());
+        new.record.labels.insert("dancer".into(), "61".into());
         writer.push(new, &ids).unwrap();
     }
     writer.finish().unwrap();
@@ -97,7 +97,7 @@ fn made(path: &Path, config: TokenizerConfig, clips: &[(usize, Split)], has_musi
         let words = tokenizer.encode(&dance.slice(0..frames)).unwrap().words;
         let mut new = clip(&format!("clip{key}"), key, split, frames);
         let times_s = all[key].beats_s.clone();
-        new.beats = has_music(key).then_some(ClipBeats { of: BeatsOf::Music, times_s });
+        new.record.beats = has_music(key).then_some(ClipBeats { of: BeatsOf::Music, times_s });
         if has_music(key) {
             let rows = (0..frames + 20).flat_map(|row| (0..CHANNELS).map(move |c| row * (c + 1) % 17));
             new.sound = rows.map(|x| x as f32).collect();

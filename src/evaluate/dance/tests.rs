@@ -3,7 +3,6 @@ use super::named::fidelity;
 use super::places::Places;
 use super::{Dance, Real};
 use crate::corpus::samples::clip;
-use crate::corpus::writer::NewClip;
 use crate::corpus::{Corpus, CorpusWriter, Split};
 use kinelm_motion::metric::{Skate, jitter_of, physical_foot_contact};
 use kinelm_motion::{Clip, synth};
@@ -80,10 +79,11 @@ fn genres(dir: &Path) -> Corpus {
     let mut writer = CorpusWriter::create(dir, &tokenizer, &["made".into()], None, false).unwrap();
     for (key, dance) in dances.iter().enumerate() {
         let split = if key % 5 == 3 { Split::Test } else { Split::Train };
-        let new = clip(&format!("clip{key}"), key, split, dance.clip.frames());
+        let mut new = clip(&format!("clip{key}"), key, split, dance.clip.frames());
         let labels = [("genre".to_string(), dance.genre.to_string())].into();
         let ids = tokenizer.ids_of_words(&tokenizer.encode(&dance.clip).unwrap().words).unwrap();
-        writer.push(NewClip { labels, ..new }, &ids).unwrap();
+        new.record.labels = labels;
+        writer.push(new, &ids).unwrap();
     }
     writer.finish().unwrap();
     Corpus::open(dir).unwrap()

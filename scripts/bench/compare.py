@@ -98,6 +98,7 @@ def heats(args):
     yield train("tiny, 256 x 8", 1.5, 40, "--config", "tiny")
     yield train("26 M, 1,024 x 1", 1.15, 9, *big, "--batch", "1")
     yield train("26 M, 1,024 x 2", 1.15, 6, *big, "--batch", "2")
+    yield train("two levels, 128 frames x 1", 1.4, 20, "--config", "two-level")
     if args.threads > 1:
         for name, config, count in [("tiny, 256 x 8", ["--config", "tiny"], 30), ("26 M, 1,024 x 1", big, 6)]:
             more = [*config, *repeats(count)]

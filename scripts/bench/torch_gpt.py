@@ -2,6 +2,7 @@
 """The same GPT in PyTorch, at its best on a CPU: one JSON line a measurement, with the fields of `kinelm bench --json`.
 
     torch_gpt.py train   --config tiny [--batch B --context T] [--compile] [--bf16] [--threads N] [--repeats R]
+    torch_gpt.py train   --config two-level       two levels: scripts/cluster/two_level.py, its loss without a logit an id
     torch_gpt.py decode  --config thesis-26m --context 1000 [--streams S]
     torch_gpt.py prefill --config thesis-26m --context 1000
 
@@ -9,13 +10,14 @@ Pre-norm GPT-2 with learned positions, biases and a tied head. Training: fused A
 gradient's norm clipped at 1, gradients set to None; with --bf16 forward and loss under autocast. Decoding: a KV cache allocated once, inference mode, greedy. Needs
 torch and Python 3.11; `run.sh` beside this file makes an environment for it.
 """
-import argparse, json, pathlib, statistics, time, tomllib
+import argparse, json, pathlib, statistics, sys, time, tomllib
 
 import torch
 from torch import nn
 from torch.nn import functional as F
 
-CONFIGS = pathlib.Path(__file__).resolve().parents[2] / "configs" / "train"
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+CONFIGS = ROOT / "configs" / "train"
 BATCH = {"tiny": 8, "small": 2, "thesis-26m": 1}  # as kinelm bench train
 
 
@@ -71,6 +73,24 @@ class GPT(nn.Module):
         return F.linear(self.norm(x[:, -1:]), self.token.weight)
 
 
+class TwoLevels(nn.Module):
+    """The tokens are those of `kinelm bench`: 13 joints, all places of the same bins."""
+
+    def __init__(self, table, vocabulary):
+        super().__init__()
+        sys.path.insert(0, str(ROOT / "scripts" / "cluster"))
+        from model import Tokens, build, config_of
+
+        kind = lambda circular: {"first": 6, "count": vocabulary - 6, "circular": circular}
+        places = [{"number": n, "kind": kind(circular)} for n, circular in ((3, False), (39, True))]
+        tokens = Tokens(vocabulary, 43, 0, 1, 5, places=places)
+        self.model = build(config_of({**table, "dropout": 0.0}), tokens)
+        self.context = self.model.config.context
+
+    def forward(self, ids, targets):
+        return self.model(ids, targets).mean()
+
+
 def peak_rss_mb():
     """The most memory this process ever held, 10^6 bytes; not getrusage's, which a process inherits."""
     try:
@@ -92,7 +112,7 @@ def seconds(warm_up, repeats, work):
 def train(model, args, table):
     decays, others = [], []
     for name, p in model.named_parameters():
-        (decays if p.dim() == 2 and "blocks" in name else others).append(p)
+        (decays if p.dim() == 2 and "block" in name else others).append(p)
     groups = [{"params": decays, "weight_decay": 0.1}, {"params": others, "weight_decay": 0.0}]
     optimizer = torch.optim.AdamW(groups, lr=1e-3, betas=(0.9, 0.95), fused=True)
     loss_of = torch.compile(model) if args.compile else model
@@ -151,12 +171,18 @@ def main():
     path = path if path.suffix == ".toml" else CONFIGS / f"{args.config}.toml"
     table = tomllib.loads(path.read_text())["model"]
     args.batch = args.batch or BATCH.get(path.stem, 1)
-    args.context = args.context or table["context"]
     if args.threads:
         torch.set_num_threads(args.threads)
     torch.manual_seed(1)
     at_start = peak_rss_mb()
-    model = GPT(table["layers"], table["heads"], table["width"], args.vocabulary, args.context)
+    if table.get("architecture") == "two_level":
+        if args.mode != "train" or args.context:
+            parser.error("two levels are timed in training, with the window of their configuration")
+        model = TwoLevels(table, args.vocabulary)
+        args.context = model.context
+    else:
+        args.context = args.context or table["context"]
+        model = GPT(table["layers"], table["heads"], table["width"], args.vocabulary, args.context)
     amount, taken, first = (train if args.mode == "train" else decode)(model, args, table)
     rates = [amount / s for s in taken]
     line = {

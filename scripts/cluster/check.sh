@@ -31,21 +31,28 @@ kinelm tokenizer fit "$out/demo/motion" --labels "$out/demo/labels.csv" \
     --config "$root/configs/tokenizer/lapped.toml" --out "$out/lapped.json"
 kinelm tokenize "$out/demo/motion" --labels "$out/demo/labels.csv" --tokenizer "$out/lapped.json" --out "$out/lapped"
 
-# name, corpora; keys of [model] and of [train] over the smallest ones
+# name, corpora; keys of [model] and of [train] over the smallest ones; the window's key
 form() {
     name=$1 corpus=$2 at=$out/$1
     mkdir "$at"
     {
-        printf '[model]\nlayers = 2\nheads = 2\nwidth = 64\ncontext = 300\n%b\n' "$3"
+        printf '[model]\nlayers = 2\nheads = 2\nwidth = 64\n%s\n%b\n' "${5:-context = 300}" "$3"
         printf '[train]\nbatch = 6\nsteps = 10\nwarmup = 3\nlearning_rate = 2e-3\neval_every = 5\neval_windows = 64\n%b\n' "$4"
     } > "$at/config.toml"
     begin="--config $at/config.toml --corpus $corpus"
     kinelm pretrain $begin --run "$at/begin" --steps 0
     kinelm export --run "$at/begin" --format kinelm --out "$at/first"
     kinelm pretrain $begin --from "$at/first" --run "$at/run"
-    kinelm corpus order $begin --steps 10 --out "$at/order.npz"
-    # their order by kinelm, and with the same seed by themselves
-    for order in "--order $at/order.npz --out $at/two" "--out $at/own --fresh"; do
+    # their order by kinelm, which has none of windows that grow, and with the same seed by themselves
+    order="--out $at/two"
+    case $4 in
+        *train.stages*) ;;
+        *)
+            kinelm corpus order $begin --steps 10 --out "$at/order.npz"
+            order="--order $at/order.npz $order"
+            ;;
+    esac
+    for order in "$order" "--out $at/own --fresh"; do
         "$PYTHON" -m torch.distributed.run --nproc-per-node 2 --rdzv-backend c10d --rdzv-endpoint localhost:0 \
             "$here/train.py" $begin --from "$at/first" $order --device cpu > "$at/log" 2>&1 || { cat "$at/log"; fail "$name"; }
     done
@@ -81,6 +88,13 @@ dances labels
 form corpora "$out/demo/corpus=0.7 --corpus $out/second=1.5" '' ''
 form varying "$out/lapped" 'positions = "frame_joint"' ''
 dances varying
+
+levels='architecture = "two_level"\n[model.decoder]\nlayers = 2\nheads = 2\nwidth = 32\ncharacter_width = 6'
+form levels "$out/demo/corpus" "$levels" 'table_rate = 3.0' 'window = 7'
+dances levels
+form grows "$out/demo/corpus=0.7 --corpus $out/second=1.5" "$levels" \
+    'conditions = ["dancer", "genre"]\nema = 0.9\naccumulate = 2\n[[train.stages]]\nuntil = 0.45\nframes = 3\nbatch = 5' 'window = 7'
+dances grows
 
 # GPT-2's folder, as train.py writes it and as kinelm does
 name=gpt2 at=$out/gpt2 corpus=$out/demo/corpus

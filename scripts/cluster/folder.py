@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 from safetensors.torch import load_file, save
 
-from model import Config, Gpt, Tokens
+from model import Tokens, build, config_of
 
 SCHEMA = 1
 
@@ -35,14 +35,16 @@ class Model:
             name = next((folder / n).read_text().strip() for n in ("best", "latest") if (folder / n).exists())
             weights = folder / "checkpoints" / name / "model.safetensors"
             step, conditions = int(name.removeprefix("step-")), about["train"].get("conditions", [])
-        if about["model"].get("architecture", "flat") != "flat":
-            raise SystemExit(f"{folder}: a two-level model; only `kinelm pretrain` trains those")
-        config, tokens = Config(**about["model"]), Tokens(**about["tokens"])
-        return Model(config.resolved(tokens), tokens, conditions, tokenizer, weights, step, about["kinelm"])
+        tokens = Tokens(**about["tokens"])
+        try:
+            config = config_of(about["model"]).resolved(tokens)
+        except ValueError as e:
+            raise SystemExit(f"{folder}: {e}")
+        return Model(config, tokens, conditions, tokenizer, weights, step, about["kinelm"])
 
     def build(self):
         """The model with its weights, on the CPU."""
-        model = Gpt(self.config, self.tokens)
+        model = build(self.config, self.tokens)
         model.load_state_dict({name: x.float() for name, x in load_file(self.weights).items()})
         return model
 
@@ -94,7 +96,7 @@ class Model:
 
     def refuse_for_gpt2(self, c):
         why = [reason for holds, reason in [
-            (c.kind != "causal", "it is masked"), (c.positions == "rope", "its positions are rope"),
+            (c.architecture != "flat", "it has two levels"), (c.kind != "causal", "it is masked"), (c.positions == "rope", "its positions are rope"),
             (c.previous_frame, "it reads the previous frame"), (c.head != "absolute", "its head is relative"),
             (c.positions == "frame_joint" and self.tokens.varying, "its words differ in length"),
         ] if holds]

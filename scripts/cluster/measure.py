@@ -56,7 +56,7 @@ def measured(model, corpus, every, most, conditions, about, place):
             frames += scored_frames(corpus, clip, start + scored, start + n)
         x, y = (torch.from_numpy(np.stack(side)).to(place.device) for side in zip(*pairs))
         asked += int((y != tokens.pad).sum())
-        nats += float(model.nats(model(x), y).double().sum())
+        nats += float(model(x, y).double().sum())
     nats, asked, shown, frames = place.sum(nats, asked, shown, frames)
     return {"nats": nats, "tokens": asked, "shown": shown, "frames": frames, "windows": len(taken)}
 

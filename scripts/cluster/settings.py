@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 
 import windows
-from model import Config
+from model import config_of
 
 TRAIN = {  # the defaults of [train]
     "batch": 8, "accumulate": 1, "steps": 1000, "learning_rate": 2e-4, "schedule": "cosine", "warmup": 100,
     "final_share": 0.1, "betas": [0.9, 0.95], "epsilon": 1e-8, "weight_decay": 0.1, "clip_norm": 1.0, "seed": 1,
     "eval_every": 250, "eval_windows": 128, "checkpoint_every": 250, "keep": 2, "patience": 0, "ema": 0.0,
     "conditions": [], "label_dropout": 0.1, "loss": "cross_entropy", "ordinal_width": 0.75, "sample_every": 0,
-    "precision": "f32",
+    "precision": "f32", "table_rate": 1.0, "gaps": 0.0, "stages": [],
 }
 
 
@@ -21,18 +21,23 @@ def settings(o, model):
     """[train] and [model] of the file: unknown keys are refused, [model] has to be the beginning's unless it is fresh."""
     path = Path(o.config)
     file = tomllib.loads(path.read_text())
-    for table, known in [("train", TRAIN), ("model", Config.__dataclass_fields__)]:
-        for key in file.get(table, {}):
-            if key not in known:
-                raise SystemExit(f"{path}: [{table}] has `{key}`; expected one of {', '.join(known)}")
+    for key in file.get("train", {}):
+        if key not in TRAIN:
+            raise SystemExit(f"{path}: [train] has `{key}`; expected one of {', '.join(TRAIN)}")
     if any(file.get("augment", {}).values()):
-        raise SystemExit(f"{path}: [augment] is on; only `kinelm pretrain` augments: switch it off or train there")
+        found = f"{path}: [augment] is on; only `kinelm pretrain` augments"
+        raise SystemExit(f"{found}: switch it off or train there (docs/cluster.md tells how to train on mirrored clips)")
     train = TRAIN | file.get("train", {})
     train |= {key: value for key, value in [("steps", o.steps), ("seed", o.seed)] if value is not None}
     if sorted(train["conditions"]) != sorted(model.conditions):
         raise SystemExit(f"{path}: conditions {train['conditions']}; {o.begin} was made with {model.conditions}")
+    if train["gaps"]:
+        raise SystemExit(f"{path}: train.gaps; only `kinelm pretrain` teaches what is ahead: leave it out or train there")
     if "model" in file:
-        config = Config(**file["model"]).resolved(model.tokens)
+        try:
+            config = config_of(file["model"]).resolved(model.tokens)
+        except ValueError as e:
+            raise SystemExit(f"{path}: {e}")
         alike = {**vars(config), "dropout": 0} == {**vars(model.config), "dropout": 0}
         if not alike and not o.fresh:
             found = f"{path}: [model] is another than that of {o.begin}"

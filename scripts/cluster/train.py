@@ -24,9 +24,10 @@ from torch.nn.parallel import DistributedDataParallel
 
 import streams
 import windows
+from answers import loss
 from folder import Checkpoints, Model, write_whole
 from measure import likelihood
-from model import Gpt
+from model import build
 from settings import rate, read_order, settings
 
 def options():
@@ -99,12 +100,12 @@ class Trainer:
         self.bits = tokens / max(1, frames) / math.log(2)  # bits a frame of a nat a token
         self.conditions = windows.Conditions(self.about.conditions, own)
         order = read_order(o.order, t) if o.order else None
-        self.windows = windows.Windows(self.parts, self.conditions, self.about.config, self.about.tokens, t, order)
-        if self.windows.rows < place.world:
-            found = f"{self.windows.rows} windows a step for {place.world} processes"
-            raise SystemExit(f"{found}; expected one each at least: raise train.batch")
+        self.windows = windows.Stages(self.parts, self.conditions, self.about.config, self.about.tokens, t, order)
+        if self.windows.fewest < place.world:
+            found = f"{self.windows.fewest} windows a step for {place.world} processes"
+            raise SystemExit(f"{found}; expected one each at least: raise train.batch, and that of every stage")
         self.model = self.first().to(place.device)
-        groups = self.model.groups(t["weight_decay"])
+        groups = self.model.groups(t["weight_decay"], t["table_rate"])
         self.optimizer = torch.optim.AdamW(groups, lr=0.0, betas=tuple(t["betas"]), eps=t["epsilon"])
         self.checkpoints, self.out = Checkpoints(o.out), Path(o.out)
         self.state = {"step": 0, "tokens": 0, "best": None, "seed": t["seed"]}
@@ -117,12 +118,11 @@ class Trainer:
         """The model before its first step: that of --from, or with --fresh the one `kinelm pretrain` would begin with."""
         if not self.o.fresh:
             return self.about.build()
-        model = Gpt(self.about.config, self.about.tokens)
+        model = build(self.about.config, self.about.tokens)
         with torch.no_grad():
             for name, p in model.named_parameters():
                 if p.dim() == 2:
-                    residual = name.endswith(("attention.out.weight", "mlp.down.weight"))
-                    sd = 0.02 / math.sqrt(2 * self.about.config.layers) if residual else 0.02
+                    sd = model.deviation(name)
                     p.copy_(torch.from_numpy(streams.normal(self.keys["seed"], name, p.numel(), sd)).view_as(p))
         return model
 
@@ -176,8 +176,9 @@ class Trainer:
         """One update, by the mean over all targets of all processes that count."""
         t, place, begun, step = self.keys, self.place, time.time(), self.state["step"]
         pad = self.about.tokens.pad
-        own = range(place.rank, self.windows.rows, place.world)
-        inputs, targets = map(torch.from_numpy, self.windows.batch(step, own))
+        now = self.windows.at(step)
+        own = range(place.rank, now.rows, place.world)
+        inputs, targets = map(torch.from_numpy, now.batch(step, own))
         (counted,) = place.sum(int((targets != pad).sum()))
         self.model.train()
         torch.manual_seed(int(streams.u64s(t["seed"], "dropout of a process", step, 1, place.rank)[0]) >> 1)
@@ -191,9 +192,10 @@ class Trainer:
             alone = self.shared.no_sync() if place.world > 1 and i + 1 < len(pieces) else contextlib.nullcontext()
             with alone:
                 with torch.autocast(place.device.type, torch.bfloat16, enabled=self.o.bf16):
-                    logits = self.shared(x)
-                found = self.model.nats(logits, y)
-                goal = self.model.ordinal(logits, y, t["ordinal_width"]) if t["loss"] == "ordinal" else found
+                    found = self.shared(x, None if t["loss"] == "ordinal" else y)
+                goal = found
+                if t["loss"] == "ordinal":
+                    found, goal = loss(found, y, pad), self.model.ordinal(found, y, t["ordinal_width"])
                 (goal.sum() * (place.world / counted)).backward()
             nats += found.detach().sum()
             wrong += (self.model.uncounted(x) & (y != pad)).sum()
@@ -202,7 +204,7 @@ class Trainer:
             raise SystemExit(f"step {step + 1}: {wrong:.0f} targets a frame behind a token that is no bin")
         norm = float(torch.nn.utils.get_total_norm([p.grad for p in self.model.parameters()]))
         if not math.isfinite(nats) or not math.isfinite(norm):
-            rows = self.windows.where(step, range(self.windows.rows))
+            rows = now.where(step, range(now.rows))
             clips = ", ".join(f"{c.clips[clip]['name']} from token {first}" for c, clip, first, *_ in rows)
             found = f"step {step + 1}: loss {nats / counted}, gradient's norm {norm}"
             raise SystemExit(f"{found} on {clips}; try a lower learning rate")
@@ -211,13 +213,13 @@ class Trainer:
             for p in self.model.parameters():
                 p.grad.mul_(share)
         for group in self.optimizer.param_groups:
-            group["lr"] = rate(t, step)
+            group["lr"] = rate(t, step) * group["times"]
         self.optimizer.step()
         self.update_average()
         self.state["step"] += 1
         self.state["tokens"] += int(counted)
-        loss = nats / counted
-        self.log("train", step=step + 1, loss=loss, bits_per_frame=loss * self.bits, rate=rate(t, step),
+        mean = nats / counted
+        self.log("train", step=step + 1, loss=mean, bits_per_frame=mean * self.bits, rate=rate(t, step),
                  gradient_norm=norm, tokens=self.state["tokens"], tokens_per_second=counted / (time.time() - begun))
 
     def update_average(self):
@@ -232,7 +234,7 @@ class Trainer:
         """The model that is measured and exported: with `ema`, the average's weights."""
         if not self.average:
             return self.model
-        model = Gpt(self.about.config, self.about.tokens).to(self.place.device)
+        model = build(self.about.config, self.about.tokens).to(self.place.device)
         model.load_state_dict(self.average)
         return model
 

@@ -77,17 +77,17 @@ class Windows:
     round, of which the next pass takes the rest.
     """
 
-    def __init__(self, parts, conditions, config, tokens, train, order=None):
+    def __init__(self, parts, conditions, config, tokens, train, order=None, context=None, first=0, batch=None):
         self.conditions, self.tokens, self.order_file = conditions, tokens, order
-        self.context, self.masked, self.seed = config.context, config.kind == "masked", train["seed"]
-        self.rows = train["batch"] * train["accumulate"]  # of a step
+        self.context, self.masked, self.seed = context or config.context, config.kind == "masked", train["seed"]
+        self.rows, self.first = (batch or train["batch"]) * train["accumulate"], first  # of a step; the first of its steps
         self.label_dropout = train["label_dropout"]
-        self.room = room(config, tokens)
+        self.room = self.context - config.context + room(config, tokens)
         self.clips, self.shares, ends = [], [], [0]  # (corpus, clip); per corpus: first window, windows, those of a pass
         for corpus, weight in parts:
             whole = self.room // corpus.word if corpus.word else None
             if self.room < 1 or whole == 0:
-                raise SystemExit(f"a context of {config.context} tokens doesn't hold one word of {corpus.word}")
+                raise SystemExit(f"a context of {self.context} tokens doesn't hold one word of {corpus.word}")
             first = ends[-1]
             for clip in corpus.split("train"):
                 tokens_, words = corpus.clips[clip]["tokens"], len(corpus.words(clip)) - 1
@@ -103,7 +103,7 @@ class Windows:
     def where(self, step, rows):
         """Of these rows of a step: corpus, clip, first token, number of tokens, and the (round, window) that randomness goes
         by."""
-        places = [divmod(step * self.rows + r, self.per_pass) for r in rows]
+        places = [divmod((step - self.first) * self.rows + r, self.per_pass) for r in rows]
         keys = [self.order(number)[at] for number, at in places]
         if self.order_file is None:
             return [self.stand(*key) for key in keys]
@@ -154,6 +154,30 @@ class Windows:
         if self.masked:
             return masked(ids, front, self.tokens.pad, self.context, chosen(count, self.seed, *place))
         return causal(ids, front, self.tokens.pad, self.context)
+
+
+class Stages:
+    """Windows that grow (src/train/stages.rs): those of `[[train.stages]]`, each until a share of the steps, then the model's."""
+
+    def __init__(self, parts, conditions, config, tokens, train, order=None):
+        known, first, before, self.all = {"until", "frames", "batch"}, 0, 0.0, []
+        whole = room(config, tokens) // tokens.word
+        if train["stages"] and (order is not None or tokens.varying):
+            raise SystemExit("train.stages: words that differ in length and orders of --order have no windows that grow")
+        for i, stage in enumerate(train["stages"], 1):
+            right = stage.keys() == known and before < stage["until"] < 1 and stage["batch"] > 0 and 0 < stage["frames"] <= whole
+            if not right:
+                told = f"until above {before} and below 1, frames 1 to {whole}, batch 1 or more"
+                raise SystemExit(f"train.stages: stage {i} is {stage}; expected {told}")
+            context = stage["frames"] * tokens.word + config.context - room(config, tokens)
+            self.all.append(Windows(parts, conditions, config, tokens, train, None, context, first, stage["batch"]))
+            before, first = stage["until"], math.floor(stage["until"] * train["steps"] + 0.5)
+        self.all.append(Windows(parts, conditions, config, tokens, train, order, first=first))
+        self.fewest = min(w.rows for w in self.all)  # windows of a step
+
+    def at(self, step):
+        """The windows of a step's stage."""
+        return [w for w in self.all if w.first <= step][-1]
 
 
 def room(config, tokens):

@@ -120,7 +120,7 @@ def run(name, kind, positions, previous, head, tied, layout, front, size, width)
     assert inputs.shape == targets.shape == (batch, length)
     logits, uncounted = model(inputs), model.uncounted(inputs)
     counted = int((targets != PAD).sum())
-    loss = model.nats(logits, targets).sum() / counted
+    loss = model(inputs, targets).sum() / counted
     assert torch.isfinite(loss) and not (uncounted & (targets != PAD)).any()
     W = tokens["word"]
     asked = [i for i in sorted({front - 1, front - 1 + W, front + W, front + 2 * W - 1, length - 1}) if i < length]

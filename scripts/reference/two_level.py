@@ -1,6 +1,6 @@
 """Small models of two levels: loss, logits and gradients in f64, in tests/golden/two_level.json.
 
-pip install torch; python scripts/reference/two_level.py
+pip install torch safetensors; python scripts/reference/two_level.py
 The model is written out here by docs/model.md, "Two levels" and "What is ahead", one window, frame and character after the
 other. Weights are formulas, rounded to f32: number i of tensor n (by the order of the names) is 0.2 sin(1.7 i + n), and 1
 more in norms' weights. The file has the form that gpt_forms.py tells; cases may have
@@ -8,10 +8,14 @@ more in norms' weights. The file has the form that gpt_forms.py tells; cases may
 """
 import json
 import math
+import sys
 from pathlib import Path
 
 import torch
 from torch.nn import functional as F
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "cluster"))
+from model import Tokens, build, config_of  # noqa: E402
 
 PAD, BOS, MASK, UNK, SPACE, NONE = 0, 1, 3, 4, 5, 2**32 - 1
 VOCABULARY, LAYERS, HEADS, WIDTH = 29, 2, 2, 12
@@ -197,6 +201,25 @@ def run(name, frames, front, batch, ahead):
     return case
 
 
+def clusters(case):
+    """How far the model of scripts/cluster is from a case: logits, loss, gradients by a tensor's largest number."""
+    model = build(config_of(case["model"]), Tokens(**case["tokens"])).double()
+    own = weights({name: p.shape for name, p in model.named_parameters()})
+    model.load_state_dict({name: x.detach() for name, x in own.items()})
+    inputs, targets = (torch.tensor(case[name]) for name in ("inputs", "targets"))
+    logits, loss = model(inputs), model(inputs, targets).sum() / (targets != PAD).sum()
+    loss.backward()
+    far = [float(loss.detach()) - case["loss"]]
+    for b, i, row in case["rows"]:
+        found = logits[b, i].detach()
+        assert [x is None for x in row] == torch.isinf(found).tolist(), (case["name"], b, i)
+        far += [float(x) - y for x, y in zip(found, row) if y is not None]
+    for name, p in model.named_parameters():
+        wanted, g = case["gradients"][name], p.grad.flatten()
+        far += [(float(g[i]) - y) / max(wanted["largest"], 1e-9) for i, y in zip(wanted["places"], wanted["numbers"])]
+    return max(map(abs, far))
+
+
 def main():
     torch.set_num_threads(1)
     made = {"script": "scripts/reference/two_level.py", "versions": {"torch": torch.__version__}, "seed": None}
@@ -204,7 +227,9 @@ def main():
     text = json.dumps(golden, separators=(",", ":")).replace('{"name"', '\n{"name"')
     (Path(__file__).parents[2] / "tests/golden/two_level.json").write_text(text + "\n")
     for case in golden["cases"]:
-        print(f"{case['name']}: {sum(t != PAD for w in case['targets'] for t in w)} targets, loss {case['loss']}")
+        told = "" if case["model"]["ahead"] else f", scripts/cluster {clusters(case):.1e} off"
+        print(f"{case['name']}: {sum(t != PAD for w in case['targets'] for t in w)} targets, loss {case['loss']}{told}")
+        assert case["model"]["ahead"] or clusters(case) < 1e-7
 
 
 if __name__ == "__main__":

@@ -1,0 +1,146 @@
+"""kinelm's model of two levels: a trunk in which a row is a frame, and a decoder that spells one (docs/model.md).
+
+F frames of a window, C characters of a frame and W = C + 1 of its tokens, S the most bins of a place, D and d the widths.
+What is ahead and music are learnt by `kinelm pretrain` alone.
+"""
+from dataclasses import dataclass, field
+
+import torch
+from torch import nn
+from torch.nn import functional as F
+
+from answers import Answers, counts
+from blocks import Linear, Table, deviation, stack
+
+BACK = 2  # frames that the trunk reads
+
+
+@dataclass
+class Stack:
+    """A stack of blocks; of `[model.decoder]` with the numbers by which the trunk is told a character."""
+
+    layers: int = 2
+    heads: int = 4
+    width: int = 128
+    character_width: int = 24
+    kind: str = "causal"
+    dropout: float = 0.0
+
+
+@dataclass
+class TwoLevelConfig:
+    """The `[model]` table."""
+
+    architecture: str = "two_level"
+    kind: str = "causal"
+    layers: int = 4
+    heads: int = 4
+    width: int = 128
+    context: int = 0
+    positions: str = "frame_joint"
+    dropout: float = 0.0
+    tied_head: bool = False
+    previous_frame: bool | None = True
+    head: str | None = "relative"
+    window: int = 128
+    decoder: dict = field(default_factory=dict)
+    ahead: bool = False
+    music: str = "none"
+
+    def resolved(self, tokens):
+        """With what the window says; what can't be is refused."""
+        if self.ahead or self.music != "none":
+            raise ValueError("model.ahead and model.music are learnt by `kinelm pretrain` alone; leave them out")
+        if not tokens.places or tokens.varying:
+            raise ValueError("a two-level model spells frames of bins; words of this tokenizer are others")
+        said = {"kind": "causal", "dropout": 0.0, "previous_frame": True, "head": "relative", "architecture": "two_level"}
+        for key, value in said.items():
+            if getattr(self, key) not in (value, None):
+                raise ValueError(f"model.{key} is {getattr(self, key)!r}; a two-level model has {value!r}: leave it out")
+        decoder = Stack(**self.decoder)
+        for name, s in [("model", self), ("model.decoder", decoder)]:
+            if s.width % s.heads:
+                raise ValueError(f"{name}.width is {s.width} and heads {s.heads}; expected heads that divide the width")
+        own = {key: getattr(decoder, key) for key in ("layers", "heads", "width", "character_width")}
+        told = {"context": self.window * tokens.word + tokens.front - 1, "tied_head": False, "decoder": own}
+        return TwoLevelConfig(**{**self.__dict__, **said, **told, "positions": "frame_joint"})
+
+
+class TwoLevel(Answers):
+    def __init__(self, config, tokens):
+        c = config.resolved(tokens)
+        decoder = Stack(**c.decoder)
+        super().__init__(c, tokens, decoder.width)
+        self.characters = tokens.word - 1
+        self.circular, self.clamped = counts(tokens)
+        self.bins = max(self.circular, self.clamped)  # S
+        self.steps = self.circular + max(2 * self.clamped - 1, 0)  # R
+        D, d, e, C = c.width, decoder.width, decoder.character_width, self.characters
+        frame = {"character": Table(C * (self.bins + 1), e), "position": Table(c.window, D), "join": Linear(BACK * C * e, D)}
+        if tokens.front > 1:
+            frame["label"] = Table(tokens.vocabulary, D)
+            nn.init.zeros_(frame["label"].weight)
+        self.frame = nn.ModuleDict(frame)
+        self.trunk = nn.ModuleDict({"block": stack(c), "norm": nn.LayerNorm(D, 1e-5)})
+        self.spell = nn.ModuleDict({
+            "frame": Linear(D, d), "last": Table(self.steps + 1 + self.bins, d), "place": Table(tokens.word, d),
+            "character": Table(self.bins + 1, d), "step": Table(self.steps + 1, d), "block": stack(decoder),
+        })
+        of_place = torch.tensor(tokens.place_ids())  # (C, 3): first id, bins, goes round
+        self.register_buffer("of_place", of_place.long(), persistent=False)
+
+    def states(self, ids):
+        """(B, T, d); zeros for the tokens of the front but its last."""
+        (B, T), K, W = ids.shape, self.tokens.front, self.tokens.word
+        frames = -(-(T - K + 1) // W)
+        words = F.pad(ids[:, K:], (0, frames * W - (T - K)), value=self.tokens.pad).view(B, frames, W)
+        now = self.codes(words)  # (B, F, C)
+        before = [F.pad(now, (0, 0, n, 0), value=-1)[:, :frames] for n in (1, 2)]
+        spoken = self.spell["frame"](self.trunk_rows(before, ids[:, 1:K]))
+        x = (spoken[:, :, None] + self.spelt(now, *before)).view(B * frames, W, -1)
+        for block in self.spell["block"].values():
+            x = block(x)
+        return F.pad(x.reshape(B, frames * W, -1)[:, : T - K + 1], (0, 0, K - 1, 0))
+
+    def codes(self, words):
+        """Bins (B, F, C) of words (B, F, W), -1 where a token is none of its place's."""
+        first, count, _ = self.of_place.unbind(1)
+        bin = words[..., : self.characters] - first
+        return torch.where((bin >= 0) & (bin < count), bin, -1)
+
+    def or_missing(self, bins):
+        """Rows of a table of characters: the last for one that is missing."""
+        return torch.where(bins >= 0, bins, self.bins)
+
+    def trunk_rows(self, before, labels):
+        """(B, F, D) behind the trunk's norm."""
+        seen = self.or_missing(torch.cat(before, 2))
+        seen = seen + (self.bins + 1) * torch.arange(self.characters, device=seen.device).repeat(BACK)
+        x = self.frame["join"](self.frame["character"](seen).flatten(2))
+        x = x + self.frame["position"].weight[: seen.shape[1]]
+        if "label" in self.frame:
+            x = x + self.frame["label"](labels).sum(1, keepdim=True)
+        for block in self.trunk["block"].values():
+            x = block(x)
+        return self.trunk["norm"](x)
+
+    def step(self, to, since):
+        """The row of the step from one bin of a place to another (B, F, C)."""
+        _, count, circular = self.of_place.unbind(1)
+        by = to - since
+        return torch.where(circular > 0, by % count, self.circular + self.clamped - 1 + by)
+
+    def spelt(self, now, a, b):
+        """(B, F, W, d) what the decoder reads of bins (B, F, C) of this frame, of the one before and of that before it."""
+        begin = torch.full_like(now[..., :1], self.steps)
+        step = lambda to, since: torch.where((to >= 0) & (since >= 0), self.step(to, since), self.steps)
+        # behind each character the step that led to it, its bin in a first frame
+        last = torch.where((now >= 0) & (a < 0), self.steps + 1 + now, step(now, a))
+        space = begin - self.steps + self.bins
+        table = self.spell
+        x = table["last"](torch.cat([begin, last], 2)) + table["place"].weight
+        return x + table["character"](torch.cat([self.or_missing(a), space], 2)) + table["step"](torch.cat([step(a, b), begin], 2))
+
+    def deviation(self, name):
+        layers = self.config.decoder["layers"] if name.startswith("spell.") else self.config.layers
+        return 0.0 if name == "frame.label.weight" else deviation(name.split(".")[-2], layers)

@@ -1,5 +1,7 @@
 //! Neighbouring ids, or columns of logits, that stand for ascending numbers.
 
+use std::ops::Range;
+
 /// Bins that ascend: the ids that can stand at a place of every word, or the columns of logits that a target is one of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bins {
@@ -18,5 +20,10 @@ impl Bins {
     /// The bin of an id; `None` for ids of other kinds.
     pub fn bin(self, id: u32) -> Option<usize> {
         id.checked_sub(self.first).filter(|&bin| bin < self.count).map(|bin| bin as usize)
+    }
+
+    /// The ids of the bins.
+    pub fn ids(self) -> Range<u32> {
+        self.first..self.first + self.count
     }
 }

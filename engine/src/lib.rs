@@ -30,6 +30,7 @@ pub mod lstm;
 pub mod op;
 pub mod pieces;
 pub mod scalar;
+pub mod words;
 
 /// The examples of the README are tested with those of the code.
 #[cfg(doctest)]

@@ -93,7 +93,7 @@ fn frame_decoder(streams: usize, weights: WeightKind, kv: KvKind) -> FrameDecode
         bins: of(3 * (bins + 1) * e),
         frames: linear(6 * e, width),
         positions: of(frames * width),
-        labels: of(vocabulary * width),
+        labels: [of(vocabulary * width), of(vocabulary * d)],
         trunk: vec![block(&numbers, width); 2],
         trunk_norm: (of(width), of(width)),
         join: linear(width, d),

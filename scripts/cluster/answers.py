@@ -98,13 +98,16 @@ class Answers(nn.Module):
         return out
 
     def nats(self, h, ids, targets):
-        """-ln p (B, T) of targets, 0 where they are pad, from states (B, T, D): as from the logits, without making them."""
+        """-ln p (B, T) of targets, 0 where they are pad, infinite where they can't be, from states (B, T, D): as from the
+        logits, without making them."""
         pad = self.tokens.pad
         if self.config.head == "absolute":
             return loss(h @ self.ids_table().T, targets, pad)
         plain, steps = self.plan(ids.shape[1])
         found = loss(h[:, plain] @ self.ids_table().T, targets[:, plain], pad)
-        out = torch.zeros_like(targets, dtype=found.dtype).index_copy(1, plain, found)
+        # a table that nobody asks, in windows of one frame, has the gradient 0
+        nothing = sum(0.0 * part.weight.sum() for part in self.head.children())
+        out = torch.zeros_like(targets, dtype=found.dtype).index_copy(1, plain, found + nothing)
         before = self.earlier(ids, 1)
         for name, r, first, n in steps:
             table = getattr(self.head, name).weight
@@ -118,10 +121,12 @@ class Answers(nn.Module):
                 wanted = step + len(table) // 2
                 to = row - len(table) // 2 + p[..., None]
                 there = (to >= 0) & (to < n)  # (B, R, rows)
-            wanted = torch.where((some == pad) | (wanted < 0) | (wanted >= len(table)), -1, wanted)
+            is_bin = (some >= first[:, 0]) & (some < first[:, 0] + n[:, 0])
+            wanted = torch.where(is_bin & (wanted >= 0) & (wanted < len(table)), wanted, -1)
             # where nothing counts every step may come, so that no gradient is nan
             there = there | (wanted < 0)[..., None]
-            out = out.index_copy(1, r, loss(rows.masked_fill(~there, -torch.inf), wanted, -1))
+            found = loss(rows.masked_fill(~there, -torch.inf), wanted, -1)
+            out = out.index_copy(1, r, found.masked_fill((some != pad) & ~is_bin, torch.inf))
         return out
 
     def plan(self, T):

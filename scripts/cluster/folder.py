@@ -45,7 +45,7 @@ class Model:
     def build(self):
         """The model with its weights, on the CPU."""
         model = build(self.config, self.tokens)
-        model.load_state_dict({name: x.float() for name, x in load_file(self.weights).items()})
+        model.load_state_dict({name: x.float() for name, x in whole(load_file(self.weights), model).items()})
         return model
 
     def write(self, folder, model, step):
@@ -53,7 +53,7 @@ class Model:
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         hash = json.loads(self.tokenizer)["decoder"]["kinelm"]["sha256"]
-        about = {"schema": SCHEMA, "kinelm": self.kinelm, "model": vars(model.config), "tokens": stated(self.tokens),
+        about = {"schema": SCHEMA, "kinelm": self.kinelm, "model": model.config.stated(), "tokens": stated(self.tokens),
                  "conditions": self.conditions, "tokenizer_sha256": hash, "step": step}
         write_whole(folder / "tokenizer.json", self.tokenizer.encode())
         write_whole(folder / "kinelm.json", (json.dumps(about, indent=2) + "\n").encode())
@@ -96,7 +96,8 @@ class Model:
 
     def refuse_for_gpt2(self, c):
         why = [reason for holds, reason in [
-            (c.architecture != "flat", "it has two levels"), (c.kind != "causal", "it is masked"), (c.positions == "rope", "its positions are rope"),
+            (c.architecture != "flat", "it has two levels"), (c.kind != "causal", "it is masked"),
+            (c.positions == "rope", "its positions are rope"),
             (c.previous_frame, "it reads the previous frame"), (c.head != "absolute", "its head is relative"),
             (c.positions == "frame_joint" and self.tokens.varying, "its words differ in length"),
         ] if holds]
@@ -106,6 +107,15 @@ class Model:
 
 def weights_of(model):
     return {name: p.detach().cpu().float().contiguous() for name, p in sorted(model.named_parameters())}
+
+
+def whole(tensors, model):
+    """With zeros for what a file lacks where labels were told to the trunk alone, as models of two levels were until 2026-11-23:
+    its weights, moments or averages, by whatever name in front."""
+    for name in [name for name in tensors if name.endswith("frame.label.weight")]:
+        table = model.spell["label"].weight
+        tensors.setdefault(name.replace("frame.label", "spell.label"), torch.zeros_like(table, device="cpu"))
+    return tensors
 
 
 def stated(tokens):

@@ -71,6 +71,10 @@ class Config:
         head = ("relative" if able else "absolute") if self.head is None else self.head
         return Config(**{**self.__dict__, "previous_frame": previous, "head": head})
 
+    def stated(self):
+        """As kinelm.json has it."""
+        return dict(vars(self))
+
 
 class Gpt(Answers):
     """One stack of blocks over all tokens."""

@@ -7,7 +7,7 @@
 BEGIN is a folder that `kinelm export --format kinelm` wrote, or a run (of `kinelm pretrain --steps 0` for a new one): it
 has the tokenizer, the labels and the first weights. OUT becomes such a folder too, for `kinelm import`; with `--resume` a
 run goes on from OUT's last checkpoint. Windows, their order, labels hidden, masks, positions and losses are kinelm's; of
-the training file `[augment]` and `sample_every` are left to kinelm, and dropout draws other numbers.
+the training file `[augment]`, `sample_every`, what is ahead and music are left to kinelm, and dropout draws other numbers.
 """
 import argparse
 import contextlib
@@ -25,7 +25,7 @@ from torch.nn.parallel import DistributedDataParallel
 import streams
 import windows
 from answers import loss
-from folder import Checkpoints, Model, write_whole
+from folder import Checkpoints, Model, whole, write_whole
 from measure import likelihood
 from model import build
 from settings import rate, read_order, settings
@@ -137,6 +137,7 @@ class Trainer:
         if not steps:
             raise SystemExit(f"{self.out} has no checkpoint to go on from")
         weights, moments, state = self.checkpoints.read(steps[-1])
+        weights, moments = whole(weights, self.model), whole(moments, self.model)
         if state["seed"] != self.keys["seed"]:
             raise SystemExit(f"seed {self.keys['seed']}; the run was begun with {state['seed']}")
         self.model.load_state_dict(weights)

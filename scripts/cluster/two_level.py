@@ -1,7 +1,7 @@
 """kinelm's model of two levels: a trunk in which a row is a frame, and a decoder that spells one (docs/model.md).
 
 F frames of a window, C characters of a frame and W = C + 1 of its tokens, S the most bins of a place, D and d the widths.
-What is ahead and music are learnt by `kinelm pretrain` alone.
+What is ahead and music are learnt by `kinelm pretrain` and `kinelm finetune` alone.
 """
 from dataclasses import dataclass, field
 
@@ -46,24 +46,35 @@ class TwoLevelConfig:
     decoder: dict = field(default_factory=dict)
     ahead: bool = False
     music: str = "none"
+    music_scale: dict | None = None
 
     def resolved(self, tokens):
         """With what the window says; what can't be is refused."""
         if self.ahead or self.music != "none":
-            raise ValueError("model.ahead and model.music are learnt by `kinelm pretrain` alone; leave them out")
+            raise ValueError("model.ahead and model.music are learnt by `kinelm pretrain` and `finetune` alone; leave them out")
         if not tokens.places or tokens.varying:
             raise ValueError("a two-level model spells frames of bins; words of this tokenizer are others")
         said = {"kind": "causal", "dropout": 0.0, "previous_frame": True, "head": "relative", "architecture": "two_level"}
         for key, value in said.items():
             if getattr(self, key) not in (value, None):
                 raise ValueError(f"model.{key} is {getattr(self, key)!r}; a two-level model has {value!r}: leave it out")
+        keys = ("layers", "heads", "width", "character_width")
+        for key in self.decoder:
+            if key not in keys:
+                raise ValueError(f"[model.decoder] has `{key}`; expected one of {', '.join(keys)}")
+        if not 2 <= self.window <= 8192:
+            raise ValueError(f"model.window is {self.window}; expected 2 to 8192")
         decoder = Stack(**self.decoder)
         for name, s in [("model", self), ("model.decoder", decoder)]:
             if s.width % s.heads:
                 raise ValueError(f"{name}.width is {s.width} and heads {s.heads}; expected heads that divide the width")
-        own = {key: getattr(decoder, key) for key in ("layers", "heads", "width", "character_width")}
+        own = {key: getattr(decoder, key) for key in keys}
         told = {"context": self.window * tokens.word + tokens.front - 1, "tied_head": False, "decoder": own}
         return TwoLevelConfig(**{**self.__dict__, **said, **told, "positions": "frame_joint"})
+
+    def stated(self):
+        """As kinelm.json has it."""
+        return {key: value for key, value in vars(self).items() if key != "music_scale"}
 
 
 class TwoLevel(Answers):
@@ -77,15 +88,15 @@ class TwoLevel(Answers):
         self.steps = self.circular + max(2 * self.clamped - 1, 0)  # R
         D, d, e, C = c.width, decoder.width, decoder.character_width, self.characters
         frame = {"character": Table(C * (self.bins + 1), e), "position": Table(c.window, D), "join": Linear(BACK * C * e, D)}
-        if tokens.front > 1:
-            frame["label"] = Table(tokens.vocabulary, D)
-            nn.init.zeros_(frame["label"].weight)
         self.frame = nn.ModuleDict(frame)
         self.trunk = nn.ModuleDict({"block": stack(c), "norm": nn.LayerNorm(D, 1e-5)})
         self.spell = nn.ModuleDict({
             "frame": Linear(D, d), "last": Table(self.steps + 1 + self.bins, d), "place": Table(tokens.word, d),
             "character": Table(self.bins + 1, d), "step": Table(self.steps + 1, d), "block": stack(decoder),
         })
+        for level, width in ((self.frame, D), (self.spell, d)) if tokens.front > 1 else ():
+            level["label"] = Table(tokens.vocabulary, width)
+            nn.init.zeros_(level["label"].weight)
         of_place = torch.tensor(tokens.place_ids())  # (C, 3): first id, bins, goes round
         self.register_buffer("of_place", of_place.long(), persistent=False)
 
@@ -97,6 +108,8 @@ class TwoLevel(Answers):
         now = self.codes(words)  # (B, F, C)
         before = [F.pad(now, (0, 0, n, 0), value=-1)[:, :frames] for n in (1, 2)]
         spoken = self.spell["frame"](self.trunk_rows(before, ids[:, 1:K]))
+        if "label" in self.spell:
+            spoken = spoken + self.spell["label"](ids[:, 1:K]).sum(1, keepdim=True)
         x = (spoken[:, :, None] + self.spelt(now, *before)).view(B * frames, W, -1)
         for block in self.spell["block"].values():
             x = block(x)
@@ -139,8 +152,9 @@ class TwoLevel(Answers):
         space = begin - self.steps + self.bins
         table = self.spell
         x = table["last"](torch.cat([begin, last], 2)) + table["place"].weight
-        return x + table["character"](torch.cat([self.or_missing(a), space], 2)) + table["step"](torch.cat([step(a, b), begin], 2))
+        x = x + table["character"](torch.cat([self.or_missing(a), space], 2))
+        return x + table["step"](torch.cat([step(a, b), begin], 2))
 
     def deviation(self, name):
         layers = self.config.decoder["layers"] if name.startswith("spell.") else self.config.layers
-        return 0.0 if name == "frame.label.weight" else deviation(name.split(".")[-2], layers)
+        return 0.0 if name.endswith(".label.weight") else deviation(name.split(".")[-2], layers)

@@ -165,8 +165,8 @@ class Stages:
         if train["stages"] and (order is not None or tokens.varying):
             raise SystemExit("train.stages: words that differ in length and orders of --order have no windows that grow")
         for i, stage in enumerate(train["stages"], 1):
-            right = stage.keys() == known and before < stage["until"] < 1 and stage["batch"] > 0 and 0 < stage["frames"] <= whole
-            if not right:
+            right = stage.keys() == known and before < stage["until"] < 1 and 0 < stage["frames"] <= whole
+            if not right or stage["batch"] < 1:
                 told = f"until above {before} and below 1, frames 1 to {whole}, batch 1 or more"
                 raise SystemExit(f"train.stages: stage {i} is {stage}; expected {told}")
             context = stage["frames"] * tokens.word + config.context - room(config, tokens)

@@ -84,7 +84,8 @@ impl Told {
         if is_ahead && !config.ahead {
             return Err(Error::Call("frames told something ahead; this model has model.ahead = false".into()));
         }
-        let (frames, steps) = (Frames::of(tokens), Frames::of(tokens).steps());
+        let frames = Frames::of(tokens);
+        let steps = frames.steps().all();
         let n = batch * ((length + 1).saturating_sub(tokens.front)).div_ceil(tokens.word);
         let m = n * config.music.numbers();
         if !self.music.is_empty() && m == 0 {
@@ -257,14 +258,14 @@ impl Course {
             }) else {
                 continue;
             };
-            let kind = self.ahead.frames.places()[place];
-            let (d, angle) = apart(goal.code, word[place].into(), (kind.count.into(), kind.circular));
+            let (bins, all) = (self.ahead.frames.places()[place], self.ahead.frames.steps());
+            let (d, angle) = apart(goal.code, word[place].into(), (bins.count.into(), bins.circular));
             for (i, number) in [angle.sin(), 1.0 - angle.cos(), angle, 8.0 * angle / goal.left].into_iter().enumerate()
             {
                 numbers[i * c + place] = number as f32;
             }
-            steps[place] = self.ahead.frames.step_of(place, d);
-            paces[place] = self.ahead.frames.step_of(place, (d as f64 / goal.left).round_ties_even() as i64);
+            steps[place] = all.row_by(bins, d) as u32;
+            paces[place] = all.row_by(bins, (d as f64 / goal.left).round_ties_even() as i64) as u32;
         }
         if least.is_infinite() {
             return false;

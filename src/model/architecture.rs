@@ -72,7 +72,7 @@ impl ModelConfig {
         }
     }
 
-    /// F: frames of a two-level model's window.
+    /// F: whole words of a window, of a two-level model its frames.
     pub fn frames(&self, tokens: &TokenLayout) -> usize {
         tokens.room(self.context) / tokens.word.max(1)
     }

@@ -4,6 +4,7 @@ use super::architecture::{Architecture, DecoderConfig};
 use super::music::Music;
 use super::music::features::Scale;
 use crate::{Error, Result};
+use kinelm_engine::bins::Bins;
 use kinelm_tokenizer::{PlaceIds, SPACE, Special, Tokenizer};
 use serde::{Deserialize, Serialize};
 
@@ -296,6 +297,11 @@ impl TokenLayout {
     /// What stands at each place of a word up to its space; nothing where that isn't the same for all words.
     pub fn place_ids(&self) -> impl Iterator<Item = PlaceIds> + '_ {
         self.places.iter().flat_map(|s| std::iter::repeat_n(s.kind, s.number))
+    }
+
+    /// The same as the engine has it.
+    pub fn bins(&self) -> Vec<Bins> {
+        self.place_ids().map(|PlaceIds { first, count, circular }| Bins { first, count, circular }).collect()
     }
 
     /// # Errors

@@ -97,7 +97,7 @@ pub fn told(config: &ModelConfig, tokens: &TokenLayout, windows: usize) -> Optio
         of_frame.iter_mut().for_each(|x| *x = crate::random::unit(&mut rng) as f32 - 0.5);
         for row in told.rows.iter_mut().flat_map(|rows| &mut rows[frame * tokens.word..][..frames.characters()]) {
             if !rng.next_u32().is_multiple_of(4) {
-                *row = rng.next_u32() % frames.steps() as u32;
+                *row = rng.next_u32() % frames.steps().all() as u32;
             }
         }
     }
@@ -130,7 +130,14 @@ pub fn batch(config: &ModelConfig, tokens: &TokenLayout, windows: usize, length:
     let (mask, unknown) = (Special::Mask.id(), Special::Unk.id());
     let mut rng = crate::random::stream(3, "forms", 0, 0);
     let mut draw = |below: u32| rng.next_u32() % below;
-    let front: Vec<u32> = [tokens.bos, unknown, unknown].into_iter().cycle().take(tokens.front).collect();
+    // labels of a window's own, the last window's first one hidden
+    let front = |row: usize| -> Vec<u32> {
+        let label = |field: usize| match row + 1 == windows && field == 1 {
+            true => unknown,
+            false => tokens.vocabulary as u32 - 1 - (row + 2 * field) as u32 % 4,
+        };
+        (0..tokens.front).map(|i| if i == 0 { tokens.bos } else { label(i) }).collect()
+    };
     let (mut inputs, mut targets) = (vec![0; windows * length], vec![0; windows * length]);
     let kinds: Vec<PlaceIds> = tokens.place_ids().collect();
     for (row, (input, target)) in inputs.chunks_mut(length).zip(targets.chunks_mut(length)).enumerate() {
@@ -143,7 +150,7 @@ pub fn batch(config: &ModelConfig, tokens: &TokenLayout, windows: usize, length:
         };
         let ids: Vec<u32> = (0..shown).map(id).collect();
         if config.kind == Kind::Causal {
-            fill_sequence(&ids, &front, tokens.pad, input, target);
+            fill_sequence(&ids, &front(row), tokens.pad, input, target);
             if row == 1 && !kinds.is_empty() {
                 // a joint is dropped from the second word on: neither it nor what would be told from it counts
                 for k in (tokens.word + 2..shown).step_by(tokens.word) {
@@ -156,7 +163,7 @@ pub fn batch(config: &ModelConfig, tokens: &TokenLayout, windows: usize, length:
             continue;
         }
         let fronts = tokens.front.min(length);
-        input[..fronts].copy_from_slice(&front[..fronts]);
+        input[..fronts].copy_from_slice(&front(row)[..fronts]);
         for (k, &id) in ids.iter().enumerate().take(length - fronts) {
             let chosen = k % 5 == row % 5 || k == 1;
             input[fronts + k] = if chosen && k != 1 { mask } else { id };

@@ -8,9 +8,9 @@
 //! before it, as the row that would speak for the next frame does, and has a vector of its own in the place of a position.
 
 use super::config::TokenLayout;
-use super::past::Counts;
+use kinelm_engine::bins::Bins;
 use kinelm_engine::op::embedding::NONE;
-use kinelm_tokenizer::PlaceIds;
+use kinelm_engine::words::{Steps, Words};
 
 /// Rows of `last`, `place`, `character` and `step` that are added for a token.
 pub const SPELT: [&str; 4] = ["spell.last.weight", "spell.place.weight", "spell.character.weight", "spell.step.weight"];
@@ -21,94 +21,55 @@ pub const BACK: usize = 2;
 /// Reads windows whose words are frames.
 #[derive(Debug, Clone)]
 pub struct Frames {
-    word: usize,
+    words: Words,
     pad: u32,
-    places: Vec<PlaceIds>,
-    counts: Counts,
 }
 
 impl Frames {
     /// Of windows of these tokens, whose places are of one kind each.
     pub fn of(tokens: &TokenLayout) -> Frames {
-        let (word, pad) = (tokens.word, tokens.pad);
-        Frames { word, pad, places: tokens.place_ids().collect(), counts: Counts::of(tokens) }
+        Frames { words: Words::new(1, tokens.bins()), pad: tokens.pad }
     }
 
     /// Frames of a window, up to the first that is padding.
     pub fn shown(&self, inputs: &[u32]) -> usize {
-        inputs.iter().skip(1).step_by(self.word).take_while(|&&id| id != self.pad).count()
+        inputs.iter().skip(1).step_by(self.word()).take_while(|&&id| id != self.pad).count()
     }
 
     /// W.
     pub fn word(&self) -> usize {
-        self.word
+        self.words.length()
     }
 
     /// C: characters of a frame.
     pub fn characters(&self) -> usize {
-        self.places.len()
+        self.words.places().len()
     }
 
     /// S + 1: rows that a character has in a table of characters; the last is for one that is missing.
     pub fn bins(&self) -> usize {
-        self.counts.largest() + 1
+        self.words.steps().most() + 1
     }
 
-    /// R: circular steps, then clamped ones. Row R of a table of steps is for one that is missing.
-    pub fn steps(&self) -> usize {
-        self.counts.circular + self.counts.steps()
-    }
-
-    /// The bin of token `at` of a window; `None` before it, and where the token is none of its place's.
-    fn bin(&self, inputs: &[u32], at: Option<usize>) -> Option<u32> {
-        let at = at?;
-        self.places.get(at % self.word)?.bin(*inputs.get(at + 1)?)
-    }
-
-    /// The step that leads from one bin of a place to another.
-    fn step(&self, place: usize, to: u32, from: u32) -> u32 {
-        self.step_of(place, i64::from(to) - i64::from(from))
-    }
-
-    /// The step of so many bins, of a clamped place fewer than it has.
-    pub fn step_of(&self, place: usize, bins: i64) -> u32 {
-        let kind = self.places[place];
-        match kind.circular {
-            true => bins.rem_euclid(kind.count.into()) as u32,
-            false => ((self.counts.circular + self.counts.clamped) as i64 - 1 + bins) as u32,
-        }
+    /// How tables of steps are laid out: behind all R steps row R is for one that is missing.
+    pub fn steps(&self) -> Steps {
+        self.words.steps()
     }
 
     /// What stands at the places of a frame.
-    pub fn places(&self) -> &[PlaceIds] {
-        &self.places
+    pub fn places(&self) -> &[Bins] {
+        self.words.places()
     }
 
     /// The rows (2 C) of the table of characters that the trunk reads for frame `frame`: of the frame before, then of the one
     /// before that; each place has S + 1 rows of its own.
     pub fn seen(&self, inputs: &[u32], frame: usize, rows: &mut [u32]) {
-        let (c, bins) = (self.characters(), self.bins() as u32);
-        for (k, row) in rows.iter_mut().enumerate() {
-            let (back, place) = (1 + k / c, k % c);
-            let bin = self.bin(inputs, frame.checked_sub(back).map(|f| f * self.word + place));
-            *row = place as u32 * bins + bin.unwrap_or(bins - 1);
-        }
+        rows.iter_mut().zip(self.words.seen(inputs, frame)).for_each(|(to, row)| *to = row as u32);
     }
 
     /// The rows of [`SPELT`] for the decoder's row of token `token`, which reads what stands before it.
     pub fn spelt(&self, inputs: &[u32], token: usize) -> [u32; 4] {
-        let (missing, begin) = (self.counts.largest() as u32, self.steps() as u32);
-        let place = token % self.word;
-        let back = |token: Option<usize>, frames: usize| token?.checked_sub(frames * self.word);
-        let before = (place > 0).then(|| token - 1);
-        let last = match (self.bin(inputs, before), self.bin(inputs, back(before, 1))) {
-            (None, _) => begin,
-            (Some(now), Some(then)) => self.step(place - 1, now, then),
-            (Some(now), None) => begin + 1 + now,
-        };
-        let [a, b] = [1, 2].map(|frames| self.bin(inputs, back(Some(token), frames)));
-        let step = a.zip(b).map_or(begin, |(a, b)| self.step(place, a, b));
-        [last, place as u32, a.unwrap_or(missing), step]
+        self.words.spelt(inputs, token).map(|row| row as u32)
     }
 }
 
@@ -147,7 +108,7 @@ mod tests {
     #[test]
     fn the_trunk_reads_two_frames_back() {
         let frames = frames();
-        assert_eq!((frames.characters(), frames.bins(), frames.steps()), (5, 8, 18));
+        assert_eq!((frames.characters(), frames.bins(), frames.steps().all()), (5, 8, 18));
         let seen = |f: usize| {
             let mut rows = [0; 10];
             frames.seen(&INPUTS, f, &mut rows);

@@ -4,9 +4,9 @@ use super::ahead;
 use super::architecture::Architecture;
 use super::config::{HeadKind, ModelConfig, Positions, TokenLayout};
 use super::frames::{BACK, Frames, SPELT};
-use super::past::Counts;
-use crate::{Result, random};
-use candle_core::{Device, Tensor};
+use crate::{Error, Result, random};
+use candle_core::{DType, Device, Tensor};
+use kinelm_engine::words::Steps;
 use std::collections::BTreeMap;
 
 /// One tensor of a model.
@@ -57,9 +57,9 @@ pub fn parameters(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> 
     if config.ids_table() == "head.weight" {
         all.push(Parameter { role: Role::Matrix, ..embedding("head.weight", tokens.vocabulary, d) });
     }
-    let counts = Counts::of(tokens);
     if config.head_of(tokens) == HeadKind::Relative {
-        let tables = [("head.circular.weight", counts.circular), ("head.clamped.weight", counts.steps())];
+        let steps = Steps::of(&tokens.bins());
+        let tables = [("head.circular.weight", steps.circular), ("head.clamped.weight", steps.up_and_down())];
         let tables = tables.into_iter().filter(|(_, rows)| *rows > 0);
         all.extend(tables.map(|(name, rows)| Parameter { role: Role::Matrix, ..embedding(name, rows, d) }));
     }
@@ -83,10 +83,9 @@ fn flat(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
             all.push(embedding("position.place.weight", tokens.word, d));
         }
     }
-    let counts = Counts::of(tokens);
     if config.reads_previous(tokens) {
         all.push(embedding("previous.character.weight", tokens.vocabulary, d));
-        all.push(embedding("previous.step.weight", counts.largest() + 1, d));
+        all.push(embedding("previous.step.weight", Steps::of(&tokens.bins()).most() + 1, d));
     }
     stack(&mut all, "", config.layers, d);
     all
@@ -102,7 +101,8 @@ fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
     ];
     if tokens.front > 1 {
         // a model that learns labels later begins as it was
-        all.push(Parameter { init: Init::Zeros, ..embedding(LABEL, tokens.vocabulary, trunk) });
+        let begin = |name, width| Parameter { init: Init::Zeros, ..embedding(name, tokens.vocabulary, width) };
+        all.extend([begin(LABEL, trunk), begin(SPELT_LABEL, d)]);
     }
     if config.classes > 0 {
         all.push(embedding(CLASS, config.classes, trunk));
@@ -111,12 +111,12 @@ fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
     stack(&mut all, TRUNK, config.layers, trunk);
     norm(&mut all, "trunk.norm", trunk);
     linear(&mut all, "spell.frame", trunk, d, 0.02);
-    let steps = frames.steps() + 1;
+    let steps = frames.steps().all() + 1;
     let rows = [steps + frames.bins() - 1, tokens.word, frames.bins(), steps];
     all.extend(SPELT.iter().zip(rows).map(|(name, rows)| embedding(name, rows, d)));
     stack(&mut all, SPELL, decoder.layers, d);
     if config.ahead {
-        let (told, steps) = (ahead::numbers(c), frames.steps());
+        let (told, steps) = (ahead::numbers(c), frames.steps().all());
         let shapes = [(told, trunk), (told, d), (steps, d), (steps, d)];
         // a model that learns to be told begins as it was
         let begin = |(name, (rows, width))| Parameter { init: Init::Zeros, ..embedding(name, rows, width) };
@@ -131,6 +131,8 @@ fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
 
 /// The table of labels, whose rows are added to every frame: there where windows begin with labels.
 pub(super) const LABEL: &str = "frame.label.weight";
+/// Another, whose rows are added to every row of the decoder.
+pub(super) const SPELT_LABEL: &str = "spell.label.weight";
 /// What stands in the place of a position in the rows behind the last frame that a classifier reads.
 pub(crate) const CLASS: &str = "frame.class.weight";
 /// What a frame is told of what is given ahead goes through these: its numbers to the trunk's row and to those of the decoder,
@@ -157,6 +159,42 @@ fn stack(all: &mut Vec<Parameter>, prefix: &str, layers: usize, d: usize) {
         linear(all, &format!("{block}.mlp.down"), 4 * d, d, residual);
     }
 }
+
+/// A model's parameters, each with its tensor.
+///
+/// # Errors
+/// A configuration that doesn't hold; tensors that are missing, not the model's, or of another shape: each is named.
+pub fn checked(
+    config: &ModelConfig,
+    tokens: &TokenLayout,
+    mut tensors: BTreeMap<String, Tensor>,
+) -> Result<Vec<(Parameter, Tensor)>> {
+    config.validate_for(tokens)?;
+    let some = tensors.values().next();
+    let (kind, device) = some.map_or((DType::F32, Device::Cpu), |t| (t.dtype(), t.device().clone()));
+    let own = |p: Parameter| {
+        let (name, shape) = (&p.name, &p.shape);
+        let missing = || Error::Weights(format!("the weights have no tensor {name}; expected one of shape {shape:?}"));
+        let untold = || p.may_be_absent().then(|| Tensor::zeros(shape.as_slice(), kind, &device));
+        let tensor = match tensors.remove(name) {
+            Some(tensor) => tensor,
+            None => untold().ok_or_else(missing)??,
+        };
+        match tensor.dims() == shape {
+            true => Ok((p, tensor)),
+            false => {
+                let found = format!("tensor {name} has shape {:?}", tensor.dims());
+                Err(Error::Weights(format!("{found}; this model expects {shape:?}")))
+            }
+        }
+    };
+    let all = parameters(config, tokens).into_iter().map(own).collect::<Result<_>>()?;
+    match tensors.keys().next() {
+        Some(name) => Err(Error::Weights(format!("the weights have a tensor {name} that this model has no place for"))),
+        None => Ok(all),
+    }
+}
+
 /// The tensors of a model before training, by name, on the CPU.
 ///
 /// # Errors
@@ -194,6 +232,12 @@ fn linear(all: &mut Vec<Parameter>, name: &str, rows: usize, columns: usize, sd:
 }
 
 impl Parameter {
+    /// Whether files from before it was there lack it, and mean zeros: models of two levels told only the trunk of labels until
+    /// 2026-11-23.
+    pub fn may_be_absent(&self) -> bool {
+        self.name == SPELT_LABEL
+    }
+
     /// How many numbers it has.
     pub fn len(&self) -> usize {
         self.shape.iter().product()
@@ -256,5 +300,24 @@ mod tests {
         assert_eq!(x, p.initial(3));
         assert_ne!(x, p.initial(4));
         assert_ne!(x, Parameter { name: "y".into(), ..p }.initial(3));
+    }
+
+    #[test]
+    fn labels_that_only_the_trunk_was_told_of_are_read_and_other_gaps_are_named() {
+        let labelled = |(config, tokens): &(ModelConfig, TokenLayout)| {
+            config.architecture == Architecture::TwoLevel && tokens.front > 1
+        };
+        let (config, tokens) = crate::model::forms::every(36).into_iter().find(labelled).unwrap();
+        let mut tensors = initial(&config, &tokens, 1).unwrap();
+        tensors.remove(SPELT_LABEL).unwrap();
+        let read = checked(&config, &tokens, tensors.clone()).unwrap();
+        let (p, tensor) = read.iter().find(|(p, _)| p.name == SPELT_LABEL).unwrap();
+        assert_eq!(
+            (tensor.dims(), tensor.abs().unwrap().sum_all().unwrap().to_scalar::<f32>().unwrap()),
+            (&*p.shape, 0.0)
+        );
+        tensors.remove(LABEL).unwrap();
+        let refused = checked(&config, &tokens, tensors).unwrap_err().to_string();
+        assert!(refused.contains("no tensor frame.label.weight; expected one of shape [26, 12]"), "{refused}");
     }
 }

@@ -7,37 +7,8 @@
 use super::config::TokenLayout;
 use super::questions::no_bin;
 use crate::Result;
-use kinelm_tokenizer::PlaceIds;
-
-/// The largest numbers of bins of a layout's places.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Counts {
-    /// Of circular places; 0 where there are none.
-    pub circular: usize,
-    /// Of clamped places; 0 where there are none.
-    pub clamped: usize,
-}
-
-impl Counts {
-    /// Those of a layout's places.
-    pub fn of(tokens: &TokenLayout) -> Counts {
-        let most = |circular: bool| {
-            let counts = tokens.places.iter().map(|s| s.kind).filter(|kind| kind.circular == circular);
-            counts.map(|kind| kind.count as usize).max().unwrap_or(0)
-        };
-        Counts { circular: most(true), clamped: most(false) }
-    }
-
-    /// S: that of any place.
-    pub fn largest(self) -> usize {
-        self.circular.max(self.clamped)
-    }
-
-    /// Steps that a clamped place can take: up and down by all bins but one.
-    pub fn steps(self) -> usize {
-        (2 * self.clamped).saturating_sub(1)
-    }
-}
+use kinelm_engine::bins::Bins;
+use kinelm_engine::words::{Steps, Words};
 
 /// What the logits of a row stand for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,21 +17,28 @@ pub enum Basis {
     Ids,
     /// The bins of a place, by their steps from the bin one frame back; no other id can come.
     Steps {
-        /// The place's kind.
-        kind: PlaceIds,
+        /// What stands at the place.
+        bins: Bins,
         /// p: the bin one frame back.
-        from: u32,
+        from: usize,
     },
+}
+
+impl Basis {
+    /// The group of rows that answers it: 0 by all ids, 1 by circular, 2 by clamped steps.
+    pub fn group(&self) -> usize {
+        match self {
+            Basis::Ids => 0,
+            Basis::Steps { bins, .. } => 1 + usize::from(!bins.circular),
+        }
+    }
 }
 
 /// Reads what lies one and two frames back in a window.
 #[derive(Debug, Clone)]
 pub struct Past {
-    word: usize,
-    front: usize,
+    words: Words,
     pad: u32,
-    places: Vec<PlaceIds>,
-    counts: Counts,
 }
 
 impl Past {
@@ -69,31 +47,22 @@ impl Past {
     /// # Panics
     /// If a word's places have no kinds.
     pub fn of(tokens: &TokenLayout) -> Past {
-        let places: Vec<PlaceIds> = tokens.place_ids().collect();
-        assert!(!places.is_empty(), "places of one kind each");
-        Past { word: tokens.word, front: tokens.front, pad: tokens.pad, places, counts: Counts::of(tokens) }
+        Past { words: Words::new(tokens.front, tokens.bins()), pad: tokens.pad }
     }
 
-    /// The largest numbers of bins.
-    pub fn counts(&self) -> Counts {
-        self.counts
+    /// How tables of steps are laid out.
+    pub fn steps(&self) -> Steps {
+        self.words.steps()
     }
 
     /// What stands at the place that input `i` predicts; `None` for spaces, and before the front's last token.
-    pub fn kind(&self, i: usize) -> Option<PlaceIds> {
-        let k = (i + 1).checked_sub(self.front)?;
-        self.places.get(k % self.word).copied()
+    pub fn bins(&self, i: usize) -> Option<Bins> {
+        self.words.follows(i)
     }
 
     /// Whether a window has something one frame before what input `i` predicts.
     pub fn has_frame_before(&self, i: usize) -> bool {
-        i + 1 >= self.front + self.word
-    }
-
-    /// The id `frames` frames before the token that input `i` of `window` predicts; `None` where the window has none.
-    fn back(&self, window: &[u32], i: usize, frames: usize) -> Option<u32> {
-        let at = (i + 1).checked_sub(frames * self.word)?;
-        (at >= self.front).then(|| window[at])
+        self.words.has_word_before(i)
     }
 
     /// The rows of `previous.character.weight` and `previous.step.weight` that are added to input `i` of `window`: a, or
@@ -101,39 +70,24 @@ impl Past {
     ///
     /// Reads nothing behind `window[i]`.
     pub fn previous(&self, window: &[u32], i: usize) -> [u32; 2] {
-        let (a, b) = (self.back(window, i, 1), self.back(window, i, 2));
-        let step = || {
-            let kind = self.kind(i)?;
-            let (a, b) = (kind.bin(a?)?, kind.bin(b?)?);
-            Some((a + kind.count - b) % kind.count)
-        };
-        [a.unwrap_or(self.pad), step().unwrap_or(self.counts.largest() as u32)]
+        let (a, step) = self.words.previous(window, i);
+        [a.unwrap_or(self.pad), step as u32]
     }
 
     /// What the logits of input `i` of `window` stand for under a relative head: all ids in the first frame, for spaces,
     /// and where a is no bin of its place (`<mask>`, `<pad>`).
     pub fn basis(&self, window: &[u32], i: usize) -> Basis {
-        let of = |kind: PlaceIds| Some(Basis::Steps { kind, from: kind.bin(self.back(window, i, 1)?)? });
-        self.kind(i).and_then(of).unwrap_or(Basis::Ids)
+        self.words.bin(window, i, 1).map_or(Basis::Ids, |(bins, from)| Basis::Steps { bins, from })
     }
 
-    /// Holds a target at a place of this `kind` that has nothing to count from to the window's first frame.
+    /// Holds a target at a place of these `bins` that has nothing to count from to the window's first frame.
     ///
     /// # Errors
     /// An id one frame back that is no bin.
-    pub(super) fn first_frame(&self, window: &[u32], i: usize, kind: PlaceIds) -> Result<()> {
-        match self.back(window, i, 1) {
+    pub(super) fn first_frame(&self, window: &[u32], i: usize, bins: Bins) -> Result<()> {
+        match self.words.back(window, i, 1) {
             None => Ok(()),
-            Some(id) => Err(no_bin("what stands a frame before the target", id, kind, i)),
-        }
-    }
-
-    /// The row of its table that bin `bin` has, `from` bins one frame back: (bin - from) mod n of `head.circular.weight`,
-    /// bin - from + m - 1 of `head.clamped.weight`, m bins at the largest clamped place.
-    pub fn column(&self, kind: PlaceIds, from: u32, bin: u32) -> u32 {
-        match kind.circular {
-            true => (bin + kind.count - from) % kind.count,
-            false => bin + self.counts.clamped as u32 - 1 - from,
+            Some(id) => Err(no_bin("what stands a frame before the target", id, bins, i)),
         }
     }
 }
@@ -142,6 +96,7 @@ impl Past {
 mod tests {
     use super::*;
     use crate::model::config::Stretch;
+    use kinelm_tokenizer::PlaceIds;
 
     /// Front of 2; words of an angle of 4 bins (ids 6..10), a height of 3 (10..13), a space.
     fn tokens() -> TokenLayout {
@@ -161,7 +116,7 @@ mod tests {
     #[test]
     fn one_and_two_frames_back_by_hand() {
         let past = Past::of(&tokens());
-        assert_eq!((past.counts(), past.counts().steps()), (Counts { circular: 4, clamped: 3 }, 5));
+        assert_eq!(past.steps(), Steps { circular: 4, clamped: 3 });
         // bins (3, 2), (1, 0), (0, <mask>), then the third word's space
         let window = [1, 4, 9, 12, 5, 7, 10, 5, 6, 2, 5];
         let rows: Vec<[u32; 2]> = (0..window.len()).map(|i| past.previous(&window, i)).collect();
@@ -175,24 +130,12 @@ mod tests {
         assert_eq!(rows[10], [6, 3]);
         let basis: Vec<Basis> = (0..window.len()).map(|i| past.basis(&window, i)).collect();
         assert_eq!(basis[..4], [Basis::Ids; 4]);
-        let angle = PlaceIds { first: 6, count: 4, circular: true };
-        assert_eq!(basis[4], Basis::Steps { kind: angle, from: 3 });
+        let angle = Bins { first: 6, count: 4, circular: true };
+        assert_eq!(basis[4], Basis::Steps { bins: angle, from: 3 });
         assert_eq!(basis[6], Basis::Ids);
-        assert_eq!(basis[10], Basis::Steps { kind: angle, from: 0 });
+        assert_eq!(basis[10], Basis::Steps { bins: angle, from: 0 });
         // behind <mask> there is no step, and nothing to count from
         let more = [&window[..], &[8]].concat();
         assert_eq!((past.previous(&more, 11), past.basis(&more, 11)), ([2, 4], Basis::Ids));
-    }
-
-    #[test]
-    fn columns_are_steps() {
-        let past = Past::of(&tokens());
-        let [angle, height] =
-            [(6, 4, true), (10, 3, false)].map(|(first, count, circular)| PlaceIds { first, count, circular });
-        let columns =
-            |kind: PlaceIds, from| (0..kind.count).map(|bin| past.column(kind, from, bin)).collect::<Vec<_>>();
-        assert_eq!(columns(angle, 3), [1, 2, 3, 0]);
-        assert_eq!(columns(height, 0), [2, 3, 4]);
-        assert_eq!(columns(height, 2), [0, 1, 2]);
     }
 }

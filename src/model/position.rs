@@ -3,6 +3,7 @@
 
 use super::config::{ModelConfig, Positions, TokenLayout};
 use super::layout::word_rows;
+use kinelm_engine::words::Stand;
 
 /// Counts words, and places in them. Those behind the end of their table take its last row.
 #[derive(Debug, Clone, Copy)]
@@ -40,15 +41,12 @@ impl Counter {
 
     /// The word and the place of every token of `window`; the front tokens' stay as they are.
     pub fn count(self, window: &[u32], words: &mut [u32], places: &mut [u32]) {
-        let (mut word, mut place) = (0, 0);
+        let mut stand = Stand::default();
         let tokens = window.iter().zip(words.iter_mut().zip(places)).skip(self.front);
         for (&id, (to_word, to_place)) in tokens {
-            *to_word = word.min(self.words - 1) as u32;
-            *to_place = place.min(self.places - 1) as u32;
-            place += 1;
-            if self.length.map_or(id == self.space, |length| place == length) {
-                (word, place) = (word + 1, 0);
-            }
+            *to_word = stand.word.min(self.words - 1) as u32;
+            *to_place = stand.place.min(self.places - 1) as u32;
+            stand = stand.behind(self.length.map_or(id == self.space, |length| stand.place + 1 == length));
         }
     }
 }

@@ -6,7 +6,6 @@ use super::past::{Basis, Past};
 use crate::{Error, Result};
 use kinelm_engine::bins::Bins;
 use kinelm_engine::op::cross_entropy::Asked;
-use kinelm_tokenizer::PlaceIds;
 
 /// The names of the tables that answer beside the head over all ids, in the order of the groups behind the first.
 pub(super) const STEPS: [&str; 2] = ["head.circular.weight", "head.clamped.weight"];
@@ -60,17 +59,17 @@ impl Questions {
         let Some(past) = self.steps() else { return [length, 0, 0] };
         let mut most = [0; 3];
         for i in 0..length {
-            let kind = past.kind(i).filter(|_| past.has_frame_before(i));
-            most[kind.map_or(0, |kind| 1 + usize::from(!kind.circular))] += 1;
+            let bins = past.bins(i).filter(|_| past.has_frame_before(i));
+            most[bins.map_or(0, |bins| 1 + usize::from(!bins.circular))] += 1;
         }
         most
     }
 
     /// What the target of input `i` is one of; `None` where its place has no bins.
-    fn kind_at(&self, i: usize) -> Option<PlaceIds> {
+    fn bins_at(&self, i: usize) -> Option<Bins> {
         // a masked model's target is the token at its own place, one behind what a causal one would predict there
         let i = if self.kind == Kind::Masked { i.checked_sub(1)? } else { i };
-        self.past.as_ref()?.kind(i)
+        self.past.as_ref()?.bins(i)
     }
 
     /// Fills `groups` with the rows of `windows` (B of one length) whose target (B T) isn't `<pad>`.
@@ -107,30 +106,29 @@ impl Questions {
 
     /// The group of a row that counts, and what it is asked.
     fn ask(&self, window: &[u32], i: usize, target: u32) -> Result<(usize, Asked)> {
-        let kind = self.kind_at(i);
-        if let (Some(past), Some(kind)) = (self.steps(), kind) {
+        let bins = self.bins_at(i);
+        if let (Some(past), Some(bins)) = (self.steps(), bins) {
             match past.basis(window, i) {
-                Basis::Steps { kind, from } => {
-                    let bin = kind.bin(target).ok_or_else(|| no_bin("the target", target, kind, i))?;
-                    return Ok((usize::from(!kind.circular) + 1, step(past, kind, from, bin)));
+                Basis::Steps { bins, from } => {
+                    let bin = bins.bin(target).ok_or_else(|| no_bin("the target", target, bins, i))?;
+                    return Ok((usize::from(!bins.circular) + 1, step(past, bins, from, bin)));
                 }
-                Basis::Ids => past.first_frame(window, i, kind)?,
+                Basis::Ids => past.first_frame(window, i, bins)?,
             }
         }
-        let bins = kind.filter(|kind| kind.bin(target).is_some());
-        let bins = bins.map_or(Bins::NONE, |k| Bins { first: k.first, count: k.count, circular: k.circular });
+        let bins = bins.filter(|bins| bins.bin(target).is_some()).unwrap_or(Bins::NONE);
         Ok((0, Asked { target, first: 0, count: self.vocabulary, bins }))
     }
 }
 
-fn step(past: &Past, kind: PlaceIds, from: u32, bin: u32) -> Asked {
-    let first = if kind.circular { 0 } else { past.column(kind, from, 0) };
-    let bins = Bins { first, count: kind.count, circular: kind.circular };
-    Asked { target: past.column(kind, from, bin), first, count: kind.count, bins }
+fn step(past: &Past, bins: Bins, from: usize, bin: usize) -> Asked {
+    let column = |to| past.steps().column(bins, from, to) as u32;
+    let (first, count) = (if bins.circular { 0 } else { column(0) }, bins.count);
+    Asked { target: column(bin), first, count, bins: Bins { first, ..bins } }
 }
 
-pub(super) fn no_bin(what: &str, id: u32, kind: PlaceIds, i: usize) -> Error {
-    let (first, last) = (kind.first, kind.ids().end - 1);
+pub(super) fn no_bin(what: &str, id: u32, bins: Bins, i: usize) -> Error {
+    let (first, last) = (bins.first, bins.ids().end - 1);
     Error::Call(format!(
         "{what} of input {i} is id {id}; expected a bin of its place, {first} to {last}, or <pad> as its target: a relative \
          head counts from bins"
@@ -141,6 +139,7 @@ pub(super) fn no_bin(what: &str, id: u32, kind: PlaceIds, i: usize) -> Error {
 mod tests {
     use super::*;
     use crate::model::config::Stretch;
+    use kinelm_tokenizer::PlaceIds;
 
     /// Words of an angle of 4 bins (ids 6..10), a height of 3 (10..13), a space.
     fn tokens() -> TokenLayout {

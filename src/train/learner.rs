@@ -8,7 +8,7 @@ use crate::model::fast::Fast;
 use crate::model::layout::Parameter;
 use crate::model::{Compute, Gpt, ModelConfig, Scores, TokenLayout, weights};
 use crate::{Error, Result};
-use candle_core::Tensor;
+use candle_core::{DType, Device, Tensor};
 use kinelm_engine::linear::Products;
 use std::collections::BTreeMap;
 
@@ -133,7 +133,8 @@ pub fn listed<'a>(mut clips: impl ExactSizeIterator<Item = &'a String>) -> Strin
     }
 }
 
-/// The tensors `all` in the order of the parameters, each of its shape; `what` they are is for the message.
+/// The tensors `all` in the order of the parameters, each of its shape, zeros where an older file may lack one; `what` they are is
+/// for the message.
 pub fn in_order(
     what: &str,
     parameters: &[Parameter],
@@ -142,6 +143,9 @@ pub fn in_order(
 ) -> Result<Vec<Tensor>> {
     let one = |p: &Parameter| {
         let name = name(p);
+        if !all.contains_key(&name) && p.may_be_absent() {
+            return Ok(Tensor::zeros(p.shape.as_slice(), DType::F32, &Device::Cpu)?);
+        }
         let tensor = all.get(&name).filter(|t| t.dims() == p.shape).cloned();
         tensor.ok_or_else(|| Error::Call(format!("the {what} has no {name} of shape {:?}", p.shape)))
     };
@@ -151,12 +155,36 @@ pub fn in_order(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::layout;
 
     #[test]
     fn the_limit_of_a_norm() {
         assert!((clip_share(5.0, 1.0) - 0.2).abs() < 1e-6);
         assert_eq!(clip_share(0.5, 1.0), 1.0);
         assert_eq!(clip_share(5.0, 0.0), 1.0);
+    }
+
+    #[test]
+    fn what_older_files_lack_is_zeros_and_the_rest_is_named() {
+        let (config, tokens) = crate::model::forms::every(36)
+            .into_iter()
+            .find(|(config, tokens)| !config.architecture.is_flat() && tokens.front > 1)
+            .unwrap();
+        let parameters = layout::parameters(&config, &tokens);
+        let mut all: BTreeMap<String, Tensor> = layout::initial(&config, &tokens, 1).unwrap();
+        all = all.into_iter().map(|(name, x)| (format!("first.{name}"), x.affine(1.0, 1.0).unwrap())).collect();
+        let read =
+            |all: &BTreeMap<String, Tensor>| in_order("optimizer", &parameters, all, |p| format!("first.{}", p.name));
+        let whole = read(&all).unwrap();
+        all.remove("first.spell.label.weight").unwrap();
+        let sum = |x: &Tensor| x.abs().unwrap().sum_all().unwrap().to_scalar::<f32>().unwrap();
+        for (p, (now, before)) in parameters.iter().zip(read(&all).unwrap().iter().zip(&whole)) {
+            let expected = if p.name == "spell.label.weight" { 0.0 } else { sum(before) };
+            assert_eq!((now.dims(), sum(now)), (&*p.shape, expected), "{}", p.name);
+        }
+        all.remove("first.frame.label.weight").unwrap();
+        let refused = read(&all).unwrap_err().to_string();
+        assert!(refused.contains("no first.frame.label.weight of shape [26, 12]"), "{refused}");
     }
 
     #[test]

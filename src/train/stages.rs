@@ -73,8 +73,8 @@ pub fn validate_for(stages: &[Stage], model: &ModelConfig, tokens: &TokenLayout)
                 "words of this tokenizer differ in length, so that windows are no number of frames: leave it out";
             return Err(Error::Call(format!("{stage_is}; {what}")));
         }
-        if stage.frames > tokens.room(model.context) / tokens.word {
-            let most = tokens.room(model.context) / tokens.word;
+        let most = model.frames(tokens);
+        if stage.frames > most {
             return Err(Error::Call(format!("{stage_is}; the model's has {most}, where the last of them must lie")));
         }
     }

@@ -3,10 +3,11 @@
 //! Each row takes the product with one table alone, and of that the columns it needs: rows of the same table are brought
 //! together.
 
-use super::before::{Relative, Words};
+use super::before::Relative;
 use super::kernel::Left;
 use super::layers::{Room, products};
 use super::matrix::{Matrix, PIECE, WeightKind};
+use crate::words::Words;
 use std::ops::Range;
 
 /// A table of the head.
@@ -94,8 +95,6 @@ struct Differences {
     words: Words,
     circular: Option<Matrix>,
     clamped: Option<Matrix>,
-    /// m.
-    most: usize,
 }
 
 impl Head {
@@ -112,15 +111,11 @@ impl Head {
             Matrix::new(kind, (width, rows), PIECE, |_| 0.0, |i, j| table[j * width + i])
         };
         let differences = relative.map(|(words, tables)| {
-            let most = |circular: bool| {
-                let counts = words.places().iter().filter(|bins| bins.circular == circular).map(|bins| bins.count);
-                counts.max().unwrap_or(0) as usize
-            };
-            let (round, most) = (most(true), most(false));
+            let steps = words.steps();
+            let some = |what, table, rows| (rows > 0).then(|| matrix(what, table, rows));
             Differences {
-                circular: (round > 0).then(|| matrix("circular differences", tables.circular, round)),
-                clamped: (most > 0).then(|| matrix("clamped differences", tables.clamped, 2 * most - 1)),
-                most,
+                circular: some("circular differences", tables.circular, steps.circular),
+                clamped: some("clamped differences", tables.clamped, steps.up_and_down()),
                 words,
             }
         });
@@ -159,13 +154,12 @@ impl Head {
 
     /// What the logits behind input `i` of the sequence `ids` are.
     fn task(&self, ids: &[u32], i: usize) -> Task {
-        let follows = |d: &Differences| Some((d.words.follows(i)?, d.words.back(ids, i, 1)?, d.most));
-        let Some((bins, back, most)) = self.differences.as_ref().and_then(follows) else { return Task::All };
+        let known = |d: &Differences| Some((d.words.bin(ids, i, 1)?, d.words.steps()));
+        let Some(((bins, bin), steps)) = self.differences.as_ref().and_then(known) else { return Task::All };
         let (first, count) = (bins.first as usize, bins.count as usize);
-        match bins.bin(back) {
-            None => Task::All,
-            Some(bin) if bins.circular => Task::Round { first, count, bin },
-            Some(bin) => Task::Shifted { first, count, column: most - 1 - bin },
+        match bins.circular {
+            true => Task::Round { first, count, bin },
+            false => Task::Shifted { first, count, column: steps.column(bins, bin, 0) },
         }
     }
 
@@ -209,15 +203,13 @@ impl Head {
 mod tests {
     use super::*;
     use crate::bins::Bins;
-    use crate::decode::Before;
 
     #[test]
     fn each_row_asks_for_the_columns_it_needs() {
         let places = [(4, true), (3, false), (5, false)].map(|(count, circular)| Bins { first: 6, count, circular });
-        let before = Before { front: 1, places: &places, previous: None, relative: None };
         let width = 2;
         let tables = Relative { circular: &[0.0; 8], clamped: &[0.0; 18] };
-        let words = Words::new(&before, 11);
+        let words = Words::new(1, places.to_vec());
         let head = Head::new(WeightKind::F32, (11, width), &[0.0; 22], Some((words, tables)));
         // the last token of the second word's place is that of <mask>
         let ids = [1, 9, 7, 10, 5, 6, 8, 3, 5, 6];

@@ -1,6 +1,7 @@
 //! What is added to a token's vector for where it stands.
 
 use crate::arena::Floats;
+use crate::words::Stand;
 
 /// Position tables.
 #[derive(Debug, Clone, Copy)]
@@ -25,13 +26,6 @@ pub enum Positions<'a> {
 pub(super) enum Tables {
     Places(Floats),
     Words { front: Floats, word: Floats, place: Floats, end: u32 },
-}
-
-/// Where in its words a token stands; nowhere in front of them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct Stand {
-    pub word: usize,
-    place: usize,
 }
 
 impl Tables {
@@ -83,10 +77,7 @@ impl Tables {
                     } else {
                         let (word, place) = (last_or(word, width, stand.word), last_or(place, width, stand.place));
                         x.iter_mut().zip(word.iter().zip(place)).for_each(|(x, (w, p))| *x += w + p);
-                        stands[at + 1] = match id == *end {
-                            true => Stand { word: stand.word + 1, place: 0 },
-                            false => Stand { place: stand.place + 1, ..stand },
-                        };
+                        stands[at + 1] = stand.behind(id == *end);
                     }
                 }
             }

@@ -1,7 +1,8 @@
 //! Queries and keys turned by the frame they stand in.
 
-use super::position::{Stand, Tables};
+use super::position::Tables;
 use crate::arena::Floats;
+use crate::words::Stand;
 
 /// Turns queries and keys of every head by the number g of the token's word: 0 in front, 1 for the first word. Numbers j and
 /// j + d/2 are turned by g 10000^(-2 j / d).

@@ -2,8 +2,8 @@
 
 use super::cache::KvKind;
 use super::layers::{Asked, Layers, Run, in_pool};
-use super::position::Stand;
 use super::weights::DecoderWeights;
+use crate::words::Stand;
 use std::sync::Arc;
 
 /// Which logits a read is for.

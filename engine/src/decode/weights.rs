@@ -1,12 +1,13 @@
 //! The weights of a model, packed for decoding.
 
-use super::before::{Before, Inputs, Words};
+use super::before::{Before, Inputs};
 use super::head::Head;
 use super::layers::Stack;
 use super::matrix::{Matrix, PIECE, WeightKind};
 use super::position::{Positions, Tables};
 use super::rope::{Rope, Turns};
 use crate::arena::Floats;
+use crate::words::Words;
 
 /// The sizes of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -111,7 +112,7 @@ impl DecoderWeights {
         let blocks = Block::all(&parts.blocks, parts.sizes.stack(), kind);
         check("token", parts.token, vocabulary * width);
         let positions = Tables::new(&parts.positions, context, width);
-        let words = parts.before.map(|before| Words::new(&before, vocabulary));
+        let words = parts.before.map(|before| before.words(vocabulary));
         let inputs = parts.before.and_then(|b| Some(Inputs::new(&b.previous?, b.places, vocabulary, width)));
         let relative = parts.before.and_then(|before| before.relative);
         let head = Head::new(kind, (vocabulary, width), parts.head, words.clone().zip(relative));

@@ -21,7 +21,7 @@ pub fn logits(parts: &FrameParts, tokens: &[u32], told: &[Option<Told>]) -> Vec<
     let frames = tokens.len().div_ceil(word);
     let mut trunk: Vec<Vec<f64>> = (0..frames).map(|frame| before(parts, tokens, frame)).collect();
     for &label in labels {
-        let label = wide(parts.labels, label as usize, parts.sizes.trunk.width);
+        let label = wide(parts.labels[0], label as usize, parts.sizes.trunk.width);
         trunk.iter_mut().for_each(|x| add(x, &label));
     }
     for (x, told) in trunk.iter_mut().zip(told) {
@@ -33,6 +33,10 @@ pub fn logits(parts: &FrameParts, tokens: &[u32], told: &[Option<Told>]) -> Vec<
     let words = Before { front: 1, places: parts.places, previous: None, relative: Some(parts.relative) };
     for (frame, known) in trunk.iter().enumerate() {
         let mut known = linear(&norm(known, parts.trunk_norm), parts.join);
+        for &label in labels {
+            let label = wide(parts.labels[1], label as usize, known.len());
+            add(&mut known, &label);
+        }
         let told = told.get(frame).copied().flatten();
         add_told(&mut known, parts.told.map(|parts| parts.speller), told);
         let end = tokens.len().min((frame + 1) * word);

@@ -2,9 +2,9 @@
 
 use anyhow::Result;
 use kinelm::model::config::Stretch;
-use kinelm::model::past::Counts;
 use kinelm::model::{Architecture, HeadKind, TokenLayout};
 use kinelm::train::TrainFile;
+use kinelm_engine::words::Steps;
 use kinelm_tokenizer::PlaceIds;
 use std::path::Path;
 
@@ -74,8 +74,8 @@ impl BenchModel {
     /// places.
     pub fn matrices(&self) -> usize {
         let config = &self.file.model;
-        let counts = Counts::of(&self.tokens);
-        let rows = |kind: PlaceIds| if kind.circular { counts.circular } else { counts.steps() };
+        let steps = Steps::of(&self.tokens.bins());
+        let rows = |kind: PlaceIds| if kind.circular { steps.circular } else { steps.up_and_down() };
         let head = match config.head_of(&self.tokens) {
             HeadKind::Absolute => self.tokens.vocabulary,
             // the space's is over all ids

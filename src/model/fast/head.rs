@@ -49,8 +49,8 @@ impl Heads {
     ) -> Heads {
         let questions = Questions::of(config, tokens);
         let most = questions.most_rows(length).map(|most| most * (rows / length));
-        let counts = questions.steps().map(|past| past.counts()).unwrap_or_default();
-        let [ids, circular, clamped] = [tokens.vocabulary, counts.circular, counts.steps()];
+        let steps = questions.steps().map(|past| past.steps()).unwrap_or_default();
+        let [ids, circular, clamped] = [tokens.vocabulary, steps.circular, steps.up_and_down()];
         let space = |group: usize, columns| {
             (most[group] > 0).then(|| Workspace::new(most[group], config.head_width(), columns, products, learn))
         };
@@ -146,7 +146,7 @@ impl Heads {
         let bases: Vec<Basis> = (0..inputs.len()).map(basis).collect();
         out.fill(f32::NEG_INFINITY);
         for (group, name) in self.names.into_iter().enumerate() {
-            let rows: Vec<u32> = (0..).zip(&bases).filter(|(_, b)| group_of(b) == group).map(|(row, _)| row).collect();
+            let rows: Vec<u32> = (0..).zip(&bases).filter(|(_, b)| b.group() == group).map(|(row, _)| row).collect();
             let Some(space) = &mut self.spaces[group] else { continue };
             // more rows than are ever asked may stand for ids: those behind no bin
             for rows in rows.chunks(self.most[group]) {
@@ -157,9 +157,10 @@ impl Heads {
                     for (&row, logits) in rows[first..].iter().zip(logits.chunks(columns)) {
                         let out = &mut out[row as usize * vocabulary..][..vocabulary];
                         match (bases[row as usize], self.questions.steps()) {
-                            (Basis::Steps { kind, from }, Some(past)) => {
-                                let column = |id: u32| past.column(kind, from, id - kind.first) as usize;
-                                kind.ids().for_each(|id| out[id as usize] = logits[column(id)]);
+                            (Basis::Steps { bins, from }, Some(past)) => {
+                                let out = &mut out[bins.first as usize..][..bins.count as usize];
+                                let column = |bin| past.steps().column(bins, from, bin);
+                                out.iter_mut().enumerate().for_each(|(bin, out)| *out = logits[column(bin)]);
                             }
                             _ => out.copy_from_slice(logits),
                         }
@@ -167,14 +168,6 @@ impl Heads {
                 });
             }
         }
-    }
-}
-
-/// The group that answers a row.
-fn group_of(basis: &Basis) -> usize {
-    match basis {
-        Basis::Ids => 0,
-        Basis::Steps { kind, .. } => 1 + usize::from(!kind.circular),
     }
 }
 

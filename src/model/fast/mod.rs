@@ -22,7 +22,7 @@ use super::config::{ModelConfig, TokenLayout};
 use super::layout::{self, Parameter};
 use super::{Architecture, Dropout, Gpt, Kind, Scores};
 use crate::{Error, Result};
-use candle_core::{Device, Tensor};
+use candle_core::{DType, Device, Tensor};
 use keys::Keys;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block;
@@ -71,23 +71,16 @@ impl Fast {
     /// # Errors
     /// As [`Gpt::from_tensors`].
     pub fn from_tensors(config: &ModelConfig, tokens: &TokenLayout, tensors: BTreeMap<String, Tensor>) -> Result<Fast> {
-        Fast::of(&Gpt::from_tensors(config, tokens, tensors)?)
-    }
-
-    /// The fast form of a model, whose numbers are copied.
-    ///
-    /// # Errors
-    /// Tensors that can't be brought to the CPU.
-    pub fn of(gpt: &Gpt) -> Result<Fast> {
-        let parameters = layout::parameters(gpt.config(), gpt.tokens());
-        let numbers = |p: &Parameter| -> Result<Floats> {
-            let tensor = gpt.vars()[&p.name].as_tensor().to_device(&Device::Cpu)?.flatten_all()?;
-            Ok(Floats::of(&tensor.to_vec1::<f32>()?))
-        };
+        let (mut parameters, mut weights) = (Vec::new(), Vec::new());
+        for (parameter, tensor) in layout::checked(config, tokens, tensors)? {
+            let numbers = tensor.to_device(&Device::Cpu)?.flatten_all()?.to_dtype(DType::F32)?.to_vec1::<f32>()?;
+            weights.push(Floats::of(&numbers));
+            parameters.push(parameter);
+        }
         Ok(Fast {
-            config: gpt.config().clone(),
-            tokens: gpt.tokens().clone(),
-            weights: parameters.iter().map(numbers).collect::<Result<_>>()?,
+            config: config.clone(),
+            tokens: tokens.clone(),
+            weights,
             parameters,
             training: None,
             scoring: None,
@@ -95,6 +88,15 @@ impl Fast {
             smoothing: None,
             products: Products::F32,
         })
+    }
+
+    /// The fast form of a model, whose numbers are copied.
+    ///
+    /// # Errors
+    /// Tensors that can't be brought to the CPU.
+    pub fn of(gpt: &Gpt) -> Result<Fast> {
+        let tensors = gpt.vars().iter().map(|(name, var)| (name.clone(), var.as_tensor().clone())).collect();
+        Fast::from_tensors(gpt.config(), gpt.tokens(), tensors)
     }
 
     /// What attention sees in a model of this kind.

@@ -9,7 +9,7 @@ use super::tables::{add_rows, embed, into_table};
 use super::{Fast, Windows};
 use crate::model::ahead::{self, Told};
 use crate::model::frames::{BACK, Frames, SPELT, TrunkRow, trunk_row};
-use crate::model::layout::{AHEAD, CLASS, LABEL, MUSIC, SPELL, TRUNK};
+use crate::model::layout::{AHEAD, CLASS, LABEL, MUSIC, SPELL, SPELT_LABEL, TRUNK};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::{Linear, Norm, Rules, Shape};
 use kinelm_engine::dense;
@@ -47,7 +47,7 @@ pub(super) struct TwoLevel {
     /// (N W) each, rows of the tables of [`SPELT`], and of the frames' vectors.
     spelt: [Vec<u32>; 4],
     own: Vec<u32>,
-    /// (N) each of the K - 1: rows of the table of labels.
+    /// (N) each of the K - 1: rows of the tables of labels.
     labels: Vec<Vec<u32>>,
     /// (B T, d), where K > 1: what the decoder gave, and 0 where nobody asks.
     rows: Floats,
@@ -127,7 +127,7 @@ struct Back {
     d_trunk: Floats,
     /// (N W, d), where K > 1.
     d_rows: Floats,
-    /// (V, D), where K > 1: the gradient of one label.
+    /// (V, the larger of D and d), where K > 1: a table's gradient from one label.
     d_label: Floats,
 }
 
@@ -182,7 +182,7 @@ impl TwoLevel {
                 d_normed: Floats::new(n * trunk),
                 d_trunk: Floats::new(n * trunk),
                 d_rows: where_labelled(n * word * d),
-                d_label: where_labelled(model.tokens.vocabulary * trunk),
+                d_label: where_labelled(model.tokens.vocabulary * trunk.max(d)),
             }),
             frames,
         }
@@ -247,6 +247,9 @@ impl TwoLevel {
         let norm = Norm { weight: model.weight(NORM[1]), bias: model.weight(NORM[0]) };
         dense::norm(&mut self.normed, &mut self.stats, self.trunk.last(), norm);
         dense::forward(&mut self.told, &self.normed, linear(model, TELL), &mut self.tell);
+        for labels in &self.labels {
+            add_rows(&mut self.told, self.decoder.shape().width, model.weight(SPELT_LABEL), labels);
+        }
         for (telling, numbers) in told(&mut self.tellings, windows.told) {
             telling.decoder.add(&mut self.told, numbers, model.weight(telling.names[1]));
         }
@@ -295,6 +298,7 @@ impl TwoLevel {
             into_table(&mut gradients[model.index(name)], d, ids, dx);
         }
         into_table(d_told, d, &self.own, dx);
+        into_labels(model, gradients, SPELT_LABEL, d_label, &self.labels, d_told);
         for name in AHEAD.iter().chain(&MUSIC) {
             if let Some(i) = model.find(name) {
                 gradients[i].fill(0.0);
@@ -325,14 +329,7 @@ impl TwoLevel {
         if self.class_rows > 0 {
             into_table(&mut gradients[model.index(CLASS)], width, &self.classes, d_trunk);
         }
-        for (k, ids) in self.labels.iter().enumerate() {
-            into_table(d_label, width, ids, d_trunk);
-            let gradient = &mut gradients[model.index(LABEL)];
-            if k == 0 {
-                gradient.fill(0.0);
-            }
-            gradient.iter_mut().zip(&**d_label).for_each(|(g, d)| *g += d);
-        }
+        into_labels(model, gradients, LABEL, d_label, &self.labels, d_trunk);
         let to = gradients_of(model, gradients, JOIN);
         dense::backward(Some(d_read), d_trunk, &self.read, model.weight(JOIN[1]), to, &mut self.join);
         into_table(&mut gradients[model.index("frame.character.weight")], self.character, &self.seen, d_read);
@@ -347,6 +344,19 @@ fn told<'a>(tellings: &'a mut [Telling], told: Option<&'a Told>) -> impl Iterato
         .filter_map(with)
         .filter(|(numbers, _)| !numbers.is_empty())
         .map(|(numbers, telling)| (telling, numbers))
+}
+
+/// The gradient of the table `name` (V, n), of which every frame takes the rows of all `labels` (N), from that of what they are
+/// added to, `dx` (N, n); `room` holds what one label gives.
+fn into_labels(model: &Fast, gradients: &mut [Floats], name: &str, room: &mut [f32], labels: &[Vec<u32>], dx: &[f32]) {
+    let Some(table) = model.find(name) else { return };
+    let gradient = &mut gradients[table];
+    gradient.fill(0.0);
+    for ids in labels {
+        let room = &mut room[..gradient.len()];
+        into_table(room, dx.len() / ids.len(), ids, dx);
+        gradient.iter_mut().zip(room).for_each(|(g, d)| *g += *d);
+    }
 }
 
 /// A frame sees those before it, or what `mask` (F, F) or (B, F, F) lets it.

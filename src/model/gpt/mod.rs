@@ -41,30 +41,10 @@ impl Gpt {
     ///
     /// # Errors
     /// As [`Gpt::new`]; tensors that are missing, not the model's, or of another shape: each is named.
-    pub fn from_tensors(
-        config: &ModelConfig,
-        tokens: &TokenLayout,
-        mut tensors: BTreeMap<String, Tensor>,
-    ) -> Result<Gpt> {
-        config.validate_for(tokens)?;
-        let mut vars = BTreeMap::new();
-        for p in layout::parameters(config, tokens) {
-            let tensor = tensors.remove(&p.name).ok_or_else(|| {
-                Error::Weights(format!("the weights have no tensor {}; expected one of shape {:?}", p.name, p.shape))
-            })?;
-            if tensor.dims() != p.shape {
-                return Err(Error::Weights(format!(
-                    "tensor {} has shape {:?}; this model expects {:?}",
-                    p.name,
-                    tensor.dims(),
-                    p.shape
-                )));
-            }
-            vars.insert(p.name, Var::from_tensor(&tensor)?);
-        }
-        if let Some(name) = tensors.keys().next() {
-            return Err(Error::Weights(format!("the weights have a tensor {name} that this model has no place for")));
-        }
+    pub fn from_tensors(config: &ModelConfig, tokens: &TokenLayout, tensors: BTreeMap<String, Tensor>) -> Result<Gpt> {
+        let all = layout::checked(config, tokens, tensors)?.into_iter();
+        let vars: BTreeMap<String, Var> =
+            all.map(|(p, tensor)| Ok((p.name, Var::from_tensor(&tensor)?))).collect::<Result<_>>()?;
         let net = Net::new(config, tokens, &|name| vars[name].as_tensor().clone());
         Ok(Gpt { config: config.clone(), tokens: tokens.clone(), vars, net, smoothing: None })
     }

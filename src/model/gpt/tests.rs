@@ -125,9 +125,9 @@ fn losses_are_those_of_the_logits_and_relative_rows_know_their_place_alone() {
             let can: Vec<u32> = (0..).zip(logits).filter(|(_, x)| x.is_finite()).map(|(id, _)| id).collect();
             match questions.basis(&inputs[row / length * length..][..length], row % length) {
                 Basis::Ids => assert_eq!(can.len(), tokens.vocabulary, "{what}"),
-                Basis::Steps { kind, .. } => {
+                Basis::Steps { bins, .. } => {
                     relative += 1;
-                    assert_eq!(can, kind.ids().collect::<Vec<_>>(), "{what}");
+                    assert_eq!(can, bins.ids().collect::<Vec<_>>(), "{what}");
                 }
             }
         }

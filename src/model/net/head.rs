@@ -20,11 +20,11 @@ pub(super) struct Head {
 impl Head {
     pub fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> Head {
         let questions = Questions::of(config, tokens);
-        let counts = questions.steps().map(Past::counts).unwrap_or_default();
+        let steps = questions.steps().map(Past::steps).unwrap_or_default();
         let table = |rows: usize, name: &str| (rows > 0).then(|| tensor(name));
         Head {
             ids: tensor(config.ids_table()),
-            steps: [table(counts.circular, STEPS[0]), table(counts.steps(), STEPS[1])],
+            steps: [table(steps.circular, STEPS[0]), table(steps.up_and_down(), STEPS[1])],
             questions,
         }
     }
@@ -46,7 +46,7 @@ impl Head {
         let mut parts = Vec::new();
         let mut order = Vec::new();
         for (group, table) in self.tables().into_iter().enumerate() {
-            let rows: Vec<u32> = (0..).zip(&bases).filter(|(_, b)| group_of(b) == group).map(|(row, _)| row).collect();
+            let rows: Vec<u32> = (0..).zip(&bases).filter(|(_, b)| b.group() == group).map(|(row, _)| row).collect();
             let Some(table) = table.filter(|_| !rows.is_empty()) else { continue };
             let logits = of_rows(hidden, &rows)?.matmul(&table.t()?)?;
             parts.push(if group == 0 { logits } else { self.spread(&logits, &rows, &bases)? });
@@ -61,12 +61,12 @@ impl Head {
         let (mut columns, mut hide) =
             (vec![0; rows.len() * vocabulary], vec![f32::NEG_INFINITY; rows.len() * vocabulary]);
         for (i, &row) in rows.iter().enumerate() {
-            let (Basis::Steps { kind, from }, Some(past)) = (bases[row as usize], self.questions.steps()) else {
+            let (Basis::Steps { bins, from }, Some(past)) = (bases[row as usize], self.questions.steps()) else {
                 continue;
             };
-            for id in kind.ids() {
+            for (bin, id) in bins.ids().enumerate() {
                 let at = i * vocabulary + id as usize;
-                (columns[at], hide[at]) = (past.column(kind, from, id - kind.first), 0.0);
+                (columns[at], hide[at]) = (past.steps().column(bins, from, bin) as u32, 0.0);
             }
         }
         let shape = (rows.len(), vocabulary);
@@ -104,14 +104,6 @@ impl Head {
         let mut places = vec![order.len() as u32; targets.len()];
         (0..).zip(&order).for_each(|(place, &row)| places[row as usize] = place);
         Ok(Tensor::cat(&parts, 0)?.index_select(&Tensor::new(places, hidden.device())?, 0)?)
-    }
-}
-
-/// The group that answers a row.
-fn group_of(basis: &Basis) -> usize {
-    match basis {
-        Basis::Ids => 0,
-        Basis::Steps { kind, .. } => 1 + usize::from(!kind.circular),
     }
 }
 

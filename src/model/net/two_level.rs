@@ -7,7 +7,7 @@ use super::rows_of;
 use crate::model::ahead::Told;
 use crate::model::config::{ModelConfig, TokenLayout};
 use crate::model::frames::{BACK, Frames, SPELT, TrunkRow, trunk_row};
-use crate::model::layout::{AHEAD, CLASS, LABEL, MUSIC, SPELL, TRUNK, block_name};
+use crate::model::layout::{AHEAD, CLASS, LABEL, MUSIC, SPELL, SPELT_LABEL, TRUNK, block_name};
 use crate::model::ops::Mask;
 use candle_core::{Result, Tensor};
 use kinelm_engine::op::embedding::NONE;
@@ -24,8 +24,8 @@ pub(super) struct TwoLevel {
     position: Tensor,
     /// (n, D), where a classifier reads rows behind the last frame.
     class: Option<Tensor>,
-    /// (V, D), where windows begin with labels.
-    label: Option<Tensor>,
+    /// (V, D) and (V, d), where windows begin with labels.
+    labels: Option<[Tensor; 2]>,
     /// (2 C e, D).
     join: Linear,
     trunk: Vec<Block>,
@@ -54,7 +54,7 @@ impl TwoLevel {
             character: tensor("frame.character.weight"),
             position: tensor("frame.position.weight"),
             class: (config.classes > 0).then(|| tensor(CLASS)),
-            label: (tokens.front > 1).then(|| tensor(LABEL)),
+            labels: (tokens.front > 1).then(|| [LABEL, SPELT_LABEL].map(tensor)),
             join: Linear::new("frame.join", tensor),
             trunk: blocks(TRUNK, config.layers),
             trunk_norm: Norm::new("trunk.norm", tensor),
@@ -83,6 +83,9 @@ impl TwoLevel {
         }
         let frames = length.div_ceil(self.frames.word());
         let mut u = self.frame.forward(&self.trunk_norm.forward(&self.trunk(windows, frames, mask, told)?)?)?;
+        if let Some([_, spelt]) = &self.labels {
+            u = u.broadcast_add(&self.of_labels(spelt, windows)?)?;
+        }
         for (numbers, [_, speller]) in self.told(told) {
             u = (u + through(numbers, speller, (windows.len(), frames))?)?;
         }
@@ -101,6 +104,12 @@ impl TwoLevel {
         }
         let x = x.reshape((batch, frames * word, ()))?.narrow(1, 0, length)?;
         if self.ahead == 0 { Ok(x) } else { Tensor::cat(&[ahead, x], 1) }
+    }
+
+    /// (B, 1, n) the sums of the rows of `table` (V, n) that the windows' labels have.
+    fn of_labels(&self, table: &Tensor, windows: &[Vec<u32>]) -> Result<Tensor> {
+        let labels = windows.iter().flat_map(|w| &w[1..=self.ahead]).copied().collect();
+        rows_of(table, labels)?.reshape((windows.len(), self.ahead, ()))?.sum_keepdim(1)
     }
 
     /// The numbers that frames are told, with the matrices that take them to the trunk and to the decoder.
@@ -129,10 +138,8 @@ impl TwoLevel {
         if let Some(class) = &self.class {
             x = (x + some_rows(class, &class_rows)?.reshape(shape)?)?;
         }
-        if let Some(label) = &self.label {
-            let labels = windows.iter().flat_map(|w| &w[1..=self.ahead]).copied().collect();
-            let labels = rows_of(label, labels)?.reshape((windows.len(), self.ahead, ()))?.sum_keepdim(1)?;
-            x = x.broadcast_add(&labels)?;
+        if let Some([label, _]) = &self.labels {
+            x = x.broadcast_add(&self.of_labels(label, windows)?)?;
         }
         for (numbers, [matrix, _]) in self.told(told) {
             x = (x + through(numbers, matrix, (windows.len(), frames))?)?;

@@ -6,7 +6,6 @@ use crate::model::frames::SPELT;
 use crate::model::gpt::Gpt;
 use crate::model::layout;
 use candle_core::{Device, Tensor};
-use kinelm_engine::bins::Bins;
 use kinelm_engine::decode::{
     Before, BlockParts, DecoderWeights, FrameParts, FrameSizes, FrameWeights, Pair, Parts, Positions as Tables,
     Previous, Relative, Rope, Sizes, Stack, ToldParts, WeightKind,
@@ -60,15 +59,10 @@ impl<'a> Numbers<'a> {
     }
 }
 
-/// What stands at the places of a word.
-fn bins(tokens: &TokenLayout) -> Vec<Bins> {
-    tokens.place_ids().map(|kind| Bins { first: kind.first, count: kind.count, circular: kind.circular }).collect()
-}
-
 /// The weights of a two-level model as the engine streams them.
 pub(super) fn frame_weights(gpt: &Gpt, kind: WeightKind) -> Result<FrameWeights> {
     let (config, tokens, numbers) = (gpt.config(), gpt.tokens(), Numbers::of(gpt)?);
-    let (decoder, places) = (config.decoder(), bins(tokens));
+    let (decoder, places) = (config.decoder(), tokens.bins());
     let [last, place, back, step] = SPELT.map(|name| numbers.get(name));
     // the numbers that are told ahead, and behind them those of music
     let [trunk, speller, tables @ ..] = layout::AHEAD.map(|name| numbers.some(name));
@@ -87,7 +81,7 @@ pub(super) fn frame_weights(gpt: &Gpt, kind: WeightKind) -> Result<FrameWeights>
         bins: numbers.get("frame.character.weight"),
         frames: numbers.pair("frame.join"),
         positions: numbers.get("frame.position.weight"),
-        labels: numbers.some(layout::LABEL),
+        labels: [layout::LABEL, layout::SPELT_LABEL].map(|name| numbers.some(name)),
         trunk: numbers.blocks(layout::TRUNK, config.layers),
         trunk_norm: numbers.pair("trunk.norm"),
         join: numbers.pair("spell.frame"),
@@ -123,7 +117,7 @@ pub(super) fn weights(gpt: &Gpt, kind: WeightKind) -> Result<DecoderWeights> {
         _ => Tables::Places(&places),
     };
     let word = (!tokens.varying).then_some(tokens.word);
-    let bins = bins(tokens);
+    let bins = tokens.bins();
     let previous = config.reads_previous(tokens).then(|| Previous {
         character: get("previous.character.weight"),
         missing: tokens.pad,

@@ -214,10 +214,8 @@ impl FrameDecoder {
                 let positions = &weights.positions[frames * width..][..n * width];
                 let x = &mut self.trunk.room.x[first * width..][..n * width];
                 x.copy_from_slice(positions);
-                for &label in &self.tokens[front + 1..=ids] {
-                    let label = &weights.labels[label as usize * width..][..width];
-                    x.chunks_exact_mut(width).for_each(|x| x.iter_mut().zip(label).for_each(|(x, y)| *x += y));
-                }
+                x.chunks_exact_mut(width)
+                    .for_each(|x| FrameWeights::add_labels(x, &weights.labels[0], &self.tokens[front + 1..=ids]));
                 let wide = rows.frame_width();
                 if let Some(weights) = &weights.told {
                     for (frame, x) in (frames..frames + n).zip(x.chunks_exact_mut(width)) {
@@ -240,7 +238,7 @@ impl FrameDecoder {
 
     /// Takes the frames through the trunk, and keeps what it makes of them.
     fn pass_trunk(&mut self) {
-        let FrameWeights { frames, trunk, trunk_norm, join, rows: table, sizes, told, .. } = &*self.weights;
+        let FrameWeights { frames, trunk, trunk_norm, join, rows: table, sizes, told, labels, .. } = &*self.weights;
         let (rows, wide, width) = (self.trunk.rows(), table.frame_width(), sizes.trunk.width);
         let room = &mut self.trunk.room;
         products(frames, 0..frames.pieces(), &mut room.pieces, Left::whole(&self.frames, rows, wide, wide));
@@ -253,8 +251,10 @@ impl FrameDecoder {
         let mut row = 0;
         for run in self.trunk.runs() {
             let known = &mut self.known[(run.stream * sizes.frames + run.place) * sizes.speller.width..];
+            let front = &self.tokens[run.stream * self.weights.context()..][1..sizes.front];
             for (i, known) in known.chunks_exact_mut(sizes.speller.width).take(run.rows).enumerate() {
                 product.copy(known, row, 0);
+                FrameWeights::add_labels(known, &labels[1], front);
                 if let Some(weights) = told {
                     self.told.add(known, (run.stream, run.place + i), &weights.speller);
                 }

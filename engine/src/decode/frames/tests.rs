@@ -52,7 +52,7 @@ impl Model {
         let mut lengths = vec![c * (s + 1) * character, told * wide, wide, frames * wide, wide, wide, wide * d, d];
         lengths.extend([(r + 1 + s) * d, (c + 1) * d, (s + 1) * d, (r + 1) * d, d, d, vocabulary * d]);
         lengths.extend([round * d, clamps * d, if front > 1 { vocabulary * wide } else { 0 }]);
-        lengths.extend([TOLD * wide, TOLD * d, r * d, r * d]);
+        lengths.extend([TOLD * wide, TOLD * d, r * d, r * d, if front > 1 { vocabulary * d } else { 0 }]);
         let blocks = |seed: u64, Stack { layers, width, .. }: Stack| {
             let mut lengths = vec![];
             for _ in 0..layers {
@@ -112,7 +112,7 @@ impl Model {
             norm: (t(12), t(13)),
             head: t(14),
             relative: Relative { circular: t(15), clamped: t(16) },
-            labels: t(17),
+            labels: [t(17), t(22)],
             told: Some(ToldParts { trunk: t(18), speller: t(19), rows: [t(20), t(21)] }),
         }
     }

@@ -3,7 +3,6 @@
 use super::rows::Rows;
 use crate::arena::Floats;
 use crate::bins::Bins;
-use crate::decode::before::Words;
 use crate::decode::head::Head;
 use crate::decode::matrix::{Matrix, PIECE, WeightKind};
 use crate::decode::weights::{Block, Norm, check};
@@ -43,8 +42,9 @@ pub struct FrameParts<'a> {
     pub frames: Pair<'a>,
     /// (F, D): a row a frame.
     pub positions: &'a [f32],
-    /// (V, D), where K > 1: the rows of the tokens of the front but its first are added to every frame.
-    pub labels: &'a [f32],
+    /// (V, D) and (V, d), where K > 1: the rows of the tokens of the front but its first are added to every frame, and to every
+    /// row of the speller.
+    pub labels: [&'a [f32]; 2],
     /// Blocks of the trunk.
     pub trunk: Vec<BlockParts<'a>>,
     /// (D), (D): the trunk's last norm.
@@ -118,7 +118,7 @@ pub struct FrameWeights {
     pub(super) rows: Rows,
     pub(super) frames: Matrix,
     pub(super) positions: Floats,
-    pub(super) labels: Floats,
+    pub(super) labels: [Floats; 2],
     pub(super) trunk: Vec<Block>,
     pub(super) trunk_norm: Norm,
     pub(super) join: Matrix,
@@ -142,7 +142,7 @@ impl FrameWeights {
     /// Slices that don't have the shape they should; no places, or a place of no bins or of ids outside the vocabulary.
     pub fn new(parts: &FrameParts, kind: WeightKind) -> FrameWeights {
         let FrameSizes { trunk, speller, frames, vocabulary, front, .. } = parts.sizes;
-        let words = Words::new(&parts.before(), vocabulary);
+        let words = parts.before().words(vocabulary);
         let rows = Rows::new(parts, words.clone());
         let linear = |name: &str, (weight, bias): Pair, (k, n): (usize, usize)| {
             check(name, weight, k * n);
@@ -151,7 +151,9 @@ impl FrameWeights {
         };
         assert!(front > 0, "no token in front of the first frame");
         check("positions", parts.positions, frames * trunk.width);
-        check("labels", parts.labels, if front > 1 { vocabulary * trunk.width } else { 0 });
+        for (labels, width) in parts.labels.iter().zip([trunk.width, speller.width]) {
+            check("labels", labels, if front > 1 { vocabulary * width } else { 0 });
+        }
         FrameWeights {
             sizes: parts.sizes,
             kind,
@@ -159,7 +161,7 @@ impl FrameWeights {
             told: parts.told.map(|told| ToldWeights::new(&told, parts.sizes, rows.steps())),
             rows,
             positions: Floats::of(parts.positions),
-            labels: Floats::of(parts.labels),
+            labels: parts.labels.map(Floats::of),
             trunk: Block::all(&parts.trunk, trunk, kind),
             trunk_norm: Norm::new(parts.trunk_norm, trunk.width),
             join: linear("join", parts.join, (trunk.width, speller.width)),
@@ -187,6 +189,14 @@ impl FrameWeights {
     /// K - 1: tokens before the one that the first frame begins behind.
     pub(super) fn ahead(&self) -> usize {
         self.sizes.front - 1
+    }
+
+    /// Adds the rows of a table of labels (V, n) to `x` (n).
+    pub(super) fn add_labels(x: &mut [f32], table: &[f32], labels: &[u32]) {
+        let n = x.len();
+        for &label in labels {
+            x.iter_mut().zip(&table[label as usize * n..]).for_each(|(x, y)| *x += y);
+        }
     }
 
     /// P: how many numbers a frame may be told beside what was read; 0 where it may be told none.

@@ -1,0 +1,223 @@
+//! Words of one length in a sequence: what follows an input, what stands words back, and the rows of tables that tell it.
+//! All forms of a model read the word before through this.
+//!
+//! Letters: K tokens in front, W tokens of a word, the last of which ends it, C = W - 1 the others. Input i, counted from 0, is
+//! followed by place c = k mod W of word k div W, k = i - (K - 1). S is the most bins of any place, Sc of those that go round,
+//! Sl of the others, R = Sc + max(2 Sl - 1, 0) the steps that places can take.
+
+use crate::bins::Bins;
+
+/// Reads sequences of words of one length.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Words {
+    front: usize,
+    places: Vec<Bins>,
+    steps: Steps,
+}
+
+impl Words {
+    /// Of `places` (C) up to a word's end, behind `front` tokens, K.
+    ///
+    /// # Panics
+    /// No places, no front.
+    pub fn new(front: usize, places: Vec<Bins>) -> Words {
+        assert!(front > 0 && !places.is_empty(), "{front} tokens in front of words of {} places", places.len());
+        Words { front, steps: Steps::of(&places), places }
+    }
+
+    /// (C) what stands at the places of a word.
+    pub fn places(&self) -> &[Bins] {
+        &self.places
+    }
+
+    /// W.
+    pub fn length(&self) -> usize {
+        self.places.len() + 1
+    }
+
+    /// The steps from a word to the next.
+    pub fn steps(&self) -> Steps {
+        self.steps
+    }
+
+    /// The bins that follow input `i`; `None` where a word ends, and in the front.
+    pub fn follows(&self, i: usize) -> Option<Bins> {
+        let k = (i + 1).checked_sub(self.front)?;
+        self.places.get(k % self.length()).copied()
+    }
+
+    /// Whether a sequence has a word before that of what follows input `i`.
+    pub fn has_word_before(&self, i: usize) -> bool {
+        i + 1 >= self.front + self.length()
+    }
+
+    /// The token of `ids` that stands so many `words` back of what follows input `i`; `None` where there is none.
+    pub fn back(&self, ids: &[u32], i: usize, words: usize) -> Option<u32> {
+        let at = (i + 1).checked_sub(words * self.length()).filter(|&at| at >= self.front)?;
+        ids.get(at).copied()
+    }
+
+    /// What follows input `i` of `ids`, and the bin that stands there so many `words` back.
+    pub fn bin(&self, ids: &[u32], i: usize, words: usize) -> Option<(Bins, usize)> {
+        let bins = self.follows(i)?;
+        Some((bins, bins.bin(self.back(ids, i, words)?)?))
+    }
+
+    /// The token one word back of what follows input `i`, and by how many bins it went round from that two words back: S where
+    /// there is no such step.
+    pub fn previous(&self, ids: &[u32], i: usize) -> (Option<u32>, usize) {
+        let step =
+            self.bin(ids, i, 1).zip(self.bin(ids, i, 2)).map(|((bins, a), (_, b))| around(bins, a as i64 - b as i64));
+        (self.back(ids, i, 1), step.unwrap_or(self.steps.most()))
+    }
+
+    /// The rows of a table of bins, S + 1 a place, that a trunk reads for word `word` of a sequence whose front is one token: C of
+    /// the word before, then C of that before it; the last of a place is for what is missing.
+    pub fn seen(&self, ids: &[u32], word: usize) -> impl Iterator<Item = usize> {
+        debug_assert_eq!(self.front, 1, "a sequence whose front is one token");
+        let rows = self.steps.most() + 1;
+        let row = move |back, place| {
+            let bin = self.bin(ids, word * self.length() + place, back).map_or(rows - 1, |(_, bin)| bin);
+            place * rows + bin
+        };
+        (1..=2).flat_map(move |back| (0..self.places.len()).map(move |place| row(back, place)))
+    }
+
+    /// The rows of four tables that a speller adds for input `i` of a sequence whose front is one token: what was spelled just
+    /// now (the step that led to it; behind R + 1 of them its bin, where the sequence has no word before; R at a word's
+    /// beginning), the place, the bin one word back of what follows (S: missing), and the step that led to that (R: none).
+    pub fn spelt(&self, ids: &[u32], i: usize) -> [usize; 4] {
+        debug_assert_eq!(self.front, 1, "a sequence whose front is one token");
+        let (none, place) = (self.steps.all(), i % self.length());
+        let (one, two) = (self.bin(ids, i, 1), self.bin(ids, i, 2));
+        let step = one.zip(two).map_or(none, |((bins, a), (_, b))| self.steps.row(bins, b, a));
+        // input i itself is what follows the input before it, no word back
+        let read = |words| if place == 0 { None } else { self.bin(ids, i - 1, words) };
+        let last = match (read(0), read(1)) {
+            (Some((bins, to)), Some((_, from))) => self.steps.row(bins, from, to),
+            (Some((_, to)), None) => none + 1 + to,
+            (None, _) => none,
+        };
+        [last, place, one.map_or(self.steps.most(), |(_, bin)| bin), step]
+    }
+}
+
+/// Where a token behind the front stands, counted from the tokens before it, so that words may differ in length.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Stand {
+    /// The number of its word.
+    pub word: usize,
+    /// Its place in the word.
+    pub place: usize,
+}
+
+impl Stand {
+    /// Where the token behind it stands; `ends`: it is the last of its word.
+    pub fn behind(self, ends: bool) -> Stand {
+        match ends {
+            true => Stand { word: self.word + 1, place: 0 },
+            false => Stand { place: self.place + 1, ..self },
+        }
+    }
+}
+
+/// How tables of steps from bin to bin are laid out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Steps {
+    /// Sc; 0 where there are no such places.
+    pub circular: usize,
+    /// Sl; 0 where there are none.
+    pub clamped: usize,
+}
+
+impl Steps {
+    /// Those of some places.
+    pub fn of(places: &[Bins]) -> Steps {
+        let most = |circular: bool| {
+            let counts = places.iter().filter(|bins| bins.circular == circular).map(|bins| bins.count as usize);
+            counts.max().unwrap_or(0)
+        };
+        Steps { circular: most(true), clamped: most(false) }
+    }
+
+    /// S.
+    pub fn most(self) -> usize {
+        self.circular.max(self.clamped)
+    }
+
+    /// Steps of places that don't go round: up and down by all bins but one.
+    pub fn up_and_down(self) -> usize {
+        (2 * self.clamped).saturating_sub(1)
+    }
+
+    /// R.
+    pub fn all(self) -> usize {
+        self.circular + self.up_and_down()
+    }
+
+    /// The row of a step of `by` bins, up or down by fewer than the place has, in the table of its kind: by mod count of the
+    /// circular one, by + Sl - 1 of the other.
+    pub fn column_by(self, bins: Bins, by: i64) -> usize {
+        if bins.circular { around(bins, by) } else { (self.clamped as i64 - 1 + by) as usize }
+    }
+
+    /// The row that bin `to` has behind bin `from` in the table of its kind.
+    pub fn column(self, bins: Bins, from: usize, to: usize) -> usize {
+        self.column_by(bins, to as i64 - from as i64)
+    }
+
+    /// The row of a step of `by` bins in a table of all steps, those that go round first.
+    pub fn row_by(self, bins: Bins, by: i64) -> usize {
+        self.column_by(bins, by) + if bins.circular { 0 } else { self.circular }
+    }
+
+    /// The row of the step from bin `from` to bin `to` there.
+    pub fn row(self, bins: Bins, from: usize, to: usize) -> usize {
+        self.row_by(bins, to as i64 - from as i64)
+    }
+}
+
+fn around(bins: Bins, by: i64) -> usize {
+    by.rem_euclid(bins.count.into()) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ANGLE: Bins = Bins { first: 6, count: 4, circular: true };
+    const HEIGHT: Bins = Bins { first: 6, count: 3, circular: false };
+
+    #[test]
+    fn places_follow_inputs_and_words_lie_back() {
+        let words = Words::new(2, vec![HEIGHT, ANGLE]);
+        // the front, the words 6 7 5, 8 9 5, 6 6 5
+        let ids = [1, 2, 6, 7, 5, 8, 9, 5, 6, 6, 5];
+        let follows: Vec<_> = (0..6).map(|i| words.follows(i)).collect();
+        assert_eq!(follows, [None, Some(HEIGHT), Some(ANGLE), None, Some(HEIGHT), Some(ANGLE)]);
+        let back = |words_back| (0..10).map(|i| words.back(&ids, i, words_back)).collect::<Vec<_>>();
+        let (none, some) = (|n| vec![None; n], |ids: &[u32]| ids.iter().map(|id| Some(*id)).collect::<Vec<_>>());
+        assert_eq!(back(1), [none(4), some(&[6, 7, 5, 8, 9, 5])].concat());
+        assert_eq!(back(2), [none(7), some(&[6, 7, 5])].concat());
+        assert_eq!((ANGLE.bin(5), ANGLE.bin(6), ANGLE.bin(9), ANGLE.bin(10)), (None, Some(0), Some(3), None));
+        let before: Vec<bool> = (0..10).map(|i| words.has_word_before(i)).collect();
+        assert_eq!(before, back(1).iter().map(Option::is_some).collect::<Vec<_>>());
+        // S is 4: no step in the first two words and at ends; 8 to 6 round 3, 9 to 6 round 4
+        let previous: Vec<_> = (0..10).map(|i| words.previous(&ids, i)).collect();
+        assert_eq!(previous[..4], [(None, 4); 4]);
+        assert_eq!(previous[4..7], [(Some(6), 4), (Some(7), 4), (Some(5), 4)]);
+        assert_eq!(previous[7..], [(Some(8), 2), (Some(9), 2), (Some(5), 4)]);
+    }
+
+    #[test]
+    fn columns_are_steps() {
+        let steps = Steps::of(&[HEIGHT, ANGLE]);
+        assert_eq!((steps.circular, steps.clamped, steps.most(), steps.up_and_down(), steps.all()), (4, 3, 4, 5, 9));
+        let columns =
+            |bins: Bins, from| (0..bins.count as usize).map(|to| steps.column(bins, from, to)).collect::<Vec<_>>();
+        assert_eq!(columns(ANGLE, 3), [1, 2, 3, 0]);
+        assert_eq!((columns(HEIGHT, 0), columns(HEIGHT, 2)), (vec![2, 3, 4], vec![0, 1, 2]));
+        assert_eq!((steps.row(ANGLE, 3, 0), steps.row(HEIGHT, 0, 0)), (1, 4 + 2));
+        assert_eq!(Steps::of(&[ANGLE]).up_and_down(), 0);
+    }
+}

@@ -340,6 +340,14 @@ fn the_place_travels_in_the_recipe_and_old_recipes_mean_what_they_meant() {
     c.args(["generate", "--again"]).arg(sidecar("old")).arg("--out").arg(&out).assert().success();
     let begins = read(&out, &ReadOptions::default())[0].root()[0];
     assert!(begins.x.hypot(begins.z) < 0.003, "{begins}");
+
+    // before what is given made the draws, the seed alone did
+    make("drawn.bvh", &[]);
+    let mut old = told("drawn");
+    assert_eq!(old["recipe"]["draws"], "given");
+    old["recipe"].as_object_mut().unwrap().remove("draws");
+    fs::write(sidecar("drawn"), serde_json::to_vec(&old).unwrap()).unwrap();
+    again("drawn").code(1).stderr(contains("came out different"));
 }
 
 /// The figures of a page.

@@ -230,7 +230,7 @@ impl Ready {
         let course = self.course(&ids, &given.0, lead_in)?;
         let heard = self.heard(words);
         plan.music = &heard;
-        (plan.course, plan.ahead) = (course.as_ref(), self.recipe.ahead);
+        (plan.course, plan.ahead, plan.given_number) = (course.as_ref(), self.recipe.ahead, self.given_number());
         plan.lead_in = lead_in;
         let begins = |(frame, front): &(usize, Vec<u32>)| (lead_in + frame.div_ceil(length), front.clone());
         let fronts: Vec<_> = self.fronts.iter().skip(1).map(begins).collect();

@@ -12,6 +12,7 @@ pub mod apart;
 pub mod best;
 pub mod conditions;
 mod dance;
+pub mod draws;
 pub mod edit;
 pub mod feet;
 pub mod followed;
@@ -195,6 +196,8 @@ pub struct Plan<'a> {
     pub draw: Draw,
     /// The seed of the draws.
     pub seed: u64,
+    /// What the draws come from beside the seed, see [`draws`]; 0: nothing.
+    pub given_number: u64,
     /// Free tokens that are guessed ahead and verified in one read; it changes no id, only the time.
     pub guesses: usize,
 }
@@ -223,6 +226,7 @@ impl Plan<'_> {
             music: &[],
             draw,
             seed,
+            given_number: 0,
             guesses,
         }
     }
@@ -277,7 +281,7 @@ pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(u
     check(model, plan)?;
     let guesses = if model.is_exact() { plan.guesses } else { 0 };
     let (context, each) = (model.context(), plan.streams());
-    let seeds = (0..model.streams() / each).map(|i| variation_seed(plan.seed, i));
+    let seeds = (0..model.streams() / each).map(|i| draws::seed(variation_seed(plan.seed, i), plan.given_number));
     let mut dances: Vec<Dance> = seeds.map(|seed| Dance::new(plan, seed, context)).collect();
     let mut logits = Vec::new();
     while dances.iter().any(|dance| !dance.is_done()) {

@@ -1,5 +1,6 @@
 //! What decides a dance, as one value that a file can hold.
 
+use super::draws::Draws;
 use super::edit::Edit;
 use super::feet::Care;
 use super::labels::TimedLabel;
@@ -51,6 +52,9 @@ pub struct Recipe {
     pub lead_in: usize,
     /// The seed of the draws.
     pub seed: u64,
+    /// What makes them beside it.
+    #[serde(default, skip_serializing_if = "Draws::is_seed")]
+    pub draws: Draws,
     /// How free places are drawn.
     pub draw: Draw,
     /// The rig that the dance is written on.

@@ -110,6 +110,7 @@ fn the_same_seed_gives_the_same_dance() {
     let p = plan(20, &[false; 3], &[], Draw::temperature(3.0));
     assert_eq!(run(30, &p).unwrap(), run(30, &p).unwrap());
     assert_ne!(run(30, &p).unwrap(), run(30, &Plan { seed: 8, ..p.clone() }).unwrap());
+    assert_ne!(run(30, &p).unwrap(), run(30, &Plan { given_number: 1, ..p.clone() }).unwrap());
 }
 
 #[test]

@@ -8,6 +8,7 @@ use kinelm::corpus::{Corpus, Split};
 use kinelm::evaluate::dance::beats::{Figures, Kept, Pair, doubted, of_corpus};
 use kinelm::evaluate::likelihood::likelihood;
 use kinelm::files::write_whole;
+use kinelm::generate::draws::Draws;
 use kinelm::generate::feet::Care;
 use kinelm::generate::make::Ready;
 use kinelm::generate::music::GUIDANCE;
@@ -129,6 +130,7 @@ fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
         fps: None,
         lead_in: 0,
         seed: variation_seed(args.seed, number),
+        draws: Draws::Seed,
         draw: Draw { top_p: Some(super::CALM), ..Draw::default() },
         rig: Rig::Model,
         rest_joints: RestJoints::Training,

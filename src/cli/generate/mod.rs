@@ -10,6 +10,7 @@ use anyhow::{Context, Result};
 use best::BestArgs;
 use edit::EditArgs;
 use kinelm::generate::best::Best;
+use kinelm::generate::draws::Draws;
 use kinelm::generate::feet::Care;
 use kinelm::generate::labels::TimedLabel;
 use kinelm::generate::make::Ready;
@@ -294,6 +295,7 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
         fps: args.fps,
         lead_in: 0,
         seed: args.seed,
+        draws: Draws::Given,
         draw: args.draw.get()?,
         rig: own_rig.into(),
         rest_joints: match args.rest_joints {

@@ -332,7 +332,7 @@ fn a_rig_whose_joints_have_places_is_written_too() {
     assert_eq!((dance.len(), &dance[..30]), (90, &walk[..30]));
     let read = |name: &str| format::read(&set.at(name), &Default::default()).unwrap().clip;
     let (dance, walk) = (read("walked.bvh"), read("walk.bvh"));
-    // no bone has shrunk, and the body goes on at its height
+    // no bone has shrunk, and the other clip's body stands at the height of this one
     assert!(dance.skeleton().offsets().iter().zip(walk.skeleton().offsets()).all(|(a, b)| (*a - *b).length() < 1e-4));
-    assert!((30..90).all(|f| (dance.root()[f].y - walk.root()[0].y).abs() < 0.3));
+    assert!((60..90).all(|f| (dance.root()[f].y - walk.root()[0].y).abs() < 0.1));
 }

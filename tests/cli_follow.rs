@@ -348,6 +348,24 @@ fn the_place_travels_in_the_recipe_and_old_recipes_mean_what_they_meant() {
     old["recipe"].as_object_mut().unwrap().remove("draws");
     fs::write(sidecar("drawn"), serde_json::to_vec(&old).unwrap()).unwrap();
     again("drawn").code(1).stderr(contains("came out different"));
+
+    // and before a start was chosen among several, the first was taken
+    let make = |out: &str, more: &[&str]| {
+        let mut c = way.generate("13", "0.bvh", Some("root,right_arm"), out);
+        c.args(more).assert().success();
+    };
+    make("chosen.bvh", &[]);
+    assert_eq!(told("chosen")["recipe"]["starts"], 64);
+    make("first.bvh", &["--starts", "1"]);
+    let bytes = |name: &str| fs::read(way.at(name)).unwrap();
+    assert_eq!(told("first")["recipe"].get("starts"), None);
+    assert!(bytes("first.bvh") != bytes("chosen.bvh"));
+    for name in ["chosen", "first"] {
+        again(name).success();
+    }
+    assert_eq!(told("told")["recipe"].get("starts"), None, "root stands before all that is drawn");
+    let mut none = way.generate("13", "0.bvh", Some("root"), "none.bvh");
+    none.args(["--starts", "4"]).assert().code(2).stderr(contains("nothing to choose a start by"));
 }
 
 /// The figures of a page.

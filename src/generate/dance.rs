@@ -1,6 +1,6 @@
 //! One dance being drawn: what of its window the model has read, what it reads next, what is drawn from the logits.
 
-use super::{NextToken, Plan};
+use super::{NextToken, Plan, sampling};
 use crate::model::ahead::{Course, Told};
 use crate::{Error, Result};
 use kinelm_engine::decode as engine;
@@ -38,6 +38,8 @@ pub(super) struct Dance<'a> {
     told: usize,
     /// Tokens that are left of those that the model has read, since words were foretold and taken back.
     taken_back: Option<usize>,
+    /// How likely what is given of the first word is, ln p, as far as it was weighed.
+    likelihood: f64,
     /// Where the model is told what is given ahead.
     led: Option<Led<'a>>,
     /// Tokens guessed so far, and those that were right.
@@ -98,6 +100,7 @@ impl<'a> Dance<'a> {
             foretold: Vec::new(),
             told: 0,
             taken_back: None,
+            likelihood: 0.0,
             led: plan.told().map(Led::new),
             guessed: 0,
             right: 0,
@@ -113,6 +116,11 @@ impl<'a> Dance<'a> {
 
     pub fn is_done(&self) -> bool {
         self.words() == self.plan.words
+    }
+
+    /// How likely what is given of the first word is, ln p, what stands behind its last free place left out.
+    pub fn likelihood(&self) -> f64 {
+        self.likelihood
     }
 
     /// Its ids, and what was drawn where they are given.
@@ -322,6 +330,17 @@ impl<'a> Dance<'a> {
         let word = self.words().checked_sub(1)?;
         let id = self.ids[self.starts[word]..self.starts[word + 1]].get(place.tokens).copied();
         id.filter(|&id| self.plan.grammar.allows(place, id))
+    }
+
+    /// Weighs what the block holds of the first word, by the `logits` (rows, V) of all its tokens. All but the block's first
+    /// token is given.
+    pub fn weigh(&mut self, logits: &[f32], vocabulary: usize) {
+        for (behind, row) in (1..self.block.len()).zip(logits.chunks_exact(vocabulary.max(1))) {
+            if let Some(tokens) = (self.read + behind).checked_sub(self.plan.front.len()) {
+                let allowed = self.plan.grammar.allowed(Place { tokens, characters: tokens });
+                self.likelihood += sampling::log_probability(row, &allowed, self.block[behind]);
+            }
+        }
     }
 
     /// Draws what the block's `logits` (rows, V) are good for: the next free place, and those behind guesses that turn out

@@ -231,7 +231,7 @@ impl Ready {
         let heard = self.heard(words);
         plan.music = &heard;
         (plan.course, plan.ahead, plan.given_number) = (course.as_ref(), self.recipe.ahead, self.given_number());
-        plan.lead_in = lead_in;
+        (plan.lead_in, plan.starts) = (lead_in, self.recipe.starts);
         let begins = |(frame, front): &(usize, Vec<u32>)| (lead_in + frame.div_ceil(length), front.clone());
         let fronts: Vec<_> = self.fronts.iter().skip(1).map(begins).collect();
         (plan.front, plan.fronts) = (&self.fronts[0].1, &fronts);
@@ -272,7 +272,7 @@ impl Ready {
     }
 
     /// Ways that are drawn of each variation.
-    fn tries(&self) -> usize {
+    pub(super) fn tries(&self) -> usize {
         let asked = self.recipe.prompt.as_ref().and_then(|prompt| prompt.edit.as_ref()).map_or(1, |edit| edit.tries);
         let ends = self.edit().is_some_and(|(_, edited)| edited.has_ends());
         if ends && !self.recipe.draw.greedy { asked.max(1) } else { 1 }

@@ -29,6 +29,7 @@ pub mod provenance;
 pub mod recipe;
 pub mod rest;
 pub mod sampling;
+pub mod starts;
 pub mod told;
 
 use crate::model::ahead::Course;
@@ -198,6 +199,8 @@ pub struct Plan<'a> {
     pub seed: u64,
     /// What the draws come from beside the seed, see [`draws`]; 0: nothing.
     pub given_number: u64,
+    /// First words that are drawn where one is given in part, see [`starts`]; 1: the dance's own alone.
+    pub starts: usize,
     /// Free tokens that are guessed ahead and verified in one read; it changes no id, only the time.
     pub guesses: usize,
 }
@@ -227,6 +230,7 @@ impl Plan<'_> {
             draw,
             seed,
             given_number: 0,
+            starts: 1,
             guesses,
         }
     }
@@ -279,10 +283,27 @@ pub struct Danced {
 /// and place are named), and what the model's own reading fails with.
 pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Danced> {
     check(model, plan)?;
+    let variations = 0..model.streams() / plan.streams();
+    let seeds = variations.map(|i| draws::seed(variation_seed(plan.seed, i), plan.given_number)).collect();
+    let seeds = starts::chosen(model, plan, seeds)?;
+    let dances = drawn(model, plan, &seeds, false, progress)?;
+    let count = |f: &dyn Fn(&Dance) -> u64| dances.iter().map(f).sum();
+    let (guessed, right) = (count(&|d| d.guessed), count(&|d| d.right));
+    let (ids, foretold) = dances.into_iter().map(Dance::into_drawn).unzip();
+    Ok(Danced { ids, foretold, guessed, right })
+}
+
+/// A dance for each seed, drawn side by side; a first word may be weighed, see [`Dance::likelihood`].
+fn drawn<'a>(
+    model: &mut dyn NextToken,
+    plan: &'a Plan<'a>,
+    seeds: &[u64],
+    weigh: bool,
+    progress: &mut dyn FnMut(usize),
+) -> Result<Vec<Dance<'a>>> {
     let guesses = if model.is_exact() { plan.guesses } else { 0 };
     let (context, each) = (model.context(), plan.streams());
-    let seeds = (0..model.streams() / each).map(|i| draws::seed(variation_seed(plan.seed, i), plan.given_number));
-    let mut dances: Vec<Dance> = seeds.map(|seed| Dance::new(plan, seed, context)).collect();
+    let mut dances: Vec<Dance> = seeds.iter().map(|&seed| Dance::new(plan, seed, context)).collect();
     let mut logits = Vec::new();
     while dances.iter().any(|dance| !dance.is_done()) {
         for (i, dance) in dances.iter_mut().enumerate() {
@@ -291,7 +312,7 @@ pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(u
             // the second reading is told nothing, neither what is ahead nor music
             dance.tell(model, i * each)?;
         }
-        let wanted = if dances.iter().any(Dance::guesses) { Logits::All } else { Logits::Last };
+        let wanted = if weigh || dances.iter().any(Dance::guesses) { Logits::All } else { Logits::Last };
         let blocks: Vec<&[u32]> =
             dances.iter().flat_map(|d| std::iter::once(d.block()).chain(d.block_without())).collect();
         model.read(&blocks, wanted, &mut logits)?;
@@ -305,15 +326,15 @@ pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(u
             if let Some(scale) = dance.scale().filter(|_| each > 1) {
                 guidance::mix(scale, with, without);
             }
+            if weigh {
+                dance.weigh(with, vocabulary);
+            }
             dance.take(with, vocabulary)?;
             rest = behind;
         }
         progress(dances.iter().map(Dance::words).min().unwrap_or(0));
     }
-    let count = |f: &dyn Fn(&Dance) -> u64| dances.iter().map(f).sum();
-    let (guessed, right) = (count(&|d| d.guessed), count(&|d| d.right));
-    let (ids, foretold) = dances.into_iter().map(Dance::into_drawn).unzip();
-    Ok(Danced { ids, foretold, guessed, right })
+    Ok(dances)
 }
 
 /// Refuses a model and a plan that make no dances together.

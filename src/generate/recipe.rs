@@ -50,6 +50,9 @@ pub struct Recipe {
     /// belong together yet.
     #[serde(default, skip_serializing_if = "is_none_at_all")]
     pub lead_in: usize,
+    /// First words that are drawn where one is given in part, see [`super::starts`]; 1: the dance's own alone.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub starts: usize,
     /// The seed of the draws.
     pub seed: u64,
     /// What makes them beside it.
@@ -114,6 +117,14 @@ impl Recipe {
 
 fn is_zero(ahead: &f64) -> bool {
     *ahead == 0.0
+}
+
+fn one() -> usize {
+    1
+}
+
+fn is_one(starts: &usize) -> bool {
+    *starts == 1
 }
 
 fn is_none_at_all(frames: &usize) -> bool {

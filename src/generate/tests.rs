@@ -4,9 +4,9 @@ use super::*;
 use kinelm_tokenizer::{Place, SPACE, Vocabulary, WordLength};
 
 /// Wants the token that is the sum of all it has read, plus one, modulo the characters; checks its context.
-struct Summing {
-    context: usize,
-    read: Vec<Vec<u32>>,
+pub(super) struct Summing {
+    pub context: usize,
+    pub read: Vec<Vec<u32>>,
     calls: usize,
 }
 
@@ -48,7 +48,7 @@ impl NextToken for Summing {
     }
 }
 
-fn plan<'a>(words: usize, given: &'a [bool], prompt: &'a [u32], draw: Draw) -> Plan<'a> {
+pub(super) fn plan<'a>(words: usize, given: &'a [bool], prompt: &'a [u32], draw: Draw) -> Plan<'a> {
     let grammar = Grammar::new(&Vocabulary::new(10), WordLength::Fixed(given.len()));
     Plan { given, prompt, guesses: 0, ..Plan::free(grammar, words, draw, 7) }
 }
@@ -59,11 +59,11 @@ fn varying(words: usize, beginning: &[u32], draw: Draw) -> Plan<'_> {
     Plan { beginning, guesses: 0, ..Plan::free(grammar, words, draw, 7) }
 }
 
-fn model(context: usize, streams: usize) -> Summing {
+pub(super) fn model(context: usize, streams: usize) -> Summing {
     Summing { context, read: vec![vec![3; 3]; streams], calls: 0 }
 }
 
-fn run(context: usize, plan: &Plan) -> Result<(Vec<u32>, usize)> {
+pub(super) fn run(context: usize, plan: &Plan) -> Result<(Vec<u32>, usize)> {
     let mut model = model(context, 1);
     let ids = dance(&mut model, plan, &mut |_| {})?;
     Ok((ids, model.calls))

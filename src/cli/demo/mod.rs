@@ -14,6 +14,7 @@ use kinelm::generate::place::{Led, Place};
 use kinelm::generate::prompt::{self, Prompt};
 use kinelm::generate::rest::RestJoints;
 use kinelm::generate::sampling::Draw;
+use kinelm::generate::starts::STARTS;
 use kinelm::generate::{NextToken, Plan, dance, reader};
 use kinelm::model::{Reading, Which, load_run};
 use kinelm::train::{CorpusPart, PretrainOptions, TrainFile};
@@ -225,7 +226,11 @@ fn generate(
         Asked::Follows => {
             given = prompt::given_places(tokenizer, &joints::parse(FOLLOWED)?)?;
             ids = tokenizer.ids_of_words(&prompt.words)?;
-            (Plan { given: &given, prompt: &ids, ..plan }, frames, Fixed { root: true, ..Fixed::default() })
+            (
+                Plan { given: &given, prompt: &ids, starts: STARTS, ..plan },
+                frames,
+                Fixed { root: true, ..Fixed::default() },
+            )
         }
         Asked::GoesOn => {
             beginning = prompt.beginning(tokenizer, second)?;

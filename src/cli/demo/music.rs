@@ -129,6 +129,7 @@ fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
         seconds: Some(SECONDS),
         fps: None,
         lead_in: 0,
+        starts: 1,
         seed: variation_seed(args.seed, number),
         draws: Draws::Seed,
         draw: Draw { top_p: Some(super::CALM), ..Draw::default() },

@@ -79,7 +79,7 @@ pub struct Args {
     out: Option<PathBuf>,
     /// Make a dance again, to the same bytes, from the FILE.bvh.kinelm.json beside it; --run, --prompt, --music and --out if they
     /// are elsewhere now
-    #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["up", "floor", "joints", "from_frame", "given", "free", "blend", "tries", "labels", "music_from", "guidance", "ahead", "frames", "seconds", "fps",
+    #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["up", "floor", "joints", "from_frame", "given", "free", "blend", "tries", "starts", "labels", "music_from", "guidance", "ahead", "frames", "seconds", "fps",
         "variations", "best", "real", "keep_all", "seed", "greedy", "temperature", "top_k", "top_p", "min_p", "repetition_penalty",
         "repetition_words", "rig", "rest_joints", "feet", "weights", "kv", "device", "form", "fps_source", "unit", "map",
         "bvh_position", "root", "lenient", "keep_rest", "drop_rest", "skip", "body_model"])]
@@ -90,6 +90,10 @@ pub struct Args {
     /// The seed of the draws; the same gives the same dance
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// First frames to draw of a dance that is given some joints from there on; it goes on from the one under which these are
+    /// likeliest. 64 if not given
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
+    starts: Option<u8>,
     /// The rig the dance is written on: the model's (SMPL-24), or the prompt's own. If not given, the model's, and the
     /// prompt's own with --given or --free
     #[arg(long, value_enum, requires_if("prompt", "prompt"))]
@@ -197,6 +201,15 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     ready.stand_with_prompt();
     ready.lead_in_from_nothing();
+    match args.starts {
+        None => ready.choose_start(),
+        Some(starts) if starts > 1 && !ready.begins_in_part() => return Err(WrongCall(format!(
+            "--starts {starts}: there is nothing to choose a start by; expected joints that are given in the first frame \
+             behind others that are drawn (--joints or --free, not root alone, and no --from-frame or --greedy)"
+        ))
+        .into()),
+        Some(_) => {}
+    }
     if args.ahead.is_none() {
         ready.lead_ahead();
     }
@@ -294,6 +307,7 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
         seconds: args.seconds,
         fps: args.fps,
         lead_in: 0,
+        starts: args.starts.map_or(1, usize::from),
         seed: args.seed,
         draws: Draws::Given,
         draw: args.draw.get()?,

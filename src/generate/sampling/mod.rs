@@ -134,6 +134,14 @@ impl Draw {
     }
 }
 
+/// ln p of an id among those that are `allowed`, by the `logits` (V) of all; minus infinity where it can't come.
+pub fn log_probability(logits: &[f32], allowed: &[Range<u32>], id: u32) -> f64 {
+    let Some(mut all) = candidates(logits, allowed) else { return f64::NEG_INFINITY };
+    centre(&mut all);
+    let own = all.iter().find(|candidate| candidate.id == id).map_or(f64::NEG_INFINITY, |own| own.logit);
+    own - all.iter().map(|candidate| candidate.logit.exp()).sum::<f64>().ln()
+}
+
 /// The allowed ids of probability above 0, ascending.
 fn candidates(logits: &[f32], allowed: &[Range<u32>]) -> Option<Vec<Candidate>> {
     let mut found = Vec::with_capacity(allowed.iter().map(ExactSizeIterator::len).sum());

@@ -218,3 +218,17 @@ fn ids_kept_and_drawn_are_those_of_candle_transformers() {
         assert!(statistic < bound, "{rule:?}: chi-square {statistic:.1}, expected below {bound:.1}");
     }
 }
+
+#[test]
+fn the_probability_of_an_id_is_its_share_of_those_that_are_allowed() {
+    let logits = [9.0, 1.0, 2.0, f32::NEG_INFINITY, 0.5, 3.0];
+    let allowed = [1..4, 5..6];
+    let p = |id: u32| log_probability(&logits, &allowed, id).exp();
+    let sum: f64 = [1.0f64, 2.0, 3.0].map(f64::exp).iter().sum();
+    for (id, logit) in [(1, 1.0f64), (2, 2.0), (5, 3.0)] {
+        assert!((p(id) - logit.exp() / sum).abs() < 1e-12, "{id}");
+    }
+    assert_eq!([0, 3, 4, 7].map(p), [0.0; 4]);
+    assert_eq!(log_probability(&[f32::NAN], &[0..1], 0), f64::NEG_INFINITY);
+    assert_eq!(log_probability(&[-1e30, 1e30], &[0..2], 0), f64::from(-1e30f32) - f64::from(1e30f32));
+}

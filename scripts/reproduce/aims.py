@@ -75,6 +75,8 @@ of_takes = {name: np.mean(all, 0) for name, all in of_takes.items()}
 between = np.mean([np.abs(own - np.mean([of_takes[t] for t in of_takes if t != name], 0)).mean() for name, own in of_takes.items()])
 salsas = [(named(windows), clip) for windows, clip in train if clip["split"] == "test" and clip["labels"]["genre"] == "salsa"]
 print(f"real takes: geometric shares {between:.4f} apart; {sum(g == 'salsa' for g, _ in salsas)} of {len(salsas)} test salsas named salsa")
+# shares of frames, by number as scripts/reference/features.py lists them
+bent = lambda dances, n: f"{np.mean([shares(p)[n] for p in (out / dances).glob('*.npz')]):.2f} (prompts {np.mean([s[n] for s in share_of.values()]):.2f})"
 for dances in ["lock", "off"]:
     groups, prompted, _ = reports(dances)
     of = lambda name: real[pathlib.Path(name).stem.split("-")[0]]
@@ -89,6 +91,8 @@ for dances in ["lock", "off"]:
         "jerk of free joints over the prompt's": by_take([(n, p["free_jitter"]) for n, p in prompted.items()]),
         "dances that stand still in the end": sum(g["world"]["never"] < 1 for g in groups.values()),
         "geometric shares from real, over real takes'": f"{together / between:.2f}",
+        "left elbow bent by 70 degrees and more": bent(dances, 7),
+        "left upper arm 25 degrees from the trunk": bent(dances, 24),
         "named salsa": f"{called.count('salsa')} of {len(called)}",
     }
     print(f"\n{dances}")

@@ -38,8 +38,10 @@ pub(super) struct Dance<'a> {
     told: usize,
     /// Tokens that are left of those that the model has read, since words were foretold and taken back.
     taken_back: Option<usize>,
-    /// How likely what is given of the first word is, ln p, as far as it was weighed.
+    /// How likely what is given of the first word and up to the next free place is, ln p, as far as it was weighed.
     likelihood: f64,
+    /// Whether all of that was.
+    weighed: bool,
     /// Where the model is told what is given ahead.
     led: Option<Led<'a>>,
     /// Tokens guessed so far, and those that were right.
@@ -101,6 +103,7 @@ impl<'a> Dance<'a> {
             told: 0,
             taken_back: None,
             likelihood: 0.0,
+            weighed: false,
             led: plan.told().map(Led::new),
             guessed: 0,
             right: 0,
@@ -118,9 +121,14 @@ impl<'a> Dance<'a> {
         self.words() == self.plan.words
     }
 
-    /// How likely what is given of the first word is, ln p, what stands behind its last free place left out.
+    /// How likely what is given of the first word and up to the next free place is, ln p, as far as it was weighed.
     pub fn likelihood(&self) -> f64 {
         self.likelihood
+    }
+
+    /// Whether all of that was.
+    pub fn is_weighed(&self) -> bool {
+        self.weighed
     }
 
     /// Its ids, and what was drawn where they are given.
@@ -332,15 +340,17 @@ impl<'a> Dance<'a> {
         id.filter(|&id| self.plan.grammar.allows(place, id))
     }
 
-    /// Weighs what the block holds of the first word, by the `logits` (rows, V) of all its tokens. All but the block's first
-    /// token is given.
+    /// Weighs what the block holds, by the `logits` (rows, V) of all its tokens, until the first word is whole. All but the
+    /// block's first token is given.
     pub fn weigh(&mut self, logits: &[f32], vocabulary: usize) {
+        let word = self.plan.grammar.tokens_per_word().unwrap_or(1);
         for (behind, row) in (1..self.block.len()).zip(logits.chunks_exact(vocabulary.max(1))) {
-            if let Some(tokens) = (self.read + behind).checked_sub(self.plan.front.len()) {
-                let allowed = self.plan.grammar.allowed(Place { tokens, characters: tokens });
+            if let Some(at) = (self.read + behind).checked_sub(self.plan.front.len()) {
+                let allowed = self.plan.grammar.allowed(Place { tokens: at % word, characters: at % word });
                 self.likelihood += sampling::log_probability(row, &allowed, self.block[behind]);
             }
         }
+        self.weighed = self.words() > 0;
     }
 
     /// Draws what the block's `logits` (rows, V) are good for: the next free place, and those behind guesses that turn out

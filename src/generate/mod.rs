@@ -293,7 +293,7 @@ pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(u
     Ok(Danced { ids, foretold, guessed, right })
 }
 
-/// A dance for each seed, drawn side by side; a first word may be weighed, see [`Dance::likelihood`].
+/// A dance for each seed, drawn side by side; or, to weigh it, what comes up to [`Dance::is_weighed`].
 fn drawn<'a>(
     model: &mut dyn NextToken,
     plan: &'a Plan<'a>,
@@ -305,7 +305,7 @@ fn drawn<'a>(
     let (context, each) = (model.context(), plan.streams());
     let mut dances: Vec<Dance> = seeds.iter().map(|&seed| Dance::new(plan, seed, context)).collect();
     let mut logits = Vec::new();
-    while dances.iter().any(|dance| !dance.is_done()) {
+    while dances.iter().any(|dance| !dance.is_done() && !dance.is_weighed()) {
         for (i, dance) in dances.iter_mut().enumerate() {
             let read = dance.prepare(guesses);
             (0..each).for_each(|stream| model.truncate(i * each + stream, read));

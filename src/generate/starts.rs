@@ -3,9 +3,9 @@
 //! A frame is drawn character by character, and a free one doesn't know the given ones behind it. Later frames have those before
 //! them to go by; the first has nothing, so that a left arm may come out that goes with another right one, and a model may hold it
 //! for the whole dance. So the first word is drawn several times, each time with numbers of its own, and the dance is drawn
-//! with those under which what is given is likeliest. More words of each start, or rounds with fewer and longer ones, choose no
-//! better (docs/results/two-level.md). Sources: Rubin, "The SIR algorithm" (1987), of which the likeliest sample is kept here; Lew
-//! et al., "Sequential Monte Carlo Steering of Large Language Models" (2023).
+//! with those under which what is given up to the second word's first free place is likeliest (docs/results/two-level.md).
+//! Sources: Rubin, "The SIR algorithm" (1987), of which the likeliest sample is kept here; Lew et al., "Sequential Monte Carlo
+//! Steering of Large Language Models" (2023).
 
 use super::make::Ready;
 use super::{NextToken, Plan, drawn};
@@ -38,8 +38,10 @@ pub(super) fn chosen(model: &mut dyn NextToken, plan: &Plan, seeds: Vec<u64>) ->
     if plan.starts < 2 || !plan.begins_in_part() {
         return Ok(seeds);
     }
-    let music = &plan.music[..plan.music.len() / plan.words.max(1)];
-    let begun = Plan { words: 1, music, guesses: 0, ..plan.clone() };
+    // what is given at the end of the first word is read with the second
+    let words = plan.words.min(2);
+    let music = &plan.music[..plan.music.len() / plan.words.max(1) * words];
+    let begun = Plan { words, music, guesses: 0, ..plan.clone() };
     let mut best: Vec<(f64, u64)> = seeds.iter().map(|&seed| (f64::NEG_INFINITY, seed)).collect();
     for start in 0..plan.starts {
         let own: Vec<u64> = seeds.iter().map(|&seed| start_seed(seed, start)).collect();
@@ -118,15 +120,15 @@ mod tests {
     const PROMPT: [u32; 12] = [6, 7, 8, 9, 10, 5, 12, 13, 14, 6, 9, 5];
 
     #[test]
-    fn what_is_given_of_the_first_word_is_weighed_once() {
+    fn what_is_given_up_to_the_second_words_free_places_is_weighed_once() {
         let (f, t) = (false, true);
-        for (given, weighed) in [([f, t, f, t, f], 2), ([t, t, f, f, t], 2), ([t, f, t, t, f], 3), ([f, f, f, t, t], 0)]
+        for (given, weighed) in [([f, t, f, t, f], 2), ([t, t, f, f, t], 5), ([t, f, t, t, f], 4), ([f, f, f, t, t], 2)]
         {
             for context in [12, 40] {
-                let plan = Plan { words: 1, ..plan(1, &given, &PROMPT, Draw::temperature(3.0)) };
+                let plan = plan(2, &given, &PROMPT, Draw::temperature(3.0));
                 let dances = drawn(&mut Even(model(context, 2)), &plan, &[1, 2], true, &mut |_| {}).unwrap();
                 for dance in dances {
-                    // what stands behind the last free place is read by nobody; one of 10 is drawn
+                    // one of 10 is drawn, the space is certain
                     let expected = -10f64.ln() * f64::from(weighed);
                     assert!((dance.likelihood() - expected).abs() < 1e-9, "{given:?} {}", dance.likelihood());
                 }
@@ -136,15 +138,15 @@ mod tests {
 
     #[test]
     fn a_dance_goes_on_from_the_start_under_which_what_is_given_is_likeliest() {
-        let given = [false, true, false, true, false];
-        // ln p of the given characters of the first word, from all tokens before each
+        let given = [false, true, false, true, true];
+        // ln p of the given characters of the first word, from all tokens before each; the second begins with a free one
         let likelihood = |ids: &[u32]| -> f64 {
             let of = |at: usize| {
                 let wanted = 6 + (1 + ids[..at].iter().sum::<u32>() + 1) % 10;
                 let all = f64::exp(5.0) + 9.0;
                 (if wanted == ids[at] { f64::exp(5.0) / all } else { all.recip() }).ln()
             };
-            of(1) + of(3)
+            of(1) + of(3) + of(4)
         };
         let draw = Draw::temperature(3.0);
         let one = plan(12, &given, &PROMPT, draw);

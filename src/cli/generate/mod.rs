@@ -90,8 +90,8 @@ pub struct Args {
     /// The seed of the draws; the same gives the same dance
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// First frames to draw of a dance that is given some joints from there on; it goes on from the one under which these are
-    /// likeliest. 64 if not given
+    /// First frames to draw of a dance that is given joints behind free ones from there on; it goes on from the one under
+    /// which these are likeliest. 64 if not given, 1 where --tries chooses among whole dances
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
     starts: Option<u8>,
     /// The rig the dance is written on: the model's (SMPL-24), or the prompt's own. If not given, the model's, and the
@@ -205,7 +205,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         None => ready.choose_start(),
         Some(starts) if starts > 1 && !ready.begins_in_part() => return Err(WrongCall(format!(
             "--starts {starts}: there is nothing to choose a start by; expected joints that are given in the first frame \
-             behind others that are drawn (--joints or --free, not root alone, and no --from-frame or --greedy)"
+             and stand there behind others that are drawn (right_arm does, root doesn't), and no --from-frame or --greedy"
         ))
         .into()),
         Some(_) => {}

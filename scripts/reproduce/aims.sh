@@ -10,6 +10,9 @@
 set -eu
 call="the call is: $0 RUN CORPUS DATA SPLITS OUT"
 run=${1:?$call} corpus=${2:?$call} data=${3:?$call}/cmu-dance/salsa splits=${4:?$call} out=${5:?$call}
+for input in "$run" "$corpus" "$data" "$splits/cmu-dance.csv"; do
+    [ -e "$input" ] || { echo "$0: $input: there is no such file; $call" >&2; exit 1; }
+done
 here=$(cd "$(dirname "$0")/../.." && pwd)
 kinelm=${KINELM:-$here/target/release/kinelm}
 threads="--threads ${THREADS:-1} --quiet"

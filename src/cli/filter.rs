@@ -3,6 +3,7 @@
 use super::many::InOut;
 use super::{ForceArgs, Say, print, read::ReadArgs};
 use anyhow::Result;
+use kinelm::counted;
 use kinelm::output::Outputs;
 use kinelm::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth, filter};
 use kinelm_motion::Motion;
@@ -115,9 +116,9 @@ fn one(path: &Path, out: &Path, how: Option<&Filter>, args: &Args, (outputs, say
 pub(in crate::cli) fn say_locked(locked: &Locked, fps: f64, say: Say) {
     let Locked { held, out_of_reach, moved_cm, settled_cm, carried_cm } = locked;
     say.line(format_args!(
-        "feet: {} contacts held, moved {moved_cm:.1} cm in the mean; the body set up or down by {settled_cm:.0} cm at most, \
+        "feet: {} held, moved {moved_cm:.1} cm in the mean; the body set up or down by {settled_cm:.0} cm at most, \
          carried {carried_cm:.0} cm",
-        held.len()
+        counted(held.len(), "contacts")
     ));
     for contact in out_of_reach {
         let side = ["left", "right"][contact.side.min(1)];

@@ -11,6 +11,7 @@
 pub mod apart;
 pub mod best;
 pub mod conditions;
+pub mod cut;
 mod dance;
 pub mod draws;
 pub mod edit;

@@ -7,6 +7,7 @@
 //! Sources: Rubin, "The SIR algorithm" (1987), of which the likeliest sample is kept here; Lew et al., "Sequential Monte Carlo
 //! Steering of Large Language Models" (2023).
 
+use super::followed::Followed;
 use super::make::Ready;
 use super::sampling::Draw;
 use super::{NextToken, Plan, drawn};
@@ -36,7 +37,7 @@ impl Plan<'_> {
 }
 
 /// Whether what is drawn of a word, whose given places are flagged, makes some given one more or less likely.
-fn has_given_behind_drawn(given: &[bool]) -> bool {
+pub(super) fn has_given_behind_drawn(given: &[bool]) -> bool {
     given.iter().skip_while(|is_given| **is_given).any(|is_given| *is_given)
 }
 
@@ -81,13 +82,14 @@ impl Ready {
 
     /// Whether some joints are given in the first frame, and others drawn before them.
     pub fn begins_in_part(&self) -> bool {
-        let Some(prompt) = &self.prompt else { return false };
-        let first = match &prompt.edit {
-            Some(edited) => edited.given(1).0,
-            None => prompt.given.clone(),
-        };
-        let is_drawn = !self.recipe.draw.greedy && prompt.beginning.is_empty();
-        is_drawn && has_given_behind_drawn(&first)
+        let begins = self.prompt.as_ref().is_some_and(|prompt| prompt.beginning.is_empty());
+        begins && !self.recipe.draw.greedy && has_given_behind_drawn(&self.first_given())
+    }
+
+    /// (C) which places of the prompt's first word are given; empty: none, or there is no prompt.
+    pub(super) fn first_given(&self) -> Vec<bool> {
+        let given = |prompt: &Followed| prompt.edit.as_ref().map_or_else(|| prompt.given.clone(), |edit| edit.given(1).0);
+        self.prompt.as_ref().map(given).unwrap_or_default()
     }
 }
 

@@ -210,6 +210,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         .into()),
         Some(_) => {}
     }
+    if !args.draw.cuts() {
+        ready.cut_where_given();
+    }
     if args.ahead.is_none() {
         ready.lead_ahead();
     }

@@ -151,15 +151,19 @@ fn a_longer_dance_goes_on_behind_the_clip_and_is_made_again_to_the_byte() {
     set.edit(&prompt, &["--given", "all", "--seconds", "4.5", "--seed", "9"], "on.bvh").assert().success();
     let (old, new) = (source(&prompt, &ReadOptions::default()), source(&set.at("on.bvh"), &ReadOptions::default()));
     assert_eq!((differ(&old, &new).0.len(), new.frames), (0, 268), "90 frames at 20: the last at 4.45 s");
-    for (name, more) in [
-        ("begin", vec!["--free", "all@:1s", "--variations", "2"]),
-        ("keys", vec!["--given", "all@0.5s:0.6s", "--given", "all@2s:2.1s", "--tries", "2"]),
-        ("model", vec!["--free", "right_arm", "--rig", "model", "--fps", "60"]),
+    // less is left to chance where a frame is given in part
+    for (name, more, top_p) in [
+        ("begin", vec!["--free", "all@:1s", "--variations", "2"], 0.95),
+        ("keys", vec!["--given", "all@0.5s:0.6s", "--given", "all@2s:2.1s", "--tries", "2"], 0.95),
+        ("part", vec!["--free", "left_arm@1s:2s", "--tries", "2"], 0.8),
+        ("model", vec!["--free", "right_arm", "--rig", "model", "--fps", "60"], 0.8),
     ] {
         let out = format!("{name}.bvh");
         set.edit(&prompt, &more, &out).assert().success();
         let first = if name == "begin" { format!("{name}-2.bvh") } else { out };
         let (record, again) = (set.at(&format!("{first}.kinelm.json")), set.at(&format!("again-{name}.bvh")));
+        let told: serde_json::Value = serde_json::from_slice(&fs::read(&record).unwrap()).unwrap();
+        assert_eq!(told["recipe"]["draw"]["top_p"], top_p, "{name}");
         kinelm().args(["generate", "--again"]).arg(record).arg("--out").arg(&again).assert().success();
         assert_eq!(fs::read(set.at(&first)).unwrap(), fs::read(again).unwrap(), "{name}");
     }

@@ -8,6 +8,7 @@ use kinelm_motion::rotation::{angle_between, heading};
 use kinelm_motion::{Clip, EndSite, Motion, Quat, Skeleton, Source, Vec3, smpl, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
+use serde_json::json;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -364,6 +365,15 @@ fn the_place_travels_in_the_recipe_and_old_recipes_mean_what_they_meant() {
         again(name).success();
     }
     assert_eq!(told("told")["recipe"].get("starts"), None, "root stands before all that is drawn");
+
+    // what is given in part keeps a dance going, so that less is left to chance
+    let top_p = |name: &str| told(name)["recipe"]["draw"]["top_p"].clone();
+    make("asked.bvh", &["--top-p", "0.9"]);
+    make("few.bvh", &["--top-k", "9"]);
+    make("short.bvh", &["--from-frame", "2"]);
+    make("longer.bvh", &["--frames", "120"]);
+    let found = ["chosen", "told", "asked", "few", "short", "longer"].map(top_p);
+    assert_eq!(found, [json!(0.8), json!(0.95), json!(0.9), json!(null), json!(0.8), json!(0.95)]);
     let mut none = way.generate("13", "0.bvh", Some("root"), "none.bvh");
     none.args(["--starts", "4"]).assert().code(2).stderr(contains("nothing to choose a start by"));
 }

@@ -91,7 +91,7 @@ pub struct Args {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// First frames to draw of a dance that is given joints behind free ones from there on; it goes on from the one under
-    /// which these are likeliest. 64 if not given, 1 where --tries chooses among whole dances
+    /// which these are likeliest. Nothing of them is cut. 64 if not given, 1 where --tries chooses among whole dances
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
     starts: Option<u8>,
     /// The rig the dance is written on: the model's (SMPL-24), or the prompt's own. If not given, the model's, and the

@@ -8,7 +8,7 @@ import base64, io, json, os, shutil, subprocess, sys, tempfile
 from pathlib import Path
 from PIL import Image
 
-FROM_S, SECONDS, FPS = 1.0, 4.6, 12.5
+FROM_S, SECONDS, FPS = 1.0, 4.5, 12.5
 WINDOW, PICTURE, COLOURS = (960, 540), (640, 360), 256
 MOST_BYTES = 2_000_000
 

@@ -151,11 +151,12 @@ fn a_longer_dance_goes_on_behind_the_clip_and_is_made_again_to_the_byte() {
     set.edit(&prompt, &["--given", "all", "--seconds", "4.5", "--seed", "9"], "on.bvh").assert().success();
     let (old, new) = (source(&prompt, &ReadOptions::default()), source(&set.at("on.bvh"), &ReadOptions::default()));
     assert_eq!((differ(&old, &new).0.len(), new.frames), (0, 268), "90 frames at 20: the last at 4.45 s");
-    // less is left to chance where a frame is given in part
+    // less is left to chance where all that is drawn has given joints behind it
     for (name, more, top_p) in [
         ("begin", vec!["--free", "all@:1s", "--variations", "2"], 0.95),
         ("keys", vec!["--given", "all@0.5s:0.6s", "--given", "all@2s:2.1s", "--tries", "2"], 0.95),
         ("part", vec!["--free", "left_arm@1s:2s", "--tries", "2"], 0.8),
+        ("both", vec!["--free", "left_arm@1s:2s", "--free", "all@2.5s:", "--tries", "2"], 0.95),
         ("model", vec!["--free", "right_arm", "--rig", "model", "--fps", "60"], 0.8),
     ] {
         let out = format!("{name}.bvh");

@@ -19,8 +19,8 @@ pub struct DrawArgs {
     #[arg(long, value_name = "N")]
     top_k: Option<usize>,
     /// Draw from the fewest likeliest tokens only that have the probability P together; 1 cuts nothing. 0.95 where no
-    /// other option cuts: rare tokens, drawn again and again, make a body fly apart. 0.8 in dances that are given joints
-    /// behind free ones in a frame (an arm, not the root alone)
+    /// other option cuts: rare tokens, drawn again and again, make a body fly apart. `generate` takes 0.8 where joints
+    /// are given behind free ones from end to end (an arm, not the root alone)
     #[arg(long, value_name = "P")]
     top_p: Option<f64>,
     /// Draw from the tokens only that are at least P times as likely as the likeliest

@@ -39,7 +39,8 @@ pub struct Draw {
     pub min_p: Option<f64>,
 }
 
-/// What [`Draw::top_p`] is in the program where nothing else is asked for: measured in docs/results/two-level.md.
+/// What [`Draw::top_p`] is in the program where nothing else is asked for: measured in docs/results/two-level.md. Where joints
+/// are given see [`super::cut`].
 pub const TOP_P: f64 = 0.95;
 
 impl Default for Draw {

@@ -412,8 +412,8 @@ impl<'a> Dance<'a> {
         let (word, place) = (self.words(), self.place.tokens);
         let mut rng = crate::random::stream(self.seed, "character", word as u64, place as u64);
         let recent = self.recent(place);
-        self.plan.draw_of(word).pick(logits, &self.plan.grammar.allowed(self.place), &recent, &mut rng).ok_or_else(|| {
-            Error::Call(format!("word {word}, place {place}: the model's logits allow no token; the run is broken"))
-        })
+        self.plan.draw_of(word).pick(logits, &self.plan.grammar.allowed(self.place), &recent, &mut rng).ok_or_else(
+            || Error::Call(format!("word {word}, place {place}: the model's logits allow no token; the run is broken")),
+        )
     }
 }

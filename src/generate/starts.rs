@@ -88,7 +88,8 @@ impl Ready {
 
     /// (C) which places of the prompt's first word are given; empty: none, or there is no prompt.
     pub(super) fn first_given(&self) -> Vec<bool> {
-        let given = |prompt: &Followed| prompt.edit.as_ref().map_or_else(|| prompt.given.clone(), |edit| edit.given(1).0);
+        let given =
+            |prompt: &Followed| prompt.edit.as_ref().map_or_else(|| prompt.given.clone(), |edit| edit.given(1).0);
         self.prompt.as_ref().map(given).unwrap_or_default()
     }
 }

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The table of a folder that aims.sh filled: aims.py OUT CORPUS LABELS.csv. A mean over dances, and the least and the largest
 mean of a take. Genres by the discriminant of conditions.py, of the free joints alone."""
-import csv, json, pathlib, statistics, sys
+import csv, itertools, json, pathlib, statistics, sys
 
 import numpy as np
 from sklearn.decomposition import PCA
@@ -28,11 +28,28 @@ def reports(dances):
     return {g["name"]: g for g in found["groups"] if g["name"].endswith(".bvh")}, dict(found["prompted"]), found["joints"]
 
 
-def shares(path):
+def places(path):
+    """(F, J, 3) where the joints are, and frames a second."""
     file = np.load(path, allow_pickle=True)
     names = [str(name) for name in file["joints"]]
-    places = file["positions"][:, [names.index(joint) for joint in SMPL]]
-    return geometric(places, *LENGTHS, 1 / float(file["fps"]), False)
+    return file["positions"][:, [names.index(joint) for joint in SMPL]], float(file["fps"])
+
+
+def shares(path):
+    joints, fps = places(path)
+    return geometric(joints, *LENGTHS, 1 / fps, False)
+
+
+def free_places(path):
+    """(F, J, 3) where the free joints are about the pelvis; the given root turns them alike."""
+    joints, _ = places(path)
+    free = [i for i, joint in enumerate(SMPL) if i not in GIVEN and joint != "right_hand"]
+    return (joints - joints[:, :1])[:, free]
+
+
+def apart_cm(one, other):
+    frames = min(len(one), len(other))
+    return 100 * np.linalg.norm(one[:frames] - other[:frames], axis=2).mean()
 
 
 def clips(folder):
@@ -83,6 +100,9 @@ for dances in ["lock", "off"]:
     over = lambda key: [(name, g[key] / of(name)[key]) for name, g in groups.items()]
     together = np.abs(np.mean([shares(p) for p in (out / dances).glob("*.npz")], 0) - np.mean(list(share_of.values()), 0)).mean()
     called = [named(features(words, columns)) for _, words in clips(out / "words" / dances)]
+    free = {path.stem: free_places(path) for path in (out / dances).glob("*.npz")}
+    from_real = [apart_cm(own, free_places(out / "real" / f"{name.split('-')[0]}.npz")) for name, own in free.items()]
+    variations = [apart_cm(free[a], free[b]) for a, b in itertools.combinations(sorted(free), 2) if a.split("-")[0] == b.split("-")[0]]
     rows = {
         "share of steps that slide, over the prompt's": by_take(over("skate_share")),
         "skating, cm/s over the prompt's": by_take(over("skate_cm_s")),
@@ -93,6 +113,8 @@ for dances in ["lock", "off"]:
         "geometric shares from real, over real takes'": f"{together / between:.2f}",
         "left elbow bent by 70 degrees and more": bent(dances, 7),
         "left upper arm 25 degrees from the trunk": bent(dances, 24),
+        "free joints from the real dance's, cm": f"{np.mean(from_real):.2f}",
+        "variations apart, cm": f"{np.mean(variations):.2f}",
         "named salsa": f"{called.count('salsa')} of {len(called)}",
     }
     print(f"\n{dances}")

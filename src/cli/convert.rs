@@ -4,9 +4,9 @@ use super::many::{self, Pair};
 use super::{ForceArgs, Say, WrongCall, extension, read::ReadArgs};
 use anyhow::{Context, Result};
 use kinelm::counted;
-use kinelm::output::Outputs;
 use kinelm_motion::convert::{Rig, Wanted, convert};
-use kinelm_motion::format::{self, ReadOptions, RestFrame};
+use kinelm_motion::format::positions::Positions;
+use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::moment::{Moment, Scale};
 use kinelm_motion::{Motion, joints, smpl};
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ pub struct Args {
     /// Motion files (.bvh .npz .pkl .json), or folders of them; then the file to write (.bvh .npz .json .glb), or for several
     /// the folder, in which paths below a folder are kept. An .npz is AMASS SMPL+H; a .glb has a body and takes several
     /// clips, which play together
-    #[arg(required = true, num_args = 2.., value_names = ["IN", "OUT"])]
+    #[arg(required = true, value_names = ["IN", "OUT"])]
     paths: Vec<PathBuf>,
     /// What is written into a folder; if not given, each file's own format, .npz for a .pkl and .bvh for an .fbx
     #[arg(long, value_enum, value_name = "bvh|npz|json|glb")]
@@ -41,8 +41,8 @@ pub struct Args {
     #[arg(long, value_enum, value_name = "m|cm|mm|in")]
     write_unit: Option<WriteUnit>,
     /// Write joint positions instead of AMASS: positions (F,N,3) in metres, joints, parents, fps; in the file's own order,
-    /// rate and channels
-    #[arg(long, conflicts_with_all = ["fps", "skeleton", "joints", "from", "to", "write_unit"])]
+    /// with all its position channels, unless rate, rig, joints or a piece is asked for
+    #[arg(long, conflicts_with = "write_unit")]
     positions: bool,
     #[command(flatten)]
     force: ForceArgs,
@@ -89,6 +89,11 @@ impl FormatArg {
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
+    // not the parser's num_args: it would count anew behind an option that stands between them
+    if let [only] = &args.paths[..] {
+        let what = format!("{} alone; expected what to read, then what to write: IN OUT", only.display());
+        return Err(WrongCall(what).into());
+    }
     if let Some((out, inputs)) = together(&args) {
         return write_together(&args, inputs, out, say);
     }
@@ -103,13 +108,18 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     super::each_file(&inputs, "files could not be converted", say, |i, input| {
         let output = &pairs[i].output;
         let count = if pairs.len() > 1 { format!("{} of {}: ", i + 1, pairs.len()) } else { String::new() };
+        let motion = cut(&args, format::read(input, &options)?)?;
+        super::warn(&motion, say);
         let written = if args.positions {
-            positions(input, output, &options, (&outputs, say))?
+            let positions = match args.moves() {
+                true => Positions::from_clip(&converted(&args, rig.as_ref(), motion, output)?.clip),
+                false => format::positions(input, &options)?,
+            };
+            outputs.write(output, &positions.write()?)?;
+            let (out, n, f) = (output.display(), positions.joints.len(), positions.frames());
+            format!("{out}: {} of {n} points at {} fps", counted(f, "frames"), positions.fps)
         } else {
-            let motion = cut(&args, format::read(input, &options)?)?;
-            super::warn(&motion, say);
-            let wanted = wanted(&args, rig.as_ref(), &motion, output)?;
-            let motion = convert(motion, &wanted, args.read.map.as_deref())?;
+            let motion = converted(&args, rig.as_ref(), motion, output)?;
             let bytes = match args.write_unit {
                 Some(unit) => format::bvh::to_bytes_in(&motion, unit.metres())?,
                 None => format::to_bytes(output, &motion)?,
@@ -142,9 +152,8 @@ fn write_together(args: &Args, inputs: &[PathBuf], out: &Path, say: Say) -> Resu
     for input in inputs {
         let motion = cut(args, format::read(input, &options)?)?;
         super::warn(&motion, say);
-        let wanted = wanted(args, rig.as_ref(), &motion, out)?;
         let name = input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        clips.push((name, convert(motion, &wanted, args.read.map.as_deref())?.clip));
+        clips.push((name, converted(args, rig.as_ref(), motion, out)?.clip));
     }
     let named: Vec<_> = clips.iter().map(|(name, clip)| (name.as_str(), clip)).collect();
     outputs.write(out, &format::glb::to_bytes(&named)?)?;
@@ -179,7 +188,7 @@ fn pairs(args: &Args) -> Result<Vec<Pair>> {
 fn check(args: &Args, pairs: &[Pair]) -> Result<()> {
     let other_rig = args.skeleton.as_deref().is_some_and(|s| s != "smpl");
     for Pair { output, .. } in pairs {
-        if super::writable(output)? == "npz" && other_rig {
+        if super::writable(output)? == "npz" && other_rig && !args.positions {
             let what = "--skeleton with an .npz: AMASS files are on SMPL's joints; write .bvh or .json";
             return Err(WrongCall(what.into()).into());
         }
@@ -192,13 +201,27 @@ fn check(args: &Args, pairs: &[Pair]) -> Result<()> {
     Ok(())
 }
 
+impl Args {
+    /// Whether another rate, rig or piece than the file's own is asked for.
+    fn moves(&self) -> bool {
+        let moment = self.from.is_some() || self.to.is_some();
+        moment || self.fps.is_some() || self.skeleton.is_some() || self.joints.is_some()
+    }
+}
+
+/// A motion at the rate and on the rig of the file that is written.
+fn converted(args: &Args, rig: Option<&Rig>, motion: Motion, output: &Path) -> Result<Motion> {
+    let wanted = wanted(args, rig, &motion, output)?;
+    Ok(convert(motion, &wanted, args.read.map.as_deref())?)
+}
+
 /// What is to become of a motion that goes to `output`.
 fn wanted(args: &Args, rig: Option<&Rig>, motion: &Motion, output: &Path) -> Result<Wanted> {
     let selection = |list: &str| {
         let list = joints::in_smpl_names(list, motion.clip.skeleton(), args.read.map.as_deref())?;
         joints::parse(&list)
     };
-    let npz = || (extension(output) == "npz").then(|| Rig::Smpl(smpl::neutral()));
+    let npz = || (extension(output) == "npz" && !args.positions).then(|| Rig::Smpl(smpl::neutral()));
     Ok(Wanted {
         fps: args.fps,
         rig: rig.cloned().or_else(npz),
@@ -229,16 +252,6 @@ fn cut(args: &Args, motion: Motion) -> Result<Motion> {
         return Err(WrongCall(format!("--from frame {from}, --to frame {to}: nothing lies between")).into());
     }
     Ok(Motion { clip: motion.clip.slice(from..to), ..motion })
-}
-
-/// Writes the places of joints; what was written.
-fn positions(input: &Path, output: &Path, options: &ReadOptions, (outputs, say): (&Outputs, Say)) -> Result<String> {
-    // what was odd in the file is found in reading its motion
-    super::warn(&format::read(input, options)?, say);
-    let positions = format::positions(input, options)?;
-    outputs.write(output, &positions.write()?)?;
-    let (out, n, f) = (output.display(), positions.joints.len(), positions.frames());
-    Ok(format!("{out}: {} of {n} points at {} fps", counted(f, "frames"), positions.fps))
 }
 
 /// Says what was written.

@@ -2,13 +2,14 @@
 
 use crate::cli::data::DataArgs;
 use crate::cli::draw::DrawArgs;
-use crate::cli::read::ReadArgs;
+use crate::cli::read::{ReadArgs, rate};
 use crate::cli::{ComputeArgs, Say, WrongCall, print};
 use anyhow::Result;
 use kinelm::corpus::gather::Item;
 use kinelm::corpus::load::{Wanted, item_options};
 use kinelm::corpus::{Split, gather::Gathered};
 use kinelm::evaluate::prediction::{Foreteller, Row, TIMES_MS, Window, baselines, seen_s, windows};
+use kinelm::generate::sampling::Draw;
 use kinelm::generate::{NextToken, reader};
 use kinelm::model::{Reading, Which, load_run};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
@@ -16,16 +17,20 @@ use kinelm_motion::metric::floor_of;
 use kinelm_motion::metric::short_term::{MAJOR, UpTo};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, retarget};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Frames per second of the protocol.
 const PROTOCOL_FPS: f64 = 60.0;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The run folder of a trained model
+    /// The run folder of a trained model; left out, zero and constant velocity alone are measured, on all of the protocol's
+    /// 15 joints
     #[arg(long, value_name = "RUN")]
-    run: PathBuf,
+    run: Option<PathBuf>,
+    /// Frames per second without a model; clips that have fewer are left out
+    #[arg(long, value_name = "FPS", value_parser = rate, default_value_t = PROTOCOL_FPS, conflicts_with = "run")]
+    fps: f64,
     #[command(flatten)]
     data: DataArgs,
     /// The split that is measured
@@ -58,12 +63,35 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
             "--greedy with samples: the greedy continuation always is a row; add --samples 0, or leave --greedy out";
         return Err(WrongCall(what.into()).into());
     }
-    let run = load_run(&args.run, Which::Auto)?;
+    match &args.run {
+        Some(run) => of_model(args, run, draw, say),
+        None => without_model(args, say),
+    }
+}
+
+/// What needs no model: the last pose held, the last step repeated.
+fn without_model(args: &Args, say: Say) -> Result<()> {
+    let (_, windows) = measured(args, &args.data.gather(say)?, None, say)?;
+    let what = format!("no {} clip is as long as a window, 3 s, at {} fps or more; give --fps", args.split, args.fps);
+    anyhow::ensure!(!windows.is_empty(), what);
+    let rows = baselines(&windows, &MAJOR, "")?;
+    if args.json {
+        return print(&format!(
+            "{}\n",
+            serde_json::json!({"schema": 1, "split": args.split.to_string(), "rows": rows})
+        ));
+    }
+    print(&table(&rows, args.fps))
+}
+
+/// A model beside these.
+fn of_model(args: &Args, run: &Path, draw: Draw, say: Say) -> Result<()> {
+    let run = load_run(run, Which::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
     let tokenizer = run.load_tokenizer()?;
     let conditions = run.load_conditions()?;
     let gathered = args.data.gather(say)?;
-    let (own, protocol) = measured(args, &gathered, tokenizer.config().into(), say)?;
+    let (own, protocol) = measured(args, &gathered, Some(tokenizer.config().into()), say)?;
     anyhow::ensure!(!own.is_empty(), "no {} clip is as long as a window, 3 s", args.split);
     let compute = args.compute.get();
     let of = |streams: usize| reader(&run, compute, Reading { streams, ..Reading::default() });
@@ -102,9 +130,10 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     print(&table(&all, tokenizer.fps()))
 }
 
-/// The windows of the split's clips at the model's rate, and at the protocol's of the clips that have it.
-fn measured(args: &Args, gathered: &Gathered, wanted: Wanted, say: Say) -> Result<(Vec<Window>, Vec<Window>)> {
-    let (options, fps) = (args.read.options(RestFrame::Drop), wanted.fps);
+/// The windows of the split's clips at the model's rate, if there is one, and at [`Args::fps`] of the clips that have it.
+fn measured(args: &Args, gathered: &Gathered, model: Option<Wanted>, say: Say) -> Result<(Vec<Window>, Vec<Window>)> {
+    let options = args.read.options(RestFrame::Drop);
+    let wanted = model.unwrap_or(Wanted::in_world(args.fps));
     let (mut own, mut protocol) = (Vec::new(), Vec::new());
     for item in gathered.items.iter().filter(|item| item.split == args.split) {
         let clip = match load(item, &options, wanted) {
@@ -114,9 +143,11 @@ fn measured(args: &Args, gathered: &Gathered, wanted: Wanted, say: Say) -> Resul
             }
             other => other?,
         };
-        own.extend(windows(&resample(&clip, fps, Method::Auto)?));
-        if fps != PROTOCOL_FPS && clip.fps() >= PROTOCOL_FPS {
-            protocol.extend(windows(&resample(&clip, PROTOCOL_FPS, Method::Auto)?));
+        if let Some(model) = model {
+            own.extend(windows(&resample(&clip, model.fps, Method::Auto)?));
+        }
+        if model.is_none_or(|model| model.fps != args.fps) && clip.fps() >= args.fps {
+            protocol.extend(windows(&resample(&clip, args.fps, Method::Auto)?));
         }
     }
     let spread = |all: Vec<Window>| match args.windows {

@@ -227,6 +227,20 @@ pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
+/// A path as the files of `folder` name it, so that both can be moved together: from the folder on, or as it is where it
+/// isn't there, or no way leads from one to the other.
+pub fn path_from(folder: &Path, path: &Path) -> PathBuf {
+    // without links, which `..` would lead out of
+    let (Ok(whole), Ok(folder)) = (path.canonicalize(), folder.canonicalize()) else { return path.into() };
+    pathdiff::diff_paths(whole, folder).unwrap_or_else(|| path.into())
+}
+
+/// Where a path leads that a file of `folder` names: [`path_from`] taken back.
+pub fn path_in(folder: &Path, path: &Path) -> PathBuf {
+    let joined = folder.join(path);
+    joined.canonicalize().unwrap_or(joined)
+}
+
 /// Refuses a file whose folder neither is there nor can be made, since a file stands in its way, before any work is done.
 ///
 /// # Errors
@@ -293,6 +307,21 @@ mod tests {
         assert!(folder_is_there(&path.join("in/a/file")).unwrap_err().to_string().contains("a.json is a file"));
         write_whole(&dir.path().join("far/away"), b"").unwrap();
         assert!(write_whole(Path::new("/"), b"").is_err());
+    }
+
+    #[test]
+    fn paths_from_a_folder_outlive_a_move() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().canonicalize().unwrap().join(name);
+        fs::create_dir_all(at("a/runs/r")).unwrap();
+        fs::create_dir_all(at("a/corpus")).unwrap();
+        let found = path_from(&at("a/runs/r"), &at("a/corpus"));
+        assert_eq!(found, Path::new("../../corpus"));
+        assert_eq!(path_in(&at("a/runs/r"), &found), at("a/corpus"));
+        fs::rename(at("a"), at("b")).unwrap();
+        assert_eq!(path_in(&at("b/runs/r"), &found), at("b/corpus"));
+        assert_eq!(path_from(&at("b/runs/r"), &at("none")), at("none"));
+        assert_eq!(path_in(&at("b/runs/r"), &at("none")), at("none"));
     }
 
     #[test]

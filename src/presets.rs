@@ -45,6 +45,39 @@ pub const TOKENIZER: &Presets = &[
     ("lapped", include_str!("../configs/tokenizer/lapped.toml")),
 ];
 
+/// All of them, by the folder that a name may be given with.
+const KINDS: [(&str, &Presets); 4] =
+    [("train", TRAIN), ("tokenizer", TOKENIZER), ("aclstm", ACLSTM), ("music-lstm", MUSIC_LSTM)];
+
+/// The names of [`text_of`]: `tiny` of training files, `tokenizer/uniform` of the others.
+pub fn names() -> Vec<String> {
+    let of = |(kind, presets): &(&str, &Presets)| {
+        let prefix = if *kind == "train" { String::new() } else { format!("{kind}/") };
+        presets.iter().map(|(name, _)| format!("{prefix}{name}")).collect::<Vec<_>>()
+    };
+    KINDS.iter().flat_map(of).collect()
+}
+
+/// The text of settings that are built in, by one of [`names`], or by a name that only one kind has.
+///
+/// # Errors
+/// [`Error::Call`] with the names when there are none.
+pub fn text_of(name: &str) -> Result<&'static str> {
+    let (folder, bare) = name.split_once('/').map_or((None, name), |(folder, bare)| (Some(folder), bare));
+    let has = |presets: &'static Presets| presets.iter().find(|(n, _)| *n == bare).map(|(_, text)| *text);
+    let mut found = KINDS.iter().filter(|(kind, _)| folder.is_none_or(|f| f == *kind)).filter_map(|(_, all)| has(all));
+    found.next().ok_or_else(|| {
+        let names = names();
+        let meant = did_you_mean(name, names.iter().map(String::as_str));
+        Error::Call(format!("no settings {name:?}: expected one of {}{meant}", names.join(", ")))
+    })
+}
+
+/// The names of some settings, for a sentence.
+pub fn listed(presets: &Presets) -> String {
+    presets.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
+}
+
 /// Settings by a name that is built in, else those of a TOML; `folder` of configs/ has examples of `what`.
 ///
 /// # Errors
@@ -75,10 +108,9 @@ pub(crate) fn find(presets: &'static Presets, name_or_path: &Path, what: &str) -
     if std::fs::symlink_metadata(name_or_path).is_ok() {
         return Ok(None);
     }
-    let names: Vec<&str> = presets.iter().map(|(name, _)| *name).collect();
     let wanted = name_or_path.display().to_string();
-    let meant = did_you_mean(&wanted, names.iter().copied());
-    Err(Error::Call(format!("no {what} {wanted:?}: neither a file nor one of {}{meant}", names.join(", "))))
+    let meant = did_you_mean(&wanted, presets.iter().map(|(name, _)| *name));
+    Err(Error::Call(format!("no {what} {wanted:?}: neither a file nor one of {}{meant}", listed(presets))))
 }
 
 #[cfg(test)]
@@ -105,6 +137,13 @@ mod tests {
         assert_eq!(message, expected);
         let message = Settings::find(Path::new("no/such.toml")).unwrap_err().to_string();
         assert!(message.contains("neither a file nor one of uniform") && !message.contains("did you"), "{message}");
+        for name in names() {
+            toml::from_str::<toml::Table>(text_of(&name).unwrap()).unwrap();
+        }
+        assert_eq!(text_of("small").unwrap(), text_of("train/small").unwrap(), "of several a training file is meant");
+        assert_ne!(text_of("small").unwrap(), text_of("music-lstm/small").unwrap());
+        assert_eq!(text_of("lapped").unwrap(), text_of("tokenizer/lapped").unwrap());
+        assert!(text_of("tinny").unwrap_err().to_string().ends_with("did you mean tiny?"));
     }
 
     #[test]

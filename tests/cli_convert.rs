@@ -56,6 +56,24 @@ fn positions_are_the_file_s_own() {
 }
 
 #[test]
+fn options_may_stand_between_and_positions_go_with_a_rate_and_a_rig() {
+    let dir = tempfile::tempdir().unwrap();
+    let dance = synth::corpus(1, 1, 2.0, 60.0).unwrap().remove(0).clip;
+    let path = dir.path().join("a.bvh");
+    let motion = Motion { path: path.clone(), clip: dance, source: Source::Plain, warnings: vec![] };
+    format::write(&path, &motion).unwrap();
+    let call = |words: &str| kinelm().current_dir(dir.path()).args(words.split_whitespace()).assert();
+    call("convert a.bvh --fps 30 b.bvh").success();
+    call("convert a.bvh --fps 30").code(2).stderr(contains("IN OUT"));
+    call("convert a.bvh c.npz --positions --fps 30 --skeleton smpl --from 1s").success();
+    let (shape, _) = array(&dir.path().join("c.npz"), "positions");
+    assert_eq!((shape[0], shape[2]), (30, 3));
+    assert_eq!(array(&dir.path().join("c.npz"), "fps").1, [30.0]);
+    call("convert a.bvh d.npz --positions --skeleton b.bvh").success();
+    call("convert a.bvh e.npz --positions --write-unit m").code(2);
+}
+
+#[test]
 fn writing_is_stable_and_json_is_the_clip() {
     let dir = tempfile::tempdir().unwrap();
     let [a, b, j, k] = ["a.bvh", "b.bvh", "c.json", "d.json"].map(|n| dir.path().join(n));

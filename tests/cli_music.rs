@@ -99,6 +99,32 @@ fn a_piece_is_rendered_at_its_tempo_and_heard() {
 }
 
 #[test]
+fn both_tempi_are_said_and_a_range_chooses() {
+    let dir = tempfile::tempdir().unwrap();
+    let call = |words: &str| kinelm(dir.path()).args(words.split_whitespace()).assert();
+    for (bpm, style, range) in [(160, "pop", "120:200"), (200, "march", "150:300"), (60, "pop", "45:80")] {
+        call(&format!("music render --bpm {bpm} --seconds 20 --style {style} --out {bpm}.wav")).success();
+        let inspected = call(&format!("music inspect {bpm}.wav --json")).success();
+        let found: serde_json::Value = serde_json::from_slice(&inspected.get_output().stdout).unwrap();
+        let tempi = found["tempi"].as_array().unwrap();
+        let is_true = |x: &serde_json::Value| (x.as_f64().unwrap() / f64::from(bpm) - 1.0).abs() < 0.02;
+        assert!(tempi.iter().any(|tempo| is_true(&tempo["bpm"])), "{bpm}: {found}");
+        let text = String::from_utf8(call(&format!("music inspect {bpm}.wav")).success().get_output().stdout.clone());
+        let text = text.unwrap();
+        assert!(text.contains("  tempo ") && text.contains("%), or "), "{text}");
+        let inspected = call(&format!("music inspect {bpm}.wav --json --bpm-range {range}")).success();
+        let found: serde_json::Value = serde_json::from_slice(&inspected.get_output().stdout).unwrap();
+        assert!(is_true(&found["bpm"]), "{bpm}: {found}");
+        let beats = call(&format!("music beats {bpm}.wav --bpm-range {range}")).success();
+        let lines = String::from_utf8(beats.get_output().stdout.clone()).unwrap().lines().count();
+        assert!(lines.abs_diff(bpm as usize / 3) < 6, "{bpm}: {lines} lines");
+    }
+    for wrong in ["200:120", "120", "a:b", "5:90"] {
+        call(&format!("music beats 60.wav --bpm-range {wrong}")).code(2).stderr(predicate::str::contains("120:200"));
+    }
+}
+
+#[test]
 fn a_page_has_its_music() {
     let dir = tempfile::tempdir().unwrap();
     song(dir.path());

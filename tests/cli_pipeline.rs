@@ -353,6 +353,18 @@ fn the_next_400_ms_and_the_bits_of_every_joint() {
     let angle = |row: usize| found["rows"][row]["up_to"][3]["angle"].as_f64().unwrap();
     assert!(angle(0) > 0.0 && angle(4) <= angle(3), "the best of two samples is no worse than both: {found}");
 
+    let still = |more: &[&str]| {
+        let mut c = kinelm();
+        c.args(["evaluate", "prediction"]).args(more).arg(way.at("data")).arg("--labels").arg(way.at("labels.csv"));
+        c
+    };
+    let alone = json(&mut still(&["--json", "--fps", "20"]));
+    let rows: Vec<_> =
+        alone["rows"].as_array().unwrap().iter().map(|r| (&r["name"], &r["joints"], &r["fps"])).collect();
+    assert_eq!(rows[0], (&"zero velocity".into(), &15.into(), &20.0.into()), "without a run all 15 joints count");
+    assert_eq!(rows.len(), 2);
+    still(&["--fps", "240"]).assert().code(1).stderr(contains("at 240 fps or more; give --fps"));
+
     let mut c = kinelm();
     c.args(["evaluate", "likelihood", "--per-joint", "--json", "--run"]).arg(way.at("run"));
     let found = json(c.arg("--corpus").arg(way.at("corpus")));

@@ -26,10 +26,15 @@ fn browser(test: &str) -> Option<PathBuf> {
 
 /// The page's elements after its script has run, at a fragment of its address.
 fn opened(browser: &Path, page: &Path, fragment: &str) -> String {
+    opened_with(browser, &["--use-angle=swiftshader", "--enable-unsafe-swiftshader"], page, fragment)
+}
+
+fn opened_with(browser: &Path, drawing: &[&str], page: &Path, fragment: &str) -> String {
     let profile = tempfile::tempdir().unwrap();
     let dom = profile.path().join("dom.html");
     let mut child = Command::new(browser)
-        .args(["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"])
+        .args(["--headless", "--no-sandbox"])
+        .args(drawing)
         .args(["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"])
         .args(["--disable-sync", "--disable-extensions", "--window-size=800,450", "--dump-dom"])
         .arg(format!("--user-data-dir={}", profile.path().join("profile").display()))
@@ -133,6 +138,17 @@ fn other_rates_lengths_and_sizes_play_together() {
     every_control_works(&result);
     let result = self_test(&browser, &written("view-giant.html", &[Figure::new("in centimetres", &giant)]));
     assert!(number(&result["counts"][1]["own"][0]) > 2000.0, "{result:#}");
+}
+
+#[test]
+fn without_webgl_a_sentence_and_the_download_are_left() {
+    let Some(browser) = browser("without_webgl_a_sentence_and_the_download_are_left") else { return };
+    let dance = synth::corpus(3, 1, 5.0, 60.0).unwrap().remove(0).clip;
+    let page = written("view-plain.html", &[Figure::new("one", &dance)]);
+    let dom = opened_with(&browser, &["--disable-gpu", "--disable-3d-apis"], &page, "");
+    let body = dom.split_once("<body>").unwrap().1;
+    assert!(body.contains("has no WebGL 2") && body.contains("download=\"one.json\""), "{body}");
+    assert!(!body.contains("class=\"label\"") && !body.contains("id=\"bar\""), "{body}");
 }
 
 #[test]

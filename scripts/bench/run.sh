@@ -9,6 +9,9 @@
 # Needs Rust, Python 3.11 with venv, a C++ compiler for the torch.compile rows, and 8 GB in the folder for temporary files
 # where only PyPI's PyTorch can be had, which brings its CUDA libraries along.
 set -eu
+for argument in "$@"; do
+    case $argument in -h | --help) sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit ;; esac
+done
 cd "$(dirname "$0")/../.."
 version=2.15.0
 python=

@@ -30,6 +30,18 @@ pub struct Sources {
     pub read: ReadOptions,
 }
 
+impl Sources {
+    /// With other paths of motion and labels.
+    pub fn with_paths(&self, path: impl Fn(&Path) -> PathBuf) -> Sources {
+        let label = |text: &String| match text.is_empty() || text.contains(['{', '}']) {
+            true => text.clone(), // known names, or a pattern
+            false => path(Path::new(text)).to_string_lossy().into_owned(),
+        };
+        let data = self.data.iter().map(|one| path(one)).collect();
+        Sources { data, labels: self.labels.iter().map(label).collect(), ..self.clone() }
+    }
+}
+
 /// A clip.
 #[derive(Debug, Clone)]
 pub struct Recording {

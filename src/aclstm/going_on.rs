@@ -76,7 +76,6 @@ mod tests {
         let file = RunFile {
             kind: "aclstm".into(),
             version: 1,
-            kinelm: String::new(),
             clips_sha256: String::new(),
             rig: Rig::of(&motion),
             config,

@@ -9,7 +9,7 @@ use crate::model::run::{CONFIG, WEIGHTS};
 use crate::model::weights;
 use crate::train::parameters::numbers;
 use crate::train::updates::Kind;
-use crate::{Error, Result};
+use crate::{Error, Result, files};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::Shape;
 use serde::{Deserialize, Serialize};
@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 /// What tells such a run from others.
 const KIND: Kind =
-    Kind { name: "aclstm", one_of: "one of an auto-conditioned LSTM", command: "kinelm aclstm train", version: 1 };
+    Kind { name: "aclstm", one_of: "one of an auto-conditioned LSTM", command: "kinelm aclstm train", version: 2 };
 
 /// `config.toml` of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,15 +28,13 @@ pub struct RunFile {
     pub kind: String,
     /// The layout's version.
     pub version: u32,
-    /// The version of kinelm that began the run.
-    pub kinelm: String,
     /// One hash of the clips.
     pub clips_sha256: String,
     /// The settings.
     pub config: Config,
     /// The rig, with the order of the root's angles that the settings ask for.
     pub rig: Rig,
-    /// Where the motion is.
+    /// Where the motion is, in the file from the run's folder on.
     pub sources: Sources,
     /// SHA-256 of each file of motion; runs of before don't know it.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -53,7 +51,6 @@ impl RunFile {
         RunFile {
             kind: KIND.name.into(),
             version: KIND.version,
-            kinelm: env!("CARGO_PKG_VERSION").into(),
             clips_sha256: recordings.sha256(),
             config: config.clone(),
             rig,
@@ -77,7 +74,8 @@ impl RunFile {
     /// # Errors
     /// What the system refuses.
     pub fn write(&self, run: &Path) -> Result<()> {
-        KIND.write(run, self)
+        let sources = self.sources.with_paths(|path| files::path_from(run, path));
+        KIND.write(run, &RunFile { sources, ..self.clone() })
     }
 
     /// Reads that of a run.
@@ -85,7 +83,8 @@ impl RunFile {
     /// # Errors
     /// A folder without one, a run of another kind, another version, keys that are wrong.
     pub fn read(run: &Path) -> Result<RunFile> {
-        let file: RunFile = KIND.read(run)?;
+        let mut file: RunFile = KIND.read(run)?;
+        file.sources = file.sources.with_paths(|path| files::path_in(run, path));
         file.config.validate().map_err(|e| Error::Call(format!("{}: {e}", run.join(CONFIG).display())))?;
         Ok(file)
     }

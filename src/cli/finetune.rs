@@ -11,7 +11,7 @@ pub struct Args {
     /// What to begin with: a run, whose best checkpoint counts, or a folder that `kinelm export` or transformers wrote
     #[arg(long, value_name = "RUN|DIR", required_unless_present = "resume", conflicts_with = "resume")]
     from: Option<PathBuf>,
-    /// The training settings: finetune, or a TOML; the model's shape is that of --from, so [model] is left out or says the
+    /// The training settings: finetune, ahead, or a TOML; the model's shape is that of --from, so [model] is left out or says the
     /// same (but dropout)
     #[arg(long, value_name = "NAME|FILE", required_unless_present = "resume", conflicts_with = "resume")]
     config: Option<PathBuf>,
@@ -27,6 +27,9 @@ pub struct Args {
     /// The seed of new rows, the order of windows, dropout and augmentation
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// Label fields that the model is conditioned on beside those of --from, over the file's: genre,dancer
+    #[arg(long, value_name = "FIELDS", value_delimiter = ',', conflicts_with = "resume")]
+    conditions: Option<Vec<String>>,
     /// Go on with the run from its last whole checkpoint
     #[arg(long, requires = "run")]
     resume: bool,
@@ -49,7 +52,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         }
         (Some(from), Some(config)) => {
             let (corpora, run, steps, seed) = (args.corpus, args.run, args.steps, args.seed);
-            let options = FinetuneOptions { from, config, corpora, run, steps, seed, precision, compute };
+            let conditions = args.conditions;
+            let options = FinetuneOptions { from, config, corpora, run, steps, seed, conditions, precision, compute };
             super::pretrain::with_lines(say, |stop, progress| finetune(&options, stop, progress))?
         }
         _ => return Err(WrongCall("give --from and --config, or --resume".into()).into()),

@@ -6,6 +6,7 @@ mod aclstm;
 mod bench;
 mod classify;
 mod clean;
+mod config;
 mod convert;
 mod corpus;
 mod data;
@@ -83,6 +84,9 @@ enum Command {
     /// What a corpus holds; pieces of one put together
     #[command(subcommand)]
     Corpus(corpus::Command),
+    /// The settings that are built in
+    #[command(subcommand)]
+    Config(config::Command),
     /// Train a model on a corpus
     Pretrain(pretrain::Args),
     /// Training runs: which there are, and their curves
@@ -250,6 +254,7 @@ fn command(command: Command, say: Say) -> Result<()> {
         Command::Tokenizer(command) => tokenizer::run(command, say),
         Command::Tokenize(args) => tokenize::run(args, say),
         Command::Corpus(command) => corpus::run(command, say),
+        Command::Config(command) => config::run(&command),
         Command::Pretrain(args) => pretrain::run(args, say),
         Command::Runs(command) => runs::run(command, say),
         Command::Finetune(args) => finetune::run(args, say),

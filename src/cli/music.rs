@@ -28,6 +28,8 @@ pub struct InspectArgs {
     /// A picture of the one file (.png .svg): onset strength with the beats, pitch classes, tempo
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    tempo: TempoArgs,
     /// Where the stretch begins that is drawn, seconds
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = super::read::seconds, requires = "out")]
     at: f64,
@@ -46,7 +48,17 @@ pub struct BeatsArgs {
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
+    tempo: TempoArgs,
+    #[command(flatten)]
     force: ForceArgs,
+}
+
+/// How a pulse is counted.
+#[derive(Debug, Clone, Copy, clap::Args)]
+struct TempoArgs {
+    /// Count the pulse within these beats a minute, where a piece is heard at half or double its tempo: 120:200
+    #[arg(long, value_name = "LOW:HIGH", value_parser = bpm_range)]
+    bpm_range: Option<beat::Range>,
 }
 
 #[derive(Debug, clap::Args)]
@@ -74,6 +86,14 @@ pub struct RenderArgs {
 fn bpm(text: &str) -> std::result::Result<f64, String> {
     let found = text.parse().ok().filter(|bpm| (20.0..=400.0).contains(bpm));
     found.ok_or_else(|| format!("found `{text}`, expected 20 to 400 beats a minute"))
+}
+
+/// Tempi from a slow one to a fast one.
+fn bpm_range(text: &str) -> std::result::Result<beat::Range, String> {
+    let wrong = || format!("found `{text}`, expected LOW:HIGH, 20 to 400 beats a minute, such as 120:200");
+    let (low, high) = text.split_once(':').ok_or_else(wrong)?;
+    let (least, most) = (bpm(low).map_err(|_| wrong())?, bpm(high).map_err(|_| wrong())?);
+    (least <= most).then_some(beat::Range { least, most }).ok_or_else(wrong)
 }
 
 /// Seconds of a piece.
@@ -105,7 +125,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
 
 fn inspect(args: &InspectArgs, say: Say) -> Result<()> {
     each_file(&args.files, "files could not be heard", say, |_, file| {
-        let told = report::report(file).map_err(Error::from);
+        let told = report::report(file, args.tempo.bpm_range).map_err(Error::from);
         match told {
             Ok(told) => print(&if args.json { told.json() + "\n" } else { told.text() }),
             Err(e) => {
@@ -160,7 +180,7 @@ fn beats_of(args: &BeatsArgs, say: Say) -> Result<()> {
         }
         outputs.check([&**out])?;
     }
-    let found = beat::beats(&args.file).map_err(kinelm::Error::from)?;
+    let found = beat::beats_within(&args.file, args.tempo.bpm_range).map_err(kinelm::Error::from)?;
     let text = beats::text(&found.times_s, &args.file);
     let Some(out) = &args.out else { return print(&text) };
     outputs.write(out, text.as_bytes())?;

@@ -3,6 +3,7 @@
 use super::progress::Telling;
 use super::{ComputeArgs, Say, Stopped};
 use anyhow::Result;
+use kinelm::presets;
 use kinelm::train::{CorpusPart, Lines, Precision, PretrainOptions, Progress, Silent, Summary, TrainFile, pretrain};
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -11,8 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The training settings: tiny, small, thesis-26m, gpt2, or a TOML; paths inside it are relative to it
-    #[arg(long, value_name = "NAME|FILE", required_unless_present = "resume")]
+    #[arg(long, value_name = "NAME|FILE", required_unless_present = "resume", help = config_help())]
     config: Option<PathBuf>,
     /// The corpus folder; given several times, all of them, each of whose windows comes WEIGHT times a pass (1 if not given)
     #[arg(long, value_name = "CORPUS[=WEIGHT]")]
@@ -27,6 +27,9 @@ pub struct Args {
     /// The seed of the first weights, the order of windows and dropout
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// Label fields that the model is conditioned on, over the file's: genre,dancer
+    #[arg(long, value_name = "FIELDS", value_delimiter = ',', conflicts_with = "resume")]
+    conditions: Option<Vec<String>>,
     /// Begin with the weights of this run, or of a folder that was exported; the optimizer begins anew
     #[arg(long, value_name = "RUN|DIR", conflicts_with = "resume")]
     from: Option<PathBuf>,
@@ -41,6 +44,11 @@ pub struct Args {
     compute: ComputeArgs,
 }
 
+fn config_help() -> String {
+    let names = presets::listed(presets::TRAIN);
+    format!("The training settings: {names}, or a TOML; paths inside it are relative to it")
+}
+
 pub fn run(args: Args, say: Say) -> Result<()> {
     let options = PretrainOptions {
         file: args.config.as_deref().map(TrainFile::find).transpose().map_err(super::asked)?,
@@ -48,6 +56,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         run: args.run,
         steps: args.steps,
         seed: args.seed,
+        conditions: args.conditions,
         from: args.from,
         resume: args.resume,
         precision: args.precision,

@@ -225,6 +225,8 @@ impl fmt::Display for Stats {
 
 /// Longest lists of doubts that are printed; JSON has them whole.
 const LISTED: usize = 10;
+/// Names of a group that are printed.
+const GROUP: usize = 4;
 
 impl Stats {
     fn fmt_doubts(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -244,7 +246,10 @@ impl Stats {
         if self.glitches.is_empty() {
             write!(f, "\nglitches: none")?;
         }
-        let groups = self.duplicates.iter().map(|g| g.join(" = "));
+        let groups = self.duplicates.iter().map(|group| match group.get(GROUP..).unwrap_or_default().len() {
+            0 => group.join(" = "),
+            more => format!("{} = {more} more", group[..GROUP].join(" = ")),
+        });
         list(f, &format!("exact duplicates: {} groups of clips with the same tokens", self.duplicates.len()), groups)?;
         if self.duplicates.is_empty() {
             write!(f, "\nexact duplicates: none")?;
@@ -341,6 +346,8 @@ mod tests {
         assert_eq!((runs.len(), runs[0].frames, runs[0].at), (1, 40, [0, 0]));
         assert_eq!((s.words, s.longest_word), (180, 10));
 
+        let crowd = Stats { duplicates: vec![(0..100).map(|i| format!("n{i}")).collect()], ..s.clone() };
+        assert!(crowd.to_string().contains("\n  n0 = n1 = n2 = n3 = 96 more\n"), "{crowd}");
         let text = s.to_string();
         for line in ["3 clips, 180 frames at 20 fps, 0.003 hours", "odd frame 30: root 17 cm", "fine = copy", "salsa"] {
             assert!(text.contains(line), "{text}");

@@ -396,6 +396,8 @@ fn check_step(run: &Path, step: u64) -> Result<()> {
     if steps.is_empty() || steps.contains(&step) {
         return Ok(()); // without any, reading the run says what is wrong with it
     }
-    let found = format!("checkpoints of the steps {steps:?}");
-    Err(Error::file(run, found, format!("one of step {step}"), "a run keeps the best and the last few (train.keep)"))
+    let listed = steps.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
+    let found = format!("no checkpoint of step {step}, but those of {listed}");
+    let help = "a run keeps the best and the last train.keep: begin one with a greater keep, or sample a new dance";
+    Err(Error::file(run, found, "the one that the dance is of", help))
 }

@@ -191,7 +191,7 @@ mod tests {
     use super::*;
 
     fn beats() -> Beats {
-        Beats { times_s: vec![0.5, 1.0, 1.5, 2.0, 2.5], seconds: 3.0 }
+        Beats { times_s: vec![0.5, 1.0, 1.5, 2.0, 2.5], seconds: 3.0, ..Beats::default() }
     }
 
     #[test]
@@ -229,7 +229,7 @@ mod tests {
         let outside = said(&beats(), (3.0, 1.0));
         assert!(outside.contains("found a beginning at 3 s, expected 0 up to below 3.00 s"), "{outside}");
         assert!(said(&beats(), (-1.0, 1.0)).contains("a beginning at -1 s"));
-        let silent = Beats { times_s: vec![], seconds: 3.0 };
+        let silent = Beats { times_s: vec![], seconds: 3.0, ..Beats::default() };
         assert!(said(&silent, (0.0, 1.0)).contains("found 0 beats in 3.00 s of music, expected two or more"));
     }
 

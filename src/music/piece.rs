@@ -70,7 +70,7 @@ mod tests {
 
     fn counted(rows: usize) -> Piece {
         let numbers = (0..rows * CHANNELS).map(|i| (i / CHANNELS) as f32).collect();
-        let beats = Beats { times_s: vec![0.5, 1.0], seconds: rows as f64 / 20.0 };
+        let beats = Beats { times_s: vec![0.5, 1.0], seconds: rows as f64 / 20.0, ..Beats::default() };
         Piece { features: Some(Features { fps: 20.0, numbers, beats: beats.clone() }), beats }
     }
 

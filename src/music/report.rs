@@ -1,7 +1,7 @@
 //! What a music file holds.
 
 use crate::{Result, counted};
-use kinelm_music::beat::{Beats, RATE, Tracker};
+use kinelm_music::beat::{Beats, RATE, Range, Tempo, Tracker};
 use kinelm_music::read::{Info, hear, open};
 use serde_json::json;
 use std::fmt::Write;
@@ -22,13 +22,16 @@ pub struct Report {
     pub beats: Beats,
 }
 
-/// Hears a file once.
+/// Odds below which a tempo isn't printed.
+const UNLIKELY: f64 = 0.01;
+
+/// Reads a file once; its beats are counted within `range`, where one is given.
 ///
 /// # Errors
 /// [`Error::Music`](crate::Error::Music): what is wrong with the file.
-pub fn report(path: &Path) -> Result<Report> {
+pub fn report(path: &Path, range: Option<Range>) -> Result<Report> {
     let rate = open(path)?.info().rate;
-    let (mut tracker, mut peak, mut squares) = (Tracker::new(), 0.0f32, 0.0f64);
+    let (mut tracker, mut peak, mut squares) = (Tracker::within(range), 0.0f32, 0.0f64);
     let mut measure = |samples: &[f32]| {
         for x in samples {
             peak = peak.max(x.abs());
@@ -59,6 +62,15 @@ impl Report {
         Some([at(0.05)?, at(0.95)?])
     }
 
+    /// The tempo that is counted, with its odds, and the likeliest other.
+    fn tempo(&self) -> Option<(Tempo, Option<Tempo>)> {
+        let (bpm, all) = (self.beats.bpm()?, &self.beats.tempi);
+        let off = |tempo: &&Tempo| (tempo.bpm / bpm).log2().abs();
+        let counted = all.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?;
+        let other = all.iter().find(|tempo| *tempo != counted && tempo.odds >= UNLIKELY);
+        Some((Tempo { bpm, ..*counted }, other.copied()))
+    }
+
     /// For people.
     pub fn text(&self) -> String {
         let (info, seconds) = (&self.info, self.seconds());
@@ -77,16 +89,23 @@ impl Report {
             }
             _ => writeln!(out, "  beats     none found"),
         };
+        if let Some((tempo, other)) = self.tempo() {
+            let say = |tempo: Tempo| format!("{:.1} a minute ({:.0} %)", tempo.bpm, 100.0 * tempo.odds);
+            let other = other.map_or("no other is likely".into(), |other| format!("or {}", say(other)));
+            let _ = writeln!(out, "  tempo     {}, {other}", say(tempo));
+        }
         out
     }
 
     /// For programs: one line.
     pub fn json(&self) -> String {
         let tempi = self.tempi();
+        let likely = self.beats.tempi.iter().filter(|tempo| tempo.odds >= UNLIKELY);
+        let odds: Vec<_> = likely.map(|tempo| json!({"bpm": tempo.bpm, "odds": tempo.odds})).collect();
         let told = json!({
             "schema": 1, "file": self.path, "container": self.info.container, "rate": self.info.rate,
             "channels": self.info.channels, "seconds": self.seconds(), "peak": self.peak, "rms": self.rms,
-            "beats": self.beats.times_s.len(), "bpm": self.beats.bpm(), "bpm_range": tempi,
+            "beats": self.beats.times_s.len(), "bpm": self.beats.bpm(), "bpm_range": tempi, "tempi": odds,
             "first_beat_s": self.beats.times_s.first(),
         });
         told.to_string()

@@ -16,7 +16,7 @@ fn value(bpm: f64) -> String {
 /// Beats a minute in so many seconds, among beats by their time; `None`: fewer than two lie there.
 pub fn bpm(beats_s: &[f64], seconds: f64) -> Option<f64> {
     let times_s = beats_s.iter().copied().filter(|time| (0.0..=seconds).contains(time)).collect();
-    Beats { times_s, seconds }.bpm()
+    Beats { times_s, seconds, ..Beats::default() }.bpm()
 }
 
 /// The tempo of a clip of so many seconds, among beats by its time, as a label; `None`: fewer than two lie in it.

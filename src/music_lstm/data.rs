@@ -32,6 +32,13 @@ pub struct Places {
     pub motion: Sources,
 }
 
+impl Places {
+    /// With other paths.
+    pub fn with_paths(&self, path: impl Fn(&Path) -> PathBuf) -> Places {
+        Places { music: path(&self.music), motion: self.motion.with_paths(&path) }
+    }
+}
+
 /// A clip with its music.
 pub struct Danced {
     /// What is known of the clip.

@@ -13,7 +13,7 @@ use crate::model::run::{CONFIG, WEIGHTS};
 use crate::model::weights;
 use crate::train::parameters::numbers;
 use crate::train::updates::Kind;
-use crate::{Error, Result};
+use crate::{Error, Result, files};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::Told;
 use kinelm_motion::skeleton::EndSite;
@@ -25,7 +25,7 @@ use std::sync::Arc;
 
 /// What tells such a run from others.
 const KIND: Kind =
-    Kind { name: "music-lstm", one_of: "one of a music LSTM", command: "kinelm music-lstm train", version: 1 };
+    Kind { name: "music-lstm", one_of: "one of a music LSTM", command: "kinelm music-lstm train", version: 2 };
 /// Steps that are computed at a time: what the memory is for.
 const AT_ONCE: usize = 50;
 
@@ -80,8 +80,6 @@ pub struct RunFile {
     pub kind: String,
     /// The layout's version.
     pub version: u32,
-    /// The version of kinelm that began the run.
-    pub kinelm: String,
     /// One hash of the clips and their music.
     pub dances_sha256: String,
     /// The settings.
@@ -90,7 +88,7 @@ pub struct RunFile {
     pub rig: Rig,
     /// Whom dances are made on.
     pub body: Body,
-    /// Where the motion and the music are.
+    /// Where the motion and the music are, in the file from the run's folder on.
     pub places: Places,
     /// SHA-256 of each file of both; runs of before don't know it.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -103,7 +101,6 @@ impl RunFile {
         RunFile {
             kind: KIND.name.into(),
             version: KIND.version,
-            kinelm: env!("CARGO_PKG_VERSION").into(),
             dances_sha256: dances.sha256.clone(),
             config: config.clone(),
             rig: recordings.rig.clone(),
@@ -130,7 +127,8 @@ impl RunFile {
     /// # Errors
     /// What the system refuses.
     pub fn write(&self, run: &Path) -> Result<()> {
-        KIND.write(run, self)
+        let places = self.places.with_paths(|path| files::path_from(run, path));
+        KIND.write(run, &RunFile { places, ..self.clone() })
     }
 
     /// Reads that of a run.
@@ -138,7 +136,8 @@ impl RunFile {
     /// # Errors
     /// A folder without one, a run of another kind, another version, keys that are wrong.
     pub fn read(run: &Path) -> Result<RunFile> {
-        let file: RunFile = KIND.read(run)?;
+        let mut file: RunFile = KIND.read(run)?;
+        file.places = file.places.with_paths(|path| files::path_in(run, path));
         file.config.validate().map_err(|e| Error::Call(format!("{}: {e}", run.join(CONFIG).display())))?;
         Ok(file)
     }

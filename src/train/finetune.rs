@@ -31,6 +31,8 @@ pub struct FinetuneOptions {
     pub steps: Option<u64>,
     /// The seed, over the file's.
     pub seed: Option<u64>,
+    /// Label fields that the model is conditioned on beside the source's, over the file's.
+    pub conditions: Option<Vec<String>>,
     /// In which numbers products are computed, over the file's.
     pub precision: Option<Precision>,
     /// Where and how to compute.
@@ -56,7 +58,8 @@ pub fn finetune(options: &FinetuneOptions, stop: &AtomicBool, progress: &mut dyn
     source.notes.iter().for_each(|note| progress.note(note));
     let model = shape(&options.config, &file, &source)?;
     let corpora = if options.corpora.is_empty() { file.corpora()? } else { options.corpora.clone() };
-    let fields = in_order(&[source.conditions.as_slice(), &file.train.conditions].concat());
+    let asked = options.conditions.as_ref().unwrap_or(&file.train.conditions);
+    let fields = in_order(&[source.conditions.as_slice(), asked].concat());
     let tokenizer = source.load_tokenizer()?;
     let data = Data::open(&corpora, Some(&tokenizer), &fields).map_err(|e| file.named(e))?;
     let mut train = file.train.clone();
@@ -166,6 +169,7 @@ mod tests {
         };
         pretrain(&options, &AtomicBool::new(false), &mut Silent).unwrap();
         let options = FinetuneOptions {
+            conditions: None,
             precision: None,
             from: dir.join("source"),
             config: dir.join("config.toml"),
@@ -223,6 +227,7 @@ mod tests {
         };
         pretrain(&source, &AtomicBool::new(false), &mut Silent).unwrap();
         let options = FinetuneOptions {
+            conditions: None,
             precision: None,
             from: dir.path().join("source"),
             config: dir.path().join("config.toml"),

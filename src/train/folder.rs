@@ -1,5 +1,6 @@
 //! A run folder that one process writes.
 
+use super::provenance::{self, PROVENANCE};
 use crate::model::run::{CONFIG, TOKENIZER};
 use crate::{Error, Result, files};
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -12,7 +13,7 @@ const LOCK: &str = ".lock";
 /// How often, and after which time, a lock is tried: whoever looks whether a run is going holds it for an instant.
 const TRIES: (u32, Duration) = (5, Duration::from_millis(40));
 /// What a folder holds before its `config.toml`.
-const EARLY: [&str; 5] = [LOCK, "samples", "checkpoints", "corpus.json", TOKENIZER];
+const EARLY: [&str; 6] = [LOCK, "samples", "checkpoints", "corpus.json", TOKENIZER, PROVENANCE];
 
 /// A run folder, locked while this lives, and given free by the system if the process dies.
 #[derive(Debug)]
@@ -39,10 +40,11 @@ impl RunFolder {
         for folder in [run.join("samples"), run.join("checkpoints")] {
             fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
         }
+        provenance::note(run)?;
         Ok(folder)
     }
 
-    /// The folder of a run that is there.
+    /// The folder of a run that is there, to go on with it.
     ///
     /// # Errors
     /// A folder without a run; another process that writes it.
@@ -51,7 +53,9 @@ impl RunFolder {
             let help = "leave --resume out to begin a run, in a folder that is empty or not there";
             return Err(Error::file(run, "no config.toml", "a run folder", help));
         }
-        RunFolder::locked(run)
+        let folder = RunFolder::locked(run)?;
+        provenance::note(run)?;
+        Ok(folder)
     }
 
     /// Any folder of one writer.

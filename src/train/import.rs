@@ -1,5 +1,6 @@
 //! Models that were trained elsewhere become runs.
 
+use super::provenance::{self, PROVENANCE};
 use super::run::RunFile;
 use crate::files::{self, Hidden};
 use crate::model::checkpoint::Checkpoints;
@@ -24,6 +25,10 @@ pub fn import(folder: &Path, run: &Path) -> Result<LoadedRun> {
     let work = Hidden::folder(run)?;
     write(work.path(), &found, &tokenizer, &file)?;
     work.settle("give a folder that isn't there")?;
+    // not among the files by which a folder that is there is told to be the same
+    if !run.join(PROVENANCE).exists() {
+        provenance::note(run)?;
+    }
     Ok(found)
 }
 

@@ -26,6 +26,7 @@ pub mod plain;
 pub mod precision;
 pub mod pretrain;
 pub mod progress;
+pub mod provenance;
 pub mod room;
 pub mod run;
 pub mod sample;

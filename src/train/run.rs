@@ -16,7 +16,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The layout of `config.toml` that this program writes and reads.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// `config.toml` of a run folder: every option resolved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -24,8 +24,6 @@ const VERSION: u32 = 2;
 pub struct RunFile {
     /// The layout's version.
     pub version: u32,
-    /// The version of kinelm that began the run.
-    pub kinelm: String,
     /// The tokenizer's hash.
     pub tokenizer_sha256: String,
     /// The corpora, as they were.
@@ -48,7 +46,7 @@ pub struct RunFile {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Origin {
-    /// The run's or exported folder.
+    /// The run's or exported folder, in the file from the run's on.
     pub path: PathBuf,
     /// How many updates they had there.
     pub step: u64,
@@ -61,7 +59,7 @@ pub struct Origin {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunCorpus {
-    /// Its folder.
+    /// Its folder, in the file from the run's on.
     pub path: PathBuf,
     /// Its hash.
     pub sha256: String,
@@ -94,7 +92,6 @@ impl RunFile {
         let model = told_music(model, data)?;
         Ok(RunFile {
             version: VERSION,
-            kinelm: env!("CARGO_PKG_VERSION").into(),
             tokenizer_sha256: data.tokenizer().hash(),
             corpora: data.parts().iter().map(RunCorpus::of).collect::<Result<_>>()?,
             model,
@@ -109,7 +106,6 @@ impl RunFile {
     pub fn imported(run: &LoadedRun, tokenizer: &Tokenizer) -> RunFile {
         RunFile {
             version: VERSION,
-            kinelm: env!("CARGO_PKG_VERSION").into(),
             tokenizer_sha256: tokenizer.hash(),
             corpora: Vec::new(),
             augment: AugmentConfig::default(),
@@ -139,12 +135,21 @@ impl RunFile {
         files::write_whole(&run.join(TOKENIZER), data.tokenizer().to_json().as_bytes())
     }
 
+    /// With other paths of corpora and origin.
+    fn with_paths(&self, path: impl Fn(&Path) -> PathBuf) -> RunFile {
+        let mut file = self.clone();
+        let origin = file.from.iter_mut().map(|from| &mut from.path);
+        file.corpora.iter_mut().map(|corpus| &mut corpus.path).chain(origin).for_each(|one| *one = path(one));
+        file
+    }
+
     /// Writes `config.toml`.
     ///
     /// # Errors
     /// What the system refuses.
     pub fn write(&self, run: &Path) -> Result<()> {
-        let text = toml::to_string(self).map_err(|e| Error::Call(format!("{CONFIG} can't be written: {e}")))?;
+        let file = self.with_paths(|path| files::path_from(run, path));
+        let text = toml::to_string(&file).map_err(|e| Error::Call(format!("{CONFIG} can't be written: {e}")))?;
         files::write_whole(&run.join(CONFIG), text.as_bytes())
     }
 
@@ -165,11 +170,12 @@ impl RunFile {
         };
         check_kind(&path, &text)?;
         let head: Versioned = toml::from_str(&text).map_err(wrong)?;
-        match head.version {
-            VERSION => toml::from_str(&text).map_err(wrong),
-            1 => of_version_1(&text).map_err(wrong),
-            other => Err(Error::file(&path, format!("version {other}"), format!("version 1 or {VERSION}"), "")),
+        if head.version != VERSION {
+            let help = "take the kinelm that wrote it, or begin a new run";
+            return Err(Error::file(&path, format!("version {}", head.version), format!("version {VERSION}"), help));
         }
+        let file: RunFile = toml::from_str(&text).map_err(wrong)?;
+        Ok(file.with_paths(|path| files::path_in(run, path)))
     }
 
     /// Opens what the run at `run` was begun on; `corpora` are the folders if they lie elsewhere now.
@@ -250,19 +256,6 @@ fn told_music(model: ModelConfig, data: &Data) -> Result<ModelConfig> {
     }
 }
 
-/// Version 1 knew one corpus.
-fn of_version_1(text: &str) -> std::result::Result<RunFile, toml::de::Error> {
-    let mut table: toml::Table = toml::from_str(text)?;
-    let mut corpus = toml::Table::new();
-    for (old, new) in [("corpus", "path"), ("corpus_sha256", "sha256")] {
-        corpus.extend(table.remove(old).map(|value| (new.to_string(), value)));
-    }
-    corpus.insert("weight".into(), 1.0.into());
-    table.insert("corpora".into(), vec![corpus].into());
-    table.insert("version".into(), VERSION.into());
-    table.try_into()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -270,23 +263,34 @@ mod tests {
     use crate::train::fixture;
 
     #[test]
-    fn a_run_of_one_corpus_of_the_layout_before_is_read() {
+    fn a_run_and_its_corpus_can_be_moved_together() {
+        let dir = tempfile::tempdir().unwrap();
+        let (old, new) = (dir.path().join("old"), dir.path().join("new"));
+        fs::create_dir_all(old.join("run")).unwrap();
+        let data = Data::one(fixture::corpus(&old, &[(9, Split::Train)])).unwrap();
+        let file = RunFile::new(&ModelConfig::default(), &TrainConfig::default(), &data).unwrap();
+        file.write(&old.join("run")).unwrap();
+        assert_eq!(RunFile::read(&old.join("run")).unwrap().corpora[0].sha256, file.corpora[0].sha256);
+        let text = fs::read_to_string(old.join("run").join(CONFIG)).unwrap();
+        assert!(!text.contains("old") && text.contains("path = \"../"), "{text}");
+        fs::rename(&old, &new).unwrap();
+        let moved = RunFile::read(&new.join("run")).unwrap();
+        assert!(Corpus::open(&moved.corpora[0].path).is_ok(), "{moved:?}");
+        moved.write(&new.join("run")).unwrap();
+        assert_eq!(fs::read_to_string(new.join("run").join(CONFIG)).unwrap(), text);
+    }
+
+    #[test]
+    fn another_version_and_wrong_keys_are_refused() {
         let dir = tempfile::tempdir().unwrap();
         let data = Data::one(fixture::corpus(dir.path(), &[(9, Split::Train)])).unwrap();
         let file = RunFile::new(&ModelConfig::default(), &TrainConfig::default(), &data).unwrap();
         file.write(dir.path()).unwrap();
-        assert_eq!(RunFile::read(dir.path()).unwrap(), file);
         let path = dir.path().join(CONFIG);
         let text = fs::read_to_string(&path).unwrap();
-        let (head, corpora) = text.split_once("[[corpora]]\n").unwrap();
-        let (corpora, rest) = corpora.split_once("\n\n").unwrap();
-        let corpora = corpora.replace("path", "corpus").replace("sha256", "corpus_sha256").replace("weight = 1.0", "");
-        let old = format!("{corpora}\n{}\n{rest}", head.replace("version = 2", "version = 1"));
-        fs::write(&path, old).unwrap();
-        assert_eq!(RunFile::read(dir.path()).unwrap(), file);
-        fs::write(&path, text.replace("version = 2", "version = 3")).unwrap();
+        fs::write(&path, text.replace("version = 3", "version = 2")).unwrap();
         let message = RunFile::read(dir.path()).unwrap_err().to_string();
-        assert!(message.ends_with("found version 3, expected version 1 or 2"), "{message}");
+        assert!(message.contains("found version 2, expected version 3"), "{message}");
         fs::write(&path, text.replace("weight", "wait")).unwrap();
         let message = RunFile::read(dir.path()).unwrap_err().to_string();
         assert!(message.contains("config.toml:") && message.contains("wait"), "{message}");

@@ -154,6 +154,27 @@ function theme() {
   readColours();
 }
 
+// What is left where nothing can be drawn: a sentence, and the dances as files.
+function withoutStage(error) {
+  const trouble = $('trouble');
+  trouble.textContent = `Nothing to see: ${error.message}. The dances: `;
+  for (const f of figures) {
+    const link = document.createElement('a'), now = new Float32Array(f.points * 3);
+    const frame = i => { f.places(i / f.fps, now); return Array.from(now, v => Number(v.toFixed(4))); };
+    link.textContent = link.download = `${f.title}.json`;
+    link.href = '#';
+    link.onclick = () => {
+      const positions = Array.from({ length: f.frames }, (_, i) => frame(i));
+      const text = JSON.stringify({ title: f.title, fps: f.fps, bones: f.bones.map(b => [b.a, b.b]), positions });
+      link.href = URL.createObjectURL(new Blob([text], { type: 'application/json' }));
+    };
+    trouble.append(link, ' ');
+  }
+  trouble.append('(metres, a frame a row).');
+  trouble.hidden = false;
+  document.body.replaceChildren(trouble);
+}
+
 function start() {
   $('scrub').max = whole;
   $('legend').hidden = !figures.some(f => f.bones.some(b => b.given));
@@ -161,9 +182,8 @@ function start() {
     // the self-test counts pixels, often drawn by software: smooth edges would only cost it time
     scene = new Scene($('stage'), !location.hash.includes('selftest'));
   } catch (e) {
-    $('trouble').textContent = `Nothing to see: ${e.message}.`;
-    $('trouble').hidden = false;
-    throw e;
+    withoutStage(e);
+    return;
   }
   const parts = address();
   listen();

@@ -139,7 +139,7 @@ class Scene {
   constructor(canvas, antialias) {
     this.canvas = canvas;
     this.gl = canvas.getContext('webgl2', { antialias, alpha: true, premultipliedAlpha: true });
-    if (!this.gl) throw new Error('this browser gives no WebGL2, which the page draws with');
+    if (!this.gl) throw new Error('this browser has no WebGL 2, which the page draws with');
     this.build();
   }
 

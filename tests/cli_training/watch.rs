@@ -51,6 +51,64 @@ fn runs_are_listed_and_drawn() {
 }
 
 #[test]
+fn a_run_says_who_began_it_and_can_be_moved_with_its_corpus() {
+    let place = place();
+    let run = place.at("moved/run");
+    let config = place.config("moved.toml", "steps = 6\nkeep = 1\ncheckpoint_every = 2\neval_every = 0\n");
+    place.pretrain(&config, &run).args(["--steps", "4"]).assert().success();
+    let text = fs::read_to_string(run.join("config.toml")).unwrap();
+    assert!(text.contains("path = \"../../corpus\"") && !text.contains("kinelm ="), "{text}");
+    let calls = || -> serde_json::Value {
+        let bytes = fs::read(run.join("provenance.json")).unwrap();
+        serde_json::from_slice::<serde_json::Value>(&bytes).unwrap()["calls"].clone()
+    };
+    assert_eq!(calls().as_array().unwrap().len(), 1);
+    assert_eq!(calls()[0]["command"][1], "pretrain");
+    for key in ["kinelm", "date", "host"] {
+        assert!(calls()[0][key].as_str().is_some_and(|text| !text.is_empty()), "{key}: {}", calls());
+    }
+    // a dance of a checkpoint that the run, trained on, no longer has
+    let dance = place.at("moved/dance.bvh");
+    let mut c = kinelm();
+    c.args(["generate", "--frames", "10", "--out"]).arg(&dance).arg("--run").arg(&run).assert().success();
+    place.resume(&run).args(["--steps", "6"]).assert().success();
+    assert_eq!(calls().as_array().unwrap().len(), 2, "{}", calls());
+    let beside = format!("{}.kinelm.json", dance.display());
+    let said = kinelm().args(["generate", "--again", &beside]).assert().code(1);
+    let said = String::from_utf8_lossy(&said.get_output().stderr).into_owned();
+    assert!(said.contains("no checkpoint of step 4, but those of 6") && said.contains("train.keep"), "{said}");
+}
+
+#[test]
+fn settings_are_shown_and_fields_are_given_in_the_call() {
+    let place = place();
+    let shown = kinelm().args(["config", "show", "tiny"]).assert().success().get_output().stdout.clone();
+    assert_eq!(shown, fs::read("configs/train/tiny.toml").unwrap());
+    kinelm().args(["config", "show", "tinny"]).assert().code(2).stderr(contains("did you mean tiny?"));
+    for command in ["pretrain", "finetune"] {
+        kinelm().args([command, "--help"]).assert().success().stdout(contains("ahead").and(contains("--conditions")));
+    }
+    kinelm().args(["pretrain", "--help"]).assert().success().stdout(contains("two-level"));
+    let config = place.config("fields.toml", "steps = 2\n");
+    let run = place.at("fields");
+    let refused = place.pretrain(&config, &run).args(["--conditions", "mood"]).assert().code(1);
+    refused.stderr(contains("names `mood`, which no training clip has"));
+    let labels = ["--labels", "{genre}.bvh"];
+    let (tokenizer, corpus) = (place.at("fields.json"), place.at("fields-corpus"));
+    let fit = ["tokenizer", "fit", "--joints", "13", "--out"];
+    kinelm().args(fit).arg(&tokenizer).arg(place.at("data")).args(labels).assert().success();
+    let mut c = kinelm();
+    c.arg("tokenize").arg(place.at("data")).args(labels).arg("--tokenizer").arg(&tokenizer);
+    c.arg("--out").arg(&corpus).assert().success();
+    let mut c = kinelm();
+    c.args(["pretrain", "--conditions", "genre", "--config"]).arg(&config).arg("--corpus").arg(&corpus);
+    c.arg("--run").arg(&run).assert().success();
+    assert!(fs::read_to_string(run.join("config.toml")).unwrap().contains("conditions = [\"genre\"]"));
+    let mut resumed = place.resume(&run);
+    resumed.args(["--conditions", "genre"]).assert().code(2).stderr(contains("--conditions"));
+}
+
+#[test]
 fn dances_on_the_way_change_nothing() {
     let place = place();
     let keys = "eval_every = 3\ncheckpoint_every = 0\nsteps = 12\nema = 0.5\n";

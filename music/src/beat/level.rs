@@ -7,6 +7,7 @@
 use super::FPS;
 use super::flux::{RISES, SERIES, Series};
 use super::weights::{ALTERNATION, MIDDLE, PROFILE, RETURN, TEMPO};
+use super::{Range, Tempo};
 
 /// Parts of a pulse in which levels are counted.
 const PARTS: usize = 12;
@@ -100,19 +101,22 @@ impl Piece<'_> {
             .collect()
     }
 
-    /// How well each count explains a stretch of pulses.
-    fn scores(&self, counts: &[Count], from: usize, to: usize) -> Vec<f32> {
-        let (means, returns) = (self.means(from, to), self.returns(from, to));
+    /// Frames from a pulse to the next in a stretch: the median.
+    fn pace(&self, from: usize, to: usize) -> f64 {
         let mut paces: Vec<f64> =
             self.pulse[from..(to + 1).min(self.pulse.len())].windows(2).map(|w| w[1] - w[0]).collect();
-        let pace = super::median(&mut paces).unwrap_or(self.pulse[1] - self.pulse[0]);
+        super::median(&mut paces).unwrap_or(self.pulse[1] - self.pulse[0])
+    }
+
+    /// How well each count explains a stretch of pulses.
+    fn scores(&self, counts: &[Count], from: usize, to: usize) -> Vec<f32> {
+        let (means, returns, pace) = (self.means(from, to), self.returns(from, to), self.pace(from, to));
         let score = |count: &Count| {
             let beats: Vec<f64> = count.beats((from * PARTS) as f64, (to * PARTS) as f64).collect();
             if beats.is_empty() {
                 return f32::NEG_INFINITY;
             }
-            let bpm = 60.0 * FPS * PARTS as f64 / (pace * count.parts as f64);
-            let octaves = (bpm / 110.0).log2() as f32;
+            let octaves = (bpm(pace, count.parts) / 110.0).log2() as f32;
             let repeats = RETURNS.iter().zip(RETURN).map(|(n, w)| w * returns[n * count.parts]).sum::<f32>();
             let heard: f32 = (0..SERIES).map(|s| self.weigh(s, *count, &beats, means[s])).sum();
             heard + repeats + TEMPO[0] * octaves + TEMPO[1] * octaves * octaves
@@ -147,16 +151,32 @@ fn is_return(lag: usize) -> bool {
     LEVELS.iter().any(|parts| RETURNS.iter().any(|n| n * parts == lag))
 }
 
-/// The beats, in frames, of a pulse in a piece: the way of counting it that explains most, changed seldom.
-pub fn beats(series: &Series, pulse: &[f64]) -> Vec<f64> {
+/// Beats a minute of a level of a pulse that comes every `pace` frames.
+fn bpm(pace: f64, parts: usize) -> f64 {
+    60.0 * FPS * PARTS as f64 / (pace * parts as f64)
+}
+
+/// The beats, in frames, of a pulse in a piece: the way of counting it that explains most, changed seldom; of the levels
+/// within `range` where one is, else of the nearest to it. Beside them the tempo of each level, the likeliest first.
+pub fn beats(series: &Series, pulse: &[f64], range: Option<Range>) -> (Vec<f64>, Vec<Tempo>) {
     if pulse.len() < 3 {
-        return pulse.to_vec();
+        return (pulse.to_vec(), Vec::new());
     }
     let (piece, counts) = (Piece { series, pulse }, Count::all());
     let last = pulse.len().saturating_sub(STRETCH);
     let stretches: Vec<(usize, usize)> =
         (0..=last).step_by(STEP).map(|from| (from, (from + STRETCH).min(pulse.len()))).collect();
-    let scores: Vec<Vec<f32>> = stretches.iter().map(|(from, to)| piece.scores(&counts, *from, *to)).collect();
+    let mut scores: Vec<Vec<f32>> = stretches.iter().map(|(from, to)| piece.scores(&counts, *from, *to)).collect();
+    let tempi = tempi(&counts, &scores, piece.pace(0, pulse.len()));
+    if let Some(range) = range {
+        for ((from, to), row) in stretches.iter().zip(&mut scores) {
+            let off = LEVELS.map(|parts| range.octaves_off(bpm(piece.pace(*from, *to), parts)));
+            let least = off.iter().copied().fold(f64::INFINITY, f64::min);
+            let is_out =
+                |count: &Count| LEVELS.iter().zip(off).any(|(parts, off)| *parts == count.parts && off > least);
+            counts.iter().zip(row).filter(|(count, _)| is_out(count)).for_each(|(_, x)| *x = f32::NEG_INFINITY);
+        }
+    }
     let path = steadiest(&scores);
     let mut out: Vec<f64> = Vec::new();
     let middle = |i: usize| 0.5 * (stretches[i].0 + stretches[i].1 - STEP) as f64;
@@ -170,7 +190,26 @@ pub fn beats(series: &Series, pulse: &[f64]) -> Vec<f64> {
             }
         }
     }
-    out
+    (out, tempi)
+}
+
+/// The tempo of each level and its odds: the mean over stretches of what the conditional logit that the weights are of gives
+/// the level's counts. The likeliest first.
+fn tempi(counts: &[Count], scores: &[Vec<f32>], pace: f64) -> Vec<Tempo> {
+    let mut odds = [0.0; LEVELS.len()];
+    for row in scores {
+        let most = row.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let shares: Vec<f64> = row.iter().map(|x| f64::from(x - most).exp()).collect();
+        let sum: f64 = shares.iter().sum();
+        for (parts, odds) in LEVELS.iter().zip(&mut odds) {
+            let own = counts.iter().zip(&shares).filter(|(count, _)| count.parts == *parts).map(|(_, share)| share);
+            *odds += own.sum::<f64>() / (sum * scores.len() as f64);
+        }
+    }
+    let mut tempi: Vec<Tempo> =
+        LEVELS.iter().zip(odds).map(|(parts, odds)| Tempo { bpm: bpm(pace, *parts), odds }).collect();
+    tempi.sort_by(|a, b| b.odds.total_cmp(&a.odds));
+    tempi
 }
 
 /// The best path through scores where each change costs the same.
@@ -233,7 +272,8 @@ mod tests {
             series[3][beat] = 1.5;
         }
         let pulse: Vec<f64> = (0..97).map(|i| 42.0 + 48.0 * f64::from(i)).collect();
-        let found = beats(&series, &pulse);
+        let (found, tempi) = beats(&series, &pulse, None);
+        assert!((tempi.iter().map(|t| t.odds).sum::<f64>() - 1.0).abs() < 1e-6, "{tempi:?}");
         let phases: Vec<f64> = found.iter().map(|f| (f - 10.0).rem_euclid(48.0)).collect();
         let right = phases.iter().filter(|p| **p < 3.0 || **p > 45.0).count();
         // without bars every second beat will do

@@ -33,6 +33,35 @@ pub struct Beats {
     pub times_s: Vec<f64>,
     /// How long the sound is, seconds.
     pub seconds: f64,
+    /// The levels at which its pulse can be counted, the likeliest first; their odds sum to 1. Empty where no pulse was
+    /// found, or beats aren't of a sound.
+    pub tempi: Vec<Tempo>,
+}
+
+/// A tempo that a piece may have: listeners too tap some pieces at half or double another's rate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tempo {
+    /// Beats a minute.
+    pub bpm: f64,
+    /// The probability that the tracker gives it, 0 to 1.
+    pub odds: f64,
+}
+
+/// Beats a minute that are looked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Range {
+    /// At least.
+    pub least: f64,
+    /// At most.
+    pub most: f64,
+}
+
+impl Range {
+    /// How many octaves a tempo lies outside; 0 within, and within rounding of it.
+    fn octaves_off(self, bpm: f64) -> f64 {
+        let off = (self.least / bpm).log2().max((bpm / self.most).log2());
+        if off < 0.03 { 0.0 } else { off }
+    }
 }
 
 impl Beats {
@@ -63,6 +92,7 @@ fn median(all: &mut [f64]) -> Option<f64> {
 pub struct Tracker {
     flux: Flux,
     samples: u64,
+    range: Option<Range>,
 }
 
 impl Default for Tracker {
@@ -74,7 +104,12 @@ impl Default for Tracker {
 impl Tracker {
     /// Before the first sample.
     pub fn new() -> Tracker {
-        Tracker { flux: Flux::new(), samples: 0 }
+        Tracker { flux: Flux::new(), samples: 0, range: None }
+    }
+
+    /// The same, which counts beats within a range of tempi.
+    pub fn within(range: Option<Range>) -> Tracker {
+        Tracker { range, ..Tracker::new() }
     }
 
     /// Takes samples at [`RATE`].
@@ -96,10 +131,10 @@ impl Tracker {
         let sum = |f: usize| series[..RISES].iter().map(|s| s[f]).sum::<f32>() / RISES as f32;
         let change: Vec<f32> = (0..series[0].len()).map(sum).collect();
         let periods = tempogram::periods(&change)?;
-        let found = level::beats(&series, &pulse::pulse(&change, &periods));
+        let (found, tempi) = level::beats(&series, &pulse::pulse(&change, &periods), self.range);
         let heard = heard(&change, &found);
         let time = |frame: &f64| (frame / FPS - LATE_S).max(0.0);
-        Ok(Beats { times_s: found[heard].iter().map(time).filter(|t| *t <= seconds).collect(), seconds })
+        Ok(Beats { times_s: found[heard].iter().map(time).filter(|t| *t <= seconds).collect(), seconds, tempi })
     }
 }
 
@@ -119,7 +154,15 @@ fn heard(change: &[f32], beats: &[f64]) -> std::ops::Range<usize> {
 /// # Errors
 /// Those of reading.
 pub fn beats(path: &Path) -> Result<Beats> {
-    let mut tracker = Tracker::new();
+    beats_within(path, None)
+}
+
+/// The beats of a file, counted within a range of tempi.
+///
+/// # Errors
+/// Those of reading.
+pub fn beats_within(path: &Path, range: Option<Range>) -> Result<Beats> {
+    let mut tracker = Tracker::within(range);
     hear(path, &mut [(RATE, &mut |samples: &[f32]| tracker.push(samples))])?;
     tracker.finish()
 }

@@ -38,6 +38,8 @@ pub struct PretrainOptions {
     pub steps: Option<u64>,
     /// The seed, over the file's.
     pub seed: Option<u64>,
+    /// Label fields that the model is conditioned on, over the file's.
+    pub conditions: Option<Vec<String>>,
     /// A run, or a folder that was exported, whose weights a new run begins with.
     pub from: Option<PathBuf>,
     /// Go on with the run where its last whole checkpoint stands.
@@ -113,9 +115,10 @@ fn asked(options: &PretrainOptions, progress: &mut dyn Progress) -> Result<(RunF
     let corpora = if options.corpora.is_empty() { file.corpora()? } else { options.corpora.clone() };
     let source = options.from.as_deref().map(Source::load).transpose()?;
     source.iter().flat_map(Source::notes).for_each(|note| progress.note(note));
-    let data = Data::open(&corpora, source.as_ref().map(|s| &s.tokenizer), &file.train.conditions)
-        .map_err(|e| file.named(e))?;
     let mut train = file.train.clone();
+    train.conditions = options.conditions.clone().unwrap_or(train.conditions);
+    let data =
+        Data::open(&corpora, source.as_ref().map(|s| &s.tokenizer), &train.conditions).map_err(|e| file.named(e))?;
     train.steps = options.steps.unwrap_or(train.steps);
     train.seed = options.seed.unwrap_or(train.seed);
     train.precision = options.precision.unwrap_or(train.precision);

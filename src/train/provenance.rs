@@ -1,0 +1,88 @@
+//! Who began a run, when and where: `provenance.json` beside its `config.toml`, which has nothing of it, so that the same
+//! settings give the same bytes.
+
+use crate::{Error, Result, files};
+use serde::{Deserialize, Serialize};
+use std::fs;
+use std::path::Path;
+use std::time::SystemTime;
+
+/// Its file in a run's folder.
+pub const PROVENANCE: &str = "provenance.json";
+/// The layout's version.
+const VERSION: u32 = 1;
+
+/// What stands in the file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Provenance {
+    /// The layout's version.
+    pub version: u32,
+    /// The call that began the run, and behind it those that went on with it.
+    pub calls: Vec<Call>,
+}
+
+/// A process that trained.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Call {
+    /// Its command line, a word each.
+    pub command: Vec<String>,
+    /// The version of kinelm.
+    pub kinelm: String,
+    /// The commit that it was built from; `null` where it was built without its history.
+    pub commit: Option<String>,
+    /// When it began, RFC 3339, UTC.
+    pub date: String,
+    /// The machine's name.
+    pub host: String,
+}
+
+impl Call {
+    /// This process, now.
+    pub fn now() -> Call {
+        Call {
+            command: std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect(),
+            kinelm: env!("CARGO_PKG_VERSION").into(),
+            commit: option_env!("KINELM_COMMIT").map(str::to_owned),
+            date: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
+            host: gethostname::gethostname().to_string_lossy().into_owned(),
+        }
+    }
+}
+
+/// Adds this process to the calls of a run's folder. What can't be read there is begun anew: no run fails for it.
+///
+/// # Errors
+/// What the system refuses.
+pub fn note(run: &Path) -> Result<()> {
+    let path = run.join(PROVENANCE);
+    let found = fs::read(&path).ok().and_then(|bytes| serde_json::from_slice::<Provenance>(&bytes).ok());
+    let mut all = found.unwrap_or(Provenance { version: VERSION, calls: Vec::new() });
+    all.calls.push(Call::now());
+    let text = serde_json::to_string_pretty(&all).map_err(|e| Error::Call(format!("{PROVENANCE}: {e}")))?;
+    files::write_whole(&path, (text + "\n").as_bytes())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_call_is_kept() {
+        let dir = tempfile::tempdir().unwrap();
+        note(dir.path()).unwrap();
+        note(dir.path()).unwrap();
+        let read =
+            || -> Provenance { serde_json::from_slice(&fs::read(dir.path().join(PROVENANCE)).unwrap()).unwrap() };
+        let found = read();
+        assert_eq!((found.version, found.calls.len()), (VERSION, 2));
+        let call = &found.calls[0];
+        assert!(call.date.ends_with('Z') && call.date.starts_with("20"), "{call:?}");
+        assert!(!call.command.is_empty() && !call.host.is_empty(), "{call:?}");
+        assert!(call.commit.as_ref().is_none_or(|commit| commit.len() >= 7), "{call:?}");
+        fs::write(dir.path().join(PROVENANCE), "{").unwrap();
+        note(dir.path()).unwrap();
+        assert_eq!(read().calls.len(), 1);
+    }
+}

@@ -101,6 +101,12 @@ impl Way {
         assert_eq!((&manifest["version"], &manifest["tokens_per_word"]), (&Value::from(2), &Value::Null));
         assert_eq!(manifest["frames_per_word"], self.tokenizer.frames_per_word());
         assert_eq!(manifest["count"]["frames"], self.frames);
+        let clips = fs::read_to_string(self.at("corpus/clips.jsonl")).unwrap();
+        let first: Value = serde_json::from_str(clips.lines().next().unwrap()).unwrap();
+        for field in first.as_object().unwrap().keys() {
+            let page = include_str!("../docs/training.md");
+            assert!(page.contains(&format!("`{field}`")), "docs/training.md doesn't say what `{field}` of a clip is");
+        }
         self.tokenize("s0", &["--shard", "0/2"]);
         self.tokenize("s1", &["--shard", "1/2"]);
         let mut c = kinelm();

@@ -4,8 +4,11 @@ use assert_cmd::Command;
 use kinelm::corpus::load::load_placed;
 use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::rotation::angle_between;
-use kinelm_motion::{Clip, Motion, Source, Vec3, format, synth};
-use kinelm_tokenizer::{DctConfig, JointTransform, LappedConfig, Rest, SchemeConfig, Tokenizer, TokenizerConfig};
+use kinelm_motion::{Clip, Motion, Quat, Source, Vec3, format, synth};
+use kinelm_tokenizer::{
+    DctConfig, Form, Height, JointTransform, LappedConfig, Rest, RootRotation, SchemeConfig, Tokenizer,
+    TokenizerConfig, Travel, UniformConfig,
+};
 use predicates::str::contains;
 use serde_json::Value;
 use std::fs;
@@ -98,6 +101,12 @@ impl Way {
         assert_eq!((&manifest["version"], &manifest["tokens_per_word"]), (&Value::from(2), &Value::Null));
         assert_eq!(manifest["frames_per_word"], self.tokenizer.frames_per_word());
         assert_eq!(manifest["count"]["frames"], self.frames);
+        let clips = fs::read_to_string(self.at("corpus/clips.jsonl")).unwrap();
+        let first: Value = serde_json::from_str(clips.lines().next().unwrap()).unwrap();
+        for field in first.as_object().unwrap().keys() {
+            let page = include_str!("../docs/training.md");
+            assert!(page.contains(&format!("`{field}`")), "docs/training.md doesn't say what `{field}` of a clip is");
+        }
         self.tokenize("s0", &["--shard", "0/2"]);
         self.tokenize("s1", &["--shard", "1/2"]);
         let mut c = kinelm();
@@ -185,13 +194,14 @@ impl Way {
     }
 
     /// A text of words and back.
-    fn text_and_back(&self) {
+    fn text_and_back(&self) -> Clip {
         fs::write(self.at("w.txt"), self.text("prompt.bvh")).unwrap();
         let mut c = kinelm();
-        c.args(["tokenizer", "decode"]).arg(self.at("w.txt")).arg(self.at("w.bvh"));
+        c.args(["tokenizer", "decode"]).arg(self.at("w.txt")).arg(self.at("w.json"));
         c.arg("--tokenizer").arg(self.at("t.json")).assert().success();
-        let l = self.tokenizer.frames_per_word();
-        assert_eq!(read(&self.at("w.bvh")).frames(), 100usize.div_ceil(l) * l);
+        let (decoded, l) = (read(&self.at("w.json")), self.tokenizer.frames_per_word());
+        assert_eq!(decoded.frames(), 100usize.div_ceil(l) * l);
+        decoded
     }
 }
 
@@ -220,4 +230,55 @@ fn lapped_tiles_go_the_whole_way() {
     way.corpus_to_likelihood();
     way.dances();
     way.text_and_back();
+}
+
+/// Rotations as w x y z, root and joint positions that `scripts/reference/decode_words.py` makes of words. `None` without
+/// Python.
+fn decoded_by_the_page(tokenizer: &Path, words: &Path) -> Option<Value> {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/reference/decode_words.py");
+    let output = std::process::Command::new("python3").arg(script).args([tokenizer, words]).output().ok()?;
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    Some(serde_json::from_slice(&output.stdout).unwrap())
+}
+
+#[test]
+fn words_decode_as_the_page_says() {
+    let uniform = |uniform: UniformConfig, root_rotation: RootRotation| TokenizerConfig {
+        root_rotation,
+        scheme: SchemeConfig::Uniform(uniform),
+        ..Default::default()
+    };
+    let by_default = UniformConfig::default();
+    let edges = UniformConfig { bins: 61, form: Form::Edge, height: Height::Velocity, ..by_default.clone() };
+    let places = UniformConfig {
+        form: Form::Edge,
+        translation: Travel::Absolute,
+        height: Height::Absolute,
+        ..by_default.clone()
+    };
+    let configs = [
+        uniform(by_default, RootRotation::HeadingDelta),
+        uniform(edges, RootRotation::HeadingDelta),
+        uniform(places, RootRotation::Absolute),
+    ];
+    for config in configs {
+        let way = Way::new(config);
+        let program = way.text_and_back();
+        let Some(page) = decoded_by_the_page(&way.at("t.json"), &way.at("w.txt")) else {
+            println!("SKIPPED: there is no python3");
+            return;
+        };
+        let numbers = |key: &str| -> Vec<Vec<Vec<f64>>> { serde_json::from_value(page[key].clone()).unwrap() };
+        let (rotations, positions) = (numbers("rotations"), numbers("positions"));
+        let places = program.positions();
+        assert_eq!((rotations.len(), positions.len()), (program.frames(), program.frames()));
+        for f in 0..program.frames() {
+            for j in 0..24 {
+                let [w, x, y, z] = rotations[f][j][..] else { panic!("a quaternion") };
+                let apart = angle_between(Quat::from_xyzw(x, y, z, w), program.pose(f)[j]);
+                let off = (Vec3::from_slice(&positions[f][j]) - places[24 * f + j]).length();
+                assert!(apart < 1e-9 && off < 1e-9, "frame {f}, joint {j}: {apart} rad, {off} m");
+            }
+        }
+    }
 }

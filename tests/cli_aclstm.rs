@@ -108,6 +108,10 @@ fn a_dance_goes_on_from_a_clip_on_its_rig_and_is_made_again() {
     let bytes = fs::read(place.at("a.bvh")).unwrap();
     fs::remove_file(place.at("a.bvh")).unwrap();
     place.done("aclstm generate --again a.bvh.kinelm.json --threads 2");
+    let told = std::fs::read_to_string(place.at("a.bvh.kinelm.json")).unwrap();
+    std::fs::write(place.at("long.json"), told.replace("\"frames\": ", "\"frames\": 1099511627")).unwrap();
+    let long = place.call("aclstm generate --again long.json --out no.bvh").assert().failure();
+    long.stderr(contains("frames; expected 1048576 at most"));
     assert!(fs::read(place.at("a.bvh")).unwrap() == bytes);
     // its own dance is replaced, a stranger's isn't
     place.done(&format!("{generate} --with-seed --feet off --out a.bvh"));

@@ -150,7 +150,7 @@ fn a_longer_dance_goes_on_behind_the_clip_and_is_made_again_to_the_byte() {
     let prompt = set.at("data/5.bvh");
     set.edit(&prompt, &["--given", "all", "--seconds", "4.5", "--seed", "9"], "on.bvh").assert().success();
     let (old, new) = (source(&prompt, &ReadOptions::default()), source(&set.at("on.bvh"), &ReadOptions::default()));
-    assert_eq!((differ(&old, &new).0.len(), new.frames), (0, 268), "90 frames at 20: the last at 4.45 s");
+    assert_eq!((differ(&old, &new).0.len(), new.frames), (0, 270), "4.5 s: the last frame is held");
     // less is left to chance where all that is drawn has given joints behind it
     for (name, more, top_p) in [
         ("begin", vec!["--free", "all@:1s", "--variations", "2"], 0.95),
@@ -167,6 +167,69 @@ fn a_longer_dance_goes_on_behind_the_clip_and_is_made_again_to_the_byte() {
         assert_eq!(told["recipe"]["draw"]["top_p"], top_p, "{name}");
         kinelm().args(["generate", "--again"]).arg(record).arg("--out").arg(&again).assert().success();
         assert_eq!(fs::read(set.at(&first)).unwrap(), fs::read(again).unwrap(), "{name}");
+    }
+}
+
+#[test]
+fn one_grammar_of_times_and_joints_goes_everywhere() {
+    let set = set();
+    let prompt = set.at("data/5.bvh");
+    let bytes = |name: &str| fs::read(set.at(name)).unwrap();
+    let make = |more: &[&str], out: &str| set.edit(&prompt, more, out).assert().success();
+    make(&["--free", "left_arm@1s:2s", "--blend", "0.2", "--tries", "2"], "t0.bvh");
+    make(&["--free", "Left_Arm@60f:40m", "--blend", "12f", "--tries", "2"], "t1.bvh")
+        .stderr(contains("free left_arm@60f:40m"));
+    assert_eq!(bytes("t0.bvh"), bytes("t1.bvh"));
+    for (i, more) in
+        [["--seconds", "3.5"], ["--seconds", "3.5s"], ["--seconds", "70f"], ["--frames", "70"], ["--frames", "3.5s"]]
+            .iter()
+            .enumerate()
+    {
+        make(&[&["--given", "all"], &more[..]].concat(), &format!("t{}.bvh", i + 2));
+        assert_eq!(bytes(&format!("t{}.bvh", i + 2)), bytes("t2.bvh"), "{more:?}");
+    }
+    make(&["--joints", "13", "--from-frame", "20"], "t7.bvh");
+    make(&["--joints", "13", "--from-frame", "1s"], "t8.bvh");
+    assert_eq!(bytes("t7.bvh"), bytes("t8.bvh"));
+    // joints between given ones
+    let arm = "right_collar,right_shoulder,right_elbow,right_wrist";
+    make(&["--given", "root,right_wrist@1s:2s", "--tries", "2"], "t9.bvh").stderr(
+        contains("spine1, spine3, right_collar, right_shoulder, right_elbow: free, and they move the given joints")
+            .and(contains(format!("to give them too: --given root,torso,{arm}@1s:2s"))),
+    );
+    make(&["--given", "root,torso,right_arm@1s:2s", "--tries", "2"], "t9.bvh").stderr(contains("they move").not());
+
+    let view = |forced: &str| {
+        let mut c = kinelm();
+        c.arg("view").arg(&prompt).args(["--forced", forced, "--force"]).arg("--out").arg(set.at("t.html"));
+        c.assert()
+    };
+    let page = || fs::read_to_string(set.at("t.html")).unwrap();
+    view("left_arm@1s:75f").success();
+    assert!(page().contains("\"given_s\":[1.0,1.25]") && page().contains("\"given\":true"));
+    view("LEFT_ARM").success();
+    assert!(!page().contains("\"given_s\"") && page().contains("\"given\":true"));
+    view("left_arm@1-2").code(2).stderr(contains("--forced `left_arm@1-2`: `1-2` is no time"));
+    view("left_arm@1s:9s").code(2).stderr(contains("--forced left_arm@1s:9s: 9s lies outside the clip"));
+    view("left_wing@1s:2s").code(2).stderr(contains("no joint or group \"left_wing\""));
+}
+
+#[test]
+fn a_file_asks_for_no_more_frames_than_a_call_may() {
+    let set = set();
+    set.edit(&set.at("data/5.bvh"), &["--free", "left_arm@1s:1.2s"], "short.bvh").assert().success();
+    let text = fs::read_to_string(set.at("short.bvh.kinelm.json")).unwrap();
+    for (key, own) in [("frames", "60"), ("lead_in", "0"), ("tries", "8"), ("starts", "1")] {
+        let told = format!("\"{key}\": {own}");
+        let long = format!("\"{key}\": 1099511627796");
+        let long = match text.contains(&told) {
+            true => text.replace(&told, &long),
+            false => text.replace("\"guidance\"", &format!("{long},\n    \"guidance\"")),
+        };
+        fs::write(set.at("long.json"), long).unwrap();
+        let mut c = kinelm();
+        c.args(["generate", "--again"]).arg(set.at("long.json")).arg("--out").arg(set.at("no.bvh"));
+        c.assert().failure().stderr(contains(format!("1099511627796 {key}").replace("lead_in", "frames")));
     }
 }
 
@@ -207,8 +270,8 @@ fn a_clip_that_goes_round_ends_where_it_begins() {
     set.edit(&prompt, &more, "model.bvh").assert().success();
     assert_eq!(
         format::read(&set.at("model.bvh"), &ReadOptions::default()).unwrap().clip.frames(),
-        178,
-        "60 frames at 20"
+        180,
+        "3 s, whose last frames go on into the first"
     );
 }
 
@@ -227,7 +290,21 @@ fn what_can_t_be_edited_is_told_and_nothing_is_written() {
         (&["--free", "all", "--frames", "20"], "20 frames of a prompt of 60"),
         (&["--free", "all", "--joints", "root"], "cannot be used with"),
         (&["--free", "all", "--rest-joints", "mean"], "leave it out"),
-        (&["--free", "all", "--blend=-1"], "expected 0 to 60 seconds"),
+        (&["--free", "all", "--blend=-1"], "expected a time from 0 on"),
+        (&["--free", "all", "--blend", "61s"], "--blend 61s: expected 0 to 60 seconds"),
+        (&["--loop", "--loop-over", "2f"], "--loop-over 2f: expected 0.1 to 60 seconds"),
+        (
+            &["--free", "left_arm@1-2"],
+            "`1-2` is no time; expected FROM:TO, as in left_arm@4s:8s; of each expected 2.5s",
+        ),
+        (&["--free", "left_arm@1s:x"], "`1s:x` is no time"),
+        (&["--free", "all", "--seconds", "4x"], "`4x` is no time; expected 2.5s, 2.5 or 40f"),
+        (&["--free", "all", "--frames", "2.5"], "`2.5` is no time; expected 40, 40f or 2.5s"),
+        (&["--free", "all", "--frames", "0"], "0f: expected more than nothing"),
+        (&["--free", "all", "--seconds", "1e9"], "20000000000 frames; expected 1048576 at most"),
+        (&["--free", "all", "--seconds", "1e308"], "frames; expected 1048576 at most"),
+        (&["--given", "all", "--frames", "2000000f"], "2000000 frames; expected 1048576 at most"),
+        (&["--free", "all", "--seconds", "4", "--fps", "10000", "--frames", "2000000"], "cannot be used with"),
         (&["--free", "all", "--ahead", "2"], "this model can't be told what is given ahead"),
         (&["--free", "all", "--ahead", "-1"], "expected a number from 0 (not at all) to 10"),
         (&["--free", "all", "--ahead", "1e9"], "expected a number from 0 (not at all) to 10"),

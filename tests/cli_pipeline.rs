@@ -126,7 +126,7 @@ fn a_dance_of_seconds_is_written_at_the_rate_wanted() {
     // feet are held at the rate that is written
     let slow = ["--seconds", "1.5", "--feet", "off"];
     way.generate("slow.bvh").args(slow).assert().success().stderr(contains("30 frames at 20 fps"));
-    way.generate("fast.bvh").args(slow).args(["--fps", "60"]).assert().success().stderr(contains("88 frames at 60"));
+    way.generate("fast.bvh").args(slow).args(["--fps", "60"]).assert().success().stderr(contains("90 frames at 60"));
     let read = |name: &str| format::read(&way.at(name), &Default::default()).unwrap().clip;
     let (slow, fast) = (read("slow.bvh"), read("fast.bvh"));
     for f in 0..slow.frames() {

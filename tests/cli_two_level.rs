@@ -236,6 +236,78 @@ fn it_learns_labels_at_once_or_later_and_dances_under_them() {
 }
 
 #[test]
+fn a_dance_from_nothing_goes_on_from_a_train_clip_with_its_labels() {
+    let place = place();
+    fs::write(place.at("led.toml"), CONFIG.replace("[train]", "[train]\nconditions = [\"genre\"]")).unwrap();
+    place.done("pretrain --config led.toml --corpus corpus --run led");
+    let make = |name: &str, more: &str| {
+        place.call(&format!("generate --run led --frames 20 {more} --out {name}")).assert().success()
+    };
+    let from = |name: &str| {
+        let told = fs::read(place.at(&format!("{name}.kinelm.json"))).unwrap();
+        let told: serde_json::Value = serde_json::from_slice(&told).unwrap();
+        (told["recipe"]["lead_in"].as_u64(), told["recipe"]["lead_in_from"]["clip"].as_str().map(str::to_owned))
+    };
+    let bytes = |name: &str| fs::read(place.at(name)).unwrap();
+    let train = [
+        ("", ["00", "01", "04", "05", "08", "09"].as_slice()),
+        ("salsa", &["00", "04", "08"]),
+        ("waltz", &["01", "05", "09"]),
+    ];
+    for (genre, clips) in train {
+        let (name, label) = (format!("led{genre}.bvh"), format!("--label genre={genre}"));
+        let label = if genre.is_empty() { "" } else { &label };
+        make(&name, label).stderr(contains("(a train clip) at "));
+        let (frames, clip) = from(&name);
+        assert!(frames == Some(20) && clip.as_ref().is_some_and(|clip| clips.contains(&&**clip)), "{genre}: {clip:?}");
+        place.done(&format!("generate --again {name}.kinelm.json --out twice.{name}"));
+        assert_eq!(bytes(&format!("twice.{name}")), bytes(&name));
+    }
+    make("none.bvh", "--lead-in none");
+    assert_eq!(from("none.bvh"), (Some(20), None));
+    assert_ne!(bytes("none.bvh"), bytes("led.bvh"));
+    place.done("generate --again none.bvh.kinelm.json --out twice.none.bvh");
+    assert_eq!(bytes("twice.none.bvh"), bytes("none.bvh"));
+    // each of several from its own
+    make("many.bvh", "--variations 6");
+    let all: Vec<_> = (1..=6).map(|i| from(&format!("many-{i}.bvh")).1).collect();
+    assert!(all.iter().any(|clip| *clip != all[0]), "{all:?}");
+    assert_eq!(bytes("many-1.bvh"), bytes("led.bvh"));
+    place.done("generate --again many-5.bvh.kinelm.json --out twice.many.bvh");
+    assert_eq!(bytes("twice.many.bvh"), bytes("many-5.bvh"));
+    // an edit that frees all of the first frame
+    place.done("generate --run led --prompt data/03.bvh --free all@:1s --tries 2 --out freed.bvh");
+    assert_eq!(from("freed.bvh").0, Some(20));
+    assert!(from("freed.bvh").1.is_some());
+    place.done("generate --again freed.bvh.kinelm.json --out twice.freed.bvh");
+    assert_eq!(bytes("twice.freed.bvh"), bytes("freed.bvh"));
+    let call = "generate --run led --prompt data/03.bvh --joints root --lead-in train --out no.bvh";
+    place.call(call).assert().code(2).stderr(contains("--lead-in: something of the first frame is given"));
+    // a model from elsewhere has none
+    place.done("export --run led --out led-model");
+    place.done("import led-model --run led-back");
+    let alone = "generate --run led-back --frames 20 --out";
+    place.call(&format!("{alone} alone.bvh")).assert().success().stderr(contains("no second of a train clip is kept"));
+    assert_eq!(bytes("alone.bvh"), bytes("none.bvh"));
+    place
+        .call(&format!("{alone} no.bvh --lead-in train"))
+        .assert()
+        .code(2)
+        .stderr(contains("--lead-in train: led-back"));
+    // a sidecar that names what the run doesn't have, and a run whose file was lost
+    let text = fs::read_to_string(place.at("led.bvh.kinelm.json")).unwrap();
+    let clip = format!("\"clip\": \"{}\"", from("led.bvh").1.unwrap());
+    fs::write(place.at("gone.json"), text.replace(&clip, "\"clip\": \"07\"")).unwrap();
+    let again = |file: &str| place.call(&format!("generate --again {file} --out no.bvh")).assert().code(1);
+    again("gone.json").stderr(contains("lead_ins.json: found other lead-ins, expected the one of 07 from frame"));
+    let kept = bytes("led/lead_ins.json");
+    fs::remove_file(place.at("led/lead_ins.json")).unwrap();
+    again("led.bvh.kinelm.json").stderr(contains("lead_ins.json: found no lead-ins"));
+    place.done("pretrain --run led --resume");
+    assert_eq!(bytes("led/lead_ins.json"), kept);
+}
+
+#[test]
 fn labels_of_a_time_are_learned_from_pieces() {
     let place = place();
     let timed = labels().replace("split,genre", "split,genre,from_s,to_s").replace(",salsa\n", ",salsa,,\n");

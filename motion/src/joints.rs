@@ -1,6 +1,6 @@
 //! Groups and subsets of the SMPL joints.
 
-use crate::retarget;
+use crate::retarget::{self, map::without_namespace};
 use crate::suggest::did_you_mean;
 use crate::{Error, Result, Skeleton, smpl};
 
@@ -45,7 +45,8 @@ pub struct Selection {
 
 /// The joints of a list such as `13`, `18`, `24`, `root,right_arm`, `left_knee,7`.
 ///
-/// Parts are the numbers `13`, `18` and `24` alone, groups of [`GROUPS`], SMPL joint names, or ids. `head` alone is the group.
+/// Parts are the numbers `13`, `18` and `24` alone, groups of [`GROUPS`], SMPL joint names, in any case, or ids. `head` alone is
+/// the group.
 /// Where a name is both, it is SMPL's; `rig:NAME` is a rig's own alone, which [`in_smpl_names`] takes.
 ///
 /// # Errors
@@ -59,16 +60,10 @@ pub fn parse(list: &str) -> Result<Selection> {
     }
     let mut selection = Selection { joints: Vec::new(), translation: false };
     for part in parts(list) {
-        if let Some((name, ids)) = GROUPS.iter().find(|(n, _)| *n == part) {
-            selection.joints.extend_from_slice(ids);
-            selection.translation |= matches!(*name, "root" | "all");
-        } else if let Some(id) = smpl::NAMES.iter().position(|n| *n == part) {
-            selection.joints.push(id);
-        } else if let Some(id) = part.parse::<usize>().ok().filter(|&id| id < 24) {
-            selection.joints.push(id);
-        } else {
-            return Err(unknown(part, &[]));
-        }
+        let found = exactly(part).or_else(|| of_smpl(part, str::eq_ignore_ascii_case));
+        let found = found.ok_or_else(|| unknown(part, &[]))?;
+        selection.joints.extend(found.joints);
+        selection.translation |= found.translation;
     }
     selection.joints.sort_unstable();
     selection.joints.dedup();
@@ -105,36 +100,108 @@ fn own_names<'a>(rig: &'a Skeleton, map: Option<&str>) -> Option<Vec<(&'a str, O
 /// A list in which joints of a rig may stand by its own names, such as `root,RightArm` or `rig:"Head"`, as a list that
 /// [`parse`] takes: each becomes the SMPL joint that it stands for. What is a part without a rig stays as it is.
 ///
+/// Names may lack their namespace (`LeftArm` for `mixamorig:LeftArm`) and have another case: an exact name wins, then a joint's
+/// without its namespace, then a group's in another case, then a joint's.
+///
 /// # Errors
-/// As [`parse`]; a joint of the rig that stands for no SMPL joint.
+/// As [`parse`]; a joint of the rig that stands for no SMPL joint; a name that may be either of two.
 pub fn in_smpl_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Result<String> {
-    let known = parse(list);
+    let is_plain = matches!(list.trim(), "13" | "18" | "24") || parts(list).all(|part| exactly(part).is_some());
     let own = match own_names(rig, map) {
-        Some(own) if known.is_err() => own,
-        _ => return known.map(|_| list.to_owned()),
+        Some(own) if !is_plain => own,
+        _ => return parse(list).map(|_| list.to_owned()),
     };
+    Ok(parts(list).map(|part| in_smpl(part, &own)).collect::<Result<Vec<_>>>()?.join(","))
+}
+
+/// One part of such a list, of a rig's joints and what they stand for.
+fn in_smpl(part: &str, own: &[(&str, Option<usize>)]) -> Result<String> {
+    let (alone, name) = (of_rig_alone(part), of_rig_alone(part).unwrap_or(part));
+    if alone.is_none() && exactly(part).is_some() {
+        return Ok(part.to_owned());
+    }
     let with: Vec<&str> = own.iter().filter(|(_, id)| id.is_some()).map(|(n, _)| *n).collect();
-    let in_smpl = |part: &str| {
-        let name = match of_rig_alone(part) {
-            None if parse(part).is_ok() => return Ok(part.to_owned()),
-            name => name.unwrap_or(part),
-        };
-        match own.iter().find(|(n, _)| *n == name) {
-            // the joint `head` by its id: its name means the group
-            Some((_, Some(id))) if GROUPS.iter().any(|(n, _)| *n == smpl::NAMES[*id]) => Ok(id.to_string()),
-            Some((_, Some(id))) => Ok(smpl::NAMES[*id].to_owned()),
-            Some((name, None)) => Err(Error::Call(format!(
-                "{name} of the rig stands for no SMPL joint; joints that do are {}",
-                with.join(" ")
-            ))),
-            None if of_rig_alone(part).is_some() => {
-                let meant = did_you_mean(name, with.iter().copied());
-                Err(Error::Call(format!("no joint {name:?} in the rig{meant}; its own are {}", with.join(" "))))
+    // the joint `head` by its id: its name means the group
+    let of_id = |id: usize| match GROUPS.iter().any(|(n, _)| *n == smpl::NAMES[id]) {
+        true => id.to_string(),
+        false => smpl::NAMES[id].to_owned(),
+    };
+    let of_rig = |is: fn(&str, &str) -> bool| -> Result<Option<String>> {
+        let (mut meant, others): (Vec<_>, Vec<_>) =
+            own.iter().copied().filter(|(own, _)| is(own, name)).partition(|(_, id)| id.is_some());
+        if alone.is_none() && meant.iter().all(|(own, _)| *own != name) {
+            let known: Vec<Option<usize>> = meant.iter().map(|(_, id)| *id).collect();
+            let smpl = (0..24).filter(|&id| is(smpl::NAMES[id], name) && !known.contains(&Some(id)));
+            meant.extend(smpl.map(|id| (smpl::NAMES[id], Some(id))));
+        }
+        match (&meant[..], &others[..]) {
+            ([(_, id)], _) => Ok(id.map(of_id)),
+            ([(a, _), (b, _), ..], _) => Err(Error::Call(format!("{name:?} may be {a} or {b}; give the whole name"))),
+            ([], [(other, _), ..]) => {
+                let with = with.join(" ");
+                Err(Error::Call(format!("{other} of the rig stands for no SMPL joint; joints that do are {with}")))
             }
-            None => Err(unknown(name, &with)),
+            ([], []) => Ok(None),
         }
     };
-    Ok(parts(list).map(in_smpl).collect::<Result<Vec<_>>>()?.join(","))
+    let group = GROUPS.iter().find(|(group, _)| alone.is_none() && group.eq_ignore_ascii_case(name));
+    if let Some(found) = of_rig(|a, b| a == b)?.or(of_rig(is_but_for_namespace)?) {
+        return Ok(found);
+    }
+    if let Some((group, _)) = group {
+        return Ok((*group).to_owned());
+    }
+    match of_rig(is_but_for_case)? {
+        Some(found) => Ok(found),
+        None if alone.is_some() => {
+            let meant = did_you_mean(name, with.iter().copied());
+            Err(Error::Call(format!("no joint {name:?} in the rig{meant}; its own are {}", with.join(" "))))
+        }
+        None => Err(unknown(name, &with)),
+    }
+}
+
+/// The joint of a rig that a name means: it, or the one that has it but for a namespace, or for case too.
+///
+/// # Errors
+/// A name of none, with those there are; one that may be either of two.
+pub fn of_rig(rig: &Skeleton, name: &str) -> Result<usize> {
+    for is in [|a: &str, b: &str| a == b, is_but_for_namespace, is_but_for_case] {
+        let found: Vec<usize> = (0..rig.joints()).filter(|&joint| is(&rig.names()[joint], name)).collect();
+        match found[..] {
+            [] => {}
+            [joint] => return Ok(joint),
+            [a, b, ..] => {
+                let [a, b] = [a, b].map(|joint| &rig.names()[joint]);
+                return Err(Error::Call(format!("{name:?} may be {a} or {b}; give the whole name")));
+            }
+        }
+    }
+    let meant = did_you_mean(name, rig.names().iter().map(String::as_str));
+    Err(Error::Call(format!("no joint {name:?}; there are {}{meant}", rig.names().join(", "))))
+}
+
+fn is_but_for_namespace(a: &str, b: &str) -> bool {
+    without_namespace(a) == without_namespace(b)
+}
+
+fn is_but_for_case(a: &str, b: &str) -> bool {
+    without_namespace(a).eq_ignore_ascii_case(without_namespace(b))
+}
+
+/// What a part of a list is without a rig, its names compared by `is`.
+fn of_smpl(part: &str, is: impl Fn(&str, &str) -> bool) -> Option<Selection> {
+    if let Some((name, ids)) = GROUPS.iter().find(|(group, _)| is(group, part)) {
+        return Some(Selection { joints: ids.to_vec(), translation: matches!(*name, "root" | "all") });
+    }
+    let id = smpl::NAMES.iter().position(|name| is(name, part));
+    let id = id.or_else(|| part.parse::<usize>().ok().filter(|&id| id < 24))?;
+    Some(Selection { joints: vec![id], translation: false })
+}
+
+/// The same by the very names.
+fn exactly(part: &str) -> Option<Selection> {
+    of_smpl(part, |a, b| a == b)
 }
 
 /// The parts of a list that are SMPL's and a rig's own at once and mean other joints there: `(part, SMPL's name of the rig's)`.
@@ -142,7 +209,7 @@ pub fn meant_twice(list: &str, rig: &Skeleton, map: Option<&str>) -> Vec<(String
     let own = own_names(rig, map).unwrap_or_default();
     let other = |part: &str| {
         let (_, id) = own.iter().find(|(name, _)| *name == part)?;
-        let meant = parse(part).ok()?.joints;
+        let meant = exactly(part)?.joints;
         id.filter(|id| meant != [*id]).map(|id| (part.to_owned(), smpl::NAMES[id]))
     };
     parts(list).filter_map(other).collect()
@@ -246,6 +313,51 @@ mod tests {
         let smpl = smpl::neutral();
         assert_eq!(meant_twice("head,left_knee,legs", &smpl, None), [("head".to_owned(), "head")]);
         assert_eq!(in_smpl_names("rig:head,left_knee", &smpl, None).unwrap(), "15,left_knee");
+    }
+
+    #[test]
+    fn namespaces_and_case_are_seen_through() {
+        assert_eq!(parse("Left_Arm,ROOT").unwrap(), parse("left_arm,root").unwrap());
+        assert_eq!(parse("Left_Knee").unwrap().joints, [4]);
+        let names = "Hips Spine Spine1 Spine2 Neck Head LeftShoulder LeftArm LeftForeArm LeftHand RightShoulder RightArm \
+                     RightForeArm RightHand LeftUpLeg LeftLeg LeftFoot LeftToeBase RightUpLeg RightLeg RightFoot RightToeBase";
+        let named = |prefix: &str, more: &[&str]| {
+            let names: Vec<String> = names.split_whitespace().map(|name| format!("{prefix}{name}")).collect();
+            let all = names.iter().map(String::as_str).chain(more.iter().copied());
+            rig(&all.enumerate().map(|(i, name)| (name, i.checked_sub(1))).collect::<Vec<_>>())
+        };
+        let mixamo = named("mixamorig:", &[]);
+        let of = |list: &str| in_smpl_names(list, &mixamo, None).unwrap();
+        assert_eq!(of("LeftArm,mixamorig:LeftArm,leftarm"), "left_shoulder,left_shoulder,left_shoulder");
+        assert_eq!(
+            [of("Head"), of("HEAD"), of("head")],
+            ["15", "head", "head"],
+            "a group before a joint in another case"
+        );
+        assert_eq!([of("rig:head"), of("LEFT_ARM"), of("Left_Knee")], ["15", "left_arm", "left_knee"]);
+        assert_eq!(of_rig(&mixamo, "leftARM").unwrap(), 7);
+        // an exact name wins, and two that are as near are named
+        let two = named("", &["HEAD", "leftarm", "Bob:Prop", "Tom:Prop"]);
+        let of = |list: &str| in_smpl_names(list, &two, None);
+        assert_eq!(of("LeftArm").unwrap(), "left_shoulder");
+        assert_eq!(of_rig(&two, "leftarm").unwrap(), 23);
+        for (name, said) in
+            [("LEFTARM", "\"LEFTARM\" may be LeftArm or leftarm"), ("Prop", "\"Prop\" may be Bob:Prop or Tom:Prop")]
+        {
+            assert!(of_rig(&two, name).unwrap_err().to_string().contains(said));
+        }
+        assert!(of("leftarm").unwrap_err().to_string().contains("leftarm of the rig stands for no SMPL joint"));
+        let both = named("", &["Left_Knee"]);
+        assert_eq!(in_smpl_names("left_knee", &both, None).unwrap(), "left_knee");
+        let smpl: Vec<_> = smpl::NAMES.iter().enumerate().map(|(i, name)| (*name, i.checked_sub(1))).collect();
+        let loud = rig(&smpl
+            .iter()
+            .map(|(name, parent)| (name.to_uppercase(), *parent))
+            .collect::<Vec<_>>()
+            .iter()
+            .map(|(name, parent)| (name.as_str(), *parent))
+            .collect::<Vec<_>>());
+        assert_eq!(in_smpl_names("Left_Knee,LEFT_ANKLE", &loud, None).unwrap(), "left_knee,left_ankle");
     }
 
     #[test]

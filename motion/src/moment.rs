@@ -1,4 +1,4 @@
-//! Moments of a clip as a call names them: `2.5s`, `2.5`, `40f`, and `-1s` from the end.
+//! Moments of a clip, and lengths, as a call names them: `2.5s`, `2.5`, `40f`, and `-1s` from the end.
 
 use crate::error::in_short;
 use std::fmt;
@@ -32,19 +32,25 @@ impl FromStr for Moment {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Moment, String> {
-        let (number, unit) = match text.char_indices().last() {
-            Some((at, unit @ ('s' | 'f' | 'm'))) => (&text[..at], unit),
-            _ => (text, 's'),
-        };
-        let wrong = || format!("`{text}` is no moment; expected 2.5s, 2.5 or 40f, with a - in front from the end");
-        let number: f64 = number.parse().map_err(|_| wrong())?;
-        match unit {
-            _ if !number.is_finite() => Err(wrong()),
-            's' => Ok(Moment::Seconds(number)),
-            _ if number.fract() != 0.0 => Err(wrong()),
-            'f' => Ok(Moment::Frames(number)),
-            _ => Ok(Moment::Model(number)),
-        }
+        read(text, 's').ok_or_else(|| format!("`{text}` is no time; {EXPECTED}, with a - in front from the end"))
+    }
+}
+
+/// What times look like where a number alone is seconds, to end a fault with.
+pub const EXPECTED: &str = "expected 2.5s, 2.5 or 40f";
+
+/// A time whose number counts `bare` where it names no unit: s, f or m.
+fn read(text: &str, bare: char) -> Option<Moment> {
+    let (number, unit) = match text.char_indices().last() {
+        Some((at, unit @ ('s' | 'f' | 'm'))) => (&text[..at], unit),
+        _ => (text, bare),
+    };
+    let number: f64 = number.parse().ok().filter(|number: &f64| number.is_finite())?;
+    match unit {
+        's' => Some(Moment::Seconds(number)),
+        _ if number.fract() != 0.0 => None,
+        'f' => Some(Moment::Frames(number)),
+        _ => Some(Moment::Model(number)),
     }
 }
 
@@ -59,6 +65,36 @@ impl fmt::Display for Moment {
 }
 
 impl Moment {
+    /// The same where a number alone is frames.
+    ///
+    /// # Errors
+    /// Text that is no time, with what is.
+    pub fn in_frames(text: &str) -> Result<Moment, String> {
+        read(text, 'f').ok_or_else(|| format!("`{text}` is no time; expected 40, 40f or 2.5s"))
+    }
+
+    /// Its number, in its own unit.
+    pub fn number(self) -> f64 {
+        let (Moment::Seconds(number) | Moment::Frames(number) | Moment::Model(number)) = self;
+        number
+    }
+
+    /// So many seconds, where there are `fps` frames in one.
+    pub fn seconds(self, fps: f64) -> f64 {
+        match self {
+            Moment::Seconds(s) => s,
+            Moment::Frames(n) | Moment::Model(n) => n / fps,
+        }
+    }
+
+    /// The nearest number of frames, where there are `fps` in a second.
+    pub fn frames(self, fps: f64) -> f64 {
+        match self {
+            Moment::Seconds(s) => (s * fps).round(),
+            Moment::Frames(n) | Moment::Model(n) => n,
+        }
+    }
+
     /// The border between frames of the clip that lies nearest; `None` outside of it, and for a model's frames where there
     /// is no model.
     pub fn border(self, scale: Scale) -> Option<usize> {
@@ -90,6 +126,14 @@ mod tests {
         for text in ["", "f", "m", "2x", "1.5f", "1.5m", "nan", "inf", "2 s", "ä"] {
             assert!(text.parse::<Moment>().unwrap_err().contains("expected 2.5s"), "{text}");
         }
+    }
+
+    #[test]
+    fn lengths_are_seconds_or_frames() {
+        let of = |moment: Moment| (moment.seconds(20.0), moment.frames(20.0));
+        assert_eq!(["2.5s", "2.5", "50f"].map(|text| of(text.parse().unwrap())), [(2.5, 50.0); 3]);
+        assert_eq!(["50", "50f", "2.5s"].map(|text| of(Moment::in_frames(text).unwrap())), [(2.5, 50.0); 3]);
+        assert_eq!(Moment::in_frames("2.5").unwrap_err(), "`2.5` is no time; expected 40, 40f or 2.5s");
     }
 
     #[test]

@@ -52,6 +52,26 @@ impl Method {
 /// # Errors
 /// [`Error::Call`] for a rate that is not positive and finite, and for [`Method::Stride`] with a ratio that isn't whole.
 pub fn resample(clip: &Clip, fps: f64, method: Method) -> Result<Clip> {
+    let frames = (clip.frames().saturating_sub(1) as f64 * fps / clip.fps() + 1e-9).floor() + 1.0;
+    resampled(clip, fps, method, frames)
+}
+
+/// As [`resample`], but for as long as the frames last, each until the next: [`held_frames`], of which those behind the clip's last
+/// frame hold it. So seconds stay seconds: 240 frames at 20 per second are 720 at 60.
+///
+/// # Errors
+/// Those of [`resample`].
+pub fn resample_held(clip: &Clip, fps: f64, method: Method) -> Result<Clip> {
+    resampled(clip, fps, method, held_frames(clip.frames(), clip.fps(), fps) as f64)
+}
+
+/// Frames at `fps` that begin while so many last at `own_fps`.
+pub fn held_frames(frames: usize, own_fps: f64, fps: f64) -> usize {
+    (frames as f64 * fps / own_fps - 1e-9).ceil().max(0.0) as usize
+}
+
+/// The clip at `fps` in so many frames.
+fn resampled(clip: &Clip, fps: f64, method: Method, frames: f64) -> Result<Clip> {
     let (a, b) = (clip.fps(), fps);
     if !(b.is_finite() && b > 0.0) {
         return Err(Error::Call(format!("a rate of {} frames per second; expected a positive number", in_short(b))));
@@ -70,11 +90,11 @@ pub fn resample(clip: &Clip, fps: f64, method: Method) -> Result<Clip> {
             in_short(b)
         )));
     }
-    let frames = ((clip.frames() - 1) as f64 * b / a + 1e-9).floor() + 1.0;
     if frames * clip.joints() as f64 > MOST_ROTATIONS {
         return Err(Error::Call(format!("{frames} frames at {b} frames per second are too many for memory")));
     }
-    let times = (0..frames as usize).map(|i| i as f64 * a / b);
+    let last = (clip.frames() - 1) as f64;
+    let times = (0..frames as usize).map(|i| (i as f64 * a / b).min(last));
     let (root, rotations) = match method.resolve(a, b) {
         Method::Stride => {
             let step = (a / b).round();
@@ -257,6 +277,24 @@ mod tests {
         assert!(resample(&c, f64::INFINITY, Method::Auto).is_err());
         assert!(resample(&c, 1e9, Method::Auto).is_err(), "too large for memory");
         assert!(resample(&c.clone().with_fps(1e9).unwrap(), 20.0, Method::Auto).is_err(), "a rate that is none");
+    }
+
+    #[test]
+    fn held_to_the_end_seconds_stay_seconds() {
+        let c = swinging(20.0, 12.0, sine(1.0)).slice(0..240);
+        for (fps, frames) in [(60.0, 720), (24.0, 288), (30.0, 360), (59.94, 720), (20.0, 240), (10.0, 120), (7.0, 84)]
+        {
+            let held = resample_held(&c, fps, Method::Smooth).unwrap();
+            assert_eq!((held.frames(), held_frames(240, 20.0, fps)), (frames, frames), "{fps}");
+            let plain = resample(&c, fps, Method::Smooth).unwrap();
+            assert_eq!(held.slice(0..plain.frames()), plain, "{fps}");
+        }
+        let held = resample_held(&c, 60.0, Method::Smooth).unwrap();
+        for frame in 717..720 {
+            assert_eq!((held.root()[frame], held.pose(frame)), (c.root()[239], c.pose(239)), "frame {frame}");
+        }
+        assert_eq!(resample_held(&c.slice(0..1), 60.0, Method::Smooth).unwrap().frames(), 3);
+        assert_eq!(resample_held(&c.slice(0..0), 60.0, Method::Smooth).unwrap().frames(), 0);
     }
 
     #[test]

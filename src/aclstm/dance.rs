@@ -4,6 +4,7 @@ use super::FPS;
 use super::data::{inner, read, stride};
 use super::form::frames_of_steps;
 use super::run::Trained;
+use crate::generate::check_frames;
 use crate::generate::feet::{self, Care};
 use crate::generate::told;
 use crate::{Error, Result};
@@ -68,6 +69,7 @@ impl Recipe {
     /// network's; a clip that is shorter than the seed; a network that runs away; a rig whose feet no skeleton map knows,
     /// where they are to be held.
     pub fn make(&self, trained: &Trained, progress: &mut dyn FnMut(usize)) -> Result<Made> {
+        [self.frames, self.from, self.seed_frames].into_iter().try_for_each(check_frames)?;
         let (mut motion, clip_sha256) = read(&self.clip, &self.read)?;
         trained.file.rig.check(&self.clip, motion.clip.skeleton())?;
         stride(&self.clip, motion.clip.fps())?;

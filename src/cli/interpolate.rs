@@ -7,6 +7,7 @@ use kinelm::spectral::interpolate::{Alignment, Blended, Descent, Kind, Settings,
 use kinelm::view::{Figure, page};
 use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
+use kinelm_motion::moment::Moment;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
@@ -55,12 +56,12 @@ struct WindowArgs {
     /// The rate at which, and that of the dance between
     #[arg(long, default_value_t = 60.0, value_parser = super::read::rate)]
     fps: f64,
-    /// Where A's window begins, seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::read::seconds)]
-    at_a: f64,
-    /// Where B's window begins, seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::read::seconds)]
-    at_b: f64,
+    /// Where A's window begins: 2.5s, 2.5 or 40f (frames of the file)
+    #[arg(long, value_name = "SECONDS", default_value = "0s", allow_negative_numbers = true, value_parser = super::read::time)]
+    at_a: Moment,
+    /// Where B's window begins, the same way
+    #[arg(long, value_name = "SECONDS", default_value = "0s", allow_negative_numbers = true, value_parser = super::read::time)]
+    at_b: Moment,
     /// Leave B's heading as it is, instead of turning B so that both begin facing the same way
     #[arg(long)]
     keep_heading: bool,
@@ -103,13 +104,14 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     motions.iter().for_each(|motion| super::warn(motion, say));
     let [a, b] = motions;
     super::progress::stage("blending the dances");
-    let done = blend(&a, &b, &args.settings())?;
+    let at_s = [args.what.at_a.seconds(a.clip.fps()), args.what.at_b.seconds(b.clip.fps())];
+    let done = blend(&a, &b, &args.settings(at_s))?;
     done.said.iter().for_each(|line| say.line(line));
     let between = Motion { path: args.out.clone(), clip: done.clips[2].clone(), ..a };
     let between = super::written_as(&args.out, between, args.read.map.as_deref())?;
     outputs.write(&args.out, &format::to_bytes(&args.out, &between)?)?;
     if let Some(path) = &args.page {
-        outputs.write(path, page(&figures(&args, &done))?.as_bytes())?;
+        outputs.write(path, page(&figures(&args, at_s, &done))?.as_bytes())?;
     }
     let report = &done.report;
     say.line(format_args!("{}: {} frames at {} fps", args.out.display(), report.frames, report.fps));
@@ -125,7 +127,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     for (key, path) in [("a", &args.a), ("b", &args.b), ("out", &args.out)] {
         line[key] = path.display().to_string().into();
     }
-    line["at_s"] = serde_json::json!([args.what.at_a, args.what.at_b]);
+    line["at_s"] = serde_json::json!(at_s);
     line["said"] = done.said.clone().into();
     print(&format!("{line}\n"))
 }
@@ -148,14 +150,14 @@ fn check(args: &Args) -> Result<()> {
 }
 
 impl Args {
-    fn settings(&self) -> Settings {
-        let WindowArgs { window, whole, fps, at_a, at_b, keep_heading } = self.what;
+    fn settings(&self, at_s: [f64; 2]) -> Settings {
+        let WindowArgs { window, whole, fps, keep_heading, .. } = self.what;
         let HowArgs { strength, amount, plain, rate, steps } = self.how;
         Settings {
             alignment: Alignment {
                 frames: (!whole).then_some(window),
                 fps,
-                at_s: [at_a, at_b],
+                at_s,
                 keep_heading,
                 map: self.read.map.clone(),
             },
@@ -175,12 +177,12 @@ impl Args {
 }
 
 /// A, the dance between, B: from left to right.
-fn figures<'a>(args: &Args, done: &'a Blended) -> [Figure<'a>; 3] {
+fn figures<'a>(args: &Args, at_s: [f64; 2], done: &'a Blended) -> [Figure<'a>; 3] {
     let at = |s: f64| format!("from {s} s on");
     let [a, b, c] = &done.clips;
     [
-        Figure::new(stem(&args.a), a).note(at(args.what.at_a)),
+        Figure::new(stem(&args.a), a).note(at(at_s[0])),
         Figure::new(stem(&args.out), c).note(done.report.transform.clone()),
-        Figure::new(stem(&args.b), b).note(at(args.what.at_b)),
+        Figure::new(stem(&args.b), b).note(at(at_s[1])),
     ]
 }

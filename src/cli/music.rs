@@ -34,7 +34,7 @@ pub struct InspectArgs {
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = super::read::seconds, requires = "out")]
     at: f64,
     /// How long it is
-    #[arg(long, default_value_t = 10.0, value_parser = super::read::positive, requires = "out")]
+    #[arg(long, default_value_t = 10.0, value_parser = super::read::seconds_above_0, requires = "out")]
     seconds: f64,
     #[command(flatten)]
     force: ForceArgs,
@@ -98,7 +98,7 @@ fn bpm_range(text: &str) -> std::result::Result<beat::Range, String> {
 
 /// Seconds of a piece.
 fn length(text: &str) -> std::result::Result<f64, String> {
-    let found = text.parse().ok().filter(|seconds| (1.0..=LONGEST_S).contains(seconds));
+    let found = super::read::seconds(text).ok().filter(|seconds| (1.0..=LONGEST_S).contains(seconds));
     found.ok_or_else(|| format!("found `{text}`, expected 1 to {LONGEST_S} seconds"))
 }
 

@@ -2,6 +2,7 @@
 
 use kinelm::spectral::windows::{LEAST_FRAMES, MOST_FRAMES};
 use kinelm_motion::format::{BvhPosition, ReadOptions, RestFrame, Unit, Up};
+use kinelm_motion::moment::{EXPECTED, Moment};
 use kinelm_motion::resample::MOST_FPS;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
@@ -125,9 +126,57 @@ pub fn window(text: &str) -> Result<usize, String> {
     within(LEAST_FRAMES..=MOST_FRAMES)(text)
 }
 
-/// A time from the beginning on.
+/// A time from the beginning on, of what has no model: a number alone is seconds.
+pub fn time(text: &str) -> Result<Moment, String> {
+    match text.parse()? {
+        Moment::Model(_) => Err(format!("`{text}`: there is no model; {EXPECTED}")),
+        time if time.number().is_sign_negative() && time.number() != 0.0 => Err("expected a time from 0 on".into()),
+        time => Ok(time),
+    }
+}
+
+/// A time that may lie before the beginning.
+pub fn any_time(text: &str) -> Result<Moment, String> {
+    let before = text.strip_prefix('-').map(|after| time(after).map(|_| ()));
+    before.unwrap_or_else(|| time(text).map(|_| ()))?;
+    text.parse()
+}
+
+/// A time of what has no frames, in seconds.
 pub fn seconds(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|s: &f64| *s >= 0.0 && s.is_finite()).ok_or("expected seconds from 0 on".into())
+    match time(text)? {
+        Moment::Seconds(s) => Ok(s),
+        _ => Err(format!("`{text}`: there are no frames here; expected seconds, as 2.5s or 2.5")),
+    }
+}
+
+/// The same, longer than nothing.
+pub fn seconds_above_0(text: &str) -> Result<f64, String> {
+    seconds(text).and_then(|s| if s > 0.0 { Ok(s) } else { Err("expected more than 0 s".into()) })
+}
+
+/// How long something is, longer than nothing; a number alone is seconds.
+pub fn length(text: &str) -> Result<Moment, String> {
+    above_0(text.parse()?)
+}
+
+/// The same; a number alone is frames.
+pub fn length_in_frames(text: &str) -> Result<Moment, String> {
+    above_0(Moment::in_frames(text)?)
+}
+
+fn above_0(length: Moment) -> Result<Moment, String> {
+    if length.number() > 0.0 { Ok(length) } else { Err(format!("{length}: expected more than nothing")) }
+}
+
+/// Frames of what has `fps` in a second, in a range; a number alone is frames.
+pub fn frames_at(fps: f64, range: RangeInclusive<u32>) -> impl Fn(&str) -> Result<u32, String> + Clone {
+    move |text| {
+        let frames = Moment::in_frames(text)?.frames(fps);
+        let within = (f64::from(*range.start())..=f64::from(*range.end())).contains(&frames);
+        let wrong = || format!("{frames} frames; expected {} to {}", range.start(), range.end());
+        if within { Ok(frames as u32) } else { Err(wrong()) }
+    }
 }
 
 /// A part of a whole.

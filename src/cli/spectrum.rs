@@ -4,7 +4,8 @@ use super::{ForceArgs, Say, read::ReadArgs};
 use anyhow::Result;
 use kinelm::spectral::picture::{Wanted, charts};
 use kinelm_motion::format::{self, RestFrame};
-use kinelm_motion::suggest::did_you_mean;
+use kinelm_motion::joints;
+use kinelm_motion::moment::Moment;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
@@ -17,12 +18,12 @@ pub struct Args {
     /// The joint, by its name in the file; the root if none is given
     #[arg(long, value_name = "NAME")]
     joint: Option<String>,
-    /// Where the stretch begins that is drawn, seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::read::seconds)]
-    at: f64,
-    /// How long it is; to the clip's end if not given
-    #[arg(long, value_parser = super::read::positive)]
-    seconds: Option<f64>,
+    /// Where the stretch begins that is drawn: 2.5s, 2.5 or 40f
+    #[arg(long, value_name = "SECONDS", default_value = "0s", allow_negative_numbers = true, value_parser = super::read::time)]
+    at: Moment,
+    /// How long it is, the same way; to the clip's end if not given
+    #[arg(long, value_parser = super::read::length)]
+    seconds: Option<Moment>,
     /// The rate at which the clip is looked at
     #[arg(long, default_value_t = 60.0, value_parser = super::read::positive)]
     fps: f64,
@@ -43,12 +44,11 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let skeleton = motion.clip.skeleton();
     let joint = match &args.joint {
         None => 0,
-        Some(name) => skeleton.find(name).ok_or_else(|| {
-            let (path, meant) = (args.clip.display(), did_you_mean(name, skeleton.names().iter().map(String::as_str)));
-            anyhow::anyhow!("{path}: no joint {name:?}; there are {}{meant}", skeleton.names().join(", "))
-        })?,
+        Some(name) => joints::of_rig(skeleton, name).map_err(|e| anyhow::anyhow!("{}: {e}", args.clip.display()))?,
     };
-    let wanted = Wanted { joint, from_s: args.at, seconds: args.seconds, fps: args.fps, no_dc: args.no_dc };
+    let own = motion.clip.fps();
+    let (from_s, seconds) = (args.at.seconds(own), args.seconds.map(|length| length.seconds(own)));
+    let wanted = Wanted { joint, from_s, seconds, fps: args.fps, no_dc: args.no_dc };
     let charts = charts(&motion.clip, &wanted).map_err(|e| anyhow::anyhow!("{}: {e}", args.clip.display()))?;
     super::draw_charts(&args.out, &charts, &outputs)?;
     say.line(format_args!(

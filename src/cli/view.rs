@@ -9,12 +9,14 @@ use super::{
 use anyhow::Result;
 use kinelm::counted;
 use kinelm::evaluate::dance::beats::Pair;
+use kinelm::generate::edit::span::Span;
 use kinelm::generate::provenance;
 use kinelm::output::{Outputs, is_same};
 use kinelm::view::{Figure, music, page_with};
 use kinelm_motion::format;
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::metric::beat::Hits;
+use kinelm_motion::moment::{Moment, Scale};
 use kinelm_motion::{Motion, Skeleton, retarget};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -31,8 +33,9 @@ pub struct Args {
     /// Where the page goes (.html), or the folder (it is there, or ends in /) of a page for each clip
     #[arg(long, value_name = "FILE|DIR")]
     out: PathBuf,
-    /// Joints drawn in another colour, as they were given to generate; once for all clips, or once a clip in their order
-    #[arg(long, value_name = "LIST")]
+    /// Joints drawn in another colour, as they were given to generate, throughout or from one moment to another (left_arm@4s:8s);
+    /// once for all clips, or once a clip in their order
+    #[arg(long, value_name = "JOINTS[@FROM:TO]")]
     forced: Vec<String>,
     /// Leave all where their files put them, as a dance and its prompt are anyway; the page's Overlay button parts them
     #[arg(long)]
@@ -41,10 +44,11 @@ pub struct Args {
     /// else beside it. If not given, the music that a dance was made to, as the file beside it tells
     #[arg(long, value_name = "FILE")]
     music: Option<PathBuf>,
-    /// The music's time when the dance begins, such as 12.5s; below 0 it begins later than the dance
-    #[arg(long, value_name = "SECONDS", default_value = "0s", value_parser = seconds_with_unit)]
+    /// The music's time when the dance begins: 12.5s, 12.5 or 40f (frames of the first clip); below 0 it begins later than the
+    /// dance
+    #[arg(long, value_name = "SECONDS", default_value = "0s", value_parser = super::read::any_time)]
     #[arg(allow_hyphen_values = true, requires = "music")]
-    music_from: f64,
+    music_from: Moment,
     /// When a beat of the music is hit: where knees and ankles come to rest this part of a beat behind it, to 50 ms, as
     /// evaluate dance finds it in real dances. If not given: where all joints move slowest, on the beat itself
     #[arg(long, value_name = "PART", value_parser = part_of_a_beat, allow_hyphen_values = true)]
@@ -53,12 +57,6 @@ pub struct Args {
     force: ForceArgs,
     #[command(flatten)]
     read: ReadArgs,
-}
-
-/// Seconds with or without their unit.
-pub fn seconds_with_unit(text: &str) -> Result<f64, String> {
-    let number = text.strip_suffix('s').unwrap_or(text).parse().ok();
-    number.filter(|s: &f64| s.is_finite()).ok_or("expected seconds, such as 12.5s".into())
 }
 
 fn part_of_a_beat(text: &str) -> Result<f64, String> {
@@ -109,17 +107,14 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
     for (i, motion) in motions.iter().enumerate() {
         super::warn(motion, say);
         let list = args.forced.get(i).or(args.forced.first().filter(|_| args.forced.len() == 1));
-        let forced = match list.map(String::as_str) {
-            None | Some("") => Vec::new(),
-            Some(list) => {
-                let (rig, map) = (motion.clip.skeleton(), files[i].options.map.as_deref());
-                let selection = joints::in_smpl_names(list, rig, map).and_then(|list| joints::parse(&list));
-                on_rig(rig, &selection.map_err(|e| WrongCall(e.to_string()))?, map)?
-            }
-        };
-        figures.push(figure(motion).forced(&forced).in_world(files[i].world));
+        let figure = figure(motion).in_world(files[i].world);
+        figures.push(match list.filter(|list| !list.is_empty()) {
+            Some(list) => forced(figure, motion, list, files[i].options.map.as_deref())?,
+            None => figure,
+        });
     }
-    let asked = args.music.clone().map(|file| (file, args.music_from)).or_else(|| told(clips, say));
+    let fps = motions.first().map_or(1.0, |motion| motion.clip.fps());
+    let asked = args.music.clone().map(|file| (file, args.music_from.seconds(fps))).or_else(|| told(clips, say));
     let seconds = motions.iter().map(|motion| motion.clip.frames() as f64 / motion.clip.fps()).fold(0.0, f64::max);
     let played = asked.map(|(file, from_s)| beside(&file, (from_s, seconds), out, outputs, say)).transpose()?;
     match &played {
@@ -142,6 +137,21 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
         page.len() / 1000
     ));
     Ok(())
+}
+
+/// A figure with the joints of `JOINTS[@FROM:TO]` marked.
+fn forced<'a>(figure: Figure<'a>, motion: &Motion, list: &str, map: Option<&str>) -> Result<Figure<'a>> {
+    let (rig, fps) = (motion.clip.skeleton(), motion.clip.fps());
+    let wrong = |e: String| WrongCall(format!("--forced {e}"));
+    let span: Span = list.parse().map_err(wrong)?;
+    let selection = joints::in_smpl_names(&span.joints, rig, map).and_then(|list| joints::parse(&list));
+    let figure = figure.forced(&on_rig(rig, &selection.map_err(|e| wrong(format!("{list}: {e}")))?, map)?);
+    if span.from.is_none() && span.to.is_none() {
+        return Ok(figure);
+    }
+    let scale = Scale { frames: motion.clip.frames(), fps, left_out: 0, model_fps: None };
+    let frames = span.frames(scale).map_err(wrong)?;
+    Ok(figure.forced_over(frames.start as f64 / fps..frames.end as f64 / fps))
 }
 
 /// The music that the first dance of several was made to, and its time when the dance begins, if it is there.

@@ -3,10 +3,13 @@
 //! A given joint is only where the joints above it leave it. So it is measured in the frame of the joint that it hangs on
 //! by given and uncoded joints alone: of the pelvis, where no coded joint between is free.
 
+use super::edit::Edited;
+use super::edit::mask::Understood;
 use super::followed::Followed;
 use crate::Result;
 use kinelm_motion::{Clip, Skeleton, smpl};
 use kinelm_tokenizer::Tokenizer;
+use std::collections::BTreeSet;
 
 /// Distances of given joints from the prompt's, over frames and joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,19 +35,38 @@ pub fn held_to(tokenizer: &Tokenizer, prompt: &Followed) -> Vec<(usize, usize)> 
         .collect()
 }
 
-/// The free coded joints between the pelvis and given ones, ascending: they move what is given.
+/// The free coded joints between the pelvis and followed ones, ascending: they move what is given.
 pub fn free_between(tokenizer: &Tokenizer, prompt: &Followed) -> Vec<usize> {
-    let mut between: Vec<usize> = held_to(tokenizer, prompt).into_iter().map(|(_, above)| above).collect();
-    // and what is above these
-    let mut at = 0;
-    while let Some(&joint) = between.get(at) {
-        between.extend(Some(parent(joint)).filter(|&j| joint != 0 && !between.contains(&j)));
-        at += 1;
+    above(|j| is_given(tokenizer, prompt, j), |j| is_coded(tokenizer, j) && !is_given(tokenizer, prompt, j))
+}
+
+/// The same of an edit, of the given joints of a span in any of its frames.
+pub fn free_between_of(edited: &Edited, span: &Understood) -> Vec<usize> {
+    let mask = &edited.read.mask;
+    let mut found: Vec<usize> = Vec::new();
+    let mut seen = BTreeSet::new();
+    for frame in span.frames.clone() {
+        let is_free = |j: usize| mask.is_coded(j) && !mask.is_given(frame, j);
+        if seen.insert((0..24).map(is_free).collect::<Vec<bool>>()) {
+            found.extend(above(|j| span.joints.contains(&j) && !is_free(j), is_free));
+        }
     }
-    between.retain(|&j| j != 0 && is_coded(tokenizer, j) && !is_given(tokenizer, prompt, j));
-    between.sort_unstable();
-    between.dedup();
-    between
+    found.sort_unstable();
+    found.dedup();
+    found
+}
+
+/// The free joints above given ones, but the pelvis, ascending.
+fn above(is_given: impl Fn(usize) -> bool, is_free: impl Fn(usize) -> bool) -> Vec<usize> {
+    let mut above = [false; 24];
+    for joint in (1..24).filter(|&joint| is_given(joint)) {
+        let mut at = parent(joint);
+        while at != 0 {
+            above[at] = true;
+            at = parent(at);
+        }
+    }
+    (1..24).filter(|&joint| above[joint] && is_free(joint)).collect()
 }
 
 fn is_coded(tokenizer: &Tokenizer, joint: usize) -> bool {

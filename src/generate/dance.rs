@@ -10,6 +10,8 @@ use kinelm_tokenizer::{Place, SPACE};
 pub(super) struct Dance<'a> {
     plan: &'a Plan<'a>,
     seed: u64,
+    /// Ids that it begins with.
+    beginning: &'a [u32],
     /// Tokens that a window holds.
     context: usize,
     /// The tokens in front of the window.
@@ -83,11 +85,12 @@ impl<'a> Led<'a> {
 }
 
 impl<'a> Dance<'a> {
-    pub fn new(plan: &'a Plan<'a>, seed: u64, context: usize) -> Self {
+    pub fn new(plan: &'a Plan<'a>, (seed, beginning): (u64, &'a [u32]), context: usize) -> Self {
         let word = plan.grammar.tokens_per_word();
         let mut dance = Dance {
             plan,
             seed,
+            beginning,
             context,
             front: plan.front,
             most: word.map(|word| (context + 1 - plan.front.len()) / word),
@@ -192,7 +195,7 @@ impl<'a> Dance<'a> {
     fn known(&self, place: Place, behind: usize) -> Option<u32> {
         let plan = self.plan;
         let given = || self.given(place).filter(|_| !self.foretells(place));
-        let known = plan.beginning.get(self.ids.len() + behind).copied().or_else(given);
+        let known = self.beginning.get(self.ids.len() + behind).copied().or_else(given);
         known.or_else(|| plan.grammar.only(place))
     }
 

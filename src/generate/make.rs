@@ -12,16 +12,18 @@ use super::place::{Led, Place};
 use super::prompt;
 use super::recipe::{PromptRecipe, Recipe, Rig};
 use super::rest::{self, RestJoints};
-use super::{Danced, GUESSES, Plan, dances, reader, variation_seed};
+use super::{Danced, GUESSES, Plan, check_frames, dances, reader, variation_seed};
+use crate::corpus::Conditions;
 use crate::model::ahead::{Ahead, Course};
 use crate::model::checkpoint::Checkpoints;
+use crate::model::lead_in::{self, LeadIn, LeadInFrom, LeadIns};
 use crate::model::music::Sound;
 use crate::model::{LoadedRun, Which, load_run, music};
 use crate::{Error, Result};
 use kinelm_motion::feet::Locked;
 use kinelm_motion::format::{self, Format, bvh::Changed};
 use kinelm_motion::moment::Scale;
-use kinelm_motion::resample::{Method, resample};
+use kinelm_motion::resample::{Method, held_frames, resample_held};
 use kinelm_motion::{Clip, Motion, Source};
 use kinelm_tokenizer::{Rest, Tokenizer, Words};
 use std::path::Path;
@@ -45,6 +47,8 @@ pub struct Ready {
     fronts: Vec<(usize, Vec<u32>)>,
     /// The same with every label unknown, where the dance is guided.
     without: Option<Vec<u32>>,
+    /// What dances from nothing go on from, where this one does.
+    lead_ins: Option<(LeadIns, Conditions)>,
 }
 
 /// A dance as it is written.
@@ -76,14 +80,11 @@ impl Made {
     }
 }
 
+/// Ways through a gap that are drawn side by side, at most.
+const MOST_TRIES: usize = 64;
+
 /// How far gaps are led to what is given behind them, where nobody says.
 pub const AHEAD: f64 = 2.0;
-
-/// What leads in to a dance that begins from nothing.
-const LEAD_IN_S: f64 = 1.0;
-
-/// Frames of a dance, at most: half a day at 20 frames a second, whose ids fit into memory.
-const MOST_FRAMES: usize = 1 << 20;
 
 impl Ready {
     /// The tokens in front of a window that begins at a frame.
@@ -119,6 +120,13 @@ impl Ready {
         let without = without(&recipe, &run, &conditions)?;
         let of_seconds = recipe.seconds.map(|s| (s * tokenizer.fps()).round().max(1.0) as usize);
         let asked = recipe.frames.or(of_seconds);
+        [asked.unwrap_or(0), recipe.lead_in].into_iter().try_for_each(check_frames)?;
+        let tries = recipe.prompt.as_ref().and_then(|prompt| prompt.edit.as_ref()).map_or(1, |edit| edit.tries);
+        for (what, many, most) in [("starts", recipe.starts, u8::MAX.into()), ("tries", tries, MOST_TRIES)] {
+            if many > most {
+                return Err(Error::Call(format!("{many} {what}; expected {most} at most")));
+            }
+        }
         let prompt = recipe.prompt.as_mut().map(|prompt| Followed::load(prompt, asked, &tokenizer)).transpose()?;
         let of_prompt = |p: &Followed| p.edit.as_ref().map_or(p.clip.frames(), Edited::known);
         let follows = |p: &&Followed| p.edit.is_some() || !p.given.is_empty();
@@ -126,12 +134,8 @@ impl Ready {
         let of_music = music.as_ref().map(|music| (music.seconds() * tokenizer.fps() + 1e-6).floor().max(1.0) as usize);
         let frames = asked.or(of_followed).or(of_music).or(prompt.as_ref().map(of_prompt));
         let frames = frames.ok_or_else(|| Error::Call("neither frames nor a prompt that says how many".into()))?;
-        let written = recipe.fps.map_or(frames, |fps| (frames as f64 * fps / tokenizer.fps()).ceil() as usize);
-        for frames in [frames, written] {
-            if frames > MOST_FRAMES {
-                return Err(Error::Call(format!("{frames} frames; expected {MOST_FRAMES} at most")));
-            }
-        }
+        let written = recipe.fps.map_or(frames, |fps| held_frames(frames, tokenizer.fps(), fps));
+        [frames, written].into_iter().try_for_each(check_frames)?;
         let of_edit = prompt.as_ref().and_then(|p| p.edit.as_ref()).map(|edited| edited.frames);
         let fps = tokenizer.fps();
         let scale = Scale { frames: of_edit.unwrap_or(frames), fps, left_out: 0, model_fps: Some(fps) };
@@ -153,7 +157,11 @@ impl Ready {
         if let Some(music) = &music {
             music.check(frames as f64 / tokenizer.fps())?;
         }
-        Ok(Ready { recipe, run, tokenizer, prompt, music, frames, fronts, without })
+        let lead_ins = match &recipe.lead_in_from {
+            Some(from) => Some((lead_ins_with(from, &recipe, &tokenizer)?, conditions)),
+            None => None,
+        };
+        Ok(Ready { recipe, run, tokenizer, prompt, music, frames, fronts, without, lead_ins })
     }
 
     /// The dance is to stand where and as its prompt does, if it has one.
@@ -176,15 +184,38 @@ impl Ready {
         self.recipe.feet = if given { Care::Off } else { Care::Lock };
     }
 
-    /// A second leads in to what begins from nothing: no prompt, or an edit whose first frame is all free.
-    pub fn lead_in_from_nothing(&mut self) {
-        let nothing = match &self.prompt {
-            Some(prompt) => prompt.edit.as_ref().is_some_and(Edited::begins_from_nothing),
-            None => true,
-        };
-        let length = self.tokenizer.frames_per_word();
-        let words = (LEAD_IN_S * self.tokenizer.fps() / length as f64).ceil() as usize;
-        self.recipe.lead_in = if nothing { words * length } else { 0 };
+    /// Whether nothing of the first frame is given: there is no prompt, or an edit that frees all of it.
+    pub fn begins_from_nothing(&self) -> bool {
+        let edit = |prompt: &Followed| prompt.edit.as_ref().is_some_and(Edited::begins_from_nothing);
+        self.prompt.as_ref().is_none_or(edit)
+    }
+
+    /// A second leads in to what begins from nothing: one of a train clip, if it is to be and the run keeps some, or one that
+    /// the model draws.
+    ///
+    /// # Errors
+    /// Those of [`LeadIns::load`].
+    pub fn lead_in_from_nothing(&mut self, of_train: bool) -> Result<()> {
+        let nothing = self.begins_from_nothing();
+        let words = lead_in::words(&self.tokenizer);
+        self.recipe.lead_in = if nothing { words * self.tokenizer.frames_per_word() } else { 0 };
+        (self.recipe.lead_in_from, self.lead_ins) = (None, None);
+        if nothing && of_train {
+            let all = LeadIns::load(&self.recipe.run, &self.tokenizer)?;
+            self.lead_ins =
+                all.map(|all| self.run.load_conditions().map(|conditions| (all, conditions))).transpose()?;
+            self.recipe.lead_in_from = self.lead_in(0).map(|lead_in| lead_in.from.clone());
+        }
+        Ok(())
+    }
+
+    /// The second of a train clip that a variation goes on from, if it does.
+    pub fn lead_in(&self, variation: usize) -> Option<&LeadIn> {
+        let (all, conditions) = self.lead_ins.as_ref()?;
+        match (variation, &self.recipe.lead_in_from) {
+            (0, Some(from)) => all.find(from),
+            _ => all.choose(conditions, self.front_at(0), variation_seed(self.recipe.seed, variation)),
+        }
     }
 
     /// Gaps of an edited clip are led to what is given behind them, if the model can be told of it.
@@ -227,6 +258,9 @@ impl Ready {
         if edit.is_some() {
             (plan.given, plan.foretold) = (&given.0, &given.1);
         }
+        let beginnings = (0..variations).filter_map(|variation| self.lead_in(variation));
+        let beginnings: Vec<&[u32]> = beginnings.map(|lead_in| &lead_in.ids[..]).collect();
+        plan.beginnings = &beginnings;
         let course = self.course(&ids, &given.0, lead_in)?;
         let heard = self.heard(words);
         plan.music = &heard;
@@ -247,6 +281,8 @@ impl Ready {
         let mut all = Danced { ids: Vec::new(), foretold: Vec::new(), guessed: 0, right: 0 };
         for variation in 0..variations {
             plan.seed = variation_seed(self.recipe.seed, variation);
+            plan.beginning = beginnings.get(variation).copied().unwrap_or(plan.beginning);
+            plan.beginnings = &[];
             let drawn = dances(&mut *model, &plan, &mut |words| progress((words * length).min(self.frames)))?;
             let best = self.best(&drawn)?;
             all.ids.push(drawn.ids[best].clone());
@@ -309,7 +345,7 @@ impl Ready {
         }
         let mut motion = self.motion_as_drawn(words, out)?;
         if let Some(fps) = self.recipe.fps {
-            motion.clip = resample(&motion.clip, fps, Method::Smooth)?;
+            motion.clip = resample_held(&motion.clip, fps, Method::Smooth)?;
         }
         let made = |motion: Motion, locked: Vec<Locked>| {
             let locked_fps = motion.clip.fps();
@@ -336,17 +372,15 @@ impl Ready {
         let hold = self.recipe.feet == Care::Lock;
         let Closed { clip, left, locked } =
             edited.closed(words, (&prompt.clip, self.recipe.lead_in), &self.tokenizer, hold)?;
-        let (mut motion, mut changed) = match self.on_own_rig() {
-            Some((prompt, recipe)) => {
-                let (motion, changed) = edited.on_own_rig(&clip, &prompt.clip, recipe.read.map.as_deref())?;
-                (motion, Some((changed, edited.text.clone())))
+        let fps = self.recipe.fps;
+        let (motion, changed) = match self.on_own_rig() {
+            Some((prompt, recipe)) => edited.on_own_rig(&clip, (&prompt.clip, recipe.read.map.as_deref()), fps)?,
+            None => {
+                let fps = fps.unwrap_or(clip.fps());
+                (prompt::on_model_rig(out, edited.turn(&clip, self.frames, fps)?), None)
             }
-            None => (prompt::on_model_rig(out, clip.slice(0..self.frames)), None),
         };
-        if let Some(fps) = self.recipe.fps {
-            motion.clip = resample(&motion.clip, fps, Method::Smooth)?;
-            changed = None;
-        }
+        let changed = changed.map(|changed| (changed, edited.text.clone()));
         Ok(Made { motion, locked, locked_fps: self.tokenizer.fps(), left, changed })
     }
 
@@ -387,6 +421,23 @@ impl Ready {
     pub fn on_own_rig(&self) -> Option<(&Followed, &PromptRecipe)> {
         let prompt = self.prompt.as_ref().zip(self.recipe.prompt.as_ref());
         prompt.filter(|_| self.recipe.rig == Rig::Prompt)
+    }
+}
+
+/// The lead-ins of a recipe's run, with the one that it names.
+fn lead_ins_with(from: &LeadInFrom, recipe: &Recipe, tokenizer: &Tokenizer) -> Result<LeadIns> {
+    let path = recipe.run.join(lead_in::LEAD_INS);
+    let named = format!("the one of {} from frame {}, which the dance goes on from", from.clip, from.frame);
+    let wrong = |found: &str| Error::file(&path, found, named.clone(), "put back the file that the run had");
+    let all = LeadIns::load(&recipe.run, tokenizer)?.ok_or_else(|| wrong("no lead-ins"))?;
+    let length = lead_in::words(tokenizer) * tokenizer.frames_per_word();
+    if recipe.lead_in != length {
+        let what = format!("a lead-in of {} frames of a train clip; expected {length}", recipe.lead_in);
+        return Err(Error::Call(what));
+    }
+    match all.find(from) {
+        Some(_) => Ok(all),
+        None => Err(wrong("other lead-ins")),
     }
 }
 

@@ -162,17 +162,33 @@ pub fn reader(run: &LoadedRun, compute: Compute, reading: Reading) -> Result<Box
 /// 60 frames take 0.42 of the time; of those for characters drawn by probability 24 % are, which saves nothing.
 const GUESSES: usize = 8;
 
+/// Frames of a dance, at most: half a day at 20 frames a second, whose ids fit into memory.
+pub const MOST_FRAMES: usize = 1 << 20;
+
+/// Refuses a dance that is too long, whether a call or a file asks for it.
+///
+/// # Errors
+/// [`Error::Call`] with both numbers.
+pub fn check_frames(frames: usize) -> Result<()> {
+    match frames {
+        0..=MOST_FRAMES => Ok(()),
+        _ => Err(Error::Call(format!("{frames} frames; expected {MOST_FRAMES} at most"))),
+    }
+}
+
 /// What is to be danced.
 #[derive(Debug, Clone)]
 pub struct Plan<'a> {
     /// Words wanted.
     pub words: usize,
-    /// Of these the first ones that only lead in: all of them free, the prompt's first word behind them.
+    /// Of these the first ones that only lead in: free or the beginning's, the prompt's first word behind them.
     pub lead_in: usize,
     /// Which ids may stand where.
     pub grammar: Grammar,
     /// Ids of whole words, spaces included, that the dance begins with.
     pub beginning: &'a [u32],
+    /// The same of each dance drawn side by side, where they begin with words of their own; empty: [`Plan::beginning`].
+    pub beginnings: &'a [&'a [u32]],
     /// (C) which places of a word are given, where all words have C characters and none are merged, or (P, C) which of each
     /// word of the prompt; empty: none.
     pub given: &'a [bool],
@@ -219,6 +235,7 @@ impl Plan<'_> {
             lead_in: 0,
             grammar,
             beginning,
+            beginnings: &[],
             given,
             foretold,
             prompt,
@@ -304,7 +321,9 @@ fn drawn<'a>(
 ) -> Result<Vec<Dance<'a>>> {
     let guesses = if model.is_exact() { plan.guesses } else { 0 };
     let (context, each) = (model.context(), plan.streams());
-    let mut dances: Vec<Dance> = seeds.iter().map(|&seed| Dance::new(plan, seed, context)).collect();
+    let beginning = |i: usize| plan.beginnings.get(i).copied().unwrap_or(plan.beginning);
+    let begun = seeds.iter().enumerate().map(|(i, &seed)| Dance::new(plan, (seed, beginning(i)), context));
+    let mut dances: Vec<Dance> = begun.collect();
     let mut logits = Vec::new();
     while dances.iter().any(|dance| !dance.is_done() && !dance.is_weighed()) {
         for (i, dance) in dances.iter_mut().enumerate() {

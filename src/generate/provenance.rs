@@ -15,9 +15,9 @@ use kinelm_motion::format::{Format, input};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// The layout that this program writes. It reads the one before too, which had no edits, plans and places: what that leaves
-/// out was not done, and the hash of the dance says whether it comes out the same.
-const SCHEMA: u32 = 2;
+/// The layout that this program writes. It reads those before too, without lead-ins of train clips, edits, plans and places: what
+/// they leave out was not done, and the hash of the dance says whether it comes out the same.
+const SCHEMA: u32 = 3;
 /// Those that it reads.
 const READ: std::ops::RangeInclusive<u64> = 1..=SCHEMA as u64;
 /// What the name of such a file ends in.
@@ -230,7 +230,8 @@ impl Provenance {
     /// # Errors
     /// The prompt can't be read.
     pub fn of(ready: &Ready, variation: usize, dance: &Path, bytes: &[u8]) -> Result<Provenance> {
-        let recipe = Recipe { frames: Some(ready.frames), ..ready.recipe.clone() };
+        let lead_in_from = ready.lead_in(variation.saturating_sub(1)).map(|lead_in| lead_in.from.clone());
+        let recipe = Recipe { frames: Some(ready.frames), lead_in_from, ..ready.recipe.clone() };
         let prompt = ready.prompt.as_ref().map(|prompt| prompt.clip.sha256.clone());
         Ok(Provenance {
             schema: SCHEMA,
@@ -263,7 +264,7 @@ impl Provenance {
         }
         if !value["schema"].as_u64().is_some_and(|schema| READ.contains(&schema)) {
             let (found, expected) =
-                (format!("schema {}", value["schema"]), format!("schema 1 or {SCHEMA}: {expected}"));
+                (format!("schema {}", value["schema"]), format!("schema 1 to {SCHEMA}: {expected}"));
             return Err(Error::file(path, found, expected, "make it again with this version"));
         }
         read_with_y_up(&mut value);

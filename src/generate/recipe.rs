@@ -8,6 +8,7 @@ use super::place::Place;
 use super::plan::Plan;
 use super::rest::RestJoints;
 use super::sampling::Draw;
+use crate::model::lead_in::LeadInFrom;
 use crate::model::{Compute, Reading};
 use crate::{Error, Result};
 use kinelm_engine::decode::{KvKind, WeightKind};
@@ -46,10 +47,13 @@ pub struct Recipe {
     /// Frames a second of the file that is written, the frames between by slerp; `None`: the model's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fps: Option<f64>,
-    /// Frames that are drawn in front of a dance that begins from nothing, and left out: the first ones a model draws don't
+    /// Frames in front of a dance that begins from nothing, dropped from the output: the first ones a model draws don't
     /// belong together yet.
     #[serde(default, skip_serializing_if = "is_none_at_all")]
     pub lead_in: usize,
+    /// The second of a train clip that stands there; `None`: the model draws them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lead_in_from: Option<LeadInFrom>,
     /// First words that are drawn where one is given in part, see [`super::starts`]; 1: the dance's own alone.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub starts: usize,

@@ -22,7 +22,8 @@ impl Plan<'_> {
     fn begins_in_part(&self) -> bool {
         let characters = self.grammar.tokens_per_word().map_or(0, |word| word - 1);
         let first = &self.given[..self.given.len().min(characters)];
-        let is_drawn = !self.draw.greedy && self.lead_in == 0 && self.beginning.is_empty();
+        let is_drawn =
+            !self.draw.greedy && self.lead_in == 0 && self.beginning.is_empty() && self.beginnings.is_empty();
         is_drawn && !self.prompt.is_empty() && has_given_behind_drawn(first)
     }
 

@@ -16,6 +16,7 @@ mod frames;
 mod golden;
 pub mod gpt;
 pub mod layout;
+pub mod lead_in;
 pub mod music;
 mod net;
 pub mod ops;

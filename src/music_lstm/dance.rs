@@ -4,6 +4,7 @@ use super::data::check;
 use super::run::Trained;
 use super::{FPS, HEARD};
 use crate::corpus::load::hash_file;
+use crate::generate::check_frames;
 use crate::generate::prompt::on_model_rig;
 use crate::generate::told;
 use crate::{Error, Result};
@@ -59,6 +60,7 @@ impl Recipe {
     /// # Errors
     /// Music that can't be read, is silent where it is danced to, or ends before the dance; a network that runs away.
     pub fn make(&self, trained: &Trained, progress: &mut dyn FnMut(usize)) -> Result<Made> {
+        check_frames(self.frames.unwrap_or(0))?;
         let music_sha256 = hash_file(&self.music)?;
         let first = (self.begins_s() * FPS).round();
         if !(0.0..1e9).contains(&first) {

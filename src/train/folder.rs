@@ -1,6 +1,7 @@
 //! A run folder that one process writes.
 
 use super::provenance::{self, PROVENANCE};
+use crate::model::lead_in::LEAD_INS;
 use crate::model::run::{CONFIG, TOKENIZER};
 use crate::{Error, Result, files};
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -127,7 +128,7 @@ pub fn remove(run: &Path) -> Result<()> {
     };
     let own = |name: &str| {
         EARLY.contains(&name)
-            || [CONFIG, "metrics.jsonl", "latest", "best"].contains(&name)
+            || [CONFIG, LEAD_INS, "metrics.jsonl", "latest", "best"].contains(&name)
             || name.starts_with("events.out.tfevents.")
             || is_corpus(name)
     };
@@ -184,7 +185,9 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let run = dir.path().join("run");
         drop(RunFolder::create(&run).unwrap());
-        for name in [CONFIG, TOKENIZER, "corpus-2.json", "best", "events.out.tfevents.1", "samples/step-00000001.bvh"] {
+        for name in
+            [CONFIG, LEAD_INS, TOKENIZER, "corpus-2.json", "best", "events.out.tfevents.1", "samples/step-00000001.bvh"]
+        {
             fs::write(run.join(name), "").unwrap();
         }
         for name in ["notes.txt", "samples/mine.bvh", "checkpoints/notes"] {

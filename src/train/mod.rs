@@ -15,6 +15,7 @@ mod gaps;
 pub mod grow;
 mod heard;
 pub mod import;
+pub mod lead_ins;
 pub mod learner;
 pub mod lr_find;
 pub mod metrics;

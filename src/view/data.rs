@@ -29,6 +29,9 @@ pub struct Drawn {
     step: f64,
     /// (F, P, 3) numbers of 16 bits, little-endian, in base64.
     data: String,
+    /// The seconds, from and to, in which what is given is; throughout if not said.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    given_s: Option<[f64; 2]>,
     /// What it hits of the music, where somebody has looked.
     #[serde(skip_serializing_if = "Option::is_none")]
     hits: Option<Lit>,
@@ -185,6 +188,7 @@ impl Track {
             low: low.to_array(),
             step,
             data: base64(&bytes),
+            given_s: figure.forced_s.as_ref().map(|seconds| [seconds.start, seconds.end]),
             hits: figure.hits.as_ref().map(Lit::of),
         })
     }

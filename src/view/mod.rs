@@ -18,6 +18,7 @@ use crate::{Result, files};
 use kinelm_motion::Clip;
 use kinelm_motion::metric::beat::Hits;
 use music::Music;
+use std::ops::Range;
 use std::path::Path;
 
 /// A dance on the page.
@@ -31,6 +32,8 @@ pub struct Figure<'a> {
     pub clip: &'a Clip,
     /// (J) the joints that were given and not generated, or empty: drawn in another colour.
     pub forced: Vec<bool>,
+    /// The seconds in which they were; `None`: throughout.
+    pub forced_s: Option<Range<f64>>,
     /// Figures of one number stand to each other as their clips put them; `None`: alone.
     pub world: Option<usize>,
     /// Which beats of the page's music it hits, one mark a beat: these are lit. `None`: nobody has looked.
@@ -40,7 +43,8 @@ pub struct Figure<'a> {
 impl<'a> Figure<'a> {
     /// A dance with no joints given.
     pub fn new(title: impl Into<String>, clip: &'a Clip) -> Self {
-        Figure { title: title.into(), note: String::new(), clip, forced: Vec::new(), world: None, hits: None }
+        let (title, note) = (title.into(), String::new());
+        Figure { title, note, clip, forced: Vec::new(), forced_s: None, world: None, hits: None }
     }
 
     /// The same with a line under the title.
@@ -64,6 +68,12 @@ impl<'a> Figure<'a> {
     /// The same with these joints given; ids beyond the skeleton are left out.
     pub fn forced(mut self, joints: &[usize]) -> Self {
         self.forced = (0..self.clip.joints()).map(|j| joints.contains(&j)).collect();
+        self
+    }
+
+    /// The same with them given from one second to another alone.
+    pub fn forced_over(mut self, seconds: Range<f64>) -> Self {
+        self.forced_s = Some(seconds);
         self
     }
 }

@@ -98,16 +98,21 @@ function addCapsule(ax, ay, az, ra, bx, by, bz, rb, colour) {
   c[i + 8] = colour[0]; c[i + 9] = colour[1]; c[i + 10] = colour[2];
 }
 
+// Whether a figure's given joints are so at a time.
+function isGiven(figure, time) {
+  return !figure.given_s || (time >= figure.given_s[0] && time < figure.given_s[1]);
+}
+
 function addFigure(figure, plain) {
   const p = figure.now, [sx, sz] = figure.shift, h = figure.height;
-  const own = colours.figures[figure.index];
+  const own = colours.figures[figure.index], marked = isGiven(figure, Math.min(state.time, figure.lasts));
   const joint = plain ? own : mixed(own, colours.ink, 0.16), givenJoint = plain ? colours.given : mixed(colours.given, colours.ink, 0.12);
   for (const { a, b, ra, rb, given } of figure.bones) {
-    addCapsule(p[3 * a] + sx, p[3 * a + 1], p[3 * a + 2] + sz, ra, p[3 * b] + sx, p[3 * b + 1], p[3 * b + 2] + sz, rb, given ? colours.given : own);
+    addCapsule(p[3 * a] + sx, p[3 * a + 1], p[3 * a + 2] + sz, ra, p[3 * b] + sx, p[3 * b + 1], p[3 * b + 2] + sz, rb, given && marked ? colours.given : own);
   }
   for (const { at, r, given } of figure.balls) {
     const x = p[3 * at] + sx, y = p[3 * at + 1], z = p[3 * at + 2] + sz;
-    addCapsule(x, y, z, r, x, y, z, r, given ? givenJoint : joint);
+    addCapsule(x, y, z, r, x, y, z, r, given && marked ? givenJoint : joint);
   }
   for (let i = 0; i < figure.points; i++) {
     const y = Math.max(0, p[3 * i + 1]) / h, s = things.shadows, k = SHADOW * things.shadowCount++;
@@ -130,7 +135,7 @@ function addTrails(figure) {
       figure.places(late, spot[0], tip, tip + 1);
       figure.places(early, spot[1], tip, tip + 1);
       const [a, b] = spot, r = n => 0.0085 * figure.height * (1 - n / TRAIL);
-      addCapsule(a[0] + sx, a[1], a[2] + sz, r(k), b[0] + sx, b[1], b[2] + sz, r(k + 1), mixed(given ? colours.given : own, colours.floor, 0.15 + 0.7 * k / TRAIL));
+      addCapsule(a[0] + sx, a[1], a[2] + sz, r(k), b[0] + sx, b[1], b[2] + sz, r(k + 1), mixed(given && isGiven(figure, late) ? colours.given : own, colours.floor, 0.15 + 0.7 * k / TRAIL));
     }
   }
 }

@@ -208,7 +208,8 @@ fn find_name(wanted: &str, names: &[String], plain: &[String], prefix: &str) -> 
         .or_else(|| plain.iter().position(|n| *n == simple))
 }
 
-fn without_namespace(name: &str) -> &str {
+/// A name without what stands up to its last colon.
+pub fn without_namespace(name: &str) -> &str {
     name.rsplit(':').next().unwrap_or(name)
 }
 

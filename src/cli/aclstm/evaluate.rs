@@ -1,7 +1,9 @@
 //! `kinelm aclstm evaluate`.
 
+use crate::cli::read::frames_at;
 use crate::cli::{ForceArgs, Say, asked, print, progress};
 use anyhow::Result;
+use kinelm::aclstm::FPS;
 use kinelm::aclstm::evaluate::{Options, Report, SHORT, Test, evaluate, evaluate_dances};
 use kinelm::aclstm::run::Trained;
 use kinelm::corpus::Split;
@@ -22,10 +24,10 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u16).range(1..=4096))]
     seeds: u16,
     /// Frames of a seed, at 30 a second
-    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [100, 200, 300], value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [100, 200, 300], value_parser = frames_at(FPS, 1..=1 << 20))]
     seed_frames: Vec<u32>,
     /// Frames that are made of each, to see for how long they move
-    #[arg(long, value_name = "N", default_value_t = 4000, value_parser = clap::value_parser!(u32).range(SHORT as i64..=1 << 20))]
+    #[arg(long, value_name = "N", default_value_t = 4000, value_parser = frames_at(FPS, SHORT as u32..=1 << 20))]
     frames: u32,
     /// Write the longest seeds as seed-01.bvh and so on instead, at 30 frames a second, so that something else goes on from
     /// them

@@ -1,11 +1,12 @@
 //! `kinelm aclstm generate`.
 
-use crate::cli::read::ReadArgs;
+use crate::cli::read::{ReadArgs, frames_at};
 use crate::cli::{ForceArgs, Say, WrongCall, asked, filter, generate, progress, writable, written_as};
 use anyhow::{Context, Result};
 use kinelm::aclstm::FPS;
 use kinelm::aclstm::dance::{Recipe, Told};
 use kinelm::aclstm::run::Trained;
+use kinelm::generate::MOST_FRAMES;
 use kinelm::generate::feet::Care;
 use kinelm::generate::provenance;
 use kinelm::model::Which;
@@ -21,14 +22,14 @@ pub struct Args {
     /// The clip that the dance goes on from, on the run's rig
     #[arg(long, value_name = "CLIP", required_unless_present = "again")]
     seed_clip: Option<PathBuf>,
-    /// Frames of it that drive the network, at 30 a second
-    #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..))]
+    /// Frames of it that drive the network, at 30 a second, or 10s
+    #[arg(long, value_name = "N", default_value_t = 300, value_parser = frames_at(FPS, 1..=u32::MAX))]
     seed_frames: u32,
     /// Where they begin: frames at 30 a second behind the run's margin
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = frames_at(FPS, 0..=u32::MAX))]
     seed_from: u32,
-    /// Frames to make, at 30 a second
-    #[arg(long, value_name = "N", default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    /// Frames to make, at 30 a second, or 12s
+    #[arg(long, value_name = "N", default_value_t = 400, value_parser = frames_at(FPS, 1..=MOST_FRAMES as u32))]
     frames: u32,
     /// Put the seed in front of them
     #[arg(long)]

@@ -52,7 +52,7 @@ pub struct Args {
     music: Vec<PathBuf>,
     /// The time of the music, or of the beats, when the dances begin, such as 12.5s
     /// [default: 0s]
-    #[arg(long, value_name = "SECONDS", value_parser = crate::cli::view::seconds_with_unit)]
+    #[arg(long, value_name = "SECONDS", value_parser = crate::cli::read::seconds)]
     music_from: Option<f64>,
     /// Draw every measure too: how it is spread over the real train clips and over the dances
     #[arg(long, value_name = "FILE.svg|png")]

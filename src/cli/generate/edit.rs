@@ -14,6 +14,7 @@ use kinelm::generate::make::Made;
 use kinelm::generate::plan::Plan;
 use kinelm::generate::recipe::PromptRecipe;
 use kinelm_motion::joints::say_meant_twice;
+use kinelm_motion::moment::Moment;
 use kinelm_motion::smpl;
 use std::path::Path;
 
@@ -38,12 +39,12 @@ pub struct EditArgs {
     #[arg(long = "loop", value_name = "back|pose", num_args = 0..=1, require_equals = true, default_missing_value = "back",
         requires = "prompt", conflicts_with_all = ["joints", "from_frame", "given", "free", "frames", "seconds"])]
     round: Option<ComesArg>,
-    /// Seconds of the end that --loop makes anew
-    #[arg(long, value_name = "S", default_value_t = 2.0, requires = "round", value_parser = over)]
-    loop_over: f64,
-    /// Seconds over which what differs where new meets old is faded, on the new side
-    #[arg(long, value_name = "S", default_value_t = 0.2, value_parser = seconds)]
-    blend: f64,
+    /// Seconds of the end that --loop makes anew: 2s, 2 or 120f (frames of the file)
+    #[arg(long, value_name = "S", default_value = "2s", requires = "round", value_parser = crate::cli::read::time)]
+    loop_over: Moment,
+    /// Seconds over which what differs where new meets old is faded, on the new side: 0.2s, 0.2 or 12f (frames of the file)
+    #[arg(long, value_name = "S", default_value = "0.2s", value_parser = crate::cli::read::time)]
+    blend: Moment,
     /// Ways that are drawn through a gap, of which the one is kept that ends nearest to where the clip goes on
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=64))]
     tries: u8,
@@ -55,31 +56,43 @@ enum ComesArg {
     Pose,
 }
 
-fn over(text: &str) -> std::result::Result<f64, String> {
-    match seconds(text)? {
-        s if s >= 0.1 => Ok(s),
-        _ => Err("expected 0.1 to 60 seconds".into()),
+/// The seconds of a flag, `least` to 60; `fps` is asked where they are told in frames.
+fn seconds(flag: &str, time: Moment, least: f64, fps: &dyn Fn() -> Result<f64>) -> Result<f64> {
+    let s = match time {
+        Moment::Seconds(s) => s,
+        frames => frames.seconds(fps()?),
+    };
+    if (least..=60.0).contains(&s) {
+        return Ok(s);
     }
-}
-
-fn seconds(text: &str) -> std::result::Result<f64, String> {
-    let s: f64 = text.parse().map_err(|_| "expected seconds, as 0.2".to_owned())?;
-    if (0.0..=60.0).contains(&s) { Ok(s) } else { Err("expected 0 to 60 seconds".into()) }
+    Err(WrongCall(format!("--{flag} {time}: expected {least} to 60 seconds")).into())
 }
 
 impl EditArgs {
-    /// What is asked for, if a clip is to be edited.
-    pub fn get(&self) -> Option<Edit> {
-        let (given, free) = (self.given.clone(), self.free.clone());
+    /// Whether a clip is to be edited.
+    pub fn is_asked(&self) -> bool {
+        !self.given.is_empty() || !self.free.is_empty() || self.round.is_some()
+    }
+
+    /// What is asked for, if a clip is to be edited; `fps` gives its file's rate.
+    ///
+    /// # Errors
+    /// Times outside their limits.
+    pub fn get(&self, fps: &dyn Fn() -> Result<f64>) -> Result<Option<Edit>> {
+        let (given, free, blend_s) = (self.given.clone(), self.free.clone(), self.blend_s(fps)?);
+        let over_s = seconds("loop-over", self.loop_over, 0.1, fps)?;
         let round = self.round.map(|comes| Round {
             comes: match comes {
                 ComesArg::Back => Comes::Back,
                 ComesArg::Pose => Comes::Pose,
             },
-            over_s: self.loop_over,
+            over_s,
         });
-        let edits = !given.is_empty() || !free.is_empty() || round.is_some();
-        edits.then(|| Edit { given, free, blend_s: self.blend, tries: self.tries.into(), round })
+        Ok(self.is_asked().then(|| Edit { given, free, blend_s, tries: self.tries.into(), round }))
+    }
+
+    fn blend_s(&self, fps: &dyn Fn() -> Result<f64>) -> Result<f64> {
+        seconds("blend", self.blend, 0.0, fps)
     }
 }
 
@@ -88,7 +101,8 @@ pub fn planned(path: &Path, args: &EditArgs, say: Say) -> Result<(PromptRecipe, 
     let (plan, laid) = Plan::load(path)?;
     laid.notes.iter().for_each(|note| say.line(note));
     let (path, read, given) = (laid.path().to_owned(), laid.read(), laid.given());
-    let edit = Edit { given, free: Vec::new(), blend_s: args.blend, tries: args.tries.into(), round: None };
+    let (free, blend_s) = (Vec::new(), args.blend_s(&|| Ok(laid.fps))?);
+    let edit = Edit { given, free, blend_s, tries: args.tries.into(), round: None };
     let prompt = PromptRecipe { path, read, joints: None, from_frame: None, plan: Some(plan), edit: Some(edit) };
     Ok((prompt, laid.labels))
 }

@@ -19,10 +19,12 @@ use kinelm::generate::provenance::{self, Provenance};
 use kinelm::generate::recipe::{Computing, MusicRecipe, PromptRecipe, Recipe, Rig};
 use kinelm::generate::rest::RestJoints;
 use kinelm::model::Which;
+use kinelm::model::run::TOKENIZER;
 use kinelm::music::tempo;
 use kinelm::output::Outputs;
-use kinelm_motion::format::RestFrame;
-use kinelm_tokenizer::Words;
+use kinelm_motion::format::{self, RestFrame};
+use kinelm_motion::moment::Moment;
+use kinelm_tokenizer::{Tokenizer, Words};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -42,9 +44,10 @@ pub struct Args {
     /// has them) and ids; root brings the translation
     #[arg(long, value_name = "LIST", requires = "prompt")]
     joints: Option<String>,
-    /// Go on from this frame of the prompt: those before it are kept, as far as they fill whole words
-    #[arg(long, value_name = "N", requires = "prompt", value_parser = clap::value_parser!(u32).range(1..))]
-    from_frame: Option<u32>,
+    /// Go on from this frame of the prompt, at the model's rate, or from 3s on: those before it are kept, as far as they fill
+    /// whole words
+    #[arg(long, value_name = "N", requires = "prompt", value_parser = super::read::length_in_frames)]
+    from_frame: Option<Moment>,
     /// What the dance shall be, for every label field that the model was told of in training; once a field, or for times that
     /// don't meet (genre=salsa@0s:10s)
     #[arg(long = "label", value_name = "FIELD=VALUE[@FROM:TO]")]
@@ -53,9 +56,9 @@ pub struct Args {
     /// (conditions = ["tempo"]). The dance is as long as the music unless told
     #[arg(long, value_name = "FILE")]
     music: Option<PathBuf>,
-    /// The music's time when the dance begins, such as 12.5s; 0 if not given
-    #[arg(long, value_name = "SECONDS", value_parser = super::view::seconds_with_unit, requires = "music")]
-    music_from: Option<f64>,
+    /// The music's time when the dance begins: 12.5s, 12.5 or 250f (frames of the model); 0 if not given
+    #[arg(long, value_name = "SECONDS", value_parser = super::read::time, requires = "music")]
+    music_from: Option<Moment>,
     /// How far labels and music are followed: 1 as learned, above 1 more so (2 to 3), which takes twice the time. If not
     /// given, with music 3 where the model is told its beats and 2 where it is told its sound, else 1
     #[arg(long, value_name = "G")]
@@ -64,12 +67,12 @@ pub struct Args {
     /// the time, up to 10; 0 not at all. If not given, 2 where the model was trained for it (model.ahead)
     #[arg(long, value_name = "G", value_parser = led, allow_hyphen_values = true)]
     ahead: Option<f64>,
-    /// Frames to make, at the model's rate; the prompt's length if not given
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..), required_unless_present_any = ["prompt", "plan", "again", "seconds", "music"])]
-    frames: Option<u32>,
-    /// Seconds to make, instead of --frames
-    #[arg(long, value_name = "S", conflicts_with = "frames", value_parser = super::read::positive)]
-    seconds: Option<f64>,
+    /// Frames to make, at the model's rate, or 12s; the prompt's length if not given
+    #[arg(long, value_name = "N", value_parser = super::read::length_in_frames, required_unless_present_any = ["prompt", "plan", "again", "seconds", "music"])]
+    frames: Option<Moment>,
+    /// Seconds to make, instead of --frames: 12, 12s or 240f
+    #[arg(long, value_name = "S", conflicts_with = "frames", value_parser = super::read::length)]
+    seconds: Option<Moment>,
     /// Frames a second of the file that is written; those between the model's lie on smooth curves. The model's rate if not given
     #[arg(long, value_parser = super::read::rate)]
     fps: Option<f64>,
@@ -79,7 +82,7 @@ pub struct Args {
     out: Option<PathBuf>,
     /// Make a dance again, to the same bytes, from the FILE.bvh.kinelm.json beside it; --run, --prompt, --music and --out if they
     /// are elsewhere now
-    #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["up", "floor", "joints", "from_frame", "given", "free", "blend", "tries", "starts", "labels", "music_from", "guidance", "ahead", "frames", "seconds", "fps",
+    #[arg(long, value_name = "FILE.bvh.kinelm.json", conflicts_with_all = ["up", "floor", "joints", "from_frame", "given", "free", "blend", "tries", "starts", "lead_in", "labels", "music_from", "guidance", "ahead", "frames", "seconds", "fps",
         "variations", "best", "real", "keep_all", "seed", "greedy", "temperature", "top_k", "top_p", "min_p", "repetition_penalty",
         "repetition_words", "rig", "rest_joints", "feet", "weights", "kv", "device", "form", "fps_source", "unit", "map",
         "bvh_position", "root", "lenient", "keep_rest", "drop_rest", "skip", "body_model"])]
@@ -94,6 +97,10 @@ pub struct Args {
     /// which these are likeliest. Nothing of them is cut. 64 if not given, 1 where --tries chooses among whole dances
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
     starts: Option<u8>,
+    /// The second that a dance from nothing goes on from, which is left out of it. If not given, train where the run keeps
+    /// some, as every run does that was trained by kinelm
+    #[arg(long, value_enum)]
+    lead_in: Option<LeadInArg>,
     /// The rig the dance is written on: the model's (SMPL-24), or the prompt's own. If not given, the model's, and the
     /// prompt's own with --given or --free
     #[arg(long, value_enum, requires_if("prompt", "prompt"))]
@@ -129,6 +136,14 @@ pub struct Args {
 enum RigArg {
     Model,
     Prompt,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, clap::ValueEnum)]
+enum LeadInArg {
+    /// Of a train clip, chosen by --seed and --label
+    Train,
+    /// Drawn by the model too
+    None,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -200,7 +215,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         say.line(format_args!("{path}: {bpm:.1} beats a minute{}", told.unwrap_or_default()));
     }
     ready.stand_with_prompt();
-    ready.lead_in_from_nothing();
+    lead_in(&mut ready, args.lead_in, say)?;
     match args.starts {
         None => ready.choose_start(),
         Some(starts) if starts > 1 && !ready.begins_in_part() => return Err(WrongCall(format!(
@@ -239,6 +254,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let told = Provenance { best, ..Provenance::of(&ready, i + 1, out, &bytes)? };
         told.write(out, &bytes, &outputs)?;
         super::convert::told(out, &made.motion, say);
+        if let Some(from) = ready.lead_in(i).map(|lead_in| &lead_in.from) {
+            let from_s = from.frame as f64 / ready.tokenizer.fps();
+            say.line(format_args!("goes on from a second of {} (a train clip) at {from_s:.2} s", from.clip));
+        }
         edit::say_left(&made.left, made.locked_fps, say);
         if let Some(edited) = ready.prompt.as_ref().and_then(|prompt| prompt.edit.as_ref()) {
             edit::say_seam(edited, &made, say);
@@ -246,6 +265,27 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         made.locked.iter().for_each(|locked| super::filter::say_locked(locked, made.locked_fps, say));
         say::read_back(&ready, words, out, say)?;
     }
+    Ok(())
+}
+
+/// What dances from nothing go on from.
+fn lead_in(ready: &mut Ready, lead_in: Option<LeadInArg>, say: Say) -> Result<()> {
+    if let (Some(_), false) = (lead_in, ready.begins_from_nothing()) {
+        let what = "--lead-in: something of the first frame is given, and the dance goes on from that; leave it out";
+        return Err(WrongCall(what.into()).into());
+    }
+    ready.lead_in_from_nothing(lead_in != Some(LeadInArg::None))?;
+    if !ready.begins_from_nothing() || ready.lead_in(0).is_some() || lead_in == Some(LeadInArg::None) {
+        return Ok(());
+    }
+    let what = format!(
+        "{}: no second of a train clip is kept with the model, as where it was trained elsewhere or all clips are shorter",
+        ready.recipe.run.display()
+    );
+    if lead_in.is_some() {
+        return Err(WrongCall(format!("--lead-in train: {what}; leave it out")).into());
+    }
+    say.line(format_args!("{what}: the dance goes on from one that the model draws (--lead-in none)"));
     Ok(())
 }
 
@@ -276,14 +316,20 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
             timed.extend(told);
             Some(prompt)
         }
-        None => args.prompt.clone().map(|path| PromptRecipe {
-            path,
-            read: args.read.options(RestFrame::Drop),
-            joints: args.joints.clone(),
-            from_frame: args.from_frame.map(|n| n as usize),
-            plan: None,
-            edit: args.edit.get(),
-        }),
+        None => match args.prompt.clone() {
+            None => None,
+            Some(path) => Some(PromptRecipe {
+                path,
+                read: args.read.options(RestFrame::Drop),
+                joints: args.joints.clone(),
+                from_frame: args
+                    .from_frame
+                    .map(|at| Ok::<_, anyhow::Error>(of_model(args, at)?.1 as usize))
+                    .transpose()?,
+                plan: None,
+                edit: args.edit.get(&|| of_prompt(args))?,
+            }),
+        },
     };
     if args.ahead.is_some() && prompt.is_none() {
         let what = "--ahead without a clip; what is given ahead is that of --prompt or --plan";
@@ -296,6 +342,9 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
                     (--free, --given)";
         return Err(WrongCall(what.into()).into());
     }
+    let music_from = args.music_from.map(|at| of_model(args, at)).transpose()?;
+    let music = args.music.clone().map(|path| MusicRecipe { path, from_s: music_from.unwrap_or_default().0 });
+    let length = args.frames.or(args.seconds);
     let reading = args.reading.get(1);
     let own_rig = args.rig.unwrap_or(if edit.is_some() { RigArg::Prompt } else { RigArg::Model });
     Ok(Recipe {
@@ -303,13 +352,14 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
         prompt,
         labels,
         timed_labels: timed,
-        music: args.music.clone().map(|path| MusicRecipe { path, from_s: args.music_from.unwrap_or(0.0) }),
+        music,
         guidance: args.guidance.unwrap_or(if args.music.is_some() { GUIDANCE } else { 1.0 }),
         ahead: args.ahead.unwrap_or(0.0),
-        frames: args.frames.map(|n| n as usize),
-        seconds: args.seconds,
+        frames: length.filter(|length| !matches!(length, Moment::Seconds(_))).map(|length| length.number() as usize),
+        seconds: length.filter(|length| matches!(length, Moment::Seconds(_))).map(Moment::number),
         fps: args.fps,
         lead_in: 0,
+        lead_in_from: None,
         starts: args.starts.map_or(1, usize::from),
         seed: args.seed,
         draws: Draws::Given,
@@ -327,6 +377,19 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
         },
         computing: Computing::new(args.compute.get(), reading.weights, reading.kv),
     })
+}
+
+/// A time in seconds and in frames of the model, whose rate is read where it is needed.
+fn of_model(args: &Args, time: Moment) -> Result<(f64, f64)> {
+    let run = args.run.as_ref().context("no run folder")?;
+    let fps = Tokenizer::load(run.join(TOKENIZER))?.fps();
+    Ok((time.seconds(fps), time.frames(fps)))
+}
+
+/// Frames a second of the prompt's file.
+fn of_prompt(args: &Args) -> Result<f64> {
+    let prompt = args.prompt.as_ref().context("no prompt")?;
+    Ok(format::read(prompt, &args.read.options(RestFrame::Drop))?.clip.fps())
 }
 
 /// Reads what a recipe names, and says what the user should know.
@@ -349,6 +412,7 @@ fn load(recipe: Recipe, which: Which, say: Say) -> Result<Ready> {
     }
     if let Some(edited) = &prompt.edit {
         edit::say_understood(prompt, edited, say);
+        say::of_free_between_spans(edited, recipe.plan.is_some(), say);
     }
     let known = prompt.clip.frames();
     if !prompt.given.is_empty() && known < ready.frames {
@@ -403,7 +467,7 @@ fn check_out(args: &Args, outs: &[PathBuf]) -> Result<()> {
         return Err(WrongCall(what).into());
     }
     let is_amass = |prompt: &PathBuf| ["npz", "pkl"].contains(&super::extension(prompt).as_str());
-    if (args.edit.get().is_some() || args.plan.is_some())
+    if (args.edit.is_asked() || args.plan.is_some())
         && args.rig.is_none()
         && extension == "npz"
         && !args.prompt.as_ref().is_some_and(is_amass)

@@ -2,12 +2,15 @@
 
 use crate::cli::Say;
 use anyhow::Result;
-use kinelm::generate::apart::{apart, free_between};
+use kinelm::generate::apart::{apart, free_between, free_between_of};
+use kinelm::generate::edit::Edited;
+use kinelm::generate::edit::span::Span;
 use kinelm::generate::followed::Followed;
 use kinelm::generate::make::Ready;
 use kinelm::generate::prompt;
 use kinelm_motion::{joints, smpl};
 use kinelm_tokenizer::{Tokenizer, Words};
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Parts of the list that name nothing the model knows. (A group is followed as far as it is known.)
@@ -23,7 +26,26 @@ pub fn not_followed(tokenizer: &Tokenizer, list: &str, say: Say) -> Result<()> {
 
 /// Free joints that move given ones, and the call that gives them too.
 pub fn of_free_between(tokenizer: &Tokenizer, prompt: &Followed, list: &str, say: Say) {
-    let between = free_between(tokenizer, prompt);
+    offer(&free_between(tokenizer, prompt), list, say, |offer| format!("--joints {offer}"));
+}
+
+/// The same of an edit, or of a plan.
+pub fn of_free_between_spans(edited: &Edited, is_plan: bool, say: Say) {
+    let mut said = BTreeSet::new();
+    for understood in &edited.read.given {
+        let Span { joints, from, to } = &understood.span;
+        let between = free_between_of(edited, understood);
+        if said.insert((joints.clone(), between.clone())) {
+            offer(&between, joints, say, |offer| match is_plan {
+                true => format!("joints = \"{offer}\""),
+                false => format!("--given {}", Span { joints: offer.into(), from: *from, to: *to }),
+            });
+        }
+    }
+}
+
+/// Says which free joints move the given ones of a list, and by what they are given too.
+fn offer(between: &[usize], list: &str, say: Say, call: impl FnOnce(&str) -> String) {
     if between.is_empty() {
         return;
     }
@@ -34,10 +56,8 @@ pub fn of_free_between(tokenizer: &Tokenizer, prompt: &Followed, list: &str, say
     offer.extend((!torso.is_empty()).then_some("torso"));
     offer.extend(names(&others));
     offer.extend(list.split(',').map(str::trim).filter(|part| !["root", "torso", "pelvis"].contains(part)));
-    let (free, offer) = (names(&between).join(", "), offer.join(","));
-    say.line(format_args!(
-        "{free}: free, and they move the given joints that hang on them; to give them too: --joints {offer}"
-    ));
+    let (free, call) = (names(between).join(", "), call(&offer.join(",")));
+    say.line(format_args!("{free}: free, and they move the given joints that hang on them; to give them too: {call}"));
 }
 
 /// Reads a dance on the prompt's rig back and says which share of the given characters it codes otherwise, and how far the

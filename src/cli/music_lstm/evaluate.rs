@@ -1,9 +1,11 @@
 //! `kinelm music-lstm evaluate`.
 
+use crate::cli::read::frames_at;
 use crate::cli::{Say, WrongCall, asked, print, progress};
 use anyhow::Result;
 use kinelm::corpus::Split;
 use kinelm::model::Which;
+use kinelm::music_lstm::FPS;
 use kinelm::music_lstm::evaluate::{Options, evaluate};
 use kinelm::music_lstm::run::Trained;
 use std::path::PathBuf;
@@ -17,7 +19,7 @@ pub struct Args {
     #[arg(long, value_name = "SPLIT", default_value = "test")]
     split: Split,
     /// Frames of one long dance to that music, to see whether it freezes
-    #[arg(long, value_name = "N", default_value_t = 12_000, value_parser = clap::value_parser!(u32).range(30..=1 << 20))]
+    #[arg(long, value_name = "N", default_value_t = 12_000, value_parser = frames_at(FPS, 30..=1 << 20))]
     frames: u32,
     /// Frequency of the Butterworth filter that dances are measured behind too, Hz
     #[arg(long, value_name = "HZ", default_value_t = 6.0, value_parser = crate::cli::read::positive)]

@@ -1,13 +1,16 @@
 //! `kinelm music-lstm generate`.
 
+use crate::cli::read::frames_at;
 use crate::cli::{ForceArgs, Say, WrongCall, asked, generate, progress, writable, written_as};
 use anyhow::{Context, Result};
-use kinelm::generate::provenance;
+use kinelm::generate::{MOST_FRAMES, provenance};
 use kinelm::model::Which;
+use kinelm::music_lstm::FPS;
 use kinelm::music_lstm::dance::{Recipe, Told};
 use kinelm::music_lstm::run::Trained;
 use kinelm::output::is_same;
 use kinelm_motion::format;
+use kinelm_motion::moment::Moment;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
@@ -19,10 +22,10 @@ pub struct Args {
     #[arg(long, value_name = "FILE", required_unless_present = "again")]
     music: Option<PathBuf>,
     /// The music's time at the dance's first frame
-    #[arg(long, value_name = "SECONDS", default_value = "0s", value_parser = crate::cli::view::seconds_with_unit)]
-    music_from: f64,
-    /// Frames to make, at 30 a second; as many as the music has, if not given
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    #[arg(long, value_name = "SECONDS", default_value = "0s", value_parser = crate::cli::read::time)]
+    music_from: Moment,
+    /// Frames to make, at 30 a second, or 12s; as many as the music has, if not given
+    #[arg(long, value_name = "N", value_parser = frames_at(FPS, 1..=MOST_FRAMES as u32))]
     frames: Option<u32>,
     /// Where the dance goes (.bvh .npz .json .glb); FILE.bvh.kinelm.json beside it tells where it is from
     #[arg(long, value_name = "FILE", required_unless_present = "again")]
@@ -44,7 +47,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let recipe = Recipe {
         run: args.run.clone().context("no run folder")?,
         music: args.music.clone().context("no music")?,
-        from_s: args.music_from,
+        from_s: args.music_from.seconds(FPS),
         frames: args.frames.map(|frames| frames as usize),
     };
     if let Some(path) = [&recipe.run, &recipe.music].into_iter().find(|path| path.to_str().is_none()) {

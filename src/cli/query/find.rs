@@ -1,12 +1,13 @@
 //! `kinelm query find`.
 
 use super::{distance, exclude};
-use crate::cli::read::{ReadArgs, count, seconds};
+use crate::cli::read::{ReadArgs, count, time};
 use crate::cli::{ForceArgs, Say, print};
 use anyhow::Result;
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use kinelm::spectral::query::{Answer, Distance, Exclude, Index, Question, find};
-use kinelm_motion::format::{ReadOptions, RestFrame};
+use kinelm_motion::format::{self, ReadOptions, RestFrame};
+use kinelm_motion::moment::Moment;
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -21,9 +22,9 @@ pub struct Args {
     /// How many windows
     #[arg(short, default_value_t = 10, value_parser = count)]
     k: usize,
-    /// Where the window begins in the clip, seconds; unless given it lies in the clip's middle
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
-    at: Option<f64>,
+    /// Where the window begins in the clip: 2.5s, 2.5 or 40f (frames of the file); unless given it lies in the clip's middle
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = time)]
+    at: Option<Moment>,
     /// What near means
     #[arg(long, default_value = "cosine", value_name = "cosine|euclid", value_parser = distance)]
     distance: Distance,
@@ -54,7 +55,11 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let read = args.read.options(RestFrame::Drop);
     let as_indexed = read == ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
     let Args { clip, at, k, distance, exclude, one_a_clip, page, json, .. } = args;
-    let question = Question { clip, read, as_indexed, at_s: at, k, distance, exclude, one_a_clip };
+    let at_s = match at {
+        Some(at @ Moment::Frames(_)) => Some(at.seconds(format::read(&clip, &read)?.clip.fps())),
+        at => at.map(Moment::number),
+    };
+    let question = Question { clip, read, as_indexed, at_s, k, distance, exclude, one_a_clip };
     let answer = find(&index, &question)?;
     for line in &answer.said {
         say.line(line);

@@ -20,6 +20,7 @@ use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh::Changed};
 use kinelm_motion::joints::Selection;
 use kinelm_motion::metric::floor;
 use kinelm_motion::moment::Scale;
+use kinelm_motion::resample::{Method, held_frames, resample, resample_held};
 use kinelm_motion::retarget::SkeletonMap;
 use kinelm_motion::{Clip, Motion};
 use kinelm_tokenizer::{Tokenizer, WordLength, Words};
@@ -149,7 +150,7 @@ impl Edited {
         let reach = ((clip.frames() - 1) as f64 * fps / clip.fps() - 1e-9).ceil() as usize + 1;
         let frames = longer.unwrap_or(reach).max(reach);
         let own = seam.as_ref().map_or(clip.frames(), Seam::frames);
-        let written = longer.map_or(own, |n| ((n - 1) as f64 * clip.fps() / fps + 1e-9) as usize + 1);
+        let written = longer.map_or(own, |n| held_frames(n, fps, clip.fps()));
         let model = read.mask.at_model_rate(frames, reach);
         Ok(Edited {
             read,
@@ -231,11 +232,16 @@ impl Edited {
         Mask::runs(self.frames, |frame| self.model.is_all_free(frame))
     }
 
-    /// The prompt's file with what was invented put in, and what of it is new.
+    /// The prompt's file with what was invented put in, at another rate if one is asked for, and what of it is new, at its own.
     ///
     /// # Errors
-    /// A rig that no skeleton map knows.
-    pub fn on_own_rig(&self, closed: &Clip, prompt: &Prompt, map: Option<&str>) -> Result<(Motion, Changed)> {
+    /// A rig that no skeleton map knows, a rate that is none.
+    pub fn on_own_rig(
+        &self,
+        closed: &Clip,
+        (prompt, map): (&Prompt, Option<&str>),
+        fps: Option<f64>,
+    ) -> Result<(Motion, Option<Changed>)> {
         let way = prompt.way(map)?;
         let rig = RigJoints::of(&way);
         let own = prompt.at_rate()?;
@@ -245,6 +251,10 @@ impl Edited {
         // what was laid behind the end is met there, and not written
         let again = self.seam.as_ref().map_or(0, |seam| seam.again);
         let (clip, mut changed) = spliced(clips, how, self.written + again, self.blend_s)?;
+        if let (Some(fps), Some(_)) = (fps, &self.seam) {
+            let clip = self.turn(&clip, self.written, fps)?;
+            return Ok((Motion { clip, ..self.whole.clone() }, None));
+        }
         let clip = clip.slice(0..self.written);
         changed.root.truncate(self.written);
         changed.joints.truncate(self.written * clip.joints());
@@ -253,7 +263,21 @@ impl Edited {
             Some(_) => (clip, Changed { before: self.left_out, ..changed }),
             None => self.behind_left_out(&clip, changed)?,
         };
-        Ok((Motion { clip, ..self.whole.clone() }, changed))
+        let clip = fps.map_or(Ok(clip.clone()), |fps| resample_held(&clip, fps, Method::Smooth))?;
+        Ok((Motion { clip, ..self.whole.clone() }, Some(changed).filter(|_| fps.is_none())))
+    }
+
+    /// The first `frames` of a dance at another rate. The last one is held, but where the clip goes round: there it goes on into
+    /// the beginning, which stands behind.
+    ///
+    /// # Errors
+    /// A rate that is none.
+    pub fn turn(&self, clip: &Clip, frames: usize, fps: f64) -> Result<Clip> {
+        if self.seam.is_none() {
+            return Ok(resample_held(&clip.slice(0..frames), fps, Method::Smooth)?);
+        }
+        let turned = resample(clip, fps, Method::Smooth)?;
+        Ok(turned.slice(0..held_frames(frames, clip.fps(), fps).min(turned.frames())))
     }
 
     /// Behind the frames of the file that were left out on reading.

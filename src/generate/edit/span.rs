@@ -1,6 +1,6 @@
 //! Joints and when, as a call names them: `left_arm@4s:8s`.
 
-use kinelm_motion::moment::{Moment, Scale};
+use kinelm_motion::moment::{EXPECTED, Moment, Scale};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::Range;
@@ -25,6 +25,12 @@ impl FromStr for Span {
         let (joints, time) = match text.rsplit_once('@') {
             // a joint of a rig may have an @ in its name
             Some((joints, time)) if is_time(time) => (joints, Some(time)),
+            Some((_, time)) if is_meant_as_time(time) => {
+                let from_end = "with a - in front from the end";
+                return Err(format!(
+                    "`{text}`: `{time}` is no time; expected FROM:TO, as in left_arm@4s:8s; of each {EXPECTED}, {from_end}"
+                ));
+            }
             _ => (text, None),
         };
         if joints.trim().is_empty() {
@@ -48,6 +54,13 @@ fn is_time(text: &str) -> bool {
         Some((from, to)) => is_moment(from) && is_moment(to),
         None => !text.is_empty() && is_moment(text),
     }
+}
+
+/// Whether text that is none was meant as a time: it, or what stands behind a colon in it, begins as numbers do. A name of a rig
+/// may do so in quotes.
+fn is_meant_as_time(text: &str) -> bool {
+    let begins = |text: &str| text.trim_start().starts_with(|c: char| c.is_ascii_digit() || "-+.:".contains(c));
+    !text.ends_with('"') && (text.is_empty() || begins(text) || text.split(':').skip(1).any(begins))
 }
 
 impl fmt::Display for Span {
@@ -126,6 +139,13 @@ mod tests {
         assert_eq!(span("all@:"), Span { joints: "all".into(), from: None, to: None });
         let lone = "left_arm@4s".parse::<Span>().unwrap_err();
         assert!(lone.contains("or 4s: for all from then on"), "{lone}");
+        for wrong in ["4-8", "4s-8s", "4s..8s", "4s:8x", "a:8s", "1.5f:3f", "4:8:9", " 4:8", "-1s", ""] {
+            let text = format!("left_arm@{wrong}");
+            let said = text.parse::<Span>().unwrap_err();
+            let expected = format!("`{wrong}` is no time; expected FROM:TO, as in left_arm@4s:8s");
+            assert!(said.contains(&expected) || wrong == "-1s", "{said}");
+        }
+        assert_eq!(span("rig:\"Hip@2nd\"").joints, "rig:\"Hip@2nd\"");
         assert!("@1:2".parse::<Span>().unwrap_err().contains("names no joints"));
     }
 

@@ -135,13 +135,6 @@ pub struct Laid {
 
 impl Laid {
     pub(super) fn of(plan: &Plan) -> Result<Laid, Fault> {
-        let (over, length) = (plan.over, plan.seconds);
-        if !(0.0..=10.0).contains(&over) {
-            return Err(Fault::Plan(format!("over = {over}"), "0 to 10 seconds".into()));
-        }
-        if let Some(s) = length.filter(|s| !(*s > 0.0 && *s <= LONGEST_S)) {
-            return Err(Fault::Plan(format!("seconds = {s}"), format!("more than 0, and {LONGEST_S} at most")));
-        }
         if plan.segments.is_empty() {
             return Err(Fault::Plan("no [[segment]]".into(), "at least one".into()));
         }
@@ -183,6 +176,16 @@ impl Laid {
             }
         }
         let fps = motion.clip.fps();
+        let over = plan.over.0.seconds(fps);
+        if !(0.0..=10.0).contains(&over) {
+            return Err(Fault::Plan(format!("over = {}", plan.over.0), "0 to 10 seconds".into()));
+        }
+        let length = plan.seconds.map(|At(length)| length.seconds(fps));
+        if let (Some(At(told)), Some(s)) = (plan.seconds, length)
+            && !(s > 0.0 && s <= LONGEST_S)
+        {
+            return Err(Fault::Plan(format!("seconds = {told}"), format!("more than 0, and {LONGEST_S} at most")));
+        }
         let mut placed = Vec::new();
         for (n, segment) in plan.segments.iter().enumerate() {
             let Some(clip) = &segment.clip else { continue };

@@ -27,12 +27,12 @@ use toml::Spanned;
 pub struct Plan {
     /// The clip on whose rig, at whose rate and on whose floor the dance is written.
     pub rig: String,
-    /// Seconds that are made anew where one clip goes over into another.
+    /// How long what is made anew is where one clip goes over into another.
     #[serde(default = "over_s")]
-    pub over: f64,
+    pub over: At,
     /// How long the dance is; up to the end of the last segment if not said.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub seconds: Option<f64>,
+    pub seconds: Option<At>,
     /// The clips by the names that the plan has for them.
     pub clips: BTreeMap<String, PlanClip>,
     /// What is given when.
@@ -40,8 +40,8 @@ pub struct Plan {
     pub segments: Vec<Segment>,
 }
 
-fn over_s() -> f64 {
-    1.0
+fn over_s() -> At {
+    At(Moment::Seconds(1.0))
 }
 
 /// A clip, and how it is read.
@@ -148,9 +148,9 @@ impl<'de> Deserialize<'de> for At {
 struct PlanFile {
     rig: Spanned<String>,
     #[serde(default = "over_s")]
-    over: f64,
+    over: At,
     #[serde(default)]
-    seconds: Option<f64>,
+    seconds: Option<At>,
     clips: BTreeMap<String, Spanned<PlanClip>>,
     #[serde(default, rename = "segment")]
     segments: Vec<Spanned<Segment>>,

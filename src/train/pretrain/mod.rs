@@ -9,6 +9,7 @@ mod trainer;
 use super::config::TrainFile;
 use super::data::{CorpusPart, Data};
 use super::folder::RunFolder;
+use super::lead_ins;
 use super::precision::Precision;
 use super::progress::Progress;
 use super::room;
@@ -204,5 +205,6 @@ pub fn go_on(
     stop: &AtomicBool,
     progress: &mut dyn Progress,
 ) -> Result<Summary> {
+    lead_ins::write(run.path(), file.train.seed, data)?;
     Trainer::new(run, file, data, compute, progress)?.train(stop)
 }

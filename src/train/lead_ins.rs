@@ -1,0 +1,171 @@
+//! Which seconds of the train clips a run keeps as lead-ins of unprompted dances.
+
+use super::data::Data;
+use crate::corpus::{ClipRecord, Corpus, Split};
+use crate::model::lead_in::{self, LEAD_INS, LeadIn, LeadInFrom, LeadIns};
+use crate::{Result, files, random};
+use std::path::Path;
+
+/// Lead-ins of each label value, and of clips with any labels.
+const EACH: u64 = 8;
+
+/// A train clip that is long enough.
+struct Candidate<'a> {
+    /// The corpus's number, from 1.
+    number: usize,
+    corpus: &'a Corpus,
+    clip: &'a ClipRecord,
+    /// Words that a lead-in can begin at.
+    starts: usize,
+    /// How often training takes each.
+    weight: f64,
+}
+
+/// Writes the lead-ins of a run where it has none yet.
+///
+/// # Errors
+/// A corpus that can't be read any more; what the system refuses.
+pub fn write(run: &Path, seed: u64, data: &Data) -> Result<()> {
+    let path = run.join(LEAD_INS);
+    if path.exists() {
+        return Ok(());
+    }
+    files::write_whole(&path, draw(seed, data)?.to_json()?.as_bytes())
+}
+
+/// Eight lead-ins of any clips and eight for every label value of the conditions, from streams of the run's seed.
+///
+/// # Errors
+/// A corpus that can't be read any more.
+pub fn draw(seed: u64, data: &Data) -> Result<LeadIns> {
+    let words = lead_in::words(data.tokenizer());
+    let mut all = Vec::new();
+    for (number, part) in (1..).zip(data.parts()) {
+        let (corpus, weight) = (&part.corpus, part.weight);
+        for clip in corpus.split(Split::Train) {
+            let starts = (corpus.words(clip).len() + 1).saturating_sub(words);
+            all.extend((starts > 0).then_some(Candidate { number, corpus, clip, starts, weight }));
+        }
+    }
+    let mut group = 0..;
+    let mut of = |clips: &[&Candidate]| {
+        let group = group.next().unwrap_or_default();
+        drawn(seed, group, clips, (words, data))
+    };
+    let any = of(&all.iter().collect::<Vec<_>>())?;
+    let mut labelled = Vec::new();
+    for field in data.conditions().fields() {
+        for value in data.conditions().values(field) {
+            let has = |c: &&Candidate| c.clip.labels.get(field).is_some_and(|own| own == value);
+            labelled.extend(of(&all.iter().filter(has).collect::<Vec<_>>())?);
+        }
+    }
+    Ok(LeadIns::new(data.tokenizer(), any, labelled))
+}
+
+/// Lead-ins of some clips: all that could begin one, as often as training takes them, stand in a row that is cut into
+/// [`EACH`] equal stretches, and one is drawn in each. None comes twice.
+fn drawn(seed: u64, group: u64, clips: &[&Candidate], (words, data): (usize, &Data)) -> Result<Vec<LeadIn>> {
+    let mass = |c: &Candidate| c.weight * c.starts as f64;
+    let all: f64 = clips.iter().map(|c| mass(c)).sum();
+    let mut found: Vec<LeadIn> = Vec::new();
+    for i in 0..EACH {
+        let unit = random::unit(&mut random::stream(seed, "lead-in", group, i));
+        let mut at = (i as f64 + unit) / EACH as f64 * all;
+        let Some(last) = clips.last() else { break };
+        let clip = clips.iter().find(|c| {
+            let here = at < mass(c);
+            at -= if here { 0.0 } else { mass(c) };
+            here
+        });
+        // sums that were rounded may end behind the last
+        let Candidate { number, corpus, clip, starts, weight } = **clip.unwrap_or(last);
+        let word = ((at / weight) as usize).min(starts - 1);
+        let frame = word * data.tokenizer().frames_per_word();
+        let from = LeadInFrom { corpus: number, clip: clip.name.clone(), frame };
+        if found.iter().all(|other| other.from != from) {
+            let labels = clip.labels.iter().filter(|(field, _)| data.conditions().fields().contains(field));
+            let labels = labels.map(|(field, value)| (field.clone(), value.clone())).collect();
+            found.push(LeadIn { from, labels, ids: corpus.word_ids(clip, word..word + words)? });
+        }
+    }
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::data::Part;
+    use crate::train::fixture;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn each_label_value_has_its_own_from_train_clips_that_have_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let clips =
+            [(300, Split::Train), (200, Split::Train), (19, Split::Train), (90, Split::Valid), (21, Split::Train)];
+        let corpus = fixture::corpus(dir.path(), &clips);
+        let data = Data::of(vec![Part { corpus, weight: 2.0 }], None, &["genre".into()]).unwrap();
+        let all = draw(5, &data).unwrap();
+        assert_eq!(draw(5, &data).unwrap(), all);
+        assert_ne!(draw(6, &data).unwrap(), all);
+        write(dir.path(), 5, &data).unwrap();
+        write(dir.path(), 6, &data).unwrap();
+        assert_eq!(LeadIns::load(dir.path(), data.tokenizer()).unwrap(), Some(all.clone()), "what is there stays");
+        let chosen = |genre: Option<&str>| {
+            let asked: Vec<_> = genre.map(|value| ("genre".to_owned(), value.to_owned())).into_iter().collect();
+            let front = data.conditions().asked(&asked).unwrap();
+            let of = |seed| all.choose(data.conditions(), &front, seed).unwrap();
+            (0..200)
+                .map(of)
+                .map(|l| (l.from.clip.clone(), l.from.frame, l.labels["genre"].clone()))
+                .collect::<BTreeSet<_>>()
+        };
+        let corpus = &data.parts()[0].corpus;
+        for (genre, own) in
+            [(None, &["clip0", "clip1", "clip4"][..]), (Some("a"), &["clip0", "clip4"]), (Some("b"), &["clip1"])]
+        {
+            let found = chosen(genre);
+            assert_eq!(found.len(), 8, "{found:?}");
+            assert!(found.iter().all(|(clip, ..)| own.contains(&clip.as_str())), "{found:?}");
+            assert!(genre.is_none_or(|genre| found.iter().all(|(_, _, own)| own == genre)), "{found:?}");
+        }
+        for lead_in in chosen(None) {
+            let clip = corpus.clips().iter().find(|clip| clip.name == lead_in.0).unwrap();
+            let from = LeadInFrom { corpus: 1, clip: lead_in.0.clone(), frame: lead_in.1 };
+            let ids = corpus.word_ids(clip, lead_in.1..lead_in.1 + 20).unwrap();
+            assert_eq!(all.find(&from).unwrap().ids, ids);
+        }
+        // two of its starts, however long the others are
+        assert!(chosen(Some("b")).iter().all(|(_, frame, _)| *frame <= 180));
+    }
+
+    #[test]
+    fn corpora_come_as_often_as_training_takes_them() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpora = ["a", "b"].map(|name| {
+            std::fs::create_dir(dir.path().join(name)).unwrap();
+            fixture::corpus(&dir.path().join(name), &[(300, Split::Train)])
+        });
+        let parts = corpora.into_iter().zip([1.0, 3.0]).map(|(corpus, weight)| Part { corpus, weight }).collect();
+        let data = Data::of(parts, None, &[]).unwrap();
+        let all = draw(5, &data).unwrap();
+        let of = |seed| all.choose(data.conditions(), &[1], seed).unwrap().from.clone();
+        let found: BTreeSet<_> = (0..200).map(of).map(|from| (from.corpus, from.frame)).collect();
+        assert_eq!(found.iter().filter(|(corpus, _)| *corpus == 1).count(), 2, "{found:?}");
+        assert_eq!(found.len(), 8, "{found:?}");
+    }
+
+    #[test]
+    fn words_of_any_length_and_clips_that_are_all_too_short() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::merged(dir.path(), &[(60, Split::Train), (40, Split::Train)])).unwrap();
+        write(dir.path(), 1, &data).unwrap();
+        assert!(LeadIns::load(dir.path(), data.tokenizer()).unwrap().is_some(), "ids of whole words");
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::corpus(dir.path(), &[(19, Split::Train)])).unwrap();
+        write(dir.path(), 1, &data).unwrap();
+        let none = LeadIns::load(dir.path(), data.tokenizer()).unwrap().unwrap();
+        assert!(none.choose(data.conditions(), &[1], 1).is_none());
+    }
+}

@@ -29,6 +29,8 @@ pub struct Drawn {
     step: f64,
     /// (F, P, 3) numbers of 16 bits, little-endian, in base64.
     data: String,
+    /// Seconds, from and to.
+    anew: Vec<[f64; 2]>,
     /// What it hits of the music, where somebody has looked.
     #[serde(skip_serializing_if = "Option::is_none")]
     hits: Option<Lit>,
@@ -185,6 +187,7 @@ impl Track {
             low: low.to_array(),
             step,
             data: base64(&bytes),
+            anew: figure.anew_s.clone(),
             hits: figure.hits.as_ref().map(Lit::of),
         })
     }

@@ -21,10 +21,11 @@ use kinelm::generate::rest::RestJoints;
 use kinelm::model::Which;
 use kinelm::music::tempo;
 use kinelm::output::Outputs;
-use kinelm_motion::format::RestFrame;
+use kinelm::train::run::RunFile;
+use kinelm_motion::format::{ReadOptions, RestFrame};
 use kinelm_tokenizer::Words;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -236,7 +237,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let words = &danced[i];
         let made = ready.motion(words, out)?;
         let bytes = made.bytes(out)?;
-        let told = Provenance { best, ..Provenance::of(&ready, i + 1, out, &bytes)? };
+        let told = Provenance { best, ..Provenance::of(&ready, i + 1, (out, made.motion.clip.fps()), &bytes)? };
         told.write(out, &bytes, &outputs)?;
         super::convert::told(out, &made.motion, say);
         edit::say_left(&made.left, made.locked_fps, say);
@@ -277,8 +278,8 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
             Some(prompt)
         }
         None => args.prompt.clone().map(|path| PromptRecipe {
+            read: read_as(args, &path, say),
             path,
-            read: args.read.options(RestFrame::Drop),
             joints: args.joints.clone(),
             from_frame: args.from_frame.map(|n| n as usize),
             plan: None,
@@ -327,6 +328,14 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
         },
         computing: Computing::new(args.compute.get(), reading.weights, reading.kv),
     })
+}
+
+/// How a prompt is read: as told, as its sidecar says, or as a corpus that the run learned from has read it.
+fn read_as(args: &Args, path: &Path, say: Say) -> ReadOptions {
+    // what is wrong with the run, reading it says
+    let corpora = args.run.as_deref().and_then(|run| RunFile::read(run).ok()).map_or(Vec::new(), |file| file.corpora);
+    let corpora: Vec<PathBuf> = corpora.into_iter().map(|corpus| corpus.path).collect();
+    args.read.of_files_known(&[path], RestFrame::Drop, &corpora, say).remove(0)
 }
 
 /// Reads what a recipe names, and says what the user should know.

@@ -4,12 +4,13 @@ use super::FPS;
 use super::data::{inner, read, stride};
 use super::form::frames_of_steps;
 use super::run::Trained;
+use crate::corpus::sidecar::as_written;
 use crate::generate::check_frames;
 use crate::generate::feet::{self, Care};
 use crate::generate::told;
 use crate::{Error, Result};
 use kinelm_motion::feet::{Fixed, Locked};
-use kinelm_motion::format::ReadOptions;
+use kinelm_motion::format::{Format, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::map_for;
 use kinelm_motion::{Motion, metric};
@@ -45,6 +46,12 @@ impl told::Recipe for Recipe {
 
     fn run(&self) -> &Path {
         &self.run
+    }
+
+    fn read_back(&self, dance: &Path) -> ReadOptions {
+        // an .npz is on SMPL's rig
+        let on_rig = Format::of_name(dance) != Some(Format::Npz);
+        as_written(dance, on_rig.then_some((&*self.clip, &self.read)))
     }
 }
 

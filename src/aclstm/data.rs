@@ -9,6 +9,7 @@ use crate::corpus::load::item_options;
 use crate::corpus::{FileRecord, Split};
 use crate::{Error, Result};
 use kinelm_motion::format::{self, ReadOptions, input};
+use kinelm_motion::inspect::{RateDoubt, RateDoubts};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Motion};
 use serde::{Deserialize, Serialize};
@@ -94,13 +95,14 @@ impl Recordings {
     /// What gathering and reading fail with; no clip with the labels; a clip on another rig than the first, with its joints;
     /// a rate that is no multiple of the network's.
     pub fn load(sources: &Sources, margin: usize, rig: Option<&Rig>) -> Result<Recordings> {
-        let Gathered { items, said, .. } = gather(&sources.data, &sources.labels)?;
+        let Gathered { items, mut said, .. } = gather(&sources.data, &sources.labels)?;
         let meets = |item: &&Item| sources.only.iter().all(|o| item.labels.get(&o.field) == Some(&o.value));
         let items: Vec<&Item> = items.iter().filter(meets).collect();
-        let mut loaded: Option<Recordings> = None;
+        let (mut loaded, mut doubts): (Option<Recordings>, _) = (None, RateDoubts::default());
         for item in &items {
             let options = item_options(item, &sources.read);
             let (motion, sha256) = read(&item.path, &options)?;
+            doubts.add(&item.file_name(), RateDoubt::in_reading(&motion));
             let known = loaded.as_ref().map(|loaded| &loaded.rig).or(rig);
             if let Some(rig) = known {
                 rig.check(&item.path, motion.clip.skeleton())?;
@@ -109,7 +111,7 @@ impl Recordings {
             let clip = inner(&motion.clip, margin);
             let (name, take, split) = (item.name.clone(), item.take.clone(), item.split);
             let own =
-                || Recordings { all: Vec::new(), rig: rig.cloned().unwrap_or(Rig::of(&motion)), said: said.clone() };
+                || Recordings { all: Vec::new(), rig: rig.cloned().unwrap_or(Rig::of(&motion)), said: Vec::new() };
             loaded.get_or_insert_with(own).all.push(Recording {
                 name,
                 take,
@@ -120,7 +122,8 @@ impl Recordings {
                 item: (*item).clone(),
             });
         }
-        loaded.ok_or_else(|| {
+        said.extend(doubts.line());
+        loaded.map(|loaded| Recordings { said, ..loaded }).ok_or_else(|| {
             let asked: Vec<String> = sources.only.iter().map(|o| format!("{}={}", o.field, o.value)).collect();
             Error::Call(format!("no clip with {}; see the labels' columns", asked.join(", ")))
         })

@@ -20,10 +20,13 @@ pub(super) const ABOUT: &str = "classifier.json";
 pub(super) const TOKENIZER: &str = "tokenizer.json";
 pub(super) const METRICS: &str = "metrics.jsonl";
 
+/// The layout that this program writes and reads.
+pub(super) const SCHEMA: u32 = 2;
+
 /// `classifier.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct About {
-    /// The version of this file: 1.
+    /// The version of this file, [`SCHEMA`].
     pub schema: u32,
     /// The program that wrote it.
     pub kinelm: String,
@@ -37,6 +40,8 @@ pub struct About {
     pub compat: bool,
     /// The clips it learned from met these.
     pub only: Vec<Only>,
+    /// The corpus that it learned from.
+    pub corpus: PathBuf,
     /// The run that it began with; none where it began with nothing.
     pub from: Option<PathBuf>,
     /// The share of the training clips whose labels it saw.
@@ -77,9 +82,14 @@ impl Classifier {
             _ => Error::io(&path)(e),
         })?;
         let found = serde_json::from_str::<serde_json::Value>(&text).ok().and_then(|v| v["schema"].as_u64());
-        if found != Some(1) {
+        if found != Some(SCHEMA.into()) {
             let found = found.map_or("no schema".into(), |n| format!("schema {n}"));
-            return Err(Error::file(&path, found, "schema 1", "train it again, or take the kinelm that wrote it"));
+            return Err(Error::file(
+                &path,
+                found,
+                format!("schema {SCHEMA}"),
+                "train it again, or take the kinelm that wrote it",
+            ));
         }
         let about: About = serde_json::from_str(&text)
             .map_err(|e| Error::file(&path, e.to_string(), "what tells of a classifier", help))?;

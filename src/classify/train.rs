@@ -3,7 +3,7 @@
 use super::batches::Batches;
 use super::eval::{Named, Source, read_windows};
 use super::fields::{self, Field, Fields, Only};
-use super::folder::{About, grown, heads};
+use super::folder::{About, SCHEMA, grown, heads};
 use super::learner::{Learner, first_heads};
 use super::windows::Layout;
 use super::work::{Asked, Saved, Work};
@@ -19,7 +19,7 @@ use kinelm_tokenizer::Tokenizer;
 use rand_chacha::rand_core::RngCore;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What to learn, from what.
@@ -177,7 +177,7 @@ pub fn train(
         Some(saved) => go_on(run, &fields, saved, out)?,
         None => (begin(run, &fields, options)?, Standing::default()),
     };
-    let about = about(run, &tokenizer, &fields, options);
+    let about = About { corpus: absolute(corpus.dir())?, ..about(run, &tokenizer, &fields, options) };
     let train = options.schedule();
     let is_over = |s: &Standing| s.step >= options.steps || (options.patience > 0 && s.worse >= options.patience);
     let mut stopped = false;
@@ -237,13 +237,14 @@ fn go_on(run: &LoadedRun, fields: &Fields, saved: Saved, out: &Path) -> Result<(
 /// What the folder says of itself, before the first update.
 fn about(run: &LoadedRun, tokenizer: &Tokenizer, fields: &Fields, options: &TrainOptions) -> About {
     About {
-        schema: 1,
+        schema: SCHEMA,
         kinelm: env!("CARGO_PKG_VERSION").into(),
         model: run.config.clone(),
         tokens: run.tokens.clone(),
         fields: fields.clone(),
         compat: options.compat,
         only: options.only.clone(),
+        corpus: PathBuf::new(),
         from: (!options.scratch).then(|| run.checkpoint.clone()),
         share: options.share,
         seed: options.seed,
@@ -252,6 +253,10 @@ fn about(run: &LoadedRun, tokenizer: &Tokenizer, fields: &Fields, options: &Trai
         tokenizer: tokenizer.base_hash(),
         weights: (String::new(), FileRecord::of(&[])),
     }
+}
+
+fn absolute(dir: &Path) -> Result<PathBuf> {
+    std::path::absolute(dir).map_err(Error::io(dir))
 }
 
 /// A step's error with what can be done about it.

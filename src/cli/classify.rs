@@ -1,6 +1,6 @@
 //! `kinelm classify train`, `eval` and `predict`.
 
-use super::{ForceArgs, Say, WrongCall, print, read::ReadArgs};
+use super::{ForceArgs, Odd, Say, WrongCall, print, read::ReadArgs};
 use anyhow::{Context, Result};
 use kinelm::classify::baselines::compare;
 use kinelm::classify::predict::Told;
@@ -108,7 +108,7 @@ pub struct PredictArgs {
     /// What `kinelm classify train` wrote
     #[arg(long, value_name = "DIR")]
     classifier: PathBuf,
-    /// Motion files of any rig
+    /// Motion files of any rig; one that the classifier's corpus has is read as it was read for that, unless told
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
     /// A JSON object a file instead of text
@@ -205,10 +205,11 @@ fn measured(args: &EvalArgs, say: Say) -> Result<()> {
 
 fn named(args: &PredictArgs, say: Say) -> Result<()> {
     let mut classifier = Classifier::load(&args.classifier)?;
-    let options = args.read.options(RestFrame::Drop);
-    super::each_file(&args.files, "files could not be named", say, |_, file| {
-        let (motion, found) = classifier.predict(file, &options)?;
-        super::warn(&motion, say);
+    let corpus = std::slice::from_ref(&classifier.about.corpus);
+    let (options, odd) = (args.read.of_files_known(&args.files, RestFrame::Drop, corpus, say), Odd::new(say));
+    super::each_file(&args.files, "files could not be named", say, |i, file| {
+        let (motion, found) = classifier.predict(file, &options[i])?;
+        odd.warn(&motion);
         if args.json {
             return print(&(serde_json::to_string(&found)? + "\n"));
         }

@@ -1,7 +1,7 @@
 //! `kinelm convert`.
 
 use super::many::{self, Pair};
-use super::{ForceArgs, Say, WrongCall, extension, read::ReadArgs};
+use super::{ForceArgs, Odd, Say, WrongCall, extension, read::ReadArgs};
 use anyhow::{Context, Result};
 use kinelm::counted;
 use kinelm_motion::convert::{Rig, Wanted, convert};
@@ -99,27 +99,28 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     let pairs = pairs(&args)?;
     check(&args, &pairs)?;
-    let options = args.read.options(RestFrame::Keep);
     let inputs = pairs.iter().map(|p| p.input.clone()).chain(args.read.files());
     let outputs = args.force.outputs(inputs.chain(args.skeleton.iter().map(PathBuf::from)));
     outputs.check(pairs.iter().map(|p| &*p.output))?;
-    let rig = args.skeleton.as_deref().map(|name| Rig::find(name, &options)).transpose()?;
+    let rig = wanted_rig(&args)?;
     let inputs: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
+    let (options, odd) = (args.read.of_files(&inputs, RestFrame::Keep, say), Odd::new(say));
     super::each_file(&inputs, "files could not be converted", say, |i, input| {
         let output = &pairs[i].output;
         let count = if pairs.len() > 1 { format!("{} of {}: ", i + 1, pairs.len()) } else { String::new() };
-        let motion = cut(&args, format::read(input, &options)?)?;
-        super::warn(&motion, say);
+        let motion = format::read(input, &options[i])?;
+        odd.warn(&motion);
+        let (motion, map) = (cut(&args, motion)?, options[i].map.as_deref());
         let written = if args.positions {
             let positions = match args.moves() {
-                true => Positions::from_clip(&converted(&args, rig.as_ref(), motion, output)?.clip),
-                false => format::positions(input, &options)?,
+                true => Positions::from_clip(&converted(&args, rig.as_ref(), (motion, map), output)?.clip),
+                false => format::positions(input, &options[i])?,
             };
             outputs.write(output, &positions.write()?)?;
             let (out, n, f) = (output.display(), positions.joints.len(), positions.frames());
             format!("{out}: {} of {n} points at {} fps", counted(f, "frames"), positions.fps)
         } else {
-            let motion = converted(&args, rig.as_ref(), motion, output)?;
+            let motion = converted(&args, rig.as_ref(), (motion, map), output)?;
             let bytes = match args.write_unit {
                 Some(unit) => format::bvh::to_bytes_in(&motion, unit.metres())?,
                 None => format::to_bytes(output, &motion)?,
@@ -143,22 +144,29 @@ fn write_together(args: &Args, inputs: &[PathBuf], out: &Path, say: Say) -> Resu
         let what = format!("--write-unit with {}: a .glb is in metres; leave it out", out.display());
         return Err(WrongCall(what).into());
     }
-    let options = args.read.options(RestFrame::Keep);
     let read = inputs.iter().cloned().chain(args.read.files());
     let outputs = args.force.outputs(read.chain(args.skeleton.iter().map(PathBuf::from)));
     outputs.check([out])?;
-    let rig = args.skeleton.as_deref().map(|name| Rig::find(name, &options)).transpose()?;
+    let rig = wanted_rig(args)?;
+    let (options, odd) = (args.read.of_files(inputs, RestFrame::Keep, say), Odd::new(say));
     let mut clips = Vec::with_capacity(inputs.len());
-    for input in inputs {
-        let motion = cut(args, format::read(input, &options)?)?;
-        super::warn(&motion, say);
+    for (input, options) in inputs.iter().zip(options) {
+        let motion = format::read(input, &options)?;
+        odd.warn(&motion);
+        let motion = cut(args, motion)?;
         let name = input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        clips.push((name, converted(args, rig.as_ref(), motion, out)?.clip));
+        clips.push((name, converted(args, rig.as_ref(), (motion, options.map.as_deref()), out)?.clip));
     }
     let named: Vec<_> = clips.iter().map(|(name, clip)| (name.as_str(), clip)).collect();
     outputs.write(out, &format::glb::to_bytes(&named)?)?;
     say.line(format_args!("{}: {} dancers", out.display(), clips.len()));
     Ok(())
+}
+
+/// The rig that is wanted; a motion file that lends its own is read as the call says.
+fn wanted_rig(args: &Args) -> Result<Option<Rig>> {
+    let options = args.read.options(RestFrame::Keep);
+    Ok(args.skeleton.as_deref().map(|name| Rig::find(name, &options)).transpose()?)
 }
 
 /// What is read, and where it goes.
@@ -210,15 +218,15 @@ impl Args {
 }
 
 /// A motion at the rate and on the rig of the file that is written.
-fn converted(args: &Args, rig: Option<&Rig>, motion: Motion, output: &Path) -> Result<Motion> {
-    let wanted = wanted(args, rig, &motion, output)?;
-    Ok(convert(motion, &wanted, args.read.map.as_deref())?)
+fn converted(args: &Args, rig: Option<&Rig>, (motion, map): (Motion, Option<&str>), output: &Path) -> Result<Motion> {
+    let wanted = wanted(args, rig, (&motion, map), output)?;
+    Ok(convert(motion, &wanted, map)?)
 }
 
 /// What is to become of a motion that goes to `output`.
-fn wanted(args: &Args, rig: Option<&Rig>, motion: &Motion, output: &Path) -> Result<Wanted> {
+fn wanted(args: &Args, rig: Option<&Rig>, (motion, map): (&Motion, Option<&str>), output: &Path) -> Result<Wanted> {
     let selection = |list: &str| {
-        let list = joints::in_smpl_names(list, motion.clip.skeleton(), args.read.map.as_deref())?;
+        let list = joints::in_smpl_names(list, motion.clip.skeleton(), map)?;
         joints::parse(&list)
     };
     let npz = || (extension(output) == "npz" && !args.positions).then(|| Rig::Smpl(smpl::neutral()));

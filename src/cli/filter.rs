@@ -1,14 +1,14 @@
 //! `kinelm filter`.
 
 use super::many::InOut;
-use super::{ForceArgs, Say, print, read::ReadArgs};
+use super::{ForceArgs, Odd, Say, print, read::ReadArgs};
 use anyhow::Result;
 use kinelm::counted;
 use kinelm::output::Outputs;
 use kinelm::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth, filter};
 use kinelm_motion::Motion;
 use kinelm_motion::feet::{Fixed, Locked, lock};
-use kinelm_motion::format::{self, RestFrame};
+use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::metric::{floor_of, jitter};
 use kinelm_motion::retarget::map_for;
 use std::path::{Path, PathBuf};
@@ -60,22 +60,29 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let clips: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
     let outputs = args.force.outputs(clips.iter().cloned().chain(args.read.files()));
     outputs.check(pairs.iter().map(|p| &*p.output))?;
-    let each = |i: usize, clip: &Path| one(clip, &pairs[i].output, how.as_ref(), &args, (&outputs, say));
+    let (options, odd) = (args.read.of_files(&clips, RestFrame::Drop, say), Odd::new(say));
+    let each =
+        |i: usize, clip: &Path| one((clip, &options[i]), &pairs[i].output, how.as_ref(), &args, (&outputs, &odd, say));
     super::each_file(&clips, "clips could not be filtered", say, each)
 }
 
-fn one(path: &Path, out: &Path, how: Option<&Filter>, args: &Args, (outputs, say): (&Outputs, Say)) -> Result<()> {
-    let options = args.read.options(RestFrame::Drop);
-    let mut motion = format::read(path, &options)?;
-    let floor_m = if args.feet { Some(floor_of(&mut motion, &options)?) } else { None };
-    super::warn(&motion, say);
+fn one(
+    (path, options): (&Path, &ReadOptions),
+    out: &Path,
+    how: Option<&Filter>,
+    args: &Args,
+    (outputs, odd, say): (&Outputs, &Odd, Say),
+) -> Result<()> {
+    let mut motion = format::read(path, options)?;
+    let floor_m = if args.feet { Some(floor_of(&mut motion, options)?) } else { None };
+    odd.warn(&motion);
     let mut done = match how {
         Some(how) => filter(&motion.clip, how)?,
         None => Filtered { clip: motion.clip.clone(), kept: None, lost: Vec::new() },
     };
     let mut locked = None;
     if let Some(floor_m) = floor_m {
-        let map = map_for(motion.clip.skeleton(), args.read.map.as_deref())?;
+        let map = map_for(motion.clip.skeleton(), options.map.as_deref())?;
         let (clip, found) = lock(&done.clip, &map, floor_m, Fixed::default())?;
         (done.clip, locked) = (clip, Some(found));
     }
@@ -90,7 +97,7 @@ fn one(path: &Path, out: &Path, how: Option<&Filter>, args: &Args, (outputs, say
         ));
     }
     let after = jitter(&done.clip);
-    let filtered = super::written_as(out, Motion { clip: done.clip, ..motion }, args.read.map.as_deref())?;
+    let filtered = super::written_as(out, Motion { clip: done.clip, ..motion }, options.map.as_deref())?;
     outputs.write(out, &format::to_bytes(out, &filtered)?)?;
     let clip = &filtered.clip;
     if args.json {

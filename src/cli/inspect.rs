@@ -21,13 +21,13 @@ pub struct Args {
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
-    let options = args.read.options(RestFrame::Keep);
+    let options = args.read.of_files(&args.files, RestFrame::Keep, say);
     let mut failed = 0;
-    for file in &args.files {
-        match read(file, &options) {
+    for (file, options) in args.files.iter().zip(&options) {
+        match read(file, options) {
             Ok(mut motion) => {
                 // a rig that no map knows has no feet to go by, which is said as its rig
-                let floor = floor_of(&mut motion, &options).ok();
+                let floor = floor_of(&mut motion, options).ok();
                 let report = report(&motion).with_floor(floor);
                 print(&if args.json { report.json() + "\n" } else { report.text() })?;
             }

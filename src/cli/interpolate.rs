@@ -1,7 +1,7 @@
 //! `kinelm interpolate`.
 
 use super::view::stem;
-use super::{ForceArgs, Say, WrongCall, print, read::ReadArgs};
+use super::{ForceArgs, Odd, Say, WrongCall, print, read::ReadArgs};
 use anyhow::Result;
 use kinelm::spectral::interpolate::{Alignment, Blended, Descent, Kind, Settings, Way, align, blend};
 use kinelm::view::{Figure, page};
@@ -99,9 +99,11 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     check(&args)?;
     let outputs = args.force.outputs([args.a.clone(), args.b.clone()].into_iter().chain(args.read.files()));
     outputs.check(std::iter::once(&*args.out).chain(args.page.as_deref()))?;
-    let options = args.read.options(RestFrame::Drop);
-    let motions = [format::read(&args.a, &options)?, format::read(&args.b, &options)?];
-    motions.iter().for_each(|motion| super::warn(motion, say));
+    let options = args.read.of_files(&[&args.a, &args.b], RestFrame::Drop, say);
+    let motions = [format::read(&args.a, &options[0])?, format::read(&args.b, &options[1])?];
+    let odd = Odd::new(say);
+    motions.iter().for_each(|motion| odd.warn(motion));
+    drop(odd);
     let [a, b] = motions;
     super::progress::stage("blending the dances");
     let at_s = [args.what.at_a.seconds(a.clip.fps()), args.what.at_b.seconds(b.clip.fps())];

@@ -1,7 +1,7 @@
 //! `kinelm mirror`.
 
 use super::many::{InOut, Pair};
-use super::{ForceArgs, Say, read::ReadArgs};
+use super::{ForceArgs, Odd, Say, read::ReadArgs};
 use anyhow::Result;
 use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
@@ -24,14 +24,14 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let clips: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
     let outputs = args.force.outputs(clips.iter().cloned().chain(args.read.files()));
     outputs.check(pairs.iter().map(|p| &*p.output))?;
-    let options = args.read.options(RestFrame::Keep);
+    let (options, odd) = (args.read.of_files(&clips, RestFrame::Keep, say), Odd::new(say));
     super::each_file(&clips, "clips could not be mirrored", say, |i, path| {
         let Pair { output, .. } = &pairs[i];
-        let motion = format::read(path, &options)?;
-        super::warn(&motion, say);
-        let rig = motion.clip.skeleton();
-        let clip = Mirror::new(rig, &map_for(rig, args.read.map.as_deref())?)?.apply(&motion.clip)?;
-        let mirrored = super::written_as(output, Motion { clip, ..motion }, args.read.map.as_deref())?;
+        let motion = format::read(path, &options[i])?;
+        odd.warn(&motion);
+        let (rig, map) = (motion.clip.skeleton(), options[i].map.as_deref());
+        let clip = Mirror::new(rig, &map_for(rig, map)?)?.apply(&motion.clip)?;
+        let mirrored = super::written_as(output, Motion { clip, ..motion }, map)?;
         outputs.write(output, &format::to_bytes(output, &mirrored)?)?;
         super::convert::told(output, &mirrored, say);
         Ok(())

@@ -48,8 +48,10 @@ use kinelm::view::plot;
 use kinelm_engine::arena::NoMemory;
 use kinelm_engine::decode::{KvKind, WeightKind};
 use kinelm_motion::convert::{Rig, Wanted, convert};
+use kinelm_motion::inspect::{RateDoubt, RateDoubts};
 use kinelm_motion::{Motion, smpl};
 use std::borrow::Cow;
+use std::cell::RefCell;
 use std::io::{IsTerminal, Write};
 use std::panic::{AssertUnwindSafe, resume_unwind};
 use std::path::{Path, PathBuf};
@@ -422,8 +424,39 @@ pub fn told_plain(e: clap::Error) -> clap::Error {
 
 /// Says what was odd in a file that was read all the same.
 pub fn warn(motion: &Motion, say: Say) {
-    for warning in &motion.warnings {
-        say.line(format_args!("{}: {warning}", motion.path.display()));
+    Odd::new(say).warn(motion);
+}
+
+/// What was odd in the files of a call: said file by file, but the doubts of their rates in one line at the end.
+pub struct Odd {
+    say: Say,
+    doubts: RefCell<RateDoubts>,
+}
+
+impl Odd {
+    /// Of no file yet.
+    pub fn new(say: Say) -> Odd {
+        Odd { say, doubts: RefCell::default() }
+    }
+
+    /// Says what was odd in a file as it was read.
+    pub fn warn(&self, motion: &Motion) {
+        let path = motion.path.display();
+        for warning in motion.warnings.iter().filter(|warning| !RateDoubt::is_warning(warning)) {
+            self.say.line(format_args!("{path}: {warning}"));
+        }
+        self.doubt(&path.to_string(), RateDoubt::in_reading(motion));
+    }
+
+    /// A file and the doubt of its rate.
+    pub fn doubt(&self, name: &str, doubt: Option<RateDoubt>) {
+        self.doubts.borrow_mut().add(name, doubt);
+    }
+}
+
+impl Drop for Odd {
+    fn drop(&mut self) {
+        self.doubts.borrow().line().iter().for_each(|line| self.say.line(line));
     }
 }
 

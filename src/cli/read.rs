@@ -1,31 +1,37 @@
 //! The reading options, the same on every command that reads motion.
 
+use super::Say;
+use kinelm::corpus::load::hash_file;
+use kinelm::corpus::sidecar;
+use kinelm::corpus::store::reading_in;
 use kinelm::spectral::windows::{LEAST_FRAMES, MOST_FRAMES};
 use kinelm_motion::format::{BvhPosition, ReadOptions, RestFrame, Unit, Up};
 use kinelm_motion::moment::{EXPECTED, Moment};
 use kinelm_motion::resample::MOST_FPS;
+use std::collections::BTreeSet;
 use std::ops::RangeInclusive;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// How motion files are read.
 #[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "Reading motion")]
 pub struct ReadArgs {
-    /// The true rate of the files, where they state it wrongly (an fps column of the labels overrules it)
+    /// The true rate of the files, where they state it wrongly
     #[arg(long, value_name = "FPS", value_parser = rate)]
     pub fps_source: Option<f64>,
-    /// Unit of a BVH, which has none of its own; auto judges by the length of the leg
-    #[arg(long, value_enum, default_value = "auto")]
-    pub unit: UnitArg,
-    /// The axis that points up in a BVH or JSON; auto judges a BVH by its rest pose and its motion, a JSON has y up
-    #[arg(long, value_enum, default_value = "auto", allow_hyphen_values = true, value_name = "AXIS")]
-    pub up: UpArg,
+    /// Unit of a BVH, which has none of its own; auto, as if not given, judges by the length of the leg
+    #[arg(long, value_enum)]
+    pub unit: Option<UnitArg>,
+    /// The axis that points up in a BVH or JSON; auto, as if not given, judges a BVH by its rest pose and its motion, a JSON has
+    /// y up
+    #[arg(long, value_enum, allow_hyphen_values = true, value_name = "AXIS")]
+    pub up: Option<UpArg>,
     /// Skeleton TOML for a rig whose joint names no shipped one knows: a shipped name or a file
     #[arg(long, value_name = "NAME|FILE")]
     pub map: Option<String>,
-    /// Whether a joint's position channels replace its OFFSET or are added to it
-    #[arg(long, value_enum, default_value = "replace")]
-    pub bvh_position: PositionArg,
+    /// Whether a joint's position channels replace its OFFSET, as if not given, or are added to it
+    #[arg(long, value_enum)]
+    pub bvh_position: Option<PositionArg>,
     /// The ROOT to read, where a file has several
     #[arg(long, value_name = "NAME")]
     pub root: Option<String>,
@@ -38,14 +44,13 @@ pub struct ReadArgs {
     /// Leave out a leading rest-pose frame, as the tokenizer, corpora and prompts do unless told
     #[arg(long)]
     pub drop_rest: bool,
-    /// Source frames left out at the start; with N > 0 no rest-pose frame is looked for (a skip column overrules it)
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub skip: usize,
+    /// Source frames left out at the start; with N > 0 no rest-pose frame is looked for
+    #[arg(long, value_name = "N")]
+    pub skip: Option<usize>,
     /// Your own SMPL_*.npz: its rest offsets and shape take the place of the neutral skeleton's (AMASS, AIST++)
     #[arg(long, value_name = "FILE")]
     pub body_model: Option<PathBuf>,
-    /// Where the floor is, metres, for tokenizers that code heights above it; auto goes by the feet (a floor column of the
-    /// labels overrules it)
+    /// Where the floor is, metres, for tokenizers that code heights above it; auto goes by the feet
     #[arg(long, value_name = "auto|METRES", value_parser = floor, allow_negative_numbers = true)]
     pub floor: Option<FloorArg>,
 }
@@ -74,24 +79,96 @@ impl ReadArgs {
 
     /// The options, with what this command does about rest-pose frames unless told.
     pub fn options(&self, rest: RestFrame) -> ReadOptions {
+        self.over(&ReadOptions { rest, ..ReadOptions::default() })
+    }
+
+    /// The options that are given, and those of `read` where none are.
+    fn over(&self, read: &ReadOptions) -> ReadOptions {
         ReadOptions {
-            fps_source: self.fps_source,
-            unit: self.unit.into(),
-            up: self.up.into(),
-            map: self.map.clone(),
-            bvh_position: self.bvh_position.into(),
-            root: self.root.clone(),
-            lenient: self.lenient,
+            fps_source: self.fps_source.or(read.fps_source),
+            unit: self.unit.map_or(read.unit, Into::into),
+            up: self.up.map_or(read.up, Into::into),
+            map: self.map.clone().or(read.map.clone()),
+            bvh_position: self.bvh_position.map_or(read.bvh_position, Into::into),
+            root: self.root.clone().or(read.root.clone()),
+            lenient: self.lenient || read.lenient,
             rest: match (self.keep_rest, self.drop_rest) {
                 (true, _) => RestFrame::Keep,
                 (_, true) => RestFrame::Drop,
-                _ => rest,
+                _ => read.rest,
             },
-            skip: self.skip,
-            body_model: self.body_model.clone(),
-            floor: self.floor.and_then(|f| f.0),
+            skip: self.skip.unwrap_or(read.skip),
+            body_model: self.body_model.clone().or(read.body_model.clone()),
+            floor: self.floor.map_or(read.floor, |floor| floor.0),
         }
     }
+
+    /// How the files of a call are read. What is given wins; else a dance is read as its sidecar says, which is said, and any
+    /// other file as this command does unless told. Of several files, what is given is said of those that no sidecar
+    /// tells of.
+    pub fn of_files<P: AsRef<Path>>(&self, files: &[P], rest: RestFrame, say: Say) -> Vec<ReadOptions> {
+        self.of_files_known(files, rest, &[], say)
+    }
+
+    /// [`ReadArgs::of_files`] of a call on one file.
+    pub fn of_file(&self, file: &Path, rest: RestFrame, say: Say) -> ReadOptions {
+        self.of_files(&[file], rest, say).remove(0)
+    }
+
+    /// [`ReadArgs::of_files`] for a model that learned from `corpora`: a file without a sidecar that one of them has is read as
+    /// it was read then.
+    pub fn of_files_known<P: AsRef<Path>>(
+        &self,
+        files: &[P],
+        rest: RestFrame,
+        corpora: &[PathBuf],
+        say: Say,
+    ) -> Vec<ReadOptions> {
+        let (mut all, mut words, mut gone) = (Vec::new(), Vec::new(), BTreeSet::new());
+        for file in files.iter().map(AsRef::as_ref) {
+            let told = sidecar::reading_of(file).unwrap_or_else(|e| {
+                say.line(e);
+                None
+            });
+            let Some(told) = told else {
+                let known = corpora.iter().find_map(|corpus| known_to(corpus, file, &mut gone));
+                let read = self.over(known.as_ref().unwrap_or(&ReadOptions { rest, ..ReadOptions::default() }));
+                if let Some(how) = known.and_then(|known| how(&known, &read)) {
+                    say.line(format_args!("{}: read as the model's corpus read it: {how}", file.display()));
+                }
+                all.push(read);
+                continue;
+            };
+            let read = match files.len() {
+                1 => self.over(&told),
+                _ => sidecar::among_others(told.clone(), &self.options(rest)),
+            };
+            words.extend(sidecar::in_words(&told, &read).map(|words| (file.display().to_string(), words)));
+            all.push(read);
+        }
+        sidecar::line(&words).iter().for_each(|line| say.line(line));
+        for corpus in gone {
+            let what = "whether it has these files, and how it read them, isn't known";
+            say.line(format_args!("{}: the model's corpus can't be read: {what}", corpus.display()));
+        }
+        all
+    }
+}
+
+/// How a corpus read a file, if it has it; one that can't be read joins those that are gone.
+fn known_to<'a>(corpus: &'a Path, file: &Path, gone: &mut BTreeSet<&'a Path>) -> Option<ReadOptions> {
+    let sha256 = hash_file(file).ok()?; // the error is that of reading
+    reading_in(corpus, &sha256).unwrap_or_else(|_| {
+        gone.insert(corpus);
+        None
+    })
+}
+
+/// What of `known` was taken over, in words.
+fn how(known: &ReadOptions, read: &ReadOptions) -> Option<String> {
+    let fps = known.fps_source.filter(|_| known.fps_source == read.fps_source).map(|fps| format!("{fps} fps"));
+    let words: Vec<String> = fps.into_iter().chain(sidecar::in_words(known, read)).collect();
+    (!words.is_empty()).then(|| words.join(", "))
 }
 
 /// A positive, finite number.

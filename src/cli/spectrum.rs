@@ -39,7 +39,7 @@ pub struct Args {
 pub fn run(args: &Args, say: Say) -> Result<()> {
     let outputs = args.force.outputs([args.clip.clone()].into_iter().chain(args.read.files()));
     super::picture(&args.out, &outputs)?;
-    let motion = format::read(&args.clip, &args.read.options(RestFrame::Drop))?;
+    let motion = format::read(&args.clip, &args.read.of_file(&args.clip, RestFrame::Drop, say))?;
     super::warn(&motion, say);
     let skeleton = motion.clip.skeleton();
     let joint = match &args.joint {

@@ -64,7 +64,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
 
 fn text(args: TextArgs, say: Say) -> Result<()> {
     let tokenizer = Tokenizer::load(&args.tokenizer)?;
-    let options = args.read.options(RestFrame::Drop);
+    let options = args.read.of_file(&args.clip, RestFrame::Drop, say);
     let placed = corpus::load::load_placed(&args.clip, &options, tokenizer.config().into())?;
     super::warn(&placed.motion, say);
     let encoded = tokenizer.encode(&placed.lowered())?;

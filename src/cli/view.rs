@@ -2,7 +2,7 @@
 
 use super::many;
 use super::{
-    ForceArgs, Say, WrongCall,
+    ForceArgs, Odd, Say, WrongCall,
     read::ReadArgs,
     view_files::{Named, named, shown},
 };
@@ -100,14 +100,15 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
         .into());
     }
     super::page(out)?;
-    let files = shown(clips, &args.read, args.together)?;
+    let files = shown(clips, &args.read, args.together, say)?;
     files.iter().flat_map(|file| &file.notes).for_each(|note| say.line(note));
     let motions = files.iter().map(|file| Ok(format::read(&file.path, &file.options)?)).collect::<Result<Vec<_>>>()?;
-    let mut figures = Vec::new();
+    say_times(&motions, say);
+    let (mut figures, odd) = (Vec::new(), Odd::new(say));
     for (i, motion) in motions.iter().enumerate() {
-        super::warn(motion, say);
+        odd.warn(motion);
         let list = args.forced.get(i).or(args.forced.first().filter(|_| args.forced.len() == 1));
-        let figure = figure(motion).in_world(files[i].world);
+        let figure = figure(motion).in_world(files[i].world).anew(&files[i].anew_s);
         figures.push(match list.filter(|list| !list.is_empty()) {
             Some(list) => forced(figure, motion, list, files[i].options.map.as_deref())?,
             None => figure,
@@ -217,8 +218,28 @@ fn beside(
 /// A motion under its file's name, without a path.
 fn figure(motion: &Motion) -> Figure<'_> {
     let clip = &motion.clip;
-    let note = format!("{} frames at {} fps", clip.frames(), (clip.fps() * 1000.0).round() / 1000.0);
-    Figure::new(stem(&motion.path), clip).note(note)
+    Figure::new(stem(&motion.path), clip).note(format!("{} frames at {}", clip.frames(), times(motion)))
+}
+
+/// The rate and the length of a motion.
+fn times(motion: &Motion) -> String {
+    let clip = &motion.clip;
+    format!("{} fps, {:.2} s", (clip.fps() * 1000.0).round() / 1000.0, clip.duration_s())
+}
+
+/// Says of clips that aren't as long, or have other rates, that each plays in its own time.
+fn say_times(motions: &[Motion], say: Say) {
+    let Some((first, others)) = motions.split_first() else { return };
+    // the last frame of a slower rate may lie before that of a faster one
+    let apart = |a: &Motion, b: &Motion| {
+        let frame = 1.0 / a.clip.fps().min(b.clip.fps());
+        a.clip.fps() != b.clip.fps() || (a.clip.duration_s() - b.clip.duration_s()).abs() > frame
+    };
+    if others.iter().any(|other| apart(first, other)) {
+        let all: Vec<String> =
+            motions.iter().map(|motion| format!("{} {}", stem(&motion.path), times(motion))).collect();
+        say.line(format_args!("each plays in its own time: {}", all.join("; ")));
+    }
 }
 
 /// A file's name without its extension.

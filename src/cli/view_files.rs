@@ -1,8 +1,8 @@
 //! The files of `view`, and how each is read: options of its own (`FILE:fps=60,skip=10`), what stands beside a dance, and what
 //! the call says of all.
 
-use super::WrongCall;
 use super::read::{PositionArg, ReadArgs, UnitArg, UpArg, positive};
+use super::{Say, WrongCall};
 use anyhow::Result;
 use clap::ValueEnum;
 use kinelm::corpus::load::hash_file;
@@ -19,6 +19,8 @@ pub struct Shown {
     pub options: ReadOptions,
     /// Files of one number stand to each other as they put themselves.
     pub world: Option<usize>,
+    /// Seconds in which something of it was made anew, if that is part of it.
+    pub anew_s: Vec<[f64; 2]>,
     /// What the user should know of that.
     pub notes: Vec<String>,
 }
@@ -36,30 +38,28 @@ pub struct Named {
 struct Known {
     named: Named,
     told: Option<Provenance>,
-    notes: Vec<String>,
 }
 
-/// The files of a call. A generated dance plays at its own rate and its prompt is read as it was followed, whatever `read` says
-/// of all; both stand in one world, as all files do if they are `together`.
+/// The files of a call, read as [`ReadArgs::of_files`] has it. What a generated dance followed is read as it was followed,
+/// whatever `read` says of all; prompt and dance stand in one world, as all files do if they are `together`.
 ///
 /// # Errors
 /// Options of a file that are none.
-pub fn shown(clips: &[Named], read: &ReadArgs, together: bool) -> Result<Vec<Shown>> {
+pub fn shown(clips: &[Named], read: &ReadArgs, together: bool, say: Say) -> Result<Vec<Shown>> {
     let known = clips.iter().map(Known::of).collect::<Vec<_>>();
+    let paths: Vec<&Path> = clips.iter().map(|clip| &*clip.path).collect();
     let mut all: Vec<Shown> = Vec::new();
-    for file in &known {
-        let mut options = read.options(RestFrame::Keep);
-        if let Some(told) = &file.told {
-            options = told.recipe.read_back(&file.named.path);
-        }
-        all.push(Shown { path: file.named.path.clone(), options, world: None, notes: file.notes.clone() });
+    for (file, options) in known.iter().zip(read.of_files(&paths, RestFrame::Keep, say)) {
+        let anew_s = file.told.as_ref().map(|told| told.anew_s.clone()).unwrap_or_default();
+        all.push(Shown { path: file.named.path.clone(), options, world: None, anew_s, notes: Vec::new() });
     }
     for (n, told) in known.iter().enumerate().filter_map(|(n, file)| Some((n, file.told.as_ref()?))) {
-        let (Some(prompt), Some(hash)) = (&told.recipe.prompt, &told.prompt_sha256) else { continue };
-        for m in (0..known.len()).filter(|&m| m != n && known[m].told.is_none() && is_file(&known[m].named.path, hash))
-        {
+        let followed = followed(told);
+        for m in (0..known.len()).filter(|&m| m != n && known[m].told.is_none()) {
+            let read = followed.iter().find(|(hash, _)| is_file(&known[m].named.path, hash));
+            let Some((_, read)) = read else { continue };
             if all[m].world.is_none() {
-                all[m].options = prompt.read.clone();
+                all[m].options = read.clone();
                 all[m].notes.push(format!(
                     "{}: read as {} followed it",
                     known[m].named.path.display(),
@@ -80,6 +80,18 @@ pub fn shown(clips: &[Named], read: &ReadArgs, together: bool) -> Result<Vec<Sho
     Ok(all)
 }
 
+/// The hashes of the clips that a dance follows, and how they were read: its prompt's, or those of its plan.
+fn followed(told: &Provenance) -> Vec<(String, ReadOptions)> {
+    let Some(prompt) = &told.recipe.prompt else { return Vec::new() };
+    match &prompt.plan {
+        // of one that is gone nothing can be known
+        Some(plan) => {
+            plan.clips.values().filter_map(|clip| Some((hash_file(&clip.file).ok()?, clip.options()))).collect()
+        }
+        None => told.prompt_sha256.iter().map(|hash| (hash.clone(), prompt.read.clone())).collect(),
+    }
+}
+
 /// Whether a file has the bytes of this hash.
 fn is_file(path: &Path, sha256: &str) -> bool {
     hash_file(path).is_ok_and(|found| found == sha256)
@@ -88,12 +100,9 @@ fn is_file(path: &Path, sha256: &str) -> bool {
 impl Known {
     fn of(clip: &Named) -> Known {
         let path = &clip.path;
-        let (told, notes) = match provenance::find(path) {
-            // one that was changed since is a file like any other
-            Ok(told) => (told.filter(|told| is_file(path, &told.output.sha256)), Vec::new()),
-            Err(e) => (None, vec![e.to_string()]),
-        };
-        Known { named: clip.clone(), told, notes }
+        // one that was changed since is a file like any other; what is wrong with a sidecar, reading the clip says
+        let told = provenance::find(path).ok().flatten().filter(|told| is_file(path, &told.output.sha256));
+        Known { named: clip.clone(), told }
     }
 }
 

@@ -4,7 +4,7 @@
 //! corpus depends on the number of threads. A bad file is named, counted and passed over.
 
 use super::gather::{Gathered, Item};
-use super::load::{Loaded, Wanted, load_item};
+use super::load::{Loaded, Wanted, item_options, load_item};
 use super::record::{BeatsOf, ClipBeats, ClipRecord, Failure, LeftOut, Manifest, Shard, Split};
 use super::timed::in_pieces;
 use super::writer::{CorpusWriter, NewClip};
@@ -13,9 +13,10 @@ use crate::music::{own, tempo};
 use crate::{Error, Result, counted};
 use kinelm_motion::Kind;
 use kinelm_motion::format::ReadOptions;
+use kinelm_motion::inspect::{RateDoubt, RateDoubts};
 use kinelm_tokenizer::{Encoded, Fit, Tokenizer, TokenizerConfig};
 use rayon::prelude::*;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -77,7 +78,9 @@ pub struct Summary {
     pub failed: Vec<Failure>,
     /// Files of a motion format that hold none.
     pub no_motion: usize,
-    /// Oddities by kind: how many files have it, and the first as an example.
+    /// Doubts of rates.
+    pub doubts: RateDoubts,
+    /// Other oddities by kind: how many files have it, and the first as an example.
     pub warnings: BTreeMap<&'static str, (usize, String)>,
     /// Translation values that were clipped to the tokenizer's range.
     pub clipped: usize,
@@ -97,6 +100,7 @@ impl Summary {
         let mut lines: Vec<String> = (self.warnings.iter())
             .map(|(kind, (files, first))| format!("{kind}: {}, the first {first}", counted(*files, "files")))
             .collect();
+        lines.extend(self.doubts.line());
         if self.no_motion > 0 {
             lines.push(format!("{} files hold no motion and are left out", self.no_motion));
         }
@@ -189,6 +193,7 @@ pub fn tokenize(
         summary.second_codes += second_codes;
         summary.padded += encoded.padded as usize;
         let Item { name, mut labels, split, take, key, source, .. } = item.clone();
+        let read = item_options(item, &options.read);
         if let Some(tempo) = tempo {
             labels.entry(tempo::FIELD.into()).or_insert(tempo);
         }
@@ -204,6 +209,7 @@ pub fn tokenize(
             clipped,
             second_codes,
             floor_m,
+            read,
             beats,
             // the writer's to say
             offset: 0,
@@ -268,10 +274,10 @@ pub(crate) fn each<T: Send>(
             return Ok(None); // nothing is left behind the last labels
         }
         let made = work(item, &loaded).map_err(|e| named(item, e))?;
-        Ok(Some((made, loaded.sha256, loaded.warnings)))
+        Ok(Some((made, loaded.sha256, loaded.warnings, loaded.doubt)))
     };
     let mut summary = Summary::default();
-    let (mut done, mut odd) = (0, BTreeSet::new());
+    let (mut done, mut odd, mut read) = (0, BTreeSet::new(), HashSet::new());
     for block in items.chunks(BLOCK_PER_THREAD * rayon::current_num_threads()) {
         let results: Vec<Result<_>> = block.par_iter().map(|item| one(item)).collect();
         for (item, result) in block.iter().zip(results) {
@@ -279,8 +285,11 @@ pub(crate) fn each<T: Send>(
             let mut goes_on = ControlFlow::Continue(());
             match result {
                 Ok(None) => {}
-                Ok(Some((made, sha256, warnings))) => {
-                    for warning in warnings {
+                Ok(Some((made, sha256, warnings, doubt))) => {
+                    if read.insert(&item.path) {
+                        summary.doubts.add(&item.file_name(), doubt);
+                    }
+                    for warning in warnings.into_iter().filter(|warning| !RateDoubt::is_warning(warning)) {
                         let first = || (0, format!("{}: {}", item.name, warning.what));
                         let known = summary.warnings.entry(warning.kind).or_insert_with(first);
                         // a file that labels cut comes once a piece

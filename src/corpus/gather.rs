@@ -4,10 +4,11 @@ use super::labels::{Known, Labels, Rule};
 use super::left_out::Range;
 use super::pattern::{EXTENSIONS, without_extension};
 use super::record::Split;
+use super::sidecar;
 use super::splits::{self, some_of};
 use super::timed::{Piece, Timed};
 use crate::{Error, Result, counted};
-use kinelm_motion::format::{Format, input};
+use kinelm_motion::format::{Format, ReadOptions, input};
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs::{self, File};
 use std::io::Read;
@@ -38,6 +39,8 @@ pub struct Item {
     pub skip: Option<usize>,
     /// Where the floor is, metres, where its labels state it.
     pub floor: Option<f64>,
+    /// How its sidecar says that it is read, if it is a dance that has one.
+    pub told: Option<ReadOptions>,
     /// The time of its music at which it begins, seconds, where its labels state it.
     pub music_from_s: Option<f64>,
     /// Its place among all items.
@@ -51,6 +54,17 @@ impl Item {
     pub fn clip_name(&self) -> &str {
         let of_piece = self.piece.and_then(|_| self.name.rsplit_once('@'));
         of_piece.map_or(&self.name, |(name, _)| name)
+    }
+}
+
+impl Item {
+    /// Its path below its source, as a message names it.
+    pub fn file_name(&self) -> String {
+        let name = self.clip_name();
+        match self.path.extension().map(|e| e.to_string_lossy()) {
+            Some(extension) if !name.ends_with(&format!(".{extension}")) => format!("{name}.{extension}"),
+            _ => name.to_owned(),
+        }
     }
 }
 
@@ -68,6 +82,7 @@ impl Default for Item {
             fps: None,
             skip: None,
             floor: None,
+            told: None,
             music_from_s: None,
             key: 0,
             source: 0,
@@ -150,7 +165,23 @@ pub fn gather(data: &[PathBuf], labels: &[String]) -> Result<Gathered> {
     let stated = label(&mut gathered, found, &parsed)?;
     let said = splits::assign(&mut gathered.items, &stated);
     gathered.said.extend(said);
+    ask_sidecars(&mut gathered);
     Ok(gathered)
+}
+
+/// Finds out how dances are read that have a sidecar, and says so.
+fn ask_sidecars(g: &mut Gathered) {
+    let mut words = Vec::new();
+    for item in &mut g.items {
+        match sidecar::reading_of(&item.path) {
+            Ok(None) => continue,
+            Ok(told) => item.told = told,
+            Err(e) => g.said.push(e.to_string()),
+        }
+        let said = item.told.as_ref().and_then(|told| sidecar::in_words(told, told));
+        words.extend(said.map(|said| (item.path.display().to_string(), said)));
+    }
+    g.said.extend(sidecar::line(&words));
 }
 
 /// The motion files below a folder, by path, as [`gather`] finds them.
@@ -239,6 +270,7 @@ fn label(g: &mut Gathered, found: Vec<Found>, labels: &[Labels]) -> Result<Vec<O
             fps: known.fps,
             skip: known.skip,
             floor: known.floor,
+            told: None,
             music_from_s: known.music_from_s,
             key,
             source: file.source,

@@ -2,9 +2,11 @@
 
 use super::gather::Item;
 use super::record::{FileRecord, hex};
+use super::sidecar;
 use super::timed::{behind_its_end, piece_of};
 use crate::{Error, Result};
 use kinelm_motion::format::{self, ReadOptions};
+use kinelm_motion::inspect::RateDoubt;
 use kinelm_motion::metric::floor_of;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Motion, Warning, retarget};
@@ -46,6 +48,8 @@ pub struct Loaded {
     pub sha256: String,
     /// What was odd in it.
     pub warnings: Vec<Warning>,
+    /// The doubt of its rate.
+    pub doubt: Option<RateDoubt>,
 }
 
 /// A file as a tokenizer takes it, and where it was.
@@ -107,17 +111,18 @@ pub fn parse_placed(path: &Path, bytes: &[u8], options: &ReadOptions, wanted: Wa
 /// labels tell of.
 pub fn load_item(item: &Item, options: &ReadOptions, wanted: Wanted) -> Result<Loaded> {
     let placed = load_placed(&item.path, &item_options(item, options), wanted)?;
-    let clip = placed.lowered();
+    let (clip, doubt) = (placed.lowered(), RateDoubt::in_reading(&placed.motion));
     if item.piece.is_some() {
         let mut warnings = placed.motion.warnings;
         warnings.extend(behind_its_end(item, &clip));
         let clip = piece_of(item, clip)?;
-        return Ok(Loaded { clip, floor_m: placed.floor_m, sha256: placed.sha256, warnings });
+        return Ok(Loaded { clip, floor_m: placed.floor_m, sha256: placed.sha256, warnings, doubt });
     }
     if clip.frames() == 0 {
         return Err(Error::file(&item.path, "no frames", "at least one", ""));
     }
-    Ok(Loaded { clip, floor_m: placed.floor_m, sha256: placed.sha256, warnings: placed.motion.warnings })
+    let warnings = placed.motion.warnings;
+    Ok(Loaded { clip, floor_m: placed.floor_m, sha256: placed.sha256, warnings, doubt })
 }
 
 /// A file on the neutral SMPL-24 body at `fps` frames per second, and the motion as it was read.
@@ -142,13 +147,17 @@ fn at_rate(motion: Motion, options: &ReadOptions, fps: f64) -> Result<(Motion, C
     Ok((motion, clip))
 }
 
-/// The reading options with what the item's labels state.
+/// The reading options with what the item's sidecar and labels state, of which labels are the nearer.
 pub fn item_options(item: &Item, options: &ReadOptions) -> ReadOptions {
+    let options = match &item.told {
+        Some(told) => sidecar::among_others(told.clone(), options),
+        None => options.clone(),
+    };
     ReadOptions {
         fps_source: item.fps.or(options.fps_source),
         skip: item.skip.unwrap_or(options.skip),
         floor: item.floor.or(options.floor),
-        ..options.clone()
+        ..options
     }
 }
 

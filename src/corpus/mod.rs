@@ -27,6 +27,7 @@ mod rows;
 pub(crate) mod samples;
 pub mod settings;
 pub mod shared_runs;
+pub mod sidecar;
 pub mod splits;
 pub mod stats;
 pub mod store;

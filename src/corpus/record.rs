@@ -1,6 +1,7 @@
 //! What a corpus folder says of itself: `corpus.json` and the lines of `clips.jsonl`.
 
 use crate::{Error, Result};
+use kinelm_motion::format::ReadOptions;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -9,7 +10,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 /// The version of the folder's layout that this program writes and reads.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// Which part of the experiment a clip serves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -316,6 +317,8 @@ pub struct ClipRecord {
     /// Where the file's floor is, metres, if it was taken off before coding.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub floor_m: Option<f64>,
+    /// How the file was read.
+    pub read: ReadOptions,
     /// Its beats, if any were looked for and found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub beats: Option<ClipBeats>,

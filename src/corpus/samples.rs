@@ -40,6 +40,7 @@ pub fn clip(name: &str, key: usize, split: Split, frames: usize) -> NewClip {
         second_codes: 1,
         source: 0,
         floor_m: None,
+        read: Default::default(),
         beats: None,
         offset: 0,
         tokens: 0,

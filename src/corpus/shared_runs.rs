@@ -90,6 +90,7 @@ mod tests {
         let (name, take) = (name.to_string(), name.to_string());
         ClipRecord {
             floor_m: None,
+            read: Default::default(),
             beats: None,
             sound: None,
             name,

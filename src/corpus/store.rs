@@ -6,6 +6,7 @@ use super::words::{ClipWords, Index};
 use crate::model::music::Sound;
 use crate::model::music::features::Rows;
 use crate::{Error, Result};
+use kinelm_motion::format::ReadOptions;
 use kinelm_music::feature::CHANNELS;
 use kinelm_tokenizer::{Place, Tokenizer, Words};
 use serde::Deserialize;
@@ -239,12 +240,25 @@ fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
     if head.version != VERSION {
         let help = match head.version > VERSION {
             true => "use a newer kinelm",
-            false => "corpora of version 1 knew words of one length alone: make it again with `kinelm tokenize`",
+            false => "make it again with `kinelm tokenize`",
         };
         return Err(Error::file(&path, format!("version {}", head.version), format!("version {VERSION}"), help));
     }
     let manifest = serde_json::from_slice(&text).map_err(bad)?;
     Ok((manifest, FileRecord::of(&text).sha256))
+}
+
+/// How the corpus at `dir` read the file with this hash; `None` where it doesn't have it.
+///
+/// # Errors
+/// A corpus that is gone, of another version or damaged.
+pub fn reading_in(dir: &Path, sha256: &str) -> Result<Option<ReadOptions>> {
+    let (manifest, _) = read_manifest(dir)?;
+    let path = dir.join(CLIPS);
+    let text = fs::read(&path).map_err(Error::io(&path))?;
+    manifest.clips.check(&path, &text)?;
+    let clips = parse_clips(&path, &text)?;
+    Ok(clips.into_iter().find(|clip| clip.sha256 == sha256).map(|clip| clip.read))
 }
 
 /// The folder's tokenizer, if it is the one that made the tokens.

@@ -21,7 +21,7 @@ use crate::model::music::Sound;
 use crate::model::{LoadedRun, Which, load_run, music};
 use crate::{Error, Result};
 use kinelm_motion::feet::Locked;
-use kinelm_motion::format::{self, Format, bvh::Changed};
+use kinelm_motion::format::{self, Format, ReadOptions, RestFrame, bvh::Changed};
 use kinelm_motion::moment::Scale;
 use kinelm_motion::resample::{Method, held_frames, resample_held};
 use kinelm_motion::{Clip, Motion, Source};
@@ -415,6 +415,29 @@ impl Ready {
         }
         let clip = clip.slice(self.recipe.lead_in.min(clip.frames())..clip.frames());
         Place { x: 0.0, z: 0.0, heading: Some(0.0) }.put(&clip, Led { place: false, heading: false })
+    }
+
+    /// How the dance is read from `dance`, the file that it is written to.
+    pub fn read_back(&self, dance: &Path) -> ReadOptions {
+        let own = self.recipe.read_back(dance);
+        let written = self.edit().zip(self.recipe.fps).filter(|_| self.recipe.rig == Rig::Prompt);
+        let Some(((prompt, edited), fps)) = written.filter(|((_, edited), _)| edited.seam.is_none()) else {
+            return own;
+        };
+        // as many seconds in front as are left out of the clip
+        let skip = (edited.left_out as f64 * fps / prompt.clip.motion.clip.fps() - 1e-6).ceil() as usize;
+        ReadOptions { skip, rest: RestFrame::Keep, ..own }
+    }
+
+    /// Seconds of the dance, as it is read, in which something is made anew while the rest is as it is given; none where all of
+    /// it is made.
+    pub fn anew_s(&self) -> Vec<[f64; 2]> {
+        if let Some((prompt, edited)) = self.edit() {
+            let seconds = |frame: usize| frame as f64 / prompt.clip.motion.clip.fps();
+            return edited.anew().iter().map(|gap| [seconds(gap.start), seconds(gap.end)]).collect();
+        }
+        let from = self.recipe.prompt.as_ref().filter(|p| p.joints.is_none()).and_then(|p| p.from_frame);
+        from.map(|from| [from, self.frames].map(|frame| frame as f64 / self.tokenizer.fps())).into_iter().collect()
     }
 
     /// The prompt on whose own rig the dance is written.

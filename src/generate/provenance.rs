@@ -11,17 +11,14 @@ use crate::corpus::FileRecord;
 use crate::corpus::load::hash_file;
 use crate::output::Outputs;
 use crate::{Error, Result, aclstm, files, music_lstm};
-use kinelm_motion::format::{Format, input};
+use kinelm_motion::format::{ReadOptions, input};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// The layout that this program writes. It reads those before too, without lead-ins of train clips, edits, plans and places: what
-/// they leave out was not done, and the hash of the dance says whether it comes out the same.
+pub use crate::corpus::sidecar::{FileHash, name_of, path_of};
+
+/// The layout that this program writes and reads.
 const SCHEMA: u32 = 3;
-/// Those that it reads.
-const READ: std::ops::RangeInclusive<u64> = 1..=SCHEMA as u64;
-/// What the name of such a file ends in.
-const ENDING: &str = "kinelm.json";
 
 /// What the file holds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -33,6 +30,12 @@ pub struct Provenance {
     pub kinelm: String,
     /// The dance.
     pub output: FileHash,
+    /// How it is read.
+    pub read: ReadOptions,
+    /// Seconds of it, as it is read, in which something was made anew while the rest is as it was given; none where all of it
+    /// was made.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub anew_s: Vec<[f64; 2]>,
     /// SHA-256 of the dance that this one takes the place of: this file is written first, and until the dance is too the
     /// other one stands there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -105,26 +108,9 @@ pub fn music_of(told: Option<&Provenance>, dance: &Path) -> Result<Option<MadeTo
     Ok((told.output.file == name_of(dance)).then_some(made_to))
 }
 
-/// A file of the same folder.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FileHash {
-    /// Its name.
-    pub file: String,
-    /// SHA-256 of its bytes.
-    pub sha256: String,
-}
-
-/// The file that tells where `dance` is from: `dance.bvh.kinelm.json`, so that each format has its own.
-pub fn path_of(dance: &Path) -> PathBuf {
-    let mut path = dance.as_os_str().to_owned();
-    path.push(format!(".{ENDING}"));
-    path.into()
-}
-
 /// The same under the name that it had before: `dance.kinelm.json`.
 fn old_path_of(dance: &Path) -> PathBuf {
-    dance.with_extension(ENDING)
+    dance.with_extension(crate::corpus::sidecar::ENDING)
 }
 
 /// What is told of `dance` beside it, under the new name or the old; `None` where nothing is, or of another file, or of
@@ -225,11 +211,11 @@ fn other_model(path: &Path) -> Option<Other> {
 }
 
 impl Provenance {
-    /// Of a dance that is to be written, by its bytes.
+    /// Of a dance that is to be written at a rate, by its bytes.
     ///
     /// # Errors
     /// The prompt can't be read.
-    pub fn of(ready: &Ready, variation: usize, dance: &Path, bytes: &[u8]) -> Result<Provenance> {
+    pub fn of(ready: &Ready, variation: usize, (dance, fps): (&Path, f64), bytes: &[u8]) -> Result<Provenance> {
         let lead_in_from = ready.lead_in(variation.saturating_sub(1)).map(|lead_in| lead_in.from.clone());
         let recipe = Recipe { frames: Some(ready.frames), lead_in_from, ..ready.recipe.clone() };
         let prompt = ready.prompt.as_ref().map(|prompt| prompt.clip.sha256.clone());
@@ -237,6 +223,8 @@ impl Provenance {
             schema: SCHEMA,
             kinelm: env!("CARGO_PKG_VERSION").into(),
             output: FileHash { file: name_of(dance), sha256: FileRecord::of(bytes).sha256 },
+            read: ReadOptions { fps_source: Some(fps), ..ready.read_back(dance) },
+            anew_s: ready.anew_s(),
             replaces: None,
             variation,
             best: None,
@@ -256,18 +244,16 @@ impl Provenance {
     pub fn load(path: &Path) -> Result<Provenance> {
         let text = input::text(path).map_err(Error::io(path))?;
         let expected = "what kinelm generate wrote beside a dance";
-        let mut value: serde_json::Value =
+        let value: serde_json::Value =
             serde_json::from_str(&text).map_err(|e| Error::file(path, e.to_string(), expected, ""))?;
         if let Some(other) = Other::of(&value) {
             let [found, help] = other.says();
             return Err(Error::file(path, found, expected, help));
         }
-        if !value["schema"].as_u64().is_some_and(|schema| READ.contains(&schema)) {
-            let (found, expected) =
-                (format!("schema {}", value["schema"]), format!("schema 1 to {SCHEMA}: {expected}"));
+        if value["schema"] != SCHEMA {
+            let (found, expected) = (format!("schema {}", value["schema"]), format!("schema {SCHEMA}: {expected}"));
             return Err(Error::file(path, found, expected, "make it again with this version"));
         }
-        read_with_y_up(&mut value);
         let told: Provenance =
             serde_json::from_value(value).map_err(|e| Error::file(path, e.to_string(), expected, ""))?;
         if !files::is_plain(&told.output.file) {
@@ -317,37 +303,4 @@ fn same(what: &str, before: &str, now: &str) -> Result<()> {
         return Ok(());
     }
     Err(Error::Call(format!("{what} has changed since the dance was made: SHA-256 {now}, then {before}")))
-}
-
-/// A file's name without its folder.
-pub fn name_of(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-/// Files of before `--up` took every prompt to have y up; its dance is made again as it was.
-fn read_with_y_up(value: &mut serde_json::Value) {
-    let Some(prompt) = value.pointer_mut("/recipe/prompt") else { return };
-    let format = prompt["path"].as_str().and_then(|path| Format::of_name(Path::new(path)));
-    let Some(read) = prompt.get_mut("read").and_then(serde_json::Value::as_object_mut) else { return };
-    if matches!(format, Some(Format::Bvh | Format::Json)) && !read.contains_key("up") {
-        read.insert("up".into(), "y".into());
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn prompts_of_before_have_y_up() {
-        let read = |path: &str, read: serde_json::Value| {
-            let mut value = serde_json::json!({"recipe": {"prompt": {"path": path, "read": read}}});
-            read_with_y_up(&mut value);
-            value["recipe"]["prompt"]["read"]["up"].clone()
-        };
-        assert_eq!(read("a.BVH", serde_json::json!({"unit": "auto"})), "y");
-        assert_eq!(read("a.bvh", serde_json::json!({"up": "auto"})), "auto");
-        assert!(read("a.npz", serde_json::json!({})).is_null(), "it has no axis to choose");
-        let mut none = serde_json::json!({"recipe": {"prompt": null}});
-        read_with_y_up(&mut none);
-    }
 }

@@ -8,11 +8,12 @@ use super::place::Place;
 use super::plan::Plan;
 use super::rest::RestJoints;
 use super::sampling::Draw;
+use crate::corpus::sidecar::as_written;
 use crate::model::lead_in::LeadInFrom;
 use crate::model::{Compute, Reading};
 use crate::{Error, Result};
 use kinelm_engine::decode::{KvKind, WeightKind};
-use kinelm_motion::format::{BvhPosition, Format, ReadOptions, RestFrame, Unit, Up, input};
+use kinelm_motion::format::{Format, ReadOptions, input};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -80,41 +81,18 @@ pub struct Recipe {
 
 impl Recipe {
     /// How the dance is read from `dance`, the file that it was written to: at its own rate, whole. An edited clip is its
-    /// prompt's file with other numbers: what is left out of that and what its rate is, where it states another, hold for both.
+    /// prompt's file with other numbers: what is left out of that is left out of both. Without a prompt the floor is at 0.
     pub fn read_back(&self, dance: &Path) -> ReadOptions {
-        let (format, own) = (Format::of_name(dance), ReadOptions::default());
-        // the program writes with y up, but on a prompt's rig in the prompt's format, where its axes are kept
-        let up = if matches!(format, Some(Format::Bvh | Format::Json)) { Up::Y } else { Up::Auto };
-        let Some(prompt) = self.prompt.as_ref().filter(|_| self.rig == Rig::Prompt) else {
-            return ReadOptions { up, ..own };
+        let Some(prompt) = &self.prompt else {
+            return ReadOptions { floor: Some(0.0), ..as_written(dance, None) };
         };
-        let up = if format == Format::of_name(&prompt.path) { prompt.read.up } else { up };
-        let (map, unit, bvh_position) = (prompt.read.map.clone(), prompt.read.unit, prompt.read.bvh_position);
-        let own = ReadOptions { map, unit, up, bvh_position, floor: prompt.read.floor, ..own };
-        if prompt.edit.is_none() || self.fps.is_some() {
-            return own;
+        if self.rig != Rig::Prompt {
+            return ReadOptions { floor: prompt.read.floor, ..as_written(dance, None) };
         }
-        let keeps_rate = format == Some(Format::Bvh) && Format::of_name(&prompt.path) == format;
-        let fps_source = prompt.read.fps_source.filter(|_| keeps_rate);
-        if prompt.edit.as_ref().is_some_and(|edit| edit.round.is_some()) {
-            return ReadOptions { fps_source, rest: RestFrame::Keep, ..own };
-        }
-        ReadOptions { fps_source, skip: prompt.read.skip, rest: prompt.read.rest, ..own }
-    }
-
-    /// How the dance is measured: as [`Recipe::read_back`], where `call` says nothing else. Without a prompt the floor is at 0.
-    pub fn measured(&self, dance: &Path, call: ReadOptions) -> ReadOptions {
-        let own = self.read_back(dance);
-        ReadOptions {
-            floor: call.floor.or(self.prompt.as_ref().and_then(|prompt| prompt.read.floor)).or(Some(0.0)),
-            up: if call.up == Up::Auto { own.up } else { call.up },
-            unit: if call.unit == Unit::Auto { own.unit } else { call.unit },
-            map: call.map.or(own.map),
-            fps_source: call.fps_source.or(own.fps_source),
-            skip: if call.skip == 0 { own.skip } else { call.skip },
-            bvh_position: if call.bvh_position == BvhPosition::Replace { own.bvh_position } else { call.bvh_position },
-            rest: if self.prompt.as_ref().is_some_and(|prompt| prompt.edit.is_some()) { own.rest } else { call.rest },
-            ..call
+        let own = as_written(dance, Some((&prompt.path, &prompt.read)));
+        match &prompt.edit {
+            Some(edit) if edit.round.is_none() => ReadOptions { skip: prompt.read.skip, rest: prompt.read.rest, ..own },
+            _ => own,
         }
     }
 }

@@ -7,12 +7,15 @@ use super::provenance::{self, FileHash};
 use crate::corpus::FileRecord;
 use crate::output::Outputs;
 use crate::{Error, Result, files};
-use kinelm_motion::format::input;
+use kinelm_motion::format::{ReadOptions, input};
 use serde::de::DeserializeOwned;
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 use serde_json::Value;
 use std::path::Path;
+
+/// The layout that this program writes and reads.
+const SCHEMA: u32 = 2;
 
 /// Everything that decides a dance of some model, but the bytes of the network and of what it is given.
 pub trait Recipe: Clone + Serialize + DeserializeOwned {
@@ -24,18 +27,22 @@ pub trait Recipe: Clone + Serialize + DeserializeOwned {
     const COMMAND: &'static str;
     /// The run folder.
     fn run(&self) -> &Path;
+    /// How a dance is read that is written to the file `dance`.
+    fn read_back(&self, dance: &Path) -> ReadOptions;
 }
 
 /// What is told of a dance.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Told<R> {
-    /// The layout's version: 1.
+    /// The layout's version, [`SCHEMA`].
     pub schema: u32,
     /// The program's version.
     pub kinelm: String,
     /// The dance.
     pub output: FileHash,
+    /// How it is read.
+    pub read: ReadOptions,
     /// SHA-256 of the dance that this one takes the place of.
     #[serde(default)]
     pub replaces: Option<String>,
@@ -57,6 +64,7 @@ impl<R: Recipe> Serialize for Told<R> {
         map.serialize_entry("schema", &self.schema)?;
         map.serialize_entry("kinelm", &self.kinelm)?;
         map.serialize_entry("output", &self.output)?;
+        map.serialize_entry("read", &self.read)?;
         if let Some(replaces) = &self.replaces {
             map.serialize_entry("replaces", replaces)?;
         }
@@ -70,12 +78,19 @@ impl<R: Recipe> Serialize for Told<R> {
 }
 
 impl<R: Recipe> Told<R> {
-    /// Of a dance that is to be written, by its bytes; `weights`: updates that they had, and their hash.
-    pub fn of(recipe: &R, (step, weights): (u64, &str), given_sha256: &str, dance: &Path, bytes: &[u8]) -> Told<R> {
+    /// Of a dance that is to be written at a rate, by its bytes; `weights`: updates that they had, and their hash.
+    pub fn of(
+        recipe: &R,
+        (step, weights): (u64, &str),
+        given_sha256: &str,
+        (dance, fps): (&Path, f64),
+        bytes: &[u8],
+    ) -> Told<R> {
         Told {
-            schema: 1,
+            schema: SCHEMA,
             kinelm: env!("CARGO_PKG_VERSION").into(),
             output: FileHash { file: provenance::name_of(dance), sha256: FileRecord::of(bytes).sha256 },
+            read: ReadOptions { fps_source: Some(fps), ..recipe.read_back(dance) },
             replaces: None,
             recipe: recipe.clone(),
             step,
@@ -94,9 +109,10 @@ impl<R: Recipe> Told<R> {
         let expected = format!("what {} wrote beside a dance", R::COMMAND);
         let wrong = |e: serde_json::Error| Error::file(path, e.to_string(), expected.clone(), "");
         let mut value: Value = serde_json::from_str(&text).map_err(wrong)?;
-        if value["schema"] != 1 {
+        if value["schema"] != SCHEMA {
             let found = format!("schema {}", value["schema"]);
-            return Err(Error::file(path, found, format!("schema 1: {expected}"), "make it again with this version"));
+            let expected = format!("schema {SCHEMA}: {expected}");
+            return Err(Error::file(path, found, expected, "make it again with this version"));
         }
         if let Some(object) = value.as_object_mut() {
             for (theirs, ours) in [(R::KEY, "recipe"), (R::GIVEN[1], "given_sha256")] {

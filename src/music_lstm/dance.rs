@@ -4,11 +4,13 @@ use super::data::check;
 use super::run::Trained;
 use super::{FPS, HEARD};
 use crate::corpus::load::hash_file;
+use crate::corpus::sidecar::as_written;
 use crate::generate::check_frames;
 use crate::generate::prompt::on_model_rig;
 use crate::generate::told;
 use crate::{Error, Result};
 use kinelm_motion::Motion;
+use kinelm_motion::format::ReadOptions;
 use kinelm_music::stft::stft;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -35,6 +37,10 @@ impl told::Recipe for Recipe {
 
     fn run(&self) -> &Path {
         &self.run
+    }
+
+    fn read_back(&self, dance: &Path) -> ReadOptions {
+        as_written(dance, None)
     }
 }
 

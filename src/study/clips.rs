@@ -6,6 +6,7 @@ use crate::corpus::record::{Split, hex};
 use crate::corpus::{Gathered, Item};
 use crate::{Error, Result};
 use kinelm_motion::format::{self, ReadOptions};
+use kinelm_motion::inspect::{RateDoubt, RateDoubts};
 use kinelm_motion::metric::floor_of;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Kind, Quat, Vec3, retarget, smpl};
@@ -63,6 +64,8 @@ pub struct Clips {
     pub train: Vec<Known>,
     /// What figures are measured on.
     pub test: Vec<Known>,
+    /// Doubts of their rates.
+    pub doubts: RateDoubts,
     read: ReadOptions,
     held: Mutex<Held>,
 }
@@ -79,13 +82,22 @@ impl Clips {
     /// # Errors
     /// [`Error::Call`] when no clip of train or none of test could be taken, or any file is bad and `strict` is given.
     pub fn scan(gathered: &Gathered, options: &BuildOptions, left_out: &mut dyn FnMut(&Item, &Error)) -> Result<Clips> {
-        let mut clips = Clips { train: vec![], test: vec![], read: options.read.clone(), held: Mutex::default() };
+        let mut clips = Clips {
+            train: vec![],
+            test: vec![],
+            doubts: RateDoubts::default(),
+            read: options.read.clone(),
+            held: Mutex::default(),
+        };
         let items: Vec<&Item> = gathered.items.iter().filter(|i| i.split != Split::Valid).collect();
         let mut failed = 0;
         for block in items.chunks(block()) {
             let known: Vec<_> = block.par_iter().map(|item| know(item, &options.read)).collect();
             for (item, known) in block.iter().zip(known) {
-                match known {
+                if let Ok((_, doubt)) = known {
+                    clips.doubts.add(&item.file_name(), doubt);
+                }
+                match known.map(|(known, _)| known) {
                     Ok(known) if item.split == Split::Train => clips.train.push(known),
                     Ok(known) => clips.test.push(known),
                     Err(Error::Motion(e)) if e.kind() == Some(Kind::NoMotion) => {}
@@ -148,7 +160,7 @@ impl Clips {
         if let Some(clip) = held().clips.get(&key) {
             return Ok(clip.clone());
         }
-        let clip = Arc::new(resample(&load(&known.item, &self.read)?, fps, Method::Auto)?);
+        let clip = Arc::new(resample(&load(&known.item, &self.read)?.0, fps, Method::Auto)?);
         let bytes = clip.frames() * (clip.joints() * size_of::<Quat>() + size_of::<Vec3>());
         let mut held = held();
         if held.bytes + bytes <= HELD_BYTES && held.clips.insert(key, clip.clone()).is_none() {
@@ -187,23 +199,24 @@ fn named(known: &Known, error: Error) -> Error {
     }
 }
 
-/// A clip on the neutral skeleton at its own rate, its floor at y = 0, beginning above x = z = 0.
-fn load(item: &Item, read: &ReadOptions) -> Result<Clip> {
+/// A clip on the neutral skeleton at its own rate, its floor at y = 0, beginning above x = z = 0; and the doubt of that rate.
+fn load(item: &Item, read: &ReadOptions) -> Result<(Clip, Option<RateDoubt>)> {
     let options = item_options(item, read);
     let mut motion = format::read(&item.path, &options)?;
+    let doubt = RateDoubt::in_reading(&motion);
     let floor = floor_of(&mut motion, &options)?;
     motion.clip = motion.clip.raised(-floor);
-    let clip = retarget::to_smpl(&motion, read.map.as_deref())?;
+    let clip = retarget::to_smpl(&motion, options.map.as_deref())?;
     let Some(first) = clip.root().first() else {
         return Err(Error::file(&item.path, "no frames", "at least one", ""));
     };
     let away = Vec3::new(first.x, 0.0, first.z);
     let root = clip.root().iter().map(|p| *p - away).collect();
-    Ok(Clip::new(smpl::neutral(), clip.fps(), root, clip.rotations().to_vec())?)
+    Ok((Clip::new(smpl::neutral(), clip.fps(), root, clip.rotations().to_vec())?, doubt))
 }
 
-fn know(item: &Item, read: &ReadOptions) -> Result<Known> {
-    let clip = load(item, read)?;
+fn know(item: &Item, read: &ReadOptions) -> Result<(Known, Option<RateDoubt>)> {
+    let (clip, doubt) = load(item, read)?;
     let mut hash = Sha256::new();
     hash.update(clip.fps().to_le_bytes());
     let mut bytes = Vec::with_capacity(clip.joints() * 32);
@@ -213,5 +226,6 @@ fn know(item: &Item, read: &ReadOptions) -> Result<Known> {
         bytes.extend(clip.pose(f).iter().flat_map(|q| q.to_array()).flat_map(f64::to_le_bytes));
         hash.update(&bytes);
     }
-    Ok(Known { item: item.clone(), fps: clip.fps(), frames: clip.frames(), sha256: hex(hash) })
+    let (fps, frames) = (clip.fps(), clip.frames());
+    Ok((Known { item: item.clone(), fps, frames, sha256: hex(hash) }, doubt))
 }

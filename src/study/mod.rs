@@ -138,6 +138,7 @@ pub fn study(
     };
     check_shown(&rows_at(options.fps.unwrap_or(USUAL_FPS))?, &options.shown)?;
     let clips = Clips::scan(gathered, &options.build, &mut |item, e| watch(Event::LeftOut(item, e)))?;
+    clips.doubts.line().iter().for_each(|line| watch(Event::Said(line)));
     let fps = options.fps.unwrap_or(clips.slowest().min(USUAL_FPS));
     let rows = rows_at(fps)?;
     let data = clips.sha256();

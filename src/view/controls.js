@@ -177,7 +177,11 @@ function withoutStage(error) {
 
 function start() {
   $('scrub').max = whole;
-  $('legend').hidden = !figures.some(f => f.bones.some(b => b.given));
+  const given = figures.some(f => f.bones.some(b => b.given)), anew = figures.some(f => f.anew.length);
+  for (const [part, shown] of [['joints', given], ['time', anew]]) {
+    for (const of of document.querySelectorAll(`#legend .of-${part}`)) of.hidden = !shown;
+  }
+  $('legend').hidden = !given && !anew;
   try {
     // the self-test counts pixels, often drawn by software: smooth edges would only cost it time
     scene = new Scene($('stage'), !location.hash.includes('selftest'));

@@ -32,6 +32,8 @@ pub struct Drawn {
     /// The seconds, from and to, in which what is given is; throughout if not said.
     #[serde(skip_serializing_if = "Option::is_none")]
     given_s: Option<[f64; 2]>,
+    /// Seconds, from and to.
+    anew: Vec<[f64; 2]>,
     /// What it hits of the music, where somebody has looked.
     #[serde(skip_serializing_if = "Option::is_none")]
     hits: Option<Lit>,
@@ -189,6 +191,7 @@ impl Track {
             step,
             data: base64(&bytes),
             given_s: figure.forced_s.as_ref().map(|seconds| [seconds.start, seconds.end]),
+            anew: figure.anew_s.clone(),
             hits: figure.hits.as_ref().map(Lit::of),
         })
     }

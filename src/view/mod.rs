@@ -3,7 +3,7 @@
 //!
 //! Figures stand side by side or on one spot. Those of one world stand to each other as their clips put them; if all are
 //! of one, Overlay is on from the start, and off they stand side by side. All play together by the clock whatever their
-//! rates and lengths, and show which joints were given in another colour. The fragment of the address sets the page up,
+//! rates and lengths, and show which joints were given in another colour; the bar of the time shows what was made anew. The fragment of the address sets the page up,
 //! `&` between the parts: `t=2.5` (seconds), `pause`, `yaw=`, `pitch=` (degrees), `zoom=`, `overlay`, `beside`, `trails`,
 //! `still` (the camera doesn't follow), `bare` (no controls), `light`, `dark`, `selftest` (the page tests itself and
 //! writes the result as JSON
@@ -36,6 +36,8 @@ pub struct Figure<'a> {
     pub forced_s: Option<Range<f64>>,
     /// Figures of one number stand to each other as their clips put them; `None`: alone.
     pub world: Option<usize>,
+    /// Seconds in which something of it was made anew, each from and to: marked on the bar of the time.
+    pub anew_s: Vec<[f64; 2]>,
     /// Which beats of the page's music it hits, one mark a beat: these are lit. `None`: nobody has looked.
     pub hits: Option<Hits>,
 }
@@ -44,7 +46,7 @@ impl<'a> Figure<'a> {
     /// A dance with no joints given.
     pub fn new(title: impl Into<String>, clip: &'a Clip) -> Self {
         let (title, note) = (title.into(), String::new());
-        Figure { title, note, clip, forced: Vec::new(), forced_s: None, world: None, hits: None }
+        Figure { title, note, clip, forced: Vec::new(), forced_s: None, world: None, anew_s: Vec::new(), hits: None }
     }
 
     /// The same with a line under the title.
@@ -56,6 +58,12 @@ impl<'a> Figure<'a> {
     /// The same in a world with others.
     pub fn in_world(mut self, world: Option<usize>) -> Self {
         self.world = world;
+        self
+    }
+
+    /// The same with the times at which it was made anew.
+    pub fn anew(mut self, anew_s: &[[f64; 2]]) -> Self {
+        self.anew_s = anew_s.to_vec();
         self
     }
 

@@ -61,6 +61,14 @@ const oneWorld = figures.length > 1 && figures.every(f => f.world === figures[0]
 const music = JSON.parse($('music').textContent);
 const player = music && new Player(music, { ticks: $('ticks'), pulse: $('pulse'), button: $('sound'), length: whole });
 
+// ---- what was made anew: a mark on the bar for each stretch ----
+for (const [from, to] of figures.flatMap(f => f.anew)) {
+  const mark = document.createElement('i'), part = s => 100 * clamp(s, 0, whole) / (whole || 1);
+  mark.style.left = `${part(from)}%`;
+  mark.style.width = `${part(to) - part(from)}%`;
+  $('anew').append(mark);
+}
+
 // ---- what the page is doing ----
 const HOME = { yaw: 0.0, pitch: 0.13, zoom: 1, pan: [0, 0, 0] };
 const state = {

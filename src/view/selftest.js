@@ -131,6 +131,7 @@ function selftest() {
     toggle('trails');
     result.labels = labels.map(l => l.textContent);
     result.legend = !$('legend').hidden;
+    result.anew = [...$('anew').children].map(mark => [mark.style.left, mark.style.width].map(parseFloat));
     result.gl_error = scene.gl.getError();
   } catch (e) {
     result.error = String(e.stack || e);

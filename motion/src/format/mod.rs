@@ -33,6 +33,7 @@ pub use rest::rest_frame;
 pub use up::{Axes, Up, UpBy};
 
 use crate::error::in_short;
+use crate::inspect::RateDoubt;
 use crate::resample::MOST_FPS;
 use crate::{Error, FileError, Kind, Motion, Place, Result, Source};
 use positions::Positions;
@@ -189,7 +190,8 @@ impl Format {
 ///
 /// The format goes by the extension, and the first bytes must agree. Then, in this order: the rate is overruled
 /// (`fps_source`), the first frames are left out (`skip`), and, where `skip` is 0, a leading rest-pose frame is looked for;
-/// found, it is reported as the warning `rest_frame` and kept or dropped as `rest` says.
+/// found, it is reported as the warning `rest_frame` and kept or dropped as `rest` says. A rate that nobody stated is
+/// doubted where the body falls too fast ([`RateDoubt`]).
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::File`] with place and kind for a file that is wrong; [`Error::Call`] for a rate that is not
@@ -235,7 +237,11 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
             return Err(FileError::new(Place::file(path), Kind::NotThisFormat, found, expected).into());
         }
     };
-    Ok(rest::after_reading(motion, options))
+    let mut motion = rest::after_reading(motion, options);
+    if options.fps_source.is_none() {
+        motion.warnings.extend(RateDoubt::of(&motion.clip).map(|doubt| doubt.warning()));
+    }
+    Ok(motion)
 }
 
 /// The error of a format that this build leaves out.

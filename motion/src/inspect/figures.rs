@@ -1,5 +1,6 @@
 //! The figures of one clip, and what of them looks wrong.
 
+use super::rate::{RateDoubt, fall_g};
 use crate::rotation::{angle_between, exp_map};
 use crate::{Clip, GlobalPose, Vec3};
 use std::f64::consts::PI;
@@ -9,11 +10,6 @@ use std::f64::consts::PI;
 pub const ROOT_JUMP_M: f64 = 0.05;
 /// A joint's step is a jump if it is wider than this and stands out in the same way, radians.
 pub const JOINT_JUMP_RAD: f64 = 25.0 * PI / 180.0;
-/// Nobody's pelvis falls faster than gravity; beyond this many g the rate is doubted.
-pub const FALL_LIMIT_G: f64 = 1.8;
-
-const GRAVITY: f64 = 9.81;
-
 /// The figures of one clip.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figures {
@@ -31,7 +27,7 @@ pub struct Figures {
     pub root_vector_flips: usize,
     /// The fastest fall of the root, in g: 99.8th percentile of the acceleration downwards over steps of 0.05 s, jumps left out.
     pub fall_g: f64,
-    /// The rate at which that fall would be free fall, if the one stated is doubted.
+    /// The rate at which that fall would be free fall, if the one that it is read at is doubted.
     pub fps_for_free_fall: Option<f64>,
     /// Joints that never turn by more than 1e-6 radians.
     pub still_joints: Vec<usize>,
@@ -42,6 +38,7 @@ pub fn figures(clip: &Clip) -> Figures {
     let heights = heights(clip);
     let root_jumps = root_jumps(clip);
     let fall_g = fall_g(clip, &root_jumps);
+    let doubt = RateDoubt::of_fall(fall_g, clip.fps());
     let (mut low, mut high) = (Vec3::ZERO, Vec3::ZERO);
     if let Some(&first) = clip.root().first() {
         (low, high) = clip.root().iter().fold((first, first), |(l, h), &p| (l.min(p), h.max(p)));
@@ -52,7 +49,7 @@ pub fn figures(clip: &Clip) -> Figures {
         speed_m_s: quantile(top_speeds(clip), 0.999),
         joint_jumps: joint_jumps(clip),
         root_vector_flips: root_vector_flips(clip),
-        fps_for_free_fall: (fall_g > FALL_LIMIT_G).then(|| clip.fps() / fall_g.sqrt()),
+        fps_for_free_fall: doubt.map(|doubt| doubt.free_fall_fps()),
         fall_g,
         root_jumps,
         still_joints: (0..clip.joints()).filter(|&j| still(clip, j)).collect(),
@@ -60,12 +57,12 @@ pub fn figures(clip: &Clip) -> Figures {
 }
 
 /// The `q` quantile, 0 for nothing.
-fn quantile(mut values: Vec<f64>, q: f64) -> f64 {
+pub(super) fn quantile(mut values: Vec<f64>, q: f64) -> f64 {
     if values.is_empty() {
         return 0.0;
     }
-    values.sort_by(f64::total_cmp);
-    values[((values.len() - 1) as f64 * q).round() as usize]
+    let at = ((values.len() - 1) as f64 * q).round() as usize;
+    *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
 fn heights(clip: &Clip) -> Vec<f64> {
@@ -87,7 +84,7 @@ fn top_speeds(clip: &Clip) -> Vec<f64> {
     (1..clip.frames()).map(|f| step(f) * clip.fps()).collect()
 }
 
-fn root_jumps(clip: &Clip) -> Vec<(usize, f64)> {
+pub(super) fn root_jumps(clip: &Clip) -> Vec<(usize, f64)> {
     jumps(clip.root().windows(2).map(|w| w[0].distance(w[1])).collect(), ROOT_JUMP_M).collect()
 }
 
@@ -118,43 +115,19 @@ fn root_vector_flips(clip: &Clip) -> usize {
     vectors.windows(2).filter(|w| w[0].distance(w[1]) > PI).count()
 }
 
-/// Second difference of the root's height over steps of 0.05 s: noise of a millimetre is then 0.1 g.
-fn fall_g(clip: &Clip, jumps: &[(usize, f64)]) -> f64 {
-    let h = (0.05 * clip.fps()).round().max(1.0) as usize;
-    let seconds = h as f64 / clip.fps();
-    let y = clip.root();
-    let near_jump = |f: usize| jumps.iter().any(|&(at, _)| at + h >= f && at <= f + h);
-    let falls: Vec<f64> = (h..y.len().saturating_sub(h))
-        .filter(|&f| !near_jump(f))
-        .map(|f| -(y[f + h].y - 2.0 * y[f].y + y[f - h].y) / (seconds * seconds * GRAVITY))
-        .collect();
-    quantile(falls, 0.998).max(0.0)
-}
-
 fn still(clip: &Clip, j: usize) -> bool {
     clip.frames() > 0 && (1..clip.frames()).all(|f| angle_between(clip.pose(0)[j], clip.pose(f)[j]) < 1e-6)
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::{Quat, smpl};
 
-    fn falling(fps: f64, height: impl Fn(f64) -> f64) -> Clip {
+    pub(in crate::inspect) fn falling(fps: f64, height: impl Fn(f64) -> f64) -> Clip {
         let n = 3 * fps as usize;
         let root = (0..n).map(|f| Vec3::new(0.0, height(f as f64 / fps), 0.0)).collect();
         Clip::new(smpl::neutral(), fps, root, vec![Quat::IDENTITY; n * 24]).unwrap()
-    }
-
-    #[test]
-    fn a_wrong_rate_is_seen_in_a_fall() {
-        // half the time hanging, half in free fall
-        let height = |t: f64| if t < 1.5 { 20.0 } else { 20.0 - 0.5 * GRAVITY * (t - 1.5) * (t - 1.5) };
-        let right = figures(&falling(60.0, height));
-        assert!((right.fall_g - 1.0).abs() < 0.01, "{}", right.fall_g);
-        assert_eq!(right.fps_for_free_fall, None);
-        let wrong = figures(&falling(60.0, height).with_fps(120.0).unwrap());
-        assert!((wrong.fps_for_free_fall.unwrap() - 60.0).abs() < 1.0);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The report of a motion: as text for a reader, as JSON for a script.
 
-use super::figures::{self, Figures, figures};
+use super::figures::{Figures, figures};
 use crate::format::bvh::{BvhSource, NodeKind};
 use crate::format::{Axes, BvhPosition, Up, UpBy};
 use crate::retarget::SkeletonMap;
@@ -41,7 +41,7 @@ pub fn report(motion: &Motion) -> Report {
     let figures = figures(clip);
     // which axis is up is no doubt where it could be judged; the report says it anyway
     let mut doubts: Vec<Warning> = motion.warnings.iter().filter(|w| w.kind != "up_axis").cloned().collect();
-    doubts.extend(doubts_of(&figures, skeleton, clip.fps()));
+    doubts.extend(doubts_of(&figures, skeleton));
     let (format, source) = source_lines(&motion.source);
     Report {
         path: motion.path.display().to_string(),
@@ -141,7 +141,7 @@ fn round(x: f64, digits: i32) -> f64 {
 }
 
 /// What the figures say against the file.
-fn doubts_of(f: &Figures, skeleton: &Skeleton, fps: f64) -> Vec<Warning> {
+fn doubts_of(f: &Figures, skeleton: &Skeleton) -> Vec<Warning> {
     let mut doubts = Vec::new();
     let mut doubt = |kind, what| doubts.push(Warning { kind, what });
     if let Some(&(frame, length)) = f.root_jumps.iter().max_by(|a, b| a.1.total_cmp(&b.1)) {
@@ -157,16 +157,6 @@ fn doubts_of(f: &Figures, skeleton: &Skeleton, fps: f64) -> Vec<Warning> {
         doubt(
             "joint_jumps",
             format!("{n} turns of joints stand out, the widest {degrees:.0} degrees of {name} into frame {frame}"),
-        );
-    }
-    if let Some(free) = f.fps_for_free_fall {
-        let (g, limit) = (f.fall_g, figures::FALL_LIMIT_G);
-        doubt(
-            "fps",
-            format!(
-                "the body falls at {g:.1} g (more than {limit}): at {fps} fps this is too fast; it would be free fall at about \
-                 {free:.0} fps; if the rate is wrong, give --fps-source"
-            ),
         );
     }
     doubts

@@ -64,10 +64,11 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     }
     let out = args.out.as_deref().context("no file to write to")?;
     writable(out)?;
+    let clip = args.seed_clip.clone().context("no clip to go on from")?;
     let recipe = Recipe {
         run: args.run.clone().context("no run folder")?,
-        clip: args.seed_clip.clone().context("no clip to go on from")?,
-        read: args.read.options(RestFrame::Keep),
+        read: args.read.of_file(&clip, RestFrame::Keep, say),
+        clip,
         from: args.seed_from as usize,
         seed_frames: args.seed_frames as usize,
         frames: args.frames as usize,
@@ -111,7 +112,8 @@ fn made(recipe: &Recipe, which: Which, out: &Path, say: Say) -> Result<(Told, Ve
     if let Some(locked) = &made.locked {
         filter::say_locked(locked, FPS, say);
     }
-    Ok((Told::of(recipe, (trained.step, &trained.sha256), &made.clip_sha256, out, &bytes), bytes))
+    let written = (out, motion.clip.fps());
+    Ok((Told::of(recipe, (trained.step, &trained.sha256), &made.clip_sha256, written, &bytes), bytes))
 }
 
 /// Makes a dance again and holds it to the hash of the first.

@@ -1,7 +1,8 @@
 //! `kinelm evaluate dance --compare A B`.
 
 use super::dance::{held_to_prompt, read_dance, told_of};
-use crate::cli::{Say, WrongCall, many, print};
+use crate::cli::read::ReadArgs;
+use crate::cli::{Odd, Say, WrongCall, many, print};
 use anyhow::Result;
 use kinelm::aclstm;
 use kinelm::corpus::Corpus;
@@ -11,7 +12,7 @@ use kinelm::evaluate::dance::compare::{Comparison, Measured, Side, take_of};
 use kinelm::evaluate::dance::features::Features;
 use kinelm::generate::provenance::{self, Provenance};
 use kinelm::output::Outputs;
-use kinelm_motion::format::ReadOptions;
+use kinelm_motion::format::{ReadOptions, RestFrame};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -25,9 +26,9 @@ struct Line {
 }
 
 /// Holds the dances of two folders to each other.
-pub fn run(corpus: &Corpus, folders: [&PathBuf; 2], options: &ReadOptions, how: How<'_>, say: Say) -> Result<()> {
+pub fn run(corpus: &Corpus, folders: [&PathBuf; 2], read: &ReadArgs, how: How<'_>, say: Say) -> Result<()> {
     let real = Real::load(corpus)?;
-    let [a, b] = folders.map(|folder| side(corpus, folder, options, say));
+    let [a, b] = folders.map(|folder| side(corpus, folder, read, say));
     let sides = [a?, b?];
     let comparison = real.compare(&sides);
     let features = match how.features {
@@ -60,19 +61,20 @@ pub struct How<'a> {
     pub json: bool,
 }
 
-fn side(corpus: &Corpus, folder: &PathBuf, options: &ReadOptions, say: Say) -> Result<Side> {
+fn side(corpus: &Corpus, folder: &PathBuf, read: &ReadArgs, say: Say) -> Result<Side> {
     if !folder.exists() {
         return Err(WrongCall(format!("--compare {}: there is no such folder", folder.display())).into());
     }
-    let files = many::files(std::slice::from_ref(folder))?;
-    let dances = files.iter().map(|(path, _)| measured(corpus, path, options, say));
+    let files: Vec<PathBuf> = many::files(std::slice::from_ref(folder))?.into_iter().map(|(path, _)| path).collect();
+    let (options, odd) = (read.of_files(&files, RestFrame::Drop, say), Odd::new(say));
+    let dances = files.iter().zip(&options).map(|(path, options)| measured(corpus, path, options, (&odd, say)));
     Ok(Side { name: folder.display().to_string(), dances: dances.collect::<Result<_>>()? })
 }
 
-fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, say: Say) -> Result<Measured> {
+fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, (odd, say): (&Odd, Say)) -> Result<Measured> {
     let told = told_of(path, say);
     let sha256 = followed(path, told.as_ref())?;
-    let dance = read_dance(corpus, path, told.as_ref(), options)?;
+    let dance = read_dance(corpus, path, told.as_ref(), options, odd)?;
     let prompt = told.as_ref().and_then(|told| told.recipe.prompt.as_ref());
     let itself = || (prompt.map_or(path, |prompt| &prompt.path).display().to_string(), false);
     let (take, learned) = take_of(corpus, &sha256).unwrap_or_else(itself);

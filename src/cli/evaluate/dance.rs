@@ -2,7 +2,7 @@
 
 use super::compare::{self, How};
 use crate::cli::read::ReadArgs;
-use crate::cli::{ForceArgs, Say, WrongCall, print};
+use crate::cli::{ForceArgs, Odd, Say, WrongCall, print};
 use anyhow::Result;
 use kinelm::corpus::Corpus;
 use kinelm::corpus::load::hash_file;
@@ -69,18 +69,22 @@ pub struct Args {
 pub fn run(args: &Args, say: Say) -> Result<()> {
     let corpus = corpus(&args.real)?;
     let tokenizer = corpus.tokenizer();
-    let options = args.read.options(RestFrame::Drop);
     let outputs = args.force.outputs(args.dances.iter().chain(&args.compare).chain([&args.real]).cloned());
     let plot = args.plot.as_deref();
     plot.map_or(Ok(()), |out| crate::cli::picture(out, &outputs))?;
     if let [a, b] = &args.compare[..] {
         let how = How { features: args.features, plot: plot.map(|out| (out, &outputs)), json: args.json };
-        return compare::run(&corpus, [a, b], &options, how, say);
+        return compare::run(&corpus, [a, b], &args.read, how, say);
     }
     let real = Real::load(&corpus)?;
     let told: Vec<Option<Provenance>> = args.dances.iter().map(|path| told_of(path, say)).collect();
-    let read = |(path, told): (&PathBuf, &Option<Provenance>)| read_dance(&corpus, path, told.as_ref(), &options);
-    let dances: Vec<Dance> = args.dances.iter().zip(&told).map(read).collect::<kinelm::Result<_>>()?;
+    let options = args.read.of_files(&args.dances, RestFrame::Drop, say);
+    let odd = Odd::new(say);
+    let read = |((path, told), options): ((&PathBuf, &Option<Provenance>), _)| {
+        read_dance(&corpus, path, told.as_ref(), options, &odd)
+    };
+    let dances: Vec<Dance> = args.dances.iter().zip(&told).zip(&options).map(read).collect::<kinelm::Result<_>>()?;
+    drop(odd);
     let mut report = real.report(&dances);
     let mut given: Option<Vec<bool>> = None;
     let mut best = BTreeMap::<usize, usize>::new();
@@ -233,21 +237,13 @@ pub fn held_to_prompt(
     })
 }
 
-/// The options of a call for one file: of a dance of ours, its recipe says what the call leaves open.
-pub fn as_told(path: &Path, call: &ReadOptions) -> ReadOptions {
-    let told = Provenance::load(&provenance::path_of(path)).ok();
-    let told = told.filter(|told| told.output.file == provenance::name_of(path));
-    // a true rate and frames to skip are said of files that don't tell theirs
-    let of_others = ReadOptions { fps_source: None, skip: 0, ..call.clone() };
-    told.map_or(call.clone(), |told| told.recipe.measured(path, of_others))
-}
-
 /// A dance from its file; of one that the corpus was made from as the corpus has read it.
 pub fn read_dance(
     corpus: &Corpus,
     path: &Path,
     told: Option<&Provenance>,
-    call: &ReadOptions,
+    options: &ReadOptions,
+    odd: &Odd,
 ) -> kinelm::Result<Dance> {
     Format::of(path)?; // refused by its name before it is read
     if told.is_none() {
@@ -259,5 +255,7 @@ pub fn read_dance(
             return Ok(dance);
         }
     }
-    Dance::of_file(path, &as_told(path, call), corpus.tokenizer())
+    let dance = Dance::of_file(path, options, corpus.tokenizer())?;
+    odd.doubt(&dance.name, dance.doubt);
+    Ok(dance)
 }

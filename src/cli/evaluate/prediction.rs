@@ -3,7 +3,7 @@
 use crate::cli::data::DataArgs;
 use crate::cli::draw::DrawArgs;
 use crate::cli::read::{ReadArgs, rate};
-use crate::cli::{ComputeArgs, Say, WrongCall, print};
+use crate::cli::{ComputeArgs, Odd, Say, WrongCall, print};
 use anyhow::Result;
 use kinelm::corpus::gather::Item;
 use kinelm::corpus::load::{Wanted, item_options};
@@ -13,6 +13,7 @@ use kinelm::generate::sampling::Draw;
 use kinelm::generate::{NextToken, reader};
 use kinelm::model::{Reading, Which, load_run};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
+use kinelm_motion::inspect::RateDoubt;
 use kinelm_motion::metric::floor_of;
 use kinelm_motion::metric::short_term::{MAJOR, UpTo};
 use kinelm_motion::resample::{Method, resample};
@@ -134,9 +135,9 @@ fn of_model(args: &Args, run: &Path, draw: Draw, say: Say) -> Result<()> {
 fn measured(args: &Args, gathered: &Gathered, model: Option<Wanted>, say: Say) -> Result<(Vec<Window>, Vec<Window>)> {
     let options = args.read.options(RestFrame::Drop);
     let wanted = model.unwrap_or(Wanted::in_world(args.fps));
-    let (mut own, mut protocol) = (Vec::new(), Vec::new());
+    let (mut own, mut protocol, odd) = (Vec::new(), Vec::new(), Odd::new(say));
     for item in gathered.items.iter().filter(|item| item.split == args.split) {
-        let clip = match load(item, &options, wanted) {
+        let clip = match load(item, &options, wanted, &odd) {
             Err(e) if !args.data.strict => {
                 say.error(e);
                 continue;
@@ -159,9 +160,10 @@ fn measured(args: &Args, gathered: &Gathered, model: Option<Wanted>, say: Say) -
 }
 
 /// A file on SMPL-24 at its own rate.
-fn load(item: &Item, options: &ReadOptions, wanted: Wanted) -> Result<Clip> {
+fn load(item: &Item, options: &ReadOptions, wanted: Wanted, odd: &Odd) -> Result<Clip> {
     let options = item_options(item, options);
     let mut motion = format::read(&item.path, &options)?;
+    odd.doubt(&item.file_name(), RateDoubt::in_reading(&motion));
     if wanted.above_floor {
         let floor = floor_of(&mut motion, &options)?;
         motion.clip = motion.clip.raised(-floor);

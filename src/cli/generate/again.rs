@@ -10,6 +10,7 @@ use kinelm::generate::recipe::Recipe;
 use kinelm::generate::variation_seed;
 use kinelm::model::Which;
 use kinelm::output::is_same;
+use kinelm_motion::format::ReadOptions;
 use std::path::{Path, PathBuf};
 
 /// Makes a dance again and holds it to the hash of the first.
@@ -34,9 +35,10 @@ pub fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     if is_same(&provenance::path_of(&out), file) {
         outputs.write(&out, &bytes)?; // and it tells of the dance already
     } else {
+        let read = ReadOptions { fps_source: Some(made.motion.clip.fps()), ..ready.read_back(&out) };
         let recipe = Recipe { seed: first.recipe.seed, ..ready.recipe };
         let output = provenance::FileHash { file: provenance::name_of(&out), ..first.output };
-        let told = Provenance { output, recipe, kinelm: env!("CARGO_PKG_VERSION").into(), ..first };
+        let told = Provenance { output, read, recipe, kinelm: env!("CARGO_PKG_VERSION").into(), ..first };
         told.write(&out, &bytes, &outputs)?;
     }
     convert::told(&out, &made.motion, say);

@@ -8,7 +8,7 @@ use kinelm::evaluate::dance::{Dance, Real};
 use kinelm::generate::best::Best;
 use kinelm::generate::make::Ready;
 use kinelm::train::run::RunFile;
-use kinelm_motion::format::{Format, ReadOptions};
+use kinelm_motion::format::Format;
 use kinelm_tokenizer::Words;
 use std::path::{Path, PathBuf};
 
@@ -96,7 +96,7 @@ impl Beside {
         // what is written and never read is judged as .json
         let is_read = Format::of_name(out).is_some_and(|format| format != Format::Glb);
         let name = if is_read { out.to_owned() } else { out.with_extension("json") };
-        let options = ready.recipe.measured(&name, ReadOptions::default());
+        let options = ready.read_back(&name);
         let dance = |words: &Words| {
             let bytes = ready.motion(words, &name)?.bytes(&name)?;
             Dance::of_bytes(&name, &bytes, &options, self.corpus.tokenizer())

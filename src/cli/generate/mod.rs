@@ -22,11 +22,12 @@ use kinelm::model::Which;
 use kinelm::model::run::TOKENIZER;
 use kinelm::music::tempo;
 use kinelm::output::Outputs;
-use kinelm_motion::format::{self, RestFrame};
+use kinelm::train::run::RunFile;
+use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::moment::Moment;
 use kinelm_tokenizer::{Tokenizer, Words};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -251,7 +252,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let words = &danced[i];
         let made = ready.motion(words, out)?;
         let bytes = made.bytes(out)?;
-        let told = Provenance { best, ..Provenance::of(&ready, i + 1, out, &bytes)? };
+        let told = Provenance { best, ..Provenance::of(&ready, i + 1, (out, made.motion.clip.fps()), &bytes)? };
         told.write(out, &bytes, &outputs)?;
         super::convert::told(out, &made.motion, say);
         if let Some(from) = ready.lead_in(i).map(|lead_in| &lead_in.from) {
@@ -319,15 +320,15 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
         None => match args.prompt.clone() {
             None => None,
             Some(path) => Some(PromptRecipe {
+                read: read_as(args, &path, say),
                 path,
-                read: args.read.options(RestFrame::Drop),
                 joints: args.joints.clone(),
                 from_frame: args
                     .from_frame
                     .map(|at| Ok::<_, anyhow::Error>(of_model(args, at)?.1 as usize))
                     .transpose()?,
                 plan: None,
-                edit: args.edit.get(&|| of_prompt(args))?,
+                edit: args.edit.get(&|| of_prompt(args, say))?,
             }),
         },
     };
@@ -387,9 +388,17 @@ fn of_model(args: &Args, time: Moment) -> Result<(f64, f64)> {
 }
 
 /// Frames a second of the prompt's file.
-fn of_prompt(args: &Args) -> Result<f64> {
+fn of_prompt(args: &Args, say: Say) -> Result<f64> {
     let prompt = args.prompt.as_ref().context("no prompt")?;
-    Ok(format::read(prompt, &args.read.options(RestFrame::Drop))?.clip.fps())
+    Ok(format::read(prompt, &read_as(args, prompt, say))?.clip.fps())
+}
+
+/// How a prompt is read: as told, as its sidecar says, or as a corpus that the run learned from has read it.
+fn read_as(args: &Args, path: &Path, say: Say) -> ReadOptions {
+    // what is wrong with the run, reading it says
+    let corpora = args.run.as_deref().and_then(|run| RunFile::read(run).ok()).map_or(Vec::new(), |file| file.corpora);
+    let corpora: Vec<PathBuf> = corpora.into_iter().map(|corpus| corpus.path).collect();
+    args.read.of_files_known(&[path], RestFrame::Drop, &corpora, say).remove(0)
 }
 
 /// Reads what a recipe names, and says what the user should know.

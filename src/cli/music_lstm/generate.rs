@@ -74,7 +74,8 @@ fn made(recipe: &Recipe, which: Which, out: &Path, say: Say) -> Result<(Told, Ve
     let motion = written_as(out, made.motion, None)?;
     let bytes = format::to_bytes(out, &motion)?;
     crate::cli::convert::told(out, &motion, say);
-    Ok((Told::of(recipe, (trained.step, &trained.sha256), &made.music_sha256, out, &bytes), bytes))
+    let written = (out, motion.clip.fps());
+    Ok((Told::of(recipe, (trained.step, &trained.sha256), &made.music_sha256, written, &bytes), bytes))
 }
 
 /// Makes a dance again and holds it to the hash of the first.

@@ -52,7 +52,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let outputs = args.force.outputs([args.clip.clone(), args.index.clone()].into_iter().chain(args.read.files()));
     outputs.check(args.page.as_deref())?;
     let index = Index::open(&args.index)?;
-    let read = args.read.options(RestFrame::Drop);
+    let read = args.read.of_file(&args.clip, RestFrame::Drop, say);
     let as_indexed = read == ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
     let Args { clip, at, k, distance, exclude, one_a_clip, page, json, .. } = args;
     let at_s = match at {

@@ -5,6 +5,7 @@ use crate::corpus::{ClipRecord, Corpus};
 use crate::{Error, Result};
 use kinelm_motion::Clip;
 use kinelm_motion::format::{self, Format, ReadOptions};
+use kinelm_motion::inspect::RateDoubt;
 use kinelm_tokenizer::{Rest, SPACE, Tokenizer, Words};
 use std::path::Path;
 
@@ -17,6 +18,8 @@ pub struct Dance {
     pub clip: Clip,
     /// Its words.
     pub words: Words,
+    /// The doubt of its file's rate.
+    pub doubt: Option<RateDoubt>,
     /// Frames a second of the file that it was coded from, if that was read.
     pub file_fps: Option<f64>,
     pub(super) ids: Vec<u32>,
@@ -49,18 +52,19 @@ impl Dance {
     pub fn of_bytes(path: &Path, bytes: &[u8], options: &ReadOptions, tokenizer: &Tokenizer) -> Result<Dance> {
         let placed = parse_placed(path, bytes, options, tokenizer.config().into())?;
         let (clip, file_fps) = (placed.lowered(), Some(placed.motion.clip.fps()));
+        let doubt = RateDoubt::in_reading(&placed.motion);
         if clip.frames() == 0 {
             return Err(Error::file(path, "no frames", "at least one", ""));
         }
         let words = tokenizer.encode(&clip)?.words;
-        Ok(Dance { file_fps, ..Dance::new(path.display().to_string(), words, clip.frames(), tokenizer)? })
+        Ok(Dance { file_fps, doubt, ..Dance::new(path.display().to_string(), words, clip.frames(), tokenizer)? })
     }
 
     pub(super) fn new(name: String, words: Words, frames: usize, tokenizer: &Tokenizer) -> Result<Dance> {
         let clip = tokenizer.decode(&words, Rest::Identity)?;
         let clip = clip.slice(0..frames.min(clip.frames()));
         let ids = tokenizer.ids_of_words(&words)?;
-        Ok(Dance { name, clip, words, file_fps: None, ids })
+        Ok(Dance { name, clip, words, file_fps: None, doubt: None, ids })
     }
 
     /// Ids of each word, with its space.

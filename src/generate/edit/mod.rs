@@ -227,6 +227,13 @@ impl Edited {
         Ok(Closed { clip, left, locked })
     }
 
+    /// Frames of what is written, those that are left out in front not counted, in which something is invented.
+    pub fn anew(&self) -> Vec<Range<usize>> {
+        let mask = &self.read.mask;
+        let is_free = |frame: usize| (0..24).any(|joint| mask.is_coded(joint) && !mask.is_given(frame, joint));
+        Mask::runs(self.written, |frame| frame >= mask.frames() || is_free(frame))
+    }
+
     /// Frames in which nothing is given, at the model's rate.
     fn gaps(&self) -> Vec<Range<usize>> {
         Mask::runs(self.frames, |frame| self.model.is_all_free(frame))

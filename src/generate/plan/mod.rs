@@ -11,6 +11,7 @@ mod told;
 pub use draw::timeline;
 pub use lay::{Laid, Placed};
 
+use crate::corpus::sidecar;
 use crate::{Error, Result};
 use kinelm_motion::format::{ReadOptions, RestFrame, Unit, Up, input};
 use kinelm_motion::moment::Moment;
@@ -54,8 +55,8 @@ pub struct PlanClip {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fps_source: Option<f64>,
     /// Frames at its beginning that are left out.
-    #[serde(default, skip_serializing_if = "is_none_at_all")]
-    pub skip: usize,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub skip: Option<usize>,
     /// Of a BVH.
     #[serde(default)]
     pub unit: Unit,
@@ -70,16 +71,27 @@ pub struct PlanClip {
     pub floor: Option<f64>,
 }
 
-fn is_none_at_all(frames: &usize) -> bool {
-    *frames == 0
-}
-
 impl PlanClip {
     /// How the file is read.
     pub fn options(&self) -> ReadOptions {
-        let (fps_source, skip, unit, up) = (self.fps_source, self.skip, self.unit, self.up);
+        let (fps_source, skip, unit, up) = (self.fps_source, self.skip.unwrap_or(0), self.unit, self.up);
         let (map, floor) = (self.map.clone(), self.floor);
         ReadOptions { fps_source, skip, unit, up, map, floor, rest: RestFrame::Drop, ..ReadOptions::default() }
+    }
+
+    /// What isn't said of it, of a dance as its sidecar says; and that in words.
+    ///
+    /// # Errors
+    /// Those of [`sidecar::reading_of`].
+    fn ask_sidecar(&mut self) -> Result<Option<String>> {
+        let Some(told) = sidecar::reading_of(&self.file)? else { return Ok(None) };
+        self.fps_source = self.fps_source.or(told.fps_source);
+        self.skip = self.skip.or(Some(told.skip).filter(|skip| *skip > 0));
+        self.unit = if self.unit == Unit::Auto { told.unit } else { self.unit };
+        self.up = if self.up == Up::Auto { told.up } else { self.up };
+        self.map = self.map.take().or(told.map.clone());
+        self.floor = self.floor.or(told.floor);
+        Ok(sidecar::in_words(&told, &self.options()))
     }
 }
 
@@ -172,9 +184,18 @@ impl Plan {
         let clip_spans: BTreeMap<String, Range<usize>> =
             file.clips.iter().map(|(k, c)| (k.clone(), c.span())).collect();
         let (rig_span, segment_spans) = (file.rig.span(), file.segments.iter().map(Spanned::span).collect::<Vec<_>>());
+        let mut notes = Vec::new();
         let found = |(name, clip): (String, Spanned<PlanClip>)| {
-            let clip = clip.into_inner();
-            (name, PlanClip { file: folder.join(&clip.file), ..clip })
+            let mut clip = clip.into_inner();
+            clip.file = folder.join(&clip.file);
+            match clip.ask_sidecar() {
+                Ok(words) => {
+                    let words = words.map(|words| (clip.file.display().to_string(), words));
+                    notes.extend(sidecar::line(words.as_slice()));
+                }
+                Err(e) => notes.push(e.to_string()),
+            }
+            (name, clip)
         };
         let plan = Plan {
             rig: file.rig.into_inner(),
@@ -183,13 +204,14 @@ impl Plan {
             clips: file.clips.into_iter().map(found).collect(),
             segments: file.segments.into_iter().map(Spanned::into_inner).collect(),
         };
-        let laid = Laid::of(&plan).map_err(|fault| match fault {
+        let mut laid = Laid::of(&plan).map_err(|fault| match fault {
             Fault::Segment(n, what, expected) => wrong(segment_spans.get(n).cloned(), &what, &expected),
             Fault::Clip(name, what, expected) => wrong(clip_spans.get(&name).cloned(), &what, &expected),
             Fault::Rig(what, expected) => wrong(Some(rig_span.clone()), &what, &expected),
             Fault::Plan(what, expected) => wrong(None, &what, &expected),
             Fault::Read(e) => e,
         })?;
+        laid.notes.splice(0..0, notes);
         Ok((plan, laid))
     }
 

@@ -102,7 +102,7 @@ pub fn find(index: &Index, question: &Question) -> Result<Answer> {
     let known = database.clips().iter().position(|c| c.sha256 == sha256);
     let entry = known.map(|i| &database.clips()[i]);
     let read = entry.filter(|_| question.as_indexed).map_or(&question.read, |entry| &entry.read).clone();
-    let (_, clip) = parse_clip(&question.clip, &bytes, &read, spec.fps)?;
+    let (motion, clip) = parse_clip(&question.clip, &bytes, &read, spec.fps)?;
     let start = start_of(&question.clip, clip.frames(), spec.frames, spec.fps, question.at_s)?;
     let (maker, mut finisher) = Maker::new(index.options(), index.basis())?;
     let feature = finisher.finish(maker.make(&clip, &[start])?)?;
@@ -121,7 +121,8 @@ pub fn find(index: &Index, question: &Question) -> Result<Answer> {
             window: Stretch::of(&database.clips()[window.clip], window.start, spec.frames, spec.fps),
         }
     });
-    let mut said = Vec::new();
+    let warned = motion.warnings.iter().map(|warning| format!("{}: {warning}", question.clip.display()));
+    let mut said: Vec<String> = warned.collect();
     if known.is_none() && question.exclude > Exclude::None {
         said.push("the index doesn't have this clip: nothing of it had to be left out".to_string());
     }

@@ -4,8 +4,8 @@ use super::text::number;
 use crate::error::in_short;
 use crate::{Error, Result};
 
-/// Rates that files are made at; where the digits allow several, the nearest of these is meant.
-const USUAL: [u128; 9] = [24, 25, 30, 50, 60, 90, 100, 120, 240];
+/// Rates that files are made at, rising; where the digits allow several, the nearest of these is meant.
+pub const USUAL_FPS: [u128; 9] = [24, 25, 30, 50, 60, 90, 100, 120, 240];
 
 /// Whether a word is a frame time; else what was expected and what to do.
 pub(crate) fn check(word: &[u8]) -> std::result::Result<f64, (&'static str, String)> {
@@ -35,7 +35,7 @@ pub fn rate(text: &str) -> Option<f64> {
         all.iter().copied().filter(|&n| n > 0 && fits(n)).min_by(|a, b| nearness(a).total_cmp(&nearness(b)))
     };
     let whole = exact.floor() as u128;
-    let n = nearest(&USUAL).or_else(|| nearest(&[whole, whole + 1]));
+    let n = nearest(&USUAL_FPS).or_else(|| nearest(&[whole, whole + 1]));
     Some(n.map_or(exact, |n| n as f64))
 }
 

@@ -23,6 +23,7 @@ mod write;
 pub(crate) use plain::MADE_UP_TIP;
 
 pub use compose::Piece;
+pub use frame_time::USUAL_FPS;
 pub use header::{Channel, Header, Node, NodeKind};
 pub use meaning::Rig;
 pub use positions::positions;

@@ -1,9 +1,9 @@
 //! New motion in part of a file, the rest of its text as it is.
 
-use super::BvhSource;
 use super::header::Channel;
 use super::print::{print_head, push_number};
 use super::write::not_finite;
+use super::{BvhSource, frame_time};
 use crate::{Clip, Error, Result};
 use std::ops::Range;
 
@@ -19,11 +19,13 @@ pub struct Changed {
 }
 
 impl BvhSource {
-    /// The bytes of `clip`, y up, on this rig, at the file's own frame time. `text` is the file that this was read from, no
-    /// frame left out on reading: what hasn't `changed` stands in its words. Angles run on from those before them.
+    /// The bytes of `clip`, y up, on this rig. `text` is the file that this was read from, no frame left out on reading: what
+    /// hasn't `changed` stands in its words, the frame time too unless the clip has another rate than it states. Angles run
+    /// on from those before them.
     ///
     /// # Errors
-    /// [`Error::Call`] when the joints are others, the flags aren't as many, or a number isn't finite.
+    /// [`Error::Call`] when the joints are others, the flags aren't as many, a number isn't finite, or the rate is one that
+    /// no BVH can state.
     pub fn spliced(&self, text: &[u8], clip: &Clip, changed: &Changed) -> Result<Vec<u8>> {
         let (frames, joints) = (clip.frames(), clip.joints());
         if !self.fits(clip) || changed.root.len() != frames || changed.joints.len() != frames * joints {
@@ -43,7 +45,8 @@ impl BvhSource {
         });
         not_finite(&numbers, width)?;
         let words = words(text, self.head.rows_at, self.numbers.len());
-        let mut out = print_head(&rig.head, &self.head.frame_time, frames, numbers.len());
+        let time = if self.fps() == clip.fps() { self.head.frame_time.clone() } else { frame_time::text(clip.fps())? };
+        let mut out = print_head(&rig.head, &time, frames, numbers.len());
         for (frame, row) in numbers.chunks_exact(width.max(1)).enumerate() {
             let kept = kept(frame);
             let of_file = changed.before + frame;
@@ -136,12 +139,16 @@ mod tests {
 
     #[test]
     fn only_what_changed_has_new_numbers() {
-        let options = ReadOptions { unit: Unit::Metre, fps_source: Some(60.0), ..Default::default() };
+        let options = ReadOptions { unit: Unit::Metre, ..Default::default() };
         let motion = bvh::read(Path::new("x.bvh"), TEXT.as_bytes(), &options).unwrap();
         let Source::Bvh(source) = &motion.source else { panic!("a BVH") };
         let clip = &motion.clip;
         let mut changed = Changed { before: 0, root: vec![false; 4], joints: vec![false; 8] };
         assert_eq!(source.spliced(TEXT.as_bytes(), clip, &changed).unwrap(), TEXT.as_bytes());
+        // of a stated rate the frame time is the one number that is another
+        let stated = clip.clone().with_fps(60.0).unwrap();
+        let stated = source.spliced(TEXT.as_bytes(), &stated, &changed).unwrap();
+        assert_eq!(String::from_utf8(stated).unwrap(), TEXT.replace("0.0083333", "0.0166666667"));
         // the root stands and turns elsewhere in frame 1, the other joint in frame 2, and there is a frame more
         let (mut root, mut rotations) = (clip.root().to_vec(), clip.rotations().to_vec());
         root[1] += Vec3::X;
@@ -149,7 +156,7 @@ mod tests {
         rotations[5] = Axis::X.turn(0.3) * rotations[5];
         root.push(Vec3::Y);
         rotations.extend_from_slice(clip.pose(0));
-        let new = Clip::new(clip.skeleton().clone(), 60.0, root, rotations).unwrap();
+        let new = Clip::new(clip.skeleton().clone(), 120.0, root, rotations).unwrap();
         changed.root = vec![false, true, false, false, true];
         changed.joints = [[false, false], [true, false], [false, true], [false, false], [true, true]].concat();
         let bytes = source.spliced(TEXT.as_bytes(), &new, &changed).unwrap();

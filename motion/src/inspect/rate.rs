@@ -1,0 +1,198 @@
+//! Whether a rate can be right: nobody falls faster than a stone.
+
+use super::figures::{quantile, root_jumps};
+use crate::format::bvh::USUAL_FPS;
+use crate::{Clip, Motion, Warning};
+use std::fmt;
+
+/// Nobody's pelvis falls faster than gravity; beyond this many g the rate is doubted.
+pub const FALL_LIMIT_G: f64 = 1.8;
+/// The kind of the warning that a doubt is.
+const KIND: &str = "rate_doubted";
+
+const GRAVITY: f64 = 9.81;
+
+/// A rate that is doubted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RateDoubt {
+    /// How fast the body falls at it, in g.
+    pub fall_g: f64,
+    /// The rate, frames a second.
+    pub fps: f64,
+}
+
+impl RateDoubt {
+    /// What a clip's fall says against the rate that it has.
+    pub fn of(clip: &Clip) -> Option<RateDoubt> {
+        RateDoubt::of_fall(fall_g(clip, &root_jumps(clip)), clip.fps())
+    }
+
+    pub(super) fn of_fall(fall_g: f64, fps: f64) -> Option<RateDoubt> {
+        (fall_g > FALL_LIMIT_G).then_some(RateDoubt { fall_g, fps })
+    }
+
+    /// The doubt of a motion as it was read; none where the rate was stated.
+    pub fn in_reading(motion: &Motion) -> Option<RateDoubt> {
+        let warned = motion.warnings.iter().any(RateDoubt::is_warning);
+        warned.then(|| RateDoubt::of(&motion.clip)).flatten()
+    }
+
+    /// Whether a warning is such a doubt.
+    pub fn is_warning(warning: &Warning) -> bool {
+        warning.kind == KIND
+    }
+
+    /// The rate at which the fall would be free fall.
+    pub fn free_fall_fps(&self) -> f64 {
+        self.fps / self.fall_g.sqrt()
+    }
+
+    /// The highest of the usual rates at which it falls at 1 g at most; below all of them a whole number.
+    pub fn likely_fps(&self) -> f64 {
+        let free = self.free_fall_fps();
+        let usual = USUAL_FPS.iter().map(|&fps| fps as f64).filter(|fps| *fps <= free);
+        usual.last().unwrap_or_else(|| free.floor().max(1.0))
+    }
+
+    /// As a warning of the motion that it is of.
+    pub fn warning(&self) -> Warning {
+        Warning { kind: KIND, what: self.to_string() }
+    }
+}
+
+impl fmt::Display for RateDoubt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (g, fps, likely) = (self.fall_g, in_short(self.fps), self.likely_fps());
+        let limit = FALL_LIMIT_G;
+        write!(
+            f,
+            "the body falls at {g:.1} g (more than {limit}): {fps} fps is too fast; if it is wrong, `--fps-source {likely}` may \
+             be right"
+        )
+    }
+}
+
+/// A rate without the digits of a frame time that was cut.
+fn in_short(fps: f64) -> f64 {
+    (fps * 1e3).round() / 1e3
+}
+
+/// The doubts of the files of a call, to be told in one line.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RateDoubts {
+    files: usize,
+    doubted: usize,
+    /// The one that falls fastest.
+    worst: Option<(String, RateDoubt)>,
+}
+
+impl RateDoubts {
+    /// A file that was read.
+    pub fn add(&mut self, name: &str, doubt: Option<RateDoubt>) {
+        self.files += 1;
+        let Some(doubt) = doubt else { return };
+        self.doubted += 1;
+        if self.worst.as_ref().is_none_or(|(_, worst)| doubt.fall_g > worst.fall_g) {
+            self.worst = Some((name.to_owned(), doubt));
+        }
+    }
+
+    /// What there is to say of all; `None` where no rate is doubted.
+    pub fn line(&self) -> Option<String> {
+        let (name, worst) = self.worst.as_ref()?;
+        let (files, g, likely) = (self.files, worst.fall_g, worst.likely_fps());
+        Some(match self.doubted {
+            _ if files == 1 => format!("{name}: {}", worst.warning()),
+            1 => format!(
+                "1 of {files} files doubts its rate: {name} falls at {g:.1} g; if all were exported alike, `--fps-source \
+                 {likely}` is for all"
+            ),
+            n => format!(
+                "{n} of {files} files doubt their rates, {name} most: it falls at {g:.1} g; if all were exported alike, \
+                 `--fps-source {likely}` is for all"
+            ),
+        })
+    }
+}
+
+/// The fastest fall of the root, in g; `jumps` as [`root_jumps`] finds them are left out.
+///
+/// Second difference of the root's height over steps of 0.05 s: noise of a millimetre is then 0.1 g.
+pub(super) fn fall_g(clip: &Clip, jumps: &[(usize, f64)]) -> f64 {
+    let h = (0.05 * clip.fps()).round().max(1.0) as usize;
+    let seconds = h as f64 / clip.fps();
+    let y = clip.root();
+    let mut ahead = jumps.iter().map(|&(at, _)| at).peekable();
+    // jumps rise as frames do: the first that isn't more than h behind decides
+    let mut near_jump = |f: usize| {
+        while ahead.next_if(|at| at + h < f).is_some() {}
+        ahead.peek().is_some_and(|&at| at <= f + h)
+    };
+    let falls: Vec<f64> = (h..y.len().saturating_sub(h))
+        .filter(|&f| !near_jump(f))
+        .map(|f| -(y[f + h].y - 2.0 * y[f].y + y[f - h].y) / (seconds * seconds * GRAVITY))
+        .collect();
+    quantile(falls, 0.998).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::figures::figures;
+    use super::super::figures::tests::falling;
+    use super::*;
+    use crate::format::{self, ReadOptions};
+    use crate::{Motion, Source};
+    use std::path::PathBuf;
+
+    /// Half the time hanging, half in free fall.
+    fn height(t: f64) -> f64 {
+        if t < 1.5 { 20.0 } else { 20.0 - 0.5 * GRAVITY * (t - 1.5) * (t - 1.5) }
+    }
+
+    #[test]
+    fn a_wrong_rate_is_seen_in_a_fall() {
+        let right = figures(&falling(60.0, height));
+        assert!((right.fall_g - 1.0).abs() < 0.01, "{}", right.fall_g);
+        assert_eq!(right.fps_for_free_fall, None);
+        let wrong = figures(&falling(60.0, height).with_fps(120.0).unwrap());
+        assert!((wrong.fps_for_free_fall.unwrap() - 60.0).abs() < 1.0);
+    }
+
+    #[test]
+    fn the_likely_rate_is_a_usual_one() {
+        let likely = |fall_g, fps| RateDoubt { fall_g, fps }.likely_fps();
+        assert_eq!([likely(3.2, 120.0), likely(1.9, 120.0), likely(3.9, 240.0)], [60.0, 60.0, 120.0]);
+        assert_eq!([likely(3.2, 60.0), likely(1.9, 25.0), likely(1e9, 1.0)], [30.0, 18.0, 1.0]);
+    }
+
+    #[test]
+    fn reading_doubts_a_rate_that_nobody_states() {
+        let clip = falling(60.0, height).with_fps(120.0).unwrap();
+        let motion = Motion { path: PathBuf::from("a.bvh"), clip, source: Source::Plain, warnings: Vec::new() };
+        let bytes = format::bvh::to_bytes(&motion).unwrap();
+        let read = |fps_source| {
+            let options = ReadOptions { fps_source, ..ReadOptions::default() };
+            format::parse(&motion.path, &bytes, &options).unwrap()
+        };
+        let doubt = RateDoubt::in_reading(&read(None)).unwrap();
+        assert!((doubt.fall_g - 4.0).abs() < 0.05 && doubt.fps == 120.0, "{doubt:?}");
+        for stated in [60.0, 120.0] {
+            assert_eq!(RateDoubt::in_reading(&read(Some(stated))), None, "who says it is not doubted");
+        }
+    }
+
+    #[test]
+    fn doubts_are_told_in_one_line() {
+        let (mut doubts, doubt) = (RateDoubts::default(), |fall_g| Some(RateDoubt { fall_g, fps: 120.0 }));
+        doubts.add("a.bvh", None);
+        assert_eq!(doubts.line(), None);
+        doubts.add("b.bvh", doubt(3.2));
+        let said = "1 of 2 files doubts its rate: b.bvh falls at 3.2 g; if all were exported alike, `--fps-source 60` is for all";
+        assert_eq!(doubts.line().as_deref(), Some(said));
+        doubts.add("c.bvh", doubt(2.0));
+        assert!(doubts.line().unwrap().starts_with("2 of 3 files doubt their rates, b.bvh most: it falls at 3.2 g;"));
+        let mut one = RateDoubts::default();
+        one.add("b.bvh", doubt(3.2));
+        assert!(one.line().unwrap().starts_with("b.bvh: rate_doubted: the body falls at 3.2 g"));
+    }
+}

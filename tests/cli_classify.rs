@@ -18,13 +18,13 @@ impl Data {
     fn new() -> Data {
         let data = Data(tempfile::tempdir().unwrap());
         fs::create_dir(data.at("data")).unwrap();
-        let mut csv = "clip,split,genre,dancer\n".to_string();
+        let mut csv = "clip,split,genre,dancer,skip\n".to_string();
         for (i, dance) in synth::corpus(4, 8, 2.0, 30.0).unwrap().into_iter().enumerate() {
             let path = data.at(&format!("data/d{i}.bvh"));
             let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
             format::write(&path, &motion).unwrap();
             let split = ["train", "train", "train", "train", "valid", "valid", "test", "test"][i];
-            csv += &format!("d{i},{split},{},one\n", ["salsa", "waltz"][i % 2]);
+            csv += &format!("d{i},{split},{},one,{}\n", ["salsa", "waltz"][i % 2], ["0", "12"][i % 2]);
         }
         fs::write(data.at("labels.csv"), csv).unwrap();
         fs::write(data.at("train.toml"), TRAIN).unwrap();
@@ -93,7 +93,10 @@ fn a_classifier_its_figures_and_a_name() {
 
     data.run("classify predict --classifier who data/d6.bvh data/d7.bvh")
         .success()
-        .stdout(contains("data/d6.bvh (2.0 s)").and(contains("a letter a second")).and(contains("data/d7.bvh")));
+        .stdout(contains("data/d6.bvh (2.0 s)").and(contains("a letter a second")).and(contains("data/d7.bvh (1.6 s)")))
+        .stderr(contains("data/d7.bvh: read as the model's corpus read it: skip 12"));
+    let whole = "classify predict --classifier who data/d7.bvh --skip 0";
+    data.run(whole).success().stdout(contains("data/d7.bvh (2.0 s)")).stderr(contains("corpus").not());
     let named = json(&mut data.call("classify predict --classifier who data/d6.bvh --json"));
     let field = &named["fields"][0];
     let sum: f64 = field["probabilities"].as_array().unwrap().iter().map(|p| p[1].as_f64().unwrap()).sum();
@@ -172,14 +175,24 @@ fn what_cannot_be_named_is_said() {
     refused("classify predict --classifier who zero.bvh", "zero.bvh: found 0 frames");
     data.run("classify predict --classifier who zero.bvh data/d7.bvh")
         .code(1)
-        .stdout(contains("data/d7.bvh (2.0 s)"))
+        .stdout(contains("data/d7.bvh (1.6 s)"))
         .stderr(contains("zero.bvh: found 0 frames").and(contains("1 of 2 files")));
+
+    // a corpus that is gone is told once
+    fs::rename(data.at("corpus"), data.at("elsewhere")).unwrap();
+    let assert = data.run("classify predict --classifier who data/d6.bvh data/d7.bvh").success();
+    let said = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
+    assert_eq!(
+        said.matches("corpus: the model's corpus can't be read: whether it has these files").count(),
+        1,
+        "{said}"
+    );
 
     // what is cut or of another version
     let about = fs::read_to_string(data.at("who/classifier.json")).unwrap();
     fs::write(
         data.at("who/classifier.json"),
-        about.replacen("\"schema\": 1", "\"schema\": 9", 1).replacen("\"schema\":1", "\"schema\":9", 1),
+        about.replacen("\"schema\": 2", "\"schema\": 9", 1).replacen("\"schema\":2", "\"schema\":9", 1),
     )
     .unwrap();
     refused("classify predict --classifier who data/d6.bvh", "schema 9");

@@ -164,6 +164,66 @@ fn inspect_goes_on_after_a_bad_file() {
     assert_eq!((line["schema"].as_u64(), line["frames"].as_u64()), (Some(1), Some(3)));
 }
 
+/// A body that hangs for half the time and then falls, at 60 frames a second, in a file that says 120.
+fn falling(path: &Path) {
+    let height = |t: f64| if t < 1.0 { 20.0 } else { 20.0 - 0.5 * 9.81 * (t - 1.0) * (t - 1.0) };
+    let root = (0..120).map(|f| Vec3::new(0.0, height(f as f64 / 60.0), 0.0)).collect();
+    let rotations = vec![kinelm_motion::Quat::IDENTITY; 120 * 24];
+    let clip = Clip::new(kinelm_motion::smpl::neutral(), 120.0, root, rotations).unwrap();
+    let motion = Motion { path: path.to_owned(), clip, source: Source::Plain, warnings: vec![] };
+    format::write(path, &motion).unwrap();
+}
+
+#[test]
+fn a_doubted_rate_is_said_once_a_call_by_all_that_reads() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    fs::create_dir(at("data")).unwrap();
+    falling(&at("data/falls.bvh"));
+    for (i, dance) in synth::corpus(1, 2, 4.0, 60.0).unwrap().into_iter().enumerate() {
+        let path = at(&format!("data/{i}.bvh"));
+        format::write(&path, &Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] })
+            .unwrap();
+    }
+    fs::write(at("labels.csv"), "clip,fps\nfalls,120\n").unwrap();
+    let call = |words: &str| {
+        let mut c = kinelm();
+        let assert = c.current_dir(dir.path()).args(words.split(' ')).assert().success();
+        String::from_utf8(assert.get_output().stderr.clone()).unwrap()
+    };
+    let of_all = "1 of 3 files doubts its rate: ";
+    let rest = "falls.bvh falls at 4.0 g; if all were exported alike, `--fps-source 60` is for all";
+    for words in [
+        "tokenizer fit data --out t.json",
+        "tokenize data --tokenizer t.json --out corpus",
+        "query build data --window 16 --out index",
+        "corpus clean data --out left_out.csv",
+        "convert data out --format json",
+        "mirror data --out mirrored",
+        "filter data --out filtered",
+        "view data --out page.html",
+    ] {
+        let said = call(words);
+        assert!(said.contains(of_all) && said.contains(rest), "{words}: {said}");
+        assert_eq!(said.matches("4.0 g").count(), 1, "{words}: {said}");
+    }
+    for words in ["convert data/falls.bvh a.json", "tokenizer text data/falls.bvh --tokenizer t.json"] {
+        let said = call(words);
+        let of_one = "falls.bvh: rate_doubted: the body falls at 4.0 g (more than 1.8): 120 fps is too fast; if it is wrong, \
+                      `--fps-source 60` may be right";
+        assert!(said.contains(of_one), "{words}: {said}");
+    }
+    // who states it ends the doubt
+    for words in [
+        "convert data/falls.bvh a.json --fps-source 120 --force",
+        "tokenizer fit data --out u.json --fps-source 60",
+        "tokenizer fit data --labels labels.csv --out v.json",
+    ] {
+        let said = call(words);
+        assert!(!said.contains("4.0 g") && !said.contains("doubt"), "{words}: {said}");
+    }
+}
+
 #[test]
 fn a_page_needs_no_network() {
     let dir = tempfile::tempdir().unwrap();

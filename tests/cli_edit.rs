@@ -42,12 +42,12 @@ fn set() -> &'static Set {
     SET.get_or_init(|| {
         let set = Set { dir: tempfile::tempdir().unwrap() };
         fs::create_dir(set.at("data")).unwrap();
-        let mut labels = "clip,split\n".to_string();
+        let mut labels = "clip,split,skip\n".to_string();
         for (i, d) in synth::corpus(3, 6, 3.0, 60.0).unwrap().iter().enumerate() {
             let path = set.at(&format!("data/{i}.bvh"));
             let motion = Motion { path: path.clone(), clip: d.clip.clone(), source: Source::Plain, warnings: vec![] };
             format::write(&path, &motion).unwrap();
-            labels += &format!("{i},{}\n", ["train", "train", "train", "train", "valid", "test"][i]);
+            labels += &format!("{i},{}\n", ["train,", "train,", "train,", "train,6", "valid,", "test,"][i]);
         }
         fs::write(set.at("labels.csv"), labels).unwrap();
         // numbers as other programs write them
@@ -129,19 +129,132 @@ fn frames_left_out_on_reading_come_back_in_their_places() {
         .assert()
         .success()
         .stderr(contains("frames 30 to 59 of the file, 0.60 to 1.60 s"));
-    let options = ReadOptions { fps_source: Some(30.0), ..ReadOptions::default() };
+    let options = ReadOptions::default();
     let (old, new) = (source(&prompt, &options), source(&set.at("legs.bvh"), &options));
     let (frames, columns) = differ(&old, &new);
     assert_eq!((new.frames, frames.first(), frames.last()), (old.frames, Some(&30), Some(&59)));
     let pelvis = column(&old, "pelvis");
     assert!(columns.iter().all(|c| !pelvis.contains(c)), "the root is given");
-    // the file states the rate that it stated; the program reads it as it read the prompt
+    // the file states the rate that was stated, and nothing else of it is another
+    assert_eq!((old.fps(), new.fps(), new.head.frame_time.as_str()), (60.0, 30.0, "0.0333333333"));
+    let [old_text, new_text] = [prompt, set.at("legs.bvh")].map(|path| fs::read_to_string(path).unwrap());
+    let head =
+        |text: &str| text.lines().take_while(|line| !line.starts_with("Frame Time")).map(str::to_owned).collect();
+    let heads: [Vec<String>; 2] = [head(&old_text), head(&new_text)];
+    assert_eq!(heads[0], heads[1]);
+    // the program reads it as it read the prompt
     let mut c = kinelm();
     c.args(["evaluate", "dance"]).arg(set.at("legs.bvh")).arg("--real").arg(set.at("corpus")).arg("--json");
     let found = c.assert().success().get_output().stdout.clone();
     let found: serde_json::Value = serde_json::from_slice(&found).unwrap();
     let frames = found["groups"][2]["world"]["frames"].as_u64();
     assert_eq!(frames, Some((old.frames as u64 - 12 - 1) * 20 / 30 + 1), "{found}");
+    every_command_reads_it_as_its_sidecar_says(set, old.frames);
+}
+
+/// Of `legs.bvh`, which was read without its first 12 frames.
+fn every_command_reads_it_as_its_sidecar_says(set: &Set, frames: usize) {
+    let legs = set.at("legs.bvh");
+    let said = "legs.bvh: read as its sidecar says: skip 12";
+    let read = |words: &[&str], more: &[&str]| {
+        let mut c = kinelm();
+        c.args(words).arg(&legs).args(more).current_dir(set.dir.path()).assert().success()
+    };
+    for (words, more) in [
+        (&["inspect"][..], &[][..]),
+        (&["mirror"], &["--out", "mirrored.bvh"]),
+        (&["filter"], &["--out", "filtered.bvh"]),
+        (&["spectrum"], &["--out", "legs.png"]),
+        (&["view"], &["--out", "legs.html"]),
+        (&["tokenizer", "text", "--tokenizer", "tok.json"], &[]),
+        (&["tokenize", "--tokenizer", "tok.json"], &["--out", "of-legs", "--force"]),
+        (&["generate", "--run", "run", "--free", "left_arm@1s:2s", "--prompt"], &["--out", "arm-of-legs.bvh"]),
+        (&["query", "build", "--window", "32", "--out", "of-legs-index"], &[]),
+    ] {
+        let found = String::from_utf8(read(words, more).get_output().stderr.clone()).unwrap();
+        assert!(found.contains(said), "{words:?}: {found}");
+    }
+    let converted = |more: &[&str], said: bool| {
+        let assert = read(&["convert"], &[&["legs.json", "--force"], more].concat());
+        let found = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
+        assert_eq!(found.contains("as its sidecar says"), said, "{found}");
+        let clip = format::read(&set.at("legs.json"), &ReadOptions::default()).unwrap().clip;
+        (clip.frames(), clip.fps())
+    };
+    assert_eq!(converted(&[], true), (frames - 12, 30.0));
+    // what a call says wins, and of the sidecar the rest holds
+    assert_eq!(converted(&["--skip", "0"], false), (frames, 30.0));
+    assert_eq!(converted(&["--fps-source", "50"], true), (frames - 12, 50.0));
+    // of several files it is said of those that no sidecar tells of
+    let mut c = kinelm();
+    c.arg("convert")
+        .arg(&legs)
+        .arg(set.at("data/0.bvh"))
+        .arg(set.at("several/"))
+        .args(["--skip", "3", "--format", "json"]);
+    c.assert().success().stderr(contains(said));
+    let [a, b] = ["legs", "0"].map(|name| {
+        format::read(&set.at(&format!("several/{name}.json")), &ReadOptions::default()).unwrap().clip.frames()
+    });
+    assert_eq!((a, b), (frames - 12, 180 - 3));
+    // a corpus keeps how a clip was read
+    let clips = fs::read_to_string(set.at("of-legs/clips.jsonl")).unwrap();
+    let clip: serde_json::Value = serde_json::from_str(clips.trim()).unwrap();
+    assert_eq!((&clip["read"]["skip"], &clip["read"]["fps_source"]), (&12.into(), &30.0.into()), "{clip}");
+    // a page marks what was made anew: frames 30 to 59 of the file
+    let page = fs::read_to_string(set.at("legs.html")).unwrap();
+    assert!(page.contains("\"anew\":[[0.6,1.6]]"), "what is new stands on the bar");
+}
+
+#[test]
+fn a_clip_of_the_runs_corpus_is_read_as_that_read_it() {
+    let set = set();
+    let prompt = set.at("data/3.bvh");
+    fs::copy(&prompt, set.at("a-copy.bvh")).unwrap();
+    let sidecar = |out: &str| {
+        let text = fs::read_to_string(set.at(&format!("{out}.kinelm.json"))).unwrap();
+        serde_json::from_str::<serde_json::Value>(&text).unwrap()
+    };
+    let free = ["--free", "left_arm@1s:2s"];
+    let said = "a-copy.bvh: read as the model's corpus read it: skip 6";
+    set.edit(&set.at("a-copy.bvh"), &free, "known.bvh").assert().success().stderr(contains(said));
+    assert_eq!(sidecar("known.bvh")["recipe"]["prompt"]["read"]["skip"], 6);
+    let more = [&free[..], &["--skip", "2"]].concat();
+    set.edit(&prompt, &more, "told.bvh").assert().success().stderr(contains("model's corpus").not());
+    assert_eq!(sidecar("told.bvh")["recipe"]["prompt"]["read"]["skip"], 2);
+    // a run whose corpus is gone
+    fs::create_dir(set.at("alone")).unwrap();
+    let copy = |from: &Path, to: &Path| {
+        for entry in fs::read_dir(from).unwrap().map(Result::unwrap).filter(|entry| entry.path().is_file()) {
+            fs::copy(entry.path(), to.join(entry.file_name())).unwrap();
+        }
+    };
+    copy(&set.at("run"), &set.at("alone"));
+    let checkpoints: Vec<PathBuf> = fs::read_dir(set.at("run")).unwrap().map(|e| e.unwrap().path()).collect();
+    for folder in checkpoints.into_iter().filter(|path| path.is_dir()) {
+        let to = set.at("alone").join(folder.file_name().unwrap());
+        fs::create_dir(&to).unwrap();
+        for entry in fs::read_dir(&folder).unwrap().map(|e| e.unwrap().path()) {
+            match entry.is_dir() {
+                true => {
+                    fs::create_dir(to.join(entry.file_name().unwrap())).unwrap();
+                    copy(&entry, &to.join(entry.file_name().unwrap()));
+                }
+                false => drop(fs::copy(&entry, to.join(entry.file_name().unwrap())).unwrap()),
+            }
+        }
+    }
+    let config = set.at("alone/config.toml");
+    let text = fs::read_to_string(&config).unwrap();
+    let corpus = set.at("corpus").display().to_string();
+    assert!(text.contains(&corpus), "{text}");
+    fs::write(&config, text.replace(&corpus, &set.at("nowhere").display().to_string())).unwrap();
+    let mut c = kinelm();
+    c.arg("generate").arg("--run").arg(set.at("alone")).arg("--prompt").arg(&prompt).args(free);
+    let gone =
+        "nowhere: the model's corpus can't be read: whether it has these files, and how it read them, isn't known";
+    c.arg("--out").arg(set.at("gone.bvh")).assert().success().stderr(contains(gone));
+    assert_eq!(sidecar("gone.bvh")["recipe"]["prompt"]["read"]["skip"], 0);
 }
 
 #[test]

@@ -136,6 +136,17 @@ fn other_rates_lengths_and_sizes_play_together() {
     let result = self_test(&browser, &written("view-rates.html", &figures));
     assert!((number(&result["whole"]) - 299.0 / 60.0).abs() < 1e-6, "the longest counts: {}", result["whole"]);
     every_control_works(&result);
+    assert_eq!((&result["anew"], &result["legend"]), (&serde_json::json!([]), &Value::Bool(false)));
+    // a quarter and the end of 4.983 s, whatever the figure's own rate is
+    let marked = [Figure::new("whole", &dance), Figure::new("anew", &slow).anew(&[[1.0, 2.0], [4.5, 9.0]])];
+    let result = self_test(&browser, &written("view-anew.html", &marked));
+    let marks: Vec<f64> =
+        result["anew"].as_array().unwrap().iter().flat_map(|m| m.as_array().unwrap()).map(number).collect();
+    let part = |s: f64| 100.0 * s / (299.0 / 60.0);
+    for (found, expected) in marks.iter().zip([part(1.0), part(1.0), part(4.5), 100.0 - part(4.5)]) {
+        assert!((found - expected).abs() < 0.01, "{marks:?}");
+    }
+    assert_eq!((marks.len(), &result["legend"]), (4, &Value::Bool(true)));
     let result = self_test(&browser, &written("view-giant.html", &[Figure::new("in centimetres", &giant)]));
     assert!(number(&result["counts"][1]["own"][0]) > 2000.0, "{result:#}");
 }

@@ -1,7 +1,7 @@
 //! `kinelm query` as a user runs it.
 
 use assert_cmd::Command;
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{Clip, Motion, Quat, Source, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use serde_json::Value;
@@ -113,6 +113,56 @@ fn an_index_a_question_and_a_page() {
     assert!(fs::read_to_string(page).unwrap().contains("asked: d0"));
 }
 
+/// Builds an index of one clip, cuts the window at frame `start` out into a file of six decimals, and holds what is found for
+/// the piece to the window itself.
+fn finds_itself(clip: &Path, start: usize, read: &[&str]) {
+    let dir = tempfile::tempdir().unwrap();
+    let (index, piece) = (dir.path().join("index"), dir.path().join("piece.bvh"));
+    kinelm()
+        .args(["query", "build"])
+        .arg(clip)
+        .args(read)
+        .arg("--keep-rest")
+        .arg("--out")
+        .arg(&index)
+        .assert()
+        .success();
+    let mut cut = kinelm();
+    cut.arg("convert").arg(clip).arg(&piece).args(read).args(["--from", &format!("{start}f"), "--to"]);
+    cut.arg(format!("{}f", start + 128)).assert().success();
+    let mut find = kinelm();
+    find.args(["query", "find"]).arg(&piece).args(["--index"]).arg(&index).args(["--fps-source", "60", "--at", "0"]);
+    let found = json(find.args(["--exclude", "none", "--keep-rest", "--distance", "euclid", "-k", "2", "--json"]));
+    let [first, second] = [0, 1].map(|i| &found["found"][i]);
+    assert_eq!(first["start"], start, "{found}");
+    let [near, next] = [first, second].map(|f| f["value"].as_f64().unwrap());
+    assert!(near < 1e-3 && next > 0.1, "{found}");
+}
+
+#[test]
+fn a_window_cut_out_finds_itself() {
+    // a dancer who turns a fifth of a turn a second: windows begin on both sides of half a turn
+    let dir = tempfile::tempdir().unwrap();
+    let dance = synth::corpus(3, 1, 10.0, 60.0).unwrap().remove(0).clip;
+    let mut rotations = dance.rotations().to_vec();
+    for (f, pose) in rotations.chunks_exact_mut(dance.joints()).enumerate() {
+        pose[0] = Quat::from_rotation_y(0.2 * std::f64::consts::TAU * f as f64 / 60.0) * pose[0];
+    }
+    let clip = Clip::new(dance.skeleton().clone(), 60.0, dance.root().to_vec(), rotations).unwrap();
+    let path = dir.path().join("turning.bvh");
+    let motion = Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] };
+    format::write(&path, &motion).unwrap();
+    for start in [0, 128, 192, 256, 384] {
+        finds_itself(&path, start, &["--fps-source", "60"]);
+    }
+}
+
+#[test]
+fn a_window_of_a_salsa_finds_itself() {
+    let Some(dir) = kinelm_shared_data::set("cmu-dance", "query") else { return };
+    finds_itself(&dir.join("salsa/24.bvh"), 2368, &["--fps-source", "60"]);
+}
+
 #[test]
 fn a_models_own_embedding() {
     let data = Data::new();
@@ -196,8 +246,8 @@ fn what_is_wrong_is_said_and_nothing_is_left() {
         .stderr(contains("hop 64 frames").and(contains("hop 32 frames, as asked for")));
     let path = data.at("index/index.json");
     let text = fs::read_to_string(&path).unwrap();
-    fs::write(&path, text.replace("\"version\": 1", "\"version\": 9")).unwrap();
-    let says = contains("found version 9").and(contains("expected version 1; build the index again"));
+    fs::write(&path, text.replace("\"version\": 2", "\"version\": 9")).unwrap();
+    let says = contains("found version 9").and(contains("expected version 2; build the index again"));
     data.find("data/d0.bvh", "index").assert().code(1).stderr(says);
     assert_eq!(names(&data.at("index")), ["index.json", "part-0001"]);
 }

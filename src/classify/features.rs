@@ -19,8 +19,10 @@ pub(crate) fn moments_of(x: &[f64]) -> [f64; 3] {
 /// A clip as its corpus codes it: channels over time.
 pub(super) struct Motion {
     clip: Clip,
-    /// (channels, F): rotation vectors of the coded joints, continuous in time, and the root's steps in metres a second.
-    channels: Vec<Vec<f64>>,
+    /// Rotation vectors of the coded joints.
+    series: Series,
+    /// (3, F): the root's steps in metres a second.
+    steps: [Vec<f64>; 3],
 }
 
 impl Motion {
@@ -33,13 +35,12 @@ impl Motion {
         let clip = tokenizer.decode(&corpus.clip_words(record)?, Rest::Identity)?;
         let joints: Vec<usize> = tokenizer.config().joints.clone();
         let series = Series::of(&clip, &joints, clip.fps(), false)?;
-        let mut channels: Vec<Vec<f64>> = (0..series.channels.len()).map(|c| series.channel(c).to_vec()).collect();
-        for axis in 0..3 {
+        let steps = [0, 1, 2].map(|axis| {
             let at = |frame: usize| clip.root()[frame][axis];
             let step = |frame: usize| (at(frame) - at(frame.saturating_sub(1))) * clip.fps();
-            channels.push((0..clip.frames()).map(step).collect());
-        }
-        Ok(Motion { clip, channels })
+            (0..clip.frames()).map(step).collect()
+        });
+        Ok(Motion { clip, series, steps })
     }
 
     /// Of every channel its mean, its standard deviation, its mean absolute first difference (docs/classification.md, "Plain
@@ -47,12 +48,14 @@ impl Motion {
     pub fn window(&self, window: &Window, frames_per_word: usize) -> Vec<f64> {
         let from = window.word * frames_per_word;
         let to = ((window.word + window.words) * frames_per_word).min(self.clip.frames());
-        self.channels.iter().flat_map(|channel| moments_of(&channel[from..to])).collect()
+        let rotations = self.series.window(from, to - from);
+        let steps = self.steps.iter().map(|steps| &steps[from..to]);
+        rotations.chunks_exact(to - from).chain(steps).flat_map(moments_of).collect()
     }
 
     /// What doesn't move: the logarithm of its frames, and how it starts.
     pub fn start(&self) -> Vec<f64> {
-        let pose = self.channels.iter().map(|c| c[0]);
+        let pose = self.series.window(0, 1).into_iter().chain(self.steps.iter().map(|steps| steps[0]));
         std::iter::once((self.clip.frames() as f64).ln()).chain(pose).collect()
     }
 
@@ -65,14 +68,11 @@ impl Motion {
         let spec = WindowSpec::default();
         let transform = Transform::Dct(LowDct::new(spec.frames, 16));
         let series = Series::of(&self.clip, joints, spec.fps, false)?;
-        let count = series.channels.len();
+        let frames = series.frames.min(spec.frames);
         let one = |start: usize| {
-            let channel = |c: usize| {
-                let x = series.channel(c);
-                (start..start + spec.frames).map(|f| x[f.min(x.len() - 1)]).collect::<Vec<f64>>()
-            };
-            let window: Vec<f64> = (0..count).flat_map(channel).collect();
-            let mut feature = transform.feature(&window, count);
+            let held = |x: &[f64]| (0..spec.frames).map(|f| x[f.min(frames - 1)]).collect::<Vec<f64>>();
+            let window: Vec<f64> = series.window(start, frames).chunks_exact(frames).flat_map(held).collect();
+            let mut feature = transform.feature(&window, series.channels.len());
             let norm = feature.iter().map(|x| x * x).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
             feature.iter_mut().for_each(|x| *x /= norm);
             feature

@@ -11,9 +11,9 @@ use crate::spectral::query::maker::Maker;
 use crate::spectral::query::part::Part;
 use crate::spectral::query::record::ClipEntry;
 use crate::spectral::query::{Database, Distance, IndexOptions, Kind, Wanted};
-use kinelm_motion::Clip;
 use kinelm_motion::format::ReadOptions;
-use kinelm_motion::metric::GeodesicError;
+use kinelm_motion::rotation::exp_map;
+use kinelm_motion::{Clip, Quat, Vec3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -26,6 +26,8 @@ pub const APART_DEG: f64 = 1.0;
 /// And below this part of what the window differs from itself half a second later: a body that hardly moves is like any
 /// other. At 2 degrees and a half, gestures that one dancer repeats pass for copies: 280 ranges of bandai-2.
 const OF_ITSELF: f64 = 0.2;
+/// A copy cut from another frame of its file may lie between two frames at the rate of the search, so far at most, frames.
+const BETWEEN: f64 = 0.5;
 /// Coefficients of a channel: up to 2 Hz, which tells windows of 2 s apart.
 const KEEP: usize = 8;
 
@@ -83,17 +85,31 @@ fn copy(
     let Some(hit) = database.nearest(&feature, wanted, &allowed)?.first().copied() else { return Ok(None) };
     let there = database.window(hit.window);
     let here = one.clip.slice(start..start + frames);
-    let apart = apart_deg(&here, &held[there.clip].clip.slice(there.start..there.start + frames))?;
+    let apart = apart_deg(&here, &held[there.clip].clip.slice(there.start..there.start + frames), BETWEEN);
     let later = frames / 4;
-    let itself = apart_deg(&here.slice(0..frames - later), &here.slice(later..frames))?;
+    let itself = apart_deg(&here.slice(0..frames - later), &here.slice(later..frames), 0.0);
     let is_copy = apart < APART_DEG && apart < OF_ITSELF * itself;
     Ok(is_copy.then_some((start, there.clip)))
 }
 
-fn apart_deg(a: &Clip, b: &Clip) -> Result<f64> {
-    let mut error = GeodesicError::new((0..a.joints()).collect());
-    error.add(a, b)?;
-    Ok(error.mean().to_degrees())
+/// The mean angle between the local rotations of two windows of one length, degrees, where the second may be taken up to
+/// `shift` frames sooner or later: by as much as brings them nearest, along its velocity.
+fn apart_deg(a: &Clip, b: &Clip, shift: f64) -> f64 {
+    let last = a.frames().saturating_sub(1);
+    let between = |p: &[Quat], q: &[Quat], j: usize| exp_map::to_vector(p[j].conjugate() * q[j]);
+    // rotation vectors: from b to a, and b's in a frame
+    let of = |(f, j): (usize, usize)| {
+        let (before, after) = (f.saturating_sub(1), (f + 1).min(last));
+        let step = between(b.pose(before), b.pose(after), j) / (after - before).max(1) as f64;
+        (between(b.pose(f), a.pose(f), j), step)
+    };
+    let places = (0..a.frames()).flat_map(|f| (0..a.joints()).map(move |j| (f, j)));
+    let pairs: Vec<(Vec3, Vec3)> = places.map(of).collect();
+    let along: f64 = pairs.iter().map(|(off, step)| off.dot(*step)).sum();
+    let speed: f64 = pairs.iter().map(|(_, step)| step.length_squared()).sum();
+    let by = if speed > 0.0 { (along / speed).clamp(-shift, shift) } else { 0.0 };
+    let sum: f64 = pairs.iter().map(|(off, step)| (*off - *step * by).length()).sum();
+    (sum / pairs.len().max(1) as f64).to_degrees()
 }
 
 /// The windows of all clips, at every frame.

@@ -1,6 +1,7 @@
 //! Dances with faults put into them, and real ones.
 
 use super::*;
+use crate::corpus::samples;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::{Motion, Quat, Source, Vec3, synth};
 use std::fs;
@@ -105,6 +106,21 @@ fn a_copy_in_the_middle_is_found_and_standing_still_is_none() {
         Clip::new(clip.skeleton().clone(), 20.0, root, pose).unwrap()
     };
     assert!(rows(&cleaned(&[("a", "train", still(7)), ("b", "train", still(7))])).is_empty());
+}
+
+/// A turning dancer passes half a turn; what of it lies before a copy's beginning changes nothing, nor does a beginning
+/// between two frames at the corpus's rate.
+#[test]
+fn a_copy_without_its_beginning_is_found_over_its_whole_length() {
+    let dance = |i: usize| synth::corpus(5, 2, 12.0, 60.0).unwrap().remove(i).clip;
+    let first = samples::spinning(&dance(0), 0.3);
+    for cut in [141, 142, 143] {
+        let copy = first.slice(cut..720);
+        let found = cleaned(&[("a", "train", first.clone()), ("b", "train", dance(1)), ("c", "test", copy)]);
+        let listed = rows(&found).into_iter().filter(|r| r.3.contains("as in c"));
+        // a window begins at every second
+        assert_eq!(listed.map(|r| (r.0, r.1, r.2)).collect::<Vec<_>>(), [("a", 3.0, None)], "{:?}", rows(&found));
+    }
 }
 
 #[test]

@@ -14,6 +14,15 @@ pub fn walk(frames: usize) -> Clip {
     Clip::new(smpl::neutral(), 20.0, root, vec![Quat::IDENTITY; 24 * frames]).unwrap()
 }
 
+/// The dance of a body that turns about the vertical meanwhile, so many turns a second.
+pub fn spinning(clip: &Clip, turns_a_second: f64) -> Clip {
+    let mut rotations = clip.rotations().to_vec();
+    for (f, pose) in rotations.chunks_exact_mut(clip.joints()).enumerate() {
+        pose[0] = Quat::from_rotation_y(std::f64::consts::TAU * turns_a_second * f as f64 / clip.fps()) * pose[0];
+    }
+    Clip::new(clip.skeleton().clone(), clip.fps(), clip.root().to_vec(), rotations).unwrap()
+}
+
 /// Six characters and a space a frame.
 pub fn tokenizer() -> Tokenizer {
     Tokenizer::fit([&walk(5)], TokenizerConfig::uniform(&[0], 20.0, 60)).unwrap()

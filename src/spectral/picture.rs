@@ -129,7 +129,7 @@ fn stretch(series: &Series, wanted: &Wanted) -> Result<Series> {
             Stft::WINDOW
         )));
     }
-    Ok(Series { frames, numbers: series.window(start, frames), ..series.clone() })
+    Ok(series.part(start, frames))
 }
 
 /// At every place the length of the vector of several series.

@@ -4,6 +4,10 @@ use crate::{Error, Result};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Clip, Quat, Vec3};
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// Angles that differ by less count as equal, radians: far more than a file's last decimals change.
+const SAME_RAD: f64 = 1e-5;
 
 /// Rotation vectors of chosen joints over time, at one rate.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,15 +22,16 @@ pub struct Series {
     pub channels: Vec<String>,
     /// (C, F) radians, channel by channel.
     pub numbers: Vec<f64>,
+    /// Whether windows have `numbers` as they are. Otherwise these are canonical, and every window is made continuous.
+    pub raw: bool,
 }
 
 impl Series {
     /// The local rotations of `joints` (all of them if empty, in their order) at `fps` frames per second: low-passed downwards,
     /// by slerp upwards. The root's rotation is one of them, its translation is not.
     ///
-    /// Canonical vectors (angle up to PI) jump where the angle passes PI. Unless `raw` (compat), a frame's vector is the one
-    /// of `v` and `v - 2 PI v/|v|` that is nearer to that of the frame before; the first is canonical. See
-    /// docs/query.md, "Windows and features".
+    /// The vectors are canonical (angle up to PI) and jump where the angle passes PI. Unless `raw` (compat),
+    /// [`Series::window`] takes the jumps out.
     ///
     /// # Errors
     /// [`Error::Call`] for a joint that the clip doesn't have or that is given twice; [`Error::Motion`] for a rate that
@@ -38,10 +43,7 @@ impl Series {
         let frames = clip.frames();
         let mut numbers = Vec::with_capacity(joints.len() * 3 * frames);
         for &joint in &joints {
-            let mut vectors: Vec<Vec3> = (0..frames).map(|f| exp_map::to_vector(clip.pose(f)[joint])).collect();
-            if !raw {
-                make_continuous(&mut vectors);
-            }
+            let vectors: Vec<Vec3> = (0..frames).map(|f| exp_map::to_vector(clip.pose(f)[joint])).collect();
             for axis in 0..3 {
                 numbers.extend(vectors.iter().map(|v| v[axis]));
             }
@@ -49,7 +51,7 @@ impl Series {
         let names = clip.skeleton().names();
         let channels =
             joints.iter().flat_map(|&j| ["x", "y", "z"].map(|axis| format!("{}.{axis}", names[j]))).collect();
-        Ok(Series { fps, frames, joints, channels, numbers })
+        Ok(Series { fps, frames, joints, channels, numbers, raw })
     }
 
     /// (F) one channel.
@@ -61,13 +63,31 @@ impl Series {
         &self.numbers[channel * self.frames..][..self.frames]
     }
 
-    /// (C, N): `frames` frames from `start` on.
+    /// (C, N): `frames` frames from `start` on, unless `raw` without jumps at half a turn.
+    ///
+    /// A joint's vector is canonical in the frame of its smallest angle. From there on, forwards and backwards, each is the
+    /// one of `v` and `v - 2 PI v/|v|` that is nearer to its neighbour. So the numbers depend on the window's own poses
+    /// alone. See docs/query.md, "Windows and features".
     ///
     /// # Panics
     /// If the window leaves the series.
     pub fn window(&self, start: usize, frames: usize) -> Vec<f64> {
         assert!(start + frames <= self.frames, "frames {start} to {} of {}", start + frames, self.frames);
-        (0..self.channels.len()).flat_map(|c| &self.channel(c)[start..start + frames]).copied().collect()
+        let channels = (0..self.channels.len()).flat_map(|c| &self.channel(c)[start..start + frames]);
+        let mut window: Vec<f64> = channels.copied().collect();
+        if !self.raw && frames > 0 {
+            window.chunks_exact_mut(3 * frames).for_each(make_continuous);
+        }
+        window
+    }
+
+    /// A window as series of its own.
+    ///
+    /// # Panics
+    /// As [`Series::window`].
+    pub fn part(&self, start: usize, frames: usize) -> Series {
+        let (joints, channels) = (self.joints.clone(), self.channels.clone());
+        Series { fps: self.fps, frames, joints, channels, numbers: self.window(start, frames), raw: true }
     }
 
     /// (F, joints) the rotations again; vectors of any length are good.
@@ -119,15 +139,45 @@ fn check(joints: &[usize], clip: &Clip) -> Result<()> {
     Ok(())
 }
 
-/// Of each vector and its twin the one nearer to the vector before; of equal distances the canonical one.
-fn make_continuous(vectors: &mut [Vec3]) {
-    for f in 1..vectors.len() {
-        let (before, v) = (vectors[f - 1], vectors[f]);
-        if let Some(twin) = exp_map::twin(v)
-            && (twin - before).length_squared() < (v - before).length_squared()
-        {
-            vectors[f] = twin;
-        }
+/// Takes the jumps out of a joint's canonical vectors (3, N).
+fn make_continuous(numbers: &mut [f64]) {
+    let frames = numbers.len() / 3;
+    let (x, yz) = numbers.split_at_mut(frames);
+    let (y, z) = yz.split_at_mut(frames);
+    let vector = |f: usize| Vec3::new(x[f], y[f], z[f]);
+    // two vectors up to a quarter turn are nearer to each other than to their twins
+    if (0..frames).all(|f| vector(f).length_squared() < (FRAC_PI_2 - SAME_RAD).powi(2)) {
+        return;
+    }
+    let mut vectors: Vec<Vec3> = (0..frames).map(vector).collect();
+    outwards(&mut vectors, nearer);
+    for (f, v) in vectors.into_iter().enumerate() {
+        (x[f], y[f], z[f]) = (v.x, v.y, v.z);
+    }
+}
+
+/// Of a vector and its twin the one nearer to `to`; of equal distances the vector itself.
+fn nearer(v: Vec3, to: Vec3) -> Vec3 {
+    exp_map::twin(v).filter(|twin| (*twin - to).length_squared() < (v - to).length_squared()).unwrap_or(v)
+}
+
+/// Goes from the canonical vector of smallest angle, the earliest of equal ones, to both ends; `nearest` says what becomes of
+/// a vector beside its neighbour.
+///
+/// At half a turn, where both directions of an axis are canonical, one that depends on no rounding is taken.
+pub(crate) fn outwards(vectors: &mut [Vec3], nearest: impl Fn(Vec3, Vec3) -> Vec3) {
+    let least = vectors.iter().map(|v| v.length()).fold(f64::INFINITY, f64::min);
+    let Some(start) = vectors.iter().position(|v| v.length() <= least + SAME_RAD) else { return };
+    // no axis through corners, edges or faces of a cube is square to this one
+    let is_behind = vectors[start].dot(Vec3::new(1.0, 1.0 / 3.0, 1.0 / 9.0)) < 0.0;
+    if least > PI - SAME_RAD && is_behind {
+        vectors[start] = exp_map::twin(vectors[start]).unwrap_or(vectors[start]);
+    }
+    for f in start + 1..vectors.len() {
+        vectors[f] = nearest(vectors[f], vectors[f - 1]);
+    }
+    for f in (0..start).rev() {
+        vectors[f] = nearest(vectors[f], vectors[f + 1]);
     }
 }
 
@@ -149,17 +199,59 @@ mod tests {
 
     #[test]
     fn a_half_turn_is_passed_without_a_jump() {
-        // from 2.6 to 3.7 radians: the canonical vector jumps at PI
-        let clip = turning(60.0, 112, |f| 2.6 + 0.01 * f as f64);
+        // from 2.5 to 3.61 radians: the canonical vector jumps at PI
+        let clip = turning(60.0, 112, |f| 2.5 + 0.01 * f as f64);
         let steps = |s: &Series| s.channel(2).windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
-        let smooth = Series::of(&clip, &[], 60.0, false).unwrap();
+        let smooth = Series::of(&clip, &[], 60.0, false).unwrap().part(0, 112);
         assert_eq!(smooth.channels, ["hip.x", "hip.y", "hip.z"]);
         assert!(steps(&smooth) < 0.01, "{}", steps(&smooth));
-        assert!((smooth.channel(2)[111] - 0.8 * 3.71).abs() < 1e-9);
+        assert!((smooth.channel(2)[111] - 0.8 * 3.61).abs() < 1e-9);
         let raw = Series::of(&clip, &[], 60.0, true).unwrap();
+        assert_eq!(raw.part(0, 112), raw);
         assert!((steps(&raw) - 0.8 * 2.0 * PI).abs() < 0.02, "{}", steps(&raw));
         for (a, b) in smooth.rotations().iter().zip(raw.rotations()) {
             assert!(angle_between(*a, b) < 1e-9);
+        }
+    }
+
+    /// The vector about the joint's axis in each frame of a window.
+    fn angles(series: &Series, start: usize, frames: usize) -> Vec<f64> {
+        series.window(start, frames)[2 * frames..].iter().map(|z| z / 0.8).collect()
+    }
+
+    #[test]
+    fn a_window_starts_at_its_smallest_angle_wherever_it_lies() {
+        // two turns and a half, and back
+        let clip = turning(60.0, 400, |f| 8.0 * (0.02 * f as f64).sin() + 8.0);
+        let series = Series::of(&clip, &[], 60.0, false).unwrap();
+        for start in 0..=400 - 64 {
+            let alone = Series::of(&clip.slice(start..start + 64), &[], 60.0, false).unwrap();
+            assert!(alone.window(0, 64) == series.window(start, 64), "{start}");
+            assert!(angles(&series, start, 64).iter().any(|a| a.abs() <= PI), "{start}");
+        }
+        // from 185 degrees down to 155, which is the smallest angle
+        let falling = turning(60.0, 31, |f| (185.0 - f as f64).to_radians());
+        let found = angles(&Series::of(&falling, &[], 60.0, false).unwrap(), 0, 31);
+        assert!((found[0] - 185.0f64.to_radians()).abs() < 1e-9 && (found[30] - 155.0f64.to_radians()).abs() < 1e-9);
+    }
+
+    /// Equal angles on both sides of half a turn, or half a turn alone: the last decimals decide nothing.
+    #[test]
+    fn rounding_does_not_choose_the_branch() {
+        let there_and_back = |f: usize| if f <= 20 { 170.0 + f as f64 } else { 210.0 - f as f64 };
+        let through = |f: usize| 170.0 + f as f64;
+        let still = |_: usize| 180.0;
+        for (degrees, frames) in [(&there_and_back as &dyn Fn(usize) -> f64, 41), (&through, 21), (&still, 32)] {
+            let off = |size: f64| {
+                let clip = turning(60.0, frames, |f| (degrees(f) + size * (7.0 * f as f64).sin()).to_radians());
+                angles(&Series::of(&clip, &[], 60.0, false).unwrap(), 0, frames)
+            };
+            let exact = off(0.0);
+            assert!((exact[0] - degrees(0).to_radians()).abs() < 1e-9, "{exact:?}");
+            for size in [1e-6, -1e-6, 1e-9, -1e-9, 1e-13] {
+                let apart = exact.iter().zip(off(size)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                assert!(apart < 1e-7, "{size} {apart}");
+            }
         }
     }
 

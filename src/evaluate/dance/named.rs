@@ -111,10 +111,7 @@ fn windows(dance: &Dance, joints: &[usize]) -> Result<Vec<Vec<f64>>> {
     let [size, hop] = [WINDOW_S, HOP_S].map(|s| ((s * fps).round() as usize).max(2));
     let series = Series::of(&dance.clip, joints, fps, false)?;
     let starts = (0..(series.frames + 1).saturating_sub(size)).step_by(hop);
-    let one = |at: usize| {
-        let channels = (0..series.channels.len()).map(|c| &series.channel(c)[at..at + size]);
-        channels.flat_map(moments_of).collect()
-    };
+    let one = |at: usize| -> Vec<f64> { series.window(at, size).chunks_exact(size).flat_map(moments_of).collect() };
     Ok(starts.map(one).collect())
 }
 

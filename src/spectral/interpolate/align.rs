@@ -2,6 +2,7 @@
 
 use crate::spectral::Series;
 use crate::spectral::filter::LOW_HZ;
+use crate::spectral::series::outwards;
 use crate::{Error, Result};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
@@ -82,7 +83,7 @@ impl Alignment {
             }
             second = turned(&second, turn)?;
         }
-        let series = [Series::of(&first, &[], self.fps, false)?, Series::of(&second, &[], self.fps, false)?];
+        let series = [Series::of(&first, &[], self.fps, true)?, Series::of(&second, &[], self.fps, true)?];
         let [mut sa, mut sb] = series;
         unwrap_all(&mut sa);
         unwrap_all(&mut sb);
@@ -206,13 +207,12 @@ fn nearest(v: Vec3, to: Vec3) -> Vec3 {
     axis * (angle + TAU * ((to.dot(axis) - angle) / TAU).round())
 }
 
-/// Every joint's vectors, each nearest to the one before: turns of any number, where [`Series::of`] knows one.
+/// Every joint's vectors, from the smallest on each nearest to its neighbour: turns of any number, where
+/// [`Series::window`] knows one.
 fn unwrap_all(series: &mut Series) {
     for joint in 0..series.channels.len() / 3 {
         let mut vectors = vectors(series, joint);
-        for f in 1..vectors.len() {
-            vectors[f] = nearest(vectors[f], vectors[f - 1]);
-        }
+        outwards(&mut vectors, nearest);
         put(series, joint, &vectors);
     }
 }
@@ -222,15 +222,20 @@ fn nearest_branches(series: &mut Series, to: &Series) {
     for joint in 0..series.channels.len() / 3 {
         let (own, other) = (vectors(series, joint), vectors(to, joint));
         let off = |path: &[Vec3]| path.iter().zip(&other).map(|(a, b)| (*a - *b).length_squared()).sum::<f64>();
-        let begun = |turns: f64| -> Vec<Vec3> {
-            let mut path = own.clone();
+        let begun = |from: &[Vec3], turns: f64| -> Vec<Vec3> {
+            let mut path = from.to_vec();
             path[0] = path[0] + path[0].normalize_or_zero() * (TAU * turns);
             for f in 1..path.len() {
                 path[f] = nearest(path[f], path[f - 1]);
             }
             path
         };
-        let best = [-1.0, 1.0].map(begun).into_iter().fold(own.clone(), |a, b| if off(&b) < off(&a) { b } else { a });
+        let mut best = own;
+        for _ in 0..series.frames {
+            let paths = [-1.0, 1.0].map(|turns| begun(&best, turns));
+            let Some(path) = paths.into_iter().find(|path| off(path) < off(&best)) else { break };
+            best = path;
+        }
         put(series, joint, &best);
     }
 }

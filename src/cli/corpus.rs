@@ -1,8 +1,8 @@
 //! `kinelm corpus stats`, `clean`, `order` and `merge`.
 
-use super::{ForceArgs, Say, print};
+use super::{ForceArgs, Say, TrustArgs, print};
 use anyhow::Result;
-use kinelm::corpus::{Corpus, merge::merge, stats::stats, writer::LAYOUT};
+use kinelm::corpus::{merge::merge, stats::stats, writer::LAYOUT};
 use kinelm::counted;
 use kinelm::output::Outputs;
 use kinelm::train::order::order;
@@ -19,6 +19,8 @@ pub enum Command {
         /// One JSON object instead of text
         #[arg(long)]
         json: bool,
+        #[command(flatten)]
+        trust: TrustArgs,
     },
     /// What corpora are better made without, of training clips: steps that no body makes, bodies in the floor, copies of other clips
     Clean(super::clean::Args),
@@ -42,6 +44,8 @@ pub enum Command {
         out: PathBuf,
         #[command(flatten)]
         force: ForceArgs,
+        #[command(flatten)]
+        trust: TrustArgs,
     },
     /// Put the pieces of `tokenize --shard` together
     Merge {
@@ -59,16 +63,16 @@ pub enum Command {
 
 pub fn run(command: Command, say: Say) -> Result<()> {
     match command {
-        Command::Stats { corpus, json } => {
-            let found = stats(&Corpus::open(&corpus)?)?;
+        Command::Stats { corpus, json, trust } => {
+            let found = stats(&trust.open(&corpus)?)?;
             print(&if json { serde_json::to_string(&found)? + "\n" } else { format!("{found}\n") })
         }
         Command::Clean(args) => super::clean::run(&args, say),
-        Command::Order { corpus, config, steps, seed, out, force } => {
+        Command::Order { corpus, config, steps, seed, out, force, trust } => {
             let file = TrainFile::find(&config).map_err(super::asked)?;
             let corpora = if corpus.is_empty() { file.corpora()? } else { corpus };
             let outputs = force.outputs(corpora.iter().map(|part| part.path.clone()).chain([config]));
-            let data = Data::open(&corpora, None, &file.train.conditions)?;
+            let data = Data::open(&corpora, None, &file.train.conditions, trust.opening())?;
             let train = TrainConfig { seed: seed.unwrap_or(file.train.seed), ..file.train };
             let steps = steps.unwrap_or(train.steps);
             let found = order(&RunFile::new(&file.model, &train, &data)?, &data, steps)?;

@@ -6,10 +6,11 @@ mod gaps;
 mod likelihood;
 mod prediction;
 
-use super::{Say, WrongCall, print};
+use super::{Say, TrustArgs, WrongCall, print};
 use anyhow::Result;
 use kinelm::corpus::{Corpus, Split};
-use kinelm::evaluate::{CodeSplits, Floors, measure};
+use kinelm::evaluate::codes::frames;
+use kinelm::evaluate::{CodeSplits, Extent, Floors, measure};
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]
@@ -32,7 +33,7 @@ pub struct BaselinesArgs {
     #[arg(long, value_name = "CORPUS", required_unless_present = "tokens")]
     corpus: Option<PathBuf>,
     /// Bare codes: train and test (F, C) uint16, train_len and test_len
-    #[arg(long, value_name = "FILE.npz", conflicts_with = "corpus")]
+    #[arg(long, value_name = "FILE.npz", conflicts_with_all = ["corpus", "floors_from"])]
     tokens: Option<PathBuf>,
     /// Bins of the codes in --tokens
     #[arg(long, default_value_t = 360, value_parser = clap::value_parser!(u32).range(2..=65_536))]
@@ -43,6 +44,83 @@ pub struct BaselinesArgs {
     /// One JSON object instead of a table
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    floors: FloorsArgs,
+    #[command(flatten)]
+    trust: TrustArgs,
+}
+
+/// The static models beside what is measured.
+#[derive(Debug, clap::Args)]
+pub struct FloorsArgs {
+    /// On how many frames of each split static models and xz are fitted and measured
+    #[arg(long, value_enum, default_value = "sample")]
+    floors: FloorsArg,
+    /// Fit the static models on the train clips of this corpus, of the same tokenizer, instead of those of --corpus
+    #[arg(long, value_name = "CORPUS")]
+    floors_from: Option<PathBuf>,
+}
+
+/// `--floors`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum FloorsArg {
+    /// None: no static models, no xz
+    None,
+    /// All, or about 200,000 in stretches where there are more
+    Sample,
+    /// All, in memory
+    All,
+}
+
+/// What static models are fitted on.
+pub enum Fitted {
+    /// The corpus that is measured.
+    Own(Extent),
+    /// Another one.
+    Other(Box<Corpus>, Extent),
+    /// Nothing, which is why.
+    Nothing(String),
+}
+
+impl FloorsArgs {
+    /// What they are fitted on, opened; a corpus of another tokenizer than that of `corpus` is a wrong call.
+    pub fn fitted(&self, corpus: &Corpus, trust: TrustArgs) -> Result<Fitted> {
+        let extent = match self.floors {
+            FloorsArg::None => return Ok(Fitted::Nothing("--floors none".into())),
+            FloorsArg::Sample => Extent::Sample,
+            FloorsArg::All => Extent::All,
+        };
+        let Some(other) = &self.floors_from else {
+            let what =
+                format!("{} has no train frame to fit on; --floors-from CORPUS names one", corpus.dir().display());
+            return Ok(if frames(corpus, Split::Train) > 0 { Fitted::Own(extent) } else { Fitted::Nothing(what) });
+        };
+        let other = trust.open(other)?;
+        let dir = other.dir().display();
+        let [found, expected] = [&other, corpus].map(|corpus| corpus.tokenizer().base_hash());
+        if found != expected {
+            let what =
+                format!("--floors-from {dir}: a corpus of tokenizer {found}; expected that of --corpus, {expected}");
+            return Err(WrongCall(what).into());
+        }
+        if frames(&other, Split::Train) == 0 {
+            return Err(WrongCall(format!("--floors-from {dir}: no train frame; expected some to fit on")).into());
+        }
+        Ok(Fitted::Other(Box::new(other), extent))
+    }
+}
+
+impl Fitted {
+    /// The floors of a split of `corpus`, or why there are none.
+    pub fn measure(&self, corpus: &Corpus, split: Split) -> Result<std::result::Result<Floors, String>> {
+        let (fitted, extent) = match self {
+            Fitted::Own(extent) => (corpus, *extent),
+            Fitted::Other(other, extent) => (&**other, *extent),
+            Fitted::Nothing(why) => return Ok(Err(why.clone())),
+        };
+        super::progress::stage("fitting and measuring static models");
+        Ok(Ok(Floors::of_corpora(fitted, (corpus, split), extent)?))
+    }
 }
 
 pub fn run(command: Command, say: Say) -> Result<()> {
@@ -56,21 +134,24 @@ pub fn run(command: Command, say: Say) -> Result<()> {
 }
 
 fn baselines(args: BaselinesArgs) -> Result<()> {
+    let extent = match args.floors.floors {
+        FloorsArg::None => return Err(WrongCall("--floors none: nothing is left to measure".into()).into()),
+        FloorsArg::Sample => Extent::Sample,
+        FloorsArg::All => Extent::All,
+    };
     let found = match (&args.corpus, &args.tokens) {
         (Some(corpus), _) => {
-            let (opened, split) = (Corpus::open(corpus)?, args.split);
-            for needed in [Split::Train, split] {
-                let frames: usize = opened.split(needed).map(|c| c.frames).sum();
-                anyhow::ensure!(
-                    frames > 0,
-                    "{}: no frame in the {needed} split; try another --split",
-                    corpus.display()
-                );
+            let opened = args.trust.open(corpus)?;
+            let fitted = args.floors.fitted(&opened, args.trust)?;
+            if frames(&opened, args.split) == 0 {
+                let (corpus, split) = (corpus.display(), args.split);
+                anyhow::bail!("{corpus}: no frame in the {split} split; try another --split");
             }
-            super::progress::stage("fitting and measuring static models");
-            Floors::of_corpus(&opened, split)?
+            fitted.measure(&opened, args.split)?.map_err(|why| anyhow::anyhow!(why))?
         }
-        (_, Some(tokens)) => Floors::Channels(Box::new(measure(&CodeSplits::load_npz(tokens, args.bins as usize)?)?)),
+        (_, Some(tokens)) => {
+            Floors::Channels(Box::new(measure(&CodeSplits::load_npz(tokens, args.bins as usize, extent)?)?))
+        }
         _ => return Err(WrongCall("give --corpus or --tokens".into()).into()),
     };
     print(&if args.json { format!("{}\n", found.to_json()) } else { format!("{found}\n") })

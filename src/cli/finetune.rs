@@ -1,6 +1,6 @@
 //! `kinelm finetune`.
 
-use super::{ComputeArgs, Say, WrongCall};
+use super::{ComputeArgs, Say, TrustArgs, WrongCall};
 use anyhow::Result;
 use kinelm::train::finetune::{FinetuneOptions, finetune};
 use kinelm::train::{CorpusPart, Precision, PretrainOptions, pretrain};
@@ -39,21 +39,25 @@ pub struct Args {
     precision: Option<Precision>,
     #[command(flatten)]
     compute: ComputeArgs,
+    #[command(flatten)]
+    trust: TrustArgs,
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
-    let (compute, precision) = (args.compute.get(), args.precision);
+    let (compute, precision, opening) = (args.compute.get(), args.precision, args.trust.opening());
     let summary = match (args.from, args.config) {
         _ if args.resume => {
             let (corpora, run, steps, seed) = (args.corpus, args.run, args.steps, args.seed);
-            let options =
-                PretrainOptions { corpora, run, steps, seed, resume: true, precision, compute, ..Default::default() };
+            let resume = true;
+            let of_run = PretrainOptions { corpora, run, steps, seed, resume, ..Default::default() };
+            let options = PretrainOptions { precision, compute, opening, ..of_run };
             super::pretrain::with_lines(say, |stop, progress| pretrain(&options, stop, progress))?
         }
         (Some(from), Some(config)) => {
             let (corpora, run, steps, seed) = (args.corpus, args.run, args.steps, args.seed);
             let conditions = args.conditions;
-            let options = FinetuneOptions { from, config, corpora, run, steps, seed, conditions, precision, compute };
+            let options =
+                FinetuneOptions { from, config, corpora, run, steps, seed, conditions, precision, compute, opening };
             super::pretrain::with_lines(say, |stop, progress| finetune(&options, stop, progress))?
         }
         _ => return Err(WrongCall("give --from and --config, or --resume".into()).into()),

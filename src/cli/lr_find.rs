@@ -1,6 +1,6 @@
 //! `kinelm lr-find`.
 
-use super::{ComputeArgs, ForceArgs, Say, print};
+use super::{ComputeArgs, ForceArgs, Say, TrustArgs, print};
 use anyhow::Result;
 use kinelm::train::lr_find::{Found, LrFindOptions, Tried, lr_find};
 use kinelm::train::{CorpusPart, TrainFile};
@@ -34,6 +34,8 @@ pub struct Args {
     force: ForceArgs,
     #[command(flatten)]
     compute: ComputeArgs,
+    #[command(flatten)]
+    trust: TrustArgs,
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
@@ -47,6 +49,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         from: args.from,
         to: args.to,
         compute: args.compute.get(),
+        opening: args.trust.opening(),
     };
     let stop = super::pretrain::stop_on_ctrl_c()?;
     let bar = super::progress::bar(args.steps, "steps", say);

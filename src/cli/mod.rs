@@ -42,6 +42,7 @@ mod view_files;
 
 use anyhow::{Error, Result};
 use clap::Parser;
+use kinelm::corpus::{Corpus, Opening};
 use kinelm::model::{Compute, DeviceName, Form, Reading};
 use kinelm::output::Outputs;
 use kinelm::view::plot;
@@ -155,6 +156,32 @@ impl ComputeArgs {
     /// As the library has it.
     pub fn get(self) -> Compute {
         Compute { device: self.device, form: self.form }
+    }
+}
+
+/// How corpora are opened.
+#[derive(Debug, Clone, Copy, Default, clap::Args)]
+pub struct TrustArgs {
+    /// Neither hash a corpus's files nor look through its tokens when it is opened, which takes long for many hours: they
+    /// are as they were written
+    #[arg(long)]
+    trust: bool,
+}
+
+impl TrustArgs {
+    /// Of a corpus that is read again and again: in memory, where there is room.
+    pub fn opening(self) -> Opening {
+        Opening { trust: self.trust, streamed: false, tell: progress::stage }
+    }
+
+    /// A corpus that is read clip by clip.
+    ///
+    /// # Errors
+    /// Those of [`Corpus::open_with`].
+    pub fn open(self, dir: &Path) -> kinelm::Result<Corpus> {
+        let corpus = Corpus::open_with(dir, Opening { streamed: true, ..self.opening() });
+        progress::stage("at work");
+        corpus
     }
 }
 

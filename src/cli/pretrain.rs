@@ -1,7 +1,7 @@
 //! `kinelm pretrain`.
 
 use super::progress::Telling;
-use super::{ComputeArgs, Say, Stopped};
+use super::{ComputeArgs, Say, Stopped, TrustArgs};
 use anyhow::Result;
 use kinelm::presets;
 use kinelm::train::{CorpusPart, Lines, Precision, PretrainOptions, Progress, Silent, Summary, TrainFile, pretrain};
@@ -42,6 +42,8 @@ pub struct Args {
     precision: Option<Precision>,
     #[command(flatten)]
     compute: ComputeArgs,
+    #[command(flatten)]
+    trust: TrustArgs,
 }
 
 fn config_help() -> String {
@@ -61,6 +63,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         resume: args.resume,
         precision: args.precision,
         compute: args.compute.get(),
+        opening: args.trust.opening(),
     };
     told(&watched(&options, say)?, "pretrain", say)
 }

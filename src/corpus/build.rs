@@ -327,7 +327,7 @@ fn named(item: &Item, error: Error) -> Error {
 mod tests {
     use super::*;
     use crate::corpus::{Corpus, gather, merge, samples};
-    use crate::evaluate::CodeSplits;
+    use crate::evaluate::{CodeSplits, Extent};
     use kinelm_motion::format;
     use kinelm_motion::{Clip, Motion, Quat, Source};
     use std::fs;
@@ -407,7 +407,7 @@ mod tests {
         let corpus = Corpus::open(&whole).unwrap();
         let clip = load_item(&gathered.items[0], &options.read, tokenizer.config().into()).unwrap().clip;
         assert_eq!(corpus.clip_words(&corpus.clips()[0]).unwrap(), tokenizer.encode(&clip).unwrap().words);
-        let codes = CodeSplits::of_corpus(&corpus, Split::Test).unwrap();
+        let codes = CodeSplits::of_corpora(&corpus, (&corpus, Split::Test), Extent::All).unwrap();
         assert_eq!((codes.bins, codes.channels, codes.train.clips.len(), codes.test.clips.len()), (90, 12, 4, 2));
 
         for of in [1, 3, 20] {

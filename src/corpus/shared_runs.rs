@@ -1,7 +1,9 @@
 //! Clips that share frames: the same recording cut twice, or a clip that stands under two names.
 
 use super::record::{ClipRecord, Split};
+use crate::Result;
 use kinelm_tokenizer::Words;
+use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt;
@@ -31,44 +33,76 @@ impl fmt::Display for SharedRun {
 /// Pairs of clips with runs of a second or more whose words, a frame each, agree but for the translation's characters (steps are coded against
 /// the decoded past, so they differ where a run begins elsewhere). Runs in which a body hardly moves (fewer than half of
 /// the frames differ) tell nothing and are passed over; so are pairs inside the groups of `same`. Each clip is paired
-/// with the first that has its frames. Sorted by frames, most first.
+/// with the first that has its frames. Sorted by frames, most first. `words` reads a clip's.
+///
+/// Of a large corpus the clips are read several times, and each time only some of the runs are remembered, by their hash: memory
+/// does not grow with the hours, but by four bytes for each frame that is shared.
+///
+/// # Errors
+/// Those of `words`.
 pub(super) fn shared_runs(
     clips: &[ClipRecord],
-    words: &[Words],
+    words: &(dyn Fn(usize) -> Result<Words> + Sync),
     translation: Range<usize>,
     fps: f64,
     same: &[Vec<usize>],
-) -> Vec<SharedRun> {
+) -> Result<Vec<SharedRun>> {
     let run = (fps.round() as usize).max(2);
     let group: HashMap<usize, usize> = same.iter().flat_map(|g| g.iter().map(|&i| (i, g[0]))).collect();
-    let mut first: HashMap<u64, (usize, usize)> = HashMap::new();
-    let mut pairs: BTreeMap<(usize, usize), (HashSet<usize>, [usize; 2])> = BTreeMap::new();
-    for (c, words) in words.iter().enumerate() {
-        if group.get(&c).is_some_and(|&head| head != c) {
-            continue; // what it shares, the head of its group shares
-        }
-        let frames: Vec<u64> = words.iter().map(|word| hash_but(word, &translation)).collect();
-        for (start, window) in frames.windows(run).enumerate() {
-            if window.iter().collect::<HashSet<_>>().len() * 2 < run {
-                continue;
-            }
-            let (other, at) = *first.entry(hash(window)).or_insert((c, start));
-            if other != c {
-                let (shared, _) = pairs.entry((other, c)).or_insert_with(|| (HashSet::new(), [at, start]));
-                shared.extend(start..start + run);
+    // what a clip shares, the head of its group shares
+    let heads: Vec<usize> = (0..clips.len()).filter(|c| group.get(c).is_none_or(|head| head == c)).collect();
+    let frames: usize = heads.iter().map(|&c| clips[c].frames).sum();
+    let passes = frames.div_ceil(REMEMBERED).max(1) as u64;
+    let mut pairs: BTreeMap<(usize, usize), Shared> = BTreeMap::new();
+    for pass in 0..passes {
+        let mut first: HashMap<u64, (u32, u32)> = HashMap::new();
+        for some in heads.chunks(TOGETHER) {
+            let runs = |&c: &usize| Ok((c, runs_of(&words(c)?, run, &translation, |hash| hash % passes == pass)));
+            let all: Vec<(usize, Vec<(u32, u64)>)> = some.par_iter().map(runs).collect::<Result<_>>()?;
+            for (c, (start, hash)) in all.into_iter().flat_map(|(c, runs)| runs.into_iter().map(move |r| (c, r))) {
+                let (other, at) = *first.entry(hash).or_insert((c as u32, start));
+                if other as usize != c {
+                    let shared = pairs.entry((other as usize, c)).or_insert_with(|| (Vec::new(), [at, start]));
+                    shared.0.push(start);
+                    shared.1 = if start < shared.1[1] { [at, start] } else { shared.1 };
+                }
             }
         }
     }
     let mut found: Vec<SharedRun> = (pairs.into_iter())
-        .map(|((a, b), (frames, at))| SharedRun {
+        .map(|((a, b), (starts, at))| SharedRun {
             clips: [a, b].map(|i| clips[i].name.clone()),
             splits: [a, b].map(|i| clips[i].split),
-            frames: frames.len(),
-            at,
+            frames: covered(starts, run),
+            at: at.map(|at| at as usize),
         })
         .collect();
     found.sort_by(|a, b| b.frames.cmp(&a.frames).then_with(|| a.clips.cmp(&b.clips)));
-    found
+    Ok(found)
+}
+
+/// Runs that are remembered at a time, about; some 20 bytes each.
+const REMEMBERED: usize = 1 << 20;
+/// Clips that are read at a time.
+const TOGETHER: usize = 16;
+
+/// Where runs of a clip begin that stand in another one too, and the first of these in both.
+type Shared = (Vec<u32>, [u32; 2]);
+
+/// The runs of a clip in which it moves, of these hashes: where they begin, and their hashes.
+fn runs_of(words: &Words, run: usize, translation: &Range<usize>, is_taken: impl Fn(u64) -> bool) -> Vec<(u32, u64)> {
+    let frames: Vec<u64> = words.iter().map(|word| hash_but(word, translation)).collect();
+    let all = frames.windows(run).enumerate().map(|(start, window)| (start as u32, hash(window), window));
+    let taken = all.filter(|(_, hash, _)| is_taken(*hash));
+    let moves = |window: &[u64]| window.iter().collect::<HashSet<_>>().len() * 2 >= run;
+    taken.filter(|(.., window)| moves(window)).map(|(start, hash, _)| (start, hash)).collect()
+}
+
+/// Frames that runs of so many, which begin at `starts`, cover.
+fn covered(mut starts: Vec<u32>, run: usize) -> usize {
+    starts.sort_unstable();
+    let gaps = starts.windows(2).map(|pair| ((pair[1] - pair[0]) as usize).min(run));
+    gaps.sum::<usize>() + if starts.is_empty() { 0 } else { run }
 }
 
 fn hash_but(word: &[u16], left_out: &Range<usize>) -> u64 {
@@ -123,10 +157,11 @@ mod tests {
             codes(200..230),
             codes(12..20), // too short
         ];
-        let found = shared_runs(&clips, &clip, 0..1, 10.0, &[]);
+        let found = shared_runs(&clips, &|c| Ok(clip[c].clone()), 0..1, 10.0, &[]).unwrap();
         assert_eq!(found.len(), 1, "{found:?}");
         assert_eq!((&found[0].clips, found[0].frames, found[0].at), (&["a".into(), "b".into()], 15, [10, 5]));
         assert_eq!(found[0].to_string(), "a (train) from frame 10 and b (test) from frame 5: 15 frames");
-        assert_eq!(shared_runs(&clips, &clip, 0..1, 10.0, &[vec![0, 1]]), []);
+        assert_eq!(shared_runs(&clips, &|c| Ok(clip[c].clone()), 0..1, 10.0, &[vec![0, 1]]).unwrap(), []);
+        assert_eq!((covered(vec![3, 9, 4], 5), covered(vec![], 5)), (11, 0));
     }
 }

@@ -6,9 +6,10 @@ use super::store::Corpus;
 use crate::Result;
 use kinelm_motion::Clip;
 use kinelm_motion::rotation::angle_between;
-use kinelm_tokenizer::{Rest, Words};
+use kinelm_tokenizer::Rest;
 use rayon::prelude::*;
 use serde::Serialize;
+use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 
@@ -86,20 +87,34 @@ pub struct Stats {
     pub failed: usize,
 }
 
-/// Looks through a corpus; decodes every clip.
+/// What is kept of a clip that was looked at.
+struct Seen {
+    glitches: Vec<Glitch>,
+    /// Of its words, which it stands for.
+    hash: [u8; 32],
+    words: usize,
+}
+
+fn look(corpus: &Corpus, record: &ClipRecord) -> Result<Seen> {
+    let words = corpus.clip_words(record)?;
+    let clip = corpus.tokenizer().decode(&words, Rest::Identity)?.slice(0..record.frames);
+    let glitches = glitches(&record.name, &clip, &corpus.tokenizer().config().joints);
+    let mut hash = Sha256::new();
+    for word in words.iter() {
+        hash.update((word.len() as u64).to_le_bytes());
+        hash.update(bytemuck::cast_slice::<u16, u8>(word));
+    }
+    Ok(Seen { glitches, hash: hash.finalize().into(), words: words.len() })
+}
+
+/// Looks through a corpus; decodes every clip, a clip a thread at a time.
 ///
 /// # Errors
 /// [`crate::Error::File`] when an id stands where it may not.
 pub fn stats(corpus: &Corpus) -> Result<Stats> {
-    let words: Vec<Words> = corpus.clips().par_iter().map(|c| corpus.clip_words(c)).collect::<Result<_>>()?;
-    let found: Vec<Vec<Glitch>> = (corpus.clips().par_iter().zip(&words))
-        .map(|(record, words)| {
-            let clip = corpus.tokenizer().decode(words, Rest::Identity)?.slice(0..record.frames);
-            Ok(glitches(&record.name, &clip, &corpus.tokenizer().config().joints))
-        })
-        .collect::<Result<_>>()?;
-    let clips_with_glitches = found.iter().filter(|g| !g.is_empty()).count();
-    let mut glitches = found.concat();
+    let mut seen: Vec<Seen> = corpus.clips().par_iter().map(|c| look(corpus, c)).collect::<Result<_>>()?;
+    let clips_with_glitches = seen.iter().filter(|seen| !seen.glitches.is_empty()).count();
+    let mut glitches: Vec<Glitch> = seen.iter_mut().flat_map(|seen| std::mem::take(&mut seen.glitches)).collect();
     // metres and degrees side by side: each by how many times its limit it is
     let size = |g: &Glitch| g.step / if g.what == "root" { ROOT_GLITCH_M_S * 100.0 } else { JOINT_GLITCH_DEG_S };
     glitches.sort_by(|a, b| size(b).total_cmp(&size(a)));
@@ -110,7 +125,8 @@ pub fn stats(corpus: &Corpus) -> Result<Stats> {
     let at = |i: usize| frames.get(i).copied().unwrap_or(0);
     let takes = splits_of_takes(clips);
     let names = |group: &Vec<usize>| group.iter().map(|&i| clips[i].name.clone()).collect();
-    let same = same_words(&words);
+    let same = same_words(&seen);
+    let shared = || shared_runs(clips, &|c| corpus.clip_words(&clips[c]), TRANSLATION, m.fps, &same);
     let longest = |c: &ClipRecord| {
         let words = corpus.words(c);
         (0..words.len()).map(|i| words.start(i + 1) - words.start(i)).max().unwrap_or(0)
@@ -121,7 +137,7 @@ pub fn stats(corpus: &Corpus) -> Result<Stats> {
         hours: m.count.frames as f64 / m.fps / 3600.0,
         fps: m.fps,
         tokens: corpus.tokens().len(),
-        words: words.iter().map(Words::len).sum(),
+        words: seen.iter().map(|seen| seen.words).sum(),
         longest_word: clips.iter().map(longest).max().unwrap_or(0),
         vocabulary: m.vocabulary,
         clip_frames: [at(0), at(frames.len() / 2), at(frames.len().saturating_sub(1))],
@@ -133,7 +149,7 @@ pub fn stats(corpus: &Corpus) -> Result<Stats> {
         glitches,
         clips_with_glitches,
         duplicates: same.iter().map(names).collect(),
-        shared_runs: (m.frames_per_word == 1).then(|| shared_runs(clips, &words, TRANSLATION, m.fps, &same)),
+        shared_runs: (m.frames_per_word == 1).then(shared).transpose()?,
         clipped: [clips.iter().map(|c| c.clipped).sum(), clips.iter().filter(|c| c.clipped > 0).count()],
         second_codes: clips.iter().map(|c| c.second_codes).sum(),
         failed: m.failed.len(),
@@ -160,11 +176,11 @@ fn by_label(clips: &[ClipRecord]) -> BTreeMap<String, BTreeMap<String, BTreeMap<
 }
 
 /// Groups of clips whose words are the same, each in the order of the corpus. Clips without frames are in none.
-fn same_words(words: &[Words]) -> Vec<Vec<usize>> {
-    let mut first: HashMap<&Words, usize> = HashMap::new();
+fn same_words(seen: &[Seen]) -> Vec<Vec<usize>> {
+    let mut first: HashMap<[u8; 32], usize> = HashMap::new();
     let mut groups: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    for (i, clip) in words.iter().enumerate().filter(|(_, c)| !c.is_empty()) {
-        let head = *first.entry(clip).or_insert(i);
+    for (i, clip) in seen.iter().enumerate().filter(|(_, c)| c.words > 0) {
+        let head = *first.entry(clip.hash).or_insert(i);
         groups.entry(head).or_default().push(i);
     }
     groups.into_values().filter(|g| g.len() > 1).collect()

@@ -6,6 +6,7 @@ use super::words::{ClipWords, Index};
 use crate::model::music::Sound;
 use crate::model::music::features::Rows;
 use crate::{Error, Result};
+use bytemuck::Pod;
 use kinelm_motion::format::ReadOptions;
 use kinelm_music::feature::CHANNELS;
 use kinelm_tokenizer::{Place, Tokenizer, Words};
@@ -18,11 +19,32 @@ pub(super) const MANIFEST: &str = "corpus.json";
 pub(super) const CLIPS: &str = "clips.jsonl";
 pub(super) const TOKENIZER: &str = "tokenizer.json";
 
+/// How a corpus is opened.
+#[derive(Debug, Clone, Copy)]
+pub struct Opening {
+    /// Neither are the files of tokens and music hashed nor are all ids looked through: they are as they were written. An
+    /// id that the tokenizer hasn't is refused where it is read.
+    pub trust: bool,
+    /// The tokens stay in their file, whatever memory is free: for one that reads clip by clip.
+    pub streamed: bool,
+    /// Learns what is being hashed.
+    pub tell: fn(&str),
+}
+
+impl Default for Opening {
+    fn default() -> Self {
+        Opening { trust: false, streamed: false, tell: |_| () }
+    }
+}
+
 /// The tokens of all clips.
 #[derive(Debug)]
 pub struct Tokens {
     bytes: Stored<u8>,
     kind: TokenType,
+    path: PathBuf,
+    /// Ids are below this.
+    vocabulary: usize,
 }
 
 impl Tokens {
@@ -39,14 +61,28 @@ impl Tokens {
     /// The ids of a range of places.
     ///
     /// # Errors
-    /// A token file that was cut while it was in use.
+    /// A token file that was cut while it was in use; an id that the tokenizer hasn't.
     ///
     /// # Panics
     /// If the range leaves the file.
     pub fn ids(&self, places: Range<usize>) -> Result<Vec<u32>> {
         let width = self.kind.width();
         let bytes = self.bytes.read(places.start * width..places.end * width)?;
+        self.check(&bytes)?;
         Ok(self.kind.ids_of(&bytes).collect())
+    }
+
+    /// Refuses ids that the tokenizer hasn't: a model has no row for them.
+    fn check(&self, bytes: &[u8]) -> Result<()> {
+        let largest = self.kind.ids_of(bytes).max();
+        largest.filter(|id| *id as usize >= self.vocabulary).map_or(Ok(()), |id| {
+            let expected = format!("ids below {}, those of its tokenizer.json", self.vocabulary);
+            Err(Error::file(&self.path, format!("id {id}"), expected, "make the corpus again"))
+        })
+    }
+
+    fn check_all(&self) -> Result<()> {
+        self.bytes.blocks().try_for_each(|block| self.check(&self.bytes.read(block)?))
     }
 }
 
@@ -70,6 +106,14 @@ impl Corpus {
     /// [`Error::Io`]; [`Error::File`] when a file is of another version, damaged, or doesn't fit the others; it says
     /// what was found, what was wanted and how to go on.
     pub fn open(dir: impl AsRef<Path>) -> Result<Self> {
+        Corpus::open_with(dir, Opening::default())
+    }
+
+    /// As [`Corpus::open`], with a choice of what is checked and held.
+    ///
+    /// # Errors
+    /// As [`Corpus::open`].
+    pub fn open_with(dir: impl AsRef<Path>, opening: Opening) -> Result<Self> {
         let dir = dir.as_ref().to_owned();
         let (manifest, hash) = read_manifest(&dir)?;
         let path = dir.join(CLIPS);
@@ -80,12 +124,15 @@ impl Corpus {
         let tokenizer = load_tokenizer(&dir, &manifest)?;
         let kind = manifest.token_type;
         let help = "the file was cut or changed after it was written: make the corpus again";
-        let bytes = Stored::open_checked(&dir.join(kind.file_name()), &manifest.tokens, help)?;
-        let tokens = Tokens { bytes, kind };
-        check_ids(&dir.join(kind.file_name()), &tokens, manifest.vocabulary)?;
-        let words = Index::find(&dir.join(kind.file_name()), &manifest, &clips, &tokens)?;
+        let path = dir.join(kind.file_name());
+        let bytes = stored(&path, &manifest.tokens, help, opening)?;
+        let tokens = Tokens { bytes, kind, path: path.clone(), vocabulary: manifest.vocabulary };
+        if !opening.trust {
+            tokens.check_all()?;
+        }
+        let words = Index::find(&path, &manifest, &clips, &tokens)?;
         let sound = manifest.sound.as_ref();
-        let sound = sound.map(|record| Stored::open_checked(&dir.join(SOUND), record, help)).transpose()?;
+        let sound = sound.map(|record| stored(&dir.join(SOUND), record, help, opening)).transpose()?;
         Ok(Corpus { dir, manifest, hash, clips, tokens, words, sound, tokenizer })
     }
 
@@ -197,12 +244,24 @@ impl Corpus {
     /// # Errors
     /// [`Error::File`] when an id stands where it may not; as [`Corpus::clip_ids`].
     pub fn clip_words(&self, clip: &ClipRecord) -> Result<Words> {
-        let ids = self.clip_ids(clip)?;
+        self.some_words(clip, 0..self.words(clip).len())
+    }
+
+    /// As [`Corpus::clip_words`], of some of the clip's words.
+    ///
+    /// # Errors
+    /// As [`Corpus::clip_words`].
+    ///
+    /// # Panics
+    /// If the range leaves the clip.
+    pub fn some_words(&self, clip: &ClipRecord, words: Range<usize>) -> Result<Words> {
+        let first = self.words(clip).start(words.start);
+        let ids = self.word_ids(clip, words)?;
         let grammar = self.tokenizer.grammar();
         let mut place = Place::default();
         for (i, &id) in ids.iter().enumerate() {
             if !grammar.allows(place, id) {
-                let found = format!("id {id} at token {i} of clip {}", clip.name);
+                let found = format!("id {id} at token {} of clip {}", first + i, clip.name);
                 let expected =
                     format!("an id that may stand there, behind {} characters of its word", place.characters);
                 return Err(Error::file(&self.dir, found, expected, "make the corpus again"));
@@ -280,16 +339,22 @@ fn load_tokenizer(dir: &Path, manifest: &Manifest) -> Result<Tokenizer> {
     Ok(tokenizer)
 }
 
-/// Refuses ids that the tokenizer hasn't: a model has no row for them.
-fn check_ids(path: &Path, tokens: &Tokens, vocabulary: usize) -> Result<()> {
-    for block in tokens.bytes.blocks() {
-        let largest = tokens.kind.ids_of(&tokens.bytes.read(block)?).max();
-        if let Some(id) = largest.filter(|id| *id as usize >= vocabulary) {
-            let expected = format!("ids below {vocabulary}, those of its tokenizer.json");
-            return Err(Error::file(path, format!("id {id}"), expected, "make the corpus again"));
-        }
+/// A large file of a corpus, its hash checked unless it is trusted.
+fn stored<T: Pod + Send + Sync>(
+    path: &Path,
+    record: &FileRecord,
+    help: &'static str,
+    opening: Opening,
+) -> Result<Stored<T>> {
+    let stored = match opening.streamed {
+        true => Stored::open_within(path, record.bytes, help, 0)?,
+        false => Stored::open(path, record.bytes, help)?,
+    };
+    if !opening.trust {
+        (opening.tell)(&format!("hashing {}, {} MB", path.display(), record.bytes.div_ceil(1_000_000)));
+        stored.check(record)?;
     }
-    Ok(())
+    Ok(stored)
 }
 
 fn parse_clips(path: &Path, text: &[u8]) -> Result<Vec<ClipRecord>> {
@@ -395,6 +460,7 @@ mod tests {
     use super::*;
     use crate::corpus::samples::{small, tokenizer};
     use crate::corpus::{CorpusWriter, Count};
+    use std::io::{Seek, Write};
 
     #[test]
     fn what_was_written_is_read() {
@@ -498,6 +564,54 @@ mod tests {
             let said = Corpus::open(&dir).unwrap_err().to_string();
             assert!(said.contains(expected), "{said}");
         }
+    }
+
+    #[test]
+    fn a_trusted_corpus_is_read_behind_its_2_32nd_token() {
+        let tmp = tempfile::tempdir().unwrap();
+        let dir = tmp.path().join("c");
+        let (mut manifest, ids) = small(&dir);
+        // two clips of zeros that take no room on the disk, then c
+        let word = manifest.tokens_per_word.unwrap();
+        let frames = (u32::MAX as usize - 6) / word;
+        let text = fs::read_to_string(dir.join(CLIPS)).unwrap();
+        let mut clips: Vec<ClipRecord> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        let mut next = 0;
+        for (clip, frames) in clips.iter_mut().zip([frames, 2, 1]) {
+            (clip.offset, clip.frames, clip.tokens) = (next, frames, frames * word);
+            next += clip.tokens;
+        }
+        assert!(clips[2].offset > 1 << 32 && clips[1].offset < 1 << 32);
+        let lines: String = clips.iter().map(|clip| serde_json::to_string(clip).unwrap() + "\n").collect();
+        manifest.clips = FileRecord::of(lines.as_bytes());
+        manifest.tokens.bytes = 2 * next as u64;
+        fs::write(dir.join(CLIPS), lines).unwrap();
+        fs::write(dir.join(MANIFEST), serde_json::to_string(&manifest).unwrap()).unwrap();
+        let mut file = fs::File::options().write(true).open(dir.join("tokens.u16")).unwrap();
+        file.set_len(0).unwrap();
+        file.seek(std::io::SeekFrom::Start(2 * clips[2].offset as u64)).unwrap();
+        file.write_all(&manifest.token_type.to_bytes(&ids[2])).unwrap();
+        let opening = Opening { trust: true, streamed: true, ..Opening::default() };
+        let corpus = Corpus::open_with(&dir, opening).unwrap();
+        assert_eq!(corpus.tokens().len(), next);
+        assert_eq!(corpus.clip_ids(&corpus.clips()[2]).unwrap(), ids[2]);
+        assert_eq!(corpus.word_ids(&corpus.clips()[1], 1..2).unwrap(), vec![0; word]);
+        assert_eq!(corpus.words(&corpus.clips()[0]).len(), frames);
+    }
+
+    #[test]
+    fn what_is_trusted_is_not_hashed_and_its_ids_are_refused_where_they_are_read() {
+        let tmp = tempfile::tempdir().unwrap();
+        let dir = tmp.path().join("c");
+        small(&dir);
+        let tokens = dir.join("tokens.u16");
+        let mut bytes = fs::read(&tokens).unwrap();
+        bytes[9] = 0x40;
+        fs::write(&tokens, &bytes).unwrap();
+        assert!(Corpus::open(&dir).unwrap_err().to_string().contains("SHA-256"));
+        let corpus = Corpus::open_with(&dir, Opening { trust: true, ..Opening::default() }).unwrap();
+        let message = corpus.clip_ids(&corpus.clips()[0]).unwrap_err().to_string();
+        assert!(message.contains("tokens.u16: found id 16") && message.contains("expected ids below"), "{message}");
     }
 
     #[test]

@@ -66,21 +66,20 @@ impl<T: Pod + Send + Sync> Stored<T> {
         Ok(stored)
     }
 
-    /// As [`Stored::open`], then checks the SHA-256.
+    /// Checks the SHA-256.
     ///
     /// # Errors
-    /// As [`Stored::open`]; [`Error::File`] when the hash differs from the record's.
-    pub fn open_checked(path: &Path, record: &FileRecord, help: &'static str) -> Result<Stored<T>> {
-        let stored = Stored::open(path, record.bytes, help)?;
+    /// [`Error::File`] when it differs from the record's; what reading fails with.
+    pub fn check(&self, record: &FileRecord) -> Result<()> {
         let mut hash = Sha256::new();
-        for block in stored.blocks() {
-            hash.update(bytemuck::cast_slice(&stored.read(block)?));
+        for block in self.blocks() {
+            hash.update(bytemuck::cast_slice(&self.read(block)?));
         }
         match hex(hash) {
-            found if found == record.sha256 => Ok(stored),
+            found if found == record.sha256 => Ok(()),
             found => {
                 let say = |hash: &str| format!("{} bytes with SHA-256 {hash}", record.bytes);
-                Err(Error::file(path, say(&found), say(&record.sha256), help))
+                Err(Error::file(&self.path, say(&found), say(&record.sha256), self.help))
             }
         }
     }
@@ -171,13 +170,14 @@ mod tests {
         let path = dir.path().join("tokens.u16");
         for bytes in [b"".as_slice(), b"abcd"] {
             std::fs::write(&path, bytes).unwrap();
-            let stored = Stored::<u8>::open_checked(&path, &FileRecord::of(bytes), HELP).unwrap();
+            let stored = Stored::<u8>::open(&path, bytes.len() as u64, HELP).unwrap();
+            stored.check(&FileRecord::of(bytes)).unwrap();
             assert_eq!(&*stored.read(0..stored.len()).unwrap(), bytes);
         }
-        let open = |record: &[u8]| Stored::<u8>::open_checked(&path, &FileRecord::of(record), HELP).unwrap_err();
-        let cut = open(b"abcde").to_string();
+        let cut = Stored::<u8>::open(&path, 5, HELP).unwrap_err().to_string();
         assert!(cut.contains("found 4 bytes, expected 5 bytes"), "{cut}");
-        assert!(open(b"abce").to_string().contains("SHA-256"));
+        let stored = Stored::<u8>::open(&path, 4, HELP).unwrap();
+        assert!(stored.check(&FileRecord::of(b"abce")).unwrap_err().to_string().contains("SHA-256"));
         assert!(Stored::<u8>::open(&dir.path().join("none"), 0, HELP).is_err());
     }
 

@@ -43,21 +43,39 @@ pub struct EvalWindow {
 /// # Errors
 /// [`Error::Call`] when words have one length and T doesn't hold one, or T is 0.
 pub fn eval_windows<'a>(clips: impl IntoIterator<Item = ClipWords<'a>>, context: usize) -> Result<Vec<EvalWindow>> {
+    let clips: Vec<ClipWords> = clips.into_iter().collect();
+    Ok(each_eval_window(clips.into_iter(), context)?.collect())
+}
+
+/// The [`eval_windows`] one by one: of clips that have too many to be held.
+///
+/// # Errors
+/// As [`eval_windows`].
+pub fn each_eval_window<'a>(
+    clips: impl Iterator<Item = ClipWords<'a>> + Clone,
+    context: usize,
+) -> Result<impl Iterator<Item = EvalWindow>> {
     whole_words(context, 1)?;
-    let mut windows = Vec::new();
-    for (clip, words) in clips.into_iter().enumerate() {
+    for words in clips.clone() {
         if let ClipWords::Fixed { word, .. } = words {
             whole_words(context, word)?;
         }
-        let (mut start, mut done, total) = (0, 0, words.tokens());
-        while done < total {
-            let end = shown_up_to(words, start, done, context);
-            windows.push(EvalWindow { clip, start, tokens: end - start, scored: done - start..end - start });
-            done = end;
-            start = next_start(words, start, end, context);
-        }
     }
-    Ok(windows)
+    Ok(clips.enumerate().flat_map(move |(clip, words)| of_clip(clip, words, context)))
+}
+
+fn of_clip(clip: usize, words: ClipWords<'_>, context: usize) -> impl Iterator<Item = EvalWindow> {
+    let (mut start, mut done, total) = (0, 0, words.tokens());
+    std::iter::from_fn(move || {
+        if done >= total {
+            return None;
+        }
+        let end = shown_up_to(words, start, done, context);
+        let window = EvalWindow { clip, start, tokens: end - start, scored: done - start..end - start };
+        done = end;
+        start = next_start(words, start, end, context);
+        Some(window)
+    })
 }
 
 /// Where a window ends: behind its last whole word, or where it is full if no word ends behind what is `done`.

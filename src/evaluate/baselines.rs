@@ -39,6 +39,8 @@ pub struct Baselines {
     pub train: [usize; 2],
     /// Clips and frames that the bits were measured on.
     pub test: [usize; 2],
+    /// Frames that both splits have, where these are a sample of them.
+    pub of: [usize; 2],
     /// Bits per frame of each of [`MODELS`], all test frames.
     pub bits_per_frame: [f64; 6],
     /// The same over the frames that have two before them; `None` where there are none.
@@ -73,7 +75,7 @@ impl Baselines {
         all.insert("xz9_character_major".into(), json!(self.xz.map(|x| x[1])));
         let by_channel: Map<String, Value> =
             MODELS.iter().zip(&self.by_channel).map(|(m, v)| ((*m).to_owned(), json!(v))).collect();
-        json!({
+        let mut line = json!({
             "schema": 1,
             "bins": self.bins,
             "channels": self.channels,
@@ -83,7 +85,11 @@ impl Baselines {
             "bits_per_frame_from_third_frame": self.from_third_frame.as_ref().map(named),
             "bits_per_character": by_channel,
             "d_mix_weight_on_extrapolation": self.weight_on_extrapolation,
-        })
+        });
+        if let Some(of) = sampled([self.train[1], self.test[1]], self.of) {
+            line["frames_of"] = json!({ "train": of[0], "test": of[1] });
+        }
+        line
     }
 }
 
@@ -92,6 +98,7 @@ impl fmt::Display for Baselines {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ([tc, tf], [mc, mf]) = (self.train, self.test);
         writeln!(f, "fitted on {tc} clips, {tf} frames; measured on {mc} clips, {mf} frames")?;
+        fmt_sample(f, [tf, mf], self.of)?;
         write!(f, "{}", row("bits/frame", "all frames", "from the third"))?;
         write!(f, "\n{}", figure_row("uniform", self.uniform(), None))?;
         for (i, name) in MODELS.iter().enumerate() {
@@ -104,6 +111,21 @@ impl fmt::Display for Baselines {
             }
             None => write!(f, "\n{}", row("xz -9", "n/a", "no xz program was found")),
         }
+    }
+}
+
+/// The frames there are, where more than the `taken` ones.
+pub(super) fn sampled(taken: [usize; 2], of: [usize; 2]) -> Option<[usize; 2]> {
+    (taken != of).then_some(of)
+}
+
+/// A line that says that a sample was taken, if it was.
+pub(super) fn fmt_sample(f: &mut fmt::Formatter<'_>, taken: [usize; 2], of: [usize; 2]) -> fmt::Result {
+    match sampled(taken, of) {
+        Some([train, test]) => {
+            writeln!(f, "a sample in stretches, of {train} and of {test} frames; --floors all takes all of them")
+        }
+        None => Ok(()),
     }
 }
 
@@ -142,6 +164,7 @@ pub fn measure(codes: &CodeSplits) -> Result<Baselines> {
         channels,
         train: size(&codes.train),
         test,
+        of: codes.of,
         bits_per_frame: std::array::from_fn(|m| by_channel[m].iter().sum()),
         from_third_frame: (later > 0).then_some(from_third),
         by_channel,
@@ -347,6 +370,7 @@ mod tests {
         let codes = CodeSplits {
             bins: golden.bins,
             channels: golden.channels,
+            of: [776, 183],
             train: CodeClips { clips: golden.train },
             test: CodeClips { clips: golden.test },
         };
@@ -360,7 +384,8 @@ mod tests {
 
     fn splits(train: Vec<u16>, test: Vec<u16>) -> CodeSplits {
         let one = |codes| CodeClips { clips: vec![codes] };
-        CodeSplits { bins: 8, channels: 1, train: one(train), test: one(test) }
+        let of = [train.len(), test.len()];
+        CodeSplits { bins: 8, channels: 1, train: one(train), test: one(test), of }
     }
 
     #[test]

@@ -2,9 +2,10 @@
 
 use super::baselines::{Baselines, measure};
 use super::codes::{CodeSplits, channels};
+use super::sample::Extent;
 use super::token_floors::{self, TokenFloors};
-use crate::Result;
 use crate::corpus::{Corpus, Split};
+use crate::{Error, Result};
 use serde_json::Value;
 use std::fmt;
 
@@ -18,14 +19,20 @@ pub enum Floors {
 }
 
 impl Floors {
-    /// The floors of a corpus, fitted on train and measured on a split.
+    /// The floors of a split of a corpus, fitted on the train clips of `fitted`, which may be the same.
     ///
     /// # Errors
-    /// A split without frames; ids that stand where they may not; an `xz` program that fails.
-    pub fn of_corpus(corpus: &Corpus, measured: Split) -> Result<Floors> {
-        Ok(match channels(corpus) {
-            Some(_) => Floors::Channels(Box::new(measure(&CodeSplits::of_corpus(corpus, measured)?)?)),
-            None => Floors::Tokens(token_floors::measure(corpus, measured)?),
+    /// Corpora of two tokenizers; a split without frames; ids that stand where they may not; an `xz` program that fails.
+    pub fn of_corpora(fitted: &Corpus, measured: (&Corpus, Split), extent: Extent) -> Result<Floors> {
+        let [found, expected] = [fitted, measured.0].map(|corpus| corpus.tokenizer().base_hash());
+        if found != expected {
+            let help = "tokenize both with one tokenizer.json";
+            let (found, expected) = (format!("a corpus of tokenizer {found}"), format!("that of {expected}"));
+            return Err(Error::file(fitted.dir(), found, expected, help));
+        }
+        Ok(match channels(measured.0) {
+            Some(_) => Floors::Channels(Box::new(measure(&CodeSplits::of_corpora(fitted, measured, extent)?)?)),
+            None => Floors::Tokens(token_floors::measure(fitted, measured, extent)?),
         })
     }
 

@@ -1,7 +1,7 @@
 //! Bits a frame that a model needs for clips it is shown: docs/measures.md, "Bits a frame".
 
 use super::pseudo::pseudo;
-use crate::corpus::{ClipRecord, Conditions, Corpus, EvalWindow, eval_windows, fill_sequence};
+use crate::corpus::{ClipRecord, Conditions, Corpus, EvalWindow, each_eval_window, fill_sequence};
 use crate::model::ahead::Told;
 use crate::model::{Kind, ModelConfig, Scores, TokenLayout, music};
 use crate::{Error, Result};
@@ -82,13 +82,17 @@ pub fn likelihood_by_token(
     if model.config().kind == Kind::Masked {
         return pseudo(model, corpus, clips, most, conditions);
     }
-    let all = eval_windows(clips.iter().map(|c| corpus.words(c)), room(model.config(), own))?;
-    let taken = spread(&all, most);
+    let taken = Taken::of(corpus, clips, room(model.config(), own), most)?;
     // the front's last token predicts a window's first
-    let length = taken.iter().map(|w| w.tokens).max().unwrap_or(1) + conditions.len() - 1;
+    let length = taken.longest + conditions.len() - 1;
     let (mut nats, mut tokens, mut frames) = (0.0, 0, 0.0);
-    for windows in taken.chunks((BATCH_TOKENS / length).max(1)) {
-        let all = batch_nats(model, corpus, clips, windows, length, conditions)?;
+    let mut windows = taken.windows(corpus, clips)?;
+    loop {
+        let windows: Vec<EvalWindow> = windows.by_ref().take((BATCH_TOKENS / length).max(1)).collect();
+        if windows.is_empty() {
+            break;
+        }
+        let all = batch_nats(model, corpus, clips, &windows, length, conditions)?;
         for (window, found) in windows.iter().zip(all.chunks(length)) {
             let sum: f64 = found.iter().map(|&x| f64::from(x)).sum();
             if !sum.is_finite() {
@@ -105,7 +109,7 @@ pub fn likelihood_by_token(
     }
     let bits_per_frame = nats / std::f64::consts::LN_2 / frames;
     let nats_per_token = nats / tokens as f64;
-    let (frames, windows, all_windows) = (frames.round() as usize, taken.len(), all.len());
+    let (frames, windows, all_windows) = (frames.round() as usize, taken.count, taken.all);
     let found = Likelihood { bits_per_frame, nats_per_token, tokens, frames, windows, all_windows, pseudo: false };
     Ok((tokens > 0).then_some(found))
 }
@@ -118,12 +122,58 @@ pub fn room(config: &ModelConfig, tokens: &TokenLayout) -> usize {
     }
 }
 
-/// At most `most` windows, spread evenly; 0: all.
-pub(super) fn spread(all: &[EvalWindow], most: usize) -> Vec<&EvalWindow> {
-    match most {
-        0 => all.iter().collect(),
-        most if most >= all.len() => all.iter().collect(),
-        most => (0..most).map(|i| &all[i * all.len() / most]).collect(),
+/// The windows of clips that are measured: all, or some that are spread evenly. They are never held together.
+pub(super) struct Taken {
+    room: usize,
+    /// Windows there are.
+    pub(super) all: usize,
+    /// Windows that are taken.
+    pub(super) count: usize,
+    /// Tokens of the longest of these; 1 where there is none.
+    pub(super) longest: usize,
+}
+
+impl Taken {
+    /// At most `most` windows of `room` tokens; 0: all.
+    ///
+    /// # Errors
+    /// Those of [`each_eval_window`].
+    pub(super) fn of(corpus: &Corpus, clips: &[&ClipRecord], room: usize, most: usize) -> Result<Taken> {
+        let all = each_eval_window(clips.iter().map(|c| corpus.words(c)), room)?.count();
+        let count = if most == 0 { all } else { most.min(all) };
+        let mut taken = Taken { room, all, count, longest: 1 };
+        taken.longest = taken.windows(corpus, clips)?.map(|w| w.tokens).max().unwrap_or(1);
+        Ok(taken)
+    }
+
+    /// They, in order.
+    ///
+    /// # Errors
+    /// As [`Taken::of`].
+    pub(super) fn windows<'a>(
+        &self,
+        corpus: &'a Corpus,
+        clips: &'a [&ClipRecord],
+    ) -> Result<impl Iterator<Item = EvalWindow> + use<'a>> {
+        Ok(self.numbered(corpus, clips)?.map(|(_, window)| window))
+    }
+
+    /// They, in order, each with its number among all.
+    ///
+    /// # Errors
+    /// As [`Taken::of`].
+    pub(super) fn numbered<'a>(
+        &self,
+        corpus: &'a Corpus,
+        clips: &'a [&ClipRecord],
+    ) -> Result<impl Iterator<Item = (usize, EvalWindow)> + use<'a>> {
+        let (all, count, mut next) = (self.all, self.count, 0);
+        let windows = each_eval_window(clips.iter().map(|c| corpus.words(c)), self.room)?;
+        Ok(windows.enumerate().filter(move |(number, _)| {
+            let is_taken = next < count && *number == next * all / count;
+            next += usize::from(is_taken);
+            is_taken
+        }))
     }
 }
 
@@ -145,7 +195,7 @@ fn batch_nats(
     model: &mut dyn Scores,
     corpus: &Corpus,
     clips: &[&ClipRecord],
-    windows: &[&EvalWindow],
+    windows: &[EvalWindow],
     length: usize,
     conditions: &Conditions,
 ) -> Result<Vec<f32>> {
@@ -170,13 +220,13 @@ fn heard(
     config: &ModelConfig,
     corpus: &Corpus,
     clips: &[&ClipRecord],
-    windows: &[&EvalWindow],
+    windows: &[EvalWindow],
     (length, conditions): (usize, &Conditions),
 ) -> Result<Option<Told>> {
     let (manifest, is_told) = (corpus.manifest(), !config.music.is_none() && !conditions.are_hidden());
     let Some(word) = manifest.tokens_per_word.filter(|_| is_told) else { return Ok(None) };
     let frames = (length + 1 - conditions.len()) / word;
-    let of_window = |window: &&EvalWindow| {
+    let of_window = |window: &EvalWindow| {
         let first = window.start / word;
         let times = (first..first + frames).map(|frame| frame as f64 / manifest.fps);
         Ok(music::told(config, &corpus.sound(clips[window.clip])?, times, 1.0))

@@ -1,7 +1,7 @@
 //! What a masked model makes of clips: a figure of its own kind (docs/measures.md, "Bits a frame").
 
-use super::likelihood::{BATCH_TOKENS, Likelihood, room, scored_frames, spread};
-use crate::corpus::{ClipRecord, Conditions, Corpus, EvalWindow, eval_windows, fill_masked};
+use super::likelihood::{BATCH_TOKENS, Likelihood, Taken, room, scored_frames};
+use crate::corpus::{ClipRecord, Conditions, Corpus, EvalWindow, fill_masked};
 use crate::model::Scores;
 use crate::{Error, Result, random};
 
@@ -17,18 +17,22 @@ pub(super) fn pseudo(
     most: usize,
     conditions: &Conditions,
 ) -> Result<Option<Likelihood>> {
-    let all = eval_windows(clips.iter().map(|c| corpus.words(c)), room(model.config(), model.tokens()))?;
-    let taken = spread(&all, most);
-    let length = taken.iter().map(|w| w.tokens).max().unwrap_or(1) + conditions.len();
-    let number = |window: &EvalWindow| all.partition_point(|w| (w.clip, w.start) < (window.clip, window.start)) as u64;
+    let taken = Taken::of(corpus, clips, room(model.config(), model.tokens()), most)?;
+    let length = taken.longest + conditions.len();
     let pad = model.tokens().pad;
     let (mut nats, mut asked, mut shown, mut frames) = (0.0, 0, 0, 0.0);
-    for windows in taken.chunks((BATCH_TOKENS / length).max(1)) {
+    let mut windows = taken.numbered(corpus, clips)?;
+    loop {
+        let windows: Vec<(usize, EvalWindow)> = windows.by_ref().take((BATCH_TOKENS / length).max(1)).collect();
+        if windows.is_empty() {
+            break;
+        }
         let (mut inputs, mut targets) = (vec![pad; windows.len() * length], vec![pad; windows.len() * length]);
-        for (window, places) in windows.iter().zip(inputs.chunks_mut(length).zip(targets.chunks_mut(length))) {
+        for ((number, window), places) in windows.iter().zip(inputs.chunks_mut(length).zip(targets.chunks_mut(length)))
+        {
             let clip = clips[window.clip];
             let ids = corpus.ids(clip, window.start..window.start + window.tokens)?;
-            let mut rng = random::stream(0, "mask", 0, number(window));
+            let mut rng = random::stream(0, "mask", 0, *number as u64);
             fill_masked((&ids, &conditions.front(&clip.labels)), pad, &|_| true, &mut rng, places);
             shown += window.scored.len();
             frames += scored_frames(corpus, clip, window);
@@ -36,7 +40,7 @@ pub(super) fn pseudo(
         asked += targets.iter().filter(|&&id| id != pad).count();
         let mut found = vec![0.0; targets.len()];
         model.nats(&inputs, &targets, length, &mut found)?;
-        for (window, found) in windows.iter().zip(found.chunks(length)) {
+        for ((_, window), found) in windows.iter().zip(found.chunks(length)) {
             let sum: f64 = found.iter().map(|&x| x as f64).sum();
             if !sum.is_finite() {
                 let clip = &clips[window.clip].name;
@@ -51,8 +55,8 @@ pub(super) fn pseudo(
         nats_per_token,
         tokens: asked,
         frames: frames.round() as usize,
-        windows: taken.len(),
-        all_windows: all.len(),
+        windows: taken.count,
+        all_windows: taken.all,
         pseudo: true,
     };
     Ok((asked > 0).then_some(found))

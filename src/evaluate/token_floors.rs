@@ -8,7 +8,9 @@
 //! A table of its own takes as many cases from order 0 as it has seen different tokens (Witten and Bell, "The zero-frequency
 //! problem", 1991), so that it gives every token some probability.
 
-use super::baselines::figure_row;
+use super::baselines::{figure_row, fmt_sample, sampled};
+use super::codes;
+use super::sample::{Extent, Stretch, stretches};
 use super::xz::compressed_bytes;
 use crate::corpus::{Corpus, Split};
 use crate::{Error, Result};
@@ -29,6 +31,8 @@ pub struct TokenFloors {
     pub train: [usize; 3],
     /// Clips, frames and tokens that the bits were measured on.
     pub test: [usize; 3],
+    /// Frames that both splits have, where these are a sample of them.
+    pub of: [usize; 2],
     /// Bits per frame of each of [`MODELS`].
     pub bits_per_frame: [f64; 3],
     /// Under `xz -9`, as they stand in the corpus; `None` where there is no `xz` program.
@@ -54,10 +58,14 @@ impl TokenFloors {
         bits.insert("uniform".into(), json!(self.uniform()));
         bits.insert("xz9".into(), json!(self.xz));
         let of = |i: usize| json!({ "train": self.train[i], "test": self.test[i] });
-        json!({
+        let mut line = json!({
             "schema": 1, "vocabulary": self.vocabulary,
             "clips": of(0), "frames": of(1), "tokens": of(2), "bits_per_frame": bits,
-        })
+        });
+        if let Some(of) = sampled([self.train[1], self.test[1]], self.of) {
+            line["frames_of"] = json!({ "train": of[0], "test": of[1] });
+        }
+        line
     }
 }
 
@@ -70,6 +78,7 @@ impl fmt::Display for TokenFloors {
             f,
             "fitted on {tc} clips, {tf} frames, {tt} tokens; measured on {mc} clips, {mf} frames, {mt} tokens"
         )?;
+        fmt_sample(f, [tf, mf], self.of)?;
         writeln!(f, "{:<32} {:>12}", "bits/frame", "all frames")?;
         write!(f, "{}", figure_row("uniform", self.uniform(), None))?;
         for (name, bits) in MODELS.iter().zip(self.bits_per_frame) {
@@ -82,16 +91,19 @@ impl fmt::Display for TokenFloors {
     }
 }
 
-/// Counts tokens on train and measures the tables on the split `measured`.
+/// Counts tokens on the train clips of `fitted` and measures the tables on the split `measured` of a corpus of the same
+/// tokenizer.
 ///
 /// # Errors
 /// [`Error::File`] when a split has no frame; an `xz` program that fails.
-pub fn measure(corpus: &Corpus, measured: Split) -> Result<TokenFloors> {
-    let vocabulary = corpus.manifest().vocabulary;
-    let (train, test) = (size(corpus, Split::Train)?, size(corpus, measured)?);
+pub fn measure(fitted: &Corpus, (corpus, measured): (&Corpus, Split), extent: Extent) -> Result<TokenFloors> {
+    // labels may have been added to one of them
+    let vocabulary = corpus.manifest().vocabulary.max(fitted.manifest().vocabulary);
+    let (seen, asked) = (stretches(fitted, Split::Train, extent), stretches(corpus, measured, extent));
+    let (train, test) = (size(fitted, &seen, Split::Train)?, size(corpus, &asked, measured)?);
     let mut order0 = vec![1u64; vocabulary];
     let [mut place, mut before] = [Tables::default(), Tables::default()];
-    each_token(corpus, Split::Train, |id, at, last| {
+    each_token(fitted, &seen, |id, at, last| {
         order0[id as usize] += 1;
         place.count(at, id);
         before.count(last, id);
@@ -99,31 +111,43 @@ pub fn measure(corpus: &Corpus, measured: Split) -> Result<TokenFloors> {
     let total: u64 = order0.iter().sum();
     let p = |id: u32| order0[id as usize] as f64 / total as f64;
     let mut bits = [0.0; 3];
-    each_token(corpus, measured, |id, at, last| {
+    each_token(corpus, &asked, |id, at, last| {
         let p = p(id);
         let found = [p, place.p(at, id, p), before.p(last, id, p)];
         bits.iter_mut().zip(found).for_each(|(sum, p)| *sum -= p.log2());
     })?;
-    let ids: Vec<Vec<u32>> = corpus.split(measured).map(|c| corpus.clip_ids(c)).collect::<Result<_>>()?;
     let frames = test[1] as f64;
-    let xz = compressed_bytes(&corpus.manifest().token_type.to_bytes(&ids.concat()))?.map(|n| 8.0 * n as f64 / frames);
-    Ok(TokenFloors { vocabulary, train, test, bits_per_frame: bits.map(|b| b / frames), xz })
+    let xz = compressed_bytes(&|pipe| {
+        for of in &asked {
+            // a file that was read a moment ago; where it's gone, all of it isn't compressed
+            let ids = corpus.word_ids(of.clip, of.words.clone()).map_err(std::io::Error::other)?;
+            pipe.write_all(&corpus.manifest().token_type.to_bytes(&ids))?;
+        }
+        Ok(())
+    })?;
+    let of = [codes::frames(fitted, Split::Train), codes::frames(corpus, measured)];
+    let (bits_per_frame, xz) = (bits.map(|b| b / frames), xz.map(|n| 8.0 * n as f64 / frames));
+    Ok(TokenFloors { vocabulary, train, test, of, bits_per_frame, xz })
 }
 
-/// Clips, frames and tokens of a split that has some.
-fn size(corpus: &Corpus, split: Split) -> Result<[usize; 3]> {
-    let size = corpus.split(split).fold([0; 3], |[c, f, t], clip| [c + 1, f + clip.frames, t + clip.tokens]);
+/// Clips, frames and tokens of what is looked at of a split, if there are some.
+fn size(corpus: &Corpus, stretches: &[Stretch], split: Split) -> Result<[usize; 3]> {
+    let size = stretches.iter().fold([0; 3], |[c, f, t], of| {
+        let words = corpus.words(of.clip);
+        let tokens = words.start(of.words.end) - words.start(of.words.start);
+        [c + 1, f + corpus.frames_of(of.clip, of.words.clone()), t + tokens]
+    });
     match size[1] {
         0 => Err(Error::file(corpus.dir(), format!("no frame in the {split} split"), "some", "try another split")),
         _ => Ok(size),
     }
 }
 
-/// Every token of a split with its place in its word and the token before it.
-fn each_token(corpus: &Corpus, split: Split, mut take: impl FnMut(u32, u32, u32)) -> Result<()> {
-    for clip in corpus.split(split) {
+/// Every token of stretches with its place in its word and the token before it.
+fn each_token(corpus: &Corpus, stretches: &[Stretch], mut take: impl FnMut(u32, u32, u32)) -> Result<()> {
+    for of in stretches {
         let (mut at, mut last) = (0, Special::Bos.id());
-        for id in corpus.clip_ids(clip)? {
+        for id in corpus.word_ids(of.clip, of.words.clone())? {
             take(id, at, last);
             (at, last) = (if id == SPACE { 0 } else { at + 1 }, id);
         }

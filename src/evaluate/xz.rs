@@ -2,7 +2,7 @@
 
 use super::codes::CodeClips;
 use crate::{Error, Result};
-use std::io::{ErrorKind, Read, Write};
+use std::io::{BufWriter, ErrorKind, Write};
 use std::process::{Command, Stdio};
 
 /// Bits per frame of the codes as little-endian uint16 under `xz -9`: frame after frame, and channel after channel.
@@ -11,20 +11,31 @@ use std::process::{Command, Stdio};
 /// # Errors
 /// [`Error::Call`] when the program is there and fails.
 pub fn bits_per_frame(clips: &CodeClips, channels: usize) -> Result<Option<[f64; 2]>> {
-    let codes: Vec<u16> = clips.clips.concat();
-    let frames = codes.len() / channels.max(1);
+    let frames = clips.clips.iter().map(Vec::len).sum::<usize>() / channels.max(1);
     if frames == 0 {
         return Ok(None);
     }
-    let by_frame: Vec<u8> = codes.iter().flat_map(|c| c.to_le_bytes()).collect();
-    let by_channel: Vec<u8> =
-        (0..channels).flat_map(|c| codes[c..].iter().step_by(channels)).flat_map(|c| c.to_le_bytes()).collect();
-    let (Some(a), Some(b)) = (compressed_bytes(&by_frame)?, compressed_bytes(&by_channel)?) else { return Ok(None) };
+    let write = |pipe: &mut dyn Write, codes: &mut dyn Iterator<Item = &u16>| {
+        for code in codes {
+            pipe.write_all(&code.to_le_bytes())?;
+        }
+        Ok(())
+    };
+    let by_frame = compressed_bytes(&|pipe| write(pipe, &mut clips.clips.iter().flatten()))?;
+    let by_channel = compressed_bytes(&|pipe| {
+        let of = |c: usize| clips.clips.iter().flat_map(move |clip| clip.iter().skip(c).step_by(channels));
+        write(pipe, &mut (0..channels).flat_map(of))
+    })?;
+    let (Some(a), Some(b)) = (by_frame, by_channel) else { return Ok(None) };
     Ok(Some([a, b].map(|bytes| 8.0 * bytes as f64 / frames as f64)))
 }
 
-/// Length of the bytes under `xz -9` in one thread (several would cut blocks); `None` where there is no such program.
-pub(super) fn compressed_bytes(bytes: &[u8]) -> Result<Option<usize>> {
+/// What writes the bytes that are to be compressed.
+pub(super) type Source<'a> = dyn Fn(&mut dyn Write) -> std::io::Result<()> + Sync + 'a;
+
+/// Length of what `write` writes under `xz -9` in one thread (several would cut blocks); `None` where there is no such
+/// program.
+pub(super) fn compressed_bytes(write: &Source) -> Result<Option<u64>> {
     let mut command = Command::new("xz");
     command.args(["--format=xz", "-9", "-T1", "--stdout"]);
     // these may hold options that change the size
@@ -35,17 +46,23 @@ pub(super) fn compressed_bytes(bytes: &[u8]) -> Result<Option<usize>> {
         other => other.map_err(Error::io("xz"))?,
     };
     let (stdin, stdout) = (child.stdin.take(), child.stdout.take());
-    let mut packed = Vec::new();
-    let read = std::thread::scope(|scope| {
-        scope.spawn(move || stdin.map(|mut pipe| pipe.write_all(bytes)));
-        stdout.map(|mut pipe| pipe.read_to_end(&mut packed)).transpose()
+    let (read, written) = std::thread::scope(|scope| {
+        let writer = scope.spawn(move || {
+            let mut pipe = BufWriter::new(stdin?);
+            Some(write(&mut pipe).and_then(|()| pipe.flush()))
+        });
+        let read = stdout.map(|mut pipe| std::io::copy(&mut pipe, &mut std::io::sink())).transpose();
+        (read, writer.join().ok().flatten().unwrap_or(Ok(())))
     });
     let output = child.wait_with_output().map_err(Error::io("xz"))?;
     match read {
-        Ok(_) if output.status.success() => Ok(Some(packed.len())),
+        Ok(packed) if output.status.success() => match written {
+            Ok(()) => Ok(packed),
+            Err(e) => Err(Error::io("xz")(e)),
+        },
         Ok(_) => {
             let said = String::from_utf8_lossy(&output.stderr).trim().to_owned();
-            Err(Error::Call(format!("xz failed ({}): {said}", output.status)))
+            Err(Error::Call(format!("xz failed ({}): {said}; --floors none goes without", output.status)))
         }
         Err(e) => Err(Error::io("xz")(e)),
     }

@@ -1,7 +1,7 @@
 //! What a run learns from: corpora of one tokenizer, how often the windows of each come, and the labels it is told of.
 
 use crate::corpus::conditions::{Conditions, with_labels};
-use crate::corpus::{ClipRecord, Corpus, Split, eval_windows};
+use crate::corpus::{ClipRecord, Corpus, Opening, Split, each_eval_window};
 use crate::evaluate::likelihood::{Likelihood, likelihood, room};
 use crate::model::music::features::{Scale, Scaling};
 use crate::model::{Scores, TokenLayout};
@@ -83,10 +83,15 @@ impl Data {
     /// # Errors
     /// No corpus; one that can't be opened, or made with another tokenizer (whatever labels were added to it); a field
     /// that nothing knows.
-    pub fn open(parts: &[CorpusPart], tokenizer: Option<&Tokenizer>, fields: &[String]) -> Result<Data> {
+    pub fn open(
+        parts: &[CorpusPart],
+        tokenizer: Option<&Tokenizer>,
+        fields: &[String],
+        opening: Opening,
+    ) -> Result<Data> {
         let open = |p: &CorpusPart| {
             p.validate()?;
-            Ok(Part { corpus: Corpus::open(&p.path)?, weight: p.weight })
+            Ok(Part { corpus: Corpus::open_with(&p.path, opening)?, weight: p.weight })
         };
         Data::of(parts.iter().map(open).collect::<Result<_>>()?, tokenizer, fields)
     }
@@ -193,7 +198,7 @@ impl Data {
         let room = room(model.config(), model.tokens());
         let mut windows = Vec::with_capacity(clips.len());
         for (part, clips) in self.parts.iter().zip(&clips) {
-            windows.push(eval_windows(clips.iter().map(|c| part.corpus.words(c)), room)?.len());
+            windows.push(each_eval_window(clips.iter().map(|c| part.corpus.words(c)), room)?.count());
         }
         let all: usize = windows.iter().sum();
         let mut found = Vec::new();
@@ -257,11 +262,11 @@ mod tests {
         let [a, b] = two(dir.path());
         let merged = fixture::merged(dir.path(), &[(9, Split::Train)]);
         let parts = [&a, &b, &merged].map(|c| CorpusPart::once(c.dir()));
-        let data = Data::open(&parts[..2], None, &["genre".into()]).unwrap();
+        let data = Data::open(&parts[..2], None, &["genre".into()], Opening::default()).unwrap();
         assert_eq!((data.parts().len(), data.tokens().front, data.tokens_per_frame()), (2, 2, 7.0));
-        let message = Data::open(&parts, None, &[]).unwrap_err().to_string();
+        let message = Data::open(&parts, None, &[], Opening::default()).unwrap_err().to_string();
         assert!(message.contains("merged: found a corpus of tokenizer") && message.contains("one tokenizer.json"));
-        assert!(Data::open(&[], None, &[]).unwrap_err().to_string().contains("no corpus"));
+        assert!(Data::open(&[], None, &[], Opening::default()).unwrap_err().to_string().contains("no corpus"));
     }
 
     #[test]

@@ -7,8 +7,8 @@ use super::precision::Precision;
 use super::pretrain::{Summary, begin, go_on};
 use super::progress::Progress;
 use super::run::{Origin, RunFile};
-use crate::corpus::FileRecord;
 use crate::corpus::conditions::in_order;
+use crate::corpus::{FileRecord, Opening};
 use crate::model::{Compute, LoadedRun, ModelConfig, TokenLayout, exchange, weights};
 use crate::{Error, Result, presets};
 use kinelm_motion::format::input;
@@ -37,6 +37,8 @@ pub struct FinetuneOptions {
     pub precision: Option<Precision>,
     /// Where and how to compute.
     pub compute: Compute,
+    /// How the corpora are opened.
+    pub opening: Opening,
 }
 
 /// Trains a new run from another's weights. The optimizer begins anew.
@@ -61,7 +63,7 @@ pub fn finetune(options: &FinetuneOptions, stop: &AtomicBool, progress: &mut dyn
     let asked = options.conditions.as_ref().unwrap_or(&file.train.conditions);
     let fields = in_order(&[source.conditions.as_slice(), asked].concat());
     let tokenizer = source.load_tokenizer()?;
-    let data = Data::open(&corpora, Some(&tokenizer), &fields).map_err(|e| file.named(e))?;
+    let data = Data::open(&corpora, Some(&tokenizer), &fields, options.opening).map_err(|e| file.named(e))?;
     let mut train = file.train.clone();
     train.conditions = fields;
     train.steps = options.steps.unwrap_or(train.steps);
@@ -178,6 +180,7 @@ mod tests {
             steps: None,
             seed: None,
             compute: Compute::default(),
+            opening: Opening::default(),
         };
         (corpus, options)
     }
@@ -236,6 +239,7 @@ mod tests {
             steps: None,
             seed: None,
             compute: Compute::default(),
+            opening: Opening::default(),
         };
         let whole = finetune(&options, &AtomicBool::new(false), &mut Silent).unwrap();
         let stop = AtomicBool::new(false);

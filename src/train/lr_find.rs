@@ -10,6 +10,7 @@ use super::data::{CorpusPart, Data};
 use super::learner::{clip_share, learner};
 use super::room;
 use super::run::RunFile;
+use crate::corpus::Opening;
 use crate::model::{Compute, layout};
 use crate::view::plot::{Chart, Look, Rule, Scale, Series};
 use crate::{Error, Result};
@@ -38,6 +39,8 @@ pub struct LrFindOptions {
     pub to: f64,
     /// Where and how to compute.
     pub compute: Compute,
+    /// How the corpora are opened.
+    pub opening: Opening,
 }
 
 /// One step of the test.
@@ -75,7 +78,7 @@ pub fn lr_find(options: &LrFindOptions, stop: &AtomicBool, tell: &mut dyn FnMut(
     check(options)?;
     let corpora = if options.corpora.is_empty() { options.file.corpora()? } else { options.corpora.clone() };
     let train = TrainConfig { ema: 0.0, steps: options.steps, ..options.file.train.clone() };
-    let data = Data::open(&corpora, None, &train.conditions)?;
+    let data = Data::open(&corpora, None, &train.conditions, options.opening)?;
     let file = RunFile { augment: options.file.augment, ..RunFile::new(&options.file.model, &train, &data)? };
     room::check(&file.model, &file.tokens, &train)?;
     let mut batches = Batches::of_run(&file, &data)?;
@@ -251,7 +254,15 @@ mod tests {
         let train = TrainConfig { batch: 4, ..Default::default() };
         let file = TrainFile { model, train, run: Some(dir.path().join("run")), ..Default::default() };
         let corpora = vec![CorpusPart::once(dir.path().join("corpus"))];
-        let options = LrFindOptions { file, corpora, steps: 120, from: 1e-7, to: 100.0, compute: Compute::default() };
+        let options = LrFindOptions {
+            file,
+            corpora,
+            steps: 120,
+            from: 1e-7,
+            to: 100.0,
+            compute: Compute::default(),
+            opening: Opening::default(),
+        };
         let find = |options: &LrFindOptions| lr_find(options, &AtomicBool::new(false), &mut |_| ());
         let found = find(&options).unwrap();
         let (first, turn) = (found.steps[0], found.turn.unwrap());

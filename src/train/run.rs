@@ -3,7 +3,7 @@
 use super::augment::AugmentConfig;
 use super::config::TrainConfig;
 use super::data::{CorpusPart, Data, Part};
-use crate::corpus::Corpus;
+use crate::corpus::{Corpus, Opening};
 use crate::model::ahead::Ahead;
 use crate::model::run::{CONFIG, LoadedRun, TOKENIZER, check_kind, load_tokenizer};
 use crate::model::{ModelConfig, TokenLayout};
@@ -183,7 +183,7 @@ impl RunFile {
     /// # Errors
     /// A run that was imported, which has none; another number of corpora, other corpora or weights, each with both; a tokenizer
     /// that is gone, damaged or another.
-    pub fn data(&self, run: &Path, corpora: &[CorpusPart]) -> Result<Data> {
+    pub fn data(&self, run: &Path, corpora: &[CorpusPart], opening: Opening) -> Result<Data> {
         if self.corpora.is_empty() {
             let (run, what) = (run.display(), "was imported, and has no training to go on with");
             return Err(Error::Call(format!(
@@ -202,7 +202,7 @@ impl RunFile {
         }
         let tokenizer = load_tokenizer(&run.join(TOKENIZER), &self.tokenizer_sha256)?;
         let open = |(p, own): (&CorpusPart, &RunCorpus)| {
-            let corpus = Corpus::open(&p.path)?;
+            let corpus = Corpus::open_with(&p.path, opening)?;
             match corpus.hash() == own.sha256 {
                 true => Ok(Part { corpus, weight: p.weight }),
                 false => Err(Error::file(

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use kinelm::corpus::build::{self, BuildOptions};
 use kinelm::corpus::{Corpus, Split, gather};
 use kinelm::evaluate::likelihood::likelihood;
-use kinelm::evaluate::{Baselines, CodeSplits, measure};
+use kinelm::evaluate::{Baselines, CodeSplits, Extent, measure};
 use kinelm::files::write_whole;
 use kinelm::generate::feet;
 use kinelm::generate::place::{Led, Place};
@@ -92,7 +92,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let tests: Vec<_> = corpus.split(Split::Test).collect();
     let model = likelihood(&mut *run.scores(args.compute.get())?, &corpus, &tests, 0, &run.load_conditions()?)?
         .context("the demo's corpus has no test frame")?;
-    let floors = measure(&CodeSplits::of_corpus(&corpus, Split::Test)?)?;
+    let floors = measure(&CodeSplits::of_corpora(&corpus, (&corpus, Split::Test), Extent::Sample)?)?;
     let report = report(&args, model.bits_per_frame, &floors, started.elapsed().as_secs_f64());
     write_whole(&at("report.md"), report.as_bytes())?;
     crate::cli::print(&report)?;

@@ -30,18 +30,18 @@ pub fn run(corpus: &Corpus, folders: [&PathBuf; 2], read: &ReadArgs, how: How<'_
     let real = Real::load(corpus)?;
     let [a, b] = folders.map(|folder| side(corpus, folder, read, say));
     let sides = [a?, b?];
-    let comparison = real.compare(&sides);
+    let comparison = real.compare(&sides)?;
     let features = match how.features {
         true => {
             let sets = sides.each_ref().map(|side| side.dances.iter().map(|d| d.dance.clone()).collect::<Vec<_>>());
-            real.features(corpus, &[("A", &sets[0]), ("B", &sets[1])])?
+            real.features(&[("A", &sets[0]), ("B", &sets[1])])?
         }
         false => Vec::new(),
     };
     if let Some((out, outputs)) = how.plot {
         let sets = [("A", &sides[0]), ("B", &sides[1])]
             .map(|(name, side)| (name, side.dances.iter().map(|d| (&d.dance, d.prompted.as_ref())).collect()));
-        crate::cli::draw_charts(out, &real.charts(&sets), outputs)?;
+        crate::cli::draw_charts(out, &real.charts(&sets)?, outputs)?;
     }
     if how.json {
         return print(&format!("{}\n", serde_json::to_string(&Line { comparison, features })?));

@@ -2,7 +2,7 @@
 
 use super::compare::{self, How};
 use crate::cli::read::ReadArgs;
-use crate::cli::{ForceArgs, Odd, Say, WrongCall, print};
+use crate::cli::{ForceArgs, Odd, Say, TrustArgs, WrongCall, print};
 use anyhow::Result;
 use kinelm::corpus::Corpus;
 use kinelm::corpus::load::hash_file;
@@ -64,10 +64,12 @@ pub struct Args {
     force: ForceArgs,
     #[command(flatten)]
     read: ReadArgs,
+    #[command(flatten)]
+    trust: TrustArgs,
 }
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
-    let corpus = corpus(&args.real)?;
+    let corpus = corpus(&args.real, args.trust)?;
     let tokenizer = corpus.tokenizer();
     let outputs = args.force.outputs(args.dances.iter().chain(&args.compare).chain([&args.real]).cloned());
     let plot = args.plot.as_deref();
@@ -85,7 +87,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     };
     let dances: Vec<Dance> = args.dances.iter().zip(&told).zip(&options).map(read).collect::<kinelm::Result<_>>()?;
     drop(odd);
-    let mut report = real.report(&dances);
+    let mut report = real.report(&dances)?;
     let mut given: Option<Vec<bool>> = None;
     let mut best = BTreeMap::<usize, usize>::new();
     let mut pieces = BTreeMap::new();
@@ -123,10 +125,10 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         report.copied = Some(real.copied(&dances, &given.unwrap_or_default())?);
     }
     if music_s.iter().any(Option::is_some) {
-        report.beats = real.beats(&corpus, &dances, &music_s)?;
+        report.beats = real.beats(&dances, &music_s)?;
     }
     if args.features {
-        report.features = real.features(&corpus, &[("dances", &dances)])?;
+        report.features = real.features(&[("dances", &dances)])?;
     }
     if let Some(field) = &args.fidelity {
         let dances: Vec<_> = dances.iter().zip(asked).collect();
@@ -135,7 +137,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     if let Some(out) = plot {
         let of = |name: &str| report.prompted.iter().find(|(of, _)| of == name).map(|(_, prompted)| prompted);
         let dances = dances.iter().map(|dance| (dance, of(&dance.name)));
-        crate::cli::draw_charts(out, &real.charts(&[("dances", dances.collect())]), &outputs)?;
+        crate::cli::draw_charts(out, &real.charts(&[("dances", dances.collect())])?, &outputs)?;
     }
     print(&if args.json { format!("{}\n", serde_json::to_string(&report)?) } else { format!("{report}\n") })
 }
@@ -160,12 +162,12 @@ fn asked_label(corpus: &Corpus, field: &str, path: &Path, told: Option<&Provenan
 }
 
 /// The corpus that `--real` names.
-pub fn corpus(real: &Path) -> Result<Corpus> {
+pub fn corpus(real: &Path, trust: TrustArgs) -> Result<Corpus> {
     if !real.join("corpus.json").exists() {
         let what = format!("--real {}: no corpus.json; expected a corpus, as kinelm tokenize makes it", real.display());
         return Err(WrongCall(what).into());
     }
-    Ok(Corpus::open(real)?)
+    Ok(trust.open(real)?)
 }
 
 /// The beats that the dances are held to, if the call names any, seconds from their first frame: one for all, or one for each.

@@ -1,9 +1,9 @@
 //! `kinelm evaluate gaps`.
 
 use crate::cli::draw::DrawArgs;
-use crate::cli::{ComputeArgs, ReadingArgs, Say, WrongCall, print, progress};
+use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
 use anyhow::Result;
-use kinelm::corpus::{Corpus, Split};
+use kinelm::corpus::Split;
 use kinelm::evaluate::gaps::{Filler, Measured, frames_before, gaps};
 use kinelm::generate::conditions::check_ahead;
 use kinelm::generate::make::AHEAD;
@@ -52,12 +52,14 @@ pub struct Args {
     /// One JSON object instead of a table
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    trust: TrustArgs,
 }
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
     let run = load_run(&args.run, Which::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
-    let (tokenizer, corpus) = (run.load_tokenizer()?, Corpus::open(&args.corpus)?);
+    let (tokenizer, corpus) = (run.load_tokenizer()?, args.trust.open(&args.corpus)?);
     let (ours, theirs) = (tokenizer.base_hash(), corpus.tokenizer().base_hash());
     if ours != theirs {
         let what = format!(

@@ -1,6 +1,7 @@
 //! `kinelm evaluate likelihood`.
 
-use crate::cli::{ComputeArgs, ReadingArgs, Say, WrongCall, print, progress};
+use super::{Fitted, FloorsArgs};
+use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
 use anyhow::Result;
 use kinelm::corpus::{ClipRecord, Corpus, Split};
 use kinelm::evaluate::Floors;
@@ -39,9 +40,13 @@ pub struct Args {
     reading: ReadingArgs,
     #[command(flatten)]
     compute: ComputeArgs,
+    #[command(flatten)]
+    floors: FloorsArgs,
     /// One JSON object instead of a table
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    trust: TrustArgs,
 }
 
 /// `--conditions`.
@@ -62,7 +67,8 @@ struct Measured {
     places: Option<Vec<PlaceBits>>,
     /// Of gaps of every length that was asked for.
     gaps: Vec<GapBits>,
-    floors: Floors,
+    /// Or why there are none.
+    floors: std::result::Result<Floors, String>,
     /// Frames of the split, scored or not.
     all_frames: usize,
     fps: f64,
@@ -71,7 +77,7 @@ struct Measured {
 pub fn run(args: &Args, say: Say) -> Result<()> {
     let run = load_run(&args.run, Which::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
-    let corpus = Corpus::open(&args.corpus)?;
+    let corpus = args.trust.open(&args.corpus)?;
     let (ours, theirs) = (run.load_tokenizer()?.base_hash(), corpus.tokenizer().base_hash());
     if ours != theirs {
         let what = format!(
@@ -79,7 +85,8 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         );
         return Err(WrongCall(what).into());
     }
-    let measured = measure(args, &run, &corpus, say)?;
+    let fitted = args.floors.fitted(&corpus, args.trust)?;
+    let measured = measure(args, &run, &corpus, &fitted, say)?;
     if args.json {
         return print(&format!("{}\n", measured.line()?));
     }
@@ -88,7 +95,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     Ok(())
 }
 
-fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, say: Say) -> Result<Measured> {
+fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: Say) -> Result<Measured> {
     let clips: Vec<_> = corpus.split(args.split).collect();
     let reading = args.reading.get(1);
     let mut model = match reading == Reading::default() {
@@ -124,14 +131,13 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, say: Say) -> Result<Me
         let found = gap_bits(&mut *model, corpus, &clips, frames, &conditions);
         gaps.extend(found.map_err(|e| WrongCall(format!("--gaps {frames}: {e}")))?);
     }
-    progress::stage("fitting and measuring static models");
     Ok(Measured {
         checkpoint: run.checkpoint.display().to_string(),
         split: args.split,
         found,
         places,
         gaps,
-        floors: Floors::of_corpus(corpus, args.split)?,
+        floors: fitted.measure(corpus, args.split)?,
         all_frames: clips.iter().map(|c| c.frames).sum(),
         fps: corpus.manifest().fps,
     })
@@ -145,15 +151,19 @@ impl Measured {
 
     /// `--json`.
     fn line(&self) -> Result<Value> {
-        let Measured { found, floors, all_frames, .. } = self;
+        let Measured { found, all_frames, .. } = self;
+        let floors = self.floors.as_ref().ok();
         let in_all = |bits: f64| self.in_all(bits);
         let mut line = json!({
             "schema": 1, "checkpoint": self.checkpoint, "split": self.split.to_string(),
             "bits_per_frame": found.bits_per_frame, "bits_per_s": found.bits_per_frame * self.fps,
             "nats_per_token": found.nats_per_token, "tokens": found.tokens, "frames": found.frames,
-            "windows": found.windows, "all_windows": found.all_windows, "pseudo": found.pseudo, "floors": floors.to_json(),
+            "windows": found.windows, "all_windows": found.all_windows, "pseudo": found.pseudo, "floors": floors.map(Floors::to_json),
             "all_frames": all_frames,
-            "bits": {"model": in_all(found.bits_per_frame), "order0": in_all(floors.order0()), "xz9": floors.xz().map(in_all)},
+            "bits": {
+                "model": in_all(found.bits_per_frame), "order0": floors.map(|f| in_all(f.order0())),
+                "xz9": floors.and_then(Floors::xz).map(in_all),
+            },
         });
         if let Some(places) = &self.places {
             line["places"] = serde_json::to_value(places)?;
@@ -169,10 +179,18 @@ impl Measured {
     fn table(&self) -> String {
         let Measured { split, found, places, gaps, floors, all_frames, .. } = self;
         let name = if found.pseudo { "the model (pseudo)" } else { "the model" };
-        let mut table = format!("{floors}\n{}\n", figure_row(name, found.bits_per_frame, None));
+        let beside = match floors {
+            Ok(floors) => floors.to_string(),
+            Err(why) => {
+                format!("{:<32} {:>12}\n{:<32} {:>12}   {why}", "bits/frame", "all frames", "static models", "n/a")
+            }
+        };
+        let mut table = format!("{beside}\n{}\n", figure_row(name, found.bits_per_frame, None));
+        let floors = floors.as_ref().ok();
         let of = format!("{all_frames} frames of {split}");
         table += &format!("\n{of:<32} {:>12} {:>14}\n", "bits/frame", "bits in all");
-        let rows = [("order 0", Some(floors.order0())), ("xz -9", floors.xz()), (name, Some(found.bits_per_frame))];
+        let [order0, xz] = [floors.map(Floors::order0), floors.and_then(Floors::xz)];
+        let rows = [("order 0", order0), ("xz -9", xz), (name, Some(found.bits_per_frame))];
         for (name, bits) in rows.into_iter().filter_map(|(name, bits)| Some((name, bits?))) {
             table += &format!("{name:<32} {bits:>12.2} {:>14.0}\n", self.in_all(bits));
         }
@@ -206,8 +224,7 @@ impl Measured {
             say.line(
                 "a masked model sees both sides of what it is asked: its bits are no likelihood and stand beside no other",
             );
-        } else if found.bits_per_frame >= floors.best() {
-            let best = floors.best();
+        } else if let Some(best) = floors.as_ref().ok().map(Floors::best).filter(|best| found.bits_per_frame >= *best) {
             say.line(format_args!(
                 "the model is not below the best static model of its own tokens, {best:.2} bits/frame"
             ));

@@ -1,6 +1,6 @@
 //! `generate --best N`.
 
-use crate::cli::{Say, WrongCall, evaluate::dance};
+use crate::cli::{Say, TrustArgs, WrongCall, evaluate::dance};
 use anyhow::Result;
 use kinelm::corpus::{Corpus, Split};
 use kinelm::evaluate::dance::judge::Judge;
@@ -29,7 +29,6 @@ pub struct BestArgs {
 /// Real dances that others are held to.
 pub struct Beside {
     corpus: Corpus,
-    real: Real,
 }
 
 impl BestArgs {
@@ -44,7 +43,7 @@ impl BestArgs {
             return Ok(None);
         }
         let path = self.real.clone().map_or_else(|| of_run(&ready.recipe.run), Ok)?;
-        let corpus = dance::corpus(&path)?;
+        let corpus = dance::corpus(&path, TrustArgs::default())?;
         let (found, expected) = (corpus.tokenizer().hash(), ready.tokenizer.hash());
         if found != expected {
             let what = format!(
@@ -55,12 +54,12 @@ impl BestArgs {
             );
             return Err(WrongCall(what).into());
         }
-        let real = Real::load(&corpus)?;
+        Real::check(&corpus)?;
         if corpus.split(Split::Valid).next().is_none() {
             say.line("no validation clips: whether a dance copies can't be told");
         }
         say.line(format_args!("held to the train clips of {}", path.display()));
-        Ok(Some(Beside { corpus, real }))
+        Ok(Some(Beside { corpus }))
     }
 }
 
@@ -92,7 +91,8 @@ impl Beside {
         out: &Path,
         say: Say,
     ) -> Result<Vec<(usize, Best)>> {
-        let judge = Judge::new(&self.real, ready.invented())?;
+        let real = Real::load(&self.corpus)?;
+        let judge = Judge::new(&real, ready.invented())?;
         // what is written and never read is judged as .json
         let is_read = Format::of_name(out).is_some_and(|format| format != Format::Glb);
         let name = if is_read { out.to_owned() } else { out.with_extension("json") };

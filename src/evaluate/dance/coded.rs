@@ -67,6 +67,15 @@ impl Dance {
         Ok(Dance { name, clip, words, file_fps: None, doubt: None, ids })
     }
 
+    /// Its first frames, at most so many, in whole words.
+    pub(super) fn first(mut self, frames: usize, frames_per_word: usize) -> Dance {
+        let words = frames.div_ceil(frames_per_word).min(self.words.len());
+        let ids = self.word_ids()[..words].iter().map(|word| word.len()).sum();
+        self.ids.truncate(ids);
+        self.clip = self.clip.slice(0..frames.min(self.clip.frames()));
+        self
+    }
+
     /// Ids of each word, with its space.
     pub(super) fn word_ids(&self) -> Vec<&[u32]> {
         self.ids.split_inclusive(|&id| id == SPACE).collect()

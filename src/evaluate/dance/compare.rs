@@ -6,9 +6,9 @@ use super::print::shortened;
 use super::prompted::Prompted;
 use super::report::Real;
 use crate::corpus::{Corpus, Split};
-use crate::counted;
 use crate::evaluate::takes;
 use crate::view::plot::{Chart, Look, Scale, Series};
+use crate::{Result, counted};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeSet;
@@ -135,17 +135,20 @@ fn share(some: usize, all: usize) -> Option<f64> {
     (all > 0).then(|| 100.0 * some as f64 / all as f64)
 }
 
-impl Real {
+impl Real<'_> {
     /// A chart a measure: of the real train clips and of each set, the share of clips that have so much or less.
-    pub fn charts(&self, sets: &[Set]) -> Vec<Chart> {
-        let train: Set = ("train", self.train.iter().map(|dance| (dance, None)).collect());
-        let all: Vec<&Set> = std::iter::once(&train).chain(sets).collect();
-        let figures = all.iter().map(|(_, dances)| dances.par_iter().map(|(d, _)| self.figures(d)).collect());
-        let figures: Vec<Vec<Figures>> = figures.collect();
+    ///
+    /// # Errors
+    /// Words that can't be decoded.
+    pub fn charts(&self, sets: &[Set]) -> Result<Vec<Chart>> {
+        let train = self.all_figures(Split::Train)?.into_iter().map(|f| (f, None)).collect();
+        let mut all: Vec<(&str, Vec<(Figures, Option<&Prompted>)>)> = vec![("train", train)];
+        all.extend(sets.iter().map(|(name, dances)| {
+            (*name, dances.par_iter().map(|(d, prompted)| (self.figures(d), *prompted)).collect())
+        }));
         let chart = |(what, _, of): (&'static str, usize, Of)| {
-            let series = all.iter().zip(&figures).enumerate().map(|(colour, ((name, dances), figures))| {
-                let found = dances.iter().zip(figures).filter_map(|((_, prompted), f)| of(f, *prompted));
-                let mut found: Vec<f64> = found.collect();
+            let series = all.iter().enumerate().map(|(colour, (name, dances))| {
+                let mut found: Vec<f64> = dances.iter().filter_map(|(f, prompted)| of(f, *prompted)).collect();
                 found.sort_by(f64::total_cmp);
                 let share = |i: usize| 100.0 * i as f64 / found.len() as f64;
                 let points = found.iter().enumerate().flat_map(|(i, x)| [(*x, share(i)), (*x, share(i + 1))]);
@@ -155,16 +158,19 @@ impl Real {
             let (title, y) = (what.into(), "% of clips with so much or less".into());
             Chart { title, y, scales: (Scale::Linear, Scale::Linear), series, ..Chart::default() }
         };
-        MEASURES.map(chart).into_iter().filter(|chart| !chart.is_empty()).collect()
+        Ok(MEASURES.map(chart).into_iter().filter(|chart| !chart.is_empty()).collect())
     }
 
     /// Holds two sets of dances to each other, beside the real train clips.
-    pub fn compare(&self, sides: &[Side; 2]) -> Comparison {
+    ///
+    /// # Errors
+    /// Words that can't be decoded.
+    pub fn compare(&self, sides: &[Side; 2]) -> Result<Comparison> {
         let figures = sides.each_ref().map(|side| {
             let of = |d: &Measured| self.figures(&d.dance);
             side.dances.par_iter().map(of).collect::<Vec<_>>()
         });
-        let real: Vec<Figures> = self.train.par_iter().map(|d| self.figures(d)).collect();
+        let real = self.all_figures(Split::Train)?;
         let row = |(what, digits, of): (&'static str, usize, Of)| {
             let parts = [0, 1].map(|side| {
                 let dances = sides[side].dances.iter().zip(&figures[side]);
@@ -191,7 +197,7 @@ impl Real {
             }
         };
         let takes = sides.each_ref().map(Side::takes);
-        Comparison {
+        Ok(Comparison {
             schema: 1,
             names: sides.each_ref().map(|side| side.name.clone()),
             dances: sides.each_ref().map(|side| side.dances.len()),
@@ -199,7 +205,7 @@ impl Real {
             paired: takes[0] == takes[1],
             doubts: doubts(sides, self.fps),
             rows: MEASURES.map(row).into_iter().filter(|row| row.sides.iter().any(Option::is_some)).collect(),
-        }
+        })
     }
 }
 

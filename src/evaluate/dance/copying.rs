@@ -67,20 +67,52 @@ impl Track {
     }
 }
 
-/// For every window of a dance the distance to the nearest training window, cm: the mean over frames and joints. Nothing
-/// for a dance shorter than a window, or without training windows.
-pub fn nearest(dance: &Track, training: &[Track]) -> Vec<f64> {
-    let hop = ((HOP_S * dance.fps).round() as usize).max(1);
-    let starts: Vec<usize> = (0..dance.windows()).step_by(hop).collect();
-    let near = |&start: &usize| {
-        let length = dance.window();
-        let window: Vec<Vec3> = (start..start + length).flat_map(|f| dance.turned(start, f)).collect();
-        let all = training.iter().flat_map(|t| (0..t.windows()).map(move |first| (t, first)));
-        let best = all.fold(f64::INFINITY, |best, (t, first)| best.min(apart(&window, t, first, best)));
-        100.0 * best / window.len() as f64
-    };
-    let found: Vec<f64> = starts.par_iter().map(near).collect();
-    found.into_iter().filter(|d| d.is_finite()).collect()
+/// How near the windows of dances come to training windows, which are shown one clip after the other.
+pub struct Nearest<'a> {
+    dances: &'a [Track],
+    windows: Vec<Window>,
+}
+
+/// A window of a dance.
+struct Window {
+    dance: usize,
+    first: usize,
+    /// The least sum of distances so far, metres.
+    best: f64,
+}
+
+impl Nearest<'_> {
+    /// Of these dances; one that is shorter than a window has none.
+    pub fn of(dances: &[Track]) -> Nearest<'_> {
+        let of_dance = |(dance, track): (usize, &Track)| {
+            let hop = ((HOP_S * track.fps).round() as usize).max(1);
+            (0..track.windows()).step_by(hop).map(move |first| Window { dance, first, best: f64::INFINITY })
+        };
+        Nearest { dances, windows: dances.iter().enumerate().flat_map(of_dance).collect() }
+    }
+
+    /// Shows a training clip, with its mirror image.
+    pub fn show(&mut self, training: &[Track]) {
+        let dances = self.dances;
+        self.windows.par_iter_mut().for_each(|Window { dance, first, best }| {
+            let dance = &dances[*dance];
+            let window: Vec<Vec3> = (*first..*first + dance.window()).flat_map(|f| dance.turned(*first, f)).collect();
+            let all = training.iter().flat_map(|t| (0..t.windows()).map(move |first| (t, first)));
+            *best = all.fold(*best, |best, (t, first)| best.min(apart(&window, t, first, best)));
+        });
+    }
+
+    /// For every dance, and every window of it, the distance to the nearest training window, cm: the mean over frames and
+    /// joints. Nothing without training windows.
+    pub fn found(self) -> Vec<Vec<f64>> {
+        let mut found = vec![Vec::new(); self.dances.len()];
+        for Window { dance, best, .. } in self.windows {
+            let track = &self.dances[dance];
+            let cm = 100.0 * best / (track.window() * track.joints) as f64;
+            found[dance].extend(Some(cm).filter(|cm| cm.is_finite()));
+        }
+        found
+    }
 }
 
 /// Sum of the distances of a window's joints from those of the training window that begins at `first`; given up, with
@@ -98,29 +130,32 @@ fn apart(window: &[Vec3], training: &Track, first: usize, most: f64) -> f64 {
 
 /// Words of the longest run that stands, word by word, in a training clip too; where places are given, only the others
 /// are looked at.
-pub fn longest_run(dance: &[&[u32]], training: &[Vec<&[u32]>], given: &[bool]) -> usize {
+pub fn longest_run(dance: &[&[u32]], clip: &[&[u32]], given: &[bool]) -> usize {
     let same = |a: &[u32], b: &[u32]| {
         let free = |i: usize| !given.get(i).copied().unwrap_or(false);
         a.len() == b.len() && a.iter().zip(b).enumerate().all(|(i, (a, b))| a == b || !free(i))
     };
-    let longest = |clip: &Vec<&[u32]>| {
-        let (mut runs, mut most) = (vec![0usize; clip.len() + 1], 0);
-        for word in dance {
-            // from the end, so that the run of the word before still stands there
-            for i in (0..clip.len()).rev() {
-                runs[i + 1] = if same(word, clip[i]) { runs[i] + 1 } else { 0 };
-                most = most.max(runs[i + 1]);
-            }
+    let (mut runs, mut most) = (vec![0usize; clip.len() + 1], 0);
+    for word in dance {
+        // from the end, so that the run of the word before still stands there
+        for i in (0..clip.len()).rev() {
+            runs[i + 1] = if same(word, clip[i]) { runs[i] + 1 } else { 0 };
+            most = most.max(runs[i + 1]);
         }
-        most
-    };
-    training.par_iter().map(longest).max().unwrap_or(0)
+    }
+    most
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use kinelm_motion::{Quat, synth};
+
+    fn nearest(dance: &Track, training: &[Track]) -> Vec<f64> {
+        let mut nearest = Nearest::of(std::slice::from_ref(dance));
+        training.chunks(2).for_each(|clip| nearest.show(clip));
+        nearest.found().remove(0)
+    }
 
     fn dances() -> Vec<Clip> {
         synth::corpus(4, 3, 6.0, 20.0).unwrap().into_iter().map(|d| d.clip).collect()
@@ -151,7 +186,9 @@ mod tests {
     fn the_longest_run_is_counted_in_words() {
         let words = |ids: &'static [u32]| ids.chunks(2).collect::<Vec<_>>();
         let training = [words(&[1, 2, 3, 4, 5, 6]), words(&[3, 4, 9, 9, 1, 2])];
-        let run = |dance: &'static [u32], given: &[bool]| longest_run(&words(dance), &training, given);
+        let run = |dance: &'static [u32], given: &[bool]| {
+            training.iter().map(|clip| longest_run(&words(dance), clip, given)).max().unwrap()
+        };
         assert_eq!(run(&[7, 7, 1, 2, 3, 4, 7, 7], &[]), 2);
         assert_eq!(run(&[3, 4, 1, 2, 3, 4, 5, 6], &[]), 3);
         assert_eq!(run(&[0, 2, 0, 4, 0, 6], &[]), 0);

@@ -2,6 +2,8 @@
 
 use super::coded::Dance;
 use super::frechet::{Held, Rows, Scale, held};
+use super::report::Real;
+use crate::corpus::Split;
 use crate::{Result, random};
 use kinelm_motion::metric::features::{COMPAT_FPS, Form, Places, geometric, kinetic};
 use kinelm_motion::resample::{Method, resample};
@@ -33,7 +35,13 @@ pub struct Features {
     pub real_diversity: Option<f64>,
     /// Sets held to the real train clips: what is real, what is real and spoilt, the dances.
     pub sets: Vec<(String, Held)>,
+    /// Of sets with more vectors so many were taken, spread evenly; `None` where none has more.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub most_vectors: Option<usize>,
 }
+
+/// Of a set with more vectors so many are taken, spread evenly: one of them is of 5 s, or of a clip.
+const MOST: usize = 4_000;
 
 /// What is done to clips before their features are taken.
 #[derive(Clone, Copy, PartialEq)]
@@ -43,20 +51,49 @@ enum Done {
     Noise,
 }
 
-/// The four tables: kinetic and geometric features, `fixed` and `compat`. The real train clips, and sets by their names.
+/// The four tables: kinetic and geometric features, `fixed` and `compat`. The real train clips, the other real ones, and sets
+/// by their names.
 ///
 /// # Errors
-/// What resampling and features fail with.
-pub fn features(train: &[Dance], sets: &[(&str, &[Dance])]) -> Result<Vec<Features>> {
+/// Words that can't be decoded; what resampling and features fail with.
+pub fn features(real_clips: &Real, sets: &[(&str, &[Dance])]) -> Result<Vec<Features>> {
     let mut tables = Vec::new();
     for (form, form_name) in [(Form::Fixed, "fixed"), (Form::Compat, "compat")] {
-        let clouds = |dances: &[Dance], done: Done| clouds(dances, form, done);
-        let real = clouds(train, Done::Nothing)?;
-        let [even, odd] = [0, 1].map(|odd| -> Vec<Dance> { train.iter().skip(odd).step_by(2).cloned().collect() });
-        let [even, odd] = [clouds(&even, Done::Nothing)?, clouds(&odd, Done::Nothing)?];
-        let spoilt = [clouds(train, Done::Reversed)?, clouds(train, Done::Noise)?];
-        let named = sets.iter().map(|(name, set)| Ok((*name, clouds(set, Done::Nothing)?)));
-        let named = named.collect::<Result<Vec<_>>>()?;
+        let of_split = |split| {
+            let corpus = real_clips.corpus();
+            Pieces::of(corpus.split(split).map(|clip| clip.frames), corpus.tokenizer().fps(), form)
+        };
+        let pieces = of_split(Split::Train);
+        let all_done = |i, dance: &Dance| -> Result<[Vec<Vector>; 3]> {
+            let [real, reversed, noise] =
+                [Done::Nothing, Done::Reversed, Done::Noise].map(|done| pieces.vectors(i, dance, done));
+            Ok([real?, reversed?, noise?])
+        };
+        let mut train: [Vec<(usize, Vector)>; 3] = Default::default();
+        let mut clip = 0;
+        real_clips.fold(Split::Train, all_done, |found| {
+            train.iter_mut().zip(found).for_each(|(all, found)| all.extend(found.into_iter().map(|v| (clip, v))));
+            clip += 1;
+        })?;
+        let [real, reversed, noise] = train;
+        let half = |odd: usize| clouds(real.iter().filter(|(clip, _)| clip % 2 == odd).map(|(_, v)| v.clone()));
+        let [even, odd] = [half(0), half(1)];
+        let [real, reversed, noise] = [real, reversed, noise].map(|all| clouds(all.into_iter().map(|(_, v)| v)));
+        let (spoilt, mut sampled) = ([reversed, noise], pieces.sampled);
+        let mut named = Vec::new();
+        for split in [Split::Valid, Split::Test] {
+            let pieces = of_split(split);
+            sampled |= pieces.sampled;
+            let all = real_clips.each(split, |i, dance| pieces.vectors(i, dance, Done::Nothing))?;
+            named.push((split.to_string(), clouds(all.into_iter().flatten())));
+        }
+        for (name, set) in sets {
+            let fps = set.first().map_or(1.0, |dance| dance.clip.fps());
+            let pieces = Pieces::of(set.iter().map(|dance| dance.clip.frames()), fps, form);
+            sampled |= pieces.sampled;
+            let all = set.par_iter().enumerate().map(|(i, dance)| pieces.vectors(i, dance, Done::Nothing));
+            named.push(((*name).to_owned(), clouds(all.collect::<Result<Vec<_>>>()?.into_iter().flatten())));
+        }
         for (at, kind) in ["kinetic", "geometric"].into_iter().enumerate() {
             let scale = Scale::of(&real[at], form == Form::Compat);
             let scaled = |rows: &Rows| scale.apply(rows);
@@ -64,7 +101,7 @@ pub fn features(train: &[Dance], sets: &[(&str, &[Dance])]) -> Result<Vec<Featur
             let mut held_to =
                 vec![("one half of train to the other".into(), held(&scaled(&odd[at]), &scaled(&even[at]), SEED)?)];
             for (name, set) in &named {
-                held_to.push(((*name).into(), held(&scaled(&set[at]), &all, SEED)?));
+                held_to.push((name.clone(), held(&scaled(&set[at]), &all, SEED)?));
             }
             for (name, set) in ["train, backwards", "train with 5 cm of noise"].into_iter().zip(&spoilt) {
                 held_to.push((name.into(), held(&scaled(&set[at]), &all, SEED)?));
@@ -75,26 +112,72 @@ pub fn features(train: &[Dance], sets: &[(&str, &[Dance])]) -> Result<Vec<Featur
                 left_out: scale.left_out(),
                 real_diversity: super::frechet::diversity(&all),
                 sets: held_to,
+                most_vectors: sampled.then_some(MOST),
             });
         }
     }
     Ok(tables)
 }
 
-/// Kinetic and geometric features, a row a window (`fixed`) or a clip (`compat`).
-fn clouds(dances: &[Dance], form: Form, done: Done) -> Result<[Rows; 2]> {
-    let pieces = |(i, dance): (usize, &Dance)| -> Result<Vec<Places>> {
-        let places = done.apply(&places(&dance.clip, form)?, i);
-        Ok(match form {
-            Form::Compat => vec![places.slice(0..places.frames().min(COMPAT_FRAMES))],
-            Form::Fixed => windows(&places),
-        })
-    };
-    let long = dances.iter().enumerate().filter(|(_, dance)| dance.clip.frames() > 1);
-    let pieces: Vec<Vec<Places>> = long.collect::<Vec<_>>().into_par_iter().map(pieces).collect::<Result<_>>()?;
-    let pieces = pieces.concat();
-    let rows = |of: &(dyn Fn(&Places) -> Vec<f64> + Sync)| pieces.par_iter().map(of).collect::<Rows>();
-    Ok([rows(&|p| kinetic(p, form).to_vec()), rows(&|p| geometric(p, form).to_vec())])
+/// Kinetic and geometric features of a window (`fixed`) or a clip (`compat`).
+type Vector = [Vec<f64>; 2];
+
+/// Kinetic and geometric features, a row a vector.
+fn clouds(vectors: impl Iterator<Item = Vector>) -> [Rows; 2] {
+    let (kinetic, geometric) = vectors.map(|[kinetic, geometric]| (kinetic, geometric)).unzip();
+    [kinetic, geometric]
+}
+
+/// Which pieces of the clips of a set are taken.
+struct Pieces {
+    form: Form,
+    /// Of each clip.
+    taken: Vec<Vec<usize>>,
+    sampled: bool,
+}
+
+impl Pieces {
+    /// Of clips of so many frames at `fps`: all pieces, or [`MOST`] of them.
+    fn of(clips: impl Iterator<Item = usize>, fps: f64, form: Form) -> Pieces {
+        let (window, hop) = window_of(fps);
+        let count = |frames: usize| match form {
+            _ if frames < 2 => 0,
+            Form::Compat => 1,
+            Form::Fixed => (frames + 1).saturating_sub(window).div_ceil(hop),
+        };
+        let counts: Vec<usize> = clips.map(count).collect();
+        let all: usize = counts.iter().sum();
+        let most = all.min(MOST);
+        let (mut taken, mut before, mut next) = (Vec::with_capacity(counts.len()), 0, 0);
+        for count in counts {
+            let mut of_clip = Vec::new();
+            while next < most && next * all / most < before + count {
+                of_clip.push(next * all / most - before);
+                next += 1;
+            }
+            taken.push(of_clip);
+            before += count;
+        }
+        Pieces { form, taken, sampled: most < all }
+    }
+
+    /// The features of a clip's.
+    fn vectors(&self, clip: usize, dance: &Dance, done: Done) -> Result<Vec<Vector>> {
+        if self.taken[clip].is_empty() {
+            return Ok(Vec::new());
+        }
+        let places = done.apply(&places(&dance.clip, self.form)?, clip);
+        let (window, hop) = window_of(places.fps());
+        let vector = |&piece: &usize| {
+            let frames = match self.form {
+                Form::Compat => 0..places.frames().min(COMPAT_FRAMES),
+                Form::Fixed => piece * hop..piece * hop + window,
+            };
+            let piece = places.slice(frames);
+            [kinetic(&piece, self.form).to_vec(), geometric(&piece, self.form).to_vec()]
+        };
+        Ok(self.taken[clip].iter().map(vector).collect())
+    }
 }
 
 /// Places at the rate that a form is of; `compat` has the root's first place at 0.
@@ -106,11 +189,10 @@ fn places(clip: &Clip, form: Form) -> Result<Places> {
     Ok(Places::of(&resample(clip, COMPAT_FPS, Method::Slerp)?)?.changed(|place| place - first))
 }
 
-/// Windows of five seconds, half of each in the next; of a shorter clip none.
-fn windows(places: &Places) -> Vec<Places> {
-    let [window, hop] = [WINDOW_S, HOP_S].map(|s| ((s * places.fps()).round() as usize).max(2));
-    let starts = (0..(places.frames() + 1).saturating_sub(window)).step_by(hop);
-    starts.map(|start| places.slice(start..start + window)).collect()
+/// Frames of a window of five seconds, and to the next, which has half of it.
+fn window_of(fps: f64) -> (usize, usize) {
+    let [window, hop] = [WINDOW_S, HOP_S].map(|s| ((s * fps).round() as usize).max(2));
+    (window, hop)
 }
 
 impl Done {
@@ -140,6 +222,9 @@ impl fmt::Display for Features {
             let [distance, at_infinity, diversity] = [*distance, *at_infinity, *diversity].map(number);
             write!(f, "\n{name:<32} {vectors:>8} {distance:>10} {at_infinity:>12} {diversity:>10}{few}")?;
         }
+        if let Some(most) = self.most_vectors {
+            write!(f, "\nof sets with more than {most} vectors so many were taken, spread evenly")?;
+        }
         if !self.left_out.is_empty() {
             write!(f, "\nleft out, since they don't vary over train: {:?}", self.left_out)?;
         }
@@ -150,13 +235,17 @@ impl fmt::Display for Features {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kinelm_motion::synth;
 
     #[test]
     fn windows_are_five_seconds_half_in_the_next() {
-        let clip = synth::corpus(4, 1, 11.0, 20.0).unwrap().remove(0).clip;
-        let pieces = windows(&Places::of(&clip).unwrap());
-        assert_eq!((pieces.len(), pieces[0].frames()), (3, 100));
-        assert!(windows(&Places::of(&clip.slice(0..99)).unwrap()).is_empty());
+        let pieces = |clips: &[usize], form| Pieces::of(clips.iter().copied(), 20.0, form);
+        assert_eq!(pieces(&[220, 99, 100], Form::Fixed).taken, [vec![0, 1, 2], vec![], vec![0]]);
+        assert_eq!(pieces(&[220, 1, 2], Form::Compat).taken, [vec![0], vec![], vec![0]]);
+        assert_eq!(window_of(20.0), (100, 50));
+        // of ten hours a sample
+        let many = pieces(&[7_200; 100], Form::Fixed);
+        let taken: usize = many.taken.iter().map(Vec::len).sum();
+        assert_eq!((taken, many.sampled, &many.taken[99][..2]), (MOST, true, &[0, 4][..]));
+        assert!(many.taken.iter().all(|of_clip| of_clip.iter().all(|piece| piece * 50 + 100 <= 7_200)));
     }
 }

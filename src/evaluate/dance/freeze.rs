@@ -38,6 +38,38 @@ pub fn threshold(mut energies: Vec<f64>) -> Option<f64> {
     super::percentile(&energies, PERCENTILE)
 }
 
+/// The threshold of frames that come in pieces: only as many are held as it needs, a hundredth or two.
+#[derive(Debug)]
+pub struct Threshold {
+    /// How many of the lowest are needed.
+    needed: usize,
+    all: usize,
+    lowest: Vec<f64>,
+}
+
+impl Threshold {
+    /// Of at most so many frames.
+    pub fn of(frames: usize) -> Threshold {
+        Threshold { needed: super::ranks(frames, PERCENTILE), all: 0, lowest: Vec::new() }
+    }
+
+    /// Some frames' E.
+    pub fn add(&mut self, energies: &[f64]) {
+        self.all += energies.len();
+        self.lowest.extend(energies);
+        if self.lowest.len() > 2 * self.needed {
+            self.lowest.select_nth_unstable_by(self.needed - 1, f64::total_cmp);
+            self.lowest.truncate(self.needed);
+        }
+    }
+
+    /// [`threshold`] of all of them.
+    pub fn get(mut self) -> Option<f64> {
+        self.lowest.sort_by(f64::total_cmp);
+        super::percentile_of(&self.lowest, self.all, PERCENTILE)
+    }
+}
+
 /// Frames of a dance that stand still.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Freezing {
@@ -153,6 +185,13 @@ mod tests {
         let x = threshold((0..1000).rev().map(f64::from).collect()).unwrap();
         assert!((x - 9.99).abs() < 1e-9, "{x}");
         assert_eq!(threshold(vec![]), None);
+        // in pieces, it is the same number
+        for frames in [0, 1, 2, 99, 100, 101, 5_000] {
+            let energies: Vec<f64> = (0..frames).map(|i| f64::from(i * 7_919 % 5_003).sqrt()).collect();
+            let mut pieces = Threshold::of(energies.len());
+            energies.chunks(37).for_each(|some| pieces.add(some));
+            assert_eq!(pieces.get(), threshold(energies), "{frames}");
+        }
     }
 
     #[test]

@@ -1,19 +1,20 @@
 //! Which of several dances is least unlike real ones: docs/generation.md, "The best of several".
 
 use super::coded::Dance;
-use super::copying::{Track, nearest};
-use super::freeze::{Freezing, energy, threshold};
+use super::copying::Track;
+use super::freeze::{Freezing, Threshold, energy};
 use super::percentile;
 use super::places::Places;
 use super::report::{Real, feet};
 use crate::Result;
+use crate::corpus::Split;
+use crate::evaluate::codes::frames;
 use crate::generate::best::Verdict;
 use crate::generate::free::Stretch;
 use kinelm_motion::metric::{Feet, Ground, Skate, jitter_of};
 use kinelm_motion::{Clip, joints::LEGS};
-use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::rc::Rc;
+use std::sync::{Mutex, PoisonError};
 
 /// Real clips are measured in windows of so many seconds, one every so many.
 const WINDOW_S: f64 = 5.0;
@@ -27,7 +28,7 @@ const COPIED: f64 = 0.1;
 
 /// Holds dances of one recipe to real ones.
 pub struct Judge<'a> {
-    real: &'a Real,
+    real: &'a Real<'a>,
     invented: Vec<Stretch>,
     /// All that were invented in any frame.
     joints: Vec<usize>,
@@ -35,15 +36,8 @@ pub struct Judge<'a> {
     usual: [Option<Usual>; 3],
     /// Of what was invented up to the end: the frames and joints, and the threshold under which they stand still, cm/s.
     last: Option<(Stretch, f64)>,
-    /// By joints.
-    near: RefCell<BTreeMap<Vec<usize>, Rc<Near>>>,
-}
-
-/// The training clips and their mirror images as some joints show them.
-struct Near {
-    training: Vec<Track>,
-    /// How near a dance may come to them; nobody knows without validation clips.
-    limit_cm: Option<f64>,
+    /// By joints: how near a dance may come to training clips; nobody knows without validation clips.
+    limits_cm: Mutex<BTreeMap<Vec<usize>, Option<f64>>>,
 }
 
 /// A measure over windows of the real train clips.
@@ -58,8 +52,8 @@ impl<'a> Judge<'a> {
     /// Of dances of which these stretches are invented.
     ///
     /// # Errors
-    /// None that a corpus brings about.
-    pub fn new(real: &'a Real, invented: Vec<Stretch>) -> Result<Judge<'a>> {
+    /// Words that can't be decoded.
+    pub fn new(real: &'a Real<'a>, invented: Vec<Stretch>) -> Result<Judge<'a>> {
         let mut joints: Vec<usize> = invented.iter().flat_map(|stretch| stretch.joints.iter().copied()).collect();
         joints.sort_unstable();
         joints.dedup();
@@ -70,12 +64,12 @@ impl<'a> Judge<'a> {
             joints,
             usual: [None; 3],
             last: None,
-            near: RefCell::default(),
+            limits_cm: Mutex::default(),
         };
-        let windows = real.train.iter().flat_map(|dance| windows(&dance.clip));
-        let all: Vec<[Option<f64>; 3]> = windows
-            .map(|clip| judge.measures(&clip, &[Stretch { frames: 0..clip.frames(), joints: judge.joints.clone() }]))
-            .collect();
+        let of =
+            |clip: Clip| judge.measures(&clip, &[Stretch { frames: 0..clip.frames(), joints: judge.joints.clone() }]);
+        let of_dance = |_, dance: &Dance| Ok(windows(&dance.clip).into_iter().map(of).collect::<Vec<_>>());
+        let all: Vec<[Option<f64>; 3]> = real.each(Split::Train, of_dance)?.concat();
         for (i, least) in LEAST.into_iter().enumerate() {
             let mut values: Vec<f64> = all.iter().filter_map(|measures| measures[i]).collect();
             values.sort_by(f64::total_cmp);
@@ -85,10 +79,12 @@ impl<'a> Judge<'a> {
                 Usual { median, spread: (high - low).max(least) }
             });
         }
-        judge.last = judge.invented.last().and_then(|last| {
-            let energies = real.train.iter().flat_map(|dance| energy(&judge.places(&dance.clip, &last.joints)));
-            Some((last.clone(), threshold(energies.collect())?))
-        });
+        if let Some(last) = judge.invented.last() {
+            let mut threshold = Threshold::of(frames(real.corpus(), Split::Train));
+            let of = |_, dance: &Dance| Ok(energy(&judge.places(&dance.clip, &last.joints)));
+            real.fold(Split::Train, of, |energies| threshold.add(&energies))?;
+            judge.last = threshold.get().map(|x| (last.clone(), x));
+        }
         Ok(judge)
     }
 
@@ -138,28 +134,27 @@ impl<'a> Judge<'a> {
     fn is_copy(&self, dance: &Dance) -> Result<bool> {
         let (mut all, mut copied) = (0, 0);
         for stretch in &self.invented {
-            let near = self.near(&stretch.joints)?;
-            let Some(limit) = near.limit_cm else { continue };
-            let found = nearest(&Track::of(&slice(&dance.clip, stretch), &stretch.joints), &near.training);
+            let Some(limit) = self.limit_cm(&stretch.joints)? else { continue };
+            let track = Track::of(&slice(&dance.clip, stretch), &stretch.joints);
+            let found = self.real.nearest(&stretch.joints, &[track])?.concat();
             all += found.len();
             copied += found.iter().filter(|cm| **cm < limit).count();
         }
         Ok(copied as f64 > COPIED * all as f64)
     }
 
-    /// The training clips as these joints show them.
-    fn near(&self, joints: &[usize]) -> Result<Rc<Near>> {
-        if let Some(known) = self.near.borrow().get(joints) {
-            return Ok(known.clone());
+    /// How near a dance may come to training clips, as these joints show them.
+    fn limit_cm(&self, joints: &[usize]) -> Result<Option<f64>> {
+        let mut known = self.limits_cm.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(limit) = known.get(joints) {
+            return Ok(*limit);
         }
-        let both = self.real.train.iter().map(|dance| Track::both(&dance.clip, joints));
-        let training = both.collect::<Result<Vec<_>>>()?.concat();
-        let valid = self.real.valid.iter().flat_map(|dance| nearest(&Track::of(&dance.clip, joints), &training));
-        let mut valid: Vec<f64> = valid.collect();
+        let tracks: Vec<Track> = self.real.reference()?.iter().map(|dance| Track::of(&dance.clip, joints)).collect();
+        let mut valid = self.real.nearest(joints, &tracks)?.concat();
         valid.sort_by(f64::total_cmp);
-        let near = Rc::new(Near { limit_cm: percentile(&valid, 0.01), training });
-        self.near.borrow_mut().insert(joints.to_vec(), near.clone());
-        Ok(near)
+        let limit = percentile(&valid, 0.01);
+        known.insert(joints.to_vec(), limit);
+        Ok(limit)
     }
 
     /// Share of steps that slide, penetration and shaking of what was invented of a clip; of the feet where both legs were.

@@ -28,9 +28,19 @@ pub use report::{Copied, Real, Report};
 
 /// The p-quantile of ascending numbers, linear between ranks.
 fn percentile(sorted: &[f64], p: f64) -> Option<f64> {
-    let at = p * sorted.len().checked_sub(1)? as f64;
+    percentile_of(sorted, sorted.len(), p)
+}
+
+/// The same of `all` numbers, of which the lowest are known, as far as [`ranks`] says.
+fn percentile_of(lowest: &[f64], all: usize, p: f64) -> Option<f64> {
+    let at = p * all.checked_sub(1)? as f64;
     let (low, high) = (at.floor() as usize, at.ceil() as usize);
-    Some(sorted[low] + (sorted[high] - sorted[low]) * (at - low as f64))
+    Some(lowest[low] + (lowest[high] - lowest[low]) * (at - low as f64))
+}
+
+/// How many of the lowest of `all` numbers the p-quantile needs.
+fn ranks(all: usize, p: f64) -> usize {
+    (p * all as f64).ceil() as usize + 1
 }
 
 /// Standard deviation, dividing by the number; `None` of fewer than two.

@@ -14,10 +14,14 @@ use crate::{Error, Result};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt;
+use std::iter::StepBy;
+use std::ops::Range;
 
 /// Length of a window and the way from one to the next, seconds.
 const WINDOW_S: f64 = 2.0;
 const HOP_S: f64 = 1.0;
+/// Windows of train clips that are learned from, at most; of more so many, spread evenly.
+const MOST: usize = 10_000;
 
 /// How often clips are named as they were asked for.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -30,6 +34,9 @@ pub struct Fidelity {
     pub joints: Vec<usize>,
     /// Real valid and test clips, dances.
     pub groups: Vec<Hits>,
+    /// Of the train clips' windows one in so many was learned from, where they are more than 10,000.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub one_window_in: Option<usize>,
 }
 
 /// One group of clips.
@@ -71,48 +78,62 @@ pub fn fidelity(
         let what = format!("the label {field} can't be looked for: of the coded joints all but the pelvis were given");
         return Err(Error::Call(what));
     }
-    let read = |record: &ClipRecord| windows(&Dance::of_corpus(corpus, record)?, &joints);
-    let rows: Vec<Vec<Vec<f64>>> = records.par_iter().map(|record| read(record)).collect::<Result<_>>()?;
-    let real: Vec<(&ClipRecord, Vec<Vec<f64>>)> = records.into_iter().zip(rows).collect();
-    let seen = real.iter().filter(|(record, _)| record.split == Split::Train);
-    let seen = seen.filter_map(|(record, windows)| Some((of_field.class_of(record)?, windows)));
-    let (rows, labels): (Vec<Vec<f64>>, Vec<usize>) =
-        seen.flat_map(|(class, windows)| windows.iter().map(move |row| (row.clone(), class))).unzip();
+    let seen = corpus.split(Split::Train).filter_map(|record| Some((record, of_field.class_of(record)?)));
+    let seen: Vec<(&ClipRecord, usize)> = seen.collect();
+    let fps = corpus.tokenizer().fps();
+    let every = seen.iter().map(|(record, _)| starts(record.frames, fps).len()).sum::<usize>().div_ceil(MOST).max(1);
+    let read = |&(record, class): &(&ClipRecord, usize)| -> Result<Vec<(Vec<f64>, usize)>> {
+        let rows = windows(&Dance::of_corpus(corpus, record)?, &joints, every)?;
+        Ok(rows.into_iter().map(|row| (row, class)).collect())
+    };
+    let seen: Vec<Vec<(Vec<f64>, usize)>> = seen.par_iter().map(read).collect::<Result<_>>()?;
+    let (rows, labels): (Vec<Vec<f64>>, Vec<usize>) = seen.into_iter().flatten().unzip();
     let classes = of_field.classes.len();
     let lda = Lda::fit(&rows, &labels, classes, COMPONENTS)?;
-    let group = |name: String, clips: Vec<(Option<usize>, &Vec<Vec<f64>>)>| {
+    let name = |dance: &Dance| -> Result<Option<usize>> { Ok(named(&lda, &windows(dance, &joints, 1)?)) };
+    let group = |name: String, clips: Vec<(Option<usize>, Option<usize>)>| {
         let mut hits = Hits { name, confusion: vec![vec![0; classes]; classes], left_out: 0 };
-        for (asked, windows) in clips {
-            match (asked, named(&lda, windows)) {
+        for clip in clips {
+            match clip {
                 (Some(asked), Some(named)) => hits.confusion[asked][named] += 1,
                 _ => hits.left_out += 1,
             }
         }
         hits
     };
-    let mut groups: Vec<Hits> = [Split::Valid, Split::Test]
-        .into_iter()
-        .map(|split| {
-            let of_split = real.iter().filter(|(record, _)| record.split == split);
-            let clips = of_split.map(|(record, windows)| (of_field.class_of(record), windows));
-            group(format!("real, {split}"), clips.collect())
-        })
-        .collect();
-    let made: Vec<Vec<Vec<f64>>> =
-        dances.par_iter().map(|(dance, _)| windows(dance, &joints)).collect::<Result<Vec<_>>>()?;
-    let asked = dances.iter().map(|(_, asked)| of_field.classes.binary_search(asked.as_ref()?).ok());
-    groups.push(group("dances".into(), asked.zip(&made).collect()));
-    Ok(Fidelity { field: field.into(), classes: of_field.classes.clone(), joints, groups })
+    let mut groups = Vec::new();
+    for split in [Split::Valid, Split::Test] {
+        let clips: Vec<&ClipRecord> = corpus.split(split).collect();
+        let named = |record: &&ClipRecord| Ok((of_field.class_of(record), name(&Dance::of_corpus(corpus, record)?)?));
+        groups.push(group(format!("real, {split}"), clips.par_iter().map(named).collect::<Result<_>>()?));
+    }
+    let of_dance = |(dance, asked): &(&Dance, Option<String>)| {
+        let asked = asked.as_ref().and_then(|asked| of_field.classes.binary_search(asked).ok());
+        Ok((asked, name(dance)?))
+    };
+    groups.push(group("dances".into(), dances.par_iter().map(of_dance).collect::<Result<_>>()?));
+    let one_window_in = Some(every).filter(|every| *every > 1);
+    Ok(Fidelity { field: field.into(), classes: of_field.classes.clone(), joints, groups, one_window_in })
 }
 
-/// What is read of each window of a dance; none of one that is shorter.
-fn windows(dance: &Dance, joints: &[usize]) -> Result<Vec<Vec<f64>>> {
+/// Frames of a window and to the next one.
+fn sizes(fps: f64) -> [usize; 2] {
+    [WINDOW_S, HOP_S].map(|s| ((s * fps).round() as usize).max(2))
+}
+
+/// Where windows of so many frames begin.
+fn starts(frames: usize, fps: f64) -> StepBy<Range<usize>> {
+    let [size, hop] = sizes(fps);
+    (0..(frames + 1).saturating_sub(size)).step_by(hop)
+}
+
+/// What is read of one in `every` windows of a dance; none of one that is shorter.
+fn windows(dance: &Dance, joints: &[usize], every: usize) -> Result<Vec<Vec<f64>>> {
     let fps = dance.clip.fps();
-    let [size, hop] = [WINDOW_S, HOP_S].map(|s| ((s * fps).round() as usize).max(2));
+    let size = sizes(fps)[0];
     let series = Series::of(&dance.clip, joints, fps, false)?;
-    let starts = (0..(series.frames + 1).saturating_sub(size)).step_by(hop);
     let one = |at: usize| -> Vec<f64> { series.window(at, size).chunks_exact(size).flat_map(moments_of).collect() };
-    Ok(starts.map(one).collect())
+    Ok(starts(series.frames, fps).step_by(every).map(one).collect())
 }
 
 /// The class with the largest sum of ln p.
@@ -144,6 +165,9 @@ impl fmt::Display for Fidelity {
                 let cell = if of == 0 { "-".into() } else { format!("{} of {of}", row[class]) };
                 write!(f, " {cell:>width$}")?;
             }
+        }
+        if let Some(every) = self.one_window_in {
+            write!(f, "\nlearned from one window in {every} of the train clips, a sample of {MOST} at most")?;
         }
         let left_out = self.groups.last().map_or(0, |dances| dances.left_out);
         if left_out > 0 {

@@ -105,6 +105,9 @@ impl fmt::Display for Copied {
         let rate = self.copy_rate.map_or("n/a".into(), |x| format!("{:.2} %", 100.0 * x));
         let ([n, m], [a, b]) = (self.windows, self.median_cm.map(cm));
         writeln!(f, "windows of 2 s to the nearest of training: median {a} of {n}, of validation {b} of {m}")?;
+        if let Some(clips) = self.sampled_of {
+            writeln!(f, "the validation's are those of a sample of its {clips} clips")?;
+        }
         writeln!(f, "copies, nearer than {} as 1 % of validation: {rate}", cm(self.limit_cm))?;
         let [dances, valid] = self.longest_run_frames;
         write!(f, "longest run of a training clip's tokens: {dances} frames, of validation {valid}")

@@ -34,7 +34,7 @@ fn real_dances_freeze_in_one_percent_and_a_statue_in_all() {
     statue.words = corpus.tokenizer().words_of_ids(&first).words;
     // one word after the other: the step of the pelvis is in it, so that the statue glides
     statue = Dance::new("statue".into(), statue.words.clone(), 160, corpus.tokenizer()).unwrap();
-    let report = real.report(&[statue.clone()]);
+    let report = real.report(&[statue.clone()]).unwrap();
     let [train, valid, dances, alone] = &report.groups[..] else { panic!("{report}") };
     let rate = train.world.freeze_rate.unwrap();
     assert!((0.009..0.3).contains(&rate) && train.world.frames == 320, "{rate}");
@@ -42,7 +42,9 @@ fn real_dances_freeze_in_one_percent_and_a_statue_in_all() {
     assert_eq!((dances.pose.freeze_rate, dances.pose.median_time_to_freeze_s), (Some(1.0), Some(0.0)));
     // all but the first second of it came before
     assert_eq!(dances.repeat_rate, Some(121.0 / 141.0));
-    let clip = &real.valid[0].clip;
+    let [train_clip, valid_clip] =
+        [Split::Train, Split::Valid].map(|s| Dance::of_corpus(&corpus, corpus.split(s).next().unwrap()).unwrap());
+    let clip = &valid_clip.clip;
     assert!((valid.jitter_m_s3.unwrap() / jitter_of(clip, &real.joints).unwrap() - 1.0).abs() < 1e-12);
     let skate = Skate::of(&real.feet, clip);
     assert_eq!((valid.skate_cm_s, valid.skate_share), (skate.cm_s(), skate.share()));
@@ -52,8 +54,8 @@ fn real_dances_freeze_in_one_percent_and_a_statue_in_all() {
     assert!((valid.speed_cm_s.unwrap() / mean - 1.0).abs() < 1e-12);
     // one that hangs floats, one that has sunk is in the floor
     let at = |y: f64| {
-        let clip = real.train[0].clip.clone().raised(y);
-        let moved = real.report(&[Dance { clip, ..real.train[0].clone() }]).groups.swap_remove(2);
+        let clip = train_clip.clip.clone().raised(y);
+        let moved = real.report(&[Dance { clip, ..train_clip.clone() }]).unwrap().groups.swap_remove(2);
         (moved.floating_share.unwrap(), moved.penetration_cm.unwrap())
     };
     assert!(at(1.0).0 > 0.9 && at(1.0).1 == 0.0, "{:?}", at(1.0));
@@ -125,6 +127,7 @@ fn a_set_that_is_sunk_differs_in_the_floor_alone() {
     let dir = tempfile::tempdir().unwrap();
     let corpus = genres(&dir.path().join("c"));
     let real = Real::load(&corpus).unwrap();
+    let train = real.each(Split::Train, |_, dance| Ok(dance.clone())).unwrap();
     let side = |name: &str, y: f64| {
         let dance = |(at, dance): (usize, &Dance)| Measured {
             dance: Dance { clip: dance.clip.clone().raised(y), ..dance.clone() },
@@ -132,9 +135,9 @@ fn a_set_that_is_sunk_differs_in_the_floor_alone() {
             learned: at == 0,
             prompted: None,
         };
-        Side { name: name.into(), dances: real.train.iter().take(8).enumerate().map(dance).collect() }
+        Side { name: name.into(), dances: train.iter().take(8).enumerate().map(dance).collect() }
     };
-    let found = real.compare(&[side("a", 0.0), side("b", -0.3)]);
+    let found = real.compare(&[side("a", 0.0), side("b", -0.3)]).unwrap();
     assert!(found.paired && found.takes == [8, 8] && found.dances == [8, 8], "{found}");
     let row = |what: &str| found.rows.iter().find(|row| row.what == what).unwrap();
     let speed = row("speed, cm/s").difference.unwrap();
@@ -153,7 +156,7 @@ fn a_set_that_is_sunk_differs_in_the_floor_alone() {
     }
     let mut first = side("a", 0.0);
     first.dances.iter_mut().for_each(|dance| dance.dance.file_fps = Some(20.0));
-    let found = real.compare(&[first, other]);
+    let found = real.compare(&[first, other]).unwrap();
     assert!(!found.paired, "{found}");
     let text = found.doubts.join("\n");
     assert!(text.contains("of 20 and of 60 frames a second") && text.contains("in the mean: longer"), "{text}");

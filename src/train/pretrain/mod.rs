@@ -15,6 +15,7 @@ use super::progress::Progress;
 use super::room;
 use super::run::RunFile;
 use super::stages::Stages;
+use crate::corpus::Opening;
 use crate::evaluate::likelihood::Likelihood;
 use crate::model::Compute;
 use crate::model::checkpoint::{Best, Checkpoints};
@@ -49,6 +50,8 @@ pub struct PretrainOptions {
     pub precision: Option<Precision>,
     /// Where and how to compute. A run can go on elsewhere than where it was begun.
     pub compute: Compute,
+    /// How the corpora are opened.
+    pub opening: Opening,
 }
 
 /// How a run ended.
@@ -118,8 +121,8 @@ fn asked(options: &PretrainOptions, progress: &mut dyn Progress) -> Result<(RunF
     source.iter().flat_map(Source::notes).for_each(|note| progress.note(note));
     let mut train = file.train.clone();
     train.conditions = options.conditions.clone().unwrap_or(train.conditions);
-    let data =
-        Data::open(&corpora, source.as_ref().map(|s| &s.tokenizer), &train.conditions).map_err(|e| file.named(e))?;
+    let data = Data::open(&corpora, source.as_ref().map(|s| &s.tokenizer), &train.conditions, options.opening)
+        .map_err(|e| file.named(e))?;
     train.steps = options.steps.unwrap_or(train.steps);
     train.seed = options.seed.unwrap_or(train.seed);
     train.precision = options.precision.unwrap_or(train.precision);
@@ -137,7 +140,7 @@ fn found(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)> 
         (Some(given), true) => given.corpora()?,
         _ => options.corpora.clone(),
     };
-    let data = file.data(run.path(), &corpora)?;
+    let data = file.data(run.path(), &corpora, options.opening)?;
     if let Some(given) = &options.file {
         let mut train = given.train.clone();
         (train.steps, train.seed) = (file.train.steps, options.seed.unwrap_or(train.seed));

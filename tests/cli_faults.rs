@@ -257,3 +257,36 @@ fn one_build_at_a_time_adds_to_an_index() {
     drop(held);
     data.call("query build data/d1.bvh --out index").assert().success();
 }
+
+#[test]
+fn a_bad_file_among_others_is_named_the_rest_is_done_and_the_call_fails() {
+    let d = data();
+    fs::create_dir(d.at("odd")).unwrap();
+    for name in ["d0.bvh", "d1.bvh", "d2.bvh", "d3.bvh"] {
+        fs::copy(d.at("data").join(name), d.at("odd").join(name)).unwrap();
+    }
+    let text = fs::read(d.at("data/d0.bvh")).unwrap();
+    d.write("odd/bad.bvh", &text[..text.len() / 2]);
+    d.write("odd.csv", "clip,split\nd0,train\nd1,train\nd2,valid\nd3,test\nbad,train\n");
+    for (call, made) in [
+        ("inspect odd/bad.bvh odd/d0.bvh", ""),
+        ("convert odd odd-out --format json", "odd-out/d3.json"),
+        ("filter odd --out odd-calm", "odd-calm/d3.bvh"),
+        ("mirror odd --out odd-mirror", "odd-mirror/d3.bvh"),
+        ("view odd --out odd.html", "odd.html"),
+        ("tokenizer fit odd --labels odd.csv --joints 13 --out odd.json", "odd.json"),
+        ("tokenize odd --labels odd.csv --tokenizer t.json --out odd-corpus", "odd-corpus/corpus.json"),
+        ("query build odd --labels odd.csv --window 32 --out odd-index", "odd-index/index.json"),
+        ("corpus clean odd --labels odd.csv --out odd-clean.csv", "odd-clean.csv"),
+        ("evaluate dance odd/bad.bvh odd/d0.bvh odd/d1.bvh --real corpus", ""),
+        ("evaluate dance --compare odd odd --real corpus", ""),
+        ("evaluate prediction odd --labels odd.csv --split train --fps 20", ""),
+    ] {
+        let said = d.said(call, 1);
+        assert!(said.contains("bad") && said.contains("could not be "), "{call}: {said}");
+        assert!(made.is_empty() || d.at(made).exists(), "{call}: no {made}; {said}");
+    }
+    // --lenient keeps what is whole of it
+    let said = d.said("tokenize odd --labels odd.csv --lenient --tokenizer t.json --out odd-lenient", 0);
+    assert!(said.contains("5 clips"), "{said}");
+}

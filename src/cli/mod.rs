@@ -56,6 +56,7 @@ use std::cell::RefCell;
 use std::io::{IsTerminal, Write};
 use std::panic::{AssertUnwindSafe, resume_unwind};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Motion capture into text, a GPT on that text, new dances out of it.
 #[derive(Debug, Parser)]
@@ -254,7 +255,7 @@ pub fn run(call: Call) -> Result<()> {
     let say = Say { quiet: call.quiet };
     progress::tell_of_waits(say);
     // on a thread of the pool: from outside, every parallel step would wake its threads anew and wait for them asleep
-    let work = || rayon::scope(|_| command(call.command, say));
+    let work = || rayon::scope(|_| command(call.command, say).and_then(|()| all_read()));
     std::panic::catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|payload| match payload.downcast::<NoMemory>() {
         Ok(none) => Err(Error::new(*none).context("memory ran out; a smaller model, batch or context takes less")),
         Err(other) => resume_unwind(other),
@@ -370,6 +371,23 @@ pub fn written_as(out: &Path, motion: Motion, map: Option<&str>) -> Result<Motio
     Ok(convert(motion, &wanted, map)?)
 }
 
+/// What came of each file that could be read, with its number; the others are named and left out. Where none could be, or the
+/// only one couldn't, its error is the call's.
+pub fn readable<T>(results: impl IntoIterator<Item = Result<T>>, say: Say) -> Result<Vec<(usize, T)>> {
+    let (mut kept, mut errors) = (Vec::new(), Vec::new());
+    for (i, result) in results.into_iter().enumerate() {
+        match result {
+            Ok(one) => kept.push((i, one)),
+            Err(e) => errors.push(e),
+        }
+    }
+    if kept.is_empty() && !errors.is_empty() {
+        return Err(errors.remove(0));
+    }
+    errors.iter().for_each(|e| say.left_out(chain(e)));
+    Ok(kept)
+}
+
 /// An error that names the file that it is about.
 fn of_file(path: &Path, e: anyhow::Error) -> anyhow::Error {
     let path = path.display().to_string();
@@ -401,6 +419,16 @@ pub fn draw_charts(path: &Path, charts: &[plot::Chart], outputs: &Outputs) -> Re
     Ok(())
 }
 
+/// Files that were left out of what the call did with all others.
+static LEFT_OUT: AtomicUsize = AtomicUsize::new(0);
+
+/// The end of a call that has done what it could: a failure if files were left out.
+fn all_read() -> Result<()> {
+    let left_out = LEFT_OUT.load(Ordering::Relaxed);
+    anyhow::ensure!(left_out == 0, "{} could not be read; the rest is done", kinelm::counted(left_out, "files"));
+    Ok(())
+}
+
 /// Prints what is not data on stderr.
 #[derive(Debug, Clone, Copy)]
 pub struct Say {
@@ -420,6 +448,12 @@ impl Say {
         // a closed stderr is no reason to stop
         let _ = writeln!(std::io::stderr(), "kinelm: {}", plain(&text.to_string()));
         progress::said();
+    }
+
+    /// Names a file that is left out of what is done with the others; in the end the call has failed.
+    pub fn left_out(self, text: impl std::fmt::Display) {
+        LEFT_OUT.fetch_add(1, Ordering::Relaxed);
+        self.error(text);
     }
 
     /// Whether `--quiet` was given.

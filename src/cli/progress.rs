@@ -173,8 +173,8 @@ pub fn watch(say: Say, then: &'static str) -> Box<Watch<'static>> {
             Event::Failed { item, error } => {
                 let text = format!("{}: left out: {error}", item.name);
                 match &shown {
-                    Some(bar) => bar.suspend(|| say.error(text)),
-                    None => say.error(text),
+                    Some(bar) => bar.suspend(|| say.left_out(text)),
+                    None => say.left_out(text),
                 }
             }
         }

@@ -72,7 +72,7 @@ fn watch(say: Say) -> impl FnMut(Event<'_>) {
             None => say.line(text),
         };
         match event {
-            Event::LeftOut(item, error) => say.error(format_args!("{}: left out: {error}", item.name)),
+            Event::LeftOut(item, error) => say.left_out(format_args!("{}: left out: {error}", item.name)),
             Event::Said(text) => line(text.into()),
             Event::Row(row) => name = row.to_string(),
             Event::Step { done, of } => {

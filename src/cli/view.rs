@@ -4,7 +4,8 @@ use super::many;
 use super::{
     ForceArgs, Odd, Say, WrongCall,
     read::ReadArgs,
-    view_files::{Named, named, shown},
+    readable,
+    view_files::{Named, Shown, named, shown},
 };
 use anyhow::Result;
 use kinelm::counted;
@@ -102,12 +103,14 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
     super::page(out)?;
     let files = shown(clips, &args.read, args.together, say)?;
     files.iter().flat_map(|file| &file.notes).for_each(|note| say.line(note));
-    let motions = files.iter().map(|file| Ok(format::read(&file.path, &file.options)?)).collect::<Result<Vec<_>>>()?;
+    let read = readable(files.iter().map(|file| Ok(format::read(&file.path, &file.options)?)), say)?;
+    let (numbers, motions): (Vec<usize>, Vec<Motion>) = read.into_iter().unzip();
+    let files: Vec<Shown> = numbers.iter().map(|i| files[*i].clone()).collect();
     say_times(&motions, say);
     let (mut figures, odd) = (Vec::new(), Odd::new(say));
     for (i, motion) in motions.iter().enumerate() {
         odd.warn(motion);
-        let list = args.forced.get(i).or(args.forced.first().filter(|_| args.forced.len() == 1));
+        let list = args.forced.get(numbers[i]).or(args.forced.first().filter(|_| args.forced.len() == 1));
         let figure = figure(motion).in_world(files[i].world).anew(&files[i].anew_s);
         figures.push(match list.filter(|list| !list.is_empty()) {
             Some(list) => forced(figure, motion, list, files[i].options.map.as_deref())?,

@@ -2,7 +2,7 @@
 
 use super::dance::{held_to_prompt, read_dance, told_of};
 use crate::cli::read::ReadArgs;
-use crate::cli::{Odd, Say, WrongCall, many, print};
+use crate::cli::{Odd, Say, WrongCall, many, print, readable};
 use anyhow::Result;
 use kinelm::aclstm;
 use kinelm::corpus::Corpus;
@@ -68,7 +68,8 @@ fn side(corpus: &Corpus, folder: &PathBuf, read: &ReadArgs, say: Say) -> Result<
     let files: Vec<PathBuf> = many::files(std::slice::from_ref(folder))?.into_iter().map(|(path, _)| path).collect();
     let (options, odd) = (read.of_files(&files, RestFrame::Drop, say), Odd::new(say));
     let dances = files.iter().zip(&options).map(|(path, options)| measured(corpus, path, options, (&odd, say)));
-    Ok(Side { name: folder.display().to_string(), dances: dances.collect::<Result<_>>()? })
+    let dances = readable(dances, say)?.into_iter().map(|(_, dance)| dance).collect();
+    Ok(Side { name: folder.display().to_string(), dances })
 }
 
 fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, (odd, say): (&Odd, Say)) -> Result<Measured> {

@@ -2,7 +2,7 @@
 
 use super::compare::{self, How};
 use crate::cli::read::ReadArgs;
-use crate::cli::{ForceArgs, Odd, Say, TrustArgs, WrongCall, print};
+use crate::cli::{ForceArgs, Odd, Say, TrustArgs, WrongCall, print, readable};
 use anyhow::Result;
 use kinelm::corpus::Corpus;
 use kinelm::corpus::load::hash_file;
@@ -79,13 +79,14 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         return compare::run(&corpus, [a, b], &args.read, how, say);
     }
     let real = Real::load(&corpus)?;
-    let told: Vec<Option<Provenance>> = args.dances.iter().map(|path| told_of(path, say)).collect();
+    let mut told: Vec<Option<Provenance>> = args.dances.iter().map(|path| told_of(path, say)).collect();
     let options = args.read.of_files(&args.dances, RestFrame::Drop, say);
     let odd = Odd::new(say);
     let read = |((path, told), options): ((&PathBuf, &Option<Provenance>), _)| {
-        read_dance(&corpus, path, told.as_ref(), options, &odd)
+        Ok(read_dance(&corpus, path, told.as_ref(), options, &odd)?)
     };
-    let dances: Vec<Dance> = args.dances.iter().zip(&told).zip(&options).map(read).collect::<kinelm::Result<_>>()?;
+    let read = readable(args.dances.iter().zip(&told).zip(&options).map(read), say)?;
+    let (numbers, dances): (Vec<usize>, Vec<Dance>) = read.into_iter().unzip();
     drop(odd);
     let mut report = real.report(&dances)?;
     let mut given: Option<Vec<bool>> = None;
@@ -95,7 +96,8 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let mut music_s = Vec::new();
     let mut asked = Vec::new();
     let mut joints_given = Vec::new();
-    for (i, ((path, dance), told)) in args.dances.iter().zip(&dances).zip(told).enumerate() {
+    for (&i, dance) in numbers.iter().zip(&dances) {
+        let (path, told) = (&args.dances[i], told[i].take());
         told.iter().filter_map(|told| told.best).for_each(|of| *best.entry(of.of).or_default() += 1);
         music_s.push(match &beats {
             None => own_music(path, told.as_ref(), &mut pieces).unwrap_or_else(|e| {

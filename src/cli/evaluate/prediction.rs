@@ -139,7 +139,7 @@ fn measured(args: &Args, gathered: &Gathered, model: Option<Wanted>, say: Say) -
     for item in gathered.items.iter().filter(|item| item.split == args.split) {
         let clip = match load(item, &options, wanted, &odd) {
             Err(e) if !args.data.strict => {
-                say.error(e);
+                say.left_out(e);
                 continue;
             }
             other => other?,

@@ -185,7 +185,8 @@ fn a_doubted_rate_is_said_once_a_call_by_all_that_reads() {
         format::write(&path, &Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] })
             .unwrap();
     }
-    fs::write(at("labels.csv"), "clip,fps\nfalls,120\n").unwrap();
+    fs::write(at("labels.csv"), "clip,split\nfalls,train\n0,train\n1,train\n").unwrap();
+    fs::write(at("stated.csv"), "clip,split,fps\nfalls,train,120\n0,train,\n1,train,\n").unwrap();
     let call = |words: &str| {
         let mut c = kinelm();
         let assert = c.current_dir(dir.path()).args(words.split(' ')).assert().success();
@@ -194,8 +195,8 @@ fn a_doubted_rate_is_said_once_a_call_by_all_that_reads() {
     let of_all = "1 of 3 files doubts its rate: ";
     let rest = "falls.bvh falls at 4.0 g; if all were exported alike, `--fps-source 60` is for all";
     for words in [
-        "tokenizer fit data --out t.json",
-        "tokenize data --tokenizer t.json --out corpus",
+        "tokenizer fit data --labels labels.csv --out t.json",
+        "tokenize data --labels labels.csv --tokenizer t.json --out corpus",
         "query build data --window 16 --out index",
         "corpus clean data --out left_out.csv",
         "convert data out --format json",
@@ -216,8 +217,8 @@ fn a_doubted_rate_is_said_once_a_call_by_all_that_reads() {
     // who states it ends the doubt
     for words in [
         "convert data/falls.bvh a.json --fps-source 120 --force",
-        "tokenizer fit data --out u.json --fps-source 60",
-        "tokenizer fit data --labels labels.csv --out v.json",
+        "tokenizer fit data --labels labels.csv --out u.json --fps-source 60",
+        "tokenizer fit data --labels stated.csv --out v.json",
     ] {
         let said = call(words);
         assert!(!said.contains("4.0 g") && !said.contains("doubt"), "{words}: {said}");

@@ -493,7 +493,9 @@ fn real_clips_keep_their_numbers() {
         let at = |s: f64| (s * fps).round() + left_out;
         let inside = |f: f64| (at(0.6)..at(1.0)).contains(&f) || (at(1.2)..at(1.4)).contains(&f);
         assert!(frames.len() > 10 && frames.iter().all(|&f| inside(f as f64)), "{name}: {frames:?}");
-        assert_eq!((old.frames, &old.head.frame_time), (new.frames, &new.head.frame_time));
+        // the rate that was stated, where that is another
+        let time = if name == "cmu-dance" { "0.0166666667" } else { old.head.frame_time.as_str() };
+        assert_eq!((old.frames, time), (new.frames, new.head.frame_time.as_str()));
     }
 }
 

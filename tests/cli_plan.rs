@@ -316,18 +316,18 @@ fn what_is_wrong_with_a_plan_is_told_with_its_line_and_nothing_is_written() {
 fn a_dance_of_a_plan_and_its_clip_play_in_one_time() {
     let set = set();
     // a clip of 30 frames a second that says 60
-    fs::copy(set.at("data/2.bvh"), set.at("wrong.bvh")).unwrap();
-    let plan = "rig = \"w\"\n[clips.w]\nfile = \"wrong.bvh\"\nfps_source = 30\nskip = 6\n\
+    fs::copy(set.at("data/2.bvh"), set.at("hasty.bvh")).unwrap();
+    let plan = "rig = \"w\"\n[clips.w]\nfile = \"hasty.bvh\"\nfps_source = 30\nskip = 6\n\
                 [[segment]]\nclip = \"w\"\nfrom = 0\nto = 1\n[[segment]]\nclip = \"w\"\nfrom = 2\nto = 3\nat = 5\n";
-    fs::write(set.at("wrong.toml"), plan).unwrap();
-    set.call("generate --run run --plan wrong.toml --tries 1 --out right.bvh").assert().success();
+    fs::write(set.at("hasty.toml"), plan).unwrap();
+    set.call("generate --run run --plan hasty.toml --tries 1 --out right.bvh").assert().success();
     let dance = format::read(&set.at("right.bvh"), &Default::default()).unwrap().clip;
     assert_eq!((dance.fps(), dance.frames()), (30.0, 90));
-    assert_eq!(set.rows("right.bvh")[..30], set.rows("wrong.bvh")[6..36]);
-    let assert = set.call("view right.bvh wrong.bvh --out right.html").assert().success();
+    assert_eq!(set.rows("right.bvh")[..30], set.rows("hasty.bvh")[6..36]);
+    let assert = set.call("view right.bvh hasty.bvh --out right.html").assert().success();
     let said = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
-    assert!(said.contains("wrong.bvh: read as right.bvh followed it"), "{said}");
-    assert!(said.contains("each plays in its own time: right 30 fps, 3.00 s; wrong 30 fps, 9.80 s"), "{said}");
+    assert!(said.contains("hasty.bvh: read as right.bvh followed it"), "{said}");
+    assert!(said.contains("each plays in its own time: right 30 fps, 3.00 s; hasty 30 fps, 9.80 s"), "{said}");
     let page = fs::read_to_string(set.at("right.html")).unwrap();
     let (_, behind) = page.split_once("id=\"figures\"").unwrap();
     let json = behind.split_once('>').unwrap().1.split("</script>").next().unwrap();
@@ -337,7 +337,7 @@ fn a_dance_of_a_plan_and_its_clip_play_in_one_time() {
     assert_eq!((&figures[0]["anew"], &figures[1]["anew"]), (&serde_json::json!([[1.0, 2.0]]), &serde_json::json!([])));
     // a dance that has a sidecar is a clip of a plan as that says
     let again =
-        plan.replace("wrong.bvh", "right.bvh").replace("fps_source = 30\nskip = 6\n", "").replace("at = 5", "at = 1");
+        plan.replace("hasty.bvh", "right.bvh").replace("fps_source = 30\nskip = 6\n", "").replace("at = 5", "at = 1");
     fs::write(set.at("again.toml"), again).unwrap();
     set.call("generate --run run --plan again.toml --tries 1 --out twice.bvh").assert().success();
     assert_eq!(set.rows("twice.bvh")[..30], set.rows("right.bvh")[..30]);

@@ -100,7 +100,7 @@ pub fn in_words(told: &ReadOptions, read: &ReadOptions) -> Option<String> {
             say(true, format!("{what} {name}"));
         }
     }
-    if let Some(floor) = told.floor.filter(|floor| *floor != 0.0 && told.floor == read.floor) {
+    if let Some(floor) = told.floor.filter(|floor| floor.abs() >= 5e-4 && told.floor == read.floor) {
         say(true, format!("floor at {floor:.3} m"));
     }
     (!words.is_empty()).then(|| words.join(", "))

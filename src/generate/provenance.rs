@@ -108,25 +108,16 @@ pub fn music_of(told: Option<&Provenance>, dance: &Path) -> Result<Option<MadeTo
     Ok((told.output.file == name_of(dance)).then_some(made_to))
 }
 
-/// The same under the name that it had before: `dance.kinelm.json`.
-fn old_path_of(dance: &Path) -> PathBuf {
-    dance.with_extension(crate::corpus::sidecar::ENDING)
-}
-
-/// What is told of `dance` beside it, under the new name or the old; `None` where nothing is, or of another file, or of
-/// another model than a GPT.
+/// What is told of `dance` beside it; `None` where nothing is, or of another file, or of another model than a GPT.
 ///
 /// # Errors
 /// Those of [`Provenance::load`].
 pub fn find(dance: &Path) -> Result<Option<Provenance>> {
-    let known = |path: &PathBuf| path.exists() && other_model(path).is_none();
-    for path in [path_of(dance), old_path_of(dance)].into_iter().filter(known) {
-        let told = Provenance::load(&path)?;
-        if told.output.file == name_of(dance) {
-            return Ok(Some(told));
-        }
+    let path = path_of(dance);
+    if !path.exists() || other_model(&path).is_some() {
+        return Ok(None);
     }
-    Ok(None)
+    Ok(Some(Provenance::load(&path)?).filter(|told| told.output.file == name_of(dance)))
 }
 
 /// Whether a file beside `dance` holds the hash of its bytes: whether it is a dance as generation wrote it.
@@ -140,7 +131,7 @@ pub fn tells_of(dance: &Path) -> Result<bool> {
         let found = [&told["output"]["sha256"], &told["replaces"]].into_iter().filter_map(|hash| hash.as_str());
         (told["output"]["file"] == name_of(dance)).then(|| found.map(str::to_owned).collect())
     };
-    let told: Vec<String> = [path_of(dance), old_path_of(dance)].into_iter().filter_map(hashes).flatten().collect();
+    let told = hashes(path_of(dance)).unwrap_or_default();
     Ok(!told.is_empty() && told.contains(&hash_file(dance)?))
 }
 

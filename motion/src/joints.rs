@@ -294,8 +294,8 @@ mod tests {
         assert_eq!([of("head,Hand_R").unwrap(), of("13").unwrap()], ["head,right_wrist", "13"]);
         assert_eq!(of("Head,Chest").unwrap(), "15,spine3");
         assert_eq!(of("rig:Head, rig:\"Hand_R\",hands").unwrap(), "15,right_wrist,hands");
-        let message = of("rig:head").unwrap_err().to_string();
-        assert!(message.contains("no joint \"head\" in the rig") && !message.contains("groups"), "{message}");
+        let message = of("rig:haed").unwrap_err().to_string();
+        assert!(message.contains("no joint \"haed\" in the rig") && !message.contains("groups"), "{message}");
         assert!(parse("rig:Head").is_err());
         let message = of("joint_Root").unwrap_err().to_string();
         assert!(

@@ -21,7 +21,7 @@ for guidance in ${GUIDANCE:-1 2 3}; do
         free=$out/dances/$guidance/free/$label on=$out/dances/$guidance/prompted/$label
         if [ ! -d "$free" ]; then
             mkdir -p "$free.new"
-            "$kinelm" generate --run "$run" $how --variations "${DANCES:-8}" --out "$free.new/free.bvh"
+            "$kinelm" generate --run "$run" $how --lead-in none --variations "${DANCES:-8}" --out "$free.new/free.bvh"
             mv "$free.new" "$free"
         fi
         [ ! -d "$on" ] || continue

@@ -35,7 +35,7 @@ danced() {
     for piece in $pieces; do
         dance=$out/$name/$(basename "$piece" .wav)
         # the fourth is written last
-        [ -e "$dance-4.bvh" ] || "$kinelm" generate --run "$run" --seconds 30 --top-p 0.9 --variations 4 --out "$dance.bvh" --force \
+        [ -e "$dance-4.bvh" ] || "$kinelm" generate --run "$run" --seconds 30 --lead-in none --top-p 0.9 --variations 4 --out "$dance.bvh" --force \
             $([ "$name" = none ] || echo --music "$piece") --seed "$(basename "$piece" .wav | cksum | cut -c1-4)" "$@" $threads
     done
 }
@@ -77,7 +77,7 @@ for told in ${TOLD:-beats features both}; do
         number=$((number + 1))
         dance=$out/$told-pieces/$(basename "$piece" .wav).bvh
         # what ends before, or has no beats, is left out
-        [ -e "$dance" ] || "$kinelm" generate --run "$run" --seconds 30 --top-p 0.9 --music "$piece" --music-from 10s \
+        [ -e "$dance" ] || "$kinelm" generate --run "$run" --seconds 30 --lead-in none --top-p 0.9 --music "$piece" --music-from 10s \
             ${GUIDANCE:+--guidance $GUIDANCE} --seed $number --out "$dance" $threads || continue
     done
     measured "$told-pieces"

@@ -4,10 +4,13 @@ use super::data::Data;
 use crate::corpus::{ClipRecord, Corpus, Split};
 use crate::model::lead_in::{self, LEAD_INS, LeadIn, LeadInFrom, LeadIns};
 use crate::{Result, files, random};
+use kinelm_tokenizer::Rest;
 use std::path::Path;
 
 /// Lead-ins of each label value, and of clips with any labels.
 const EACH: u64 = 8;
+/// Drawn for each, of which one is kept.
+const DRAWN: usize = 5;
 
 /// A train clip that is long enough.
 struct Candidate<'a> {
@@ -64,32 +67,55 @@ pub fn draw(seed: u64, data: &Data) -> Result<LeadIns> {
 }
 
 /// Lead-ins of some clips: all that could begin one, as often as training takes them, stand in a row that is cut into
-/// [`EACH`] equal stretches, and one is drawn in each. None comes twice.
+/// [`EACH`] equal stretches. In each [`DRAWN`] are drawn, of which the second fastest is kept: who stands goes on standing, and
+/// the fastest may be a leap. None comes twice.
 fn drawn(seed: u64, group: u64, clips: &[&Candidate], (words, data): (usize, &Data)) -> Result<Vec<LeadIn>> {
     let mass = |c: &Candidate| c.weight * c.starts as f64;
     let all: f64 = clips.iter().map(|c| mass(c)).sum();
     let mut found: Vec<LeadIn> = Vec::new();
     for i in 0..EACH {
-        let unit = random::unit(&mut random::stream(seed, "lead-in", group, i));
-        let mut at = (i as f64 + unit) / EACH as f64 * all;
-        let Some(last) = clips.last() else { break };
-        let clip = clips.iter().find(|c| {
-            let here = at < mass(c);
-            at -= if here { 0.0 } else { mass(c) };
-            here
-        });
-        // sums that were rounded may end behind the last
-        let Candidate { number, corpus, clip, starts, weight } = **clip.unwrap_or(last);
-        let word = ((at / weight) as usize).min(starts - 1);
-        let frame = word * data.tokenizer().frames_per_word();
-        let from = LeadInFrom { corpus: number, clip: clip.name.clone(), frame };
-        if found.iter().all(|other| other.from != from) {
-            let labels = clip.labels.iter().filter(|(field, _)| data.conditions().fields().contains(field));
-            let labels = labels.map(|(field, value)| (field.clone(), value.clone())).collect();
-            found.push(LeadIn { from, labels, ids: corpus.word_ids(clip, word..word + words)? });
+        let mut rng = random::stream(seed, "lead-in", group, i);
+        let mut drawn: Vec<(f64, LeadIn)> = Vec::new();
+        for _ in 0..DRAWN {
+            let mut at = (i as f64 + random::unit(&mut rng)) / EACH as f64 * all;
+            let Some(last) = clips.last() else { return Ok(found) };
+            let clip = clips.iter().find(|c| {
+                let here = at < mass(c);
+                at -= if here { 0.0 } else { mass(c) };
+                here
+            });
+            // sums that were rounded may end behind the last
+            let lead_in = clip.unwrap_or(last).lead_in(at, words, data)?;
+            drawn.push((speed(&lead_in.ids, data)?, lead_in));
+        }
+        drawn.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let (_, second) = drawn.swap_remove(1);
+        if found.iter().all(|other| other.from != second.from) {
+            found.push(second);
         }
     }
     Ok(found)
+}
+
+impl Candidate<'_> {
+    /// The one that begins at a place of its starts, each as wide as it is heavy.
+    fn lead_in(&self, at: f64, words: usize, data: &Data) -> Result<LeadIn> {
+        let word = ((at / self.weight) as usize).min(self.starts - 1);
+        let frame = word * data.tokenizer().frames_per_word();
+        let from = LeadInFrom { corpus: self.number, clip: self.clip.name.clone(), frame };
+        let labels = self.clip.labels.iter().filter(|(field, _)| data.conditions().fields().contains(field));
+        let labels = labels.map(|(field, value)| (field.clone(), value.clone())).collect();
+        Ok(LeadIn { from, labels, ids: self.corpus.word_ids(self.clip, word..word + words)? })
+    }
+}
+
+/// How fast the joints of some words go in the mean, m/s.
+fn speed(ids: &[u32], data: &Data) -> Result<f64> {
+    let tokenizer = data.tokenizer();
+    let clip = tokenizer.decode(&tokenizer.words_of_ids(ids).words, Rest::Identity)?;
+    let (places, joints) = (clip.positions(), clip.joints());
+    let steps = places.iter().zip(places.iter().skip(joints)).map(|(a, b)| (*b - *a).length());
+    Ok(steps.sum::<f64>() / places.len().saturating_sub(joints).max(1) as f64 * clip.fps())
 }
 
 #[cfg(test)]

@@ -3,12 +3,13 @@
 use super::Classifier;
 use super::batches::{IdsOf, Numbers};
 use super::windows::{Layout, Window};
-use crate::Result;
 use crate::corpus::{ClipRecord, Corpus};
 use crate::model::Scores;
 use crate::model::fast::Fast;
+use crate::{Error, Result};
 use kinelm_engine::arena::Floats;
 use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Windows that are read together.
 const TOGETHER: usize = 16;
@@ -47,6 +48,10 @@ pub fn name_windows(classifier: &mut Classifier, corpus: &Corpus, clips: &[&Clip
 
 /// Clips as ids, wherever they are from.
 pub(super) struct Source<'a> {
+    /// Windows at most, spread evenly; 0: all.
+    pub most: usize,
+    /// Ends the reading between two batches.
+    pub stop: Option<&'a AtomicBool>,
     /// Words of every clip.
     pub words: Vec<usize>,
     /// The ids of a window.
@@ -56,14 +61,27 @@ pub(super) struct Source<'a> {
 impl<'a> Source<'a> {
     pub fn of(corpus: &'a Corpus, clips: &'a [&ClipRecord]) -> Source<'a> {
         Source {
+            most: 0,
+            stop: None,
             words: clips.iter().map(|c| corpus.words(c).len()).collect(),
             ids: Box::new(move |w| corpus.word_ids(clips[w.clip], w.word..w.word + w.words)),
         }
     }
 
-    /// Theirs, in order.
+    /// Theirs that are read, in order.
     pub fn windows(&self, layout: &Layout) -> Vec<Window> {
-        self.words.iter().enumerate().flat_map(|(clip, &words)| layout.windows(clip, words)).collect()
+        let all = || self.words.iter().enumerate().flat_map(|(clip, &words)| layout.windows(clip, words));
+        if self.most == 0 {
+            return all().collect();
+        }
+        let (there, mut next) = (all().count(), 0);
+        let taken = self.most.min(there);
+        let spread = all().enumerate().filter(|(number, _)| {
+            let is_taken = next < taken && *number == next * there / taken;
+            next += usize::from(is_taken);
+            is_taken
+        });
+        spread.map(|(_, window)| window).collect()
     }
 }
 
@@ -79,7 +97,7 @@ impl Classifier {
     pub fn name_ids(&mut self, ids: &[u32]) -> Result<Vec<Named>> {
         let word = self.about.tokens.word;
         let ids_of = |w: &Window| Ok(ids[w.word * word..(w.word + w.words) * word].to_vec());
-        self.read(&Source { words: vec![ids.len() / word], ids: Box::new(ids_of) })
+        self.read(&Source { most: 0, stop: None, words: vec![ids.len() / word], ids: Box::new(ids_of) })
     }
 }
 
@@ -154,6 +172,9 @@ pub(super) fn pooled(model: &mut Fast, layout: &Layout, source: &Source) -> Resu
 }
 
 /// What `read` makes of the final vectors of some rows of every window.
+///
+/// # Errors
+/// What the model refuses; [`Error::Stopped`] where the source is stopped.
 fn each_window<T>(
     model: &mut Fast,
     layout: &Layout,
@@ -166,6 +187,9 @@ fn each_window<T>(
     let width = Scores::config(model).width;
     let mut all = Vec::with_capacity(windows.len());
     for some in windows.chunks(TOGETHER) {
+        if source.stop.is_some_and(|stop| stop.load(Ordering::Relaxed)) {
+            return Err(Error::Stopped("stopped while windows were read".into()));
+        }
         let numbers = Numbers::of(layout, &source.ids, some, compat)?;
         let rows = some.iter().enumerate().flat_map(|(i, w)| rows_of(w).map(move |r| i * layout.places() + r));
         let vectors = model.final_vectors(numbers.as_windows(layout), &rows.collect::<Vec<usize>>())?;

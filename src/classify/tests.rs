@@ -139,8 +139,9 @@ fn goes_on(run: fn(&Path) -> LoadedRun) {
         .map_err(|e| e.to_string())
     };
     assert!(go(&options, true, 99).unwrap_err().contains("leave --resume out to begin one"));
-    // between measurements and at one
-    for (resume, most, step) in [(false, 0, 1), (true, 0, 2), (true, 16, 16)] {
+    // between measurements, in one (which is then due first of all), and at one
+    let calls = (2..=8).map(|step| (true, 0, step));
+    for (resume, most, step) in [(false, 0, 1)].into_iter().chain(calls).chain([(true, 0, 8), (true, 16, 16)]) {
         let done = go(&options, resume, most).unwrap();
         assert_eq!((done.step, done.stopped, out.exists()), (step, true, false));
     }

@@ -48,6 +48,8 @@ pub struct TrainOptions {
     pub head_rate: f64,
     /// Updates between measurements on the validation clips.
     pub eval_every: u64,
+    /// Validation windows of a measurement at most, spread evenly; 0: all.
+    pub eval_windows: usize,
     /// Measurements without a better one after which it ends; 0: never.
     pub patience: u64,
     /// Every random number comes from it.
@@ -69,6 +71,7 @@ impl Default for TrainOptions {
             rate: 2e-5,
             head_rate: 1e-3,
             eval_every: 100,
+            eval_windows: 512,
             patience: 0,
             seed: 1,
         }
@@ -131,6 +134,8 @@ pub(super) struct Standing {
     pub step: u64,
     /// Lines of `metrics.jsonl`.
     pub told: usize,
+    /// Whether the measurement behind the last update was broken off: it comes before the next.
+    due: bool,
     /// The best measurement's step and -ln p.
     best: u64,
     valid_nats: Option<f64>,
@@ -181,29 +186,37 @@ pub fn train(
     let train = options.schedule();
     let is_over = |s: &Standing| s.step >= options.steps || (options.patience > 0 && s.worse >= options.patience);
     let mut stopped = false;
-    while !is_over(&standing) && !stopped {
-        let (step, now) = (standing.step, rate(&train, standing.step));
-        let numbers = batches.batch(step)?;
-        let (share, seed) = (run.config.dropout, options.seed);
-        let dropout = (share > 0.0).then_some(Dropout { share, seed, step, first: 0 });
-        let rates = [now, now / options.rate * options.head_rate];
-        let counted = numbers.targets.iter().filter(|&&t| t != run.tokens.pad).count();
-        let found = learner.step(numbers.as_batch(&layout), dropout.as_ref(), &train, rates);
-        standing.averages.add(found.map_err(|e| failed(e, step, out))?, counted);
-        standing.step = step + 1;
-        let measures = standing.step == options.steps || standing.step.is_multiple_of(options.eval_every.max(1));
-        if measures {
-            let measured = measure(&mut learner, &layout, options.compat, corpus, &valid, &fields)?;
-            let told = standing.measured(measured);
-            work.tell(&told)?;
-            tell(&told);
-            if standing.best == told.step {
-                let about = About { step: told.step, valid_nats: told.valid_nats, ..about.clone() };
-                work.better(about, &learner.tensors(&fields)?)?;
+    while (standing.due || !is_over(&standing)) && !stopped {
+        if !standing.due {
+            let (step, now) = (standing.step, rate(&train, standing.step));
+            let numbers = batches.batch(step)?;
+            let (share, seed) = (run.config.dropout, options.seed);
+            let dropout = (share > 0.0).then_some(Dropout { share, seed, step, first: 0 });
+            let rates = [now, now / options.rate * options.head_rate];
+            let counted = numbers.targets.iter().filter(|&&t| t != run.tokens.pad).count();
+            let found = learner.step(numbers.as_batch(&layout), dropout.as_ref(), &train, rates);
+            standing.averages.add(found.map_err(|e| failed(e, step, out))?, counted);
+            standing.step = step + 1;
+            standing.due = standing.step == options.steps || standing.step.is_multiple_of(options.eval_every.max(1));
+        }
+        let was_due = standing.due;
+        if standing.due {
+            let source = Source { most: options.eval_windows, stop: Some(stop), ..Source::of(corpus, &valid) };
+            match measure(&mut learner, &layout, options.compat, &source, &valid, &fields) {
+                Err(Error::Stopped(_)) => {}
+                measured => {
+                    let told = standing.measured(measured?);
+                    work.tell(&told)?;
+                    tell(&told);
+                    if standing.best == told.step {
+                        let about = About { step: told.step, valid_nats: told.valid_nats, ..about.clone() };
+                        work.better(about, &learner.tensors(&fields)?)?;
+                    }
+                }
             }
         }
-        stopped = stop.load(Ordering::Relaxed) && !is_over(&standing);
-        if measures || stopped {
+        stopped = stop.load(Ordering::Relaxed) && (standing.due || !is_over(&standing));
+        if was_due || stopped {
             work.save(&standing, &learner.tensors(&fields)?, &learner.moments(&fields)?)?;
         }
     }
@@ -297,7 +310,7 @@ impl Standing {
     /// A measurement's line. It stands for the best if it is better than those before; without validation clips every one is.
     fn measured(&mut self, measured: Option<(f64, f64)>) -> Told {
         let told = self.averages.told(self.step, measured);
-        self.told += 1;
+        (self.due, self.told) = (false, self.told + 1);
         let better = match (told.valid_nats, self.valid_nats) {
             (Some(now), Some(before)) => now < before,
             _ => true,
@@ -384,12 +397,11 @@ fn measure(
     learner: &mut Learner,
     layout: &Layout,
     compat: bool,
-    corpus: &Corpus,
+    source: &Source,
     valid: &[&ClipRecord],
     fields: &Fields,
 ) -> Result<Option<(f64, f64)>> {
-    let source = Source::of(corpus, valid);
-    let named = read_windows(&mut learner.model, &learner.heads, layout, compat, &source)?;
+    let named = read_windows(&mut learner.model, &learner.heads, layout, compat, source)?;
     let (mut nats, mut right, mut some) = (0.0, 0.0, 0);
     for (table, field) in fields.0.iter().enumerate() {
         let asked: Vec<(usize, &Named)> =

@@ -1,6 +1,6 @@
 //! `kinelm classify train`, `eval` and `predict`.
 
-use super::{ForceArgs, Odd, Say, WrongCall, print, read::ReadArgs};
+use super::{ForceArgs, Odd, Say, TrustArgs, WrongCall, print, read::ReadArgs};
 use anyhow::{Context, Result};
 use kinelm::classify::baselines::compare;
 use kinelm::classify::predict::Told;
@@ -65,6 +65,9 @@ pub struct TrainArgs {
     /// Updates between measurements on the validation clips
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..))]
     eval_every: u64,
+    /// Validation windows of a measurement at most, spread evenly; 0: all
+    #[arg(long, value_name = "N", default_value_t = 512)]
+    eval_windows: usize,
     /// Measurements without a better one after which it ends; 0: never
     #[arg(long, value_name = "N", default_value_t = 5)]
     patience: u64,
@@ -74,6 +77,8 @@ pub struct TrainArgs {
     /// Go on with a training that was stopped or killed, asked for by the same call
     #[arg(long)]
     resume: bool,
+    #[command(flatten)]
+    trust: TrustArgs,
 }
 
 #[derive(Debug, clap::Args)]
@@ -101,6 +106,8 @@ pub struct EvalArgs {
     /// One JSON object instead of tables
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    trust: TrustArgs,
 }
 
 #[derive(Debug, clap::Args)]
@@ -129,7 +136,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
 fn trained(args: TrainArgs, say: Say) -> Result<()> {
     let run = exchange::load(&args.run)?;
     run.notes.iter().for_each(|note| say.line(note));
-    let corpus = Corpus::open(&args.corpus)?;
+    let corpus = Corpus::open_with(&args.corpus, args.trust.opening())?;
     let options = TrainOptions {
         fields: args.fields,
         only: args.only,
@@ -142,6 +149,7 @@ fn trained(args: TrainArgs, say: Say) -> Result<()> {
         rate: args.rate,
         head_rate: args.head_rate,
         eval_every: args.eval_every,
+        eval_windows: args.eval_windows,
         patience: args.patience,
         seed: args.seed,
     };
@@ -181,7 +189,7 @@ fn measured(args: &EvalArgs, say: Say) -> Result<()> {
     let outputs = args.force.outputs([&args.classifier, &args.corpus].into_iter().chain(&args.run));
     args.plot.as_deref().map_or(Ok(()), |out| super::picture(out, &outputs))?;
     let mut classifier = Classifier::load(&args.classifier)?;
-    let corpus = Corpus::open(&args.corpus)?;
+    let corpus = args.trust.open(&args.corpus)?;
     let run = args.run.as_deref().map(exchange::load).transpose()?;
     run.iter().flat_map(|r| &r.notes).for_each(|note| say.line(note));
     super::progress::stage("naming clips");

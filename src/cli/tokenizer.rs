@@ -81,6 +81,8 @@ fn text(args: TextArgs, say: Say) -> Result<()> {
 
 /// Bytes that a frame takes while it is decoded and written.
 const FRAME_BYTES: usize = 1 << 13;
+/// Frames that are decoded at most, 109 minutes at 20 a second: a byte of text may stand for twenty.
+const MOST_FRAMES: usize = 1 << 17;
 
 fn decode(args: DecodeArgs, say: Say) -> Result<()> {
     super::writable(&args.out)?;
@@ -94,6 +96,12 @@ fn decode(args: DecodeArgs, say: Say) -> Result<()> {
     let words = tokenizer.words_of_text(&text).with_context(|| args.words.display().to_string())?;
     let blank = text.trim().is_empty();
     let frames = words.len().saturating_mul(tokenizer.frames_per_word());
+    anyhow::ensure!(
+        frames <= MOST_FRAMES,
+        "{}: {} words are {frames} frames; expected at most {MOST_FRAMES}: decode it in several pieces",
+        args.words.display(),
+        words.len()
+    );
     let (needed, free) = (frames.saturating_mul(FRAME_BYTES) as u64, kinelm::memory::free());
     anyhow::ensure!(
         free.is_none_or(|free| needed <= free),

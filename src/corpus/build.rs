@@ -4,7 +4,7 @@
 //! corpus depends on the number of threads. A bad file is named, counted and passed over.
 
 use super::gather::{Gathered, Item};
-use super::load::{Loaded, Wanted, item_options, load_item};
+use super::load::{Loaded, Wanted, item_options, load_item, load_whole};
 use super::record::{BeatsOf, ClipBeats, ClipRecord, Failure, LeftOut, Manifest, Shard, Split};
 use super::timed::in_pieces;
 use super::writer::{CorpusWriter, NewClip};
@@ -16,9 +16,10 @@ use kinelm_motion::format::ReadOptions;
 use kinelm_motion::inspect::{RateDoubt, RateDoubts};
 use kinelm_tokenizer::{Encoded, Fit, Tokenizer, TokenizerConfig};
 use rayon::prelude::*;
-use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 /// Files a block holds for each thread: few enough that results wait in little memory, enough that a long file at a
 /// block's end keeps others waiting only now and then.
@@ -268,8 +269,12 @@ pub(crate) fn each<T: Send>(
     work: impl Fn(&Item, &Loaded) -> Result<T> + Sync,
     mut take: impl FnMut(&Item, String, T, &mut Summary) -> Result<usize>,
 ) -> Result<Summary> {
+    let files = Files::default();
     let one = |item: &Item| {
-        let loaded = load_item(item, &options.read, wanted)?;
+        let loaded = match item.piece {
+            Some(_) => files.piece(item, &options.read, wanted)?,
+            None => load_item(item, &options.read, wanted)?,
+        };
         if loaded.clip.frames() == 0 {
             return Ok(None); // nothing is left behind the last labels
         }
@@ -280,6 +285,7 @@ pub(crate) fn each<T: Send>(
     let (mut done, mut odd, mut read) = (0, BTreeSet::new(), HashSet::new());
     for block in items.chunks(BLOCK_PER_THREAD * rayon::current_num_threads()) {
         let results: Vec<Result<_>> = block.par_iter().map(|item| one(item)).collect();
+        files.forget_all_but(block[block.len() - 1]);
         for (item, result) in block.iter().zip(results) {
             done += 1;
             let mut goes_on = ControlFlow::Continue(());
@@ -313,6 +319,30 @@ pub(crate) fn each<T: Send>(
         }
     }
     Ok(summary)
+}
+
+/// Files of which several pieces are taken: each is read once.
+#[derive(Default)]
+struct Files(Mutex<HashMap<PathBuf, Arc<OnceLock<Option<Loaded>>>>>);
+
+impl Files {
+    fn piece(&self, item: &Item, options: &ReadOptions, wanted: Wanted) -> Result<Loaded> {
+        let cell = self.lock().entry(item.path.clone()).or_default().clone();
+        match cell.get_or_init(|| load_whole(item, options, wanted).ok()) {
+            Some(whole) => whole.piece(item),
+            // every piece tells what is wrong
+            None => load_item(item, options, wanted),
+        }
+    }
+
+    /// Keeps the file of this item, the next of which may be a piece of it too.
+    fn forget_all_but(&self, item: &Item) {
+        self.lock().retain(|path, _| *path == item.path);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, HashMap<PathBuf, Arc<OnceLock<Option<Loaded>>>>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 /// An error of the tokenizer with the file it is about.

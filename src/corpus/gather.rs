@@ -377,6 +377,9 @@ fn slashed(path: &Path) -> String {
     path.to_string_lossy().replace(std::path::MAIN_SEPARATOR, "/")
 }
 
+/// Folders in each other that are looked through at most.
+const MOST_FOLDERS: usize = 64;
+
 struct Walk<'a> {
     gathered: &'a mut Gathered,
     files: Vec<(PathBuf, String)>,
@@ -404,6 +407,15 @@ impl Walk<'_> {
     }
 
     fn folder(&mut self, folder: &Path, relative: &str, ignore: &HashSet<String>) -> Result<()> {
+        if relative.matches('/').count() >= MOST_FOLDERS {
+            let found = format!("folders in more than {MOST_FOLDERS} others");
+            return Err(Error::file(
+                folder,
+                found,
+                "motion that lies less deep",
+                "give a folder further in, or move it up",
+            ));
+        }
         if !self.folders.insert(fs::canonicalize(folder).map_err(Error::io(folder))?) {
             return Ok(());
         }

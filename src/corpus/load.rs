@@ -110,19 +110,36 @@ pub fn parse_placed(path: &Path, bytes: &[u8], options: &ReadOptions, wanted: Wa
 /// What reading and retargeting fail with, the file named; [`Error::File`] for a clip without frames, or without those that
 /// labels tell of.
 pub fn load_item(item: &Item, options: &ReadOptions, wanted: Wanted) -> Result<Loaded> {
-    let placed = load_placed(&item.path, &item_options(item, options), wanted)?;
-    let (clip, doubt) = (placed.lowered(), RateDoubt::in_reading(&placed.motion));
+    let whole = load_whole(item, options, wanted)?;
     if item.piece.is_some() {
-        let mut warnings = placed.motion.warnings;
-        warnings.extend(behind_its_end(item, &clip));
-        let clip = piece_of(item, clip)?;
-        return Ok(Loaded { clip, floor_m: placed.floor_m, sha256: placed.sha256, warnings, doubt });
+        return whole.piece(item);
     }
-    if clip.frames() == 0 {
+    if whole.clip.frames() == 0 {
         return Err(Error::file(&item.path, "no frames", "at least one", ""));
     }
-    let warnings = placed.motion.warnings;
-    Ok(Loaded { clip, floor_m: placed.floor_m, sha256: placed.sha256, warnings, doubt })
+    Ok(whole)
+}
+
+/// Reads all of an item's file, whatever piece of it the item is.
+///
+/// # Errors
+/// As [`load_item`], but for the piece's.
+pub fn load_whole(item: &Item, options: &ReadOptions, wanted: Wanted) -> Result<Loaded> {
+    let placed = load_placed(&item.path, &item_options(item, options), wanted)?;
+    let (clip, doubt) = (placed.lowered(), RateDoubt::in_reading(&placed.motion));
+    Ok(Loaded { clip, floor_m: placed.floor_m, sha256: placed.sha256, warnings: placed.motion.warnings, doubt })
+}
+
+impl Loaded {
+    /// What of a whole file an item is.
+    ///
+    /// # Errors
+    /// [`Error::File`] for a clip without the frames that labels tell of.
+    pub fn piece(&self, item: &Item) -> Result<Loaded> {
+        let mut warnings = self.warnings.clone();
+        warnings.extend(behind_its_end(item, &self.clip));
+        Ok(Loaded { clip: piece_of(item, &self.clip)?, warnings, sha256: self.sha256.clone(), ..*self })
+    }
 }
 
 /// A file on the neutral SMPL-24 body at `fps` frames per second, and the motion as it was read.

@@ -46,9 +46,9 @@ impl Row {
             let (from_s, to_s, labels) = (0.0, f64::INFINITY, known.labels.clone());
             Timed { from_s, to_s, labels, line }
         };
-        let told = known.timed.iter().cloned().chain([always(known, self.whole.unwrap_or(line))]);
-        for told in told {
-            for new in other.timed.iter().cloned().chain([always(other, 0)]).filter(|new| new.meets(&told)) {
+        let (known_always, other_always) = (always(known, self.whole.unwrap_or(line)), always(other, 0));
+        for told in known.timed.iter().chain([&known_always]) {
+            for new in other.timed.iter().chain([&other_always]).filter(|new| new.meets(told)) {
                 if let Some(field) = new.labels.keys().find(|field| told.labels.contains_key(*field)) {
                     let found = format!("{field} at a time at which line {} tells it", told.line);
                     let help = "times are half-open: let one row end where the next begins";

@@ -5,9 +5,10 @@
 //! frame at second t has the labels of `from_s <= t < to_s`. What no row tells of is unknown.
 
 use super::gather::Item;
+use super::left_out::Range;
 use crate::{Error, Result};
 use kinelm_motion::{Clip, Warning};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// Labels over a time.
 #[derive(Debug, Clone, PartialEq)]
@@ -72,22 +73,58 @@ fn pieces(item: &Item) -> Vec<Item> {
     let mut borders: Vec<f64> = of_labels.chain(of_ranges).chain([0.0, f64::INFINITY]).collect();
     borders.sort_by(f64::total_cmp);
     borders.dedup();
-    let piece = |pair: &[f64]| {
+    // a sweep over the borders: of what begins at or before a piece, what doesn't end before it holds in all of it
+    let mut timed: Vec<&Timed> = item.timed.iter().collect();
+    timed.sort_by(|a, b| a.from_s.total_cmp(&b.from_s));
+    let mut left_out: Vec<&Range> = item.left_out.iter().collect();
+    left_out.sort_by(|a, b| a.from_s.total_cmp(&b.from_s));
+    let (mut timed, mut left_out) = (timed.into_iter().peekable(), left_out.into_iter().peekable());
+    let (mut holding, mut left_out_to_s): (Vec<&Timed>, f64) = (Vec::new(), 0.0);
+    let of_labels = first_lines(item.timed.iter().map(|t| (t.from_s, t.to_s, t.line)));
+    let of_ranges = first_lines(item.left_out.iter().map(|r| (r.from_s, r.to_s, r.line)));
+    // the item as every piece has it
+    let bare = Item { timed: Vec::new(), left_out: Vec::new(), ..item.clone() };
+    let mut found = Vec::new();
+    for pair in borders.windows(2) {
         let (from_s, to_s) = (pair[0], pair[1]);
-        let holds = item.timed.iter().filter(|t| t.from_s <= from_s && to_s <= t.to_s);
-        let stated = holds.clone().count() > 0;
-        let labels = item.labels.clone().into_iter().chain(holds.flat_map(|t| t.labels.clone())).collect();
+        holding.retain(|t| to_s <= t.to_s);
+        holding.extend(std::iter::from_fn(|| timed.next_if(|t| t.from_s <= from_s)).filter(|t| to_s <= t.to_s));
+        while let Some(range) = left_out.next_if(|r| r.from_s <= from_s) {
+            left_out_to_s = left_out_to_s.max(range.to_s);
+        }
+        if to_s <= left_out_to_s {
+            continue;
+        }
+        let labels = bare.labels.clone().into_iter().chain(holding.iter().flat_map(|t| t.labels.clone())).collect();
         let until = if to_s.is_finite() { format!("{to_s}s") } else { "end".into() };
         let name = format!("{}@{from_s}s-{until}", item.name);
-        let borders = |from: f64, to: f64| [from, to].iter().any(|s| *s == from_s || *s == to_s);
-        let of_labels = item.timed.iter().find(|t| borders(t.from_s, t.to_s)).map(|t| t.line);
-        let of_ranges = item.left_out.iter().find(|r| borders(r.from_s, r.to_s)).map(|r| r.line);
-        let line = of_ranges.or(of_labels).unwrap_or(0);
-        let piece = Some(Piece { from_s, to_s, stated, line, beside_left_out: of_ranges.is_some() });
-        Item { name, labels, timed: Vec::new(), left_out: Vec::new(), piece, ..item.clone() }
-    };
-    let is_left_out = |pair: &&[f64]| item.left_out.iter().any(|r| r.from_s <= pair[0] && pair[1] <= r.to_s);
-    borders.windows(2).filter(|pair| !is_left_out(pair)).map(piece).collect()
+        let line_in = |lines: &HashMap<u64, (usize, usize)>| {
+            let at = [from_s, to_s].into_iter().filter_map(|s| lines.get(&key(s)));
+            at.min().map(|(_, line)| *line)
+        };
+        let beside_left_out = line_in(&of_ranges);
+        let line = beside_left_out.or_else(|| line_in(&of_labels)).unwrap_or(0);
+        let (stated, beside_left_out) = (!holding.is_empty(), beside_left_out.is_some());
+        let piece = Some(Piece { from_s, to_s, stated, line, beside_left_out });
+        found.push(Item { name, labels, piece, ..bare.clone() });
+    }
+    found
+}
+
+/// A second as a key; -0 is 0.
+fn key(s: f64) -> u64 {
+    (s + 0.0).to_bits()
+}
+
+/// Of every second at which some row begins or ends the first such row: its number, and its line.
+fn first_lines(rows: impl Iterator<Item = (f64, f64, usize)>) -> HashMap<u64, (usize, usize)> {
+    let mut first = HashMap::new();
+    for (number, (from_s, to_s, line)) in rows.enumerate() {
+        for s in [from_s, to_s] {
+            first.entry(key(s)).or_insert((number, line));
+        }
+    }
+    first
 }
 
 /// What is said of a range to leave out that begins behind the clip's end, and so takes nothing away.
@@ -104,8 +141,8 @@ pub fn behind_its_end(item: &Item, clip: &Clip) -> Option<Warning> {
 ///
 /// # Errors
 /// [`Error::File`]: a row tells of seconds that the clip doesn't have; to the end means to within a frame of it.
-pub fn piece_of(item: &Item, clip: Clip) -> Result<Clip> {
-    let Some(Piece { from_s, to_s, stated, line, beside_left_out }) = item.piece else { return Ok(clip) };
+pub fn piece_of(item: &Item, clip: &Clip) -> Result<Clip> {
+    let Some(Piece { from_s, to_s, stated, line, beside_left_out }) = item.piece else { return Ok(clip.clone()) };
     let (frames, fps) = (clip.frames(), clip.fps());
     let frame = |s: f64| frame_at(s, fps).min(frames);
     let seconds = frames as f64 / fps;
@@ -163,6 +200,25 @@ mod tests {
     }
 
     #[test]
+    fn many_rows_cut_a_clip_as_few_do() {
+        let timed: Vec<Timed> = (0..20_000).rev().map(|i| timed(i as f64, i as f64 + 1.0, "genre", "salsa")).collect();
+        let left_out =
+            (0..20_000).map(|i| Range { from_s: i as f64 + 0.5, to_s: i as f64 + 0.75, line: i + 2 }).collect();
+        let started = std::time::Instant::now();
+        let all = in_pieces(&[Item { name: "a".into(), timed, left_out, ..Item::default() }]);
+        assert!(started.elapsed().as_secs() < 5, "{:?}", started.elapsed());
+        let piece = all[3].piece.unwrap();
+        assert_eq!((all.len(), &*all[3].name), (40_001, "a@1.75s-2s"));
+        assert_eq!((piece.stated, piece.line, piece.beside_left_out), (true, 3, true));
+        assert!(!all[40_000].piece.unwrap().stated && all[40_000].labels.is_empty());
+        // ranges that overlap leave out what any of them does
+        let range = |from_s, to_s| Range { from_s, to_s, line: 2 };
+        let left_out = vec![range(3.0, 9.0), range(1.0, 8.0), range(2.0, 3.0)];
+        let all = in_pieces(&[Item { name: "a".into(), left_out, ..Item::default() }]);
+        assert_eq!(all.iter().map(|item| &*item.name).collect::<Vec<_>>(), ["a@0s-1s", "a@9s-end"]);
+    }
+
+    #[test]
     fn times_are_half_open_and_within_the_clip() {
         // 10 frames at 20 a second: half a second
         let clip = walk(10);
@@ -171,7 +227,7 @@ mod tests {
                 piece: Some(Piece { from_s, to_s, stated, line: 2, beside_left_out: false }),
                 ..Item::default()
             };
-            piece_of(&item, clip.clone()).map(|c| c.frames()).map_err(|e| e.to_string())
+            piece_of(&item, &clip).map(|c| c.frames()).map_err(|e| e.to_string())
         };
         let end = f64::INFINITY;
         assert_eq!((frames(0.0, 0.1, true), frames(0.1, 0.15, true), frames(0.12, end, true)), (Ok(2), Ok(1), Ok(7)));
@@ -180,6 +236,6 @@ mod tests {
         let said = frames(0.5, end, true).unwrap_err();
         assert!(said.contains("found labels from 0.5 s to the end of a clip of 0.50 s"), "{said}");
         assert!(frames(0.1, 0.6, true).unwrap_err().contains("from 0.1 s to 0.6 s of a clip"));
-        assert_eq!(piece_of(&Item::default(), clip.clone()).unwrap(), clip);
+        assert_eq!(piece_of(&Item::default(), &clip).unwrap(), clip);
     }
 }

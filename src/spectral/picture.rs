@@ -7,6 +7,8 @@ use crate::{Error, Result};
 use kinelm_linalg::symmetric_eigen;
 use kinelm_motion::Clip;
 
+/// Joints of a clip that is drawn, at most: the embedding takes time by the cube of their number.
+const MOST_JOINTS: usize = 512;
 /// Decibels below the loudest that the darkest colour stands for.
 const DEPTH_DB: f64 = 60.0;
 
@@ -37,6 +39,9 @@ pub fn charts(clip: &Clip, wanted: &Wanted) -> Result<[Chart; 3]> {
     let names = clip.skeleton().names();
     let joint = wanted.joint;
     let name = names.get(joint).ok_or_else(|| Error::Call(format!("joint {joint} of {} joints", names.len())))?;
+    if names.len() > MOST_JOINTS {
+        return Err(Error::Call(format!("{} joints; spectra are drawn of at most {MOST_JOINTS}", names.len())));
+    }
     let series = stretch(&Series::of(clip, &[], wanted.fps, false)?, wanted)?;
     let stft = Stft::new(series.frames, wanted.no_dc);
     let spectrum = |c: usize| {

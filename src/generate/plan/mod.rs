@@ -170,6 +170,9 @@ struct PlanFile {
 
 const HELP: &str = "docs/plans.md has examples with every key";
 
+/// Bytes of a plan's file, at most: as parsed TOML they take some hundred times as many.
+const MOST_BYTES: usize = 1 << 20;
+
 impl Plan {
     /// Reads a plan and lays it; files that it names without a root are looked for beside it.
     ///
@@ -179,6 +182,11 @@ impl Plan {
     pub fn load(path: &Path) -> Result<(Plan, Laid)> {
         let text = input::text(path).map_err(Error::io(path))?;
         let wrong = |span, found: &str, expected: &str| Error::in_text((path, &text), span, found, expected, HELP);
+        if text.len() > MOST_BYTES {
+            let help = "make the dance in several";
+            let expected = format!("a plan of at most {MOST_BYTES} bytes, some thousand segments");
+            return Err(Error::file(path, format!("{} bytes", text.len()), expected, help));
+        }
         let file: PlanFile = toml::from_str(&text).map_err(|e| wrong(e.span(), e.message(), "a plan"))?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let clip_spans: BTreeMap<String, Range<usize>> =

@@ -38,7 +38,7 @@ impl CodeSplits {
     pub fn load_npz(path: &Path, bins: usize) -> Result<Self> {
         let bad =
             |found: String, expected: &str| Error::file(path, found, expected, "`order0.py --dump` writes such files");
-        let file = File::open(path).map_err(Error::io(path))?;
+        let file = kinelm_motion::format::input::open(path).map_err(Error::io(path))?;
         let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|e| bad(e.to_string(), "an npz archive"))?;
         let (train, channels) = read_split(&mut archive, "train", bins).map_err(|(f, e)| bad(f, e))?;
         let (test, test_channels) = read_split(&mut archive, "test", bins).map_err(|(f, e)| bad(f, e))?;

@@ -2,8 +2,7 @@
 
 use super::BvhSource;
 use super::header::Channel;
-use super::print::{print_head, push_number};
-use super::write::not_finite;
+use super::print::{not_finite, print_head, push_number};
 use crate::{Clip, Error, Result};
 use std::ops::Range;
 
@@ -41,7 +40,7 @@ impl BvhSource {
                 *number = from.map_or(*number, |column| self.numbers[(changed.before + frame) * own + column]);
             }
         });
-        not_finite(&numbers, width)?;
+        not_finite(&rig.head, &numbers)?;
         let words = words(text, self.head.rows_at, self.numbers.len());
         let mut out = print_head(&rig.head, &self.head.frame_time, frames, numbers.len());
         for (frame, row) in numbers.chunks_exact(width.max(1)).enumerate() {

@@ -1,6 +1,7 @@
 //! Files that later steps depend on: whole or not there.
 
 use crate::{Error, Result};
+use kinelm_motion::format::input;
 use std::collections::{BTreeSet, HashSet};
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader, Write};
@@ -78,7 +79,7 @@ impl Hidden {
             return if holds(&self.place, &self.path) { Ok(()) } else { Err(Error::taken(&self.place, what())) };
         }
         sync_folder(&self.path)?;
-        fs::rename(&self.path, &self.place).map_err(Error::io(&self.place))?;
+        rename_new(&self.path, &self.place)?;
         sync_folder(folder_of(&self.place))
     }
 
@@ -111,6 +112,20 @@ impl Drop for Hidden {
     }
 }
 
+/// Gives a new folder its name.
+///
+/// # Errors
+/// [`Error::Taken`] where another call has made something of that name since; what the system refuses.
+pub fn rename_new(from: &Path, to: &Path) -> Result<()> {
+    use std::io::ErrorKind::{AlreadyExists, DirectoryNotEmpty, NotADirectory};
+    fs::rename(from, to).map_err(|e| match e.kind() {
+        AlreadyExists | DirectoryNotEmpty | NotADirectory => {
+            Error::taken(to, "was made by another call in the meantime; give another place, or remove it")
+        }
+        _ => Error::io(to)(e),
+    })
+}
+
 /// Whether this is a folder with nothing in it.
 fn is_empty(path: &Path) -> bool {
     fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none())
@@ -129,7 +144,7 @@ fn holds(place: &Path, new: &Path) -> bool {
 /// Whether two files hold the same bytes. One that can't be read holds others.
 fn same_bytes(a: &Path, b: &Path) -> bool {
     let open = |path: &Path| -> std::io::Result<(u64, BufReader<File>)> {
-        let file = File::open(path)?;
+        let file = input::peek(path)?;
         Ok((file.metadata()?.len(), BufReader::with_capacity(1 << 16, file)))
     };
     let (Ok((m, mut a)), Ok((n, mut b))) = (open(a), open(b)) else { return false };

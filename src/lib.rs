@@ -17,6 +17,7 @@ pub mod memory;
 pub mod model;
 pub mod music;
 pub mod music_lstm;
+pub mod ours;
 pub mod output;
 pub mod presets;
 pub mod random;

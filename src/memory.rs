@@ -2,6 +2,7 @@
 //!
 //! Sources: proc(5) (`meminfo`, `limits`, `status`), the kernel's documentation of control groups, versions 1 and 2.
 
+use crate::{Error, Result};
 use std::fs;
 use std::path::Path;
 
@@ -12,6 +13,27 @@ pub fn free() -> Option<u64> {
         read("/proc/self/limits").zip(read("/proc/self/status")).and_then(|(limits, status)| own(&limits, &status));
     let groups = read("/proc/self/cgroup").and_then(|text| groups(&text, Path::new("/sys/fs/cgroup")));
     [system, own, groups].into_iter().flatten().min()
+}
+
+/// Refuses work that takes about so many bytes more than this process can still have, before it is begun.
+///
+/// # Errors
+/// [`Error::Call`] with what it takes and what there is; none where the system doesn't tell.
+pub fn check(needed: u128, what: &str, help: &str) -> Result<()> {
+    free().map_or(Ok(()), |free| compare(needed, free.into(), what, help))
+}
+
+fn compare(needed: u128, free: u128, what: &str, help: &str) -> Result<()> {
+    if needed <= free {
+        return Ok(());
+    }
+    let (needed, free) = (in_words(needed), in_words(free));
+    Err(Error::Call(format!("{what} takes about {needed} of memory and {free} are free; {help}")))
+}
+
+fn in_words(bytes: u128) -> String {
+    let bytes = bytes as f64;
+    if bytes < 1e9 { format!("{:.0} MB", bytes / 1e6) } else { format!("{:.1} GB", bytes / 1e9) }
 }
 
 fn read(path: impl AsRef<Path>) -> Option<String> {
@@ -105,6 +127,14 @@ mod tests {
         write("memory/c/memory.limit_in_bytes", "900\n");
         write("memory/c/memory.usage_in_bytes", "800\n");
         assert_eq!(left("3:cpu:/c\n2:cpuset,memory:/c\n0::/a\n"), Some(100));
+    }
+
+    #[test]
+    fn what_does_not_fit_is_told() {
+        compare(5, 5, "a dance", "").unwrap();
+        let message = |needed, free| compare(needed, free, "a dance", "make it shorter").unwrap_err().to_string();
+        let expected = "a dance takes about 3.0 GB of memory and 500 MB are free; make it shorter";
+        assert_eq!(message(3_000_000_000, 500_000_000), expected);
     }
 
     #[test]

@@ -3,19 +3,24 @@
 //! | what stands at the output | what happens |
 //! |---|---|
 //! | nothing | it is written |
-//! | a file that the call reads, by whatever name or link | it is refused, with `--force` too |
+//! | a file that the call reads, by whatever name or link, whoever named it | it is refused, with `--force` too |
+//! | a file of a run, a corpus, an index or a classifier | the same |
 //! | the very bytes that would be written | it is left as it is |
 //! | a dance whose hash stands in the file beside it; a page, picture or table with our mark | it is replaced |
 //! | anything else | it is refused; with `--force` it is replaced |
+//!
+//! What a call reads is what it was given, which is refused before the work, and whatever it has opened by then
+//! ([`input`]): what its run, its corpus, its plan or a file beside a clip has named.
 
 use crate::corpus::load::hash_file;
 use crate::generate::provenance;
 use crate::music::beats;
 use crate::view::{self, plot};
-use crate::{Error, Result, files};
+use crate::{Error, Result, files, ours};
+use kinelm_motion::format::input::{self, Identity, identity};
 use std::collections::HashSet;
 use std::ffi::OsStr;
-use std::fs::{self, File, Metadata};
+use std::fs::{self, Metadata};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -93,7 +98,7 @@ impl Outputs {
     pub fn check_folder(&self, folder: &Path, layout: &[&str]) -> Result<()> {
         let parts = layout.iter().map(|name| folder.join(name)).chain([folder.to_owned()]);
         for part in parts {
-            if identity(&part).is_some_and(|id| self.known().0.contains(&id)) {
+            if self.is_input(&part) {
                 return Err(Error::taken(part, "would be written over, and this call reads it; give another --out"));
             }
         }
@@ -149,33 +154,24 @@ impl Outputs {
         if !found.is_file() && !found.is_symlink() {
             return Err(Error::taken(path, "is no regular file, so it is not replaced; give another name"));
         }
-        let (files, folders) = self.known();
-        if identity(path).is_some_and(|id| files.contains(&id)) {
+        if self.is_input(path) {
             return Err(Error::taken(path, "would be written over, and this call reads it; give another output"));
         }
-        if let Some(folder) = part_of(path, folders).filter(|_| !is_ours(path).unwrap_or(false)) {
-            let what = format!("is one of the files of {}, which this call reads", folder.display());
-            return Err(Error::taken(path, format!("{what}; give another output")));
+        let part = part_of(path, &self.known().1).map(|folder| format!("{}, which this call reads", folder.display()));
+        let part = part.or_else(|| {
+            let path = path.canonicalize().ok()?;
+            ours::owner(&path).map(|(folder, kind)| format!("{}, {kind}", folder.display()))
+        });
+        if let Some(part) = part.filter(|_| !is_ours(path).unwrap_or(false)) {
+            return Err(Error::taken(path, format!("is one of the files of {part}; give another output")));
         }
         Ok(Some(found))
     }
-}
 
-/// What tells files apart: device and number; where the system has none, the path without links.
-#[cfg(unix)]
-type Identity = (u64, u64);
-#[cfg(not(unix))]
-type Identity = PathBuf;
-
-#[cfg(unix)]
-fn identity(path: &Path) -> Option<Identity> {
-    use std::os::unix::fs::MetadataExt;
-    fs::metadata(path).map(|m| (m.dev(), m.ino())).ok()
-}
-
-#[cfg(not(unix))]
-fn identity(path: &Path) -> Option<Identity> {
-    path.canonicalize().ok()
+    /// Whether the call reads this file or folder, as far as is known by now.
+    fn is_input(&self, path: &Path) -> bool {
+        identity(path).is_some_and(|id| self.known().0.contains(&id)) || input::was_read(path)
+    }
 }
 
 /// Whether both are one file, links followed.
@@ -195,7 +191,7 @@ fn part_of<'a>(path: &Path, folders: &'a [Folder]) -> Option<&'a Path> {
 
 /// Whether the file holds these bytes and no others. One that can't be read doesn't.
 fn holds(path: &Path, file: &Metadata, bytes: &[u8]) -> bool {
-    file.len() == bytes.len() as u64 && fs::read(path).is_ok_and(|found| found == bytes)
+    file.len() == bytes.len() as u64 && input::peek_bytes(path).is_ok_and(|found| found == bytes)
 }
 
 /// Whether files of this name carry our mark inside.
@@ -207,7 +203,7 @@ fn is_marked(path: &Path) -> bool {
 fn is_ours(path: &Path) -> Result<bool> {
     let mut head = Vec::new();
     // what can't be read is nobody's
-    let _ = File::open(path).and_then(|file| file.take(MARK_WITHIN).read_to_end(&mut head));
+    let _ = input::peek(path).and_then(|file| file.take(MARK_WITHIN).read_to_end(&mut head));
     let has = |mark: &[u8]| head.windows(mark.len()).any(|w| w == mark);
     match extension(path).as_str() {
         "html" => Ok(has(view::MARK.as_bytes())),
@@ -216,7 +212,7 @@ fn is_ours(path: &Path) -> Result<bool> {
         "svg" | "md" => Ok(has(plot::TEXT_MARK.as_bytes())),
         // beats that somebody has corrected aren't ours any more
         "txt" if !head.starts_with(beats::MARK.as_bytes()) => Ok(false),
-        "txt" => Ok(fs::read_to_string(path).is_ok_and(|text| beats::is_as_written(&text))),
+        "txt" => Ok(input::peek_bytes(path).is_ok_and(|text| beats::is_as_written(&String::from_utf8_lossy(&text)))),
         _ => Ok(provenance::is_beside_its_dance(path) || provenance::tells_of(path)?),
     }
 }

@@ -6,7 +6,7 @@
 
 use kinelm::corpus::settings::Settings;
 use kinelm::corpus::{Corpus, labels};
-use kinelm::evaluate::CodeSplits;
+use kinelm::evaluate::{CodeSplits, Extent};
 use kinelm::generate::provenance::Provenance;
 use kinelm::model::{Which, load_run, weights};
 use kinelm::music::beats;
@@ -157,7 +157,7 @@ pub fn weights(data: &[u8]) {
 
 /// Codes of `evaluate baselines --tokens`.
 pub fn codes(data: &[u8]) {
-    in_folder("codes.npz", data, |folder| drop(CodeSplits::load_npz(&folder.join("codes.npz"), 360)));
+    in_folder("codes.npz", data, |folder| drop(CodeSplits::load_npz(&folder.join("codes.npz"), 360, Extent::Sample)));
 }
 
 /// What stands beside a dance.

@@ -40,7 +40,7 @@ impl Rig {
                 "no rig {name_or_path:?}; expected smpl, a body model (SMPL_*.npz), or a motion file whose rig is meant"
             )));
         }
-        let bytes = std::fs::read(path).map_err(Error::io(path))?;
+        let bytes = format::input::bytes(path).map_err(Error::io(path))?;
         #[cfg(feature = "amass")]
         if let Ok(body) = BodyModel::parse(path, &bytes).and_then(|model| model.body(&[])) {
             return Ok(Rig::Smpl(body.skeleton));

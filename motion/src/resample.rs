@@ -10,6 +10,8 @@ use std::ops::{Add, Mul, Sub};
 const MOST_TIMES_SLOWER: f64 = 1e4;
 /// No movement needs more frames a second.
 pub const MOST_FPS: f64 = 1e4;
+/// No motion has fewer frames per second: one in a quarter of an hour.
+pub const FEWEST_FPS: f64 = 1e-3;
 /// Rotations of a clip that resampling makes at most: 4 GB.
 const MOST_ROTATIONS: f64 = 134e6;
 

@@ -94,7 +94,7 @@ fn every_fault_has_its_kind_its_place_and_what_was_found() {
         (with("Frames: 3", "Frames: many"), "x.bvh:17:9: number_bad", "\"many\""),
         (with("Frames: 3", "Frames: 3 4"), "x.bvh:17:11: unexpected_word", "\"4\""),
         (with("Frame Time: 0.033333\n", ""), "x.bvh:18:1: frame_time_missing", "\"0\""),
-        (with("0.033333", "0"), "x.bvh:18:13: frame_time_bad", "above 0 and at most 1"),
+        (with("0.033333", "0"), "x.bvh:18:13: frame_time_bad", "seconds from 0.0001 to 1"),
         (with("0.033333", "-0.1"), "x.bvh:18:13: frame_time_bad", "\"-0.1\""),
         (with("0.033333", "30"), "x.bvh:18:13: frame_time_bad", "if 30 is a rate, write 0.033333"),
         (with("0.033333", "inf"), "x.bvh:18:13: frame_time_bad", "\"inf\""),

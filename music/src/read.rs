@@ -66,11 +66,16 @@ impl std::fmt::Debug for Reader {
 /// [`Error::Io`]; [`Error::File`] with the [`Kind`] of what is wrong and what to do.
 pub fn open(path: &Path) -> Result<Reader> {
     let fault = |kind, what: &str, help: &str| file_error(path, kind, what, help);
-    let file = File::open(path).map_err(Error::io(path))?;
-    let about = file.metadata().map_err(Error::io(path))?;
+    let about = std::fs::metadata(path).map_err(Error::io(path))?;
     if about.is_dir() {
         return Err(fault(Kind::Unknown, "found a folder, expected a file", READ));
     }
+    if !about.is_file() {
+        // opening a pipe may wait for ever, and a device may have no end
+        let help = "save what it gives as a file first";
+        return Err(fault(Kind::Unknown, "found a pipe or a device, expected a file", help));
+    }
+    let file = File::open(path).map_err(Error::io(path))?;
     if about.len() == 0 {
         return Err(fault(Kind::Empty, "found 0 bytes, expected a sound", AGAIN));
     }

@@ -13,7 +13,6 @@ use kinelm_motion::format::input;
 use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 pub(super) const ABOUT: &str = "classifier.json";
@@ -99,7 +98,7 @@ impl Classifier {
             return Err(Error::file(&path, format!("weights in `{name}`"), expected, help));
         }
         let at = folder.join(name);
-        let bytes = fs::read(&at).map_err(Error::io(&at))?;
+        let bytes = input::bytes(&at).map_err(Error::io(&at))?;
         if FileRecord::of(&bytes) != *record {
             let say = |r: &FileRecord| format!("{} bytes with SHA-256 {}", r.bytes, r.sha256);
             let help = "the file was cut or changed after it was written: train the classifier again";

@@ -11,6 +11,7 @@ use crate::model::weights;
 use crate::train::folder::RunFolder;
 use crate::{Error, Result, files};
 use candle_core::Tensor;
+use kinelm_motion::format::input;
 use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -72,13 +73,13 @@ impl Work {
     pub fn open(out: &Path, tokenizer: &Tokenizer, asked: &Asked, resume: bool) -> Result<(Work, Option<Saved>)> {
         if fs::symlink_metadata(out).is_ok() {
             let help = "give another --out, or remove it";
-            return Err(Error::file(out, "something is there", "no such folder", help));
+            return Err(Error::taken(out, format!("is there already; {help}")));
         }
         let path = path_of(out)?;
         match (fs::symlink_metadata(&path).is_ok(), resume) {
             (true, false) => {
                 let help = "the same call with --resume goes on; or remove that folder";
-                return Err(Error::file(path, "a training that was cut", "no such folder", help));
+                return Err(Error::taken(path, format!("is a training that was cut; {help}")));
             }
             (false, true) => {
                 let help = "leave --resume out to begin one";
@@ -104,7 +105,7 @@ impl Work {
             .map_err(|e| Error::file(&at, e.to_string(), "where a training stood", ""))?;
         let tensors = |name: &str| weights::from_bytes(&found.dir.join(name), &found.files[name]);
         let path = self.folder.path().join(METRICS);
-        let text = match fs::read(&path) {
+        let text = match input::peek_bytes(&path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => Vec::new(),
             text => text.map_err(Error::io(&path))?,
         };
@@ -153,7 +154,7 @@ impl Work {
     /// # Errors
     /// What the system refuses.
     pub fn finish(self) -> Result<()> {
-        fs::rename(self.folder.path(), &self.out).map_err(Error::io(&self.out))?;
+        files::rename_new(self.folder.path(), &self.out)?;
         files::sync_folder(files::folder_of(&self.out))?;
         let dir = self.out.join("checkpoints");
         fs::remove_dir_all(&dir).map_err(Error::io(&dir))?;
@@ -182,7 +183,7 @@ fn to_bytes(tensors: &Tensors) -> Result<Vec<u8>> {
 
 /// Refuses to go on with a training of something else.
 fn same_call(path: &Path, asked: &Asked) -> Result<()> {
-    let text = fs::read(path).map_err(Error::io(path))?;
+    let text = input::peek_bytes(path).map_err(Error::io(path))?;
     let begun: Asked =
         serde_json::from_slice(&text).map_err(|e| Error::file(path, e.to_string(), "what was asked", ""))?;
     let keys = |asked: &Asked| serde_json::to_value(asked).map_err(|e| Error::Call(e.to_string()));

@@ -56,6 +56,7 @@ use std::cell::RefCell;
 use std::io::{IsTerminal, Write};
 use std::panic::{AssertUnwindSafe, resume_unwind};
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Motion capture into text, a GPT on that text, new dances out of it.
@@ -445,8 +446,7 @@ impl Say {
 
     /// One line, always.
     pub fn error(self, text: impl std::fmt::Display) {
-        // a closed stderr is no reason to stop
-        let _ = writeln!(std::io::stderr(), "kinelm: {}", plain(&text.to_string()));
+        tell(text);
         progress::said();
     }
 
@@ -459,6 +459,39 @@ impl Say {
     /// Whether `--quiet` was given.
     pub fn quiet(self) -> bool {
         self.quiet
+    }
+}
+
+/// A line on stderr, of a length that can be read.
+pub fn tell(text: impl std::fmt::Display) {
+    let text = text.to_string();
+    // a closed stderr is no reason to stop
+    let _ = writeln!(std::io::stderr(), "kinelm: {}", plain(&clipped(&text)));
+}
+
+/// The characters of a message at most: what a file or a call holds may be quoted in it, whatever its length.
+const LONGEST: usize = 8000;
+
+/// A message without its middle, where it is too long.
+fn clipped(text: &str) -> Cow<'_, str> {
+    let characters = text.chars().count();
+    if characters <= LONGEST {
+        return Cow::Borrowed(text);
+    }
+    let at = |n: usize| text.char_indices().nth(n).map_or(text.len(), |(at, _)| at);
+    let (head, tail) = (&text[..at(LONGEST / 2)], &text[at(characters - LONGEST / 2)..]);
+    Cow::Owned(format!("{head} .. ({} characters) .. {tail}", characters - LONGEST))
+}
+
+/// Says what the parser says, help among it: done where help was asked for and could be written, else a wrong call.
+pub fn refused(e: clap::Error) -> ExitCode {
+    match e.print() {
+        _ if e.use_stderr() => ExitCode::from(2),
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            tell(format_args!("help can't be written: {e}"));
+            ExitCode::FAILURE
+        }
+        _ => ExitCode::SUCCESS,
     }
 }
 

@@ -204,7 +204,7 @@ fn beside(
         return Err(WrongCall(what).into());
     }
     say.line(format_args!("{}: {} beats, sounds for {sounds:.1} s of the dance", file.display(), beats.times_s.len()));
-    let bytes = std::fs::read(file).map_err(kinelm::Error::io(file))?;
+    let bytes = kinelm_motion::format::input::bytes(file).map_err(kinelm::Error::io(file))?;
     if bytes.len() as u64 <= music::EMBEDDED {
         return Ok(music::Music::embedded(file, &bytes, from_s, beats.times_s));
     }

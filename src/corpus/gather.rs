@@ -7,10 +7,10 @@ use super::record::Split;
 use super::sidecar;
 use super::splits::{self, some_of};
 use super::timed::{Piece, Timed};
-use crate::{Error, Result, counted};
+use crate::{Error, Result, counted, ours};
 use kinelm_motion::format::{Format, ReadOptions, input};
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
-use std::fs::{self, File};
+use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -407,6 +407,10 @@ impl Walk<'_> {
     }
 
     fn folder(&mut self, folder: &Path, relative: &str, ignore: &HashSet<String>) -> Result<()> {
+        if let Some(kind) = ours::kind(folder) {
+            self.gathered.said.push(format!("{}: {kind}, where no clip is looked for", folder.display()));
+            return Ok(());
+        }
         if relative.matches('/').count() >= MOST_FOLDERS {
             let found = format!("folders in more than {MOST_FOLDERS} others");
             return Err(Error::file(
@@ -467,7 +471,7 @@ fn holds_no_motion(path: &Path, stem: &str) -> bool {
         Some(e) if e == "json" && stem.ends_with(".kinelm") => true,
         Some(e) if e == "json" => {
             let mut head = Vec::new();
-            let read = input::check(path).and_then(|()| File::open(path)?.take(4096).read_to_end(&mut head));
+            let read = input::peek(path).and_then(|file| file.take(4096).read_to_end(&mut head));
             read.is_ok() && !String::from_utf8_lossy(&head).contains("\"schema\"")
         }
         _ => false,
@@ -478,7 +482,7 @@ fn holds_no_motion(path: &Path, stem: &str) -> bool {
 fn ignore_list(folder: &Path) -> Result<HashSet<String>> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let path = folder.join("ignore_list.txt");
-    match fs::read(&path) {
+    match input::bytes(&path) {
         Ok(bytes) => {
             let text = String::from_utf8_lossy(&bytes).into_owned();
             Ok(text.lines().map(|l| without_extension(l.trim()).to_owned()).filter(|l| !l.is_empty()).collect())

@@ -12,7 +12,6 @@ use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Motion, Warning, retarget};
 use kinelm_tokenizer::TokenizerConfig;
 use sha2::{Digest, Sha256};
-use std::fs::File;
 use std::path::Path;
 
 /// What a tokenizer takes.
@@ -178,14 +177,13 @@ pub fn item_options(item: &Item, options: &ReadOptions) -> ReadOptions {
     }
 }
 
-/// SHA-256 of a file, hexadecimal.
+/// SHA-256 of a file, hexadecimal. Hashing alone makes it no input.
 ///
 /// # Errors
 /// [`Error::Io`] when it can't be read.
 pub fn hash_file(path: &Path) -> Result<String> {
     let mut hash = Sha256::new();
-    kinelm_motion::format::input::check(path).map_err(Error::io(path))?;
-    let mut file = File::open(path).map_err(Error::io(path))?;
+    let mut file = format::input::peek(path).map_err(Error::io(path))?;
     std::io::copy(&mut file, &mut hash).map_err(Error::io(path))?;
     Ok(hex(hash))
 }

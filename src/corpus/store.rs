@@ -7,11 +7,10 @@ use crate::model::music::Sound;
 use crate::model::music::features::Rows;
 use crate::{Error, Result};
 use bytemuck::Pod;
-use kinelm_motion::format::ReadOptions;
+use kinelm_motion::format::{ReadOptions, input};
 use kinelm_music::feature::CHANNELS;
 use kinelm_tokenizer::{Place, Tokenizer, Words};
 use serde::Deserialize;
-use std::fs;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -117,7 +116,7 @@ impl Corpus {
         let dir = dir.as_ref().to_owned();
         let (manifest, hash) = read_manifest(&dir)?;
         let path = dir.join(CLIPS);
-        let text = fs::read(&path).map_err(Error::io(&path))?;
+        let text = input::bytes(&path).map_err(Error::io(&path))?;
         manifest.clips.check(&path, &text)?;
         let clips = parse_clips(&path, &text)?;
         check_clips(&path, &manifest, &clips)?;
@@ -279,7 +278,7 @@ fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
         version: u32,
     }
     let path = dir.join(MANIFEST);
-    let text = fs::read(&path).map_err(|e| match e.kind() {
+    let text = input::bytes(&path).map_err(|e| match e.kind() {
         std::io::ErrorKind::NotFound if dir.is_dir() => {
             let help = "a corpus is a folder that `kinelm tokenize DATA --out CORPUS` wrote";
             Error::file(dir, "no corpus.json", "a corpus folder", help)
@@ -314,7 +313,7 @@ fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
 pub fn reading_in(dir: &Path, sha256: &str) -> Result<Option<ReadOptions>> {
     let (manifest, _) = read_manifest(dir)?;
     let path = dir.join(CLIPS);
-    let text = fs::read(&path).map_err(Error::io(&path))?;
+    let text = input::bytes(&path).map_err(Error::io(&path))?;
     manifest.clips.check(&path, &text)?;
     let clips = parse_clips(&path, &text)?;
     Ok(clips.into_iter().find(|clip| clip.sha256 == sha256).map(|clip| clip.read))
@@ -460,6 +459,7 @@ mod tests {
     use super::*;
     use crate::corpus::samples::{small, tokenizer};
     use crate::corpus::{CorpusWriter, Count};
+    use std::fs;
     use std::io::{Seek, Write};
 
     #[test]

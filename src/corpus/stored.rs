@@ -5,6 +5,7 @@ use super::record::{FileRecord, hex};
 use crate::{Error, Result, memory};
 use bytemuck::Pod;
 use kinelm_engine::arena::Floats;
+use kinelm_motion::format::input;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use std::borrow::Cow;
@@ -49,7 +50,7 @@ impl<T: Pod + Send + Sync> Stored<T> {
     /// # Errors
     /// As [`Stored::open`].
     pub fn open_within(path: &Path, expected: u64, help: &'static str, room: u64) -> Result<Stored<T>> {
-        let file = File::open(path).map_err(Error::io(path))?;
+        let file = input::open(path).map_err(Error::io(path))?;
         let found = file.metadata().map_err(Error::io(path))?.len();
         if found != expected {
             return Err(Error::file(path, format!("{found} bytes"), format!("{expected} bytes"), help));

@@ -7,6 +7,7 @@ use super::record::{
 use super::store::{CLIPS, Coding, MANIFEST, TOKENIZER};
 use crate::files::Hidden;
 use crate::{Error, Result};
+use kinelm_motion::format::input;
 use kinelm_music::feature::CHANNELS;
 use kinelm_tokenizer::{SPACE, Tokenizer};
 use sha2::{Digest, Sha256};
@@ -210,7 +211,7 @@ fn check_place(dir: &Path, tokenizer: &Tokenizer, force: bool) -> Result<()> {
     if !dir.join(MANIFEST).is_file() {
         return Err(Error::taken(dir, "exists and is no corpus; give another place for the corpus"));
     }
-    if !force && fs::read(dir.join(TOKENIZER)).is_ok_and(|found| found != tokenizer.to_json().as_bytes()) {
+    if !force && input::peek_bytes(&dir.join(TOKENIZER)).is_ok_and(|found| found != tokenizer.to_json().as_bytes()) {
         return Err(Error::taken(dir, format!("holds a corpus of another tokenizer; {HELP}")));
     }
     Ok(())

@@ -44,7 +44,7 @@ impl CodeSplits {
     pub fn load_npz(path: &Path, bins: usize, extent: Extent) -> Result<Self> {
         let bad =
             |found: String, expected: &str| Error::file(path, found, expected, "`order0.py --dump` writes such files");
-        let file = File::open(path).map_err(Error::io(path))?;
+        let file = kinelm_motion::format::input::open(path).map_err(Error::io(path))?;
         let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|e| bad(e.to_string(), "an npz archive"))?;
         let read = |archive: &mut _, name| read_split(archive, name, bins, extent).map_err(|(f, e)| bad(f, e));
         let ((train, train_frames, channels), (test, test_frames, test_channels)) =
@@ -258,8 +258,8 @@ mod tests {
         let write = |codes: &[u16]| {
             let (n, lengths) = (frames as u64, Array::Lengths(vec![(frames / 2) as i64; 2]));
             let of = |name| (name, &[2_u64][..], lengths.clone());
-            let codes = |name, codes: &[u16]| (name, [n, 1], Array::Codes(codes.to_vec()));
-            let (train, test) = (codes("train", codes), codes("test", codes));
+            let array = |name| (name, [n, 1], Array::Codes(codes.to_vec()));
+            let (train, test) = (array("train"), array("test"));
             npz(&path, &[of("train_len"), of("test_len"), (train.0, &train.1, train.2), (test.0, &test.1, test.2)]);
         };
         write(&codes);

@@ -127,7 +127,7 @@ pub fn find(dance: &Path) -> Result<Option<Provenance>> {
 pub fn tells_of(dance: &Path) -> Result<bool> {
     // of any version: the hashes have always stood there
     let hashes = |path: PathBuf| -> Option<Vec<String>> {
-        let told: serde_json::Value = serde_json::from_slice(&std::fs::read(path).ok()?).ok()?;
+        let told: serde_json::Value = serde_json::from_slice(&input::peek_bytes(&path).ok()?).ok()?;
         let found = [&told["output"]["sha256"], &told["replaces"]].into_iter().filter_map(|hash| hash.as_str());
         (told["output"]["file"] == name_of(dance)).then(|| found.map(str::to_owned).collect())
     };
@@ -137,10 +137,11 @@ pub fn tells_of(dance: &Path) -> Result<bool> {
 
 /// Whether `path` is a file that [`path_of`] names, and tells of the dance that it is named after.
 pub fn is_beside_its_dance(path: &Path) -> bool {
+    let Some(text) = input::peek_bytes(path).ok().and_then(|bytes| String::from_utf8(bytes).ok()) else { return false };
     let told = match other_model(path) {
-        Some(Other::Aclstm) => aclstm::dance::Told::load(path).map(|told| told.output),
-        Some(Other::MusicLstm) => music_lstm::dance::Told::load(path).map(|told| told.output),
-        None => Provenance::load(path).map(|told| told.output),
+        Some(Other::Aclstm) => aclstm::dance::Told::parse(path, &text).map(|told| told.output),
+        Some(Other::MusicLstm) => music_lstm::dance::Told::parse(path, &text).map(|told| told.output),
+        None => Provenance::parse(path, &text).map(|told| told.output),
     };
     told.is_ok_and(|output| path_of(&path.with_file_name(&output.file)) == path && files::is_plain(&output.file))
 }
@@ -197,7 +198,7 @@ impl Other {
 
 /// The model that such a file tells of, where it is no GPT.
 fn other_model(path: &Path) -> Option<Other> {
-    let told = std::fs::read(path).ok().and_then(|bytes| serde_json::from_slice::<serde_json::Value>(&bytes).ok());
+    let told = input::peek_bytes(path).ok().and_then(|bytes| serde_json::from_slice::<serde_json::Value>(&bytes).ok());
     told.as_ref().and_then(Other::of)
 }
 
@@ -233,10 +234,13 @@ impl Provenance {
     /// # Errors
     /// [`Error::Io`], [`Error::File`] for text that is no such file or of another version.
     pub fn load(path: &Path) -> Result<Provenance> {
-        let text = input::text(path).map_err(Error::io(path))?;
+        Provenance::parse(path, &input::text(path).map_err(Error::io(path))?)
+    }
+
+    fn parse(path: &Path, text: &str) -> Result<Provenance> {
         let expected = "what kinelm generate wrote beside a dance";
         let value: serde_json::Value =
-            serde_json::from_str(&text).map_err(|e| Error::file(path, e.to_string(), expected, ""))?;
+            serde_json::from_str(text).map_err(|e| Error::file(path, e.to_string(), expected, ""))?;
         if let Some(other) = Other::of(&value) {
             let [found, help] = other.says();
             return Err(Error::file(path, found, expected, help));

@@ -105,10 +105,14 @@ impl<R: Recipe> Told<R> {
     /// # Errors
     /// [`Error::Io`]; [`Error::File`] for text that is no such file, of another model's dance, or of another version.
     pub fn load(path: &Path) -> Result<Told<R>> {
-        let text = input::text(path).map_err(Error::io(path))?;
+        Told::parse(path, &input::text(path).map_err(Error::io(path))?)
+    }
+
+    /// [`Told::load`] of such a file's text.
+    pub(super) fn parse(path: &Path, text: &str) -> Result<Told<R>> {
         let expected = format!("what {} wrote beside a dance", R::COMMAND);
         let wrong = |e: serde_json::Error| Error::file(path, e.to_string(), expected.clone(), "");
-        let mut value: Value = serde_json::from_str(&text).map_err(wrong)?;
+        let mut value: Value = serde_json::from_str(text).map_err(wrong)?;
         if value["schema"] != SCHEMA {
             let found = format!("schema {}", value["schema"]);
             let expected = format!("schema {SCHEMA}: {expected}");

@@ -7,7 +7,8 @@
 use crate::corpus::FileRecord;
 use crate::corpus::load::hash_file;
 use crate::files::{self, Hidden};
-use crate::{Error, Result};
+use crate::{Error, Result, memory};
+use kinelm_motion::format::input;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
@@ -127,7 +128,7 @@ impl Checkpoints {
 
     /// The step that `latest` or `best` names.
     pub fn named(&self, which: &str) -> Option<u64> {
-        step_of(fs::read_to_string(self.run.join(which)).ok()?.trim())
+        step_of(input::text(&self.run.join(which)).ok()?.trim())
     }
 
     /// The step of the best checkpoint. The last state that can be read says so too: where `best` is missing, damaged or
@@ -299,7 +300,7 @@ fn step_of(name: &str) -> Option<u64> {
 
 fn read_state(dir: &Path) -> Result<State> {
     let path = dir.join(STATE);
-    let text = fs::read(&path).map_err(Error::io(&path))?;
+    let text = input::bytes(&path).map_err(Error::io(&path))?;
     let state: State = serde_json::from_slice(&text)
         .map_err(|e| Error::file(&path, format!("no state: {e}"), "the state of a checkpoint", ""))?;
     match state.schema {
@@ -310,12 +311,17 @@ fn read_state(dir: &Path) -> Result<State> {
 
 /// The bytes of the files `wanted`, after checking every file that the state lists.
 fn check(dir: &Path, state: &State, wanted: &[&str]) -> Result<BTreeMap<String, Vec<u8>>> {
+    // a file's bytes, its tensors, and the form that computes
+    let bytes =
+        state.files.iter().filter(|(name, _)| wanted.contains(&name.as_str())).map(|(_, r)| u128::from(r.bytes));
+    let what = format!("{}: reading this model", dir.display());
+    memory::check(3 * bytes.sum::<u128>(), &what, "give the program more, or take a smaller model")?;
     let mut kept = BTreeMap::new();
     for (name, record) in &state.files {
         let path = dir.join(name);
         let read = |e| Error::io(&path)(short_of_memory(e));
         // what nobody asked for, such as the moments of a model that is to dance, is hashed in pieces
-        let bytes = wanted.contains(&name.as_str()).then(|| fs::read(&path)).transpose().map_err(read)?;
+        let bytes = wanted.contains(&name.as_str()).then(|| input::bytes(&path)).transpose().map_err(read)?;
         let found = match &bytes {
             Some(bytes) => FileRecord::of(bytes),
             None => FileRecord { bytes: fs::metadata(&path).map_err(read)?.len(), sha256: hash_file(&path)? },
@@ -339,7 +345,12 @@ fn short_of_memory(e: std::io::Error) -> std::io::Error {
 
 /// Whether an error speaks against a checkpoint: being out of memory says nothing of its files.
 fn is_fault(e: &Error) -> bool {
-    !matches!(e, Error::Io { source, .. } if source.kind() == ErrorKind::OutOfMemory)
+    match e {
+        Error::Io { source, .. } => source.kind() != ErrorKind::OutOfMemory,
+        // of memory, asked for before
+        Error::Call(_) => false,
+        _ => true,
+    }
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use super::config::{ModelConfig, TokenLayout};
 use super::gpt::Gpt;
 use crate::{Error, Result, files};
 use candle_core::{DType, Device, Tensor};
+use kinelm_motion::format::input;
 use safetensors::SafeTensors;
 use safetensors::tensor::TensorView;
 use std::collections::{BTreeMap, HashMap};
@@ -100,7 +101,7 @@ impl Gpt {
     /// A file that isn't there, is cut short or is something else; tensors that are missing, that the model has no
     /// place for, or of another shape.
     pub fn load(config: &ModelConfig, tokens: &TokenLayout, path: &Path) -> Result<Gpt> {
-        let bytes = std::fs::read(path).map_err(Error::io(path))?;
+        let bytes = input::bytes(path).map_err(Error::io(path))?;
         Gpt::from_tensors(config, tokens, from_bytes(path, &bytes)?).map_err(|e| match e {
             Error::Weights(found) => {
                 Error::file(path, found, "the weights of the model that config.toml describes", "")

@@ -2,6 +2,7 @@
 
 use crate::Result;
 use crate::model::music::features::Rows;
+use kinelm_motion::format::input;
 use kinelm_music::beat::{Beats, beats};
 use kinelm_music::feature::{CHANNELS, Features, features, rate_of};
 use std::borrow::Cow;
@@ -22,6 +23,7 @@ impl Piece {
     /// # Errors
     /// Those of reading; a rate at which there are no features ([`rate_of`]).
     pub fn hear(path: &Path, fps: f64) -> Result<Piece> {
+        input::note(path);
         let features = features(path, fps)?;
         Ok(Piece { beats: features.beats.clone(), features: Some(features) })
     }
@@ -31,6 +33,7 @@ impl Piece {
     /// # Errors
     /// Those of reading.
     pub fn beats_of(path: &Path) -> Result<Piece> {
+        input::note(path);
         Ok(Piece { beats: beats(path)?, features: None })
     }
 

@@ -1,7 +1,9 @@
 //! `metrics.jsonl` of a run, read while it may still be written.
 
+use crate::model::run::{CONFIG, check_kind};
 use crate::train::metrics::StepFigures;
 use crate::{Error, Result};
+use kinelm_motion::format::input;
 use serde::Deserialize;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
@@ -40,10 +42,14 @@ impl Log {
     /// All that a run wrote.
     ///
     /// # Errors
-    /// A folder without figures; what the system refuses.
+    /// A folder without figures; a run of another kind; what the system refuses.
     pub fn read(run: &Path) -> Result<Log> {
+        let config = run.join(CONFIG);
+        if let Ok(text) = input::text(&config) {
+            check_kind(&config, &text)?;
+        }
         let path = run.join(METRICS);
-        let bytes = std::fs::read(&path).map_err(|e| match e.kind() {
+        let bytes = input::bytes(&path).map_err(|e| match e.kind() {
             std::io::ErrorKind::NotFound => {
                 let help = "a run is a folder that `kinelm pretrain --run RUN` wrote";
                 Error::file(run, format!("no {METRICS}"), "a run folder", help)
@@ -56,7 +62,7 @@ impl Log {
     /// The last of what a run wrote, enough to know how far it is; empty where there is nothing.
     pub fn read_end(run: &Path) -> Log {
         let read = || -> std::io::Result<Vec<u8>> {
-            let mut file = std::fs::File::open(run.join(METRICS))?;
+            let mut file = input::open(&run.join(METRICS))?;
             let length = file.metadata()?.len();
             file.seek(SeekFrom::Start(length.saturating_sub(END)))?;
             let mut bytes = Vec::new();
@@ -149,7 +155,7 @@ pub(super) mod tests {
         assert_eq!((whole.steps[11].loss, whole.valid[1].bits_per_frame), (0.25, 21.0));
         assert_eq!(whole.seconds(), (1..=12).map(|i| 2.0 * i as f64).collect::<Vec<_>>());
         let path = dir.path().join(METRICS);
-        let bytes = std::fs::read(&path).unwrap();
+        let bytes = input::bytes(&path).unwrap();
         std::fs::write(&path, &bytes[..bytes.len() - 30]).unwrap();
         let cut = Log::read(dir.path()).unwrap();
         assert_eq!((cut.steps.len(), cut.valid.len(), cut.odd), (11, 2, 1));

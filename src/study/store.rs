@@ -3,6 +3,7 @@
 use super::row::Row;
 use crate::corpus::record::hex;
 use crate::{Error, Result, files};
+use kinelm_motion::format::input;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -65,7 +66,7 @@ impl Store {
     /// [`Error::Call`] when the settings can't be written.
     pub fn get<T: DeserializeOwned>(&self, name: &str, what: &impl Serialize) -> Result<Option<T>> {
         let key = self.key(what)?;
-        let Ok(bytes) = fs::read(self.path(name, &key, ".json")) else { return Ok(None) };
+        let Ok(bytes) = input::peek_bytes(&self.path(name, &key, ".json")) else { return Ok(None) };
         let finished = serde_json::from_slice::<Finished<T>>(&bytes).ok().filter(|f| f.key == key);
         Ok(finished.map(|f| f.result))
     }

@@ -4,6 +4,7 @@ use super::provenance::{self, PROVENANCE};
 use crate::model::lead_in::LEAD_INS;
 use crate::model::run::{CONFIG, TOKENIZER};
 use crate::{Error, Result, files};
+use kinelm_motion::format::input;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Read, Seek, Write};
 use std::path::{Path, PathBuf};
@@ -27,17 +28,13 @@ impl RunFolder {
     /// Makes the folder of a new run. One whose beginning was cut short is begun again.
     ///
     /// # Errors
-    /// A folder that is there and not empty; another process that writes it; what the system refuses.
+    /// [`Error::Taken`] for a folder that is there and not empty; another process that writes it; what the system refuses.
     pub fn create(run: &Path) -> Result<RunFolder> {
-        if !is_free(run) {
-            let help = match run.join(CONFIG).is_file() {
-                true => "go on with it by --resume, or give another run folder",
-                false => "it holds something else than a run; give another run folder",
-            };
-            return Err(Error::Call(format!("{} exists; {help}", run.display())));
-        }
+        check_free(run)?;
         fs::create_dir_all(run).map_err(Error::io(run))?;
         let folder = RunFolder::locked(run)?;
+        // another process may have begun and ended a run since
+        check_free(run)?;
         for folder in [run.join("samples"), run.join("checkpoints")] {
             fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
         }
@@ -97,7 +94,7 @@ impl RunFolder {
 
 /// Whether a process writes this run just now.
 pub fn is_written(run: &Path) -> bool {
-    let lock = File::open(run.join(LOCK));
+    let lock = input::peek(&run.join(LOCK));
     lock.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 
@@ -146,6 +143,19 @@ pub fn remove(run: &Path) -> Result<()> {
 /// Whether this describes a corpus of several: `corpus-2.json` and so on.
 fn is_corpus(name: &str) -> bool {
     name.strip_prefix("corpus-").is_some_and(|n| n.ends_with(".json"))
+}
+
+/// Refuses a folder that no run can begin in.
+///
+/// # Errors
+/// [`Error::Taken`] then.
+pub fn check_free(run: &Path) -> Result<()> {
+    let help = match run.join(CONFIG).is_file() {
+        _ if is_free(run) => return Ok(()),
+        true => "go on with it by --resume, or give another run folder",
+        false => "it holds something else than a run; give another run folder",
+    };
+    Err(Error::taken(run, format!("exists; {help}")))
 }
 
 /// Whether nothing is there, or nothing but what a process left that died while it began a run.

@@ -4,6 +4,7 @@ use super::tensorboard::EventFile;
 use crate::evaluate::likelihood::Likelihood;
 use crate::model::run::CONFIG;
 use crate::{Error, Result, files};
+use kinelm_motion::format::input;
 use serde::{Deserialize, Serialize};
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -42,7 +43,7 @@ impl Metrics {
     /// What the system refuses.
     pub fn open(run: &Path, step: u64) -> Result<Metrics> {
         let path = run.join("metrics.jsonl");
-        if let Ok(old) = std::fs::read_to_string(&path) {
+        if let Ok(old) = input::text(&path) {
             let earlier = |line: &&str| {
                 let object: Option<serde_json::Value> = serde_json::from_str(line).ok();
                 object.and_then(|o| o["step"].as_u64()).is_some_and(|s| s <= step)
@@ -53,7 +54,7 @@ impl Metrics {
             }
         }
         let file = OpenOptions::new().create(true).append(true).open(&path).map_err(Error::io(&path))?;
-        let config = std::fs::read_to_string(run.join(CONFIG)).unwrap_or_default();
+        let config = input::text(&run.join(CONFIG)).unwrap_or_default();
         Ok(Metrics { path, file, events: EventFile::create(run, step, &config)? })
     }
 

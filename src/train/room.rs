@@ -4,7 +4,7 @@ use super::config::TrainConfig;
 use super::stages;
 use crate::model::layout;
 use crate::model::{Architecture, ModelConfig, TokenLayout};
-use crate::{Error, Result, memory};
+use crate::{Result, memory};
 
 /// Bytes that training takes, about: weights, gradients and two moments, the sum of gradients and the average of weights
 /// where there are; ten numbers of a token's width a layer for the backward pass, and what one layer needs while it is
@@ -27,23 +27,9 @@ pub fn needed(config: &ModelConfig, tokens: &TokenLayout, train: &TrainConfig) -
 /// # Errors
 /// A model or a batch that is too large, with what it takes and what there is; none where the system doesn't tell.
 pub fn check(config: &ModelConfig, tokens: &TokenLayout, train: &TrainConfig) -> Result<()> {
-    match memory::free() {
-        Some(free) => compare(needed(config, tokens, train), free.into()),
-        None => Ok(()),
-    }
-}
-
-fn compare(needed: u128, free: u128) -> Result<()> {
-    if needed <= free {
-        return Ok(());
-    }
-    let gb = |bytes: u128| bytes as f64 / 1e9;
-    Err(Error::Call(format!(
-        "training this model on these batches takes about {:.1} GB of memory and {:.1} GB are free; lower model.width, \
-         model.layers, model.context (of two levels model.window) or train.batch (with train.accumulate that much higher, a step stays the same)",
-        gb(needed),
-        gb(free)
-    )))
+    let help = "lower model.width, model.layers, model.context (of two levels model.window) or train.batch (with \
+                train.accumulate that much higher, a step stays the same)";
+    memory::check(needed(config, tokens, train), "training this model on these batches", help)
 }
 
 #[cfg(test)]
@@ -76,7 +62,5 @@ mod tests {
             assert!(message.unwrap_err().contains("lower model.width"));
         }
         check(&ModelConfig::default(), &tokens, &one).unwrap();
-        let message = compare(3_000_000_000, 1_500_000_000).unwrap_err().to_string();
-        assert!(message.contains("about 3.0 GB of memory and 1.5 GB are free"), "{message}");
     }
 }

@@ -12,7 +12,6 @@ use kinelm_motion::format::input;
 use kinelm_music::feature::rate_of;
 use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
-use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The layout of `config.toml` that this program writes and reads.
@@ -128,7 +127,7 @@ impl RunFile {
     pub fn put_beside(&self, run: &Path, data: &Data) -> Result<()> {
         for (i, part) in data.parts().iter().enumerate() {
             let from = part.corpus.dir().join("corpus.json");
-            let description = fs::read(&from).map_err(Error::io(&from))?;
+            let description = input::bytes(&from).map_err(Error::io(&from))?;
             let name = if i == 0 { "corpus.json".into() } else { format!("corpus-{}.json", i + 1) };
             files::write_whole(&run.join(name), &description)?;
         }
@@ -261,6 +260,7 @@ mod tests {
     use super::*;
     use crate::corpus::Split;
     use crate::train::fixture;
+    use std::fs;
 
     #[test]
     fn a_run_and_its_corpus_can_be_moved_together() {

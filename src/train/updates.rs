@@ -8,7 +8,7 @@ use super::parameters::{List, Parameters, numbers};
 use crate::model::checkpoint::{Checkpoints, State, Which};
 use crate::model::run::{CONFIG, OPTIMIZER, WEIGHTS};
 use crate::model::weights;
-use crate::{Error, Result, files};
+use crate::{Error, Result, files, memory};
 use kinelm_engine::arena::Floats;
 use kinelm_motion::format::input;
 use serde::de::DeserializeOwned;
@@ -101,6 +101,9 @@ pub fn train<L: Learner>(
     stop: &AtomicBool,
     hear: &mut dyn FnMut(Event),
 ) -> Result<Summary> {
+    // weights, gradients and two moments
+    let numbers: u128 = list.iter().map(|(_, [rows, columns])| (rows * columns) as u128).sum();
+    memory::check(16 * numbers, "training this network", "lower its width or its layers, or give the program more")?;
     let checkpoints = Checkpoints::of(folder.path());
     let start = match found(folder.path(), &checkpoints, list, hear)? {
         Some(start) => start,
@@ -207,7 +210,10 @@ impl<L: Learner> Trainer<'_, L> {
 /// # Errors
 /// [`Error::Call`] with both numbers.
 pub fn check_steps(run: &Path, steps: u64) -> Result<()> {
-    match Checkpoints::of(run).named("latest").filter(|done| steps < *done) {
+    // what is there, not what `latest` says
+    let checkpoints = Checkpoints::of(run);
+    let done = checkpoints.steps()?.into_iter().rev().find(|&step| checkpoints.state(step).is_ok());
+    match done.filter(|done| steps < *done) {
         Some(done) => Err(Error::Call(format!("steps {steps}; the run has done {done}: ask for that or more"))),
         None => Ok(()),
     }

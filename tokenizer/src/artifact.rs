@@ -15,7 +15,6 @@ use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -244,8 +243,7 @@ impl Tokenizer {
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let mut text = String::new();
-        kinelm_motion::format::input::check(path).map_err(Error::io(path))?;
-        let file = File::open(path).map_err(Error::io(path))?;
+        let file = kinelm_motion::format::input::open(path).map_err(Error::io(path))?;
         let wrong = |what| Error::File { path: path.to_owned(), what };
         file.take(MAX_FILE_BYTES + 1).read_to_string(&mut text).map_err(|e| match e.kind() {
             std::io::ErrorKind::InvalidData => {

@@ -71,7 +71,7 @@ pub fn ignored(path: &Path) -> Result<bool> {
     let folder = path.parent().unwrap_or(Path::new(""));
     for place in [Some(folder), folder.parent()].into_iter().flatten() {
         let file = place.join("ignore_list.txt");
-        match std::fs::read(&file) {
+        match super::input::bytes(&file) {
             Ok(text) => {
                 let text = String::from_utf8_lossy(&text);
                 if text.lines().any(|line| line.trim() == name.to_string_lossy()) {

@@ -10,7 +10,7 @@ use super::npz::{Npz, Values, Writer, list};
 use super::smpl_arrays::{Vectors, translations};
 use super::{ReadOptions, is_rate};
 use crate::error::{FileError, Kind, Place, in_short};
-use crate::resample::MOST_FPS;
+use crate::resample::{FEWEST_FPS, MOST_FPS};
 use crate::rotation::exp_map;
 use crate::{Clip, Error, Motion, Quat, Result, Source, Vec3, Warning, smpl};
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -145,7 +145,7 @@ fn rate(npz: &Npz) -> Result<f64> {
     match array.real()? {
         fps if is_rate(fps) => Ok(fps),
         fps => {
-            let expected = format!("frames per second above 0, at most {MOST_FPS}");
+            let expected = format!("frames per second of at least {FEWEST_FPS}, at most {MOST_FPS}");
             Err(array.fault(Kind::RateBad, in_short(fps), &expected))
         }
     }

@@ -1,19 +1,98 @@
-//! Files that are read whole: only what is a file, and text that is text.
+//! Every file that is read is opened here: only what is a file, and text that is text. Which files were read is kept, so
+//! that no call writes over what it reads.
 
-use std::fs;
-use std::io::{Error, ErrorKind, Result};
-use std::path::Path;
+use std::collections::HashMap;
+use std::fs::{self, File};
+use std::io::{Error, ErrorKind, Read, Result};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
-/// The bytes of a file. Pipes and devices, which may have no end, are refused before they are opened.
+/// What tells files apart: device and number; where the system has none, the path without links.
+#[cfg(unix)]
+pub type Identity = (u64, u64);
+/// What tells files apart: device and number; where the system has none, the path without links.
+#[cfg(not(unix))]
+pub type Identity = PathBuf;
+
+/// The files that this process has read, and the path of each.
+static READ: Mutex<Option<HashMap<Identity, PathBuf>>> = Mutex::new(None);
+
+/// Which file stands at `path`, links followed; `None` where there is none.
+#[cfg(unix)]
+pub fn identity(path: &Path) -> Option<Identity> {
+    use std::os::unix::fs::MetadataExt;
+    fs::metadata(path).map(|m| (m.dev(), m.ino())).ok()
+}
+
+/// Which file stands at `path`, links followed; `None` where there is none.
+#[cfg(not(unix))]
+pub fn identity(path: &Path) -> Option<Identity> {
+    path.canonicalize().ok()
+}
+
+/// Opens an input. Pipes and devices, which may have no end, are refused before they are opened.
 ///
 /// # Errors
 /// What is no file; what the system refuses.
-pub fn bytes(path: &Path) -> Result<Vec<u8>> {
-    check(path)?;
-    fs::read(path)
+pub fn open(path: &Path) -> Result<File> {
+    let file = peek(path)?;
+    note(path);
+    Ok(file)
 }
 
-/// The text of a file.
+/// [`open`] of a file that is no input: an output that is looked at before it is replaced, or a file that the call itself
+/// goes on with.
+///
+/// # Errors
+/// Those of [`open`].
+pub fn peek(path: &Path) -> Result<File> {
+    check(path)?;
+    File::open(path)
+}
+
+/// Keeps that a file is an input, where another reader opens it.
+pub fn note(path: &Path) {
+    if let Some(id) = identity(path).filter(|_| path.is_file()) {
+        let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
+        read.get_or_insert_default().insert(id, path.to_owned());
+    }
+}
+
+/// Whether the file at `path` was read as an input, under whatever name.
+pub fn was_read(path: &Path) -> bool {
+    let Some(id) = identity(path) else { return false };
+    let read = READ.lock().unwrap_or_else(PoisonError::into_inner);
+    // where the input is gone, its number may have become another file's
+    read.as_ref().and_then(|read| read.get(&id)).is_some_and(|input| identity(input) == Some(id))
+}
+
+/// The bytes of an input.
+///
+/// # Errors
+/// Those of [`open`].
+pub fn bytes(path: &Path) -> Result<Vec<u8>> {
+    all(open(path)?)
+}
+
+/// The bytes of a file that is no input, as [`peek`] opens it.
+///
+/// # Errors
+/// Those of [`open`].
+pub fn peek_bytes(path: &Path) -> Result<Vec<u8>> {
+    all(peek(path)?)
+}
+
+fn all(mut file: File) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let length = file.metadata()?.len();
+    let length = usize::try_from(length).map_err(|_| ErrorKind::OutOfMemory)?;
+    // one more, so that the end is found without growing
+    bytes.try_reserve_exact(length.saturating_add(1))?;
+    file.read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
+/// The text of an input.
 ///
 /// # Errors
 /// As [`bytes`]; [`ErrorKind::InvalidData`] for bytes that are no UTF-8.
@@ -53,5 +132,21 @@ mod tests {
             // with no end
             assert!(bytes(Path::new("/dev/zero")).unwrap_err().to_string().contains("expected a file"));
         }
+    }
+
+    #[test]
+    fn a_file_that_was_read_is_known_by_all_its_names_while_it_is_there() {
+        let dir = tempfile::tempdir().unwrap();
+        let [path, other, link] = ["a", "b", "c"].map(|name| dir.path().join(name));
+        fs::write(&path, b"x").unwrap();
+        fs::hard_link(&path, &link).unwrap();
+        fs::write(&other, b"x").unwrap();
+        peek_bytes(&path).unwrap();
+        assert!(!was_read(&path));
+        bytes(&path).unwrap();
+        assert!(was_read(&path) && (was_read(&link) || cfg!(not(unix))));
+        assert!(!was_read(&other) && !was_read(&dir.path().join("none")) && !was_read(dir.path()));
+        fs::remove_file(&path).unwrap();
+        assert!(!was_read(&link));
     }
 }

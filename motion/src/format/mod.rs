@@ -34,11 +34,10 @@ pub use up::{Axes, Up, UpBy};
 
 use crate::error::in_short;
 use crate::inspect::RateDoubt;
-use crate::resample::MOST_FPS;
+use crate::resample::{FEWEST_FPS, MOST_FPS};
 use crate::{Error, FileError, Kind, Motion, Place, Result, Source};
 use positions::Positions;
 use serde::{Deserialize, Serialize};
-use std::fs::File;
 use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -237,6 +236,13 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
             return Err(FileError::new(Place::file(path), Kind::NotThisFormat, found, expected).into());
         }
     };
+    let fps = motion.clip.fps();
+    if !is_rate(fps) {
+        let (found, expected) =
+            (in_short(fps), format!("frames per second of at least {FEWEST_FPS}, at most {MOST_FPS}"));
+        let fault = FileError::new(Place::file(path), Kind::RateBad, found, expected);
+        return Err(fault.help("--fps-source gives the true rate").into());
+    }
     let mut motion = rest::after_reading(motion, options);
     if options.fps_source.is_none() {
         motion.warnings.extend(RateDoubt::of(&motion.clip).map(|doubt| doubt.warning()));
@@ -254,7 +260,7 @@ fn left_out(path: &Path, feature: &str) -> Error {
 /// An error of a name that says no format, with what the file looks like.
 fn and_its_looks(error: Error, path: &Path) -> Error {
     let mut head = [0; 512];
-    match (error, input::check(path).and_then(|()| File::open(path)?.read(&mut head))) {
+    match (error, input::open(path).and_then(|mut file| file.read(&mut head))) {
         (Error::File(e), Ok(_)) if !e.help.is_empty() => e.into(),
         (Error::File(e), Ok(n)) => e.help(format!("the file looks like {}", bvh::looks_like(&head[..n]))).into(),
         (_, Err(e)) => Error::io(path)(e),
@@ -289,14 +295,14 @@ fn skipped(motion: Motion, options: &ReadOptions) -> Result<Motion> {
 
 /// Whether a rate is one that motion is captured at: what is faster is a slip, and no rate that could be written again.
 pub(crate) fn is_rate(fps: f64) -> bool {
-    fps > 0.0 && fps <= MOST_FPS
+    (FEWEST_FPS..=MOST_FPS).contains(&fps)
 }
 
 /// Fails for a source rate that is none.
 fn check_rate(options: &ReadOptions) -> Result<()> {
     if let Some(fps) = options.fps_source.filter(|f| !is_rate(*f)) {
         return Err(Error::Call(format!(
-            "a source rate of {} frames per second; expected one above 0, at most {MOST_FPS}",
+            "a source rate of {} frames per second; expected one of at least {FEWEST_FPS}, at most {MOST_FPS}",
             in_short(fps)
         )));
     }

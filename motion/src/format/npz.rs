@@ -188,7 +188,7 @@ impl Writer {
     /// Adds an array; an empty shape is a 0-d array of one element. The same arrays give the same bytes.
     ///
     /// # Errors
-    /// [`Error::Call`] when the shape doesn't fit the values, or a key stands twice.
+    /// [`Error::Call`] when the shape doesn't fit the values, a value isn't finite, or a key stands twice.
     pub fn add(&mut self, key: &str, shape: &[usize], values: Values) -> Result<()> {
         let (descr, count) = match values {
             Values::F64(v) => ("<f8".into(), v.len()),
@@ -198,6 +198,16 @@ impl Writer {
         };
         if shape.iter().try_fold(1usize, |p, &n| p.checked_mul(n)) != Some(count) {
             return Err(Error::Call(format!("npz: {key}: {count} values in the shape {}", npy::tuple(shape))));
+        }
+        let not_finite = match values {
+            Values::F64(v) => v.iter().position(|x| !x.is_finite()),
+            Values::F32(v) => v.iter().position(|x| !x.is_finite()),
+            Values::I32(_) | Values::Text(_) => None,
+        };
+        if let Some(at) = not_finite {
+            return Err(Error::Call(format!(
+                "npz: {key}: value {at} is not finite; expected numbers, as of a body of some metres"
+            )));
         }
         if self.entries.iter().any(|(there, _)| there == key) {
             return Err(Error::Call(format!("npz: {key} stands twice")));

@@ -75,9 +75,11 @@ fn write_seeds(args: &Args, trained: &Trained, options: &Options, folder: &Path,
     let test = Test::load(trained, options).map_err(asked)?;
     let frames = options.lengths.iter().copied().max().unwrap_or(0);
     let outputs = args.force.outputs(trained.file.sources.data.iter().chain([&args.run]));
-    for seed in &test.seeds {
-        let path = folder.join(format!("{}.bvh", seed.name));
-        outputs.write(&path, &format::to_bytes(&path, &seed.motion(frames, &path))?)?;
+    let paths: Vec<PathBuf> = test.seeds.iter().map(|seed| folder.join(format!("{}.bvh", seed.name))).collect();
+    // all names, before the first file
+    outputs.check(paths.iter().map(PathBuf::as_path))?;
+    for (seed, path) in test.seeds.iter().zip(&paths) {
+        outputs.write(path, &format::to_bytes(path, &seed.motion(frames, path))?)?;
     }
     let seeds = counted(test.seeds.len(), "seeds");
     say.line(format_args!("{}: {seeds} of {}", folder.display(), counted(frames, "frames")));

@@ -110,7 +110,7 @@ fn make_room(args: &Args) -> Result<()> {
     let holds_files = std::fs::read_dir(&args.out).is_ok_and(|mut entries| entries.next().is_some());
     if holds_files || args.out.is_file() {
         // what is somebody's own is replaced by no --force
-        if !std::fs::read(&report).is_ok_and(|text| text.starts_with(MARK.as_bytes())) {
+        if !kinelm_motion::format::input::peek_bytes(&report).is_ok_and(|text| text.starts_with(MARK.as_bytes())) {
             let what = format!("{out} holds files that are no demo's; give a new or an empty folder with --out");
             return Err(WrongCall(what).into());
         }

@@ -174,7 +174,7 @@ fn page(path: &Path, [real, made]: [&Clip; 2], piece: &Piece, (joints, lag): (&[
         Figure::new("test", real).note("a made-up dance to this music, never trained on").hits(Some(hits(real)?)),
         Figure::new("dance", made).note("the model's, told its beats").hits(Some(hits(made)?)),
     ];
-    let sound = std::fs::read(&piece.path).map_err(kinelm::Error::io(&piece.path))?;
+    let sound = kinelm_motion::format::input::bytes(&piece.path).map_err(kinelm::Error::io(&piece.path))?;
     let music = Music::embedded(&piece.path, &sound, 0.0, piece.beats_s.clone());
     Ok(write_whole(path, page_with(&figures, Some(&music))?.as_bytes())?)
 }

@@ -13,6 +13,7 @@ use kinelm::generate::prompt::given_places;
 use kinelm::generate::provenance::{self, Provenance};
 use kinelm::generate::recipe::Recipe;
 use kinelm::music::find::in_dance;
+use kinelm::music::piece::Piece;
 use kinelm_motion::format::{Format, ReadOptions, RestFrame, input};
 use kinelm_motion::joints;
 use kinelm_music::beat::Beats;
@@ -196,7 +197,7 @@ fn beats(args: &Args, pieces: &mut BTreeMap<PathBuf, Beats>) -> Result<Option<Ve
     }
     let heard = |path: &PathBuf| -> Result<Vec<f64>> {
         if !pieces.contains_key(path) {
-            pieces.insert(path.clone(), kinelm_music::beat::beats(path).map_err(kinelm::Error::from)?);
+            pieces.insert(path.clone(), Piece::beats_of(path)?.beats);
         }
         Ok(in_dance(path, &pieces[path], (from_s, 0.0))?)
     };
@@ -214,7 +215,7 @@ fn own_music(
     // another dance may have been made to another file of this name
     music.check()?;
     if !pieces.contains_key(&music.path) {
-        pieces.insert(music.path.clone(), kinelm_music::beat::beats(&music.path)?);
+        pieces.insert(music.path.clone(), Piece::beats_of(&music.path)?.beats);
     }
     in_dance(&music.path, &pieces[&music.path], (music.from_s, 0.0)).map(Some)
 }

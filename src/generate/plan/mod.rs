@@ -140,7 +140,7 @@ impl Serialize for At {
 impl<'de> Deserialize<'de> for At {
     fn deserialize<D: Deserializer<'de>>(from: D) -> std::result::Result<At, D::Error> {
         #[derive(Deserialize)]
-        #[serde(untagged, expecting = "a moment: seconds, as 2.5 or \"2.5s\", or frames, as \"40f\"")]
+        #[serde(untagged, expecting = "a value that is no time (seconds, as 2.5 or \"2.5s\", or frames, as \"40f\")")]
         enum Either {
             Whole(i64),
             Number(f64),

@@ -12,11 +12,11 @@ use super::{ModelConfig, TokenLayout};
 use crate::corpus::FileRecord;
 use crate::{Error, Result, files};
 use candle_core::{DType, Device, Tensor};
+use kinelm_motion::format::input;
 use kinelm_tokenizer::Tokenizer;
 use own::About;
 use safetensors::{Dtype, SafeTensors};
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 
 /// How a model is written for other programs.
@@ -130,7 +130,7 @@ fn check_tokenizer(tokens: &TokenLayout, tokenizer: &Tokenizer, path: &Path) -> 
 /// # Errors
 /// A file that isn't there, is cut short or is something else; tensors of other numbers.
 fn tensors(path: &Path) -> Result<BTreeMap<String, Tensor>> {
-    let bytes = fs::read(path).map_err(Error::io(path))?;
+    let bytes = input::bytes(path).map_err(Error::io(path))?;
     let wrong = |found: String| Error::file(path, found, "a safetensors file of f32, f16 or bf16", "");
     let file = SafeTensors::deserialize(&bytes).map_err(|e| wrong(format!("no safetensors file: {e}")))?;
     let mut tensors = BTreeMap::new();

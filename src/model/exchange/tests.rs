@@ -3,6 +3,7 @@
 use super::*;
 use crate::model::{HeadKind, Kind, Positions, layout};
 use kinelm_tokenizer::TokenizerConfig;
+use std::fs;
 use std::path::PathBuf;
 
 struct Made {

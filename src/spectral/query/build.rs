@@ -107,6 +107,9 @@ pub fn build(
 ) -> Result<Built> {
     let (there, _alone) = match std::fs::symlink_metadata(out) {
         Ok(_) => {
+            if !out.join(MANIFEST).is_file() {
+                return Err(Error::taken(out, "exists and is no index; give another --out"));
+            }
             let alone = alone(out)?;
             (Some(Index::open(out)?), alone)
         }
@@ -356,9 +359,9 @@ impl Work {
         files::write_whole(&folder.join(MANIFEST), text.as_bytes())?;
         files::sync_folder(folder)?;
         if std::fs::symlink_metadata(&self.out).is_ok() {
-            return Err(Error::Call(format!("{} was made meanwhile; build again to add to it", self.out.display())));
+            return Err(Error::taken(&self.out, "was made meanwhile; build again to add to it"));
         }
-        std::fs::rename(folder, &self.out).map_err(Error::io(&self.out))?;
+        files::rename_new(folder, &self.out)?;
         self.folder = None;
         files::sync_folder(files::folder_of(&self.out))
     }

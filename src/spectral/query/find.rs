@@ -10,6 +10,7 @@ use crate::corpus::record::FileRecord;
 use crate::view::{Figure, page};
 use crate::{Error, Result};
 use kinelm_motion::format::ReadOptions;
+use kinelm_motion::format::input;
 use kinelm_motion::{Clip, Vec3};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -97,7 +98,7 @@ pub struct Answer {
 pub fn find(index: &Index, question: &Question) -> Result<Answer> {
     let (database, spec) = (index.database(), index.options().windows);
     question.exclude.check(database.clips())?;
-    let bytes = std::fs::read(&question.clip).map_err(Error::io(&question.clip))?;
+    let bytes = input::bytes(&question.clip).map_err(Error::io(&question.clip))?;
     let sha256 = FileRecord::of(&bytes).sha256;
     let known = database.clips().iter().position(|c| c.sha256 == sha256);
     let entry = known.map(|i| &database.clips()[i]);
@@ -200,7 +201,7 @@ impl Stretch {
     }
 
     fn load(&self, frames: usize, fps: f64) -> Result<Clip> {
-        let bytes = std::fs::read(&self.path).map_err(Error::io(&self.path))?;
+        let bytes = input::bytes(&self.path).map_err(Error::io(&self.path))?;
         let found = FileRecord::of(&bytes).sha256;
         if found != self.sha256 {
             let help = "the file was changed since the index was built: build it again";

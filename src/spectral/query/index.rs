@@ -126,7 +126,7 @@ fn is_part(name: &str) -> bool {
 }
 
 fn read_basis(path: &Path, record: &FileRecord) -> Result<PcaBasis> {
-    let bytes = std::fs::read(path).map_err(Error::io(path))?;
+    let bytes = input::bytes(path).map_err(Error::io(path))?;
     if FileRecord::of(&bytes) != *record {
         return Err(Error::file(path, "another basis", "the one that the features were made with", DAMAGED));
     }

@@ -7,6 +7,7 @@ use crate::{Error, Result};
 use bytemuck::Pod;
 use kinelm_motion::Place;
 use kinelm_motion::format::ReadOptions;
+use kinelm_motion::format::input;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -115,7 +116,7 @@ impl ClipEntry {
     /// # Errors
     /// [`Error::Io`]; [`Error::File`] for a file that is not as it was written.
     pub fn load(path: &Path, record: &FileRecord) -> Result<Vec<ClipEntry>> {
-        let bytes = std::fs::read(path).map_err(Error::io(path))?;
+        let bytes = input::bytes(path).map_err(Error::io(path))?;
         if FileRecord::of(&bytes) != *record {
             let found = format!("{} bytes of another hash", bytes.len());
             return Err(Error::file(

@@ -1,6 +1,7 @@
 //! Rows of several files of one hierarchy as one file: joints here from one, there from another, in the files' own words.
 
 use super::BvhSource;
+use super::header::Node;
 use super::print::print_head;
 use super::splice::words;
 use std::ops::Range;
@@ -10,11 +11,12 @@ pub type Piece<'a> = (&'a BvhSource, &'a [u8]);
 
 impl BvhSource {
     /// Whether the file of `other` has this one's hierarchy, so that its numbers mean the same here: names, offsets, channels,
-    /// unit and axes.
+    /// unit and axes. Where in the text they stand, and how its lines end, is no matter.
     pub fn is_alike(&self, other: &BvhSource) -> bool {
         let (own, others) = (&self.head, &other.head);
         own.width == others.width
-            && own.nodes == others.nodes
+            && own.nodes.len() == others.nodes.len()
+            && own.nodes.iter().zip(&others.nodes).all(|(a, b)| *a == Node { at: a.at, ..b.clone() })
             && self.rig.joints == other.rig.joints
             && self.rig.chain == other.rig.chain
             && self.rig.unit_m == other.rig.unit_m

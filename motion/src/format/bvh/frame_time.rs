@@ -2,6 +2,7 @@
 
 use super::text::number;
 use crate::error::in_short;
+use crate::resample::MOST_FPS;
 use crate::{Error, Result};
 
 /// Rates that files are made at, rising; where the digits allow several, the nearest of these is meant.
@@ -9,9 +10,9 @@ pub const USUAL_FPS: [u128; 9] = [24, 25, 30, 50, 60, 90, 100, 120, 240];
 
 /// Whether a word is a frame time; else what was expected and what to do.
 pub(crate) fn check(word: &[u8]) -> std::result::Result<f64, (&'static str, String)> {
-    const EXPECTED: &str = "seconds above 0 and at most 1";
+    const EXPECTED: &str = "seconds from 0.0001 to 1";
     match number(word) {
-        Ok(t) if t > 0.0 && t <= 1.0 => Ok(t),
+        Ok(t) if t <= 1.0 && t * MOST_FPS >= 1.0 - 1e-9 => Ok(t),
         Ok(t) if t > 1.0 => Err((EXPECTED, format!("if {t} is a rate, write {:.6}", 1.0 / t))),
         Ok(_) => Err((EXPECTED, "write the seconds of a frame, 0.008333 for 120 frames a second".into())),
         Err(bad) => Err((EXPECTED, bad.help().to_owned())),

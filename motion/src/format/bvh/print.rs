@@ -1,10 +1,15 @@
 //! The text of a BVH.
 
 use super::header::{Header, Node, NodeKind, Style};
+use crate::{Error, Result};
 use std::io::Write;
 
 /// The whole text of a file.
-pub(crate) fn print(head: &Header, frame_time: &str, frames: usize, numbers: &[f64]) -> Vec<u8> {
+///
+/// # Errors
+/// Those of [`not_finite`].
+pub(crate) fn print(head: &Header, frame_time: &str, frames: usize, numbers: &[f64]) -> Result<Vec<u8>> {
+    not_finite(head, numbers)?;
     let line_end = head.style.line_end.as_bytes();
     let mut out = print_head(head, frame_time, frames, numbers.len());
     for row in numbers.chunks_exact(head.width.max(1)) {
@@ -16,7 +21,27 @@ pub(crate) fn print(head: &Header, frame_time: &str, frames: usize, numbers: &[f
         }
         out.extend_from_slice(line_end);
     }
-    out
+    Ok(out)
+}
+
+/// Refuses OFFSETs and rows with a number that no file can hold.
+///
+/// # Errors
+/// [`Error::Call`] with the joint or the frame.
+pub(super) fn not_finite(head: &Header, numbers: &[f64]) -> Result<()> {
+    let bad = |x: &f64| !x.is_finite();
+    let offsets = head
+        .nodes
+        .iter()
+        .find_map(|node| Some((format!("OFFSET of {}", node.name), *node.offset.iter().find(|x| bad(x))?)));
+    let rows =
+        || numbers.iter().position(|x| bad(x)).map(|at| (format!("frame {}", at / head.width.max(1)), numbers[at]));
+    match offsets.or_else(rows) {
+        None => Ok(()),
+        Some((at, found)) => Err(Error::Call(format!(
+            "{at}: {found} in the unit of a BVH; expected numbers, as of a body of some metres"
+        ))),
+    }
 }
 
 /// What stands before the rows, with room for so many numbers behind it.

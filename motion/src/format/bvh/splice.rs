@@ -1,8 +1,7 @@
 //! New motion in part of a file, the rest of its text as it is.
 
 use super::header::Channel;
-use super::print::{print_head, push_number};
-use super::write::not_finite;
+use super::print::{not_finite, print_head, push_number};
 use super::{BvhSource, frame_time};
 use crate::{Clip, Error, Result};
 use std::ops::Range;
@@ -43,7 +42,7 @@ impl BvhSource {
                 *number = from.map_or(*number, |column| self.numbers[(changed.before + frame) * own + column]);
             }
         });
-        not_finite(&numbers, width)?;
+        not_finite(&rig.head, &numbers)?;
         let words = words(text, self.head.rows_at, self.numbers.len());
         let time = if self.fps() == clip.fps() { self.head.frame_time.clone() } else { frame_time::text(clip.fps())? };
         let mut out = print_head(&rig.head, &time, frames, numbers.len());

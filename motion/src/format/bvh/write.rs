@@ -90,23 +90,14 @@ impl BvhSource {
         let (own, same) = (&self.head.frame_time, self.fps() == clip.fps());
         let time = |keep: bool| if keep { Ok(own.clone()) } else { frame_time::text(clip.fps()) };
         if self.is_untouched(clip) {
-            return Ok(print(&self.head, &time(same)?, clip.frames(), &self.numbers));
+            return print(&self.head, &time(same)?, clip.frames(), &self.numbers);
         }
         let time = time(same && frame_time::is_exact(own, clip.fps()))?;
         let clip = self.rig.axes.lay_back(clip)?;
         let rig = self.for_clip(&clip)?;
         let numbers = rig.rows(&clip, self);
-        not_finite(&numbers, rig.head.width)?;
-        Ok(print(&rig.head, &time, clip.frames(), &numbers))
+        print(&rig.head, &time, clip.frames(), &numbers)
     }
-}
-
-/// Refuses rows (F, `width`) with a number that no file can hold.
-pub(super) fn not_finite(numbers: &[f64], width: usize) -> Result<()> {
-    let Some(at) = numbers.iter().position(|x| !x.is_finite()) else { return Ok(()) };
-    let (frame, found) = (at / width.max(1), numbers[at]);
-    let expected = "expected numbers, as of a body of some metres";
-    Err(Error::Call(format!("frame {frame}: {found} in the unit of a BVH; {expected}")))
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! The binary part of a GLB, and the container around both parts.
 
+use crate::{Error, Result};
 use serde_json::{Value, json};
 
 /// What a run of numbers is for.
@@ -22,6 +23,8 @@ const F32: u32 = 5126;
 #[derive(Debug, Default)]
 pub struct Buffer {
     bytes: Vec<u8>,
+    /// Whether a number is none in single precision.
+    not_finite: bool,
     views: Vec<Value>,
     accessors: Vec<Value>,
 }
@@ -31,6 +34,7 @@ impl Buffer {
     /// least and the largest of each component.
     pub fn floats(&mut self, numbers: &[f32], kind: (&str, usize), target: Target, bounds: bool) -> usize {
         let (name, width) = kind;
+        self.not_finite |= numbers.iter().any(|x| !x.is_finite());
         let bytes = numbers.iter().flat_map(|x| x.to_le_bytes()).collect();
         let mut accessor = json!({"componentType": F32, "count": numbers.len() / width, "type": name});
         if bounds {
@@ -69,7 +73,13 @@ impl Buffer {
     }
 
     /// The bytes of a GLB: `document` with what was added.
-    pub fn container(self, mut document: Value) -> Vec<u8> {
+    ///
+    /// # Errors
+    /// [`Error::Call`] for numbers beyond single precision.
+    pub fn container(self, mut document: Value) -> Result<Vec<u8>> {
+        if self.not_finite {
+            return Err(beyond("the body"));
+        }
         document["buffers"] = json!([{"byteLength": self.bytes.len()}]);
         document["bufferViews"] = self.views.into();
         document["accessors"] = self.accessors.into();
@@ -87,6 +97,13 @@ impl Buffer {
         out.extend((binary.len() as u32).to_le_bytes());
         out.extend(b"BIN\0");
         out.extend(binary);
-        out
+        Ok(out)
     }
+}
+
+/// The error of a number that a GLB, whose floats have 32 bits, can't hold.
+pub fn beyond(what: &str) -> Error {
+    Error::Call(format!(
+        "{what}: beyond what a GLB holds, 3.4e38 m; expected a body of some metres (--unit gives the unit)"
+    ))
 }

@@ -11,7 +11,7 @@ mod mesh;
 
 use crate::rotation::nearest_sign;
 use crate::{Clip, Error, GlobalPose, Quat, Result, Vec3};
-use buffer::{Buffer, Target};
+use buffer::{Buffer, Target, beyond};
 use mesh::Mesh;
 use serde_json::{Value, json};
 
@@ -38,7 +38,7 @@ struct Scene {
 /// The bytes of a GLB of these clips.
 ///
 /// # Errors
-/// [`Error::Call`] for no clips, one without frames, and more than 65,535 joints.
+/// [`Error::Call`] for no clips, one without frames, more than 65,535 joints, and numbers beyond single precision.
 pub fn to_bytes(clips: &[Named]) -> Result<Vec<u8>> {
     if clips.is_empty() {
         return Err(Error::Call("a GLB of no clips; expected one at least".into()));
@@ -67,11 +67,18 @@ pub fn to_bytes(clips: &[Named]) -> Result<Vec<u8>> {
     if !channels.is_empty() {
         document["animations"] = json!([{"name": "dance", "samplers": samplers, "channels": channels}]);
     }
-    Ok(buffer.container(document))
+    buffer.container(document)
 }
 
 impl Scene {
     fn add(&mut self, name: &str, clip: &Clip, colour: [f64; 3]) -> Result<()> {
+        let too_far = |p: &Vec3| !p.as_vec3().is_finite();
+        if let Some(frame) = clip.root().iter().position(too_far) {
+            return Err(beyond(&format!("{name}: the root in frame {frame}")));
+        }
+        if let Some(joint) = clip.skeleton().offsets().iter().position(too_far) {
+            return Err(beyond(&format!("{name}: {}", clip.skeleton().names()[joint])));
+        }
         // a node of its own around the joints: programs make one armature of each
         let around = self.nodes.len();
         let first = around + 1;

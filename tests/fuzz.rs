@@ -108,8 +108,10 @@ fn seeds(target: &str) -> Vec<Vec<u8>> {
             let bytes = [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), &[0; 8]].concat();
             vec![bytes]
         }
-        "sidecar" => own(r#"{"schema": 1, "program": "kinelm", "files": [{"file": "a.bvh", "sha256": "00"}]}"#),
-        "folders" => own("version = 2\n[model]\nlayers = 1\n{\"version\": 2, \"clips\": {}}"),
+        "sidecar" => {
+            own(r#"{"schema": 3, "kinelm": "0", "output": {"file": "a.bvh", "sha256": "00"}, "read": {"skip": 1}}"#)
+        }
+        "folders" => own("version = 2\n[model]\nlayers = 1\n{\"version\": 3, \"clips\": {}}"),
         "music" => ["wav", "flac", "mp3", "ogg", "m4a", "mp4", "opus"]
             .iter()
             .flat_map(|extension| files("music/tests/sounds", extension))

@@ -162,7 +162,10 @@ pub fn codes(data: &[u8]) {
 
 /// What stands beside a dance.
 pub fn sidecar(data: &[u8]) {
-    in_folder("a.bvh.kinelm.json", data, |folder| drop(Provenance::load(&folder.join("a.bvh.kinelm.json"))));
+    in_folder("a.bvh.kinelm.json", data, |folder| {
+        drop(Provenance::load(&folder.join("a.bvh.kinelm.json")));
+        drop(kinelm::corpus::sidecar::reading_of(&folder.join("a.bvh")));
+    });
 }
 
 /// The first file that is read of a corpus, an index and a run.

@@ -220,8 +220,8 @@ fn a_damaged_folder_is_refused() {
     let folder = dir.path().join("c");
     let about = fs::read_to_string(folder.join("classifier.json")).unwrap();
     let said = || Classifier::load(&folder).map(|_| ()).unwrap_err().to_string();
-    fs::write(folder.join("classifier.json"), about.replace("\"schema\": 1", "\"schema\": 9")).unwrap();
-    assert!(said().contains("found schema 9, expected schema 1"), "{}", said());
+    fs::write(folder.join("classifier.json"), about.replace("\"schema\": 2", "\"schema\": 9")).unwrap();
+    assert!(said().contains("found schema 9, expected schema 2"), "{}", said());
     // weights of another folder, though they are the right ones
     let name = "model-00000001.safetensors";
     fs::copy(folder.join(name), dir.path().join(name)).unwrap();

@@ -14,7 +14,7 @@ pub struct DataArgs {
     #[arg(required = true, value_name = "DATA")]
     data: Vec<PathBuf>,
     /// Labels of the DATA in the same place of the call: a CSV (clip, split, take, fps, skip, floor, music_from are reserved,
-    /// other columns are labels) or a pattern such as '{genre}/{take}.bvh'; known names are tried by themselves
+    /// other columns are labels; fps, skip and floor overrule the flags) or a pattern such as '{genre}/{take}.bvh'; known names are tried by themselves
     #[arg(long, value_name = "FILE.csv|PATTERN")]
     labels: Vec<String>,
     /// Fail if any file is bad, instead of naming it and going on

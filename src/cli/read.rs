@@ -147,9 +147,11 @@ impl ReadArgs {
             all.push(read);
         }
         sidecar::line(&words).iter().for_each(|line| say.line(line));
-        for corpus in gone {
-            let what = "whether it has these files, and how it read them, isn't known";
-            say.line(format_args!("{}: the model's corpus can't be read: {what}", corpus.display()));
+        if !gone.is_empty() {
+            let gone: Vec<String> = gone.iter().map(|corpus| corpus.display().to_string()).collect();
+            let what =
+                "the model's corpus can't be read: whether it has these files, and how it read them, isn't known";
+            say.line(format_args!("{}: {what}", gone.join(", ")));
         }
         all
     }

@@ -512,13 +512,13 @@ mod tests {
         for (file, bytes, expected) in [
             (
                 MANIFEST,
-                manifest.replace("\"version\": 2", "\"version\": 9").into_bytes(),
-                "found version 9, expected version 2; use a newer kinelm",
+                manifest.replace("\"version\": 3", "\"version\": 9").into_bytes(),
+                "found version 9, expected version 3; use a newer kinelm",
             ),
             (
                 MANIFEST,
-                manifest.replace("\"version\": 2", "\"version\": 1").into_bytes(),
-                "found version 1, expected version 2; corpora of version 1 knew words of one length alone: make it again",
+                manifest.replace("\"version\": 3", "\"version\": 1").into_bytes(),
+                "found version 1, expected version 3; make it again",
             ),
             (MANIFEST, manifest[..40].into(), "corpus.json:"),
             (MANIFEST, manifest.replace("\"fps\"", "\"fpz\"").into_bytes(), "fpz"),

@@ -3,6 +3,7 @@
 use super::figures::{quantile, root_jumps};
 use crate::format::bvh::USUAL_FPS;
 use crate::{Clip, Motion, Warning};
+use std::collections::BTreeMap;
 use std::fmt;
 
 /// Nobody's pelvis falls faster than gravity; beyond this many g the rate is doubted.
@@ -81,7 +82,8 @@ fn in_short(fps: f64) -> f64 {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RateDoubts {
     files: usize,
-    doubted: usize,
+    /// How many of them are likely to have which whole rate.
+    likely: BTreeMap<u64, usize>,
     /// The one that falls fastest.
     worst: Option<(String, RateDoubt)>,
 }
@@ -91,7 +93,7 @@ impl RateDoubts {
     pub fn add(&mut self, name: &str, doubt: Option<RateDoubt>) {
         self.files += 1;
         let Some(doubt) = doubt else { return };
-        self.doubted += 1;
+        *self.likely.entry(doubt.likely_fps() as u64).or_default() += 1;
         if self.worst.as_ref().is_none_or(|(_, worst)| doubt.fall_g > worst.fall_g) {
             self.worst = Some((name.to_owned(), doubt));
         }
@@ -100,8 +102,10 @@ impl RateDoubts {
     /// What there is to say of all; `None` where no rate is doubted.
     pub fn line(&self) -> Option<String> {
         let (name, worst) = self.worst.as_ref()?;
-        let (files, g, likely) = (self.files, worst.fall_g, worst.likely_fps());
-        Some(match self.doubted {
+        let (files, g) = (self.files, worst.fall_g);
+        // most files', of several the highest
+        let (likely, _) = self.likely.iter().max_by_key(|(_, files)| **files)?;
+        Some(match self.likely.values().sum::<usize>() {
             _ if files == 1 => format!("{name}: {}", worst.warning()),
             1 => format!(
                 "1 of {files} files doubts its rate: {name} falls at {g:.1} g; if all were exported alike, `--fps-source \
@@ -191,6 +195,13 @@ mod tests {
         assert_eq!(doubts.line().as_deref(), Some(said));
         doubts.add("c.bvh", doubt(2.0));
         assert!(doubts.line().unwrap().starts_with("2 of 3 files doubt their rates, b.bvh most: it falls at 3.2 g;"));
+        // one that jumps about doesn't say what all are
+        doubts.add("d.bvh", doubt(9.5));
+        let said = doubts.line().unwrap();
+        assert!(
+            said.starts_with("3 of 4 files doubt their rates, d.bvh most") && said.contains("`--fps-source 60`"),
+            "{said}"
+        );
         let mut one = RateDoubts::default();
         one.add("b.bvh", doubt(3.2));
         assert!(one.line().unwrap().starts_with("b.bvh: rate_doubted: the body falls at 3.2 g"));

@@ -44,7 +44,7 @@ pub fn name_of(path: &Path) -> String {
 /// How the sidecar of `dance` says that it is read; `None` where there is none, or the dance has changed since.
 ///
 /// # Errors
-/// [`Error::Io`]; [`Error::File`] for a sidecar of another version, or text that is none.
+/// [`Error::Io`] for a sidecar that can't be read; [`Error::File`] for one of another version, or text that is none.
 pub fn reading_of(dance: &Path) -> Result<Option<ReadOptions>> {
     let path = path_of(dance);
     if !path.is_file() {
@@ -55,8 +55,10 @@ pub fn reading_of(dance: &Path) -> Result<Option<ReadOptions>> {
         let help = "the dance is read as any file; make it again with this version, or take the sidecar away";
         Error::file(&path, e.to_string(), "what this version of kinelm writes beside a dance", help)
     })?;
-    let is_its = told.output.file == name_of(dance) && told.output.sha256 == hash_file(dance)?;
-    Ok(is_its.then_some(told.read))
+    // a dance that can't be read is told of where it is read
+    let is_its =
+        |output: FileHash| output.file == name_of(dance) && hash_file(dance).is_ok_and(|is| is == output.sha256);
+    Ok(is_its(told.output).then_some(told.read))
 }
 
 /// How a dance is read from the file `dance` that it is written to: on the rig of a clip that was read so, or on SMPL's.

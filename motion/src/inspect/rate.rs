@@ -50,7 +50,8 @@ impl RateDoubt {
 
     /// The highest of the usual rates at which it falls at 1 g at most; below all of them a whole number.
     pub fn likely_fps(&self) -> f64 {
-        let free = self.free_fall_fps();
+        // a fall is measured to a percent
+        let free = 1.005 * self.free_fall_fps();
         let usual = USUAL_FPS.iter().map(|&fps| fps as f64).filter(|fps| *fps <= free);
         usual.last().unwrap_or_else(|| free.floor().max(1.0))
     }
@@ -165,7 +166,7 @@ mod tests {
     #[test]
     fn the_likely_rate_is_a_usual_one() {
         let likely = |fall_g, fps| RateDoubt { fall_g, fps }.likely_fps();
-        assert_eq!([likely(3.2, 120.0), likely(1.9, 120.0), likely(3.9, 240.0)], [60.0, 60.0, 120.0]);
+        assert_eq!([likely(3.2, 120.0), likely(1.81, 120.0), likely(4.01, 240.0)], [60.0, 60.0, 120.0]);
         assert_eq!([likely(3.2, 60.0), likely(1.9, 25.0), likely(1e9, 1.0)], [30.0, 18.0, 1.0]);
     }
 

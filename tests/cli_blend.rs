@@ -160,7 +160,7 @@ fn spectra_are_drawn() {
     said(&["--out", &out, "--at", "2.9"], 1, "expected at least 16, a window");
     said(&["--out", &gif], 2, ".png or .svg");
     said(&["--out", &no], 2, "is a file, no folder");
-    said(&["--out", &out, "--at=-1"], 2, "seconds from 0 on");
+    said(&["--out", &out, "--at=-1"], 2, "a time from 0 on");
     assert_eq!(d.count(), before);
 }
 

@@ -357,7 +357,7 @@ fn a_piece_is_cut_out_by_seconds_or_frames() {
     cut(&["--from", "4s"]).code(2).stderr(contains("--from lies outside the clip, which has 90 frames, 3.00 s"));
     cut(&["--from", "2s", "--to", "1s"]).code(2).stderr(contains("nothing lies between"));
     cut(&["--from", "1m"]).code(2).stderr(contains("in frames of a model, and there is none"));
-    cut(&["--from", "1x"]).code(2).stderr(contains("is no moment"));
+    cut(&["--from", "1x"]).code(2).stderr(contains("is no time"));
 }
 
 #[test]

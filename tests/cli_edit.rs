@@ -406,10 +406,7 @@ fn what_can_t_be_edited_is_told_and_nothing_is_written() {
         (&["--free", "all", "--blend=-1"], "expected a time from 0 on"),
         (&["--free", "all", "--blend", "61s"], "--blend 61s: expected 0 to 60 seconds"),
         (&["--loop", "--loop-over", "2f"], "--loop-over 2f: expected 0.1 to 60 seconds"),
-        (
-            &["--free", "left_arm@1-2"],
-            "`1-2` is no time; expected FROM:TO, as in left_arm@4s:8s; of each expected 2.5s",
-        ),
+        (&["--free", "left_arm@1-2"], "`1-2` is no time; expected FROM:TO, as in left_arm@4s:8s, each such as 2.5s"),
         (&["--free", "left_arm@1s:x"], "`1s:x` is no time"),
         (&["--free", "all", "--seconds", "4x"], "`4x` is no time; expected 2.5s, 2.5 or 40f"),
         (&["--free", "all", "--frames", "2.5"], "`2.5` is no time; expected 40, 40f or 2.5s"),

@@ -152,7 +152,9 @@ fn a_page_has_its_music() {
     let deaf = ["view", "d.bvh", "--out", "q.html", "--lag", "0"];
     kinelm(dir.path()).args(deaf).assert().code(2).stderr(predicate::str::contains("--lag without music"));
     view(&["--music-from", "28"]).code(2).stderr(predicate::str::contains("song.wav ends at 28.00 s; give less"));
-    view(&["--music-from", "soon"]).code(2).stderr(predicate::str::contains("expected seconds, such as 12.5s"));
+    view(&["--music-from", "soon"])
+        .code(2)
+        .stderr(predicate::str::contains("`soon` is no time; expected 2.5s, 2.5 or 40f"));
     kinelm(dir.path()).args(["view", "d.bvh", "--out", "q.html"]).assert().success();
     assert!(!fs::read_to_string(dir.path().join("q.html")).unwrap().contains("class Player"));
 }

@@ -284,7 +284,7 @@ fn what_is_wrong_with_a_plan_is_told_with_its_line_and_nothing_is_written() {
             "found right_collar from 5.00 to 6.00 s, which segment 3 gives too",
         ),
         ("skip = 4", "skips = 4", "wrong.toml:6:1: found unknown field `skips`"),
-        ("from = 5", "from = \"soon\"", "is no moment"),
+        ("from = 5", "from = \"soon\"", "is no time"),
         ("over = 0.5", "over = 5.0", "that are made anew where clips meet (over)"),
     ];
     for (from, to, told) in cases {

@@ -282,7 +282,7 @@ fn a_page_goes_over_nothing_else_and_lost_clips_are_said() {
         assert_eq!(fs::read(data.at(page)).ok(), before);
     }
     data.find("data/d0.bvh", "index").args(["-k", "0"]).assert().code(2).stderr(contains("from 1 on"));
-    data.find("data/d0.bvh", "index").args(["--at", "-1"]).assert().code(2).stderr(contains("seconds from 0 on"));
+    data.find("data/d0.bvh", "index").args(["--at", "-1"]).assert().code(2).stderr(contains("a time from 0 on"));
     fs::remove_file(data.at("data/d1.bvh")).unwrap();
     let mut c = data.find("data/d0.bvh", "index");
     c.args(["--exclude", "none", "--page"]).arg(data.at("p.html"));

@@ -141,7 +141,7 @@ fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
         computing: Computing::new(args.compute.get(), WeightKind::F32, KvKind::F32),
     };
     let mut ready = Ready::load(recipe, Which::Auto)?;
-    ready.lead_in_from_nothing(true)?;
+    ready.lead_in_from_nothing(false)?;
     let danced = ready.dance(1, None, &mut |_| {})?;
     Ok(ready.motion(&ready.words(&danced, 0), Path::new("dance.bvh"))?.motion.clip)
 }

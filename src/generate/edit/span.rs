@@ -1,6 +1,6 @@
 //! Joints and when, as a call names them: `left_arm@4s:8s`.
 
-use kinelm_motion::moment::{EXPECTED, Moment, Scale};
+use kinelm_motion::moment::{Moment, Scale};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::Range;
@@ -26,9 +26,9 @@ impl FromStr for Span {
             // a joint of a rig may have an @ in its name
             Some((joints, time)) if is_time(time) => (joints, Some(time)),
             Some((_, time)) if is_meant_as_time(time) => {
-                let from_end = "with a - in front from the end";
                 return Err(format!(
-                    "`{text}`: `{time}` is no time; expected FROM:TO, as in left_arm@4s:8s; of each {EXPECTED}, {from_end}"
+                    "`{text}`: `{time}` is no time; expected FROM:TO, as in left_arm@4s:8s, each such as 2.5s, 2.5 or 40f, with a \
+                     - in front from the end"
                 ));
             }
             _ => (text, None),

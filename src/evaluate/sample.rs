@@ -32,8 +32,8 @@ impl Extent {
             (0..units).step_by(step).map(move |first| (clip, first..(first + step).min(units)))
         };
         let stretches: Vec<_> = clips.iter().enumerate().flat_map(of_clip).collect();
-        let (there, most) = (stretches.len(), MOST_FRAMES as f64 / all as f64);
-        let taken = ((there as f64 * most) as usize).max(1);
+        let there = stretches.len();
+        let taken = (there * MOST_FRAMES / all).max(1);
         (0..taken).map(|i| stretches[i * there / taken].clone()).collect()
     }
 }

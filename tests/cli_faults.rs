@@ -239,7 +239,7 @@ fn the_memory_that_a_shell_allows_counts_before_training() {
         return;
     }
     assert_eq!(found.status.code(), Some(1), "{said}");
-    assert!(said.contains("GB of memory") && said.contains("lower model.width"), "{said}");
+    assert!(said.contains(" of memory and ") && said.contains("lower model.width"), "{said}");
     assert!(!data.at("wide").exists());
 }
 
@@ -326,9 +326,7 @@ fn folders_of_ours_are_not_searched_for_clips() {
     let data = data();
     fs::create_dir(data.at("mixed")).unwrap();
     fs::copy(data.at("data/d0.bvh"), data.at("mixed/d0.bvh")).unwrap();
-    for call in ["pretrain --config train.toml --corpus corpus --run mixed/run", "inspect mixed"] {
-        data.call(call).assert().success();
-    }
+    data.call("pretrain --config train.toml --corpus corpus --run mixed/run").assert().success();
     fs::copy(data.at("data/d1.bvh"), data.at("mixed/run/samples/d1.bvh")).unwrap();
     let call = data.call("tokenize mixed --tokenizer t.json --out mixed-corpus").assert().success();
     let said = String::from_utf8_lossy(&call.get_output().stderr).into_owned();

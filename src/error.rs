@@ -60,6 +60,9 @@ pub enum Error {
         /// What stands there or would happen, and what to do.
         what: String,
     },
+    /// Less memory is free than the work takes.
+    #[error("{0}")]
+    Memory(String),
     /// The caller asked for something that can't be done.
     #[error("{0}")]
     Call(String),

@@ -18,7 +18,7 @@ pub fn free() -> Option<u64> {
 /// Refuses work that takes about so many bytes more than this process can still have, before it is begun.
 ///
 /// # Errors
-/// [`Error::Call`] with what it takes and what there is; none where the system doesn't tell.
+/// [`Error::Memory`] with what it takes and what there is; none where the system doesn't tell.
 pub fn check(needed: u128, what: &str, help: &str) -> Result<()> {
     free().map_or(Ok(()), |free| compare(needed, free.into(), what, help))
 }
@@ -28,7 +28,7 @@ fn compare(needed: u128, free: u128, what: &str, help: &str) -> Result<()> {
         return Ok(());
     }
     let (needed, free) = (in_words(needed), in_words(free));
-    Err(Error::Call(format!("{what} takes about {needed} of memory and {free} are free; {help}")))
+    Err(Error::Memory(format!("{what} takes about {needed} of memory and {free} are free; {help}")))
 }
 
 fn in_words(bytes: u128) -> String {

@@ -7,14 +7,13 @@ use std::path::Path;
 /// begin.
 type Kind = (&'static str, [&'static str; 2], &'static [&'static str]);
 
+/// What a corpus is.
+pub const CORPUS: &str = "a corpus";
+
 const KINDS: [Kind; 5] = [
     ("a run", ["config.toml", "checkpoints"], RUN),
     ("a classifier's training", ["call.json", "checkpoints"], RUN),
-    (
-        "a corpus",
-        ["corpus.json", "clips.jsonl"],
-        &["corpus.json", "clips.jsonl", "tokenizer.json", "tokens.", "music."],
-    ),
+    (CORPUS, ["corpus.json", "clips.jsonl"], &["corpus.json", "clips.jsonl", "tokenizer.json", "tokens.", "music."]),
     ("an index", ["index.json", "part-0000"], &["index.json", "basis.json", "part-"]),
     ("a classifier", ["classifier.json", "tokenizer.json"], RUN),
 ];

@@ -160,7 +160,7 @@ fn goes_on(run: fn(&Path) -> LoadedRun) {
     let names: Vec<_> = files("cut").into_iter().map(|(name, _)| name).collect();
     assert_eq!(names.len(), 4, "{names:?}");
     assert!(files("cut") == files("straight"));
-    assert!(go(&options, true, 99).unwrap_err().contains("something is there"));
+    assert!(go(&options, true, 99).unwrap_err().contains("is there already"));
 }
 
 #[test]
@@ -205,7 +205,7 @@ fn what_cannot_be_told_is_refused() {
     let config = config.resolved(&run.tokens);
     assert!(said_layout(&config, &run.tokens).contains("2 class rows and a window of 2 frames; expected room"));
     files::write_folder(&dir.path().join("x"), &[("a", Vec::new())]).unwrap();
-    assert!(said(&options()).contains("something is there"));
+    assert!(said(&options()).contains("is there already"));
 }
 
 fn said_layout(config: &ModelConfig, tokens: &TokenLayout) -> String {

@@ -6,7 +6,7 @@ use super::record::{
 };
 use super::store::{CLIPS, Coding, MANIFEST, TOKENIZER};
 use crate::files::Hidden;
-use crate::{Error, Result};
+use crate::{Error, Result, ours};
 use kinelm_motion::format::input;
 use kinelm_music::feature::CHANNELS;
 use kinelm_tokenizer::{SPACE, Tokenizer};
@@ -207,6 +207,10 @@ fn check_place(dir: &Path, tokenizer: &Tokenizer, force: bool) -> Result<()> {
     let is_used = fs::read_dir(dir).is_ok_and(|mut entries| entries.next().is_some());
     if fs::symlink_metadata(dir).is_err() || (dir.is_dir() && !is_used) {
         return Ok(());
+    }
+    // a run has a corpus.json too
+    if let Some(kind) = ours::kind(dir).filter(|kind| *kind != ours::CORPUS) {
+        return Err(Error::taken(dir, format!("exists and is {kind}; give another place for the corpus")));
     }
     if !dir.join(MANIFEST).is_file() {
         return Err(Error::taken(dir, "exists and is no corpus; give another place for the corpus"));

@@ -347,8 +347,7 @@ fn short_of_memory(e: std::io::Error) -> std::io::Error {
 fn is_fault(e: &Error) -> bool {
     match e {
         Error::Io { source, .. } => source.kind() != ErrorKind::OutOfMemory,
-        // of memory, asked for before
-        Error::Call(_) => false,
+        Error::Memory(_) => false,
         _ => true,
     }
 }

@@ -190,6 +190,25 @@ mod tests {
         RunFolder::open(&run).unwrap();
     }
 
+    /// Both saw that the folder is free; the second gets the lock when the first has begun its run and ended it.
+    #[test]
+    fn free_is_asked_again_under_the_lock() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = dir.path().join("run");
+        fs::create_dir(&run).unwrap();
+        let first = RunFolder::locked(&run).unwrap();
+        let second = std::thread::spawn({
+            let run = run.clone();
+            move || RunFolder::create(&run).map_err(|e| e.to_string())
+        });
+        std::thread::sleep(TRIES.1 * 3 / 2);
+        fs::write(run.join(CONFIG), "the first's").unwrap();
+        drop(first);
+        let message = second.join().unwrap().unwrap_err();
+        assert!(message.contains("run exists; go on with it by --resume"), "{message}");
+        assert_eq!(fs::read_to_string(run.join(CONFIG)).unwrap(), "the first's");
+    }
+
     #[test]
     fn a_run_is_removed_whole_or_not_at_all() {
         let dir = tempfile::tempdir().unwrap();

@@ -2,8 +2,8 @@
 //! settings give the same bytes.
 
 use crate::{Error, Result, files};
+use kinelm_motion::format::input;
 use serde::{Deserialize, Serialize};
-use std::fs;
 use std::path::Path;
 use std::time::SystemTime;
 
@@ -57,7 +57,7 @@ impl Call {
 /// What the system refuses.
 pub fn note(run: &Path) -> Result<()> {
     let path = run.join(PROVENANCE);
-    let found = fs::read(&path).ok().and_then(|bytes| serde_json::from_slice::<Provenance>(&bytes).ok());
+    let found = input::bytes(&path).ok().and_then(|bytes| serde_json::from_slice::<Provenance>(&bytes).ok());
     let mut all = found.unwrap_or(Provenance { version: VERSION, calls: Vec::new() });
     all.calls.push(Call::now());
     let text = serde_json::to_string_pretty(&all).map_err(|e| Error::Call(format!("{PROVENANCE}: {e}")))?;
@@ -67,6 +67,7 @@ pub fn note(run: &Path) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     #[test]
     fn every_call_is_kept() {

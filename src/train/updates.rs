@@ -214,7 +214,9 @@ pub fn check_steps(run: &Path, steps: u64) -> Result<()> {
     let checkpoints = Checkpoints::of(run);
     let done = checkpoints.steps()?.into_iter().rev().find(|&step| checkpoints.state(step).is_ok());
     match done.filter(|done| steps < *done) {
-        Some(done) => Err(Error::Call(format!("steps {steps}; the run has done {done}: ask for that or more"))),
+        Some(done) => Err(Error::Call(format!(
+            "steps {steps}; the run has done {done}: ask for that or more, or begin a new run"
+        ))),
         None => Ok(()),
     }
 }

@@ -279,7 +279,7 @@ fn what_cannot_be_done_is_said_and_changes_nothing() {
     assert!(error(&[5], pca, "other").contains("no clip is as long"));
     let e = error(&[0], Asked { frames: Some(8), ..Asked::default() }, "other");
     assert!(e.contains("expected 16 to 4096"), "{e}");
-    assert!(error(&[0], Asked::default(), "data").contains("no index.json"));
+    assert!(error(&[0], Asked::default(), "data").contains("exists and is no index"));
     let mut stop = |e: Event<'_>| match e {
         Event::Done { done: 2, .. } => ControlFlow::Break(()),
         _ => ControlFlow::Continue(()),

@@ -15,6 +15,7 @@ use super::progress::Progress;
 use super::room;
 use super::run::RunFile;
 use super::stages::Stages;
+use super::updates;
 use crate::corpus::Opening;
 use crate::evaluate::likelihood::Likelihood;
 use crate::model::Compute;
@@ -155,10 +156,7 @@ fn found(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)> 
         return Err(Error::Call(format!("seed {seed}; the run was begun with {}", file.train.seed)));
     }
     if let Some(steps) = options.steps.filter(|s| *s != file.train.steps) {
-        if let Some(done) = Checkpoints::of(run.path()).named("latest").filter(|done| steps < *done) {
-            let what = format!("steps {steps}; the run has done {done}: ask for that or more, or begin a new run");
-            return Err(Error::Call(what));
-        }
+        updates::check_steps(run.path(), steps)?;
         file.train.steps = steps;
         file.write(run.path())?;
     }

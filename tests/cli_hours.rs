@@ -171,7 +171,8 @@ fn a_file_of_many_pieces_is_read_once() {
     let motion = Motion { path: at("data/a.bvh"), clip: dance, source: Source::Plain, warnings: vec![] };
     format::write(&at("data/a.bvh"), &motion).unwrap();
     fs::write(at("tokenizer.json"), tokenizer.to_json()).unwrap();
-    let row = |i: usize| format!("a,{:.2},{:.2}\n", i as f64 * 0.05, i as f64 * 0.05 + 0.025);
+    // between the frames, each of which becomes a clip
+    let row = |i: usize| format!("a,{:.2},{:.2}\n", i as f64 * 0.05 + 0.01, i as f64 * 0.05 + 0.03);
     fs::write(at("out.csv"), "clip,from_s,to_s\n".to_string() + &(0..1_000).map(row).collect::<String>()).unwrap();
     let started = std::time::Instant::now();
     done(dir.path(), "tokenize data --tokenizer tokenizer.json --leave-out out.csv --out corpus --threads 1");

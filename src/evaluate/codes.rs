@@ -261,8 +261,8 @@ mod tests {
         let write = |codes: &[u16]| {
             let (n, lengths) = (frames as u64, Array::Lengths(vec![(frames / 2) as i64; 2]));
             let of = |name| (name, TWO, lengths.clone());
-            let array = |name| (name, [n, 1], Array::Codes(codes.to_vec()));
-            let (train, test) = (array("train"), array("test"));
+            let array = |name, codes: &[u16]| (name, [n, 1], Array::Codes(codes.to_vec()));
+            let (train, test) = (array("train", codes), array("test", codes));
             npz(&path, &[of("train_len"), of("test_len"), (train.0, &train.1, train.2), (test.0, &test.1, test.2)]);
         };
         write(&codes);

@@ -41,6 +41,7 @@ fn clip(name: String, key: usize, split: Split, frames: usize) -> NewClip {
         take,
         key,
         sha256,
+        read: Default::default(),
         frames,
         clipped: 0,
         second_codes: 0,

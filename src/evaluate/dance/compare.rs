@@ -141,8 +141,9 @@ impl Real<'_> {
     /// # Errors
     /// Words that can't be decoded.
     pub fn charts(&self, sets: &[Set]) -> Result<Vec<Chart>> {
+        type Measure<'a> = (Figures, Option<&'a Prompted>);
         let train = self.all_figures(Split::Train)?.into_iter().map(|f| (f, None)).collect();
-        let mut all: Vec<(&str, Vec<(Figures, Option<&Prompted>)>)> = vec![("train", train)];
+        let mut all: Vec<(&str, Vec<Measure>)> = vec![("train", train)];
         all.extend(sets.iter().map(|(name, dances)| {
             (*name, dances.par_iter().map(|(d, prompted)| (self.figures(d), *prompted)).collect())
         }));

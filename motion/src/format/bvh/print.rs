@@ -34,8 +34,7 @@ pub(super) fn not_finite(head: &Header, numbers: &[f64]) -> Result<()> {
         .nodes
         .iter()
         .find_map(|node| Some((format!("OFFSET of {}", node.name), *node.offset.iter().find(|x| bad(x))?)));
-    let rows =
-        || numbers.iter().position(|x| bad(x)).map(|at| (format!("frame {}", at / head.width.max(1)), numbers[at]));
+    let rows = || numbers.iter().position(bad).map(|at| (format!("frame {}", at / head.width.max(1)), numbers[at]));
     match offsets.or_else(rows) {
         None => Ok(()),
         Some((at, found)) => Err(Error::Call(format!(

@@ -52,8 +52,8 @@ impl RateDoubt {
     pub fn likely_fps(&self) -> f64 {
         // a fall is measured to a percent
         let free = 1.005 * self.free_fall_fps();
-        let usual = USUAL_FPS.iter().map(|&fps| fps as f64).filter(|fps| *fps <= free);
-        usual.last().unwrap_or_else(|| free.floor().max(1.0))
+        let mut usual = USUAL_FPS.iter().map(|&fps| fps as f64).filter(|fps| *fps <= free);
+        usual.next_back().unwrap_or_else(|| free.floor().max(1.0))
     }
 
     /// As a warning of the motion that it is of.

@@ -267,7 +267,7 @@ const OURS: &[(&str, &str, &str)] = &[
 ];
 
 #[test]
-fn each_format_of_a_dance_has_its_own_record_and_old_ones_are_read() {
+fn each_format_of_a_dance_has_its_own_record_which_may_have_another_name() {
     let place = Place::new();
     for name in ["d.bvh", "d.npz", "d.json"] {
         place.done(&format!("generate --run run --frames 3 --out {name}"));
@@ -277,14 +277,12 @@ fn each_format_of_a_dance_has_its_own_record_and_old_ones_are_read() {
             serde_json::from_slice(&fs::read(place.at(&format!("{name}.kinelm.json"))).unwrap()).unwrap();
         assert_eq!(told["output"]["file"], name);
     }
-    // as it was named before
+    // by a record of another name it is made again, and has its own beside it
     fs::rename(place.at("d.bvh.kinelm.json"), place.at("d.kinelm.json")).unwrap();
     let dance = fs::read(place.at("d.bvh")).unwrap();
     place.done("generate --again d.kinelm.json");
     assert_eq!(fs::read(place.at("d.bvh")).unwrap(), dance);
-    fs::remove_file(place.at("d.bvh.kinelm.json")).unwrap();
-    place.done("generate --run run --frames 4 --out d.bvh");
-    assert_ne!(fs::read(place.at("d.bvh")).unwrap(), dance);
+    assert!(place.at("d.bvh.kinelm.json").exists());
 }
 
 #[test]

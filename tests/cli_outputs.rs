@@ -217,6 +217,7 @@ const WRITE: &[Row] = &[
 /// Commands that write no file, or that read none.
 const OTHERS: &[&str] = &[
     "inspect",
+    "config show",
     "tokenizer text",
     "corpus stats",
     "runs list",

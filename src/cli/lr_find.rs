@@ -52,8 +52,11 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         opening: args.trust.opening(),
     };
     let stop = super::pretrain::stop_on_ctrl_c()?;
-    let bar = super::progress::bar(args.steps, "steps", say);
-    let found = lr_find(&options, &stop, &mut |tried| bar.set_position(tried.step));
+    // after the corpora are opened, which tells of its own wait
+    let mut bar = None;
+    let found = lr_find(&options, &stop, &mut |tried| {
+        bar.get_or_insert_with(|| super::progress::bar(args.steps, "steps", say)).set_position(tried.step);
+    });
     drop(bar);
     let found = found?;
     super::draw_charts(&args.out, &[found.chart()], &outputs)?;

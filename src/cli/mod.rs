@@ -181,9 +181,7 @@ impl TrustArgs {
     /// # Errors
     /// Those of [`Corpus::open_with`].
     pub fn open(self, dir: &Path) -> kinelm::Result<Corpus> {
-        let corpus = Corpus::open_with(dir, Opening { streamed: true, ..self.opening() });
-        progress::stage("at work");
-        corpus
+        Corpus::open_with(dir, Opening { streamed: true, ..self.opening() })
     }
 }
 

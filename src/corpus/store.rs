@@ -26,7 +26,7 @@ pub struct Opening {
     pub trust: bool,
     /// The tokens stay in their file, whatever memory is free: for one that reads clip by clip.
     pub streamed: bool,
-    /// Learns what is being hashed.
+    /// Learns what is being hashed, and that it is done.
     pub tell: fn(&str),
 }
 
@@ -351,7 +351,9 @@ fn stored<T: Pod + Send + Sync>(
     };
     if !opening.trust {
         (opening.tell)(&format!("hashing {}, {} MB", path.display(), record.bytes.div_ceil(1_000_000)));
-        stored.check(record)?;
+        let checked = stored.check(record);
+        (opening.tell)("at work");
+        checked?;
     }
     Ok(stored)
 }

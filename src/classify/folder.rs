@@ -25,7 +25,7 @@ pub(super) const SCHEMA: u32 = 2;
 /// `classifier.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct About {
-    /// The version of this file, [`SCHEMA`].
+    /// The version of this file, `SCHEMA`.
     pub schema: u32,
     /// The program that wrote it.
     pub kinelm: String,

@@ -32,7 +32,7 @@ pub struct Likelihood {
 
 /// Bits a frame of `model` on `clips`, `None` where they have no frame.
 ///
-/// Windows hold as many whole words as the context does and move by half of them, see [`eval_windows`]; of each only what
+/// Windows hold as many whole words as the context does and move by half of them, see `eval_windows`; of each only what
 /// the one before has not scored counts. With `most` above 0, at most so many windows are taken, spread evenly. In front
 /// of each stand the labels of its clip as `conditions` knows them; those of [`Conditions::unknown`] hide all.
 ///

@@ -35,7 +35,7 @@ pub trait Recipe: Clone + Serialize + DeserializeOwned {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Told<R> {
-    /// The layout's version, [`SCHEMA`].
+    /// The layout's version, `SCHEMA`.
     pub schema: u32,
     /// The program's version.
     pub kinelm: String,

@@ -54,7 +54,7 @@ pub struct ModelConfig {
     /// What the features of music are standardised by. No training file says it: a new run takes it of its training clips.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub music_scale: Option<Scale>,
-    /// n: rows of a two-level model's trunk behind a window's last frame, for a classifier to read, see [`super::frames`]. No
+    /// n: rows of a two-level model's trunk behind a window's last frame, for a classifier to read, see `frames`. No
     /// file says it: a classifier knows what it tells.
     #[serde(skip)]
     pub classes: usize,

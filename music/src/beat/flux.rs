@@ -75,7 +75,7 @@ impl Flux {
         done
     }
 
-    /// The series of the whole: held at one level over [`LEVELLED_S`], and a little smoothed.
+    /// The series of the whole: held at one level over 6 s, and a little smoothed.
     ///
     /// # Errors
     /// Those of the transform.

@@ -2,7 +2,7 @@
 //!
 //! A tracker that follows its loudest series takes every second beat for one, or the swung eighth before the beat. So all
 //! levels and phases of the pulse that music has are laid over each stretch of 32 pulses, and what is heard at the beats
-//! of each and between them is weighed ([`super::weights`]).
+//! of each and between them is weighed (`weights.rs`).
 
 use super::FPS;
 use super::flux::{RISES, SERIES, Series};

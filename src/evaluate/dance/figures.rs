@@ -39,7 +39,7 @@ pub struct Group {
     pub skate_cm_s: Option<f64>,
     /// Share of those steps that are faster than 10 cm/s.
     pub skate_share: Option<f64>,
-    /// Physical foot contact, mean over the dances; see [`physical_foot_contact`].
+    /// Physical foot contact, mean over the dances; see `physical_foot_contact`.
     pub pfc: Option<f64>,
     /// Mean speed of the coded joints, cm/s.
     pub speed_cm_s: Option<f64>,

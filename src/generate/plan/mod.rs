@@ -1,7 +1,7 @@
 //! A plan: clips on a timeline, from which one dance is made. docs/plans.md.
 //!
-//! The clips are laid into one file on the rig of one of them ([`lay`], [`compose`]), and what none of them gives is made
-//! anew, as in any edit of a clip. [`draw`] shows a plan as text.
+//! The clips are laid into one file on the rig of one of them (`lay`, `compose`), and what none of them gives is made
+//! anew, as in any edit of a clip. `draw` shows a plan as text.
 
 mod compose;
 mod draw;

@@ -2,7 +2,7 @@
 //! of three times its phase, at each time that a frame is told of.
 //!
 //! The phase goes evenly from 0 at a beat to a turn at the next; before the first beat and behind the last it goes on as between
-//! the two nearest, for [`BEYOND`] beats.
+//! the two nearest, for `BEYOND` beats.
 
 use super::AHEAD_S;
 use std::f64::consts::TAU;

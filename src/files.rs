@@ -242,12 +242,15 @@ pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// A path as the files of `folder` name it, so that both can be moved together: from the folder on, or as it is where it
-/// isn't there, or no way leads from one to the other.
+/// A path as the files of `folder` name it, so that both can be moved together: from the folder on, or absolute where no way
+/// leads from one to the other. One that isn't there stays as [`path_in`] had it.
 pub fn path_from(folder: &Path, path: &Path) -> PathBuf {
     // without links, which `..` would lead out of
-    let (Ok(whole), Ok(folder)) = (path.canonicalize(), folder.canonicalize()) else { return path.into() };
-    pathdiff::diff_paths(whole, folder).unwrap_or_else(|| path.into())
+    let found = match (path.canonicalize(), folder.canonicalize()) {
+        (Ok(whole), Ok(folder)) => pathdiff::diff_paths(whole, folder),
+        _ => path.strip_prefix(folder).map(Path::to_owned).ok(),
+    };
+    found.unwrap_or_else(|| std::path::absolute(path).unwrap_or_else(|_| path.into()))
 }
 
 /// Where a path leads that a file of `folder` names: [`path_from`] taken back.
@@ -337,6 +340,10 @@ mod tests {
         assert_eq!(path_in(&at("b/runs/r"), &found), at("b/corpus"));
         assert_eq!(path_from(&at("b/runs/r"), &at("none")), at("none"));
         assert_eq!(path_in(&at("b/runs/r"), &at("none")), at("none"));
+        // what is gone keeps its name, however often a file is written anew
+        let gone = Path::new("../../gone");
+        assert_eq!(path_from(&at("b/runs/r"), &path_in(&at("b/runs/r"), gone)), gone);
+        assert!(path_from(&at("b/runs/r"), Path::new("gone")).is_absolute());
     }
 
     #[test]

@@ -7,6 +7,7 @@ use crate::corpus::{Corpus, Opening};
 use crate::model::ahead::Ahead;
 use crate::model::run::{CONFIG, LoadedRun, TOKENIZER, check_kind, load_tokenizer};
 use crate::model::{ModelConfig, TokenLayout};
+use crate::output::is_same;
 use crate::{Error, Result, files};
 use kinelm_motion::format::input;
 use kinelm_music::feature::rate_of;
@@ -118,6 +119,18 @@ impl RunFile {
             tokens: run.tokens.clone(),
             from: None,
         }
+    }
+
+    /// Names the corpora where they were found now; whether one of them was elsewhere.
+    ///
+    /// # Errors
+    /// A corpus path that can't be made absolute.
+    pub fn found_at(&mut self, data: &Data) -> Result<bool> {
+        let found = data.parts().iter().map(RunCorpus::of).collect::<Result<Vec<_>>>()?;
+        let elsewhere = |(old, new): (&RunCorpus, &RunCorpus)| !is_same(&old.path, &new.path);
+        let moved = self.corpora.iter().zip(&found).any(elsewhere);
+        self.corpora = found;
+        Ok(moved)
     }
 
     /// Puts the tokenizer and the descriptions of the corpora into the run folder: `corpus.json`, `corpus-2.json`, ...

@@ -73,10 +73,23 @@ fn a_run_says_who_began_it_and_can_be_moved_with_its_corpus() {
     c.args(["generate", "--frames", "10", "--out"]).arg(&dance).arg("--run").arg(&run).assert().success();
     place.resume(&run).args(["--steps", "6"]).assert().success();
     assert_eq!(calls().as_array().unwrap().len(), 2, "{}", calls());
+    // a corpus that has moved is named once
+    fs::create_dir(place.at("moved/corpus")).unwrap();
+    for entry in fs::read_dir(place.at("corpus")).unwrap().map(|entry| entry.unwrap().path()) {
+        fs::copy(&entry, place.at("moved/corpus").join(entry.file_name().unwrap())).unwrap();
+    }
+    let text = fs::read_to_string(run.join("config.toml")).unwrap().replace("../../corpus", "../gone");
+    fs::write(run.join("config.toml"), text).unwrap();
+    place.resume(&run).args(["--steps", "8"]).assert().code(1).stderr(contains("--resume --corpus CORPUS"));
+    let mut named = place.resume(&run);
+    named.args(["--steps", "8", "--corpus"]).arg(place.at("moved/corpus")).assert().success();
+    let text = fs::read_to_string(run.join("config.toml")).unwrap();
+    assert!(text.contains("path = \"../corpus\""), "{text}");
+    place.resume(&run).args(["--steps", "10"]).assert().success();
     let beside = format!("{}.kinelm.json", dance.display());
     let said = kinelm().args(["generate", "--again", &beside]).assert().code(1);
     let said = String::from_utf8_lossy(&said.get_output().stderr).into_owned();
-    assert!(said.contains("no checkpoint of step 4, but those of 6") && said.contains("train.keep"), "{said}");
+    assert!(said.contains("no checkpoint of step 4, but those of") && said.contains("train.keep"), "{said}");
 }
 
 #[test]

@@ -123,7 +123,7 @@ fn asked(options: &PretrainOptions, progress: &mut dyn Progress) -> Result<(RunF
     let mut train = file.train.clone();
     train.conditions = options.conditions.clone().unwrap_or(train.conditions);
     let data = Data::open(&corpora, source.as_ref().map(|s| &s.tokenizer), &train.conditions, options.opening)
-        .map_err(|e| file.named(e))?;
+        .map_err(|e| if options.conditions.is_some() { e } else { file.named(e) })?;
     train.steps = options.steps.unwrap_or(train.steps);
     train.seed = options.seed.unwrap_or(train.seed);
     train.precision = options.precision.unwrap_or(train.precision);
@@ -142,6 +142,9 @@ fn found(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)> 
         _ => options.corpora.clone(),
     };
     let data = file.data(run.path(), &corpora, options.opening)?;
+    if file.found_at(&data)? {
+        file.write(run.path())?;
+    }
     if let Some(given) = &options.file {
         let mut train = given.train.clone();
         (train.steps, train.seed) = (file.train.steps, options.seed.unwrap_or(train.seed));

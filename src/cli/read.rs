@@ -131,7 +131,9 @@ impl ReadArgs {
                 None
             });
             let Some(told) = told else {
-                let known = corpora.iter().find_map(|corpus| known_to(corpus, file, &mut gone));
+                // the error of hashing is that of reading
+                let sha256 = if corpora.is_empty() { None } else { hash_file(file).ok() };
+                let known = sha256.and_then(|sha256| corpora.iter().find_map(|c| known_to(c, &sha256, &mut gone)));
                 let read = self.over(known.as_ref().unwrap_or(&ReadOptions { rest, ..ReadOptions::default() }));
                 if let Some(how) = known.and_then(|known| how(&known, &read)) {
                     say.line(format_args!("{}: read as the model's corpus read it: {how}", file.display()));
@@ -157,10 +159,9 @@ impl ReadArgs {
     }
 }
 
-/// How a corpus read a file, if it has it; one that can't be read joins those that are gone.
-fn known_to<'a>(corpus: &'a Path, file: &Path, gone: &mut BTreeSet<&'a Path>) -> Option<ReadOptions> {
-    let sha256 = hash_file(file).ok()?; // the error is that of reading
-    reading_in(corpus, &sha256).unwrap_or_else(|_| {
+/// How a corpus read the file of this hash, if it has it; one that can't be read joins those that are gone.
+fn known_to<'a>(corpus: &'a Path, sha256: &str, gone: &mut BTreeSet<&'a Path>) -> Option<ReadOptions> {
+    reading_in(corpus, sha256).unwrap_or_else(|_| {
         gone.insert(corpus);
         None
     })

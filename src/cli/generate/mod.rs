@@ -319,17 +319,12 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
         }
         None => match args.prompt.clone() {
             None => None,
-            Some(path) => Some(PromptRecipe {
-                read: read_as(args, &path, say),
-                path,
-                joints: args.joints.clone(),
-                from_frame: args
-                    .from_frame
-                    .map(|at| Ok::<_, anyhow::Error>(of_model(args, at)?.1 as usize))
-                    .transpose()?,
-                plan: None,
-                edit: args.edit.get(&|| of_prompt(args, say))?,
-            }),
+            Some(path) => {
+                let read = read_as(args, &path, say);
+                let from_frame = args.from_frame.map(|at| of_model(args, at)).transpose()?.map(|(_, at)| at as usize);
+                let edit = args.edit.get(&|| Ok(format::read(&path, &read)?.clip.fps()))?;
+                Some(PromptRecipe { path, read, joints: args.joints.clone(), from_frame, plan: None, edit })
+            }
         },
     };
     if args.ahead.is_some() && prompt.is_none() {
@@ -385,12 +380,6 @@ fn of_model(args: &Args, time: Moment) -> Result<(f64, f64)> {
     let run = args.run.as_ref().context("no run folder")?;
     let fps = Tokenizer::load(run.join(TOKENIZER))?.fps();
     Ok((time.seconds(fps), time.frames(fps)))
-}
-
-/// Frames a second of the prompt's file.
-fn of_prompt(args: &Args, say: Say) -> Result<f64> {
-    let prompt = args.prompt.as_ref().context("no prompt")?;
-    Ok(format::read(prompt, &read_as(args, prompt, say))?.clip.fps())
 }
 
 /// How a prompt is read: as told, as its sidecar says, or as a corpus that the run learned from has read it.

@@ -1,8 +1,8 @@
 //! What can go wrong above the motion files.
 
-use kinelm_motion::Place;
+use kinelm_store::Place;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
@@ -11,26 +11,9 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The operating system refused.
-    #[error("{path}: {source}")]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// A file is wrong.
-    #[error("{at}: found {found}, expected {expected}{}{help}", if help.is_empty() { "" } else { "; " })]
-    File {
-        /// Where.
-        at: Place,
-        /// What stands there.
-        found: String,
-        /// What should.
-        expected: String,
-        /// What the user can do; may be empty.
-        help: String,
-    },
+    /// A file can't be read or written or is wrong, the call can't be done, or the user stopped the work.
+    #[error(transparent)]
+    Store(#[from] kinelm_store::Error),
     /// A motion file or clip is wrong.
     #[error(transparent)]
     Motion(#[from] kinelm_motion::Error),
@@ -49,35 +32,28 @@ pub enum Error {
     /// Tensors that don't make the model that is described.
     #[error("{0}")]
     Weights(String),
-    /// The user broke the work off; what was promised whole isn't there.
-    #[error("{0}")]
-    Stopped(String),
-    /// Something stands where a file was to be written.
-    #[error("{path} {what}")]
-    Taken {
-        /// The output.
-        path: PathBuf,
-        /// What stands there or would happen, and what to do.
-        what: String,
-    },
-    /// Less memory is free than the work takes.
-    #[error("{0}")]
-    Memory(String),
-    /// The caller asked for something that can't be done.
-    #[error("{0}")]
-    Call(String),
 }
 
 impl Error {
     /// Wraps an I/O error with the path it happened at.
     pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Error {
-        let path = path.as_ref().to_owned();
-        move |source| Error::Io { path, source }
+        let at = kinelm_store::Error::io(path);
+        move |source| at(source).into()
+    }
+
+    /// A call that can't be done.
+    pub fn call(what: impl Into<String>) -> Error {
+        kinelm_store::Error::call(what).into()
+    }
+
+    /// Work that the user broke off.
+    pub fn stopped(what: impl Into<String>) -> Error {
+        kinelm_store::Error::stopped(what).into()
     }
 
     /// An output that must not be written: `what` goes on behind its name.
     pub fn taken(path: impl AsRef<Path>, what: impl Into<String>) -> Error {
-        Error::Taken { path: path.as_ref().to_owned(), what: what.into() }
+        kinelm_store::Error::taken(path, what).into()
     }
 
     /// A fault of the file `path` as a whole.
@@ -87,52 +63,22 @@ impl Error {
         expected: impl Into<String>,
         help: impl Into<String>,
     ) -> Error {
-        Error::at(Place::file(path), found, expected, help)
+        kinelm_store::Error::file(path, found, expected, help).into()
     }
 
     /// A fault at a place of a file.
     pub fn at(at: Place, found: impl Into<String>, expected: impl Into<String>, help: impl Into<String>) -> Error {
-        Error::File { at, found: found.into(), expected: expected.into(), help: help.into() }
+        kinelm_store::Error::at(at, found, expected, help).into()
     }
 
     /// A fault at the bytes `span` of a file's text; of the file as a whole without one.
-    pub(crate) fn in_text(
-        (path, text): (&Path, &str),
+    pub fn in_text(
+        file: (&Path, &str),
         span: Option<Range<usize>>,
         found: impl Into<String>,
         expected: &str,
         help: &str,
     ) -> Error {
-        let at = span.map_or_else(|| Place::file(path), |span| place(path, text, span.start));
-        Error::at(at, found, expected, help)
-    }
-}
-
-/// Line and column of a byte of a text.
-fn place(path: &Path, text: &str, byte: usize) -> Place {
-    let before = &text[..byte.min(text.len())];
-    Place {
-        path: path.to_owned(),
-        line: before.matches('\n').count() + 1,
-        column: before.chars().rev().take_while(|&c| c != '\n').count() + 1,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_fault_says_where_what_and_what_to_do() {
-        let e = Error::file("c/corpus.json", "version 2", "version 1", "");
-        assert_eq!(e.to_string(), "c/corpus.json: found version 2, expected version 1");
-        let e =
-            Error::at(Place { path: "l.csv".into(), line: 3, column: 7 }, "`tarin`", "train, valid or test", "fix it");
-        assert_eq!(e.to_string(), "l.csv:3:7: found `tarin`, expected train, valid or test; fix it");
-        let text = (Path::new("t.toml"), "a = 1\né = =\n");
-        let of = |span| Error::in_text(text, span, "`=`", "a value", "").to_string();
-        assert_eq!(of(Some(11..12)), "t.toml:2:5: found `=`, expected a value");
-        assert_eq!(of(Some(99..99)), "t.toml:3:1: found `=`, expected a value");
-        assert_eq!(of(None), "t.toml: found `=`, expected a value");
+        kinelm_store::Error::in_text(file, span, found, expected, help).into()
     }
 }

@@ -11,16 +11,11 @@ pub mod clean;
 pub mod corpus;
 pub mod error;
 pub mod evaluate;
-pub mod files;
 pub mod generate;
-pub mod memory;
 pub mod model;
 pub mod music;
 pub mod music_lstm;
-pub mod ours;
-pub mod output;
 pub mod presets;
-pub mod random;
 pub mod runs;
 pub mod spectral;
 pub mod study;
@@ -28,9 +23,3 @@ pub mod train;
 pub mod view;
 
 pub use error::{Error, Result};
-
-/// So many of what a word in the plural names: "1 clip", "2 clips".
-pub fn counted(n: usize, words: &str) -> String {
-    let word = if n == 1 { words.strip_suffix('s').unwrap_or(words) } else { words };
-    format!("{n} {word}")
-}

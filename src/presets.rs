@@ -3,8 +3,8 @@
 //! A name that is built in means that; a file of the same name is meant by `./NAME`.
 
 use crate::{Error, Result};
-use kinelm_motion::format::input;
-use kinelm_motion::suggest::did_you_mean;
+use kinelm_store::input;
+use kinelm_store::suggest::did_you_mean;
 use serde::de::DeserializeOwned;
 use std::path::Path;
 
@@ -69,7 +69,7 @@ pub fn text_of(name: &str) -> Result<&'static str> {
     found.next().ok_or_else(|| {
         let names = names();
         let meant = did_you_mean(name, names.iter().map(String::as_str));
-        Error::Call(format!("no settings {name:?}: expected one of {}{meant}", names.join(", ")))
+        Error::call(format!("no settings {name:?}: expected one of {}{meant}", names.join(", ")))
     })
 }
 
@@ -110,7 +110,7 @@ pub(crate) fn find(presets: &'static Presets, name_or_path: &Path, what: &str) -
     }
     let wanted = name_or_path.display().to_string();
     let meant = did_you_mean(&wanted, presets.iter().map(|(name, _)| *name));
-    Err(Error::Call(format!("no {what} {wanted:?}: neither a file nor one of {}{meant}", listed(presets))))
+    Err(Error::call(format!("no {what} {wanted:?}: neither a file nor one of {}{meant}", listed(presets))))
 }
 
 #[cfg(test)]

@@ -127,24 +127,23 @@ fn cited_pages_and_sections_are_in_the_repository() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// `motion/src/format/input.rs` refuses pipes and devices and keeps what was read: what opens files by itself does neither.
+/// `crates/store/src/input.rs` refuses pipes and devices and keeps what was read: what opens files by itself does neither.
 #[test]
 fn inputs_are_opened_in_one_place() {
     // folders, what the system tells of itself, sound, whose crate knows no other and refuses pipes itself
     let own = [
-        "motion/src/format/input.rs",
-        "motion/src/format/atomic.rs",
-        "music/src/read.rs",
+        "crates/music/src/read.rs",
+        "crates/store/src/files.rs",
+        "crates/store/src/input.rs",
+        "crates/store/src/memory.rs",
         "src/cli/bench/mod.rs",
-        "src/files.rs",
-        "src/memory.rs",
         "src/spectral/query/build.rs",
     ];
     let opens = ["File::open(", "fs::read(", "fs::read_to_string("];
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     for path in files(&[".rs"]) {
         let name = path.strip_prefix(root).unwrap().to_string_lossy().replace('\\', "/");
-        let is_code = ["src/", "motion/src/", "tokenizer/src/", "engine/src/", "music/src/"];
+        let is_code = ["src/", "crates/", "tokenizer/src/"];
         let is_test = name.ends_with("tests.rs") || name.contains("/tests/") || own.contains(&&*name);
         if is_test || !is_code.iter().any(|folder| name.starts_with(folder)) {
             continue;
@@ -152,6 +151,6 @@ fn inputs_are_opened_in_one_place() {
         let text = text(&path);
         let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
         let found = code.lines().position(|line| opens.iter().any(|open| line.contains(open)));
-        assert!(found.is_none(), "{name}:{}: open it by kinelm_motion::format::input", found.unwrap_or_default() + 1);
+        assert!(found.is_none(), "{name}:{}: open it by kinelm_store::input", found.unwrap_or_default() + 1);
     }
 }

@@ -88,9 +88,9 @@ fn seeds(target: &str) -> Vec<Vec<u8>> {
     let own = |text: &str| vec![text.as_bytes().to_vec()];
     match target {
         "bvh" => dances().iter().map(|c| BvhSource::plain(c.skeleton()).and_then(|s| s.to_bytes(c)).unwrap()).collect(),
-        "amass" | "codes" => files("motion/tests/golden/amass", "npz"),
-        "body_model" => files("motion/tests/golden/body", "npz"),
-        "aist" => files("motion/tests/golden/aist", "pkl"),
+        "amass" | "codes" => files("crates/motion/tests/golden/amass", "npz"),
+        "body_model" => files("crates/motion/tests/golden/body", "npz"),
+        "aist" => files("crates/motion/tests/golden/aist", "pkl"),
         "json" => dances().iter().map(json::write).collect(),
         "skeleton_map" => files("configs/skeleton", "toml"),
         "joint_list" => own("root,right_arm,left_knee,7,13,head"),
@@ -114,7 +114,7 @@ fn seeds(target: &str) -> Vec<Vec<u8>> {
         "folders" => own("version = 2\n[model]\nlayers = 1\n{\"version\": 3, \"clips\": {}}"),
         "music" => ["wav", "flac", "mp3", "ogg", "m4a", "mp4", "opus"]
             .iter()
-            .flat_map(|extension| files("music/tests/sounds", extension))
+            .flat_map(|extension| files("crates/music/tests/sounds", extension))
             .collect(),
         "beats" => own("# made by kinelm: beats of song.mp3, seconds\n0.500\n1.013\t1\n\n 1.5,2 # two\n"),
         other => panic!("no sound file for {other}"),
@@ -129,7 +129,7 @@ fn no_reader_panics_over_changed_files() {
         let step = seeds.len().div_ceil(SEEDS);
         for (i, seed) in seeds.iter().step_by(step).enumerate() {
             for round in 0..ROUNDS {
-                let mut rng = kinelm::random::stream(7, name, i as u64, round);
+                let mut rng = kinelm_store::random::stream(7, name, i as u64, round);
                 // the first as it is
                 let bytes = if round == 0 { seed.clone() } else { changed(seed, &mut rng) };
                 let done = catch_unwind(AssertUnwindSafe(|| read(&bytes)));

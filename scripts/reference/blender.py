@@ -1,7 +1,7 @@
-"""Movements through Blender and back: makes the files blender_*.bvh of motion/tests/golden.
+"""Movements through Blender and back: makes the files blender_*.bvh of crates/motion/tests/golden.
 
     pip install bpy==4.2.0      # Python 3.11; brings numpy; 4.5.15 writes the same bytes
-    python scripts/reference/blender.py motion/tests/golden
+    python scripts/reference/blender.py crates/motion/tests/golden
 
 Two made-up movements on SMPL's joints, y up, in centimetres. The first tumbles: every joint turns every way, the body
 stands nowhere. The second dances: upright, six steps of a walk that turns through half a circle, feet flat on the floor

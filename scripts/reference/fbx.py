@@ -1,7 +1,7 @@
-"""A movement through Blender to FBX: makes motion/tests/golden/blender_dance.fbx.
+"""A movement through Blender to FBX: makes crates/motion/tests/golden/blender_dance.fbx.
 
     pip install bpy==4.2.0      # Python 3.11
-    python scripts/reference/fbx.py motion/tests/golden
+    python scripts/reference/fbx.py crates/motion/tests/golden
 
 The first 16 frames of blender_dance_y_up.bvh in metres, on an armature with a mesh of a vertex a bone, so that the file
 has a bind pose, as those of characters have.

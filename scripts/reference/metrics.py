@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Golden figures for motion/src/metric: distances between two swinging bodies, by numpy and scipy.
+"""Golden figures for crates/motion/src/metric: distances between two swinging bodies, by numpy and scipy.
 
-    python3 metrics.py > ../../motion/tests/golden/metrics.json
+    python3 metrics.py > ../../crates/motion/tests/golden/metrics.json
 
 Needs numpy and scipy. No randomness: the clips are sines that the test writes down again. Angles come from
 scipy.spatial.transform, places from products of matrices, every mean from an array with one number for each frame and joint.

@@ -1,4 +1,4 @@
-"""motion/tests/golden/beats.json: minima of a made-up speed as scipy finds them, for motion/src/metric/beat.rs.
+"""crates/motion/tests/golden/beats.json: minima of a made-up speed as scipy finds them, for crates/motion/src/metric/beat.rs.
 
     python scripts/reference/motion_beats.py
 """
@@ -12,7 +12,7 @@ from scipy.signal import argrelextrema
 from scipy.special import erf
 
 SEED = 7
-OUT = Path(__file__).parents[2] / "motion/tests/golden/beats.json"
+OUT = Path(__file__).parents[2] / "crates/motion/tests/golden/beats.json"
 
 
 def minima(x, order):

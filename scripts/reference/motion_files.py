@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes the motion files of motion/tests/golden/{amass,aist,body} with numpy and Python's own pickle, and what they say.
+"""Makes the motion files of crates/motion/tests/golden/{amass,aist,body} with numpy and Python's own pickle, and what they say.
 
     python3 -m venv VENV && VENV/bin/pip install numpy==2.4.6 scipy==1.17.1
     VENV/bin/python scripts/reference/motion_files.py            # writes the golden files
@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 SEED = 20261121
 FRAMES = 2
-GOLDEN = pathlib.Path(__file__).parents[2] / "motion/tests/golden"
+GOLDEN = pathlib.Path(__file__).parents[2] / "crates/motion/tests/golden"
 HEADER = {
     "script": "scripts/reference/motion_files.py",
     "versions": {"python": platform.python_version(), "numpy": np.__version__, "scipy": scipy.__version__},

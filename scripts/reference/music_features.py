@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Golden figures for music/src/feature and music/src/stft.rs: what librosa makes of a short made-up piece.
+"""Golden figures for crates/music/src/feature and crates/music/src/stft.rs: what librosa makes of a short made-up piece.
 
     pip install librosa==0.11.0 numpy==2.4.6 scipy==1.17.1
-    python3 scripts/reference/music_features.py > music/tests/golden/features.json
+    python3 scripts/reference/music_features.py > crates/music/tests/golden/features.json
 
 The piece is told by a formula, so that the test makes the same samples: decaying chords, a bass, clicks, and noise of a
 linear congruential generator. Of each of the 34 numbers that need no beat tracker some frames are kept; the functions and

@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# Half a second of a rising tone in each coding, for music/tests/read.rs: music/tests/sounds.
+# Half a second of a rising tone in each coding, for crates/music/tests/read.rs: crates/music/tests/sounds.
 #
 #   apt-get install ffmpeg      (5.1.9 was used)
 #   scripts/reference/music_sounds.sh
 set -euo pipefail
-cd "$(dirname "$0")/../../music/tests/sounds"
+cd "$(dirname "$0")/../../crates/music/tests/sounds"
 tone='sin(2*PI*(200+600*t)*t)'
 make() { ffmpeg -v error -y -f lavfi -i "aevalsrc=0.4*$tone|0.2*$tone:s=$1:d=0.5" -map_metadata -1 -bitexact "${@:2}"; }
 make 22050 -c:a flac tone.flac

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Golden figures for motion/src/metric/short_term.rs: short-term prediction by numpy and scipy, with matrices throughout.
+"""Golden figures for crates/motion/src/metric/short_term.rs: short-term prediction by numpy and scipy, with matrices throughout.
 
-    python3 prediction.py > ../../motion/tests/golden/prediction.json
+    python3 prediction.py > ../../crates/motion/tests/golden/prediction.json
 
 Needs numpy and scipy. No randomness: the poses are sines that the test writes down again. One array holds every window,
 frame and joint; the definitions are those of Aksan et al. (2019).

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The weights of music/src/beat/weights.rs: the tracker once more in numpy, up to the pulse, and the fit.
+"""The weights of crates/music/src/beat/weights.rs: the tracker once more in numpy, up to the pulse, and the fit.
 
     apt-get install openttd-openmsx freedoom fluidsynth timgm6mb-soundfont
     pip install numpy==2.4.6 scipy==1.17.1 torch==2.15.0 numba==0.68.1 mir_eval==0.8.2 mido==1.3.3 librosa soundfile

@@ -86,7 +86,7 @@ impl Config {
     pub fn find(name_or_path: &Path) -> Result<Config> {
         let config: Config =
             presets::read(presets::ACLSTM, name_or_path, ("aclstm", "settings of an auto-conditioned LSTM"))?;
-        config.validate().map_err(|e| Error::Call(format!("{}: {e}", name_or_path.display())))?;
+        config.validate().map_err(|e| Error::call(format!("{}: {e}", name_or_path.display())))?;
         Ok(config)
     }
 
@@ -97,7 +97,7 @@ impl Config {
     pub fn validate(&self) -> Result<()> {
         let whole = |key: &str, found: u64, least: u64, most: u64| match (least..=most).contains(&found) {
             true => Ok(()),
-            false => Err(Error::Call(format!("{key} is {found}; expected {least} to {most}"))),
+            false => Err(Error::call(format!("{key} is {found}; expected {least} to {most}"))),
         };
         whole("width", self.width as u64, 1, 8192)?;
         whole("layers", self.layers as u64, 1, 16)?;
@@ -111,7 +111,7 @@ impl Config {
         // TOML has no larger integers
         whole("seed", self.seed, 0, i64::MAX as u64)?;
         if !(self.learning_rate > 0.0 && self.learning_rate.is_finite()) {
-            return Err(Error::Call(format!("learning_rate is {}; expected a number above 0", self.learning_rate)));
+            return Err(Error::call(format!("learning_rate is {}; expected a number above 0", self.learning_rate)));
         }
         self.root_order.as_deref().map_or(Ok(()), |letters| rig::order(letters).map(|_| ()))
     }

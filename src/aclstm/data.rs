@@ -4,14 +4,17 @@
 use super::form::Coder;
 use super::{Config, FPS, Rig};
 use crate::classify::Only;
+use crate::corpus::Split;
 use crate::corpus::gather::{Gathered, Item, gather};
 use crate::corpus::load::item_options;
-use crate::corpus::{FileRecord, Split};
 use crate::{Error, Result};
-use kinelm_motion::format::{self, ReadOptions, input};
+use kinelm_motion::format;
+use kinelm_motion::format::ReadOptions;
 use kinelm_motion::inspect::{RateDoubt, RateDoubts};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Motion};
+use kinelm_store::FileRecord;
+use kinelm_store::input;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -125,7 +128,7 @@ impl Recordings {
         said.extend(doubts.line());
         loaded.map(|loaded| Recordings { said, ..loaded }).ok_or_else(|| {
             let asked: Vec<String> = sources.only.iter().map(|o| format!("{}={}", o.field, o.value)).collect();
-            Error::Call(format!("no clip with {}; see the labels' columns", asked.join(", ")))
+            Error::call(format!("no clip with {}; see the labels' columns", asked.join(", ")))
         })
     }
 
@@ -135,7 +138,7 @@ impl Recordings {
         for one in &self.all {
             hash.update(format!("{}\0{}\0{}\0{}\n", one.name, one.split, one.stride, one.sha256));
         }
-        crate::corpus::record::hex(hash)
+        kinelm_store::hash::hex(hash)
     }
 
     /// SHA-256 of each file, by its path.
@@ -238,7 +241,7 @@ impl Learned {
         if learned.clips.is_empty() {
             let (found, length) = (learned.short.len(), config.length + 2);
             let what = format!("no training clip of {length} frames at {FPS} a second; {found} are shorter");
-            return Err(Error::Call(format!("{what}: take a shorter length, or other clips")));
+            return Err(Error::call(format!("{what}: take a shorter length, or other clips")));
         }
         Ok(learned)
     }

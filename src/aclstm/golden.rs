@@ -3,10 +3,10 @@
 use super::form::Form;
 use super::network::Learner;
 use super::plain;
-use crate::random;
 use candle_core::{Device, Tensor};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::{Lstm, Shape, Wiring};
+use kinelm_store::random;
 use serde::Deserialize;
 
 #[derive(Deserialize)]

@@ -97,7 +97,7 @@ fn unit(q: &[f32]) -> ([f64; 4], f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random;
+    use kinelm_store::random;
 
     const FORMS: [(Form, usize); 3] = [(Form::Positional, 12), (Form::Euler, 9), (Form::Quaternion, 11)];
 

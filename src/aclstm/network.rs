@@ -2,10 +2,10 @@
 
 use super::form::Form;
 use super::loss::loss;
-use crate::random;
 use crate::train::parameters::{List, Parameters};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::{Lstm, Shape};
+use kinelm_store::random;
 
 /// The tensors in the order of [`Shape::tensors`].
 pub fn list(shape: &Shape) -> List {

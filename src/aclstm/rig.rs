@@ -61,7 +61,7 @@ impl Rig {
     /// [`Error::Call`] for letters that are no order, with the joint.
     pub fn angles(&self) -> Result<Vec<EulerOrder>> {
         let of = |(name, letters): (&String, &String)| {
-            order(letters).map_err(|e| Error::Call(format!("the rig's joint {name}: {e}")))
+            order(letters).map_err(|e| Error::call(format!("the rig's joint {name}: {e}")))
         };
         self.names.iter().zip(&self.orders).map(of).collect()
     }
@@ -110,7 +110,7 @@ pub fn order(letters: &str) -> Result<EulerOrder> {
     let axes: Option<Vec<Axis>> = letters.chars().map(axis).collect();
     let order = axes.and_then(|axes| EulerOrder::new(axes.try_into().ok()?));
     order.ok_or_else(|| {
-        Error::Call(format!("an order of angles {letters:?}; expected three of X, Y and Z, such as ZYX"))
+        Error::call(format!("an order of angles {letters:?}; expected three of X, Y and Z, such as ZYX"))
     })
 }
 

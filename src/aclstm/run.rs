@@ -3,15 +3,16 @@
 use super::data::{Hashes, Recordings, Sources, check_files};
 use super::form::Coder;
 use super::{Config, Rig, network};
-use crate::corpus::FileRecord;
 use crate::model::checkpoint::{Checkpoints, Which};
 use crate::model::run::{CONFIG, WEIGHTS};
 use crate::model::weights;
 use crate::train::parameters::numbers;
 use crate::train::updates::Kind;
-use crate::{Error, Result, files};
+use crate::{Error, Result};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::Shape;
+use kinelm_store::FileRecord;
+use kinelm_store::files;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -85,7 +86,7 @@ impl RunFile {
     pub fn read(run: &Path) -> Result<RunFile> {
         let mut file: RunFile = KIND.read(run)?;
         file.sources = file.sources.with_paths(|path| files::path_in(run, path));
-        file.config.validate().map_err(|e| Error::Call(format!("{}: {e}", run.join(CONFIG).display())))?;
+        file.config.validate().map_err(|e| Error::call(format!("{}: {e}", run.join(CONFIG).display())))?;
         Ok(file)
     }
 

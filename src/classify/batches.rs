@@ -7,7 +7,7 @@ use super::windows::{Layout, Window, mask};
 use crate::Result;
 use crate::corpus::{ClipRecord, Corpus};
 use crate::model::fast::{ClassRow, Windows};
-use crate::random;
+use kinelm_store::random;
 
 /// The training windows. A pass takes each once, in an order that it draws.
 pub(super) struct Batches<'a> {

@@ -188,7 +188,7 @@ fn each_window<T>(
     let mut all = Vec::with_capacity(windows.len());
     for some in windows.chunks(TOGETHER) {
         if source.stop.is_some_and(|stop| stop.load(Ordering::Relaxed)) {
-            return Err(Error::Stopped("stopped while windows were read".into()));
+            return Err(Error::stopped("stopped while windows were read"));
         }
         let numbers = Numbers::of(layout, &source.ids, some, compat)?;
         let rows = some.iter().enumerate().flat_map(|(i, w)| rows_of(w).map(move |r| i * layout.places() + r));

@@ -38,7 +38,7 @@ impl Fields {
         let mut fields: Vec<Field> = Vec::new();
         for name in names {
             if fields.iter().any(|f| f.name == *name) {
-                return Err(Error::Call(format!("the field `{name}` is given twice; give it once")));
+                return Err(Error::call(format!("the field `{name}` is given twice; give it once")));
             }
             let mut classes: Vec<String> = train.iter().filter_map(|c| c.labels.get(name)).cloned().collect();
             classes.sort();
@@ -51,7 +51,7 @@ impl Fields {
             fields.push(Field { name: name.clone(), classes, clips });
         }
         match fields.is_empty() {
-            true => Err(Error::Call("no label field to tell; give some by --fields, such as genre,dancer".into())),
+            true => Err(Error::call("no label field to tell; give some by --fields, such as genre,dancer")),
             false => Ok(Fields(fields)),
         }
     }

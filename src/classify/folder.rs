@@ -3,13 +3,14 @@
 use super::fields::{Fields, Only};
 use super::learner::head_name;
 use super::windows::Layout;
-use crate::corpus::FileRecord;
 use crate::model::fast::Fast;
 use crate::model::{Architecture, ModelConfig, TokenLayout, weights};
-use crate::{Error, Result, files};
+use crate::{Error, Result};
 use candle_core::Tensor;
 use kinelm_engine::arena::Floats;
-use kinelm_motion::format::input;
+use kinelm_store::FileRecord;
+use kinelm_store::files;
+use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -29,7 +29,7 @@ impl Lda {
     /// No rows; numbers that are not finite.
     pub fn fit(rows: &[Vec<f64>], labels: &[usize], classes: usize, components: usize) -> Result<Lda> {
         let Some(first) = rows.first() else {
-            return Err(Error::Call("no labelled examples to fit a linear classifier to".into()));
+            return Err(Error::call("no labelled examples to fit a linear classifier to"));
         };
         let features = first.len();
         let (mean, deviation) = moments(rows, features);
@@ -121,7 +121,7 @@ fn shrunk_covariance(rows: &[Vec<f64>], p: usize) -> Vec<f64> {
 }
 
 fn eigen(n: usize, matrix: &[f64]) -> Result<(Vec<f64>, Vec<f64>)> {
-    let none = || Error::Call("the features of a linear classifier are not finite".into());
+    let none = || Error::call("the features of a linear classifier are not finite");
     kinelm_linalg::symmetric_eigen(n, matrix).ok_or_else(none)
 }
 

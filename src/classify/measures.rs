@@ -1,7 +1,7 @@
 //! How good names are: accuracy, balanced accuracy, macro F1, confusion, calibration, intervals.
 
 use super::eval::likeliest;
-use crate::random;
+use kinelm_store::random;
 use serde::Serialize;
 
 /// What was said of one thing, window or clip.

@@ -7,7 +7,7 @@ use crate::corpus::samples::{clip, walk};
 use crate::corpus::{ClipRecord, Corpus, CorpusWriter, Split};
 use crate::model::{Architecture, DecoderConfig, LoadedRun, ModelConfig, TokenLayout};
 use crate::train::{TrainConfig, fixture};
-use crate::{files, random};
+use kinelm_store::{files, random};
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use rand_chacha::rand_core::RngCore;
 use std::fs;

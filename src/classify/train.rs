@@ -7,14 +7,16 @@ use super::folder::{About, SCHEMA, grown, heads};
 use super::learner::{Learner, first_heads};
 use super::windows::Layout;
 use super::work::{Asked, Saved, Work};
-use crate::corpus::{ClipRecord, Corpus, FileRecord, Split};
+use crate::corpus::{ClipRecord, Corpus, Split};
 use crate::model::fast::{Fast, Losses};
 use crate::model::{Dropout, LoadedRun, layout};
 use crate::train::grow::{Language, grow};
 use crate::train::schedule::rate;
 use crate::train::{Schedule, TrainConfig};
-use crate::{Error, Result, random};
+use crate::{Error, Result};
 use candle_core::Tensor;
+use kinelm_store::FileRecord;
+use kinelm_store::random;
 use kinelm_tokenizer::Tokenizer;
 use rand_chacha::rand_core::RngCore;
 use serde::{Deserialize, Serialize};
@@ -203,7 +205,7 @@ pub fn train(
         if standing.due {
             let source = Source { most: options.eval_windows, stop: Some(stop), ..Source::of(corpus, &valid) };
             match measure(&mut learner, &layout, options.compat, &source, &valid, &fields) {
-                Err(Error::Stopped(_)) => {}
+                Err(Error::Store(kinelm_store::Error::Stopped(_))) => {}
                 measured => {
                     let told = standing.measured(measured?);
                     work.tell(&told)?;
@@ -332,7 +334,7 @@ fn check(options: &TrainOptions) -> Result<()> {
         }
         _ => return Ok(()),
     };
-    Err(Error::Call(fault))
+    Err(Error::call(fault))
 }
 
 /// The run's tokenizer, which must be the corpus's but for labels.

@@ -44,12 +44,12 @@ impl Layout {
     pub fn new(config: &ModelConfig, tokens: &TokenLayout, fields: usize) -> Result<Layout> {
         if config.kind != crate::model::Kind::Causal {
             let what = "a masked model; classifiers go on from causal ones: train with [model] kind = \"causal\"";
-            return Err(Error::Call(what.into()));
+            return Err(Error::call(what));
         }
         if tokens.varying {
             let what =
                 "words of varying length; classifiers need a tokenizer whose words have one length, such as uniform";
-            return Err(Error::Call(what.into()));
+            return Err(Error::call(what));
         }
         let front = (0..tokens.front).map(|i| if i == 0 { tokens.bos } else { Special::Unk.id() }).collect();
         let (word, pad) = (tokens.word, tokens.pad);
@@ -57,7 +57,7 @@ impl Layout {
             // a row behind the last frame has read it, and is there without a field too
             let (frames, behind) = (config.frames(tokens), fields.max(1));
             if frames <= behind {
-                return Err(Error::Call(format!(
+                return Err(Error::call(format!(
                     "{fields} class rows and a window of {frames} frames; expected room for a frame and the class rows"
                 )));
             }
@@ -67,7 +67,7 @@ impl Layout {
         let room = config.context.saturating_sub(tokens.front + fields);
         if room < tokens.word || fields >= tokens.word {
             let (context, word) = (config.context, tokens.word);
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "{fields} class tokens, words of {word} tokens and a context of {context}; expected room for a word and fewer \
                  class tokens than a word has tokens"
             )));

@@ -5,13 +5,14 @@
 
 use super::folder::{ABOUT, About, METRICS, TOKENIZER};
 use super::train::{Standing, TrainOptions};
-use crate::corpus::FileRecord;
 use crate::model::checkpoint::{Checkpoints, State, Which};
 use crate::model::weights;
 use crate::train::folder::RunFolder;
-use crate::{Error, Result, files};
+use crate::{Error, Result};
 use candle_core::Tensor;
-use kinelm_motion::format::input;
+use kinelm_store::FileRecord;
+use kinelm_store::files;
+use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -57,7 +58,7 @@ pub(super) struct Work {
 
 /// `who.training` for `who`.
 pub(super) fn path_of(out: &Path) -> Result<PathBuf> {
-    let no_name = || Error::Call(format!("{}: can't be written; expected a name to write to", out.display()));
+    let no_name = || Error::call(format!("{}: can't be written; expected a name to write to", out.display()));
     let mut name = out.file_name().ok_or_else(no_name)?.to_owned();
     name.push(".training");
     Ok(out.with_file_name(name))
@@ -87,7 +88,7 @@ impl Work {
             }
             (true, true) => same_call(&path.join(CALL), asked)?,
             (false, false) => {
-                let call = serde_json::to_vec_pretty(asked).map_err(|e| Error::Call(e.to_string()))?;
+                let call = serde_json::to_vec_pretty(asked).map_err(|e| Error::call(e.to_string()))?;
                 files::write_folder(&path, &[(CALL, call), (TOKENIZER, tokenizer.to_json().into_bytes())])?;
             }
         }
@@ -119,9 +120,9 @@ impl Work {
     /// # Errors
     /// What the system refuses.
     pub fn tell(&mut self, line: &impl Serialize) -> Result<()> {
-        self.metrics.extend(serde_json::to_vec(line).map_err(|e| Error::Call(e.to_string()))?);
+        self.metrics.extend(serde_json::to_vec(line).map_err(|e| Error::call(e.to_string()))?);
         self.metrics.push(b'\n');
-        files::write_whole(&self.folder.path().join(METRICS), &self.metrics)
+        Ok(files::write_whole(&self.folder.path().join(METRICS), &self.metrics)?)
     }
 
     /// Makes these weights the best so far: whole, or those before them stay.
@@ -132,7 +133,7 @@ impl Work {
         let bytes = to_bytes(tensors)?;
         let name = format!("model-{:08}.safetensors", about.step);
         about.weights = (name.clone(), FileRecord::of(&bytes));
-        let json = serde_json::to_vec_pretty(&about).map_err(|e| Error::Call(e.to_string()))?;
+        let json = serde_json::to_vec_pretty(&about).map_err(|e| Error::call(e.to_string()))?;
         files::write_whole(&self.folder.path().join(&name), &bytes)?;
         files::write_whole(&self.folder.path().join(ABOUT), &json)?;
         self.remove(|other| other.starts_with("model-") && other != name)
@@ -143,7 +144,7 @@ impl Work {
     /// # Errors
     /// What the system refuses.
     pub fn save(&self, standing: &Standing, tensors: &Tensors, moments: &Tensors) -> Result<()> {
-        let json = serde_json::to_vec(standing).map_err(|e| Error::Call(e.to_string()))?;
+        let json = serde_json::to_vec(standing).map_err(|e| Error::call(e.to_string()))?;
         let contents = [(WEIGHTS, to_bytes(tensors)?), (MOMENTS, to_bytes(moments)?), (STANDING, json)];
         self.checkpoints.write(State::new(standing.step, 0, 0, self.seed, None), &contents)?;
         self.checkpoints.prune(1)
@@ -186,7 +187,7 @@ fn same_call(path: &Path, asked: &Asked) -> Result<()> {
     let text = input::peek_bytes(path).map_err(Error::io(path))?;
     let begun: Asked =
         serde_json::from_slice(&text).map_err(|e| Error::file(path, e.to_string(), "what was asked", ""))?;
-    let keys = |asked: &Asked| serde_json::to_value(asked).map_err(|e| Error::Call(e.to_string()));
+    let keys = |asked: &Asked| serde_json::to_value(asked).map_err(|e| Error::call(e.to_string()));
     let (now, then) = (keys(asked)?, keys(&begun)?);
     let (now, then) = (flat(&now), flat(&then));
     match now.iter().zip(&then).find(|(a, b)| a != b) {

@@ -8,15 +8,16 @@ mod copies;
 #[cfg(test)]
 mod tests;
 
+use crate::Result;
 use crate::corpus::build::{BuildOptions, Summary, Watch, check, each};
 use crate::corpus::load::Wanted;
 use crate::corpus::record::LeftOut;
 use crate::corpus::stats::glitches;
 use crate::corpus::{Gathered, Item, Split};
-use crate::{Result, counted};
 use kinelm_motion::metric::Feet;
 use kinelm_motion::retarget::map_for;
 use kinelm_motion::{Clip, smpl};
+use kinelm_store::counted;
 use kinelm_tokenizer::TokenizerConfig;
 use std::collections::BTreeSet;
 use std::fmt;

@@ -1,6 +1,6 @@
 //! `kinelm classify train`, `eval` and `predict`.
 
-use super::{ForceArgs, Odd, Say, TrustArgs, WrongCall, print, read::ReadArgs};
+use super::{ForceArgs, Odd, Say, TrustArgs, asked, print, read::ReadArgs};
 use anyhow::{Context, Result};
 use kinelm::classify::baselines::compare;
 use kinelm::classify::predict::Told;
@@ -165,10 +165,7 @@ fn trained(args: TrainArgs, say: Say) -> Result<()> {
             "step {step}/{steps}: motion {tokens:.3} nats a token, classes {classes:.3} nats{valid}"
         ));
     });
-    let done = match done {
-        Err(kinelm::Error::Call(what)) => return Err(WrongCall(what).into()),
-        done => done?,
-    };
+    let done = done.map_err(asked)?;
     for field in &done.fields.0 {
         let many: Vec<String> = field.classes.iter().zip(&field.clips).map(|(c, n)| format!("{c} {n}")).collect();
         say.line(format_args!("{}: training clips of {}", field.name, many.join(", ")));

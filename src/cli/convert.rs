@@ -3,12 +3,12 @@
 use super::many::{self, Pair};
 use super::{ForceArgs, Odd, Say, WrongCall, extension, read::ReadArgs};
 use anyhow::{Context, Result};
-use kinelm::counted;
 use kinelm_motion::convert::{Rig, Wanted, convert};
 use kinelm_motion::format::positions::Positions;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::moment::{Moment, Scale};
 use kinelm_motion::{Motion, joints, smpl};
+use kinelm_store::counted;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]

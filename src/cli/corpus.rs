@@ -3,11 +3,10 @@
 use super::{ForceArgs, Say, TrustArgs, print};
 use anyhow::Result;
 use kinelm::corpus::{merge::merge, stats::stats, writer::LAYOUT};
-use kinelm::counted;
-use kinelm::output::Outputs;
 use kinelm::train::order::order;
 use kinelm::train::run::RunFile;
 use kinelm::train::{CorpusPart, Data, TrainConfig, TrainFile};
+use kinelm_store::counted;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]
@@ -82,7 +81,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
             Ok(())
         }
         Command::Merge { shards, out, force } => {
-            Outputs::new(&shards, force).check_folder(&out, &LAYOUT)?;
+            ForceArgs { force }.outputs(&shards).check_folder(&out, &LAYOUT)?;
             let manifest = merge(&shards, &out, force)?;
             let (n, f) = (manifest.count.clips, manifest.count.frames);
             say.line(format_args!("{}: {}, {}", out.display(), counted(n, "clips"), counted(f, "frames")));

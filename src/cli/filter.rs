@@ -3,14 +3,14 @@
 use super::many::InOut;
 use super::{ForceArgs, Odd, Say, print, read::ReadArgs};
 use anyhow::Result;
-use kinelm::counted;
-use kinelm::output::Outputs;
 use kinelm::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth, filter};
 use kinelm_motion::Motion;
 use kinelm_motion::feet::{Fixed, Locked, lock};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::metric::{floor_of, jitter};
 use kinelm_motion::retarget::map_for;
+use kinelm_store::counted;
+use kinelm_store::output::Outputs;
 use std::path::{Path, PathBuf};
 
 /// Less movement than this of one frame to the next isn't worth a word: a share of all rotations.

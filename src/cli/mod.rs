@@ -26,6 +26,7 @@ mod many;
 mod mirror;
 mod music;
 mod music_lstm;
+mod ours;
 mod plan;
 mod pretrain;
 mod progress;
@@ -44,13 +45,13 @@ use anyhow::{Error, Result};
 use clap::Parser;
 use kinelm::corpus::{Corpus, Opening};
 use kinelm::model::{Compute, DeviceName, Form, Reading};
-use kinelm::output::Outputs;
 use kinelm::view::plot;
 use kinelm_engine::arena::NoMemory;
 use kinelm_engine::decode::{KvKind, WeightKind};
 use kinelm_motion::convert::{Rig, Wanted, convert};
 use kinelm_motion::inspect::{RateDoubt, RateDoubts};
 use kinelm_motion::{Motion, smpl};
+use kinelm_store::output::Outputs;
 use std::borrow::Cow;
 use std::cell::RefCell;
 use std::io::{IsTerminal, Write};
@@ -236,7 +237,7 @@ pub struct ForceArgs {
 impl ForceArgs {
     /// The outputs of a call that reads these files and folders.
     pub fn outputs(self, inputs: impl IntoIterator<Item = impl Into<PathBuf>>) -> Outputs {
-        Outputs::new(inputs, self.force)
+        Outputs::new(ours::OURS, inputs, self.force)
     }
 }
 
@@ -313,7 +314,8 @@ pub struct WrongCall(pub String);
 /// What the library refuses in the words of a call is a wrong call.
 pub fn asked(e: kinelm::Error) -> Error {
     match e {
-        kinelm::Error::Call(what) | kinelm::Error::Motion(kinelm_motion::Error::Call(what)) => WrongCall(what).into(),
+        kinelm::Error::Store(kinelm_store::Error::Call(what))
+        | kinelm::Error::Motion(kinelm_motion::Error::Call(what)) => WrongCall(what).into(),
         e => e.into(),
     }
 }
@@ -326,7 +328,7 @@ pub struct Stopped(pub String);
 
 /// Whether the user broke the work off.
 pub fn is_stopped(e: &anyhow::Error) -> bool {
-    e.is::<Stopped>() || matches!(e.downcast_ref(), Some(kinelm::Error::Stopped(_)))
+    e.is::<Stopped>() || matches!(of_store(e.as_ref()), Some(kinelm_store::Error::Stopped(_)))
 }
 
 /// The extension of a motion file to write; refuses, before any work, what no motion is written as.
@@ -424,7 +426,7 @@ static LEFT_OUT: AtomicUsize = AtomicUsize::new(0);
 /// The end of a call that has done what it could: a failure if files were left out.
 fn all_read() -> Result<()> {
     let left_out = LEFT_OUT.load(Ordering::Relaxed);
-    anyhow::ensure!(left_out == 0, "{} could not be read; the rest is done", kinelm::counted(left_out, "files"));
+    anyhow::ensure!(left_out == 0, "{} could not be read; the rest is done", kinelm_store::counted(left_out, "files"));
     Ok(())
 }
 
@@ -563,12 +565,20 @@ pub fn print(text: &str) -> Result<()> {
 /// Whether the call was wrong, not the work: what it asks for, or where it would write.
 pub fn is_wrong_call(e: &Error) -> bool {
     use kinelm_motion::Error as Motion;
-    let of_motion = |e: &(dyn std::error::Error + 'static)| match e.downcast_ref::<kinelm::Error>() {
+    let is_option = |e: &(dyn std::error::Error + 'static)| match e.downcast_ref::<kinelm::Error>() {
         Some(kinelm::Error::Motion(e)) => matches!(e, Motion::Option { .. }),
-        Some(e) => matches!(e, kinelm::Error::Taken { .. }),
-        None => matches!(e.downcast_ref(), Some(Motion::Option { .. })),
+        _ => matches!(e.downcast_ref(), Some(Motion::Option { .. })),
     };
-    e.is::<WrongCall>() || e.chain().any(of_motion)
+    let is_taken = |e| matches!(of_store(e), Some(kinelm_store::Error::Taken { .. }));
+    e.is::<WrongCall>() || e.chain().any(|e| is_option(e) || is_taken(e))
+}
+
+/// The error of the files that an error of the library is.
+fn of_store<'a>(e: &'a (dyn std::error::Error + 'static)) -> Option<&'a kinelm_store::Error> {
+    match e.downcast_ref::<kinelm::Error>() {
+        Some(kinelm::Error::Store(e)) => Some(e),
+        _ => e.downcast_ref(),
+    }
 }
 
 /// Whether the reader of stdout closed it.

@@ -166,7 +166,7 @@ fn play(args: &RenderArgs, say: Say) -> Result<()> {
         Score { style: args.style, beats_s: beats_s.collect(), downbeat: 0, seconds: args.seconds, seed: args.seed };
     let sound = render(&score, beat::RATE).map_err(kinelm::Error::from)?;
     outputs.write(&args.out, &wav::bytes(&sound, beat::RATE))?;
-    let (style, beats) = (args.style.name(), kinelm::counted(score.beats_s.len(), "beats"));
+    let (style, beats) = (args.style.name(), kinelm_store::counted(score.beats_s.len(), "beats"));
     say.line(format_args!("{}: {style}, {beats}, {} a minute", args.out.display(), args.bpm));
     Ok(())
 }
@@ -185,6 +185,6 @@ fn beats_of(args: &BeatsArgs, say: Say) -> Result<()> {
     let Some(out) = &args.out else { return print(&text) };
     outputs.write(out, text.as_bytes())?;
     let pace = found.bpm().map(|bpm| format!(", {bpm:.1} a minute")).unwrap_or_default();
-    say.line(format_args!("{}: {}{pace}", out.display(), kinelm::counted(found.times_s.len(), "beats")));
+    say.line(format_args!("{}: {}{pace}", out.display(), kinelm_store::counted(found.times_s.len(), "beats")));
     Ok(())
 }

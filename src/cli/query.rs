@@ -9,7 +9,7 @@ use anyhow::Result;
 use kinelm::spectral::query::{Distance, Exclude, Kind, model};
 use kinelm::spectral::{LowDct, PcaBasis};
 use kinelm_motion::joints;
-use kinelm_motion::suggest::did_you_mean;
+use kinelm_store::suggest::did_you_mean;
 use std::path::Path;
 
 #[derive(Debug, clap::Subcommand)]

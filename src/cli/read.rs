@@ -1,13 +1,13 @@
 //! The reading options, the same on every command that reads motion.
 
 use super::Say;
-use kinelm::corpus::load::hash_file;
 use kinelm::corpus::sidecar;
 use kinelm::corpus::store::reading_in;
 use kinelm::spectral::windows::{LEAST_FRAMES, MOST_FRAMES};
 use kinelm_motion::format::{BvhPosition, ReadOptions, RestFrame, Unit, Up};
 use kinelm_motion::moment::{EXPECTED, Moment};
 use kinelm_motion::resample::MOST_FPS;
+use kinelm_store::hash;
 use std::collections::BTreeSet;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -132,7 +132,7 @@ impl ReadArgs {
             });
             let Some(told) = told else {
                 // the error of hashing is that of reading
-                let sha256 = if corpora.is_empty() { None } else { hash_file(file).ok() };
+                let sha256 = if corpora.is_empty() { None } else { hash::of_file(file).ok() };
                 let known = sha256.and_then(|sha256| corpora.iter().find_map(|c| known_to(c, &sha256, &mut gone)));
                 let read = self.over(known.as_ref().unwrap_or(&ReadOptions { rest, ..ReadOptions::default() }));
                 if let Some(how) = known.and_then(|known| how(&known, &read)) {

@@ -1,13 +1,12 @@
 //! `kinelm tokenizer study`.
 
 use super::data::DataArgs;
-use super::{Say, WrongCall, print, progress, read::ReadArgs};
+use super::{ForceArgs, Say, WrongCall, print, progress, read::ReadArgs};
 use anyhow::{Context, Result};
-use kinelm::output::Outputs;
 use kinelm::study::{self, Event, StudyOptions, default_rows, study};
 use kinelm_motion::format::RestFrame;
-use kinelm_motion::format::input;
 use kinelm_motion::joints;
+use kinelm_store::input;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
@@ -50,7 +49,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let options = StudyOptions { build, rows, joints, fps: args.fps, force: args.force, shown: args.show };
     let gathered = args.data.gather(say)?;
     let inputs = args.data.files(&gathered).chain(args.schemes.clone()).chain(args.read.files());
-    let outputs = Outputs::new(inputs, args.force);
+    let outputs = ForceArgs { force: args.force }.outputs(inputs);
     let report = study(&gathered, &options, (&args.out, &outputs), &mut watch(say))?;
     for line in report.said() {
         say.line(line);

@@ -1,15 +1,14 @@
 //! `kinelm tokenize`.
 
-use super::{Say, data::DataArgs, read::ReadArgs};
+use super::{ForceArgs, Say, data::DataArgs, read::ReadArgs};
 use anyhow::Result;
 use kinelm::corpus::Shard;
 use kinelm::corpus::build::{BuildOptions, tokenize};
 use kinelm::corpus::left_out::leave_out;
 use kinelm::corpus::writer::LAYOUT;
-use kinelm::counted;
-use kinelm::output::Outputs;
 use kinelm_motion::format::RestFrame;
 use kinelm_music::feature::rate_of;
+use kinelm_store::counted;
 use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
 
@@ -52,7 +51,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     gathered.said[said..].iter().for_each(|line| say.line(line));
     let inputs = args.data.files(&gathered).chain([args.tokenizer.clone()]).chain(args.leave_out.clone());
     let inputs = inputs.chain(args.read.files());
-    Outputs::new(inputs, args.force).check_folder(&args.out, &LAYOUT)?;
+    ForceArgs { force: args.force }.outputs(inputs).check_folder(&args.out, &LAYOUT)?;
     let options = BuildOptions {
         shard: args.shard,
         force: args.force,

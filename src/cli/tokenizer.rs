@@ -3,9 +3,9 @@
 use super::{ForceArgs, Say, print, read::ReadArgs};
 use anyhow::{Context, Result};
 use kinelm::corpus;
-use kinelm_motion::format::input;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::{Motion, Source};
+use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
 
@@ -102,7 +102,7 @@ fn decode(args: DecodeArgs, say: Say) -> Result<()> {
         args.words.display(),
         words.len()
     );
-    let (needed, free) = (frames.saturating_mul(FRAME_BYTES) as u64, kinelm::memory::free());
+    let (needed, free) = (frames.saturating_mul(FRAME_BYTES) as u64, kinelm_store::memory::free());
     anyhow::ensure!(
         free.is_none_or(|free| needed <= free),
         "{}: {} words are {frames} frames, which take more memory than there is",

@@ -8,17 +8,17 @@ use super::{
     view_files::{Named, Shown, named, shown},
 };
 use anyhow::Result;
-use kinelm::counted;
 use kinelm::evaluate::dance::beats::Pair;
 use kinelm::generate::edit::span::Span;
 use kinelm::generate::provenance;
-use kinelm::output::{Outputs, is_same};
 use kinelm::view::{Figure, music, page_with};
 use kinelm_motion::format;
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::metric::beat::Hits;
 use kinelm_motion::moment::{Moment, Scale};
 use kinelm_motion::{Motion, Skeleton, retarget};
+use kinelm_store::counted;
+use kinelm_store::output::{Outputs, is_same};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -204,7 +204,7 @@ fn beside(
         return Err(WrongCall(what).into());
     }
     say.line(format_args!("{}: {} beats, sounds for {sounds:.1} s of the dance", file.display(), beats.times_s.len()));
-    let bytes = kinelm_motion::format::input::bytes(file).map_err(kinelm::Error::io(file))?;
+    let bytes = kinelm_store::input::bytes(file).map_err(kinelm::Error::io(file))?;
     if bytes.len() as u64 <= music::EMBEDDED {
         return Ok(music::Music::embedded(file, &bytes, from_s, beats.times_s));
     }

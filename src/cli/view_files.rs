@@ -5,9 +5,9 @@ use super::read::{PositionArg, ReadArgs, UnitArg, UpArg, positive};
 use super::{Say, WrongCall};
 use anyhow::Result;
 use clap::ValueEnum;
-use kinelm::corpus::load::hash_file;
 use kinelm::generate::provenance::{self, Provenance};
 use kinelm_motion::format::{ReadOptions, RestFrame};
+use kinelm_store::hash;
 use std::path::{Path, PathBuf};
 
 /// A file to be shown.
@@ -86,7 +86,7 @@ fn followed(told: &Provenance) -> Vec<(String, ReadOptions)> {
     match &prompt.plan {
         // of one that is gone nothing can be known
         Some(plan) => {
-            plan.clips.values().filter_map(|clip| Some((hash_file(&clip.file).ok()?, clip.options()))).collect()
+            plan.clips.values().filter_map(|clip| Some((hash::of_file(&clip.file).ok()?, clip.options()))).collect()
         }
         None => told.prompt_sha256.iter().map(|hash| (hash.clone(), prompt.read.clone())).collect(),
     }
@@ -94,7 +94,7 @@ fn followed(told: &Provenance) -> Vec<(String, ReadOptions)> {
 
 /// Whether a file has the bytes of this hash.
 fn is_file(path: &Path, sha256: &str) -> bool {
-    hash_file(path).is_ok_and(|found| found == sha256)
+    hash::of_file(path).is_ok_and(|found| found == sha256)
 }
 
 impl Known {

@@ -10,10 +10,11 @@ use super::timed::in_pieces;
 use super::writer::{CorpusWriter, NewClip};
 use crate::music::find::{Heard, OfClip};
 use crate::music::{own, tempo};
-use crate::{Error, Result, counted};
+use crate::{Error, Result};
 use kinelm_motion::Kind;
 use kinelm_motion::format::ReadOptions;
 use kinelm_motion::inspect::{RateDoubt, RateDoubts};
+use kinelm_store::counted;
 use kinelm_tokenizer::{Encoded, Fit, Tokenizer, TokenizerConfig};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
@@ -129,7 +130,7 @@ pub fn fit(
     let mut all = Fit::new(config.clone())?;
     let items: Vec<&Item> = gathered.items.iter().filter(|i| i.split == Split::Train).collect();
     if items.is_empty() {
-        return Err(Error::Call("no clip is in the train split, and a tokenizer is fitted on that alone".into()));
+        return Err(Error::call("no clip is in the train split, and a tokenizer is fitted on that alone"));
     }
     let work = |_: &Item, loaded: &Loaded| {
         let mut one = Fit::new(config.clone())?;
@@ -245,17 +246,15 @@ pub(crate) fn check(summary: &Summary, options: &BuildOptions, items: usize) -> 
     if let Some(first) = summary.failed.first().filter(|_| options.strict || (whole && failed == items)) {
         let why = if options.strict { ", and --strict is given" } else { "" };
         let (name, reason) = (&first.name, &first.why);
-        return Err(Error::Call(format!(
+        return Err(Error::call(format!(
             "{failed} of {items} files could not be taken{why}; nothing was written; the first was {name}: {reason}"
         )));
     }
     if items == 0 && !options.left_out.is_empty() && whole {
-        return Err(Error::Call(
-            "what is left out (--leave-out) leaves nothing of the clips; nothing was written".into(),
-        ));
+        return Err(Error::call("what is left out (--leave-out) leaves nothing of the clips; nothing was written"));
     }
     if summary.clips == 0 && items > 0 && whole {
-        return Err(Error::Call(format!("{items} files, and none holds motion")));
+        return Err(Error::call(format!("{items} files, and none holds motion")));
     }
     Ok(())
 }
@@ -314,7 +313,7 @@ pub(crate) fn each<T: Send>(
             let event = Event::Done { done, of: items.len(), frames: summary.frames };
             if goes_on.is_break() || watch(event).is_break() {
                 let of = items.len();
-                return Err(Error::Stopped(format!("stopped after {done} of {of} files; nothing was written")));
+                return Err(Error::stopped(format!("stopped after {done} of {of} files; nothing was written")));
             }
         }
     }
@@ -348,7 +347,7 @@ impl Files {
 /// An error of the tokenizer with the file it is about.
 fn named(item: &Item, error: Error) -> Error {
     match error {
-        Error::Tokenizer(e) => Error::Call(format!("{}: {e}", item.path.display())),
+        Error::Tokenizer(e) => Error::call(format!("{}: {e}", item.path.display())),
         other => other,
     }
 }

@@ -5,7 +5,7 @@
 
 use super::record::ClipRecord;
 use crate::{Error, Result};
-use kinelm_motion::suggest::did_you_mean;
+use kinelm_store::suggest::did_you_mean;
 use kinelm_tokenizer::{Special, Tokenizer, Vocabulary};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -91,17 +91,17 @@ impl Conditions {
                     false => format!("this model knows {}", self.fields.join(", ")),
                 };
                 let meant = did_you_mean(field, self.fields.iter().map(String::as_str));
-                return Err(Error::Call(format!("label {field}={value}: no field `{field}`; {known}{meant}")));
+                return Err(Error::call(format!("label {field}={value}: no field `{field}`; {known}{meant}")));
             };
             if !self.values[at].contains_key(value) {
                 let (known, meant) = (self.values(field), did_you_mean(value, self.values(field)));
                 let known = known.join(", ");
                 let what =
                     format!("label {field}={value}: no value `{value}`; this model knows the {field} {known}{meant}");
-                return Err(Error::Call(what));
+                return Err(Error::call(what));
             }
             if labels.insert(field.clone(), value.clone()).is_some() {
-                return Err(Error::Call(format!("label {field}={value}: {field} is asked for twice; give it once")));
+                return Err(Error::call(format!("label {field}={value}: {field} is asked for twice; give it once")));
             }
         }
         Ok(self.front(&labels))
@@ -140,7 +140,7 @@ pub fn with_labels<'a>(
             let known: Vec<&str> = all.keys().copied().collect();
             let known = if known.is_empty() { "no labels at all".into() } else { known.join(", ") };
             let what = format!("train.conditions names `{field}`, which no training clip has; the clips have {known}");
-            return Err(Error::Call(what));
+            return Err(Error::call(what));
         };
         for value in values {
             grown.vocabulary_mut().add_conditioning(&field, value)?;

@@ -4,7 +4,7 @@
 //! unquoted field are not part of it.
 
 use crate::{Error, Result};
-use kinelm_motion::Place;
+use kinelm_store::Place;
 use std::iter::Peekable;
 use std::path::Path;
 use std::str::Chars;

@@ -7,8 +7,11 @@ use super::record::Split;
 use super::sidecar;
 use super::splits::{self, some_of};
 use super::timed::{Piece, Timed};
-use crate::{Error, Result, counted, ours};
-use kinelm_motion::format::{Format, ReadOptions, input};
+use crate::corpus::ours;
+use crate::{Error, Result};
+use kinelm_motion::format::{Format, ReadOptions};
+use kinelm_store::counted;
+use kinelm_store::input;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs;
 use std::io::Read;
@@ -133,7 +136,7 @@ struct Found {
 pub fn gather(data: &[PathBuf], labels: &[String]) -> Result<Gathered> {
     if labels.len() > 1 && labels.len() != data.len() {
         let (l, d) = (labels.len(), data.len());
-        return Err(Error::Call(format!("{l} label lists for {d} places of data; give none, one for all, or {d}")));
+        return Err(Error::call(format!("{l} label lists for {d} places of data; give none, one for all, or {d}")));
     }
     let parsed: Vec<Labels> = labels.iter().map(|l| Labels::parse(l)).collect::<Result<_>>()?;
     let mut gathered = Gathered { sources: data.iter().map(|d| slashed(d)).collect(), ..Gathered::default() };
@@ -156,7 +159,7 @@ pub fn gather(data: &[PathBuf], labels: &[String]) -> Result<Gathered> {
     if found.is_empty() {
         of_fbx.map_or(Ok(()), |place| refuse_fbx_alone(place, gathered.unread_fbx))?;
         let places = gathered.sources.join(", ");
-        return Err(Error::Call(format!(
+        return Err(Error::call(format!(
             "no motion in {places}; looked for files ending in {}",
             EXTENSIONS.join(", ")
         )));
@@ -367,7 +370,7 @@ fn unique_names(found: &[Found], sources: &[String]) -> Result<Vec<String>> {
         }
     }
     match count(&names).into_iter().find(|(_, n)| *n > 1) {
-        Some((name, _)) => Err(Error::Call(format!("{name}: two clips of this name; rename one of the files"))),
+        Some((name, _)) => Err(Error::call(format!("{name}: two clips of this name; rename one of the files"))),
         None => Ok(names),
     }
 }

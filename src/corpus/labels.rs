@@ -6,7 +6,7 @@ use super::record::Split;
 use super::rows::{FROM, Row, TO, at_column, time_of};
 use super::timed::Timed;
 use crate::{Error, Result};
-use kinelm_motion::format::input;
+use kinelm_store::input;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
@@ -23,7 +23,7 @@ const NO_LABEL: [&str; 2] = ["set", "id"];
 pub fn pair(text: &str) -> Result<(String, String)> {
     match text.split_once('=') {
         Some((field, value)) if !field.is_empty() && !value.is_empty() => Ok((field.into(), value.into())),
-        _ => Err(Error::Call(format!("`{text}`; expected FIELD=VALUE, such as genre=salsa"))),
+        _ => Err(Error::call(format!("`{text}`; expected FIELD=VALUE, such as genre=salsa"))),
     }
 }
 
@@ -74,7 +74,7 @@ impl Labels {
         }
         let path = Path::new(text);
         if !path.exists() {
-            return Err(Error::Call(format!("labels {text}: no such file; a pattern has fields such as {{genre}}")));
+            return Err(Error::call(format!("labels {text}: no such file; a pattern has fields such as {{genre}}")));
         }
         Ok(Labels::Table(Table::load(path)?))
     }
@@ -149,10 +149,10 @@ fn from_fields(found: BTreeMap<String, String>, path: &str) -> Result<Known> {
     let mut known = Known::default();
     for (field, value) in found {
         if [FROM, TO].contains(&field.as_str()) {
-            return Err(Error::Call(format!("{path}: a {field} by the pattern; expected it in a CSV, as a column")));
+            return Err(Error::call(format!("{path}: a {field} by the pattern; expected it in a CSV, as a column")));
         }
         if !NO_LABEL.contains(&field.as_str()) {
-            let what = |expected| Error::Call(format!("{path}: {field} `{value}` by the pattern; expected {expected}"));
+            let what = |expected| Error::call(format!("{path}: {field} `{value}` by the pattern; expected {expected}"));
             known.set(&field, &value).map_err(what)?;
         }
     }
@@ -314,7 +314,7 @@ fn check_header(path: &Path, header: &[Field]) -> Result<usize> {
         let help = "the first line names the columns: clip, and any of split, take, fps, skip, floor, music_from, from_s, to_s and \
                     your labels";
         Error::at(
-            kinelm_motion::Place { path: path.to_owned(), line: header[0].at.line, column: 1 },
+            kinelm_store::Place { path: path.to_owned(), line: header[0].at.line, column: 1 },
             format!("columns {}", names.join(", ")),
             "a column `clip`",
             help,

@@ -8,8 +8,9 @@ use super::gather::Gathered;
 use super::record::LeftOut;
 use super::rows::{FROM, TO, time_of};
 use super::splits::some_of;
-use crate::{Error, Result, counted};
-use kinelm_motion::format::input;
+use crate::{Error, Result};
+use kinelm_store::counted;
+use kinelm_store::input;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 

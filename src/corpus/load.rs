@@ -1,7 +1,6 @@
 //! One file to a clip that a tokenizer takes.
 
 use super::gather::Item;
-use super::record::{FileRecord, hex};
 use super::sidecar;
 use super::timed::{behind_its_end, piece_of};
 use crate::{Error, Result};
@@ -10,8 +9,8 @@ use kinelm_motion::inspect::RateDoubt;
 use kinelm_motion::metric::floor_of;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Motion, Warning, retarget};
+use kinelm_store::FileRecord;
 use kinelm_tokenizer::TokenizerConfig;
-use sha2::{Digest, Sha256};
 use std::path::Path;
 
 /// What a tokenizer takes.
@@ -80,7 +79,7 @@ impl Placed {
 pub fn load_placed(path: &Path, options: &ReadOptions, wanted: Wanted) -> Result<Placed> {
     // refused by its name before it is read
     format::Format::of(path)?;
-    let bytes = format::input::bytes(path).map_err(Error::io(path))?;
+    let bytes = kinelm_store::input::bytes(path).map_err(Error::io(path))?;
     parse_placed(path, &bytes, options, wanted)
 }
 
@@ -175,17 +174,6 @@ pub fn item_options(item: &Item, options: &ReadOptions) -> ReadOptions {
         floor: item.floor.or(options.floor),
         ..options
     }
-}
-
-/// SHA-256 of a file, hexadecimal. Hashing alone makes it no input.
-///
-/// # Errors
-/// [`Error::Io`] when it can't be read.
-pub fn hash_file(path: &Path) -> Result<String> {
-    let mut hash = Sha256::new();
-    let mut file = format::input::peek(path).map_err(Error::io(path))?;
-    std::io::copy(&mut file, &mut hash).map_err(Error::io(path))?;
-    Ok(hex(hash))
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Windows of a masked model: some tokens are hidden, and each chosen one is its own target (docs/training.md, "Masked
 //! models").
 
-use crate::random;
+use kinelm_store::random;
 use kinelm_tokenizer::Special;
 use rand_chacha::rand_core::RngCore;
 
@@ -55,7 +55,7 @@ pub fn fill_masked(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random;
+    use kinelm_store::random;
 
     #[test]
     fn fifteen_percent_are_chosen_and_about_a_tenth_of_them_stays() {

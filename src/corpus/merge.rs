@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 /// shards); those of [`Corpus::open`] and [`CorpusWriter`].
 pub fn merge(shards: &[PathBuf], out: &Path, force: bool) -> Result<Manifest> {
     let shards: Vec<Corpus> = shards.iter().map(Corpus::open).collect::<Result<_>>()?;
-    let Some(first) = shards.first() else { return Err(Error::Call("no shard to merge".into())) };
+    let Some(first) = shards.first() else { return Err(Error::call("no shard to merge")) };
     shards.iter().try_for_each(|s| check_fits(first, s))?;
     check_complete(&shards)?;
     let sources: Vec<String> = first.manifest().sources.iter().map(|s| s.path.clone()).collect();
@@ -21,7 +21,7 @@ pub fn merge(shards: &[PathBuf], out: &Path, force: bool) -> Result<Manifest> {
     let mut clips: Vec<(&Corpus, &ClipRecord)> =
         shards.iter().flat_map(|s| s.clips().iter().map(move |c| (s, c))).collect();
     if clips.is_empty() {
-        return Err(Error::Call("the shards hold no clip".into()));
+        return Err(Error::call("the shards hold no clip"));
     }
     clips.sort_by_key(|(_, clip)| clip.key);
     for (shard, clip) in clips {
@@ -40,17 +40,17 @@ fn check_fits(first: &Corpus, other: &Corpus) -> Result<()> {
     let (x, y) = (first.manifest(), other.manifest());
     if x.coding() != y.coding() {
         let (t, u) = (&x.tokenizer, &y.tokenizer);
-        return Err(Error::Call(format!("{a} has tokenizer {t}, {b} has {u}; shards are made with one tokenizer")));
+        return Err(Error::call(format!("{a} has tokenizer {t}, {b} has {u}; shards are made with one tokenizer")));
     }
     let paths = |m: &Manifest| m.sources.iter().map(|s| s.path.clone()).collect::<Vec<_>>();
     if paths(x) != paths(y) {
         let (p, q) = (paths(x).join(" "), paths(y).join(" "));
-        return Err(Error::Call(format!("{a} was made from {p}, {b} from {q}; shards are made from the same DATA")));
+        return Err(Error::call(format!("{a} was made from {p}, {b} from {q}; shards are made from the same DATA")));
     }
     if x.left_out != y.left_out {
         let (m, n) = (x.left_out.len(), y.left_out.len());
         let what = format!("{a} was made without {m} ranges of its clips, {b} without {n}, or without others");
-        return Err(Error::Call(format!("{what}; shards are made with the same --leave-out")));
+        return Err(Error::call(format!("{what}; shards are made with the same --leave-out")));
     }
     Ok(())
 }
@@ -62,16 +62,16 @@ fn check_complete(shards: &[Corpus]) -> Result<()> {
         let shown = corpus.dir().display();
         let Some(shard) = corpus.manifest().shard else {
             let what = format!("{shown} is a whole corpus, no shard; only shards made with --shard I/N are merged");
-            return Err(Error::Call(what));
+            return Err(Error::call(what));
         };
         let of = there.first().map_or(shard.of, |s| s.of);
         if shard.of != of {
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "{shown} is shard {shard}, others are of {of}; all shards are of one run"
             )));
         }
         if there.contains(&shard) {
-            return Err(Error::Call(format!("{shown} is shard {shard}, which is there already; give each once")));
+            return Err(Error::call(format!("{shown} is shard {shard}, which is there already; give each once")));
         }
         there.push(shard);
     }
@@ -79,7 +79,7 @@ fn check_complete(shards: &[Corpus]) -> Result<()> {
     let missing: Vec<String> =
         (0..of).map(|index| Shard { index, of }).filter(|s| !there.contains(s)).map(|s| s.to_string()).collect();
     if !missing.is_empty() {
-        return Err(Error::Call(format!("shards {} are missing; give all {of}", missing.join(", "))));
+        return Err(Error::call(format!("shards {} are missing; give all {of}", missing.join(", "))));
     }
     Ok(())
 }

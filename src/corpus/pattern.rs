@@ -41,7 +41,7 @@ impl Pattern {
     /// [`Error::Call`] for a brace without its partner, no field at all, a field without a name or named twice, or two
     /// fields with nothing between them.
     pub fn parse(text: &str) -> Result<Self> {
-        let fail = |what: String| Err(Error::Call(format!("pattern `{text}`: {what}")));
+        let fail = |what: String| Err(Error::call(format!("pattern `{text}`: {what}")));
         let normal = text.replace('\\', "/");
         let mut parts = Vec::new();
         let mut seen: Vec<String> = Vec::new();

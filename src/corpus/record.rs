@@ -2,11 +2,10 @@
 
 use crate::{Error, Result};
 use kinelm_motion::format::ReadOptions;
+use kinelm_store::FileRecord;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::fmt;
-use std::path::Path;
 use std::str::FromStr;
 
 /// The version of the folder's layout that this program writes and reads.
@@ -46,7 +45,7 @@ impl FromStr for Split {
         Split::ALL
             .into_iter()
             .find(|s| s.to_string() == text)
-            .ok_or_else(|| Error::Call(format!("split `{text}`; expected train, valid or test")))
+            .ok_or_else(|| Error::call(format!("split `{text}`; expected train, valid or test")))
     }
 }
 
@@ -103,42 +102,6 @@ impl TokenType {
     }
 }
 
-/// Length and hash of a file.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FileRecord {
-    /// Its length.
-    pub bytes: u64,
-    /// SHA-256 of its bytes, hexadecimal.
-    pub sha256: String,
-}
-
-impl FileRecord {
-    /// The record of a file that holds `bytes`.
-    pub fn of(bytes: &[u8]) -> Self {
-        FileRecord { bytes: bytes.len() as u64, sha256: hex(Sha256::new_with_prefix(bytes)) }
-    }
-
-    /// Whether `bytes` are the file's.
-    ///
-    /// # Errors
-    /// [`Error::File`] with what was found and expected.
-    pub fn check(&self, path: &Path, bytes: &[u8]) -> Result<()> {
-        let found = FileRecord::of(bytes);
-        if found == *self {
-            return Ok(());
-        }
-        let say = |r: &FileRecord| format!("{} bytes with SHA-256 {}", r.bytes, r.sha256);
-        let help = "the file was changed after it was written: make the corpus again";
-        Err(Error::file(path, say(&found), say(self), help))
-    }
-}
-
-/// A finished hash as 64 hexadecimal digits.
-pub(crate) fn hex(hash: Sha256) -> String {
-    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
-}
-
 /// A piece of a corpus made on one of several machines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -170,7 +133,7 @@ impl FromStr for Shard {
         let parsed = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
         match parsed {
             Some((index, of)) if index < of => Ok(Shard { index, of }),
-            _ => Err(Error::Call(format!("shard `{text}`; expected I/N with I from 0 to N - 1, such as 0/4"))),
+            _ => Err(Error::call(format!("shard `{text}`; expected I/N with I from 0 to N - 1, such as 0/4"))),
         }
     }
 }
@@ -391,12 +354,5 @@ mod tests {
             assert_eq!((bytes[kind.width()], bytes[kind.width() + 1]), (2, 1), "little-endian");
             assert!(kind.ids_of(&bytes).eq(ids));
         }
-    }
-
-    #[test]
-    fn the_hash_is_sha256() {
-        // FIPS 180-2, appendix B.1
-        let abc = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
-        assert_eq!(FileRecord::of(b"abc").sha256, abc);
     }
 }

@@ -4,7 +4,7 @@ use super::csv::Field;
 use super::labels::Known;
 use super::timed::Timed;
 use crate::{Error, Result};
-use kinelm_motion::Place;
+use kinelm_store::Place;
 
 /// Columns that say for what time a row's labels hold.
 pub(super) const FROM: &str = "from_s";

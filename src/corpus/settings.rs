@@ -1,8 +1,8 @@
 //! The settings of a tokenizer in TOML, with single keys set on top.
 
 use crate::{Error, Result, presets};
-use kinelm_motion::format::input;
 use kinelm_motion::joints;
+use kinelm_store::input;
 use kinelm_tokenizer::TokenizerConfig;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -82,7 +82,7 @@ impl Settings {
     /// # Errors
     /// [`Error::Call`] without a `=`, with an empty key, and for a key below one that is no table.
     pub fn set_pair(&mut self, pair: &str) -> Result<()> {
-        let wrong = || Error::Call("expected KEY=VALUE, such as tile=60 or joint_transform.type=pca".into());
+        let wrong = || Error::call("expected KEY=VALUE, such as tile=60 or joint_transform.type=pca");
         let (key, value) = pair.split_once('=').ok_or_else(wrong)?;
         let value = format!("v = {value}").parse::<Table>().ok().and_then(|mut t| t.remove("v"));
         let value = value.unwrap_or_else(|| pair[key.len() + 1..].into());
@@ -122,7 +122,7 @@ impl Settings {
                 let expected = wrong.expected.unwrap_or_else(|| "the settings of a tokenizer".into());
                 Error::file(path, wrong.found, expected, HELP)
             }
-            None => Error::Call(format!("{}; {HELP}", wrong.text)),
+            None => Error::call(format!("{}; {HELP}", wrong.text)),
         };
         if self.table.contains_key("scheme") {
             self.scheme();

@@ -3,42 +3,18 @@
 //! Whatever wrote the dance, its sidecar holds the dance's name and hash, and how the dance is read. Here no more of it is
 //! known, so that all that reads motion can ask; what else stands in it, [`crate::generate::provenance`] reads.
 
-use super::load::hash_file;
-use crate::{Error, Result, counted};
-use kinelm_motion::format::{BvhPosition, Format, ReadOptions, Unit, Up, input};
-use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
-
-/// What the name of a sidecar ends in.
-pub const ENDING: &str = "kinelm.json";
-
-/// A file of the same folder.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FileHash {
-    /// Its name.
-    pub file: String,
-    /// SHA-256 of its bytes.
-    pub sha256: String,
-}
+use crate::{Error, Result};
+use kinelm_motion::format::{BvhPosition, Format, ReadOptions, Unit, Up};
+use kinelm_store::sidecar::{FileHash, name_of, path_of};
+use kinelm_store::{counted, hash, input};
+use serde::Deserialize;
+use std::path::Path;
 
 /// What of a sidecar says how the dance is read.
 #[derive(Deserialize)]
 struct Sidecar {
     output: FileHash,
     read: ReadOptions,
-}
-
-/// The sidecar of `dance`: `dance.bvh.kinelm.json`, so that each format has its own.
-pub fn path_of(dance: &Path) -> PathBuf {
-    let mut path = dance.as_os_str().to_owned();
-    path.push(format!(".{ENDING}"));
-    path.into()
-}
-
-/// A file's name without its folder.
-pub fn name_of(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// How the sidecar of `dance` says that it is read; `None` where there is none, or the dance has changed since.
@@ -57,7 +33,7 @@ pub fn reading_of(dance: &Path) -> Result<Option<ReadOptions>> {
     })?;
     // a dance that can't be read is told of where it is read
     let is_its =
-        |output: FileHash| output.file == name_of(dance) && hash_file(dance).is_ok_and(|is| is == output.sha256);
+        |output: FileHash| output.file == name_of(dance) && hash::of_file(dance).is_ok_and(|is| is == output.sha256);
     Ok(is_its(told.output).then_some(told.read))
 }
 
@@ -120,7 +96,6 @@ pub fn line(told: &[(String, String)]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::corpus::FileRecord;
 
     #[test]
     fn a_dance_that_has_changed_is_a_file_like_any_other() {
@@ -129,7 +104,7 @@ mod tests {
         std::fs::write(&dance, "dance").unwrap();
         assert_eq!(reading_of(&dance).unwrap(), None);
         let read = ReadOptions { skip: 3, unit: Unit::Inch, up: Up::Z, floor: Some(0.1), ..ReadOptions::default() };
-        let output = FileHash { file: "a.bvh".into(), sha256: FileRecord::of(b"dance").sha256 };
+        let output = FileHash { file: "a.bvh".into(), sha256: hash::of(b"dance") };
         let text = serde_json::json!({ "schema": 3, "output": output, "read": read, "recipe": {} }).to_string();
         std::fs::write(path_of(&dance), &text).unwrap();
         assert_eq!(reading_of(&dance).unwrap(), Some(read.clone()));

@@ -1,14 +1,16 @@
 //! The token store, read with its hashes checked.
 
-use super::record::{ClipRecord, FileRecord, Manifest, SOUND, Split, TokenType, VERSION};
+use super::record::{ClipRecord, Manifest, SOUND, Split, TokenType, VERSION};
 use super::stored::Stored;
 use super::words::{ClipWords, Index};
 use crate::model::music::Sound;
 use crate::model::music::features::Rows;
 use crate::{Error, Result};
 use bytemuck::Pod;
-use kinelm_motion::format::{ReadOptions, input};
+use kinelm_motion::format::ReadOptions;
 use kinelm_music::feature::CHANNELS;
+use kinelm_store::FileRecord;
+use kinelm_store::input;
 use kinelm_tokenizer::{Place, Tokenizer, Words};
 use serde::Deserialize;
 use std::ops::Range;
@@ -291,7 +293,7 @@ fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
         _ => Error::io(&path)(e),
     })?;
     let bad = |e: serde_json::Error| {
-        let at = kinelm_motion::Place { path: path.clone(), line: e.line(), column: e.column() };
+        let at = kinelm_store::Place { path: path.clone(), line: e.line(), column: e.column() };
         Error::at(at, e.to_string(), "the manifest of a corpus", "make the corpus again with `kinelm tokenize`")
     };
     let head: Versioned = serde_json::from_slice(&text).map_err(bad)?;
@@ -362,7 +364,7 @@ fn parse_clips(path: &Path, text: &[u8]) -> Result<Vec<ClipRecord>> {
     let lines = text.split(|&b| b == b'\n').enumerate().filter(|(_, l)| !l.is_empty());
     let parse = |(i, line): (usize, &[u8])| {
         serde_json::from_slice(line).map_err(|e| {
-            let at = kinelm_motion::Place { path: path.to_owned(), line: i + 1, column: e.column() };
+            let at = kinelm_store::Place { path: path.to_owned(), line: i + 1, column: e.column() };
             Error::at(at, e.to_string(), "the record of a clip", "make the corpus again")
         })
     };

@@ -1,11 +1,13 @@
 //! A large file of numbers: in memory, or read where it is asked for. A file that is cut or changed while it is in use is an
 //! error at worst.
 
-use super::record::{FileRecord, hex};
-use crate::{Error, Result, memory};
+use crate::{Error, Result};
 use bytemuck::Pod;
 use kinelm_engine::arena::Floats;
-use kinelm_motion::format::input;
+use kinelm_store::FileRecord;
+use kinelm_store::hash::hex;
+use kinelm_store::input;
+use kinelm_store::memory;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use std::borrow::Cow;

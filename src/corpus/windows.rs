@@ -16,7 +16,7 @@ use std::ops::Range;
 pub fn whole_words(context: usize, word: usize) -> Result<usize> {
     match context.checked_div(word) {
         Some(n) if n > 0 => Ok(n),
-        _ => Err(Error::Call(format!(
+        _ => Err(Error::call(format!(
             "a context of {context} tokens doesn't hold one word of {word}; give at least {word}, better three times that"
         ))),
     }

@@ -1,14 +1,16 @@
 //! Writing the token store: whole or not at all.
 
 use super::record::{
-    ClipRecord, ClipSound, Count, Failure, FileRecord, LeftOut, Manifest, SOUND, Shard, SourceRecord, Split, TokenType,
-    VERSION, hex,
+    ClipRecord, ClipSound, Count, Failure, LeftOut, Manifest, SOUND, Shard, SourceRecord, Split, TokenType, VERSION,
 };
 use super::store::{CLIPS, Coding, MANIFEST, TOKENIZER};
-use crate::files::Hidden;
-use crate::{Error, Result, ours};
-use kinelm_motion::format::input;
+use crate::corpus::ours;
+use crate::{Error, Result};
 use kinelm_music::feature::CHANNELS;
+use kinelm_store::FileRecord;
+use kinelm_store::files::Hidden;
+use kinelm_store::hash::hex;
+use kinelm_store::input;
 use kinelm_tokenizer::{SPACE, Tokenizer};
 use sha2::{Digest, Sha256};
 use std::collections::HashSet;
@@ -135,7 +137,7 @@ impl CorpusWriter {
     }
 
     fn check(&self, NewClip { record: clip, sound }: &NewClip, ids: &[u32]) -> Result<()> {
-        let fail = |what: String| Err(Error::Call(format!("{}: {what}", clip.name)));
+        let fail = |what: String| Err(Error::call(format!("{}: {what}", clip.name)));
         let v = self.manifest.vocabulary;
         let expected = self.manifest.words_of(clip.frames);
         let (found, whole) = match self.manifest.tokens_per_word {

@@ -176,24 +176,24 @@ pub fn measure(codes: &CodeSplits) -> Result<Baselines> {
 fn check(codes: &CodeSplits) -> Result<()> {
     let &CodeSplits { bins, channels, .. } = codes;
     if !(2..=1 << 16).contains(&bins) || channels == 0 {
-        return Err(Error::Call(format!("{channels} channels of {bins} bins; expected channels, and 2 to 65536 bins")));
+        return Err(Error::call(format!("{channels} channels of {bins} bins; expected channels, and 2 to 65536 bins")));
     }
     for (split, clips) in [("train", &codes.train), ("test", &codes.test)] {
         if clips.clips.iter().all(Vec::is_empty) {
             let what =
                 format!("the {split} split has no frame; the floors are fitted on train and measured on another");
-            return Err(Error::Call(what));
+            return Err(Error::call(what));
         }
         for (i, clip) in clips.clips.iter().enumerate() {
             if !clip.len().is_multiple_of(channels) {
-                return Err(Error::Call(format!(
+                return Err(Error::call(format!(
                     "{split} clip {i}: {} codes; expected frames of {channels}",
                     clip.len()
                 )));
             }
             if let Some(at) = clip.iter().position(|&c| usize::from(c) >= bins) {
                 let (frame, code) = (at / channels, clip[at]);
-                return Err(Error::Call(format!(
+                return Err(Error::call(format!(
                     "{split} clip {i}, frame {frame}: code {code}; expected below {bins}"
                 )));
             }

@@ -2,7 +2,8 @@
 
 use super::sample::{Extent, MOST_FRAMES, Stretch, stretches};
 use crate::corpus::{Corpus, Split};
-use crate::{Error, Result, memory};
+use crate::{Error, Result};
+use kinelm_store::memory;
 use kinelm_tokenizer::WordLength;
 use npyz::NpyFile;
 use std::fs::File;
@@ -44,7 +45,7 @@ impl CodeSplits {
     pub fn load_npz(path: &Path, bins: usize, extent: Extent) -> Result<Self> {
         let bad =
             |found: String, expected: &str| Error::file(path, found, expected, "`order0.py --dump` writes such files");
-        let file = kinelm_motion::format::input::open(path).map_err(Error::io(path))?;
+        let file = kinelm_store::input::open(path).map_err(Error::io(path))?;
         let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|e| bad(e.to_string(), "an npz archive"))?;
         let read = |archive: &mut _, name| read_split(archive, name, bins, extent).map_err(|(f, e)| bad(f, e));
         let ((train, train_frames, channels), (test, test_frames, test_channels)) =
@@ -63,9 +64,7 @@ impl CodeSplits {
     /// [`Error::Call`] for a corpus of other words; [`Error::File`] when an id stands where it may not.
     pub fn of_corpora(fitted: &Corpus, (corpus, measured): (&Corpus, Split), extent: Extent) -> Result<Self> {
         let Some(channels) = channels(corpus) else {
-            return Err(Error::Call(
-                "words are tiles of frames, or differ in length: they have no code a channel".into(),
-            ));
+            return Err(Error::call("words are tiles of frames, or differ in length: they have no code a channel"));
         };
         let bins = corpus.tokenizer().vocabulary().characters() as usize;
         let read = |corpus: &Corpus, split| -> Result<CodeClips> {

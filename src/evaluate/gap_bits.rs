@@ -42,7 +42,7 @@ pub fn gap_bits(
     let before = BEFORE.min(window.saturating_sub(frames + 1));
     if frames == 0 || before == 0 {
         let most = window.saturating_sub(2);
-        return Err(Error::Call(format!(
+        return Err(Error::call(format!(
             "gaps of {frames} frames; expected 1 to {most} in windows of {window} frames"
         )));
     }

@@ -47,7 +47,7 @@ pub fn gaps(corpus: &Corpus, split: Split, (before, frames): (usize, usize), mos
     if places == 0 {
         let what =
             format!("no {split} clip has {length} frames: {before} before a gap of {frames}, {BEHIND} behind it");
-        return Err(Error::Call(what));
+        return Err(Error::call(what));
     }
     let count = most.min(places);
     let mut found = Vec::with_capacity(count);
@@ -135,11 +135,11 @@ pub struct Filler<'a> {
 /// [`Error::Call`] where it has none.
 pub fn frames_before(context: usize, front: usize, tokenizer: &Tokenizer, frames: usize) -> Result<usize> {
     let (Some(word), 1) = (tokenizer.tokens_per_word(), tokenizer.frames_per_word()) else {
-        return Err(Error::Call("gaps need a tokenizer whose words are frames: uniform or quantile bins".into()));
+        return Err(Error::call("gaps need a tokenizer whose words are frames: uniform or quantile bins"));
     };
     let room = (context + 1).saturating_sub(front) / word;
     match room.saturating_sub(frames + 1).min(BEFORE) {
-        0 => Err(Error::Call(format!("the model sees {room} frames; a gap of {frames} needs {} at least", frames + 2))),
+        0 => Err(Error::call(format!("the model sees {room} frames; a gap of {frames} needs {} at least", frames + 2))),
         before => Ok(before),
     }
 }

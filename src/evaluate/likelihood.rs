@@ -67,13 +67,13 @@ pub fn likelihood_by_token(
     let (own, found) = (model.tokens(), TokenLayout::of(corpus.tokenizer()));
     if conditions.len() != own.front {
         let (k, front) = (conditions.len(), own.front);
-        return Err(Error::Call(format!("{k} tokens in front of a window; the model was trained with {front}")));
+        return Err(Error::call(format!("{k} tokens in front of a window; the model was trained with {front}")));
     }
     if !own.reads(&found) {
         let say = |t: &TokenLayout| {
             format!("words of {}{} tokens from {} ids", if t.varying { "up to " } else { "" }, t.word, t.vocabulary)
         };
-        return Err(Error::Call(format!(
+        return Err(Error::call(format!(
             "the corpus has {}, the model was trained on {}; make the corpus with the run's tokenizer",
             say(&found),
             say(own)

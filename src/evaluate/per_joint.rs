@@ -26,9 +26,9 @@ pub struct PlaceBits {
 pub fn places(tokenizer: &Tokenizer) -> Result<Vec<PlaceBits>> {
     if tokenizer.tokens_per_word().is_none() || tokenizer.frames_per_word() != 1 {
         let what = "words of this tokenizer are no frames of one character a channel, so no token is one joint's";
-        return Err(Error::Call(what.into()));
+        return Err(Error::call(what));
     }
-    let channels = tokenizer.scheme().places(tokenizer.channels()).map_err(Error::Call)?;
+    let channels = tokenizer.scheme().places(tokenizer.channels()).map_err(Error::call)?;
     let part = |channel: &Channel| match channel {
         Channel::Translation(_) => "translation",
         Channel::Turn | Channel::Tilt(_) => smpl::NAMES[0],
@@ -53,7 +53,7 @@ pub fn by_place(
 ) -> Result<Option<(Likelihood, Vec<PlaceBits>)>> {
     if model.config().kind == Kind::Masked {
         let what = "a masked model is asked for some of the tokens alone, too few to say what each joint costs";
-        return Err(Error::Call(what.into()));
+        return Err(Error::call(what));
     }
     let mut all = places(corpus.tokenizer())?;
     let word = all.len();

@@ -60,7 +60,7 @@ pub struct Row {
 
 impl Row {
     fn of(name: &str, fps: f64, found: &ShortTerm) -> Result<Row> {
-        let up_to = found.figures(&TIMES_MS).ok_or_else(|| Error::Call("no window of 3 s to measure on".into()))?;
+        let up_to = found.figures(&TIMES_MS).ok_or_else(|| Error::call("no window of 3 s to measure on"))?;
         Ok(Row { name: name.into(), fps, windows: found.windows(), joints: found.joints().len(), up_to })
     }
 }
@@ -81,7 +81,7 @@ pub fn constant_velocity(window: &Window) -> Result<Clip> {
 /// Every joint's rotation n frames behind the seed's last two.
 fn going_on(window: &Window, at: impl Fn(Quat, Quat, usize) -> Quat) -> Result<Clip> {
     let (seed, target) = (&window.seed, &window.target);
-    let last = seed.frames().checked_sub(1).ok_or_else(|| Error::Call("a seed without frames".into()))?;
+    let last = seed.frames().checked_sub(1).ok_or_else(|| Error::call("a seed without frames"))?;
     let (a, b) = (seed.pose(last.saturating_sub(1)), seed.pose(last));
     let rotations = (1..=target.frames()).flat_map(|n| a.iter().zip(b).map(move |(a, b)| (n, *a, *b)));
     let rotations = rotations.map(|(n, a, b)| at(a, b, n)).collect();
@@ -93,7 +93,7 @@ fn going_on(window: &Window, at: impl Fn(Quat, Quat, usize) -> Quat) -> Result<C
 /// # Errors
 /// No windows; none of the joints.
 pub fn baselines(windows: &[Window], joints: &[usize], what: &str) -> Result<Vec<Row>> {
-    let Some(first) = windows.first() else { return Err(Error::Call("no clip is as long as a window, 3 s".into())) };
+    let Some(first) = windows.first() else { return Err(Error::call("no clip is as long as a window, 3 s")) };
     let (fps, frames) = (first.target.fps(), first.target.frames());
     let row = |name: &str, foretell: fn(&Window) -> Result<Clip>| {
         let mut found = ShortTerm::new(joints, fps, frames)?;
@@ -134,7 +134,7 @@ impl Foreteller<'_> {
     /// What coding and generating fail with; no windows.
     pub fn rows(&mut self, windows: &[Window], progress: &mut dyn FnMut(usize)) -> Result<Vec<Row>> {
         let Some(first) = windows.first() else {
-            return Err(Error::Call("no clip is as long as a window, 3 s".into()));
+            return Err(Error::call("no clip is as long as a window, 3 s"));
         };
         let (fps, frames) = (first.target.fps(), first.target.frames());
         let empty = || ShortTerm::new(self.tokenizer.channels().joints(), fps, frames);

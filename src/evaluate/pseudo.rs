@@ -3,7 +3,8 @@
 use super::likelihood::{BATCH_TOKENS, Likelihood, Taken, room, scored_frames};
 use crate::corpus::{ClipRecord, Conditions, Corpus, EvalWindow, fill_masked};
 use crate::model::Scores;
-use crate::{Error, Result, random};
+use crate::{Error, Result};
+use kinelm_store::random;
 
 /// Mean loss over 15 % of the tokens of each window, hidden in a tenth less, times the tokens of a frame: bits a frame that
 /// are no likelihood, since both sides of a token are seen. What is hidden hangs on a window's number alone.

@@ -1,6 +1,6 @@
 //! How sure a mean is: clips of one take are no independent ones, so that takes are drawn.
 
-use crate::random;
+use kinelm_store::random;
 
 /// Resamples of takes.
 const RESAMPLES: usize = 2000;

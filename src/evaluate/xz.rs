@@ -62,7 +62,7 @@ pub(super) fn compressed_bytes(write: &Source) -> Result<Option<u64>> {
         },
         Ok(_) => {
             let said = String::from_utf8_lossy(&output.stderr).trim().to_owned();
-            Err(Error::Call(format!("xz failed ({}): {said}; --floors none goes without", output.status)))
+            Err(Error::call(format!("xz failed ({}): {said}; --floors none goes without", output.status)))
         }
         Err(e) => Err(Error::io("xz")(e)),
     }

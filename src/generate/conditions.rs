@@ -13,7 +13,7 @@ use crate::{Error, Result};
 /// # Errors
 /// [`Error::Call`]: such a model, a number that isn't finite.
 pub fn check_ahead(ahead: f64, run: &LoadedRun) -> Result<()> {
-    let wrong = |what: &str| Err(Error::Call(format!("ahead {ahead}: {what}")));
+    let wrong = |what: &str| Err(Error::call(format!("ahead {ahead}: {what}")));
     if !ahead.is_finite() {
         return wrong("expected a finite number");
     }
@@ -44,7 +44,7 @@ pub(super) fn tell_tempo(
         None if run.config.music.is_none() => {
             let known = conditions.values(tempo::FIELD).join(", ");
             let what = "this model hears of music its tempo alone, and none that it knows is a number";
-            return Err(Error::Call(format!("--music: {what} ({known}); give --label tempo=..")));
+            return Err(Error::call(format!("--music: {what} ({known}); give --label tempo=..")));
         }
         None => {}
     }
@@ -57,7 +57,7 @@ pub(super) fn without(recipe: &Recipe, run: &LoadedRun, conditions: &Conditions)
     if scale == 1.0 {
         return Ok(None);
     }
-    let wrong = |what: &str| Err(Error::Call(format!("guidance {scale}: {what}")));
+    let wrong = |what: &str| Err(Error::call(format!("guidance {scale}: {what}")));
     if !scale.is_finite() {
         return wrong("expected a finite number");
     }

@@ -410,13 +410,13 @@ impl<'a> Dance<'a> {
         let (knows, expected) = (logits.len(), self.plan.grammar.vocabulary());
         if knows != expected as usize {
             let what = "they don't belong together";
-            return Err(Error::Call(format!("the model knows {knows} tokens, the tokenizer {expected}: {what}")));
+            return Err(Error::call(format!("the model knows {knows} tokens, the tokenizer {expected}: {what}")));
         }
         let (word, place) = (self.words(), self.place.tokens);
-        let mut rng = crate::random::stream(self.seed, "character", word as u64, place as u64);
+        let mut rng = kinelm_store::random::stream(self.seed, "character", word as u64, place as u64);
         let recent = self.recent(place);
         self.plan.draw_of(word).pick(logits, &self.plan.grammar.allowed(self.place), &recent, &mut rng).ok_or_else(
-            || Error::Call(format!("word {word}, place {place}: the model's logits allow no token; the run is broken")),
+            || Error::call(format!("word {word}, place {place}: the model's logits allow no token; the run is broken")),
         )
     }
 }

@@ -55,7 +55,7 @@ fn number(given: &[String]) -> u64 {
 pub(super) fn seed(seed: u64, given: u64) -> u64 {
     match given {
         0 => seed,
-        given => crate::random::stream(seed, "given", given, 0).next_u64(),
+        given => kinelm_store::random::stream(seed, "given", given, 0).next_u64(),
     }
 }
 

@@ -30,7 +30,7 @@ impl Followed {
     pub(super) fn load(recipe: &mut PromptRecipe, frames: Option<usize>, tokenizer: &Tokenizer) -> Result<Followed> {
         if recipe.joints.is_none() && recipe.from_frame.is_none() && recipe.edit.is_none() {
             let path = recipe.path.display();
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "{path}: nothing of the prompt is followed; give joints, a frame to go on from, or both"
             )));
         }
@@ -42,18 +42,18 @@ impl Followed {
             recipe.read.up = clip.motion.source.axes().up;
         }
         let (rig, map) = (clip.motion.clip.skeleton(), recipe.read.map.as_deref());
-        let wrong = |list: &str, e: kinelm_motion::Error| Error::Call(format!("--joints {list}: {e}"));
+        let wrong = |list: &str, e: kinelm_motion::Error| Error::call(format!("--joints {list}: {e}"));
         let in_smpl_names = |list: &String| joints::in_smpl_names(list, rig, map).map_err(|e| wrong(list, e));
         recipe.joints = recipe.joints.as_ref().map(in_smpl_names).transpose()?;
         let selection = recipe.joints.as_deref().map(joints::parse).transpose()?;
         let given = match (&selection, &recipe.joints) {
             (Some(selection), Some(list)) => {
-                prompt::given_places(tokenizer, selection).map_err(|e| Error::Call(format!("--joints {list}: {e}")))?
+                prompt::given_places(tokenizer, selection).map_err(|e| Error::call(format!("--joints {list}: {e}")))?
             }
             _ => Vec::new(),
         };
         let beginning = recipe.from_frame.map(|n| clip.beginning(tokenizer, n));
-        let beginning = beginning.transpose().map_err(|e| Error::Call(format!("--from-frame: {e}")))?;
+        let beginning = beginning.transpose().map_err(|e| Error::call(format!("--from-frame: {e}")))?;
         let mut edit = recipe.edit.take();
         let round = edit.as_ref().and_then(|edit| edit.round);
         let (clip, seam) = match round.map(|round| round.lay(clip.clone(), recipe.read.map.as_deref(), tokenizer)) {

@@ -82,7 +82,7 @@ pub fn fronts(
     let mut spans = Vec::new();
     for (i, label) in timed.iter().enumerate() {
         conditions.asked(&[(label.field.clone(), label.value.clone())])?;
-        let frames = label.span().frames(scale).map_err(|e| Error::Call(format!("--label {e}")))?;
+        let frames = label.span().frames(scale).map_err(|e| Error::call(format!("--label {e}")))?;
         let meets = |(other, held): &(&TimedLabel, &std::ops::Range<usize>)| {
             other.field == label.field && held.start < frames.end && frames.start < held.end
         };
@@ -91,7 +91,7 @@ pub fn fronts(
         if let Some(other) = other {
             let what =
                 format!("--label {label} and --label {other}: two values of {} at a time; give one", label.field);
-            return Err(Error::Call(what));
+            return Err(Error::call(what));
         }
         spans.push(frames);
     }

@@ -107,7 +107,7 @@ impl Ready {
         let paths = [Some(&recipe.run), recipe.prompt.as_ref().map(|prompt| &prompt.path), music];
         if let Some(path) = paths.into_iter().flatten().find(|path| path.to_str().is_none()) {
             let what = "a name that is no UTF-8 can't be kept beside the dance; give it another name";
-            return Err(Error::Call(format!("{}: {what}", path.display())));
+            return Err(Error::call(format!("{}: {what}", path.display())));
         }
         if let Which::Step(step) = which {
             check_step(&recipe.run, step)?;
@@ -124,7 +124,7 @@ impl Ready {
         let tries = recipe.prompt.as_ref().and_then(|prompt| prompt.edit.as_ref()).map_or(1, |edit| edit.tries);
         for (what, many, most) in [("starts", recipe.starts, u8::MAX.into()), ("tries", tries, MOST_TRIES)] {
             if many > most {
-                return Err(Error::Call(format!("{many} {what}; expected {most} at most")));
+                return Err(Error::call(format!("{many} {what}; expected {most} at most")));
             }
         }
         let prompt = recipe.prompt.as_mut().map(|prompt| Followed::load(prompt, asked, &tokenizer)).transpose()?;
@@ -133,7 +133,7 @@ impl Ready {
         let of_followed = prompt.as_ref().filter(follows).map(of_prompt);
         let of_music = music.as_ref().map(|music| (music.seconds() * tokenizer.fps() + 1e-6).floor().max(1.0) as usize);
         let frames = asked.or(of_followed).or(of_music).or(prompt.as_ref().map(of_prompt));
-        let frames = frames.ok_or_else(|| Error::Call("neither frames nor a prompt that says how many".into()))?;
+        let frames = frames.ok_or_else(|| Error::call("neither frames nor a prompt that says how many"))?;
         let written = recipe.fps.map_or(frames, |fps| held_frames(frames, tokenizer.fps(), fps));
         [frames, written].into_iter().try_for_each(check_frames)?;
         let of_edit = prompt.as_ref().and_then(|p| p.edit.as_ref()).map(|edited| edited.frames);
@@ -152,7 +152,7 @@ impl Ready {
         if let Some(from) = from.filter(|from| *from >= frames) {
             let what =
                 format!("--from-frame {from} of a dance of {frames} frames; expected fewer: nothing is left to make");
-            return Err(Error::Call(what));
+            return Err(Error::call(what));
         }
         if let Some(music) = &music {
             music.check(frames as f64 / tokenizer.fps())?;
@@ -456,7 +456,7 @@ fn lead_ins_with(from: &LeadInFrom, recipe: &Recipe, tokenizer: &Tokenizer) -> R
     let length = lead_in::words(tokenizer) * tokenizer.frames_per_word();
     if recipe.lead_in != length {
         let what = format!("a lead-in of {} frames of a train clip; expected {length}", recipe.lead_in);
-        return Err(Error::Call(what));
+        return Err(Error::call(what));
     }
     match all.find(from) {
         Some(_) => Ok(all),

@@ -141,13 +141,13 @@ pub fn reader(run: &LoadedRun, compute: Compute, reading: Reading) -> Result<Box
     if run.config.kind == Kind::Masked {
         let what = "the model is masked: it tells a token from those on both sides, and of a new dance there are none \
                     behind it; train one with model.kind = \"causal\"";
-        return Err(Error::Call(format!("{}: {what}", run.checkpoint.display())));
+        return Err(Error::call(format!("{}: {what}", run.checkpoint.display())));
     }
     if compute.is_fast() {
         return Ok(Box::new(run.reader(reading)?));
     }
     if (reading.weights, reading.kv) != (WeightKind::F32, KvKind::F32) {
-        return Err(Error::Call(format!(
+        return Err(Error::call(format!(
             "weights as {:?}, keys and values as {:?}: the plain form of the model has F32 alone; leave them out, or use \
              the form auto on the cpu",
             reading.weights, reading.kv
@@ -172,7 +172,7 @@ pub const MOST_FRAMES: usize = 1 << 20;
 pub fn check_frames(frames: usize) -> Result<()> {
     match frames {
         0..=MOST_FRAMES => Ok(()),
-        _ => Err(Error::Call(format!("{frames} frames; expected {MOST_FRAMES} at most"))),
+        _ => Err(Error::call(format!("{frames} frames; expected {MOST_FRAMES} at most"))),
     }
 }
 
@@ -273,7 +273,7 @@ impl Plan<'_> {
 pub fn dance(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Vec<u32>> {
     if model.streams() != plan.streams() {
         let (found, expected) = (model.streams(), plan.streams());
-        return Err(Error::Call(format!("one dance from a model of {found} sequences; expected {expected}")));
+        return Err(Error::call(format!("one dance from a model of {found} sequences; expected {expected}")));
     }
     Ok(dances(model, plan, progress)?.ids.remove(0))
 }
@@ -364,30 +364,30 @@ fn check(model: &dyn NextToken, plan: &Plan) -> Result<()> {
     let room = (context + 1).saturating_sub(plan.front.len());
     let (what, most) = word.map_or(("tokens".into(), room), |word| (format!("words of {word}"), room / word.max(1)));
     if most < 2 {
-        return Err(Error::Call(format!(
+        return Err(Error::call(format!(
             "the model's context of {context} tokens holds {most} {what}; expected at least 2: train with a longer context"
         )));
     }
     let (streams, each) = (model.streams(), plan.streams());
     if !streams.is_multiple_of(each) {
-        return Err(Error::Call(format!("{streams} sequences for dances of {each} each; expected a multiple")));
+        return Err(Error::call(format!("{streams} sequences for dances of {each} each; expected a multiple")));
     }
     if let Some(course) = plan.told().filter(|course| word != Some(course.characters() + 1)) {
         let what = format!("frames of {} characters given ahead of words of another length", course.characters());
-        return Err(Error::Call(what));
+        return Err(Error::call(what));
     }
     if !plan.music.is_empty() && (word.is_none() || !plan.music.len().is_multiple_of(plan.words.max(1))) {
         let what = format!("{} numbers of music for {} words; expected as many for each", plan.music.len(), plan.words);
-        return Err(Error::Call(what));
+        return Err(Error::call(what));
     }
     if let Some((word, front)) = plan.fronts.iter().find(|(_, front)| front.len() != plan.front.len()) {
         let (found, expected) = (front.len(), plan.front.len());
-        return Err(Error::Call(format!(
+        return Err(Error::call(format!(
             "a front of {found} tokens from word {word} on; expected {expected} as before"
         )));
     }
     match plan.guidance {
-        Some(guidance) if guidance.without.len() != plan.front.len() => Err(Error::Call(format!(
+        Some(guidance) if guidance.without.len() != plan.front.len() => Err(Error::call(format!(
             "a front of {} tokens without conditions, of {} with them; expected as many",
             guidance.without.len(),
             plan.front.len()
@@ -400,7 +400,7 @@ fn check(model: &dyn NextToken, plan: &Plan) -> Result<()> {
 pub fn variation_seed(seed: u64, variation: usize) -> u64 {
     match variation {
         0 => seed,
-        i => crate::random::stream(seed, "variation", 0, i as u64).next_u64(),
+        i => kinelm_store::random::stream(seed, "variation", 0, i as u64).next_u64(),
     }
 }
 

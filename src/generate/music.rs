@@ -2,13 +2,13 @@
 
 use super::recipe::MusicRecipe;
 use crate::corpus::Conditions;
-use crate::corpus::load::hash_file;
 use crate::model::LoadedRun;
 use crate::model::music::features::Rows;
 use crate::music::find::in_dance;
 use crate::music::piece::Piece;
 use crate::music::tempo;
 use crate::{Error, Result};
+use kinelm_store::hash;
 
 /// How far music is followed where nobody says and its beats are told: as they are learned, they are followed little
 /// (docs/results/music.md).
@@ -40,13 +40,13 @@ impl Music {
     /// A model that is told neither music nor its tempo; music that can't be read, is silent, or ends before the dance begins.
     pub fn hear(recipe: &MusicRecipe, run: &LoadedRun, fps: f64) -> Result<Music> {
         if run.config.music.is_none() && !run.conditions.iter().any(|field| field == tempo::FIELD) {
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "--music {}: this model hears no music (model.music) and knows no tempo (train.conditions); train one on a \
                  corpus of kinelm tokenize --music, or have kinelm finetune add it",
                 recipe.path.display()
             )));
         }
-        let sha256 = hash_file(&recipe.path)?;
+        let sha256 = hash::of_file(&recipe.path)?;
         let piece = match run.config.music.has_features() {
             true => Piece::hear(&recipe.path, fps)?,
             false => Piece::beats_of(&recipe.path)?,

@@ -94,7 +94,7 @@ impl Prompt {
     /// [`Error::Call`] when that leaves none.
     pub fn beginning(&self, tokenizer: &Tokenizer, frames: usize) -> Result<Vec<u32>> {
         if frames > self.frames() {
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "frame {frames} of a prompt of {}; expected one that it has",
                 self.frames()
             )));
@@ -103,7 +103,7 @@ impl Prompt {
         let unsettled = tokenizer.scheme().unsettled_words();
         if whole <= unsettled {
             let (least, has) = ((unsettled + 1) * tokenizer.frames_per_word(), self.frames());
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "{frames} frames of a prompt of {has}; words of this tokenizer need at least {least} to begin with"
             )));
         }
@@ -223,13 +223,13 @@ pub fn share_changed(codes: &[u16], again: &[u16], given: &[bool], prompt: usize
 pub fn given_places(tokenizer: &Tokenizer, selection: &Selection) -> Result<Vec<bool>> {
     let places = tokenizer.places_of(selection)?;
     let WordLength::Fixed(characters) = tokenizer.word_length() else {
-        return Err(Error::Call("words differ in length: no place is always the same joint's".into()));
+        return Err(Error::call("words differ in length: no place is always the same joint's"));
     };
     let mut given = vec![false; characters];
     places.into_iter().for_each(|place| given[place] = true);
     if !given.contains(&true) {
         let joints: Vec<_> = tokenizer.channels().joints().iter().map(|&j| smpl::NAMES[j]).collect();
-        return Err(Error::Call(format!("none of these joints is coded; this tokenizer codes {}", joints.join(" "))));
+        return Err(Error::call(format!("none of these joints is coded; this tokenizer codes {}", joints.join(" "))));
     }
     Ok(given)
 }

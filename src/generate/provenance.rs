@@ -7,15 +7,17 @@ use super::best::Best;
 use super::make::Ready;
 use super::recipe::Recipe;
 use super::told::Recipe as _;
-use crate::corpus::FileRecord;
-use crate::corpus::load::hash_file;
-use crate::output::Outputs;
-use crate::{Error, Result, aclstm, files, music_lstm};
-use kinelm_motion::format::{ReadOptions, input};
+use crate::{Error, Result, aclstm, music_lstm};
+use kinelm_motion::format::ReadOptions;
+use kinelm_store::FileRecord;
+use kinelm_store::files;
+use kinelm_store::hash;
+use kinelm_store::input;
+use kinelm_store::output::Outputs;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-pub use crate::corpus::sidecar::{FileHash, name_of, path_of};
+pub use kinelm_store::sidecar::{FileHash, name_of, path_of};
 
 /// The layout that this program writes and reads.
 const SCHEMA: u32 = 3;
@@ -77,10 +79,10 @@ impl MadeTo {
     /// # Errors
     /// [`Error::Io`]; [`Error::Call`] for one that has changed.
     pub fn check(&self) -> Result<()> {
-        let now = hash_file(&self.path)?;
+        let now = hash::of_file(&self.path)?;
         match self.sha256.as_ref().is_none_or(|then| *then == now) {
             true => Ok(()),
-            false => Err(Error::Call(format!("{} has changed since the dance was made", self.path.display()))),
+            false => Err(Error::call(format!("{} has changed since the dance was made", self.path.display()))),
         }
     }
 }
@@ -132,7 +134,7 @@ pub fn tells_of(dance: &Path) -> Result<bool> {
         (told["output"]["file"] == name_of(dance)).then(|| found.map(str::to_owned).collect())
     };
     let told = hashes(path_of(dance)).unwrap_or_default();
-    Ok(!told.is_empty() && told.contains(&hash_file(dance)?))
+    Ok(!told.is_empty() && told.contains(&hash::of_file(dance)?))
 }
 
 /// Whether `path` is a file that [`path_of`] names, and tells of the dance that it is named after.
@@ -159,9 +161,9 @@ pub fn write_beside(
     tell: impl FnOnce(Option<String>) -> serde_json::Result<String>,
 ) -> Result<()> {
     outputs.check_replaceable(dance, Some(sha256))?;
-    let before = hash_file(dance).ok().filter(|hash| hash != sha256);
+    let before = hash::of_file(dance).ok().filter(|hash| hash != sha256);
     let text = tell(before.filter(|_| tells_of(dance).unwrap_or(false)));
-    let text = text.map_err(|e| Error::Call(format!("{}: {e}", path_of(dance).display())))?;
+    let text = text.map_err(|e| Error::call(format!("{}: {e}", path_of(dance).display())))?;
     outputs.write(&path_of(dance), (text + "\n").as_bytes())?;
     outputs.write(dance, bytes)?;
     Ok(())
@@ -297,5 +299,5 @@ fn same(what: &str, before: &str, now: &str) -> Result<()> {
     if before == now {
         return Ok(());
     }
-    Err(Error::Call(format!("{what} has changed since the dance was made: SHA-256 {now}, then {before}")))
+    Err(Error::call(format!("{what} has changed since the dance was made: SHA-256 {now}, then {before}")))
 }

@@ -71,7 +71,7 @@ pub(super) fn chosen(model: &mut dyn NextToken, plan: &Plan, seeds: Vec<u64>) ->
 fn start_seed(seed: u64, start: usize) -> u64 {
     match start {
         0 => seed,
-        i => crate::random::stream(seed, "start", 0, i as u64).next_u64(),
+        i => kinelm_store::random::stream(seed, "start", 0, i as u64).next_u64(),
     }
 }
 

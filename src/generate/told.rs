@@ -4,10 +4,12 @@
 //! tells: `aclstm`, `music_lstm`.
 
 use super::provenance::{self, FileHash};
-use crate::corpus::FileRecord;
-use crate::output::Outputs;
-use crate::{Error, Result, files};
-use kinelm_motion::format::{ReadOptions, input};
+use crate::{Error, Result};
+use kinelm_motion::format::ReadOptions;
+use kinelm_store::FileRecord;
+use kinelm_store::files;
+use kinelm_store::input;
+use kinelm_store::output::Outputs;
 use serde::de::DeserializeOwned;
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
@@ -152,7 +154,7 @@ impl<R: Recipe> Told<R> {
                 let (kernels, by) = (&self.kernels, &self.kinelm);
                 let what =
                     format!("{what} has SHA-256 {now_is}, then {then}, made by kinelm {by} with the kernels {kernels}");
-                return Err(Error::Call(format!(
+                return Err(Error::call(format!(
                     "{what}; this is {} with {}. Nothing was written",
                     now.kinelm, now.kernels
                 )));

@@ -82,27 +82,27 @@ impl Told {
     pub fn check(&self, config: &ModelConfig, tokens: &TokenLayout, (batch, length): (usize, usize)) -> Result<()> {
         let is_ahead = !self.numbers.is_empty() || self.rows.iter().any(|rows| !rows.is_empty());
         if is_ahead && !config.ahead {
-            return Err(Error::Call("frames told something ahead; this model has model.ahead = false".into()));
+            return Err(Error::call("frames told something ahead; this model has model.ahead = false"));
         }
         let frames = Frames::of(tokens);
         let steps = frames.steps().all();
         let n = batch * ((length + 1).saturating_sub(tokens.front)).div_ceil(tokens.word);
         let m = n * config.music.numbers();
         if !self.music.is_empty() && m == 0 {
-            return Err(Error::Call("frames told of music; this model has model.music = \"none\"".into()));
+            return Err(Error::call("frames told of music; this model has model.music = \"none\""));
         }
         if !self.music.is_empty() && self.music.len() != m {
             let found = self.music.len();
-            return Err(Error::Call(format!("{found} numbers of music are told of {n} frames; expected {m}")));
+            return Err(Error::call(format!("{found} numbers of music are told of {n} frames; expected {m}")));
         }
         let is = (self.numbers.len(), self.rows[0].len(), self.rows[1].len());
         let expected = (n * numbers(frames.characters()), n * tokens.word, n * tokens.word);
         if is_ahead && is != expected {
             let what = format!("{is:?} numbers and rows are told of {n} frames; expected {expected:?}");
-            return Err(Error::Call(what));
+            return Err(Error::call(what));
         }
         match self.rows.iter().flatten().find(|&&row| row != NONE && row as usize >= steps) {
-            Some(row) => Err(Error::Call(format!("row {row} of a table of {steps} steps"))),
+            Some(row) => Err(Error::call(format!("row {row} of a table of {steps} steps"))),
             None => Ok(()),
         }
     }
@@ -121,7 +121,7 @@ impl Ahead {
     /// # Errors
     /// Another tokenizer: what of it is wrong.
     pub fn of(tokenizer: &Tokenizer) -> Result<Ahead> {
-        let carriage = Carriage::of(tokenizer).map_err(|e| Error::Call(format!("model.ahead is true: {e}")))?;
+        let carriage = Carriage::of(tokenizer).map_err(|e| Error::call(format!("model.ahead is true: {e}")))?;
         Ok(Ahead { frames: Frames::of(&TokenLayout::of(tokenizer)), carriage })
     }
 

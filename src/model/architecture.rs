@@ -97,7 +97,7 @@ impl ModelConfig {
     /// # Errors
     /// The first key that doesn't go with it, or is outside its limits.
     pub(super) fn validate_architecture(&self) -> Result<()> {
-        let refuse = |what: String| Err(Error::Call(what));
+        let refuse = |what: String| Err(Error::call(what));
         if self.architecture.is_flat() {
             let keys = [
                 ("window", self.window.is_some()),
@@ -152,12 +152,12 @@ impl ModelConfig {
         if tokens.places.is_empty() || tokens.varying {
             let what = "model.architecture is two_level, which spells frames of bins; words of this tokenizer are tiles, \
                         components or merged: take the uniform or quantile scheme without merges";
-            return Err(Error::Call(what.into()));
+            return Err(Error::call(what));
         }
         let expected = self.two_levels(tokens).context;
         match self.context == expected {
             true => Ok(()),
-            false => Err(Error::Call(format!(
+            false => Err(Error::call(format!(
                 "model.context is {} tokens; a two-level model's window of {} frames has {expected}: state model.window alone",
                 self.context,
                 self.window.unwrap_or(WINDOW)

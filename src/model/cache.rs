@@ -71,7 +71,7 @@ impl Cache {
     pub fn read_all(&mut self, tokens: &[u32]) -> Result<Tensor> {
         let read = self.read.len();
         if tokens.is_empty() || read + tokens.len() > self.context {
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "{} more tokens behind {read} read; expected 1 to {}",
                 tokens.len(),
                 self.context - read

@@ -4,11 +4,13 @@
 //! written under a hidden name, synced and renamed. `latest` and `best` beside `checkpoints/` hold the name of a folder
 //! and are written after it.
 
-use crate::corpus::FileRecord;
-use crate::corpus::load::hash_file;
-use crate::files::{self, Hidden};
-use crate::{Error, Result, memory};
-use kinelm_motion::format::input;
+use crate::{Error, Result};
+use kinelm_store::FileRecord;
+use kinelm_store::files;
+use kinelm_store::files::Hidden;
+use kinelm_store::hash;
+use kinelm_store::input;
+use kinelm_store::memory;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
@@ -170,7 +172,7 @@ impl Checkpoints {
         if !whole {
             let work = Hidden::folder(&path)?;
             let json = serde_json::to_vec_pretty(&state);
-            let json = json.map_err(|e| Error::Call(format!("the state can't be written: {e}")))?;
+            let json = json.map_err(|e| Error::call(format!("the state can't be written: {e}")))?;
             contents.iter().try_for_each(|(name, bytes)| work.write(name, bytes))?;
             work.write(STATE, &json)?;
             if path.exists() {
@@ -324,7 +326,7 @@ fn check(dir: &Path, state: &State, wanted: &[&str]) -> Result<BTreeMap<String, 
         let bytes = wanted.contains(&name.as_str()).then(|| input::bytes(&path)).transpose().map_err(read)?;
         let found = match &bytes {
             Some(bytes) => FileRecord::of(bytes),
-            None => FileRecord { bytes: fs::metadata(&path).map_err(read)?.len(), sha256: hash_file(&path)? },
+            None => FileRecord { bytes: fs::metadata(&path).map_err(read)?.len(), sha256: hash::of_file(&path)? },
         };
         if found != *record {
             let say = |r: &FileRecord| format!("{} bytes with SHA-256 {}", r.bytes, r.sha256);
@@ -346,8 +348,8 @@ fn short_of_memory(e: std::io::Error) -> std::io::Error {
 /// Whether an error speaks against a checkpoint: being out of memory says nothing of its files.
 fn is_fault(e: &Error) -> bool {
     match e {
-        Error::Io { source, .. } => source.kind() != ErrorKind::OutOfMemory,
-        Error::Memory(_) => false,
+        Error::Store(kinelm_store::Error::Io { source, .. }) => source.kind() != ErrorKind::OutOfMemory,
+        Error::Store(kinelm_store::Error::Memory(_)) => false,
         _ => true,
     }
 }

@@ -127,24 +127,24 @@ impl ModelConfig {
     pub fn validate(&self) -> Result<()> {
         let within = |key: &str, value: usize, most: usize| match (1..=most).contains(&value) {
             true => Ok(()),
-            false => Err(Error::Call(format!("model.{key} is {value}; expected 1 to {most}"))),
+            false => Err(Error::call(format!("model.{key} is {value}; expected 1 to {most}"))),
         };
         within("layers", self.layers, 96)?;
         within("heads", self.heads, 256)?;
         within("width", self.width, 8192)?;
         within("context", self.context, 1 << 20)?;
         if !self.width.is_multiple_of(self.heads) {
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "model.width is {} and model.heads {}; expected heads that divide the width",
                 self.width, self.heads
             )));
         }
         if !(0.0..1.0).contains(&self.dropout) {
-            return Err(Error::Call(format!("model.dropout is {}; expected 0 up to below 1", self.dropout)));
+            return Err(Error::call(format!("model.dropout is {}; expected 0 up to below 1", self.dropout)));
         }
         let of_head = self.width / self.heads;
         if self.positions == Positions::Rope && !of_head.is_multiple_of(2) {
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "model.width is {} and model.heads {}, {of_head} numbers a head; expected an even number, rope turns pairs",
                 self.width, self.heads
             )));
@@ -160,7 +160,7 @@ impl ModelConfig {
     /// Refuses the keys that need the frame before, where they are asked for.
     fn refuse_frame_before(&self, why: &str) -> Result<()> {
         let refused = |key, value, other| {
-            Err(Error::Call(format!("model.{key} is {value}; expected {other}, or leave it out: {why}")))
+            Err(Error::call(format!("model.{key} is {value}; expected {other}, or leave it out: {why}")))
         };
         match (self.previous_frame, self.head) {
             (Some(true), _) => refused("previous_frame", "true", "false"),
@@ -182,11 +182,11 @@ impl ModelConfig {
         }
         let least = tokens.front + 1;
         if tokens.varying && self.context < least {
-            return Err(Error::Call(format!("model.context is {} tokens; expected {least} or more", self.context)));
+            return Err(Error::call(format!("model.context is {} tokens; expected {least} or more", self.context)));
         }
         let needed = 2 * tokens.word + tokens.front - 1;
         if !tokens.varying && self.context < needed {
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "model.context is {} tokens and a word has {}; expected room for two words: {needed} or more",
                 self.context, tokens.word,
             )));
@@ -309,19 +309,19 @@ impl TokenLayout {
     fn validate(&self) -> Result<()> {
         let named = [("pad", self.pad), ("bos", self.bos), ("space", self.space)];
         if let Some((name, id)) = named.iter().find(|(_, id)| *id as usize >= self.vocabulary) {
-            return Err(Error::Call(format!("<{name}> is id {id}, outside the vocabulary of {}", self.vocabulary)));
+            return Err(Error::call(format!("<{name}> is id {id}, outside the vocabulary of {}", self.vocabulary)));
         }
         if self.word == 0 {
-            return Err(Error::Call("a word has 0 tokens; expected at least its space".into()));
+            return Err(Error::call("a word has 0 tokens; expected at least its space"));
         }
         if self.front == 0 {
-            return Err(Error::Call("0 tokens in front of a window; expected at least <bos>".into()));
+            return Err(Error::call("0 tokens in front of a window; expected at least <bos>"));
         }
         let places: usize = self.places.iter().map(|s| s.number).sum();
         let outside = |s: &Stretch| s.kind.count == 0 || s.kind.ids().end as usize > self.vocabulary;
         if !self.places.is_empty() && (self.varying || places + 1 != self.word || self.places.iter().any(outside)) {
             let word = self.word;
-            return Err(Error::Call(format!("kinds of {places} places don't describe words of {word} tokens")));
+            return Err(Error::call(format!("kinds of {places} places don't describe words of {word} tokens")));
         }
         Ok(())
     }

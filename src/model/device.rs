@@ -49,13 +49,13 @@ impl DeviceName {
     pub fn open(self) -> Result<Device> {
         match self {
             DeviceName::Cpu => Ok(Device::Cpu),
-            DeviceName::Cuda(_) if !cfg!(feature = "cuda") => Err(Error::Call(format!(
+            DeviceName::Cuda(_) if !cfg!(feature = "cuda") => Err(Error::call(format!(
                 "device {self}: this kinelm was built without CUDA; build one with scripts/cuda/build.sh, or give \
                  --device cpu"
             ))),
             DeviceName::Cuda(n) => Device::new_cuda(n).map_err(|e| {
                 let said = e.to_string(); // a backtrace may follow the first line
-                Error::Call(format!(
+                Error::call(format!(
                     "device {self}: {}; expected an Nvidia card of that number and its driver (see nvidia-smi), or give \
                      --device cpu",
                     said.lines().next().unwrap_or_default()
@@ -80,7 +80,7 @@ impl FromStr for DeviceName {
     fn from_str(text: &str) -> Result<DeviceName> {
         let card = text.strip_prefix("cuda:").and_then(|n| n.parse().ok()).map(DeviceName::Cuda);
         let named = if text == "cpu" { Some(DeviceName::Cpu) } else { card };
-        named.ok_or_else(|| Error::Call(format!("device `{text}`; expected cpu, or cuda:N as in cuda:0")))
+        named.ok_or_else(|| Error::call(format!("device `{text}`; expected cpu, or cuda:N as in cuda:0")))
     }
 }
 
@@ -100,7 +100,7 @@ impl FromStr for Form {
         match text {
             "auto" => Ok(Form::Auto),
             "plain" => Ok(Form::Plain),
-            _ => Err(Error::Call(format!("form `{text}`; expected auto or plain"))),
+            _ => Err(Error::call(format!("form `{text}`; expected auto or plain"))),
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Dropout whose masks come from the seed, for every form of the model.
 
-use crate::random;
 use candle_core::{Result, Tensor};
 use kinelm_engine::op::dropout;
+use kinelm_store::random;
 use rand_chacha::rand_core::RngCore;
 use rayon::prelude::*;
 

@@ -90,11 +90,11 @@ pub fn told(config: &ModelConfig, tokens: &TokenLayout, windows: usize) -> Optio
     }
     let (frames, n) = (Frames::of(tokens), windows * config.frames(tokens));
     let mut told = if config.ahead { Told::nothing(n, frames.characters()) } else { Told::default() };
-    let mut rng = crate::random::stream(5, "told", 0, 0);
-    told.music = (0..n * config.music.numbers()).map(|_| crate::random::unit(&mut rng) as f32 - 0.5).collect();
+    let mut rng = kinelm_store::random::stream(5, "told", 0, 0);
+    told.music = (0..n * config.music.numbers()).map(|_| kinelm_store::random::unit(&mut rng) as f32 - 0.5).collect();
     let numbers = ahead::numbers(frames.characters());
     for (frame, of_frame) in told.numbers.chunks_mut(numbers).enumerate().filter(|(frame, _)| frame % 3 != 1) {
-        of_frame.iter_mut().for_each(|x| *x = crate::random::unit(&mut rng) as f32 - 0.5);
+        of_frame.iter_mut().for_each(|x| *x = kinelm_store::random::unit(&mut rng) as f32 - 0.5);
         for row in told.rows.iter_mut().flat_map(|rows| &mut rows[frame * tokens.word..][..frames.characters()]) {
             if !rng.next_u32().is_multiple_of(4) {
                 *row = rng.next_u32() % frames.steps().all() as u32;
@@ -128,7 +128,7 @@ pub fn model(config: &ModelConfig, tokens: &TokenLayout) -> Gpt {
 /// some tokens are chosen.
 pub fn batch(config: &ModelConfig, tokens: &TokenLayout, windows: usize, length: usize) -> (Vec<u32>, Vec<u32>) {
     let (mask, unknown) = (Special::Mask.id(), Special::Unk.id());
-    let mut rng = crate::random::stream(3, "forms", 0, 0);
+    let mut rng = kinelm_store::random::stream(3, "forms", 0, 0);
     let mut draw = |below: u32| rng.next_u32() % below;
     // labels of a window's own, the last window's first one hidden
     let front = |row: usize| -> Vec<u32> {

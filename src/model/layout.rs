@@ -4,9 +4,10 @@ use super::ahead;
 use super::architecture::Architecture;
 use super::config::{HeadKind, ModelConfig, Positions, TokenLayout};
 use super::frames::{BACK, Frames, SPELT};
-use crate::{Error, Result, random};
+use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
 use kinelm_engine::words::Steps;
+use kinelm_store::random;
 use std::collections::BTreeMap;
 
 /// One tensor of a model.

@@ -5,7 +5,7 @@
 
 use crate::corpus::Conditions;
 use crate::{Error, Result};
-use kinelm_motion::format::input;
+use kinelm_store::input;
 use kinelm_tokenizer::{Place, SPACE, Special, Tokenizer};
 use rand_chacha::rand_core::RngCore;
 use serde::{Deserialize, Serialize};
@@ -73,7 +73,7 @@ impl LeadIns {
     /// # Errors
     /// None in practice.
     pub fn to_json(&self) -> Result<String> {
-        serde_json::to_string(self).map_err(|e| Error::Call(format!("{LEAD_INS} can't be written: {e}")))
+        serde_json::to_string(self).map_err(|e| Error::call(format!("{LEAD_INS} can't be written: {e}")))
     }
 
     /// Reads those of a run with this tokenizer; `None` where it has none, as one that was trained elsewhere.
@@ -123,7 +123,7 @@ impl LeadIns {
             0 => self.any.iter().collect(),
             _ => self.labelled.iter().filter(|lead_in| shared(lead_in) == most).collect(),
         };
-        let draw = crate::random::stream(seed, "lead-in", 0, 0).next_u64();
+        let draw = kinelm_store::random::stream(seed, "lead-in", 0, 0).next_u64();
         fit.get((draw % fit.len().max(1) as u64) as usize).copied()
     }
 

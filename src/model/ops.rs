@@ -165,7 +165,7 @@ pub(crate) mod check {
 
     /// Random f64 tensor of `shape` in -range..range.
     pub fn random(purpose: &str, shape: &[usize], range: f64) -> Tensor {
-        let mut rng = crate::random::stream(7, purpose, 0, 0);
+        let mut rng = kinelm_store::random::stream(7, purpose, 0, 0);
         let n = shape.iter().product();
         let data: Vec<f64> = (0..n).map(|_| (rng.next_u32() as f64 / u32::MAX as f64 * 2.0 - 1.0) * range).collect();
         Tensor::from_vec(data, shape, &Device::Cpu).unwrap()

@@ -129,7 +129,7 @@ fn step(past: &Past, bins: Bins, from: usize, bin: usize) -> Asked {
 
 pub(super) fn no_bin(what: &str, id: u32, bins: Bins, i: usize) -> Error {
     let (first, last) = (bins.first, bins.ids().end - 1);
-    Error::Call(format!(
+    Error::call(format!(
         "{what} of input {i} is id {id}; expected a bin of its place, {first} to {last}, or <pad> as its target: a relative \
          head counts from bins"
     ))

@@ -11,7 +11,7 @@ use super::weights;
 use crate::corpus::conditions::{Conditions, in_order};
 use crate::{Error, Result};
 use candle_core::{Device, Tensor};
-use kinelm_motion::format::input;
+use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use serde::Deserialize;
 use std::collections::BTreeMap;

@@ -2,9 +2,10 @@
 
 use super::config::{ModelConfig, TokenLayout};
 use super::gpt::Gpt;
-use crate::{Error, Result, files};
+use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
-use kinelm_motion::format::input;
+use kinelm_store::files;
+use kinelm_store::input;
 use safetensors::SafeTensors;
 use safetensors::tensor::TensorView;
 use std::collections::{BTreeMap, HashMap};
@@ -30,7 +31,7 @@ pub fn to_bytes<'a>(tensors: impl IntoIterator<Item = (&'a str, &'a Tensor)>) ->
         .collect();
     let metadata = HashMap::from([(FORMAT.0.to_string(), FORMAT.1.to_string())]);
     let written = views.and_then(|v| safetensors::serialize(v, Some(metadata)));
-    written.map_err(|e| Error::Call(format!("the weights can't be written: {e}")))
+    written.map_err(|e| Error::call(format!("the weights can't be written: {e}")))
 }
 
 /// [`to_bytes`] for a checkpoint: one that would only spread numbers that are none is not written.
@@ -84,7 +85,7 @@ impl Gpt {
     /// # Errors
     /// What the system refuses.
     pub fn save(&self, path: &Path) -> Result<()> {
-        files::write_whole(path, &self.weight_bytes()?)
+        Ok(files::write_whole(path, &self.weight_bytes()?)?)
     }
 
     /// The weights as [`Gpt::save`] writes them.

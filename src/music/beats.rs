@@ -1,8 +1,8 @@
 //! Beats as a text file: a time in seconds a line, as `numpy.loadtxt` and mir_eval read it.
 
-use crate::corpus::record::FileRecord;
 use crate::{Error, Result};
-use kinelm_motion::Place;
+use kinelm_store::FileRecord;
+use kinelm_store::Place;
 use std::fmt::Write;
 use std::path::Path;
 

@@ -80,11 +80,11 @@ impl Heard {
     pub fn of_clip(&self, item: &Item, (frames, fps): (usize, f64)) -> Result<Option<OfClip>> {
         let Some(path) = self.of.get(&item.name) else { return Ok(None) };
         let piece =
-            self.pieces[path].as_ref().map_err(|why| Error::Call(format!("{}: its music: {why}", item.name)))?;
+            self.pieces[path].as_ref().map_err(|why| Error::call(format!("{}: its music: {why}", item.name)))?;
         let first = item.piece.map_or(0, |cut| cut.first(fps));
         let from_s = item.music_from_s.unwrap_or(0.0) + first as f64 / fps;
         let seconds = frames as f64 / fps;
-        let what = |e| Error::Call(format!("{}: {e}", item.name));
+        let what = |e| Error::call(format!("{}: {e}", item.name));
         let beats_s = in_dance(path, &piece.beats, (from_s, seconds)).map_err(what)?;
         let tempo = tempo::label(&beats_s, seconds);
         Ok(Some(OfClip { beats_s, sound: piece.rows_of(from_s, frames), tempo }))
@@ -147,7 +147,7 @@ impl Finder<'_> {
             let endings = EXTENSIONS.join(", ");
             return found.map(Some).ok_or_else(|| {
                 let what = format!("{}: music `{name}`: no such file, nor one that ends in {endings}", item.name);
-                Error::Call(format!("{what}, in {}; put it there, or leave the label out", folder.display()))
+                Error::call(format!("{what}, in {}; put it there, or leave the label out", folder.display()))
             });
         }
         let stem = item.path.file_stem().map(|stem| folder.join(stem));

@@ -17,7 +17,7 @@ pub fn charts(features: &Features, stretch: Range<f64>) -> Result<[Chart; 3]> {
     let (from, to) = (frames(stretch.start), frames(stretch.end));
     if from >= to {
         let (Range { start, end }, whole) = (stretch, features.frames() as f64 / fps);
-        return Err(Error::Call(format!("nothing to draw from {start} to {end} s: the piece has {whole:.2} s")));
+        return Err(Error::call(format!("nothing to draw from {start} to {end} s: the piece has {whole:.2} s")));
     }
     let row = |f: usize| &features.numbers[f * CHANNELS..][..CHANNELS];
     let strength = (from..to).map(|f| (f as f64 / fps, f64::from(row(f)[STRENGTH]))).collect();

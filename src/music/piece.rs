@@ -2,9 +2,9 @@
 
 use crate::Result;
 use crate::model::music::features::Rows;
-use kinelm_motion::format::input;
 use kinelm_music::beat::{Beats, beats};
 use kinelm_music::feature::{CHANNELS, Features, features, rate_of};
+use kinelm_store::input;
 use std::borrow::Cow;
 use std::path::Path;
 

@@ -1,8 +1,9 @@
 //! What a music file holds.
 
-use crate::{Result, counted};
+use crate::Result;
 use kinelm_music::beat::{Beats, RATE, Range, Tempo, Tracker};
 use kinelm_music::read::{Info, hear, open};
+use kinelm_store::counted;
 use serde_json::json;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};

@@ -129,7 +129,7 @@ impl Config {
     pub fn find(name_or_path: &Path) -> Result<Config> {
         let config: Config =
             presets::read(presets::MUSIC_LSTM, name_or_path, ("music_lstm", "settings of a music LSTM"))?;
-        config.validate().map_err(|e| Error::Call(format!("{}: {e}", name_or_path.display())))?;
+        config.validate().map_err(|e| Error::call(format!("{}: {e}", name_or_path.display())))?;
         Ok(config)
     }
 
@@ -138,7 +138,7 @@ impl Config {
     /// # Errors
     /// [`Error::Call`] with the first key outside its limits, and both.
     pub fn validate(&self) -> Result<()> {
-        let wrong = |text: String| Err(Error::Call(text));
+        let wrong = |text: String| Err(Error::call(text));
         let whole = |key: &str, found: u64, least: u64, most: u64| match (least..=most).contains(&found) {
             true => Ok(()),
             false => wrong(format!("{key} is {found}; expected {least} to {most}")),

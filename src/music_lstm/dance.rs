@@ -3,7 +3,6 @@
 use super::data::check;
 use super::run::Trained;
 use super::{FPS, HEARD};
-use crate::corpus::load::hash_file;
 use crate::corpus::sidecar::as_written;
 use crate::generate::check_frames;
 use crate::generate::prompt::on_model_rig;
@@ -12,6 +11,7 @@ use crate::{Error, Result};
 use kinelm_motion::Motion;
 use kinelm_motion::format::ReadOptions;
 use kinelm_music::stft::stft;
+use kinelm_store::hash;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -67,7 +67,7 @@ impl Recipe {
     /// Music that can't be read, is silent where it is danced to, or ends before the dance; a network that runs away.
     pub fn make(&self, trained: &Trained, progress: &mut dyn FnMut(usize)) -> Result<Made> {
         check_frames(self.frames.unwrap_or(0))?;
-        let music_sha256 = hash_file(&self.music)?;
+        let music_sha256 = hash::of_file(&self.music)?;
         let first = (self.begins_s() * FPS).round();
         if !(0.0..1e9).contains(&first) {
             let found = format!("a beginning at {} s", self.from_s);

@@ -6,10 +6,10 @@ use super::{FPS, HEARD};
 use crate::aclstm::data::{Hashes, Recording, Recordings, Sources};
 use crate::aclstm::form::{Coder, Form};
 use crate::corpus::Split;
-use crate::corpus::load::hash_file;
 use crate::music::find::Finder;
 use crate::{Error, Result};
 use kinelm_music::stft::stft;
+use kinelm_store::hash;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -107,7 +107,7 @@ impl Dances {
                 continue;
             };
             if !hashes.contains_key(&music) {
-                hashes.insert(music.clone(), hash_file(&music)?);
+                hashes.insert(music.clone(), hash::of_file(&music)?);
             }
             let from_s = one.item.music_from_s.unwrap_or(0.0);
             hash.update(format!("{}\0{from_s}\0{}\n", one.name, hashes[&music]));
@@ -117,7 +117,7 @@ impl Dances {
             let from = (from_s + margin as f64 / one.clip.fps()) * FPS;
             if from < 0.0 {
                 let what = format!("{}: its music begins {from_s} s after it", one.name);
-                return Err(Error::Call(format!("{what}; music_from must be 0 or above")));
+                return Err(Error::call(format!("{what}; music_from must be 0 or above")));
             }
             let frames = coder.frames(&one.clip);
             let rotations = frames.chunks_exact(coder.channels()).flat_map(|frame| &frame[3..]);
@@ -133,7 +133,7 @@ impl Dances {
         if all.is_empty() {
             let what = format!("no clip with music in {}; {} without", folder.display(), without.len());
             let help = "a column `music` of the labels names the file, or it has the clip's name";
-            return Err(Error::Call(format!("{what}: {help}")));
+            return Err(Error::call(format!("{what}: {help}")));
         }
         let said = match without.is_empty() {
             true => Vec::new(),
@@ -142,7 +142,7 @@ impl Dances {
         hear_all(&mut all, audio)?;
         let music = hashes.into_iter().map(|(path, hash)| (path.display().to_string(), hash));
         let files = recordings.files().into_iter().chain(music).collect();
-        Ok(Dances { all, sha256: crate::corpus::record::hex(hash), files, said })
+        Ok(Dances { all, sha256: kinelm_store::hash::hex(hash), files, said })
     }
 
     /// Those of a split.
@@ -174,7 +174,7 @@ fn hear_all(all: &mut [Danced], audio: Audio) -> Result<()> {
         let frames = stft(&path, audio.form(), FPS, &mut take)?;
         for one in &mut dances {
             check(&path, frames, &range(one), &one.heard)
-                .map_err(|e| Error::Call(format!("{}: {e}", one.recording.name)))?;
+                .map_err(|e| Error::call(format!("{}: {e}", one.recording.name)))?;
         }
         Ok(())
     })
@@ -229,7 +229,7 @@ pub fn learned(dances: Dances, config: &Config) -> Result<(Vec<Danced>, Vec<Stri
     if long.is_empty() {
         let what =
             format!("no training clip with music and {needed} frames at {FPS} a second; {} are shorter", short.len());
-        return Err(Error::Call(format!("{what}: take a shorter length, or other clips")));
+        return Err(Error::call(format!("{what}: take a shorter length, or other clips")));
     }
     Ok((long, short))
 }

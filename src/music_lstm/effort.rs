@@ -113,8 +113,8 @@ pub fn compat(found: &[Quat], truth: &[Quat], joints: usize, scale: f64, gradien
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random;
     use kinelm_motion::Vec3;
+    use kinelm_store::random;
 
     fn any(purpose: &str, n: usize) -> Vec<Quat> {
         let mut rng = random::stream(1, purpose, 0, 0);

@@ -85,7 +85,7 @@ fn of_one(asked: Asked, (batch, b): (usize, usize), found: &[f32], truth: &[f32]
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random;
+    use kinelm_store::random;
 
     fn numbers(purpose: &str, len: usize) -> Vec<f32> {
         let mut rng = random::stream(1, purpose, 0, 0);

@@ -7,17 +7,18 @@ use super::{FPS, HEARD};
 use crate::aclstm::Rig;
 use crate::aclstm::data::{Hashes, Recording, Recordings, check_files};
 use crate::aclstm::form::{Coder, Form, check_finite};
-use crate::corpus::FileRecord;
 use crate::model::checkpoint::{Checkpoints, Which};
 use crate::model::run::{CONFIG, WEIGHTS};
 use crate::model::weights;
 use crate::train::parameters::numbers;
 use crate::train::updates::Kind;
-use crate::{Error, Result, files};
+use crate::{Error, Result};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::Told;
 use kinelm_motion::skeleton::EndSite;
 use kinelm_motion::{Clip, Skeleton, Vec3};
+use kinelm_store::FileRecord;
+use kinelm_store::files;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -63,7 +64,7 @@ impl Body {
             || rig.parents.len() + 1 != rig.joints()
         {
             let what = format!("{} joints and {} ends of a body", self.offsets.len(), self.ends.len());
-            return Err(Error::Call(format!("{CONFIG}: {what}; the rig has {} and {}", rig.joints(), rig.ends.len())));
+            return Err(Error::call(format!("{CONFIG}: {what}; the rig has {} and {}", rig.joints(), rig.ends.len())));
         }
         let parents = [None].into_iter().chain(rig.parents.iter().map(|parent| Some(*parent))).collect();
         let ends = rig.ends.iter().zip(&self.ends).map(|(parent, o)| EndSite { parent: *parent, offset: (*o).into() });
@@ -138,7 +139,7 @@ impl RunFile {
     pub fn read(run: &Path) -> Result<RunFile> {
         let mut file: RunFile = KIND.read(run)?;
         file.places = file.places.with_paths(|path| files::path_in(run, path));
-        file.config.validate().map_err(|e| Error::Call(format!("{}: {e}", run.join(CONFIG).display())))?;
+        file.config.validate().map_err(|e| Error::call(format!("{}: {e}", run.join(CONFIG).display())))?;
         Ok(file)
     }
 }

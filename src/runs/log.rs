@@ -3,7 +3,7 @@
 use crate::model::run::{CONFIG, check_kind};
 use crate::train::metrics::StepFigures;
 use crate::{Error, Result};
-use kinelm_motion::format::input;
+use kinelm_store::input;
 use serde::Deserialize;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;

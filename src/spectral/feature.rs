@@ -69,8 +69,8 @@ impl Transform {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::random;
     use crate::spectral::pca::PcaFit;
+    use kinelm_store::random;
     use serde::Deserialize;
 
     /// What scipy and scikit-learn made of the same numbers; `scripts/reference/spectral.py`.

@@ -121,7 +121,7 @@ impl PcaFit {
     pub fn finish(&self, keep: usize) -> Result<PcaBasis> {
         let (n, count) = (self.length, self.count as f64);
         if self.count == 0 || keep > n {
-            return Err(Error::Call(format!("a basis of {keep} components from {} series of {n} numbers", self.count)));
+            return Err(Error::call(format!("a basis of {keep} components from {} series of {n} numbers", self.count)));
         }
         let mean: Vec<f64> = self.sum.iter().map(|s| s / count).collect();
         let mut covariance = vec![0.0; n * n];
@@ -131,7 +131,7 @@ impl PcaFit {
             }
         }
         let (values, mut vectors) = symmetric_eigen(n, &covariance).ok_or_else(|| {
-            Error::Call("the covariance of the windows is out of all range; are the rotations right?".into())
+            Error::call("the covariance of the windows is out of all range; are the rotations right?")
         })?;
         let variances: Vec<f64> = values.into_iter().map(|v| v.max(0.0)).collect();
         vectors.truncate(keep * n);

@@ -38,9 +38,9 @@ pub struct Wanted {
 pub fn charts(clip: &Clip, wanted: &Wanted) -> Result<[Chart; 3]> {
     let names = clip.skeleton().names();
     let joint = wanted.joint;
-    let name = names.get(joint).ok_or_else(|| Error::Call(format!("joint {joint} of {} joints", names.len())))?;
+    let name = names.get(joint).ok_or_else(|| Error::call(format!("joint {joint} of {} joints", names.len())))?;
     if names.len() > MOST_JOINTS {
-        return Err(Error::Call(format!("{} joints; spectra are drawn of at most {MOST_JOINTS}", names.len())));
+        return Err(Error::call(format!("{} joints; spectra are drawn of at most {MOST_JOINTS}", names.len())));
     }
     let series = stretch(&Series::of(clip, &[], wanted.fps, false)?, wanted)?;
     let stft = Stft::new(series.frames, wanted.no_dc);
@@ -107,7 +107,7 @@ pub fn embedding(spectra: &[Vec<f64>]) -> Result<Vec<f64>> {
         }
     }
     let (values, vectors) = symmetric_eigen(c, &products)
-        .ok_or_else(|| Error::Call("the spectra of the clip are out of all range; are its rotations right?".into()))?;
+        .ok_or_else(|| Error::call("the spectra of the clip are out of all range; are its rotations right?"))?;
     let mut picture = vec![0.0; n];
     if values.first().is_none_or(|v| *v <= 0.0) {
         return Ok(picture);
@@ -127,7 +127,7 @@ fn stretch(series: &Series, wanted: &Wanted) -> Result<Series> {
     let start = at(wanted.from_s).min(series.frames);
     let frames = wanted.seconds.map_or(series.frames - start, |s| at(s).min(series.frames - start));
     if frames < Stft::WINDOW {
-        return Err(Error::Call(format!(
+        return Err(Error::call(format!(
             "{frames} frames at {} fps from {} s on; expected at least {}, a window of the spectrogram",
             series.fps,
             wanted.from_s,

@@ -111,11 +111,11 @@ impl Series {
         let clip = resample(clip, self.fps, Method::Auto)?;
         if clip.frames() != self.frames {
             let (has, series) = (clip.frames(), self.frames);
-            return Err(Error::Call(format!("a clip of {has} frames for series of {series}; expected as many")));
+            return Err(Error::call(format!("a clip of {has} frames for series of {series}; expected as many")));
         }
         if let Some(i) = self.numbers.iter().position(|x| !x.is_finite()) {
             let (channel, frame) = (&self.channels[i / self.frames], i % self.frames);
-            return Err(Error::Call(format!("{channel}, frame {frame}: {} is no angle", self.numbers[i])));
+            return Err(Error::call(format!("{channel}, frame {frame}: {} is no angle", self.numbers[i])));
         }
         let (all, mut rotations) = (clip.joints(), clip.rotations().to_vec());
         for (i, q) in self.rotations().into_iter().enumerate() {
@@ -129,11 +129,11 @@ impl Series {
 fn check(joints: &[usize], clip: &Clip) -> Result<()> {
     for (i, &joint) in joints.iter().enumerate() {
         if joint >= clip.joints() {
-            return Err(Error::Call(format!("joint {joint} of a skeleton of {} joints", clip.joints())));
+            return Err(Error::call(format!("joint {joint} of a skeleton of {} joints", clip.joints())));
         }
         if joints[..i].contains(&joint) {
             let name = &clip.skeleton().names()[joint];
-            return Err(Error::Call(format!("joint {joint} ({name}) is given twice; give it once")));
+            return Err(Error::call(format!("joint {joint} ({name}) is given twice; give it once")));
         }
     }
     Ok(())

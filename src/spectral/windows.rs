@@ -34,13 +34,13 @@ impl WindowSpec {
     pub fn validate(&self) -> Result<()> {
         let WindowSpec { frames, hop, fps } = *self;
         if !(LEAST_FRAMES..=MOST_FRAMES).contains(&frames) {
-            return Err(Error::Call(format!("windows of {frames} frames; expected {LEAST_FRAMES} to {MOST_FRAMES}")));
+            return Err(Error::call(format!("windows of {frames} frames; expected {LEAST_FRAMES} to {MOST_FRAMES}")));
         }
         if hop == 0 {
-            return Err(Error::Call("a hop of 0 frames; expected at least 1".into()));
+            return Err(Error::call("a hop of 0 frames; expected at least 1"));
         }
         if !(fps.is_finite() && fps > 0.0) {
-            return Err(Error::Call(format!("windows at {fps} frames per second; expected a positive number")));
+            return Err(Error::call(format!("windows at {fps} frames per second; expected a positive number")));
         }
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use crate::corpus::build::{BLOCK_PER_THREAD, BuildOptions};
 use crate::corpus::load::item_options;
-use crate::corpus::record::{Split, hex};
+use crate::corpus::record::Split;
 use crate::corpus::{Gathered, Item};
 use crate::{Error, Result};
 use kinelm_motion::format::{self, ReadOptions};
@@ -10,6 +10,7 @@ use kinelm_motion::inspect::{RateDoubt, RateDoubts};
 use kinelm_motion::metric::floor_of;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Kind, Quat, Vec3, retarget, smpl};
+use kinelm_store::hash::hex;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -110,11 +111,11 @@ impl Clips {
         }
         if failed > 0 && options.strict {
             let of = items.len();
-            return Err(Error::Call(format!("{failed} of {of} files could not be taken, and --strict is given")));
+            return Err(Error::call(format!("{failed} of {of} files could not be taken, and --strict is given")));
         }
         for (split, known) in [(Split::Train, &clips.train), (Split::Test, &clips.test)] {
             if known.is_empty() {
-                return Err(Error::Call(format!(
+                return Err(Error::call(format!(
                     "no clip is in the {split} split; a study fits on train and measures on test (--labels states splits)"
                 )));
             }
@@ -194,7 +195,7 @@ pub fn each<T: Send>(
 /// An error of the tokenizer with the file it is about.
 fn named(known: &Known, error: Error) -> Error {
     match error {
-        Error::Tokenizer(e) => Error::Call(format!("{}: {e}", known.item.path.display())),
+        Error::Tokenizer(e) => Error::call(format!("{}: {e}", known.item.path.display())),
         other => other,
     }
 }

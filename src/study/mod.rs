@@ -19,10 +19,10 @@ pub use row::{Row, RowDefaults, default_rows};
 
 use crate::corpus::build::BuildOptions;
 use crate::corpus::{Gathered, Item};
-use crate::output::Outputs;
 use crate::view::plot;
 use crate::{Error, Result};
 use clips::{Clips, Extent};
+use kinelm_store::output::Outputs;
 use kinelm_tokenizer::TokenizerConfig;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -149,7 +149,7 @@ pub fn study(
     let (file_rates, version) = (clips.rates(), env!("CARGO_PKG_VERSION"));
     let report =
         Report { made_by: "kinelm", schema: 1, version, data, train, test, fps, file_rates, rows: figures, losses };
-    let json = serde_json::to_string_pretty(&report).map_err(|e| Error::Call(e.to_string()))?;
+    let json = serde_json::to_string_pretty(&report).map_err(|e| Error::call(e.to_string()))?;
     let mut contents = vec![("study.json".to_string(), (json + "\n").into_bytes())];
     contents.push(("study.md".into(), sheet::markdown(&report).into_bytes()));
     for (name, charts) in pictures::all(&report) {
@@ -168,7 +168,7 @@ pub fn study(
 
 fn check_shown(rows: &[Row], shown: &[String]) -> Result<()> {
     match shown.iter().find(|name| rows.iter().all(|r| r.name != **name)) {
-        Some(name) => Err(Error::Call(format!("no row is named {name}, and the page can't show it"))),
+        Some(name) => Err(Error::call(format!("no row is named {name}, and the page can't show it"))),
         None => Ok(()),
     }
 }

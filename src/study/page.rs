@@ -46,7 +46,7 @@ pub fn page(rows: &[Figures], named: &[String], clips: &Clips, store: &Store) ->
 fn find<'a>(rows: &'a [Figures], name: &str) -> Result<&'a Figures> {
     rows.iter().find(|f| f.name() == name).ok_or_else(|| {
         let names: Vec<&str> = rows.iter().map(Figures::name).collect();
-        Error::Call(format!("no row is named {name}; there are {}", names.join(", ")))
+        Error::call(format!("no row is named {name}; there are {}", names.join(", ")))
     })
 }
 

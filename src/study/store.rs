@@ -1,9 +1,10 @@
 //! What a study has finished, on disk: a row that was measured is not measured again.
 
 use super::row::Row;
-use crate::corpus::record::hex;
-use crate::{Error, Result, files};
-use kinelm_motion::format::input;
+use crate::{Error, Result};
+use kinelm_store::files;
+use kinelm_store::hash::hex;
+use kinelm_store::input;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -52,7 +53,7 @@ impl Store {
     /// What a result depends on: what was measured, the clips, the program.
     fn key(&self, what: &impl Serialize) -> Result<String> {
         let version = env!("CARGO_PKG_VERSION");
-        let text = serde_json::to_vec(&(FORMAT, version, &self.data, what)).map_err(|e| Error::Call(e.to_string()))?;
+        let text = serde_json::to_vec(&(FORMAT, version, &self.data, what)).map_err(|e| Error::call(e.to_string()))?;
         Ok(hex(Sha256::new_with_prefix(text)))
     }
 
@@ -78,7 +79,7 @@ impl Store {
     pub fn put(&self, name: &str, what: &impl Serialize, result: &impl Serialize) -> Result<()> {
         let key = self.key(what)?;
         let text = serde_json::to_vec_pretty(&Finished { key: key.clone(), result });
-        files::write_whole(&self.path(name, &key, ".json"), &text.map_err(|e| Error::Call(e.to_string()))?)
+        Ok(files::write_whole(&self.path(name, &key, ".json"), &text.map_err(|e| Error::call(e.to_string()))?)?)
     }
 
     /// Where a row's tokenizer stands.

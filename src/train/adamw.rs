@@ -45,7 +45,7 @@ impl AdamW {
     /// Gradients of another model.
     pub fn update(&mut self, model: &Gpt, gradients: &[Tensor], share: f64, rate: f64) -> Result<()> {
         if gradients.len() != self.parameters.len() {
-            return Err(Error::Call(format!("{} gradients for {} variables", gradients.len(), self.parameters.len())));
+            return Err(Error::call(format!("{} gradients for {} variables", gradients.len(), self.parameters.len())));
         }
         self.step += 1;
         let [b1, b2] = self.betas;

@@ -20,7 +20,8 @@ use crate::corpus::{ClipRecord, ClipWords, Corpus, Split};
 use crate::model::Kind;
 use crate::model::ahead::Told;
 use crate::music::tempo;
-use crate::{Error, Result, random};
+use crate::{Error, Result};
+use kinelm_store::random;
 use kinelm_tokenizer::Special;
 use rayon::prelude::*;
 
@@ -143,7 +144,7 @@ impl<'a> Batches<'a> {
         }
         let pass: usize = shares.iter().map(|s| s.a_pass).sum();
         if u32::try_from(pass).is_err() {
-            return Err(Error::Call(format!("{pass} windows a pass; expected at most 2^32 - 1: lower the weights")));
+            return Err(Error::call(format!("{pass} windows a pass; expected at most 2^32 - 1: lower the weights")));
         }
         let word = data.tokenizer().longest_word();
         let (batch, seed, label_dropout) = (train.batch, train.seed, train.label_dropout);

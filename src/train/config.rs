@@ -8,7 +8,7 @@ use super::stages::{self, Stage};
 use crate::corpus::conditions::in_order;
 use crate::model::{ModelConfig, TokenLayout};
 use crate::{Error, Result, presets};
-use kinelm_motion::format::input;
+use kinelm_store::input;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -172,7 +172,7 @@ impl TrainFile {
             _ => Error::io(path)(e),
         })?;
         let mut file = TrainFile { path: Some(path.to_owned()), ..TrainFile::parse(&text, path)? };
-        let folder = crate::files::folder_of(path);
+        let folder = kinelm_store::files::folder_of(path);
         let corpora = file.corpora.iter_mut().map(|c| &mut c.path);
         for place in [&mut file.corpus, &mut file.run].into_iter().flatten().chain(corpora) {
             *place = folder.join(&place);
@@ -183,7 +183,9 @@ impl TrainFile {
     /// An error of settings that are wrong for a corpus, with the file that they stand in.
     pub fn named(&self, error: Error) -> Error {
         match (error, &self.path) {
-            (Error::Call(what), Some(path)) => Error::Call(format!("{}: {what}", path.display())),
+            (Error::Store(kinelm_store::Error::Call(what)), Some(path)) => {
+                Error::call(format!("{}: {what}", path.display()))
+            }
             (error, _) => error,
         }
     }
@@ -195,7 +197,7 @@ impl TrainFile {
     pub fn corpora(&self) -> Result<Vec<CorpusPart>> {
         match &self.corpus {
             Some(corpus) if self.corpora.is_empty() => Ok(vec![CorpusPart::once(corpus)]),
-            Some(_) => Err(Error::Call("corpus and [[corpora]]; expected one of them".into())),
+            Some(_) => Err(Error::call("corpus and [[corpora]]; expected one of them")),
             None => Ok(self.corpora.clone()),
         }
     }
@@ -216,7 +218,7 @@ impl TrainFile {
             .and_then(|()| file.train.validate())
             .and_then(|()| file.augment.validate())
             .and_then(|()| corpora());
-        checked.map_err(|e| Error::Call(format!("{}: {e}", path.display())))?;
+        checked.map_err(|e| Error::call(format!("{}: {e}", path.display())))?;
         Ok(file)
     }
 }
@@ -251,11 +253,11 @@ impl TrainConfig {
         stages::validate_for(&self.stages, model, tokens)?;
         if self.gaps > 0.0 && !model.ahead {
             let what = "expected 0, or model.ahead = true: what is told in gaps needs a model that can be told";
-            return Err(Error::Call(format!("train.gaps is {}; {what}", self.gaps)));
+            return Err(Error::call(format!("train.gaps is {}; {what}", self.gaps)));
         }
         if self.loss == Loss::Ordinal && tokens.places.is_empty() {
             let why = "words of this tokenizer have no places of one kind each, so that no bin has neighbours";
-            return Err(Error::Call(format!("train.loss is ordinal; expected cross_entropy: {why}")));
+            return Err(Error::call(format!("train.loss is ordinal; expected cross_entropy: {why}")));
         }
         Ok(())
     }
@@ -267,7 +269,7 @@ impl TrainConfig {
     pub fn validate(&self) -> Result<()> {
         let check = |holds: bool, key: &str, found: String, limits: &str| match holds {
             true => Ok(()),
-            false => Err(Error::Call(format!("train.{key} is {found}; expected {limits}"))),
+            false => Err(Error::call(format!("train.{key} is {found}; expected {limits}"))),
         };
         let number =
             |holds: bool, key, found: f64, limits| check(holds && found.is_finite(), key, found.to_string(), limits);

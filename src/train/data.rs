@@ -41,7 +41,7 @@ impl CorpusPart {
             true => Ok(()),
             false => {
                 let (path, weight) = (self.path.display(), self.weight);
-                Err(Error::Call(format!("the weight of {path} is {weight}; expected 0.001 to 1000")))
+                Err(Error::call(format!("the weight of {path} is {weight}; expected 0.001 to 1000")))
             }
         }
     }
@@ -102,7 +102,7 @@ impl Data {
     /// As [`Data::open`].
     pub fn of(parts: Vec<Part>, tokenizer: Option<&Tokenizer>, fields: &[String]) -> Result<Data> {
         let Some(first) = parts.first() else {
-            return Err(Error::Call("no corpus; give one by --corpus or in the training file".into()));
+            return Err(Error::call("no corpus; give one by --corpus or in the training file"));
         };
         let own = tokenizer.unwrap_or(first.corpus.tokenizer());
         let base = own.base_hash();

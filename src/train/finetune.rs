@@ -7,11 +7,12 @@ use super::precision::Precision;
 use super::pretrain::{Summary, begin, go_on};
 use super::progress::Progress;
 use super::run::{Origin, RunFile};
+use crate::corpus::Opening;
 use crate::corpus::conditions::in_order;
-use crate::corpus::{FileRecord, Opening};
 use crate::model::{Compute, LoadedRun, ModelConfig, TokenLayout, exchange, weights};
 use crate::{Error, Result, presets};
-use kinelm_motion::format::input;
+use kinelm_store::FileRecord;
+use kinelm_store::input;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -55,7 +56,7 @@ pub fn finetune(options: &FinetuneOptions, stop: &AtomicBool, progress: &mut dyn
     options.compute.device.open()?;
     let file = TrainFile::find(&options.config)?;
     let run = options.run.clone().or_else(|| file.run.clone());
-    let run = run.ok_or_else(|| Error::Call("no run folder; give one by --run or in the training file".into()))?;
+    let run = run.ok_or_else(|| Error::call("no run folder; give one by --run or in the training file"))?;
     let source = exchange::load(&options.from)?;
     source.notes.iter().for_each(|note| progress.note(note));
     let model = shape(&options.config, &file, &source)?;
@@ -86,7 +87,7 @@ fn shape(path: &Path, file: &TrainFile, source: &LoadedRun) -> Result<ModelConfi
     let ahead = file.model.ahead || source.config.ahead;
     let music = if source.config.music.is_none() { file.model.music } else { source.config.music };
     let own = ModelConfig { dropout: 0.0, ..source.config.resolved(&source.tokens) };
-    let table = |what: &dyn Fn() -> String| Error::Call(format!("{}: {}", path.display(), what()));
+    let table = |what: &dyn Fn() -> String| Error::call(format!("{}: {}", path.display(), what()));
     let text = match presets::find(presets::TRAIN, path, "training file")? {
         Some(text) => text.to_owned(),
         None => input::text(path).map_err(Error::io(path))?,

@@ -3,8 +3,9 @@
 use super::provenance::{self, PROVENANCE};
 use crate::model::lead_in::LEAD_INS;
 use crate::model::run::{CONFIG, TOKENIZER};
-use crate::{Error, Result, files};
-use kinelm_motion::format::input;
+use crate::{Error, Result};
+use kinelm_store::files;
+use kinelm_store::input;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Read, Seek, Write};
 use std::path::{Path, PathBuf};
@@ -83,7 +84,7 @@ impl RunFolder {
         let mut who = String::new();
         let _ = file.rewind().and_then(|()| file.read_to_string(&mut who));
         let who = if who.is_empty() { String::new() } else { format!(" (number {who})") };
-        Err(Error::Call(format!("{} is being written by another process{who}; stop that one first", run.display())))
+        Err(Error::call(format!("{} is being written by another process{who}; stop that one first", run.display())))
     }
 
     /// Where it is.

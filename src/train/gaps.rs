@@ -6,8 +6,9 @@
 
 use super::batches::WindowId;
 use crate::model::ahead::{Ahead, Course, FARTHEST, Told};
-use crate::{Error, Result, random};
+use crate::{Error, Result};
 use kinelm_motion::joints::Selection;
+use kinelm_store::random;
 use kinelm_tokenizer::Tokenizer;
 use rand_chacha::rand_core::RngCore;
 use std::ops::Range;
@@ -40,7 +41,7 @@ impl Gaps {
         }
         let places = |&joint: &usize| {
             let selection = Selection { joints: vec![joint], translation: joint == 0 };
-            tokenizer.places_of(&selection).map_err(|e| Error::Call(format!("train.gaps is {share}: {e}")))
+            tokenizer.places_of(&selection).map_err(|e| Error::call(format!("train.gaps is {share}: {e}")))
         };
         let joints = tokenizer.channels().joints().iter().map(places).collect::<Result<_>>()?;
         Ok(Some(Gaps { share, seed, ahead: Ahead::of(tokenizer)?, joints }))

@@ -37,13 +37,13 @@ pub fn grow(
     let fields = [old, new].map(|l| in_order(l.conditions));
     if !is.reads(was) {
         let (found, expected) = ((is.vocabulary, is.word), (was.vocabulary, was.word));
-        return Err(Error::Call(format!(
+        return Err(Error::call(format!(
             "{} ids and words of {} tokens; the model knows {} ids and words of {}: it can only learn more ids",
             found.0, found.1, expected.0, expected.1
         )));
     }
     if let Some(gone) = fields[0].iter().find(|f| !fields[1].contains(f)) {
-        return Err(Error::Call(format!("the model knows the label field `{gone}`, which is gone; keep it")));
+        return Err(Error::call(format!("the model knows the label field `{gone}`, which is gone; keep it")));
     }
     let front = front_rows(&fields[0], &fields[1]);
     let before = layout::parameters(config, was);
@@ -57,10 +57,10 @@ pub fn grow(
             let tensor = Tensor::from_vec(p.initial(seed), p.shape.as_slice(), &Device::Cpu)?;
             return Ok((p.name, tensor));
         }
-        let tensor = weights.get(&p.name).ok_or_else(|| Error::Call(format!("no tensor {}", p.name)))?;
+        let tensor = weights.get(&p.name).ok_or_else(|| Error::call(format!("no tensor {}", p.name)))?;
         if expected != Some(tensor.dims()) {
             let (name, found) = (&p.name, tensor.dims());
-            return Err(Error::Call(format!("tensor {name} has the shape {found:?}; expected {expected:?}")));
+            return Err(Error::call(format!("tensor {name} has the shape {found:?}; expected {expected:?}")));
         }
         let (&[rows, width], &[had, _]) = (p.shape.as_slice(), tensor.dims()) else {
             return Ok((p.name, tensor.clone()));

@@ -1,10 +1,11 @@
 //! What training windows are told of the music of their clips: [`crate::model::music`].
 
 use super::batches::WindowId;
+use crate::Result;
 use crate::corpus::{ClipRecord, Corpus};
 use crate::model::ModelConfig;
 use crate::model::music::told;
-use crate::{Result, random};
+use kinelm_store::random;
 
 /// Share of the windows in which music is hidden, so that the model serves without it too.
 const HIDDEN: f64 = 0.1;

@@ -2,11 +2,12 @@
 
 use super::provenance::{self, PROVENANCE};
 use super::run::RunFile;
-use crate::files::{self, Hidden};
 use crate::model::checkpoint::Checkpoints;
 use crate::model::run::{CONFIG, LoadedRun, TOKENIZER, WEIGHTS};
 use crate::model::{exchange, weights};
 use crate::{Error, Result};
+use kinelm_store::files;
+use kinelm_store::files::Hidden;
 use kinelm_tokenizer::Tokenizer;
 use std::path::Path;
 
@@ -17,7 +18,7 @@ use std::path::Path;
 /// Something else at `run`; a folder that is a run already; as [`exchange::load`]; what the system refuses.
 pub fn import(folder: &Path, run: &Path) -> Result<LoadedRun> {
     if folder.join(CONFIG).is_file() {
-        return Err(Error::Call(format!("{} is a run already; there is nothing to import", folder.display())));
+        return Err(Error::call(format!("{} is a run already; there is nothing to import", folder.display())));
     }
     let found = exchange::load(folder)?;
     let tokenizer = found.load_tokenizer()?;

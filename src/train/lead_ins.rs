@@ -1,9 +1,10 @@
 //! Which seconds of the train clips a run keeps as lead-ins of unprompted dances.
 
 use super::data::Data;
+use crate::Result;
 use crate::corpus::{ClipRecord, Corpus, Split};
 use crate::model::lead_in::{self, LEAD_INS, LeadIn, LeadInFrom, LeadIns};
-use crate::{Result, files, random};
+use kinelm_store::{files, random};
 use kinelm_tokenizer::Rest;
 use std::path::Path;
 
@@ -33,7 +34,7 @@ pub fn write(run: &Path, seed: u64, data: &Data) -> Result<()> {
     if path.exists() {
         return Ok(());
     }
-    files::write_whole(&path, draw(seed, data)?.to_json()?.as_bytes())
+    Ok(files::write_whole(&path, draw(seed, data)?.to_json()?.as_bytes())?)
 }
 
 /// Eight lead-ins of any clips and eight for every label value of the conditions, from streams of the run's seed.

@@ -120,7 +120,7 @@ pub fn not_finite(loss: f64, clips: &[String]) -> Error {
 
 /// The error of a moving average that the configuration doesn't have.
 pub fn no_average() -> Error {
-    Error::Call("a moving average of the weights; expected none, as train.ema is 0".into())
+    Error::call("a moving average of the weights; expected none, as train.ema is 0")
 }
 
 /// The windows of a step for a message: the first of them, and how many more there are.
@@ -147,7 +147,7 @@ pub fn in_order(
             return Ok(Tensor::zeros(p.shape.as_slice(), DType::F32, &Device::Cpu)?);
         }
         let tensor = all.get(&name).filter(|t| t.dims() == p.shape).cloned();
-        tensor.ok_or_else(|| Error::Call(format!("the {what} has no {name} of shape {:?}", p.shape)))
+        tensor.ok_or_else(|| Error::call(format!("the {what} has no {name} of shape {:?}", p.shape)))
     };
     parameters.iter().map(one).collect()
 }

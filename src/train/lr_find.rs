@@ -88,7 +88,7 @@ pub fn lr_find(options: &LrFindOptions, stop: &AtomicBool, tell: &mut dyn FnMut(
     let mut test = Test::default();
     for step in 0..options.steps {
         if stop.load(Ordering::Relaxed) {
-            return Err(Error::Stopped(format!("stopped after {step} of {} steps", options.steps)));
+            return Err(Error::stopped(format!("stopped after {step} of {} steps", options.steps)));
         }
         let parts = train.accumulate as u64;
         let batches: Vec<Batch> =
@@ -115,10 +115,10 @@ pub fn lr_find(options: &LrFindOptions, stop: &AtomicBool, tell: &mut dyn FnMut(
 fn check(options: &LrFindOptions) -> Result<()> {
     let LrFindOptions { steps, from, to, .. } = *options;
     if steps < 2 {
-        return Err(Error::Call(format!("{steps} steps; expected 2 or more")));
+        return Err(Error::call(format!("{steps} steps; expected 2 or more")));
     }
     if !(from > 0.0 && to > from && to.is_finite()) {
-        return Err(Error::Call(format!("rates from {from} to {to}; expected a first above 0 and a last above that")));
+        return Err(Error::call(format!("rates from {from} to {to}; expected a first above 0 and a last above that")));
     }
     Ok(())
 }

@@ -3,8 +3,9 @@
 use super::tensorboard::EventFile;
 use crate::evaluate::likelihood::Likelihood;
 use crate::model::run::CONFIG;
-use crate::{Error, Result, files};
-use kinelm_motion::format::input;
+use crate::{Error, Result};
+use kinelm_store::files;
+use kinelm_store::input;
 use serde::{Deserialize, Serialize};
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -118,7 +119,7 @@ impl Metrics {
             figures: &'a T,
         }
         let line = serde_json::to_string(&Line { schema: 1, kind, figures })
-            .map_err(|e| Error::Call(format!("figures that can't be written: {e}")))?;
+            .map_err(|e| Error::call(format!("figures that can't be written: {e}")))?;
         // one write a line, so that a killed process leaves whole lines
         self.file.write_all(format!("{line}\n").as_bytes()).map_err(Error::io(&self.path))
     }

@@ -31,14 +31,14 @@ const MOST_WINDOWS: u64 = 100_000_000;
 pub fn order(run: &RunFile, data: &Data, steps: u64) -> Result<Order> {
     if !run.train.stages.is_empty() {
         let what = "train.stages, whose windows grow; an order has windows of one size: leave the stages out";
-        return Err(Error::Call(what.into()));
+        return Err(Error::call(what));
     }
     let mut batches = Batches::of_run(run, data)?;
     let rows = run.train.batch * run.train.accumulate;
     if steps.checked_mul(rows as u64).is_none_or(|all| all > MOST_WINDOWS) {
         let what =
             format!("{steps} steps of {rows} windows; expected {MOST_WINDOWS} windows at most: ask for fewer steps");
-        return Err(Error::Call(what));
+        return Err(Error::call(what));
     }
     let mut windows = Vec::new();
     for place in 0..steps * rows as u64 {

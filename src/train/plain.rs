@@ -57,7 +57,7 @@ impl Plain {
         let mut store = loss.backward()?;
         let mut found = Vec::with_capacity(self.model.vars().len());
         for (i, (name, var)) in self.model.vars().iter().enumerate() {
-            let missing = || Error::Call(format!("variable {name} got no gradient: the graph is cut before it"));
+            let missing = || Error::call(format!("variable {name} got no gradient: the graph is cut before it"));
             let gradient = match store.remove(var.as_tensor()) {
                 // a batch may have nothing to tell
                 None if layout::AHEAD.contains(&name.as_str()) => var.zeros_like()?,
@@ -227,7 +227,7 @@ mod tests {
         plain.update(1.0, 1e-3).unwrap();
         let bytes: Vec<u8> = bits(&plain).iter().flat_map(|g| g.to_le_bytes()).collect();
         let weights = crate::model::weights::to_bytes(plain.weights().unwrap().iter().map(|(n, t)| (n.as_str(), t)));
-        let hash = |bytes: &[u8]| crate::corpus::FileRecord::of(bytes).sha256;
+        let hash = |bytes: &[u8]| kinelm_store::FileRecord::of(bytes).sha256;
         let numbers = (found.loss.to_bits(), found.norm.to_bits());
         println!("bits {numbers:?} {} {}", hash(&bytes), hash(&weights.unwrap()));
     }

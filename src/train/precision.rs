@@ -27,7 +27,7 @@ impl std::str::FromStr for Precision {
             "f32" => Ok(Precision::F32),
             "bf16" => Ok(Precision::Bf16),
             "auto" => Ok(Precision::Auto),
-            other => Err(Error::Call(format!("precision {other:?}; expected f32, bf16 or auto"))),
+            other => Err(Error::call(format!("precision {other:?}; expected f32, bf16 or auto"))),
         }
     }
 }
@@ -49,10 +49,9 @@ impl Precision {
     pub fn choose(self, ran: Option<&str>, compute: Compute) -> Result<Chosen> {
         if !compute.is_fast() {
             return match self {
-                Precision::Bf16 => Err(Error::Call(
+                Precision::Bf16 => Err(Error::call(
                     "train.precision is bf16, which the CPU's fast form computes; this form computes in f32: ask for f32 \
-                     (--precision f32), or for the fast form"
-                        .into(),
+                     (--precision f32), or for the fast form",
                 )),
                 _ => Ok(Chosen { products: Products::F32, notes: Vec::new() }),
             };

@@ -1,8 +1,9 @@
 //! Who began a run, when and where: `provenance.json` beside its `config.toml`, which has nothing of it, so that the same
 //! settings give the same bytes.
 
-use crate::{Error, Result, files};
-use kinelm_motion::format::input;
+use crate::{Error, Result};
+use kinelm_store::files;
+use kinelm_store::input;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::SystemTime;
@@ -60,8 +61,8 @@ pub fn note(run: &Path) -> Result<()> {
     let found = input::bytes(&path).ok().and_then(|bytes| serde_json::from_slice::<Provenance>(&bytes).ok());
     let mut all = found.unwrap_or(Provenance { version: VERSION, calls: Vec::new() });
     all.calls.push(Call::now());
-    let text = serde_json::to_string_pretty(&all).map_err(|e| Error::Call(format!("{PROVENANCE}: {e}")))?;
-    files::write_whole(&path, (text + "\n").as_bytes())
+    let text = serde_json::to_string_pretty(&all).map_err(|e| Error::call(format!("{PROVENANCE}: {e}")))?;
+    Ok(files::write_whole(&path, (text + "\n").as_bytes())?)
 }
 
 #[cfg(test)]

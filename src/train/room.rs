@@ -2,9 +2,10 @@
 
 use super::config::TrainConfig;
 use super::stages;
+use crate::Result;
 use crate::model::layout;
 use crate::model::{Architecture, ModelConfig, TokenLayout};
-use crate::{Result, memory};
+use kinelm_store::memory;
 
 /// Bytes that training takes, about: weights, gradients and two moments, the sum of gradients and the average of weights
 /// where there are; ten numbers of a token's width a layer for the backward pass, and what one layer needs while it is
@@ -29,7 +30,7 @@ pub fn needed(config: &ModelConfig, tokens: &TokenLayout, train: &TrainConfig) -
 pub fn check(config: &ModelConfig, tokens: &TokenLayout, train: &TrainConfig) -> Result<()> {
     let help = "lower model.width, model.layers, model.context (of two levels model.window) or train.batch (with \
                 train.accumulate that much higher, a step stays the same)";
-    memory::check(needed(config, tokens, train), "training this model on these batches", help)
+    Ok(memory::check(needed(config, tokens, train), "training this model on these batches", help)?)
 }
 
 #[cfg(test)]

@@ -7,10 +7,11 @@ use crate::corpus::{Corpus, Opening};
 use crate::model::ahead::Ahead;
 use crate::model::run::{CONFIG, LoadedRun, TOKENIZER, check_kind, load_tokenizer};
 use crate::model::{ModelConfig, TokenLayout};
-use crate::output::is_same;
-use crate::{Error, Result, files};
-use kinelm_motion::format::input;
+use crate::{Error, Result};
 use kinelm_music::feature::rate_of;
+use kinelm_store::files;
+use kinelm_store::input;
+use kinelm_store::output::is_same;
 use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -144,7 +145,7 @@ impl RunFile {
             let name = if i == 0 { "corpus.json".into() } else { format!("corpus-{}.json", i + 1) };
             files::write_whole(&run.join(name), &description)?;
         }
-        files::write_whole(&run.join(TOKENIZER), data.tokenizer().to_json().as_bytes())
+        Ok(files::write_whole(&run.join(TOKENIZER), data.tokenizer().to_json().as_bytes())?)
     }
 
     /// With other paths of corpora and origin.
@@ -161,8 +162,8 @@ impl RunFile {
     /// What the system refuses.
     pub fn write(&self, run: &Path) -> Result<()> {
         let file = self.with_paths(|path| files::path_from(run, path));
-        let text = toml::to_string(&file).map_err(|e| Error::Call(format!("{CONFIG} can't be written: {e}")))?;
-        files::write_whole(&run.join(CONFIG), text.as_bytes())
+        let text = toml::to_string(&file).map_err(|e| Error::call(format!("{CONFIG} can't be written: {e}")))?;
+        Ok(files::write_whole(&run.join(CONFIG), text.as_bytes())?)
     }
 
     /// Reads the configuration of a run.
@@ -198,7 +199,7 @@ impl RunFile {
     pub fn data(&self, run: &Path, corpora: &[CorpusPart], opening: Opening) -> Result<Data> {
         if self.corpora.is_empty() {
             let (run, what) = (run.display(), "was imported, and has no training to go on with");
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "{run} {what}; begin a run with its weights: finetune or pretrain --from it"
             )));
         }
@@ -210,7 +211,7 @@ impl RunFile {
             let (found, expected) = (weights(parts), weights(&own));
             let what =
                 format!("corpora of the weights {found}; the run was begun on corpora of the weights {expected}");
-            return Err(Error::Call(what));
+            return Err(Error::call(what));
         }
         let tokenizer = load_tokenizer(&run.join(TOKENIZER), &self.tokenizer_sha256)?;
         let open = |(p, own): (&CorpusPart, &RunCorpus)| {
@@ -250,7 +251,7 @@ struct Versioned {
 fn told_music(model: ModelConfig, data: &Data) -> Result<ModelConfig> {
     let none = |what: &str| {
         let help = "and no training clip of the corpora has any; kinelm tokenize --music FOLDER keeps it";
-        Err(Error::Call(format!("model.music asks for {what}, {help}")))
+        Err(Error::call(format!("model.music asks for {what}, {help}")))
     };
     if model.music.has_beats() && !data.has_music() {
         return none("music");
@@ -260,7 +261,7 @@ fn told_music(model: ModelConfig, data: &Data) -> Result<ModelConfig> {
     }
     // a corpus of another rate has heard beats alone
     let rate = rate_of(data.tokenizer().fps());
-    rate.map_err(|e| Error::Call(format!("model.music asks for what music sounds like: {e}")))?;
+    rate.map_err(|e| Error::call(format!("model.music asks for what music sounds like: {e}")))?;
     let of_data = data.music_scale()?;
     match of_data {
         Some(_) => Ok(ModelConfig { music_scale: model.music_scale.or(of_data), ..model }),

@@ -27,7 +27,7 @@ const SECONDS: f64 = 5.0;
 /// Whatever goes wrong on the way, a panic too: no dance is worth a run.
 pub fn sample(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {
     let draw = AssertUnwindSafe(|| draw(run, step, file, weights));
-    catch_unwind(draw).unwrap_or_else(|_| Err(Error::Call("the generator panicked".into())))
+    catch_unwind(draw).unwrap_or_else(|_| Err(Error::call("the generator panicked")))
 }
 
 fn draw(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {

@@ -45,7 +45,7 @@ pub fn validate(stages: &[Stage]) -> Result<()> {
     let mut before = 0.0;
     for (i, stage) in stages.iter().enumerate() {
         let wrong = |key: &str, found: String, limits: String| {
-            Err(Error::Call(format!("train.stages: stage {} has {key} = {found}; expected {limits}", i + 1)))
+            Err(Error::call(format!("train.stages: stage {} has {key} = {found}; expected {limits}", i + 1)))
         };
         if !(stage.until > before && stage.until < 1.0) {
             return wrong("until", stage.until.to_string(), format!("more than {before} and less than 1"));
@@ -71,11 +71,11 @@ pub fn validate_for(stages: &[Stage], model: &ModelConfig, tokens: &TokenLayout)
         if tokens.varying {
             let what =
                 "words of this tokenizer differ in length, so that windows are no number of frames: leave it out";
-            return Err(Error::Call(format!("{stage_is}; {what}")));
+            return Err(Error::call(format!("{stage_is}; {what}")));
         }
         let most = model.frames(tokens);
         if stage.frames > most {
-            return Err(Error::Call(format!("{stage_is}; the model's has {most}, where the last of them must lie")));
+            return Err(Error::call(format!("{stage_is}; the model's has {most}, where the last of them must lie")));
         }
     }
     Ok(())

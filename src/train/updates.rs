@@ -8,9 +8,10 @@ use super::parameters::{List, Parameters, numbers};
 use crate::model::checkpoint::{Checkpoints, State, Which};
 use crate::model::run::{CONFIG, OPTIMIZER, WEIGHTS};
 use crate::model::weights;
-use crate::{Error, Result, files, memory};
+use crate::{Error, Result};
 use kinelm_engine::arena::Floats;
-use kinelm_motion::format::input;
+use kinelm_store::input;
+use kinelm_store::{files, memory};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -214,7 +215,7 @@ pub fn check_steps(run: &Path, steps: u64) -> Result<()> {
     let checkpoints = Checkpoints::of(run);
     let done = checkpoints.steps()?.into_iter().rev().find(|&step| checkpoints.state(step).is_ok());
     match done.filter(|done| steps < *done) {
-        Some(done) => Err(Error::Call(format!(
+        Some(done) => Err(Error::call(format!(
             "steps {steps}; the run has done {done}: ask for that or more, or begin a new run"
         ))),
         None => Ok(()),
@@ -240,8 +241,8 @@ impl Kind {
     /// # Errors
     /// What the system refuses.
     pub fn write(&self, run: &Path, settings: &impl Serialize) -> Result<()> {
-        let text = toml::to_string(settings).map_err(|e| Error::Call(format!("{CONFIG} can't be written: {e}")))?;
-        files::write_whole(&run.join(CONFIG), text.as_bytes())
+        let text = toml::to_string(settings).map_err(|e| Error::call(format!("{CONFIG} can't be written: {e}")))?;
+        Ok(files::write_whole(&run.join(CONFIG), text.as_bytes())?)
     }
 
     /// Reads that of a run.

@@ -1,10 +1,11 @@
 //! The dances as the page holds them: places of points, sixteen bits each, and where on the floor each figure stands.
 
 use super::Figure;
-use crate::{Error, Result, counted};
+use crate::{Error, Result};
 use kinelm_motion::body::{Ball, Body, Bone, standing};
 use kinelm_motion::metric::beat::Hits;
 use kinelm_motion::{Clip, GlobalPose, Vec3};
+use kinelm_store::counted;
 use serde::Serialize;
 
 /// One figure, ready for the page's script.
@@ -113,7 +114,7 @@ struct Track {
 impl Track {
     fn new(figure: &Figure) -> Result<Self> {
         let (clip, title) = (figure.clip, &figure.title);
-        let fail = |what: String| Err(Error::Call(format!("the figure {title:?}: {what}")));
+        let fail = |what: String| Err(Error::call(format!("the figure {title:?}: {what}")));
         if clip.frames() == 0 {
             return fail("no frames; expected at least one".into());
         }

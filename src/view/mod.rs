@@ -14,9 +14,10 @@ pub mod music;
 pub mod plot;
 pub mod table;
 
-use crate::{Result, files};
+use crate::Result;
 use kinelm_motion::Clip;
 use kinelm_motion::metric::beat::Hits;
+use kinelm_store::files;
 use music::Music;
 use std::ops::Range;
 use std::path::Path;
@@ -105,17 +106,17 @@ pub fn page(figures: &[Figure]) -> Result<String> {
 /// As [`page`]; marks of hits that aren't as many as the beats of the music.
 pub fn page_with(figures: &[Figure], music: Option<&Music>) -> Result<String> {
     if figures.is_empty() {
-        return Err(crate::Error::Call("a page of no figures; expected at least one clip".into()));
+        return Err(crate::Error::call("a page of no figures; expected at least one clip"));
     }
     let beats = music.map_or(0, |music| music.beats_s.len());
     let marked = |figure: &&Figure| figure.hits.as_ref().is_some_and(|hits| hits.each.len() != beats);
     if let Some(Figure { title, hits: Some(hits), .. }) = figures.iter().find(marked) {
         let n = hits.each.len();
         let what = format!("the figure {title:?}: {n} marks of hits for {beats} beats of music; expected as many");
-        return Err(crate::Error::Call(what));
+        return Err(crate::Error::call(what));
     }
     let data = serde_json::to_string(&data::drawn(figures)?)
-        .map_err(|e| crate::Error::Call(format!("the page's data: {e}")))?;
+        .map_err(|e| crate::Error::call(format!("the page's data: {e}")))?;
     let titles: Vec<&str> = figures.iter().map(|f| f.title.as_str()).collect();
     let parts = [
         ("title", escaped(&titles.join(", "))),

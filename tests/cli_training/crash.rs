@@ -1,7 +1,7 @@
 //! What is left of a run that was killed, whose disk was full, or whose checkpoint was damaged.
 
 use super::{Place, assert_same, kinelm, latest, metrics, place};
-use kinelm::random;
+use kinelm_store::random;
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use std::fs;

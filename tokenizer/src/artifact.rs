@@ -232,7 +232,7 @@ impl Tokenizer {
     /// # Errors
     /// [`Error::Motion`] with the file and what the system said.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
-        Ok(kinelm_motion::format::atomic::write(path.as_ref(), self.to_json().as_bytes())?)
+        Ok(kinelm_store::files::write_whole(path.as_ref(), self.to_json().as_bytes())?)
     }
 
     /// Reads a `tokenizer.json`.
@@ -243,7 +243,7 @@ impl Tokenizer {
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let mut text = String::new();
-        let file = kinelm_motion::format::input::open(path).map_err(Error::io(path))?;
+        let file = kinelm_store::input::open(path).map_err(Error::io(path))?;
         let wrong = |what| Error::File { path: path.to_owned(), what };
         file.take(MAX_FILE_BYTES + 1).read_to_string(&mut text).map_err(|e| match e.kind() {
             std::io::ErrorKind::InvalidData => {

@@ -9,14 +9,9 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The operating system refused.
-    #[error("{path}: {source}")]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    /// A file can't be read or written.
+    #[error(transparent)]
+    Store(#[from] kinelm_store::Error),
     /// A setting outside its limits.
     #[error("tokenizer setting {field}: found {found}, expected {expected}")]
     Setting {
@@ -100,6 +95,6 @@ pub enum Error {
 impl Error {
     pub(crate) fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Error {
         let path = path.as_ref().to_owned();
-        move |source| Error::Io { path, source }
+        move |source| kinelm_store::Error::io(path)(source).into()
     }
 }

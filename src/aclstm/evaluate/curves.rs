@@ -3,7 +3,7 @@
 use super::FPS;
 use crate::view::plot::{Chart, Look, Scale, Series};
 use crate::{Error, Result};
-use kinelm_motion::format::input;
+use kinelm_store::input;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

@@ -44,7 +44,7 @@ impl Options {
         if self.lengths.contains(&0) || self.lengths.is_empty() || self.seeds == 0 || self.frames < SHORT {
             let what =
                 format!("seeds, lengths and frames; expected 1 seed or more, of 1 frame or more, and {SHORT} frames");
-            return Err(Error::Call(what));
+            return Err(Error::call(what));
         }
         Ok(())
     }

@@ -54,7 +54,7 @@ impl Test {
             recordings.split(Split::Train).map(|one| Energy::of_clip(&one.at_rate()?)).collect::<Result<Vec<_>>>()?;
         let threshold = |pick: fn(&Energy) -> &Vec<f64>| {
             let all = train.iter().flat_map(|energy| pick(energy).iter().copied()).collect();
-            freeze::threshold(all).ok_or_else(|| Error::Call("no training frames to tell standing from moving".into()))
+            freeze::threshold(all).ok_or_else(|| Error::call("no training frames to tell standing from moving"))
         };
         let thresholds = [threshold(|e| &e.world)?, threshold(|e| &e.pose)?];
         let real =
@@ -69,7 +69,7 @@ fn seeds(recordings: &Recordings, options: &Options) -> Result<Vec<Seed>> {
     let long: Vec<&Recording> = recordings.split(options.split).filter(|one| one.frames() >= needed).collect();
     if long.is_empty() {
         let what = format!("no {} clip of {needed} frames at {FPS} a second", options.split);
-        return Err(Error::Call(format!("{what}: take shorter seeds, or another split")));
+        return Err(Error::call(format!("{what}: take shorter seeds, or another split")));
     }
     let digits = options.seeds.to_string().len().max(2);
     let mut seeds = Vec::new();

@@ -3,7 +3,7 @@
 use crate::aclstm::Config;
 use crate::aclstm::data::Learned;
 use crate::aclstm::form::{Coder, steps};
-use crate::random;
+use kinelm_store::random;
 use rand_chacha::rand_core::RngCore;
 use rayon::prelude::*;
 use std::f64::consts::TAU;

@@ -7,9 +7,9 @@ use kinelm::aclstm::FPS;
 use kinelm::aclstm::evaluate::{Options, Report, SHORT, Test, evaluate, evaluate_dances};
 use kinelm::aclstm::run::Trained;
 use kinelm::corpus::Split;
-use kinelm::counted;
 use kinelm::model::Which;
 use kinelm_motion::format;
+use kinelm_store::counted;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]

@@ -8,10 +8,10 @@ use kinelm::aclstm::dance::{Recipe, Told};
 use kinelm::aclstm::run::Trained;
 use kinelm::generate::MOST_FRAMES;
 use kinelm::generate::feet::Care;
-use kinelm::generate::provenance;
 use kinelm::model::Which;
-use kinelm::output::{Outputs, is_same};
 use kinelm_motion::format::{self, RestFrame};
+use kinelm_store::output::{Outputs, is_same};
+use kinelm_store::sidecar;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
@@ -85,7 +85,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let outputs = outputs(args, &recipe);
     outputs.check([out])?;
     outputs.check_replaceable(out, None)?;
-    outputs.check_replaceable(&provenance::path_of(out), None)?;
+    outputs.check_replaceable(&sidecar::path_of(out), None)?;
     let (told, bytes) = made(&recipe, Which::Auto, out, say)?;
     told.write(out, &bytes, &outputs)?;
     Ok(())
@@ -128,7 +128,7 @@ fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     outputs.check_replaceable(&out, Some(&first.output.sha256))?;
     let (told, bytes) = made(&recipe, Which::Step(first.step), &out, say)?;
     first.check(&told)?;
-    match is_same(&provenance::path_of(&out), file) {
+    match is_same(&sidecar::path_of(&out), file) {
         true => outputs.write(&out, &bytes).map(|_| ())?, // and it tells of the dance already
         false => told.write(&out, &bytes, &outputs)?,
     }

@@ -3,7 +3,7 @@
 use crate::cli::{ForceArgs, Say, draw_charts, picture, view::stem};
 use anyhow::Result;
 use kinelm::aclstm::evaluate::{Curves, charts};
-use kinelm::counted;
+use kinelm_store::counted;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]

@@ -5,7 +5,7 @@ use crate::cli::Say;
 use anyhow::Result;
 use kinelm::aclstm::network::{Learner, initial};
 use kinelm::aclstm::{Config, Form};
-use kinelm::random;
+use kinelm_store::random;
 use serde_json::json;
 
 /// Steps that don't count: in the first ones memory is taken and caches fill.

@@ -20,7 +20,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let options = ReadOptions::default();
     let (path, bytes) = match args.file {
         Some(path) => {
-            let bytes = kinelm_motion::format::input::bytes(&path).with_context(|| path.display().to_string())?;
+            let bytes = kinelm_store::input::bytes(&path).with_context(|| path.display().to_string())?;
             (path, bytes)
         }
         None => {

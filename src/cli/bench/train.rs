@@ -5,10 +5,10 @@ use super::{How, Rates, Row, Unit, peak, rounded, seconds};
 use crate::cli::{ComputeArgs, Say};
 use anyhow::Result;
 use kinelm::model::{Architecture, DeviceName, layout};
-use kinelm::random;
 use kinelm::train::batches::Batch;
 use kinelm::train::learner::clip_share;
 use kinelm::train::{Learner, Precision, learner};
+use kinelm_store::random;
 use rand_chacha::rand_core::RngCore;
 use serde_json::json;
 

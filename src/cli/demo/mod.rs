@@ -8,7 +8,6 @@ use kinelm::corpus::build::{self, BuildOptions};
 use kinelm::corpus::{Corpus, Split, gather};
 use kinelm::evaluate::likelihood::likelihood;
 use kinelm::evaluate::{Baselines, CodeSplits, Extent, measure};
-use kinelm::files::write_whole;
 use kinelm::generate::feet;
 use kinelm::generate::place::{Led, Place};
 use kinelm::generate::prompt::{self, Prompt};
@@ -23,6 +22,7 @@ use kinelm_motion::feet::Fixed;
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::synth::Dance;
 use kinelm_motion::{Clip, joints, synth};
+use kinelm_store::files::write_whole;
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -110,7 +110,7 @@ fn make_room(args: &Args) -> Result<()> {
     let holds_files = std::fs::read_dir(&args.out).is_ok_and(|mut entries| entries.next().is_some());
     if holds_files || args.out.is_file() {
         // what is somebody's own is replaced by no --force
-        if !kinelm_motion::format::input::peek_bytes(&report).is_ok_and(|text| text.starts_with(MARK.as_bytes())) {
+        if !kinelm_store::input::peek_bytes(&report).is_ok_and(|text| text.starts_with(MARK.as_bytes())) {
             let what = format!("{out} holds files that are no demo's; give a new or an empty folder with --out");
             return Err(WrongCall(what).into());
         }

@@ -7,7 +7,6 @@ use anyhow::{Context, Result};
 use kinelm::corpus::{Corpus, Split};
 use kinelm::evaluate::dance::beats::{Figures, Kept, Pair, doubted, of_corpus};
 use kinelm::evaluate::likelihood::likelihood;
-use kinelm::files::write_whole;
 use kinelm::generate::draws::Draws;
 use kinelm::generate::feet::Care;
 use kinelm::generate::make::Ready;
@@ -25,6 +24,7 @@ use kinelm_motion::synth::{self, Dance};
 use kinelm_motion::{Clip, format};
 use kinelm_music::beat::{RATE, beats_of};
 use kinelm_music::wav;
+use kinelm_store::files::write_whole;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -174,7 +174,7 @@ fn page(path: &Path, [real, made]: [&Clip; 2], piece: &Piece, (joints, lag): (&[
         Figure::new("test", real).note("a made-up dance to this music, never trained on").hits(Some(hits(real)?)),
         Figure::new("dance", made).note("the model's, told its beats").hits(Some(hits(made)?)),
     ];
-    let sound = kinelm_motion::format::input::bytes(&piece.path).map_err(kinelm::Error::io(&piece.path))?;
+    let sound = kinelm_store::input::bytes(&piece.path).map_err(kinelm::Error::io(&piece.path))?;
     let music = Music::embedded(&piece.path, &sound, 0.0, piece.beats_s.clone());
     Ok(write_whole(path, page_with(&figures, Some(&music))?.as_bytes())?)
 }

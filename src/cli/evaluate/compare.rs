@@ -6,13 +6,14 @@ use crate::cli::{Odd, Say, WrongCall, many, print, readable};
 use anyhow::Result;
 use kinelm::aclstm;
 use kinelm::corpus::Corpus;
-use kinelm::corpus::load::hash_file;
 use kinelm::evaluate::dance::Real;
 use kinelm::evaluate::dance::compare::{Comparison, Measured, Side, take_of};
 use kinelm::evaluate::dance::features::Features;
-use kinelm::generate::provenance::{self, Provenance};
-use kinelm::output::Outputs;
+use kinelm::generate::provenance::Provenance;
 use kinelm_motion::format::{ReadOptions, RestFrame};
+use kinelm_store::hash;
+use kinelm_store::output::Outputs;
+use kinelm_store::sidecar;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -88,13 +89,13 @@ fn followed(path: &Path, told: Option<&Provenance>) -> Result<Vec<String>> {
     let prompt = told.and_then(|told| told.recipe.prompt.as_ref());
     if let Some(plan) = prompt.and_then(|prompt| prompt.plan.as_ref()) {
         let given = plan.segments.iter().filter_map(|segment| plan.clips.get(segment.clip.as_ref()?));
-        return Ok(given.map(|clip| hash_file(&clip.file)).collect::<kinelm::Result<_>>()?);
+        return Ok(given.map(|clip| hash::of_file(&clip.file)).collect::<kinelm_store::Result<_>>()?);
     }
     if let Some(of_prompt) = told.and_then(|told| told.prompt_sha256.clone()) {
         return Ok(vec![of_prompt]);
     }
-    match aclstm::dance::Told::load(&provenance::path_of(path)) {
+    match aclstm::dance::Told::load(&sidecar::path_of(path)) {
         Ok(lstm) => Ok(vec![lstm.given_sha256]),
-        Err(_) => Ok(vec![hash_file(path)?]),
+        Err(_) => Ok(vec![hash::of_file(path)?]),
     }
 }

@@ -5,7 +5,6 @@ use crate::cli::read::ReadArgs;
 use crate::cli::{ForceArgs, Odd, Say, TrustArgs, WrongCall, print, readable};
 use anyhow::Result;
 use kinelm::corpus::Corpus;
-use kinelm::corpus::load::hash_file;
 use kinelm::evaluate::dance::named::fidelity;
 use kinelm::evaluate::dance::prompted::{Prompted, prompted};
 use kinelm::evaluate::dance::{Dance, Real};
@@ -14,9 +13,11 @@ use kinelm::generate::provenance::{self, Provenance};
 use kinelm::generate::recipe::Recipe;
 use kinelm::music::find::in_dance;
 use kinelm::music::piece::Piece;
-use kinelm_motion::format::{Format, ReadOptions, RestFrame, input};
+use kinelm_motion::format::{Format, ReadOptions, RestFrame};
 use kinelm_motion::joints;
 use kinelm_music::beat::Beats;
+use kinelm_store::hash;
+use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -152,7 +153,7 @@ fn asked_label(corpus: &Corpus, field: &str, path: &Path, told: Option<&Provenan
         let record = corpus.clips().iter().find(|record| record.sha256 == sha256)?;
         record.labels.get(field).cloned()
     };
-    let Some(told) = told else { return Ok(of_clip(&hash_file(path)?)) };
+    let Some(told) = told else { return Ok(of_clip(&hash::of_file(path)?)) };
     if told.recipe.prompt.as_ref().is_some_and(|prompt| prompt.edit.is_some()) {
         return Ok(None);
     }
@@ -252,7 +253,7 @@ pub fn read_dance(
 ) -> kinelm::Result<Dance> {
     Format::of(path)?; // refused by its name before it is read
     if told.is_none() {
-        let sha256 = hash_file(path)?;
+        let sha256 = hash::of_file(path)?;
         let mut same = corpus.clips().iter().filter(|record| record.sha256 == sha256);
         if let (Some(record), None) = (same.next(), same.next()) {
             let mut dance = Dance::of_corpus(corpus, record)?;

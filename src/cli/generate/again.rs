@@ -3,14 +3,15 @@
 use super::{Args, danced, load, outputs};
 use crate::cli::{Say, WrongCall, convert, extension, writable};
 use anyhow::Result;
-use kinelm::corpus::FileRecord;
 use kinelm::generate::plan::Plan;
-use kinelm::generate::provenance::{self, Provenance};
+use kinelm::generate::provenance::Provenance;
 use kinelm::generate::recipe::Recipe;
 use kinelm::generate::variation_seed;
 use kinelm::model::Which;
-use kinelm::output::is_same;
 use kinelm_motion::format::ReadOptions;
+use kinelm_store::FileRecord;
+use kinelm_store::output::is_same;
+use kinelm_store::sidecar;
 use std::path::{Path, PathBuf};
 
 /// Makes a dance again and holds it to the hash of the first.
@@ -32,12 +33,12 @@ pub fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     let made = ready.motion(&words, &out)?;
     let bytes = made.bytes(&out)?;
     check_same(&first, &bytes)?;
-    if is_same(&provenance::path_of(&out), file) {
+    if is_same(&sidecar::path_of(&out), file) {
         outputs.write(&out, &bytes)?; // and it tells of the dance already
     } else {
         let read = ReadOptions { fps_source: Some(made.motion.clip.fps()), ..ready.read_back(&out) };
         let recipe = Recipe { seed: first.recipe.seed, ..ready.recipe };
-        let output = provenance::FileHash { file: provenance::name_of(&out), ..first.output };
+        let output = sidecar::FileHash { file: sidecar::name_of(&out), ..first.output };
         let told = Provenance { output, read, recipe, kinelm: env!("CARGO_PKG_VERSION").into(), ..first };
         told.write(&out, &bytes, &outputs)?;
     }

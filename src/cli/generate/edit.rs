@@ -2,7 +2,6 @@
 
 use crate::cli::{Say, WrongCall};
 use anyhow::Result;
-use kinelm::counted;
 use kinelm::generate::edit::close::LeftOver;
 use kinelm::generate::edit::mask::Understood;
 use kinelm::generate::edit::round::{Comes, Round, roughness};
@@ -16,6 +15,7 @@ use kinelm::generate::recipe::PromptRecipe;
 use kinelm_motion::joints::say_meant_twice;
 use kinelm_motion::moment::Moment;
 use kinelm_motion::smpl;
+use kinelm_store::counted;
 use std::path::Path;
 
 /// Further off than this a gap ends elsewhere than its clip goes on: said.

@@ -5,7 +5,7 @@ mod best;
 mod edit;
 mod say;
 
-use super::{ComputeArgs, ForceArgs, ReadingArgs, Say, WrongCall, draw::DrawArgs, read::ReadArgs};
+use super::{ComputeArgs, ForceArgs, ReadingArgs, Say, WrongCall, asked, draw::DrawArgs, read::ReadArgs};
 use anyhow::{Context, Result};
 use best::BestArgs;
 use edit::EditArgs;
@@ -15,16 +15,17 @@ use kinelm::generate::feet::Care;
 use kinelm::generate::labels::TimedLabel;
 use kinelm::generate::make::Ready;
 use kinelm::generate::music::GUIDANCE;
-use kinelm::generate::provenance::{self, Provenance};
+use kinelm::generate::provenance::Provenance;
 use kinelm::generate::recipe::{Computing, MusicRecipe, PromptRecipe, Recipe, Rig};
 use kinelm::generate::rest::RestJoints;
 use kinelm::model::Which;
 use kinelm::model::run::TOKENIZER;
 use kinelm::music::tempo;
-use kinelm::output::Outputs;
 use kinelm::train::run::RunFile;
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::moment::Moment;
+use kinelm_store::output::Outputs;
+use kinelm_store::sidecar;
 use kinelm_tokenizer::{Tokenizer, Words};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -206,7 +207,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     outputs.check(outs.iter().map(PathBuf::as_path))?;
     for out in &outs {
         outputs.check_replaceable(out, None)?;
-        outputs.check_replaceable(&provenance::path_of(out), None)?;
+        outputs.check_replaceable(&sidecar::path_of(out), None)?;
     }
     let mut ready = load(recipe, Which::Auto, say)?;
     if let Some((music, recipe)) = ready.music.as_ref().zip(ready.recipe.music.as_ref()) {
@@ -393,10 +394,7 @@ fn read_as(args: &Args, path: &Path, say: Say) -> ReadOptions {
 /// Reads what a recipe names, and says what the user should know.
 fn load(recipe: Recipe, which: Which, say: Say) -> Result<Ready> {
     // what is asked in words that the model doesn't have is a wrong call
-    let ready = Ready::load(recipe, which).map_err(|e| match e {
-        kinelm::Error::Call(what) => WrongCall(what).into(),
-        e => anyhow::Error::from(e),
-    })?;
+    let ready = Ready::load(recipe, which).map_err(asked)?;
     ready.run.notes.iter().for_each(|note| say.line(note));
     let Some((prompt, recipe)) = ready.prompt.as_ref().zip(ready.recipe.prompt.as_ref()) else { return Ok(ready) };
     super::warn(&prompt.clip.motion, say);

@@ -3,14 +3,15 @@
 use crate::cli::read::frames_at;
 use crate::cli::{ForceArgs, Say, WrongCall, asked, generate, progress, writable, written_as};
 use anyhow::{Context, Result};
-use kinelm::generate::{MOST_FRAMES, provenance};
+use kinelm::generate::MOST_FRAMES;
 use kinelm::model::Which;
 use kinelm::music_lstm::FPS;
 use kinelm::music_lstm::dance::{Recipe, Told};
 use kinelm::music_lstm::run::Trained;
-use kinelm::output::is_same;
 use kinelm_motion::format;
 use kinelm_motion::moment::Moment;
+use kinelm_store::output::is_same;
+use kinelm_store::sidecar;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
@@ -57,7 +58,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let outputs = args.force.outputs([recipe.run.clone(), recipe.music.clone()]);
     outputs.check([out])?;
     outputs.check_replaceable(out, None)?;
-    outputs.check_replaceable(&provenance::path_of(out), None)?;
+    outputs.check_replaceable(&sidecar::path_of(out), None)?;
     let (told, bytes) = made(&recipe, Which::Auto, out, say)?;
     told.write(out, &bytes, &outputs)?;
     Ok(())
@@ -90,7 +91,7 @@ fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     outputs.check_replaceable(&out, Some(&first.output.sha256))?;
     let (told, bytes) = made(&recipe, Which::Step(first.step), &out, say)?;
     first.check(&told)?;
-    match is_same(&provenance::path_of(&out), file) {
+    match is_same(&sidecar::path_of(&out), file) {
         true => outputs.write(&out, &bytes).map(|_| ())?, // and it tells of the dance already
         false => told.write(&out, &bytes, &outputs)?,
     }

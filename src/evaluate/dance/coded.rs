@@ -4,7 +4,7 @@ use crate::corpus::load::parse_placed;
 use crate::corpus::{ClipRecord, Corpus};
 use crate::{Error, Result};
 use kinelm_motion::Clip;
-use kinelm_motion::format::{self, Format, ReadOptions};
+use kinelm_motion::format::{Format, ReadOptions};
 use kinelm_motion::inspect::RateDoubt;
 use kinelm_tokenizer::{Rest, SPACE, Tokenizer, Words};
 use std::path::Path;
@@ -41,7 +41,7 @@ impl Dance {
     /// What reading, retargeting and coding fail with; no frames.
     pub fn of_file(path: &Path, options: &ReadOptions, tokenizer: &Tokenizer) -> Result<Dance> {
         Format::of(path)?; // refused by its name before it is read
-        let bytes = format::input::bytes(path).map_err(Error::io(path))?;
+        let bytes = kinelm_store::input::bytes(path).map_err(Error::io(path))?;
         Dance::of_bytes(path, &bytes, options, tokenizer)
     }
 

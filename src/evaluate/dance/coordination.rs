@@ -4,9 +4,9 @@
 //! in time; what is left of it is the effect. Turning is that of each joint in its parent's frame: places in the world
 //! would be bound to one another by the body itself.
 
-use crate::random;
 use kinelm_motion::Clip;
 use kinelm_motion::rotation::angle_between;
+use kinelm_store::random;
 use rand_chacha::rand_core::RngCore;
 use serde::Serialize;
 

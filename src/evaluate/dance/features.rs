@@ -3,11 +3,12 @@
 use super::coded::Dance;
 use super::frechet::{Held, Rows, Scale, held};
 use super::report::Real;
+use crate::Result;
 use crate::corpus::Split;
-use crate::{Result, random};
 use kinelm_motion::metric::features::{COMPAT_FPS, Form, Places, geometric, kinetic};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Vec3};
+use kinelm_store::random;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt;

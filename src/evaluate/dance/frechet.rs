@@ -3,8 +3,9 @@
 //! Source: Heusel et al., "GANs trained by a two time-scale update rule converge to a local Nash equilibrium" (2017); of the
 //! extrapolation Chong and Forsyth, "Effectively unbiased FID and Inception score" (2020).
 
-use crate::{Error, Result, random};
+use crate::{Error, Result};
 use kinelm_linalg::symmetric_eigen;
+use kinelm_store::random;
 use serde::Serialize;
 
 /// A feature that varies less than this over the real set is left out.
@@ -149,7 +150,7 @@ fn gaussian(rows: &[Vec<f64>], ridge: f64) -> (Vec<f64>, Vec<f64>) {
 fn eigen(n: usize, matrix: &[f64]) -> Result<(Vec<f64>, Vec<f64>)> {
     // rounding leaves products a little unsymmetric
     let even: Vec<f64> = (0..n * n).map(|at| (matrix[at] + matrix[at % n * n + at / n]) / 2.0).collect();
-    symmetric_eigen(n, &even).ok_or_else(|| Error::Call("features whose spread has no square root: not finite".into()))
+    symmetric_eigen(n, &even).ok_or_else(|| Error::call("features whose spread has no square root: not finite"))
 }
 
 /// A symmetric matrix with `of` of its eigenvalues, those below 0 as 0.

@@ -76,7 +76,7 @@ pub fn fidelity(
     let joints: Vec<usize> = coded.iter().copied().filter(|j| *j != 0 && !given.contains(j)).collect();
     if joints.is_empty() {
         let what = format!("the label {field} can't be looked for: of the coded joints all but the pelvis were given");
-        return Err(Error::Call(what));
+        return Err(Error::call(what));
     }
     let seen = corpus.split(Split::Train).filter_map(|record| Some((record, of_field.class_of(record)?)));
     let seen: Vec<(&ClipRecord, usize)> = seen.collect();

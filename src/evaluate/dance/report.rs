@@ -307,7 +307,7 @@ impl<'a> Real<'a> {
 
 /// The feet of the model's body as far as they are coded: of the thirteen joints the ankles. Where none is, the ankles.
 pub(super) fn feet(joints: &[usize]) -> Result<Feet> {
-    let map = SkeletonMap::builtin("smpl").ok_or_else(|| Error::Call("no skeleton map smpl".into()))?;
+    let map = SkeletonMap::builtin("smpl").ok_or_else(|| Error::call("no skeleton map smpl"))?;
     let mut feet = Feet::new(&smpl::neutral(), &map)?;
     let coded = feet.joints.iter().any(|(j, _)| joints.contains(j));
     feet.joints.retain(|(j, _)| if coded { joints.contains(j) } else { matches!(j, 7 | 8) });

@@ -106,7 +106,7 @@ impl Edited {
         (prompt, seam): (&Prompt, Option<Seam>),
         tokenizer: &Tokenizer,
     ) -> Result<Edited> {
-        let places = places(tokenizer).map_err(|e| Error::Call(format!("--given, --free: {e}")))?;
+        let places = places(tokenizer).map_err(|e| Error::call(format!("--given, --free: {e}")))?;
         let options = ReadOptions { skip: 0, rest: RestFrame::Keep, ..recipe.read.clone() };
         let whole = format::parse(&recipe.path, text, &options)?;
         let (clip, fps) = (&prompt.motion.clip, tokenizer.fps());
@@ -119,27 +119,27 @@ impl Edited {
             Some(gap) => (&[][..], std::slice::from_ref(gap)),
             None => (&edit.given[..], &edit.free[..]),
         };
-        let read = Mask::read((given, free), scale, tokenizer, rig).map_err(Error::Call)?;
+        let read = Mask::read((given, free), scale, tokenizer, rig).map_err(Error::call)?;
         // the last frame of the model that lies within so many of the file
         let within = |frames: usize| ((frames - 1) as f64 * fps / clip.fps() + 1e-9) as usize + 1;
         let known = seam.as_ref().map_or(prompt.frames(), |seam| within(seam.frames()));
         if let Some(frames) = frames.filter(|&frames| seam.is_some() && frames != known) {
             let what = format!("--loop: {frames} frames; a clip that goes round stays as long as it is, {known}");
-            return Err(Error::Call(what));
+            return Err(Error::call(what));
         }
         if let Some(frames) = frames.filter(|&frames| frames < known) {
             let what = format!(
                 "{frames} frames of a prompt of {known}; an edited clip is as long at least: cut it first (kinelm convert --to)"
             );
-            return Err(Error::Call(what));
+            return Err(Error::call(what));
         }
         let longer = frames.filter(|&frames| frames > known);
         if !read.mask.frees_anything() && longer.is_none() {
-            return Err(Error::Call("nothing is free: all joints that the model knows are given throughout".into()));
+            return Err(Error::call("nothing is free: all joints that the model knows are given throughout"));
         }
         if !edit.given.is_empty() && (0..clip.frames()).all(|frame| read.mask.is_all_free(frame)) {
             let what = "nothing is given in the end: what is free is taken off what is given, wherever both are named";
-            return Err(Error::Call(what.into()));
+            return Err(Error::call(what));
         }
         for (spans, read) in [(&mut edit.given, &read.given), (&mut edit.free, &read.free)] {
             if seam.is_some() {

@@ -74,7 +74,7 @@ impl Round {
             let what = format!(
                 "--loop: the clip has {s:.2} s; with {over_s} s made anew it needs {least} and a frame (--loop-over)"
             );
-            return Err(Error::Call(what));
+            return Err(Error::call(what));
         }
         let seam = Seam { gap: frames - over..frames, again };
         let turn = match self.comes {

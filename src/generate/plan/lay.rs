@@ -54,7 +54,7 @@ impl From<kinelm_motion::Error> for Fault {
 impl From<Fault> for Error {
     fn from(fault: Fault) -> Error {
         let said = |place: String, found: String, expected: String| {
-            Error::Call(format!("{place}: found {found}, expected {expected}"))
+            Error::call(format!("{place}: found {found}, expected {expected}"))
         };
         match fault {
             Fault::Segment(n, found, expected) => said(format!("segment {} of the plan", n + 1), found, expected),
@@ -223,7 +223,7 @@ fn ready(
 ) -> Result<Ready, Fault> {
     let (options, fps) = (clip.options(), rig.clip.fps());
     format::Format::of(&clip.file)?; // refused by its name before it is read
-    let bytes: Arc<[u8]> = format::input::bytes(&clip.file).map_err(Error::io(&clip.file))?.into();
+    let bytes: Arc<[u8]> = kinelm_store::input::bytes(&clip.file).map_err(Error::io(&clip.file))?.into();
     let mut motion = format::parse(&clip.file, &bytes, &options)?;
     notes.extend(motion.warnings.iter().map(|warning| format!("{}: {}", clip.file.display(), warning.what)));
     let whole = ReadOptions { skip: 0, rest: RestFrame::Keep, ..options.clone() };

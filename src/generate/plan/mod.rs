@@ -13,8 +13,9 @@ pub use lay::{Laid, Placed};
 
 use crate::corpus::sidecar;
 use crate::{Error, Result};
-use kinelm_motion::format::{ReadOptions, RestFrame, Unit, Up, input};
+use kinelm_motion::format::{ReadOptions, RestFrame, Unit, Up};
 use kinelm_motion::moment::Moment;
+use kinelm_store::input;
 use lay::Fault;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;

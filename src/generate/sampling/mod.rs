@@ -94,7 +94,7 @@ impl Draw {
             self.min_p.filter(|p| !(0.0..=1.0).contains(p)).map(|p| ("min-p", p, "a number from 0 to 1")),
         ];
         match faults.into_iter().flatten().next() {
-            Some((what, found, expected)) => Err(Error::Call(format!("{what} {found}; expected {expected}"))),
+            Some((what, found, expected)) => Err(Error::call(format!("{what} {found}; expected {expected}"))),
             None => Ok(()),
         }
     }

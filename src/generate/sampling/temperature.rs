@@ -1,7 +1,7 @@
 //! Temperature, and the draw by probability.
 
 use super::Candidate;
-use crate::random;
+use kinelm_store::random;
 use rand_chacha::ChaCha8Rng;
 
 /// Divides the logits.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::random;
+use kinelm_store::random;
 use proptest::prelude::*;
 
 fn rng() -> ChaCha8Rng {

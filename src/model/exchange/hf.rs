@@ -8,7 +8,7 @@ use crate::model::run::{LoadedRun, TOKENIZER, WEIGHTS};
 use crate::model::{HeadKind, Kind, ModelConfig, Positions, TokenLayout, layout};
 use crate::{Error, Result};
 use candle_core::Tensor;
-use kinelm_motion::format::input;
+use kinelm_store::input;
 use kinelm_tokenizer::{Special, Tokenizer};
 use safetensors::Dtype;
 use safetensors::tensor::TensorView;
@@ -78,7 +78,7 @@ fn refuse(config: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
         true => Ok(()),
         false => {
             let reasons = reasons.join(", and ");
-            Err(Error::Call(format!("GPT-2 can't express this model: {reasons}; export it with --format kinelm")))
+            Err(Error::call(format!("GPT-2 can't express this model: {reasons}; export it with --format kinelm")))
         }
     }
 }
@@ -121,7 +121,7 @@ pub(super) fn contents(run: &LoadedRun) -> Result<Vec<(&'static str, Vec<u8>)>> 
 }
 
 fn to_json(value: &Value) -> Result<Vec<u8>> {
-    let text = serde_json::to_string_pretty(value).map_err(|e| Error::Call(format!("no JSON: {e}")))?;
+    let text = serde_json::to_string_pretty(value).map_err(|e| Error::call(format!("no JSON: {e}")))?;
     Ok((text + "\n").into_bytes())
 }
 
@@ -138,7 +138,7 @@ fn to_bytes(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
         .collect();
     let metadata = HashMap::from([("format".to_string(), "pt".to_string())]);
     let written = views.and_then(|views| safetensors::serialize(views, Some(metadata)));
-    written.map_err(|e| Error::Call(format!("the weights can't be written: {e}")))
+    written.map_err(|e| Error::call(format!("the weights can't be written: {e}")))
 }
 
 fn config_json(config: &ModelConfig, tokens: &TokenLayout) -> Value {

@@ -9,10 +9,11 @@ use super::checkpoint::{State, Which};
 use super::gpt::Gpt;
 use super::run::{CONFIG, LoadedRun, TOKENIZER, WEIGHTS, load_run};
 use super::{ModelConfig, TokenLayout};
-use crate::corpus::FileRecord;
-use crate::{Error, Result, files};
+use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
-use kinelm_motion::format::input;
+use kinelm_store::FileRecord;
+use kinelm_store::files;
+use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use own::About;
 use safetensors::{Dtype, SafeTensors};
@@ -48,7 +49,7 @@ pub fn export(run: &LoadedRun, format: Format, out: &Path) -> Result<()> {
     }
     contents.push((own::ABOUT, about.to_json()?));
     contents.push((TOKENIZER, tokenizer.to_json().into_bytes()));
-    files::write_folder(out, &contents)
+    Ok(files::write_folder(out, &contents)?)
 }
 
 /// Loads a model from a run folder (its best checkpoint, or its latest where nothing was measured), or from a folder that

@@ -2,11 +2,11 @@
 //! says what they are.
 
 use super::{check_tokenizer, loaded, tensors};
-use crate::corpus::load::hash_file;
 use crate::model::run::{LoadedRun, TOKENIZER, WEIGHTS};
 use crate::model::{ModelConfig, TokenLayout, weights};
 use crate::{Error, Result};
-use kinelm_motion::format::input;
+use kinelm_store::hash;
+use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -59,7 +59,7 @@ impl About {
 
     pub fn to_json(&self) -> Result<Vec<u8>> {
         let text =
-            serde_json::to_string_pretty(self).map_err(|e| Error::Call(format!("{ABOUT} can't be written: {e}")))?;
+            serde_json::to_string_pretty(self).map_err(|e| Error::call(format!("{ABOUT} can't be written: {e}")))?;
         Ok((text + "\n").into_bytes())
     }
 
@@ -117,7 +117,7 @@ pub fn load(folder: &Path) -> Result<LoadedRun> {
     // a file that is cut short or something else says so itself
     let weights = tensors(&path)?;
     if let Some(named) = &about.weights_sha256 {
-        let found = hash_file(&path)?;
+        let found = hash::of_file(&path)?;
         if found != *named {
             let (found, expected) = (format!("SHA-256 {found}"), format!("that of {ABOUT}, {named}"));
             let help = "the file was changed after it was written: export the model again, or copy the folder again";

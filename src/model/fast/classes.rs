@@ -143,9 +143,9 @@ mod tests {
     use crate::classify::windows::{Layout, mask};
     use crate::model::ops::Mask as PlainMask;
     use crate::model::{Gpt, HeadKind, ModelConfig, Positions, TokenLayout, forms, layout};
-    use crate::random;
     use crate::train::fixture::TOKENS;
     use candle_core::{DType, Device, Tensor, Var};
+    use kinelm_store::random;
     use rand_chacha::rand_core::RngCore;
 
     const CLASSES: [usize; 2] = [3, 2];

@@ -204,17 +204,17 @@ impl Fast {
     fn check(&self, Windows { inputs, targets, length, told, .. }: Windows) -> Result<()> {
         let (context, vocabulary) = (self.config.context, self.tokens.vocabulary);
         if length > context {
-            return Err(Error::Call(format!("a window of {length} tokens; the context holds {context}")));
+            return Err(Error::call(format!("a window of {length} tokens; the context holds {context}")));
         }
         if length == 0 || !inputs.len().is_multiple_of(length) || inputs.len() != targets.len() {
             let found = (inputs.len(), targets.len());
-            return Err(Error::Call(format!("{} inputs and {} targets are no windows of {length}", found.0, found.1)));
+            return Err(Error::call(format!("{} inputs and {} targets are no windows of {length}", found.0, found.1)));
         }
         let words = (length + 1).saturating_sub(self.tokens.front);
         let whole = words > 0 && words.is_multiple_of(self.tokens.word);
         if self.config.architecture == Architecture::TwoLevel && !whole {
             let word = self.tokens.word;
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "a window of {length} tokens; a two-level model reads whole frames of {word}"
             )));
         }
@@ -222,7 +222,7 @@ impl Fast {
             told.check(&self.config, &self.tokens, (inputs.len() / length, length))?;
         }
         match inputs.iter().chain(targets).find(|&&id| id as usize >= vocabulary) {
-            Some(id) => Err(Error::Call(format!("token {id} is outside the vocabulary of {vocabulary} ids"))),
+            Some(id) => Err(Error::call(format!("token {id} is outside the vocabulary of {vocabulary} ids"))),
             None => Ok(()),
         }
     }

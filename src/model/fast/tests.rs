@@ -57,7 +57,7 @@ fn model(case: &Case) -> Gpt {
 }
 
 fn random(purpose: &str, shape: &[usize]) -> Tensor {
-    let mut rng = crate::random::stream(7, purpose, 0, 0);
+    let mut rng = kinelm_store::random::stream(7, purpose, 0, 0);
     let n = shape.iter().product();
     let data: Vec<f32> = (0..n).map(|_| (rng.next_u32() as f32 / u32::MAX as f32 - 0.5) * 0.4).collect();
     Tensor::from_vec(data, shape, &Device::Cpu).unwrap()
@@ -65,7 +65,7 @@ fn random(purpose: &str, shape: &[usize]) -> Tensor {
 
 /// Ids with `<bos>` in front of each window, and targets with some `<pad>`.
 fn batch(case: &Case) -> (Vec<u32>, Vec<u32>) {
-    let mut rng = crate::random::stream(3, "ids", 0, 0);
+    let mut rng = kinelm_store::random::stream(3, "ids", 0, 0);
     let n = case.batch * case.length;
     let mut draw = || (0..n).map(|_| 1 + rng.next_u32() % (case.vocabulary as u32 - 1)).collect::<Vec<u32>>();
     let (mut inputs, mut targets) = (draw(), draw());
@@ -78,7 +78,7 @@ fn batch(case: &Case) -> (Vec<u32>, Vec<u32>) {
 fn hidden(case: &Case) -> Vec<f32> {
     let Hides::Some(each) = case.mask else { return Vec::new() };
     let (sequences, t) = (if each { case.batch } else { 1 }, case.length);
-    let mut rng = crate::random::stream(5, "mask", 0, 0);
+    let mut rng = kinelm_store::random::stream(5, "mask", 0, 0);
     let mut number = |i: usize| match rng.next_u32() % 4 {
         _ if i / t % t == 2 => f32::NEG_INFINITY,
         0 => f32::NEG_INFINITY,
@@ -375,7 +375,7 @@ fn dropout_drops_what_the_oracle_drops() {
 
 #[test]
 fn random_shapes_agree_too() {
-    let mut rng = crate::random::stream(11, "shapes", 0, 0);
+    let mut rng = kinelm_store::random::stream(11, "shapes", 0, 0);
     let mut draw = |most: u32| 1 + (rng.next_u32() % most) as usize;
     for _ in 0..12 {
         // of a width of 1 or 2 a layer norm leaves nothing but rounding

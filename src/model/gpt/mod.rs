@@ -192,7 +192,7 @@ impl Gpt {
         if !self.config.architecture.is_flat() {
             let what =
                 "the plain form of a two-level model reads whole windows alone; generate with the form auto on the cpu";
-            return Err(Error::Call(what.into()));
+            return Err(Error::call(what));
         }
         let c = &self.config;
         Cache::new(self.frozen(), (c.layers, c.heads, c.context, c.width / c.heads), self.device())
@@ -212,11 +212,11 @@ impl Gpt {
     fn check(&self, ids: &Tensor, targets: &[u32]) -> Result<()> {
         self.check_length(ids.dims2()?.1)?;
         if ids.elem_count() != targets.len() {
-            return Err(Error::Call(format!("{} targets for {} inputs", targets.len(), ids.elem_count())));
+            return Err(Error::call(format!("{} targets for {} inputs", targets.len(), ids.elem_count())));
         }
         let vocabulary = self.tokens.vocabulary;
         match targets.iter().find(|&&t| t as usize >= vocabulary) {
-            Some(id) => Err(Error::Call(format!("target {id} outside the vocabulary of {vocabulary} ids"))),
+            Some(id) => Err(Error::call(format!("target {id} outside the vocabulary of {vocabulary} ids"))),
             None => Ok(()),
         }
     }
@@ -228,7 +228,7 @@ impl Gpt {
     fn check_length(&self, found: usize) -> Result<()> {
         match found <= self.config.context {
             true => Ok(()),
-            false => Err(Error::Call(format!("a window of {found} tokens; the context holds {}", self.config.context))),
+            false => Err(Error::call(format!("a window of {found} tokens; the context holds {}", self.config.context))),
         }
     }
 }

@@ -15,7 +15,7 @@ fn small(positions: Positions, tied_head: bool) -> Gpt {
 }
 
 fn ids(n: usize) -> Vec<u32> {
-    let mut rng = crate::random::stream(3, "ids", 0, 0);
+    let mut rng = kinelm_store::random::stream(3, "ids", 0, 0);
     (0..n).map(|_| 5 + rng.next_u32() % 6).collect()
 }
 

@@ -36,14 +36,12 @@ impl Scale {
         let found = [self.mean.len(), self.deviation.len()];
         if found != [CHANNELS; 2] {
             let what = format!("model.music_scale has {} means and {} deviations", found[0], found[1]);
-            return Err(Error::Call(format!("{what}; expected {CHANNELS} of each, which training writes itself")));
+            return Err(Error::call(format!("{what}; expected {CHANNELS} of each, which training writes itself")));
         }
         let is_fine = |x: &f32| x.is_finite() && *x >= 0.0;
         match self.mean.iter().all(|x| x.is_finite()) && self.deviation.iter().all(is_fine) {
             true => Ok(()),
-            false => {
-                Err(Error::Call("model.music_scale holds numbers that aren't finite, or deviations below 0".into()))
-            }
+            false => Err(Error::call("model.music_scale holds numbers that aren't finite, or deviations below 0")),
         }
     }
 }

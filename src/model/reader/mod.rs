@@ -53,11 +53,11 @@ impl Reader {
     /// No sequences; a masked model; weights that can't be brought to the CPU.
     pub fn new(gpt: &Gpt, reading: Reading) -> Result<Reader> {
         if reading.streams == 0 {
-            return Err(Error::Call("0 sequences to read; expected at least one".into()));
+            return Err(Error::call("0 sequences to read; expected at least one"));
         }
         if gpt.config().kind == Kind::Masked {
             let what = "a masked model sees the whole window at once: it can't be read token after token";
-            return Err(Error::Call(what.into()));
+            return Err(Error::call(what));
         }
         let Reading { streams, weights, kv } = reading;
         let decoding = match gpt.config().architecture {
@@ -114,11 +114,11 @@ impl Reader {
     /// A sequence or a frame that is not there; numbers or rows of another shape.
     pub fn tell(&mut self, stream: usize, frame: usize, told: Option<Told>, music: &[f32]) -> Result<()> {
         if told.is_some() && !self.config.ahead {
-            return Err(Error::Call("a model with model.ahead = false can't be told".into()));
+            return Err(Error::call("a model with model.ahead = false can't be told"));
         }
         let m = self.config.music.numbers();
         if !music.is_empty() && music.len() != m {
-            return Err(Error::Call(format!("{} numbers of music; this model is told {m}", music.len())));
+            return Err(Error::call(format!("{} numbers of music; this model is told {m}", music.len())));
         }
         let Decoding::Frames(decoder) = &mut self.decoding else { return Ok(()) };
         if !self.config.can_be_told() || (told.is_none() && music.is_empty()) {
@@ -146,12 +146,12 @@ impl Reader {
     /// Not a block a sequence, more tokens than the context has room for, ids outside the vocabulary.
     pub fn read(&mut self, blocks: &[&[u32]], wanted: Logits) -> Result<&[f32]> {
         if blocks.len() != self.streams() {
-            return Err(Error::Call(format!("{} blocks of tokens for {} sequences", blocks.len(), self.streams())));
+            return Err(Error::call(format!("{} blocks of tokens for {} sequences", blocks.len(), self.streams())));
         }
         for (stream, block) in blocks.iter().enumerate() {
             let (read, context) = (self.len(stream), self.config.context);
             if read + block.len() > context {
-                return Err(Error::Call(format!(
+                return Err(Error::call(format!(
                     "{} more tokens behind {read} read; expected at most {}",
                     block.len(),
                     context - read
@@ -159,7 +159,7 @@ impl Reader {
             }
             let vocabulary = self.tokens.vocabulary;
             if let Some(id) = block.iter().find(|&&id| id as usize >= vocabulary) {
-                return Err(Error::Call(format!("token {id} is outside the vocabulary of {vocabulary} ids")));
+                return Err(Error::call(format!("token {id} is outside the vocabulary of {vocabulary} ids")));
             }
         }
         Ok(match &mut self.decoding {
@@ -194,8 +194,8 @@ impl Scores for Reader {
         out: &mut [f32],
     ) -> Result<()> {
         if told.is_some() {
-            return Err(Error::Call(
-                "what is ahead, and music, are told to whole windows; measure with weights and keys in f32".into(),
+            return Err(Error::call(
+                "what is ahead, and music, are told to whole windows; measure with weights and keys in f32",
             ));
         }
         assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");

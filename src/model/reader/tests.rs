@@ -26,7 +26,7 @@ fn model_of(tokens: &TokenLayout, positions: Positions, tied_head: bool) -> Gpt 
 }
 
 fn ids(n: usize, seed: u64) -> Vec<u32> {
-    let mut rng = crate::random::stream(seed, "ids", 0, 0);
+    let mut rng = kinelm_store::random::stream(seed, "ids", 0, 0);
     (0..n).map(|_| rng.next_u32() % 51).collect()
 }
 

@@ -44,7 +44,7 @@ struct True<'a> {
 /// What reading and hearing fail with; clips or music that have changed since the run was begun; no clip with music in a split; a network that runs away.
 pub fn evaluate(trained: &Trained, options: &Options, progress: &mut dyn FnMut(usize)) -> Result<Report> {
     if options.frames < FPS as usize {
-        return Err(Error::Call(format!("{} frames of the long dance; expected {FPS} or more", options.frames)));
+        return Err(Error::call(format!("{} frames of the long dance; expected {FPS} or more", options.frames)));
     }
     let splits = [Split::Train, options.unheard];
     let measured = |one: &Recording| splits.contains(&one.split) && one.frames() >= FPS as usize;
@@ -53,7 +53,7 @@ pub fn evaluate(trained: &Trained, options: &Options, progress: &mut dyn FnMut(u
     let (heard, unheard) = (heard?, unheard?);
     let still: Vec<f64> = heard.iter().flat_map(|one| energy(&one.clip)).collect();
     let threshold =
-        freeze::threshold(still).ok_or_else(|| Error::Call("no training frames to tell rest from movement".into()))?;
+        freeze::threshold(still).ok_or_else(|| Error::call("no training frames to tell rest from movement"))?;
     let mean = mean_pose(&heard);
     let mut rows = Vec::new();
     let mut done = 0;
@@ -96,7 +96,7 @@ fn truths<'a>(trained: &Trained, dances: &'a Dances, split: Split) -> Result<Vec
         })
         .collect::<Result<_>>()?;
     match all.is_empty() {
-        true => Err(Error::Call(format!("no {split} clip with music; take another split"))),
+        true => Err(Error::call(format!("no {split} clip with music; take another split"))),
         false => Ok(all),
     }
 }

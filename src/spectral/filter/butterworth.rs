@@ -32,7 +32,7 @@ impl Butterworth {
     /// An order outside 1..=[`MOST`]; a cut-off that isn't above 0 and below half the rate.
     pub fn new(order: usize, cutoff_hz: f64, fps: f64) -> Result<Butterworth> {
         if !(1..=MOST).contains(&order) {
-            return Err(Error::Call(format!("a Butterworth filter of order {order}; expected 1 to {MOST}")));
+            return Err(Error::call(format!("a Butterworth filter of order {order}; expected 1 to {MOST}")));
         }
         if !(cutoff_hz > 0.0 && cutoff_hz < 0.5 * fps) {
             return Err(super::beyond(cutoff_hz, fps));
@@ -59,7 +59,7 @@ impl Butterworth {
         let (n, pad) = (series.len(), self.padding());
         if n <= pad {
             let order = self.order;
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "{n} frames are too few for a Butterworth filter of order {order}; expected more than {pad}, which stand \
                  before and behind them; take a lower order, or a band of the cosine transform"
             )));

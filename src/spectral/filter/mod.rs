@@ -73,7 +73,7 @@ pub fn coefficients(frames: usize, fps: f64, cutoff_hz: f64) -> usize {
 /// [`Butterworth::new`] and [`Butterworth::filtfilt`] refuse; a clip without frames.
 pub fn filter(clip: &Clip, filter: &Filter) -> Result<Filtered> {
     if clip.frames() == 0 {
-        return Err(Error::Call("a clip of no frames can't be filtered".into()));
+        return Err(Error::call("a clip of no frames can't be filtered"));
     }
     let pass = Pass::of(clip, filter)?;
     let (f, j) = (clip.frames(), clip.joints());
@@ -126,7 +126,7 @@ impl Pass {
             Filter::Band { cutoff_hz } if !(cutoff_hz > 0.0 && cutoff_hz < 0.5 * fps) => Err(beyond(cutoff_hz, fps)),
             Filter::Band { cutoff_hz } => Ok(band(coefficients(f, fps, cutoff_hz).min(f))),
             Filter::Coefficients { keep } if keep == 0 || keep > f => {
-                Err(Error::Call(format!("{keep} coefficients of a clip of {f} frames; expected 1 to {f}")))
+                Err(Error::call(format!("{keep} coefficients of a clip of {f} frames; expected 1 to {f}")))
             }
             Filter::Coefficients { keep } => Ok(band(keep)),
             Filter::Butterworth { order, cutoff_hz } => Ok(Pass::Butterworth(Butterworth::new(order, cutoff_hz, fps)?)),
@@ -153,7 +153,7 @@ impl Pass {
 /// A cut-off that a rate can't hold.
 fn beyond(cutoff_hz: f64, fps: f64) -> Error {
     let half = 0.5 * fps;
-    Error::Call(format!(
+    Error::call(format!(
         "a cut-off of {cutoff_hz} Hz at {fps} frames a second; expected above 0 and below half the rate, {half} Hz: \
          nothing faster is in the clip"
     ))

@@ -98,7 +98,7 @@ impl Alignment {
     /// N, if both clips have as many frames from their starts on.
     fn frames(&self, motions: [&Motion; 2], clips: [&Clip; 2], said: &mut Vec<String>) -> Result<usize> {
         if self.at_s.iter().any(|s| !(s.is_finite() && *s >= 0.0)) {
-            return Err(Error::Call(format!("a window from {:?} s on; expected times from 0 on", self.at_s)));
+            return Err(Error::call(format!("a window from {:?} s on; expected times from 0 on", self.at_s)));
         }
         let left = [0, 1].map(|i| clips[i].frames().saturating_sub(self.start(i)));
         let shorter = left[0].min(left[1]);
@@ -108,7 +108,7 @@ impl Alignment {
             said.push(format!("{longer}: cut to the other's {frames} frames"));
         }
         if self.frames.is_some() && !(FEWEST..=MOST).contains(&frames) {
-            return Err(Error::Call(format!("a window of {frames} frames; expected {FEWEST} to {MOST}")));
+            return Err(Error::call(format!("a window of {frames} frames; expected {FEWEST} to {MOST}")));
         }
         let needed = frames.max(FEWEST);
         if let Some(i) = [0, 1].into_iter().find(|&i| left[i] < needed) {
@@ -123,7 +123,7 @@ impl Alignment {
         }
         if frames > MOST {
             let what = format!("windows of {frames} frames; expected at most {MOST}: give a window, or a lower rate");
-            return Err(Error::Call(what));
+            return Err(Error::call(what));
         }
         Ok(frames)
     }
@@ -150,7 +150,7 @@ impl Alignment {
             way.to_rig_over(&smpl, Some(first))
         };
         let clip = retargeted()
-            .map_err(|e| Error::Call(format!("{b} can't be put on the rig of {a}, which is another one: {e}")))?;
+            .map_err(|e| Error::call(format!("{b} can't be put on the rig of {a}, which is another one: {e}")))?;
         said.push(format!("{b}: put on the rig of {a}"));
         Ok(clip)
     }

@@ -49,7 +49,7 @@ impl Descent {
         let Descent { strength, rate, .. } = *self;
         amount_is_good("strength", strength)?;
         if !(rate > 0.0 && rate.is_finite()) {
-            return Err(Error::Call(format!("a rate of {rate}; expected above 0")));
+            return Err(Error::call(format!("a rate of {rate}; expected above 0")));
         }
         Ok(())
     }
@@ -89,7 +89,7 @@ pub fn interpolate(transform: &Transform, channels: usize, a: &[f64], b: &[f64],
             if matches!(transform, Transform::Stft(_)) {
                 let what =
                     "magnitudes have no closed form: their phase is free; give a strength and steps, or dct or pca";
-                return Err(Error::Call(what.into()));
+                return Err(Error::call(what));
             }
             let goal = Goal { transform, channels, target: to };
             let moved: Vec<f64> = goal.target.iter().zip(&from).map(|(t, f)| amount * (t - f)).collect();
@@ -118,7 +118,7 @@ fn amount_is_good(name: &str, amount: f64) -> Result<()> {
     if (0.0..=1.0).contains(&amount) {
         return Ok(());
     }
-    Err(Error::Call(format!("{name} {amount}; expected 0 (as the first) to 1 (the second's spectrum)")))
+    Err(Error::call(format!("{name} {amount}; expected 0 (as the first) to 1 (the second's spectrum)")))
 }
 
 /// A feature to come to.
@@ -148,7 +148,7 @@ impl Goal<'_> {
         let last = self.loss_and_gradient(&x).0;
         if !last.is_finite() || x.iter().any(|x| !x.is_finite()) {
             let rate = descent.rate;
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "the loss grew beyond all numbers at a rate of {rate}; take a smaller one"
             )));
         }

@@ -190,7 +190,7 @@ impl Settings {
             _ => self.alignment.low(frames),
         });
         if keep == 0 || keep > frames {
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "{keep} coefficients of windows of {frames} frames; expected 1 to {frames}"
             )));
         }
@@ -205,7 +205,7 @@ impl Settings {
     fn basis(&self, frames: usize, keep: usize, clips: [&Motion; 2]) -> Result<PcaBasis> {
         if frames > MOST_OF_PCA {
             let what = format!("a basis over windows of {frames} frames; expected at most {MOST_OF_PCA}: take dct");
-            return Err(Error::Call(what));
+            return Err(Error::call(what));
         }
         let spec = WindowSpec { frames, hop: (frames / 2).max(1), fps: self.alignment.fps };
         let mut fit = PcaFit::new(frames);
@@ -218,7 +218,7 @@ impl Settings {
             }
         }
         if count < keep {
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "a basis of {keep} components from {count} series; expected as many at least"
             )));
         }

@@ -7,11 +7,12 @@ use super::part::PartWriter;
 use super::record::{ClipEntry, Manifest, PartRecord, VERSION};
 use crate::corpus::build::{BuildOptions, Summary, Watch, check, each};
 use crate::corpus::load::{Wanted, item_options};
-use crate::corpus::record::FileRecord;
 use crate::corpus::{Gathered, Item};
 use crate::spectral::PcaBasis;
 use crate::spectral::pca::PcaFit;
-use crate::{Error, Result, files};
+use crate::{Error, Result};
+use kinelm_store::FileRecord;
+use kinelm_store::files;
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 
@@ -141,7 +142,7 @@ pub fn build(
         let (known, short, seconds) = (built.known, built.short, held.windows.seconds());
         if known == 0 {
             let frames = held.windows.frames;
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "no clip is as long as a window of {frames} frames ({seconds:.3} s): all {short} are shorter; nothing was \
                  written; give longer clips or a shorter window"
             )));
@@ -149,7 +150,7 @@ pub fn build(
         built.windows = there.map_or(0, |index| index.database().windows());
         return Ok(built);
     };
-    let basis = basis.map(|b| serde_json::to_vec(&b).map_err(|e| Error::Call(e.to_string()))).transpose()?;
+    let basis = basis.map(|b| serde_json::to_vec(&b).map_err(|e| Error::call(e.to_string()))).transpose()?;
     let manifest = match there {
         Some(index) => {
             let mut manifest = index.manifest().clone();
@@ -181,7 +182,7 @@ fn alone(out: &Path) -> Result<Option<File>> {
     let folder = File::open(out).map_err(Error::io(out))?;
     match folder.try_lock() {
         Err(TryLockError::WouldBlock) => {
-            Err(Error::Call(format!("{}: another build adds to it; build again when that is done", out.display())))
+            Err(Error::call(format!("{}: another build adds to it; build again when that is done", out.display())))
         }
         // file systems without locks can't tell
         _ => Ok(Some(folder)),
@@ -229,7 +230,7 @@ fn fit(
     check(&summary, options, items.len())?;
     if windows == 0 {
         let (frames, seconds) = (held.windows.frames, held.windows.seconds());
-        return Err(Error::Call(format!(
+        return Err(Error::call(format!(
             "no clip is as long as a window of {frames} frames ({seconds:.3} s); nothing was written; give longer clips or \
              a shorter window"
         )));
@@ -340,7 +341,7 @@ impl Work {
 
     /// Names the parts, and puts a new index in its place.
     fn finish(&mut self, manifest: &Manifest, basis: Option<&[u8]>) -> Result<()> {
-        let text = serde_json::to_string_pretty(manifest).map_err(|e| Error::Call(e.to_string()))? + "\n";
+        let text = serde_json::to_string_pretty(manifest).map_err(|e| Error::call(e.to_string()))? + "\n";
         let Some(folder) = &self.folder else {
             if Some(super::index::read_manifest(&self.out)?) != self.there {
                 let help = "another build added to it meanwhile: build again";
@@ -351,7 +352,7 @@ impl Work {
                     help,
                 ));
             }
-            return files::write_whole(&self.out.join(MANIFEST), text.as_bytes());
+            return Ok(files::write_whole(&self.out.join(MANIFEST), text.as_bytes())?);
         };
         if let Some(basis) = basis {
             files::write_whole(&folder.join(BASIS), basis)?;
@@ -363,7 +364,7 @@ impl Work {
         }
         files::rename_new(folder, &self.out)?;
         self.folder = None;
-        files::sync_folder(files::folder_of(&self.out))
+        Ok(files::sync_folder(files::folder_of(&self.out))?)
     }
 }
 

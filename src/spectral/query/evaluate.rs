@@ -14,8 +14,9 @@ use crate::corpus::load::item_options;
 use crate::corpus::{Gathered, Item};
 use crate::spectral::pca::PcaFit;
 use crate::spectral::{PcaBasis, WindowSpec};
-use crate::{Error, Result, random};
+use crate::{Error, Result};
 use kinelm_motion::Clip;
+use kinelm_store::random;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -182,7 +183,7 @@ fn chosen<'a>(gathered: &'a Gathered, only: &[(String, String)]) -> Result<Vec<&
     let items: Vec<&Item> = gathered.items.iter().filter(fits).collect();
     if items.is_empty() {
         let wanted: Vec<String> = only.iter().map(|(f, v)| format!("{f}={v}")).collect();
-        return Err(Error::Call(format!(
+        return Err(Error::call(format!(
             "no clip has the labels {}; `--labels` gives clips their labels",
             wanted.join(" ")
         )));
@@ -218,7 +219,7 @@ fn load(items: &[&Item], options: &EvaluateOptions, watch: &mut Watch<'_>) -> Re
     check(&summary, &options.build, items.len())?;
     if held.is_empty() {
         let (frames, seconds) = (spec.frames, spec.seconds());
-        return Err(Error::Call(format!("no clip is as long as a window of {frames} frames ({seconds:.3} s)")));
+        return Err(Error::call(format!("no clip is as long as a window of {frames} frames ({seconds:.3} s)")));
     }
     Ok((held, short, summary))
 }
@@ -238,7 +239,7 @@ fn fields_of(held: &[Held], asked: &[String]) -> Result<Vec<String>> {
         if clips < held.len() {
             let lacks = held.iter().find(|h| !h.entry.labels.contains_key(field)).map_or("", |h| &h.entry.name);
             let known: Vec<&str> = first.keys().map(String::as_str).collect();
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "label `{field}`: {} of {} clips don't have it, the first is {lacks}; expected it of all; the first clip has {}",
                 held.len() - clips,
                 held.len(),
@@ -246,7 +247,7 @@ fn fields_of(held: &[Held], asked: &[String]) -> Result<Vec<String>> {
             )));
         }
         if count < 2 {
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "label `{field}`: all clips have one value; there is nothing to tell apart"
             )));
         }
@@ -256,8 +257,8 @@ fn fields_of(held: &[Held], asked: &[String]) -> Result<Vec<String>> {
         asked => asked.to_vec(),
     };
     if all.is_empty() {
-        return Err(Error::Call(
-            "no label that all clips have with two values or more; `--labels` gives clips their labels".into(),
+        return Err(Error::call(
+            "no label that all clips have with two values or more; `--labels` gives clips their labels",
         ));
     }
     Ok(all)

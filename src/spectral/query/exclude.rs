@@ -48,9 +48,8 @@ impl Exclude {
     pub fn check<'a>(self, clips: impl IntoIterator<Item = &'a ClipEntry>) -> Result<()> {
         let known = |c: &ClipEntry| c.labels.contains_key("choreography");
         if self == Exclude::Choreography && !clips.into_iter().any(known) {
-            return Err(Error::Call(
-                "no clip has the label `choreography`, and without it none can be left out; exclude by take instead"
-                    .into(),
+            return Err(Error::call(
+                "no clip has the label `choreography`, and without it none can be left out; exclude by take instead",
             ));
         }
         Ok(())

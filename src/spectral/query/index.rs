@@ -8,10 +8,10 @@ use super::database::Database;
 use super::options::{IndexOptions, Kind, unfitted};
 use super::part::Part;
 use super::record::{DAMAGED, Manifest, VERSION};
-use crate::corpus::record::FileRecord;
 use crate::spectral::PcaBasis;
 use crate::{Error, Result};
-use kinelm_motion::format::input;
+use kinelm_store::FileRecord;
+use kinelm_store::input;
 use std::path::{Path, PathBuf};
 
 pub(super) const MANIFEST: &str = "index.json";
@@ -33,7 +33,7 @@ impl Index {
     /// were written.
     pub fn open(dir: &Path) -> Result<Index> {
         if cfg!(target_endian = "big") {
-            return Err(Error::Call("indices are little-endian, and this machine is not".into()));
+            return Err(Error::call("indices are little-endian, and this machine is not"));
         }
         let manifest = read_manifest(dir)?;
         let basis = manifest.basis.as_ref().map(|record| read_basis(&dir.join(BASIS), record)).transpose()?;

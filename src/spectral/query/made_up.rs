@@ -5,9 +5,10 @@ use super::maker::Maker;
 use super::options::{IndexOptions, Kind};
 use super::part::Part;
 use super::record::ClipEntry;
-use crate::{Error, Result, random};
+use crate::{Error, Result};
 use kinelm_motion::format::ReadOptions;
 use kinelm_motion::synth;
+use kinelm_store::random;
 use rayon::prelude::*;
 use std::path::PathBuf;
 
@@ -24,7 +25,7 @@ const DANCES: (f64, usize) = (60.0, 24);
 pub fn made_up(kind: &Kind, windows: usize) -> Result<Database> {
     let options = IndexOptions::new(kind.clone());
     if matches!(kind, Kind::Pca { .. } | Kind::Model { .. }) {
-        return Err(Error::Call(format!("made-up windows by {}; expected stft or dct", kind.name())));
+        return Err(Error::call(format!("made-up windows by {}; expected stft or dct", kind.name())));
     }
     let (maker, mut finisher) = Maker::new(&options, None)?;
     let numbers = maker.numbers(&finisher);

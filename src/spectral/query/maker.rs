@@ -89,7 +89,7 @@ impl Finisher {
         match (made, &mut self.0) {
             (Made::Features(features), _) => Ok(features),
             (Made::Tokens(windows), Some(reader)) => reader.embed(&windows),
-            (Made::Tokens(_), None) => Err(Error::Call("tokens without a model to read them".into())),
+            (Made::Tokens(_), None) => Err(Error::call("tokens without a model to read them")),
         }
     }
 }

@@ -120,7 +120,7 @@ impl Reader {
         };
         sums.chunks_exact_mut(self.width).zip(windows).for_each(mean);
         if sums.iter().any(|x| !x.is_finite()) {
-            return Err(Error::Call("the model's vectors are not finite; its training went wrong".into()));
+            return Err(Error::call("the model's vectors are not finite; its training went wrong"));
         }
         Ok(sums.into_iter().map(|x| x as f32).collect())
     }

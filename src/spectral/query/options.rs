@@ -92,15 +92,14 @@ impl IndexOptions {
         if let Kind::Dct { keep } | Kind::Pca { keep } = self.transform
             && !(1..=frames).contains(&keep)
         {
-            return Err(Error::Call(format!("{keep} numbers of a channel; expected 1 to {frames}, a window's frames")));
+            return Err(Error::call(format!("{keep} numbers of a channel; expected 1 to {frames}, a window's frames")));
         }
         if let Some(joint) = self.joints.iter().find(|&&j| j >= smpl::NAMES.len()) {
-            return Err(Error::Call(format!("joint {joint}; SMPL's are 0 to {}", smpl::NAMES.len() - 1)));
+            return Err(Error::call(format!("joint {joint}; SMPL's are 0 to {}", smpl::NAMES.len() - 1)));
         }
         if matches!(self.transform, Kind::Model { .. }) && (!self.joints.is_empty() || self.raw) {
-            return Err(Error::Call(
-                "a model reads the joints of its own tokenizer; leave out the joints and raw, or take another transform"
-                    .into(),
+            return Err(Error::call(
+                "a model reads the joints of its own tokenizer; leave out the joints and raw, or take another transform",
             ));
         }
         Ok(())

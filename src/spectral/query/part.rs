@@ -1,10 +1,11 @@
 //! Features of some windows: made here, or those of a part of an index.
 
 use super::record::{ClipEntry, PartRecord, Stretch};
-use crate::corpus::record::FileRecord;
 use crate::corpus::stored::Stored;
-use crate::{Error, Result, files};
+use crate::{Error, Result};
 use kinelm_engine::op::dots;
+use kinelm_store::FileRecord;
+use kinelm_store::files;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::fs::File;
@@ -206,7 +207,7 @@ impl PartWriter {
         for feature in features.chunks_exact(self.numbers) {
             let norm = Size::of(feature).norm;
             if !norm.is_finite() {
-                return Err(Error::Call(format!("{}: a window's feature is not finite", clip.name)));
+                return Err(Error::call(format!("{}: a window's feature is not finite", clip.name)));
             }
             let error = round(feature, norm, &mut self.unit, &mut self.row);
             self.features.write(bytemuck::cast_slice(feature))?;
@@ -215,7 +216,7 @@ impl PartWriter {
         }
         self.windows += clip.starts.len();
         serde_json::to_writer(&mut self.clips, clip).map_err(|e| {
-            Error::Call(format!("{}: {e}, which an index can't name; give it another name", clip.path.display()))
+            Error::call(format!("{}: {e}, which an index can't name; give it another name", clip.path.display()))
         })?;
         self.clips.push(b'\n');
         Ok(())

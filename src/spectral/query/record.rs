@@ -1,13 +1,13 @@
 //! What an index says of itself: `index.json`, and the lines of `clips.jsonl`.
 
 use super::options::IndexOptions;
-use crate::corpus::record::FileRecord;
 use crate::corpus::stored::Stored;
 use crate::{Error, Result};
 use bytemuck::Pod;
-use kinelm_motion::Place;
 use kinelm_motion::format::ReadOptions;
-use kinelm_motion::format::input;
+use kinelm_store::FileRecord;
+use kinelm_store::Place;
+use kinelm_store::input;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

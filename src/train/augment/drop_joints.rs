@@ -18,7 +18,7 @@ impl Droppable {
     /// A tokenizer whose tokens don't belong to one joint each, with the reason; one that codes the root alone.
     pub fn of(tokenizer: &Tokenizer) -> Result<Droppable> {
         let refuse =
-            |why: String| Error::Call(format!("augment.drop_joints: no joint can be hidden: {why}; leave it out"));
+            |why: String| Error::call(format!("augment.drop_joints: no joint can be hidden: {why}; leave it out"));
         let coded = tokenizer.channels().joints().iter().filter(|&&joint| joint != 0);
         let places = |&joint: &usize| tokenizer.places_of(&Selection { joints: vec![joint], translation: false });
         let joints: Vec<Vec<usize>> =

@@ -3,7 +3,8 @@
 //! Each code of a window's inputs is moved once by a whole number of bins, drawn from a Gaussian whose deviation is drawn for
 //! the window. Targets stay. After the input corruption of T2M-GPT (Zhang et al. 2023), which replaces codes by any others.
 
-use crate::{Error, Result, random};
+use crate::{Error, Result};
+use kinelm_store::random;
 use kinelm_tokenizer::{PlaceIds, Tokenizer};
 use rand_chacha::rand_core::RngCore;
 
@@ -29,10 +30,9 @@ impl History {
         let places = tokenizer.place_ids();
         match places.is_empty() {
             false => Ok(History { places, most }),
-            true => Err(Error::Call(
+            true => Err(Error::call(
                 "augment.history_noise: places of these words have no bins that could be moved (tiles, merges, words of \
-                 different length); leave it out"
-                    .into(),
+                 different length); leave it out",
             )),
         }
     }

@@ -14,10 +14,11 @@ mod speed;
 
 use super::batches::{Stand, WindowId};
 use crate::corpus::{ClipRecord, Corpus};
-use crate::{Error, Result, random};
+use crate::{Error, Result};
 use drop_joints::Droppable;
 use history::History;
 use kinelm_motion::{Clip, smpl};
+use kinelm_store::random;
 use kinelm_tokenizer::{Rest, Tokenizer, Words};
 use serde::{Deserialize, Serialize};
 
@@ -52,7 +53,7 @@ impl AugmentConfig {
             ("history_noise", self.history_noise, history::MOST),
         ];
         match keys.into_iter().find(|(_, value, most)| !(0.0..=*most).contains(value)) {
-            Some((key, value, most)) => Err(Error::Call(format!("augment.{key} is {value}; expected 0 to {most}"))),
+            Some((key, value, most)) => Err(Error::call(format!("augment.{key} is {value}; expected 0 to {most}"))),
             None => Ok(()),
         }
     }
@@ -86,7 +87,7 @@ impl Augment {
         if config.heading && tokenizer.channels().has_turn() {
             let what = "augment.heading is true and the tokenizer codes the pelvis's turns as steps, so that its words \
                         are the same whichever way a body faces; leave it out";
-            return Err(Error::Call(what.into()));
+            return Err(Error::call(what));
         }
         let droppable = match config.drop_joints > 0.0 {
             true => Droppable::of(tokenizer)?,

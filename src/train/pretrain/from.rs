@@ -43,7 +43,7 @@ impl Source {
         let differing = differing(&file.model, &self.run.config.resolved(&self.run.tokens))?;
         if !differing.is_empty() {
             let (path, what) = (self.path.display(), differing.join(", "));
-            return Err(Error::Call(format!(
+            return Err(Error::call(format!(
                 "the weights of {path} are another model's: {what}; give --config its [model]"
             )));
         }
@@ -56,7 +56,7 @@ impl Source {
 fn differing(asked: &ModelConfig, found: &ModelConfig) -> Result<Vec<String>> {
     let table = |config: &ModelConfig| {
         toml::Table::try_from(ModelConfig { dropout: 0.0, ..config.clone() })
-            .map_err(|e| Error::Call(format!("a model that can't be written: {e}")))
+            .map_err(|e| Error::call(format!("a model that can't be written: {e}")))
     };
     let (asked, found) = (table(asked)?, table(found)?);
     let say = |value: Option<&toml::Value>| value.map_or("left out".into(), toml::Value::to_string);

@@ -93,7 +93,7 @@ pub struct Summary {
 pub fn pretrain(options: &PretrainOptions, stop: &AtomicBool, progress: &mut dyn Progress) -> Result<Summary> {
     let of_file = |pick: fn(&TrainFile) -> &Option<PathBuf>| options.file.as_ref().and_then(|f| pick(f).clone());
     let run = options.run.clone().or_else(|| of_file(|f| &f.run));
-    let run = run.ok_or_else(|| Error::Call("no run folder; give one by --run or in the training file".into()))?;
+    let run = run.ok_or_else(|| Error::call("no run folder; give one by --run or in the training file"))?;
     // a device that isn't there must not leave an empty run behind
     options.compute.device.open()?;
     let (folder, file, data) = match options.resume {
@@ -116,7 +116,7 @@ type Weights = BTreeMap<String, Tensor>;
 /// The configuration of a new run, and the weights it begins with if they aren't drawn.
 fn asked(options: &PretrainOptions, progress: &mut dyn Progress) -> Result<(RunFile, Data, Option<Weights>)> {
     let file = options.file.as_ref();
-    let file = file.ok_or_else(|| Error::Call("no training file; give one by --config".into()))?;
+    let file = file.ok_or_else(|| Error::call("no training file; give one by --config"))?;
     let corpora = if options.corpora.is_empty() { file.corpora()? } else { options.corpora.clone() };
     let source = options.from.as_deref().map(Source::load).transpose()?;
     source.iter().flat_map(Source::notes).for_each(|note| progress.note(note));
@@ -152,11 +152,11 @@ fn found(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)> 
         let (asked, own) = (given.model.resolved(&file.tokens), file.model.resolved(&file.tokens));
         if asked != own || train != file.train || given.augment != file.augment {
             let what = "was begun with another configuration; leave --config out to go on with the run's own";
-            return Err(Error::Call(format!("{} {what}", run.path().display())));
+            return Err(Error::call(format!("{} {what}", run.path().display())));
         }
     }
     if let Some(seed) = options.seed.filter(|s| *s != file.train.seed) {
-        return Err(Error::Call(format!("seed {seed}; the run was begun with {}", file.train.seed)));
+        return Err(Error::call(format!("seed {seed}; the run was begun with {}", file.train.seed)));
     }
     if let Some(steps) = options.steps.filter(|s| *s != file.train.steps) {
         updates::check_steps(run.path(), steps)?;

@@ -39,9 +39,9 @@ pub fn first(file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<Conten
             Some(tensor) if tensor.dims() == p.shape => (),
             Some(tensor) => {
                 let (name, found, expected) = (&p.name, tensor.dims(), &p.shape);
-                return Err(Error::Call(format!("tensor {name} has the shape {found:?}; expected {expected:?}")));
+                return Err(Error::call(format!("tensor {name} has the shape {found:?}; expected {expected:?}")));
             }
-            None => return Err(Error::Call(format!("no tensor {} among the weights to begin with", p.name))),
+            None => return Err(Error::call(format!("no tensor {} among the weights to begin with", p.name))),
         }
         for prefix in crate::train::adamw::MOMENTS {
             let zeros = Tensor::zeros(p.shape.as_slice(), DType::F32, &Device::Cpu)?;
@@ -49,7 +49,7 @@ pub fn first(file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<Conten
         }
     }
     match weights.keys().find(|name| parameters.iter().all(|p| p.name != **name)) {
-        Some(name) => Err(Error::Call(format!("the model has no place for the tensor {name}"))),
+        Some(name) => Err(Error::call(format!("the model has no place for the tensor {name}"))),
         None => {
             let averages = (file.train.ema > 0.0).then(|| weights.clone());
             contents(weights, moments, averages)

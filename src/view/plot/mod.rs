@@ -8,7 +8,8 @@ mod picture;
 pub use heat::Heat;
 pub use matrix::Matrix;
 
-use crate::{Error, Result, files};
+use crate::{Error, Result};
+use kinelm_store::files;
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
 use std::path::Path;
@@ -129,7 +130,7 @@ pub fn draw(path: &Path, charts: &[Chart]) -> Result<()> {
 /// # Errors
 /// Another extension than `png` and `svg`; when the file can't be written.
 pub fn draw_as(path: &Path, charts: &[Chart]) -> Result<()> {
-    to_bytes(path, charts)?.map_or(Ok(()), |bytes| files::write_whole(path, &bytes))
+    to_bytes(path, charts)?.map_or(Ok(()), |bytes| Ok(files::write_whole(path, &bytes)?))
 }
 
 /// The bytes that [`draw_as`] writes, with our mark inside; `None` where there is nothing to draw.
@@ -143,7 +144,7 @@ pub fn to_bytes(path: &Path, charts: &[Chart]) -> Result<Option<Vec<u8>>> {
         return Ok(None);
     }
     with_font()?;
-    let failed = |e: String| Error::Call(format!("{}: the chart could not be drawn: {e}", path.display()));
+    let failed = |e: String| Error::call(format!("{}: the chart could not be drawn: {e}", path.display()));
     let (rows, columns) = picture::grid_of(charts.len());
     let one = if rows > 1 { SMALL } else { SIZE };
     let size = (one.0 * columns as u32, one.1 * rows as u32);
@@ -194,7 +195,7 @@ fn kind(path: &Path) -> Result<Kind> {
     match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
         Some("png") => Ok(Kind::Png),
         Some("svg") => Ok(Kind::Svg),
-        _ => Err(Error::Call(format!("{}: expected a name ending in .png or .svg", path.display()))),
+        _ => Err(Error::call(format!("{}: expected a name ending in .png or .svg", path.display()))),
     }
 }
 
@@ -202,7 +203,7 @@ fn kind(path: &Path) -> Result<Kind> {
 fn with_font() -> Result<()> {
     static KNOWN: OnceLock<bool> = OnceLock::new();
     let known = KNOWN.get_or_init(|| register_font("sans-serif", FontStyle::Normal, FONT).is_ok());
-    if *known { Ok(()) } else { Err(Error::Call("the font of the charts can't be read".into())) }
+    if *known { Ok(()) } else { Err(Error::call("the font of the charts can't be read")) }
 }
 
 #[cfg(test)]

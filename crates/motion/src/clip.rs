@@ -1,0 +1,246 @@
+//! The one motion type, and what a file said beside it.
+
+use crate::format::{Axes, Up, bvh::BvhSource};
+use crate::{Error, Quat, Result, Skeleton, Vec3};
+use std::fmt;
+use std::ops::Range;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// F frames of J joints.
+///
+/// ```
+/// use kinelm_motion::{Clip, Quat, Vec3, smpl};
+///
+/// // a second of standing, 20 frames of SMPL's 24 joints
+/// let root = Vec3::new(0.0, smpl::STANDING_PELVIS_M, 0.0);
+/// let clip = Clip::new(smpl::neutral(), 20.0, vec![root; 20], vec![Quat::IDENTITY; 20 * 24])?;
+/// assert_eq!((clip.frames(), clip.joints(), clip.duration_s()), (20, 24, 1.0));
+/// let foot = clip.global_pose(0).positions[10];
+/// assert!(foot.y.abs() < 1e-9, "on the floor");
+/// # Ok::<(), crate::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct Clip {
+    skeleton: Arc<Skeleton>,
+    fps: f64,
+    root: Vec<Vec3>,
+    rotations: Vec<Quat>,
+}
+
+impl Clip {
+    /// A clip of `root` positions (F) in metres, world, and local `rotations` (F, J), unit quaternions.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when the lengths don't fit, the rate is not positive and finite, or a value is not finite; the
+    /// frame and the joint are named. Quaternions are normalised; one of length 0 is an error.
+    pub fn new(skeleton: Arc<Skeleton>, fps: f64, root: Vec<Vec3>, mut rotations: Vec<Quat>) -> Result<Self> {
+        let j = skeleton.joints();
+        if !(fps.is_finite() && fps > 0.0) {
+            return Err(Error::Call(format!("a clip of {fps} frames per second; expected a positive number")));
+        }
+        if rotations.len() != root.len() * j {
+            let (r, f) = (rotations.len(), root.len());
+            return Err(Error::Call(format!(
+                "a clip of {f} frames and {j} joints with {r} rotations; expected {}",
+                f * j
+            )));
+        }
+        if let Some(f) = root.iter().position(|p| !p.is_finite()) {
+            return Err(Error::Call(format!("frame {f}: the root's position {} is not finite", root[f])));
+        }
+        for (i, q) in rotations.iter_mut().enumerate() {
+            let n = q.length_squared();
+            if !(n.is_finite() && n > 1e-12) {
+                let (f, name) = (i / j, &skeleton.names()[i % j]);
+                return Err(Error::Call(format!("frame {f}, joint {name}: {q:?} is no rotation")));
+            }
+            // one that is unit to rounding keeps its bits, so that a second construction changes nothing
+            if (n - 1.0).abs() > 4.0 * f64::EPSILON {
+                *q = q.normalize();
+            }
+        }
+        Ok(Clip { skeleton, fps, root, rotations })
+    }
+
+    /// F, the number of frames.
+    pub fn frames(&self) -> usize {
+        self.root.len()
+    }
+
+    /// J, the number of joints.
+    pub fn joints(&self) -> usize {
+        self.skeleton.joints()
+    }
+
+    /// Frames per second.
+    pub fn fps(&self) -> f64 {
+        self.fps
+    }
+
+    /// Seconds from the first frame to the end of the last: F / fps.
+    pub fn duration_s(&self) -> f64 {
+        self.frames() as f64 / self.fps
+    }
+
+    /// The body.
+    pub fn skeleton(&self) -> &Arc<Skeleton> {
+        &self.skeleton
+    }
+
+    /// (F) root positions, metres, world.
+    pub fn root(&self) -> &[Vec3] {
+        &self.root
+    }
+
+    /// (F, J) local rotations.
+    pub fn rotations(&self) -> &[Quat] {
+        &self.rotations
+    }
+
+    /// (J) local rotations of one frame.
+    pub fn pose(&self, frame: usize) -> &[Quat] {
+        let j = self.joints();
+        &self.rotations[frame * j..(frame + 1) * j]
+    }
+
+    /// The frames of a range.
+    ///
+    /// # Panics
+    /// If the range leaves the clip.
+    pub fn slice(&self, frames: Range<usize>) -> Self {
+        let j = self.joints();
+        Clip {
+            skeleton: self.skeleton.clone(),
+            fps: self.fps,
+            root: self.root[frames.clone()].to_vec(),
+            rotations: self.rotations[frames.start * j..frames.end * j].to_vec(),
+        }
+    }
+
+    /// The same motion with every place of the root so much higher, metres.
+    pub fn raised(mut self, by_m: f64) -> Self {
+        self.root.iter_mut().for_each(|p| p.y += by_m);
+        self
+    }
+
+    /// The same frames at another rate: time runs faster or slower, nothing is resampled.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when the rate is not positive and finite.
+    pub fn with_fps(self, fps: f64) -> Result<Self> {
+        Clip::new(self.skeleton, fps, self.root, self.rotations)
+    }
+
+    /// The same motion on another skeleton of as many joints (other offsets, other names).
+    ///
+    /// # Errors
+    /// [`Error::Call`] when the number of joints differs.
+    pub fn with_skeleton(self, skeleton: Arc<Skeleton>) -> Result<Self> {
+        Clip::new(skeleton, self.fps, self.root, self.rotations)
+    }
+}
+
+/// What a file said that a clip has no place for.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Source {
+    /// A BVH: its whole header and its numbers.
+    Bvh(Box<BvhSource>),
+    /// AMASS: what `inspect` tells beside the motion.
+    Amass {
+        /// `SMPL`, `SMPL+H` or `SMPL-X`.
+        model: String,
+        /// As the file has it; empty where it has none.
+        gender: String,
+        /// How many shape numbers the file holds.
+        betas: usize,
+        /// Where the pelvis lies at rest, metres, in the file's own axes: what was added to `trans`.
+        rest_pelvis: Vec3,
+        /// Whether a user's body model supplied that and the offsets; if not, they are the neutral skeleton's.
+        body_model: bool,
+    },
+    /// AIST++.
+    Aist {
+        /// `smpl_scaling`: the divisor of `smpl_trans`.
+        scaling: f64,
+        /// Where the pelvis lies at rest, metres: what was added to the scaled `smpl_trans`.
+        rest_pelvis: Vec3,
+        /// Whether a user's body model supplied that and the offsets; if not, they are the neutral skeleton's.
+        body_model: bool,
+    },
+    /// Our own JSON whose world was read with another axis than y up.
+    Json(Axes),
+    /// A motion that was put on another body.
+    Retargeted {
+        /// Where its floor was found before that, metres: it still is there.
+        floor_m: f64,
+    },
+    /// Our own JSON, or made by a program: nothing beside the clip.
+    Plain,
+}
+
+impl Source {
+    /// The axes of the file, as it was read.
+    pub fn axes(&self) -> Axes {
+        match self {
+            Source::Bvh(bvh) => bvh.rig.axes,
+            Source::Json(axes) => *axes,
+            Source::Amass { .. } => Axes { up: Up::Z, ..Axes::OWN },
+            Source::Aist { .. } | Source::Retargeted { .. } | Source::Plain => Axes::OWN,
+        }
+    }
+}
+
+/// Something odd in a file that was read all the same.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Warning {
+    /// A stable name, such as `missing_end_site`.
+    pub kind: &'static str,
+    /// What, where, and what was done.
+    pub what: String,
+}
+
+impl fmt::Display for Warning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.kind, self.what)
+    }
+}
+
+/// A clip as it came from a file.
+#[derive(Debug, Clone)]
+pub struct Motion {
+    /// The file, as the user named it.
+    pub path: PathBuf,
+    /// What moves.
+    pub clip: Clip,
+    /// What the file said beside it.
+    pub source: Source,
+    /// What was odd.
+    pub warnings: Vec<Warning>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn one_joint() -> Arc<Skeleton> {
+        Arc::new(Skeleton::new(vec!["a".into()], vec![None], vec![Vec3::ZERO], vec![]).unwrap())
+    }
+
+    #[test]
+    fn nonsense_is_refused_with_its_place() {
+        let bad =
+            |fps, root: Vec<Vec3>, rot: Vec<Quat>| Clip::new(one_joint(), fps, root, rot).unwrap_err().to_string();
+        assert!(bad(0.0, vec![], vec![]).contains("frames per second"));
+        assert!(bad(f64::NAN, vec![], vec![]).contains("frames per second"));
+        assert!(bad(20.0, vec![Vec3::ZERO], vec![]).contains("expected 1"));
+        assert!(bad(20.0, vec![Vec3::ZERO, Vec3::NAN], vec![Quat::IDENTITY; 2]).contains("frame 1"));
+        assert!(bad(20.0, vec![Vec3::ZERO], vec![Quat::from_xyzw(0.0, 0.0, 0.0, 0.0)]).contains("frame 0, joint a"));
+    }
+
+    #[test]
+    fn no_frames_is_a_clip() {
+        let c = Clip::new(one_joint(), 20.0, vec![], vec![]).unwrap();
+        assert_eq!((c.frames(), c.duration_s()), (0, 0.0));
+    }
+}

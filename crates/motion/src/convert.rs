@@ -1,0 +1,178 @@
+//! From a file's motion to the rig, rate and joints wanted.
+
+#[cfg(feature = "amass")]
+use crate::format::body_model::BodyModel;
+use crate::format::{self, ReadOptions, Up};
+use crate::joints::Selection;
+use crate::resample::{Method, resample};
+use crate::retarget::{self, Retarget, SkeletonMap};
+use crate::{Clip, Error, Motion, Quat, Result, Skeleton, Source, smpl};
+use std::path::Path;
+use std::sync::Arc;
+
+/// A rig that motion can be put on.
+#[derive(Debug, Clone)]
+pub enum Rig {
+    /// The 24 SMPL joints with these offsets.
+    Smpl(Arc<Skeleton>),
+    /// The rig of a motion file.
+    Like(Box<Motion>),
+}
+
+impl Rig {
+    /// The rig of `smpl` (the neutral body), of a body model (`SMPL_*.npz`), or of a motion file.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when it is none of these, and what reading the file fails with.
+    pub fn find(name_or_path: &str, options: &ReadOptions) -> Result<Rig> {
+        if name_or_path == "smpl" {
+            return Ok(Rig::Smpl(smpl::neutral()));
+        }
+        let path = Path::new(name_or_path);
+        if let Some(map) = SkeletonMap::builtin(name_or_path).filter(|_| !path.exists()) {
+            return Err(Error::Call(format!(
+                "{} is a map of joint names, it has no bones; give a motion file of that rig instead",
+                map.name
+            )));
+        }
+        if !path.exists() {
+            return Err(Error::Call(format!(
+                "no rig {name_or_path:?}; expected smpl, a body model (SMPL_*.npz), or a motion file whose rig is meant"
+            )));
+        }
+        let bytes = kinelm_store::input::bytes(path).map_err(Error::io(path))?;
+        #[cfg(feature = "amass")]
+        if let Ok(body) = BodyModel::parse(path, &bytes).and_then(|model| model.body(&[])) {
+            return Ok(Rig::Smpl(body.skeleton));
+        }
+        // the axis that is up in the motion says nothing of the rig's file
+        let options = ReadOptions { up: Up::Auto, ..options.clone() };
+        Ok(Rig::Like(Box::new(format::parse(path, &bytes, &options)?)))
+    }
+}
+
+/// What is to become of a motion.
+#[derive(Debug, Clone, Default)]
+pub struct Wanted {
+    /// Frames per second.
+    pub fps: Option<f64>,
+    /// The rig; the motion's own if none is given.
+    pub rig: Option<Rig>,
+    /// The joints that go on moving, on the SMPL body; the others stand at rest.
+    pub joints: Option<Selection>,
+}
+
+/// The motion on the rig, at the rate, with the joints wanted. With nothing wanted it is the motion itself.
+///
+/// Joints are chosen on the SMPL body, so with `joints` and no rig the motion is put on it.
+///
+/// # Errors
+/// A rig that no skeleton map knows, and a rate that is none.
+pub fn convert(motion: Motion, wanted: &Wanted, map: Option<&str>) -> Result<Motion> {
+    let mut motion = motion;
+    let rest = motion.warnings.iter().any(|w| w.kind == "rest_frame") && format::rest_frame(&motion);
+    let neutral = wanted.joints.is_some().then(|| Rig::Smpl(smpl::neutral()));
+    if let Some(selection) = &wanted.joints {
+        let floor_m = retarget::floor_m(&motion, map)?;
+        motion.clip = keep_joints(&retarget::to_smpl(&motion, map)?, selection)?;
+        motion.source = Source::Retargeted { floor_m };
+    }
+    if let Some(rig) = wanted.rig.as_ref().or(neutral.as_ref()) {
+        motion = on_rig(motion, rig, map)?;
+    }
+    if let Some(fps) = wanted.fps {
+        motion.clip = if rest { after_rest(&motion.clip, fps)? } else { resample(&motion.clip, fps, Method::Smooth)? };
+    }
+    Ok(motion)
+}
+
+/// A clip at another rate whose frame 0 is a rest pose: it stays as it is, and out of the low pass.
+fn after_rest(clip: &Clip, fps: f64) -> Result<Clip> {
+    let rest = clip.slice(0..1);
+    let moving = resample(&clip.slice(1..clip.frames()), fps, Method::Smooth)?;
+    let root = [rest.root(), moving.root()].concat();
+    Clip::new(clip.skeleton().clone(), fps, root, [rest.rotations(), moving.rotations()].concat())
+}
+
+/// The motion on another rig, by way of SMPL-24.
+///
+/// # Errors
+/// A rig that no skeleton map knows.
+pub fn on_rig(motion: Motion, rig: &Rig, map: Option<&str>) -> Result<Motion> {
+    let floor_m = retarget::floor_m(&motion, map)?;
+    match rig {
+        Rig::Smpl(body) => {
+            let clip = retarget::to_smpl(&motion, map)?;
+            let clip = if clip.skeleton() == body {
+                clip
+            } else {
+                // positions grow with the legs, as they do from any rig to another
+                let neutral = retarget::map_for(clip.skeleton(), Some("smpl"))?;
+                Retarget::new(clip.skeleton(), &neutral, body.clone())?.with_floor(floor_m).to_smpl(&clip)?
+            };
+            Ok(Motion { clip, source: Source::Retargeted { floor_m }, ..motion })
+        }
+        Rig::Like(like) => {
+            let clip = retarget::to_smpl(&motion, map)?;
+            let to = like.clip.skeleton();
+            let back = Retarget::new(to, &retarget::map_for(to, map)?, clip.skeleton().clone())?.with_floor(floor_m);
+            let mut source = like.source.clone();
+            match &mut source {
+                Source::Bvh(bvh) => bvh.floor_m = Some(floor_m),
+                Source::Plain => source = Source::Retargeted { floor_m },
+                _ => {}
+            }
+            Ok(Motion { clip: back.to_rig(&clip)?, source, ..motion })
+        }
+    }
+}
+
+/// A clip on SMPL-24 whose other joints stand at rest.
+fn keep_joints(clip: &Clip, selection: &Selection) -> Result<Clip> {
+    let keep = |(i, &q): (usize, &Quat)| if selection.joints.contains(&(i % 24)) { q } else { Quat::IDENTITY };
+    let rotations = clip.rotations().iter().enumerate().map(keep).collect();
+    Clip::new(clip.skeleton().clone(), clip.fps(), clip.root().to_vec(), rotations)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::RestFrame;
+    use crate::{Vec3, synth};
+
+    #[test]
+    fn a_kept_rest_pose_stays_out_of_the_low_pass() {
+        let dance = synth::corpus(5, 1, 2.0, 60.0).unwrap().remove(0).clip;
+        let away = |clip: &Clip, frames: std::ops::Range<usize>| {
+            let clip = clip.slice(frames);
+            // far from the origin, and never unturned
+            let root = clip.root().iter().map(|p| *p + Vec3::X).collect();
+            let turn = |(i, q): (usize, &Quat)| if i % 24 == 0 { Quat::from_rotation_y(1.0) * *q } else { *q };
+            let rotations = clip.rotations().iter().enumerate().map(turn).collect();
+            Clip::new(clip.skeleton().clone(), 60.0, root, rotations).unwrap()
+        };
+        let moving = away(&dance, 30..100);
+        let mut pose = vec![Quat::IDENTITY; 24];
+        pose[16] = Quat::from_rotation_z(1.2);
+        let root = [&[Vec3::ZERO], moving.root()].concat();
+        let clip = Clip::new(smpl::neutral(), 60.0, root, [&pose, moving.rotations()].concat()).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        // in an .npz z is up: the root of its rest pose is unturned only to rounding
+        for name in [
+            "a.json",
+            #[cfg(feature = "amass")]
+            "a.npz",
+        ] {
+            let path = folder.path().join(name);
+            let motion = Motion { path: path.clone(), clip: clip.clone(), source: Source::Plain, warnings: vec![] };
+            format::write(&path, &motion).unwrap();
+            let motion = format::read(&path, &ReadOptions { rest: RestFrame::Keep, ..Default::default() }).unwrap();
+            assert!(motion.warnings.iter().any(|w| w.kind == "rest_frame"), "{name}: {:?}", motion.warnings);
+            let wanted = Wanted { fps: Some(20.0), ..Default::default() };
+            let slow = convert(motion.clone(), &wanted, None).unwrap().clip;
+            assert_eq!((slow.root()[0], slow.pose(0)), (motion.clip.root()[0], motion.clip.pose(0)), "{name}");
+            let without = resample(&motion.clip.slice(1..motion.clip.frames()), 20.0, Method::Auto).unwrap();
+            assert_eq!(slow.slice(1..slow.frames()), without, "{name}");
+        }
+    }
+}

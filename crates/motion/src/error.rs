@@ -1,0 +1,188 @@
+//! What can go wrong, and where.
+
+use kinelm_store::Place;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// The result of this crate's functions.
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// Everything that reading, changing and writing motion can fail with.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A file can't be read or written.
+    #[error(transparent)]
+    Store(#[from] kinelm_store::Error),
+    /// The file is wrong.
+    #[error(transparent)]
+    File(#[from] Box<FileError>),
+    /// The clip can't be used this way.
+    #[error("{clip}: {what}")]
+    Clip {
+        /// Name of the clip, usually its path.
+        clip: String,
+        /// What is wrong, where (frame, joint), what to do.
+        what: String,
+    },
+    /// An option of reading that the file's format doesn't have.
+    #[error("{path}: {what}")]
+    Option {
+        /// The file.
+        path: PathBuf,
+        /// The option, why it makes no sense here, what it is for.
+        what: String,
+    },
+    /// The caller asked for something that doesn't exist.
+    #[error("{0}")]
+    Call(String),
+}
+
+impl Error {
+    /// Wraps an I/O error with the path it happened at.
+    pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Error {
+        let path = path.as_ref().to_owned();
+        move |source| kinelm_store::Error::io(path)(source).into()
+    }
+
+    /// The kind of a file error, if it is one.
+    pub fn kind(&self) -> Option<Kind> {
+        match self {
+            Error::File(e) => Some(e.kind),
+            _ => None,
+        }
+    }
+}
+
+/// A number for a message: the hundreds of digits of one that is huge or tiny say no more than its power of ten.
+pub fn in_short(x: f64) -> String {
+    if x == 0.0 || (1e-6..1e15).contains(&x.abs()) { x.to_string() } else { format!("{x:e}") }
+}
+
+/// One fault of one file: where, what was found, what was expected, what to do.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FileError {
+    /// Where.
+    pub at: Place,
+    /// Which fault; its name is printed.
+    pub kind: Kind,
+    /// What stands there.
+    pub found: String,
+    /// What should.
+    pub expected: String,
+    /// What the user can do; may be empty.
+    pub help: String,
+}
+
+impl fmt::Display for FileError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}: found {}, expected {}", self.at, self.kind, self.found, self.expected)?;
+        if !self.help.is_empty() {
+            write!(f, "; {}", self.help)?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for FileError {}
+
+impl FileError {
+    /// A fault at a place.
+    pub fn new(at: Place, kind: Kind, found: impl Into<String>, expected: impl Into<String>) -> Self {
+        FileError { at, kind, found: found.into(), expected: expected.into(), help: String::new() }
+    }
+
+    /// Adds what the user can do.
+    pub fn help(mut self, help: impl Into<String>) -> Self {
+        self.help = help.into();
+        self
+    }
+}
+
+impl From<FileError> for Error {
+    fn from(e: FileError) -> Self {
+        Error::File(Box::new(e))
+    }
+}
+
+macro_rules! kinds {
+    ($($(#[$doc:meta])* $variant:ident = $name:literal,)*) => {
+        /// The faults a motion file can have, by the names that are printed.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+        #[non_exhaustive]
+        pub enum Kind { $($(#[$doc])* $variant,)* }
+
+        impl fmt::Display for Kind {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str(match self { $(Kind::$variant => $name,)* })
+            }
+        }
+    };
+}
+
+kinds! {
+    /// The first word is not HIERARCHY.
+    NotBvh = "not_bvh",
+    /// A word the grammar doesn't allow here, or unbalanced braces.
+    UnexpectedWord = "unexpected_word",
+    /// A node without OFFSET.
+    OffsetMissing = "offset_missing",
+    /// Fewer than three numbers after OFFSET.
+    OffsetShort = "offset_short",
+    /// A name that is no channel.
+    ChannelUnknown = "channel_unknown",
+    /// A channel count outside 0..=6, or fewer names than the count.
+    ChannelCount = "channel_count",
+    /// The same channel twice on one joint.
+    ChannelRepeated = "channel_repeated",
+    /// No `Frames:` line.
+    FramesMissing = "frames_missing",
+    /// No `Frame Time:` line.
+    FrameTimeMissing = "frame_time_missing",
+    /// A frame time that is zero, negative, not finite or above 1 s.
+    FrameTimeBad = "frame_time_bad",
+    /// Not a number, or one that is not finite.
+    NumberBad = "number_bad",
+    /// A row of the wrong width.
+    RowWidth = "row_width",
+    /// Fewer rows than declared.
+    FramesShort = "frames_short",
+    /// Nesting above the limit.
+    TooDeep = "too_deep",
+    /// More joints or numbers than the limit.
+    TooLarge = "too_large",
+    /// The unit of a BVH can't be told from its legs.
+    UnitUnknown = "unit_unknown",
+    /// The joint that `--root` names is no root of the file.
+    RootUnknown = "root_unknown",
+    /// A file of another kind than its name says.
+    NotThisFormat = "not_this_format",
+    /// A key is missing in an npz or pickle.
+    KeyMissing = "npz_key_missing",
+    /// An array of the wrong shape.
+    Shape = "npz_shape",
+    /// An array or archive that ends early or is damaged.
+    Truncated = "npz_truncated",
+    /// An array of Python objects.
+    ObjectArray = "npz_object",
+    /// An array whose elements are of a type that says nothing here (complex numbers, dates, records, text for numbers).
+    Dtype = "npz_dtype",
+    /// A scale that is not positive and finite.
+    ScaleBad = "scale_bad",
+    /// A body model that is not one of SMPL's family.
+    BodyModelBad = "body_model_bad",
+    /// A frame rate that is not positive and finite.
+    RateBad = "rate_bad",
+    /// NaN or infinity.
+    NotFinite = "not_finite",
+    /// A file of the right format that holds no motion.
+    NoMotion = "no_motion",
+    /// A pickle that names something outside the allow-list.
+    PickleRefused = "pickle_refused",
+    /// A damaged pickle.
+    PickleBad = "pickle_bad",
+    /// JSON that doesn't parse or says something impossible.
+    JsonBad = "json_bad",
+    /// A skeleton TOML that is wrong.
+    MapBad = "map_bad",
+}

@@ -1,0 +1,175 @@
+//! AMASS: SMPL+H and SMPL-X motions in `.npz`, read; SMPL+H written.
+//!
+//! AMASS's world is z up; (x, y, z) becomes (x, z, -y). `trans` is not the pelvis: SMPL turns the body about its pelvis at
+//! rest and then adds `trans`, so the pelvis lies at `rest_pelvis + trans`. Without a body model the rest pelvis is
+//! [`smpl::REST_PELVIS`] and the bones are the neutral skeleton's. Fingers, jaw and eyes are left out.
+
+use super::body_model;
+use super::npy::Array;
+use super::npz::{Npz, Values, Writer, list};
+use super::smpl_arrays::{Vectors, translations};
+use super::{ReadOptions, is_rate};
+use crate::error::{FileError, Kind, in_short};
+use crate::resample::{FEWEST_FPS, MOST_FPS};
+use crate::rotation::exp_map;
+use crate::{Clip, Error, Motion, Quat, Result, Source, Vec3, Warning, smpl};
+use kinelm_store::Place;
+use std::f64::consts::FRAC_1_SQRT_2;
+use std::path::Path;
+
+/// Numbers in a row of SMPL+H's `poses`.
+const SMPLH: usize = 156;
+/// Numbers in a row of SMPL-X's `poses`.
+const SMPLX: usize = 165;
+/// Numbers in a row of SMPL's `poses`, whose hands are joints.
+const SMPL: usize = 72;
+
+/// From AMASS's world to ours: -90 degrees about x.
+const TURN: Quat = Quat::from_xyzw(-FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2);
+
+/// Reads a motion file: `poses` of (F, 156), (F, 165) or (F, 72), or SMPL-X's `root_orient` (F, 3) and `pose_body`
+/// (F, 63); `trans` (F, 3); `mocap_framerate` or `mocap_frame_rate`; optional `betas`, `gender`, `surface_model_type`.
+///
+/// The clip is on SMPL-24; where the file's hands are fingers, joints 22 and 23 are identity. A rate in the options makes
+/// the file's needless.
+///
+/// # Errors
+/// [`Kind::NoMotion`] for a file without poses (`shape.npz`, `neutral_stagei.npz`); [`Kind::KeyMissing`], [`Kind::Shape`],
+/// [`Kind::Dtype`], [`Kind::Truncated`], [`Kind::ObjectArray`], [`Kind::RateBad`], [`Kind::NotFinite`]; those of a body
+/// model.
+pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
+    let npz = Npz::open(path, bytes)?;
+    let (rotations, frames, width) = poses(path, &npz)?;
+    let places = translations(&npz.array("trans")?, frames)?;
+    let fps = match options.fps_source {
+        Some(fps) => fps,
+        None => rate(&npz)?,
+    };
+    let mut warnings = Vec::new();
+    let mut text = |key| optional_text(&npz, key, &mut warnings);
+    let (gender, surface) = (text("gender"), text("surface_model_type"));
+    let model = match (surface.as_str(), width) {
+        ("smplx", _) | ("", SMPLX) => "SMPL-X".into(),
+        ("smplh", _) | ("", SMPLH) => "SMPL+H".into(),
+        ("smpl", _) | ("", _) => "SMPL".into(),
+        _ => surface,
+    };
+    let betas = betas(&npz)?;
+    let body = body_model::body(options, &betas)?;
+    let root = places.iter().map(|&t| ours(body.rest_pelvis + t)).collect();
+    let clip = Clip::new(body.skeleton, fps, root, rotations)?;
+    let (rest_pelvis, body_model) = (body.rest_pelvis, body.from_model);
+    let source = Source::Amass { model, gender, betas: betas.len(), rest_pelvis, body_model };
+    Ok(Motion { path: path.to_owned(), clip, source, warnings })
+}
+
+/// An AMASS SMPL+H file of a clip on SMPL-24: `poses` (F, 156) f64 with the fingers 0, `trans` (F, 3), `betas` 16 zeros,
+/// `gender` neutral, `mocap_framerate`. [`read`] gives rotations and places back to 1e-9, but for joints 22 and 23, which
+/// the format has no place for, and the bones, which it has no lengths of.
+///
+/// # Errors
+/// [`Error::Clip`] when the clip's joints are not SMPL's 24: retarget it first.
+pub fn write(clip: &Clip) -> Result<Vec<u8>> {
+    let names = clip.skeleton().names();
+    if !names.iter().map(String::as_str).eq(smpl::NAMES) {
+        let what = format!("{} joints from {}; expected SMPL's 24: retarget it first", names.len(), names[0]);
+        return Err(Error::Clip { clip: "AMASS".into(), what });
+    }
+    let frames = clip.frames();
+    let mut poses = vec![0.0; frames * SMPLH];
+    let mut trans = Vec::with_capacity(frames * 3);
+    for (f, row) in poses.chunks_exact_mut(SMPLH).enumerate() {
+        for (j, &q) in clip.pose(f)[..22].iter().enumerate() {
+            let q = if j == 0 { TURN.conjugate() * q } else { q };
+            row[j * 3..j * 3 + 3].copy_from_slice(&exp_map::to_vector(q).to_array());
+        }
+        trans.extend((theirs(clip.root()[f]) - smpl::REST_PELVIS).to_array());
+    }
+    let mut npz = Writer::new();
+    npz.add("poses", &[frames, SMPLH], Values::F64(&poses))?;
+    npz.add("trans", &[frames, 3], Values::F64(&trans))?;
+    npz.add("betas", &[16], Values::F64(&[0.0; 16]))?;
+    npz.add("gender", &[], Values::Text(&["neutral".into()]))?;
+    npz.add("mocap_framerate", &[], Values::F64(&[clip.fps()]))?;
+    npz.finish()
+}
+
+fn ours(p: Vec3) -> Vec3 {
+    Vec3::new(p.x, p.z, -p.y)
+}
+
+fn theirs(p: Vec3) -> Vec3 {
+    Vec3::new(p.x, -p.z, p.y)
+}
+
+/// (F, 24) rotations, F, and the row's width.
+fn poses(path: &Path, npz: &Npz) -> Result<(Vec<Quat>, usize, usize)> {
+    if npz.has("poses") {
+        let array = npz.array("poses")?;
+        let vectors = Vectors::new(&array, &[SMPLH, SMPLX, SMPL])?;
+        let joints = if vectors.width == SMPL { 24 } else { 22 };
+        let rotations = rows(vectors.frames, joints, |f, j| vectors.rotation(f, 3 * j, j))?;
+        return Ok((rotations, vectors.frames, vectors.width));
+    }
+    if npz.has("root_orient") || npz.has("pose_body") {
+        let (root, body) = (npz.array("root_orient")?, npz.array("pose_body")?);
+        let (root, vectors) = (Vectors::new(&root, &[3])?, Vectors::new(&body, &[63])?);
+        if vectors.frames != root.frames {
+            return Err(body.shape_fault(&format!("({}, 63), as root_orient has it,", root.frames)));
+        }
+        let rotation = |f, j| if j == 0 { root.rotation(f, 0, 0) } else { vectors.rotation(f, 3 * j - 3, j) };
+        return Ok((rows(root.frames, 22, rotation)?, root.frames, SMPLX));
+    }
+    let e = FileError::new(Place::file(path), Kind::NoMotion, list(npz.keys()), "poses");
+    let stills = "shape.npz and neutral_stagei.npz hold a body and no motion";
+    let places = "positions alone hold no rotations";
+    Err(e.help(if npz.has("positions") { places } else { stills }).into())
+}
+
+/// (F, 24) rotations in our axes: of the first `joints` from the file, of the others identity.
+fn rows(frames: usize, joints: usize, rotation: impl Fn(usize, usize) -> Result<Quat>) -> Result<Vec<Quat>> {
+    let mut rotations = Vec::with_capacity(frames * 24);
+    for f in 0..frames {
+        rotations.push(TURN * rotation(f, 0)?);
+        for j in 1..24 {
+            rotations.push(if j < joints { rotation(f, j)? } else { Quat::IDENTITY });
+        }
+    }
+    Ok(rotations)
+}
+
+fn rate(npz: &Npz) -> Result<f64> {
+    let array = match npz.optional("mocap_framerate")? {
+        Some(array) => array,
+        None => npz.optional("mocap_frame_rate")?.ok_or_else(|| npz.missing("mocap_framerate or mocap_frame_rate"))?,
+    };
+    match array.real()? {
+        fps if is_rate(fps) => Ok(fps),
+        fps => {
+            let expected = format!("frames per second of at least {FEWEST_FPS}, at most {MOST_FPS}");
+            Err(array.fault(Kind::RateBad, in_short(fps), &expected))
+        }
+    }
+}
+
+/// The first row of `betas`; none if the file has none.
+fn betas(npz: &Npz) -> Result<Vec<f64>> {
+    let Some(array) = npz.optional("betas")? else { return Ok(vec![]) };
+    let mut values = array.reals()?;
+    values.truncate(array.shape().last().copied().unwrap_or(1));
+    match values.iter().position(|b| !b.is_finite()) {
+        None => Ok(values),
+        Some(i) => Err(array.fault(Kind::NotFinite, format!("{} at {i}", values[i]), "shape numbers")),
+    }
+}
+
+/// What says nothing about the motion need not stop its reading.
+fn optional_text(npz: &Npz, key: &str, warnings: &mut Vec<Warning>) -> String {
+    match npz.optional(key).and_then(|a| a.as_ref().map(Array::text).transpose()) {
+        Ok(text) => text.unwrap_or_default(),
+        Err(e) => {
+            warnings.push(Warning { kind: "text_unreadable", what: e.to_string() });
+            String::new()
+        }
+    }
+}

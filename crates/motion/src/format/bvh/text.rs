@@ -1,0 +1,218 @@
+//! Bytes of a text file: places, decoding, line ends, single numbers.
+
+use crate::{FileError, Kind};
+use kinelm_store::Place;
+use std::path::Path;
+
+/// A file's bytes with what is needed to speak of a place in them.
+#[derive(Clone, Copy)]
+pub(crate) struct Text<'a> {
+    pub path: &'a Path,
+    pub bytes: &'a [u8],
+    /// Valid UTF-8; else the bytes are Latin-1.
+    utf8: bool,
+}
+
+impl<'a> Text<'a> {
+    pub fn new(path: &'a Path, bytes: &'a [u8]) -> Self {
+        Text { path, bytes, utf8: std::str::from_utf8(bytes).is_ok() }
+    }
+
+    /// Where the text starts: after a byte-order mark, if there is one.
+    pub fn start(&self) -> usize {
+        if self.bytes.starts_with(b"\xEF\xBB\xBF") { 3 } else { 0 }
+    }
+
+    /// The characters of a part.
+    pub fn decode(&self, part: &[u8]) -> String {
+        match std::str::from_utf8(part) {
+            Ok(s) if self.utf8 => s.to_owned(),
+            _ => part.iter().map(|&b| b as char).collect(),
+        }
+    }
+
+    /// Line and column of a byte, from 1. CR LF, LF and CR each end a line.
+    pub fn place(&self, at: usize) -> Place {
+        let before = &self.bytes[self.start().min(at)..at.min(self.bytes.len())];
+        let (mut line, mut begin) = (1, 0);
+        for (i, &b) in before.iter().enumerate() {
+            let crlf = b == b'\r' && self.bytes.get(self.start() + i + 1) == Some(&b'\n');
+            if b == b'\n' || (b == b'\r' && !crlf) {
+                line += 1;
+                begin = i + 1;
+            }
+        }
+        let column = before[begin..].iter().filter(|&&b| !self.utf8 || b & 0xC0 != 0x80).count() + 1;
+        Place { path: self.path.to_owned(), line, column }
+    }
+
+    /// A fault at a byte.
+    pub fn fault(&self, at: usize, kind: Kind, found: impl Into<String>, expected: impl Into<String>) -> FileError {
+        FileError::new(self.place(at), kind, found, expected)
+    }
+
+    /// What stands at a byte, for a message: the word there, the line end, or the end of the file.
+    pub fn found(&self, at: usize) -> String {
+        let word = word_at(self.bytes, at);
+        match self.bytes.get(at) {
+            None => "the end of the file".into(),
+            Some(b'\r' | b'\n') => "the end of the line".into(),
+            Some(b'{' | b'}') => format!("{:?}", char::from(self.bytes[at])),
+            Some(_) => self.quote(word),
+        }
+    }
+
+    /// A part in quotes, shortened and with what can't be printed escaped.
+    pub fn quote(&self, part: &[u8]) -> String {
+        let text: String = self.decode(&part[..part.len().min(160)]);
+        let short: String = text.chars().take(40).collect();
+        if short.len() < text.len() { format!("{short:?}...") } else { format!("{short:?}") }
+    }
+}
+
+/// The word that starts at a byte: up to a blank, a line end or a brace.
+pub(crate) fn word_at(bytes: &[u8], at: usize) -> &[u8] {
+    let rest = bytes.get(at..).unwrap_or_default();
+    let end = rest.iter().position(|b| matches!(b, b' ' | b'\t' | b'\r' | b'\n' | b'{' | b'}'));
+    &rest[..end.unwrap_or(rest.len())]
+}
+
+/// Why a word is no number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum BadNumber {
+    /// NaN, an infinity, `1.#QNAN`, or one too large for 64 bits.
+    NotFinite,
+    /// A comma where the decimal point should be.
+    Comma,
+    /// Something else.
+    Junk,
+}
+
+impl BadNumber {
+    pub fn help(self) -> &'static str {
+        match self {
+            BadNumber::NotFinite => "repair the frame, or leave it out",
+            BadNumber::Comma => "this looks like a decimal comma; BVH has decimal points",
+            BadNumber::Junk => "write a number such as -1.5",
+        }
+    }
+}
+
+/// The number that a whole word is.
+pub(crate) fn number(word: &[u8]) -> Result<f64, BadNumber> {
+    let plain = match word {
+        [b'+' | b'-', rest @ ..] => rest,
+        rest => rest,
+    };
+    let starts = matches!(plain, [b'0'..=b'9' | b'.', ..]);
+    if let (true, Ok(text)) = (starts, std::str::from_utf8(word))
+        && let Ok(value) = text.parse::<f64>()
+    {
+        return if value.is_finite() { Ok(value) } else { Err(BadNumber::NotFinite) };
+    }
+    let lower = plain.to_ascii_lowercase();
+    if [&b"nan"[..], b"inf", b"1.#"].iter().any(|p| lower.starts_with(p)) {
+        return Err(BadNumber::NotFinite);
+    }
+    let parts: Vec<&[u8]> = plain.split(|&b| b == b',').collect();
+    let comma = parts.len() == 2 && matches!(plain, [b'0'..=b'9' | b',', ..]) && {
+        let dotted = word.iter().map(|&b| if b == b',' { b'.' } else { b }).collect();
+        String::from_utf8(dotted).is_ok_and(|s| s.parse::<f64>().is_ok())
+    };
+    Err(if comma { BadNumber::Comma } else { BadNumber::Junk })
+}
+
+/// What the bytes of a file look like, in words; for messages when they are not what the name promised.
+pub fn looks_like(bytes: &[u8]) -> &'static str {
+    let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+    let start = text.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(text.len());
+    let head: Vec<u8> = text[start..].iter().take(64).map(u8::to_ascii_lowercase).collect();
+    let starts = |p: &[u8]| head.starts_with(p);
+    if bytes.is_empty() {
+        "an empty file"
+    } else if head.is_empty() {
+        "a file of blanks"
+    } else if bytes.starts_with(b"PK\x03\x04") || bytes.starts_with(b"PK\x05\x06") {
+        let first = &bytes[..bytes.len().min(400)];
+        if first.windows(4).any(|w| w == b".npy") { "an npz archive" } else { "a zip archive" }
+    } else if bytes.starts_with(b"\x93NUMPY") {
+        "an npy array"
+    } else if starts(b"kaydara fbx") || starts(b"; fbx") {
+        "an FBX file"
+    } else if starts(b"version https://git-lfs") {
+        "a Git LFS pointer (the file itself was not fetched: git lfs pull)"
+    } else if starts(b"<!doctype html") || starts(b"<html") {
+        "an HTML page"
+    } else if starts(b"<?xml") {
+        "an XML file"
+    } else if bytes.starts_with(b"\xFF\xFE") || bytes.starts_with(b"\xFE\xFF") {
+        "UTF-16 text (save it as UTF-8)"
+    } else if bytes.starts_with(b"\x1F\x8B") {
+        "a gzip archive"
+    } else if bytes.starts_with(b"glTF") {
+        "a glTF file"
+    } else if bytes[0] == 0x80 && bytes.get(1).is_some_and(|&p| (2..=5).contains(&p)) {
+        "a pickle"
+    } else if starts(b"hierarchy") {
+        "a BVH"
+    } else if starts(b":asf") || starts(b":version") {
+        "an ASF skeleton"
+    } else if starts(b":fully-specified") || starts(b"#!omf") {
+        "an AMC motion"
+    } else if starts(b"{") || starts(b"[") {
+        "JSON"
+    } else if bytes.iter().take(512).any(|&b| b == 0) {
+        "binary data"
+    } else {
+        "text"
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_count_every_line_end_once() {
+        let t = Text::new(Path::new("x"), b"\xEF\xBB\xBFa\r\nb\rc\n\xC3\xA9d");
+        let at = |i| (t.place(i).line, t.place(i).column);
+        assert_eq!([at(3), at(6), at(8), at(10), at(12)], [(1, 1), (2, 1), (3, 1), (4, 1), (4, 2)]);
+        let latin = Text::new(Path::new("x"), b"\xE9\xE9d");
+        assert_eq!(latin.place(2).column, 3);
+        assert_eq!(latin.decode(b"\xE9"), "é");
+    }
+
+    #[test]
+    fn numbers() {
+        for (word, value) in [("+1", 1.0), (".5", 0.5), ("5.", 5.0), ("1E-7", 1e-7), ("-0", 0.0), ("-1.5e2", -150.0)] {
+            assert_eq!(number(word.as_bytes()), Ok(value), "{word}");
+        }
+        for word in ["nan", "-NaN", "inf", "+Infinity", "1.#QNAN", "-1.#IND", "1e999"] {
+            assert_eq!(number(word.as_bytes()), Err(BadNumber::NotFinite), "{word}");
+        }
+        for word in ["0,5", "-12,25", "1,5e3", ",5"] {
+            assert_eq!(number(word.as_bytes()), Err(BadNumber::Comma), "{word}");
+        }
+        for word in ["", ".", "-", "x", "1.2.3", "0x10", "1_000", "1,2,3", "e5", "--1", "é"] {
+            assert_eq!(number(word.as_bytes()), Err(BadNumber::Junk), "{word}");
+        }
+    }
+
+    #[test]
+    fn other_files_are_named() {
+        for (bytes, want) in [
+            (&b""[..], "empty"),
+            (b"PK\x03\x04....poses.npy", "npz"),
+            (b"PK\x03\x04", "zip"),
+            (b"Kaydara FBX Binary", "FBX"),
+            (b"\n<!DOCTYPE html>", "HTML"),
+            (b"version https://git-lfs.github.com/spec/v1", "LFS"),
+            (b"\x80\x04\x95", "pickle"),
+            (b"\xFF\xFEH\0", "UTF-16"),
+            (b"\0\x01\x02", "binary"),
+            (b"hello", "text"),
+        ] {
+            assert!(looks_like(bytes).contains(want), "{want}: {}", looks_like(bytes));
+        }
+    }
+}

@@ -1,0 +1,131 @@
+//! Clips to BVH: back onto the rig they came from, or onto a plain one.
+
+use super::header::Channel;
+use super::print::print;
+use super::{BvhSource, frame_time};
+use crate::{Clip, Error, Motion, Result, Source};
+use kinelm_store::files;
+use std::path::Path;
+
+/// Writes a motion: on the rig of its BVH source where the joints are still the same, else on a plain one in centimetres.
+///
+/// A clip untouched since reading is written from the file's own numbers. The file appears whole or not at all.
+///
+/// # Errors
+/// [`Error::Io`], and [`Error::Call`] for a clip that no BVH can hold (nesting, a rate below 1).
+pub fn write(path: &Path, motion: &Motion) -> Result<()> {
+    Ok(files::write_whole(path, &to_bytes(motion)?)?)
+}
+
+/// The bytes that [`write()`] writes.
+///
+/// # Errors
+/// [`Error::Call`] for a clip that no BVH can hold (nesting, a rate below 1).
+pub fn to_bytes(motion: &Motion) -> Result<Vec<u8>> {
+    match &motion.source {
+        Source::Bvh(source) if source.fits(&motion.clip) => source.to_bytes(&motion.clip),
+        _ => BvhSource::plain(motion.clip.skeleton())?.to_bytes(&motion.clip),
+    }
+}
+
+/// A motion as a BVH in which 1 means so many metres; joints, orders and turns are those of [`to_bytes`].
+///
+/// # Errors
+/// Those of [`to_bytes`].
+pub fn to_bytes_in(motion: &Motion, metres: f64) -> Result<Vec<u8>> {
+    match &motion.source {
+        Source::Bvh(source) if source.fits(&motion.clip) => source.in_unit(metres).to_bytes(&motion.clip),
+        _ => BvhSource::plain(motion.clip.skeleton())?.in_unit(metres).to_bytes(&motion.clip),
+    }
+}
+
+impl BvhSource {
+    /// The same in another unit: OFFSETs and positions are other numbers, angles the same.
+    fn in_unit(&self, metres: f64) -> BvhSource {
+        let scale = self.rig.unit_m / metres;
+        let mut other = self.clone();
+        if scale == 1.0 {
+            return other;
+        }
+        other.rig.unit_m = metres;
+        other.head.nodes.iter_mut().flat_map(|node| &mut node.offset).for_each(|x| *x *= scale);
+        other.head.write_nodes();
+        let channels = self.head.nodes.iter().flat_map(|node| &node.channels);
+        let lengths: Vec<bool> = channels.map(|channel| matches!(channel, Channel::Position(_))).collect();
+        for row in other.numbers.chunks_mut(self.head.width.max(1)) {
+            row.iter_mut().zip(&lengths).filter(|(_, is_length)| **is_length).for_each(|(x, _)| *x *= scale);
+        }
+        other
+    }
+
+    /// Whether a clip has this rig's joints: the same names and parents.
+    pub fn fits(&self, clip: &Clip) -> bool {
+        let (own, its) = (&self.rig.skeleton, clip.skeleton());
+        own.names() == its.names() && own.parents() == its.parents()
+    }
+
+    /// Writes any clip with this rig's joints, at the clip's own rate and with as many frames as it has.
+    ///
+    /// Header, names, orders, end sites, unit, axes and line ends are the rig's. Where a clip needs what the rig lacks (another
+    /// OFFSET, a turn about an axis that a joint has no channel for, a place for a root without position channels), that
+    /// is added to the header, so that the motion is never cut. Of other roots the rows nearest in time are kept.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Call`] when the joints are others or the rate is below 1.
+    pub fn write_clip(&self, path: &Path, clip: &Clip) -> Result<()> {
+        Ok(files::write_whole(path, &self.to_bytes(clip)?)?)
+    }
+
+    /// The bytes that [`BvhSource::write_clip`] writes.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when the joints are others or the rate is below 1.
+    pub fn to_bytes(&self, clip: &Clip) -> Result<Vec<u8>> {
+        if !self.fits(clip) {
+            let (own, its) = (self.rig.skeleton.joints(), clip.joints());
+            return Err(Error::Call(format!(
+                "a clip of {its} joints for a rig of {own}; expected the same names and parents"
+            )));
+        }
+        let (own, same) = (&self.head.frame_time, self.fps() == clip.fps());
+        let time = |keep: bool| if keep { Ok(own.clone()) } else { frame_time::text(clip.fps()) };
+        if self.is_untouched(clip) {
+            return print(&self.head, &time(same)?, clip.frames(), &self.numbers);
+        }
+        let time = time(same && frame_time::is_exact(own, clip.fps()))?;
+        let clip = self.rig.axes.lay_back(clip)?;
+        let rig = self.for_clip(&clip)?;
+        let numbers = rig.rows(&clip, self);
+        print(&rig.head, &time, clip.frames(), &numbers)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::{ReadOptions, Unit, bvh};
+    use crate::{Clip, synth};
+
+    #[test]
+    fn another_unit_is_the_same_motion() {
+        let dance: Clip = synth::corpus(1, 1, 6.0, 30.0).unwrap().remove(0).clip;
+        let motion = Motion { path: "a.bvh".into(), clip: dance, source: Source::Plain, warnings: Vec::new() };
+        let centimetres = to_bytes(&motion).unwrap();
+        let read = |bytes: &[u8], unit: Unit| {
+            bvh::read(Path::new("a.bvh"), bytes, &ReadOptions { unit, ..Default::default() }).unwrap()
+        };
+        let own = read(&centimetres, Unit::Centimetre);
+        assert_eq!(to_bytes_in(&own, 0.01).unwrap(), centimetres);
+        for (unit, metres) in [(Unit::Metre, 1.0), (Unit::Inch, 0.0254), (Unit::Millimetre, 0.001)] {
+            let other = read(&to_bytes_in(&own, metres).unwrap(), unit);
+            let (a, b) = (own.clip.positions(), other.clip.positions());
+            let far = a.iter().zip(&b).map(|(a, b)| (*a - *b).length()).fold(0.0, f64::max);
+            assert!(a.len() == b.len() && far < 2e-5, "{unit:?}: {far}");
+            // judged by the leg, not told
+            assert!(
+                (read(&to_bytes_in(&own, metres).unwrap(), Unit::Auto).clip.root()[0] - own.clip.root()[0]).length()
+                    < 2e-5
+            );
+        }
+    }
+}

@@ -1,0 +1,228 @@
+//! FBX, read by ufbx (crate `ufbx`, MIT or Unlicense): the bones of one figure and what moves them.
+//!
+//! A file's bones are turned at rest as its program likes. Here, as in a BVH, all rotations are 0 at rest: of each joint the
+//! turn that it has in the bind pose (or as the file was saved, where there is none) is taken off. Lengths are in metres and
+//! y is up, whatever the file's unit and axes, which it states.
+
+use super::{ReadOptions, is_rate};
+use crate::error::{FileError, Kind};
+use crate::{Clip, Motion, Quat, Result, Skeleton, Source, Vec3, Warning};
+use glam::DMat3;
+use kinelm_store::Place;
+use std::path::Path;
+use std::sync::Arc;
+use ufbx::{EvaluateOpts, LoadOpts, Matrix, Node, Scene};
+
+/// Frames that are read at most: at 120 a second more than a day.
+const MOST_FRAMES: f64 = 1e7;
+/// Frames times bones at most: 8 GiB.
+const MOST_ROTATIONS: f64 = (1u64 << 28) as f64;
+/// Bones that are read at most.
+const MOST_JOINTS: usize = 4096;
+/// Bones in bones at most.
+const DEEPEST: u32 = 512;
+/// A joint that comes nearer to its parent, or goes further from it, than at rest by more than this, metres, is told.
+const STILL_M: f64 = 0.01;
+
+/// Reads the figure with most bones, or the one that `root` names.
+///
+/// # Errors
+/// [`Kind::NotThisFormat`] for a file that ufbx doesn't take or that has no bones; [`Kind::TooLarge`]; an unknown root.
+pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
+    let fault = |kind: Kind, found: String, expected: &str| FileError::new(Place::file(path), kind, found, expected);
+    let how = LoadOpts {
+        target_axes: ufbx::CoordinateAxes::right_handed_y_up(),
+        target_unit_meters: 1.0,
+        ignore_geometry: true,
+        ignore_embedded: true,
+        node_depth_limit: DEEPEST,
+        ..LoadOpts::default()
+    };
+    let scene = ufbx::load_memory(bytes, how)
+        .map_err(|e| fault(Kind::NotThisFormat, e.description.to_string(), "an FBX of version 6 or 7"))?;
+    let mut warnings = Vec::new();
+    let figure = figure(&scene, options.root.as_deref(), &mut warnings)
+        .map_err(|(found, expected)| fault(Kind::NotThisFormat, found, &expected))?;
+    if figure.len() > MOST_JOINTS {
+        return Err(fault(Kind::TooLarge, format!("{} bones", figure.len()), "4,096 at most").into());
+    }
+    // of several takes the longest
+    let length = |stack: &ufbx::AnimStack| stack.time_end - stack.time_begin;
+    let stack = scene.anim_stacks.iter().max_by(|a, b| length(a).total_cmp(&length(b)));
+    if scene.anim_stacks.len() > 1
+        && let Some(stack) = stack
+    {
+        let what = format!("{} takes; {} is read, the longest", scene.anim_stacks.len(), stack.element.name);
+        warnings.push(Warning { kind: "several_takes", what });
+    }
+    let anim = stack.map_or(&scene.anim, |stack| &stack.anim);
+    let (begin, end) = stack.map_or((0.0, 0.0), |stack| (stack.time_begin, stack.time_end));
+    let own = scene.settings.frames_per_second;
+    if !is_rate(own) {
+        return Err(fault(Kind::FrameTimeBad, format!("{own} frames a second"), "a rate of motion").into());
+    }
+    let count = ((end - begin) * own).round() + 1.0;
+    if !(1.0..=MOST_FRAMES).contains(&count) {
+        return Err(fault(Kind::TooLarge, format!("{count} frames"), "1 to 10,000,000").into());
+    }
+    if count * figure.len() as f64 > MOST_ROTATIONS {
+        let found = format!("{count} frames of {} bones", figure.len());
+        return Err(fault(Kind::TooLarge, found, "268,435,456 rotations at most").into());
+    }
+    let rest: Vec<(Quat, Vec3)> = figure.iter().map(|joint| placed(&bind(joint.node))).collect();
+    let places: Vec<Vec3> = rest.iter().map(|(_, place)| *place).collect();
+    let offset = |(j, joint): (usize, &Joint)| joint.parent.map_or(Vec3::ZERO, |p| places[j] - places[p]);
+    let offsets: Vec<Vec3> = figure.iter().enumerate().map(offset).collect();
+    let names = figure.iter().map(|joint| joint.name.clone()).collect();
+    let parents = figure.iter().map(|joint| joint.parent).collect();
+    let skeleton = Arc::new(Skeleton::new(names, parents, offsets.clone(), Vec::new())?);
+    let (mut root, mut rotations, mut stretch) = (Vec::new(), Vec::new(), 0.0f64);
+    for frame in 0..count as usize {
+        let time = (begin + frame as f64 / own).min(end);
+        let now = ufbx::evaluate_scene(&scene, anim, time, EvaluateOpts::default()).map_err(|e| {
+            fault(Kind::NotThisFormat, format!("frame {frame}: {}", e.description), "one that can be posed")
+        })?;
+        let at = |joint: &Joint| placed(&now.nodes[joint.node.element.typed_id as usize].node_to_world);
+        let here: Vec<(Quat, Vec3)> = figure.iter().map(at).collect();
+        let turned: Vec<Quat> = here.iter().zip(&rest).map(|((now, _), (rest, _))| *now * rest.inverse()).collect();
+        root.push(here[0].1);
+        for (j, joint) in figure.iter().enumerate() {
+            rotations.push(joint.parent.map_or(turned[j], |p| turned[p].inverse() * turned[j]).normalize());
+            if let Some(p) = joint.parent {
+                stretch = stretch.max(((here[j].1 - here[p].1).length() - offsets[j].length()).abs());
+            }
+        }
+    }
+    if figure.iter().all(|joint| posed(joint.node).is_none()) {
+        let what = "no bind pose: rotations are 0 as the figure stood when it was saved; was that no rest pose, export it \
+                    with its mesh";
+        warnings.push(Warning { kind: "no_bind_pose", what: what.into() });
+    }
+    if stretch > STILL_M {
+        let what = format!("bones get longer or shorter by {:.1} cm at most: left as at rest", 100.0 * stretch);
+        warnings.push(Warning { kind: "stretch_dropped", what });
+    }
+    let clip = Clip::new(skeleton, options.fps_source.unwrap_or(own), root, rotations)?;
+    Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings })
+}
+
+/// A bone of a figure, and the place of its parent among them.
+struct Joint<'a> {
+    node: &'a Node,
+    parent: Option<usize>,
+    name: String,
+}
+
+/// The bones from a root on, parents before children; found and expected where there are none.
+fn figure<'a>(
+    scene: &'a Scene,
+    root: Option<&str>,
+    warnings: &mut Vec<Warning>,
+) -> std::result::Result<Vec<Joint<'a>>, (String, String)> {
+    let is_bone = |node: &Node| node.bone.is_some();
+    let is_root = |node: &&Node| is_bone(node) && !node.parent.as_ref().is_some_and(|parent| is_bone(parent));
+    let mut figures = Vec::new();
+    for top in scene.nodes.iter().map(|node| &**node).filter(is_root) {
+        let mut joints: Vec<Joint> = Vec::new();
+        let mut next = vec![(top, None)];
+        while let Some((node, parent)) = next.pop() {
+            let name = unique(&node.element.name, &joints);
+            joints.push(Joint { node, parent, name });
+            let here = joints.len() - 1;
+            next.extend(node.children.iter().rev().filter(|c| is_bone(c)).map(|child| (&**child, Some(here))));
+        }
+        figures.push(joints);
+    }
+    let roots: Vec<String> = figures.iter().map(|joints| joints[0].name.clone()).collect();
+    let wanted = match root {
+        Some(root) => figures.into_iter().find(|joints| joints[0].name == root),
+        None => figures.into_iter().rev().max_by_key(Vec::len),
+    };
+    let found = wanted.ok_or_else(|| match root.filter(|_| !roots.is_empty()) {
+        Some(root) => (format!("no figure {root}"), format!("one of {}", roots.join(", "))),
+        None => ("no bones".to_owned(), "a figure; export the armature with its animation".to_owned()),
+    })?;
+    if root.is_none() && roots.len() > 1 {
+        let what =
+            format!("{} figures, {}; {} is read, --root takes another", roots.len(), roots.join(", "), found[0].name);
+        warnings.push(Warning { kind: "several_roots", what });
+    }
+    Ok(found)
+}
+
+/// A name that none of these has.
+fn unique(name: &str, joints: &[Joint]) -> String {
+    let is_taken = |name: &str| joints.iter().any(|joint| joint.name == name);
+    let numbered = (2..).map(|n| format!("{name}.{n}"));
+    std::iter::once(name.to_owned()).chain(numbered).find(|name| !is_taken(name)).unwrap_or_default()
+}
+
+/// Where a bone is at rest: in its bind pose, or as the file was saved.
+fn bind(node: &Node) -> Matrix {
+    posed(node).unwrap_or(node.node_to_world)
+}
+
+/// Where its bind pose has a bone.
+fn posed(node: &Node) -> Option<Matrix> {
+    let of_node = |pose: &&ufbx::BonePose| pose.bone_node.element.element_id == node.element.element_id;
+    Some(node.bind_pose.as_ref()?.bone_poses.iter().find(of_node)?.bone_to_world)
+}
+
+/// The turn and the place of a matrix; scale is left out.
+fn placed(m: &Matrix) -> (Quat, Vec3) {
+    let column = |x: f64, y: f64, z: f64| Vec3::new(x, y, z).normalize_or_zero();
+    let turn = DMat3::from_cols(column(m.m00, m.m10, m.m20), column(m.m01, m.m11, m.m21), column(m.m02, m.m12, m.m22));
+    // a mirror is no turn
+    let turn = if turn.determinant() < 0.0 { -turn } else { turn };
+    (Quat::from_mat3(&turn).normalize(), Vec3::new(m.m03, m.m13, m.m23))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::bvh;
+    use std::fs;
+
+    fn golden(name: &str) -> std::path::PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name)
+    }
+
+    #[test]
+    fn what_blender_exports_moves_as_the_bvh_that_it_imported() {
+        let path = golden("blender_dance.fbx");
+        let found = crate::format::read(&path, &ReadOptions::default()).unwrap();
+        let own = golden("blender_dance_y_up.bvh");
+        let expected = bvh::read(&own, &fs::read(&own).unwrap(), &ReadOptions::default()).unwrap().clip;
+        assert_eq!(found.clip.frames(), 16);
+        assert!((found.clip.fps() - expected.fps()).abs() < 1e-9);
+        assert_eq!(found.warnings, []);
+        let (a, b) = (found.clip.positions(), expected.positions());
+        let mut far: f64 = 0.0;
+        for (j, name) in expected.skeleton().names().iter().enumerate() {
+            let i = found.clip.skeleton().find(name).unwrap();
+            for frame in 0..16 {
+                far = far.max((a[frame * found.clip.joints() + i] - b[frame * expected.joints() + j]).length());
+            }
+        }
+        assert!(far < 1e-4, "{far}");
+    }
+
+    #[test]
+    fn what_is_no_figure_is_refused() {
+        let read = |bytes: &[u8], root: Option<&str>| {
+            let options = ReadOptions { root: root.map(str::to_owned), ..Default::default() };
+            read(Path::new("a.fbx"), bytes, &options).map(|_| ()).unwrap_err().to_string()
+        };
+        assert!(read(b"", None).contains("a.fbx"));
+        assert!(read(b"HIERARCHY", None).contains("an FBX of version 6 or 7"));
+        let whole = fs::read(golden("blender_dance.fbx")).unwrap();
+        assert!(read(&whole, Some("nobody")).contains("one of pelvis"));
+        // cut short and spoilt files fail, or are read: none panics
+        for cut in (0..whole.len()).step_by(997) {
+            let _ = super::read(Path::new("a.fbx"), &whole[..cut], &ReadOptions::default());
+            let mut spoilt = whole.clone();
+            spoilt[cut] ^= 0x5a;
+            let _ = super::read(Path::new("a.fbx"), &spoilt, &ReadOptions::default());
+        }
+    }
+}

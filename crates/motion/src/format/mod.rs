@@ -1,0 +1,442 @@
+//! Motion files: found by name and first bytes, read into a [`Motion`], written back.
+//!
+//! BVH and JSON always; `.npz` by the feature `amass`, `.pkl` by `aist`, `.fbx` by `fbx`. Without them these files are refused
+//! by name.
+
+#[cfg(feature = "aist")]
+pub mod aist;
+#[cfg(feature = "amass")]
+pub mod amass;
+#[cfg(feature = "amass")]
+pub mod body_model;
+pub mod bvh;
+#[cfg(feature = "fbx")]
+pub mod fbx;
+pub mod glb;
+pub mod json;
+#[cfg(feature = "amass")]
+pub mod npy;
+#[cfg(feature = "amass")]
+pub mod npz;
+#[cfg(feature = "amass")]
+pub mod pickle;
+pub mod positions;
+mod rest;
+#[cfg(feature = "amass")]
+mod smpl_arrays;
+mod up;
+
+pub(crate) use rest::looks_for_rest;
+pub use rest::rest_frame;
+pub use up::{Axes, Up, UpBy};
+
+use crate::error::in_short;
+use crate::inspect::RateDoubt;
+use crate::resample::{FEWEST_FPS, MOST_FPS};
+use crate::{Error, FileError, Kind, Motion, Result, Source};
+use kinelm_store::{Place, files, input};
+use positions::Positions;
+use serde::{Deserialize, Serialize};
+use std::io::Read;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// What a file's bytes are to be read as; the same on every command.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ReadOptions {
+    /// The true rate, where the file states it wrongly.
+    pub fps_source: Option<f64>,
+    /// The unit of a BVH.
+    pub unit: Unit,
+    /// The axis that points up in a BVH or a JSON.
+    pub up: Up,
+    /// A skeleton TOML by its shipped name or its path, for a rig whose names no shipped one knows.
+    pub map: Option<String>,
+    /// What position channels do to a joint's OFFSET.
+    pub bvh_position: BvhPosition,
+    /// The ROOT to read, of several.
+    pub root: Option<String>,
+    /// Keep the whole rows of a cut file.
+    pub lenient: bool,
+    /// What to do with a leading rest-pose frame.
+    pub rest: RestFrame,
+    /// Source frames left out, counted from the file's first. Above 0 no rest frame is looked for.
+    pub skip: usize,
+    /// A body model (`SMPL_*.npz`) whose rest offsets replace the neutral skeleton's, for AMASS and AIST++.
+    pub body_model: Option<PathBuf>,
+    /// Where the floor is, metres, world, for what codes heights above it; `None`: found by the feet.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub floor: Option<f64>,
+}
+
+/// The length that 1 in a BVH means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Unit {
+    /// Judged by the leg's length.
+    #[default]
+    Auto,
+    /// Metres.
+    #[serde(alias = "m")]
+    Metre,
+    /// Centimetres.
+    #[serde(alias = "cm")]
+    Centimetre,
+    /// Millimetres.
+    #[serde(alias = "mm")]
+    Millimetre,
+    /// Inches.
+    #[serde(alias = "in")]
+    Inch,
+    /// 0.0564444 m, the unit of CMU's ASF/AMC files.
+    Cmu,
+}
+
+impl Unit {
+    /// Metres; `None` for [`Unit::Auto`].
+    pub fn metres(self) -> Option<f64> {
+        Some(match self {
+            Unit::Auto => return None,
+            Unit::Metre => 1.0,
+            Unit::Centimetre => 0.01,
+            Unit::Millimetre => 0.001,
+            Unit::Inch => 0.0254,
+            Unit::Cmu => 0.0564444,
+        })
+    }
+}
+
+/// The two conventions of BVH position channels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BvhPosition {
+    /// A channel takes the place of its component of the OFFSET.
+    #[default]
+    Replace,
+    /// A channel is added to its component of the OFFSET.
+    Add,
+}
+
+/// What to do with a leading rest-pose frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RestFrame {
+    /// Leave it.
+    #[default]
+    Keep,
+    /// Leave it out, and say so.
+    Drop,
+}
+
+/// The formats of motion files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Format {
+    /// `.bvh`.
+    Bvh,
+    /// `.npz`: AMASS.
+    Npz,
+    /// `.pkl`: AIST++.
+    Pickle,
+    /// `.json`: a clip of our own.
+    Json,
+    /// `.glb`: written, not read.
+    Glb,
+    /// `.fbx`: read, not written.
+    Fbx,
+}
+
+impl Format {
+    /// The format that a file's name says, in any letter case.
+    pub fn of_name(path: &Path) -> Option<Format> {
+        let extension = path.extension()?.to_str()?.to_ascii_lowercase();
+        Some(match extension.as_str() {
+            "bvh" => Format::Bvh,
+            "npz" => Format::Npz,
+            "pkl" => Format::Pickle,
+            "json" => Format::Json,
+            "glb" => Format::Glb,
+            "fbx" => Format::Fbx,
+            _ => return None,
+        })
+    }
+
+    /// The format of a file by its name, or an error that lists the names there are.
+    ///
+    /// # Errors
+    /// `not_this_format`.
+    pub fn of(path: &Path) -> Result<Format> {
+        let found = match path.extension() {
+            Some(e) => format!("the extension .{}", e.to_string_lossy()),
+            None => "no extension".into(),
+        };
+        let expected = ".bvh, .npz, .pkl or .json";
+        Format::of_name(path).ok_or_else(|| {
+            let fault = FileError::new(Place::file(path), Kind::NotThisFormat, found, expected);
+            match path.extension().is_some_and(|e| e.eq_ignore_ascii_case("c3d")) {
+                true => fault.help(
+                    "a C3D holds markers, not joints: let the capture system solve it onto a skeleton, and export BVH",
+                ),
+                false => fault,
+            }
+            .into()
+        })
+    }
+}
+
+/// Reads a motion file.
+///
+/// The format goes by the extension, and the first bytes must agree. Then, in this order: the rate is overruled
+/// (`fps_source`), the first frames are left out (`skip`), and, where `skip` is 0, a leading rest-pose frame is looked for;
+/// found, it is reported as the warning `rest_frame` and kept or dropped as `rest` says. A rate that nobody stated is
+/// doubted where the body falls too fast ([`RateDoubt`]).
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::File`] with place and kind for a file that is wrong; [`Error::Call`] for a rate that is not
+/// above 0 and at most [`MOST_FPS`]; [`Error::Option`] for `up` where the format itself says which axis that is;
+/// [`Error::Clip`] when
+/// skipping leaves nothing.
+pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
+    let format = Format::of(path).map_err(|e| and_its_looks(e, path))?;
+    check_rate(options)?;
+    check_up(path, format, options)?;
+    parse(path, &input::bytes(path).map_err(Error::io(path))?, options)
+}
+
+/// [`read`] of a file's bytes, for those who need the bytes too; `path` says the format, and where faults are.
+///
+/// # Errors
+/// Those of [`read`], but for the system's.
+pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
+    let format = Format::of(path)?;
+    check_rate(options)?;
+    check_up(path, format, options)?;
+    let motion = match format {
+        Format::Bvh => bvh::read(path, bytes, options)?,
+        #[cfg(feature = "amass")]
+        Format::Npz => skipped(amass::read(path, bytes, options)?, options)?,
+        #[cfg(not(feature = "amass"))]
+        Format::Npz => return Err(left_out(path, "amass")),
+        #[cfg(feature = "aist")]
+        Format::Pickle => skipped(aist::read(path, bytes, options)?, options)?,
+        #[cfg(not(feature = "aist"))]
+        Format::Pickle => return Err(left_out(path, "aist")),
+        #[cfg(feature = "fbx")]
+        Format::Fbx => skipped(fbx::read(path, bytes, options)?, options)?,
+        #[cfg(not(feature = "fbx"))]
+        Format::Fbx => return Err(left_out(path, "fbx")),
+        Format::Json => match bvh::looks_like(bytes) {
+            "JSON" | "text" => skipped(json::read(path, bytes, options)?, options)?,
+            other => return Err(FileError::new(Place::file(path), Kind::NotThisFormat, other, "a clip as JSON").into()),
+        },
+        Format::Glb => {
+            let (found, expected) =
+                ("a GLB, which is written and not read", "the .bvh, .npz, .pkl or .json it is from");
+            return Err(FileError::new(Place::file(path), Kind::NotThisFormat, found, expected).into());
+        }
+    };
+    let fps = motion.clip.fps();
+    if !is_rate(fps) {
+        let (found, expected) =
+            (in_short(fps), format!("frames per second of at least {FEWEST_FPS}, at most {MOST_FPS}"));
+        let fault = FileError::new(Place::file(path), Kind::RateBad, found, expected);
+        return Err(fault.help("--fps-source gives the true rate").into());
+    }
+    let mut motion = rest::after_reading(motion, options);
+    if options.fps_source.is_none() {
+        motion.warnings.extend(RateDoubt::of(&motion.clip).map(|doubt| doubt.warning()));
+    }
+    Ok(motion)
+}
+
+/// The error of a format that this build leaves out.
+#[cfg(not(all(feature = "amass", feature = "aist", feature = "fbx")))]
+fn left_out(path: &Path, feature: &str) -> Error {
+    let expected = format!("a build of kinelm-motion with its feature `{feature}`");
+    FileError::new(Place::file(path), Kind::NotThisFormat, "a format that this build leaves out", expected).into()
+}
+
+/// An error of a name that says no format, with what the file looks like.
+fn and_its_looks(error: Error, path: &Path) -> Error {
+    let mut head = [0; 512];
+    match (error, input::open(path).and_then(|mut file| file.read(&mut head))) {
+        (Error::File(e), Ok(_)) if !e.help.is_empty() => e.into(),
+        (Error::File(e), Ok(n)) => e.help(format!("the file looks like {}", bvh::looks_like(&head[..n]))).into(),
+        (_, Err(e)) => Error::io(path)(e),
+        (e, _) => e,
+    }
+}
+
+/// Where every joint and end site of a motion file is: of a BVH by the file's own channels, in its own order, nothing
+/// folded; of all others by the clip's skeleton, for AMASS and AIST++ the neutral one (or the body model's).
+///
+/// # Errors
+/// As [`read`].
+pub fn positions(path: &Path, options: &ReadOptions) -> Result<Positions> {
+    check_rate(options)?;
+    let format = Format::of(path)?;
+    check_up(path, format, options)?;
+    match format {
+        Format::Bvh => bvh::positions(path, &input::bytes(path).map_err(Error::io(path))?, options),
+        _ => Ok(Positions::from_clip(&read(path, options)?.clip)),
+    }
+}
+
+/// A motion without the first frames that are to be left out.
+fn skipped(motion: Motion, options: &ReadOptions) -> Result<Motion> {
+    if options.skip == 0 {
+        return Ok(motion);
+    }
+    let frames = motion.clip.frames();
+    check_skip(&motion.path, options.skip, frames)?;
+    Ok(motion.slice(options.skip..frames))
+}
+
+/// Whether a rate is one that motion is captured at: what is faster is a slip, and no rate that could be written again.
+pub(crate) fn is_rate(fps: f64) -> bool {
+    (FEWEST_FPS..=MOST_FPS).contains(&fps)
+}
+
+/// Fails for a source rate that is none.
+fn check_rate(options: &ReadOptions) -> Result<()> {
+    if let Some(fps) = options.fps_source.filter(|f| !is_rate(*f)) {
+        return Err(Error::Call(format!(
+            "a source rate of {} frames per second; expected one of at least {FEWEST_FPS}, at most {MOST_FPS}",
+            in_short(fps)
+        )));
+    }
+    Ok(())
+}
+
+/// Fails for an axis asked of a format that has its own.
+fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
+    let own = match format {
+        Format::Bvh | Format::Json | Format::Glb => return Ok(()),
+        Format::Npz => "an AMASS file has z up",
+        Format::Pickle => "an AIST++ file has y up",
+        Format::Fbx => "an FBX says itself which axis is up",
+    };
+    if options.up == Up::Auto {
+        return Ok(());
+    }
+    let what = format!("--up {}: {own}, always; --up is for BVH and JSON", options.up);
+    Err(Error::Option { path: path.to_owned(), what })
+}
+
+/// Fails when `skip` leaves none of `frames`.
+pub(crate) fn check_skip(path: &Path, skip: usize, frames: usize) -> Result<()> {
+    if skip < frames {
+        return Ok(());
+    }
+    let what = format!("{skip} frames are to be skipped and there are {frames}; skip fewer");
+    Err(Error::Clip { clip: path.display().to_string(), what })
+}
+
+/// Writes a motion file in the format of its name, whole or not at all.
+///
+/// # Errors
+/// [`Error::Io`], and those of [`to_bytes`].
+pub fn write(path: &Path, motion: &Motion) -> Result<()> {
+    Ok(files::write_whole(path, &to_bytes(path, motion)?)?)
+}
+
+/// The bytes that [`write()`] writes.
+///
+/// # Errors
+/// `not_this_format` for a name that says no format that is written; [`Error::Call`] for a clip that the format can't hold.
+pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
+    match Format::of(path)? {
+        Format::Bvh => bvh::to_bytes(motion),
+        #[cfg(feature = "amass")]
+        Format::Npz => amass::write(&motion.clip),
+        #[cfg(not(feature = "amass"))]
+        Format::Npz => Err(left_out(path, "amass")),
+        Format::Json => match motion.source {
+            Source::Json(axes) => Ok(json::write(axes.lay_back(&motion.clip)?.as_ref())),
+            _ => Ok(json::write(&motion.clip)),
+        },
+        Format::Glb => glb::to_bytes(&[(&path.file_stem().unwrap_or_default().to_string_lossy(), &motion.clip)]),
+        Format::Pickle | Format::Fbx => {
+            let found = format!("the extension .{}", path.extension().unwrap_or_default().to_string_lossy());
+            let expected = "a .bvh, .npz, .json or .glb to write";
+            Err(FileError::new(Place::file(path), Kind::NotThisFormat, found, expected).into())
+        }
+    }
+}
+
+impl Motion {
+    /// The frames of a range, of the clip and of the file's own numbers beside it.
+    ///
+    /// # Panics
+    /// If the range leaves the clip.
+    pub fn slice(&self, frames: Range<usize>) -> Motion {
+        let source = match &self.source {
+            Source::Bvh(s) if s.frames == self.clip.frames() => Source::Bvh(Box::new(s.slice(frames.clone()))),
+            other => other.clone(),
+        };
+        Motion { path: self.path.clone(), clip: self.clip.slice(frames), source, warnings: self.warnings.clone() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BVH: &str = "HIERARCHY\nROOT a { OFFSET 0 0 0 CHANNELS 1 Xrotation End Site { OFFSET 0 1 0 } }\nMOTION\nFrames: 2\n\
+                       Frame Time: 0.05\n1\n2\n";
+
+    #[test]
+    fn names_and_first_bytes_must_agree() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str, bytes: &[u8]| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            path
+        };
+        let options = ReadOptions { unit: Unit::Metre, ..Default::default() };
+        let says = |path: &Path| read(path, &options).unwrap_err().to_string();
+        assert_eq!(read(&file("a.BvH", BVH.as_bytes()), &options).unwrap().clip.frames(), 2);
+        let e = says(&file("a.txt", BVH.as_bytes()));
+        assert!(
+            e.contains("not_this_format") && e.contains(".bvh, .npz, .pkl or .json") && e.contains("looks like a BVH"),
+            "{e}"
+        );
+        let e = says(&file("b.bvh", b"PK\x03\x04poses.npy"));
+        assert!(e.contains("not_bvh") && e.contains("an npz archive"), "{e}");
+        for name in ["c.npz", "c.pkl", "c.json"] {
+            let e = says(&file(name, BVH.as_bytes()));
+            assert!(e.contains("BVH") || e.contains("HIERARCHY"), "{name}: {e}");
+        }
+        assert!(matches!(
+            read(&folder.path().join("none.bvh"), &options),
+            Err(Error::Store(kinelm_store::Error::Io { .. }))
+        ));
+        assert!(matches!(
+            read(&folder.path().join("none"), &options),
+            Err(Error::Store(kinelm_store::Error::Io { .. }))
+        ));
+    }
+
+    #[test]
+    fn the_rate_and_the_first_frames() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.bvh");
+        std::fs::write(&path, BVH).unwrap();
+        let with = |fps, skip| ReadOptions { unit: Unit::Metre, fps_source: fps, skip, ..Default::default() };
+        let m = read(&path, &with(Some(60.0), 1)).unwrap();
+        assert_eq!((m.clip.fps(), m.clip.frames()), (60.0, 1));
+        for fps in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(matches!(read(&path, &with(Some(fps), 0)), Err(Error::Call(_))));
+        }
+        // a rate that was overruled is the one that is written, the numbers are still the file's own
+        let out = folder.path().join("b.bvh");
+        write(&out, &m).unwrap();
+        let text = std::fs::read_to_string(&out).unwrap();
+        assert!(text.ends_with("Frames: 1\nFrame Time: 0.0166666667\n2.000000\n"), "{text}");
+        let markers = folder.path().join("a.C3D");
+        std::fs::write(&markers, [2, 0x50]).unwrap();
+        let told = read(&markers, &ReadOptions::default()).unwrap_err().to_string();
+        assert!(told.contains("a C3D holds markers, not joints"), "{told}");
+        assert!(write(&folder.path().join("b.fbx"), &m).is_err());
+    }
+}

@@ -1,0 +1,245 @@
+//! The header of an `.npy` file: magic, version, and a Python dict of three keys.
+//!
+//! Read by hand: the dict is small and fixed, and a reader of any Python literal would go as deep as a file asks it to.
+//! Source: numpy's `numpy.lib.format`, versions 1.0, 2.0 and 3.0.
+
+use super::{Dtype, Element, Order};
+use crate::error::{FileError, Kind};
+use crate::{Error, Result};
+use kinelm_store::Place;
+use std::path::Path;
+
+/// Longest header that is read, bytes. numpy itself stops at 10,000.
+pub const MAX_HEADER: usize = 1 << 16;
+
+/// What an `.npy` file says before its elements.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Header {
+    /// The elements' type.
+    pub dtype: Dtype,
+    /// Lengths of the axes.
+    pub shape: Vec<usize>,
+    /// The elements' order.
+    pub order: Order,
+    /// Bytes from the file's first to the first element's.
+    pub length: usize,
+}
+
+/// Bytes of magic, version and length, and the whole header's length; `None` while `bytes` are too few to tell.
+pub(in crate::format) fn extent(bytes: &[u8]) -> Option<(usize, usize)> {
+    let v1 = *bytes.get(6)? == 1;
+    let n = if v1 {
+        u32::from(u16::from_le_bytes(bytes.get(8..10)?.try_into().ok()?))
+    } else {
+        u32::from_le_bytes(bytes.get(8..12)?.try_into().ok()?)
+    };
+    let before = if v1 { 10 } else { 12 };
+    Some((before, before + n as usize))
+}
+
+/// The header of the `.npy` in `bytes`; `path` and `key` are for messages.
+///
+/// # Errors
+/// [`Kind::NotThisFormat`] without numpy's magic or for a version other than 1.0, 2.0, 3.0; [`Kind::Truncated`] for a
+/// header that is cut, longer than [`MAX_HEADER`] or no dict of `descr`, `fortran_order`, `shape`; [`Kind::Dtype`] for a
+/// type that [`Dtype::parse`] doesn't know.
+pub fn parse(path: &Path, key: &str, bytes: &[u8]) -> Result<Header> {
+    let fault = |kind, found: String, expected: &str| -> Error {
+        FileError::new(Place::file(path), kind, format!("{key}: {found}"), expected).into()
+    };
+    if !bytes.starts_with(b"\x93NUMPY") {
+        let kind = if bytes.len() < 6 { Kind::Truncated } else { Kind::NotThisFormat };
+        return Err(fault(kind, "no array".into(), "the magic of a numpy array"));
+    }
+    if let Some(&[major, minor]) = bytes.get(6..8)
+        && (!(1..=3).contains(&major) || minor != 0)
+    {
+        return Err(fault(Kind::NotThisFormat, format!("version {major}.{minor}"), "version 1.0, 2.0 or 3.0"));
+    }
+    let cut = |n: &str| fault(Kind::Truncated, format!("a header cut at {} bytes", bytes.len()), n);
+    let (before, length) = extent(bytes).ok_or_else(|| cut("its length"))?;
+    if length > MAX_HEADER {
+        return Err(fault(Kind::Truncated, format!("a header of {length} bytes"), "at most 65536"));
+    }
+    let text = bytes.get(before..length).ok_or_else(|| cut(&format!("{length} bytes")))?;
+    let Some(fields) = Cursor(text).dict() else {
+        let shown = String::from_utf8_lossy(&text[..text.len().min(80)]).trim().to_owned();
+        return Err(fault(Kind::Truncated, format!("header {shown:?}"), "a dict of descr, fortran_order and shape"));
+    };
+    let (Some(descr), Some(fortran), Some(shape)) = fields else {
+        return Err(fault(Kind::Truncated, "a header that lacks a key".into(), "descr, fortran_order and shape"));
+    };
+    let Some(dtype) = Dtype::parse(&descr) else {
+        return Err(fault(Kind::Dtype, format!("elements of type {descr}"), "numbers or text"));
+    };
+    // an array of objects has no elements here, only a pickle
+    let order = if fortran && dtype.element != Element::Object { Order::Fortran } else { Order::C };
+    Ok(Header { dtype, shape, order, length })
+}
+
+type Fields = (Option<String>, Option<bool>, Option<Vec<usize>>);
+
+/// What is left of a header's text.
+struct Cursor<'a>(&'a [u8]);
+
+impl Cursor<'_> {
+    fn dict(&mut self) -> Option<Fields> {
+        let mut fields = (None, None, None);
+        self.expect(b'{')?;
+        while !self.take(b'}') {
+            let key = self.string()?;
+            self.expect(b':')?;
+            match key.as_str() {
+                "descr" => fields.0 = Some(self.descr()?),
+                "fortran_order" => fields.1 = Some(self.boolean()?),
+                "shape" => fields.2 = Some(self.shape()?),
+                _ => return None,
+            }
+            if !self.take(b',') {
+                self.expect(b'}')?;
+                break;
+            }
+        }
+        self.spaces();
+        self.0.is_empty().then_some(fields)
+    }
+
+    fn spaces(&mut self) {
+        self.0 = self.0.trim_ascii_start();
+    }
+
+    fn take(&mut self, byte: u8) -> bool {
+        self.spaces();
+        let there = self.0.first() == Some(&byte);
+        if there {
+            self.0 = &self.0[1..];
+        }
+        there
+    }
+
+    fn expect(&mut self, byte: u8) -> Option<()> {
+        self.take(byte).then_some(())
+    }
+
+    fn string(&mut self) -> Option<String> {
+        let quote = if self.take(b'\'') { b'\'' } else { self.expect(b'"').map(|()| b'"')? };
+        let end = self.0.iter().position(|&b| b == quote)?;
+        let text = std::str::from_utf8(&self.0[..end]).ok()?.to_owned();
+        self.0 = &self.0[end + 1..];
+        (!text.contains('\\')).then_some(text)
+    }
+
+    /// A type's text; of a record its list as it stands, which no type is called.
+    fn descr(&mut self) -> Option<String> {
+        self.spaces();
+        if self.0.first() != Some(&b'[') {
+            return self.string();
+        }
+        let mut depth = 0usize;
+        for (i, b) in self.0.iter().enumerate() {
+            match b {
+                b'[' => depth += 1,
+                b']' => depth -= 1,
+                _ => {}
+            }
+            if depth == 0 {
+                let text = String::from_utf8_lossy(&self.0[..=i]).into_owned();
+                self.0 = &self.0[i + 1..];
+                return Some(text);
+            }
+        }
+        None
+    }
+
+    fn boolean(&mut self) -> Option<bool> {
+        self.spaces();
+        for (word, value) in [(&b"True"[..], true), (b"False", false)] {
+            if let Some(rest) = self.0.strip_prefix(word) {
+                self.0 = rest;
+                return Some(value);
+            }
+        }
+        None
+    }
+
+    fn shape(&mut self) -> Option<Vec<usize>> {
+        let mut shape = Vec::new();
+        self.expect(b'(')?;
+        while !self.take(b')') {
+            self.spaces();
+            let digits = self.0.iter().take_while(|b| b.is_ascii_digit()).count();
+            shape.push(std::str::from_utf8(&self.0[..digits]).ok()?.parse().ok()?);
+            // Python 2 wrote long numbers with an L
+            self.0 = &self.0[digits..];
+            self.0 = self.0.strip_prefix(b"L").unwrap_or(self.0);
+            if !self.take(b',') {
+                self.expect(b')')?;
+                break;
+            }
+        }
+        Some(shape)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn npy(version: u8, text: &str) -> Vec<u8> {
+        let mut b = b"\x93NUMPY".to_vec();
+        b.extend([version, 0]);
+        match version {
+            1 => b.extend((text.len() as u16).to_le_bytes()),
+            _ => b.extend((text.len() as u32).to_le_bytes()),
+        }
+        b.extend(text.bytes());
+        b
+    }
+
+    fn read(bytes: &[u8]) -> Result<Header> {
+        parse(Path::new("x.npy"), "k", bytes)
+    }
+
+    #[test]
+    fn headers_of_all_versions() {
+        let text = "{'descr': '<f8', 'fortran_order': True, 'shape': (3, 156), }      \n";
+        for version in 1..=3 {
+            let h = read(&npy(version, text)).unwrap();
+            assert_eq!((h.shape, h.order, h.dtype.to_string()), (vec![3, 156], Order::Fortran, "<f8".into()));
+            assert_eq!(h.length, npy(version, text).len());
+        }
+        let h = read(&npy(1, "{\"shape\": (7L,),\"fortran_order\":False,\"descr\":\"|S4\"}")).unwrap();
+        assert_eq!((h.shape, h.order), (vec![7], Order::C));
+        assert_eq!(read(&npy(1, "{'descr':'<f8','fortran_order':False,'shape':()}")).unwrap().shape, [0usize; 0]);
+    }
+
+    #[test]
+    fn nonsense_is_named() {
+        let kind = |b: &[u8]| read(b).unwrap_err().kind().unwrap();
+        assert_eq!(kind(b"hello world"), Kind::NotThisFormat);
+        assert_eq!(kind(b""), Kind::Truncated);
+        assert_eq!(kind(&npy(4, "")), Kind::NotThisFormat);
+        assert_eq!(kind(&npy(1, "{'descr': '<c16', 'fortran_order': False, 'shape': ()}")), Kind::Dtype);
+        assert_eq!(kind(&npy(1, "{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': ()}")), Kind::Dtype);
+        for text in [
+            "",
+            "{",
+            "{}",
+            "{'descr': '<f8'}",
+            "{'shape': (-1,)}",
+            "{'shape': (99999999999999999999999,)}",
+            "{'other': 1}",
+            "{'shape': ((((((1,)))))}",
+            "{'descr': [[[[[",
+        ] {
+            assert_eq!(kind(&npy(1, text)), Kind::Truncated, "{text}");
+        }
+        let mut long = npy(2, "{}");
+        long[8..12].copy_from_slice(&u32::MAX.to_le_bytes());
+        assert_eq!(kind(&long), Kind::Truncated);
+        let whole = npy(1, "{'descr': '<f8', 'fortran_order': False, 'shape': (1,)}");
+        for n in 0..whole.len() {
+            assert!(read(&whole[..n]).is_err());
+        }
+    }
+}

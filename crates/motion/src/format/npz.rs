@@ -1,0 +1,270 @@
+//! `.npz`: a zip of `.npy` files, read entry by entry and written.
+//!
+//! Stored and deflated entries, zip64, any of numpy's header versions. An archive's claims about sizes are not believed:
+//! an entry grows as its bytes come, up to what its own array's header needs, and all that is taken out of one archive
+//! stays within [`MAX_BYTES`] and, beyond 64 MiB, within 64 times the archive: recorded motion shrinks by 2 or 3, a trap by
+//! 1,000.
+
+use super::npy::{self, Array};
+use crate::error::{FileError, Kind};
+use crate::{Error, Result};
+use kinelm_store::Place;
+use std::cell::{Cell, RefCell};
+use std::io::{Cursor, Read, Write};
+use std::path::{Path, PathBuf};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipArchive, ZipWriter};
+
+/// Bytes that may be taken out of one archive, in all. An hour of AMASS at 120 frames a second is half of it.
+pub const MAX_BYTES: u64 = 1 << 30;
+
+/// The first bytes of a zip archive with entries.
+pub const MAGIC: &[u8] = b"PK\x03\x04";
+
+/// An archive in memory.
+#[derive(Debug)]
+pub struct Npz<'a> {
+    path: PathBuf,
+    zip: RefCell<ZipArchive<Cursor<&'a [u8]>>>,
+    keys: Vec<String>,
+    budget: u64,
+    left: Cell<u64>,
+}
+
+impl<'a> Npz<'a> {
+    /// Opens the archive in `bytes`; `path` is for messages.
+    ///
+    /// # Errors
+    /// [`Kind::NotThisFormat`] without a zip's first bytes, [`Kind::Truncated`] for a cut or damaged archive.
+    pub fn open(path: &Path, bytes: &'a [u8]) -> Result<Self> {
+        let fault = |kind, found: String, expected: &str| FileError::new(Place::file(path), kind, found, expected);
+        if !bytes.starts_with(b"PK") {
+            let found = super::bvh::looks_like(bytes).into();
+            return Err(fault(Kind::NotThisFormat, found, "an npz, which is a zip of arrays").into());
+        }
+        check_zip64(bytes).map_err(|found| fault(Kind::Truncated, found.into(), "a whole zip archive"))?;
+        let zip = ZipArchive::new(Cursor::new(bytes))
+            .map_err(|e| fault(Kind::Truncated, format!("a damaged zip archive ({e})"), "a whole one"))?;
+        let mut keys: Vec<String> = zip
+            .file_names_raw()
+            .map(String::from_utf8_lossy)
+            .filter_map(|n| n.strip_suffix(".npy").map(str::to_owned))
+            .collect();
+        keys.sort_unstable();
+        let budget = budget(bytes.len());
+        Ok(Npz { path: path.to_owned(), zip: RefCell::new(zip), keys, budget, left: Cell::new(budget) })
+    }
+
+    /// The arrays' names, sorted.
+    pub fn keys(&self) -> &[String] {
+        &self.keys
+    }
+
+    /// Whether there is an array of this name.
+    pub fn has(&self, key: &str) -> bool {
+        self.keys.iter().any(|k| k == key)
+    }
+
+    /// The array of this name.
+    ///
+    /// # Errors
+    /// [`Kind::KeyMissing`], which lists the keys there are; [`Kind::Truncated`] for a damaged entry; those of
+    /// [`Array::parse`]; [`Kind::TooLarge`] beyond [`MAX_BYTES`].
+    pub fn array(&self, key: &str) -> Result<Array<'static>> {
+        self.optional(key)?.ok_or_else(|| self.missing(key))
+    }
+
+    /// The array of this name, if there is one.
+    ///
+    /// # Errors
+    /// As [`Npz::array`], but for the missing key.
+    pub fn optional(&self, key: &str) -> Result<Option<Array<'static>>> {
+        if !self.has(key) {
+            return Ok(None);
+        }
+        let bytes = self.entry(key)?;
+        Ok(Some(Array::parse(&self.path, key, &bytes)?.into_owned()))
+    }
+
+    /// [`Kind::KeyMissing`] for `key`, with the keys there are.
+    pub fn missing(&self, key: &str) -> Error {
+        FileError::new(Place::file(&self.path), Kind::KeyMissing, list(&self.keys), key).into()
+    }
+
+    /// The bytes of an entry: its header, then as many as its array needs.
+    fn entry(&self, key: &str) -> Result<Vec<u8>> {
+        let cut = |e: &dyn std::fmt::Display| self.fault(Kind::Truncated, format!("{key}: {e}"), "a whole array");
+        let mut zip = self.zip.borrow_mut();
+        let mut entry = zip.by_name(&format!("{key}.npy")).map_err(|e| cut(&e))?;
+        let mut bytes = Vec::new();
+        entry.by_ref().take(npy::MAX_HEADER as u64).read_to_end(&mut bytes).map_err(|e| cut(&e))?;
+        let header = npy::parse_header(&self.path, key, &bytes)?;
+        let wanted = match npy::byte_count(&header.shape, &header.dtype) {
+            // a pickle stands there; text is short
+            _ if header.dtype.element == npy::Element::Object => 1 << 20,
+            Some(n) => n + header.length as u64,
+            None => {
+                let found = format!("{key}: shape {} of {}", npy::tuple(&header.shape), header.dtype);
+                return Err(self.fault(Kind::Truncated, found, "a shape that fits its bytes"));
+            }
+        };
+        if wanted.max(bytes.len() as u64) > self.left.get() {
+            let found = format!("{key}: an array of {wanted} bytes");
+            let expected = format!("at most {} in all, by the size of the archive", self.budget);
+            return Err(self.fault(Kind::TooLarge, found, expected));
+        }
+        let more = wanted.saturating_sub(bytes.len() as u64);
+        entry.by_ref().take(more).read_to_end(&mut bytes).map_err(|e| cut(&e))?;
+        // the checksum is compared where the entry ends
+        entry.read(&mut [0]).map_err(|e| cut(&e))?;
+        self.left.set(self.left.get() - bytes.len() as u64);
+        Ok(bytes)
+    }
+
+    fn fault(&self, kind: Kind, found: String, expected: impl Into<String>) -> Error {
+        FileError::new(Place::file(&self.path), kind, found, expected).into()
+    }
+}
+
+/// What the arrays of an archive of so many bytes may take.
+fn budget(archive: usize) -> u64 {
+    (archive as u64).saturating_mul(64).saturating_add(1 << 26).min(MAX_BYTES)
+}
+
+/// Names for a message.
+pub(super) fn list(keys: &[String]) -> String {
+    let short = |k: &String| k.chars().take(60).collect::<String>();
+    let shown: Vec<String> = keys.iter().take(30).map(short).collect();
+    match keys.len() {
+        0 => "no keys".into(),
+        n if n > 30 => format!("the keys {} and {} more", shown.join(" "), n - 30),
+        _ => format!("the keys {}", shown.join(" ")),
+    }
+}
+
+/// Refuses zip64 directories that claim more entries than fit into the file: the zip crate makes room for as many.
+///
+/// Looks wherever it may find one: at each place where a locator (20 bytes) stands right before an end record.
+fn check_zip64(bytes: &[u8]) -> std::result::Result<(), &'static str> {
+    let number = |at: usize| bytes.get(at..at + 8).map(|b| u64::from_le_bytes(b.try_into().expect("8 bytes")));
+    for at in memory_find(bytes, b"PK\x06\x07").filter(|at| bytes[at + 4..].get(16..20) == Some(b"PK\x05\x06")) {
+        let end = number(at + 8).and_then(|n| usize::try_from(n).ok()).filter(|&end| end.checked_add(56) == Some(at));
+        let Some(end) = end else { return Err("a zip64 directory that is not where it is said to be") };
+        if number(end + 32).is_none_or(|entries| entries > bytes.len() as u64 / 46) {
+            return Err("a zip64 directory of more entries than the file has room for");
+        }
+    }
+    Ok(())
+}
+
+fn memory_find<'a>(bytes: &'a [u8], pattern: &'a [u8; 4]) -> impl Iterator<Item = usize> + 'a {
+    bytes.windows(4).enumerate().filter(move |(_, w)| w == pattern).map(|(i, _)| i)
+}
+
+/// What is written into an archive.
+#[derive(Debug, Clone, Copy)]
+pub enum Values<'a> {
+    /// `<f8`.
+    F64(&'a [f64]),
+    /// `<f4`.
+    F32(&'a [f32]),
+    /// `<i4`.
+    I32(&'a [i32]),
+    /// `<U`, as wide as the longest.
+    Text(&'a [String]),
+}
+
+/// An archive being written: deflated, or as it is where it would shrink so far that it looked like a trap to the reader.
+#[derive(Default)]
+pub struct Writer {
+    entries: Vec<(String, Vec<u8>)>,
+}
+
+impl Writer {
+    /// An empty archive.
+    pub fn new() -> Self {
+        Writer::default()
+    }
+
+    /// Adds an array; an empty shape is a 0-d array of one element. The same arrays give the same bytes.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when the shape doesn't fit the values, a value isn't finite, or a key stands twice.
+    pub fn add(&mut self, key: &str, shape: &[usize], values: Values) -> Result<()> {
+        let (descr, count) = match values {
+            Values::F64(v) => ("<f8".into(), v.len()),
+            Values::F32(v) => ("<f4".into(), v.len()),
+            Values::I32(v) => ("<i4".into(), v.len()),
+            Values::Text(v) => (format!("<U{}", width(v)), v.len()),
+        };
+        if shape.iter().try_fold(1usize, |p, &n| p.checked_mul(n)) != Some(count) {
+            return Err(Error::Call(format!("npz: {key}: {count} values in the shape {}", npy::tuple(shape))));
+        }
+        let not_finite = match values {
+            Values::F64(v) => v.iter().position(|x| !x.is_finite()),
+            Values::F32(v) => v.iter().position(|x| !x.is_finite()),
+            Values::I32(_) | Values::Text(_) => None,
+        };
+        if let Some(at) = not_finite {
+            return Err(Error::Call(format!(
+                "npz: {key}: value {at} is not finite; expected numbers, as of a body of some metres"
+            )));
+        }
+        if self.entries.iter().any(|(there, _)| there == key) {
+            return Err(Error::Call(format!("npz: {key} stands twice")));
+        }
+        let mut bytes = header(&descr, shape);
+        match values {
+            Values::F64(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
+            Values::F32(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
+            Values::I32(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
+            Values::Text(v) => v.iter().for_each(|t| bytes.extend(npy::padded(t, width(v)))),
+        }
+        self.entries.push((key.to_owned(), bytes));
+        Ok(())
+    }
+
+    /// The archive's bytes.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when the archive can't be closed.
+    pub fn finish(self) -> Result<Vec<u8>> {
+        let small = self.zipped(CompressionMethod::Deflated)?;
+        let whole: u64 = self.entries.iter().map(|(_, bytes)| bytes.len() as u64).sum();
+        if whole > budget(small.len()) { self.zipped(CompressionMethod::Stored) } else { Ok(small) }
+    }
+
+    fn zipped(&self, method: CompressionMethod) -> Result<Vec<u8>> {
+        let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+        for (key, bytes) in &self.entries {
+            let failed = |e: &dyn std::fmt::Display| Error::Call(format!("npz: {key}: {e}"));
+            // a fixed date, so that bytes don't depend on the day; sizes above 4 GiB need zip64 from the start
+            let options = SimpleFileOptions::default()
+                .compression_method(method)
+                .last_modified_time(zip::DateTime::default())
+                .large_file(bytes.len() >= 1 << 30);
+            zip.start_file(format!("{key}.npy"), options).map_err(|e| failed(&e))?;
+            zip.write_all(bytes).map_err(|e| failed(&e))?;
+        }
+        let closed = zip.finish().map_err(|e| Error::Call(format!("npz: {e}")))?;
+        Ok(closed.into_inner())
+    }
+}
+
+/// Characters of the longest text; numpy has no type of width 0 here.
+fn width(texts: &[String]) -> usize {
+    texts.iter().map(|t| t.chars().count()).max().unwrap_or(0).max(1)
+}
+
+/// An `.npy` header of version 1.0, filled up to a multiple of 64 bytes.
+fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
+    let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {}, }}", npy::tuple(shape));
+    while (10 + text.len() + 1) % 64 != 0 {
+        text.push(' ');
+    }
+    text.push('\n');
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((text.len() as u16).to_le_bytes());
+    bytes.extend(text.bytes());
+    bytes
+}

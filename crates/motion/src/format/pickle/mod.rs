@@ -1,0 +1,213 @@
+//! Python pickles that hold plain values and numpy arrays, read without running anything.
+//!
+//! A pickle is a program for a small stack machine which may call any function of any Python module. [`Pickle`] steps
+//! through that program for protocols 0 to 5, but knows only the calls by which numpy rebuilds arrays, types and scalars;
+//! a name outside [`ALLOWED`] is refused by its name, and no name is ever looked up anywhere.
+//!
+//! Values stand in one list and refer to each other by their places in it, so that nesting costs no call depth and shared
+//! or circular values no copies. The list, the stack, the memo, the depth of marks and the bytes that decoding makes are
+//! all limited ([`MAX_VALUES`] and the others), so that a small file stays small in memory.
+//!
+//! Source: Python's `pickletools`, which describes every opcode.
+
+mod machine;
+mod numpy;
+
+use super::npy::{Array, Dtype, Order};
+use crate::error::{FileError, Kind};
+use crate::{Error, Result};
+use kinelm_store::Place;
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+
+/// Names that a pickle may refer to, as module and name.
+pub const ALLOWED: [(&str, &str); 9] = [
+    ("numpy.core.multiarray", "_reconstruct"),
+    ("numpy.core.multiarray", "scalar"),
+    ("numpy._core.multiarray", "_reconstruct"),
+    ("numpy._core.multiarray", "scalar"),
+    ("numpy.core.numeric", "_frombuffer"),
+    ("numpy._core.numeric", "_frombuffer"),
+    ("numpy", "dtype"),
+    ("numpy", "ndarray"),
+    ("_codecs", "encode"),
+];
+/// Most values in one pickle.
+pub const MAX_VALUES: usize = 1 << 18;
+/// Most values on the stack, most places in the memo.
+pub const MAX_STACK: usize = 1 << 18;
+/// Most marks that are open at once.
+pub const MAX_MARKS: usize = 1 << 10;
+
+/// Most texts that are taken out of a list, and most bytes of each; shared values could make them many.
+const MAX_TEXTS: usize = 1 << 12;
+
+/// Where a value stands in its pickle.
+type Id = u32;
+
+/// A pickle's values.
+#[derive(Debug)]
+pub struct Pickle<'a> {
+    path: PathBuf,
+    values: Vec<Object<'a>>,
+    top: Id,
+}
+
+#[derive(Debug, Clone)]
+enum Object<'a> {
+    None,
+    Bool(bool),
+    Int(i64),
+    Float(f64),
+    Bytes(Cow<'a, [u8]>),
+    Text(Cow<'a, str>),
+    List(Vec<Id>),
+    Tuple(Vec<Id>),
+    Dict(Vec<(Id, Id)>),
+    Global(&'static str),
+    Dtype(Dtype),
+    Array(ArrayParts),
+}
+
+#[derive(Debug, Clone)]
+enum ArrayParts {
+    /// `_reconstruct` made it, its state is not there yet.
+    Blank,
+    /// Elements in the bytes of another value.
+    Plain { dtype: Dtype, shape: Vec<usize>, order: Order, bytes: Id },
+    /// Elements are the values of a list.
+    Objects { list: Id },
+}
+
+impl<'a> Pickle<'a> {
+    /// Reads a pickle; what follows its end is left alone. `path` is for messages.
+    ///
+    /// # Errors
+    /// [`Kind::PickleRefused`] for a name outside [`ALLOWED`] or an opcode that makes or calls anything else (it says
+    /// which); [`Kind::PickleBad`] for a damaged pickle, with the byte at which reading stopped; [`Kind::TooLarge`] above a
+    /// limit.
+    pub fn parse(path: &Path, bytes: &'a [u8]) -> Result<Self> {
+        let (values, top) = machine::run(bytes).map_err(|stop| stop.at(path))?;
+        Ok(Pickle { path: path.to_owned(), values, top })
+    }
+
+    /// The pickled value.
+    pub fn top(&self) -> Value<'_, 'a> {
+        Value { pickle: self, id: self.top }
+    }
+}
+
+/// Why reading stopped.
+struct Stop {
+    kind: Kind,
+    at: usize,
+    found: String,
+    expected: &'static str,
+}
+
+impl Stop {
+    fn at(self, path: &Path) -> Error {
+        let found = format!("{} at byte {}", self.found, self.at);
+        let e = FileError::new(Place::file(path), self.kind, found, self.expected);
+        match self.kind {
+            Kind::PickleRefused => e.help("pickles are read, never run").into(),
+            _ => e.into(),
+        }
+    }
+}
+
+/// A value of a pickle.
+#[derive(Debug, Clone, Copy)]
+pub struct Value<'p, 'a> {
+    pickle: &'p Pickle<'a>,
+    id: Id,
+}
+
+impl<'p, 'a> Value<'p, 'a> {
+    fn object(&self) -> &'p Object<'a> {
+        &self.pickle.values[self.id as usize]
+    }
+
+    /// The value of a dict's key; `None` if it has none or this is no dict. Keys are text or, from Python 2, bytes.
+    pub fn get(&self, key: &str) -> Option<Value<'p, 'a>> {
+        let Object::Dict(items) = self.object() else { return None };
+        // the last of equal keys wins, as in Python
+        let (_, id) = items.iter().rev().find(|(k, _)| self.at(*k).text().as_deref() == Some(key))?;
+        Some(self.at(*id))
+    }
+
+    /// The keys of a dict that are text, in the order of the file; `None` if this is no dict.
+    pub fn keys(&self) -> Option<Vec<String>> {
+        let Object::Dict(items) = self.object() else { return None };
+        Some(items.iter().take(MAX_TEXTS).filter_map(|(k, _)| self.at(*k).text()).map(Cow::into_owned).collect())
+    }
+
+    /// Short text, or bytes taken as Latin-1, as Python 2 wrote it; of a numpy scalar or an array of one text that text.
+    pub fn text(&self) -> Option<Cow<'p, str>> {
+        match self.object() {
+            Object::Text(t) if t.len() <= MAX_TEXTS => Some(Cow::Borrowed(t)),
+            Object::Bytes(b) if b.len() <= MAX_TEXTS => Some(b.iter().map(|&c| c as char).collect::<String>().into()),
+            Object::Array(_) => self.array("text")?.ok()?.text().ok().map(Cow::Owned),
+            _ => None,
+        }
+    }
+
+    /// The texts of a list or of an array of objects; `None` if this is neither or an element is no text.
+    pub fn texts(&self) -> Option<Vec<Cow<'p, str>>> {
+        match self.object() {
+            Object::List(items) | Object::Tuple(items) if items.len() <= MAX_TEXTS => items
+                .iter()
+                .map(|&id| match self.at(id).object() {
+                    Object::Text(_) | Object::Bytes(_) => self.at(id).text(),
+                    _ => None,
+                })
+                .collect(),
+            Object::Array(ArrayParts::Objects { list }) => self.at(*list).texts(),
+            _ => None,
+        }
+    }
+
+    /// An array; of a Python number a 0-d array. `None` for all else. `key` is for messages.
+    pub fn array(&self, key: &str) -> Option<Result<Array<'p>>> {
+        let path = &self.pickle.path;
+        let number = |descr, bytes: [u8; 8]| {
+            let dtype = Dtype::parse(descr).expect("a type of ours");
+            Array::new(path, key, dtype, vec![], Order::C, Cow::Owned(bytes.to_vec()))
+        };
+        match self.object() {
+            Object::Int(n) => Some(number("<i8", n.to_le_bytes())),
+            Object::Float(x) => Some(number("<f8", x.to_le_bytes())),
+            Object::Array(ArrayParts::Plain { dtype, shape, order, bytes }) => {
+                let Object::Bytes(bytes) = self.at(*bytes).object() else { return None };
+                Some(Array::new(path, key, *dtype, shape.clone(), order.clone(), Cow::Borrowed(bytes)))
+            }
+            Object::Array(ArrayParts::Objects { .. }) => {
+                let found = format!("{key}: an array of Python objects");
+                Some(Err(FileError::new(Place::file(path), Kind::ObjectArray, found, "an array of numbers").into()))
+            }
+            _ => None,
+        }
+    }
+
+    /// What it is, for messages.
+    pub fn kind(&self) -> &'static str {
+        match self.object() {
+            Object::None => "None",
+            Object::Bool(_) => "a bool",
+            Object::Int(_) => "an int",
+            Object::Float(_) => "a float",
+            Object::Bytes(_) => "bytes",
+            Object::Text(_) => "text",
+            Object::List(_) => "a list",
+            Object::Tuple(_) => "a tuple",
+            Object::Dict(_) => "a dict",
+            Object::Global(name) => name,
+            Object::Dtype(_) => "a numpy dtype",
+            Object::Array(_) => "an array",
+        }
+    }
+
+    fn at(&self, id: Id) -> Value<'p, 'a> {
+        Value { pickle: self.pickle, id }
+    }
+}

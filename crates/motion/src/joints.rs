@@ -1,0 +1,372 @@
+//! Groups and subsets of the SMPL joints.
+
+use crate::retarget::{self, map::without_namespace};
+use crate::{Error, Result, Skeleton, smpl};
+use kinelm_store::suggest::did_you_mean;
+
+/// The thesis's thirteen joints, by id.
+pub const THIRTEEN: [usize; 13] = [0, 1, 2, 4, 5, 7, 8, 16, 17, 18, 19, 20, 21];
+
+/// Those and what bends the trunk: `spine1`, `spine3`, `neck` and the collars, by id. On CMU's rig no
+/// joint stands elsewhere than with all 24; with the thirteen hands are 10 to 20 cm off.
+pub const EIGHTEEN: [usize; 18] = [0, 1, 2, 3, 4, 5, 7, 8, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21];
+
+/// Hip, knee, ankle and ball of the left leg, then of the right.
+pub const LEGS: [[usize; 4]; 2] = [[1, 4, 7, 10], [2, 5, 8, 11]];
+
+/// The groups by name.
+pub const GROUPS: &[(&str, &[usize])] = &[
+    ("root", &[0]),
+    ("left_leg", &LEGS[0]),
+    ("right_leg", &LEGS[1]),
+    ("legs", &[1, 2, 4, 5, 7, 8, 10, 11]),
+    ("left_arm", &[13, 16, 18, 20, 22]),
+    ("right_arm", &[14, 17, 19, 21, 23]),
+    ("arms", &[13, 14, 16, 17, 18, 19, 20, 21, 22, 23]),
+    ("hands", &[20, 21, 22, 23]),
+    ("feet", &[7, 8, 10, 11]),
+    ("spine", &[3, 6, 9]),
+    ("torso", &[0, 3, 6, 9]),
+    ("head", &[12, 15]),
+    ("upper_body", &[3, 6, 9, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23]),
+    ("lower_body", &[0, 1, 2, 4, 5, 7, 8, 10, 11]),
+    ("all", &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23]),
+];
+
+/// A set of SMPL joints.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Selection {
+    /// Ids, ascending, each once.
+    pub joints: Vec<usize>,
+    /// Whether the root's translation belongs to it: when `root`, `all`, `24`, `18` or `13` is named, but not with the bare joint
+    /// `pelvis` nor with the groups that hold joint 0 among others.
+    pub translation: bool,
+}
+
+/// The joints of a list such as `13`, `18`, `24`, `root,right_arm`, `left_knee,7`.
+///
+/// Parts are the numbers `13`, `18` and `24` alone, groups of [`GROUPS`], SMPL joint names, in any case, or ids. `head` alone is
+/// the group.
+/// Where a name is both, it is SMPL's; `rig:NAME` is a rig's own alone, which [`in_smpl_names`] takes.
+///
+/// # Errors
+/// [`Error::Call`] naming the part that is none of these, with what there is.
+pub fn parse(list: &str) -> Result<Selection> {
+    match list.trim() {
+        "13" => return Ok(Selection { joints: THIRTEEN.to_vec(), translation: true }),
+        "18" => return Ok(Selection { joints: EIGHTEEN.to_vec(), translation: true }),
+        "24" => return Ok(Selection { joints: (0..24).collect(), translation: true }),
+        _ => {}
+    }
+    let mut selection = Selection { joints: Vec::new(), translation: false };
+    for part in parts(list) {
+        let found = exactly(part).or_else(|| of_smpl(part, str::eq_ignore_ascii_case));
+        let found = found.ok_or_else(|| unknown(part, &[]))?;
+        selection.joints.extend(found.joints);
+        selection.translation |= found.translation;
+    }
+    selection.joints.sort_unstable();
+    selection.joints.dedup();
+    Ok(selection)
+}
+
+/// The parts of a list between its commas; in `rig:"NAME"` the name may have some.
+fn parts(list: &str) -> impl Iterator<Item = &str> {
+    let mut quoted = false;
+    let apart = move |c: char| {
+        quoted ^= c == '"';
+        c == ',' && !quoted
+    };
+    list.split(apart).map(str::trim)
+}
+
+/// NAME of `rig:"NAME"` or `rig:NAME`.
+fn of_rig_alone(part: &str) -> Option<&str> {
+    let name = part.strip_prefix(RIG)?;
+    Some(name.strip_prefix('"').and_then(|name| name.strip_suffix('"')).unwrap_or(name))
+}
+
+/// In front of a name that is a rig's own.
+const RIG: &str = "rig:";
+
+/// The names of a rig's joints, each with the SMPL joint that it stands for.
+fn own_names<'a>(rig: &'a Skeleton, map: Option<&str>) -> Option<Vec<(&'a str, Option<usize>)>> {
+    let map = retarget::map_for(rig, map).ok()?;
+    let map = map.bind(rig.names()).unwrap_or(map);
+    let stands_for = |name: &str| (0..24).find(|&id| map.joint(id) == Some(name));
+    Some(rig.names().iter().map(|n| (n.as_str(), stands_for(n))).collect())
+}
+
+/// A list in which joints of a rig may stand by its own names, such as `root,RightArm` or `rig:"Head"`, as a list that
+/// [`parse`] takes: each becomes the SMPL joint that it stands for. What is a part without a rig stays as it is.
+///
+/// Names may lack their namespace (`LeftArm` for `mixamorig:LeftArm`) and have another case: an exact name wins, then a joint's
+/// without its namespace, then a group's in another case, then a joint's.
+///
+/// # Errors
+/// As [`parse`]; a joint of the rig that stands for no SMPL joint; a name that may be either of two.
+pub fn in_smpl_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Result<String> {
+    let is_plain = matches!(list.trim(), "13" | "18" | "24") || parts(list).all(|part| exactly(part).is_some());
+    let own = match own_names(rig, map) {
+        Some(own) if !is_plain => own,
+        _ => return parse(list).map(|_| list.to_owned()),
+    };
+    Ok(parts(list).map(|part| in_smpl(part, &own)).collect::<Result<Vec<_>>>()?.join(","))
+}
+
+/// One part of such a list, of a rig's joints and what they stand for.
+fn in_smpl(part: &str, own: &[(&str, Option<usize>)]) -> Result<String> {
+    let (alone, name) = (of_rig_alone(part), of_rig_alone(part).unwrap_or(part));
+    if alone.is_none() && exactly(part).is_some() {
+        return Ok(part.to_owned());
+    }
+    let with: Vec<&str> = own.iter().filter(|(_, id)| id.is_some()).map(|(n, _)| *n).collect();
+    // the joint `head` by its id: its name means the group
+    let of_id = |id: usize| match GROUPS.iter().any(|(n, _)| *n == smpl::NAMES[id]) {
+        true => id.to_string(),
+        false => smpl::NAMES[id].to_owned(),
+    };
+    let of_rig = |is: fn(&str, &str) -> bool| -> Result<Option<String>> {
+        let (mut meant, others): (Vec<_>, Vec<_>) =
+            own.iter().copied().filter(|(own, _)| is(own, name)).partition(|(_, id)| id.is_some());
+        if alone.is_none() && meant.iter().all(|(own, _)| *own != name) {
+            let known: Vec<Option<usize>> = meant.iter().map(|(_, id)| *id).collect();
+            let smpl = (0..24).filter(|&id| is(smpl::NAMES[id], name) && !known.contains(&Some(id)));
+            meant.extend(smpl.map(|id| (smpl::NAMES[id], Some(id))));
+        }
+        match (&meant[..], &others[..]) {
+            ([(_, id)], _) => Ok(id.map(of_id)),
+            ([(a, _), (b, _), ..], _) => Err(Error::Call(format!("{name:?} may be {a} or {b}; give the whole name"))),
+            ([], [(other, _), ..]) => {
+                let with = with.join(" ");
+                Err(Error::Call(format!("{other} of the rig stands for no SMPL joint; joints that do are {with}")))
+            }
+            ([], []) => Ok(None),
+        }
+    };
+    let group = GROUPS.iter().find(|(group, _)| alone.is_none() && group.eq_ignore_ascii_case(name));
+    if let Some(found) = of_rig(|a, b| a == b)?.or(of_rig(is_but_for_namespace)?) {
+        return Ok(found);
+    }
+    if let Some((group, _)) = group {
+        return Ok((*group).to_owned());
+    }
+    match of_rig(is_but_for_case)? {
+        Some(found) => Ok(found),
+        None if alone.is_some() => {
+            let meant = did_you_mean(name, with.iter().copied());
+            Err(Error::Call(format!("no joint {name:?} in the rig{meant}; its own are {}", with.join(" "))))
+        }
+        None => Err(unknown(name, &with)),
+    }
+}
+
+/// The joint of a rig that a name means: it, or the one that has it but for a namespace, or for case too.
+///
+/// # Errors
+/// A name of none, with those there are; one that may be either of two.
+pub fn of_rig(rig: &Skeleton, name: &str) -> Result<usize> {
+    for is in [|a: &str, b: &str| a == b, is_but_for_namespace, is_but_for_case] {
+        let found: Vec<usize> = (0..rig.joints()).filter(|&joint| is(&rig.names()[joint], name)).collect();
+        match found[..] {
+            [] => {}
+            [joint] => return Ok(joint),
+            [a, b, ..] => {
+                let [a, b] = [a, b].map(|joint| &rig.names()[joint]);
+                return Err(Error::Call(format!("{name:?} may be {a} or {b}; give the whole name")));
+            }
+        }
+    }
+    let meant = did_you_mean(name, rig.names().iter().map(String::as_str));
+    Err(Error::Call(format!("no joint {name:?}; there are {}{meant}", rig.names().join(", "))))
+}
+
+fn is_but_for_namespace(a: &str, b: &str) -> bool {
+    without_namespace(a) == without_namespace(b)
+}
+
+fn is_but_for_case(a: &str, b: &str) -> bool {
+    without_namespace(a).eq_ignore_ascii_case(without_namespace(b))
+}
+
+/// What a part of a list is without a rig, its names compared by `is`.
+fn of_smpl(part: &str, is: impl Fn(&str, &str) -> bool) -> Option<Selection> {
+    if let Some((name, ids)) = GROUPS.iter().find(|(group, _)| is(group, part)) {
+        return Some(Selection { joints: ids.to_vec(), translation: matches!(*name, "root" | "all") });
+    }
+    let id = smpl::NAMES.iter().position(|name| is(name, part));
+    let id = id.or_else(|| part.parse::<usize>().ok().filter(|&id| id < 24))?;
+    Some(Selection { joints: vec![id], translation: false })
+}
+
+/// The same by the very names.
+fn exactly(part: &str) -> Option<Selection> {
+    of_smpl(part, |a, b| a == b)
+}
+
+/// The parts of a list that are SMPL's and a rig's own at once and mean other joints there: `(part, SMPL's name of the rig's)`.
+pub fn meant_twice(list: &str, rig: &Skeleton, map: Option<&str>) -> Vec<(String, &'static str)> {
+    let own = own_names(rig, map).unwrap_or_default();
+    let other = |part: &str| {
+        let (_, id) = own.iter().find(|(name, _)| *name == part)?;
+        let meant = exactly(part)?.joints;
+        id.filter(|id| meant != [*id]).map(|id| (part.to_owned(), smpl::NAMES[id]))
+    };
+    parts(list).filter_map(other).collect()
+}
+
+/// What is said of such a part.
+pub fn say_meant_twice(part: &str, own: &str) -> String {
+    format!("{part} is SMPL's here; the rig's own joint of that name, its {own}, is rig:{part}")
+}
+
+/// What a part of a list is told that is nothing, with the rig's own names if there is one.
+fn unknown(part: &str, own: &[&str]) -> Error {
+    let groups: Vec<_> = GROUPS.iter().map(|(n, _)| *n).collect();
+    let names = groups.iter().chain(&smpl::NAMES).chain(own).copied();
+    let meant = did_you_mean(part, names);
+    let own = if own.is_empty() { String::new() } else { format!("; the rig's own are {}", own.join(" ")) };
+    let (groups, joints) = (groups.join(" "), smpl::NAMES.join(" "));
+    Error::Call(format!("no joint or group {part:?}{meant}; groups are {groups}; joints are {joints}{own}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists() {
+        assert_eq!(parse("13").unwrap().joints, THIRTEEN);
+        let trunk = parse("spine1,spine3,neck,left_collar,right_collar").unwrap().joints;
+        let mut more = [THIRTEEN.as_slice(), &trunk].concat();
+        more.sort_unstable();
+        assert_eq!(parse("18").unwrap(), Selection { joints: more, translation: true });
+        assert_eq!(
+            parse("root, right_arm").unwrap(),
+            Selection { joints: vec![0, 14, 17, 19, 21, 23], translation: true }
+        );
+        assert_eq!(parse("7,left_knee").unwrap(), Selection { joints: vec![4, 7], translation: false });
+        assert!(parse("left_wing").unwrap_err().to_string().contains("left_wing"));
+        assert!(parse("").is_err());
+        assert!(parse("24,0").is_err());
+    }
+
+    #[test]
+    fn new_groups_and_slips_of_the_hand() {
+        assert_eq!(parse("hands,feet").unwrap().joints, [7, 8, 10, 11, 20, 21, 22, 23]);
+        assert_eq!(parse("spine").unwrap(), Selection { joints: vec![3, 6, 9], translation: false });
+        let message = parse("root,rigth_arm").unwrap_err().to_string();
+        assert!(message.contains("no joint or group \"rigth_arm\"; did you mean right_arm?; groups are"), "{message}");
+        assert!(!parse("wing").unwrap_err().to_string().contains("did you mean"));
+    }
+
+    /// A rig by its joints and their parents.
+    fn rig(joints: &[(&str, Option<usize>)]) -> Skeleton {
+        let (names, parents) = joints.iter().map(|(n, p)| ((*n).to_owned(), *p)).unzip();
+        Skeleton::new(names, parents, vec![crate::Vec3::ZERO; joints.len()], Vec::new()).unwrap()
+    }
+
+    #[test]
+    fn a_rig_s_own_names_stand_for_smpl_joints() {
+        let bandai = rig(&[
+            ("joint_Root", None),
+            ("Hips", Some(0)),
+            ("Spine", Some(1)),
+            ("Chest", Some(2)),
+            ("Neck", Some(3)),
+            ("Head", Some(4)),
+            ("UpperArm_L", Some(3)),
+            ("LowerArm_L", Some(6)),
+            ("Hand_L", Some(7)),
+            ("UpperArm_R", Some(3)),
+            ("LowerArm_R", Some(9)),
+            ("Hand_R", Some(10)),
+            ("UpperLeg_L", Some(1)),
+            ("LowerLeg_L", Some(12)),
+            ("Foot_L", Some(13)),
+            ("UpperLeg_R", Some(1)),
+            ("LowerLeg_R", Some(15)),
+            ("Foot_R", Some(16)),
+        ]);
+        let of = |list: &str| in_smpl_names(list, &bandai, None);
+        assert_eq!(of("root, UpperArm_R,LowerArm_R").unwrap(), "root,right_shoulder,right_elbow");
+        // a group is the group, whatever joints the rig has; what needs no rig is left alone
+        assert_eq!([of("head,Hand_R").unwrap(), of("13").unwrap()], ["head,right_wrist", "13"]);
+        assert_eq!(of("Head,Chest").unwrap(), "15,spine3");
+        assert_eq!(of("rig:Head, rig:\"Hand_R\",hands").unwrap(), "15,right_wrist,hands");
+        let message = of("rig:haed").unwrap_err().to_string();
+        assert!(message.contains("no joint \"haed\" in the rig") && !message.contains("groups"), "{message}");
+        assert!(parse("rig:Head").is_err());
+        let message = of("joint_Root").unwrap_err().to_string();
+        assert!(
+            message.contains("joint_Root of the rig stands for no SMPL joint; joints that do are Hips"),
+            "{message}"
+        );
+        let message = of("UperArm_R").unwrap_err().to_string();
+        assert!(
+            message.contains("did you mean UpperArm_R?") && message.contains("the rig's own are Hips"),
+            "{message}"
+        );
+        assert!(in_smpl_names("tail", &rig(&[("a", None)]), None).is_err());
+        assert_eq!(in_smpl_names("legs", &rig(&[("a", None)]), None).unwrap(), "legs");
+        // the smpl rig's own head is the joint, and `head` the group
+        let smpl = smpl::neutral();
+        assert_eq!(meant_twice("head,left_knee,legs", &smpl, None), [("head".to_owned(), "head")]);
+        assert_eq!(in_smpl_names("rig:head,left_knee", &smpl, None).unwrap(), "15,left_knee");
+    }
+
+    #[test]
+    fn namespaces_and_case_are_seen_through() {
+        assert_eq!(parse("Left_Arm,ROOT").unwrap(), parse("left_arm,root").unwrap());
+        assert_eq!(parse("Left_Knee").unwrap().joints, [4]);
+        let names = "Hips Spine Spine1 Spine2 Neck Head LeftShoulder LeftArm LeftForeArm LeftHand RightShoulder RightArm \
+                     RightForeArm RightHand LeftUpLeg LeftLeg LeftFoot LeftToeBase RightUpLeg RightLeg RightFoot RightToeBase";
+        let named = |prefix: &str, more: &[&str]| {
+            let names: Vec<String> = names.split_whitespace().map(|name| format!("{prefix}{name}")).collect();
+            let all = names.iter().map(String::as_str).chain(more.iter().copied());
+            rig(&all.enumerate().map(|(i, name)| (name, i.checked_sub(1))).collect::<Vec<_>>())
+        };
+        let mixamo = named("mixamorig:", &[]);
+        let of = |list: &str| in_smpl_names(list, &mixamo, None).unwrap();
+        assert_eq!(of("LeftArm,mixamorig:LeftArm,leftarm"), "left_shoulder,left_shoulder,left_shoulder");
+        assert_eq!(
+            [of("Head"), of("HEAD"), of("head")],
+            ["15", "head", "head"],
+            "a group before a joint in another case"
+        );
+        assert_eq!([of("rig:head"), of("LEFT_ARM"), of("Left_Knee")], ["15", "left_arm", "left_knee"]);
+        assert_eq!(of_rig(&mixamo, "leftARM").unwrap(), 7);
+        // an exact name wins, and two that are as near are named
+        let two = named("", &["HEAD", "leftarm", "Bob:Prop", "Tom:Prop"]);
+        let of = |list: &str| in_smpl_names(list, &two, None);
+        assert_eq!(of("LeftArm").unwrap(), "left_shoulder");
+        assert_eq!(of_rig(&two, "leftarm").unwrap(), 23);
+        for (name, said) in
+            [("LEFTARM", "\"LEFTARM\" may be LeftArm or leftarm"), ("Prop", "\"Prop\" may be Bob:Prop or Tom:Prop")]
+        {
+            assert!(of_rig(&two, name).unwrap_err().to_string().contains(said));
+        }
+        assert!(of("leftarm").unwrap_err().to_string().contains("leftarm of the rig stands for no SMPL joint"));
+        let both = named("", &["Left_Knee"]);
+        assert_eq!(in_smpl_names("left_knee", &both, None).unwrap(), "left_knee");
+        let smpl: Vec<_> = smpl::NAMES.iter().enumerate().map(|(i, name)| (*name, i.checked_sub(1))).collect();
+        let loud = rig(&smpl
+            .iter()
+            .map(|(name, parent)| (name.to_uppercase(), *parent))
+            .collect::<Vec<_>>()
+            .iter()
+            .map(|(name, parent)| (name.as_str(), *parent))
+            .collect::<Vec<_>>());
+        assert_eq!(in_smpl_names("Left_Knee,LEFT_ANKLE", &loud, None).unwrap(), "left_knee,left_ankle");
+    }
+
+    #[test]
+    fn groups_are_mirror_images() {
+        let of = |n: &str| parse(n).unwrap().joints;
+        for (l, r) in [("left_leg", "right_leg"), ("left_arm", "right_arm")] {
+            let mut m: Vec<_> = of(l).iter().map(|&j| smpl::MIRROR[j]).collect();
+            m.sort_unstable();
+            assert_eq!(m, of(r));
+        }
+    }
+}

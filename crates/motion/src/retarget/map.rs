@@ -1,0 +1,416 @@
+//! Skeleton maps: which joint of a rig plays which SMPL joint, in a TOML that a user can write.
+
+use crate::rotation::{Axis, EulerOrder};
+use crate::{Error, FileError, Kind, Quat, Result, smpl};
+use kinelm_store::Place;
+use kinelm_store::suggest::did_you_mean;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::Path;
+use toml::Spanned;
+
+/// The maps that are compiled in: name and text.
+const SHIPPED: [(&str, &str); 5] = [
+    ("smpl", include_str!("../../../../configs/skeleton/smpl.toml")),
+    ("cmu", include_str!("../../../../configs/skeleton/cmu.toml")),
+    ("cmu-acrnn", include_str!("../../../../configs/skeleton/cmu-acrnn.toml")),
+    ("bandai", include_str!("../../../../configs/skeleton/bandai.toml")),
+    ("mixamo", include_str!("../../../../configs/skeleton/mixamo.toml")),
+];
+
+/// The SMPL joints without which no body can be carried over: pelvis, hips, knees, ankles, shoulders, elbows, wrists.
+pub const REQUIRED: [usize; 13] = [0, 1, 2, 4, 5, 7, 8, 16, 17, 18, 19, 20, 21];
+
+/// Which joint of a rig plays which SMPL joint, and how the rig stands in its reference pose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SkeletonMap {
+    /// Its name, such as `cmu`.
+    pub name: String,
+    /// What rigs it is for.
+    pub description: String,
+    /// By SMPL id: the rig's names for it, the first that a rig has is taken; empty if it has none.
+    joints: [Vec<String>; 24],
+    /// Local rotations of the reference pose by the rig's joint name; all others are identity.
+    reference: Vec<(String, Quat)>,
+}
+
+impl SkeletonMap {
+    /// The names of the shipped maps.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        SHIPPED.iter().map(|(name, _)| *name)
+    }
+
+    /// A shipped map by its name: `smpl`, `cmu`, `cmu-acrnn`, `bandai` or `mixamo`.
+    pub fn builtin(name: &str) -> Option<Self> {
+        let (_, text) = SHIPPED.iter().find(|(n, _)| *n == name)?;
+        SkeletonMap::parse(text, Path::new(name)).ok()
+    }
+
+    /// The map of a skeleton TOML.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when it can't be read, else those of [`SkeletonMap::parse`].
+    pub fn load(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let text = kinelm_store::input::text(path).map_err(Error::io(path))?;
+        SkeletonMap::parse(&text, path)
+    }
+
+    /// A shipped map by its name, else the file of that path.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when it is neither, else those of [`SkeletonMap::load`].
+    pub fn by_name_or_file(name_or_path: &str) -> Result<Self> {
+        if let Some(map) = SkeletonMap::builtin(name_or_path) {
+            return Ok(map);
+        }
+        if !Path::new(name_or_path).exists() {
+            let names: Vec<_> = SkeletonMap::names().collect();
+            let meant = did_you_mean(name_or_path, names.iter().copied());
+            return Err(Error::Call(format!(
+                "no skeleton map {name_or_path:?}: neither a file nor one of {}{meant}",
+                names.join(", ")
+            )));
+        }
+        SkeletonMap::load(name_or_path)
+    }
+
+    /// The map that a TOML text describes; `path` is what errors name.
+    ///
+    /// # Errors
+    /// [`Kind::MapBad`] with line and column: not TOML, a key or SMPL joint that doesn't exist, a required joint not
+    /// mapped, one rig joint for two SMPL joints, an Euler order or rotation that is none.
+    pub fn parse(text: &str, path: &Path) -> Result<Self> {
+        let at = |span: Option<Range<usize>>| place(text, path, span.map_or(0, |s| s.start));
+        let file: File = toml::from_str(text).map_err(|e| {
+            FileError::new(at(e.span()), Kind::MapBad, e.message().trim().replace('\n', ", "), "a skeleton map")
+                .help(HELP)
+        })?;
+        let bad = |span: Range<usize>, found: String, expected: &str| -> Error {
+            FileError::new(at(Some(span)), Kind::MapBad, found, expected).help(HELP).into()
+        };
+        if file.name.get_ref().trim().is_empty() {
+            return Err(bad(file.name.span(), "an empty name".into(), "a short one such as \"my-rig\""));
+        }
+        let joints_at = file.joints.span();
+        let entries = file.joints.into_inner().by_id();
+        if let Some(&id) = REQUIRED.iter().find(|&&id| entries[id].is_none()) {
+            let (missing, required) = (smpl::NAMES[id], REQUIRED.map(|id| smpl::NAMES[id]).join(", "));
+            return Err(bad(joints_at, format!("no {missing}"), &format!("at least {required}")));
+        }
+        let mut joints: [Vec<String>; 24] = Default::default();
+        for (id, entry) in entries.into_iter().enumerate() {
+            let Some(entry) = entry else { continue };
+            let (span, names) = (entry.span(), entry.into_inner().list());
+            if names.is_empty() || names.iter().any(|n| n.trim().is_empty()) {
+                return Err(bad(span, "an empty name".into(), "a joint of the rig, or several to try in turn"));
+            }
+            if let Some((other, name)) =
+                names.iter().find_map(|n| Some((joints.iter().position(|j| j.contains(n))?, n)))
+            {
+                let found = format!("{name} for {} and for {}", smpl::NAMES[other], smpl::NAMES[id]);
+                return Err(bad(span, found, "one SMPL joint for a joint of the rig"));
+            }
+            joints[id] = names;
+        }
+        let reference = match file.reference {
+            Some(r) => r.rotations(&bad)?,
+            None => Vec::new(),
+        };
+        Ok(SkeletonMap { name: file.name.into_inner(), description: file.description, joints, reference })
+    }
+
+    /// The shipped map that fits a rig with these joint names best: all required joints are there, and then most
+    /// others. Its [`SkeletonMap::joint`] gives the rig's own names. `None` if none fits.
+    pub fn detect(names: &[String]) -> Option<Self> {
+        let mut best: Option<(SkeletonMap, (usize, usize))> = None;
+        for map in SkeletonMap::names().filter_map(SkeletonMap::builtin) {
+            let Some(bound) = map.bind(names) else { continue };
+            let exact = (0..24).filter(|&id| bound.joints[id].iter().any(|n| map.joints[id].contains(n))).count();
+            let score = (bound.joints.iter().filter(|j| !j.is_empty()).count(), exact);
+            if best.as_ref().is_none_or(|(_, b)| score > *b) {
+                best = Some((bound, score));
+            }
+        }
+        best.map(|(map, _)| map)
+    }
+
+    /// The rig's name of an SMPL joint; `None` where the rig has no counterpart or `smpl_id` is above 23. Of a map that
+    /// was not yet laid over a rig ([`SkeletonMap::bind`]) the first of the names that it tries.
+    pub fn joint(&self, smpl_id: usize) -> Option<&str> {
+        self.joints.get(smpl_id)?.first().map(String::as_str)
+    }
+
+    /// Local rotations of the rig's reference pose, a T or A stand facing +z, by joint name; joints that are not named
+    /// are identity.
+    pub fn reference(&self) -> impl Iterator<Item = (&str, Quat)> {
+        self.reference.iter().map(|(name, q)| (name.as_str(), *q))
+    }
+
+    /// The map with the rig's own spelling: exact names first, then ones that agree but for case, `_ - .`, blanks
+    /// and a prefix that the rig's joints share (`mixamorig:`). `None` if a required joint is not there.
+    pub fn bind(&self, names: &[String]) -> Option<Self> {
+        let bound = self.bind_any(names);
+        REQUIRED.iter().all(|&id| !bound.joints[id].is_empty()).then_some(bound)
+    }
+
+    /// [`SkeletonMap::bind`] that leaves out what a rig lacks, whatever it is.
+    pub fn bind_any(&self, names: &[String]) -> Self {
+        let plain: Vec<String> = names.iter().map(|n| simplified(n)).collect();
+        let mut prefixes = vec![String::new()];
+        for pelvis in self.joints[0].iter().map(|n| simplified(n)) {
+            prefixes.extend(plain.iter().filter_map(|n| n.strip_suffix(&pelvis)).map(str::to_owned));
+        }
+        let with = |prefix: &String| self.bind_with(names, &plain, prefix);
+        let count = |map: &SkeletonMap| map.joints.iter().filter(|j| !j.is_empty()).count();
+        let mut best = with(&prefixes[0]);
+        for prefix in &prefixes[1..] {
+            let bound = with(prefix);
+            if count(&bound) > count(&best) {
+                best = bound;
+            }
+        }
+        best
+    }
+
+    fn bind_with(&self, names: &[String], plain: &[String], prefix: &str) -> Self {
+        let mut used = vec![false; names.len()];
+        let mut take = |wanted: &String| {
+            let found = find_name(wanted, names, plain, prefix).filter(|&j| !used[j])?;
+            used[found] = true;
+            Some(names[found].clone())
+        };
+        let mut bound = SkeletonMap { joints: Default::default(), ..self.clone() };
+        for (id, wanted) in self.joints.iter().enumerate() {
+            bound.joints[id].extend(wanted.iter().find_map(&mut take));
+        }
+        for (joint, _) in &mut bound.reference {
+            if let Some(found) = find_name(joint, names, plain, prefix) {
+                *joint = names[found].clone();
+            }
+        }
+        bound
+    }
+
+    /// The required SMPL joints that a rig of these names lacks under this map.
+    pub fn missing(&self, names: &[String]) -> Vec<&'static str> {
+        let bound = self.bind_any(names);
+        REQUIRED.iter().filter(|&&id| bound.joints[id].is_empty()).map(|&id| smpl::NAMES[id]).collect()
+    }
+}
+
+/// The joint of a name: the same name, the same without namespaces, the same when simplified.
+fn find_name(wanted: &str, names: &[String], plain: &[String], prefix: &str) -> Option<usize> {
+    let simple = format!("{prefix}{}", simplified(wanted));
+    let exact = names.iter().position(|n| n == wanted);
+    exact
+        .or_else(|| names.iter().position(|n| without_namespace(n) == without_namespace(wanted)))
+        .or_else(|| plain.iter().position(|n| *n == simple))
+}
+
+/// A name without what stands up to its last colon.
+pub fn without_namespace(name: &str) -> &str {
+    name.rsplit(':').next().unwrap_or(name)
+}
+
+/// A name without its namespace (up to the last colon), case and separators.
+fn simplified(name: &str) -> String {
+    let own = without_namespace(name).chars();
+    own.filter(|c| !matches!(c, '_' | '-' | '.') && !c.is_whitespace()).flat_map(char::to_lowercase).collect()
+}
+
+const HELP: &str = "see docs/skeletons.md";
+
+fn place(text: &str, path: &Path, byte: usize) -> Place {
+    let before = text.get(..byte).unwrap_or(text);
+    let line_start = before.rfind('\n').map_or(0, |i| i + 1);
+    Place {
+        path: path.to_owned(),
+        line: before.matches('\n').count() + 1,
+        column: before[line_start..].chars().count() + 1,
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    name: Spanned<String>,
+    #[serde(default)]
+    description: String,
+    joints: Spanned<Joints>,
+    reference: Option<Reference>,
+}
+
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "expected a joint's name, or a list of names to try in turn")]
+enum Names {
+    One(String),
+    Several(Vec<String>),
+}
+
+impl Names {
+    fn list(self) -> Vec<String> {
+        match self {
+            Names::One(name) => vec![name],
+            Names::Several(names) => names,
+        }
+    }
+}
+
+macro_rules! joints {
+    ($($name:ident)*) => {
+        /// A field for each SMPL joint, so that a name that is none is refused at its place with the list of them.
+        #[derive(Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Joints { $($name: Option<Spanned<Names>>,)* }
+
+        impl Joints {
+            fn by_id(self) -> [Option<Spanned<Names>>; 24] {
+                [$(self.$name),*]
+            }
+        }
+    };
+}
+
+joints! {
+    pelvis left_hip right_hip spine1 left_knee right_knee spine2 left_ankle right_ankle spine3 left_foot right_foot
+    neck left_collar right_collar head left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist
+    left_hand right_hand
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Reference {
+    order: Spanned<String>,
+    rotations: BTreeMap<String, Spanned<[f64; 3]>>,
+}
+
+impl Reference {
+    fn rotations(self, bad: &dyn Fn(Range<usize>, String, &str) -> Error) -> Result<Vec<(String, Quat)>> {
+        let order = euler_order(self.order.get_ref()).ok_or_else(|| {
+            bad(self.order.span(), format!("the order {:?}", self.order.get_ref()), "three axes such as \"ZXY\"")
+        })?;
+        let rotation = |(joint, angles): (String, Spanned<[f64; 3]>)| {
+            let degrees = *angles.get_ref();
+            if degrees.iter().any(|a| !a.is_finite()) {
+                return Err(bad(angles.span(), format!("{degrees:?} for {joint}"), "three finite angles in degrees"));
+            }
+            Ok((joint, order.to_quat(degrees.map(f64::to_radians))))
+        };
+        self.rotations.into_iter().map(rotation).collect()
+    }
+}
+
+fn euler_order(text: &str) -> Option<EulerOrder> {
+    let axes: Option<Vec<Axis>> = text
+        .chars()
+        .map(|c| match c.to_ascii_uppercase() {
+            'X' => Some(Axis::X),
+            'Y' => Some(Axis::Y),
+            'Z' => Some(Axis::Z),
+            _ => None,
+        })
+        .collect();
+    EulerOrder::new(axes?.try_into().ok()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(list: &str) -> Vec<String> {
+        list.split(' ').map(str::to_owned).collect()
+    }
+
+    fn detected(list: &str) -> Option<String> {
+        SkeletonMap::detect(&names(list)).map(|m| m.name)
+    }
+
+    const MIXAMO: &str = "Hips Spine Spine1 Spine2 Neck Head LeftShoulder LeftArm LeftForeArm LeftHand RightShoulder \
+        RightArm RightForeArm RightHand LeftUpLeg LeftLeg LeftFoot LeftToeBase RightUpLeg RightLeg RightFoot RightToeBase";
+    const CMU: &str = "Hips LHipJoint LeftUpLeg LeftLeg LeftFoot LeftToeBase RHipJoint RightUpLeg RightLeg RightFoot \
+        RightToeBase LowerBack Spine Spine1 Neck Neck1 Head LeftShoulder LeftArm LeftForeArm LeftHand LeftFingerBase \
+        LeftHandIndex1 LThumb RightShoulder RightArm RightForeArm RightHand RightFingerBase RightHandIndex1 RThumb";
+
+    #[test]
+    fn every_shipped_map_parses_and_bears_its_name() {
+        for (name, text) in SHIPPED {
+            let map = SkeletonMap::parse(text, Path::new(name)).unwrap();
+            assert_eq!(map.name, name);
+            assert!(!map.description.is_empty());
+        }
+        assert!(SkeletonMap::builtin("ballerina").is_none());
+        assert!(SkeletonMap::by_name_or_file("ballerina").unwrap_err().to_string().contains("cmu-acrnn"));
+        let message = SkeletonMap::by_name_or_file("miximo").unwrap_err().to_string();
+        assert!(message.ends_with("; did you mean mixamo?"), "{message}");
+    }
+
+    #[test]
+    fn rigs_are_known_by_their_names() {
+        assert_eq!(detected(CMU).unwrap(), "cmu");
+        assert_eq!(detected(MIXAMO).unwrap(), "mixamo");
+        assert_eq!(detected(&smpl::NAMES.join(" ")).unwrap(), "smpl");
+        let f_avg = "f_avg_root f_avg_Pelvis f_avg_L_Hip f_avg_L_Knee f_avg_L_Ankle f_avg_R_Hip f_avg_R_Knee \
+            f_avg_R_Ankle f_avg_L_Shoulder f_avg_L_Elbow f_avg_L_Wrist f_avg_R_Shoulder f_avg_R_Elbow f_avg_R_Wrist";
+        assert_eq!(detected(f_avg).unwrap(), "smpl");
+        assert_eq!(detected("a b c"), None);
+        assert_eq!(detected(&MIXAMO.replace("LeftLeg", "LeftTail")), None);
+    }
+
+    #[test]
+    fn prefixes_and_case_are_seen_through() {
+        for prefix in ["mixamorig:", "mixamorig1:", "MixamoRig_", "Bob:mixamorig:", "bob "] {
+            let rig: Vec<_> = names(MIXAMO).iter().map(|n| format!("{prefix}{n}")).collect();
+            let map = SkeletonMap::detect(&rig).unwrap();
+            assert_eq!(map.name, "mixamo", "{prefix}");
+            assert_eq!(map.joint(0).unwrap(), format!("{prefix}Hips"));
+            assert_eq!(map.joint(20).unwrap(), format!("{prefix}LeftHand"));
+            assert_eq!(map.joint(22), None);
+        }
+        let loud = SkeletonMap::detect(&names(&CMU.to_uppercase())).unwrap();
+        assert_eq!((loud.name.as_str(), loud.joint(4)), ("cmu", Some("LEFTLEG")));
+        // the case decides where both spellings are there
+        let two = SkeletonMap::detect(&names(&format!("HIPS {MIXAMO}"))).unwrap();
+        assert_eq!(two.joint(0), Some("Hips"));
+    }
+
+    #[test]
+    fn what_a_rig_lacks_is_told() {
+        let map = SkeletonMap::builtin("mixamo").unwrap();
+        let rig = names(&MIXAMO.replace(" LeftLeg", "").replace(" RightHand", ""));
+        assert_eq!(map.missing(&rig), ["left_knee", "right_wrist"]);
+    }
+
+    #[test]
+    fn the_examples_of_the_manual_are_maps() {
+        let page = include_str!("../../../../docs/skeletons.md");
+        let blocks: Vec<_> = page.split("```toml\n").skip(1).filter_map(|b| b.split("```").next()).collect();
+        let map = SkeletonMap::parse(&blocks.concat(), Path::new("docs/skeletons.md")).unwrap();
+        assert_eq!((map.name.as_str(), map.joint(9), map.reference().count()), ("my-rig", Some("Chest"), 2));
+    }
+
+    #[test]
+    fn errors_have_their_place() {
+        let good = SHIPPED[3].1;
+        let fails = |text: &str| {
+            let e = SkeletonMap::parse(text, Path::new("my.toml")).unwrap_err();
+            assert_eq!(e.kind(), Some(Kind::MapBad), "{e}");
+            e.to_string()
+        };
+        let line = |s: &str| good.lines().position(|l| l.starts_with(s)).unwrap() + 1;
+        let e = fails(&good.replace("head =", "hat ="));
+        assert!(e.starts_with(&format!("my.toml:{}:1: map_bad", line("head"))) && e.contains("`hat`"), "{e}");
+        let e = fails(&good.replace("left_knee = \"LowerLeg_L\"\n", ""));
+        assert!(e.contains("no left_knee") && e.contains("right_wrist"), "{e}");
+        let e = fails(&good.replace("\"UpperLeg_R\"", "\"UpperLeg_L\""));
+        assert!(e.starts_with(&format!("my.toml:{}:13: ", line("right_hip"))), "{e}");
+        assert!(e.contains("UpperLeg_L for left_hip and for right_hip"), "{e}");
+        assert!(fails(&good.replace("\"Neck\"", "7")).contains("a joint's name"), "type");
+        assert!(fails(&good.replace("\"Neck\"", "[]")).contains("empty"));
+        assert!(fails("name = \"x\"").contains("joints"));
+        assert!(fails("name = ").contains("my.toml:1:"));
+        assert!(fails(&good.replace("\"ZXY\"", "\"ZZY\"")).contains("ZZY"));
+        assert!(fails(&good.replace("name = \"bandai\"", "name = \"\"")).contains("empty name"));
+    }
+}

@@ -1,0 +1,158 @@
+//! What can go wrong with files.
+
+use std::fmt;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// The result of this crate's functions.
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// Everything that reading and writing files can fail with, and what stops any work.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The operating system refused.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A file is wrong.
+    #[error("{at}: found {found}, expected {expected}{}{help}", if help.is_empty() { "" } else { "; " })]
+    File {
+        /// Where.
+        at: Place,
+        /// What stands there.
+        found: String,
+        /// What should.
+        expected: String,
+        /// What the user can do; may be empty.
+        help: String,
+    },
+    /// The user broke the work off; what was promised whole isn't there.
+    #[error("{0}")]
+    Stopped(String),
+    /// Something stands where a file was to be written.
+    #[error("{path} {what}")]
+    Taken {
+        /// The output.
+        path: PathBuf,
+        /// What stands there or would happen, and what to do.
+        what: String,
+    },
+    /// Less memory is free than the work takes.
+    #[error("{0}")]
+    Memory(String),
+    /// The caller asked for something that can't be done.
+    #[error("{0}")]
+    Call(String),
+}
+
+impl Error {
+    /// Wraps an I/O error with the path it happened at.
+    pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Error {
+        let path = path.as_ref().to_owned();
+        move |source| Error::Io { path, source }
+    }
+
+    /// A call that can't be done.
+    pub fn call(what: impl Into<String>) -> Error {
+        Error::Call(what.into())
+    }
+
+    /// Work that the user broke off.
+    pub fn stopped(what: impl Into<String>) -> Error {
+        Error::Stopped(what.into())
+    }
+
+    /// An output that must not be written: `what` goes on behind its name.
+    pub fn taken(path: impl AsRef<Path>, what: impl Into<String>) -> Error {
+        Error::Taken { path: path.as_ref().to_owned(), what: what.into() }
+    }
+
+    /// A fault of the file `path` as a whole.
+    pub fn file(
+        path: impl AsRef<Path>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+        help: impl Into<String>,
+    ) -> Error {
+        Error::at(Place::file(path), found, expected, help)
+    }
+
+    /// A fault at a place of a file.
+    pub fn at(at: Place, found: impl Into<String>, expected: impl Into<String>, help: impl Into<String>) -> Error {
+        Error::File { at, found: found.into(), expected: expected.into(), help: help.into() }
+    }
+
+    /// A fault at the bytes `span` of a file's text; of the file as a whole without one.
+    pub fn in_text(
+        (path, text): (&Path, &str),
+        span: Option<Range<usize>>,
+        found: impl Into<String>,
+        expected: &str,
+        help: &str,
+    ) -> Error {
+        let at = span.map_or_else(|| Place::file(path), |span| place(path, text, span.start));
+        Error::at(at, found, expected, help)
+    }
+}
+
+/// A place in a file. Lines and columns count from 1; 0 means the file as a whole (binary formats).
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Place {
+    /// The file as the user named it.
+    pub path: PathBuf,
+    /// Line, from 1; 0 where a line means nothing.
+    pub line: usize,
+    /// Column in characters, from 1; 0 where a column means nothing.
+    pub column: usize,
+}
+
+impl Place {
+    /// The file as a whole.
+    pub fn file(path: impl AsRef<Path>) -> Self {
+        Place { path: path.as_ref().to_owned(), line: 0, column: 0 }
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.path.display())?;
+        if self.line > 0 {
+            write!(f, ":{}:{}", self.line, self.column.max(1))?;
+        }
+        Ok(())
+    }
+}
+
+/// Line and column of a byte of a text.
+fn place(path: &Path, text: &str, byte: usize) -> Place {
+    let before = &text[..byte.min(text.len())];
+    Place {
+        path: path.to_owned(),
+        line: before.matches('\n').count() + 1,
+        column: before.chars().rev().take_while(|&c| c != '\n').count() + 1,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_says_where_what_and_what_to_do() {
+        let e = Error::file("c/corpus.json", "version 2", "version 1", "");
+        assert_eq!(e.to_string(), "c/corpus.json: found version 2, expected version 1");
+        let e =
+            Error::at(Place { path: "l.csv".into(), line: 3, column: 7 }, "`tarin`", "train, valid or test", "fix it");
+        assert_eq!(e.to_string(), "l.csv:3:7: found `tarin`, expected train, valid or test; fix it");
+        let text = (Path::new("t.toml"), "a = 1\né = =\n");
+        let of = |span| Error::in_text(text, span, "`=`", "a value", "").to_string();
+        assert_eq!(of(Some(11..12)), "t.toml:2:5: found `=`, expected a value");
+        assert_eq!(of(Some(99..99)), "t.toml:3:1: found `=`, expected a value");
+        assert_eq!(of(None), "t.toml: found `=`, expected a value");
+    }
+}

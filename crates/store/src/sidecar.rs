@@ -1,0 +1,113 @@
+//! The file beside a file: `dance.bvh.kinelm.json` says what `dance.bvh` was made from.
+//!
+//! Every sidecar has one envelope: `schema` (the number of its layout), `kinelm` (the program's version), `output` (name and
+//! hash of the file that it stands beside), `replaces` (the hash of the file whose place that one takes, while it is being
+//! written), and one object that says how to make it again, under a key that names its kind.
+
+use crate::output::Outputs;
+use crate::{Error, Result, files, hash, input};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// What the name of a sidecar ends in.
+pub const ENDING: &str = "kinelm.json";
+
+/// A file of the same folder.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FileHash {
+    /// Its name.
+    pub file: String,
+    /// SHA-256 of its bytes.
+    pub sha256: String,
+}
+
+/// The sidecar of `file`: `dance.bvh.kinelm.json`, so that each format has its own.
+pub fn path_of(file: &Path) -> PathBuf {
+    let mut path = file.as_os_str().to_owned();
+    path.push(format!(".{ENDING}"));
+    path.into()
+}
+
+/// A file's name without its folder.
+pub fn name_of(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Whether the sidecar of `file` holds the hash of its bytes: whether it is as it was made.
+///
+/// # Errors
+/// [`Error::Io`] when the file can't be read.
+pub fn has_hash_of(file: &Path) -> Result<bool> {
+    let hashes = |envelope: Value| -> Option<Vec<String>> {
+        let found = [&envelope["output"]["sha256"], &envelope["replaces"]].into_iter().filter_map(|hash| hash.as_str());
+        (envelope["output"]["file"] == name_of(file)).then(|| found.map(str::to_owned).collect())
+    };
+    let found = json(&path_of(file)).and_then(hashes).unwrap_or_default();
+    Ok(!found.is_empty() && found.contains(&hash::of_file(file)?))
+}
+
+/// Whether `path` is a sidecar that stands beside the file it is named after.
+pub fn is_beside_its_file(path: &Path) -> bool {
+    let Some(envelope) = json(path).filter(|json| json["schema"].is_u64() && json["kinelm"].is_string()) else {
+        return false;
+    };
+    let output: Option<FileHash> = serde_json::from_value(envelope["output"].clone()).ok();
+    output.is_some_and(|output| path_of(&path.with_file_name(&output.file)) == path && files::is_plain(&output.file))
+}
+
+/// Whether the sidecar at `path` says how its file is made under this key.
+pub fn is_of_kind(path: &Path, key: &str) -> bool {
+    json(path).is_some_and(|envelope| envelope.get(key).is_some())
+}
+
+/// Any JSON file that is no input.
+fn json(path: &Path) -> Option<Value> {
+    serde_json::from_slice(&input::peek_bytes(path).ok()?).ok()
+}
+
+/// Writes the sidecar of `file`, then the file: whenever this is cut short, what stands there is known by a hash. `text` makes
+/// the sidecar's text of the hash of the file that is replaced; `sha256` is that of the new `bytes`.
+///
+/// # Errors
+/// What [`Outputs::write`] refuses; a path that isn't UTF-8, which JSON can't hold.
+pub fn write_beside(
+    file: &Path,
+    bytes: &[u8],
+    sha256: &str,
+    outputs: &Outputs,
+    text: impl FnOnce(Option<String>) -> serde_json::Result<String>,
+) -> Result<()> {
+    outputs.check_replaceable(file, Some(sha256))?;
+    let before = hash::of_file(file).ok().filter(|hash| hash != sha256);
+    let text = text(before.filter(|_| has_hash_of(file).unwrap_or(false)));
+    let text = text.map_err(|e| Error::call(format!("{}: {e}", path_of(file).display())))?;
+    outputs.write(&path_of(file), (text + "\n").as_bytes())?;
+    outputs.write(file, bytes)?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn a_sidecar_stands_beside_the_file_it_names() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        fs::write(at("a.bvh"), "dance").unwrap();
+        let output = FileHash { file: "a.bvh".into(), sha256: hash::of(b"dance") };
+        let envelope = serde_json::json!({ "schema": 3, "kinelm": "0.1.0", "output": output, "recipe": {} });
+        fs::write(path_of(&at("a.bvh")), envelope.to_string()).unwrap();
+        assert!(is_beside_its_file(&at("a.bvh.kinelm.json")) && has_hash_of(&at("a.bvh")).unwrap());
+        assert!(is_of_kind(&at("a.bvh.kinelm.json"), "recipe") && !is_of_kind(&at("a.bvh.kinelm.json"), "aclstm"));
+        fs::copy(at("a.bvh.kinelm.json"), at("b.bvh.kinelm.json")).unwrap();
+        fs::copy(at("a.bvh"), at("b.bvh")).unwrap();
+        assert!(!is_beside_its_file(&at("b.bvh.kinelm.json")) && !has_hash_of(&at("b.bvh")).unwrap());
+        fs::write(at("a.bvh"), "danced").unwrap();
+        assert!(!has_hash_of(&at("a.bvh")).unwrap() && !has_hash_of(&at("b.bvh")).unwrap());
+        assert!(has_hash_of(&at("none")).is_ok_and(|has| !has));
+    }
+}

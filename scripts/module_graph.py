@@ -1,0 +1,236 @@
+#!/usr/bin/env python3
+"""Lists which rooms of every crate know which, and the circles among them.
+
+    scripts/module_graph.py            # every folder: its rooms, and what each one uses
+    scripts/module_graph.py --check    # only circles; exit 1 if one goes through a folder
+    scripts/module_graph.py --why A B  # the lines in which module A (a::b) uses module B
+    scripts/module_graph.py --dot      # the same graph for graphviz
+
+A room is a folder of modules or a single file. Paths are read from the source text (use lines and paths in code),
+re-exports are followed to the file that defines the name, and what stands under #[cfg(test)] does not count.
+Circles among single files of one folder are listed too, but allowed.
+"""
+
+import argparse
+import pathlib
+import re
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+COMMENT = re.compile(r"//[^\n]*")
+STRING = re.compile(r'b?r#"(?:.|\n)*?"#|"(?:[^"\\]|\\.)*"', re.S)
+TESTED = re.compile(r"#\[cfg\((?:all\()?test\b[^\]]*\]\s*(?:#\[[^\]]*\]\s*)*")
+USE = re.compile(r"^\s*(pub(?:\([a-z ]+\))?\s+)?use\s+([^;]+);", re.M)
+PATH = re.compile(r"\b(?:crate|self|super)(?:::\w+)+")
+MOD = re.compile(r"^\s*(?:pub(?:\([a-z ]+\))?\s+)?mod\s+(\w+)\s*;", re.M)
+
+
+def without_tests(text):
+    """`text` without the items that stand under #[cfg(test)]; also the names of the test modules it declares."""
+    tests = set()
+    while True:
+        found = TESTED.search(text)
+        if not found:
+            return text, tests
+        at = found.end()
+        depth, end = 0, at
+        while end < len(text):
+            if text[end] == "{":
+                depth += 1
+            elif text[end] == "}":
+                depth -= 1
+                if depth == 0:
+                    break
+            elif text[end] == ";" and depth == 0:
+                break
+            end += 1
+        item = text[at : end + 1]
+        declared = MOD.match(item) or re.match(r"\s*(?:pub(?:\([a-z ]+\))?\s+)?mod\s+(\w+)", item)
+        if declared:
+            tests.add(declared.group(1))
+        kept = "\n" * text[found.start() : end + 1].count("\n")
+        text = text[: found.start()] + kept + text[end + 1 :]
+
+
+def leaves(tree):
+    """Every path of a use tree, as (segments, name under which it is known)."""
+    tree = tree.strip()
+    brace = tree.find("{")
+    if brace < 0:
+        path, _, alias = tree.partition(" as ")
+        segments = [s for s in path.strip().split("::") if s]
+        yield segments, alias.strip() or (segments[-1] if segments else "")
+        return
+    head = [s for s in tree[:brace].strip().split("::") if s]
+    body, depth, start = tree[brace + 1 : tree.rfind("}")], 0, 0
+    parts = []
+    for at, char in enumerate(body):
+        if char == "{":
+            depth += 1
+        elif char == "}":
+            depth -= 1
+        elif char == "," and depth == 0:
+            parts.append(body[start:at])
+            start = at + 1
+    parts.append(body[start:])
+    for part in parts:
+        if part.strip():
+            for segments, name in leaves(part):
+                if segments and segments[-1] == "self":
+                    segments = segments[:-1]
+                    name = name if name != "self" else (segments or head)[-1]
+                yield head + segments, name
+
+
+class Crate:
+    def __init__(self, folder):
+        self.name = re.search(r'^name = "([^"]+)"', (folder / "Cargo.toml").read_text(), re.M).group(1)
+        self.files, self.exports, self.uses = {}, {}, {}
+        self.read((), folder / "src" / "lib.rs", folder / "src")
+        for module in self.files:
+            self.uses[module] = list(self.used(module))
+
+    def read(self, module, file, children):
+        text = COMMENT.sub("", file.read_text())
+        text = STRING.sub(lambda found: '""' + "\n" * found.group().count("\n"), text)
+        text, tests = without_tests(text)
+        self.files[module] = text
+        for declared in MOD.finditer(text):
+            name = declared.group(1)
+            if name in tests:
+                continue
+            if (children / f"{name}.rs").exists():
+                self.read((*module, name), children / f"{name}.rs", children / name)
+            elif (children / name / "mod.rs").exists():
+                self.read((*module, name), children / name / "mod.rs", children / name)
+        self.exports[module] = {
+            name: self.absolute(module, segments)
+            for use in USE.finditer(text)
+            for segments, name in leaves(use.group(2))
+        }
+
+    def absolute(self, module, segments):
+        """`segments` as a path from the crate's root; None if it leads out of the crate."""
+        if segments[0] == "crate":
+            return tuple(segments[1:])
+        at = module
+        if segments[0] in ("self", "super"):
+            while segments and segments[0] in ("self", "super"):
+                at = at[:-1] if segments[0] == "super" else at
+                segments = segments[1:]
+            return (*at, *segments)
+        return (*module, *segments)
+
+    def owner(self, path, depth=0):
+        """The module that defines what `path` names, through re-exports."""
+        module = ()
+        for at, name in enumerate(path):
+            if (*module, name) in self.files:
+                module = (*module, name)
+                continue
+            target = self.exports[module].get(name)
+            if target and target != path[: at + 1] and depth < 8:
+                return self.owner((*target, *path[at + 1 :]), depth + 1)
+            break
+        return module
+
+    def used(self, module):
+        text = self.files[module]
+        for use in USE.finditer(text):
+            line = text.count("\n", 0, use.start(2)) + 1
+            for segments, _ in leaves(use.group(2)):
+                known = segments[0] in ("crate", "self", "super") or (*module, segments[0]) in self.files
+                if known:
+                    yield line, self.owner(self.absolute(module, segments))
+        for path in PATH.finditer(USE.sub(lambda use: "\n" * use.group().count("\n"), text)):
+            line = text.count("\n", 0, path.start()) + 1
+            yield line, self.owner(self.absolute(module, path.group().split("::")))
+
+    def rooms(self, folder):
+        """The edges between the rooms right below `folder`: {room: {room it uses}}."""
+        below = [m for m in self.files if m[: len(folder)] == folder and len(m) > len(folder)]
+        graph = {m[len(folder)]: set() for m in below}
+        for module in below:
+            room = module[len(folder)]
+            for _, used in self.uses[module]:
+                if used[: len(folder)] == folder and len(used) > len(folder) and used[len(folder)] != room:
+                    graph[room].add(used[len(folder)])
+        return graph
+
+    def folders(self):
+        return sorted({m[:-1] for m in self.files if m})
+
+
+def circles(graph):
+    """The strongly connected parts of more than one room."""
+
+    def reach(start):
+        seen, todo = set(), [start]
+        while todo:
+            for room in graph[todo.pop()]:
+                if room not in seen:
+                    seen.add(room)
+                    todo.append(room)
+        return seen
+
+    reached = {room: reach(room) for room in graph}
+    found, done = [], set()
+    for room in sorted(graph):
+        if room in done or room not in reached[room]:
+            continue
+        part = sorted(other for other in reached[room] if room in reached[other])
+        done.update(part)
+        if len(part) > 1:
+            found.append(part)
+    return found
+
+
+def members():
+    text = (ROOT / "Cargo.toml").read_text()
+    listed = re.search(r"members = \[(.*?)\]", text, re.S).group(1)
+    folders = [ROOT] + [ROOT / member for member in re.findall(r'"([^"]+)"', listed)]
+    return [Crate(folder) for folder in folders if (folder / "src" / "lib.rs").exists()]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--check", action="store_true", help="only circles; exit 1 if one goes through a folder")
+    parser.add_argument("--dot", action="store_true", help="the graph for graphviz")
+    parser.add_argument("--why", nargs=2, metavar=("A", "B"), help="the lines in which A uses B")
+    parser.add_argument("--crate", help="only this crate")
+    args = parser.parse_args()
+    failed = False
+    for crate in members():
+        if args.crate and crate.name != args.crate:
+            continue
+        if args.why:
+            a, b = (tuple(name.split("::")) for name in args.why)
+            for module, uses in sorted(crate.uses.items()):
+                for line, used in uses:
+                    if module[: len(a)] == a and used[: len(b)] == b:
+                        print(f"{crate.name} {'::'.join(module)}:{line} uses {'::'.join(used)}")
+            continue
+        for folder in crate.folders():
+            graph = crate.rooms(folder)
+            where = "::".join((crate.name, *folder))
+            if args.dot:
+                print(f'digraph "{where}" {{')
+                for room, used in sorted(graph.items()):
+                    print("\n".join([f'  "{room}";'] + [f'  "{room}" -> "{other}";' for other in sorted(used)]))
+                print("}")
+                continue
+            if not args.check:
+                print(where)
+                for room, used in sorted(graph.items()):
+                    kind = "/" if any(m[: len(folder) + 1] == (*folder, room) and len(m) > len(folder) + 1 for m in crate.files) else ""
+                    print(f"  {room}{kind} -> {' '.join(sorted(used)) or '-'}")
+            for part in circles(graph):
+                below = [room for room in part if any(m[:-1] == (*folder, room) for m in crate.files)]
+                failed |= bool(below)
+                marked = " ".join(room + "/" if room in below else room for room in part)
+                print(f"{'CIRCLE' if below else 'circle of files'} in {where}: {marked}")
+    sys.exit(args.check and failed)
+
+
+if __name__ == "__main__":
+    main()

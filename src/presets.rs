@@ -3,47 +3,12 @@
 //! A name that is built in means that; a file of the same name is meant by `./NAME`.
 
 use crate::{Error, Result};
-use kinelm_store::input;
+use kinelm_baselines::aclstm::config::ACLSTM;
+use kinelm_baselines::music_lstm::config::MUSIC_LSTM;
+use kinelm_corpus::settings::TOKENIZER;
+use kinelm_store::presets::Presets;
 use kinelm_store::suggest::did_you_mean;
-use serde::de::DeserializeOwned;
-use std::path::Path;
-
-/// Names and texts of settings.
-type Presets = [(&'static str, &'static str)];
-
-/// Training files.
-pub const TRAIN: &Presets = &[
-    ("tiny", include_str!("../configs/train/tiny.toml")),
-    ("small", include_str!("../configs/train/small.toml")),
-    ("two-level", include_str!("../configs/train/two-level.toml")),
-    ("thesis-26m", include_str!("../configs/train/thesis-26m.toml")),
-    ("gpt2", include_str!("../configs/train/gpt2.toml")),
-    ("finetune", include_str!("../configs/train/finetune.toml")),
-    ("ahead", include_str!("../configs/train/ahead.toml")),
-    ("demo", include_str!("../configs/train/demo.toml")),
-    ("demo-music", include_str!("../configs/train/demo-music.toml")),
-];
-
-/// Settings of auto-conditioned LSTMs.
-pub const ACLSTM: &Presets = &[
-    ("256", include_str!("../configs/aclstm/256.toml")),
-    ("published", include_str!("../configs/aclstm/published.toml")),
-];
-
-/// Settings of music LSTMs.
-pub const MUSIC_LSTM: &Presets = &[
-    ("small", include_str!("../configs/music_lstm/small.toml")),
-    ("dissertation", include_str!("../configs/music_lstm/dissertation.toml")),
-];
-
-/// Settings of tokenizers.
-pub const TOKENIZER: &Presets = &[
-    ("uniform", include_str!("../configs/tokenizer/uniform.toml")),
-    ("thesis", include_str!("../configs/tokenizer/thesis.toml")),
-    ("quantile", include_str!("../configs/tokenizer/quantile.toml")),
-    ("dct-pca", include_str!("../configs/tokenizer/dct-pca.toml")),
-    ("lapped", include_str!("../configs/tokenizer/lapped.toml")),
-];
+pub use kinelm_train::config::TRAIN;
 
 /// All of them, by the folder that a name may be given with.
 const KINDS: [(&str, &Presets); 4] =
@@ -73,49 +38,10 @@ pub fn text_of(name: &str) -> Result<&'static str> {
     })
 }
 
-/// The names of some settings, for a sentence.
-pub fn listed(presets: &Presets) -> String {
-    presets.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
-}
-
-/// Settings by a name that is built in, else those of a TOML; `folder` of configs/ has examples of `what`.
-///
-/// # Errors
-/// [`Error::Call`] when it is neither; a file that can't be read; keys that are unknown.
-pub(crate) fn read<T: DeserializeOwned>(
-    presets: &'static Presets,
-    name_or_path: &Path,
-    (folder, what): (&str, &str),
-) -> Result<T> {
-    let text = match find(presets, name_or_path, "settings")? {
-        Some(text) => text.to_owned(),
-        None => input::text(name_or_path).map_err(Error::io(name_or_path))?,
-    };
-    toml::from_str(&text).map_err(|e| {
-        let help = format!("configs/{folder}/ has examples with every key");
-        Error::in_text((name_or_path, &text), e.span(), e.message(), what, &help)
-    })
-}
-
-/// The text of a name that is built in, `None` for a file that is there.
-///
-/// # Errors
-/// [`Error::Call`] with the names when it is neither.
-pub(crate) fn find(presets: &'static Presets, name_or_path: &Path, what: &str) -> Result<Option<&'static str>> {
-    if let Some((_, text)) = presets.iter().find(|(name, _)| Path::new(name) == name_or_path) {
-        return Ok(Some(text));
-    }
-    if std::fs::symlink_metadata(name_or_path).is_ok() {
-        return Ok(None);
-    }
-    let wanted = name_or_path.display().to_string();
-    let meant = did_you_mean(&wanted, presets.iter().map(|(name, _)| *name));
-    Err(Error::call(format!("no {what} {wanted:?}: neither a file nor one of {}{meant}", listed(presets))))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::Path;
     use crate::corpus::Settings;
     use crate::train::TrainFile;
 

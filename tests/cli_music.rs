@@ -36,7 +36,7 @@ fn a_song_is_told_tapped_and_drawn() {
 
     kinelm(dir.path()).args(["music", "beats", "song.wav", "--out", "b.txt"]).assert().success().stdout("");
     let text = fs::read_to_string(dir.path().join("b.txt")).unwrap();
-    let found = kinelm::music::beats::parse(Path::new("b.txt"), &text).unwrap();
+    let found = kinelm::corpus::music::beats::parse(Path::new("b.txt"), &text).unwrap();
     let near = |t: f64| found.iter().any(|f| (f - t).abs() < 0.03);
     assert!((0..45).filter(|i| near(0.4 + 0.6 * f64::from(*i))).count() > 42, "{found:?}");
     kinelm(dir.path()).args(["music", "beats", "song.wav"]).assert().success().stdout(text.clone());
@@ -195,7 +195,7 @@ fn heard(dir: &Path) {
         let path = dir.join(format!("data/{i}.bvh"));
         let motion = Motion { path: path.clone(), clip: dance.clip.clone(), source: Source::Plain, warnings: vec![] };
         format::write(&path, &motion).unwrap();
-        let samples = kinelm::music::dance::music(dance, 3, 22_050).unwrap();
+        let samples = kinelm::corpus::music::dance::music(dance, 3, 22_050).unwrap();
         let later = [vec![0.0; 22_050], samples.clone()].concat();
         // one is named by a label and begins a second later, one has no music
         let (name, samples) = if i == 1 { ("named".into(), &later) } else { (i.to_string(), &samples) };

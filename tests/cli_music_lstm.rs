@@ -1,7 +1,7 @@
 //! A music LSTM, as a user trains it, dances with it and measures it.
 
 use assert_cmd::Command;
-use kinelm::music::dance::music;
+use kinelm::corpus::music::dance::music;
 use kinelm_motion::format::ReadOptions;
 use kinelm_motion::{Motion, Source, format, synth};
 use kinelm_music::wav;

@@ -1,7 +1,7 @@
 //! What a call reads is never its output: every command, with what it reads as where it would write, by another name.
 
 use assert_cmd::Command;
-use kinelm::music::dance::music;
+use kinelm::corpus::music::dance::music;
 use kinelm_motion::{Motion, Source, format, synth};
 use kinelm_music::wav;
 use std::collections::BTreeSet;

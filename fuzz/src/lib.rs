@@ -4,12 +4,12 @@
 //! `cargo +nightly fuzz run NAME` drives one of them, guided by what they cover; `tests/fuzz.rs` of the workspace drives all
 //! for a moment, on stable Rust.
 
+use kinelm::corpus::music::beats;
 use kinelm::corpus::settings::Settings;
 use kinelm::corpus::{Corpus, labels};
 use kinelm::evaluate::{CodeSplits, Extent};
 use kinelm::generate::provenance::Provenance;
 use kinelm::model::{Which, load_run, weights};
-use kinelm::music::beats;
 use kinelm::spectral::query::Index;
 use kinelm::train::TrainFile;
 use kinelm_motion::format::body_model::BodyModel;

@@ -2,8 +2,8 @@
 
 use super::{ForceArgs, Say, data::DataArgs, read::ReadArgs};
 use anyhow::Result;
-use kinelm::clean::clean;
 use kinelm::corpus::left_out::to_csv;
+use kinelm::spectral::clean::clean;
 use kinelm_motion::format::RestFrame;
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use std::path::PathBuf;

@@ -182,7 +182,7 @@ impl TrustArgs {
     /// # Errors
     /// Those of [`Corpus::open_with`].
     pub fn open(self, dir: &Path) -> kinelm::Result<Corpus> {
-        Corpus::open_with(dir, Opening { streamed: true, ..self.opening() })
+        Ok(Corpus::open_with(dir, Opening { streamed: true, ..self.opening() })?)
     }
 }
 
@@ -312,8 +312,8 @@ fn command(command: Command, say: Say) -> Result<()> {
 pub struct WrongCall(pub String);
 
 /// What the library refuses in the words of a call is a wrong call.
-pub fn asked(e: kinelm::Error) -> Error {
-    match e {
+pub fn asked(e: impl Into<kinelm::Error>) -> Error {
+    match e.into() {
         kinelm::Error::Store(kinelm_store::Error::Call(what))
         | kinelm::Error::Motion(kinelm_motion::Error::Call(what)) => WrongCall(what).into(),
         e => e.into(),
@@ -567,7 +567,10 @@ pub fn is_wrong_call(e: &Error) -> bool {
     use kinelm_motion::Error as Motion;
     let is_option = |e: &(dyn std::error::Error + 'static)| match e.downcast_ref::<kinelm::Error>() {
         Some(kinelm::Error::Motion(e)) => matches!(e, Motion::Option { .. }),
-        _ => matches!(e.downcast_ref(), Some(Motion::Option { .. })),
+        _ => {
+            matches!(e.downcast_ref(), Some(kinelm::corpus::Error::Motion(Motion::Option { .. })))
+                || matches!(e.downcast_ref(), Some(Motion::Option { .. }))
+        }
     };
     let is_taken = |e| matches!(of_store(e), Some(kinelm_store::Error::Taken { .. }));
     e.is::<WrongCall>() || e.chain().any(|e| is_option(e) || is_taken(e))
@@ -577,7 +580,10 @@ pub fn is_wrong_call(e: &Error) -> bool {
 fn of_store<'a>(e: &'a (dyn std::error::Error + 'static)) -> Option<&'a kinelm_store::Error> {
     match e.downcast_ref::<kinelm::Error>() {
         Some(kinelm::Error::Store(e)) => Some(e),
-        _ => e.downcast_ref(),
+        _ => match e.downcast_ref() {
+            Some(kinelm::corpus::Error::Store(e)) => Some(e),
+            _ => e.downcast_ref(),
+        },
     }
 }
 

@@ -2,7 +2,8 @@
 
 use super::{ForceArgs, Say, chain, each_file, print};
 use anyhow::{Error, Result};
-use kinelm::music::{beats, picture, report};
+use kinelm::corpus::music::beats;
+use kinelm::evaluate::music::{picture, report};
 use kinelm_music::synth::{LONGEST_S, Score, Style, render};
 use kinelm_music::{beat, feature, wav};
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! Which files and folders are this program's own, for what a call may write over.
 
+use kinelm::corpus::music::beats;
 use kinelm::corpus::ours;
-use kinelm::music::beats;
 use kinelm::view::{self, plot};
 use kinelm_store::output::{Ours, extension};
 use kinelm_store::{Result, input, sidecar};

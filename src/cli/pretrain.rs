@@ -3,7 +3,8 @@
 use super::progress::Telling;
 use super::{ComputeArgs, Say, Stopped, TrustArgs};
 use anyhow::Result;
-use kinelm::presets;
+use kinelm::store::presets;
+use kinelm::train::config::TRAIN;
 use kinelm::train::{CorpusPart, Lines, Precision, PretrainOptions, Progress, Silent, Summary, TrainFile, pretrain};
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -47,7 +48,7 @@ pub struct Args {
 }
 
 fn config_help() -> String {
-    let names = presets::listed(presets::TRAIN);
+    let names = presets::listed(TRAIN);
     format!("The training settings: {names}, or a TOML; paths inside it are relative to it")
 }
 

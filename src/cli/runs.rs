@@ -3,7 +3,7 @@
 use super::{ForceArgs, Say, print};
 use anyhow::Result;
 use comfy_table::{CellAlignment, Table, presets};
-use kinelm::runs::{Listed, Log, Metric, Over, chart, list};
+use kinelm::train::runs::{Listed, Log, Metric, Over, chart, list};
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 

@@ -3,7 +3,8 @@
 use super::data::DataArgs;
 use super::{ForceArgs, Say, WrongCall, print, progress, read::ReadArgs};
 use anyhow::{Context, Result};
-use kinelm::study::{self, Event, StudyOptions, default_rows, study};
+use kinelm::evaluate::study;
+use kinelm::evaluate::study::{Event, StudyOptions, default_rows, study};
 use kinelm_motion::format::RestFrame;
 use kinelm_motion::joints;
 use kinelm_store::input;

@@ -2,7 +2,7 @@
 
 use super::{Say, Stopped, WrongCall, asked, progress};
 use anyhow::Result;
-use kinelm::aclstm::data::Sources;
+use kinelm::baselines::aclstm::data::Sources;
 use kinelm::classify::Only;
 use kinelm::train::updates::{Event, Summary};
 use kinelm_motion::format::ReadOptions;

@@ -8,6 +8,7 @@ use super::{
     view_files::{Named, Shown, named, shown},
 };
 use anyhow::Result;
+use kinelm::baselines::music_lstm;
 use kinelm::evaluate::dance::beats::Pair;
 use kinelm::generate::edit::span::Span;
 use kinelm::generate::provenance;
@@ -162,7 +163,7 @@ fn forced<'a>(figure: Figure<'a>, motion: &Motion, list: &str, map: Option<&str>
 fn told(clips: &[Named], say: Say) -> Option<(PathBuf, f64)> {
     let told = |clip: &Named| {
         let told = provenance::find(&clip.path).ok()?;
-        provenance::music_of(told.as_ref(), &clip.path).map_err(|e| say.line(e)).ok()?
+        music_lstm::dance::music_of(told.as_ref(), &clip.path).map_err(|e| say.line(e)).ok()?
     };
     let music = clips.iter().find_map(told)?;
     if !music.path.is_file() {

@@ -11,6 +11,7 @@ pub mod hash;
 pub mod input;
 pub mod memory;
 pub mod output;
+pub mod presets;
 pub mod random;
 pub mod sidecar;
 pub mod suggest;

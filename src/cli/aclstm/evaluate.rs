@@ -3,9 +3,9 @@
 use crate::cli::read::frames_at;
 use crate::cli::{ForceArgs, Say, asked, print, progress};
 use anyhow::Result;
-use kinelm::aclstm::FPS;
-use kinelm::aclstm::evaluate::{Options, Report, SHORT, Test, evaluate, evaluate_dances};
-use kinelm::aclstm::run::Trained;
+use kinelm::baselines::aclstm::FPS;
+use kinelm::baselines::aclstm::evaluate::{Options, Report, SHORT, Test, evaluate, evaluate_dances};
+use kinelm::baselines::aclstm::run::Trained;
 use kinelm::corpus::Split;
 use kinelm::model::Which;
 use kinelm_motion::format;

@@ -3,9 +3,9 @@
 use crate::cli::read::{ReadArgs, frames_at};
 use crate::cli::{ForceArgs, Say, WrongCall, asked, filter, generate, progress, writable, written_as};
 use anyhow::{Context, Result};
-use kinelm::aclstm::FPS;
-use kinelm::aclstm::dance::{Recipe, Told};
-use kinelm::aclstm::run::Trained;
+use kinelm::baselines::aclstm::FPS;
+use kinelm::baselines::aclstm::dance::{Recipe, Told};
+use kinelm::baselines::aclstm::run::Trained;
 use kinelm::generate::MOST_FRAMES;
 use kinelm::generate::feet::Care;
 use kinelm::model::Which;

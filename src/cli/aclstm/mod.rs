@@ -7,7 +7,7 @@ mod train;
 
 use super::Say;
 use anyhow::Result;
-use kinelm::aclstm::Form;
+use kinelm::baselines::aclstm::Form;
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {

@@ -2,7 +2,7 @@
 
 use crate::cli::{ForceArgs, Say, draw_charts, picture, view::stem};
 use anyhow::Result;
-use kinelm::aclstm::evaluate::{Curves, charts};
+use kinelm::baselines::aclstm::evaluate::{Curves, charts};
 use kinelm_store::counted;
 use std::path::{Path, PathBuf};
 

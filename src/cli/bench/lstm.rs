@@ -3,8 +3,8 @@
 use super::{How, Rates, Row, Unit, rounded, seconds};
 use crate::cli::Say;
 use anyhow::Result;
-use kinelm::aclstm::network::{Learner, initial};
-use kinelm::aclstm::{Config, Form};
+use kinelm::baselines::aclstm::network::{Learner, initial};
+use kinelm::baselines::aclstm::{Config, Form};
 use kinelm_store::random;
 use serde_json::json;
 

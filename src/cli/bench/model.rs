@@ -101,7 +101,7 @@ impl BenchModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kinelm::presets::TRAIN;
+    use kinelm::train::config::TRAIN;
 
     fn args(config: &str) -> ModelArgs {
         ModelArgs { config: config.into(), context: None, vocabulary: 400, dropout: 0.0 }

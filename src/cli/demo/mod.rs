@@ -6,7 +6,6 @@ use crate::cli::{ComputeArgs, Say, WrongCall};
 use anyhow::{Context, Result};
 use kinelm::corpus::build::{self, BuildOptions};
 use kinelm::corpus::{Corpus, Split, gather};
-use kinelm::evaluate::likelihood::likelihood;
 use kinelm::evaluate::{Baselines, CodeSplits, Extent, measure};
 use kinelm::generate::feet;
 use kinelm::generate::place::{Led, Place};
@@ -15,6 +14,7 @@ use kinelm::generate::rest::RestJoints;
 use kinelm::generate::sampling::Draw;
 use kinelm::generate::starts::STARTS;
 use kinelm::generate::{NextToken, Plan, dance, reader};
+use kinelm::model::likelihood::likelihood;
 use kinelm::model::{Reading, Which, load_run};
 use kinelm::train::{CorpusPart, PretrainOptions, TrainFile};
 use kinelm::view::{Figure, write_page};
@@ -27,8 +27,8 @@ use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// The demo's training settings, a file like any other.
-const SETTINGS: &str = include_str!("../../../configs/train/demo.toml");
+/// The name of the demo's training settings.
+const SETTINGS: &str = "demo";
 /// What the generated dance follows.
 const FOLLOWED: &str = "root,right_arm";
 const CLIPS: usize = 72;
@@ -192,7 +192,7 @@ fn tokenize(args: &Args, music: Option<PathBuf>) -> Result<Tokenizer> {
 
 fn train(args: &Args, settings: &str, say: Say) -> Result<()> {
     let options = PretrainOptions {
-        file: Some(TrainFile::parse(settings, Path::new("demo.toml"))?),
+        file: Some(TrainFile::find(Path::new(settings))?),
         corpora: vec![CorpusPart::once(args.out.join("corpus"))],
         run: Some(args.out.join("run")),
         steps: args.steps,

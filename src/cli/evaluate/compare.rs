@@ -4,7 +4,7 @@ use super::dance::{held_to_prompt, read_dance, told_of};
 use crate::cli::read::ReadArgs;
 use crate::cli::{Odd, Say, WrongCall, many, print, readable};
 use anyhow::Result;
-use kinelm::aclstm;
+use kinelm::baselines::aclstm;
 use kinelm::corpus::Corpus;
 use kinelm::evaluate::dance::Real;
 use kinelm::evaluate::dance::compare::{Comparison, Measured, Side, take_of};

@@ -4,15 +4,16 @@ use super::compare::{self, How};
 use crate::cli::read::ReadArgs;
 use crate::cli::{ForceArgs, Odd, Say, TrustArgs, WrongCall, print, readable};
 use anyhow::Result;
+use kinelm::baselines::music_lstm;
 use kinelm::corpus::Corpus;
+use kinelm::corpus::music::find::in_dance;
+use kinelm::corpus::music::piece::Piece;
 use kinelm::evaluate::dance::named::fidelity;
 use kinelm::evaluate::dance::prompted::{Prompted, prompted};
 use kinelm::evaluate::dance::{Dance, Real};
 use kinelm::generate::prompt::given_places;
 use kinelm::generate::provenance::{self, Provenance};
 use kinelm::generate::recipe::Recipe;
-use kinelm::music::find::in_dance;
-use kinelm::music::piece::Piece;
 use kinelm_motion::format::{Format, ReadOptions, RestFrame};
 use kinelm_motion::joints;
 use kinelm_music::beat::Beats;
@@ -184,7 +185,7 @@ fn beats(args: &Args, pieces: &mut BTreeMap<PathBuf, Beats>) -> Result<Option<Ve
     let from_s = args.music_from.unwrap_or(0.0);
     if let Some(path) = &args.beats {
         let text = input::text(path).map_err(kinelm::Error::io(path))?;
-        let beats = kinelm::music::beats::parse(path, &text)?;
+        let beats = kinelm::corpus::music::beats::parse(path, &text)?;
         if beats.len() < 2 {
             let what = format!("--beats {}: {} beats; expected two or more", path.display(), beats.len());
             return Err(WrongCall(what).into());
@@ -212,13 +213,13 @@ fn own_music(
     told: Option<&Provenance>,
     pieces: &mut BTreeMap<PathBuf, Beats>,
 ) -> kinelm::Result<Option<Vec<f64>>> {
-    let Some(music) = provenance::music_of(told, path)? else { return Ok(None) };
+    let Some(music) = music_lstm::dance::music_of(told, path)? else { return Ok(None) };
     // another dance may have been made to another file of this name
     music.check()?;
     if !pieces.contains_key(&music.path) {
         pieces.insert(music.path.clone(), Piece::beats_of(&music.path)?.beats);
     }
-    in_dance(&music.path, &pieces[&music.path], (music.from_s, 0.0)).map(Some)
+    Ok(Some(in_dance(&music.path, &pieces[&music.path], (music.from_s, 0.0))?))
 }
 
 /// What is told beside a dance; what is wrong with it is said.

@@ -9,6 +9,7 @@ use super::{ComputeArgs, ForceArgs, ReadingArgs, Say, WrongCall, asked, draw::Dr
 use anyhow::{Context, Result};
 use best::BestArgs;
 use edit::EditArgs;
+use kinelm::corpus::music::tempo;
 use kinelm::generate::best::Best;
 use kinelm::generate::draws::Draws;
 use kinelm::generate::feet::Care;
@@ -20,7 +21,6 @@ use kinelm::generate::recipe::{Computing, MusicRecipe, PromptRecipe, Recipe, Rig
 use kinelm::generate::rest::RestJoints;
 use kinelm::model::Which;
 use kinelm::model::run::TOKENIZER;
-use kinelm::music::tempo;
 use kinelm::train::run::RunFile;
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::moment::Moment;

@@ -3,11 +3,11 @@
 use crate::cli::read::frames_at;
 use crate::cli::{Say, WrongCall, asked, print, progress};
 use anyhow::Result;
+use kinelm::baselines::music_lstm::FPS;
+use kinelm::baselines::music_lstm::evaluate::{Options, evaluate};
+use kinelm::baselines::music_lstm::run::Trained;
 use kinelm::corpus::Split;
 use kinelm::model::Which;
-use kinelm::music_lstm::FPS;
-use kinelm::music_lstm::evaluate::{Options, evaluate};
-use kinelm::music_lstm::run::Trained;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]

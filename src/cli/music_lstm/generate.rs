@@ -3,11 +3,11 @@
 use crate::cli::read::frames_at;
 use crate::cli::{ForceArgs, Say, WrongCall, asked, generate, progress, writable, written_as};
 use anyhow::{Context, Result};
+use kinelm::baselines::music_lstm::FPS;
+use kinelm::baselines::music_lstm::dance::{Recipe, Told};
+use kinelm::baselines::music_lstm::run::Trained;
 use kinelm::generate::MOST_FRAMES;
 use kinelm::model::Which;
-use kinelm::music_lstm::FPS;
-use kinelm::music_lstm::dance::{Recipe, Told};
-use kinelm::music_lstm::run::Trained;
 use kinelm_motion::format;
 use kinelm_motion::moment::Moment;
 use kinelm_store::output::is_same;

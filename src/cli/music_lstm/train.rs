@@ -3,11 +3,11 @@
 use crate::cli::read::{ReadArgs, positive};
 use crate::cli::{Say, asked, updates};
 use anyhow::{Context, Result};
+use kinelm::baselines::music_lstm::Config;
+use kinelm::baselines::music_lstm::config::{Audio, Effort, Pose};
+use kinelm::baselines::music_lstm::data::Places;
+use kinelm::baselines::music_lstm::train::{Asked, train};
 use kinelm::classify::Only;
-use kinelm::music_lstm::Config;
-use kinelm::music_lstm::config::{Audio, Effort, Pose};
-use kinelm::music_lstm::data::Places;
-use kinelm::music_lstm::train::{Asked, train};
 use kinelm_motion::format::RestFrame;
 use std::path::PathBuf;
 

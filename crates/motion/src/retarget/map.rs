@@ -12,11 +12,11 @@ use toml::Spanned;
 
 /// The maps that are compiled in: name and text.
 const SHIPPED: [(&str, &str); 5] = [
-    ("smpl", include_str!("../../../../configs/skeleton/smpl.toml")),
-    ("cmu", include_str!("../../../../configs/skeleton/cmu.toml")),
-    ("cmu-acrnn", include_str!("../../../../configs/skeleton/cmu-acrnn.toml")),
-    ("bandai", include_str!("../../../../configs/skeleton/bandai.toml")),
-    ("mixamo", include_str!("../../../../configs/skeleton/mixamo.toml")),
+    ("smpl", include_str!("../../configs/smpl.toml")),
+    ("cmu", include_str!("../../configs/cmu.toml")),
+    ("cmu-acrnn", include_str!("../../configs/cmu-acrnn.toml")),
+    ("bandai", include_str!("../../configs/bandai.toml")),
+    ("mixamo", include_str!("../../configs/mixamo.toml")),
 ];
 
 /// The SMPL joints without which no body can be carried over: pelvis, hips, knees, ankles, shoulders, elbows, wrists.

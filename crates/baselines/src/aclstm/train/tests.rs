@@ -1,0 +1,149 @@
+//! Training on made-up dances: it learns, it goes on to the same bits, and it refuses what can't be learned from.
+
+use super::*;
+use crate::aclstm::form::Form;
+use kinelm_model::run::{OPTIMIZER, WEIGHTS};
+use kinelm_motion::format::{self, ReadOptions};
+use kinelm_motion::{Clip, Motion, Source, synth};
+use std::fs;
+use std::sync::atomic::Ordering;
+
+/// Some dances in a folder, and what a small run takes of them.
+fn place(dir: &Path, fps: f64) -> (Config, Sources) {
+    let data = dir.join("data");
+    fs::create_dir(&data).unwrap();
+    for (i, dance) in synth::corpus(3, 4, 2.0, fps).unwrap().into_iter().enumerate() {
+        let path = data.join(format!("{i}.json"));
+        let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+        format::write(&path, &motion).unwrap();
+    }
+    let config = Config {
+        width: 20,
+        layers: 2,
+        length: 12,
+        batch: 3,
+        condition: 3,
+        groundtruth: 2,
+        margin: 2,
+        steps: 7,
+        learning_rate: 3e-3,
+        checkpoint_every: 3,
+        keep: 2,
+        ..Config::default()
+    };
+    let sources = Sources { data: vec![data], labels: vec![], only: vec![], read: ReadOptions::default() };
+    (config, sources)
+}
+
+fn go(run: &Path, asked: &Asked, stop_after: u64) -> Result<(Summary, Vec<f64>)> {
+    let stop = AtomicBool::new(stop_after == 0);
+    let mut losses = Vec::new();
+    let summary = train(run, asked, &stop, &mut |event| {
+        if let Event::Step(figures, _) = event {
+            losses.push(figures.loss);
+            stop.store(losses.len() as u64 >= stop_after, Ordering::Relaxed);
+        }
+    })?;
+    Ok((summary, losses))
+}
+
+#[test]
+fn a_run_that_was_stopped_goes_on_to_the_same_bits() {
+    for form in [Form::Positional, Form::Euler, Form::Quaternion] {
+        let dir = tempfile::tempdir().unwrap();
+        let (config, sources) = place(dir.path(), 60.0);
+        let new = Asked::New(Config { form, ..config }, sources);
+        let (whole, parts) = (dir.path().join("whole"), dir.path().join("parts"));
+        let (done, losses) = go(&whole, &new, 99).unwrap();
+        assert_eq!((done.step, done.stopped, losses.len()), (7, false, 7));
+        let (first, found) = go(&parts, &new, 4).unwrap();
+        assert_eq!((first.step, first.stopped), (4, true));
+        assert!(go(&parts, &new, 1).unwrap_err().to_string().contains("exists; go on with it by --resume"));
+        // another number of threads, and what was done behind the last checkpoint is done again
+        fs::remove_dir_all(parts.join("checkpoints/step-00000004")).unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+        let (second, more) = pool.install(|| go(&parts, &Asked::Resumed(None), 99)).unwrap();
+        assert_eq!((found, second.step, &more[..]), (losses[..4].to_vec(), 7, &losses[3..]), "{form:?}");
+        for name in [WEIGHTS, OPTIMIZER] {
+            let read = |run: &Path| fs::read(run.join("checkpoints/step-00000007").join(name)).unwrap();
+            assert!(read(&whole) == read(&parts), "{form:?}: {name}");
+        }
+        let lines = fs::read_to_string(parts.join("metrics.jsonl")).unwrap();
+        assert_eq!(lines.lines().count(), 7);
+    }
+}
+
+#[test]
+fn losses_fall() {
+    for form in [Form::Positional, Form::Euler, Form::Quaternion] {
+        let dir = tempfile::tempdir().unwrap();
+        let (config, sources) = place(dir.path(), 30.0);
+        let config = Config { form, steps: 60, learning_rate: 1e-2, turn: false, ..config };
+        let (_, losses) = go(&dir.path().join("run"), &Asked::New(config, sources), 99).unwrap();
+        let mean = |some: &[f64]| some.iter().sum::<f64>() / some.len() as f64;
+        assert!(mean(&losses[50..]) < 0.5 * mean(&losses[..5]), "{form:?}: {losses:?}");
+    }
+}
+
+#[test]
+fn batches_are_true_steps_turned_as_a_whole() {
+    let dir = tempfile::tempdir().unwrap();
+    let (config, sources) = place(dir.path(), 60.0);
+    let recordings = Recordings::load(&sources, config.margin, None).unwrap();
+    let coder = Coder::new(config.form, &recordings.rig).unwrap();
+    let learned = Learned::of(&recordings, &coder, &config).unwrap();
+    let (c, row) = (coder.channels(), config.batch * coder.channels());
+    let a = batch(&learned, &coder, &config, 5);
+    // what is foretold at a step is seen at the next
+    assert_eq!(a.inputs[row..], a.targets[..a.targets.len() - row]);
+    assert!(
+        a.inputs == batch(&learned, &coder, &config, 5).inputs
+            && a.inputs != batch(&learned, &coder, &config, 6).inputs
+    );
+    // heights and angles but the root's are those of frames of the clip, a stride apart
+    let (frames, stride, _) = &learned.clips[a.clips[1]];
+    let kept = |row: &[f32]| [vec![row[1]], row[7..].to_vec()].concat();
+    let first = frames.chunks_exact(c).position(|frame| kept(frame) == kept(&a.inputs[c..2 * c])).unwrap();
+    for t in 0..config.length {
+        let frame = &frames[(first + t * stride) * c..][..c];
+        assert_eq!(kept(frame), kept(&a.inputs[t * row + c..][..c]));
+        let next = &frames[(first + (t + 1) * stride) * c..][..c];
+        let moved = |x: f32, z: f32| (x as f64).hypot(z as f64);
+        let (true_move, seen) = (moved(next[0] - frame[0], next[2] - frame[2]), &a.inputs[t * row + c..]);
+        assert!((moved(seen[0], seen[2]) - true_move).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn what_can_not_be_learned_from_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let (config, sources) = place(dir.path(), 50.0);
+    let run = dir.path().join("run");
+    let said = |config: &Config, sources: &Sources| {
+        go(&run, &Asked::New(config.clone(), sources.clone()), 1).unwrap_err().to_string()
+    };
+    let message = said(&config, &sources);
+    assert!(message.contains("0.json: found 50 frames a second, expected a multiple of 30"), "{message}");
+    let read = ReadOptions { fps_source: Some(60.0), ..Default::default() };
+    let sources = Sources { read, ..sources };
+    let message = said(&Config { length: 400, ..config.clone() }, &sources);
+    assert!(message.contains("no training clip of 402 frames at 30 a second;"), "{message}");
+    let message = said(&config, &Sources { only: vec!["genre=tango".parse().unwrap()], ..sources.clone() });
+    assert_eq!(message, "no clip with genre=tango; see the labels' columns");
+    assert!(!run.exists(), "nothing is left of a run that was refused");
+    // a clip on another body
+    let path = sources.data[0].join("9.json");
+    let clip = synth::corpus(3, 1, 2.0, 50.0).unwrap().remove(0).clip;
+    let s = clip.skeleton();
+    let names = s.names().iter().map(|n| format!("my_{n}")).collect();
+    let other = kinelm_motion::Skeleton::new(names, s.parents().to_vec(), s.offsets().to_vec(), vec![]).unwrap();
+    let clip: Clip = clip.with_skeleton(other.into()).unwrap();
+    format::write(&path, &Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] }).unwrap();
+    let message = said(&config, &sources);
+    assert!(message.contains("9.json: found joints my_pelvis, my_left_hip"), "{message}");
+    fs::remove_file(path).unwrap();
+    go(&run, &Asked::New(config, sources.clone()), 1).unwrap();
+    fs::remove_file(sources.data[0].join("2.json")).unwrap();
+    let message = go(&run, &Asked::Resumed(None), 1).unwrap_err().to_string();
+    assert!(message.contains("2.json: found no such file among those of the run"), "{message}");
+}

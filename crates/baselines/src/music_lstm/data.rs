@@ -1,0 +1,235 @@
+//! Clips with the music laid beside them: their rotations at the file's own rate, and the spectra of every thirtieth of a
+//! second that they last.
+
+use super::config::{Audio, Config};
+use super::{FPS, HEARD};
+use crate::aclstm::data::{Hashes, Recording, Recordings, Sources};
+use crate::aclstm::form::{Coder, Form};
+use crate::{Error, Result};
+use kinelm_corpus::Split;
+use kinelm_corpus::music::find::Finder;
+use kinelm_music::stft::stft;
+use kinelm_store::hash;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// Spectra that music may lack at its end: the last one stands for them.
+const SLACK: usize = 15;
+/// Spectra without a louder number are of silence.
+const SILENT: f32 = 1e-3;
+
+/// Where a run's motion and music are.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Places {
+    /// The folder of the music.
+    pub music: PathBuf,
+    /// The motion.
+    pub motion: Sources,
+}
+
+impl Places {
+    /// With other paths.
+    pub fn with_paths(&self, path: impl Fn(&Path) -> PathBuf) -> Places {
+        Places { music: path(&self.music), motion: self.motion.with_paths(&path) }
+    }
+}
+
+/// A clip with its music.
+pub struct Danced {
+    /// What is known of the clip.
+    pub recording: Recording,
+    /// (F, 4J) unit quaternions as w, x, y, z, their signs running on, at the clip's own rate.
+    pub poses: Vec<f32>,
+    /// The music's file.
+    pub music: PathBuf,
+    /// (n, N) spectra, FPS of them a second.
+    pub heard: Vec<f32>,
+    /// The music's time at the clip's first frame, and that of the first spectrum, in spectra.
+    from: f64,
+    first: usize,
+}
+
+impl Danced {
+    /// The spectrum at a frame of the clip.
+    pub fn at(&self, frame: usize) -> &[f32] {
+        let time = self.from + frame as f64 * FPS / self.recording.clip.fps();
+        let at = (time.round() as usize).saturating_sub(self.first).min(self.heard.len() / HEARD - 1);
+        &self.heard[at * HEARD..][..HEARD]
+    }
+
+    /// (T, N) the spectra of the clip's frames at the network's rate.
+    pub fn at_rate(&self) -> Vec<f32> {
+        (0..self.recording.frames()).flat_map(|f| self.at(f * self.recording.stride)).copied().collect()
+    }
+}
+
+/// The clips of a run that have music.
+pub struct Dances {
+    /// In the order of their names.
+    pub all: Vec<Danced>,
+    /// One hash of all files of motion and music, and of the times at which clips begin.
+    pub sha256: String,
+    /// SHA-256 of each of these files.
+    pub files: Hashes,
+    /// What the user should be told.
+    pub said: Vec<String>,
+}
+
+impl Dances {
+    /// Hears the music of clips; `wanted` says of which.
+    ///
+    /// # Errors
+    /// A folder, or a file that a label names, that isn't there; music that can't be read, is silent, or ends before the
+    /// dance; no clip with music.
+    pub fn hear(
+        recordings: &Recordings,
+        places: &Places,
+        audio: Audio,
+        margin: usize,
+        wanted: impl Fn(&Recording) -> bool,
+    ) -> Result<Dances> {
+        let folder = &places.music;
+        if !folder.is_dir() {
+            return Err(Error::file(folder, "no folder", "one that holds music", "see docs/music-lstm.md"));
+        }
+        let coder = Coder::new(Form::Quaternion, &recordings.rig)?;
+        let (mut all, mut without, mut hash) = (Vec::new(), Vec::new(), Sha256::new());
+        hash.update(recordings.sha256());
+        let (mut hashes, mut finder): (BTreeMap<PathBuf, String>, _) = (BTreeMap::new(), Finder::new(folder));
+        for one in &recordings.all {
+            let Some(music) = finder.find(&one.item)? else {
+                without.push(one.name.clone());
+                continue;
+            };
+            if !hashes.contains_key(&music) {
+                hashes.insert(music.clone(), hash::of_file(&music)?);
+            }
+            let from_s = one.item.music_from_s.unwrap_or(0.0);
+            hash.update(format!("{}\0{from_s}\0{}\n", one.name, hashes[&music]));
+            if !wanted(one) || one.clip.frames() == 0 {
+                continue;
+            }
+            let from = (from_s + margin as f64 / one.clip.fps()) * FPS;
+            if from < 0.0 {
+                let what = format!("{}: its music begins {from_s} s after it", one.name);
+                return Err(Error::call(format!("{what}; music_from must be 0 or above")));
+            }
+            let frames = coder.frames(&one.clip);
+            let rotations = frames.chunks_exact(coder.channels()).flat_map(|frame| &frame[3..]);
+            all.push(Danced {
+                recording: one.clone(),
+                poses: rotations.map(|x| *x as f32).collect(),
+                music,
+                heard: Vec::new(),
+                from,
+                first: from.round() as usize,
+            });
+        }
+        if all.is_empty() {
+            let what = format!("no clip with music in {}; {} without", folder.display(), without.len());
+            let help = "a column `music` of the labels names the file, or it has the clip's name";
+            return Err(Error::call(format!("{what}: {help}")));
+        }
+        let said = match without.is_empty() {
+            true => Vec::new(),
+            false => vec![format!("{} clips have no music and are left out", without.len())],
+        };
+        hear_all(&mut all, audio)?;
+        let music = hashes.into_iter().map(|(path, hash)| (path.display().to_string(), hash));
+        let files = recordings.files().into_iter().chain(music).collect();
+        Ok(Dances { all, sha256: kinelm_store::hash::hex(hash), files, said })
+    }
+
+    /// Those of a split.
+    pub fn split(&self, split: Split) -> impl Iterator<Item = &Danced> {
+        self.all.iter().filter(move |one| one.recording.split == split)
+    }
+}
+
+/// Every file is heard once.
+fn hear_all(all: &mut [Danced], audio: Audio) -> Result<()> {
+    let mut of: BTreeMap<PathBuf, Vec<&mut Danced>> = BTreeMap::new();
+    all.iter_mut().for_each(|one| of.entry(one.music.clone()).or_default().push(one));
+    let files: Vec<(PathBuf, Vec<&mut Danced>)> = of.into_iter().collect();
+    files.into_par_iter().try_for_each(|(path, mut dances)| {
+        let range = |one: &Danced| {
+            let last = one.from + (one.recording.clip.frames() - 1) as f64 * FPS / one.recording.clip.fps();
+            one.first..last.round() as usize + 1
+        };
+        let mut at = 0;
+        let mut take = |frame: &[f32]| {
+            for one in &mut dances {
+                if range(one).contains(&at) {
+                    one.heard.extend_from_slice(frame);
+                }
+            }
+            at += 1;
+            Ok(())
+        };
+        let frames = stft(&path, audio.form(), FPS, &mut take)?;
+        for one in &mut dances {
+            check(&path, frames, &range(one), &one.heard)
+                .map_err(|e| Error::call(format!("{}: {e}", one.recording.name)))?;
+        }
+        Ok(())
+    })
+}
+
+/// Refuses music of `frames` spectra that is too short for a dance in this range of them, or silent in it.
+///
+/// # Errors
+/// [`Error::File`] with what was found and expected.
+pub fn check(path: &Path, frames: usize, range: &Range<usize>, heard: &[f32]) -> Result<()> {
+    let s = |n: usize| n as f64 / FPS;
+    if range.end > frames + SLACK || heard.is_empty() {
+        let found = format!("{:.2} s of music behind {:.2} s", s(frames.saturating_sub(range.start)), s(range.start));
+        let expected = format!("{:.2} s, as long as the dance", s(range.len()));
+        return Err(Error::file(path, found, expected, "take longer music, or a shorter dance"));
+    }
+    if heard.iter().all(|x| x.abs() < SILENT) {
+        let found = format!("silence from {:.2} s to {:.2} s", s(range.start), s(range.end));
+        return Err(Error::file(path, found, "music", "kinelm music inspect shows what is heard"));
+    }
+    Ok(())
+}
+
+/// Mean and deviation of each number over the spectra of some dances, for [`Audio::Fixed`]; else 0 and 1.
+pub fn standard(dances: &[&Danced], audio: Audio) -> [Vec<f32>; 2] {
+    if audio == Audio::Compat {
+        return [vec![0.0; HEARD], vec![1.0; HEARD]];
+    }
+    // numbers whose loudness hardly changes mustn't be blown up
+    const LEAST: f64 = 0.05;
+    let frames = || dances.iter().flat_map(|one| one.heard.chunks_exact(HEARD));
+    let n = frames().count() as f64;
+    let mut mean = vec![0.0f64; HEARD];
+    frames().for_each(|frame| mean.iter_mut().zip(frame).for_each(|(m, x)| *m += f64::from(*x) / n));
+    let mut square = vec![0.0f64; HEARD];
+    for frame in frames() {
+        square.iter_mut().zip(&mean).zip(frame).for_each(|((s, m), x)| *s += (f64::from(*x) - m).powi(2) / n);
+    }
+    let narrow = |x: Vec<f64>| x.into_iter().map(|x| x as f32).collect::<Vec<f32>>();
+    [narrow(mean), narrow(square.into_iter().map(|s| s.sqrt().max(LEAST)).collect())]
+}
+
+/// Training clips that are long enough for a sequence, and the names of those that aren't.
+///
+/// # Errors
+/// [`Error::Call`] when none is.
+pub fn learned(dances: Dances, config: &Config) -> Result<(Vec<Danced>, Vec<String>)> {
+    let needed = config.length + 1;
+    let training = dances.all.into_iter().filter(|one| one.recording.split == Split::Train);
+    let (long, short): (Vec<Danced>, Vec<Danced>) = training.partition(|one| one.recording.frames() >= needed);
+    let short: Vec<String> = short.into_iter().map(|one| one.recording.name).collect();
+    if long.is_empty() {
+        let what =
+            format!("no training clip with music and {needed} frames at {FPS} a second; {} are shorter", short.len());
+        return Err(Error::call(format!("{what}: take a shorter length, or other clips")));
+    }
+    Ok((long, short))
+}

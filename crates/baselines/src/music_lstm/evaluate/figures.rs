@@ -1,0 +1,231 @@
+//! Figures of one dance beside a true one, and of many.
+
+use crate::Result;
+use crate::aclstm::evaluate::Mean;
+use crate::music_lstm::FPS;
+use crate::music_lstm::effort::effort;
+use kinelm_evaluate::dance::freeze;
+use kinelm_evaluate::dance::freeze::Freezing;
+use kinelm_evaluate::dance::places::Places;
+use kinelm_motion::metric::jitter;
+use kinelm_motion::rotation::angle_between;
+use kinelm_motion::{Clip, Quat};
+use kinelm_spectral::filter::{Filter, filter};
+use serde::Serialize;
+
+/// A hip that turns by more from frame to frame flips.
+const FLIP: f64 = std::f64::consts::FRAC_PI_2;
+/// Poles of the filter that dances are measured behind too.
+const ORDER: usize = 2;
+
+/// How fast a dance is at every frame, cm/s.
+pub fn energy(clip: &Clip) -> Vec<f64> {
+    freeze::energy(&Places { at: clip.positions(), joints: clip.joints(), fps: clip.fps() })
+}
+
+/// One dance beside the true one of its clip. Sums with what they are divided by.
+pub struct One {
+    take: String,
+    seconds: f64,
+    frames: f64,
+    /// Mean angle of local rotations to the true ones, degrees: of all joints, of the root, of the mean pose.
+    degrees: [f64; 3],
+    /// Mean angle to the dance to the clip's own music.
+    apart: Option<f64>,
+    /// Mean angle to the true dance of the dance to the clip's own music, over the same frames.
+    own: Option<f64>,
+    /// Mean angular speed of a joint, rad/s, and the true dance's.
+    speed: [f64; 2],
+    /// m/s³: as it is, filtered, the true dance's.
+    jitter: [f64; 3],
+    flips: f64,
+    freezing: Freezing,
+}
+
+/// Mean angle between the rotations of two dances, over the frames that both have, of joints whose number `of` takes;
+/// degrees.
+fn degrees(a: &Clip, b: &Clip, of: impl Fn(usize) -> bool) -> f64 {
+    let j = a.joints();
+    let pairs = a.rotations().iter().zip(b.rotations()).enumerate().filter(|(i, _)| of(i % j));
+    let (sum, n) = pairs.fold((0.0, 0.0), |(sum, n), (_, (a, b))| (sum + angle_between(*a, *b), n + 1.0));
+    (sum / f64::max(n, 1.0)).to_degrees()
+}
+
+/// Mean angular speed of a joint, rad/s.
+fn speed(clip: &Clip) -> f64 {
+    let all = effort(clip.rotations(), &vec![1.0; clip.joints()], clip.fps());
+    all.iter().sum::<f64>() / (all.len() * clip.joints()).max(1) as f64
+}
+
+/// Steps in which the root turns by more than a quarter turn.
+fn flips(clip: &Clip) -> usize {
+    let root = |f: usize| clip.pose(f)[0];
+    (1..clip.frames()).filter(|f| angle_between(root(f - 1), root(*f)) > FLIP).count()
+}
+
+impl One {
+    /// Of what was made and the take that it belongs to. `own`: the dance to the clip's own music, if this is to other music.
+    pub fn of(
+        (take, made): (&str, &Clip),
+        truth: &Clip,
+        own: Option<&Clip>,
+        mean: &[Quat],
+        (threshold, cutoff_hz): (f64, f64),
+    ) -> Result<One> {
+        let frames = made.frames().min(truth.frames());
+        let (made, truth) = (made.slice(0..frames), truth.slice(0..frames));
+        let still = Clip::new(truth.skeleton().clone(), FPS, truth.root().to_vec(), mean.repeat(frames))?;
+        let calm = filter(&made, &Filter::Butterworth { order: ORDER, cutoff_hz })?.clip;
+        let jerk = |clip: &Clip| jitter(clip).unwrap_or(0.0);
+        Ok(One {
+            take: take.to_owned(),
+            seconds: frames as f64 / FPS,
+            frames: frames as f64,
+            degrees: [
+                degrees(&made, &truth, |_| true),
+                degrees(&made, &truth, |j| j == 0),
+                degrees(&still, &truth, |_| true),
+            ],
+            apart: own.map(|own| degrees(&made, own, |_| true)),
+            own: own.map(|own| degrees(&own.slice(0..frames.min(own.frames())), &truth, |_| true)),
+            speed: [speed(&made), speed(&truth)],
+            jitter: [jerk(&made), jerk(&calm), jerk(&truth)],
+            flips: flips(&made) as f64,
+            freezing: Freezing::of(&energy(&made), FPS, threshold),
+        })
+    }
+}
+
+/// Figures of dances to some music. Means are over frames, with the middle 95 % when takes are drawn anew.
+#[derive(Debug, Clone, Serialize)]
+pub struct Figures {
+    /// Dances.
+    pub dances: usize,
+    /// Their length in all.
+    pub seconds: f64,
+    /// Angle to the true rotations, degrees.
+    pub degrees: Mean,
+    /// The same of the root alone.
+    pub hip_degrees: Mean,
+    /// The same of the training clips' mean pose.
+    pub mean_pose_degrees: Mean,
+    /// By how much the angle is larger than that of the dance to the clip's own music, where this is to other music.
+    pub worse_degrees: Option<Mean>,
+    /// How far it is from the dance to the clip's own music.
+    pub apart_degrees: Option<Mean>,
+    /// Mean angular speed of a joint, rad/s.
+    pub speed_rad_s: f64,
+    /// It over that of the true dances.
+    pub speed_ratio: Mean,
+    /// Jitter over that of the true dances.
+    pub jitter_ratio: Mean,
+    /// The same behind the filter.
+    pub filtered_jitter_ratio: Mean,
+    /// Steps a minute in which the root turns by more than 90 degrees.
+    pub hip_flips_per_minute: Mean,
+    /// Share of the frames that stand still.
+    pub still: Mean,
+}
+
+impl Figures {
+    /// Of dances.
+    pub fn of(all: &[One]) -> Figures {
+        let mean = |pick: &dyn Fn(&One) -> [f64; 2]| {
+            let parts: Vec<(&str, f64, f64)> = all.iter().map(|one| (&*one.take, pick(one)[0], pick(one)[1])).collect();
+            Mean::of(parts.iter().copied())
+        };
+        let over = |pick: fn(&One) -> f64| mean(&|one| [pick(one) * one.frames, one.frames]);
+        let maybe = |pick: fn(&One) -> Option<f64>| {
+            all.iter()
+                .all(|one| pick(one).is_some())
+                .then(|| mean(&|one| [pick(one).unwrap_or(0.0) * one.frames, one.frames]))
+        };
+        let ratio = |pick: fn(&One) -> [f64; 2]| mean(&|one| pick(one).map(|x| x * one.frames));
+        Figures {
+            dances: all.len(),
+            seconds: all.iter().map(|one| one.seconds).sum(),
+            degrees: over(|one| one.degrees[0]),
+            hip_degrees: over(|one| one.degrees[1]),
+            mean_pose_degrees: over(|one| one.degrees[2]),
+            worse_degrees: maybe(|one| one.own.map(|own| one.degrees[0] - own)),
+            apart_degrees: maybe(|one| one.apart),
+            speed_rad_s: over(|one| one.speed[0]).mean,
+            speed_ratio: ratio(|one| one.speed),
+            jitter_ratio: ratio(|one| [one.jitter[0], one.jitter[2]]),
+            filtered_jitter_ratio: ratio(|one| [one.jitter[1], one.jitter[2]]),
+            hip_flips_per_minute: mean(&|one| [one.flips, one.seconds / 60.0]),
+            still: mean(&|one| [one.freezing.still as f64, one.freezing.frames as f64]),
+        }
+    }
+}
+
+/// How a long dance lasts.
+#[derive(Debug, Clone, Serialize)]
+pub struct Lasting {
+    /// Its frames.
+    pub frames: usize,
+    /// When it freezes, seconds from its beginning; `None`: it doesn't.
+    pub freezes_at_s: Option<f64>,
+    /// Share of the frames that stand still.
+    pub still: f64,
+    /// Mean angular speed of a joint, rad/s.
+    pub speed_rad_s: f64,
+    /// Steps a minute in which the root turns by more than 90 degrees.
+    pub hip_flips_per_minute: f64,
+    /// What making it took, without hearing the music.
+    pub frames_per_second: f64,
+}
+
+impl Lasting {
+    /// Of a dance that took so many seconds to make.
+    pub fn of(clip: &Clip, threshold: f64, seconds: f64) -> Lasting {
+        let freezing = Freezing::of(&energy(clip), FPS, threshold);
+        Lasting {
+            frames: clip.frames(),
+            freezes_at_s: freezing.time_to_freeze_s,
+            still: freezing.still as f64 / freezing.frames.max(1) as f64,
+            speed_rad_s: speed(clip),
+            hip_flips_per_minute: flips(clip) as f64 / (clip.frames() as f64 / FPS / 60.0),
+            frames_per_second: clip.frames() as f64 / seconds,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinelm_motion::{Skeleton, Vec3};
+
+    /// Two joints; the root turns about y by these angles.
+    fn clip(turns: impl IntoIterator<Item = f64>) -> Clip {
+        let names = ["hip", "hand"].map(String::from).to_vec();
+        let body = Skeleton::new(names, vec![None, Some(0)], vec![Vec3::ZERO, Vec3::X], vec![]).unwrap();
+        let rotations: Vec<Quat> = turns.into_iter().flat_map(|a| [Quat::from_rotation_y(a), Quat::IDENTITY]).collect();
+        Clip::new(body.into(), FPS, vec![Vec3::ZERO; rotations.len() / 2], rotations).unwrap()
+    }
+
+    #[test]
+    fn by_hand() {
+        let truth = clip((0..60).map(|f| f as f64 / FPS));
+        let twice = clip((0..60).map(|f| 2.0 * f as f64 / FPS));
+        let of = |made: &Clip| {
+            let mean = [Quat::IDENTITY; 2];
+            Figures::of(&[One::of(("a", made), &truth, Some(&truth), &mean, (1.0, 6.0)).unwrap()])
+        };
+        let own = of(&truth);
+        assert!(own.degrees.mean < 1e-6 && own.hip_flips_per_minute.mean == 0.0);
+        assert_eq!((own.speed_ratio.mean, own.jitter_ratio.mean, own.still.mean), (1.0, 1.0, 0.0));
+        // one radian a second of one of two joints, for two seconds
+        assert!((own.speed_rad_s - 0.5).abs() < 1e-9 && (own.mean_pose_degrees.mean - 28.17).abs() < 0.1);
+        let fast = of(&twice);
+        assert!((fast.speed_ratio.mean - 2.0).abs() < 1e-9 && (fast.jitter_ratio.mean - 8.0).abs() < 0.1);
+        assert!((fast.degrees.mean - 28.17).abs() < 0.1 && (fast.hip_degrees.mean - 56.3).abs() < 0.2);
+        assert_eq!(fast.worse_degrees.unwrap().mean, fast.degrees.mean);
+        // half a turn every tenth frame
+        let flips = of(&clip((0..60).map(|f| if f / 10 % 2 == 0 { 0.0 } else { 3.0 })));
+        assert!((flips.hip_flips_per_minute.mean - 150.0).abs() < 1e-9);
+        assert_eq!(of(&clip([0.3; 60])).still.mean, 1.0);
+        let frozen = Lasting::of(&clip((0..600).map(|f| f.min(300) as f64 / FPS)), 1.0, 2.0);
+        assert!((frozen.freezes_at_s.unwrap() - 10.0).abs() < 0.5 && frozen.frames_per_second == 300.0);
+    }
+}

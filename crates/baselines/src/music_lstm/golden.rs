@@ -1,0 +1,136 @@
+//! The network, its losses and its updates, held to PyTorch.
+
+use super::HEARD;
+use super::config::{Effort, Pose, Shape};
+use super::loss::{Asked, loss};
+use super::network::{Dropped, Network, list};
+use kinelm_engine::arena::Floats;
+use kinelm_engine::lstm::Told;
+use kinelm_train::parameters::Parameters;
+use serde::Deserialize;
+
+#[derive(Deserialize)]
+struct Golden {
+    rate: f64,
+    clip: f64,
+    stride: usize,
+    told: Vec<bool>,
+    weights: Vec<f64>,
+    cases: Vec<Case>,
+}
+
+#[derive(Deserialize)]
+struct Case {
+    pose: Pose,
+    effort: Effort,
+    outputs: Vec<f64>,
+    gradients: Vec<Vec<f64>>,
+    losses: Vec<f64>,
+}
+
+const BATCH: usize = 2;
+/// Of a tensor's largest number: f32 over some steps, and an angle's slope by numbers that are rounded to it.
+const BOUND: f64 = 2e-5;
+
+#[track_caller]
+fn near(what: &str, found: &[f32], expected: &[f64]) {
+    assert_eq!(found.len(), expected.len(), "{what}");
+    let most = expected.iter().fold(1e-6, |most: f64, x| most.max(x.abs()));
+    for (i, (f, e)) in found.iter().zip(expected).enumerate() {
+        assert!((f64::from(*f) - e).abs() <= BOUND * most, "{what}, number {i}: {f}, expected {e}");
+    }
+}
+
+/// As the script makes them.
+fn numbers(salt: usize, amplitude: f64, len: usize) -> Vec<f32> {
+    (0..len).map(|k| (amplitude * (1.7 * k as f64 + 0.9 * salt as f64).sin()) as f32).collect()
+}
+
+fn unit(numbers: &[f32]) -> Vec<f32> {
+    let of = |q: &[f32]| {
+        let length = q.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt();
+        q.iter().map(|x| (f64::from(*x) / length) as f32).collect::<Vec<_>>()
+    };
+    numbers.chunks_exact(4).flat_map(of).collect()
+}
+
+#[test]
+fn outputs_gradients_and_ten_losses_are_pytorchs() {
+    let golden: Golden = serde_json::from_str(include_str!("../../tests/golden/music_lstm.json")).unwrap();
+    assert_eq!(golden.cases.len(), 4);
+    let steps = golden.told.len();
+    let shape = Shape { encoder: vec![5], width: 4, layers: 2, joints: golden.weights.len() };
+    let (row, nothing) = (BATCH * shape.channels(), Dropped { share: 0.0, keys: &[] });
+    for case in golden.cases {
+        let what = format!("{:?} {:?}", case.pose, case.effort);
+        let learned = list(&shape).into_iter().skip(2).enumerate();
+        let learned = learned.map(|(salt, (_, [r, c]))| Floats::of(&numbers(salt, 0.4, r * c)));
+        let weights = [Floats::new(HEARD), Floats::of(&[1.0; HEARD])].into_iter().chain(learned).collect();
+        let mut network = Network::new(&shape, (BATCH, steps), true);
+        let mut parameters = Parameters::new(list(&shape), weights);
+        let mut pull = vec![0.0; steps * row];
+        for (step, expected) in case.losses.iter().enumerate() {
+            let heard = numbers(50 + step, 0.02, network.rows() * HEARD);
+            let poses = unit(&numbers(100 + step, 0.4, (steps + 1) * row));
+            let told = Told { steps: &golden.told, rows: &poses[..steps * row] };
+            network.pack(&parameters.weights);
+            network.rest();
+            let outputs = network.forward(&parameters.weights, &heard, told, nothing);
+            let asked = Asked { pose: case.pose, effort: case.effort, weights: &golden.weights };
+            let found = loss(asked, BATCH, outputs, &poses[row..], &mut pull);
+            assert!((found - expected).abs() < 2e-5 * expected.max(1.0), "{what}, step {step}: {found}, {expected}");
+            if step == 0 {
+                near(&what, outputs, &case.outputs);
+            }
+            network.backward(&parameters.weights, &pull, &heard, nothing, &mut parameters.gradients);
+            if step == 0 {
+                for (i, (found, expected)) in parameters.gradients[2..].iter().zip(&case.gradients).enumerate() {
+                    let some = if found.len() > 2000 { golden.stride } else { 1 };
+                    let found: Vec<f32> = found.iter().copied().step_by(some).collect();
+                    near(&format!("{what}, tensor {i}"), &found, expected);
+                }
+            }
+            parameters.update(golden.rate, Some(golden.clip));
+        }
+        // what spectra are standardised by doesn't learn
+        assert!(parameters.weights[0].iter().all(|x| *x == 0.0) && parameters.weights[1].iter().all(|x| *x == 1.0));
+    }
+}
+
+#[test]
+fn what_is_dropped_is_dropped_on_the_way_back() {
+    let shape = Shape { encoder: vec![3], width: 16, layers: 2, joints: 2 };
+    let (steps, keys) = (4, [5, 9]);
+    let sized = list(&shape).into_iter().enumerate();
+    let mut weights: Vec<Floats> = sized.map(|(i, (_, [r, c]))| Floats::of(&numbers(i, 0.4, r * c))).collect();
+    let heard = numbers(70, 0.02, steps * BATCH * HEARD);
+    let pull = numbers(71, 1.0, steps * BATCH * shape.channels());
+    let mut network = Network::new(&shape, (BATCH, steps), true);
+    let mut gradients: Vec<Floats> = weights.iter().map(|w| Floats::new(w.len())).collect();
+    for share in [0.0, 0.5] {
+        let dropped = Dropped { share, keys: &keys };
+        let mut total = |weights: &[Floats]| -> f64 {
+            network.pack(weights);
+            network.rest();
+            let outputs = network.forward(weights, &heard, Told::NOTHING, dropped);
+            outputs.iter().zip(&pull).map(|(y, p)| f64::from(y * p)).sum()
+        };
+        // the bias behind the linear layers, and a weight of the second layer
+        let mut expected = Vec::new();
+        for (tensor, at) in [(5, 1), (10, 7)] {
+            let before = weights[tensor][at];
+            let mut moved = |by: f32| {
+                weights[tensor][at] = before + by;
+                total(&weights)
+            };
+            expected.push((tensor, at, (moved(1e-2) - moved(-1e-2)) / 2e-2));
+            weights[tensor][at] = before;
+        }
+        total(&weights);
+        network.backward(&weights, &pull, &heard, dropped, &mut gradients);
+        for (tensor, at, slope) in expected {
+            let found = f64::from(gradients[tensor][at]);
+            assert!((found - slope).abs() < 2e-3 * slope.abs().max(0.1), "{share} tensor {tensor}: {found} {slope}");
+        }
+    }
+}

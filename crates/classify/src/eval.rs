@@ -1,0 +1,204 @@
+//! What a classifier says of windows and clips.
+
+use super::Classifier;
+use super::batches::{IdsOf, Numbers};
+use crate::{Error, Result};
+use kinelm_corpus::{ClipRecord, Corpus};
+use kinelm_engine::arena::Floats;
+use kinelm_model::Scores;
+use kinelm_model::class_windows::{Layout, Window};
+use kinelm_model::fast::Fast;
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Windows that are read together.
+const TOGETHER: usize = 16;
+
+/// What is said of a window.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Named {
+    /// Index into the clips.
+    pub clip: usize,
+    /// Its frames' first word, and how many there are.
+    pub words: Range<usize>,
+    /// ln p, per field and class.
+    pub log_p: Vec<Vec<f64>>,
+}
+
+impl Named {
+    /// The likeliest class of a field; of equals the first.
+    pub fn likeliest(&self, field: usize) -> usize {
+        likeliest(&self.log_p[field])
+    }
+}
+
+/// The place of the largest number, of equals the first.
+pub fn likeliest(log_p: &[f64]) -> usize {
+    (0..log_p.len()).fold(0, |best, i| if log_p[i] > log_p[best] { i } else { best })
+}
+
+/// What a classifier says of every window of these clips of a corpus, in their order.
+///
+/// # Errors
+/// A corpus of another tokenizer.
+pub fn name_windows(classifier: &mut Classifier, corpus: &Corpus, clips: &[&ClipRecord]) -> Result<Vec<Named>> {
+    super::train::same_tokenizer(&classifier.about.tokenizer, corpus)?;
+    classifier.read(&Source::of(corpus, clips))
+}
+
+/// Clips as ids, wherever they are from.
+pub(super) struct Source<'a> {
+    /// Windows at most, spread evenly; 0: all.
+    pub most: usize,
+    /// Ends the reading between two batches.
+    pub stop: Option<&'a AtomicBool>,
+    /// Words of every clip.
+    pub words: Vec<usize>,
+    /// The ids of a window.
+    pub ids: Box<IdsOf<'a>>,
+}
+
+impl<'a> Source<'a> {
+    pub fn of(corpus: &'a Corpus, clips: &'a [&ClipRecord]) -> Source<'a> {
+        Source {
+            most: 0,
+            stop: None,
+            words: clips.iter().map(|c| corpus.words(c).len()).collect(),
+            ids: Box::new(move |w| Ok(corpus.word_ids(clips[w.clip], w.word..w.word + w.words)?)),
+        }
+    }
+
+    /// Theirs that are read, in order.
+    pub fn windows(&self, layout: &Layout) -> Vec<Window> {
+        let all = || self.words.iter().enumerate().flat_map(|(clip, &words)| layout.windows(clip, words));
+        if self.most == 0 {
+            return all().collect();
+        }
+        let (there, mut next) = (all().count(), 0);
+        let taken = self.most.min(there);
+        let spread = all().enumerate().filter(|(number, _)| {
+            let is_taken = next < taken && *number == next * there / taken;
+            next += usize::from(is_taken);
+            is_taken
+        });
+        spread.map(|(_, window)| window).collect()
+    }
+}
+
+impl Classifier {
+    pub(super) fn read(&mut self, source: &Source) -> Result<Vec<Named>> {
+        read_windows(&mut self.model, &self.heads, &self.layout, self.about.compat, source)
+    }
+
+    /// What it says of every window of a clip of its tokenizer's `ids`, in words of one length.
+    ///
+    /// # Errors
+    /// What the model refuses.
+    pub fn name_ids(&mut self, ids: &[u32]) -> Result<Vec<Named>> {
+        let word = self.about.tokens.word;
+        let ids_of = |w: &Window| Ok(ids[w.word * word..(w.word + w.words) * word].to_vec());
+        self.read(&Source { most: 0, stop: None, words: vec![ids.len() / word], ids: Box::new(ids_of) })
+    }
+}
+
+/// As [`name_windows`], of whole clips: the mean of their windows' ln p, made to sum to 1.
+///
+/// # Errors
+/// As [`name_windows`].
+pub fn name_clips(classifier: &mut Classifier, corpus: &Corpus, clips: &[&ClipRecord]) -> Result<Vec<Named>> {
+    Ok(of_clips(&name_windows(classifier, corpus, clips)?))
+}
+
+/// Windows of one clip after the other: what they say of the clips.
+pub fn of_clips(windows: &[Named]) -> Vec<Named> {
+    let one = |windows: &[Named]| {
+        let fields = windows[0].log_p.len();
+        let mean = |field: usize| {
+            let classes = windows[0].log_p[field].len();
+            let sum = |class: usize| windows.iter().map(|w| w.log_p[field][class]).sum::<f64>();
+            normalised((0..classes).map(|class| sum(class) / windows.len() as f64).collect())
+        };
+        let words = windows[0].words.start..windows[windows.len() - 1].words.end;
+        Named { clip: windows[0].clip, words, log_p: (0..fields).map(mean).collect() }
+    };
+    windows.chunk_by(|a, b| a.clip == b.clip).map(one).collect()
+}
+
+/// Logits, or logarithms of shares, as ln p.
+pub(super) fn normalised(logits: Vec<f64>) -> Vec<f64> {
+    let most = logits.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let sum = most + logits.iter().map(|l| (l - most).exp()).sum::<f64>().ln();
+    logits.into_iter().map(|l| l - sum).collect()
+}
+
+/// What a model with these heads says of every window of `source`.
+///
+/// # Errors
+/// What the model refuses.
+pub(super) fn read_windows(
+    model: &mut Fast,
+    heads: &[Floats],
+    layout: &Layout,
+    compat: bool,
+    source: &Source,
+) -> Result<Vec<Named>> {
+    let width = Scores::config(model).width;
+    let named = |w: &Window, vectors: &[f32]| {
+        let logits = |(head, h): (&Floats, &[f32])| {
+            let dot = |row: &[f32]| row.iter().zip(h).map(|(a, b)| f64::from(a * b)).sum::<f64>();
+            normalised(head.chunks(width).map(dot).collect())
+        };
+        let log_p = heads.iter().zip(vectors.chunks(width)).map(logits).collect();
+        Named { clip: w.clip, words: w.word..w.word + w.words, log_p }
+    };
+    each_window(model, layout, compat, source, &|w| layout.rows(w.words), &named)
+}
+
+/// The mean of the final vectors over the motion's tokens of every window, (D) each.
+///
+/// # Errors
+/// What the model refuses.
+pub(super) fn pooled(model: &mut Fast, layout: &Layout, source: &Source) -> Result<Vec<Vec<f64>>> {
+    let width = Scores::config(model).width;
+    let mean = |_: &Window, vectors: &[f32]| {
+        let mut mean = vec![0.0; width];
+        let n = (vectors.len() / width) as f64;
+        for h in vectors.chunks(width) {
+            mean.iter_mut().zip(h).for_each(|(m, x)| *m += f64::from(*x) / n);
+        }
+        mean
+    };
+    each_window(model, layout, true, source, &|w| layout.motion_rows(w.words), &mean)
+}
+
+/// What `read` makes of the final vectors of some rows of every window.
+///
+/// # Errors
+/// What the model refuses; [`Error::Stopped`] where the source is stopped.
+fn each_window<T>(
+    model: &mut Fast,
+    layout: &Layout,
+    compat: bool,
+    source: &Source,
+    rows_of: &dyn Fn(&Window) -> Range<usize>,
+    read: &dyn Fn(&Window, &[f32]) -> T,
+) -> Result<Vec<T>> {
+    let windows = source.windows(layout);
+    let width = Scores::config(model).width;
+    let mut all = Vec::with_capacity(windows.len());
+    for some in windows.chunks(TOGETHER) {
+        if source.stop.is_some_and(|stop| stop.load(Ordering::Relaxed)) {
+            return Err(Error::stopped("stopped while windows were read"));
+        }
+        let numbers = Numbers::of(layout, &source.ids, some, compat)?;
+        let rows = some.iter().enumerate().flat_map(|(i, w)| rows_of(w).map(move |r| i * layout.places() + r));
+        let vectors = model.final_vectors(numbers.as_windows(layout), &rows.collect::<Vec<usize>>())?;
+        let mut rest = vectors.as_slice();
+        for w in some {
+            let (of_window, behind) = rest.split_at(rows_of(w).len() * width);
+            rest = behind;
+            all.push(read(w, of_window));
+        }
+    }
+    Ok(all)
+}

@@ -1,0 +1,141 @@
+//! What is to be told of a clip: label fields and their classes.
+
+use crate::{Error, Result};
+use kinelm_corpus::labels::pair;
+use kinelm_corpus::{ClipRecord, Corpus, Split};
+use serde::{Deserialize, Serialize};
+
+/// A label field and its classes.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Field {
+    /// Its name, such as `genre`.
+    pub name: String,
+    /// Its values in the training clips, sorted.
+    pub classes: Vec<String>,
+    /// Clips of each class that are learned from.
+    pub clips: Vec<usize>,
+}
+
+impl Field {
+    /// The class of a clip; `None` without the label, or with a value that training didn't have.
+    pub fn class_of(&self, clip: &ClipRecord) -> Option<usize> {
+        let value = clip.labels.get(&self.name)?;
+        self.classes.binary_search(value).ok()
+    }
+}
+
+/// The fields of a classifier, in the order of its class tokens.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Fields(pub Vec<Field>);
+
+impl Fields {
+    /// These fields, with the classes that the training clips among `clips` have.
+    ///
+    /// # Errors
+    /// A field named twice, one that no training clip has (those there are, are listed), one of a single class.
+    pub fn of(corpus: &Corpus, clips: &[&ClipRecord], names: &[String]) -> Result<Fields> {
+        let train: Vec<&ClipRecord> = clips.iter().copied().filter(|c| c.split == Split::Train).collect();
+        let mut fields: Vec<Field> = Vec::new();
+        for name in names {
+            if fields.iter().any(|f| f.name == *name) {
+                return Err(Error::call(format!("the field `{name}` is given twice; give it once")));
+            }
+            let mut classes: Vec<String> = train.iter().filter_map(|c| c.labels.get(name)).cloned().collect();
+            classes.sort();
+            classes.dedup();
+            if classes.len() < 2 {
+                return Err(too_few(corpus, &train, name, &classes));
+            }
+            let count = |class: &String| train.iter().filter(|c| c.labels.get(name) == Some(class)).count();
+            let clips = classes.iter().map(count).collect();
+            fields.push(Field { name: name.clone(), classes, clips });
+        }
+        match fields.is_empty() {
+            true => Err(Error::call("no label field to tell; give some by --fields, such as genre,dancer")),
+            false => Ok(Fields(fields)),
+        }
+    }
+
+    /// The same with the clips of each class counted among `clips`.
+    pub fn counted(mut self, clips: &[&ClipRecord]) -> Fields {
+        for field in &mut self.0 {
+            let mut counts = vec![0; field.classes.len()];
+            clips.iter().filter_map(|c| field.class_of(c)).for_each(|class| counts[class] += 1);
+            field.clips = counts;
+        }
+        self
+    }
+
+    /// n: how many.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+fn too_few(corpus: &Corpus, train: &[&ClipRecord], name: &str, classes: &[String]) -> Error {
+    let mut known: Vec<&String> = train.iter().flat_map(|c| c.labels.keys()).collect();
+    known.sort();
+    known.dedup();
+    let known = known.into_iter().map(String::as_str).collect::<Vec<_>>().join(", ");
+    let (found, help) = match classes {
+        [one] => {
+            (format!("the training clips have one {name} alone, {one}"), "take other clips, or another split".into())
+        }
+        _ if train.is_empty() => ("no training clips".into(), "give some clips the split `train`".into()),
+        _ if known.is_empty() => (format!("no training clip has the label `{name}`"), "tokenize with --labels".into()),
+        _ => (format!("no training clip has the label `{name}`"), format!("they have {known}")),
+    };
+    Error::file(corpus.dir(), found, format!("training clips of two classes of `{name}` or more"), help)
+}
+
+/// A condition on labels, `field=value`: the clips that are looked at.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Only {
+    /// The field.
+    pub field: String,
+    /// Its value.
+    pub value: String,
+}
+
+impl std::str::FromStr for Only {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Only> {
+        let (field, value) = pair(text)?;
+        Ok(Only { field, value })
+    }
+}
+
+/// The clips of a corpus that have frames and meet all conditions.
+///
+/// # Errors
+/// None are left.
+pub fn clips<'a>(corpus: &'a Corpus, only: &[Only]) -> Result<Vec<&'a ClipRecord>> {
+    let meets = |c: &&ClipRecord| c.frames > 0 && only.iter().all(|o| c.labels.get(&o.field) == Some(&o.value));
+    let found: Vec<&ClipRecord> = corpus.clips().iter().filter(meets).collect();
+    if found.is_empty() {
+        let asked: Vec<String> = only.iter().map(|o| format!("{}={}", o.field, o.value)).collect();
+        let expected = format!("clips with {}", if asked.is_empty() { "frames".into() } else { asked.join(", ") });
+        return Err(Error::file(corpus.dir(), "no such clip", expected, "see kinelm corpus stats for the labels"));
+    }
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn conditions_are_read() {
+        let only: Only = "genre=salsa".parse().unwrap();
+        assert_eq!((only.field.as_str(), only.value.as_str()), ("genre", "salsa"));
+        for wrong in ["genre", "=salsa", "genre="] {
+            assert!(wrong.parse::<Only>().unwrap_err().to_string().contains("expected FIELD=VALUE"));
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! Naming a motion file, and which second speaks for which class.
+
+use super::Classifier;
+use super::eval::{Named, likeliest, normalised, of_clips};
+use crate::{Error, Result};
+use kinelm_corpus::load::load_placed;
+use kinelm_motion::Motion;
+use kinelm_motion::format::ReadOptions;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// What is said of a file.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Prediction {
+    /// The file.
+    pub file: PathBuf,
+    /// Seconds that were read.
+    pub seconds: f64,
+    /// A field each.
+    pub fields: Vec<Told>,
+}
+
+/// What is said of one field.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Told {
+    /// The field.
+    pub field: String,
+    /// The likeliest class.
+    pub class: String,
+    /// Probabilities, the likeliest first.
+    pub probabilities: Vec<(String, f64)>,
+    /// Second by second the likeliest class of the windows that show it, and its probability.
+    pub strip: Vec<(String, f64)>,
+}
+
+impl Classifier {
+    /// Names a motion file of any rig.
+    ///
+    /// # Errors
+    /// A file that can't be read or retargeted, one without a whole word.
+    pub fn predict(&mut self, path: &Path, options: &ReadOptions) -> Result<(Motion, Prediction)> {
+        let placed = load_placed(path, options, self.tokenizer.config().into())?;
+        let (clip, motion) = (placed.lowered(), placed.motion);
+        let ids = self.tokenizer.ids_of_words(&self.tokenizer.encode(&clip)?.words)?;
+        let none = || {
+            let (found, expected) = (format!("{} frames", motion.clip.frames()), "at least one whole word of motion");
+            Error::file(path, found, expected, "give a longer clip")
+        };
+        if ids.is_empty() || motion.clip.frames() == 0 {
+            return Err(none());
+        }
+        let windows = self.name_ids(&ids)?;
+        let all = of_clips(&windows).pop().ok_or_else(none)?;
+        let second = self.tokenizer.fps() / self.tokenizer.frames_per_word() as f64;
+        let fields = self.about.fields.0.iter().enumerate().map(|(table, field)| {
+            let of = |log_p: &[f64]| {
+                let at = likeliest(log_p);
+                (field.classes[at].clone(), log_p[at].exp())
+            };
+            let mut probabilities: Vec<(String, f64)> =
+                field.classes.iter().cloned().zip(all.log_p[table].iter().map(|l| l.exp())).collect();
+            probabilities.sort_by(|a, b| b.1.total_cmp(&a.1));
+            Told {
+                field: field.name.clone(),
+                class: of(&all.log_p[table]).0,
+                probabilities,
+                strip: seconds(&windows, table, second).iter().map(|l| of(l)).collect(),
+            }
+        });
+        let seconds = motion.clip.frames() as f64 / motion.clip.fps();
+        let prediction = Prediction { file: path.into(), seconds, fields: fields.collect() };
+        Ok((motion, prediction))
+    }
+}
+
+/// For each second of a clip, `second` words long, the mean ln p of the windows that show some of it.
+fn seconds(windows: &[Named], table: usize, second: f64) -> Vec<Vec<f64>> {
+    let words = windows.last().map_or(0, |w| w.words.end);
+    let count = (words as f64 / second).ceil() as usize;
+    let one = |s: usize| {
+        let (from, to) = (s as f64 * second, (s + 1) as f64 * second);
+        let shows = |w: &&Named| (w.words.start as f64) < to && w.words.end as f64 > from;
+        let some: Vec<&Named> = windows.iter().filter(shows).collect();
+        let classes = windows[0].log_p[table].len();
+        let mean = |class: usize| some.iter().map(|w| w.log_p[table][class]).sum::<f64>() / some.len().max(1) as f64;
+        normalised((0..classes).map(mean).collect())
+    };
+    (0..count).map(one).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seconds_are_told_by_the_windows_that_show_them() {
+        let window = |words, p: f64| Named { clip: 0, words, log_p: vec![vec![p.ln(), (1.0 - p).ln()]] };
+        // two words a second
+        let all = [window(0..2, 0.9), window(1..3, 0.5), window(3..5, 0.2)];
+        let p: Vec<f64> = seconds(&all, 0, 2.0).iter().map(|l| l[0].exp()).collect();
+        assert_eq!(p.len(), 3);
+        // of 9 to 1 and 1 to 1 the geometric mean: 3 to 1
+        assert!((p[0] - 0.75).abs() < 1e-12, "{p:?}");
+        // of 1 to 1 and 1 to 4: 1 to 2
+        assert!((p[1] - 1.0 / 3.0).abs() < 1e-12, "{p:?}");
+        assert!((p[2] - 0.2).abs() < 1e-12, "{p:?}");
+    }
+}

@@ -1,0 +1,462 @@
+//! The token store, read with its hashes checked.
+
+use super::record::{ClipRecord, Manifest, SOUND, Split, TokenType, VERSION};
+use super::stored::Stored;
+use super::words::{ClipWords, Index};
+use crate::music::sound::Rows;
+use crate::music::sound::Sound;
+use crate::{Error, Result};
+use bytemuck::Pod;
+use kinelm_motion::format::ReadOptions;
+use kinelm_music::feature::CHANNELS;
+use kinelm_store::FileRecord;
+use kinelm_store::input;
+use kinelm_tokenizer::{Place, Tokenizer, Words};
+use serde::Deserialize;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+pub(super) const MANIFEST: &str = "corpus.json";
+pub(super) const CLIPS: &str = "clips.jsonl";
+pub(super) const TOKENIZER: &str = "tokenizer.json";
+
+/// How a corpus is opened.
+#[derive(Debug, Clone, Copy)]
+pub struct Opening {
+    /// Neither are the files of tokens and music hashed nor are all ids looked through: they are as they were written. An
+    /// id that the tokenizer hasn't is refused where it is read.
+    pub trust: bool,
+    /// The tokens stay in their file, whatever memory is free: for one that reads clip by clip.
+    pub streamed: bool,
+    /// Learns what is being hashed, and that it is done.
+    pub tell: fn(&str),
+}
+
+impl Default for Opening {
+    fn default() -> Self {
+        Opening { trust: false, streamed: false, tell: |_| () }
+    }
+}
+
+/// The tokens of all clips.
+#[derive(Debug)]
+pub struct Tokens {
+    bytes: Stored<u8>,
+    kind: TokenType,
+    path: PathBuf,
+    /// Ids are below this.
+    vocabulary: usize,
+}
+
+impl Tokens {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.bytes.len() / self.kind.width()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The ids of a range of places.
+    ///
+    /// # Errors
+    /// A token file that was cut while it was in use; an id that the tokenizer hasn't.
+    ///
+    /// # Panics
+    /// If the range leaves the file.
+    pub fn ids(&self, places: Range<usize>) -> Result<Vec<u32>> {
+        let width = self.kind.width();
+        let bytes = self.bytes.read(places.start * width..places.end * width)?;
+        self.check(&bytes)?;
+        Ok(self.kind.ids_of(&bytes).collect())
+    }
+
+    /// Refuses ids that the tokenizer hasn't: a model has no row for them.
+    fn check(&self, bytes: &[u8]) -> Result<()> {
+        let largest = self.kind.ids_of(bytes).max();
+        largest.filter(|id| *id as usize >= self.vocabulary).map_or(Ok(()), |id| {
+            let expected = format!("ids below {}, those of its tokenizer.json", self.vocabulary);
+            Err(Error::file(&self.path, format!("id {id}"), expected, "make the corpus again"))
+        })
+    }
+
+    fn check_all(&self) -> Result<()> {
+        self.bytes.blocks().try_for_each(|block| self.check(&self.bytes.read(block)?))
+    }
+}
+
+/// A corpus folder, open for reading.
+#[derive(Debug)]
+pub struct Corpus {
+    dir: PathBuf,
+    manifest: Manifest,
+    hash: String,
+    clips: Vec<ClipRecord>,
+    tokens: Tokens,
+    words: Index,
+    sound: Option<Stored<f32>>,
+    tokenizer: Tokenizer,
+}
+
+impl Corpus {
+    /// Opens a corpus folder: checks version, lengths and hashes, and reads the tokens if memory has room for them.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::File`] when a file is of another version, damaged, or doesn't fit the others; it says
+    /// what was found, what was wanted and how to go on.
+    pub fn open(dir: impl AsRef<Path>) -> Result<Self> {
+        Corpus::open_with(dir, Opening::default())
+    }
+
+    /// As [`Corpus::open`], with a choice of what is checked and held.
+    ///
+    /// # Errors
+    /// As [`Corpus::open`].
+    pub fn open_with(dir: impl AsRef<Path>, opening: Opening) -> Result<Self> {
+        let dir = dir.as_ref().to_owned();
+        let (manifest, hash) = read_manifest(&dir)?;
+        let path = dir.join(CLIPS);
+        let text = input::bytes(&path).map_err(Error::io(&path))?;
+        manifest.clips.check(&path, &text)?;
+        let clips = parse_clips(&path, &text)?;
+        check_clips(&path, &manifest, &clips)?;
+        let tokenizer = load_tokenizer(&dir, &manifest)?;
+        let kind = manifest.token_type;
+        let help = "the file was cut or changed after it was written: make the corpus again";
+        let path = dir.join(kind.file_name());
+        let bytes = stored(&path, &manifest.tokens, help, opening)?;
+        let tokens = Tokens { bytes, kind, path: path.clone(), vocabulary: manifest.vocabulary };
+        if !opening.trust {
+            tokens.check_all()?;
+        }
+        let words = Index::find(&path, &manifest, &clips, &tokens)?;
+        let sound = manifest.sound.as_ref();
+        let sound = sound.map(|record| stored(&dir.join(SOUND), record, help, opening)).transpose()?;
+        Ok(Corpus { dir, manifest, hash, clips, tokens, words, sound, tokenizer })
+    }
+
+    /// The folder.
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    /// `corpus.json`.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// SHA-256 of `corpus.json`, which holds those of the other files: it names the corpus.
+    pub fn hash(&self) -> &str {
+        &self.hash
+    }
+
+    /// The tokenizer that made the tokens.
+    pub fn tokenizer(&self) -> &Tokenizer {
+        &self.tokenizer
+    }
+
+    /// All clips, in the order of the token file.
+    pub fn clips(&self) -> &[ClipRecord] {
+        &self.clips
+    }
+
+    /// The clips of a split, in the order of the token file.
+    pub fn split(&self, split: Split) -> impl Iterator<Item = &ClipRecord> {
+        self.clips.iter().filter(move |c| c.split == split)
+    }
+
+    /// Tokens a frame of the clips of a split, on average, spaces among them; W where a word of W tokens is a frame.
+    pub fn tokens_per_frame(&self, split: Split) -> f64 {
+        let sum = |of: &dyn Fn(&ClipRecord) -> usize| self.split(split).map(of).sum::<usize>() as f64;
+        sum(&|c| c.tokens) / sum(&|c| c.frames).max(1.0)
+    }
+
+    /// The tokens of all clips.
+    pub fn tokens(&self) -> &Tokens {
+        &self.tokens
+    }
+
+    /// What is known of the music of a clip of this corpus.
+    ///
+    /// # Errors
+    /// A file of music that was cut while it was in use.
+    pub fn sound<'a>(&'a self, clip: &'a ClipRecord) -> Result<Sound<'a>> {
+        let mut rows = Rows { fps: self.manifest.fps, ..Rows::default() };
+        if let (Some(sound), Some(of)) = (&self.sound, clip.sound) {
+            rows.numbers = sound.read(of.first * CHANNELS..(of.first + of.rows) * CHANNELS)?;
+        }
+        Ok(Sound { beats_s: clip.beats_s(), rows })
+    }
+
+    /// Where the words of a clip of this corpus stand.
+    ///
+    /// # Panics
+    /// For a clip of another corpus.
+    pub fn words(&self, clip: &ClipRecord) -> ClipWords<'_> {
+        let words = self.manifest.words_of(clip.frames);
+        // clips without tokens stand where the next one does, and have no words
+        let number = self.clips.partition_point(|c| c.offset < clip.offset);
+        self.words.of(number, words, clip)
+    }
+
+    /// Frames of some words of a clip: L a word, fewer where the clip ends inside the last one.
+    pub fn frames_of(&self, clip: &ClipRecord, words: Range<usize>) -> usize {
+        let frames = |words: usize| clip.frames.min(words.saturating_mul(self.manifest.frames_per_word));
+        frames(words.end) - frames(words.start)
+    }
+
+    /// All ids of a clip of this corpus.
+    ///
+    /// # Errors
+    /// A token file that was cut while it was in use.
+    pub fn clip_ids(&self, clip: &ClipRecord) -> Result<Vec<u32>> {
+        self.ids(clip, 0..clip.tokens)
+    }
+
+    /// Ids of some words of a clip of this corpus.
+    ///
+    /// # Errors
+    /// As [`Corpus::clip_ids`].
+    ///
+    /// # Panics
+    /// If the range leaves the clip.
+    pub fn word_ids(&self, clip: &ClipRecord, words: Range<usize>) -> Result<Vec<u32>> {
+        let all = self.words(clip);
+        assert!(words.end <= all.len(), "words {words:?} of {}, which has {}", clip.name, all.len());
+        self.ids(clip, all.start(words.start)..all.start(words.end))
+    }
+
+    /// Some ids of a clip of this corpus, tokens counted from the clip's first.
+    ///
+    /// # Errors
+    /// As [`Corpus::clip_ids`].
+    ///
+    /// # Panics
+    /// If the range leaves the clip.
+    pub fn ids(&self, clip: &ClipRecord, tokens: Range<usize>) -> Result<Vec<u32>> {
+        assert!(tokens.end <= clip.tokens, "tokens {tokens:?} of {}, which has {}", clip.name, clip.tokens);
+        self.tokens.ids(clip.offset + tokens.start..clip.offset + tokens.end)
+    }
+
+    /// The characters of a clip of this corpus, word by word, without the spaces.
+    ///
+    /// # Errors
+    /// [`Error::File`] when an id stands where it may not; as [`Corpus::clip_ids`].
+    pub fn clip_words(&self, clip: &ClipRecord) -> Result<Words> {
+        self.some_words(clip, 0..self.words(clip).len())
+    }
+
+    /// As [`Corpus::clip_words`], of some of the clip's words.
+    ///
+    /// # Errors
+    /// As [`Corpus::clip_words`].
+    ///
+    /// # Panics
+    /// If the range leaves the clip.
+    pub fn some_words(&self, clip: &ClipRecord, words: Range<usize>) -> Result<Words> {
+        let first = self.words(clip).start(words.start);
+        let ids = self.word_ids(clip, words)?;
+        let grammar = self.tokenizer.grammar();
+        let mut place = Place::default();
+        for (i, &id) in ids.iter().enumerate() {
+            if !grammar.allows(place, id) {
+                let found = format!("id {id} at token {} of clip {}", first + i, clip.name);
+                let expected =
+                    format!("an id that may stand there, behind {} characters of its word", place.characters);
+                return Err(Error::file(&self.dir, found, expected, "make the corpus again"));
+            }
+            place = grammar.advance(place, id);
+        }
+        Ok(self.tokenizer.words_of_ids(&ids).words)
+    }
+}
+
+/// Reads `corpus.json`, its version first; the second value is its hash.
+fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
+    #[derive(Deserialize)]
+    struct Versioned {
+        version: u32,
+    }
+    let path = dir.join(MANIFEST);
+    let text = input::bytes(&path).map_err(|e| match e.kind() {
+        std::io::ErrorKind::NotFound if dir.is_dir() => {
+            let help = "a corpus is a folder that `kinelm tokenize DATA --out CORPUS` wrote";
+            Error::file(dir, "no corpus.json", "a corpus folder", help)
+        }
+        std::io::ErrorKind::NotFound => {
+            let help =
+                "give its folder by --corpus; a run goes on with a corpus that was moved by --resume --corpus CORPUS";
+            Error::file(dir, "nothing", "a corpus folder", help)
+        }
+        _ => Error::io(&path)(e),
+    })?;
+    let bad = |e: serde_json::Error| {
+        let at = kinelm_store::Place { path: path.clone(), line: e.line(), column: e.column() };
+        Error::at(at, e.to_string(), "the manifest of a corpus", "make the corpus again with `kinelm tokenize`")
+    };
+    let head: Versioned = serde_json::from_slice(&text).map_err(bad)?;
+    if head.version != VERSION {
+        let help = match head.version > VERSION {
+            true => "use a newer kinelm",
+            false => "make it again with `kinelm tokenize`",
+        };
+        return Err(Error::file(&path, format!("version {}", head.version), format!("version {VERSION}"), help));
+    }
+    let manifest = serde_json::from_slice(&text).map_err(bad)?;
+    Ok((manifest, FileRecord::of(&text).sha256))
+}
+
+/// How the corpus at `dir` read the file with this hash; `None` where it doesn't have it.
+///
+/// # Errors
+/// A corpus that is gone, of another version or damaged.
+pub fn reading_in(dir: &Path, sha256: &str) -> Result<Option<ReadOptions>> {
+    let (manifest, _) = read_manifest(dir)?;
+    let path = dir.join(CLIPS);
+    let text = input::bytes(&path).map_err(Error::io(&path))?;
+    manifest.clips.check(&path, &text)?;
+    let clips = parse_clips(&path, &text)?;
+    Ok(clips.into_iter().find(|clip| clip.sha256 == sha256).map(|clip| clip.read))
+}
+
+/// The folder's tokenizer, if it is the one that made the tokens.
+fn load_tokenizer(dir: &Path, manifest: &Manifest) -> Result<Tokenizer> {
+    let path = dir.join(TOKENIZER);
+    let tokenizer = Tokenizer::load(&path)?;
+    let (found, wanted) = (Coding::of(&tokenizer), manifest.coding());
+    if found != wanted {
+        let say = |s: &Coding| {
+            let Coding { tokenizer, frames_per_word, tokens_per_word, vocabulary, fps } = s;
+            let tokens = tokens_per_word.map_or("any number of".to_string(), |w| w.to_string());
+            format!(
+                "tokenizer {tokenizer} with {frames_per_word} frames and {tokens} tokens a word, {vocabulary} ids, {fps} fps"
+            )
+        };
+        let help = "put back the tokenizer.json that the corpus was made with, or make the corpus again";
+        return Err(Error::file(&path, say(&found), say(&wanted), help));
+    }
+    Ok(tokenizer)
+}
+
+/// A large file of a corpus, its hash checked unless it is trusted.
+fn stored<T: Pod + Send + Sync>(
+    path: &Path,
+    record: &FileRecord,
+    help: &'static str,
+    opening: Opening,
+) -> Result<Stored<T>> {
+    let stored = match opening.streamed {
+        true => Stored::open_within(path, record.bytes, help, 0)?,
+        false => Stored::open(path, record.bytes, help)?,
+    };
+    if !opening.trust {
+        (opening.tell)(&format!("hashing {}, {} MB", path.display(), record.bytes.div_ceil(1_000_000)));
+        let checked = stored.check(record);
+        (opening.tell)("at work");
+        checked?;
+    }
+    Ok(stored)
+}
+
+fn parse_clips(path: &Path, text: &[u8]) -> Result<Vec<ClipRecord>> {
+    let lines = text.split(|&b| b == b'\n').enumerate().filter(|(_, l)| !l.is_empty());
+    let parse = |(i, line): (usize, &[u8])| {
+        serde_json::from_slice(line).map_err(|e| {
+            let at = kinelm_store::Place { path: path.to_owned(), line: i + 1, column: e.column() };
+            Error::at(at, e.to_string(), "the record of a clip", "make the corpus again")
+        })
+    };
+    lines.map(parse).collect()
+}
+
+/// Whether the clips lie one after the other and sum to what the manifest counts.
+fn check_clips(path: &Path, manifest: &Manifest, clips: &[ClipRecord]) -> Result<()> {
+    let mut next = 0_usize;
+    let sound = manifest.sound.as_ref().map_or(0, |file| file.bytes / (CHANNELS * size_of::<f32>()) as u64);
+    for clip in clips {
+        let rows = clip.sound.map_or(Some(0), |of| of.first.checked_add(of.rows));
+        if rows.is_none_or(|rows| rows as u64 > sound) {
+            let found = format!("clip {} with music up to row {}", clip.name, rows.unwrap_or(usize::MAX));
+            return Err(Error::file(
+                path,
+                found,
+                format!("at most {sound}, those of {SOUND}"),
+                "make the corpus again",
+            ));
+        }
+        if clip.offset != next {
+            let found = format!("clip {} at token {}", clip.name, clip.offset);
+            return Err(Error::file(path, found, format!("token {next}"), "make the corpus again"));
+        }
+        if clip.source >= manifest.sources.len() {
+            let found = format!("clip {} of source {}", clip.name, clip.source);
+            let expected = format!("one of the {} sources of corpus.json", manifest.sources.len());
+            return Err(Error::file(path, found, expected, "make the corpus again"));
+        }
+        let words = manifest.words_of(clip.frames);
+        let tokens = manifest.tokens_per_word.map_or(Some(clip.tokens), |w| words.checked_mul(w));
+        if tokens != Some(clip.tokens) || u32::try_from(clip.tokens).is_err() {
+            let found = format!("clip {} of {} frames in {} tokens", clip.name, clip.frames, clip.tokens);
+            let expected = match manifest.tokens_per_word {
+                Some(w) => format!("{words} words of {w} tokens"),
+                None => "at most 2^32 - 1 tokens".into(),
+            };
+            return Err(Error::file(path, found, expected, "make the corpus again"));
+        }
+        next = next
+            .checked_add(clip.tokens)
+            .ok_or_else(|| Error::file(path, format!("{} tokens", clip.tokens), "a number of tokens", ""))?;
+    }
+    let bytes = (next as u64).saturating_mul(manifest.token_type.width() as u64);
+    if bytes != manifest.tokens.bytes {
+        let found = format!("clips of {bytes} bytes of tokens");
+        return Err(Error::file(path, found, format!("{} bytes", manifest.tokens.bytes), "make the corpus again"));
+    }
+    Ok(())
+}
+
+/// How the clips of a corpus were coded, which all its tokens share; all of it comes from the tokenizer.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Coding {
+    /// SHA-256 that the tokenizer states of itself.
+    pub tokenizer: String,
+    /// L: the frames that a word stands for.
+    pub frames_per_word: usize,
+    /// W: the tokens of a word with its space; `None` where words differ in length.
+    pub tokens_per_word: Option<usize>,
+    /// Ids are below this.
+    pub vocabulary: usize,
+    /// Frames per second.
+    pub fps: f64,
+}
+
+impl Coding {
+    /// What a tokenizer says.
+    pub fn of(tokenizer: &Tokenizer) -> Self {
+        Coding {
+            tokenizer: tokenizer.hash(),
+            frames_per_word: tokenizer.frames_per_word(),
+            tokens_per_word: tokenizer.tokens_per_word(),
+            vocabulary: tokenizer.vocabulary().len() as usize,
+            fps: tokenizer.fps(),
+        }
+    }
+}
+
+impl Manifest {
+    /// What all tokens share.
+    pub fn coding(&self) -> Coding {
+        Coding {
+            tokenizer: self.tokenizer.clone(),
+            frames_per_word: self.frames_per_word,
+            tokens_per_word: self.tokens_per_word,
+            vocabulary: self.vocabulary,
+            fps: self.fps,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

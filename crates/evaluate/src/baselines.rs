@@ -1,0 +1,429 @@
+//! Static floors: bits per frame of models without a network, fitted on train, measured on test.
+//!
+//! The models of the project's reference (order0.py), channel by channel; the space is certain and costs nothing:
+//!
+//! - a: order 0, add-one counts;
+//! - b: order 0 of the difference to the frame before, modulo the bins, add-one counts;
+//! - c: kernel mixture around the bin of the frame before;
+//! - d: kernel mixture around the linear extrapolation of the last two, alone and together with c's;
+//! - e: d and the order-0 histogram, with weights of their own for each size of the last step.
+//!
+//! A clip's first frame has no past and is coded by a in every model; its second is coded by a, b and c in theirs, by c
+//! in d and e.
+
+use super::codes::{CodeClips, CodeSplits};
+use super::kernels::{KERNELS, Kernels, bits, distinct, fit};
+use super::xz;
+use crate::{Error, Result};
+use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+use std::fmt;
+
+/// The static models, in the order of their names.
+pub const MODELS: [&str; 6] = ["a_order0", "b_delta", "c_prev", "d_extrap_only", "d_mix", "e_mix_by_activity"];
+
+/// Lower bounds of the sizes of a last step that have weights of their own: 0 | 1 | 2 | 3-4 | 5-8 | 9-16 | 17 and more.
+const ACTIVITY: [u32; 6] = [1, 2, 3, 5, 9, 17];
+
+/// Fewer training cases than these take the weights of all sizes.
+const LEAST_CASES: usize = 200;
+
+/// The floors of a corpus.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Baselines {
+    /// Number of bins.
+    pub bins: usize,
+    /// C.
+    pub channels: usize,
+    /// Clips and frames that the tables and weights were fitted on.
+    pub train: [usize; 2],
+    /// Clips and frames that the bits were measured on.
+    pub test: [usize; 2],
+    /// Frames that both splits have, where these are a sample of them.
+    pub of: [usize; 2],
+    /// Bits per frame of each of [`MODELS`], all test frames.
+    pub bits_per_frame: [f64; 6],
+    /// The same over the frames that have two before them; `None` where there are none.
+    pub from_third_frame: Option<[f64; 6]>,
+    /// The first figure by channel, for each model: (C).
+    pub by_channel: [Vec<f64>; 6],
+    /// Weight of the extrapolation in d: (C).
+    pub weight_on_extrapolation: Vec<f64>,
+    /// Under `xz -9`, frame after frame and channel after channel; `None` where there is no `xz` program.
+    pub xz: Option<[f64; 2]>,
+}
+
+impl Baselines {
+    /// C times log2 of the bins: a code without any model.
+    pub fn uniform(&self) -> f64 {
+        self.channels as f64 * (self.bins as f64).log2()
+    }
+
+    /// The lowest of the static models.
+    pub fn best(&self) -> f64 {
+        self.bits_per_frame.into_iter().fold(f64::INFINITY, f64::min)
+    }
+
+    /// The figures under the keys of the reference's `order0.json`.
+    pub fn to_json(&self) -> Value {
+        let named = |values: &[f64; 6]| -> Map<String, Value> {
+            MODELS.iter().zip(values).map(|(m, v)| ((*m).to_owned(), json!(v))).collect()
+        };
+        let mut all = named(&self.bits_per_frame);
+        all.insert("uniform".into(), json!(self.uniform()));
+        all.insert("xz9_frame_major".into(), json!(self.xz.map(|x| x[0])));
+        all.insert("xz9_character_major".into(), json!(self.xz.map(|x| x[1])));
+        let by_channel: Map<String, Value> =
+            MODELS.iter().zip(&self.by_channel).map(|(m, v)| ((*m).to_owned(), json!(v))).collect();
+        let mut line = json!({
+            "schema": 1,
+            "bins": self.bins,
+            "channels": self.channels,
+            "clips": { "train": self.train[0], "test": self.test[0] },
+            "frames": { "train": self.train[1], "test": self.test[1] },
+            "bits_per_frame": all,
+            "bits_per_frame_from_third_frame": self.from_third_frame.as_ref().map(named),
+            "bits_per_character": by_channel,
+            "d_mix_weight_on_extrapolation": self.weight_on_extrapolation,
+        });
+        if let Some(of) = sampled([self.train[1], self.test[1]], self.of) {
+            line["frames_of"] = json!({ "train": of[0], "test": of[1] });
+        }
+        line
+    }
+}
+
+impl fmt::Display for Baselines {
+    /// A table, a row a model, without a line end after the last.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ([tc, tf], [mc, mf]) = (self.train, self.test);
+        writeln!(f, "fitted on {tc} clips, {tf} frames; measured on {mc} clips, {mf} frames")?;
+        fmt_sample(f, [tf, mf], self.of)?;
+        write!(f, "{}", row("bits/frame", "all frames", "from the third"))?;
+        write!(f, "\n{}", figure_row("uniform", self.uniform(), None))?;
+        for (i, name) in MODELS.iter().enumerate() {
+            write!(f, "\n{}", figure_row(name, self.bits_per_frame[i], self.from_third_frame.map(|t| t[i])))?;
+        }
+        match self.xz {
+            Some([frame, channel]) => {
+                write!(f, "\n{}", figure_row("xz -9, frame after frame", frame, None))?;
+                write!(f, "\n{}", figure_row("xz -9, character after character", channel, None))
+            }
+            None => write!(f, "\n{}", row("xz -9", "n/a", "no xz program was found")),
+        }
+    }
+}
+
+/// The frames there are, where more than the `taken` ones.
+pub(super) fn sampled(taken: [usize; 2], of: [usize; 2]) -> Option<[usize; 2]> {
+    (taken != of).then_some(of)
+}
+
+/// A line that says that a sample was taken, if it was.
+pub(super) fn fmt_sample(f: &mut fmt::Formatter<'_>, taken: [usize; 2], of: [usize; 2]) -> fmt::Result {
+    match sampled(taken, of) {
+        Some([train, test]) => {
+            writeln!(f, "a sample in stretches, of {train} and of {test} frames; --floors all takes all of them")
+        }
+        None => Ok(()),
+    }
+}
+
+/// A row of a table of bits per frame; a model's own figure may stand below the floors in the same columns.
+pub fn figure_row(name: &str, all: f64, from_third: Option<f64>) -> String {
+    row(name, &format!("{all:.2}"), &from_third.map_or(String::new(), |t| format!("{t:.2}")))
+}
+
+fn row(name: &str, all: &str, from_third: &str) -> String {
+    format!("{name:<32} {all:>12} {from_third:>16}").trim_end().to_owned()
+}
+
+/// Fits the static models on `codes.train` and measures them on `codes.test`.
+///
+/// # Errors
+/// [`Error::Call`] when a split has no frame, or the codes are no whole frames of bins below `codes.bins`, of which
+/// there are 2 to 65,536; those of [`xz::bits_per_frame`].
+pub fn measure(codes: &CodeSplits) -> Result<Baselines> {
+    check(codes)?;
+    let &CodeSplits { bins, channels, .. } = codes;
+    let kernels = Kernels::new(bins);
+    let costs: Vec<ChannelCost> = (0..channels)
+        .into_par_iter()
+        .map(|c| {
+            channel_cost(&kernels, bins, &Series::of(&codes.train, channels, c), &Series::of(&codes.test, channels, c))
+        })
+        .collect();
+    let size = |clips: &CodeClips| [clips.clips.len(), clips.clips.iter().map(Vec::len).sum::<usize>() / channels];
+    let test = size(&codes.test);
+    let later: usize = codes.test.clips.iter().map(|c| (c.len() / channels).saturating_sub(2)).sum();
+    let by_channel: [Vec<f64>; 6] =
+        std::array::from_fn(|m| costs.iter().map(|c| (c.early[m] + c.later[m]) / test[1] as f64).collect());
+    let from_third = std::array::from_fn(|m| costs.iter().map(|c| c.later[m]).sum::<f64>() / later as f64);
+    Ok(Baselines {
+        bins,
+        channels,
+        train: size(&codes.train),
+        test,
+        of: codes.of,
+        bits_per_frame: std::array::from_fn(|m| by_channel[m].iter().sum()),
+        from_third_frame: (later > 0).then_some(from_third),
+        by_channel,
+        weight_on_extrapolation: costs.iter().map(|c| c.weight_on_extrapolation).collect(),
+        xz: xz::bits_per_frame(&codes.test, channels)?,
+    })
+}
+
+fn check(codes: &CodeSplits) -> Result<()> {
+    let &CodeSplits { bins, channels, .. } = codes;
+    if !(2..=1 << 16).contains(&bins) || channels == 0 {
+        return Err(Error::call(format!("{channels} channels of {bins} bins; expected channels, and 2 to 65536 bins")));
+    }
+    for (split, clips) in [("train", &codes.train), ("test", &codes.test)] {
+        if clips.clips.iter().all(Vec::is_empty) {
+            let what =
+                format!("the {split} split has no frame; the floors are fitted on train and measured on another");
+            return Err(Error::call(what));
+        }
+        for (i, clip) in clips.clips.iter().enumerate() {
+            if !clip.len().is_multiple_of(channels) {
+                return Err(Error::call(format!(
+                    "{split} clip {i}: {} codes; expected frames of {channels}",
+                    clip.len()
+                )));
+            }
+            if let Some(at) = clip.iter().position(|&c| usize::from(c) >= bins) {
+                let (frame, code) = (at / channels, clip[at]);
+                return Err(Error::call(format!(
+                    "{split} clip {i}, frame {frame}: code {code}; expected below {bins}"
+                )));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// One channel of all clips, by how much past a frame has.
+struct Series {
+    first: Vec<u32>,       // of every clip
+    second: Vec<[u32; 2]>, // of every clip: the code, the one before
+    later: Vec<[u32; 3]>,  // all others: the code, the one before, the one before that
+}
+
+impl Series {
+    fn of(clips: &CodeClips, channels: usize, channel: usize) -> Self {
+        let mut s = Series { first: Vec::new(), second: Vec::new(), later: Vec::new() };
+        for clip in &clips.clips {
+            let codes: Vec<u32> = clip.iter().skip(channel).step_by(channels).map(|&c| c.into()).collect();
+            s.first.extend(codes.first());
+            s.second.extend(codes.get(..2).map(|w| [w[1], w[0]]));
+            s.later.extend(codes.windows(3).map(|w| [w[2], w[1], w[0]]));
+        }
+        s
+    }
+
+    /// (code, the one before) of every frame that has one.
+    fn pairs(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
+        self.second.iter().map(|s| (s[0], s[1])).chain(self.later.iter().map(|l| (l[0], l[1])))
+    }
+
+    fn all(&self) -> impl Iterator<Item = u32> + '_ {
+        self.first.iter().copied().chain(self.pairs().map(|p| p.0))
+    }
+}
+
+struct ChannelCost {
+    early: [f64; 6], // bits of all first and second frames
+    later: [f64; 6], // bits of all others
+    weight_on_extrapolation: f64,
+}
+
+fn channel_cost(kernels: &Kernels, bins: usize, train: &Series, test: &Series) -> ChannelCost {
+    let line = |b1: u32, b2: u32| (2 * i64::from(b1) - i64::from(b2)).clamp(0, bins as i64 - 1) as u32;
+    let step = |x: u32, b: u32| (x + bins as u32 - b) % bins as u32;
+
+    let order0 = Histogram::fit(bins, train.all());
+    let delta = Histogram::fit(bins, train.pairs().map(|(x, b)| step(x, b)));
+
+    let (pairs, counts) = distinct(train.pairs().collect());
+    let previous = fit(&counts, |i| kernels.row(pairs[i].1, pairs[i].0));
+
+    let (pairs, counts) = distinct(train.later.iter().map(|&[x, b1, b2]| (x, line(b1, b2))).collect());
+    let extrapolated = fit(&counts, |i| kernels.row(pairs[i].1, pairs[i].0));
+
+    let both = |x: u32, b1: u32, l: u32| -> [f64; 2 * KERNELS] { join(&kernels.row(b1, x), &kernels.row(l, x)) };
+    let (triples, counts) = distinct(train.later.iter().map(|&[x, b1, b2]| (x, b1, line(b1, b2))).collect());
+    let mixed = fit(&counts, |i| both(triples[i].0, triples[i].1, triples[i].2));
+
+    let three = |x: u32, b1: u32, l: u32| -> [f64; 2 * KERNELS + 1] { join(&both(x, b1, l), &[order0.p(x)]) };
+    let any_size = fit(&counts, |i| three(triples[i].0, triples[i].1, triples[i].2));
+    let by_size = weights_by_size(train, any_size, line, three);
+
+    let a = |x: u32| order0.bits(x);
+    let b = |x: u32, b1: u32| delta.bits(step(x, b1));
+    let c = |x: u32, b1: u32| bits(&previous, &kernels.row(b1, x));
+    let mut cost =
+        ChannelCost { early: [0.0; 6], later: [0.0; 6], weight_on_extrapolation: mixed[KERNELS..].iter().sum() };
+    for &x in &test.first {
+        add(&mut cost.early, [a(x); 6]);
+    }
+    for &[x, b1] in &test.second {
+        let c = c(x, b1);
+        add(&mut cost.early, [a(x), b(x, b1), c, c, c, c]);
+    }
+    for &[x, b1, b2] in &test.later {
+        let l = line(b1, b2);
+        let d_line = bits(&extrapolated, &kernels.row(l, x));
+        let (d, e) = (bits(&mixed, &both(x, b1, l)), bits(&by_size[size_of_step(b1, b2)], &three(x, b1, l)));
+        add(&mut cost.later, [a(x), b(x, b1), c(x, b1), d_line, d, e]);
+    }
+    cost
+}
+
+/// The weights of e for each size of the last step.
+fn weights_by_size<const N: usize>(
+    train: &Series,
+    any_size: [f64; N],
+    line: impl Fn(u32, u32) -> u32,
+    row: impl Fn(u32, u32, u32) -> [f64; N],
+) -> [[f64; N]; ACTIVITY.len() + 1] {
+    let mut by_size: [Vec<(u32, u32, u32)>; ACTIVITY.len() + 1] = Default::default();
+    for &[x, b1, b2] in &train.later {
+        by_size[size_of_step(b1, b2)].push((x, b1, line(b1, b2)));
+    }
+    by_size.map(|cases| {
+        if cases.len() < LEAST_CASES {
+            return any_size;
+        }
+        let (cases, counts) = distinct(cases);
+        fit(&counts, |i| row(cases[i].0, cases[i].1, cases[i].2))
+    })
+}
+
+fn size_of_step(b1: u32, b2: u32) -> usize {
+    ACTIVITY.partition_point(|&least| least <= b1.abs_diff(b2))
+}
+
+fn join<const A: usize, const B: usize, const N: usize>(a: &[f64; A], b: &[f64; B]) -> [f64; N] {
+    let mut joined = [0.0; N];
+    joined[..A].copy_from_slice(a);
+    joined[A..].copy_from_slice(b);
+    joined
+}
+
+fn add(sum: &mut [f64; 6], bits: [f64; 6]) {
+    sum.iter_mut().zip(bits).for_each(|(s, b)| *s += b);
+}
+
+/// Add-one counts.
+struct Histogram {
+    counts: Vec<f64>,
+    total: f64,
+}
+
+impl Histogram {
+    fn fit(bins: usize, codes: impl Iterator<Item = u32>) -> Self {
+        let mut counts = vec![1.0; bins];
+        codes.for_each(|c| counts[c as usize] += 1.0);
+        let total = counts.iter().sum();
+        Histogram { counts, total }
+    }
+
+    fn p(&self, code: u32) -> f64 {
+        self.counts[code as usize] / self.total
+    }
+
+    fn bits(&self, code: u32) -> f64 {
+        -self.p(code).log2()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Deserialize;
+
+    #[derive(Deserialize)]
+    struct Golden {
+        bins: usize,
+        channels: usize,
+        train: Vec<Vec<u16>>,
+        test: Vec<Vec<u16>>,
+        bits_per_frame: [f64; 6],
+        from_third_frame: [f64; 6],
+        by_channel: [Vec<f64>; 6],
+        weight_on_extrapolation: Vec<f64>,
+    }
+
+    /// The order of sums is all that differs.
+    const TOLERANCE: f64 = 1e-9;
+
+    fn near(found: &[f64], expected: &[f64]) {
+        assert_eq!(found.len(), expected.len());
+        for (f, e) in found.iter().zip(expected) {
+            assert!((f - e).abs() < TOLERANCE, "found {found:?}, expected {expected:?}");
+        }
+    }
+
+    #[test]
+    fn the_figures_are_those_of_numpy() {
+        let golden: Golden = serde_json::from_str(include_str!("../tests/golden/baselines.json")).unwrap();
+        let codes = CodeSplits {
+            bins: golden.bins,
+            channels: golden.channels,
+            of: [776, 183],
+            train: CodeClips { clips: golden.train },
+            test: CodeClips { clips: golden.test },
+        };
+        let b = measure(&codes).unwrap();
+        near(&b.bits_per_frame, &golden.bits_per_frame);
+        near(&b.from_third_frame.unwrap(), &golden.from_third_frame);
+        b.by_channel.iter().zip(&golden.by_channel).for_each(|(f, e)| near(f, e));
+        near(&b.weight_on_extrapolation, &golden.weight_on_extrapolation);
+        assert_eq!((b.train, b.test), ([7, 776], [4, 183]));
+    }
+
+    fn splits(train: Vec<u16>, test: Vec<u16>) -> CodeSplits {
+        let one = |codes| CodeClips { clips: vec![codes] };
+        let of = [train.len(), test.len()];
+        CodeSplits { bins: 8, channels: 1, train: one(train), test: one(test), of }
+    }
+
+    #[test]
+    fn a_constant_channel_costs_its_add_one_share() {
+        // 8 counts of one and 100 more of code 3: p = 101/108
+        let b = measure(&splits(vec![3; 100], vec![3; 50])).unwrap();
+        assert!((b.bits_per_frame[0] - (108.0_f64 / 101.0).log2()).abs() < 1e-12);
+        assert!(b.best() <= b.bits_per_frame[0] && b.uniform() == 3.0);
+    }
+
+    #[test]
+    fn short_clips_are_measured() {
+        let b = measure(&splits(vec![1, 2, 3], vec![4])).unwrap();
+        assert_eq!(b.from_third_frame, None);
+        assert!(b.bits_per_frame.iter().all(|x| (x - b.bits_per_frame[0]).abs() < 1e-12));
+        assert!(measure(&splits(vec![1], vec![4, 4])).unwrap().bits_per_frame.iter().all(|x| x.is_finite()));
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        let says = |codes| measure(&codes).unwrap_err().to_string();
+        assert!(says(splits(vec![], vec![1])).contains("the train split has no frame"));
+        assert!(says(splits(vec![1], vec![1, 8])).contains("test clip 0, frame 1: code 8; expected below 8"));
+        assert!(says(CodeSplits { channels: 2, ..splits(vec![1], vec![1, 2]) }).contains("frames of 2"));
+        assert!(says(CodeSplits { bins: 1, ..splits(vec![0], vec![0]) }).contains("2 to 65536"));
+    }
+
+    #[test]
+    fn the_table_has_a_row_a_model() {
+        let mut b = measure(&splits(vec![3; 100], vec![3; 50])).unwrap();
+        b.xz = None;
+        let text = b.to_string();
+        assert!(text.starts_with("fitted on 1 clips, 100 frames; measured on 1 clips, 50 frames\n"), "{text}");
+        assert_eq!(text.lines().count(), 2 + 1 + MODELS.len() + 1);
+        assert!(text.ends_with("no xz program was found"));
+        let json = b.to_json();
+        assert_eq!(json["bits_per_frame"]["uniform"], 3.0);
+        assert_eq!(json["bits_per_frame"]["xz9_frame_major"], Value::Null);
+        assert!(json["bits_per_frame_from_third_frame"]["e_mix_by_activity"].is_f64());
+    }
+}

@@ -1,0 +1,252 @@
+//! Dances and real ones as clouds of features, and how far these are apart: docs/referee.md.
+
+use super::coded::Dance;
+use super::frechet::{Held, Rows, Scale, held};
+use super::report::Real;
+use crate::Result;
+use kinelm_corpus::Split;
+use kinelm_motion::metric::features::{COMPAT_FPS, Form, Places, geometric, kinetic};
+use kinelm_motion::resample::{Method, resample};
+use kinelm_motion::{Clip, Vec3};
+use kinelm_store::random;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::fmt;
+
+/// Length of a window and the way from one to the next, seconds.
+const WINDOW_S: f64 = 5.0;
+const HOP_S: f64 = 2.5;
+/// Published code looks at so many frames of a clip.
+const COMPAT_FRAMES: usize = 1200;
+/// Noise of the set that is worse than any, metres.
+const NOISE_M: f64 = 0.05;
+/// The seed of noise and of draws.
+const SEED: u64 = 1;
+
+/// One kind of features in one form.
+#[derive(Debug, Clone, Serialize)]
+pub struct Features {
+    /// `kinetic` or `geometric`.
+    pub kind: &'static str,
+    /// `fixed` or `compat`.
+    pub form: &'static str,
+    /// Features that don't vary over the real train clips and are left out.
+    pub left_out: Vec<usize>,
+    /// Diversity of the real train clips.
+    pub real_diversity: Option<f64>,
+    /// Sets held to the real train clips: what is real, what is real and spoilt, the dances.
+    pub sets: Vec<(String, Held)>,
+    /// Of sets with more vectors so many were taken, spread evenly; `None` where none has more.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub most_vectors: Option<usize>,
+}
+
+/// Of a set with more vectors so many are taken, spread evenly: one of them is of 5 s, or of a clip.
+const MOST: usize = 4_000;
+
+/// What is done to clips before their features are taken.
+#[derive(Clone, Copy, PartialEq)]
+enum Done {
+    Nothing,
+    Reversed,
+    Noise,
+}
+
+/// The four tables: kinetic and geometric features, `fixed` and `compat`. The real train clips, the other real ones, and sets
+/// by their names.
+///
+/// # Errors
+/// Words that can't be decoded; what resampling and features fail with.
+pub fn features(real_clips: &Real, sets: &[(&str, &[Dance])]) -> Result<Vec<Features>> {
+    let mut tables = Vec::new();
+    for (form, form_name) in [(Form::Fixed, "fixed"), (Form::Compat, "compat")] {
+        let of_split = |split| {
+            let corpus = real_clips.corpus();
+            Pieces::of(corpus.split(split).map(|clip| clip.frames), corpus.tokenizer().fps(), form)
+        };
+        let pieces = of_split(Split::Train);
+        let all_done = |i, dance: &Dance| -> Result<[Vec<Vector>; 3]> {
+            let [real, reversed, noise] =
+                [Done::Nothing, Done::Reversed, Done::Noise].map(|done| pieces.vectors(i, dance, done));
+            Ok([real?, reversed?, noise?])
+        };
+        let mut train: [Vec<(usize, Vector)>; 3] = Default::default();
+        let mut clip = 0;
+        real_clips.fold(Split::Train, all_done, |found| {
+            train.iter_mut().zip(found).for_each(|(all, found)| all.extend(found.into_iter().map(|v| (clip, v))));
+            clip += 1;
+        })?;
+        let [real, reversed, noise] = train;
+        let half = |odd: usize| clouds(real.iter().filter(|(clip, _)| clip % 2 == odd).map(|(_, v)| v.clone()));
+        let [even, odd] = [half(0), half(1)];
+        let [real, reversed, noise] = [real, reversed, noise].map(|all| clouds(all.into_iter().map(|(_, v)| v)));
+        let (spoilt, mut sampled) = ([reversed, noise], pieces.sampled);
+        let mut named = Vec::new();
+        for split in [Split::Valid, Split::Test] {
+            let pieces = of_split(split);
+            sampled |= pieces.sampled;
+            let all = real_clips.each(split, |i, dance| pieces.vectors(i, dance, Done::Nothing))?;
+            named.push((split.to_string(), clouds(all.into_iter().flatten())));
+        }
+        for (name, set) in sets {
+            let fps = set.first().map_or(1.0, |dance| dance.clip.fps());
+            let pieces = Pieces::of(set.iter().map(|dance| dance.clip.frames()), fps, form);
+            sampled |= pieces.sampled;
+            let all = set.par_iter().enumerate().map(|(i, dance)| pieces.vectors(i, dance, Done::Nothing));
+            named.push(((*name).to_owned(), clouds(all.collect::<Result<Vec<_>>>()?.into_iter().flatten())));
+        }
+        for (at, kind) in ["kinetic", "geometric"].into_iter().enumerate() {
+            let scale = Scale::of(&real[at], form == Form::Compat);
+            let scaled = |rows: &Rows| scale.apply(rows);
+            let all = scaled(&real[at]);
+            let mut held_to =
+                vec![("one half of train to the other".into(), held(&scaled(&odd[at]), &scaled(&even[at]), SEED)?)];
+            for (name, set) in &named {
+                held_to.push((name.clone(), held(&scaled(&set[at]), &all, SEED)?));
+            }
+            for (name, set) in ["train, backwards", "train with 5 cm of noise"].into_iter().zip(&spoilt) {
+                held_to.push((name.into(), held(&scaled(&set[at]), &all, SEED)?));
+            }
+            tables.push(Features {
+                kind,
+                form: form_name,
+                left_out: scale.left_out(),
+                real_diversity: super::frechet::diversity(&all),
+                sets: held_to,
+                most_vectors: sampled.then_some(MOST),
+            });
+        }
+    }
+    Ok(tables)
+}
+
+/// Kinetic and geometric features of a window (`fixed`) or a clip (`compat`).
+type Vector = [Vec<f64>; 2];
+
+/// Kinetic and geometric features, a row a vector.
+fn clouds(vectors: impl Iterator<Item = Vector>) -> [Rows; 2] {
+    let (kinetic, geometric) = vectors.map(|[kinetic, geometric]| (kinetic, geometric)).unzip();
+    [kinetic, geometric]
+}
+
+/// Which pieces of the clips of a set are taken.
+struct Pieces {
+    form: Form,
+    /// Of each clip.
+    taken: Vec<Vec<usize>>,
+    sampled: bool,
+}
+
+impl Pieces {
+    /// Of clips of so many frames at `fps`: all pieces, or [`MOST`] of them.
+    fn of(clips: impl Iterator<Item = usize>, fps: f64, form: Form) -> Pieces {
+        let (window, hop) = window_of(fps);
+        let count = |frames: usize| match form {
+            _ if frames < 2 => 0,
+            Form::Compat => 1,
+            Form::Fixed => (frames + 1).saturating_sub(window).div_ceil(hop),
+        };
+        let counts: Vec<usize> = clips.map(count).collect();
+        let all: usize = counts.iter().sum();
+        let most = all.min(MOST);
+        let (mut taken, mut before, mut next) = (Vec::with_capacity(counts.len()), 0, 0);
+        for count in counts {
+            let mut of_clip = Vec::new();
+            while next < most && next * all / most < before + count {
+                of_clip.push(next * all / most - before);
+                next += 1;
+            }
+            taken.push(of_clip);
+            before += count;
+        }
+        Pieces { form, taken, sampled: most < all }
+    }
+
+    /// The features of a clip's.
+    fn vectors(&self, clip: usize, dance: &Dance, done: Done) -> Result<Vec<Vector>> {
+        if self.taken[clip].is_empty() {
+            return Ok(Vec::new());
+        }
+        let places = done.apply(&places(&dance.clip, self.form)?, clip);
+        let (window, hop) = window_of(places.fps());
+        let vector = |&piece: &usize| {
+            let frames = match self.form {
+                Form::Compat => 0..places.frames().min(COMPAT_FRAMES),
+                Form::Fixed => piece * hop..piece * hop + window,
+            };
+            let piece = places.slice(frames);
+            [kinetic(&piece, self.form).to_vec(), geometric(&piece, self.form).to_vec()]
+        };
+        Ok(self.taken[clip].iter().map(vector).collect())
+    }
+}
+
+/// Places at the rate that a form is of; `compat` has the root's first place at 0.
+fn places(clip: &Clip, form: Form) -> Result<Places> {
+    if form == Form::Fixed {
+        return Ok(Places::of(clip)?);
+    }
+    let first = clip.root().first().copied().unwrap_or_default();
+    Ok(Places::of(&resample(clip, COMPAT_FPS, Method::Slerp)?)?.changed(|place| place - first))
+}
+
+/// Frames of a window of five seconds, and to the next, which has half of it.
+fn window_of(fps: f64) -> (usize, usize) {
+    let [window, hop] = [WINDOW_S, HOP_S].map(|s| ((s * fps).round() as usize).max(2));
+    (window, hop)
+}
+
+impl Done {
+    fn apply(self, places: &Places, clip: usize) -> Places {
+        match self {
+            Done::Nothing => places.clone(),
+            Done::Reversed => places.reversed(),
+            Done::Noise => {
+                let mut rng = random::stream(SEED, "noise", clip as u64, 0);
+                let mut one = || NOISE_M * random::normal(&mut rng);
+                places.changed(|place| place + Vec3::new(one(), one(), one()))
+            }
+        }
+    }
+}
+
+impl fmt::Display for Features {
+    /// A table, without a line end after the last row.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let number = |x: Option<f64>| x.map_or("n/a".into(), |x| format!("{x:.2}"));
+        let name = format!("{} features, {}", self.kind, self.form);
+        write!(f, "{name:<32} {:>8} {:>10} {:>12} {:>10}", "vectors", "Fréchet", "of infinity", "diversity")?;
+        write!(f, "\n{:<32} {:>8} {:>10} {:>12} {:>10}", "train", "", "", "", number(self.real_diversity))?;
+        for (name, held) in &self.sets {
+            let Held { vectors, distance, at_infinity, diversity, too_few } = held;
+            let few = if *too_few { "  too few" } else { "" };
+            let [distance, at_infinity, diversity] = [*distance, *at_infinity, *diversity].map(number);
+            write!(f, "\n{name:<32} {vectors:>8} {distance:>10} {at_infinity:>12} {diversity:>10}{few}")?;
+        }
+        if let Some(most) = self.most_vectors {
+            write!(f, "\nof sets with more than {most} vectors so many were taken, spread evenly")?;
+        }
+        if !self.left_out.is_empty() {
+            write!(f, "\nleft out, since they don't vary over train: {:?}", self.left_out)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn windows_are_five_seconds_half_in_the_next() {
+        let pieces = |clips: &[usize], form| Pieces::of(clips.iter().copied(), 20.0, form);
+        assert_eq!(pieces(&[220, 99, 100], Form::Fixed).taken, [vec![0, 1, 2], vec![], vec![0]]);
+        assert_eq!(pieces(&[220, 1, 2], Form::Compat).taken, [vec![0], vec![], vec![0]]);
+        assert_eq!(window_of(20.0), (100, 50));
+        // of ten hours a sample
+        let many = pieces(&[7_200; 100], Form::Fixed);
+        let taken: usize = many.taken.iter().map(Vec::len).sum();
+        assert_eq!((taken, many.sampled, &many.taken[99][..2]), (MOST, true, &[0, 3][..]));
+        assert!(many.taken.iter().all(|of_clip| of_clip.iter().all(|piece| piece * 50 + 100 <= 7_200)));
+    }
+}

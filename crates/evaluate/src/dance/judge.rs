@@ -1,0 +1,293 @@
+//! Which of several dances is least unlike real ones: docs/generation.md, "The best of several".
+
+use super::coded::Dance;
+use super::copying::Track;
+use super::freeze::{Freezing, Threshold, energy};
+use super::percentile;
+use super::places::Places;
+use super::report::{Real, feet};
+use crate::Result;
+use crate::codes::frames;
+use kinelm_corpus::Split;
+use kinelm_generate::best::Verdict;
+use kinelm_generate::free::Stretch;
+use kinelm_motion::metric::{Feet, Ground, Skate, jitter_of};
+use kinelm_motion::{Clip, joints::LEGS};
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+
+/// Real clips are measured in windows of so many seconds, one every so many.
+const WINDOW_S: f64 = 5.0;
+const HOP_S: f64 = 2.5;
+/// A spread of real windows is taken to be so much at least, or a thousandth more would count as far off: of the share of
+/// steps that slide, of penetration in cm, of shaking over its median.
+const LEAST: [f64; 3] = [0.02, 0.2, 0.1];
+/// A dance is a copy if more than this share of its windows is nearer to training than 99 of 100 windows of real dances
+/// that nothing was trained on.
+const COPIED: f64 = 0.1;
+
+/// Holds dances of one recipe to real ones.
+pub struct Judge<'a> {
+    real: &'a Real<'a>,
+    invented: Vec<Stretch>,
+    /// All that were invented in any frame.
+    joints: Vec<usize>,
+    feet: Feet,
+    usual: [Option<Usual>; 3],
+    /// Of what was invented up to the end: the frames and joints, and the threshold under which they stand still, cm/s.
+    last: Option<(Stretch, f64)>,
+    /// By joints: how near a dance may come to training clips; nobody knows without validation clips.
+    limits_cm: Mutex<BTreeMap<Vec<usize>, Option<f64>>>,
+}
+
+/// A measure over windows of the real train clips.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Usual {
+    median: f64,
+    /// From the first quartile to the third, or [`LEAST`].
+    spread: f64,
+}
+
+impl<'a> Judge<'a> {
+    /// Of dances of which these stretches are invented.
+    ///
+    /// # Errors
+    /// Words that can't be decoded.
+    pub fn new(real: &'a Real<'a>, invented: Vec<Stretch>) -> Result<Judge<'a>> {
+        let mut joints: Vec<usize> = invented.iter().flat_map(|stretch| stretch.joints.iter().copied()).collect();
+        joints.sort_unstable();
+        joints.dedup();
+        let mut judge = Judge {
+            real,
+            invented,
+            feet: feet(&real.joints)?,
+            joints,
+            usual: [None; 3],
+            last: None,
+            limits_cm: Mutex::default(),
+        };
+        let of =
+            |clip: Clip| judge.measures(&clip, &[Stretch { frames: 0..clip.frames(), joints: judge.joints.clone() }]);
+        let of_dance = |_, dance: &Dance| Ok(windows(&dance.clip).into_iter().map(of).collect::<Vec<_>>());
+        let all: Vec<[Option<f64>; 3]> = real.each(Split::Train, of_dance)?.concat();
+        for (i, least) in LEAST.into_iter().enumerate() {
+            let mut values: Vec<f64> = all.iter().filter_map(|measures| measures[i]).collect();
+            values.sort_by(f64::total_cmp);
+            let at = |p| percentile(&values, p);
+            judge.usual[i] = at(0.5).zip(at(0.25).zip(at(0.75))).map(|(median, (low, high))| {
+                let least = if i == 2 { least * median } else { least };
+                Usual { median, spread: (high - low).max(least) }
+            });
+        }
+        if let Some(last) = judge.invented.last() {
+            let mut threshold = Threshold::of(frames(real.corpus(), Split::Train));
+            let of = |_, dance: &Dance| Ok(energy(&judge.places(&dance.clip, &last.joints)));
+            real.fold(Split::Train, of, |energies| threshold.add(&energies))?;
+            judge.last = threshold.get().map(|x| (last.clone(), x));
+        }
+        Ok(judge)
+    }
+
+    /// Where joints are: in the world if they are all, else from the pelvis.
+    fn places(&self, clip: &Clip, joints: &[usize]) -> Places {
+        let all = joints.len() == self.real.joints.len();
+        if all { Places::of(clip, joints) } else { Places::of_pose(clip, joints) }
+    }
+
+    /// What is to be said of one dance; copies aren't looked for yet.
+    pub fn verdict(&self, dance: &Dance) -> Verdict {
+        let found = self.measures(&dance.clip, &self.invented);
+        let beyond = |(found, usual): (Option<f64>, Option<Usual>)| {
+            found.zip(usual).map_or(0.0, |(x, usual)| ((x - usual.median) / usual.spread).max(0.0))
+        };
+        let [skate_share, penetration_cm, shake] = found;
+        let score = found.into_iter().zip(self.usual).map(beyond).sum();
+        Verdict { score, skate_share, penetration_cm, shake, freezes_s: self.freezes_s(&dance.clip), copied: false }
+    }
+
+    /// The dances from the best to the worst, with what is said of them. Those that stand still for good or copy are behind
+    /// all others; copies are looked for until `wanted` dances are none.
+    ///
+    /// # Errors
+    /// Clips that can't be mirrored.
+    pub fn ranked(&self, dances: &[Dance], wanted: usize) -> Result<Vec<(usize, Verdict)>> {
+        let mut all: Vec<(usize, Verdict)> = dances.iter().map(|dance| self.verdict(dance)).enumerate().collect();
+        let order = |a: &(usize, Verdict), b: &(usize, Verdict)| {
+            let key = |v: &Verdict| (v.doubt().is_some(), v.score);
+            let ((a_out, a_score), (b_out, b_score)) = (key(&a.1), key(&b.1));
+            a_out.cmp(&b_out).then(a_score.total_cmp(&b_score)).then(a.0.cmp(&b.0))
+        };
+        all.sort_by(order);
+        let mut fine = 0;
+        for (i, verdict) in &mut all {
+            if fine == wanted || verdict.doubt().is_some() {
+                break;
+            }
+            verdict.copied = self.is_copy(&dances[*i])?;
+            fine += usize::from(!verdict.copied);
+        }
+        all.sort_by(order);
+        Ok(all)
+    }
+
+    /// Whether the invented joints of a dance are those of a training clip, in a tenth of its windows or more.
+    fn is_copy(&self, dance: &Dance) -> Result<bool> {
+        let (mut all, mut copied) = (0, 0);
+        for stretch in &self.invented {
+            let Some(limit) = self.limit_cm(&stretch.joints)? else { continue };
+            let track = Track::of(&slice(&dance.clip, stretch), &stretch.joints);
+            let found = self.real.nearest(&stretch.joints, &[track])?.concat();
+            all += found.len();
+            copied += found.iter().filter(|cm| **cm < limit).count();
+        }
+        Ok(copied as f64 > COPIED * all as f64)
+    }
+
+    /// How near a dance may come to training clips, as these joints show them.
+    fn limit_cm(&self, joints: &[usize]) -> Result<Option<f64>> {
+        let mut known = self.limits_cm.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(limit) = known.get(joints) {
+            return Ok(*limit);
+        }
+        let tracks: Vec<Track> = self.real.reference()?.iter().map(|dance| Track::of(&dance.clip, joints)).collect();
+        let mut valid = self.real.nearest(joints, &tracks)?.concat();
+        valid.sort_by(f64::total_cmp);
+        let limit = percentile(&valid, 0.01);
+        known.insert(joints.to_vec(), limit);
+        Ok(limit)
+    }
+
+    /// Share of steps that slide, penetration and shaking of what was invented of a clip; of the feet where both legs were.
+    fn measures(&self, clip: &Clip, invented: &[Stretch]) -> [Option<f64>; 3] {
+        let (mut skate, mut ground) = (Skate::default(), Ground::default());
+        let (mut jerk, mut speed, mut feet_frames) = (0.0, 0.0, 0);
+        for stretch in invented {
+            let part = slice(clip, stretch);
+            if LEGS.iter().flatten().all(|joint| stretch.joints.contains(joint) || !self.real.joints.contains(joint)) {
+                skate.add(&Skate::of(&self.feet, &part));
+                feet_frames += part.frames();
+                let pelvis: Vec<f64> = part.root().iter().map(|p| p.y).collect();
+                ground.add(&Ground::of(&self.feet.least(&part), &pelvis, clip.fps()));
+            }
+            if let Some(mean) = jitter_of(&part, &stretch.joints) {
+                jerk += (part.frames() - 3) as f64 * mean;
+                speed += Places::of(&part, &stretch.joints).speeds().iter().sum::<f64>();
+            }
+        }
+        // feet that never stand are no better than feet that always slide
+        let slides = skate.share().or((feet_frames > 1).then_some(1.0));
+        [slides, ground.penetration_cm(), (speed > 0.0).then(|| jerk / speed)]
+    }
+
+    /// From when on what was invented up to the end stands still, seconds.
+    fn freezes_s(&self, clip: &Clip) -> Option<f64> {
+        let (last, threshold) = self.last.as_ref()?;
+        // a frame more or less is the coding's
+        if last.frames.end + 1 < clip.frames() {
+            return None;
+        }
+        let energies = energy(&self.places(&slice(clip, last), &last.joints));
+        let still = Freezing::of(&energies, clip.fps(), *threshold).time_to_freeze_s?;
+        Some(still + last.frames.start as f64 / clip.fps())
+    }
+}
+
+/// The frames of a stretch, as far as the clip has them.
+fn slice(clip: &Clip, stretch: &Stretch) -> Clip {
+    let end = stretch.frames.end.min(clip.frames());
+    clip.slice(stretch.frames.start.min(end)..end)
+}
+
+/// Windows of a real clip; one that is shorter, whole.
+fn windows(clip: &Clip) -> Vec<Clip> {
+    let frames = |s: f64| ((s * clip.fps()).round() as usize).max(1);
+    let (length, hop) = (frames(WINDOW_S), frames(HOP_S));
+    let last = clip.frames().saturating_sub(length);
+    (0..=last).step_by(hop).map(|start| clip.slice(start..(start + length).min(clip.frames()))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinelm_corpus::{Corpus, Split};
+    use kinelm_motion::Vec3;
+    use kinelm_tokenizer::TokenizerConfig;
+    use kinelm_train::fixture;
+
+    const JOINTS: [usize; 9] = [0, 1, 2, 4, 5, 7, 8, 18, 19];
+
+    fn corpus() -> (tempfile::TempDir, Corpus) {
+        let dir = tempfile::tempdir().unwrap();
+        let split = [Split::Train, Split::Train, Split::Valid, Split::Train, Split::Test];
+        let clips = split.map(|split| (200, split));
+        let corpus = fixture::danced(&dir.path().join("c"), TokenizerConfig::uniform(&JOINTS, 20.0, 180), &clips);
+        (dir, corpus)
+    }
+
+    fn all(frames: usize) -> Vec<Stretch> {
+        vec![Stretch { frames: 0..frames, joints: JOINTS.to_vec() }]
+    }
+
+    /// The same dance at other places.
+    fn moved(dance: &Dance, by: impl Fn(usize) -> Vec3) -> Dance {
+        let root = dance.clip.root().iter().enumerate().map(|(f, p)| *p + by(f)).collect();
+        let (rig, rotations) = (dance.clip.skeleton().clone(), dance.clip.rotations().to_vec());
+        let mut other = dance.clone();
+        other.clip = Clip::new(rig, dance.clip.fps(), root, rotations).unwrap();
+        other
+    }
+
+    #[test]
+    fn what_slides_sinks_shakes_freezes_or_copies_is_worse_than_a_real_dance() {
+        let (_dir, corpus) = corpus();
+        let real = Real::load(&corpus).unwrap();
+        let judge = Judge::new(&real, all(150)).unwrap();
+        // dances of this kind come to rest in their last seconds
+        let mut test = Dance::of_corpus(&corpus, &corpus.clips()[2]).unwrap();
+        test.clip = test.clip.slice(0..150);
+        let copy = Dance::of_corpus(&corpus, &corpus.clips()[0]).unwrap();
+        let slides = moved(&test, |f| Vec3::X * 0.03 * f as f64);
+        let sunk = moved(&test, |_| Vec3::Y * -0.5);
+        let shakes = moved(&test, |f| Vec3::Y * if f.is_multiple_of(2) { 0.03 } else { -0.03 });
+        let mut still = test.clone();
+        let at = |f: usize| f.min(75);
+        let root = (0..150).map(|f| test.clip.root()[at(f)]).collect();
+        let rotations = (0..150).flat_map(|f| test.clip.pose(at(f)).to_vec()).collect();
+        still.clip = Clip::new(test.clip.skeleton().clone(), 20.0, root, rotations).unwrap();
+        let verdict = |dance: &Dance| judge.verdict(dance);
+        let own = verdict(&test);
+        assert!(own.score < 2.0 && own.doubt().is_none(), "{own}");
+        assert!(verdict(&slides).skate_share > own.skate_share, "{} beside {own}", verdict(&slides));
+        for (worse, by) in [(&sunk, 5.0), (&shakes, 2.0)] {
+            assert!(verdict(worse).score > own.score + by, "{} beside {own}", verdict(worse));
+        }
+        let stands = verdict(&still).freezes_s.unwrap();
+        assert!((3.2..4.4).contains(&stands), "{stands}");
+
+        let ranked = judge.ranked(&[copy.clone(), still.clone(), sunk, test], 2).unwrap();
+        let order: Vec<usize> = ranked.iter().map(|(i, _)| *i).collect();
+        assert_eq!(order[..2], [3, 2], "{ranked:?}");
+        assert!(ranked[2..].iter().all(|(_, verdict)| verdict.doubt().is_some()), "{ranked:?}");
+        // where all are out the least bad one is first, and the doubt is told
+        let ranked = judge.ranked(&[still, copy], 1).unwrap();
+        assert!(ranked[0].1.doubt().is_some() && ranked[0].1.score <= ranked[1].1.score, "{ranked:?}");
+    }
+
+    #[test]
+    fn only_what_was_invented_is_judged() {
+        let (_dir, corpus) = corpus();
+        let real = Real::load(&corpus).unwrap();
+        let test = Dance::of_corpus(&corpus, &corpus.clips()[2]).unwrap();
+        // in the floor, and shaking, while the body is given
+        let wrong =
+            |f: usize| if f < 100 { Vec3::Y * if f.is_multiple_of(2) { -0.5 } else { -0.6 } } else { Vec3::ZERO };
+        let dance = moved(&test, wrong);
+        let of = |invented: Vec<Stretch>| Judge::new(&real, invented).unwrap().verdict(&dance);
+        let (whole, later) = (of(all(200)), of(vec![Stretch { frames: 100..200, joints: JOINTS.to_vec() }]));
+        assert!(whole.penetration_cm.unwrap() > 10.0 && later.penetration_cm.unwrap() < 1.0, "{whole}; {later}");
+        assert!(whole.shake > later.shake.map(|x| 1.2 * x), "{whole}; {later}");
+        let arms = of(vec![Stretch { frames: 0..200, joints: vec![18, 19] }]);
+        assert_eq!((arms.skate_share, arms.penetration_cm), (None, None), "feet that are given aren't judged");
+        assert_eq!(of(Vec::new()).score, 0.0);
+    }
+}

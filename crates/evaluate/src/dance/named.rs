@@ -1,0 +1,182 @@
+//! Whether a label can be told by the dances: docs/referee.md, "Does a label show?".
+//!
+//! A linear discriminant learns from windows of the real train clips. It reads of every free channel the mean, the deviation
+//! and the mean step; not of the pelvis, for a dance may face and go anywhere.
+
+use super::coded::Dance;
+use crate::{Error, Result};
+use kinelm_classify::features::moments_of;
+use kinelm_classify::fields::Fields;
+use kinelm_classify::lda::{COMPONENTS, Lda};
+use kinelm_classify::measures::wilson;
+use kinelm_corpus::{ClipRecord, Corpus, Split};
+use kinelm_spectral::Series;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::fmt;
+use std::iter::StepBy;
+use std::ops::Range;
+
+/// Length of a window and the way from one to the next, seconds.
+const WINDOW_S: f64 = 2.0;
+const HOP_S: f64 = 1.0;
+/// Windows of train clips that are learned from, at most; of more so many, spread evenly.
+const MOST: usize = 10_000;
+
+/// How often clips are named as they were asked for.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Fidelity {
+    /// The label field.
+    pub field: String,
+    /// Its values, as the train clips have them.
+    pub classes: Vec<String>,
+    /// The joints that are read, SMPL ids.
+    pub joints: Vec<usize>,
+    /// Real valid and test clips, dances.
+    pub groups: Vec<Hits>,
+    /// Of the train clips' windows one in so many was learned from, where they are more than 10,000.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub one_window_in: Option<usize>,
+}
+
+/// One group of clips.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Hits {
+    /// What they are.
+    pub name: String,
+    /// (asked for, named): clips.
+    pub confusion: Vec<Vec<usize>>,
+    /// Clips of no known label, or shorter than a window: they count nowhere.
+    pub left_out: usize,
+}
+
+impl Hits {
+    /// Clips that are named as asked, and all.
+    pub fn count(&self) -> [usize; 2] {
+        let right = (0..self.confusion.len()).map(|class| self.confusion[class][class]).sum();
+        [right, self.confusion.iter().flatten().sum()]
+    }
+}
+
+/// Names dances, each with the label that was asked for, beside the real clips that nothing was learned from. `given`: joints
+/// that were given to a dance, SMPL ids, which say nothing of what was made.
+///
+/// # Errors
+/// A field that the train clips don't have; no joint left to read; words that can't be decoded.
+pub fn fidelity(
+    corpus: &Corpus,
+    field: &str,
+    given: &[usize],
+    dances: &[(&Dance, Option<String>)],
+) -> Result<Fidelity> {
+    let records: Vec<&ClipRecord> = corpus.clips().iter().collect();
+    let fields = Fields::of(corpus, &records, &[field.to_owned()])?;
+    let of_field = &fields.0[0];
+    let coded = corpus.tokenizer().channels().joints();
+    let joints: Vec<usize> = coded.iter().copied().filter(|j| *j != 0 && !given.contains(j)).collect();
+    if joints.is_empty() {
+        let what = format!("the label {field} can't be looked for: of the coded joints all but the pelvis were given");
+        return Err(Error::call(what));
+    }
+    let seen = corpus.split(Split::Train).filter_map(|record| Some((record, of_field.class_of(record)?)));
+    let seen: Vec<(&ClipRecord, usize)> = seen.collect();
+    let fps = corpus.tokenizer().fps();
+    let every = seen.iter().map(|(record, _)| starts(record.frames, fps).len()).sum::<usize>().div_ceil(MOST).max(1);
+    let read = |&(record, class): &(&ClipRecord, usize)| -> Result<Vec<(Vec<f64>, usize)>> {
+        let rows = windows(&Dance::of_corpus(corpus, record)?, &joints, every)?;
+        Ok(rows.into_iter().map(|row| (row, class)).collect())
+    };
+    let seen: Vec<Vec<(Vec<f64>, usize)>> = seen.par_iter().map(read).collect::<Result<_>>()?;
+    let (rows, labels): (Vec<Vec<f64>>, Vec<usize>) = seen.into_iter().flatten().unzip();
+    let classes = of_field.classes.len();
+    let lda = Lda::fit(&rows, &labels, classes, COMPONENTS)?;
+    let name = |dance: &Dance| -> Result<Option<usize>> { Ok(named(&lda, &windows(dance, &joints, 1)?)) };
+    let group = |name: String, clips: Vec<(Option<usize>, Option<usize>)>| {
+        let mut hits = Hits { name, confusion: vec![vec![0; classes]; classes], left_out: 0 };
+        for clip in clips {
+            match clip {
+                (Some(asked), Some(named)) => hits.confusion[asked][named] += 1,
+                _ => hits.left_out += 1,
+            }
+        }
+        hits
+    };
+    let mut groups = Vec::new();
+    for split in [Split::Valid, Split::Test] {
+        let clips: Vec<&ClipRecord> = corpus.split(split).collect();
+        let named = |record: &&ClipRecord| Ok((of_field.class_of(record), name(&Dance::of_corpus(corpus, record)?)?));
+        groups.push(group(format!("real, {split}"), clips.par_iter().map(named).collect::<Result<_>>()?));
+    }
+    let of_dance = |(dance, asked): &(&Dance, Option<String>)| {
+        let asked = asked.as_ref().and_then(|asked| of_field.classes.binary_search(asked).ok());
+        Ok((asked, name(dance)?))
+    };
+    groups.push(group("dances".into(), dances.par_iter().map(of_dance).collect::<Result<_>>()?));
+    let one_window_in = Some(every).filter(|every| *every > 1);
+    Ok(Fidelity { field: field.into(), classes: of_field.classes.clone(), joints, groups, one_window_in })
+}
+
+/// Frames of a window and to the next one.
+fn sizes(fps: f64) -> [usize; 2] {
+    [WINDOW_S, HOP_S].map(|s| ((s * fps).round() as usize).max(2))
+}
+
+/// Where windows of so many frames begin.
+fn starts(frames: usize, fps: f64) -> StepBy<Range<usize>> {
+    let [size, hop] = sizes(fps);
+    (0..(frames + 1).saturating_sub(size)).step_by(hop)
+}
+
+/// What is read of one in `every` windows of a dance; none of one that is shorter.
+fn windows(dance: &Dance, joints: &[usize], every: usize) -> Result<Vec<Vec<f64>>> {
+    let fps = dance.clip.fps();
+    let size = sizes(fps)[0];
+    let series = Series::of(&dance.clip, joints, fps, false)?;
+    let one = |at: usize| -> Vec<f64> { series.window(at, size).chunks_exact(size).flat_map(moments_of).collect() };
+    Ok(starts(series.frames, fps).step_by(every).map(one).collect())
+}
+
+/// The class with the largest sum of ln p.
+fn named(lda: &Lda, windows: &[Vec<f64>]) -> Option<usize> {
+    let each: Vec<Vec<f64>> = windows.iter().map(|row| lda.log_p(row)).collect();
+    let sum = |class: usize| each.iter().map(|log_p| log_p[class]).sum::<f64>();
+    (0..each.first()?.len()).max_by(|a, b| sum(*a).total_cmp(&sum(*b)))
+}
+
+impl fmt::Display for Fidelity {
+    /// A table, without a line end after the last line.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let width = self.classes.iter().map(|class| class.chars().count() + 1).max().unwrap_or(0).max(10);
+        write!(f, "{:<18} {:>9} {:>18}", self.field, "as asked", "% (95 %)")?;
+        self.classes.iter().try_for_each(|class| write!(f, " {class:>width$}"))?;
+        for group in &self.groups {
+            let [right, all] = group.count();
+            write!(f, "\n{:<18} {:>9}", group.name, format!("{right} of {all}"))?;
+            let share = match all {
+                0 => "n/a".into(),
+                _ => {
+                    let [low, high] = wilson(right, all).map(|x| 100.0 * x);
+                    format!("{:.0} ({low:.0} to {high:.0})", 100.0 * right as f64 / all as f64)
+                }
+            };
+            write!(f, " {share:>18}")?;
+            for (class, row) in group.confusion.iter().enumerate() {
+                let of: usize = row.iter().sum();
+                let cell = if of == 0 { "-".into() } else { format!("{} of {of}", row[class]) };
+                write!(f, " {cell:>width$}")?;
+            }
+        }
+        if let Some(every) = self.one_window_in {
+            write!(f, "\nlearned from one window in {every} of the train clips, a sample of {MOST} at most")?;
+        }
+        let left_out = self.groups.last().map_or(0, |dances| dances.left_out);
+        if left_out > 0 {
+            write!(
+                f,
+                "\n{left_out} dances without a {} that was asked for throughout, edited, or under two seconds",
+                self.field
+            )?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,163 @@
+use super::compare::{Measured, Side};
+use super::named::fidelity;
+use super::places::Places;
+use super::{Dance, Real};
+use kinelm_corpus::samples::clip;
+use kinelm_corpus::{Corpus, CorpusWriter, Split};
+use kinelm_motion::metric::{Skate, jitter_of, physical_foot_contact};
+use kinelm_motion::{Clip, synth};
+use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
+use std::path::Path;
+
+/// Two training dances, one for validation.
+fn corpus(dir: &Path) -> Corpus {
+    let dances: Vec<Clip> = synth::corpus(5, 3, 8.0, 20.0).unwrap().into_iter().map(|d| d.clip).collect();
+    let tokenizer = Tokenizer::fit(&dances, TokenizerConfig::uniform(&[0, 4, 5, 18, 19], 20.0, 90)).unwrap();
+    let mut writer = CorpusWriter::create(dir, &tokenizer, &["made".into()], None, false).unwrap();
+    for (key, dance) in dances.iter().enumerate() {
+        let words = tokenizer.encode(dance).unwrap().words;
+        let split = if key == 2 { Split::Valid } else { Split::Train };
+        let ids = tokenizer.ids_of_words(&words).unwrap();
+        writer.push(clip(&format!("clip{key}"), key, split, dance.frames()), &ids).unwrap();
+    }
+    writer.finish().unwrap();
+    Corpus::open(dir).unwrap()
+}
+
+#[test]
+fn real_dances_freeze_in_one_percent_and_a_statue_in_all() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(&dir.path().join("c"));
+    let real = Real::load(&corpus).unwrap();
+    let mut statue = Dance::of_corpus(&corpus, &corpus.clips()[2]).unwrap();
+    let first = statue.word_ids()[0].repeat(160);
+    statue.words = corpus.tokenizer().words_of_ids(&first).words;
+    // one word after the other: the step of the pelvis is in it, so that the statue glides
+    statue = Dance::new("statue".into(), statue.words.clone(), 160, corpus.tokenizer()).unwrap();
+    let report = real.report(&[statue.clone()]).unwrap();
+    let [train, valid, dances, alone] = &report.groups[..] else { panic!("{report}") };
+    let rate = train.world.freeze_rate.unwrap();
+    assert!((0.009..0.3).contains(&rate) && train.world.frames == 320, "{rate}");
+    assert_eq!((valid.world.frames, dances.world.frames, alone.name.as_str()), (160, 160, "statue"));
+    assert_eq!((dances.pose.freeze_rate, dances.pose.median_time_to_freeze_s), (Some(1.0), Some(0.0)));
+    // all but the first second of it came before
+    assert_eq!(dances.repeat_rate, Some(121.0 / 141.0));
+    let [train_clip, valid_clip] =
+        [Split::Train, Split::Valid].map(|s| Dance::of_corpus(&corpus, corpus.split(s).next().unwrap()).unwrap());
+    let clip = &valid_clip.clip;
+    assert!((valid.jitter_m_s3.unwrap() / jitter_of(clip, &real.joints).unwrap() - 1.0).abs() < 1e-12);
+    let skate = Skate::of(&real.feet, clip);
+    assert_eq!((valid.skate_cm_s, valid.skate_share), (skate.cm_s(), skate.share()));
+    assert_eq!(valid.pfc, physical_foot_contact(clip).unwrap());
+    let speeds = Places::of(clip, &real.joints).speeds();
+    let mean = 100.0 * speeds.iter().sum::<f64>() / speeds.len() as f64;
+    assert!((valid.speed_cm_s.unwrap() / mean - 1.0).abs() < 1e-12);
+    // one that hangs floats, one that has sunk is in the floor
+    let at = |y: f64| {
+        let clip = train_clip.clip.clone().raised(y);
+        let moved = real.report(&[Dance { clip, ..train_clip.clone() }]).unwrap().groups.swap_remove(2);
+        (moved.floating_share.unwrap(), moved.penetration_cm.unwrap())
+    };
+    assert!(at(1.0).0 > 0.9 && at(1.0).1 == 0.0, "{:?}", at(1.0));
+    assert!(at(-1.5).1 > 80.0 && at(-1.5).0 == 0.0, "{:?}", at(-1.5));
+    let text = report.to_string();
+    assert!(text.contains("skate cm/s") && text.contains("in floor cm") && text.contains("floating %"), "{text}");
+    assert!(text.contains("320 training frames") && text.contains("statue"), "{text}");
+
+    let copy = Dance::of_corpus(&corpus, &corpus.clips()[0]).unwrap();
+    let copied = real.copied(&[copy], &[]).unwrap();
+    assert_eq!((copied.copy_rate, copied.longest_run_frames[0]), (Some(1.0), 160));
+    assert!(copied.median_cm[0].unwrap() < 1e-9 && copied.limit_cm > copied.median_cm[0], "{copied}");
+}
+
+/// Sixteen dances of two genres, which tokens of all big joints tell apart; every fifth is for tests.
+fn genres(dir: &Path) -> Corpus {
+    let dances = synth::corpus(3, 24, 12.0, 20.0).unwrap();
+    let genres = [dances[0].genre, dances[1].genre];
+    let dances: Vec<_> = dances.into_iter().filter(|d| genres.contains(&d.genre)).collect();
+    let clips: Vec<Clip> = dances.iter().map(|d| d.clip.clone()).collect();
+    let tokenizer =
+        Tokenizer::fit(&clips, TokenizerConfig::uniform(&[0, 1, 2, 4, 5, 16, 17, 18, 19], 20.0, 90)).unwrap();
+    let mut writer = CorpusWriter::create(dir, &tokenizer, &["made".into()], None, false).unwrap();
+    for (key, dance) in dances.iter().enumerate() {
+        let split = if key % 5 == 3 { Split::Test } else { Split::Train };
+        let mut new = clip(&format!("clip{key}"), key, split, dance.clip.frames());
+        let labels = [("genre".to_string(), dance.genre.to_string())].into();
+        let ids = tokenizer.ids_of_words(&tokenizer.encode(&dance.clip).unwrap().words).unwrap();
+        new.record.labels = labels;
+        writer.push(new, &ids).unwrap();
+    }
+    writer.finish().unwrap();
+    Corpus::open(dir).unwrap()
+}
+
+#[test]
+fn a_genre_is_told_by_free_joints_and_not_by_a_wrong_word_for_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = genres(&dir.path().join("c"));
+    let test: Vec<_> = corpus.split(Split::Test).collect();
+    let dances: Vec<Dance> = test.iter().map(|record| Dance::of_corpus(&corpus, record).unwrap()).collect();
+    let asked = |wrong: bool| -> Vec<(&Dance, Option<String>)> {
+        let of = |at: usize| {
+            let label = test[at].labels["genre"].clone();
+            let other = test.iter().map(|r| r.labels["genre"].clone()).find(|l| *l != label);
+            if wrong { other } else { Some(label) }
+        };
+        dances.iter().enumerate().map(|(at, d)| (d, of(at))).collect()
+    };
+    let right = fidelity(&corpus, "genre", &[], &asked(false)).unwrap();
+    let [.., real, made] = &right.groups[..] else { panic!("{right}") };
+    assert_eq!((right.groups.len(), real.count()), (3, made.count()));
+    assert!(real.count() == [2, 2] && !right.joints.contains(&0), "{right}");
+    let wrong = fidelity(&corpus, "genre", &[16, 18], &asked(true)).unwrap();
+    assert_eq!(wrong.groups[2].count(), [0, 2], "{wrong}");
+    assert_eq!(wrong.joints, [1, 2, 4, 5, 17, 19]);
+    let nothing: Vec<_> = dances.iter().map(|d| (d, None)).collect();
+    let nothing = fidelity(&corpus, "genre", &[], &nothing).unwrap();
+    assert_eq!((nothing.groups[2].count(), nothing.groups[2].left_out), ([0, 0], 2));
+    assert!(nothing.to_string().contains("2 dances without a genre"), "{nothing}");
+    let none = fidelity(&corpus, "genre", &[1, 2, 4, 5, 16, 17, 18, 19], &[]).unwrap_err().to_string();
+    assert!(none.contains("all but the pelvis were given"), "{none}");
+    let unknown = fidelity(&corpus, "mood", &[], &[]).unwrap_err().to_string();
+    assert!(unknown.contains("mood") && unknown.contains("genre"), "{unknown}");
+}
+
+#[test]
+fn a_set_that_is_sunk_differs_in_the_floor_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = genres(&dir.path().join("c"));
+    let real = Real::load(&corpus).unwrap();
+    let train = real.each(Split::Train, |_, dance| Ok(dance.clone())).unwrap();
+    let side = |name: &str, y: f64| {
+        let dance = |(at, dance): (usize, &Dance)| Measured {
+            dance: Dance { clip: dance.clip.clone().raised(y), ..dance.clone() },
+            take: format!("take {at}"),
+            learned: at == 0,
+            prompted: None,
+        };
+        Side { name: name.into(), dances: train.iter().take(8).enumerate().map(dance).collect() }
+    };
+    let found = real.compare(&[side("a", 0.0), side("b", -0.3)]).unwrap();
+    assert!(found.paired && found.takes == [8, 8] && found.dances == [8, 8], "{found}");
+    let row = |what: &str| found.rows.iter().find(|row| row.what == what).unwrap();
+    let speed = row("speed, cm/s").difference.unwrap();
+    assert!(speed.mean.abs() < 1e-9 && speed.interval.iter().all(|x| x.abs() < 1e-9), "{speed:?}");
+    let floor = row("in the floor, cm").difference.unwrap();
+    assert!(floor.interval[0] > 15.0, "{floor:?}");
+    let text = found.to_string();
+    assert!(text.contains("a: 1 of 8 dances are train clips") && text.contains('*'), "{text}");
+    assert!(!found.rows.iter().any(|row| row.what.contains("prompt")) && !text.contains("-0.0"), "{text}");
+    // other takes, half as long, of files at another rate
+    let mut other = side("c", 0.0);
+    for dance in &mut other.dances {
+        dance.take.push('x');
+        dance.dance.file_fps = Some(60.0);
+        dance.dance.clip = dance.dance.clip.slice(0..dance.dance.clip.frames() / 2);
+    }
+    let mut first = side("a", 0.0);
+    first.dances.iter_mut().for_each(|dance| dance.dance.file_fps = Some(20.0));
+    let found = real.compare(&[first, other]).unwrap();
+    assert!(!found.paired, "{found}");
+    let text = found.doubts.join("\n");
+    assert!(text.contains("of 20 and of 60 frames a second") && text.contains("in the mean: longer"), "{text}");
+}

@@ -1,0 +1,81 @@
+//! The static floors that suit a corpus.
+
+use super::baselines::{Baselines, measure};
+use super::codes::{CodeSplits, channels};
+use super::sample::Extent;
+use super::token_floors::{self, TokenFloors};
+use crate::{Error, Result};
+use kinelm_corpus::{Corpus, Split};
+use serde_json::Value;
+use std::fmt;
+
+/// Bits a frame of models without a network.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Floors {
+    /// Where a word is a frame: models of every channel, of the characters as they are before any are merged.
+    Channels(Box<Baselines>),
+    /// Of any other words: models of the tokens.
+    Tokens(TokenFloors),
+}
+
+impl Floors {
+    /// The floors of a split of a corpus, fitted on the train clips of `fitted`, which may be the same.
+    ///
+    /// # Errors
+    /// Corpora of two tokenizers; a split without frames; ids that stand where they may not; an `xz` program that fails.
+    pub fn of_corpora(fitted: &Corpus, measured: (&Corpus, Split), extent: Extent) -> Result<Floors> {
+        let [found, expected] = [fitted, measured.0].map(|corpus| corpus.tokenizer().base_hash());
+        if found != expected {
+            let help = "tokenize both with one tokenizer.json";
+            let (found, expected) = (format!("a corpus of tokenizer {found}"), format!("that of {expected}"));
+            return Err(Error::file(fitted.dir(), found, expected, help));
+        }
+        Ok(match channels(measured.0) {
+            Some(_) => Floors::Channels(Box::new(measure(&CodeSplits::of_corpora(fitted, measured, extent)?)?)),
+            None => Floors::Tokens(token_floors::measure(fitted, measured, extent)?),
+        })
+    }
+
+    /// The lowest of the static models.
+    pub fn best(&self) -> f64 {
+        match self {
+            Floors::Channels(floors) => floors.best(),
+            Floors::Tokens(floors) => floors.best(),
+        }
+    }
+
+    /// Bits a frame of order 0: every character by its frequency.
+    pub fn order0(&self) -> f64 {
+        match self {
+            Floors::Channels(floors) => floors.bits_per_frame[0],
+            Floors::Tokens(floors) => floors.bits_per_frame[0],
+        }
+    }
+
+    /// Bits a frame under `xz -9`, the better order of the numbers; `None` where there is no `xz` program.
+    pub fn xz(&self) -> Option<f64> {
+        match self {
+            Floors::Channels(floors) => floors.xz.map(|[frame, channel]| frame.min(channel)),
+            Floors::Tokens(floors) => floors.xz,
+        }
+    }
+
+    /// One object; `of` says what the models are of.
+    pub fn to_json(&self) -> Value {
+        let (of, mut all) = match self {
+            Floors::Channels(floors) => ("channels", floors.to_json()),
+            Floors::Tokens(floors) => ("tokens", floors.to_json()),
+        };
+        all["of"] = of.into();
+        all
+    }
+}
+
+impl fmt::Display for Floors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Floors::Channels(floors) => floors.fmt(f),
+            Floors::Tokens(floors) => floors.fmt(f),
+        }
+    }
+}

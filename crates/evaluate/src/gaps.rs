@@ -1,0 +1,404 @@
+//! How well a model fills a gap: docs/measures.md, "Gaps".
+//!
+//! Gaps of so many frames are spread evenly over the clips of a split. What stands before a gap, up to 64 frames, and the
+//! frame behind it are given, as coded and decoded; the model draws the frames between several times, each is closed as
+//! `generate --given --free` closes it, and the joints at the gap's middle are held to where they were.
+
+use super::takes;
+use crate::{Error, Result};
+use kinelm_corpus::{Conditions, Corpus, Split};
+use kinelm_generate::edit::close::{LeftOver, aligned, closed};
+use kinelm_generate::edit::feet;
+use kinelm_generate::edit::mask::Mask;
+use kinelm_generate::edit::splice::lengthened;
+use kinelm_generate::sampling::Draw;
+use kinelm_generate::{NextToken, Plan, dances, variation_seed};
+use kinelm_model::ahead::{Ahead, Course};
+use kinelm_motion::rotation::slerp;
+use kinelm_motion::{Clip, Vec3};
+use kinelm_tokenizer::Tokenizer;
+use serde::Serialize;
+use std::ops::Range;
+
+/// Frames before a gap that the model is given, at most.
+pub(super) const BEFORE: usize = 64;
+/// Frames behind it that borders are measured with.
+const BEHIND: usize = 3;
+
+/// A piece of a clip with a gap in it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Gap {
+    /// The recording that it is of.
+    pub take: String,
+    /// The words' ids, spaces included.
+    ids: Vec<u32>,
+    /// The frames of the gap.
+    frames: Range<usize>,
+}
+
+/// `most` gaps of so many `frames`, spread evenly over the places that a split's clips have for them behind `before` frames.
+///
+/// # Errors
+/// [`Error::Call`] where no clip is long enough; what reading the corpus fails with.
+pub fn gaps(corpus: &Corpus, split: Split, (before, frames): (usize, usize), most: usize) -> Result<Vec<Gap>> {
+    let length = before + frames + BEHIND;
+    let clips: Vec<_> = corpus.split(split).filter(|clip| clip.frames >= length).collect();
+    let places: usize = clips.iter().map(|clip| clip.frames + 1 - length).sum();
+    if places == 0 {
+        let what =
+            format!("no {split} clip has {length} frames: {before} before a gap of {frames}, {BEHIND} behind it");
+        return Err(Error::call(what));
+    }
+    let count = most.min(places);
+    let mut found = Vec::with_capacity(count);
+    let (mut clip, mut passed) = (0, 0);
+    for i in 0..count {
+        let at = (2 * i + 1) * places / (2 * count);
+        while at >= passed + clips[clip].frames + 1 - length {
+            passed += clips[clip].frames + 1 - length;
+            clip += 1;
+        }
+        let word = clips[clip].tokens / clips[clip].frames;
+        let from = (at - passed) * word;
+        let ids = corpus.ids(clips[clip], from..from + length * word)?;
+        found.push(Gap { take: clips[clip].take.clone(), ids, frames: before..before + frames });
+    }
+    Ok(found)
+}
+
+/// One way through one gap.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Apart {
+    /// Mean distance of the coded joints in the middle frame, cm.
+    pub global_cm: f64,
+    /// The same with the pelvises in one place.
+    pub root_cm: f64,
+    /// Mean third difference of joints over both borders, m/s³.
+    pub border_jerk: f64,
+}
+
+/// A way through all gaps.
+#[derive(Debug, Clone, Serialize)]
+pub struct Row {
+    /// Its name.
+    pub way: String,
+    /// Mean over gaps.
+    pub mean: Apart,
+    /// 95 % interval of `global_cm` over takes.
+    pub interval: [f64; 2],
+}
+
+/// What was measured.
+#[derive(Debug, Clone, Serialize)]
+pub struct Measured {
+    /// Frames of a gap.
+    pub frames: usize,
+    /// Gaps.
+    pub gaps: usize,
+    /// Recordings that they are of.
+    pub takes: usize,
+    /// Draws of each.
+    pub draws: usize,
+    /// Ways: slerp and a straight path, the last frame held, one draw (the mean of all), the draw that ended nearest, the best.
+    pub rows: Vec<Row>,
+    /// Border jerk of the clips themselves, m/s³.
+    pub real_jerk: f64,
+    /// Where draws stood before they were closed: median and 90th percentile, cm and degrees of heading.
+    pub closing_cm: [f64; 2],
+    /// See `closing_cm`.
+    pub closing_degrees: [f64; 2],
+    /// The share of draws within 10 cm and 10 degrees, and of those that were kept.
+    pub within: [f64; 2],
+}
+
+/// A model that fills gaps.
+pub struct Filler<'a> {
+    /// Reads as many sequences as there are draws, times those of a dance.
+    pub model: &'a mut dyn NextToken,
+    /// Its tokenizer.
+    pub tokenizer: &'a Tokenizer,
+    /// Its conditions; every label is unknown.
+    pub conditions: &'a Conditions,
+    /// How is drawn.
+    pub draw: Draw,
+    /// The seed; every gap has one of its own, made from it.
+    pub seed: u64,
+    /// Whether feet are held.
+    pub hold_feet: bool,
+    /// How the model is told what lies behind a gap, and how far it is led there, as [`Plan::ahead`]; `None`: it isn't told.
+    pub ahead: Option<(Ahead, f64)>,
+}
+
+/// Frames before a gap of so many that a model has room for.
+///
+/// # Errors
+/// [`Error::Call`] where it has none.
+pub fn frames_before(context: usize, front: usize, tokenizer: &Tokenizer, frames: usize) -> Result<usize> {
+    let (Some(word), 1) = (tokenizer.tokens_per_word(), tokenizer.frames_per_word()) else {
+        return Err(Error::call("gaps need a tokenizer whose words are frames: uniform or quantile bins"));
+    };
+    let room = (context + 1).saturating_sub(front) / word;
+    match room.saturating_sub(frames + 1).min(BEFORE) {
+        0 => Err(Error::call(format!("the model sees {room} frames; a gap of {frames} needs {} at least", frames + 2))),
+        before => Ok(before),
+    }
+}
+
+impl Filler<'_> {
+    /// Fills gaps and measures; `progress` is told the gaps done.
+    ///
+    /// # Errors
+    /// What drawing and decoding fail with.
+    pub fn measure(&mut self, gaps: &[Gap], progress: &mut dyn FnMut(usize)) -> Result<Measured> {
+        let mut found = Vec::with_capacity(gaps.len());
+        for (i, gap) in gaps.iter().enumerate() {
+            found.push(self.fill(gap, i)?);
+            progress(i + 1);
+        }
+        Ok(summed(gaps, &found))
+    }
+
+    fn fill(&mut self, gap: &Gap, index: usize) -> Result<Filled> {
+        let joints = self.tokenizer.channels().joints();
+        let decode = |ids: &[u32]| -> Result<Clip> {
+            let words = self.tokenizer.words_of_ids(ids).words;
+            Ok(self.tokenizer.decode(&words, self.tokenizer.rest())?)
+        };
+        let truth = decode(&gap.ids)?;
+        let frames = truth.frames();
+        let mask = Mask::with_gap(frames, joints, self.tokenizer.fps(), gap.frames.clone());
+        let characters = gap.ids.len() / frames - 1;
+        let flags = |is_so: &dyn Fn(usize) -> bool| -> Vec<bool> {
+            (0..frames).flat_map(|frame| std::iter::repeat_n(is_so(frame), characters)).collect()
+        };
+        let given = flags(&|frame| !gap.frames.contains(&frame));
+        let foretold = flags(&|frame| frame == gap.frames.end);
+        let front = self.conditions.asked(&[])?;
+        let words = gap.frames.end + 1;
+        let seed = variation_seed(self.seed, index);
+        let course = self
+            .ahead
+            .as_ref()
+            .map(|(ahead, scale)| (Course::new(ahead.clone(), ahead.codes(&gap.ids), given.clone(), 0), *scale));
+        let plan = Plan {
+            course: course.as_ref().map(|(course, _)| course),
+            ahead: course.as_ref().map_or(0.0, |(_, scale)| *scale),
+            given: &given,
+            foretold: &foretold,
+            prompt: &gap.ids,
+            front: &front,
+            ..Plan::free(self.tokenizer.grammar(), words, self.draw, seed)
+        };
+        let drawn = dances(self.model, &plan, &mut |_| {})?;
+        let mut draws = Vec::with_capacity(drawn.ids.len());
+        for (ids, foretold) in drawn.ids.into_iter().zip(drawn.foretold) {
+            let mut ids = ids;
+            foretold.into_iter().for_each(|(at, id)| ids[at] = id);
+            let dance = lengthened(&decode(&ids)?, frames)?;
+            let mut dance = aligned(&dance, &truth, &mask)?;
+            if self.hold_feet {
+                dance = feet::held(&dance, &truth, &mask, 0.0)?.0;
+            }
+            let (clip, left) = closed(&dance, &truth, &mask)?;
+            let left = left.into_iter().next();
+            draws.push((error(&clip, &truth, gap, joints), left));
+        }
+        let straight = between(&truth, &gap.frames, true)?;
+        let held = between(&truth, &gap.frames, false)?;
+        Ok(Filled {
+            straight: error(&straight, &truth, gap, joints),
+            held: error(&held, &truth, gap, joints),
+            real_jerk: border_jerk(&truth.positions(), &truth, gap, joints),
+            draws,
+        })
+    }
+}
+
+/// One gap, filled.
+struct Filled {
+    straight: Apart,
+    held: Apart,
+    real_jerk: f64,
+    draws: Vec<(Apart, Option<LeftOver>)>,
+}
+
+impl Filled {
+    fn one(&self) -> Apart {
+        mean(self.draws.iter().map(|(error, _)| *error))
+    }
+
+    fn best(&self) -> Apart {
+        let errors = self.draws.iter().map(|(error, _)| *error);
+        errors.min_by(|a, b| a.global_cm.total_cmp(&b.global_cm)).unwrap_or_default()
+    }
+
+    fn kept(&self) -> Option<&(Apart, Option<LeftOver>)> {
+        let total = |left: &Option<LeftOver>| left.as_ref().map_or(0.0, LeftOver::total);
+        self.draws.iter().min_by(|a, b| total(&a.1).total_cmp(&total(&b.1)))
+    }
+}
+
+fn mean(errors: impl Iterator<Item = Apart>) -> Apart {
+    let (mut sum, mut n) = (Apart::default(), 0.0);
+    for error in errors {
+        sum.global_cm += error.global_cm;
+        sum.root_cm += error.root_cm;
+        sum.border_jerk += error.border_jerk;
+        n += 1.0;
+    }
+    let n = f64::max(n, 1.0);
+    Apart { global_cm: sum.global_cm / n, root_cm: sum.root_cm / n, border_jerk: sum.border_jerk / n }
+}
+
+/// The gap by shortest turns and a straight path, or its last frame held.
+fn between(truth: &Clip, gap: &Range<usize>, moves: bool) -> Result<Clip> {
+    let (mut root, mut rotations) = (truth.root().to_vec(), truth.rotations().to_vec());
+    let (a, b, j) = (gap.start.saturating_sub(1), gap.end, truth.joints());
+    for f in gap.clone() {
+        let t = if moves { (f - a) as f64 / (b - a) as f64 } else { 0.0 };
+        root[f] = truth.root()[a].lerp(truth.root()[b], t);
+        for (k, rotation) in rotations[f * j..(f + 1) * j].iter_mut().enumerate() {
+            *rotation = slerp(truth.pose(a)[k], truth.pose(b)[k], t);
+        }
+    }
+    Ok(Clip::new(truth.skeleton().clone(), truth.fps(), root, rotations)?)
+}
+
+fn error(clip: &Clip, truth: &Clip, gap: &Gap, joints: &[usize]) -> Apart {
+    let (places, true_places) = (clip.positions(), truth.positions());
+    let middle = (gap.frames.start + gap.frames.len() / 2) * truth.joints();
+    let (p, q) = (&places[middle..], &true_places[middle..]);
+    let n = joints.len().max(1) as f64;
+    let global: f64 = joints.iter().map(|&k| (p[k] - q[k]).length()).sum();
+    let root: f64 = joints.iter().map(|&k| (p[k] - p[0] - q[k] + q[0]).length()).sum();
+    let border_jerk = border_jerk(&places, truth, gap, joints);
+    Apart { global_cm: 100.0 * global / n, root_cm: 100.0 * root / n, border_jerk }
+}
+
+/// Mean size of the third differences that touch a border, of places (F, J).
+fn border_jerk(places: &[Vec3], clip: &Clip, gap: &Gap, joints: &[usize]) -> f64 {
+    let j = clip.joints();
+    let at = |frame: usize, joint: usize| places[frame * j + joint];
+    let third = |f: usize, k: usize| (at(f + 3, k) - (at(f + 2, k) - at(f + 1, k)) * 3.0 - at(f, k)).length();
+    let starts = [gap.frames.start, gap.frames.end].into_iter().flat_map(|border| border.saturating_sub(3)..border);
+    let starts = starts.filter(|f| f + 3 < clip.frames());
+    let sizes: Vec<f64> = starts.flat_map(|f| joints.iter().map(move |&k| third(f, k))).collect();
+    clip.fps().powi(3) * sizes.iter().sum::<f64>() / sizes.len().max(1) as f64
+}
+
+fn summed(gaps: &[Gap], found: &[Filled]) -> Measured {
+    let row = |way: &str, of: &dyn Fn(&Filled) -> Apart| {
+        let errors: Vec<Apart> = found.iter().map(of).collect();
+        let interval = interval(gaps, &errors);
+        Row { way: way.into(), mean: mean(errors.into_iter()), interval }
+    };
+    let left: Vec<&LeftOver> =
+        found.iter().flat_map(|f| f.draws.iter().filter_map(|(_, left)| left.as_ref())).collect();
+    let kept: Vec<&LeftOver> = found.iter().filter_map(|f| f.kept()?.1.as_ref()).collect();
+    let within = |left: &[&LeftOver]| {
+        let near = left.iter().filter(|left| left.cm < 10.0 && left.heading_degrees < 10.0).count();
+        near as f64 / left.len().max(1) as f64
+    };
+    let spread = |of: &dyn Fn(&LeftOver) -> f64| {
+        let mut all: Vec<f64> = left.iter().map(|left| of(left)).collect();
+        all.sort_by(f64::total_cmp);
+        [0.5, 0.9].map(|share| all.get((share * all.len() as f64) as usize).copied().unwrap_or(0.0))
+    };
+    let mut takes: Vec<&str> = gaps.iter().map(|gap| gap.take.as_str()).collect();
+    takes.sort_unstable();
+    takes.dedup();
+    Measured {
+        frames: gaps.first().map_or(0, |gap| gap.frames.len()),
+        gaps: gaps.len(),
+        takes: takes.len(),
+        draws: found.first().map_or(0, |f| f.draws.len()),
+        rows: vec![
+            row("slerp, a straight path", &|f| f.straight),
+            row("the last frame held", &|f| f.held),
+            row("the model, one draw", &Filled::one),
+            row("the draw that ends nearest", &|f| f.kept().map(|(error, _)| *error).unwrap_or_default()),
+            row("the best of the draws", &Filled::best),
+        ],
+        real_jerk: found.iter().map(|f| f.real_jerk).sum::<f64>() / found.len().max(1) as f64,
+        closing_cm: spread(&|left| left.cm),
+        closing_degrees: spread(&|left| left.heading_degrees),
+        within: [within(&left), within(&kept)],
+    }
+}
+
+/// The interval of the mean over takes.
+fn interval(gaps: &[Gap], errors: &[Apart]) -> [f64; 2] {
+    takes::interval(gaps.iter().zip(errors).map(|(gap, error)| (gap.take.as_str(), error.global_cm, 1.0)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinelm_corpus::samples;
+    use kinelm_motion::synth;
+
+    fn truth() -> Clip {
+        synth::corpus(4, 1, 3.0, 20.0).unwrap().remove(0).clip
+    }
+
+    fn gap(take: &str) -> Gap {
+        Gap { take: take.into(), ids: Vec::new(), frames: 20..30 }
+    }
+
+    #[test]
+    fn straight_ways_meet_both_ends_and_are_measured_in_the_middle() {
+        let (truth, gap, joints) = (truth(), gap("a"), [0, 4, 18]);
+        let [straight, held] = [true, false].map(|moves| between(&truth, &gap.frames, moves).unwrap());
+        for clip in [&straight, &held] {
+            for f in (0..20).chain(30..60) {
+                assert_eq!((clip.root()[f], clip.pose(f)), (truth.root()[f], truth.pose(f)));
+            }
+        }
+        assert_eq!((held.root()[29], held.pose(29)), (truth.root()[19], truth.pose(19)));
+        let step = straight.root()[20] - truth.root()[19];
+        assert!((0..10).all(|i| (straight.root()[20 + i] - straight.root()[19 + i] - step).length() < 1e-9));
+        let own = error(&truth, &truth, &gap, &joints);
+        assert!(own.global_cm < 1e-9 && own.root_cm < 1e-9, "{own:?}");
+        // moved by 3 cm in the middle frame alone: seen globally, not with the pelvises in one place
+        let mut root = truth.root().to_vec();
+        root[25] += Vec3::new(0.0, 0.03, 0.0);
+        let moved = Clip::new(truth.skeleton().clone(), 20.0, root, truth.rotations().to_vec()).unwrap();
+        let found = error(&moved, &truth, &gap, &joints);
+        assert!((found.global_cm - 3.0).abs() < 1e-9 && found.root_cm < 1e-9, "{found:?}");
+        assert_eq!(found.border_jerk, own.border_jerk);
+        assert!(error(&held, &truth, &gap, &joints).border_jerk > own.border_jerk);
+    }
+
+    #[test]
+    fn figures_are_of_the_draws_they_name() {
+        let apart = |cm: f64| Apart { global_cm: cm, root_cm: cm / 2.0, border_jerk: 1.0 };
+        let left = |cm: f64, degrees: f64| {
+            Some(LeftOver { frames: 20..30, cm, heading_degrees: degrees, joints_degrees: 1.0 })
+        };
+        let draws = vec![(apart(4.0), left(30.0, 2.0)), (apart(2.0), left(20.0, 40.0)), (apart(6.0), left(5.0, 5.0))];
+        let filled = |draws| Filled { straight: apart(3.0), held: apart(9.0), real_jerk: 2.0, draws };
+        let found = summed(&[gap("a"), gap("b")], &[filled(draws.clone()), filled(draws)]);
+        let cm: Vec<f64> = found.rows.iter().map(|row| row.mean.global_cm).collect();
+        assert_eq!(cm, [3.0, 9.0, 4.0, 6.0, 2.0]);
+        assert_eq!((found.gaps, found.takes, found.draws, found.real_jerk), (2, 2, 3, 2.0));
+        assert!((found.within[0] - 1.0 / 3.0).abs() < 1e-12 && found.within[1] == 1.0);
+        assert_eq!((found.closing_cm, found.rows[2].interval), ([20.0, 30.0], [4.0, 4.0]));
+    }
+
+    #[test]
+    fn gaps_are_spread_over_the_clips_that_are_long_enough() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut writer = samples::begin(&dir.path().join("c"), false).unwrap();
+        for (key, (name, frames)) in [("a", 12), ("b", 4), ("c", 9)].into_iter().enumerate() {
+            writer.push(samples::clip(name, key, Split::Train, frames), &samples::words(frames)).unwrap();
+        }
+        writer.finish().unwrap();
+        let corpus = Corpus::open(dir.path().join("c")).unwrap();
+        let all = gaps(&corpus, Split::Train, (2, 1), usize::MAX).unwrap();
+        assert_eq!(all.len(), 7 + 4, "the second is too short");
+        let few = gaps(&corpus, Split::Train, (2, 1), 2).unwrap();
+        assert!(few.len() == 2 && few.iter().all(|gap| all.contains(gap) && gap.frames == (2..3)));
+        let told = gaps(&corpus, Split::Train, (999, 1), 2).unwrap_err().to_string();
+        assert!(told.contains("no train clip has 1003 frames"), "{told}");
+    }
+}

@@ -1,0 +1,114 @@
+//! Which joints cost the bits.
+
+use crate::{Error, Result};
+use kinelm_corpus::{ClipRecord, Conditions, Corpus};
+use kinelm_model::likelihood::{Likelihood, likelihood_by_token};
+use kinelm_model::{Kind, Scores};
+use kinelm_motion::smpl;
+use kinelm_tokenizer::{Channel, Tokenizer};
+use serde::Serialize;
+
+/// What the tokens at one place of a word cost.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PlaceBits {
+    /// What stands there: a channel, or `space`.
+    pub channel: String,
+    /// The part of the body that it belongs to: `translation`, a joint, or `space`.
+    pub part: String,
+    /// Bits a frame.
+    pub bits_per_frame: f64,
+}
+
+/// The places of a tokenizer's words, the space last, without bits.
+///
+/// # Errors
+/// [`Error::Tokenizer`] or [`Error::Call`] with the reason, where a character belongs to no one joint.
+pub fn places(tokenizer: &Tokenizer) -> Result<Vec<PlaceBits>> {
+    if tokenizer.tokens_per_word().is_none() || tokenizer.frames_per_word() != 1 {
+        let what = "words of this tokenizer are no frames of one character a channel, so no token is one joint's";
+        return Err(Error::call(what));
+    }
+    let channels = tokenizer.scheme().places(tokenizer.channels()).map_err(Error::call)?;
+    let part = |channel: &Channel| match channel {
+        Channel::Translation(_) => "translation",
+        Channel::Turn | Channel::Tilt(_) => smpl::NAMES[0],
+        Channel::Rotation { joint, .. } => smpl::NAMES[*joint],
+    };
+    let of = |channel: String, part: &str| PlaceBits { channel, part: part.into(), bits_per_frame: 0.0 };
+    let mut all: Vec<PlaceBits> = channels.iter().map(|c| of(c.to_string(), part(c))).collect();
+    all.push(of("space".into(), "space"));
+    Ok(all)
+}
+
+/// [`super::likelihood::likelihood`], and how its bits fall on the places of a word.
+///
+/// # Errors
+/// A masked model; those of [`places`] and of the likelihood.
+pub fn by_place(
+    model: &mut dyn Scores,
+    corpus: &Corpus,
+    clips: &[&ClipRecord],
+    most: usize,
+    conditions: &Conditions,
+) -> Result<Option<(Likelihood, Vec<PlaceBits>)>> {
+    if model.config().kind == Kind::Masked {
+        let what = "a masked model is asked for some of the tokens alone, too few to say what each joint costs";
+        return Err(Error::call(what));
+    }
+    let mut all = places(corpus.tokenizer())?;
+    let word = all.len();
+    let mut nats = vec![0.0; word];
+    let found =
+        likelihood_by_token(model, corpus, clips, most, conditions, &mut |_, token, x| nats[token % word] += x)?;
+    Ok(found.map(|found| {
+        let frames = found.tokens as f64 / word as f64;
+        for (place, nats) in all.iter_mut().zip(&nats) {
+            place.bits_per_frame = nats / std::f64::consts::LN_2 / frames;
+        }
+        (found, all)
+    }))
+}
+
+/// The bits of each part of the body, in the order in which they come first.
+pub fn by_part(places: &[PlaceBits]) -> Vec<(String, f64)> {
+    let mut parts: Vec<(String, f64)> = Vec::new();
+    for place in places {
+        match parts.iter_mut().find(|(part, _)| *part == place.part) {
+            Some((_, bits)) => *bits += place.bits_per_frame,
+            None => parts.push((place.part.clone(), place.bits_per_frame)),
+        }
+    }
+    parts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinelm_corpus::Split;
+    use kinelm_model::likelihood::likelihood;
+    use kinelm_model::{Gpt, ModelConfig};
+    use kinelm_train::fixture;
+
+    #[test]
+    fn the_parts_cost_what_the_whole_costs() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::corpus(dir.path(), &[(31, Split::Valid), (4, Split::Valid)]);
+        let clips: Vec<_> = corpus.split(Split::Valid).collect();
+        let config = ModelConfig { layers: 1, heads: 1, width: 8, context: 36, ..Default::default() };
+        let mut gpt = Gpt::new(&config, &fixture::TOKENS, 3).unwrap();
+        let (found, places) = by_place(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
+        assert_eq!(found, likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap());
+        let parts = by_part(&places);
+        let names: Vec<&str> = parts.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!((names, places.len()), (vec!["translation", "pelvis", "space"], 7));
+        let sum: f64 = parts.iter().map(|(_, bits)| bits).sum();
+        assert!((sum - found.bits_per_frame).abs() < 1e-9 * sum && parts.iter().all(|(_, bits)| *bits > 0.0), "{sum}");
+
+        let merged = fixture::merged(&dir.path().join("m"), &[(20, Split::Valid)]);
+        assert!(places_of_error(&merged).contains("no token is one joint's"));
+    }
+
+    fn places_of_error(corpus: &Corpus) -> String {
+        super::places(corpus.tokenizer()).unwrap_err().to_string()
+    }
+}

@@ -1,0 +1,158 @@
+//! Labels that a dance has for a time: `genre=salsa@0s:10s`.
+//!
+//! Where they change, the window is read again with other tokens in front: a model knows of its window one value a field.
+
+use super::edit::span::Span;
+use crate::{Error, Result};
+use kinelm_corpus::{Conditions, labels};
+use kinelm_motion::moment::{Moment, Scale};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::str::FromStr;
+
+/// A label over a time: `FIELD=VALUE[@FROM:TO]`, half-open. Without a time: throughout.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(into = "String", try_from = "String")]
+pub struct TimedLabel {
+    /// The field.
+    pub field: String,
+    /// Its value.
+    pub value: String,
+    /// From when on; `None`: from the beginning.
+    pub from: Option<Moment>,
+    /// Until when; `None`: to the end.
+    pub to: Option<Moment>,
+}
+
+impl FromStr for TimedLabel {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<TimedLabel, String> {
+        let told = |label: &str| labels::pair(label).map_err(|e| e.to_string());
+        told(text)?;
+        let Span { joints: label, from, to } = text.parse()?;
+        let (field, value) = told(&label)?;
+        Ok(TimedLabel { field, value, from, to })
+    }
+}
+
+impl TryFrom<String> for TimedLabel {
+    type Error = String;
+
+    fn try_from(text: String) -> std::result::Result<TimedLabel, String> {
+        text.parse()
+    }
+}
+
+impl From<TimedLabel> for String {
+    fn from(label: TimedLabel) -> String {
+        label.to_string()
+    }
+}
+
+impl fmt::Display for TimedLabel {
+    fn fmt(&self, out: &mut fmt::Formatter) -> fmt::Result {
+        self.span().fmt(out)
+    }
+}
+
+impl TimedLabel {
+    /// Whether it holds throughout.
+    pub fn is_always(&self) -> bool {
+        self.from.is_none() && self.to.is_none()
+    }
+
+    fn span(&self) -> Span {
+        Span { joints: format!("{}={}", self.field, self.value), from: self.from, to: self.to }
+    }
+}
+
+/// The tokens in front of a dance's windows, and the frames from which on others stand there: those that hold throughout
+/// (`always`) and those that hold for a time.
+///
+/// # Errors
+/// Fields and values that the model doesn't know; a time outside the dance; two values of a field at a time.
+pub fn fronts(
+    conditions: &Conditions,
+    always: &BTreeMap<String, String>,
+    timed: &[TimedLabel],
+    scale: Scale,
+) -> Result<Vec<(usize, Vec<u32>)>> {
+    let mut spans = Vec::new();
+    for (i, label) in timed.iter().enumerate() {
+        conditions.asked(&[(label.field.clone(), label.value.clone())])?;
+        let frames = label.span().frames(scale).map_err(|e| Error::call(format!("--label {e}")))?;
+        let meets = |(other, held): &(&TimedLabel, &std::ops::Range<usize>)| {
+            other.field == label.field && held.start < frames.end && frames.start < held.end
+        };
+        let other = timed[..i].iter().zip(&spans).find(meets).map(|(other, _)| other.to_string());
+        let other = other.or(always.get(&label.field).map(|value| format!("{}={value}", label.field)));
+        if let Some(other) = other {
+            let what =
+                format!("--label {label} and --label {other}: two values of {} at a time; give one", label.field);
+            return Err(Error::call(what));
+        }
+        spans.push(frames);
+    }
+    let mut borders: Vec<usize> = spans.iter().flat_map(|s| [s.start, s.end]).chain([0]).collect();
+    borders.sort_unstable();
+    borders.dedup();
+    let front = |frame: usize| {
+        let now = timed.iter().zip(&spans).filter(|(_, span)| span.contains(&frame));
+        let now = now.map(|(label, _)| (label.field.clone(), label.value.clone()));
+        let all: Vec<_> = always.clone().into_iter().chain(now).collect();
+        Ok((frame, conditions.asked(&all)?))
+    };
+    let fronts = borders.into_iter().filter(|&frame| frame == 0 || frame < scale.frames).map(front);
+    let mut fronts = fronts.collect::<Result<Vec<_>>>()?;
+    fronts.dedup_by(|b, a| a.1 == b.1);
+    Ok(fronts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinelm_corpus::samples::tokenizer;
+
+    fn conditions() -> Conditions {
+        let mut t = tokenizer();
+        for (field, value) in [("genre", "salsa"), ("genre", "waltz"), ("dancer", "61")] {
+            t.vocabulary_mut().add_conditioning(field, value).unwrap();
+        }
+        Conditions::new(&["genre".into(), "dancer".into()], t.vocabulary())
+    }
+
+    fn found(always: &[(&str, &str)], timed: &[&str]) -> std::result::Result<Vec<(usize, Vec<u32>)>, String> {
+        let always = always.iter().map(|(f, v)| (f.to_string(), v.to_string())).collect();
+        let timed: Vec<TimedLabel> = timed.iter().map(|text| text.parse()).collect::<std::result::Result<_, _>>()?;
+        let scale = Scale { frames: 40, fps: 20.0, left_out: 0, model_fps: Some(20.0) };
+        fronts(&conditions(), &always, &timed, scale).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn fronts_change_where_labels_do_and_gaps_are_unknown() {
+        assert_eq!(found(&[], &[]), Ok(vec![(0, vec![1, 4, 4])]));
+        let dancer = [("dancer", "61")];
+        // salsa, nothing, waltz to the end
+        let timed = ["genre=salsa@0s:0.5s", "genre=waltz@1s:"];
+        assert_eq!(found(&dancer, &timed), Ok(vec![(0, vec![1, 66, 68]), (10, vec![1, 4, 68]), (20, vec![1, 67, 68])]));
+        // where nothing changes, nothing is read again
+        assert_eq!(found(&[], &["genre=salsa@:1s", "genre=salsa@1s:"]), Ok(vec![(0, vec![1, 66, 4])]));
+    }
+
+    #[test]
+    fn what_cannot_be_is_said() {
+        let said = |always: &[(&str, &str)], timed: &[&str]| found(always, timed).unwrap_err();
+        assert!(said(&[], &["genre=salsa@0s:9s"]).contains("--label genre=salsa@0s:9s: 9s lies outside"));
+        let two = said(&[], &["genre=salsa@0s:1s", "genre=waltz@0.5s:"]);
+        assert!(two.contains("--label genre=waltz@0.5s: and --label genre=salsa@0s:1s: two values of genre"), "{two}");
+        assert!(said(&[("genre", "waltz")], &["genre=salsa@0s:1s"]).contains("and --label genre=waltz: two values"));
+        assert!(said(&[], &["mood=glad@0s:1s"]).contains("no field `mood`"));
+        assert!(said(&[], &["genre=house@0s:1s"]).contains("no value `house`"));
+        assert!(said(&[], &["genre@0s:1s"]).contains("expected FIELD=VALUE"));
+        assert!(said(&[], &["=a"]).contains("expected FIELD=VALUE"));
+        let label: TimedLabel = "genre=a@b@2s:".parse().unwrap();
+        assert_eq!((label.value.as_str(), label.to_string().as_str()), ("a@b", "genre=a@b@2s:"));
+    }
+}

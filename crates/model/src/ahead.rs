@@ -1,0 +1,454 @@
+//! What is told ahead of a frame that is being spelled: of characters that are given later, how far they lie and how fast
+//! they have to be reached.
+//!
+//! A character that is free has a *goal*: the next one that is given in its place, l frames from the frame before (its own
+//! frame among them), unless that is further than [`FARTHEST`]. Characters that say how the root steps have none of their
+//! own: where the root stands now and where it stands in the next frame in which all of it is given make the step a frame
+//! that it takes from one to the other, and that is the goal, one frame away.
+//!
+//! Of a frame with goals two things are told. P = 4 C + 24 *numbers* ([`numbers`]): sin a, 1 - cos a, a, and 8 a / l of every
+//! place, where a is what lies between the code one frame back and the goal, in radians of circular places and in hundredths
+//! of a bin of others, 0 where there is no goal; of the root 8, its way in x and z, cosine and sine of its turn, 1/l, and
+//! the three a frame, times ten; a 1 in one of 16 places for the least l of all, two to a doubling. And two *rows* of tables
+//! of steps for every place: the step to the goal, and that divided by l.
+//!
+//! Training, measuring and generation all ask [`Course::tell`].
+
+use super::config::{ModelConfig, TokenLayout};
+use super::frames::Frames;
+use crate::{Error, Result};
+use kinelm_engine::op::embedding::NONE;
+use kinelm_tokenizer::Tokenizer;
+use kinelm_tokenizer::carriage::{Carriage, ROOT_PLACES, STEP_PLACES, Stand};
+use std::ops::Range;
+
+/// A character that is given later than so many frames behind a free one is no goal of it.
+pub const FARTHEST: usize = 64;
+/// Numbers of the root.
+const ROOT: usize = 8;
+/// Numbers of the frames that are left.
+const BUCKETS: usize = 16;
+/// How far a bin of a place that doesn't go round counts.
+const CLAMPED_BIN: f64 = 0.01;
+
+/// P: numbers that a frame of so many characters is told.
+pub fn numbers(characters: usize) -> usize {
+    4 * characters + ROOT + BUCKETS
+}
+
+/// What the N frames of a batch are told, one window behind the other: what is given ahead, and the music.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Told {
+    /// (N, P); 0 where a frame is told nothing; empty where nothing is told ahead.
+    pub numbers: Vec<f32>,
+    /// (N, W) each: rows of the tables of steps; [`NONE`] adds nothing. Empty where nothing is told ahead.
+    pub rows: [Vec<u32>; 2],
+    /// (N, M) of [`super::music`]; empty where nothing is told of music.
+    pub music: Vec<f32>,
+}
+
+impl Told {
+    /// Nothing, for so many frames.
+    pub fn nothing(frames: usize, characters: usize) -> Told {
+        let rows = [(); 2].map(|()| vec![NONE; frames * (characters + 1)]);
+        Told { numbers: vec![0.0; frames * numbers(characters)], rows, music: Vec::new() }
+    }
+
+    /// Nothing, for as many frames.
+    pub fn like_nothing(&self) -> Told {
+        let rows = [(); 2].map(|()| vec![NONE; self.rows[0].len()]);
+        Told { numbers: vec![0.0; self.numbers.len()], rows, music: vec![0.0; self.music.len()] }
+    }
+
+    /// What `windows` are told, of `all` there are.
+    pub fn of_windows(&self, windows: Range<usize>, all: usize) -> Told {
+        let part = |n: usize| windows.start * (n / all)..windows.end * (n / all);
+        let rows = [0, 1].map(|i| self.rows[i][part(self.rows[i].len())].to_vec());
+        let [numbers, music] = [&self.numbers, &self.music].map(|all| all[part(all.len())].to_vec());
+        Told { numbers, rows, music }
+    }
+
+    /// What is told behind the frames of `self`.
+    pub fn extend(&mut self, other: &Told) {
+        self.numbers.extend_from_slice(&other.numbers);
+        self.music.extend_from_slice(&other.music);
+        self.rows.iter_mut().zip(&other.rows).for_each(|(rows, other)| rows.extend_from_slice(other));
+    }
+
+    /// Checks that it is told of the frames of `batch` windows of `length` tokens.
+    ///
+    /// # Errors
+    /// A model that can't be told, other frames, rows beyond the tables.
+    pub fn check(&self, config: &ModelConfig, tokens: &TokenLayout, (batch, length): (usize, usize)) -> Result<()> {
+        let is_ahead = !self.numbers.is_empty() || self.rows.iter().any(|rows| !rows.is_empty());
+        if is_ahead && !config.ahead {
+            return Err(Error::call("frames told something ahead; this model has model.ahead = false"));
+        }
+        let frames = Frames::of(tokens);
+        let steps = frames.steps().all();
+        let n = batch * ((length + 1).saturating_sub(tokens.front)).div_ceil(tokens.word);
+        let m = n * config.music.numbers();
+        if !self.music.is_empty() && m == 0 {
+            return Err(Error::call("frames told of music; this model has model.music = \"none\""));
+        }
+        if !self.music.is_empty() && self.music.len() != m {
+            let found = self.music.len();
+            return Err(Error::call(format!("{found} numbers of music are told of {n} frames; expected {m}")));
+        }
+        let is = (self.numbers.len(), self.rows[0].len(), self.rows[1].len());
+        let expected = (n * numbers(frames.characters()), n * tokens.word, n * tokens.word);
+        if is_ahead && is != expected {
+            let what = format!("{is:?} numbers and rows are told of {n} frames; expected {expected:?}");
+            return Err(Error::call(what));
+        }
+        match self.rows.iter().flatten().find(|&&row| row != NONE && row as usize >= steps) {
+            Some(row) => Err(Error::call(format!("row {row} of a table of {steps} steps"))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// How a tokenizer's frames are told what is ahead.
+#[derive(Debug, Clone)]
+pub struct Ahead {
+    frames: Frames,
+    carriage: Carriage,
+}
+
+impl Ahead {
+    /// Of a tokenizer whose codes say how the root steps.
+    ///
+    /// # Errors
+    /// Another tokenizer: what of it is wrong.
+    pub fn of(tokenizer: &Tokenizer) -> Result<Ahead> {
+        let carriage = Carriage::of(tokenizer).map_err(|e| Error::call(format!("model.ahead is true: {e}")))?;
+        Ok(Ahead { frames: Frames::of(&TokenLayout::of(tokenizer)), carriage })
+    }
+
+    /// C: characters of a frame.
+    pub fn characters(&self) -> usize {
+        self.frames.characters()
+    }
+
+    /// Codes of ids of whole words, spaces among them (F W) -> (F, C); 0 for ids that are no bin of their place.
+    pub fn codes(&self, ids: &[u32]) -> Vec<u16> {
+        let (word, places) = (self.frames.word(), self.frames.places());
+        let of_word = |ids: &[u32]| -> Vec<u16> {
+            places.iter().zip(ids).map(|(place, &id)| place.bin(id).unwrap_or(0) as u16).collect()
+        };
+        ids.chunks_exact(word).flat_map(of_word).collect()
+    }
+
+    /// Where the root stands before the first word.
+    pub fn start(&self) -> Stand {
+        self.carriage.start()
+    }
+
+    /// Moves by a word's codes (C).
+    pub fn follow(&self, stand: &mut Stand, word: &[u16]) {
+        self.carriage.follow(stand, word);
+    }
+}
+
+/// Frames of which some characters are given, and what of that can be told ahead.
+#[derive(Debug)]
+pub struct Course {
+    ahead: Ahead,
+    /// (F, C).
+    codes: Vec<u16>,
+    /// (F, C).
+    given: Vec<bool>,
+    /// (F, C): frames up to the next given character of the place, 0 where none is near.
+    next: Vec<u8>,
+    /// (F): the same of the next frame in which all of the root is given.
+    next_root: Vec<u8>,
+    /// (F): where the root stands.
+    stands: Vec<Stand>,
+}
+
+/// Where a character has to get to.
+#[derive(Clone, Copy)]
+struct Goal {
+    code: i64,
+    /// l.
+    left: f64,
+}
+
+impl Course {
+    /// Of `codes` (F, C), of which some are `given` (F, C); words begin behind the first `lead_in` frames.
+    ///
+    /// # Panics
+    /// Not as many of both, or not of whole frames.
+    pub fn new(ahead: Ahead, codes: Vec<u16>, given: Vec<bool>, lead_in: usize) -> Course {
+        let c = ahead.characters();
+        assert!(codes.len() == given.len() && codes.len().is_multiple_of(c), "codes of whole frames");
+        let frames = codes.len() / c;
+        let mut stand = ahead.start();
+        let stands = codes.chunks_exact(c).enumerate().map(|(frame, word)| {
+            if frame >= lead_in {
+                ahead.follow(&mut stand, word);
+            }
+            stand.clone()
+        });
+        let stands = stands.collect();
+        let root = |frame: usize| given[frame * c..][..ROOT_PLACES].iter().all(|is| *is);
+        let next_root = until(frames, 1, |frame, _| root(frame));
+        let next = until(frames, c, |frame, place| given[frame * c + place]);
+        Course { ahead, codes, given, next, next_root, stands }
+    }
+
+    /// F.
+    pub fn frames(&self) -> usize {
+        self.next_root.len()
+    }
+
+    /// C.
+    pub fn characters(&self) -> usize {
+        self.ahead.characters()
+    }
+
+    /// Codes of ids of whole words, spaces among them (F W) -> (F, C); 0 for ids that are no bin of their place.
+    pub fn codes(&self, ids: &[u32]) -> Vec<u16> {
+        self.ahead.codes(ids)
+    }
+
+    /// Whether some character is free and given later.
+    pub fn has_goals(&self) -> bool {
+        self.given.iter().zip(&self.next).any(|(given, next)| !given && *next > 0)
+    }
+
+    /// Where the root stands behind a frame: as it is given, else where the codes (C) lead from where it stood `before`;
+    /// nowhere that is known if it stood nowhere.
+    pub fn stand(&self, frame: usize, word: &[u16], before: Option<&Stand>) -> Option<Stand> {
+        if frame < self.frames() && self.root_is_given(frame) {
+            return Some(self.stands[frame].clone());
+        }
+        let mut stand = before?.clone();
+        self.ahead.follow(&mut stand, word);
+        Some(stand)
+    }
+
+    /// Whether all of the root is given in a frame.
+    fn root_is_given(&self, frame: usize) -> bool {
+        self.given[frame * self.characters()..][..ROOT_PLACES].iter().all(|is| *is)
+    }
+
+    /// What a frame is told: behind `word` (C), the codes one frame back, and where the root stands there, if that is
+    /// known. It is put into `numbers` (P) and the rows (C or more); whether it is anything.
+    pub fn tell(
+        &self,
+        frame: usize,
+        (word, stand): (&[u16], Option<&Stand>),
+        numbers: &mut [f32],
+        [steps, paces]: [&mut [u32]; 2],
+    ) -> bool {
+        numbers.fill(0.0);
+        [&mut *steps, &mut *paces].into_iter().for_each(|rows| rows.fill(NONE));
+        if frame >= self.frames() {
+            return false;
+        }
+        let (c, root) = (self.characters(), stand.and_then(|stand| self.way(frame, stand)));
+        let mut least = root.map_or(f64::INFINITY, |(_, left)| left);
+        let whole = root.map(|(way, left)| self.ahead.carriage.codes_of(way.map(|way| way / left)));
+        for place in 0..c {
+            let step = STEP_PLACES.iter().position(|&at| at == place);
+            let Some(goal) = (match step {
+                Some(step) => whole.map(|codes| Goal { code: codes[step].round_ties_even() as i64, left: 1.0 }),
+                None => self.goal(frame, place).inspect(|goal| least = least.min(goal.left)),
+            }) else {
+                continue;
+            };
+            let (bins, all) = (self.ahead.frames.places()[place], self.ahead.frames.steps());
+            let (d, angle) = apart(goal.code, word[place].into(), (bins.count.into(), bins.circular));
+            for (i, number) in [angle.sin(), 1.0 - angle.cos(), angle, 8.0 * angle / goal.left].into_iter().enumerate()
+            {
+                numbers[i * c + place] = number as f32;
+            }
+            steps[place] = all.row_by(bins, d) as u32;
+            paces[place] = all.row_by(bins, (d as f64 / goal.left).round_ties_even() as i64) as u32;
+        }
+        if least.is_infinite() {
+            return false;
+        }
+        if let Some(([x, z, turn], left)) = root {
+            let all = [x, z, turn.cos(), turn.sin(), 1.0 / left, 10.0 * x / left, 10.0 * z / left, 10.0 * turn / left];
+            numbers[4 * c..].iter_mut().zip(all).for_each(|(number, x)| *number = x as f32);
+        }
+        let bucket = ((2.0 * least.log2()) as usize).min(BUCKETS - 1);
+        numbers[4 * c + ROOT + bucket] = 1.0;
+        true
+    }
+
+    /// The next given character of a place, if it is free.
+    fn goal(&self, frame: usize, place: usize) -> Option<Goal> {
+        let at = frame * self.characters() + place;
+        let ahead = usize::from(self.next[at]);
+        let is_goal = !self.given[at] && ahead > 0;
+        is_goal.then(|| Goal { code: self.codes[at + ahead * self.characters()].into(), left: (ahead + 1) as f64 })
+    }
+
+    /// The root's way to where it is given next, and the frames that it has, where its steps are free.
+    fn way(&self, frame: usize, stand: &Stand) -> Option<([f64; 3], f64)> {
+        let given = &self.given[frame * self.characters()..];
+        let ahead = usize::from(self.next_root[frame]);
+        let is_free = ahead > 0 && STEP_PLACES.iter().all(|&place| !given[place]);
+        is_free.then(|| (stand.way_to(&self.stands[frame + ahead]), (ahead + 1) as f64))
+    }
+
+    /// What the first `frames` are told of themselves, the first nothing.
+    pub fn told(&self, frames: usize) -> Told {
+        let c = self.characters();
+        let mut told = Told::nothing(frames, c);
+        let Told { numbers: all, rows: [steps, paces], .. } = &mut told;
+        let parts =
+            all.chunks_exact_mut(numbers(c)).zip(steps.chunks_exact_mut(c + 1)).zip(paces.chunks_exact_mut(c + 1));
+        for (frame, ((numbers, steps), paces)) in parts.enumerate().take(self.frames()).skip(1) {
+            let before = (&self.codes[(frame - 1) * c..][..c], Some(&self.stands[frame - 1]));
+            self.tell(frame, before, numbers, [steps, paces]);
+        }
+        told
+    }
+}
+
+/// (F, n): frames from each of n columns up to the next in which `is` says so, behind it; 0 where none is within reach.
+fn until(frames: usize, n: usize, is: impl Fn(usize, usize) -> bool) -> Vec<u8> {
+    let mut next = vec![0u8; frames * n];
+    for frame in (0..frames.saturating_sub(1)).rev() {
+        for column in 0..n {
+            next[frame * n + column] = match next[(frame + 1) * n + column] {
+                _ if is(frame + 1, column) => 1,
+                far if (1..FARTHEST).contains(&usize::from(far)) => far + 1,
+                _ => 0,
+            };
+        }
+    }
+    next
+}
+
+/// What lies between a code and a goal of a place of so many bins: in bins, and as an angle.
+fn apart(goal: i64, from: i64, (bins, circular): (i64, bool)) -> (i64, f64) {
+    match circular {
+        true => {
+            let d = (goal - from + bins / 2).rem_euclid(bins) - bins / 2;
+            (d, d as f64 * std::f64::consts::TAU / bins as f64)
+        }
+        false => {
+            let d = goal.clamp(0, bins - 1) - from;
+            (d, d as f64 * CLAMPED_BIN)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinelm_tokenizer::{RootRotation, TokenizerConfig};
+    use serde_json::Value;
+
+    /// Of f32 against f64, of numbers up to some tens.
+    const BOUND: f64 = 1e-4;
+
+    const TOKENIZER: &str = include_str!("../tests/golden/ahead_tokenizer.json");
+
+    fn tokenizer() -> Tokenizer {
+        Tokenizer::from_json(TOKENIZER).unwrap()
+    }
+
+    fn ahead() -> Ahead {
+        Ahead::of(&tokenizer()).unwrap()
+    }
+
+    #[test]
+    fn gaps_are_told_what_numpy_tells_them() {
+        let golden: Value = serde_json::from_str(include_str!("../tests/golden/ahead.json")).unwrap();
+        let codes: Vec<Vec<u16>> = serde_json::from_value(golden["codes"].clone()).unwrap();
+        let gaps: Vec<(usize, usize)> = serde_json::from_value(golden["gaps"].clone()).unwrap();
+        let free = |frame: usize| gaps.iter().any(|(start, end)| (*start..*end).contains(&frame));
+        let given = (0..codes.len()).flat_map(|frame| [!free(frame); 9]).collect();
+        let told = Course::new(ahead(), codes.concat(), given, 0).told(codes.len());
+        let p = numbers(9);
+        let mut expected = 0;
+        for frame in golden["frames"].as_array().unwrap() {
+            let at = frame["frame"].as_u64().unwrap() as usize;
+            let truth: Vec<f64> = serde_json::from_value(frame["numbers"].clone()).unwrap();
+            assert_eq!(truth.len(), p);
+            for (i, (found, truth)) in told.numbers[at * p..][..p].iter().zip(&truth).enumerate() {
+                assert!((f64::from(*found) - truth).abs() < BOUND, "frame {at}, number {i}: {found}, expected {truth}");
+            }
+            let rows: [Vec<u32>; 2] = serde_json::from_value(frame["rows"].clone()).unwrap();
+            for (found, rows) in told.rows.iter().zip(&rows) {
+                assert_eq!((&found[at * 10..][..9], found[at * 10 + 9]), (&rows[..], NONE), "frame {at}");
+            }
+            expected += 1;
+        }
+        let found = told.numbers.chunks(p).filter(|numbers| numbers.iter().any(|x| *x != 0.0)).count();
+        assert_eq!((found, expected), (11 + 57 + 2 + 9, 79));
+    }
+
+    #[test]
+    fn places_have_goals_of_their_own_and_none_too_far() {
+        // the root given throughout, the knee's x free up to frame 5, its y from frame 2 on, its z up to frame 99
+        let frames = 120;
+        let is_given = |frame: usize, place: usize| match place {
+            6 => frame == 0 || frame >= 5,
+            7 => frame < 2,
+            8 => frame == 0 || frame >= 99,
+            _ => true,
+        };
+        let given: Vec<bool> = (0..frames).flat_map(|f| (0..9).map(move |p| is_given(f, p))).collect();
+        let codes: Vec<u16> = (0..frames as u16).flat_map(|f| (0..9).map(move |p| (f + p) % 40)).collect();
+        let course = Course::new(ahead(), codes, given, 0);
+        assert!(course.has_goals());
+        let told = course.told(frames);
+        let goals = |frame: usize| -> Vec<usize> {
+            (0..9).filter(|place| told.rows.iter().all(|rows| rows[frame * 10 + place] != NONE)).collect()
+        };
+        assert_eq!((goals(0), goals(1), goals(4), goals(5)), (vec![], vec![6], vec![6], vec![]));
+        assert_eq!((goals(34), goals(35), goals(98), goals(99)), (vec![], vec![8], vec![8], vec![]));
+        // no root, the bucket of 2 frames
+        let p = numbers(9);
+        let of_frame = &told.numbers[4 * p..][..p];
+        assert!(of_frame[36..44].iter().all(|x| *x == 0.0) && of_frame[44 + 2] == 1.0);
+        let nothing = Course::new(ahead(), vec![0; 27], vec![true; 27], 0);
+        assert!(!nothing.has_goals());
+        assert_eq!(nothing.told(5), Told::nothing(5, 9));
+    }
+
+    #[test]
+    fn the_root_stands_as_given_else_where_codes_lead() {
+        let codes: Vec<u16> = (0..8u16).flat_map(|f| [20 + f % 3, 20, 22, 19, 20, 20, 7, 7, 7]).collect();
+        let given: Vec<bool> = (0..8).flat_map(|f| [!(3..5).contains(&f) && f > 0; 9]).collect();
+        let course = Course::new(ahead(), codes.clone(), given, 1);
+        let is = |stand: &Stand, frame: usize| stand.way_to(&course.stands[frame]).iter().all(|x| x.abs() < 1e-9);
+        // nothing is known before something is given
+        assert!(course.stand(0, &codes[..9], None).is_none());
+        assert!(is(&course.stand(2, &[0; 9], None).unwrap(), 2));
+        let drawn = course.stand(3, &[30; 9], Some(&course.stands[2])).unwrap();
+        assert!(!is(&drawn, 3));
+        assert!(is(&course.stand(3, &codes[27..36], Some(&course.stands[2])).unwrap(), 3));
+        assert!(is(&course.stand(5, &[30; 9], Some(&drawn)).unwrap(), 5));
+        // a gap whose beginning stands nowhere has no goal of the root
+        let (mut numbers, mut rows) = (vec![0.0; numbers(9)], [vec![0; 10], vec![0; 10]]);
+        let [a, b] = &mut rows;
+        assert!(course.tell(3, (&codes[18..27], None), &mut numbers, [a, b]));
+        assert!(rows[0][0] == NONE && rows[0][1] != NONE && numbers[36..44].iter().all(|x| *x == 0.0));
+    }
+
+    #[test]
+    fn batches_are_cut_and_joined() {
+        let mut all = Told::nothing(2, 2);
+        let other = Told { numbers: vec![1.0; 2 * numbers(2)], rows: [vec![3; 6], vec![4; 6]], music: Vec::new() };
+        all.extend(&other);
+        assert_eq!(all.of_windows(1..2, 2), other);
+        assert_eq!((all.of_windows(0..1, 2), other.like_nothing()), (Told::nothing(2, 2), Told::nothing(2, 2)));
+    }
+
+    #[test]
+    fn other_tokenizers_are_refused() {
+        let walk = kinelm_corpus::samples::walk(5);
+        let config =
+            TokenizerConfig { root_rotation: RootRotation::Absolute, ..TokenizerConfig::uniform(&[0], 20.0, 10) };
+        let said = Ahead::of(&Tokenizer::fit([&walk], config).unwrap()).unwrap_err().to_string();
+        assert!(said.contains("model.ahead is true") && said.contains("heading_delta"), "{said}");
+    }
+}

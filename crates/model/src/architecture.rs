@@ -1,0 +1,206 @@
+//! What a model is built of, where that isn't one stack of blocks over all tokens: the keys `architecture`, `window` and
+//! `[model.decoder]`.
+//!
+//! A *two-level* model has a trunk that sees frames and a small decoder that spells one frame, character after character:
+//! after MEGABYTE (Yu et al. 2023) and the RQ-Transformer (Lee et al. 2022). `layers`, `heads` and `width` are the trunk's
+//! then.
+
+use super::config::{HeadKind, Kind, ModelConfig, Positions, TokenLayout};
+use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// What a model is built of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Architecture {
+    /// One stack of blocks, in which every token is a row.
+    #[default]
+    Flat,
+    /// A trunk in which every frame is a row, and a decoder that spells a frame.
+    TwoLevel,
+}
+
+impl Architecture {
+    /// Whether it is the one that files don't name.
+    pub fn is_flat(&self) -> bool {
+        *self == Architecture::Flat
+    }
+}
+
+/// The `[model.decoder]` table: what spells a frame.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DecoderConfig {
+    /// Blocks, 1..=96. Default 2.
+    pub layers: usize,
+    /// Attention heads; divides `width`. Default 4.
+    pub heads: usize,
+    /// d: numbers a character is described by, 1..=8192. Default 128.
+    pub width: usize,
+    /// e: numbers of each character in what the trunk reads of a frame, 1..=512. Default 24.
+    pub character_width: usize,
+}
+
+impl Default for DecoderConfig {
+    fn default() -> Self {
+        DecoderConfig { layers: 2, heads: 4, width: 128, character_width: 24 }
+    }
+}
+
+/// Frames of a window, where the file doesn't say.
+const WINDOW: usize = 128;
+
+impl ModelConfig {
+    /// The decoder of a two-level model.
+    pub fn decoder(&self) -> DecoderConfig {
+        self.decoder.clone().unwrap_or_default()
+    }
+
+    /// Numbers of a row that the head reads.
+    pub fn head_width(&self) -> usize {
+        match self.architecture {
+            Architecture::Flat => self.width,
+            Architecture::TwoLevel => self.decoder().width,
+        }
+    }
+
+    /// The table whose rows answer for all ids.
+    pub fn ids_table(&self) -> &'static str {
+        match self.architecture.is_flat() && self.tied_head {
+            true => "token.weight",
+            false => "head.weight",
+        }
+    }
+
+    /// F: whole words of a window, of a two-level model its frames.
+    pub fn frames(&self, tokens: &TokenLayout) -> usize {
+        tokens.room(self.context) / tokens.word.max(1)
+    }
+
+    /// The keys of a two-level model, with those that say the same in its own words.
+    pub(super) fn two_levels(&self, tokens: &TokenLayout) -> ModelConfig {
+        let window = self.window.unwrap_or(WINDOW);
+        ModelConfig {
+            context: window * tokens.word + tokens.front - 1,
+            window: Some(window),
+            decoder: Some(self.decoder()),
+            positions: Positions::FrameJoint,
+            previous_frame: Some(true),
+            head: Some(HeadKind::Relative),
+            tied_head: false,
+            ..self.clone()
+        }
+    }
+
+    /// Checks what is said of the architecture.
+    ///
+    /// # Errors
+    /// The first key that doesn't go with it, or is outside its limits.
+    pub(super) fn validate_architecture(&self) -> Result<()> {
+        let refuse = |what: String| Err(Error::call(what));
+        if self.architecture.is_flat() {
+            let keys = [
+                ("window", self.window.is_some()),
+                ("decoder", self.decoder.is_some()),
+                ("ahead", self.ahead),
+                ("music", !self.music.is_none()),
+                ("music_scale", self.music_scale.is_some()),
+            ];
+            return match keys.into_iter().find(|(_, given)| *given) {
+                Some((key, _)) => refuse(format!("model.{key} goes with model.architecture = \"two_level\" alone")),
+                None => Ok(()),
+            };
+        }
+        let DecoderConfig { layers, heads, width, character_width } = self.decoder();
+        let window = self.window.unwrap_or(WINDOW);
+        let keys = [
+            ("window", window, 2, 8192),
+            ("decoder.layers", layers, 1, 96),
+            ("decoder.heads", heads, 1, 256),
+            ("decoder.width", width, 1, 8192),
+            ("decoder.character_width", character_width, 1, 512),
+        ];
+        if let Some((key, value, least, most)) = keys.into_iter().find(|(_, v, least, most)| v < least || v > most) {
+            return refuse(format!("model.{key} is {value}; expected {least} to {most}"));
+        }
+        if !width.is_multiple_of(heads) {
+            return refuse(format!(
+                "model.decoder.width is {width} and heads {heads}; expected heads that divide the width"
+            ));
+        }
+        let flat = "a two-level model is told so by its decoder; leave it out";
+        let wrong = [
+            ("kind = \"masked\"", self.kind == Kind::Masked),
+            ("dropout above 0", self.dropout > 0.0),
+            ("previous_frame = false", self.previous_frame == Some(false)),
+            ("head = \"absolute\"", self.head == Some(HeadKind::Absolute)),
+        ];
+        match wrong.into_iter().find(|(_, given)| *given) {
+            Some((key, _)) => refuse(format!("model.{key} with architecture = \"two_level\": {flat}")),
+            None => Ok(()),
+        }
+    }
+
+    /// Checks that words are frames, and the context whole ones.
+    ///
+    /// # Errors
+    /// Tokens of tiles or merges; a context that isn't the window's.
+    pub(super) fn validate_frames(&self, tokens: &TokenLayout) -> Result<()> {
+        if self.architecture.is_flat() {
+            return Ok(());
+        }
+        if tokens.places.is_empty() || tokens.varying {
+            let what = "model.architecture is two_level, which spells frames of bins; words of this tokenizer are tiles, \
+                        components or merged: take the uniform or quantile scheme without merges";
+            return Err(Error::call(what));
+        }
+        let expected = self.two_levels(tokens).context;
+        match self.context == expected {
+            true => Ok(()),
+            false => Err(Error::call(format!(
+                "model.context is {} tokens; a two-level model's window of {} frames has {expected}: state model.window alone",
+                self.context,
+                self.window.unwrap_or(WINDOW)
+            ))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::forms;
+
+    #[test]
+    fn keys_of_another_architecture_are_refused_by_name() {
+        let said = |text: &str| toml::from_str::<ModelConfig>(text).unwrap().validate().unwrap_err().to_string();
+        assert!(said("window = 12").starts_with("model.window goes with"));
+        assert!(said("[decoder]\nlayers = 2").starts_with("model.decoder goes with"));
+        assert!(said("ahead = true").starts_with("model.ahead goes with"));
+        assert!(said("music = \"beats\"").starts_with("model.music goes with"));
+        let two = "architecture = \"two_level\"\n";
+        assert_eq!(said(&format!("{two}window = 1")), "model.window is 1; expected 2 to 8192");
+        assert!(said(&format!("{two}[decoder]\nheads = 3")).contains("decoder.width is 128 and heads 3"));
+        assert!(said(&format!("{two}kind = \"masked\"")).starts_with("model.kind = \"masked\" with"));
+        assert!(said(&format!("{two}dropout = 0.1")).starts_with("model.dropout above 0 with"));
+        assert!(said(&format!("{two}head = \"absolute\"")).starts_with("model.head = \"absolute\" with"));
+    }
+
+    #[test]
+    fn words_that_are_no_frames_are_refused() {
+        let config: ModelConfig = toml::from_str("architecture = \"two_level\"\nwindow = 4").unwrap();
+        let tokens = TokenLayout { front: 1, ..forms::placed() };
+        let whole = config.resolved(&tokens);
+        assert_eq!((whole.context, whole.frames(&tokens), whole.head_width()), (24, 4, 128));
+        assert_eq!(whole.resolved(&tokens), whole);
+        whole.validate_for(&tokens).unwrap();
+        let said = |tokens: TokenLayout| whole.validate_for(&tokens).unwrap_err().to_string();
+        // two labels more in front
+        assert!(said(forms::placed()).contains("4 frames has 26"));
+        let labelled = config.resolved(&forms::placed());
+        assert_eq!((labelled.context, labelled.frames(&forms::placed())), (26, 4));
+        assert!(said(TokenLayout { front: 1, ..forms::varying() }).contains("tiles, components or merged"));
+        let other = ModelConfig { context: 25, ..whole.clone() };
+        assert!(other.validate_for(&tokens).unwrap_err().to_string().contains("4 frames has 24"));
+    }
+}

@@ -1,0 +1,206 @@
+//! The windows of a clip as a classifier reads them.
+//!
+//! What answers is a row of the model behind the window's last word, one a field. In a flat model the row is a class token's;
+//! in a two-level model the trunk has rows of its own there, and no token stands for them.
+
+use crate::{Error, Result};
+use crate::{ModelConfig, TokenLayout};
+use kinelm_corpus::fill_sequence;
+use kinelm_engine::op::attention::Mask;
+use kinelm_tokenizer::Special;
+
+/// What all windows of a classifier share.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Layout {
+    /// K ids: `<bos>`, and `<unk>` for every condition the model knows.
+    front: Vec<u32>,
+    /// W.
+    word: usize,
+    /// Words of a window, at most.
+    words: usize,
+    /// The first class token; those of the other fields follow. None where rows are frames.
+    class_token: Option<u32>,
+    /// n.
+    fields: usize,
+    pad: u32,
+}
+
+/// Some words of a clip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Window {
+    /// Index into the clips.
+    pub clip: usize,
+    /// The first word.
+    pub word: usize,
+    /// m.
+    pub words: usize,
+}
+
+impl Layout {
+    /// For a model of this shape, whose `tokens` don't hold the class tokens yet.
+    ///
+    /// # Errors
+    /// A masked model, words of varying length, a context that doesn't hold a word and the class tokens.
+    pub fn new(config: &ModelConfig, tokens: &TokenLayout, fields: usize) -> Result<Layout> {
+        if config.kind != crate::Kind::Causal {
+            let what = "a masked model; classifiers go on from causal ones: train with [model] kind = \"causal\"";
+            return Err(Error::call(what));
+        }
+        if tokens.varying {
+            let what =
+                "words of varying length; classifiers need a tokenizer whose words have one length, such as uniform";
+            return Err(Error::call(what));
+        }
+        let front = (0..tokens.front).map(|i| if i == 0 { tokens.bos } else { Special::Unk.id() }).collect();
+        let (word, pad) = (tokens.word, tokens.pad);
+        if !config.architecture.is_flat() {
+            // a row behind the last frame has read it, and is there without a field too
+            let (frames, behind) = (config.frames(tokens), fields.max(1));
+            if frames <= behind {
+                return Err(Error::call(format!(
+                    "{fields} class rows and a window of {frames} frames; expected room for a frame and the class rows"
+                )));
+            }
+            return Ok(Layout { front, word, words: frames - behind, class_token: None, fields, pad });
+        }
+        // the last class token must not see into a word behind the last
+        let room = config.context.saturating_sub(tokens.front + fields);
+        if room < tokens.word || fields >= tokens.word {
+            let (context, word) = (config.context, tokens.word);
+            return Err(Error::call(format!(
+                "{fields} class tokens, words of {word} tokens and a context of {context}; expected room for a word and fewer \
+                 class tokens than a word has tokens"
+            )));
+        }
+        let class_token = Some(tokens.vocabulary as u32);
+        Ok(Layout { front, word, words: room / word, class_token, fields, pad })
+    }
+
+    /// Words of a window, at most.
+    pub fn words(&self) -> usize {
+        self.words
+    }
+
+    /// T.
+    pub fn length(&self) -> usize {
+        match self.class_token {
+            Some(_) => self.front.len() + self.words * self.word + self.fields,
+            None => self.front.len() - 1 + self.places() * self.word,
+        }
+    }
+
+    /// Rows of a window among which [`Layout::rows`] are: T, or frames.
+    pub fn places(&self) -> usize {
+        match self.class_token {
+            Some(_) => self.length(),
+            None => self.words + self.fields.max(1),
+        }
+    }
+
+    /// The row behind so many words.
+    fn behind(&self, words: usize) -> usize {
+        self.class_token.map_or(words, |_| self.front.len() + words * self.word)
+    }
+
+    /// The windows of a clip of `all` words, a hop of half a window to the end; one for a clip that is shorter.
+    pub fn windows(&self, clip: usize, all: usize) -> Vec<Window> {
+        let (words, hop) = (self.words.min(all), (self.words / 2).max(1));
+        let last = all - words;
+        let mut starts: Vec<usize> = (0..last).step_by(hop).collect();
+        starts.push(last);
+        starts.into_iter().map(|word| Window { clip, word, words }).collect()
+    }
+
+    /// Writes a window's `ids` of whole words to `input` and `target` (T), the class tokens behind them, `<pad>` to the end.
+    pub fn fill(&self, ids: &[u32], input: &mut [u32], target: &mut [u32]) {
+        fill_sequence(ids, &self.front, self.pad, input, target);
+        let first = self.front.len() + ids.len();
+        for (input, class_token) in
+            input[first..].iter_mut().take(self.fields).zip(self.class_token.into_iter().flat_map(|t| t..))
+        {
+            *input = class_token;
+        }
+    }
+
+    /// The rows that answer for a window of m words.
+    pub fn rows(&self, words: usize) -> std::ops::Range<usize> {
+        let first = self.behind(words);
+        first..first + self.fields
+    }
+
+    /// The rows that have read the window's motion: its tokens, or of a two-level model the rows behind each of its frames.
+    pub fn motion_rows(&self, words: usize) -> std::ops::Range<usize> {
+        match self.class_token {
+            Some(_) => self.behind(0)..self.behind(words),
+            None => 1..words + 1,
+        }
+    }
+
+    /// Of windows of so many words: what hides class tokens from each other, (B, T, T) or a row a frame; none where there is
+    /// one field or they may see those before them, as a causal mask lets them (`compat`).
+    pub fn hiding(&self, words: &[usize], compat: bool) -> Option<Vec<f32>> {
+        if self.fields < 2 || compat {
+            return None;
+        }
+        let t = self.places();
+        let mut mask = vec![0.0; words.len() * t * t];
+        for (square, &words) in mask.chunks_exact_mut(t * t).zip(words) {
+            for (query, row) in square.chunks_exact_mut(t).enumerate() {
+                row[query + 1..].fill(f32::NEG_INFINITY);
+                let rows = self.rows(words);
+                if rows.contains(&query) {
+                    row[rows.start..query].fill(f32::NEG_INFINITY);
+                }
+            }
+        }
+        Some(mask)
+    }
+}
+
+/// The mask of a pass.
+pub fn mask(hiding: Option<&[f32]>) -> Mask<'_> {
+    hiding.map_or(Mask::Causal, Mask::CausalAdditive)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::forms::TOKENS;
+
+    fn layout(fields: usize) -> Layout {
+        // K 1, words of 3
+        let config = ModelConfig { layers: 1, heads: 1, width: 4, context: 12, ..Default::default() };
+        Layout::new(&config, &TOKENS, fields).unwrap()
+    }
+
+    #[test]
+    fn class_tokens_stand_behind_the_last_word() {
+        let l = layout(2);
+        let word = TOKENS.word;
+        let (words, length) = (l.words(), l.length());
+        assert_eq!((words, length), ((12 - 3) / word, 1 + words * word + 2));
+        let ids: Vec<u32> = (0..word as u32).map(|i| 5 + i).collect();
+        let (mut input, mut target) = (vec![9; length], vec![9; length]);
+        l.fill(&ids, &mut input, &mut target);
+        let class = TOKENS.vocabulary as u32;
+        assert_eq!(input[..1 + word], [&[1], &ids[..]].concat());
+        assert_eq!(l.rows(1), 1 + word..3 + word);
+        assert_eq!(input[l.rows(1)], [class, class + 1]);
+        assert!(input[3 + word..].iter().all(|&id| id == 0));
+        assert_eq!(target[..word], ids[..]);
+        assert!(target[word..].iter().all(|&id| id == 0), "class tokens are asked nothing: {target:?}");
+    }
+
+    #[test]
+    fn class_tokens_see_motion_and_themselves() {
+        let l = layout(2);
+        let t = l.length();
+        let mask = l.hiding(&[1], false).unwrap();
+        let seen = |query: usize| (0..t).filter(|&key| mask[query * t + key] == 0.0).collect::<Vec<_>>();
+        let rows = l.rows(1);
+        assert_eq!(seen(rows.start), (0..=rows.start).collect::<Vec<_>>());
+        assert_eq!(seen(rows.start + 1), (0..rows.start).chain([rows.start + 1]).collect::<Vec<_>>());
+        assert_eq!(seen(2), [0, 1, 2]);
+        assert_eq!((l.hiding(&[1], true), layout(1).hiding(&[1], false)), (None, None));
+    }
+}

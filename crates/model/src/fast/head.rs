@@ -1,0 +1,177 @@
+//! The end of a model, whose rows different tables answer: each table gets its rows one after the other, and what comes out
+//! goes back to where they were.
+
+use super::Fast;
+use super::tables::embed;
+use crate::Result;
+use crate::config::{ModelConfig, TokenLayout};
+use crate::past::Basis;
+use crate::questions::{Groups, Questions, STEPS};
+use kinelm_engine::arena::Floats;
+use kinelm_engine::block::Norm;
+use kinelm_engine::head::{self, Exam, Workspace};
+use kinelm_engine::linear::Products;
+use kinelm_engine::op::cross_entropy;
+use kinelm_engine::op::embedding::{Lookup, NONE};
+use kinelm_engine::op::matmul::Store;
+use rayon::prelude::*;
+
+/// Rows that are scored at a time.
+const ROWS: usize = 64;
+
+/// The heads for batches of one shape.
+pub(super) struct Heads {
+    questions: Questions,
+    groups: Groups,
+    names: [&'static str; 3],
+    /// Of each group, the most rows.
+    most: [usize; 3],
+    /// None for a group without rows.
+    spaces: [Option<Workspace>; 3],
+    width: usize,
+    /// (N, D), the groups' rows one after the other, and their gradients.
+    x: Floats,
+    dx: Floats,
+    /// (N) Where a row of the batch stands in those; [`NONE`] if it isn't asked.
+    places: Vec<u32>,
+    /// (N) In the order of the groups.
+    nats: Vec<f64>,
+}
+
+impl Heads {
+    pub fn new(
+        config: &ModelConfig,
+        tokens: &TokenLayout,
+        rows: usize,
+        length: usize,
+        products: Products,
+        learn: bool,
+    ) -> Heads {
+        let questions = Questions::of(config, tokens);
+        let most = questions.most_rows(length).map(|most| most * (rows / length));
+        let steps = questions.steps().map(|past| past.steps()).unwrap_or_default();
+        let [ids, circular, clamped] = [tokens.vocabulary, steps.circular, steps.up_and_down()];
+        let space = |group: usize, columns| {
+            (most[group] > 0).then(|| Workspace::new(most[group], config.head_width(), columns, products, learn))
+        };
+        let room = |n: usize| Floats::new(n * config.head_width());
+        let mut groups = Groups::default();
+        for (group, most) in groups.iter_mut().zip(most) {
+            group.rows.reserve_exact(most);
+            group.asked.reserve_exact(most);
+        }
+        Heads {
+            groups,
+            names: [config.ids_table(), STEPS[0], STEPS[1]],
+            spaces: [space(0, ids), space(1, circular), space(2, clamped)],
+            most,
+            width: config.head_width(),
+            x: room(rows),
+            dx: room(if learn { rows } else { 0 }),
+            places: vec![NONE; rows],
+            nats: vec![0.0; if learn { 0 } else { rows }],
+            questions,
+        }
+    }
+
+    /// Takes the rows of `inputs` (B, T), T = `length`, whose target counts.
+    ///
+    /// # Errors
+    /// As [`Questions::sort`].
+    pub fn ask(&mut self, inputs: &[u32], targets: &[u32], length: usize) -> Result<()> {
+        self.questions.sort(inputs.chunks(length), targets, &mut self.groups)?;
+        self.places.fill(NONE);
+        let rows = self.groups.iter().flat_map(|g| &g.rows);
+        (0..).zip(rows).for_each(|(place, &row)| self.places[row as usize] = place);
+        Ok(())
+    }
+
+    /// Sum of -ln p of what is asked, in nats, of the rows `last` (N, D). `dx` (N, D) becomes the gradient of `last`, those of
+    /// the norm and the heads go to `gradients`, times `scale`.
+    pub fn loss(&mut self, model: &Fast, last: &[f32], scale: f32, dx: &mut [f32], gradients: &mut [Floats]) -> f64 {
+        let d = self.width;
+        let index = |name: &str| model.find(name);
+        let tables = self.names.map(index);
+        let [Some(bias), Some(weight)] = ["norm.bias", "norm.weight"].map(index) else { panic!("a model has a norm") };
+        for i in tables.into_iter().flatten().chain([bias, weight]) {
+            gradients[i].fill(0.0);
+        }
+        let (mut nats, mut first) = (0.0, 0);
+        for (group, table) in tables.into_iter().enumerate() {
+            let rows = &self.groups[group].rows;
+            let (Some(table), Some(space), false) = (table, &mut self.spaces[group], rows.is_empty()) else { continue };
+            let part = first * d..(first + rows.len()) * d;
+            first += rows.len();
+            collect(&mut self.x[part.clone()], d, last, rows);
+            let Ok([bias, weight, of_table]) = gradients.get_disjoint_mut([bias, weight, table]) else {
+                panic!("{} gradients for a model of {}", gradients.len(), model.parameters.len());
+            };
+            let norm = Norm { weight: &mut **weight, bias: &mut **bias };
+            let mut to = head::Gradients { dx: &mut self.dx[part.clone()], norm, head: of_table };
+            let exam = Exam { asked: &self.groups[group].asked, smoothing: model.smoothing.as_ref(), scale };
+            let x = &self.x[part];
+            nats += head::loss(x, model.norm(), &model.weights[table], exam, &mut to, Store::Add, space);
+        }
+        collect(dx, d, &self.dx, &self.places);
+        nats
+    }
+
+    /// `out` (N) becomes -ln p of what each of the rows `last` (N, D) is asked, in nats, 0 where it isn't.
+    pub fn nats(&mut self, model: &Fast, last: &[f32], out: &mut [f32]) {
+        let (d, mut first) = (self.width, 0);
+        for (group, name) in self.names.into_iter().enumerate() {
+            let (rows, asked) = (&self.groups[group].rows, &self.groups[group].asked);
+            let (Some(space), false) = (&mut self.spaces[group], rows.is_empty()) else { continue };
+            let part = first * d..(first + rows.len()) * d;
+            let nats = &mut self.nats[first..first + rows.len()];
+            first += rows.len();
+            collect(&mut self.x[part.clone()], d, last, rows);
+            head::logits(&self.x[part], model.norm(), model.weight(name), space, &mut |first, logits| {
+                let columns = model.weight(name).len() / d;
+                let asked = asked[first..].par_chunks(ROWS);
+                let nats = nats[first..][..logits.len() / columns].par_chunks_mut(ROWS);
+                let parts = (logits.par_chunks(ROWS * columns), asked, nats).into_par_iter();
+                parts.for_each(|(logits, asked, nats)| cross_entropy::nats_asked(nats, logits, &asked[..nats.len()]));
+            });
+        }
+        for (out, &place) in out.iter_mut().zip(&self.places) {
+            *out = self.nats.get(place as usize).map_or(0.0, |nats| *nats as f32);
+        }
+    }
+
+    /// `out` (N, V) becomes the logits of the rows `last` (N, D) of `inputs` (B, T), T = `length`.
+    pub fn logits(&mut self, model: &Fast, last: &[f32], inputs: &[u32], length: usize, out: &mut [f32]) {
+        let (d, vocabulary) = (self.width, model.tokens.vocabulary);
+        let basis = |row: usize| self.questions.basis(&inputs[row / length * length..][..length], row % length);
+        let bases: Vec<Basis> = (0..inputs.len()).map(basis).collect();
+        out.fill(f32::NEG_INFINITY);
+        for (group, name) in self.names.into_iter().enumerate() {
+            let rows: Vec<u32> = (0..).zip(&bases).filter(|(_, b)| b.group() == group).map(|(row, _)| row).collect();
+            let Some(space) = &mut self.spaces[group] else { continue };
+            // more rows than are ever asked may stand for ids: those behind no bin
+            for rows in rows.chunks(self.most[group]) {
+                let x = &mut self.x[..rows.len() * d];
+                collect(x, d, last, rows);
+                let columns = model.weight(name).len() / d;
+                head::logits(x, model.norm(), model.weight(name), space, &mut |first, logits| {
+                    for (&row, logits) in rows[first..].iter().zip(logits.chunks(columns)) {
+                        let out = &mut out[row as usize * vocabulary..][..vocabulary];
+                        match (bases[row as usize], self.questions.steps()) {
+                            (Basis::Steps { bins, from }, Some(past)) => {
+                                let out = &mut out[bins.first as usize..][..bins.count as usize];
+                                let column = |bin| past.steps().column(bins, from, bin);
+                                out.iter_mut().enumerate().for_each(|(bin, out)| *out = logits[column(bin)]);
+                            }
+                            _ => out.copy_from_slice(logits),
+                        }
+                    }
+                });
+            }
+        }
+    }
+}
+
+/// `out` (n, D) becomes the rows `rows` (n) of `x`, D = `width`; [`NONE`] is a row of zeros.
+fn collect(out: &mut [f32], width: usize, x: &[f32], rows: &[u32]) {
+    embed(out, width, &[Lookup { table: x, ids: rows }]);
+}

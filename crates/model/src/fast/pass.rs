@@ -1,0 +1,120 @@
+//! Forward and backward through a whole model, for batches of one shape.
+
+use super::classes::Added;
+use super::flat::Flat;
+use super::head::Heads;
+use super::keys::Keys;
+use super::two_level::TwoLevel;
+use super::{Fast, Windows};
+use crate::Architecture;
+use crate::Result;
+use kinelm_engine::arena::Floats;
+use kinelm_engine::linear::Products;
+
+/// The buffers of one shape.
+pub(super) struct Pass {
+    rows: usize,
+    length: usize,
+    products: Products,
+    body: Body,
+    heads: Heads,
+    /// (N, d), d numbers of a row that the head reads.
+    dx: Floats,
+}
+
+/// What makes a row of every token.
+enum Body {
+    Flat(Box<Flat>),
+    TwoLevel(Box<TwoLevel>),
+}
+
+impl Pass {
+    pub fn new(model: &Fast, rows: usize, length: usize, products: Products, learn: bool) -> Pass {
+        let config = &model.config;
+        Pass {
+            rows,
+            length,
+            products,
+            body: match config.architecture {
+                Architecture::Flat => Body::Flat(Box::new(Flat::new(model, rows, length, products, learn))),
+                Architecture::TwoLevel => Body::TwoLevel(Box::new(TwoLevel::new(model, rows, length, products, learn))),
+            },
+            heads: Heads::new(config, &model.tokens, rows, length, products, learn),
+            dx: Floats::new(if learn { rows * config.head_width() } else { 0 }),
+        }
+    }
+
+    pub fn fits(&self, rows: usize, length: usize, products: Products) -> bool {
+        (self.rows, self.length, self.products) == (rows, length, products)
+    }
+
+    /// Takes the rows whose target counts.
+    ///
+    /// # Errors
+    /// Targets that nothing answers.
+    pub fn ask(&mut self, windows: Windows) -> Result<()> {
+        self.heads.ask(windows.inputs, windows.targets, windows.length)
+    }
+
+    pub fn forward(&mut self, model: &Fast, windows: Windows, keys: Option<&Keys>) {
+        match &mut self.body {
+            Body::Flat(flat) => flat.forward(model, windows, keys),
+            Body::TwoLevel(levels) => levels.forward(model, windows),
+        }
+    }
+
+    /// -ln p of what is asked of every row, in nats, 0 where nothing is.
+    pub fn nats(&mut self, model: &Fast, out: &mut [f32]) {
+        self.heads.nats(model, self.body.last(), out);
+    }
+
+    /// The logits (N, V) of all rows.
+    pub fn logits(&mut self, model: &Fast, windows: Windows, out: &mut [f32]) {
+        self.heads.logits(model, self.body.last(), windows.inputs, windows.length, out);
+    }
+
+    /// What [`Fast::final_vectors`] are of, before their norm: (B T, D), of a two-level model the trunk's rows (B F, D).
+    pub fn vectors(&mut self, model: &Fast, windows: Windows) -> &[f32] {
+        match &mut self.body {
+            Body::Flat(flat) => {
+                flat.forward(model, windows, None);
+                flat.last()
+            }
+            Body::TwoLevel(levels) => {
+                levels.forward_trunk(model, windows);
+                levels.vectors()
+            }
+        }
+    }
+
+    /// Loss in nats, summed; `gradients` become those of the loss times `scale`, and of what `added` adds.
+    pub fn backward(
+        &mut self,
+        model: &Fast,
+        windows: Windows,
+        scale: f32,
+        keys: Option<&Keys>,
+        gradients: &mut [Floats],
+        added: Added,
+    ) -> f64 {
+        let last = self.body.last();
+        let nats = self.heads.loss(model, last, scale, &mut self.dx, gradients);
+        match &mut self.body {
+            Body::Flat(flat) => {
+                added(model, flat.last(), &mut self.dx, gradients);
+                flat.backward(model, windows, keys, &mut self.dx, gradients);
+            }
+            Body::TwoLevel(levels) => levels.backward(model, windows, &mut self.dx, gradients, added),
+        }
+        nats
+    }
+}
+
+impl Body {
+    fn last(&self) -> &[f32] {
+        match self {
+            Body::Flat(flat) => flat.last(),
+            Body::TwoLevel(levels) => levels.last(),
+        }
+    }
+}

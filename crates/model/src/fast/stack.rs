@@ -1,0 +1,108 @@
+//! A stack of blocks: forward and backward through them, for batches of one shape.
+
+use super::{BLOCK, block_tensors};
+use crate::layout::{Parameter, block_name};
+use kinelm_engine::arena::Floats;
+use kinelm_engine::block::{self, Rules, Saved, Shape};
+use kinelm_engine::linear::Products;
+use kinelm_engine::op::matmul::Store;
+
+/// Which blocks of a model they are.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Blocks<'a> {
+    /// What their names begin with.
+    pub prefix: &'a str,
+    /// How many.
+    pub layers: usize,
+}
+
+/// The buffers of one shape.
+pub(super) struct Stack {
+    shape: Shape,
+    layers: usize,
+    /// Where the first block's tensors stand among the model's.
+    first: usize,
+    /// (N, D) each: what goes into every block, and what comes out of the last; two that take turns if nothing is
+    /// learned.
+    stream: Vec<Floats>,
+    /// One a block; one for all if nothing is learned.
+    saved: Vec<Saved>,
+    space: block::Workspace,
+}
+
+impl Stack {
+    /// Room for the blocks of a model of these `parameters`; `learn`: for training too.
+    ///
+    /// # Panics
+    /// Blocks that the model doesn't have.
+    pub fn new(parameters: &[Parameter], blocks: Blocks, shape: Shape, products: Products, learn: bool) -> Stack {
+        let Blocks { prefix, layers } = blocks;
+        let name = format!("{prefix}{}.", block_name(0));
+        let first = parameters.iter().position(|p| p.name.starts_with(&name));
+        let (streams, saved) = if learn { (layers + 1, layers) } else { (2, 1) };
+        Stack {
+            shape,
+            layers,
+            first: first.unwrap_or_else(|| panic!("a model has {name}")),
+            stream: (0..streams).map(|_| Floats::new(shape.rows() * shape.width)).collect(),
+            saved: (0..saved).map(|_| Saved::new(shape)).collect(),
+            space: block::Workspace::new(shape, products, learn),
+        }
+    }
+
+    pub fn shape(&self) -> Shape {
+        self.shape
+    }
+
+    /// (N, D) What goes into the first block.
+    pub fn input(&mut self) -> &mut [f32] {
+        &mut self.stream[0]
+    }
+
+    /// (N, D) What the last block gave.
+    pub fn last(&self) -> &[f32] {
+        &self.stream[self.layers % self.stream.len()]
+    }
+
+    pub fn forward<'a>(&mut self, weights: &[Floats], rules: impl Fn(usize) -> Rules<'a>) {
+        for layer in 0..self.layers {
+            let (from, to) = two(&mut self.stream, layer);
+            let saved = layer % self.saved.len();
+            let tensors = block(weights, self.first + layer * BLOCK);
+            block::forward(to, from, &tensors, rules(layer), &mut self.saved[saved], &mut self.space);
+        }
+    }
+
+    /// `dx` (N, D), the gradient of [`Stack::last`], becomes that of the input; the blocks' go to `gradients`.
+    pub fn backward<'a>(
+        &mut self,
+        weights: &[Floats],
+        gradients: &mut [Floats],
+        dx: &mut [f32],
+        rules: impl Fn(usize) -> Rules<'a>,
+    ) {
+        for layer in (0..self.layers).rev() {
+            let first = self.first + layer * BLOCK;
+            let Some(Ok(tensors)) = gradients.get_mut(first..first + BLOCK).map(<&mut [Floats; BLOCK]>::try_from)
+            else {
+                panic!("{} gradients for a model of {} tensors", gradients.len(), weights.len());
+            };
+            let mut tensors = block_tensors(tensors.each_mut().map(|x| &mut **x));
+            let (x, saved) = (&self.stream[layer], &self.saved[layer]);
+            let own = block(weights, first);
+            block::backward(dx, x, &own, &mut tensors, Store::Set, rules(layer), saved, &mut self.space);
+        }
+    }
+}
+
+/// The weights of the block whose tensors begin at `first`.
+fn block(weights: &[Floats], first: usize) -> block::Weights<'_> {
+    block_tensors(std::array::from_fn(|i| &*weights[first + i]))
+}
+
+/// What goes into a block and where its output goes.
+fn two(stream: &mut [Floats], layer: usize) -> (&[f32], &mut [f32]) {
+    let (from, to) = (layer % stream.len(), (layer + 1) % stream.len());
+    let (low, high) = stream.split_at_mut(from.max(to));
+    if from < to { (&low[from], &mut high[0]) } else { (&high[0], &mut low[to]) }
+}

@@ -1,0 +1,378 @@
+//! A trunk in which every frame is a row, and a decoder that spells a frame.
+//!
+//! Letters: B windows, F frames, N = B F, W tokens of a word, C characters, T = F W, D width of the trunk, d of the decoder,
+//! e numbers of a character.
+
+use super::classes::Added;
+use super::stack::{Blocks, Stack};
+use super::tables::{add_rows, embed, into_table};
+use super::{Fast, Windows};
+use crate::ahead;
+use crate::ahead::Told;
+use crate::frames::{BACK, Frames, SPELT, TrunkRow, trunk_row};
+use crate::layout::{AHEAD, CLASS, LABEL, MUSIC, SPELL, SPELT_LABEL, TRUNK};
+use kinelm_engine::arena::Floats;
+use kinelm_engine::block::{Linear, Norm, Rules, Shape};
+use kinelm_engine::dense;
+use kinelm_engine::linear::Products;
+use kinelm_engine::op::attention::Mask;
+use kinelm_engine::op::embedding::{Lookup, NONE};
+use rayon::prelude::*;
+
+/// Bias and weight of what the trunk reads, of its norm, and of what it tells the decoder.
+const JOIN: [&str; 2] = ["frame.join.bias", "frame.join.weight"];
+pub(super) const NORM: [&str; 2] = ["trunk.norm.bias", "trunk.norm.weight"];
+const TELL: [&str; 2] = ["spell.frame.bias", "spell.frame.weight"];
+
+/// A character sees those before it in its frame.
+const SPELLING: Rules<'static> = Rules { mask: Mask::Causal, dropout: None, rope: None };
+
+/// The buffers of one shape.
+pub(super) struct TwoLevel {
+    frames: Frames,
+    /// K - 1: tokens of a window before those that the frames begin behind, all but the first of which are labels.
+    ahead: usize,
+    /// T.
+    length: usize,
+    /// F.
+    number: usize,
+    /// e.
+    character: usize,
+    /// (N, 2 C) rows of the table of characters.
+    seen: Vec<u32>,
+    /// (N) rows of the table of positions.
+    positions: Vec<u32>,
+    /// n, and (N) rows of their table.
+    class_rows: usize,
+    classes: Vec<u32>,
+    /// (N W) each, rows of the tables of [`SPELT`], and of the frames' vectors.
+    spelt: [Vec<u32>; 4],
+    own: Vec<u32>,
+    /// (N) each of the K - 1: rows of the tables of labels.
+    labels: Vec<Vec<u32>>,
+    /// (B T, d), where K > 1: what the decoder gave, and 0 where nobody asks.
+    rows: Floats,
+    /// (N, 2 C e) What the trunk reads.
+    read: Floats,
+    join: dense::Workspace,
+    trunk: Stack,
+    /// (N, 2), (N, D), (N, d).
+    stats: Floats,
+    normed: Floats,
+    told: Floats,
+    tell: dense::Workspace,
+    decoder: Stack,
+    /// Of what frames may be told: what is given ahead, and music.
+    tellings: Vec<Telling>,
+    back: Option<Back>,
+}
+
+/// What becomes of numbers that frames are told.
+struct Telling {
+    /// Which of those told.
+    numbers: fn(&Told) -> &[f32],
+    /// The matrices.
+    names: [&'static str; 2],
+    /// From P numbers to the trunk's rows (N, D), and to the decoder's, by frames (N, d).
+    trunk: Matrix,
+    decoder: Matrix,
+}
+
+/// A matrix (P, n) without a bias.
+struct Matrix {
+    space: dense::Workspace,
+    /// (N, n).
+    out: Floats,
+    /// (n), zeros.
+    bias: Floats,
+    back: Option<MatrixBack>,
+}
+
+/// What a matrix's gradient needs and nobody reads: (N, P) and (n).
+struct MatrixBack {
+    d_numbers: Floats,
+    d_bias: Floats,
+}
+
+impl Matrix {
+    fn new((n, told, out): (usize, usize, usize), products: Products, learn: bool) -> Matrix {
+        Matrix {
+            space: dense::Workspace::new(n, told, out, products, learn),
+            out: Floats::new(n * out),
+            bias: Floats::new(out),
+            back: learn.then(|| MatrixBack { d_numbers: Floats::new(n * told), d_bias: Floats::new(out) }),
+        }
+    }
+
+    /// Adds what `numbers` (N, P) times `weight` are to `x` (N, n).
+    fn add(&mut self, x: &mut [f32], numbers: &[f32], weight: &[f32]) {
+        dense::forward(&mut self.out, numbers, Linear { weight, bias: &self.bias }, &mut self.space);
+        x.iter_mut().zip(&*self.out).for_each(|(x, y)| *x += y);
+    }
+
+    /// The gradient of `weight` from that of what it was added to, `dx` (N, n).
+    fn backward(&mut self, dx: &[f32], numbers: &[f32], weight: &[f32], gradient: &mut [f32]) {
+        let Some(MatrixBack { d_numbers, d_bias }) = &mut self.back else {
+            panic!("buffers for the forward pass only")
+        };
+        let to = Linear { weight: gradient, bias: d_bias };
+        dense::backward(Some(d_numbers), dx, numbers, weight, to, &mut self.space);
+    }
+}
+
+/// Gradients on their way.
+struct Back {
+    d_read: Floats,
+    d_told: Floats,
+    d_normed: Floats,
+    d_trunk: Floats,
+    /// (N W, d), where K > 1.
+    d_rows: Floats,
+    /// (V, the larger of D and d), where K > 1: a table's gradient from one label.
+    d_label: Floats,
+}
+
+impl TwoLevel {
+    pub fn new(model: &Fast, rows: usize, length: usize, products: Products, learn: bool) -> TwoLevel {
+        let (config, frames) = (&model.config, Frames::of(&model.tokens));
+        let (word, spells, trunk) = (frames.word(), config.decoder(), config.width);
+        let ahead = model.tokens.front - 1;
+        let (batch, number) = (rows / length, (length - ahead) / word);
+        let (n, d, of_frame) = (batch * number, spells.width, BACK * frames.characters());
+        let wide = of_frame * spells.character_width;
+        let shape = |batch, tokens, width, heads| Shape { batch, tokens, width, heads, hidden: 4 * width };
+        let stack =
+            |prefix, layers, shape| Stack::new(&model.parameters, Blocks { prefix, layers }, shape, products, learn);
+        let where_labelled = |n: usize| Floats::new(if ahead > 0 { n } else { 0 });
+        TwoLevel {
+            ahead,
+            length,
+            number,
+            character: spells.character_width,
+            seen: vec![0; n * of_frame],
+            positions: (0..n).map(|row| (row % number) as u32).collect(),
+            class_rows: config.classes,
+            classes: vec![NONE; n],
+            spelt: std::array::from_fn(|_| vec![0; n * word]),
+            own: (0..n * word).map(|row| (row / word) as u32).collect(),
+            labels: vec![vec![0; n]; ahead],
+            rows: where_labelled(rows * d),
+            read: Floats::new(n * wide),
+            join: dense::Workspace::new(n, wide, trunk, products, learn),
+            trunk: stack(TRUNK, config.layers, shape(batch, number, trunk, config.heads)),
+            stats: Floats::new(2 * n),
+            normed: Floats::new(n * trunk),
+            told: Floats::new(n * d),
+            tell: dense::Workspace::new(n, trunk, d, products, learn),
+            decoder: stack(SPELL, spells.layers, shape(n, word, d, spells.heads)),
+            tellings: {
+                let telling = |numbers: fn(&Told) -> &[f32], names, p| {
+                    let matrix = |out| Matrix::new((n, p, out), products, learn);
+                    Telling { numbers, names, trunk: matrix(trunk), decoder: matrix(d) }
+                };
+                let [frame, spell, ..] = AHEAD;
+                let p = ahead::numbers(frames.characters());
+                let ahead = config.ahead.then(|| telling(|told| &told.numbers, [frame, spell], p));
+                let m = config.music.numbers();
+                let music = (m > 0).then(|| telling(|told| &told.music, MUSIC, m));
+                ahead.into_iter().chain(music).collect()
+            },
+            back: learn.then(|| Back {
+                d_read: Floats::new(n * wide),
+                d_told: Floats::new(n * d),
+                d_normed: Floats::new(n * trunk),
+                d_trunk: Floats::new(n * trunk),
+                d_rows: where_labelled(n * word * d),
+                d_label: where_labelled(model.tokens.vocabulary * trunk.max(d)),
+            }),
+            frames,
+        }
+    }
+
+    /// Finds the rows that windows (B, T) take of all tables.
+    fn look(&mut self, inputs: &[u32], length: usize) {
+        let (frames, number, word, ahead) = (&self.frames, self.number, self.frames.word(), self.ahead);
+        for (k, labels) in self.labels.iter_mut().enumerate() {
+            labels.iter_mut().enumerate().for_each(|(row, label)| *label = inputs[row / number * length + 1 + k]);
+        }
+        let of_frame = BACK * frames.characters();
+        let window = |frame: usize| &inputs[frame / number * length + ahead..][..length - ahead];
+        let rows = self.positions.chunks_mut(number).zip(self.classes.chunks_mut(number)).enumerate();
+        for (i, (positions, classes)) in rows.filter(|_| self.class_rows > 0) {
+            let shown = frames.shown(window(i * number));
+            for (row, (position, class)) in positions.iter_mut().zip(classes).enumerate() {
+                TrunkRow { position: *position, class: *class, .. } = trunk_row(row, shown, self.class_rows);
+            }
+        }
+        // a class row reads what the first row behind the frames does
+        let read = |row: usize| match self.classes[row] {
+            NONE => row % number,
+            class => row % number - class as usize,
+        };
+        self.seen.par_chunks_mut(of_frame).enumerate().for_each(|(i, rows)| frames.seen(window(i), read(i), rows));
+        let [last, place, character, step] = self.spelt.each_mut().map(|rows| rows.par_chunks_mut(word));
+        (last, place, character, step).into_par_iter().enumerate().for_each(|(i, (last, place, character, step))| {
+            for k in 0..word {
+                [last[k], place[k], character[k], step[k]] = frames.spelt(window(i), i % number * word + k);
+            }
+        });
+    }
+
+    /// The trunk alone, for [`TwoLevel::vectors`].
+    pub fn forward_trunk(&mut self, model: &Fast, windows: Windows) {
+        self.look(windows.inputs, windows.length);
+        let seen = [Lookup { table: model.weight("frame.character.weight"), ids: &self.seen }];
+        embed(&mut self.read, self.character, &seen);
+        dense::forward(self.trunk.input(), &self.read, linear(model, JOIN), &mut self.join);
+        let width = model.config.width;
+        add_rows(self.trunk.input(), width, model.weight("frame.position.weight"), &self.positions);
+        if self.class_rows > 0 {
+            add_rows(self.trunk.input(), width, model.weight(CLASS), &self.classes);
+        }
+        for labels in &self.labels {
+            add_rows(self.trunk.input(), width, model.weight(LABEL), labels);
+        }
+        for (telling, numbers) in told(&mut self.tellings, windows.told) {
+            telling.trunk.add(self.trunk.input(), numbers, model.weight(telling.names[0]));
+        }
+        self.trunk.forward(&model.weights, |_| between_frames(windows.mask));
+    }
+
+    /// What the trunk's last block gave (N, D).
+    pub fn vectors(&self) -> &[f32] {
+        self.trunk.last()
+    }
+
+    pub fn forward(&mut self, model: &Fast, windows: Windows) {
+        self.forward_trunk(model, windows);
+        let norm = Norm { weight: model.weight(NORM[1]), bias: model.weight(NORM[0]) };
+        dense::norm(&mut self.normed, &mut self.stats, self.trunk.last(), norm);
+        dense::forward(&mut self.told, &self.normed, linear(model, TELL), &mut self.tell);
+        for labels in &self.labels {
+            add_rows(&mut self.told, self.decoder.shape().width, model.weight(SPELT_LABEL), labels);
+        }
+        for (telling, numbers) in told(&mut self.tellings, windows.told) {
+            telling.decoder.add(&mut self.told, numbers, model.weight(telling.names[1]));
+        }
+        let mut lookups = [Lookup { table: &self.told, ids: &self.own }; SPELT.len() + 3];
+        let ahead = windows.told.filter(|told| !told.rows[0].is_empty());
+        let ahead = ahead.iter().flat_map(|told| AHEAD[2..].iter().copied().zip(&told.rows));
+        let mut used = 1;
+        for (lookup, (name, ids)) in lookups[1..].iter_mut().zip(SPELT.into_iter().zip(&self.spelt).chain(ahead)) {
+            *lookup = Lookup { table: model.weight(name), ids };
+            used += 1;
+        }
+        let d = self.decoder.shape().width;
+        embed(self.decoder.input(), d, &lookups[..used]);
+        self.decoder.forward(&model.weights, |_| SPELLING);
+        if self.ahead > 0 {
+            let (length, ahead) = (self.length * d, self.ahead * d);
+            for (rows, given) in self.rows.chunks_mut(length).zip(self.decoder.last().chunks(length - ahead)) {
+                rows[ahead..].copy_from_slice(given);
+            }
+        }
+    }
+
+    /// What the decoder gave (B T, d); 0 for the tokens of the front but its last.
+    pub fn last(&self) -> &[f32] {
+        if self.ahead > 0 { &self.rows } else { self.decoder.last() }
+    }
+
+    /// From the gradient `dx` (B T, d) of [`TwoLevel::last`], which is used up, those of all tensors before it; `added` adds to
+    /// that of [`TwoLevel::vectors`].
+    pub fn backward(&mut self, model: &Fast, windows: Windows, dx: &mut [f32], gradients: &mut [Floats], added: Added) {
+        let Some(Back { d_read, d_told, d_normed, d_trunk, d_rows, d_label }) = &mut self.back else {
+            panic!("buffers for the forward pass only")
+        };
+        let d = self.decoder.shape().width;
+        let dx = if self.ahead > 0 {
+            let (length, ahead) = (self.length * d, self.ahead * d);
+            for (dx, rows) in dx.chunks(length).zip(d_rows.chunks_mut(length - ahead)) {
+                rows.copy_from_slice(&dx[ahead..]);
+            }
+            &mut **d_rows
+        } else {
+            dx
+        };
+        self.decoder.backward(&model.weights, gradients, dx, |_| SPELLING);
+        for (name, ids) in SPELT.iter().zip(&self.spelt) {
+            into_table(&mut gradients[model.index(name)], d, ids, dx);
+        }
+        into_table(d_told, d, &self.own, dx);
+        into_labels(model, gradients, SPELT_LABEL, d_label, &self.labels, d_told);
+        for name in AHEAD.iter().chain(&MUSIC) {
+            if let Some(i) = model.find(name) {
+                gradients[i].fill(0.0);
+            }
+        }
+        if let Some(rows) = windows.told.map(|told| &told.rows).filter(|rows| !rows[0].is_empty()) {
+            for (name, rows) in AHEAD[2..].iter().zip(rows) {
+                into_table(&mut gradients[model.index(name)], d, rows, dx);
+            }
+        }
+        for (telling, numbers) in told(&mut self.tellings, windows.told) {
+            let name = telling.names[1];
+            telling.decoder.backward(d_told, numbers, model.weight(name), &mut gradients[model.index(name)]);
+        }
+        let to = gradients_of(model, gradients, TELL);
+        dense::backward(Some(d_normed), d_told, &self.normed, model.weight(TELL[1]), to, &mut self.tell);
+        let Linear { weight, bias } = gradients_of(model, gradients, NORM);
+        let saved = (self.trunk.last(), &*self.stats);
+        dense::norm_backward(d_trunk, d_normed, saved, model.weight(NORM[1]), Norm { weight, bias });
+        added(model, self.trunk.last(), d_trunk, gradients);
+        self.trunk.backward(&model.weights, gradients, d_trunk, |_| between_frames(windows.mask));
+        for (telling, numbers) in told(&mut self.tellings, windows.told) {
+            let name = telling.names[0];
+            telling.trunk.backward(d_trunk, numbers, model.weight(name), &mut gradients[model.index(name)]);
+        }
+        let width = model.config.width;
+        into_table(&mut gradients[model.index("frame.position.weight")], width, &self.positions, d_trunk);
+        if self.class_rows > 0 {
+            into_table(&mut gradients[model.index(CLASS)], width, &self.classes, d_trunk);
+        }
+        into_labels(model, gradients, LABEL, d_label, &self.labels, d_trunk);
+        let to = gradients_of(model, gradients, JOIN);
+        dense::backward(Some(d_read), d_trunk, &self.read, model.weight(JOIN[1]), to, &mut self.join);
+        into_table(&mut gradients[model.index("frame.character.weight")], self.character, &self.seen, d_read);
+    }
+}
+
+/// The tellings that there are numbers for, with them.
+fn told<'a>(tellings: &'a mut [Telling], told: Option<&'a Told>) -> impl Iterator<Item = (&'a mut Telling, &'a [f32])> {
+    let with = move |telling: &'a mut Telling| told.map(|told| ((telling.numbers)(told), telling));
+    tellings
+        .iter_mut()
+        .filter_map(with)
+        .filter(|(numbers, _)| !numbers.is_empty())
+        .map(|(numbers, telling)| (telling, numbers))
+}
+
+/// The gradient of the table `name` (V, n), of which every frame takes the rows of all `labels` (N), from that of what they are
+/// added to, `dx` (N, n); `room` holds what one label gives.
+fn into_labels(model: &Fast, gradients: &mut [Floats], name: &str, room: &mut [f32], labels: &[Vec<u32>], dx: &[f32]) {
+    let Some(table) = model.find(name) else { return };
+    let gradient = &mut gradients[table];
+    gradient.fill(0.0);
+    for ids in labels {
+        let room = &mut room[..gradient.len()];
+        into_table(room, dx.len() / ids.len(), ids, dx);
+        gradient.iter_mut().zip(room).for_each(|(g, d)| *g += *d);
+    }
+}
+
+/// A frame sees those before it, or what `mask` (F, F) or (B, F, F) lets it.
+fn between_frames(mask: Mask<'_>) -> Rules<'_> {
+    Rules { mask, dropout: None, rope: None }
+}
+
+fn linear<'a>(model: &'a Fast, [bias, weight]: [&str; 2]) -> Linear<&'a [f32]> {
+    Linear { weight: model.weight(weight), bias: model.weight(bias) }
+}
+
+/// The gradients of a layer.
+fn gradients_of<'a>(model: &Fast, all: &'a mut [Floats], names: [&str; 2]) -> Linear<&'a mut [f32]> {
+    let Ok([bias, weight]) = all.get_disjoint_mut(names.map(|name| model.index(name))) else {
+        panic!("a model has its tensors")
+    };
+    Linear { weight: &mut **weight, bias: &mut **bias }
+}

@@ -1,0 +1,166 @@
+//! What a two-level model reads: rows of tables for the trunk, a frame at a time, and for the decoder, a character at a time.
+//!
+//! Letters: W tokens of a word, C = W - 1 characters, S the most bins of a place, R steps that a place can take. Token t of a
+//! window's words is its input t + 1: windows begin with the last token of the front here, so that tokens before it (the labels)
+//! are left out. Row t of the decoder predicts it, at place t mod W of frame t / W.
+//!
+//! Of a classifier's model the n rows of the trunk behind a window's last frame are *class rows*. Each reads the two frames
+//! before it, as the row that would speak for the next frame does, and has a vector of its own in the place of a position.
+
+use super::config::TokenLayout;
+use kinelm_engine::bins::Bins;
+use kinelm_engine::op::embedding::NONE;
+use kinelm_engine::words::{Steps, Words};
+
+/// Rows of `last`, `place`, `character` and `step` that are added for a token.
+pub const SPELT: [&str; 4] = ["spell.last.weight", "spell.place.weight", "spell.character.weight", "spell.step.weight"];
+
+/// Frames back that the trunk reads.
+pub const BACK: usize = 2;
+
+/// Reads windows whose words are frames.
+#[derive(Debug, Clone)]
+pub struct Frames {
+    words: Words,
+    pad: u32,
+}
+
+impl Frames {
+    /// Of windows of these tokens, whose places are of one kind each.
+    pub fn of(tokens: &TokenLayout) -> Frames {
+        Frames { words: Words::new(1, tokens.bins()), pad: tokens.pad }
+    }
+
+    /// Frames of a window, up to the first that is padding.
+    pub fn shown(&self, inputs: &[u32]) -> usize {
+        inputs.iter().skip(1).step_by(self.word()).take_while(|&&id| id != self.pad).count()
+    }
+
+    /// W.
+    pub fn word(&self) -> usize {
+        self.words.length()
+    }
+
+    /// C: characters of a frame.
+    pub fn characters(&self) -> usize {
+        self.words.places().len()
+    }
+
+    /// S + 1: rows that a character has in a table of characters; the last is for one that is missing.
+    pub fn bins(&self) -> usize {
+        self.words.steps().most() + 1
+    }
+
+    /// How tables of steps are laid out: behind all R steps row R is for one that is missing.
+    pub fn steps(&self) -> Steps {
+        self.words.steps()
+    }
+
+    /// What stands at the places of a frame.
+    pub fn places(&self) -> &[Bins] {
+        self.words.places()
+    }
+
+    /// The rows (2 C) of the table of characters that the trunk reads for frame `frame`: of the frame before, then of the one
+    /// before that; each place has S + 1 rows of its own.
+    pub fn seen(&self, inputs: &[u32], frame: usize, rows: &mut [u32]) {
+        rows.iter_mut().zip(self.words.seen(inputs, frame)).for_each(|(to, row)| *to = row as u32);
+    }
+
+    /// The rows of [`SPELT`] for the decoder's row of token `token`, which reads what stands before it.
+    pub fn spelt(&self, inputs: &[u32], token: usize) -> [u32; 4] {
+        self.words.spelt(inputs, token).map(|row| row as u32)
+    }
+}
+
+/// A row of the trunk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TrunkRow {
+    /// It reads the frames before this one.
+    pub frame: usize,
+    /// Its row of the table of positions; [`NONE`] of a class row.
+    pub position: u32,
+    /// Its row of the table of class rows; [`NONE`] of one that speaks for a frame.
+    pub class: u32,
+}
+
+/// The row `row` of the trunk in a window of `shown` frames, behind which `classes` class rows stand.
+pub fn trunk_row(row: usize, shown: usize, classes: usize) -> TrunkRow {
+    match row.checked_sub(shown).filter(|class| *class < classes) {
+        Some(class) => TrunkRow { frame: shown, position: NONE, class: class as u32 },
+        None => TrunkRow { frame: row, position: row as u32, class: NONE },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::forms;
+
+    /// Two angles of 7 bins, one of 5, heights of 6 and 4: S 7, circular steps 7, clamped 11.
+    fn frames() -> Frames {
+        Frames::of(&TokenLayout { front: 1, ..forms::placed() })
+    }
+
+    /// `<bos>` and three frames of which the first has one character missing.
+    const INPUTS: [u32; 19] = [1, 6, 3, 13, 18, 19, 5, 12, 7, 17, 23, 22, 5, 6, 6, 13, 18, 19, 5];
+
+    #[test]
+    fn the_trunk_reads_two_frames_back() {
+        let frames = frames();
+        assert_eq!((frames.characters(), frames.bins(), frames.steps().all()), (5, 8, 18));
+        let seen = |f: usize| {
+            let mut rows = [0; 10];
+            frames.seen(&INPUTS, f, &mut rows);
+            rows
+        };
+        let none = [7, 15, 23, 31, 39];
+        assert_eq!(seen(0), [none, none].concat()[..]);
+        assert_eq!(seen(1), [[0, 15, 16, 24, 32], none].concat()[..]);
+        assert_eq!(seen(2), [[6, 9, 20, 29, 35], [0, 15, 16, 24, 32]].concat()[..]);
+    }
+
+    #[test]
+    fn the_decoder_reads_steps_round_the_circle_and_up_to_the_ends() {
+        let frames = frames();
+        // begin; then bins of a first frame, behind one that is missing the beginning again
+        assert_eq!(frames.spelt(&INPUTS, 0), [18, 0, 7, 18]);
+        assert_eq!(frames.spelt(&INPUTS, 1), [19, 1, 7, 18]);
+        assert_eq!(frames.spelt(&INPUTS, 2), [18, 2, 7, 18]);
+        // the second frame: 0 to 6 is 6 round a circle of 7
+        assert_eq!(frames.spelt(&INPUTS, 7), [6, 1, 7, 18]);
+        // behind a character whose frame before is missing, its bin
+        assert_eq!(frames.spelt(&INPUTS, 8), [18 + 1 + 1, 2, 0, 18]);
+        // the third: a height from 5 down to 0, 11 clamped steps around 7 + 5
+        assert_eq!(frames.spelt(&INPUTS, 16), [7 + 5 - 5, 4, 3, 7 + 5 + 3]);
+        // a space
+        assert_eq!(frames.spelt(&INPUTS, 17), [7 + 5 - 3, 5, 7, 18]);
+    }
+
+    #[test]
+    fn padding_is_no_frame() {
+        let frames = frames();
+        assert_eq!(frames.shown(&INPUTS), 3);
+        assert_eq!(frames.shown(&INPUTS[..8]), 2);
+        assert_eq!(frames.shown(&[&INPUTS[..13], &[0; 12]].concat()), 2);
+        assert_eq!((frames.shown(&[1]), frames.shown(&[])), (0, 0));
+        let rows: Vec<_> = (0..5).map(|row| trunk_row(row, 2, 2)).collect();
+        assert_eq!(rows.iter().map(|r| r.frame).collect::<Vec<_>>(), [0, 1, 2, 2, 4]);
+        assert_eq!(rows.iter().map(|r| r.position).collect::<Vec<_>>(), [0, 1, NONE, NONE, 4]);
+        assert_eq!(rows.iter().map(|r| r.class).collect::<Vec<_>>(), [NONE, NONE, 0, 1, NONE]);
+    }
+
+    #[test]
+    fn nothing_ahead_is_read() {
+        let frames = frames();
+        for token in 0..18 {
+            let mut other = INPUTS;
+            other[token + 1..].fill(0);
+            assert_eq!(frames.spelt(&other, token), frames.spelt(&INPUTS, token), "{token}");
+            let (mut a, mut b) = ([0; 10], [0; 10]);
+            frames.seen(&INPUTS, token / 6, &mut a);
+            frames.seen(&other, token / 6, &mut b);
+            assert_eq!(a, b, "{token}");
+        }
+    }
+}

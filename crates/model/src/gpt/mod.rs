@@ -1,0 +1,234 @@
+//! A pre-norm GPT-2 over the words of a dance: the plain form, differentiable, on any device, which faster forms are
+//! compared with.
+//!
+//! Letters: B batch, T tokens, V vocabulary.
+
+#[cfg(test)]
+mod tests;
+
+use crate::ahead::Told;
+use crate::cache::Cache;
+use crate::config::{ModelConfig, TokenLayout};
+use crate::dropout::Dropout;
+use crate::layout;
+use crate::net::{Beside, Net};
+use crate::ops::Mask;
+use crate::{Error, Result};
+use candle_core::{DType, Device, Tensor, Var};
+use kinelm_engine::op::smoothing::Smoothing;
+use std::collections::BTreeMap;
+
+/// A model: its shape and its variables.
+pub struct Gpt {
+    config: ModelConfig,
+    tokens: TokenLayout,
+    vars: BTreeMap<String, Var>,
+    net: Net,
+    smoothing: Option<Smoothing>,
+}
+
+impl Gpt {
+    /// A model before training, on the CPU.
+    ///
+    /// # Errors
+    /// A configuration that doesn't hold: the key and its limits.
+    pub fn new(config: &ModelConfig, tokens: &TokenLayout, seed: u64) -> Result<Gpt> {
+        config.validate_for(tokens)?;
+        Gpt::from_tensors(config, tokens, layout::initial(config, tokens, seed)?)
+    }
+
+    /// A model of these tensors, copied, on the device where they are.
+    ///
+    /// # Errors
+    /// As [`Gpt::new`]; tensors that are missing, not the model's, or of another shape: each is named.
+    pub fn from_tensors(config: &ModelConfig, tokens: &TokenLayout, tensors: BTreeMap<String, Tensor>) -> Result<Gpt> {
+        let all = layout::checked(config, tokens, tensors)?.into_iter();
+        let vars: BTreeMap<String, Var> =
+            all.map(|(p, tensor)| Ok((p.name, Var::from_tensor(&tensor)?))).collect::<Result<_>>()?;
+        let net = Net::new(config, tokens, &|name| vars[name].as_tensor().clone());
+        Ok(Gpt { config: config.clone(), tokens: tokens.clone(), vars, net, smoothing: None })
+    }
+
+    /// The `[model]` table it was made from.
+    pub fn config(&self) -> &ModelConfig {
+        &self.config
+    }
+
+    /// What its tokenizer decided.
+    pub fn tokens(&self) -> &TokenLayout {
+        &self.tokens
+    }
+
+    /// Its variables by name, in the order of the names.
+    pub fn vars(&self) -> &BTreeMap<String, Var> {
+        &self.vars
+    }
+
+    /// The same model in f64, for checking gradients.
+    ///
+    /// # Errors
+    /// None in practice.
+    pub fn to_f64(&self) -> Result<Gpt> {
+        let tensors = self.vars.iter().map(|(n, v)| Ok((n.clone(), v.as_tensor().to_dtype(DType::F64)?)));
+        Gpt::from_tensors(&self.config, &self.tokens, tensors.collect::<Result<_>>()?)
+    }
+
+    /// The device it is on.
+    pub fn device(&self) -> &Device {
+        self.net.device()
+    }
+
+    /// `ids` (B, T) for [`Gpt::forward`], T = `length`.
+    ///
+    /// # Errors
+    /// Ids outside the vocabulary (not every device would refuse them), more tokens than the context.
+    ///
+    /// # Panics
+    /// If they are not whole windows of `length`.
+    pub fn ids(&self, ids: &[u32], length: usize) -> Result<Tensor> {
+        self.check_length(length)?;
+        self.net.ids(ids, length)
+    }
+
+    /// Logits (B, T, V) of the token behind each of `ids` (B, T), in a masked model of the token itself, T at most the
+    /// context; minus infinity where an id can't come. Differentiable.
+    ///
+    /// # Errors
+    /// More tokens than the context, what the device refuses.
+    pub fn forward(&self, ids: &Tensor, dropout: Option<&Dropout>) -> Result<Tensor> {
+        self.forward_masked(ids, &self.mask(), dropout)
+    }
+
+    /// As [`Gpt::forward`], with attention that sees what `mask` lets it.
+    ///
+    /// # Errors
+    /// As [`Gpt::forward`]; a mask of another shape.
+    pub fn forward_masked(&self, ids: &Tensor, mask: &Mask, dropout: Option<&Dropout>) -> Result<Tensor> {
+        self.check_length(ids.dims2()?.1)?;
+        self.net.forward(ids, mask, Beside { dropout, told: None }, None)
+    }
+
+    /// As [`Gpt::forward`], frames being told what is given ahead.
+    ///
+    /// # Errors
+    /// As [`Gpt::forward`]; what is told of other frames.
+    pub fn forward_told(&self, ids: &Tensor, told: &Told) -> Result<Tensor> {
+        self.check_told(ids, Some(told))?;
+        self.net.forward(ids, &self.mask(), Beside { dropout: None, told: Some(told) }, None)
+    }
+
+    /// What the heads read of `ids` (B, T): the final norm's output (B T, D). Differentiable.
+    ///
+    /// # Errors
+    /// As [`Gpt::forward_masked`].
+    pub fn final_vectors(&self, ids: &Tensor, mask: &Mask) -> Result<Tensor> {
+        self.check_length(ids.dims2()?.1)?;
+        self.net.final_vectors(ids, mask)
+    }
+
+    /// As [`Gpt::forward`] without dropout, and nothing is kept for gradients.
+    ///
+    /// # Errors
+    /// As [`Gpt::forward`].
+    pub fn predict(&self, ids: &Tensor) -> Result<Tensor> {
+        self.check_length(ids.dims2()?.1)?;
+        self.frozen().forward(ids, &self.mask(), Beside::default(), None)
+    }
+
+    /// What attention sees in a model of this kind.
+    pub fn mask(&self) -> Mask {
+        self.net.mask()
+    }
+
+    /// Targets are smoothed over neighbouring bins from now on, by a kernel `width` bins wide; `None`: no longer. Losses
+    /// stay those of the targets themselves; their gradients don't.
+    ///
+    /// # Panics
+    /// If the width is no positive number.
+    pub fn smooth_targets(&mut self, width: Option<f64>) {
+        self.smoothing = width.map(Smoothing::new);
+    }
+
+    /// Sum over the targets that aren't `<pad>` of -ln p, in nats; `targets` holds B T ids.
+    ///
+    /// # Errors
+    /// As [`Gpt::forward`]; targets outside the vocabulary; under a relative head targets behind no bin.
+    pub fn loss_sum(&self, ids: &Tensor, targets: &[u32], dropout: Option<&Dropout>) -> Result<Tensor> {
+        self.loss_sum_told(ids, targets, dropout, None)
+    }
+
+    /// As [`Gpt::loss_sum`], frames being told what is given ahead.
+    ///
+    /// # Errors
+    /// As [`Gpt::loss_sum`]; what is told of other frames.
+    pub fn loss_sum_told(
+        &self,
+        ids: &Tensor,
+        targets: &[u32],
+        dropout: Option<&Dropout>,
+        told: Option<&Told>,
+    ) -> Result<Tensor> {
+        self.check(ids, targets)?;
+        self.check_told(ids, told)?;
+        Ok(self.net.nats(ids, targets, Beside { dropout, told }, self.smoothing.as_ref())?.sum_all()?)
+    }
+
+    /// Mean cross-entropy over the targets that aren't `<pad>`, in nats a token; 0 where there are none.
+    ///
+    /// # Errors
+    /// As [`Gpt::loss_sum`].
+    pub fn loss(&self, ids: &Tensor, targets: &[u32], dropout: Option<&Dropout>) -> Result<Tensor> {
+        let counted = targets.iter().filter(|&&t| t != self.tokens.pad).count();
+        Ok((self.loss_sum(ids, targets, dropout)? / counted.max(1) as f64)?)
+    }
+
+    /// A reader of one sequence that remembers what it read.
+    ///
+    /// It shares the model's numbers: training steps taken later are seen by what it reads then.
+    ///
+    /// # Errors
+    /// A two-level model; no memory on the device.
+    pub fn cache(&self) -> Result<Cache> {
+        if !self.config.architecture.is_flat() {
+            let what =
+                "the plain form of a two-level model reads whole windows alone; generate with the form auto on the cpu";
+            return Err(Error::call(what));
+        }
+        let c = &self.config;
+        Cache::new(self.frozen(), (c.layers, c.heads, c.context, c.width / c.heads), self.device())
+    }
+
+    pub(super) fn frozen_nats(&self, ids: &Tensor, targets: &[u32], told: Option<&Told>) -> Result<Tensor> {
+        self.check(ids, targets)?;
+        self.check_told(ids, told)?;
+        self.frozen().nats(ids, targets, Beside { dropout: None, told }, None)
+    }
+
+    fn check_told(&self, ids: &Tensor, told: Option<&Told>) -> Result<()> {
+        let (batch, length) = ids.dims2()?;
+        told.map_or(Ok(()), |told| told.check(&self.config, &self.tokens, (batch, length)))
+    }
+
+    fn check(&self, ids: &Tensor, targets: &[u32]) -> Result<()> {
+        self.check_length(ids.dims2()?.1)?;
+        if ids.elem_count() != targets.len() {
+            return Err(Error::call(format!("{} targets for {} inputs", targets.len(), ids.elem_count())));
+        }
+        let vocabulary = self.tokens.vocabulary;
+        match targets.iter().find(|&&t| t as usize >= vocabulary) {
+            Some(id) => Err(Error::call(format!("target {id} outside the vocabulary of {vocabulary} ids"))),
+            None => Ok(()),
+        }
+    }
+
+    fn frozen(&self) -> Net {
+        Net::new(&self.config, &self.tokens, &|name| self.vars[name].as_tensor().detach())
+    }
+
+    fn check_length(&self, found: usize) -> Result<()> {
+        match found <= self.config.context {
+            true => Ok(()),
+            false => Err(Error::call(format!("a window of {found} tokens; the context holds {}", self.config.context))),
+        }
+    }
+}

@@ -1,0 +1,48 @@
+//! The models: their configuration, the plain form, weights.
+#![forbid(unsafe_code)]
+
+pub mod ahead;
+pub mod architecture;
+mod cache;
+pub mod checkpoint;
+pub mod class_windows;
+pub mod config;
+mod device;
+mod dropout;
+pub mod error;
+pub mod exchange;
+pub mod fast;
+#[cfg(any(test, feature = "fixtures"))]
+#[doc(hidden)]
+pub mod forms;
+mod frames;
+#[cfg(test)]
+mod golden;
+pub mod gpt;
+pub mod layout;
+pub mod lead_in;
+pub mod likelihood;
+pub mod music;
+mod net;
+pub mod ops;
+pub mod past;
+mod position;
+mod pseudo;
+mod questions;
+mod reader;
+pub mod run;
+mod scores;
+pub mod weights;
+
+pub use architecture::{Architecture, DecoderConfig};
+pub use cache::Cache;
+pub use checkpoint::Which;
+pub use config::{HeadKind, Kind, ModelConfig, Positions, TokenLayout};
+pub use device::{Compute, DeviceName, Form};
+pub use dropout::Dropout;
+pub use error::{Error, Result};
+pub use gpt::Gpt;
+pub use ops::Mask;
+pub use reader::{Reader, Reading};
+pub use run::{LoadedRun, load_run};
+pub use scores::Scores;

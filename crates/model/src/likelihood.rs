@@ -1,0 +1,412 @@
+//! Bits a frame that a model needs for clips it is shown: docs/measures.md, "Bits a frame".
+
+use super::pseudo::pseudo;
+use crate::ahead::Told;
+use crate::{Error, Result};
+use crate::{Kind, ModelConfig, Scores, TokenLayout, music};
+use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, each_eval_window, fill_sequence};
+use serde::Serialize;
+
+/// Tokens that the model is asked about at a time, in whole windows.
+pub(super) const BATCH_TOKENS: usize = 4096;
+
+/// What a model makes of some clips.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Likelihood {
+    /// Bits of all scored tokens, spaces included, divided by their frames.
+    pub bits_per_frame: f64,
+    /// Nats of all scored tokens divided by their number.
+    pub nats_per_token: f64,
+    /// Tokens that were scored.
+    pub tokens: usize,
+    /// Their frames, rounded; those of a word that was scored in part are shared out over its tokens.
+    pub frames: usize,
+    /// Windows they stood in.
+    pub windows: usize,
+    /// Windows there are; more than `windows` where a limit was set.
+    pub all_windows: usize,
+    /// Whether a masked model was asked: its figures are no likelihood and don't compare with a causal model's.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub pseudo: bool,
+}
+
+/// Bits a frame of `model` on `clips`, `None` where they have no frame.
+///
+/// Windows hold as many whole words as the context does and move by half of them, see `eval_windows`; of each only what
+/// the one before has not scored counts. With `most` above 0, at most so many windows are taken, spread evenly. In front
+/// of each stand the labels of its clip as `conditions` knows them; those of [`Conditions::unknown`] hide all.
+///
+/// A masked model is asked for 15 % of the tokens of each window, drawn alike at every call; its figures are
+/// [`Likelihood::pseudo`].
+///
+/// # Errors
+/// A corpus of other words than the model's; other conditions than the model's; a model whose probabilities are not
+/// finite, with the clip named.
+pub fn likelihood(
+    model: &mut dyn Scores,
+    corpus: &Corpus,
+    clips: &[&ClipRecord],
+    most: usize,
+    conditions: &Conditions,
+) -> Result<Option<Likelihood>> {
+    likelihood_by_token(model, corpus, clips, most, conditions, &mut |_, _, _| {})
+}
+
+/// As [`likelihood`]; `each` is told of every scored token: the clip, the token's place in it, its nats.
+///
+/// # Errors
+/// As [`likelihood`].
+pub fn likelihood_by_token(
+    model: &mut dyn Scores,
+    corpus: &Corpus,
+    clips: &[&ClipRecord],
+    most: usize,
+    conditions: &Conditions,
+    each: &mut dyn FnMut(&ClipRecord, usize, f64),
+) -> Result<Option<Likelihood>> {
+    let (own, found) = (model.tokens(), TokenLayout::of(corpus.tokenizer()));
+    if conditions.len() != own.front {
+        let (k, front) = (conditions.len(), own.front);
+        return Err(Error::call(format!("{k} tokens in front of a window; the model was trained with {front}")));
+    }
+    if !own.reads(&found) {
+        let say = |t: &TokenLayout| {
+            format!("words of {}{} tokens from {} ids", if t.varying { "up to " } else { "" }, t.word, t.vocabulary)
+        };
+        return Err(Error::call(format!(
+            "the corpus has {}, the model was trained on {}; make the corpus with the run's tokenizer",
+            say(&found),
+            say(own)
+        )));
+    }
+    if model.config().kind == Kind::Masked {
+        return pseudo(model, corpus, clips, most, conditions);
+    }
+    let taken = Taken::of(corpus, clips, room(model.config(), own), most)?;
+    // the front's last token predicts a window's first
+    let length = taken.longest + conditions.len() - 1;
+    let (mut nats, mut tokens, mut frames) = (0.0, 0, 0.0);
+    let mut windows = taken.windows(corpus, clips)?;
+    loop {
+        let windows: Vec<EvalWindow> = windows.by_ref().take((BATCH_TOKENS / length).max(1)).collect();
+        if windows.is_empty() {
+            break;
+        }
+        let all = batch_nats(model, corpus, clips, &windows, length, conditions)?;
+        for (window, found) in windows.iter().zip(all.chunks(length)) {
+            let sum: f64 = found.iter().map(|&x| f64::from(x)).sum();
+            if !sum.is_finite() {
+                let clip = &clips[window.clip].name;
+                return Err(Error::NotFinite(format!("{clip} from token {}: {sum} nats", window.start)));
+            }
+            nats += sum;
+            for i in window.scored.clone() {
+                each(clips[window.clip], window.start + i, found[conditions.len() - 1 + i].into());
+            }
+            tokens += window.scored.len();
+            frames += scored_frames(corpus, clips[window.clip], window);
+        }
+    }
+    let bits_per_frame = nats / std::f64::consts::LN_2 / frames;
+    let nats_per_token = nats / tokens as f64;
+    let (frames, windows, all_windows) = (frames.round() as usize, taken.count, taken.all);
+    let found = Likelihood { bits_per_frame, nats_per_token, tokens, frames, windows, all_windows, pseudo: false };
+    Ok((tokens > 0).then_some(found))
+}
+
+/// Word tokens of a window: a masked model's last input predicts no token behind it.
+pub fn room(config: &ModelConfig, tokens: &TokenLayout) -> usize {
+    match config.kind {
+        Kind::Causal => tokens.room(config.context),
+        Kind::Masked => tokens.room(config.context).saturating_sub(1),
+    }
+}
+
+/// The windows of clips that are measured: all, or some that are spread evenly. They are never held together.
+pub(super) struct Taken {
+    room: usize,
+    /// Windows there are.
+    pub(super) all: usize,
+    /// Windows that are taken.
+    pub(super) count: usize,
+    /// Tokens of the longest of these; 1 where there is none.
+    pub(super) longest: usize,
+}
+
+impl Taken {
+    /// At most `most` windows of `room` tokens; 0: all.
+    ///
+    /// # Errors
+    /// Those of [`each_eval_window`].
+    pub(super) fn of(corpus: &Corpus, clips: &[&ClipRecord], room: usize, most: usize) -> Result<Taken> {
+        let all = each_eval_window(clips.iter().map(|c| corpus.words(c)), room)?.count();
+        let count = if most == 0 { all } else { most.min(all) };
+        let mut taken = Taken { room, all, count, longest: 1 };
+        taken.longest = taken.windows(corpus, clips)?.map(|w| w.tokens).max().unwrap_or(1);
+        Ok(taken)
+    }
+
+    /// They, in order.
+    ///
+    /// # Errors
+    /// As [`Taken::of`].
+    pub(super) fn windows<'a>(
+        &self,
+        corpus: &'a Corpus,
+        clips: &'a [&ClipRecord],
+    ) -> Result<impl Iterator<Item = EvalWindow> + use<'a>> {
+        Ok(self.numbered(corpus, clips)?.map(|(_, window)| window))
+    }
+
+    /// They, in order, each with its number among all.
+    ///
+    /// # Errors
+    /// As [`Taken::of`].
+    pub(super) fn numbered<'a>(
+        &self,
+        corpus: &'a Corpus,
+        clips: &'a [&ClipRecord],
+    ) -> Result<impl Iterator<Item = (usize, EvalWindow)> + use<'a>> {
+        let (all, count, mut next) = (self.all, self.count, 0);
+        let windows = each_eval_window(clips.iter().map(|c| corpus.words(c)), self.room)?;
+        Ok(windows.enumerate().filter(move |(number, _)| {
+            let is_taken = next < count && *number == next * all / count;
+            next += usize::from(is_taken);
+            is_taken
+        }))
+    }
+}
+
+/// Frames of a window's scored tokens. Those of a word that is scored in part are shared out over its tokens.
+pub(super) fn scored_frames(corpus: &Corpus, clip: &ClipRecord, window: &EvalWindow) -> f64 {
+    let words = corpus.words(clip);
+    let scored = window.start + window.scored.start..window.start + window.scored.end;
+    let frames = |word: usize| {
+        let (start, end) = (words.start(word), words.start(word + 1));
+        let tokens = end.min(scored.end) - start.max(scored.start);
+        corpus.frames_of(clip, word..word + 1) as f64 * (tokens as f64 / (end - start) as f64)
+    };
+    (words.before(scored.start + 1) - 1..words.before(scored.end)).map(frames).sum()
+}
+
+/// Nats of the scored tokens of each window, (windows, length), 0 elsewhere; all become `length` tokens long, and what
+/// isn't scored is padding.
+fn batch_nats(
+    model: &mut dyn Scores,
+    corpus: &Corpus,
+    clips: &[&ClipRecord],
+    windows: &[EvalWindow],
+    length: usize,
+    conditions: &Conditions,
+) -> Result<Vec<f32>> {
+    let (pad, before) = (model.tokens().pad, conditions.len() - 1);
+    let (mut inputs, mut targets) = (vec![pad; windows.len() * length], vec![pad; windows.len() * length]);
+    for (window, (input, target)) in windows.iter().zip(inputs.chunks_mut(length).zip(targets.chunks_mut(length))) {
+        let clip = clips[window.clip];
+        let ids = corpus.ids(clip, window.start..window.start + window.tokens)?;
+        fill_sequence(&ids, &conditions.front(&clip.labels), pad, input, target);
+        target[..before + window.scored.start].fill(pad);
+        target[before + window.scored.end..].fill(pad);
+    }
+    let mut nats = vec![0.0; targets.len()];
+    let told = heard(model.config(), corpus, clips, windows, (length, conditions))?;
+    model.nats_told((&inputs, &targets), length, told.as_ref(), &mut nats)?;
+    Ok(nats)
+}
+
+/// What windows of so many tokens are told of the music of their clips, if the model is told of any and conditions aren't
+/// hidden.
+fn heard(
+    config: &ModelConfig,
+    corpus: &Corpus,
+    clips: &[&ClipRecord],
+    windows: &[EvalWindow],
+    (length, conditions): (usize, &Conditions),
+) -> Result<Option<Told>> {
+    let (manifest, is_told) = (corpus.manifest(), !config.music.is_none() && !conditions.are_hidden());
+    let Some(word) = manifest.tokens_per_word.filter(|_| is_told) else { return Ok(None) };
+    let frames = (length + 1 - conditions.len()) / word;
+    let of_window = |window: &EvalWindow| {
+        let first = window.start / word;
+        let times = (first..first + frames).map(|frame| frame as f64 / manifest.fps);
+        Ok(music::told(config, &corpus.sound(clips[window.clip])?, times, 1.0))
+    };
+    let all: Vec<Vec<f32>> = windows.iter().map(of_window).collect::<Result<_>>()?;
+    Ok(Some(Told { music: all.concat(), ..Told::default() }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fast::Fast;
+    use crate::forms::TOKENS;
+    use crate::{Gpt, Reader, Reading};
+    use candle_core::{Device, Tensor};
+    use kinelm_corpus::Split;
+    use kinelm_corpus::conditions::with_labels;
+    use kinelm_corpus::fixture;
+
+    #[test]
+    fn every_token_counts_once_and_a_model_that_knows_nothing_needs_its_vocabulary() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::corpus(dir.path(), &[(30, Split::Valid), (2, Split::Valid)]);
+        let clips: Vec<_> = corpus.split(Split::Valid).collect();
+        let config = ModelConfig { layers: 1, heads: 1, width: 8, context: 36, ..Default::default() };
+        let mut gpt = Gpt::new(&config, &TOKENS, 1).unwrap();
+        let zero = Tensor::zeros((TOKENS.vocabulary, 8), candle_core::DType::F32, &Device::Cpu).unwrap();
+        gpt.vars()["token.weight"].set(&zero).unwrap();
+        let all = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
+        assert_eq!((all.tokens, all.frames), (32 * 7, 32));
+        let expected = 7.0 * (TOKENS.vocabulary as f64).log2();
+        assert!((all.bits_per_frame - expected).abs() < 1e-4, "{} {expected}", all.bits_per_frame);
+        // 30 frames in windows of 5 that move by 2: 14; and one of the short clip
+        assert_eq!((all.windows, all.all_windows), (15, 15));
+        let some = likelihood(&mut gpt, &corpus, &clips, 4, &Conditions::none()).unwrap().unwrap();
+        assert_eq!((some.windows, some.all_windows), (4, 15));
+        assert_eq!(likelihood(&mut gpt, &corpus, &[], 0, &Conditions::none()).unwrap(), None);
+    }
+
+    #[test]
+    fn the_windows_are_those_of_the_definition() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::corpus(dir.path(), &[(11, Split::Valid)]);
+        let clips: Vec<_> = corpus.split(Split::Valid).collect();
+        let config = ModelConfig { layers: 2, heads: 2, width: 8, context: 30, ..Default::default() };
+        let mut gpt = Gpt::new(&config, &TOKENS, 4).unwrap();
+        let found = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
+        // by hand: windows of 4 words at frames 0, 2, 4, 6, 8; the first is scored whole, then two words each, then one
+        let ids = corpus.clip_ids(clips[0]).unwrap();
+        let mut nats = 0.0;
+        for (first, last, unscored) in [(0, 4, 0), (2, 6, 2), (4, 8, 2), (6, 10, 2), (8, 11, 2)] {
+            let mut cache = gpt.cache().unwrap();
+            let mut input = vec![1];
+            input.extend(&ids[first * 7..last * 7 - 1]);
+            let logits = cache.read_all(&input).unwrap().to_vec2::<f32>().unwrap();
+            for (i, row) in logits.iter().enumerate().skip(unscored * 7) {
+                let sum: f64 = row.iter().map(|&x| (x as f64).exp()).sum();
+                nats += sum.ln() - row[ids[first * 7 + i] as usize] as f64;
+            }
+        }
+        let expected = nats / std::f64::consts::LN_2 / 11.0;
+        assert!((found.bits_per_frame - expected).abs() < 1e-4, "{} {expected}", found.bits_per_frame);
+    }
+
+    #[test]
+    fn labels_in_front_count_nothing_and_tell_the_model() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::corpus(dir.path(), &[(11, Split::Valid), (4, Split::Valid)]);
+        let clips: Vec<_> = corpus.split(Split::Valid).collect();
+        let fields = ["genre".to_string()];
+        let tokenizer = with_labels(corpus.tokenizer(), corpus.clips(), &fields).unwrap();
+        let conditions = Conditions::new(&fields, tokenizer.vocabulary());
+        let tokens = TokenLayout { front: 2, ..TokenLayout::of(&tokenizer) };
+        // 30 tokens of words beside the front: windows of 4 words
+        let config = ModelConfig { layers: 2, heads: 2, width: 8, context: 31, ..Default::default() };
+        let mut gpt = Gpt::new(&config, &tokens, 4).unwrap();
+        let found = likelihood(&mut gpt, &corpus, &clips, 0, &conditions).unwrap().unwrap();
+        assert_eq!((found.tokens, found.frames, found.windows), (15 * 7, 15, 6));
+        // by hand, the second clip of one window: <bos> <genre:b> and its tokens but the last
+        let by_hand = |model: &Gpt, genre: u32| {
+            let ids = corpus.clip_ids(clips[1]).unwrap();
+            let mut cache = model.cache().unwrap();
+            let input: Vec<u32> = [1, genre].into_iter().chain(ids[..27].iter().copied()).collect();
+            let logits = cache.read_all(&input).unwrap().to_vec2::<f32>().unwrap();
+            let rows = logits[1..].iter().zip(&ids).map(|(row, &id)| {
+                let sum: f64 = row.iter().map(|&x| (x as f64).exp()).sum();
+                sum.ln() - row[id as usize] as f64
+            });
+            rows.sum::<f64>() / std::f64::consts::LN_2 / 4.0
+        };
+        for (conditions, genre) in [(conditions.clone(), 17), (conditions.unknown(), 4)] {
+            let found = likelihood(&mut gpt, &corpus, &clips[1..], 0, &conditions).unwrap().unwrap();
+            let expected = by_hand(&gpt, genre);
+            assert!((found.bits_per_frame - expected).abs() < 1e-4, "{} {expected}", found.bits_per_frame);
+        }
+        assert!((by_hand(&gpt, 17) - by_hand(&gpt, 4)).abs() > 1e-3);
+        let message = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap_err().to_string();
+        assert_eq!(message, "1 tokens in front of a window; the model was trained with 2");
+    }
+
+    #[test]
+    fn music_is_told_where_each_window_stands_unless_it_is_hidden() {
+        use crate::music::Music;
+        use crate::{Architecture, forms};
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::heard(dir.path(), &[(40, Split::Train), (20, Split::Valid)]);
+        let clips: Vec<_> = corpus.split(Split::Valid).collect();
+        let tokens = TokenLayout::of(corpus.tokenizer());
+        let config = ModelConfig {
+            architecture: Architecture::TwoLevel,
+            layers: 1,
+            heads: 2,
+            width: 16,
+            window: Some(16),
+            music: Music::Beats,
+            ..Default::default()
+        };
+        let gpt = forms::model(&config.resolved(&tokens), &tokens);
+        let mut fast = Fast::of(&gpt).unwrap();
+        let mut bits = |conditions: &Conditions| {
+            likelihood(&mut fast, &corpus, &clips, 0, conditions).unwrap().unwrap().bits_per_frame
+        };
+        let (told, hidden) = (bits(&Conditions::none()), bits(&Conditions::none().unknown()));
+        // by hand: a window of the first 16 frames, and one from frame 8 on of which the last four are scored
+        let ids = corpus.clip_ids(clips[0]).unwrap();
+        let mut by_hand = |is_told: bool| {
+            let mut nats = 0.0;
+            for (first, last, scored) in [(0, 16, 0), (8, 20, 8)] {
+                let word = tokens.word;
+                let targets = &ids[first * word..last * word];
+                let inputs = [&[1], &targets[..targets.len() - 1]].concat();
+                let times = (first..last).map(|frame| frame as f64 / 20.0);
+                let music = music::told(&config, &corpus.sound(clips[0]).unwrap(), times, 1.0);
+                let told = Told { music, ..Told::default() };
+                let mut found = vec![0.0; inputs.len()];
+                let windows = (&inputs[..], targets);
+                Scores::nats_told(&mut fast, windows, inputs.len(), is_told.then_some(&told), &mut found).unwrap();
+                nats += found[scored * word..].iter().map(|&x| f64::from(x)).sum::<f64>();
+            }
+            nats / std::f64::consts::LN_2 / 20.0
+        };
+        assert!((told - by_hand(true)).abs() < 1e-4 && (hidden - by_hand(false)).abs() < 1e-4);
+        assert!((told - hidden).abs() > 1e-2, "{told} {hidden}");
+    }
+
+    #[test]
+    fn words_of_any_length_count_once_and_all_forms_agree() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::merged(dir.path(), &[(120, Split::Valid), (1, Split::Valid), (77, Split::Valid)]);
+        let clips: Vec<_> = corpus.split(Split::Valid).collect();
+        let tokens = TokenLayout::of(corpus.tokenizer());
+        let all: usize = clips.iter().map(|c| c.tokens).sum();
+        assert!(tokens.varying && corpus.words(clips[0]).len() == 120);
+        // a context of several words, and one that some words don't fit into
+        for context in [50, 4] {
+            let config = ModelConfig { layers: 2, heads: 2, width: 8, context, ..Default::default() };
+            let mut gpt = Gpt::new(&config, &tokens, 1).unwrap();
+            let plain = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
+            assert_eq!((plain.tokens, plain.frames), (all, 198));
+            let per_frame = plain.nats_per_token / std::f64::consts::LN_2 * all as f64 / 198.0;
+            assert!((plain.bits_per_frame - per_frame).abs() < 1e-9);
+            let mut fast = Fast::of(&gpt).unwrap();
+            let mut reader = Reader::new(&gpt, Reading::default()).unwrap();
+            for other in [&mut fast as &mut dyn Scores, &mut reader] {
+                let found = likelihood(other, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
+                let apart = (found.bits_per_frame / plain.bits_per_frame - 1.0).abs();
+                assert!(apart < 1e-6 && found.tokens == all, "{found:?}, {plain:?}");
+            }
+            let zero = Tensor::zeros((tokens.vocabulary, 8), candle_core::DType::F32, &Device::Cpu).unwrap();
+            gpt.vars()["token.weight"].set(&zero).unwrap();
+            let found = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
+            let expected = all as f64 * (tokens.vocabulary as f64).log2() / 198.0;
+            assert!((found.bits_per_frame / expected - 1.0).abs() < 1e-6, "{} {expected}", found.bits_per_frame);
+            // of some windows, words that are scored in part count in part
+            let third = found.all_windows / 3;
+            let some = likelihood(&mut gpt, &corpus, &clips, third, &Conditions::none()).unwrap().unwrap();
+            assert!(
+                some.windows == third && (some.bits_per_frame / expected - 1.0).abs() < 0.2,
+                "{some:?}, {expected}"
+            );
+        }
+    }
+}

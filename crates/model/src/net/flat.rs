@@ -1,0 +1,51 @@
+//! One stack of blocks, in which every token is a row.
+
+use super::Memory;
+use super::block::Block;
+use super::input::Input;
+use crate::config::{ModelConfig, TokenLayout};
+use crate::dropout::Dropout;
+use crate::layout;
+use crate::ops::Mask;
+use candle_core::{Result, Tensor};
+
+#[derive(Clone)]
+pub(super) struct Flat {
+    heads: usize,
+    input: Input,
+    blocks: Vec<Block>,
+}
+
+impl Flat {
+    pub fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> Flat {
+        Flat {
+            heads: config.heads,
+            input: Input::new(config, tokens, tensor),
+            blocks: (0..config.layers).map(|layer| Block::new(layout::block_name(layer), tensor)).collect(),
+        }
+    }
+
+    /// (B, T, D) of `ids` (B, T), the last of each of `windows`.
+    pub fn rows(
+        &self,
+        ids: &Tensor,
+        windows: &[Vec<u32>],
+        mask: &Mask,
+        dropout: Option<&Dropout>,
+        memory: Option<&Memory>,
+    ) -> Result<Tensor> {
+        let length = ids.dim(1)?;
+        let before = memory.map_or(0, |m| m.before.len());
+        let mut x = self.input.forward(ids, windows, before)?;
+        if let Some(dropout) = dropout {
+            x = dropout.apply(&x, "embedding")?;
+        }
+        let turn = self.input.turn(windows, before, x.dim(2)? / self.heads)?;
+        let hiding = mask.hiding(length, before + length, x.dtype(), x.device())?;
+        for (layer, block) in self.blocks.iter().enumerate() {
+            let kept = memory.map(|m| (&m.keys[layer], &m.values[layer], before));
+            x = block.forward(&x, self.heads, turn.as_ref(), hiding.as_ref(), dropout, kept)?;
+        }
+        Ok(x)
+    }
+}

@@ -1,0 +1,126 @@
+//! The end of a model: logits over all ids, or over the steps from the frame before.
+
+use crate::Result;
+use crate::config::{ModelConfig, TokenLayout};
+use crate::ops;
+use crate::past::{Basis, Past};
+use crate::questions::{Group, Groups, Questions, STEPS};
+use candle_core::Tensor;
+use kinelm_engine::op::smoothing::Smoothing;
+
+#[derive(Clone)]
+pub(super) struct Head {
+    /// (V, D).
+    ids: Tensor,
+    /// (steps, D) each, where there are such places.
+    steps: [Option<Tensor>; 2],
+    questions: Questions,
+}
+
+impl Head {
+    pub fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> Head {
+        let questions = Questions::of(config, tokens);
+        let steps = questions.steps().map(Past::steps).unwrap_or_default();
+        let table = |rows: usize, name: &str| (rows > 0).then(|| tensor(name));
+        Head {
+            ids: tensor(config.ids_table()),
+            steps: [table(steps.circular, STEPS[0]), table(steps.up_and_down(), STEPS[1])],
+            questions,
+        }
+    }
+
+    /// (V, D).
+    pub fn ids(&self) -> &Tensor {
+        &self.ids
+    }
+
+    /// The tables in the order of the groups.
+    fn tables(&self) -> [Option<&Tensor>; 3] {
+        [Some(&self.ids), self.steps[0].as_ref(), self.steps[1].as_ref()]
+    }
+
+    /// Logits (N, V) of the rows `hidden` (N, D), which stand behind the first `before` inputs of `windows`.
+    pub fn logits(&self, hidden: &Tensor, windows: &[Vec<u32>], before: usize) -> Result<Tensor> {
+        let inputs = windows.iter().flat_map(|w| (before..w.len()).map(move |i| (w, i)));
+        let bases: Vec<Basis> = inputs.map(|(w, i)| self.questions.basis(w, i)).collect();
+        let mut parts = Vec::new();
+        let mut order = Vec::new();
+        for (group, table) in self.tables().into_iter().enumerate() {
+            let rows: Vec<u32> = (0..).zip(&bases).filter(|(_, b)| b.group() == group).map(|(row, _)| row).collect();
+            let Some(table) = table.filter(|_| !rows.is_empty()) else { continue };
+            let logits = of_rows(hidden, &rows)?.matmul(&table.t()?)?;
+            parts.push(if group == 0 { logits } else { self.spread(&logits, &rows, &bases)? });
+            order.extend(rows);
+        }
+        back_in_order(Tensor::cat(&parts, 0)?, &order)
+    }
+
+    /// Logits (n, V) of all ids from those of the steps (n, steps) of `rows`.
+    fn spread(&self, steps: &Tensor, rows: &[u32], bases: &[Basis]) -> Result<Tensor> {
+        let vocabulary = self.ids.dim(0)?;
+        let (mut columns, mut hide) =
+            (vec![0; rows.len() * vocabulary], vec![f32::NEG_INFINITY; rows.len() * vocabulary]);
+        for (i, &row) in rows.iter().enumerate() {
+            let (Basis::Steps { bins, from }, Some(past)) = (bases[row as usize], self.questions.steps()) else {
+                continue;
+            };
+            for (bin, id) in bins.ids().enumerate() {
+                let at = i * vocabulary + id as usize;
+                (columns[at], hide[at]) = (past.steps().column(bins, from, bin) as u32, 0.0);
+            }
+        }
+        let shape = (rows.len(), vocabulary);
+        let columns = Tensor::from_vec(columns, shape, steps.device())?;
+        let hide = Tensor::from_vec(hide, shape, steps.device())?.to_dtype(steps.dtype())?;
+        Ok((steps.gather(&columns, 1)? + hide)?)
+    }
+
+    /// -ln p of each of `targets` (N), 0 where it is `<pad>`, for the rows `hidden` (N, D) of `windows`.
+    pub fn nats(
+        &self,
+        hidden: &Tensor,
+        windows: &[Vec<u32>],
+        targets: &[u32],
+        smoothing: Option<&Smoothing>,
+    ) -> Result<Tensor> {
+        let mut groups = Groups::default();
+        self.questions.sort(windows.iter().map(Vec::as_slice), targets, &mut groups)?;
+        let mut parts = Vec::new();
+        let mut order = Vec::new();
+        // what has no part in this batch still gets its gradient, 0
+        let mut nothing = (hidden.narrow(0, 0, 1)?.sum_all()? * 0.0)?;
+        for (Group { rows, asked }, table) in groups.iter().zip(self.tables()) {
+            match table {
+                None => continue,
+                Some(table) if rows.is_empty() => nothing = (nothing + (table.narrow(0, 0, 1)?.sum_all()? * 0.0)?)?,
+                Some(table) => {
+                    let logits = of_rows(hidden, rows)?.matmul(&table.t()?)?;
+                    parts.push(ops::nats(&logits, asked, smoothing)?);
+                    order.extend_from_slice(rows);
+                }
+            }
+        }
+        parts.push(nothing.reshape(1)?);
+        let mut places = vec![order.len() as u32; targets.len()];
+        (0..).zip(&order).for_each(|(place, &row)| places[row as usize] = place);
+        Ok(Tensor::cat(&parts, 0)?.index_select(&Tensor::new(places, hidden.device())?, 0)?)
+    }
+}
+
+/// Some rows of `x`, ascending.
+fn of_rows(x: &Tensor, rows: &[u32]) -> candle_core::Result<Tensor> {
+    match rows.len() == x.dim(0)? {
+        true => Ok(x.clone()),
+        false => x.index_select(&Tensor::new(rows, x.device())?, 0),
+    }
+}
+
+/// Row i of `x` at place `order[i]`.
+fn back_in_order(x: Tensor, order: &[u32]) -> Result<Tensor> {
+    if order.is_sorted() {
+        return Ok(x);
+    }
+    let mut places = vec![0u32; order.len()];
+    (0..).zip(order).for_each(|(place, &row)| places[row as usize] = place);
+    Ok(x.index_select(&Tensor::new(places, x.device())?, 0)?)
+}

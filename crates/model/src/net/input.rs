@@ -1,0 +1,132 @@
+//! What goes into the first block: a vector for the token, and what is added to it.
+
+use super::rows_of;
+use super::turn::Turn;
+use crate::config::{ModelConfig, Positions, TokenLayout};
+use crate::past::Past;
+use crate::position::Counter;
+use candle_core::{Result, Tensor};
+use std::ops::Range;
+
+#[derive(Clone)]
+pub(super) struct Input {
+    pub token: Tensor,
+    position: Position,
+    previous: Option<Previous>,
+}
+
+/// What tells a token's place.
+#[derive(Clone)]
+enum Position {
+    Absolute(Tensor),
+    /// Tables of the front, of words (with turns: none) and of places.
+    Words {
+        front: Tensor,
+        frame: Option<Tensor>,
+        place: Tensor,
+        counter: Counter,
+    },
+}
+
+/// What tells the frame before.
+#[derive(Clone)]
+struct Previous {
+    character: Tensor,
+    step: Tensor,
+    past: Past,
+}
+
+impl Input {
+    pub fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> Input {
+        let position = match Counter::of(config, tokens) {
+            None => Position::Absolute(tensor("position.absolute.weight")),
+            Some(counter) => Position::Words {
+                front: tensor("position.front.weight"),
+                frame: (config.positions == Positions::FrameJoint).then(|| tensor("position.frame.weight")),
+                place: tensor("position.place.weight"),
+                counter,
+            },
+        };
+        let previous = config.reads_previous(tokens).then(|| Previous {
+            character: tensor("previous.character.weight"),
+            step: tensor("previous.step.weight"),
+            past: Past::of(tokens),
+        });
+        Input { token: tensor("token.weight"), position, previous }
+    }
+
+    /// The rows (B, n, D) of `ids` (B, n), the last of each of `windows`, behind `before` others.
+    pub fn forward(&self, ids: &Tensor, windows: &[Vec<u32>], before: usize) -> Result<Tensor> {
+        let (batch, n) = ids.dims2()?;
+        let mut x = self.token.index_select(&ids.flatten_all()?, 0)?.reshape((batch, n, ()))?;
+        x = x.broadcast_add(&self.position.rows(windows, before)?)?;
+        let Some(Previous { character, step, past }) = &self.previous else { return Ok(x) };
+        let rows = windows.iter().flat_map(|w| (before..w.len()).map(|i| past.previous(w, i)));
+        let (characters, steps): (Vec<u32>, Vec<u32>) = rows.map(|[a, step]| (a, step)).unzip();
+        let added = (rows_of(character, characters)? + rows_of(step, steps)?)?;
+        x + added.reshape((batch, n, ()))?
+    }
+
+    /// How queries and keys of heads of `width` numbers are turned, if they are.
+    pub fn turn(&self, windows: &[Vec<u32>], before: usize, width: usize) -> Result<Option<Turn>> {
+        let Position::Words { frame: None, counter, front, .. } = &self.position else { return Ok(None) };
+        let (windows, length) = seen(*counter, windows);
+        // the front stands in no word
+        let number = |i: usize, word: u32| if i < front.dims()[0] { 0 } else { word + 1 };
+        let words = windows.iter().flat_map(|w| {
+            let (words, _) = counted(*counter, w);
+            (before..length).map(move |i| number(i, words[i]))
+        });
+        let words: Vec<u32> = words.collect();
+        Turn::new(&words, windows.len(), width, self.token.dtype(), self.token.device()).map(Some)
+    }
+}
+
+impl Position {
+    /// (b, n, D) of the places `before..` of `windows`; b is 1 where all windows have the same.
+    fn rows(&self, windows: &[Vec<u32>], before: usize) -> Result<Tensor> {
+        let (front, frame, place, counter) = match self {
+            Position::Absolute(table) => return table.narrow(0, before, windows[0].len() - before)?.unsqueeze(0),
+            Position::Words { front, frame, place, counter } => (front, frame, place, *counter),
+        };
+        let (windows, length) = seen(counter, windows);
+        let all = front.dim(0)?;
+        let (fronts, behind) = (before.min(all)..length.min(all), before.max(all)..length);
+        let mut parts = Vec::new();
+        if !fronts.is_empty() {
+            let rows = front.narrow(0, fronts.start, fronts.len())?.unsqueeze(0)?;
+            parts.push(rows.broadcast_as((windows.len(), fronts.len(), front.dim(1)?))?.contiguous()?);
+        }
+        if !behind.is_empty() {
+            let (words, places) = all_counted(counter, windows, behind.clone());
+            let mut rows = rows_of(place, places)?;
+            if let Some(frame) = frame {
+                rows = (rows_of(frame, words)? + rows)?;
+            }
+            parts.push(rows.reshape((windows.len(), behind.len(), ()))?);
+        }
+        Tensor::cat(&parts, 1)
+    }
+}
+
+/// The windows that decide where tokens stand (one where their number alone does), and their length.
+fn seen(counter: Counter, windows: &[Vec<u32>]) -> (&[Vec<u32>], usize) {
+    (if counter.reads() { windows } else { &windows[..1] }, windows[0].len())
+}
+
+fn counted(counter: Counter, window: &[u32]) -> (Vec<u32>, Vec<u32>) {
+    let (mut words, mut places) = (vec![0; window.len()], vec![0; window.len()]);
+    counter.count(window, &mut words, &mut places);
+    (words, places)
+}
+
+/// Words and places of the tokens `range` of all windows.
+fn all_counted(counter: Counter, windows: &[Vec<u32>], range: Range<usize>) -> (Vec<u32>, Vec<u32>) {
+    let (mut words, mut places) = (Vec::new(), Vec::new());
+    for window in windows {
+        let (w, p) = counted(counter, window);
+        words.extend_from_slice(&w[range.clone()]);
+        places.extend_from_slice(&p[range.clone()]);
+    }
+    (words, places)
+}

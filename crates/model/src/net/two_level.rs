@@ -1,0 +1,176 @@
+//! A trunk in which every frame is a row, and a decoder that spells a frame.
+//!
+//! Letters: B batch, F frames, N = B F, W tokens of a word, D width of the trunk, d of the decoder.
+
+use super::block::{Block, Linear, Norm};
+use super::rows_of;
+use crate::ahead::Told;
+use crate::config::{ModelConfig, TokenLayout};
+use crate::frames::{BACK, Frames, SPELT, TrunkRow, trunk_row};
+use crate::layout::{AHEAD, CLASS, LABEL, MUSIC, SPELL, SPELT_LABEL, TRUNK, block_name};
+use crate::ops::Mask;
+use candle_core::{Result, Tensor};
+use kinelm_engine::op::embedding::NONE;
+
+#[derive(Clone)]
+pub(super) struct TwoLevel {
+    frames: Frames,
+    /// K - 1: tokens of a window before those that the frames begin behind, all but the first of which are labels.
+    ahead: usize,
+    heads: [usize; 2],
+    /// (C (S + 1), e).
+    character: Tensor,
+    /// (F, D).
+    position: Tensor,
+    /// (n, D), where a classifier reads rows behind the last frame.
+    class: Option<Tensor>,
+    /// (V, D) and (V, d), where windows begin with labels.
+    labels: Option<[Tensor; 2]>,
+    /// (2 C e, D).
+    join: Linear,
+    trunk: Vec<Block>,
+    trunk_norm: Norm,
+    /// (D, d).
+    frame: Linear,
+    /// Rows of d numbers each.
+    spelt: [Tensor; 4],
+    decoder: Vec<Block>,
+    /// (P, D), (P, d), and two of steps (R, d), where frames may be told what is given ahead.
+    told: Option<[Tensor; 4]>,
+    /// (M, D), (M, d), where frames may be told of music.
+    music: Option<[Tensor; 2]>,
+}
+
+impl TwoLevel {
+    pub fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> TwoLevel {
+        let blocks = |prefix: &str, layers: usize| {
+            (0..layers).map(|layer| Block::new(format!("{prefix}{}", block_name(layer)), tensor)).collect()
+        };
+        let decoder = config.decoder();
+        TwoLevel {
+            frames: Frames::of(tokens),
+            ahead: tokens.front - 1,
+            heads: [config.heads, decoder.heads],
+            character: tensor("frame.character.weight"),
+            position: tensor("frame.position.weight"),
+            class: (config.classes > 0).then(|| tensor(CLASS)),
+            labels: (tokens.front > 1).then(|| [LABEL, SPELT_LABEL].map(tensor)),
+            join: Linear::new("frame.join", tensor),
+            trunk: blocks(TRUNK, config.layers),
+            trunk_norm: Norm::new("trunk.norm", tensor),
+            frame: Linear::new("spell.frame", tensor),
+            spelt: SPELT.map(tensor),
+            decoder: blocks(SPELL, decoder.layers),
+            told: config.ahead.then(|| AHEAD.map(tensor)),
+            music: (!config.music.is_none()).then(|| MUSIC.map(tensor)),
+        }
+    }
+
+    /// (B, F, D) what the trunk's norm gives of `windows` (B, T), whose frames see what `mask` lets them.
+    pub fn vectors(&self, windows: &[Vec<u32>], mask: &Mask) -> Result<Tensor> {
+        let frames = windows[0].len().saturating_sub(self.ahead).div_ceil(self.frames.word());
+        self.trunk_norm.forward(&self.trunk(windows, frames, mask, None)?)
+    }
+
+    /// (B, T, d) of `windows` (B, T), of which frames see what `mask` lets them and are `told` something; 0 for the tokens of
+    /// the front but its last, behind which nobody asks.
+    pub fn rows(&self, windows: &[Vec<u32>], mask: &Mask, told: Option<&Told>) -> Result<Tensor> {
+        let (batch, length) = (windows.len(), windows[0].len().saturating_sub(self.ahead));
+        let ahead = (batch, self.ahead.min(windows[0].len()), self.spelt[0].dim(1)?);
+        let ahead = Tensor::zeros(ahead, self.spelt[0].dtype(), self.spelt[0].device())?;
+        if length == 0 {
+            return Ok(ahead);
+        }
+        let frames = length.div_ceil(self.frames.word());
+        let mut u = self.frame.forward(&self.trunk_norm.forward(&self.trunk(windows, frames, mask, told)?)?)?;
+        if let Some([_, spelt]) = &self.labels {
+            u = u.broadcast_add(&self.of_labels(spelt, windows)?)?;
+        }
+        for (numbers, [_, speller]) in self.told(told) {
+            u = (u + through(numbers, speller, (windows.len(), frames))?)?;
+        }
+        // a row for every token of every frame, the window's or not
+        let word = self.frames.word();
+        let x = self.spelt(windows, frames)?.reshape((batch * frames, word, ()))?;
+        let mut x = x.broadcast_add(&u.reshape((batch * frames, 1, ()))?)?;
+        if let Some((told, [_, _, tables @ ..])) = told.zip(self.told.as_ref()) {
+            for (table, rows) in tables.iter().zip(&told.rows).filter(|(_, rows)| !rows.is_empty()) {
+                x = (x + some_rows(table, rows)?.reshape((batch * frames, word, ()))?)?;
+            }
+        }
+        let hiding = Mask::Causal.hiding(word, word, x.dtype(), x.device())?;
+        for block in &self.decoder {
+            x = block.forward(&x, self.heads[1], None, hiding.as_ref(), None, None)?;
+        }
+        let x = x.reshape((batch, frames * word, ()))?.narrow(1, 0, length)?;
+        if self.ahead == 0 { Ok(x) } else { Tensor::cat(&[ahead, x], 1) }
+    }
+
+    /// (B, 1, n) the sums of the rows of `table` (V, n) that the windows' labels have.
+    fn of_labels(&self, table: &Tensor, windows: &[Vec<u32>]) -> Result<Tensor> {
+        let labels = windows.iter().flat_map(|w| &w[1..=self.ahead]).copied().collect();
+        rows_of(table, labels)?.reshape((windows.len(), self.ahead, ()))?.sum_keepdim(1)
+    }
+
+    /// The numbers that frames are told, with the matrices that take them to the trunk and to the decoder.
+    fn told<'a>(&'a self, told: Option<&'a Told>) -> impl Iterator<Item = (&'a [f32], [&'a Tensor; 2])> {
+        let ahead = told.zip(self.told.as_ref()).map(|(told, [trunk, speller, ..])| (&*told.numbers, [trunk, speller]));
+        let music = told.zip(self.music.as_ref()).map(|(told, [trunk, speller])| (&*told.music, [trunk, speller]));
+        ahead.into_iter().chain(music).filter(|(numbers, _)| !numbers.is_empty())
+    }
+
+    /// (B, F, D).
+    fn trunk(&self, windows: &[Vec<u32>], frames: usize, mask: &Mask, told: Option<&Told>) -> Result<Tensor> {
+        let of_frame = BACK * self.frames.characters();
+        let mut seen = vec![0; windows.len() * frames * of_frame];
+        let classes = self.class.as_ref().map_or(Ok(0), |class| class.dim(0))?;
+        let (mut positions, mut class_rows) = (Vec::new(), Vec::new());
+        for (i, rows) in seen.chunks_mut(of_frame).enumerate() {
+            let window = &windows[i / frames][self.ahead..];
+            let TrunkRow { frame, position, class } = trunk_row(i % frames, self.frames.shown(window), classes);
+            self.frames.seen(window, frame, rows);
+            positions.push(position);
+            class_rows.push(class);
+        }
+        let shape = (windows.len(), frames, ());
+        let x = rows_of(&self.character, seen)?.reshape(shape)?;
+        let mut x = (self.join.forward(&x)? + some_rows(&self.position, &positions)?.reshape(shape)?)?;
+        if let Some(class) = &self.class {
+            x = (x + some_rows(class, &class_rows)?.reshape(shape)?)?;
+        }
+        if let Some([label, _]) = &self.labels {
+            x = x.broadcast_add(&self.of_labels(label, windows)?)?;
+        }
+        for (numbers, [matrix, _]) in self.told(told) {
+            x = (x + through(numbers, matrix, (windows.len(), frames))?)?;
+        }
+        let hiding = mask.hiding(frames, frames, x.dtype(), x.device())?;
+        for block in &self.trunk {
+            x = block.forward(&x, self.heads[0], None, hiding.as_ref(), None, None)?;
+        }
+        Ok(x)
+    }
+
+    /// (B F W, d).
+    fn spelt(&self, windows: &[Vec<u32>], frames: usize) -> Result<Tensor> {
+        let tokens = frames * self.frames.word();
+        let rows: Vec<[u32; 4]> =
+            windows.iter().flat_map(|w| (0..tokens).map(|token| self.frames.spelt(&w[self.ahead..], token))).collect();
+        let one = |i: usize| rows_of(&self.spelt[i], rows.iter().map(|row| row[i]).collect());
+        (one(0)? + one(1)?)? + (one(2)? + one(3)?)?
+    }
+}
+
+/// The numbers of all frames (B F, P) times a matrix (P, n): (B, F, n).
+fn through(numbers: &[f32], matrix: &Tensor, (batch, frames): (usize, usize)) -> Result<Tensor> {
+    let numbers = Tensor::from_slice(numbers, (batch * frames, matrix.dim(0)?), matrix.device())?;
+    numbers.to_dtype(matrix.dtype())?.matmul(matrix)?.reshape((batch, frames, ()))
+}
+
+/// Rows of a table, zeros for [`NONE`].
+fn some_rows(table: &Tensor, rows: &[u32]) -> Result<Tensor> {
+    let is_some: Vec<f32> = rows.iter().map(|&row| f32::from(u8::from(row != NONE))).collect();
+    let is_some = Tensor::from_vec(is_some, (rows.len(), 1), table.device())?.to_dtype(table.dtype())?;
+    let rows = rows.iter().map(|&row| if row == NONE { 0 } else { row }).collect();
+    rows_of(table, rows)?.broadcast_mul(&is_some)
+}

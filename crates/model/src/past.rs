@@ -1,0 +1,141 @@
+//! What the frame before tells of the token about to be predicted: two more rows of tables for its input, and what the
+//! logits of its row stand for. For words of one length whose places are of one kind each.
+//!
+//! Letters: K tokens of the front, W tokens of a word; input i predicts word token k = i - (K - 1), which stands at place
+//! c = k mod W; a is the id one frame back at that place, b the one two frames back.
+
+use super::config::TokenLayout;
+use super::questions::no_bin;
+use crate::Result;
+use kinelm_engine::bins::Bins;
+use kinelm_engine::words::{Steps, Words};
+
+/// What the logits of a row stand for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Basis {
+    /// All ids.
+    Ids,
+    /// The bins of a place, by their steps from the bin one frame back; no other id can come.
+    Steps {
+        /// What stands at the place.
+        bins: Bins,
+        /// p: the bin one frame back.
+        from: usize,
+    },
+}
+
+impl Basis {
+    /// The group of rows that answers it: 0 by all ids, 1 by circular, 2 by clamped steps.
+    pub fn group(&self) -> usize {
+        match self {
+            Basis::Ids => 0,
+            Basis::Steps { bins, .. } => 1 + usize::from(!bins.circular),
+        }
+    }
+}
+
+/// Reads what lies one and two frames back in a window.
+#[derive(Debug, Clone)]
+pub struct Past {
+    words: Words,
+    pad: u32,
+}
+
+impl Past {
+    /// Of windows of these tokens.
+    ///
+    /// # Panics
+    /// If a word's places have no kinds.
+    pub fn of(tokens: &TokenLayout) -> Past {
+        Past { words: Words::new(tokens.front, tokens.bins()), pad: tokens.pad }
+    }
+
+    /// How tables of steps are laid out.
+    pub fn steps(&self) -> Steps {
+        self.words.steps()
+    }
+
+    /// What stands at the place that input `i` predicts; `None` for spaces, and before the front's last token.
+    pub fn bins(&self, i: usize) -> Option<Bins> {
+        self.words.follows(i)
+    }
+
+    /// Whether a window has something one frame before what input `i` predicts.
+    pub fn has_frame_before(&self, i: usize) -> bool {
+        self.words.has_word_before(i)
+    }
+
+    /// The rows of `previous.character.weight` and `previous.step.weight` that are added to input `i` of `window`: a, or
+    /// `<pad>` where it is missing; the bins from b to a, round the circle, or S where there is no such step.
+    ///
+    /// Reads nothing behind `window[i]`.
+    pub fn previous(&self, window: &[u32], i: usize) -> [u32; 2] {
+        let (a, step) = self.words.previous(window, i);
+        [a.unwrap_or(self.pad), step as u32]
+    }
+
+    /// What the logits of input `i` of `window` stand for under a relative head: all ids in the first frame, for spaces,
+    /// and where a is no bin of its place (`<mask>`, `<pad>`).
+    pub fn basis(&self, window: &[u32], i: usize) -> Basis {
+        self.words.bin(window, i, 1).map_or(Basis::Ids, |(bins, from)| Basis::Steps { bins, from })
+    }
+
+    /// Holds a target at a place of these `bins` that has nothing to count from to the window's first frame.
+    ///
+    /// # Errors
+    /// An id one frame back that is no bin.
+    pub(super) fn first_frame(&self, window: &[u32], i: usize, bins: Bins) -> Result<()> {
+        match self.words.back(window, i, 1) {
+            None => Ok(()),
+            Some(id) => Err(no_bin("what stands a frame before the target", id, bins, i)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Stretch;
+    use kinelm_tokenizer::PlaceIds;
+
+    /// Front of 2; words of an angle of 4 bins (ids 6..10), a height of 3 (10..13), a space.
+    fn tokens() -> TokenLayout {
+        let kind = |first, count, circular| Stretch { number: 1, kind: PlaceIds { first, count, circular } };
+        TokenLayout {
+            vocabulary: 13,
+            word: 3,
+            varying: false,
+            front: 2,
+            pad: 0,
+            bos: 1,
+            space: 5,
+            places: vec![kind(6, 4, true), kind(10, 3, false)],
+        }
+    }
+
+    #[test]
+    fn one_and_two_frames_back_by_hand() {
+        let past = Past::of(&tokens());
+        assert_eq!(past.steps(), Steps { circular: 4, clamped: 3 });
+        // bins (3, 2), (1, 0), (0, <mask>), then the third word's space
+        let window = [1, 4, 9, 12, 5, 7, 10, 5, 6, 2, 5];
+        let rows: Vec<[u32; 2]> = (0..window.len()).map(|i| past.previous(&window, i)).collect();
+        let missing = [0, 4];
+        assert_eq!(rows[..4], [missing; 4]);
+        // the second word: its first frame back, no step yet
+        assert_eq!(rows[4..7], [[9, 4], [12, 4], [5, 4]]);
+        // 1 - 3 mod 4, 0 - 2 mod 3, a space
+        assert_eq!(rows[7..10], [[7, 2], [10, 1], [5, 4]]);
+        // the fourth word's first place: 0 - 1 mod 4
+        assert_eq!(rows[10], [6, 3]);
+        let basis: Vec<Basis> = (0..window.len()).map(|i| past.basis(&window, i)).collect();
+        assert_eq!(basis[..4], [Basis::Ids; 4]);
+        let angle = Bins { first: 6, count: 4, circular: true };
+        assert_eq!(basis[4], Basis::Steps { bins: angle, from: 3 });
+        assert_eq!(basis[6], Basis::Ids);
+        assert_eq!(basis[10], Basis::Steps { bins: angle, from: 0 });
+        // behind <mask> there is no step, and nothing to count from
+        let more = [&window[..], &[8]].concat();
+        assert_eq!((past.previous(&more, 11), past.basis(&more, 11)), ([2, 4], Basis::Ids));
+    }
+}

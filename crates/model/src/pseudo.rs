@@ -1,0 +1,95 @@
+//! What a masked model makes of clips: a figure of its own kind (docs/measures.md, "Bits a frame").
+
+use super::likelihood::{BATCH_TOKENS, Likelihood, Taken, room, scored_frames};
+use crate::Scores;
+use crate::{Error, Result};
+use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, fill_masked};
+use kinelm_store::random;
+
+/// Mean loss over 15 % of the tokens of each window, hidden in a tenth less, times the tokens of a frame: bits a frame that
+/// are no likelihood, since both sides of a token are seen. What is hidden hangs on a window's number alone.
+///
+/// # Errors
+/// A context without room for a word; a model whose probabilities are not finite, with the clip named.
+pub(super) fn pseudo(
+    model: &mut dyn Scores,
+    corpus: &Corpus,
+    clips: &[&ClipRecord],
+    most: usize,
+    conditions: &Conditions,
+) -> Result<Option<Likelihood>> {
+    let taken = Taken::of(corpus, clips, room(model.config(), model.tokens()), most)?;
+    let length = taken.longest + conditions.len();
+    let pad = model.tokens().pad;
+    let (mut nats, mut asked, mut shown, mut frames) = (0.0, 0, 0, 0.0);
+    let mut windows = taken.numbered(corpus, clips)?;
+    loop {
+        let windows: Vec<(usize, EvalWindow)> = windows.by_ref().take((BATCH_TOKENS / length).max(1)).collect();
+        if windows.is_empty() {
+            break;
+        }
+        let (mut inputs, mut targets) = (vec![pad; windows.len() * length], vec![pad; windows.len() * length]);
+        for ((number, window), places) in windows.iter().zip(inputs.chunks_mut(length).zip(targets.chunks_mut(length)))
+        {
+            let clip = clips[window.clip];
+            let ids = corpus.ids(clip, window.start..window.start + window.tokens)?;
+            let mut rng = random::stream(0, "mask", 0, *number as u64);
+            fill_masked((&ids, &conditions.front(&clip.labels)), pad, &|_| true, &mut rng, places);
+            shown += window.scored.len();
+            frames += scored_frames(corpus, clip, window);
+        }
+        asked += targets.iter().filter(|&&id| id != pad).count();
+        let mut found = vec![0.0; targets.len()];
+        model.nats(&inputs, &targets, length, &mut found)?;
+        for ((_, window), found) in windows.iter().zip(found.chunks(length)) {
+            let sum: f64 = found.iter().map(|&x| x as f64).sum();
+            if !sum.is_finite() {
+                let clip = &clips[window.clip].name;
+                return Err(Error::NotFinite(format!("{clip} from token {}: {sum} nats", window.start)));
+            }
+            nats += sum;
+        }
+    }
+    let nats_per_token = nats / asked as f64;
+    let found = Likelihood {
+        bits_per_frame: nats_per_token / std::f64::consts::LN_2 * shown as f64 / frames,
+        nats_per_token,
+        tokens: asked,
+        frames: frames.round() as usize,
+        windows: taken.count,
+        all_windows: taken.all,
+        pseudo: true,
+    };
+    Ok((asked > 0).then_some(found))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::forms::TOKENS;
+    use crate::likelihood::likelihood;
+    use crate::{Gpt, Kind, ModelConfig};
+    use candle_core::{DType, Device, Tensor};
+    use kinelm_corpus::fixture;
+    use kinelm_corpus::{Conditions, Split};
+
+    #[test]
+    fn a_masked_model_that_knows_nothing_needs_its_vocabulary_for_what_is_asked() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::corpus(dir.path(), &[(30, Split::Valid), (2, Split::Valid)]);
+        let clips: Vec<_> = corpus.split(Split::Valid).collect();
+        // 5 words of 7 behind <bos>
+        let config =
+            ModelConfig { kind: Kind::Masked, layers: 1, heads: 1, width: 8, context: 36, ..Default::default() };
+        let mut gpt = Gpt::new(&config, &TOKENS, 1).unwrap();
+        let before = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
+        assert_eq!(before, likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap());
+        let zero = Tensor::zeros((TOKENS.vocabulary, 8), DType::F32, &Device::Cpu).unwrap();
+        gpt.vars()["token.weight"].set(&zero).unwrap();
+        let found = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
+        // 13 windows of 35 tokens, 28 at the end, 14 of the short clip: 6, 5 and 3 of them
+        assert!(found.pseudo && found.windows == 15 && found.frames == 32, "{found:?}");
+        assert_eq!(found.tokens, 13 * 6 + 5 + 3);
+        let expected = 7.0 * (TOKENS.vocabulary as f64).log2();
+        assert!((found.bits_per_frame - expected).abs() < 1e-4, "{} {expected}", found.bits_per_frame);
+    }
+}

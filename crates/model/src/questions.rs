@@ -1,0 +1,216 @@
+//! What the rows of a batch are asked, by the table that answers: the head's own over all ids, or one of the steps from
+//! the frame before.
+
+use super::config::{HeadKind, Kind, ModelConfig, TokenLayout};
+use super::past::{Basis, Past};
+use crate::{Error, Result};
+use kinelm_engine::bins::Bins;
+use kinelm_engine::op::cross_entropy::Asked;
+
+/// The names of the tables that answer beside the head over all ids, in the order of the groups behind the first.
+pub(super) const STEPS: [&str; 2] = ["head.circular.weight", "head.clamped.weight"];
+
+/// The rows that one table answers.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Group {
+    /// Their numbers in the batch, ascending.
+    pub rows: Vec<u32>,
+    /// What each is asked.
+    pub asked: Vec<Asked>,
+}
+
+/// The rows that ids, circular and clamped steps answer.
+pub(super) type Groups = [Group; 3];
+
+/// Sorts rows by what answers them.
+#[derive(Debug, Clone)]
+pub(super) struct Questions {
+    kind: Kind,
+    head: HeadKind,
+    vocabulary: u32,
+    pad: u32,
+    /// If places are of one kind each.
+    past: Option<Past>,
+}
+
+impl Questions {
+    pub fn of(config: &ModelConfig, tokens: &TokenLayout) -> Questions {
+        Questions {
+            kind: config.kind,
+            head: config.head_of(tokens),
+            vocabulary: tokens.vocabulary as u32,
+            pad: tokens.pad,
+            past: (!tokens.places.is_empty()).then(|| Past::of(tokens)),
+        }
+    }
+
+    /// What reads the frames before, if the head is relative.
+    pub fn steps(&self) -> Option<&Past> {
+        self.past.as_ref().filter(|_| self.head == HeadKind::Relative)
+    }
+
+    /// What the logits of input `i` of `window` stand for.
+    pub fn basis(&self, window: &[u32], i: usize) -> Basis {
+        self.steps().map_or(Basis::Ids, |past| past.basis(window, i))
+    }
+
+    /// The most rows of a window of `length` inputs that count and that ids, circular and clamped steps answer.
+    pub fn most_rows(&self, length: usize) -> [usize; 3] {
+        let Some(past) = self.steps() else { return [length, 0, 0] };
+        let mut most = [0; 3];
+        for i in 0..length {
+            let bins = past.bins(i).filter(|_| past.has_frame_before(i));
+            most[bins.map_or(0, |bins| 1 + usize::from(!bins.circular))] += 1;
+        }
+        most
+    }
+
+    /// What the target of input `i` is one of; `None` where its place has no bins.
+    fn bins_at(&self, i: usize) -> Option<Bins> {
+        // a masked model's target is the token at its own place, one behind what a causal one would predict there
+        let i = if self.kind == Kind::Masked { i.checked_sub(1)? } else { i };
+        self.past.as_ref()?.bins(i)
+    }
+
+    /// Fills `groups` with the rows of `windows` (B of one length) whose target (B T) isn't `<pad>`.
+    ///
+    /// # Errors
+    /// Under a relative head, a target behind an id that is no bin of its place, or that is none itself.
+    ///
+    /// # Panics
+    /// If there aren't as many targets as inputs.
+    pub fn sort<'a>(
+        &self,
+        windows: impl Iterator<Item = &'a [u32]>,
+        targets: &[u32],
+        groups: &mut Groups,
+    ) -> Result<()> {
+        for Group { rows, asked } in groups.iter_mut() {
+            rows.clear();
+            asked.clear();
+        }
+        let mut row = 0;
+        for window in windows {
+            for (i, &target) in targets[row..row + window.len()].iter().enumerate() {
+                if target != self.pad {
+                    let (group, asked) = self.ask(window, i, target)?;
+                    groups[group].rows.push((row + i) as u32);
+                    groups[group].asked.push(asked);
+                }
+            }
+            row += window.len();
+        }
+        assert_eq!(row, targets.len(), "a target for every input");
+        Ok(())
+    }
+
+    /// The group of a row that counts, and what it is asked.
+    fn ask(&self, window: &[u32], i: usize, target: u32) -> Result<(usize, Asked)> {
+        let bins = self.bins_at(i);
+        if let (Some(past), Some(bins)) = (self.steps(), bins) {
+            match past.basis(window, i) {
+                Basis::Steps { bins, from } => {
+                    let bin = bins.bin(target).ok_or_else(|| no_bin("the target", target, bins, i))?;
+                    return Ok((usize::from(!bins.circular) + 1, step(past, bins, from, bin)));
+                }
+                Basis::Ids => past.first_frame(window, i, bins)?,
+            }
+        }
+        let bins = bins.filter(|bins| bins.bin(target).is_some()).unwrap_or(Bins::NONE);
+        Ok((0, Asked { target, first: 0, count: self.vocabulary, bins }))
+    }
+}
+
+fn step(past: &Past, bins: Bins, from: usize, bin: usize) -> Asked {
+    let column = |to| past.steps().column(bins, from, to) as u32;
+    let (first, count) = (if bins.circular { 0 } else { column(0) }, bins.count);
+    Asked { target: column(bin), first, count, bins: Bins { first, ..bins } }
+}
+
+pub(super) fn no_bin(what: &str, id: u32, bins: Bins, i: usize) -> Error {
+    let (first, last) = (bins.first, bins.ids().end - 1);
+    Error::call(format!(
+        "{what} of input {i} is id {id}; expected a bin of its place, {first} to {last}, or <pad> as its target: a relative \
+         head counts from bins"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Stretch;
+    use kinelm_tokenizer::PlaceIds;
+
+    /// Words of an angle of 4 bins (ids 6..10), a height of 3 (10..13), a space.
+    fn tokens() -> TokenLayout {
+        let kind = |first, count, circular| Stretch { number: 1, kind: PlaceIds { first, count, circular } };
+        TokenLayout {
+            vocabulary: 13,
+            word: 3,
+            varying: false,
+            front: 1,
+            pad: 0,
+            bos: 1,
+            space: 5,
+            places: vec![kind(6, 4, true), kind(10, 3, false)],
+        }
+    }
+
+    fn relative() -> ModelConfig {
+        ModelConfig { head: Some(HeadKind::Relative), ..Default::default() }
+    }
+
+    fn sort(config: &ModelConfig, inputs: &[u32], targets: &[u32]) -> Result<Groups> {
+        let mut groups = Groups::default();
+        Questions::of(config, &tokens()).sort(inputs.chunks(inputs.len()), targets, &mut groups)?;
+        Ok(groups)
+    }
+
+    #[test]
+    fn rows_go_to_the_table_that_answers() {
+        let inputs = [1, 9, 12, 5, 7, 10, 5, 6];
+        let targets = [9, 12, 5, 7, 10, 5, 6, 11];
+        let [ids, circular, clamped] = sort(&relative(), &inputs, &targets).unwrap();
+        assert_eq!([ids.rows, circular.rows, clamped.rows], [vec![0, 1, 2, 5], vec![3, 6], vec![4, 7]]);
+        let circle = Bins { first: 0, count: 4, circular: true };
+        // 3 to 1 are 2 steps round a circle of 4; 1 to 0 are 3
+        assert_eq!(circular.asked[0], Asked { target: 2, first: 0, count: 4, bins: circle });
+        assert_eq!(circular.asked[1].target, 3);
+        // 2 to 0 is the lowest of 5 steps, 0 to 1 the fourth
+        let from = |first| Bins { first, count: 3, circular: false };
+        assert_eq!(clamped.asked[0], Asked { target: 0, first: 0, count: 3, bins: from(0) });
+        assert_eq!(clamped.asked[1], Asked { target: 3, first: 2, count: 3, bins: from(2) });
+        assert_eq!(ids.asked[0].bins, Bins { first: 6, count: 4, circular: true });
+        assert_eq!(ids.asked[2], Asked { target: 5, first: 0, count: 13, bins: Bins::NONE });
+    }
+
+    #[test]
+    fn a_masked_model_is_asked_for_what_it_hides() {
+        let config = ModelConfig { kind: Kind::Masked, ..Default::default() };
+        let [ids, circular, clamped] = sort(&config, &[1, 4, 12, 5, 7, 4], &[0, 9, 0, 5, 0, 10]).unwrap();
+        assert!(circular.rows.is_empty() && clamped.rows.is_empty());
+        assert_eq!(ids.rows, [1, 3, 5]);
+        let bins: Vec<u32> = ids.asked.iter().map(|a| a.bins.first).collect();
+        assert_eq!(bins, [6, 0, 10]);
+    }
+
+    #[test]
+    fn what_has_nothing_to_count_from_must_not_count() {
+        let config = relative();
+        let targets = [0, 12, 5, 0, 10, 5];
+        let [ids, circular, clamped] = sort(&config, &[1, 4, 12, 5, 7, 10], &targets).unwrap();
+        assert_eq!([ids.rows, circular.rows, clamped.rows], [vec![1, 2, 5], vec![], vec![4]]);
+        let said = |inputs: &[u32], targets: &[u32]| sort(&config, inputs, targets).unwrap_err().to_string();
+        let message = said(&[1, 4, 12, 5, 7, 10], &[0, 12, 5, 7, 10, 5]);
+        assert!(
+            message.starts_with("what stands a frame before the target of input 3 is id 4; expected a bin"),
+            "{message}"
+        );
+        let message = said(&[1, 9, 12, 5, 7, 10], &[0, 12, 5, 4, 10, 5]);
+        assert!(message.starts_with("the target of input 3 is id 4; expected a bin of its place, 6 to 9"), "{message}");
+        // an absolute head takes what comes
+        let absolute = ModelConfig { head: Some(HeadKind::Absolute), ..config.clone() };
+        let [ids, ..] = sort(&absolute, &[1, 4, 12, 5, 7, 10], &[0, 12, 5, 4, 10, 5]).unwrap();
+        assert_eq!(ids.rows, [1, 2, 3, 4, 5]);
+    }
+}

@@ -1,0 +1,138 @@
+//! Stretches of training clips that another clip has too, by the search of [`crate::query`].
+//!
+//! The nearest window by the Euclidean distance of cosine transforms is looked up at every second of a clip, among the
+//! windows that begin at any frame of another one; it is a copy if the joints' rotations are nearly the same all along.
+
+use super::{Find, Held, Why};
+use crate::Result;
+use crate::WindowSpec;
+use crate::query::maker::Maker;
+use crate::query::part::Part;
+use crate::query::record::ClipEntry;
+use crate::query::{Database, Distance, IndexOptions, Kind, Wanted};
+use kinelm_corpus::Split;
+use kinelm_motion::format::ReadOptions;
+use kinelm_motion::rotation::exp_map;
+use kinelm_motion::{Clip, Quat, Vec3};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Length of a window, seconds.
+pub const WINDOW_S: f64 = 2.0;
+/// Windows that are asked for are so far apart, seconds.
+const HOP_S: f64 = 1.0;
+/// The mean angle between the local rotations of a copy and its original is below this, degrees.
+pub const APART_DEG: f64 = 1.0;
+/// And below this part of what the window differs from itself half a second later: a body that hardly moves is like any
+/// other. At 2 degrees and a half, gestures that one dancer repeats pass for copies: 280 ranges of bandai-2.
+const OF_ITSELF: f64 = 0.2;
+/// A copy cut from another frame of its file may lie between two frames at the rate of the search, so far at most, frames.
+const BETWEEN: f64 = 0.5;
+/// Coefficients of a channel: up to 2 Hz, which tells windows of 2 s apart.
+const KEEP: usize = 8;
+
+/// Adds the copies to the finds of training clips.
+pub fn find(held: &mut [Held], fps: f64) -> Result<()> {
+    let frames = (WINDOW_S * fps).round() as usize;
+    let windows = WindowSpec { frames, hop: 1, fps };
+    let options = IndexOptions { windows, ..IndexOptions::new(Kind::Dct { keep: KEEP }) };
+    options.validate()?;
+    let database = database(held, &options)?;
+    if database.windows() == 0 {
+        return Ok(());
+    }
+    // clips without a window are in the database too, so that numbers agree
+    let hop = ((HOP_S * fps).round() as usize).max(1);
+    let mut first = 0;
+    for number in 0..held.len() {
+        let starts = database.clips()[number].starts.len();
+        // the last one too, or a copy's end would be left
+        let last = (first + starts).checked_sub(1).filter(|_| starts > 0 && (starts - 1) % hop != 0);
+        let asked = (first..first + starts).step_by(hop).chain(last);
+        first += starts;
+        if held[number].split != Split::Train {
+            continue;
+        }
+        let mut found = Vec::new();
+        for window in asked {
+            if let Some((start, other)) = copy(held, &database, number, window, frames)? {
+                let told = format!("as in {}", held[other].name);
+                found.push(Find { first: start, end: start + frames, why: Why::Copy, told });
+            }
+        }
+        held[number].finds.extend(found);
+    }
+    Ok(())
+}
+
+/// Where a window is, and the clip that it is a copy of, if it is one.
+fn copy(
+    held: &[Held],
+    database: &Database,
+    own: usize,
+    window: usize,
+    frames: usize,
+) -> Result<Option<(usize, usize)>> {
+    let start = database.window(window).start;
+    let one = &held[own];
+    let allowed = |other: usize| {
+        let clip = database.window(other).clip;
+        let earlier = clip < own || held[clip].split != Split::Train;
+        clip != own && earlier
+    };
+    let wanted = Wanted { k: 1, distance: Distance::Euclid, one_a_clip: false };
+    let feature = database.feature(window)?;
+    let Some(hit) = database.nearest(&feature, wanted, &allowed)?.first().copied() else { return Ok(None) };
+    let there = database.window(hit.window);
+    let here = one.clip.slice(start..start + frames);
+    let apart = apart_deg(&here, &held[there.clip].clip.slice(there.start..there.start + frames), BETWEEN);
+    let later = frames / 4;
+    let itself = apart_deg(&here.slice(0..frames - later), &here.slice(later..frames), 0.0);
+    let is_copy = apart < APART_DEG && apart < OF_ITSELF * itself;
+    Ok(is_copy.then_some((start, there.clip)))
+}
+
+/// The mean angle between the local rotations of two windows of one length, degrees, where the second may be taken up to
+/// `shift` frames sooner or later: by as much as brings them nearest, along its velocity.
+fn apart_deg(a: &Clip, b: &Clip, shift: f64) -> f64 {
+    let last = a.frames().saturating_sub(1);
+    let between = |p: &[Quat], q: &[Quat], j: usize| exp_map::to_vector(p[j].conjugate() * q[j]);
+    // rotation vectors: from b to a, and b's in a frame
+    let of = |(f, j): (usize, usize)| {
+        let (before, after) = (f.saturating_sub(1), (f + 1).min(last));
+        let step = between(b.pose(before), b.pose(after), j) / (after - before).max(1) as f64;
+        (between(b.pose(f), a.pose(f), j), step)
+    };
+    let places = (0..a.frames()).flat_map(|f| (0..a.joints()).map(move |j| (f, j)));
+    let pairs: Vec<(Vec3, Vec3)> = places.map(of).collect();
+    let along: f64 = pairs.iter().map(|(off, step)| off.dot(*step)).sum();
+    let speed: f64 = pairs.iter().map(|(_, step)| step.length_squared()).sum();
+    let by = if speed > 0.0 { (along / speed).clamp(-shift, shift) } else { 0.0 };
+    let sum: f64 = pairs.iter().map(|(off, step)| (*off - *step * by).length()).sum();
+    (sum / pairs.len().max(1) as f64).to_degrees()
+}
+
+/// The windows of all clips, at every frame.
+fn database(held: &[Held], options: &IndexOptions) -> Result<Database> {
+    let (maker, mut finisher) = Maker::new(options, None)?;
+    let entries: Vec<ClipEntry> = held
+        .iter()
+        .map(|one| ClipEntry {
+            name: one.name.clone(),
+            path: Default::default(),
+            sha256: one.sha256.clone(),
+            read: ReadOptions::default(),
+            take: String::new(),
+            labels: BTreeMap::new(),
+            frames: one.clip.frames(),
+            starts: options.windows.starts(one.clip.frames(), 0).collect(),
+        })
+        .collect();
+    let made: Vec<_> = held.par_iter().zip(&entries).map(|(one, entry)| maker.make(&one.clip, &entry.starts)).collect();
+    let mut features = Vec::new();
+    for one in made {
+        features.extend(finisher.finish(one?)?);
+    }
+    let numbers = maker.numbers(&finisher);
+    Ok(Database::new(numbers, vec![(Part::held(features, numbers).with_halves(numbers)?, entries)]))
+}

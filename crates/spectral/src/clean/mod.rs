@@ -1,0 +1,206 @@
+//! What of training clips a corpus is better made without: glitches, bodies in the floor, copies. docs/training.md,
+//! "Clips that are not clean".
+//!
+//! Clips are looked at as a tokenizer takes them: on SMPL-24, at its rate, their floors at y = 0. Times are seconds of the
+//! clip as it is read, half-open, as [`kinelm_corpus::timed`] has them.
+
+mod copies;
+#[cfg(test)]
+mod tests;
+
+use crate::Result;
+pub use kinelm_corpus::build::{BuildOptions, Summary, Watch, check, each};
+use kinelm_corpus::load::Wanted;
+use kinelm_corpus::record::LeftOut;
+use kinelm_corpus::stats::glitches;
+use kinelm_corpus::{Gathered, Item, Split};
+use kinelm_motion::metric::Feet;
+use kinelm_motion::retarget::map_for;
+use kinelm_motion::{Clip, smpl};
+use kinelm_store::counted;
+use kinelm_tokenizer::TokenizerConfig;
+use std::collections::BTreeSet;
+use std::fmt;
+
+pub use copies::{APART_DEG, WINDOW_S};
+
+/// A body is in the floor where its lower foot, less its height when it stands, or another joint is deeper, metres.
+pub const DEPTH_M: f64 = 0.10;
+/// And for as long, seconds: rests of a step are no sinking.
+const SINKS_S: f64 = 0.25;
+/// Finds of one clip that are less than this apart are one range, seconds: what is left between them is of no use, and what
+/// jumps away and back is wrong in between.
+const TOGETHER_S: f64 = 0.5;
+
+/// What is wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Why {
+    /// A step that no body makes.
+    Glitch,
+    /// Deep in the floor.
+    Sinks,
+    /// As in another clip.
+    Copy,
+}
+
+impl Why {
+    const ALL: [Why; 3] = [Why::Glitch, Why::Sinks, Why::Copy];
+
+    fn name(self) -> &'static str {
+        match self {
+            Why::Glitch => "glitches",
+            Why::Sinks => "sinking",
+            Why::Copy => "copies",
+        }
+    }
+}
+
+/// Frames of a clip, and what is wrong with them.
+#[derive(Debug, Clone, PartialEq)]
+struct Find {
+    first: usize,
+    end: usize,
+    why: Why,
+    told: String,
+}
+
+/// A clip as it is looked at.
+struct Held {
+    name: String,
+    split: Split,
+    sha256: String,
+    clip: Clip,
+    finds: Vec<Find>,
+}
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cleaned {
+    /// The ranges, by clip and time.
+    pub ranges: Vec<LeftOut>,
+    /// Of each kind the ranges, and their clips; one that has two kinds counts in both.
+    pub kinds: Vec<(Why, [usize; 2])>,
+    /// Training clips, and their seconds.
+    pub clips: usize,
+    /// Seconds of them.
+    pub seconds: f64,
+    /// Seconds that the ranges take.
+    pub left_out_s: f64,
+    /// Of the files that were read.
+    pub summary: Summary,
+}
+
+/// Looks through the training clips at the rate and by the joints of a tokenizer. Copies are looked for in the clips of all
+/// splits: of two training clips the later one is listed, of a training clip and another split's the former.
+///
+/// # Errors
+/// Those of reading; no clip could be taken, or any file is bad and `strict` is given.
+pub fn clean(
+    gathered: &Gathered,
+    config: &TokenizerConfig,
+    options: &BuildOptions,
+    watch: &mut Watch<'_>,
+) -> Result<Cleaned> {
+    let items: Vec<&Item> = gathered.items.iter().collect();
+    let wanted = Wanted { fps: config.fps, above_floor: true };
+    let mut held: Vec<Held> = Vec::new();
+    let summary = each(
+        &items,
+        options,
+        wanted,
+        watch,
+        |item, loaded| match item.split {
+            Split::Train => Ok((loaded.clip.clone(), of_clip(&item.name, &loaded.clip, &config.joints)?)),
+            Split::Valid | Split::Test => Ok((loaded.clip.clone(), Vec::new())),
+        },
+        |item, sha256, (clip, finds), _| {
+            let frames = clip.frames();
+            held.push(Held { name: item.name.clone(), split: item.split, sha256, clip, finds });
+            Ok(frames)
+        },
+    )?;
+    check(&summary, options, items.len())?;
+    copies::find(&mut held, config.fps)?;
+    Ok(told(held, config.fps, summary))
+}
+
+/// What is wrong with a clip by itself.
+fn of_clip(name: &str, clip: &Clip, joints: &[usize]) -> Result<Vec<Find>> {
+    let found = glitches(name, clip, joints).into_iter().map(|glitch| {
+        let unit = if glitch.what == "root" { "cm" } else { "degrees" };
+        let told = format!("{} {:.0} {unit} in one frame", glitch.what, glitch.step);
+        // both frames of the step: which one is wrong is not known
+        Find { first: glitch.frame - 1, end: glitch.frame + 1, why: Why::Glitch, told }
+    });
+    Ok(found.chain(sinking(clip)?).collect())
+}
+
+fn sinking(clip: &Clip) -> Result<Vec<Find>> {
+    let feet = Feet::new(&smpl::neutral(), &map_for(&smpl::neutral(), None)?)?;
+    let low: Vec<f64> = feet.least(clip).into_iter().zip(feet.others(clip)).map(|(a, b)| a.min(b)).collect();
+    let mut found = Vec::new();
+    let mut first = 0;
+    for stretch in low.chunk_by(|a, b| (*a < -DEPTH_M) == (*b < -DEPTH_M)) {
+        let end = first + stretch.len();
+        if stretch[0] < -DEPTH_M && stretch.len() as f64 >= SINKS_S * clip.fps() {
+            let deepest = -100.0 * stretch.iter().copied().fold(0.0, f64::min);
+            found.push(Find { first, end, why: Why::Sinks, told: format!("{deepest:.0} cm in the floor") });
+        }
+        first = end;
+    }
+    Ok(found)
+}
+
+/// Finds of each clip put together.
+fn told(held: Vec<Held>, fps: f64, summary: Summary) -> Cleaned {
+    let seconds = |frames: usize| (1e4 * frames as f64 / fps).round() / 1e4;
+    let mut cleaned = Cleaned { ranges: vec![], kinds: vec![], clips: 0, seconds: 0.0, left_out_s: 0.0, summary };
+    let mut counts: Vec<(Why, usize, BTreeSet<usize>)> = Why::ALL.map(|why| (why, 0, BTreeSet::new())).into();
+    for (number, one) in held.into_iter().enumerate().filter(|(_, one)| one.split == Split::Train) {
+        cleaned.clips += 1;
+        cleaned.seconds += seconds(one.clip.frames());
+        for (first, end, finds) in together(one.finds, (TOGETHER_S * fps).round() as usize) {
+            for (why, ranges, clips) in &mut counts {
+                if finds.iter().any(|find| find.why == *why) {
+                    *ranges += 1;
+                    clips.insert(number);
+                }
+            }
+            let last = one.clip.frames();
+            cleaned.left_out_s += seconds(end.min(last) - first);
+            let to_s = (end < last).then(|| seconds(end));
+            let mut why: Vec<&str> = finds.iter().map(|find| find.told.as_str()).collect();
+            why.dedup();
+            cleaned.ranges.push(LeftOut { clip: one.name.clone(), from_s: seconds(first), to_s, why: why.join("; ") });
+        }
+    }
+    cleaned.kinds = counts.into_iter().map(|(why, ranges, clips)| (why, [ranges, clips.len()])).collect();
+    cleaned
+}
+
+/// Finds that are less than `apart` frames from each other, in the order of time.
+fn together(mut finds: Vec<Find>, apart: usize) -> Vec<(usize, usize, Vec<Find>)> {
+    finds.sort_by_key(|find| (find.first, find.end));
+    let mut all: Vec<(usize, usize, Vec<Find>)> = Vec::new();
+    for find in finds {
+        match all.last_mut().filter(|(_, end, _)| find.first < *end + apart) {
+            Some((_, end, others)) => {
+                *end = find.end.max(*end);
+                others.push(find);
+            }
+            None => all.push((find.first, find.end, vec![find])),
+        }
+    }
+    all
+}
+
+impl fmt::Display for Cleaned {
+    /// A line for each kind and one for all, without a line end after the last.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (why, [ranges, clips]) in &self.kinds {
+            writeln!(f, "{}: {} of {}", why.name(), counted(*ranges, "ranges"), counted(*clips, "clips"))?;
+        }
+        let (ranges, clips) = (counted(self.ranges.len(), "ranges"), counted(self.clips, "training clips"));
+        write!(f, "in all {ranges}, {:.1} s of the {:.1} s of {clips}", self.left_out_s, self.seconds)
+    }
+}

@@ -1,0 +1,257 @@
+//! Two clips made comparable: one rate, one length, one rig, one heading, rotation vectors on one branch.
+
+use crate::Series;
+use crate::filter::LOW_HZ;
+use crate::series::outwards;
+use crate::{Error, Result};
+use kinelm_motion::resample::{Method, resample};
+use kinelm_motion::retarget::{self, Retarget};
+use kinelm_motion::{Clip, Motion, Quat, Skeleton, Source, Vec3};
+use std::f64::consts::TAU;
+
+/// What of two clips is compared.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alignment {
+    /// N, frames; `None`: all that the shorter clip has.
+    pub frames: Option<usize>,
+    /// Frames per second.
+    pub fps: f64,
+    /// Where the first clip's begins and where the second's, seconds.
+    pub at_s: [f64; 2],
+    /// Leave the second clip's heading as it is, instead of turning it so that both begin facing the same way.
+    pub keep_heading: bool,
+    /// A skeleton map for both rigs, as [`retarget::map_for`] takes it.
+    pub map: Option<String>,
+}
+
+impl Default for Alignment {
+    fn default() -> Self {
+        Alignment { frames: Some(128), fps: 60.0, at_s: [0.0; 2], keep_heading: false, map: None }
+    }
+}
+
+/// Frames of the shortest window that has a spectrum: one place of a short-time Fourier transform.
+pub const FEWEST: usize = crate::Stft::WINDOW;
+/// Frames of the longest.
+pub const MOST: usize = 8192;
+
+/// Two windows of one rate, length and rig.
+#[derive(Debug, Clone)]
+pub struct Aligned {
+    /// The first clip's window.
+    pub a: Clip,
+    /// The second's, on the first's rig and facing as it does.
+    pub b: Clip,
+    /// Rotation vectors of every joint of both; `b`'s on the branch of whole turns nearest to `a`'s.
+    pub series: [Series; 2],
+    /// What was changed, for the user.
+    pub said: Vec<String>,
+}
+
+impl Alignment {
+    /// Coefficients of a cosine transform up to 3.5 Hz over a window of `frames`: 16 of 128 at 60 frames a second.
+    pub fn low(&self, frames: usize) -> usize {
+        crate::filter::coefficients(frames, self.fps, LOW_HZ).min(frames)
+    }
+
+    /// Aligns two clips.
+    ///
+    /// # Errors
+    /// A window that is out of all bounds or that a clip is too short for; rigs of which one can't be put on the other.
+    pub fn of(&self, a: &Motion, b: &Motion) -> Result<Aligned> {
+        let mut said = Vec::new();
+        let at_rate = |motion: &Motion, said: &mut Vec<String>| -> Result<Clip> {
+            let (name, fps) = (motion.path.display(), motion.clip.fps());
+            if fps != self.fps {
+                said.push(format!("{name}: from {} to {} fps", round(fps), round(self.fps)));
+            }
+            Ok(resample(&motion.clip, self.fps, Method::Auto)?)
+        };
+        let clips = [at_rate(a, &mut said)?, at_rate(b, &mut said)?];
+        let frames = self.frames([a, b], [&clips[0], &clips[1]], &mut said)?;
+        let cut = |i: usize| {
+            let start = self.start(i);
+            clips[i].slice(start..start + frames)
+        };
+        let (first, second) = (cut(0), cut(1));
+        let mut second = self.on_rig([a, b], &first, second, &mut said)?;
+        if !self.keep_heading {
+            let turn = heading_between(&first, &second);
+            if turn.abs().to_degrees() > 1.0 {
+                let name = b.path.display();
+                said.push(format!("{name}: turned by {:.0} degrees, to begin facing as the first", turn.to_degrees()));
+            }
+            second = turned(&second, turn)?;
+        }
+        let series = [Series::of(&first, &[], self.fps, true)?, Series::of(&second, &[], self.fps, true)?];
+        let [mut sa, mut sb] = series;
+        unwrap_all(&mut sa);
+        unwrap_all(&mut sb);
+        nearest_branches(&mut sb, &sa);
+        Ok(Aligned { a: first, b: second, series: [sa, sb], said })
+    }
+
+    fn start(&self, i: usize) -> usize {
+        (self.at_s[i] * self.fps).round() as usize
+    }
+
+    /// N, if both clips have as many frames from their starts on.
+    fn frames(&self, motions: [&Motion; 2], clips: [&Clip; 2], said: &mut Vec<String>) -> Result<usize> {
+        if self.at_s.iter().any(|s| !(s.is_finite() && *s >= 0.0)) {
+            return Err(Error::call(format!("a window from {:?} s on; expected times from 0 on", self.at_s)));
+        }
+        let left = [0, 1].map(|i| clips[i].frames().saturating_sub(self.start(i)));
+        let shorter = left[0].min(left[1]);
+        let frames = self.frames.unwrap_or(shorter);
+        if self.frames.is_none() && left[0] != left[1] {
+            let longer = motions[usize::from(left[1] > left[0])].path.display();
+            said.push(format!("{longer}: cut to the other's {frames} frames"));
+        }
+        if self.frames.is_some() && !(FEWEST..=MOST).contains(&frames) {
+            return Err(Error::call(format!("a window of {frames} frames; expected {FEWEST} to {MOST}")));
+        }
+        let needed = frames.max(FEWEST);
+        if let Some(i) = [0, 1].into_iter().find(|&i| left[i] < needed) {
+            let (has, start) = (clips[i].frames(), self.at_s[i]);
+            let what = format!(
+                "{has} frames at {} fps, of which {} lie from {start} s on; expected at least the {needed} of a window: \
+                 begin earlier (--at-a, --at-b), or take a shorter window",
+                round(self.fps),
+                left[i]
+            );
+            return Err(kinelm_motion::Error::Clip { clip: motions[i].path.display().to_string(), what }.into());
+        }
+        if frames > MOST {
+            let what = format!("windows of {frames} frames; expected at most {MOST}: give a window, or a lower rate");
+            return Err(Error::call(what));
+        }
+        Ok(frames)
+    }
+
+    /// The second clip on the first's rig; joints that no joint of the second plays move as the first's.
+    fn on_rig(&self, motions: [&Motion; 2], first: &Clip, second: Clip, said: &mut Vec<String>) -> Result<Clip> {
+        let [a, b] = motions.map(|m| m.path.display().to_string());
+        let (to, from) = (first.skeleton(), second.skeleton());
+        if to.names() == from.names() && to.parents() == from.parents() {
+            // the same joints; bones of another length turn the same way
+            return Ok(second);
+        }
+        let retargeted = || -> kinelm_motion::Result<Clip> {
+            let map = self.map.as_deref();
+            let source = match &motions[1].source {
+                // numbers of the whole file don't belong to a window of it
+                Source::Bvh(_) => Source::Plain,
+                other => other.clone(),
+            };
+            let window = Motion { clip: second, source, path: motions[1].path.clone(), warnings: Vec::new() };
+            let smpl = retarget::to_smpl(&window, map)?;
+            let way = Retarget::new(to, &retarget::map_for(to, map)?, smpl.skeleton().clone())?;
+            let way = way.with_floor(retarget::floor_m(&window, map)?);
+            way.to_rig_over(&smpl, Some(first))
+        };
+        let clip = retargeted()
+            .map_err(|e| Error::call(format!("{b} can't be put on the rig of {a}, which is another one: {e}")))?;
+        said.push(format!("{b}: put on the rig of {a}"));
+        Ok(clip)
+    }
+}
+
+/// A rate without the digits that only its inverse made.
+fn round(fps: f64) -> f64 {
+    (fps * 1e3).round() / 1e3
+}
+
+/// The joint that carries the body: the root, or below it the first that has other than one child.
+fn pelvis(skeleton: &Skeleton) -> usize {
+    let mut at = 0;
+    loop {
+        let mut children = skeleton.children(at);
+        match (children.next(), children.next()) {
+            (Some(only), None) => at = only,
+            _ => return at,
+        }
+    }
+}
+
+/// The angle about the vertical, radians, that turns the second clip's first pelvis nearest to the first's.
+fn heading_between(first: &Clip, second: &Clip) -> f64 {
+    let world = |clip: &Clip| clip.global_pose(0).rotations[pelvis(clip.skeleton())];
+    let off = world(first) * world(second).conjugate();
+    let half = off.y.atan2(off.w);
+    kinelm_motion::rotation::euler::wrap(2.0 * half)
+}
+
+/// A clip turned about the vertical where it begins. The turn is made by the joint that carries the body, so that joints
+/// above it, which stand still in some rigs, go on standing still.
+fn turned(clip: &Clip, angle: f64) -> Result<Clip> {
+    let turn = Quat::from_rotation_y(angle);
+    let (joint, j) = (pelvis(clip.skeleton()), clip.joints());
+    let from = clip.root().first().copied().unwrap_or(Vec3::ZERO);
+    let root = clip.root().iter().map(|&p| from + turn * (p - from)).collect();
+    let mut rotations = clip.rotations().to_vec();
+    for f in 0..clip.frames() {
+        let above = clip.skeleton().parents()[joint].map_or(Quat::IDENTITY, |p| clip.global_pose(f).rotations[p]);
+        let local = &mut rotations[f * j + joint];
+        *local = (above.conjugate() * turn * above * *local).normalize();
+    }
+    Ok(Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations)?)
+}
+
+/// Of all vectors of a rotation, `v + 2 PI k v/|v|`, the one nearest to another.
+fn nearest(v: Vec3, to: Vec3) -> Vec3 {
+    let angle = v.length();
+    if angle < 1e-9 {
+        return v;
+    }
+    let axis = v / angle;
+    axis * (angle + TAU * ((to.dot(axis) - angle) / TAU).round())
+}
+
+/// Every joint's vectors, from the smallest on each nearest to its neighbour: turns of any number, where
+/// [`Series::window`] knows one.
+fn unwrap_all(series: &mut Series) {
+    for joint in 0..series.channels.len() / 3 {
+        let mut vectors = vectors(series, joint);
+        outwards(&mut vectors, nearest);
+        put(series, joint, &vectors);
+    }
+}
+
+/// Every joint's vectors begun with another number of turns where that brings them nearer to `to`'s.
+fn nearest_branches(series: &mut Series, to: &Series) {
+    for joint in 0..series.channels.len() / 3 {
+        let (own, other) = (vectors(series, joint), vectors(to, joint));
+        let off = |path: &[Vec3]| path.iter().zip(&other).map(|(a, b)| (*a - *b).length_squared()).sum::<f64>();
+        let begun = |from: &[Vec3], turns: f64| -> Vec<Vec3> {
+            let mut path = from.to_vec();
+            path[0] = path[0] + path[0].normalize_or_zero() * (TAU * turns);
+            for f in 1..path.len() {
+                path[f] = nearest(path[f], path[f - 1]);
+            }
+            path
+        };
+        let mut best = own;
+        for _ in 0..series.frames {
+            let paths = [-1.0, 1.0].map(|turns| begun(&best, turns));
+            let Some(path) = paths.into_iter().find(|path| off(path) < off(&best)) else { break };
+            best = path;
+        }
+        put(series, joint, &best);
+    }
+}
+
+fn vectors(series: &Series, joint: usize) -> Vec<Vec3> {
+    let axis = |i: usize| series.channel(3 * joint + i);
+    (0..series.frames).map(|f| Vec3::new(axis(0)[f], axis(1)[f], axis(2)[f])).collect()
+}
+
+fn put(series: &mut Series, joint: usize, vectors: &[Vec3]) {
+    for (f, v) in vectors.iter().enumerate() {
+        for axis in 0..3 {
+            series.numbers[(3 * joint + axis) * series.frames + f] = v[axis];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

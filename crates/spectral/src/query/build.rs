@@ -1,0 +1,377 @@
+//! From motion files to an index, or to more of one.
+
+use super::index::{BASIS, Index, MANIFEST};
+use super::maker::{Made, Maker, fit_of};
+use super::options::{IndexOptions, Kind};
+use super::part::PartWriter;
+use super::record::{ClipEntry, Manifest, PartRecord, VERSION};
+use crate::PcaBasis;
+use crate::pca::PcaFit;
+use crate::{Error, Result};
+pub use kinelm_corpus::build::{BuildOptions, Summary, Watch, check, each};
+use kinelm_corpus::load::{Wanted, item_options};
+use kinelm_corpus::{Gathered, Item};
+use kinelm_store::FileRecord;
+use kinelm_store::files;
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
+
+/// What an index is asked to hold. What isn't said is as in the index that is there, or in [`IndexOptions::new`].
+#[derive(Debug, Clone, Default)]
+pub struct Asked {
+    /// What windows are told by; DCT unless said.
+    pub transform: Option<Kind>,
+    /// Frames of a window.
+    pub frames: Option<usize>,
+    /// Frames from a window to the next.
+    pub hop: Option<usize>,
+    /// Frames per second.
+    pub fps: Option<f64>,
+    /// SMPL joints.
+    pub joints: Option<Vec<usize>>,
+    /// Canonical rotation vectors.
+    pub raw: Option<bool>,
+}
+
+impl Asked {
+    /// The options, laid over those of an index that is there.
+    pub fn over(&self, there: Option<&IndexOptions>) -> IndexOptions {
+        let mut options = there.cloned().unwrap_or_else(|| IndexOptions::new(Kind::dct()));
+        let Asked { transform, frames, hop, fps, joints, raw } = self.clone();
+        options.transform = transform.unwrap_or(options.transform);
+        options.windows.frames = frames.unwrap_or(options.windows.frames);
+        options.windows.hop = hop.unwrap_or(options.windows.hop);
+        options.windows.fps = fps.unwrap_or(options.windows.fps);
+        options.joints = joints.unwrap_or(options.joints);
+        options.raw = raw.unwrap_or(options.raw);
+        options
+    }
+}
+
+/// What a build did.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Built {
+    /// Of the files that were read.
+    pub summary: Summary,
+    /// How windows are cut and what is held of them.
+    pub options: IndexOptions,
+    /// Clips and windows that were added.
+    pub added: (usize, usize),
+    /// Clips that were in the index already.
+    pub known: usize,
+    /// Clips that were in it, read in another way, and were added again.
+    pub otherwise: usize,
+    /// Clips shorter than a window.
+    pub short: usize,
+    /// Windows of the index now.
+    pub windows: usize,
+    /// Share of the windows' variance that a fitted basis holds.
+    pub explained: Option<f64>,
+}
+
+impl Built {
+    /// What the user should be told, one line each.
+    pub fn lines(&self) -> Vec<String> {
+        let mut lines = self.summary.lines();
+        let seconds = self.options.windows.seconds();
+        for (count, what) in [
+            (self.known, "clips are in the index already and are left as they are, their labels too".to_string()),
+            (
+                self.otherwise,
+                "clips are in the index already, read at another rate or with other options: now twice".to_string(),
+            ),
+            (self.short, format!("clips are shorter than a window of {seconds:.3} s and are left out")),
+        ] {
+            if count > 0 {
+                lines.push(format!("{count} {what}"));
+            }
+        }
+        if let Some(share) = self.explained {
+            lines.push(format!("the basis holds {:.2} % of the windows' variance", 100.0 * share));
+        }
+        lines
+    }
+}
+
+/// Builds an index at `out`, or adds to the one that is there the clips that it doesn't have: those of other files, or of
+/// the same files read otherwise. The basis of a fitted transform is that of the index's beginning.
+///
+/// # Errors
+/// [`Error::Call`] where `asked` differs from the index that is there, when no clip is as long as a window, or any file is bad
+/// and `strict` is given, or `watch` broke off; those of reading, of a run, and of writing. Nothing is changed then.
+pub fn build(
+    gathered: &Gathered,
+    asked: &Asked,
+    options: &BuildOptions,
+    out: &Path,
+    watch: &mut Watch<'_>,
+) -> Result<Built> {
+    let (there, _alone) = match std::fs::symlink_metadata(out) {
+        Ok(_) => {
+            if !out.join(MANIFEST).is_file() {
+                return Err(Error::taken(out, "exists and is no index; give another --out"));
+            }
+            let alone = alone(out)?;
+            (Some(Index::open(out)?), alone)
+        }
+        Err(_) => (None, None),
+    };
+    let held = asked.over(there.as_ref().map(Index::options));
+    held.validate()?;
+    if let Some(index) = &there {
+        same_options(out, index.options(), &held)?;
+    }
+    let basis = match (&there, &held.transform) {
+        (Some(index), _) => index.basis().cloned(),
+        (None, Kind::Pca { keep }) => Some(fit(gathered, &held, *keep, options, watch)?),
+        _ => None,
+    };
+    let mut work = Work::begin(out, there.as_ref())?;
+    let mut built = Built {
+        summary: Summary::default(),
+        options: held.clone(),
+        added: (0, 0),
+        known: 0,
+        otherwise: 0,
+        short: 0,
+        windows: 0,
+        explained: basis.as_ref().map(|b| b.variances.iter().sum::<f64>() / b.total_variance.max(f64::MIN_POSITIVE)),
+    };
+    let (part, numbers) = write_part(gathered, &held, basis.as_ref(), options, &work, &mut built, watch)?;
+    let Some(part) = part else {
+        let (known, short, seconds) = (built.known, built.short, held.windows.seconds());
+        if known == 0 {
+            let frames = held.windows.frames;
+            return Err(Error::call(format!(
+                "no clip is as long as a window of {frames} frames ({seconds:.3} s): all {short} are shorter; nothing was \
+                 written; give longer clips or a shorter window"
+            )));
+        }
+        built.windows = there.map_or(0, |index| index.database().windows());
+        return Ok(built);
+    };
+    let basis = basis.map(|b| serde_json::to_vec(&b).map_err(|e| Error::call(e.to_string()))).transpose()?;
+    let manifest = match there {
+        Some(index) => {
+            let mut manifest = index.manifest().clone();
+            manifest.parts.push(part);
+            manifest
+        }
+        None => Manifest {
+            version: VERSION,
+            program: env!("CARGO_PKG_VERSION").into(),
+            options: held,
+            numbers,
+            basis: basis.as_deref().map(FileRecord::of),
+            parts: vec![part],
+        },
+    };
+    built.windows = manifest.parts.iter().map(|p| p.windows).sum();
+    work.finish(&manifest, basis.as_deref())?;
+    Ok(built)
+}
+
+/// Keeps other builds from an index that is there, while the answer lives.
+///
+/// # Errors
+/// Another build that adds to it; a folder that can't be opened.
+fn alone(out: &Path) -> Result<Option<File>> {
+    if cfg!(not(unix)) {
+        return Ok(None); // only there folders are locked
+    }
+    let folder = File::open(out).map_err(Error::io(out))?;
+    match folder.try_lock() {
+        Err(TryLockError::WouldBlock) => {
+            Err(Error::call(format!("{}: another build adds to it; build again when that is done", out.display())))
+        }
+        // file systems without locks can't tell
+        _ => Ok(Some(folder)),
+    }
+}
+
+fn same_options(out: &Path, there: &IndexOptions, asked: &IndexOptions) -> Result<()> {
+    let differ = there.differences(asked);
+    if differ.is_empty() {
+        return Ok(());
+    }
+    let list = |of: fn(&(&str, String, String)) -> String| differ.iter().map(of).collect::<Vec<_>>().join(", ");
+    let found = format!("an index of {}", list(|(name, there, _)| format!("{name} {there}")));
+    let expected = list(|(name, _, asked)| format!("{name} {asked}"));
+    let help = "leave these options out to add to it, or give another --out";
+    Err(Error::file(out, found, format!("{expected}, as asked for"), help))
+}
+
+/// A basis for all windows of the clips.
+fn fit(
+    gathered: &Gathered,
+    held: &IndexOptions,
+    keep: usize,
+    options: &BuildOptions,
+    watch: &mut Watch<'_>,
+) -> Result<PcaBasis> {
+    let items: Vec<&Item> = gathered.items.iter().collect();
+    let mut all = PcaFit::new(held.windows.frames);
+    let mut windows = 0;
+    let summary = each(
+        &items,
+        options,
+        Wanted::in_world(held.windows.fps),
+        watch,
+        |_, loaded| {
+            let starts: Vec<usize> = held.windows.starts(loaded.clip.frames(), 0).collect();
+            Ok((fit_of(&loaded.clip, &starts, held)?, starts.len(), loaded.clip.frames()))
+        },
+        |_, _, (one, count, frames), _| {
+            all.merge(&one);
+            windows += count;
+            Ok(frames)
+        },
+    )?;
+    check(&summary, options, items.len())?;
+    if windows == 0 {
+        let (frames, seconds) = (held.windows.frames, held.windows.seconds());
+        return Err(Error::call(format!(
+            "no clip is as long as a window of {frames} frames ({seconds:.3} s); nothing was written; give longer clips or \
+             a shorter window"
+        )));
+    }
+    all.finish(keep)
+}
+
+/// Writes the windows of the clips that are new; `None` where there are none. D.
+fn write_part(
+    gathered: &Gathered,
+    held: &IndexOptions,
+    basis: Option<&PcaBasis>,
+    options: &BuildOptions,
+    work: &Work,
+    built: &mut Built,
+    watch: &mut Watch<'_>,
+) -> Result<(Option<PartRecord>, usize)> {
+    let (maker, mut finisher) = Maker::new(held, basis)?;
+    let numbers = maker.numbers(&finisher);
+    let (temporary, place) = work.part()?;
+    let mut writer = PartWriter::create(&temporary, numbers)?;
+    let items: Vec<&Item> = gathered.items.iter().collect();
+    let (mut known, mut otherwise, mut short, mut clips) = (0, 0, 0, 0);
+    built.summary = each(
+        &items,
+        options,
+        Wanted::in_world(held.windows.fps),
+        watch,
+        |_, loaded| {
+            let starts: Vec<usize> = held.windows.starts(loaded.clip.frames(), 0).collect();
+            Ok((maker.make(&loaded.clip, &starts)?, starts, loaded.clip.frames()))
+        },
+        |item, sha256, (made, starts, frames): (Made, Vec<usize>, usize), _| {
+            let read = item_options(item, &options.read);
+            otherwise += usize::from(work.known.iter().any(|c| c.sha256 == sha256));
+            if work.known.iter().any(|c| c.is_of(&sha256, &read, frames)) {
+                (known, otherwise) = (known + 1, otherwise - 1);
+            } else if starts.is_empty() {
+                short += 1;
+            } else {
+                clips += 1;
+                let path = std::path::absolute(&item.path).map_err(Error::io(&item.path))?;
+                let Item { name, take, labels, .. } = item.clone();
+                let entry = ClipEntry { name, path, sha256, read, take, labels, frames, starts };
+                writer.push(&entry, &finisher.finish(made)?)?;
+            }
+            Ok(frames)
+        },
+    )?;
+    check(&built.summary, options, items.len())?;
+    (built.known, built.otherwise, built.short) = (known, otherwise, short);
+    built.added = (clips, writer.windows());
+    if clips == 0 {
+        return Ok((None, numbers));
+    }
+    Ok((Some(writer.finish(&place)?), numbers))
+}
+
+/// Where a build writes: into the index that is there, or into a new folder that is renamed at the end.
+struct Work {
+    out: PathBuf,
+    /// The new folder, until it is renamed.
+    folder: Option<PathBuf>,
+    /// `index.json` when the work began.
+    there: Option<Manifest>,
+    known: Vec<ClipEntry>,
+}
+
+impl Work {
+    fn begin(out: &Path, there: Option<&Index>) -> Result<Work> {
+        let mut work = Work { out: out.to_owned(), folder: None, there: None, known: Vec::new() };
+        match there {
+            Some(index) => {
+                work.there = Some(index.manifest().clone());
+                work.known = index.database().clips().to_vec();
+            }
+            None => {
+                let parent = files::folder_of(out);
+                std::fs::create_dir_all(parent).map_err(Error::io(parent))?;
+                files::sweep(&[out]);
+                let folder = files::beside(out, "writing")?;
+                if folder.exists() {
+                    // a process of this number died here
+                    std::fs::remove_dir_all(&folder).map_err(Error::io(&folder))?;
+                }
+                std::fs::create_dir(&folder).map_err(Error::io(&folder))?;
+                work.folder = Some(folder);
+            }
+        }
+        Ok(work)
+    }
+
+    /// Where the next part is written, and where it comes to stand.
+    fn part(&self) -> Result<(PathBuf, PathBuf)> {
+        let number = 1 + self.there.as_ref().map_or(0, |m| m.parts.len());
+        let place = self.folder.as_deref().unwrap_or(&self.out).join(format!("part-{number:04}"));
+        if place.exists() {
+            // a build ended after it was renamed and before it was named: it is nobody's
+            std::fs::remove_dir_all(&place).map_err(Error::io(&place))?;
+        }
+        files::sweep(&[&place]);
+        let temporary = files::beside(&place, "writing")?;
+        if temporary.exists() {
+            std::fs::remove_dir_all(&temporary).map_err(Error::io(&temporary))?;
+        }
+        Ok((temporary, place))
+    }
+
+    /// Names the parts, and puts a new index in its place.
+    fn finish(&mut self, manifest: &Manifest, basis: Option<&[u8]>) -> Result<()> {
+        let text = serde_json::to_string_pretty(manifest).map_err(|e| Error::call(e.to_string()))? + "\n";
+        let Some(folder) = &self.folder else {
+            if Some(super::index::read_manifest(&self.out)?) != self.there {
+                let help = "another build added to it meanwhile: build again";
+                return Err(Error::file(
+                    self.out.join(MANIFEST),
+                    "another index",
+                    "the one the build began with",
+                    help,
+                ));
+            }
+            return Ok(files::write_whole(&self.out.join(MANIFEST), text.as_bytes())?);
+        };
+        if let Some(basis) = basis {
+            files::write_whole(&folder.join(BASIS), basis)?;
+        }
+        files::write_whole(&folder.join(MANIFEST), text.as_bytes())?;
+        files::sync_folder(folder)?;
+        if std::fs::symlink_metadata(&self.out).is_ok() {
+            return Err(Error::taken(&self.out, "was made meanwhile; build again to add to it"));
+        }
+        files::rename_new(folder, &self.out)?;
+        self.folder = None;
+        Ok(files::sync_folder(files::folder_of(&self.out))?)
+    }
+}
+
+impl Drop for Work {
+    fn drop(&mut self) {
+        if let Some(folder) = &self.folder {
+            let _ = std::fs::remove_dir_all(folder);
+        }
+    }
+}

@@ -1,0 +1,435 @@
+//! How well the neighbours of a window tell its labels: the thesis's tables 3.1 and 3.2; docs/query.md, "Do
+//! neighbours tell labels?".
+
+use super::database::Database;
+use super::exclude::{Exclude, Filter, Origin};
+use super::maker::{Maker, fit_of};
+use super::options::{IndexOptions, Kind};
+use super::part::Part;
+use super::record::ClipEntry;
+use super::search::{Cosines, Distance, Wanted};
+use super::vote::{Tally, vote};
+use crate::pca::PcaFit;
+use crate::{Error, Result};
+use crate::{PcaBasis, WindowSpec};
+pub use kinelm_corpus::build::{BuildOptions, Summary, Watch, check, each};
+use kinelm_corpus::load::item_options;
+use kinelm_corpus::{Gathered, Item};
+use kinelm_motion::Clip;
+use kinelm_store::random;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Windows that are asked for together.
+const QUERIES: usize = 64;
+/// Clips that are worked on together.
+const CLIPS: usize = 64;
+
+/// What is measured.
+#[derive(Debug, Clone)]
+pub struct EvaluateOptions {
+    /// How files are read.
+    pub build: BuildOptions,
+    /// Where windows lie.
+    pub windows: WindowSpec,
+    /// SMPL joints; all if empty. A model reads its own.
+    pub joints: Vec<usize>,
+    /// Canonical rotation vectors (compat); a model reads its own.
+    pub raw: bool,
+    /// What windows are told by.
+    pub transforms: Vec<Kind>,
+    /// What "near" means.
+    pub distances: Vec<Distance>,
+    /// Label fields; by themselves those that all clips have with at least two values.
+    pub fields: Vec<String>,
+    /// Only clips with these labels.
+    pub only: Vec<(String, String)>,
+    /// What is left out of the neighbours in the main figures.
+    pub exclude: Exclude,
+    /// Neighbours.
+    pub k: usize,
+}
+
+/// Accuracy and entropy of one way to ask.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// The label.
+    pub field: String,
+    /// As [`Kind::name`]; `chance` is neighbours drawn at random from those allowed.
+    pub transform: String,
+    /// Cosine or Euclid.
+    pub distance: Option<Distance>,
+    /// What was left out.
+    pub exclude: Exclude,
+    /// The first frame of a clip's first window.
+    pub phase: usize,
+    /// Windows asked for; those that have no neighbour are left out.
+    pub queries: usize,
+    /// Share of right majorities.
+    pub accuracy: Option<f64>,
+    /// Half of its 95 % interval over recordings.
+    pub half_interval: Option<f64>,
+    /// Mean entropy of the neighbours' labels, bans.
+    pub entropy_bans: Option<f64>,
+}
+
+/// The values of a label.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Shares {
+    /// The label.
+    pub field: String,
+    /// Value to share of the windows at the first phase.
+    pub shares: BTreeMap<String, f64>,
+}
+
+/// All that was measured.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// Of this form.
+    pub schema: u32,
+    /// The program's version.
+    pub version: &'static str,
+    /// Where windows lie.
+    pub windows: WindowSpec,
+    /// Neighbours.
+    pub k: usize,
+    /// What is left out in the main figures.
+    pub exclude: Exclude,
+    /// Clips with at least one window.
+    pub clips: usize,
+    /// Clips shorter than a window.
+    pub short: usize,
+    /// Recordings.
+    pub takes: usize,
+    /// Windows at each phase.
+    pub queries: Vec<(usize, usize)>,
+    /// Of each label.
+    pub shares: Vec<Shares>,
+    /// All figures.
+    pub rows: Vec<Row>,
+    /// Of the files that were read.
+    #[serde(skip)]
+    pub summary: Summary,
+}
+
+/// A clip in memory.
+struct Held {
+    clip: Clip,
+    entry: ClipEntry,
+}
+
+/// Reads the clips, and asks for each window at both phases (windows from the clip's first frame on, and from half a hop on).
+///
+/// # Errors
+/// Files that can't be read where `strict` is given; [`Error::Call`] when no clip is as long as a window or has the labels
+/// wanted, a label that some clip doesn't have, or has but one value.
+pub fn evaluate(gathered: &Gathered, options: &EvaluateOptions, watch: &mut Watch<'_>) -> Result<Report> {
+    options.windows.validate()?;
+    let mut of_kind = Vec::new();
+    for kind in &options.transforms {
+        let model = matches!(kind, Kind::Model { .. });
+        let (joints, raw) = if model { (vec![], false) } else { (options.joints.clone(), options.raw) };
+        let one = IndexOptions { transform: kind.clone(), windows: options.windows, joints, raw };
+        one.validate()?;
+        of_kind.push(one);
+    }
+    let items = chosen(gathered, &options.only)?;
+    let (held, short, summary) = load(&items, options, watch)?;
+    let fields = fields_of(&held, &options.fields)?;
+    let entries = held.iter().map(|h| &h.entry);
+    options.exclude.check(entries.clone())?;
+    let excludes: Vec<Exclude> = Exclude::ALL.into_iter().filter(|e| e.check(entries.clone()).is_ok()).collect();
+    let mut takes: Vec<&str> = held.iter().map(|h| h.entry.take.as_str()).collect();
+    takes.sort_unstable();
+    takes.dedup();
+    let labels: Vec<Labels> = fields.iter().map(|f| Labels::of(&held, f)).collect();
+    let mut report = Report {
+        schema: 1,
+        version: env!("CARGO_PKG_VERSION"),
+        windows: options.windows,
+        k: options.k,
+        exclude: options.exclude,
+        clips: held.len(),
+        short,
+        takes: takes.len(),
+        queries: Vec::new(),
+        shares: labels.iter().map(|l| l.shares(&held, &options.windows)).collect(),
+        rows: Vec::new(),
+        summary,
+    };
+    for phase in [0, options.windows.hop / 2] {
+        let count = held.iter().map(|h| options.windows.starts(h.clip.frames(), phase).count()).sum();
+        report.queries.push((phase, count));
+        for kind in &of_kind {
+            let database = database(&held, kind, phase)?;
+            let judge =
+                Judge { database: &database, labels: &labels, takes: &takes, options, excludes: &excludes, phase };
+            report.rows.extend(judge.ask(&kind.transform)?);
+            if kind == &of_kind[0] {
+                report.rows.extend(judge.chance());
+            }
+        }
+        if options.windows.hop < 2 {
+            break;
+        }
+    }
+    Ok(report)
+}
+
+/// The items with these labels.
+fn chosen<'a>(gathered: &'a Gathered, only: &[(String, String)]) -> Result<Vec<&'a Item>> {
+    let fits = |i: &&Item| only.iter().all(|(field, value)| i.labels.get(field) == Some(value));
+    let items: Vec<&Item> = gathered.items.iter().filter(fits).collect();
+    if items.is_empty() {
+        let wanted: Vec<String> = only.iter().map(|(f, v)| format!("{f}={v}")).collect();
+        return Err(Error::call(format!(
+            "no clip has the labels {}; `--labels` gives clips their labels",
+            wanted.join(" ")
+        )));
+    }
+    Ok(items)
+}
+
+/// The clips that have a window, how many have none, and what reading found.
+fn load(items: &[&Item], options: &EvaluateOptions, watch: &mut Watch<'_>) -> Result<(Vec<Held>, usize, Summary)> {
+    let (mut held, mut short) = (Vec::new(), 0);
+    let spec = options.windows;
+    let summary = each(
+        items,
+        &options.build,
+        kinelm_corpus::load::Wanted::in_world(spec.fps),
+        watch,
+        |_, loaded| Ok(loaded.clip.clone()),
+        |item, sha256, clip, _| {
+            let frames = clip.frames();
+            if frames < spec.frames {
+                short += 1;
+                return Ok(frames);
+            }
+            let Item { name, path, take, labels, .. } = item.clone();
+            let read = item_options(item, &options.build.read);
+            held.push(Held {
+                clip,
+                entry: ClipEntry { name, path, sha256, read, take, labels, frames, starts: vec![] },
+            });
+            Ok(frames)
+        },
+    )?;
+    check(&summary, &options.build, items.len())?;
+    if held.is_empty() {
+        let (frames, seconds) = (spec.frames, spec.seconds());
+        return Err(Error::call(format!("no clip is as long as a window of {frames} frames ({seconds:.3} s)")));
+    }
+    Ok((held, short, summary))
+}
+
+/// The label fields that are measured.
+fn fields_of(held: &[Held], asked: &[String]) -> Result<Vec<String>> {
+    let first = &held[0].entry.labels;
+    let values = |field: &String| {
+        let mut values: Vec<&String> = held.iter().filter_map(|h| h.entry.labels.get(field)).collect();
+        let clips = values.len();
+        values.sort_unstable();
+        values.dedup();
+        (clips, values.len())
+    };
+    for field in asked {
+        let (clips, count) = values(field);
+        if clips < held.len() {
+            let lacks = held.iter().find(|h| !h.entry.labels.contains_key(field)).map_or("", |h| &h.entry.name);
+            let known: Vec<&str> = first.keys().map(String::as_str).collect();
+            return Err(Error::call(format!(
+                "label `{field}`: {} of {} clips don't have it, the first is {lacks}; expected it of all; the first clip has {}",
+                held.len() - clips,
+                held.len(),
+                if known.is_empty() { "no labels: `--labels` gives some".into() } else { known.join(", ") }
+            )));
+        }
+        if count < 2 {
+            return Err(Error::call(format!(
+                "label `{field}`: all clips have one value; there is nothing to tell apart"
+            )));
+        }
+    }
+    let all: Vec<String> = match asked {
+        [] => first.keys().filter(|f| values(f) >= (held.len(), 2)).cloned().collect(),
+        asked => asked.to_vec(),
+    };
+    if all.is_empty() {
+        return Err(Error::call(
+            "no label that all clips have with two values or more; `--labels` gives clips their labels",
+        ));
+    }
+    Ok(all)
+}
+
+/// A field, and each clip's value as a number.
+struct Labels {
+    field: String,
+    values: Vec<String>,
+    of_clip: Vec<usize>,
+}
+
+impl Labels {
+    fn of(held: &[Held], field: &str) -> Labels {
+        let value = |h: &Held| h.entry.labels[field].clone();
+        let mut values: Vec<String> = held.iter().map(value).collect();
+        values.sort_unstable();
+        values.dedup();
+        let of_clip = held.iter().map(|h| values.partition_point(|v| *v < h.entry.labels[field])).collect();
+        Labels { field: field.into(), values, of_clip }
+    }
+
+    fn shares(&self, held: &[Held], spec: &WindowSpec) -> Shares {
+        let mut counts = vec![0usize; self.values.len()];
+        for (h, &value) in held.iter().zip(&self.of_clip) {
+            counts[value] += spec.starts(h.clip.frames(), 0).count();
+        }
+        let all = counts.iter().sum::<usize>().max(1) as f64;
+        let shares = self.values.iter().cloned().zip(counts.iter().map(|&n| n as f64 / all)).collect();
+        Shares { field: self.field.clone(), shares }
+    }
+}
+
+/// The windows of all clips at a phase.
+fn database(held: &[Held], options: &IndexOptions, phase: usize) -> Result<Database> {
+    let starts = |h: &Held| options.windows.starts(h.clip.frames(), phase).collect::<Vec<usize>>();
+    let basis = match options.transform {
+        Kind::Pca { keep } => Some(fit(held, options, keep, phase)?),
+        _ => None,
+    };
+    let (maker, mut finisher) = Maker::new(options, basis.as_ref())?;
+    let mut features = Vec::new();
+    for some in held.chunks(CLIPS) {
+        let made: Vec<_> = some.par_iter().map(|h| maker.make(&h.clip, &starts(h))).collect();
+        for one in made {
+            features.extend(finisher.finish(one?)?);
+        }
+    }
+    let entries = held.iter().map(|h| ClipEntry { starts: starts(h), ..h.entry.clone() }).collect();
+    let numbers = maker.numbers(&finisher);
+    Ok(Database::new(numbers, vec![(Part::held(features, numbers), entries)]))
+}
+
+fn fit(held: &[Held], options: &IndexOptions, keep: usize, phase: usize) -> Result<PcaBasis> {
+    let mut all = PcaFit::new(options.windows.frames);
+    for some in held.chunks(CLIPS) {
+        let of = |h: &Held| {
+            let starts: Vec<usize> = options.windows.starts(h.clip.frames(), phase).collect();
+            fit_of(&h.clip, &starts, options)
+        };
+        let fits: Vec<_> = some.par_iter().map(of).collect();
+        for one in fits {
+            all.merge(&one?);
+        }
+    }
+    all.finish(keep)
+}
+
+/// One database, and what is asked of it.
+struct Judge<'a> {
+    database: &'a Database,
+    labels: &'a [Labels],
+    takes: &'a [&'a str],
+    options: &'a EvaluateOptions,
+    excludes: &'a [Exclude],
+    phase: usize,
+}
+
+impl Judge<'_> {
+    /// Asks for every window, in every way.
+    fn ask(&self, kind: &Kind) -> Result<Vec<Row>> {
+        let ways: Vec<(Option<Distance>, Exclude)> = self.ways(&self.options.distances);
+        let mut tallies = vec![Tally::default(); ways.len() * self.labels.len()];
+        let windows: Vec<usize> = (0..self.database.windows()).collect();
+        for block in windows.chunks(QUERIES) {
+            let (near, error) = self.database.cosines(block)?;
+            let rows = near.par_chunks(self.database.windows()).zip(block);
+            let found: Vec<Vec<Vec<_>>> = rows
+                .map(|(near, &query)| {
+                    let answer = |&(distance, exclude): &(Option<Distance>, Exclude)| {
+                        let distance = distance.unwrap_or(Distance::Cosine);
+                        let wanted = Wanted { k: self.options.k, distance, one_a_clip: false };
+                        let filter = self.filter(query, exclude);
+                        let hits = self.database.select(
+                            &self.database.feature(query)?,
+                            Cosines { near, error },
+                            wanted,
+                            &|window| filter.allows(window),
+                        )?;
+                        Ok(hits.into_iter().map(|h| (h.window, h.score)).collect::<Vec<_>>())
+                    };
+                    ways.iter().map(answer).collect::<Result<_>>()
+                })
+                .collect::<Result<_>>()?;
+            for (&query, found) in block.iter().zip(&found) {
+                self.count(query, found, &mut tallies);
+            }
+        }
+        Ok(self.rows(kind.name(), &ways, &tallies))
+    }
+
+    /// Neighbours drawn at random from those allowed.
+    fn chance(&self) -> Vec<Row> {
+        let ways: Vec<(Option<Distance>, Exclude)> = self.excludes.iter().map(|&e| (None, e)).collect();
+        let mut tallies = vec![Tally::default(); ways.len() * self.labels.len()];
+        let draw = |query: usize| -> Vec<Vec<(usize, f64)>> {
+            let mut rng = random::stream(0, "query chance", self.phase as u64, query as u64);
+            let mut some = |&(_, exclude): &(Option<Distance>, Exclude)| {
+                let filter = self.filter(query, exclude);
+                let mut allowed: Vec<usize> = (0..self.database.windows()).filter(|&w| filter.allows(w)).collect();
+                let k = self.options.k.min(allowed.len());
+                for i in 0..k {
+                    let other = i + (random::unit(&mut rng) * (allowed.len() - i) as f64) as usize;
+                    allowed.swap(i, other);
+                }
+                allowed[..k].iter().map(|&w| (w, 0.0)).collect()
+            };
+            ways.iter().map(&mut some).collect()
+        };
+        let found: Vec<_> = (0..self.database.windows()).into_par_iter().map(draw).collect();
+        found.iter().enumerate().for_each(|(query, found)| self.count(query, found, &mut tallies));
+        self.rows("chance", &ways, &tallies)
+    }
+
+    fn ways(&self, distances: &[Distance]) -> Vec<(Option<Distance>, Exclude)> {
+        distances.iter().flat_map(|&d| self.excludes.iter().map(move |&e| (Some(d), e))).collect()
+    }
+
+    fn filter(&self, query: usize, exclude: Exclude) -> Filter<'_> {
+        let origin = Origin::of(self.database, self.database.window(query));
+        Filter::new(self.database, exclude, origin, self.options.windows.frames)
+    }
+
+    /// Counts the votes of one query's neighbours, way by way.
+    fn count(&self, query: usize, found: &[Vec<(usize, f64)>], tallies: &mut [Tally]) {
+        let clip = self.database.window(query).clip;
+        let take = self.database.clips()[clip].take.as_str();
+        let group = self.takes.partition_point(|&t| t < take);
+        for (found, tallies) in found.iter().zip(tallies.chunks_mut(self.labels.len())) {
+            for (labels, tally) in self.labels.iter().zip(tallies) {
+                let values = found.iter().map(|&(w, score)| (labels.of_clip[self.database.window(w).clip], score));
+                if let Some(vote) = vote(values, labels.values.len()) {
+                    tally.add(group, vote.winner == labels.of_clip[clip], vote.entropy);
+                }
+            }
+        }
+    }
+
+    fn rows(&self, name: &str, ways: &[(Option<Distance>, Exclude)], tallies: &[Tally]) -> Vec<Row> {
+        let all = ways.iter().zip(tallies.chunks(self.labels.len()));
+        let row = |(&(distance, exclude), (labels, tally)): (&(Option<Distance>, Exclude), (&Labels, &Tally))| Row {
+            field: labels.field.clone(),
+            transform: name.into(),
+            distance,
+            exclude,
+            phase: self.phase,
+            queries: tally.asked(),
+            accuracy: tally.accuracy(),
+            half_interval: tally.half_interval(),
+            entropy_bans: tally.entropy(),
+        };
+        all.flat_map(|(way, tallies)| self.labels.iter().zip(tallies).map(move |both| (way, both))).map(row).collect()
+    }
+}

@@ -1,0 +1,194 @@
+//! What an index holds of each window.
+
+use crate::{Error, Result};
+use crate::{LowDct, PcaBasis, Stft, WindowSpec};
+use kinelm_motion::smpl;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// What windows are told by.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
+pub enum Kind {
+    /// Magnitudes of a short-time Fourier transform: Hann windows of 16 frames, hop 8.
+    Stft {
+        /// Whether those at 0 Hz, which hold the mean pose, are left out.
+        no_dc: bool,
+    },
+    /// Low coefficients of a cosine transform.
+    Dct {
+        /// How many.
+        keep: usize,
+    },
+    /// Coordinates in a basis that is fitted to all channels of the windows that an index begins with.
+    Pca {
+        /// Components.
+        keep: usize,
+    },
+    /// A language model's own embedding: the mean of its final vectors over the tokens of the window.
+    Model {
+        /// The run's folder.
+        run: PathBuf,
+        /// SHA-256 of its weights.
+        weights: String,
+    },
+}
+
+impl Kind {
+    /// Its name in tables and flags.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Kind::Stft { no_dc: false } => "stft",
+            Kind::Stft { no_dc: true } => "stft without 0 Hz",
+            Kind::Dct { .. } => "dct",
+            Kind::Pca { .. } => "pca",
+            Kind::Model { .. } => "model",
+        }
+    }
+
+    /// The STFT as the thesis has it.
+    pub fn stft() -> Kind {
+        Kind::Stft { no_dc: false }
+    }
+
+    /// The 16 lowest coefficients.
+    pub fn dct() -> Kind {
+        Kind::Dct { keep: LowDct::KEEP }
+    }
+
+    /// 16 components.
+    pub fn pca() -> Kind {
+        Kind::Pca { keep: PcaBasis::KEEP }
+    }
+}
+
+/// How windows are cut and what is held of them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct IndexOptions {
+    /// What windows are told by.
+    pub transform: Kind,
+    /// Where they lie.
+    pub windows: WindowSpec,
+    /// The SMPL joints that count, ascending; all 24 if empty.
+    pub joints: Vec<usize>,
+    /// Rotation vectors are canonical instead of continuous (compat).
+    pub raw: bool,
+}
+
+impl IndexOptions {
+    /// Whole bodies in windows of 128 frames at 60 frames per second, hop 64.
+    pub fn new(transform: Kind) -> IndexOptions {
+        IndexOptions { transform, windows: WindowSpec::default(), joints: Vec::new(), raw: false }
+    }
+
+    /// Holds the options to their limits.
+    ///
+    /// # Errors
+    /// [`Error::Call`] with the option and its limits.
+    pub fn validate(&self) -> Result<()> {
+        self.windows.validate()?;
+        let frames = self.windows.frames;
+        if let Kind::Dct { keep } | Kind::Pca { keep } = self.transform
+            && !(1..=frames).contains(&keep)
+        {
+            return Err(Error::call(format!("{keep} numbers of a channel; expected 1 to {frames}, a window's frames")));
+        }
+        if let Some(joint) = self.joints.iter().find(|&&j| j >= smpl::NAMES.len()) {
+            return Err(Error::call(format!("joint {joint}; SMPL's are 0 to {}", smpl::NAMES.len() - 1)));
+        }
+        if matches!(self.transform, Kind::Model { .. }) && (!self.joints.is_empty() || self.raw) {
+            return Err(Error::call(
+                "a model reads the joints of its own tokenizer; leave out the joints and raw, or take another transform",
+            ));
+        }
+        Ok(())
+    }
+
+    /// C.
+    pub fn channels(&self) -> usize {
+        3 * if self.joints.is_empty() { smpl::NAMES.len() } else { self.joints.len() }
+    }
+
+    /// Where `other` asks for something else: option, here, there.
+    pub fn differences(&self, other: &IndexOptions) -> Vec<(&'static str, String, String)> {
+        type Told = fn(&IndexOptions) -> String;
+        let both: [(&str, Told); 6] = [
+            ("transform", |o| o.transform.told()),
+            ("window", |o| format!("{} frames", o.windows.frames)),
+            ("hop", |o| format!("{} frames", o.windows.hop)),
+            ("fps", |o| o.windows.fps.to_string()),
+            ("joints", |o| joint_names(&o.joints)),
+            ("raw", |o| o.raw.to_string()),
+        ];
+        let told = both.into_iter().map(|(name, of)| (name, of(self), of(other)));
+        told.filter(|(_, a, b)| a != b).collect()
+    }
+}
+
+impl Kind {
+    fn told(&self) -> String {
+        match self {
+            Kind::Stft { .. } => self.name().into(),
+            Kind::Dct { keep } => format!("dct of {keep} coefficients"),
+            Kind::Pca { keep } => format!("pca of {keep} components"),
+            Kind::Model { run, weights } => {
+                format!("model {} with weights {}", run.display(), &weights[..weights.len().min(12)])
+            }
+        }
+    }
+}
+
+/// Joints by name.
+pub fn joint_names(joints: &[usize]) -> String {
+    match joints {
+        [] => "all 24".into(),
+        joints => joints.iter().map(|&j| smpl::NAMES.get(j).copied().unwrap_or("?")).collect::<Vec<_>>().join(" "),
+    }
+}
+
+/// The transform of a kind that needs nothing fitted.
+pub(super) fn unfitted(kind: &Kind, frames: usize) -> Option<crate::Transform> {
+    use crate::Transform;
+    match *kind {
+        Kind::Stft { no_dc } => Some(Transform::Stft(Stft::new(frames, no_dc))),
+        Kind::Dct { keep } => Some(Transform::Dct(LowDct::new(frames, keep))),
+        Kind::Pca { .. } | Kind::Model { .. } => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_are_named() {
+        let error = |options: IndexOptions| options.validate().unwrap_err().to_string();
+        let dct = IndexOptions::new(Kind::dct());
+        dct.validate().unwrap();
+        assert_eq!(dct.channels(), 72);
+        assert!(error(IndexOptions::new(Kind::Dct { keep: 129 })).contains("expected 1 to 128"));
+        assert!(error(IndexOptions { joints: vec![24], ..dct.clone() }).contains("0 to 23"));
+        let model = Kind::Model { run: "run".into(), weights: "ab".into() };
+        assert!(error(IndexOptions { raw: true, ..IndexOptions::new(model) }).contains("its own tokenizer"));
+    }
+
+    #[test]
+    fn differences_are_told_by_name() {
+        let one = IndexOptions::new(Kind::dct());
+        let two = IndexOptions { joints: vec![0, 4], ..IndexOptions::new(Kind::Dct { keep: 8 }) };
+        let expected = [
+            ("transform", "dct of 16 coefficients".to_string(), "dct of 8 coefficients".to_string()),
+            ("joints", "all 24".into(), "pelvis left_knee".into()),
+        ];
+        assert_eq!(one.differences(&two), expected);
+        assert!(one.differences(&one).is_empty());
+    }
+
+    #[test]
+    fn they_are_read_strictly() {
+        let text = serde_json::to_string(&IndexOptions::new(Kind::stft())).unwrap();
+        assert_eq!(serde_json::from_str::<IndexOptions>(&text).unwrap(), IndexOptions::new(Kind::stft()));
+        assert!(serde_json::from_str::<IndexOptions>(&text.replace("raw", "row")).is_err());
+    }
+}

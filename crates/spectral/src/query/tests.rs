@@ -1,0 +1,393 @@
+//! Indices on disk, searches against measuring everything, evaluations.
+
+use super::evaluate::{EvaluateOptions, evaluate};
+use super::exclude::{Exclude, Filter, Origin};
+use super::part::Part;
+use super::record::ClipEntry;
+use super::*;
+use crate::WindowSpec;
+use crate::feature::tests::noise;
+use kinelm_corpus::build::{BuildOptions, Event};
+use kinelm_corpus::{Gathered, gather, samples};
+use kinelm_motion::format::ReadOptions;
+use kinelm_motion::{Motion, Source, format, synth};
+use std::collections::BTreeMap;
+use std::fs;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+fn go(_: Event<'_>) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+fn entry(name: &str, take: &str, starts: Vec<usize>) -> ClipEntry {
+    ClipEntry {
+        name: name.into(),
+        path: PathBuf::from(name),
+        sha256: name.into(),
+        read: ReadOptions::default(),
+        take: take.into(),
+        labels: BTreeMap::new(),
+        frames: 1000,
+        starts,
+    }
+}
+
+/// Windows of noise around a common middle, some the same; four a clip.
+fn noisy(windows: usize, numbers: usize) -> (Vec<f32>, Vec<ClipEntry>) {
+    let mut features: Vec<f32> = noise(7, windows * numbers)
+        .iter()
+        .enumerate()
+        .map(|(i, &x)| (0.3 * x + (i % numbers % 3) as f64) as f32)
+        .collect();
+    features.copy_within(numbers..3 * numbers, 8 * numbers);
+    features[5 * numbers..6 * numbers].fill(0.0);
+    let clips =
+        (0..windows / 4).map(|i| entry(&format!("c{i}"), &format!("t{}", i / 2), vec![0, 64, 128, 192])).collect();
+    (features, clips)
+}
+
+/// The nearest by measuring every window.
+fn by_hand(database: &Database, feature: &[f32], wanted: Wanted, allowed: &dyn Fn(usize) -> bool) -> Vec<Hit> {
+    let score = |window| Hit { window, score: wanted.distance.score(feature, &database.feature(window).unwrap()) };
+    let mut all: Vec<Hit> = (0..database.windows()).filter(|&w| allowed(w)).map(score).collect();
+    all.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.window.cmp(&b.window)));
+    let mut seen = Vec::new();
+    all.retain(|h| {
+        let clip = database.window(h.window).clip;
+        let new = !seen.contains(&clip);
+        seen.push(clip);
+        new || !wanted.one_a_clip
+    });
+    all.truncate(wanted.k);
+    all
+}
+
+/// The database as a build writes it, in two parts.
+fn on_disk(dir: &Path, features: &[f32], clips: &[ClipEntry], numbers: usize) -> Database {
+    let half = clips.len() / 2;
+    let mut parts = Vec::new();
+    let mut rest = features;
+    for (i, clips) in [&clips[..half], &clips[half..]].into_iter().enumerate() {
+        let place = dir.join(format!("part{i}"));
+        let mut writer = part::PartWriter::create(&dir.join("writing"), numbers).unwrap();
+        for clip in clips {
+            let (here, behind) = rest.split_at(clip.starts.len() * numbers);
+            rest = behind;
+            writer.push(clip, here).unwrap();
+        }
+        let record = writer.finish(&place).unwrap();
+        parts.push(Part::open(&place, &record, numbers).unwrap());
+    }
+    Database::new(numbers, parts)
+}
+
+#[test]
+fn found_is_what_measuring_everything_finds() {
+    let dir = tempfile::tempdir().unwrap();
+    let (windows, numbers) = (700, 45);
+    let (features, clips) = noisy(windows, numbers);
+    let written = on_disk(dir.path(), &features, &clips, numbers);
+    let held = Database::new(numbers, vec![(Part::held(features, numbers), clips)]);
+    let asked = [0, 1, 5, 8, 333, 699];
+    let (near, error) = held.cosines(&asked).unwrap();
+    for (i, &query) in asked.iter().enumerate() {
+        for distance in [Distance::Cosine, Distance::Euclid] {
+            for (k, one_a_clip) in [(0, false), (1, false), (10, false), (10, true), (1000, false), (1000, true)] {
+                let wanted = Wanted { k, distance, one_a_clip };
+                let allowed = |w: usize| w.abs_diff(query) > 2 || w.is_multiple_of(5);
+                let expected = by_hand(&held, &held.feature(query).unwrap(), wanted, &allowed);
+                let found = written.nearest(&held.feature(query).unwrap(), wanted, &allowed).unwrap();
+                assert_eq!(found, expected, "{query} {wanted:?} by half floats");
+                let cosines = search::Cosines { near: &near[i * windows..(i + 1) * windows], error };
+                let found = held.select(&held.feature(query).unwrap(), cosines, wanted, &allowed).unwrap();
+                assert_eq!(found, expected, "{query} {wanted:?} by a product");
+            }
+        }
+    }
+}
+
+#[test]
+fn exclusions_leave_out_more_and_more() {
+    let clips = vec![
+        entry("a", "t", vec![0, 64, 128, 192]),
+        entry("b", "t", vec![0, 64]),
+        entry("c", "u", vec![0]),
+        entry("d", "v", vec![0]),
+    ];
+    let mut clips = clips;
+    for (clip, value) in clips.iter_mut().zip(["x", "x", "x", "y"]) {
+        clip.labels.insert("choreography".into(), value.into());
+    }
+    let database = Database::new(1, vec![(Part::held(vec![1.0; 8], 1), clips)]);
+    let allowed = |exclude| {
+        let filter = Filter::new(&database, exclude, Origin::of(&database, database.window(1)), 128);
+        (0..8).filter(|&w| filter.allows(w)).collect::<Vec<_>>()
+    };
+    let expected: [&[usize]; 6] =
+        [&[0, 1, 2, 3, 4, 5, 6, 7], &[0, 2, 3, 4, 5, 6, 7], &[3, 4, 5, 6, 7], &[4, 5, 6, 7], &[6, 7], &[7]];
+    for (exclude, expected) in Exclude::ALL.into_iter().zip(expected) {
+        assert_eq!(allowed(exclude), expected, "{exclude:?}");
+    }
+    assert!(Exclude::Choreography.check(database.clips()).is_ok());
+    let e = Exclude::Choreography.check(&[entry("a", "t", vec![])]).unwrap_err().to_string();
+    assert!(e.contains("`choreography`"), "{e}");
+}
+
+/// Made-up dances of two genres and a clip that is too short.
+struct Data {
+    dir: tempfile::TempDir,
+    labels: String,
+}
+
+impl Data {
+    fn new() -> Data {
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir(dir.path().join("data")).unwrap();
+        let mut csv = "clip,genre,take\n".to_string();
+        for (i, dance) in synth::corpus(9, 6, 5.0, 30.0).unwrap().into_iter().enumerate() {
+            let frames = if i == 5 { 40 } else { dance.clip.frames() };
+            let path = dir.path().join(format!("data/d{i}.bvh"));
+            let motion = Motion {
+                path: path.clone(),
+                clip: dance.clip.slice(0..frames),
+                source: Source::Plain,
+                warnings: vec![],
+            };
+            format::write(&path, &motion).unwrap();
+            csv += &format!("d{i},{},t{}\n", ["salsa", "waltz"][i % 2], i / 2);
+        }
+        let labels = dir.path().join("labels.csv");
+        fs::write(&labels, csv).unwrap();
+        Data { labels: labels.display().to_string(), dir }
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    fn gathered(&self, clips: &[usize]) -> Gathered {
+        let paths: Vec<PathBuf> = clips.iter().map(|i| self.at(&format!("data/d{i}.bvh"))).collect();
+        gather(&paths, std::slice::from_ref(&self.labels)).unwrap()
+    }
+
+    fn build(&self, clips: &[usize], asked: &Asked, out: &str) -> crate::Result<Built> {
+        build(&self.gathered(clips), asked, &BuildOptions::default(), &self.at(out), &mut go)
+    }
+
+    fn names(&self) -> Vec<String> {
+        let names =
+            fs::read_dir(self.dir.path()).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned());
+        let mut names: Vec<String> = names.collect();
+        names.sort();
+        names
+    }
+}
+
+fn question(data: &Data, clip: usize) -> Question {
+    Question {
+        clip: data.at(&format!("data/d{clip}.bvh")),
+        read: ReadOptions::default(),
+        as_indexed: true,
+        at_s: None,
+        k: 4,
+        distance: Distance::Cosine,
+        exclude: Exclude::Take,
+        one_a_clip: false,
+    }
+}
+
+#[test]
+fn built_in_two_goes_as_in_one() {
+    let data = Data::new();
+    let asked = Asked::default();
+    let whole = data.build(&[0, 1, 2, 3, 4, 5], &asked, "whole").unwrap();
+    assert_eq!((whole.added.0, whole.short, whole.known), (5, 1, 0));
+    data.build(&[0, 1], &asked, "pieces").unwrap();
+    let more = data.build(&[1, 2, 3, 4], &asked, "pieces").unwrap();
+    assert_eq!((more.added.0, more.known, more.windows), (3, 1, whole.windows));
+    let again = data.build(&[4], &asked, "pieces").unwrap();
+    assert_eq!((again.added, again.known), ((0, 0), 1));
+    assert_eq!(data.names(), ["data", "labels.csv", "pieces", "whole"]);
+    let (one, two) = (Index::open(&data.at("whole")).unwrap(), Index::open(&data.at("pieces")).unwrap());
+    assert_eq!((one.manifest().parts.len(), two.manifest().parts.len()), (1, 2));
+    let (a, b) = (one.database(), two.database());
+    assert_eq!(a.numbers(), 1152);
+    for window in 0..a.windows() {
+        assert_eq!((a.window(window), a.feature(window).unwrap()), (b.window(window), b.feature(window).unwrap()));
+    }
+    for clip in [0, 3] {
+        let mut answers = [&one, &two].map(|index| find(index, &question(&data, clip)).unwrap());
+        answers.iter_mut().for_each(|a| a.seconds = 0.0);
+        assert_eq!(answers[0], answers[1]);
+        assert_eq!(answers[0].found.len(), 4);
+        let take = format!("t{}", clip / 2);
+        assert!(answers[0].found.iter().all(|f| f.window.take != take && f.window.clip != "d5"));
+        let itself = Question { exclude: Exclude::None, at_s: Some(64.0 / 60.0), ..question(&data, clip) };
+        let first = find(&one, &itself).unwrap().found.remove(0);
+        assert_eq!((first.window.clip.as_str(), first.window.start), (format!("d{clip}").as_str(), 64));
+        assert!((first.value - 1.0).abs() < 1e-12);
+    }
+}
+
+/// Features are those of a window's own poses: cut out and read alone, it has the same to the last bit.
+#[test]
+fn what_came_before_a_window_does_not_matter() {
+    let clip = samples::spinning(&synth::corpus(9, 1, 8.0, 60.0).unwrap().remove(0).clip, 0.4);
+    for kind in [Kind::stft(), Kind::dct(), Kind::pca()] {
+        let options = IndexOptions::new(kind);
+        let starts: Vec<usize> = options.windows.starts(clip.frames(), 0).collect();
+        let basis = match options.transform {
+            Kind::Pca { keep } => Some(maker::fit_of(&clip, &starts, &options).unwrap().finish(keep).unwrap()),
+            _ => None,
+        };
+        let (maker, mut finisher) = maker::Maker::new(&options, basis.as_ref()).unwrap();
+        let mut features =
+            |clip: &kinelm_motion::Clip, starts: &[usize]| finisher.finish(maker.make(clip, starts).unwrap()).unwrap();
+        let whole = features(&clip, &starts);
+        for (feature, &start) in whole.chunks(whole.len() / starts.len()).zip(&starts) {
+            assert!(features(&clip.slice(start..start + 128), &[0]) == feature, "{:?} {start}", options.transform);
+        }
+    }
+}
+
+#[test]
+fn a_fitted_basis_stays() {
+    let data = Data::new();
+    let asked = Asked { transform: Some(Kind::pca()), ..Asked::default() };
+    let built = data.build(&[0, 1, 2], &asked, "pca").unwrap();
+    assert!(built.explained.unwrap() > 0.9, "{:?}", built.explained);
+    let before = Index::open(&data.at("pca")).unwrap().basis().unwrap().clone();
+    // without saying what it holds
+    data.build(&[3, 4], &Asked::default(), "pca").unwrap();
+    let index = Index::open(&data.at("pca")).unwrap();
+    assert_eq!((index.basis(), index.manifest().parts.len()), (Some(&before), 2));
+    assert_eq!(find(&index, &question(&data, 4)).unwrap().found.len(), 4);
+}
+
+#[test]
+fn what_cannot_be_done_is_said_and_changes_nothing() {
+    let data = Data::new();
+    data.build(&[0, 1], &Asked::default(), "index").unwrap();
+    let before = fs::read(data.at("index/index.json")).unwrap();
+    let error = |clips: &[usize], asked: Asked, out: &str| data.build(clips, &asked, out).unwrap_err().to_string();
+    let e = error(&[2], Asked { hop: Some(32), joints: Some(vec![0]), ..Asked::default() }, "index");
+    assert!(e.contains("hop 64 frames, joints all 24") && e.contains("hop 32 frames, joints pelvis"), "{e}");
+    let e = error(&[5], Asked::default(), "other");
+    assert!(e.contains("no clip is as long as a window of 128 frames (2.133 s): all 1 are shorter"), "{e}");
+    let pca = Asked { transform: Some(Kind::pca()), ..Asked::default() };
+    assert!(error(&[5], pca, "other").contains("no clip is as long"));
+    let e = error(&[0], Asked { frames: Some(8), ..Asked::default() }, "other");
+    assert!(e.contains("expected 16 to 4096"), "{e}");
+    assert!(error(&[0], Asked::default(), "data").contains("exists and is no index"));
+    let mut stop = |e: Event<'_>| match e {
+        Event::Done { done: 2, .. } => ControlFlow::Break(()),
+        _ => ControlFlow::Continue(()),
+    };
+    for out in ["index", "other"] {
+        let gathered = data.gathered(&[2, 3, 4]);
+        let e = build(&gathered, &Asked::default(), &BuildOptions::default(), &data.at(out), &mut stop).unwrap_err();
+        assert!(e.to_string().contains("stopped after 2 of 3 files"), "{e}");
+    }
+    assert_eq!(fs::read(data.at("index/index.json")).unwrap(), before);
+    assert_eq!(data.names(), ["data", "index", "labels.csv"]);
+    let inside: Vec<_> = fs::read_dir(data.at("index")).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(inside.len(), 2, "{inside:?}");
+}
+
+#[test]
+fn other_versions_and_damage_are_refused() {
+    let data = Data::new();
+    data.build(&[0, 1], &Asked::default(), "index").unwrap();
+    let error = || Index::open(&data.at("index")).err().unwrap().to_string();
+    let path = data.at("index/index.json");
+    let text = fs::read_to_string(&path).unwrap();
+    fs::write(&path, text.replace("\"version\": 2", "\"version\": 1")).unwrap();
+    let e = error();
+    assert!(e.contains("found version 1, written by kinelm") && e.contains("expected version 2; build"), "{e}");
+    fs::write(&path, &text).unwrap();
+    for name in ["features.f32", "halves.f16", "sizes.f64", "clips.jsonl"] {
+        let path = data.at("index/part-0001").join(name);
+        let whole = fs::read(&path).unwrap();
+        let mut bent = whole.clone();
+        bent[20] ^= 1;
+        for bytes in [&bent[..], &whole[..whole.len() - 1]] {
+            fs::write(&path, bytes).unwrap();
+            let e = error();
+            assert!(e.contains(name) && e.contains("build the index again"), "{e}");
+        }
+        fs::write(&path, &whole).unwrap();
+    }
+    Index::open(&data.at("index")).unwrap();
+}
+
+#[test]
+fn a_question_that_does_not_fit_is_said() {
+    let data = Data::new();
+    data.build(&[0, 1], &Asked::default(), "index").unwrap();
+    let index = Index::open(&data.at("index")).unwrap();
+    let error = |q: Question| find(&index, &q).unwrap_err().to_string();
+    let e = error(question(&data, 5));
+    assert!(e.contains("d5.bvh") && e.contains("79 frames at 60") && e.contains("at least 128 (2.13 s)"), "{e}");
+    let e = error(Question { at_s: Some(4.0), ..question(&data, 0) });
+    assert!(e.contains("a window from 4 s on") && e.contains("0 to 2.8"), "{e}");
+    assert!(error(Question { exclude: Exclude::Choreography, ..question(&data, 0) }).contains("`choreography`"));
+    let stranger = find(&index, &question(&data, 2)).unwrap();
+    assert!(stranger.said[0].contains("doesn't have this clip"), "{:?}", stranger.said);
+}
+
+#[test]
+fn a_page_plays_the_query_beside_what_was_found() {
+    let data = Data::new();
+    data.build(&[0, 1, 2, 3], &Asked::default(), "index").unwrap();
+    let index = Index::open(&data.at("index")).unwrap();
+    let answer = find(&index, &Question { one_a_clip: true, k: 2, ..question(&data, 0) }).unwrap();
+    let (text, lost) = answer.page().unwrap();
+    assert!(lost.is_empty());
+    assert!(text.contains("asked: d0") && text.contains("1. d") && text.contains("2. d") && text.contains("genre"));
+    let hit = &answer.found[0].window.path;
+    fs::write(hit, fs::read_to_string(hit).unwrap() + "\n").unwrap();
+    let (text, lost) = answer.page().unwrap();
+    assert!(lost.len() == 1 && lost[0].to_string().contains("changed since the index was built"), "{lost:?}");
+    assert!(text.contains("asked: d0") && !text.contains("1. d") && text.contains("2. d"));
+}
+
+#[test]
+fn an_evaluation_has_all_ways_and_says_what_lacks() {
+    let data = Data::new();
+    let options = EvaluateOptions {
+        build: BuildOptions::default(),
+        windows: WindowSpec::default(),
+        joints: vec![],
+        raw: false,
+        transforms: vec![Kind::stft(), Kind::dct(), Kind::pca()],
+        distances: vec![Distance::Cosine, Distance::Euclid],
+        fields: vec![],
+        only: vec![],
+        exclude: Exclude::Take,
+        k: 3,
+    };
+    let gathered = data.gathered(&[0, 1, 2, 3, 4, 5]);
+    let report = evaluate(&gathered, &options, &mut go).unwrap();
+    // two phases, five exclusions (no clip has a choreography), six ways and chance
+    assert_eq!((report.rows.len(), report.clips, report.short, report.takes), (2 * 5 * 7, 5, 1, 3));
+    for row in &report.rows {
+        let itself = row.exclude == Exclude::None && row.transform != "chance";
+        assert_eq!(row.queries, report.queries.iter().find(|q| q.0 == row.phase).unwrap().1);
+        assert!((0.0..=1.0).contains(&row.accuracy.unwrap()) && (0.0..=1.0).contains(&row.entropy_bans.unwrap()));
+        assert!(!itself || row.accuracy.unwrap() > 0.5, "{row:?}");
+    }
+    let text = sheet::markdown(&report);
+    assert!(
+        text.contains("genre: 2 values") && text.contains("| pca, euclid |") && text.contains("3 at random"),
+        "{text}"
+    );
+    let error = |options: EvaluateOptions| evaluate(&gathered, &options, &mut go).unwrap_err().to_string();
+    let e = error(EvaluateOptions { fields: vec!["mood".into()], ..options.clone() });
+    assert!(e.contains("label `mood`: 5 of 5 clips don't have it") && e.contains("genre"), "{e}");
+    let only = |value: &str| vec![("genre".to_string(), value.to_string())];
+    assert!(error(EvaluateOptions { only: only("polka"), ..options.clone() }).contains("genre=polka"));
+    let e = error(EvaluateOptions { only: only("salsa"), fields: vec!["genre".into()], ..options.clone() });
+    assert!(e.contains("one value"), "{e}");
+    assert!(error(EvaluateOptions { exclude: Exclude::Choreography, ..options }).contains("`choreography`"));
+}

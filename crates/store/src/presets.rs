@@ -1,0 +1,51 @@
+//! Settings that are compiled in, by the names of their files.
+//!
+//! A name that is built in means that; a file of the same name is meant by `./NAME`.
+
+use crate::suggest::did_you_mean;
+use crate::{Error, Result, input};
+use serde::de::DeserializeOwned;
+use std::path::Path;
+
+/// Names and texts of settings.
+pub type Presets = [(&'static str, &'static str)];
+
+/// The names of some settings, for a sentence.
+pub fn listed(presets: &Presets) -> String {
+    presets.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
+}
+
+/// Settings by a name that is built in, else those of a TOML; `folder` of configs/ has examples of `what`.
+///
+/// # Errors
+/// [`Error::Call`] when it is neither; a file that can't be read; keys that are unknown.
+pub fn read<T: DeserializeOwned>(
+    presets: &'static Presets,
+    name_or_path: &Path,
+    (folder, what): (&str, &str),
+) -> Result<T> {
+    let text = match find(presets, name_or_path, "settings")? {
+        Some(text) => text.to_owned(),
+        None => input::text(name_or_path).map_err(Error::io(name_or_path))?,
+    };
+    toml::from_str(&text).map_err(|e| {
+        let help = format!("configs/{folder}/ has examples with every key");
+        Error::in_text((name_or_path, &text), e.span(), e.message(), what, &help)
+    })
+}
+
+/// The text of a name that is built in, `None` for a file that is there.
+///
+/// # Errors
+/// [`Error::Call`] with the names when it is neither.
+pub fn find(presets: &'static Presets, name_or_path: &Path, what: &str) -> Result<Option<&'static str>> {
+    if let Some((_, text)) = presets.iter().find(|(name, _)| Path::new(name) == name_or_path) {
+        return Ok(Some(text));
+    }
+    if std::fs::symlink_metadata(name_or_path).is_ok() {
+        return Ok(None);
+    }
+    let wanted = name_or_path.display().to_string();
+    let meant = did_you_mean(&wanted, presets.iter().map(|(name, _)| *name));
+    Err(Error::call(format!("no {what} {wanted:?}: neither a file nor one of {}{meant}", listed(presets))))
+}

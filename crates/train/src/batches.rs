@@ -1,0 +1,540 @@
+//! Which windows a step trains on: a function of (seed, step, place in the batch) and of nothing else.
+//!
+//! A pass over the corpus takes, of a clip of so many words where n whole ones fit into a window, words/n windows, rounded
+//! up (of words that differ in length: of its tokens one in as many as fit): its possible starts are cut into that many equal
+//! stretches and one start is drawn in each. So a pass sees nearly every word about once, and every pass sees them at other
+//! places of the window. The order of a pass is a random one.
+//!
+//! Of several corpora a pass takes, of each, weight times as many windows as it has (rounded, one at least): whole rounds of
+//! them, and a drawn part of a round, of which the next pass takes the rest.
+
+use super::augment::{Augment, Changed};
+use super::config::TrainConfig;
+use super::data::{Data, Part};
+use super::gaps::Gaps;
+use super::heard::Heard;
+use super::run::RunFile;
+use crate::{Error, Result};
+use kinelm_corpus::fill_masked;
+use kinelm_corpus::music::tempo;
+use kinelm_corpus::windows::{fill_sequence, whole_words};
+use kinelm_corpus::{ClipRecord, ClipWords, Corpus, Split};
+use kinelm_model::Kind;
+use kinelm_model::ahead::Told;
+use kinelm_store::random;
+use kinelm_tokenizer::Special;
+use rayon::prelude::*;
+
+/// The windows of one step.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Batch {
+    /// (B, T) ids: the front, and all tokens but the last.
+    pub inputs: Vec<u32>,
+    /// (B, T) ids: from the last of the front on the tokens; `<pad>` before, and where the clip has ended.
+    /// Of a masked model the chosen tokens, each at its own place, and `<pad>` elsewhere.
+    pub targets: Vec<u32>,
+    /// Names of the windows' clips, with the frame at which the window starts.
+    pub clips: Vec<String>,
+    /// What the windows' frames are told of what is given ahead, if any are.
+    pub told: Option<Told>,
+}
+
+impl Batch {
+    /// T: tokens of a window.
+    pub fn length(&self) -> usize {
+        self.inputs.len() / self.clips.len().max(1)
+    }
+
+    /// Targets that count, those that aren't `pad`.
+    pub fn counted(&self, pad: u32) -> usize {
+        self.targets.iter().filter(|&&t| t != pad).count()
+    }
+}
+
+/// The training windows of a run's corpora, in order.
+pub struct Batches<'a> {
+    data: &'a Data,
+    clips: Vec<TrainClip<'a>>,
+    ends: Vec<usize>, // per clip: windows of a round up to and with it
+    shares: Vec<Share>,
+    context: usize,
+    word: usize, // W, or that of the longest word
+    room: usize, // of the context: tokens of words that are asked about
+    batch: usize,
+    seed: u64,
+    label_dropout: f64,
+    masked: bool,
+    augment: Option<Augment>,
+    gaps: Option<Gaps>,
+    heard: Option<Heard>,
+    order: Option<(u64, Vec<WindowId>)>, // of the pass drawn last
+}
+
+/// A clip of one of the corpora.
+#[derive(Clone, Copy)]
+struct TrainClip<'a> {
+    corpus: &'a Corpus,
+    record: &'a ClipRecord,
+    words: ClipWords<'a>,
+}
+
+/// What a corpus gives to a pass.
+struct Share {
+    /// The first of its windows, counted over all corpora.
+    first: usize,
+    /// Its windows: one round takes them all once.
+    windows: usize,
+    /// How many of them a pass takes: those behind the last pass's, round after round.
+    a_pass: usize,
+}
+
+/// A window of a pass: its number over all corpora, and the round in which its corpus gives it. Random numbers that
+/// belong to a window come from both.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WindowId {
+    /// Which time it comes.
+    pub round: u64,
+    /// Its number among the windows of all corpora.
+    pub number: usize,
+}
+
+/// Where a window stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stand {
+    /// Index into [`Batches::clips`].
+    pub clip: usize,
+    /// The word it starts in, which it starts at but for words that are longer than a window.
+    pub word: usize,
+    /// Its first token, counted from the clip's.
+    pub start: usize,
+    /// Tokens of the clip that it shows.
+    pub tokens: usize,
+}
+
+impl<'a> Batches<'a> {
+    /// The windows of `context` tokens of the training clips, `train.batch` at a time, with their labels in front as the
+    /// data's conditions know them.
+    ///
+    /// # Errors
+    /// A corpus without a training clip that has a frame; a context that doesn't hold a word of the one length that all
+    /// have; more than 2^32 windows a pass.
+    pub fn new(data: &'a Data, context: usize, train: &TrainConfig) -> Result<Batches<'a>> {
+        let room = (context + 1).saturating_sub(data.conditions().len());
+        whole_words(room, 1)?;
+        let (mut clips, mut ends, mut shares, mut total) = (Vec::new(), Vec::new(), Vec::new(), 0);
+        for Part { corpus, weight } in data.parts() {
+            let whole = corpus.manifest().tokens_per_word.map(|word| whole_words(room, word)).transpose()?;
+            let first = total;
+            for record in corpus.split(Split::Train).filter(|c| c.frames > 0) {
+                let words = corpus.words(record);
+                total += match whole {
+                    Some(n) => words.len().div_ceil(n),
+                    None => words.tokens().div_ceil(room),
+                };
+                clips.push(TrainClip { corpus, record, words });
+                ends.push(total);
+            }
+            let windows = total - first;
+            if windows == 0 {
+                let help = "give some clips the split `train` when making it";
+                return Err(Error::file(corpus.dir(), "no training clip", "a corpus with training clips", help));
+            }
+            // a corpus of small weight still comes
+            shares.push(Share { first, windows, a_pass: ((weight * windows as f64).round() as usize).max(1) });
+        }
+        let pass: usize = shares.iter().map(|s| s.a_pass).sum();
+        if u32::try_from(pass).is_err() {
+            return Err(Error::call(format!("{pass} windows a pass; expected at most 2^32 - 1: lower the weights")));
+        }
+        let word = data.tokenizer().longest_word();
+        let (batch, seed, label_dropout) = (train.batch, train.seed, train.label_dropout);
+        Ok(Batches {
+            data,
+            clips,
+            ends,
+            shares,
+            context,
+            word,
+            room,
+            batch,
+            seed,
+            label_dropout,
+            masked: false,
+            augment: None,
+            gaps: None,
+            heard: None,
+            order: None,
+        })
+    }
+
+    /// The windows of a run, changed as it says.
+    ///
+    /// # Errors
+    /// As [`Batches::new`] and [`Augment::new`].
+    pub fn of_run(run: &RunFile, data: &'a Data) -> Result<Batches<'a>> {
+        let masked = run.model.kind == Kind::Masked;
+        // a masked model's last input predicts no token behind it: the window is one shorter
+        let context = run.model.context - usize::from(masked);
+        let batches = Batches::new(data, context, &run.train)?;
+        Ok(Batches {
+            masked,
+            context: run.model.context,
+            augment: Augment::new(&run.augment, data.tokenizer(), run.train.seed)?,
+            gaps: Gaps::new(run.train.gaps, data.tokenizer(), run.train.seed)?,
+            heard: Heard::new(&run.model, run.train.seed, (batches.room / batches.word, data.tokenizer().fps())),
+            ..batches
+        })
+    }
+
+    /// Windows of one pass over the corpora.
+    pub fn pass(&self) -> usize {
+        self.shares.iter().map(|s| s.a_pass).sum()
+    }
+
+    /// The windows of step `step`.
+    ///
+    /// # Errors
+    /// A corpus that can't be read any more.
+    pub fn batch(&mut self, step: u64) -> Result<Batch> {
+        let (b, t) = (self.batch, self.context);
+        let windows: Vec<WindowId> = (0..b as u64).map(|i| self.window(step * b as u64 + i)).collect();
+        let (mut inputs, mut targets) = (vec![0; b * t], vec![0; b * t]);
+        let rows = (inputs.par_chunks_mut(t), targets.par_chunks_mut(t), &windows);
+        let fill = |(input, target, &window): (&mut [u32], &mut [u32], &WindowId)| self.fill(window, input, target);
+        let filled: Vec<(String, Option<Told>, Vec<f32>)> = rows.into_par_iter().map(fill).collect::<Result<_>>()?;
+        let (mut clips, mut told, mut music) = (Vec::new(), Vec::new(), Vec::new());
+        for (clip, ahead, heard) in filled {
+            clips.push(clip);
+            told.push(ahead);
+            music.extend(heard);
+        }
+        let mut told = together(told);
+        if !music.is_empty() {
+            told.get_or_insert_default().music = music;
+        }
+        Ok(Batch { inputs, targets, clips, told })
+    }
+
+    /// Writes a window (T); gives the name of its clip and where it starts, what it is told ahead, and (F, M) of music.
+    fn fill(
+        &self,
+        window: WindowId,
+        input: &mut [u32],
+        target: &mut [u32],
+    ) -> Result<(String, Option<Told>, Vec<f32>)> {
+        let stand = self.stand(window);
+        let TrainClip { corpus, record, .. } = self.clips[stand.clip];
+        let augment = self.augment.as_ref();
+        let gaps = self.gaps.as_ref().filter(|gaps| gaps.takes(window));
+        // gaps reach beyond the window
+        let beyond = gaps.map_or(0, |gaps| gaps.reach() * self.word);
+        let wide = Stand { tokens: (record.tokens - stand.start).min(stand.tokens + beyond), ..stand };
+        let changed = augment.and_then(|a| a.ids(corpus, record, &wide, window, self.room + beyond));
+        let (mut ids, first, factor) = match changed {
+            Some(Changed { ids, first, factor }) => (ids, first, factor),
+            None => (corpus.ids(record, wide.start..wide.start + wide.tokens)?, stand.word as f64, 1.0),
+        };
+        let of_music = |heard: &Heard| heard.told((corpus, record), window, (first, factor));
+        let heard = self.heard.as_ref().map_or(Ok(Vec::new()), of_music)?;
+        let front = self.front(record, window, factor);
+        let (pad, dropped) = (Special::Pad.id(), augment.map_or_else(Vec::new, |a| a.dropped(window)));
+        let shown = ids.len().min(stand.tokens);
+        let told = gaps.map(|gaps| gaps.told(window, &ids, (shown / self.word, self.room / self.word), &dropped));
+        ids.truncate(shown);
+        if self.masked {
+            let may = |k: usize| !dropped.contains(&(k % self.word));
+            let mut rng = random::stream(self.seed, "mask", window.round, window.number as u64);
+            fill_masked((&ids, &front), pad, &may, &mut rng, (&mut *input, &mut *target));
+        } else {
+            fill_sequence(&ids, &front, pad, input, target);
+        }
+        if let Some(augment) = augment {
+            augment.disturb(window, &mut input[front.len()..]);
+        }
+        if !dropped.is_empty() {
+            let first = front.len() - usize::from(!self.masked);
+            hide(&dropped, self.word, &mut input[front.len()..], &mut target[first..]);
+        }
+        Ok((format!("{} from frame {}", record.name, corpus.frames_of(record, 0..stand.word)), told, heard))
+    }
+
+    /// The window at a place in the order of the data: of step s, place i of the batch, that is s B + i.
+    pub fn window(&mut self, place: u64) -> WindowId {
+        let (pass, at) = (place / self.pass() as u64, place % self.pass() as u64);
+        if self.order.as_ref().is_none_or(|(p, _)| *p != pass) {
+            self.order = Some((pass, self.draw(pass)));
+        }
+        self.order.as_ref().map_or(WindowId { round: 0, number: 0 }, |(_, order)| order[at as usize])
+    }
+
+    /// The windows of a pass in the order of Fisher and Yates.
+    fn draw(&self, pass: u64) -> Vec<WindowId> {
+        let mut order: Vec<WindowId> = Vec::with_capacity(self.pass());
+        for share in &self.shares {
+            let (windows, a_pass) = (share.windows as u64, share.a_pass as u64);
+            let (from, to) = (pass * a_pass, (pass + 1) * a_pass);
+            for round in from / windows..to.div_ceil(windows) {
+                let (low, high) =
+                    (from.max(round * windows) - round * windows, to.min((round + 1) * windows) - round * windows);
+                let mut numbers: Vec<usize> = (share.first..share.first + share.windows).collect();
+                // which of a round's windows a pass takes is drawn where it doesn't take all
+                if (low, high) != (0, windows) {
+                    random::shuffle(&mut numbers, &mut random::stream(self.seed, "round", round, share.first as u64));
+                }
+                let mut taken = numbers[low as usize..high as usize].to_vec();
+                taken.sort_unstable();
+                order.extend(taken.into_iter().map(|number| WindowId { round, number }));
+            }
+        }
+        random::shuffle(&mut order, &mut random::stream(self.seed, "order", pass, 0));
+        order
+    }
+
+    /// What stands in front of a window that is `factor` times as fast as its clip: the clip's labels, each hidden in a share of
+    /// the windows.
+    fn front(&self, clip: &ClipRecord, WindowId { round, number }: WindowId, factor: f64) -> Vec<u32> {
+        let conditions = self.data.conditions();
+        let mut front = match tempo::faster(&clip.labels, &conditions.values(tempo::FIELD), factor) {
+            Some(labels) => conditions.front(&labels),
+            None => conditions.front(&clip.labels),
+        };
+        let mut rng = random::stream(self.seed, "label dropout", round, number as u64);
+        for id in &mut front[1..] {
+            if random::unit(&mut rng) < self.label_dropout {
+                *id = Special::Unk.id();
+            }
+        }
+        front
+    }
+
+    /// Where a window stands: its clip, the word and token it starts at.
+    pub fn stand(&self, WindowId { round, number }: WindowId) -> Stand {
+        let index = self.ends.partition_point(|&end| end <= number);
+        let TrainClip { record, words, .. } = self.clips[index];
+        let before = if index == 0 { 0 } else { self.ends[index - 1] };
+        let (stretch, stretches) = (number - before, self.ends[index] - before);
+        // up to the first word from which on the whole rest fits
+        let starts = (words.before(words.tokens().saturating_sub(self.room)) + 1).min(words.len());
+        let (low, high) = (starts * stretch / stretches, starts * (stretch + 1) / stretches);
+        let mut rng = random::stream(self.seed, "window", round, number as u64);
+        let word = low + (random::unit(&mut rng) * (high - low) as f64) as usize;
+        let (start, end) = (words.start(word), words.start(word + 1));
+        let inside = match end - start > self.room {
+            // a word that is longer than a window is begun anywhere, so that its end is seen too
+            true => (random::unit(&mut rng) * (end - start - self.room + 1) as f64) as usize,
+            false => 0,
+        };
+        let start = start + inside;
+        Stand { clip: index, word, start, tokens: (record.tokens - start).min(self.room) }
+    }
+
+    /// The training clips, those of one corpus behind those of the one before.
+    pub fn clips(&self) -> impl Iterator<Item = (&'a Corpus, &'a ClipRecord)> + '_ {
+        self.clips.iter().map(|c| (c.corpus, c.record))
+    }
+}
+
+/// What the frames of all windows are told, if any window's are.
+fn together(windows: Vec<Option<Told>>) -> Option<Told> {
+    let nothing = windows.iter().flatten().next()?.like_nothing();
+    let mut all = Told::default();
+    windows.iter().for_each(|told| all.extend(told.as_ref().unwrap_or(&nothing)));
+    Some(all)
+}
+
+/// Puts `<mask>` for the tokens at these places of each word of `word` tokens, and asks for none of them. Both begin with a
+/// word's first token.
+fn hide(places: &[usize], word: usize, inputs: &mut [u32], targets: &mut [u32]) {
+    let pad = Special::Pad.id();
+    let hidden = |k: usize| places.contains(&(k % word));
+    inputs
+        .iter_mut()
+        .enumerate()
+        .filter(|(k, id)| hidden(*k) && **id != pad)
+        .for_each(|(_, id)| *id = Special::Mask.id());
+    targets.iter_mut().enumerate().filter(|(k, _)| hidden(*k)).for_each(|(_, id)| *id = pad);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture;
+    use kinelm_model::ModelConfig;
+
+    /// Without conditions.
+    fn of(data: &Data, context: usize, batch: usize, seed: u64) -> Result<Batches<'_>> {
+        Batches::new(data, context, &TrainConfig { batch, seed, ..Default::default() })
+    }
+
+    #[test]
+    fn a_pass_has_every_stretch_once_and_steps_can_be_asked_in_any_order() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::corpus(dir.path(), &[(30, Split::Train), (3, Split::Train), (9, Split::Valid)]))
+            .unwrap();
+        // W = 7, T = 36: 5 whole words; 6 stretches of the first clip, one of the second
+        let mut batches = of(&data, 36, 2, 5).unwrap();
+        assert_eq!(batches.pass(), 7);
+        let steps: Vec<Batch> = (0..7).map(|s| batches.batch(s).unwrap()).collect();
+        for pass in 0..2 {
+            let windows = steps.iter().flat_map(|b| &b.clips).skip(7 * pass).take(7);
+            let mut starts: Vec<(String, usize)> = windows
+                .map(|c| c.split_once(" from frame ").map(|(n, f)| (n.to_string(), f.parse().unwrap())).unwrap())
+                .collect();
+            starts.sort();
+            // 26 starts in 6 stretches
+            for (i, (name, frame)) in starts[..6].iter().enumerate() {
+                assert_eq!(name, "clip0");
+                assert!((26 * i / 6..26 * (i + 1) / 6).contains(frame), "{starts:?}");
+            }
+            assert_eq!(starts[6], ("clip1".to_string(), 0));
+        }
+        assert_eq!(batches.batch(3).unwrap(), steps[3]);
+        assert_ne!(of(&data, 36, 2, 6).unwrap().batch(0).unwrap(), steps[0]);
+    }
+
+    #[test]
+    fn windows_start_at_a_frame_behind_bos_and_short_clips_are_padded() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::corpus(dir.path(), &[(3, Split::Train)])).unwrap();
+        let corpus = &data.parts()[0].corpus;
+        let batch = of(&data, 36, 1, 5).unwrap().batch(0).unwrap();
+        let ids = corpus.clip_ids(&corpus.clips()[0]).unwrap();
+        assert_eq!(batch.targets[..21], ids);
+        assert!(batch.targets[21..].iter().all(|&t| t == 0));
+        assert_eq!(batch.inputs[0], 1);
+        assert_eq!(batch.inputs[1..22], ids);
+    }
+
+    #[test]
+    fn windows_of_words_of_any_length_start_at_words_and_a_pass_sees_nearly_all() {
+        let dir = tempfile::tempdir().unwrap();
+        let data =
+            Data::one(fixture::merged(dir.path(), &[(200, Split::Train), (3, Split::Train), (50, Split::Valid)]))
+                .unwrap();
+        let corpus = &data.parts()[0].corpus;
+        let clip = &corpus.clips()[0];
+        // the second context is shorter than a word
+        for context in [40, 3] {
+            let mut batches = of(&data, context, 1, 5).unwrap();
+            assert_eq!(batches.pass(), clip.tokens.div_ceil(context) + corpus.clips()[1].tokens.div_ceil(context));
+            let (mut inside, mut seen) = (0, vec![false; clip.tokens]);
+            for step in 0..4 * batches.pass() as u64 {
+                let batch = batches.batch(step).unwrap();
+                let (name, frame) = batch.clips[0].split_once(" from frame ").unwrap();
+                if name != "clip0" {
+                    continue;
+                }
+                let word = frame.parse().unwrap();
+                let (from, to) = (corpus.words(clip).start(word), corpus.words(clip).start(word + 1));
+                let ids: Vec<u32> = batch.targets.iter().copied().filter(|&id| id != 0).collect();
+                let start =
+                    (from..to).find(|&s| corpus.ids(clip, s..clip.tokens.min(s + context)).unwrap() == ids).unwrap();
+                assert!(start == from || to - from > context, "{} from token {start}", batch.clips[0]);
+                inside += usize::from(start > from);
+                assert!(ids.len() == context || start + ids.len() == clip.tokens);
+                seen[start..start + ids.len()].fill(true);
+            }
+            assert_eq!(inside > 0, context == 3);
+            let share = seen.iter().filter(|s| **s).count() as f64 / clip.tokens as f64;
+            assert!(share > 0.9, "context {context}: {share} of the tokens in four passes");
+        }
+    }
+
+    /// How often each window of each corpus (of 6 + 2 and 10 + 2 windows) comes in a pass, by clip.
+    #[test]
+    fn a_pass_takes_of_each_corpus_what_its_weight_says() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpora = [("a", 30), ("b", 50)].map(|(name, frames)| {
+            std::fs::create_dir(dir.path().join(name)).unwrap();
+            fixture::corpus(&dir.path().join(name), &[(frames, Split::Train), (9, Split::Train)])
+        });
+        let [a, b] = corpora;
+        let counts = |weights: [f64; 2], passes: std::ops::Range<u64>| {
+            let parts = [&a, &b].map(|c| Corpus::open(c.dir()).unwrap()).into_iter().zip(weights);
+            let parts = parts.map(|(corpus, weight)| Part { corpus, weight }).collect();
+            let data = Data::of(parts, None, &[]).unwrap();
+            let mut batches = of(&data, 36, 1, 5).unwrap();
+            let pass = batches.pass() as u64;
+            let mut counts = vec![0; 20];
+            for place in passes.start * pass..passes.end * pass {
+                counts[batches.window(place).number] += 1;
+            }
+            (pass, counts)
+        };
+        assert_eq!(counts([1.0, 1.0], 3..4), (20, vec![1; 20]));
+        assert_eq!(counts([1.0, 3.0], 1..2), (8 + 36, [vec![1; 8], vec![3; 12]].concat()));
+        // a quarter of 8 windows: each comes once in four passes; a half of 12: once in two
+        assert_eq!(counts([0.25, 0.5], 0..4), (2 + 6, [vec![1; 8], vec![2; 12]].concat()));
+        let (_, once) = counts([0.25, 0.5], 0..1);
+        assert_eq!((once[..8].iter().sum::<i32>(), once[8..].iter().sum::<i32>()), (2, 6));
+        // 1.5 times 8 and 12: nothing comes more than twice
+        let (pass, found) = counts([1.5, 1.5], 1..2);
+        assert_eq!((pass, found[..8].iter().sum::<i32>(), found.iter().max()), (12 + 18, 12, Some(&2)));
+        assert_eq!(counts([1e-3, 1.0], 0..8).1[..8], [1; 8]);
+    }
+
+    #[test]
+    fn labels_stand_in_front_and_a_share_of_them_is_hidden() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::corpus(dir.path(), &[(30, Split::Train), (40, Split::Train)]);
+        let fields = ["dancer", "genre"].map(String::from);
+        let data = Data::of(vec![Part { corpus, weight: 1.0 }], None, &fields).unwrap();
+        // ids behind the 10 characters, in the order of the fields
+        assert_eq!(data.tokenizer().vocabulary().conditioning(), ["<genre:a>", "<genre:b>", "<dancer:61>"]);
+        let windows = |label_dropout: f64, batch| {
+            let train = TrainConfig { batch, label_dropout, ..Default::default() };
+            Batches::new(&data, 37, &train).unwrap().batch(0).unwrap()
+        };
+        // T = 37 with three in front: 35 tokens of words, 5 whole ones
+        let batch = windows(0.0, 14);
+        for (i, (input, target)) in batch.inputs.chunks(37).zip(batch.targets.chunks(37)).enumerate() {
+            let genre = if batch.clips[i].starts_with("clip0") { 16 } else { 17 };
+            assert_eq!(input[..3], [1, genre, 18]);
+            assert_eq!((target[..2].to_vec(), &target[2..36]), (vec![0, 0], &input[3..]));
+            assert_eq!(target.iter().filter(|&&id| id == 5).count(), 5, "{target:?}");
+        }
+        let hidden = windows(0.1, 10_000);
+        let plain = windows(0.0, 10_000);
+        assert_eq!((&hidden.targets, &hidden.clips), (&plain.targets, &plain.clips));
+        let fronts = |b: &Batch, place: usize| b.inputs.chunks(37).filter(|w| w[place] == 4).count();
+        assert_eq!((fronts(&plain, 1), fronts(&plain, 2)), (0, 0));
+        // four standard deviations of a binomial: 120; of both at once: 40
+        for place in [1, 2] {
+            assert!(fronts(&hidden, place).abs_diff(1000) < 120, "{}", fronts(&hidden, place));
+        }
+        let both = hidden.inputs.chunks(37).filter(|w| w[1..3] == [4, 4]).count();
+        assert!(both.abs_diff(100) < 40, "{both}");
+    }
+
+    #[test]
+    fn batches_of_a_masked_model_ask_for_hidden_tokens_at_their_own_places() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::corpus(dir.path(), &[(30, Split::Train), (3, Split::Train)])).unwrap();
+        let train = TrainConfig { batch: 7, ..Default::default() };
+        let model = ModelConfig { kind: Kind::Masked, context: 36, ..Default::default() };
+        let run = RunFile::new(&model, &train, &data).unwrap();
+        let found = Batches::of_run(&run, &data).unwrap().batch(0).unwrap();
+        let plain = of(&data, 35, 7, 1).unwrap().batch(0).unwrap();
+        assert_eq!((found.length(), &found.clips), (36, &plain.clips));
+        let rows = found.inputs.chunks(36).zip(found.targets.chunks(36));
+        for ((input, target), whole) in rows.zip(plain.targets.chunks(35)) {
+            let n = whole.iter().filter(|id| **id != 0).count();
+            // of 35 tokens, and of the 21 of the short clip
+            let expected = if n == 35 { 6 } else { 4 };
+            assert_eq!(target.iter().filter(|id| **id != 0).count(), expected);
+            for i in 1..36 {
+                let own = whole[i - 1];
+                assert!(target[i] == 0 && input[i] == own || target[i] == own && [own, 3].contains(&input[i]));
+            }
+        }
+        let again = Batches::of_run(&run, &data).unwrap().batch(1).unwrap();
+        assert_ne!(again.targets, found.targets);
+    }
+
+    #[test]
+    fn a_corpus_without_training_clips_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::corpus(dir.path(), &[(3, Split::Test)])).unwrap();
+        assert!(of(&data, 36, 1, 5).err().unwrap().to_string().contains("no training clip"));
+    }
+}

@@ -1,0 +1,395 @@
+//! A training file: `[model]`, `[train]`, and where the corpus and the run are.
+
+use super::augment::AugmentConfig;
+use super::data::CorpusPart;
+use super::precision::Precision;
+use super::schedule::Schedule;
+use super::stages::{self, Stage};
+use crate::{Error, Result};
+use kinelm_corpus::conditions::in_order;
+use kinelm_model::{ModelConfig, TokenLayout};
+use kinelm_store::input;
+use kinelm_store::presets;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Training files.
+pub const TRAIN: &kinelm_store::presets::Presets = &[
+    ("tiny", include_str!("../configs/tiny.toml")),
+    ("small", include_str!("../configs/small.toml")),
+    ("two-level", include_str!("../configs/two-level.toml")),
+    ("thesis-26m", include_str!("../configs/thesis-26m.toml")),
+    ("gpt2", include_str!("../configs/gpt2.toml")),
+    ("finetune", include_str!("../configs/finetune.toml")),
+    ("ahead", include_str!("../configs/ahead.toml")),
+    ("demo", include_str!("../configs/demo.toml")),
+    ("demo-music", include_str!("../configs/demo-music.toml")),
+];
+
+/// A training TOML.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TrainFile {
+    /// The corpus folder; in a file, relative to the file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub corpus: Option<PathBuf>,
+    /// Several corpora instead, `[[corpora]]`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub corpora: Vec<CorpusPart>,
+    /// The run folder; in a file, relative to the file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<PathBuf>,
+    /// The model.
+    pub model: ModelConfig,
+    /// How it is trained.
+    pub train: TrainConfig,
+    /// How the motion is changed on the way.
+    pub augment: AugmentConfig,
+    /// The file, for messages.
+    #[serde(skip)]
+    pub path: Option<PathBuf>,
+}
+
+/// The `[train]` table. Where the defaults come from: docs/training.md.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TrainConfig {
+    /// B: windows of a step, 1..=65536. Default 8.
+    pub batch: usize,
+    /// Steps in all, where the schedule ends too. Default 1,000.
+    pub steps: u64,
+    /// Highest learning rate, above 0. Default 2e-4.
+    pub learning_rate: f64,
+    /// How the rate moves after the warm-up. Default `cosine`.
+    pub schedule: Schedule,
+    /// Steps in which the rate rises from 0. Default 100.
+    pub warmup: u64,
+    /// Where `cosine` ends, as a share of the rate, 0..=1. Default 0.1.
+    pub final_share: f64,
+    /// AdamW's memory of the gradient and of its square, each 0 up to below 1. Default 0.9 and 0.95.
+    pub betas: [f64; 2],
+    /// AdamW's epsilon, above 0. Default 1e-8.
+    pub epsilon: f64,
+    /// Decoupled decay of the matrices that are no embeddings, 0 or more. Default 0.1.
+    pub weight_decay: f64,
+    /// Largest norm of the gradient; 0 means no limit. Default 1.
+    pub clip_norm: f64,
+    /// What the rate of tables whose rows are looked up is multiplied with, above 0 and at most 100. Default 1.
+    pub table_rate: f64,
+    /// Every random number comes from it. Default 1.
+    pub seed: u64,
+    /// Steps between measurements on the validation clips; 0 means only at the end. Default 250.
+    pub eval_every: u64,
+    /// Most validation windows of a measurement, spread evenly; 0 means all. Default 128.
+    pub eval_windows: usize,
+    /// Steps between checkpoints; 0 means only at the end and where validation is best. Default 250.
+    pub checkpoint_every: u64,
+    /// Checkpoints kept beside the best, 1 or more. Default 2.
+    pub keep: usize,
+    /// Batches of a step, computed one after the other in the memory of one, 1..=65536. Default 1.
+    pub accumulate: usize,
+    /// Measurements without a better one after which the run ends; 0 means that it never ends for that. Default 0.
+    pub patience: u64,
+    /// Decay of the moving average of the weights, which is then measured, loaded and exported in their place: 0 up to
+    /// below 1; 0 means none. Default 0.
+    pub ema: f64,
+    /// Measurements between dances that are generated into the run's `samples/`; 0 means none. Masked models draw none.
+    /// Default 0.
+    pub sample_every: u64,
+    /// Label fields that the model is told of, one token each in front of a window. Default none.
+    pub conditions: Vec<String>,
+    /// Share of the labels that are hidden in training, each by itself, so that the model serves without them too,
+    /// 0..=1. Default 0.1.
+    pub label_dropout: f64,
+    /// What the gradients pull towards. Default `cross_entropy`.
+    pub loss: Loss,
+    /// How wide `ordinal` spreads a target, in bins, above 0 and at most 100. Default 0.75.
+    pub ordinal_width: f64,
+    /// In which numbers products are computed: `f32`, `bf16` or `auto`. Default `f32`.
+    pub precision: Precision,
+    /// Share of the windows in which runs of frames count as free and the model is told what is given behind them, 0..=1.
+    /// Needs `model.ahead`. Default 0.
+    #[serde(skip_serializing_if = "is_none")]
+    pub gaps: f64,
+    /// Windows that grow: those of the first steps. Default none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub stages: Vec<Stage>,
+}
+
+fn is_none(share: &f64) -> bool {
+    *share == 0.0
+}
+
+/// What the gradients pull towards; the loss that is reported is the cross-entropy with the target itself in any case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Loss {
+    /// The target.
+    CrossEntropy,
+    /// The target's bin and those around it, by a Gaussian kernel: round the circle for angles, up to the ends for others.
+    Ordinal,
+}
+
+impl Default for TrainConfig {
+    fn default() -> Self {
+        TrainConfig {
+            batch: 8,
+            steps: 1000,
+            learning_rate: 2e-4,
+            schedule: Schedule::Cosine,
+            warmup: 100,
+            final_share: 0.1,
+            betas: [0.9, 0.95],
+            epsilon: 1e-8,
+            weight_decay: 0.1,
+            clip_norm: 1.0,
+            table_rate: 1.0,
+            seed: 1,
+            eval_every: 250,
+            eval_windows: 128,
+            checkpoint_every: 250,
+            keep: 2,
+            accumulate: 1,
+            patience: 0,
+            ema: 0.0,
+            sample_every: 0,
+            conditions: Vec::new(),
+            label_dropout: 0.1,
+            loss: Loss::CrossEntropy,
+            ordinal_width: 0.75,
+            precision: Precision::F32,
+            gaps: 0.0,
+            stages: Vec::new(),
+        }
+    }
+}
+
+impl TrainFile {
+    /// The training file of a name that is built in ([`TRAIN`]), else that of a path.
+    ///
+    /// # Errors
+    /// [`Error::Call`] when it is neither, else those of [`TrainFile::load`].
+    pub fn find(name_or_path: &Path) -> Result<TrainFile> {
+        match presets::find(TRAIN, name_or_path, "training file")? {
+            Some(text) => TrainFile::parse(text, name_or_path),
+            None => TrainFile::load(name_or_path),
+        }
+    }
+
+    /// Reads a training file; its paths become relative to where it stands.
+    ///
+    /// # Errors
+    /// A file that can't be read, keys that are unknown or outside their limits (line and column where TOML tells them).
+    pub fn load(path: &Path) -> Result<TrainFile> {
+        let text = input::text(path).map_err(|e| match e.kind() {
+            std::io::ErrorKind::InvalidData => Error::file(path, "bytes that are no text", "a training TOML", ""),
+            _ => Error::io(path)(e),
+        })?;
+        let mut file = TrainFile { path: Some(path.to_owned()), ..TrainFile::parse(&text, path)? };
+        let folder = kinelm_store::files::folder_of(path);
+        let corpora = file.corpora.iter_mut().map(|c| &mut c.path);
+        for place in [&mut file.corpus, &mut file.run].into_iter().flatten().chain(corpora) {
+            *place = folder.join(&place);
+        }
+        Ok(file)
+    }
+
+    /// An error of settings that are wrong for a corpus, with the file that they stand in.
+    pub fn named(&self, error: Error) -> Error {
+        match (error, &self.path) {
+            (Error::Store(kinelm_store::Error::Call(what)), Some(path)) => {
+                Error::call(format!("{}: {what}", path.display()))
+            }
+            (error, _) => error,
+        }
+    }
+
+    /// The corpora that the file names, whichever way; none if it names none.
+    ///
+    /// # Errors
+    /// Both ways at once.
+    pub fn corpora(&self) -> Result<Vec<CorpusPart>> {
+        match &self.corpus {
+            Some(corpus) if self.corpora.is_empty() => Ok(vec![CorpusPart::once(corpus)]),
+            Some(_) => Err(Error::call("corpus and [[corpora]]; expected one of them")),
+            None => Ok(self.corpora.clone()),
+        }
+    }
+
+    /// Reads the text of a training file; `path` is for messages. Paths stay as they are.
+    ///
+    /// # Errors
+    /// As [`TrainFile::load`].
+    pub fn parse(text: &str, path: &Path) -> Result<TrainFile> {
+        let file: TrainFile = toml::from_str(text).map_err(|e| {
+            let help = "configs/train/ has examples with every key";
+            Error::in_text((path, text), e.span(), in_words(e.message()), "a training file", help)
+        })?;
+        let corpora = || file.corpora()?.iter().try_for_each(CorpusPart::validate);
+        let checked = file
+            .model
+            .validate()
+            .and_then(|()| file.train.validate())
+            .and_then(|()| file.augment.validate())
+            .and_then(|()| corpora());
+        checked.map_err(|e| Error::call(format!("{}: {e}", path.display())))?;
+        Ok(file)
+    }
+}
+
+/// What the reader of TOML says of types, in words that aren't Rust's.
+fn in_words(message: &str) -> String {
+    let whole = ["usize", "u64", "u32"].iter().fold(message.to_string(), |text, kind| {
+        text.replace(&format!("expected {kind}"), "expected a whole number, 0 or more")
+    });
+    whole.replace("expected f64", "expected a number")
+}
+
+impl TrainConfig {
+    /// Whether, after `step` updates, so many measurements were no better than that after `best` that the run ends.
+    pub fn is_patience_out(&self, step: u64, best: Option<u64>) -> bool {
+        let measured = |step: u64| step / self.eval_every.max(1);
+        self.patience > 0 && best.is_some_and(|best| measured(step) >= measured(best) + self.patience)
+    }
+
+    /// How wide targets are smoothed, in bins; `None`: not at all.
+    pub fn smoothing(&self) -> Option<f64> {
+        (self.loss == Loss::Ordinal).then_some(self.ordinal_width)
+    }
+
+    /// Checks every key, that words of `tokens` have what the loss asks for, and that `model` holds the windows.
+    ///
+    /// # Errors
+    /// As [`Self::validate`]; `ordinal` for words whose places aren't of one kind each; those of
+    /// [`stages::validate_for`].
+    pub fn validate_for(&self, model: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
+        self.validate()?;
+        stages::validate_for(&self.stages, model, tokens)?;
+        if self.gaps > 0.0 && !model.ahead {
+            let what = "expected 0, or model.ahead = true: what is told in gaps needs a model that can be told";
+            return Err(Error::call(format!("train.gaps is {}; {what}", self.gaps)));
+        }
+        if self.loss == Loss::Ordinal && tokens.places.is_empty() {
+            let why = "words of this tokenizer have no places of one kind each, so that no bin has neighbours";
+            return Err(Error::call(format!("train.loss is ordinal; expected cross_entropy: {why}")));
+        }
+        Ok(())
+    }
+
+    /// Checks every key.
+    ///
+    /// # Errors
+    /// The first key outside its limits, with both.
+    pub fn validate(&self) -> Result<()> {
+        let check = |holds: bool, key: &str, found: String, limits: &str| match holds {
+            true => Ok(()),
+            false => Err(Error::call(format!("train.{key} is {found}; expected {limits}"))),
+        };
+        let number =
+            |holds: bool, key, found: f64, limits| check(holds && found.is_finite(), key, found.to_string(), limits);
+        check((1..=65_536).contains(&self.batch), "batch", self.batch.to_string(), "1 to 65536")?;
+        check(self.steps <= 1 << 40, "steps", self.steps.to_string(), "at most 2^40")?;
+        number(self.learning_rate > 0.0, "learning_rate", self.learning_rate, "a number above 0")?;
+        number((0.0..=1.0).contains(&self.final_share), "final_share", self.final_share, "0 to 1")?;
+        for beta in self.betas {
+            number((0.0..1.0).contains(&beta), "betas", beta, "0 up to below 1")?;
+        }
+        number(self.epsilon > 0.0, "epsilon", self.epsilon, "a number above 0")?;
+        number(self.weight_decay >= 0.0, "weight_decay", self.weight_decay, "0 or more")?;
+        let table_rate = self.table_rate > 0.0 && self.table_rate <= 100.0;
+        number(table_rate, "table_rate", self.table_rate, "a number above 0 and at most 100")?;
+        stages::validate(&self.stages)?;
+        number(self.clip_norm >= 0.0, "clip_norm", self.clip_norm, "0 (no limit) or more")?;
+        let width = (0.0..=100.0).contains(&self.ordinal_width) && self.ordinal_width > 0.0;
+        number(width, "ordinal_width", self.ordinal_width, "a number above 0 and at most 100")?;
+        // TOML has no larger integers
+        check(self.seed <= i64::MAX as u64, "seed", self.seed.to_string(), "at most 9223372036854775807")?;
+        check(self.keep >= 1, "keep", self.keep.to_string(), "1 or more")?;
+        check((1..=65_536).contains(&self.accumulate), "accumulate", self.accumulate.to_string(), "1 to 65536")?;
+        number((0.0..1.0).contains(&self.ema), "ema", self.ema, "0 (none) up to below 1")?;
+        let measured = |key, found: u64| {
+            let limits = "0 where eval_every is 0: nothing is measured on the way";
+            check(found == 0 || self.eval_every > 0, key, found.to_string(), limits)
+        };
+        measured("patience", self.patience)?;
+        measured("sample_every", self.sample_every)?;
+        let once = in_order(&self.conditions).len() == self.conditions.len();
+        check(once, "conditions", self.conditions.join(", "), "every field once")?;
+        number((0.0..=1.0).contains(&self.gaps), "gaps", self.gaps, "0 to 1")?;
+        number((0.0..=1.0).contains(&self.label_dropout), "label_dropout", self.label_dropout, "0 to 1")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture;
+    use kinelm_model::HeadKind;
+
+    #[test]
+    fn neighbours_are_asked_for_where_bins_have_some() {
+        let train: TrainConfig = toml::from_str("loss = \"ordinal\"").unwrap();
+        assert_eq!((train.smoothing(), TrainConfig::default().smoothing()), (Some(0.75), None));
+        let model = ModelConfig::default();
+        let without = TokenLayout { places: Vec::new(), ..fixture::TOKENS };
+        assert!(train.validate_for(&model, &without).unwrap_err().to_string().contains("train.loss is ordinal"));
+        TrainConfig::default().validate_for(&model, &without).unwrap();
+    }
+
+    #[test]
+    fn shipped_files_hold_and_have_the_promised_sizes() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/train");
+        let load = |name: &str| TrainFile::load(&folder.join(name)).unwrap().model;
+        let [tiny, small, thesis, gpt2] = ["tiny.toml", "small.toml", "thesis-26m.toml", "gpt2.toml"].map(load);
+        assert_eq!((tiny.previous_frame, tiny.head), (None, None));
+        assert_eq!((thesis.previous_frame, thesis.head), (Some(false), Some(HeadKind::Absolute)));
+        assert_eq!((gpt2.layers, gpt2.width, gpt2.heads, gpt2.context), (12, 768, 12, 1024));
+        assert_eq!((gpt2.previous_frame, gpt2.head), (Some(false), Some(HeadKind::Absolute)));
+        assert_eq!((tiny.layers, tiny.width, tiny.heads, tiny.context), (4, 128, 4, 256));
+        assert_eq!((small.layers, small.width, small.heads, small.context), (6, 256, 8, 1024));
+        let fine = TrainFile::load(&folder.join("finetune.toml")).unwrap();
+        assert_eq!((fine.train.patience, fine.augment.mirror), (5, 0.5));
+        assert_eq!((thesis.layers, thesis.width, thesis.heads, thesis.context), (8, 512, 8, 1024));
+    }
+
+    #[test]
+    fn wrong_keys_are_named_where_they_stand() {
+        let said = |text: &str| TrainFile::parse(text, Path::new("a.toml")).unwrap_err().to_string();
+        let message = said("[train]\nbatch = 4\nstep = 3\n");
+        assert!(message.starts_with("a.toml:3:1: found unknown field `step`"), "{message}");
+        assert!(said("[train]\nlearning_rate = nan").contains("train.learning_rate is NaN; expected a number above 0"));
+        assert!(said("[train]\nbetas = [0.9, 1.0]").contains("train.betas is 1; expected 0 up to below 1"));
+        assert!(said("[train]\npatience = 2\neval_every = 0").contains("train.patience is 2; expected 0 where"));
+        assert!(said("[train]\nema = 1.0").contains("train.ema is 1; expected 0 (none) up to below 1"));
+        assert!(said("[train]\naccumulate = 0").contains("train.accumulate is 0; expected 1 to 65536"));
+        assert!(
+            said("[train]\nconditions = [\"a\", \"a\"]")
+                .contains("train.conditions is a, a; expected every field once")
+        );
+        assert!(said("[train]\ngaps = -0.5").contains("train.gaps is -0.5; expected 0 to 1"));
+        assert!(said("[train]\nlabel_dropout = 2").contains("train.label_dropout is 2; expected 0 to 1"));
+        assert!(said("[model]\nlayers = 0").contains("model.layers is 0"));
+        let message = said("[train]\nordinal_width = 0.0");
+        assert!(message.contains("train.ordinal_width is 0; expected a number above 0 and at most 100"), "{message}");
+        assert!(said("[model").starts_with("a.toml:1:"));
+        assert!(said("[augment]\nmirror = 1.5").contains("augment.mirror is 1.5; expected 0 to 1"));
+        assert!(said("[augment]\nspeed = nan").contains("augment.speed is NaN; expected 0 to 0.5"));
+        assert!(said("corpus = \"a\"\n[[corpora]]\npath = \"b\"").contains("corpus and [[corpora]]"));
+        assert!(said("[[corpora]]\npath = \"b\"\nweight = 0").contains("the weight of b is 0; expected 0.001 to 1000"));
+    }
+
+    #[test]
+    fn paths_are_relative_to_the_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.toml");
+        std::fs::write(&path, "[[corpora]]\npath = \"a\"\n[[corpora]]\npath = \"/b\"\nweight = 0.5").unwrap();
+        let parts = [(dir.path().join("a"), 1.0), ("/b".into(), 0.5)];
+        let parts = parts.map(|(path, weight)| CorpusPart { path, weight });
+        assert_eq!(TrainFile::load(&path).unwrap().corpora().unwrap(), parts);
+        std::fs::write(&path, "corpus = \"c\"\nrun = \"/r\"\n").unwrap();
+        let file = TrainFile::load(&path).unwrap();
+        assert_eq!(file.corpora().unwrap(), [CorpusPart::once(dir.path().join("c"))]);
+        assert_eq!(file.corpus.unwrap(), dir.path().join("c"));
+        assert_eq!(file.run.unwrap(), Path::new("/r"));
+    }
+}

@@ -1,0 +1,260 @@
+//! A run folder that one process writes.
+
+use super::provenance::{self, PROVENANCE};
+use crate::{Error, Result};
+use kinelm_model::lead_in::LEAD_INS;
+use kinelm_model::run::{CONFIG, TOKENIZER};
+use kinelm_store::files;
+use kinelm_store::input;
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{ErrorKind, Read, Seek, Write};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// The file that a writing process holds locked; it says its number.
+const LOCK: &str = ".lock";
+/// How often, and after which time, a lock is tried: whoever looks whether a run is going holds it for an instant.
+const TRIES: (u32, Duration) = (5, Duration::from_millis(40));
+/// What a folder holds before its `config.toml`.
+const EARLY: [&str; 6] = [LOCK, "samples", "checkpoints", "corpus.json", TOKENIZER, PROVENANCE];
+
+/// A run folder, locked while this lives, and given free by the system if the process dies.
+#[derive(Debug)]
+pub struct RunFolder {
+    path: PathBuf,
+    _lock: Option<File>,
+}
+
+impl RunFolder {
+    /// Makes the folder of a new run. One whose beginning was cut short is begun again.
+    ///
+    /// # Errors
+    /// [`Error::Taken`] for a folder that is there and not empty; another process that writes it; what the system refuses.
+    pub fn create(run: &Path) -> Result<RunFolder> {
+        check_free(run)?;
+        fs::create_dir_all(run).map_err(Error::io(run))?;
+        let folder = RunFolder::locked(run)?;
+        // another process may have begun and ended a run since
+        check_free(run)?;
+        for folder in [run.join("samples"), run.join("checkpoints")] {
+            fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
+        }
+        provenance::note(run)?;
+        Ok(folder)
+    }
+
+    /// The folder of a run that is there, to go on with it.
+    ///
+    /// # Errors
+    /// A folder without a run; another process that writes it.
+    pub fn open(run: &Path) -> Result<RunFolder> {
+        if !run.join(CONFIG).is_file() {
+            let help = "leave --resume out to begin a run, in a folder that is empty or not there";
+            return Err(Error::file(run, "no config.toml", "a run folder", help));
+        }
+        let folder = RunFolder::locked(run)?;
+        provenance::note(run)?;
+        Ok(folder)
+    }
+
+    /// Any folder of one writer.
+    ///
+    /// # Errors
+    /// Another process that writes it; what the system refuses.
+    pub fn locked(run: &Path) -> Result<RunFolder> {
+        let path = run.join(LOCK);
+        let file = OpenOptions::new().create(true).truncate(false).read(true).write(true).open(&path);
+        let mut file = file.map_err(Error::io(&path))?;
+        for _ in 0..TRIES.0 {
+            match file.try_lock() {
+                Ok(()) => {
+                    let write = |f: &mut File| f.set_len(0).and_then(|()| write!(f, "{}", std::process::id()));
+                    write(&mut file).map_err(Error::io(&path))?;
+                    sweep(run)?;
+                    return Ok(RunFolder { path: run.to_owned(), _lock: Some(file) });
+                }
+                Err(TryLockError::WouldBlock) => std::thread::sleep(TRIES.1),
+                // file systems without locks can't tell
+                Err(TryLockError::Error(e)) if e.kind() == ErrorKind::Unsupported => {
+                    return Ok(RunFolder { path: run.to_owned(), _lock: None });
+                }
+                Err(TryLockError::Error(e)) => return Err(Error::io(&path)(e)),
+            }
+        }
+        let mut who = String::new();
+        let _ = file.rewind().and_then(|()| file.read_to_string(&mut who));
+        let who = if who.is_empty() { String::new() } else { format!(" (number {who})") };
+        Err(Error::call(format!("{} is being written by another process{who}; stop that one first", run.display())))
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+/// Whether a process writes this run just now.
+pub fn is_written(run: &Path) -> bool {
+    let lock = input::peek(&run.join(LOCK));
+    lock.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+}
+
+/// Removes what a killed process left half written.
+fn sweep(run: &Path) -> Result<()> {
+    for entry in fs::read_dir(run).map_err(Error::io(run))?.flatten() {
+        if is_half(&entry.file_name().to_string_lossy()) {
+            fs::remove_file(entry.path()).map_err(Error::io(entry.path()))?;
+        }
+    }
+    Ok(())
+}
+
+/// Whether this is the name of a file that was being written; under the lock by nobody who lives.
+fn is_half(name: &str) -> bool {
+    name.ends_with(".part") && files::left_over(name).is_some()
+}
+
+/// Removes a run, all of it or nothing.
+///
+/// # Errors
+/// [`Error::Taken`] where anything is in it that no training writes; a run that is being written; what the system refuses.
+pub fn remove(run: &Path) -> Result<()> {
+    let _locked = RunFolder::locked(run)?;
+    let names = |folder: &Path| -> Result<Vec<String>> {
+        let entries = fs::read_dir(folder).map_err(Error::io(folder))?;
+        Ok(entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect())
+    };
+    let own = |name: &str| {
+        EARLY.contains(&name)
+            || [CONFIG, LEAD_INS, "metrics.jsonl", "latest", "best"].contains(&name)
+            || name.starts_with("events.out.tfevents.")
+            || is_corpus(name)
+    };
+    let mut strange: Vec<PathBuf> = names(run)?.iter().filter(|name| !own(name)).map(|name| run.join(name)).collect();
+    for folder in ["samples", "checkpoints"].map(|name| run.join(name)).into_iter().filter(|folder| folder.is_dir()) {
+        let step = |name: &String| name.starts_with("step-") || name.starts_with(".step-");
+        strange.extend(names(&folder)?.iter().filter(|name| !step(name)).map(|name| folder.join(name)));
+    }
+    if let Some(path) = strange.first() {
+        return Err(Error::taken(path, "is in a run and no file of it; move it away, or give another folder"));
+    }
+    fs::remove_dir_all(run).map_err(Error::io(run))
+}
+
+/// Whether this describes a corpus of several: `corpus-2.json` and so on.
+fn is_corpus(name: &str) -> bool {
+    name.strip_prefix("corpus-").is_some_and(|n| n.ends_with(".json"))
+}
+
+/// Refuses a folder that no run can begin in.
+///
+/// # Errors
+/// [`Error::Taken`] then.
+pub fn check_free(run: &Path) -> Result<()> {
+    let help = match run.join(CONFIG).is_file() {
+        _ if is_free(run) => return Ok(()),
+        true => "go on with it by --resume, or give another run folder",
+        false => "it holds something else than a run; give another run folder",
+    };
+    Err(Error::taken(run, format!("exists; {help}")))
+}
+
+/// Whether nothing is there, or nothing but what a process left that died while it began a run.
+fn is_free(run: &Path) -> bool {
+    if fs::symlink_metadata(run).is_err() {
+        return true;
+    }
+    let Ok(entries) = fs::read_dir(run) else { return false };
+    let names: Vec<String> = entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect();
+    let early = |name: &String| EARLY.contains(&name.as_str()) || is_corpus(name) || is_half(name);
+    names.is_empty() || (names.iter().any(|n| n == LOCK) && names.iter().all(early))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_process_at_a_time() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = dir.path().join("run");
+        assert!(RunFolder::open(&run).unwrap_err().to_string().contains("no config.toml"));
+        let first = RunFolder::create(&run).unwrap();
+        assert!(RunFolder::open(&run).unwrap_err().to_string().contains("no config.toml"));
+        fs::write(run.join(CONFIG), "").unwrap();
+        assert!(is_written(&run));
+        let message = RunFolder::open(&run).unwrap_err().to_string();
+        let expected = format!("is being written by another process (number {})", std::process::id());
+        assert!(message.contains(&expected), "{message}");
+        drop(first);
+        assert!(!is_written(&run));
+        RunFolder::open(&run).unwrap();
+    }
+
+    /// Both saw that the folder is free; the second gets the lock when the first has begun its run and ended it.
+    #[test]
+    fn free_is_asked_again_under_the_lock() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = dir.path().join("run");
+        fs::create_dir(&run).unwrap();
+        let first = RunFolder::locked(&run).unwrap();
+        let second = std::thread::spawn({
+            let run = run.clone();
+            move || RunFolder::create(&run).map_err(|e| e.to_string())
+        });
+        std::thread::sleep(TRIES.1 * 3 / 2);
+        fs::write(run.join(CONFIG), "the first's").unwrap();
+        drop(first);
+        let message = second.join().unwrap().unwrap_err();
+        assert!(message.contains("run exists; go on with it by --resume"), "{message}");
+        assert_eq!(fs::read_to_string(run.join(CONFIG)).unwrap(), "the first's");
+    }
+
+    #[test]
+    fn a_run_is_removed_whole_or_not_at_all() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = dir.path().join("run");
+        drop(RunFolder::create(&run).unwrap());
+        for name in
+            [CONFIG, LEAD_INS, TOKENIZER, "corpus-2.json", "best", "events.out.tfevents.1", "samples/step-00000001.bvh"]
+        {
+            fs::write(run.join(name), "").unwrap();
+        }
+        for name in ["notes.txt", "samples/mine.bvh", "checkpoints/notes"] {
+            fs::write(run.join(name), "").unwrap();
+            let message = remove(&run).unwrap_err().to_string();
+            assert!(message.contains(name) && message.contains("move it away"), "{message}");
+            assert!(run.join(CONFIG).exists());
+            fs::remove_file(run.join(name)).unwrap();
+        }
+        remove(&run).unwrap();
+        assert!(!run.exists());
+    }
+
+    #[test]
+    fn a_beginning_that_was_cut_short_is_begun_again_and_nothing_else_is_touched() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = dir.path().join("run");
+        drop(RunFolder::create(&run).unwrap());
+        fs::write(run.join(TOKENIZER), "{}").unwrap();
+        fs::write(run.join("config.toml.77-0.part"), "ver").unwrap();
+        fs::write(run.join("notes.part"), "mine").unwrap();
+        assert!(RunFolder::create(&run).is_err(), "notes are no beginning of a run");
+        drop(RunFolder::locked(&run).unwrap());
+        assert!(run.join("notes.part").exists());
+        fs::remove_file(run.join("notes.part")).unwrap();
+        fs::write(run.join("config.toml.77-0.part"), "ver").unwrap();
+        drop(RunFolder::create(&run).unwrap());
+        assert!(!run.join("config.toml.77-0.part").exists());
+        fs::write(run.join("config.toml"), "").unwrap();
+        assert!(RunFolder::create(&run).unwrap_err().to_string().contains("run exists; go on with it by --resume"));
+        // no run's
+        let other = dir.path().join("other");
+        fs::create_dir(&other).unwrap();
+        fs::write(other.join(TOKENIZER), "{}").unwrap();
+        assert!(RunFolder::create(&other).unwrap_err().to_string().contains("other exists; it holds something else"));
+        assert!(RunFolder::open(&other).unwrap_err().to_string().contains("no config.toml"));
+        assert_eq!(fs::read_dir(&other).unwrap().count(), 1, "a folder of somebody else's is left as it was");
+        drop(RunFolder::create(&dir.path().join("a/b")).unwrap());
+    }
+}

@@ -1,0 +1,194 @@
+//! Gaps in what a model learns from: runs of frames that are free, of which it is told what is given behind them
+//! ([`kinelm_model::ahead`]). Nothing is hidden from it and every character is still its target.
+//!
+//! A window that gets gaps gets several: known runs of 1 to 40 frames and gaps of 2 to 60 between them, lengths that are
+//! uniform in their logarithms. In 3 of 10 windows only some joints are free.
+
+use super::batches::WindowId;
+use crate::{Error, Result};
+use kinelm_model::ahead::{Ahead, Course, FARTHEST, Told};
+use kinelm_motion::joints::Selection;
+use kinelm_store::random;
+use kinelm_tokenizer::Tokenizer;
+use rand_chacha::rand_core::RngCore;
+use std::ops::Range;
+
+/// Share of the windows with gaps in which only some joints are free.
+const SOME_JOINTS: f64 = 0.3;
+/// Known runs are at least 1 frame long and shorter than this, gaps at least 2 frames.
+const RUN: f64 = 40.0;
+/// Gaps are shorter than this.
+const GAP: f64 = 61.0;
+
+/// What draws gaps.
+#[derive(Debug)]
+pub struct Gaps {
+    share: f64,
+    seed: u64,
+    ahead: Ahead,
+    /// The places of each coded joint, the root's translation with joint 0.
+    joints: Vec<Vec<usize>>,
+}
+
+impl Gaps {
+    /// Gaps in a share of the windows; `None` where that is 0.
+    ///
+    /// # Errors
+    /// A tokenizer whose frames can't be told what is ahead.
+    pub fn new(share: f64, tokenizer: &Tokenizer, seed: u64) -> Result<Option<Gaps>> {
+        if share == 0.0 {
+            return Ok(None);
+        }
+        let places = |&joint: &usize| {
+            let selection = Selection { joints: vec![joint], translation: joint == 0 };
+            tokenizer.places_of(&selection).map_err(|e| Error::call(format!("train.gaps is {share}: {e}")))
+        };
+        let joints = tokenizer.channels().joints().iter().map(places).collect::<Result<_>>()?;
+        Ok(Some(Gaps { share, seed, ahead: Ahead::of(tokenizer)?, joints }))
+    }
+
+    /// Words behind a window that its gaps may reach to.
+    pub fn reach(&self) -> usize {
+        FARTHEST
+    }
+
+    /// Whether a window gets gaps.
+    pub fn takes(&self, window: WindowId) -> bool {
+        random::unit(&mut self.stream("gaps", window)) < self.share
+    }
+
+    /// What a window of so many `frames` is told of the ids (F W) of its `shown` words and those behind it. Places that are
+    /// `hidden` from the model are told nothing.
+    pub fn told(&self, window: WindowId, ids: &[u32], (shown, frames): (usize, usize), hidden: &[usize]) -> Told {
+        let (codes, c) = (self.ahead.codes(ids), self.ahead.characters());
+        let all = codes.len() / c;
+        let mut rng = self.stream("gap", window);
+        let free = self.free(&mut rng, hidden);
+        let mut given = vec![true; codes.len()];
+        for gap in drawn(&mut rng, shown.min(all), all) {
+            for word in given[gap.start * c..gap.end * c].chunks_exact_mut(c) {
+                word.iter_mut().zip(&free).for_each(|(given, free)| *given = !free);
+            }
+        }
+        Course::new(self.ahead.clone(), codes, given, 0).told(frames)
+    }
+
+    fn stream(&self, purpose: &str, window: WindowId) -> impl RngCore + use<> {
+        random::stream(self.seed, purpose, window.round, window.number as u64)
+    }
+
+    /// (C) which places are free in a window's gaps.
+    fn free(&self, rng: &mut impl RngCore, hidden: &[usize]) -> Vec<bool> {
+        let mut joints: Vec<&Vec<usize>> = self.joints.iter().collect();
+        if random::unit(rng) < SOME_JOINTS && joints.len() > 1 {
+            random::shuffle(&mut joints, rng);
+            let some = 1 + (random::unit(rng) * (joints.len() - 1) as f64) as usize;
+            joints.truncate(some);
+        }
+        let mut free = vec![false; self.ahead.characters()];
+        joints.into_iter().flatten().for_each(|&place| free[place] = true);
+        hidden.iter().for_each(|&place| free[place] = false);
+        free
+    }
+}
+
+/// Gaps that begin within the first `shown` frames and behind which one of `all` is given.
+fn drawn(rng: &mut impl RngCore, shown: usize, all: usize) -> Vec<Range<usize>> {
+    let mut length = |least: f64, most: f64| (least * (random::unit(rng) * (most / least).ln()).exp()) as usize;
+    let (mut gaps, mut at) = (Vec::new(), 0);
+    loop {
+        let start = at + length(1.0, RUN);
+        let end = start + length(2.0, GAP);
+        if start >= shown || end >= all {
+            return gaps;
+        }
+        gaps.push(start..end);
+        at = end;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::augment::AugmentConfig;
+    use crate::batches::{Batch, Batches};
+    use crate::run::RunFile;
+    use crate::{Data, TrainConfig, fixture};
+    use kinelm_corpus::Split;
+    use kinelm_model::{Architecture, ModelConfig};
+    use kinelm_tokenizer::{RootRotation, TokenizerConfig};
+
+    #[test]
+    fn gaps_lie_within_what_is_shown_and_end_where_something_is_given() {
+        let (mut known, mut free, mut longest) = (0, 0, 0);
+        for seed in 0..300 {
+            let gaps = drawn(&mut random::stream(seed, "gap", 0, 0), 128, 192);
+            let mut at = 0;
+            for gap in gaps {
+                assert!(gap.start > at && gap.start < 128 && gap.end < 192 && (2..61).contains(&gap.len()), "{gap:?}");
+                (known, free, longest) = (known + gap.start - at, free + gap.len(), longest.max(gap.len()));
+                at = gap.end;
+            }
+        }
+        // runs of 1 to 40 frames are 10.6 long on average, gaps of 2 to 61 17.3
+        let share = free as f64 / (known + free) as f64;
+        assert!((0.55..0.7).contains(&share) && longest > 55, "{share} {longest}");
+    }
+
+    fn batch(data: &Data, gaps: f64, augment: AugmentConfig) -> Batch {
+        let model = ModelConfig {
+            architecture: Architecture::TwoLevel,
+            layers: 1,
+            heads: 1,
+            width: 8,
+            window: Some(24),
+            ahead: true,
+            ..Default::default()
+        };
+        let train = TrainConfig { batch: 200, gaps, ..Default::default() };
+        let run = RunFile { augment, ..RunFile::new(&model, &train, data).unwrap() };
+        Batches::of_run(&run, data).unwrap().batch(3).unwrap()
+    }
+
+    #[test]
+    fn a_share_of_the_windows_is_told_and_nothing_else_changes() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = fixture::turning(dir.path(), &[(150, Split::Train), (40, Split::Train), (30, Split::Valid)]);
+        let data = Data::one(corpus).unwrap();
+        let augment = AugmentConfig { mirror: 0.5, history_noise: 1.0, ..Default::default() };
+        let (without, with) = (batch(&data, 0.0, augment), batch(&data, 0.5, augment));
+        assert_eq!((&without.inputs, &without.targets, &without.clips), (&with.inputs, &with.targets, &with.clips));
+        assert_eq!(without.told, None);
+        let told = with.told.clone().unwrap();
+        assert_eq!((told.rows[0].len(), told.numbers.len() % (200 * 24)), (200 * 24 * 10, 0));
+        let of_window = told.numbers.len() / 200;
+        let is_told = |window: &&[f32]| window.iter().any(|x| *x != 0.0);
+        let windows = told.numbers.chunks(of_window).filter(is_told).count();
+        assert!((75..110).contains(&windows), "{windows} of 200 windows");
+        // now and then the root is told alone, or not at all
+        let words: Vec<&[u32]> = told.rows[0].chunks(10).collect();
+        let has = |word: &&&[u32], place: usize| word[place] != kinelm_engine::op::embedding::NONE;
+        for (root, knee) in [(true, false), (false, true), (true, true)] {
+            assert!(words.iter().any(|word| has(&word, 0) == root && has(&word, 6) == knee), "{root} {knee}");
+        }
+        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        assert_eq!(one.install(|| batch(&data, 0.5, augment)), with);
+    }
+
+    #[test]
+    fn gaps_ask_for_a_model_that_can_be_told_and_a_tokenizer_that_tells() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::turning(dir.path(), &[(50, Split::Train)])).unwrap();
+        let train = TrainConfig { gaps: 0.5, ..Default::default() };
+        let two = ModelConfig { architecture: Architecture::TwoLevel, ..Default::default() };
+        let said = |model: &ModelConfig, train: &TrainConfig, data: &Data| {
+            RunFile::new(model, train, data).unwrap_err().to_string()
+        };
+        assert!(said(&two, &train, &data).contains("train.gaps is 0.5; expected 0, or model.ahead = true"));
+        let config = TokenizerConfig::uniform(&[0], 20.0, 20);
+        let config = TokenizerConfig { root_rotation: RootRotation::Absolute, ..config };
+        let other = Data::one(fixture::danced(&dir.path().join("other"), config, &[(50, Split::Train)])).unwrap();
+        let message = said(&ModelConfig { ahead: true, ..two }, &TrainConfig::default(), &other);
+        assert!(message.contains("model.ahead is true") && message.contains("heading_delta"), "{message}");
+    }
+}

@@ -1,0 +1,284 @@
+//! The learning-rate range test: a few hundred steps at rates that grow until the loss blows up (docs/training.md, "Which
+//! rate").
+//!
+//! Source: Smith, "Cyclical learning rates for training neural networks" (2017); the smoothing and the end at a multiple
+//! of the least loss are fastai's.
+
+use super::batches::{Batch, Batches};
+use super::config::{TrainConfig, TrainFile};
+use super::data::{CorpusPart, Data};
+use super::learner::{clip_share, learner};
+use super::room;
+use super::run::RunFile;
+use crate::{Error, Result};
+use kinelm_corpus::Opening;
+use kinelm_model::{Compute, layout};
+use kinelm_view::plot::{Chart, Look, Rule, Scale, Series};
+use serde::Serialize;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// What stays of the smoothed loss at a step.
+const SMOOTHING: f64 = 0.98;
+/// The test ends where the smoothed loss is so many times its least.
+const BLOWN_UP: f64 = 4.0;
+/// The suggestion is the turn over this.
+const SAFETY: f64 = 10.0;
+
+/// What is tested, and over which rates.
+#[derive(Debug, Clone)]
+pub struct LrFindOptions {
+    /// The training file; its rate, schedule, steps and run don't matter.
+    pub file: TrainFile,
+    /// The corpora, over those in the file.
+    pub corpora: Vec<CorpusPart>,
+    /// Steps, 2 or more.
+    pub steps: u64,
+    /// The first rate, above 0.
+    pub from: f64,
+    /// The last rate, above the first.
+    pub to: f64,
+    /// Where and how to compute.
+    pub compute: Compute,
+    /// How the corpora are opened.
+    pub opening: Opening,
+}
+
+/// One step of the test.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Tried {
+    /// Counted from 1.
+    pub step: u64,
+    /// The learning rate of its update.
+    pub rate: f64,
+    /// The loss before that update, nats a token.
+    pub loss: f64,
+    /// The losses so far, smoothed.
+    pub smoothed: f64,
+}
+
+/// What the test found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Found {
+    /// The steps.
+    pub steps: Vec<Tried>,
+    /// The rate from which on the smoothed loss rises for good: where it is least. None if it was still falling at the
+    /// last rate, or never fell.
+    pub turn: Option<f64>,
+    /// A tenth of the turn.
+    pub suggestion: Option<f64>,
+    /// Whether the loss blew up before the last rate.
+    pub blew_up: bool,
+}
+
+/// Trains a model that nobody keeps, at rates that grow exponentially. `tell` hears every step.
+///
+/// # Errors
+/// Options outside their limits; what training refuses before its first step; a loss that is not finite at once.
+pub fn lr_find(options: &LrFindOptions, stop: &AtomicBool, tell: &mut dyn FnMut(&Tried)) -> Result<Found> {
+    check(options)?;
+    let corpora = if options.corpora.is_empty() { options.file.corpora()? } else { options.corpora.clone() };
+    let train = TrainConfig { ema: 0.0, steps: options.steps, ..options.file.train.clone() };
+    let data = Data::open(&corpora, None, &train.conditions, options.opening)?;
+    let file = RunFile { augment: options.file.augment, ..RunFile::new(&options.file.model, &train, &data)? };
+    room::check(&file.model, &file.tokens, &train)?;
+    let mut batches = Batches::of_run(&file, &data)?;
+    let weights = layout::initial(&file.model, &file.tokens, train.seed)?;
+    let products = train.precision.choose(None, options.compute)?.products;
+    let mut learner = learner(&file.model, &file.tokens, &train, weights, (options.compute, products))?;
+    let mut test = Test::default();
+    for step in 0..options.steps {
+        if stop.load(Ordering::Relaxed) {
+            return Err(Error::stopped(format!("stopped after {step} of {} steps", options.steps)));
+        }
+        let parts = train.accumulate as u64;
+        let batches: Vec<Batch> =
+            (step * parts..(step + 1) * parts).map(|i| batches.batch(i)).collect::<Result<_>>()?;
+        let rate = options.from * (options.to / options.from).powf(step as f64 / (options.steps - 1) as f64);
+        let gradients = match learner.gradients_of(&batches, step) {
+            Ok(found) if found.norm.is_finite() => found,
+            // the rates before it were too high
+            Ok(_) | Err(Error::NotFinite(_)) if step > 0 => return Ok(test.end(true)),
+            Ok(found) => return Err(Error::NotFinite(format!("the first gradient's norm is {}", found.norm))),
+            Err(e) => return Err(e),
+        };
+        if let Some(tried) = test.step(rate, gradients.loss) {
+            tell(tried);
+        }
+        if test.blew_up() {
+            return Ok(test.end(true));
+        }
+        learner.update(clip_share(gradients.norm, train.clip_norm), rate)?;
+    }
+    Ok(test.end(false))
+}
+
+fn check(options: &LrFindOptions) -> Result<()> {
+    let LrFindOptions { steps, from, to, .. } = *options;
+    if steps < 2 {
+        return Err(Error::call(format!("{steps} steps; expected 2 or more")));
+    }
+    if !(from > 0.0 && to > from && to.is_finite()) {
+        return Err(Error::call(format!("rates from {from} to {to}; expected a first above 0 and a last above that")));
+    }
+    Ok(())
+}
+
+/// A smoothed loss so many times the least has risen for good.
+const RISEN: f64 = 1.1;
+
+/// The losses so far.
+#[derive(Default)]
+struct Test {
+    steps: Vec<Tried>,
+    /// The moving average before its correction.
+    average: f64,
+}
+
+impl Test {
+    fn step(&mut self, rate: f64, loss: f64) -> Option<&Tried> {
+        let step = self.steps.len() as u64 + 1;
+        self.average = SMOOTHING * self.average + (1.0 - SMOOTHING) * loss;
+        let smoothed = self.average / (1.0 - SMOOTHING.powf(step as f64));
+        self.steps.push(Tried { step, rate, loss, smoothed });
+        self.steps.last()
+    }
+
+    /// Where the smoothed loss is least.
+    fn least(&self) -> Option<usize> {
+        (0..self.steps.len()).min_by(|&a, &b| self.steps[a].smoothed.total_cmp(&self.steps[b].smoothed))
+    }
+
+    fn blew_up(&self) -> bool {
+        let least = self.least().map_or(f64::MAX, |i| self.steps[i].smoothed);
+        self.steps.last().is_some_and(|last| last.smoothed > BLOWN_UP * least)
+    }
+
+    fn end(self, blew_up: bool) -> Found {
+        let inside = |i: &usize| (1..self.steps.len().saturating_sub(1)).contains(i);
+        // where the loss only ever fell there is a turn all the same if it was no number right behind
+        let least = self.least().filter(|i| inside(i) || (blew_up && *i > 0));
+        // a loss that hardly rises behind its least has only wavered
+        let least = least.filter(|&i| {
+            let rose = |last: &Tried| last.smoothed > RISEN * self.steps[i].smoothed;
+            blew_up || self.steps.last().is_some_and(rose)
+        });
+        let turn = least.map(|i| self.steps[i].rate);
+        Found { turn, suggestion: turn.map(|t| t / SAFETY), blew_up, steps: self.steps }
+    }
+}
+
+impl Found {
+    /// Loss against rate, turn and suggestion marked.
+    pub fn chart(&self) -> Chart {
+        let series = |name: &str, look, y: fn(&Tried) -> f64| Series {
+            name: name.into(),
+            points: self.steps.iter().map(|t| (t.rate, y(t))).collect(),
+            look,
+            colour: Some(0),
+        };
+        let rule = |name: &str, x: Option<f64>| x.map(|x| Rule { x, name: format!("{name} {x:.1e}") });
+        Chart {
+            title: "Learning-rate range test".into(),
+            x: "learning rate".into(),
+            y: "loss, nats a token".into(),
+            scales: (Scale::Log, Scale::Log),
+            series: vec![series("loss", Look::Faint, |t| t.loss), series("smoothed", Look::Line, |t| t.smoothed)],
+            rules: [rule("suggestion", self.suggestion), rule("turn", self.turn)].into_iter().flatten().collect(),
+            ..Chart::default()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture;
+    use kinelm_corpus::Split;
+    use kinelm_model::ModelConfig;
+
+    /// A loss that falls to rate 1e-3 and rises fourfold behind.
+    fn made(steps: u64) -> Test {
+        let mut test = Test::default();
+        for i in 0..steps {
+            let rate = 1e-7 * 10f64.powf(7.0 * i as f64 / (steps - 1) as f64);
+            let x = rate.log10() + 3.0;
+            test.step(rate, if x < 0.0 { 3.0 - 0.2 * x.max(-3.0) } else { 3.0 * (2.0 * x).exp() });
+            if test.blew_up() {
+                break;
+            }
+        }
+        test
+    }
+
+    #[test]
+    fn smoothing_is_the_corrected_average_and_the_end_is_four_times_the_least() {
+        let mut test = Test::default();
+        for loss in [4.0, 2.0, 3.0] {
+            test.step(1.0, loss);
+        }
+        // by hand: (0.98^2 x 4 + 0.98 x 2 + 3) x 0.02 / (1 - 0.98^3)
+        let expected = (0.9604 * 4.0 + 0.98 * 2.0 + 3.0) * 0.02 / (1.0 - 0.941192);
+        assert!((test.steps[2].smoothed - expected).abs() < 1e-12, "{:?}", test.steps[2]);
+        assert_eq!(test.steps[0].smoothed, 4.0);
+        let test = made(3000);
+        assert!(test.blew_up());
+        let found = test.end(true);
+        let turn = found.turn.unwrap();
+        assert!((turn.log10() + 3.0).abs() < 0.15, "{turn}: an average of 50 steps of 3,000 lags little");
+        assert_eq!(found.suggestion, Some(turn / 10.0));
+        let (last, least) = (found.steps.last().unwrap().smoothed, found.steps.iter().map(|t| t.smoothed));
+        let least = least.fold(f64::MAX, f64::min);
+        assert!(last > 4.0 * least && last < 4.2 * least);
+    }
+
+    #[test]
+    fn a_loss_that_never_turned_has_no_suggestion() {
+        let of = |losses: &[f64], blew_up| {
+            let mut test = Test::default();
+            for loss in losses {
+                test.step(0.1, *loss);
+            }
+            test.end(blew_up).turn
+        };
+        assert_eq!(of(&[3.0, 2.0, 1.0], false), None);
+        assert_eq!(of(&[1.0, 2.0, 3.0], false), None);
+        assert_eq!(of(&[3.0, 2.0, 1.0], true), Some(0.1));
+        assert_eq!(of(&[], true), None);
+    }
+
+    #[test]
+    fn a_model_that_learns_has_a_turn_and_the_same_twice() {
+        let dir = tempfile::tempdir().unwrap();
+        fixture::corpus(dir.path(), &[(300, Split::Train), (12, Split::Valid)]);
+        let model = ModelConfig { layers: 1, heads: 2, width: 32, context: 36, ..Default::default() };
+        let train = TrainConfig { batch: 4, ..Default::default() };
+        let file = TrainFile { model, train, run: Some(dir.path().join("run")), ..Default::default() };
+        let corpora = vec![CorpusPart::once(dir.path().join("corpus"))];
+        let options = LrFindOptions {
+            file,
+            corpora,
+            steps: 120,
+            from: 1e-7,
+            to: 100.0,
+            compute: Compute::default(),
+            opening: Opening::default(),
+        };
+        let find = |options: &LrFindOptions| lr_find(options, &AtomicBool::new(false), &mut |_| ());
+        let found = find(&options).unwrap();
+        let (first, turn) = (found.steps[0], found.turn.unwrap());
+        // of a window's 36 targets 11 are among 16 ids, the others among the 10 bins that a frame before leaves
+        let knows_nothing = (11.0 * 16f64.ln() + 25.0 * 10f64.ln()) / 36.0;
+        assert!((first.rate - 1e-7).abs() < 1e-18 && (first.loss - knows_nothing).abs() < 0.1, "{first:?}");
+        assert!((1e-4..1.0).contains(&turn), "{turn}");
+        let least = found.steps.iter().map(|t| t.smoothed).fold(f64::MAX, f64::min);
+        assert!(least < first.loss - 0.1, "{least}");
+        assert_eq!(find(&options).unwrap(), found);
+        let chart = found.chart();
+        assert_eq!(chart.rules.len(), 2);
+        assert!(!dir.path().join("run").exists(), "no run is touched");
+        for (steps, from, to) in [(1, 1e-7, 1.0), (9, 0.0, 1.0), (9, 1.0, 1.0), (9, 1.0, f64::INFINITY)] {
+            let message = find(&LrFindOptions { steps, from, to, ..options.clone() }).unwrap_err().to_string();
+            assert!(message.contains("expected"), "{message}");
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! Figures of a run as it goes: `metrics.jsonl`, one object a line, and TensorBoard's events.
+
+use super::tensorboard::EventFile;
+use crate::{Error, Result};
+use kinelm_model::likelihood::Likelihood;
+use kinelm_model::run::CONFIG;
+use kinelm_store::files;
+use kinelm_store::input;
+use serde::{Deserialize, Serialize};
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Figures of one step.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct StepFigures {
+    /// Updates done with it.
+    pub step: u64,
+    /// Mean loss of its batch, nats a token.
+    pub loss: f64,
+    /// The same as bits a frame, of as many tokens as the training clips have on average.
+    pub bits_per_frame: f64,
+    /// The learning rate.
+    pub rate: f64,
+    /// The gradient's norm before clipping.
+    pub gradient_norm: f64,
+    /// Tokens trained on so far, padding left out.
+    pub tokens: u64,
+    /// Tokens a second of this step.
+    pub tokens_per_second: f64,
+}
+
+/// The files of a run's figures.
+pub struct Metrics {
+    path: PathBuf,
+    file: File,
+    events: EventFile,
+}
+
+impl Metrics {
+    /// Opens the figures of `run`, taking out those of steps after `step`: the run goes on from there.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn open(run: &Path, step: u64) -> Result<Metrics> {
+        let path = run.join("metrics.jsonl");
+        if let Ok(old) = input::text(&path) {
+            let earlier = |line: &&str| {
+                let object: Option<serde_json::Value> = serde_json::from_str(line).ok();
+                object.and_then(|o| o["step"].as_u64()).is_some_and(|s| s <= step)
+            };
+            let kept: String = old.lines().filter(earlier).flat_map(|l| [l, "\n"]).collect();
+            if kept != old {
+                files::write_whole(&path, kept.as_bytes())?;
+            }
+        }
+        let file = OpenOptions::new().create(true).append(true).open(&path).map_err(Error::io(&path))?;
+        let config = input::text(&run.join(CONFIG)).unwrap_or_default();
+        Ok(Metrics { path, file, events: EventFile::create(run, step, &config)? })
+    }
+
+    /// Makes what was written last, so that a checkpoint written after it never knows more than they do.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn sync(&mut self) -> Result<()> {
+        self.file.sync_data().map_err(Error::io(&self.path))
+    }
+
+    /// Writes the figures of a step.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn step(&mut self, figures: &StepFigures) -> Result<()> {
+        self.line("train", figures)?;
+        let f = figures;
+        let values = [
+            ("train/loss", f.loss),
+            ("train/bits_per_frame", f.bits_per_frame),
+            ("train/rate", f.rate),
+            ("train/gradient_norm", f.gradient_norm),
+            ("train/tokens_per_second", f.tokens_per_second),
+        ];
+        self.events.scalars(f.step, &values)
+    }
+
+    /// Writes a measurement on the validation clips.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn valid(&mut self, step: u64, found: &Likelihood) -> Result<()> {
+        #[derive(Serialize)]
+        struct Valid<'a> {
+            step: u64,
+            #[serde(flatten)]
+            found: &'a Likelihood,
+        }
+        self.line("valid", &Valid { step, found })?;
+        let bits = if found.pseudo { "valid/pseudo_bits_per_frame" } else { "valid/bits_per_frame" };
+        let values = [(bits, found.bits_per_frame), ("valid/loss", found.nats_per_token)];
+        self.events.scalars(step, &values)
+    }
+
+    /// Writes any figures of a step: a line of this kind, and these values for TensorBoard.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn other(&mut self, kind: &str, step: u64, figures: &impl Serialize, values: &[(&str, f64)]) -> Result<()> {
+        self.line(kind, figures)?;
+        self.events.scalars(step, values)
+    }
+
+    fn line(&mut self, kind: &str, figures: &impl Serialize) -> Result<()> {
+        #[derive(Serialize)]
+        struct Line<'a, T> {
+            schema: u32,
+            kind: &'a str,
+            #[serde(flatten)]
+            figures: &'a T,
+        }
+        let line = serde_json::to_string(&Line { schema: 1, kind, figures })
+            .map_err(|e| Error::call(format!("figures that can't be written: {e}")))?;
+        // one write a line, so that a killed process leaves whole lines
+        self.file.write_all(format!("{line}\n").as_bytes()).map_err(Error::io(&self.path))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn going_back_takes_out_later_lines_and_half_ones() {
+        let dir = tempfile::tempdir().unwrap();
+        let figures = |step| StepFigures {
+            step,
+            loss: 1.5,
+            bits_per_frame: 3.0,
+            rate: 0.1,
+            gradient_norm: 1.0,
+            tokens: 7,
+            tokens_per_second: 9.0,
+        };
+        let mut metrics = Metrics::open(dir.path(), 0).unwrap();
+        for step in 1..=4 {
+            metrics.step(&figures(step)).unwrap();
+        }
+        drop(metrics);
+        let path = dir.path().join("metrics.jsonl");
+        let mut text = std::fs::read_to_string(&path).unwrap();
+        text.push_str("{\"schema\":1,\"kind\":\"tr");
+        std::fs::write(&path, text).unwrap();
+        Metrics::open(dir.path(), 2).unwrap().step(&figures(3)).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let steps: Vec<u64> = text
+            .lines()
+            .map(|l| serde_json::from_str::<serde_json::Value>(l).unwrap()["step"].as_u64().unwrap())
+            .collect();
+        assert_eq!(steps, [1, 2, 3]);
+        assert!(text.starts_with("{\"schema\":1,\"kind\":\"train\",\"step\":1,\"loss\":1.5,"));
+    }
+}

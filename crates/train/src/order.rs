@@ -1,0 +1,128 @@
+//! The windows of a training in their order, for programs that train on them themselves.
+
+use super::batches::Batches;
+use super::data::Data;
+use super::run::RunFile;
+use crate::{Error, Result};
+use npyz::WriterBuilder;
+use std::io::{Cursor, Write};
+use std::path::{Path, PathBuf};
+use zip::ZipWriter;
+use zip::write::SimpleFileOptions;
+
+/// Which windows each step trains on, (steps, rows, 3): the clip, its first token that the window shows and how many it
+/// shows; rows are those of all batches of a step. Clips count from 0 over the training clips that have frames, in the
+/// order of `clips.jsonl`, those of a second corpus behind those of the first.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Order {
+    /// Windows of a step: batch times accumulate.
+    pub rows: usize,
+    /// (steps, rows, 3).
+    pub windows: Vec<i64>,
+}
+
+/// Windows of an order, at most: 2.4 GB.
+const MOST_WINDOWS: u64 = 100_000_000;
+
+/// The order of the first `steps` steps of a run, without what augmentation changes of a window.
+///
+/// # Errors
+/// Those of [`Batches::of_run`]; windows that grow.
+pub fn order(run: &RunFile, data: &Data, steps: u64) -> Result<Order> {
+    if !run.train.stages.is_empty() {
+        let what = "train.stages, whose windows grow; an order has windows of one size: leave the stages out";
+        return Err(Error::call(what));
+    }
+    let mut batches = Batches::of_run(run, data)?;
+    let rows = run.train.batch * run.train.accumulate;
+    if steps.checked_mul(rows as u64).is_none_or(|all| all > MOST_WINDOWS) {
+        let what =
+            format!("{steps} steps of {rows} windows; expected {MOST_WINDOWS} windows at most: ask for fewer steps");
+        return Err(Error::call(what));
+    }
+    let mut windows = Vec::new();
+    for place in 0..steps * rows as u64 {
+        let window = batches.window(place);
+        let stand = batches.stand(window);
+        windows.extend([stand.clip, stand.start, stand.tokens].map(|n| n as i64));
+    }
+    Ok(Order { rows, windows })
+}
+
+impl Order {
+    /// `windows` (steps, rows, 3) int64 as a file: `windows.npy` in the folder `out`, or an archive if `out` ends in `.npz`.
+    ///
+    /// # Errors
+    /// What the memory of archives refuses.
+    pub fn to_file(&self, out: &Path) -> Result<(PathBuf, Vec<u8>)> {
+        let npy = self.npy().map_err(Error::io(out))?;
+        if out.extension().is_some_and(|e| e == "npz") {
+            let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+            let refused = |e: zip::result::ZipError| Error::io(out)(e.into());
+            zip.start_file("windows.npy", SimpleFileOptions::default()).map_err(refused)?;
+            zip.write_all(&npy).map_err(Error::io(out))?;
+            let bytes = zip.finish().map_err(refused)?.into_inner();
+            return Ok((out.to_owned(), bytes));
+        }
+        Ok((out.join("windows.npy"), npy))
+    }
+
+    fn npy(&self) -> std::io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        let shape = [self.windows.len() / 3 / self.rows, self.rows, 3].map(|n| n as u64);
+        let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(&mut bytes).begin_nd()?;
+        writer.extend(&self.windows)?;
+        writer.finish()?;
+        Ok(bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{TrainConfig, fixture};
+    use kinelm_corpus::Split;
+    use kinelm_model::ModelConfig;
+
+    #[test]
+    fn more_windows_than_memory_holds_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::corpus(dir.path(), &[(30, Split::Train)])).unwrap();
+        let model = ModelConfig { layers: 1, heads: 1, width: 8, context: 36, ..Default::default() };
+        let run = RunFile::new(&model, &TrainConfig { batch: 2, ..Default::default() }, &data).unwrap();
+        for steps in [99_999_999_999, u64::MAX] {
+            let message = order(&run, &data, steps).unwrap_err().to_string();
+            assert!(message.contains("expected 100000000 windows at most"), "{message}");
+        }
+    }
+
+    #[test]
+    fn the_windows_are_those_that_training_takes() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::corpus(dir.path(), &[(30, Split::Train), (9, Split::Valid), (4, Split::Train)]))
+            .unwrap();
+        let train = TrainConfig { batch: 2, accumulate: 3, ..Default::default() };
+        let model = ModelConfig { context: 36, ..Default::default() };
+        let run = RunFile::new(&model, &train, &data).unwrap();
+        let found = order(&run, &data, 5).unwrap();
+        assert_eq!((found.rows, found.windows.len()), (6, 5 * 6 * 3));
+        let mut batches = Batches::of_run(&run, &data).unwrap();
+        let clips: Vec<_> = batches.clips().collect();
+        assert_eq!(clips.iter().map(|(_, c)| c.name.as_str()).collect::<Vec<_>>(), ["clip0", "clip2"]);
+        for (batch, windows) in (0..15).map(|b| batches.batch(b).unwrap()).zip(found.windows.chunks(6)) {
+            for (target, window) in batch.targets.chunks(36).zip(windows.chunks(3)) {
+                let (corpus, clip) = clips[window[0] as usize];
+                let ids = corpus.ids(clip, window[1] as usize..(window[1] + window[2]) as usize).unwrap();
+                assert_eq!(target[..ids.len()], ids);
+                assert!(target[ids.len()..].iter().all(|id| *id == 0));
+            }
+        }
+        let (archive, zip) = found.to_file(&dir.path().join("o.npz")).unwrap();
+        let (path, bytes) = found.to_file(&dir.path().join("o")).unwrap();
+        assert_eq!((archive, path), (dir.path().join("o.npz"), dir.path().join("o/windows.npy")));
+        let file = npyz::NpyFile::new(bytes.as_slice()).unwrap();
+        assert_eq!(file.shape(), [5, 6, 3]);
+        assert_eq!(file.into_vec::<i64>().unwrap(), found.windows);
+        assert!(zip.starts_with(b"PK"));
+    }
+}

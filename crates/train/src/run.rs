@@ -1,0 +1,312 @@
+//! The run folder: configuration, tokenizer and corpus description of a training run.
+
+use super::augment::AugmentConfig;
+use super::config::TrainConfig;
+use super::data::{CorpusPart, Data, Part};
+use crate::{Error, Result};
+use kinelm_corpus::{Corpus, Opening};
+use kinelm_model::ahead::Ahead;
+use kinelm_model::run::{CONFIG, LoadedRun, TOKENIZER, check_kind, load_tokenizer};
+use kinelm_model::{ModelConfig, TokenLayout};
+use kinelm_music::feature::rate_of;
+use kinelm_store::files;
+use kinelm_store::input;
+use kinelm_store::output::is_same;
+use kinelm_tokenizer::Tokenizer;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// The layout of `config.toml` that this program writes and reads.
+const VERSION: u32 = 3;
+
+/// `config.toml` of a run folder: every option resolved.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunFile {
+    /// The layout's version.
+    pub version: u32,
+    /// The tokenizer's hash.
+    pub tokenizer_sha256: String,
+    /// The corpora, as they were.
+    pub corpora: Vec<RunCorpus>,
+    /// The model.
+    pub model: ModelConfig,
+    /// How it is trained.
+    pub train: TrainConfig,
+    /// How the motion is changed on the way.
+    #[serde(default)]
+    pub augment: AugmentConfig,
+    /// What the tokenizer decided.
+    pub tokens: TokenLayout,
+    /// Where its first weights are from, if they weren't drawn.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<Origin>,
+}
+
+/// Where the first weights of a run are from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Origin {
+    /// The run's or exported folder, in the file from the run's on.
+    pub path: PathBuf,
+    /// How many updates they had there.
+    pub step: u64,
+    /// SHA-256 of the weights as kinelm writes them.
+    #[serde(default)]
+    pub sha256: String,
+}
+
+/// A corpus of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunCorpus {
+    /// Its folder, in the file from the run's on.
+    pub path: PathBuf,
+    /// Its hash.
+    pub sha256: String,
+    /// How often a pass takes each of its windows.
+    pub weight: f64,
+}
+
+impl RunCorpus {
+    fn of(part: &Part) -> Result<RunCorpus> {
+        let dir = part.corpus.dir();
+        let path = std::path::absolute(dir).map_err(Error::io(dir))?;
+        Ok(RunCorpus { path, sha256: part.corpus.hash().into(), weight: part.weight })
+    }
+}
+
+impl RunFile {
+    /// The configuration of a new run on `data`.
+    ///
+    /// # Errors
+    /// Keys outside their limits, a context too short for the corpora's words, a corpus path that can't be made absolute.
+    pub fn new(model: &ModelConfig, train: &TrainConfig, data: &Data) -> Result<RunFile> {
+        let tokens = data.tokens();
+        model.validate()?;
+        let model = model.resolved(&tokens);
+        model.validate_for(&tokens)?;
+        train.validate_for(&model, &tokens)?;
+        if model.ahead {
+            Ahead::of(data.tokenizer())?;
+        }
+        let model = told_music(model, data)?;
+        Ok(RunFile {
+            version: VERSION,
+            tokenizer_sha256: data.tokenizer().hash(),
+            corpora: data.parts().iter().map(RunCorpus::of).collect::<Result<_>>()?,
+            model,
+            train: train.clone(),
+            augment: AugmentConfig::default(),
+            tokens,
+            from: None,
+        })
+    }
+
+    /// The configuration of a run whose model was trained elsewhere: it has no corpora.
+    pub fn imported(run: &LoadedRun, tokenizer: &Tokenizer) -> RunFile {
+        RunFile {
+            version: VERSION,
+            tokenizer_sha256: tokenizer.hash(),
+            corpora: Vec::new(),
+            augment: AugmentConfig::default(),
+            model: run.config.resolved(&run.tokens),
+            // it is done with what it was trained for elsewhere
+            train: TrainConfig {
+                conditions: run.conditions.clone(),
+                steps: run.state.step.max(1),
+                ..Default::default()
+            },
+            tokens: run.tokens.clone(),
+            from: None,
+        }
+    }
+
+    /// Names the corpora where they were found now; whether one of them was elsewhere.
+    ///
+    /// # Errors
+    /// A corpus path that can't be made absolute.
+    pub fn found_at(&mut self, data: &Data) -> Result<bool> {
+        let found = data.parts().iter().map(RunCorpus::of).collect::<Result<Vec<_>>>()?;
+        let elsewhere = |(old, new): (&RunCorpus, &RunCorpus)| !is_same(&old.path, &new.path);
+        let moved = self.corpora.iter().zip(&found).any(elsewhere);
+        self.corpora = found;
+        Ok(moved)
+    }
+
+    /// Puts the tokenizer and the descriptions of the corpora into the run folder: `corpus.json`, `corpus-2.json`, ...
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn put_beside(&self, run: &Path, data: &Data) -> Result<()> {
+        for (i, part) in data.parts().iter().enumerate() {
+            let from = part.corpus.dir().join("corpus.json");
+            let description = input::bytes(&from).map_err(Error::io(&from))?;
+            let name = if i == 0 { "corpus.json".into() } else { format!("corpus-{}.json", i + 1) };
+            files::write_whole(&run.join(name), &description)?;
+        }
+        Ok(files::write_whole(&run.join(TOKENIZER), data.tokenizer().to_json().as_bytes())?)
+    }
+
+    /// With other paths of corpora and origin.
+    fn with_paths(&self, path: impl Fn(&Path) -> PathBuf) -> RunFile {
+        let mut file = self.clone();
+        let origin = file.from.iter_mut().map(|from| &mut from.path);
+        file.corpora.iter_mut().map(|corpus| &mut corpus.path).chain(origin).for_each(|one| *one = path(one));
+        file
+    }
+
+    /// Writes `config.toml`.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn write(&self, run: &Path) -> Result<()> {
+        let file = self.with_paths(|path| files::path_from(run, path));
+        let text = toml::to_string(&file).map_err(|e| Error::call(format!("{CONFIG} can't be written: {e}")))?;
+        Ok(files::write_whole(&run.join(CONFIG), text.as_bytes())?)
+    }
+
+    /// Reads the configuration of a run.
+    ///
+    /// # Errors
+    /// No run there, another version, wrong keys.
+    pub fn read(run: &Path) -> Result<RunFile> {
+        let path = run.join(CONFIG);
+        let text = input::text(&path).map_err(|e| match e.kind() {
+            std::io::ErrorKind::NotFound => {
+                Error::file(run, "no config.toml", "a run folder", "leave --resume out to begin a run")
+            }
+            _ => Error::io(&path)(e),
+        })?;
+        let wrong = |e: toml::de::Error| {
+            Error::in_text((&path, &text), e.span(), e.message(), "the configuration of a run", "")
+        };
+        check_kind(&path, &text)?;
+        let head: Versioned = toml::from_str(&text).map_err(wrong)?;
+        if head.version != VERSION {
+            let help = "take the kinelm that wrote it, or begin a new run";
+            return Err(Error::file(&path, format!("version {}", head.version), format!("version {VERSION}"), help));
+        }
+        let file: RunFile = toml::from_str(&text).map_err(wrong)?;
+        Ok(file.with_paths(|path| files::path_in(run, path)))
+    }
+
+    /// Opens what the run at `run` was begun on; `corpora` are the folders if they lie elsewhere now.
+    ///
+    /// # Errors
+    /// A run that was imported, which has none; another number of corpora, other corpora or weights, each with both; a tokenizer
+    /// that is gone, damaged or another.
+    pub fn data(&self, run: &Path, corpora: &[CorpusPart], opening: Opening) -> Result<Data> {
+        if self.corpora.is_empty() {
+            let (run, what) = (run.display(), "was imported, and has no training to go on with");
+            return Err(Error::call(format!(
+                "{run} {what}; begin a run with its weights: finetune or pretrain --from it"
+            )));
+        }
+        let own: Vec<CorpusPart> =
+            self.corpora.iter().map(|c| CorpusPart { path: c.path.clone(), weight: c.weight }).collect();
+        let parts = if corpora.is_empty() { &own } else { corpora };
+        if parts.len() != own.len() || parts.iter().zip(&own).any(|(p, own)| p.weight != own.weight) {
+            let weights = |p: &[CorpusPart]| p.iter().map(|p| p.weight.to_string()).collect::<Vec<_>>().join(", ");
+            let (found, expected) = (weights(parts), weights(&own));
+            let what =
+                format!("corpora of the weights {found}; the run was begun on corpora of the weights {expected}");
+            return Err(Error::call(what));
+        }
+        let tokenizer = load_tokenizer(&run.join(TOKENIZER), &self.tokenizer_sha256)?;
+        let open = |(p, own): (&CorpusPart, &RunCorpus)| {
+            let corpus = Corpus::open_with(&p.path, opening)?;
+            match corpus.hash() == own.sha256 {
+                true => Ok(Part { corpus, weight: p.weight }),
+                false => Err(Error::file(
+                    corpus.dir(),
+                    format!("a corpus with hash {}", corpus.hash()),
+                    format!("the run's, {}", own.sha256),
+                    "begin a new run on another corpus",
+                )),
+            }
+        };
+        let parts = parts.iter().zip(&self.corpora).map(open).collect::<Result<_>>()?;
+        let data = Data::of(parts, Some(&tokenizer), &self.train.conditions)?;
+        match data.tokenizer().hash() == self.tokenizer_sha256 {
+            true => Ok(data),
+            false => Err(Error::file(
+                run,
+                format!("labels that make tokenizer {}", data.tokenizer().hash()),
+                format!("those of the run's, {}", self.tokenizer_sha256),
+                "put back the files that the run was begun with",
+            )),
+        }
+    }
+}
+
+/// What tells how to read the rest.
+#[derive(Deserialize)]
+struct Versioned {
+    version: u32,
+}
+
+/// A model that is told music its training clips have; what is told of its sound standardised by them, or as the weights that it
+/// begins with have learned it.
+fn told_music(model: ModelConfig, data: &Data) -> Result<ModelConfig> {
+    let none = |what: &str| {
+        let help = "and no training clip of the corpora has any; kinelm tokenize --music FOLDER keeps it";
+        Err(Error::call(format!("model.music asks for {what}, {help}")))
+    };
+    if model.music.has_beats() && !data.has_music() {
+        return none("music");
+    }
+    if !model.music.has_features() {
+        return Ok(ModelConfig { music_scale: None, ..model });
+    }
+    // a corpus of another rate has heard beats alone
+    let rate = rate_of(data.tokenizer().fps());
+    rate.map_err(|e| Error::call(format!("model.music asks for what music sounds like: {e}")))?;
+    let of_data = data.music_scale()?;
+    match of_data {
+        Some(_) => Ok(ModelConfig { music_scale: model.music_scale.or(of_data), ..model }),
+        None => none("what music sounds like"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture;
+    use kinelm_corpus::Split;
+    use std::fs;
+
+    #[test]
+    fn a_run_and_its_corpus_can_be_moved_together() {
+        let dir = tempfile::tempdir().unwrap();
+        let (old, new) = (dir.path().join("old"), dir.path().join("new"));
+        fs::create_dir_all(old.join("run")).unwrap();
+        let data = Data::one(fixture::corpus(&old, &[(9, Split::Train)])).unwrap();
+        let file = RunFile::new(&ModelConfig::default(), &TrainConfig::default(), &data).unwrap();
+        file.write(&old.join("run")).unwrap();
+        assert_eq!(RunFile::read(&old.join("run")).unwrap().corpora[0].sha256, file.corpora[0].sha256);
+        let text = fs::read_to_string(old.join("run").join(CONFIG)).unwrap();
+        assert!(!text.contains("old") && text.contains("path = \"../"), "{text}");
+        fs::rename(&old, &new).unwrap();
+        let moved = RunFile::read(&new.join("run")).unwrap();
+        assert!(Corpus::open(&moved.corpora[0].path).is_ok(), "{moved:?}");
+        moved.write(&new.join("run")).unwrap();
+        assert_eq!(fs::read_to_string(new.join("run").join(CONFIG)).unwrap(), text);
+    }
+
+    #[test]
+    fn another_version_and_wrong_keys_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::corpus(dir.path(), &[(9, Split::Train)])).unwrap();
+        let file = RunFile::new(&ModelConfig::default(), &TrainConfig::default(), &data).unwrap();
+        file.write(dir.path()).unwrap();
+        let path = dir.path().join(CONFIG);
+        let text = fs::read_to_string(&path).unwrap();
+        fs::write(&path, text.replace("version = 3", "version = 2")).unwrap();
+        let message = RunFile::read(dir.path()).unwrap_err().to_string();
+        assert!(message.contains("found version 2, expected version 3"), "{message}");
+        fs::write(&path, text.replace("weight", "wait")).unwrap();
+        let message = RunFile::read(dir.path()).unwrap_err().to_string();
+        assert!(message.contains("config.toml:") && message.contains("wait"), "{message}");
+    }
+}

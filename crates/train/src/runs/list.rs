@@ -1,0 +1,189 @@
+//! Which runs there are below some folders, and how far they are.
+
+use super::log::{Log, METRICS};
+use crate::folder::is_written;
+use crate::run::RunFile;
+use crate::{Error, Result};
+use kinelm_model::checkpoint::{Best, Checkpoints};
+use kinelm_model::layout;
+use kinelm_model::run::CONFIG;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
+
+/// How deep folders are looked through.
+const DEPTH: usize = 4;
+
+/// What a run is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// A process writes it.
+    Running,
+    /// It can be gone on with.
+    Stopped,
+    /// It reached its last step, or its patience was out.
+    Done,
+}
+
+impl Status {
+    /// In a word.
+    pub fn name(self) -> &'static str {
+        match self {
+            Status::Running => "running",
+            Status::Stopped => "stopped",
+            Status::Done => "done",
+        }
+    }
+}
+
+/// A run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Listed {
+    /// Its folder.
+    pub run: PathBuf,
+    /// What it is doing.
+    pub status: Status,
+    /// Updates done.
+    pub step: u64,
+    /// Updates in all.
+    pub steps: u64,
+    /// The last step's loss, nats a token.
+    pub loss: Option<f64>,
+    /// The best measurement on the validation clips.
+    pub best: Option<Best>,
+    /// Tokens trained on so far.
+    pub tokens: u64,
+    /// When it last wrote, seconds since 1970.
+    pub written: Option<u64>,
+    /// Its model: kind, positions, layers x width.
+    pub model: String,
+    /// Numbers that the model learns.
+    pub parameters: usize,
+}
+
+/// The runs among these folders and below them, by path. What looks like a run and can't be read is told to `note`.
+///
+/// # Errors
+/// A folder that can't be listed.
+pub fn list(folders: &[PathBuf], note: &mut dyn FnMut(String)) -> Result<Vec<Listed>> {
+    let mut runs = Vec::new();
+    for folder in folders {
+        if !folder.is_dir() {
+            return Err(Error::file(folder, "no folder", "a folder of runs", ""));
+        }
+        look(folder, DEPTH, &mut runs, note)?;
+    }
+    runs.sort_by(|a, b| a.run.cmp(&b.run));
+    runs.dedup_by(|a, b| a.run == b.run);
+    Ok(runs)
+}
+
+fn look(folder: &Path, depth: usize, runs: &mut Vec<Listed>, note: &mut dyn FnMut(String)) -> Result<()> {
+    if folder.join(CONFIG).is_file() && folder.join("checkpoints").is_dir() {
+        match listed(folder) {
+            Ok(run) => runs.push(run),
+            Err(e) => note(e.to_string()),
+        }
+        return Ok(());
+    }
+    if depth == 0 {
+        return Ok(());
+    }
+    for entry in std::fs::read_dir(folder).map_err(Error::io(folder))?.flatten() {
+        let hidden = entry.file_name().to_string_lossy().starts_with('.');
+        // not through links, which may lead in a circle
+        if hidden || !entry.file_type().is_ok_and(|t| t.is_dir()) {
+            continue;
+        }
+        if let Err(e) = look(&entry.path(), depth - 1, runs, note) {
+            note(e.to_string());
+        }
+    }
+    Ok(())
+}
+
+/// A value as a training file writes it.
+fn in_file(value: &impl Serialize) -> String {
+    serde_json::to_value(value).ok().and_then(|v| v.as_str().map(String::from)).unwrap_or_default()
+}
+
+/// How far one run is.
+fn listed(run: &Path) -> Result<Listed> {
+    let file = RunFile::read(run)?;
+    let checkpoints = Checkpoints::of(run);
+    let state = |which| checkpoints.named(which).and_then(|step| checkpoints.state(step).ok());
+    let (latest, best) = (state("latest"), state("best").and_then(|s| s.best));
+    let log = Log::read_end(run);
+    let (last, saved) = (log.steps.last(), latest.map_or((0, 0), |s| (s.step, s.tokens)));
+    let (step, tokens) = last.map_or(saved, |last| (last.step.max(saved.0), last.tokens.max(saved.1)));
+    let ended = saved.0 >= file.train.steps || file.train.is_patience_out(saved.0, best.map(|b| b.step));
+    let status = match (is_written(run), ended) {
+        (true, _) => Status::Running,
+        (false, true) => Status::Done,
+        (false, false) => Status::Stopped,
+    };
+    let modified = |name: &str| run.join(name).metadata().and_then(|m| m.modified()).ok();
+    let written = modified(METRICS).or_else(|| modified(CONFIG)).and_then(|t| t.duration_since(UNIX_EPOCH).ok());
+    let m = &file.model;
+    Ok(Listed {
+        run: run.to_owned(),
+        status,
+        step,
+        steps: file.train.steps,
+        loss: last.map(|l| l.loss),
+        best,
+        tokens,
+        written: written.map(|d| d.as_secs()),
+        model: format!("{} {} {}x{}", in_file(&m.kind), in_file(&m.positions), m.layers, m.width),
+        parameters: layout::parameters(m, &file.tokens).iter().map(|p| p.len()).sum(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::CorpusPart;
+    use crate::folder::RunFolder;
+    use crate::{PretrainOptions, Silent, TrainConfig, TrainFile, fixture, pretrain};
+    use kinelm_corpus::Split;
+    use kinelm_model::ModelConfig;
+    use std::sync::atomic::AtomicBool;
+
+    #[test]
+    fn runs_are_found_with_what_they_reached() {
+        let dir = tempfile::tempdir().unwrap();
+        fixture::corpus(dir.path(), &[(40, Split::Train), (12, Split::Valid)]);
+        let model = ModelConfig { layers: 1, heads: 2, width: 16, context: 24, ..Default::default() };
+        let train = TrainConfig { batch: 3, steps: 6, eval_every: 3, ..Default::default() };
+        let run = |name: &str, steps| PretrainOptions {
+            file: Some(TrainFile { model: model.clone(), train: train.clone(), ..Default::default() }),
+            corpora: vec![CorpusPart::once(dir.path().join("corpus"))],
+            run: Some(dir.path().join("runs").join(name)),
+            steps: Some(steps),
+            ..Default::default()
+        };
+        std::fs::create_dir_all(dir.path().join("runs/deep")).unwrap();
+        let never = AtomicBool::new(false);
+        let done = pretrain(&run("deep/b", 6), &never, &mut Silent).unwrap();
+        // stopped at once
+        pretrain(&run("a", 6), &AtomicBool::new(true), &mut Silent).unwrap();
+        let broken = dir.path().join("runs/broken");
+        std::fs::create_dir_all(broken.join("checkpoints")).unwrap();
+        std::fs::write(broken.join(CONFIG), "version = 1").unwrap();
+        let mut notes = Vec::new();
+        let folders = [dir.path().to_owned(), dir.path().join("runs/a")];
+        let runs = list(&folders, &mut |n| notes.push(n)).unwrap();
+        assert!(notes.len() == 1 && notes[0].contains("broken"), "{notes:?}");
+        let [a, b] = &runs[..] else { panic!("{runs:?}") };
+        assert!(a.run.ends_with("runs/a") && b.run.ends_with("deep/b"));
+        assert_eq!((a.status, a.step, a.steps, a.loss, a.best), (Status::Stopped, 0, 6, None, None));
+        assert_eq!((b.status, b.step, b.tokens, b.best), (Status::Done, 6, done.tokens, done.best));
+        assert_eq!((b.loss, b.model.as_str()), (done.loss, "causal frame_joint 1x16"));
+        assert!(b.parameters > 3000 && b.written.is_some_and(|w| w > 1_700_000_000));
+        let held = RunFolder::open(&a.run).unwrap();
+        assert_eq!(list(std::slice::from_ref(&a.run), &mut |_| ()).unwrap()[0].status, Status::Running);
+        drop(held);
+        assert!(list(&[dir.path().join("none")], &mut |_| ()).unwrap_err().to_string().contains("no folder"));
+    }
+}

@@ -1,0 +1,170 @@
+//! `metrics.jsonl` of a run, read while it may still be written.
+
+use crate::metrics::StepFigures;
+use crate::{Error, Result};
+use kinelm_model::run::{CONFIG, check_kind};
+use kinelm_store::input;
+use serde::Deserialize;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
+
+/// The file's name in a run folder.
+pub const METRICS: &str = "metrics.jsonl";
+/// What is read of the end of a file, to know how far a run is.
+const END: u64 = 1 << 16;
+
+/// A measurement on the validation clips.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub struct Valid {
+    /// After how many updates.
+    pub step: u64,
+    /// Bits a frame.
+    pub bits_per_frame: f64,
+    /// Nats a token.
+    pub nats_per_token: f64,
+    /// Of a masked model: no likelihood.
+    #[serde(default)]
+    pub pseudo: bool,
+}
+
+/// What a run wrote about itself.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Log {
+    /// Its steps.
+    pub steps: Vec<StepFigures>,
+    /// Its measurements.
+    pub valid: Vec<Valid>,
+    /// Lines that are none: the last of a run that is being written, or what a full disk left.
+    pub odd: usize,
+}
+
+impl Log {
+    /// All that a run wrote.
+    ///
+    /// # Errors
+    /// A folder without figures; a run of another kind; what the system refuses.
+    pub fn read(run: &Path) -> Result<Log> {
+        let config = run.join(CONFIG);
+        if let Ok(text) = input::text(&config) {
+            check_kind(&config, &text)?;
+        }
+        let path = run.join(METRICS);
+        let bytes = input::bytes(&path).map_err(|e| match e.kind() {
+            std::io::ErrorKind::NotFound => {
+                let help = "a run is a folder that `kinelm pretrain --run RUN` wrote";
+                Error::file(run, format!("no {METRICS}"), "a run folder", help)
+            }
+            _ => Error::io(&path)(e),
+        })?;
+        Ok(Log::parse(&bytes))
+    }
+
+    /// The last of what a run wrote, enough to know how far it is; empty where there is nothing.
+    pub fn read_end(run: &Path) -> Log {
+        let read = || -> std::io::Result<Vec<u8>> {
+            let mut file = input::open(&run.join(METRICS))?;
+            let length = file.metadata()?.len();
+            file.seek(SeekFrom::Start(length.saturating_sub(END)))?;
+            let mut bytes = Vec::new();
+            file.read_to_end(&mut bytes)?;
+            Ok(bytes)
+        };
+        Log::parse(&read().unwrap_or_default())
+    }
+
+    fn parse(bytes: &[u8]) -> Log {
+        #[derive(Deserialize)]
+        #[serde(tag = "kind", rename_all = "snake_case")]
+        enum Line {
+            Train(StepFigures),
+            Valid(Valid),
+        }
+        let mut log = Log::default();
+        for line in bytes.split(|b| *b == b'\n').filter(|l| !l.is_empty()) {
+            match serde_json::from_slice(line) {
+                Ok(Line::Train(step)) => log.steps.push(step),
+                Ok(Line::Valid(valid)) => log.valid.push(valid),
+                Err(_) => log.odd += 1,
+            }
+        }
+        log
+    }
+
+    /// Seconds that the steps took, up to and with each; pauses and measurements left out.
+    pub fn seconds(&self) -> Vec<f64> {
+        let mut before = 0;
+        let seconds = self.steps.iter().scan(0.0, |total, step| {
+            *total += (step.tokens - before.min(step.tokens)) as f64 / step.tokens_per_second.max(1e-9);
+            before = step.tokens;
+            Some(*total)
+        });
+        seconds.collect()
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::metrics::{Metrics, StepFigures};
+    use kinelm_model::likelihood::Likelihood;
+
+    /// A run's figures as training writes them.
+    pub fn write(run: &Path, steps: u64) {
+        std::fs::create_dir_all(run).unwrap();
+        let mut metrics = Metrics::open(run, 0).unwrap();
+        for step in 1..=steps {
+            let loss = 3.0 / step as f64;
+            let figures = StepFigures {
+                step,
+                loss,
+                bits_per_frame: 60.0 * loss,
+                rate: 0.1,
+                gradient_norm: 1.0,
+                tokens: 50 * step,
+                tokens_per_second: 25.0,
+            };
+            metrics.step(&figures).unwrap();
+            if step.is_multiple_of(5) {
+                let (bits_per_frame, nats_per_token) = (70.0 * loss, loss);
+                let counts = [9, 3, 3, 9];
+                let [tokens, frames, windows, all_windows] = counts;
+                metrics
+                    .valid(
+                        step,
+                        &Likelihood {
+                            bits_per_frame,
+                            nats_per_token,
+                            tokens,
+                            frames,
+                            windows,
+                            all_windows,
+                            pseudo: false,
+                        },
+                    )
+                    .unwrap();
+            }
+        }
+    }
+
+    #[test]
+    fn what_training_writes_is_read_and_half_lines_are_left_out() {
+        let dir = tempfile::tempdir().unwrap();
+        write(dir.path(), 12);
+        let whole = Log::read(dir.path()).unwrap();
+        assert_eq!((whole.steps.len(), whole.valid.len(), whole.odd), (12, 2, 0));
+        assert_eq!((whole.steps[11].loss, whole.valid[1].bits_per_frame), (0.25, 21.0));
+        assert_eq!(whole.seconds(), (1..=12).map(|i| 2.0 * i as f64).collect::<Vec<_>>());
+        let path = dir.path().join(METRICS);
+        let bytes = input::bytes(&path).unwrap();
+        std::fs::write(&path, &bytes[..bytes.len() - 30]).unwrap();
+        let cut = Log::read(dir.path()).unwrap();
+        assert_eq!((cut.steps.len(), cut.valid.len(), cut.odd), (11, 2, 1));
+        assert_eq!(Log::read_end(dir.path()), cut);
+        // a long file's end begins in a line
+        std::fs::write(&path, bytes.repeat(40)).unwrap();
+        let end = Log::read_end(dir.path());
+        assert!(end.odd == 1 && end.steps.len() > 100 && end.steps.len() < 480, "{}", end.steps.len());
+        let message = Log::read(&dir.path().join("none")).unwrap_err().to_string();
+        assert!(message.contains("found no metrics.jsonl, expected a run folder"), "{message}");
+    }
+}

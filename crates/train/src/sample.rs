@@ -1,0 +1,58 @@
+//! Dances out of a model while it is trained.
+
+use super::run::RunFile;
+use crate::{Error, Result};
+use candle_core::Tensor;
+use kinelm_generate as generate;
+use kinelm_generate::Plan;
+use kinelm_generate::prompt::on_model_rig;
+use kinelm_generate::sampling::{Draw, TOP_P};
+use kinelm_model::run::{TOKENIZER, load_tokenizer};
+use kinelm_model::{Gpt, Reader, Reading};
+use kinelm_motion::format;
+use kinelm_tokenizer::{Rest, Special};
+use kinelm_view::{Figure, write_page};
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+
+/// Length of a dance.
+const SECONDS: f64 = 5.0;
+
+/// Writes a free dance of the model of these weights, at temperature 1 from the run's seed, as `step-XXXXXXXX.bvh` and as
+/// a page beside it into the run's `samples/`. Returns the page.
+///
+/// It draws from streams of its own: training's bits stay what they are.
+///
+/// # Errors
+/// Whatever goes wrong on the way, a panic too: no dance is worth a run.
+pub fn sample(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {
+    let draw = AssertUnwindSafe(|| draw(run, step, file, weights));
+    catch_unwind(draw).unwrap_or_else(|_| Err(Error::call("the generator panicked")))
+}
+
+fn draw(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {
+    let tokenizer = load_tokenizer(&run.join(TOKENIZER), &file.tokenizer_sha256)?;
+    let gpt = Gpt::from_tensors(&file.model, &file.tokens, weights)?;
+    let mut reader = Reader::new(&gpt, Reading::default())?;
+    let frames = (SECONDS * tokenizer.fps()).round() as usize;
+    let words = frames.div_ceil(tokenizer.frames_per_word());
+    // no condition is asked for
+    let mut front = vec![Special::Unk.id(); file.tokens.front];
+    front[0] = Special::Bos.id();
+    let mut plan =
+        Plan::free(tokenizer.grammar(), words, Draw { top_p: Some(TOP_P), ..Draw::default() }, file.train.seed);
+    plan.front = &front;
+    let ids = generate::dance(&mut reader, &plan, &mut |_| ())?;
+    let clip = tokenizer.decode(&tokenizer.words_of_ids(&ids).words, Rest::Identity)?.slice(0..frames);
+    let folder = run.join("samples");
+    std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
+    let name = format!("step-{step:08}");
+    let (bvh, page) = (folder.join(format!("{name}.bvh")), folder.join(format!("{name}.html")));
+    let motion = on_model_rig(&bvh, clip);
+    format::write(&bvh, &motion)?;
+    let seed = file.train.seed;
+    let figure = Figure::new(format!("step {step}"), &motion.clip).note(format!("free, temperature 1, seed {seed}"));
+    write_page(&page, &[figure])?;
+    Ok(page)
+}

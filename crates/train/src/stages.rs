@@ -1,0 +1,199 @@
+//! Windows that grow: what `[[train.stages]]` says of the first steps of a run, and the windows of each of its steps.
+//!
+//! Short windows come first because many small steps learn faster than few large ones, and what is near is learned before
+//! what is far: docs/results/two-level.md.
+
+use super::batches::{Batch, Batches};
+use super::config::TrainConfig;
+use super::data::Data;
+use super::run::RunFile;
+use crate::{Error, Result};
+use kinelm_model::{Kind, ModelConfig, TokenLayout};
+use serde::{Deserialize, Serialize};
+
+/// The windows of a run until a share of its steps. Behind the last stage they are the model's, `train.batch` at a time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stage {
+    /// The share of all steps at which it ends, above that of the stage before and below 1.
+    pub until: f64,
+    /// Frames of a window, at most the model's.
+    pub frames: usize,
+    /// Windows computed together, 1..=65536.
+    pub batch: usize,
+}
+
+impl Stage {
+    /// The first step behind it, of a run of so many.
+    fn end(&self, steps: u64) -> u64 {
+        (self.until * steps as f64).round() as u64
+    }
+
+    /// T: tokens of its windows, as `context` counts them.
+    fn context(&self, model: &ModelConfig, tokens: &TokenLayout) -> usize {
+        // a masked model's last input predicts nothing
+        let last = usize::from(model.kind == Kind::Masked);
+        self.frames * tokens.word + tokens.front + last - 1
+    }
+}
+
+/// Checks that stages follow each other, each key within its limits.
+///
+/// # Errors
+/// The first that doesn't hold, with its number.
+pub fn validate(stages: &[Stage]) -> Result<()> {
+    let mut before = 0.0;
+    for (i, stage) in stages.iter().enumerate() {
+        let wrong = |key: &str, found: String, limits: String| {
+            Err(Error::call(format!("train.stages: stage {} has {key} = {found}; expected {limits}", i + 1)))
+        };
+        if !(stage.until > before && stage.until < 1.0) {
+            return wrong("until", stage.until.to_string(), format!("more than {before} and less than 1"));
+        }
+        if stage.frames == 0 {
+            return wrong("frames", "0".into(), "1 or more".into());
+        }
+        if !(1..=65_536).contains(&stage.batch) {
+            return wrong("batch", stage.batch.to_string(), "1 to 65536".into());
+        }
+        before = stage.until;
+    }
+    Ok(())
+}
+
+/// Checks that a model has room for the windows of all stages.
+///
+/// # Errors
+/// Words that differ in length, which have no count of frames; more frames than the model's window holds.
+pub fn validate_for(stages: &[Stage], model: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
+    for (i, stage) in stages.iter().enumerate() {
+        let stage_is = format!("train.stages: stage {} has windows of {} frames", i + 1, stage.frames);
+        if tokens.varying {
+            let what =
+                "words of this tokenizer differ in length, so that windows are no number of frames: leave it out";
+            return Err(Error::call(format!("{stage_is}; {what}")));
+        }
+        let most = model.frames(tokens);
+        if stage.frames > most {
+            return Err(Error::call(format!("{stage_is}; the model's has {most}, where the last of them must lie")));
+        }
+    }
+    Ok(())
+}
+
+/// Tokens that are computed together, at most, in a run of these stages.
+pub fn most_tokens(train: &TrainConfig, model: &ModelConfig, tokens: &TokenLayout) -> usize {
+    let stages = train.stages.iter().map(|s| s.batch * s.context(model, tokens).min(model.context));
+    stages.chain([train.batch * model.context]).max().unwrap_or(0)
+}
+
+/// The windows of a run's steps, from the first to the last.
+pub struct Stages<'a> {
+    stages: Vec<Running<'a>>,
+    accumulate: u64,
+}
+
+/// A stage from its first step on.
+struct Running<'a> {
+    first: u64,
+    batches: Batches<'a>,
+}
+
+impl<'a> Stages<'a> {
+    /// Of a run.
+    ///
+    /// # Errors
+    /// As [`Batches::of_run`].
+    pub fn of_run(run: &RunFile, data: &'a Data) -> Result<Stages<'a>> {
+        let mut stages = Vec::with_capacity(run.train.stages.len() + 1);
+        let mut first = 0;
+        for stage in &run.train.stages {
+            let model = ModelConfig { context: stage.context(&run.model, &run.tokens), ..run.model.clone() };
+            let train = TrainConfig { batch: stage.batch, ..run.train.clone() };
+            let batches = Batches::of_run(&RunFile { model, train, ..run.clone() }, data)?;
+            stages.push(Running { first, batches });
+            first = stage.end(run.train.steps);
+        }
+        stages.push(Running { first, batches: Batches::of_run(run, data)? });
+        Ok(Stages { stages, accumulate: run.train.accumulate as u64 })
+    }
+
+    /// The batches of step `step`: as many as are accumulated.
+    ///
+    /// # Errors
+    /// A corpus that can't be read any more.
+    pub fn of_step(&mut self, step: u64) -> Result<Vec<Batch>> {
+        let parts = self.accumulate;
+        let Running { first, batches } = self.at(step);
+        let step = step - *first;
+        (step * parts..(step + 1) * parts).map(|i| batches.batch(i)).collect()
+    }
+
+    fn at(&mut self, step: u64) -> &mut Running<'a> {
+        let index = self.stages.partition_point(|s| s.first <= step).saturating_sub(1);
+        &mut self.stages[index]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture;
+    use crate::fixture::TOKENS;
+    use kinelm_corpus::Split;
+
+    fn stage(until: f64, frames: usize, batch: usize) -> Stage {
+        Stage { until, frames, batch }
+    }
+
+    #[test]
+    fn wrong_stages_are_named() {
+        let said = |stages: &[Stage]| validate(stages).unwrap_err().to_string();
+        validate(&[stage(0.4, 3, 2), stage(0.7, 2, 1)]).unwrap();
+        assert_eq!(
+            said(&[stage(0.4, 3, 2), stage(0.4, 6, 1)]),
+            "train.stages: stage 2 has until = 0.4; expected more than 0.4 and less than 1"
+        );
+        assert!(said(&[stage(f64::NAN, 3, 2)]).contains("stage 1 has until = NaN"));
+        assert!(said(&[stage(1.0, 3, 2)]).contains("less than 1"));
+        assert!(said(&[stage(0.5, 0, 2)]).contains("frames = 0; expected 1 or more"));
+        assert!(said(&[stage(0.5, 1, 0)]).contains("batch = 0; expected 1 to 65536"));
+        let model = ModelConfig { context: 36, ..Default::default() };
+        validate_for(&[stage(0.5, 5, 1)], &model, &TOKENS).unwrap();
+        let message = validate_for(&[stage(0.5, 6, 1)], &model, &TOKENS).unwrap_err().to_string();
+        assert!(message.contains("stage 1 has windows of 6 frames; the model's has 5"), "{message}");
+        let varying = TokenLayout { varying: true, ..TOKENS };
+        let message = validate_for(&[stage(0.5, 5, 1)], &model, &varying).unwrap_err().to_string();
+        assert!(message.contains("differ in length"), "{message}");
+    }
+
+    #[test]
+    fn each_step_has_the_windows_of_its_stage_and_steps_can_be_asked_in_any_order() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::corpus(dir.path(), &[(60, Split::Train), (20, Split::Train)])).unwrap();
+        for (kind, context) in [(Kind::Causal, 36), (Kind::Masked, 37)] {
+            let model = ModelConfig { kind, context, ..Default::default() };
+            let stages = vec![stage(0.3, 2, 4), stage(0.8, 3, 2)];
+            let train = TrainConfig { batch: 1, accumulate: 2, steps: 10, stages, ..Default::default() };
+            let run = RunFile::new(&model, &train, &data).unwrap();
+            let mut stages = Stages::of_run(&run, &data).unwrap();
+            let all: Vec<Vec<Batch>> = (0..10).map(|step| stages.of_step(step).unwrap()).collect();
+            let shape = |batches: &Vec<Batch>| {
+                assert_eq!(batches.len(), 2);
+                assert!(
+                    batches
+                        .iter()
+                        .all(|b| (b.length(), b.clips.len()) == (batches[0].length(), batches[0].clips.len()))
+                );
+                (batches[0].length(), batches[0].clips.len())
+            };
+            let more = context - 36;
+            let expected = [[(14 + more, 4); 3].as_slice(), &[(21 + more, 2); 5], &[(context, 1); 2]].concat();
+            assert_eq!(all.iter().map(shape).collect::<Vec<_>>(), expected);
+            for step in [9, 0, 8, 3, 2] {
+                assert_eq!(stages.of_step(step).unwrap(), all[step as usize], "step {step}");
+            }
+            assert_eq!(most_tokens(&run.train, &run.model, &run.tokens), 4 * (14 + more));
+        }
+    }
+}

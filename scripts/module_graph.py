@@ -2,7 +2,7 @@
 """Lists which rooms of every crate know which, and the circles among them.
 
     scripts/module_graph.py            # every folder: its rooms, and what each one uses
-    scripts/module_graph.py --check    # only circles; exit 1 if one goes through a folder
+    scripts/module_graph.py --check    # only circles, and crates that use what docs/architecture.md doesn't allow; exit 1 then
     scripts/module_graph.py --why A B  # the lines in which module A (a::b) uses module B
     scripts/module_graph.py --dot      # the same graph for graphviz
 
@@ -185,11 +185,38 @@ def circles(graph):
     return found
 
 
-def members():
+def folders():
     text = (ROOT / "Cargo.toml").read_text()
     listed = re.search(r"members = \[(.*?)\]", text, re.S).group(1)
-    folders = [ROOT] + [ROOT / member for member in re.findall(r'"([^"]+)"', listed)]
-    return [Crate(folder) for folder in folders if (folder / "src" / "lib.rs").exists()]
+    found = [ROOT] + [ROOT / member for member in re.findall(r'"([^"]+)"', listed)]
+    return [folder for folder in found if (folder / "src" / "lib.rs").exists()]
+
+
+def members():
+    return [Crate(folder) for folder in folders()]
+
+
+def arrows():
+    """Which crates a crate may use, by docs/architecture.md: {crate: {crate}}, over other arrows too."""
+    text = (ROOT / "docs/architecture.md").read_text()
+    block = text.split("## Who may know whom\n```\n", 1)[1].split("```", 1)[0]
+    direct = {a.strip(): {b.strip() for b in to.split(",")} for a, to in (line.split("->") for line in block.splitlines())}
+
+    def reach(crate):
+        return set().union(*({to} | reach(to) for to in direct.get(crate, ())))
+
+    return {crate: reach(crate) for crate in direct}
+
+
+def beyond_arrows():
+    """Crates that use others than the arrows allow, as sentences."""
+    allowed = arrows()
+    for folder in folders():
+        text = (folder / "Cargo.toml").read_text()
+        used = set(re.findall(r"^kinelm-(\w+)", text.split("[dependencies]", 1)[-1].split("\n[", 1)[0], re.M))
+        crate = "src" if folder == ROOT else folder.name
+        for other in sorted(used - allowed.get(crate, set())):
+            yield f"{crate} uses {other}, which docs/architecture.md doesn't allow"
 
 
 def main():
@@ -200,6 +227,9 @@ def main():
     parser.add_argument("--crate", help="only this crate")
     args = parser.parse_args()
     failed = False
+    for sentence in beyond_arrows() if args.check else ():
+        failed = True
+        print(sentence)
     for crate in members():
         if args.crate and crate.name != args.crate:
             continue

@@ -137,7 +137,7 @@ fn inputs_are_opened_in_one_place() {
         "crates/store/src/input.rs",
         "crates/store/src/memory.rs",
         "src/cli/bench/mod.rs",
-        "src/spectral/query/build.rs",
+        "crates/spectral/src/query/build.rs",
     ];
     let opens = ["File::open(", "fs::read(", "fs::read_to_string("];
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));

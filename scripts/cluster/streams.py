@@ -1,4 +1,4 @@
-"""kinelm's randomness (src/random.rs) in numpy: a stream of ChaCha8 for every (seed, purpose, step, index).
+"""kinelm's randomness (crates/store/src/random.rs) in numpy: a stream of ChaCha8 for every (seed, purpose, step, index).
 
 So the same seed begins with the same weights and asks for the same windows here and there.
 """

@@ -224,7 +224,7 @@ class Trainer:
                  gradient_norm=norm, tokens=self.state["tokens"], tokens_per_second=counted / (time.time() - begun))
 
     def update_average(self):
-        """The mean of the weights after all updates, each worth `ema` of the next one (src/train/average.rs)."""
+        """The mean of the weights after all updates, each worth `ema` of the next one (crates/train/src/average.rs)."""
         if self.average:
             decay = self.keys["ema"]
             share = (1 - decay) / (1 - decay ** (self.state["step"] + 1))

@@ -1,4 +1,4 @@
-"""Corpus folders and the windows of a training, as kinelm cuts and orders them (src/corpus, src/train/batches.rs).
+"""Corpus folders and the windows of a training, as kinelm cuts and orders them (crates/corpus/src, crates/train/src/batches.rs).
 
 T tokens of context, K of them in front (`<bos>` and a label a field), word tokens behind. Windows begin at a word.
 """
@@ -157,7 +157,7 @@ class Windows:
 
 
 class Stages:
-    """Windows that grow (src/train/stages.rs): those of `[[train.stages]]`, each until a share of the steps, then the model's."""
+    """Windows that grow (crates/train/src/stages.rs): those of `[[train.stages]]`, each until a share of the steps, then the model's."""
 
     def __init__(self, parts, conditions, config, tokens, train, order=None):
         known, first, before, self.all = {"until", "frames", "batch"}, 0, 0.0, []

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Golden numbers for src/aclstm/golden.rs: an auto-conditioned LSTM of PyTorch's LSTMCells and its autograd, in f64.
+"""Golden numbers for crates/baselines/src/aclstm/golden.rs: an auto-conditioned LSTM of PyTorch's LSTMCells and its autograd, in f64.
 
-    python3 aclstm.py > ../../tests/golden/aclstm.json
+    python3 aclstm.py > ../../crates/baselines/tests/golden/aclstm.json
 
 Needs torch. No randomness: weights and sequences are sines, rounded to f32, that the test writes down again. Each case is
 a form of writing a pose and a way of joining layers: the outputs of a sequence of which some steps see the network's own

@@ -1,7 +1,7 @@
-"""What frames of a gap are told of what is given behind it: tests/golden/ahead.json, for src/model/ahead.rs.
+"""What frames of a gap are told of what is given behind it: crates/model/tests/golden/ahead.json, for crates/model/src/ahead.rs.
 
 The formulas as they were studied (docs/model.md), frame by frame for gaps in which all characters are free. Its tokenizer is
-tests/golden/ahead_tokenizer.json: uniform bins, pelvis and left knee, heading_delta.
+crates/model/tests/golden/ahead_tokenizer.json: uniform bins, pelvis and left knee, heading_delta.
 
     python scripts/reference/ahead.py
 """
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-GOLDEN = Path(__file__).parents[2] / "tests/golden"
+GOLDEN = Path(__file__).parents[2] / "crates/model/tests/golden"
 TOKENIZER = json.loads((GOLDEN / "ahead_tokenizer.json").read_text())["decoder"]["kinelm"]
 LINES = TOKENIZER["fitted"]["translation"]
 WIDTH, ZERO = (np.array([line[key] for line in LINES]) for key in ("width", "zero"))

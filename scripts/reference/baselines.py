@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Golden figures for src/evaluate/baselines.rs: the static floors of a small synthetic set, reckoned frame by frame.
+"""Golden figures for crates/evaluate/src/baselines.rs: the static floors of a small synthetic set, reckoned frame by frame.
 
-    python3 baselines.py > ../../tests/golden/baselines.json
+    python3 baselines.py > ../../crates/evaluate/tests/golden/baselines.json
 
 Needs numpy. Written from the models' definitions, without tables of distinct cases or closed-form sums: every
 probability is looked up in a full table of kernels, every frame is a row of its own.

@@ -1,4 +1,4 @@
-"""crates/motion/tests/golden/features.json and tests/golden/frechet.json, the two arguments: kinetic and geometric features of a motion made of sines, in numpy, and a
+"""crates/motion/tests/golden/features.json and crates/evaluate/tests/golden/frechet.json, the two arguments: kinetic and geometric features of a motion made of sines, in numpy, and a
 Fréchet distance by scipy."""
 import json, sys
 import numpy as np

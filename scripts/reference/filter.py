@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Golden figures for src/spectral/filter: what scipy's butter and filtfilt make of a few series.
+"""Golden figures for crates/spectral/src/filter: what scipy's butter and filtfilt make of a few series.
 
     pip install numpy==2.4.6 scipy==1.17.1   (the versions used are in the file's header)
-    python3 scripts/reference/filter.py > tests/golden/filter.json
+    python3 scripts/reference/filter.py > crates/spectral/tests/golden/filter.json
 
 Series come from numpy's generator, rounded to six decimals before anything is done with them. Two series: the shortest that
 the padding of the highest order allows, and a longer one. `filtfilt` in its default form (odd padding of

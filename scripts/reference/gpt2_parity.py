@@ -1,4 +1,4 @@
-"""A small GPT-2 of the transformers library: logits, gradients and ten training losses, in tests/golden/gpt2_parity.json.
+"""A small GPT-2 of the transformers library: logits, gradients and ten training losses, in crates/train/tests/golden/gpt2_parity.json.
 
 pip install torch transformers; python scripts/reference/gpt2_parity.py
 Tensors are little-endian f32 in hexadecimal, matrices (in, out), under kinelm's names.
@@ -90,5 +90,5 @@ golden = {
     "weights": weights,
     "gradients": gradients,
 }
-path = Path(__file__).resolve().parents[2] / "tests/golden/gpt2_parity.json"
+path = Path(__file__).resolve().parents[2] / "crates/train/tests/golden/gpt2_parity.json"
 path.write_text(json.dumps(golden, indent=1) + "\n")

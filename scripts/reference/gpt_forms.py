@@ -1,4 +1,4 @@
-"""Small models of every form: loss, logits and gradients in f64, in tests/golden/gpt_forms.json.
+"""Small models of every form: loss, logits and gradients in f64, in crates/model/tests/golden/gpt_forms.json.
 
 pip install torch numpy; python scripts/reference/gpt_forms.py
 The model is scripts/cluster/model.py. Weights are formulas as in gpt_shapes.py, rounded to f32: number i of tensor n (by the
@@ -144,6 +144,6 @@ golden = {
     "cases": [run(*case) for case in CASES],
 }
 text = json.dumps(golden, separators=(",", ":")).replace('{"name"', '\n{"name"')
-(ROOT / "tests/golden/gpt_forms.json").write_text(text + "\n")
+(ROOT / "crates/model/tests/golden/gpt_forms.json").write_text(text + "\n")
 for c in golden["cases"]:
     print(f"{c['name']}: {sum(t != PAD for w in c['targets'] for t in w)} targets, loss {c['loss']}")

@@ -1,4 +1,4 @@
-"""Losses and gradients of small GPTs of many shapes and masks in PyTorch, in tests/golden/gpt_shapes.json.
+"""Losses and gradients of small GPTs of many shapes and masks in PyTorch, in crates/train/tests/golden/gpt_shapes.json.
 
 pip install torch; python scripts/reference/gpt_shapes.py
 Weights, ids and masks are formulas of their place, which the test repeats, so the file holds results only: of every
@@ -99,5 +99,5 @@ golden = {
     "seed": None,
     "cases": [run(*case) for case in CASES],
 }
-path = Path(__file__).resolve().parents[2] / "tests/golden/gpt_shapes.json"
+path = Path(__file__).resolve().parents[2] / "crates/train/tests/golden/gpt_shapes.json"
 path.write_text(json.dumps(golden) + "\n")

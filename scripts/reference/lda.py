@@ -1,6 +1,6 @@
-"""Golden numbers for src/classify/lda.rs: scikit-learn's pipeline on made-up rows. Seed 5; scikit-learn as printed in the file.
+"""Golden numbers for crates/classify/src/lda.rs: scikit-learn's pipeline on made-up rows. Seed 5; scikit-learn as printed in the file.
 
-    python scripts/reference/lda.py > tests/golden/lda.json
+    python scripts/reference/lda.py > crates/classify/tests/golden/lda.json
 """
 import json
 

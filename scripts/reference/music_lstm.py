@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Golden numbers for src/music_lstm/golden.rs: a small music LSTM of PyTorch's modules and its autograd, in f64.
+"""Golden numbers for crates/baselines/src/music_lstm/golden.rs: a small music LSTM of PyTorch's modules and its autograd, in f64.
 
-    python3 music_lstm.py > ../../tests/golden/music_lstm.json
+    python3 music_lstm.py > ../../crates/baselines/tests/golden/music_lstm.json
 
 Needs torch. No randomness: weights, spectra and poses are sines, rounded to f32, that the test writes down again. Each case
 is a pair of losses: the outputs, the loss and gradients of a first batch (of long tensors every STRIDE-th number), and the

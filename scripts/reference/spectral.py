@@ -1,7 +1,7 @@
 """Golden numbers: what scipy and scikit-learn make of windows of series.
 
     pip install numpy==2.4.6 scipy==1.17.1 scikit-learn==1.9.1   (the versions used are in the file's header)
-    python scripts/reference/spectral.py > tests/golden/spectral.json
+    python scripts/reference/spectral.py > crates/spectral/tests/golden/spectral.json
 
 Inputs come from numpy's generator, rounded to three decimals before anything is done with them.
 """

@@ -1,4 +1,4 @@
-"""TensorBoard records as tensorboard's own classes write them: tests/golden/tensorboard_event.json.
+"""TensorBoard records as tensorboard's own classes write them: crates/train/tests/golden/tensorboard_event.json.
 
 pip install tensorboard; python scripts/reference/tensorboard_event.py
 """
@@ -31,5 +31,5 @@ golden = {
     "start": record(session_log=SessionLog(status=SessionLog.START)),
     "text": record(summary=Summary(value=[Summary.Value(tag="config", metadata=metadata, tensor=tensor)])),
 }
-path = Path(__file__).resolve().parents[2] / "tests/golden/tensorboard_event.json"
+path = Path(__file__).resolve().parents[2] / "crates/train/tests/golden/tensorboard_event.json"
 path.write_text(json.dumps(golden, indent=1) + "\n")

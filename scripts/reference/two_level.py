@@ -1,4 +1,4 @@
-"""Small models of two levels: loss, logits and gradients in f64, in tests/golden/two_level.json.
+"""Small models of two levels: loss, logits and gradients in f64, in crates/model/tests/golden/two_level.json.
 
 pip install torch safetensors; python scripts/reference/two_level.py
 The model is written out here by docs/model.md, "Two levels" and "What is ahead", one window, frame and character after the
@@ -227,7 +227,7 @@ def main():
     made = {"script": "scripts/reference/two_level.py", "versions": {"torch": torch.__version__}, "seed": None}
     golden = made | {"cases": [run(*case) for case in CASES]}
     text = json.dumps(golden, separators=(",", ":")).replace('{"name"', '\n{"name"')
-    (Path(__file__).parents[2] / "tests/golden/two_level.json").write_text(text + "\n")
+    (Path(__file__).parents[2] / "crates/model/tests/golden/two_level.json").write_text(text + "\n")
     for case in golden["cases"]:
         off = None if case["model"]["ahead"] else clusters(case)
         told = "" if off is None else f", scripts/cluster {off:.1e} off"

@@ -1,6 +1,6 @@
 //! What candle-transformers' sampler draws: how often each id, of fixed logits, by each of its rules.
 //!
-//!     cargo run --release --manifest-path scripts/reference/sampler/Cargo.toml > tests/golden/sampler.json
+//!     cargo run --release --manifest-path scripts/reference/sampler/Cargo.toml > crates/generate/tests/golden/sampler.json
 
 use candle_core::{Device, Tensor};
 use candle_transformers::generation::{LogitsProcessor, Sampling};

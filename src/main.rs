@@ -11,6 +11,9 @@ use std::process::ExitCode;
 fn main() -> ExitCode {
     #[cfg(unix)]
     hear_signals();
+    if let Some(commit) = option_env!("KINELM_COMMIT") {
+        kinelm::train::provenance::built_from(commit);
+    }
     let call = match cli::Call::try_parse() {
         Ok(call) => call,
         Err(e) => return cli::refused(cli::told_plain(e)),

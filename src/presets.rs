@@ -41,9 +41,9 @@ pub fn text_of(name: &str) -> Result<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::path::Path;
     use crate::corpus::Settings;
     use crate::train::TrainFile;
+    use std::path::Path;
 
     #[test]
     fn every_name_is_found_and_a_file_by_its_path() {

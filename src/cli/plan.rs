@@ -2,7 +2,8 @@
 
 use super::{Say, print};
 use anyhow::Result;
-use kinelm::generate::plan::{Plan, timeline};
+use kinelm::generate::plan::timeline;
+use kinelm::generate::recipe::Plan;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]

@@ -10,8 +10,8 @@ use super::{
 use anyhow::Result;
 use kinelm::baselines::music_lstm;
 use kinelm::evaluate::dance::beats::Pair;
-use kinelm::generate::edit::span::Span;
 use kinelm::generate::provenance;
+use kinelm::generate::recipe::Span;
 use kinelm::view::{Figure, music, page_with};
 use kinelm_motion::format;
 use kinelm_motion::joints::{self, Selection};

@@ -10,7 +10,8 @@ use crate::op::cross_entropy::{self, Asked};
 use crate::op::layer_norm;
 use crate::op::matmul::Store;
 use crate::op::smoothing::Smoothing;
-use crate::pieces::{self, PerThread};
+use crate::per_thread::PerThread;
+use crate::pieces;
 use rayon::prelude::*;
 
 /// Numbers of logits that exist at a time, if more than a piece's rows have so many.

@@ -6,26 +6,7 @@
 
 use super::make::Ready;
 use rand_chacha::rand_core::RngCore;
-use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-
-/// What makes the numbers that a dance draws with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Draws {
-    /// The seed alone, as in files of before 2026-11-23, which don't say.
-    #[default]
-    Seed,
-    /// The seed, the bytes of prompt and music, and the labels. With none of them as [`Draws::Seed`].
-    Given,
-}
-
-impl Draws {
-    /// Whether the seed alone makes them.
-    pub fn is_seed(&self) -> bool {
-        *self == Draws::Seed
-    }
-}
 
 impl Ready {
     /// What the dance is given, as a number; 0: nothing, or it doesn't count. Where the files lie changes nothing.
@@ -71,11 +52,5 @@ mod tests {
         let seeds = [seed(5, none), seed(5, salsa), seed(5, waltz), seed(6, salsa)];
         assert!((1..4).all(|i| !seeds[..i].contains(&seeds[i])), "{seeds:?}");
         assert_eq!(seed(5, salsa), seed(5, number(&["label genre=salsa"])));
-    }
-
-    #[test]
-    fn files_that_do_not_say_drew_by_the_seed_alone() {
-        assert!(Draws::default().is_seed());
-        assert_eq!(serde_json::to_string(&Draws::Given).unwrap(), "\"given\"");
     }
 }

@@ -7,25 +7,6 @@ use kinelm_motion::feet::{Fixed, Locked, lock};
 use kinelm_motion::joints::LEGS;
 use kinelm_motion::metric::floor;
 use kinelm_motion::retarget::map_for;
-use serde::{Deserialize, Serialize};
-
-/// What is done to the feet of a dance when it is decoded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Care {
-    /// Nothing. What files of dances mean that don't say.
-    #[default]
-    Off,
-    /// The body is settled on its floor, and feet that stand are held: [`lock`].
-    Lock,
-}
-
-impl Care {
-    /// Whether it is what files don't name.
-    pub fn is_off(&self) -> bool {
-        *self == Care::Off
-    }
-}
 
 /// What was given of a dance: the first `frames` frames whole, and the followed joints throughout.
 pub fn fixed(prompt: Option<&Followed>, frames: usize) -> Fixed {

@@ -3,14 +3,14 @@
 use super::conditions::{check_ahead, tell_tempo, without};
 use super::edit::close::LeftOver;
 use super::edit::{Closed, Edited};
-use super::feet::{self, Care};
+use super::feet;
 use super::followed::Followed;
 use super::guidance::Guidance;
 use super::labels;
 use super::music::{Music, guidance};
-use super::place::{Led, Place};
+use super::place::Led;
 use super::prompt;
-use super::recipe::{PromptRecipe, Recipe, Rig};
+use super::recipe::{Care, Place, PromptRecipe, Recipe, Rig};
 use super::rest::{self, RestJoints};
 use super::{Danced, GUESSES, Plan, check_frames, dances, reader, variation_seed};
 use crate::{Error, Result};
@@ -299,7 +299,7 @@ impl Ready {
         let (fps, lead_in) = (self.tokenizer.fps(), self.recipe.lead_in as f64);
         let times = (0..words).map(|word| (word as f64 - lead_in) / fps);
         let beats_s = music.beats_s();
-        music::told(&self.run.config, &Sound { beats_s: &beats_s, rows: music.rows() }, times, 1.0)
+        music::told(self.run.config.hears(), &Sound { beats_s: &beats_s, rows: music.rows() }, times, 1.0)
     }
 
     /// The prompt that is edited, and how.

@@ -1,22 +1,10 @@
 //! Where a dance stands: coding takes the place of the first frame off, and a free root starts facing anywhere.
 
 use super::followed::Followed;
+use super::recipe::Place;
 use crate::Result;
 use kinelm_motion::rotation::heading;
 use kinelm_motion::{Clip, Quat, Vec3};
-use serde::{Deserialize, Serialize};
-
-/// Where and how the first frame of a prompt stands, on the model's body.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Place {
-    /// Metres, world.
-    pub x: f64,
-    /// Metres, world.
-    pub z: f64,
-    /// Of the pelvis, radians, as [`heading`]; `None` where it points straight up or down.
-    pub heading: Option<f64>,
-}
 
 /// What of the root's first frame a dance's words say as the prompt's do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,12 +25,6 @@ impl Led {
 }
 
 impl Place {
-    /// Of a clip's first frame; `None` without frames.
-    pub fn of(clip: &Clip) -> Option<Place> {
-        let at = clip.root().first()?;
-        Some(Place { x: at.x, z: at.z, heading: heading(clip.pose(0)[0]) })
-    }
-
     /// A dance, as decoded, moved and turned to stand here. What the words say as the prompt's do is left as it is, but for
     /// the place that coding took off.
     ///

@@ -517,7 +517,7 @@ mod heard {
     fn beats(words: usize) -> Vec<f32> {
         let config = ModelConfig { music: Music::Beats, ..ModelConfig::default() };
         let sound = Sound { beats_s: &[0.05, 0.3, 0.5], ..Sound::default() };
-        told(&config, &sound, (0..words).map(|word| word as f64 / 20.0), 1.0)
+        told(config.hears(), &sound, (0..words).map(|word| word as f64 / 20.0), 1.0)
     }
 
     fn drawn(gpt: &Gpt, plan: &Plan) -> Vec<u32> {

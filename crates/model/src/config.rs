@@ -211,6 +211,11 @@ impl ModelConfig {
         self.kind == Kind::Causal && !tokens.places.is_empty()
     }
 
+    /// What frames are told of music: see [`super::music::told`].
+    pub fn hears(&self) -> (Music, Option<&Scale>) {
+        (self.music, self.music_scale.as_ref())
+    }
+
     /// Whether its frames can be told something beside their characters.
     pub fn can_be_told(&self) -> bool {
         self.ahead || !self.music.is_none()

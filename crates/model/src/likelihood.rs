@@ -229,7 +229,7 @@ fn heard(
     let of_window = |window: &EvalWindow| {
         let first = window.start / word;
         let times = (first..first + frames).map(|frame| frame as f64 / manifest.fps);
-        Ok(music::told(config, &corpus.sound(clips[window.clip])?, times, 1.0))
+        Ok(music::told(config.hears(), &corpus.sound(clips[window.clip])?, times, 1.0))
     };
     let all: Vec<Vec<f32>> = windows.iter().map(of_window).collect::<Result<_>>()?;
     Ok(Some(Told { music: all.concat(), ..Told::default() }))
@@ -359,7 +359,7 @@ mod tests {
                 let targets = &ids[first * word..last * word];
                 let inputs = [&[1], &targets[..targets.len() - 1]].concat();
                 let times = (first..last).map(|frame| frame as f64 / 20.0);
-                let music = music::told(&config, &corpus.sound(clips[0]).unwrap(), times, 1.0);
+                let music = music::told(config.hears(), &corpus.sound(clips[0]).unwrap(), times, 1.0);
                 let told = Told { music, ..Told::default() };
                 let mut found = vec![0.0; inputs.len()];
                 let windows = (&inputs[..], targets);

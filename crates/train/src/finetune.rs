@@ -6,12 +6,11 @@ use super::grow::{Language, grow};
 use super::precision::Precision;
 use super::pretrain::{Summary, begin, go_on};
 use super::progress::Progress;
-use super::run::{Origin, RunFile};
+use super::run::{RunFile, origin};
 use crate::{Error, Result};
 use kinelm_corpus::Opening;
 use kinelm_corpus::conditions::in_order;
-use kinelm_model::{Compute, LoadedRun, ModelConfig, TokenLayout, exchange, weights};
-use kinelm_store::FileRecord;
+use kinelm_model::{Compute, LoadedRun, ModelConfig, TokenLayout, exchange};
 use kinelm_store::input;
 use kinelm_store::presets;
 use std::path::{Path, PathBuf};
@@ -111,16 +110,6 @@ fn shape(path: &Path, file: &TrainFile, source: &LoadedRun) -> Result<ModelConfi
     }
     let dropout = if given.contains_key("dropout") { file.model.dropout } else { source.config.dropout };
     Ok(ModelConfig { dropout, ahead, music, ..own })
-}
-
-/// What a run says of where its weights came from.
-///
-/// # Errors
-/// Tensors that are not f32; a path that can't be made absolute.
-pub fn origin(from: &Path, source: &LoadedRun) -> Result<Origin> {
-    let bytes = weights::to_bytes(source.weights.iter().map(|(name, tensor)| (name.as_str(), tensor)))?;
-    let path = std::path::absolute(from).map_err(Error::io(from))?;
-    Ok(Origin { path, step: source.state.step, sha256: FileRecord::of(&bytes).sha256 })
 }
 
 fn learnt(was: &TokenLayout, is: &TokenLayout) -> String {

@@ -4,7 +4,7 @@
 //! A window that gets gaps gets several: known runs of 1 to 40 frames and gaps of 2 to 60 between them, lengths that are
 //! uniform in their logarithms. In 3 of 10 windows only some joints are free.
 
-use super::batches::WindowId;
+use super::window::WindowId;
 use crate::{Error, Result};
 use kinelm_model::ahead::{Ahead, Course, FARTHEST, Told};
 use kinelm_motion::joints::Selection;

@@ -1,6 +1,6 @@
 //! What training windows are told of the music of their clips: [`kinelm_model::music`].
 
-use super::batches::WindowId;
+use super::window::WindowId;
 use crate::Result;
 use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_model::ModelConfig;
@@ -42,7 +42,7 @@ impl Heard {
             return Ok(vec![0.0; self.frames * self.model.music.numbers()]);
         }
         let times = (0..self.frames).map(|frame| (first + factor * frame as f64) / self.fps);
-        Ok(told(&self.model, &corpus.sound(clip)?, times, factor))
+        Ok(told(self.model.hears(), &corpus.sound(clip)?, times, factor))
     }
 }
 
@@ -103,7 +103,7 @@ mod tests {
                 let clip = corpus.clips().iter().find(|c| c.name == clip).unwrap();
                 let first: f64 = first.parse().unwrap();
                 let times = (0..WINDOW).map(|frame| (first + frame as f64) / 20.0);
-                let whole = told(&model, &corpus.sound(clip).unwrap(), times, 1.0);
+                let whole = told(model.hears(), &corpus.sound(clip).unwrap(), times, 1.0);
                 if numbers.iter().all(|x| *x == 0.0) {
                     hidden += usize::from(clip.beats.is_some());
                 } else {
@@ -137,7 +137,7 @@ mod tests {
         let (fps, from_s) = (20.0 * 1.25, -30.5 / 20.0 / 1.25);
         let rows = Rows { fps, from_s, numbers: sound.rows.numbers.clone() };
         let faster = Sound { beats_s: &faster, rows };
-        let expected = told(&config, &faster, (0..8).map(|frame| f64::from(frame) / 20.0), 1.0);
+        let expected = told(config.hears(), &faster, (0..8).map(|frame| f64::from(frame) / 20.0), 1.0);
         assert!(found.len() == expected.len() && found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-4));
         let slow = shown((30.5, 1.0));
         assert!(found.iter().zip(&slow).any(|(a, b)| (a - b).abs() > 0.1));

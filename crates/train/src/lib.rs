@@ -40,6 +40,7 @@ mod shapes;
 pub mod stages;
 mod tensorboard;
 pub mod updates;
+pub mod window;
 
 pub use config::{TrainConfig, TrainFile};
 pub use data::{CorpusPart, Data};

@@ -6,6 +6,7 @@ use kinelm_store::files;
 use kinelm_store::input;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+use std::sync::OnceLock;
 use std::time::SystemTime;
 
 /// Its file in a run's folder.
@@ -39,13 +40,21 @@ pub struct Call {
     pub host: String,
 }
 
+/// The commit that the program was built from.
+static COMMIT: OnceLock<&str> = OnceLock::new();
+
+/// Says which commit the program was built from: runs keep it. Only the first call counts.
+pub fn built_from(commit: &'static str) {
+    let _ = COMMIT.set(commit);
+}
+
 impl Call {
     /// This process, now.
     pub fn now() -> Call {
         Call {
             command: std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect(),
             kinelm: env!("CARGO_PKG_VERSION").into(),
-            commit: option_env!("KINELM_COMMIT").map(str::to_owned),
+            commit: COMMIT.get().map(|commit| (*commit).to_owned()),
             date: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
             host: gethostname::gethostname().to_string_lossy().into_owned(),
         }

@@ -7,8 +7,10 @@ use crate::{Error, Result};
 use kinelm_corpus::{Corpus, Opening};
 use kinelm_model::ahead::Ahead;
 use kinelm_model::run::{CONFIG, LoadedRun, TOKENIZER, check_kind, load_tokenizer};
+use kinelm_model::weights;
 use kinelm_model::{ModelConfig, TokenLayout};
 use kinelm_music::feature::rate_of;
+use kinelm_store::FileRecord;
 use kinelm_store::files;
 use kinelm_store::input;
 use kinelm_store::output::is_same;
@@ -267,6 +269,16 @@ fn told_music(model: ModelConfig, data: &Data) -> Result<ModelConfig> {
         Some(_) => Ok(ModelConfig { music_scale: model.music_scale.or(of_data), ..model }),
         None => none("what music sounds like"),
     }
+}
+
+/// What a run says of where its weights came from.
+///
+/// # Errors
+/// Tensors that are not f32; a path that can't be made absolute.
+pub fn origin(from: &Path, source: &LoadedRun) -> Result<Origin> {
+    let bytes = weights::to_bytes(source.weights.iter().map(|(name, tensor)| (name.as_str(), tensor)))?;
+    let path = std::path::absolute(from).map_err(Error::io(from))?;
+    Ok(Origin { path, step: source.state.step, sha256: FileRecord::of(&bytes).sha256 })
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use kinelm::baselines::aclstm::FPS;
 use kinelm::baselines::aclstm::dance::{Recipe, Told};
 use kinelm::baselines::aclstm::run::Trained;
 use kinelm::generate::MOST_FRAMES;
-use kinelm::generate::feet::Care;
+use kinelm::generate::recipe::Care;
 use kinelm::model::Which;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_store::output::{Outputs, is_same};

@@ -3,8 +3,8 @@
 use super::{Args, danced, load, outputs};
 use crate::cli::{Say, WrongCall, convert, extension, writable};
 use anyhow::Result;
-use kinelm::generate::plan::Plan;
 use kinelm::generate::provenance::Provenance;
+use kinelm::generate::recipe::Plan;
 use kinelm::generate::recipe::Recipe;
 use kinelm::generate::variation_seed;
 use kinelm::model::Which;

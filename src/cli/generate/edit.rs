@@ -2,16 +2,18 @@
 
 use crate::cli::{Say, WrongCall};
 use anyhow::Result;
+use kinelm::generate::edit::Edited;
 use kinelm::generate::edit::close::LeftOver;
 use kinelm::generate::edit::mask::Understood;
-use kinelm::generate::edit::round::{Comes, Round, roughness};
-use kinelm::generate::edit::span::Span;
-use kinelm::generate::edit::{Edit, Edited};
+use kinelm::generate::edit::round::roughness;
 use kinelm::generate::followed::Followed;
-use kinelm::generate::labels::TimedLabel;
 use kinelm::generate::make::Made;
-use kinelm::generate::plan::Plan;
+use kinelm::generate::recipe::Edit;
+use kinelm::generate::recipe::Plan;
 use kinelm::generate::recipe::PromptRecipe;
+use kinelm::generate::recipe::Span;
+use kinelm::generate::recipe::TimedLabel;
+use kinelm::generate::recipe::{Comes, Round};
 use kinelm_motion::joints::say_meant_twice;
 use kinelm_motion::moment::Moment;
 use kinelm_motion::smpl;

@@ -9,7 +9,7 @@ use crate::{Error, Result};
 use kinelm_corpus::sidecar::as_written;
 use kinelm_generate::check_frames;
 use kinelm_generate::feet;
-use kinelm_generate::feet::Care;
+use kinelm_generate::recipe::Care;
 use kinelm_motion::feet::{Fixed, Locked};
 use kinelm_motion::format::{Format, ReadOptions};
 use kinelm_motion::resample::{Method, resample};

@@ -5,7 +5,7 @@ use crate::arena::Floats;
 use crate::linear::{Products, Sums};
 use crate::op::matmul::Store;
 use crate::op::{attention, bias, gelu, layer_norm, rope};
-use crate::pieces::PerThread;
+use crate::per_thread::PerThread;
 use rayon::prelude::*;
 
 /// Turns `dx` (N, D), the gradient of the block's output, into that of its input `x`, and adds to (or sets) the

@@ -19,7 +19,8 @@ use crate::linear::Products;
 use crate::op::attention;
 use crate::op::dropout::Mask;
 use crate::op::rope::Rope;
-use crate::pieces::{self, PerThread};
+use crate::per_thread::PerThread;
+use crate::pieces;
 use std::ops::{Deref, Range};
 
 /// What a batch looks like.

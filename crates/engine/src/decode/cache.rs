@@ -3,8 +3,8 @@
 //! [layer][head][stream], each unit the keys, then the values. Keys lie in panels of tokens, [T / panel][d][panel], and
 //! values in panels of their numbers, [d / panel][T][panel]: both are right factors of the products that attention takes.
 
-use super::kernel::Element;
 use crate::arena::Floats;
+use crate::element::Element;
 use crate::op::matmul::panel;
 use half::f16;
 use half::slice::{HalfBitsSliceExt, HalfFloatSliceExt};

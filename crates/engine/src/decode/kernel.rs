@@ -6,6 +6,7 @@
 //! keep memory busy. Each sum runs over k in order in one accumulator, whatever rows are computed beside it: reading a
 //! block of tokens gives the bits that reading them one by one gives.
 
+use crate::element::Element;
 use pulp::{Simd, WithSimd};
 
 /// Rows that share a number of the matrix in registers.
@@ -17,61 +18,6 @@ const STRETCH: usize = 512;
 /// Steps of k by which memory is asked for what comes; measured with 4 to 8 rows, where neither memory nor arithmetic
 /// waits for the other without it: 1.2 times the speed.
 const AHEAD: usize = 16;
-
-/// A number as matrices hold it.
-pub(crate) trait Element: bytemuck::Pod + Send + Sync {
-    /// What the left operand is to be multiplied by, to make up for [`Element::pair`].
-    const LEFT: f32;
-
-    /// Two vectors of numbers, divided by [`Element::LEFT`].
-    fn pair<S: Simd>(numbers: &[Self]) -> [S::f32s; 2];
-}
-
-impl Element for f32 {
-    const LEFT: f32 = 1.0;
-
-    #[inline(always)]
-    fn pair<S: Simd>(numbers: &[f32]) -> [S::f32s; 2] {
-        let (vectors, _) = S::as_simd_f32s(numbers);
-        [vectors[0], vectors[1]]
-    }
-}
-
-impl Element for i8 {
-    const LEFT: f32 = 1.0;
-
-    #[inline(always)]
-    fn pair<S: Simd>(numbers: &[i8]) -> [S::f32s; 2] {
-        widened::<S, i8>(numbers, f32::from)
-    }
-}
-
-/// The bits of a half float.
-impl Element for u16 {
-    /// 2^112: half floats have exponents that are less by as much.
-    const LEFT: f32 = f32::from_bits((127 + 112) << 23);
-
-    #[inline(always)]
-    fn pair<S: Simd>(numbers: &[u16]) -> [S::f32s; 2] {
-        // sign, exponent and mantissa stand in the same order: they are moved, and the sign's copies masked out
-        widened::<S, u16>(numbers, |bits| f32::from_bits((i32::from(bits as i16) << 13) as u32 & 0x8fff_e000))
-    }
-}
-
-/// Lanes of the widest vector there is.
-const MOST_LANES: usize = 16;
-
-/// Each number by `widen`. Being compiled inside the kernel, the loop becomes vector instructions.
-#[inline(always)]
-fn widened<S: Simd, E: Copy>(numbers: &[E], widen: impl Fn(E) -> f32) -> [S::f32s; 2] {
-    let mut wide = [0.0; 2 * MOST_LANES];
-    let wide = &mut wide[..2 * S::F32_LANES];
-    for (wide, &number) in wide.iter_mut().zip(&numbers[..2 * S::F32_LANES]) {
-        *wide = widen(number);
-    }
-    let (vectors, _) = S::as_simd_f32s(wide);
-    [vectors[0], vectors[1]]
-}
 
 /// The left operand (m, k), rows in segments of `width` numbers: number j of row i is
 /// `data[(j / width * rows + i) * stride + j % width]`. Rows that lie whole are one segment.

@@ -1,8 +1,9 @@
 //! Weights as they are streamed: packed once, in f32 or in bytes.
 
-use super::kernel::{Element, Left, Product};
+use super::kernel::{Left, Product};
 use crate::arena::Floats;
 use crate::dispatch;
+use crate::element::Element;
 use crate::op::matmul::panel;
 
 /// How weights are held.

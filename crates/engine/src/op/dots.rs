@@ -5,8 +5,8 @@
 //! the same order whatever rows are computed beside it.
 
 use super::rows;
-use crate::decode::kernel::Element;
 use crate::dispatch;
+use crate::element::Element;
 use half::f16;
 use half::slice::{HalfBitsSliceExt, HalfFloatSliceExt};
 use pulp::{Simd, WithSimd};

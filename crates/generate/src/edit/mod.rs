@@ -1,17 +1,16 @@
 //! A clip edited: chosen joints at chosen times are invented anew, all else stays as it is.
 //!
-//! What is asked for is read ([`span`], [`mask`]), drawn as any dance is, with the given characters in their places, brought to
+//! What is asked for is read ([`mask`]), drawn as any dance is, with the given characters in their places, brought to
 //! what is given on both sides ([`close`]), and put into the clip at its file's own rate ([`splice`]). docs/editing.md.
 
 pub mod close;
 pub mod feet;
 pub mod mask;
 pub mod round;
-pub mod span;
 pub mod splice;
 
 use super::prompt::Prompt;
-use super::recipe::PromptRecipe;
+use super::recipe::{Edit, PromptRecipe};
 use super::rest::{RestJoints, mean_pose};
 use crate::{Error, Result};
 use close::LeftOver;
@@ -25,31 +24,10 @@ use kinelm_motion::retarget::SkeletonMap;
 use kinelm_motion::{Clip, Motion};
 use kinelm_tokenizer::{Tokenizer, WordLength, Words};
 use mask::Mask;
-use round::{Round, Seam};
-use serde::{Deserialize, Serialize};
-use span::Span;
+use round::Seam;
 use splice::{RigJoints, lengthened, on_both, spliced};
 use std::ops::Range;
 use std::sync::Arc;
-
-/// What is kept of a prompt and what is invented.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Edit {
-    /// These joints at these times are given; none: all are, but the free ones.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub given: Vec<Span>,
-    /// These are free, even where they are given.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub free: Vec<Span>,
-    /// What differs where free frames meet given ones fades over so many seconds.
-    pub blend_s: f64,
-    /// Ways that are drawn, of which the one is kept that ends nearest to where the clip goes on.
-    pub tries: usize,
-    /// The end is invented so that it goes over into the beginning, instead of all that is given and free.
-    #[serde(default, rename = "loop", skip_serializing_if = "Option::is_none")]
-    pub round: Option<Round>,
-}
 
 /// An edit of a prompt, understood.
 pub struct Edited {

@@ -4,38 +4,17 @@
 //! with the gap: played over and over, the frame behind the last is the first.
 
 use super::close::bridged;
-use super::span::Span;
 use crate::prompt::Prompt;
+use crate::recipe::{Comes, Round, Span};
 use crate::{Error, Result};
 use kinelm_motion::moment::Moment;
 use kinelm_motion::rotation::heading;
 use kinelm_motion::{Clip, Motion, Quat, Vec3};
 use kinelm_tokenizer::Tokenizer;
-use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// Seconds of the beginning that are given behind the gap.
 const AGAIN_S: f64 = 1.0;
-
-/// What comes back to its beginning.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Comes {
-    /// Pose, place and heading.
-    Back,
-    /// The pose: place and heading go on from where the clip has come to.
-    Pose,
-}
-
-/// How a clip goes round.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Round {
-    /// What comes back.
-    pub comes: Comes,
-    /// Seconds at the end that are invented.
-    pub over_s: f64,
-}
 
 /// Where a clip that goes round was lengthened, in frames of the file.
 #[derive(Debug, Clone, PartialEq, Eq)]

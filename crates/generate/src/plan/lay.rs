@@ -1,8 +1,9 @@
 //! The clips of a plan read and laid beside each other: which frames of which go where, turned and moved how.
 
-use super::{At, Plan, PlanClip, Segment, told};
+use super::told;
 use crate::Error;
-use crate::labels::TimedLabel;
+use crate::recipe::TimedLabel;
+use crate::recipe::{At, Plan, PlanClip, Segment};
 use kinelm_motion::format::bvh::BvhSource;
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::joints::{self, Selection};

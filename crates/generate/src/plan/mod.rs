@@ -11,75 +11,20 @@ mod told;
 pub use draw::timeline;
 pub use lay::{Laid, Placed};
 
+use crate::recipe::plan::over_s;
+use crate::recipe::{At, Plan, PlanClip, Segment};
 use crate::{Error, Result};
 use kinelm_corpus::sidecar;
-use kinelm_motion::format::{ReadOptions, RestFrame, Unit, Up};
-use kinelm_motion::moment::Moment;
+use kinelm_motion::format::{Unit, Up};
 use kinelm_store::input;
 use lay::Fault;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use toml::Spanned;
 
-/// What a plan file says, its paths as they are found from here.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Plan {
-    /// The clip on whose rig, at whose rate and on whose floor the dance is written.
-    pub rig: String,
-    /// How long what is made anew is where one clip goes over into another.
-    #[serde(default = "over_s")]
-    pub over: At,
-    /// How long the dance is; up to the end of the last segment if not said.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub seconds: Option<At>,
-    /// The clips by the names that the plan has for them.
-    pub clips: BTreeMap<String, PlanClip>,
-    /// What is given when.
-    #[serde(rename = "segment")]
-    pub segments: Vec<Segment>,
-}
-
-fn over_s() -> At {
-    At(Moment::Seconds(1.0))
-}
-
-/// A clip, and how it is read.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PlanClip {
-    /// The file.
-    pub file: PathBuf,
-    /// Its true rate, where it states it wrongly.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub fps_source: Option<f64>,
-    /// Frames at its beginning that are left out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub skip: Option<usize>,
-    /// Of a BVH.
-    #[serde(default)]
-    pub unit: Unit,
-    /// Which axis is up.
-    #[serde(default)]
-    pub up: Up,
-    /// Which joint is which: a map's name or file.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub map: Option<String>,
-    /// Where its floor is, metres.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub floor: Option<f64>,
-}
-
 impl PlanClip {
-    /// How the file is read.
-    pub fn options(&self) -> ReadOptions {
-        let (fps_source, skip, unit, up) = (self.fps_source, self.skip.unwrap_or(0), self.unit, self.up);
-        let (map, floor) = (self.map.clone(), self.floor);
-        ReadOptions { fps_source, skip, unit, up, map, floor, rest: RestFrame::Drop, ..ReadOptions::default() }
-    }
-
     /// What isn't said of it, of a dance as its sidecar says; and that in words.
     ///
     /// # Errors
@@ -96,66 +41,7 @@ impl PlanClip {
     }
 }
 
-/// Joints of a clip over a time of the dance, what the model is told then, or both.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Segment {
-    /// The clip's name in the plan.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub clip: Option<String>,
-    /// As [`kinelm_motion::joints::parse`] takes them, or as the clip's rig names its own.
-    #[serde(default = "all_joints")]
-    pub joints: String,
-    /// From when on in the dance.
-    pub from: At,
-    /// Until when, half-open.
-    pub to: At,
-    /// Where in the clip it begins.
-    #[serde(default)]
-    pub at: At,
-    /// What the model is told of this time, by fields.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub labels: BTreeMap<String, String>,
-}
-
-fn all_joints() -> String {
-    "all".into()
-}
-
-/// A moment, as a number of seconds or a text such as `2.5s`, `40f`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct At(pub Moment);
-
-impl Default for At {
-    fn default() -> At {
-        At(Moment::Seconds(0.0))
-    }
-}
-
-impl Serialize for At {
-    fn serialize<S: Serializer>(&self, to: S) -> std::result::Result<S::Ok, S::Error> {
-        to.collect_str(&self.0)
-    }
-}
-
-impl<'de> Deserialize<'de> for At {
-    fn deserialize<D: Deserializer<'de>>(from: D) -> std::result::Result<At, D::Error> {
-        #[derive(Deserialize)]
-        #[serde(untagged, expecting = "a value that is no time (seconds, as 2.5 or \"2.5s\", or frames, as \"40f\")")]
-        enum Either {
-            Whole(i64),
-            Number(f64),
-            Text(String),
-        }
-        match Either::deserialize(from)? {
-            Either::Whole(s) => Ok(At(Moment::Seconds(s as f64))),
-            Either::Number(s) => Ok(At(Moment::Seconds(s))),
-            Either::Text(text) => text.parse().map(At).map_err(serde::de::Error::custom),
-        }
-    }
-}
-
-/// The same with the places of its segments in the text.
+/// A plan with the places of its segments in the text.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PlanFile {

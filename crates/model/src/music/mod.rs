@@ -6,7 +6,7 @@
 pub mod beats;
 pub mod features;
 
-use super::ModelConfig;
+use features::Scale;
 use kinelm_corpus::music::sound::Sound;
 use serde::{Deserialize, Serialize};
 
@@ -51,9 +51,14 @@ impl Music {
     }
 }
 
-/// What frames at these times of a clip are told of its music, (N, M); `pace` seconds of the clip pass in a second of the frames.
-pub fn told(config: &ModelConfig, sound: &Sound<'_>, times_s: impl Iterator<Item = f64>, pace: f64) -> Vec<f32> {
-    let music = config.music;
+/// What frames at these times of a clip are told of its music, (N, M), sounds by the scale of the training clips; `pace`
+/// seconds of the clip pass in a second of the frames.
+pub fn told(
+    (music, scale): (Music, Option<&Scale>),
+    sound: &Sound<'_>,
+    times_s: impl Iterator<Item = f64>,
+    pace: f64,
+) -> Vec<f32> {
     let mut all = Vec::new();
     for time in times_s {
         let first = all.len();
@@ -63,7 +68,7 @@ pub fn told(config: &ModelConfig, sound: &Sound<'_>, times_s: impl Iterator<Item
         if music.has_beats() {
             beats::tell(sound.beats_s, times, of_beats);
         }
-        if let Some(scale) = config.music_scale.as_ref().filter(|_| music.has_features()) {
+        if let Some(scale) = scale.filter(|_| music.has_features()) {
             features::tell(&sound.rows, scale, times, of_sound);
         }
     }

@@ -12,7 +12,7 @@ mod history;
 mod mirror;
 mod speed;
 
-use super::batches::{Stand, WindowId};
+use super::window::{Stand, WindowId};
 use crate::{Error, Result};
 use drop_joints::Droppable;
 use history::History;

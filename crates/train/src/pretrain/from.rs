@@ -1,8 +1,7 @@
 //! Weights to begin a run with: another run's, or those of a folder that was exported.
 
-use crate::finetune::origin;
 use crate::grow::{Language, grow};
-use crate::run::RunFile;
+use crate::run::{RunFile, origin};
 use crate::{Error, Result};
 use candle_core::Tensor;
 use kinelm_model::exchange;

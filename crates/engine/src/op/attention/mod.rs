@@ -18,7 +18,7 @@ use super::dropout::{growth, threshold};
 use super::matmul::copy;
 use super::products::Products;
 use crate::arena::Floats;
-use crate::pieces::PerThread;
+use crate::per_thread::PerThread;
 use softmax::{Bias, Drops};
 use std::ops::Range;
 

@@ -1,11 +1,21 @@
 //! What decides a dance, as one value that a file can hold.
 
-use super::draws::Draws;
-use super::edit::Edit;
-use super::feet::Care;
-use super::labels::TimedLabel;
-use super::place::Place;
-use super::plan::Plan;
+mod draws;
+mod edit;
+mod feet;
+mod labels;
+mod place;
+pub(crate) mod plan;
+mod span;
+
+pub use draws::Draws;
+pub use edit::{Comes, Edit, Round};
+pub use feet::Care;
+pub use labels::TimedLabel;
+pub use place::Place;
+pub use plan::{At, Plan, PlanClip, Segment};
+pub use span::Span;
+
 use super::rest::RestJoints;
 use super::sampling::Draw;
 use crate::{Error, Result};

@@ -1,8 +1,12 @@
 #!/bin/sh
-# Everything a change must pass before it lands: form, lints, tests, documentation.   usage: scripts/check.sh
+# Everything a change must pass before it lands: form, lints, tests, documentation, packages.   usage: scripts/check.sh
+# Needs cargo-deny: cargo install cargo-deny --locked
 set -eu
 cd "$(dirname "$0")/.."
+scripts/module_graph.py --check
 cargo fmt --all --check
 cargo clippy --release --workspace --all-targets --locked -- -D warnings
 cargo test --release --workspace --locked
 RUSTDOCFLAGS="-D warnings" cargo doc --release --workspace --no-deps --locked
+cargo deny --locked check bans licenses sources
+cargo package --workspace --locked

@@ -1,4 +1,5 @@
 //! After the first steps of a shape, training takes no memory from the system: no allocation, no page.
+#![allow(unsafe_code)]
 
 use kinelm::model::config::Stretch;
 use kinelm::model::fast::Fast;

@@ -1,4 +1,5 @@
 //! Reading token after token takes no memory: no allocation.
+#![allow(unsafe_code)]
 
 use kinelm_engine::bins::Bins;
 use kinelm_engine::decode::{

@@ -1,4 +1,5 @@
 //! Passes over a sequence take no memory after the first: no allocation.
+#![allow(unsafe_code)]
 
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::{Lstm, Shape, Wiring};

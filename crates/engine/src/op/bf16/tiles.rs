@@ -4,6 +4,7 @@
 //! 32 x 16, given as pairs of rows, to 16 x 16 sums in f32. Source: Intel, "Architecture Instruction Set Extensions
 //! Programming Reference", chapter 3. The standard library has no stable intrinsics for them, so they stand here as
 //! instructions.
+#![allow(unsafe_code)]
 
 use std::sync::OnceLock;
 

@@ -3,6 +3,9 @@
 //! Everything a command of the `kinelm` program does is a function of one of these crates.
 #![forbid(unsafe_code)]
 
+mod bench;
+pub mod cli;
+mod demo;
 pub mod presets;
 
 pub use kinelm_baselines as baselines;

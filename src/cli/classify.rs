@@ -1,12 +1,12 @@
 //! `kinelm classify train`, `eval` and `predict`.
 
 use super::{ForceArgs, Odd, Say, TrustArgs, asked, print, read::ReadArgs};
+use crate::classify::baselines::compare;
+use crate::classify::predict::Told;
+use crate::classify::{Classifier, Only, TrainOptions, report, train};
+use crate::corpus::{Corpus, Split};
+use crate::model::exchange;
 use anyhow::{Context, Result};
-use kinelm::classify::baselines::compare;
-use kinelm::classify::predict::Told;
-use kinelm::classify::{Classifier, Only, TrainOptions, report, train};
-use kinelm::corpus::{Corpus, Split};
-use kinelm::model::exchange;
 use kinelm_motion::format::RestFrame;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -198,9 +198,9 @@ fn measured(args: &EvalArgs, say: Say) -> Result<()> {
         #[derive(serde::Serialize)]
         struct Line<'a> {
             schema: u32,
-            fields: &'a kinelm::classify::Fields,
+            fields: &'a crate::classify::Fields,
             #[serde(flatten)]
-            found: &'a kinelm::classify::baselines::Comparison,
+            found: &'a crate::classify::baselines::Comparison,
         }
         let line = Line { schema: 1, fields: &classifier.about.fields, found: &found };
         return print(&(serde_json::to_string(&line)? + "\n"));

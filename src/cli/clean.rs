@@ -1,9 +1,9 @@
 //! `kinelm corpus clean`.
 
 use super::{ForceArgs, Say, data::DataArgs, read::ReadArgs};
+use crate::corpus::left_out::to_csv;
+use crate::spectral::clean::clean;
 use anyhow::Result;
-use kinelm::corpus::left_out::to_csv;
-use kinelm::spectral::clean::clean;
 use kinelm_motion::format::RestFrame;
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use std::path::PathBuf;

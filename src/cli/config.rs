@@ -1,8 +1,8 @@
 //! `kinelm config`.
 
 use super::{asked, print};
+use crate::presets;
 use anyhow::Result;
-use kinelm::presets;
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {

@@ -1,11 +1,11 @@
 //! `kinelm corpus stats`, `clean`, `order` and `merge`.
 
 use super::{ForceArgs, Say, TrustArgs, print};
+use crate::corpus::{merge::merge, stats::stats, writer::LAYOUT};
+use crate::train::order::order;
+use crate::train::run::RunFile;
+use crate::train::{CorpusPart, Data, TrainConfig, TrainFile};
 use anyhow::Result;
-use kinelm::corpus::{merge::merge, stats::stats, writer::LAYOUT};
-use kinelm::train::order::order;
-use kinelm::train::run::RunFile;
-use kinelm::train::{CorpusPart, Data, TrainConfig, TrainFile};
 use kinelm_store::counted;
 use std::path::PathBuf;
 

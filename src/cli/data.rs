@@ -1,9 +1,9 @@
 //! The motion that a command works on, and its labels.
 
 use super::Say;
+use crate::corpus::build::BuildOptions;
+use crate::corpus::gather::{Gathered, gather};
 use anyhow::Result;
-use kinelm::corpus::build::BuildOptions;
-use kinelm::corpus::gather::{Gathered, gather};
 use kinelm_motion::format::ReadOptions;
 use std::path::PathBuf;
 

@@ -2,8 +2,8 @@
 
 use super::WrongCall;
 use super::read::positive;
+use crate::generate::sampling::{Draw, TOP_P};
 use anyhow::Result;
-use kinelm::generate::sampling::{Draw, TOP_P};
 
 /// How the next token is drawn: the penalty first, then temperature, top-k, top-p, min-p, in this order.
 #[derive(Debug, Clone, Copy, clap::Args)]

@@ -7,10 +7,10 @@ mod likelihood;
 mod prediction;
 
 use super::{Say, TrustArgs, WrongCall, print};
+use crate::corpus::{Corpus, Split};
+use crate::evaluate::codes::frames;
+use crate::evaluate::{CodeSplits, Extent, Floors, measure};
 use anyhow::Result;
-use kinelm::corpus::{Corpus, Split};
-use kinelm::evaluate::codes::frames;
-use kinelm::evaluate::{CodeSplits, Extent, Floors, measure};
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]

@@ -1,10 +1,10 @@
 //! `kinelm export`.
 
 use super::Say;
+use crate::model::Which;
+use crate::model::exchange::{Format, export};
+use crate::model::load_run;
 use anyhow::Result;
-use kinelm::model::Which;
-use kinelm::model::exchange::{Format, export};
-use kinelm::model::load_run;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]

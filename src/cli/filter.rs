@@ -2,8 +2,8 @@
 
 use super::many::InOut;
 use super::{ForceArgs, Odd, Say, print, read::ReadArgs};
+use crate::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth, filter};
 use anyhow::Result;
-use kinelm::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth, filter};
 use kinelm_motion::Motion;
 use kinelm_motion::feet::{Fixed, Locked, lock};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};

@@ -1,9 +1,9 @@
 //! `kinelm finetune`.
 
 use super::{ComputeArgs, Say, TrustArgs, WrongCall};
+use crate::train::finetune::{FinetuneOptions, finetune};
+use crate::train::{CorpusPart, Precision, PretrainOptions, pretrain};
 use anyhow::Result;
-use kinelm::train::finetune::{FinetuneOptions, finetune};
-use kinelm::train::{CorpusPart, Precision, PretrainOptions, pretrain};
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]

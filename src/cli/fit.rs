@@ -2,8 +2,8 @@
 
 use super::data::DataArgs;
 use super::{ForceArgs, Say, WrongCall, read::ReadArgs};
+use crate::corpus::{self, Settings};
 use anyhow::Result;
-use kinelm::corpus::{self, Settings};
 use kinelm_motion::format::RestFrame;
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig, WordLength};
 use std::path::PathBuf;

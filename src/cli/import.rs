@@ -1,8 +1,8 @@
 //! `kinelm import`.
 
 use super::Say;
+use crate::train::import::import;
 use anyhow::Result;
-use kinelm::train::import::import;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]

@@ -2,9 +2,9 @@
 
 use super::view::stem;
 use super::{ForceArgs, Odd, Say, WrongCall, print, read::ReadArgs};
+use crate::spectral::interpolate::{Alignment, Blended, Descent, Kind, Settings, Way, align, blend};
+use crate::view::{Figure, page};
 use anyhow::Result;
-use kinelm::spectral::interpolate::{Alignment, Blended, Descent, Kind, Settings, Way, align, blend};
-use kinelm::view::{Figure, page};
 use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::moment::Moment;

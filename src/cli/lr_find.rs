@@ -1,9 +1,9 @@
 //! `kinelm lr-find`.
 
 use super::{ComputeArgs, ForceArgs, Say, TrustArgs, print};
+use crate::train::lr_find::{Found, LrFindOptions, Tried, lr_find};
+use crate::train::{CorpusPart, TrainFile};
 use anyhow::Result;
-use kinelm::train::lr_find::{Found, LrFindOptions, Tried, lr_find};
-use kinelm::train::{CorpusPart, TrainFile};
 use std::fmt::Write;
 use std::path::PathBuf;
 

@@ -1,8 +1,8 @@
 //! Many motion files and folders, and where each goes.
 
 use super::{WrongCall, extension};
+use crate::corpus::gather::files_below;
 use anyhow::{Context, Result};
-use kinelm::corpus::gather::files_below;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 

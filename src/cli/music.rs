@@ -1,9 +1,9 @@
 //! `kinelm music`.
 
 use super::{ForceArgs, Say, chain, each_file, print};
+use crate::corpus::music::beats;
+use crate::evaluate::music::{picture, report};
 use anyhow::{Error, Result};
-use kinelm::corpus::music::beats;
-use kinelm::evaluate::music::{picture, report};
 use kinelm_music::synth::{LONGEST_S, Score, Style, render};
 use kinelm_music::{beat, feature, wav};
 use std::path::{Path, PathBuf};
@@ -147,7 +147,7 @@ fn draw(args: &InspectArgs, out: &Path, say: Say) -> Result<()> {
     };
     let outputs = args.force.outputs(args.files.clone());
     super::picture(out, &outputs)?;
-    let features = feature::features(file, PICTURE_FPS).map_err(kinelm::Error::from)?;
+    let features = feature::features(file, PICTURE_FPS).map_err(crate::Error::from)?;
     let charts = picture::charts(&features, args.at..args.at + args.seconds)
         .map_err(|e| Error::new(e).context(file.display().to_string()))?;
     super::draw_charts(out, &charts, &outputs)?;
@@ -165,7 +165,7 @@ fn play(args: &RenderArgs, say: Say) -> Result<()> {
     let beats_s = (0..).map(|i| FIRST_S + 60.0 / args.bpm * f64::from(i)).take_while(|beat| *beat < args.seconds);
     let score =
         Score { style: args.style, beats_s: beats_s.collect(), downbeat: 0, seconds: args.seconds, seed: args.seed };
-    let sound = render(&score, beat::RATE).map_err(kinelm::Error::from)?;
+    let sound = render(&score, beat::RATE).map_err(crate::Error::from)?;
     outputs.write(&args.out, &wav::bytes(&sound, beat::RATE))?;
     let (style, beats) = (args.style.name(), kinelm_store::counted(score.beats_s.len(), "beats"));
     say.line(format_args!("{}: {style}, {beats}, {} a minute", args.out.display(), args.bpm));
@@ -181,7 +181,7 @@ fn beats_of(args: &BeatsArgs, say: Say) -> Result<()> {
         }
         outputs.check([&**out])?;
     }
-    let found = beat::beats_within(&args.file, args.tempo.bpm_range).map_err(kinelm::Error::from)?;
+    let found = beat::beats_within(&args.file, args.tempo.bpm_range).map_err(crate::Error::from)?;
     let text = beats::text(&found.times_s, &args.file);
     let Some(out) = &args.out else { return print(&text) };
     outputs.write(out, text.as_bytes())?;

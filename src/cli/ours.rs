@@ -1,8 +1,8 @@
 //! Which files and folders are this program's own, for what a call may write over.
 
-use kinelm::corpus::music::beats;
-use kinelm::corpus::ours;
-use kinelm::view::{self, plot};
+use crate::corpus::music::beats;
+use crate::corpus::ours;
+use crate::view::{self, plot};
 use kinelm_store::output::{Ours, extension};
 use kinelm_store::{Result, input, sidecar};
 use std::io::Read;

@@ -1,9 +1,9 @@
 //! `kinelm plan`.
 
 use super::{Say, print};
+use crate::generate::plan::timeline;
+use crate::generate::recipe::Plan;
 use anyhow::Result;
-use kinelm::generate::plan::timeline;
-use kinelm::generate::recipe::Plan;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]

@@ -2,10 +2,10 @@
 
 use super::progress::Telling;
 use super::{ComputeArgs, Say, Stopped, TrustArgs};
+use crate::store::presets;
+use crate::train::config::TRAIN;
+use crate::train::{CorpusPart, Lines, Precision, PretrainOptions, Progress, Silent, Summary, TrainFile, pretrain};
 use anyhow::Result;
-use kinelm::store::presets;
-use kinelm::train::config::TRAIN;
-use kinelm::train::{CorpusPart, Lines, Precision, PretrainOptions, Progress, Silent, Summary, TrainFile, pretrain};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -100,7 +100,7 @@ pub fn watched(options: &PretrainOptions, say: Say) -> Result<Summary> {
 /// Runs a training with lines on stderr and a flag that Ctrl-C sets.
 pub fn with_lines(
     say: Say,
-    train: impl FnOnce(&AtomicBool, &mut dyn Progress) -> kinelm::Result<Summary>,
+    train: impl FnOnce(&AtomicBool, &mut dyn Progress) -> crate::Result<Summary>,
 ) -> Result<Summary> {
     let stop = stop_on_ctrl_c()?;
     let mut lines = Lines::new(Telling::of("training"), std::io::stderr().is_terminal());

@@ -1,9 +1,9 @@
 //! How far a wait is: a bar where somebody watches, else plain lines at growing intervals.
 
 use super::Say;
+use crate::corpus::build::{Event, Watch};
+use crate::train::progress::time;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use kinelm::corpus::build::{Event, Watch};
-use kinelm::train::progress::time;
 use std::io::{IsTerminal, Write};
 use std::ops::ControlFlow;
 use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};

@@ -5,9 +5,9 @@ mod evaluate;
 mod find;
 
 use super::{Say, WrongCall};
+use crate::spectral::query::{Distance, Exclude, Kind, model};
+use crate::spectral::{LowDct, PcaBasis};
 use anyhow::Result;
-use kinelm::spectral::query::{Distance, Exclude, Kind, model};
-use kinelm::spectral::{LowDct, PcaBasis};
 use kinelm_motion::joints;
 use kinelm_store::suggest::did_you_mean;
 use std::path::Path;

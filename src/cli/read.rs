@@ -1,9 +1,9 @@
 //! The reading options, the same on every command that reads motion.
 
 use super::Say;
-use kinelm::corpus::sidecar;
-use kinelm::corpus::store::reading_in;
-use kinelm::spectral::windows::{LEAST_FRAMES, MOST_FRAMES};
+use crate::corpus::sidecar;
+use crate::corpus::store::reading_in;
+use crate::spectral::windows::{LEAST_FRAMES, MOST_FRAMES};
 use kinelm_motion::format::{BvhPosition, ReadOptions, RestFrame, Unit, Up};
 use kinelm_motion::moment::{EXPECTED, Moment};
 use kinelm_motion::resample::MOST_FPS;

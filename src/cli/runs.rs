@@ -1,9 +1,9 @@
 //! `kinelm runs list` and `plot`.
 
 use super::{ForceArgs, Say, print};
+use crate::train::runs::{Listed, Log, Metric, Over, chart, list};
 use anyhow::Result;
 use comfy_table::{CellAlignment, Table, presets};
-use kinelm::train::runs::{Listed, Log, Metric, Over, chart, list};
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -173,7 +173,7 @@ fn short(n: f64) -> String {
 /// How long ago some second since 1970 is.
 fn ago(written: u64) -> String {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
-    format!("{} ago", kinelm::train::progress::time(Duration::from_secs(now.saturating_sub(written))))
+    format!("{} ago", crate::train::progress::time(Duration::from_secs(now.saturating_sub(written))))
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! `kinelm spectrum`.
 
 use super::{ForceArgs, Say, read::ReadArgs};
+use crate::spectral::picture::{Wanted, charts};
 use anyhow::Result;
-use kinelm::spectral::picture::{Wanted, charts};
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::joints;
 use kinelm_motion::moment::Moment;

@@ -2,9 +2,9 @@
 
 use super::data::DataArgs;
 use super::{ForceArgs, Say, WrongCall, print, progress, read::ReadArgs};
+use crate::evaluate::study;
+use crate::evaluate::study::{Event, StudyOptions, default_rows, study};
 use anyhow::{Context, Result};
-use kinelm::evaluate::study;
-use kinelm::evaluate::study::{Event, StudyOptions, default_rows, study};
 use kinelm_motion::format::RestFrame;
 use kinelm_motion::joints;
 use kinelm_store::input;

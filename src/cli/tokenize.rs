@@ -1,11 +1,11 @@
 //! `kinelm tokenize`.
 
 use super::{ForceArgs, Say, data::DataArgs, read::ReadArgs};
+use crate::corpus::Shard;
+use crate::corpus::build::{BuildOptions, tokenize};
+use crate::corpus::left_out::leave_out;
+use crate::corpus::writer::LAYOUT;
 use anyhow::Result;
-use kinelm::corpus::Shard;
-use kinelm::corpus::build::{BuildOptions, tokenize};
-use kinelm::corpus::left_out::leave_out;
-use kinelm::corpus::writer::LAYOUT;
 use kinelm_motion::format::RestFrame;
 use kinelm_music::feature::rate_of;
 use kinelm_store::counted;

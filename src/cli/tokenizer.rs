@@ -1,8 +1,8 @@
 //! `kinelm tokenizer text` and `decode`; `fit` and `study` have files of their own.
 
 use super::{ForceArgs, Say, print, read::ReadArgs};
+use crate::corpus;
 use anyhow::{Context, Result};
-use kinelm::corpus;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::{Motion, Source};
 use kinelm_store::input;

@@ -1,10 +1,10 @@
 //! What commands that train small networks beside the GPT have in common.
 
 use super::{Say, Stopped, WrongCall, asked, progress};
+use crate::baselines::aclstm::data::Sources;
+use crate::classify::Only;
+use crate::train::updates::{Event, Summary};
 use anyhow::Result;
-use kinelm::baselines::aclstm::data::Sources;
-use kinelm::classify::Only;
-use kinelm::train::updates::{Event, Summary};
 use kinelm_motion::format::ReadOptions;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -14,7 +14,7 @@ pub fn follow(
     command: &str,
     run: &Path,
     say: Say,
-    train: impl FnOnce(&AtomicBool, &mut dyn FnMut(Event)) -> kinelm::Result<Summary>,
+    train: impl FnOnce(&AtomicBool, &mut dyn FnMut(Event)) -> crate::Result<Summary>,
 ) -> Result<()> {
     let stop = super::pretrain::stop_on_ctrl_c()?;
     let mut bar: Option<_> = None;

@@ -7,12 +7,12 @@ use super::{
     readable,
     view_files::{Named, Shown, named, shown},
 };
+use crate::baselines::music_lstm;
+use crate::evaluate::dance::beats::Pair;
+use crate::generate::provenance;
+use crate::generate::recipe::Span;
+use crate::view::{Figure, music, page_with};
 use anyhow::Result;
-use kinelm::baselines::music_lstm;
-use kinelm::evaluate::dance::beats::Pair;
-use kinelm::generate::provenance;
-use kinelm::generate::recipe::Span;
-use kinelm::view::{Figure, music, page_with};
 use kinelm_motion::format;
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::metric::beat::Hits;
@@ -182,7 +182,7 @@ fn told(clips: &[Named], say: Say) -> Option<(PathBuf, f64)> {
 
 /// What a dance hits of the music of its page; of a rig that can't be brought to the model's body nothing is known.
 fn hits(motion: &Motion, map: Option<&str>, music: &music::Music, lag: Option<f64>, say: Say) -> Option<Hits> {
-    let found = || -> kinelm::Result<Hits> {
+    let found = || -> crate::Result<Hits> {
         let beats: Vec<f64> = music.beats_s.iter().map(|beat| beat - music.from_s).collect();
         Ok(Pair::new(&retarget::to_smpl(motion, map)?, &BODY.collect::<Vec<_>>(), &beats)?.hits(lag))
     };
@@ -198,14 +198,14 @@ fn beside(
     outputs: &Outputs,
     say: Say,
 ) -> Result<music::Music> {
-    let beats = kinelm_music::beat::beats(file).map_err(kinelm::Error::from)?;
+    let beats = kinelm_music::beat::beats(file).map_err(crate::Error::from)?;
     let sounds = beats.seconds.min(from_s + seconds) - from_s.max(0.0);
     if from_s >= beats.seconds {
         let what = format!("--music-from {from_s}: {} ends at {:.2} s; give less", file.display(), beats.seconds);
         return Err(WrongCall(what).into());
     }
     say.line(format_args!("{}: {} beats, sounds for {sounds:.1} s of the dance", file.display(), beats.times_s.len()));
-    let bytes = kinelm_store::input::bytes(file).map_err(kinelm::Error::io(file))?;
+    let bytes = kinelm_store::input::bytes(file).map_err(crate::Error::io(file))?;
     if bytes.len() as u64 <= music::EMBEDDED {
         return Ok(music::Music::embedded(file, &bytes, from_s, beats.times_s));
     }

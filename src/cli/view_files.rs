@@ -3,9 +3,9 @@
 
 use super::read::{PositionArg, ReadArgs, UnitArg, UpArg, positive};
 use super::{Say, WrongCall};
+use crate::generate::provenance::{self, Provenance};
 use anyhow::Result;
 use clap::ValueEnum;
-use kinelm::generate::provenance::{self, Provenance};
 use kinelm_motion::format::{ReadOptions, RestFrame};
 use kinelm_store::hash;
 use std::path::{Path, PathBuf};

@@ -8,7 +8,7 @@ use std::ops::Range;
 /// The space that ends a word in a text is not among them.
 ///
 /// ```
-/// use crate::Words;
+/// use kinelm_tokenizer::Words;
 ///
 /// let mut words = Words::fixed(vec![1, 2, 3, 4], 2);
 /// words.push(&[5]);

@@ -32,7 +32,7 @@ impl Clip {
     /// assert_eq!(clip.root_view()[(4, 1)], 2.0);
     /// assert_eq!(clip.rotations_view().shape(), [5, 24, 4]);
     /// assert_eq!(clip.rotations_view()[(4, 23, 3)], 1.0, "w is the last");
-    /// # Ok::<(), crate::Error>(())
+    /// # Ok::<(), kinelm_motion::Error>(())
     /// ```
     pub fn root_view(&self) -> ArrayView2<'_, f64> {
         matrix(vectors(self.root()), 3)

@@ -18,7 +18,7 @@ use std::sync::Arc;
 /// assert_eq!((clip.frames(), clip.joints(), clip.duration_s()), (20, 24, 1.0));
 /// let foot = clip.global_pose(0).positions[10];
 /// assert!(foot.y.abs() < 1e-9, "on the floor");
-/// # Ok::<(), crate::Error>(())
+/// # Ok::<(), kinelm_motion::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Clip {

@@ -22,7 +22,7 @@ pub use hash::FileRecord;
 /// So many of what a word in the plural names: "1 clip", "2 clips".
 ///
 /// ```
-/// assert_eq!(crate::counted(1, "clips"), "1 clip");
+/// assert_eq!(kinelm_store::counted(1, "clips"), "1 clip");
 /// ```
 pub fn counted(n: usize, words: &str) -> String {
     let word = if n == 1 { words.strip_suffix('s').unwrap_or(words) } else { words };

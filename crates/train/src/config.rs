@@ -338,7 +338,7 @@ mod tests {
 
     #[test]
     fn shipped_files_hold_and_have_the_promised_sizes() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/train");
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
         let load = |name: &str| TrainFile::load(&folder.join(name)).unwrap().model;
         let [tiny, small, thesis, gpt2] = ["tiny.toml", "small.toml", "thesis-26m.toml", "gpt2.toml"].map(load);
         assert_eq!((tiny.previous_frame, tiny.head), (None, None));

@@ -235,7 +235,7 @@ mod tests {
     #[test]
     fn any_number_of_threads_gives_the_same_bits() {
         let run = |rayon: &str, candle: &str| {
-            let test = ["--ignored", "--exact", "train::plain::tests::bits_of_a_step", "--nocapture"];
+            let test = ["--ignored", "--exact", "plain::tests::bits_of_a_step", "--nocapture"];
             let out = std::process::Command::new(std::env::current_exe().unwrap())
                 .args(test)
                 .env("RAYON_NUM_THREADS", rayon)

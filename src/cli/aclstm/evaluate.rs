@@ -1,13 +1,13 @@
 //! `kinelm aclstm evaluate`.
 
+use crate::baselines::aclstm::FPS;
+use crate::baselines::aclstm::evaluate::{Options, Report, SHORT, Test, evaluate, evaluate_dances};
+use crate::baselines::aclstm::run::Trained;
 use crate::cli::read::frames_at;
 use crate::cli::{ForceArgs, Say, asked, print, progress};
+use crate::corpus::Split;
+use crate::model::Which;
 use anyhow::Result;
-use kinelm::baselines::aclstm::FPS;
-use kinelm::baselines::aclstm::evaluate::{Options, Report, SHORT, Test, evaluate, evaluate_dances};
-use kinelm::baselines::aclstm::run::Trained;
-use kinelm::corpus::Split;
-use kinelm::model::Which;
 use kinelm_motion::format;
 use kinelm_store::counted;
 use std::path::{Path, PathBuf};

@@ -1,14 +1,14 @@
 //! `kinelm aclstm generate`.
 
+use crate::baselines::aclstm::FPS;
+use crate::baselines::aclstm::dance::{Recipe, Told};
+use crate::baselines::aclstm::run::Trained;
 use crate::cli::read::{ReadArgs, frames_at};
 use crate::cli::{ForceArgs, Say, WrongCall, asked, filter, generate, progress, writable, written_as};
+use crate::generate::MOST_FRAMES;
+use crate::generate::recipe::Care;
+use crate::model::Which;
 use anyhow::{Context, Result};
-use kinelm::baselines::aclstm::FPS;
-use kinelm::baselines::aclstm::dance::{Recipe, Told};
-use kinelm::baselines::aclstm::run::Trained;
-use kinelm::generate::MOST_FRAMES;
-use kinelm::generate::recipe::Care;
-use kinelm::model::Which;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_store::output::{Outputs, is_same};
 use kinelm_store::sidecar;

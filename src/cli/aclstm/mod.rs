@@ -6,8 +6,8 @@ mod plot;
 mod train;
 
 use super::Say;
+use crate::baselines::aclstm::Form;
 use anyhow::Result;
-use kinelm::baselines::aclstm::Form;
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {

@@ -1,8 +1,8 @@
 //! `kinelm aclstm plot`.
 
+use crate::baselines::aclstm::evaluate::{Curves, charts};
 use crate::cli::{ForceArgs, Say, draw_charts, picture, view::stem};
 use anyhow::Result;
-use kinelm::baselines::aclstm::evaluate::{Curves, charts};
 use kinelm_store::counted;
 use std::path::{Path, PathBuf};
 

@@ -1,12 +1,12 @@
 //! `kinelm aclstm train`.
 
 use super::FormArg;
+use crate::baselines::aclstm::Config;
+use crate::baselines::aclstm::train::{Asked, train};
+use crate::classify::Only;
 use crate::cli::read::{ReadArgs, positive};
 use crate::cli::{Say, asked, updates};
 use anyhow::Result;
-use kinelm::baselines::aclstm::Config;
-use kinelm::baselines::aclstm::train::{Asked, train};
-use kinelm::classify::Only;
 use kinelm_engine::lstm::Wiring;
 use kinelm_motion::format::RestFrame;
 use std::path::PathBuf;

@@ -1,15 +1,15 @@
 //! `kinelm evaluate dance --compare A B`.
 
 use super::dance::{held_to_prompt, read_dance, told_of};
+use crate::baselines::aclstm;
 use crate::cli::read::ReadArgs;
 use crate::cli::{Odd, Say, WrongCall, many, print, readable};
+use crate::corpus::Corpus;
+use crate::evaluate::dance::Real;
+use crate::evaluate::dance::compare::{Comparison, Measured, Side, take_of};
+use crate::evaluate::dance::features::Features;
+use crate::generate::provenance::Provenance;
 use anyhow::Result;
-use kinelm::baselines::aclstm;
-use kinelm::corpus::Corpus;
-use kinelm::evaluate::dance::Real;
-use kinelm::evaluate::dance::compare::{Comparison, Measured, Side, take_of};
-use kinelm::evaluate::dance::features::Features;
-use kinelm::generate::provenance::Provenance;
 use kinelm_motion::format::{ReadOptions, RestFrame};
 use kinelm_store::hash;
 use kinelm_store::output::Outputs;

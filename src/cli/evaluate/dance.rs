@@ -1,19 +1,19 @@
 //! `kinelm evaluate dance`.
 
 use super::compare::{self, How};
+use crate::baselines::music_lstm;
 use crate::cli::read::ReadArgs;
 use crate::cli::{ForceArgs, Odd, Say, TrustArgs, WrongCall, print, readable};
+use crate::corpus::Corpus;
+use crate::corpus::music::find::in_dance;
+use crate::corpus::music::piece::Piece;
+use crate::evaluate::dance::named::fidelity;
+use crate::evaluate::dance::prompted::{Prompted, prompted};
+use crate::evaluate::dance::{Dance, Real};
+use crate::generate::prompt::given_places;
+use crate::generate::provenance::{self, Provenance};
+use crate::generate::recipe::Recipe;
 use anyhow::Result;
-use kinelm::baselines::music_lstm;
-use kinelm::corpus::Corpus;
-use kinelm::corpus::music::find::in_dance;
-use kinelm::corpus::music::piece::Piece;
-use kinelm::evaluate::dance::named::fidelity;
-use kinelm::evaluate::dance::prompted::{Prompted, prompted};
-use kinelm::evaluate::dance::{Dance, Real};
-use kinelm::generate::prompt::given_places;
-use kinelm::generate::provenance::{self, Provenance};
-use kinelm::generate::recipe::Recipe;
 use kinelm_motion::format::{Format, ReadOptions, RestFrame};
 use kinelm_motion::joints;
 use kinelm_music::beat::Beats;
@@ -184,8 +184,8 @@ fn beats(args: &Args, pieces: &mut BTreeMap<PathBuf, Beats>) -> Result<Option<Ve
     }
     let from_s = args.music_from.unwrap_or(0.0);
     if let Some(path) = &args.beats {
-        let text = input::text(path).map_err(kinelm::Error::io(path))?;
-        let beats = kinelm::corpus::music::beats::parse(path, &text)?;
+        let text = input::text(path).map_err(crate::Error::io(path))?;
+        let beats = crate::corpus::music::beats::parse(path, &text)?;
         if beats.len() < 2 {
             let what = format!("--beats {}: {} beats; expected two or more", path.display(), beats.len());
             return Err(WrongCall(what).into());
@@ -212,7 +212,7 @@ fn own_music(
     path: &Path,
     told: Option<&Provenance>,
     pieces: &mut BTreeMap<PathBuf, Beats>,
-) -> kinelm::Result<Option<Vec<f64>>> {
+) -> crate::Result<Option<Vec<f64>>> {
     let Some(music) = music_lstm::dance::music_of(told, path)? else { return Ok(None) };
     // another dance may have been made to another file of this name
     music.check()?;
@@ -251,7 +251,7 @@ pub fn read_dance(
     told: Option<&Provenance>,
     options: &ReadOptions,
     odd: &Odd,
-) -> kinelm::Result<Dance> {
+) -> crate::Result<Dance> {
     Format::of(path)?; // refused by its name before it is read
     if told.is_none() {
         let sha256 = hash::of_file(path)?;

@@ -2,14 +2,14 @@
 
 use crate::cli::draw::DrawArgs;
 use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
+use crate::corpus::Split;
+use crate::evaluate::gaps::{Filler, Measured, frames_before, gaps};
+use crate::generate::conditions::check_ahead;
+use crate::generate::make::AHEAD;
+use crate::generate::reader;
+use crate::model::ahead::Ahead;
+use crate::model::{LoadedRun, Which, load_run};
 use anyhow::Result;
-use kinelm::corpus::Split;
-use kinelm::evaluate::gaps::{Filler, Measured, frames_before, gaps};
-use kinelm::generate::conditions::check_ahead;
-use kinelm::generate::make::AHEAD;
-use kinelm::generate::reader;
-use kinelm::model::ahead::Ahead;
-use kinelm::model::{LoadedRun, Which, load_run};
 use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
 
@@ -72,7 +72,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     // a second reading, which is told nothing
     let streams = if ahead.as_ref().is_some_and(|(_, scale)| *scale != 1.0) { 2 } else { 1 };
     let mut model = reader(&run, args.compute.get(), args.reading.get(streams * usize::from(args.draws)))?;
-    let wrong = |e: kinelm::Error| WrongCall(e.to_string());
+    let wrong = |e: crate::Error| WrongCall(e.to_string());
     let before = frames_before(model.context(), conditions.len(), &tokenizer, args.frames.into()).map_err(wrong)?;
     let gaps = gaps(&corpus, args.split, (before, args.frames.into()), args.gaps.into()).map_err(wrong)?;
     let bar = progress::bar(gaps.len() as u64, "gaps", say);

@@ -2,14 +2,14 @@
 
 use super::{Fitted, FloorsArgs};
 use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
+use crate::corpus::{ClipRecord, Corpus, Split};
+use crate::evaluate::Floors;
+use crate::evaluate::baselines::figure_row;
+use crate::evaluate::gap_bits::{GapBits, gap_bits};
+use crate::evaluate::per_joint::{PlaceBits, by_part, by_place, places};
+use crate::model::likelihood::{Likelihood, likelihood_by_token};
+use crate::model::{LoadedRun, Reading, Which, load_run};
 use anyhow::Result;
-use kinelm::corpus::{ClipRecord, Corpus, Split};
-use kinelm::evaluate::Floors;
-use kinelm::evaluate::baselines::figure_row;
-use kinelm::evaluate::gap_bits::{GapBits, gap_bits};
-use kinelm::evaluate::per_joint::{PlaceBits, by_part, by_place, places};
-use kinelm::model::likelihood::{Likelihood, likelihood_by_token};
-use kinelm::model::{LoadedRun, Reading, Which, load_run};
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 

@@ -2,12 +2,12 @@
 
 use super::{Args, danced, load, outputs};
 use crate::cli::{Say, WrongCall, convert, extension, writable};
+use crate::generate::provenance::Provenance;
+use crate::generate::recipe::Plan;
+use crate::generate::recipe::Recipe;
+use crate::generate::variation_seed;
+use crate::model::Which;
 use anyhow::Result;
-use kinelm::generate::provenance::Provenance;
-use kinelm::generate::recipe::Plan;
-use kinelm::generate::recipe::Recipe;
-use kinelm::generate::variation_seed;
-use kinelm::model::Which;
 use kinelm_motion::format::ReadOptions;
 use kinelm_store::FileRecord;
 use kinelm_store::output::is_same;

@@ -1,13 +1,13 @@
 //! `generate --best N`.
 
 use crate::cli::{Say, TrustArgs, WrongCall, evaluate::dance};
+use crate::corpus::{Corpus, Split};
+use crate::evaluate::dance::judge::Judge;
+use crate::evaluate::dance::{Dance, Real};
+use crate::generate::best::Best;
+use crate::generate::make::Ready;
+use crate::train::run::RunFile;
 use anyhow::Result;
-use kinelm::corpus::{Corpus, Split};
-use kinelm::evaluate::dance::judge::Judge;
-use kinelm::evaluate::dance::{Dance, Real};
-use kinelm::generate::best::Best;
-use kinelm::generate::make::Ready;
-use kinelm::train::run::RunFile;
 use kinelm_motion::format::Format;
 use kinelm_tokenizer::Words;
 use std::path::{Path, PathBuf};
@@ -101,7 +101,7 @@ impl Beside {
             let bytes = ready.motion(words, &name)?.bytes(&name)?;
             Dance::of_bytes(&name, &bytes, &options, self.corpus.tokenizer())
         };
-        let dances = danced.iter().map(dance).collect::<kinelm::Result<Vec<_>>>()?;
+        let dances = danced.iter().map(dance).collect::<crate::Result<Vec<_>>>()?;
         let ranked = judge.ranked(&dances, wanted)?;
         let of = ranked.len();
         let best = ranked.into_iter().enumerate().map(|(better, (i, verdict))| (i, Best { of, better, verdict }));

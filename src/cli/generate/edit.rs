@@ -1,19 +1,19 @@
 //! `kinelm generate --given --free`: what is asked for, and what was understood.
 
 use crate::cli::{Say, WrongCall};
+use crate::generate::edit::Edited;
+use crate::generate::edit::close::LeftOver;
+use crate::generate::edit::mask::Understood;
+use crate::generate::edit::round::roughness;
+use crate::generate::followed::Followed;
+use crate::generate::make::Made;
+use crate::generate::recipe::Edit;
+use crate::generate::recipe::Plan;
+use crate::generate::recipe::PromptRecipe;
+use crate::generate::recipe::Span;
+use crate::generate::recipe::TimedLabel;
+use crate::generate::recipe::{Comes, Round};
 use anyhow::Result;
-use kinelm::generate::edit::Edited;
-use kinelm::generate::edit::close::LeftOver;
-use kinelm::generate::edit::mask::Understood;
-use kinelm::generate::edit::round::roughness;
-use kinelm::generate::followed::Followed;
-use kinelm::generate::make::Made;
-use kinelm::generate::recipe::Edit;
-use kinelm::generate::recipe::Plan;
-use kinelm::generate::recipe::PromptRecipe;
-use kinelm::generate::recipe::Span;
-use kinelm::generate::recipe::TimedLabel;
-use kinelm::generate::recipe::{Comes, Round};
 use kinelm_motion::joints::say_meant_twice;
 use kinelm_motion::moment::Moment;
 use kinelm_motion::smpl;

@@ -1,13 +1,13 @@
 //! What the user of `generate` should know of the joints that are followed.
 
 use crate::cli::Say;
+use crate::generate::apart::{apart, free_between, free_between_of};
+use crate::generate::edit::Edited;
+use crate::generate::followed::Followed;
+use crate::generate::make::Ready;
+use crate::generate::prompt;
+use crate::generate::recipe::Span;
 use anyhow::Result;
-use kinelm::generate::apart::{apart, free_between, free_between_of};
-use kinelm::generate::edit::Edited;
-use kinelm::generate::followed::Followed;
-use kinelm::generate::make::Ready;
-use kinelm::generate::prompt;
-use kinelm::generate::recipe::Span;
 use kinelm_motion::{joints, smpl};
 use kinelm_tokenizer::{Tokenizer, Words};
 use std::collections::BTreeSet;

@@ -1,13 +1,13 @@
 //! `kinelm music-lstm evaluate`.
 
+use crate::baselines::music_lstm::FPS;
+use crate::baselines::music_lstm::evaluate::{Options, evaluate};
+use crate::baselines::music_lstm::run::Trained;
 use crate::cli::read::frames_at;
 use crate::cli::{Say, WrongCall, asked, print, progress};
+use crate::corpus::Split;
+use crate::model::Which;
 use anyhow::Result;
-use kinelm::baselines::music_lstm::FPS;
-use kinelm::baselines::music_lstm::evaluate::{Options, evaluate};
-use kinelm::baselines::music_lstm::run::Trained;
-use kinelm::corpus::Split;
-use kinelm::model::Which;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]

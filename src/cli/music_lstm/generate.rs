@@ -1,13 +1,13 @@
 //! `kinelm music-lstm generate`.
 
+use crate::baselines::music_lstm::FPS;
+use crate::baselines::music_lstm::dance::{Recipe, Told};
+use crate::baselines::music_lstm::run::Trained;
 use crate::cli::read::frames_at;
 use crate::cli::{ForceArgs, Say, WrongCall, asked, generate, progress, writable, written_as};
+use crate::generate::MOST_FRAMES;
+use crate::model::Which;
 use anyhow::{Context, Result};
-use kinelm::baselines::music_lstm::FPS;
-use kinelm::baselines::music_lstm::dance::{Recipe, Told};
-use kinelm::baselines::music_lstm::run::Trained;
-use kinelm::generate::MOST_FRAMES;
-use kinelm::model::Which;
 use kinelm_motion::format;
 use kinelm_motion::moment::Moment;
 use kinelm_store::output::is_same;

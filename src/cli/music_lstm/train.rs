@@ -1,13 +1,13 @@
 //! `kinelm music-lstm train`.
 
+use crate::baselines::music_lstm::Config;
+use crate::baselines::music_lstm::config::{Audio, Effort, Pose};
+use crate::baselines::music_lstm::data::Places;
+use crate::baselines::music_lstm::train::{Asked, train};
+use crate::classify::Only;
 use crate::cli::read::{ReadArgs, positive};
 use crate::cli::{Say, asked, updates};
 use anyhow::{Context, Result};
-use kinelm::baselines::music_lstm::Config;
-use kinelm::baselines::music_lstm::config::{Audio, Effort, Pose};
-use kinelm::baselines::music_lstm::data::Places;
-use kinelm::baselines::music_lstm::train::{Asked, train};
-use kinelm::classify::Only;
 use kinelm_motion::format::RestFrame;
 use std::path::PathBuf;
 

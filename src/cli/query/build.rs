@@ -4,9 +4,9 @@ use super::{TransformArg, joints_of};
 use crate::cli::data::DataArgs;
 use crate::cli::read::{ReadArgs, count, rate, window};
 use crate::cli::{Say, WrongCall, progress};
+use crate::spectral::query::options::joint_names;
+use crate::spectral::query::{Asked, build};
 use anyhow::Result;
-use kinelm::spectral::query::options::joint_names;
-use kinelm::spectral::query::{Asked, build};
 use kinelm_motion::format::RestFrame;
 use std::path::PathBuf;
 

@@ -4,9 +4,9 @@ use super::{TransformArg, distance, exclude, joints_of};
 use crate::cli::data::DataArgs;
 use crate::cli::read::{ReadArgs, count, rate, window};
 use crate::cli::{ForceArgs, Say, print, progress};
+use crate::spectral::WindowSpec;
+use crate::spectral::query::{Distance, EvaluateOptions, Exclude, evaluate, sheet};
 use anyhow::Result;
-use kinelm::spectral::WindowSpec;
-use kinelm::spectral::query::{Distance, EvaluateOptions, Exclude, evaluate, sheet};
 use kinelm_motion::format::RestFrame;
 use std::path::PathBuf;
 
@@ -18,7 +18,7 @@ pub struct Args {
     #[arg(long, value_name = "FIELD,FIELD", value_delimiter = ',')]
     fields: Vec<String>,
     /// Look only at clips with this label; may be given again
-    #[arg(long, value_name = "FIELD=VALUE", value_parser = kinelm::corpus::labels::pair)]
+    #[arg(long, value_name = "FIELD=VALUE", value_parser = crate::corpus::labels::pair)]
     only: Vec<(String, String)>,
     /// What windows are told by, with commas; unless given stft,dct,pca, and model with --run
     #[arg(long, value_enum, value_name = "stft|dct|pca|model", value_delimiter = ',')]

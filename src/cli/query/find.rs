@@ -3,9 +3,9 @@
 use super::{distance, exclude};
 use crate::cli::read::{ReadArgs, count, time};
 use crate::cli::{ForceArgs, Say, print};
+use crate::spectral::query::{Answer, Distance, Exclude, Index, Question, find};
 use anyhow::Result;
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
-use kinelm::spectral::query::{Answer, Distance, Exclude, Index, Question, find};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::moment::Moment;
 use serde_json::json;

@@ -1,10 +1,10 @@
 //! `kinelm bench lstm`.
 
 use super::{How, Rates, Row, Unit, rounded, seconds};
+use crate::baselines::aclstm::network::{Learner, initial};
+use crate::baselines::aclstm::{Config, Form};
 use crate::cli::Say;
 use anyhow::Result;
-use kinelm::baselines::aclstm::network::{Learner, initial};
-use kinelm::baselines::aclstm::{Config, Form};
 use kinelm_store::random;
 use serde_json::json;
 

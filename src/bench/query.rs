@@ -2,9 +2,9 @@
 
 use super::{How, Rates, Row, Unit, rounded, seconds};
 use crate::cli::Say;
+use crate::spectral::query::made_up::made_up;
+use crate::spectral::query::{Distance, Kind, Wanted};
 use anyhow::Result;
-use kinelm::spectral::query::made_up::made_up;
-use kinelm::spectral::query::{Distance, Kind, Wanted};
 use serde_json::json;
 
 #[derive(Debug, clap::Args)]

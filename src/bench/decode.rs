@@ -3,10 +3,10 @@
 use super::model::{BenchModel, ModelArgs};
 use super::{How, Rates, Row, Unit, rounded, seconds};
 use crate::cli::{ReadingArgs, Say};
+use crate::generate::sampling::Draw;
+use crate::generate::{Plan, dances};
+use crate::model::{Gpt, ModelConfig, Reader, Reading};
 use anyhow::Result;
-use kinelm::generate::sampling::Draw;
-use kinelm::generate::{Plan, dances};
-use kinelm::model::{Gpt, ModelConfig, Reader, Reading};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::decode::{KvKind, Logits};
 use kinelm_store::random;

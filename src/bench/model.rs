@@ -1,9 +1,9 @@
 //! Which model a bench is about.
 
+use crate::model::config::Stretch;
+use crate::model::{Architecture, HeadKind, TokenLayout};
+use crate::train::TrainFile;
 use anyhow::Result;
-use kinelm::model::config::Stretch;
-use kinelm::model::{Architecture, HeadKind, TokenLayout};
-use kinelm::train::TrainFile;
 use kinelm_engine::words::Steps;
 use kinelm_tokenizer::PlaceIds;
 use std::path::Path;
@@ -101,7 +101,7 @@ impl BenchModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kinelm::train::config::TRAIN;
+    use crate::train::config::TRAIN;
 
     fn args(config: &str) -> ModelArgs {
         ModelArgs { config: config.into(), context: None, vocabulary: 400, dropout: 0.0 }

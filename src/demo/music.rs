@@ -3,22 +3,22 @@
 
 use super::{Args, MARK, tokenize, train, write_dances};
 use crate::cli::Say;
+use crate::corpus::music::dance::music;
+use crate::corpus::{Corpus, Split};
+use crate::evaluate::dance::beats::{Figures, Kept, Pair, doubted, of_corpus};
+use crate::generate::make::Ready;
+use crate::generate::music::GUIDANCE;
+use crate::generate::recipe::Care;
+use crate::generate::recipe::Draws;
+use crate::generate::recipe::{Computing, MusicRecipe, Recipe, Rig};
+use crate::generate::rest::RestJoints;
+use crate::generate::sampling::Draw;
+use crate::generate::variation_seed;
+use crate::model::likelihood::likelihood;
+use crate::model::{Which, load_run};
+use crate::view::music::Music;
+use crate::view::{Figure, page_with};
 use anyhow::{Context, Result};
-use kinelm::corpus::music::dance::music;
-use kinelm::corpus::{Corpus, Split};
-use kinelm::evaluate::dance::beats::{Figures, Kept, Pair, doubted, of_corpus};
-use kinelm::generate::make::Ready;
-use kinelm::generate::music::GUIDANCE;
-use kinelm::generate::recipe::Care;
-use kinelm::generate::recipe::Draws;
-use kinelm::generate::recipe::{Computing, MusicRecipe, Recipe, Rig};
-use kinelm::generate::rest::RestJoints;
-use kinelm::generate::sampling::Draw;
-use kinelm::generate::variation_seed;
-use kinelm::model::likelihood::likelihood;
-use kinelm::model::{Which, load_run};
-use kinelm::view::music::Music;
-use kinelm::view::{Figure, page_with};
 use kinelm_engine::decode::{KvKind, WeightKind};
 use kinelm_motion::synth::{self, Dance};
 use kinelm_motion::{Clip, format};
@@ -55,7 +55,7 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
         pieces.iter().enumerate().map(dance).collect()
     };
     let (made, free) = (all(true)?, all(false)?);
-    format::write(&at("dance.bvh"), &kinelm::generate::prompt::on_model_rig(&at("dance.bvh"), made[0].clone()))?;
+    format::write(&at("dance.bvh"), &crate::generate::prompt::on_model_rig(&at("dance.bvh"), made[0].clone()))?;
     say.line("5/5 page and report");
     let joints = tokenizer.channels().joints().to_vec();
     let (_, lag) = of_corpus(&corpus, &joints)?;
@@ -155,7 +155,7 @@ fn table(
 ) -> Result<Vec<Kept>> {
     let pairs = |clips: Vec<&Clip>| -> Result<Vec<Pair>> {
         let pair = |(clip, piece): (&Clip, &Piece)| Pair::new(clip, joints, &piece.beats_s);
-        Ok(clips.into_iter().zip(pieces).map(pair).collect::<kinelm::Result<_>>()?)
+        Ok(clips.into_iter().zip(pieces).map(pair).collect::<crate::Result<_>>()?)
     };
     let [real, made, free] =
         [tests.iter().map(|dance| &dance.clip).collect(), made.iter().collect(), free.iter().collect()];
@@ -169,12 +169,12 @@ fn table(
 
 /// The test dance of the same music beside the model's, with the beats that their legs hit.
 fn page(path: &Path, [real, made]: [&Clip; 2], piece: &Piece, (joints, lag): (&[usize], f64)) -> Result<()> {
-    let hits = |clip: &Clip| Ok::<_, kinelm::Error>(Pair::new(clip, joints, &piece.beats_s)?.hits(Some(lag)));
+    let hits = |clip: &Clip| Ok::<_, crate::Error>(Pair::new(clip, joints, &piece.beats_s)?.hits(Some(lag)));
     let figures = [
         Figure::new("test", real).note("a made-up dance to this music, never trained on").hits(Some(hits(real)?)),
         Figure::new("dance", made).note("the model's, told its beats").hits(Some(hits(made)?)),
     ];
-    let sound = kinelm_store::input::bytes(&piece.path).map_err(kinelm::Error::io(&piece.path))?;
+    let sound = kinelm_store::input::bytes(&piece.path).map_err(crate::Error::io(&piece.path))?;
     let music = Music::embedded(&piece.path, &sound, 0.0, piece.beats_s.clone());
     Ok(write_whole(path, page_with(&figures, Some(&music))?.as_bytes())?)
 }

@@ -3,11 +3,11 @@
 use super::model::{BenchModel, ModelArgs};
 use super::{How, Rates, Row, Unit, peak, rounded, seconds};
 use crate::cli::{ComputeArgs, Say};
+use crate::model::{Architecture, DeviceName, layout};
+use crate::train::batches::Batch;
+use crate::train::learner::clip_share;
+use crate::train::{Learner, Precision, learner};
 use anyhow::Result;
-use kinelm::model::{Architecture, DeviceName, layout};
-use kinelm::train::batches::Batch;
-use kinelm::train::learner::clip_share;
-use kinelm::train::{Learner, Precision, learner};
 use kinelm_store::random;
 use rand_chacha::rand_core::RngCore;
 use serde_json::json;

@@ -3,22 +3,22 @@
 mod music;
 
 use crate::cli::{ComputeArgs, Say, WrongCall};
+use crate::corpus::build::{self, BuildOptions};
+use crate::corpus::{Corpus, Split, gather};
+use crate::evaluate::{Baselines, CodeSplits, Extent, measure};
+use crate::generate::feet;
+use crate::generate::place::Led;
+use crate::generate::prompt::{self, Prompt};
+use crate::generate::recipe::Place;
+use crate::generate::rest::RestJoints;
+use crate::generate::sampling::Draw;
+use crate::generate::starts::STARTS;
+use crate::generate::{NextToken, Plan, dance, reader};
+use crate::model::likelihood::likelihood;
+use crate::model::{Reading, Which, load_run};
+use crate::train::{CorpusPart, PretrainOptions, TrainFile};
+use crate::view::{Figure, write_page};
 use anyhow::{Context, Result};
-use kinelm::corpus::build::{self, BuildOptions};
-use kinelm::corpus::{Corpus, Split, gather};
-use kinelm::evaluate::{Baselines, CodeSplits, Extent, measure};
-use kinelm::generate::feet;
-use kinelm::generate::place::Led;
-use kinelm::generate::prompt::{self, Prompt};
-use kinelm::generate::recipe::Place;
-use kinelm::generate::rest::RestJoints;
-use kinelm::generate::sampling::Draw;
-use kinelm::generate::starts::STARTS;
-use kinelm::generate::{NextToken, Plan, dance, reader};
-use kinelm::model::likelihood::likelihood;
-use kinelm::model::{Reading, Which, load_run};
-use kinelm::train::{CorpusPart, PretrainOptions, TrainFile};
-use kinelm::view::{Figure, write_page};
 use kinelm_motion::feet::Fixed;
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::synth::Dance;
@@ -123,7 +123,7 @@ fn make_room(args: &Args) -> Result<()> {
     let run = args.out.join("run");
     if run.exists() {
         // a training begins in a new folder; the old one goes if it holds nothing but what a training writes
-        kinelm::train::folder::remove(&run)?;
+        crate::train::folder::remove(&run)?;
     }
     for (folder, extensions) in [("motion", &["bvh"][..]), ("music", &["wav"])] {
         sweep(&args.out.join(folder), extensions)?;
@@ -139,7 +139,7 @@ fn sweep(folder: &Path, extensions: &[&str]) -> Result<()> {
         let path = entry.with_context(|| folder.display().to_string())?.path();
         if path.is_dir() {
             sweep(&path, extensions)?;
-        } else if extensions.contains(&super::extension(&path).as_str()) && is_made_up(&path) {
+        } else if extensions.contains(&crate::cli::extension(&path).as_str()) && is_made_up(&path) {
             std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
         }
     }

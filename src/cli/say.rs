@@ -1,0 +1,129 @@
+//! What is said on stderr, and data on stdout.
+
+use super::progress;
+use anyhow::Result;
+use kinelm_motion::Motion;
+use kinelm_motion::inspect::{RateDoubt, RateDoubts};
+use std::borrow::Cow;
+use std::cell::RefCell;
+use std::io::{IsTerminal, Write};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Files that were left out of what the call did with all others.
+static LEFT_OUT: AtomicUsize = AtomicUsize::new(0);
+
+/// The end of a call that has done what it could: a failure if files were left out.
+pub fn all_read() -> Result<()> {
+    let left_out = LEFT_OUT.load(Ordering::Relaxed);
+    anyhow::ensure!(left_out == 0, "{} could not be read; the rest is done", kinelm_store::counted(left_out, "files"));
+    Ok(())
+}
+
+/// Prints what is not data on stderr.
+#[derive(Debug, Clone, Copy)]
+pub struct Say {
+    pub(super) quiet: bool,
+}
+
+impl Say {
+    /// One line, unless `--quiet`.
+    pub fn line(self, text: impl std::fmt::Display) {
+        if !self.quiet {
+            self.error(text);
+        }
+    }
+
+    /// One line, always.
+    pub fn error(self, text: impl std::fmt::Display) {
+        tell(text);
+        progress::said();
+    }
+
+    /// Names a file that is left out of what is done with the others; in the end the call has failed.
+    pub fn left_out(self, text: impl std::fmt::Display) {
+        LEFT_OUT.fetch_add(1, Ordering::Relaxed);
+        self.error(text);
+    }
+
+    /// Whether `--quiet` was given.
+    pub fn quiet(self) -> bool {
+        self.quiet
+    }
+}
+
+/// A line on stderr, of a length that can be read.
+pub fn tell(text: impl std::fmt::Display) {
+    let text = text.to_string();
+    // a closed stderr is no reason to stop
+    let _ = writeln!(std::io::stderr(), "kinelm: {}", plain(&clipped(&text)));
+}
+
+/// The characters of a message at most: what a file or a call holds may be quoted in it, whatever its length.
+const LONGEST: usize = 8000;
+
+/// A message without its middle, where it is too long.
+fn clipped(text: &str) -> Cow<'_, str> {
+    let characters = text.chars().count();
+    if characters <= LONGEST {
+        return Cow::Borrowed(text);
+    }
+    let at = |n: usize| text.char_indices().nth(n).map_or(text.len(), |(at, _)| at);
+    let (head, tail) = (&text[..at(LONGEST / 2)], &text[at(characters - LONGEST / 2)..]);
+    Cow::Owned(format!("{head} .. ({} characters) .. {tail}", characters - LONGEST))
+}
+
+/// A text without what a terminal would take as an order: control characters out of names and files.
+pub fn plain(text: &str) -> Cow<'_, str> {
+    let is_order = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
+    if !text.contains(is_order) {
+        return Cow::Borrowed(text);
+    }
+    let one = |c: char| if is_order(c) { c.escape_default().to_string() } else { c.to_string() };
+    Cow::Owned(text.chars().map(one).collect())
+}
+
+/// Says what was odd in a file that was read all the same.
+pub fn warn(motion: &Motion, say: Say) {
+    Odd::new(say).warn(motion);
+}
+
+/// What was odd in the files of a call: said file by file, but the doubts of their rates in one line at the end.
+pub struct Odd {
+    say: Say,
+    doubts: RefCell<RateDoubts>,
+}
+
+impl Odd {
+    /// Of no file yet.
+    pub fn new(say: Say) -> Odd {
+        Odd { say, doubts: RefCell::default() }
+    }
+
+    /// Says what was odd in a file as it was read.
+    pub fn warn(&self, motion: &Motion) {
+        let path = motion.path.display();
+        for warning in motion.warnings.iter().filter(|warning| !RateDoubt::is_warning(warning)) {
+            self.say.line(format_args!("{path}: {warning}"));
+        }
+        self.doubt(&path.to_string(), RateDoubt::in_reading(motion));
+    }
+
+    /// A file and the doubt of its rate.
+    pub fn doubt(&self, name: &str, doubt: Option<RateDoubt>) {
+        self.doubts.borrow_mut().add(name, doubt);
+    }
+}
+
+impl Drop for Odd {
+    fn drop(&mut self) {
+        self.doubts.borrow().line().iter().for_each(|line| self.say.line(line));
+    }
+}
+
+/// Writes data to stdout; a terminal gets it [`plain`].
+pub fn print(text: &str) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    let text = if out.is_terminal() { plain(text) } else { Cow::Borrowed(text) };
+    out.write_all(text.as_bytes())?;
+    Ok(out.flush()?)
+}

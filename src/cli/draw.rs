@@ -35,23 +35,24 @@ pub struct DrawArgs {
 }
 
 impl DrawArgs {
-    /// Whether the call says what is cut.
-    pub fn cuts(&self) -> bool {
-        self.greedy || self.top_k.is_some() || self.top_p.is_some() || self.min_p.is_some()
-    }
-
-    /// As the library has it.
-    pub fn get(self) -> Result<Draw> {
+    /// As it is requested: without any truncation, the library chooses one.
+    pub fn requested(self) -> Result<Draw> {
         let draw = Draw {
             greedy: self.greedy,
             repetition_penalty: self.repetition_penalty,
             repetition_words: self.repetition_words,
             temperature: self.temperature,
             top_k: self.top_k,
-            top_p: self.top_p.or((!self.cuts()).then_some(TOP_P)),
+            top_p: self.top_p,
             min_p: self.min_p,
         };
         draw.check().map_err(|e| WrongCall(format!("--{e}")))?;
         Ok(draw)
+    }
+
+    /// The same with [`TOP_P`] where nothing truncates.
+    pub fn get(self) -> Result<Draw> {
+        let draw = self.requested()?;
+        Ok(Draw { top_p: draw.top_p.or((!draw.truncates()).then_some(TOP_P)), ..draw })
     }
 }

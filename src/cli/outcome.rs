@@ -18,6 +18,9 @@ pub fn asked(e: impl Into<crate::Error>) -> Error {
     match e.into() {
         crate::Error::Store(kinelm_store::Error::Call(what))
         | crate::Error::Motion(kinelm_motion::Error::Call(what)) => WrongCall(what).into(),
+        crate::Error::Store(kinelm_store::Error::Option { option, what }) => {
+            WrongCall(format!("--{option}: {what}")).into()
+        }
         e => e.into(),
     }
 }

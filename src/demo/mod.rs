@@ -6,20 +6,18 @@ use crate::cli::{ComputeArgs, Say, WrongCall};
 use crate::corpus::build::{self, BuildOptions};
 use crate::corpus::{Corpus, Split, gather};
 use crate::evaluate::{Baselines, CodeSplits, Extent, measure};
-use crate::generate::feet;
+use crate::generate::make::Ready;
 use crate::generate::place::Led;
 use crate::generate::prompt::{self, Prompt};
-use crate::generate::recipe::Place;
+use crate::generate::recipe::{Computing, Draws, Length, Place, PromptRecipe, Request};
 use crate::generate::rest::RestJoints;
 use crate::generate::sampling::Draw;
-use crate::generate::starts::STARTS;
-use crate::generate::{NextToken, Plan, dance, reader};
 use crate::model::likelihood::likelihood;
-use crate::model::{Reading, Which, load_run};
+use crate::model::{Which, load_run};
 use crate::train::{CorpusPart, PretrainOptions, TrainFile};
 use crate::view::{Figure, write_page};
 use anyhow::{Context, Result};
-use kinelm_motion::feet::Fixed;
+use kinelm_engine::decode::{KvKind, WeightKind};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::synth::Dance;
 use kinelm_motion::{Clip, joints, synth};
@@ -62,6 +60,13 @@ pub struct Args {
     compute: ComputeArgs,
 }
 
+impl Args {
+    /// Where its model computes.
+    fn computing(&self) -> Computing {
+        Computing::new(self.compute.get(), WeightKind::F32, KvKind::F32)
+    }
+}
+
 pub fn run(args: Args, say: Say) -> Result<()> {
     let started = Instant::now();
     args.compute.get().device.open()?;
@@ -80,11 +85,19 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let corpus = Corpus::open(at("corpus"))?;
     say.line("4/5 it dances: to a root and a right arm that it has not seen, and on from a first second");
     let test = corpus.split(Split::Test).next().context("the demo's corpus has no test clip")?;
-    let prompt =
-        Prompt::load(&at("motion").join(&test.name).with_extension("bvh"), &ReadOptions::default(), &tokenizer)?;
-    let mut model = reader(&run, args.compute.get(), Reading::default())?;
-    let follows = generate(&mut *model, &tokenizer, &prompt, Asked::Follows, args.seed)?;
-    let goes_on = generate(&mut *model, &tokenizer, &prompt, Asked::GoesOn, args.seed)?;
+    let path = at("motion").join(&test.name).with_extension("bvh");
+    let prompt = Prompt::load(&path, &ReadOptions::default(), &tokenizer)?;
+    let (frames, second) = (FRAMES.min(prompt.frames()), tokenizer.fps() as usize);
+    let given = |joints: Option<&str>, from_frame| PromptRecipe {
+        path: path.clone(),
+        read: ReadOptions::default(),
+        joints: joints.map(str::to_owned),
+        from_frame,
+        plan: None,
+        edit: None,
+    };
+    let follows = generate(&args, given(Some(FOLLOWED), None), frames, CALM_GIVEN)?;
+    let goes_on = generate(&args, given(None, Some(second)), frames, CALM)?;
     for (name, dance) in [("dance.bvh", &follows), ("free.bvh", &goes_on)] {
         format::write(&at(name), &prompt::on_model_rig(&at(name), dance.clone()))?;
     }
@@ -206,46 +219,20 @@ fn train(args: &Args, settings: &str, say: Say) -> Result<()> {
     Ok(())
 }
 
-/// What a dance is given.
-#[derive(Clone, Copy, PartialEq)]
-enum Asked {
-    /// Root and right arm.
-    Follows,
-    /// The first second.
-    GoesOn,
-}
-
-fn generate(
-    model: &mut dyn NextToken,
-    tokenizer: &Tokenizer,
-    prompt: &Prompt,
-    asked: Asked,
-    seed: u64,
-) -> Result<Clip> {
-    let (frames, second) = (FRAMES.min(prompt.frames()), tokenizer.fps() as usize);
-    let calm = if asked == Asked::Follows { CALM_GIVEN } else { CALM };
-    let plan = Plan::free(tokenizer.grammar(), frames, Draw { top_p: Some(calm), ..Draw::default() }, seed);
-    let (given, ids, beginning);
-    let (plan, followed, fixed) = match asked {
-        Asked::Follows => {
-            given = prompt::given_places(tokenizer, &joints::parse(FOLLOWED)?)?;
-            ids = tokenizer.ids_of_words(&prompt.words)?;
-            (
-                Plan { given: &given, prompt: &ids, starts: STARTS, ..plan },
-                frames,
-                Fixed { root: true, ..Fixed::default() },
-            )
-        }
-        Asked::GoesOn => {
-            beginning = prompt.beginning(tokenizer, second)?;
-            (Plan { beginning: &beginning, ..plan }, second, Fixed { frames: second, ..Fixed::default() })
-        }
+/// A dance of the model that is given something of a test dance.
+fn generate(args: &Args, prompt: PromptRecipe, frames: usize, calm: f64) -> Result<Clip> {
+    let request = Request {
+        prompt: Some(prompt),
+        length: Some(Length::Frames(frames)),
+        seed: args.seed,
+        draw: Draw { top_p: Some(calm), ..Draw::default() },
+        computing: args.computing(),
+        ..Request::of(args.out.join("run"))
     };
-    let danced = dance(model, &plan, &mut |_| {})?;
-    let words = tokenizer.words_of_ids(&danced).words;
-    let danced = put(&prompt.decode(tokenizer, &words, RestJoints::Follow, followed)?, prompt)?;
-    let motion = prompt::on_model_rig(Path::new("dance.bvh"), danced);
-    Ok(feet::held(motion, None, prompt.under_m(), fixed)?.0.clip)
+    let mut ready = Ready::open(&request)?;
+    ready.recipe.draws = Draws::Seed;
+    let danced = ready.dance(1, None, &mut |_| {})?;
+    Ok(ready.motion(&ready.words(&danced, 0), Path::new("dance.bvh"))?.motion.clip)
 }
 
 /// A clip that begins as the prompt does, where the prompt stands.

@@ -8,10 +8,7 @@ use crate::corpus::{Corpus, Split};
 use crate::evaluate::dance::beats::{Figures, Kept, Pair, doubted, of_corpus};
 use crate::generate::make::Ready;
 use crate::generate::music::GUIDANCE;
-use crate::generate::recipe::Care;
-use crate::generate::recipe::Draws;
-use crate::generate::recipe::{Computing, MusicRecipe, Recipe, Rig};
-use crate::generate::rest::RestJoints;
+use crate::generate::recipe::{Draws, LeadInKind, Length, MusicRecipe, Request};
 use crate::generate::sampling::Draw;
 use crate::generate::variation_seed;
 use crate::model::likelihood::likelihood;
@@ -19,13 +16,11 @@ use crate::model::{Which, load_run};
 use crate::view::music::Music;
 use crate::view::{Figure, page_with};
 use anyhow::{Context, Result};
-use kinelm_engine::decode::{KvKind, WeightKind};
 use kinelm_motion::synth::{self, Dance};
 use kinelm_motion::{Clip, format};
 use kinelm_music::beat::{RATE, beats_of};
 use kinelm_music::wav;
 use kinelm_store::files::write_whole;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -117,31 +112,19 @@ fn piece(args: &Args, dance: &Dance) -> Result<Piece> {
 
 /// A dance to a piece, or to nothing; its number draws it.
 fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
-    let recipe = Recipe {
-        run: args.out.join("run"),
-        prompt: None,
-        timed_labels: Vec::new(),
-        labels: BTreeMap::new(),
-        guidance: if piece.is_some() { GUIDANCE } else { 1.0 },
-        ahead: 0.0,
+    let request = Request {
+        guidance: piece.map(|_| GUIDANCE),
         music: piece.map(|piece| MusicRecipe { path: piece.path.clone(), from_s: 0.0 }),
-        frames: None,
-        seconds: Some(SECONDS),
-        fps: None,
-        lead_in: 0,
-        lead_in_from: None,
-        starts: 1,
+        length: Some(Length::Seconds(SECONDS)),
+        lead_in: Some(LeadInKind::None),
         seed: variation_seed(args.seed, number),
-        draws: Draws::Seed,
         draw: Draw { top_p: Some(super::CALM), ..Draw::default() },
-        rig: Rig::Model,
-        rest_joints: RestJoints::Training,
-        place: None,
-        feet: Care::Lock,
-        computing: Computing::new(args.compute.get(), WeightKind::F32, KvKind::F32),
+        computing: args.computing(),
+        ..Request::of(args.out.join("run"))
     };
-    let mut ready = Ready::load(recipe, Which::Auto)?;
-    ready.lead_in_from_nothing(false)?;
+    let mut ready = Ready::open(&request)?;
+    // dances with and without music draw with the same numbers
+    ready.recipe.draws = Draws::Seed;
     let danced = ready.dance(1, None, &mut |_| {})?;
     Ok(ready.motion(&ready.words(&danced, 0), Path::new("dance.bvh"))?.motion.clip)
 }

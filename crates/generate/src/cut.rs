@@ -10,7 +10,7 @@ pub const GIVEN_TOP_P: f64 = 0.8;
 
 impl Ready {
     /// Draws with [`GIVEN_TOP_P`] where every frame that isn't given whole has joints given behind free ones.
-    pub fn cut_where_given(&mut self) {
+    pub(super) fn cut_where_given(&mut self) {
         let Some(prompt) = &self.prompt else { return };
         let (frames, first) = (prompt.clip.frames(), self.first_given());
         let given = prompt.edit.as_ref().map_or_else(|| first.clone(), |edit| edit.given(frames).0);

@@ -29,6 +29,7 @@ pub mod plan;
 pub mod prompt;
 pub mod provenance;
 pub mod recipe;
+pub mod resolve;
 pub mod rest;
 pub mod sampling;
 pub mod starts;

@@ -1,4 +1,4 @@
-//! A recipe carried out: the model and the prompt read, the dances drawn, and put on a rig.
+//! A resolved request carried out: the model and the prompt read, the dances drawn, and put on a rig.
 
 use super::conditions::{check_ahead, tell_tempo, without};
 use super::edit::close::LeftOver;
@@ -7,10 +7,11 @@ use super::feet;
 use super::followed::Followed;
 use super::guidance::Guidance;
 use super::labels;
-use super::music::{Music, guidance};
+use super::music::Music;
 use super::place::Led;
 use super::prompt;
 use super::recipe::{Care, Place, PromptRecipe, Recipe, Rig};
+use super::resolve::Decision;
 use super::rest::{self, RestJoints};
 use super::{Danced, GUESSES, Plan, check_frames, dances, reader, variation_seed};
 use crate::{Error, Result};
@@ -44,6 +45,8 @@ pub struct Ready {
     pub music: Option<Music>,
     /// Frames of the dance.
     pub frames: usize,
+    /// What the request left open; none of a resolved one.
+    pub decisions: Vec<Decision>,
     /// The tokens in front of windows, `<bos>` and the labels, each from a frame on; the first from 0.
     fronts: Vec<(usize, Vec<u32>)>,
     /// The same with every label unknown, where the dance is guided.
@@ -162,27 +165,18 @@ impl Ready {
             Some(from) => Some((lead_ins_with(from, &recipe, &tokenizer)?, conditions)),
             None => None,
         };
-        Ok(Ready { recipe, run, tokenizer, prompt, music, frames, fronts, without, lead_ins })
+        Ok(Ready { recipe, run, tokenizer, prompt, music, frames, decisions: Vec::new(), fronts, without, lead_ins })
     }
 
-    /// The dance is to stand where and as its prompt does, if it has one.
-    pub fn stand_with_prompt(&mut self) {
-        let free = self.prompt.as_ref().filter(|prompt| prompt.edit.is_none());
-        self.recipe.place = free.as_ref().and_then(|prompt| Place::of(&prompt.clip.clip));
+    /// Labels and music are followed so far.
+    pub(super) fn guide(&mut self, scale: f64) {
+        self.recipe.guidance = scale;
+        self.without = self.without.take().filter(|_| scale != 1.0);
     }
 
-    /// Music is followed as far as the model bears, if there is some.
-    pub fn follow_music(&mut self) {
-        if self.music.is_some() {
-            self.recipe.guidance = guidance(self.run.config.music);
-            self.without = self.without.take().filter(|_| self.recipe.guidance != 1.0);
-        }
-    }
-
-    /// Feet are to be held unless a leg is followed, by whatever names.
-    pub fn hold_feet_unless_followed(&mut self) {
-        let given = feet::fixed(self.prompt.as_ref(), 0).legs.contains(&true);
-        self.recipe.feet = if given { Care::Off } else { Care::Lock };
+    /// Whether a clip is edited that goes on after a gap.
+    pub(super) fn has_gaps_that_end(&self) -> bool {
+        self.edit().is_some_and(|(_, edited)| edited.has_ends())
     }
 
     /// Whether nothing of the first frame is given: there is no prompt, or an edit that frees all of it.
@@ -196,7 +190,7 @@ impl Ready {
     ///
     /// # Errors
     /// Those of [`LeadIns::load`].
-    pub fn lead_in_from_nothing(&mut self, of_train: bool) -> Result<()> {
+    pub(super) fn lead_in_from_nothing(&mut self, of_train: bool) -> Result<()> {
         let nothing = self.begins_from_nothing();
         let words = lead_in::words(&self.tokenizer);
         self.recipe.lead_in = if nothing { words * self.tokenizer.frames_per_word() } else { 0 };
@@ -217,12 +211,6 @@ impl Ready {
             (0, Some(from)) => all.find(from),
             _ => all.choose(conditions, self.front_at(0), variation_seed(self.recipe.seed, variation)),
         }
-    }
-
-    /// Gaps of an edited clip are led to what is given behind them, if the model can be told of it.
-    pub fn lead_ahead(&mut self) {
-        let ends = self.edit().is_some_and(|(_, edited)| edited.has_ends());
-        self.recipe.ahead = if self.run.config.ahead && ends { AHEAD } else { 0.0 };
     }
 
     /// What the model is told of an edited clip, of the ids of its words and which of their characters are given.

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 /// What the joints that the model doesn't know do in a new dance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum RestJoints {
     /// They stand at rest.
     #[default]

@@ -76,11 +76,6 @@ fn start_seed(seed: u64, start: usize) -> u64 {
 }
 
 impl Ready {
-    /// The start is chosen among [`STARTS`] where it can be, and where no gap's end chooses among whole dances.
-    pub fn choose_start(&mut self) {
-        self.recipe.starts = if self.begins_in_part() && self.tries() == 1 { STARTS } else { 1 };
-    }
-
     /// Whether some joints are given in the first frame, and others drawn before them.
     pub fn begins_in_part(&self) -> bool {
         let begins = self.prompt.as_ref().is_some_and(|prompt| prompt.beginning.is_empty());

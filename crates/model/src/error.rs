@@ -76,6 +76,11 @@ impl Error {
         kinelm_store::Error::call(what).into()
     }
 
+    /// An option of a call that can't be what it is, by its name, words joined by `-`.
+    pub fn option(option: &'static str, what: impl Into<String>) -> Error {
+        kinelm_store::Error::option(option, what).into()
+    }
+
     /// Work that the user broke off.
     pub fn stopped(what: impl Into<String>) -> Error {
         kinelm_store::Error::stopped(what).into()

@@ -45,6 +45,14 @@ pub enum Error {
     /// Less memory is free than the work takes.
     #[error("{0}")]
     Memory(String),
+    /// An option of the call can't be what it is.
+    #[error("{option}: {what}")]
+    Option {
+        /// Its name, words joined by `-`.
+        option: &'static str,
+        /// What is wrong, what is expected, what to do.
+        what: String,
+    },
     /// The caller asked for something that can't be done.
     #[error("{0}")]
     Call(String),
@@ -60,6 +68,11 @@ impl Error {
     /// A call that can't be done.
     pub fn call(what: impl Into<String>) -> Error {
         Error::Call(what.into())
+    }
+
+    /// An option of a call that can't be what it is, by its name, words joined by `-`.
+    pub fn option(option: &'static str, what: impl Into<String>) -> Error {
+        Error::Option { option, what: what.into() }
     }
 
     /// Work that the user broke off.

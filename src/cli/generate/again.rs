@@ -1,7 +1,8 @@
 //! `generate --again`: a dance made once more from what is told beside it.
 
-use super::{Args, danced, load, outputs};
-use crate::cli::{Say, WrongCall, convert, extension, writable};
+use super::{Args, danced, outputs, say as said};
+use crate::cli::{Say, WrongCall, asked, convert, extension, writable};
+use crate::generate::make::Ready;
 use crate::generate::provenance::Provenance;
 use crate::generate::recipe::Plan;
 use crate::generate::recipe::Recipe;
@@ -24,10 +25,11 @@ pub fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
         recipe.run.clone_from(run);
     }
     moved(args, &mut recipe)?;
-    let outputs = outputs(args, &recipe);
+    let outputs = outputs(args, &recipe.run, recipe.prompt.as_ref(), recipe.music.as_ref());
     outputs.check([&*out])?;
     outputs.check_replaceable(&out, Some(&first.output.sha256))?;
-    let ready = load(recipe, Which::Step(first.step), say)?;
+    let ready = Ready::load(recipe, Which::Step(first.step)).map_err(asked)?;
+    said::opened(&ready, say)?;
     first.check(&ready)?;
     let words = danced(&ready, 1, args.guesses, say)?.remove(0);
     let made = ready.motion(&words, &out)?;

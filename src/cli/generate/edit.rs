@@ -40,7 +40,7 @@ pub struct EditArgs {
     /// only the pose comes back, while place and heading go on
     #[arg(long = "loop", value_name = "back|pose", num_args = 0..=1, require_equals = true, default_missing_value = "back",
         requires = "prompt", conflicts_with_all = ["joints", "from_frame", "given", "free", "frames", "seconds"])]
-    round: Option<ComesArg>,
+    round: Option<Comes>,
     /// Seconds of the end that --loop makes anew: 2s, 2 or 120f (frames of the file)
     #[arg(long, value_name = "S", default_value = "2s", requires = "round", value_parser = crate::cli::read::time)]
     loop_over: Moment,
@@ -50,12 +50,6 @@ pub struct EditArgs {
     /// Ways that are drawn through a gap, of which the one is kept that ends nearest to where the clip goes on
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=64))]
     tries: u8,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum ComesArg {
-    Back,
-    Pose,
 }
 
 /// The seconds of a flag, `least` to 60; `fps` is asked where they are told in frames.
@@ -83,13 +77,7 @@ impl EditArgs {
     pub fn get(&self, fps: &dyn Fn() -> Result<f64>) -> Result<Option<Edit>> {
         let (given, free, blend_s) = (self.given.clone(), self.free.clone(), self.blend_s(fps)?);
         let over_s = seconds("loop-over", self.loop_over, 0.1, fps)?;
-        let round = self.round.map(|comes| Round {
-            comes: match comes {
-                ComesArg::Back => Comes::Back,
-                ComesArg::Pose => Comes::Pose,
-            },
-            over_s,
-        });
+        let round = self.round.map(|comes| Round { comes, over_s });
         Ok(self.is_asked().then(|| Edit { given, free, blend_s, tries: self.tries.into(), round }))
     }
 
@@ -167,14 +155,4 @@ pub fn say_seam(edited: &Edited, made: &Made, say: Say) {
             "{warning}where it goes round it jerks by {seam:.0} m/s³; 99 of 100 given frames by less than {usual:.0}"
         ));
     }
-}
-
-/// Refuses what goes with no edit.
-pub fn check(edit: Option<&Edit>, rest_joints: bool) -> Result<()> {
-    if edit.is_some() && rest_joints {
-        let what =
-            "--rest-joints with --given or --free: joints that the model doesn't know are the prompt's; leave it out";
-        return Err(WrongCall(what.into()).into());
-    }
-    Ok(())
 }

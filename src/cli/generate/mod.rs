@@ -6,17 +6,13 @@ mod edit;
 mod say;
 
 use super::{ComputeArgs, ForceArgs, ReadingArgs, Say, WrongCall, asked, draw::DrawArgs, read::ReadArgs};
-use crate::corpus::music::tempo;
 use crate::generate::best::Best;
 use crate::generate::make::Ready;
-use crate::generate::music::GUIDANCE;
 use crate::generate::provenance::Provenance;
-use crate::generate::recipe::Care;
-use crate::generate::recipe::Draws;
-use crate::generate::recipe::TimedLabel;
-use crate::generate::recipe::{Computing, MusicRecipe, PromptRecipe, Recipe, Rig};
+use crate::generate::recipe::{
+    Care, Computing, LeadInKind, Length, MusicRecipe, PromptRecipe, Request, Rig, TimedLabel,
+};
 use crate::generate::rest::RestJoints;
-use crate::model::Which;
 use crate::model::run::TOKENIZER;
 use crate::train::run::RunFile;
 use anyhow::{Context, Result};
@@ -102,18 +98,18 @@ pub struct Args {
     /// The second that a dance from nothing goes on from, which is left out of it. If not given, train where the run keeps
     /// some, as every run does that was trained by kinelm
     #[arg(long, value_enum)]
-    lead_in: Option<LeadInArg>,
+    lead_in: Option<LeadInKind>,
     /// The rig the dance is written on: the model's (SMPL-24), or the prompt's own. If not given, the model's, and the
     /// prompt's own with --given or --free
     #[arg(long, value_enum, requires_if("prompt", "prompt"))]
-    rig: Option<RigArg>,
+    rig: Option<Rig>,
     /// What the joints do that the model doesn't know; if not given, follow with a prompt, training without
     #[arg(long, value_enum, requires_ifs([("follow", "prompt"), ("prompt", "prompt"), ("mean", "prompt")]))]
-    rest_joints: Option<RestArg>,
+    rest_joints: Option<RestJoints>,
     /// Feet that stand are held where they stand, and the body on its floor, as far as they are not given; or all is left
     /// as it is decoded. If not given, lock where no leg is followed
     #[arg(long, value_enum)]
-    feet: Option<FeetArg>,
+    feet: Option<Care>,
     /// Free tokens that are guessed to be those of the word before, and verified in one read; changes no token.
     /// If not given, 8 with --greedy and none without: drawn tokens are too rarely those of the word before
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=64), hide_short_help = true)]
@@ -134,61 +130,6 @@ pub struct Args {
     read: ReadArgs,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, clap::ValueEnum)]
-enum RigArg {
-    Model,
-    Prompt,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, clap::ValueEnum)]
-enum LeadInArg {
-    /// Of a train clip, chosen by --seed and --label
-    Train,
-    /// Drawn by the model too
-    None,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum FeetArg {
-    Lock,
-    Off,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum RestArg {
-    /// They move as in the prompt while its frames are followed, then go to their mean over half a second
-    Follow,
-    /// They hold the mean of the training clips
-    Training,
-    /// They stand at rest
-    Identity,
-    /// They move as in the prompt, then hold its last frame
-    Prompt,
-    /// They hold their mean over the prompt
-    Mean,
-}
-
-impl From<RigArg> for Rig {
-    fn from(rig: RigArg) -> Rig {
-        match rig {
-            RigArg::Model => Rig::Model,
-            RigArg::Prompt => Rig::Prompt,
-        }
-    }
-}
-
-impl From<RestArg> for RestJoints {
-    fn from(rest: RestArg) -> RestJoints {
-        match rest {
-            RestArg::Follow => RestJoints::Follow,
-            RestArg::Training => RestJoints::Training,
-            RestArg::Identity => RestJoints::Identity,
-            RestArg::Prompt => RestJoints::Prompt,
-            RestArg::Mean => RestJoints::Mean,
-        }
-    }
-}
-
 /// How far gaps are led; beyond 10 a model draws from what it hardly means.
 fn led(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|ahead| (0.0..=10.0).contains(ahead));
@@ -201,44 +142,17 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     let outs = outs(&args)?;
     check_out(&args, &outs)?;
-    let recipe = recipe(&args, say)?;
-    let outputs = outputs(&args, &recipe);
+    let request = request(&args, say)?;
+    let outputs = outputs(&args, &request.run, request.prompt.as_ref(), request.music.as_ref());
     // all names, before the first frame
     outputs.check(outs.iter().map(PathBuf::as_path))?;
     for out in &outs {
         outputs.check_replaceable(out, None)?;
         outputs.check_replaceable(&sidecar::path_of(out), None)?;
     }
-    let mut ready = load(recipe, Which::Auto, say)?;
-    if let Some((music, recipe)) = ready.music.as_ref().zip(ready.recipe.music.as_ref()) {
-        let seconds = ready.frames as f64 / ready.tokenizer.fps();
-        let (path, bpm) = (recipe.path.display(), music.bpm(seconds).unwrap_or_default());
-        let told = ready.recipe.labels.get(tempo::FIELD).map(|tempo| format!(", told as tempo={tempo}"));
-        say.line(format_args!("{path}: {bpm:.1} beats a minute{}", told.unwrap_or_default()));
-    }
-    ready.stand_with_prompt();
-    lead_in(&mut ready, args.lead_in, say)?;
-    match args.starts {
-        None => ready.choose_start(),
-        Some(starts) if starts > 1 && !ready.begins_in_part() => return Err(WrongCall(format!(
-            "--starts {starts}: there is nothing to choose a start by; expected joints that are given in the first frame \
-             and stand there behind others that are drawn (right_arm does, root doesn't), and no --from-frame or --greedy"
-        ))
-        .into()),
-        Some(_) => {}
-    }
-    if !args.draw.cuts() {
-        ready.cut_where_given();
-    }
-    if args.ahead.is_none() {
-        ready.lead_ahead();
-    }
-    if args.guidance.is_none() {
-        ready.follow_music();
-    }
-    if args.feet.is_none() {
-        ready.hold_feet_unless_followed();
-    }
+    // what is asked in words that the model doesn't have is a wrong call
+    let ready = Ready::open(&request).map_err(asked)?;
+    say::opened(&ready, say)?;
     let beside = args.best.beside(&ready, say)?;
     let drawn = args.best.best.map_or(outs.len(), usize::from);
     let danced = danced(&ready, drawn, args.guesses, say)?;
@@ -270,40 +184,19 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     Ok(())
 }
 
-/// What dances from nothing go on from.
-fn lead_in(ready: &mut Ready, lead_in: Option<LeadInArg>, say: Say) -> Result<()> {
-    if let (Some(_), false) = (lead_in, ready.begins_from_nothing()) {
-        let what = "--lead-in: something of the first frame is given, and the dance goes on from that; leave it out";
-        return Err(WrongCall(what.into()).into());
-    }
-    ready.lead_in_from_nothing(lead_in != Some(LeadInArg::None))?;
-    if !ready.begins_from_nothing() || ready.lead_in(0).is_some() || lead_in == Some(LeadInArg::None) {
-        return Ok(());
-    }
-    let what = format!(
-        "{}: no second of a train clip is kept with the model, as where it was trained elsewhere or all clips are shorter",
-        ready.recipe.run.display()
-    );
-    if lead_in.is_some() {
-        return Err(WrongCall(format!("--lead-in train: {what}; leave it out")).into());
-    }
-    say.line(format_args!("{what}: the dance goes on from one that the model draws (--lead-in none)"));
-    Ok(())
-}
-
-/// What a recipe reads is not written over.
-fn outputs(args: &Args, recipe: &Recipe) -> Outputs {
-    let prompt = recipe.prompt.iter().flat_map(|prompt| {
+/// What a request reads is not written over.
+fn outputs(args: &Args, run: &Path, prompt: Option<&PromptRecipe>, music: Option<&MusicRecipe>) -> Outputs {
+    let prompt = prompt.into_iter().flat_map(|prompt| {
         let map = prompt.read.map.iter().map(PathBuf::from);
         map.chain(prompt.read.body_model.clone()).chain(prompt.files())
     });
-    let music = recipe.music.iter().map(|music| music.path.clone());
-    let others = music.chain([recipe.run.clone()]).chain(args.again.clone()).chain(args.plan.clone());
+    let music = music.map(|music| music.path.clone());
+    let others = music.into_iter().chain([run.to_owned()]).chain(args.again.clone()).chain(args.plan.clone());
     args.force.outputs(prompt.chain(others))
 }
 
-/// What was asked for.
-fn recipe(args: &Args, say: Say) -> Result<Recipe> {
+/// What is requested.
+fn request(args: &Args, say: Say) -> Result<Request> {
     let mut labels = BTreeMap::new();
     let (always, timed): (Vec<&TimedLabel>, Vec<_>) = args.labels.iter().partition(|label| label.is_always());
     for TimedLabel { field, value, .. } in always {
@@ -328,12 +221,6 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
             }
         },
     };
-    if args.ahead.is_some() && prompt.is_none() {
-        let what = "--ahead without a clip; what is given ahead is that of --prompt or --plan";
-        return Err(WrongCall(what.into()).into());
-    }
-    let edit = prompt.as_ref().and_then(|prompt| prompt.edit.as_ref());
-    edit::check(edit, args.rest_joints.is_some())?;
     if prompt.as_ref().is_some_and(|p| p.joints.is_none() && p.from_frame.is_none() && p.edit.is_none()) {
         let what = "--prompt alone; say what is followed (--joints LIST, --from-frame N, or both) or what of it is made anew \
                     (--free, --given)";
@@ -341,38 +228,29 @@ fn recipe(args: &Args, say: Say) -> Result<Recipe> {
     }
     let music_from = args.music_from.map(|at| of_model(args, at)).transpose()?;
     let music = args.music.clone().map(|path| MusicRecipe { path, from_s: music_from.unwrap_or_default().0 });
-    let length = args.frames.or(args.seconds);
+    let length = args.frames.or(args.seconds).map(|length| match length {
+        Moment::Seconds(seconds) => Length::Seconds(seconds),
+        frames => Length::Frames(frames.number() as usize),
+    });
     let reading = args.reading.get(1);
-    let own_rig = args.rig.unwrap_or(if edit.is_some() { RigArg::Prompt } else { RigArg::Model });
-    Ok(Recipe {
-        run: args.run.clone().context("no run folder")?,
+    Ok(Request {
         prompt,
         labels,
         timed_labels: timed,
         music,
-        guidance: args.guidance.unwrap_or(if args.music.is_some() { GUIDANCE } else { 1.0 }),
-        ahead: args.ahead.unwrap_or(0.0),
-        frames: length.filter(|length| !matches!(length, Moment::Seconds(_))).map(|length| length.number() as usize),
-        seconds: length.filter(|length| matches!(length, Moment::Seconds(_))).map(Moment::number),
+        guidance: args.guidance,
+        ahead: args.ahead,
+        length,
         fps: args.fps,
-        lead_in: 0,
-        lead_in_from: None,
-        starts: args.starts.map_or(1, usize::from),
+        lead_in: args.lead_in,
+        starts: args.starts.map(usize::from),
         seed: args.seed,
-        draws: Draws::Given,
-        draw: args.draw.get()?,
-        rig: own_rig.into(),
-        rest_joints: match args.rest_joints {
-            Some(rest) => rest.into(),
-            None if args.prompt.is_some() || args.plan.is_some() => RestJoints::Follow,
-            None => RestJoints::Training,
-        },
-        place: None,
-        feet: match args.feet {
-            Some(FeetArg::Lock) => Care::Lock,
-            _ => Care::Off,
-        },
+        draw: args.draw.requested()?,
+        rig: args.rig,
+        rest_joints: args.rest_joints,
+        feet: args.feet,
         computing: Computing::new(args.compute.get(), reading.weights, reading.kv),
+        ..Request::of(args.run.clone().context("no run folder")?)
     })
 }
 
@@ -389,33 +267,6 @@ fn read_as(args: &Args, path: &Path, say: Say) -> ReadOptions {
     let corpora = args.run.as_deref().and_then(|run| RunFile::read(run).ok()).map_or(Vec::new(), |file| file.corpora);
     let corpora: Vec<PathBuf> = corpora.into_iter().map(|corpus| corpus.path).collect();
     args.read.of_files_known(&[path], RestFrame::Drop, &corpora, say).remove(0)
-}
-
-/// Reads what a recipe names, and says what the user should know.
-fn load(recipe: Recipe, which: Which, say: Say) -> Result<Ready> {
-    // what is asked in words that the model doesn't have is a wrong call
-    let ready = Ready::load(recipe, which).map_err(asked)?;
-    ready.run.notes.iter().for_each(|note| say.line(note));
-    let Some((prompt, recipe)) = ready.prompt.as_ref().zip(ready.recipe.prompt.as_ref()) else { return Ok(ready) };
-    super::warn(&prompt.clip.motion, say);
-    if let Some(list) = &recipe.joints {
-        say::not_followed(&ready.tokenizer, list, say)?;
-        say::of_free_between(&ready.tokenizer, prompt, list, say);
-    }
-    if prompt.clip.clipped > 0 {
-        let (n, path) = (prompt.clip.clipped, recipe.path.display());
-        say.line(format_args!("{path}: {n} numbers lie outside what the model codes; what follows them is late"));
-    }
-    if let Some(edited) = &prompt.edit {
-        edit::say_understood(prompt, edited, say);
-        say::of_free_between_spans(edited, recipe.plan.is_some(), say);
-    }
-    let known = prompt.clip.frames();
-    if !prompt.given.is_empty() && known < ready.frames {
-        let free = ready.frames - known;
-        say.line(format_args!("the prompt ends after {known} frames; the {free} that follow are generated free"));
-    }
-    Ok(ready)
 }
 
 /// The words of so many dances.
@@ -472,7 +323,7 @@ fn check_out(args: &Args, outs: &[PathBuf]) -> Result<()> {
                     add --rig model";
         return Err(WrongCall(what.into()).into());
     }
-    if args.rig == Some(RigArg::Prompt) && extension == "npz" {
+    if args.rig == Some(Rig::Prompt) && extension == "npz" {
         return Err(WrongCall(
             "--rig prompt with an .npz: AMASS files are on the model's rig; write .bvh or .json".into(),
         )

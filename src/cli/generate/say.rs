@@ -1,20 +1,57 @@
 //! What the user of `generate` should know of the joints that are followed.
 
-use crate::cli::Say;
+use crate::cli::{Say, warn};
+use crate::corpus::music::tempo;
 use crate::generate::apart::{apart, free_between, free_between_of};
 use crate::generate::edit::Edited;
 use crate::generate::followed::Followed;
 use crate::generate::make::Ready;
 use crate::generate::prompt;
-use crate::generate::recipe::Span;
+use crate::generate::recipe::{PromptRecipe, Span};
 use anyhow::Result;
 use kinelm_motion::{joints, smpl};
 use kinelm_tokenizer::{Tokenizer, Words};
 use std::collections::BTreeSet;
 use std::path::Path;
 
+/// What the user should know of a request that is open.
+pub fn opened(ready: &Ready, say: Say) -> Result<()> {
+    ready.run.notes.iter().for_each(|note| say.line(note));
+    if let Some((prompt, recipe)) = ready.prompt.as_ref().zip(ready.recipe.prompt.as_ref()) {
+        of_prompt(ready, prompt, recipe, say)?;
+    }
+    let Some((music, recipe)) = ready.music.as_ref().zip(ready.recipe.music.as_ref()) else { return Ok(()) };
+    let seconds = ready.frames as f64 / ready.tokenizer.fps();
+    let (path, bpm) = (recipe.path.display(), music.bpm(seconds).unwrap_or_default());
+    let told = ready.recipe.labels.get(tempo::FIELD).map(|tempo| format!(", told as tempo={tempo}"));
+    say.line(format_args!("{path}: {bpm:.1} beats a minute{}", told.unwrap_or_default()));
+    Ok(())
+}
+
+fn of_prompt(ready: &Ready, prompt: &Followed, recipe: &PromptRecipe, say: Say) -> Result<()> {
+    warn(&prompt.clip.motion, say);
+    if let Some(list) = &recipe.joints {
+        not_followed(&ready.tokenizer, list, say)?;
+        of_free_between(&ready.tokenizer, prompt, list, say);
+    }
+    if prompt.clip.clipped > 0 {
+        let (n, path) = (prompt.clip.clipped, recipe.path.display());
+        say.line(format_args!("{path}: {n} numbers lie outside what the model codes; what follows them is late"));
+    }
+    if let Some(edited) = &prompt.edit {
+        super::edit::say_understood(prompt, edited, say);
+        of_free_between_spans(edited, recipe.plan.is_some(), say);
+    }
+    let known = prompt.clip.frames();
+    if !prompt.given.is_empty() && known < ready.frames {
+        let free = ready.frames - known;
+        say.line(format_args!("the prompt ends after {known} frames; the {free} that follow are generated free"));
+    }
+    Ok(())
+}
+
 /// Parts of the list that name nothing the model knows. (A group is followed as far as it is known.)
-pub fn not_followed(tokenizer: &Tokenizer, list: &str, say: Say) -> Result<()> {
+fn not_followed(tokenizer: &Tokenizer, list: &str, say: Say) -> Result<()> {
     for part in list.split(',').filter(|_| list.contains(',')) {
         let joints = joints::parse(part)?.joints;
         if !joints.iter().any(|j| tokenizer.channels().joints().contains(j)) {
@@ -25,12 +62,12 @@ pub fn not_followed(tokenizer: &Tokenizer, list: &str, say: Say) -> Result<()> {
 }
 
 /// Free joints that move given ones, and the call that gives them too.
-pub fn of_free_between(tokenizer: &Tokenizer, prompt: &Followed, list: &str, say: Say) {
+fn of_free_between(tokenizer: &Tokenizer, prompt: &Followed, list: &str, say: Say) {
     offer(&free_between(tokenizer, prompt), list, say, |offer| format!("--joints {offer}"));
 }
 
 /// The same of an edit, or of a plan.
-pub fn of_free_between_spans(edited: &Edited, is_plan: bool, say: Say) {
+fn of_free_between_spans(edited: &Edited, is_plan: bool, say: Say) {
     let mut said = BTreeSet::new();
     for understood in &edited.read.given {
         let Span { joints, from, to } = &understood.span;

@@ -25,10 +25,11 @@ pub struct Edit {
 /// What comes back to its beginning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Comes {
-    /// Pose, place and heading.
+    /// Pose, place and heading
     Back,
-    /// The pose: place and heading go on from where the clip has come to.
+    /// The pose: place and heading go on from where the clip has come to
     Pose,
 }
 

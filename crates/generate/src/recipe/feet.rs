@@ -5,11 +5,12 @@ use serde::{Deserialize, Serialize};
 /// What is done to the feet of a dance when it is decoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Care {
-    /// Nothing. What files of dances mean that don't say.
+    /// Nothing
     #[default]
     Off,
-    /// The body is settled on its floor, and feet that stand are held: [`kinelm_motion::feet::lock`].
+    /// The body is settled on its floor, and feet in contact are locked in place
     Lock,
 }
 

@@ -6,6 +6,7 @@ mod feet;
 mod labels;
 mod place;
 pub(crate) mod plan;
+mod request;
 mod span;
 
 pub use draws::Draws;
@@ -14,6 +15,7 @@ pub use feet::Care;
 pub use labels::TimedLabel;
 pub use place::Place;
 pub use plan::{At, Plan, PlanClip, Segment};
+pub use request::{LeadInKind, Length, Request};
 pub use span::Span;
 
 use super::rest::RestJoints;
@@ -180,11 +182,12 @@ impl PromptRecipe {
 /// What a dance is written on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Rig {
-    /// SMPL-24.
+    /// SMPL-24
     #[default]
     Model,
-    /// The prompt's own.
+    /// The prompt's own
     Prompt,
 }
 
@@ -222,6 +225,12 @@ enum WeightName {
 enum KvName {
     F32,
     F16,
+}
+
+impl Default for Computing {
+    fn default() -> Computing {
+        Computing::new(Compute::default(), WeightKind::F32, KvKind::F32)
+    }
 }
 
 impl Computing {

@@ -99,6 +99,11 @@ impl Draw {
         }
     }
 
+    /// Whether any rule leaves out unlikely ids.
+    pub fn truncates(&self) -> bool {
+        self.greedy || self.top_k.is_some() || self.top_p.is_some() || self.min_p.is_some()
+    }
+
     /// Words that the repetition penalty looks back; 0 without one.
     pub fn looks_back(&self) -> usize {
         if self.repetition_penalty == 1.0 { 0 } else { self.repetition_words }

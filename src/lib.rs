@@ -7,6 +7,7 @@ mod bench;
 pub mod cli;
 mod demo;
 pub mod presets;
+mod shell;
 
 pub use kinelm_baselines as baselines;
 pub use kinelm_classify as classify;

@@ -293,7 +293,7 @@ fn a_dance_from_nothing_goes_on_from_a_train_clip_with_its_labels() {
         .call(&format!("{alone} no.bvh --lead-in train"))
         .assert()
         .code(2)
-        .stderr(contains("--lead-in train: led-back"));
+        .stderr(contains("--lead-in: train: led-back"));
     // a sidecar that names what the run doesn't have, and a run whose file was lost
     let text = fs::read_to_string(place.at("led.bvh.kinelm.json")).unwrap();
     let clip = format!("\"clip\": \"{}\"", from("led.bvh").1.unwrap());

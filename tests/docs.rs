@@ -136,7 +136,7 @@ fn inputs_are_opened_in_one_place() {
         "crates/store/src/files.rs",
         "crates/store/src/input.rs",
         "crates/store/src/memory.rs",
-        "src/cli/bench/mod.rs",
+        "src/bench/mod.rs",
         "crates/spectral/src/query/build.rs",
     ];
     let opens = ["File::open(", "fs::read(", "fs::read_to_string("];

@@ -3,7 +3,7 @@
 use super::{How, Rates, Row, Unit, rounded, seconds};
 use crate::baselines::aclstm::network::{Learner, initial};
 use crate::baselines::aclstm::{Config, Form};
-use crate::cli::Say;
+use crate::shell::Say;
 use anyhow::Result;
 use kinelm_store::random;
 use serde_json::json;

@@ -9,7 +9,7 @@ mod read;
 mod tokenize;
 mod train;
 
-use crate::cli::{Say, print};
+use crate::shell::{Say, print};
 use anyhow::Result;
 use serde_json::{Map, Value, json};
 use std::time::Instant;

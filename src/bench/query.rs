@@ -1,7 +1,7 @@
 //! `kinelm bench query`.
 
 use super::{How, Rates, Row, Unit, rounded, seconds};
-use crate::cli::Say;
+use crate::shell::Say;
 use crate::spectral::query::made_up::made_up;
 use crate::spectral::query::{Distance, Kind, Wanted};
 use anyhow::Result;

@@ -1,7 +1,7 @@
 //! `kinelm bench read`.
 
 use super::{How, Rates, Row, Unit, seconds};
-use crate::cli::Say;
+use crate::shell::Say;
 use anyhow::{Context, Result};
 use kinelm_motion::format::{ReadOptions, bvh};
 use kinelm_motion::synth;

@@ -1,7 +1,7 @@
 //! `kinelm bench tokenize`.
 
 use super::{How, Rates, Row, Unit, seconds};
-use crate::cli::Say;
+use crate::shell::Say;
 use anyhow::Result;
 use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::{Clip, synth};

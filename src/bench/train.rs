@@ -2,8 +2,8 @@
 
 use super::model::{BenchModel, ModelArgs};
 use super::{How, Rates, Row, Unit, peak, rounded, seconds};
-use crate::cli::{ComputeArgs, Say};
 use crate::model::{Architecture, DeviceName, layout};
+use crate::shell::{ComputeArgs, Say};
 use crate::train::batches::Batch;
 use crate::train::learner::clip_share;
 use crate::train::{Learner, Precision, learner};

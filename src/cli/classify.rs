@@ -153,7 +153,7 @@ fn trained(args: TrainArgs, say: Say) -> Result<()> {
         patience: args.patience,
         seed: args.seed,
     };
-    let stop = super::pretrain::stop_on_ctrl_c()?;
+    let stop = crate::shell::training::stop_on_ctrl_c()?;
     let done = train(&run, &corpus, &options, (&args.out, args.resume), &stop, &mut |told| {
         let valid = match (told.valid_nats, told.valid_accuracy) {
             (Some(nats), Some(right)) => format!("; validation {nats:.3}, {:.1} % of windows right", 100.0 * right),

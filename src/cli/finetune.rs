@@ -51,14 +51,14 @@ pub fn run(args: Args, say: Say) -> Result<()> {
             let resume = true;
             let of_run = PretrainOptions { corpora, run, steps, seed, resume, ..Default::default() };
             let options = PretrainOptions { precision, compute, opening, ..of_run };
-            super::pretrain::with_lines(say, |stop, progress| pretrain(&options, stop, progress))?
+            crate::shell::training::with_lines(say, |stop, progress| pretrain(&options, stop, progress))?
         }
         (Some(from), Some(config)) => {
             let (corpora, run, steps, seed) = (args.corpus, args.run, args.steps, args.seed);
             let conditions = args.conditions;
             let options =
                 FinetuneOptions { from, config, corpora, run, steps, seed, conditions, precision, compute, opening };
-            super::pretrain::with_lines(say, |stop, progress| finetune(&options, stop, progress))?
+            crate::shell::training::with_lines(say, |stop, progress| finetune(&options, stop, progress))?
         }
         _ => return Err(WrongCall("give --from and --config, or --resume".into()).into()),
     };

@@ -51,7 +51,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         compute: args.compute.get(),
         opening: args.trust.opening(),
     };
-    let stop = super::pretrain::stop_on_ctrl_c()?;
+    let stop = crate::shell::training::stop_on_ctrl_c()?;
     // after the corpora are opened, which tells of its own wait
     let mut bar = None;
     let found = lr_find(&options, &stop, &mut |tried| {

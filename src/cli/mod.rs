@@ -3,18 +3,16 @@
 //! Only here are there `anyhow`, printing and environment variables. Data go to stdout, everything else to stderr.
 
 mod aclstm;
-mod args;
 mod classify;
 mod clean;
 mod command;
 mod config;
 mod convert;
 mod corpus;
-pub(crate) mod data;
-pub(crate) mod draw;
+mod data;
+mod draw;
 mod evaluate;
 mod export;
-mod files;
 mod filter;
 mod finetune;
 mod fit;
@@ -27,34 +25,29 @@ mod many;
 mod mirror;
 mod music;
 mod music_lstm;
-mod ours;
-mod outcome;
 mod plan;
-pub(crate) mod pretrain;
-pub(crate) mod progress;
+mod pretrain;
 mod query;
-pub(crate) mod read;
+mod read;
 mod runs;
-mod say;
 mod spectrum;
 mod study;
 mod tokenize;
 mod tokenizer;
-pub(crate) mod updates;
+mod updates;
 mod view;
 mod view_files;
 
-pub(crate) use args::{ComputeArgs, ForceArgs, ReadingArgs, TrustArgs};
-pub(crate) use files::{draw_charts, each_file, extension, page, picture, readable, writable, written_as};
-pub(crate) use outcome::{Stopped, WrongCall, asked, chain};
-pub(crate) use say::{Odd, Say, print, tell, warn};
-
+use crate::shell::outcome::{is_broken_pipe, is_stopped, is_wrong_call, refused, told_plain};
+use crate::shell::say::all_read;
+use crate::shell::{
+    ComputeArgs, ForceArgs, Odd, ReadingArgs, Say, Stopped, TrustArgs, WrongCall, asked, chain, draw_charts, each_file,
+    extension, page, picture, print, progress, readable, tell, training, warn, writable, written_as,
+};
 use anyhow::{Error, Result};
 use clap::Parser;
 use command::{Call, command};
 use kinelm_engine::arena::NoMemory;
-use outcome::{is_broken_pipe, is_stopped, is_wrong_call, refused, told_plain};
-use say::all_read;
 use std::ffi::OsString;
 use std::panic::{AssertUnwindSafe, resume_unwind};
 use std::process::ExitCode;
@@ -70,7 +63,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let args: Vec<OsString> = args.into_iter().collect();
     let call = match Call::try_parse_from(&args) {
         Ok(call) => call,
-        Err(e) => return refused(told_plain(e, &args)),
+        Err(e) => return refused(told_plain::<Call>(e, &args)),
     };
     match work(call) {
         Ok(()) => ExitCode::SUCCESS,

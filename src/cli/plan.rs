@@ -1,8 +1,8 @@
 //! `kinelm plan`.
 
 use super::{Say, print};
-use crate::generate::plan::timeline;
-use crate::generate::recipe::Plan;
+use crate::generate::request::Timeline;
+use crate::generate::timeline::timeline;
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -21,7 +21,7 @@ pub struct CheckArgs {
 
 pub fn run(command: &Command, say: Say) -> Result<()> {
     let Command::Check(args) = command;
-    let (_, laid) = Plan::load(&args.plan)?;
+    let (_, laid) = Timeline::load(&args.plan)?;
     laid.notes.iter().for_each(|note| say.line(note));
     print(&timeline(&laid))
 }

@@ -1,15 +1,11 @@
 //! `kinelm pretrain`.
 
-use super::progress::Telling;
 use super::{ComputeArgs, Say, Stopped, TrustArgs};
 use crate::store::presets;
 use crate::train::config::TRAIN;
-use crate::train::{CorpusPart, Lines, Precision, PretrainOptions, Progress, Silent, Summary, TrainFile, pretrain};
+use crate::train::{CorpusPart, Precision, PretrainOptions, Summary, TrainFile};
 use anyhow::Result;
-use std::io::IsTerminal;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -66,7 +62,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         compute: args.compute.get(),
         opening: args.trust.opening(),
     };
-    told(&watched(&options, say)?, "pretrain", say)
+    told(&super::training::watched(&options, say)?, "pretrain", say)
 }
 
 /// Says how a run ended.
@@ -90,32 +86,4 @@ pub fn told(summary: &Summary, command: &str, say: Say) -> Result<()> {
         );
     }
     Ok(())
-}
-
-/// Trains with lines on stderr, until it is done or Ctrl-C comes.
-pub fn watched(options: &PretrainOptions, say: Say) -> Result<Summary> {
-    with_lines(say, |stop, progress| pretrain(options, stop, progress))
-}
-
-/// Runs a training with lines on stderr and a flag that Ctrl-C sets.
-pub fn with_lines(
-    say: Say,
-    train: impl FnOnce(&AtomicBool, &mut dyn Progress) -> crate::Result<Summary>,
-) -> Result<Summary> {
-    let stop = stop_on_ctrl_c()?;
-    let mut lines = Lines::new(Telling::of("training"), std::io::stderr().is_terminal());
-    let progress: &mut dyn Progress = if say.quiet() { &mut Silent } else { &mut lines };
-    Ok(train(&stop, progress)?)
-}
-
-/// A flag that the first Ctrl-C sets; the second ends the program at once.
-pub fn stop_on_ctrl_c() -> Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = stop.clone();
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::SeqCst) {
-            std::process::exit(130);
-        }
-    })?;
-    Ok(stop)
 }

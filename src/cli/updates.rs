@@ -16,7 +16,7 @@ pub fn follow(
     say: Say,
     train: impl FnOnce(&AtomicBool, &mut dyn FnMut(Event)) -> crate::Result<Summary>,
 ) -> Result<()> {
-    let stop = super::pretrain::stop_on_ctrl_c()?;
+    let stop = crate::shell::training::stop_on_ctrl_c()?;
     let mut bar: Option<_> = None;
     let done = train(&stop, &mut |event| match event {
         Event::Note(text) => say.line(text),

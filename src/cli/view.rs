@@ -10,7 +10,7 @@ use super::{
 use crate::baselines::music_lstm;
 use crate::evaluate::dance::beats::Pair;
 use crate::generate::provenance;
-use crate::generate::recipe::Span;
+use crate::generate::request::Span;
 use crate::view::{Figure, music, page_with};
 use anyhow::Result;
 use kinelm_motion::format;

@@ -2,18 +2,18 @@
 
 mod music;
 
-use crate::cli::{ComputeArgs, Say, WrongCall};
 use crate::corpus::build::{self, BuildOptions};
 use crate::corpus::{Corpus, Split, gather};
 use crate::evaluate::{Baselines, CodeSplits, Extent, measure};
-use crate::generate::make::Ready;
+use crate::generate::open::OpenRequest;
 use crate::generate::place::Led;
 use crate::generate::prompt::{self, Prompt};
-use crate::generate::recipe::{Computing, Draws, Length, Place, PromptRecipe, Request};
+use crate::generate::request::{Computing, Draws, Length, Place, PromptRequest, Request};
 use crate::generate::rest::RestJoints;
 use crate::generate::sampling::Draw;
 use crate::model::likelihood::likelihood;
 use crate::model::{Which, load_run};
+use crate::shell::{ComputeArgs, Say, WrongCall};
 use crate::train::{CorpusPart, PretrainOptions, TrainFile};
 use crate::view::{Figure, write_page};
 use anyhow::{Context, Result};
@@ -88,7 +88,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let path = at("motion").join(&test.name).with_extension("bvh");
     let prompt = Prompt::load(&path, &ReadOptions::default(), &tokenizer)?;
     let (frames, second) = (FRAMES.min(prompt.frames()), tokenizer.fps() as usize);
-    let given = |joints: Option<&str>, from_frame| PromptRecipe {
+    let given = |joints: Option<&str>, from_frame| PromptRequest {
         path: path.clone(),
         read: ReadOptions::default(),
         joints: joints.map(str::to_owned),
@@ -109,7 +109,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let floors = measure(&CodeSplits::of_corpora(&corpus, (&corpus, Split::Test), Extent::Sample)?)?;
     let report = report(&args, model.bits_per_frame, &floors, started.elapsed().as_secs_f64());
     write_whole(&at("report.md"), report.as_bytes())?;
-    crate::cli::print(&report)?;
+    crate::shell::print(&report)?;
     let [page, dance, free] = ["page.html", "dance.bvh", "free.bvh"].map(|name| at(name).display().to_string());
     say.line(format_args!("done: open {page} in a browser; the dances are {dance} and {free}"));
     Ok(())
@@ -152,7 +152,7 @@ fn sweep(folder: &Path, extensions: &[&str]) -> Result<()> {
         let path = entry.with_context(|| folder.display().to_string())?.path();
         if path.is_dir() {
             sweep(&path, extensions)?;
-        } else if extensions.contains(&crate::cli::extension(&path).as_str()) && is_made_up(&path) {
+        } else if extensions.contains(&crate::shell::extension(&path).as_str()) && is_made_up(&path) {
             std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
         }
     }
@@ -214,13 +214,13 @@ fn train(args: &Args, settings: &str, say: Say) -> Result<()> {
         compute: args.compute.get(),
         ..PretrainOptions::default()
     };
-    let summary = crate::cli::pretrain::watched(&options, say)?;
+    let summary = crate::shell::training::watched(&options, say)?;
     anyhow::ensure!(!summary.stopped, "stopped in training; run the demo again with --force");
     Ok(())
 }
 
 /// A dance of the model that is given something of a test dance.
-fn generate(args: &Args, prompt: PromptRecipe, frames: usize, calm: f64) -> Result<Clip> {
+fn generate(args: &Args, prompt: PromptRequest, frames: usize, calm: f64) -> Result<Clip> {
     let request = Request {
         prompt: Some(prompt),
         length: Some(Length::Frames(frames)),
@@ -229,7 +229,7 @@ fn generate(args: &Args, prompt: PromptRecipe, frames: usize, calm: f64) -> Resu
         computing: args.computing(),
         ..Request::of(args.out.join("run"))
     };
-    let mut ready = Ready::open(&request)?;
+    let mut ready = OpenRequest::open(&request)?;
     ready.recipe.draws = Draws::Seed;
     let danced = ready.dance(1, None, &mut |_| {})?;
     Ok(ready.motion(&ready.words(&danced, 0), Path::new("dance.bvh"))?.motion.clip)

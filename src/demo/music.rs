@@ -2,17 +2,17 @@
 //! dance to music of a tempo that it has never heard.
 
 use super::{Args, MARK, tokenize, train, write_dances};
-use crate::cli::Say;
 use crate::corpus::music::dance::music;
 use crate::corpus::{Corpus, Split};
 use crate::evaluate::dance::beats::{Figures, Kept, Pair, doubted, of_corpus};
-use crate::generate::make::Ready;
 use crate::generate::music::GUIDANCE;
-use crate::generate::recipe::{Draws, LeadInKind, Length, MusicRecipe, Request};
+use crate::generate::open::OpenRequest;
+use crate::generate::request::{Draws, LeadInKind, Length, MusicRequest, Request};
 use crate::generate::sampling::Draw;
 use crate::generate::variation_seed;
 use crate::model::likelihood::likelihood;
 use crate::model::{Which, load_run};
+use crate::shell::Say;
 use crate::view::music::Music;
 use crate::view::{Figure, page_with};
 use anyhow::{Context, Result};
@@ -66,7 +66,7 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
     let bits = [bits(&conditions)?, bits(&conditions.unknown())?];
     let report = report(args, &table, bits, started.elapsed().as_secs_f64());
     write_whole(&at("report.md"), report.as_bytes())?;
-    crate::cli::print(&report)?;
+    crate::shell::print(&report)?;
     let [page, dance] = ["page.html", "dance.bvh"].map(|name| at(name).display().to_string());
     say.line(format_args!("done: open {page} in a browser, and click to hear it; the dance is {dance}"));
     Ok(())
@@ -114,7 +114,7 @@ fn piece(args: &Args, dance: &Dance) -> Result<Piece> {
 fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
     let request = Request {
         guidance: piece.map(|_| GUIDANCE),
-        music: piece.map(|piece| MusicRecipe { path: piece.path.clone(), from_s: 0.0 }),
+        music: piece.map(|piece| MusicRequest { path: piece.path.clone(), from_s: 0.0 }),
         length: Some(Length::Seconds(SECONDS)),
         lead_in: Some(LeadInKind::None),
         seed: variation_seed(args.seed, number),
@@ -122,7 +122,7 @@ fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
         computing: args.computing(),
         ..Request::of(args.out.join("run"))
     };
-    let mut ready = Ready::open(&request)?;
+    let mut ready = OpenRequest::open(&request)?;
     // dances with and without music draw with the same numbers
     ready.recipe.draws = Draws::Seed;
     let danced = ready.dance(1, None, &mut |_| {})?;

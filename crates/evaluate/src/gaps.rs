@@ -12,7 +12,7 @@ use kinelm_generate::edit::feet;
 use kinelm_generate::edit::mask::Mask;
 use kinelm_generate::edit::splice::lengthened;
 use kinelm_generate::sampling::Draw;
-use kinelm_generate::{NextToken, Plan, dances, variation_seed};
+use kinelm_generate::{NextToken, SamplingPlan, dances, variation_seed};
 use kinelm_model::ahead::{Ahead, Course};
 use kinelm_motion::rotation::slerp;
 use kinelm_motion::{Clip, Vec3};
@@ -125,7 +125,7 @@ pub struct Filler<'a> {
     pub seed: u64,
     /// Whether feet are held.
     pub hold_feet: bool,
-    /// How the model is told what lies behind a gap, and how far it is led there, as [`Plan::ahead`]; `None`: it isn't told.
+    /// How the model is told what lies behind a gap, and how far it is led there, as [`SamplingPlan::ahead`]; `None`: it isn't told.
     pub ahead: Option<(Ahead, f64)>,
 }
 
@@ -180,14 +180,14 @@ impl Filler<'_> {
             .ahead
             .as_ref()
             .map(|(ahead, scale)| (Course::new(ahead.clone(), ahead.codes(&gap.ids), given.clone(), 0), *scale));
-        let plan = Plan {
+        let plan = SamplingPlan {
             course: course.as_ref().map(|(course, _)| course),
             ahead: course.as_ref().map_or(0.0, |(_, scale)| *scale),
             given: &given,
             foretold: &foretold,
             prompt: &gap.ids,
             front: &front,
-            ..Plan::free(self.tokenizer.grammar(), words, self.draw, seed)
+            ..SamplingPlan::free(self.tokenizer.grammar(), words, self.draw, seed)
         };
         let drawn = dances(self.model, &plan, &mut |_| {})?;
         let mut draws = Vec::with_capacity(drawn.ids.len());

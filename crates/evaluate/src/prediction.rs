@@ -7,7 +7,7 @@
 use crate::{Error, Result};
 use kinelm_corpus::Conditions;
 use kinelm_generate::sampling::Draw;
-use kinelm_generate::{NextToken, Plan, dances, variation_seed};
+use kinelm_generate::{NextToken, SamplingPlan, dances, variation_seed};
 use kinelm_motion::metric::ShortTerm;
 use kinelm_motion::metric::short_term::UpTo;
 use kinelm_motion::{Clip, Quat};
@@ -180,8 +180,9 @@ impl Foreteller<'_> {
             (true, Some(samples)) => (self.draw, &mut **samples),
             _ => (Draw::greedy(), &mut *self.greedy),
         };
-        let plan = Plan::free(tokenizer.grammar(), all - (known - seen), draw, variation_seed(self.seed, index));
-        let plan = Plan { beginning: &beginning, front: &front, ..plan };
+        let plan =
+            SamplingPlan::free(tokenizer.grammar(), all - (known - seen), draw, variation_seed(self.seed, index));
+        let plan = SamplingPlan { beginning: &beginning, front: &front, ..plan };
         let danced = dances(model, &plan, &mut |_| {})?;
         let before = tokenizer.ids_of_words(&words.slice(0..known - seen))?;
         let clip = |ids: &Vec<u32>| {

@@ -2,7 +2,7 @@
 //! is told nothing.
 
 use super::music::Music;
-use super::recipe::Recipe;
+use super::request::Resolved;
 use crate::{Error, Result};
 use kinelm_corpus::Conditions;
 use kinelm_corpus::music::tempo;
@@ -28,7 +28,7 @@ pub fn check_ahead(ahead: f64, run: &LoadedRun) -> Result<()> {
 /// # Errors
 /// A model that is told of music by its tempo alone, and knows none that is a number.
 pub(super) fn tell_tempo(
-    recipe: &mut Recipe,
+    recipe: &mut Resolved,
     music: &Music,
     (run, conditions): (&LoadedRun, &Conditions),
     seconds: f64,
@@ -52,7 +52,7 @@ pub(super) fn tell_tempo(
 }
 
 /// The tokens in front of the windows of the reading without conditions, if there is to be one.
-pub(super) fn without(recipe: &Recipe, run: &LoadedRun, conditions: &Conditions) -> Result<Option<Vec<u32>>> {
+pub(super) fn without(recipe: &Resolved, run: &LoadedRun, conditions: &Conditions) -> Result<Option<Vec<u32>>> {
     let scale = recipe.guidance;
     if scale == 1.0 {
         return Ok(None);

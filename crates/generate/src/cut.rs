@@ -1,6 +1,6 @@
 //! How much of what is likely tokens are drawn from, where nobody says.
 
-use super::make::Ready;
+use super::open::OpenRequest;
 use super::starts::has_given_behind_drawn;
 
 /// [`super::sampling::Draw::top_p`] of a dance that is given joints behind free ones in all its frames. What is given keeps it
@@ -8,7 +8,7 @@ use super::starts::has_given_behind_drawn;
 /// (docs/results/two-level.md, "What is cut").
 pub const GIVEN_TOP_P: f64 = 0.8;
 
-impl Ready {
+impl OpenRequest {
     /// Draws with [`GIVEN_TOP_P`] where every frame that isn't given whole has joints given behind free ones.
     pub(super) fn cut_where_given(&mut self) {
         let Some(prompt) = &self.prompt else { return };

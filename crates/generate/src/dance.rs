@@ -1,6 +1,6 @@
 //! One dance being drawn: what of its window the model has read, what it reads next, what is drawn from the logits.
 
-use super::{NextToken, Plan, sampling};
+use super::{NextToken, SamplingPlan, sampling};
 use crate::{Error, Result};
 use kinelm_engine::decode as engine;
 use kinelm_model::ahead::{Course, Told};
@@ -8,7 +8,7 @@ use kinelm_tokenizer::carriage::Stand;
 use kinelm_tokenizer::{Place, SPACE};
 
 pub(super) struct Dance<'a> {
-    plan: &'a Plan<'a>,
+    plan: &'a SamplingPlan<'a>,
     seed: u64,
     /// Ids that it begins with.
     beginning: &'a [u32],
@@ -85,7 +85,7 @@ impl<'a> Led<'a> {
 }
 
 impl<'a> Dance<'a> {
-    pub fn new(plan: &'a Plan<'a>, (seed, beginning): (u64, &'a [u32]), context: usize) -> Self {
+    pub fn new(plan: &'a SamplingPlan<'a>, (seed, beginning): (u64, &'a [u32]), context: usize) -> Self {
         let word = plan.grammar.tokens_per_word();
         let mut dance = Dance {
             plan,
@@ -173,7 +173,7 @@ impl<'a> Dance<'a> {
     }
 
     /// What the difference of both readings is multiplied with for the next token: where the frame is told what is given
-    /// ahead, or is what was told of, [`Plan::ahead`], else the guidance's; `None`: the first reading alone counts.
+    /// ahead, or is what was told of, [`SamplingPlan::ahead`], else the guidance's; `None`: the first reading alone counts.
     pub fn scale(&self) -> Option<f64> {
         let is_led = |led: &Led| led.last == Some(self.words()) || self.foretells(self.place);
         let ahead = self.led.as_ref().filter(|led| is_led(led)).map(|_| self.plan.ahead);

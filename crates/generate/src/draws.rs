@@ -4,11 +4,11 @@
 //! large one at the same places, and what stood further back than a model sees is forgotten. So what a dance is given makes
 //! its numbers, together with the seed. How it is drawn doesn't, so that two ways of drawing can be compared.
 
-use super::make::Ready;
+use super::open::OpenRequest;
 use rand_chacha::rand_core::RngCore;
 use sha2::{Digest, Sha256};
 
-impl Ready {
+impl OpenRequest {
     /// What the dance is given, as a number; 0: nothing, or it doesn't count. Where the files lie changes nothing.
     pub(super) fn given_number(&self) -> u64 {
         let recipe = &self.recipe;

@@ -2,7 +2,7 @@
 
 use super::edit::Edited;
 use super::prompt::{self, Prompt};
-use super::recipe::PromptRecipe;
+use super::request::PromptRequest;
 use crate::{Error, Result};
 use kinelm_motion::Source;
 use kinelm_motion::joints::{self, Selection};
@@ -27,7 +27,7 @@ pub struct Followed {
 
 impl Followed {
     /// Reads a prompt; joints named as its rig names them get SMPL's names in the recipe.
-    pub(super) fn load(recipe: &mut PromptRecipe, frames: Option<usize>, tokenizer: &Tokenizer) -> Result<Followed> {
+    pub(super) fn load(recipe: &mut PromptRequest, frames: Option<usize>, tokenizer: &Tokenizer) -> Result<Followed> {
         if recipe.joints.is_none() && recipe.from_frame.is_none() && recipe.edit.is_none() {
             let path = recipe.path.display();
             return Err(Error::call(format!(

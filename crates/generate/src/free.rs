@@ -1,7 +1,7 @@
 //! What of a dance was invented: the rest is its prompt's.
 
 use super::followed::Followed;
-use super::make::Ready;
+use super::open::OpenRequest;
 use std::ops::Range;
 
 /// Frames through which the same joints were invented.
@@ -28,7 +28,7 @@ pub fn stretches(frames: usize, coded: &[usize], given: impl Fn(usize, usize) ->
     all
 }
 
-impl Ready {
+impl OpenRequest {
     /// What of the dance is invented.
     pub fn invented(&self) -> Vec<Stretch> {
         let coded = self.tokenizer.channels().joints();

@@ -2,7 +2,7 @@
 //!
 //! Where they change, the window is read again with other tokens in front: a model knows of its window one value a field.
 
-use super::recipe::TimedLabel;
+use super::request::TimedLabel;
 use crate::{Error, Result};
 use kinelm_corpus::Conditions;
 use kinelm_motion::moment::Scale;

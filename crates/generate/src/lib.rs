@@ -22,17 +22,17 @@ pub mod free;
 pub mod guidance;
 pub mod labels;
 mod likely;
-pub mod make;
 pub mod music;
+pub mod open;
 pub mod place;
-pub mod plan;
 pub mod prompt;
 pub mod provenance;
-pub mod recipe;
+pub mod request;
 pub mod resolve;
 pub mod rest;
 pub mod sampling;
 pub mod starts;
+pub mod timeline;
 
 use dance::Dance;
 use guidance::Guidance;
@@ -179,7 +179,7 @@ pub fn check_frames(frames: usize) -> Result<()> {
 
 /// What is to be danced.
 #[derive(Debug, Clone)]
-pub struct Plan<'a> {
+pub struct SamplingPlan<'a> {
     /// Words wanted.
     pub words: usize,
     /// Of these the first ones that only lead in: free or the beginning's, the prompt's first word behind them.
@@ -188,7 +188,7 @@ pub struct Plan<'a> {
     pub grammar: Grammar,
     /// Ids of whole words, spaces included, that the dance begins with.
     pub beginning: &'a [u32],
-    /// The same of each dance drawn side by side, where they begin with words of their own; empty: [`Plan::beginning`].
+    /// The same of each dance drawn side by side, where they begin with words of their own; empty: [`SamplingPlan::beginning`].
     pub beginnings: &'a [&'a [u32]],
     /// (C) which places of a word are given, where all words have C characters and none are merged, or (P, C) which of each
     /// word of the prompt; empty: none.
@@ -226,12 +226,12 @@ pub struct Plan<'a> {
 /// What stands in front of a window without conditions.
 const FRONT: &[u32] = &[Special::Bos.id()];
 
-impl Plan<'_> {
+impl SamplingPlan<'_> {
     /// A free dance of so many words of a grammar.
     pub fn free(grammar: Grammar, words: usize, draw: Draw, seed: u64) -> Self {
         let guesses = if draw.greedy { GUESSES } else { 0 };
         let (beginning, given, foretold, prompt) = (&[][..], &[][..], &[][..], &[][..]);
-        Plan {
+        SamplingPlan {
             words,
             lead_in: 0,
             grammar,
@@ -271,7 +271,7 @@ impl Plan<'_> {
 ///
 /// # Errors
 /// As [`dances`]; a model of several sequences.
-pub fn dance(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Vec<u32>> {
+pub fn dance(model: &mut dyn NextToken, plan: &SamplingPlan, progress: &mut dyn FnMut(usize)) -> Result<Vec<u32>> {
     if model.streams() != plan.streams() {
         let (found, expected) = (model.streams(), plan.streams());
         return Err(Error::call(format!("one dance from a model of {found} sequences; expected {expected}")));
@@ -281,10 +281,10 @@ pub fn dance(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(us
 
 /// What came out.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Danced {
+pub struct SampledTokens {
     /// The ids of each dance, spaces included.
     pub ids: Vec<Vec<u32>>,
-    /// What was drawn of each where it was given: the place among its ids, and the id. See [`Plan::foretold`].
+    /// What was drawn of each where it was given: the place among its ids, and the id. See [`SamplingPlan::foretold`].
     pub foretold: Vec<Vec<(usize, u32)>>,
     /// Tokens that were guessed ahead.
     pub guessed: u64,
@@ -292,7 +292,7 @@ pub struct Danced {
     pub right: u64,
 }
 
-/// As many dances as the model has sequences for, see [`Plan::streams`]. The first is the plan's; the others draw from
+/// As many dances as the model has sequences for, see [`SamplingPlan::streams`]. The first is the plan's; the others draw from
 /// seeds of their own, made from the plan's. `progress` is told the number of words that all of them have.
 ///
 /// # Errors
@@ -300,7 +300,11 @@ pub struct Danced {
 /// number of dances; fronts of other lengths than the first; a course of other words, music of another number of them; logits
 /// that allow no token (word
 /// and place are named), and what the model's own reading fails with.
-pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(usize)) -> Result<Danced> {
+pub fn dances(
+    model: &mut dyn NextToken,
+    plan: &SamplingPlan,
+    progress: &mut dyn FnMut(usize),
+) -> Result<SampledTokens> {
     check(model, plan)?;
     let variations = 0..model.streams() / plan.streams();
     let seeds = variations.map(|i| draws::seed(variation_seed(plan.seed, i), plan.given_number)).collect();
@@ -309,13 +313,13 @@ pub fn dances(model: &mut dyn NextToken, plan: &Plan, progress: &mut dyn FnMut(u
     let count = |f: &dyn Fn(&Dance) -> u64| dances.iter().map(f).sum();
     let (guessed, right) = (count(&|d| d.guessed), count(&|d| d.right));
     let (ids, foretold) = dances.into_iter().map(Dance::into_drawn).unzip();
-    Ok(Danced { ids, foretold, guessed, right })
+    Ok(SampledTokens { ids, foretold, guessed, right })
 }
 
 /// A dance for each seed, drawn side by side; or, to weigh it, what comes up to [`Dance::is_weighed`].
 fn drawn<'a>(
     model: &mut dyn NextToken,
-    plan: &'a Plan<'a>,
+    plan: &'a SamplingPlan<'a>,
     seeds: &[u64],
     weigh: bool,
     progress: &mut dyn FnMut(usize),
@@ -359,7 +363,7 @@ fn drawn<'a>(
 }
 
 /// Refuses a model and a plan that make no dances together.
-fn check(model: &dyn NextToken, plan: &Plan) -> Result<()> {
+fn check(model: &dyn NextToken, plan: &SamplingPlan) -> Result<()> {
     let (context, word) = (model.context(), plan.grammar.tokens_per_word());
     // a window of n words reads the front and n words but for the last space
     let room = (context + 1).saturating_sub(plan.front.len());

@@ -1,13 +1,13 @@
 //! How likely a dance is to the model that made it.
 
-use super::make::Ready;
+use super::open::OpenRequest;
 use crate::{Error, Result};
 use kinelm_corpus::windows::{eval_windows, fill_sequence};
 use kinelm_corpus::words::ClipWords;
 use kinelm_model::likelihood::room;
 use kinelm_tokenizer::{SPACE, Words};
 
-impl Ready {
+impl OpenRequest {
     /// Bits a frame of each dance, what was given of it among them: windows and what of them counts as where clips are measured
     /// ([`kinelm_model::likelihood`]), the labels in front told, of music and of what is ahead nothing.
     ///

@@ -1,6 +1,6 @@
 //! The music of a dance that is to be made.
 
-use super::recipe::MusicRecipe;
+use super::request::MusicRequest;
 use crate::{Error, Result};
 use kinelm_corpus::Conditions;
 use kinelm_corpus::music::find::in_dance;
@@ -27,7 +27,7 @@ pub fn guidance(told: kinelm_model::music::Music) -> f64 {
 
 /// A piece, heard.
 pub struct Music {
-    recipe: MusicRecipe,
+    recipe: MusicRequest,
     /// SHA-256 of its file.
     pub sha256: String,
     piece: Piece,
@@ -38,7 +38,7 @@ impl Music {
     ///
     /// # Errors
     /// A model that is told neither music nor its tempo; music that can't be read, is silent, or ends before the dance begins.
-    pub fn hear(recipe: &MusicRecipe, run: &LoadedRun, fps: f64) -> Result<Music> {
+    pub fn hear(recipe: &MusicRequest, run: &LoadedRun, fps: f64) -> Result<Music> {
         if run.config.music.is_none() && !run.conditions.iter().any(|field| field == tempo::FIELD) {
             return Err(Error::call(format!(
                 "--music {}: this model hears no music (model.music) and knows no tempo (train.conditions); train one on a \

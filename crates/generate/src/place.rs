@@ -1,7 +1,7 @@
 //! Where a dance stands: coding takes the place of the first frame off, and a free root starts facing anywhere.
 
 use super::followed::Followed;
-use super::recipe::Place;
+use super::request::Place;
 use crate::Result;
 use kinelm_motion::rotation::heading;
 use kinelm_motion::{Clip, Quat, Vec3};

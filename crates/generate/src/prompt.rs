@@ -1,6 +1,6 @@
 //! A prompt: a clip in the user's own rig, as the model sees it, and the way back.
 
-use super::recipe::{Recipe, Rig};
+use super::request::{Resolved, Rig};
 use super::rest::{self, RestJoints};
 use crate::{Error, Result};
 use kinelm_corpus::load::{Placed, load_placed, parse_placed};
@@ -178,7 +178,7 @@ const OFF_RANGE: f64 = 0.01;
 /// What reading, retargeting and coding fail with.
 pub fn read_back(
     dance: &Path,
-    recipe: &Recipe,
+    recipe: &Resolved,
     prompt: &Prompt,
     tokenizer: &Tokenizer,
 ) -> Result<Option<(Motion, Words)>> {

@@ -4,8 +4,8 @@
 //! the hash of the dance itself.
 
 use super::best::Best;
-use super::make::Ready;
-use super::recipe::Recipe;
+use super::open::OpenRequest;
+use super::request::Resolved;
 use crate::{Error, Result};
 use kinelm_motion::format::ReadOptions;
 use kinelm_store::FileRecord;
@@ -45,7 +45,7 @@ pub struct Provenance {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub best: Option<Best>,
     /// What decides it. Its frames are never left out.
-    pub recipe: Recipe,
+    pub recipe: Resolved,
     /// Updates that the model's checkpoint had.
     pub step: u64,
     /// SHA-256 of the weights' file.
@@ -107,9 +107,9 @@ impl Provenance {
     ///
     /// # Errors
     /// The prompt can't be read.
-    pub fn of(ready: &Ready, variation: usize, (dance, fps): (&Path, f64), bytes: &[u8]) -> Result<Provenance> {
+    pub fn of(ready: &OpenRequest, variation: usize, (dance, fps): (&Path, f64), bytes: &[u8]) -> Result<Provenance> {
         let lead_in_from = ready.lead_in(variation.saturating_sub(1)).map(|lead_in| lead_in.from.clone());
-        let recipe = Recipe { frames: Some(ready.frames), lead_in_from, ..ready.recipe.clone() };
+        let recipe = Resolved { frames: Some(ready.frames), lead_in_from, ..ready.recipe.clone() };
         let prompt = ready.prompt.as_ref().map(|prompt| prompt.clip.sha256.clone());
         Ok(Provenance {
             schema: SCHEMA,
@@ -179,7 +179,7 @@ impl Provenance {
     ///
     /// # Errors
     /// [`Error::Call`] that names what has changed, with both hashes.
-    pub fn check(&self, ready: &Ready) -> Result<()> {
+    pub fn check(&self, ready: &OpenRequest) -> Result<()> {
         let prompt = ready.prompt.as_ref().map(|prompt| prompt.clip.sha256.clone());
         let (run, tokenizer) = (ready.recipe.run.display(), ready.run.tokenizer.display());
         same(&format!("{run}: the weights at step {}", self.step), &self.weights_sha256, &ready.run.weights_sha256())?;

@@ -1,9 +1,9 @@
 //! A request decided: every choice that it leaves open is made here, and only here, with the reason.
 
 use super::feet;
-use super::make::{AHEAD, Ready};
 use super::music;
-use super::recipe::{Care, Draws, LeadInKind, Length, Place, Recipe, Request, Rig};
+use super::open::{AHEAD, OpenRequest};
+use super::request::{Draws, FootMode, LeadInKind, Length, Place, Request, Resolved, Rig};
 use super::rest::RestJoints;
 use super::sampling::{Draw, TOP_P};
 use super::starts::STARTS;
@@ -21,17 +21,17 @@ pub struct Decision {
     pub why: &'static str,
 }
 
-impl Ready {
+impl OpenRequest {
     /// Opens the model that a request names, reads prompt and music, and decides everything that the request leaves open:
-    /// [`Ready::recipe`] then says all of it, and [`Ready::decisions`] why.
+    /// [`OpenRequest::recipe`] then says all of it, and [`OpenRequest::decisions`] why.
     ///
     /// ```no_run
-    /// use kinelm_generate::make::Ready;
-    /// use kinelm_generate::recipe::{Length, Request};
+    /// use kinelm_generate::open::OpenRequest;
+    /// use kinelm_generate::request::{Length, Request};
     /// use std::path::Path;
     ///
     /// let request = Request { length: Some(Length::Seconds(10.0)), ..Request::of("run") };
-    /// let ready = Ready::open(&request)?;
+    /// let ready = OpenRequest::open(&request)?;
     /// let danced = ready.dance(1, None, &mut |frames| eprintln!("{frames} of {}", ready.frames))?;
     /// let out = Path::new("dance.bvh");
     /// std::fs::write(out, ready.motion(&ready.words(&danced, 0), out)?.bytes(out)?)?;
@@ -39,9 +39,9 @@ impl Ready {
     /// ```
     ///
     /// # Errors
-    /// Those of [`Ready::load`]; a lead-in for a dance whose first frame is given, or that the run doesn't keep; candidates
+    /// Those of [`OpenRequest::load`]; a lead-in for a dance whose first frame is given, or that the run doesn't keep; candidates
     /// for a first frame that there is nothing to choose by.
-    pub fn open(request: &Request) -> Result<Ready> {
+    pub fn open(request: &Request) -> Result<OpenRequest> {
         if request.ahead.is_some() && request.prompt.is_none() {
             return Err(Error::option("ahead", "there is no clip; what is given ahead is that of a prompt or a plan"));
         }
@@ -50,7 +50,7 @@ impl Ready {
             let what = "the clip is edited: joints that the model doesn't know are the clip's; leave it out";
             return Err(Error::option("rest-joints", what));
         }
-        let mut ready = Ready::load(request.begun(), Which::Auto)?;
+        let mut ready = OpenRequest::load(request.begun(), Which::Auto)?;
         ready.stand_with_prompt();
         ready.decide_lead_in(request.lead_in)?;
         ready.decide_first_frame(request.starts)?;
@@ -78,7 +78,7 @@ impl Ready {
         }
         if request.feet.is_none() {
             let given = feet::fixed(ready.prompt.as_ref(), 0).legs.contains(&true);
-            ready.recipe.feet = if given { Care::Off } else { Care::Lock };
+            ready.recipe.feet = if given { FootMode::Off } else { FootMode::Lock };
             let why = if given { "a leg is given" } else { "no leg is given" };
             ready.decided("feet", format!("{:?}", ready.recipe.feet).to_lowercase(), why);
         }
@@ -144,7 +144,7 @@ impl Ready {
 
 impl Request {
     /// What can be said of the request before the model is open.
-    fn begun(&self) -> Recipe {
+    fn begun(&self) -> Resolved {
         let is_edited = self.prompt.as_ref().is_some_and(|prompt| prompt.edit.is_some());
         let rest = if self.prompt.is_some() { RestJoints::Follow } else { RestJoints::Training };
         let (frames, seconds) = match self.length {
@@ -152,7 +152,7 @@ impl Request {
             Some(Length::Seconds(seconds)) => (None, Some(seconds)),
             None => (None, None),
         };
-        Recipe {
+        Resolved {
             run: self.run.clone(),
             prompt: self.prompt.clone(),
             labels: self.labels.clone(),
@@ -172,7 +172,7 @@ impl Request {
             rig: self.rig.unwrap_or(if is_edited { Rig::Prompt } else { Rig::Model }),
             rest_joints: self.rest_joints.unwrap_or(rest),
             place: None,
-            feet: self.feet.unwrap_or(Care::Off),
+            feet: self.feet.unwrap_or(FootMode::Off),
             computing: self.computing.clone(),
         }
     }

@@ -8,16 +8,16 @@
 //! Steering of Large Language Models" (2023).
 
 use super::followed::Followed;
-use super::make::Ready;
+use super::open::OpenRequest;
 use super::sampling::Draw;
-use super::{NextToken, Plan, drawn};
+use super::{NextToken, SamplingPlan, drawn};
 use crate::Result;
 use rand_chacha::rand_core::RngCore;
 
 /// Starts that are drawn where nobody says how many.
 pub const STARTS: usize = 64;
 
-impl Plan<'_> {
+impl SamplingPlan<'_> {
     /// Whether its start can be chosen: something of its first word is given behind what is drawn, and nothing stands before.
     fn begins_in_part(&self) -> bool {
         let characters = self.grammar.tokens_per_word().map_or(0, |word| word - 1);
@@ -46,14 +46,14 @@ pub(super) fn has_given_behind_drawn(given: &[bool]) -> bool {
 ///
 /// # Errors
 /// Those of [`super::dances`].
-pub(super) fn chosen(model: &mut dyn NextToken, plan: &Plan, seeds: Vec<u64>) -> Result<Vec<u64>> {
+pub(super) fn chosen(model: &mut dyn NextToken, plan: &SamplingPlan, seeds: Vec<u64>) -> Result<Vec<u64>> {
     if plan.starts < 2 || !plan.begins_in_part() {
         return Ok(seeds);
     }
     // what is given at the end of the first word is read with the second
     let words = plan.words.min(2);
     let music = &plan.music[..plan.music.len() / plan.words.max(1) * words];
-    let begun = Plan { words, music, guesses: 0, ..plan.clone() };
+    let begun = SamplingPlan { words, music, guesses: 0, ..plan.clone() };
     let mut best: Vec<(f64, u64)> = seeds.iter().map(|&seed| (f64::NEG_INFINITY, seed)).collect();
     for start in 0..plan.starts {
         let own: Vec<u64> = seeds.iter().map(|&seed| start_seed(seed, start)).collect();
@@ -75,7 +75,7 @@ fn start_seed(seed: u64, start: usize) -> u64 {
     }
 }
 
-impl Ready {
+impl OpenRequest {
     /// Whether some joints are given in the first frame, and others drawn before them.
     pub fn begins_in_part(&self) -> bool {
         let begins = self.prompt.as_ref().is_some_and(|prompt| prompt.beginning.is_empty());
@@ -160,24 +160,24 @@ mod tests {
         let one = plan(12, &given, &PROMPT, draw);
         let mut seen = 0;
         for seed in 0..20 {
-            let of_starts = |starts| run(100, &Plan { seed, starts, ..one.clone() }).unwrap().0;
+            let of_starts = |starts| run(100, &SamplingPlan { seed, starts, ..one.clone() }).unwrap().0;
             let (first, best) = (of_starts(1), of_starts(40));
             assert!(likelihood(&best) >= likelihood(&first), "seed {seed}");
             seen += usize::from(likelihood(&best) > likelihood(&first) + 1.0);
             // as likely as the likeliest of all starts, each drawn for itself
             let start = |start: usize| start_seed(seed, start);
             let all: Vec<Vec<u32>> =
-                (0..40).map(|i| run(100, &Plan { seed: start(i), ..one.clone() }).unwrap().0).collect();
+                (0..40).map(|i| run(100, &SamplingPlan { seed: start(i), ..one.clone() }).unwrap().0).collect();
             let most = all.iter().map(|ids| likelihood(ids)).fold(f64::NEG_INFINITY, f64::max);
             assert!((likelihood(&best) - most).abs() < 1e-4, "seed {seed}: {} of {most}", likelihood(&best));
             assert!(all.contains(&best), "the whole dance is that of its start");
         }
         assert!(seen > 15, "{seen} of 20 starts are better than the first");
         // each of several side by side has its own
-        let plan = Plan { starts: 40, ..one.clone() };
+        let plan = SamplingPlan { starts: 40, ..one.clone() };
         let together = dances(&mut model(100, 3), &plan, &mut |_| {}).unwrap().ids;
         for (i, ids) in together.iter().enumerate() {
-            assert_eq!(ids, &run(100, &Plan { seed: variation_seed(plan.seed, i), ..plan.clone() }).unwrap().0);
+            assert_eq!(ids, &run(100, &SamplingPlan { seed: variation_seed(plan.seed, i), ..plan.clone() }).unwrap().0);
         }
     }
 
@@ -187,14 +187,14 @@ mod tests {
         let certain = Draw { top_k: Some(1), ..Draw::temperature(3.0) };
         let mut other = 0;
         for seed in 0..20 {
-            let cut = Plan { seed, ..plan(12, &given, &PROMPT, certain) };
+            let cut = SamplingPlan { seed, ..plan(12, &given, &PROMPT, certain) };
             let first = run(100, &cut).unwrap().0;
-            let best = run(100, &Plan { starts: 40, ..cut.clone() }).unwrap().0;
-            let uncut = Plan { draw: Draw::temperature(3.0), starts: 40, ..cut.clone() };
+            let best = run(100, &SamplingPlan { starts: 40, ..cut.clone() }).unwrap().0;
+            let uncut = SamplingPlan { draw: Draw::temperature(3.0), starts: 40, ..cut.clone() };
             assert_eq!(best[..6], run(100, &uncut).unwrap().0[..6], "seed {seed}");
             other += usize::from(best[..6] != first[..6]);
             // what is cut to one token draws the same from a beginning
-            let behind = Plan { beginning: &best[..6], ..cut.clone() };
+            let behind = SamplingPlan { beginning: &best[..6], ..cut.clone() };
             assert_eq!(best, run(100, &behind).unwrap().0, "seed {seed}");
         }
         assert!(other > 10, "{other} of 20 starts are not the likeliest tokens");
@@ -210,11 +210,11 @@ mod tests {
             plan(6, &all, &PROMPT, hot),
             plan(6, &root, &PROMPT, hot),
             plan(6, &some, &PROMPT, Draw::greedy()),
-            Plan { beginning, ..plan(6, &some, &PROMPT, hot) },
-            Plan { lead_in: 1, ..plan(6, &some, &PROMPT, hot) },
+            SamplingPlan { beginning, ..plan(6, &some, &PROMPT, hot) },
+            SamplingPlan { lead_in: 1, ..plan(6, &some, &PROMPT, hot) },
         ];
         for plan in plans {
-            let found = [1, 40].map(|starts| run(100, &Plan { starts, ..plan.clone() }).unwrap());
+            let found = [1, 40].map(|starts| run(100, &SamplingPlan { starts, ..plan.clone() }).unwrap());
             assert_eq!(found[0], found[1], "the same ids, of as many reads");
         }
     }

@@ -48,22 +48,22 @@ impl NextToken for Summing {
     }
 }
 
-pub(super) fn plan<'a>(words: usize, given: &'a [bool], prompt: &'a [u32], draw: Draw) -> Plan<'a> {
+pub(super) fn plan<'a>(words: usize, given: &'a [bool], prompt: &'a [u32], draw: Draw) -> SamplingPlan<'a> {
     let grammar = Grammar::new(&Vocabulary::new(10), WordLength::Fixed(given.len()));
-    Plan { given, prompt, guesses: 0, ..Plan::free(grammar, words, draw, 7) }
+    SamplingPlan { given, prompt, guesses: 0, ..SamplingPlan::free(grammar, words, draw, 7) }
 }
 
 /// Words of up to 7 characters.
-fn varying(words: usize, beginning: &[u32], draw: Draw) -> Plan<'_> {
+fn varying(words: usize, beginning: &[u32], draw: Draw) -> SamplingPlan<'_> {
     let grammar = Grammar::new(&Vocabulary::new(10), WordLength::Varying { most: 7 });
-    Plan { beginning, guesses: 0, ..Plan::free(grammar, words, draw, 7) }
+    SamplingPlan { beginning, guesses: 0, ..SamplingPlan::free(grammar, words, draw, 7) }
 }
 
 pub(super) fn model(context: usize, streams: usize) -> Summing {
     Summing { context, read: vec![vec![3; 3]; streams], calls: 0 }
 }
 
-pub(super) fn run(context: usize, plan: &Plan) -> Result<(Vec<u32>, usize)> {
+pub(super) fn run(context: usize, plan: &SamplingPlan) -> Result<(Vec<u32>, usize)> {
     let mut model = model(context, 1);
     let ids = dance(&mut model, plan, &mut |_| {})?;
     Ok((ids, model.calls))
@@ -109,8 +109,8 @@ fn the_whole_window_is_read_before_it_moves() {
 fn the_same_seed_gives_the_same_dance() {
     let p = plan(20, &[false; 3], &[], Draw::temperature(3.0));
     assert_eq!(run(30, &p).unwrap(), run(30, &p).unwrap());
-    assert_ne!(run(30, &p).unwrap(), run(30, &Plan { seed: 8, ..p.clone() }).unwrap());
-    assert_ne!(run(30, &p).unwrap(), run(30, &Plan { given_number: 1, ..p.clone() }).unwrap());
+    assert_ne!(run(30, &p).unwrap(), run(30, &SamplingPlan { seed: 8, ..p.clone() }).unwrap());
+    assert_ne!(run(30, &p).unwrap(), run(30, &SamplingPlan { given_number: 1, ..p.clone() }).unwrap());
 }
 
 #[test]
@@ -130,7 +130,7 @@ fn guessing_ahead_changes_no_id_and_saves_reads() {
                 let (ids, calls) = run(context, &plain).unwrap();
                 for guesses in [1, 2, 5] {
                     let mut model = model(context, 1);
-                    let found = dances(&mut model, &Plan { guesses, ..plain.clone() }, &mut |_| {}).unwrap();
+                    let found = dances(&mut model, &SamplingPlan { guesses, ..plain.clone() }, &mut |_| {}).unwrap();
                     assert_eq!(found.ids, std::slice::from_ref(&ids));
                     assert_eq!(model.calls + found.right as usize, calls);
                     assert!(found.right <= found.guessed && found.guessed > 0);
@@ -143,7 +143,7 @@ fn guessing_ahead_changes_no_id_and_saves_reads() {
 #[test]
 fn the_first_of_several_dances_is_the_one_danced_alone() {
     for guesses in [0, 2] {
-        let plan = Plan { guesses, ..plan(20, &[false, true, false], &[6, 7, 8, 5], Draw::temperature(3.0)) };
+        let plan = SamplingPlan { guesses, ..plan(20, &[false, true, false], &[6, 7, 8, 5], Draw::temperature(3.0)) };
         let mut model = model(30, 3);
         let mut done = Vec::new();
         let found = dances(&mut model, &plan, &mut |frames| done.push(frames)).unwrap().ids;
@@ -222,7 +222,7 @@ fn guessing_ahead_changes_no_word_of_any_length() {
             let mut guessed = 0;
             for guesses in [1, 2, 5] {
                 let mut model = model(context, 1);
-                let found = dances(&mut model, &Plan { guesses, ..plain.clone() }, &mut |_| {}).unwrap();
+                let found = dances(&mut model, &SamplingPlan { guesses, ..plain.clone() }, &mut |_| {}).unwrap();
                 assert_eq!(found.ids, std::slice::from_ref(&ids));
                 assert_eq!(model.calls + found.right as usize, calls);
                 guessed += found.guessed;
@@ -261,7 +261,8 @@ fn guidance_reads_with_and_without_conditions() {
     for (scale, context) in [(0.0, 200), (0.3, 20), (1.0, 20), (3.0, 200)] {
         for guesses in [0, 3] {
             let guidance = Some(Guidance { scale, without: &[2] });
-            let plan = Plan { guidance, guesses, ..plan(12, &[false, true, false], &[6, 7, 8, 5], Draw::greedy()) };
+            let plan =
+                SamplingPlan { guidance, guesses, ..plan(12, &[false, true, false], &[6, 7, 8, 5], Draw::greedy()) };
             let ids = dance(&mut model(context, 2), &plan, &mut |_| {}).unwrap();
             assert_eq!((ids[1], ids.len()), (7, 48));
             if context == 200 {
@@ -270,19 +271,20 @@ fn guidance_reads_with_and_without_conditions() {
                 }
             }
             // beside others it is the same, and the others are not
-            let sampled = Plan { draw: Draw::temperature(9.0), ..plan.clone() };
+            let sampled = SamplingPlan { draw: Draw::temperature(9.0), ..plan.clone() };
             let alone = dance(&mut model(context, 2), &sampled, &mut |_| {}).unwrap();
             let three = dances(&mut model(context, 6), &sampled, &mut |_| {}).unwrap().ids;
             assert!(three.len() == 3 && three[0] == alone && three[1] != alone);
             if scale == 1.0 {
-                let plain = Plan { guidance: None, ..sampled };
+                let plain = SamplingPlan { guidance: None, ..sampled };
                 assert_eq!(dance(&mut model(context, 1), &plain, &mut |_| {}).unwrap(), alone);
             }
         }
     }
-    let said =
-        |plan: Plan, streams: usize| dances(&mut model(50, streams), &plan, &mut |_| {}).unwrap_err().to_string();
-    let guided = |without| Plan {
+    let said = |plan: SamplingPlan, streams: usize| {
+        dances(&mut model(50, streams), &plan, &mut |_| {}).unwrap_err().to_string()
+    };
+    let guided = |without| SamplingPlan {
         guidance: Some(Guidance { scale: 2.0, without }),
         ..plan(2, &[false; 3], &[], Draw::greedy())
     };
@@ -294,18 +296,18 @@ fn guidance_reads_with_and_without_conditions() {
 fn a_front_that_changes_is_that_of_the_window_from_its_word_on() {
     let fronts = [(3, vec![2]), (7, vec![1])];
     for (context, guesses) in [(200, 0), (200, 3), (20, 0)] {
-        let base = Plan { guesses, ..plan(9, &[false, true, false], &[6, 7, 8, 5], Draw::temperature(3.0)) };
-        let ids = |plan: &Plan| run(context, plan).unwrap().0;
-        let changed = ids(&Plan { fronts: &fronts, ..base.clone() });
+        let base = SamplingPlan { guesses, ..plan(9, &[false, true, false], &[6, 7, 8, 5], Draw::temperature(3.0)) };
+        let ids = |plan: &SamplingPlan| run(context, plan).unwrap().0;
+        let changed = ids(&SamplingPlan { fronts: &fronts, ..base.clone() });
         let before = ids(&base);
         assert!(changed[..12] == before[..12] && changed[12..28] != before[12..28], "{changed:?}");
         // as if one with that front went on from there
-        let second = ids(&Plan { front: &[2], beginning: &changed[..12], ..base.clone() });
+        let second = ids(&SamplingPlan { front: &[2], beginning: &changed[..12], ..base.clone() });
         assert_eq!(changed[..28], second[..28]);
-        assert_eq!(changed, ids(&Plan { beginning: &changed[..28], ..base.clone() }));
+        assert_eq!(changed, ids(&SamplingPlan { beginning: &changed[..28], ..base.clone() }));
     }
     let longer = [(3, vec![2, 2])];
-    let wrong = Plan { fronts: &longer, ..plan(9, &[false; 3], &[], Draw::greedy()) };
+    let wrong = SamplingPlan { fronts: &longer, ..plan(9, &[false; 3], &[], Draw::greedy()) };
     assert!(run(200, &wrong).unwrap_err().to_string().contains("a front of 2 tokens from word 3 on; expected 1"));
 }
 
@@ -316,8 +318,8 @@ fn a_word_that_is_foretold_is_drawn_taken_back_and_made_of_what_is_given() {
     let given: Vec<bool> = (0..12).map(|i| i != 4).collect();
     let foretold: Vec<bool> = (0..12).map(|i| i == 7).collect();
     let one_frame = |context: usize, guesses: usize, foretold: &[bool]| {
-        let plan = Plan { foretold, guesses, words: 6, ..plan(6, &given[..3], &prompt, Draw::greedy()) };
-        let plan = Plan { given: &given, ..plan };
+        let plan = SamplingPlan { foretold, guesses, words: 6, ..plan(6, &given[..3], &prompt, Draw::greedy()) };
+        let plan = SamplingPlan { given: &given, ..plan };
         dances(&mut model(context, 1), &plan, &mut |_| {}).unwrap()
     };
     for (context, guesses) in [(100, 0), (100, 4), (14, 0), (12, 2)] {
@@ -341,9 +343,10 @@ fn a_word_that_is_foretold_may_begin_with_a_free_place() {
     let given: Vec<bool> = (0..12).map(|i| !(3..7).contains(&i)).collect();
     let foretold: Vec<bool> = (0..12).map(|i| i == 7 || i == 8).collect();
     for (context, guesses) in [(100, 0), (100, 4), (14, 0), (12, 2)] {
-        let plan = Plan { guesses, words: 6, ..plan(6, &given[..3], &prompt, Draw::greedy()) };
+        let plan = SamplingPlan { guesses, words: 6, ..plan(6, &given[..3], &prompt, Draw::greedy()) };
         let [without, with] = [&[][..], &foretold].map(|foretold| {
-            dances(&mut model(context, 1), &Plan { given: &given, foretold, ..plan.clone() }, &mut |_| {}).unwrap()
+            dances(&mut model(context, 1), &SamplingPlan { given: &given, foretold, ..plan.clone() }, &mut |_| {})
+                .unwrap()
         });
         assert_eq!(with.ids, without.ids, "{context} {guesses}");
         assert_eq!(with.foretold[0].len(), 2);
@@ -353,7 +356,7 @@ fn a_word_that_is_foretold_may_begin_with_a_free_place() {
 #[test]
 fn what_leads_in_is_free_and_the_prompt_stands_behind_it() {
     let prompt = [6, 7, 8, 5, 9, 10, 11, 5];
-    let plan = Plan { lead_in: 2, ..plan(5, &[false, true, false], &prompt, Draw::temperature(3.0)) };
+    let plan = SamplingPlan { lead_in: 2, ..plan(5, &[false, true, false], &prompt, Draw::temperature(3.0)) };
     let (ids, calls) = run(100, &plan).unwrap();
     assert_eq!((ids.len(), ids[2 * 4 + 1], ids[3 * 4 + 1]), (20, 7, 10));
     assert_eq!(calls, 3 * 3 + 2 * 2);
@@ -397,7 +400,7 @@ mod led {
         Course::new(ahead, codes, [&vec![false; lead_in * C], given].concat(), lead_in)
     }
 
-    fn drawn(gpt: &Gpt, plan: &Plan) -> Vec<u32> {
+    fn drawn(gpt: &Gpt, plan: &SamplingPlan) -> Vec<u32> {
         let mut reader = Reader::new(gpt, Reading { streams: plan.streams(), ..Reading::default() }).unwrap();
         dance(&mut reader, plan, &mut |_| {}).unwrap()
     }
@@ -414,11 +417,11 @@ mod led {
         let given = knee_free();
         let course = course(&tokenizer, &prompt, &given, 0);
         for guesses in [0, 4] {
-            let free = Plan::free(tokenizer.grammar(), FRAMES, Draw::greedy(), 1);
-            let plan = Plan { given: &given, prompt: &prompt, course: Some(&course), guesses, ..free };
+            let free = SamplingPlan::free(tokenizer.grammar(), FRAMES, Draw::greedy(), 1);
+            let plan = SamplingPlan { given: &given, prompt: &prompt, course: Some(&course), guesses, ..free };
             assert_eq!(plan.streams(), 1);
             let ids = drawn(&gpt, &plan);
-            assert_ne!(ids, drawn(&gpt, &Plan { ahead: 0.0, ..plan.clone() }));
+            assert_ne!(ids, drawn(&gpt, &SamplingPlan { ahead: 0.0, ..plan.clone() }));
             // the characters that the plain logits of the whole dance want, told by the course of its own characters
             let own = super::led::course(&tokenizer, &ids, &given, 0);
             let inputs = [&[1], &ids[..ids.len() - 1]].concat();
@@ -451,9 +454,9 @@ mod led {
         let given: Vec<bool> = (0..FRAMES).flat_map(|frame| [!is_free(frame); C]).collect();
         let foretold: Vec<bool> = (0..FRAMES).flat_map(|frame| [frame == 12; C]).collect();
         let course = course(&tokenizer, &prompt, &given, 2);
-        let free = Plan::free(tokenizer.grammar(), FRAMES + 2, Draw::temperature(0.5), 4);
-        let plan = Plan { given: &given, foretold: &foretold, prompt: &prompt, lead_in: 2, ..free };
-        let led = |ahead: f64| Plan { course: Some(&course), ahead, ..plan.clone() };
+        let free = SamplingPlan::free(tokenizer.grammar(), FRAMES + 2, Draw::temperature(0.5), 4);
+        let plan = SamplingPlan { given: &given, foretold: &foretold, prompt: &prompt, lead_in: 2, ..free };
+        let led = |ahead: f64| SamplingPlan { course: Some(&course), ahead, ..plan.clone() };
         assert_eq!([0.0, 1.0, 2.0].map(|ahead| led(ahead).streams()), [1, 1, 2]);
         let ways = [0.0, 1.0, 2.0].map(|ahead| drawn(&gpt, &led(ahead)));
         assert_eq!(ways[0], drawn(&gpt, &plan));
@@ -481,7 +484,7 @@ mod led {
         let (tokenizer, gpt, prompt) = setup(5);
         let course = course(&tokenizer, &prompt, &[true; FRAMES * C], 0);
         let mut reader = Reader::new(&gpt, Reading::default()).unwrap();
-        let plan = Plan { course: Some(&course), ..plan(5, &[true], &[6, 5], Draw::greedy()) };
+        let plan = SamplingPlan { course: Some(&course), ..plan(5, &[true], &[6, 5], Draw::greedy()) };
         let message = dance(&mut reader, &plan, &mut |_| {}).unwrap_err().to_string();
         assert!(message.contains("frames of 9 characters given ahead of words of another length"), "{message}");
     }
@@ -520,7 +523,7 @@ mod heard {
         told(config.hears(), &sound, (0..words).map(|word| word as f64 / 20.0), 1.0)
     }
 
-    fn drawn(gpt: &Gpt, plan: &Plan) -> Vec<u32> {
+    fn drawn(gpt: &Gpt, plan: &SamplingPlan) -> Vec<u32> {
         let mut reader = Reader::new(gpt, Reading { streams: plan.streams(), ..Reading::default() }).unwrap();
         dance(&mut reader, plan, &mut |_| {}).unwrap()
     }
@@ -530,9 +533,13 @@ mod heard {
         let (tokenizer, gpt) = setup(FRAMES);
         let music = beats(FRAMES);
         for guesses in [0, 4] {
-            let plan = Plan { music: &music, guesses, ..Plan::free(tokenizer.grammar(), FRAMES, Draw::greedy(), 1) };
+            let plan = SamplingPlan {
+                music: &music,
+                guesses,
+                ..SamplingPlan::free(tokenizer.grammar(), FRAMES, Draw::greedy(), 1)
+            };
             let ids = drawn(&gpt, &plan);
-            assert_ne!(ids, drawn(&gpt, &Plan { music: &[], ..plan.clone() }));
+            assert_ne!(ids, drawn(&gpt, &SamplingPlan { music: &[], ..plan.clone() }));
             let inputs = [&[1], &ids[..ids.len() - 1]].concat();
             let mut fast = Fast::of(&gpt).unwrap();
             let told = ahead::Told { music: music.clone(), ..Default::default() };
@@ -553,18 +560,18 @@ mod heard {
     fn windows_that_move_keep_the_music_s_time_and_guidance_enlarges_it() {
         let (tokenizer, gpt) = setup(4);
         let music = beats(FRAMES);
-        let free = Plan::free(tokenizer.grammar(), FRAMES, Draw::temperature(0.5), 4);
-        let heard = Plan { music: &music, ..free.clone() };
+        let free = SamplingPlan::free(tokenizer.grammar(), FRAMES, Draw::temperature(0.5), 4);
+        let heard = SamplingPlan { music: &music, ..free.clone() };
         // what comes later in the music changes nothing before it
         let mut later = music.clone();
         let (m, word) = (music.len() / FRAMES, tokenizer.tokens_per_word().unwrap());
         later[9 * m..].fill(0.0);
-        let (a, b) = (drawn(&gpt, &heard), drawn(&gpt, &Plan { music: &later, ..free.clone() }));
+        let (a, b) = (drawn(&gpt, &heard), drawn(&gpt, &SamplingPlan { music: &later, ..free.clone() }));
         assert!(a[..9 * word] == b[..9 * word] && a != b);
         let front = [Special::Bos.id()];
         let guided = |scale: f64| {
             let guidance = Some(Guidance { scale, without: &front });
-            drawn(&gpt, &Plan { guidance, ..heard.clone() })
+            drawn(&gpt, &SamplingPlan { guidance, ..heard.clone() })
         };
         assert!(guided(1.0) == a && guided(3.0) != a);
         assert_eq!(guided(0.0), drawn(&gpt, &free));
@@ -573,10 +580,10 @@ mod heard {
     #[test]
     fn music_of_other_words_and_numbers_is_refused() {
         let (tokenizer, gpt) = setup(4);
-        let free = Plan::free(tokenizer.grammar(), 5, Draw::greedy(), 4);
+        let free = SamplingPlan::free(tokenizer.grammar(), 5, Draw::greedy(), 4);
         let said = |music: &[f32]| {
             let mut reader = Reader::new(&gpt, Reading::default()).unwrap();
-            dance(&mut reader, &Plan { music, ..free.clone() }, &mut |_| {}).unwrap_err().to_string()
+            dance(&mut reader, &SamplingPlan { music, ..free.clone() }, &mut |_| {}).unwrap_err().to_string()
         };
         assert!(said(&[0.0; 7]).contains("7 numbers of music for 5 words"));
         assert!(said(&[0.0; 10]).contains("2 numbers of music; this model is told"));

@@ -1,7 +1,7 @@
 //! The fast form draws the dances of the plain one.
 
 use crate::sampling::Draw;
-use crate::{NextToken, Plan, dances};
+use crate::{NextToken, SamplingPlan, dances};
 use kinelm_model::{HeadKind, ModelConfig, Positions, Reader, Reading, TokenLayout, forms};
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 
@@ -29,7 +29,7 @@ fn dances_of_the_default_form_are_those_of_the_plain_one_guessed_or_not() {
         for greedy in [true, false] {
             let draw = Draw { greedy, ..Draw::default() };
             let dance = |model: &mut dyn NextToken, guesses| {
-                let plan = Plan { guesses, ..Plan::free(tokenizer.grammar(), 30, draw, 3) };
+                let plan = SamplingPlan { guesses, ..SamplingPlan::free(tokenizer.grammar(), 30, draw, 3) };
                 dances(model, &plan, &mut |_| {}).unwrap()
             };
             let alone = dance(&mut fast(), 0);

@@ -4,7 +4,7 @@ use super::run::RunFile;
 use crate::{Error, Result};
 use candle_core::Tensor;
 use kinelm_generate as generate;
-use kinelm_generate::Plan;
+use kinelm_generate::SamplingPlan;
 use kinelm_generate::prompt::on_model_rig;
 use kinelm_generate::sampling::{Draw, TOP_P};
 use kinelm_model::run::{TOKENIZER, load_tokenizer};
@@ -41,7 +41,7 @@ fn draw(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>
     let mut front = vec![Special::Unk.id(); file.tokens.front];
     front[0] = Special::Bos.id();
     let mut plan =
-        Plan::free(tokenizer.grammar(), words, Draw { top_p: Some(TOP_P), ..Draw::default() }, file.train.seed);
+        SamplingPlan::free(tokenizer.grammar(), words, Draw { top_p: Some(TOP_P), ..Draw::default() }, file.train.seed);
     plan.front = &front;
     let ids = generate::dance(&mut reader, &plan, &mut |_| ())?;
     let clip = tokenizer.decode(&tokenizer.words_of_ids(&ids).words, Rest::Identity)?.slice(0..frames);

@@ -6,7 +6,7 @@ use crate::baselines::aclstm::run::Trained;
 use crate::cli::read::{ReadArgs, frames_at};
 use crate::cli::{ForceArgs, Say, WrongCall, asked, filter, generate, progress, writable, written_as};
 use crate::generate::MOST_FRAMES;
-use crate::generate::recipe::Care;
+use crate::generate::request::FootMode;
 use crate::model::Which;
 use anyhow::{Context, Result};
 use kinelm_motion::format::{self, RestFrame};
@@ -74,8 +74,8 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         frames: args.frames as usize,
         with_seed: args.with_seed,
         feet: match args.feet {
-            FeetArg::Lock => Care::Lock,
-            FeetArg::Off => Care::Off,
+            FeetArg::Lock => FootMode::Lock,
+            FeetArg::Off => FootMode::Off,
         },
     };
     if let Some(path) = [&recipe.run, &recipe.clip].into_iter().find(|path| path.to_str().is_none()) {

@@ -12,7 +12,7 @@ use crate::evaluate::dance::prompted::{Prompted, prompted};
 use crate::evaluate::dance::{Dance, Real};
 use crate::generate::prompt::given_places;
 use crate::generate::provenance::{self, Provenance};
-use crate::generate::recipe::Recipe;
+use crate::generate::request::Resolved;
 use anyhow::Result;
 use kinelm_motion::format::{Format, ReadOptions, RestFrame};
 use kinelm_motion::joints;
@@ -234,7 +234,7 @@ pub fn told_of(path: &Path, say: Say) -> Option<Provenance> {
 pub fn held_to_prompt(
     dance: &Dance,
     path: &Path,
-    recipe: &Recipe,
+    recipe: &Resolved,
     tokenizer: &Tokenizer,
     say: Say,
 ) -> Option<Prompted> {

@@ -5,7 +5,7 @@ use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, pro
 use crate::corpus::Split;
 use crate::evaluate::gaps::{Filler, Measured, frames_before, gaps};
 use crate::generate::conditions::check_ahead;
-use crate::generate::make::AHEAD;
+use crate::generate::open::AHEAD;
 use crate::generate::reader;
 use crate::model::ahead::Ahead;
 use crate::model::{LoadedRun, Which, load_run};

@@ -2,10 +2,10 @@
 
 use super::{Args, danced, outputs, say as said};
 use crate::cli::{Say, WrongCall, asked, convert, extension, writable};
-use crate::generate::make::Ready;
+use crate::generate::open::OpenRequest;
 use crate::generate::provenance::Provenance;
-use crate::generate::recipe::Plan;
-use crate::generate::recipe::Recipe;
+use crate::generate::request::Resolved;
+use crate::generate::request::Timeline;
 use crate::generate::variation_seed;
 use crate::model::Which;
 use anyhow::Result;
@@ -28,7 +28,7 @@ pub fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     let outputs = outputs(args, &recipe.run, recipe.prompt.as_ref(), recipe.music.as_ref());
     outputs.check([&*out])?;
     outputs.check_replaceable(&out, Some(&first.output.sha256))?;
-    let ready = Ready::load(recipe, Which::Step(first.step)).map_err(asked)?;
+    let ready = OpenRequest::load(recipe, Which::Step(first.step)).map_err(asked)?;
     said::opened(&ready, say)?;
     first.check(&ready)?;
     let words = danced(&ready, 1, args.guesses, say)?.remove(0);
@@ -39,7 +39,7 @@ pub fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
         outputs.write(&out, &bytes)?; // and it tells of the dance already
     } else {
         let read = ReadOptions { fps_source: Some(made.motion.clip.fps()), ..ready.read_back(&out) };
-        let recipe = Recipe { seed: first.recipe.seed, ..ready.recipe };
+        let recipe = Resolved { seed: first.recipe.seed, ..ready.recipe };
         let output = sidecar::FileHash { file: sidecar::name_of(&out), ..first.output };
         let told = Provenance { output, read, recipe, kinelm: env!("CARGO_PKG_VERSION").into(), ..first };
         told.write(&out, &bytes, &outputs)?;
@@ -60,7 +60,7 @@ pub fn out(asked: Option<&PathBuf>, file: &Path, name: &str) -> Result<PathBuf> 
 }
 
 /// Where the files of a dance are now, if they are elsewhere.
-fn moved(args: &Args, recipe: &mut Recipe) -> Result<()> {
+fn moved(args: &Args, recipe: &mut Resolved) -> Result<()> {
     let none =
         |option: &str, what: &str| Err(WrongCall(format!("{option}: the dance has no {what}; leave it out")).into());
     let prompt = recipe.prompt.as_mut();
@@ -68,7 +68,7 @@ fn moved(args: &Args, recipe: &mut Recipe) -> Result<()> {
         (None, None, _) => {}
         (Some(path), None, Some(prompt)) if prompt.plan.is_none() => prompt.path.clone_from(path),
         (None, Some(path), Some(prompt)) if prompt.plan.is_some() => {
-            let (plan, laid) = Plan::load(path)?;
+            let (plan, laid) = Timeline::load(path)?;
             if let Some(other) = laid.labels.iter().find(|label| !recipe.timed_labels.contains(label)) {
                 let what = format!("--plan {}: it tells {other}, which the dance wasn't told", path.display());
                 return Err(WrongCall(what).into());

@@ -5,7 +5,7 @@ use crate::corpus::{Corpus, Split};
 use crate::evaluate::dance::judge::Judge;
 use crate::evaluate::dance::{Dance, Real};
 use crate::generate::best::Best;
-use crate::generate::make::Ready;
+use crate::generate::open::OpenRequest;
 use crate::train::run::RunFile;
 use anyhow::Result;
 use kinelm_motion::format::Format;
@@ -38,7 +38,7 @@ impl BestArgs {
     }
 
     /// Reads the real dances, where there is to be a choice.
-    pub fn beside(&self, ready: &Ready, say: Say) -> Result<Option<Beside>> {
+    pub fn beside(&self, ready: &OpenRequest, say: Say) -> Result<Option<Beside>> {
         if self.best.is_none() {
             return Ok(None);
         }
@@ -85,7 +85,7 @@ impl Beside {
     /// The dances that are to be written to so many files, the best first: which they are, and what was found.
     pub fn choose(
         &self,
-        ready: &Ready,
+        ready: &OpenRequest,
         danced: &[Words],
         wanted: usize,
         out: &Path,

@@ -6,13 +6,13 @@ use crate::generate::edit::close::LeftOver;
 use crate::generate::edit::mask::Understood;
 use crate::generate::edit::round::roughness;
 use crate::generate::followed::Followed;
-use crate::generate::make::Made;
-use crate::generate::recipe::Edit;
-use crate::generate::recipe::Plan;
-use crate::generate::recipe::PromptRecipe;
-use crate::generate::recipe::Span;
-use crate::generate::recipe::TimedLabel;
-use crate::generate::recipe::{Comes, Round};
+use crate::generate::open::Generated;
+use crate::generate::request::Edit;
+use crate::generate::request::PromptRequest;
+use crate::generate::request::Span;
+use crate::generate::request::TimedLabel;
+use crate::generate::request::Timeline;
+use crate::generate::request::{Comes, Round};
 use anyhow::Result;
 use kinelm_motion::joints::say_meant_twice;
 use kinelm_motion::moment::Moment;
@@ -87,13 +87,13 @@ impl EditArgs {
 }
 
 /// What a plan asks for: what is made of its clips, and what the model is told when.
-pub fn planned(path: &Path, args: &EditArgs, say: Say) -> Result<(PromptRecipe, Vec<TimedLabel>)> {
-    let (plan, laid) = Plan::load(path)?;
+pub fn planned(path: &Path, args: &EditArgs, say: Say) -> Result<(PromptRequest, Vec<TimedLabel>)> {
+    let (plan, laid) = Timeline::load(path)?;
     laid.notes.iter().for_each(|note| say.line(note));
     let (path, read, given) = (laid.path().to_owned(), laid.read(), laid.given());
     let (free, blend_s) = (Vec::new(), args.blend_s(&|| Ok(laid.fps))?);
     let edit = Edit { given, free, blend_s, tries: args.tries.into(), round: None };
-    let prompt = PromptRecipe { path, read, joints: None, from_frame: None, plan: Some(plan), edit: Some(edit) };
+    let prompt = PromptRequest { path, read, joints: None, from_frame: None, plan: Some(plan), edit: Some(edit) };
     Ok((prompt, laid.labels))
 }
 
@@ -145,7 +145,7 @@ pub fn say_left(left: &[LeftOver], fps: f64, say: Say) {
 }
 
 /// Says how rough the seam of a clip is that goes round.
-pub fn say_seam(edited: &Edited, made: &Made, say: Say) {
+pub fn say_seam(edited: &Edited, made: &Generated, say: Say) {
     let Some(seam) = &edited.seam else { return };
     // at another rate than the file's the gap lies elsewhere
     let clip = Some(&made.motion.clip).filter(|clip| clip.frames() == seam.frames());

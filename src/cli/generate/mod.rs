@@ -7,10 +7,10 @@ mod say;
 
 use super::{ComputeArgs, ForceArgs, ReadingArgs, Say, WrongCall, asked, draw::DrawArgs, read::ReadArgs};
 use crate::generate::best::Best;
-use crate::generate::make::Ready;
+use crate::generate::open::OpenRequest;
 use crate::generate::provenance::Provenance;
-use crate::generate::recipe::{
-    Care, Computing, LeadInKind, Length, MusicRecipe, PromptRecipe, Request, Rig, TimedLabel,
+use crate::generate::request::{
+    Computing, FootMode, LeadInKind, Length, MusicRequest, PromptRequest, Request, Rig, TimedLabel,
 };
 use crate::generate::rest::RestJoints;
 use crate::model::run::TOKENIZER;
@@ -109,7 +109,7 @@ pub struct Args {
     /// Feet that stand are held where they stand, and the body on its floor, as far as they are not given; or all is left
     /// as it is decoded. If not given, lock where no leg is followed
     #[arg(long, value_enum)]
-    feet: Option<Care>,
+    feet: Option<FootMode>,
     /// Free tokens that are guessed to be those of the word before, and verified in one read; changes no token.
     /// If not given, 8 with --greedy and none without: drawn tokens are too rarely those of the word before
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=64), hide_short_help = true)]
@@ -151,7 +151,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         outputs.check_replaceable(&sidecar::path_of(out), None)?;
     }
     // what is asked in words that the model doesn't have is a wrong call
-    let ready = Ready::open(&request).map_err(asked)?;
+    let ready = OpenRequest::open(&request).map_err(asked)?;
     say::opened(&ready, say)?;
     let beside = args.best.beside(&ready, say)?;
     let drawn = args.best.best.map_or(outs.len(), usize::from);
@@ -185,7 +185,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 }
 
 /// What a request reads is not written over.
-fn outputs(args: &Args, run: &Path, prompt: Option<&PromptRecipe>, music: Option<&MusicRecipe>) -> Outputs {
+fn outputs(args: &Args, run: &Path, prompt: Option<&PromptRequest>, music: Option<&MusicRequest>) -> Outputs {
     let prompt = prompt.into_iter().flat_map(|prompt| {
         let map = prompt.read.map.iter().map(PathBuf::from);
         map.chain(prompt.read.body_model.clone()).chain(prompt.files())
@@ -217,7 +217,7 @@ fn request(args: &Args, say: Say) -> Result<Request> {
                 let read = read_as(args, &path, say);
                 let from_frame = args.from_frame.map(|at| of_model(args, at)).transpose()?.map(|(_, at)| at as usize);
                 let edit = args.edit.get(&|| Ok(format::read(&path, &read)?.clip.fps()))?;
-                Some(PromptRecipe { path, read, joints: args.joints.clone(), from_frame, plan: None, edit })
+                Some(PromptRequest { path, read, joints: args.joints.clone(), from_frame, plan: None, edit })
             }
         },
     };
@@ -227,7 +227,7 @@ fn request(args: &Args, say: Say) -> Result<Request> {
         return Err(WrongCall(what.into()).into());
     }
     let music_from = args.music_from.map(|at| of_model(args, at)).transpose()?;
-    let music = args.music.clone().map(|path| MusicRecipe { path, from_s: music_from.unwrap_or_default().0 });
+    let music = args.music.clone().map(|path| MusicRequest { path, from_s: music_from.unwrap_or_default().0 });
     let length = args.frames.or(args.seconds).map(|length| match length {
         Moment::Seconds(seconds) => Length::Seconds(seconds),
         frames => Length::Frames(frames.number() as usize),
@@ -270,7 +270,7 @@ fn read_as(args: &Args, path: &Path, say: Say) -> ReadOptions {
 }
 
 /// The words of so many dances.
-fn danced(ready: &Ready, variations: usize, guesses: Option<u8>, say: Say) -> Result<Vec<Words>> {
+fn danced(ready: &OpenRequest, variations: usize, guesses: Option<u8>, say: Say) -> Result<Vec<Words>> {
     let bar = super::progress::bar(ready.frames as u64, "frames", say);
     let danced = ready.dance(variations, guesses.map(usize::from), &mut |frames| bar.set_position(frames as u64));
     drop(bar);

@@ -5,9 +5,9 @@ use crate::corpus::music::tempo;
 use crate::generate::apart::{apart, free_between, free_between_of};
 use crate::generate::edit::Edited;
 use crate::generate::followed::Followed;
-use crate::generate::make::Ready;
+use crate::generate::open::OpenRequest;
 use crate::generate::prompt;
-use crate::generate::recipe::{PromptRecipe, Span};
+use crate::generate::request::{PromptRequest, Span};
 use anyhow::Result;
 use kinelm_motion::{joints, smpl};
 use kinelm_tokenizer::{Tokenizer, Words};
@@ -15,7 +15,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 /// What the user should know of a request that is open.
-pub fn opened(ready: &Ready, say: Say) -> Result<()> {
+pub fn opened(ready: &OpenRequest, say: Say) -> Result<()> {
     ready.run.notes.iter().for_each(|note| say.line(note));
     if let Some((prompt, recipe)) = ready.prompt.as_ref().zip(ready.recipe.prompt.as_ref()) {
         of_prompt(ready, prompt, recipe, say)?;
@@ -28,7 +28,7 @@ pub fn opened(ready: &Ready, say: Say) -> Result<()> {
     Ok(())
 }
 
-fn of_prompt(ready: &Ready, prompt: &Followed, recipe: &PromptRecipe, say: Say) -> Result<()> {
+fn of_prompt(ready: &OpenRequest, prompt: &Followed, recipe: &PromptRequest, say: Say) -> Result<()> {
     warn(&prompt.clip.motion, say);
     if let Some(list) = &recipe.joints {
         not_followed(&ready.tokenizer, list, say)?;
@@ -99,7 +99,7 @@ fn offer(between: &[usize], list: &str, say: Say, call: impl FnOnce(&str) -> Str
 
 /// Reads a dance on the prompt's rig back and says which share of the given characters it codes otherwise, and how far the
 /// given joints are from the prompt's.
-pub fn read_back(ready: &Ready, words: &Words, out: &Path, say: Say) -> Result<()> {
+pub fn read_back(ready: &OpenRequest, words: &Words, out: &Path, say: Say) -> Result<()> {
     let followed = ready.on_own_rig().filter(|(prompt, _)| !prompt.given.is_empty());
     let (Some((prompt, recipe)), tokenizer) = (followed, &ready.tokenizer) else { return Ok(()) };
     let back = prompt::read_back(out, &ready.recipe, &prompt.clip, tokenizer)?;

@@ -9,7 +9,7 @@ use crate::{Error, Result};
 use kinelm_corpus::sidecar::as_written;
 use kinelm_generate::check_frames;
 use kinelm_generate::feet;
-use kinelm_generate::recipe::Care;
+use kinelm_generate::request::FootMode;
 use kinelm_motion::feet::{Fixed, Locked};
 use kinelm_motion::format::{Format, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
@@ -37,7 +37,7 @@ pub struct Recipe {
     /// Whether the seed stands in front of them.
     pub with_seed: bool,
     /// What is done to the feet.
-    pub feet: Care,
+    pub feet: FootMode,
 }
 
 impl told::Recipe for Recipe {
@@ -106,8 +106,8 @@ impl Recipe {
             false => (made, 0),
         };
         let floor_m = match self.feet {
-            Care::Off => None,
-            Care::Lock => {
+            FootMode::Off => None,
+            FootMode::Lock => {
                 let map = map_for(&skeleton, self.read.map.as_deref())?;
                 Some(self.read.floor.map_or_else(|| metric::floor(&clip, &map).map(|f| f.height_m), Ok)?)
             }

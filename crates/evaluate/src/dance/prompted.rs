@@ -5,7 +5,7 @@ use super::coordination::{Coordination, coordination};
 use super::report::feet;
 use crate::Result;
 use kinelm_generate::prompt::{Prompt, given_places, read_back, share_changed};
-use kinelm_generate::recipe::Recipe;
+use kinelm_generate::request::Resolved;
 use kinelm_motion::metric::{Skate, jitter_of};
 use kinelm_motion::{Clip, joints};
 use kinelm_tokenizer::{Rest, Tokenizer};
@@ -34,7 +34,7 @@ pub struct Prompted {
 ///
 /// # Errors
 /// A prompt that can't be read, joints that the tokenizer doesn't code.
-pub fn prompted(dance: &Dance, file: &Path, recipe: &Recipe, tokenizer: &Tokenizer) -> Result<Option<Prompted>> {
+pub fn prompted(dance: &Dance, file: &Path, recipe: &Resolved, tokenizer: &Tokenizer) -> Result<Option<Prompted>> {
     let Some(followed) = &recipe.prompt else { return Ok(None) };
     let Some(list) = &followed.joints else { return Ok(None) };
     let selection = joints::parse(list)?;

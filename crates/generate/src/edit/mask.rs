@@ -1,6 +1,6 @@
 //! Which joints are given in which frames of a clip.
 
-use crate::recipe::Span;
+use crate::request::Span;
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::moment::Scale;
 use kinelm_motion::{Skeleton, smpl};

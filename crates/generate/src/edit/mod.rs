@@ -10,7 +10,7 @@ pub mod round;
 pub mod splice;
 
 use super::prompt::Prompt;
-use super::recipe::{Edit, PromptRecipe};
+use super::request::{Edit, PromptRequest};
 use super::rest::{RestJoints, mean_pose};
 use crate::{Error, Result};
 use close::LeftOver;
@@ -80,7 +80,7 @@ impl Edited {
     pub fn load(
         edit: &mut Edit,
         frames: Option<usize>,
-        (recipe, text): (&PromptRecipe, &Arc<[u8]>),
+        (recipe, text): (&PromptRequest, &Arc<[u8]>),
         (prompt, seam): (&Prompt, Option<Seam>),
         tokenizer: &Tokenizer,
     ) -> Result<Edited> {

@@ -5,7 +5,7 @@
 
 use super::close::bridged;
 use crate::prompt::Prompt;
-use crate::recipe::{Comes, Round, Span};
+use crate::request::{Comes, Round, Span};
 use crate::{Error, Result};
 use kinelm_motion::moment::Moment;
 use kinelm_motion::rotation::heading;

@@ -2,8 +2,8 @@
 
 use super::told;
 use crate::Error;
-use crate::recipe::TimedLabel;
-use crate::recipe::{At, Plan, PlanClip, Segment};
+use crate::request::TimedLabel;
+use crate::request::{At, Segment, Timeline, TimelineClip};
 use kinelm_motion::format::bvh::BvhSource;
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::joints::{self, Selection};
@@ -35,7 +35,7 @@ pub(super) enum Fault {
     /// With the clip that lends its rig.
     Rig(String, String),
     /// With the whole.
-    Plan(String, String),
+    Timeline(String, String),
     /// A file can't be read.
     Read(Error),
 }
@@ -61,14 +61,14 @@ impl From<Fault> for Error {
             Fault::Segment(n, found, expected) => said(format!("segment {} of the plan", n + 1), found, expected),
             Fault::Clip(name, found, expected) => said(format!("clip {name} of the plan"), found, expected),
             Fault::Rig(found, expected) => said("the plan's rig".into(), found, expected),
-            Fault::Plan(found, expected) => said("the plan".into(), found, expected),
+            Fault::Timeline(found, expected) => said("the plan".into(), found, expected),
             Fault::Read(e) => e,
         }
     }
 }
 
 /// A clip of a plan on the rig that is written, at its rate.
-pub(super) struct Ready {
+pub(super) struct OpenRequest {
     /// On that rig.
     pub clip: Clip,
     /// Its numbers and bytes, no frame left out, where its file has the very rig and rate.
@@ -114,7 +114,7 @@ impl Placed {
 }
 
 /// A plan, laid.
-pub struct Laid {
+pub struct TimelineLayout {
     /// Segments in the order of their beginnings.
     pub placed: Vec<Placed>,
     /// Frames of the dance.
@@ -128,20 +128,20 @@ pub struct Laid {
     /// The name of the clip that lends its rig.
     pub(super) rig_name: String,
     /// That clip, and how its file is read.
-    pub(super) rig: (PlanClip, Motion, BvhSource),
+    pub(super) rig: (TimelineClip, Motion, BvhSource),
     /// Where its floor is, metres.
     pub(super) floor_m: f64,
-    pub(super) clips: BTreeMap<String, Ready>,
+    pub(super) clips: BTreeMap<String, OpenRequest>,
 }
 
-impl Laid {
-    pub(super) fn of(plan: &Plan) -> Result<Laid, Fault> {
+impl TimelineLayout {
+    pub(super) fn of(plan: &Timeline) -> Result<TimelineLayout, Fault> {
         if plan.segments.is_empty() {
-            return Err(Fault::Plan("no [[segment]]".into(), "at least one".into()));
+            return Err(Fault::Timeline("no [[segment]]".into(), "at least one".into()));
         }
         if plan.segments.iter().all(|segment| segment.clip.is_none() && !segment.labels.is_empty()) {
             let expected = "one with a clip at least; a dance of labels alone is made by --label";
-            return Err(Fault::Plan("segments that tell labels, and none with a clip".into(), expected.into()));
+            return Err(Fault::Timeline("segments that tell labels, and none with a clip".into(), expected.into()));
         }
         let known = plan.clips.keys().cloned().collect::<Vec<_>>().join(", ");
         let own = plan
@@ -179,13 +179,13 @@ impl Laid {
         let fps = motion.clip.fps();
         let over = plan.over.0.seconds(fps);
         if !(0.0..=10.0).contains(&over) {
-            return Err(Fault::Plan(format!("over = {}", plan.over.0), "0 to 10 seconds".into()));
+            return Err(Fault::Timeline(format!("over = {}", plan.over.0), "0 to 10 seconds".into()));
         }
         let length = plan.seconds.map(|At(length)| length.seconds(fps));
         if let (Some(At(told)), Some(s)) = (plan.seconds, length)
             && !(s > 0.0 && s <= LONGEST_S)
         {
-            return Err(Fault::Plan(format!("seconds = {told}"), format!("more than 0, and {LONGEST_S} at most")));
+            return Err(Fault::Timeline(format!("seconds = {told}"), format!("more than 0, and {LONGEST_S} at most")));
         }
         let mut placed = Vec::new();
         for (n, segment) in plan.segments.iter().enumerate() {
@@ -203,7 +203,7 @@ impl Laid {
         let frames = length.map_or(last, |s| (s * fps).round() as usize);
         if frames < last {
             let found = format!("a segment up to {:.2} s", last as f64 / fps);
-            return Err(Fault::Plan(found, format!("all to end within seconds = {}", frames as f64 / fps)));
+            return Err(Fault::Timeline(found, format!("all to end within seconds = {}", frames as f64 / fps)));
         }
         // to the end, whatever part of a frame of the model that is
         for label in labels.iter_mut().filter(|_| told_to == frames) {
@@ -212,16 +212,26 @@ impl Laid {
         let mut placed: Vec<Placed> = placed.into_iter().map(|(_, p)| p).collect();
         join(&mut placed, &clips, fps);
         let rig_name = plan.rig.clone();
-        Ok(Laid { placed, frames, fps, labels, notes, rig_name, rig: (own.clone(), motion, source), floor_m, clips })
+        Ok(TimelineLayout {
+            placed,
+            frames,
+            fps,
+            labels,
+            notes,
+            rig_name,
+            rig: (own.clone(), motion, source),
+            floor_m,
+            clips,
+        })
     }
 }
 
 /// Reads a clip and brings it to the rig.
 fn ready(
-    clip: &PlanClip,
-    (own, rig, source, floor_m): (&PlanClip, &Motion, &BvhSource, f64),
+    clip: &TimelineClip,
+    (own, rig, source, floor_m): (&TimelineClip, &Motion, &BvhSource, f64),
     notes: &mut Vec<String>,
-) -> Result<Ready, Fault> {
+) -> Result<OpenRequest, Fault> {
     let (options, fps) = (clip.options(), rig.clip.fps());
     format::Format::of(&clip.file)?; // refused by its name before it is read
     let bytes: Arc<[u8]> = kinelm_store::input::bytes(&clip.file).map_err(Error::io(&clip.file))?.into();
@@ -244,21 +254,21 @@ fn ready(
     {
         let above_m = if clip == own { 0.0 } else { floor_of(&mut motion, &options)? - floor_m };
         let exact = Some(((**other).clone(), bytes));
-        return Ok(Ready { clip: motion.clip, exact, left_out, scale, above_m, headings });
+        return Ok(OpenRequest { clip: motion.clip, exact, left_out, scale, above_m, headings });
     }
     let skeleton = rig.clip.skeleton();
     let way = Retarget::new(skeleton, &retarget::map_for(skeleton, own.map.as_deref())?, smpl::neutral())?;
     let moved = way.with_floor(retarget::floor_m(rig, own.map.as_deref())?).to_rig_over(&on_smpl, None)?;
     let mut on_rig = Motion { clip: moved, ..rig.clone() };
     let above_m = floor_of(&mut on_rig, &own.options())? - floor_m;
-    Ok(Ready { clip: on_rig.clip, exact: None, left_out: 0, scale, above_m, headings })
+    Ok(OpenRequest { clip: on_rig.clip, exact: None, left_out: 0, scale, above_m, headings })
 }
 
 /// A segment in frames; found and expected where it can't be.
 fn place(
     (clip, segment): (&str, &Segment),
-    ready: &Ready,
-    (rig, own): (&Motion, &PlanClip),
+    ready: &OpenRequest,
+    (rig, own): (&Motion, &TimelineClip),
     notes: &mut Vec<String>,
 ) -> Result<Placed, (String, String)> {
     let fps = rig.clip.fps();
@@ -336,7 +346,7 @@ fn apart(placed: &mut [(usize, Placed)], over: usize, fps: f64) -> Result<(), Fa
 }
 
 /// Turns and moves segments with a root so that each goes on where the one before has come to.
-fn join(placed: &mut [Placed], clips: &BTreeMap<String, Ready>, fps: f64) {
+fn join(placed: &mut [Placed], clips: &BTreeMap<String, OpenRequest>, fps: f64) {
     let mut before: Option<Placed> = None;
     for segment in placed.iter_mut().filter(|segment| segment.has_root()) {
         let ready = &clips[&segment.clip];

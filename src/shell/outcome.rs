@@ -1,6 +1,5 @@
 //! What became of a call: whether it was wrong, was stopped or failed, and the exit code that follows.
 
-use super::command::Call;
 use super::say::{plain, tell};
 use anyhow::Error;
 use clap::Parser;
@@ -50,7 +49,7 @@ pub fn refused(e: clap::Error) -> ExitCode {
 
 /// The error of a call that the parser refused, which shows words of the call: of the same call with its control
 /// characters written out, as the error's own colours are control characters too.
-pub fn told_plain(e: clap::Error, args: &[OsString]) -> clap::Error {
+pub fn told_plain<Call: Parser>(e: clap::Error, args: &[OsString]) -> clap::Error {
     let words = args.iter().map(|word| plain(&word.to_string_lossy()).into_owned());
     let is_odd = |word: &OsString| matches!(plain(&word.to_string_lossy()), Cow::Owned(_));
     match args.iter().any(is_odd) {

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 /// What a plan file says, its paths as they are found from here.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Plan {
+pub struct Timeline {
     /// The clip on whose rig, at whose rate and on whose floor the dance is written.
     pub rig: String,
     /// How long what is made anew is where one clip goes over into another.
@@ -19,7 +19,7 @@ pub struct Plan {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<At>,
     /// The clips by the names that the plan has for them.
-    pub clips: BTreeMap<String, PlanClip>,
+    pub clips: BTreeMap<String, TimelineClip>,
     /// What is given when.
     #[serde(rename = "segment")]
     pub segments: Vec<Segment>,
@@ -32,7 +32,7 @@ pub(crate) fn over_s() -> At {
 /// A clip, and how it is read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct PlanClip {
+pub struct TimelineClip {
     /// The file.
     pub file: PathBuf,
     /// Its true rate, where it states it wrongly.
@@ -55,7 +55,7 @@ pub struct PlanClip {
     pub floor: Option<f64>,
 }
 
-impl PlanClip {
+impl TimelineClip {
     /// How the file is read.
     pub fn options(&self) -> ReadOptions {
         let (fps_source, skip, unit, up) = (self.fps_source, self.skip.unwrap_or(0), self.unit, self.up);

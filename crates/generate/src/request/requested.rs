@@ -1,16 +1,16 @@
 //! What is requested of a model, before anything is decided.
 
-use super::{Care, Computing, MusicRecipe, PromptRecipe, Rig, TimedLabel};
+use super::{Computing, FootMode, MusicRequest, PromptRequest, Rig, TimedLabel};
 use crate::rest::RestJoints;
 use crate::sampling::Draw;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// What is requested of a model. Every choice that is `None` is made by [`crate::make::Ready::open`].
+/// What is requested of a model. Every choice that is `None` is made by [`crate::open::OpenRequest::open`].
 ///
 /// ```
-/// use kinelm_generate::recipe::{Length, Request};
+/// use kinelm_generate::request::{Length, Request};
 ///
 /// let request = Request { length: Some(Length::Seconds(10.0)), seed: 7, ..Request::of("run") };
 /// assert_eq!((request.seed, request.guidance), (7, None));
@@ -21,17 +21,17 @@ pub struct Request {
     /// The run folder of the model.
     pub run: PathBuf,
     /// A clip of which something is given.
-    pub prompt: Option<PromptRecipe>,
+    pub prompt: Option<PromptRequest>,
     /// Values of label fields for the whole dance; fields that are left out are unknown to the model.
     pub labels: BTreeMap<String, String>,
     /// Values of label fields for a time of the dance.
     pub timed_labels: Vec<TimedLabel>,
     /// Music to dance to.
-    pub music: Option<MusicRecipe>,
+    pub music: Option<MusicRequest>,
     /// How far labels and music are followed; 1: as the model has learned them. `None`: with music what suits the model's
     /// conditioning ([`crate::music::guidance`]), else 1.
     pub guidance: Option<f64>,
-    /// How far gaps are led to what is given after them, 0 to 10; 1: as learned. `None`: [`crate::make::AHEAD`] where the
+    /// How far gaps are led to what is given after them, 0 to 10; 1: as learned. `None`: [`crate::open::AHEAD`] where the
     /// model was trained for it and a gap ends, else 0.
     pub ahead: Option<f64>,
     /// How long the dance is. `None`: as long as what is given of the prompt, else as the music, else as the prompt.
@@ -53,7 +53,7 @@ pub struct Request {
     /// clips.
     pub rest_joints: Option<RestJoints>,
     /// What is done to the feet. `None`: locked unless a leg is given.
-    pub feet: Option<Care>,
+    pub feet: Option<FootMode>,
     /// Where and how the model computes.
     pub computing: Computing,
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
-pub enum Care {
+pub enum FootMode {
     /// Nothing
     #[default]
     Off,
@@ -14,9 +14,9 @@ pub enum Care {
     Lock,
 }
 
-impl Care {
+impl FootMode {
     /// Whether it is what files don't name.
     pub fn is_off(&self) -> bool {
-        *self == Care::Off
+        *self == FootMode::Off
     }
 }

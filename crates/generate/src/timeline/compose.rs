@@ -1,11 +1,11 @@
 //! A laid plan as one file: what clips give in their own words, straight ways between.
 
-use super::lay::{Laid, Placed};
+use super::lay::{Placed, TimelineLayout};
 use crate::Result;
 use crate::edit::close::bridged;
 use crate::edit::mask::Mask;
 use crate::edit::splice::RigJoints;
-use crate::recipe::Span;
+use crate::request::Span;
 use kinelm_motion::format::bvh::{BvhSource, Changed, Piece, parse_header};
 use kinelm_motion::format::{ReadOptions, RestFrame};
 use kinelm_motion::moment::Moment;
@@ -13,7 +13,7 @@ use kinelm_motion::retarget::{self, Retarget};
 use kinelm_motion::{Clip, Quat, Vec3, smpl};
 use std::path::Path;
 
-impl Laid {
+impl TimelineLayout {
     /// The file that lends its rig.
     pub fn path(&self) -> &Path {
         &self.rig.0.file

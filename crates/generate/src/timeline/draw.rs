@@ -1,6 +1,6 @@
 //! A plan as text, to be looked at before anything is drawn.
 
-use super::lay::{Laid, Placed};
+use super::lay::{Placed, TimelineLayout};
 use kinelm_motion::joints;
 use std::fmt::Write;
 
@@ -11,7 +11,7 @@ const WIDTH: usize = 72;
 
 /// Lines for the segments, and one for every part of the body: by which segment it is given when, `.` where it is made anew,
 /// and `+` where only some of its joints are.
-pub fn timeline(laid: &Laid) -> String {
+pub fn timeline(laid: &TimelineLayout) -> String {
     let s = |frame: usize| frame as f64 / laid.fps;
     let mut text = format!("{:.2} s, {} frames at {} fps\n", s(laid.frames), laid.frames, laid.fps);
     for (n, segment) in laid.placed.iter().enumerate() {

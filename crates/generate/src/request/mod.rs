@@ -5,18 +5,18 @@ mod edit;
 mod feet;
 mod labels;
 mod place;
-pub(crate) mod plan;
-mod request;
+mod requested;
 mod span;
+pub(crate) mod timeline;
 
 pub use draws::Draws;
 pub use edit::{Comes, Edit, Round};
-pub use feet::Care;
+pub use feet::FootMode;
 pub use labels::TimedLabel;
 pub use place::Place;
-pub use plan::{At, Plan, PlanClip, Segment};
-pub use request::{LeadInKind, Length, Request};
+pub use requested::{LeadInKind, Length, Request};
 pub use span::Span;
+pub use timeline::{At, Segment, Timeline, TimelineClip};
 
 use super::rest::RestJoints;
 use super::sampling::Draw;
@@ -34,11 +34,11 @@ use std::path::{Path, PathBuf};
 /// Everything that decides a dance, but the bytes of the model and of the prompt.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Recipe {
+pub struct Resolved {
     /// The run folder.
     pub run: PathBuf,
     /// A clip of which something is followed.
-    pub prompt: Option<PromptRecipe>,
+    pub prompt: Option<PromptRequest>,
     /// What the model is told of the dance: values of label fields; fields that are left out are unknown.
     pub labels: BTreeMap<String, String>,
     /// What it is told of a time of the dance, beside those.
@@ -52,7 +52,7 @@ pub struct Recipe {
     pub ahead: f64,
     /// The music that is danced to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub music: Option<MusicRecipe>,
+    pub music: Option<MusicRequest>,
     /// Frames, at the model's rate; `None`: as many as the music has, or the prompt.
     pub frames: Option<usize>,
     /// The dance's length in seconds, asked for instead of frames; files tell frames.
@@ -86,13 +86,13 @@ pub struct Recipe {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub place: Option<Place>,
     /// What is done to the feet.
-    #[serde(default, skip_serializing_if = "Care::is_off")]
-    pub feet: Care,
+    #[serde(default, skip_serializing_if = "FootMode::is_off")]
+    pub feet: FootMode,
     /// Where and how the model computes.
     pub computing: Computing,
 }
 
-impl Recipe {
+impl Resolved {
     /// How the dance is read from `dance`, the file that it was written to: at its own rate, whole. An edited clip is its
     /// prompt's file with other numbers: what is left out of that is left out of both. Without a prompt the floor is at 0.
     pub fn read_back(&self, dance: &Path) -> ReadOptions {
@@ -129,7 +129,7 @@ fn is_none_at_all(frames: &usize) -> bool {
 /// The music that is danced to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct MusicRecipe {
+pub struct MusicRequest {
     /// The file.
     pub path: PathBuf,
     /// Its time when the dance begins, seconds.
@@ -139,7 +139,7 @@ pub struct MusicRecipe {
 /// What is followed of a clip.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct PromptRecipe {
+pub struct PromptRequest {
     /// The file.
     pub path: PathBuf,
     /// How it is read.
@@ -151,13 +151,13 @@ pub struct PromptRecipe {
     pub from_frame: Option<usize>,
     /// Clips that are laid into one on the file's rig: what is edited then, instead of the file itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub plan: Option<Plan>,
+    pub plan: Option<Timeline>,
     /// What is kept of it and what is invented, instead of these two.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub edit: Option<Edit>,
 }
 
-impl PromptRecipe {
+impl PromptRequest {
     /// The bytes of the clip that is followed.
     ///
     /// # Errors

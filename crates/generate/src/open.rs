@@ -10,10 +10,10 @@ use super::labels;
 use super::music::Music;
 use super::place::Led;
 use super::prompt;
-use super::recipe::{Care, Place, PromptRecipe, Recipe, Rig};
+use super::request::{FootMode, Place, PromptRequest, Resolved, Rig};
 use super::resolve::Decision;
 use super::rest::{self, RestJoints};
-use super::{Danced, GUESSES, Plan, check_frames, dances, reader, variation_seed};
+use super::{GUESSES, SampledTokens, SamplingPlan, check_frames, dances, reader, variation_seed};
 use crate::{Error, Result};
 use kinelm_corpus::Conditions;
 use kinelm_corpus::music::sound::Sound;
@@ -32,9 +32,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// All that a recipe names, read.
-pub struct Ready {
+pub struct OpenRequest {
     /// The recipe.
-    pub recipe: Recipe,
+    pub recipe: Resolved,
     /// The model.
     pub run: LoadedRun,
     /// Its tokenizer.
@@ -56,10 +56,10 @@ pub struct Ready {
 }
 
 /// A dance as it is written.
-pub struct Made {
+pub struct Generated {
     /// On its rig, at its rate.
     pub motion: Motion,
-    /// What was done to its feet, gap by gap where a clip is edited; frames are [`Made::locked_fps`] a second.
+    /// What was done to its feet, gap by gap where a clip is edited; frames are [`Generated::locked_fps`] a second.
     pub locked: Vec<Locked>,
     /// The rate at which feet were held.
     pub locked_fps: f64,
@@ -69,7 +69,7 @@ pub struct Made {
     changed: Option<(Changed, Arc<[u8]>)>,
 }
 
-impl Made {
+impl Generated {
     /// The bytes of a file of this name.
     ///
     /// # Errors
@@ -90,7 +90,7 @@ const MOST_TRIES: usize = 64;
 /// How far gaps are led to what is given behind them, where nobody says.
 pub const AHEAD: f64 = 2.0;
 
-impl Ready {
+impl OpenRequest {
     /// The tokens in front of a window that begins at a frame.
     pub(super) fn front_at(&self, frame: usize) -> &[u32] {
         let last = self.fronts.iter().rev().find(|(from, _)| *from <= frame);
@@ -105,7 +105,7 @@ impl Ready {
     /// music for a model that isn't told of any, or that the dance has no room in; what is ahead told to a model that can't be told;
     /// joints that aren't coded; a prompt of which nothing is followed, or that is too short to go on from; neither frames
     /// nor a prompt, more frames than memory holds, none that are left to make.
-    pub fn load(mut recipe: Recipe, which: Which) -> Result<Ready> {
+    pub fn load(mut recipe: Resolved, which: Which) -> Result<OpenRequest> {
         recipe.draw.check()?;
         let music = recipe.music.as_ref().map(|music| &music.path);
         let paths = [Some(&recipe.run), recipe.prompt.as_ref().map(|prompt| &prompt.path), music];
@@ -165,7 +165,18 @@ impl Ready {
             Some(from) => Some((lead_ins_with(from, &recipe, &tokenizer)?, conditions)),
             None => None,
         };
-        Ok(Ready { recipe, run, tokenizer, prompt, music, frames, decisions: Vec::new(), fronts, without, lead_ins })
+        Ok(OpenRequest {
+            recipe,
+            run,
+            tokenizer,
+            prompt,
+            music,
+            frames,
+            decisions: Vec::new(),
+            fronts,
+            without,
+            lead_ins,
+        })
     }
 
     /// Labels and music are followed so far.
@@ -225,21 +236,26 @@ impl Ready {
         Ok(Some(course).filter(Course::has_goals))
     }
 
-    /// Draws `variations` dances side by side; guesses as [`Plan::guesses`]. `progress` is told the frames done.
+    /// Draws `variations` dances side by side; guesses as [`SamplingPlan::guesses`]. `progress` is told the frames done.
     ///
     /// Of an edited clip whose gaps end, each is the best of several tries, drawn side by side, and the variations one after
     /// the other.
     ///
     /// # Errors
     /// Those of [`reader`] and [`dances`].
-    pub fn dance(&self, variations: usize, guesses: Option<usize>, progress: &mut dyn FnMut(usize)) -> Result<Danced> {
+    pub fn dance(
+        &self,
+        variations: usize,
+        guesses: Option<usize>,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<SampledTokens> {
         let length = self.tokenizer.frames_per_word();
         let edit = self.edit();
         let followed = self.prompt.as_ref().filter(|p| !p.given.is_empty() || p.edit.is_some());
         let ids = followed.map(|p| self.tokenizer.ids_of_words(&p.clip.words)).transpose()?.unwrap_or_default();
         let lead_in = self.recipe.lead_in / length;
         let words = edit.map_or(self.frames, |(_, edited)| edited.frames).div_ceil(length) + lead_in;
-        let mut plan = Plan::free(self.tokenizer.grammar(), words, self.recipe.draw, self.recipe.seed);
+        let mut plan = SamplingPlan::free(self.tokenizer.grammar(), words, self.recipe.draw, self.recipe.seed);
         let given = edit.map(|(prompt, edited)| edited.given(prompt.clip.words.len())).unwrap_or_default();
         if let Some(prompt) = &self.prompt {
             (plan.beginning, plan.given, plan.prompt) = (&prompt.beginning, &prompt.given, &ids);
@@ -267,7 +283,7 @@ impl Ready {
         if tries == 1 {
             return dances(&mut *model, &plan, &mut |words| progress((words * length).min(self.frames)));
         }
-        let mut all = Danced { ids: Vec::new(), foretold: Vec::new(), guessed: 0, right: 0 };
+        let mut all = SampledTokens { ids: Vec::new(), foretold: Vec::new(), guessed: 0, right: 0 };
         for variation in 0..variations {
             plan.seed = variation_seed(self.recipe.seed, variation);
             plan.beginning = beginnings.get(variation).copied().unwrap_or(plan.beginning);
@@ -304,7 +320,7 @@ impl Ready {
     }
 
     /// The try that ends nearest to where the clip goes on, the first of several.
-    fn best(&self, drawn: &Danced) -> Result<usize> {
+    fn best(&self, drawn: &SampledTokens) -> Result<usize> {
         let Some((prompt, edited)) = self.edit() else { return Ok(0) };
         let mut best = (f64::INFINITY, 0);
         for i in 0..drawn.ids.len() {
@@ -318,7 +334,7 @@ impl Ready {
     }
 
     /// The words of one of several dances; behind gaps of an edited clip those that were foretold.
-    pub fn words(&self, danced: &Danced, dance: usize) -> Words {
+    pub fn words(&self, danced: &SampledTokens, dance: usize) -> Words {
         let mut ids = danced.ids[dance].clone();
         danced.foretold[dance].iter().for_each(|&(at, id)| ids[at] = id);
         self.tokenizer.words_of_ids(&ids).words
@@ -328,7 +344,7 @@ impl Ready {
     ///
     /// # Errors
     /// Words that are not this tokenizer's, a rig that no skeleton map knows, a rate that is none.
-    pub fn motion(&self, words: &Words, out: &Path) -> Result<Made> {
+    pub fn motion(&self, words: &Words, out: &Path) -> Result<Generated> {
         if let Some((prompt, edited)) = self.edit() {
             return self.edited(words, (prompt, edited), out);
         }
@@ -338,9 +354,9 @@ impl Ready {
         }
         let made = |motion: Motion, locked: Vec<Locked>| {
             let locked_fps = motion.clip.fps();
-            Made { motion, locked, locked_fps, left: Vec::new(), changed: None }
+            Generated { motion, locked, locked_fps, left: Vec::new(), changed: None }
         };
-        if self.recipe.feet == Care::Off {
+        if self.recipe.feet == FootMode::Off {
             return Ok(made(motion, Vec::new()));
         }
         let (map, floor_m) = match self.on_own_rig() {
@@ -357,8 +373,8 @@ impl Ready {
     }
 
     /// An edited clip.
-    fn edited(&self, words: &Words, (prompt, edited): (&Followed, &Edited), out: &Path) -> Result<Made> {
-        let hold = self.recipe.feet == Care::Lock;
+    fn edited(&self, words: &Words, (prompt, edited): (&Followed, &Edited), out: &Path) -> Result<Generated> {
+        let hold = self.recipe.feet == FootMode::Lock;
         let Closed { clip, left, locked } =
             edited.closed(words, (&prompt.clip, self.recipe.lead_in), &self.tokenizer, hold)?;
         let fps = self.recipe.fps;
@@ -370,7 +386,7 @@ impl Ready {
             }
         };
         let changed = changed.map(|changed| (changed, edited.text.clone()));
-        Ok(Made { motion, locked, locked_fps: self.tokenizer.fps(), left, changed })
+        Ok(Generated { motion, locked, locked_fps: self.tokenizer.fps(), left, changed })
     }
 
     fn motion_as_drawn(&self, words: &Words, out: &Path) -> Result<Motion> {
@@ -430,14 +446,14 @@ impl Ready {
     }
 
     /// The prompt on whose own rig the dance is written.
-    pub fn on_own_rig(&self) -> Option<(&Followed, &PromptRecipe)> {
+    pub fn on_own_rig(&self) -> Option<(&Followed, &PromptRequest)> {
         let prompt = self.prompt.as_ref().zip(self.recipe.prompt.as_ref());
         prompt.filter(|_| self.recipe.rig == Rig::Prompt)
     }
 }
 
 /// The lead-ins of a recipe's run, with the one that it names.
-fn lead_ins_with(from: &LeadInFrom, recipe: &Recipe, tokenizer: &Tokenizer) -> Result<LeadIns> {
+fn lead_ins_with(from: &LeadInFrom, recipe: &Resolved, tokenizer: &Tokenizer) -> Result<LeadIns> {
     let path = recipe.run.join(lead_in::LEAD_INS);
     let named = format!("the one of {} from frame {}, which the dance goes on from", from.clip, from.frame);
     let wrong = |found: &str| Error::file(&path, found, named.clone(), "put back the file that the run had");

@@ -22,7 +22,7 @@ pub fn all_read() -> Result<()> {
 /// Prints what is not data on stderr.
 #[derive(Debug, Clone, Copy)]
 pub struct Say {
-    pub(super) quiet: bool,
+    pub(crate) quiet: bool,
 }
 
 impl Say {

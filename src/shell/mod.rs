@@ -1,0 +1,14 @@
+//! What commands, benchmarks and demos share: arguments, what is said, files, and what became of a call.
+
+pub mod args;
+pub mod files;
+pub mod ours;
+pub mod outcome;
+pub mod progress;
+pub mod say;
+pub mod training;
+
+pub use args::{ComputeArgs, ForceArgs, ReadingArgs, TrustArgs};
+pub use files::{draw_charts, each_file, extension, page, picture, readable, writable, written_as};
+pub use outcome::{Stopped, WrongCall, asked, chain};
+pub use say::{Odd, Say, print, tell, warn};

@@ -1,7 +1,7 @@
 //! Motion files to a generated dance, as a user goes.
 
 use assert_cmd::Command;
-use kinelm_motion::metric::floor_of;
+use kinelm_motion::format::floor_of;
 use kinelm_motion::{Motion, Source, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;

@@ -1,5 +1,6 @@
 //! The pages a reader meets: their links lead somewhere, their lines fit a screen, the code cites pages that are here.
 
+use kinelm_motion::rig::SkeletonMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -153,4 +154,12 @@ fn inputs_are_opened_in_one_place() {
         let found = code.lines().position(|line| opens.iter().any(|open| line.contains(open)));
         assert!(found.is_none(), "{name}:{}: open it by kinelm_store::input", found.unwrap_or_default() + 1);
     }
+}
+
+#[test]
+fn the_examples_of_the_manual_of_skeletons_are_maps() {
+    let page = include_str!("../docs/skeletons.md");
+    let blocks: Vec<_> = page.split("```toml\n").skip(1).filter_map(|b| b.split("```").next()).collect();
+    let map = SkeletonMap::parse(&blocks.concat(), Path::new("docs/skeletons.md")).unwrap();
+    assert_eq!((map.name.as_str(), map.joint(9), map.reference().count()), ("my-rig", Some("Chest"), 2));
 }

@@ -17,7 +17,7 @@ use kinelm_motion::format::npz::Npz;
 use kinelm_motion::format::pickle::Pickle;
 use kinelm_motion::format::{ReadOptions, aist, amass, bvh, json};
 use kinelm_motion::joints::THIRTEEN;
-use kinelm_motion::retarget::SkeletonMap;
+use kinelm_motion::rig::SkeletonMap;
 use kinelm_motion::{Clip, joints, synth};
 use kinelm_tokenizer::{LappedConfig, Rest, SchemeConfig, Tokenizer, TokenizerConfig};
 use std::path::Path;

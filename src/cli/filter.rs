@@ -6,9 +6,9 @@ use crate::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth, 
 use anyhow::Result;
 use kinelm_motion::Motion;
 use kinelm_motion::feet::{Fixed, Locked, lock};
-use kinelm_motion::format::{self, ReadOptions, RestFrame};
-use kinelm_motion::metric::{floor_of, jitter};
-use kinelm_motion::retarget::map_for;
+use kinelm_motion::format::{self, ReadOptions, RestFrame, floor_of};
+use kinelm_motion::metric::jitter;
+use kinelm_motion::rig::map_for;
 use kinelm_store::counted;
 use kinelm_store::output::Outputs;
 use std::path::{Path, PathBuf};

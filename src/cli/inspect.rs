@@ -2,9 +2,8 @@
 
 use super::{Say, print, read::ReadArgs};
 use anyhow::Result;
-use kinelm_motion::format::{self, ReadOptions, RestFrame, Unit};
+use kinelm_motion::format::{self, ReadOptions, RestFrame, Unit, floor_of};
 use kinelm_motion::inspect::report;
-use kinelm_motion::metric::floor_of;
 use kinelm_motion::{Kind, Motion, Warning};
 use std::path::{Path, PathBuf};
 

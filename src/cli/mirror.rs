@@ -6,7 +6,7 @@ use anyhow::Result;
 use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::mirror::Mirror;
-use kinelm_motion::retarget::map_for;
+use kinelm_motion::rig::map_for;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]

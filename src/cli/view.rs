@@ -17,6 +17,7 @@ use kinelm_motion::format;
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::metric::beat::Hits;
 use kinelm_motion::moment::{Moment, Scale};
+use kinelm_motion::rig::map_for;
 use kinelm_motion::{Motion, Skeleton, retarget};
 use kinelm_store::counted;
 use kinelm_store::output::{Outputs, is_same};
@@ -253,7 +254,7 @@ pub fn stem(path: &Path) -> String {
 
 /// The rig's joints that stand for SMPL joints.
 pub fn on_rig(rig: &Skeleton, selection: &Selection, map: Option<&str>) -> Result<Vec<usize>> {
-    let map = retarget::map_for(rig, map)?;
+    let map = map_for(rig, map)?;
     let map = map.bind(rig.names()).unwrap_or(map);
     Ok(selection.joints.iter().filter_map(|&j| rig.find(map.joint(j)?)).collect())
 }

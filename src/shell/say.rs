@@ -3,7 +3,7 @@
 use super::progress;
 use anyhow::Result;
 use kinelm_motion::Motion;
-use kinelm_motion::inspect::{RateDoubt, RateDoubts};
+use kinelm_motion::format::{RateDoubt, RateDoubts};
 use std::borrow::Cow;
 use std::cell::RefCell;
 use std::io::{IsTerminal, Write};

@@ -4,9 +4,7 @@ use super::gather::Item;
 use super::sidecar;
 use super::timed::{behind_its_end, piece_of};
 use crate::{Error, Result};
-use kinelm_motion::format::{self, ReadOptions};
-use kinelm_motion::inspect::RateDoubt;
-use kinelm_motion::metric::floor_of;
+use kinelm_motion::format::{self, RateDoubt, ReadOptions, floor_of};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Motion, Warning, retarget};
 use kinelm_store::FileRecord;
@@ -202,6 +200,7 @@ mod tests {
 
     #[test]
     fn the_floor_is_taken_off_once() {
+        use kinelm_motion::rig::{Feet, SkeletonMap};
         use kinelm_motion::{Source, smpl, synth};
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("high.bvh");
@@ -212,10 +211,7 @@ mod tests {
         let placed = load_placed(&path, &options, wanted).unwrap();
         let floor = placed.floor_m.unwrap();
         assert!((floor - 0.4).abs() < 0.03 && (placed.under_m - floor).abs() < 1e-9, "{floor} {}", placed.under_m);
-        let feet = kinelm_motion::metric::Feet::new(
-            &smpl::neutral(),
-            &kinelm_motion::retarget::SkeletonMap::builtin("smpl").unwrap(),
-        );
+        let feet = Feet::new(&smpl::neutral(), &SkeletonMap::builtin("smpl").unwrap());
         assert!(feet.unwrap().floor(&placed.lowered()).found_m.abs() < 0.03);
         let told = load_placed(&path, &ReadOptions { floor: Some(0.1), ..options.clone() }, wanted).unwrap();
         assert_eq!(told.floor_m, Some(0.1));

@@ -5,8 +5,7 @@ use crate::Result;
 use kinelm_motion::Motion;
 use kinelm_motion::feet::{Fixed, Locked, lock};
 use kinelm_motion::joints::LEGS;
-use kinelm_motion::metric::floor;
-use kinelm_motion::retarget::map_for;
+use kinelm_motion::rig::{floor, map_for};
 
 /// What was given of a dance: the first `frames` frames whole, and the followed joints throughout.
 pub fn fixed(prompt: Option<&Followed>, frames: usize) -> Fixed {

@@ -5,7 +5,8 @@ use crate::format::body_model::BodyModel;
 use crate::format::{self, ReadOptions, Up};
 use crate::joints::Selection;
 use crate::resample::{Method, resample};
-use crate::retarget::{self, Retarget, SkeletonMap};
+use crate::retarget::{self, Retarget};
+use crate::rig::{SkeletonMap, map_for};
 use crate::{Clip, Error, Motion, Quat, Result, Skeleton, Source, smpl};
 use std::path::Path;
 use std::sync::Arc;
@@ -73,7 +74,7 @@ pub fn convert(motion: Motion, wanted: &Wanted, map: Option<&str>) -> Result<Mot
     let rest = motion.warnings.iter().any(|w| w.kind == "rest_frame") && format::rest_frame(&motion);
     let neutral = wanted.joints.is_some().then(|| Rig::Smpl(smpl::neutral()));
     if let Some(selection) = &wanted.joints {
-        let floor_m = retarget::floor_m(&motion, map)?;
+        let floor_m = format::floor_m(&motion, map)?;
         motion.clip = keep_joints(&retarget::to_smpl(&motion, map)?, selection)?;
         motion.source = Source::Retargeted { floor_m };
     }
@@ -99,7 +100,7 @@ fn after_rest(clip: &Clip, fps: f64) -> Result<Clip> {
 /// # Errors
 /// A rig that no skeleton map knows.
 pub fn on_rig(motion: Motion, rig: &Rig, map: Option<&str>) -> Result<Motion> {
-    let floor_m = retarget::floor_m(&motion, map)?;
+    let floor_m = format::floor_m(&motion, map)?;
     match rig {
         Rig::Smpl(body) => {
             let clip = retarget::to_smpl(&motion, map)?;
@@ -107,7 +108,7 @@ pub fn on_rig(motion: Motion, rig: &Rig, map: Option<&str>) -> Result<Motion> {
                 clip
             } else {
                 // positions grow with the legs, as they do from any rig to another
-                let neutral = retarget::map_for(clip.skeleton(), Some("smpl"))?;
+                let neutral = map_for(clip.skeleton(), Some("smpl"))?;
                 Retarget::new(clip.skeleton(), &neutral, body.clone())?.with_floor(floor_m).to_smpl(&clip)?
             };
             Ok(Motion { clip, source: Source::Retargeted { floor_m }, ..motion })
@@ -115,7 +116,7 @@ pub fn on_rig(motion: Motion, rig: &Rig, map: Option<&str>) -> Result<Motion> {
         Rig::Like(like) => {
             let clip = retarget::to_smpl(&motion, map)?;
             let to = like.clip.skeleton();
-            let back = Retarget::new(to, &retarget::map_for(to, map)?, clip.skeleton().clone())?.with_floor(floor_m);
+            let back = Retarget::new(to, &map_for(to, map)?, clip.skeleton().clone())?.with_floor(floor_m);
             let mut source = like.source.clone();
             match &mut source {
                 Source::Bvh(bvh) => bvh.floor_m = Some(floor_m),

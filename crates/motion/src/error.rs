@@ -105,6 +105,21 @@ impl From<FileError> for Error {
     }
 }
 
+/// Something odd in a file that was read all the same.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Warning {
+    /// A stable name, such as `missing_end_site`.
+    pub kind: &'static str,
+    /// What, where, and what was done.
+    pub what: String,
+}
+
+impl fmt::Display for Warning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.kind, self.what)
+    }
+}
+
 macro_rules! kinds {
     ($($(#[$doc:meta])* $variant:ident = $name:literal,)*) => {
         /// The faults a motion file can have, by the names that are printed.

@@ -1,6 +1,6 @@
 //! Groups and subsets of the SMPL joints.
 
-use crate::retarget::{self, map::without_namespace};
+use crate::rig::{map::without_namespace, map_for};
 use crate::{Error, Result, Skeleton, smpl};
 use kinelm_store::suggest::did_you_mean;
 
@@ -91,7 +91,7 @@ const RIG: &str = "rig:";
 
 /// The names of a rig's joints, each with the SMPL joint that it stands for.
 fn own_names<'a>(rig: &'a Skeleton, map: Option<&str>) -> Option<Vec<(&'a str, Option<usize>)>> {
-    let map = retarget::map_for(rig, map).ok()?;
+    let map = map_for(rig, map).ok()?;
     let map = map.bind(rig.names()).unwrap_or(map);
     let stands_for = |name: &str| (0..24).find(|&id| map.joint(id) == Some(name));
     Some(rig.names().iter().map(|n| (n.as_str(), stands_for(n))).collect())

@@ -1,6 +1,6 @@
 //! The dance seen in a mirror: reflection in the plane x = 0.
 
-use crate::retarget::{ReferencePose, SkeletonMap};
+use crate::rig::{ReferencePose, SkeletonMap};
 use crate::{Clip, Error, GlobalPose, Quat, Result, Skeleton, Vec3, smpl};
 
 /// Mirrors a clip on the SMPL-24 rig: left and right change places, every rotation (w, x, y, z) becomes

@@ -1,8 +1,7 @@
 //! The floor under the shared motion data: people who dance on a floor are found to.
 
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
-use kinelm_motion::metric::floor;
-use kinelm_motion::retarget::map_for;
+use kinelm_motion::rig::{floor, map_for};
 use std::path::PathBuf;
 
 /// Every `nth` clip of a set, in the order of their paths.

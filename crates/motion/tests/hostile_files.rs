@@ -1,6 +1,6 @@
 //! Files made to harm: refused by name, never run, never a panic, never much memory.
 
-use kinelm_motion::format::npy::Array;
+use kinelm_motion::format::array::Array;
 use kinelm_motion::format::pickle::{MAX_MARKS, MAX_STACK, MAX_VALUES, Pickle};
 use kinelm_motion::format::{ReadOptions, aist, amass, body_model::BodyModel, npz::Npz};
 use kinelm_motion::{Error, Kind};

@@ -2,9 +2,9 @@
 
 use kinelm_motion::convert::{self, Rig};
 use kinelm_motion::format::{self, ReadOptions};
-use kinelm_motion::metric::Feet;
 use kinelm_motion::mirror::{self, Mirror};
-use kinelm_motion::retarget::{self, Retarget, map_for};
+use kinelm_motion::retarget::Retarget;
+use kinelm_motion::rig::{Feet, map_for};
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, Motion, Skeleton, Vec3, smpl};
 use std::path::{Path, PathBuf};
@@ -283,7 +283,7 @@ fn feet_stay_on_the_ground_from_and_to_every_rig() {
     for path in &paths {
         let motion = read(path);
         let motion = Motion { clip: thin(&motion.clip, 10), ..motion };
-        let floor_m = retarget::floor_m(&motion, None).unwrap();
+        let floor_m = format::floor_m(&motion, None).unwrap();
         let before = heights(&motion.clip, None, floor_m);
         for (i, rig) in rigs.iter().enumerate() {
             let on = convert::on_rig(motion.clone(), rig, None).unwrap();
@@ -292,7 +292,7 @@ fn feet_stay_on_the_ground_from_and_to_every_rig() {
             assert!(moved <= 0.03, "{} on rig {i}: {before:?} m above the floor became {after:?}", path.display());
             worst = worst.max(moved);
             // and back: the floor travels with it
-            assert_eq!(retarget::floor_m(&on, None).unwrap(), floor_m);
+            assert_eq!(format::floor_m(&on, None).unwrap(), floor_m);
             let back = convert::on_rig(on, &Rig::Like(Box::new(motion.clone())), None).unwrap();
             let pelvis = way(&motion).joint(0).unwrap();
             let joints = motion.clip.joints();

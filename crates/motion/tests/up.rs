@@ -3,7 +3,7 @@
 use kinelm_motion::format::bvh::{self, Channel};
 use kinelm_motion::format::{self, ReadOptions, Unit, Up, UpBy};
 use kinelm_motion::rotation::{Axis, angle_between};
-use kinelm_motion::{Clip, Error, Motion, Quat, Source, Vec3, inspect, metric, smpl, synth};
+use kinelm_motion::{Clip, Error, Motion, Quat, Source, Vec3, inspect, smpl, synth};
 use std::path::{Path, PathBuf};
 
 /// The axes that aren't y: what a place (x, y, z) of a y-up file is in a file with that axis up, as axes and signs.
@@ -288,7 +288,7 @@ fn a_dance_through_blender_and_back_is_the_same() {
     let floors = through_blender("blender_dance", Up::Auto, 20.0).map(|mut m| {
         assert_eq!(source(&m).rig.axes.by, UpBy::Judged);
         let said = if source(&m).rig.axes.up == Up::Y { vec![] } else { vec!["up_axis"] };
-        let floor = metric::floor_of(&mut m, &options(Up::Auto)).unwrap();
+        let floor = format::floor_of(&mut m, &options(Up::Auto)).unwrap();
         assert_eq!(m.warnings.iter().map(|w| w.kind).collect::<Vec<_>>(), said, "{:?}", m.warnings);
         let report = inspect::report(&m).text();
         assert!(report.contains("no doubts"), "{report}");

@@ -10,11 +10,11 @@ use kinelm_corpus::sidecar::as_written;
 use kinelm_generate::check_frames;
 use kinelm_generate::feet;
 use kinelm_generate::request::FootMode;
+use kinelm_motion::Motion;
 use kinelm_motion::feet::{Fixed, Locked};
 use kinelm_motion::format::{Format, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
-use kinelm_motion::retarget::map_for;
-use kinelm_motion::{Motion, metric};
+use kinelm_motion::rig::{floor, map_for};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -109,7 +109,7 @@ impl Recipe {
             FootMode::Off => None,
             FootMode::Lock => {
                 let map = map_for(&skeleton, self.read.map.as_deref())?;
-                Some(self.read.floor.map_or_else(|| metric::floor(&clip, &map).map(|f| f.height_m), Ok)?)
+                Some(self.read.floor.map_or_else(|| floor(&clip, &map).map(|f| f.height_m), Ok)?)
             }
         };
         motion.clip = coder.clip(&frames, &skeleton, FPS)?;

@@ -7,8 +7,7 @@ use crate::Result;
 use kinelm_motion::Clip;
 use kinelm_motion::feet::contact::contacts;
 use kinelm_motion::feet::leg::Leg;
-use kinelm_motion::metric::{Feet, floor};
-use kinelm_motion::retarget::{ReferencePose, SkeletonMap};
+use kinelm_motion::rig::{Feet, ReferencePose, SkeletonMap, floor};
 use kinelm_music::beat::{RATE, beats_of};
 use std::f64::consts::TAU;
 

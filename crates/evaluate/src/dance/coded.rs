@@ -4,8 +4,7 @@ use crate::{Error, Result};
 use kinelm_corpus::load::parse_placed;
 use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_motion::Clip;
-use kinelm_motion::format::{Format, ReadOptions};
-use kinelm_motion::inspect::RateDoubt;
+use kinelm_motion::format::{Format, RateDoubt, ReadOptions};
 use kinelm_tokenizer::{Rest, SPACE, Tokenizer, Words};
 use std::path::Path;
 

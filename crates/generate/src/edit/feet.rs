@@ -6,7 +6,7 @@ use crate::Result;
 use kinelm_motion::Clip;
 use kinelm_motion::feet::{Fixed, Locked, lock};
 use kinelm_motion::joints::LEGS;
-use kinelm_motion::retarget::SkeletonMap;
+use kinelm_motion::rig::SkeletonMap;
 use std::ops::Range;
 
 /// The gaps in which a leg or the root is free, each once, in their order.

@@ -9,7 +9,8 @@ use crate::request::Span;
 use kinelm_motion::format::bvh::{BvhSource, Changed, Piece, parse_header};
 use kinelm_motion::format::{ReadOptions, RestFrame};
 use kinelm_motion::moment::Moment;
-use kinelm_motion::retarget::{self, Retarget};
+use kinelm_motion::retarget::Retarget;
+use kinelm_motion::rig::map_for;
 use kinelm_motion::{Clip, Quat, Vec3, smpl};
 use std::path::Path;
 
@@ -42,7 +43,7 @@ impl TimelineLayout {
     pub fn bytes(&self) -> Result<Vec<u8>> {
         let (own, motion, source) = &self.rig;
         let skeleton = motion.clip.skeleton();
-        let way = Retarget::new(skeleton, &retarget::map_for(skeleton, own.map.as_deref())?, smpl::neutral())?;
+        let way = Retarget::new(skeleton, &map_for(skeleton, own.map.as_deref())?, smpl::neutral())?;
         let owners = owners(&way);
         // (F, J) the segment that gives a joint
         let j = skeleton.joints();

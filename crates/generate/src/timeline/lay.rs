@@ -2,15 +2,13 @@
 
 use super::told;
 use crate::Error;
-use crate::request::TimedLabel;
-use crate::request::{At, Segment, Timeline, TimelineClip};
-use kinelm_motion::format::bvh::BvhSource;
-use kinelm_motion::format::{self, ReadOptions, RestFrame};
+use crate::request::{At, Segment, TimedLabel, Timeline, TimelineClip};
+use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh::BvhSource, floor_of};
 use kinelm_motion::joints::{self, Selection};
-use kinelm_motion::metric::floor_of;
 use kinelm_motion::moment::{Moment, Scale};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
+use kinelm_motion::rig::map_for;
 use kinelm_motion::rotation::heading;
 use kinelm_motion::{Clip, Motion, Quat, Source, Vec3, smpl};
 use std::collections::BTreeMap;
@@ -68,7 +66,7 @@ impl From<Fault> for Error {
 }
 
 /// A clip of a plan on the rig that is written, at its rate.
-pub(super) struct OpenRequest {
+pub(super) struct ReadClip {
     /// On that rig.
     pub clip: Clip,
     /// Its numbers and bytes, no frame left out, where its file has the very rig and rate.
@@ -131,7 +129,7 @@ pub struct TimelineLayout {
     pub(super) rig: (TimelineClip, Motion, BvhSource),
     /// Where its floor is, metres.
     pub(super) floor_m: f64,
-    pub(super) clips: BTreeMap<String, OpenRequest>,
+    pub(super) clips: BTreeMap<String, ReadClip>,
 }
 
 impl TimelineLayout {
@@ -231,7 +229,7 @@ fn ready(
     clip: &TimelineClip,
     (own, rig, source, floor_m): (&TimelineClip, &Motion, &BvhSource, f64),
     notes: &mut Vec<String>,
-) -> Result<OpenRequest, Fault> {
+) -> Result<ReadClip, Fault> {
     let (options, fps) = (clip.options(), rig.clip.fps());
     format::Format::of(&clip.file)?; // refused by its name before it is read
     let bytes: Arc<[u8]> = kinelm_store::input::bytes(&clip.file).map_err(Error::io(&clip.file))?.into();
@@ -254,20 +252,20 @@ fn ready(
     {
         let above_m = if clip == own { 0.0 } else { floor_of(&mut motion, &options)? - floor_m };
         let exact = Some(((**other).clone(), bytes));
-        return Ok(OpenRequest { clip: motion.clip, exact, left_out, scale, above_m, headings });
+        return Ok(ReadClip { clip: motion.clip, exact, left_out, scale, above_m, headings });
     }
     let skeleton = rig.clip.skeleton();
-    let way = Retarget::new(skeleton, &retarget::map_for(skeleton, own.map.as_deref())?, smpl::neutral())?;
-    let moved = way.with_floor(retarget::floor_m(rig, own.map.as_deref())?).to_rig_over(&on_smpl, None)?;
+    let way = Retarget::new(skeleton, &map_for(skeleton, own.map.as_deref())?, smpl::neutral())?;
+    let moved = way.with_floor(format::floor_m(rig, own.map.as_deref())?).to_rig_over(&on_smpl, None)?;
     let mut on_rig = Motion { clip: moved, ..rig.clone() };
     let above_m = floor_of(&mut on_rig, &own.options())? - floor_m;
-    Ok(OpenRequest { clip: on_rig.clip, exact: None, left_out: 0, scale, above_m, headings })
+    Ok(ReadClip { clip: on_rig.clip, exact: None, left_out: 0, scale, above_m, headings })
 }
 
 /// A segment in frames; found and expected where it can't be.
 fn place(
     (clip, segment): (&str, &Segment),
-    ready: &OpenRequest,
+    ready: &ReadClip,
     (rig, own): (&Motion, &TimelineClip),
     notes: &mut Vec<String>,
 ) -> Result<Placed, (String, String)> {
@@ -346,7 +344,7 @@ fn apart(placed: &mut [(usize, Placed)], over: usize, fps: f64) -> Result<(), Fa
 }
 
 /// Turns and moves segments with a root so that each goes on where the one before has come to.
-fn join(placed: &mut [Placed], clips: &BTreeMap<String, OpenRequest>, fps: f64) {
+fn join(placed: &mut [Placed], clips: &BTreeMap<String, ReadClip>, fps: f64) {
     let mut before: Option<Placed> = None;
     for segment in placed.iter_mut().filter(|segment| segment.has_root()) {
         let ready = &clips[&segment.clip];

@@ -1,8 +1,7 @@
 //! A leg of two bones, bent so that its ankle comes to a place.
 
 use crate::joints::LEGS;
-use crate::metric::Feet;
-use crate::retarget::ReferencePose;
+use crate::rig::{Feet, ReferencePose};
 use crate::{GlobalPose, Quat, Skeleton, Vec3};
 
 /// The joints of a leg.

@@ -9,8 +9,7 @@ pub mod leg;
 pub mod settle;
 pub mod sole;
 
-use crate::metric::Feet;
-use crate::retarget::{ReferencePose, SkeletonMap};
+use crate::rig::{Feet, ReferencePose, SkeletonMap};
 use crate::{Clip, GlobalPose, Quat, Result, Vec3};
 use contact::{Contact, Moves, contacts};
 use leg::Leg;

@@ -26,7 +26,7 @@ pub const FPS: f64 = 60.0;
 /// body model.
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     if [&b"PK\x03\x04"[..], b"\x93NUMPY", b"HIERARCHY", b"{"].iter().any(|start| bytes.starts_with(start)) {
-        let found = super::bvh::looks_like(bytes);
+        let found = super::looks_like(bytes);
         return Err(FileError::new(Place::file(path), Kind::NotThisFormat, found, "a pickle").into());
     }
     let pickle = Pickle::parse(path, bytes)?;

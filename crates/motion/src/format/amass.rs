@@ -4,11 +4,11 @@
 //! rest and then adds `trans`, so the pelvis lies at `rest_pelvis + trans`. Without a body model the rest pelvis is
 //! [`smpl::REST_PELVIS`] and the bones are the neutral skeleton's. Fingers, jaw and eyes are left out.
 
+use super::array::Array;
 use super::body_model;
-use super::npy::Array;
 use super::npz::{Npz, Values, Writer, list};
+use super::options::{ReadOptions, is_rate};
 use super::smpl_arrays::{Vectors, translations};
-use super::{ReadOptions, is_rate};
 use crate::error::{FileError, Kind, in_short};
 use crate::resample::{FEWEST_FPS, MOST_FPS};
 use crate::rotation::exp_map;

@@ -18,7 +18,7 @@
 //! children, or as far from the wrist as on the neutral skeleton if there are none.
 
 use super::ReadOptions;
-use super::npy::Array;
+use super::array::Array;
 use super::npz::Npz;
 use crate::error::{FileError, Kind};
 use crate::{Error, Result, Skeleton, Vec3, smpl};

@@ -4,7 +4,7 @@
 //! turn that it has in the bind pose (or as the file was saved, where there is none) is taken off. Lengths are in metres and
 //! y is up, whatever the file's unit and axes, which it states.
 
-use super::{ReadOptions, is_rate};
+use super::options::{ReadOptions, is_rate};
 use crate::error::{FileError, Kind};
 use crate::{Clip, Motion, Quat, Result, Skeleton, Source, Vec3, Warning};
 use glam::DMat3;

@@ -9,7 +9,7 @@
 
 use super::{Axes, ReadOptions, Up};
 use crate::error::{FileError, Kind};
-use crate::retarget;
+use crate::rig::map_if_any;
 use crate::{Clip, EndSite, Error, Motion, Quat, Result, Skeleton, Source, Vec3};
 use kinelm_store::Place;
 use serde::{Deserialize, Serialize};
@@ -72,7 +72,7 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     if matches!(options.up, Up::Auto | Up::Y) {
         return Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings: vec![] });
     }
-    let map = retarget::map_if_any(clip.skeleton().names(), options.map.as_deref())?;
+    let map = map_if_any(clip.skeleton().names(), options.map.as_deref())?;
     let (axes, _) = Axes::of(&clip, options.up, map.as_ref());
     let clip = axes.stand(clip)?;
     Ok(Motion { path: path.to_owned(), clip, source: Source::Json(axes), warnings: vec![] })

@@ -8,126 +8,47 @@ pub mod aist;
 #[cfg(feature = "amass")]
 pub mod amass;
 #[cfg(feature = "amass")]
+pub mod array;
+#[cfg(feature = "amass")]
 pub mod body_model;
 pub mod bvh;
 #[cfg(feature = "fbx")]
 pub mod fbx;
+mod floor;
 pub mod glb;
 pub mod json;
+mod looks;
 #[cfg(feature = "amass")]
 pub mod npy;
 #[cfg(feature = "amass")]
 pub mod npz;
+mod options;
 #[cfg(feature = "amass")]
 pub mod pickle;
 pub mod positions;
+pub mod rate;
 mod rest;
 #[cfg(feature = "amass")]
 mod smpl_arrays;
+pub mod source;
 mod up;
 
-pub(crate) use rest::looks_for_rest;
+pub use floor::{floor_m, floor_of};
+pub use looks::looks_like;
+pub use options::{BvhPosition, ReadOptions, RestFrame, Unit};
+pub use rate::{RateDoubt, RateDoubts};
 pub use rest::rest_frame;
+pub use source::{Motion, Source};
 pub use up::{Axes, Up, UpBy};
 
 use crate::error::in_short;
-use crate::inspect::RateDoubt;
 use crate::resample::{FEWEST_FPS, MOST_FPS};
-use crate::{Error, FileError, Kind, Motion, Result, Source};
+use crate::{Error, FileError, Kind, Result};
 use kinelm_store::{Place, files, input};
+use options::{check_skip, is_rate};
 use positions::Positions;
-use serde::{Deserialize, Serialize};
 use std::io::Read;
-use std::ops::Range;
-use std::path::{Path, PathBuf};
-
-/// What a file's bytes are to be read as; the same on every command.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ReadOptions {
-    /// The true rate, where the file states it wrongly.
-    pub fps_source: Option<f64>,
-    /// The unit of a BVH.
-    pub unit: Unit,
-    /// The axis that points up in a BVH or a JSON.
-    pub up: Up,
-    /// A skeleton TOML by its shipped name or its path, for a rig whose names no shipped one knows.
-    pub map: Option<String>,
-    /// What position channels do to a joint's OFFSET.
-    pub bvh_position: BvhPosition,
-    /// The ROOT to read, of several.
-    pub root: Option<String>,
-    /// Keep the whole rows of a cut file.
-    pub lenient: bool,
-    /// What to do with a leading rest-pose frame.
-    pub rest: RestFrame,
-    /// Source frames left out, counted from the file's first. Above 0 no rest frame is looked for.
-    pub skip: usize,
-    /// A body model (`SMPL_*.npz`) whose rest offsets replace the neutral skeleton's, for AMASS and AIST++.
-    pub body_model: Option<PathBuf>,
-    /// Where the floor is, metres, world, for what codes heights above it; `None`: found by the feet.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub floor: Option<f64>,
-}
-
-/// The length that 1 in a BVH means.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Unit {
-    /// Judged by the leg's length.
-    #[default]
-    Auto,
-    /// Metres.
-    #[serde(alias = "m")]
-    Metre,
-    /// Centimetres.
-    #[serde(alias = "cm")]
-    Centimetre,
-    /// Millimetres.
-    #[serde(alias = "mm")]
-    Millimetre,
-    /// Inches.
-    #[serde(alias = "in")]
-    Inch,
-    /// 0.0564444 m, the unit of CMU's ASF/AMC files.
-    Cmu,
-}
-
-impl Unit {
-    /// Metres; `None` for [`Unit::Auto`].
-    pub fn metres(self) -> Option<f64> {
-        Some(match self {
-            Unit::Auto => return None,
-            Unit::Metre => 1.0,
-            Unit::Centimetre => 0.01,
-            Unit::Millimetre => 0.001,
-            Unit::Inch => 0.0254,
-            Unit::Cmu => 0.0564444,
-        })
-    }
-}
-
-/// The two conventions of BVH position channels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum BvhPosition {
-    /// A channel takes the place of its component of the OFFSET.
-    #[default]
-    Replace,
-    /// A channel is added to its component of the OFFSET.
-    Add,
-}
-
-/// What to do with a leading rest-pose frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RestFrame {
-    /// Leave it.
-    #[default]
-    Keep,
-    /// Leave it out, and say so.
-    Drop,
-}
+use std::path::Path;
 
 /// The formats of motion files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -225,7 +146,7 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         Format::Fbx => skipped(fbx::read(path, bytes, options)?, options)?,
         #[cfg(not(feature = "fbx"))]
         Format::Fbx => return Err(left_out(path, "fbx")),
-        Format::Json => match bvh::looks_like(bytes) {
+        Format::Json => match looks_like(bytes) {
             "JSON" | "text" => skipped(json::read(path, bytes, options)?, options)?,
             other => return Err(FileError::new(Place::file(path), Kind::NotThisFormat, other, "a clip as JSON").into()),
         },
@@ -261,7 +182,7 @@ fn and_its_looks(error: Error, path: &Path) -> Error {
     let mut head = [0; 512];
     match (error, input::open(path).and_then(|mut file| file.read(&mut head))) {
         (Error::File(e), Ok(_)) if !e.help.is_empty() => e.into(),
-        (Error::File(e), Ok(n)) => e.help(format!("the file looks like {}", bvh::looks_like(&head[..n]))).into(),
+        (Error::File(e), Ok(n)) => e.help(format!("the file looks like {}", looks_like(&head[..n]))).into(),
         (_, Err(e)) => Error::io(path)(e),
         (e, _) => e,
     }
@@ -292,11 +213,6 @@ fn skipped(motion: Motion, options: &ReadOptions) -> Result<Motion> {
     Ok(motion.slice(options.skip..frames))
 }
 
-/// Whether a rate is one that motion is captured at: what is faster is a slip, and no rate that could be written again.
-pub(crate) fn is_rate(fps: f64) -> bool {
-    (FEWEST_FPS..=MOST_FPS).contains(&fps)
-}
-
 /// Fails for a source rate that is none.
 fn check_rate(options: &ReadOptions) -> Result<()> {
     if let Some(fps) = options.fps_source.filter(|f| !is_rate(*f)) {
@@ -321,15 +237,6 @@ fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
     }
     let what = format!("--up {}: {own}, always; --up is for BVH and JSON", options.up);
     Err(Error::Option { path: path.to_owned(), what })
-}
-
-/// Fails when `skip` leaves none of `frames`.
-pub(crate) fn check_skip(path: &Path, skip: usize, frames: usize) -> Result<()> {
-    if skip < frames {
-        return Ok(());
-    }
-    let what = format!("{skip} frames are to be skipped and there are {frames}; skip fewer");
-    Err(Error::Clip { clip: path.display().to_string(), what })
 }
 
 /// Writes a motion file in the format of its name, whole or not at all.
@@ -361,20 +268,6 @@ pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
             let expected = "a .bvh, .npz, .json or .glb to write";
             Err(FileError::new(Place::file(path), Kind::NotThisFormat, found, expected).into())
         }
-    }
-}
-
-impl Motion {
-    /// The frames of a range, of the clip and of the file's own numbers beside it.
-    ///
-    /// # Panics
-    /// If the range leaves the clip.
-    pub fn slice(&self, frames: Range<usize>) -> Motion {
-        let source = match &self.source {
-            Source::Bvh(s) if s.frames == self.clip.frames() => Source::Bvh(Box::new(s.slice(frames.clone()))),
-            other => other.clone(),
-        };
-        Motion { path: self.path.clone(), clip: self.clip.slice(frames), source, warnings: self.warnings.clone() }
     }
 }
 

@@ -5,7 +5,8 @@
 //! stays within [`MAX_BYTES`] and, beyond 64 MiB, within 64 times the archive: recorded motion shrinks by 2 or 3, a trap by
 //! 1,000.
 
-use super::npy::{self, Array};
+use super::array::{Array, Element, byte_count, padded, tuple};
+use super::{looks_like, npy};
 use crate::error::{FileError, Kind};
 use crate::{Error, Result};
 use kinelm_store::Place;
@@ -39,7 +40,7 @@ impl<'a> Npz<'a> {
     pub fn open(path: &Path, bytes: &'a [u8]) -> Result<Self> {
         let fault = |kind, found: String, expected: &str| FileError::new(Place::file(path), kind, found, expected);
         if !bytes.starts_with(b"PK") {
-            let found = super::bvh::looks_like(bytes).into();
+            let found = looks_like(bytes).into();
             return Err(fault(Kind::NotThisFormat, found, "an npz, which is a zip of arrays").into());
         }
         check_zip64(bytes).map_err(|found| fault(Kind::Truncated, found.into(), "a whole zip archive"))?;
@@ -99,12 +100,12 @@ impl<'a> Npz<'a> {
         let mut bytes = Vec::new();
         entry.by_ref().take(npy::MAX_HEADER as u64).read_to_end(&mut bytes).map_err(|e| cut(&e))?;
         let header = npy::parse_header(&self.path, key, &bytes)?;
-        let wanted = match npy::byte_count(&header.shape, &header.dtype) {
+        let wanted = match byte_count(&header.shape, &header.dtype) {
             // a pickle stands there; text is short
-            _ if header.dtype.element == npy::Element::Object => 1 << 20,
+            _ if header.dtype.element == Element::Object => 1 << 20,
             Some(n) => n + header.length as u64,
             None => {
-                let found = format!("{key}: shape {} of {}", npy::tuple(&header.shape), header.dtype);
+                let found = format!("{key}: shape {} of {}", tuple(&header.shape), header.dtype);
                 return Err(self.fault(Kind::Truncated, found, "a shape that fits its bytes"));
             }
         };
@@ -198,7 +199,7 @@ impl Writer {
             Values::Text(v) => (format!("<U{}", width(v)), v.len()),
         };
         if shape.iter().try_fold(1usize, |p, &n| p.checked_mul(n)) != Some(count) {
-            return Err(Error::Call(format!("npz: {key}: {count} values in the shape {}", npy::tuple(shape))));
+            return Err(Error::Call(format!("npz: {key}: {count} values in the shape {}", tuple(shape))));
         }
         let not_finite = match values {
             Values::F64(v) => v.iter().position(|x| !x.is_finite()),
@@ -218,7 +219,7 @@ impl Writer {
             Values::F64(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
             Values::F32(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
             Values::I32(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
-            Values::Text(v) => v.iter().for_each(|t| bytes.extend(npy::padded(t, width(v)))),
+            Values::Text(v) => v.iter().for_each(|t| bytes.extend(padded(t, width(v)))),
         }
         self.entries.push((key.to_owned(), bytes));
         Ok(())
@@ -258,7 +259,7 @@ fn width(texts: &[String]) -> usize {
 
 /// An `.npy` header of version 1.0, filled up to a multiple of 64 bytes.
 fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
-    let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {}, }}", npy::tuple(shape));
+    let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {}, }}", tuple(shape));
     while (10 + text.len() + 1) % 64 != 0 {
         text.push(' ');
     }

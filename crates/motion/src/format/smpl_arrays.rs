@@ -1,6 +1,6 @@
 //! What AMASS and AIST++ share: rotation vectors and translations of SMPL's joints in arrays whose first axis is frames.
 
-use super::npy::Array;
+use super::array::Array;
 use crate::error::Kind;
 use crate::rotation::exp_map;
 use crate::{Quat, Result, Vec3, smpl};

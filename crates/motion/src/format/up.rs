@@ -1,6 +1,6 @@
 //! Which way is up in a file: said by the caller, or judged by how the body stands.
 
-use crate::retarget::SkeletonMap;
+use crate::rig::SkeletonMap;
 use crate::rotation::Mat3;
 use crate::{Clip, EndSite, GlobalPose, Quat, Result, Skeleton, Vec3};
 use serde::{Deserialize, Serialize};

@@ -1,14 +1,13 @@
 //! The figures of one clip, and what of them looks wrong.
 
-use super::rate::{RateDoubt, fall_g};
+use crate::format::rate::{RateDoubt, fall_g};
+use crate::jumps::{jumps, root_jumps};
+use crate::quantile::nearest as quantile;
 use crate::rotation::{angle_between, exp_map};
 use crate::{Clip, GlobalPose, Vec3};
 use std::f64::consts::PI;
 
-/// A root step is a jump if it is longer than this and stands out (three times the steps two frames before and after it:
-/// a fast movement has fast neighbours, a glitch has not), metres.
-pub const ROOT_JUMP_M: f64 = 0.05;
-/// A joint's step is a jump if it is wider than this and stands out in the same way, radians.
+/// A joint's step is a jump if it is wider than this and stands out as the root's do, radians.
 pub const JOINT_JUMP_RAD: f64 = 25.0 * PI / 180.0;
 /// The figures of one clip.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,15 +55,6 @@ pub fn figures(clip: &Clip) -> Figures {
     }
 }
 
-/// The `q` quantile, 0 for nothing.
-pub(super) fn quantile(mut values: Vec<f64>, q: f64) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let at = ((values.len() - 1) as f64 * q).round() as usize;
-    *values.select_nth_unstable_by(at, f64::total_cmp).1
-}
-
 fn heights(clip: &Clip) -> Vec<f64> {
     let mut pose = GlobalPose::default();
     (0..clip.frames())
@@ -84,10 +74,6 @@ fn top_speeds(clip: &Clip) -> Vec<f64> {
     (1..clip.frames()).map(|f| step(f) * clip.fps()).collect()
 }
 
-pub(super) fn root_jumps(clip: &Clip) -> Vec<(usize, f64)> {
-    jumps(clip.root().windows(2).map(|w| w[0].distance(w[1])).collect(), ROOT_JUMP_M).collect()
-}
-
 fn joint_jumps(clip: &Clip) -> Vec<(usize, usize, f64)> {
     let mut all = Vec::new();
     for j in 0..clip.joints() {
@@ -97,17 +83,6 @@ fn joint_jumps(clip: &Clip) -> Vec<(usize, usize, f64)> {
     }
     all.sort_by_key(|&(f, j, _)| (f, j));
     all
-}
-
-/// Frames whose step from the frame before is above `limit` and three times what is two steps away; `steps[0]` leads to
-/// frame 1.
-fn jumps(steps: Vec<f64>, limit: f64) -> impl Iterator<Item = (usize, f64)> {
-    let around = steps.clone();
-    let far = move |i: usize| {
-        let before = i.checked_sub(2).map_or(0.0, |k| around[k]);
-        before.max(around.get(i + 2).copied().unwrap_or(0.0))
-    };
-    steps.into_iter().enumerate().filter(move |&(i, s)| s > limit && s > 3.0 * far(i)).map(|(i, s)| (i + 1, s))
 }
 
 fn root_vector_flips(clip: &Clip) -> usize {
@@ -120,14 +95,18 @@ fn still(clip: &Clip, j: usize) -> bool {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use super::*;
+    use crate::format::rate::tests::{falling, height};
     use crate::{Quat, smpl};
 
-    pub(in crate::inspect) fn falling(fps: f64, height: impl Fn(f64) -> f64) -> Clip {
-        let n = 3 * fps as usize;
-        let root = (0..n).map(|f| Vec3::new(0.0, height(f as f64 / fps), 0.0)).collect();
-        Clip::new(smpl::neutral(), fps, root, vec![Quat::IDENTITY; n * 24]).unwrap()
+    #[test]
+    fn a_wrong_rate_is_seen_in_a_fall() {
+        let right = figures(&falling(60.0, height));
+        assert!((right.fall_g - 1.0).abs() < 0.01, "{}", right.fall_g);
+        assert_eq!(right.fps_for_free_fall, None);
+        let wrong = figures(&falling(60.0, height).with_fps(120.0).unwrap());
+        assert!((wrong.fps_for_free_fall.unwrap() - 60.0).abs() < 1.0);
     }
 
     #[test]

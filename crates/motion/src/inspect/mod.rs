@@ -1,9 +1,7 @@
-//! What a clip is, and what looks wrong in it: figures, doubts, and the report of both.
+//! What a clip is, and what looks wrong in it: figures, and the report of them.
 
 pub mod figures;
-pub mod rate;
 pub mod report;
 
 pub use figures::{Figures, figures};
-pub use rate::{FALL_LIMIT_G, RateDoubt, RateDoubts};
 pub use report::{Report, report};

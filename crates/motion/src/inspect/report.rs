@@ -3,7 +3,7 @@
 use super::figures::{Figures, figures};
 use crate::format::bvh::{BvhSource, NodeKind};
 use crate::format::{Axes, BvhPosition, Up, UpBy};
-use crate::retarget::SkeletonMap;
+use crate::rig::SkeletonMap;
 use crate::{Motion, Skeleton, Source, Vec3, Warning};
 use serde_json::{Value, json};
 use std::fmt::Write;

@@ -8,7 +8,6 @@ pub mod beat;
 pub mod border_jerk;
 pub mod contact;
 pub mod features;
-pub mod floor;
 pub mod geodesic_error;
 pub mod ground;
 pub mod jitter;
@@ -19,7 +18,6 @@ pub mod vector_angle;
 
 pub use border_jerk::BorderJerk;
 pub use contact::physical_foot_contact;
-pub use floor::{Feet, Floor, floor, floor_of};
 pub use geodesic_error::GeodesicError;
 pub use ground::Ground;
 pub use jitter::{jitter, jitter_of};

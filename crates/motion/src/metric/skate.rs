@@ -1,7 +1,7 @@
 //! How fast feet slide that stand.
 
-use super::Feet;
 use crate::Clip;
+use crate::rig::Feet;
 
 /// A foot joint that is no more than this above where it would rest stands on the floor, metres.
 const LOW_M: f64 = 0.05;
@@ -60,7 +60,7 @@ impl Skate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::retarget::SkeletonMap;
+    use crate::rig::SkeletonMap;
     use crate::{Quat, Vec3, smpl};
 
     /// A body at rest whose pelvis is at these heights above its standing height, and goes 3 and 4 cm along x and z a frame.

@@ -22,16 +22,11 @@
 //! y_t = floor + scale (y_s - floor) + rise        x_t = scale x_s        z_t = scale z_s
 //! ```
 
-pub mod map;
-pub mod reference;
-
-pub use map::SkeletonMap;
-pub use reference::ReferencePose;
-
-use crate::metric::floor::{self, Feet};
+use crate::format::floor_m;
+use crate::rig::reference::LIMBS;
+use crate::rig::{Feet, ReferencePose, SkeletonMap, map_for};
 use crate::rotation::swing;
 use crate::{Clip, Error, GlobalPose, Motion, Quat, Result, Skeleton, Source, Vec3, smpl};
-use reference::LIMBS;
 use std::sync::Arc;
 
 /// The way between a rig and the SMPL-24 body, both directions. For a motion as it was read there is [`to_smpl`].
@@ -370,29 +365,6 @@ fn check_on(clip: &Clip, body: &Skeleton) -> Result<()> {
     }
 }
 
-/// The map of a rig: the named or given one, else the shipped one whose names are there.
-///
-/// # Errors
-/// [`Error::Call`] when none fits, with what the nearest lacks and a TOML to begin with, and those of
-/// [`SkeletonMap::by_name_or_file`].
-pub fn map_for(rig: &Skeleton, map: Option<&str>) -> Result<SkeletonMap> {
-    match map {
-        Some(map) => SkeletonMap::by_name_or_file(map),
-        None => SkeletonMap::detect(rig.names()).ok_or_else(|| Error::Call(reference::unknown_rig(rig.names(), None))),
-    }
-}
-
-/// The named or given map as far as it fits these joints, else the shipped one that does, if any.
-///
-/// # Errors
-/// Those of [`SkeletonMap::by_name_or_file`].
-pub(crate) fn map_if_any(names: &[String], map: Option<&str>) -> Result<Option<SkeletonMap>> {
-    Ok(match map {
-        Some(map) => Some(SkeletonMap::by_name_or_file(map)?.bind_any(names)),
-        None => SkeletonMap::detect(names),
-    })
-}
-
 /// A motion on the neutral SMPL-24 body, whatever it was read from; `map` is a shipped map's name or a TOML's path,
 /// `None` to find it by the names.
 ///
@@ -415,25 +387,6 @@ pub fn to_smpl(motion: &Motion, map: Option<&str>) -> Result<Clip> {
         Error::Call(what) => Error::Clip { clip: motion.path.display().to_string(), what },
         other => other,
     })
-}
-
-/// Where a motion's floor is, metres: found by the feet ([`mod@crate::metric::floor`]) on the file's own rig; of a motion that
-/// was put on another body, where it was found before.
-///
-/// # Errors
-/// A rig that no skeleton map knows, and those of [`Feet::new`].
-pub fn floor_m(motion: &Motion, map: Option<&str>) -> Result<f64> {
-    match &motion.source {
-        Source::Retargeted { floor_m } => return Ok(*floor_m),
-        Source::Bvh(bvh) => {
-            if let Some(floor_m) = bvh.floor_m {
-                return Ok(floor_m);
-            }
-        }
-        _ => {}
-    }
-    let rig = motion.clip.skeleton();
-    Ok(floor::floor(&motion.clip, &map_for(rig, map)?)?.height_m)
 }
 
 fn on_neutral(motion: &Motion) -> Result<Clip> {

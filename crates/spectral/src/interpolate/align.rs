@@ -4,8 +4,10 @@ use crate::Series;
 use crate::filter::LOW_HZ;
 use crate::series::outwards;
 use crate::{Error, Result};
+use kinelm_motion::format::floor_m;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
+use kinelm_motion::rig::map_for;
 use kinelm_motion::{Clip, Motion, Quat, Skeleton, Source, Vec3};
 use std::f64::consts::TAU;
 
@@ -20,7 +22,7 @@ pub struct Alignment {
     pub at_s: [f64; 2],
     /// Leave the second clip's heading as it is, instead of turning it so that both begin facing the same way.
     pub keep_heading: bool,
-    /// A skeleton map for both rigs, as [`retarget::map_for`] takes it.
+    /// A skeleton map for both rigs, as [`map_for`] takes it.
     pub map: Option<String>,
 }
 
@@ -145,8 +147,8 @@ impl Alignment {
             };
             let window = Motion { clip: second, source, path: motions[1].path.clone(), warnings: Vec::new() };
             let smpl = retarget::to_smpl(&window, map)?;
-            let way = Retarget::new(to, &retarget::map_for(to, map)?, smpl.skeleton().clone())?;
-            let way = way.with_floor(retarget::floor_m(&window, map)?);
+            let way = Retarget::new(to, &map_for(to, map)?, smpl.skeleton().clone())?;
+            let way = way.with_floor(floor_m(&window, map)?);
             way.to_rig_over(&smpl, Some(first))
         };
         let clip = retargeted()

@@ -1,9 +1,8 @@
 //! Rows of several files of one hierarchy as one file: joints here from one, there from another, in the files' own words.
 
-use super::BvhSource;
-use super::header::Node;
 use super::print::print_head;
 use super::splice::words;
+use crate::format::source::bvh::{BvhSource, Node};
 use std::ops::Range;
 
 /// A file that rows are taken from: what was read of it, no frame left out, and its bytes.

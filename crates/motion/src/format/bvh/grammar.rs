@@ -1,8 +1,9 @@
 //! The grammar of a hierarchy and of the two lines after it: docs/motion-files.md.
 
 use super::frame_time;
-use super::header::{Channel, Header, MAX_DEPTH, MAX_JOINTS, Node, NodeKind, line_end_at, style};
+use super::header::{MAX_DEPTH, MAX_JOINTS, line_end_at, style};
 use super::text::{BadNumber, Text, number, word_at};
+use crate::format::source::bvh::{Channel, Header, Node, NodeKind};
 use crate::{FileError, Kind, Warning};
 use std::collections::HashMap;
 
@@ -123,7 +124,7 @@ impl<'a> Parser<'a> {
     fn hierarchy(&mut self) -> Step {
         let (at, word) = self.word(true);
         if !word.eq_ignore_ascii_case(b"HIERARCHY") {
-            let looks = super::text::looks_like(self.text.bytes);
+            let looks = crate::format::looks_like(self.text.bytes);
             let found = if word.is_empty() { self.text.found(at) } else { self.text.quote(word) };
             let fault = self.text.fault(at, Kind::NotBvh, found, "HIERARCHY as the first word");
             return Err(fault.help(format!("this looks like {looks}")));

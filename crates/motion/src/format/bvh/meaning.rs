@@ -1,8 +1,8 @@
 //! Channels to a clip: docs/motion-files.md, "What the numbers mean".
 
-use super::header::{Channel, Header, Node, NodeKind};
 use super::text::Text;
 use super::unit;
+use crate::format::source::bvh::{Channel, Header, Node, NodeKind, Rig};
 use crate::format::{Axes, BvhPosition, ReadOptions};
 use crate::{Clip, EndSite, Error, Kind, Quat, Result, Skeleton, Vec3, Warning};
 use std::ops::Range;
@@ -13,27 +13,6 @@ use std::sync::Arc;
 const STILL_M: f64 = 0.0005;
 /// Stretch that is dropped silently up to this, metres.
 const STRETCH_M: f64 = 0.005;
-
-/// How a file's nodes and channels are a clip: what was decided on reading, and holds for writing back.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Rig {
-    /// The nodes from the file's ROOT to the clip's root, both included: one where nothing was folded.
-    pub chain: Vec<usize>,
-    /// (J) node of each joint.
-    pub joints: Vec<usize>,
-    /// The clip's skeleton, metres, y up.
-    pub skeleton: Arc<Skeleton>,
-    /// Metres of the file's unit.
-    pub unit_m: f64,
-    /// Whether the unit was judged by the legs.
-    pub unit_judged: bool,
-    /// What position channels do to the OFFSET.
-    pub position: BvhPosition,
-    /// Per joint below the root whose position channels vary: the largest distance from their mean, metres, dropped.
-    pub stretch: Vec<(usize, f64)>,
-    /// How the file's axes are turned to make the clip's.
-    pub axes: Axes,
-}
 
 /// The rows of a file as frames of its nodes.
 pub(crate) struct Frames<'a> {

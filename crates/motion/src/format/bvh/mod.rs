@@ -20,39 +20,19 @@ mod text;
 mod unit;
 mod write;
 
-pub(crate) use plain::MADE_UP_TIP;
-
+pub use super::source::bvh::{BvhSource, Channel, Header, Node, NodeKind, Rig};
 pub use compose::Piece;
 pub use frame_time::USUAL_FPS;
-pub use header::{Channel, Header, Node, NodeKind};
-pub use meaning::Rig;
 pub use positions::positions;
 pub use splice::Changed;
-pub use text::looks_like;
 pub use write::{to_bytes, to_bytes_in, write};
 
 use crate::format::{Axes, BvhPosition, ReadOptions, Up, UpBy};
-use crate::retarget::map_if_any;
+use crate::rig::map_if_any;
 use crate::{Clip, Motion, Result, Source, Warning};
 use meaning::Frames;
-use std::ops::Range;
 use std::path::Path;
 use text::Text;
-
-/// What a BVH says beside its clip: the whole header and the numbers themselves.
-#[derive(Debug, Clone, PartialEq)]
-pub struct BvhSource {
-    /// Everything before the rows.
-    pub head: Header,
-    /// (F, C) the numbers as they stand in the file: lengths in its unit, angles in degrees.
-    pub numbers: Vec<f64>,
-    /// F.
-    pub frames: usize,
-    /// How the nodes are the clip's joints.
-    pub rig: Rig,
-    /// Of a motion that was put on this rig from another: where its floor was found before that, metres.
-    pub floor_m: Option<f64>,
-}
 
 /// Position channels of one joint below the clip's root, for `inspect`.
 #[derive(Debug, Clone, PartialEq)]
@@ -102,7 +82,7 @@ fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Parsed> {
     let mut warnings = std::mem::take(&mut head.warnings);
     warnings.extend(more);
     if options.skip > 0 {
-        crate::format::check_skip(path, options.skip, frames)?;
+        crate::format::options::check_skip(path, options.skip, frames)?;
         numbers.drain(..options.skip * head.width);
         frames -= options.skip;
     }
@@ -179,37 +159,11 @@ impl BvhSource {
         self.head.fps()
     }
 
-    /// The rows of a range of frames; the decisions of reading stay.
-    ///
-    /// # Panics
-    /// If the range leaves the frames.
-    pub fn slice(&self, frames: Range<usize>) -> Self {
-        let c = self.head.width;
-        BvhSource {
-            head: self.head.clone(),
-            numbers: self.numbers[frames.start * c..frames.end * c].to_vec(),
-            frames: frames.len(),
-            rig: self.rig.clone(),
-            floor_m: self.floor_m,
-        }
-    }
-
     /// Whether a clip is still what the numbers say: joints, places and rotations, whatever its rate.
     pub fn is_untouched(&self, clip: &Clip) -> bool {
         clip.frames() == self.frames
             && **clip.skeleton() == *self.rig.skeleton
             && self.clip(clip.fps()).is_ok_and(|own| own.root() == clip.root() && own.rotations() == clip.rotations())
-    }
-
-    /// Whether the rotation channels from the file's ROOT to the clip's root are all exactly 0 in a frame.
-    pub(crate) fn root_unturned(&self, frame: usize) -> bool {
-        let frames = self.as_frames();
-        let row = frames.row(frame);
-        self.rig.chain.iter().all(|&node| {
-            let n = &frames.nodes[node];
-            let mut turns = n.channels.iter().zip(&row[n.column..]);
-            turns.all(|(c, &v)| matches!(c, Channel::Position(_)) || v == 0.0)
-        })
     }
 
     /// The longest way along OFFSETs from the clip's root to a tip, metres: about half a body's height, and there whatever

@@ -1,8 +1,7 @@
 //! A clip's places and rotations as the channels of a rig.
 
-use super::BvhSource;
-use super::header::{Channel, Node, NodeKind};
 use crate::format::BvhPosition;
+use crate::format::source::bvh::{BvhSource, Channel, Node, NodeKind};
 use crate::rotation::euler::unwrap_near;
 use crate::rotation::{Axis, EulerOrder, angle_between};
 use crate::{Clip, Quat, Result, Vec3};

@@ -1,18 +1,16 @@
 //! A rig for clips that come from no BVH.
 
-use super::header::{Channel, Header, MAX_DEPTH, MAX_JOINTS, Node, NodeKind, Style};
+use super::header::{MAX_DEPTH, MAX_JOINTS};
 use super::print::hierarchy;
-use super::{BvhSource, Rig};
+use crate::format::source::bvh::{BvhSource, Channel, Header, Node, NodeKind, Rig, Style};
 use crate::format::{Axes, BvhPosition};
+use crate::rig::MADE_UP_TIP;
 use crate::rotation::Axis;
 use crate::{Error, Result, Skeleton, Vec3};
 use std::sync::Arc;
 
 /// The unit of a plain rig: centimetres, as most BVH files are.
 const METRES: f64 = 0.01;
-
-/// The tip that a leaf without end sites gets, as a part of its own bone.
-pub(crate) const MADE_UP_TIP: f64 = 0.3;
 
 impl BvhSource {
     /// A rig without frames for clips that come from no BVH: centimetres, the root with `Xposition Yposition Zposition

@@ -1,9 +1,10 @@
 //! Places of every joint and end site by the file's own channels.
 
-use super::header::NodeKind;
 use super::meaning;
 use crate::format::ReadOptions;
 use crate::format::positions::Positions;
+use crate::format::rest::{looks_for_rest, rest_frame};
+use crate::format::source::bvh::NodeKind;
 use crate::{Quat, Result, Source, Vec3};
 use std::collections::HashMap;
 use std::path::Path;
@@ -17,7 +18,7 @@ use std::path::Path;
 /// As [`super::read`].
 pub fn positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Positions> {
     let mut motion = super::read(path, bytes, options)?;
-    if crate::format::looks_for_rest(options) && crate::format::rest_frame(&motion) {
+    if looks_for_rest(options) && rest_frame(&motion) {
         motion = motion.slice(1..motion.clip.frames());
     }
     let fps = motion.clip.fps();

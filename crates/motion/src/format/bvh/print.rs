@@ -1,6 +1,6 @@
 //! The text of a BVH.
 
-use super::header::{Header, Node, NodeKind, Style};
+use crate::format::source::bvh::{Header, Node, NodeKind, Style};
 use crate::{Error, Result};
 use std::io::Write;
 

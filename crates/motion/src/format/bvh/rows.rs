@@ -1,8 +1,8 @@
 //! The rows of a BVH, and what can be wrong with them.
 
-use super::header::Header;
 use super::numbers::row;
 use super::text::{BadNumber, Text, number, word_at};
+use crate::format::source::bvh::Header;
 use crate::{FileError, Kind, Warning};
 
 /// The rows of a file.

@@ -1,8 +1,8 @@
 //! New motion in part of a file, the rest of its text as it is.
 
-use super::header::Channel;
+use super::frame_time;
 use super::print::{not_finite, print_head, push_number};
-use super::{BvhSource, frame_time};
+use crate::format::source::bvh::{BvhSource, Channel};
 use crate::{Clip, Error, Result};
 use std::ops::Range;
 

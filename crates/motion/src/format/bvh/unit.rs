@@ -1,9 +1,9 @@
 //! The unit of a BVH, judged by the length of a leg.
 
-use super::header::{Header, NodeKind};
 use super::text::Text;
+use crate::format::source::bvh::{Header, NodeKind};
 use crate::format::{BvhPosition, ReadOptions};
-use crate::retarget::map_if_any;
+use crate::rig::map_if_any;
 use crate::{Kind, Result, Vec3};
 use std::ops::{Range, RangeInclusive};
 use std::path::Path;

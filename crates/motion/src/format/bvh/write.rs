@@ -1,8 +1,8 @@
 //! Clips to BVH: back onto the rig they came from, or onto a plain one.
 
-use super::header::Channel;
+use super::frame_time;
 use super::print::print;
-use super::{BvhSource, frame_time};
+use crate::format::source::bvh::{BvhSource, Channel};
 use crate::{Clip, Error, Motion, Result, Source};
 use kinelm_store::files;
 use std::path::Path;

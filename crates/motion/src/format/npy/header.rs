@@ -3,8 +3,8 @@
 //! Read by hand: the dict is small and fixed, and a reader of any Python literal would go as deep as a file asks it to.
 //! Source: numpy's `numpy.lib.format`, versions 1.0, 2.0 and 3.0.
 
-use super::{Dtype, Element, Order};
 use crate::error::{FileError, Kind};
+use crate::format::array::{Dtype, Element, Order};
 use crate::{Error, Result};
 use kinelm_store::Place;
 use std::path::Path;

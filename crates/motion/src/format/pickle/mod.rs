@@ -13,7 +13,7 @@
 mod machine;
 mod numpy;
 
-use super::npy::{Array, Dtype, Order};
+use super::array::{Array, Dtype, Order};
 use crate::error::{FileError, Kind};
 use crate::{Error, Result};
 use kinelm_store::Place;

@@ -3,7 +3,7 @@
 use super::machine::Machine;
 use super::{ArrayParts, Id, Object, Stop};
 use crate::error::Kind;
-use crate::format::npy::{Dtype, Element, Order, byte_count};
+use crate::format::array::{Dtype, Element, Order, byte_count, tuple};
 use std::borrow::Cow;
 
 type Step<T = ()> = Result<T, Stop>;
@@ -99,7 +99,7 @@ impl<'a> Machine<'a> {
             }
             _ => "elements of another kind".into(),
         };
-        let shape = crate::format::npy::tuple(&shape);
+        let shape = tuple(&shape);
         Err(self.bad(format!("{found} for an array of {dtype} and shape {shape}"), "as many as the shape says"))
     }
 

@@ -1,8 +1,10 @@
 //! Whether a rate can be right: nobody falls faster than a stone.
 
-use super::figures::{quantile, root_jumps};
-use crate::format::bvh::USUAL_FPS;
-use crate::{Clip, Motion, Warning};
+use super::Motion;
+use super::bvh::USUAL_FPS;
+use crate::jumps::root_jumps;
+use crate::quantile::nearest as quantile;
+use crate::{Clip, Warning};
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -28,7 +30,7 @@ impl RateDoubt {
         RateDoubt::of_fall(fall_g(clip, &root_jumps(clip)), clip.fps())
     }
 
-    pub(super) fn of_fall(fall_g: f64, fps: f64) -> Option<RateDoubt> {
+    pub(crate) fn of_fall(fall_g: f64, fps: f64) -> Option<RateDoubt> {
         (fall_g > FALL_LIMIT_G).then_some(RateDoubt { fall_g, fps })
     }
 
@@ -123,7 +125,7 @@ impl RateDoubts {
 /// The fastest fall of the root, in g; `jumps` as [`root_jumps`] finds them are left out.
 ///
 /// Second difference of the root's height over steps of 0.05 s: noise of a millimetre is then 0.1 g.
-pub(super) fn fall_g(clip: &Clip, jumps: &[(usize, f64)]) -> f64 {
+pub(crate) fn fall_g(clip: &Clip, jumps: &[(usize, f64)]) -> f64 {
     let h = (0.05 * clip.fps()).round().max(1.0) as usize;
     let seconds = h as f64 / clip.fps();
     let y = clip.root();
@@ -141,26 +143,21 @@ pub(super) fn fall_g(clip: &Clip, jumps: &[(usize, f64)]) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::figures::figures;
-    use super::super::figures::tests::falling;
+pub(crate) mod tests {
     use super::*;
-    use crate::format::{self, ReadOptions};
-    use crate::{Motion, Source};
+    use crate::format::{self, ReadOptions, Source};
+    use crate::{Quat, Vec3, smpl};
     use std::path::PathBuf;
 
     /// Half the time hanging, half in free fall.
-    fn height(t: f64) -> f64 {
+    pub(crate) fn height(t: f64) -> f64 {
         if t < 1.5 { 20.0 } else { 20.0 - 0.5 * GRAVITY * (t - 1.5) * (t - 1.5) }
     }
 
-    #[test]
-    fn a_wrong_rate_is_seen_in_a_fall() {
-        let right = figures(&falling(60.0, height));
-        assert!((right.fall_g - 1.0).abs() < 0.01, "{}", right.fall_g);
-        assert_eq!(right.fps_for_free_fall, None);
-        let wrong = figures(&falling(60.0, height).with_fps(120.0).unwrap());
-        assert!((wrong.fps_for_free_fall.unwrap() - 60.0).abs() < 1.0);
+    pub(crate) fn falling(fps: f64, height: impl Fn(f64) -> f64) -> Clip {
+        let n = 3 * fps as usize;
+        let root = (0..n).map(|f| Vec3::new(0.0, height(f as f64 / fps), 0.0)).collect();
+        Clip::new(smpl::neutral(), fps, root, vec![Quat::IDENTITY; n * 24]).unwrap()
     }
 
     #[test]

@@ -1,14 +1,12 @@
-//! Where the floor is under a clip, and how far the feet are above it.
+//! Where the floor is under a clip.
 //!
-//! A body's *feet* are its ankles and balls (SMPL's 7, 8 and 10, 11), each with its height when the body stands. In a
-//! frame the foot that is nearest to the floor is the one of the least height above its own; the floor lies where that
+//! In a frame the foot that is nearest to the floor is the one of the least height above its own; the floor lies where that
 //! least height seldom goes below: at its 5th percentile over the frames. Clips that don't walk on one flat floor are
 //! told by the doubts.
 
-use crate::format::ReadOptions;
-use crate::format::bvh::MADE_UP_TIP;
-use crate::retarget::{ReferencePose, SkeletonMap, map_for};
-use crate::{Clip, EndSite, Error, GlobalPose, Motion, Result, Skeleton, Vec3, Warning, smpl};
+use super::{Feet, SkeletonMap};
+use crate::quantile::linear as quantile;
+use crate::{Clip, Result, Vec3, Warning};
 
 /// Another joint that lies deeper than this below the floor speaks against it, metres.
 const BELOW_M: f64 = 0.1;
@@ -24,21 +22,6 @@ const NEAR_M: f64 = 0.1;
 const SHORT_S: f64 = 1.0;
 /// In doubt the floor is y = 0 if the one that was found lies within this part of the body's height of it.
 const PART_OF_BODY: f64 = 0.15;
-
-/// The feet of a rig, and how it stands on them.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Feet {
-    /// Ankles and balls, and how high each is when the body stands, metres.
-    pub joints: Vec<(usize, f64)>,
-    /// The joint of the pelvis.
-    pub pelvis: usize,
-    /// How high the pelvis is when the body stands, metres.
-    pub pelvis_m: f64,
-    /// How tall the body stands, joints and end sites, metres.
-    pub body_m: f64,
-    /// (J) Which joints are feet or hang on one.
-    of_foot: Vec<bool>,
-}
 
 /// The floor of a clip.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,93 +42,7 @@ pub fn floor(clip: &Clip, map: &SkeletonMap) -> Result<Floor> {
     Ok(Feet::new(clip.skeleton(), map)?.floor(clip))
 }
 
-/// Where the floor of a motion is, as `options` tell it or as its feet do; in doubt the doubts join its warnings.
-///
-/// # Errors
-/// As [`map_for`] and [`Feet::new`]; [`Error::Call`] for a floor that is told and isn't finite.
-pub fn floor_of(motion: &mut Motion, options: &ReadOptions) -> Result<f64> {
-    if let Some(told) = options.floor {
-        let what = || format!("a floor at y = {told}; expected a height in metres");
-        return if told.is_finite() { Ok(told) } else { Err(Error::Call(what())) };
-    }
-    let map = map_for(motion.clip.skeleton(), options.map.as_deref())?;
-    let floor = floor(&motion.clip, &map)?;
-    motion.warnings.extend(floor.doubts);
-    Ok(floor.height_m)
-}
-
 impl Feet {
-    /// The feet of `rig`, whose joints `map` names, in the reference pose of the map.
-    ///
-    /// The floor of that pose is the lowest of ankles, balls and the tips below them. A rig that has ankles alone stands
-    /// as high on them as the SMPL body does (6 cm), times its leg over SMPL's.
-    ///
-    /// # Errors
-    /// As [`ReferencePose::new`].
-    pub fn new(rig: &Skeleton, map: &SkeletonMap) -> Result<Self> {
-        Ok(Feet::of(rig, &ReferencePose::new(rig, map)?))
-    }
-
-    /// [`Feet::new`] of a reference pose that is there already.
-    pub fn of(rig: &Skeleton, pose: &ReferencePose) -> Self {
-        let joints: Vec<usize> = [7, 8, 10, 11].iter().filter_map(|&id: &usize| pose.joints[id]).collect();
-        let of_foot: Vec<bool> = (0..rig.joints()).map(|j| joints.iter().any(|&foot| rig.descends(j, foot))).collect();
-        let y = |j: usize| pose.global.positions[j].y;
-        // tips: end sites, and joints without children where a file has no end sites
-        let ends = || rig.ends().iter().zip(pose.global.ends(rig)).filter(|(end, _)| !is_made_up(rig, end));
-        let highest = pose.global.positions.iter().copied().chain(ends().map(|(_, place)| place));
-        let highest = highest.fold(f64::MIN, |h, p| h.max(p.y));
-        let ends = ends().filter(|(end, _)| of_foot[end.parent]);
-        let leaves =
-            (0..rig.joints()).filter(|&j| of_foot[j] && !joints.contains(&j) && rig.children(j).next().is_none());
-        let tips: Vec<f64> = ends.map(|(_, place)| place.y).chain(leaves.map(y)).collect();
-        let lowest = joints.iter().map(|&j| y(j)).chain(tips.iter().copied()).fold(f64::MAX, f64::min);
-        let ankles_alone = joints.len() == 2 && tips.is_empty();
-        let under = if ankles_alone { smpl_ankle_m() * pose.leg_m() / smpl_leg_m() } else { 0.0 };
-        let above = |y: f64| y - lowest + under;
-        let pelvis = pose.joints[0].unwrap_or(0);
-        Feet {
-            joints: joints.into_iter().map(|j| (j, above(y(j)))).collect(),
-            pelvis,
-            pelvis_m: above(y(pelvis)),
-            body_m: above(highest),
-            of_foot,
-        }
-    }
-
-    /// (F) Of each frame the least height of a foot above its own standing height, metres, world: with the floor taken off
-    /// it is 0 in a stand, the height of the lower foot in a jump, and negative in the floor.
-    ///
-    /// # Panics
-    /// If the clip is not on a rig of these joints.
-    pub fn least(&self, clip: &Clip) -> Vec<f64> {
-        self.lowest(clip).into_iter().map(|(least, _)| least).collect()
-    }
-
-    /// (F) Of each frame the height of the lowest joint that is no foot and hangs on none, metres, world: of one who lies,
-    /// kneels or stands on the hands it is near the floor.
-    ///
-    /// # Panics
-    /// If the clip is not on a rig of these joints.
-    pub fn others(&self, clip: &Clip) -> Vec<f64> {
-        let lowest = |frame: &[Vec3]| {
-            let others = frame.iter().zip(&self.of_foot).filter(|(_, of_foot)| !**of_foot);
-            others.map(|(p, _)| p.y).fold(f64::MAX, f64::min)
-        };
-        clip.positions().chunks_exact(clip.joints()).map(lowest).collect()
-    }
-
-    /// [`Feet::least`], and where that foot is.
-    fn lowest(&self, clip: &Clip) -> Vec<(f64, usize)> {
-        let mut pose = GlobalPose::default();
-        let frame = |f: usize| {
-            pose.set(clip.skeleton(), clip.root()[f], clip.pose(f));
-            let heights = self.joints.iter().map(|&(j, rest)| (pose.positions[j].y - rest, j));
-            heights.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, 0))
-        };
-        (0..clip.frames()).map(frame).collect()
-    }
-
     /// The floor of a clip on this rig, as its file has it: before it is retargeted.
     ///
     /// *Found* is the 5th percentile over frames of [`Feet::least`]. It is doubted when another joint lies over 10 cm below
@@ -207,14 +104,6 @@ impl Feet {
     }
 }
 
-/// Whether an end site is one that [`crate::format::bvh::BvhSource::plain`] adds where a body has none, since a BVH needs
-/// one: it says nothing of the foot, and the floor is the same in a file that has none.
-fn is_made_up(rig: &Skeleton, end: &EndSite) -> bool {
-    let bone = rig.offsets()[end.parent];
-    // to the digits of a file
-    rig.parents()[end.parent].is_some() && end.offset.distance(bone * MADE_UP_TIP) < 1e-4 * bone.length()
-}
-
 fn slides(clip: &Clip, places: &[Vec3], lowest: &[(f64, usize)]) -> Option<String> {
     let frames = clip.frames();
     if frames < 2 {
@@ -241,31 +130,11 @@ fn far(lowest: &[(f64, usize)], floor_m: f64) -> Option<String> {
     })
 }
 
-fn smpl_ankle_m() -> f64 {
-    -smpl::neutral().offsets()[10].y
-}
-
-fn smpl_leg_m() -> f64 {
-    smpl::neutral().offsets()[4].length() + smpl::neutral().offsets()[7].length()
-}
-
-/// The `q` quantile, linear between neighbours as NumPy's; 0 of nothing.
-pub(crate) fn quantile(mut values: Vec<f64>, q: f64) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    values.sort_by(f64::total_cmp);
-    let at = (values.len() - 1) as f64 * q;
-    let below = values[at as usize];
-    below + (values[at.ceil() as usize] - below) * at.fract()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Source;
-    use crate::format;
-    use crate::{Quat, synth};
+    use crate::format::{self, ReadOptions};
+    use crate::{Motion, Quat, Skeleton, Source, smpl, synth};
     use std::f64::consts::FRAC_PI_2;
     use std::sync::Arc;
 
@@ -306,20 +175,6 @@ mod tests {
     }
 
     const STAND: f64 = smpl::STANDING_PELVIS_M;
-
-    #[test]
-    fn the_feet_of_the_neutral_body() {
-        let feet = Feet::new(&smpl::neutral(), &smpl_map()).unwrap();
-        let want = [(7, 0.06), (8, 0.06), (10, 0.0), (11, 0.0)];
-        for ((joint, rest), (j, r)) in feet.joints.iter().zip(want) {
-            assert!(*joint == j && near(*rest, r, 1e-12), "{joint} {rest}");
-        }
-        assert!(near(feet.pelvis_m, STAND, 1e-12) && near(feet.body_m, 1.58, 0.03), "{feet:?}");
-        let stand = clip(2.0, &posed(&[]), |t| STAND + 0.3 * t);
-        for (f, least) in feet.least(&stand).iter().enumerate() {
-            assert!(near(*least, 0.3 * f as f64 / FPS, 1e-12));
-        }
-    }
 
     #[test]
     fn dances_stand_on_it_wherever_it_is() {
@@ -422,18 +277,6 @@ mod tests {
         let stand = Clip::new(Arc::new(rig), FPS, vec![Vec3::Y * (2.0 * STAND + 0.4); n], vec![Quat::IDENTITY; n * 22]);
         let floor = floor_of(&stand.unwrap());
         assert!(near(floor.height_m, 0.4, 1e-12) && floor.doubts.is_empty(), "{floor:?}");
-    }
-
-    #[test]
-    fn end_sites_are_the_soles() {
-        let body = smpl::neutral();
-        let ends = [10, 11].map(|parent| crate::EndSite { parent, offset: Vec3::new(0.0, -0.03, 0.08) }).to_vec();
-        let parents = body.parents().to_vec();
-        let rig = Skeleton::new(body.names().to_vec(), parents, body.offsets().to_vec(), ends).unwrap();
-        let feet = Feet::new(&rig, &smpl_map()).unwrap();
-        for ((_, rest), want) in feet.joints.iter().zip([0.09, 0.09, 0.03, 0.03]) {
-            assert!(near(*rest, want, 1e-12), "{feet:?}");
-        }
     }
 
     #[test]

@@ -383,14 +383,6 @@ mod tests {
     }
 
     #[test]
-    fn the_examples_of_the_manual_are_maps() {
-        let page = include_str!("../../../../docs/skeletons.md");
-        let blocks: Vec<_> = page.split("```toml\n").skip(1).filter_map(|b| b.split("```").next()).collect();
-        let map = SkeletonMap::parse(&blocks.concat(), Path::new("docs/skeletons.md")).unwrap();
-        assert_eq!((map.name.as_str(), map.joint(9), map.reference().count()), ("my-rig", Some("Chest"), 2));
-    }
-
-    #[test]
     fn errors_have_their_place() {
         let good = SHIPPED[3].1;
         let fails = |text: &str| {

@@ -1,0 +1,157 @@
+//! The feet of a rig, and how far they are above the floor.
+//!
+//! A body's *feet* are its ankles and balls (SMPL's 7, 8 and 10, 11), each with its height when the body stands.
+
+use super::{ReferencePose, SkeletonMap};
+use crate::{Clip, EndSite, GlobalPose, Result, Skeleton, Vec3, smpl};
+
+/// The tip that a leaf without end sites gets in a BVH, which needs one, as a part of its own bone.
+pub(crate) const MADE_UP_TIP: f64 = 0.3;
+
+/// The feet of a rig, and how it stands on them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Feet {
+    /// Ankles and balls, and how high each is when the body stands, metres.
+    pub joints: Vec<(usize, f64)>,
+    /// The joint of the pelvis.
+    pub pelvis: usize,
+    /// How high the pelvis is when the body stands, metres.
+    pub pelvis_m: f64,
+    /// How tall the body stands, joints and end sites, metres.
+    pub body_m: f64,
+    /// (J) Which joints are feet or hang on one.
+    pub(super) of_foot: Vec<bool>,
+}
+
+impl Feet {
+    /// The feet of `rig`, whose joints `map` names, in the reference pose of the map.
+    ///
+    /// The floor of that pose is the lowest of ankles, balls and the tips below them. A rig that has ankles alone stands
+    /// as high on them as the SMPL body does (6 cm), times its leg over SMPL's.
+    ///
+    /// # Errors
+    /// As [`ReferencePose::new`].
+    pub fn new(rig: &Skeleton, map: &SkeletonMap) -> Result<Self> {
+        Ok(Feet::of(rig, &ReferencePose::new(rig, map)?))
+    }
+
+    /// [`Feet::new`] of a reference pose that is there already.
+    pub fn of(rig: &Skeleton, pose: &ReferencePose) -> Self {
+        let joints: Vec<usize> = [7, 8, 10, 11].iter().filter_map(|&id: &usize| pose.joints[id]).collect();
+        let of_foot: Vec<bool> = (0..rig.joints()).map(|j| joints.iter().any(|&foot| rig.descends(j, foot))).collect();
+        let y = |j: usize| pose.global.positions[j].y;
+        // tips: end sites, and joints without children where a file has no end sites
+        let ends = || rig.ends().iter().zip(pose.global.ends(rig)).filter(|(end, _)| !is_made_up(rig, end));
+        let highest = pose.global.positions.iter().copied().chain(ends().map(|(_, place)| place));
+        let highest = highest.fold(f64::MIN, |h, p| h.max(p.y));
+        let ends = ends().filter(|(end, _)| of_foot[end.parent]);
+        let leaves =
+            (0..rig.joints()).filter(|&j| of_foot[j] && !joints.contains(&j) && rig.children(j).next().is_none());
+        let tips: Vec<f64> = ends.map(|(_, place)| place.y).chain(leaves.map(y)).collect();
+        let lowest = joints.iter().map(|&j| y(j)).chain(tips.iter().copied()).fold(f64::MAX, f64::min);
+        let ankles_alone = joints.len() == 2 && tips.is_empty();
+        let under = if ankles_alone { smpl_ankle_m() * pose.leg_m() / smpl_leg_m() } else { 0.0 };
+        let above = |y: f64| y - lowest + under;
+        let pelvis = pose.joints[0].unwrap_or(0);
+        Feet {
+            joints: joints.into_iter().map(|j| (j, above(y(j)))).collect(),
+            pelvis,
+            pelvis_m: above(y(pelvis)),
+            body_m: above(highest),
+            of_foot,
+        }
+    }
+
+    /// (F) Of each frame the least height of a foot above its own standing height, metres, world: with the floor taken off
+    /// it is 0 in a stand, the height of the lower foot in a jump, and negative in the floor.
+    ///
+    /// # Panics
+    /// If the clip is not on a rig of these joints.
+    pub fn least(&self, clip: &Clip) -> Vec<f64> {
+        self.lowest(clip).into_iter().map(|(least, _)| least).collect()
+    }
+
+    /// (F) Of each frame the height of the lowest joint that is no foot and hangs on none, metres, world: of one who lies,
+    /// kneels or stands on the hands it is near the floor.
+    ///
+    /// # Panics
+    /// If the clip is not on a rig of these joints.
+    pub fn others(&self, clip: &Clip) -> Vec<f64> {
+        let lowest = |frame: &[Vec3]| {
+            let others = frame.iter().zip(&self.of_foot).filter(|(_, of_foot)| !**of_foot);
+            others.map(|(p, _)| p.y).fold(f64::MAX, f64::min)
+        };
+        clip.positions().chunks_exact(clip.joints()).map(lowest).collect()
+    }
+
+    /// [`Feet::least`], and where that foot is.
+    pub(super) fn lowest(&self, clip: &Clip) -> Vec<(f64, usize)> {
+        let mut pose = GlobalPose::default();
+        let frame = |f: usize| {
+            pose.set(clip.skeleton(), clip.root()[f], clip.pose(f));
+            let heights = self.joints.iter().map(|&(j, rest)| (pose.positions[j].y - rest, j));
+            heights.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, 0))
+        };
+        (0..clip.frames()).map(frame).collect()
+    }
+}
+
+/// Whether an end site is one that [`crate::format::bvh::BvhSource::plain`] adds where a body has none, since a BVH needs
+/// one: it says nothing of the foot, and the floor is the same in a file that has none.
+fn is_made_up(rig: &Skeleton, end: &EndSite) -> bool {
+    let bone = rig.offsets()[end.parent];
+    // to the digits of a file
+    rig.parents()[end.parent].is_some() && end.offset.distance(bone * MADE_UP_TIP) < 1e-4 * bone.length()
+}
+
+fn smpl_ankle_m() -> f64 {
+    -smpl::neutral().offsets()[10].y
+}
+
+fn smpl_leg_m() -> f64 {
+    smpl::neutral().offsets()[4].length() + smpl::neutral().offsets()[7].length()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Quat;
+
+    const FPS: f64 = 60.0;
+    const STAND: f64 = smpl::STANDING_PELVIS_M;
+
+    fn smpl_map() -> SkeletonMap {
+        SkeletonMap::builtin("smpl").unwrap()
+    }
+
+    fn near(a: f64, b: f64, tolerance: f64) -> bool {
+        (a - b).abs() <= tolerance
+    }
+
+    #[test]
+    fn the_feet_of_the_neutral_body() {
+        let feet = Feet::new(&smpl::neutral(), &smpl_map()).unwrap();
+        let want = [(7, 0.06), (8, 0.06), (10, 0.0), (11, 0.0)];
+        for ((joint, rest), (j, r)) in feet.joints.iter().zip(want) {
+            assert!(*joint == j && near(*rest, r, 1e-12), "{joint} {rest}");
+        }
+        assert!(near(feet.pelvis_m, STAND, 1e-12) && near(feet.body_m, 1.58, 0.03), "{feet:?}");
+        let root = (0..120).map(|f| Vec3::new(0.0, STAND + 0.3 * f as f64 / FPS, 0.0)).collect();
+        let stand = Clip::new(smpl::neutral(), FPS, root, vec![Quat::IDENTITY; 24 * 120]).unwrap();
+        for (f, least) in feet.least(&stand).iter().enumerate() {
+            assert!(near(*least, 0.3 * f as f64 / FPS, 1e-12));
+        }
+    }
+
+    #[test]
+    fn end_sites_are_the_soles() {
+        let body = smpl::neutral();
+        let ends = [10, 11].map(|parent| EndSite { parent, offset: Vec3::new(0.0, -0.03, 0.08) }).to_vec();
+        let parents = body.parents().to_vec();
+        let rig = Skeleton::new(body.names().to_vec(), parents, body.offsets().to_vec(), ends).unwrap();
+        let feet = Feet::new(&rig, &smpl_map()).unwrap();
+        for ((_, rest), want) in feet.joints.iter().zip([0.09, 0.09, 0.03, 0.03]) {
+            assert!(near(*rest, want, 1e-12), "{feet:?}");
+        }
+    }
+}

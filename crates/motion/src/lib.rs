@@ -10,6 +10,10 @@
 //! A [`Clip`] holds what motion *is*; what a file *says* and a clip has no place for (channel orders, units, names,
 //! line ends) travels in a [`Source`] beside it, and the two make a [`Motion`].
 //!
+//! The rooms know each other in one direction, from the bottom up: [`rotation`], [`skeleton`], [`clip`] and [`pose`];
+//! [`rig`] (which joints are whose, how a body stands, where its feet and the floor are); [`resample`] and [`mod@format`]
+//! (files); [`retarget`], [`metric`], [`feet`], [`inspect`], [`mirror`], [`synth`]; [`convert`].
+//!
 //! **Features**: `amass` (`.npz`: AMASS, body models, places of joints) and `aist` (`.pkl`: AIST++) are on by default;
 //! `fbx` (`.fbx`, which needs a C compiler) is not; `ndarray` gives views of rotations and places.
 #![forbid(unsafe_code)]

@@ -1,6 +1,54 @@
 //! From motion to text, from text to a model, from a model to new dances.
 //!
-//! Everything a command of the `kinelm` program does is a function of one of these crates.
+//! Everything a command of the `kinelm` program does is a function of one of these crates. In the way of the data:
+//!
+//! [`motion`] reads files into clips, and [`tokenizer`] writes clips as words; here of two dances that are made up:
+//!
+//! ```
+//! use kinelm::motion::synth;
+//! use kinelm::tokenizer::{Tokenizer, TokenizerConfig};
+//!
+//! let dances: Vec<_> = synth::corpus(1, 2, 4.0, 20.0)?.into_iter().map(|dance| dance.clip).collect();
+//! let tokenizer = Tokenizer::fit(&dances, TokenizerConfig::default())?;
+//! let words = tokenizer.encode(&dances[0])?.words;
+//! assert_eq!(words.len(), dances[0].frames(), "a frame is a word");
+//! let ids = tokenizer.ids_of_words(&words)?;
+//! let back = tokenizer.decode(&tokenizer.words_of_ids(&ids).words, tokenizer.rest())?;
+//! assert_eq!(back.frames(), dances[0].frames());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! [`corpus`] keeps the words of many clips, [`train`] a run of a [`model`] that learns them, [`generate`] makes new dances:
+//!
+//! ```no_run
+//! use kinelm::generate::open::OpenRequest;
+//! use kinelm::generate::request::{Length, PromptRequest, Request};
+//! use std::path::Path;
+//!
+//! let prompt = PromptRequest { joints: Some("root,right_arm".into()), ..PromptRequest::of("dances/03.bvh") };
+//! let request = Request { prompt: Some(prompt), length: Some(Length::Seconds(10.0)), ..Request::of("run") };
+//! let open = OpenRequest::open(&request)?;
+//! let dances = open.dance(1, None, &mut |frames| eprintln!("{frames} of {}", open.frames))?;
+//! let out = Path::new("dance.bvh");
+//! std::fs::write(out, open.motion(&open.words(&dances, 0), out)?.bytes(out)?)?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! [`view`] makes a page to watch them on:
+//!
+//! ```
+//! use kinelm::motion::synth;
+//! use kinelm::view::{Figure, write_page};
+//!
+//! let dance = synth::corpus(1, 1, 4.0, 20.0)?.remove(0).clip;
+//! let folder = tempfile::tempdir()?;
+//! write_page(&folder.path().join("page.html"), &[Figure::new("made up", &dance).note("4 seconds")])?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! Beside them: [`evaluate`] measures tokens, models and dances, [`classify`] names dancer and genre, [`spectral`] searches,
+//! filters and interpolates, [`baselines`] are networks without tokens; [`music`] reads sound, [`engine`] computes,
+//! [`store`] writes files whole.
 #![forbid(unsafe_code)]
 
 mod bench;

@@ -26,7 +26,7 @@ pub fn names() -> Vec<String> {
 /// The text of settings that are built in, by one of [`names`], or by a name that only one kind has.
 ///
 /// # Errors
-/// [`Error::Call`] with the names when there are none.
+/// [`kinelm_store::Error::Call`] with the names when there are none.
 pub fn text_of(name: &str) -> Result<&'static str> {
     let (folder, bare) = name.split_once('/').map_or((None, name), |(folder, bare)| (Some(folder), bare));
     let has = |presets: &'static Presets| presets.iter().find(|(n, _)| *n == bare).map(|(_, text)| *text);

@@ -25,7 +25,7 @@ pub fn asked(e: impl Into<crate::Error>) -> Error {
 }
 
 /// The user stopped the work with Ctrl-C; what is done is saved: exit code 130, as a shell has it. Work that can't be saved
-/// half done ends in [`crate::Error::Stopped`].
+/// half done ends in [`kinelm_store::Error::Stopped`].
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Stopped(pub String);

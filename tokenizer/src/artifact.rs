@@ -238,7 +238,7 @@ impl Tokenizer {
     /// Reads a `tokenizer.json`.
     ///
     /// # Errors
-    /// [`Error::Io`], and [`Error::File`] for a file that is none of ours, of another version, or changed since it was
+    /// [`kinelm_store::Error::Io`], and [`Error::File`] for a file that is none of ours, of another version, or changed since it was
     /// written.
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();

@@ -105,7 +105,7 @@ impl<R: Recipe> Told<R> {
     /// Reads such a file.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::File`] for text that is no such file, of another model's dance, or of another version.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] for text that is no such file, of another model's dance, or of another version.
     pub fn load(path: &Path) -> Result<Told<R>> {
         Told::parse(path, &input::text(path).map_err(Error::io(path))?)
     }
@@ -141,7 +141,7 @@ impl<R: Recipe> Told<R> {
     /// Refuses a network or a file that is not the one that made the dance, and bytes that came out different.
     ///
     /// # Errors
-    /// [`Error::Call`] that names what has changed, with both hashes.
+    /// [`kinelm_store::Error::Call`] that names what has changed, with both hashes.
     pub fn check(&self, now: &Told<R>) -> Result<()> {
         let run = now.recipe.run().display();
         let all = [

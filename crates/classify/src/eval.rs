@@ -174,7 +174,7 @@ pub(super) fn pooled(model: &mut Fast, layout: &Layout, source: &Source) -> Resu
 /// What `read` makes of the final vectors of some rows of every window.
 ///
 /// # Errors
-/// What the model refuses; [`Error::Stopped`] where the source is stopped.
+/// What the model refuses; [`kinelm_store::Error::Stopped`] where the source is stopped.
 fn each_window<T>(
     model: &mut Fast,
     layout: &Layout,

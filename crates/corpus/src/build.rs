@@ -118,7 +118,7 @@ impl Summary {
 /// Fits a tokenizer on the train clips.
 ///
 /// # Errors
-/// [`Error::Call`] when no train clip could be taken, or any file is bad and `strict` is given; [`Error::Stopped`] when `watch` broke off;
+/// [`kinelm_store::Error::Call`] when no train clip could be taken, or any file is bad and `strict` is given; [`kinelm_store::Error::Stopped`] when `watch` broke off;
 /// [`Error::Tokenizer`] for settings outside their limits.
 pub fn fit(
     gathered: &Gathered,
@@ -148,7 +148,7 @@ pub fn fit(
 /// out of whose middle something is left out.
 ///
 /// # Errors
-/// Those of [`CorpusWriter`]; [`Error::Call`] when no clip could be taken, or any file is bad and `strict` is given, or
+/// Those of [`CorpusWriter`]; [`kinelm_store::Error::Call`] when no clip could be taken, or any file is bad and `strict` is given, or
 /// `watch` broke off. Nothing is written then.
 pub fn tokenize(
     gathered: &Gathered,

@@ -21,7 +21,7 @@ pub struct Field {
 /// The records of a file, blank lines left out.
 ///
 /// # Errors
-/// [`Error::File`] with line and column: bytes that are not UTF-8, a quote that is never closed, text after a closing
+/// [`kinelm_store::Error::File`] with line and column: bytes that are not UTF-8, a quote that is never closed, text after a closing
 /// quote, a quote inside an unquoted field.
 pub fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<Vec<Field>>> {
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);

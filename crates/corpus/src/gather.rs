@@ -130,8 +130,8 @@ struct Found {
 /// has one) leaves out the names it lists from its folder and all below it; the one beside a folder given counts too.
 ///
 /// # Errors
-/// [`Error::Io`] for a path that is not there or can't be read; [`Error::Call`] when nothing is found, or `labels` are
-/// neither none, one nor as many as `data`; [`Error::File`] when nothing is found but FBX files, in a build that doesn't read
+/// [`kinelm_store::Error::Io`] for a path that is not there or can't be read; [`kinelm_store::Error::Call`] when nothing is found, or `labels` are
+/// neither none, one nor as many as `data`; [`kinelm_store::Error::File`] when nothing is found but FBX files, in a build that doesn't read
 /// them; those of [`Labels::parse`] and [`Labels::find`].
 pub fn gather(data: &[PathBuf], labels: &[String]) -> Result<Gathered> {
     if labels.len() > 1 && labels.len() != data.len() {
@@ -190,7 +190,7 @@ fn ask_sidecars(g: &mut Gathered) {
 /// The motion files below a folder, by path, as [`gather`] finds them.
 ///
 /// # Errors
-/// [`Error::Io`] for what can't be read; [`Error::File`] for a folder of FBX files alone, in a build that doesn't read them.
+/// [`kinelm_store::Error::Io`] for what can't be read; [`kinelm_store::Error::File`] for a folder of FBX files alone, in a build that doesn't read them.
 pub fn files_below(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut counts = Gathered::default();
     let mut walk = Walk { gathered: &mut counts, files: Vec::new(), folders: HashSet::new() };

@@ -19,7 +19,7 @@ const NO_LABEL: [&str; 2] = ["set", "id"];
 /// Field and value of a label that is written `FIELD=VALUE`.
 ///
 /// # Errors
-/// [`Error::Call`] with what it says, for text of another form.
+/// [`kinelm_store::Error::Call`] with what it says, for text of another form.
 pub fn pair(text: &str) -> Result<(String, String)> {
     match text.split_once('=') {
         Some((field, value)) if !field.is_empty() && !value.is_empty() => Ok((field.into(), value.into())),
@@ -63,8 +63,8 @@ impl Labels {
     /// Reads what `--labels` was given: a pattern if it holds a brace, nothing (`Auto`) if it is empty, else a CSV.
     ///
     /// # Errors
-    /// [`Error::Io`] when the file can't be read; [`Error::File`] with line and column where it is wrong;
-    /// [`Error::Call`] for a pattern that is none.
+    /// [`kinelm_store::Error::Io`] when the file can't be read; [`kinelm_store::Error::File`] with line and column where it is wrong;
+    /// [`kinelm_store::Error::Call`] for a pattern that is none.
     pub fn parse(text: &str) -> Result<Self> {
         if text.is_empty() {
             return Ok(Labels::Auto);
@@ -82,7 +82,7 @@ impl Labels {
     /// What is known of the file at `path` below its folder (`/` between parts, with extension), and by which rule.
     ///
     /// # Errors
-    /// [`Error::Call`] when a name holds a split, rate or number that is none.
+    /// [`kinelm_store::Error::Call`] when a name holds a split, rate or number that is none.
     pub fn find(&self, path: &str) -> Result<Option<(Known, Rule)>> {
         match self {
             Labels::Table(table) => Ok(table.find(path).map(|row| (table.rows[row].known.clone(), Rule::Row(row)))),
@@ -203,7 +203,7 @@ impl Table {
     /// Reads a CSV.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::File`] with line and column: no header, no `clip` column, a column without a name or
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] with line and column: no header, no `clip` column, a column without a name or
     /// named twice, a row of another width, a clip named twice or not at all, a split, rate or skip that is none; of rows
     /// with times, a time that is none, a label at a time at which another row has told it, two rows that state another
     /// split, take, rate, skip or floor of one clip.
@@ -214,7 +214,7 @@ impl Table {
     /// [`Table::load`] of bytes; `path` is for messages.
     ///
     /// # Errors
-    /// [`Error::File`] as there.
+    /// [`kinelm_store::Error::File`] as there.
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self> {
         let mut records = csv::parse(path, bytes)?.into_iter();
         let Some(header) = records.next() else {

@@ -35,7 +35,7 @@ type Row = (LeftOut, usize);
 /// corpus to tell.
 ///
 /// # Errors
-/// [`Error::Io`]; [`Error::File`] with line and column: no header, no column `clip`, columns of other names, a row of
+/// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] with line and column: no header, no column `clip`, columns of other names, a row of
 /// another width or without a clip, a time that is none.
 pub fn leave_out(gathered: &mut Gathered, path: &Path) -> Result<Vec<LeftOut>> {
     let rows = parse(path, &input::bytes(path).map_err(Error::io(path))?)?;

@@ -103,7 +103,7 @@ pub fn parse_placed(path: &Path, bytes: &[u8], options: &ReadOptions, wanted: Wa
 /// overrule those of `options`. Of an item that is a piece of a file nothing may be left.
 ///
 /// # Errors
-/// What reading and retargeting fail with, the file named; [`Error::File`] for a clip without frames, or without those that
+/// What reading and retargeting fail with, the file named; [`kinelm_store::Error::File`] for a clip without frames, or without those that
 /// labels tell of.
 pub fn load_item(item: &Item, options: &ReadOptions, wanted: Wanted) -> Result<Loaded> {
     let whole = load_whole(item, options, wanted)?;
@@ -130,7 +130,7 @@ impl Loaded {
     /// What of a whole file an item is.
     ///
     /// # Errors
-    /// [`Error::File`] for a clip without the frames that labels tell of.
+    /// [`kinelm_store::Error::File`] for a clip without the frames that labels tell of.
     pub fn piece(&self, item: &Item) -> Result<Loaded> {
         let mut warnings = self.warnings.clone();
         warnings.extend(behind_its_end(item, &self.clip));

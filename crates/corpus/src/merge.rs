@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// Merges all shards of one corpus, given in any order, into `out`: the same bytes as a run without shards writes.
 ///
 /// # Errors
-/// [`Error::Call`] when the folders are not each shard of one corpus once (same tokenizer, same sources, same number of
+/// [`kinelm_store::Error::Call`] when the folders are not each shard of one corpus once (same tokenizer, same sources, same number of
 /// shards); those of [`Corpus::open`] and [`CorpusWriter`].
 pub fn merge(shards: &[PathBuf], out: &Path, force: bool) -> Result<Manifest> {
     let shards: Vec<Corpus> = shards.iter().map(Corpus::open).collect::<Result<_>>()?;

@@ -38,7 +38,7 @@ impl Pattern {
     /// Reads a pattern.
     ///
     /// # Errors
-    /// [`Error::Call`] for a brace without its partner, no field at all, a field without a name or named twice, or two
+    /// [`kinelm_store::Error::Call`] for a brace without its partner, no field at all, a field without a name or named twice, or two
     /// fields with nothing between them.
     pub fn parse(text: &str) -> Result<Self> {
         let fail = |what: String| Err(Error::call(format!("pattern `{text}`: {what}")));

@@ -33,7 +33,7 @@ impl Settings {
     /// The settings of a name that is built in ([`TOKENIZER`]), else those of a file.
     ///
     /// # Errors
-    /// [`Error::Call`] when it is neither, else those of [`Settings::load`].
+    /// [`kinelm_store::Error::Call`] when it is neither, else those of [`Settings::load`].
     pub fn find(name_or_path: &Path) -> Result<Self> {
         match presets::find(TOKENIZER, name_or_path, "tokenizer settings")? {
             Some(text) => Settings::parse(text, name_or_path),
@@ -44,7 +44,7 @@ impl Settings {
     /// Reads a file.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::File`] with line and column for text that is no TOML.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] with line and column for text that is no TOML.
     pub fn load(path: &Path) -> Result<Self> {
         let text = input::text(path).map_err(Error::io(path))?;
         Settings::parse(&text, path)
@@ -53,7 +53,7 @@ impl Settings {
     /// Reads the text of a file; `path` is for messages.
     ///
     /// # Errors
-    /// [`Error::File`] with line and column for text that is no TOML; for a scheme that is no table.
+    /// [`kinelm_store::Error::File`] with line and column for text that is no TOML; for a scheme that is no table.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let table = text.parse::<Table>().map_err(|e| {
             Error::in_text((path, text), e.span(), e.message(), "the settings of a tokenizer in TOML", HELP)
@@ -90,7 +90,7 @@ impl Settings {
     /// Sets a key of the scheme written as `key=value`; dots go into tables, and a value that is no TOML is text.
     ///
     /// # Errors
-    /// [`Error::Call`] without a `=`, with an empty key, and for a key below one that is no table.
+    /// [`kinelm_store::Error::Call`] without a `=`, with an empty key, and for a key below one that is no table.
     pub fn set_pair(&mut self, pair: &str) -> Result<()> {
         let wrong = || Error::call("expected KEY=VALUE, such as tile=60 or joint_transform.type=pca");
         let (key, value) = pair.split_once('=').ok_or_else(wrong)?;
@@ -123,7 +123,7 @@ impl Settings {
     /// The settings as a whole.
     ///
     /// # Errors
-    /// [`Error::File`], or [`Error::Call`] where there was no file: a key that is unknown or of a wrong type, a value outside
+    /// [`kinelm_store::Error::File`], or [`kinelm_store::Error::Call`] where there was no file: a key that is unknown or of a wrong type, a value outside
     /// its limits, joints that nobody knows.
     pub fn config(mut self) -> Result<TokenizerConfig> {
         let path = self.path.take();

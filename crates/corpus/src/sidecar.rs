@@ -1,7 +1,7 @@
 //! How a dance is read: as the file beside it says, `dance.bvh.kinelm.json`.
 //!
 //! Whatever wrote the dance, its sidecar holds the dance's name and hash, and how the dance is read. Here no more of it is
-//! known, so that all that reads motion can ask; what else stands in it, [`kinelm_generate::provenance`] reads.
+//! known, so that all that reads motion can ask; what else stands in it, `kinelm_generate::provenance` reads.
 
 use crate::{Error, Result};
 use kinelm_motion::format::{BvhPosition, Format, ReadOptions, Unit, Up};
@@ -20,7 +20,7 @@ struct Sidecar {
 /// How the sidecar of `dance` says that it is read; `None` where there is none, or the dance has changed since.
 ///
 /// # Errors
-/// [`Error::Io`] for a sidecar that can't be read; [`Error::File`] for one of another version, or text that is none.
+/// [`kinelm_store::Error::Io`] for a sidecar that can't be read; [`kinelm_store::Error::File`] for one of another version, or text that is none.
 pub fn reading_of(dance: &Path) -> Result<Option<ReadOptions>> {
     let path = path_of(dance);
     if !path.is_file() {

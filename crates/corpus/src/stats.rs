@@ -110,7 +110,7 @@ fn look(corpus: &Corpus, record: &ClipRecord) -> Result<Seen> {
 /// Looks through a corpus; decodes every clip, a clip a thread at a time.
 ///
 /// # Errors
-/// [`crate::Error::File`] when an id stands where it may not.
+/// [`kinelm_store::Error::File`] when an id stands where it may not.
 pub fn stats(corpus: &Corpus) -> Result<Stats> {
     let mut seen: Vec<Seen> = corpus.clips().par_iter().map(|c| look(corpus, c)).collect::<Result<_>>()?;
     let clips_with_glitches = seen.iter().filter(|seen| !seen.glitches.is_empty()).count();

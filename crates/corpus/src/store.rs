@@ -104,7 +104,7 @@ impl Corpus {
     /// Opens a corpus folder: checks version, lengths and hashes, and reads the tokens if memory has room for them.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::File`] when a file is of another version, damaged, or doesn't fit the others; it says
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] when a file is of another version, damaged, or doesn't fit the others; it says
     /// what was found, what was wanted and how to go on.
     pub fn open(dir: impl AsRef<Path>) -> Result<Self> {
         Corpus::open_with(dir, Opening::default())
@@ -243,7 +243,7 @@ impl Corpus {
     /// The characters of a clip of this corpus, word by word, without the spaces.
     ///
     /// # Errors
-    /// [`Error::File`] when an id stands where it may not; as [`Corpus::clip_ids`].
+    /// [`kinelm_store::Error::File`] when an id stands where it may not; as [`Corpus::clip_ids`].
     pub fn clip_words(&self, clip: &ClipRecord) -> Result<Words> {
         self.some_words(clip, 0..self.words(clip).len())
     }

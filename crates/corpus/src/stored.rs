@@ -42,7 +42,7 @@ impl<T: Pod + Send + Sync> Stored<T> {
     /// it is. `help` is for messages about a file that is not as it was written.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::File`] when the file hasn't `expected` bytes.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] when the file hasn't `expected` bytes.
     pub fn open(path: &Path, expected: u64, help: &'static str) -> Result<Stored<T>> {
         Stored::open_within(path, expected, help, memory::free().map_or(u64::MAX, |free| free / SHARE))
     }
@@ -72,7 +72,7 @@ impl<T: Pod + Send + Sync> Stored<T> {
     /// Checks the SHA-256.
     ///
     /// # Errors
-    /// [`Error::File`] when it differs from the record's; what reading fails with.
+    /// [`kinelm_store::Error::File`] when it differs from the record's; what reading fails with.
     pub fn check(&self, record: &FileRecord) -> Result<()> {
         let mut hash = Sha256::new();
         for block in self.blocks() {
@@ -101,7 +101,7 @@ impl<T: Pod + Send + Sync> Stored<T> {
     /// Some of the numbers.
     ///
     /// # Errors
-    /// [`Error::File`] when the file has become shorter, [`Error::Io`] when it can't be read any more.
+    /// [`kinelm_store::Error::File`] when the file has become shorter, [`kinelm_store::Error::Io`] when it can't be read any more.
     ///
     /// # Panics
     /// If the range leaves the file.

@@ -140,7 +140,7 @@ pub fn behind_its_end(item: &Item, clip: &Clip) -> Option<Warning> {
 /// The frames of a clip that are an item's: all, or its piece's; none where nothing is left behind the last row.
 ///
 /// # Errors
-/// [`Error::File`]: a row tells of seconds that the clip doesn't have; to the end means to within a frame of it.
+/// [`kinelm_store::Error::File`]: a row tells of seconds that the clip doesn't have; to the end means to within a frame of it.
 pub fn piece_of(item: &Item, clip: &Clip) -> Result<Clip> {
     let Some(Piece { from_s, to_s, stated, line, beside_left_out }) = item.piece else { return Ok(clip.clone()) };
     let (frames, fps) = (clip.frames(), clip.fps());

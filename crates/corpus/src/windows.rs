@@ -12,7 +12,7 @@ use std::ops::Range;
 /// Whole words of `word` tokens in a context of `context` tokens.
 ///
 /// # Errors
-/// [`Error::Call`] when not one word fits.
+/// [`kinelm_store::Error::Call`] when not one word fits.
 pub fn whole_words(context: usize, word: usize) -> Result<usize> {
     match context.checked_div(word) {
         Some(n) if n > 0 => Ok(n),
@@ -41,7 +41,7 @@ pub struct EvalWindow {
 /// words leave room for it. Of words of one length, n in a window, the hop is n/2 words.
 ///
 /// # Errors
-/// [`Error::Call`] when words have one length and T doesn't hold one, or T is 0.
+/// [`kinelm_store::Error::Call`] when words have one length and T doesn't hold one, or T is 0.
 pub fn eval_windows<'a>(clips: impl IntoIterator<Item = ClipWords<'a>>, context: usize) -> Result<Vec<EvalWindow>> {
     let clips: Vec<ClipWords> = clips.into_iter().collect();
     Ok(each_eval_window(clips.into_iter(), context)?.collect())

@@ -79,7 +79,7 @@ impl Index {
     /// Finds the words of clips that are known to lie in the token file one after the other.
     ///
     /// # Errors
-    /// Tokens that can't be read; [`Error::File`] for a clip that has another number of words than its frames take, or doesn't end with a space.
+    /// Tokens that can't be read; [`kinelm_store::Error::File`] for a clip that has another number of words than its frames take, or doesn't end with a space.
     pub fn find(path: &Path, manifest: &Manifest, clips: &[ClipRecord], tokens: &Tokens) -> Result<Index> {
         if let Some(word) = manifest.tokens_per_word {
             return Ok(Index::Fixed(word));

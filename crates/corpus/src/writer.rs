@@ -49,8 +49,8 @@ impl CorpusWriter {
     /// Begins a corpus at `dir` with its tokenizer and the paths it is made from.
     ///
     /// # Errors
-    /// [`Error::Taken`] when what stands at `dir` is no corpus, or one of another tokenizer and `force` is not given;
-    /// [`Error::Io`].
+    /// [`kinelm_store::Error::Taken`] when what stands at `dir` is no corpus, or one of another tokenizer and `force` is not given;
+    /// [`kinelm_store::Error::Io`].
     pub fn create(
         dir: impl AsRef<Path>,
         tokenizer: &Tokenizer,
@@ -101,8 +101,8 @@ impl CorpusWriter {
     /// Appends a clip of the `ids` of ceil(F / L) words. Keys ascend, so that the order of a corpus never depends on who was faster.
     ///
     /// # Errors
-    /// [`Error::Call`] when the ids are not the words of the clip's frames or outside the vocabulary, the name stood before, the key is not
-    /// above the last one, or the source is not listed; [`Error::Io`].
+    /// [`kinelm_store::Error::Call`] when the ids are not the words of the clip's frames or outside the vocabulary, the name stood before, the key is not
+    /// above the last one, or the source is not listed; [`kinelm_store::Error::Io`].
     pub fn push(&mut self, clip: NewClip, ids: &[u32]) -> Result<()> {
         self.check(&clip, ids)?;
         self.tokens.write(&self.token_type.to_bytes(ids))?;
@@ -182,7 +182,7 @@ impl CorpusWriter {
     /// Moves the whole corpus to its place.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::Taken`] where something else stands there and `force` is not given.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::Taken`] where something else stands there and `force` is not given.
     pub fn finish(mut self) -> Result<Manifest> {
         self.manifest.tokens = self.tokens.finish()?;
         self.manifest.clips = self.clips.finish()?;

@@ -141,7 +141,7 @@ fn row(name: &str, all: &str, from_third: &str) -> String {
 /// Fits the static models on `codes.train` and measures them on `codes.test`.
 ///
 /// # Errors
-/// [`Error::Call`] when a split has no frame, or the codes are no whole frames of bins below `codes.bins`, of which
+/// [`kinelm_store::Error::Call`] when a split has no frame, or the codes are no whole frames of bins below `codes.bins`, of which
 /// there are 2 to 65,536; those of [`xz::bits_per_frame`].
 pub fn measure(codes: &CodeSplits) -> Result<Baselines> {
     check(codes)?;

@@ -40,7 +40,7 @@ impl CodeSplits {
     /// each clip. What a sample leaves out is read past and never held.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::File`] when an array is missing, of another shape, larger than the free memory holds, or holds a
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] when an array is missing, of another shape, larger than the free memory holds, or holds a
     /// code of `bins` or more.
     pub fn load_npz(path: &Path, bins: usize, extent: Extent) -> Result<Self> {
         let bad =
@@ -61,7 +61,7 @@ impl CodeSplits {
     /// same tokenizer.
     ///
     /// # Errors
-    /// [`Error::Call`] for a corpus of other words; [`Error::File`] when an id stands where it may not.
+    /// [`kinelm_store::Error::Call`] for a corpus of other words; [`kinelm_store::Error::File`] when an id stands where it may not.
     pub fn of_corpora(fitted: &Corpus, (corpus, measured): (&Corpus, Split), extent: Extent) -> Result<Self> {
         let Some(channels) = channels(corpus) else {
             return Err(Error::call("words are tiles of frames, or differ in length: they have no code a channel"));

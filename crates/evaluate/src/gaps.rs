@@ -39,7 +39,7 @@ pub struct Gap {
 /// `most` gaps of so many `frames`, spread evenly over the places that a split's clips have for them behind `before` frames.
 ///
 /// # Errors
-/// [`Error::Call`] where no clip is long enough; what reading the corpus fails with.
+/// [`kinelm_store::Error::Call`] where no clip is long enough; what reading the corpus fails with.
 pub fn gaps(corpus: &Corpus, split: Split, (before, frames): (usize, usize), most: usize) -> Result<Vec<Gap>> {
     let length = before + frames + BEHIND;
     let clips: Vec<_> = corpus.split(split).filter(|clip| clip.frames >= length).collect();
@@ -132,7 +132,7 @@ pub struct Filler<'a> {
 /// Frames before a gap of so many that a model has room for.
 ///
 /// # Errors
-/// [`Error::Call`] where it has none.
+/// [`kinelm_store::Error::Call`] where it has none.
 pub fn frames_before(context: usize, front: usize, tokenizer: &Tokenizer, frames: usize) -> Result<usize> {
     let (Some(word), 1) = (tokenizer.tokens_per_word(), tokenizer.frames_per_word()) else {
         return Err(Error::call("gaps need a tokenizer whose words are frames: uniform or quantile bins"));

@@ -22,7 +22,7 @@ pub struct PlaceBits {
 /// The places of a tokenizer's words, the space last, without bits.
 ///
 /// # Errors
-/// [`Error::Tokenizer`] or [`Error::Call`] with the reason, where a character belongs to no one joint.
+/// [`Error::Tokenizer`] or [`kinelm_store::Error::Call`] with the reason, where a character belongs to no one joint.
 pub fn places(tokenizer: &Tokenizer) -> Result<Vec<PlaceBits>> {
     if tokenizer.tokens_per_word().is_none() || tokenizer.frames_per_word() != 1 {
         let what = "words of this tokenizer are no frames of one character a channel, so no token is one joint's";
@@ -40,7 +40,7 @@ pub fn places(tokenizer: &Tokenizer) -> Result<Vec<PlaceBits>> {
     Ok(all)
 }
 
-/// [`super::likelihood::likelihood`], and how its bits fall on the places of a word.
+/// [`kinelm_model::likelihood::likelihood`], and how its bits fall on the places of a word.
 ///
 /// # Errors
 /// A masked model; those of [`places`] and of the likelihood.

@@ -95,7 +95,7 @@ impl fmt::Display for TokenFloors {
 /// tokenizer.
 ///
 /// # Errors
-/// [`Error::File`] when a split has no frame; an `xz` program that fails.
+/// [`kinelm_store::Error::File`] when a split has no frame; an `xz` program that fails.
 pub fn measure(fitted: &Corpus, (corpus, measured): (&Corpus, Split), extent: Extent) -> Result<TokenFloors> {
     // labels may have been added to one of them
     let vocabulary = corpus.manifest().vocabulary.max(fitted.manifest().vocabulary);

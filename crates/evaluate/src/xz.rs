@@ -9,7 +9,7 @@ use std::process::{Command, Stdio};
 /// `None` where there is no `xz` program, or not one frame.
 ///
 /// # Errors
-/// [`Error::Call`] when the program is there and fails.
+/// [`kinelm_store::Error::Call`] when the program is there and fails.
 pub fn bits_per_frame(clips: &CodeClips, channels: usize) -> Result<Option<[f64; 2]>> {
     let frames = clips.clips.iter().map(Vec::len).sum::<usize>() / channels.max(1);
     if frames == 0 {

@@ -11,7 +11,7 @@ use kinelm_model::LoadedRun;
 /// Refuses to tell a model ahead that can't be told.
 ///
 /// # Errors
-/// [`Error::Call`]: such a model, a number that isn't finite.
+/// [`kinelm_store::Error::Call`]: such a model, a number that isn't finite.
 pub fn check_ahead(ahead: f64, run: &LoadedRun) -> Result<()> {
     let wrong = |what: &str| Err(Error::call(format!("ahead {ahead}: {what}")));
     if !ahead.is_finite() {

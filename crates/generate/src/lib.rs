@@ -169,7 +169,7 @@ pub const MOST_FRAMES: usize = 1 << 20;
 /// Refuses a dance that is too long, whether a call or a file asks for it.
 ///
 /// # Errors
-/// [`Error::Call`] with both numbers.
+/// [`kinelm_store::Error::Call`] with both numbers.
 pub fn check_frames(frames: usize) -> Result<()> {
     match frames {
         0..=MOST_FRAMES => Ok(()),

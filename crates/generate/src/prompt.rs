@@ -92,7 +92,7 @@ impl Prompt {
     /// Ids of the words of the first `frames` frames, for a dance to begin with: no word that the clip's end would be in.
     ///
     /// # Errors
-    /// [`Error::Call`] when that leaves none.
+    /// [`kinelm_store::Error::Call`] when that leaves none.
     pub fn beginning(&self, tokenizer: &Tokenizer, frames: usize) -> Result<Vec<u32>> {
         if frames > self.frames() {
             return Err(Error::call(format!(
@@ -219,7 +219,7 @@ pub fn share_changed(codes: &[u16], again: &[u16], given: &[bool], prompt: usize
 /// (C) which places of a word a selection gives.
 ///
 /// # Errors
-/// [`Error::Tokenizer`] with the reason, where characters belong to no one joint; [`Error::Call`] when the tokenizer codes
+/// [`Error::Tokenizer`] with the reason, where characters belong to no one joint; [`kinelm_store::Error::Call`] when the tokenizer codes
 /// none of the joints.
 pub fn given_places(tokenizer: &Tokenizer, selection: &Selection) -> Result<Vec<bool>> {
     let places = tokenizer.places_of(selection)?;

@@ -74,7 +74,7 @@ impl MadeTo {
     /// Refuses a file that isn't the one that was danced to.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::Call`] for one that has changed.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::Call`] for one that has changed.
     pub fn check(&self) -> Result<()> {
         let now = hash::of_file(&self.path)?;
         match self.sha256.as_ref().is_none_or(|then| *then == now) {
@@ -138,7 +138,7 @@ impl Provenance {
     /// Reads such a file.
     ///
     /// # Errors
-    /// [`Error::Io`], [`Error::File`] for text that is no such file or of another version.
+    /// [`kinelm_store::Error::Io`], [`kinelm_store::Error::File`] for text that is no such file or of another version.
     pub fn load(path: &Path) -> Result<Provenance> {
         Provenance::parse(path, &input::text(path).map_err(Error::io(path))?)
     }
@@ -178,7 +178,7 @@ impl Provenance {
     /// Refuses a model, a tokenizer, a prompt or music that is not the one that made the dance.
     ///
     /// # Errors
-    /// [`Error::Call`] that names what has changed, with both hashes.
+    /// [`kinelm_store::Error::Call`] that names what has changed, with both hashes.
     pub fn check(&self, ready: &OpenRequest) -> Result<()> {
         let prompt = ready.prompt.as_ref().map(|prompt| prompt.clip.sha256.clone());
         let (run, tokenizer) = (ready.recipe.run.display(), ready.run.tokenizer.display());

@@ -79,7 +79,7 @@ impl LeadIns {
     /// Reads those of a run with this tokenizer; `None` where it has none, as one that was trained elsewhere.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::File`] for text that is none, another version or tokenizer, ids that make no words.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] for text that is none, another version or tokenizer, ids that make no words.
     pub fn load(run: &Path, tokenizer: &Tokenizer) -> Result<Option<LeadIns>> {
         let path = run.join(LEAD_INS);
         let text = match input::text(&path) {

@@ -160,7 +160,7 @@ struct Told {
 /// Refuses the configuration of a run that is no GPT's: it has a `kind`.
 ///
 /// # Errors
-/// [`Error::File`] with the kind, and who reads it.
+/// [`kinelm_store::Error::File`] with the kind, and who reads it.
 pub fn check_kind(path: &Path, text: &str) -> Result<()> {
     let table: Option<toml::Table> = toml::from_str(text).ok();
     match table.as_ref().and_then(|table| table.get("kind")?.as_str()) {

@@ -117,7 +117,7 @@ impl PcaFit {
     /// laid under each other.
     ///
     /// # Errors
-    /// [`Error::Call`] when there are no series, or more components than numbers of a series, or numbers out of all range.
+    /// [`kinelm_store::Error::Call`] when there are no series, or more components than numbers of a series, or numbers out of all range.
     pub fn finish(&self, keep: usize) -> Result<PcaBasis> {
         let (n, count) = (self.length, self.count as f64);
         if self.count == 0 || keep > n {

@@ -34,7 +34,7 @@ impl Series {
     /// [`Series::window`] takes the jumps out.
     ///
     /// # Errors
-    /// [`Error::Call`] for a joint that the clip doesn't have or that is given twice; [`Error::Motion`] for a rate that
+    /// [`kinelm_store::Error::Call`] for a joint that the clip doesn't have or that is given twice; [`Error::Motion`] for a rate that
     /// can't be had.
     pub fn of(clip: &Clip, joints: &[usize], fps: f64, raw: bool) -> Result<Series> {
         let joints = if joints.is_empty() { (0..clip.joints()).collect() } else { joints.to_vec() };
@@ -105,7 +105,7 @@ impl Series {
     /// translation stay.
     ///
     /// # Errors
-    /// [`Error::Call`] for a clip of another length or of fewer joints, or for numbers that are not finite.
+    /// [`kinelm_store::Error::Call`] for a clip of another length or of fewer joints, or for numbers that are not finite.
     pub fn onto(&self, clip: &Clip) -> Result<Clip> {
         check(&self.joints, clip)?;
         let clip = resample(clip, self.fps, Method::Auto)?;

@@ -30,7 +30,7 @@ impl WindowSpec {
     /// Holds the numbers to their limits.
     ///
     /// # Errors
-    /// [`Error::Call`] with the number that is out of its limits.
+    /// [`kinelm_store::Error::Call`] with the number that is out of its limits.
     pub fn validate(&self) -> Result<()> {
         let WindowSpec { frames, hop, fps } = *self;
         if !(LEAST_FRAMES..=MOST_FRAMES).contains(&frames) {

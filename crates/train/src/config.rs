@@ -168,7 +168,7 @@ impl TrainFile {
     /// The training file of a name that is built in ([`TRAIN`]), else that of a path.
     ///
     /// # Errors
-    /// [`Error::Call`] when it is neither, else those of [`TrainFile::load`].
+    /// [`kinelm_store::Error::Call`] when it is neither, else those of [`TrainFile::load`].
     pub fn find(name_or_path: &Path) -> Result<TrainFile> {
         match presets::find(TRAIN, name_or_path, "training file")? {
             Some(text) => TrainFile::parse(text, name_or_path),

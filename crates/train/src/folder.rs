@@ -29,7 +29,7 @@ impl RunFolder {
     /// Makes the folder of a new run. One whose beginning was cut short is begun again.
     ///
     /// # Errors
-    /// [`Error::Taken`] for a folder that is there and not empty; another process that writes it; what the system refuses.
+    /// [`kinelm_store::Error::Taken`] for a folder that is there and not empty; another process that writes it; what the system refuses.
     pub fn create(run: &Path) -> Result<RunFolder> {
         check_free(run)?;
         fs::create_dir_all(run).map_err(Error::io(run))?;
@@ -117,7 +117,7 @@ fn is_half(name: &str) -> bool {
 /// Removes a run, all of it or nothing.
 ///
 /// # Errors
-/// [`Error::Taken`] where anything is in it that no training writes; a run that is being written; what the system refuses.
+/// [`kinelm_store::Error::Taken`] where anything is in it that no training writes; a run that is being written; what the system refuses.
 pub fn remove(run: &Path) -> Result<()> {
     let _locked = RunFolder::locked(run)?;
     let names = |folder: &Path| -> Result<Vec<String>> {
@@ -149,7 +149,7 @@ fn is_corpus(name: &str) -> bool {
 /// Refuses a folder that no run can begin in.
 ///
 /// # Errors
-/// [`Error::Taken`] then.
+/// [`kinelm_store::Error::Taken`] then.
 pub fn check_free(run: &Path) -> Result<()> {
     let help = match run.join(CONFIG).is_file() {
         _ if is_free(run) => return Ok(()),

@@ -209,7 +209,7 @@ impl<L: Learner> Trainer<'_, L> {
 /// Refuses to end a run before where it stands: `steps` are asked for in all.
 ///
 /// # Errors
-/// [`Error::Call`] with both numbers.
+/// [`kinelm_store::Error::Call`] with both numbers.
 pub fn check_steps(run: &Path, steps: u64) -> Result<()> {
     // what is there, not what `latest` says
     let checkpoints = Checkpoints::of(run);

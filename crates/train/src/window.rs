@@ -13,7 +13,7 @@ pub struct WindowId {
 /// Where a window stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stand {
-    /// Index into [`Batches::clips`].
+    /// Index into [`super::batches::Batches::clips`].
     pub clip: usize,
     /// The word it starts in, which it starts at but for words that are longer than a window.
     pub word: usize,

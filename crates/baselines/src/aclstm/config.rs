@@ -89,7 +89,7 @@ impl Config {
     /// The settings of a name that is built in ([`ACLSTM`]), else those of a TOML.
     ///
     /// # Errors
-    /// [`Error::Call`] when it is neither; a file that can't be read; keys that are unknown or outside their limits.
+    /// [`kinelm_store::Error::Call`] when it is neither; a file that can't be read; keys that are unknown or outside their limits.
     pub fn find(name_or_path: &Path) -> Result<Config> {
         let config: Config = presets::read(ACLSTM, name_or_path, ("aclstm", "settings of an auto-conditioned LSTM"))?;
         config.validate().map_err(|e| Error::call(format!("{}: {e}", name_or_path.display())))?;
@@ -99,7 +99,7 @@ impl Config {
     /// Checks every key.
     ///
     /// # Errors
-    /// [`Error::Call`] with the first key outside its limits, and both.
+    /// [`kinelm_store::Error::Call`] with the first key outside its limits, and both.
     pub fn validate(&self) -> Result<()> {
         let whole = |key: &str, found: u64, least: u64, most: u64| match (least..=most).contains(&found) {
             true => Ok(()),

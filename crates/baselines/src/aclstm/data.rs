@@ -158,7 +158,7 @@ pub type Hashes = BTreeMap<String, String>;
 /// in runs of before.
 ///
 /// # Errors
-/// [`Error::File`] that names the first that has changed, is gone or is new; where none has, what else may have.
+/// [`kinelm_store::Error::File`] that names the first that has changed, is gone or is new; where none has, what else may have.
 pub fn check_files(run: &Path, all: [&str; 2], each: [&Hashes; 2]) -> Result<()> {
     let ([then, now], [then_each, now_each]) = (all, each);
     if then == now {
@@ -225,7 +225,7 @@ impl Learned {
     /// The training clips.
     ///
     /// # Errors
-    /// [`Error::Call`] when none is long enough.
+    /// [`kinelm_store::Error::Call`] when none is long enough.
     pub fn of(recordings: &Recordings, coder: &Coder, config: &Config) -> Result<Learned> {
         let mut learned = Learned { clips: Vec::new(), short: Vec::new() };
         for one in recordings.split(Split::Train) {

@@ -58,7 +58,7 @@ impl Rig {
     /// (J) the orders of angles.
     ///
     /// # Errors
-    /// [`Error::Call`] for letters that are no order, with the joint.
+    /// [`kinelm_store::Error::Call`] for letters that are no order, with the joint.
     pub fn angles(&self) -> Result<Vec<EulerOrder>> {
         let of = |(name, letters): (&String, &String)| {
             order(letters).map_err(|e| Error::call(format!("the rig's joint {name}: {e}")))
@@ -69,7 +69,7 @@ impl Rig {
     /// Refuses another rig: other joints, another tree or other end sites.
     ///
     /// # Errors
-    /// [`Error::File`] with the joints that differ; `what` is the motion's file.
+    /// [`kinelm_store::Error::File`] with the joints that differ; `what` is the motion's file.
     pub fn check(&self, what: &std::path::Path, skeleton: &Skeleton) -> Result<()> {
         let parents: Vec<usize> = skeleton.parents().iter().flatten().copied().collect();
         let ends: Vec<usize> = skeleton.ends().iter().map(|end| end.parent).collect();
@@ -104,7 +104,7 @@ fn letters(order: EulerOrder) -> String {
 /// The order of three letters, such as `ZXY`: the first turn is the outermost.
 ///
 /// # Errors
-/// [`Error::Call`] for others.
+/// [`kinelm_store::Error::Call`] for others.
 pub fn order(letters: &str) -> Result<EulerOrder> {
     let axis = |c: char| [Axis::X, Axis::Y, Axis::Z].into_iter().find(|a| c == ['X', 'Y', 'Z'][a.index()]);
     let axes: Option<Vec<Axis>> = letters.chars().map(axis).collect();

@@ -183,7 +183,7 @@ fn hear_all(all: &mut [Danced], audio: Audio) -> Result<()> {
 /// Refuses music of `frames` spectra that is too short for a dance in this range of them, or silent in it.
 ///
 /// # Errors
-/// [`Error::File`] with what was found and expected.
+/// [`kinelm_store::Error::File`] with what was found and expected.
 pub fn check(path: &Path, frames: usize, range: &Range<usize>, heard: &[f32]) -> Result<()> {
     let s = |n: usize| n as f64 / FPS;
     if range.end > frames + SLACK || heard.is_empty() {
@@ -220,7 +220,7 @@ pub fn standard(dances: &[&Danced], audio: Audio) -> [Vec<f32>; 2] {
 /// Training clips that are long enough for a sequence, and the names of those that aren't.
 ///
 /// # Errors
-/// [`Error::Call`] when none is.
+/// [`kinelm_store::Error::Call`] when none is.
 pub fn learned(dances: Dances, config: &Config) -> Result<(Vec<Danced>, Vec<String>)> {
     let needed = config.length + 1;
     let training = dances.all.into_iter().filter(|one| one.recording.split == Split::Train);

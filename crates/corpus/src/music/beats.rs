@@ -34,7 +34,7 @@ pub fn is_as_written(text: &str) -> bool {
 /// trackers of bars write them, count by their first.
 ///
 /// # Errors
-/// [`Error::File`] with line and column of what is no time, is below 0, or doesn't rise.
+/// [`kinelm_store::Error::File`] with line and column of what is no time, is below 0, or doesn't rise.
 pub fn parse(path: &Path, text: &str) -> Result<Vec<f64>> {
     let mut out: Vec<f64> = Vec::new();
     for (i, line) in text.lines().enumerate() {

@@ -95,7 +95,7 @@ impl Heard {
 /// around it, of the whole piece, stay, so that they may lie before its first frame and behind its last.
 ///
 /// # Errors
-/// [`Error::File`]: music without beats, a beginning outside of it, an end before that of the dance.
+/// [`kinelm_store::Error::File`]: music without beats, a beginning outside of it, an end before that of the dance.
 pub fn in_dance(path: &Path, beats: &Beats, (from_s, seconds): (f64, f64)) -> Result<Vec<f64>> {
     let wrong = |found: String, expected: String, help: &str| Err(Error::file(path, found, expected, help));
     let ends = beats.seconds;
@@ -132,7 +132,7 @@ impl Finder<'_> {
     /// others.
     ///
     /// # Errors
-    /// [`Error::Call`] for a file that its label names and that isn't there.
+    /// [`kinelm_store::Error::Call`] for a file that its label names and that isn't there.
     pub fn find(&mut self, item: &Item) -> Result<Option<PathBuf>> {
         let folder = self.folder;
         if let Some(name) = item.labels.get(LABEL) {

@@ -121,7 +121,7 @@ impl<'a> Real<'a> {
     /// Refuses a corpus without a training frame.
     ///
     /// # Errors
-    /// [`Error::File`] that says so.
+    /// [`kinelm_store::Error::File`] that says so.
     pub fn check(corpus: &Corpus) -> Result<()> {
         match frames(corpus, Split::Train) {
             0 => {

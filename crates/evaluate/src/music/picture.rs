@@ -10,7 +10,7 @@ const LINEAR: (Scale, Scale) = (Scale::Linear, Scale::Linear);
 /// Three charts: onset strength with the beats, and the pitch classes, both of a stretch (seconds); the tempo of the whole.
 ///
 /// # Errors
-/// [`Error::Call`] for a stretch that has no frame of the piece.
+/// [`kinelm_store::Error::Call`] for a stretch that has no frame of the piece.
 pub fn charts(features: &Features, stretch: Range<f64>) -> Result<[Chart; 3]> {
     let fps = features.fps;
     let frames = |s: f64| ((s * fps).max(0.0).ceil() as usize).min(features.frames());

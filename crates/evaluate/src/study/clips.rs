@@ -79,7 +79,7 @@ impl Clips {
     /// Reads every train and test file once. What can't be taken is given to `left_out` and passed over.
     ///
     /// # Errors
-    /// [`Error::Call`] when no clip of train or none of test could be taken, or any file is bad and `strict` is given.
+    /// [`kinelm_store::Error::Call`] when no clip of train or none of test could be taken, or any file is bad and `strict` is given.
     pub fn scan(gathered: &Gathered, options: &BuildOptions, left_out: &mut dyn FnMut(&Item, &Error)) -> Result<Clips> {
         let mut clips = Clips {
             train: vec![],

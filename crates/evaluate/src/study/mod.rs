@@ -121,7 +121,7 @@ impl Report {
 /// Measures every row and writes `study.json`, `study.md`, the pictures, `page.html` and `rows/` under `out`.
 ///
 /// # Errors
-/// [`Error::File`] for wrong rows (before anything is read) and for an `out` that no study wrote; [`Error::Call`] when a
+/// [`kinelm_store::Error::File`] for wrong rows (before anything is read) and for an `out` that no study wrote; [`kinelm_store::Error::Call`] when a
 /// split is empty or a row can't be fitted; those of reading and writing.
 pub fn study(
     gathered: &Gathered,

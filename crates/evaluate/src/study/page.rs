@@ -18,7 +18,7 @@ const LONGEST_S: f64 = 20.0;
 /// The page, if there is a clip to show. The rows are those named, else chosen by [`pair`].
 ///
 /// # Errors
-/// [`Error::Call`] for a name that is no row's; those of reading and decoding.
+/// [`kinelm_store::Error::Call`] for a name that is no row's; those of reading and decoding.
 pub fn page(rows: &[Figures], named: &[String], clips: &Clips, store: &Store) -> Result<Option<String>> {
     let shown = match named {
         [] => pair(rows),

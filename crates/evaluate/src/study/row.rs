@@ -48,7 +48,7 @@ struct File {
 /// among them. `path` is for messages.
 ///
 /// # Errors
-/// [`Error::File`] with line, row and key for what is no such table, unknown keys, values outside their limits, a name
+/// [`kinelm_store::Error::File`] with line, row and key for what is no such table, unknown keys, values outside their limits, a name
 /// that stands twice, and a file without rows.
 pub fn parse(text: &str, path: &Path, defaults: &RowDefaults) -> Result<Vec<Row>> {
     let wrong = |span, found: &str, expected| Error::in_text((path, text), span, found, expected, HELP);

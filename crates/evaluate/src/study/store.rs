@@ -32,7 +32,7 @@ impl Store {
     /// The rows under `out`; `data` is the hash of the clips. With `force` whatever was finished is removed.
     ///
     /// # Errors
-    /// [`Error::Call`] when `out` holds something that no study wrote; [`Error::Io`].
+    /// [`kinelm_store::Error::Call`] when `out` holds something that no study wrote; [`kinelm_store::Error::Io`].
     pub fn open(out: &Path, data: &str, force: bool) -> Result<Self> {
         let rows = out.join("rows");
         let strange = |p: &Path| p.is_dir() && !rows.is_dir() && fs::read_dir(p).is_ok_and(|mut d| d.next().is_some());
@@ -64,7 +64,7 @@ impl Store {
     /// What was finished under a name for these settings; `None` where nothing was, or it can't be read.
     ///
     /// # Errors
-    /// [`Error::Call`] when the settings can't be written.
+    /// [`kinelm_store::Error::Call`] when the settings can't be written.
     pub fn get<T: DeserializeOwned>(&self, name: &str, what: &impl Serialize) -> Result<Option<T>> {
         let key = self.key(what)?;
         let Ok(bytes) = input::peek_bytes(&self.path(name, &key, ".json")) else { return Ok(None) };
@@ -75,7 +75,7 @@ impl Store {
     /// Keeps what was finished.
     ///
     /// # Errors
-    /// [`Error::Io`] when it can't be written.
+    /// [`kinelm_store::Error::Io`] when it can't be written.
     pub fn put(&self, name: &str, what: &impl Serialize, result: &impl Serialize) -> Result<()> {
         let key = self.key(what)?;
         let text = serde_json::to_vec_pretty(&Finished { key: key.clone(), result });
@@ -85,7 +85,7 @@ impl Store {
     /// Where a row's tokenizer stands.
     ///
     /// # Errors
-    /// [`Error::Call`] when the settings can't be written.
+    /// [`kinelm_store::Error::Call`] when the settings can't be written.
     pub fn tokenizer(&self, row: &Row) -> Result<PathBuf> {
         Ok(self.path(&row.name, &self.key(&row.config)?, ".tokenizer.json"))
     }

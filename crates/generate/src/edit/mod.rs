@@ -74,7 +74,7 @@ impl Edited {
     /// `seam`: of a prompt that was laid to go round.
     ///
     /// # Errors
-    /// [`Error::Call`]: see [`Mask::read`]; words of several frames or of several lengths, merged tokens; nothing to
+    /// [`kinelm_store::Error::Call`]: see [`Mask::read`]; words of several frames or of several lengths, merged tokens; nothing to
     /// invent; fewer frames than the prompt has; others, of one that goes round.
     pub fn load(
         edit: &mut Edit,

@@ -42,7 +42,7 @@ impl Round {
     /// The prompt with its last seconds bridged and its first one behind them.
     ///
     /// # Errors
-    /// [`Error::Call`]: a clip that is shorter than the gap and a second; what coding fails with.
+    /// [`kinelm_store::Error::Call`]: a clip that is shorter than the gap and a second; what coding fails with.
     pub fn lay(self, prompt: Prompt, map: Option<&str>, tokenizer: &Tokenizer) -> Result<(Prompt, Seam)> {
         let clip = &prompt.motion.clip;
         let (frames, fps) = (clip.frames(), clip.fps());

@@ -25,7 +25,7 @@ use kinelm_corpus::sidecar::as_written;
 use kinelm_engine::decode::{KvKind, WeightKind};
 use kinelm_model::lead_in::LeadInFrom;
 use kinelm_model::{Compute, Reading};
-use kinelm_motion::format::{Format, ReadOptions};
+use kinelm_motion::format::{Format, ReadOptions, RestFrame};
 use kinelm_store::input;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -47,7 +47,7 @@ pub struct Resolved {
     /// How far labels and music are followed, 1: as the model has learned them. See [`super::guidance`].
     pub guidance: f64,
     /// How far gaps are led to what is given behind them, 1: as the model has learned it, 0: it is told nothing. See
-    /// [`super::Plan::ahead`].
+    /// [`super::SamplingPlan::ahead`].
     #[serde(default, skip_serializing_if = "is_zero")]
     pub ahead: f64,
     /// The music that is danced to.
@@ -158,6 +158,13 @@ pub struct PromptRequest {
 }
 
 impl PromptRequest {
+    /// The clip in a file, read as its format says, without a rest pose in front; nothing of it is given yet. How a dance
+    /// of this program is read, [`kinelm_corpus::sidecar::reading_of`] says.
+    pub fn of(path: impl Into<PathBuf>) -> PromptRequest {
+        let read = ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
+        PromptRequest { path: path.into(), read, joints: None, from_frame: None, plan: None, edit: None }
+    }
+
     /// The bytes of the clip that is followed.
     ///
     /// # Errors

@@ -79,7 +79,7 @@ impl Draw {
     /// Refuses settings outside their ranges.
     ///
     /// # Errors
-    /// [`Error::Call`] with the setting, what was found and what is expected.
+    /// [`kinelm_store::Error::Call`] with the setting, what was found and what is expected.
     pub fn check(&self) -> Result<()> {
         let positive = |x: f64| x > 0.0 && x.is_finite();
         let faults = [

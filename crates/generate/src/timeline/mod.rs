@@ -64,7 +64,7 @@ impl Timeline {
     /// Reads a plan and lays it; files that it names without a root are looked for beside it.
     ///
     /// # Errors
-    /// [`Error::File`] with line and column: no such TOML, unknown keys; a clip that isn't named, can't be read or is no BVH
+    /// [`kinelm_store::Error::File`] with line and column: no such TOML, unknown keys; a clip that isn't named, can't be read or is no BVH
     /// where its rig is written; times outside of a clip; joints that are none; two clips that give one joint at a time.
     pub fn load(path: &Path) -> Result<(Timeline, TimelineLayout)> {
         let text = input::text(path).map_err(Error::io(path))?;

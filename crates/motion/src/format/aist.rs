@@ -66,7 +66,7 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
 /// The list has a name a line, without extension; AIST++ publishes one of sequences whose reconstruction failed.
 ///
 /// # Errors
-/// [`Error::Io`] when a list is there and can't be read.
+/// [`kinelm_store::Error::Io`] when a list is there and can't be read.
 pub fn ignored(path: &Path) -> Result<bool> {
     let Some(name) = path.file_stem() else { return Ok(false) };
     let folder = path.parent().unwrap_or(Path::new(""));

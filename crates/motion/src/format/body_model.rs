@@ -61,7 +61,7 @@ impl BodyModel {
     /// Reads a model from its file.
     ///
     /// # Errors
-    /// [`Error::Io`], and those of [`BodyModel::parse`].
+    /// [`kinelm_store::Error::Io`], and those of [`BodyModel::parse`].
     pub fn load(path: &Path) -> Result<Self> {
         BodyModel::parse(path, &kinelm_store::input::bytes(path).map_err(Error::io(path))?)
     }

@@ -113,7 +113,7 @@ impl Format {
 /// doubted where the body falls too fast ([`RateDoubt`]).
 ///
 /// # Errors
-/// [`Error::Io`]; [`Error::File`] with place and kind for a file that is wrong; [`Error::Call`] for a rate that is not
+/// [`kinelm_store::Error::Io`]; [`Error::File`] with place and kind for a file that is wrong; [`Error::Call`] for a rate that is not
 /// above 0 and at most [`MOST_FPS`]; [`Error::Option`] for `up` where the format itself says which axis that is;
 /// [`Error::Clip`] when
 /// skipping leaves nothing.
@@ -242,7 +242,7 @@ fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
 /// Writes a motion file in the format of its name, whole or not at all.
 ///
 /// # Errors
-/// [`Error::Io`], and those of [`to_bytes`].
+/// [`kinelm_store::Error::Io`], and those of [`to_bytes`].
 pub fn write(path: &Path, motion: &Motion) -> Result<()> {
     Ok(files::write_whole(path, &to_bytes(path, motion)?)?)
 }

@@ -54,7 +54,7 @@ impl Positions {
     /// [`Positions::write`] into a file, whole or not at all.
     ///
     /// # Errors
-    /// [`crate::Error::Io`], and those of [`Positions::write`].
+    /// [`kinelm_store::Error::Io`], and those of [`Positions::write`].
     #[cfg(feature = "amass")]
     pub fn save(&self, path: &Path) -> Result<()> {
         Ok(kinelm_store::files::write_whole(path, &self.write()?)?)

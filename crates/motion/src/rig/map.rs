@@ -50,7 +50,7 @@ impl SkeletonMap {
     /// The map of a skeleton TOML.
     ///
     /// # Errors
-    /// [`Error::Io`] when it can't be read, else those of [`SkeletonMap::parse`].
+    /// [`kinelm_store::Error::Io`] when it can't be read, else those of [`SkeletonMap::parse`].
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let text = kinelm_store::input::text(path).map_err(Error::io(path))?;

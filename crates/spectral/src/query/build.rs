@@ -97,7 +97,7 @@ impl Built {
 /// the same files read otherwise. The basis of a fitted transform is that of the index's beginning.
 ///
 /// # Errors
-/// [`Error::Call`] where `asked` differs from the index that is there, when no clip is as long as a window, or any file is bad
+/// [`kinelm_store::Error::Call`] where `asked` differs from the index that is there, when no clip is as long as a window, or any file is bad
 /// and `strict` is given, or `watch` broke off; those of reading, of a run, and of writing. Nothing is changed then.
 pub fn build(
     gathered: &Gathered,

@@ -122,7 +122,7 @@ struct Held {
 /// Reads the clips, and asks for each window at both phases (windows from the clip's first frame on, and from half a hop on).
 ///
 /// # Errors
-/// Files that can't be read where `strict` is given; [`Error::Call`] when no clip is as long as a window or has the labels
+/// Files that can't be read where `strict` is given; [`kinelm_store::Error::Call`] when no clip is as long as a window or has the labels
 /// wanted, a label that some clip doesn't have, or has but one value.
 pub fn evaluate(gathered: &Gathered, options: &EvaluateOptions, watch: &mut Watch<'_>) -> Result<Report> {
     options.windows.validate()?;

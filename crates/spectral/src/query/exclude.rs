@@ -44,7 +44,7 @@ impl Exclude {
     /// Whether the clips say what this needs.
     ///
     /// # Errors
-    /// [`Error::Call`] where no clip has a choreography.
+    /// [`kinelm_store::Error::Call`] where no clip has a choreography.
     pub fn check<'a>(self, clips: impl IntoIterator<Item = &'a ClipEntry>) -> Result<()> {
         let known = |c: &ClipEntry| c.labels.contains_key("choreography");
         if self == Exclude::Choreography && !clips.into_iter().any(known) {

@@ -93,7 +93,7 @@ pub struct Answer {
 /// Looks for the windows of `index` that are nearest to one of a clip.
 ///
 /// # Errors
-/// A clip that can't be read or is shorter than a window, a time outside it; [`Error::Call`] for an exclusion that the index
+/// A clip that can't be read or is shorter than a window, a time outside it; [`kinelm_store::Error::Call`] for an exclusion that the index
 /// can't tell; a run that is no longer the index's.
 pub fn find(index: &Index, question: &Question) -> Result<Answer> {
     let (database, spec) = (index.database(), index.options().windows);

@@ -29,7 +29,7 @@ impl Index {
     /// Opens an index after checking its version and every file's length and checksum.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::File`] for a folder that is no index, one of another version, and files that are not as they
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] for a folder that is no index, one of another version, and files that are not as they
     /// were written.
     pub fn open(dir: &Path) -> Result<Index> {
         if cfg!(target_endian = "big") {

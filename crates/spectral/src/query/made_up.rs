@@ -21,7 +21,7 @@ const DANCES: (f64, usize) = (60.0, 24);
 /// 24 dances again and again, each number scattered by 20 % of itself.
 ///
 /// # Errors
-/// [`Error::Call`] for a kind that must be fitted or trained.
+/// [`kinelm_store::Error::Call`] for a kind that must be fitted or trained.
 pub fn made_up(kind: &Kind, windows: usize) -> Result<Database> {
     let options = IndexOptions::new(kind.clone());
     if matches!(kind, Kind::Pca { .. } | Kind::Model { .. }) {

@@ -85,7 +85,7 @@ impl IndexOptions {
     /// Holds the options to their limits.
     ///
     /// # Errors
-    /// [`Error::Call`] with the option and its limits.
+    /// [`kinelm_store::Error::Call`] with the option and its limits.
     pub fn validate(&self) -> Result<()> {
         self.windows.validate()?;
         let frames = self.windows.frames;

@@ -130,7 +130,7 @@ impl Part {
     /// Opens the files of a part after checking them.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::File`] for files that are not as they were written.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] for files that are not as they were written.
     pub fn open(folder: &Path, record: &PartRecord, numbers: usize) -> Result<(Part, Vec<ClipEntry>)> {
         let windows = record.windows;
         let features = stored(&folder.join(FEATURES), &record.features, windows * numbers)?;
@@ -177,7 +177,7 @@ impl PartWriter {
     /// A part in `folder`, which isn't there yet, of features of D = `numbers`.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// [`kinelm_store::Error::Io`].
     pub fn create(folder: &Path, numbers: usize) -> Result<PartWriter> {
         std::fs::create_dir(folder).map_err(Error::io(folder))?;
         let stream = |name: &str| Stream::create(folder.join(name));
@@ -198,7 +198,7 @@ impl PartWriter {
     /// Adds a clip and the features (N, D) of its windows.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::Call`] for features that are not finite.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::Call`] for features that are not finite.
     ///
     /// # Panics
     /// When there is not a feature for each window of the clip.
@@ -230,7 +230,7 @@ impl PartWriter {
     /// Makes the part last, at `place` now.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// [`kinelm_store::Error::Io`].
     pub fn finish(mut self, place: &Path) -> Result<PartRecord> {
         let name = place.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         let path = self.folder.join(CLIPS);

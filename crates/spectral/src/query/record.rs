@@ -69,7 +69,7 @@ impl Stretch {
     /// Opens the file and checks it, on all threads.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::File`] for another length or checksum.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] for another length or checksum.
     pub fn open<T: Pod + Send + Sync>(&self, path: &Path) -> Result<Stored<T>> {
         let stored = Stored::open(path, self.bytes, DAMAGED)?;
         let blocks: Vec<_> = stored.blocks().collect();
@@ -114,7 +114,7 @@ impl ClipEntry {
     /// Reads the lines of a file after checking it.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::File`] for a file that is not as it was written.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] for a file that is not as it was written.
     pub fn load(path: &Path, record: &FileRecord) -> Result<Vec<ClipEntry>> {
         let bytes = input::bytes(path).map_err(Error::io(path))?;
         if FileRecord::of(&bytes) != *record {

@@ -46,7 +46,7 @@ impl Curves {
     /// Those of the longest seeds of a report that `kinelm aclstm evaluate --json` printed.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::File`] for what is no such report, or one that was made before there were curves.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] for what is no such report, or one that was made before there were curves.
     pub fn load(path: &Path) -> Result<Curves> {
         #[derive(Deserialize)]
         struct Report {

@@ -44,7 +44,7 @@ impl Coder {
     /// For a rig.
     ///
     /// # Errors
-    /// [`Error::Call`] for orders of angles that are none.
+    /// [`kinelm_store::Error::Call`] for orders of angles that are none.
     pub fn new(form: Form, rig: &Rig) -> Result<Coder> {
         Ok(Coder { form, joints: rig.joints(), points: rig.points(), orders: rig.angles()? })
     }

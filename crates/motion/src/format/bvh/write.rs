@@ -12,7 +12,7 @@ use std::path::Path;
 /// A clip untouched since reading is written from the file's own numbers. The file appears whole or not at all.
 ///
 /// # Errors
-/// [`Error::Io`], and [`Error::Call`] for a clip that no BVH can hold (nesting, a rate below 1).
+/// [`kinelm_store::Error::Io`], and [`Error::Call`] for a clip that no BVH can hold (nesting, a rate below 1).
 pub fn write(path: &Path, motion: &Motion) -> Result<()> {
     Ok(files::write_whole(path, &to_bytes(motion)?)?)
 }
@@ -71,7 +71,7 @@ impl BvhSource {
     /// is added to the header, so that the motion is never cut. Of other roots the rows nearest in time are kept.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::Call`] when the joints are others or the rate is below 1.
+    /// [`kinelm_store::Error::Io`]; [`Error::Call`] when the joints are others or the rate is below 1.
     pub fn write_clip(&self, path: &Path, clip: &Clip) -> Result<()> {
         Ok(files::write_whole(path, &self.to_bytes(clip)?)?)
     }

@@ -92,6 +92,11 @@ impl<T: Pod + Send + Sync> Stored<T> {
         self.numbers
     }
 
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
     /// Stretches of the numbers, of some megabytes each, which make up all.
     pub fn blocks(&self) -> impl Iterator<Item = Range<usize>> + use<T> {
         let (numbers, block) = (self.numbers, self.block());

@@ -20,17 +20,8 @@ pub enum Error {
         source: std::io::Error,
     },
     /// A file is wrong.
-    #[error("{at}: found {found}, expected {expected}{}{help}", if help.is_empty() { "" } else { "; " })]
-    File {
-        /// Where.
-        at: Place,
-        /// What stands there.
-        found: String,
-        /// What should.
-        expected: String,
-        /// What the user can do; may be empty.
-        help: String,
-    },
+    #[error(transparent)]
+    File(Box<Fault>),
     /// The user broke the work off; what was promised whole isn't there.
     #[error("{0}")]
     Stopped(String),
@@ -56,6 +47,20 @@ pub enum Error {
     /// The caller asked for something that can't be done.
     #[error("{0}")]
     Call(String),
+}
+
+/// What is wrong with a file.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{at}: found {found}, expected {expected}{}{help}", if help.is_empty() { "" } else { "; " })]
+pub struct Fault {
+    /// Where.
+    pub at: Place,
+    /// What stands there.
+    pub found: String,
+    /// What should.
+    pub expected: String,
+    /// What the user can do; may be empty.
+    pub help: String,
 }
 
 impl Error {
@@ -97,7 +102,7 @@ impl Error {
 
     /// A fault at a place of a file.
     pub fn at(at: Place, found: impl Into<String>, expected: impl Into<String>, help: impl Into<String>) -> Error {
-        Error::File { at, found: found.into(), expected: expected.into(), help: help.into() }
+        Error::File(Box::new(Fault { at, found: found.into(), expected: expected.into(), help: help.into() }))
     }
 
     /// A fault at the bytes `span` of a file's text; of the file as a whole without one.

@@ -130,7 +130,7 @@ pub fn draw(path: &Path, charts: &[Chart]) -> Result<()> {
 /// # Errors
 /// Another extension than `png` and `svg`; when the file can't be written.
 pub fn draw_as(path: &Path, charts: &[Chart]) -> Result<()> {
-    to_bytes(path, charts)?.map_or(Ok(()), |bytes| Ok(files::write_whole(path, &bytes)?))
+    to_bytes(path, charts)?.map_or(Ok(()), |bytes| files::write_whole(path, &bytes))
 }
 
 /// The bytes that [`draw_as`] writes, with our mark inside; `None` where there is nothing to draw.

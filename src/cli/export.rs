@@ -1,9 +1,8 @@
 //! `kinelm export`.
 
 use super::Say;
-use crate::model::Which;
 use crate::model::exchange::{Format, export};
-use crate::model::load_run;
+use crate::model::{Which, load_run};
 use anyhow::Result;
 use std::path::PathBuf;
 

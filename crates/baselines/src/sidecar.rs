@@ -5,11 +5,9 @@
 
 use crate::{Error, Result};
 use kinelm_motion::format::ReadOptions;
-use kinelm_store::FileRecord;
-use kinelm_store::files;
-use kinelm_store::input;
 use kinelm_store::output::Outputs;
 use kinelm_store::sidecar::{self, FileHash};
+use kinelm_store::{FileRecord, files, input};
 use serde::de::DeserializeOwned;
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};

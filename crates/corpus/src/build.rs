@@ -355,8 +355,7 @@ fn named(item: &Item, error: Error) -> Error {
 mod tests {
     use super::*;
     use crate::{Corpus, gather, merge, samples};
-    use kinelm_motion::format;
-    use kinelm_motion::{Clip, Motion, Quat, Source};
+    use kinelm_motion::{Clip, Motion, Quat, Source, format};
     use std::fs;
     use std::path::PathBuf;
 

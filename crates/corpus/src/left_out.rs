@@ -9,8 +9,7 @@ use super::record::LeftOut;
 use super::rows::{FROM, TO, time_of};
 use super::splits::some_of;
 use crate::{Error, Result};
-use kinelm_store::counted;
-use kinelm_store::input;
+use kinelm_store::{counted, input};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 

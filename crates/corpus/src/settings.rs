@@ -2,8 +2,7 @@
 
 use crate::{Error, Result};
 use kinelm_motion::joints;
-use kinelm_store::input;
-use kinelm_store::presets;
+use kinelm_store::{input, presets};
 use kinelm_tokenizer::TokenizerConfig;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};

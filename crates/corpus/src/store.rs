@@ -3,14 +3,12 @@
 use super::record::{ClipRecord, Manifest, SOUND, Split, TokenType, VERSION};
 use super::stored::Stored;
 use super::words::{ClipWords, Index};
-use crate::music::sound::Rows;
-use crate::music::sound::Sound;
+use crate::music::sound::{Rows, Sound};
 use crate::{Error, Result};
 use bytemuck::Pod;
 use kinelm_motion::format::ReadOptions;
 use kinelm_music::feature::CHANNELS;
-use kinelm_store::FileRecord;
-use kinelm_store::input;
+use kinelm_store::{FileRecord, input};
 use kinelm_tokenizer::{Place, Tokenizer, Words};
 use serde::Deserialize;
 use std::ops::Range;

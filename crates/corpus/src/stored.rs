@@ -4,10 +4,8 @@
 use crate::{Error, Result};
 use bytemuck::Pod;
 use kinelm_engine::arena::Floats;
-use kinelm_store::FileRecord;
 use kinelm_store::hash::hex;
-use kinelm_store::input;
-use kinelm_store::memory;
+use kinelm_store::{FileRecord, input, memory};
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use std::borrow::Cow;

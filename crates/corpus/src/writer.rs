@@ -4,13 +4,11 @@ use super::record::{
     ClipRecord, ClipSound, Count, Failure, LeftOut, Manifest, SOUND, Shard, SourceRecord, Split, TokenType, VERSION,
 };
 use super::store::{CLIPS, Coding, MANIFEST, TOKENIZER};
-use crate::ours;
-use crate::{Error, Result};
+use crate::{Error, Result, ours};
 use kinelm_music::feature::CHANNELS;
-use kinelm_store::FileRecord;
 use kinelm_store::files::Hidden;
 use kinelm_store::hash::hex;
-use kinelm_store::input;
+use kinelm_store::{FileRecord, input};
 use kinelm_tokenizer::{SPACE, Tokenizer};
 use sha2::{Digest, Sha256};
 use std::collections::HashSet;

@@ -8,11 +8,9 @@ use super::open::OpenRequest;
 use super::request::Resolved;
 use crate::{Error, Result};
 use kinelm_motion::format::ReadOptions;
-use kinelm_store::FileRecord;
-use kinelm_store::files;
 use kinelm_store::output::Outputs;
 use kinelm_store::sidecar::{self, FileHash, name_of, path_of};
-use kinelm_store::{hash, input};
+use kinelm_store::{FileRecord, files, hash, input};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 

@@ -1,12 +1,11 @@
 //! A request decided: every choice that it leaves open is made here, and only here, with the reason.
 
-use super::feet;
-use super::music;
 use super::open::{AHEAD, OpenRequest};
 use super::request::{Draws, FootMode, LeadInKind, Length, Place, Request, Resolved, Rig};
 use super::rest::RestJoints;
 use super::sampling::{Draw, TOP_P};
 use super::starts::STARTS;
+use super::{feet, music};
 use crate::{Error, Result};
 use kinelm_model::Which;
 

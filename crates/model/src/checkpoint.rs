@@ -5,12 +5,8 @@
 //! and are written after it.
 
 use crate::{Error, Result};
-use kinelm_store::FileRecord;
-use kinelm_store::files;
 use kinelm_store::files::Hidden;
-use kinelm_store::hash;
-use kinelm_store::input;
-use kinelm_store::memory;
+use kinelm_store::{FileRecord, files, hash, input, memory};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;

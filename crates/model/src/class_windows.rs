@@ -3,8 +3,7 @@
 //! What answers is a row of the model behind the window's last word, one a field. In a flat model the row is a class token's;
 //! in a two-level model the trunk has rows of its own there, and no token stands for them.
 
-use crate::{Error, Result};
-use crate::{ModelConfig, TokenLayout};
+use crate::{Error, ModelConfig, Result, TokenLayout};
 use kinelm_corpus::fill_sequence;
 use kinelm_engine::op::attention::Mask;
 use kinelm_tokenizer::Special;

@@ -2,8 +2,7 @@
 
 use super::pseudo::pseudo;
 use crate::ahead::Told;
-use crate::{Error, Result};
-use crate::{Kind, ModelConfig, Scores, TokenLayout, music};
+use crate::{Error, Kind, ModelConfig, Result, Scores, TokenLayout, music};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, each_eval_window, fill_sequence};
 use serde::Serialize;
 
@@ -242,9 +241,8 @@ mod tests {
     use crate::forms::TOKENS;
     use crate::{Gpt, Reader, Reading};
     use candle_core::{Device, Tensor};
-    use kinelm_corpus::Split;
     use kinelm_corpus::conditions::with_labels;
-    use kinelm_corpus::fixture;
+    use kinelm_corpus::{Split, fixture};
 
     #[test]
     fn every_token_counts_once_and_a_model_that_knows_nothing_needs_its_vocabulary() {

@@ -1,8 +1,7 @@
 //! What a masked model makes of clips: a figure of its own kind (docs/measures.md, "Bits a frame").
 
 use super::likelihood::{BATCH_TOKENS, Likelihood, Taken, room, scored_frames};
-use crate::Scores;
-use crate::{Error, Result};
+use crate::{Error, Result, Scores};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, fill_masked};
 use kinelm_store::random;
 
@@ -69,8 +68,7 @@ mod tests {
     use crate::likelihood::likelihood;
     use crate::{Gpt, Kind, ModelConfig};
     use candle_core::{DType, Device, Tensor};
-    use kinelm_corpus::fixture;
-    use kinelm_corpus::{Conditions, Split};
+    use kinelm_corpus::{Conditions, Split, fixture};
 
     #[test]
     fn a_masked_model_that_knows_nothing_needs_its_vocabulary_for_what_is_asked() {

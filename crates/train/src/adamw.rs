@@ -6,9 +6,8 @@ use super::config::TrainConfig;
 use super::learner::in_order;
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
-use kinelm_model::Gpt;
-use kinelm_model::layout;
 use kinelm_model::layout::{Parameter, Role};
+use kinelm_model::{Gpt, layout};
 use std::collections::BTreeMap;
 
 /// The optimizer's state.

@@ -8,8 +8,7 @@ use super::stages::{self, Stage};
 use crate::{Error, Result};
 use kinelm_corpus::conditions::in_order;
 use kinelm_model::{ModelConfig, TokenLayout};
-use kinelm_store::input;
-use kinelm_store::presets;
+use kinelm_store::{input, presets};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 

@@ -11,8 +11,7 @@ use crate::{Error, Result};
 use kinelm_corpus::Opening;
 use kinelm_corpus::conditions::in_order;
 use kinelm_model::{Compute, LoadedRun, ModelConfig, TokenLayout, exchange};
-use kinelm_store::input;
-use kinelm_store::presets;
+use kinelm_store::{input, presets};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 

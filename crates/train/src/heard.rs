@@ -54,8 +54,7 @@ mod tests {
     use crate::run::RunFile;
     use crate::{Data, TrainConfig, fixture};
     use kinelm_corpus::Split;
-    use kinelm_corpus::music::sound::Rows;
-    use kinelm_corpus::music::sound::Sound;
+    use kinelm_corpus::music::sound::{Rows, Sound};
     use kinelm_model::Architecture;
     use kinelm_model::music::Music;
 

@@ -198,9 +198,8 @@ fn norm(gradients: &[Tensor]) -> Result<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Data;
     use crate::batches::Batches;
-    use crate::fixture;
+    use crate::{Data, fixture};
     use kinelm_corpus::Split;
 
     fn setup(context: usize, dropout: f64) -> (tempfile::TempDir, Plain, Batch) {

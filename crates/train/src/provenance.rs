@@ -2,8 +2,7 @@
 //! settings give the same bytes.
 
 use crate::{Error, Result};
-use kinelm_store::files;
-use kinelm_store::input;
+use kinelm_store::{files, input};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::OnceLock;

@@ -3,8 +3,7 @@
 use super::config::TrainConfig;
 use super::stages;
 use crate::Result;
-use kinelm_model::layout;
-use kinelm_model::{Architecture, ModelConfig, TokenLayout};
+use kinelm_model::{Architecture, ModelConfig, TokenLayout, layout};
 use kinelm_store::memory;
 
 /// Bytes that training takes, about: weights, gradients and two moments, the sum of gradients and the average of weights

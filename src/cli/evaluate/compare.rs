@@ -11,9 +11,8 @@ use crate::evaluate::dance::features::Features;
 use crate::generate::provenance::Provenance;
 use anyhow::Result;
 use kinelm_motion::format::{ReadOptions, RestFrame};
-use kinelm_store::hash;
 use kinelm_store::output::Outputs;
-use kinelm_store::sidecar;
+use kinelm_store::{hash, sidecar};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

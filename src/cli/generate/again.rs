@@ -4,15 +4,13 @@ use super::{Args, danced, outputs, say as said};
 use crate::cli::{Say, WrongCall, asked, convert, extension, writable};
 use crate::generate::open::OpenRequest;
 use crate::generate::provenance::Provenance;
-use crate::generate::request::Resolved;
-use crate::generate::request::Timeline;
+use crate::generate::request::{Resolved, Timeline};
 use crate::generate::variation_seed;
 use crate::model::Which;
 use anyhow::Result;
 use kinelm_motion::format::ReadOptions;
-use kinelm_store::FileRecord;
 use kinelm_store::output::is_same;
-use kinelm_store::sidecar;
+use kinelm_store::{FileRecord, sidecar};
 use std::path::{Path, PathBuf};
 
 /// Makes a dance again and holds it to the hash of the first.

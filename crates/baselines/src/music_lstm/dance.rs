@@ -3,8 +3,7 @@
 use super::data::check;
 use super::run::Trained;
 use super::{FPS, HEARD};
-use crate::sidecar as told;
-use crate::{Error, Result};
+use crate::{Error, Result, sidecar as told};
 use kinelm_corpus::sidecar::as_written;
 use kinelm_generate::check_frames;
 use kinelm_generate::prompt::on_model_rig;

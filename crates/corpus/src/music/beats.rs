@@ -1,8 +1,7 @@
 //! Beats as a text file: a time in seconds a line, as `numpy.loadtxt` and mir_eval read it.
 
 use crate::{Error, Result};
-use kinelm_store::FileRecord;
-use kinelm_store::Place;
+use kinelm_store::{FileRecord, Place};
 use std::fmt::Write;
 use std::path::Path;
 

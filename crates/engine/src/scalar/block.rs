@@ -1,8 +1,7 @@
 //! A block and a head, forward only, in f64: their gradients are checked by differences.
 
-use super::attention;
 use super::gelu::gelu;
-use super::rope;
+use super::{attention, rope};
 use crate::block::{Linear, Norm, Shape, Tensors};
 use crate::op::attention::Mask;
 

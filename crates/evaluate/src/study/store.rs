@@ -2,9 +2,8 @@
 
 use super::row::Row;
 use crate::{Error, Result};
-use kinelm_store::files;
 use kinelm_store::hash::hex;
-use kinelm_store::input;
+use kinelm_store::{files, input};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};

@@ -1,8 +1,7 @@
 //! What a plan tells the model beside what clips give: labels over times.
 
 use super::lay::{Fault, times};
-use crate::request::Segment;
-use crate::request::TimedLabel;
+use crate::request::{Segment, TimedLabel};
 use kinelm_corpus::labels::pair;
 use kinelm_motion::moment::Moment;
 use std::ops::Range;

@@ -3,10 +3,8 @@
 
 use super::{check_tokenizer, loaded, tensors};
 use crate::run::{LoadedRun, TOKENIZER, WEIGHTS};
-use crate::{Error, Result};
-use crate::{ModelConfig, TokenLayout, weights};
-use kinelm_store::hash;
-use kinelm_store::input;
+use crate::{Error, ModelConfig, Result, TokenLayout, weights};
+use kinelm_store::{hash, input};
 use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
 use std::path::Path;

@@ -1,8 +1,7 @@
 //! Linear heads over the final vectors of some tokens, beside the heads over ids: what names a dance.
 
 use super::{Fast, Windows};
-use crate::Result;
-use crate::{Architecture, Dropout};
+use crate::{Architecture, Dropout, Result};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::bins::Bins;
 use kinelm_engine::block::Norm;

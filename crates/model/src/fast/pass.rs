@@ -6,8 +6,7 @@ use super::head::Heads;
 use super::keys::Keys;
 use super::two_level::TwoLevel;
 use super::{Fast, Windows};
-use crate::Architecture;
-use crate::Result;
+use crate::{Architecture, Result};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::linear::Products;
 

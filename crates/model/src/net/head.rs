@@ -1,10 +1,9 @@
 //! The end of a model: logits over all ids, or over the steps from the frame before.
 
-use crate::Result;
 use crate::config::{ModelConfig, TokenLayout};
-use crate::ops;
 use crate::past::{Basis, Past};
 use crate::questions::{Group, Groups, Questions, STEPS};
+use crate::{Result, ops};
 use candle_core::Tensor;
 use kinelm_engine::op::smoothing::Smoothing;
 

@@ -1,10 +1,9 @@
 //! A model's tensors by the names that the engine has for their uses.
 
-use crate::Result;
 use crate::config::{HeadKind, ModelConfig, Positions, TokenLayout};
 use crate::frames::SPELT;
 use crate::gpt::Gpt;
-use crate::layout;
+use crate::{Result, layout};
 use candle_core::{Device, Tensor};
 use kinelm_engine::decode::{
     Before, BlockParts, DecoderWeights, FrameParts, FrameSizes, FrameWeights, Pair, Parts, Positions as Tables,

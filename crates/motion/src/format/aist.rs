@@ -2,11 +2,10 @@
 //!
 //! Metres are `smpl_trans / smpl_scaling`; the pelvis lies at the body's rest pelvis plus that, as in AMASS.
 
-use super::ReadOptions;
-use super::body_model;
 use super::npz::list;
 use super::pickle::{Pickle, Value};
 use super::smpl_arrays::{Vectors, translations};
+use super::{ReadOptions, body_model};
 use crate::error::{FileError, Kind};
 use crate::{Clip, Error, Motion, Result, Source};
 use kinelm_store::Place;

@@ -4,10 +4,9 @@
 //! levels and phases of the pulse that music has are laid over each stretch of 32 pulses, and what is heard at the beats
 //! of each and between them is weighed (`weights.rs`).
 
-use super::FPS;
 use super::flux::{RISES, SERIES, Series};
 use super::weights::{ALTERNATION, MIDDLE, PROFILE, RETURN, TEMPO};
-use super::{Range, Tempo};
+use super::{FPS, Range, Tempo};
 
 /// Parts of a pulse in which levels are counted.
 const PARTS: usize = 12;

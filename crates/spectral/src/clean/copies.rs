@@ -4,12 +4,11 @@
 //! windows that begin at any frame of another one; it is a copy if the joints' rotations are nearly the same all along.
 
 use super::{Find, Held, Why};
-use crate::Result;
-use crate::WindowSpec;
 use crate::query::maker::Maker;
 use crate::query::part::Part;
 use crate::query::record::ClipEntry;
 use crate::query::{Database, Distance, IndexOptions, Kind, Wanted};
+use crate::{Result, WindowSpec};
 use kinelm_corpus::Split;
 use kinelm_motion::format::ReadOptions;
 use kinelm_motion::rotation::exp_map;

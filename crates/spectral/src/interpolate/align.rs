@@ -1,9 +1,8 @@
 //! Two clips made comparable: one rate, one length, one rig, one heading, rotation vectors on one branch.
 
-use crate::Series;
 use crate::filter::LOW_HZ;
 use crate::series::outwards;
-use crate::{Error, Result};
+use crate::{Error, Result, Series};
 use kinelm_motion::format::floor_m;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};

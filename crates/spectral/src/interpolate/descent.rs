@@ -3,8 +3,7 @@
 //! Letters: C channels, N frames of a window, n numbers of its feature. A window x is (C, N), radians; F(x) its feature.
 //! What is made small is `L(x) = sum (F(x) - target)^2 / n` with `target = F(a) + strength (F(b) - F(a))`, from x = a on.
 
-use crate::Transform;
-use crate::{Error, Result};
+use crate::{Error, Result, Transform};
 
 /// How the way goes.
 #[derive(Debug, Clone, Copy, PartialEq)]

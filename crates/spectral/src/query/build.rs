@@ -5,14 +5,12 @@ use super::maker::{Made, Maker, fit_of};
 use super::options::{IndexOptions, Kind};
 use super::part::PartWriter;
 use super::record::{ClipEntry, Manifest, PartRecord, VERSION};
-use crate::PcaBasis;
 use crate::pca::PcaFit;
-use crate::{Error, Result};
+use crate::{Error, PcaBasis, Result};
 pub use kinelm_corpus::build::{BuildOptions, Summary, Watch, check, each};
 use kinelm_corpus::load::{Wanted, item_options};
 use kinelm_corpus::{Gathered, Item};
-use kinelm_store::FileRecord;
-use kinelm_store::files;
+use kinelm_store::{FileRecord, files};
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 

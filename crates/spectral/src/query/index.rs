@@ -8,10 +8,8 @@ use super::database::Database;
 use super::options::{IndexOptions, Kind, unfitted};
 use super::part::Part;
 use super::record::{DAMAGED, Manifest, VERSION};
-use crate::PcaBasis;
-use crate::{Error, Result};
-use kinelm_store::FileRecord;
-use kinelm_store::input;
+use crate::{Error, PcaBasis, Result};
+use kinelm_store::{FileRecord, input};
 use std::path::{Path, PathBuf};
 
 pub(super) const MANIFEST: &str = "index.json";

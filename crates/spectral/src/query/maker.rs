@@ -3,8 +3,7 @@
 use super::model::{self, Reader, Speaker, Tokens};
 use super::options::{IndexOptions, Kind, unfitted};
 use crate::pca::PcaFit;
-use crate::{Error, Result};
-use crate::{PcaBasis, Series, Transform};
+use crate::{Error, PcaBasis, Result, Series, Transform};
 use kinelm_motion::Clip;
 
 /// What makes features; many clips side by side. A model then reads its part one after the other ([`Finisher`]).

@@ -1,7 +1,6 @@
 //! What an index holds of each window.
 
-use crate::{Error, Result};
-use crate::{LowDct, PcaBasis, Stft, WindowSpec};
+use crate::{Error, LowDct, PcaBasis, Result, Stft, WindowSpec};
 use kinelm_motion::smpl;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;

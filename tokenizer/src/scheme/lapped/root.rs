@@ -12,9 +12,8 @@
 use super::{Lapped, Layout, Transform, lifted, limited};
 use crate::channel::Channels;
 use crate::scheme::pelvis::Split;
-use kinelm_motion::Clip;
-use kinelm_motion::Vec3;
 use kinelm_motion::rotation::{exp_map, heading};
+use kinelm_motion::{Clip, Vec3};
 use std::f64::consts::TAU;
 
 /// The root's part of a scheme.

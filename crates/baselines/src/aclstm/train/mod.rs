@@ -8,11 +8,10 @@ pub use batches::{Batch, batch};
 
 pub use kinelm_train::updates::{Event, Figures, Summary};
 
-use super::Config;
 use super::data::{Learned, Recordings, Sources};
 use super::form::Coder;
-use super::network;
 use super::run::RunFile;
+use super::{Config, network};
 use crate::Result;
 use kinelm_train::folder::RunFolder;
 use kinelm_train::learner::listed;

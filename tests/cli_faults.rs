@@ -242,7 +242,7 @@ fn the_memory_that_a_shell_allows_counts_before_training() {
         return;
     }
     assert_eq!(found.status.code(), Some(1), "{said}");
-    assert!(said.contains(" of memory and ") && said.contains("lower model.width"), "{said}");
+    assert!(said.contains(" of memory, the limit is ") && said.contains("lower model.width"), "{said}");
     assert!(!data.at("wide").exists());
 }
 

@@ -2,7 +2,7 @@
 
 use super::WrongCall;
 use super::read::positive;
-use crate::generate::sampling::{Draw, TOP_P};
+use crate::generate::sampling::Draw;
 use anyhow::Result;
 
 /// How the next token is drawn: the penalty first, then temperature, top-k, top-p, min-p, in this order.
@@ -50,9 +50,8 @@ impl DrawArgs {
         Ok(draw)
     }
 
-    /// The same with [`TOP_P`] where nothing truncates.
+    /// The same with a top-p where nothing truncates.
     pub fn get(self) -> Result<Draw> {
-        let draw = self.requested()?;
-        Ok(Draw { top_p: draw.top_p.or((!draw.truncates()).then_some(TOP_P)), ..draw })
+        Ok(self.requested()?.truncated())
     }
 }

@@ -4,7 +4,7 @@ use super::{Say, print, read::ReadArgs};
 use anyhow::Result;
 use kinelm_motion::format::{self, ReadOptions, RestFrame, Unit, floor_of};
 use kinelm_motion::inspect::report;
-use kinelm_motion::{Kind, Motion, Warning};
+use kinelm_motion::{FaultKind, Motion, Warning};
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
@@ -49,7 +49,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 /// A file whose unit nobody can tell is still worth a look: it is read as metres, and that is a doubt.
 fn read(file: &Path, options: &ReadOptions) -> kinelm_motion::Result<Motion> {
     match format::read(file, options) {
-        Err(e) if e.kind() == Some(Kind::UnitUnknown) => {
+        Err(e) if e.fault() == Some(FaultKind::UnitUnknown) => {
             let mut motion = format::read(file, &ReadOptions { unit: Unit::Metre, ..options.clone() })?;
             let what = "the unit can't be told from the legs, lengths are shown as if metres; give --unit".into();
             motion.warnings.push(Warning { kind: "unit_unknown", what });

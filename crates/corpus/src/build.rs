@@ -11,7 +11,7 @@ use super::writer::{CorpusWriter, NewClip};
 use crate::music::find::{Heard, OfClip};
 use crate::music::{own, tempo};
 use crate::{Error, Result};
-use kinelm_motion::Kind;
+use kinelm_motion::FaultKind;
 use kinelm_motion::format::{RateDoubt, RateDoubts, ReadOptions};
 use kinelm_store::counted;
 use kinelm_tokenizer::{Encoded, Fit, Tokenizer, TokenizerConfig};
@@ -302,7 +302,7 @@ pub fn each<T: Send>(
                     summary.frames += take(item, sha256, made, &mut summary)?;
                     summary.clips += 1;
                 }
-                Err(Error::Motion(e)) if e.kind() == Some(Kind::NoMotion) => summary.no_motion += 1,
+                Err(Error::Motion(e)) if e.fault() == Some(FaultKind::NoMotion) => summary.no_motion += 1,
                 Err(error) => {
                     let (key, name, why) = (item.key, item.name.clone(), error.to_string());
                     summary.failed.push(Failure { key, name, why });

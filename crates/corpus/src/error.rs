@@ -1,9 +1,5 @@
 //! What can go wrong with corpora.
 
-use kinelm_store::Place;
-use std::ops::Range;
-use std::path::Path;
-
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -27,56 +23,16 @@ pub enum Error {
     Work(Box<dyn std::error::Error + Send + Sync>),
 }
 
+kinelm_store::constructors!(Error);
+
 impl Error {
-    /// Wraps an I/O error with the path it happened at.
-    pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Error {
-        let at = kinelm_store::Error::io(path);
-        move |source| at(source).into()
-    }
-
-    /// A call that can't be done.
-    pub fn call(what: impl Into<String>) -> Error {
-        kinelm_store::Error::call(what).into()
-    }
-
-    /// An option of a call that can't be what it is, by its name, words joined by `-`.
-    pub fn option(option: &'static str, what: impl Into<String>) -> Error {
-        kinelm_store::Error::option(option, what).into()
-    }
-
-    /// Work that the user broke off.
-    pub fn stopped(what: impl Into<String>) -> Error {
-        kinelm_store::Error::stopped(what).into()
-    }
-
-    /// An output that must not be written: `what` goes on behind its name.
-    pub fn taken(path: impl AsRef<Path>, what: impl Into<String>) -> Error {
-        kinelm_store::Error::taken(path, what).into()
-    }
-
-    /// A fault of the file `path` as a whole.
-    pub fn file(
-        path: impl AsRef<Path>,
-        found: impl Into<String>,
-        expected: impl Into<String>,
-        help: impl Into<String>,
-    ) -> Error {
-        kinelm_store::Error::file(path, found, expected, help).into()
-    }
-
-    /// A fault at a place of a file.
-    pub fn at(at: Place, found: impl Into<String>, expected: impl Into<String>, help: impl Into<String>) -> Error {
-        kinelm_store::Error::at(at, found, expected, help).into()
-    }
-
-    /// A fault at the bytes `span` of a file's text; of the file as a whole without one.
-    pub fn in_text(
-        file: (&Path, &str),
-        span: Option<Range<usize>>,
-        found: impl Into<String>,
-        expected: &str,
-        help: &str,
-    ) -> Error {
-        kinelm_store::Error::in_text(file, span, found, expected, help).into()
+    /// Which kind of error this is; the program's exit code follows from it.
+    pub fn kind(&self) -> kinelm_store::Kind {
+        match self {
+            Error::Store(e) => e.kind(),
+            Error::Motion(e) => e.kind(),
+            Error::Music(_) | Error::Tokenizer(_) => kinelm_store::Kind::File,
+            Error::Work(_) => kinelm_store::Kind::Failed,
+        }
     }
 }

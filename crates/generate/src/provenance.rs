@@ -88,7 +88,7 @@ impl MadeTo {
 /// Those of [`Provenance::load`].
 pub fn find(dance: &Path) -> Result<Option<Provenance>> {
     let path = path_of(dance);
-    if !path.exists() || OTHERS.iter().any(|[key, ..]| sidecar::is_of_kind(&path, key)) {
+    if !path.exists() || sidecar::is_of_kind(&path, &OTHERS.map(|[key, ..]| key)) {
         return Ok(None);
     }
     Ok(Some(Provenance::load(&path)?).filter(|told| told.output.file == name_of(dance)))

@@ -3,7 +3,6 @@
 use super::open::{AHEAD, OpenRequest};
 use super::request::{Draws, FootMode, LeadInKind, Length, Place, Request, Resolved, Rig};
 use super::rest::RestJoints;
-use super::sampling::{Draw, TOP_P};
 use super::starts::STARTS;
 use super::{feet, music};
 use crate::{Error, Result};
@@ -50,6 +49,21 @@ impl OpenRequest {
             return Err(Error::option("rest-joints", what));
         }
         let mut ready = OpenRequest::load(request.begun(), Which::Auto)?;
+        if request.rig.is_none() {
+            let why = if edit.is_some() { "a clip is edited" } else { "no clip is edited" };
+            ready.decided("rig", format!("{:?}", ready.recipe.rig).to_lowercase(), why);
+        }
+        if request.rest_joints.is_none() {
+            let why = if request.prompt.is_some() { "there is a prompt" } else { "there is no prompt" };
+            ready.decided("rest-joints", format!("{:?}", ready.recipe.rest_joints).to_lowercase(), why);
+        }
+        if request.length.is_none() {
+            ready.decided(
+                "length",
+                ready.frames,
+                "as long as what is given of the prompt, else the music, else the prompt",
+            );
+        }
         ready.stand_with_prompt();
         ready.decide_lead_in(request.lead_in)?;
         ready.decide_first_frame(request.starts)?;
@@ -70,10 +84,13 @@ impl OpenRequest {
             ready.decided("ahead", ready.recipe.ahead, why);
         }
         if request.guidance.is_none() {
-            if ready.music.is_some() {
+            let why = if ready.music.is_some() {
                 ready.guide(music::guidance(ready.run.config.music));
-            }
-            ready.decided("guidance", ready.recipe.guidance, "what suits the model's conditioning on music");
+                "what suits the model's conditioning on music"
+            } else {
+                "no music: labels are followed as the model has learned them"
+            };
+            ready.decided("guidance", ready.recipe.guidance, why);
         }
         if request.feet.is_none() {
             let given = feet::fixed(ready.prompt.as_ref(), 0).legs.contains(&true);
@@ -103,6 +120,9 @@ impl OpenRequest {
         }
         self.lead_in_from_nothing(kind != Some(LeadInKind::None))?;
         if !nothing || self.lead_in(0).is_some() || kind == Some(LeadInKind::None) {
+            if nothing && kind.is_none() {
+                self.decided("lead-in", "train", "the run keeps seconds of train clips");
+            }
             return Ok(());
         }
         let what = format!(
@@ -167,7 +187,7 @@ impl Request {
             starts: self.starts.unwrap_or(1),
             seed: self.seed,
             draws: Draws::Given,
-            draw: Draw { top_p: self.draw.top_p.or((!self.draw.truncates()).then_some(TOP_P)), ..self.draw },
+            draw: self.draw.truncated(),
             rig: self.rig.unwrap_or(if is_edited { Rig::Prompt } else { Rig::Model }),
             rest_joints: self.rest_joints.unwrap_or(rest),
             place: None,

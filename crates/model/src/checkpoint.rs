@@ -345,7 +345,7 @@ fn short_of_memory(e: std::io::Error) -> std::io::Error {
 fn is_fault(e: &Error) -> bool {
     match e {
         Error::Store(kinelm_store::Error::Io { source, .. }) => source.kind() != ErrorKind::OutOfMemory,
-        Error::Store(kinelm_store::Error::Memory(_)) => false,
+        Error::Store(kinelm_store::Error::Limit { .. }) => false,
         _ => true,
     }
 }

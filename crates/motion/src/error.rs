@@ -2,7 +2,7 @@
 
 use kinelm_store::Place;
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
@@ -38,15 +38,20 @@ pub enum Error {
     Call(String),
 }
 
+kinelm_store::constructors!(Error);
+
 impl Error {
-    /// Wraps an I/O error with the path it happened at.
-    pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Error {
-        let path = path.as_ref().to_owned();
-        move |source| kinelm_store::Error::io(path)(source).into()
+    /// Which kind of error this is; the program's exit code follows from it.
+    pub fn kind(&self) -> kinelm_store::Kind {
+        match self {
+            Error::Store(e) => e.kind(),
+            Error::File(_) | Error::Clip { .. } => kinelm_store::Kind::File,
+            Error::Option { .. } | Error::Call(_) => kinelm_store::Kind::Call,
+        }
     }
 
-    /// The kind of a file error, if it is one.
-    pub fn kind(&self) -> Option<Kind> {
+    /// The fault of the file, where a file is wrong.
+    pub fn fault(&self) -> Option<FaultKind> {
         match self {
             Error::File(e) => Some(e.kind),
             _ => None,
@@ -65,7 +70,7 @@ pub struct FileError {
     /// Where.
     pub at: Place,
     /// Which fault; its name is printed.
-    pub kind: Kind,
+    pub kind: FaultKind,
     /// What stands there.
     pub found: String,
     /// What should.
@@ -88,7 +93,7 @@ impl std::error::Error for FileError {}
 
 impl FileError {
     /// A fault at a place.
-    pub fn new(at: Place, kind: Kind, found: impl Into<String>, expected: impl Into<String>) -> Self {
+    pub fn new(at: Place, kind: FaultKind, found: impl Into<String>, expected: impl Into<String>) -> Self {
         FileError { at, kind, found: found.into(), expected: expected.into(), help: String::new() }
     }
 
@@ -125,11 +130,11 @@ macro_rules! kinds {
         /// The faults a motion file can have, by the names that are printed.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
         #[non_exhaustive]
-        pub enum Kind { $($(#[$doc])* $variant,)* }
+        pub enum FaultKind { $($(#[$doc])* $variant,)* }
 
-        impl fmt::Display for Kind {
+        impl fmt::Display for FaultKind {
             fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str(match self { $(Kind::$variant => $name,)* })
+                f.write_str(match self { $(FaultKind::$variant => $name,)* })
             }
         }
     };

@@ -43,7 +43,7 @@ pub mod smpl;
 pub mod synth;
 
 pub use clip::Clip;
-pub use error::{Error, FileError, Kind, Result, Warning};
+pub use error::{Error, FaultKind, FileError, Result, Warning};
 pub use format::{Motion, Source};
 pub use pose::GlobalPose;
 pub use rotation::{Quat, Vec3};

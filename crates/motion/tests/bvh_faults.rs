@@ -1,7 +1,7 @@
 //! Every fault that a BVH can have, each with its place; and bytes of every kind without a panic.
 
 use kinelm_motion::format::{ReadOptions, Unit, bvh};
-use kinelm_motion::{Error, Kind, Motion, Result, Source};
+use kinelm_motion::{Error, FaultKind, Motion, Result, Source};
 use proptest::prelude::*;
 use std::path::Path;
 use std::time::Instant;
@@ -223,7 +223,7 @@ fn a_cut_file_gives_its_whole_rows_when_asked() {
         assert_eq!((m.clip.frames(), m.warnings.len()), (rows, 1), "{text}");
     }
     let e = read(with("1 2 3 -4", "2 3 -4").as_bytes(), &lenient).unwrap_err();
-    assert_eq!(e.kind(), Some(Kind::RowWidth), "a wrong row is no cut");
+    assert_eq!(e.fault(), Some(FaultKind::RowWidth), "a wrong row is no cut");
 }
 
 #[test]
@@ -231,17 +231,17 @@ fn a_billion_frames_or_deep_nesting_cost_nothing() {
     let start = Instant::now();
     // one channel: the declared numbers stay below the limit of 2^31
     let one = "HIERARCHY\nROOT a { OFFSET 0 0 0 CHANNELS 1 Xrotation End Site { OFFSET 0 1 0 } }\nMOTION\nFrames: 1000000000\nFrame Time: 0.01\n1\n2\n";
-    assert_eq!(read(one.as_bytes(), &options()).unwrap_err().kind(), Some(Kind::FramesShort));
+    assert_eq!(read(one.as_bytes(), &options()).unwrap_err().fault(), Some(FaultKind::FramesShort));
     let none = one.replace("CHANNELS 1 Xrotation", "CHANNELS 0").replace("1\n2\n", "");
-    assert_eq!(read(none.as_bytes(), &options()).unwrap_err().kind(), Some(Kind::FramesShort));
+    assert_eq!(read(none.as_bytes(), &options()).unwrap_err().fault(), Some(FaultKind::FramesShort));
 
     let deep = |n: usize| {
         let opens: String =
             (0..n).map(|i| format!("{} j{i} {{ OFFSET 0 0 0\n", if i == 0 { "ROOT" } else { "JOINT" })).collect();
         format!("HIERARCHY\n{opens}{}MOTION\nFrames: 0\nFrame Time: 0.01\n", "}".repeat(n))
     };
-    assert_eq!(read(deep(100_000).as_bytes(), &options()).unwrap_err().kind(), Some(Kind::TooDeep));
-    assert_eq!(read(deep(513).as_bytes(), &options()).unwrap_err().kind(), Some(Kind::TooDeep));
+    assert_eq!(read(deep(100_000).as_bytes(), &options()).unwrap_err().fault(), Some(FaultKind::TooDeep));
+    assert_eq!(read(deep(513).as_bytes(), &options()).unwrap_err().fault(), Some(FaultKind::TooDeep));
     assert_eq!(good(&deep(512)).clip.joints(), 512);
 
     let wide = |n: usize| {
@@ -249,9 +249,9 @@ fn a_billion_frames_or_deep_nesting_cost_nothing() {
         format!("HIERARCHY\nROOT r {{ OFFSET 0 0 0\n{joints}}}\nMOTION\nFrames: 0\nFrame Time: 0.01\n")
     };
     assert_eq!(good(&wide(4096)).clip.joints(), 4096);
-    assert_eq!(read(wide(4097).as_bytes(), &options()).unwrap_err().kind(), Some(Kind::TooLarge));
+    assert_eq!(read(wide(4097).as_bytes(), &options()).unwrap_err().fault(), Some(FaultKind::TooLarge));
     let ends = format!("HIERARCHY\nROOT r {{ OFFSET 0 0 0\n{}", "#\nEnd { OFFSET 0 0 0 }\n".repeat(200_000));
-    assert_eq!(read(ends.as_bytes(), &options()).unwrap_err().kind(), Some(Kind::UnexpectedWord));
+    assert_eq!(read(ends.as_bytes(), &options()).unwrap_err().fault(), Some(FaultKind::UnexpectedWord));
     assert!(start.elapsed().as_secs_f64() < 2.0, "{:?}", start.elapsed());
 }
 

@@ -3,7 +3,7 @@
 use kinelm_motion::format::array::Array;
 use kinelm_motion::format::pickle::{MAX_MARKS, MAX_STACK, MAX_VALUES, Pickle};
 use kinelm_motion::format::{ReadOptions, aist, amass, body_model::BodyModel, npz::Npz};
-use kinelm_motion::{Error, Kind};
+use kinelm_motion::{Error, FaultKind};
 use proptest::prelude::*;
 use std::io::{Cursor, Read, Write};
 use std::path::{Path, PathBuf};
@@ -38,8 +38,8 @@ fn read_npz(bytes: &[u8]) -> Result<(), Error> {
 }
 
 /// Which fault it was.
-fn kind(result: Result<(), Error>) -> Kind {
-    result.unwrap_err().kind().expect("an error of the file")
+fn kind(result: Result<(), Error>) -> FaultKind {
+    result.unwrap_err().fault().expect("an error of the file")
 }
 
 // pickles
@@ -65,7 +65,7 @@ fn forbidden_names_are_refused_by_name() {
     ];
     for (bytes, says) in cases {
         let e = read_pickle(bytes).unwrap_err();
-        assert_eq!(e.kind(), Some(Kind::PickleRefused), "{e}");
+        assert_eq!(e.fault(), Some(FaultKind::PickleRefused), "{e}");
         assert!(e.to_string().contains(says), "{e}");
     }
 }
@@ -79,42 +79,42 @@ fn nesting_costs_nothing() {
         bytes.extend(unit.repeat(1_000_000));
         bytes.extend(tail);
         let kind = kind(read_pickle(&bytes));
-        assert!(matches!(kind, Kind::TooLarge | Kind::PickleBad), "{unit:?}: {kind}");
+        assert!(matches!(kind, FaultKind::TooLarge | FaultKind::PickleBad), "{unit:?}: {kind}");
     }
     let marks = [&b"("[..]].concat().repeat(MAX_MARKS + 1);
-    assert_eq!(kind(read_pickle(&marks)), Kind::TooLarge);
+    assert_eq!(kind(read_pickle(&marks)), FaultKind::TooLarge);
     // lists within lists up to the limit, closed in order: read, then found to be no motion
     let deep = [b"]".repeat(10_000), b"a".repeat(9_999), b".".to_vec()].concat();
-    assert_eq!(kind(read_pickle(&deep)), Kind::NoMotion);
+    assert_eq!(kind(read_pickle(&deep)), FaultKind::NoMotion);
     // a list that holds itself
-    assert_eq!(kind(read_pickle(b"]q\x00h\x00a.")), Kind::NoMotion);
-    assert_eq!(kind(read_pickle(b"}q\x00X\x0a\x00\x00\x00smpl_posesh\x00s.")), Kind::Dtype);
+    assert_eq!(kind(read_pickle(b"]q\x00h\x00a.")), FaultKind::NoMotion);
+    assert_eq!(kind(read_pickle(b"}q\x00X\x0a\x00\x00\x00smpl_posesh\x00s.")), FaultKind::Dtype);
     check_peak();
 }
 
 #[test]
 fn the_memo_and_the_stack_stay_small() {
     // far places cost nothing
-    assert_eq!(kind(read_pickle(b"Nr\xff\xff\xff\xffj\xff\xff\xff\xff.")), Kind::NoMotion);
-    assert_eq!(kind(read_pickle(b"j\xff\xff\xff\xff.")), Kind::PickleBad);
+    assert_eq!(kind(read_pickle(b"Nr\xff\xff\xff\xffj\xff\xff\xff\xff.")), FaultKind::NoMotion);
+    assert_eq!(kind(read_pickle(b"j\xff\xff\xff\xff.")), FaultKind::PickleBad);
     let twice = [b"N".to_vec(), b"2\x86".repeat(100_000), b".".to_vec()].concat();
-    assert_eq!(kind(read_pickle(&twice)), Kind::NoMotion, "2^100000 values, were they copied");
-    assert_eq!(kind(read_pickle(&b"N".repeat(MAX_STACK + 1))), Kind::TooLarge);
-    assert_eq!(kind(read_pickle(&b"N0".repeat(MAX_VALUES + 1))), Kind::TooLarge);
-    assert_eq!(kind(read_pickle(&[b"N".to_vec(), b"\x94".repeat(MAX_STACK + 1)].concat())), Kind::TooLarge);
+    assert_eq!(kind(read_pickle(&twice)), FaultKind::NoMotion, "2^100000 values, were they copied");
+    assert_eq!(kind(read_pickle(&b"N".repeat(MAX_STACK + 1))), FaultKind::TooLarge);
+    assert_eq!(kind(read_pickle(&b"N0".repeat(MAX_VALUES + 1))), FaultKind::TooLarge);
+    assert_eq!(kind(read_pickle(&[b"N".to_vec(), b"\x94".repeat(MAX_STACK + 1)].concat())), FaultKind::TooLarge);
     // one text encoded again and again
     let mut bytes = b"\x80\x02X\x00\x00\x01\x00".to_vec();
     bytes.extend(b"a".repeat(1 << 16));
     bytes.extend(b"q\x00X\x06\x00\x00\x00latin1q\x01c_codecs\nencode\nq\x02".iter());
     bytes.extend(b"h\x02h\x00h\x01\x86R".repeat(10_000));
-    assert_eq!(kind(read_pickle(&bytes)), Kind::TooLarge);
+    assert_eq!(kind(read_pickle(&bytes)), FaultKind::TooLarge);
     // many keys that are one long text
     let mut bytes = b"\x80\x02}(B\x00\x00\x01\x00".to_vec();
     bytes.extend(b"a".repeat(1 << 16));
     bytes.extend(b"q\x00N".iter());
     bytes.extend(b"h\x00N".repeat(100_000));
     bytes.extend(b"u.");
-    assert_eq!(kind(read_pickle(&bytes)), Kind::KeyMissing);
+    assert_eq!(kind(read_pickle(&bytes)), FaultKind::KeyMissing);
     check_peak();
 }
 
@@ -135,7 +135,7 @@ fn pickled(shape: &[u8], dtype: &str, bytes: &[u8]) -> Vec<u8> {
 fn arrays_are_as_large_as_their_bytes() {
     assert_eq!(
         kind(read_pickle(&pickled(b"K\x01KH\x86", "f8", &[0; 576]))),
-        Kind::KeyMissing,
+        FaultKind::KeyMissing,
         "sound, but for the rest"
     );
     let shapes: [&[u8]; 8] = [
@@ -149,12 +149,12 @@ fn arrays_are_as_large_as_their_bytes() {
         b"N\x85",
     ];
     for shape in shapes {
-        assert_eq!(kind(read_pickle(&pickled(shape, "f8", &[0; 576]))), Kind::PickleBad, "{shape:?}");
+        assert_eq!(kind(read_pickle(&pickled(shape, "f8", &[0; 576]))), FaultKind::PickleBad, "{shape:?}");
     }
     // elements of no bytes, as many as one likes
-    assert_eq!(kind(read_pickle(&pickled(b"J\x00\x00\x00\x40\x85", "U0", b""))), Kind::PickleBad);
-    assert_eq!(kind(read_pickle(&pickled(b"K\x00J\x00\x00\x00\x40\x86", "f8", b""))), Kind::KeyMissing);
-    assert_eq!(kind(read_pickle(&pickled(b"K\x01\x85", "c8", &[0; 8]))), Kind::Dtype);
+    assert_eq!(kind(read_pickle(&pickled(b"J\x00\x00\x00\x40\x85", "U0", b""))), FaultKind::PickleBad);
+    assert_eq!(kind(read_pickle(&pickled(b"K\x00J\x00\x00\x00\x40\x86", "f8", b""))), FaultKind::KeyMissing);
+    assert_eq!(kind(read_pickle(&pickled(b"K\x01\x85", "c8", &[0; 8]))), FaultKind::Dtype);
     check_peak();
 }
 
@@ -163,7 +163,7 @@ fn pickles_cut_anywhere() {
     for (name, bytes) in golden("aist", "pkl") {
         for n in 0..bytes.len() {
             let e = read_pickle(&bytes[..n]).expect_err(&name);
-            assert_eq!(e.kind(), Some(Kind::PickleBad), "{name} cut at {n}: {e}");
+            assert_eq!(e.fault(), Some(FaultKind::PickleBad), "{name} cut at {n}: {e}");
         }
         assert!(read_pickle(&[&bytes[..], b"what follows is left alone"].concat()).is_ok());
     }
@@ -198,12 +198,12 @@ fn claims_of_size_are_not_believed() {
     for shape in ["(1000000000, 156)", "(4000000000000000000, 156)", "(99999999999999999999, 1)", "(1,)", "(2, 156)"] {
         let poses = npy("<f8", shape, &[0; 8]);
         let kind = kind(read_npz(&archive(&[("poses.npy", &poses)], stored)));
-        assert!(matches!(kind, Kind::Truncated | Kind::TooLarge | Kind::Shape), "{shape}: {kind}");
+        assert!(matches!(kind, FaultKind::Truncated | FaultKind::TooLarge | FaultKind::Shape), "{shape}: {kind}");
     }
     let nothing = npy("<U0", "(4000000000000000000,)", b"");
-    assert_eq!(kind(read_npz(&archive(&[("poses.npy", &nothing)], stored))), Kind::Truncated);
+    assert_eq!(kind(read_npz(&archive(&[("poses.npy", &nothing)], stored))), FaultKind::Truncated);
     let header = b"\x93NUMPY\x02\x00\xff\xff\xff\xff{".to_vec();
-    assert_eq!(kind(read_npz(&archive(&[("poses.npy", &header)], stored))), Kind::Truncated);
+    assert_eq!(kind(read_npz(&archive(&[("poses.npy", &header)], stored))), FaultKind::Truncated);
     check_peak();
 }
 
@@ -219,7 +219,7 @@ fn an_archive_that_inflates_without_end() {
     let bytes = zip.finish().unwrap().into_inner();
     assert!(bytes.len() < 1 << 20);
     let e = read_npz(&bytes).unwrap_err();
-    assert_eq!(e.kind(), Some(Kind::TooLarge), "{e}");
+    assert_eq!(e.fault(), Some(FaultKind::TooLarge), "{e}");
     check_peak();
 }
 
@@ -233,7 +233,7 @@ fn directories_that_claim_much() {
         bytes[end + 32..end + 40].copy_from_slice(&entries.to_le_bytes());
         bytes[end + 40..end + 48].copy_from_slice(&u64::MAX.to_le_bytes());
         let e = read_npz(&bytes).unwrap_err();
-        assert_eq!(e.kind(), Some(Kind::Truncated));
+        assert_eq!(e.fault(), Some(FaultKind::Truncated));
         assert!(e.to_string().contains("more entries than the file has room for"), "{e}");
     }
     for entries in [0u16, 1, 0xfffe] {
@@ -251,7 +251,7 @@ fn archives_cut_anywhere() {
     for (name, bytes) in golden("amass", "npz") {
         for n in 0..bytes.len() {
             let kind = kind(read_npz(&bytes[..n]));
-            assert!(matches!(kind, Kind::Truncated | Kind::NotThisFormat), "{name} cut at {n}: {kind}");
+            assert!(matches!(kind, FaultKind::Truncated | FaultKind::NotThisFormat), "{name} cut at {n}: {kind}");
         }
     }
 }
@@ -261,7 +261,7 @@ fn damage_is_seen_by_the_checksum() {
     let (_, mut bytes) = golden("amass", "npz").into_iter().find(|(n, _)| n == "stored.npz").unwrap();
     let inside = bytes.windows(9).position(|w| w == b"poses.npy").unwrap() + 400;
     bytes[inside] ^= 1;
-    assert_eq!(kind(read_npz(&bytes)), Kind::Truncated);
+    assert_eq!(kind(read_npz(&bytes)), FaultKind::Truncated);
 }
 
 /// Names and bytes.

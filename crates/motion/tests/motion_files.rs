@@ -93,7 +93,7 @@ fn amass_faults_are_named() {
     let all = expected("amass");
     for (name, want) in all["faults"].as_object().unwrap() {
         let e = read_amass(name, &ReadOptions::default()).unwrap_err();
-        assert_eq!(e.kind().map(|k| k.to_string()).as_deref(), want["kind"].as_str(), "{name}: {e}");
+        assert_eq!(e.fault().map(|k| k.to_string()).as_deref(), want["kind"].as_str(), "{name}: {e}");
         assert!(e.to_string().contains(want["says"].as_str().unwrap()), "{name}: {e}");
         assert!(e.to_string().contains(name.as_str()), "{e}");
     }

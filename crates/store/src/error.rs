@@ -33,9 +33,44 @@ pub enum Error {
         /// What stands there or would happen, and what to do.
         what: String,
     },
-    /// Less memory is free than the work takes.
-    #[error("{0}")]
-    Memory(String),
+    /// The work takes more than there is or than is allowed.
+    #[error("{what} takes {needs}, the limit is {limit}{}{help}", if help.is_empty() { "" } else { "; " })]
+    Limit {
+        /// The work, or the input that is too large.
+        what: String,
+        /// What it takes, with its unit.
+        needs: String,
+        /// What there is or is allowed, with its unit.
+        limit: String,
+        /// What the user can do; may be empty.
+        help: String,
+    },
+    /// A parameter, a key of a file or an input of a call has a value that it can't have.
+    #[error("{name} is {found}; expected {expected}")]
+    Invalid {
+        /// What has the value. A parameter stands in backquotes, by its name in the library: `` `top_p` ``.
+        name: String,
+        /// Its value.
+        found: String,
+        /// What it may be.
+        expected: String,
+    },
+    /// The inputs lack what the work needs.
+    #[error("no {what}; {help}")]
+    Missing {
+        /// What isn't there.
+        what: String,
+        /// Why it is needed, or what to do.
+        help: String,
+    },
+    /// What was requested can't be done with this model, format or input.
+    #[error("{what}: {why}")]
+    Unsupported {
+        /// The parameter, in backquotes, or the work that was requested.
+        what: String,
+        /// Why it can't be done, and what to do.
+        why: String,
+    },
     /// An option of the call can't be what it is.
     #[error("{option}: {what}")]
     Option {
@@ -47,6 +82,24 @@ pub enum Error {
     /// The caller asked for something that can't be done.
     #[error("{0}")]
     Call(String),
+}
+
+/// The kinds of errors of all crates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Kind {
+    /// The operating system refused.
+    Io,
+    /// A file is wrong, or the files lack what the work needs.
+    File,
+    /// The call is wrong: a parameter, their combination, or an output that must not be written.
+    Call,
+    /// The work takes more memory, time or size than there is or is allowed.
+    Limit,
+    /// The user stopped the work.
+    Stopped,
+    /// The work failed otherwise: numbers that run away, a tensor library that refuses.
+    Failed,
 }
 
 /// What is wrong with a file.
@@ -68,6 +121,46 @@ impl Error {
     pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Error {
         let path = path.as_ref().to_owned();
         move |source| Error::Io { path, source }
+    }
+
+    /// A parameter, key or input with a value that it can't have: "`name` is `found`; expected `expected`".
+    pub fn invalid(name: impl Into<String>, found: impl fmt::Display, expected: impl Into<String>) -> Error {
+        Error::Invalid { name: name.into(), found: found.to_string(), expected: expected.into() }
+    }
+
+    /// Inputs that lack what the work needs: "no `what`; `help`".
+    pub fn missing(what: impl Into<String>, help: impl Into<String>) -> Error {
+        Error::Missing { what: what.into(), help: help.into() }
+    }
+
+    /// A request that this model, format or input doesn't allow: "`what`: `why`".
+    pub fn unsupported(what: impl Into<String>, why: impl Into<String>) -> Error {
+        Error::Unsupported { what: what.into(), why: why.into() }
+    }
+
+    /// Work that takes more than the limit: "`what` takes `needs`, the limit is `limit`; `help`".
+    pub fn limit(
+        what: impl Into<String>,
+        needs: impl fmt::Display,
+        limit: impl fmt::Display,
+        help: impl Into<String>,
+    ) -> Error {
+        Error::Limit { what: what.into(), needs: needs.to_string(), limit: limit.to_string(), help: help.into() }
+    }
+
+    /// Which kind of error this is; the program's exit code follows from it.
+    pub fn kind(&self) -> Kind {
+        match self {
+            Error::Io { .. } => Kind::Io,
+            Error::File(_) | Error::Missing { .. } => Kind::File,
+            Error::Stopped(_) => Kind::Stopped,
+            Error::Limit { .. } => Kind::Limit,
+            Error::Taken { .. }
+            | Error::Invalid { .. }
+            | Error::Unsupported { .. }
+            | Error::Option { .. }
+            | Error::Call(_) => Kind::Call,
+        }
     }
 
     /// A call that can't be done.
@@ -116,6 +209,100 @@ impl Error {
         let at = span.map_or_else(|| Place::file(path), |span| place(path, text, span.start));
         Error::at(at, found, expected, help)
     }
+}
+
+/// Gives an error type above this crate, which is made from an [`Error`] by `From`, the constructors of [`Error`].
+#[macro_export]
+macro_rules! constructors {
+    ($error:ident) => {
+        impl $error {
+            /// Wraps an I/O error with the path it happened at.
+            pub fn io(path: impl AsRef<::std::path::Path>) -> impl FnOnce(::std::io::Error) -> $error {
+                let at = $crate::Error::io(path);
+                move |source| at(source).into()
+            }
+
+            /// A parameter, key or input with a value that it can't have: "`name` is `found`; expected `expected`".
+            pub fn invalid(
+                name: impl Into<String>,
+                found: impl ::std::fmt::Display,
+                expected: impl Into<String>,
+            ) -> $error {
+                $crate::Error::invalid(name, found, expected).into()
+            }
+
+            /// Inputs that lack what the work needs: "no `what`; `help`".
+            pub fn missing(what: impl Into<String>, help: impl Into<String>) -> $error {
+                $crate::Error::missing(what, help).into()
+            }
+
+            /// A request that this model, format or input doesn't allow: "`what`: `why`".
+            pub fn unsupported(what: impl Into<String>, why: impl Into<String>) -> $error {
+                $crate::Error::unsupported(what, why).into()
+            }
+
+            /// Work that takes more than the limit: "`what` takes `needs`, the limit is `limit`; `help`".
+            pub fn limit(
+                what: impl Into<String>,
+                needs: impl ::std::fmt::Display,
+                limit: impl ::std::fmt::Display,
+                help: impl Into<String>,
+            ) -> $error {
+                $crate::Error::limit(what, needs, limit, help).into()
+            }
+
+            /// A call that can't be done.
+            pub fn call(what: impl Into<String>) -> $error {
+                $crate::Error::call(what).into()
+            }
+
+            /// An option of a call that can't be what it is, by its name, words joined by `-`.
+            pub fn option(option: &'static str, what: impl Into<String>) -> $error {
+                $crate::Error::option(option, what).into()
+            }
+
+            /// Work that the user broke off.
+            pub fn stopped(what: impl Into<String>) -> $error {
+                $crate::Error::stopped(what).into()
+            }
+
+            /// An output that must not be written: `what` goes on behind its name.
+            pub fn taken(path: impl AsRef<::std::path::Path>, what: impl Into<String>) -> $error {
+                $crate::Error::taken(path, what).into()
+            }
+
+            /// A fault of the file `path` as a whole.
+            pub fn file(
+                path: impl AsRef<::std::path::Path>,
+                found: impl Into<String>,
+                expected: impl Into<String>,
+                help: impl Into<String>,
+            ) -> $error {
+                $crate::Error::file(path, found, expected, help).into()
+            }
+
+            /// A fault at a place of a file.
+            pub fn at(
+                at: $crate::Place,
+                found: impl Into<String>,
+                expected: impl Into<String>,
+                help: impl Into<String>,
+            ) -> $error {
+                $crate::Error::at(at, found, expected, help).into()
+            }
+
+            /// A fault at the bytes `span` of a file's text; of the file as a whole without one.
+            pub fn in_text(
+                file: (&::std::path::Path, &str),
+                span: Option<::std::ops::Range<usize>>,
+                found: impl Into<String>,
+                expected: &str,
+                help: &str,
+            ) -> $error {
+                $crate::Error::in_text(file, span, found, expected, help).into()
+            }
+        }
+    };
 }
 
 /// A place in a file. Lines and columns count from 1; 0 means the file as a whole (binary formats).

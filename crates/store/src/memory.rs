@@ -18,7 +18,7 @@ pub fn free() -> Option<u64> {
 /// Refuses work that takes about so many bytes more than this process can still have, before it is begun.
 ///
 /// # Errors
-/// [`Error::Memory`] with what it takes and what there is; none where the system doesn't tell.
+/// [`Error::Limit`] with what it takes and what there is; none where the system doesn't tell.
 pub fn check(needed: u128, what: &str, help: &str) -> Result<()> {
     free().map_or(Ok(()), |free| compare(needed, free.into(), what, help))
 }
@@ -27,8 +27,9 @@ fn compare(needed: u128, free: u128, what: &str, help: &str) -> Result<()> {
     if needed <= free {
         return Ok(());
     }
-    let (needed, free) = (in_words(needed), in_words(free));
-    Err(Error::Memory(format!("{what} takes about {needed} of memory and {free} are free; {help}")))
+    let (needed, free) =
+        (format!("about {} of memory", in_words(needed)), format!("the {} that are free", in_words(free)));
+    Err(Error::limit(what, needed, free, help))
 }
 
 fn in_words(bytes: u128) -> String {
@@ -133,7 +134,7 @@ mod tests {
     fn what_does_not_fit_is_told() {
         compare(5, 5, "a dance", "").unwrap();
         let message = |needed, free| compare(needed, free, "a dance", "make it shorter").unwrap_err().to_string();
-        let expected = "a dance takes about 3.0 GB of memory and 500 MB are free; make it shorter";
+        let expected = "a dance takes about 3.0 GB of memory, the limit is the 500 MB that are free; make it shorter";
         assert_eq!(message(3_000_000_000, 500_000_000), expected);
     }
 

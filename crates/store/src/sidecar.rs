@@ -57,9 +57,9 @@ pub fn is_beside_its_file(path: &Path) -> bool {
     output.is_some_and(|output| path_of(&path.with_file_name(&output.file)) == path && files::is_plain(&output.file))
 }
 
-/// Whether the sidecar at `path` says how its file is made under this key.
-pub fn is_of_kind(path: &Path, key: &str) -> bool {
-    json(path).is_some_and(|envelope| envelope.get(key).is_some())
+/// Whether the sidecar at `path` says how its file is made under one of these keys.
+pub fn is_of_kind(path: &Path, keys: &[&str]) -> bool {
+    json(path).is_some_and(|envelope| keys.iter().any(|key| envelope.get(key).is_some()))
 }
 
 /// Any JSON file that is no input.
@@ -102,7 +102,10 @@ mod tests {
         let envelope = serde_json::json!({ "schema": 3, "kinelm": "0.1.0", "output": output, "recipe": {} });
         fs::write(path_of(&at("a.bvh")), envelope.to_string()).unwrap();
         assert!(is_beside_its_file(&at("a.bvh.kinelm.json")) && has_hash_of(&at("a.bvh")).unwrap());
-        assert!(is_of_kind(&at("a.bvh.kinelm.json"), "recipe") && !is_of_kind(&at("a.bvh.kinelm.json"), "aclstm"));
+        assert!(
+            is_of_kind(&at("a.bvh.kinelm.json"), &["aclstm", "recipe"])
+                && !is_of_kind(&at("a.bvh.kinelm.json"), &["aclstm"])
+        );
         fs::copy(at("a.bvh.kinelm.json"), at("b.bvh.kinelm.json")).unwrap();
         fs::copy(at("a.bvh"), at("b.bvh")).unwrap();
         assert!(!is_beside_its_file(&at("b.bvh.kinelm.json")) && !has_hash_of(&at("b.bvh")).unwrap());

@@ -57,7 +57,7 @@ pub fn music_of(told: Option<&Provenance>, dance: &Path) -> Result<Option<MadeTo
         return Ok(told.music());
     }
     let path = sidecar::path_of(dance);
-    if !sidecar::is_of_kind(&path, <Recipe as told::Recipe>::KEY) {
+    if !sidecar::is_of_kind(&path, &[<Recipe as told::Recipe>::KEY]) {
         return Ok(None);
     }
     let told = Told::load(&path)?;

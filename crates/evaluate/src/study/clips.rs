@@ -7,7 +7,7 @@ use kinelm_corpus::record::Split;
 use kinelm_corpus::{Gathered, Item};
 use kinelm_motion::format::{self, RateDoubt, RateDoubts, ReadOptions, floor_of};
 use kinelm_motion::resample::{Method, resample};
-use kinelm_motion::{Clip, Kind, Quat, Vec3, retarget, smpl};
+use kinelm_motion::{Clip, FaultKind, Quat, Vec3, retarget, smpl};
 use kinelm_store::hash::hex;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -99,7 +99,7 @@ impl Clips {
                 match known.map(|(known, _)| known) {
                     Ok(known) if item.split == Split::Train => clips.train.push(known),
                     Ok(known) => clips.test.push(known),
-                    Err(Error::Motion(e)) if e.kind() == Some(Kind::NoMotion) => {}
+                    Err(Error::Motion(e)) if e.fault() == Some(FaultKind::NoMotion) => {}
                     Err(e) => {
                         failed += 1;
                         left_out(item, &e);

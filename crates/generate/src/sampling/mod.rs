@@ -104,6 +104,11 @@ impl Draw {
         self.greedy || self.top_k.is_some() || self.top_p.is_some() || self.min_p.is_some()
     }
 
+    /// The same with [`TOP_P`] where nothing truncates.
+    pub fn truncated(self) -> Draw {
+        Draw { top_p: self.top_p.or((!self.truncates()).then_some(TOP_P)), ..self }
+    }
+
     /// Words that the repetition penalty looks back; 0 without one.
     pub fn looks_back(&self) -> usize {
         if self.repetition_penalty == 1.0 { 0 } else { self.repetition_words }

@@ -6,7 +6,7 @@ use super::npz::list;
 use super::pickle::{Pickle, Value};
 use super::smpl_arrays::{Vectors, translations};
 use super::{ReadOptions, body_model};
-use crate::error::{FileError, Kind};
+use crate::error::{FaultKind, FileError};
 use crate::{Clip, Error, Motion, Result, Source};
 use kinelm_store::Place;
 use std::path::Path;
@@ -19,31 +19,31 @@ pub const FPS: f64 = 60.0;
 /// The clip is on SMPL-24, at [`FPS`] or the rate in the options.
 ///
 /// # Errors
-/// [`Kind::PickleRefused`] for a pickle that names or calls anything but numpy's arrays, [`Kind::PickleBad`] for a damaged
-/// one; [`Kind::KeyMissing`], [`Kind::Shape`], [`Kind::Dtype`], [`Kind::ObjectArray`], [`Kind::NotFinite`];
-/// [`Kind::ScaleBad`]; [`Kind::NoMotion`] for a pickle of something else than a dict; [`Kind::NotThisFormat`]; those of a
+/// [`FaultKind::PickleRefused`] for a pickle that names or calls anything but numpy's arrays, [`FaultKind::PickleBad`] for a damaged
+/// one; [`FaultKind::KeyMissing`], [`FaultKind::Shape`], [`FaultKind::Dtype`], [`FaultKind::ObjectArray`], [`FaultKind::NotFinite`];
+/// [`FaultKind::ScaleBad`]; [`FaultKind::NoMotion`] for a pickle of something else than a dict; [`FaultKind::NotThisFormat`]; those of a
 /// body model.
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     if [&b"PK\x03\x04"[..], b"\x93NUMPY", b"HIERARCHY", b"{"].iter().any(|start| bytes.starts_with(start)) {
         let found = super::looks_like(bytes);
-        return Err(FileError::new(Place::file(path), Kind::NotThisFormat, found, "a pickle").into());
+        return Err(FileError::new(Place::file(path), FaultKind::NotThisFormat, found, "a pickle").into());
     }
     let pickle = Pickle::parse(path, bytes)?;
     let top = pickle.top();
     let Some(keys) = top.keys() else {
-        let e = FileError::new(Place::file(path), Kind::NoMotion, top.kind(), "a dict of smpl_poses, smpl_trans");
+        let e = FileError::new(Place::file(path), FaultKind::NoMotion, top.kind(), "a dict of smpl_poses, smpl_trans");
         return Err(e.into());
     };
     let array = |key: &str| -> Result<_> {
         let fault = |kind, found: String| Error::from(FileError::new(Place::file(path), kind, found, key));
-        let value: Value = top.get(key).ok_or_else(|| fault(Kind::KeyMissing, list(&keys)))?;
+        let value: Value = top.get(key).ok_or_else(|| fault(FaultKind::KeyMissing, list(&keys)))?;
         let found = || format!("{key}: {}", value.kind());
-        value.array(key).unwrap_or_else(|| Err(fault(Kind::Dtype, found())))
+        value.array(key).unwrap_or_else(|| Err(fault(FaultKind::Dtype, found())))
     };
     let (poses, trans, scaling) = (array("smpl_poses")?, array("smpl_trans")?, array("smpl_scaling")?);
     let scale = scaling.real()?;
     if !(scale.is_finite() && scale > 0.0) {
-        return Err(scaling.fault(Kind::ScaleBad, scale.to_string(), "a number above 0"));
+        return Err(scaling.fault(FaultKind::ScaleBad, scale.to_string(), "a number above 0"));
     }
     let vectors = Vectors::new(&poses, &[72])?;
     let places = translations(&trans, vectors.frames)?;

@@ -9,7 +9,7 @@ use super::body_model;
 use super::npz::{Npz, Values, Writer, list};
 use super::options::{ReadOptions, is_rate};
 use super::smpl_arrays::{Vectors, translations};
-use crate::error::{FileError, Kind, in_short};
+use crate::error::{FaultKind, FileError, in_short};
 use crate::resample::{FEWEST_FPS, MOST_FPS};
 use crate::rotation::exp_map;
 use crate::{Clip, Error, Motion, Quat, Result, Source, Vec3, Warning, smpl};
@@ -34,8 +34,8 @@ const TURN: Quat = Quat::from_xyzw(-FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2);
 /// the file's needless.
 ///
 /// # Errors
-/// [`Kind::NoMotion`] for a file without poses (`shape.npz`, `neutral_stagei.npz`); [`Kind::KeyMissing`], [`Kind::Shape`],
-/// [`Kind::Dtype`], [`Kind::Truncated`], [`Kind::ObjectArray`], [`Kind::RateBad`], [`Kind::NotFinite`]; those of a body
+/// [`FaultKind::NoMotion`] for a file without poses (`shape.npz`, `neutral_stagei.npz`); [`FaultKind::KeyMissing`], [`FaultKind::Shape`],
+/// [`FaultKind::Dtype`], [`FaultKind::Truncated`], [`FaultKind::ObjectArray`], [`FaultKind::RateBad`], [`FaultKind::NotFinite`]; those of a body
 /// model.
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     let npz = Npz::open(path, bytes)?;
@@ -120,7 +120,7 @@ fn poses(path: &Path, npz: &Npz) -> Result<(Vec<Quat>, usize, usize)> {
         let rotation = |f, j| if j == 0 { root.rotation(f, 0, 0) } else { vectors.rotation(f, 3 * j - 3, j) };
         return Ok((rows(root.frames, 22, rotation)?, root.frames, SMPLX));
     }
-    let e = FileError::new(Place::file(path), Kind::NoMotion, list(npz.keys()), "poses");
+    let e = FileError::new(Place::file(path), FaultKind::NoMotion, list(npz.keys()), "poses");
     let stills = "shape.npz and neutral_stagei.npz hold a body and no motion";
     let places = "positions alone hold no rotations";
     Err(e.help(if npz.has("positions") { places } else { stills }).into())
@@ -147,7 +147,7 @@ fn rate(npz: &Npz) -> Result<f64> {
         fps if is_rate(fps) => Ok(fps),
         fps => {
             let expected = format!("frames per second of at least {FEWEST_FPS}, at most {MOST_FPS}");
-            Err(array.fault(Kind::RateBad, in_short(fps), &expected))
+            Err(array.fault(FaultKind::RateBad, in_short(fps), &expected))
         }
     }
 }
@@ -159,7 +159,7 @@ fn betas(npz: &Npz) -> Result<Vec<f64>> {
     values.truncate(array.shape().last().copied().unwrap_or(1));
     match values.iter().position(|b| !b.is_finite()) {
         None => Ok(values),
-        Some(i) => Err(array.fault(Kind::NotFinite, format!("{} at {i}", values[i]), "shape numbers")),
+        Some(i) => Err(array.fault(FaultKind::NotFinite, format!("{} at {i}", values[i]), "shape numbers")),
     }
 }
 

@@ -20,7 +20,7 @@
 use super::ReadOptions;
 use super::array::Array;
 use super::npz::Npz;
-use crate::error::{FileError, Kind};
+use crate::error::{FaultKind, FileError};
 use crate::{Error, Result, Skeleton, Vec3, smpl};
 use kinelm_store::Place;
 use std::path::{Path, PathBuf};
@@ -69,8 +69,8 @@ impl BodyModel {
     /// Reads a model; `path` is for messages.
     ///
     /// # Errors
-    /// [`Kind::KeyMissing`] without joints, [`Kind::BodyModelBad`] for another skeleton than SMPL's or joints that are not
-    /// finite, [`Kind::Shape`] for arrays that don't fit each other, and those of [`Npz::open`] and [`Npz::array`].
+    /// [`FaultKind::KeyMissing`] without joints, [`FaultKind::BodyModelBad`] for another skeleton than SMPL's or joints that are not
+    /// finite, [`FaultKind::Shape`] for arrays that don't fit each other, and those of [`Npz::open`] and [`Npz::array`].
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self> {
         let npz = Npz::open(path, bytes)?;
         let (joints, directions, shapes) = match regressor(&npz)? {
@@ -78,7 +78,7 @@ impl BodyModel {
             _ => (points(&npz.array("J")?)?, vec![], 0),
         };
         let bad = |found: String, expected: &str| {
-            Err(FileError::new(Place::file(path), Kind::BodyModelBad, found, expected).into())
+            Err(FileError::new(Place::file(path), FaultKind::BodyModelBad, found, expected).into())
         };
         let n = joints.len();
         if !(22..=MAX_JOINTS).contains(&n) || n == 23 {
@@ -184,7 +184,7 @@ fn regressor(npz: &Npz) -> Result<Option<Weights>> {
     let dense = match npz.optional("J_regressor") {
         Ok(Some(dense)) => dense,
         Ok(None) => return Ok(None),
-        Err(e) if e.kind() == Some(Kind::ObjectArray) && npz.has("J") => return Ok(None),
+        Err(e) if e.fault() == Some(FaultKind::ObjectArray) && npz.has("J") => return Ok(None),
         Err(e) => return Err(e),
     };
     let &[joints, vertices] = dense.shape() else { return Err(dense.shape_fault("(n, V)")) };
@@ -210,14 +210,18 @@ fn sparse(npz: &Npz) -> Result<Weights> {
             None => starts.0.len() == joints + 1,
         };
         let outer = unpacked(&starts.0, inner.len()).ok_or_else(|| {
-            starts.1.fault(Kind::Shape, "starts that don't fit the indices", "ascending starts, the last their number")
+            starts.1.fault(
+                FaultKind::Shape,
+                "starts that don't fit the indices",
+                "ascending starts, the last their number",
+            )
         })?;
         if by_row { (outer, inner) } else { (inner, outer) }
     };
     let inside = |(&r, &c): (&usize, &usize)| r < joints && c < vertices;
     if rows.len() != weights.len() || columns.len() != weights.len() || !rows.iter().zip(&columns).all(inside) {
         return Err(data.fault(
-            Kind::Shape,
+            FaultKind::Shape,
             "places that don't fit",
             format!("one in ({joints}, {vertices}) a weight"),
         ));
@@ -236,7 +240,7 @@ fn unpacked(starts: &[usize], entries: usize) -> Option<Vec<usize>> {
 
 fn indices(array: &Array) -> Result<Vec<usize>> {
     let whole = array.integers()?.into_iter().map(usize::try_from).collect::<std::result::Result<_, _>>();
-    whole.map_err(|_| array.fault(Kind::Shape, "a negative index", "0 or more"))
+    whole.map_err(|_| array.fault(FaultKind::Shape, "a negative index", "0 or more"))
 }
 
 fn points(array: &Array) -> Result<Vec<Vec3>> {

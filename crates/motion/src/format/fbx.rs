@@ -5,7 +5,7 @@
 //! y is up, whatever the file's unit and axes, which it states.
 
 use super::options::{ReadOptions, is_rate};
-use crate::error::{FileError, Kind};
+use crate::error::{FaultKind, FileError};
 use crate::{Clip, Motion, Quat, Result, Skeleton, Source, Vec3, Warning};
 use glam::DMat3;
 use kinelm_store::Place;
@@ -27,9 +27,10 @@ const STILL_M: f64 = 0.01;
 /// Reads the figure with most bones, or the one that `root` names.
 ///
 /// # Errors
-/// [`Kind::NotThisFormat`] for a file that ufbx doesn't take or that has no bones; [`Kind::TooLarge`]; an unknown root.
+/// [`FaultKind::NotThisFormat`] for a file that ufbx doesn't take or that has no bones; [`FaultKind::TooLarge`]; an unknown root.
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
-    let fault = |kind: Kind, found: String, expected: &str| FileError::new(Place::file(path), kind, found, expected);
+    let fault =
+        |kind: FaultKind, found: String, expected: &str| FileError::new(Place::file(path), kind, found, expected);
     let how = LoadOpts {
         target_axes: ufbx::CoordinateAxes::right_handed_y_up(),
         target_unit_meters: 1.0,
@@ -39,12 +40,12 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         ..LoadOpts::default()
     };
     let scene = ufbx::load_memory(bytes, how)
-        .map_err(|e| fault(Kind::NotThisFormat, e.description.to_string(), "an FBX of version 6 or 7"))?;
+        .map_err(|e| fault(FaultKind::NotThisFormat, e.description.to_string(), "an FBX of version 6 or 7"))?;
     let mut warnings = Vec::new();
     let figure = figure(&scene, options.root.as_deref(), &mut warnings)
-        .map_err(|(found, expected)| fault(Kind::NotThisFormat, found, &expected))?;
+        .map_err(|(found, expected)| fault(FaultKind::NotThisFormat, found, &expected))?;
     if figure.len() > MOST_JOINTS {
-        return Err(fault(Kind::TooLarge, format!("{} bones", figure.len()), "4,096 at most").into());
+        return Err(fault(FaultKind::TooLarge, format!("{} bones", figure.len()), "4,096 at most").into());
     }
     // of several takes the longest
     let length = |stack: &ufbx::AnimStack| stack.time_end - stack.time_begin;
@@ -59,15 +60,15 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let (begin, end) = stack.map_or((0.0, 0.0), |stack| (stack.time_begin, stack.time_end));
     let own = scene.settings.frames_per_second;
     if !is_rate(own) {
-        return Err(fault(Kind::FrameTimeBad, format!("{own} frames a second"), "a rate of motion").into());
+        return Err(fault(FaultKind::FrameTimeBad, format!("{own} frames a second"), "a rate of motion").into());
     }
     let count = ((end - begin) * own).round() + 1.0;
     if !(1.0..=MOST_FRAMES).contains(&count) {
-        return Err(fault(Kind::TooLarge, format!("{count} frames"), "1 to 10,000,000").into());
+        return Err(fault(FaultKind::TooLarge, format!("{count} frames"), "1 to 10,000,000").into());
     }
     if count * figure.len() as f64 > MOST_ROTATIONS {
         let found = format!("{count} frames of {} bones", figure.len());
-        return Err(fault(Kind::TooLarge, found, "268,435,456 rotations at most").into());
+        return Err(fault(FaultKind::TooLarge, found, "268,435,456 rotations at most").into());
     }
     let rest: Vec<(Quat, Vec3)> = figure.iter().map(|joint| placed(&bind(joint.node))).collect();
     let places: Vec<Vec3> = rest.iter().map(|(_, place)| *place).collect();
@@ -80,7 +81,7 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     for frame in 0..count as usize {
         let time = (begin + frame as f64 / own).min(end);
         let now = ufbx::evaluate_scene(&scene, anim, time, EvaluateOpts::default()).map_err(|e| {
-            fault(Kind::NotThisFormat, format!("frame {frame}: {}", e.description), "one that can be posed")
+            fault(FaultKind::NotThisFormat, format!("frame {frame}: {}", e.description), "one that can be posed")
         })?;
         let at = |joint: &Joint| placed(&now.nodes[joint.node.element.typed_id as usize].node_to_world);
         let here: Vec<(Quat, Vec3)> = figure.iter().map(at).collect();

@@ -8,7 +8,7 @@
 //! `{"parent": j, "offset": [x, y, z]}`, may be missing.
 
 use super::{Axes, ReadOptions, Up};
-use crate::error::{FileError, Kind};
+use crate::error::{FaultKind, FileError};
 use crate::rig::map_if_any;
 use crate::{Clip, EndSite, Error, Motion, Quat, Result, Skeleton, Source, Vec3};
 use kinelm_store::Place;
@@ -45,7 +45,7 @@ struct End {
 /// the options say that another axis is.
 ///
 /// # Errors
-/// [`Kind::JsonBad`] with line and column where the text is no such JSON, without them where its numbers make no clip.
+/// [`FaultKind::JsonBad`] with line and column where the text is no such JSON, without them where its numbers make no clip.
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     check_schema(path, bytes)?;
     let Document { fps, names, parents, offsets, ends, root, rotations, .. } =
@@ -135,14 +135,14 @@ fn check_schema(path: &Path, bytes: &[u8]) -> Result<()> {
 }
 
 fn fault(path: &Path, found: String, expected: &str) -> FileError {
-    FileError::new(Place::file(path), Kind::JsonBad, found, expected)
+    FileError::new(Place::file(path), FaultKind::JsonBad, found, expected)
 }
 
 fn malformed(path: &Path, e: &serde_json::Error) -> Error {
     let place = format!(" at line {} column {}", e.line(), e.column());
     let found = e.to_string().replace(&place, "");
     let at = Place { path: path.to_owned(), line: e.line(), column: e.column() };
-    FileError::new(at, Kind::JsonBad, found, "a clip as JSON").into()
+    FileError::new(at, FaultKind::JsonBad, found, "a clip as JSON").into()
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 
 use super::array::{Array, Element, byte_count, padded, tuple};
 use super::{looks_like, npy};
-use crate::error::{FileError, Kind};
+use crate::error::{FaultKind, FileError};
 use crate::{Error, Result};
 use kinelm_store::Place;
 use std::cell::{Cell, RefCell};
@@ -36,16 +36,16 @@ impl<'a> Npz<'a> {
     /// Opens the archive in `bytes`; `path` is for messages.
     ///
     /// # Errors
-    /// [`Kind::NotThisFormat`] without a zip's first bytes, [`Kind::Truncated`] for a cut or damaged archive.
+    /// [`FaultKind::NotThisFormat`] without a zip's first bytes, [`FaultKind::Truncated`] for a cut or damaged archive.
     pub fn open(path: &Path, bytes: &'a [u8]) -> Result<Self> {
         let fault = |kind, found: String, expected: &str| FileError::new(Place::file(path), kind, found, expected);
         if !bytes.starts_with(b"PK") {
             let found = looks_like(bytes).into();
-            return Err(fault(Kind::NotThisFormat, found, "an npz, which is a zip of arrays").into());
+            return Err(fault(FaultKind::NotThisFormat, found, "an npz, which is a zip of arrays").into());
         }
-        check_zip64(bytes).map_err(|found| fault(Kind::Truncated, found.into(), "a whole zip archive"))?;
+        check_zip64(bytes).map_err(|found| fault(FaultKind::Truncated, found.into(), "a whole zip archive"))?;
         let zip = ZipArchive::new(Cursor::new(bytes))
-            .map_err(|e| fault(Kind::Truncated, format!("a damaged zip archive ({e})"), "a whole one"))?;
+            .map_err(|e| fault(FaultKind::Truncated, format!("a damaged zip archive ({e})"), "a whole one"))?;
         let mut keys: Vec<String> = zip
             .file_names_raw()
             .map(String::from_utf8_lossy)
@@ -69,8 +69,8 @@ impl<'a> Npz<'a> {
     /// The array of this name.
     ///
     /// # Errors
-    /// [`Kind::KeyMissing`], which lists the keys there are; [`Kind::Truncated`] for a damaged entry; those of
-    /// [`Array::parse`]; [`Kind::TooLarge`] beyond [`MAX_BYTES`].
+    /// [`FaultKind::KeyMissing`], which lists the keys there are; [`FaultKind::Truncated`] for a damaged entry; those of
+    /// [`Array::parse`]; [`FaultKind::TooLarge`] beyond [`MAX_BYTES`].
     pub fn array(&self, key: &str) -> Result<Array<'static>> {
         self.optional(key)?.ok_or_else(|| self.missing(key))
     }
@@ -87,14 +87,14 @@ impl<'a> Npz<'a> {
         Ok(Some(Array::parse(&self.path, key, &bytes)?.into_owned()))
     }
 
-    /// [`Kind::KeyMissing`] for `key`, with the keys there are.
+    /// [`FaultKind::KeyMissing`] for `key`, with the keys there are.
     pub fn missing(&self, key: &str) -> Error {
-        FileError::new(Place::file(&self.path), Kind::KeyMissing, list(&self.keys), key).into()
+        FileError::new(Place::file(&self.path), FaultKind::KeyMissing, list(&self.keys), key).into()
     }
 
     /// The bytes of an entry: its header, then as many as its array needs.
     fn entry(&self, key: &str) -> Result<Vec<u8>> {
-        let cut = |e: &dyn std::fmt::Display| self.fault(Kind::Truncated, format!("{key}: {e}"), "a whole array");
+        let cut = |e: &dyn std::fmt::Display| self.fault(FaultKind::Truncated, format!("{key}: {e}"), "a whole array");
         let mut zip = self.zip.borrow_mut();
         let mut entry = zip.by_name(&format!("{key}.npy")).map_err(|e| cut(&e))?;
         let mut bytes = Vec::new();
@@ -106,13 +106,13 @@ impl<'a> Npz<'a> {
             Some(n) => n + header.length as u64,
             None => {
                 let found = format!("{key}: shape {} of {}", tuple(&header.shape), header.dtype);
-                return Err(self.fault(Kind::Truncated, found, "a shape that fits its bytes"));
+                return Err(self.fault(FaultKind::Truncated, found, "a shape that fits its bytes"));
             }
         };
         if wanted.max(bytes.len() as u64) > self.left.get() {
             let found = format!("{key}: an array of {wanted} bytes");
             let expected = format!("at most {} in all, by the size of the archive", self.budget);
-            return Err(self.fault(Kind::TooLarge, found, expected));
+            return Err(self.fault(FaultKind::TooLarge, found, expected));
         }
         let more = wanted.saturating_sub(bytes.len() as u64);
         entry.by_ref().take(more).read_to_end(&mut bytes).map_err(|e| cut(&e))?;
@@ -122,7 +122,7 @@ impl<'a> Npz<'a> {
         Ok(bytes)
     }
 
-    fn fault(&self, kind: Kind, found: String, expected: impl Into<String>) -> Error {
+    fn fault(&self, kind: FaultKind, found: String, expected: impl Into<String>) -> Error {
         FileError::new(Place::file(&self.path), kind, found, expected).into()
     }
 }

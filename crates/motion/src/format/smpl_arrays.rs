@@ -1,7 +1,7 @@
 //! What AMASS and AIST++ share: rotation vectors and translations of SMPL's joints in arrays whose first axis is frames.
 
 use super::array::Array;
-use crate::error::Kind;
+use crate::error::FaultKind;
 use crate::rotation::exp_map;
 use crate::{Quat, Result, Vec3, smpl};
 
@@ -19,7 +19,7 @@ impl<'a> Vectors<'a> {
     /// An array of shape (F, W) or (F, W/3, 3), W one of `widths`.
     ///
     /// # Errors
-    /// [`Kind::Shape`] for any other shape, [`Kind::Dtype`] for what are no numbers.
+    /// [`FaultKind::Shape`] for any other shape, [`FaultKind::Dtype`] for what are no numbers.
     pub fn new(array: &'a Array, widths: &[usize]) -> Result<Self> {
         let (frames, width) = match *array.shape() {
             [f, w] if widths.contains(&w) => (f, w),
@@ -36,7 +36,7 @@ impl<'a> Vectors<'a> {
     /// The rotation in columns `column .. column + 3` of a frame; vectors of any length are taken. `joint` is for messages.
     ///
     /// # Errors
-    /// [`Kind::NotFinite`] with frame and joint.
+    /// [`FaultKind::NotFinite`] with frame and joint.
     pub fn rotation(&self, frame: usize, column: usize, joint: usize) -> Result<Quat> {
         let at = frame * self.width + column;
         let v = Vec3::from_slice(&self.values[at..at + 3]);
@@ -46,14 +46,14 @@ impl<'a> Vectors<'a> {
             return Ok(q);
         }
         let found = format!("({}, {}, {}) at frame {frame}, joint {joint} ({})", v.x, v.y, v.z, smpl::NAMES[joint]);
-        Err(self.array.fault(Kind::NotFinite, found, "a rotation vector"))
+        Err(self.array.fault(FaultKind::NotFinite, found, "a rotation vector"))
     }
 }
 
 /// The (F, 3) translations of `frames` frames.
 ///
 /// # Errors
-/// [`Kind::Shape`], [`Kind::Dtype`], [`Kind::NotFinite`] with the frame.
+/// [`FaultKind::Shape`], [`FaultKind::Dtype`], [`FaultKind::NotFinite`] with the frame.
 pub(super) fn translations(array: &Array, frames: usize) -> Result<Vec<Vec3>> {
     if array.shape() != [frames, 3] {
         return Err(array.shape_fault(&format!("({frames}, 3)")));
@@ -63,7 +63,7 @@ pub(super) fn translations(array: &Array, frames: usize) -> Result<Vec<Vec3>> {
         None => Ok(places),
         Some(f) => {
             let found = format!("({}, {}, {}) at frame {f}", places[f].x, places[f].y, places[f].z);
-            Err(array.fault(Kind::NotFinite, found, "a place in metres"))
+            Err(array.fault(FaultKind::NotFinite, found, "a place in metres"))
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Skeleton maps: which joint of a rig plays which SMPL joint, in a TOML that a user can write.
 
 use crate::rotation::{Axis, EulerOrder};
-use crate::{Error, FileError, Kind, Quat, Result, smpl};
+use crate::{Error, FaultKind, FileError, Quat, Result, smpl};
 use kinelm_store::Place;
 use kinelm_store::suggest::did_you_mean;
 use serde::Deserialize;
@@ -79,16 +79,16 @@ impl SkeletonMap {
     /// The map that a TOML text describes; `path` is what errors name.
     ///
     /// # Errors
-    /// [`Kind::MapBad`] with line and column: not TOML, a key or SMPL joint that doesn't exist, a required joint not
+    /// [`FaultKind::MapBad`] with line and column: not TOML, a key or SMPL joint that doesn't exist, a required joint not
     /// mapped, one rig joint for two SMPL joints, an Euler order or rotation that is none.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let at = |span: Option<Range<usize>>| place(text, path, span.map_or(0, |s| s.start));
         let file: File = toml::from_str(text).map_err(|e| {
-            FileError::new(at(e.span()), Kind::MapBad, e.message().trim().replace('\n', ", "), "a skeleton map")
+            FileError::new(at(e.span()), FaultKind::MapBad, e.message().trim().replace('\n', ", "), "a skeleton map")
                 .help(HELP)
         })?;
         let bad = |span: Range<usize>, found: String, expected: &str| -> Error {
-            FileError::new(at(Some(span)), Kind::MapBad, found, expected).help(HELP).into()
+            FileError::new(at(Some(span)), FaultKind::MapBad, found, expected).help(HELP).into()
         };
         if file.name.get_ref().trim().is_empty() {
             return Err(bad(file.name.span(), "an empty name".into(), "a short one such as \"my-rig\""));
@@ -387,7 +387,7 @@ mod tests {
         let good = SHIPPED[3].1;
         let fails = |text: &str| {
             let e = SkeletonMap::parse(text, Path::new("my.toml")).unwrap_err();
-            assert_eq!(e.kind(), Some(Kind::MapBad), "{e}");
+            assert_eq!(e.fault(), Some(FaultKind::MapBad), "{e}");
             e.to_string()
         };
         let line = |s: &str| good.lines().position(|l| l.starts_with(s)).unwrap() + 1;

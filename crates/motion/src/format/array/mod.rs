@@ -8,7 +8,7 @@ mod dtype;
 
 pub use dtype::{Dtype, Element};
 
-use crate::error::{FileError, Kind};
+use crate::error::{FaultKind, FileError};
 use crate::{Error, Result};
 use kinelm_store::Place;
 use std::borrow::Cow;
@@ -42,7 +42,7 @@ impl<'a> Array<'a> {
     /// `path` and `key` are for messages.
     ///
     /// # Errors
-    /// [`Kind::Truncated`] when the length differs.
+    /// [`FaultKind::Truncated`] when the length differs.
     pub fn new(
         path: &Path,
         key: &str,
@@ -57,7 +57,7 @@ impl<'a> Array<'a> {
             wanted => {
                 let wanted = wanted.map_or("fewer than 2^63".into(), |n| n.to_string());
                 let found = format!("{} bytes for {} {:?}", array.bytes.len(), array.dtype, array.shape);
-                Err(array.fault(Kind::Truncated, found, format!("{wanted} bytes")))
+                Err(array.fault(FaultKind::Truncated, found, format!("{wanted} bytes")))
             }
         }
     }
@@ -65,7 +65,7 @@ impl<'a> Array<'a> {
     /// An array of text.
     ///
     /// # Errors
-    /// [`Kind::Truncated`] when there are not as many texts as the shape says, [`Kind::TooLarge`] above a million
+    /// [`FaultKind::Truncated`] when there are not as many texts as the shape says, [`FaultKind::TooLarge`] above a million
     /// characters (each text takes the room of the longest).
     pub fn from_texts(path: &Path, key: &str, shape: Vec<usize>, texts: &[impl AsRef<str>]) -> Result<Array<'static>> {
         let size = texts.iter().map(|t| t.as_ref().chars().count()).max().unwrap_or(0).max(1);
@@ -77,7 +77,7 @@ impl<'a> Array<'a> {
             return array;
         }
         let found = format!("{key}: {} texts of up to {size} characters", texts.len());
-        Err(FileError::new(Place::file(path), Kind::TooLarge, found, "at most 2^20 characters").into())
+        Err(FileError::new(Place::file(path), FaultKind::TooLarge, found, "at most 2^20 characters").into())
     }
 
     /// The same array, owning its bytes.
@@ -110,7 +110,7 @@ impl<'a> Array<'a> {
     /// The elements as f64, last axis fastest: f2, f4, f8, all integers, bool.
     ///
     /// # Errors
-    /// [`Kind::Dtype`] for text and all else.
+    /// [`FaultKind::Dtype`] for text and all else.
     pub fn reals(&self) -> Result<Vec<f64>> {
         self.numeric(true, "numbers")?;
         if self.dtype == (Dtype { element: Element::Float, size: 8, big: false }) && self.order == Order::C {
@@ -125,7 +125,7 @@ impl<'a> Array<'a> {
     /// conversion does (a root's parent is written as the largest u32 or u64).
     ///
     /// # Errors
-    /// [`Kind::Dtype`] for all else.
+    /// [`FaultKind::Dtype`] for all else.
     pub fn integers(&self) -> Result<Vec<i64>> {
         self.numeric(false, "integers")?;
         Ok(self.elements().map(|b| self.dtype.integer(b)).collect())
@@ -134,18 +134,18 @@ impl<'a> Array<'a> {
     /// The elements as text, last axis fastest: `<U` and `|S`, the latter taken as UTF-8, else as Latin-1.
     ///
     /// # Errors
-    /// [`Kind::Dtype`] for all else.
+    /// [`FaultKind::Dtype`] for all else.
     pub fn texts(&self) -> Result<Vec<String>> {
         match self.dtype.element {
             Element::Text | Element::Bytes => Ok(self.elements().map(|b| self.dtype.text(b)).collect()),
-            _ => Err(self.fault(Kind::Dtype, self.dtype.to_string(), "text")),
+            _ => Err(self.fault(FaultKind::Dtype, self.dtype.to_string(), "text")),
         }
     }
 
     /// The only element, as f64; the array may have any number of axes.
     ///
     /// # Errors
-    /// [`Kind::Shape`] when there is not exactly one element, and those of [`Array::reals`].
+    /// [`FaultKind::Shape`] when there is not exactly one element, and those of [`Array::reals`].
     pub fn real(&self) -> Result<f64> {
         self.one()?;
         Ok(self.reals()?[0])
@@ -154,20 +154,20 @@ impl<'a> Array<'a> {
     /// The only element, as text.
     ///
     /// # Errors
-    /// [`Kind::Shape`] when there is not exactly one element, and those of [`Array::texts`].
+    /// [`FaultKind::Shape`] when there is not exactly one element, and those of [`Array::texts`].
     pub fn text(&self) -> Result<String> {
         self.one()?;
         Ok(self.texts()?.swap_remove(0))
     }
 
     /// A fault of this array, by its file and key.
-    pub fn fault(&self, kind: Kind, found: impl AsRef<str>, expected: impl Into<String>) -> Error {
+    pub fn fault(&self, kind: FaultKind, found: impl AsRef<str>, expected: impl Into<String>) -> Error {
         FileError::new(Place::file(&self.path), kind, format!("{}: {}", self.key, found.as_ref()), expected).into()
     }
 
-    /// [`Kind::Shape`], with what was expected.
+    /// [`FaultKind::Shape`], with what was expected.
     pub fn shape_fault(&self, expected: &str) -> Error {
-        self.fault(Kind::Shape, format!("shape {}", tuple(&self.shape)), format!("{expected} for {}", self.key))
+        self.fault(FaultKind::Shape, format!("shape {}", tuple(&self.shape)), format!("{expected} for {}", self.key))
     }
 
     fn one(&self) -> Result<()> {
@@ -178,7 +178,7 @@ impl<'a> Array<'a> {
         match self.dtype.element {
             Element::Bool | Element::Int | Element::Uint => Ok(()),
             Element::Float if floats => Ok(()),
-            _ => Err(self.fault(Kind::Dtype, self.dtype.to_string(), expected)),
+            _ => Err(self.fault(FaultKind::Dtype, self.dtype.to_string(), expected)),
         }
     }
 
@@ -285,8 +285,8 @@ mod tests {
 
     #[test]
     fn sizes_are_not_believed() {
-        assert_eq!(array(Order::C, &[3], &[1, 2]).unwrap_err().kind(), Some(Kind::Truncated));
-        assert_eq!(array(Order::C, &[usize::MAX, 2], &[]).unwrap_err().kind(), Some(Kind::Truncated));
+        assert_eq!(array(Order::C, &[3], &[1, 2]).unwrap_err().fault(), Some(FaultKind::Truncated));
+        assert_eq!(array(Order::C, &[usize::MAX, 2], &[]).unwrap_err().fault(), Some(FaultKind::Truncated));
         assert!(array(Order::C, &[1 << 50, 0, 1 << 50], &[]).is_err(), "products of lengths stay small");
         let empty = Dtype::parse("<U0").unwrap();
         assert_eq!(byte_count(&[1 << 60], &empty), None);
@@ -300,6 +300,6 @@ mod tests {
         assert_eq!(array(Order::C, &[1, 1], &[7]).unwrap().real().unwrap(), 7.0);
         let e = array(Order::C, &[2], &[7, 8]).unwrap().real().unwrap_err();
         assert_eq!(e.to_string(), "x.npz: npz_shape: found k: shape (2,), expected one element for k");
-        assert_eq!(array(Order::C, &[1], &[7]).unwrap().texts().unwrap_err().kind(), Some(Kind::Dtype));
+        assert_eq!(array(Order::C, &[1], &[7]).unwrap().texts().unwrap_err().fault(), Some(FaultKind::Dtype));
     }
 }

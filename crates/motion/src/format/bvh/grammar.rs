@@ -4,7 +4,7 @@ use super::frame_time;
 use super::header::{MAX_DEPTH, MAX_JOINTS, line_end_at, style};
 use super::text::{BadNumber, Text, number, word_at};
 use crate::format::source::bvh::{Channel, Header, Node, NodeKind};
-use crate::{FileError, Kind, Warning};
+use crate::{FaultKind, FileError, Warning};
 use std::collections::HashMap;
 
 /// Numbers of a file.
@@ -103,7 +103,7 @@ impl<'a> Parser<'a> {
     }
 
     fn unexpected(&self, at: usize, expected: impl Into<String>) -> FileError {
-        let fault = self.text.fault(at, Kind::UnexpectedWord, self.text.found(at), expected);
+        let fault = self.text.fault(at, FaultKind::UnexpectedWord, self.text.found(at), expected);
         match self.text.bytes.get(at) {
             None => fault.help("the file may be cut: fetch it again"),
             Some(_) => fault.help("mend the header there"),
@@ -126,7 +126,7 @@ impl<'a> Parser<'a> {
         if !word.eq_ignore_ascii_case(b"HIERARCHY") {
             let looks = crate::format::looks_like(self.text.bytes);
             let found = if word.is_empty() { self.text.found(at) } else { self.text.quote(word) };
-            let fault = self.text.fault(at, Kind::NotBvh, found, "HIERARCHY as the first word");
+            let fault = self.text.fault(at, FaultKind::NotBvh, found, "HIERARCHY as the first word");
             return Err(fault.help(format!("this looks like {looks}")));
         }
         loop {
@@ -178,12 +178,12 @@ impl<'a> Parser<'a> {
         }
         if self.open.len() == MAX_DEPTH {
             let found = format!("{} braces within each other", MAX_DEPTH + 1);
-            let fault = self.text.fault(brace, Kind::TooDeep, found, format!("at most {MAX_DEPTH}"));
+            let fault = self.text.fault(brace, FaultKind::TooDeep, found, format!("at most {MAX_DEPTH}"));
             return Err(fault.help("no body needs that; the file is damaged or no motion"));
         }
         if self.joints > MAX_JOINTS {
             let found = format!("{} joints", self.joints);
-            let fault = self.text.fault(keyword, Kind::TooLarge, found, format!("at most {MAX_JOINTS}"));
+            let fault = self.text.fault(keyword, FaultKind::TooLarge, found, format!("at most {MAX_JOINTS}"));
             return Err(fault.help("take the parts of the scene that are no body out of the file"));
         }
         self.open.push(Open { node, brace, offset: false, channels: false, child: false });
@@ -255,7 +255,8 @@ impl<'a> Parser<'a> {
     fn needs_offset(&self, at: usize) -> Step {
         match self.open.last() {
             Some(top) if !top.offset => {
-                let fault = self.text.fault(at, Kind::OffsetMissing, self.text.found(at), "OFFSET x y z before it");
+                let fault =
+                    self.text.fault(at, FaultKind::OffsetMissing, self.text.found(at), "OFFSET x y z before it");
                 Err(fault.help(format!("{} has no OFFSET", self.label(top.node))))
             }
             _ => Ok(()),
@@ -304,12 +305,12 @@ impl<'a> Parser<'a> {
                 let keyword = [&b"CHANNELS"[..], b"JOINT", b"END", b"OFFSET", b"ROOT", b"MOTION", b"{", b"}", b""];
                 if keyword.iter().any(|k| word.eq_ignore_ascii_case(k)) {
                     let fault =
-                        self.text.fault(at, Kind::OffsetShort, self.text.found(at), "three numbers after OFFSET");
+                        self.text.fault(at, FaultKind::OffsetShort, self.text.found(at), "three numbers after OFFSET");
                     return fault.help(format!("{label} has {i}"));
                 }
                 let axis = ["x", "y", "z"][i];
                 let expected = format!("a finite number for {axis} of the OFFSET of {label}");
-                self.text.fault(at, Kind::NumberBad, self.text.quote(word), expected).help(match bad {
+                self.text.fault(at, FaultKind::NumberBad, self.text.quote(word), expected).help(match bad {
                     BadNumber::NotFinite => "give the bone its length",
                     other => other.help(),
                 })
@@ -325,7 +326,7 @@ impl<'a> Parser<'a> {
         let Some(count) = count else {
             let label = self.label(node);
             let expected = format!("the number of channels of {label}, 0 to 6");
-            let fault = self.text.fault(at, Kind::ChannelCount, self.text.found(at), expected);
+            let fault = self.text.fault(at, FaultKind::ChannelCount, self.text.found(at), expected);
             return Err(fault.help("count the channel names that follow"));
         };
         for i in 0..count {
@@ -337,17 +338,17 @@ impl<'a> Parser<'a> {
                 let new_line = self.text.bytes[before..at].iter().any(|b| matches!(b, b'\r' | b'\n'));
                 if new_line || keyword.iter().any(|k| word.eq_ignore_ascii_case(k)) {
                     let expected = format!("{count} channel names for {label}");
-                    let fault = self.text.fault(at, Kind::ChannelCount, format!("{i} names"), expected);
+                    let fault = self.text.fault(at, FaultKind::ChannelCount, format!("{i} names"), expected);
                     return fault.help("make the count after CHANNELS and the names agree");
                 }
                 let expected = "one of Xposition Yposition Zposition Xrotation Yrotation Zrotation";
                 let expected = format!("{expected} for {label}");
-                let fault = self.text.fault(at, Kind::ChannelUnknown, self.text.quote(word), expected);
+                let fault = self.text.fault(at, FaultKind::ChannelUnknown, self.text.quote(word), expected);
                 fault.help("a BVH has no other channels; rename it, or export the file without it")
             })?;
             if self.nodes[node].channels.contains(&channel) {
                 let expected = format!("each channel of {} once", self.label(node));
-                let fault = self.text.fault(at, Kind::ChannelRepeated, self.text.quote(word), expected);
+                let fault = self.text.fault(at, FaultKind::ChannelRepeated, self.text.quote(word), expected);
                 return Err(fault.help("rename one of the two"));
             }
             self.nodes[node].channels.push(channel);
@@ -360,11 +361,11 @@ impl<'a> Parser<'a> {
     /// `Frames:` and `Frame Time:`, and the head they complete.
     fn motion(mut self, lenient: bool) -> Step<Header> {
         let (count_at, count) =
-            self.declaration(&["Frames"], Kind::FramesMissing, "Frames: and the number of frames")?;
+            self.declaration(&["Frames"], FaultKind::FramesMissing, "Frames: and the number of frames")?;
         let declared = match std::str::from_utf8(count).ok().filter(|w| w.bytes().all(|b| b.is_ascii_digit())) {
             None | Some("") => {
                 let expected = "the number of frames, a whole number";
-                let fault = self.text.fault(count_at, Kind::NumberBad, self.text.found(count_at), expected);
+                let fault = self.text.fault(count_at, FaultKind::NumberBad, self.text.found(count_at), expected);
                 return Err(fault.help("count the rows that follow"));
             }
             Some(digits) => digits.parse::<u64>().unwrap_or(u64::MAX),
@@ -372,15 +373,15 @@ impl<'a> Parser<'a> {
         let numbers = declared.checked_mul(self.width.max(1) as u64);
         if numbers.is_none_or(|n| n > MAX_NUMBERS) && !lenient {
             let found = format!("{} frames of {} channels", self.text.decode(count), self.width);
-            let fault = self.text.fault(count_at, Kind::TooLarge, found, "at most 2147483648 numbers in a file");
+            let fault = self.text.fault(count_at, FaultKind::TooLarge, found, "at most 2147483648 numbers in a file");
             return Err(fault.help("if the count is wrong, --lenient reads the rows that are there"));
         }
         let count_end = self.at;
         self.line_is_over("the end of the line after the number of frames")?;
         let expected = "Frame Time: and the seconds of a frame";
-        let (time_at, time) = self.declaration(&["Frame", "Time"], Kind::FrameTimeMissing, expected)?;
+        let (time_at, time) = self.declaration(&["Frame", "Time"], FaultKind::FrameTimeMissing, expected)?;
         frame_time::check(time).map_err(|(expected, help)| {
-            self.text.fault(time_at, Kind::FrameTimeBad, self.text.found(time_at), expected).help(help)
+            self.text.fault(time_at, FaultKind::FrameTimeBad, self.text.found(time_at), expected).help(help)
         })?;
         let time_end = self.at;
         self.line_is_over("the end of the line after the frame time")?;
@@ -407,7 +408,7 @@ impl<'a> Parser<'a> {
     }
 
     /// The value after some words and perhaps a colon, and where it stands.
-    fn declaration(&mut self, words: &[&str], missing: Kind, expected: &str) -> Step<(usize, &'a [u8])> {
+    fn declaration(&mut self, words: &[&str], missing: FaultKind, expected: &str) -> Step<(usize, &'a [u8])> {
         self.skip(false);
         let start = self.at;
         for word in words {
@@ -431,7 +432,7 @@ impl<'a> Parser<'a> {
         Ok((at, word))
     }
 
-    fn missing(&self, at: usize, kind: Kind, expected: &str) -> FileError {
+    fn missing(&self, at: usize, kind: FaultKind, expected: &str) -> FileError {
         let fault = self.text.fault(at, kind, self.text.found(at), expected);
         fault.help("MOTION is followed by a line Frames: and a line Frame Time:")
     }

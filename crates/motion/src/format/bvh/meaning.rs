@@ -4,7 +4,7 @@ use super::text::Text;
 use super::unit;
 use crate::format::source::bvh::{Channel, Header, Node, NodeKind, Rig};
 use crate::format::{Axes, BvhPosition, ReadOptions};
-use crate::{Clip, EndSite, Error, Kind, Quat, Result, Skeleton, Vec3, Warning};
+use crate::{Clip, EndSite, Error, FaultKind, Quat, Result, Skeleton, Vec3, Warning};
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -83,7 +83,7 @@ pub(crate) fn choose_root(path: &Path, head: &Header, options: &ReadOptions) -> 
                 let all: Vec<_> = roots.iter().map(|&r| format!("{:?}", head.nodes[r].unique)).collect();
                 let text = Text::new(path, &head.pieces[0]);
                 let at = roots.first().map_or(0, |&r| head.nodes[r].at);
-                let fault = text.fault(at, Kind::RootUnknown, format!("no ROOT {name:?}"), "a ROOT of the file");
+                let fault = text.fault(at, FaultKind::RootUnknown, format!("no ROOT {name:?}"), "a ROOT of the file");
                 fault.help(format!("there are {}", all.join(", ")))
             })?
         }
@@ -312,7 +312,7 @@ mod tests {
         let m = named("two").unwrap();
         assert_eq!(m.clip.root()[1], Vec3::new(7.0, 8.0, 9.0));
         let e = named("three").unwrap_err();
-        assert_eq!(e.kind(), Some(Kind::RootUnknown));
+        assert_eq!(e.fault(), Some(FaultKind::RootUnknown));
         assert!(e.to_string().contains("\"one\", \"two\""), "{e}");
 
         // the other root's numbers stay, at another rate those nearest in time

@@ -3,7 +3,7 @@
 use super::numbers::row;
 use super::text::{BadNumber, Text, number, word_at};
 use crate::format::source::bvh::Header;
-use crate::{FileError, Kind, Warning};
+use crate::{FaultKind, FileError, Warning};
 
 /// The rows of a file.
 pub(crate) struct Rows {
@@ -62,7 +62,9 @@ fn extra(text: &Text, head: &Header, at: usize, lenient: bool) -> Result<Vec<War
     let word = word_at(text.bytes, start);
     if number(word) == Err(BadNumber::Junk) && !lenient {
         let expected = format!("the end of the file after {} frames", head.declared);
-        return Err(text.fault(start, Kind::UnexpectedWord, text.found(start), expected).help("delete what follows"));
+        return Err(text
+            .fault(start, FaultKind::UnexpectedWord, text.found(start), expected)
+            .help("delete what follows"));
     }
     let lines = text.bytes[start..].split(|b| matches!(b, b'\r' | b'\n'));
     let more = lines.filter(|l| l.iter().any(|b| !matches!(b, b' ' | b'\t'))).count();
@@ -166,7 +168,7 @@ impl Slow<'_> {
     fn row_width(&self, bad: &BadLine) -> FileError {
         let (row, found) = (bad.row, bad.found);
         let expected = format!("{} in each row, one for each channel of the joints", self.head.width);
-        let fault = self.text.fault(bad.at, Kind::RowWidth, format!("{found} numbers in row {row}"), expected);
+        let fault = self.text.fault(bad.at, FaultKind::RowWidth, format!("{found} numbers in row {row}"), expected);
         fault.help("mend the row, or delete it and count one frame less")
     }
 
@@ -185,7 +187,7 @@ impl Slow<'_> {
         };
         let expected = format!("{} rows, as Frames: declares", self.head.declared);
         let end = self.text.bytes.len();
-        let fault = self.text.fault(end, Kind::FramesShort, found, expected);
+        let fault = self.text.fault(end, FaultKind::FramesShort, found, expected);
         Err(fault.help("the file may be cut; --lenient keeps the whole rows"))
     }
 
@@ -194,7 +196,7 @@ impl Slow<'_> {
         let after = word.first().is_some_and(|b| b.is_ascii_alphabetic() || matches!(b, b'#' | b'/' | b'{' | b'}'));
         if why == BadNumber::Junk && column == 0 && after {
             let expected = format!("row {row} of {}, numbers only", self.head.declared);
-            let fault = self.text.fault(at, Kind::UnexpectedWord, self.text.quote(word), expected);
+            let fault = self.text.fault(at, FaultKind::UnexpectedWord, self.text.quote(word), expected);
             return fault.help(if word[0] == b'#' || word[0] == b'/' { "BVH has no comments" } else { "" });
         }
         let holder = nodes.iter().find(|n| (n.column..n.column + n.channels.len()).contains(&column));
@@ -203,7 +205,7 @@ impl Slow<'_> {
             None => format!("number {column} of the row"),
         };
         let expected = format!("a finite number for frame {row}, {place}");
-        self.text.fault(at, Kind::NumberBad, self.text.quote(word), expected).help(why.help())
+        self.text.fault(at, FaultKind::NumberBad, self.text.quote(word), expected).help(why.help())
     }
 }
 

@@ -1,6 +1,6 @@
 //! Bytes of a text file: places, decoding, line ends, single numbers.
 
-use crate::{FileError, Kind};
+use crate::{FaultKind, FileError};
 use kinelm_store::Place;
 use std::path::Path;
 
@@ -47,7 +47,13 @@ impl<'a> Text<'a> {
     }
 
     /// A fault at a byte.
-    pub fn fault(&self, at: usize, kind: Kind, found: impl Into<String>, expected: impl Into<String>) -> FileError {
+    pub fn fault(
+        &self,
+        at: usize,
+        kind: FaultKind,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> FileError {
         FileError::new(self.place(at), kind, found, expected)
     }
 

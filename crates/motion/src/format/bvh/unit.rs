@@ -4,7 +4,7 @@ use super::text::Text;
 use crate::format::source::bvh::{Header, NodeKind};
 use crate::format::{BvhPosition, ReadOptions};
 use crate::rig::map_if_any;
-use crate::{Kind, Result, Vec3};
+use crate::{FaultKind, Result, Vec3};
 use std::ops::{Range, RangeInclusive};
 use std::path::Path;
 
@@ -45,7 +45,7 @@ pub(crate) fn judge(
     };
     let expected = "a leg of 0.6-1.1 (m), 12-19 (CMU units), 23-45 (inches), 60-110 (cm) or 600-1100 (mm)";
     let at = head.nodes[range.start].at;
-    let fault = Text::new(path, &head.pieces[0]).fault(at, Kind::UnitUnknown, found, expected);
+    let fault = Text::new(path, &head.pieces[0]).fault(at, FaultKind::UnitUnknown, found, expected);
     Err(fault.help(help).into())
 }
 
@@ -155,7 +155,7 @@ mod tests {
             (file(1.0, names, "0 0 0"), "--bvh-position add"),
         ] {
             let e = read(&text, &ReadOptions::default()).unwrap_err();
-            assert_eq!(e.kind(), Some(Kind::UnitUnknown));
+            assert_eq!(e.fault(), Some(FaultKind::UnitUnknown));
             assert!(e.to_string().contains("x.bvh:2:1") && e.to_string().contains(says), "{e}");
         }
         let options = ReadOptions { bvh_position: BvhPosition::Add, ..Default::default() };

@@ -3,7 +3,7 @@
 //! Read by hand: the dict is small and fixed, and a reader of any Python literal would go as deep as a file asks it to.
 //! Source: numpy's `numpy.lib.format`, versions 1.0, 2.0 and 3.0.
 
-use crate::error::{FileError, Kind};
+use crate::error::{FaultKind, FileError};
 use crate::format::array::{Dtype, Element, Order};
 use crate::{Error, Result};
 use kinelm_store::Place;
@@ -40,37 +40,41 @@ pub(in crate::format) fn extent(bytes: &[u8]) -> Option<(usize, usize)> {
 /// The header of the `.npy` in `bytes`; `path` and `key` are for messages.
 ///
 /// # Errors
-/// [`Kind::NotThisFormat`] without numpy's magic or for a version other than 1.0, 2.0, 3.0; [`Kind::Truncated`] for a
-/// header that is cut, longer than [`MAX_HEADER`] or no dict of `descr`, `fortran_order`, `shape`; [`Kind::Dtype`] for a
+/// [`FaultKind::NotThisFormat`] without numpy's magic or for a version other than 1.0, 2.0, 3.0; [`FaultKind::Truncated`] for a
+/// header that is cut, longer than [`MAX_HEADER`] or no dict of `descr`, `fortran_order`, `shape`; [`FaultKind::Dtype`] for a
 /// type that [`Dtype::parse`] doesn't know.
 pub fn parse(path: &Path, key: &str, bytes: &[u8]) -> Result<Header> {
     let fault = |kind, found: String, expected: &str| -> Error {
         FileError::new(Place::file(path), kind, format!("{key}: {found}"), expected).into()
     };
     if !bytes.starts_with(b"\x93NUMPY") {
-        let kind = if bytes.len() < 6 { Kind::Truncated } else { Kind::NotThisFormat };
+        let kind = if bytes.len() < 6 { FaultKind::Truncated } else { FaultKind::NotThisFormat };
         return Err(fault(kind, "no array".into(), "the magic of a numpy array"));
     }
     if let Some(&[major, minor]) = bytes.get(6..8)
         && (!(1..=3).contains(&major) || minor != 0)
     {
-        return Err(fault(Kind::NotThisFormat, format!("version {major}.{minor}"), "version 1.0, 2.0 or 3.0"));
+        return Err(fault(FaultKind::NotThisFormat, format!("version {major}.{minor}"), "version 1.0, 2.0 or 3.0"));
     }
-    let cut = |n: &str| fault(Kind::Truncated, format!("a header cut at {} bytes", bytes.len()), n);
+    let cut = |n: &str| fault(FaultKind::Truncated, format!("a header cut at {} bytes", bytes.len()), n);
     let (before, length) = extent(bytes).ok_or_else(|| cut("its length"))?;
     if length > MAX_HEADER {
-        return Err(fault(Kind::Truncated, format!("a header of {length} bytes"), "at most 65536"));
+        return Err(fault(FaultKind::Truncated, format!("a header of {length} bytes"), "at most 65536"));
     }
     let text = bytes.get(before..length).ok_or_else(|| cut(&format!("{length} bytes")))?;
     let Some(fields) = Cursor(text).dict() else {
         let shown = String::from_utf8_lossy(&text[..text.len().min(80)]).trim().to_owned();
-        return Err(fault(Kind::Truncated, format!("header {shown:?}"), "a dict of descr, fortran_order and shape"));
+        return Err(fault(
+            FaultKind::Truncated,
+            format!("header {shown:?}"),
+            "a dict of descr, fortran_order and shape",
+        ));
     };
     let (Some(descr), Some(fortran), Some(shape)) = fields else {
-        return Err(fault(Kind::Truncated, "a header that lacks a key".into(), "descr, fortran_order and shape"));
+        return Err(fault(FaultKind::Truncated, "a header that lacks a key".into(), "descr, fortran_order and shape"));
     };
     let Some(dtype) = Dtype::parse(&descr) else {
-        return Err(fault(Kind::Dtype, format!("elements of type {descr}"), "numbers or text"));
+        return Err(fault(FaultKind::Dtype, format!("elements of type {descr}"), "numbers or text"));
     };
     // an array of objects has no elements here, only a pickle
     let order = if fortran && dtype.element != Element::Object { Order::Fortran } else { Order::C };
@@ -215,12 +219,12 @@ mod tests {
 
     #[test]
     fn nonsense_is_named() {
-        let kind = |b: &[u8]| read(b).unwrap_err().kind().unwrap();
-        assert_eq!(kind(b"hello world"), Kind::NotThisFormat);
-        assert_eq!(kind(b""), Kind::Truncated);
-        assert_eq!(kind(&npy(4, "")), Kind::NotThisFormat);
-        assert_eq!(kind(&npy(1, "{'descr': '<c16', 'fortran_order': False, 'shape': ()}")), Kind::Dtype);
-        assert_eq!(kind(&npy(1, "{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': ()}")), Kind::Dtype);
+        let kind = |b: &[u8]| read(b).unwrap_err().fault().unwrap();
+        assert_eq!(kind(b"hello world"), FaultKind::NotThisFormat);
+        assert_eq!(kind(b""), FaultKind::Truncated);
+        assert_eq!(kind(&npy(4, "")), FaultKind::NotThisFormat);
+        assert_eq!(kind(&npy(1, "{'descr': '<c16', 'fortran_order': False, 'shape': ()}")), FaultKind::Dtype);
+        assert_eq!(kind(&npy(1, "{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': ()}")), FaultKind::Dtype);
         for text in [
             "",
             "{",
@@ -232,11 +236,11 @@ mod tests {
             "{'shape': ((((((1,)))))}",
             "{'descr': [[[[[",
         ] {
-            assert_eq!(kind(&npy(1, text)), Kind::Truncated, "{text}");
+            assert_eq!(kind(&npy(1, text)), FaultKind::Truncated, "{text}");
         }
         let mut long = npy(2, "{}");
         long[8..12].copy_from_slice(&u32::MAX.to_le_bytes());
-        assert_eq!(kind(&long), Kind::Truncated);
+        assert_eq!(kind(&long), FaultKind::Truncated);
         let whole = npy(1, "{'descr': '<f8', 'fortran_order': False, 'shape': (1,)}");
         for n in 0..whole.len() {
             assert!(read(&whole[..n]).is_err());

@@ -7,7 +7,7 @@ pub use header::{Header, MAX_HEADER, parse as parse_header};
 use super::array::{Array, Element, byte_count};
 use super::pickle::Pickle;
 use crate::Result;
-use crate::error::{FileError, Kind};
+use crate::error::{FaultKind, FileError};
 use kinelm_store::Place;
 use std::borrow::Cow;
 use std::path::Path;
@@ -18,7 +18,7 @@ impl<'a> Array<'a> {
     /// An array of Python objects is read if they are all plain text.
     ///
     /// # Errors
-    /// [`Kind::NotThisFormat`], [`Kind::Dtype`], [`Kind::Truncated`] (see [`parse_header`]); [`Kind::ObjectArray`] for
+    /// [`FaultKind::NotThisFormat`], [`FaultKind::Dtype`], [`FaultKind::Truncated`] (see [`parse_header`]); [`FaultKind::ObjectArray`] for
     /// Python objects other than text.
     pub fn parse(path: &Path, key: &str, bytes: &'a [u8]) -> Result<Self> {
         let header = parse_header(path, key, bytes)?;
@@ -36,7 +36,7 @@ impl<'a> Array<'a> {
 fn objects(path: &Path, key: &str, header: &Header, data: &[u8]) -> Result<Array<'static>> {
     let refused = |found: String| {
         let found = format!("{key}: {found}");
-        let e = FileError::new(Place::file(path), Kind::ObjectArray, found, "numbers or text");
+        let e = FileError::new(Place::file(path), FaultKind::ObjectArray, found, "numbers or text");
         e.help("save it again without Python objects; they are never run")
     };
     let pickle = Pickle::parse(path, data).map_err(|e| refused(format!("an array of Python objects ({e})")))?;

@@ -1,7 +1,7 @@
 //! The stack machine: opcodes of protocols 0 to 5.
 
 use super::{ALLOWED, Id, MAX_MARKS, MAX_STACK, MAX_VALUES, Object, Stop};
-use crate::error::Kind;
+use crate::error::FaultKind;
 use std::borrow::Cow;
 use std::collections::HashMap;
 
@@ -364,16 +364,16 @@ impl<'a> Machine<'a> {
     }
 
     pub(super) fn bad(&self, found: String, expected: &'static str) -> Stop {
-        Stop { kind: Kind::PickleBad, at: self.opcode_at, found, expected }
+        Stop { kind: FaultKind::PickleBad, at: self.opcode_at, found, expected }
     }
 
     pub(super) fn refuse(&self, found: String) -> Stop {
         let expected = "plain values and numpy arrays";
-        Stop { kind: Kind::PickleRefused, at: self.opcode_at, found, expected }
+        Stop { kind: FaultKind::PickleRefused, at: self.opcode_at, found, expected }
     }
 
     fn large(&self, found: String) -> Stop {
-        Stop { kind: Kind::TooLarge, at: self.opcode_at, found, expected: "a smaller pickle" }
+        Stop { kind: FaultKind::TooLarge, at: self.opcode_at, found, expected: "a smaller pickle" }
     }
 }
 

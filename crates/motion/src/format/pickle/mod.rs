@@ -14,7 +14,7 @@ mod machine;
 mod numpy;
 
 use super::array::{Array, Dtype, Order};
-use crate::error::{FileError, Kind};
+use crate::error::{FaultKind, FileError};
 use crate::{Error, Result};
 use kinelm_store::Place;
 use std::borrow::Cow;
@@ -83,8 +83,8 @@ impl<'a> Pickle<'a> {
     /// Reads a pickle; what follows its end is left alone. `path` is for messages.
     ///
     /// # Errors
-    /// [`Kind::PickleRefused`] for a name outside [`ALLOWED`] or an opcode that makes or calls anything else (it says
-    /// which); [`Kind::PickleBad`] for a damaged pickle, with the byte at which reading stopped; [`Kind::TooLarge`] above a
+    /// [`FaultKind::PickleRefused`] for a name outside [`ALLOWED`] or an opcode that makes or calls anything else (it says
+    /// which); [`FaultKind::PickleBad`] for a damaged pickle, with the byte at which reading stopped; [`FaultKind::TooLarge`] above a
     /// limit.
     pub fn parse(path: &Path, bytes: &'a [u8]) -> Result<Self> {
         let (values, top) = machine::run(bytes).map_err(|stop| stop.at(path))?;
@@ -99,7 +99,7 @@ impl<'a> Pickle<'a> {
 
 /// Why reading stopped.
 struct Stop {
-    kind: Kind,
+    kind: FaultKind,
     at: usize,
     found: String,
     expected: &'static str,
@@ -110,7 +110,7 @@ impl Stop {
         let found = format!("{} at byte {}", self.found, self.at);
         let e = FileError::new(Place::file(path), self.kind, found, self.expected);
         match self.kind {
-            Kind::PickleRefused => e.help("pickles are read, never run").into(),
+            FaultKind::PickleRefused => e.help("pickles are read, never run").into(),
             _ => e.into(),
         }
     }
@@ -183,7 +183,9 @@ impl<'p, 'a> Value<'p, 'a> {
             }
             Object::Array(ArrayParts::Objects { .. }) => {
                 let found = format!("{key}: an array of Python objects");
-                Some(Err(FileError::new(Place::file(path), Kind::ObjectArray, found, "an array of numbers").into()))
+                Some(
+                    Err(FileError::new(Place::file(path), FaultKind::ObjectArray, found, "an array of numbers").into()),
+                )
             }
             _ => None,
         }

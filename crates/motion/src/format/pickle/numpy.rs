@@ -2,7 +2,7 @@
 
 use super::machine::Machine;
 use super::{ArrayParts, Id, Object, Stop};
-use crate::error::Kind;
+use crate::error::FaultKind;
 use crate::format::array::{Dtype, Element, Order, byte_count, tuple};
 use std::borrow::Cow;
 
@@ -136,7 +136,7 @@ impl<'a> Machine<'a> {
 
     fn no_type(&self, name: &str) -> Stop {
         let name: String = name.chars().take(40).collect();
-        Stop { kind: Kind::Dtype, ..self.bad(format!("elements of type {name}"), "numbers or text") }
+        Stop { kind: FaultKind::Dtype, ..self.bad(format!("elements of type {name}"), "numbers or text") }
     }
 
     fn shape(&self, shape: Id) -> Step<Vec<usize>> {

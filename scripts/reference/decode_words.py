@@ -5,7 +5,7 @@
     python3 scripts/reference/decode_words.py tokenizer.json walk.txt > walk.json
 
 Python's own library is enough. Prints one JSON object: `root` (F, 3) and `positions` (F, 24, 3) in metres, the height above the
-floor where the tokenizer codes that; `rotations` (F, 24, 4), local, w x y z. tests/cli_words.rs compares it with
+floor where the tokenizer codes that; `rotations` (F, 24, 4), local, w x y z. tests/cli/words.rs compares it with
 `kinelm tokenizer decode`.
 """
 import json

@@ -1,6 +1,7 @@
 //! A page with music in a real browser: after a jump to 600 s and 20 s of play, dance and music are at one time; what a
 //! dancer hits of the beats is lit, what it misses isn't.
 
+use super::browser;
 use kinelm::evaluate::dance::beats::Pair;
 use kinelm::view::music::Music;
 use kinelm::view::{Figure, page_with};
@@ -10,12 +11,10 @@ use kinelm_music::wav;
 use serde_json::Value;
 use std::io::{Read, Write};
 use std::net::TcpListener;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-const BROWSERS: [&str; 5] =
-    ["chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
 /// How far apart they may be, seconds.
 const DRIFT_S: f64 = 0.02;
 
@@ -50,16 +49,6 @@ window.addEventListener('load', () => {
   fetch('http://127.0.0.1:PORT/', { method: 'POST', mode: 'no-cors', body: JSON.stringify([out, ticks, [says]]) });
 });
 ";
-
-fn browser(test: &str) -> Option<PathBuf> {
-    let path = std::env::var_os("PATH")?;
-    let mut all = BROWSERS.iter().flat_map(|name| std::env::split_paths(&path).map(move |folder| folder.join(name)));
-    let found = all.find(|p| p.is_file());
-    if found.is_none() {
-        kinelm_shared_data::skipped(test, "no chromium on the PATH");
-    }
-    found
-}
 
 /// The body of the first request within a time.
 fn posted(listener: &TcpListener, within: Duration) -> Option<String> {

@@ -235,7 +235,7 @@ const OTHERS: &[&str] = &[
     "bench decode",
     "bench lstm",
     "bench query",
-    // into folders of their own, by names of their own: tests/cli_study.rs, tests/cli_files.rs
+    // into folders of their own, by names of their own: study.rs, files.rs
     "tokenizer study",
     "demo",
 ];

@@ -6,8 +6,8 @@ use predicates::str::contains;
 use std::fs;
 use std::path::Path;
 
-const README: &str = include_str!("../README.md");
-const MARK: &str = "<!-- tests/cli_readme.rs runs this block -->\n```sh\n";
+const README: &str = include_str!("../../README.md");
+const MARK: &str = "<!-- tests/cli/readme.rs runs this block -->\n```sh\n";
 
 /// The block's calls, without comments.
 fn calls() -> Vec<Vec<&'static str>> {

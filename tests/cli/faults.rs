@@ -58,7 +58,7 @@ fn data() -> &'static Data {
         }
         data.write("labels.csv", "clip,split\nd0,train\nd1,train\nd2,valid\nd3,test\n");
         data.write("train.toml", TRAIN);
-        let tiles = include_str!("../configs/tokenizer/dct-pca.toml");
+        let tiles = include_str!("../../configs/tokenizer/dct-pca.toml");
         data.write("tiles.toml", tiles);
         for call in [
             "tokenizer fit data --labels labels.csv --joints 13 --out t.json",

@@ -1,5 +1,6 @@
 //! The page in a real browser: what it draws, counted in pixels by the page itself, and what its controls do.
 
+use super::browser;
 use kinelm::view::{Figure, write_page};
 use kinelm_motion::{Clip, joints, resample, synth};
 use serde_json::Value;
@@ -7,22 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-const BROWSERS: [&str; 5] =
-    ["chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
 /// Drawing by software on a busy machine takes its time.
 const PATIENCE: Duration = Duration::from_secs(180);
-
-fn browser(test: &str) -> Option<PathBuf> {
-    let path = std::env::var_os("PATH")?;
-    let found = BROWSERS
-        .iter()
-        .flat_map(|name| std::env::split_paths(&path).map(move |folder| folder.join(name)))
-        .find(|p| p.is_file());
-    if found.is_none() {
-        kinelm_shared_data::skipped(test, "no chromium on the PATH");
-    }
-    found
-}
 
 /// The page's elements after its script has run, at a fragment of its address.
 fn opened(browser: &Path, page: &Path, fragment: &str) -> String {

@@ -104,7 +104,7 @@ impl Way {
         let clips = fs::read_to_string(self.at("corpus/clips.jsonl")).unwrap();
         let first: Value = serde_json::from_str(clips.lines().next().unwrap()).unwrap();
         for field in first.as_object().unwrap().keys() {
-            let page = include_str!("../docs/training.md");
+            let page = include_str!("../../docs/training.md");
             assert!(page.contains(&format!("`{field}`")), "docs/training.md doesn't say what `{field}` of a clip is");
         }
         self.tokenize("s0", &["--shard", "0/2"]);

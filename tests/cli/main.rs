@@ -1,0 +1,24 @@
+//! The program as a user runs it: one binary, so that it is linked once.
+
+mod aclstm;
+mod bench;
+mod blend;
+mod classify;
+mod clean;
+mod convert;
+mod edit;
+mod faults;
+mod files;
+mod follow;
+mod hours;
+mod music;
+mod music_lstm;
+mod outputs;
+mod pipeline;
+mod plan;
+mod query;
+mod readme;
+mod study;
+mod training;
+mod two_level;
+mod words;

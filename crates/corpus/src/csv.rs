@@ -4,7 +4,7 @@
 //! unquoted field are not part of it.
 
 use crate::{Error, Result};
-use kinelm_store::Place;
+use kinelm_store::SourcePos;
 use std::iter::Peekable;
 use std::path::Path;
 use std::str::Chars;
@@ -15,7 +15,7 @@ pub struct Field {
     /// Its text, quotes removed.
     pub text: String,
     /// Where it begins.
-    pub at: Place,
+    pub at: SourcePos,
 }
 
 /// The records of a file, blank lines left out.
@@ -41,7 +41,7 @@ fn not_utf8(path: &Path, before: &[u8]) -> Error {
     let text = String::from_utf8_lossy(before);
     let line = text.lines().count().max(1);
     let column = text.lines().last().map_or(0, |l| l.chars().count()) + 1;
-    let at = Place { path: path.to_owned(), line, column };
+    let at = SourcePos { path: path.to_owned(), line, column };
     Error::at(at, "a byte that is not UTF-8", "UTF-8 text", "save the file as UTF-8")
 }
 
@@ -53,8 +53,8 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    fn place(&self) -> Place {
-        Place { path: self.path.to_owned(), line: self.line, column: self.column }
+    fn place(&self) -> SourcePos {
+        SourcePos { path: self.path.to_owned(), line: self.line, column: self.column }
     }
 
     fn next(&mut self) -> Option<char> {

@@ -314,7 +314,7 @@ fn check_header(path: &Path, header: &[Field]) -> Result<usize> {
         let help = "the first line names the columns: clip, and any of split, take, fps, skip, floor, music_from, from_s, to_s and \
                     your labels";
         Error::at(
-            kinelm_store::Place { path: path.to_owned(), line: header[0].at.line, column: 1 },
+            kinelm_store::SourcePos { path: path.to_owned(), line: header[0].at.line, column: 1 },
             format!("columns {}", names.join(", ")),
             "a column `clip`",
             help,

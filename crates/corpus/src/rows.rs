@@ -4,7 +4,7 @@ use super::csv::Field;
 use super::labels::Known;
 use super::timed::Timed;
 use crate::{Error, Result};
-use kinelm_store::Place;
+use kinelm_store::SourcePos;
 
 /// Columns that say for what time a row's labels hold.
 pub(super) const FROM: &str = "from_s";
@@ -24,7 +24,7 @@ pub(super) struct Row {
 impl Row {
     /// Takes what another row of the clip states of it, and looks whether their labels go together; `at` is where that row
     /// says what.
-    pub fn merge(&mut self, other: &Known, at: impl Fn(&str) -> Place) -> Result<()> {
+    pub fn merge(&mut self, other: &Known, at: impl Fn(&str) -> SourcePos) -> Result<()> {
         let line = self.line;
         let known = &mut self.known;
         let differs = |column: &str| {
@@ -73,7 +73,7 @@ fn agree<T: Clone + PartialEq>(known: &mut Option<T>, other: &Option<T>) -> bool
 }
 
 /// Where a record's field of a column stands.
-pub(super) fn at_column(header: &[Field], record: &[Field], column: &str) -> Place {
+pub(super) fn at_column(header: &[Field], record: &[Field], column: &str) -> SourcePos {
     let index = header.iter().position(|c| c.text == column).unwrap_or(0);
     record[index].at.clone()
 }

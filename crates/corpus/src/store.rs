@@ -291,7 +291,7 @@ fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
         _ => Error::io(&path)(e),
     })?;
     let bad = |e: serde_json::Error| {
-        let at = kinelm_store::Place { path: path.clone(), line: e.line(), column: e.column() };
+        let at = kinelm_store::SourcePos { path: path.clone(), line: e.line(), column: e.column() };
         Error::at(at, e.to_string(), "the manifest of a corpus", "make the corpus again with `kinelm tokenize`")
     };
     let head: Versioned = serde_json::from_slice(&text).map_err(bad)?;
@@ -362,7 +362,7 @@ fn parse_clips(path: &Path, text: &[u8]) -> Result<Vec<ClipRecord>> {
     let lines = text.split(|&b| b == b'\n').enumerate().filter(|(_, l)| !l.is_empty());
     let parse = |(i, line): (usize, &[u8])| {
         serde_json::from_slice(line).map_err(|e| {
-            let at = kinelm_store::Place { path: path.to_owned(), line: i + 1, column: e.column() };
+            let at = kinelm_store::SourcePos { path: path.to_owned(), line: i + 1, column: e.column() };
             Error::at(at, e.to_string(), "the record of a clip", "make the corpus again")
         })
     };

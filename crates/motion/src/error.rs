@@ -1,6 +1,6 @@
 //! What can go wrong, and where.
 
-use kinelm_store::Place;
+use kinelm_store::SourcePos;
 use std::fmt;
 use std::path::PathBuf;
 
@@ -68,7 +68,7 @@ pub fn in_short(x: f64) -> String {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FileError {
     /// Where.
-    pub at: Place,
+    pub at: SourcePos,
     /// Which fault; its name is printed.
     pub kind: FaultKind,
     /// What stands there.
@@ -93,7 +93,7 @@ impl std::error::Error for FileError {}
 
 impl FileError {
     /// A fault at a place.
-    pub fn new(at: Place, kind: FaultKind, found: impl Into<String>, expected: impl Into<String>) -> Self {
+    pub fn new(at: SourcePos, kind: FaultKind, found: impl Into<String>, expected: impl Into<String>) -> Self {
         FileError { at, kind, found: found.into(), expected: expected.into(), help: String::new() }
     }
 

@@ -107,7 +107,7 @@ pub enum Kind {
 #[error("{at}: found {found}, expected {expected}{}{help}", if help.is_empty() { "" } else { "; " })]
 pub struct Fault {
     /// Where.
-    pub at: Place,
+    pub at: SourcePos,
     /// What stands there.
     pub found: String,
     /// What should.
@@ -190,11 +190,11 @@ impl Error {
         expected: impl Into<String>,
         help: impl Into<String>,
     ) -> Error {
-        Error::at(Place::file(path), found, expected, help)
+        Error::at(SourcePos::file(path), found, expected, help)
     }
 
     /// A fault at a place of a file.
-    pub fn at(at: Place, found: impl Into<String>, expected: impl Into<String>, help: impl Into<String>) -> Error {
+    pub fn at(at: SourcePos, found: impl Into<String>, expected: impl Into<String>, help: impl Into<String>) -> Error {
         Error::File(Box::new(Fault { at, found: found.into(), expected: expected.into(), help: help.into() }))
     }
 
@@ -206,7 +206,7 @@ impl Error {
         expected: &str,
         help: &str,
     ) -> Error {
-        let at = span.map_or_else(|| Place::file(path), |span| place(path, text, span.start));
+        let at = span.map_or_else(|| SourcePos::file(path), |span| position(path, text, span.start));
         Error::at(at, found, expected, help)
     }
 }
@@ -283,7 +283,7 @@ macro_rules! constructors {
 
             /// A fault at a place of a file.
             pub fn at(
-                at: $crate::Place,
+                at: $crate::SourcePos,
                 found: impl Into<String>,
                 expected: impl Into<String>,
                 help: impl Into<String>,
@@ -307,7 +307,7 @@ macro_rules! constructors {
 
 /// A place in a file. Lines and columns count from 1; 0 means the file as a whole (binary formats).
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Place {
+pub struct SourcePos {
     /// The file as the user named it.
     pub path: PathBuf,
     /// Line, from 1; 0 where a line means nothing.
@@ -316,14 +316,14 @@ pub struct Place {
     pub column: usize,
 }
 
-impl Place {
+impl SourcePos {
     /// The file as a whole.
     pub fn file(path: impl AsRef<Path>) -> Self {
-        Place { path: path.as_ref().to_owned(), line: 0, column: 0 }
+        SourcePos { path: path.as_ref().to_owned(), line: 0, column: 0 }
     }
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for SourcePos {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.path.display())?;
         if self.line > 0 {
@@ -334,9 +334,9 @@ impl fmt::Display for Place {
 }
 
 /// Line and column of a byte of a text.
-fn place(path: &Path, text: &str, byte: usize) -> Place {
+fn position(path: &Path, text: &str, byte: usize) -> SourcePos {
     let before = &text[..byte.min(text.len())];
-    Place {
+    SourcePos {
         path: path.to_owned(),
         line: before.matches('\n').count() + 1,
         column: before.chars().rev().take_while(|&c| c != '\n').count() + 1,
@@ -351,8 +351,12 @@ mod tests {
     fn a_fault_says_where_what_and_what_to_do() {
         let e = Error::file("c/corpus.json", "version 2", "version 1", "");
         assert_eq!(e.to_string(), "c/corpus.json: found version 2, expected version 1");
-        let e =
-            Error::at(Place { path: "l.csv".into(), line: 3, column: 7 }, "`tarin`", "train, valid or test", "fix it");
+        let e = Error::at(
+            SourcePos { path: "l.csv".into(), line: 3, column: 7 },
+            "`tarin`",
+            "train, valid or test",
+            "fix it",
+        );
         assert_eq!(e.to_string(), "l.csv:3:7: found `tarin`, expected train, valid or test; fix it");
         let text = (Path::new("t.toml"), "a = 1\né = =\n");
         let of = |span| Error::in_text(text, span, "`=`", "a value", "").to_string();

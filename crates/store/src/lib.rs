@@ -16,7 +16,7 @@ pub mod random;
 pub mod sidecar;
 pub mod suggest;
 
-pub use error::{Error, Kind, Place, Result};
+pub use error::{Error, Kind, Result, SourcePos};
 pub use hash::FileRecord;
 
 /// So many of what a word in the plural names: "1 clip", "2 clips".

@@ -1,7 +1,7 @@
 //! Beats as a text file: a time in seconds a line, as `numpy.loadtxt` and mir_eval read it.
 
 use crate::{Error, Result};
-use kinelm_store::{FileRecord, Place};
+use kinelm_store::{FileRecord, SourcePos};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -40,7 +40,7 @@ pub fn parse(path: &Path, text: &str) -> Result<Vec<f64>> {
         let told = line.split('#').next().unwrap_or("");
         let Some(word) = told.split([' ', '\t', ',', ';']).find(|w| !w.trim().is_empty()) else { continue };
         let column = 1 + line.find(word).map_or(0, |at| line[..at].chars().count());
-        let at = Place { path: path.into(), line: i + 1, column };
+        let at = SourcePos { path: path.into(), line: i + 1, column };
         let help = "give a time in seconds a line, in rising order";
         let time: f64 = match word.trim().parse() {
             Ok(time) if (0.0..1e6).contains(&time) => time,

@@ -8,7 +8,7 @@ use super::smpl_arrays::{Vectors, translations};
 use super::{ReadOptions, body_model};
 use crate::error::{FaultKind, FileError};
 use crate::{Clip, Error, Motion, Result, Source};
-use kinelm_store::Place;
+use kinelm_store::SourcePos;
 use std::path::Path;
 
 /// AIST++'s rate.
@@ -26,16 +26,17 @@ pub const FPS: f64 = 60.0;
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     if [&b"PK\x03\x04"[..], b"\x93NUMPY", b"HIERARCHY", b"{"].iter().any(|start| bytes.starts_with(start)) {
         let found = super::looks_like(bytes);
-        return Err(FileError::new(Place::file(path), FaultKind::NotThisFormat, found, "a pickle").into());
+        return Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, "a pickle").into());
     }
     let pickle = Pickle::parse(path, bytes)?;
     let top = pickle.top();
     let Some(keys) = top.keys() else {
-        let e = FileError::new(Place::file(path), FaultKind::NoMotion, top.kind(), "a dict of smpl_poses, smpl_trans");
+        let e =
+            FileError::new(SourcePos::file(path), FaultKind::NoMotion, top.kind(), "a dict of smpl_poses, smpl_trans");
         return Err(e.into());
     };
     let array = |key: &str| -> Result<_> {
-        let fault = |kind, found: String| Error::from(FileError::new(Place::file(path), kind, found, key));
+        let fault = |kind, found: String| Error::from(FileError::new(SourcePos::file(path), kind, found, key));
         let value: Value = top.get(key).ok_or_else(|| fault(FaultKind::KeyMissing, list(&keys)))?;
         let found = || format!("{key}: {}", value.kind());
         value.array(key).unwrap_or_else(|| Err(fault(FaultKind::Dtype, found())))

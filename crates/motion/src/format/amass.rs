@@ -13,7 +13,7 @@ use crate::error::{FaultKind, FileError, in_short};
 use crate::resample::{FEWEST_FPS, MOST_FPS};
 use crate::rotation::exp_map;
 use crate::{Clip, Error, Motion, Quat, Result, Source, Vec3, Warning, smpl};
-use kinelm_store::Place;
+use kinelm_store::SourcePos;
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::path::Path;
 
@@ -120,7 +120,7 @@ fn poses(path: &Path, npz: &Npz) -> Result<(Vec<Quat>, usize, usize)> {
         let rotation = |f, j| if j == 0 { root.rotation(f, 0, 0) } else { vectors.rotation(f, 3 * j - 3, j) };
         return Ok((rows(root.frames, 22, rotation)?, root.frames, SMPLX));
     }
-    let e = FileError::new(Place::file(path), FaultKind::NoMotion, list(npz.keys()), "poses");
+    let e = FileError::new(SourcePos::file(path), FaultKind::NoMotion, list(npz.keys()), "poses");
     let stills = "shape.npz and neutral_stagei.npz hold a body and no motion";
     let places = "positions alone hold no rotations";
     Err(e.help(if npz.has("positions") { places } else { stills }).into())

@@ -22,7 +22,7 @@ use super::array::Array;
 use super::npz::Npz;
 use crate::error::{FaultKind, FileError};
 use crate::{Error, Result, Skeleton, Vec3, smpl};
-use kinelm_store::Place;
+use kinelm_store::SourcePos;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::SystemTime;
@@ -78,7 +78,7 @@ impl BodyModel {
             _ => (points(&npz.array("J")?)?, vec![], 0),
         };
         let bad = |found: String, expected: &str| {
-            Err(FileError::new(Place::file(path), FaultKind::BodyModelBad, found, expected).into())
+            Err(FileError::new(SourcePos::file(path), FaultKind::BodyModelBad, found, expected).into())
         };
         let n = joints.len();
         if !(22..=MAX_JOINTS).contains(&n) || n == 23 {

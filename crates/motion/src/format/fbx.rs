@@ -8,7 +8,7 @@ use super::options::{ReadOptions, is_rate};
 use crate::error::{FaultKind, FileError};
 use crate::{Clip, Motion, Quat, Result, Skeleton, Source, Vec3, Warning};
 use glam::DMat3;
-use kinelm_store::Place;
+use kinelm_store::SourcePos;
 use std::path::Path;
 use std::sync::Arc;
 use ufbx::{EvaluateOpts, LoadOpts, Matrix, Node, Scene};
@@ -30,7 +30,7 @@ const STILL_M: f64 = 0.01;
 /// [`FaultKind::NotThisFormat`] for a file that ufbx doesn't take or that has no bones; [`FaultKind::TooLarge`]; an unknown root.
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     let fault =
-        |kind: FaultKind, found: String, expected: &str| FileError::new(Place::file(path), kind, found, expected);
+        |kind: FaultKind, found: String, expected: &str| FileError::new(SourcePos::file(path), kind, found, expected);
     let how = LoadOpts {
         target_axes: ufbx::CoordinateAxes::right_handed_y_up(),
         target_unit_meters: 1.0,

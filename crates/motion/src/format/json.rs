@@ -11,7 +11,7 @@ use super::{Axes, ReadOptions, Up};
 use crate::error::{FaultKind, FileError};
 use crate::rig::map_if_any;
 use crate::{Clip, EndSite, Error, Motion, Quat, Result, Skeleton, Source, Vec3};
-use kinelm_store::Place;
+use kinelm_store::SourcePos;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
@@ -135,13 +135,13 @@ fn check_schema(path: &Path, bytes: &[u8]) -> Result<()> {
 }
 
 fn fault(path: &Path, found: String, expected: &str) -> FileError {
-    FileError::new(Place::file(path), FaultKind::JsonBad, found, expected)
+    FileError::new(SourcePos::file(path), FaultKind::JsonBad, found, expected)
 }
 
 fn malformed(path: &Path, e: &serde_json::Error) -> Error {
     let place = format!(" at line {} column {}", e.line(), e.column());
     let found = e.to_string().replace(&place, "");
-    let at = Place { path: path.to_owned(), line: e.line(), column: e.column() };
+    let at = SourcePos { path: path.to_owned(), line: e.line(), column: e.column() };
     FileError::new(at, FaultKind::JsonBad, found, "a clip as JSON").into()
 }
 

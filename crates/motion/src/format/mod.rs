@@ -44,7 +44,7 @@ pub use up::{Axes, Up, UpBy};
 use crate::error::in_short;
 use crate::resample::{FEWEST_FPS, MOST_FPS};
 use crate::{Error, FaultKind, FileError, Result};
-use kinelm_store::{Place, files, input};
+use kinelm_store::{SourcePos, files, input};
 use options::{check_skip, is_rate};
 use positions::Positions;
 use std::io::Read;
@@ -93,7 +93,7 @@ impl Format {
         };
         let expected = ".bvh, .npz, .pkl or .json";
         Format::of_name(path).ok_or_else(|| {
-            let fault = FileError::new(Place::file(path), FaultKind::NotThisFormat, found, expected);
+            let fault = FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected);
             match path.extension().is_some_and(|e| e.eq_ignore_ascii_case("c3d")) {
                 true => fault.help(
                     "a C3D holds markers, not joints: let the capture system solve it onto a skeleton, and export BVH",
@@ -149,20 +149,22 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         Format::Json => match looks_like(bytes) {
             "JSON" | "text" => skipped(json::read(path, bytes, options)?, options)?,
             other => {
-                return Err(FileError::new(Place::file(path), FaultKind::NotThisFormat, other, "a clip as JSON").into());
+                return Err(
+                    FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, other, "a clip as JSON").into()
+                );
             }
         },
         Format::Glb => {
             let (found, expected) =
                 ("a GLB, which is written and not read", "the .bvh, .npz, .pkl or .json it is from");
-            return Err(FileError::new(Place::file(path), FaultKind::NotThisFormat, found, expected).into());
+            return Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into());
         }
     };
     let fps = motion.clip.fps();
     if !is_rate(fps) {
         let (found, expected) =
             (in_short(fps), format!("frames per second of at least {FEWEST_FPS}, at most {MOST_FPS}"));
-        let fault = FileError::new(Place::file(path), FaultKind::RateBad, found, expected);
+        let fault = FileError::new(SourcePos::file(path), FaultKind::RateBad, found, expected);
         return Err(fault.help("--fps-source gives the true rate").into());
     }
     let mut motion = rest::after_reading(motion, options);
@@ -176,7 +178,8 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
 #[cfg(not(all(feature = "amass", feature = "aist", feature = "fbx")))]
 fn left_out(path: &Path, feature: &str) -> Error {
     let expected = format!("a build of kinelm-motion with its feature `{feature}`");
-    FileError::new(Place::file(path), FaultKind::NotThisFormat, "a format that this build leaves out", expected).into()
+    FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, "a format that this build leaves out", expected)
+        .into()
 }
 
 /// An error of a name that says no format, with what the file looks like.
@@ -268,7 +271,7 @@ pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
         Format::Pickle | Format::Fbx => {
             let found = format!("the extension .{}", path.extension().unwrap_or_default().to_string_lossy());
             let expected = "a .bvh, .npz, .json or .glb to write";
-            Err(FileError::new(Place::file(path), FaultKind::NotThisFormat, found, expected).into())
+            Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into())
         }
     }
 }

@@ -9,7 +9,7 @@ use super::array::{Array, Element, byte_count, padded, tuple};
 use super::{looks_like, npy};
 use crate::error::{FaultKind, FileError};
 use crate::{Error, Result};
-use kinelm_store::Place;
+use kinelm_store::SourcePos;
 use std::cell::{Cell, RefCell};
 use std::io::{Cursor, Read, Write};
 use std::path::{Path, PathBuf};
@@ -38,7 +38,7 @@ impl<'a> Npz<'a> {
     /// # Errors
     /// [`FaultKind::NotThisFormat`] without a zip's first bytes, [`FaultKind::Truncated`] for a cut or damaged archive.
     pub fn open(path: &Path, bytes: &'a [u8]) -> Result<Self> {
-        let fault = |kind, found: String, expected: &str| FileError::new(Place::file(path), kind, found, expected);
+        let fault = |kind, found: String, expected: &str| FileError::new(SourcePos::file(path), kind, found, expected);
         if !bytes.starts_with(b"PK") {
             let found = looks_like(bytes).into();
             return Err(fault(FaultKind::NotThisFormat, found, "an npz, which is a zip of arrays").into());
@@ -89,7 +89,7 @@ impl<'a> Npz<'a> {
 
     /// [`FaultKind::KeyMissing`] for `key`, with the keys there are.
     pub fn missing(&self, key: &str) -> Error {
-        FileError::new(Place::file(&self.path), FaultKind::KeyMissing, list(&self.keys), key).into()
+        FileError::new(SourcePos::file(&self.path), FaultKind::KeyMissing, list(&self.keys), key).into()
     }
 
     /// The bytes of an entry: its header, then as many as its array needs.
@@ -123,7 +123,7 @@ impl<'a> Npz<'a> {
     }
 
     fn fault(&self, kind: FaultKind, found: String, expected: impl Into<String>) -> Error {
-        FileError::new(Place::file(&self.path), kind, found, expected).into()
+        FileError::new(SourcePos::file(&self.path), kind, found, expected).into()
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::rotation::{Axis, EulerOrder};
 use crate::{Error, FaultKind, FileError, Quat, Result, smpl};
-use kinelm_store::Place;
+use kinelm_store::SourcePos;
 use kinelm_store::suggest::did_you_mean;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -222,10 +222,10 @@ fn simplified(name: &str) -> String {
 
 const HELP: &str = "see docs/skeletons.md";
 
-fn place(text: &str, path: &Path, byte: usize) -> Place {
+fn place(text: &str, path: &Path, byte: usize) -> SourcePos {
     let before = text.get(..byte).unwrap_or(text);
     let line_start = before.rfind('\n').map_or(0, |i| i + 1);
-    Place {
+    SourcePos {
         path: path.to_owned(),
         line: before.matches('\n').count() + 1,
         column: before[line_start..].chars().count() + 1,

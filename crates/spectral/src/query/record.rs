@@ -5,7 +5,7 @@ use crate::{Error, Result};
 use bytemuck::Pod;
 pub use kinelm_corpus::stored::Stored;
 use kinelm_motion::format::ReadOptions;
-use kinelm_store::{FileRecord, Place, input};
+use kinelm_store::{FileRecord, SourcePos, input};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -127,7 +127,7 @@ impl ClipEntry {
         let lines = bytes.split(|&b| b == b'\n').filter(|line| !line.is_empty()).enumerate();
         let read = |(i, line): (usize, &[u8])| {
             serde_json::from_slice(line).map_err(|e| {
-                let at = Place { path: path.to_owned(), line: i + 1, column: e.column() };
+                let at = SourcePos { path: path.to_owned(), line: i + 1, column: e.column() };
                 Error::at(at, e.to_string(), "a clip of an index", DAMAGED)
             })
         };

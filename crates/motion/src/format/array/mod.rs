@@ -10,7 +10,7 @@ pub use dtype::{Dtype, Element};
 
 use crate::error::{FaultKind, FileError};
 use crate::{Error, Result};
-use kinelm_store::Place;
+use kinelm_store::SourcePos;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
@@ -77,7 +77,7 @@ impl<'a> Array<'a> {
             return array;
         }
         let found = format!("{key}: {} texts of up to {size} characters", texts.len());
-        Err(FileError::new(Place::file(path), FaultKind::TooLarge, found, "at most 2^20 characters").into())
+        Err(FileError::new(SourcePos::file(path), FaultKind::TooLarge, found, "at most 2^20 characters").into())
     }
 
     /// The same array, owning its bytes.
@@ -162,7 +162,7 @@ impl<'a> Array<'a> {
 
     /// A fault of this array, by its file and key.
     pub fn fault(&self, kind: FaultKind, found: impl AsRef<str>, expected: impl Into<String>) -> Error {
-        FileError::new(Place::file(&self.path), kind, format!("{}: {}", self.key, found.as_ref()), expected).into()
+        FileError::new(SourcePos::file(&self.path), kind, format!("{}: {}", self.key, found.as_ref()), expected).into()
     }
 
     /// [`FaultKind::Shape`], with what was expected.

@@ -1,7 +1,7 @@
 //! Bytes of a text file: places, decoding, line ends, single numbers.
 
 use crate::{FaultKind, FileError};
-use kinelm_store::Place;
+use kinelm_store::SourcePos;
 use std::path::Path;
 
 /// A file's bytes with what is needed to speak of a place in them.
@@ -32,7 +32,7 @@ impl<'a> Text<'a> {
     }
 
     /// Line and column of a byte, from 1. CR LF, LF and CR each end a line.
-    pub fn place(&self, at: usize) -> Place {
+    pub fn place(&self, at: usize) -> SourcePos {
         let before = &self.bytes[self.start().min(at)..at.min(self.bytes.len())];
         let (mut line, mut begin) = (1, 0);
         for (i, &b) in before.iter().enumerate() {
@@ -43,7 +43,7 @@ impl<'a> Text<'a> {
             }
         }
         let column = before[begin..].iter().filter(|&&b| !self.utf8 || b & 0xC0 != 0x80).count() + 1;
-        Place { path: self.path.to_owned(), line, column }
+        SourcePos { path: self.path.to_owned(), line, column }
     }
 
     /// A fault at a byte.

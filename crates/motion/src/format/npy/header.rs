@@ -6,7 +6,7 @@
 use crate::error::{FaultKind, FileError};
 use crate::format::array::{Dtype, Element, Order};
 use crate::{Error, Result};
-use kinelm_store::Place;
+use kinelm_store::SourcePos;
 use std::path::Path;
 
 /// Longest header that is read, bytes. numpy itself stops at 10,000.
@@ -45,7 +45,7 @@ pub(in crate::format) fn extent(bytes: &[u8]) -> Option<(usize, usize)> {
 /// type that [`Dtype::parse`] doesn't know.
 pub fn parse(path: &Path, key: &str, bytes: &[u8]) -> Result<Header> {
     let fault = |kind, found: String, expected: &str| -> Error {
-        FileError::new(Place::file(path), kind, format!("{key}: {found}"), expected).into()
+        FileError::new(SourcePos::file(path), kind, format!("{key}: {found}"), expected).into()
     };
     if !bytes.starts_with(b"\x93NUMPY") {
         let kind = if bytes.len() < 6 { FaultKind::Truncated } else { FaultKind::NotThisFormat };

@@ -8,7 +8,7 @@ use super::array::{Array, Element, byte_count};
 use super::pickle::Pickle;
 use crate::Result;
 use crate::error::{FaultKind, FileError};
-use kinelm_store::Place;
+use kinelm_store::SourcePos;
 use std::borrow::Cow;
 use std::path::Path;
 
@@ -36,7 +36,7 @@ impl<'a> Array<'a> {
 fn objects(path: &Path, key: &str, header: &Header, data: &[u8]) -> Result<Array<'static>> {
     let refused = |found: String| {
         let found = format!("{key}: {found}");
-        let e = FileError::new(Place::file(path), FaultKind::ObjectArray, found, "numbers or text");
+        let e = FileError::new(SourcePos::file(path), FaultKind::ObjectArray, found, "numbers or text");
         e.help("save it again without Python objects; they are never run")
     };
     let pickle = Pickle::parse(path, data).map_err(|e| refused(format!("an array of Python objects ({e})")))?;

@@ -16,7 +16,7 @@ mod numpy;
 use super::array::{Array, Dtype, Order};
 use crate::error::{FaultKind, FileError};
 use crate::{Error, Result};
-use kinelm_store::Place;
+use kinelm_store::SourcePos;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
@@ -108,7 +108,7 @@ struct Stop {
 impl Stop {
     fn at(self, path: &Path) -> Error {
         let found = format!("{} at byte {}", self.found, self.at);
-        let e = FileError::new(Place::file(path), self.kind, found, self.expected);
+        let e = FileError::new(SourcePos::file(path), self.kind, found, self.expected);
         match self.kind {
             FaultKind::PickleRefused => e.help("pickles are read, never run").into(),
             _ => e.into(),
@@ -183,9 +183,9 @@ impl<'p, 'a> Value<'p, 'a> {
             }
             Object::Array(ArrayParts::Objects { .. }) => {
                 let found = format!("{key}: an array of Python objects");
-                Some(
-                    Err(FileError::new(Place::file(path), FaultKind::ObjectArray, found, "an array of numbers").into()),
-                )
+                Some(Err(
+                    FileError::new(SourcePos::file(path), FaultKind::ObjectArray, found, "an array of numbers").into()
+                ))
             }
             _ => None,
         }

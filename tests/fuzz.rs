@@ -87,7 +87,10 @@ fn tokenizers() -> Vec<Tokenizer> {
 fn seeds(target: &str) -> Vec<Vec<u8>> {
     let own = |text: &str| vec![text.as_bytes().to_vec()];
     match target {
-        "bvh" => dances().iter().map(|c| BvhSource::plain(c.skeleton()).and_then(|s| s.to_bytes(c)).unwrap()).collect(),
+        "bvh" => dances()
+            .iter()
+            .map(|c| BvhSource::for_skeleton(c.skeleton()).and_then(|s| s.to_bytes(c)).unwrap())
+            .collect(),
         "amass" | "codes" => files("crates/motion/tests/golden/amass", "npz"),
         "body_model" => files("crates/motion/tests/golden/body", "npz"),
         "aist" => files("crates/motion/tests/golden/aist", "pkl"),

@@ -25,7 +25,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         }
         None => {
             let dance = synth::corpus(1, 1, 60.0, 120.0)?.remove(0);
-            let source = bvh::BvhSource::plain(dance.clip.skeleton())?;
+            let source = bvh::BvhSource::for_skeleton(dance.clip.skeleton())?;
             (PathBuf::from("made-up.bvh"), source.to_bytes(&dance.clip)?)
         }
     };

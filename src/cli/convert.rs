@@ -3,10 +3,10 @@
 use super::many::{self, Pair};
 use super::{ForceArgs, Odd, Say, WrongCall, extension, read::ReadArgs};
 use anyhow::{Context, Result};
-use kinelm_motion::convert::{Rig, Wanted, convert};
+use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
 use kinelm_motion::format::positions::Positions;
 use kinelm_motion::format::{self, RestFrame};
-use kinelm_motion::moment::{Moment, Scale};
+use kinelm_motion::moment::{Moment, Timebase};
 use kinelm_motion::{Motion, joints, smpl};
 use kinelm_store::counted;
 use std::path::{Path, PathBuf};
@@ -164,9 +164,9 @@ fn write_together(args: &Args, inputs: &[PathBuf], out: &Path, say: Say) -> Resu
 }
 
 /// The rig that is wanted; a motion file that lends its own is read as the call says.
-fn wanted_rig(args: &Args) -> Result<Option<Rig>> {
+fn wanted_rig(args: &Args) -> Result<Option<TargetRig>> {
     let options = args.read.options(RestFrame::Keep);
-    Ok(args.skeleton.as_deref().map(|name| Rig::find(name, &options)).transpose()?)
+    Ok(args.skeleton.as_deref().map(|name| TargetRig::load(name, &options)).transpose()?)
 }
 
 /// What is read, and where it goes.
@@ -218,19 +218,29 @@ impl Args {
 }
 
 /// A motion at the rate and on the rig of the file that is written.
-fn converted(args: &Args, rig: Option<&Rig>, (motion, map): (Motion, Option<&str>), output: &Path) -> Result<Motion> {
+fn converted(
+    args: &Args,
+    rig: Option<&TargetRig>,
+    (motion, map): (Motion, Option<&str>),
+    output: &Path,
+) -> Result<Motion> {
     let wanted = wanted(args, rig, (&motion, map), output)?;
     Ok(convert(motion, &wanted, map)?)
 }
 
 /// What is to become of a motion that goes to `output`.
-fn wanted(args: &Args, rig: Option<&Rig>, (motion, map): (&Motion, Option<&str>), output: &Path) -> Result<Wanted> {
+fn wanted(
+    args: &Args,
+    rig: Option<&TargetRig>,
+    (motion, map): (&Motion, Option<&str>),
+    output: &Path,
+) -> Result<ConvertOptions> {
     let selection = |list: &str| {
-        let list = joints::in_smpl_names(list, motion.clip.skeleton(), map)?;
+        let list = joints::to_smpl_names(list, motion.clip.skeleton(), map)?;
         joints::parse(&list)
     };
-    let npz = || (extension(output) == "npz" && !args.positions).then(|| Rig::Smpl(smpl::neutral()));
-    Ok(Wanted {
+    let npz = || (extension(output) == "npz" && !args.positions).then(|| TargetRig::Smpl(smpl::neutral()));
+    Ok(ConvertOptions {
         fps: args.fps,
         rig: rig.cloned().or_else(npz),
         joints: args.joints.as_deref().map(selection).transpose().map_err(|e| WrongCall(e.to_string()))?,
@@ -240,8 +250,8 @@ fn wanted(args: &Args, rig: Option<&Rig>, (motion, map): (&Motion, Option<&str>)
 /// The frames that are asked for.
 fn cut(args: &Args, motion: Motion) -> Result<Motion> {
     let (frames, fps) = (motion.clip.frames(), motion.clip.fps());
-    let scale = Scale { frames, fps, left_out: 0, model_fps: None };
-    let border = |flag: &str, moment: Option<Moment>, otherwise: usize| match moment.map(|m| m.border(scale)) {
+    let scale = Timebase { frames, fps, left_out: 0, model_fps: None };
+    let border = |flag: &str, moment: Option<Moment>, otherwise: usize| match moment.map(|m| m.boundary(scale)) {
         None => Ok(otherwise),
         Some(_) if matches!(moment, Some(Moment::Model(_))) => Err(WrongCall(format!(
             "--{flag} in frames of a model, and there is none; give seconds (2s) or frames (40f)"

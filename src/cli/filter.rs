@@ -5,8 +5,8 @@ use super::{ForceArgs, Odd, Say, print, read::ReadArgs};
 use crate::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth, filter};
 use anyhow::Result;
 use kinelm_motion::Motion;
-use kinelm_motion::feet::{Fixed, Locked, lock};
-use kinelm_motion::format::{self, ReadOptions, RestFrame, floor_of};
+use kinelm_motion::feet::{FixedParts, FootLock, lock};
+use kinelm_motion::format::{self, ReadOptions, RestFrame, resolve_floor};
 use kinelm_motion::metric::jitter;
 use kinelm_motion::rig::map_for;
 use kinelm_store::counted;
@@ -74,7 +74,7 @@ fn one(
     (outputs, odd, say): (&Outputs, &Odd, Say),
 ) -> Result<()> {
     let mut motion = format::read(path, options)?;
-    let floor_m = if args.feet { Some(floor_of(&mut motion, options)?) } else { None };
+    let floor_m = if args.feet { Some(resolve_floor(&mut motion, options)?) } else { None };
     odd.warn(&motion);
     let mut done = match how {
         Some(how) => filter(&motion.clip, how)?,
@@ -83,7 +83,7 @@ fn one(
     let mut locked = None;
     if let Some(floor_m) = floor_m {
         let map = map_for(motion.clip.skeleton(), options.map.as_deref())?;
-        let (clip, found) = lock(&done.clip, &map, floor_m, Fixed::default())?;
+        let (clip, found) = lock(&done.clip, &map, floor_m, FixedParts::default())?;
         (done.clip, locked) = (clip, Some(found));
     }
     let before = jitter(&motion.clip);
@@ -105,7 +105,7 @@ fn one(
             "schema": 1, "clip": path, "out": out, "frames": clip.frames(), "fps": clip.fps(), "kept": done.kept,
             "jitter": [before, after], "too_fast": done.lost.len(),
             "feet": locked.map(|l| serde_json::json!({
-                "held": l.held.len(), "out_of_reach": l.out_of_reach.len(), "moved_cm": l.moved_cm,
+                "held": l.locked.len(), "out_of_reach": l.out_of_reach.len(), "moved_cm": l.moved_cm,
                 "settled_cm": l.settled_cm, "carried_cm": l.carried_cm,
             })),
         });
@@ -120,8 +120,8 @@ fn one(
 }
 
 /// What was done to feet, and where a leg couldn't reach.
-pub(in crate::cli) fn say_locked(locked: &Locked, fps: f64, say: Say) {
-    let Locked { held, out_of_reach, moved_cm, settled_cm, carried_cm } = locked;
+pub(in crate::cli) fn say_locked(locked: &FootLock, fps: f64, say: Say) {
+    let FootLock { locked: held, out_of_reach, moved_cm, settled_cm, carried_cm } = locked;
     say.line(format_args!(
         "feet: {} held, moved {moved_cm:.1} cm in the mean; the body set up or down by {settled_cm:.0} cm at most, \
          carried {carried_cm:.0} cm",

@@ -2,7 +2,7 @@
 
 use super::{Say, print, read::ReadArgs};
 use anyhow::Result;
-use kinelm_motion::format::{self, ReadOptions, RestFrame, Unit, floor_of};
+use kinelm_motion::format::{self, ReadOptions, RestFrame, Unit, resolve_floor};
 use kinelm_motion::inspect::report;
 use kinelm_motion::{FaultKind, Motion, Warning};
 use std::path::{Path, PathBuf};
@@ -26,7 +26,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         match read(file, options) {
             Ok(mut motion) => {
                 // a rig that no map knows has no feet to go by, which is said as its rig
-                let floor = floor_of(&mut motion, options).ok();
+                let floor = resolve_floor(&mut motion, options).ok();
                 let report = report(&motion).with_floor(floor);
                 print(&if args.json { report.json() + "\n" } else { report.text() })?;
             }

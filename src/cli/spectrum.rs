@@ -44,7 +44,9 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let skeleton = motion.clip.skeleton();
     let joint = match &args.joint {
         None => 0,
-        Some(name) => joints::of_rig(skeleton, name).map_err(|e| anyhow::anyhow!("{}: {e}", args.clip.display()))?,
+        Some(name) => {
+            joints::find_in_rig(skeleton, name).map_err(|e| anyhow::anyhow!("{}: {e}", args.clip.display()))?
+        }
     };
     let own = motion.clip.fps();
     let (from_s, seconds) = (args.at.seconds(own), args.seconds.map(|length| length.seconds(own)));

@@ -14,8 +14,8 @@ use crate::generate::request::Span;
 use crate::view::{Figure, music, page_with};
 use anyhow::Result;
 use kinelm_motion::joints::{self, Selection};
-use kinelm_motion::metric::beat::Hits;
-use kinelm_motion::moment::{Moment, Scale};
+use kinelm_motion::metric::beat::BeatHits;
+use kinelm_motion::moment::{Moment, Timebase};
 use kinelm_motion::rig::map_for;
 use kinelm_motion::{Motion, Skeleton, format, retarget};
 use kinelm_store::counted;
@@ -149,12 +149,12 @@ fn forced<'a>(figure: Figure<'a>, motion: &Motion, list: &str, map: Option<&str>
     let (rig, fps) = (motion.clip.skeleton(), motion.clip.fps());
     let wrong = |e: String| WrongCall(format!("--forced {e}"));
     let span: Span = list.parse().map_err(wrong)?;
-    let selection = joints::in_smpl_names(&span.joints, rig, map).and_then(|list| joints::parse(&list));
+    let selection = joints::to_smpl_names(&span.joints, rig, map).and_then(|list| joints::parse(&list));
     let figure = figure.forced(&on_rig(rig, &selection.map_err(|e| wrong(format!("{list}: {e}")))?, map)?);
     if span.from.is_none() && span.to.is_none() {
         return Ok(figure);
     }
-    let scale = Scale { frames: motion.clip.frames(), fps, left_out: 0, model_fps: None };
+    let scale = Timebase { frames: motion.clip.frames(), fps, left_out: 0, model_fps: None };
     let frames = span.frames(scale).map_err(wrong)?;
     Ok(figure.forced_over(frames.start as f64 / fps..frames.end as f64 / fps))
 }
@@ -181,8 +181,8 @@ fn told(clips: &[Named], say: Say) -> Option<(PathBuf, f64)> {
 }
 
 /// What a dance hits of the music of its page; of a rig that can't be brought to the model's body nothing is known.
-fn hits(motion: &Motion, map: Option<&str>, music: &music::Music, lag: Option<f64>, say: Say) -> Option<Hits> {
-    let found = || -> crate::Result<Hits> {
+fn hits(motion: &Motion, map: Option<&str>, music: &music::Music, lag: Option<f64>, say: Say) -> Option<BeatHits> {
+    let found = || -> crate::Result<BeatHits> {
         let beats: Vec<f64> = music.beats_s.iter().map(|beat| beat - music.from_s).collect();
         Ok(Pair::new(&retarget::to_smpl(motion, map)?, &BODY.collect::<Vec<_>>(), &beats)?.hits(lag))
     };

@@ -3,7 +3,7 @@
 use super::{Say, WrongCall, chain};
 use crate::view::plot;
 use anyhow::Result;
-use kinelm_motion::convert::{Rig, Wanted, convert};
+use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
 use kinelm_motion::{Motion, smpl};
 use kinelm_store::output::Outputs;
 use std::path::{Path, PathBuf};
@@ -45,7 +45,7 @@ pub fn written_as(out: &Path, motion: Motion, map: Option<&str>) -> Result<Motio
     if extension(out) != "npz" {
         return Ok(motion);
     }
-    let wanted = Wanted { rig: Some(Rig::Smpl(smpl::neutral())), ..Wanted::default() };
+    let wanted = ConvertOptions { rig: Some(TargetRig::Smpl(smpl::neutral())), ..ConvertOptions::default() };
     Ok(convert(motion, &wanted, map)?)
 }
 

@@ -5,7 +5,7 @@ use super::browser;
 use kinelm::evaluate::dance::beats::Pair;
 use kinelm::view::music::Music;
 use kinelm::view::{Figure, page_with};
-use kinelm_motion::metric::beat::Hits;
+use kinelm_motion::metric::beat::BeatHits;
 use kinelm_motion::synth;
 use kinelm_music::wav;
 use serde_json::Value;
@@ -118,14 +118,14 @@ fn what_a_dancer_hits_is_lit_and_what_it_misses_is_not() {
     let beats_s: Vec<f64> = dances[0].beats_s.iter().map(|beat| beat + from_s).collect();
     let own_s: Vec<f64> = beats_s.iter().map(|beat| beat - from_s).collect();
     let hits = dances.iter().map(|dance| Pair::new(&dance.clip, &body, &own_s).unwrap().hits(Some(0.17)));
-    let hits: Vec<Hits> = hits.collect();
+    let hits: Vec<BeatHits> = hits.collect();
     let wav = wav::bytes(&[vec![0.0; 16_000], sound].concat(), 16_000);
     let early = [&[0.25, 0.75], &beats_s[..]].concat();
     let music = Music::embedded(Path::new("song.wav"), &wav, from_s, early);
     let figures = dances.iter().zip(&hits).map(|(dance, hits)| {
         // the music has two beats before the dance
         let each = [&[None, None], &hits.each[..]].concat();
-        Figure::new(dance.name(), &dance.clip).hits(Some(Hits { each, ..hits.clone() }))
+        Figure::new(dance.name(), &dance.clip).hits(Some(BeatHits { each, ..hits.clone() }))
     });
     let figures: Vec<Figure> = figures.collect();
     let page = page_with(&figures, Some(&music)).unwrap();
@@ -152,7 +152,7 @@ fn what_a_dancer_hits_is_lit_and_what_it_misses_is_not() {
     }
     // the one whose music it is keeps to it
     assert!(hits[0].hit() as f64 > 1.5 * hits[0].chance && hits[0].hit() < hits[0].beats(), "{hits:?}");
-    let unlike = [figures[0].clone().hits(Some(Hits::default()))];
+    let unlike = [figures[0].clone().hits(Some(BeatHits::default()))];
     let said = page_with(&unlike, Some(&music)).unwrap_err().to_string();
     assert!(said.contains("0 marks of hits for ") && said.contains("beats of music; expected as many"), "{said}");
 }

@@ -1,7 +1,7 @@
 //! Motion files to a generated dance, as a user goes.
 
 use assert_cmd::Command;
-use kinelm_motion::format::floor_of;
+use kinelm_motion::format::resolve_floor;
 use kinelm_motion::{Motion, Source, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
@@ -44,7 +44,7 @@ impl Way {
     fn words(&self, clip: &Path) -> Vec<Vec<char>> {
         let options = format::ReadOptions { rest: format::RestFrame::Drop, ..Default::default() };
         let mut prompt = format::read(&self.prompt(), &options).unwrap();
-        self.words_above(clip, floor_of(&mut prompt, &options).unwrap())
+        self.words_above(clip, resolve_floor(&mut prompt, &options).unwrap())
     }
 
     /// The words of a clip.

@@ -4,7 +4,7 @@ use super::gather::Item;
 use super::sidecar;
 use super::timed::{behind_its_end, piece_of};
 use crate::{Error, Result};
-use kinelm_motion::format::{self, RateDoubt, ReadOptions, floor_of};
+use kinelm_motion::format::{self, RateDoubt, ReadOptions, resolve_floor};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Motion, Warning, retarget};
 use kinelm_store::FileRecord;
@@ -90,7 +90,7 @@ pub fn parse_placed(path: &Path, bytes: &[u8], options: &ReadOptions, wanted: Wa
     let sha256 = FileRecord::of(bytes).sha256;
     let (mut floor_m, mut under_m) = (None, 0.0);
     if let Some(first) = clip.root().first().filter(|_| wanted.above_floor) {
-        let floor = floor_of(&mut motion, options)?;
+        let floor = resolve_floor(&mut motion, options)?;
         // however retargeting treats the ground: the floor is taken off on the file's own rig
         let lowered = Motion { clip: motion.clip.clone().raised(-floor), ..motion.clone() };
         let lowered = resample(&retarget::to_smpl(&lowered, options.map.as_deref())?, wanted.fps, Method::Auto)?;

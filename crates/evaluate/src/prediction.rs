@@ -9,7 +9,7 @@ use kinelm_corpus::Conditions;
 use kinelm_generate::sampling::Draw;
 use kinelm_generate::{NextToken, SamplingPlan, dances, variation_seed};
 use kinelm_motion::metric::ShortTerm;
-use kinelm_motion::metric::short_term::UpTo;
+use kinelm_motion::metric::short_term::HorizonMetrics;
 use kinelm_motion::{Clip, Quat};
 use kinelm_tokenizer::{Rest, Tokenizer, Words};
 use serde::Serialize;
@@ -55,7 +55,7 @@ pub struct Row {
     /// Joints, of the protocol's 15.
     pub joints: usize,
     /// Up to 100, 200, 300 and 400 ms.
-    pub up_to: Vec<UpTo>,
+    pub up_to: Vec<HorizonMetrics>,
 }
 
 impl Row {

@@ -43,8 +43,8 @@ impl Followed {
         }
         let (rig, map) = (clip.motion.clip.skeleton(), recipe.read.map.as_deref());
         let wrong = |list: &str, e: kinelm_motion::Error| Error::call(format!("--joints {list}: {e}"));
-        let in_smpl_names = |list: &String| joints::in_smpl_names(list, rig, map).map_err(|e| wrong(list, e));
-        recipe.joints = recipe.joints.as_ref().map(in_smpl_names).transpose()?;
+        let to_smpl_names = |list: &String| joints::to_smpl_names(list, rig, map).map_err(|e| wrong(list, e));
+        recipe.joints = recipe.joints.as_ref().map(to_smpl_names).transpose()?;
         let selection = recipe.joints.as_deref().map(joints::parse).transpose()?;
         let given = match (&selection, &recipe.joints) {
             (Some(selection), Some(list)) => {

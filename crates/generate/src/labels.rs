@@ -5,7 +5,7 @@
 use super::request::TimedLabel;
 use crate::{Error, Result};
 use kinelm_corpus::Conditions;
-use kinelm_motion::moment::Scale;
+use kinelm_motion::moment::Timebase;
 use std::collections::BTreeMap;
 
 /// The tokens in front of a dance's windows, and the frames from which on others stand there: those that hold throughout
@@ -17,7 +17,7 @@ pub fn fronts(
     conditions: &Conditions,
     always: &BTreeMap<String, String>,
     timed: &[TimedLabel],
-    scale: Scale,
+    scale: Timebase,
 ) -> Result<Vec<(usize, Vec<u32>)>> {
     let mut spans = Vec::new();
     for (i, label) in timed.iter().enumerate() {
@@ -66,7 +66,7 @@ mod tests {
     fn found(always: &[(&str, &str)], timed: &[&str]) -> std::result::Result<Vec<(usize, Vec<u32>)>, String> {
         let always = always.iter().map(|(f, v)| (f.to_string(), v.to_string())).collect();
         let timed: Vec<TimedLabel> = timed.iter().map(|text| text.parse()).collect::<std::result::Result<_, _>>()?;
-        let scale = Scale { frames: 40, fps: 20.0, left_out: 0, model_fps: Some(20.0) };
+        let scale = Timebase { frames: 40, fps: 20.0, left_out: 0, model_fps: Some(20.0) };
         fronts(&conditions(), &always, &timed, scale).map_err(|e| e.to_string())
     }
 

@@ -18,9 +18,9 @@ use kinelm_model::ahead::{Ahead, Course};
 use kinelm_model::checkpoint::Checkpoints;
 use kinelm_model::lead_in::{LeadIn, LeadInFrom, LeadIns};
 use kinelm_model::{LoadedRun, Which, lead_in, load_run, music};
-use kinelm_motion::feet::Locked;
+use kinelm_motion::feet::FootLock;
 use kinelm_motion::format::{self, Format, ReadOptions, RestFrame, bvh::Changed};
-use kinelm_motion::moment::Scale;
+use kinelm_motion::moment::Timebase;
 use kinelm_motion::resample::{Method, held_frames, resample_held};
 use kinelm_motion::{Clip, Motion, Source};
 use kinelm_tokenizer::{Rest, Tokenizer, Words};
@@ -56,7 +56,7 @@ pub struct Generated {
     /// On its rig, at its rate.
     pub motion: Motion,
     /// What was done to its feet, gap by gap where a clip is edited; frames are [`Generated::locked_fps`] a second.
-    pub locked: Vec<Locked>,
+    pub locked: Vec<FootLock>,
     /// The rate at which feet were held.
     pub locked_fps: f64,
     /// Of an edited clip: what was left over at the ends of gaps, frames at the model's rate.
@@ -138,7 +138,7 @@ impl OpenRequest {
         [frames, written].into_iter().try_for_each(check_frames)?;
         let of_edit = prompt.as_ref().and_then(|p| p.edit.as_ref()).map(|edited| edited.frames);
         let fps = tokenizer.fps();
-        let scale = Scale { frames: of_edit.unwrap_or(frames), fps, left_out: 0, model_fps: Some(fps) };
+        let scale = Timebase { frames: of_edit.unwrap_or(frames), fps, left_out: 0, model_fps: Some(fps) };
         if let Some(music) = &music {
             tell_tempo(&mut recipe, music, (&run, &conditions), frames as f64 / fps)?;
         }
@@ -348,7 +348,7 @@ impl OpenRequest {
         if let Some(fps) = self.recipe.fps {
             motion.clip = resample_held(&motion.clip, fps, Method::Smooth)?;
         }
-        let made = |motion: Motion, locked: Vec<Locked>| {
+        let made = |motion: Motion, locked: Vec<FootLock>| {
             let locked_fps = motion.clip.fps();
             Generated { motion, locked, locked_fps, left: Vec::new(), changed: None }
         };

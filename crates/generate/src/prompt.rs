@@ -153,7 +153,7 @@ impl Prompt {
     /// A rig that no skeleton map knows.
     pub fn way(&self, map: Option<&str>) -> Result<Retarget> {
         let rig = self.motion.clip.skeleton();
-        let floor_m = format::floor_m(&self.motion, map)?;
+        let floor_m = format::floor_height(&self.motion, map)?;
         Ok(Retarget::new(rig, &map_for(rig, map)?, smpl::neutral())?.with_floor(floor_m))
     }
 }
@@ -195,7 +195,7 @@ pub fn read_back(
     }
     let floor = prompt.floor_m.unwrap_or(0.0);
     // the way there went about the prompt's floor
-    let floor_m = format::floor_m(&prompt.motion, options.map.as_deref())? - floor;
+    let floor_m = format::floor_height(&prompt.motion, options.map.as_deref())? - floor;
     let clip = motion.clip.clone().raised(-floor);
     let lowered = Motion { clip, source: Source::Retargeted { floor_m }, ..motion.clone() };
     let words = tokenizer.encode(&retarget::to_smpl(&lowered, options.map.as_deref())?)?.words;

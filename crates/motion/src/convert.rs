@@ -13,21 +13,21 @@ use std::sync::Arc;
 
 /// A rig that motion can be put on.
 #[derive(Debug, Clone)]
-pub enum Rig {
+pub enum TargetRig {
     /// The 24 SMPL joints with these offsets.
     Smpl(Arc<Skeleton>),
     /// The rig of a motion file.
-    Like(Box<Motion>),
+    OfFile(Box<Motion>),
 }
 
-impl Rig {
+impl TargetRig {
     /// The rig of `smpl` (the neutral body), of a body model (`SMPL_*.npz`), or of a motion file.
     ///
     /// # Errors
     /// [`Error::Call`] when it is none of these, and what reading the file fails with.
-    pub fn find(name_or_path: &str, options: &ReadOptions) -> Result<Rig> {
+    pub fn load(name_or_path: &str, options: &ReadOptions) -> Result<TargetRig> {
         if name_or_path == "smpl" {
-            return Ok(Rig::Smpl(smpl::neutral()));
+            return Ok(TargetRig::Smpl(smpl::neutral()));
         }
         let path = Path::new(name_or_path);
         if let Some(map) = SkeletonMap::builtin(name_or_path).filter(|_| !path.exists()) {
@@ -44,21 +44,21 @@ impl Rig {
         let bytes = kinelm_store::input::bytes(path).map_err(Error::io(path))?;
         #[cfg(feature = "amass")]
         if let Ok(body) = BodyModel::parse(path, &bytes).and_then(|model| model.body(&[])) {
-            return Ok(Rig::Smpl(body.skeleton));
+            return Ok(TargetRig::Smpl(body.skeleton));
         }
         // the axis that is up in the motion says nothing of the rig's file
         let options = ReadOptions { up: Up::Auto, ..options.clone() };
-        Ok(Rig::Like(Box::new(format::parse(path, &bytes, &options)?)))
+        Ok(TargetRig::OfFile(Box::new(format::parse(path, &bytes, &options)?)))
     }
 }
 
 /// What is to become of a motion.
 #[derive(Debug, Clone, Default)]
-pub struct Wanted {
+pub struct ConvertOptions {
     /// Frames per second.
     pub fps: Option<f64>,
     /// The rig; the motion's own if none is given.
-    pub rig: Option<Rig>,
+    pub rig: Option<TargetRig>,
     /// The joints that go on moving, on the SMPL body; the others stand at rest.
     pub joints: Option<Selection>,
 }
@@ -69,12 +69,12 @@ pub struct Wanted {
 ///
 /// # Errors
 /// A rig that no skeleton map knows, and a rate that is none.
-pub fn convert(motion: Motion, wanted: &Wanted, map: Option<&str>) -> Result<Motion> {
+pub fn convert(motion: Motion, wanted: &ConvertOptions, map: Option<&str>) -> Result<Motion> {
     let mut motion = motion;
-    let rest = motion.warnings.iter().any(|w| w.kind == "rest_frame") && format::rest_frame(&motion);
-    let neutral = wanted.joints.is_some().then(|| Rig::Smpl(smpl::neutral()));
+    let rest = motion.warnings.iter().any(|w| w.kind == "rest_frame") && format::has_rest_frame(&motion);
+    let neutral = wanted.joints.is_some().then(|| TargetRig::Smpl(smpl::neutral()));
     if let Some(selection) = &wanted.joints {
-        let floor_m = format::floor_m(&motion, map)?;
+        let floor_m = format::floor_height(&motion, map)?;
         motion.clip = keep_joints(&retarget::to_smpl(&motion, map)?, selection)?;
         motion.source = Source::Retargeted { floor_m };
     }
@@ -99,10 +99,10 @@ fn after_rest(clip: &Clip, fps: f64) -> Result<Clip> {
 ///
 /// # Errors
 /// A rig that no skeleton map knows.
-pub fn on_rig(motion: Motion, rig: &Rig, map: Option<&str>) -> Result<Motion> {
-    let floor_m = format::floor_m(&motion, map)?;
+pub fn on_rig(motion: Motion, rig: &TargetRig, map: Option<&str>) -> Result<Motion> {
+    let floor_m = format::floor_height(&motion, map)?;
     match rig {
-        Rig::Smpl(body) => {
+        TargetRig::Smpl(body) => {
             let clip = retarget::to_smpl(&motion, map)?;
             let clip = if clip.skeleton() == body {
                 clip
@@ -113,7 +113,7 @@ pub fn on_rig(motion: Motion, rig: &Rig, map: Option<&str>) -> Result<Motion> {
             };
             Ok(Motion { clip, source: Source::Retargeted { floor_m }, ..motion })
         }
-        Rig::Like(like) => {
+        TargetRig::OfFile(like) => {
             let clip = retarget::to_smpl(&motion, map)?;
             let to = like.clip.skeleton();
             let back = Retarget::new(to, &map_for(to, map)?, clip.skeleton().clone())?.with_floor(floor_m);
@@ -169,7 +169,7 @@ mod tests {
             format::write(&path, &motion).unwrap();
             let motion = format::read(&path, &ReadOptions { rest: RestFrame::Keep, ..Default::default() }).unwrap();
             assert!(motion.warnings.iter().any(|w| w.kind == "rest_frame"), "{name}: {:?}", motion.warnings);
-            let wanted = Wanted { fps: Some(20.0), ..Default::default() };
+            let wanted = ConvertOptions { fps: Some(20.0), ..Default::default() };
             let slow = convert(motion.clone(), &wanted, None).unwrap().clip;
             assert_eq!((slow.root()[0], slow.pose(0)), (motion.clip.root()[0], motion.clip.pose(0)), "{name}");
             let without = resample(&motion.clip.slice(1..motion.clip.frames()), 20.0, Method::Auto).unwrap();

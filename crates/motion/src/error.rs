@@ -60,7 +60,7 @@ impl Error {
 }
 
 /// A number for a message: the hundreds of digits of one that is huge or tiny say no more than its power of ten.
-pub fn in_short(x: f64) -> String {
+pub fn compact(x: f64) -> String {
     if x == 0.0 || (1e-6..1e15).contains(&x.abs()) { x.to_string() } else { format!("{x:e}") }
 }
 

@@ -47,7 +47,7 @@ pub struct Selection {
 ///
 /// Parts are the numbers `13`, `18` and `24` alone, groups of [`GROUPS`], SMPL joint names, in any case, or ids. `head` alone is
 /// the group.
-/// Where a name is both, it is SMPL's; `rig:NAME` is a rig's own alone, which [`in_smpl_names`] takes.
+/// Where a name is both, it is SMPL's; `rig:NAME` is a rig's own alone, which [`to_smpl_names`] takes.
 ///
 /// # Errors
 /// [`Error::Call`] naming the part that is none of these, with what there is.
@@ -105,7 +105,7 @@ fn own_names<'a>(rig: &'a Skeleton, map: Option<&str>) -> Option<Vec<(&'a str, O
 ///
 /// # Errors
 /// As [`parse`]; a joint of the rig that stands for no SMPL joint; a name that may be either of two.
-pub fn in_smpl_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Result<String> {
+pub fn to_smpl_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Result<String> {
     let is_plain = matches!(list.trim(), "13" | "18" | "24") || parts(list).all(|part| exactly(part).is_some());
     let own = match own_names(rig, map) {
         Some(own) if !is_plain => own,
@@ -165,7 +165,7 @@ fn in_smpl(part: &str, own: &[(&str, Option<usize>)]) -> Result<String> {
 ///
 /// # Errors
 /// A name of none, with those there are; one that may be either of two.
-pub fn of_rig(rig: &Skeleton, name: &str) -> Result<usize> {
+pub fn find_in_rig(rig: &Skeleton, name: &str) -> Result<usize> {
     for is in [|a: &str, b: &str| a == b, is_but_for_namespace, is_but_for_case] {
         let found: Vec<usize> = (0..rig.joints()).filter(|&joint| is(&rig.names()[joint], name)).collect();
         match found[..] {
@@ -205,7 +205,7 @@ fn exactly(part: &str) -> Option<Selection> {
 }
 
 /// The parts of a list that are SMPL's and a rig's own at once and mean other joints there: `(part, SMPL's name of the rig's)`.
-pub fn meant_twice(list: &str, rig: &Skeleton, map: Option<&str>) -> Vec<(String, &'static str)> {
+pub fn ambiguous_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Vec<(String, &'static str)> {
     let own = own_names(rig, map).unwrap_or_default();
     let other = |part: &str| {
         let (_, id) = own.iter().find(|(name, _)| *name == part)?;
@@ -216,7 +216,7 @@ pub fn meant_twice(list: &str, rig: &Skeleton, map: Option<&str>) -> Vec<(String
 }
 
 /// What is said of such a part.
-pub fn say_meant_twice(part: &str, own: &str) -> String {
+pub fn ambiguity_note(part: &str, own: &str) -> String {
     format!("{part} is SMPL's here; the rig's own joint of that name, its {own}, is rig:{part}")
 }
 
@@ -288,7 +288,7 @@ mod tests {
             ("LowerLeg_R", Some(15)),
             ("Foot_R", Some(16)),
         ]);
-        let of = |list: &str| in_smpl_names(list, &bandai, None);
+        let of = |list: &str| to_smpl_names(list, &bandai, None);
         assert_eq!(of("root, UpperArm_R,LowerArm_R").unwrap(), "root,right_shoulder,right_elbow");
         // a group is the group, whatever joints the rig has; what needs no rig is left alone
         assert_eq!([of("head,Hand_R").unwrap(), of("13").unwrap()], ["head,right_wrist", "13"]);
@@ -307,12 +307,12 @@ mod tests {
             message.contains("did you mean UpperArm_R?") && message.contains("the rig's own are Hips"),
             "{message}"
         );
-        assert!(in_smpl_names("tail", &rig(&[("a", None)]), None).is_err());
-        assert_eq!(in_smpl_names("legs", &rig(&[("a", None)]), None).unwrap(), "legs");
+        assert!(to_smpl_names("tail", &rig(&[("a", None)]), None).is_err());
+        assert_eq!(to_smpl_names("legs", &rig(&[("a", None)]), None).unwrap(), "legs");
         // the smpl rig's own head is the joint, and `head` the group
         let smpl = smpl::neutral();
-        assert_eq!(meant_twice("head,left_knee,legs", &smpl, None), [("head".to_owned(), "head")]);
-        assert_eq!(in_smpl_names("rig:head,left_knee", &smpl, None).unwrap(), "15,left_knee");
+        assert_eq!(ambiguous_names("head,left_knee,legs", &smpl, None), [("head".to_owned(), "head")]);
+        assert_eq!(to_smpl_names("rig:head,left_knee", &smpl, None).unwrap(), "15,left_knee");
     }
 
     #[test]
@@ -327,7 +327,7 @@ mod tests {
             rig(&all.enumerate().map(|(i, name)| (name, i.checked_sub(1))).collect::<Vec<_>>())
         };
         let mixamo = named("mixamorig:", &[]);
-        let of = |list: &str| in_smpl_names(list, &mixamo, None).unwrap();
+        let of = |list: &str| to_smpl_names(list, &mixamo, None).unwrap();
         assert_eq!(of("LeftArm,mixamorig:LeftArm,leftarm"), "left_shoulder,left_shoulder,left_shoulder");
         assert_eq!(
             [of("Head"), of("HEAD"), of("head")],
@@ -335,20 +335,20 @@ mod tests {
             "a group before a joint in another case"
         );
         assert_eq!([of("rig:head"), of("LEFT_ARM"), of("Left_Knee")], ["15", "left_arm", "left_knee"]);
-        assert_eq!(of_rig(&mixamo, "leftARM").unwrap(), 7);
+        assert_eq!(find_in_rig(&mixamo, "leftARM").unwrap(), 7);
         // an exact name wins, and two that are as near are named
         let two = named("", &["HEAD", "leftarm", "Bob:Prop", "Tom:Prop"]);
-        let of = |list: &str| in_smpl_names(list, &two, None);
+        let of = |list: &str| to_smpl_names(list, &two, None);
         assert_eq!(of("LeftArm").unwrap(), "left_shoulder");
-        assert_eq!(of_rig(&two, "leftarm").unwrap(), 23);
+        assert_eq!(find_in_rig(&two, "leftarm").unwrap(), 23);
         for (name, said) in
             [("LEFTARM", "\"LEFTARM\" may be LeftArm or leftarm"), ("Prop", "\"Prop\" may be Bob:Prop or Tom:Prop")]
         {
-            assert!(of_rig(&two, name).unwrap_err().to_string().contains(said));
+            assert!(find_in_rig(&two, name).unwrap_err().to_string().contains(said));
         }
         assert!(of("leftarm").unwrap_err().to_string().contains("leftarm of the rig stands for no SMPL joint"));
         let both = named("", &["Left_Knee"]);
-        assert_eq!(in_smpl_names("left_knee", &both, None).unwrap(), "left_knee");
+        assert_eq!(to_smpl_names("left_knee", &both, None).unwrap(), "left_knee");
         let smpl: Vec<_> = smpl::NAMES.iter().enumerate().map(|(i, name)| (*name, i.checked_sub(1))).collect();
         let loud = rig(&smpl
             .iter()
@@ -357,7 +357,7 @@ mod tests {
             .iter()
             .map(|(name, parent)| (name.as_str(), *parent))
             .collect::<Vec<_>>());
-        assert_eq!(in_smpl_names("Left_Knee,LEFT_ANKLE", &loud, None).unwrap(), "left_knee,left_ankle");
+        assert_eq!(to_smpl_names("Left_Knee,LEFT_ANKLE", &loud, None).unwrap(), "left_knee,left_ankle");
     }
 
     #[test]

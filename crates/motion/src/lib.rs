@@ -20,7 +20,7 @@
 
 #[cfg(feature = "ndarray")]
 mod arrays;
-pub mod body;
+pub mod capsules;
 pub mod clip;
 pub mod convert;
 pub mod error;

@@ -1,6 +1,6 @@
 //! Moments of a clip, and lengths, as a call names them: `2.5s`, `2.5`, `40f`, and `-1s` from the end.
 
-use crate::error::in_short;
+use crate::error::compact;
 use std::fmt;
 use std::str::FromStr;
 
@@ -17,7 +17,7 @@ pub enum Moment {
 
 /// What moments of a clip are counted in.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Scale {
+pub struct Timebase {
     /// F, the clip's frames.
     pub frames: usize,
     /// Its rate.
@@ -57,7 +57,7 @@ fn read(text: &str, bare: char) -> Option<Moment> {
 impl fmt::Display for Moment {
     fn fmt(&self, out: &mut fmt::Formatter) -> fmt::Result {
         match self {
-            Moment::Seconds(s) => write!(out, "{}s", in_short(*s)),
+            Moment::Seconds(s) => write!(out, "{}s", compact(*s)),
             Moment::Frames(n) => write!(out, "{n}f"),
             Moment::Model(n) => write!(out, "{n}m"),
         }
@@ -97,7 +97,7 @@ impl Moment {
 
     /// The border between frames of the clip that lies nearest; `None` outside of it, and for a model's frames where there
     /// is no model.
-    pub fn border(self, scale: Scale) -> Option<usize> {
+    pub fn boundary(self, scale: Timebase) -> Option<usize> {
         let (frames, left_out) = (scale.frames as f64, scale.left_out as f64);
         let (number, at) = match self {
             Moment::Seconds(s) => (s, (s * scale.fps).round()),
@@ -115,14 +115,14 @@ impl Moment {
 mod tests {
     use super::*;
 
-    const SCALE: Scale = Scale { frames: 100, fps: 20.0, left_out: 0, model_fps: None };
+    const TIMEBASE: Timebase = Timebase { frames: 100, fps: 20.0, left_out: 0, model_fps: None };
 
     #[test]
     fn seconds_and_frames_from_either_end() {
-        let border = |text: &str| text.parse::<Moment>().unwrap().border(SCALE);
-        assert_eq!([border("2s"), border("2.52"), border("40f"), border("0")], [40, 50, 40, 0].map(Some));
-        assert_eq!([border("-1s"), border("-10f"), border("-0"), border("5s")], [80, 90, 100, 100].map(Some));
-        assert_eq!([border("5.1s"), border("-5.1s"), border("101f"), border("3m")], [None; 4]);
+        let boundary = |text: &str| text.parse::<Moment>().unwrap().boundary(TIMEBASE);
+        assert_eq!([boundary("2s"), boundary("2.52"), boundary("40f"), boundary("0")], [40, 50, 40, 0].map(Some));
+        assert_eq!([boundary("-1s"), boundary("-10f"), boundary("-0"), boundary("5s")], [80, 90, 100, 100].map(Some));
+        assert_eq!([boundary("5.1s"), boundary("-5.1s"), boundary("101f"), boundary("3m")], [None; 4]);
         for text in ["", "f", "m", "2x", "1.5f", "1.5m", "nan", "inf", "2 s", "ä"] {
             assert!(text.parse::<Moment>().unwrap_err().contains("expected 2.5s"), "{text}");
         }
@@ -138,10 +138,13 @@ mod tests {
 
     #[test]
     fn frames_of_the_file_count_what_was_left_out_and_a_model_has_its_own() {
-        let scale = Scale { left_out: 10, model_fps: Some(8.0), ..SCALE };
-        let border = |text: &str| text.parse::<Moment>().unwrap().border(scale);
-        assert_eq!([border("10f"), border("110f"), border("-10f"), border("2s")], [0, 100, 90, 40].map(Some));
-        assert_eq!([border("9f"), border("4m"), border("-4m"), border("5m")], [None, Some(10), Some(90), Some(13)]);
+        let scale = Timebase { left_out: 10, model_fps: Some(8.0), ..TIMEBASE };
+        let boundary = |text: &str| text.parse::<Moment>().unwrap().boundary(scale);
+        assert_eq!([boundary("10f"), boundary("110f"), boundary("-10f"), boundary("2s")], [0, 100, 90, 40].map(Some));
+        assert_eq!(
+            [boundary("9f"), boundary("4m"), boundary("-4m"), boundary("5m")],
+            [None, Some(10), Some(90), Some(13)]
+        );
     }
 
     #[test]

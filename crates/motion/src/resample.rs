@@ -1,6 +1,6 @@
 //! Change of frame rate.
 
-use crate::error::in_short;
+use crate::error::compact;
 use crate::rotation::{nearest_sign, slerp};
 use crate::{Clip, Error, Quat, Result, Vec3};
 use std::f64::consts::PI;
@@ -76,20 +76,20 @@ pub fn held_frames(frames: usize, own_fps: f64, fps: f64) -> usize {
 fn resampled(clip: &Clip, fps: f64, method: Method, frames: f64) -> Result<Clip> {
     let (a, b) = (clip.fps(), fps);
     if !(b.is_finite() && b > 0.0) {
-        return Err(Error::Call(format!("a rate of {} frames per second; expected a positive number", in_short(b))));
+        return Err(Error::Call(format!("a rate of {} frames per second; expected a positive number", compact(b))));
     }
     if a == b || clip.frames() == 0 {
         return clip.clone().with_fps(b);
     }
     if b > a && b > MOST_FPS {
-        return Err(Error::Call(format!("a rate of {} frames per second; expected {MOST_FPS} at most", in_short(b))));
+        return Err(Error::Call(format!("a rate of {} frames per second; expected {MOST_FPS} at most", compact(b))));
     }
     if a / b > MOST_TIMES_SLOWER {
         return Err(Error::Call(format!(
             "from {} to {} frames per second; expected a rate at most {MOST_TIMES_SLOWER} times slower; if the file states \
              its own wrongly, give the true one (--fps-source)",
-            in_short(a),
-            in_short(b)
+            compact(a),
+            compact(b)
         )));
     }
     if frames * clip.joints() as f64 > MOST_ROTATIONS {

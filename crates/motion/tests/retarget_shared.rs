@@ -1,6 +1,6 @@
 //! Retargeting on the shared motion data: bones point alike, nothing jumps, people stand, and the way back leads back.
 
-use kinelm_motion::convert::{self, Rig};
+use kinelm_motion::convert::{self, TargetRig};
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::mirror::{self, Mirror};
 use kinelm_motion::retarget::Retarget;
@@ -256,7 +256,7 @@ fn rigs_are_mirrored_through_their_reference_pose() {
 /// 5th and 50th percentile of the least height of a foot above the floor, metres.
 fn heights(clip: &Clip, map: Option<&str>, floor_m: f64) -> [f64; 2] {
     let feet = Feet::new(clip.skeleton(), &map_for(clip.skeleton(), map).unwrap()).unwrap();
-    let mut least = feet.least(clip);
+    let mut least = feet.clearance(clip);
     least.sort_by(f64::total_cmp);
     [0.05, 0.5].map(|q| least[((least.len() - 1) as f64 * q).round() as usize] - floor_m)
 }
@@ -266,24 +266,25 @@ fn feet_stay_on_the_ground_from_and_to_every_rig() {
     let test = "feet_stay_on_the_ground_from_and_to_every_rig";
     let sets = [("cmu-dance", 9), ("bandai-1", 45), ("bandai-2", 300)];
     let paths: Vec<_> = sets.into_iter().flat_map(|(set, nth)| clips(set, test, nth)).collect();
-    let first =
-        |set: &str| paths.iter().find(|p| p.to_string_lossy().contains(set)).map(|p| Rig::Like(Box::new(read(p))));
-    let mut rigs: Vec<Rig> = sets.iter().filter_map(|(set, _)| first(set)).collect();
-    rigs.push(Rig::Smpl(smpl::neutral()));
+    let first = |set: &str| {
+        paths.iter().find(|p| p.to_string_lossy().contains(set)).map(|p| TargetRig::OfFile(Box::new(read(p))))
+    };
+    let mut rigs: Vec<TargetRig> = sets.iter().filter_map(|(set, _)| first(set)).collect();
+    rigs.push(TargetRig::Smpl(smpl::neutral()));
     let mut tall = smpl::neutral().offsets().to_vec();
     // another body: longer shins, lower ankles, hips further down
     for (joint, times) in [(4, 1.2), (5, 1.2), (7, 1.3), (8, 1.3), (10, 0.7), (11, 0.7), (1, 1.4), (2, 1.4)] {
         tall[joint] *= times;
     }
     let body = smpl::neutral();
-    rigs.push(Rig::Smpl(Arc::new(
+    rigs.push(TargetRig::Smpl(Arc::new(
         Skeleton::new(body.names().to_vec(), body.parents().to_vec(), tall, vec![]).unwrap(),
     )));
     let mut worst: f64 = 0.0;
     for path in &paths {
         let motion = read(path);
         let motion = Motion { clip: thin(&motion.clip, 10), ..motion };
-        let floor_m = format::floor_m(&motion, None).unwrap();
+        let floor_m = format::floor_height(&motion, None).unwrap();
         let before = heights(&motion.clip, None, floor_m);
         for (i, rig) in rigs.iter().enumerate() {
             let on = convert::on_rig(motion.clone(), rig, None).unwrap();
@@ -292,8 +293,8 @@ fn feet_stay_on_the_ground_from_and_to_every_rig() {
             assert!(moved <= 0.03, "{} on rig {i}: {before:?} m above the floor became {after:?}", path.display());
             worst = worst.max(moved);
             // and back: the floor travels with it
-            assert_eq!(format::floor_m(&on, None).unwrap(), floor_m);
-            let back = convert::on_rig(on, &Rig::Like(Box::new(motion.clone())), None).unwrap();
+            assert_eq!(format::floor_height(&on, None).unwrap(), floor_m);
+            let back = convert::on_rig(on, &TargetRig::OfFile(Box::new(motion.clone())), None).unwrap();
             let pelvis = way(&motion).joint(0).unwrap();
             let joints = motion.clip.joints();
             for (a, b) in motion.clip.positions().chunks(joints).zip(back.clip.positions().chunks(joints)) {

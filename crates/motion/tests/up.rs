@@ -1,7 +1,7 @@
 //! Files whose world has another axis up: read as if y were, and written back in their own.
 
 use kinelm_motion::format::bvh::{self, Channel};
-use kinelm_motion::format::{self, ReadOptions, Unit, Up, UpBy};
+use kinelm_motion::format::{self, ReadOptions, Unit, Up, UpSource};
 use kinelm_motion::rotation::{Axis, angle_between};
 use kinelm_motion::{Clip, Error, Motion, Quat, Source, Vec3, inspect, smpl, synth};
 use std::path::{Path, PathBuf};
@@ -130,7 +130,7 @@ fn every_shared_file_stands_however_it_is_turned() {
     for path in some.into_iter().flat_map(|(set, nth)| clips(set, test, nth)) {
         let name = path.display().to_string();
         let own = format::read(&path, &options(Up::Auto)).unwrap();
-        assert_eq!((source(&own).rig.axes.up, source(&own).rig.axes.by), (Up::Y, UpBy::Judged), "{name}");
+        assert_eq!((source(&own).rig.axes.up, source(&own).rig.axes.by), (Up::Y, UpSource::Inferred), "{name}");
         assert!(kinds(&own).is_empty(), "{name}: {:?}", own.warnings);
         for (up, turn) in &TURNS {
             let what = format!("{name}, {up} up");
@@ -227,7 +227,7 @@ fn joints_that_no_map_knows_are_left_as_they_are() {
                 End Site { OFFSET 0 0 1 } } }\nMOTION\nFrames: 1\nFrame Time: 0.05\n0 0\n";
     let with = |up| ReadOptions { unit: Unit::Metre, up, ..Default::default() };
     let m = read(text.as_bytes(), &with(Up::Auto));
-    assert_eq!((source(&m).rig.axes.by, kinds(&m).len()), (UpBy::Unknown, 0));
+    assert_eq!((source(&m).rig.axes.by, kinds(&m).len()), (UpSource::Unknown, 0));
     let m = read(text.as_bytes(), &with(Up::Z));
     assert!(m.clip.positions()[1].distance(Vec3::Y) < 1e-12);
 }
@@ -286,9 +286,9 @@ fn through_blender(name: &str, up: Up, fps: f64) -> [Motion; 2] {
 fn a_dance_through_blender_and_back_is_the_same() {
     // who dances upright needs no flag, and leaves no doubt: of the axis, of the floor, of anything
     let floors = through_blender("blender_dance", Up::Auto, 20.0).map(|mut m| {
-        assert_eq!(source(&m).rig.axes.by, UpBy::Judged);
+        assert_eq!(source(&m).rig.axes.by, UpSource::Inferred);
         let said = if source(&m).rig.axes.up == Up::Y { vec![] } else { vec!["up_axis"] };
-        let floor = format::floor_of(&mut m, &options(Up::Auto)).unwrap();
+        let floor = format::resolve_floor(&mut m, &options(Up::Auto)).unwrap();
         assert_eq!(m.warnings.iter().map(|w| w.kind).collect::<Vec<_>>(), said, "{:?}", m.warnings);
         let report = inspect::report(&m).text();
         assert!(report.contains("no doubts"), "{report}");

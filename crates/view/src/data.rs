@@ -2,8 +2,8 @@
 
 use super::Figure;
 use crate::{Error, Result};
-use kinelm_motion::body::{Ball, Body, Bone, standing};
-use kinelm_motion::metric::beat::Hits;
+use kinelm_motion::capsules::{Capsule, CapsuleBody, JointSphere, standing_height_m};
+use kinelm_motion::metric::beat::BeatHits;
 use kinelm_motion::{Clip, GlobalPose, Vec3};
 use kinelm_store::counted;
 use serde::Serialize;
@@ -19,8 +19,8 @@ pub struct Drawn {
     height: f64,
     /// Figures of one number stand to each other as their clips put them.
     world: usize,
-    bones: Vec<Bone>,
-    balls: Vec<Ball>,
+    bones: Vec<Capsule>,
+    balls: Vec<JointSphere>,
     tips: Vec<usize>,
     /// Shift (x, z) when the figures stand side by side, and when they stand on one spot.
     beside: [f64; 2],
@@ -50,7 +50,7 @@ struct Lit {
 }
 
 impl Lit {
-    fn of(hits: &Hits) -> Lit {
+    fn of(hits: &BeatHits) -> Lit {
         let beats = (0..hits.each.len()).filter(|&i| hits.each[i] == Some(true)).collect();
         let says = format!("{} of {} hit, by chance {:.0}", hits.hit(), counted(hits.beats(), "beats"), hits.chance);
         Lit { beats, says }
@@ -104,7 +104,7 @@ fn worlds(figures: &[Figure]) -> Vec<Vec<usize>> {
 
 /// The ways of all points of a figure.
 struct Track {
-    body: Body,
+    body: CapsuleBody,
     fps: f64,
     height: f64,
     /// (F, P).
@@ -126,11 +126,11 @@ impl Track {
             return fail(format!("a joint at {p} metres; expected a body within {LARGEST} m"));
         }
         let height = height(clip);
-        let body = Body::new(clip.skeleton(), height, &figure.forced);
-        let mut places = Vec::with_capacity(clip.frames() * body.points);
+        let body = CapsuleBody::new(clip.skeleton(), height, &figure.forced);
+        let mut places = Vec::with_capacity(clip.frames() * body.point_count);
         let (mut pose, mut points) = (GlobalPose::default(), Vec::new());
         for f in 0..clip.frames() {
-            body.places(clip, f, &mut pose, &mut points);
+            body.points(clip, f, &mut pose, &mut points);
             places.extend_from_slice(&points);
         }
         Ok(Track { body, fps: clip.fps(), height, places })
@@ -139,7 +139,7 @@ impl Track {
     /// Where the floor is: y = 0, unless the lowest point stays so far from it that the clip can't mean that floor.
     fn floor(&self) -> f64 {
         let low = |p: &[Vec3]| p.iter().map(|p| p.y).fold(f64::INFINITY, f64::min);
-        let mut lowest: Vec<f64> = self.places.chunks(self.body.points).map(low).collect();
+        let mut lowest: Vec<f64> = self.places.chunks(self.body.point_count).map(low).collect();
         lowest.sort_unstable_by(f64::total_cmp);
         let usual = lowest[lowest.len() / 20];
         if usual.abs() < 0.15 * self.height { 0.0 } else { usual }
@@ -147,16 +147,16 @@ impl Track {
 
     /// The root's mean z, metres.
     fn middle_z(&self) -> f64 {
-        self.places.iter().step_by(self.body.points).map(|p| p.z).sum::<f64>() / self.frames() as f64
+        self.places.iter().step_by(self.body.point_count).map(|p| p.z).sum::<f64>() / self.frames() as f64
     }
 
     fn frames(&self) -> usize {
-        self.places.len() / self.body.points
+        self.places.len() / self.body.point_count
     }
 
     /// Leftmost and rightmost x of a moment; the last frame is held.
     fn width(&self, time_s: f64) -> (f64, f64) {
-        let (p, f) = (self.body.points, ((time_s * self.fps) as usize).min(self.frames() - 1));
+        let (p, f) = (self.body.point_count, ((time_s * self.fps) as usize).min(self.frames() - 1));
         let xs = self.places[f * p..(f + 1) * p].iter().map(|p| p.x);
         xs.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
     }
@@ -180,7 +180,7 @@ impl Track {
             note: figure.note.clone(),
             fps: self.fps,
             frames: self.frames(),
-            points: self.body.points,
+            points: self.body.point_count,
             height: self.height,
             world,
             bones: self.body.bones.clone(),
@@ -201,7 +201,7 @@ impl Track {
 /// Height of the body, metres; 1 if it has none. By its bones where there is a head: from head to pelvis and on along the
 /// longest leg, whose foot makes up for the skull. Else the most it ever measures from lowest to highest joint.
 fn height(clip: &Clip) -> f64 {
-    let by_bones = standing(clip.skeleton());
+    let by_bones = standing_height_m(clip.skeleton());
     let measures = |p: &[Vec3]| {
         let ys = p.iter().map(|p| p.y);
         ys.clone().fold(f64::NEG_INFINITY, f64::max) - ys.fold(f64::INFINITY, f64::min)

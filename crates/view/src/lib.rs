@@ -16,7 +16,7 @@ pub mod plot;
 pub mod table;
 
 use kinelm_motion::Clip;
-use kinelm_motion::metric::beat::Hits;
+use kinelm_motion::metric::beat::BeatHits;
 use kinelm_store::files;
 pub use kinelm_store::{Error, Result};
 use music::Music;
@@ -41,7 +41,7 @@ pub struct Figure<'a> {
     /// Seconds in which something of it was made anew, each from and to: marked on the bar of the time.
     pub anew_s: Vec<[f64; 2]>,
     /// Which beats of the page's music it hits, one mark a beat: these are lit. `None`: nobody has looked.
-    pub hits: Option<Hits>,
+    pub hits: Option<BeatHits>,
 }
 
 impl<'a> Figure<'a> {
@@ -70,7 +70,7 @@ impl<'a> Figure<'a> {
     }
 
     /// The same with what it hits of the page's music.
-    pub fn hits(mut self, hits: Option<Hits>) -> Self {
+    pub fn hits(mut self, hits: Option<BeatHits>) -> Self {
         self.hits = hits;
         self
     }

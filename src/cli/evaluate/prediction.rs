@@ -12,8 +12,8 @@ use crate::generate::sampling::Draw;
 use crate::generate::{NextToken, reader};
 use crate::model::{Reading, Which, load_run};
 use anyhow::Result;
-use kinelm_motion::format::{self, RateDoubt, ReadOptions, RestFrame, floor_of};
-use kinelm_motion::metric::short_term::{MAJOR, UpTo};
+use kinelm_motion::format::{self, RateDoubt, ReadOptions, RestFrame, resolve_floor};
+use kinelm_motion::metric::short_term::{HorizonMetrics, MAJOR};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, retarget};
 use std::path::{Path, PathBuf};
@@ -163,7 +163,7 @@ fn load(item: &Item, options: &ReadOptions, wanted: Wanted, odd: &Odd) -> Result
     let mut motion = format::read(&item.path, &options)?;
     odd.doubt(&item.file_name(), RateDoubt::in_reading(&motion));
     if wanted.above_floor {
-        let floor = floor_of(&mut motion, &options)?;
+        let floor = resolve_floor(&mut motion, &options)?;
         motion.clip = motion.clip.raised(-floor);
     }
     Ok(retarget::to_smpl(&motion, options.map.as_deref())?)
@@ -185,7 +185,8 @@ fn table(rows: &[Row], fps: f64) -> String {
     }
     for row in rows {
         text += &format!("\n{:<42}", row.name);
-        let columns: [fn(&UpTo) -> f64; 5] = [|u| u.euler, |u| u.euler_fixed, |u| u.angle, |u| u.position, |u| u.auc];
+        let columns: [fn(&HorizonMetrics) -> f64; 5] =
+            [|u| u.euler, |u| u.euler_fixed, |u| u.angle, |u| u.position, |u| u.auc];
         for of in columns {
             row.up_to.iter().for_each(|u| text += &format!(" {:>9.3}", of(u)));
         }

@@ -9,7 +9,7 @@ use crate::generate::followed::Followed;
 use crate::generate::open::Generated;
 use crate::generate::request::{Comes, Edit, PromptRequest, Round, Span, TimedLabel, Timeline};
 use anyhow::Result;
-use kinelm_motion::joints::say_meant_twice;
+use kinelm_motion::joints::ambiguity_note;
 use kinelm_motion::moment::Moment;
 use kinelm_motion::smpl;
 use kinelm_store::counted;
@@ -104,7 +104,7 @@ pub fn say_understood(prompt: &Followed, edited: &Edited, say: Say) {
         say.line(format_args!(
             "{word} {span}: {joints}; frames {from} to {last} of the file, {from_s:.2} to {to_s:.2} s"
         ));
-        twice.iter().for_each(|(part, own)| say.line(format_args!("  {}", say_meant_twice(part, own))));
+        twice.iter().for_each(|(part, own)| say.line(format_args!("  {}", ambiguity_note(part, own))));
         if !uncoded.is_empty() {
             let what = "the model doesn't know them; they are the prompt's, and where all that it knows is free, go from their \
                         pose before to that behind";

@@ -9,7 +9,7 @@ use kinelm_corpus::sidecar::as_written;
 use kinelm_generate::request::FootMode;
 use kinelm_generate::{check_frames, feet};
 use kinelm_motion::Motion;
-use kinelm_motion::feet::{Fixed, Locked};
+use kinelm_motion::feet::{FixedParts, FootLock};
 use kinelm_motion::format::{Format, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::rig::{floor, map_for};
@@ -64,7 +64,7 @@ pub struct Made {
     /// SHA-256 of the clip's file.
     pub clip_sha256: String,
     /// What was done to its feet.
-    pub locked: Option<Locked>,
+    pub locked: Option<FootLock>,
 }
 
 impl Recipe {
@@ -112,7 +112,7 @@ impl Recipe {
         };
         motion.clip = coder.clip(&frames, &skeleton, FPS)?;
         let Some(floor_m) = floor_m else { return Ok(Made { motion, clip_sha256, locked: None }) };
-        let fixed = Fixed { root: false, path: false, legs: [false; 2], frames: kept };
+        let fixed = FixedParts { root: false, path: false, legs: [false; 2], frames: kept };
         let (motion, locked) = feet::held(motion, self.read.map.as_deref(), Some(floor_m), fixed)?;
         Ok(Made { motion, clip_sha256, locked: Some(locked) })
     }

@@ -32,7 +32,7 @@ fn landings_s(clip: &Clip, floor_m: Option<f64>) -> Result<Vec<f64>> {
     let Some(map) = SkeletonMap::builtin("smpl") else { return Ok(Vec::new()) };
     let pose = ReferencePose::new(clip.skeleton(), &map)?;
     let floor_m = floor_m.map_or_else(|| floor(clip, &map).map(|floor| floor.height_m), Ok)?;
-    let legs = Leg::both(&pose, &Feet::of(clip.skeleton(), &pose));
+    let legs = Leg::both(&pose, &Feet::from_pose(clip.skeleton(), &pose));
     let of_leg =
         |(side, leg): (usize, &Leg)| contacts(clip, leg, side, floor_m).into_iter().map(|contact| contact.from);
     let mut frames: Vec<usize> = legs.iter().enumerate().flat_map(of_leg).filter(|from| *from > 0).collect();

@@ -8,7 +8,7 @@ use crate::Result;
 use kinelm_corpus::record::BeatsOf;
 use kinelm_corpus::{ClipRecord, Corpus, Split};
 use kinelm_motion::Clip;
-use kinelm_motion::metric::beat::{Alignment, Held, Hits, Rule, beats_s, pulse_bpm};
+use kinelm_motion::metric::beat::{BeatAlignment, BeatHits, BeatRule, ShiftTest, beats_s, pulse_bpm};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt;
@@ -41,7 +41,7 @@ impl Pair {
     pub fn new(clip: &Clip, joints: &[usize], music_s: &[f64]) -> Result<Pair> {
         let legs: Vec<usize> = LEGS.into_iter().filter(|joint| joints.contains(joint)).collect();
         let legs = if legs.is_empty() { joints } else { &legs };
-        let beats = |joints| beats_s(clip, joints, Rule::Fixed);
+        let beats = |joints| beats_s(clip, joints, BeatRule::Fixed);
         Ok(Pair {
             own_s: [beats(joints)?, beats(legs)?],
             pulse_bpm: pulse_bpm(clip, legs)?,
@@ -73,17 +73,17 @@ impl Pair {
     }
 
     /// All joints on the beat, and the legs at a lag.
-    fn held_at(&self, lag: f64) -> [Held; 2] {
+    fn held_at(&self, lag: f64) -> [ShiftTest; 2] {
         let [all, legs] = &self.own_s;
-        [Held::of(all, &self.music_s, self.seconds), Held::of(legs, &self.later(lag), self.seconds)]
+        [ShiftTest::of(all, &self.music_s, self.seconds), ShiftTest::of(legs, &self.later(lag), self.seconds)]
     }
 
     /// Which beats of the music are hit: by all joints, on the beat; or by the legs, at a part of a beat behind it.
-    pub fn hits(&self, lag: Option<f64>) -> Hits {
+    pub fn hits(&self, lag: Option<f64>) -> BeatHits {
         let [all, legs] = &self.own_s;
         match lag {
-            None => Hits::of(all, &self.music_s, self.seconds),
-            Some(lag) => Hits::of(legs, &self.later(lag), self.seconds),
+            None => BeatHits::of(all, &self.music_s, self.seconds),
+            Some(lag) => BeatHits::of(legs, &self.later(lag), self.seconds),
         }
     }
 
@@ -100,7 +100,7 @@ impl Pair {
 
 /// The part of a beat by which the legs of clips come to rest behind it: where they score best. None of no clips.
 pub fn lag(all: &[Pair]) -> Option<f64> {
-    let score = |lag: f64| all.iter().map(|p| Alignment::of(&p.own_s[1], &p.later(lag)).motion).sum::<f64>();
+    let score = |lag: f64| all.iter().map(|p| BeatAlignment::of(&p.own_s[1], &p.later(lag)).motion).sum::<f64>();
     let lags: Vec<f64> = LAGS.map(|lag| f64::from(lag) / 100.0).collect();
     let scores: Vec<f64> = lags.par_iter().map(|lag| score(*lag)).collect();
     let best = lags.into_iter().zip(scores).max_by(|a, b| a.1.total_cmp(&b.1));
@@ -143,20 +143,20 @@ pub struct Figures {
 }
 
 impl Figures {
-    fn of(all: &[Held]) -> Option<Figures> {
+    fn of(all: &[ShiftTest]) -> Option<Figures> {
         let n = all.len() as f64;
-        let mean = |of: &dyn Fn(&Held) -> f64| all.iter().map(of).sum::<f64>() / n;
-        let pair = |a: Alignment| [a.motion, a.music];
+        let mean = |of: &dyn Fn(&ShiftTest) -> f64| all.iter().map(of).sum::<f64>() / n;
+        let pair = |a: BeatAlignment| [a.motion, a.music];
         let [motion, music] = [mean(&|h| h.found.motion), mean(&|h| h.found.music)];
         let chances: Option<Vec<f64>> = all.iter().map(|held| held.chance).collect();
         let one = all.first()?;
         Some(Figures {
             beats: [0, 1].map(|i| all.iter().map(|held| held.beats[i]).sum()),
-            found: [motion, music, Alignment { motion, music }.both()],
+            found: [motion, music, BeatAlignment { motion, music }.both()],
             shifted: [mean(&|h| h.mean.motion), mean(&|h| h.mean.music)],
             chance: chances.map(|chances| chances.iter().sum::<f64>() / n),
             percentile: (all.len() == 1).then(|| pair(one.percentile)),
-            z: Held::z(all).map(pair),
+            z: ShiftTest::z(all).map(pair),
         })
     }
 }
@@ -164,7 +164,7 @@ impl Figures {
 impl Kept {
     /// The means over dances; nothing of none.
     pub fn of(name: &str, all: &[Pair], lag: f64) -> Option<Kept> {
-        let held: Vec<[Held; 2]> = all.par_iter().map(|pair| pair.held_at(lag)).collect();
+        let held: Vec<[ShiftTest; 2]> = all.par_iter().map(|pair| pair.held_at(lag)).collect();
         let of = |way: usize| Figures::of(&held.iter().map(|held| held[way]).collect::<Vec<_>>());
         let in_tempo = all.iter().filter(|pair| pair.is_in_tempo()).count() as f64 / all.len() as f64;
         Some(Kept { name: name.into(), dances: all.len(), all: of(0)?, legs: of(1)?, lag, in_tempo })

@@ -5,7 +5,7 @@ use super::frechet::{Held, Rows, Scale, held};
 use super::report::Real;
 use crate::Result;
 use kinelm_corpus::Split;
-use kinelm_motion::metric::features::{COMPAT_FPS, Form, Places, geometric, kinetic};
+use kinelm_motion::metric::features::{COMPAT_FPS, Formulas, JointPositions, geometric, kinetic};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Vec3};
 use kinelm_store::random;
@@ -59,7 +59,7 @@ enum Done {
 /// Words that can't be decoded; what resampling and features fail with.
 pub fn features(real_clips: &Real, sets: &[(&str, &[Dance])]) -> Result<Vec<Features>> {
     let mut tables = Vec::new();
-    for (form, form_name) in [(Form::Fixed, "fixed"), (Form::Compat, "compat")] {
+    for (form, form_name) in [(Formulas::Fixed, "fixed"), (Formulas::Compat, "compat")] {
         let of_split = |split| {
             let corpus = real_clips.corpus();
             Pieces::of(corpus.split(split).map(|clip| clip.frames), corpus.tokenizer().fps(), form)
@@ -96,7 +96,7 @@ pub fn features(real_clips: &Real, sets: &[(&str, &[Dance])]) -> Result<Vec<Feat
             named.push(((*name).to_owned(), clouds(all.collect::<Result<Vec<_>>>()?.into_iter().flatten())));
         }
         for (at, kind) in ["kinetic", "geometric"].into_iter().enumerate() {
-            let scale = Scale::of(&real[at], form == Form::Compat);
+            let scale = Scale::of(&real[at], form == Formulas::Compat);
             let scaled = |rows: &Rows| scale.apply(rows);
             let all = scaled(&real[at]);
             let mut held_to =
@@ -131,7 +131,7 @@ fn clouds(vectors: impl Iterator<Item = Vector>) -> [Rows; 2] {
 
 /// Which pieces of the clips of a set are taken.
 struct Pieces {
-    form: Form,
+    form: Formulas,
     /// Of each clip.
     taken: Vec<Vec<usize>>,
     sampled: bool,
@@ -139,12 +139,12 @@ struct Pieces {
 
 impl Pieces {
     /// Of clips of so many frames at `fps`: all pieces, or [`MOST`] of them.
-    fn of(clips: impl Iterator<Item = usize>, fps: f64, form: Form) -> Pieces {
+    fn of(clips: impl Iterator<Item = usize>, fps: f64, form: Formulas) -> Pieces {
         let (window, hop) = window_of(fps);
         let count = |frames: usize| match form {
             _ if frames < 2 => 0,
-            Form::Compat => 1,
-            Form::Fixed => (frames + 1).saturating_sub(window).div_ceil(hop),
+            Formulas::Compat => 1,
+            Formulas::Fixed => (frames + 1).saturating_sub(window).div_ceil(hop),
         };
         let counts: Vec<usize> = clips.map(count).collect();
         let all: usize = counts.iter().sum();
@@ -171,8 +171,8 @@ impl Pieces {
         let (window, hop) = window_of(places.fps());
         let vector = |&piece: &usize| {
             let frames = match self.form {
-                Form::Compat => 0..places.frames().min(COMPAT_FRAMES),
-                Form::Fixed => piece * hop..piece * hop + window,
+                Formulas::Compat => 0..places.frames().min(COMPAT_FRAMES),
+                Formulas::Fixed => piece * hop..piece * hop + window,
             };
             let piece = places.slice(frames);
             [kinetic(&piece, self.form).to_vec(), geometric(&piece, self.form).to_vec()]
@@ -182,12 +182,12 @@ impl Pieces {
 }
 
 /// Places at the rate that a form is of; `compat` has the root's first place at 0.
-fn places(clip: &Clip, form: Form) -> Result<Places> {
-    if form == Form::Fixed {
-        return Ok(Places::of(clip)?);
+fn places(clip: &Clip, form: Formulas) -> Result<JointPositions> {
+    if form == Formulas::Fixed {
+        return Ok(JointPositions::of(clip)?);
     }
     let first = clip.root().first().copied().unwrap_or_default();
-    Ok(Places::of(&resample(clip, COMPAT_FPS, Method::Slerp)?)?.changed(|place| place - first))
+    Ok(JointPositions::of(&resample(clip, COMPAT_FPS, Method::Slerp)?)?.changed(|place| place - first))
 }
 
 /// Frames of a window of five seconds, and to the next, which has half of it.
@@ -197,7 +197,7 @@ fn window_of(fps: f64) -> (usize, usize) {
 }
 
 impl Done {
-    fn apply(self, places: &Places, clip: usize) -> Places {
+    fn apply(self, places: &JointPositions, clip: usize) -> JointPositions {
         match self {
             Done::Nothing => places.clone(),
             Done::Reversed => places.reversed(),
@@ -240,11 +240,11 @@ mod tests {
     #[test]
     fn windows_are_five_seconds_half_in_the_next() {
         let pieces = |clips: &[usize], form| Pieces::of(clips.iter().copied(), 20.0, form);
-        assert_eq!(pieces(&[220, 99, 100], Form::Fixed).taken, [vec![0, 1, 2], vec![], vec![0]]);
-        assert_eq!(pieces(&[220, 1, 2], Form::Compat).taken, [vec![0], vec![], vec![0]]);
+        assert_eq!(pieces(&[220, 99, 100], Formulas::Fixed).taken, [vec![0, 1, 2], vec![], vec![0]]);
+        assert_eq!(pieces(&[220, 1, 2], Formulas::Compat).taken, [vec![0], vec![], vec![0]]);
         assert_eq!(window_of(20.0), (100, 50));
         // of ten hours a sample
-        let many = pieces(&[7_200; 100], Form::Fixed);
+        let many = pieces(&[7_200; 100], Formulas::Fixed);
         let taken: usize = many.taken.iter().map(Vec::len).sum();
         assert_eq!((taken, many.sampled, &many.taken[99][..2]), (MOST, true, &[0, 3][..]));
         assert!(many.taken.iter().all(|of_clip| of_clip.iter().all(|piece| piece * 50 + 100 <= 7_200)));

@@ -168,7 +168,7 @@ impl<'a> Judge<'a> {
                 skate.add(&Skate::of(&self.feet, &part));
                 feet_frames += part.frames();
                 let pelvis: Vec<f64> = part.root().iter().map(|p| p.y).collect();
-                ground.add(&Ground::of(&self.feet.least(&part), &pelvis, clip.fps()));
+                ground.add(&Ground::of(&self.feet.clearance(&part), &pelvis, clip.fps()));
             }
             if let Some(mean) = jitter_of(&part, &stretch.joints) {
                 jerk += (part.frames() - 3) as f64 * mean;

@@ -222,7 +222,7 @@ impl<'a> Real<'a> {
     /// How a decoded dance stands on its floor, which coding has put to y = 0.
     fn ground(&self, clip: &Clip) -> Ground {
         let pelvis: Vec<f64> = clip.root().iter().map(|p| p.y).collect();
-        Ground::of(&self.feet.least(clip), &pelvis, self.fps)
+        Ground::of(&self.feet.clearance(clip), &pelvis, self.fps)
     }
 
     /// Features of sets of dances, and of the real clips that no dance was learned from, beside those of the real train clips.

@@ -5,7 +5,7 @@ pub use kinelm_corpus::build::{BLOCK_PER_THREAD, BuildOptions};
 use kinelm_corpus::load::item_options;
 use kinelm_corpus::record::Split;
 use kinelm_corpus::{Gathered, Item};
-use kinelm_motion::format::{self, RateDoubt, RateDoubts, ReadOptions, floor_of};
+use kinelm_motion::format::{self, RateDoubt, RateDoubts, ReadOptions, resolve_floor};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, FaultKind, Quat, Vec3, retarget, smpl};
 use kinelm_store::hash::hex;
@@ -203,7 +203,7 @@ fn load(item: &Item, read: &ReadOptions) -> Result<(Clip, Option<RateDoubt>)> {
     let options = item_options(item, read);
     let mut motion = format::read(&item.path, &options)?;
     let doubt = RateDoubt::in_reading(&motion);
-    let floor = floor_of(&mut motion, &options)?;
+    let floor = resolve_floor(&mut motion, &options)?;
     motion.clip = motion.clip.raised(-floor);
     let clip = retarget::to_smpl(&motion, options.map.as_deref())?;
     let Some(first) = clip.root().first() else {

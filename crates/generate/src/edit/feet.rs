@@ -4,7 +4,7 @@ use super::mask::Mask;
 use super::splice::on_both;
 use crate::Result;
 use kinelm_motion::Clip;
-use kinelm_motion::feet::{Fixed, Locked, lock};
+use kinelm_motion::feet::{FixedParts, FootLock, lock};
 use kinelm_motion::joints::LEGS;
 use kinelm_motion::rig::SkeletonMap;
 use std::ops::Range;
@@ -19,11 +19,11 @@ fn gaps(mask: &Mask) -> Vec<Range<usize>> {
 }
 
 /// What is fixed in a gap.
-fn fixed(mask: &Mask, gap: &Range<usize>) -> Fixed {
+fn fixed(mask: &Mask, gap: &Range<usize>) -> FixedParts {
     let given = |joint: usize| mask.is_coded(joint) && gap.clone().any(|frame| mask.is_given(frame, joint));
     let legs = LEGS.map(|leg| leg.into_iter().any(given));
     // a path that has to arrive isn't carried elsewhere, to be pulled back again
-    Fixed { root: given(0), path: gap.end < mask.frames(), legs, frames: gap.start }
+    FixedParts { root: given(0), path: gap.end < mask.frames(), legs, frames: gap.start }
 }
 
 /// `dance`, on SMPL-24, with its feet held in every gap in which a leg is free; what is given is `truth`, of as many
@@ -31,7 +31,7 @@ fn fixed(mask: &Mask, gap: &Range<usize>) -> Fixed {
 ///
 /// # Errors
 /// None that clips on SMPL-24 bring about.
-pub fn held(dance: &Clip, truth: &Clip, mask: &Mask, floor_m: f64) -> Result<(Clip, Vec<Locked>)> {
+pub fn held(dance: &Clip, truth: &Clip, mask: &Mask, floor_m: f64) -> Result<(Clip, Vec<FootLock>)> {
     let map = SkeletonMap::by_name_or_file("smpl")?;
     let (mut dance, mut done) = (dance.clone(), Vec::new());
     for gap in gaps(mask) {

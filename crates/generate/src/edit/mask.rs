@@ -2,7 +2,7 @@
 
 use crate::request::Span;
 use kinelm_motion::joints::{self, Selection};
-use kinelm_motion::moment::Scale;
+use kinelm_motion::moment::Timebase;
 use kinelm_motion::{Skeleton, smpl};
 use kinelm_tokenizer::Tokenizer;
 use std::ops::Range;
@@ -51,14 +51,14 @@ impl Mask {
     /// Joints that are none, or of which the tokenizer codes none; times outside of the clip; nothing that is left free.
     pub fn read(
         (given, free): (&[Span], &[Span]),
-        scale: Scale,
+        scale: Timebase,
         tokenizer: &Tokenizer,
         (rig, map): (&Skeleton, Option<&str>),
     ) -> Result<Read, String> {
         let coded = bits(tokenizer.channels().joints());
         let understood = |span: &Span| -> Result<Understood, String> {
             let wrong = |e: kinelm_motion::Error| format!("{span}: {e}");
-            let list = joints::in_smpl_names(&span.joints, rig, map).map_err(wrong)?;
+            let list = joints::to_smpl_names(&span.joints, rig, map).map_err(wrong)?;
             let Selection { joints, .. } = joints::parse(&list).map_err(wrong)?;
             let all = list.split(',').any(|part| part.trim() == "all");
             let (joints, uncoded): (Vec<usize>, Vec<usize>) = joints.into_iter().partition(|&j| has(coded, j));
@@ -67,7 +67,7 @@ impl Mask {
                 return Err(format!("{span}: the model knows none of these joints; it knows {}", known.join(" ")));
             }
             let frames = span.frames(scale)?;
-            let twice = joints::meant_twice(&span.joints, rig, map);
+            let twice = joints::ambiguous_names(&span.joints, rig, map);
             let (span, uncoded) = (Span { joints: list, ..span.clone() }, if all { Vec::new() } else { uncoded });
             Ok(Understood { span, joints, uncoded, frames, twice })
         };

@@ -14,10 +14,10 @@ use super::request::{Edit, PromptRequest};
 use super::rest::{RestJoints, mean_pose};
 use crate::{Error, Result};
 use close::LeftOver;
-use kinelm_motion::feet::Locked;
+use kinelm_motion::feet::FootLock;
 use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh::Changed};
 use kinelm_motion::joints::Selection;
-use kinelm_motion::moment::Scale;
+use kinelm_motion::moment::Timebase;
 use kinelm_motion::resample::{Method, held_frames, resample, resample_held};
 use kinelm_motion::rig::{SkeletonMap, floor};
 use kinelm_motion::{Clip, Motion};
@@ -59,7 +59,7 @@ pub struct Closed {
     /// What was left over at the ends of gaps.
     pub left: Vec<LeftOver>,
     /// What was done to feet, gap by gap.
-    pub locked: Vec<Locked>,
+    pub locked: Vec<FootLock>,
 }
 
 impl Closed {
@@ -89,7 +89,7 @@ impl Edited {
         let (clip, fps) = (&prompt.motion.clip, tokenizer.fps());
         let again = seam.as_ref().map_or(0, |seam| seam.again);
         let left_out = whole.clip.frames().saturating_sub(clip.frames() - again);
-        let scale = Scale { frames: clip.frames(), fps: clip.fps(), left_out, model_fps: Some(fps) };
+        let scale = Timebase { frames: clip.frames(), fps: clip.fps(), left_out, model_fps: Some(fps) };
         let rig = (&**clip.skeleton(), recipe.read.map.as_deref());
         let looped = seam.as_ref().map(|seam| seam.span(left_out));
         let (given, free) = match &looped {

@@ -1,6 +1,6 @@
 //! Joints and when, as a call names them: `left_arm@4s:8s`.
 
-use kinelm_motion::moment::{Moment, Scale};
+use kinelm_motion::moment::{Moment, Timebase};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::Range;
@@ -93,8 +93,8 @@ impl Span {
     ///
     /// # Errors
     /// A moment outside of the clip, with how long that is; a time without a frame.
-    pub fn frames(&self, scale: Scale) -> Result<Range<usize>, String> {
-        let border = |moment: Option<Moment>, otherwise: usize| match moment.map(|m| (m, m.border(scale))) {
+    pub fn frames(&self, scale: Timebase) -> Result<Range<usize>, String> {
+        let border = |moment: Option<Moment>, otherwise: usize| match moment.map(|m| (m, m.boundary(scale))) {
             None => Ok(otherwise),
             Some((_, Some(border))) => Ok(border),
             Some((moment, None)) => {
@@ -159,7 +159,7 @@ mod tests {
 
     #[test]
     fn frames_lie_within_the_clip() {
-        let scale = Scale { frames: 100, fps: 20.0, left_out: 10, model_fps: Some(10.0) };
+        let scale = Timebase { frames: 100, fps: 20.0, left_out: 10, model_fps: Some(10.0) };
         assert_eq!(span("all@1s:2s").frames(scale), Ok(20..40));
         assert_eq!(span("all@20f:-1s").frames(scale), Ok(10..80));
         assert_eq!(span("all").frames(scale), Ok(0..100));

@@ -3,9 +3,9 @@
 use super::told;
 use crate::Error;
 use crate::request::{At, Segment, TimedLabel, Timeline, TimelineClip};
-use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh::BvhSource, floor_of};
+use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh::BvhSource, resolve_floor};
 use kinelm_motion::joints::{self, Selection};
-use kinelm_motion::moment::{Moment, Scale};
+use kinelm_motion::moment::{Moment, Timebase};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
 use kinelm_motion::rig::map_for;
@@ -74,7 +74,7 @@ pub(super) struct ReadClip {
     /// Frames of the file in front of the clip's.
     pub left_out: usize,
     /// The frames and the rate of its file: moments are counted in these.
-    scale: Scale,
+    scale: Timebase,
     /// How far its floor lies above that of the rig's clip, metres.
     above_m: f64,
     /// (F) where it faces, radians.
@@ -159,7 +159,7 @@ impl TimelineLayout {
             return Err(Fault::Clip(plan.rig.clone(), format!("{}", own.file.display()), expected.into()));
         };
         let source = (**source).clone();
-        let floor_m = floor_of(&mut motion, &own.options()).map_err(|e| unread(&plan.rig, &e))?;
+        let floor_m = resolve_floor(&mut motion, &own.options()).map_err(|e| unread(&plan.rig, &e))?;
         let mut clips = BTreeMap::new();
         for (name, clip) in &plan.clips {
             if *name == plan.rig || plan.segments.iter().any(|segment| segment.clip.as_ref() == Some(name)) {
@@ -238,7 +238,7 @@ fn ready(
     let whole = ReadOptions { skip: 0, rest: RestFrame::Keep, ..options.clone() };
     let all = format::parse(&clip.file, &bytes, &whole)?;
     let left_out = all.clip.frames() - motion.clip.frames();
-    let scale = Scale { frames: motion.clip.frames(), fps: motion.clip.fps(), left_out, model_fps: None };
+    let scale = Timebase { frames: motion.clip.frames(), fps: motion.clip.fps(), left_out, model_fps: None };
     let on_smpl = resample(&retarget::to_smpl(&motion, clip.map.as_deref())?, fps, Method::Auto)?;
     let mut last = 0.0;
     let headings = (0..on_smpl.frames()).map(|f| {
@@ -250,15 +250,15 @@ fn ready(
         && source.is_alike(other)
         && motion.clip.fps() == fps
     {
-        let above_m = if clip == own { 0.0 } else { floor_of(&mut motion, &options)? - floor_m };
+        let above_m = if clip == own { 0.0 } else { resolve_floor(&mut motion, &options)? - floor_m };
         let exact = Some(((**other).clone(), bytes));
         return Ok(ReadClip { clip: motion.clip, exact, left_out, scale, above_m, headings });
     }
     let skeleton = rig.clip.skeleton();
     let way = Retarget::new(skeleton, &map_for(skeleton, own.map.as_deref())?, smpl::neutral())?;
-    let moved = way.with_floor(format::floor_m(rig, own.map.as_deref())?).to_rig_over(&on_smpl, None)?;
+    let moved = way.with_floor(format::floor_height(rig, own.map.as_deref())?).to_rig_over(&on_smpl, None)?;
     let mut on_rig = Motion { clip: moved, ..rig.clone() };
-    let above_m = floor_of(&mut on_rig, &own.options())? - floor_m;
+    let above_m = resolve_floor(&mut on_rig, &own.options())? - floor_m;
     Ok(ReadClip { clip: on_rig.clip, exact: None, left_out: 0, scale, above_m, headings })
 }
 
@@ -272,9 +272,9 @@ fn place(
     let fps = rig.clip.fps();
     let wrong =
         |e: kinelm_motion::Error| (format!("joints = \"{}\": {e}", segment.joints), "joints of the rig".to_owned());
-    let list = joints::in_smpl_names(&segment.joints, rig.clip.skeleton(), own.map.as_deref()).map_err(wrong)?;
-    let twice = joints::meant_twice(&segment.joints, rig.clip.skeleton(), own.map.as_deref());
-    notes.extend(twice.iter().map(|(part, own)| joints::say_meant_twice(part, own)));
+    let list = joints::to_smpl_names(&segment.joints, rig.clip.skeleton(), own.map.as_deref()).map_err(wrong)?;
+    let twice = joints::ambiguous_names(&segment.joints, rig.clip.skeleton(), own.map.as_deref());
+    notes.extend(twice.iter().map(|(part, own)| joints::ambiguity_note(part, own)));
     let Selection { mut joints, .. } = joints::parse(&list).map_err(wrong)?;
     joints.sort_unstable();
     joints.dedup();
@@ -293,7 +293,7 @@ fn place(
 
 /// The frames of the dance over which a segment holds; found and expected where there are none.
 pub(super) fn times(segment: &Segment, fps: f64) -> Result<Range<usize>, (String, String)> {
-    let scale = Scale { frames: (LONGEST_S * fps) as usize, fps, left_out: 0, model_fps: None };
+    let scale = Timebase { frames: (LONGEST_S * fps) as usize, fps, left_out: 0, model_fps: None };
     let counted = || "seconds or frames (40f) from the beginning of the dance".to_owned();
     let (from, to) = (border("from", segment.from, scale, counted())?, border("to", segment.to, scale, counted())?);
     if from >= to {
@@ -303,9 +303,9 @@ pub(super) fn times(segment: &Segment, fps: f64) -> Result<Range<usize>, (String
 }
 
 /// The frame of a moment that a key names, not counted from the end.
-fn border(key: &str, at: At, scale: Scale, expected: String) -> Result<usize, (String, String)> {
+fn border(key: &str, at: At, scale: Timebase, expected: String) -> Result<usize, (String, String)> {
     let negative = matches!(at.0, Moment::Seconds(n) | Moment::Frames(n) | Moment::Model(n) if n.is_sign_negative());
-    at.0.border(scale).filter(|_| !negative).ok_or_else(|| (format!("{key} = {}", at.0), expected))
+    at.0.boundary(scale).filter(|_| !negative).ok_or_else(|| (format!("{key} = {}", at.0), expected))
 }
 
 /// Refuses joints that two segments give at a time, and makes room where one goes over into another.

@@ -1,6 +1,6 @@
 //! When and where feet stand.
 
-use super::{BLEND_S, leg::Leg, sole};
+use super::{BLEND_S, flatten, leg::Leg};
 use crate::{Clip, Vec3};
 use std::ops::Range;
 
@@ -31,7 +31,7 @@ pub struct Contact {
     pub joint: usize,
     /// Where: x, z; metres.
     pub place: [f64; 2],
-    /// By how much the foot is turned in its ankle, toes up, radians: [`sole::turn`].
+    /// By how much the foot is turned in its ankle, toes up, radians: [`flatten::turn`].
     pub turn: f64,
 }
 
@@ -152,7 +152,7 @@ pub fn moves(clip: &Clip, leg: &Leg, contacts: &[Contact], (floor_m, given): (f6
     // where a joint of the foot comes by its turn alone
     let turned = |f: usize, joint: usize, turn: f64| {
         let foot = at(f, joint) - at(f, leg.ankle);
-        at(f, leg.ankle) + sole::toes_up(foot, turn) * foot
+        at(f, leg.ankle) + flatten::toes_up(foot, turn) * foot
     };
     let mut out = Moves { by: vec![Vec3::ZERO; frames], turn: vec![0.0; frames] };
     let mut held: Vec<bool> = (0..frames).map(|f| f < given).collect();

@@ -3,11 +3,11 @@
 //! Three steps, each a file: the body is [settled](settle) on its floor, the places where feet stand are [found](contact),
 //! and legs are [bent](leg) so that these stay there. Definitions: docs/generation.md, "Feet".
 
+pub mod anchor;
 pub mod contact;
-pub mod glide;
+pub mod flatten;
 pub mod leg;
 pub mod settle;
-pub mod sole;
 
 use crate::rig::{Feet, ReferencePose, SkeletonMap};
 use crate::{Clip, GlobalPose, Quat, Result, Vec3};
@@ -16,7 +16,7 @@ use leg::Leg;
 
 /// What must not be moved: it was given.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Fixed {
+pub struct FixedParts {
     /// The place of the body.
     pub root: bool,
     /// Its way over the ground alone: it is not carried, but may be raised and lowered.
@@ -29,9 +29,9 @@ pub struct Fixed {
 
 /// What was done to a clip.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Locked {
+pub struct FootLock {
     /// Contacts that were held, left and right.
-    pub held: Vec<Contact>,
+    pub locked: Vec<Contact>,
     /// Contacts that were left alone, since the leg can't reach within 5 cm of where the foot would stay.
     pub out_of_reach: Vec<Contact>,
     /// Mean distance that feet were moved in the frames of contacts, centimetres.
@@ -61,11 +61,11 @@ const LOWER_M: f64 = 0.05;
 ///
 /// # Errors
 /// As [`ReferencePose::new`], for a rig that has no legs by this map.
-pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: Fixed) -> Result<(Clip, Locked)> {
+pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: FixedParts) -> Result<(Clip, FootLock)> {
     let pose = ReferencePose::new(clip.skeleton(), map)?;
-    let feet = Feet::of(clip.skeleton(), &pose);
+    let feet = Feet::from_pose(clip.skeleton(), &pose);
     let legs = Leg::both(&pose, &feet);
-    let mut locked = Locked::default();
+    let mut locked = FootLock::default();
     let mut root = clip.root().to_vec();
     let ups = hangs(clip, &feet, floor_m, fixed);
     if !fixed.root {
@@ -77,7 +77,7 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: Fixed) -> Resul
     let at = |root: Vec<Vec3>| Clip::new(clip.skeleton().clone(), clip.fps(), root, clip.rotations().to_vec());
     let mut settled = at(root)?;
     if !fixed.root && !fixed.path {
-        let offsets = glide::offsets(&settled, &legs, floor_m, fixed.frames);
+        let offsets = anchor::offsets(&settled, &legs, floor_m, fixed.frames);
         settled = at(settled.root().iter().zip(&offsets).map(|(p, by)| *p + *by).collect())?;
         locked.carried_cm = offsets.iter().map(|by| 100.0 * by.length()).fold(0.0, f64::max);
     }
@@ -91,14 +91,14 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: Fixed) -> Resul
         found[side].iter_mut().for_each(|contact| contact.begin_at(fixed.frames, &settled));
         found[side].retain(|contact| !contact.frames().is_empty());
         let whole = found[side].iter_mut().filter(|contact| contact.from > fixed.frames || fixed.frames == 0);
-        whole.for_each(|contact| contact.turn = sole::turn(&settled, leg, contact));
+        whole.for_each(|contact| contact.turn = flatten::turn(&settled, leg, contact));
     }
     // what can't be reached is known only when the body has been lowered, so it is left out and all is done again
     loop {
         let (done, far) = hold(&settled, &legs, &found, floor_m, fixed)?;
         if far.is_empty() {
             locked.moved_cm = moved_cm(&settled, &done, &legs, &found);
-            locked.held = found.concat();
+            locked.locked = found.concat();
             return Ok((done, locked));
         }
         for contact in far {
@@ -114,8 +114,8 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: Fixed) -> Resul
 }
 
 /// (F) How far the body is too high for its floor, metres.
-fn hangs(clip: &Clip, feet: &Feet, floor_m: f64, fixed: Fixed) -> Vec<f64> {
-    let (least, others) = (feet.least(clip), feet.others(clip));
+fn hangs(clip: &Clip, feet: &Feet, floor_m: f64, fixed: FixedParts) -> Vec<f64> {
+    let (least, others) = (feet.clearance(clip), feet.other_heights(clip));
     let least: Vec<f64> =
         least.iter().zip(&others).map(|(y, other)| settle::height(y - floor_m, other - floor_m)).collect();
     let pelvis: Vec<f64> = clip.root().iter().map(|p| p.y).collect();
@@ -135,8 +135,8 @@ fn bent(clip: &Clip, legs: &[Leg; 2], moves: &[(usize, Moves)]) -> Result<(Clip,
             if by[f].length() > 0.0 || turn[f] != 0.0 {
                 let leg = &legs[*side];
                 pose.set(clip.skeleton(), clip.root()[f], local);
-                let turn = sole::flat(leg).map_or(Quat::IDENTITY, |(ball, _)| {
-                    sole::toes_up(pose.positions[ball] - pose.positions[leg.ankle], turn[f])
+                let turn = flatten::flat(leg).map_or(Quat::IDENTITY, |(ball, _)| {
+                    flatten::toes_up(pose.positions[ball] - pose.positions[leg.ankle], turn[f])
                 });
                 apart[*side][f] = leg.bend(clip.skeleton(), &pose, (by[f], turn), local);
             }
@@ -169,7 +169,7 @@ fn hold(
     legs: &[Leg; 2],
     found: &[Vec<Contact>; 2],
     floor_m: f64,
-    fixed: Fixed,
+    fixed: FixedParts,
 ) -> Result<(Clip, Vec<Contact>)> {
     let (frames, fps) = (clip.frames(), clip.fps());
     let begins = Begins { frames: fixed.frames, fps };

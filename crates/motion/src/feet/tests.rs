@@ -33,7 +33,7 @@ fn skate(clip: &Clip) -> f64 {
 fn ground(clip: &Clip) -> Ground {
     let feet = Feet::new(clip.skeleton(), &map()).unwrap();
     let pelvis: Vec<f64> = clip.root().iter().map(|p| p.y).collect();
-    Ground::of(&feet.least(clip), &pelvis, clip.fps())
+    Ground::of(&feet.clearance(clip), &pelvis, clip.fps())
 }
 
 #[test]
@@ -41,8 +41,8 @@ fn a_dance_that_slides_and_hangs_stands() {
     for seed in 1..6 {
         let clip = dance(seed);
         let bad = spoiled(&clip);
-        let (done, locked) = lock(&bad, &map(), 0.0, Fixed::default()).unwrap();
-        assert!(locked.held.len() >= 2, "{locked:?}");
+        let (done, locked) = lock(&bad, &map(), 0.0, FixedParts::default()).unwrap();
+        assert!(locked.locked.len() >= 2, "{locked:?}");
         assert!(ground(&bad).floating_share().unwrap() > 0.5);
         assert!(ground(&done).floating_share().unwrap() < 0.05, "{:?}", ground(&done));
         assert!(ground(&done).penetration_share().unwrap() < 0.02, "{:?}", ground(&done));
@@ -51,7 +51,7 @@ fn a_dance_that_slides_and_hangs_stands() {
         assert!(jitter(&done).unwrap() < jitter(&bad).unwrap() + 15.0);
         // feet that stand have their place to the millimetre
         let places = done.positions();
-        for contact in &locked.held {
+        for contact in &locked.locked {
             for f in contact.frames() {
                 let p = places[f * 24 + contact.joint];
                 let apart = (p.x - contact.place[0]).hypot(p.z - contact.place[1]);
@@ -79,28 +79,28 @@ fn a_dance_that_slides_and_hangs_stands() {
 fn what_is_given_is_not_touched() {
     let bad = spoiled(&dance(2));
     let (done, locked) =
-        lock(&bad, &map(), 0.0, Fixed { root: true, path: false, legs: [false, true], frames: 0 }).unwrap();
+        lock(&bad, &map(), 0.0, FixedParts { root: true, path: false, legs: [false, true], frames: 0 }).unwrap();
     assert_eq!((done.root(), locked.settled_cm), (bad.root(), 0.0));
-    assert!(locked.held.iter().all(|c| c.side == 0));
+    assert!(locked.locked.iter().all(|c| c.side == 0));
     for f in 0..done.frames() {
         for j in [0, 2, 5, 8, 11] {
             assert_eq!(done.pose(f)[j], bad.pose(f)[j]);
         }
     }
     let (same, locked) =
-        lock(&bad, &map(), 0.0, Fixed { root: true, path: false, legs: [true, true], frames: 0 }).unwrap();
-    assert_eq!((&same, locked), (&bad, Locked::default()));
+        lock(&bad, &map(), 0.0, FixedParts { root: true, path: false, legs: [true, true], frames: 0 }).unwrap();
+    assert_eq!((&same, locked), (&bad, FootLock::default()));
 }
 
 #[test]
 fn where_the_root_is_given_legs_come_down_to_the_floor() {
     for seed in 1..4 {
         let bad = dance(seed).raised(0.05);
-        let fixed = Fixed { root: true, ..Fixed::default() };
+        let fixed = FixedParts { root: true, ..FixedParts::default() };
         let (done, locked) = lock(&bad, &map(), 0.0, fixed).unwrap();
         assert_eq!((done.root(), locked.settled_cm), (bad.root(), 0.0));
         let least = |clip: &Clip| {
-            let mut least = Feet::new(clip.skeleton(), &map()).unwrap().least(clip);
+            let mut least = Feet::new(clip.skeleton(), &map()).unwrap().clearance(clip);
             least.sort_by(f64::total_cmp);
             least[least.len() / 2]
         };
@@ -109,7 +109,7 @@ fn where_the_root_is_given_legs_come_down_to_the_floor() {
         let (done, _) = lock(&dance(seed).raised(-0.05), &map(), 0.0, fixed).unwrap();
         assert!(ground(&done).penetration_share().unwrap() < 0.02, "{:?}", ground(&done));
         // a leg that is given may be the one that stands
-        let one = Fixed { root: true, legs: [true, false], ..Fixed::default() };
+        let one = FixedParts { root: true, legs: [true, false], ..FixedParts::default() };
         let (done, _) = lock(&bad, &map(), 0.0, one).unwrap();
         assert!((0..done.frames()).all(|f| [1, 4, 7].iter().all(|&j| done.pose(f)[j] == bad.pose(f)[j])));
     }
@@ -118,7 +118,7 @@ fn where_the_root_is_given_legs_come_down_to_the_floor() {
 #[test]
 fn feet_that_stand_lie_flat_and_who_stands_on_the_balls_goes_on() {
     let pose = ReferencePose::new(&smpl::neutral(), &map()).unwrap();
-    let legs = Leg::both(&pose, &Feet::of(&smpl::neutral(), &pose));
+    let legs = Leg::both(&pose, &Feet::from_pose(&smpl::neutral(), &pose));
     let stands = |pitch: f64| {
         let mut local = vec![Quat::IDENTITY; 24];
         // knees a little bent, so that heels can come down
@@ -126,30 +126,30 @@ fn feet_that_stand_lie_flat_and_who_stands_on_the_balls_goes_on() {
             (local[hip], local[knee]) = (Quat::from_rotation_x(-0.3), Quat::from_rotation_x(0.6));
             local[ankle] = Quat::from_rotation_x(-0.3);
             let before = GlobalPose::new(&smpl::neutral(), Vec3::Y, &local);
-            let foot = before.positions[sole::flat(leg).unwrap().0] - before.positions[ankle];
-            let turn = sole::toes_up(foot, pitch);
+            let foot = before.positions[flatten::flat(leg).unwrap().0] - before.positions[ankle];
+            let turn = flatten::toes_up(foot, pitch);
             let over = before.rotations[ankle] * local[ankle].conjugate();
             local[ankle] = over.conjugate() * turn * before.rotations[ankle];
         }
         let clip = Clip::new(smpl::neutral(), 20.0, vec![Vec3::Y; 40], local.repeat(40)).unwrap();
-        let least = Feet::new(&smpl::neutral(), &map()).unwrap().least(&clip)[0];
+        let least = Feet::new(&smpl::neutral(), &map()).unwrap().clearance(&clip)[0];
         clip.raised(-least)
     };
     let pitch = |clip: &Clip, f: usize, leg: &Leg| {
-        let (places, (ball, flat)) = (clip.global_pose(f).positions, sole::flat(leg).unwrap());
-        sole::pitch(places[ball] - places[leg.ankle], flat)
+        let (places, (ball, flat)) = (clip.global_pose(f).positions, flatten::flat(leg).unwrap());
+        flatten::pitch(places[ball] - places[leg.ankle], flat)
     };
     for (before, after) in [(0.0, 0.0), (0.04, 0.04), (-0.2, -0.05), (0.25, 0.05), (-0.6, -0.3), (0.9, 0.9)] {
         let clip = stands(before);
-        let (done, locked) = lock(&clip, &map(), 0.0, Fixed::default()).unwrap();
-        assert_eq!(locked.held.len(), 2);
+        let (done, locked) = lock(&clip, &map(), 0.0, FixedParts::default()).unwrap();
+        assert_eq!(locked.locked.len(), 2);
         for leg in &legs {
             assert!((pitch(&clip, 20, leg) - before).abs() < 1e-6);
             assert!((pitch(&done, 20, leg) - after).abs() < 1e-6, "{before}: {}", pitch(&done, 20, leg));
         }
         assert!(ground(&done).penetration_cm().unwrap() < 1e-6, "{before}: {:?}", ground(&done));
         // frames that are given keep their feet, and those behind go on with them
-        let given = Fixed { frames: 10, ..Fixed::default() };
+        let given = FixedParts { frames: 10, ..FixedParts::default() };
         let (done, _) = lock(&clip, &map(), 0.0, given).unwrap();
         assert!((pitch(&done, 12, &legs[0]) - before).abs() < 1e-6, "{before}: {}", pitch(&done, 12, &legs[0]));
     }
@@ -166,7 +166,7 @@ fn feet_that_tremble_do_not_shake_the_body() {
         (pose[1], pose[2]) = (Quat::from_rotation_x(turn), Quat::from_rotation_x(turn));
     }
     let clip = Clip::new(smpl::neutral(), 20.0, vec![Vec3::Y * feet.pelvis_m; 80], rotations).unwrap();
-    let (done, _) = lock(&clip, &map(), 0.0, Fixed::default()).unwrap();
+    let (done, _) = lock(&clip, &map(), 0.0, FixedParts::default()).unwrap();
     let jerk = |f: usize| {
         let at = |f: usize| done.root()[f];
         ((at(f + 3) - at(f)) - (at(f + 2) - at(f + 1)) * 3.0).length() * 8000.0
@@ -179,7 +179,7 @@ fn feet_that_tremble_do_not_shake_the_body() {
 #[test]
 fn a_path_that_is_fixed_goes_where_it_goes_and_the_body_still_comes_to_its_floor() {
     let clip = spoiled(&dance(5));
-    let (held, locked) = lock(&clip, &map(), 0.0, Fixed { path: true, ..Fixed::default() }).unwrap();
+    let (held, locked) = lock(&clip, &map(), 0.0, FixedParts { path: true, ..FixedParts::default() }).unwrap();
     assert!(locked.carried_cm == 0.0 && locked.settled_cm > 5.0, "{locked:?}");
     assert!(clip.root().iter().zip(held.root()).all(|(a, b)| (a.x, a.z) == (b.x, b.z)));
 }
@@ -193,13 +193,13 @@ fn a_statue_and_a_frame_stay_as_they_are() {
     };
     for frames in [0, 1, 40] {
         let clip = standing(frames, 0.0);
-        let (done, _) = lock(&clip, &map(), 0.0, Fixed::default()).unwrap();
+        let (done, _) = lock(&clip, &map(), 0.0, FixedParts::default()).unwrap();
         for (a, b) in done.positions().iter().zip(clip.positions()) {
             assert!((*a - b).length() < 1e-9, "{frames} frames");
         }
     }
     // straight legs under a body that is too high by what is left to it: the feet are put down
-    let (done, _) = lock(&standing(40, 0.015), &map(), 0.0, Fixed::default()).unwrap();
+    let (done, _) = lock(&standing(40, 0.015), &map(), 0.0, FixedParts::default()).unwrap();
     assert!(ground(&done).penetration_share() == Some(0.0));
     assert!(done.positions().chunks(24).all(|p| (p[7].y - 0.06).abs() < 0.02));
 }
@@ -207,7 +207,7 @@ fn a_statue_and_a_frame_stay_as_they_are() {
 #[test]
 fn a_leg_bends_to_a_place_and_says_what_is_too_far() {
     let pose = ReferencePose::new(&smpl::neutral(), &map()).unwrap();
-    let legs = Leg::both(&pose, &Feet::of(&smpl::neutral(), &pose));
+    let legs = Leg::both(&pose, &Feet::from_pose(&smpl::neutral(), &pose));
     let clip = dance(4);
     for f in (0..clip.frames()).step_by(7) {
         for leg in &legs {
@@ -232,7 +232,7 @@ fn a_leg_bends_to_a_place_and_says_what_is_too_far() {
 fn what_is_behind_given_frames_begins_where_they_end() {
     let bad = spoiled(&dance(2));
     let given = 60;
-    let (done, _) = lock(&bad, &map(), 0.0, Fixed { frames: given, ..Fixed::default() }).unwrap();
+    let (done, _) = lock(&bad, &map(), 0.0, FixedParts { frames: given, ..FixedParts::default() }).unwrap();
     assert_eq!(done.slice(0..given), bad.slice(0..given));
     let (places, before) = (done.positions(), bad.positions());
     let speed = |all: &[Vec3], f: usize, j: usize| (all[(f + 1) * 24 + j] - all[f * 24 + j]).length() * done.fps();
@@ -255,7 +255,7 @@ fn one_who_stands_on_the_hands_or_lies_is_not_set_down() {
     };
     let half = std::f64::consts::PI;
     for clip in [turned(Quat::from_rotation_x(half), 1.2), turned(Quat::from_rotation_x(-half / 2.0), 0.2)] {
-        let (done, locked) = lock(&clip, &map(), 0.0, Fixed::default()).unwrap();
+        let (done, locked) = lock(&clip, &map(), 0.0, FixedParts::default()).unwrap();
         assert!(locked.settled_cm < 1e-6, "{locked:?}");
         let (before, after) = (clip.positions(), done.positions());
         let far = (0..before.len())

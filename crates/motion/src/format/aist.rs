@@ -25,7 +25,7 @@ pub const FPS: f64 = 60.0;
 /// body model.
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     if [&b"PK\x03\x04"[..], b"\x93NUMPY", b"HIERARCHY", b"{"].iter().any(|start| bytes.starts_with(start)) {
-        let found = super::looks_like(bytes);
+        let found = super::sniff(bytes);
         return Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, "a pickle").into());
     }
     let pickle = Pickle::parse(path, bytes)?;

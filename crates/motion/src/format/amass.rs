@@ -9,7 +9,7 @@ use super::body_model;
 use super::npz::{Npz, Values, Writer, list};
 use super::options::{ReadOptions, is_rate};
 use super::smpl_arrays::{Vectors, translations};
-use crate::error::{FaultKind, FileError, in_short};
+use crate::error::{FaultKind, FileError, compact};
 use crate::resample::{FEWEST_FPS, MOST_FPS};
 use crate::rotation::exp_map;
 use crate::{Clip, Error, Motion, Quat, Result, Source, Vec3, Warning, smpl};
@@ -147,7 +147,7 @@ fn rate(npz: &Npz) -> Result<f64> {
         fps if is_rate(fps) => Ok(fps),
         fps => {
             let expected = format!("frames per second of at least {FEWEST_FPS}, at most {MOST_FPS}");
-            Err(array.fault(FaultKind::RateBad, in_short(fps), &expected))
+            Err(array.fault(FaultKind::RateBad, compact(fps), &expected))
         }
     }
 }

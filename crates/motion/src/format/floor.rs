@@ -8,7 +8,7 @@ use crate::{Error, Result};
 ///
 /// # Errors
 /// As [`map_for`] and [`Feet::new`](crate::rig::Feet::new); [`Error::Call`] for a floor that is told and isn't finite.
-pub fn floor_of(motion: &mut Motion, options: &ReadOptions) -> Result<f64> {
+pub fn resolve_floor(motion: &mut Motion, options: &ReadOptions) -> Result<f64> {
     if let Some(told) = options.floor {
         let what = || format!("a floor at y = {told}; expected a height in metres");
         return if told.is_finite() { Ok(told) } else { Err(Error::Call(what())) };
@@ -24,7 +24,7 @@ pub fn floor_of(motion: &mut Motion, options: &ReadOptions) -> Result<f64> {
 ///
 /// # Errors
 /// A rig that no skeleton map knows, and those of [`Feet::new`](crate::rig::Feet::new).
-pub fn floor_m(motion: &Motion, map: Option<&str>) -> Result<f64> {
+pub fn floor_height(motion: &Motion, map: Option<&str>) -> Result<f64> {
     match &motion.source {
         Source::Retargeted { floor_m } => return Ok(*floor_m),
         Source::Bvh(bvh) => {

@@ -17,7 +17,6 @@ pub mod fbx;
 mod floor;
 pub mod glb;
 pub mod json;
-mod looks;
 #[cfg(feature = "amass")]
 pub mod npy;
 #[cfg(feature = "amass")]
@@ -30,18 +29,19 @@ pub mod rate;
 mod rest;
 #[cfg(feature = "amass")]
 mod smpl_arrays;
+mod sniff;
 pub mod source;
 mod up;
 
-pub use floor::{floor_m, floor_of};
-pub use looks::looks_like;
+pub use floor::{floor_height, resolve_floor};
 pub use options::{BvhPosition, ReadOptions, RestFrame, Unit};
 pub use rate::{RateDoubt, RateDoubts};
-pub use rest::rest_frame;
+pub use rest::has_rest_frame;
+pub use sniff::sniff;
 pub use source::{Motion, Source};
-pub use up::{Axes, Up, UpBy};
+pub use up::{Axes, Up, UpSource};
 
-use crate::error::in_short;
+use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS};
 use crate::{Error, FaultKind, FileError, Result};
 use kinelm_store::{SourcePos, files, input};
@@ -118,7 +118,7 @@ impl Format {
 /// [`Error::Clip`] when
 /// skipping leaves nothing.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
-    let format = Format::of(path).map_err(|e| and_its_looks(e, path))?;
+    let format = Format::of(path).map_err(|e| with_content_kind(e, path))?;
     check_rate(options)?;
     check_up(path, format, options)?;
     parse(path, &input::bytes(path).map_err(Error::io(path))?, options)
@@ -146,7 +146,7 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         Format::Fbx => skipped(fbx::read(path, bytes, options)?, options)?,
         #[cfg(not(feature = "fbx"))]
         Format::Fbx => return Err(left_out(path, "fbx")),
-        Format::Json => match looks_like(bytes) {
+        Format::Json => match sniff(bytes) {
             "JSON" | "text" => skipped(json::read(path, bytes, options)?, options)?,
             other => {
                 return Err(
@@ -163,11 +163,11 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
     let fps = motion.clip.fps();
     if !is_rate(fps) {
         let (found, expected) =
-            (in_short(fps), format!("frames per second of at least {FEWEST_FPS}, at most {MOST_FPS}"));
+            (compact(fps), format!("frames per second of at least {FEWEST_FPS}, at most {MOST_FPS}"));
         let fault = FileError::new(SourcePos::file(path), FaultKind::RateBad, found, expected);
         return Err(fault.help("--fps-source gives the true rate").into());
     }
-    let mut motion = rest::after_reading(motion, options);
+    let mut motion = rest::handle_rest_frame(motion, options);
     if options.fps_source.is_none() {
         motion.warnings.extend(RateDoubt::of(&motion.clip).map(|doubt| doubt.warning()));
     }
@@ -183,11 +183,11 @@ fn left_out(path: &Path, feature: &str) -> Error {
 }
 
 /// An error of a name that says no format, with what the file looks like.
-fn and_its_looks(error: Error, path: &Path) -> Error {
+fn with_content_kind(error: Error, path: &Path) -> Error {
     let mut head = [0; 512];
     match (error, input::open(path).and_then(|mut file| file.read(&mut head))) {
         (Error::File(e), Ok(_)) if !e.help.is_empty() => e.into(),
-        (Error::File(e), Ok(n)) => e.help(format!("the file looks like {}", looks_like(&head[..n]))).into(),
+        (Error::File(e), Ok(n)) => e.help(format!("the file looks like {}", sniff(&head[..n]))).into(),
         (_, Err(e)) => Error::io(path)(e),
         (e, _) => e,
     }
@@ -223,7 +223,7 @@ fn check_rate(options: &ReadOptions) -> Result<()> {
     if let Some(fps) = options.fps_source.filter(|f| !is_rate(*f)) {
         return Err(Error::Call(format!(
             "a source rate of {} frames per second; expected one of at least {FEWEST_FPS}, at most {MOST_FPS}",
-            in_short(fps)
+            compact(fps)
         )));
     }
     Ok(())

@@ -6,7 +6,7 @@
 //! 1,000.
 
 use super::array::{Array, Element, byte_count, padded, tuple};
-use super::{looks_like, npy};
+use super::{npy, sniff};
 use crate::error::{FaultKind, FileError};
 use crate::{Error, Result};
 use kinelm_store::SourcePos;
@@ -40,7 +40,7 @@ impl<'a> Npz<'a> {
     pub fn open(path: &Path, bytes: &'a [u8]) -> Result<Self> {
         let fault = |kind, found: String, expected: &str| FileError::new(SourcePos::file(path), kind, found, expected);
         if !bytes.starts_with(b"PK") {
-            let found = looks_like(bytes).into();
+            let found = sniff(bytes).into();
             return Err(fault(FaultKind::NotThisFormat, found, "an npz, which is a zip of arrays").into());
         }
         check_zip64(bytes).map_err(|found| fault(FaultKind::Truncated, found.into(), "a whole zip archive"))?;

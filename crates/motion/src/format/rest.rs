@@ -9,8 +9,8 @@ use crate::{Motion, Quat, Source, Warning};
 const UNTURNED: f64 = 1e-6;
 
 /// The rest-pose frame of a motion that was read with `options`: reported, and kept or dropped.
-pub(crate) fn after_reading(mut motion: Motion, options: &ReadOptions) -> Motion {
-    if options.skip > 0 || !rest_frame(&motion) {
+pub(crate) fn handle_rest_frame(mut motion: Motion, options: &ReadOptions) -> Motion {
+    if options.skip > 0 || !has_rest_frame(&motion) {
         return motion;
     }
     let done = match options.rest {
@@ -26,7 +26,7 @@ pub(crate) fn after_reading(mut motion: Motion, options: &ReadOptions) -> Motion
 }
 
 /// Whether a rest-pose frame is to be looked for and left out.
-pub(crate) fn looks_for_rest(options: &ReadOptions) -> bool {
+pub(crate) fn drops_rest_frame(options: &ReadOptions) -> bool {
     options.skip == 0 && options.rest == RestFrame::Drop
 }
 
@@ -35,7 +35,7 @@ pub(crate) fn looks_for_rest(options: &ReadOptions) -> bool {
 /// So it is if the root's rotation is nothing (of a BVH: all its rotation channels are 0; else to rounding) and the step
 /// from frame 0 to frame 1 is above 10 times the median step. A step is the largest angle that a joint turns between two
 /// frames (the mean over the joints misses a clip of cmu-dance). Fewer than 3 frames have no median to compare with.
-pub fn rest_frame(motion: &Motion) -> bool {
+pub fn has_rest_frame(motion: &Motion) -> bool {
     let clip = &motion.clip;
     let unturned = match &motion.source {
         _ if clip.frames() < 3 => false,
@@ -76,16 +76,17 @@ mod tests {
 
     #[test]
     fn a_jump_from_an_unturned_root() {
-        assert!(rest_frame(&file([0.0, 40.0], 9)));
-        assert!(!rest_frame(&file([0.1, 40.0], 9)), "the root is turned");
-        assert!(!rest_frame(&file([0.0, 10.0], 9)), "9 degrees are no jump where others are 1");
-        assert!(!rest_frame(&file([0.0, 40.0], 2)), "no median");
-        assert!(!rest_frame(&file([0.0, 40.0], 1)));
+        assert!(has_rest_frame(&file([0.0, 40.0], 9)));
+        assert!(!has_rest_frame(&file([0.1, 40.0], 9)), "the root is turned");
+        assert!(!has_rest_frame(&file([0.0, 10.0], 9)), "9 degrees are no jump where others are 1");
+        assert!(!has_rest_frame(&file([0.0, 40.0], 2)), "no median");
+        assert!(!has_rest_frame(&file([0.0, 40.0], 1)));
     }
 
     #[test]
     fn it_is_said_and_kept_or_dropped() {
-        let with = |rest, skip| after_reading(file([0.0, 40.0], 9), &ReadOptions { rest, skip, ..Default::default() });
+        let with =
+            |rest, skip| handle_rest_frame(file([0.0, 40.0], 9), &ReadOptions { rest, skip, ..Default::default() });
         let kept = with(RestFrame::Keep, 0);
         assert_eq!((kept.clip.frames(), kept.warnings[0].kind), (9, "rest_frame"));
         let dropped = with(RestFrame::Drop, 0);

@@ -89,25 +89,25 @@ pub struct Axes {
     /// they stand along y, and the motion alone was turned.
     pub rest_too: bool,
     /// Who says so.
-    pub by: UpBy,
+    pub by: UpSource,
 }
 
 /// Who says which axis is up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum UpBy {
+pub enum UpSource {
     /// The caller, or a format that has no other.
     Given,
     /// The rest pose and the motion, which agree.
-    Judged,
+    Inferred,
     /// Nobody: the rest pose and the motion disagree, or nobody stands.
-    Doubted,
+    Ambiguous,
     /// Nobody: no skeleton map knows the joints.
     Unknown,
 }
 
 impl Axes {
     /// y up, as a clip is.
-    pub const OWN: Axes = Axes { up: Up::Y, rest_too: true, by: UpBy::Given };
+    pub const OWN: Axes = Axes { up: Up::Y, rest_too: true, by: UpSource::Given };
 
     /// The axes of a clip that is in its file's own, `up` being what the caller says; and the doubt, if there is one.
     pub(crate) fn of(clip: &Clip, up: Up, map: Option<&SkeletonMap>) -> (Axes, Option<String>) {
@@ -115,18 +115,18 @@ impl Axes {
         if up != Up::Auto {
             // whoever turns a file turns the rest pose too, unless that still stands along y
             let rest_too = !rest.is_some_and(|rest| rest.up == Up::Y && rest.cosine >= STANDS);
-            return (Axes { up, rest_too, by: UpBy::Given }, None);
+            return (Axes { up, rest_too, by: UpSource::Given }, None);
         }
         let motion = map.and_then(|map| motion(clip, map));
         let (Some(rest), Some(motion)) = (rest, motion) else {
-            return (Axes { by: UpBy::Unknown, ..Axes::OWN }, None);
+            return (Axes { by: UpSource::Unknown, ..Axes::OWN }, None);
         };
         if motion.cosine >= STANDS && motion.up == rest.up {
-            return (Axes { up: motion.up, rest_too: true, by: UpBy::Judged }, None);
+            return (Axes { up: motion.up, rest_too: true, by: UpSource::Inferred }, None);
         }
         // a rest pose that is no stand says nothing against a motion that stands along y
         if motion.cosine >= STANDS && motion.up == Up::Y && rest.cosine < STANDS {
-            return (Axes { by: UpBy::Judged, ..Axes::OWN }, None);
+            return (Axes { by: UpSource::Inferred, ..Axes::OWN }, None);
         }
         let doubt = if motion.cosine < STANDS {
             format!("the body stands along no axis (nearest {}, cosine {:.2})", motion.up, motion.cosine)
@@ -134,7 +134,7 @@ impl Axes {
             format!("the body moves as if {} were up, its rest pose stands along {}", motion.up, rest.up)
         };
         let doubt = format!("{doubt}: read with y up; if another axis is, say so with --up x, -x, -y, z or -z");
-        (Axes { by: UpBy::Doubted, ..Axes::OWN }, Some(doubt))
+        (Axes { by: UpSource::Ambiguous, ..Axes::OWN }, Some(doubt))
     }
 
     /// A clip in the file's axes, with y up.

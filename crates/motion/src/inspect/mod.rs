@@ -1,7 +1,7 @@
 //! What a clip is, and what looks wrong in it: figures, and the report of them.
 
-pub mod figures;
 pub mod report;
+pub mod stats;
 
-pub use figures::{Figures, figures};
 pub use report::{Report, report};
+pub use stats::{ClipStats, clip_stats};

@@ -1,8 +1,8 @@
 //! The report of a motion: as text for a reader, as JSON for a script.
 
-use super::figures::{Figures, figures};
+use super::stats::{ClipStats, clip_stats};
 use crate::format::bvh::{BvhSource, NodeKind};
-use crate::format::{Axes, BvhPosition, Up, UpBy};
+use crate::format::{Axes, BvhPosition, Up, UpSource};
 use crate::rig::SkeletonMap;
 use crate::{Motion, Skeleton, Source, Vec3, Warning};
 use serde_json::{Value, json};
@@ -30,7 +30,7 @@ pub struct Report {
     map: Option<String>,
     /// Where the floor is, metres; `None` on a rig that no map knows.
     floor_m: Option<f64>,
-    figures: Figures,
+    stats: ClipStats,
     still: Vec<String>,
     doubts: Vec<Warning>,
 }
@@ -38,10 +38,10 @@ pub struct Report {
 /// The report of a motion as it was read.
 pub fn report(motion: &Motion) -> Report {
     let (clip, skeleton) = (&motion.clip, motion.clip.skeleton());
-    let figures = figures(clip);
+    let stats = clip_stats(clip);
     // which axis is up is no doubt where it could be judged; the report says it anyway
     let mut doubts: Vec<Warning> = motion.warnings.iter().filter(|w| w.kind != "up_axis").cloned().collect();
-    doubts.extend(doubts_of(&figures, skeleton));
+    doubts.extend(doubts_of(&stats, skeleton));
     let (format, source) = source_lines(&motion.source);
     Report {
         path: motion.path.display().to_string(),
@@ -62,9 +62,9 @@ pub fn report(motion: &Motion) -> Report {
         joints: skeleton.joints(),
         ends: skeleton.ends().len(),
         map: SkeletonMap::detect(skeleton.names()).map(|m| m.name),
-        still: figures.still_joints.iter().map(|&j| skeleton.names()[j].clone()).collect(),
+        still: stats.still_joints.iter().map(|&j| skeleton.names()[j].clone()).collect(),
         floor_m: None,
-        figures,
+        stats,
         doubts,
     }
 }
@@ -78,7 +78,7 @@ impl Report {
     /// Lines for a reader, the last ended too.
     pub fn text(&self) -> String {
         let mut t = String::new();
-        let f = &self.figures;
+        let f = &self.stats;
         let _ = writeln!(t, "{}: {}", self.path, self.format);
         let _ = writeln!(t, "  {} frames at {} fps, {:.2} s", self.frames, round(self.fps, 6), self.duration_s);
         let _ = writeln!(t, "  {} joints, {} end sites; rig {}", self.joints, self.ends, self.rig());
@@ -115,7 +115,7 @@ impl Report {
 
     /// One JSON object in one line, without the line's end.
     pub fn json(&self) -> String {
-        let f = &self.figures;
+        let f = &self.stats;
         let doubts: Vec<Value> = self.doubts.iter().map(|d| json!({"kind": d.kind, "what": d.what})).collect();
         json!({
             "schema": 1, "file": self.path, "format": self.format, "source": self.source,
@@ -140,8 +140,8 @@ fn round(x: f64, digits: i32) -> f64 {
     (x * k).round() / k
 }
 
-/// What the figures say against the file.
-fn doubts_of(f: &Figures, skeleton: &Skeleton) -> Vec<Warning> {
+/// What the stats say against the file.
+fn doubts_of(f: &ClipStats, skeleton: &Skeleton) -> Vec<Warning> {
     let mut doubts = Vec::new();
     let mut doubt = |kind, what| doubts.push(Warning { kind, what });
     if let Some(&(frame, length)) = f.root_jumps.iter().max_by(|a, b| a.1.total_cmp(&b.1)) {
@@ -178,10 +178,10 @@ fn source_lines(source: &Source) -> (&'static str, Vec<String>) {
 /// Which of the file's axes is up, and who says so.
 fn axes_line(axes: &Axes) -> String {
     let why = match axes.by {
-        UpBy::Given => "",
-        UpBy::Judged => ", by the rest pose and the motion",
-        UpBy::Doubted => ", for want of agreement",
-        UpBy::Unknown => ", unjudged: no skeleton map knows the joints",
+        UpSource::Given => "",
+        UpSource::Inferred => ", by the rest pose and the motion",
+        UpSource::Ambiguous => ", for want of agreement",
+        UpSource::Unknown => ", unjudged: no skeleton map knows the joints",
     };
     let turned = if axes.up == Up::Y { "" } else { " in the file; turned to y up here" };
     format!("up {}{turned}{why}", axes.up)

@@ -17,7 +17,7 @@ const SHIFTS: usize = 1000;
 
 /// How beats of motion are found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Rule {
+pub enum BeatRule {
     /// Minima of the speed as it is against all within 10 frames (Li et al., "AI Choreographer", 2021).
     CompatA,
     /// Minima against both neighbours of the speed after a Gaussian low pass of 5 frames (Siyao et al., "Bailando", 2022).
@@ -33,12 +33,12 @@ pub enum Rule {
 ///
 /// # Panics
 /// A joint that the clip doesn't have.
-pub fn beats_s(clip: &Clip, joints: &[usize], rule: Rule) -> Result<Vec<f64>> {
+pub fn beats_s(clip: &Clip, joints: &[usize], rule: BeatRule) -> Result<Vec<f64>> {
     let speeds = speeds(clip, joints)?;
     let (speeds, order, late) = match rule {
-        Rule::CompatA => (speeds, ORDER, 0.0),
-        Rule::CompatB => (smoothed(&speeds), 1, 0.0),
-        Rule::Fixed => (smoothed(&speeds), ORDER, 0.5),
+        BeatRule::CompatA => (speeds, ORDER, 0.0),
+        BeatRule::CompatB => (smoothed(&speeds), 1, 0.0),
+        BeatRule::Fixed => (smoothed(&speeds), ORDER, 0.5),
     };
     Ok(minima(&speeds, order).into_iter().map(|i| (i as f64 + late) / FPS).collect())
 }
@@ -103,18 +103,18 @@ fn smoothed(x: &[f64]) -> Vec<f64> {
 
 /// How near two series of beats are.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Alignment {
+pub struct BeatAlignment {
     /// Mean over the beats of the motion of how near the next of the music is, 0 to 1; 0 without any.
     pub motion: f64,
     /// The same over the beats of the music.
     pub music: f64,
 }
 
-impl Alignment {
+impl BeatAlignment {
     /// Of beats that rise: `exp(-d² / 2 sigma²)`, d to the nearest, sigma 50 ms. Li et al. (2021) define the first and compute
     /// the second, Siyao et al. (2022) compute the second.
-    pub fn of(motion_s: &[f64], music_s: &[f64]) -> Alignment {
-        Alignment { motion: nearness(motion_s, music_s), music: nearness(music_s, motion_s) }
+    pub fn of(motion_s: &[f64], music_s: &[f64]) -> BeatAlignment {
+        BeatAlignment { motion: nearness(motion_s, music_s), music: nearness(music_s, motion_s) }
     }
 
     /// The harmonic mean of both.
@@ -149,22 +149,22 @@ fn shifts(music_s: &[f64], seconds: f64) -> impl Iterator<Item = Vec<f64>> {
 
 /// Which beats of the music a dance hits: those that have a beat of the motion within [`SIGMA_S`], 50 ms.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Hits {
+pub struct BeatHits {
     /// Per beat of the music; `None`: it is outside of the dance and doesn't count.
     pub each: Vec<Option<bool>>,
     /// How many are hit in the mean over 1,000 shifts of the music round the dance.
     pub chance: f64,
 }
 
-impl Hits {
+impl BeatHits {
     /// Of a dance of so many seconds, all beats rising.
-    pub fn of(motion_s: &[f64], music_s: &[f64], seconds: f64) -> Hits {
+    pub fn of(motion_s: &[f64], music_s: &[f64], seconds: f64) -> BeatHits {
         // what is 50 ms off but for rounding counts
         let is_hit = |beat: &f64| distance(*beat, motion_s) <= SIGMA_S + 1e-9;
         let counts = |beat: &f64| (0.0..seconds).contains(beat);
         let music: Vec<f64> = music_s.iter().copied().filter(counts).collect();
         let hits = shifts(&music, seconds).map(|beats| beats.iter().filter(|beat| is_hit(beat)).count());
-        Hits {
+        BeatHits {
             chance: hits.sum::<usize>() as f64 / SHIFTS as f64,
             each: music_s.iter().map(|beat| counts(beat).then(|| is_hit(beat))).collect(),
         }
@@ -181,7 +181,7 @@ impl Hits {
     }
 }
 
-/// What [`Alignment::motion`] is in the mean of a beat that falls anywhere between the first and the last of the music: over
+/// What [`BeatAlignment::motion`] is in the mean of a beat that falls anywhere between the first and the last of the music: over
 /// steps P, `sigma sqrt(2 pi) erf(P / (2 sqrt(2) sigma)) / P`. None of fewer than two beats.
 pub fn chance(music_s: &[f64]) -> Option<f64> {
     let whole = music_s.last()? - music_s.first()?;
@@ -198,46 +198,47 @@ fn erf(x: f64) -> f64 {
 
 /// A dance's beats against those of its music, and against the same music shifted.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Held {
+pub struct ShiftTest {
     /// As they are.
-    pub found: Alignment,
+    pub found: BeatAlignment,
     /// Mean over 1,000 shifts of the music round the dance.
-    pub mean: Alignment,
+    pub mean: BeatAlignment,
     /// Their variance.
-    pub variance: Alignment,
+    pub variance: BeatAlignment,
     /// Share of the shifts that are less near.
-    pub percentile: Alignment,
+    pub percentile: BeatAlignment,
     /// [`chance`] of the music.
     pub chance: Option<f64>,
     /// Beats of the motion and of the music.
     pub beats: [usize; 2],
 }
 
-impl Held {
+impl ShiftTest {
     /// Of a dance of so many seconds; beats of the music outside of it don't count.
-    pub fn of(motion_s: &[f64], music_s: &[f64], seconds: f64) -> Held {
+    pub fn of(motion_s: &[f64], music_s: &[f64], seconds: f64) -> ShiftTest {
         let music: Vec<f64> = music_s.iter().copied().filter(|beat| (0.0..seconds).contains(beat)).collect();
-        let found = Alignment::of(motion_s, &music);
-        let all: Vec<Alignment> = shifts(&music, seconds).map(|shifted| Alignment::of(motion_s, &shifted)).collect();
-        let [motion, in_music] = [|a: &Alignment| a.motion, |a: &Alignment| a.music].map(|part| {
+        let found = BeatAlignment::of(motion_s, &music);
+        let all: Vec<BeatAlignment> =
+            shifts(&music, seconds).map(|shifted| BeatAlignment::of(motion_s, &shifted)).collect();
+        let [motion, in_music] = [|a: &BeatAlignment| a.motion, |a: &BeatAlignment| a.music].map(|part| {
             let mean = |of: &dyn Fn(f64) -> f64| all.iter().map(|a| of(part(a))).sum::<f64>() / SHIFTS as f64;
             let (found, whole) = (part(&found), mean(&|x| x));
             [whole, mean(&|x| (x - whole).powi(2)), mean(&|x| f64::from(u8::from(x < found)))]
         });
         let [mean, variance, percentile] =
-            [0, 1, 2].map(|figure| Alignment { motion: motion[figure], music: in_music[figure] });
-        Held { found, mean, variance, percentile, chance: chance(&music), beats: [motion_s.len(), music.len()] }
+            [0, 1, 2].map(|figure| BeatAlignment { motion: motion[figure], music: in_music[figure] });
+        ShiftTest { found, mean, variance, percentile, chance: chance(&music), beats: [motion_s.len(), music.len()] }
     }
 
     /// How many standard deviations the mean over dances lies above that of their shifts: of the motion's, of the music's.
     /// None where nothing varies.
-    pub fn z(all: &[Held]) -> Option<Alignment> {
-        let z = |part: fn(&Alignment) -> f64| {
+    pub fn z(all: &[ShiftTest]) -> Option<BeatAlignment> {
+        let z = |part: fn(&BeatAlignment) -> f64| {
             let above: f64 = all.iter().map(|held| part(&held.found) - part(&held.mean)).sum();
             let variance: f64 = all.iter().map(|held| part(&held.variance)).sum();
             (variance > 1e-12).then(|| above / variance.sqrt())
         };
-        Some(Alignment { motion: z(|a| a.motion)?, music: z(|a| a.music)? })
+        Some(BeatAlignment { motion: z(|a| a.motion)?, music: z(|a| a.music)? })
     }
 }
 
@@ -264,18 +265,18 @@ mod tests {
     #[test]
     fn a_body_at_rest_on_the_beat_scores_one_and_off_it_by_50_ms_0_607() {
         for fps in [60.0, 20.0] {
-            let found = beats_s(&swaying(120.0, fps, 20.0), &[0, 4, 5], Rule::Fixed).unwrap();
+            let found = beats_s(&swaying(120.0, fps, 20.0), &[0, 4, 5], BeatRule::Fixed).unwrap();
             assert!((38..=40).contains(&found.len()), "{fps}: {}", found.len());
             for beat in &found {
                 assert!((beat * 2.0 - (beat * 2.0).round()).abs() < 0.02, "{fps}: {beat}");
             }
         }
         let (a, b) = (every(120.0, 20.0), every(120.0, 20.0).iter().map(|t| t + 0.05).collect::<Vec<_>>());
-        let found = Alignment::of(&a, &b);
+        let found = BeatAlignment::of(&a, &b);
         let sixty = (-0.5f64).exp();
         assert!((found.motion - sixty).abs() < 1e-9 && (found.both() - sixty).abs() < 1e-9, "{found:?}");
-        assert_eq!(Alignment::of(&a, &a), Alignment { motion: 1.0, music: 1.0 });
-        assert_eq!(Alignment::of(&[], &a).both(), 0.0);
+        assert_eq!(BeatAlignment::of(&a, &a), BeatAlignment { motion: 1.0, music: 1.0 });
+        assert_eq!(BeatAlignment::of(&[], &a).both(), 0.0);
     }
 
     #[test]
@@ -296,26 +297,26 @@ mod tests {
         }
         let music = every(120.0, 30.0);
         // steady steps of another tempo
-        let held = Held::of(&every(97.0, 30.0), &music, 30.0);
+        let held = ShiftTest::of(&every(97.0, 30.0), &music, 30.0);
         assert!((held.mean.motion - 0.25).abs() < 0.005 && (held.found.motion - 0.25).abs() < 0.05, "{held:?}");
-        let held = Held::of(&music, &music, 30.0);
+        let held = ShiftTest::of(&music, &music, 30.0);
         assert!(held.percentile.motion > 0.95 && (held.mean.motion - 0.25).abs() < 0.005, "{held:?}");
         // of one dance of a steady beat z can't be high, of ten it is
-        let [one, ten] = [1, 10].map(|n| Held::z(&vec![held; n]).unwrap().motion);
+        let [one, ten] = [1, 10].map(|n| ShiftTest::z(&vec![held; n]).unwrap().motion);
         assert!(one < 2.7 && (ten / one - 10f64.sqrt()).abs() < 1e-9, "{one} {ten}");
-        assert_eq!(Held::z(&[Held::of(&[], &[], 5.0)]), None);
+        assert_eq!(ShiftTest::z(&[ShiftTest::of(&[], &[], 5.0)]), None);
     }
 
     #[test]
     fn a_beat_is_hit_within_50_ms_and_by_chance_as_often_as_they_cover_the_dance() {
         let motion = [0.5, 1.55, 2.551];
-        let hits = Hits::of(&motion, &[-0.5, 0.45, 1.5, 2.5, 3.5, 4.0], 4.0);
+        let hits = BeatHits::of(&motion, &[-0.5, 0.45, 1.5, 2.5, 3.5, 4.0], 4.0);
         assert_eq!(hits.each, [None, Some(true), Some(true), Some(false), Some(false), None]);
         assert_eq!((hits.hit(), hits.beats()), (2, 4));
         // three beats of the motion cover 0.3 of 4 s; each of the music's four falls there as often
         assert!((hits.chance - 0.3).abs() < 0.01, "{}", hits.chance);
-        assert_eq!(Hits::of(&[], &[0.5], 1.0), Hits { each: vec![Some(false)], chance: 0.0 });
-        assert_eq!(Hits::of(&[0.5], &[], 0.0), Hits::default());
+        assert_eq!(BeatHits::of(&[], &[0.5], 1.0), BeatHits { each: vec![Some(false)], chance: 0.0 });
+        assert_eq!(BeatHits::of(&[0.5], &[], 0.0), BeatHits::default());
     }
 
     #[test]

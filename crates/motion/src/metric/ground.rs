@@ -55,7 +55,7 @@ pub struct Ground {
 
 impl Ground {
     /// Of one clip: (F) `least`, how high its lower foot is above the floor, less its standing height
-    /// ([`Feet::least`](crate::rig::Feet::least) with the floor taken off), and (F) heights of its `pelvis`, metres.
+    /// ([`Feet::clearance`](crate::rig::Feet::clearance) with the floor taken off), and (F) heights of its `pelvis`, metres.
     ///
     /// A frame floats if it stands in a stretch of more than 0.25 s in which both feet are over 5 cm up, unless the pelvis
     /// falls freely there, as in a jump: its acceleration over 0.1 s is within 3 m/s^2 of gravity's. Source:

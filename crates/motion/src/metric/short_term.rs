@@ -41,7 +41,7 @@ pub struct ShortTerm {
 
 /// Figures up to a time.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct UpTo {
+pub struct HorizonMetrics {
     /// The time, milliseconds.
     pub ms: u32,
     /// Frames up to it.
@@ -131,11 +131,11 @@ impl ShortTerm {
     }
 
     /// The figures up to each of these times; `None` without windows.
-    pub fn figures(&self, times_ms: &[u32]) -> Option<Vec<UpTo>> {
+    pub fn figures(&self, times_ms: &[u32]) -> Option<Vec<HorizonMetrics>> {
         (self.windows() > 0).then(|| times_ms.iter().map(|&ms| self.up_to(ms)).collect())
     }
 
-    fn up_to(&self, ms: u32) -> UpTo {
+    fn up_to(&self, ms: u32) -> HorizonMetrics {
         let frames = self.frames_to(ms);
         let scale = PROTOCOL_FPS / self.fps;
         let (n, each) = (self.windows() as f64, self.frames);
@@ -151,7 +151,7 @@ impl ShortTerm {
             _ => 9,
         };
         let auc: f64 = (1..used).map(|i| (RADII[i] - RADII[i - 1]) * (correct[i] + correct[i - 1]) / 2.0).sum();
-        UpTo {
+        HorizonMetrics {
             ms,
             frames,
             euler: scale * euler,

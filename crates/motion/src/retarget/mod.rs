@@ -22,7 +22,7 @@
 //! y_t = floor + scale (y_s - floor) + rise        x_t = scale x_s        z_t = scale z_s
 //! ```
 
-use crate::format::floor_m;
+use crate::format::floor_height;
 use crate::rig::reference::LIMBS;
 use crate::rig::{Feet, ReferencePose, SkeletonMap, map_for};
 use crate::rotation::swing;
@@ -109,8 +109,8 @@ impl Retarget {
         let stand = self.to_smpl(&stand)?;
         let at_zero = Clip::new(self.smpl.clone(), 1.0, vec![Vec3::ZERO], stand.rotations().to_vec())?;
         let smpl_map = SkeletonMap::by_name_or_file("smpl")?;
-        let feet = Feet::new(&self.smpl, &smpl_map)?.least(&at_zero);
-        Ok(-feet.first().copied().unwrap_or(0.0) - self.scale * Feet::of(&self.rig, pose).pelvis_m)
+        let feet = Feet::new(&self.smpl, &smpl_map)?.clearance(&at_zero);
+        Ok(-feet.first().copied().unwrap_or(0.0) - self.scale * Feet::from_pose(&self.rig, pose).pelvis_m)
     }
 
     fn smpl_root(&self, pelvis: Vec3) -> Vec3 {
@@ -270,7 +270,7 @@ fn along(rig: &Skeleton, chain: &[usize], local: &[Quat]) -> Vec3 {
 /// `S`: the smallest turn from the SMPL bone at rest to the rig's in the reference pose; identity for what is no limb.
 fn bone_turn(rig: &Skeleton, pose: &ReferencePose, still: &GlobalPose, id: usize) -> Quat {
     if let Some((_, lower)) = LIMBS.iter().find(|(upper, _)| *upper == id) {
-        let (Some(a), Some(b)) = (pose.place(id), pose.place(*lower)) else { return Quat::IDENTITY };
+        let (Some(a), Some(b)) = (pose.position(id), pose.position(*lower)) else { return Quat::IDENTITY };
         return swing(still.positions[*lower] - still.positions[id], b - a);
     }
     // hands: along the hand's own bone, else along the forearm, whichever the rig has
@@ -368,7 +368,7 @@ fn check_on(clip: &Clip, body: &Skeleton) -> Result<()> {
 /// A motion on the neutral SMPL-24 body, whatever it was read from; `map` is a shipped map's name or a TOML's path,
 /// `None` to find it by the names.
 ///
-/// The path grows with the legs, about the motion's floor ([`floor_m`]). Motions of SMPL files keep their rotations, which
+/// The path grows with the legs, about the motion's floor ([`floor_height`]). Motions of SMPL files keep their rotations, which
 /// mean the same on every SMPL body.
 ///
 /// # Errors
@@ -380,7 +380,7 @@ pub fn to_smpl(motion: &Motion, map: Option<&str>) -> Result<Clip> {
     }
     let retargeted = || {
         let way = Retarget::new(rig, &map_for(rig, map)?, smpl::neutral())?;
-        let floor_m = if way.same { 0.0 } else { floor_m(motion, map)? };
+        let floor_m = if way.same { 0.0 } else { floor_height(motion, map)? };
         way.with_floor(floor_m).to_smpl(&motion.clip)
     };
     retargeted().map_err(|e| match e {
@@ -398,7 +398,7 @@ fn on_neutral(motion: &Motion) -> Result<Clip> {
     let scale = smpl_leg_m(&neutral) / smpl_leg_m(clip.skeleton());
     let map = SkeletonMap::by_name_or_file("smpl")?;
     let [on, from] = [&neutral, clip.skeleton()].map(|body| Feet::new(body, &map).map(|feet| feet.pelvis_m));
-    let raise = floor_m(motion, Some("smpl"))? * (1.0 - scale) + on? - scale * from?;
+    let raise = floor_height(motion, Some("smpl"))? * (1.0 - scale) + on? - scale * from?;
     let root = clip.root().iter().map(|p| *p * scale + Vec3::Y * raise).collect();
     Clip::new(neutral, clip.fps(), root, clip.rotations().to_vec())
 }

@@ -285,7 +285,7 @@ fn smpl_files_keep_their_rotations() {
     };
     let y = to_smpl(&motion, None).unwrap();
     assert_eq!(y.rotations(), x.rotations());
-    let floor = floor_m(&motion, None).unwrap();
+    let floor = floor_height(&motion, None).unwrap();
     assert!(((y.root()[0].y - floor) / (x.root()[0].y - floor) - 1.0 / 1.1).abs() < 0.01);
     let plain = Motion { source: Source::Plain, clip: x.clone(), ..motion };
     assert_eq!(to_smpl(&plain, None).unwrap(), x);

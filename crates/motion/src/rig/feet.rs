@@ -32,11 +32,11 @@ impl Feet {
     /// # Errors
     /// As [`ReferencePose::new`].
     pub fn new(rig: &Skeleton, map: &SkeletonMap) -> Result<Self> {
-        Ok(Feet::of(rig, &ReferencePose::new(rig, map)?))
+        Ok(Feet::from_pose(rig, &ReferencePose::new(rig, map)?))
     }
 
     /// [`Feet::new`] of a reference pose that is there already.
-    pub fn of(rig: &Skeleton, pose: &ReferencePose) -> Self {
+    pub fn from_pose(rig: &Skeleton, pose: &ReferencePose) -> Self {
         let joints: Vec<usize> = [7, 8, 10, 11].iter().filter_map(|&id: &usize| pose.joints[id]).collect();
         let of_foot: Vec<bool> = (0..rig.joints()).map(|j| joints.iter().any(|&foot| rig.descends(j, foot))).collect();
         let y = |j: usize| pose.global.positions[j].y;
@@ -67,7 +67,7 @@ impl Feet {
     ///
     /// # Panics
     /// If the clip is not on a rig of these joints.
-    pub fn least(&self, clip: &Clip) -> Vec<f64> {
+    pub fn clearance(&self, clip: &Clip) -> Vec<f64> {
         self.lowest(clip).into_iter().map(|(least, _)| least).collect()
     }
 
@@ -76,7 +76,7 @@ impl Feet {
     ///
     /// # Panics
     /// If the clip is not on a rig of these joints.
-    pub fn others(&self, clip: &Clip) -> Vec<f64> {
+    pub fn other_heights(&self, clip: &Clip) -> Vec<f64> {
         let lowest = |frame: &[Vec3]| {
             let others = frame.iter().zip(&self.of_foot).filter(|(_, of_foot)| !**of_foot);
             others.map(|(p, _)| p.y).fold(f64::MAX, f64::min)
@@ -84,7 +84,7 @@ impl Feet {
         clip.positions().chunks_exact(clip.joints()).map(lowest).collect()
     }
 
-    /// [`Feet::least`], and where that foot is.
+    /// [`Feet::clearance`], and where that foot is.
     pub(super) fn lowest(&self, clip: &Clip) -> Vec<(f64, usize)> {
         let mut pose = GlobalPose::default();
         let frame = |f: usize| {
@@ -96,7 +96,7 @@ impl Feet {
     }
 }
 
-/// Whether an end site is one that [`crate::format::bvh::BvhSource::plain`] adds where a body has none, since a BVH needs
+/// Whether an end site is one that [`crate::format::bvh::BvhSource::for_skeleton`] adds where a body has none, since a BVH needs
 /// one: it says nothing of the foot, and the floor is the same in a file that has none.
 fn is_made_up(rig: &Skeleton, end: &EndSite) -> bool {
     let bone = rig.offsets()[end.parent];
@@ -138,7 +138,7 @@ mod tests {
         assert!(near(feet.pelvis_m, STAND, 1e-12) && near(feet.body_m, 1.58, 0.03), "{feet:?}");
         let root = (0..120).map(|f| Vec3::new(0.0, STAND + 0.3 * f as f64 / FPS, 0.0)).collect();
         let stand = Clip::new(smpl::neutral(), FPS, root, vec![Quat::IDENTITY; 24 * 120]).unwrap();
-        for (f, least) in feet.least(&stand).iter().enumerate() {
+        for (f, least) in feet.clearance(&stand).iter().enumerate() {
             assert!(near(*least, 0.3 * f as f64 / FPS, 1e-12));
         }
     }

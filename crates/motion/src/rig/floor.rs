@@ -45,7 +45,7 @@ pub fn floor(clip: &Clip, map: &SkeletonMap) -> Result<Floor> {
 impl Feet {
     /// The floor of a clip on this rig, as its file has it: before it is retargeted.
     ///
-    /// *Found* is the 5th percentile over frames of [`Feet::least`]. It is doubted when another joint lies over 10 cm below
+    /// *Found* is the 5th percentile over frames of [`Feet::clearance`]. It is doubted when another joint lies over 10 cm below
     /// it in over 2 % of the frames (a handstand); when the lowest foot of the lowest tenth of the frames moves faster than
     /// 0.5 m/s in the median (skating, swimming); when the median pelvis is outside 0.5 to 1.2 of its standing height
     /// (sitting, hanging); when a foot is within 10 cm of it in under a tenth of the frames (stairs); when the clip is
@@ -166,7 +166,7 @@ mod tests {
         floor.doubts.iter().map(|d| d.kind).collect()
     }
 
-    fn floor_of(clip: &Clip) -> Floor {
+    fn resolve_floor(clip: &Clip) -> Floor {
         floor(clip, &smpl_map()).unwrap()
     }
 
@@ -182,7 +182,7 @@ mod tests {
             for at in [0.0, -0.3, 1.4] {
                 let root = dance.clip.root().iter().map(|p| *p + Vec3::Y * at).collect();
                 let moved = Clip::new(smpl::neutral(), FPS, root, dance.clip.rotations().to_vec()).unwrap();
-                let floor = floor_of(&moved);
+                let floor = resolve_floor(&moved);
                 assert!(near(floor.height_m, at, 0.01), "{} at {at}: {floor:?}", dance.name());
                 assert!(floor.doubts.is_empty(), "{}: {floor:?}", dance.name());
             }
@@ -196,17 +196,17 @@ mod tests {
             let air = (t.fract() / 0.4).min(1.0);
             0.5 + STAND + 4.0 * 0.2 * air * (1.0 - air)
         };
-        let floor = floor_of(&clip(6.0, &posed(&[]), hop));
+        let floor = resolve_floor(&clip(6.0, &posed(&[]), hop));
         assert!(near(floor.height_m, 0.5, 1e-9) && floor.doubts.is_empty(), "{floor:?}");
     }
 
     #[test]
     fn stairs() {
         let climb = |steps: f64| clip(20.0, &posed(&[]), move |t| 0.1 + STAND + 0.18 * (t / 20.0 * steps).floor());
-        let floor = floor_of(&climb(3.0));
+        let floor = resolve_floor(&climb(3.0));
         assert!(near(floor.height_m, 0.1, 1e-9) && floor.doubts.is_empty(), "{floor:?}");
         // so many that no step is stood on for a tenth of the time: said, and y = 0 is taken
-        let floor = floor_of(&climb(16.0));
+        let floor = resolve_floor(&climb(16.0));
         assert_eq!(kinds(&floor), ["floor_pelvis", "floor_far"], "{floor:?}");
         assert!(near(floor.found_m, 0.1, 1e-9) && floor.height_m == 0.0, "{floor:?}");
         assert!(floor.doubts[1].what.contains("in 6 % of frames only; 0 is taken"), "{floor:?}");
@@ -217,8 +217,8 @@ mod tests {
         // upright on the knees, toes tucked in
         let kneel = posed(&[(4, flex(FRAC_PI_2)), (5, flex(FRAC_PI_2))]);
         let feet = Feet::new(&smpl::neutral(), &smpl_map()).unwrap();
-        let down = feet.least(&clip(1.0, &kneel, |_| 0.0))[0];
-        let floor = floor_of(&clip(5.0, &kneel, |_| 0.2 - down));
+        let down = feet.clearance(&clip(1.0, &kneel, |_| 0.0))[0];
+        let floor = resolve_floor(&clip(5.0, &kneel, |_| 0.2 - down));
         assert!(near(floor.height_m, 0.2, 1e-9) && floor.doubts.is_empty(), "{floor:?}");
     }
 
@@ -226,7 +226,7 @@ mod tests {
     fn handstand() {
         let arms = [(16, Quat::from_rotation_z(FRAC_PI_2)), (17, Quat::from_rotation_z(-FRAC_PI_2))];
         let upside = posed(&[(0, flex(2.0 * FRAC_PI_2)), arms[0], arms[1]]);
-        let floor = floor_of(&clip(5.0, &upside, |_| 1.1));
+        let floor = resolve_floor(&clip(5.0, &upside, |_| 1.1));
         assert_eq!(kinds(&floor), ["floor_below", "floor_pelvis"], "{floor:?}");
         assert!(floor.doubts[0].what.contains("hand") && floor.doubts[0].what.contains("100 %"), "{floor:?}");
         assert_eq!(floor.height_m, floor.found_m, "far from 0 it stays, with the doubt");
@@ -235,7 +235,7 @@ mod tests {
         let pose = |f: usize| if f < n / 3 { upside.clone() } else { posed(&[]) };
         let root = vec![Vec3::Y * STAND; n];
         let mixed = Clip::new(smpl::neutral(), FPS, root, (0..n).flat_map(pose).collect()).unwrap();
-        let floor = floor_of(&mixed);
+        let floor = resolve_floor(&mixed);
         assert!(near(floor.height_m, 0.0, 1e-9) && floor.doubts.is_empty(), "{floor:?}");
     }
 
@@ -245,11 +245,11 @@ mod tests {
             [1, 2].map(|hip| (hip, flex(-FRAC_PI_2))).into_iter().chain([4, 5].map(|knee| (knee, flex(FRAC_PI_2))));
         let sit = posed(&sit.collect::<Vec<_>>());
         let feet = Feet::new(&smpl::neutral(), &smpl_map()).unwrap();
-        let down = feet.least(&clip(1.0, &sit, |_| 0.0))[0];
+        let down = feet.clearance(&clip(1.0, &sit, |_| 0.0))[0];
         // on a seat of its own shin's height the pelvis is at half its standing height and more; on a kerb it isn't
-        assert!(floor_of(&clip(5.0, &sit, |_| -down)).doubts.is_empty());
+        assert!(resolve_floor(&clip(5.0, &sit, |_| -down)).doubts.is_empty());
         let low = posed(&[1, 2].map(|hip| (hip, flex(-FRAC_PI_2))));
-        let floor = floor_of(&clip(5.0, &low, |_| 0.12));
+        let floor = resolve_floor(&clip(5.0, &low, |_| 0.12));
         assert!(kinds(&floor).contains(&"floor_pelvis"), "{floor:?}");
         assert_eq!(floor.height_m, 0.0);
     }
@@ -275,7 +275,7 @@ mod tests {
         assert!(near(feet.pelvis_m, 2.0 * STAND, 1e-12));
         let n = 120;
         let stand = Clip::new(Arc::new(rig), FPS, vec![Vec3::Y * (2.0 * STAND + 0.4); n], vec![Quat::IDENTITY; n * 22]);
-        let floor = floor_of(&stand.unwrap());
+        let floor = resolve_floor(&stand.unwrap());
         assert!(near(floor.height_m, 0.4, 1e-12) && floor.doubts.is_empty(), "{floor:?}");
     }
 
@@ -288,7 +288,7 @@ mod tests {
         format::write(&path, &motion).unwrap();
         let back = format::read(&path, &ReadOptions::default()).unwrap().clip;
         assert!(!back.skeleton().ends().is_empty());
-        let (floor, want) = (floor_of(&back), floor_of(&dance));
+        let (floor, want) = (resolve_floor(&back), resolve_floor(&dance));
         assert!(near(floor.found_m, want.found_m, 1e-5), "{floor:?} {want:?}");
         let [a, b] = [&back, &dance].map(|clip| Feet::new(clip.skeleton(), &smpl_map()).unwrap());
         assert!(near(a.body_m, b.body_m, 1e-5) && near(a.pelvis_m, b.pelvis_m, 1e-5), "{a:?} {b:?}");
@@ -296,16 +296,16 @@ mod tests {
 
     #[test]
     fn short_clips_and_skating_are_doubted() {
-        let floor = floor_of(&clip(0.5, &posed(&[]), |_| STAND + 0.1));
+        let floor = resolve_floor(&clip(0.5, &posed(&[]), |_| STAND + 0.1));
         assert_eq!((kinds(&floor).as_slice(), floor.height_m), (["floor_short"].as_slice(), 0.0));
         assert!(near(floor.found_m, 0.1, 1e-9));
         let n = 180;
         let root = (0..n).map(|f| Vec3::new(0.0, STAND, 0.02 * f as f64)).collect();
         let skating = Clip::new(smpl::neutral(), FPS, root, vec![Quat::IDENTITY; n * 24]).unwrap();
-        let floor = floor_of(&skating);
+        let floor = resolve_floor(&skating);
         assert_eq!(kinds(&floor), ["floor_slides"]);
         assert!(floor.doubts[0].what.contains("1.20 m/s"), "{floor:?}");
-        let none = floor_of(&clip(0.0, &posed(&[]), |_| 0.0));
+        let none = resolve_floor(&clip(0.0, &posed(&[]), |_| 0.0));
         assert_eq!((none.height_m, kinds(&none).as_slice()), (0.0, ["floor_short"].as_slice()));
     }
 }

@@ -47,13 +47,13 @@ impl ReferencePose {
     }
 
     /// World place of an SMPL joint's counterpart.
-    pub fn place(&self, smpl_id: usize) -> Option<Vec3> {
+    pub fn position(&self, smpl_id: usize) -> Option<Vec3> {
         self.joints[smpl_id].map(|j| self.global.positions[j])
     }
 
     /// From one SMPL joint's counterpart to another's, metres, world.
     fn bone(&self, from: usize, to: usize) -> Vec3 {
-        self.place(to).unwrap_or_default() - self.place(from).unwrap_or_default()
+        self.position(to).unwrap_or_default() - self.position(from).unwrap_or_default()
     }
 
     /// Hip to knee to ankle, metres, the mean of both legs.

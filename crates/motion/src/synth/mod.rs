@@ -5,21 +5,21 @@
 //! Feet are planned first, step by step, and stay where they are put; the hips ride between them; arms, spine and head
 //! follow the figure; inverse kinematics makes joints of it. All of it is our own; no recorded motion is in it.
 
-mod body;
 mod control;
-mod dancer;
+mod dancers;
 mod figures;
 mod rng;
 mod score;
+mod solve;
 mod steps;
 
 use crate::{Clip, Error, Result, Vec3, smpl};
-use body::Wishes;
 use control::{CHANNELS, Control, smooth};
-use dancer::{DANCERS, Dancer};
+use dancers::{DANCERS, Dancer};
 use figures::{GENRES, Genre};
 use rng::Rng;
 use score::Score;
+use solve::Wishes;
 use steps::{Foot, Steps};
 
 /// A dance and who dances what.
@@ -126,7 +126,7 @@ fn perform(score: &Score, seconds: f64, fps: f64) -> Result<Clip> {
         let (before, after) = (&controls[f.saturating_sub(1)], &controls[(f + 1).min(times.len() - 1)]);
         let wrist_velocity = [0, 1].map(|side| (after.wrists[side] - before.wrists[side]) * (0.5 * fps));
         let wishes = Wishes { control: controls[f], feet: feet[f], pelvis: pelvis[f], wrist_velocity };
-        let pose = body::solve(&skeleton, &wishes);
+        let pose = solve::solve(&skeleton, &wishes);
         root.push(pose.root);
         rotations.extend(pose.local);
     }

@@ -1,7 +1,7 @@
 //! A dance in time: which figure when, how it is danced, and the steps that follow from it.
 
 use super::control::Control;
-use super::dancer::Dancer;
+use super::dancers::Dancer;
 use super::figures::{Figure, Genre, between};
 use super::rng::Rng;
 use super::steps::{Footprint, Step, Steps};

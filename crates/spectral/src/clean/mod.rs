@@ -136,7 +136,7 @@ fn of_clip(name: &str, clip: &Clip, joints: &[usize]) -> Result<Vec<Find>> {
 
 fn sinking(clip: &Clip) -> Result<Vec<Find>> {
     let feet = Feet::new(&smpl::neutral(), &map_for(&smpl::neutral(), None)?)?;
-    let low: Vec<f64> = feet.least(clip).into_iter().zip(feet.others(clip)).map(|(a, b)| a.min(b)).collect();
+    let low: Vec<f64> = feet.clearance(clip).into_iter().zip(feet.other_heights(clip)).map(|(a, b)| a.min(b)).collect();
     let mut found = Vec::new();
     let mut first = 0;
     for stretch in low.chunk_by(|a, b| (*a < -DEPTH_M) == (*b < -DEPTH_M)) {

@@ -3,7 +3,7 @@
 use crate::filter::LOW_HZ;
 use crate::series::outwards;
 use crate::{Error, Result, Series};
-use kinelm_motion::format::floor_m;
+use kinelm_motion::format::floor_height;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
 use kinelm_motion::rig::map_for;
@@ -147,7 +147,7 @@ impl Alignment {
             let window = Motion { clip: second, source, path: motions[1].path.clone(), warnings: Vec::new() };
             let smpl = retarget::to_smpl(&window, map)?;
             let way = Retarget::new(to, &map_for(to, map)?, smpl.skeleton().clone())?;
-            let way = way.with_floor(floor_m(&window, map)?);
+            let way = way.with_floor(floor_height(&window, map)?);
             way.to_rig_over(&smpl, Some(first))
         };
         let clip = retargeted()

@@ -1,7 +1,7 @@
 //! The text of a frame time, and the rate that is meant by it: docs/motion-files.md.
 
 use super::text::number;
-use crate::error::in_short;
+use crate::error::compact;
 use crate::resample::MOST_FPS;
 use crate::{Error, Result};
 
@@ -66,7 +66,7 @@ pub fn text(fps: f64) -> Result<String> {
     if !(fps >= 1.0 && fps.is_finite()) {
         return Err(Error::Call(format!(
             "{} frames per second can't be written to a BVH; expected at least 1",
-            in_short(fps)
+            compact(fps)
         )));
     }
     let seconds = 1.0 / fps;
@@ -75,7 +75,7 @@ pub fn text(fps: f64) -> Result<String> {
     let text = found.unwrap_or_else(|| format!("{seconds:.20}"));
     match rate(&text) {
         Some(_) => Ok(text),
-        None => Err(Error::Call(format!("{} frames per second are too many to be written to a BVH", in_short(fps)))),
+        None => Err(Error::Call(format!("{} frames per second are too many to be written to a BVH", compact(fps)))),
     }
 }
 

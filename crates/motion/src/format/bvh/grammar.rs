@@ -124,7 +124,7 @@ impl<'a> Parser<'a> {
     fn hierarchy(&mut self) -> Step {
         let (at, word) = self.word(true);
         if !word.eq_ignore_ascii_case(b"HIERARCHY") {
-            let looks = crate::format::looks_like(self.text.bytes);
+            let looks = crate::format::sniff(self.text.bytes);
             let found = if word.is_empty() { self.text.found(at) } else { self.text.quote(word) };
             let fault = self.text.fault(at, FaultKind::NotBvh, found, "HIERARCHY as the first word");
             return Err(fault.help(format!("this looks like {looks}")));

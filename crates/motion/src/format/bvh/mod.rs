@@ -4,14 +4,14 @@
 //! [`Header::rows`] the numbers, [`read`] makes a [`Motion`] of both. What the clip has no place for stays in the
 //! [`BvhSource`], so that a file can be written back as it came.
 
+mod channels;
 mod compose;
+mod default_rig;
 mod frame_time;
 mod grammar;
 mod header;
-mod meaning;
+mod interpret;
 mod numbers;
-mod onto_rig;
-mod plain;
 mod positions;
 mod print;
 mod rows;
@@ -20,17 +20,17 @@ mod text;
 mod unit;
 mod write;
 
-pub use super::source::bvh::{BvhSource, Channel, Header, Node, NodeKind, Rig};
+pub use super::source::bvh::{BvhRig, BvhSource, Channel, Header, Node, NodeKind};
 pub use compose::Piece;
 pub use frame_time::USUAL_FPS;
 pub use positions::positions;
 pub use splice::Changed;
 pub use write::{to_bytes, to_bytes_in, write};
 
-use crate::format::{Axes, BvhPosition, ReadOptions, Up, UpBy};
+use crate::format::{Axes, BvhPosition, ReadOptions, Up, UpSource};
 use crate::rig::map_if_any;
 use crate::{Clip, Motion, Result, Source, Warning};
-use meaning::Frames;
+use interpret::Frames;
 use std::path::Path;
 use text::Text;
 
@@ -113,7 +113,7 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
 }
 
 fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> {
-    let (rig, more) = meaning::decide(path, &parsed.head, &parsed.frames(options.bvh_position), options)?;
+    let (rig, more) = interpret::decide(path, &parsed.head, &parsed.frames(options.bvh_position), options)?;
     let fps = parsed.fps(options);
     let Parsed { head, numbers, frames, mut warnings } = parsed;
     warnings.extend(more);
@@ -122,7 +122,7 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
     let map = map_if_any(clip.skeleton().names(), options.map.as_deref())?;
     let (axes, doubt) = Axes::of(&clip, options.up, map.as_ref());
     warnings.extend(doubt.map(|what| Warning { kind: "up_unsure", what }));
-    if axes.by == UpBy::Judged && axes.up != Up::Y {
+    if axes.by == UpSource::Inferred && axes.up != Up::Y {
         let what = format!("{} is up, by the rest pose and the motion; if it is not, --up says what is", axes.up);
         warnings.push(Warning { kind: "up_axis", what });
     }
@@ -151,7 +151,7 @@ impl BvhSource {
     /// [`crate::Error::Call`] when a number is so large that the clip is not finite, or for a rate that is not positive.
     pub fn clip(&self, fps: f64) -> Result<Clip> {
         let skeleton = self.rig.axes.skeleton_laid_back(&self.rig.skeleton)?;
-        self.rig.axes.stand(meaning::clip(&self.rig, skeleton, &self.as_frames(), fps)?)
+        self.rig.axes.stand(interpret::clip(&self.rig, skeleton, &self.as_frames(), fps)?)
     }
 
     /// Frames per second by the text of the frame time, whatever the clip was read at.

@@ -1,9 +1,9 @@
 //! Places of every joint and end site by the file's own channels.
 
-use super::meaning;
+use super::interpret;
 use crate::format::ReadOptions;
 use crate::format::positions::Positions;
-use crate::format::rest::{looks_for_rest, rest_frame};
+use crate::format::rest::{drops_rest_frame, has_rest_frame};
 use crate::format::source::bvh::NodeKind;
 use crate::{Quat, Result, Source, Vec3};
 use std::collections::HashMap;
@@ -18,14 +18,14 @@ use std::path::Path;
 /// As [`super::read`].
 pub fn positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Positions> {
     let mut motion = super::read(path, bytes, options)?;
-    if looks_for_rest(options) && rest_frame(&motion) {
+    if drops_rest_frame(options) && has_rest_frame(&motion) {
         motion = motion.slice(1..motion.clip.frames());
     }
     let fps = motion.clip.fps();
     let Source::Bvh(source) = motion.source else { return Ok(Positions::from_clip(&motion.clip)) };
     let frames = source.as_frames();
     let nodes = &source.head.nodes;
-    let range = meaning::choose_root(path, &source.head, options)?;
+    let range = interpret::choose_root(path, &source.head, options)?;
     let mut all = Vec::with_capacity(source.frames * range.len());
     let mut turns = vec![Quat::IDENTITY; range.len()];
     let mut places = vec![Vec3::ZERO; range.len()];

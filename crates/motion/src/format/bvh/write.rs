@@ -24,7 +24,7 @@ pub fn write(path: &Path, motion: &Motion) -> Result<()> {
 pub fn to_bytes(motion: &Motion) -> Result<Vec<u8>> {
     match &motion.source {
         Source::Bvh(source) if source.fits(&motion.clip) => source.to_bytes(&motion.clip),
-        _ => BvhSource::plain(motion.clip.skeleton())?.to_bytes(&motion.clip),
+        _ => BvhSource::for_skeleton(motion.clip.skeleton())?.to_bytes(&motion.clip),
     }
 }
 
@@ -35,7 +35,7 @@ pub fn to_bytes(motion: &Motion) -> Result<Vec<u8>> {
 pub fn to_bytes_in(motion: &Motion, metres: f64) -> Result<Vec<u8>> {
     match &motion.source {
         Source::Bvh(source) if source.fits(&motion.clip) => source.in_unit(metres).to_bytes(&motion.clip),
-        _ => BvhSource::plain(motion.clip.skeleton())?.in_unit(metres).to_bytes(&motion.clip),
+        _ => BvhSource::for_skeleton(motion.clip.skeleton())?.in_unit(metres).to_bytes(&motion.clip),
     }
 }
 

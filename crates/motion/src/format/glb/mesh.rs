@@ -1,6 +1,6 @@
 //! A body of tapered capsules around the bones of a skeleton, each turned by one joint.
 
-use crate::body::{Body, standing};
+use crate::capsules::{CapsuleBody, standing_height_m};
 use crate::{Clip, GlobalPose, Quat, Result, Skeleton, Vec3};
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -30,10 +30,10 @@ impl Mesh {
     /// None that a skeleton brings about.
     pub fn of(skeleton: &Arc<Skeleton>) -> Result<Mesh> {
         let rest = Clip::new(skeleton.clone(), 1.0, vec![Vec3::ZERO], vec![Quat::IDENTITY; skeleton.joints()])?;
-        let height = standing(skeleton).unwrap_or_else(|| extent(&rest));
-        let body = Body::new(skeleton, height, &[]);
+        let height = standing_height_m(skeleton).unwrap_or_else(|| extent(&rest));
+        let body = CapsuleBody::new(skeleton, height, &[]);
         let mut places = Vec::new();
-        body.places(&rest, 0, &mut GlobalPose::default(), &mut places);
+        body.points(&rest, 0, &mut GlobalPose::default(), &mut places);
         let mut mesh = Mesh::default();
         for bone in &body.bones {
             mesh.add_capsule(places[bone.a], places[bone.b], (bone.ra, bone.rb), bone.a);

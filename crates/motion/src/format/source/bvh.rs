@@ -16,7 +16,7 @@ pub struct BvhSource {
     /// F.
     pub frames: usize,
     /// How the nodes are the clip's joints.
-    pub rig: Rig,
+    pub rig: BvhRig,
     /// Of a motion that was put on this rig from another: where its floor was found before that, metres.
     pub floor_m: Option<f64>,
 }
@@ -50,7 +50,7 @@ impl BvhSource {
 
 /// How a file's nodes and channels are a clip: what was decided on reading, and holds for writing back.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Rig {
+pub struct BvhRig {
     /// The nodes from the file's ROOT to the clip's root, both included: one where nothing was folded.
     pub chain: Vec<usize>,
     /// (J) node of each joint.

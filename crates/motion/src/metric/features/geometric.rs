@@ -3,7 +3,7 @@
 //! Source: Müller, Röder, Clausen, "Efficient content-based retrieval of motion capture data" (2005); the code of fairmotion
 //! and its descendants.
 
-use super::{Form, Lengths, Places};
+use super::{Formulas, JointPositions, Lengths};
 use crate::Vec3;
 
 /// Relations.
@@ -37,10 +37,10 @@ const NO_NORMAL: f64 = 1e-8;
 const COMPAT_RATE: f64 = 120.0;
 
 /// The share of frames, from the second on, in which each relation holds.
-pub fn geometric(places: &Places, form: Form) -> [f64; GEOMETRIC] {
+pub fn geometric(places: &JointPositions, form: Formulas) -> [f64; GEOMETRIC] {
     let (lengths, fps) = match form {
-        Form::Compat => (Lengths::COMPAT, COMPAT_RATE),
-        Form::Fixed => (places.lengths, places.fps),
+        Formulas::Compat => (Lengths::COMPAT, COMPAT_RATE),
+        Formulas::Fixed => (places.lengths, places.fps),
     };
     let mut shares = [0.0; GEOMETRIC];
     for frame in 1..places.frames() {
@@ -53,7 +53,7 @@ pub fn geometric(places: &Places, form: Form) -> [f64; GEOMETRIC] {
 
 /// A frame.
 struct At<'a> {
-    places: &'a Places,
+    places: &'a JointPositions,
     frame: usize,
     fps: f64,
 }
@@ -68,19 +68,23 @@ impl At<'_> {
         (self.p(joint) - self.places.at(self.frame - 1, joint)) * self.fps
     }
 
-    fn relations(&self, Lengths { humerus: hl, shoulders: sw, hips: hw }: Lengths, form: Form) -> [bool; GEOMETRIC] {
+    fn relations(
+        &self,
+        Lengths { humerus: hl, shoulders: sw, hips: hw }: Lengths,
+        form: Formulas,
+    ) -> [bool; GEOMETRIC] {
         use id::*;
         let lowest = (0..24).map(|joint| self.p(joint).y).fold(f64::INFINITY, f64::min);
         let above = |joint: usize| self.p(joint).y - lowest;
         let [chest_right, chest_left, together, right_in, left_in] = match form {
-            Form::Compat => [
+            Formulas::Compat => [
                 self.moves(BELLY, CHEST, CHEST),
                 self.moves(BELLY, CHEST, CHEST),
                 self.moves(LWRIST, RWRIST, RWRIST),
                 self.moves(RWRIST, ROOT, LWRIST),
                 self.moves(LWRIST, ROOT, RWRIST),
             ],
-            Form::Fixed => [
+            Formulas::Fixed => [
                 self.along(RWRIST, CHEST, self.p(CHEST) - self.p(BELLY)),
                 self.along(LWRIST, CHEST, self.p(CHEST) - self.p(BELLY)),
                 self.along(LWRIST, RWRIST, self.p(RWRIST) - self.p(LWRIST)),

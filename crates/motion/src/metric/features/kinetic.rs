@@ -3,7 +3,7 @@
 //! Source: Onuma, Faloutsos, Hodgins, "FMDistance: a fast and effective distance function for motion capture data" (2008);
 //! the code of fairmotion and its descendants.
 
-use super::{COMPAT_FPS, Form, Places};
+use super::{COMPAT_FPS, Formulas, JointPositions};
 use crate::Vec3;
 
 /// Three a joint: mean square speed over the ground, mean square speed up and down, mean size of the acceleration.
@@ -14,9 +14,9 @@ const REACH: i64 = 2;
 
 /// The features, joint by joint. `compat` takes frames as a sixtieth of a second, whatever their rate; `fixed` gives
 /// ln(x + 0.001) of each.
-pub fn kinetic(places: &Places, form: Form) -> [f64; KINETIC] {
+pub fn kinetic(places: &JointPositions, form: Formulas) -> [f64; KINETIC] {
     let mut features = [0.0; KINETIC];
-    let fps = if form == Form::Compat { COMPAT_FPS } else { places.fps };
+    let fps = if form == Formulas::Compat { COMPAT_FPS } else { places.fps };
     let steps = places.frames() - 1;
     for joint in 0..24 {
         let [along, upward, faster] = [0, 1, 2].map(|i| 3 * joint + i);
@@ -28,14 +28,14 @@ pub fn kinetic(places: &Places, form: Form) -> [f64; KINETIC] {
         }
         features[3 * joint..3 * joint + 3].iter_mut().for_each(|x| *x /= steps as f64);
     }
-    if form == Form::Fixed {
+    if form == Formulas::Fixed {
         features.iter_mut().for_each(|x| *x = (*x + 1e-3).ln());
     }
     features
 }
 
 /// The mean of what `of` says of the frames around `frame` whose neighbours from `-1` to `ahead` are in the clip.
-fn mean(places: &Places, frame: usize, ahead: i64, of: impl Fn(usize) -> Vec3) -> Vec3 {
+fn mean(places: &JointPositions, frame: usize, ahead: i64, of: impl Fn(usize) -> Vec3) -> Vec3 {
     let around = (-REACH..=REACH).map(|d| frame as i64 + d);
     let within = around.filter(|i| *i >= 1 && i + ahead < places.frames() as i64);
     let (sum, n) = within.fold((Vec3::ZERO, 0.0), |(sum, n), i| (sum + of(i as usize), n + 1.0));
@@ -43,17 +43,17 @@ fn mean(places: &Places, frame: usize, ahead: i64, of: impl Fn(usize) -> Vec3) -
 }
 
 /// Metres a frame.
-fn speed(places: &Places, joint: usize, frame: usize) -> Vec3 {
+fn speed(places: &JointPositions, joint: usize, frame: usize) -> Vec3 {
     mean(places, frame, 0, |i| places.at(i, joint) - places.at(i - 1, joint))
 }
 
-fn acceleration(places: &Places, joint: usize, frame: usize, fps: f64, form: Form) -> Vec3 {
+fn acceleration(places: &JointPositions, joint: usize, frame: usize, fps: f64, form: Formulas) -> Vec3 {
     mean(places, frame, 1, |i| {
         let [before, now, next] = [i - 1, i, i + 1].map(|i| places.at(i, joint));
         match form {
             // a bracket too early: the place before alone is divided, so that places count, not changes
-            Form::Compat => ((next - now) * fps - (now - before * fps)) * fps,
-            Form::Fixed => (next - now * 2.0 + before) * fps * fps,
+            Formulas::Compat => ((next - now) * fps - (now - before * fps)) * fps,
+            Formulas::Fixed => (next - now * 2.0 + before) * fps * fps,
         }
     })
 }

@@ -16,16 +16,16 @@ pub const COMPAT_FPS: f64 = 60.0;
 
 /// Which formulas.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Form {
+pub enum Formulas {
     /// As published.
     Compat,
     /// As meant.
     Fixed,
 }
 
-/// Places of the 24 SMPL joints over time, (F, 24), metres, y up, at a rate, with what the body measures at rest.
+/// JointPositions of the 24 SMPL joints over time, (F, 24), metres, y up, at a rate, with what the body measures at rest.
 #[derive(Debug, Clone)]
-pub struct Places {
+pub struct JointPositions {
     places: Vec<Vec3>,
     fps: f64,
     lengths: Lengths,
@@ -47,12 +47,12 @@ impl Lengths {
     pub const COMPAT: Lengths = Lengths { humerus: 0.256_838_1, shoulders: 0.390_848_3, hips: 0.119_247_1 };
 }
 
-impl Places {
+impl JointPositions {
     /// Of a clip on SMPL-24.
     ///
     /// # Errors
     /// [`Error::Call`] for another rig and fewer than two frames.
-    pub fn of(clip: &Clip) -> Result<Places> {
+    pub fn of(clip: &Clip) -> Result<JointPositions> {
         if clip.skeleton().names() != smpl::NAMES || clip.frames() < 2 {
             let (joints, frames) = (clip.joints(), clip.frames());
             let what = "expected SMPL's 24 joints and two frames at least";
@@ -61,25 +61,25 @@ impl Places {
         let at_rest = crate::GlobalPose::new(clip.skeleton(), Vec3::ZERO, &[crate::Quat::IDENTITY; 24]).positions;
         let apart = |a: usize, b: usize| (at_rest[a] - at_rest[b]).length();
         let lengths = Lengths { humerus: apart(16, 18), shoulders: apart(16, 17), hips: apart(1, 2) };
-        Ok(Places { places: clip.positions(), fps: clip.fps(), lengths })
+        Ok(JointPositions { places: clip.positions(), fps: clip.fps(), lengths })
     }
 
     /// A range of the frames.
     ///
     /// # Panics
     /// If the range leaves them.
-    pub fn slice(&self, frames: std::ops::Range<usize>) -> Places {
-        Places { places: self.places[frames.start * 24..frames.end * 24].to_vec(), ..*self }
+    pub fn slice(&self, frames: std::ops::Range<usize>) -> JointPositions {
+        JointPositions { places: self.places[frames.start * 24..frames.end * 24].to_vec(), ..*self }
     }
 
     /// Time running backwards.
-    pub fn reversed(&self) -> Places {
-        Places { places: self.places.chunks(24).rev().flatten().copied().collect(), ..*self }
+    pub fn reversed(&self) -> JointPositions {
+        JointPositions { places: self.places.chunks(24).rev().flatten().copied().collect(), ..*self }
     }
 
     /// Every place changed by `change`.
-    pub fn changed(&self, change: impl FnMut(Vec3) -> Vec3) -> Places {
-        Places { places: self.places.iter().copied().map(change).collect(), ..*self }
+    pub fn changed(&self, change: impl FnMut(Vec3) -> Vec3) -> JointPositions {
+        JointPositions { places: self.places.iter().copied().map(change).collect(), ..*self }
     }
 
     /// Frames a second.

@@ -2,7 +2,7 @@
 
 use super::text::Text;
 use super::unit;
-use crate::format::source::bvh::{Channel, Header, Node, NodeKind, Rig};
+use crate::format::source::bvh::{BvhRig, Channel, Header, Node, NodeKind};
 use crate::format::{Axes, BvhPosition, ReadOptions};
 use crate::{Clip, EndSite, Error, FaultKind, Quat, Result, Skeleton, Vec3, Warning};
 use std::ops::Range;
@@ -98,7 +98,7 @@ pub(crate) fn decide(
     head: &Header,
     frames: &Frames,
     options: &ReadOptions,
-) -> Result<(Rig, Vec<Warning>)> {
+) -> Result<(BvhRig, Vec<Warning>)> {
     let range = choose_root(path, head, options)?;
     let nodes = &head.nodes;
     let means: Vec<(Vec3, f64)> = range.clone().map(|n| frames.mean_place(n)).collect();
@@ -119,7 +119,7 @@ pub(crate) fn decide(
     let warnings = stretch_warning(&skeleton, &stretch);
     let position = options.bvh_position;
     let rig =
-        Rig { chain, joints, skeleton: Arc::new(skeleton), unit_m, unit_judged, position, stretch, axes: Axes::OWN };
+        BvhRig { chain, joints, skeleton: Arc::new(skeleton), unit_m, unit_judged, position, stretch, axes: Axes::OWN };
     Ok((rig, warnings))
 }
 
@@ -161,7 +161,7 @@ fn stretch_warning(skeleton: &Skeleton, stretch: &[(usize, f64)]) -> Vec<Warning
 }
 
 /// The clip of a rig's rows, in the file's axes.
-pub(crate) fn clip(rig: &Rig, skeleton: Arc<Skeleton>, frames: &Frames, fps: f64) -> Result<Clip> {
+pub(crate) fn clip(rig: &BvhRig, skeleton: Arc<Skeleton>, frames: &Frames, fps: f64) -> Result<Clip> {
     let mut root = Vec::with_capacity(frames.frames);
     let mut rotations = Vec::with_capacity(frames.frames * rig.joints.len());
     for f in 0..frames.frames {

@@ -1,7 +1,7 @@
 //! What a file is that is not what its name promised.
 
 /// What the bytes of a file look like, in words; for messages when they are not what the name promised.
-pub fn looks_like(bytes: &[u8]) -> &'static str {
+pub fn sniff(bytes: &[u8]) -> &'static str {
     let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     let start = text.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(text.len());
     let head: Vec<u8> = text[start..].iter().take(64).map(u8::to_ascii_lowercase).collect();
@@ -64,7 +64,7 @@ mod tests {
             (b"\0\x01\x02", "binary"),
             (b"hello", "text"),
         ] {
-            assert!(looks_like(bytes).contains(want), "{want}: {}", looks_like(bytes));
+            assert!(sniff(bytes).contains(want), "{want}: {}", sniff(bytes));
         }
     }
 }

@@ -7,7 +7,7 @@ use crate::{Clip, Vec3};
 const LOW_M: f64 = 0.06;
 /// The slower a foot is, the more it stands; this fast it counts a quarter, metres a second.
 const SLOW_M_S: f64 = 0.1;
-/// What is left of a glide changes over so many seconds around.
+/// What is left of a anchor changes over so many seconds around.
 const SMOOTH_S: f64 = 0.15;
 
 /// (F) By how much the body is to be moved along the ground, metres, with the floor at `floor_m`: the way that the foot which

@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 pub const JOINT_JUMP_RAD: f64 = 25.0 * PI / 180.0;
 /// The figures of one clip.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Figures {
+pub struct ClipStats {
     /// Median over frames of highest minus lowest point (joints and end sites), metres.
     pub height_m: f64,
     /// Smallest and largest root position, metres.
@@ -33,7 +33,7 @@ pub struct Figures {
 }
 
 /// The figures of a clip; all zero and empty for one without frames.
-pub fn figures(clip: &Clip) -> Figures {
+pub fn clip_stats(clip: &Clip) -> ClipStats {
     let heights = heights(clip);
     let root_jumps = root_jumps(clip);
     let fall_g = fall_g(clip, &root_jumps);
@@ -42,7 +42,7 @@ pub fn figures(clip: &Clip) -> Figures {
     if let Some(&first) = clip.root().first() {
         (low, high) = clip.root().iter().fold((first, first), |(l, h), &p| (l.min(p), h.max(p)));
     }
-    Figures {
+    ClipStats {
         height_m: quantile(heights, 0.5),
         root_range: [low, high],
         speed_m_s: quantile(top_speeds(clip), 0.999),
@@ -102,17 +102,17 @@ mod tests {
 
     #[test]
     fn a_wrong_rate_is_seen_in_a_fall() {
-        let right = figures(&falling(60.0, height));
+        let right = clip_stats(&falling(60.0, height));
         assert!((right.fall_g - 1.0).abs() < 0.01, "{}", right.fall_g);
         assert_eq!(right.fps_for_free_fall, None);
-        let wrong = figures(&falling(60.0, height).with_fps(120.0).unwrap());
+        let wrong = clip_stats(&falling(60.0, height).with_fps(120.0).unwrap());
         assert!((wrong.fps_for_free_fall.unwrap() - 60.0).abs() < 1.0);
     }
 
     #[test]
     fn jumps_and_flips_are_named() {
         let clip = falling(60.0, |t| if t < 1.0 { 1.0 } else { 1.2 });
-        let f = figures(&clip);
+        let f = clip_stats(&clip);
         assert_eq!(f.root_jumps.len(), 1);
         assert_eq!(f.root_jumps[0].0, 60);
         assert!((f.height_m - 1.64).abs() < 0.2, "{}", f.height_m);
@@ -121,12 +121,12 @@ mod tests {
         let rotations =
             (0..10).flat_map(|f| (0..24).map(move |j| if j == 0 { turn(f) } else { Quat::IDENTITY })).collect();
         let spinning = Clip::new(smpl::neutral(), 60.0, vec![Vec3::Y; 10], rotations).unwrap();
-        assert_eq!(figures(&spinning).root_vector_flips, 1);
+        assert_eq!(clip_stats(&spinning).root_vector_flips, 1);
     }
 
     #[test]
     fn a_clip_without_frames_has_no_figures() {
-        let f = figures(&Clip::new(smpl::neutral(), 60.0, vec![], vec![]).unwrap());
+        let f = clip_stats(&Clip::new(smpl::neutral(), 60.0, vec![], vec![]).unwrap());
         assert_eq!((f.height_m, f.speed_m_s, f.fall_g), (0.0, 0.0, 0.0));
         assert!(f.still_joints.is_empty());
     }

@@ -1,4 +1,4 @@
-//! Feet that stand lie on the floor with their whole sole, or nearly.
+//! Feet that stand lie on the floor with their whole flatten, or nearly.
 
 use super::contact::Contact;
 use super::leg::Leg;
@@ -8,7 +8,7 @@ use crate::{Clip, Quat, Vec3};
 const HEEL: f64 = 0.3;
 /// Toes that are up come down by so much at most, radians.
 const TOES: f64 = 0.5;
-/// A foot that points further up or down doesn't stand on its sole, radians: somebody lies, or stands on the toes' tips.
+/// A foot that points further up or down doesn't stand on its flatten, radians: somebody lies, or stands on the toes' tips.
 const STEEP: f64 = 0.8;
 /// A foot lies no more exactly than this, radians.
 const SLACK: f64 = 0.05;

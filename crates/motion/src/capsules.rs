@@ -8,7 +8,7 @@ use serde::Serialize;
 
 /// A bone between two points, thick `ra` and `rb` metres at its ends; `given` if the joint that turns it is.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Bone {
+pub struct Capsule {
     /// The point that it begins at, a joint: the one that turns it.
     pub a: usize,
     /// The point that it ends at.
@@ -23,7 +23,7 @@ pub struct Bone {
 
 /// A joint.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Ball {
+pub struct JointSphere {
     /// Its point.
     pub at: usize,
     /// Radius.
@@ -34,13 +34,13 @@ pub struct Ball {
 
 /// A body made drawable. Points are the joints, then the end sites, then the head's upper half where there is a head.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Body {
+pub struct CapsuleBody {
     /// How many there are.
-    pub points: usize,
+    pub point_count: usize,
     /// Between points.
-    pub bones: Vec<Bone>,
+    pub bones: Vec<Capsule>,
     /// At joints.
-    pub balls: Vec<Ball>,
+    pub balls: Vec<JointSphere>,
     /// Points whose ways are worth seeing: wrists and ankles.
     pub tips: Vec<usize>,
     head: Option<Skull>,
@@ -54,42 +54,42 @@ struct Skull {
     further: f64,
 }
 
-impl Body {
+impl CapsuleBody {
     /// The body of a skeleton about `height` metres high; `given` (J) or empty.
     pub fn new(skeleton: &Skeleton, height: f64, given: &[bool]) -> Self {
         let tree = Tree::new(skeleton, height);
         let given = |joint: usize| given.get(joint).copied().unwrap_or(false);
         let joints = skeleton.joints();
-        let mut bones: Vec<Bone> = Vec::new();
+        let mut bones: Vec<Capsule> = Vec::new();
         for (b, parent) in skeleton.parents().iter().enumerate() {
             let Some(a) = *parent else { continue };
             if skeleton.offsets()[b].length() > 1e-4 * height {
                 let (ra, rb) = tree.radii(a, b);
-                bones.push(Bone { a, b, ra, rb, given: given(a) });
+                bones.push(Capsule { a, b, ra, rb, given: given(a) });
             }
         }
         for (i, end) in skeleton.ends().iter().enumerate() {
             if end.offset.length() > 1e-4 * height {
                 let ra = if tree.trunk[end.parent] { 0.024 * height } else { tree.thickness(end.parent) };
-                bones.push(Bone { a: end.parent, b: joints + i, ra, rb: 0.75 * ra, given: given(end.parent) });
+                bones.push(Capsule { a: end.parent, b: joints + i, ra, rb: 0.75 * ra, given: given(end.parent) });
             }
         }
-        let balls: Vec<Ball> = (0..joints)
+        let balls: Vec<JointSphere> = (0..joints)
             .filter(|&j| !tree.trunk[j] && tree.reach[j] > 0.0 && bones.iter().any(|b| b.b == j))
-            .map(|j| Ball { at: j, r: 1.12 * thickest(&bones, j), given: given(j) })
+            .map(|j| JointSphere { at: j, r: 1.12 * thickest(&bones, j), given: given(j) })
             .collect();
         let mut points = joints + skeleton.ends().len();
         let head = tree.head();
         if let Some(h) = &head {
             let (ra, rb) = (0.04 * height, 0.05 * height);
-            bones.push(Bone { a: h.joint, b: points, ra, rb, given: given(h.joint) });
+            bones.push(Capsule { a: h.joint, b: points, ra, rb, given: given(h.joint) });
             points += 1;
         }
-        Body { points, bones, balls, tips: tree.tips(), head }
+        CapsuleBody { point_count: points, bones, balls, tips: tree.tips(), head }
     }
 
     /// Places of all points at a frame, metres.
-    pub fn places(&self, clip: &Clip, frame: usize, pose: &mut GlobalPose, places: &mut Vec<Vec3>) {
+    pub fn points(&self, clip: &Clip, frame: usize, pose: &mut GlobalPose, places: &mut Vec<Vec3>) {
         pose.set(clip.skeleton(), clip.root()[frame], clip.pose(frame));
         places.clear();
         places.extend_from_slice(&pose.positions);
@@ -101,8 +101,8 @@ impl Body {
     }
 }
 
-fn thickest(bones: &[Bone], joint: usize) -> f64 {
-    let at = |b: &Bone| if b.a == joint { b.ra } else { b.rb };
+fn thickest(bones: &[Capsule], joint: usize) -> f64 {
+    let at = |b: &Capsule| if b.a == joint { b.ra } else { b.rb };
     bones.iter().filter(|b| b.a == joint || b.b == joint).map(at).fold(0.0, f64::max)
 }
 
@@ -112,7 +112,7 @@ fn head_of(skeleton: &Skeleton) -> Option<usize> {
 }
 
 /// Length of the bones from the head to the root, and from there along the longest other way; `None` without a head.
-pub fn standing(skeleton: &Skeleton) -> Option<f64> {
+pub fn standing_height_m(skeleton: &Skeleton) -> Option<f64> {
     let head = head_of(skeleton)?;
     let mut from_root = vec![0.0; skeleton.joints()];
     let (mut neck_side, mut leg) = (vec![false; skeleton.joints()], 0.0f64);
@@ -225,8 +225,8 @@ mod tests {
         let s = smpl::neutral();
         let mut given = vec![false; 24];
         given[17] = true;
-        let b = Body::new(&s, 1.7, &given);
-        assert_eq!((b.points, b.bones.len()), (25, 24));
+        let b = CapsuleBody::new(&s, 1.7, &given);
+        assert_eq!((b.point_count, b.bones.len()), (25, 24));
         let mut tips = b.tips.clone();
         tips.sort_unstable();
         assert_eq!(tips, [7, 8, 20, 21], "ankles and wrists");
@@ -250,15 +250,15 @@ mod tests {
             ends.push(EndSite { parent: 24 + finger as usize, offset: Vec3::new(0.05, 0.0, 0.0) });
         }
         let s = Skeleton::new(names, parents, offsets, ends).unwrap();
-        let b = Body::new(&s, 1.7, &[]);
-        assert_eq!(b.points, 24 + 5 + 5 + 1);
+        let b = CapsuleBody::new(&s, 1.7, &[]);
+        assert_eq!(b.point_count, 24 + 5 + 5 + 1);
         assert!(b.bones.iter().filter(|b| b.a >= 22).all(|b| b.ra < 0.03));
     }
 
     #[test]
     fn a_single_joint_is_drawn_without_complaint() {
         let s = Skeleton::new(vec!["a".into()], vec![None], vec![Vec3::ZERO], vec![]).unwrap();
-        let b = Body::new(&s, 1.0, &[]);
-        assert_eq!((b.points, b.bones.len(), b.tips.len()), (1, 0, 0));
+        let b = CapsuleBody::new(&s, 1.0, &[]);
+        assert_eq!((b.point_count, b.bones.len(), b.tips.len()), (1, 0, 0));
     }
 }

@@ -2,7 +2,7 @@
 
 use super::header::{MAX_DEPTH, MAX_JOINTS};
 use super::print::hierarchy;
-use crate::format::source::bvh::{BvhSource, Channel, Header, Node, NodeKind, Rig, Style};
+use crate::format::source::bvh::{BvhRig, BvhSource, Channel, Header, Node, NodeKind, Style};
 use crate::format::{Axes, BvhPosition};
 use crate::rig::MADE_UP_TIP;
 use crate::rotation::Axis;
@@ -18,7 +18,7 @@ impl BvhSource {
     ///
     /// # Errors
     /// [`Error::Call`] when a chain of joints or their number is more than a BVH reader takes.
-    pub fn plain(skeleton: &Arc<Skeleton>) -> Result<Self> {
+    pub fn for_skeleton(skeleton: &Arc<Skeleton>) -> Result<Self> {
         let (nodes, joints) = nodes(skeleton)?;
         let style = Style { line_end: "\n".into(), indent: "  ".into() };
         let mut before = hierarchy(&nodes, &style);
@@ -33,7 +33,7 @@ impl BvhSource {
             pieces: [before, b"\nFrame Time: ".to_vec(), b"\n".to_vec()],
             style,
         };
-        let rig = Rig {
+        let rig = BvhRig {
             chain: vec![0],
             joints,
             skeleton: skeleton.clone(),
@@ -183,11 +183,11 @@ mod tests {
             let names = (0..n).map(|j| format!("j{j}")).collect();
             Arc::new(Skeleton::new(names, parents, vec![Vec3::Y; n], vec![]).unwrap())
         };
-        assert!(BvhSource::plain(&chain(511)).is_ok());
-        assert!(BvhSource::plain(&chain(512)).is_err());
+        assert!(BvhSource::for_skeleton(&chain(511)).is_ok());
+        assert!(BvhSource::for_skeleton(&chain(512)).is_err());
         let names = (0..4097).map(|j| format!("j{j}")).collect();
         let parents = (0..4097).map(|j| (j > 0).then_some(0)).collect();
         let wide = Arc::new(Skeleton::new(names, parents, vec![Vec3::Y; 4097], vec![]).unwrap());
-        assert!(BvhSource::plain(&wide).is_err());
+        assert!(BvhSource::for_skeleton(&wide).is_err());
     }
 }

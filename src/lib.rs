@@ -13,7 +13,7 @@
 //! let words = tokenizer.encode(&dances[0])?.words;
 //! assert_eq!(words.len(), dances[0].frames(), "a frame is a word");
 //! let ids = tokenizer.ids_of_words(&words)?;
-//! let back = tokenizer.decode(&tokenizer.words_of_ids(&ids).words, tokenizer.rest())?;
+//! let back = tokenizer.decode(&tokenizer.words_of_ids(&ids).words, tokenizer.uncoded_pose())?;
 //! assert_eq!(back.frames(), dances[0].frames());
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

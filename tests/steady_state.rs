@@ -9,7 +9,7 @@ use kinelm::train::batches::Batch;
 use kinelm::train::config::Loss;
 use kinelm::train::fast::FastLearner;
 use kinelm::train::learner::{Learner, clip_share};
-use kinelm_tokenizer::PlaceIds;
+use kinelm_tokenizer::SlotIds;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -58,7 +58,7 @@ fn a_step_allocates_nothing_and_faults_no_page() {
     let model = ModelConfig { layers: 2, heads: 4, width: 64, context: 150, dropout: 0.1, ..Default::default() };
     let rope = ModelConfig { positions: Positions::Rope, ..model.clone() };
     let varying = TokenLayout { varying: true, ..TOKENS };
-    let kind = |circular| PlaceIds { first: 6, count: 84, circular };
+    let kind = |circular| SlotIds { first: 6, count: 84, circular };
     let places = [(6, true), (3, false)].map(|(number, circular)| Stretch { number, kind: kind(circular) });
     let placed = TokenLayout { places: places.to_vec(), ..TOKENS };
     pool.install(|| {

@@ -19,7 +19,7 @@ use kinelm_motion::format::{ReadOptions, aist, amass, bvh, json};
 use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::rig::SkeletonMap;
 use kinelm_motion::{Clip, joints, synth};
-use kinelm_tokenizer::{LappedConfig, Rest, SchemeConfig, Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{LappedConfig, SchemeConfig, Tokenizer, TokenizerConfig, UncodedPose};
 use std::path::Path;
 use std::sync::LazyLock;
 
@@ -104,7 +104,7 @@ pub fn tokenizer(data: &[u8]) {
     with_text(data, |text| {
         if let Ok(tokenizer) = Tokenizer::from_json(text) {
             let words = tokenizer.words_of_ids(&[6, 7, 5, 8, 5]).words;
-            let _ = tokenizer.decode(&words, Rest::Identity);
+            let _ = tokenizer.decode(&words, UncodedPose::Identity);
         }
     });
 }
@@ -121,9 +121,9 @@ pub fn text(data: &[u8]) {
     with_text(data, |text| {
         for tokenizer in TOKENIZERS.iter() {
             let read = tokenizer.words_of_ids(&tokenizer.ids_of_text(text)).words;
-            let _ = tokenizer.decode(&read, Rest::Identity);
+            let _ = tokenizer.decode(&read, UncodedPose::Identity);
             if let Ok(words) = tokenizer.words_of_text(text) {
-                let _ = tokenizer.decode(&words, Rest::Identity);
+                let _ = tokenizer.decode(&words, UncodedPose::Identity);
                 let again = tokenizer.text(&words).and_then(|text| tokenizer.words_of_text(&text));
                 assert_eq!(again.expect("its own words"), words);
             }

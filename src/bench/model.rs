@@ -5,7 +5,7 @@ use crate::model::{Architecture, HeadKind, TokenLayout};
 use crate::train::TrainFile;
 use anyhow::Result;
 use kinelm_engine::words::Steps;
-use kinelm_tokenizer::PlaceIds;
+use kinelm_tokenizer::SlotIds;
 use std::path::Path;
 
 /// The id of the first bin.
@@ -50,7 +50,7 @@ impl ModelArgs {
         }
         file.model.dropout = self.dropout;
         // a word and the special ids as 13 joints have them: a place in space, then angles, of the same bins
-        let kind = |circular| PlaceIds { first: FIRST, count: self.vocabulary - FIRST, circular };
+        let kind = |circular| SlotIds { first: FIRST, count: self.vocabulary - FIRST, circular };
         let places = [(3, false), (39, true)].map(|(number, circular)| Stretch { number, kind: kind(circular) });
         let tokens = TokenLayout {
             vocabulary: self.vocabulary as usize,
@@ -75,12 +75,12 @@ impl BenchModel {
     pub fn matrices(&self) -> usize {
         let config = &self.file.model;
         let steps = Steps::of(&self.tokens.bins());
-        let rows = |kind: PlaceIds| if kind.circular { steps.circular } else { steps.up_and_down() };
+        let rows = |kind: SlotIds| if kind.circular { steps.circular } else { steps.up_and_down() };
         let head = match config.head_of(&self.tokens) {
             HeadKind::Absolute => self.tokens.vocabulary,
             // the space's is over all ids
             HeadKind::Relative => {
-                (self.tokens.place_ids().map(rows).sum::<usize>() + self.tokens.vocabulary) / self.tokens.word
+                (self.tokens.slot_ids().map(rows).sum::<usize>() + self.tokens.vocabulary) / self.tokens.word
             }
         };
         let blocks = |layers: usize, width: usize| 12 * layers * width * width;

@@ -37,7 +37,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     row("encode, 13 joints, 360 bins", &encode)?;
     let decode = seconds(1, repeats, || {
         words.par_iter().try_for_each(|words| {
-            tokenizer.decode(words, kinelm_tokenizer::Rest::Identity)?;
+            tokenizer.decode(words, kinelm_tokenizer::UncodedPose::Identity)?;
             Ok(())
         })
     })?;

@@ -59,7 +59,7 @@ pub struct BeatsArgs {
 struct TempoArgs {
     /// Count the pulse within these beats a minute, where a piece is heard at half or double its tempo: 120:200
     #[arg(long, value_name = "LOW:HIGH", value_parser = bpm_range)]
-    bpm_range: Option<beat::Range>,
+    bpm_range: Option<beat::TempoRange>,
 }
 
 #[derive(Debug, clap::Args)]
@@ -90,11 +90,11 @@ fn bpm(text: &str) -> std::result::Result<f64, String> {
 }
 
 /// Tempi from a slow one to a fast one.
-fn bpm_range(text: &str) -> std::result::Result<beat::Range, String> {
+fn bpm_range(text: &str) -> std::result::Result<beat::TempoRange, String> {
     let wrong = || format!("found `{text}`, expected LOW:HIGH, 20 to 400 beats a minute, such as 120:200");
     let (low, high) = text.split_once(':').ok_or_else(wrong)?;
     let (least, most) = (bpm(low).map_err(|_| wrong())?, bpm(high).map_err(|_| wrong())?);
-    (least <= most).then_some(beat::Range { least, most }).ok_or_else(wrong)
+    (least <= most).then_some(beat::TempoRange { least, most }).ok_or_else(wrong)
 }
 
 /// Seconds of a piece.

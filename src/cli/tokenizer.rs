@@ -110,7 +110,7 @@ fn decode(args: DecodeArgs, say: Say) -> Result<()> {
         words.len()
     );
     anyhow::ensure!(!words.is_empty() && !blank, "{}: no words, nothing to decode", args.words.display());
-    let clip = tokenizer.decode(&words, tokenizer.rest())?;
+    let clip = tokenizer.decode(&words, tokenizer.uncoded_pose())?;
     let clip = if tokenizer.config().above_floor() { clip.raised(args.floor) } else { clip };
     let motion = Motion { path: args.out.clone(), clip, source: Source::Plain, warnings: Vec::new() };
     outputs.write(&args.out, &format::to_bytes(&args.out, &motion)?)?;

@@ -112,7 +112,7 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
     for (i, motion) in motions.iter().enumerate() {
         odd.warn(motion);
         let list = args.forced.get(numbers[i]).or(args.forced.first().filter(|_| args.forced.len() == 1));
-        let figure = figure(motion).in_world(files[i].world).anew(&files[i].anew_s);
+        let figure = figure(motion).in_world(files[i].world).regenerated(&files[i].anew_s);
         figures.push(match list.filter(|list| !list.is_empty()) {
             Some(list) => forced(figure, motion, list, files[i].options.map.as_deref())?,
             None => figure,
@@ -150,13 +150,13 @@ fn forced<'a>(figure: Figure<'a>, motion: &Motion, list: &str, map: Option<&str>
     let wrong = |e: String| WrongCall(format!("--forced {e}"));
     let span: Span = list.parse().map_err(wrong)?;
     let selection = joints::to_smpl_names(&span.joints, rig, map).and_then(|list| joints::parse(&list));
-    let figure = figure.forced(&on_rig(rig, &selection.map_err(|e| wrong(format!("{list}: {e}")))?, map)?);
+    let figure = figure.given(&on_rig(rig, &selection.map_err(|e| wrong(format!("{list}: {e}")))?, map)?);
     if span.from.is_none() && span.to.is_none() {
         return Ok(figure);
     }
     let scale = Timebase { frames: motion.clip.frames(), fps, left_out: 0, model_fps: None };
     let frames = span.frames(scale).map_err(wrong)?;
-    Ok(figure.forced_over(frames.start as f64 / fps..frames.end as f64 / fps))
+    Ok(figure.given_over(frames.start as f64 / fps..frames.end as f64 / fps))
 }
 
 /// The music that the first dance of several was made to, and its time when the dance begins, if it is there.

@@ -253,8 +253,8 @@ fn page(
         .slice(0..follows.frames());
     let followed = joints::parse(FOLLOWED)?.joints;
     let figures = [
-        Figure::new(name, &seen).note("a test dance, never trained on").forced(&followed),
-        Figure::new("follows", follows).note("its root and right arm; the rest is the model's").forced(&followed),
+        Figure::new(name, &seen).note("a test dance, never trained on").given(&followed),
+        Figure::new("follows", follows).note("its root and right arm; the rest is the model's").given(&followed),
         Figure::new("goes on", goes_on).note("from its first second, by itself"),
     ];
     write_page(path, &figures)?;

@@ -80,7 +80,7 @@ fn four_dancers_are_drawn() {
     let figures: Vec<Figure> = dances
         .iter()
         .enumerate()
-        .map(|(i, d)| Figure::new(d.name(), &d.clip).forced(if i == 1 { &arm } else { &[] }).note(format!("note {i}")))
+        .map(|(i, d)| Figure::new(d.name(), &d.clip).given(if i == 1 { &arm } else { &[] }).note(format!("note {i}")))
         .collect();
     let page = written("view-four.html", &figures);
     let result = self_test(&browser, &page);
@@ -125,7 +125,7 @@ fn other_rates_lengths_and_sizes_play_together() {
     every_control_works(&result);
     assert_eq!((&result["anew"], &result["legend"]), (&serde_json::json!([]), &Value::Bool(false)));
     // a quarter and the end of 4.983 s, whatever the figure's own rate is
-    let marked = [Figure::new("whole", &dance), Figure::new("anew", &slow).anew(&[[1.0, 2.0], [4.5, 9.0]])];
+    let marked = [Figure::new("whole", &dance), Figure::new("anew", &slow).regenerated(&[[1.0, 2.0], [4.5, 9.0]])];
     let result = self_test(&browser, &written("view-anew.html", &marked));
     let marks: Vec<f64> =
         result["anew"].as_array().unwrap().iter().flat_map(|m| m.as_array().unwrap()).map(number).collect();

@@ -6,8 +6,8 @@ use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, Motion, Quat, Source, Vec3, format, synth};
 use kinelm_tokenizer::{
-    DctConfig, Form, Height, JointTransform, LappedConfig, Rest, RootRotation, SchemeConfig, Tokenizer,
-    TokenizerConfig, Travel, UniformConfig,
+    DctConfig, Form, Height, JointTransform, LappedConfig, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig,
+    Travel, UncodedPose, UniformConfig,
 };
 use predicates::str::contains;
 use serde_json::Value;
@@ -176,7 +176,7 @@ impl Way {
         let clip = placed.lowered();
         let whole = 41 / l;
         let words = self.tokenizer.encode(&clip.slice(0..whole * l)).unwrap().words.slice(0..whole - unsettled);
-        let known = self.tokenizer.decode(&words, Rest::Identity).unwrap().raised(placed.under_m);
+        let known = self.tokenizer.decode(&words, UncodedPose::Identity).unwrap().raised(placed.under_m);
         // and stands where the prompt stands, whose first place coding takes off
         let there = Vec3::new(clip.root()[0].x, 0.0, clip.root()[0].z);
         // the last words may reach into the next

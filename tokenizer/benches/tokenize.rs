@@ -4,7 +4,7 @@ use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Clip, Vec3, smpl};
-use kinelm_tokenizer::{DctConfig, JointTransform, Rest, SchemeConfig, Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{DctConfig, JointTransform, SchemeConfig, Tokenizer, TokenizerConfig, UncodedPose};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -61,7 +61,7 @@ fn decode_one_thread(bencher: Bencher, joints: usize) {
     let (t, clips) = set(joints);
     let words: Vec<_> = clips.iter().map(|c| t.encode(c).expect("good").words).collect();
     bencher.counter(ItemsCount::new(CLIPS * FRAMES)).bench(|| {
-        let frames: usize = words.iter().map(|w| t.decode(w, Rest::Identity).expect("good").frames()).sum();
+        let frames: usize = words.iter().map(|w| t.decode(w, UncodedPose::Identity).expect("good").frames()).sum();
         assert_eq!(frames, CLIPS * FRAMES);
     });
 }
@@ -89,7 +89,7 @@ fn dct_decode_all_threads(bencher: Bencher, joints: usize) {
     let (t, clips) = tiles(joints);
     let words: Vec<_> = clips.iter().map(|c| t.encode(c).expect("good").words).collect();
     bencher.counter(ItemsCount::new(CLIPS * FRAMES)).bench(|| {
-        let frames: usize = words.par_iter().map(|w| t.decode(w, Rest::Identity).expect("good").frames()).sum();
+        let frames: usize = words.par_iter().map(|w| t.decode(w, UncodedPose::Identity).expect("good").frames()).sum();
         assert_eq!(frames, CLIPS * FRAMES.div_ceil(60) * 60);
     });
 }

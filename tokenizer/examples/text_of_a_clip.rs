@@ -5,7 +5,7 @@
 use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::metric::GeodesicError;
 use kinelm_motion::{Clip, synth};
-use kinelm_tokenizer::{Rest, Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{Tokenizer, TokenizerConfig, UncodedPose};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let dances: Vec<Clip> = synth::corpus(1, 8, 10.0, 20.0)?.into_iter().map(|dance| dance.clip).collect();
@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let read = tokenizer.words_of_text(&text)?;
     assert_eq!(read, words, "the text says it all");
-    let back = tokenizer.decode(&read, Rest::Identity)?;
+    let back = tokenizer.decode(&read, UncodedPose::Identity)?;
     let mut error = GeodesicError::new(THIRTEEN.to_vec());
     error.add(&dances[0], &back)?;
     println!("back from the text, a joint is {:.2} degrees off on average", error.mean().to_degrees());

@@ -7,7 +7,7 @@ use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Clip, Vec3, smpl};
 use kinelm_tokenizer::{
-    DctConfig, JointTransform, Rest, SchemeConfig, Tokenizer, TokenizerConfig, UniformConfig, Words,
+    DctConfig, JointTransform, SchemeConfig, Tokenizer, TokenizerConfig, UncodedPose, UniformConfig, Words,
 };
 use rayon::prelude::*;
 use std::time::Instant;
@@ -52,7 +52,8 @@ fn main() {
             assert_eq!(again, words);
         });
         let decode = best(CLIPS * FRAMES, || {
-            let frames: usize = words.par_iter().map(|w| t.decode(w, Rest::Identity).expect("good").frames()).sum();
+            let frames: usize =
+                words.par_iter().map(|w| t.decode(w, UncodedPose::Identity).expect("good").frames()).sum();
             assert_eq!(frames, CLIPS * FRAMES);
         });
         format!("\"{name}\": {{\"encode\": {encode:.0}, \"decode\": {decode:.0}}}")

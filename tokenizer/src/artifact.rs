@@ -422,7 +422,7 @@ mod tests {
         let back = Tokenizer::from_json(&t.to_json()).unwrap();
         assert_eq!(back, t);
         let words = t.encode(&clip).unwrap().words;
-        let decoded = back.decode(&words, back.rest()).unwrap();
+        let decoded = back.decode(&words, back.uncoded_pose()).unwrap();
         assert_eq!((decoded.pose(3)[16], decoded.pose(39)[9]), (pose[16], pose[9]));
         // as it was written before there was a mean pose
         let config = TokenizerConfig { scheme: old_form(), ..t.config().clone() };
@@ -431,7 +431,7 @@ mod tests {
         assert!(text.contains("\"version\": 2,") && !text.contains("mean_pose"));
         let old = Tokenizer::from_json(&text).unwrap();
         assert_eq!((old.mean_pose(), old.to_json()), (None, text));
-        assert!(matches!(old.rest(), crate::Rest::Identity));
+        assert!(matches!(old.uncoded_pose(), crate::UncodedPose::Identity));
         let all = TokenizerConfig { joints: (0..24).collect(), ..TokenizerConfig::default() };
         let all = Tokenizer::fit([&clip], all).unwrap();
         assert_eq!(Tokenizer::from_json(&all.to_json()).unwrap(), all);

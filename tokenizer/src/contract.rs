@@ -2,7 +2,9 @@
 
 use crate::scheme::dct::{DctConfig, Quantizer, Steps};
 use crate::scheme::lapped::LappedConfig;
-use crate::{JointTransform, QuantileConfig, Rest, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig, Words};
+use crate::{
+    JointTransform, QuantileConfig, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig, UncodedPose, Words,
+};
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Clip, Vec3, smpl};
 
@@ -77,7 +79,7 @@ pub fn check_scheme(t: &Tokenizer, clips: &[Clip]) {
             assert_eq!(e.words.len(), part.frames().div_ceil(t.frames_per_word()));
             assert_eq!(e.padded as usize, e.words.len() * t.frames_per_word() - part.frames());
             assert!(e.words.codes().iter().all(|&k| u32::from(k) < symbols));
-            let back = t.decode(&e.words, Rest::Identity).unwrap();
+            let back = t.decode(&e.words, UncodedPose::Identity).unwrap();
             assert_eq!((back.frames(), back.fps()), (e.words.len() * t.frames_per_word(), t.fps()));
             let again = t.encode(&back).unwrap();
             assert_eq!(again.words, e.words);
@@ -86,7 +88,7 @@ pub fn check_scheme(t: &Tokenizer, clips: &[Clip]) {
     }
     let mut still = Words::new();
     (0..3).for_each(|_| still.push(&t.neutral()));
-    let still = t.decode(&still, Rest::Identity).unwrap();
+    let still = t.decode(&still, UncodedPose::Identity).unwrap();
     let last = still.frames() - 1;
     assert!((still.root()[last] - still.root()[0]).length() < 1e-9);
 }

@@ -9,11 +9,11 @@ use std::ops::Range;
 /// space; in words of varying length the space at any place. Whatever keeps to it decodes.
 ///
 /// ```
-/// use kinelm_tokenizer::{Grammar, Place, SPACE, Vocabulary, WordLength};
+/// use kinelm_tokenizer::{Grammar, Slot, SPACE, Vocabulary, WordLength};
 ///
 /// // words of two characters of four
 /// let grammar = Grammar::new(&Vocabulary::new(4), WordLength::Fixed(2));
-/// let first = Place::default();
+/// let first = Slot::default();
 /// assert!(grammar.allows(first, 6) && !grammar.allows(first, SPACE));
 /// let end = grammar.advance(grammar.advance(first, 6), 9);
 /// assert_eq!(grammar.only(end), Some(SPACE));
@@ -30,7 +30,7 @@ pub struct Grammar {
 /// The ids that stand at a place of every word, as bins that ascend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct PlaceIds {
+pub struct SlotIds {
     /// The id of the first bin.
     pub first: u32,
     /// How many bins.
@@ -39,7 +39,7 @@ pub struct PlaceIds {
     pub circular: bool,
 }
 
-impl PlaceIds {
+impl SlotIds {
     /// Its ids.
     pub fn ids(self) -> Range<u32> {
         self.first..self.first + self.count
@@ -53,7 +53,7 @@ impl PlaceIds {
 
 /// Where a stream of ids stands in its word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
-pub struct Place {
+pub struct Slot {
     /// Characters of the word so far.
     pub characters: usize,
     /// Tokens of the word so far; as many as characters where none are merged.
@@ -109,14 +109,14 @@ impl Grammar {
     }
 
     /// Whether an id may stand at a place.
-    pub fn allows(&self, place: Place, id: u32) -> bool {
+    pub fn allows(&self, place: Slot, id: u32) -> bool {
         match id {
             SPACE => self.may_end(place),
             _ => self.of_words().contains(&id) && place.characters + self.length_of(id) <= self.most(),
         }
     }
 
-    fn may_end(&self, place: Place) -> bool {
+    fn may_end(&self, place: Slot) -> bool {
         match self.length {
             WordLength::Fixed(c) => place.characters >= c,
             WordLength::Varying { .. } => true,
@@ -124,21 +124,21 @@ impl Grammar {
     }
 
     /// The place behind an id; ids of no word leave it.
-    pub fn advance(&self, place: Place, id: u32) -> Place {
+    pub fn advance(&self, place: Slot, id: u32) -> Slot {
         match self.length_of(id) {
-            _ if id == SPACE => Place::default(),
+            _ if id == SPACE => Slot::default(),
             0 => place,
-            n => Place { characters: place.characters + n, tokens: place.tokens + 1 },
+            n => Slot { characters: place.characters + n, tokens: place.tokens + 1 },
         }
     }
 
     /// The one id that may stand at a place, if it is one: the space behind a whole word.
-    pub fn only(&self, place: Place) -> Option<u32> {
+    pub fn only(&self, place: Slot) -> Option<u32> {
         (place.characters >= self.most()).then_some(SPACE)
     }
 
     /// The ids allowed at a place, as ranges that ascend; merged tokens too long for the rest of the word make holes.
-    pub fn allowed(&self, place: Place) -> Vec<Range<u32>> {
+    pub fn allowed(&self, place: Slot) -> Vec<Range<u32>> {
         let mut ranges: Vec<Range<u32>> = Vec::new();
         let mut add = |range: Range<u32>| match ranges.last_mut() {
             Some(last) if last.end == range.start => last.end = range.end,
@@ -165,8 +165,8 @@ impl Grammar {
 mod tests {
     use super::*;
 
-    fn walk(g: &Grammar, ids: &[u32]) -> Place {
-        ids.iter().fold(Place::default(), |p, &id| {
+    fn walk(g: &Grammar, ids: &[u32]) -> Slot {
+        ids.iter().fold(Slot::default(), |p, &id| {
             assert!(g.allows(p, id), "{p:?} {id}");
             g.advance(p, id)
         })
@@ -176,11 +176,11 @@ mod tests {
     fn characters_then_a_space() {
         let g = Grammar::new(&Vocabulary::new(360), WordLength::Fixed(3));
         assert_eq!(g.tokens_per_word(), Some(4));
-        assert_eq!(g.allowed(Place::default()), [6..366]);
+        assert_eq!(g.allowed(Slot::default()), [6..366]);
         let full = walk(&g, &[6, 365, 7]);
         assert_eq!((g.allowed(full), g.only(full)), (vec![5..6], Some(SPACE)));
-        assert!(!g.allows(full, 6) && !g.allows(Place::default(), 5) && !g.allows(Place::default(), 366));
-        assert_eq!(walk(&g, &[6, 7, 8, 5]), Place::default());
+        assert!(!g.allows(full, 6) && !g.allows(Slot::default(), 5) && !g.allows(Slot::default(), 366));
+        assert_eq!(walk(&g, &[6, 7, 8, 5]), Slot::default());
         assert_eq!(g.advance(full, 1), full);
     }
 
@@ -188,9 +188,9 @@ mod tests {
     fn a_varying_word_may_end_anywhere() {
         let g = Grammar::new(&Vocabulary::new(60), WordLength::Varying { most: 2 });
         assert_eq!(g.tokens_per_word(), None);
-        assert_eq!(g.allowed(Place::default()), [5..66]);
+        assert_eq!(g.allowed(Slot::default()), [5..66]);
         assert_eq!(g.only(walk(&g, &[6, 7])), Some(SPACE));
-        assert_eq!(walk(&g, &[5, 6, 5, 6, 7, 5]), Place::default());
+        assert_eq!(walk(&g, &[5, 6, 5, 6, 7, 5]), Slot::default());
     }
 
     #[test]
@@ -198,11 +198,11 @@ mod tests {
         let v = Vocabulary::new(60).with_merges(&[(6, 7), (66, 6)]).unwrap();
         let g = Grammar::new(&v, WordLength::Fixed(3));
         assert_eq!(g.tokens_per_word(), None);
-        assert_eq!(g.allowed(Place::default()), [6..68]);
+        assert_eq!(g.allowed(Slot::default()), [6..68]);
         let one = walk(&g, &[6]);
         assert_eq!(g.allowed(one), [6..67]);
         assert_eq!(g.allowed(walk(&g, &[6, 6])), [6..66]);
-        assert_eq!(walk(&g, &[67]), Place { characters: 3, tokens: 1 });
+        assert_eq!(walk(&g, &[67]), Slot { characters: 3, tokens: 1 });
         assert_eq!(g.only(walk(&g, &[6, 66])), Some(SPACE));
     }
 }

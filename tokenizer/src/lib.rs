@@ -6,7 +6,7 @@
 //!
 //! ```
 //! use kinelm_motion::{Clip, Quat, Vec3, smpl};
-//! use kinelm_tokenizer::{Rest, Tokenizer, TokenizerConfig};
+//! use kinelm_tokenizer::{UncodedPose, Tokenizer, TokenizerConfig};
 //!
 //! let standing = Clip::new(smpl::neutral(), 20.0, vec![Vec3::new(0.0, 0.97, 0.0); 3], vec![Quat::IDENTITY; 72])?;
 //! let tokenizer = Tokenizer::fit([&standing], TokenizerConfig::default())?;
@@ -14,13 +14,13 @@
 //! let text = tokenizer.text(&words)?;
 //! assert_eq!(text.split(' ').next().unwrap().chars().count(), 57);
 //! assert_eq!(tokenizer.words_of_text(&text)?, words);
-//! assert_eq!(tokenizer.decode(&words, Rest::Identity)?.frames(), 3);
+//! assert_eq!(tokenizer.decode(&words, UncodedPose::Identity)?.frames(), 3);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
 //! From the outside in: [`Tokenizer`] is the artefact on disk; a [`scheme`] turns clips into [`Words`] of codes (integers
 //! below the number of symbols) and back; [`alphabet`] names the character of a code; [`Vocabulary`] gives every
-//! character, merged, special and conditioning token its id; [`Grammar`] says which ids may stand at a place of a word.
+//! character, merged, special and conditioning token its id; [`Grammar`] says which ids may state at a place of a word.
 //!
 //! **Features**: `fit` ([`Fit`], [`Tokenizer::fit`]) brings a matrix library in, `merges` Hugging
 //! Face's trainer of byte-pair merges; both are on by default, and a fitted tokenizer needs neither to code and decode.
@@ -31,7 +31,6 @@
 
 pub mod alphabet;
 mod artifact;
-pub mod carriage;
 pub mod channel;
 mod config;
 #[cfg(test)]
@@ -44,6 +43,7 @@ mod grammar;
 mod mean_pose;
 mod merges;
 pub mod rate;
+pub mod root_path;
 #[cfg(feature = "fit")]
 mod sample;
 pub mod scheme;
@@ -61,17 +61,17 @@ pub use config::TokenizerConfig;
 pub use error::{Error, Result};
 #[cfg(feature = "fit")]
 pub use fit::Fit;
-pub use grammar::{Grammar, Place, PlaceIds};
+pub use grammar::{Grammar, Slot, SlotIds};
 pub use scheme::dct::{DctConfig, Quantizer, Steps};
 pub use scheme::lapped::{Lapped, LappedConfig, LappedMix};
 pub use scheme::mix::JointTransform;
 pub use scheme::quantile::{Pooled, QuantileConfig};
 pub use scheme::uniform::{Form, Height, Travel, UniformConfig};
-pub use scheme::{Encoded, Rest, Scheme, SchemeConfig, WordLength};
+pub use scheme::{Encoded, Scheme, SchemeConfig, UncodedPose, WordLength};
 pub use tokenizer::Tokenizer;
 pub use vocab::{SPACE, Special, Vocabulary};
 pub use word::Words;
-pub use words::Reading;
+pub use words::ParsedWords;
 
 /// The examples of the README are tested with those of the code.
 #[cfg(doctest)]

@@ -1,7 +1,7 @@
 //! Any stream of ids decodes, in every scheme, and what an id changes stays where it belongs.
 
 use crate::contract::{bent, presets};
-use crate::{Rest, SPACE, Tokenizer, WordLength};
+use crate::{SPACE, Tokenizer, UncodedPose, WordLength};
 use kinelm_motion::{Clip, Quat, Vec3};
 use rayon::prelude::*;
 
@@ -41,7 +41,8 @@ fn a_million_random_streams_decode() {
                 .chain([SPACE])
                 .collect();
             let words = t.words_of_ids(&ids).words;
-            let clip = t.decode(&words, Rest::Identity).unwrap_or_else(|e| panic!("{name}, stream {stream}: {e}"));
+            let clip =
+                t.decode(&words, UncodedPose::Identity).unwrap_or_else(|e| panic!("{name}, stream {stream}: {e}"));
             assert_eq!(clip.frames(), words.len() * t.frames_per_word(), "{name}, stream {stream}");
             assert!(is_finite(&clip), "{name}, stream {stream}");
         });
@@ -78,7 +79,7 @@ fn a_changed_character_stays_in_its_word() {
         let l = t.frames_per_word();
         let clip = bent(3, 9 * l + 3);
         let words = t.encode(&clip).unwrap().words;
-        let whole = t.decode(&words, Rest::Identity).unwrap();
+        let whole = t.decode(&words, UncodedPose::Identity).unwrap();
         let reach = t.scheme().reach();
         for seed in 0..40 {
             let mut random = Random(seed);
@@ -92,7 +93,7 @@ fn a_changed_character_stays_in_its_word() {
             let mut changed = words.slice(0..w);
             changed.push(&word);
             words.slice(w + 1..words.len()).iter().for_each(|w| changed.push(w));
-            let changed = t.decode(&changed, Rest::Identity).unwrap();
+            let changed = t.decode(&changed, UncodedPose::Identity).unwrap();
             for f in 0..(w * l).saturating_sub(reach) {
                 assert!((whole.root()[f] - changed.root()[f]).length() < 1e-9, "{name}: word {w} moves frame {f}");
                 assert!((0..24).all(|j| same_turn(whole.pose(f)[j], changed.pose(f)[j])), "{name}: {w} turns {f}");
@@ -116,17 +117,17 @@ fn a_changed_space_moves_what_follows_in_time() {
         let (l, reach) = (t.frames_per_word(), t.scheme().reach());
         let words = t.encode(&bent(5, 9 * l)).unwrap().words;
         let ids = t.ids_of_words(&words).unwrap();
-        let whole = t.decode(&words, Rest::Identity).unwrap();
+        let whole = t.decode(&words, UncodedPose::Identity).unwrap();
         let spaces: Vec<usize> = (0..ids.len()).filter(|&i| ids[i] == SPACE).collect();
         for w in 0..words.len() - 3 {
             let mut joined = ids.clone();
             joined.remove(spaces[w]);
-            let joined = t.decode(&t.words_of_ids(&joined).words, Rest::Identity).unwrap();
+            let joined = t.decode(&t.words_of_ids(&joined).words, UncodedPose::Identity).unwrap();
             assert_eq!(joined.frames() + l, whole.frames(), "{name}");
             assert_same_but_moved(name, &joined, &whole, (w + 2) * l + reach, l);
             let mut split = ids.clone();
             split.insert(spaces[w] - (spaces[w] - if w == 0 { 0 } else { spaces[w - 1] + 1 }) / 2, SPACE);
-            let split = t.decode(&t.words_of_ids(&split).words, Rest::Identity).unwrap();
+            let split = t.decode(&t.words_of_ids(&split).words, UncodedPose::Identity).unwrap();
             assert_eq!(split.frames(), whole.frames() + l, "{name}");
             assert_same_but_moved(name, &whole, &split, (w + 2) * l + reach, l);
         }

@@ -5,9 +5,9 @@ use crate::Fit;
 use crate::merges::Merges;
 use crate::scheme::quantile::Quantile;
 use crate::scheme::uniform::Uniform;
-use crate::scheme::{Encoded, Fitted, Rest, Scheme, WordLength, check_rate, check_skeleton};
+use crate::scheme::{Encoded, Fitted, Scheme, UncodedPose, WordLength, check_rate, check_skeleton};
 use crate::vocab::FIRST_CHARACTER;
-use crate::{Channels, Error, Grammar, PlaceIds, Result, TokenizerConfig, Vocabulary, Words, alphabet};
+use crate::{Channels, Error, Grammar, Result, SlotIds, TokenizerConfig, Vocabulary, Words, alphabet};
 use kinelm_motion::joints::Selection;
 use kinelm_motion::{Clip, Quat};
 
@@ -92,7 +92,7 @@ impl Tokenizer {
     }
 
     /// What is coded of a frame. The places of a word hold these, one after the other, only in some schemes: see
-    /// [`Scheme::places`].
+    /// [`Scheme::slot_channels`].
     pub fn channels(&self) -> &Channels {
         &self.channels
     }
@@ -137,10 +137,10 @@ impl Tokenizer {
     }
 
     /// What stands at each place of a word up to its space; nothing where words vary or characters are merged.
-    pub fn place_ids(&self) -> Vec<PlaceIds> {
+    pub fn slot_ids(&self) -> Vec<SlotIds> {
         let places = self.tokens_per_word().map_or(0, |word| word - 1);
         let (first, count) = (FIRST_CHARACTER, self.vocabulary.characters());
-        (0..places).map(|place| PlaceIds { first, count, circular: self.scheme().goes_round(place) }).collect()
+        (0..places).map(|place| SlotIds { first, count, circular: self.scheme().is_circular(place) }).collect()
     }
 
     /// A word that says nothing: no step, no turn.
@@ -153,11 +153,11 @@ impl Tokenizer {
     ///
     /// # Errors
     /// [`Error::Joints`] with the reason, where a character doesn't belong to one joint.
-    pub fn places_of(&self, selection: &Selection) -> Result<Vec<usize>> {
+    pub fn slots_of(&self, selection: &Selection) -> Result<Vec<usize>> {
         if self.vocabulary.merged() > 0 {
             return Err(Error::Joints("merged tokens hold characters of several joints".into()));
         }
-        let places = self.scheme().places(&self.channels).map_err(Error::Joints)?;
+        let places = self.scheme().slot_channels(&self.channels).map_err(Error::Joints)?;
         Ok((0..places.len()).filter(|&i| places[i].is_of(selection)).collect())
     }
 
@@ -184,8 +184,8 @@ impl Tokenizer {
     }
 
     /// What the joints that are not coded do where nobody knows better: [`Tokenizer::mean_pose`], else identity.
-    pub fn rest(&self) -> Rest<'_> {
-        self.mean_pose().map_or(Rest::Identity, Rest::Pose)
+    pub fn uncoded_pose(&self) -> UncodedPose<'_> {
+        self.mean_pose().map_or(UncodedPose::Identity, UncodedPose::Pose)
     }
 
     /// The scheme.
@@ -216,9 +216,9 @@ impl Tokenizer {
     /// # Errors
     /// [`Error::Codes`](crate::Error::Codes) for a word of a length that the scheme doesn't have or a code that is too
     /// large; [`Error::Skeleton`](crate::Error::Skeleton) when `rest` is a clip on another rig.
-    pub fn decode(&self, words: &Words, rest: Rest<'_>) -> Result<Clip> {
+    pub fn decode(&self, words: &Words, rest: UncodedPose<'_>) -> Result<Clip> {
         self.check(words)?;
-        if let Rest::Clip(clip) = rest {
+        if let UncodedPose::Clip(clip) = rest {
             check_skeleton(clip)?;
         }
         self.scheme().decode(&self.channels, words, self.config.fps, rest)

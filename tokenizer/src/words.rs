@@ -6,7 +6,7 @@ use crate::{Error, Result, Tokenizer, Words, alphabet};
 
 /// Words read from ids that a model or a file gave.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Reading {
+pub struct ParsedWords {
     /// The words.
     pub words: Words,
     /// Ids that their place doesn't allow and that were replaced, characters that were cut off or filled in.
@@ -150,14 +150,14 @@ impl Tokenizer {
     ///   word of fixed length.
     ///
     /// Everything that was replaced, cut or filled in is counted.
-    pub fn words_of_ids(&self, ids: &[u32]) -> Reading {
+    pub fn words_of_ids(&self, ids: &[u32]) -> ParsedWords {
         match self.tokens_per_word() {
             Some(w) => self.words_by_count(ids, w - 1),
             None => self.words_by_space(ids, self.word_length()),
         }
     }
 
-    fn words_by_count(&self, ids: &[u32], c: usize) -> Reading {
+    fn words_by_count(&self, ids: &[u32], c: usize) -> ParsedWords {
         let mut codes: Vec<u16> = Vec::with_capacity(ids.len());
         let mut before = self.neutral();
         let (mut at, mut replaced, mut replaced_here) = (0, 0, 0);
@@ -181,19 +181,19 @@ impl Tokenizer {
         }
         let left_over = if at < c { at } else { 0 };
         codes.truncate(codes.len() - left_over);
-        Reading { words: Words::fixed(codes, c), replaced, left_over }
+        ParsedWords { words: Words::fixed(codes, c), replaced, left_over }
     }
 
-    fn words_by_space(&self, ids: &[u32], length: WordLength) -> Reading {
+    fn words_by_space(&self, ids: &[u32], length: WordLength) -> ParsedWords {
         let most = match length {
             WordLength::Fixed(c) => c,
             WordLength::Varying { most } => most,
         };
-        let mut out = Reading { words: Words::with_capacity(ids.len() / 32, ids.len()), ..Reading::default() };
+        let mut out = ParsedWords { words: Words::with_capacity(ids.len() / 32, ids.len()), ..ParsedWords::default() };
         let fills = matches!(length, WordLength::Fixed(_));
         let mut before = if fills { self.neutral() } else { Vec::new() };
         let mut word = Vec::new();
-        let mut end = |word: &mut Vec<u16>, out: &mut Reading| {
+        let mut end = |word: &mut Vec<u16>, out: &mut ParsedWords| {
             out.replaced += (word.len().saturating_sub(most)) as u64;
             word.truncate(most);
             if fills {
@@ -250,7 +250,8 @@ impl Tokenizer {
             place -= if here { 0 } else { w.len() };
             here
         });
-        let channel = self.scheme().places(self.channels()).ok().and_then(|p| p.get(place).map(ToString::to_string));
+        let channel =
+            self.scheme().slot_channels(self.channels()).ok().and_then(|p| p.get(place).map(ToString::to_string));
         let channel = channel.unwrap_or_else(|| format!("character {place}"));
         let (word, code) = (word.unwrap_or(0), words.codes()[at]);
         format!("word {word}, {channel}: code {code}, expected one below {symbols}")

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::contract::{bent, small};
-use crate::{Rest, TokenizerConfig};
+use crate::{TokenizerConfig, UncodedPose};
 use proptest::prelude::*;
 
 fn tokenizer() -> Tokenizer {
@@ -25,7 +25,7 @@ fn text_and_ids_say_the_same() {
     assert_eq!(t.ids_of_text(&text), ids);
     assert_eq!(t.words_of_text(&text).unwrap(), words);
     assert_eq!(t.words_of_text(&format!("{}\n", text.trim_end())).unwrap(), words);
-    assert_eq!(t.words_of_ids(&ids), Reading { words, replaced: 0, left_over: 0 });
+    assert_eq!(t.words_of_ids(&ids), ParsedWords { words, replaced: 0, left_over: 0 });
     assert_eq!(t.words_of_text(" \n").unwrap(), Words::new());
 }
 
@@ -37,7 +37,7 @@ fn merged_ids_say_the_same_with_fewer() {
     let ids = t.ids_of_words(&words).unwrap();
     assert!(ids.len() < 50 * 10 - 10, "{} tokens", ids.len());
     assert_eq!(t.ids_of_text(&t.text(&words).unwrap()), ids);
-    assert_eq!(t.words_of_ids(&ids), Reading { words, replaced: 0, left_over: 0 });
+    assert_eq!(t.words_of_ids(&ids), ParsedWords { words, replaced: 0, left_over: 0 });
     assert_eq!(Tokenizer::from_json(&t.to_json()).unwrap(), t);
 }
 
@@ -93,7 +93,7 @@ proptest! {
     fn any_ids_decode(ids in prop::collection::vec(0u32..130, 0..200)) {
         for t in [small(), merged()] {
             let r = t.words_of_ids(&ids);
-            let clip = t.decode(&r.words, Rest::Identity).unwrap();
+            let clip = t.decode(&r.words, UncodedPose::Identity).unwrap();
             prop_assert_eq!(clip.frames(), r.words.len());
         }
     }

@@ -7,7 +7,7 @@ mod prepared;
 use kinelm_motion::rotation::{angle_between, exp_map};
 use kinelm_motion::{Clip, Vec3};
 use kinelm_tokenizer::{
-    Height, QuantileConfig, Rest, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig, UniformConfig, Words,
+    Height, QuantileConfig, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig, UncodedPose, UniformConfig, Words,
 };
 use rayon::prelude::*;
 
@@ -69,7 +69,7 @@ fn measure(t: &Tokenizer, train: &[&Clip], test: &[&Clip]) -> [Bits; 2] {
 fn worst_pelvis(t: &Tokenizer, clips: &[&Clip]) -> (f64, u64) {
     let of = |clip: &&Clip| {
         let e = t.encode(clip).expect("a prepared clip");
-        let back = t.decode(&e.words, Rest::Identity).expect("codes of an encoder");
+        let back = t.decode(&e.words, UncodedPose::Identity).expect("codes of an encoder");
         let off = |f: usize| angle_between(clip.pose(f)[0], back.pose(f)[0]).to_degrees();
         ((0..clip.frames()).map(off).fold(0.0, f64::max), e.second_codes)
     };

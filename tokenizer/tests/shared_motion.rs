@@ -4,7 +4,9 @@ mod prepared;
 
 use kinelm_motion::rotation::{angle_between, exp_map, heading};
 use kinelm_motion::{Clip, Vec3};
-use kinelm_tokenizer::{Fit, Height, Rest, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig, UniformConfig};
+use kinelm_tokenizer::{
+    Fit, Height, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig, UncodedPose, UniformConfig,
+};
 use rayon::prelude::*;
 
 /// Half a bin, with what rounding may add.
@@ -46,7 +48,7 @@ impl Found {
 /// Encodes and decodes a clip: the errors, after checking that coding again gives the same codes.
 fn measure(t: &Tokenizer, clip: &Clip) -> Found {
     let encoded = t.encode(clip).expect("a prepared clip");
-    let back = t.decode(&encoded.words, Rest::Identity).expect("codes of an encoder");
+    let back = t.decode(&encoded.words, UncodedPose::Identity).expect("codes of an encoder");
     let again = t.encode(&back).expect("a decoded clip");
     assert_eq!(again.words, encoded.words);
     let uniform = t.uniform().expect("uniform bins");

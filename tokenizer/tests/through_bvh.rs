@@ -3,7 +3,9 @@
 use kinelm_motion::format::{ReadOptions, read, write};
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Clip, Motion, Source, Vec3, retarget, smpl};
-use kinelm_tokenizer::{JointTransform, QuantileConfig, Rest, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{
+    JointTransform, QuantileConfig, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig, UncodedPose,
+};
 
 /// One who turns round and round on a walk, every joint swinging, some beyond half a turn.
 fn dancer(frames: usize) -> Clip {
@@ -24,7 +26,7 @@ fn check(clip: &Clip, config: TokenizerConfig) {
     let what = format!("{config:?}");
     let t = Tokenizer::fit([clip], config).expect("a good clip");
     let words = t.encode(clip).expect("a good clip").words;
-    let made = t.decode(&words, Rest::Clip(clip)).expect("words of an encoder");
+    let made = t.decode(&words, UncodedPose::Clip(clip)).expect("words of an encoder");
     let path = dir.path().join("made.bvh");
     let motion = Motion { path: path.clone(), clip: made, source: Source::Plain, warnings: vec![] };
     write(&path, &motion).expect("written");

@@ -5,7 +5,7 @@ use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_model::class_windows::Window;
 use kinelm_motion::Clip;
 use kinelm_spectral::{LowDct, Series, Transform, WindowSpec};
-use kinelm_tokenizer::Rest;
+use kinelm_tokenizer::UncodedPose;
 
 /// Of some frames of a channel the mean, the standard deviation and the mean absolute first difference.
 pub fn moments_of(x: &[f64]) -> [f64; 3] {
@@ -32,7 +32,7 @@ impl Motion {
     /// A corpus that doesn't hold together.
     pub fn of(corpus: &Corpus, record: &ClipRecord) -> Result<Motion> {
         let tokenizer = corpus.tokenizer();
-        let clip = tokenizer.decode(&corpus.clip_words(record)?, Rest::Identity)?;
+        let clip = tokenizer.decode(&corpus.clip_words(record)?, UncodedPose::Identity)?;
         let joints: Vec<usize> = tokenizer.config().joints.clone();
         let series = Series::of(&clip, &joints, clip.fps(), false)?;
         let steps = [0, 1, 2].map(|axis| {

@@ -6,7 +6,7 @@ use super::store::Corpus;
 use crate::Result;
 use kinelm_motion::Clip;
 use kinelm_motion::rotation::angle_between;
-use kinelm_tokenizer::Rest;
+use kinelm_tokenizer::UncodedPose;
 use rayon::prelude::*;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -97,7 +97,7 @@ struct Seen {
 
 fn look(corpus: &Corpus, record: &ClipRecord) -> Result<Seen> {
     let words = corpus.clip_words(record)?;
-    let clip = corpus.tokenizer().decode(&words, Rest::Identity)?.slice(0..record.frames);
+    let clip = corpus.tokenizer().decode(&words, UncodedPose::Identity)?.slice(0..record.frames);
     let glitches = glitches(&record.name, &clip, &corpus.tokenizer().config().joints);
     let mut hash = Sha256::new();
     for word in words.iter() {

@@ -9,7 +9,7 @@ use bytemuck::Pod;
 use kinelm_motion::format::ReadOptions;
 use kinelm_music::feature::CHANNELS;
 use kinelm_store::{FileRecord, input};
-use kinelm_tokenizer::{Place, Tokenizer, Words};
+use kinelm_tokenizer::{Slot, Tokenizer, Words};
 use serde::Deserialize;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -257,7 +257,7 @@ impl Corpus {
         let first = self.words(clip).start(words.start);
         let ids = self.word_ids(clip, words)?;
         let grammar = self.tokenizer.grammar();
-        let mut place = Place::default();
+        let mut place = Slot::default();
         for (i, &id) in ids.iter().enumerate() {
             if !grammar.allows(place, id) {
                 let found = format!("id {id} at token {} of clip {}", first + i, clip.name);

@@ -162,7 +162,7 @@ impl Filler<'_> {
         let joints = self.tokenizer.channels().joints();
         let decode = |ids: &[u32]| -> Result<Clip> {
             let words = self.tokenizer.words_of_ids(ids).words;
-            Ok(self.tokenizer.decode(&words, self.tokenizer.rest())?)
+            Ok(self.tokenizer.decode(&words, self.tokenizer.uncoded_pose())?)
         };
         let truth = decode(&gap.ids)?;
         let frames = truth.frames();

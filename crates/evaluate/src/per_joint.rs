@@ -28,7 +28,7 @@ pub fn places(tokenizer: &Tokenizer) -> Result<Vec<PlaceBits>> {
         let what = "words of this tokenizer are no frames of one character a channel, so no token is one joint's";
         return Err(Error::call(what));
     }
-    let channels = tokenizer.scheme().places(tokenizer.channels()).map_err(Error::call)?;
+    let channels = tokenizer.scheme().slot_channels(tokenizer.channels()).map_err(Error::call)?;
     let part = |channel: &Channel| match channel {
         Channel::Translation(_) => "translation",
         Channel::Turn | Channel::Tilt(_) => smpl::NAMES[0],

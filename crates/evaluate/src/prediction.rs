@@ -11,7 +11,7 @@ use kinelm_generate::{NextToken, SamplingPlan, dances, variation_seed};
 use kinelm_motion::metric::ShortTerm;
 use kinelm_motion::metric::short_term::HorizonMetrics;
 use kinelm_motion::{Clip, Quat};
-use kinelm_tokenizer::{Rest, Tokenizer, Words};
+use kinelm_tokenizer::{Tokenizer, UncodedPose, Words};
 use serde::Serialize;
 
 /// Lengths of a window, its seed, and its target, and how far windows are apart, seconds.
@@ -187,7 +187,7 @@ impl Foreteller<'_> {
         let before = tokenizer.ids_of_words(&words.slice(0..known - seen))?;
         let clip = |ids: &Vec<u32>| {
             let words: Words = tokenizer.words_of_ids(&[before.as_slice(), ids].concat()).words;
-            Ok(tokenizer.decode(&words, Rest::Identity)?.slice(seed..seed + target))
+            Ok(tokenizer.decode(&words, UncodedPose::Identity)?.slice(seed..seed + target))
         };
         danced.ids.iter().map(clip).collect()
     }

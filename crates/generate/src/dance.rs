@@ -4,8 +4,8 @@ use super::{NextToken, SamplingPlan, sampling};
 use crate::{Error, Result};
 use kinelm_engine::decode as engine;
 use kinelm_model::ahead::{Course, Told};
-use kinelm_tokenizer::carriage::Stand;
-use kinelm_tokenizer::{Place, SPACE};
+use kinelm_tokenizer::root_path::RootState;
+use kinelm_tokenizer::{SPACE, Slot};
 
 pub(super) struct Dance<'a> {
     plan: &'a SamplingPlan<'a>,
@@ -23,7 +23,7 @@ pub(super) struct Dance<'a> {
     /// The first token of each word, the one that is being drawn among them.
     starts: Vec<usize>,
     /// Where the next token stands in its word.
-    place: Place,
+    place: Slot,
     /// The window's first token.
     first: usize,
     /// Tokens of the window that the model has read.
@@ -55,7 +55,7 @@ pub(super) struct Dance<'a> {
 struct Led<'a> {
     course: &'a Course,
     /// Where the root stands behind each word, as far as that was asked for.
-    stands: Vec<Option<Stand>>,
+    stands: Vec<Option<RootState>>,
     /// What one frame is told.
     told: Told,
     /// The last word that was told something.
@@ -96,7 +96,7 @@ impl<'a> Dance<'a> {
             most: word.map(|word| (context + 1 - plan.front.len()) / word),
             ids: Vec::with_capacity(plan.words * word.unwrap_or(1)),
             starts: vec![0],
-            place: Place::default(),
+            place: Slot::default(),
             first: 0,
             read: 0,
             block: Vec::new(),
@@ -192,7 +192,7 @@ impl<'a> Dance<'a> {
 
     /// The token that must stand at a place of the word that is being drawn, `behind` tokens behind the next one; none where
     /// it is to be drawn all the same.
-    fn known(&self, place: Place, behind: usize) -> Option<u32> {
+    fn known(&self, place: Slot, behind: usize) -> Option<u32> {
         let plan = self.plan;
         let given = || self.given(place).filter(|_| !self.foretells(place));
         let known = self.beginning.get(self.ids.len() + behind).copied().or_else(given);
@@ -200,7 +200,7 @@ impl<'a> Dance<'a> {
     }
 
     /// The prompt's token at a place of this word, if it is given.
-    fn given(&self, place: Place) -> Option<u32> {
+    fn given(&self, place: Slot) -> Option<u32> {
         let word = self.plan.grammar.tokens_per_word()?;
         let prompted = self.words().checked_sub(self.plan.lead_in)?;
         let given = self.is_so(self.plan.given, place);
@@ -208,12 +208,12 @@ impl<'a> Dance<'a> {
     }
 
     /// Whether a place of this word is drawn although it is given.
-    fn foretells(&self, place: Place) -> bool {
+    fn foretells(&self, place: Slot) -> bool {
         self.words() >= self.told && self.is_so(self.plan.foretold, place)
     }
 
     /// What `flags`, (C) of every word or (P, C), say of a place of this word.
-    fn is_so(&self, flags: &[bool], place: Place) -> bool {
+    fn is_so(&self, flags: &[bool], place: Slot) -> bool {
         let characters = self.plan.grammar.tokens_per_word().map_or(0, |word| word - 1);
         let Some(prompted) = self.words().checked_sub(self.plan.lead_in) else { return false };
         let word = if flags.len() > characters { prompted } else { 0 };
@@ -243,7 +243,7 @@ impl<'a> Dance<'a> {
     /// A whole word of which something was foretold is noted and taken back, to be made anew of what is given.
     fn take_back(&mut self) -> bool {
         let start = self.starts[self.words()];
-        let place = |at: usize| Place { tokens: at - start, ..Place::default() };
+        let place = |at: usize| Slot { tokens: at - start, ..Slot::default() };
         let told: Vec<_> = (start..self.ids.len()).filter(|&at| self.foretells(place(at))).collect();
         if told.is_empty() {
             return false;
@@ -251,7 +251,7 @@ impl<'a> Dance<'a> {
         self.foretold.extend(told.into_iter().map(|at| (at, self.ids[at])));
         self.told = self.words() + 1;
         self.ids.truncate(start);
-        self.place = Place::default();
+        self.place = Slot::default();
         self.taken_back = Some(self.window());
         true
     }
@@ -268,7 +268,7 @@ impl<'a> Dance<'a> {
     /// Words of one length: a window that is full moves when the next word begins.
     fn move_by_words(&mut self) {
         let (Some(most), word) = (self.most, self.plan.grammar.tokens_per_word().unwrap_or(1)) else { return };
-        if self.place == Place::default() && self.ids.len() - self.first == most * word {
+        if self.place == Slot::default() && self.ids.len() - self.first == most * word {
             self.first = self.starts[self.words() - (most - most / 2)];
             self.read = 0;
         }
@@ -337,7 +337,7 @@ impl<'a> Dance<'a> {
     }
 
     /// The token of the word before.
-    fn guessed_at(&self, place: Place) -> Option<u32> {
+    fn guessed_at(&self, place: Slot) -> Option<u32> {
         let word = self.words().checked_sub(1)?;
         let id = self.ids[self.starts[word]..self.starts[word + 1]].get(place.tokens).copied();
         id.filter(|&id| self.plan.grammar.allows(place, id))
@@ -349,7 +349,7 @@ impl<'a> Dance<'a> {
         let word = self.plan.grammar.tokens_per_word().unwrap_or(1);
         for (behind, row) in (1..self.block.len()).zip(logits.chunks_exact(vocabulary.max(1))) {
             if let Some(at) = (self.read + behind).checked_sub(self.plan.front.len()) {
-                let allowed = self.plan.grammar.allowed(Place { tokens: at % word, characters: at % word });
+                let allowed = self.plan.grammar.allowed(Slot { tokens: at % word, characters: at % word });
                 self.likelihood += sampling::log_probability(row, &allowed, self.block[behind]);
             }
         }

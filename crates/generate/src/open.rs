@@ -23,7 +23,7 @@ use kinelm_motion::format::{self, Format, ReadOptions, RestFrame, bvh::Changed};
 use kinelm_motion::moment::Timebase;
 use kinelm_motion::resample::{Method, held_frames, resample_held};
 use kinelm_motion::{Clip, Motion, Source};
-use kinelm_tokenizer::{Rest, Tokenizer, Words};
+use kinelm_tokenizer::{Tokenizer, UncodedPose, Words};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -398,9 +398,9 @@ impl OpenRequest {
         let clip = match &self.prompt {
             Some(prompt) => prompt.clip.decode(&self.tokenizer, words, self.recipe.rest_joints, prompt.frames)?,
             None if self.recipe.rest_joints == RestJoints::Training => {
-                self.tokenizer.decode(words, self.tokenizer.rest())?
+                self.tokenizer.decode(words, self.tokenizer.uncoded_pose())?
             }
-            None => self.tokenizer.decode(words, Rest::Identity)?,
+            None => self.tokenizer.decode(words, UncodedPose::Identity)?,
         };
         let clip = self.behind_lead_in(&clip)?.slice(0..self.frames);
         match (&self.prompt, self.recipe.place) {

@@ -10,7 +10,7 @@ use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
 use kinelm_motion::rig::map_for;
 use kinelm_motion::{Clip, Motion, Source, Warning, smpl};
-use kinelm_tokenizer::{Encoded, Rest, Tokenizer, WordLength, Words};
+use kinelm_tokenizer::{Encoded, Tokenizer, UncodedPose, WordLength, Words};
 use std::path::Path;
 
 /// A prompt clip, read.
@@ -121,17 +121,17 @@ impl Prompt {
     pub fn decode(&self, tokenizer: &Tokenizer, words: &Words, rest: RestJoints, followed: usize) -> Result<Clip> {
         let (mean, settling);
         let rest = match rest {
-            RestJoints::Identity => Rest::Identity,
-            RestJoints::Training => tokenizer.rest(),
-            RestJoints::Prompt => Rest::Clip(&self.clip),
+            RestJoints::Identity => UncodedPose::Identity,
+            RestJoints::Training => tokenizer.uncoded_pose(),
+            RestJoints::Prompt => UncodedPose::Clip(&self.clip),
             RestJoints::Mean => {
                 let pose = rest::mean_pose(&self.clip);
                 mean = std::array::from_fn(|j| pose[j]);
-                Rest::Pose(&mean)
+                UncodedPose::Pose(&mean)
             }
             RestJoints::Follow => {
                 settling = rest::settling(&self.clip, followed)?;
-                Rest::Clip(&settling)
+                UncodedPose::Clip(&settling)
             }
         };
         Ok(tokenizer.decode(words, rest)?.raised(self.under_m))
@@ -222,7 +222,7 @@ pub fn share_changed(codes: &[u16], again: &[u16], given: &[bool], prompt: usize
 /// [`Error::Tokenizer`] with the reason, where characters belong to no one joint; [`kinelm_store::Error::Call`] when the tokenizer codes
 /// none of the joints.
 pub fn given_places(tokenizer: &Tokenizer, selection: &Selection) -> Result<Vec<bool>> {
-    let places = tokenizer.places_of(selection)?;
+    let places = tokenizer.slots_of(selection)?;
     let WordLength::Fixed(characters) = tokenizer.word_length() else {
         return Err(Error::call("words differ in length: no place is always the same joint's"));
     };

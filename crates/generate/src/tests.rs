@@ -1,7 +1,7 @@
 //! Generation with models that are easy to foretell.
 
 use super::*;
-use kinelm_tokenizer::{Place, SPACE, Vocabulary, WordLength};
+use kinelm_tokenizer::{SPACE, Slot, Vocabulary, WordLength};
 
 /// Wants the token that is the sum of all it has read, plus one, modulo the characters; checks its context.
 pub(super) struct Summing {
@@ -166,7 +166,7 @@ fn words_of_any_length_keep_to_the_grammar_and_end() {
         for context in [2, 3, 5, 8, 20, 500] {
             let p = varying(40, &[], draw);
             let (ids, _) = run(context, &p).unwrap();
-            let mut place = Place::default();
+            let mut place = Slot::default();
             for &id in &ids {
                 assert!(p.grammar.allows(place, id), "{id} at {place:?}");
                 place = p.grammar.advance(place, id);

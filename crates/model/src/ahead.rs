@@ -19,7 +19,7 @@ use super::frames::Frames;
 use crate::{Error, Result};
 use kinelm_engine::op::embedding::NONE;
 use kinelm_tokenizer::Tokenizer;
-use kinelm_tokenizer::carriage::{Carriage, ROOT_PLACES, STEP_PLACES, Stand};
+use kinelm_tokenizer::root_path::{ROOT_SLOTS, RootPath, RootState, STEP_SLOTS};
 use std::ops::Range;
 
 /// A character that is given later than so many frames behind a free one is no goal of it.
@@ -112,7 +112,7 @@ impl Told {
 #[derive(Debug, Clone)]
 pub struct Ahead {
     frames: Frames,
-    carriage: Carriage,
+    root_path: RootPath,
 }
 
 impl Ahead {
@@ -121,8 +121,8 @@ impl Ahead {
     /// # Errors
     /// Another tokenizer: what of it is wrong.
     pub fn of(tokenizer: &Tokenizer) -> Result<Ahead> {
-        let carriage = Carriage::of(tokenizer).map_err(|e| Error::call(format!("model.ahead is true: {e}")))?;
-        Ok(Ahead { frames: Frames::of(&TokenLayout::of(tokenizer)), carriage })
+        let root_path = RootPath::of(tokenizer).map_err(|e| Error::call(format!("model.ahead is true: {e}")))?;
+        Ok(Ahead { frames: Frames::of(&TokenLayout::of(tokenizer)), root_path })
     }
 
     /// C: characters of a frame.
@@ -140,13 +140,13 @@ impl Ahead {
     }
 
     /// Where the root stands before the first word.
-    pub fn start(&self) -> Stand {
-        self.carriage.start()
+    pub fn start(&self) -> RootState {
+        self.root_path.start()
     }
 
     /// Moves by a word's codes (C).
-    pub fn follow(&self, stand: &mut Stand, word: &[u16]) {
-        self.carriage.follow(stand, word);
+    pub fn follow(&self, stand: &mut RootState, word: &[u16]) {
+        self.root_path.follow(stand, word);
     }
 }
 
@@ -163,7 +163,7 @@ pub struct Course {
     /// (F): the same of the next frame in which all of the root is given.
     next_root: Vec<u8>,
     /// (F): where the root stands.
-    stands: Vec<Stand>,
+    stands: Vec<RootState>,
 }
 
 /// Where a character has to get to.
@@ -191,7 +191,7 @@ impl Course {
             stand.clone()
         });
         let stands = stands.collect();
-        let root = |frame: usize| given[frame * c..][..ROOT_PLACES].iter().all(|is| *is);
+        let root = |frame: usize| given[frame * c..][..ROOT_SLOTS].iter().all(|is| *is);
         let next_root = until(frames, 1, |frame, _| root(frame));
         let next = until(frames, c, |frame, place| given[frame * c + place]);
         Course { ahead, codes, given, next, next_root, stands }
@@ -219,7 +219,7 @@ impl Course {
 
     /// Where the root stands behind a frame: as it is given, else where the codes (C) lead from where it stood `before`;
     /// nowhere that is known if it stood nowhere.
-    pub fn stand(&self, frame: usize, word: &[u16], before: Option<&Stand>) -> Option<Stand> {
+    pub fn stand(&self, frame: usize, word: &[u16], before: Option<&RootState>) -> Option<RootState> {
         if frame < self.frames() && self.root_is_given(frame) {
             return Some(self.stands[frame].clone());
         }
@@ -230,7 +230,7 @@ impl Course {
 
     /// Whether all of the root is given in a frame.
     fn root_is_given(&self, frame: usize) -> bool {
-        self.given[frame * self.characters()..][..ROOT_PLACES].iter().all(|is| *is)
+        self.given[frame * self.characters()..][..ROOT_SLOTS].iter().all(|is| *is)
     }
 
     /// What a frame is told: behind `word` (C), the codes one frame back, and where the root stands there, if that is
@@ -238,7 +238,7 @@ impl Course {
     pub fn tell(
         &self,
         frame: usize,
-        (word, stand): (&[u16], Option<&Stand>),
+        (word, stand): (&[u16], Option<&RootState>),
         numbers: &mut [f32],
         [steps, paces]: [&mut [u32]; 2],
     ) -> bool {
@@ -249,9 +249,9 @@ impl Course {
         }
         let (c, root) = (self.characters(), stand.and_then(|stand| self.way(frame, stand)));
         let mut least = root.map_or(f64::INFINITY, |(_, left)| left);
-        let whole = root.map(|(way, left)| self.ahead.carriage.codes_of(way.map(|way| way / left)));
+        let whole = root.map(|(way, left)| self.ahead.root_path.step_codes(way.map(|way| way / left)));
         for place in 0..c {
-            let step = STEP_PLACES.iter().position(|&at| at == place);
+            let step = STEP_SLOTS.iter().position(|&at| at == place);
             let Some(goal) = (match step {
                 Some(step) => whole.map(|codes| Goal { code: codes[step].round_ties_even() as i64, left: 1.0 }),
                 None => self.goal(frame, place).inspect(|goal| least = least.min(goal.left)),
@@ -288,11 +288,11 @@ impl Course {
     }
 
     /// The root's way to where it is given next, and the frames that it has, where its steps are free.
-    fn way(&self, frame: usize, stand: &Stand) -> Option<([f64; 3], f64)> {
+    fn way(&self, frame: usize, stand: &RootState) -> Option<([f64; 3], f64)> {
         let given = &self.given[frame * self.characters()..];
         let ahead = usize::from(self.next_root[frame]);
-        let is_free = ahead > 0 && STEP_PLACES.iter().all(|&place| !given[place]);
-        is_free.then(|| (stand.way_to(&self.stands[frame + ahead]), (ahead + 1) as f64))
+        let is_free = ahead > 0 && STEP_SLOTS.iter().all(|&place| !given[place]);
+        is_free.then(|| (stand.step_to(&self.stands[frame + ahead]), (ahead + 1) as f64))
     }
 
     /// What the first `frames` are told of themselves, the first nothing.
@@ -419,7 +419,7 @@ mod tests {
         let codes: Vec<u16> = (0..8u16).flat_map(|f| [20 + f % 3, 20, 22, 19, 20, 20, 7, 7, 7]).collect();
         let given: Vec<bool> = (0..8).flat_map(|f| [!(3..5).contains(&f) && f > 0; 9]).collect();
         let course = Course::new(ahead(), codes.clone(), given, 1);
-        let is = |stand: &Stand, frame: usize| stand.way_to(&course.stands[frame]).iter().all(|x| x.abs() < 1e-9);
+        let is = |stand: &RootState, frame: usize| stand.step_to(&course.stands[frame]).iter().all(|x| x.abs() < 1e-9);
         // nothing is known before something is given
         assert!(course.stand(0, &codes[..9], None).is_none());
         assert!(is(&course.stand(2, &[0; 9], None).unwrap(), 2));

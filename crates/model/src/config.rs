@@ -5,7 +5,7 @@ use super::music::Music;
 use super::music::features::Scale;
 use crate::{Error, Result};
 use kinelm_engine::bins::Bins;
-use kinelm_tokenizer::{PlaceIds, SPACE, Special, Tokenizer};
+use kinelm_tokenizer::{SPACE, SlotIds, Special, Tokenizer};
 use serde::{Deserialize, Serialize};
 
 /// The `[model]` table.
@@ -263,7 +263,7 @@ pub struct Stretch {
     /// How many places.
     pub number: usize,
     /// The ids that stand there: ascending bins.
-    pub kind: PlaceIds,
+    pub kind: SlotIds,
 }
 
 fn one() -> usize {
@@ -285,7 +285,7 @@ impl TokenLayout {
             pad: Special::Pad.id(),
             bos: Special::Bos.id(),
             space: SPACE,
-            places: stretches(&tokenizer.place_ids()),
+            places: stretches(&tokenizer.slot_ids()),
         }
     }
 
@@ -300,13 +300,13 @@ impl TokenLayout {
     }
 
     /// What stands at each place of a word up to its space; nothing where that isn't the same for all words.
-    pub fn place_ids(&self) -> impl Iterator<Item = PlaceIds> + '_ {
+    pub fn slot_ids(&self) -> impl Iterator<Item = SlotIds> + '_ {
         self.places.iter().flat_map(|s| std::iter::repeat_n(s.kind, s.number))
     }
 
     /// The same as the engine has it.
     pub fn bins(&self) -> Vec<Bins> {
-        self.place_ids().map(|PlaceIds { first, count, circular }| Bins { first, count, circular }).collect()
+        self.slot_ids().map(|SlotIds { first, count, circular }| Bins { first, count, circular }).collect()
     }
 
     /// # Errors
@@ -333,7 +333,7 @@ impl TokenLayout {
 }
 
 /// Equal neighbours together.
-fn stretches(places: &[PlaceIds]) -> Vec<Stretch> {
+fn stretches(places: &[SlotIds]) -> Vec<Stretch> {
     places.chunk_by(|a, b| a == b).map(|c| Stretch { number: c.len(), kind: c[0] }).collect()
 }
 
@@ -385,7 +385,7 @@ mod tests {
 
     /// Words of one angle, one height, and a space.
     fn placed() -> TokenLayout {
-        let kind = |first, circular| PlaceIds { first, count: 10, circular };
+        let kind = |first, circular| SlotIds { first, count: 10, circular };
         let places = [kind(6, true), kind(16, false)].map(|kind| Stretch { number: 1, kind });
         TokenLayout { word: 3, places: places.to_vec(), ..TOKENS }
     }

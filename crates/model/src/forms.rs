@@ -8,7 +8,7 @@ use super::gpt::Gpt;
 use super::music::Music;
 use candle_core::{DType, Device, Tensor};
 use kinelm_corpus::windows::fill_sequence;
-use kinelm_tokenizer::{PlaceIds, Special};
+use kinelm_tokenizer::{SlotIds, Special};
 use rand_chacha::rand_core::RngCore;
 
 /// Of [`kinelm_corpus::fixture::corpus`].
@@ -17,7 +17,7 @@ pub const TOKENS: TokenLayout =
 
 /// Words of two angles of 7 bins, one of 5, heights of 6 and of 4 that share ids, and a space; three tokens in front.
 pub fn placed() -> TokenLayout {
-    let kind = |number, first, count, circular| Stretch { number, kind: PlaceIds { first, count, circular } };
+    let kind = |number, first, count, circular| Stretch { number, kind: SlotIds { first, count, circular } };
     TokenLayout {
         vocabulary: 26,
         word: 6,
@@ -143,7 +143,7 @@ pub fn batch(config: &ModelConfig, tokens: &TokenLayout, windows: usize, length:
         (0..tokens.front).map(|i| if i == 0 { tokens.bos } else { label(i) }).collect()
     };
     let (mut inputs, mut targets) = (vec![0; windows * length], vec![0; windows * length]);
-    let kinds: Vec<PlaceIds> = tokens.place_ids().collect();
+    let kinds: Vec<SlotIds> = tokens.slot_ids().collect();
     for (row, (input, target)) in inputs.chunks_mut(length).zip(targets.chunks_mut(length)).enumerate() {
         let room = (length + 1).saturating_sub(tokens.front);
         let shown = if row + 1 == windows { room - room / 5 } else { room };

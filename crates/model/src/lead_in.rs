@@ -6,7 +6,7 @@
 use crate::{Error, Result};
 use kinelm_corpus::Conditions;
 use kinelm_store::input;
-use kinelm_tokenizer::{Place, SPACE, Special, Tokenizer};
+use kinelm_tokenizer::{SPACE, Slot, Special, Tokenizer};
 use rand_chacha::rand_core::RngCore;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -136,14 +136,14 @@ impl LeadIns {
 impl LeadIn {
     /// Whether its ids are so many words.
     fn has_words(&self, words: usize, tokenizer: &Tokenizer) -> bool {
-        let (grammar, mut place) = (tokenizer.grammar(), Place::default());
+        let (grammar, mut place) = (tokenizer.grammar(), Slot::default());
         let whole = self.ids.iter().all(|&id| {
             let allows = grammar.allows(place, id);
             place = grammar.advance(place, id);
             allows
         });
         let spaces = self.ids.iter().filter(|id| **id == SPACE).count();
-        whole && spaces == words && place == Place::default()
+        whole && spaces == words && place == Slot::default()
     }
 }
 

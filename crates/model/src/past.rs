@@ -96,11 +96,11 @@ impl Past {
 mod tests {
     use super::*;
     use crate::config::Stretch;
-    use kinelm_tokenizer::PlaceIds;
+    use kinelm_tokenizer::SlotIds;
 
     /// Front of 2; words of an angle of 4 bins (ids 6..10), a height of 3 (10..13), a space.
     fn tokens() -> TokenLayout {
-        let kind = |first, count, circular| Stretch { number: 1, kind: PlaceIds { first, count, circular } };
+        let kind = |first, count, circular| Stretch { number: 1, kind: SlotIds { first, count, circular } };
         TokenLayout {
             vocabulary: 13,
             word: 3,

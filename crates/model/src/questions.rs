@@ -139,11 +139,11 @@ pub(super) fn no_bin(what: &str, id: u32, bins: Bins, i: usize) -> Error {
 mod tests {
     use super::*;
     use crate::config::Stretch;
-    use kinelm_tokenizer::PlaceIds;
+    use kinelm_tokenizer::SlotIds;
 
     /// Words of an angle of 4 bins (ids 6..10), a height of 3 (10..13), a space.
     fn tokens() -> TokenLayout {
-        let kind = |first, count, circular| Stretch { number: 1, kind: PlaceIds { first, count, circular } };
+        let kind = |first, count, circular| Stretch { number: 1, kind: SlotIds { first, count, circular } };
         TokenLayout {
             vocabulary: 13,
             word: 3,

@@ -34,7 +34,7 @@ impl Error {
     }
 
     /// The fault of a file, if it is one.
-    pub fn kind(&self) -> Option<Kind> {
+    pub fn kind(&self) -> Option<FaultKind> {
         match self {
             Error::File(e) => Some(e.kind),
             _ => None,
@@ -48,7 +48,7 @@ pub struct FileError {
     /// The file as the user named it.
     pub path: PathBuf,
     /// Which fault; its name is printed.
-    pub kind: Kind,
+    pub kind: FaultKind,
     /// What was found and what was expected.
     pub what: String,
     /// What the user can do.
@@ -66,7 +66,7 @@ impl std::error::Error for FileError {}
 /// The faults a music file can have, by the names that are printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
-pub enum Kind {
+pub enum FaultKind {
     /// Nothing in it, or no sample in its track.
     Empty,
     /// No sound file of a kind that is read.
@@ -87,18 +87,18 @@ pub enum Kind {
     Range,
 }
 
-impl fmt::Display for Kind {
+impl fmt::Display for FaultKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Kind::Empty => "empty",
-            Kind::Unknown => "unknown kind of file",
-            Kind::NoAudioTrack => "no audio track",
-            Kind::Opus => "Opus",
-            Kind::Protected => "protected",
-            Kind::Codec => "unknown coding",
-            Kind::Cut => "cut",
-            Kind::Damaged => "damaged",
-            Kind::Range => "out of range",
+            FaultKind::Empty => "empty",
+            FaultKind::Unknown => "unknown kind of file",
+            FaultKind::NoAudioTrack => "no audio track",
+            FaultKind::Opus => "Opus",
+            FaultKind::Protected => "protected",
+            FaultKind::Codec => "unknown coding",
+            FaultKind::Cut => "cut",
+            FaultKind::Damaged => "damaged",
+            FaultKind::Range => "out of range",
         })
     }
 }

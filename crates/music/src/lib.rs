@@ -20,7 +20,7 @@ pub mod stft;
 pub mod synth;
 pub mod wav;
 
-pub use error::{Error, FileError, Kind, Result};
+pub use error::{Error, FaultKind, FileError, Result};
 
 /// The examples of the README are tested with those of the code.
 #[cfg(doctest)]

@@ -1,6 +1,6 @@
 //! Files to samples, packet by packet.
 
-use crate::error::{FileError, Kind};
+use crate::error::{FaultKind, FileError};
 use crate::resample::{RATES, Resampler, Sink};
 use crate::{Error, Result};
 use std::fs::File;
@@ -63,21 +63,21 @@ impl std::fmt::Debug for Reader {
 /// Opens a music file and reads its header.
 ///
 /// # Errors
-/// [`Error::Io`]; [`Error::File`] with the [`Kind`] of what is wrong and what to do.
+/// [`Error::Io`]; [`Error::File`] with the [`FaultKind`] of what is wrong and what to do.
 pub fn open(path: &Path) -> Result<Reader> {
     let fault = |kind, what: &str, help: &str| file_error(path, kind, what, help);
     let about = std::fs::metadata(path).map_err(Error::io(path))?;
     if about.is_dir() {
-        return Err(fault(Kind::Unknown, "found a folder, expected a file", READ));
+        return Err(fault(FaultKind::Unknown, "found a folder, expected a file", READ));
     }
     if !about.is_file() {
         // opening a pipe may wait for ever, and a device may have no end
         let help = "save what it gives as a file first";
-        return Err(fault(Kind::Unknown, "found a pipe or a device, expected a file", help));
+        return Err(fault(FaultKind::Unknown, "found a pipe or a device, expected a file", help));
     }
     let file = File::open(path).map_err(Error::io(path))?;
     if about.len() == 0 {
-        return Err(fault(Kind::Empty, "found 0 bytes, expected a sound", AGAIN));
+        return Err(fault(FaultKind::Empty, "found 0 bytes, expected a sound", AGAIN));
     }
     let mut hint = Hint::new();
     if let Some(extension) = path.extension().and_then(|e| e.to_str()) {
@@ -88,28 +88,28 @@ pub fn open(path: &Path) -> Result<Reader> {
         symphonia::default::get_probe().probe(&hint, stream, FormatOptions::default(), MetadataOptions::default());
     let format = probed.map_err(|e| match e {
         Fault::IoError(e) if e.kind() == ErrorKind::UnexpectedEof => {
-            fault(Kind::Cut, "the file ends within its header, expected a sound behind it", AGAIN)
+            fault(FaultKind::Cut, "the file ends within its header, expected a sound behind it", AGAIN)
         }
         Fault::IoError(e) => Error::io(path)(e),
         e if e.to_string().contains("missing moov") => {
-            fault(Kind::Cut, "the file ends before its table (moov), expected one", AGAIN)
+            fault(FaultKind::Cut, "the file ends before its table (moov), expected one", AGAIN)
         }
-        e => fault(Kind::Unknown, &format!("found no sound ({e}), expected one"), READ),
+        e => fault(FaultKind::Unknown, &format!("found no sound ({e}), expected one"), READ),
     })?;
     let track = choose(path, &*format)?;
     let (id, samples) = (track.id, track.num_frames);
     let parameters = parameters(path, track)?;
     if parameters.codec == CODEC_ID_OPUS {
-        return Err(fault(Kind::Opus, "found sound coded by Opus, expected another coding", READ));
+        return Err(fault(FaultKind::Opus, "found sound coded by Opus, expected another coding", READ));
     }
     let container = format.format_info().short_name;
     let made = symphonia::default::get_codecs().make_audio_decoder(parameters, &AudioDecoderOptions::default());
-    let decoder = made.map_err(|e| fault(Kind::Codec, &format!("found a coding that isn't read ({e})"), READ))?;
+    let decoder = made.map_err(|e| fault(FaultKind::Codec, &format!("found a coding that isn't read ({e})"), READ))?;
     let rate = parameters.sample_rate.unwrap_or(0);
     if !RATES.contains(&rate) {
         let (low, high) = RATES.into_inner();
         let what = format!("found a rate of {rate} samples per second, expected {low} to {high}");
-        return Err(fault(Kind::Range, &what, READ));
+        return Err(fault(FaultKind::Range, &what, READ));
     }
     let channels = parameters.channels.as_ref().map_or(0, |c| c.count());
     let streamed = container == "wave" && ends(path).first().and_then(|head| head.get(4..8)) == Some(&[0xff; 4]);
@@ -138,7 +138,7 @@ pub fn open(path: &Path) -> Result<Reader> {
     Ok(reader)
 }
 
-fn file_error(path: &Path, kind: Kind, what: &str, help: &str) -> Error {
+fn file_error(path: &Path, kind: FaultKind, what: &str, help: &str) -> Error {
     Box::new(FileError { path: path.into(), kind, what: what.into(), help: help.into() }).into()
 }
 
@@ -149,18 +149,20 @@ fn choose<'a>(path: &Path, format: &'a dyn FormatReader) -> Result<&'a Track> {
     track.ok_or_else(|| {
         if holds(path, &[b"enca", b"drms"]) {
             let what = "found encrypted sound, expected plain";
-            return file_error(path, Kind::Protected, what, "its shop's own player is the only one to open it");
+            return file_error(path, FaultKind::Protected, what, "its shop's own player is the only one to open it");
         }
         if holds(path, &[b"OpusHead"]) {
-            return file_error(path, Kind::Opus, "found sound coded by Opus, expected another coding", READ);
+            return file_error(path, FaultKind::Opus, "found sound coded by Opus, expected another coding", READ);
         }
-        file_error(path, Kind::NoAudioTrack, "found no sound in it, expected a track of it", READ)
+        file_error(path, FaultKind::NoAudioTrack, "found no sound in it, expected a track of it", READ)
     })
 }
 
 fn parameters<'a>(path: &Path, track: &'a Track) -> Result<&'a AudioCodecParameters> {
     let found = track.codec_params.as_ref().and_then(|p| p.audio());
-    found.ok_or_else(|| file_error(path, Kind::NoAudioTrack, "found a track of unknown coding, expected sound", READ))
+    found.ok_or_else(|| {
+        file_error(path, FaultKind::NoAudioTrack, "found a track of unknown coding, expected sound", READ)
+    })
 }
 
 /// Whether one of these marks stands in the file's ends.
@@ -215,8 +217,8 @@ impl Reader {
     /// The next samples, at most a packet of them; none at the end.
     ///
     /// # Errors
-    /// [`Error::File`]: [`Kind::Cut`] where the file ends before its track, [`Kind::Damaged`] where it stops being sound,
-    /// [`Kind::Empty`] where it held none. A cut mp3 without a header of its length is one that ends there.
+    /// [`Error::File`]: [`FaultKind::Cut`] where the file ends before its track, [`FaultKind::Damaged`] where it stops being sound,
+    /// [`FaultKind::Empty`] where it held none. A cut mp3 without a header of its length is one that ends there.
     pub fn next_block(&mut self) -> Result<Option<&[f32]>> {
         if self.mono.is_empty() && !self.decode()? {
             return self.end().map(|()| None);
@@ -227,7 +229,7 @@ impl Reader {
         Ok(Some(&self.planes))
     }
 
-    fn fault<T>(&self, kind: Kind, what: String, help: &str) -> Result<T> {
+    fn fault<T>(&self, kind: FaultKind, what: String, help: &str) -> Result<T> {
         Err(file_error(&self.path, kind, &what, help))
     }
 
@@ -240,10 +242,10 @@ impl Reader {
             Some(told) if told > self.given + ROUNDED => {
                 let whole = told as f64 / f64::from(self.info.rate);
                 let what = format!("ends after {:.2} s, expected {whole:.2} s of sound", self.seconds());
-                self.fault(Kind::Cut, what, AGAIN)
+                self.fault(FaultKind::Cut, what, AGAIN)
             }
             _ if self.given == 0 => {
-                self.fault(Kind::Empty, "found a track without samples, expected some".into(), AGAIN)
+                self.fault(FaultKind::Empty, "found a track without samples, expected some".into(), AGAIN)
             }
             _ => Ok(()),
         }
@@ -260,12 +262,12 @@ impl Reader {
                 Err(Fault::IoError(e)) if e.kind() == ErrorKind::UnexpectedEof && self.streamed => return Ok(false),
                 Err(Fault::IoError(e)) if e.kind() == ErrorKind::UnexpectedEof => {
                     let what = format!("ends within a packet after {:.2} s, expected its rest", self.seconds());
-                    return self.fault(Kind::Cut, what, AGAIN);
+                    return self.fault(FaultKind::Cut, what, AGAIN);
                 }
                 Err(Fault::IoError(e)) => return Err(Error::io(&self.path)(e)),
                 Err(e) => {
                     let what = format!("found no packet after {:.2} s ({e}), expected one", self.seconds());
-                    return self.fault(Kind::Damaged, what, AGAIN);
+                    return self.fault(FaultKind::Damaged, what, AGAIN);
                 }
             };
             if packet.track_id != self.track {
@@ -277,7 +279,7 @@ impl Reader {
                     if rate != self.info.rate {
                         let (was, at) = (self.info.rate, self.seconds());
                         let what = format!("found {rate} samples per second after {at:.2} s, expected {was} as before");
-                        return self.fault(Kind::Damaged, what, READ);
+                        return self.fault(FaultKind::Damaged, what, READ);
                     }
                     if channels == 0 || buffer.frames() == 0 {
                         continue;
@@ -301,7 +303,7 @@ impl Reader {
                 }
                 Err(e) => {
                     let what = format!("found no sound after {:.2} s ({e}), expected some", self.seconds());
-                    return self.fault(Kind::Damaged, what, AGAIN);
+                    return self.fault(FaultKind::Damaged, what, AGAIN);
                 }
             }
         }
@@ -318,7 +320,7 @@ fn clean(x: f32) -> f32 {
 /// # Errors
 /// Those of [`open`] and [`Reader::next_block`], [`Error::Call`] for a rate outside
 /// [`RATES`], and what a sink refuses.
-pub fn hear(path: &Path, sinks: &mut [(u32, Sink)]) -> Result<Info> {
+pub fn decode_at(path: &Path, sinks: &mut [(u32, Sink)]) -> Result<Info> {
     let mut reader = open(path)?;
     let rate = reader.info.rate;
     let made: Result<Vec<_>> = sinks.iter().map(|(to, _)| Resampler::new(rate, *to)).collect();
@@ -337,13 +339,13 @@ pub fn hear(path: &Path, sinks: &mut [(u32, Sink)]) -> Result<Info> {
 /// A whole file's samples at a rate, in memory: for short ones.
 ///
 /// # Errors
-/// Those of [`hear`].
+/// Those of [`decode_at`].
 pub fn samples(path: &Path, rate: u32) -> Result<Vec<f32>> {
     let mut out = Vec::new();
     let mut sink = |block: &[f32]| {
         out.extend_from_slice(block);
         Ok(())
     };
-    hear(path, &mut [(rate, &mut sink)])?;
+    decode_at(path, &mut [(rate, &mut sink)])?;
     Ok(out)
 }

@@ -1,7 +1,7 @@
 //! The spectrogram that the music-to-dance dissertation feeds its network: 6 columns of 1,025 numbers a frame.
 
 use crate::frames::{Spectrum, hann};
-use crate::read::hear;
+use crate::read::decode_at;
 use crate::{Error, Result};
 use std::path::Path;
 
@@ -129,7 +129,7 @@ fn mirrored(i: isize) -> isize {
 /// Those of [`Stft::new`], of reading, and what `each` refuses.
 pub fn stft(path: &Path, form: Form, fps: f64, each: &mut dyn FnMut(&[f32]) -> Result<()>) -> Result<usize> {
     let mut stft = Stft::new(form, fps)?;
-    hear(path, &mut [(RATE, &mut |samples: &[f32]| stft.push(samples, each))])?;
+    decode_at(path, &mut [(RATE, &mut |samples: &[f32]| stft.push(samples, each))])?;
     stft.finish(each)
 }
 

@@ -1,7 +1,7 @@
 //! Files as encoders write them, and as they come after an accident. `scripts/reference/music_sounds.sh` made them.
 
 use kinelm_music::read::{open, samples};
-use kinelm_music::{Error, Kind, wav};
+use kinelm_music::{Error, FaultKind, wav};
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 
@@ -46,7 +46,7 @@ fn each_coding_sounds_as_it_did() {
     }
 }
 
-fn refused(path: &Path) -> (Kind, String) {
+fn refused(path: &Path) -> (FaultKind, String) {
     match samples(path, 22_050).map(|x| x.len()) {
         Err(Error::File(e)) => (e.kind, e.to_string()),
         other => panic!("{}: {other:?}", path.display()),
@@ -61,18 +61,18 @@ fn what_cannot_be_heard_is_refused_by_name() {
         std::fs::write(&path, bytes).unwrap();
         path
     };
-    assert_eq!(refused(&sound("tone.opus")).0, Kind::Opus);
-    assert_eq!(refused(&sound("silent.mp4")).0, Kind::NoAudioTrack);
-    assert_eq!(refused(&put("empty.wav", b"")).0, Kind::Empty);
-    assert_eq!(refused(&put("text.mp3", "no sound at all ".repeat(99).as_bytes())).0, Kind::Unknown);
-    assert_eq!(refused(dir.path()).0, Kind::Unknown);
+    assert_eq!(refused(&sound("tone.opus")).0, FaultKind::Opus);
+    assert_eq!(refused(&sound("silent.mp4")).0, FaultKind::NoAudioTrack);
+    assert_eq!(refused(&put("empty.wav", b"")).0, FaultKind::Empty);
+    assert_eq!(refused(&put("text.mp3", "no sound at all ".repeat(99).as_bytes())).0, FaultKind::Unknown);
+    assert_eq!(refused(dir.path()).0, FaultKind::Unknown);
     assert!(matches!(samples(&dir.path().join("none.wav"), 22_050), Err(Error::Io { .. })));
     let m4a = std::fs::read(sound("tone.m4a")).unwrap();
     let at = m4a.windows(4).position(|w| w == b"mp4a").unwrap();
     let mut protected = m4a.clone();
     protected[at..at + 4].copy_from_slice(b"enca");
     let (kind, text) = refused(&put("bought.m4a", &protected));
-    assert_eq!(kind, Kind::Protected);
+    assert_eq!(kind, FaultKind::Protected);
     assert!(
         text.ends_with(
             "bought.m4a: protected: found encrypted sound, expected plain; its shop's own player is the \
@@ -91,7 +91,7 @@ fn cut_files_are_refused_wherever_they_are_cut() {
         for share in [0.3, 0.5, 0.7] {
             std::fs::write(&path, &whole[..(whole.len() as f64 * share) as usize]).unwrap();
             let kind = refused(&path).0;
-            assert!([Kind::Cut, Kind::Damaged].contains(&kind), "{name} at {share}: {kind}");
+            assert!([FaultKind::Cut, FaultKind::Damaged].contains(&kind), "{name} at {share}: {kind}");
         }
         // any cut and any flipped byte: an answer or an error, never a panic
         for at in (0..whole.len()).step_by(97) {

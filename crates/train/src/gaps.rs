@@ -41,7 +41,7 @@ impl Gaps {
         }
         let places = |&joint: &usize| {
             let selection = Selection { joints: vec![joint], translation: joint == 0 };
-            tokenizer.places_of(&selection).map_err(|e| Error::call(format!("train.gaps is {share}: {e}")))
+            tokenizer.slots_of(&selection).map_err(|e| Error::call(format!("train.gaps is {share}: {e}")))
         };
         let joints = tokenizer.channels().joints().iter().map(places).collect::<Result<_>>()?;
         Ok(Some(Gaps { share, seed, ahead: Ahead::of(tokenizer)?, joints }))

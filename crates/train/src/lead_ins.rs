@@ -6,7 +6,7 @@ use kinelm_corpus::{ClipRecord, Corpus, Split};
 use kinelm_model::lead_in;
 use kinelm_model::lead_in::{LEAD_INS, LeadIn, LeadInFrom, LeadIns};
 use kinelm_store::{files, random};
-use kinelm_tokenizer::Rest;
+use kinelm_tokenizer::UncodedPose;
 use std::path::Path;
 
 /// Lead-ins of each label value, and of clips with any labels.
@@ -114,7 +114,7 @@ impl Candidate<'_> {
 /// How fast the joints of some words go in the mean, m/s.
 fn speed(ids: &[u32], data: &Data) -> Result<f64> {
     let tokenizer = data.tokenizer();
-    let clip = tokenizer.decode(&tokenizer.words_of_ids(ids).words, Rest::Identity)?;
+    let clip = tokenizer.decode(&tokenizer.words_of_ids(ids).words, UncodedPose::Identity)?;
     let (places, joints) = (clip.positions(), clip.joints());
     let steps = places.iter().zip(places.iter().skip(joints)).map(|(a, b)| (*b - *a).length());
     Ok(steps.sum::<f64>() / places.len().saturating_sub(joints).max(1) as f64 * clip.fps())

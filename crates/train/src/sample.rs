@@ -10,7 +10,7 @@ use kinelm_generate::sampling::{Draw, TOP_P};
 use kinelm_model::run::{TOKENIZER, load_tokenizer};
 use kinelm_model::{Gpt, Reader, Reading};
 use kinelm_motion::format;
-use kinelm_tokenizer::{Rest, Special};
+use kinelm_tokenizer::{Special, UncodedPose};
 use kinelm_view::{Figure, write_page};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -44,7 +44,7 @@ fn draw(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>
         SamplingPlan::free(tokenizer.grammar(), words, Draw { top_p: Some(TOP_P), ..Draw::default() }, file.train.seed);
     plan.front = &front;
     let ids = generate::dance(&mut reader, &plan, &mut |_| ())?;
-    let clip = tokenizer.decode(&tokenizer.words_of_ids(&ids).words, Rest::Identity)?.slice(0..frames);
+    let clip = tokenizer.decode(&tokenizer.words_of_ids(&ids).words, UncodedPose::Identity)?.slice(0..frames);
     let folder = run.join("samples");
     std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
     let name = format!("step-{step:08}");

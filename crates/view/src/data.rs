@@ -118,15 +118,15 @@ impl Track {
         if clip.frames() == 0 {
             return fail("no frames; expected at least one".into());
         }
-        if !(figure.forced.is_empty() || figure.forced.len() == clip.joints()) {
-            let (f, j) = (figure.forced.len(), clip.joints());
-            return fail(format!("{f} marks of forced joints for {j} joints; expected as many, or none"));
+        if !(figure.given.is_empty() || figure.given.len() == clip.joints()) {
+            let (f, j) = (figure.given.len(), clip.joints());
+            return fail(format!("{f} marks of given joints for {j} joints; expected as many, or none"));
         }
         if let Some(p) = clip.positions().iter().find(|p| !p.is_finite() || p.abs().max_element() >= LARGEST) {
             return fail(format!("a joint at {p} metres; expected a body within {LARGEST} m"));
         }
         let height = height(clip);
-        let body = CapsuleBody::new(clip.skeleton(), height, &figure.forced);
+        let body = CapsuleBody::new(clip.skeleton(), height, &figure.given);
         let mut places = Vec::with_capacity(clip.frames() * body.point_count);
         let (mut pose, mut points) = (GlobalPose::default(), Vec::new());
         for f in 0..clip.frames() {
@@ -191,8 +191,8 @@ impl Track {
             low: low.to_array(),
             step,
             data: base64(&bytes),
-            given_s: figure.forced_s.as_ref().map(|seconds| [seconds.start, seconds.end]),
-            anew: figure.anew_s.clone(),
+            given_s: figure.given_s.as_ref().map(|seconds| [seconds.start, seconds.end]),
+            anew: figure.regenerated_s.clone(),
             hits: figure.hits.as_ref().map(Lit::of),
         })
     }

@@ -33,13 +33,13 @@ pub struct Figure<'a> {
     /// The dance, any skeleton.
     pub clip: &'a Clip,
     /// (J) the joints that were given and not generated, or empty: drawn in another colour.
-    pub forced: Vec<bool>,
+    pub given: Vec<bool>,
     /// The seconds in which they were; `None`: throughout.
-    pub forced_s: Option<Range<f64>>,
+    pub given_s: Option<Range<f64>>,
     /// Figures of one number stand to each other as their clips put them; `None`: alone.
     pub world: Option<usize>,
     /// Seconds in which something of it was made anew, each from and to: marked on the bar of the time.
-    pub anew_s: Vec<[f64; 2]>,
+    pub regenerated_s: Vec<[f64; 2]>,
     /// Which beats of the page's music it hits, one mark a beat: these are lit. `None`: nobody has looked.
     pub hits: Option<BeatHits>,
 }
@@ -48,7 +48,16 @@ impl<'a> Figure<'a> {
     /// A dance with no joints given.
     pub fn new(title: impl Into<String>, clip: &'a Clip) -> Self {
         let (title, note) = (title.into(), String::new());
-        Figure { title, note, clip, forced: Vec::new(), forced_s: None, world: None, anew_s: Vec::new(), hits: None }
+        Figure {
+            title,
+            note,
+            clip,
+            given: Vec::new(),
+            given_s: None,
+            world: None,
+            regenerated_s: Vec::new(),
+            hits: None,
+        }
     }
 
     /// The same with a line under the title.
@@ -64,8 +73,8 @@ impl<'a> Figure<'a> {
     }
 
     /// The same with the times at which it was made anew.
-    pub fn anew(mut self, anew_s: &[[f64; 2]]) -> Self {
-        self.anew_s = anew_s.to_vec();
+    pub fn regenerated(mut self, regenerated_s: &[[f64; 2]]) -> Self {
+        self.regenerated_s = regenerated_s.to_vec();
         self
     }
 
@@ -76,14 +85,14 @@ impl<'a> Figure<'a> {
     }
 
     /// The same with these joints given; ids beyond the skeleton are left out.
-    pub fn forced(mut self, joints: &[usize]) -> Self {
-        self.forced = (0..self.clip.joints()).map(|j| joints.contains(&j)).collect();
+    pub fn given(mut self, joints: &[usize]) -> Self {
+        self.given = (0..self.clip.joints()).map(|j| joints.contains(&j)).collect();
         self
     }
 
     /// The same with them given from one second to another alone.
-    pub fn forced_over(mut self, seconds: Range<f64>) -> Self {
-        self.forced_s = Some(seconds);
+    pub fn given_over(mut self, seconds: Range<f64>) -> Self {
+        self.given_s = Some(seconds);
         self
     }
 }
@@ -94,7 +103,7 @@ pub const MARK: &str = r#"<meta name="generator" content="kinelm view">"#;
 /// The page as text. About 200 bytes for each frame of 24 joints, and 45 KB.
 ///
 /// # Errors
-/// [`crate::Error::Call`] when there is no figure, a clip has no frames, the marks of forced joints are not as many as
+/// [`crate::Error::Call`] when there is no figure, a clip has no frames, the marks of given joints are not as many as
 /// the joints, or a place is beyond any stage (1,000 km).
 pub fn page(figures: &[Figure]) -> Result<String> {
     page_with(figures, None)
@@ -212,8 +221,8 @@ mod tests {
         let said = |figures: &[Figure]| page(figures).unwrap_err().to_string();
         assert!(said(&[]).contains("no figures"));
         assert!(said(&[Figure::new("empty", &dance(0.0))]).contains("\"empty\": no frames"));
-        let marks = Figure { forced: vec![true; 3], ..Figure::new("marks", &clip) };
-        assert!(said(&[marks]).contains("3 marks of forced joints for 24 joints"));
+        let marks = Figure { given: vec![true; 3], ..Figure::new("marks", &clip) };
+        assert!(said(&[marks]).contains("3 marks of given joints for 24 joints"));
         let root = clip.root().iter().map(|p| *p * 1e300).collect();
         let far = Clip::new(clip.skeleton().clone(), 60.0, root, clip.rotations().to_vec()).unwrap();
         assert!(said(&[Figure::new("far", &far)]).contains("expected a body within"));

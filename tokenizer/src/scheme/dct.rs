@@ -24,7 +24,7 @@ use super::quantile::is_velocity;
 use super::runs::Runs;
 use super::series::{self, Anchor};
 use super::walk::{Height, check_height, check_places, one_of, start};
-use super::{Encoded, Rest, Scheme, WordLength};
+use super::{Encoded, Scheme, UncodedPose, WordLength};
 use crate::channel::{Channel, Channels};
 use crate::transform::dct::Dct;
 use crate::{Error, Result, Words, alphabet};
@@ -539,7 +539,7 @@ impl Scheme for DctTiles {
         Ok(out)
     }
 
-    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: Rest<'_>) -> Result<Clip> {
+    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: UncodedPose<'_>) -> Result<Clip> {
         let (n, runs) = (self.config.tile as usize, self.config.runs());
         let mut tile = Tile::new(&self.config, channels, &self.mix, self.first_height);
         let mut codes = vec![None; self.numbers_in_tile(channels)];
@@ -567,7 +567,7 @@ impl Scheme for DctTiles {
         Vec::new()
     }
 
-    fn places(&self, _: &Channels) -> std::result::Result<Vec<Channel>, String> {
+    fn slot_channels(&self, _: &Channels) -> std::result::Result<Vec<Channel>, String> {
         Err("a character of a tile is a wave over all its frames, and where it stands in the word changes".into())
     }
 

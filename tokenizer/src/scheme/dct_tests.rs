@@ -58,7 +58,7 @@ fn angle_error(t: &Tokenizer, a: &Clip, b: &Clip) -> f64 {
 /// A clip and what it comes back as, as long as the clip.
 fn through(t: &Tokenizer, clip: &Clip) -> Clip {
     let words = t.encode(clip).unwrap().words;
-    t.decode(&words, Rest::Identity).unwrap().slice(0..clip.frames())
+    t.decode(&words, UncodedPose::Identity).unwrap().slice(0..clip.frames())
 }
 
 /// The quantised components of all words, without path and turn.
@@ -85,10 +85,10 @@ fn contract() {
                     t.check(&e.words).unwrap();
                     assert_eq!(e.words.len(), part.frames().div_ceil(l));
                     assert_eq!(e.padded as usize, e.words.len() * l - part.frames());
-                    let back = t.decode(&e.words, Rest::Identity).unwrap();
+                    let back = t.decode(&e.words, UncodedPose::Identity).unwrap();
                     assert_eq!(back.frames(), e.words.len() * l);
                     // coded again it loses no more: the same words but where a vector near half a turn took its twin
-                    let again = t.decode(&t.encode(&back).unwrap().words, Rest::Identity).unwrap();
+                    let again = t.decode(&t.encode(&back).unwrap().words, UncodedPose::Identity).unwrap();
                     let (first, second) = (angle_error(&t, &part, &back), angle_error(&t, &back, &again));
                     assert!(second <= first + 1e-9, "{:?}: {first} {second}", t.config());
                 }
@@ -105,7 +105,7 @@ fn coded_again_is_the_same() {
         let t = fit(DctConfig { tile: 15, ..dct }, RootRotation::HeadingDelta, &THIRTEEN, &clips);
         for clip in &clips {
             let e = t.encode(clip).unwrap();
-            let again = t.encode(&t.decode(&e.words, Rest::Identity).unwrap()).unwrap();
+            let again = t.encode(&t.decode(&e.words, UncodedPose::Identity).unwrap()).unwrap();
             // all but the path, whose start is another: the first place as it was decoded
             assert_eq!(components(&t, &again.words), components(&t, &e.words), "{:?}", t.config());
         }
@@ -257,9 +257,9 @@ fn little_to_learn_from() {
             let t = fit(dct, root_rotation, &THIRTEEN, std::slice::from_ref(&still));
             let words = t.encode(&still).unwrap().words;
             assert_eq!((words.len(), words.word(0)), (1, &[][..]), "one who stands still says nothing");
-            let back = t.decode(&words, Rest::Identity).unwrap();
+            let back = t.decode(&words, UncodedPose::Identity).unwrap();
             assert!((back.root()[7] - Vec3::new(0.0, 0.9, 0.0)).length() < 1e-12);
-            t.decode(&t.encode(&bent(1, 130)).unwrap().words, Rest::Identity).unwrap();
+            t.decode(&t.encode(&bent(1, 130)).unwrap().words, UncodedPose::Identity).unwrap();
         }
     }
     let nothing = Tokenizer::fit(
@@ -304,7 +304,7 @@ proptest! {
                 let word: Vec<u16> = (0..length.min(most)).map(|_| (next() % t.scheme().symbols()) as u16).collect();
                 words.push(&word);
             }
-            let clip = t.decode(&words, Rest::Identity).unwrap();
+            let clip = t.decode(&words, UncodedPose::Identity).unwrap();
             prop_assert_eq!(clip.frames(), words.len() * t.frames_per_word());
             prop_assert!(clip.root().iter().all(|p| p.is_finite()) && clip.rotations().iter().all(|q| q.is_finite()));
             let mut numbers = vec![];

@@ -3,7 +3,7 @@
 use super::line::Scale;
 use super::pelvis::{Turns, about_y};
 use super::walk::{Height, Travel, Walk, check_places, start};
-use super::{Encoded, Rest};
+use super::{Encoded, UncodedPose};
 use crate::{Channels, Result, Words};
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Clip, Quat, Vec3, smpl};
@@ -48,7 +48,7 @@ pub(super) fn encode(
 pub(super) fn decode(
     words: &Words,
     fps: f64,
-    rest: Rest<'_>,
+    rest: UncodedPose<'_>,
     mut walk: Walk,
     steps: &[impl Scale; 3],
     mut poses: impl Poses,

@@ -5,7 +5,7 @@ use crate::scheme::SchemeConfig;
 use crate::scheme::mix::JointTransform;
 use crate::scheme::pelvis::Split;
 use crate::scheme::quantile::{Pooled, QuantileConfig};
-use crate::{Rest, RootRotation, Tokenizer, TokenizerConfig, UniformConfig, Words};
+use crate::{RootRotation, Tokenizer, TokenizerConfig, UncodedPose, UniformConfig, Words};
 use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::rotation::{angle_between, exp_map};
 use kinelm_motion::{Clip, Quat, Vec3, smpl};
@@ -151,7 +151,7 @@ fn turn_and_tilt_within_half_a_bin() {
     let bin = 1f64.to_radians();
     for clip in [bent(21, 2000), wild(22, 500, 1.5, 0.05)] {
         let e = t.encode(&clip).unwrap();
-        let back = t.decode(&e.words, Rest::Identity).unwrap();
+        let back = t.decode(&e.words, UncodedPose::Identity).unwrap();
         let mut over = 0;
         for f in 0..clip.frames() {
             let (was, is) = (clip.pose(f)[0], back.pose(f)[0]);
@@ -177,11 +177,11 @@ fn a_changed_code_turns_or_shifts_what_follows() {
     for config in plain(360) {
         let t = Tokenizer::fit(&training(), config.clone()).unwrap();
         let words = t.encode(&bent(5, 40)).unwrap().words;
-        let before = t.decode(&words, Rest::Identity).unwrap();
+        let before = t.decode(&words, UncodedPose::Identity).unwrap();
         for place in 0..42 {
             let mut codes = words.codes().to_vec();
             codes[10 * 42 + place] = (codes[10 * 42 + place] + 5) % 360;
-            let after = t.decode(&Words::fixed(codes, 42), Rest::Identity).unwrap();
+            let after = t.decode(&Words::fixed(codes, 42), UncodedPose::Identity).unwrap();
             let has_turn = config.root_rotation == RootRotation::HeadingDelta;
             for f in (0..40).filter(|&f| f != 10) {
                 let (a, b) = (before.pose(f), after.pose(f));
@@ -217,7 +217,7 @@ fn one_thread_is_eight() {
 fn a_joint_transform_has_no_places() {
     for config in mixed(360, 13) {
         let t = Tokenizer::fit(&training(), config.clone()).unwrap();
-        assert!(t.scheme().places(t.channels()).unwrap_err().contains("joint transform"));
+        assert!(t.scheme().slot_channels(t.channels()).unwrap_err().contains("joint transform"));
         let turn = usize::from(config.root_rotation == RootRotation::HeadingDelta);
         assert_eq!(t.encode(&training()[0]).unwrap().words.length(), Some(3 + turn + 13));
     }
@@ -228,7 +228,7 @@ fn all_components_keep_the_pose() {
     for config in mixed(1080, 39) {
         let t = Tokenizer::fit(&training(), config.clone()).unwrap();
         let clip = &training()[2];
-        let back = t.decode(&t.encode(clip).unwrap().words, Rest::Identity).unwrap();
+        let back = t.decode(&t.encode(clip).unwrap().words, UncodedPose::Identity).unwrap();
         let worst = (0..clip.frames())
             .flat_map(|f| THIRTEEN.map(|j| angle_between(clip.pose(f)[j], back.pose(f)[j])))
             .fold(0.0f64, f64::max);
@@ -255,7 +255,7 @@ proptest! {
             // fitted on another clip, so that values lie outside too
             let t = Tokenizer::fit(&[bent(1, 50)], config).unwrap();
             let words = t.encode(&clip).unwrap().words;
-            let back = t.decode(&words, Rest::Identity).unwrap();
+            let back = t.decode(&words, UncodedPose::Identity).unwrap();
             prop_assert_eq!(t.encode(&back).unwrap().words, words);
         }
     }
@@ -265,7 +265,7 @@ proptest! {
         for t in &*FITTED {
             let length = t.scheme().neutral(t.channels()).len();
             let whole = codes.len() / length * length;
-            let clip = t.decode(&Words::fixed(codes[..whole].to_vec(), length), Rest::Identity).unwrap();
+            let clip = t.decode(&Words::fixed(codes[..whole].to_vec(), length), UncodedPose::Identity).unwrap();
             prop_assert!(clip.root().iter().all(|p| p.is_finite()));
             prop_assert!(clip.rotations().iter().all(|q: &Quat| q.is_finite()));
         }

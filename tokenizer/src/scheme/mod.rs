@@ -177,7 +177,7 @@ pub enum WordLength {
 
 /// The rotations that a word doesn't hold.
 #[derive(Debug, Clone, Copy, Default)]
-pub enum Rest<'a> {
+pub enum UncodedPose<'a> {
     /// Identity.
     #[default]
     Identity,
@@ -187,13 +187,13 @@ pub enum Rest<'a> {
     Clip(&'a Clip),
 }
 
-impl Rest<'_> {
+impl UncodedPose<'_> {
     /// The whole pose (24) of a frame, before the coded joints are set.
     pub(crate) fn fill(&self, frame: usize, pose: &mut Vec<Quat>) {
         match self {
-            Rest::Pose(p) => pose.extend_from_slice(&p[..]),
-            Rest::Clip(c) if c.frames() > 0 => pose.extend_from_slice(c.pose(frame.min(c.frames() - 1))),
-            Rest::Identity | Rest::Clip(_) => pose.extend([Quat::IDENTITY; 24]),
+            UncodedPose::Pose(p) => pose.extend_from_slice(&p[..]),
+            UncodedPose::Clip(c) if c.frames() > 0 => pose.extend_from_slice(c.pose(frame.min(c.frames() - 1))),
+            UncodedPose::Identity | UncodedPose::Clip(_) => pose.extend([Quat::IDENTITY; 24]),
         }
     }
 }
@@ -220,7 +220,7 @@ pub trait Scheme: Send + Sync {
     ///
     /// # Errors
     /// When no clip can be made of it.
-    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: Rest<'_>) -> Result<Clip>;
+    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: UncodedPose<'_>) -> Result<Clip>;
 
     /// The word that says nothing: no step, no turn.
     fn neutral(&self, channels: &Channels) -> Vec<u16>;
@@ -229,10 +229,10 @@ pub trait Scheme: Send + Sync {
     ///
     /// # Errors
     /// The reason, as half a sentence for a message.
-    fn places(&self, channels: &Channels) -> std::result::Result<Vec<Channel>, String>;
+    fn slot_channels(&self, channels: &Channels) -> std::result::Result<Vec<Channel>, String>;
 
     /// Whether the codes at a place of words of one length go round: the last bin is the first one's neighbour.
-    fn goes_round(&self, _place: usize) -> bool {
+    fn is_circular(&self, _place: usize) -> bool {
         false
     }
 

@@ -6,7 +6,7 @@ use super::line::Scale;
 use super::mix::{JointTransform, Mix};
 use super::mixed::{self, Mixed};
 use super::walk::{Height, Travel, Walk, check_height, one_of};
-use super::{Encoded, Rest, Scheme, WordLength};
+use super::{Encoded, Scheme, UncodedPose, WordLength};
 use crate::channel::{Channel, Channels};
 use crate::{Error, Result, Words, alphabet};
 use kinelm_motion::rotation::{angle_between, exp_map};
@@ -219,7 +219,7 @@ impl Scheme for Quantile {
         }
     }
 
-    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: Rest<'_>) -> Result<Clip> {
+    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: UncodedPose<'_>) -> Result<Clip> {
         match &self.mix {
             Some(mix) => frame::decode(words, fps, rest, self.walk(), &self.steps, self.mixed(channels, mix)),
             None => frame::decode(words, fps, rest, self.walk(), &self.steps, self.each(channels)),
@@ -238,7 +238,7 @@ impl Scheme for Quantile {
         word
     }
 
-    fn places(&self, channels: &Channels) -> std::result::Result<Vec<Channel>, String> {
+    fn slot_channels(&self, channels: &Channels) -> std::result::Result<Vec<Channel>, String> {
         match self.mix {
             Some(_) => Err(mixed::REASON.into()),
             None => Ok(channels.iter().collect()),

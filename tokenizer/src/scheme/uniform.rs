@@ -7,7 +7,7 @@ use super::mix::{JointTransform, Mix};
 use super::mixed::{self, Mixed};
 pub use super::walk::{Height, Travel};
 use super::walk::{Walk, check_height, check_places};
-use super::{Encoded, Rest, Scheme, WordLength};
+use super::{Encoded, Scheme, UncodedPose, WordLength};
 use crate::channel::{Channel, Channels};
 use crate::{Error, Result, Words, alphabet};
 use kinelm_motion::{Clip, Quat, Vec3};
@@ -219,7 +219,7 @@ impl Scheme for Uniform {
         }
     }
 
-    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: Rest<'_>) -> Result<Clip> {
+    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: UncodedPose<'_>) -> Result<Clip> {
         match &self.components {
             Some(c) => frame::decode(words, fps, rest, self.walk(), &self.translation, self.mixed(channels, c)),
             None => frame::decode(words, fps, rest, self.walk(), &self.translation, self.each(channels)),
@@ -238,14 +238,14 @@ impl Scheme for Uniform {
         word
     }
 
-    fn places(&self, channels: &Channels) -> std::result::Result<Vec<Channel>, String> {
+    fn slot_channels(&self, channels: &Channels) -> std::result::Result<Vec<Channel>, String> {
         match self.components {
             Some(_) => Err(mixed::REASON.into()),
             None => Ok(channels.iter().collect()),
         }
     }
 
-    fn goes_round(&self, place: usize) -> bool {
+    fn is_circular(&self, place: usize) -> bool {
         // behind the translation stand angles, in bins of a full turn
         place >= 3 && self.components.is_none()
     }

@@ -30,7 +30,7 @@ fn training() -> Vec<Clip> {
 fn worst_step(t: &Tokenizer, clip: &Clip) -> [f64; 3] {
     let u = t.uniform().unwrap();
     let words = t.encode(clip).unwrap().words;
-    let back = t.decode(&words, Rest::Identity).unwrap();
+    let back = t.decode(&words, UncodedPose::Identity).unwrap();
     let start = clip.root()[0] * Vec3::new(1.0, 0.0, 1.0);
     let mut worst = [0.0f64; 3];
     let mut walk = Walk::new(0.0, Travel::Velocity, Height::Velocity);
@@ -82,7 +82,7 @@ fn rotations_within_half_a_bin() {
         let bound = 0.5 * 3f64.sqrt() * 1f64.to_radians() + 1e-9;
         for clip in &clips {
             let e = t.encode(clip).unwrap();
-            let back = t.decode(&e.words, Rest::Identity).unwrap();
+            let back = t.decode(&e.words, UncodedPose::Identity).unwrap();
             let mut over = 0;
             for f in 0..clip.frames() {
                 for j in 0..24 {
@@ -124,7 +124,7 @@ fn a_clipped_step_is_caught_up() {
     let jump = Clip::new(clip.skeleton().clone(), 20.0, root, clip.rotations().to_vec()).unwrap();
     let e = t.encode(&jump).unwrap();
     assert!(e.clipped > 0);
-    let back = t.decode(&e.words, Rest::Identity).unwrap();
+    let back = t.decode(&e.words, UncodedPose::Identity).unwrap();
     let miss = |f: usize| (jump.root()[f] - back.root()[f] - jump.root()[0] * Vec3::new(1.0, 0.0, 1.0)).length();
     assert!(miss(50) > 0.1 && miss(99) < 0.002, "{} {}", miss(50), miss(99));
 }
@@ -138,7 +138,7 @@ fn one_who_stands_still_has_one_word() {
     let e = t.encode(&still).unwrap();
     let neutral = t.scheme().neutral(t.channels());
     assert!(e.words.iter().all(|word| word == neutral));
-    let back = t.decode(&e.words, Rest::Identity).unwrap();
+    let back = t.decode(&e.words, UncodedPose::Identity).unwrap();
     assert_eq!((back.root()[0].x, back.root()[0].z), (0.0, 0.0));
     assert!((back.root()[8].y - height).abs() < 1e-12);
 }
@@ -212,7 +212,7 @@ fn heights_above_the_floor() {
         let root = heights.iter().map(|&y| Vec3::new(0.0, y, 0.0)).collect();
         let clip = Clip::new(smpl::neutral(), 20.0, root, vec![Quat::IDENTITY; 24 * heights.len()]).unwrap();
         let e = t.encode(&clip).unwrap();
-        (e.off_range, t.decode(&e.words, Rest::Identity).unwrap().root().iter().map(|p| p.y).collect::<Vec<_>>())
+        (e.off_range, t.decode(&e.words, UncodedPose::Identity).unwrap().root().iter().map(|p| p.y).collect::<Vec<_>>())
     };
     // each height by itself: no step is too large, nothing adds up
     let (off, back) = at(&[low, high, low, 0.5 * (low + high)]);
@@ -227,7 +227,7 @@ fn heights_above_the_floor() {
     assert!((back[1] - low).abs() <= HALF * y.width);
     // whatever is drawn: a minute of any codes stays within the range
     let words = Words::fixed((0..1200 * 42).map(|i| (i * 7919 % 360) as u16).collect(), 42);
-    let drawn = t.decode(&words, Rest::Identity).unwrap();
+    let drawn = t.decode(&words, UncodedPose::Identity).unwrap();
     assert!(drawn.root().iter().all(|p| p.y >= from - y.width && p.y <= to + y.width));
 }
 
@@ -256,8 +256,10 @@ fn what_cannot_be_coded_is_named() {
     let one = kinelm_motion::Skeleton::new(vec!["a".into()], vec![None], vec![Vec3::ZERO], vec![]).unwrap();
     let other = Clip::new(std::sync::Arc::new(one), 20.0, vec![Vec3::ZERO], vec![Quat::IDENTITY]).unwrap();
     assert!(error(&other).contains("retarget it first"));
-    assert!(t.decode(&Words::fixed(vec![0; 42], 42), Rest::Clip(&other)).is_err());
-    assert!(t.decode(&Words::fixed(vec![360; 42], 42), Rest::Identity).unwrap_err().to_string().contains("code 360"));
+    assert!(t.decode(&Words::fixed(vec![0; 42], 42), UncodedPose::Clip(&other)).is_err());
+    assert!(
+        t.decode(&Words::fixed(vec![360; 42], 42), UncodedPose::Identity).unwrap_err().to_string().contains("code 360")
+    );
     assert!(Tokenizer::fit(&[], thirteen()).unwrap_err().to_string().contains("no training clip"));
     assert!(Tokenizer::fit(&[bent(1, 0)], thirteen()).is_err());
 }
@@ -268,10 +270,10 @@ fn joints_that_are_not_coded_come_from_where_the_caller_says() {
     let clip = bent(1, 5);
     let words = t.encode(&clip).unwrap().words;
     let pose: [Quat; 24] = std::array::from_fn(|j| clip.pose(2)[j]);
-    let held = t.decode(&words, Rest::Pose(&pose)).unwrap();
+    let held = t.decode(&words, UncodedPose::Pose(&pose)).unwrap();
     assert_eq!((held.pose(4)[3], held.pose(0)[15]), (clip.pose(2)[3], clip.pose(2)[15]));
     let short = clip.slice(0..2);
-    let along = t.decode(&words, Rest::Clip(&short)).unwrap();
+    let along = t.decode(&words, UncodedPose::Clip(&short)).unwrap();
     assert_eq!((along.pose(0)[3], along.pose(4)[3]), (clip.pose(0)[3], clip.pose(1)[3]));
     assert_eq!(along.pose(4)[4], held.pose(4)[4]);
 }
@@ -285,7 +287,7 @@ fn six_decimals_of_degrees_and_centimetres_change_no_code() {
         let t = Tokenizer::fit(&clips, TokenizerConfig::uniform(&THIRTEEN, 20.0, bins)).unwrap();
         for clip in &clips {
             let words = t.encode(clip).unwrap().words;
-            let made = t.decode(&words, Rest::Identity).unwrap();
+            let made = t.decode(&words, UncodedPose::Identity).unwrap();
             let root = made.root().iter().map(|p| Vec3::from_array(p.to_array().map(|x| six(x * 100.0) / 100.0)));
             let through = |q: &Quat| order.to_quat(order.from_quat(*q, 0.0).map(|a| six(a.to_degrees()).to_radians()));
             let rotations = made.rotations().iter().map(through).collect();
@@ -315,7 +317,7 @@ fn any_codes_are_a_finite_clip() {
             .collect();
         let words = Words::fixed(codes, 9);
         for t in [&velocity, &edge] {
-            let clip = t.decode(&words, Rest::Identity).unwrap();
+            let clip = t.decode(&words, UncodedPose::Identity).unwrap();
             assert!(clip.root().iter().all(|p| p.is_finite()) && clip.rotations().iter().all(|q| q.is_finite()));
             if stream % 8 == 0 {
                 t.encode(&clip).unwrap();
@@ -332,7 +334,7 @@ proptest! {
         // fitted on another clip, so that steps clip too
         let t = Tokenizer::fit(&[bent(1, 50)], TokenizerConfig::uniform(&THIRTEEN, 20.0, bins)).unwrap();
         let words = t.encode(&clip).unwrap().words;
-        let back = t.decode(&words, Rest::Identity).unwrap();
+        let back = t.decode(&words, UncodedPose::Identity).unwrap();
         prop_assert_eq!(t.encode(&back).unwrap().words, words);
     }
 }

@@ -5,7 +5,7 @@ use kinelm_corpus::load::parse_placed;
 use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_motion::Clip;
 use kinelm_motion::format::{Format, RateDoubt, ReadOptions};
-use kinelm_tokenizer::{Rest, SPACE, Tokenizer, Words};
+use kinelm_tokenizer::{SPACE, Tokenizer, UncodedPose, Words};
 use std::path::Path;
 
 /// A dance, coded and decoded.
@@ -60,7 +60,7 @@ impl Dance {
     }
 
     pub(super) fn new(name: String, words: Words, frames: usize, tokenizer: &Tokenizer) -> Result<Dance> {
-        let clip = tokenizer.decode(&words, Rest::Identity)?;
+        let clip = tokenizer.decode(&words, UncodedPose::Identity)?;
         let clip = clip.slice(0..frames.min(clip.frames()));
         let ids = tokenizer.ids_of_words(&words)?;
         Ok(Dance { name, clip, words, file_fps: None, doubt: None, ids })

@@ -8,7 +8,7 @@ use kinelm_generate::prompt::{Prompt, given_places, read_back, share_changed};
 use kinelm_generate::request::Resolved;
 use kinelm_motion::metric::{Skate, jitter_of};
 use kinelm_motion::{Clip, joints};
-use kinelm_tokenizer::{Rest, Tokenizer};
+use kinelm_tokenizer::{Tokenizer, UncodedPose};
 use serde::Serialize;
 use std::path::Path;
 
@@ -40,7 +40,7 @@ pub fn prompted(dance: &Dance, file: &Path, recipe: &Resolved, tokenizer: &Token
     let selection = joints::parse(list)?;
     let places = given_places(tokenizer, &selection)?;
     let prompt = Prompt::load(&followed.path, &followed.read, tokenizer)?;
-    let seen = tokenizer.decode(&prompt.words, Rest::Identity)?;
+    let seen = tokenizer.decode(&prompt.words, UncodedPose::Identity)?;
     let frames = dance.clip.frames().min(prompt.frames());
     // on the prompt's rig the floor is the one of the way there, not what the dance's own feet say
     let back = read_back(file, recipe, &prompt, tokenizer)?.map(|(_, words)| words);

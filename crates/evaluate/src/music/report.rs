@@ -1,8 +1,8 @@
 //! What a music file holds.
 
 use crate::Result;
-use kinelm_music::beat::{Beats, RATE, Range, Tempo, Tracker};
-use kinelm_music::read::{Info, hear, open};
+use kinelm_music::beat::{Beats, RATE, Tempo, TempoRange, Tracker};
+use kinelm_music::read::{Info, decode_at, open};
 use kinelm_store::counted;
 use serde_json::json;
 use std::fmt::Write;
@@ -30,7 +30,7 @@ const UNLIKELY: f64 = 0.01;
 ///
 /// # Errors
 /// [`Error::Music`](crate::Error::Music): what is wrong with the file.
-pub fn report(path: &Path, range: Option<Range>) -> Result<Report> {
+pub fn report(path: &Path, range: Option<TempoRange>) -> Result<Report> {
     let rate = open(path)?.info().rate;
     let (mut tracker, mut peak, mut squares) = (Tracker::within(range), 0.0f32, 0.0f64);
     let mut measure = |samples: &[f32]| {
@@ -40,7 +40,7 @@ pub fn report(path: &Path, range: Option<Range>) -> Result<Report> {
         }
         Ok(())
     };
-    let info = hear(path, &mut [(rate, &mut measure), (RATE, &mut |samples| tracker.push(samples))])?;
+    let info = decode_at(path, &mut [(rate, &mut measure), (RATE, &mut |samples| tracker.push(samples))])?;
     let rms = (squares / info.samples.unwrap_or(0).max(1) as f64).sqrt();
     Ok(Report { path: path.into(), info, peak, rms, beats: tracker.finish()? })
 }

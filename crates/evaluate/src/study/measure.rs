@@ -8,7 +8,7 @@ use kinelm_motion::metric::{GeodesicError, Mpjpe};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Quat};
 use kinelm_tokenizer::rate::TextCounts;
-use kinelm_tokenizer::{Encoded, Fit, Rest, Tokenizer};
+use kinelm_tokenizer::{Encoded, Fit, Tokenizer, UncodedPose};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -83,7 +83,7 @@ fn counted(tokenizer: &Tokenizer, clips: &Clips, known: &Known) -> Result<(Arc<C
 
 /// What words decode to, as long as the clip they were made of.
 pub fn decoded(tokenizer: &Tokenizer, encoded: &Encoded, clip: &Clip) -> Result<Clip> {
-    let decoded = tokenizer.decode(&encoded.words, Rest::Clip(clip))?;
+    let decoded = tokenizer.decode(&encoded.words, UncodedPose::Clip(clip))?;
     Ok(decoded.slice(0..clip.frames()))
 }
 
@@ -101,8 +101,9 @@ fn speed(tokenizer: &Tokenizer, clips: &Clips, tokens_per_frame: f64) -> Result<
     let encode = || held.par_iter().map(|clip| Ok(tokenizer.encode(clip)?)).collect::<Result<Vec<Encoded>>>();
     let (encoded, encode_s) = timed(encode)?;
     let decode = || {
-        let one =
-            |(words, clip): (&Encoded, &Arc<Clip>)| Ok(tokenizer.decode(&words.words, Rest::Clip(clip))?.frames());
+        let one = |(words, clip): (&Encoded, &Arc<Clip>)| {
+            Ok(tokenizer.decode(&words.words, UncodedPose::Clip(clip))?.frames())
+        };
         encoded.par_iter().zip(&held).map(one).sum::<Result<usize>>()
     };
     let (_, decode_s) = timed(decode)?;

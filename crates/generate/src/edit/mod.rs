@@ -285,7 +285,7 @@ fn places(tokenizer: &Tokenizer) -> std::result::Result<Vec<usize>, String> {
     let mut places = vec![0; characters];
     for &joint in tokenizer.channels().joints() {
         let selection = Selection { joints: vec![joint], translation: joint == 0 };
-        let own = tokenizer.places_of(&selection).map_err(|e| format!("{e}; {expected}"))?;
+        let own = tokenizer.slots_of(&selection).map_err(|e| format!("{e}; {expected}"))?;
         own.into_iter().for_each(|place| places[place] = joint);
     }
     Ok(places)

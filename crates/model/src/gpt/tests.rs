@@ -22,7 +22,7 @@ fn ids(n: usize) -> Vec<u32> {
 /// The mean over the targets that count of the cross-entropy with targets smoothed `width` bins wide, from the logits.
 fn smoothed_loss(gpt: &Gpt, inputs: &Tensor, targets: &[u32], dropout: Option<&Dropout>, width: f64) -> f64 {
     let tokens = gpt.tokens();
-    let kinds: Vec<_> = tokens.place_ids().collect();
+    let kinds: Vec<_> = tokens.slot_ids().collect();
     let (length, shift) = (inputs.dim(1).unwrap(), usize::from(gpt.config().kind == Kind::Causal));
     let logits = gpt.forward(inputs, dropout).unwrap().flatten_to(1).unwrap().to_vec2::<f64>().unwrap();
     let (mut sum, mut counted) = (0.0, 0.0);

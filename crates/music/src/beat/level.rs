@@ -6,7 +6,7 @@
 
 use super::flux::{RISES, SERIES, Series};
 use super::weights::{ALTERNATION, MIDDLE, PROFILE, RETURN, TEMPO};
-use super::{FPS, Range, Tempo};
+use super::{FPS, Tempo, TempoRange};
 
 /// Parts of a pulse in which levels are counted.
 const PARTS: usize = 12;
@@ -157,7 +157,7 @@ fn bpm(pace: f64, parts: usize) -> f64 {
 
 /// The beats, in frames, of a pulse in a piece: the way of counting it that explains most, changed seldom; of the levels
 /// within `range` where one is, else of the nearest to it. Beside them the tempo of each level, the likeliest first.
-pub fn beats(series: &Series, pulse: &[f64], range: Option<Range>) -> (Vec<f64>, Vec<Tempo>) {
+pub fn beats(series: &Series, pulse: &[f64], range: Option<TempoRange>) -> (Vec<f64>, Vec<Tempo>) {
     if pulse.len() < 3 {
         return (pulse.to_vec(), Vec::new());
     }

@@ -10,7 +10,7 @@ pub mod tempogram;
 mod weights;
 
 use crate::Result;
-use crate::read::hear;
+use crate::read::decode_at;
 use flux::{Flux, RISES};
 use std::path::Path;
 
@@ -49,14 +49,14 @@ pub struct Tempo {
 
 /// Beats a minute that are looked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Range {
+pub struct TempoRange {
     /// At least.
     pub least: f64,
     /// At most.
     pub most: f64,
 }
 
-impl Range {
+impl TempoRange {
     /// How many octaves a tempo lies outside; 0 within, and within rounding of it.
     fn octaves_off(self, bpm: f64) -> f64 {
         let off = (self.least / bpm).log2().max((bpm / self.most).log2());
@@ -92,7 +92,7 @@ fn median(all: &mut [f64]) -> Option<f64> {
 pub struct Tracker {
     flux: Flux,
     samples: u64,
-    range: Option<Range>,
+    range: Option<TempoRange>,
 }
 
 impl Default for Tracker {
@@ -108,7 +108,7 @@ impl Tracker {
     }
 
     /// The same, which counts beats within a range of tempi.
-    pub fn within(range: Option<Range>) -> Tracker {
+    pub fn within(range: Option<TempoRange>) -> Tracker {
         Tracker { range, ..Tracker::new() }
     }
 
@@ -161,9 +161,9 @@ pub fn beats(path: &Path) -> Result<Beats> {
 ///
 /// # Errors
 /// Those of reading.
-pub fn beats_within(path: &Path, range: Option<Range>) -> Result<Beats> {
+pub fn beats_within(path: &Path, range: Option<TempoRange>) -> Result<Beats> {
     let mut tracker = Tracker::within(range);
-    hear(path, &mut [(RATE, &mut |samples: &[f32]| tracker.push(samples))])?;
+    decode_at(path, &mut [(RATE, &mut |samples: &[f32]| tracker.push(samples))])?;
     tracker.finish()
 }
 

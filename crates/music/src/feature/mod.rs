@@ -14,7 +14,7 @@ pub mod tuning;
 
 use crate::beat::{Beats, Tracker};
 use crate::frames::{Frames, Spectrum, hann};
-use crate::read::hear;
+use crate::read::decode_at;
 use crate::{Error, Result};
 use chroma::{CLASSES, Cens};
 use mel::{BANDS, Bank, Cosines};
@@ -83,9 +83,9 @@ pub fn features(path: &Path, fps: f64) -> Result<Features> {
     let (mut first, mut tracker) = (First::new(rate), Tracker::new());
     let mut listen = |samples: &[f32]| first.push(samples);
     let mut follow = |samples: &[f32]| tracker.push(samples);
-    hear(path, &mut [(rate, &mut listen), (crate::beat::RATE, &mut follow)])?;
+    decode_at(path, &mut [(rate, &mut listen), (crate::beat::RATE, &mut follow)])?;
     let mut second = Second::new(rate, &first.finish())?;
-    hear(path, &mut [(rate, &mut |samples: &[f32]| second.push(samples))])?;
+    decode_at(path, &mut [(rate, &mut |samples: &[f32]| second.push(samples))])?;
     second.finish(fps, tracker.finish()?)
 }
 

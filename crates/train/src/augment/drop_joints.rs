@@ -20,7 +20,7 @@ impl Droppable {
         let refuse =
             |why: String| Error::call(format!("augment.drop_joints: no joint can be hidden: {why}; leave it out"));
         let coded = tokenizer.channels().joints().iter().filter(|&&joint| joint != 0);
-        let places = |&joint: &usize| tokenizer.places_of(&Selection { joints: vec![joint], translation: false });
+        let places = |&joint: &usize| tokenizer.slots_of(&Selection { joints: vec![joint], translation: false });
         let joints: Vec<Vec<usize>> =
             coded.map(places).collect::<kinelm_tokenizer::Result<_>>().map_err(|e| refuse(e.to_string()))?;
         if tokenizer.tokens_per_word().is_none() {

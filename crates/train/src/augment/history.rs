@@ -5,7 +5,7 @@
 
 use crate::{Error, Result};
 use kinelm_store::random;
-use kinelm_tokenizer::{PlaceIds, Tokenizer};
+use kinelm_tokenizer::{SlotIds, Tokenizer};
 use rand_chacha::rand_core::RngCore;
 
 /// The share of the windows whose past is moved.
@@ -17,7 +17,7 @@ pub const MOST: f64 = 16.0;
 /// What stands at the places of a word.
 #[derive(Debug)]
 pub struct History {
-    places: Vec<PlaceIds>,
+    places: Vec<SlotIds>,
     most: f64,
 }
 
@@ -27,7 +27,7 @@ impl History {
     /// # Errors
     /// Words whose places have no bins of one kind each.
     pub fn of(tokenizer: &Tokenizer, most: f64) -> Result<History> {
-        let places = tokenizer.place_ids();
+        let places = tokenizer.slot_ids();
         match places.is_empty() {
             false => Ok(History { places, most }),
             true => Err(Error::call(
@@ -54,7 +54,7 @@ impl History {
 }
 
 /// A bin so many further, round the circle or up to the ends.
-fn moved(kind: PlaceIds, bin: u32, by: i64) -> u32 {
+fn moved(kind: SlotIds, bin: u32, by: i64) -> u32 {
     let (bin, count) = (i64::from(bin) + by, i64::from(kind.count));
     (if kind.circular { bin.rem_euclid(count) } else { bin.clamp(0, count - 1) }) as u32
 }
@@ -63,8 +63,8 @@ fn moved(kind: PlaceIds, bin: u32, by: i64) -> u32 {
 mod tests {
     use super::*;
 
-    const ANGLE: PlaceIds = PlaceIds { first: 6, count: 10, circular: true };
-    const STEP: PlaceIds = PlaceIds { first: 20, count: 5, circular: false };
+    const ANGLE: SlotIds = SlotIds { first: 6, count: 10, circular: true };
+    const STEP: SlotIds = SlotIds { first: 20, count: 5, circular: false };
 
     #[test]
     fn bins_move_round_the_circle_and_up_to_the_ends() {

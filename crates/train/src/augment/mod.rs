@@ -19,7 +19,7 @@ use history::History;
 use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_motion::{Clip, smpl};
 use kinelm_store::random;
-use kinelm_tokenizer::{Rest, Tokenizer, Words};
+use kinelm_tokenizer::{Tokenizer, UncodedPose, Words};
 use serde::{Deserialize, Serialize};
 
 /// The `[augment]` table. Labels stay what they are.
@@ -201,7 +201,7 @@ impl Piece<'_> {
         }
         let read = tokenizer.words_of_ids(&self.corpus.word_ids(self.clip, from..to)?).words;
         read.iter().for_each(|word| words.push(word));
-        let clip = tokenizer.decode(&words, Rest::Identity)?;
+        let clip = tokenizer.decode(&words, UncodedPose::Identity)?;
         let clip = if self.factor == 1.0 { clip } else { behind_start(&clip, before * l, self.factor)? };
         let coded = tokenizer.encode(&change(clip)?)?.words;
         let mut taken = Words::new();

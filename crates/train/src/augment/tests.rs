@@ -81,7 +81,7 @@ fn tiles_that_are_coded_again_stay_near() {
         // what they say is near: rotations of the middle of a window, decoded in its surroundings
         let first = 7;
         let piece = Piece { corpus: &corpus, clip, first, words: 3, factor: 1.0 };
-        let decode = |ids: &[u32]| t.decode(&t.words_of_ids(ids).words, Rest::Identity).unwrap();
+        let decode = |ids: &[u32]| t.decode(&t.words_of_ids(ids).words, UncodedPose::Identity).unwrap();
         let (new, old) =
             (decode(&piece.recoded(t, &Ok).unwrap()), decode(&corpus.word_ids(clip, first..first + 3).unwrap()));
         let angles: f64 = new.rotations().iter().zip(old.rotations()).map(|(a, b)| angle_between(*a, *b)).sum();

@@ -25,7 +25,7 @@ mod word;
 
 use super::series::{self, open_count};
 use super::walk::{Height, check_places, one_of};
-use super::{Encoded, Rest, Scheme, WordLength};
+use super::{Encoded, Scheme, UncodedPose, WordLength};
 use crate::channel::{Channel, Channels};
 use crate::transform::lapped::Lapped as Transform;
 use crate::{Error, Result, Words};
@@ -359,7 +359,7 @@ impl Scheme for Lapped {
         Ok(Encoded { words, clipped, padded, ..Encoded::default() })
     }
 
-    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: Rest<'_>) -> Result<Clip> {
+    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: UncodedPose<'_>) -> Result<Clip> {
         let layout = Layout::new(&self.config, channels);
         let mut numbers = vec![0; words.len() * layout.numbers()];
         for (word, tile) in words.iter().zip(numbers.chunks_exact_mut(layout.numbers())) {
@@ -384,7 +384,7 @@ impl Scheme for Lapped {
         Vec::new()
     }
 
-    fn places(&self, _: &Channels) -> std::result::Result<Vec<Channel>, String> {
+    fn slot_channels(&self, _: &Channels) -> std::result::Result<Vec<Channel>, String> {
         Err("a character of a lapped tile stands for a wave of several joints, or for a run of zeros".into())
     }
 

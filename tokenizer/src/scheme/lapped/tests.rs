@@ -32,7 +32,7 @@ fn lapped(t: &Tokenizer) -> &Lapped {
 }
 
 fn decode(t: &Tokenizer, words: &Words) -> Clip {
-    t.decode(words, Rest::Identity).unwrap()
+    t.decode(words, UncodedPose::Identity).unwrap()
 }
 
 /// With the words' word `at` changed to `word`.

@@ -12,14 +12,14 @@ use std::f64::consts::{PI, TAU};
 
 /// The characters of a word that say what the root does: its step in x, its height, its step in z, its turn, its tilt in x
 /// and z.
-pub const ROOT_PLACES: usize = 6;
+pub const ROOT_SLOTS: usize = 6;
 
 /// Those of them that are steps from the frame before: in x, in z, in turn.
-pub const STEP_PLACES: [usize; 3] = [0, 2, 3];
+pub const STEP_SLOTS: [usize; 3] = [0, 2, 3];
 
 /// The rule of a tokenizer.
 #[derive(Debug, Clone)]
-pub struct Carriage {
+pub struct RootPath {
     translation: [Line; 3],
     angles: Angles,
     turns: Turns,
@@ -28,17 +28,17 @@ pub struct Carriage {
 
 /// Where the root stands and which way it faces.
 #[derive(Debug, Clone)]
-pub struct Stand {
+pub struct RootState {
     walk: Walk,
     turns: Turns,
 }
 
-impl Carriage {
+impl RootPath {
     /// That of a tokenizer whose words are frames of uniform bins, x and z steps, heights no steps, and turns coded as steps.
     ///
     /// # Errors
     /// [`Error::Setting`]: the first setting of another tokenizer.
-    pub fn of(tokenizer: &Tokenizer) -> Result<Carriage> {
+    pub fn of(tokenizer: &Tokenizer) -> Result<RootPath> {
         let refused =
             |field, found: String, expected: &str| Err(Error::Setting { field, found, expected: expected.into() });
         let Some(uniform) = tokenizer.uniform().filter(|_| tokenizer.tokens_per_word().is_some()) else {
@@ -57,7 +57,7 @@ impl Carriage {
         if !tokenizer.channels().has_turn() {
             return refused("root_rotation", "absolute, or a pelvis that is not coded".into(), "heading_delta");
         }
-        Ok(Carriage {
+        Ok(RootPath {
             translation: *uniform.translation(),
             angles: uniform.angles(),
             turns: Turns::new(config.bins),
@@ -66,33 +66,33 @@ impl Carriage {
     }
 
     /// Where every clip's words begin: at x = z = 0, turn 0.
-    pub fn start(&self) -> Stand {
-        Stand { walk: self.start.clone(), turns: self.turns }
+    pub fn start(&self) -> RootState {
+        RootState { walk: self.start.clone(), turns: self.turns }
     }
 
-    /// Moves by a word's codes, [`ROOT_PLACES`] or more.
+    /// Moves by a word's codes, [`ROOT_SLOTS`] or more.
     ///
     /// # Panics
     /// Fewer codes.
-    pub fn follow(&self, stand: &mut Stand, word: &[u16]) {
-        stand.walk.follow(&self.translation, [word[0], word[1], word[2]]);
-        stand.turns.follow(word[3]);
+    pub fn follow(&self, state: &mut RootState, word: &[u16]) {
+        state.walk.follow(&self.translation, [word[0], word[1], word[2]]);
+        state.turns.follow(word[3]);
         let tilt = self.angles.vector([word[4], 0, word[5]]) * Vec3::new(1.0, 0.0, 1.0);
-        stand.walk.face(about_y(stand.turns.radians()) * exp_map::from_vector(tilt));
+        state.walk.face(about_y(state.turns.radians()) * exp_map::from_vector(tilt));
     }
 
-    /// The numbers, not yet whole, of the codes at [`STEP_PLACES`] that make a step ([`Stand::way_to`]).
-    pub fn codes_of(&self, [x, z, turn]: [f64; 3]) -> [f64; 3] {
+    /// The numbers, not yet whole, of the codes at [`STEP_SLOTS`] that make a step ([`RootState::step_to`]).
+    pub fn step_codes(&self, [x, z, turn]: [f64; 3]) -> [f64; 3] {
         let along = |line: &Line, step: f64| f64::from(line.zero) + (step - line.offset) / line.width;
         let bins = self.turns.bins();
         [along(&self.translation[0], x), along(&self.translation[2], z), (bins / 2) as f64 + turn / TAU * bins as f64]
     }
 }
 
-impl Stand {
+impl RootState {
     /// What lies between here and there: metres in x and z as seen by one who faces +z here, radians of turn, half a circle
     /// either way.
-    pub fn way_to(&self, there: &Stand) -> [f64; 3] {
+    pub fn step_to(&self, there: &RootState) -> [f64; 3] {
         let way = self.walk.turned_in(there.walk.at() - self.walk.at());
         let turn = there.turns.radians() - self.turns.radians();
         [way.x, way.z, (turn + PI).rem_euclid(TAU) - PI]
@@ -103,7 +103,7 @@ impl Stand {
 mod tests {
     use super::*;
     use crate::contract::{bent, presets};
-    use crate::{Form, Rest, RootRotation, SchemeConfig, TokenizerConfig, UniformConfig};
+    use crate::{Form, RootRotation, SchemeConfig, TokenizerConfig, UncodedPose, UniformConfig};
 
     fn fitted(form: Form, height: Height) -> Tokenizer {
         let scheme = SchemeConfig::Uniform(UniformConfig { bins: 120, form, height, ..Default::default() });
@@ -117,16 +117,16 @@ mod tests {
         for (form, height) in [(Form::Centred, Height::Floor), (Form::Edge, Height::Absolute)] {
             let tokenizer = fitted(form, height);
             let words = tokenizer.encode(&bent(5, 60)).unwrap().words;
-            let clip = tokenizer.decode(&words, Rest::Identity).unwrap();
-            let carriage = Carriage::of(&tokenizer).unwrap();
-            let mut stand = carriage.start();
+            let clip = tokenizer.decode(&words, UncodedPose::Identity).unwrap();
+            let root_path = RootPath::of(&tokenizer).unwrap();
+            let mut state = root_path.start();
             for (frame, word) in words.iter().enumerate() {
-                let before = stand.clone();
-                carriage.follow(&mut stand, word);
-                assert_eq!(stand.walk.at(), clip.root()[frame], "frame {frame}");
+                let before = state.clone();
+                root_path.follow(&mut state, word);
+                assert_eq!(state.walk.at(), clip.root()[frame], "frame {frame}");
                 // the codes of the very step
-                let codes = carriage.codes_of(before.way_to(&stand));
-                for (code, place) in codes.iter().zip(STEP_PLACES) {
+                let codes = root_path.step_codes(before.step_to(&state));
+                for (code, place) in codes.iter().zip(STEP_SLOTS) {
                     assert!((code - f64::from(word[place])).abs() < 1e-6, "frame {frame}, place {place}: {code}");
                 }
             }
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn other_tokenizers_are_refused_by_their_first_setting() {
-        let said = |tokenizer: &Tokenizer| Carriage::of(tokenizer).map(|_| ()).map_err(|e| e.to_string());
+        let said = |tokenizer: &Tokenizer| RootPath::of(tokenizer).map(|_| ()).map_err(|e| e.to_string());
         for (name, tokenizer) in presets() {
             assert_eq!(said(&tokenizer).is_ok(), ["uniform", "uniform, headings"].contains(&name), "{name}");
         }

@@ -1,7 +1,7 @@
 //! After the first steps of a shape, training takes no memory from the system: no allocation, no page.
 #![allow(unsafe_code)]
 
-use kinelm::model::config::Stretch;
+use kinelm::model::config::SlotRun;
 use kinelm::model::fast::Fast;
 use kinelm::model::{Gpt, ModelConfig, Positions, TokenLayout};
 use kinelm::train::TrainConfig;
@@ -49,7 +49,7 @@ fn batch(first: u32, windows: usize, length: usize) -> Batch {
     let id = |i: usize| first + (i * i * 7 % 84) as u32;
     let n = windows * length;
     let (inputs, targets) = ((0..n).map(id).collect(), (1..=n).map(id).collect());
-    Batch { inputs, targets, clips: vec!["clip".into(); windows], told: None }
+    Batch { inputs, targets, clips: vec!["clip".into(); windows], conditioning: None }
 }
 
 #[test]
@@ -59,7 +59,7 @@ fn a_step_allocates_nothing_and_faults_no_page() {
     let rope = ModelConfig { positions: Positions::Rope, ..model.clone() };
     let varying = TokenLayout { varying: true, ..TOKENS };
     let kind = |circular| SlotIds { first: 6, count: 84, circular };
-    let places = [(6, true), (3, false)].map(|(number, circular)| Stretch { number, kind: kind(circular) });
+    let places = [(6, true), (3, false)].map(|(number, circular)| SlotRun { number, kind: kind(circular) });
     let placed = TokenLayout { places: places.to_vec(), ..TOKENS };
     pool.install(|| {
         steps(&model, &TOKENS);

@@ -9,7 +9,7 @@ use kinelm::corpus::settings::Settings;
 use kinelm::corpus::{Corpus, labels};
 use kinelm::evaluate::{CodeSplits, Extent};
 use kinelm::generate::provenance::Provenance;
-use kinelm::model::{Which, load_run, weights};
+use kinelm::model::{CheckpointChoice, load_run, weights};
 use kinelm::spectral::query::Index;
 use kinelm::train::TrainFile;
 use kinelm_motion::format::body_model::BodyModel;
@@ -172,7 +172,7 @@ pub fn sidecar(data: &[u8]) {
 pub fn folders(data: &[u8]) {
     in_folder("corpus.json", data, |folder| drop(Corpus::open(folder)));
     in_folder("index.json", data, |folder| drop(Index::open(folder)));
-    in_folder("config.toml", data, |folder| drop(load_run(folder, Which::Auto)));
+    in_folder("config.toml", data, |folder| drop(load_run(folder, CheckpointChoice::Auto)));
 }
 
 /// A music file, whatever it is of, heard for its beats.

@@ -32,7 +32,7 @@ def settings(o, model):
     if sorted(train["conditions"]) != sorted(model.conditions):
         raise SystemExit(f"{path}: conditions {train['conditions']}; {o.begin} was made with {model.conditions}")
     if train["gaps"]:
-        raise SystemExit(f"{path}: train.gaps; only `kinelm pretrain` and `finetune` teach what is ahead: leave it out")
+        raise SystemExit(f"{path}: train.gaps; only `kinelm pretrain` and `finetune` teach goal conditioning: leave it out")
     if "model" in file:
         try:
             config = config_of(file["model"]).resolved(model.tokens)

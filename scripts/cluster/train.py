@@ -7,7 +7,7 @@
 BEGIN is a folder that `kinelm export --format kinelm` wrote, or a run (of `kinelm pretrain --steps 0` for a new one): it
 has the tokenizer, the labels and the first weights. OUT becomes such a folder too, for `kinelm import`; with `--resume` a
 run goes on from OUT's last checkpoint. Windows, their order, labels hidden, masks, positions and losses are kinelm's; of
-the training file `[augment]`, `sample_every`, what is ahead and music are left to kinelm, and dropout draws other numbers.
+the training file `[augment]`, `sample_every`, goal conditioning and music are left to kinelm, and dropout draws other numbers.
 """
 import argparse
 import contextlib

@@ -1,7 +1,7 @@
 """kinelm's model of two levels: a trunk in which a row is a frame, and a decoder that spells one (docs/model.md).
 
 F frames of a window, C characters of a frame and W = C + 1 of its tokens, S the most bins of a place, D and d the widths.
-What is ahead and music are learnt by `kinelm pretrain` and `kinelm finetune` alone.
+Goal conditioning and music are learnt by `kinelm pretrain` and `kinelm finetune` alone.
 """
 from dataclasses import dataclass, field
 
@@ -44,14 +44,14 @@ class TwoLevelConfig:
     head: str | None = "relative"
     window: int = 128
     decoder: dict = field(default_factory=dict)
-    ahead: bool = False
+    goal: bool = False
     music: str = "none"
     music_scale: dict | None = None
 
     def resolved(self, tokens):
         """With what the window says; what can't be is refused."""
-        if self.ahead or self.music != "none":
-            raise ValueError("model.ahead and model.music are learnt by `kinelm pretrain` and `finetune` alone; leave them out")
+        if self.goal or self.music != "none":
+            raise ValueError("model.goal and model.music are learnt by `kinelm pretrain` and `finetune` alone; leave them out")
         if not tokens.places or tokens.varying:
             raise ValueError("a two-level model spells frames of bins; words of this tokenizer are others")
         said = {"kind": "causal", "dropout": 0.0, "previous_frame": True, "head": "relative", "architecture": "two_level"}

@@ -190,7 +190,7 @@ def run(name, frames, front, batch, ahead):
         "name": name,
         "model": {"architecture": "two_level", "kind": "causal", "layers": LAYERS, "heads": HEADS, "width": WIDTH,
                   "context": T, "positions": "frame_joint", "dropout": 0.0, "tied_head": False, "previous_frame": True,
-                  "head": "relative", "window": frames, "decoder": SPELLS, "ahead": ahead},
+                  "head": "relative", "window": frames, "decoder": SPELLS, "goal": ahead},
         "tokens": {"vocabulary": VOCABULARY, "word": W, "front": front, "pad": PAD, "bos": BOS, "space": SPACE,
                    "places": [{"number": n, "kind": {"first": f, "count": c, "circular": r}} for n, f, c, r in STRETCHES]},
         "inputs": [ids for ids, _ in windows], "targets": [targets for _, targets in windows],
@@ -229,7 +229,7 @@ def main():
     text = json.dumps(golden, separators=(",", ":")).replace('{"name"', '\n{"name"')
     (Path(__file__).parents[2] / "crates/model/tests/golden/two_level.json").write_text(text + "\n")
     for case in golden["cases"]:
-        off = None if case["model"]["ahead"] else clusters(case)
+        off = None if case["model"]["goal"] else clusters(case)
         told = "" if off is None else f", scripts/cluster {off:.1e} off"
         print(f"{case['name']}: {sum(t != PAD for w in case['targets'] for t in w)} targets, loss {case['loss']}{told}")
         assert off is None or off < 1e-7

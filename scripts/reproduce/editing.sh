@@ -29,13 +29,13 @@ train() { # RUN, then how it begins
 [ -e tokenizer.json ] || "$kinelm" tokenizer fit "$data" --labels "$labels" --out tokenizer.json
 [ -e corpus/corpus.json ] || "$kinelm" tokenize "$data" --labels "$labels" --tokenizer tokenizer.json --out corpus
 train run pretrain --config two-level
-train run-ahead finetune --from run --config ahead
+train run-goal finetune --from run --config goal
 
 read="--fps-source 60 --skip 10"
 make() { # NAME, what is asked for
     name=$1
     shift
-    [ -e "$name.bvh" ] || "$kinelm" generate --run run-ahead "$@" --out "$name.bvh"
+    [ -e "$name.bvh" ] || "$kinelm" generate --run run-goal "$@" --out "$name.bvh"
 }
 clip=$data/salsa/03.bvh
 make middle --prompt "$clip" $read --free all@4s:6s

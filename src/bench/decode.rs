@@ -4,7 +4,7 @@ use super::model::{BenchModel, ModelArgs};
 use super::{How, Rates, Row, Unit, rounded, seconds};
 use crate::generate::sampling::Draw;
 use crate::generate::{SamplingPlan, dances};
-use crate::model::{Gpt, ModelConfig, Reader, Reading};
+use crate::model::{Gpt, ModelConfig, Reader, ReaderOptions};
 use crate::shell::{ReadingArgs, Say};
 use anyhow::Result;
 use kinelm_engine::arena::Floats;
@@ -57,7 +57,7 @@ fn frames(text: &str) -> std::result::Result<usize, String> {
 struct Bench<'a> {
     args: &'a Args,
     model: BenchModel,
-    reading: Reading,
+    reading: ReaderOptions,
     reader: Reader,
     /// (T) tokens to read.
     tokens: Vec<u32>,

@@ -1,6 +1,6 @@
 //! Which model a bench is about.
 
-use crate::model::config::Stretch;
+use crate::model::config::SlotRun;
 use crate::model::{Architecture, HeadKind, TokenLayout};
 use crate::train::TrainFile;
 use anyhow::Result;
@@ -51,7 +51,7 @@ impl ModelArgs {
         file.model.dropout = self.dropout;
         // a word and the special ids as 13 joints have them: a place in space, then angles, of the same bins
         let kind = |circular| SlotIds { first: FIRST, count: self.vocabulary - FIRST, circular };
-        let places = [(3, false), (39, true)].map(|(number, circular)| Stretch { number, kind: kind(circular) });
+        let places = [(3, false), (39, true)].map(|(number, circular)| SlotRun { number, kind: kind(circular) });
         let tokens = TokenLayout {
             vocabulary: self.vocabulary as usize,
             word: WORD,

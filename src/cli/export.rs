@@ -2,7 +2,7 @@
 
 use super::Say;
 use crate::model::exchange::{Format, export};
-use crate::model::{Which, load_run};
+use crate::model::{CheckpointChoice, load_run};
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -26,7 +26,7 @@ enum FormatArg {
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
-    let run = load_run(&args.run, Which::Auto)?;
+    let run = load_run(&args.run, CheckpointChoice::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
     let format = match args.format {
         FormatArg::Kinelm => Format::Kinelm,

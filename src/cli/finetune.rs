@@ -11,7 +11,7 @@ pub struct Args {
     /// What to begin with: a run, whose best checkpoint counts, or a folder that `kinelm export` or transformers wrote
     #[arg(long, value_name = "RUN|DIR", required_unless_present = "resume", conflicts_with = "resume")]
     from: Option<PathBuf>,
-    /// The training settings: finetune, ahead, or a TOML; the model's shape is that of --from, so [model] is left out or says the
+    /// The training settings: finetune, goal, or a TOML; the model's shape is that of --from, so [model] is left out or says the
     /// same (but dropout)
     #[arg(long, value_name = "NAME|FILE", required_unless_present = "resume", conflicts_with = "resume")]
     config: Option<PathBuf>,

@@ -12,7 +12,7 @@ use crate::generate::request::{Computing, Draws, Length, Place, PromptRequest, R
 use crate::generate::rest::RestJoints;
 use crate::generate::sampling::Draw;
 use crate::model::likelihood::likelihood;
-use crate::model::{Which, load_run};
+use crate::model::{CheckpointChoice, load_run};
 use crate::shell::{ComputeArgs, Say, WrongCall};
 use crate::train::{CorpusPart, PretrainOptions, TrainFile};
 use crate::view::{Figure, write_page};
@@ -81,7 +81,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let tokenizer = tokenize(&args, None)?;
     say.line("3/5 a small model learns the language");
     train(&args, SETTINGS, say)?;
-    let run = load_run(&at("run"), Which::Auto)?;
+    let run = load_run(&at("run"), CheckpointChoice::Auto)?;
     let corpus = Corpus::open(at("corpus"))?;
     say.line("4/5 it dances: to a root and a right arm that it has not seen, and on from a first second");
     let test = corpus.split(Split::Test).next().context("the demo's corpus has no test clip")?;

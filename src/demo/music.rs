@@ -11,7 +11,7 @@ use crate::generate::request::{Draws, LeadInKind, Length, MusicRequest, Request}
 use crate::generate::sampling::Draw;
 use crate::generate::variation_seed;
 use crate::model::likelihood::likelihood;
-use crate::model::{Which, load_run};
+use crate::model::{CheckpointChoice, load_run};
 use crate::shell::Say;
 use crate::view::music::Music;
 use crate::view::{Figure, page_with};
@@ -42,7 +42,7 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
     say.line("3/5 a small model learns the language, told where the beats are");
     train(args, SETTINGS, say)?;
     say.line("4/5 it dances to music of tempi that it has never heard");
-    let (run, corpus) = (load_run(&at("run"), Which::Auto)?, Corpus::open(at("corpus"))?);
+    let (run, corpus) = (load_run(&at("run"), CheckpointChoice::Auto)?, Corpus::open(at("corpus"))?);
     let tests: Vec<&Dance> = dances.iter().skip(CLIPS - pairs()).collect();
     let pieces = tests.iter().map(|dance| piece(args, dance)).collect::<Result<Vec<_>>>()?;
     let all = |told: bool| -> Result<Vec<Clip>> {

@@ -2,7 +2,7 @@
 
 use super::{ours, progress};
 use crate::corpus::{Corpus, Opening};
-use crate::model::{Compute, DeviceName, Form, Reading};
+use crate::model::{Compute, DeviceName, Form, ReaderOptions};
 use kinelm_engine::decode::{KvKind, WeightKind};
 use kinelm_store::output::Outputs;
 use std::path::{Path, PathBuf};
@@ -76,7 +76,7 @@ enum KvArg {
 
 impl ReadingArgs {
     /// As the library has it, for so many sequences.
-    pub fn get(self, streams: usize) -> Reading {
+    pub fn get(self, streams: usize) -> ReaderOptions {
         let weights = match self.weights {
             WeightsArg::F32 => WeightKind::F32,
             WeightsArg::Int8 => WeightKind::Int8,
@@ -85,7 +85,7 @@ impl ReadingArgs {
             KvArg::F32 => KvKind::F32,
             KvArg::F16 => KvKind::F16,
         };
-        Reading { streams, weights, kv }
+        ReaderOptions { streams, weights, kv }
     }
 }
 

@@ -336,44 +336,44 @@ fn labels_of_a_time_are_learned_from_pieces() {
 #[test]
 fn it_learns_what_is_ahead_and_fills_gaps_that_way() {
     let place = place();
-    let ahead = "[model]\narchitecture = \"two_level\"\nahead = true\n\
+    let goal = "[model]\narchitecture = \"two_level\"\ngoal = true\n\
                  [train]\nconditions = [\"genre\"]\nbatch = 2\nsteps = 6\nwarmup = 1\nlearning_rate = 3e-3\ngaps = 0.8\ntable_rate = 3.0\n";
-    fs::write(place.at("ahead.toml"), ahead).unwrap();
-    place.done("finetune --from run --config ahead.toml --corpus corpus --run ahead");
+    fs::write(place.at("goal.toml"), goal).unwrap();
+    place.done("finetune --from run --config goal.toml --corpus corpus --run goal");
     let bits = |more: &str| {
         let text = place.done(&format!("evaluate likelihood --corpus corpus --json {more}"));
         serde_json::from_str::<serde_json::Value>(&text).unwrap()["bits_per_frame"].as_f64().unwrap()
     };
-    let (fast, plain) = (bits("--run ahead"), bits("--run ahead --form plain"));
+    let (fast, plain) = (bits("--run goal"), bits("--run goal --form plain"));
     assert!((plain / fast - 1.0).abs() < 1e-4, "{fast} {plain}");
     let fill = |run: &str, more: &str, name: &str| {
         let call = format!("generate --run {run} --prompt data/03.bvh --free all@1s:1.7s --seed 5 {more} --out {name}");
         place.done(&call);
         fs::read_to_string(place.at(&format!("{name}.kinelm.json"))).unwrap()
     };
-    assert!(fill("ahead", "", "led.bvh").contains("\"ahead\": 2.0"));
-    assert!(!fill("ahead", "--ahead 0", "blind.bvh").contains("\"ahead\":"));
-    assert!(fill("ahead", "--ahead 1", "once.bvh").contains("\"ahead\": 1.0"));
+    assert!(fill("goal", "", "led.bvh").contains("\"ahead\": 2.0"));
+    assert!(!fill("goal", "--ahead 0", "blind.bvh").contains("\"ahead\":"));
+    assert!(fill("goal", "--ahead 1", "once.bvh").contains("\"ahead\": 1.0"));
     let bytes = |name: &str| fs::read(place.at(name)).unwrap();
     assert_ne!(bytes("led.bvh"), bytes("blind.bvh"));
     place.done("generate --again led.bvh.kinelm.json --out twice.led.bvh");
     assert_eq!(bytes("twice.led.bvh"), bytes("led.bvh"));
     // led, and under labels that change within the gap
     let labels = "--label genre=salsa@:1.3s --label genre=waltz@1.3s: --guidance 2";
-    assert!(fill("ahead", labels, "both.bvh").contains("\"ahead\": 2.0"));
+    assert!(fill("goal", labels, "both.bvh").contains("\"ahead\": 2.0"));
     assert_ne!(bytes("both.bvh"), bytes("led.bvh"));
     place.done("generate --again both.bvh.kinelm.json --out twice.both.bvh");
     assert_eq!(bytes("twice.both.bvh"), bytes("both.bvh"));
-    fill("ahead", "--label genre=salsa --ahead 0", "unled.bvh");
+    fill("goal", "--label genre=salsa --ahead 0", "unled.bvh");
     assert_ne!(bytes("both.bvh"), bytes("unled.bvh"));
     // a model that can't be told
     assert!(!fill("run", "", "untold.bvh").contains("\"ahead\":"));
     let call = "generate --run run --prompt data/03.bvh --free all@1s:1.7s --ahead 2 --out no.bvh";
     place.call(call).assert().failure().stderr(contains("ahead 2: this model can't be told what is given ahead"));
-    place.done("export --run ahead --out told");
+    place.done("export --run goal --out told");
     place.done("import told --run told-back");
     assert_eq!(bits("--run told-back"), fast);
-    let text = place.done("evaluate likelihood --run ahead --corpus corpus --json --gaps 2,3");
+    let text = place.done("evaluate likelihood --run goal --corpus corpus --json --gaps 2,3");
     let found: serde_json::Value = serde_json::from_str(&text).unwrap();
     let gaps: Vec<u64> = found["gaps"].as_array().unwrap().iter().map(|gap| gap["frames"].as_u64().unwrap()).collect();
     assert_eq!(gaps, [2, 3]);
@@ -381,7 +381,7 @@ fn it_learns_what_is_ahead_and_fills_gaps_that_way() {
         .call("evaluate likelihood --run run --corpus corpus --gaps 2")
         .assert()
         .failure()
-        .stderr(contains("--gaps 2: frames told something ahead; this model has model.ahead = false"));
+        .stderr(contains("--gaps 2: frames told something ahead; this model has model.goal = false"));
 }
 
 #[test]

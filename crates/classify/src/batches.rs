@@ -131,6 +131,6 @@ impl Numbers {
     /// As the model reads them.
     pub fn as_windows(&self, layout: &Layout) -> Windows<'_> {
         let mask = mask(self.hiding.as_deref());
-        Windows { inputs: &self.inputs, targets: &self.targets, length: layout.length(), mask, told: None }
+        Windows { inputs: &self.inputs, targets: &self.targets, length: layout.length(), mask, conditioning: None }
     }
 }

@@ -7,7 +7,7 @@ use super::folder::{ABOUT, About, METRICS, TOKENIZER};
 use super::train::{Standing, TrainOptions};
 use crate::{Error, Result};
 use candle_core::Tensor;
-use kinelm_model::checkpoint::{Checkpoints, State, Which};
+use kinelm_model::checkpoint::{CheckpointChoice, Checkpoints, State};
 use kinelm_model::weights;
 use kinelm_store::{FileRecord, files, input};
 use kinelm_tokenizer::Tokenizer;
@@ -98,7 +98,7 @@ impl Work {
 
     /// Where the training stood; `metrics.jsonl` goes back to there.
     fn read(&mut self) -> Result<Saved> {
-        let found = self.checkpoints.find(Which::Latest, &[WEIGHTS, MOMENTS, STANDING], &[], &mut |_| ())?;
+        let found = self.checkpoints.find(CheckpointChoice::Latest, &[WEIGHTS, MOMENTS, STANDING], &[], &mut |_| ())?;
         let at = found.dir.join(STANDING);
         let standing: Standing = serde_json::from_slice(&found.files[STANDING])
             .map_err(|e| Error::file(&at, e.to_string(), "where a training stood", ""))?;

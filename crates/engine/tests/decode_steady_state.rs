@@ -106,7 +106,7 @@ fn frame_decoder(streams: usize, weights: WeightKind, kv: KvKind) -> FrameDecode
         norm: (of(d), of(d)),
         head: of(vocabulary * d),
         relative: Relative { circular: of(bins * d), clamped: of((2 * bins - 1) * d) },
-        told: None,
+        conditioning: None,
     };
     FrameDecoder::new(Arc::new(FrameWeights::new(&parts, weights)), streams, kv)
 }

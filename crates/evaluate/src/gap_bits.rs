@@ -1,10 +1,10 @@
-//! Bits a frame in gaps behind which a frame is given: told to the model ([`kinelm_model::ahead`]) and untold.
+//! Bits a frame in gaps behind which a frame is given: told to the model ([`kinelm_model::goal`]) and untold.
 
 use super::gaps::BEFORE;
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus, fill_sequence};
 use kinelm_model::Scores;
-use kinelm_model::ahead::{Ahead, Course};
+use kinelm_model::goal::{GoalEncoder, GoalTrack};
 use serde::Serialize;
 use std::f64::consts::LN_2;
 use std::ops::Range;
@@ -46,7 +46,7 @@ pub fn gap_bits(
             "gaps of {frames} frames; expected 1 to {most} in windows of {window} frames"
         )));
     }
-    let ahead = Ahead::of(corpus.tokenizer())?;
+    let ahead = GoalEncoder::of(corpus.tokenizer())?;
     let (gap, shown) = (before..before + frames, before + frames + 1);
     let end = gap.end - frames.div_ceil(4)..gap.end;
     let (mut gaps, mut sums) = (0, [0.0; 4]);
@@ -75,7 +75,7 @@ fn nats(
     model: &mut dyn Scores,
     (corpus, clip, start): (&Corpus, &ClipRecord, usize),
     (gap, shown): (&Range<usize>, usize),
-    ahead: &Ahead,
+    ahead: &GoalEncoder,
     conditions: &Conditions,
 ) -> Result<[Vec<f64>; 2]> {
     let (pad, word, c) = (model.tokens().pad, model.tokens().word, ahead.characters());
@@ -87,9 +87,9 @@ fn nats(
     targets[..first + gap.start * word].fill(pad);
     targets[first + gap.end * word..].fill(pad);
     let given = (0..shown).flat_map(|frame| vec![!gap.contains(&frame); c]).collect();
-    let told = Course::new(ahead.clone(), ahead.codes(&ids), given, 0).told(shown);
+    let told = GoalTrack::new(ahead.clone(), ahead.codes(&ids), given, 0).conditioning(shown);
     let mut nats = |told| -> Result<Vec<f64>> {
-        model.nats_told((&inputs, &targets), length, told, &mut found)?;
+        model.nats_conditioned((&inputs, &targets), length, told, &mut found)?;
         Ok(found[first..].chunks(word).map(|frame| frame.iter().map(|&x| f64::from(x)).sum()).collect())
     };
     Ok([nats(None)?, nats(Some(&told))?])
@@ -100,7 +100,7 @@ mod tests {
     use super::*;
     use kinelm_corpus::Split;
     use kinelm_model::fast::Fast;
-    use kinelm_model::{Architecture, ModelConfig, TokenLayout, forms};
+    use kinelm_model::{Architecture, ModelConfig, TokenLayout, fixtures};
     use kinelm_train::fixture;
 
     #[test]
@@ -115,10 +115,10 @@ mod tests {
             heads: 2,
             width: 16,
             window: Some(12),
-            ahead: true,
+            goal: true,
             ..Default::default()
         };
-        let mut gpt = forms::model(&config.resolved(&tokens), &tokens);
+        let mut gpt = fixtures::model(&config.resolved(&tokens), &tokens);
         let mut fast = Fast::of(&gpt).unwrap();
         let of = |model: &mut dyn Scores, frames| gap_bits(model, &corpus, &clips, frames, &Conditions::none());
         let (plain, found) = (of(&mut gpt, 4).unwrap().unwrap(), of(&mut fast, 4).unwrap().unwrap());
@@ -133,8 +133,8 @@ mod tests {
         assert!(of(&mut fast, 11).unwrap_err().to_string().contains("expected 1 to 10 in windows of 12 frames"));
         let short: Vec<&ClipRecord> = Vec::new();
         assert_eq!(gap_bits(&mut fast, &corpus, &short, 4, &Conditions::none()).unwrap(), None);
-        let without = ModelConfig { ahead: false, ..config }.resolved(&tokens);
-        let mut other = Fast::of(&forms::model(&without, &tokens)).unwrap();
-        assert!(of(&mut other, 4).unwrap_err().to_string().contains("model.ahead = false"));
+        let without = ModelConfig { goal: false, ..config }.resolved(&tokens);
+        let mut other = Fast::of(&fixtures::model(&without, &tokens)).unwrap();
+        assert!(of(&mut other, 4).unwrap_err().to_string().contains("model.goal = false"));
     }
 }

@@ -13,7 +13,7 @@ use kinelm_generate::edit::mask::Mask;
 use kinelm_generate::edit::splice::lengthened;
 use kinelm_generate::sampling::Draw;
 use kinelm_generate::{NextToken, SamplingPlan, dances, variation_seed};
-use kinelm_model::ahead::{Ahead, Course};
+use kinelm_model::goal::{GoalEncoder, GoalTrack};
 use kinelm_motion::rotation::slerp;
 use kinelm_motion::{Clip, Vec3};
 use kinelm_tokenizer::Tokenizer;
@@ -126,7 +126,7 @@ pub struct Filler<'a> {
     /// Whether feet are held.
     pub hold_feet: bool,
     /// How the model is told what lies behind a gap, and how far it is led there, as [`SamplingPlan::ahead`]; `None`: it isn't told.
-    pub ahead: Option<(Ahead, f64)>,
+    pub ahead: Option<(GoalEncoder, f64)>,
 }
 
 /// Frames before a gap of so many that a model has room for.
@@ -179,7 +179,7 @@ impl Filler<'_> {
         let course = self
             .ahead
             .as_ref()
-            .map(|(ahead, scale)| (Course::new(ahead.clone(), ahead.codes(&gap.ids), given.clone(), 0), *scale));
+            .map(|(ahead, scale)| (GoalTrack::new(ahead.clone(), ahead.codes(&gap.ids), given.clone(), 0), *scale));
         let plan = SamplingPlan {
             course: course.as_ref().map(|(course, _)| course),
             ahead: course.as_ref().map_or(0.0, |(_, scale)| *scale),

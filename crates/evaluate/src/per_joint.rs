@@ -3,7 +3,7 @@
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus};
 use kinelm_model::likelihood::{Likelihood, likelihood_by_token};
-use kinelm_model::{Kind, Scores};
+use kinelm_model::{ModelKind, Scores};
 use kinelm_motion::smpl;
 use kinelm_tokenizer::{Channel, Tokenizer};
 use serde::Serialize;
@@ -51,7 +51,7 @@ pub fn by_place(
     most: usize,
     conditions: &Conditions,
 ) -> Result<Option<(Likelihood, Vec<PlaceBits>)>> {
-    if model.config().kind == Kind::Masked {
+    if model.config().kind == ModelKind::Masked {
         let what = "a masked model is asked for some of the tokens alone, too few to say what each joint costs";
         return Err(Error::call(what));
     }

@@ -17,8 +17,8 @@ pub fn check_ahead(ahead: f64, run: &LoadedRun) -> Result<()> {
     if !ahead.is_finite() {
         return wrong("expected a finite number");
     }
-    if ahead != 0.0 && !run.config.ahead {
-        return wrong("this model can't be told what is given ahead; expected 0, or a model trained with model.ahead");
+    if ahead != 0.0 && !run.config.goal {
+        return wrong("this model can't be told what is given ahead; expected 0, or a model trained with model.goal");
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 use super::{NextToken, SamplingPlan, sampling};
 use crate::{Error, Result};
 use kinelm_engine::decode as engine;
-use kinelm_model::ahead::{Course, Told};
+use kinelm_model::goal::{Conditioning, GoalTrack};
 use kinelm_tokenizer::root_path::RootState;
 use kinelm_tokenizer::{SPACE, Slot};
 
@@ -53,22 +53,22 @@ pub(super) struct Dance<'a> {
 
 /// A dance on its way to what is given ahead.
 struct Led<'a> {
-    course: &'a Course,
+    course: &'a GoalTrack,
     /// Where the root stands behind each word, as far as that was asked for.
     stands: Vec<Option<RootState>>,
     /// What one frame is told.
-    told: Told,
+    told: Conditioning,
     /// The last word that was told something.
     last: Option<usize>,
 }
 
 impl<'a> Led<'a> {
-    fn new(course: &'a Course) -> Led<'a> {
-        Led { course, stands: Vec::new(), told: Told::nothing(1, course.characters()), last: None }
+    fn new(course: &'a GoalTrack) -> Led<'a> {
+        Led { course, stands: Vec::new(), told: Conditioning::none(1, course.characters()), last: None }
     }
 
     /// What a word is told behind those of `ids`.
-    fn tell(&mut self, word: usize, ids: &[u32]) -> Option<engine::Told<'_>> {
+    fn tell(&mut self, word: usize, ids: &[u32]) -> Option<engine::FrameConditioning<'_>> {
         let length = self.course.characters() + 1;
         let codes = |word: usize| self.course.codes(&ids[word * length..][..length]);
         for word in self.stands.len()..word {
@@ -76,11 +76,11 @@ impl<'a> Led<'a> {
             self.stands.push(stand);
         }
         let before = word.checked_sub(1)?;
-        let Told { numbers, rows: [steps, paces], .. } = &mut self.told;
+        let Conditioning { numbers, rows: [steps, paces], .. } = &mut self.told;
         let behind = (codes(before), self.stands[before].as_ref());
-        let is_told = self.course.tell(word, (&behind.0, behind.1), numbers, [steps, paces]);
+        let is_told = self.course.encode(word, (&behind.0, behind.1), numbers, [steps, paces]);
         self.last = self.last.filter(|_| !is_told).or(is_told.then_some(word));
-        is_told.then_some(engine::Told { numbers, rows: [steps, paces] })
+        is_told.then_some(engine::FrameConditioning { numbers, rows: [steps, paces] })
     }
 }
 
@@ -167,7 +167,7 @@ impl<'a> Dance<'a> {
             let music = self.plan.music.get(word * m..(word + 1) * m).unwrap_or_default();
             // a window's first frame has none before it
             let led = self.led.as_mut().filter(|_| frame > 0);
-            model.tell(stream, frame, led.and_then(|led| led.tell(word, &self.ids)), music)?;
+            model.condition(stream, frame, led.and_then(|led| led.tell(word, &self.ids)), music)?;
         }
         Ok(())
     }

@@ -36,9 +36,9 @@ pub mod timeline;
 
 use dance::Dance;
 use guidance::Guidance;
-use kinelm_engine::decode::{KvKind, Logits, Told, WeightKind};
-use kinelm_model::ahead::Course;
-use kinelm_model::{Cache, Compute, Kind, LoadedRun, Reader, Reading};
+use kinelm_engine::decode::{FrameConditioning, KvKind, Logits, WeightKind};
+use kinelm_model::goal::GoalTrack;
+use kinelm_model::{Cache, Compute, LoadedRun, ModelKind, Reader, ReaderOptions};
 pub use kinelm_model::{Error, Result};
 use kinelm_tokenizer::{Grammar, Special};
 use rand_chacha::rand_core::RngCore;
@@ -63,7 +63,13 @@ pub trait NextToken: Send {
     ///
     /// # Errors
     /// Whatever keeps the model from it.
-    fn tell(&mut self, _stream: usize, _frame: usize, _told: Option<Told>, _music: &[f32]) -> Result<()> {
+    fn condition(
+        &mut self,
+        _stream: usize,
+        _frame: usize,
+        _told: Option<FrameConditioning>,
+        _music: &[f32],
+    ) -> Result<()> {
         Ok(())
     }
 
@@ -92,8 +98,8 @@ impl NextToken for Reader {
         Reader::truncate(self, stream, length);
     }
 
-    fn tell(&mut self, stream: usize, frame: usize, told: Option<Told>, music: &[f32]) -> Result<()> {
-        Reader::tell(self, stream, frame, told, music)
+    fn condition(&mut self, stream: usize, frame: usize, told: Option<FrameConditioning>, music: &[f32]) -> Result<()> {
+        Reader::condition(self, stream, frame, told, music)
     }
 
     fn read(&mut self, blocks: &[&[u32]], wanted: Logits, logits: &mut Vec<f32>) -> Result<()> {
@@ -138,8 +144,8 @@ impl NextToken for Vec<Cache> {
 /// # Errors
 /// A masked model: it tells a token from those on both sides of it, and those behind it aren't there yet.
 /// Weights that don't fit the configuration, a device that isn't there, a reading that the form doesn't have.
-pub fn reader(run: &LoadedRun, compute: Compute, reading: Reading) -> Result<Box<dyn NextToken>> {
-    if run.config.kind == Kind::Masked {
+pub fn reader(run: &LoadedRun, compute: Compute, reading: ReaderOptions) -> Result<Box<dyn NextToken>> {
+    if run.config.kind == ModelKind::Masked {
         let what = "the model is masked: it tells a token from those on both sides, and of a new dance there are none \
                     behind it; train one with model.kind = \"causal\"";
         return Err(Error::call(format!("{}: {what}", run.checkpoint.display())));
@@ -205,7 +211,7 @@ pub struct SamplingPlan<'a> {
     /// How far the conditions in front are followed; `None`: as the model has learned them, in half the time.
     pub guidance: Option<Guidance<'a>>,
     /// What is given, where the model is to be told ahead of it; its frames are the lead-in's and the prompt's.
-    pub course: Option<&'a Course>,
+    pub course: Option<&'a GoalTrack>,
     /// How far frames are led to what is given ahead, 1: as the model has learned it; 0: it is told nothing. Other numbers
     /// take twice the time.
     pub ahead: f64,
@@ -260,7 +266,7 @@ impl SamplingPlan<'_> {
     }
 
     /// What the model is told of.
-    fn told(&self) -> Option<&Course> {
+    fn told(&self) -> Option<&GoalTrack> {
         self.course.filter(|_| self.ahead != 0.0)
     }
 }

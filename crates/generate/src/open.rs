@@ -14,10 +14,10 @@ use super::{GUESSES, SampledTokens, SamplingPlan, check_frames, dances, feet, la
 use crate::{Error, Result};
 use kinelm_corpus::Conditions;
 use kinelm_corpus::music::sound::Sound;
-use kinelm_model::ahead::{Ahead, Course};
 use kinelm_model::checkpoint::Checkpoints;
+use kinelm_model::goal::{GoalEncoder, GoalTrack};
 use kinelm_model::lead_in::{LeadIn, LeadInFrom, LeadIns};
-use kinelm_model::{LoadedRun, Which, lead_in, load_run, music};
+use kinelm_model::{CheckpointChoice, LoadedRun, lead_in, load_run, music};
 use kinelm_motion::feet::FootLock;
 use kinelm_motion::format::{self, Format, ReadOptions, RestFrame, bvh::Changed};
 use kinelm_motion::moment::Timebase;
@@ -101,7 +101,7 @@ impl OpenRequest {
     /// music for a model that isn't told of any, or that the dance has no room in; what is ahead told to a model that can't be told;
     /// joints that aren't coded; a prompt of which nothing is followed, or that is too short to go on from; neither frames
     /// nor a prompt, more frames than memory holds, none that are left to make.
-    pub fn load(mut recipe: Resolved, which: Which) -> Result<OpenRequest> {
+    pub fn load(mut recipe: Resolved, which: CheckpointChoice) -> Result<OpenRequest> {
         recipe.draw.check()?;
         let music = recipe.music.as_ref().map(|music| &music.path);
         let paths = [Some(&recipe.run), recipe.prompt.as_ref().map(|prompt| &prompt.path), music];
@@ -109,7 +109,7 @@ impl OpenRequest {
             let what = "a name that is no UTF-8 can't be kept beside the dance; give it another name";
             return Err(Error::call(format!("{}: {what}", path.display())));
         }
-        if let Which::Step(step) = which {
+        if let CheckpointChoice::Step(step) = which {
             check_step(&recipe.run, step)?;
         }
         let mut run = load_run(&recipe.run, which)?;
@@ -221,15 +221,15 @@ impl OpenRequest {
     }
 
     /// What the model is told of an edited clip, of the ids of its words and which of their characters are given.
-    fn course(&self, ids: &[u32], given: &[bool], lead_in: usize) -> Result<Option<Course>> {
-        if self.recipe.ahead == 0.0 || !self.run.config.ahead || given.is_empty() {
+    fn course(&self, ids: &[u32], given: &[bool], lead_in: usize) -> Result<Option<GoalTrack>> {
+        if self.recipe.ahead == 0.0 || !self.run.config.goal || given.is_empty() {
             return Ok(None);
         }
-        let ahead = Ahead::of(&self.tokenizer)?;
+        let ahead = GoalEncoder::of(&self.tokenizer)?;
         let front = lead_in * ahead.characters();
         let codes = [vec![0; front], ahead.codes(ids)].concat();
-        let course = Course::new(ahead, codes, [&vec![false; front], given].concat(), lead_in);
-        Ok(Some(course).filter(Course::has_goals))
+        let course = GoalTrack::new(ahead, codes, [&vec![false; front], given].concat(), lead_in);
+        Ok(Some(course).filter(GoalTrack::has_goals))
     }
 
     /// Draws `variations` dances side by side; guesses as [`SamplingPlan::guesses`]. `progress` is told the frames done.
@@ -299,7 +299,12 @@ impl OpenRequest {
         let (fps, lead_in) = (self.tokenizer.fps(), self.recipe.lead_in as f64);
         let times = (0..words).map(|word| (word as f64 - lead_in) / fps);
         let beats_s = music.beats_s();
-        music::told(self.run.config.hears(), &Sound { beats_s: &beats_s, rows: music.rows() }, times, 1.0)
+        music::conditioning(
+            self.run.config.music_conditioning(),
+            &Sound { beats_s: &beats_s, rows: music.rows() },
+            times,
+            1.0,
+        )
     }
 
     /// The prompt that is edited, and how.

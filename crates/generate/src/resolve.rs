@@ -6,7 +6,7 @@ use super::rest::RestJoints;
 use super::starts::STARTS;
 use super::{feet, music};
 use crate::{Error, Result};
-use kinelm_model::Which;
+use kinelm_model::CheckpointChoice;
 
 /// A choice that the request left open.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -48,7 +48,7 @@ impl OpenRequest {
             let what = "the clip is edited: joints that the model doesn't know are the clip's; leave it out";
             return Err(Error::option("rest-joints", what));
         }
-        let mut ready = OpenRequest::load(request.begun(), Which::Auto)?;
+        let mut ready = OpenRequest::load(request.begun(), CheckpointChoice::Auto)?;
         if request.rig.is_none() {
             let why = if edit.is_some() { "a clip is edited" } else { "no clip is edited" };
             ready.decided("rig", format!("{:?}", ready.recipe.rig).to_lowercase(), why);
@@ -77,7 +77,7 @@ impl OpenRequest {
             ready.decided("top-p", ready.recipe.draw.top_p.unwrap_or(1.0), why);
         }
         if request.ahead.is_none() {
-            let leads = ready.run.config.ahead && ready.has_gaps_that_end();
+            let leads = ready.run.config.goal && ready.has_gaps_that_end();
             ready.recipe.ahead = if leads { AHEAD } else { 0.0 };
             let why =
                 if leads { "the model was trained for it and a gap ends" } else { "no gap ends, or untrained for it" };

@@ -365,9 +365,9 @@ fn what_leads_in_is_free_and_the_prompt_stands_behind_it() {
 mod led {
     use super::*;
     use kinelm_corpus::samples;
-    use kinelm_model::ahead::{Ahead, numbers};
     use kinelm_model::fast::{Fast, Windows};
-    use kinelm_model::{Architecture, Gpt, ModelConfig, TokenLayout, forms};
+    use kinelm_model::goal::{GoalEncoder, numbers};
+    use kinelm_model::{Architecture, Gpt, ModelConfig, TokenLayout, fixtures};
     use kinelm_tokenizer::{RootRotation, Tokenizer, TokenizerConfig};
 
     const FRAMES: usize = 16;
@@ -386,22 +386,23 @@ mod led {
             heads: 2,
             width: 16,
             window: Some(window),
-            ahead: true,
+            goal: true,
             ..Default::default()
         };
-        let gpt = forms::model(&config.resolved(&tokens), &tokens);
+        let gpt = fixtures::model(&config.resolved(&tokens), &tokens);
         let ids = tokenizer.ids_of_words(&tokenizer.encode(&walk).unwrap().words).unwrap();
         (tokenizer, gpt, ids)
     }
 
-    fn course(tokenizer: &Tokenizer, ids: &[u32], given: &[bool], lead_in: usize) -> Course {
-        let ahead = Ahead::of(tokenizer).unwrap();
+    fn course(tokenizer: &Tokenizer, ids: &[u32], given: &[bool], lead_in: usize) -> GoalTrack {
+        let ahead = GoalEncoder::of(tokenizer).unwrap();
         let codes = [vec![0; lead_in * C], ahead.codes(ids)].concat();
-        Course::new(ahead, codes, [&vec![false; lead_in * C], given].concat(), lead_in)
+        GoalTrack::new(ahead, codes, [&vec![false; lead_in * C], given].concat(), lead_in)
     }
 
     fn drawn(gpt: &Gpt, plan: &SamplingPlan) -> Vec<u32> {
-        let mut reader = Reader::new(gpt, Reading { streams: plan.streams(), ..Reading::default() }).unwrap();
+        let mut reader =
+            Reader::new(gpt, ReaderOptions { streams: plan.streams(), ..ReaderOptions::default() }).unwrap();
         dance(&mut reader, plan, &mut |_| {}).unwrap()
     }
 
@@ -426,7 +427,7 @@ mod led {
             let own = super::led::course(&tokenizer, &ids, &given, 0);
             let inputs = [&[1], &ids[..ids.len() - 1]].concat();
             let mut fast = Fast::of(&gpt).unwrap();
-            let told = own.told(FRAMES);
+            let told = own.conditioning(FRAMES);
             assert!(
                 told.numbers
                     .chunks(numbers(C))
@@ -434,7 +435,8 @@ mod led {
                     .all(|(frame, x)| { x.iter().any(|x| *x != 0.0) == ((4..9).contains(&frame) || frame == 12) })
             );
             let mask = fast.mask();
-            let windows = Windows { inputs: &inputs, targets: &ids, length: ids.len(), mask, told: Some(&told) };
+            let windows =
+                Windows { inputs: &inputs, targets: &ids, length: ids.len(), mask, conditioning: Some(&told) };
             let logits = fast.logits(windows).unwrap();
             for (at, row) in logits.chunks(tokenizer.vocabulary().len() as usize).enumerate() {
                 let (frame, place) = (at / (C + 1), at % (C + 1));
@@ -469,7 +471,7 @@ mod led {
             }
         }
         let zeros = gpt.vars().iter().map(|(name, var)| {
-            let is_ahead = kinelm_model::layout::AHEAD.contains(&name.as_str());
+            let is_ahead = kinelm_model::layout::GOAL.contains(&name.as_str());
             let tensor = var.as_tensor();
             (name.clone(), if is_ahead { tensor.zeros_like().unwrap() } else { tensor.clone() })
         });
@@ -483,7 +485,7 @@ mod led {
     fn a_course_of_other_words_is_refused() {
         let (tokenizer, gpt, prompt) = setup(5);
         let course = course(&tokenizer, &prompt, &[true; FRAMES * C], 0);
-        let mut reader = Reader::new(&gpt, Reading::default()).unwrap();
+        let mut reader = Reader::new(&gpt, ReaderOptions::default()).unwrap();
         let plan = SamplingPlan { course: Some(&course), ..plan(5, &[true], &[6, 5], Draw::greedy()) };
         let message = dance(&mut reader, &plan, &mut |_| {}).unwrap_err().to_string();
         assert!(message.contains("frames of 9 characters given ahead of words of another length"), "{message}");
@@ -495,8 +497,8 @@ mod heard {
     use kinelm_corpus::music::sound::Sound;
     use kinelm_corpus::samples;
     use kinelm_model::fast::{Fast, Windows};
-    use kinelm_model::music::{Music, told};
-    use kinelm_model::{Architecture, Gpt, ModelConfig, TokenLayout, ahead, forms};
+    use kinelm_model::music::{Music, conditioning};
+    use kinelm_model::{Architecture, Gpt, ModelConfig, TokenLayout, fixtures, goal};
     use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 
     const FRAMES: usize = 12;
@@ -514,17 +516,18 @@ mod heard {
             music: Music::Beats,
             ..Default::default()
         };
-        (tokenizer, forms::model(&config.resolved(&tokens), &tokens))
+        (tokenizer, fixtures::model(&config.resolved(&tokens), &tokens))
     }
 
     fn beats(words: usize) -> Vec<f32> {
         let config = ModelConfig { music: Music::Beats, ..ModelConfig::default() };
         let sound = Sound { beats_s: &[0.05, 0.3, 0.5], ..Sound::default() };
-        told(config.hears(), &sound, (0..words).map(|word| word as f64 / 20.0), 1.0)
+        conditioning(config.music_conditioning(), &sound, (0..words).map(|word| word as f64 / 20.0), 1.0)
     }
 
     fn drawn(gpt: &Gpt, plan: &SamplingPlan) -> Vec<u32> {
-        let mut reader = Reader::new(gpt, Reading { streams: plan.streams(), ..Reading::default() }).unwrap();
+        let mut reader =
+            Reader::new(gpt, ReaderOptions { streams: plan.streams(), ..ReaderOptions::default() }).unwrap();
         dance(&mut reader, plan, &mut |_| {}).unwrap()
     }
 
@@ -542,9 +545,14 @@ mod heard {
             assert_ne!(ids, drawn(&gpt, &SamplingPlan { music: &[], ..plan.clone() }));
             let inputs = [&[1], &ids[..ids.len() - 1]].concat();
             let mut fast = Fast::of(&gpt).unwrap();
-            let told = ahead::Told { music: music.clone(), ..Default::default() };
-            let windows =
-                Windows { inputs: &inputs, targets: &ids, length: ids.len(), mask: fast.mask(), told: Some(&told) };
+            let told = goal::Conditioning { music: music.clone(), ..Default::default() };
+            let windows = Windows {
+                inputs: &inputs,
+                targets: &ids,
+                length: ids.len(),
+                mask: fast.mask(),
+                conditioning: Some(&told),
+            };
             let logits = fast.logits(windows).unwrap();
             for (at, row) in logits.chunks(tokenizer.vocabulary().len() as usize).enumerate() {
                 // spaces are the grammar's
@@ -582,7 +590,7 @@ mod heard {
         let (tokenizer, gpt) = setup(4);
         let free = SamplingPlan::free(tokenizer.grammar(), 5, Draw::greedy(), 4);
         let said = |music: &[f32]| {
-            let mut reader = Reader::new(&gpt, Reading::default()).unwrap();
+            let mut reader = Reader::new(&gpt, ReaderOptions::default()).unwrap();
             dance(&mut reader, &SamplingPlan { music, ..free.clone() }, &mut |_| {}).unwrap_err().to_string()
         };
         assert!(said(&[0.0; 7]).contains("7 numbers of music for 5 words"));

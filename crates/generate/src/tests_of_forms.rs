@@ -2,7 +2,7 @@
 
 use crate::sampling::Draw;
 use crate::{NextToken, SamplingPlan, dances};
-use kinelm_model::{HeadKind, ModelConfig, Positions, Reader, Reading, TokenLayout, forms};
+use kinelm_model::{HeadKind, ModelConfig, Positions, Reader, ReaderOptions, TokenLayout, fixtures};
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 
 #[test]
@@ -23,9 +23,9 @@ fn dances_of_the_default_form_are_those_of_the_plain_one_guessed_or_not() {
             head,
             ..Default::default()
         };
-        let gpt = forms::model(&config, &tokens);
+        let gpt = fixtures::model(&config, &tokens);
         let plain = || -> Box<dyn NextToken> { Box::new(vec![gpt.cache().unwrap(), gpt.cache().unwrap()]) };
-        let fast = || Reader::new(&gpt, Reading { streams: 2, ..Reading::default() }).unwrap();
+        let fast = || Reader::new(&gpt, ReaderOptions { streams: 2, ..ReaderOptions::default() }).unwrap();
         for greedy in [true, false] {
             let draw = Draw { greedy, ..Draw::default() };
             let dance = |model: &mut dyn NextToken, guesses| {

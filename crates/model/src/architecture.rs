@@ -5,7 +5,7 @@
 //! after MEGABYTE (Yu et al. 2023) and the RQ-Transformer (Lee et al. 2022). `layers`, `heads` and `width` are the trunk's
 //! then.
 
-use super::config::{HeadKind, Kind, ModelConfig, Positions, TokenLayout};
+use super::config::{HeadKind, ModelConfig, ModelKind, Positions, TokenLayout};
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -102,7 +102,7 @@ impl ModelConfig {
             let keys = [
                 ("window", self.window.is_some()),
                 ("decoder", self.decoder.is_some()),
-                ("ahead", self.ahead),
+                ("goal", self.goal),
                 ("music", !self.music.is_none()),
                 ("music_scale", self.music_scale.is_some()),
             ];
@@ -130,7 +130,7 @@ impl ModelConfig {
         }
         let flat = "a two-level model is told so by its decoder; leave it out";
         let wrong = [
-            ("kind = \"masked\"", self.kind == Kind::Masked),
+            ("kind = \"masked\"", self.kind == ModelKind::Masked),
             ("dropout above 0", self.dropout > 0.0),
             ("previous_frame = false", self.previous_frame == Some(false)),
             ("head = \"absolute\"", self.head == Some(HeadKind::Absolute)),
@@ -169,14 +169,14 @@ impl ModelConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::forms;
+    use crate::fixtures;
 
     #[test]
     fn keys_of_another_architecture_are_refused_by_name() {
         let said = |text: &str| toml::from_str::<ModelConfig>(text).unwrap().validate().unwrap_err().to_string();
         assert!(said("window = 12").starts_with("model.window goes with"));
         assert!(said("[decoder]\nlayers = 2").starts_with("model.decoder goes with"));
-        assert!(said("ahead = true").starts_with("model.ahead goes with"));
+        assert!(said("goal = true").starts_with("model.goal goes with"));
         assert!(said("music = \"beats\"").starts_with("model.music goes with"));
         let two = "architecture = \"two_level\"\n";
         assert_eq!(said(&format!("{two}window = 1")), "model.window is 1; expected 2 to 8192");
@@ -189,17 +189,17 @@ mod tests {
     #[test]
     fn words_that_are_no_frames_are_refused() {
         let config: ModelConfig = toml::from_str("architecture = \"two_level\"\nwindow = 4").unwrap();
-        let tokens = TokenLayout { front: 1, ..forms::placed() };
+        let tokens = TokenLayout { front: 1, ..fixtures::placed() };
         let whole = config.resolved(&tokens);
         assert_eq!((whole.context, whole.frames(&tokens), whole.head_width()), (24, 4, 128));
         assert_eq!(whole.resolved(&tokens), whole);
         whole.validate_for(&tokens).unwrap();
         let said = |tokens: TokenLayout| whole.validate_for(&tokens).unwrap_err().to_string();
         // two labels more in front
-        assert!(said(forms::placed()).contains("4 frames has 26"));
-        let labelled = config.resolved(&forms::placed());
-        assert_eq!((labelled.context, labelled.frames(&forms::placed())), (26, 4));
-        assert!(said(TokenLayout { front: 1, ..forms::varying() }).contains("tiles, components or merged"));
+        assert!(said(fixtures::placed()).contains("4 frames has 26"));
+        let labelled = config.resolved(&fixtures::placed());
+        assert_eq!((labelled.context, labelled.frames(&fixtures::placed())), (26, 4));
+        assert!(said(TokenLayout { front: 1, ..fixtures::varying() }).contains("tiles, components or merged"));
         let other = ModelConfig { context: 25, ..whole.clone() };
         assert!(other.validate_for(&tokens).unwrap_err().to_string().contains("4 frames has 24"));
     }

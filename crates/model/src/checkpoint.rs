@@ -60,7 +60,7 @@ impl State {
 
 /// Which checkpoint is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Which {
+pub enum CheckpointChoice {
     /// The best, or the latest of a run without validation clips.
     #[default]
     Auto,
@@ -245,7 +245,7 @@ impl Checkpoints {
     /// No checkpoint that is whole, with the reason of the last one tried; too little memory to read the one wanted.
     pub fn find(
         &self,
-        which: Which,
+        which: CheckpointChoice,
         wanted: &[&str],
         also: &[&str],
         note: &mut dyn FnMut(String),
@@ -253,22 +253,22 @@ impl Checkpoints {
         let steps = self.steps()?;
         let latest = || self.named("latest").filter(|s| steps.contains(s)).or(steps.last().copied());
         let first = match which {
-            Which::Auto => self.best(&steps, note).or_else(latest),
-            Which::Best => self.best(&steps, note),
-            Which::Latest => latest(),
-            Which::Step(step) if !steps.contains(&step) => {
+            CheckpointChoice::Auto => self.best(&steps, note).or_else(latest),
+            CheckpointChoice::Best => self.best(&steps, note),
+            CheckpointChoice::Latest => latest(),
+            CheckpointChoice::Step(step) if !steps.contains(&step) => {
                 let there = steps.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
                 let expected = format!("one of step {step}; there are {there}");
                 let help =
                     "the run has gone on, and keeps its last few (`keep`) and the best: take a copy of it as it was";
                 return Err(Error::file(&self.run, format!("no checkpoint of step {step}"), expected, help));
             }
-            Which::Step(step) => Some(step),
+            CheckpointChoice::Step(step) => Some(step),
         };
         let nothing = || Error::file(&self.run, "no checkpoint", "a run that reached its first one", "train it first");
         let first = first.ok_or_else(nothing)?;
         let mut reason = match self.read(first, wanted, also) {
-            Err(e) if !matches!(which, Which::Step(_)) && is_fault(&e) => e,
+            Err(e) if !matches!(which, CheckpointChoice::Step(_)) && is_fault(&e) => e,
             other => return other,
         };
         for &step in steps.iter().rev().filter(|s| **s < first) {
@@ -362,7 +362,9 @@ mod tests {
     fn the_last_and_the_best_stay_and_cut_ones_are_passed_over() {
         let dir = tempfile::tempdir().unwrap();
         let all = Checkpoints::of(dir.path());
-        assert!(all.find(Which::Auto, &[], &[], &mut |_| ()).unwrap_err().to_string().contains("no checkpoint"));
+        assert!(
+            all.find(CheckpointChoice::Auto, &[], &[], &mut |_| ()).unwrap_err().to_string().contains("no checkpoint")
+        );
         for (step, best) in [(10, Some(10)), (20, Some(10)), (30, Some(10)), (40, Some(10))] {
             all.write(state(step, best), &[("a", vec![step as u8; 9])]).unwrap();
             all.prune(2).unwrap();
@@ -374,27 +376,27 @@ mod tests {
             let found = all.find(which, &["a"], &["b"], &mut |n| notes.push(n));
             (found.map(|c| (c.state.step, c.files["a"].clone())).map_err(|e| e.to_string()), notes)
         };
-        assert_eq!(find(Which::Auto).0.unwrap(), (10, vec![10; 9]));
-        assert_eq!(find(Which::Latest).0.unwrap(), (40, vec![40; 9]));
+        assert_eq!(find(CheckpointChoice::Auto).0.unwrap(), (10, vec![10; 9]));
+        assert_eq!(find(CheckpointChoice::Latest).0.unwrap(), (40, vec![40; 9]));
         fs::write(all.path(40).join("a"), [40; 8]).unwrap();
-        let (found, notes) = find(Which::Latest);
+        let (found, notes) = find(CheckpointChoice::Latest);
         assert_eq!(found.unwrap().0, 30);
         assert!(
             notes[0].contains("8 bytes") && notes[0].contains("9 bytes") && notes[0].contains("step 30"),
             "{notes:?}"
         );
-        assert!(find(Which::Step(40)).0.unwrap_err().contains("8 bytes"));
+        assert!(find(CheckpointChoice::Step(40)).0.unwrap_err().contains("8 bytes"));
         assert!(
-            find(Which::Step(41))
+            find(CheckpointChoice::Step(41))
                 .0
                 .unwrap_err()
                 .contains("no checkpoint of step 41, expected one of step 41; there are")
         );
         fs::remove_file(all.path(30).join(STATE)).unwrap();
-        assert_eq!(find(Which::Latest).0.unwrap().0, 10);
+        assert_eq!(find(CheckpointChoice::Latest).0.unwrap().0, 10);
         // written again, the damaged one is whole
         all.write(state(40, Some(10)), &[("a", vec![40; 9])]).unwrap();
-        assert_eq!(find(Which::Latest).0.unwrap().0, 40);
+        assert_eq!(find(CheckpointChoice::Latest).0.unwrap().0, 40);
     }
 
     #[test]
@@ -406,7 +408,7 @@ mod tests {
         }
         let find = || {
             let mut notes = Vec::new();
-            let found = all.find(Which::Auto, &["a"], &[], &mut |n| notes.push(n));
+            let found = all.find(CheckpointChoice::Auto, &["a"], &[], &mut |n| notes.push(n));
             (found.map(|c| c.state.step).map_err(|e| e.to_string()), notes.join("\n"))
         };
         let best = dir.path().join("best");
@@ -432,7 +434,7 @@ mod tests {
             message.contains("step-00000020/a: found 0 bytes") && message.contains("remove step-00000020: the latest")
         );
         fs::write(all.path(30).join("a"), "").unwrap();
-        let message = all.find(Which::Latest, &[], &[], &mut |_| ()).unwrap_err().to_string();
+        let message = all.find(CheckpointChoice::Latest, &[], &[], &mut |_| ()).unwrap_err().to_string();
         assert!(message.contains("put back a copy of the files, or remove step-00000020, step-00000030: and begin"));
         fs::remove_dir_all(all.path(20)).unwrap();
         assert!(find().0.unwrap_err().contains("remove step-00000030"));

@@ -41,7 +41,7 @@ impl Layout {
     /// # Errors
     /// A masked model, words of varying length, a context that doesn't hold a word and the class tokens.
     pub fn new(config: &ModelConfig, tokens: &TokenLayout, fields: usize) -> Result<Layout> {
-        if config.kind != crate::Kind::Causal {
+        if config.kind != crate::ModelKind::Causal {
             let what = "a masked model; classifiers go on from causal ones: train with [model] kind = \"causal\"";
             return Err(Error::call(what));
         }
@@ -164,7 +164,7 @@ pub fn mask(hiding: Option<&[f32]>) -> Mask<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::forms::TOKENS;
+    use crate::fixtures::TOKENS;
 
     fn layout(fields: usize) -> Layout {
         // K 1, words of 3

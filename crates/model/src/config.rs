@@ -16,7 +16,7 @@ pub struct ModelConfig {
     #[serde(skip_serializing_if = "Architecture::is_flat")]
     pub architecture: Architecture,
     /// What a token may see. Default `causal`.
-    pub kind: Kind,
+    pub kind: ModelKind,
     /// L: transformer blocks, 1..=96. Default 4.
     pub layers: usize,
     /// H: attention heads; divides `width`. Default 4.
@@ -45,9 +45,9 @@ pub struct ModelConfig {
     /// What spells a frame in a two-level model. Left out: its defaults.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decoder: Option<DecoderConfig>,
-    /// A two-level model may be told what is given ahead of the frame that it spells, see [`super::ahead`]. Default false.
+    /// A two-level model may be told what is given ahead of the frame that it spells, see [`super::goal`]. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
-    pub ahead: bool,
+    pub goal: bool,
     /// What a two-level model is told of the music that is danced to, see [`super::music`]. Default `none`.
     #[serde(skip_serializing_if = "Music::is_none")]
     pub music: Music,
@@ -63,7 +63,7 @@ pub struct ModelConfig {
 /// What a token may see.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Kind {
+pub enum ModelKind {
     /// Itself and the tokens before it; it predicts the next one.
     Causal,
     /// Every token of the window; some are hidden behind `<mask>`, and each predicts what it hides.
@@ -99,7 +99,7 @@ impl Default for ModelConfig {
     fn default() -> Self {
         ModelConfig {
             architecture: Architecture::Flat,
-            kind: Kind::Causal,
+            kind: ModelKind::Causal,
             layers: 4,
             heads: 4,
             width: 128,
@@ -111,7 +111,7 @@ impl Default for ModelConfig {
             tied_head: true,
             window: None,
             decoder: None,
-            ahead: false,
+            goal: false,
             music: Music::None,
             music_scale: None,
             classes: 0,
@@ -152,8 +152,10 @@ impl ModelConfig {
         self.validate_architecture()?;
         self.music_scale.as_ref().map_or(Ok(()), Scale::validate)?;
         match self.kind {
-            Kind::Causal => Ok(()),
-            Kind::Masked => self.refuse_frame_before("model.kind is masked, and the frame before may be masked too"),
+            ModelKind::Causal => Ok(()),
+            ModelKind::Masked => {
+                self.refuse_frame_before("model.kind is masked, and the frame before may be masked too")
+            }
         }
     }
 
@@ -208,17 +210,17 @@ impl ModelConfig {
     }
 
     fn knows_frame_before(&self, tokens: &TokenLayout) -> bool {
-        self.kind == Kind::Causal && !tokens.places.is_empty()
+        self.kind == ModelKind::Causal && !tokens.places.is_empty()
     }
 
     /// What frames are told of music: see [`super::music::told`].
-    pub fn hears(&self) -> (Music, Option<&Scale>) {
+    pub fn music_conditioning(&self) -> (Music, Option<&Scale>) {
         (self.music, self.music_scale.as_ref())
     }
 
     /// Whether its frames can be told something beside their characters.
-    pub fn can_be_told(&self) -> bool {
-        self.ahead || !self.music.is_none()
+    pub fn is_conditioned(&self) -> bool {
+        self.goal || !self.music.is_none()
     }
 
     /// The same model with every key said.
@@ -253,13 +255,13 @@ pub struct TokenLayout {
     pub space: u32,
     /// What stands at the places of a word up to its space, stretch by stretch; empty where that isn't the same for all words.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub places: Vec<Stretch>,
+    pub places: Vec<SlotRun>,
 }
 
 /// Places of a word, one behind the other, that hold numbers of one kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Stretch {
+pub struct SlotRun {
     /// How many places.
     pub number: usize,
     /// The ids that stand there: ascending bins.
@@ -323,7 +325,7 @@ impl TokenLayout {
             return Err(Error::call("0 tokens in front of a window; expected at least <bos>"));
         }
         let places: usize = self.places.iter().map(|s| s.number).sum();
-        let outside = |s: &Stretch| s.kind.count == 0 || s.kind.ids().end as usize > self.vocabulary;
+        let outside = |s: &SlotRun| s.kind.count == 0 || s.kind.ids().end as usize > self.vocabulary;
         if !self.places.is_empty() && (self.varying || places + 1 != self.word || self.places.iter().any(outside)) {
             let word = self.word;
             return Err(Error::call(format!("kinds of {places} places don't describe words of {word} tokens")));
@@ -333,8 +335,8 @@ impl TokenLayout {
 }
 
 /// Equal neighbours together.
-fn stretches(places: &[SlotIds]) -> Vec<Stretch> {
-    places.chunk_by(|a, b| a == b).map(|c| Stretch { number: c.len(), kind: c[0] }).collect()
+fn stretches(places: &[SlotIds]) -> Vec<SlotRun> {
+    places.chunk_by(|a, b| a == b).map(|c| SlotRun { number: c.len(), kind: c[0] }).collect()
 }
 
 #[cfg(test)]
@@ -386,7 +388,7 @@ mod tests {
     /// Words of one angle, one height, and a space.
     fn placed() -> TokenLayout {
         let kind = |first, circular| SlotIds { first, count: 10, circular };
-        let places = [kind(6, true), kind(16, false)].map(|kind| Stretch { number: 1, kind });
+        let places = [kind(6, true), kind(16, false)].map(|kind| SlotRun { number: 1, kind });
         TokenLayout { word: 3, places: places.to_vec(), ..TOKENS }
     }
 
@@ -396,7 +398,7 @@ mod tests {
         let read = |config: &ModelConfig, tokens: &TokenLayout| (config.reads_previous(tokens), config.head_of(tokens));
         assert_eq!(read(&config, &placed()), (true, HeadKind::Relative));
         assert_eq!(read(&config, &TOKENS), (false, HeadKind::Absolute));
-        let masked = ModelConfig { kind: Kind::Masked, ..config.clone() };
+        let masked = ModelConfig { kind: ModelKind::Masked, ..config.clone() };
         assert_eq!(read(&masked, &placed()), (false, HeadKind::Absolute));
         let said: ModelConfig = toml::from_str("previous_frame = false\nhead = \"absolute\"").unwrap();
         assert_eq!(read(&said, &placed()), (false, HeadKind::Absolute));

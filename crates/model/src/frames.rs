@@ -95,11 +95,11 @@ pub fn trunk_row(row: usize, shown: usize, classes: usize) -> TrunkRow {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::forms;
+    use crate::fixtures;
 
     /// Two angles of 7 bins, one of 5, heights of 6 and 4: S 7, circular steps 7, clamped 11.
     fn frames() -> Frames {
-        Frames::of(&TokenLayout { front: 1, ..forms::placed() })
+        Frames::of(&TokenLayout { front: 1, ..fixtures::placed() })
     }
 
     /// `<bos>` and three frames of which the first has one character missing.

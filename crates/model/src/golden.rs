@@ -1,8 +1,8 @@
 //! Both forms of every kind of model against PyTorch's in f64.
 
-use super::ahead::Told;
 use super::config::{ModelConfig, TokenLayout};
 use super::fast::{Fast, Windows};
+use super::goal::Conditioning;
 use super::gpt::Gpt;
 use super::layout;
 use candle_core::{DType, Device, Tensor, Var};
@@ -32,7 +32,7 @@ struct Case<'a> {
     inputs: Vec<u32>,
     targets: Vec<u32>,
     length: usize,
-    told: Option<Told>,
+    conditioning: Option<Conditioning>,
 }
 
 impl Case<'_> {
@@ -43,9 +43,9 @@ impl Case<'_> {
         let tensors = parameters.iter().enumerate().map(|(i, p)| (p.name.clone(), numbers(p, i))).collect();
         let ids = |key: &str| serde_json::from_value::<Vec<Vec<u32>>>(golden[key].clone()).unwrap();
         let (inputs, targets) = (ids("inputs"), ids("targets"));
-        let told = golden.get("told").map(|told| Told {
-            numbers: serde_json::from_value(told["numbers"].clone()).unwrap(),
-            rows: serde_json::from_value(told["rows"].clone()).unwrap(),
+        let conditioning = golden.get("told").map(|conditioning| Conditioning {
+            numbers: serde_json::from_value(conditioning["numbers"].clone()).unwrap(),
+            rows: serde_json::from_value(conditioning["rows"].clone()).unwrap(),
             music: Vec::new(),
         });
         Case {
@@ -54,7 +54,7 @@ impl Case<'_> {
             length: inputs[0].len(),
             inputs: inputs.concat(),
             targets: targets.concat(),
-            told,
+            conditioning,
         }
     }
 
@@ -104,15 +104,15 @@ impl Case<'_> {
     fn check_plain(&self) {
         let mut gpt = self.gpt.to_f64().unwrap();
         let ids = gpt.ids(&self.inputs, self.length).unwrap();
-        let logits = match &self.told {
-            Some(told) => gpt.forward_told(&ids, told).unwrap(),
+        let logits = match &self.conditioning {
+            Some(conditioning) => gpt.forward_conditioned(&ids, conditioning).unwrap(),
             None => gpt.predict(&ids).unwrap(),
         };
         let logits = logits.flatten_all().unwrap().to_vec1::<f64>().unwrap();
         self.check_logits("plain", &logits, BOUND);
         let mut check = |width: Option<f64>, expected: &Value| {
             gpt.smooth_targets(width);
-            let loss = gpt.loss_sum_told(&ids, &self.targets, None, self.told.as_ref()).unwrap();
+            let loss = gpt.loss_sum_conditioned(&ids, &self.targets, None, self.conditioning.as_ref()).unwrap();
             let loss = (loss / self.counted() as f64).unwrap();
             self.check_loss("plain", loss.to_scalar().unwrap(), BOUND);
             let store = loss.backward().unwrap();
@@ -135,7 +135,13 @@ impl Case<'_> {
         let tensors = self.gpt.vars().iter().map(tensor).collect();
         let mut fast = Fast::from_tensors(self.gpt.config(), self.gpt.tokens(), tensors).unwrap();
         let (inputs, targets) = (&self.inputs, &self.targets);
-        let windows = Windows { inputs, targets, length: self.length, mask: fast.mask(), told: self.told.as_ref() };
+        let windows = Windows {
+            inputs,
+            targets,
+            length: self.length,
+            mask: fast.mask(),
+            conditioning: self.conditioning.as_ref(),
+        };
         let logits: Vec<f64> = fast.logits(windows).unwrap().into_iter().map(f64::from).collect();
         self.check_logits("fast", &logits, bound);
         let mut check = |width: Option<f64>, expected: &Value| {

@@ -1,9 +1,9 @@
 //! The tensors of a model: names, shapes, and how they begin.
 
-use super::ahead;
 use super::architecture::Architecture;
 use super::config::{HeadKind, ModelConfig, Positions, TokenLayout};
 use super::frames::{BACK, Frames, SPELT};
+use super::goal;
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
 use kinelm_engine::words::Steps;
@@ -116,12 +116,12 @@ fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
     let rows = [steps + frames.bins() - 1, tokens.word, frames.bins(), steps];
     all.extend(SPELT.iter().zip(rows).map(|(name, rows)| embedding(name, rows, d)));
     stack(&mut all, SPELL, decoder.layers, d);
-    if config.ahead {
-        let (told, steps) = (ahead::numbers(c), frames.steps().all());
+    if config.goal {
+        let (told, steps) = (goal::numbers(c), frames.steps().all());
         let shapes = [(told, trunk), (told, d), (steps, d), (steps, d)];
         // a model that learns to be told begins as it was
         let begin = |(name, (rows, width))| Parameter { init: Init::Zeros, ..embedding(name, rows, width) };
-        all.extend(AHEAD.into_iter().zip(shapes).map(begin));
+        all.extend(GOAL.into_iter().zip(shapes).map(begin));
     }
     if !config.music.is_none() {
         let begin = |(name, width)| Parameter { init: Init::Zeros, ..embedding(name, config.music.numbers(), width) };
@@ -138,7 +138,7 @@ pub(super) const SPELT_LABEL: &str = "spell.label.weight";
 pub const CLASS: &str = "frame.class.weight";
 /// What a frame is told of what is given ahead goes through these: its numbers to the trunk's row and to those of the decoder,
 /// and two tables of steps.
-pub const AHEAD: [&str; 4] = ["ahead.frame.weight", "ahead.spell.weight", "ahead.step.weight", "ahead.pace.weight"];
+pub const GOAL: [&str; 4] = ["ahead.frame.weight", "ahead.spell.weight", "ahead.step.weight", "ahead.pace.weight"];
 /// What a frame is told of music goes through these: to the trunk's row, and to those of the decoder.
 pub const MUSIC: [&str; 2] = ["music.frame.weight", "music.spell.weight"];
 /// What the names of the trunk's blocks begin with, and of the decoder's.
@@ -307,7 +307,7 @@ mod tests {
         let labelled = |(config, tokens): &(ModelConfig, TokenLayout)| {
             config.architecture == Architecture::TwoLevel && tokens.front > 1
         };
-        let (config, tokens) = crate::forms::every(36).into_iter().find(labelled).unwrap();
+        let (config, tokens) = crate::fixtures::every(36).into_iter().find(labelled).unwrap();
         let mut tensors = initial(&config, &tokens, 1).unwrap();
         tensors.remove(SPELT_LABEL).unwrap();
         let read = checked(&config, &tokens, tensors.clone()).unwrap();

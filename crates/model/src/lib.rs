@@ -1,7 +1,6 @@
 //! The models: their configuration, the plain form, weights.
 #![forbid(unsafe_code)]
 
-pub mod ahead;
 pub mod architecture;
 mod cache;
 pub mod checkpoint;
@@ -14,21 +13,22 @@ pub mod exchange;
 pub mod fast;
 #[cfg(any(test, feature = "fixtures"))]
 #[doc(hidden)]
-pub mod forms;
+pub mod fixtures;
 mod frames;
+pub mod goal;
 #[cfg(test)]
 mod golden;
 pub mod gpt;
+mod head_groups;
 pub mod layout;
 pub mod lead_in;
 pub mod likelihood;
 pub mod music;
 mod net;
 pub mod ops;
-pub mod past;
 mod position;
-mod pseudo;
-mod questions;
+mod previous;
+mod pseudo_likelihood;
 mod reader;
 pub mod run;
 mod scores;
@@ -36,13 +36,13 @@ pub mod weights;
 
 pub use architecture::{Architecture, DecoderConfig};
 pub use cache::Cache;
-pub use checkpoint::Which;
-pub use config::{HeadKind, Kind, ModelConfig, Positions, TokenLayout};
+pub use checkpoint::CheckpointChoice;
+pub use config::{HeadKind, ModelConfig, ModelKind, Positions, TokenLayout};
 pub use device::{Compute, DeviceName, Form};
 pub use dropout::Dropout;
 pub use error::{Error, Result};
 pub use gpt::Gpt;
 pub use ops::Mask;
-pub use reader::{Reader, Reading};
+pub use reader::{Reader, ReaderOptions};
 pub use run::{LoadedRun, load_run};
 pub use scores::Scores;

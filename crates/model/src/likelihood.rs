@@ -1,8 +1,8 @@
 //! Bits a frame that a model needs for clips it is shown: docs/measures.md, "Bits a frame".
 
-use super::pseudo::pseudo;
-use crate::ahead::Told;
-use crate::{Error, Kind, ModelConfig, Result, Scores, TokenLayout, music};
+use super::pseudo_likelihood::pseudo;
+use crate::goal::Conditioning;
+use crate::{Error, ModelConfig, ModelKind, Result, Scores, TokenLayout, music};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, each_eval_window, fill_sequence};
 use serde::Serialize;
 
@@ -78,7 +78,7 @@ pub fn likelihood_by_token(
             say(own)
         )));
     }
-    if model.config().kind == Kind::Masked {
+    if model.config().kind == ModelKind::Masked {
         return pseudo(model, corpus, clips, most, conditions);
     }
     let taken = Taken::of(corpus, clips, room(model.config(), own), most)?;
@@ -116,8 +116,8 @@ pub fn likelihood_by_token(
 /// Word tokens of a window: a masked model's last input predicts no token behind it.
 pub fn room(config: &ModelConfig, tokens: &TokenLayout) -> usize {
     match config.kind {
-        Kind::Causal => tokens.room(config.context),
-        Kind::Masked => tokens.room(config.context).saturating_sub(1),
+        ModelKind::Causal => tokens.room(config.context),
+        ModelKind::Masked => tokens.room(config.context).saturating_sub(1),
     }
 }
 
@@ -208,8 +208,8 @@ fn batch_nats(
         target[before + window.scored.end..].fill(pad);
     }
     let mut nats = vec![0.0; targets.len()];
-    let told = heard(model.config(), corpus, clips, windows, (length, conditions))?;
-    model.nats_told((&inputs, &targets), length, told.as_ref(), &mut nats)?;
+    let conditioning = heard(model.config(), corpus, clips, windows, (length, conditions))?;
+    model.nats_conditioned((&inputs, &targets), length, conditioning.as_ref(), &mut nats)?;
     Ok(nats)
 }
 
@@ -221,25 +221,25 @@ fn heard(
     clips: &[&ClipRecord],
     windows: &[EvalWindow],
     (length, conditions): (usize, &Conditions),
-) -> Result<Option<Told>> {
+) -> Result<Option<Conditioning>> {
     let (manifest, is_told) = (corpus.manifest(), !config.music.is_none() && !conditions.are_hidden());
     let Some(word) = manifest.tokens_per_word.filter(|_| is_told) else { return Ok(None) };
     let frames = (length + 1 - conditions.len()) / word;
     let of_window = |window: &EvalWindow| {
         let first = window.start / word;
         let times = (first..first + frames).map(|frame| frame as f64 / manifest.fps);
-        Ok(music::told(config.hears(), &corpus.sound(clips[window.clip])?, times, 1.0))
+        Ok(music::conditioning(config.music_conditioning(), &corpus.sound(clips[window.clip])?, times, 1.0))
     };
     let all: Vec<Vec<f32>> = windows.iter().map(of_window).collect::<Result<_>>()?;
-    Ok(Some(Told { music: all.concat(), ..Told::default() }))
+    Ok(Some(Conditioning { music: all.concat(), ..Conditioning::default() }))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::fast::Fast;
-    use crate::forms::TOKENS;
-    use crate::{Gpt, Reader, Reading};
+    use crate::fixtures::TOKENS;
+    use crate::{Gpt, Reader, ReaderOptions};
     use candle_core::{Device, Tensor};
     use kinelm_corpus::conditions::with_labels;
     use kinelm_corpus::{Split, fixture};
@@ -328,7 +328,7 @@ mod tests {
     #[test]
     fn music_is_told_where_each_window_stands_unless_it_is_hidden() {
         use crate::music::Music;
-        use crate::{Architecture, forms};
+        use crate::{Architecture, fixtures};
         let dir = tempfile::tempdir().unwrap();
         let corpus = fixture::heard(dir.path(), &[(40, Split::Train), (20, Split::Valid)]);
         let clips: Vec<_> = corpus.split(Split::Valid).collect();
@@ -342,12 +342,12 @@ mod tests {
             music: Music::Beats,
             ..Default::default()
         };
-        let gpt = forms::model(&config.resolved(&tokens), &tokens);
+        let gpt = fixtures::model(&config.resolved(&tokens), &tokens);
         let mut fast = Fast::of(&gpt).unwrap();
         let mut bits = |conditions: &Conditions| {
             likelihood(&mut fast, &corpus, &clips, 0, conditions).unwrap().unwrap().bits_per_frame
         };
-        let (told, hidden) = (bits(&Conditions::none()), bits(&Conditions::none().unknown()));
+        let (conditioning, hidden) = (bits(&Conditions::none()), bits(&Conditions::none().unknown()));
         // by hand: a window of the first 16 frames, and one from frame 8 on of which the last four are scored
         let ids = corpus.clip_ids(clips[0]).unwrap();
         let mut by_hand = |is_told: bool| {
@@ -357,17 +357,25 @@ mod tests {
                 let targets = &ids[first * word..last * word];
                 let inputs = [&[1], &targets[..targets.len() - 1]].concat();
                 let times = (first..last).map(|frame| frame as f64 / 20.0);
-                let music = music::told(config.hears(), &corpus.sound(clips[0]).unwrap(), times, 1.0);
-                let told = Told { music, ..Told::default() };
+                let music =
+                    music::conditioning(config.music_conditioning(), &corpus.sound(clips[0]).unwrap(), times, 1.0);
+                let conditioning = Conditioning { music, ..Conditioning::default() };
                 let mut found = vec![0.0; inputs.len()];
                 let windows = (&inputs[..], targets);
-                Scores::nats_told(&mut fast, windows, inputs.len(), is_told.then_some(&told), &mut found).unwrap();
+                Scores::nats_conditioned(
+                    &mut fast,
+                    windows,
+                    inputs.len(),
+                    is_told.then_some(&conditioning),
+                    &mut found,
+                )
+                .unwrap();
                 nats += found[scored * word..].iter().map(|&x| f64::from(x)).sum::<f64>();
             }
             nats / std::f64::consts::LN_2 / 20.0
         };
-        assert!((told - by_hand(true)).abs() < 1e-4 && (hidden - by_hand(false)).abs() < 1e-4);
-        assert!((told - hidden).abs() > 1e-2, "{told} {hidden}");
+        assert!((conditioning - by_hand(true)).abs() < 1e-4 && (hidden - by_hand(false)).abs() < 1e-4);
+        assert!((conditioning - hidden).abs() > 1e-2, "{conditioning} {hidden}");
     }
 
     #[test]
@@ -387,7 +395,7 @@ mod tests {
             let per_frame = plain.nats_per_token / std::f64::consts::LN_2 * all as f64 / 198.0;
             assert!((plain.bits_per_frame - per_frame).abs() < 1e-9);
             let mut fast = Fast::of(&gpt).unwrap();
-            let mut reader = Reader::new(&gpt, Reading::default()).unwrap();
+            let mut reader = Reader::new(&gpt, ReaderOptions::default()).unwrap();
             for other in [&mut fast as &mut dyn Scores, &mut reader] {
                 let found = likelihood(other, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
                 let apart = (found.bits_per_frame / plain.bits_per_frame - 1.0).abs();

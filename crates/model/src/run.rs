@@ -1,11 +1,11 @@
 //! A trained model out of its run folder.
 
-use super::checkpoint::{Checkpoints, State, Which};
+use super::checkpoint::{CheckpointChoice, Checkpoints, State};
 use super::config::{ModelConfig, TokenLayout};
 use super::device::Compute;
 use super::fast::Fast;
 use super::gpt::Gpt;
-use super::reader::{Reader, Reading};
+use super::reader::{Reader, ReaderOptions};
 use super::scores::Scores;
 use super::weights;
 use crate::{Error, Result};
@@ -96,7 +96,7 @@ impl LoadedRun {
     ///
     /// # Errors
     /// As [`LoadedRun::plain`]; no sequences.
-    pub fn reader(&self, reading: Reading) -> Result<Reader> {
+    pub fn reader(&self, reading: ReaderOptions) -> Result<Reader> {
         Reader::new(&self.plain(&Device::Cpu)?, reading)
     }
 
@@ -137,7 +137,7 @@ struct Needed {
     model: ModelConfig,
     tokens: TokenLayout,
     #[serde(default)]
-    train: Told,
+    train: TrainKeys,
 }
 
 /// Refuses a model that is told what music sounds like, and doesn't say by what that is standardised.
@@ -152,7 +152,7 @@ fn scaled(model: ModelConfig, path: &Path) -> Result<ModelConfig> {
 /// What is needed of its `[train]` table.
 #[derive(Default, Deserialize)]
 #[serde(default)]
-struct Told {
+struct TrainKeys {
     conditions: Vec<String>,
     label_dropout: Option<f64>,
 }
@@ -178,7 +178,7 @@ pub fn check_kind(path: &Path, text: &str) -> Result<()> {
 ///
 /// # Errors
 /// No run folder, no checkpoint that is whole.
-pub fn load_run(run: &Path, which: Which) -> Result<LoadedRun> {
+pub fn load_run(run: &Path, which: CheckpointChoice) -> Result<LoadedRun> {
     let path = run.join(CONFIG);
     let text = input::text(&path).map_err(|e| match e.kind() {
         std::io::ErrorKind::NotFound => {

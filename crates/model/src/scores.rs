@@ -1,7 +1,7 @@
 //! What a model thinks of given tokens.
 
-use super::ahead::Told;
 use super::config::{ModelConfig, TokenLayout};
+use super::goal::Conditioning;
 use super::gpt::Gpt;
 use crate::Result;
 
@@ -23,7 +23,7 @@ pub trait Scores {
     /// # Panics
     /// If the three are of different length, or not of whole windows.
     fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
-        self.nats_told((inputs, targets), length, None, out)
+        self.nats_conditioned((inputs, targets), length, None, out)
     }
 
     /// As [`Scores::nats`] of inputs and targets, frames being told what is given ahead.
@@ -33,11 +33,11 @@ pub trait Scores {
     ///
     /// # Panics
     /// As [`Scores::nats`].
-    fn nats_told(
+    fn nats_conditioned(
         &mut self,
         windows: (&[u32], &[u32]),
         length: usize,
-        told: Option<&Told>,
+        conditioning: Option<&Conditioning>,
         out: &mut [f32],
     ) -> Result<()>;
 }
@@ -51,16 +51,16 @@ impl Scores for Gpt {
         Gpt::tokens(self)
     }
 
-    fn nats_told(
+    fn nats_conditioned(
         &mut self,
         (inputs, targets): (&[u32], &[u32]),
         length: usize,
-        told: Option<&Told>,
+        conditioning: Option<&Conditioning>,
         out: &mut [f32],
     ) -> Result<()> {
         assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
         let ids = self.ids(inputs, length)?;
-        let nats = self.frozen_nats(&ids, targets, told)?.to_vec1::<f32>()?;
+        let nats = self.frozen_nats(&ids, targets, conditioning)?.to_vec1::<f32>()?;
         out.copy_from_slice(&nats);
         Ok(())
     }

@@ -19,8 +19,8 @@ use crate::{Error, Result};
 use kinelm_corpus::music::tempo;
 use kinelm_corpus::windows::{fill_sequence, whole_words};
 use kinelm_corpus::{ClipRecord, ClipWords, Corpus, Split, fill_masked};
-use kinelm_model::Kind;
-use kinelm_model::ahead::Told;
+use kinelm_model::ModelKind;
+use kinelm_model::goal::Conditioning;
 use kinelm_store::random;
 use kinelm_tokenizer::Special;
 use rayon::prelude::*;
@@ -36,7 +36,7 @@ pub struct Batch {
     /// Names of the windows' clips, with the frame at which the window starts.
     pub clips: Vec<String>,
     /// What the windows' frames are told of what is given ahead, if any are.
-    pub told: Option<Told>,
+    pub conditioning: Option<Conditioning>,
 }
 
 impl Batch {
@@ -149,7 +149,7 @@ impl<'a> Batches<'a> {
     /// # Errors
     /// As [`Batches::new`] and [`Augment::new`].
     pub fn of_run(run: &RunFile, data: &'a Data) -> Result<Batches<'a>> {
-        let masked = run.model.kind == Kind::Masked;
+        let masked = run.model.kind == ModelKind::Masked;
         // a masked model's last input predicts no token behind it: the window is one shorter
         let context = run.model.context - usize::from(masked);
         let batches = Batches::new(data, context, &run.train)?;
@@ -178,7 +178,8 @@ impl<'a> Batches<'a> {
         let (mut inputs, mut targets) = (vec![0; b * t], vec![0; b * t]);
         let rows = (inputs.par_chunks_mut(t), targets.par_chunks_mut(t), &windows);
         let fill = |(input, target, &window): (&mut [u32], &mut [u32], &WindowId)| self.fill(window, input, target);
-        let filled: Vec<(String, Option<Told>, Vec<f32>)> = rows.into_par_iter().map(fill).collect::<Result<_>>()?;
+        let filled: Vec<(String, Option<Conditioning>, Vec<f32>)> =
+            rows.into_par_iter().map(fill).collect::<Result<_>>()?;
         let (mut clips, mut told, mut music) = (Vec::new(), Vec::new(), Vec::new());
         for (clip, ahead, heard) in filled {
             clips.push(clip);
@@ -189,7 +190,7 @@ impl<'a> Batches<'a> {
         if !music.is_empty() {
             told.get_or_insert_default().music = music;
         }
-        Ok(Batch { inputs, targets, clips, told })
+        Ok(Batch { inputs, targets, clips, conditioning: told })
     }
 
     /// Writes a window (T); gives the name of its clip and where it starts, what it is told ahead, and (F, M) of music.
@@ -198,7 +199,7 @@ impl<'a> Batches<'a> {
         window: WindowId,
         input: &mut [u32],
         target: &mut [u32],
-    ) -> Result<(String, Option<Told>, Vec<f32>)> {
+    ) -> Result<(String, Option<Conditioning>, Vec<f32>)> {
         let stand = self.stand(window);
         let TrainClip { corpus, record, .. } = self.clips[stand.clip];
         let augment = self.augment.as_ref();
@@ -312,9 +313,9 @@ impl<'a> Batches<'a> {
 }
 
 /// What the frames of all windows are told, if any window's are.
-fn together(windows: Vec<Option<Told>>) -> Option<Told> {
-    let nothing = windows.iter().flatten().next()?.like_nothing();
-    let mut all = Told::default();
+fn together(windows: Vec<Option<Conditioning>>) -> Option<Conditioning> {
+    let nothing = windows.iter().flatten().next()?.none_like();
+    let mut all = Conditioning::default();
     windows.iter().for_each(|told| all.extend(told.as_ref().unwrap_or(&nothing)));
     Some(all)
 }
@@ -488,7 +489,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let data = Data::one(fixture::corpus(dir.path(), &[(30, Split::Train), (3, Split::Train)])).unwrap();
         let train = TrainConfig { batch: 7, ..Default::default() };
-        let model = ModelConfig { kind: Kind::Masked, context: 36, ..Default::default() };
+        let model = ModelConfig { kind: ModelKind::Masked, context: 36, ..Default::default() };
         let run = RunFile::new(&model, &train, &data).unwrap();
         let found = Batches::of_run(&run, &data).unwrap().batch(0).unwrap();
         let plain = of(&data, 35, 7, 1).unwrap().batch(0).unwrap();

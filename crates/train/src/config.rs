@@ -20,7 +20,7 @@ pub const TRAIN: &kinelm_store::presets::Presets = &[
     ("thesis-26m", include_str!("../configs/thesis-26m.toml")),
     ("gpt2", include_str!("../configs/gpt2.toml")),
     ("finetune", include_str!("../configs/finetune.toml")),
-    ("ahead", include_str!("../configs/ahead.toml")),
+    ("goal", include_str!("../configs/goal.toml")),
     ("demo", include_str!("../configs/demo.toml")),
     ("demo-music", include_str!("../configs/demo-music.toml")),
 ];
@@ -107,7 +107,7 @@ pub struct TrainConfig {
     /// In which numbers products are computed: `f32`, `bf16` or `auto`. Default `f32`.
     pub precision: Precision,
     /// Share of the windows in which runs of frames count as free and the model is told what is given behind them, 0..=1.
-    /// Needs `model.ahead`. Default 0.
+    /// Needs `model.goal`. Default 0.
     #[serde(skip_serializing_if = "is_none")]
     pub gaps: f64,
     /// Windows that grow: those of the first steps. Default none.
@@ -264,8 +264,8 @@ impl TrainConfig {
     pub fn validate_for(&self, model: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
         self.validate()?;
         stages::validate_for(&self.stages, model, tokens)?;
-        if self.gaps > 0.0 && !model.ahead {
-            let what = "expected 0, or model.ahead = true: what is told in gaps needs a model that can be told";
+        if self.gaps > 0.0 && !model.goal {
+            let what = "expected 0, or model.goal = true: what is told in gaps needs a model that can be told";
             return Err(Error::call(format!("train.gaps is {}; {what}", self.gaps)));
         }
         if self.loss == Loss::Ordinal && tokens.places.is_empty() {

@@ -9,8 +9,8 @@ use crate::Result;
 use candle_core::Tensor;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::op::adamw;
-use kinelm_model::ahead::Told;
 use kinelm_model::fast::{Fast, Windows, named};
+use kinelm_model::goal::Conditioning;
 use kinelm_model::layout::{Parameter, Role};
 use kinelm_model::{Dropout, ModelConfig, Scores, TokenLayout};
 use rayon::prelude::*;
@@ -62,8 +62,8 @@ impl FastLearner {
     fn of_batch(&mut self, batch: &Batch, step: u64, first: u64) -> Result<f64> {
         let share = Scores::config(&self.model).dropout;
         let dropout = (share > 0.0).then_some(Dropout { share, seed: self.train.seed, step, first });
-        let (inputs, targets, told) = (&batch.inputs, &batch.targets, batch.told.as_ref());
-        let windows = Windows { inputs, targets, length: batch.length(), mask: self.model.mask(), told };
+        let (inputs, targets, told) = (&batch.inputs, &batch.targets, batch.conditioning.as_ref());
+        let windows = Windows { inputs, targets, length: batch.length(), mask: self.model.mask(), conditioning: told };
         let nats = self.model.gradients(windows, dropout.as_ref(), &mut self.gradients)?;
         match nats.is_finite() {
             true => Ok(nats),
@@ -186,13 +186,13 @@ impl Scores for FastLearner {
         Scores::tokens(&self.model)
     }
 
-    fn nats_told(
+    fn nats_conditioned(
         &mut self,
         windows: (&[u32], &[u32]),
         length: usize,
-        told: Option<&Told>,
+        told: Option<&Conditioning>,
         out: &mut [f32],
     ) -> Result<()> {
-        self.model.nats_told(windows, length, told, out)
+        self.model.nats_conditioned(windows, length, told, out)
     }
 }

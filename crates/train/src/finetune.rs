@@ -83,7 +83,7 @@ pub fn finetune(options: &FinetuneOptions, stop: &AtomicBool, progress: &mut dyn
 
 /// The source's shape, with the dropout that the file gives, and told what is ahead, and music, if the file says so.
 fn shape(path: &Path, file: &TrainFile, source: &LoadedRun) -> Result<ModelConfig> {
-    let ahead = file.model.ahead || source.config.ahead;
+    let goal = file.model.goal || source.config.goal;
     let music = if source.config.music.is_none() { file.model.music } else { source.config.music };
     let own = ModelConfig { dropout: 0.0, ..source.config.resolved(&source.tokens) };
     let table = |what: &dyn Fn() -> String| Error::call(format!("{}: {}", path.display(), what()));
@@ -96,7 +96,7 @@ fn shape(path: &Path, file: &TrainFile, source: &LoadedRun) -> Result<ModelConfi
     let has = toml::Table::try_from(&own).map_err(|e| table(&|| e.to_string()))?;
     // a model may learn to be told what is ahead, or music, and can't unlearn it
     let may_differ = |key: &str| match key {
-        "ahead" => !source.config.ahead,
+        "goal" => !source.config.goal,
         "music" => source.config.music.is_none(),
         key => key == "dropout",
     };
@@ -108,7 +108,7 @@ fn shape(path: &Path, file: &TrainFile, source: &LoadedRun) -> Result<ModelConfi
         }
     }
     let dropout = if given.contains_key("dropout") { file.model.dropout } else { source.config.dropout };
-    Ok(ModelConfig { dropout, ahead, music, ..own })
+    Ok(ModelConfig { dropout, goal, music, ..own })
 }
 
 fn learnt(was: &TokenLayout, is: &TokenLayout) -> String {
@@ -125,7 +125,7 @@ mod tests {
     use crate::metrics::StepFigures;
     use crate::{PretrainOptions, Silent, fixture, pretrain};
     use kinelm_corpus::{Corpus, Split};
-    use kinelm_model::Which;
+    use kinelm_model::CheckpointChoice;
     use kinelm_model::likelihood::Likelihood;
     use kinelm_model::run::{WEIGHTS, load_run};
     use std::fs;
@@ -190,10 +190,13 @@ mod tests {
         // with dropout, hidden labels, mirrors and speeds
         let bytes = |s: &Summary| fs::read(s.checkpoint.join(WEIGHTS)).unwrap();
         assert!(bytes(&whole) == bytes(&second));
-        let (source, run) = (load_run(&options.from, Which::Auto).unwrap(), load_run(&whole.run, Which::Auto).unwrap());
+        let (source, run) = (
+            load_run(&options.from, CheckpointChoice::Auto).unwrap(),
+            load_run(&whole.run, CheckpointChoice::Auto).unwrap(),
+        );
         assert_eq!((run.conditions.as_slice(), run.config.dropout), (&["genre", "dancer"].map(String::from)[..], 0.1));
         assert_eq!((source.tokens.vocabulary, run.tokens.vocabulary, run.tokens.front), (18, 19, 3));
-        let begun = load_run(&whole.run, Which::Step(0)).unwrap();
+        let begun = load_run(&whole.run, CheckpointChoice::Step(0)).unwrap();
         let rows = |run: &LoadedRun, name: &str| run.weights[name].to_vec2::<f32>().unwrap();
         assert_eq!(rows(&begun, "token.weight")[..18], rows(&source, "token.weight")[..]);
         assert_eq!(rows(&begun, "position.front.weight")[..2], rows(&source, "position.front.weight")[..]);
@@ -211,7 +214,7 @@ mod tests {
         let model = "layers = 1\nheads = 2\nwidth = 16\nwindow = 20\n";
         let train = "[train]\nbatch = 3\nsteps = 6\nwarmup = 2\nlearning_rate = 1e-2\neval_every = 3\nkeep = 9\n";
         fs::write(dir.path().join("source.toml"), format!("{levels}{model}{train}")).unwrap();
-        fs::write(dir.path().join("config.toml"), format!("{levels}ahead = true\n{train}gaps = 0.5\n")).unwrap();
+        fs::write(dir.path().join("config.toml"), format!("{levels}goal = true\n{train}gaps = 0.5\n")).unwrap();
         let source = PretrainOptions {
             file: Some(TrainFile::load(&dir.path().join("source.toml")).unwrap()),
             corpora: vec![CorpusPart::once(corpus.dir())],
@@ -240,24 +243,24 @@ mod tests {
         let second = one.install(|| pretrain(&resume, &AtomicBool::new(false), &mut Silent)).unwrap();
         let bytes = |s: &Summary| fs::read(s.checkpoint.join(WEIGHTS)).unwrap();
         assert!(bytes(&whole) == bytes(&second));
-        let begun = load_run(&whole.run, Which::Step(0)).unwrap();
-        let was = load_run(&options.from, Which::Auto).unwrap();
-        assert!(begun.config.ahead && !was.config.ahead);
+        let begun = load_run(&whole.run, CheckpointChoice::Step(0)).unwrap();
+        let was = load_run(&options.from, CheckpointChoice::Auto).unwrap();
+        assert!(begun.config.goal && !was.config.goal);
         let numbers = |run: &LoadedRun, name: &str| run.weights[name].flatten_all().unwrap().to_vec1::<f32>().unwrap();
         for name in was.weights.keys() {
             assert!(numbers(&begun, name) == numbers(&was, name), "{name}");
         }
-        let learned = load_run(&whole.run, Which::Step(6)).unwrap();
-        for name in kinelm_model::layout::AHEAD {
+        let learned = load_run(&whole.run, CheckpointChoice::Step(6)).unwrap();
+        for name in kinelm_model::layout::GOAL {
             assert!(numbers(&begun, name).iter().all(|x| *x == 0.0), "{name}");
             assert!(numbers(&learned, name).iter().any(|x| *x != 0.0), "{name}");
         }
         // and on from there, which can't be unlearned
         let again = FinetuneOptions { from: dir.path().join("run"), run: Some(dir.path().join("again")), ..options };
         finetune(&again, &AtomicBool::new(false), &mut Silent).unwrap();
-        fs::write(dir.path().join("config.toml"), format!("{levels}ahead = false\n")).unwrap();
+        fs::write(dir.path().join("config.toml"), format!("{levels}goal = false\n")).unwrap();
         let message = finetune(&again, &AtomicBool::new(false), &mut Silent).unwrap_err().to_string();
-        assert!(message.contains("model.ahead is false; the source has true"), "{message}");
+        assert!(message.contains("model.goal is false; the source has true"), "{message}");
     }
 
     #[test]

@@ -2,8 +2,8 @@
 
 use crate::{CorpusPart, PretrainOptions, Silent, TrainConfig, TrainFile, pretrain};
 pub use kinelm_corpus::fixture::*;
-pub use kinelm_model::forms::TOKENS;
-use kinelm_model::{LoadedRun, ModelConfig, Which, load_run};
+pub use kinelm_model::fixtures::TOKENS;
+use kinelm_model::{CheckpointChoice, LoadedRun, ModelConfig, load_run};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
@@ -16,5 +16,5 @@ pub fn run(dir: &Path, model: ModelConfig, train: TrainConfig) -> LoadedRun {
         ..Default::default()
     };
     pretrain(&options, &AtomicBool::new(false), &mut Silent).unwrap();
-    load_run(&dir.join("run"), Which::Auto).unwrap()
+    load_run(&dir.join("run"), CheckpointChoice::Auto).unwrap()
 }

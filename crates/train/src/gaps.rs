@@ -1,12 +1,12 @@
 //! Gaps in what a model learns from: runs of frames that are free, of which it is told what is given behind them
-//! ([`kinelm_model::ahead`]). Nothing is hidden from it and every character is still its target.
+//! ([`kinelm_model::goal`]). Nothing is hidden from it and every character is still its target.
 //!
 //! A window that gets gaps gets several: known runs of 1 to 40 frames and gaps of 2 to 60 between them, lengths that are
 //! uniform in their logarithms. In 3 of 10 windows only some joints are free.
 
 use super::window::WindowId;
 use crate::{Error, Result};
-use kinelm_model::ahead::{Ahead, Course, FARTHEST, Told};
+use kinelm_model::goal::{Conditioning, FARTHEST, GoalEncoder, GoalTrack};
 use kinelm_motion::joints::Selection;
 use kinelm_store::random;
 use kinelm_tokenizer::Tokenizer;
@@ -25,7 +25,7 @@ const GAP: f64 = 61.0;
 pub struct Gaps {
     share: f64,
     seed: u64,
-    ahead: Ahead,
+    ahead: GoalEncoder,
     /// The places of each coded joint, the root's translation with joint 0.
     joints: Vec<Vec<usize>>,
 }
@@ -44,7 +44,7 @@ impl Gaps {
             tokenizer.slots_of(&selection).map_err(|e| Error::call(format!("train.gaps is {share}: {e}")))
         };
         let joints = tokenizer.channels().joints().iter().map(places).collect::<Result<_>>()?;
-        Ok(Some(Gaps { share, seed, ahead: Ahead::of(tokenizer)?, joints }))
+        Ok(Some(Gaps { share, seed, ahead: GoalEncoder::of(tokenizer)?, joints }))
     }
 
     /// Words behind a window that its gaps may reach to.
@@ -59,7 +59,13 @@ impl Gaps {
 
     /// What a window of so many `frames` is told of the ids (F W) of its `shown` words and those behind it. Places that are
     /// `hidden` from the model are told nothing.
-    pub fn told(&self, window: WindowId, ids: &[u32], (shown, frames): (usize, usize), hidden: &[usize]) -> Told {
+    pub fn told(
+        &self,
+        window: WindowId,
+        ids: &[u32],
+        (shown, frames): (usize, usize),
+        hidden: &[usize],
+    ) -> Conditioning {
         let (codes, c) = (self.ahead.codes(ids), self.ahead.characters());
         let all = codes.len() / c;
         let mut rng = self.stream("gap", window);
@@ -70,7 +76,7 @@ impl Gaps {
                 word.iter_mut().zip(&free).for_each(|(given, free)| *given = !free);
             }
         }
-        Course::new(self.ahead.clone(), codes, given, 0).told(frames)
+        GoalTrack::new(self.ahead.clone(), codes, given, 0).conditioning(frames)
     }
 
     fn stream(&self, purpose: &str, window: WindowId) -> impl RngCore + use<> {
@@ -142,7 +148,7 @@ mod tests {
             heads: 1,
             width: 8,
             window: Some(24),
-            ahead: true,
+            goal: true,
             ..Default::default()
         };
         let train = TrainConfig { batch: 200, gaps, ..Default::default() };
@@ -158,8 +164,8 @@ mod tests {
         let augment = AugmentConfig { mirror: 0.5, history_noise: 1.0, ..Default::default() };
         let (without, with) = (batch(&data, 0.0, augment), batch(&data, 0.5, augment));
         assert_eq!((&without.inputs, &without.targets, &without.clips), (&with.inputs, &with.targets, &with.clips));
-        assert_eq!(without.told, None);
-        let told = with.told.clone().unwrap();
+        assert_eq!(without.conditioning, None);
+        let told = with.conditioning.clone().unwrap();
         assert_eq!((told.rows[0].len(), told.numbers.len() % (200 * 24)), (200 * 24 * 10, 0));
         let of_window = told.numbers.len() / 200;
         let is_told = |window: &&[f32]| window.iter().any(|x| *x != 0.0);
@@ -184,11 +190,11 @@ mod tests {
         let said = |model: &ModelConfig, train: &TrainConfig, data: &Data| {
             RunFile::new(model, train, data).unwrap_err().to_string()
         };
-        assert!(said(&two, &train, &data).contains("train.gaps is 0.5; expected 0, or model.ahead = true"));
+        assert!(said(&two, &train, &data).contains("train.gaps is 0.5; expected 0, or model.goal = true"));
         let config = TokenizerConfig::uniform(&[0], 20.0, 20);
         let config = TokenizerConfig { root_rotation: RootRotation::Absolute, ..config };
         let other = Data::one(fixture::danced(&dir.path().join("other"), config, &[(50, Split::Train)])).unwrap();
-        let message = said(&ModelConfig { ahead: true, ..two }, &TrainConfig::default(), &other);
-        assert!(message.contains("model.ahead is true") && message.contains("heading_delta"), "{message}");
+        let message = said(&ModelConfig { goal: true, ..two }, &TrainConfig::default(), &other);
+        assert!(message.contains("model.goal is true") && message.contains("heading_delta"), "{message}");
     }
 }

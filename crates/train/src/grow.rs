@@ -4,7 +4,7 @@ use crate::{Error, Result};
 use candle_core::{Device, Tensor};
 use kinelm_corpus::conditions::in_order;
 use kinelm_model::layout;
-pub use kinelm_model::layout::{AHEAD, CLASS, MUSIC};
+pub use kinelm_model::layout::{CLASS, GOAL, MUSIC};
 use kinelm_model::{ModelConfig, TokenLayout};
 use std::collections::BTreeMap;
 
@@ -51,7 +51,7 @@ pub fn grow(
     let grown = layout::parameters(config, is).into_iter().map(|p| {
         let expected = before.iter().find(|b| b.name == p.name).map(|b| b.shape.as_slice());
         let name = p.name.as_str();
-        let may_come = AHEAD.contains(&name) || MUSIC.contains(&name) || name == CLASS || p.may_be_absent();
+        let may_come = GOAL.contains(&name) || MUSIC.contains(&name) || name == CLASS || p.may_be_absent();
         let comes_new = may_come && !weights.contains_key(name);
         if expected.is_none() || comes_new {
             // what comes with the first labels, with being told what is ahead, or music, or with a classifier, or is younger

@@ -4,7 +4,7 @@ use super::window::WindowId;
 use crate::Result;
 use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_model::ModelConfig;
-use kinelm_model::music::told;
+use kinelm_model::music::conditioning;
 use kinelm_store::random;
 
 /// Share of the windows in which music is hidden, so that the model serves without it too.
@@ -42,7 +42,7 @@ impl Heard {
             return Ok(vec![0.0; self.frames * self.model.music.numbers()]);
         }
         let times = (0..self.frames).map(|frame| (first + factor * frame as f64) / self.fps);
-        Ok(told(self.model.hears(), &corpus.sound(clip)?, times, factor))
+        Ok(conditioning(self.model.music_conditioning(), &corpus.sound(clip)?, times, factor))
     }
 }
 
@@ -85,13 +85,13 @@ mod tests {
         let data = Data::one(fixture::heard(dir.path(), &clips)).unwrap();
         let augment = AugmentConfig { mirror: 0.5, ..Default::default() };
         let without = batch(&data, Music::None, augment);
-        assert_eq!(without.told, None);
+        assert_eq!(without.conditioning, None);
         for music in [Music::Beats, Music::Features, Music::Both] {
             let with = batch(&data, music, augment);
             assert_eq!((&without.inputs, &without.targets, &without.clips), (&with.inputs, &with.targets, &with.clips));
             let model = RunFile::new(&model(music), &TrainConfig::default(), &data).unwrap().model;
             assert_eq!(model.music_scale.is_some(), music.has_features());
-            let told_windows = with.told.clone().unwrap();
+            let told_windows = with.conditioning.clone().unwrap();
             assert!(told_windows.numbers.is_empty() && told_windows.rows[0].is_empty());
             let of_window = told_windows.music.len() / 200;
             assert_eq!(of_window, WINDOW * music.numbers());
@@ -102,7 +102,7 @@ mod tests {
                 let clip = corpus.clips().iter().find(|c| c.name == clip).unwrap();
                 let first: f64 = first.parse().unwrap();
                 let times = (0..WINDOW).map(|frame| (first + frame as f64) / 20.0);
-                let whole = told(model.hears(), &corpus.sound(clip).unwrap(), times, 1.0);
+                let whole = conditioning(model.music_conditioning(), &corpus.sound(clip).unwrap(), times, 1.0);
                 if numbers.iter().all(|x| *x == 0.0) {
                     hidden += usize::from(clip.beats.is_some());
                 } else {
@@ -136,7 +136,8 @@ mod tests {
         let (fps, from_s) = (20.0 * 1.25, -30.5 / 20.0 / 1.25);
         let rows = Rows { fps, from_s, numbers: sound.rows.numbers.clone() };
         let faster = Sound { beats_s: &faster, rows };
-        let expected = told(config.hears(), &faster, (0..8).map(|frame| f64::from(frame) / 20.0), 1.0);
+        let expected =
+            conditioning(config.music_conditioning(), &faster, (0..8).map(|frame| f64::from(frame) / 20.0), 1.0);
         assert!(found.len() == expected.len() && found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-4));
         let slow = shown((30.5, 1.0));
         assert!(found.iter().zip(&slow).any(|(a, b)| (a - b).abs() > 0.1));
@@ -146,8 +147,9 @@ mod tests {
     fn speed_is_learned_with_the_music_that_fits() {
         let dir = tempfile::tempdir().unwrap();
         let data = Data::one(fixture::heard(dir.path(), &[(150, Split::Train), (140, Split::Train)])).unwrap();
-        let plain = batch(&data, Music::Beats, AugmentConfig::default()).told.unwrap();
-        let faster = batch(&data, Music::Beats, AugmentConfig { speed: 0.2, ..Default::default() }).told.unwrap();
+        let plain = batch(&data, Music::Beats, AugmentConfig::default()).conditioning.unwrap();
+        let faster =
+            batch(&data, Music::Beats, AugmentConfig { speed: 0.2, ..Default::default() }).conditioning.unwrap();
         let m = Music::Beats.numbers();
         // the phase goes on by another step from frame to frame
         let steps = |music: &[f32]| -> Vec<f64> {

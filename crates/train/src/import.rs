@@ -47,7 +47,7 @@ mod tests {
     use kinelm_corpus::{Corpus, Split};
     use kinelm_model::exchange::{Format, export};
     use kinelm_model::likelihood::likelihood;
-    use kinelm_model::{Compute, HeadKind, ModelConfig, Positions, Which, load_run};
+    use kinelm_model::{CheckpointChoice, Compute, HeadKind, ModelConfig, Positions, load_run};
     use std::fs;
     use std::sync::atomic::AtomicBool;
 
@@ -60,7 +60,7 @@ mod tests {
     }
 
     fn bits(run: &Path, corpus: &Corpus) -> f64 {
-        let run = load_run(run, Which::Auto).unwrap();
+        let run = load_run(run, CheckpointChoice::Auto).unwrap();
         let clips: Vec<_> = corpus.split(Split::Valid).collect();
         let mut model = run.scores(Compute::default()).unwrap();
         let found = likelihood(&mut *model, corpus, &clips, 0, &run.load_conditions().unwrap());
@@ -84,12 +84,12 @@ mod tests {
             let dir = tempfile::tempdir().unwrap();
             let at = |name: &str| dir.path().join(name);
             let corpus = trained(dir.path(), model);
-            let run = load_run(&at("run"), Which::Auto).unwrap();
+            let run = load_run(&at("run"), CheckpointChoice::Auto).unwrap();
             export(&run, format, &at("out")).unwrap();
             let found = import(&at("out"), &at("back")).unwrap();
             assert_eq!(found.state.step, run.state.step);
             assert_eq!(found.notes.is_empty(), format == Format::Kinelm, "{:?}", found.notes);
-            let back = load_run(&at("back"), Which::Auto).unwrap();
+            let back = load_run(&at("back"), CheckpointChoice::Auto).unwrap();
             assert_eq!((&back.tokens, &back.conditions, back.state.step), (&run.tokens, &run.conditions, 3));
             let (after, before) = (bits(&at("back"), &corpus), bits(&at("run"), &corpus));
             // folded positions are added in another order by the fast form
@@ -118,7 +118,7 @@ mod tests {
         trained(dir.path(), model);
         let said = |from: &str, to: &str| import(&at(from), &at(to)).err().unwrap().to_string();
         assert!(said("run", "other").ends_with("run is a run already; there is nothing to import"));
-        let run = load_run(&at("run"), Which::Auto).unwrap();
+        let run = load_run(&at("run"), CheckpointChoice::Auto).unwrap();
         export(&run, Format::Kinelm, &at("out")).unwrap();
         assert!(said("out", "corpus").ends_with("corpus exists, with other contents; give a folder that isn't there"));
         fs::write(at("out").join(WEIGHTS), "{").unwrap();

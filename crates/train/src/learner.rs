@@ -166,7 +166,7 @@ mod tests {
 
     #[test]
     fn what_older_files_lack_is_zeros_and_the_rest_is_named() {
-        let (config, tokens) = kinelm_model::forms::every(36)
+        let (config, tokens) = kinelm_model::fixtures::every(36)
             .into_iter()
             .find(|(config, tokens)| !config.architecture.is_flat() && tokens.front > 1)
             .unwrap();

@@ -10,7 +10,7 @@ use candle_core::{Device, Tensor};
 use kinelm_engine::linear::Products;
 use kinelm_engine::op::attention::Mask;
 use kinelm_model::fast::{Fast, Windows};
-use kinelm_model::{Gpt, ModelConfig, Positions, TokenLayout, forms};
+use kinelm_model::{Gpt, ModelConfig, Positions, TokenLayout, fixtures};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -62,7 +62,7 @@ fn model(g: &Value) -> Gpt {
 
 fn batch(g: &Value) -> Batch {
     let ids = |key: &str| serde_json::from_value(g[key].clone()).unwrap();
-    Batch { inputs: ids("inputs"), targets: ids("targets"), clips: vec!["golden".into(); 3], told: None }
+    Batch { inputs: ids("inputs"), targets: ids("targets"), clips: vec!["golden".into(); 3], conditioning: None }
 }
 
 fn furthest(a: &[f32], b: &[f32]) -> f32 {
@@ -91,7 +91,7 @@ fn logits_and_gradients_are_pytorchs_to_1e_4() {
     let logits = gpt.forward(&ids, None).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
     let mut fast = Fast::of(&gpt).unwrap();
     let (inputs, targets) = (&batch.inputs, &batch.targets);
-    let windows = Windows { inputs, targets, length: context, mask: Mask::Causal, told: None };
+    let windows = Windows { inputs, targets, length: context, mask: Mask::Causal, conditioning: None };
     for (form, logits) in [("plain", logits), ("fast", fast.logits(windows).unwrap())] {
         let apart = furthest(&logits, &numbers(&g["logits"]));
         assert!(apart < BOUND, "{form}: logits: {apart}");
@@ -149,16 +149,16 @@ fn train(learner: &mut dyn Learner, batch: &Batch, config: &TrainConfig) -> Vec<
 fn ten_steps_of_every_form_cost_the_same_plain_and_fast() {
     let train_config = TrainConfig { steps: 10, learning_rate: 3e-3, warmup: 2, table_rate: 3.0, ..Default::default() };
     let ordinal = TrainConfig { loss: Loss::Ordinal, ..train_config.clone() };
-    for (config, tokens) in forms::all(40) {
+    for (config, tokens) in fixtures::all(40) {
         let config = ModelConfig { width: 16, dropout: 0.1, ..config };
         let gpt = Gpt::new(&config, &tokens, 1).unwrap();
-        let (inputs, targets) = forms::batch(&config, &tokens, 3, 40);
-        let batch = Batch { inputs, targets, clips: vec!["made up".into(); 3], told: None };
+        let (inputs, targets) = fixtures::batch(&config, &tokens, 3, 40);
+        let batch = Batch { inputs, targets, clips: vec!["made up".into(); 3], conditioning: None };
         let train_config = if tokens.varying { &train_config } else { &ordinal };
         let mut fast = FastLearner::new(Fast::of(&gpt).unwrap(), train_config);
         let fast = train(&mut fast, &batch, train_config);
         let plain = train(&mut Plain::new(gpt, train_config).unwrap(), &batch, train_config);
-        let what = forms::name(&config, &tokens);
+        let what = fixtures::name(&config, &tokens);
         assert!(
             fast.iter().zip(&plain).all(|(a, b)| (a - b).abs() < BOUND as f64),
             "{what}: {fast:?}, plain {plain:?}"
@@ -169,11 +169,11 @@ fn ten_steps_of_every_form_cost_the_same_plain_and_fast() {
 
 #[test]
 fn training_in_bf16_follows_training_in_f32() {
-    let (config, tokens) = forms::all(40).remove(0);
+    let (config, tokens) = fixtures::all(40).remove(0);
     let config = ModelConfig { width: 64, heads: 2, dropout: 0.1, ..config };
     let gpt = Gpt::new(&config, &tokens, 1).unwrap();
-    let (inputs, targets) = forms::batch(&config, &tokens, 3, 40);
-    let batch = Batch { inputs, targets, clips: vec!["made up".into(); 3], told: None };
+    let (inputs, targets) = fixtures::batch(&config, &tokens, 3, 40);
+    let batch = Batch { inputs, targets, clips: vec!["made up".into(); 3], conditioning: None };
     let train_config = TrainConfig { steps: 10, learning_rate: 3e-3, warmup: 2, ..Default::default() };
     let losses = |products| {
         let mut fast = Fast::of(&gpt).unwrap();
@@ -197,7 +197,7 @@ fn one_window_is_learnt_by_heart() {
         let gpt = Gpt::new(&config, &tokens, 1).unwrap();
         let targets: Vec<u32> = (0..48u32).map(|i| if i % 6 == 5 { 5 } else { 6 + (i * i * 7 + i * 3) % 24 }).collect();
         let inputs = [&[1], &targets[..47]].concat();
-        let batch = Batch { inputs, targets, clips: vec!["one".into()], told: None };
+        let batch = Batch { inputs, targets, clips: vec!["one".into()], conditioning: None };
         let train_config =
             TrainConfig { steps: 150, learning_rate: 1e-2, warmup: 10, weight_decay: 0.0, ..Default::default() };
         let mut learner = FastLearner::new(Fast::of(&gpt).unwrap(), &train_config);

@@ -7,7 +7,7 @@ use super::config::TrainConfig;
 use super::learner::{Found, Learner, in_order, no_average, not_finite};
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
-use kinelm_model::ahead::Told;
+use kinelm_model::goal::Conditioning;
 use kinelm_model::{Dropout, Gpt, ModelConfig, Scores, TokenLayout, layout};
 use std::collections::BTreeMap;
 
@@ -60,7 +60,7 @@ impl Plain {
             let missing = || Error::call(format!("variable {name} got no gradient: the graph is cut before it"));
             let gradient = match store.remove(var.as_tensor()) {
                 // a batch may have nothing to tell
-                None if layout::AHEAD.contains(&name.as_str()) => var.zeros_like()?,
+                None if layout::GOAL.contains(&name.as_str()) => var.zeros_like()?,
                 // what remembers its graph would keep it alive
                 found => found.ok_or_else(missing)?.detach(),
             };
@@ -90,8 +90,9 @@ impl Plain {
             let part = first * length..(first + clips.len()) * length;
             let dropout = self.dropout.map(|d| Dropout { step, first: before + first as u64, ..d });
             let ids = self.model.ids(&batch.inputs[part.clone()], length)?;
-            let told = batch.told.as_ref().map(|told| told.of_windows(first..first + clips.len(), batch.clips.len()));
-            let loss = self.model.loss_sum_told(&ids, &batch.targets[part], dropout.as_ref(), told.as_ref())?;
+            let told =
+                batch.conditioning.as_ref().map(|told| told.windows(first..first + clips.len(), batch.clips.len()));
+            let loss = self.model.loss_sum_conditioned(&ids, &batch.targets[part], dropout.as_ref(), told.as_ref())?;
             let loss = (loss / counted.max(1) as f64)?;
             let value = loss.to_scalar::<f32>()? as f64;
             if !value.is_finite() {
@@ -177,14 +178,14 @@ impl Scores for Plain {
         self.model.tokens()
     }
 
-    fn nats_told(
+    fn nats_conditioned(
         &mut self,
         windows: (&[u32], &[u32]),
         length: usize,
-        told: Option<&Told>,
+        told: Option<&Conditioning>,
         out: &mut [f32],
     ) -> Result<()> {
-        self.model.nats_told(windows, length, told, out)
+        self.model.nats_conditioned(windows, length, told, out)
     }
 }
 

@@ -5,7 +5,7 @@ use super::config::TrainConfig;
 use super::data::{CorpusPart, Data, Part};
 use crate::{Error, Result};
 use kinelm_corpus::{Corpus, Opening};
-use kinelm_model::ahead::Ahead;
+use kinelm_model::goal::GoalEncoder;
 use kinelm_model::run::{CONFIG, LoadedRun, TOKENIZER, check_kind, load_tokenizer};
 use kinelm_model::{ModelConfig, TokenLayout, weights};
 use kinelm_music::feature::rate_of;
@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// The layout of `config.toml` that this program writes and reads.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// `config.toml` of a run folder: every option resolved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -86,8 +86,8 @@ impl RunFile {
         let model = model.resolved(&tokens);
         model.validate_for(&tokens)?;
         train.validate_for(&model, &tokens)?;
-        if model.ahead {
-            Ahead::of(data.tokenizer())?;
+        if model.goal {
+            GoalEncoder::of(data.tokenizer())?;
         }
         let model = told_music(model, data)?;
         Ok(RunFile {
@@ -311,9 +311,9 @@ mod tests {
         file.write(dir.path()).unwrap();
         let path = dir.path().join(CONFIG);
         let text = fs::read_to_string(&path).unwrap();
-        fs::write(&path, text.replace("version = 3", "version = 2")).unwrap();
+        fs::write(&path, text.replace("version = 4", "version = 2")).unwrap();
         let message = RunFile::read(dir.path()).unwrap_err().to_string();
-        assert!(message.contains("found version 2, expected version 3"), "{message}");
+        assert!(message.contains("found version 2, expected version 4"), "{message}");
         fs::write(&path, text.replace("weight", "wait")).unwrap();
         let message = RunFile::read(dir.path()).unwrap_err().to_string();
         assert!(message.contains("config.toml:") && message.contains("wait"), "{message}");

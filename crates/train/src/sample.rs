@@ -8,7 +8,7 @@ use kinelm_generate::SamplingPlan;
 use kinelm_generate::prompt::on_model_rig;
 use kinelm_generate::sampling::{Draw, TOP_P};
 use kinelm_model::run::{TOKENIZER, load_tokenizer};
-use kinelm_model::{Gpt, Reader, Reading};
+use kinelm_model::{Gpt, Reader, ReaderOptions};
 use kinelm_motion::format;
 use kinelm_tokenizer::{Special, UncodedPose};
 use kinelm_view::{Figure, write_page};
@@ -34,7 +34,7 @@ pub fn sample(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, T
 fn draw(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {
     let tokenizer = load_tokenizer(&run.join(TOKENIZER), &file.tokenizer_sha256)?;
     let gpt = Gpt::from_tensors(&file.model, &file.tokens, weights)?;
-    let mut reader = Reader::new(&gpt, Reading::default())?;
+    let mut reader = Reader::new(&gpt, ReaderOptions::default())?;
     let frames = (SECONDS * tokenizer.fps()).round() as usize;
     let words = frames.div_ceil(tokenizer.frames_per_word());
     // no condition is asked for

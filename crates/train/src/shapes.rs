@@ -57,7 +57,7 @@ fn check(case: &Value) {
     };
     let mut fast = Fast::from_tensors(&config, &tokens, tensors).unwrap();
     let mut gradients = fast.like_weights();
-    let windows = Windows { inputs: &inputs, targets: &targets, length, mask, told: None };
+    let windows = Windows { inputs: &inputs, targets: &targets, length, mask, conditioning: None };
     let loss =
         fast.gradients(windows, None, &mut gradients).unwrap() / targets.iter().filter(|&&t| t != 0).count() as f64;
     let expected = case["loss"].as_f64().unwrap();

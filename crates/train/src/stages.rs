@@ -8,7 +8,7 @@ use super::config::TrainConfig;
 use super::data::Data;
 use super::run::RunFile;
 use crate::{Error, Result};
-use kinelm_model::{Kind, ModelConfig, TokenLayout};
+use kinelm_model::{ModelConfig, ModelKind, TokenLayout};
 use serde::{Deserialize, Serialize};
 
 /// The windows of a run until a share of its steps. Behind the last stage they are the model's, `train.batch` at a time.
@@ -32,7 +32,7 @@ impl Stage {
     /// T: tokens of its windows, as `context` counts them.
     fn context(&self, model: &ModelConfig, tokens: &TokenLayout) -> usize {
         // a masked model's last input predicts nothing
-        let last = usize::from(model.kind == Kind::Masked);
+        let last = usize::from(model.kind == ModelKind::Masked);
         self.frames * tokens.word + tokens.front + last - 1
     }
 }
@@ -171,7 +171,7 @@ mod tests {
     fn each_step_has_the_windows_of_its_stage_and_steps_can_be_asked_in_any_order() {
         let dir = tempfile::tempdir().unwrap();
         let data = Data::one(fixture::corpus(dir.path(), &[(60, Split::Train), (20, Split::Train)])).unwrap();
-        for (kind, context) in [(Kind::Causal, 36), (Kind::Masked, 37)] {
+        for (kind, context) in [(ModelKind::Causal, 36), (ModelKind::Masked, 37)] {
             let model = ModelConfig { kind, context, ..Default::default() };
             let stages = vec![stage(0.3, 2, 4), stage(0.8, 3, 2)];
             let train = TrainConfig { batch: 1, accumulate: 2, steps: 10, stages, ..Default::default() };

@@ -7,7 +7,7 @@ use super::metrics::Metrics;
 use super::parameters::{List, Parameters, numbers};
 use crate::{Error, Result};
 use kinelm_engine::arena::Floats;
-use kinelm_model::checkpoint::{Checkpoints, State, Which};
+use kinelm_model::checkpoint::{CheckpointChoice, Checkpoints, State};
 use kinelm_model::run::{CONFIG, OPTIMIZER, WEIGHTS};
 use kinelm_model::weights;
 use kinelm_store::{files, input, memory};
@@ -128,7 +128,7 @@ fn found(run: &Path, checkpoints: &Checkpoints, list: &List, hear: &mut dyn FnMu
         return Ok(None);
     }
     let mut note = |text: String| hear(Event::Note(&text));
-    let found = checkpoints.find(Which::Latest, &[WEIGHTS, OPTIMIZER], &[], &mut note)?;
+    let found = checkpoints.find(CheckpointChoice::Latest, &[WEIGHTS, OPTIMIZER], &[], &mut note)?;
     let tensors = |name: &str| weights::from_bytes(&found.dir.join(name), &found.files[name]);
     let weights = numbers(list, &tensors(WEIGHTS)?, "")?;
     let moments = Some(tensors(OPTIMIZER)?);

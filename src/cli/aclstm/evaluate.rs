@@ -6,7 +6,7 @@ use crate::baselines::aclstm::run::Trained;
 use crate::cli::read::frames_at;
 use crate::cli::{ForceArgs, Say, asked, print, progress};
 use crate::corpus::Split;
-use crate::model::Which;
+use crate::model::CheckpointChoice;
 use anyhow::Result;
 use kinelm_motion::format;
 use kinelm_store::counted;
@@ -45,7 +45,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
-    let trained = Trained::load(&args.run, Which::Auto)?;
+    let trained = Trained::load(&args.run, CheckpointChoice::Auto)?;
     trained.notes.iter().for_each(|note| say.line(note));
     let options = Options {
         split: args.split,

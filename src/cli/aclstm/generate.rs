@@ -7,7 +7,7 @@ use crate::cli::read::{ReadArgs, frames_at};
 use crate::cli::{ForceArgs, Say, WrongCall, asked, filter, generate, progress, writable, written_as};
 use crate::generate::MOST_FRAMES;
 use crate::generate::request::FootMode;
-use crate::model::Which;
+use crate::model::CheckpointChoice;
 use anyhow::{Context, Result};
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_store::output::{Outputs, is_same};
@@ -86,7 +86,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     outputs.check([out])?;
     outputs.check_replaceable(out, None)?;
     outputs.check_replaceable(&sidecar::path_of(out), None)?;
-    let (told, bytes) = made(&recipe, Which::Auto, out, say)?;
+    let (told, bytes) = made(&recipe, CheckpointChoice::Auto, out, say)?;
     told.write(out, &bytes, &outputs)?;
     Ok(())
 }
@@ -98,7 +98,7 @@ fn outputs(args: &Args, recipe: &Recipe) -> Outputs {
 }
 
 /// The dance of a recipe as a file of this name, and what is told of it.
-fn made(recipe: &Recipe, which: Which, out: &Path, say: Say) -> Result<(Told, Vec<u8>)> {
+fn made(recipe: &Recipe, which: CheckpointChoice, out: &Path, say: Say) -> Result<(Told, Vec<u8>)> {
     let trained = Trained::load(&recipe.run, which)?;
     trained.notes.iter().for_each(|note| say.line(note));
     let bar = progress::bar(recipe.frames as u64, "frames", say);
@@ -126,7 +126,7 @@ fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     let outputs = outputs(args, &recipe);
     outputs.check([&*out])?;
     outputs.check_replaceable(&out, Some(&first.output.sha256))?;
-    let (told, bytes) = made(&recipe, Which::Step(first.step), &out, say)?;
+    let (told, bytes) = made(&recipe, CheckpointChoice::Step(first.step), &out, say)?;
     first.check(&told)?;
     match is_same(&sidecar::path_of(&out), file) {
         true => outputs.write(&out, &bytes).map(|_| ())?, // and it tells of the dance already

@@ -7,8 +7,8 @@ use crate::evaluate::gaps::{Filler, Measured, frames_before, gaps};
 use crate::generate::conditions::check_ahead;
 use crate::generate::open::AHEAD;
 use crate::generate::reader;
-use crate::model::ahead::Ahead;
-use crate::model::{LoadedRun, Which, load_run};
+use crate::model::goal::GoalEncoder;
+use crate::model::{CheckpointChoice, LoadedRun, load_run};
 use anyhow::Result;
 use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
@@ -34,7 +34,7 @@ pub struct Args {
     #[arg(long, default_value_t = 10, value_name = "K", value_parser = clap::value_parser!(u8).range(1..=64))]
     draws: u8,
     /// How far the model is led to what lies behind a gap, as in `generate`: 0 not at all, 1 as learned. If not given, 2 where
-    /// it was trained for it (model.ahead)
+    /// it was trained for it (model.goal)
     #[arg(long, value_name = "G")]
     ahead: Option<f64>,
     /// Feet are held, as `generate --feet lock` does
@@ -57,7 +57,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
-    let run = load_run(&args.run, Which::Auto)?;
+    let run = load_run(&args.run, CheckpointChoice::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
     let (tokenizer, corpus) = (run.load_tokenizer()?, args.trust.open(&args.corpus)?);
     let (ours, theirs) = (tokenizer.base_hash(), corpus.tokenizer().base_hash());
@@ -100,10 +100,10 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
 }
 
 /// How the model is told ahead, if it is.
-fn ahead(asked: Option<f64>, run: &LoadedRun, tokenizer: &Tokenizer) -> Result<Option<(Ahead, f64)>> {
-    let scale = asked.unwrap_or(if run.config.ahead { AHEAD } else { 0.0 });
+fn ahead(asked: Option<f64>, run: &LoadedRun, tokenizer: &Tokenizer) -> Result<Option<(GoalEncoder, f64)>> {
+    let scale = asked.unwrap_or(if run.config.goal { AHEAD } else { 0.0 });
     check_ahead(scale, run).map_err(|e| WrongCall(e.to_string()))?;
-    Ok(if scale == 0.0 { None } else { Some((Ahead::of(tokenizer)?, scale)) })
+    Ok(if scale == 0.0 { None } else { Some((GoalEncoder::of(tokenizer)?, scale)) })
 }
 
 fn table(found: &Measured) -> String {

@@ -8,7 +8,7 @@ use crate::evaluate::baselines::figure_row;
 use crate::evaluate::gap_bits::{GapBits, gap_bits};
 use crate::evaluate::per_joint::{PlaceBits, by_part, by_place, places};
 use crate::model::likelihood::{Likelihood, likelihood_by_token};
-use crate::model::{LoadedRun, Reading, Which, load_run};
+use crate::model::{CheckpointChoice, LoadedRun, ReaderOptions, load_run};
 use anyhow::Result;
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
@@ -33,7 +33,7 @@ pub struct Args {
     /// Also which joints cost the bits, where a word is a frame of one character a channel
     #[arg(long)]
     per_joint: bool,
-    /// Also gaps of so many frames (10, or 10,20,40), whose end is told to a model that can be told (model.ahead), and isn't
+    /// Also gaps of so many frames (10, or 10,20,40), whose end is told to a model that can be told (model.goal), and isn't
     #[arg(long, value_name = "FRAMES", value_delimiter = ',')]
     gaps: Vec<usize>,
     #[command(flatten)]
@@ -75,7 +75,7 @@ struct Measured {
 }
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
-    let run = load_run(&args.run, Which::Auto)?;
+    let run = load_run(&args.run, CheckpointChoice::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
     let corpus = args.trust.open(&args.corpus)?;
     let (ours, theirs) = (run.load_tokenizer()?.base_hash(), corpus.tokenizer().base_hash());
@@ -98,7 +98,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
 fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: Say) -> Result<Measured> {
     let clips: Vec<_> = corpus.split(args.split).collect();
     let reading = args.reading.get(1);
-    let mut model = match reading == Reading::default() {
+    let mut model = match reading == ReaderOptions::default() {
         true => run.scores(args.compute.get())?,
         // as it is read when it generates
         false => Box::new(run.reader(reading)?),

@@ -10,7 +10,7 @@ use crate::corpus::{Split, gather::Gathered};
 use crate::evaluate::prediction::{Foreteller, Row, TIMES_MS, Window, baselines, seen_s, windows};
 use crate::generate::sampling::Draw;
 use crate::generate::{NextToken, reader};
-use crate::model::{Reading, Which, load_run};
+use crate::model::{CheckpointChoice, ReaderOptions, load_run};
 use anyhow::Result;
 use kinelm_motion::format::{self, RateDoubt, ReadOptions, RestFrame, resolve_floor};
 use kinelm_motion::metric::short_term::{HorizonMetrics, MAJOR};
@@ -85,7 +85,7 @@ fn without_model(args: &Args, say: Say) -> Result<()> {
 
 /// A model beside these.
 fn of_model(args: &Args, run: &Path, draw: Draw, say: Say) -> Result<()> {
-    let run = load_run(run, Which::Auto)?;
+    let run = load_run(run, CheckpointChoice::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
     let tokenizer = run.load_tokenizer()?;
     let conditions = run.load_conditions()?;
@@ -93,7 +93,7 @@ fn of_model(args: &Args, run: &Path, draw: Draw, say: Say) -> Result<()> {
     let (own, protocol) = measured(args, &gathered, Some(tokenizer.config().into()), say)?;
     anyhow::ensure!(!own.is_empty(), "no {} clip is as long as a window, 3 s", args.split);
     let compute = args.compute.get();
-    let of = |streams: usize| reader(&run, compute, Reading { streams, ..Reading::default() });
+    let of = |streams: usize| reader(&run, compute, ReaderOptions { streams, ..ReaderOptions::default() });
     let mut greedy = of(1)?;
     let mut samples = (args.samples > 0).then(|| of(args.samples.into())).transpose()?;
     let mut foreteller = Foreteller {

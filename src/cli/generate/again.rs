@@ -6,7 +6,7 @@ use crate::generate::open::OpenRequest;
 use crate::generate::provenance::Provenance;
 use crate::generate::request::{Resolved, Timeline};
 use crate::generate::variation_seed;
-use crate::model::Which;
+use crate::model::CheckpointChoice;
 use anyhow::Result;
 use kinelm_motion::format::ReadOptions;
 use kinelm_store::output::is_same;
@@ -26,7 +26,7 @@ pub fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     let outputs = outputs(args, &recipe.run, recipe.prompt.as_ref(), recipe.music.as_ref());
     outputs.check([&*out])?;
     outputs.check_replaceable(&out, Some(&first.output.sha256))?;
-    let ready = OpenRequest::load(recipe, Which::Step(first.step)).map_err(asked)?;
+    let ready = OpenRequest::load(recipe, CheckpointChoice::Step(first.step)).map_err(asked)?;
     said::opened(&ready, say)?;
     first.check(&ready)?;
     let words = danced(&ready, 1, args.guesses, say)?.remove(0);

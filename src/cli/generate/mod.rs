@@ -62,7 +62,7 @@ pub struct Args {
     #[arg(long, value_name = "G")]
     guidance: Option<f64>,
     /// How far gaps (--given, --free) are led to what is given behind them: 1 as learned, above 1 more so, which takes twice
-    /// the time, up to 10; 0 not at all. If not given, 2 where the model was trained for it (model.ahead)
+    /// the time, up to 10; 0 not at all. If not given, 2 where the model was trained for it (model.goal)
     #[arg(long, value_name = "G", value_parser = led, allow_hyphen_values = true)]
     ahead: Option<f64>,
     /// Frames to make, at the model's rate, or 12s; the prompt's length if not given

@@ -6,7 +6,7 @@ use crate::baselines::music_lstm::run::Trained;
 use crate::cli::read::frames_at;
 use crate::cli::{Say, WrongCall, asked, print, progress};
 use crate::corpus::Split;
-use crate::model::Which;
+use crate::model::CheckpointChoice;
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -34,7 +34,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         let what = "--split train: that music was heard in training, and is measured anyway; expected valid or test";
         return Err(WrongCall(what.into()).into());
     }
-    let trained = Trained::load(&args.run, Which::Auto)?;
+    let trained = Trained::load(&args.run, CheckpointChoice::Auto)?;
     trained.notes.iter().for_each(|note| say.line(note));
     let options = Options { unheard: args.split, frames: args.frames as usize, cutoff_hz: args.cutoff };
     let bar = progress::bar(0, "frames", say);

@@ -6,7 +6,7 @@ use crate::baselines::music_lstm::run::Trained;
 use crate::cli::read::frames_at;
 use crate::cli::{ForceArgs, Say, WrongCall, asked, generate, progress, writable, written_as};
 use crate::generate::MOST_FRAMES;
-use crate::model::Which;
+use crate::model::CheckpointChoice;
 use anyhow::{Context, Result};
 use kinelm_motion::format;
 use kinelm_motion::moment::Moment;
@@ -59,13 +59,13 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     outputs.check([out])?;
     outputs.check_replaceable(out, None)?;
     outputs.check_replaceable(&sidecar::path_of(out), None)?;
-    let (told, bytes) = made(&recipe, Which::Auto, out, say)?;
+    let (told, bytes) = made(&recipe, CheckpointChoice::Auto, out, say)?;
     told.write(out, &bytes, &outputs)?;
     Ok(())
 }
 
 /// The dance of a recipe as a file of this name, and what is told of it.
-fn made(recipe: &Recipe, which: Which, out: &Path, say: Say) -> Result<(Told, Vec<u8>)> {
+fn made(recipe: &Recipe, which: CheckpointChoice, out: &Path, say: Say) -> Result<(Told, Vec<u8>)> {
     let trained = Trained::load(&recipe.run, which)?;
     trained.notes.iter().for_each(|note| say.line(note));
     let bar = progress::bar(recipe.frames.unwrap_or(0) as u64, "frames", say);
@@ -89,7 +89,7 @@ fn again(args: &Args, file: &Path, say: Say) -> Result<()> {
     let outputs = args.force.outputs([recipe.run.clone(), recipe.music.clone(), file.to_owned()]);
     outputs.check([&*out])?;
     outputs.check_replaceable(&out, Some(&first.output.sha256))?;
-    let (told, bytes) = made(&recipe, Which::Step(first.step), &out, say)?;
+    let (told, bytes) = made(&recipe, CheckpointChoice::Step(first.step), &out, say)?;
     first.check(&told)?;
     match is_same(&sidecar::path_of(&out), file) {
         true => outputs.write(&out, &bytes).map(|_| ())?, // and it tells of the dance already

@@ -99,7 +99,7 @@ fn settings_are_shown_and_fields_are_given_in_the_call() {
     assert_eq!(shown, fs::read("configs/train/tiny.toml").unwrap());
     kinelm().args(["config", "show", "tinny"]).assert().code(2).stderr(contains("did you mean tiny?"));
     for command in ["pretrain", "finetune"] {
-        kinelm().args([command, "--help"]).assert().success().stdout(contains("ahead").and(contains("--conditions")));
+        kinelm().args([command, "--help"]).assert().success().stdout(contains("goal").and(contains("--conditions")));
     }
     kinelm().args(["pretrain", "--help"]).assert().success().stdout(contains("two-level"));
     let config = place.config("fields.toml", "steps = 2\n");

@@ -6,7 +6,7 @@ use super::{Config, Rig, network};
 use crate::{Error, Result};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::Shape;
-use kinelm_model::checkpoint::{Checkpoints, Which};
+use kinelm_model::checkpoint::{CheckpointChoice, Checkpoints};
 use kinelm_model::run::{CONFIG, WEIGHTS};
 use kinelm_model::weights;
 use kinelm_store::{FileRecord, files};
@@ -123,7 +123,7 @@ impl Trained {
     ///
     /// # Errors
     /// A folder that is no run of this kind; no checkpoint that is whole; weights of another network.
-    pub fn load(run: &Path, which: Which) -> Result<Trained> {
+    pub fn load(run: &Path, which: CheckpointChoice) -> Result<Trained> {
         let file = RunFile::read(run)?;
         let coder = file.coder()?;
         let shape = file.config.shape(coder.channels());

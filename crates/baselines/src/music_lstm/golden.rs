@@ -5,7 +5,7 @@ use super::config::{Effort, Pose, Shape};
 use super::loss::{Asked, loss};
 use super::network::{Dropped, Network, list};
 use kinelm_engine::arena::Floats;
-use kinelm_engine::lstm::Told;
+use kinelm_engine::lstm::TeacherForcing;
 use kinelm_train::parameters::Parameters;
 use serde::Deserialize;
 
@@ -72,7 +72,7 @@ fn outputs_gradients_and_ten_losses_are_pytorchs() {
         for (step, expected) in case.losses.iter().enumerate() {
             let heard = numbers(50 + step, 0.02, network.rows() * HEARD);
             let poses = unit(&numbers(100 + step, 0.4, (steps + 1) * row));
-            let told = Told { steps: &golden.told, rows: &poses[..steps * row] };
+            let told = TeacherForcing { steps: &golden.told, rows: &poses[..steps * row] };
             network.pack(&parameters.weights);
             network.rest();
             let outputs = network.forward(&parameters.weights, &heard, told, nothing);
@@ -112,7 +112,7 @@ fn what_is_dropped_is_dropped_on_the_way_back() {
         let mut total = |weights: &[Floats]| -> f64 {
             network.pack(weights);
             network.rest();
-            let outputs = network.forward(weights, &heard, Told::NOTHING, dropped);
+            let outputs = network.forward(weights, &heard, TeacherForcing::NONE, dropped);
             outputs.iter().zip(&pull).map(|(y, p)| f64::from(y * p)).sum()
         };
         // the bias behind the linear layers, and a weight of the second layer

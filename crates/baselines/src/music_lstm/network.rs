@@ -11,7 +11,7 @@ use kinelm_engine::arena::Floats;
 use kinelm_engine::block::Linear;
 use kinelm_engine::dense;
 use kinelm_engine::linear::Products;
-use kinelm_engine::lstm::{Single, Told};
+use kinelm_engine::lstm::{Single, TeacherForcing};
 use kinelm_engine::op::dropout;
 use kinelm_train::parameters::List;
 use rayon::prelude::*;
@@ -122,7 +122,7 @@ impl Network {
 
     /// Outputs (T, B, 4J) of standardised spectra `heard` (T, B, N), with all steps that there is memory for. At steps that
     /// are told something the joints' layer sees that, (T, B, 4J), in place of its own output before.
-    pub fn forward(&mut self, weights: &[Floats], heard: &[f32], told: Told, dropped: Dropped) -> &[f32] {
+    pub fn forward(&mut self, weights: &[Floats], heard: &[f32], forced: TeacherForcing, dropped: Dropped) -> &[f32] {
         let last = self.linear.len() - 1;
         for i in 0..self.linear.len() {
             let (below, own) = self.linear.split_at_mut(i);
@@ -136,11 +136,11 @@ impl Network {
         let layers = self.shape.layers;
         for l in 0..layers {
             let x = if l == 0 { &self.linear[last].out } else { &self.between[l - 1] };
-            let out = self.recurrent[l].forward(x, Told::NOTHING);
+            let out = self.recurrent[l].forward(x, TeacherForcing::NONE);
             self.between[l].copy_from_slice(out);
             drop_some(&mut self.between[l], self.shape.width, l, dropped);
         }
-        self.recurrent[layers].forward(&self.between[layers - 1], told)
+        self.recurrent[layers].forward(&self.between[layers - 1], forced)
     }
 
     /// Gradients of the weights, in the order of [`list`], by those of the last pass's outputs (T, B, 4J), which had

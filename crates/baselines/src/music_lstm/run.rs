@@ -9,8 +9,8 @@ use crate::aclstm::data::{Hashes, Recording, Recordings, check_files};
 use crate::aclstm::form::{Coder, Form, check_finite};
 use crate::{Error, Result};
 use kinelm_engine::arena::Floats;
-use kinelm_engine::lstm::Told;
-use kinelm_model::checkpoint::{Checkpoints, Which};
+use kinelm_engine::lstm::TeacherForcing;
+use kinelm_model::checkpoint::{CheckpointChoice, Checkpoints};
 use kinelm_model::run::{CONFIG, WEIGHTS};
 use kinelm_model::weights;
 use kinelm_motion::skeleton::EndSite;
@@ -170,7 +170,7 @@ impl Trained {
     ///
     /// # Errors
     /// A folder that is no run of this kind; no checkpoint that is whole; weights of another network.
-    pub fn load(run: &Path, which: Which) -> Result<Trained> {
+    pub fn load(run: &Path, which: CheckpointChoice) -> Result<Trained> {
         let file = RunFile::read(run)?;
         let coder = Coder::new(Form::Quaternion, &file.rig)?;
         let skeleton = file.body.skeleton(&file.rig)?;
@@ -230,7 +230,7 @@ impl Dancer<'_> {
         self.heard.resize(AT_ONCE * HEARD, 0.0);
         standardise(&self.trained.weights, &mut self.heard);
         let nothing = Dropped { share: 0.0, keys: &[] };
-        let outputs = self.network.forward(&self.trained.weights, &self.heard, Told::NOTHING, nothing);
+        let outputs = self.network.forward(&self.trained.weights, &self.heard, TeacherForcing::NONE, nothing);
         for frame in outputs.chunks_exact(self.trained.shape.channels()).take(new) {
             self.made.extend(self.trained.file.body.place);
             self.made.extend(frame.iter().map(|x| f64::from(*x)));

@@ -32,7 +32,7 @@ mod weights;
 
 pub use before::{Before, Previous, Relative};
 pub use cache::KvKind;
-pub use frames::{FrameDecoder, FrameParts, FrameSizes, FrameWeights, Told, ToldParts};
+pub use frames::{ConditioningParts, FrameConditioning, FrameDecoder, FrameParts, FrameSizes, FrameWeights};
 pub use layers::Stack;
 pub use matrix::WeightKind;
 pub use position::Positions;

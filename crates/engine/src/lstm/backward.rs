@@ -1,6 +1,6 @@
 //! Back through the sequence: gradients of the weights by those of the outputs.
 
-use super::layer::Told;
+use super::layer::TeacherForcing;
 use super::{Lstm, Sums, Wiring, stretches};
 use crate::arena::Floats;
 use crate::linear::{self, Products};
@@ -34,7 +34,7 @@ impl Lstm {
             back.output.times(&mut top.dh[from * b * d..to * b * d], &back.dy[from * b * c..to * b * c], None);
             for l in (0..self.layers.len()).rev() {
                 let (below, layers) = self.layers.split_at_mut(l);
-                layers[0].backward(stretch.clone(), steps, Told::NOTHING);
+                layers[0].backward(stretch.clone(), steps, TeacherForcing::NONE);
                 let Some(own) = &mut layers[0].back else { continue };
                 if let Some(below) = below.last_mut().and_then(|below| below.back.as_mut()) {
                     let first = from.max(late);

@@ -1,6 +1,6 @@
 //! The pass over a sequence.
 
-use super::layer::Told;
+use super::layer::TeacherForcing;
 use super::{Lstm, Wiring, stretches};
 
 impl Lstm {
@@ -22,12 +22,12 @@ impl Lstm {
             if !given[from] {
                 self.x[from * row..][..row].copy_from_slice(&self.y[from * row..][..row]);
             }
-            self.layers[0].forward(stretch.clone(), &self.x[from * row..to * row], Told::NOTHING);
+            self.layers[0].forward(stretch.clone(), &self.x[from * row..to * row], TeacherForcing::NONE);
             for l in 1..self.layers.len() {
                 let (below, layers) = self.layers.split_at_mut(l);
                 let late = usize::from(self.shape.wiring == Wiring::Fixed);
                 let inputs = &below[l - 1].h[(from + late) * b * d..(to + late) * b * d];
-                layers[0].forward(stretch.clone(), inputs, Told::NOTHING);
+                layers[0].forward(stretch.clone(), inputs, TeacherForcing::NONE);
             }
             let top = &self.layers[self.layers.len() - 1].h[(from + 1) * b * d..(to + 1) * b * d];
             self.output.times(&mut self.y[(from + 1) * row..(to + 1) * row], top, Some(&self.bias));

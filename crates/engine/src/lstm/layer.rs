@@ -21,20 +21,20 @@ pub struct Layer {
 
 /// What a layer sees in place of its own output of the step before.
 #[derive(Debug, Clone, Copy)]
-pub struct Told<'a> {
+pub struct TeacherForcing<'a> {
     /// At which steps of a pass; those behind the last are none.
     pub steps: &'a [bool],
     /// (T, B, D), read at these steps alone.
     pub rows: &'a [f32],
 }
 
-impl Told<'_> {
+impl TeacherForcing<'_> {
     /// Nothing, at any step.
-    pub const NOTHING: Told<'static> = Told { steps: &[], rows: &[] };
+    pub const NONE: TeacherForcing<'static> = TeacherForcing { steps: &[], rows: &[] };
 
     /// Whether step `t` is told something.
     pub fn at(self, t: usize) -> bool {
-        self.steps.get(t).is_some_and(|told| *told)
+        self.steps.get(t).is_some_and(|forced| *forced)
     }
 }
 
@@ -155,11 +155,11 @@ impl Layer {
 
     /// A stretch of steps whose inputs (n, B, I) are known; at steps that are told something, the layer sees that in place
     /// of its own output before.
-    pub fn forward(&mut self, stretch: Range<usize>, inputs: &[f32], told: Told) {
+    pub fn forward(&mut self, stretch: Range<usize>, inputs: &[f32], forced: TeacherForcing) {
         let (b, d, i) = (self.batch, self.width, self.inputs);
         for t in stretch.clone() {
             let (before, now) = self.h.split_at_mut((t + 1) * b * d);
-            let before = if told.at(t) { &told.rows[t * b * d..][..b * d] } else { &before[t * b * d..] };
+            let before = if forced.at(t) { &forced.rows[t * b * d..][..b * d] } else { &before[t * b * d..] };
             self.slabs.par_iter_mut().for_each(|slab| {
                 if t == stretch.start {
                     slab.product(stretch.clone(), b, (inputs, i), Store::Set);
@@ -177,14 +177,14 @@ impl Layer {
 
     /// The same stretch back: from `dh` and what stands behind it in `gates` to `gates`. It is the last one of a pass of
     /// `steps` where it ends there. Nothing comes back through an output whose place something told has taken.
-    pub fn backward(&mut self, stretch: Range<usize>, steps: usize, told: Told) {
+    pub fn backward(&mut self, stretch: Range<usize>, steps: usize, forced: TeacherForcing) {
         let (b, d) = (self.batch, self.width);
         let Some(back) = &mut self.back else { panic!("memory for the forward pass only") };
         for t in stretch.rev() {
             let (now, behind) = back.gates.split_at_mut(4 * (t + 1) * b * d);
             let behind = match t + 1 < steps {
                 false => Behind::Nothing,
-                true if told.at(t + 1) => Behind::State,
+                true if forced.at(t + 1) => Behind::State,
                 true => Behind::Both(&behind[..4 * b * d]),
             };
             let dh = &back.dh[t * b * d..][..b * d];

@@ -26,7 +26,7 @@ use columns::Columns;
 use layer::Layer;
 use std::ops::Range;
 
-pub use layer::Told;
+pub use layer::TeacherForcing;
 pub use single::Single;
 
 /// Units of a layer that a thread computes at a time.

@@ -2,7 +2,7 @@
 //!
 //! The state goes on through such a step; the gradient of the output that was replaced ends there.
 
-use super::layer::{Layer, Told};
+use super::layer::{Layer, TeacherForcing};
 use super::{Floats, Sums};
 
 /// A layer of D units with I inputs, over up to T steps of B sequences.
@@ -12,7 +12,7 @@ pub struct Single {
     batch: usize,
     steps: usize,
     /// Steps of the last pass, and which of them were told something.
-    told: Vec<bool>,
+    forced: Vec<bool>,
     layer: Layer,
     /// (T, B, D) outputs as each step saw the one before it, where something was told.
     seen: Floats,
@@ -31,7 +31,7 @@ impl Single {
             width,
             batch,
             steps,
-            told: Vec::with_capacity(steps),
+            forced: Vec::with_capacity(steps),
             layer: Layer::new(inputs, width, (batch, steps), backward),
             seen: Floats::new(if backward { steps * batch * width } else { 0 }),
             sums: backward.then(|| Sums::new(batch * steps, 4 * width)),
@@ -63,26 +63,31 @@ impl Single {
 
     /// The next pass goes on where the last one ended.
     pub fn carry(&mut self) {
-        self.layer.carry(self.told.len());
+        self.layer.carry(self.forced.len());
     }
 
     /// Outputs (T, B, D) of `inputs` (T, B, I), up to as many steps as there is memory for.
     ///
     /// # Panics
     /// No steps, or more than there is memory for; slices of other numbers.
-    pub fn forward(&mut self, inputs: &[f32], told: Told) -> &[f32] {
+    pub fn forward(&mut self, inputs: &[f32], forced: TeacherForcing) -> &[f32] {
         let row = self.batch * self.width;
         let steps = inputs.len() / (self.batch * self.inputs);
         assert!((1..=self.steps).contains(&steps), "{steps} steps, room for {}", self.steps);
         assert_eq!(inputs.len(), steps * self.batch * self.inputs, "inputs of {steps} steps");
-        let any = (0..steps).any(|t| told.at(t));
-        assert!(!any || told.rows.len() == steps * row, "{} numbers told, expected {}", told.rows.len(), steps * row);
-        self.told.clear();
-        self.told.extend((0..steps).map(|t| told.at(t)));
-        self.layer.forward(0..steps, inputs, told);
+        let any = (0..steps).any(|t| forced.at(t));
+        assert!(
+            !any || forced.rows.len() == steps * row,
+            "{} numbers told, expected {}",
+            forced.rows.len(),
+            steps * row
+        );
+        self.forced.clear();
+        self.forced.extend((0..steps).map(|t| forced.at(t)));
+        self.layer.forward(0..steps, inputs, forced);
         if self.sums.is_some() && any {
-            for (t, is_told) in self.told.iter().enumerate() {
-                let from = if *is_told { &told.rows[t * row..][..row] } else { &self.layer.h[t * row..][..row] };
+            for (t, is_told) in self.forced.iter().enumerate() {
+                let from = if *is_told { &forced.rows[t * row..][..row] } else { &self.layer.h[t * row..][..row] };
                 self.seen[t * row..][..row].copy_from_slice(from);
             }
         }
@@ -95,22 +100,22 @@ impl Single {
     /// # Panics
     /// No forward pass before it, or a second one behind it; memory for the forward pass only; slices of other numbers.
     pub fn backward(&mut self, outputs: &[f32], inputs: &[f32], dx: &mut [f32], gradients: &mut [Floats]) {
-        let (rows, d, steps) = (self.told.len() * self.batch, self.width, self.told.len());
+        let (rows, d, steps) = (self.forced.len() * self.batch, self.width, self.forced.len());
         assert!(steps > 0 && outputs.len() == rows * d, "gradients of {} numbers", outputs.len());
         assert_eq!([inputs.len(), dx.len()], [rows * self.inputs; 2], "inputs, and their gradients");
         let (Some(back), Some(sums)) = (&mut self.layer.back, &mut self.sums) else {
             panic!("memory for the forward pass only")
         };
         back.dh[..rows * d].copy_from_slice(outputs);
-        self.layer.backward(0..steps, steps, Told { steps: &self.told, rows: &[] });
+        self.layer.backward(0..steps, steps, TeacherForcing { steps: &self.forced, rows: &[] });
         let Some(back) = &mut self.layer.back else { return };
         let gates = &back.gates[..4 * rows * d];
         back.below.times(dx, gates, None);
         let [of_input, of_own, of_bias, of_own_bias] = gradients else { panic!("gradients of 4 tensors") };
-        let seen = if self.told.contains(&true) { &self.seen[..rows * d] } else { &self.layer.h[..rows * d] };
+        let seen = if self.forced.contains(&true) { &self.seen[..rows * d] } else { &self.layer.h[..rows * d] };
         sums.gradients(gates, 4 * d, &mut [(inputs, self.inputs, of_input), (seen, d, of_own)], of_bias);
         of_own_bias.copy_from_slice(of_bias);
-        self.told.clear();
+        self.forced.clear();
     }
 }
 
@@ -131,12 +136,12 @@ mod tests {
         (inputs, d, b): (usize, usize, usize),
         weights: &[Vec<f64>],
         x: &[f64],
-        told: &[bool],
+        forced: &[bool],
         rows: &[f32],
     ) -> Vec<f64> {
         let (mut h, mut c, mut out) = (vec![0.0; b * d], vec![0.0; b * d], Vec::new());
-        for (t, told) in told.iter().enumerate() {
-            if *told {
+        for (t, forced) in forced.iter().enumerate() {
+            if *forced {
                 h = rows[t * b * d..][..b * d].iter().map(|x| f64::from(*x)).collect();
             }
             let mut now = h.clone();
@@ -161,8 +166,8 @@ mod tests {
     #[test]
     fn what_is_told_takes_the_place_of_the_own_output_forth_and_back() {
         for (inputs, d, b, mask) in [(3, 5, 2, "nnnnn"), (7, 33, 3, "ntntt"), (2, 70, 1, "ttnnn"), (4, 6, 2, "ttt")] {
-            let told: Vec<bool> = mask.chars().map(|c| c == 't').collect();
-            let (steps, wide) = (told.len(), |x: &[f32]| x.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>());
+            let forced: Vec<bool> = mask.chars().map(|c| c == 't').collect();
+            let (steps, wide) = (forced.len(), |x: &[f32]| x.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>());
             let sizes = Single::tensors(inputs, d).into_iter().enumerate();
             let weights: Vec<Floats> = sizes.map(|(i, [r, c])| Floats::of(&numbers(i as u64, r * c, 0.4))).collect();
             let (x, rows) = (numbers(9, steps * b * inputs, 1.0), numbers(8, steps * b * d, 1.0));
@@ -170,13 +175,13 @@ mod tests {
             let all: Vec<Vec<f64>> = weights.iter().map(|w| wide(w)).collect();
             let mut single = Single::new(inputs, d, (b, steps + 2), true);
             single.pack(&weights);
-            let outputs = single.forward(&x, Told { steps: &told, rows: &rows }).to_vec();
-            near(mask, &outputs, &plain((inputs, d, b), &all, &wide(&x), &told, &rows), BOUND);
+            let outputs = single.forward(&x, TeacherForcing { steps: &forced, rows: &rows }).to_vec();
+            near(mask, &outputs, &plain((inputs, d, b), &all, &wide(&x), &forced, &rows), BOUND);
             let mut found: Vec<Floats> = weights.iter().map(|w| Floats::new(w.len())).collect();
             let mut dx = vec![f32::NAN; x.len()];
             single.backward(&pull, &x, &mut dx, &mut found);
             let total = |weights: &[Vec<f64>], x: &[f64]| -> f64 {
-                let outputs = plain((inputs, d, b), weights, x, &told, &rows);
+                let outputs = plain((inputs, d, b), weights, x, &forced, &rows);
                 outputs.iter().zip(&pull).map(|(y, p)| y * f64::from(*p)).sum()
             };
             let slope = |change: &Change<'_>| {
@@ -199,9 +204,10 @@ mod tests {
             }
             // in pieces, the same bits
             single.rest();
-            let mut parts = single.forward(&x[..b * inputs], Told { steps: &told[..1], rows: &rows[..b * d] }).to_vec();
+            let mut parts =
+                single.forward(&x[..b * inputs], TeacherForcing { steps: &forced[..1], rows: &rows[..b * d] }).to_vec();
             single.carry();
-            let rest = Told { steps: &told[1..], rows: &rows[b * d..] };
+            let rest = TeacherForcing { steps: &forced[1..], rows: &rows[b * d..] };
             parts.extend_from_slice(single.forward(&x[b * inputs..], rest));
             assert_eq!(parts, outputs, "{mask}");
         }
@@ -220,7 +226,7 @@ mod tests {
         let found = lstm.forward(&x, &[true; 6]).to_vec();
         let mut single = Single::new(channels, width, (1, 6), false);
         single.pack(&weights[..4]);
-        let h = single.forward(&x, Told::NOTHING);
+        let h = single.forward(&x, TeacherForcing::NONE);
         let of = |t: usize, c: usize| -> f64 {
             let sum: f64 =
                 (0..width).map(|u| f64::from(h[t * width + u]) * f64::from(weights[4][u * channels + c])).sum();

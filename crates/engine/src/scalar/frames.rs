@@ -2,7 +2,7 @@
 
 use super::decode::{add, behind, linear, norm, through};
 use crate::bins::Bins;
-use crate::decode::{Before, FrameParts, Told};
+use crate::decode::{Before, FrameConditioning, FrameParts};
 use crate::op::embedding::NONE;
 
 /// Logits (n, V) behind each of `tokens` (n), which begin the context; minus infinity where a token can't come, 0 in the
@@ -10,7 +10,7 @@ use crate::op::embedding::NONE;
 ///
 /// # Panics
 /// Frames that are told something by a model that can't be.
-pub fn logits(parts: &FrameParts, tokens: &[u32], told: &[Option<Told>]) -> Vec<f64> {
+pub fn logits(parts: &FrameParts, tokens: &[u32], conditioning: &[Option<FrameConditioning>]) -> Vec<f64> {
     let ahead = parts.sizes.front - 1;
     let mut all = vec![0.0; tokens.len().min(ahead) * parts.sizes.vocabulary];
     if tokens.len() <= ahead {
@@ -24,8 +24,8 @@ pub fn logits(parts: &FrameParts, tokens: &[u32], told: &[Option<Told>]) -> Vec<
         let label = wide(parts.labels[0], label as usize, parts.sizes.trunk.width);
         trunk.iter_mut().for_each(|x| add(x, &label));
     }
-    for (x, told) in trunk.iter_mut().zip(told) {
-        add_told(x, parts.told.map(|parts| parts.trunk), *told);
+    for (x, conditioning) in trunk.iter_mut().zip(conditioning) {
+        add_told(x, parts.conditioning.map(|parts| parts.trunk), *conditioning);
     }
     for block in &parts.trunk {
         through(&mut trunk, block, parts.sizes.trunk.heads, &vec![0.0; frames]);
@@ -37,14 +37,14 @@ pub fn logits(parts: &FrameParts, tokens: &[u32], told: &[Option<Told>]) -> Vec<
             let label = wide(parts.labels[1], label as usize, known.len());
             add(&mut known, &label);
         }
-        let told = told.get(frame).copied().flatten();
-        add_told(&mut known, parts.told.map(|parts| parts.speller), told);
+        let conditioning = conditioning.get(frame).copied().flatten();
+        add_told(&mut known, parts.conditioning.map(|parts| parts.speller), conditioning);
         let end = tokens.len().min((frame + 1) * word);
         let row = |i: usize| row(parts, &tokens[..=i], (frame, i - frame * word), &known);
         let mut rows: Vec<Vec<f64>> = (frame * word..end).map(row).collect();
-        if let Some((told, parts)) = told.zip(parts.told) {
+        if let Some((conditioning, parts)) = conditioning.zip(parts.conditioning) {
             for (place, x) in rows.iter_mut().enumerate() {
-                let tables = told.rows.iter().zip(parts.rows).filter(|(rows, _)| rows[place] != NONE);
+                let tables = conditioning.rows.iter().zip(parts.rows).filter(|(rows, _)| rows[place] != NONE);
                 tables.for_each(|(rows, table)| add(x, &wide(table, rows[place] as usize, known.len())));
             }
         }
@@ -75,14 +75,14 @@ fn bin(parts: &FrameParts, tokens: &[u32], (frame, place): (usize, usize), frame
 fn before(parts: &FrameParts, tokens: &[u32], frame: usize) -> Vec<f64> {
     let (e, width) = (parts.sizes.character, parts.sizes.trunk.width);
     let missing = most(parts, true).max(most(parts, false));
-    let mut told = Vec::new();
+    let mut conditioning = Vec::new();
     for frames in [1, 2] {
         for place in 0..parts.places.len() {
             let row = place * (missing + 1) + bin(parts, tokens, (frame, place), frames).unwrap_or(missing);
-            told.extend(parts.bins[row * e..][..e].iter().map(|&x| f64::from(x)));
+            conditioning.extend(parts.bins[row * e..][..e].iter().map(|&x| f64::from(x)));
         }
     }
-    let mut x = linear(&told, parts.frames);
+    let mut x = linear(&conditioning, parts.frames);
     add(&mut x, &wide(parts.positions, frame, width));
     x
 }
@@ -112,10 +112,10 @@ fn row(parts: &FrameParts, tokens: &[u32], (frame, place): (usize, usize), known
 }
 
 /// Adds what the numbers that a frame is told times `matrix` (P, n) give to `x` (n).
-fn add_told(x: &mut [f64], matrix: Option<&[f32]>, told: Option<Told>) {
-    let Some(told) = told else { return };
+fn add_told(x: &mut [f64], matrix: Option<&[f32]>, conditioning: Option<FrameConditioning>) {
+    let Some(conditioning) = conditioning else { return };
     let matrix = matrix.expect("a model that can be told");
-    for (i, &number) in told.numbers.iter().enumerate() {
+    for (i, &number) in conditioning.numbers.iter().enumerate() {
         let row: Vec<f64> = wide(matrix, i, x.len()).iter().map(|y| f64::from(number) * y).collect();
         add(x, &row);
     }

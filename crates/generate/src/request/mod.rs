@@ -24,7 +24,7 @@ use crate::{Error, Result};
 use kinelm_corpus::sidecar::as_written;
 use kinelm_engine::decode::{KvKind, WeightKind};
 use kinelm_model::lead_in::LeadInFrom;
-use kinelm_model::{Compute, Reading};
+use kinelm_model::{Compute, ReaderOptions};
 use kinelm_motion::format::{Format, ReadOptions, RestFrame};
 use kinelm_store::input;
 use serde::{Deserialize, Serialize};
@@ -261,8 +261,8 @@ impl Computing {
     }
 
     /// How the model is read, so many sequences side by side.
-    pub fn reading(&self, streams: usize) -> Reading {
-        Reading { streams, weights: self.weights, kv: self.kv }
+    pub fn reading(&self, streams: usize) -> ReaderOptions {
+        ReaderOptions { streams, weights: self.weights, kv: self.kv }
     }
 }
 

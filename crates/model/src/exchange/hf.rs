@@ -5,7 +5,7 @@ use super::own::{ABOUT, About};
 use super::{check_tokenizer, loaded, tensors};
 use crate::net::EPSILON;
 use crate::run::{LoadedRun, TOKENIZER, WEIGHTS};
-use crate::{Error, HeadKind, Kind, ModelConfig, Positions, Result, TokenLayout, layout};
+use crate::{Error, HeadKind, ModelConfig, ModelKind, Positions, Result, TokenLayout, layout};
 use candle_core::Tensor;
 use kinelm_store::input;
 use kinelm_tokenizer::{Special, Tokenizer};
@@ -63,7 +63,7 @@ pub(super) fn is_buffer(name: &str) -> bool {
 fn refuse(config: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
     let reasons = [
         (!config.architecture.is_flat(), "it has two levels"),
-        (config.kind != Kind::Causal, "it is masked"),
+        (config.kind != ModelKind::Causal, "it is masked"),
         (
             config.positions == Positions::FrameJoint && tokens.varying,
             "its positions are counted from words of any length",
@@ -245,7 +245,7 @@ impl Config {
 
     fn model(&self) -> ModelConfig {
         ModelConfig {
-            kind: Kind::Causal,
+            kind: ModelKind::Causal,
             layers: self.n_layer,
             heads: self.n_head,
             width: self.n_embd,

@@ -5,7 +5,7 @@ pub mod own;
 #[cfg(test)]
 mod tests;
 
-use super::checkpoint::{State, Which};
+use super::checkpoint::{CheckpointChoice, State};
 use super::gpt::Gpt;
 use super::run::{CONFIG, LoadedRun, TOKENIZER, WEIGHTS, load_run};
 use super::{ModelConfig, TokenLayout};
@@ -59,7 +59,7 @@ pub fn export(run: &LoadedRun, format: Format, out: &Path) -> Result<()> {
 pub fn load(folder: &Path) -> Result<LoadedRun> {
     let has = |name: &str| folder.join(name).is_file();
     match (has(CONFIG), has(hf::CONFIG), has(own::ABOUT)) {
-        (true, ..) => load_run(folder, Which::Auto),
+        (true, ..) => load_run(folder, CheckpointChoice::Auto),
         (_, true, _) => hf::load(folder),
         (_, _, true) => own::load(folder),
         _ => {

@@ -1,7 +1,7 @@
 //! Folders that are written and read back, and those that are refused.
 
 use super::*;
-use crate::{HeadKind, Kind, Positions, layout};
+use crate::{HeadKind, ModelKind, Positions, layout};
 use kinelm_tokenizer::TokenizerConfig;
 use std::fs;
 use std::path::PathBuf;
@@ -45,7 +45,7 @@ fn beyond() -> [ModelConfig; 4] {
         ModelConfig { previous_frame: Some(true), ..of(Positions::FrameJoint) },
         ModelConfig { head: Some(HeadKind::Relative), ..of(Positions::Absolute) },
         of(Positions::Rope),
-        ModelConfig { kind: Kind::Masked, ..of(Positions::FrameJoint) },
+        ModelConfig { kind: ModelKind::Masked, ..of(Positions::FrameJoint) },
     ]
 }
 

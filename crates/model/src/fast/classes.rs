@@ -140,9 +140,9 @@ pub(super) type Added<'a> = &'a mut dyn FnMut(&Fast, &[f32], &mut [f32], &mut [F
 mod tests {
     use super::*;
     use crate::class_windows::{Layout, mask};
-    use crate::forms::TOKENS;
+    use crate::fixtures::TOKENS;
     use crate::ops::Mask as PlainMask;
-    use crate::{Gpt, HeadKind, ModelConfig, Positions, TokenLayout, forms, layout};
+    use crate::{Gpt, HeadKind, ModelConfig, Positions, TokenLayout, fixtures, layout};
     use candle_core::{DType, Device, Tensor, Var};
     use kinelm_store::random;
     use rand_chacha::rand_core::RngCore;
@@ -198,7 +198,13 @@ mod tests {
     impl Case {
         fn windows(&self) -> Windows<'_> {
             let length = self.layout.length();
-            Windows { inputs: &self.inputs, targets: &self.targets, length, mask: mask(Some(&self.hiding)), told: None }
+            Windows {
+                inputs: &self.inputs,
+                targets: &self.targets,
+                length,
+                mask: mask(Some(&self.hiding)),
+                conditioning: None,
+            }
         }
     }
 
@@ -284,13 +290,13 @@ mod tests {
 
     /// Two windows of a two-level model, of 4 and 2 frames in front of two class rows; a room of 6.
     fn frames() -> (Gpt, Layout, [usize; 2], Vec<u32>, Vec<u32>) {
-        let (levels, tokens) = forms::every(36).into_iter().find(|(c, _)| !c.architecture.is_flat()).unwrap();
+        let (levels, tokens) = fixtures::every(36).into_iter().find(|(c, _)| !c.architecture.is_flat()).unwrap();
         let layout = Layout::new(&levels, &tokens, 2).unwrap();
-        let gpt = forms::model(&ModelConfig { classes: 2, ..levels }, &tokens);
+        let gpt = fixtures::model(&ModelConfig { classes: 2, ..levels }, &tokens);
         let (t, words) = (layout.length(), [layout.words(), 2]);
         assert_eq!((t, words), (36, [4, 2]));
         // the first of three windows is whole
-        let (_, ids) = forms::batch(gpt.config(), &tokens, 3, t);
+        let (_, ids) = fixtures::batch(gpt.config(), &tokens, 3, t);
         let (mut inputs, mut targets) = (vec![0; 2 * t], vec![0; 2 * t]);
         for (i, words) in words.into_iter().enumerate() {
             let ids = &ids[i * tokens.word..][..words * tokens.word];
@@ -342,8 +348,13 @@ mod tests {
             let mut fast = Fast::of(&gpt).unwrap();
             let (mut gradients, mut of_tables) = (fast.like_weights(), tables.clone());
             gradients.iter_mut().for_each(|g| g.fill(f32::NAN));
-            let windows =
-                Windows { inputs: &inputs, targets: &targets, length, mask: mask(hiding.as_deref()), told: None };
+            let windows = Windows {
+                inputs: &inputs,
+                targets: &targets,
+                length,
+                mask: mask(hiding.as_deref()),
+                conditioning: None,
+            };
             let asked = (tables.as_slice(), &rows[..]);
             let found = fast.gradients_with_classes(windows, None, &mut gradients, asked, &mut of_tables).unwrap();
             let near = |found: f64, expected: &Tensor| {
@@ -375,7 +386,7 @@ mod tests {
         let hiding = layout.hiding(&words, false).unwrap();
         let read = |inputs: &[u32]| {
             let mut fast = Fast::of(&gpt).unwrap();
-            let windows = Windows { inputs, targets: &targets, length, mask: mask(Some(&hiding)), told: None };
+            let windows = Windows { inputs, targets: &targets, length, mask: mask(Some(&hiding)), conditioning: None };
             let vectors = fast.final_vectors(windows, &(0..2 * places).collect::<Vec<_>>()).unwrap();
             (vectors, fast.logits(windows).unwrap())
         };

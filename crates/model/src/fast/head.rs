@@ -5,8 +5,8 @@ use super::Fast;
 use super::tables::embed;
 use crate::Result;
 use crate::config::{ModelConfig, TokenLayout};
-use crate::past::Basis;
-use crate::questions::{Groups, Questions, STEPS};
+use crate::head_groups::{Groups, HeadGroups, STEPS};
+use crate::previous::Basis;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::Norm;
 use kinelm_engine::head::{self, Exam, Workspace};
@@ -21,7 +21,7 @@ const ROWS: usize = 64;
 
 /// The heads for batches of one shape.
 pub(super) struct Heads {
-    questions: Questions,
+    head_groups: HeadGroups,
     groups: Groups,
     names: [&'static str; 3],
     /// Of each group, the most rows.
@@ -47,9 +47,9 @@ impl Heads {
         products: Products,
         learn: bool,
     ) -> Heads {
-        let questions = Questions::of(config, tokens);
-        let most = questions.most_rows(length).map(|most| most * (rows / length));
-        let steps = questions.steps().map(|past| past.steps()).unwrap_or_default();
+        let head_groups = HeadGroups::of(config, tokens);
+        let most = head_groups.most_rows(length).map(|most| most * (rows / length));
+        let steps = head_groups.steps().map(|previous_frames| previous_frames.steps()).unwrap_or_default();
         let [ids, circular, clamped] = [tokens.vocabulary, steps.circular, steps.up_and_down()];
         let space = |group: usize, columns| {
             (most[group] > 0).then(|| Workspace::new(most[group], config.head_width(), columns, products, learn))
@@ -70,7 +70,7 @@ impl Heads {
             dx: room(if learn { rows } else { 0 }),
             places: vec![NONE; rows],
             nats: vec![0.0; if learn { 0 } else { rows }],
-            questions,
+            head_groups,
         }
     }
 
@@ -79,7 +79,7 @@ impl Heads {
     /// # Errors
     /// As [`Questions::sort`].
     pub fn ask(&mut self, inputs: &[u32], targets: &[u32], length: usize) -> Result<()> {
-        self.questions.sort(inputs.chunks(length), targets, &mut self.groups)?;
+        self.head_groups.sort(inputs.chunks(length), targets, &mut self.groups)?;
         self.places.fill(NONE);
         let rows = self.groups.iter().flat_map(|g| &g.rows);
         (0..).zip(rows).for_each(|(place, &row)| self.places[row as usize] = place);
@@ -142,7 +142,7 @@ impl Heads {
     /// `out` (N, V) becomes the logits of the rows `last` (N, D) of `inputs` (B, T), T = `length`.
     pub fn logits(&mut self, model: &Fast, last: &[f32], inputs: &[u32], length: usize, out: &mut [f32]) {
         let (d, vocabulary) = (self.width, model.tokens.vocabulary);
-        let basis = |row: usize| self.questions.basis(&inputs[row / length * length..][..length], row % length);
+        let basis = |row: usize| self.head_groups.basis(&inputs[row / length * length..][..length], row % length);
         let bases: Vec<Basis> = (0..inputs.len()).map(basis).collect();
         out.fill(f32::NEG_INFINITY);
         for (group, name) in self.names.into_iter().enumerate() {
@@ -156,10 +156,10 @@ impl Heads {
                 head::logits(x, model.norm(), model.weight(name), space, &mut |first, logits| {
                     for (&row, logits) in rows[first..].iter().zip(logits.chunks(columns)) {
                         let out = &mut out[row as usize * vocabulary..][..vocabulary];
-                        match (bases[row as usize], self.questions.steps()) {
-                            (Basis::Steps { bins, from }, Some(past)) => {
+                        match (bases[row as usize], self.head_groups.steps()) {
+                            (Basis::Steps { bins, from }, Some(previous_frames)) => {
                                 let out = &mut out[bins.first as usize..][..bins.count as usize];
-                                let column = |bin| past.steps().column(bins, from, bin);
+                                let column = |bin| previous_frames.steps().column(bins, from, bin);
                                 out.iter_mut().enumerate().for_each(|(bin, out)| *out = logits[column(bin)]);
                             }
                             _ => out.copy_from_slice(logits),

@@ -1,8 +1,8 @@
 //! What is added to a token's vector, and by which word it is turned: rows of tables, for batches of one shape.
 
 use crate::config::{ModelConfig, Positions, TokenLayout};
-use crate::past::Past;
 use crate::position::Counter;
+use crate::previous::PreviousFrames;
 use kinelm_engine::op::embedding::NONE;
 use kinelm_engine::op::rope::{Angles, Rope};
 
@@ -18,7 +18,7 @@ pub(super) struct Inputs {
     word_table: Option<usize>,
     place_table: usize,
     /// Where it has the character one frame back, and what reads it.
-    past: Option<(usize, Past)>,
+    previous_frames: Option<(usize, PreviousFrames)>,
     turns: Option<Turns>,
 }
 
@@ -44,16 +44,16 @@ impl Inputs {
             tables.push(("position.frame.weight", none(decided)));
             tables.len() - 1
         });
-        let past = config.reads_previous(tokens).then(|| {
+        let previous_frames = config.reads_previous(tokens).then(|| {
             tables.extend(["previous.character.weight", "previous.step.weight"].map(|name| (name, none(rows))));
-            (tables.len() - 2, Past::of(tokens))
+            (tables.len() - 2, PreviousFrames::of(tokens))
         });
         let turns = (config.positions == Positions::Rope).then(|| Turns {
             // every token behind the front may be a word
             angles: Angles::new(length + 1, config.width / config.heads),
             words: none(decided),
         });
-        let mut inputs = Inputs { tables, counter, word_table, place_table, past, turns };
+        let mut inputs = Inputs { tables, counter, word_table, place_table, previous_frames, turns };
         if let Some(counter) = counter.filter(|c| !c.reads()) {
             inputs.count(counter, &vec![tokens.pad; length], length);
         }
@@ -65,11 +65,11 @@ impl Inputs {
         if let Some(counter) = self.counter.filter(|c| c.reads()) {
             self.count(counter, ids, length);
         }
-        let Some((at, past)) = &self.past else { return };
+        let Some((at, previous_frames)) = &self.previous_frames else { return };
         let [(_, characters), (_, steps)] = &mut self.tables[*at..*at + 2] else { return };
         for (row, (character, step)) in characters.iter_mut().zip(steps).enumerate() {
             let (window, i) = (row / length * length, row % length);
-            [*character, *step] = past.previous(&ids[window..window + length], i);
+            [*character, *step] = previous_frames.previous(&ids[window..window + length], i);
         }
     }
 

@@ -17,10 +17,10 @@ mod two_level;
 
 pub use classes::{ClassRow, Losses};
 
-use super::ahead::Told;
 use super::config::{ModelConfig, TokenLayout};
+use super::goal::Conditioning;
 use super::layout::{self, Parameter};
-use super::{Architecture, Dropout, Gpt, Kind, Scores};
+use super::{Architecture, Dropout, Gpt, ModelKind, Scores};
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
 use keys::Keys;
@@ -47,7 +47,7 @@ pub struct Windows<'a> {
     /// Which tokens a token sees.
     pub mask: Mask<'a>,
     /// What the frames of a two-level model are told of what is given ahead.
-    pub told: Option<&'a Told>,
+    pub conditioning: Option<&'a Conditioning>,
 }
 
 /// A model whose passes the engine computes, on the rayon pool they are called in.
@@ -102,8 +102,8 @@ impl Fast {
     /// What attention sees in a model of this kind.
     pub fn mask(&self) -> Mask<'static> {
         match self.config.kind {
-            Kind::Causal => Mask::Causal,
-            Kind::Masked => Mask::Full,
+            ModelKind::Causal => Mask::Causal,
+            ModelKind::Masked => Mask::Full,
         }
     }
 
@@ -201,7 +201,7 @@ impl Fast {
         Ok(pass.unwrap_or_else(|| Pass::new(self, rows, length, Products::F32, false)))
     }
 
-    fn check(&self, Windows { inputs, targets, length, told, .. }: Windows) -> Result<()> {
+    fn check(&self, Windows { inputs, targets, length, conditioning, .. }: Windows) -> Result<()> {
         let (context, vocabulary) = (self.config.context, self.tokens.vocabulary);
         if length > context {
             return Err(Error::call(format!("a window of {length} tokens; the context holds {context}")));
@@ -218,8 +218,8 @@ impl Fast {
                 "a window of {length} tokens; a two-level model reads whole frames of {word}"
             )));
         }
-        if let Some(told) = told {
-            told.check(&self.config, &self.tokens, (inputs.len() / length, length))?;
+        if let Some(conditioning) = conditioning {
+            conditioning.check(&self.config, &self.tokens, (inputs.len() / length, length))?;
         }
         match inputs.iter().chain(targets).find(|&&id| id as usize >= vocabulary) {
             Some(id) => Err(Error::call(format!("token {id} is outside the vocabulary of {vocabulary} ids"))),
@@ -279,15 +279,15 @@ impl Scores for Fast {
         &self.tokens
     }
 
-    fn nats_told(
+    fn nats_conditioned(
         &mut self,
         (inputs, targets): (&[u32], &[u32]),
         length: usize,
-        told: Option<&Told>,
+        conditioning: Option<&Conditioning>,
         out: &mut [f32],
     ) -> Result<()> {
         assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
-        let windows = Windows { inputs, targets, length, mask: self.mask(), told };
+        let windows = Windows { inputs, targets, length, mask: self.mask(), conditioning };
         let mut pass = self.scored(windows)?;
         pass.ask(windows)?;
         pass.forward(self, windows, None);

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::music::Music;
-use crate::{HeadKind, Positions, forms, ops};
+use crate::{HeadKind, Positions, fixtures, ops};
 use candle_core::{DType, Var};
 use rand_chacha::rand_core::RngCore;
 
@@ -125,7 +125,7 @@ fn check(case: &Case) {
     };
     let logits = truth.forward_masked(&ids, &plain_mask, dropout.as_ref()).unwrap();
     let loss = ops::check::loss_sum(&logits.flatten_to(1).unwrap(), &targets, 0).unwrap();
-    let windows = Windows { inputs: &inputs, targets: &targets, length: case.length, mask, told: None };
+    let windows = Windows { inputs: &inputs, targets: &targets, length: case.length, mask, conditioning: None };
     let fast = compare(&what, &truth, Fast::of(&gpt).unwrap(), (windows, dropout.as_ref()), &loss, &logits);
     if case.mask == Hides::Later {
         check_nats(&what, fast, windows, dropout.as_ref());
@@ -176,7 +176,7 @@ fn compare(
 
 /// The nats one by one against those at once.
 fn check_nats(what: &str, (mut fast, nats): (Fast, f64), windows: Windows, dropout: Option<&Dropout>) {
-    if dropout.is_none() && windows.told.is_none() {
+    if dropout.is_none() && windows.conditioning.is_none() {
         let mut each = vec![f32::NAN; windows.inputs.len()];
         fast.nats(windows.inputs, windows.targets, windows.length, &mut each).unwrap();
         let sum: f64 = each.iter().map(|x| *x as f64).sum();
@@ -187,29 +187,31 @@ fn check_nats(what: &str, (mut fast, nats): (Fast, f64), windows: Windows, dropo
 
 /// A form with its own mask, the targets smoothed by `width`.
 fn check_form(config: &ModelConfig, tokens: &TokenLayout, windows: usize, width: Option<f64>) {
-    let what = format!("{}, {windows} windows of {}, smoothing {width:?}", forms::name(config, tokens), config.context);
+    let what =
+        format!("{}, {windows} windows of {}, smoothing {width:?}", fixtures::name(config, tokens), config.context);
     let length = config.context;
-    let gpt = forms::model(config, tokens);
-    let (inputs, targets) = forms::batch(config, tokens, windows, length);
+    let gpt = fixtures::model(config, tokens);
+    let (inputs, targets) = fixtures::batch(config, tokens, windows, length);
     let dropout = (config.dropout > 0.0).then_some(Dropout { share: config.dropout, seed: 1, step: 4, first: 0 });
     let (mut truth, mut fast) = (gpt.to_f64().unwrap(), Fast::of(&gpt).unwrap());
     truth.smooth_targets(width);
     fast.smooth_targets(width);
-    let ids = forms::ids(&inputs, length);
-    let told = forms::told(config, tokens, windows);
-    let logits = match &told {
-        Some(told) => truth.forward_told(&ids, told).unwrap(),
+    let ids = fixtures::ids(&inputs, length);
+    let conditioning = fixtures::conditioning(config, tokens, windows);
+    let logits = match &conditioning {
+        Some(conditioning) => truth.forward_conditioned(&ids, conditioning).unwrap(),
         None => truth.forward(&ids, dropout.as_ref()).unwrap(),
     };
-    let loss = truth.loss_sum_told(&ids, &targets, dropout.as_ref(), told.as_ref()).unwrap();
-    let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), told: told.as_ref() };
+    let loss = truth.loss_sum_conditioned(&ids, &targets, dropout.as_ref(), conditioning.as_ref()).unwrap();
+    let windows =
+        Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), conditioning: conditioning.as_ref() };
     let found = compare(&what, &truth, fast, (windows, dropout.as_ref()), &loss, &logits);
     check_nats(&what, found, windows, dropout.as_ref());
 }
 
 #[test]
 fn every_form_is_the_oracle_s() {
-    for (config, tokens) in forms::every(23) {
+    for (config, tokens) in fixtures::every(23) {
         let widths: &[Option<f64>] = if tokens.varying { &[None] } else { &[None, Some(0.75)] };
         for &width in widths {
             check_form(&config, &tokens, 2, width);
@@ -233,38 +235,44 @@ fn every_form_is_the_oracle_s() {
 
 #[test]
 fn what_nobody_tells_changes_no_bit_and_learns_nothing() {
-    for (config, tokens) in forms::every(23).into_iter().filter(|(config, _)| config.can_be_told()) {
+    for (config, tokens) in fixtures::every(23).into_iter().filter(|(config, _)| config.is_conditioned()) {
         let length = config.context;
-        let (inputs, targets) = forms::batch(&config, &tokens, 2, length);
-        let gpt = forms::model(&config, &tokens);
-        let without = ModelConfig { ahead: false, music: Music::None, ..config.clone() };
-        let is_told = |name: &str| layout::AHEAD.contains(&name) || layout::MUSIC.contains(&name);
+        let (inputs, targets) = fixtures::batch(&config, &tokens, 2, length);
+        let gpt = fixtures::model(&config, &tokens);
+        let without = ModelConfig { goal: false, music: Music::None, ..config.clone() };
+        let is_told = |name: &str| layout::GOAL.contains(&name) || layout::MUSIC.contains(&name);
         let mut tensors = gpt.vars().iter().map(|(name, var)| (name.clone(), var.as_tensor().clone())).collect();
-        let run = |fast: &mut Fast, told: Option<&Told>| {
-            let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), told };
+        let run = |fast: &mut Fast, conditioning: Option<&Conditioning>| {
+            let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), conditioning };
             let mut gradients = fast.like_weights();
             fast.gradients(windows, None, &mut gradients).unwrap();
             let learns: Vec<bool> = gradients.iter().map(|g| g.iter().any(|x| *x != 0.0)).collect();
             (fast.logits(windows).unwrap(), learns)
         };
         let mut fast = Fast::from_tensors(&config, &tokens, Clone::clone(&tensors)).unwrap();
-        let nothing = forms::told(&config, &tokens, 2).unwrap().like_nothing();
+        let nothing = fixtures::conditioning(&config, &tokens, 2).unwrap().none_like();
         let (untold, learns) = run(&mut fast, None);
         for (parameter, learns) in fast.parameters().iter().zip(learns) {
             assert!(!(learns && is_told(&parameter.name)), "{}", parameter.name);
         }
         assert!(run(&mut fast, Some(&nothing)).0 == untold);
-        assert!(run(&mut fast, forms::told(&config, &tokens, 2).as_ref()).0 != untold);
+        assert!(run(&mut fast, fixtures::conditioning(&config, &tokens, 2).as_ref()).0 != untold);
         BTreeMap::retain(&mut tensors, |name: &String, _: &mut Tensor| !is_told(name));
         assert!(run(&mut Fast::from_tensors(&without, &tokens, tensors).unwrap(), None).0 == untold);
         // of other frames, or to a model that can't be told
-        let of_music = Told { music: vec![0.5; 7], ..Default::default() };
-        let mut other = Fast::of(&forms::model(&without, &tokens)).unwrap();
-        for (told, can, what, why) in [
-            (Told::nothing(3, 5), config.ahead, "numbers and rows are told of", "model.ahead = false"),
+        let of_music = Conditioning { music: vec![0.5; 7], ..Default::default() };
+        let mut other = Fast::of(&fixtures::model(&without, &tokens)).unwrap();
+        for (conditioning, can, what, why) in [
+            (Conditioning::none(3, 5), config.goal, "numbers and rows are told of", "model.goal = false"),
             (of_music, !config.music.is_none(), "7 numbers of music are told of", "model.music = \"none\""),
         ] {
-            let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), told: Some(&told) };
+            let windows = Windows {
+                inputs: &inputs,
+                targets: &targets,
+                length,
+                mask: fast.mask(),
+                conditioning: Some(&conditioning),
+            };
             assert!(fast.logits(windows).unwrap_err().to_string().contains(if can { what } else { why }));
             assert!(other.logits(windows).unwrap_err().to_string().contains(why));
         }
@@ -273,17 +281,17 @@ fn what_nobody_tells_changes_no_bit_and_learns_nothing() {
 
 #[test]
 fn forms_begin_with_a_front_alone() {
-    for (config, tokens) in forms::all(23) {
-        let gpt = forms::model(&config, &tokens);
+    for (config, tokens) in fixtures::all(23) {
+        let gpt = fixtures::model(&config, &tokens);
         let mut fast = Fast::of(&gpt).unwrap();
         for length in tokens.front..12 {
-            let (inputs, targets) = forms::batch(&config, &tokens, 2, length);
-            let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), told: None };
+            let (inputs, targets) = fixtures::batch(&config, &tokens, 2, length);
+            let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), conditioning: None };
             let found = fast.logits(windows).unwrap();
             let expected =
-                gpt.predict(&forms::ids(&inputs, length)).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
+                gpt.predict(&fixtures::ids(&inputs, length)).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
             let near = |(a, b): (&f32, &f32)| a == b || (a - b).abs() < 1e-4;
-            assert!(found.iter().zip(&expected).all(near), "{}: {length} tokens", forms::name(&config, &tokens));
+            assert!(found.iter().zip(&expected).all(near), "{}: {length} tokens", fixtures::name(&config, &tokens));
             let mut gradients = fast.like_weights();
             fast.gradients(windows, None, &mut gradients).unwrap();
             assert!(gradients.iter().all(|g| g.iter().all(|x| x.is_finite())));
@@ -293,15 +301,15 @@ fn forms_begin_with_a_front_alone() {
 
 #[test]
 fn what_counts_behind_no_bin_is_refused_and_the_next_batch_is_taken() {
-    let (config, tokens) = forms::all(29).into_iter().find(|(c, _)| c.head == Some(HeadKind::Relative)).unwrap();
-    let mut fast = Fast::of(&forms::model(&config, &tokens)).unwrap();
-    let (inputs, good) = forms::batch(&config, &tokens, 2, 29);
+    let (config, tokens) = fixtures::all(29).into_iter().find(|(c, _)| c.head == Some(HeadKind::Relative)).unwrap();
+    let mut fast = Fast::of(&fixtures::model(&config, &tokens)).unwrap();
+    let (inputs, good) = fixtures::batch(&config, &tokens, 2, 29);
     let dropped = (29..58).find(|&row| inputs[row] == 3 && row + tokens.word < 58).unwrap();
     let mut bad = good.clone();
     bad[dropped - 1 + tokens.word] = 6;
     let mut gradients = fast.like_weights();
     let mut run = |targets: &[u32]| {
-        let windows = Windows { inputs: &inputs, targets, length: 29, mask: Mask::Causal, told: None };
+        let windows = Windows { inputs: &inputs, targets, length: 29, mask: Mask::Causal, conditioning: None };
         fast.gradients(windows, None, &mut gradients).map_err(|e| e.to_string())
     };
     assert!(run(&bad).unwrap_err().contains("is id 3; expected a bin of its place"));
@@ -351,7 +359,7 @@ fn words_of_any_length_have_the_oracle_s_positions() {
     let gpt = model(&case);
     let mut fast = Fast::of(&gpt).unwrap();
     for ids in [[1, 7, 5, 8, 9, 6, 5, 5, 7], [1, 5, 8, 8, 8, 5, 8, 8, 8]] {
-        let windows = Windows { inputs: &ids, targets: &ids, length: 9, mask: Mask::Causal, told: None };
+        let windows = Windows { inputs: &ids, targets: &ids, length: 9, mask: Mask::Causal, conditioning: None };
         let found = fast.logits(windows).unwrap();
         let expected =
             gpt.predict(&gpt.ids(&ids, 9).unwrap()).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
@@ -398,19 +406,24 @@ fn random_shapes_agree_too() {
 
 #[test]
 fn threads_change_no_bit_and_a_second_shape_finds_its_room() {
-    for (config, tokens) in forms::every(100) {
+    for (config, tokens) in fixtures::every(100) {
         let config = ModelConfig { heads: 4, width: 64, ..config };
         let length = config.context;
-        let gpt = forms::model(&config, &tokens);
-        let (inputs, targets) = forms::batch(&config, &tokens, 3, length);
+        let gpt = fixtures::model(&config, &tokens);
+        let (inputs, targets) = fixtures::batch(&config, &tokens, 3, length);
         let dropout = config.architecture.is_flat().then_some(Dropout { share: 0.1, seed: 1, step: 0, first: 0 });
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
                 let mut fast = Fast::of(&gpt).unwrap();
                 let mask = fast.mask();
-                let windows =
-                    |n: usize| Windows { inputs: &inputs[..n], targets: &targets[..n], length, mask, told: None };
+                let windows = |n: usize| Windows {
+                    inputs: &inputs[..n],
+                    targets: &targets[..n],
+                    length,
+                    mask,
+                    conditioning: None,
+                };
                 let mut gradients = fast.like_weights();
                 fast.gradients(windows(2 * length), None, &mut gradients).unwrap();
                 let nats = fast.gradients(windows(3 * length), dropout.as_ref(), &mut gradients).unwrap();
@@ -419,7 +432,7 @@ fn threads_change_no_bit_and_a_second_shape_finds_its_room() {
             })
         };
         let one = run(1);
-        assert!([2, 3, 5].iter().all(|&threads| run(threads) == one), "{}", forms::name(&config, &tokens));
+        assert!([2, 3, 5].iter().all(|&threads| run(threads) == one), "{}", fixtures::name(&config, &tokens));
     }
 }
 
@@ -427,7 +440,7 @@ fn threads_change_no_bit_and_a_second_shape_finds_its_room() {
 fn wrong_windows_are_refused() {
     let mut fast = Fast::of(&model(&CASE)).unwrap();
     let mut said = |inputs: &[u32], length| {
-        let windows = Windows { inputs, targets: inputs, length, mask: Mask::Causal, told: None };
+        let windows = Windows { inputs, targets: inputs, length, mask: Mask::Causal, conditioning: None };
         fast.logits(windows).unwrap_err().to_string()
     };
     assert_eq!(said(&[1; 10], 10), "a window of 10 tokens; the context holds 9");

@@ -7,10 +7,10 @@ use super::classes::Added;
 use super::stack::{Blocks, Stack};
 use super::tables::{add_rows, embed, into_table};
 use super::{Fast, Windows};
-use crate::ahead;
-use crate::ahead::Told;
 use crate::frames::{BACK, Frames, SPELT, TrunkRow, trunk_row};
-use crate::layout::{AHEAD, CLASS, LABEL, MUSIC, SPELL, SPELT_LABEL, TRUNK};
+use crate::goal;
+use crate::goal::Conditioning;
+use crate::layout::{CLASS, GOAL, LABEL, MUSIC, SPELL, SPELT_LABEL, TRUNK};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::{Linear, Norm, Rules, Shape};
 use kinelm_engine::dense;
@@ -31,7 +31,7 @@ const SPELLING: Rules<'static> = Rules { mask: Mask::Causal, dropout: None, rope
 pub(super) struct TwoLevel {
     frames: Frames,
     /// K - 1: tokens of a window before those that the frames begin behind, all but the first of which are labels.
-    ahead: usize,
+    skipped: usize,
     /// T.
     length: usize,
     /// F.
@@ -59,7 +59,7 @@ pub(super) struct TwoLevel {
     /// (N, 2), (N, D), (N, d).
     stats: Floats,
     normed: Floats,
-    told: Floats,
+    conditioning: Floats,
     tell: dense::Workspace,
     decoder: Stack,
     /// Of what frames may be told: what is given ahead, and music.
@@ -70,7 +70,7 @@ pub(super) struct TwoLevel {
 /// What becomes of numbers that frames are told.
 struct Telling {
     /// Which of those told.
-    numbers: fn(&Told) -> &[f32],
+    numbers: fn(&Conditioning) -> &[f32],
     /// The matrices.
     names: [&'static str; 2],
     /// From P numbers to the trunk's rows (N, D), and to the decoder's, by frames (N, d).
@@ -95,12 +95,12 @@ struct MatrixBack {
 }
 
 impl Matrix {
-    fn new((n, told, out): (usize, usize, usize), products: Products, learn: bool) -> Matrix {
+    fn new((n, conditioning, out): (usize, usize, usize), products: Products, learn: bool) -> Matrix {
         Matrix {
-            space: dense::Workspace::new(n, told, out, products, learn),
+            space: dense::Workspace::new(n, conditioning, out, products, learn),
             out: Floats::new(n * out),
             bias: Floats::new(out),
-            back: learn.then(|| MatrixBack { d_numbers: Floats::new(n * told), d_bias: Floats::new(out) }),
+            back: learn.then(|| MatrixBack { d_numbers: Floats::new(n * conditioning), d_bias: Floats::new(out) }),
         }
     }
 
@@ -136,16 +136,16 @@ impl TwoLevel {
     pub fn new(model: &Fast, rows: usize, length: usize, products: Products, learn: bool) -> TwoLevel {
         let (config, frames) = (&model.config, Frames::of(&model.tokens));
         let (word, spells, trunk) = (frames.word(), config.decoder(), config.width);
-        let ahead = model.tokens.front - 1;
-        let (batch, number) = (rows / length, (length - ahead) / word);
+        let skipped = model.tokens.front - 1;
+        let (batch, number) = (rows / length, (length - skipped) / word);
         let (n, d, of_frame) = (batch * number, spells.width, BACK * frames.characters());
         let wide = of_frame * spells.character_width;
         let shape = |batch, tokens, width, heads| Shape { batch, tokens, width, heads, hidden: 4 * width };
         let stack =
             |prefix, layers, shape| Stack::new(&model.parameters, Blocks { prefix, layers }, shape, products, learn);
-        let where_labelled = |n: usize| Floats::new(if ahead > 0 { n } else { 0 });
+        let where_labelled = |n: usize| Floats::new(if skipped > 0 { n } else { 0 });
         TwoLevel {
-            ahead,
+            skipped,
             length,
             number,
             character: spells.character_width,
@@ -155,27 +155,27 @@ impl TwoLevel {
             classes: vec![NONE; n],
             spelt: std::array::from_fn(|_| vec![0; n * word]),
             own: (0..n * word).map(|row| (row / word) as u32).collect(),
-            labels: vec![vec![0; n]; ahead],
+            labels: vec![vec![0; n]; skipped],
             rows: where_labelled(rows * d),
             read: Floats::new(n * wide),
             join: dense::Workspace::new(n, wide, trunk, products, learn),
             trunk: stack(TRUNK, config.layers, shape(batch, number, trunk, config.heads)),
             stats: Floats::new(2 * n),
             normed: Floats::new(n * trunk),
-            told: Floats::new(n * d),
+            conditioning: Floats::new(n * d),
             tell: dense::Workspace::new(n, trunk, d, products, learn),
             decoder: stack(SPELL, spells.layers, shape(n, word, d, spells.heads)),
             tellings: {
-                let telling = |numbers: fn(&Told) -> &[f32], names, p| {
+                let telling = |numbers: fn(&Conditioning) -> &[f32], names, p| {
                     let matrix = |out| Matrix::new((n, p, out), products, learn);
                     Telling { numbers, names, trunk: matrix(trunk), decoder: matrix(d) }
                 };
-                let [frame, spell, ..] = AHEAD;
-                let p = ahead::numbers(frames.characters());
-                let ahead = config.ahead.then(|| telling(|told| &told.numbers, [frame, spell], p));
+                let [frame, spell, ..] = GOAL;
+                let p = goal::numbers(frames.characters());
+                let goal = config.goal.then(|| telling(|conditioning| &conditioning.numbers, [frame, spell], p));
                 let m = config.music.numbers();
-                let music = (m > 0).then(|| telling(|told| &told.music, MUSIC, m));
-                ahead.into_iter().chain(music).collect()
+                let music = (m > 0).then(|| telling(|conditioning| &conditioning.music, MUSIC, m));
+                goal.into_iter().chain(music).collect()
             },
             back: learn.then(|| Back {
                 d_read: Floats::new(n * wide),
@@ -191,12 +191,12 @@ impl TwoLevel {
 
     /// Finds the rows that windows (B, T) take of all tables.
     fn look(&mut self, inputs: &[u32], length: usize) {
-        let (frames, number, word, ahead) = (&self.frames, self.number, self.frames.word(), self.ahead);
+        let (frames, number, word, skipped) = (&self.frames, self.number, self.frames.word(), self.skipped);
         for (k, labels) in self.labels.iter_mut().enumerate() {
             labels.iter_mut().enumerate().for_each(|(row, label)| *label = inputs[row / number * length + 1 + k]);
         }
         let of_frame = BACK * frames.characters();
-        let window = |frame: usize| &inputs[frame / number * length + ahead..][..length - ahead];
+        let window = |frame: usize| &inputs[frame / number * length + skipped..][..length - skipped];
         let rows = self.positions.chunks_mut(number).zip(self.classes.chunks_mut(number)).enumerate();
         for (i, (positions, classes)) in rows.filter(|_| self.class_rows > 0) {
             let shown = frames.shown(window(i * number));
@@ -232,7 +232,7 @@ impl TwoLevel {
         for labels in &self.labels {
             add_rows(self.trunk.input(), width, model.weight(LABEL), labels);
         }
-        for (telling, numbers) in told(&mut self.tellings, windows.told) {
+        for (telling, numbers) in conditioning(&mut self.tellings, windows.conditioning) {
             telling.trunk.add(self.trunk.input(), numbers, model.weight(telling.names[0]));
         }
         self.trunk.forward(&model.weights, |_| between_frames(windows.mask));
@@ -247,35 +247,35 @@ impl TwoLevel {
         self.forward_trunk(model, windows);
         let norm = Norm { weight: model.weight(NORM[1]), bias: model.weight(NORM[0]) };
         dense::norm(&mut self.normed, &mut self.stats, self.trunk.last(), norm);
-        dense::forward(&mut self.told, &self.normed, linear(model, TELL), &mut self.tell);
+        dense::forward(&mut self.conditioning, &self.normed, linear(model, TELL), &mut self.tell);
         for labels in &self.labels {
-            add_rows(&mut self.told, self.decoder.shape().width, model.weight(SPELT_LABEL), labels);
+            add_rows(&mut self.conditioning, self.decoder.shape().width, model.weight(SPELT_LABEL), labels);
         }
-        for (telling, numbers) in told(&mut self.tellings, windows.told) {
-            telling.decoder.add(&mut self.told, numbers, model.weight(telling.names[1]));
+        for (telling, numbers) in conditioning(&mut self.tellings, windows.conditioning) {
+            telling.decoder.add(&mut self.conditioning, numbers, model.weight(telling.names[1]));
         }
-        let mut lookups = [Lookup { table: &self.told, ids: &self.own }; SPELT.len() + 3];
-        let ahead = windows.told.filter(|told| !told.rows[0].is_empty());
-        let ahead = ahead.iter().flat_map(|told| AHEAD[2..].iter().copied().zip(&told.rows));
+        let mut lookups = [Lookup { table: &self.conditioning, ids: &self.own }; SPELT.len() + 3];
+        let goal = windows.conditioning.filter(|conditioning| !conditioning.rows[0].is_empty());
+        let goal = goal.iter().flat_map(|conditioning| GOAL[2..].iter().copied().zip(&conditioning.rows));
         let mut used = 1;
-        for (lookup, (name, ids)) in lookups[1..].iter_mut().zip(SPELT.into_iter().zip(&self.spelt).chain(ahead)) {
+        for (lookup, (name, ids)) in lookups[1..].iter_mut().zip(SPELT.into_iter().zip(&self.spelt).chain(goal)) {
             *lookup = Lookup { table: model.weight(name), ids };
             used += 1;
         }
         let d = self.decoder.shape().width;
         embed(self.decoder.input(), d, &lookups[..used]);
         self.decoder.forward(&model.weights, |_| SPELLING);
-        if self.ahead > 0 {
-            let (length, ahead) = (self.length * d, self.ahead * d);
-            for (rows, given) in self.rows.chunks_mut(length).zip(self.decoder.last().chunks(length - ahead)) {
-                rows[ahead..].copy_from_slice(given);
+        if self.skipped > 0 {
+            let (length, skipped) = (self.length * d, self.skipped * d);
+            for (rows, given) in self.rows.chunks_mut(length).zip(self.decoder.last().chunks(length - skipped)) {
+                rows[skipped..].copy_from_slice(given);
             }
         }
     }
 
     /// What the decoder gave (B T, d); 0 for the tokens of the front but its last.
     pub fn last(&self) -> &[f32] {
-        if self.ahead > 0 { &self.rows } else { self.decoder.last() }
+        if self.skipped > 0 { &self.rows } else { self.decoder.last() }
     }
 
     /// From the gradient `dx` (B T, d) of [`TwoLevel::last`], which is used up, those of all tensors before it; `added` adds to
@@ -285,10 +285,10 @@ impl TwoLevel {
             panic!("buffers for the forward pass only")
         };
         let d = self.decoder.shape().width;
-        let dx = if self.ahead > 0 {
-            let (length, ahead) = (self.length * d, self.ahead * d);
-            for (dx, rows) in dx.chunks(length).zip(d_rows.chunks_mut(length - ahead)) {
-                rows.copy_from_slice(&dx[ahead..]);
+        let dx = if self.skipped > 0 {
+            let (length, skipped) = (self.length * d, self.skipped * d);
+            for (dx, rows) in dx.chunks(length).zip(d_rows.chunks_mut(length - skipped)) {
+                rows.copy_from_slice(&dx[skipped..]);
             }
             &mut **d_rows
         } else {
@@ -300,17 +300,19 @@ impl TwoLevel {
         }
         into_table(d_told, d, &self.own, dx);
         into_labels(model, gradients, SPELT_LABEL, d_label, &self.labels, d_told);
-        for name in AHEAD.iter().chain(&MUSIC) {
+        for name in GOAL.iter().chain(&MUSIC) {
             if let Some(i) = model.find(name) {
                 gradients[i].fill(0.0);
             }
         }
-        if let Some(rows) = windows.told.map(|told| &told.rows).filter(|rows| !rows[0].is_empty()) {
-            for (name, rows) in AHEAD[2..].iter().zip(rows) {
+        if let Some(rows) =
+            windows.conditioning.map(|conditioning| &conditioning.rows).filter(|rows| !rows[0].is_empty())
+        {
+            for (name, rows) in GOAL[2..].iter().zip(rows) {
                 into_table(&mut gradients[model.index(name)], d, rows, dx);
             }
         }
-        for (telling, numbers) in told(&mut self.tellings, windows.told) {
+        for (telling, numbers) in conditioning(&mut self.tellings, windows.conditioning) {
             let name = telling.names[1];
             telling.decoder.backward(d_told, numbers, model.weight(name), &mut gradients[model.index(name)]);
         }
@@ -321,7 +323,7 @@ impl TwoLevel {
         dense::norm_backward(d_trunk, d_normed, saved, model.weight(NORM[1]), Norm { weight, bias });
         added(model, self.trunk.last(), d_trunk, gradients);
         self.trunk.backward(&model.weights, gradients, d_trunk, |_| between_frames(windows.mask));
-        for (telling, numbers) in told(&mut self.tellings, windows.told) {
+        for (telling, numbers) in conditioning(&mut self.tellings, windows.conditioning) {
             let name = telling.names[0];
             telling.trunk.backward(d_trunk, numbers, model.weight(name), &mut gradients[model.index(name)]);
         }
@@ -338,8 +340,12 @@ impl TwoLevel {
 }
 
 /// The tellings that there are numbers for, with them.
-fn told<'a>(tellings: &'a mut [Telling], told: Option<&'a Told>) -> impl Iterator<Item = (&'a mut Telling, &'a [f32])> {
-    let with = move |telling: &'a mut Telling| told.map(|told| ((telling.numbers)(told), telling));
+fn conditioning<'a>(
+    tellings: &'a mut [Telling],
+    conditioning: Option<&'a Conditioning>,
+) -> impl Iterator<Item = (&'a mut Telling, &'a [f32])> {
+    let with =
+        move |telling: &'a mut Telling| conditioning.map(|conditioning| ((telling.numbers)(conditioning), telling));
     tellings
         .iter_mut()
         .filter_map(with)

@@ -6,10 +6,10 @@
 #[cfg(test)]
 mod tests;
 
-use crate::ahead::Told;
 use crate::cache::Cache;
 use crate::config::{ModelConfig, TokenLayout};
 use crate::dropout::Dropout;
+use crate::goal::Conditioning;
 use crate::net::{Beside, Net};
 use crate::ops::Mask;
 use crate::{Error, Result, layout};
@@ -104,16 +104,16 @@ impl Gpt {
     /// As [`Gpt::forward`]; a mask of another shape.
     pub fn forward_masked(&self, ids: &Tensor, mask: &Mask, dropout: Option<&Dropout>) -> Result<Tensor> {
         self.check_length(ids.dims2()?.1)?;
-        self.net.forward(ids, mask, Beside { dropout, told: None }, None)
+        self.net.forward(ids, mask, Beside { dropout, conditioning: None }, None)
     }
 
     /// As [`Gpt::forward`], frames being told what is given ahead.
     ///
     /// # Errors
     /// As [`Gpt::forward`]; what is told of other frames.
-    pub fn forward_told(&self, ids: &Tensor, told: &Told) -> Result<Tensor> {
-        self.check_told(ids, Some(told))?;
-        self.net.forward(ids, &self.mask(), Beside { dropout: None, told: Some(told) }, None)
+    pub fn forward_conditioned(&self, ids: &Tensor, conditioning: &Conditioning) -> Result<Tensor> {
+        self.check_told(ids, Some(conditioning))?;
+        self.net.forward(ids, &self.mask(), Beside { dropout: None, conditioning: Some(conditioning) }, None)
     }
 
     /// What the heads read of `ids` (B, T): the final norm's output (B T, D). Differentiable.
@@ -153,23 +153,23 @@ impl Gpt {
     /// # Errors
     /// As [`Gpt::forward`]; targets outside the vocabulary; under a relative head targets behind no bin.
     pub fn loss_sum(&self, ids: &Tensor, targets: &[u32], dropout: Option<&Dropout>) -> Result<Tensor> {
-        self.loss_sum_told(ids, targets, dropout, None)
+        self.loss_sum_conditioned(ids, targets, dropout, None)
     }
 
     /// As [`Gpt::loss_sum`], frames being told what is given ahead.
     ///
     /// # Errors
     /// As [`Gpt::loss_sum`]; what is told of other frames.
-    pub fn loss_sum_told(
+    pub fn loss_sum_conditioned(
         &self,
         ids: &Tensor,
         targets: &[u32],
         dropout: Option<&Dropout>,
-        told: Option<&Told>,
+        conditioning: Option<&Conditioning>,
     ) -> Result<Tensor> {
         self.check(ids, targets)?;
-        self.check_told(ids, told)?;
-        Ok(self.net.nats(ids, targets, Beside { dropout, told }, self.smoothing.as_ref())?.sum_all()?)
+        self.check_told(ids, conditioning)?;
+        Ok(self.net.nats(ids, targets, Beside { dropout, conditioning }, self.smoothing.as_ref())?.sum_all()?)
     }
 
     /// Mean cross-entropy over the targets that aren't `<pad>`, in nats a token; 0 where there are none.
@@ -197,15 +197,20 @@ impl Gpt {
         Cache::new(self.frozen(), (c.layers, c.heads, c.context, c.width / c.heads), self.device())
     }
 
-    pub(super) fn frozen_nats(&self, ids: &Tensor, targets: &[u32], told: Option<&Told>) -> Result<Tensor> {
+    pub(super) fn frozen_nats(
+        &self,
+        ids: &Tensor,
+        targets: &[u32],
+        conditioning: Option<&Conditioning>,
+    ) -> Result<Tensor> {
         self.check(ids, targets)?;
-        self.check_told(ids, told)?;
-        self.frozen().nats(ids, targets, Beside { dropout: None, told }, None)
+        self.check_told(ids, conditioning)?;
+        self.frozen().nats(ids, targets, Beside { dropout: None, conditioning }, None)
     }
 
-    fn check_told(&self, ids: &Tensor, told: Option<&Told>) -> Result<()> {
+    fn check_told(&self, ids: &Tensor, conditioning: Option<&Conditioning>) -> Result<()> {
         let (batch, length) = ids.dims2()?;
-        told.map_or(Ok(()), |told| told.check(&self.config, &self.tokens, (batch, length)))
+        conditioning.map_or(Ok(()), |conditioning| conditioning.check(&self.config, &self.tokens, (batch, length)))
     }
 
     fn check(&self, ids: &Tensor, targets: &[u32]) -> Result<()> {

@@ -1,9 +1,9 @@
 //! Every form of the plain model against its definition.
 
 use super::*;
-use crate::past::Basis;
-use crate::questions::Questions;
-use crate::{HeadKind, Kind, Positions, forms};
+use crate::head_groups::HeadGroups;
+use crate::previous::Basis;
+use crate::{HeadKind, ModelKind, Positions, fixtures};
 use rand_chacha::rand_core::RngCore;
 
 const TOKENS: TokenLayout =
@@ -11,7 +11,7 @@ const TOKENS: TokenLayout =
 
 fn small(positions: Positions, tied_head: bool) -> Gpt {
     let config = ModelConfig { layers: 2, heads: 2, width: 8, context: 10, positions, tied_head, ..Default::default() };
-    forms::model(&config, &TOKENS)
+    fixtures::model(&config, &TOKENS)
 }
 
 fn ids(n: usize) -> Vec<u32> {
@@ -23,7 +23,7 @@ fn ids(n: usize) -> Vec<u32> {
 fn smoothed_loss(gpt: &Gpt, inputs: &Tensor, targets: &[u32], dropout: Option<&Dropout>, width: f64) -> f64 {
     let tokens = gpt.tokens();
     let kinds: Vec<_> = tokens.slot_ids().collect();
-    let (length, shift) = (inputs.dim(1).unwrap(), usize::from(gpt.config().kind == Kind::Causal));
+    let (length, shift) = (inputs.dim(1).unwrap(), usize::from(gpt.config().kind == ModelKind::Causal));
     let logits = gpt.forward(inputs, dropout).unwrap().flatten_to(1).unwrap().to_vec2::<f64>().unwrap();
     let (mut sum, mut counted) = (0.0, 0.0);
     for (row, (logits, &target)) in logits.iter().zip(targets).enumerate().filter(|(_, (_, t))| **t != tokens.pad) {
@@ -50,21 +50,23 @@ fn smoothed_loss(gpt: &Gpt, inputs: &Tensor, targets: &[u32], dropout: Option<&D
 
 #[test]
 fn every_variable_has_the_gradient_that_finite_differences_find() {
-    let mut cases: Vec<_> = forms::every(23).into_iter().map(|(config, tokens)| (config, tokens, None)).collect();
-    let placed = cases.iter().filter(|(config, tokens, _)| !tokens.varying && !config.can_be_told()).cloned();
+    let mut cases: Vec<_> = fixtures::every(23).into_iter().map(|(config, tokens)| (config, tokens, None)).collect();
+    let placed = cases.iter().filter(|(config, tokens, _)| !tokens.varying && !config.is_conditioned()).cloned();
     let placed: Vec<_> = placed.map(|(config, tokens, _)| (config, tokens, Some(0.75))).collect();
     cases.extend(placed);
     for (i, (config, tokens, width)) in cases.into_iter().enumerate() {
-        let what = format!("{}, smoothing {width:?}", forms::name(&config, &tokens));
-        let mut gpt = forms::model(&config, &tokens).to_f64().unwrap();
+        let what = format!("{}, smoothing {width:?}", fixtures::name(&config, &tokens));
+        let mut gpt = fixtures::model(&config, &tokens).to_f64().unwrap();
         gpt.smooth_targets(width);
-        let (inputs, targets) = forms::batch(&config, &tokens, 2, config.context);
-        let inputs = forms::ids(&inputs, config.context);
+        let (inputs, targets) = fixtures::batch(&config, &tokens, 2, config.context);
+        let inputs = fixtures::ids(&inputs, config.context);
         let dropout = Dropout { share: 0.2, seed: 1, step: 0, first: 0 };
         let dropout = (i % 2 == 0 && config.architecture.is_flat()).then_some(&dropout);
-        let told = forms::told(&config, &tokens, 2);
+        let conditioning = fixtures::conditioning(&config, &tokens, 2);
         let counted = targets.iter().filter(|&&t| t != tokens.pad).count() as f64;
-        let loss = || (gpt.loss_sum_told(&inputs, &targets, dropout, told.as_ref()).unwrap() / counted).unwrap();
+        let loss = || {
+            (gpt.loss_sum_conditioned(&inputs, &targets, dropout, conditioning.as_ref()).unwrap() / counted).unwrap()
+        };
         let grads = loss().backward().unwrap();
         let at = |v: &Var, numbers: &[f64]| {
             v.set(&Tensor::new(numbers, &Device::Cpu).unwrap().reshape(v.dims()).unwrap()).unwrap();
@@ -97,11 +99,11 @@ fn every_variable_has_the_gradient_that_finite_differences_find() {
 
 #[test]
 fn losses_are_those_of_the_logits_and_relative_rows_know_their_place_alone() {
-    for (config, tokens) in forms::every(29) {
-        let (what, length) = (forms::name(&config, &tokens), config.context);
-        let mut gpt = forms::model(&config, &tokens).to_f64().unwrap();
-        let (inputs, targets) = forms::batch(&config, &tokens, 3, length);
-        let ids = forms::ids(&inputs, length);
+    for (config, tokens) in fixtures::every(29) {
+        let (what, length) = (fixtures::name(&config, &tokens), config.context);
+        let mut gpt = fixtures::model(&config, &tokens).to_f64().unwrap();
+        let (inputs, targets) = fixtures::batch(&config, &tokens, 3, length);
+        let ids = fixtures::ids(&inputs, length);
         let logits = gpt.predict(&ids).unwrap().flatten_to(1).unwrap();
         let nats = |(logits, &target): (&Vec<f64>, &u32)| match target {
             0 => 0.0,
@@ -119,11 +121,11 @@ fn losses_are_those_of_the_logits_and_relative_rows_know_their_place_alone() {
                 .unwrap();
             assert!(found.iter().zip(&truth).all(|(a, b)| (a - b).abs() < 1e-12), "{what}");
         }
-        let questions = Questions::of(&config, &tokens);
+        let head_groups = HeadGroups::of(&config, &tokens);
         let mut relative = 0;
         for (row, logits) in logits.iter().enumerate() {
             let can: Vec<u32> = (0..).zip(logits).filter(|(_, x)| x.is_finite()).map(|(id, _)| id).collect();
-            match questions.basis(&inputs[row / length * length..][..length], row % length) {
+            match head_groups.basis(&inputs[row / length * length..][..length], row % length) {
                 Basis::Ids => assert_eq!(can.len(), tokens.vocabulary, "{what}"),
                 Basis::Steps { bins, .. } => {
                     relative += 1;
@@ -138,26 +140,27 @@ fn losses_are_those_of_the_logits_and_relative_rows_know_their_place_alone() {
 #[test]
 fn a_batch_that_counts_behind_no_bin_is_refused() {
     let (config, tokens) =
-        (ModelConfig { head: Some(HeadKind::Relative), ..forms::all(29)[0].0.clone() }, forms::placed());
-    let gpt = forms::model(&config, &tokens);
-    let (inputs, mut targets) = forms::batch(&config, &tokens, 2, 29);
+        (ModelConfig { head: Some(HeadKind::Relative), ..fixtures::all(29)[0].0.clone() }, fixtures::placed());
+    let gpt = fixtures::model(&config, &tokens);
+    let (inputs, mut targets) = fixtures::batch(&config, &tokens, 2, 29);
     let dropped = (29..58).find(|&row| inputs[row] == 3 && row + tokens.word < 58).unwrap();
     targets[dropped - 1 + tokens.word] = 6;
-    let message = gpt.loss(&forms::ids(&inputs, 29), &targets, None).unwrap_err().to_string();
+    let message = gpt.loss(&fixtures::ids(&inputs, 29), &targets, None).unwrap_err().to_string();
     assert!(message.contains("is id 3; expected a bin of its place"), "{message}");
-    let message = gpt.loss(&forms::ids(&inputs, 29), &[1; 58].map(|_| 26), None).unwrap_err().to_string();
+    let message = gpt.loss(&fixtures::ids(&inputs, 29), &[1; 58].map(|_| 26), None).unwrap_err().to_string();
     assert_eq!(message, "target 26 outside the vocabulary of 26 ids");
-    assert!(gpt.loss(&forms::ids(&inputs, 29), &[1], None).is_err());
+    assert!(gpt.loss(&fixtures::ids(&inputs, 29), &[1], None).is_err());
 }
 
 #[test]
 fn reading_in_blocks_is_reading_at_once_to_1e_5() {
-    for (config, layout) in forms::all(20).into_iter().filter(|(config, _)| config.kind == Kind::Causal) {
-        let what = forms::name(&config, &layout);
-        let gpt = forms::model(&config, &layout);
-        let (tokens, _) = forms::batch(&config, &layout, 3, 20);
+    for (config, layout) in fixtures::all(20).into_iter().filter(|(config, _)| config.kind == ModelKind::Causal) {
+        let what = fixtures::name(&config, &layout);
+        let gpt = fixtures::model(&config, &layout);
+        let (tokens, _) = fixtures::batch(&config, &layout, 3, 20);
         let tokens = &tokens[..20];
-        let truth = gpt.forward(&forms::ids(tokens, 20), None).unwrap().squeeze(0).unwrap().to_vec2::<f32>().unwrap();
+        let truth =
+            gpt.forward(&fixtures::ids(tokens, 20), None).unwrap().squeeze(0).unwrap().to_vec2::<f32>().unwrap();
         let mut cache = gpt.cache().unwrap();
         for cuts in [vec![20], vec![1; 20], vec![4, 1, 15], vec![1, 19]] {
             cache.reset();
@@ -180,18 +183,18 @@ fn reading_in_blocks_is_reading_at_once_to_1e_5() {
 
 #[test]
 fn a_later_token_changes_no_earlier_logit_but_in_masked_models() {
-    for (config, tokens) in forms::every(30) {
-        let gpt = forms::model(&config, &tokens);
-        let (mut inputs, _) = forms::batch(&config, &tokens, 3, 30);
+    for (config, tokens) in fixtures::every(30) {
+        let gpt = fixtures::model(&config, &tokens);
+        let (mut inputs, _) = fixtures::batch(&config, &tokens, 3, 30);
         let logits = |inputs: &[u32]| {
-            let logits = gpt.predict(&forms::ids(&inputs[..30], 30)).unwrap();
+            let logits = gpt.predict(&fixtures::ids(&inputs[..30], 30)).unwrap();
             logits.squeeze(0).unwrap().to_vec2::<f32>().unwrap()
         };
         let before = logits(&inputs);
         inputs[21] = if inputs[21] == 14 { 15 } else { 14 };
         let after = logits(&inputs);
         let same = before[..21] == after[..21];
-        assert_eq!(same, config.kind == Kind::Causal, "{}", forms::name(&config, &tokens));
+        assert_eq!(same, config.kind == ModelKind::Causal, "{}", fixtures::name(&config, &tokens));
         assert_ne!(before[21..], after[21..]);
     }
 }

@@ -26,8 +26,10 @@ fn phase(beats_s: &[f64], time_s: f64) -> Option<f64> {
 }
 
 /// Writes what is told of beats at these times, the first the frame's own, into zeros ([`NUMBERS`]).
-pub fn tell(beats_s: &[f64], times_s: [f64; AHEAD_S.len()], told: &mut [f32]) {
-    let Some((known, phases)) = told.split_first_mut().filter(|_| phase(beats_s, times_s[0]).is_some()) else { return };
+pub fn tell(beats_s: &[f64], times_s: [f64; AHEAD_S.len()], conditioning: &mut [f32]) {
+    let Some((known, phases)) = conditioning.split_first_mut().filter(|_| phase(beats_s, times_s[0]).is_some()) else {
+        return;
+    };
     *known = 1.0;
     for (numbers, time) in phases.chunks_exact_mut(2 * MULTIPLES).zip(times_s) {
         let Some(phase) = phase(beats_s, time) else { continue };
@@ -43,9 +45,9 @@ mod tests {
     use super::*;
 
     fn one(beats_s: &[f64], time: f64) -> Vec<f32> {
-        let mut told = vec![0.0; NUMBERS];
-        tell(beats_s, AHEAD_S.map(|ahead| time + ahead), &mut told);
-        told
+        let mut conditioning = vec![0.0; NUMBERS];
+        tell(beats_s, AHEAD_S.map(|ahead| time + ahead), &mut conditioning);
+        conditioning
     }
 
     #[test]
@@ -62,11 +64,11 @@ mod tests {
     #[test]
     fn a_frame_is_told_the_beat_now_and_what_comes() {
         let beats: Vec<f64> = (0..20).map(|i| 0.4 * f64::from(i)).collect();
-        let told = one(&beats, 2.1);
-        assert_eq!(told.len(), 25);
-        assert_eq!(told[0], 1.0);
+        let conditioning = one(&beats, 2.1);
+        assert_eq!(conditioning.len(), 25);
+        assert_eq!(conditioning[0], 1.0);
         // a quarter of a beat on, then by 0.1, 0.25 and 0.5 s
-        for (numbers, ahead) in told[1..].chunks(6).zip([0.0, 0.25, 0.625, 1.25]) {
+        for (numbers, ahead) in conditioning[1..].chunks(6).zip([0.0, 0.25, 0.625, 1.25]) {
             for (pair, multiple) in numbers.chunks(2).zip(1..) {
                 let angle = TAU * f64::from(multiple) * (0.25 + ahead);
                 assert!((f64::from(pair[0]) - angle.cos()).abs() < 1e-6, "{ahead} {multiple}: {pair:?}");

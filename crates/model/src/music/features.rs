@@ -84,9 +84,9 @@ impl Scaling {
 }
 
 /// Writes what is told of the sound at these times, the first the frame's own, into zeros ([`NUMBERS`]).
-pub fn tell(rows: &Rows<'_>, scale: &Scale, times_s: [f64; AHEAD_S.len()], told: &mut [f32]) {
-    let Some((known, told)) = told.split_first_mut() else { return };
-    for (i, (numbers, time)) in told.chunks_exact_mut(CHANNELS).zip(times_s).enumerate() {
+pub fn tell(rows: &Rows<'_>, scale: &Scale, times_s: [f64; AHEAD_S.len()], conditioning: &mut [f32]) {
+    let Some((known, conditioning)) = conditioning.split_first_mut() else { return };
+    for (i, (numbers, time)) in conditioning.chunks_exact_mut(CHANNELS).zip(times_s).enumerate() {
         if !rows.at(time, numbers) {
             continue;
         }
@@ -132,15 +132,15 @@ mod tests {
         let rows = Rows { fps: 20.0, from_s: 1.0, numbers: numbers.into() };
         let scale =
             Scale { mean: vec![1.0; CHANNELS], deviation: (0..CHANNELS).map(|c| 2.0 * f32::from(c != 3)).collect() };
-        let mut told = vec![0.0; NUMBERS];
-        tell(&rows, &scale, AHEAD_S.map(|ahead| 1.125 + ahead), &mut told);
-        assert_eq!(told[0], 1.0);
-        let of = |i: usize, c: usize| told[1 + i * CHANNELS + c];
+        let mut conditioning = vec![0.0; NUMBERS];
+        tell(&rows, &scale, AHEAD_S.map(|ahead| 1.125 + ahead), &mut conditioning);
+        assert_eq!(conditioning[0], 1.0);
+        let of = |i: usize, c: usize| conditioning[1 + i * CHANNELS + c];
         // rows 2.5, 4.5, 7.5; half a second on there is no music any more
         let near = |found: [f32; 4], expected: [f32; 4]| found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6);
-        assert!(near([of(0, 0), of(1, 0), of(2, 0), of(3, 0)], [0.075, 0.175, 0.325, 0.0]), "{told:?}");
+        assert!(near([of(0, 0), of(1, 0), of(2, 0), of(3, 0)], [0.075, 0.175, 0.325, 0.0]), "{conditioning:?}");
         // what never changed is 0, and nothing is more than 5 deviations
-        assert!(near([of(0, 3), of(0, 4), of(2, 4), of(3, 4)], [0.0, 0.275, 0.5, 0.0]), "{told:?}");
+        assert!(near([of(0, 3), of(0, 4), of(2, 4), of(3, 4)], [0.0, 0.275, 0.5, 0.0]), "{conditioning:?}");
         let mut before = vec![0.0; NUMBERS];
         tell(&rows, &scale, AHEAD_S.map(|ahead| 0.9 + ahead), &mut before);
         assert!(

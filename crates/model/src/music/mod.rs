@@ -53,7 +53,7 @@ impl Music {
 
 /// What frames at these times of a clip are told of its music, (N, M), sounds by the scale of the training clips; `pace`
 /// seconds of the clip pass in a second of the frames.
-pub fn told(
+pub fn conditioning(
     (music, scale): (Music, Option<&Scale>),
     sound: &Sound<'_>,
     times_s: impl Iterator<Item = f64>,

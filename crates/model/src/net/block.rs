@@ -1,7 +1,7 @@
 //! A block: `middle = x + attention(norm1(x))`, `out = middle + mlp(norm2(middle))`.
 
 use super::EPSILON;
-use super::turn::Turn;
+use super::rotary::Rotary;
 use crate::dropout::Dropout;
 use crate::ops;
 use crate::ops::Hiding;
@@ -50,7 +50,7 @@ impl Block {
         &self,
         x: &Tensor,
         heads: usize,
-        turn: Option<&Turn>,
+        rotary: Option<&Rotary>,
         hiding: Option<&Hiding>,
         dropout: Option<&Dropout>,
         kept: Option<(&Tensor, &Tensor, usize)>,
@@ -61,8 +61,8 @@ impl Block {
             None => Ok(x),
         };
         let (mut q, mut k, mut v) = self.qkv(x, heads)?;
-        if let Some(turn) = turn {
-            (q, k) = (turn.apply(&q)?, turn.apply(&k)?);
+        if let Some(rotary) = rotary {
+            (q, k) = (rotary.apply(&q)?, rotary.apply(&k)?);
         }
         if let Some((keys, values, before)) = kept {
             (k, v) = (behind(keys, &k, before)?, behind(values, &v, before)?);

@@ -40,11 +40,11 @@ impl Flat {
         if let Some(dropout) = dropout {
             x = dropout.apply(&x, "embedding")?;
         }
-        let turn = self.input.turn(windows, before, x.dim(2)? / self.heads)?;
+        let rotary = self.input.rotary(windows, before, x.dim(2)? / self.heads)?;
         let hiding = mask.hiding(length, before + length, x.dtype(), x.device())?;
         for (layer, block) in self.blocks.iter().enumerate() {
             let kept = memory.map(|m| (&m.keys[layer], &m.values[layer], before));
-            x = block.forward(&x, self.heads, turn.as_ref(), hiding.as_ref(), dropout, kept)?;
+            x = block.forward(&x, self.heads, rotary.as_ref(), hiding.as_ref(), dropout, kept)?;
         }
         Ok(x)
     }

@@ -1,8 +1,8 @@
 //! The end of a model: logits over all ids, or over the steps from the frame before.
 
 use crate::config::{ModelConfig, TokenLayout};
-use crate::past::{Basis, Past};
-use crate::questions::{Group, Groups, Questions, STEPS};
+use crate::head_groups::{Group, Groups, HeadGroups, STEPS};
+use crate::previous::{Basis, PreviousFrames};
 use crate::{Result, ops};
 use candle_core::Tensor;
 use kinelm_engine::op::smoothing::Smoothing;
@@ -13,18 +13,18 @@ pub(super) struct Head {
     ids: Tensor,
     /// (steps, D) each, where there are such places.
     steps: [Option<Tensor>; 2],
-    questions: Questions,
+    head_groups: HeadGroups,
 }
 
 impl Head {
     pub fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> Head {
-        let questions = Questions::of(config, tokens);
-        let steps = questions.steps().map(Past::steps).unwrap_or_default();
+        let head_groups = HeadGroups::of(config, tokens);
+        let steps = head_groups.steps().map(PreviousFrames::steps).unwrap_or_default();
         let table = |rows: usize, name: &str| (rows > 0).then(|| tensor(name));
         Head {
             ids: tensor(config.ids_table()),
             steps: [table(steps.circular, STEPS[0]), table(steps.up_and_down(), STEPS[1])],
-            questions,
+            head_groups,
         }
     }
 
@@ -41,7 +41,7 @@ impl Head {
     /// Logits (N, V) of the rows `hidden` (N, D), which stand behind the first `before` inputs of `windows`.
     pub fn logits(&self, hidden: &Tensor, windows: &[Vec<u32>], before: usize) -> Result<Tensor> {
         let inputs = windows.iter().flat_map(|w| (before..w.len()).map(move |i| (w, i)));
-        let bases: Vec<Basis> = inputs.map(|(w, i)| self.questions.basis(w, i)).collect();
+        let bases: Vec<Basis> = inputs.map(|(w, i)| self.head_groups.basis(w, i)).collect();
         let mut parts = Vec::new();
         let mut order = Vec::new();
         for (group, table) in self.tables().into_iter().enumerate() {
@@ -60,12 +60,13 @@ impl Head {
         let (mut columns, mut hide) =
             (vec![0; rows.len() * vocabulary], vec![f32::NEG_INFINITY; rows.len() * vocabulary]);
         for (i, &row) in rows.iter().enumerate() {
-            let (Basis::Steps { bins, from }, Some(past)) = (bases[row as usize], self.questions.steps()) else {
+            let (Basis::Steps { bins, from }, Some(previous_frames)) = (bases[row as usize], self.head_groups.steps())
+            else {
                 continue;
             };
             for (bin, id) in bins.ids().enumerate() {
                 let at = i * vocabulary + id as usize;
-                (columns[at], hide[at]) = (past.steps().column(bins, from, bin) as u32, 0.0);
+                (columns[at], hide[at]) = (previous_frames.steps().column(bins, from, bin) as u32, 0.0);
             }
         }
         let shape = (rows.len(), vocabulary);
@@ -83,7 +84,7 @@ impl Head {
         smoothing: Option<&Smoothing>,
     ) -> Result<Tensor> {
         let mut groups = Groups::default();
-        self.questions.sort(windows.iter().map(Vec::as_slice), targets, &mut groups)?;
+        self.head_groups.sort(windows.iter().map(Vec::as_slice), targets, &mut groups)?;
         let mut parts = Vec::new();
         let mut order = Vec::new();
         // what has no part in this batch still gets its gradient, 0

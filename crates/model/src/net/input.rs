@@ -1,10 +1,10 @@
 //! What goes into the first block: a vector for the token, and what is added to it.
 
+use super::rotary::Rotary;
 use super::rows_of;
-use super::turn::Turn;
 use crate::config::{ModelConfig, Positions, TokenLayout};
-use crate::past::Past;
 use crate::position::Counter;
+use crate::previous::PreviousFrames;
 use candle_core::{Result, Tensor};
 use std::ops::Range;
 
@@ -33,7 +33,7 @@ enum Position {
 struct Previous {
     character: Tensor,
     step: Tensor,
-    past: Past,
+    previous_frames: PreviousFrames,
 }
 
 impl Input {
@@ -50,7 +50,7 @@ impl Input {
         let previous = config.reads_previous(tokens).then(|| Previous {
             character: tensor("previous.character.weight"),
             step: tensor("previous.step.weight"),
-            past: Past::of(tokens),
+            previous_frames: PreviousFrames::of(tokens),
         });
         Input { token: tensor("token.weight"), position, previous }
     }
@@ -60,15 +60,15 @@ impl Input {
         let (batch, n) = ids.dims2()?;
         let mut x = self.token.index_select(&ids.flatten_all()?, 0)?.reshape((batch, n, ()))?;
         x = x.broadcast_add(&self.position.rows(windows, before)?)?;
-        let Some(Previous { character, step, past }) = &self.previous else { return Ok(x) };
-        let rows = windows.iter().flat_map(|w| (before..w.len()).map(|i| past.previous(w, i)));
+        let Some(Previous { character, step, previous_frames }) = &self.previous else { return Ok(x) };
+        let rows = windows.iter().flat_map(|w| (before..w.len()).map(|i| previous_frames.previous(w, i)));
         let (characters, steps): (Vec<u32>, Vec<u32>) = rows.map(|[a, step]| (a, step)).unzip();
         let added = (rows_of(character, characters)? + rows_of(step, steps)?)?;
         x + added.reshape((batch, n, ()))?
     }
 
     /// How queries and keys of heads of `width` numbers are turned, if they are.
-    pub fn turn(&self, windows: &[Vec<u32>], before: usize, width: usize) -> Result<Option<Turn>> {
+    pub fn rotary(&self, windows: &[Vec<u32>], before: usize, width: usize) -> Result<Option<Rotary>> {
         let Position::Words { frame: None, counter, front, .. } = &self.position else { return Ok(None) };
         let (windows, length) = seen(*counter, windows);
         // the front stands in no word
@@ -78,7 +78,7 @@ impl Input {
             (before..length).map(move |i| number(i, words[i]))
         });
         let words: Vec<u32> = words.collect();
-        Turn::new(&words, windows.len(), width, self.token.dtype(), self.token.device()).map(Some)
+        Rotary::new(&words, windows.len(), width, self.token.dtype(), self.token.device()).map(Some)
     }
 }
 

@@ -6,13 +6,13 @@ mod block;
 mod flat;
 mod head;
 mod input;
-mod turn;
+mod rotary;
 mod two_level;
 
-use super::ahead::Told;
 use super::architecture::Architecture;
-use super::config::{Kind, ModelConfig, TokenLayout};
+use super::config::{ModelConfig, ModelKind, TokenLayout};
 use super::dropout::Dropout;
+use super::goal::Conditioning;
 use super::ops::Mask;
 use crate::{Error, Result};
 use block::Norm;
@@ -28,7 +28,7 @@ pub const EPSILON: f64 = 1e-5;
 /// The tensors by their use. A clone shares the numbers.
 #[derive(Clone)]
 pub(super) struct Net {
-    kind: Kind,
+    kind: ModelKind,
     body: Body,
     norm: Norm,
     head: Head,
@@ -56,7 +56,7 @@ pub(super) struct Beside<'a> {
     /// What is dropped.
     pub dropout: Option<&'a Dropout>,
     /// What frames are told ahead.
-    pub told: Option<&'a Told>,
+    pub conditioning: Option<&'a Conditioning>,
 }
 
 impl Net {
@@ -79,8 +79,8 @@ impl Net {
     /// What attention sees.
     pub(super) fn mask(&self) -> Mask {
         match self.kind {
-            Kind::Causal => Mask::Causal,
-            Kind::Masked => Mask::Full,
+            ModelKind::Causal => Mask::Causal,
+            ModelKind::Masked => Mask::Full,
         }
     }
 
@@ -136,7 +136,7 @@ impl Net {
     ) -> candle_core::Result<Tensor> {
         let x = match &self.body {
             Body::Flat(flat) => flat.rows(ids, windows, mask, beside.dropout, memory)?,
-            Body::TwoLevel(levels) => levels.rows(windows, mask, beside.told)?,
+            Body::TwoLevel(levels) => levels.rows(windows, mask, beside.conditioning)?,
         };
         self.norm.forward(&x)?.flatten_to(1)
     }

@@ -4,10 +4,10 @@
 
 use super::block::{Block, Linear, Norm};
 use super::rows_of;
-use crate::ahead::Told;
 use crate::config::{ModelConfig, TokenLayout};
 use crate::frames::{BACK, Frames, SPELT, TrunkRow, trunk_row};
-use crate::layout::{AHEAD, CLASS, LABEL, MUSIC, SPELL, SPELT_LABEL, TRUNK, block_name};
+use crate::goal::Conditioning;
+use crate::layout::{CLASS, GOAL, LABEL, MUSIC, SPELL, SPELT_LABEL, TRUNK, block_name};
 use crate::ops::Mask;
 use candle_core::{Result, Tensor};
 use kinelm_engine::op::embedding::NONE;
@@ -16,7 +16,7 @@ use kinelm_engine::op::embedding::NONE;
 pub(super) struct TwoLevel {
     frames: Frames,
     /// K - 1: tokens of a window before those that the frames begin behind, all but the first of which are labels.
-    ahead: usize,
+    skipped: usize,
     heads: [usize; 2],
     /// (C (S + 1), e).
     character: Tensor,
@@ -36,7 +36,7 @@ pub(super) struct TwoLevel {
     spelt: [Tensor; 4],
     decoder: Vec<Block>,
     /// (P, D), (P, d), and two of steps (R, d), where frames may be told what is given ahead.
-    told: Option<[Tensor; 4]>,
+    conditioning: Option<[Tensor; 4]>,
     /// (M, D), (M, d), where frames may be told of music.
     music: Option<[Tensor; 2]>,
 }
@@ -49,7 +49,7 @@ impl TwoLevel {
         let decoder = config.decoder();
         TwoLevel {
             frames: Frames::of(tokens),
-            ahead: tokens.front - 1,
+            skipped: tokens.front - 1,
             heads: [config.heads, decoder.heads],
             character: tensor("frame.character.weight"),
             position: tensor("frame.position.weight"),
@@ -61,40 +61,41 @@ impl TwoLevel {
             frame: Linear::new("spell.frame", tensor),
             spelt: SPELT.map(tensor),
             decoder: blocks(SPELL, decoder.layers),
-            told: config.ahead.then(|| AHEAD.map(tensor)),
+            conditioning: config.goal.then(|| GOAL.map(tensor)),
             music: (!config.music.is_none()).then(|| MUSIC.map(tensor)),
         }
     }
 
     /// (B, F, D) what the trunk's norm gives of `windows` (B, T), whose frames see what `mask` lets them.
     pub fn vectors(&self, windows: &[Vec<u32>], mask: &Mask) -> Result<Tensor> {
-        let frames = windows[0].len().saturating_sub(self.ahead).div_ceil(self.frames.word());
+        let frames = windows[0].len().saturating_sub(self.skipped).div_ceil(self.frames.word());
         self.trunk_norm.forward(&self.trunk(windows, frames, mask, None)?)
     }
 
     /// (B, T, d) of `windows` (B, T), of which frames see what `mask` lets them and are `told` something; 0 for the tokens of
     /// the front but its last, behind which nobody asks.
-    pub fn rows(&self, windows: &[Vec<u32>], mask: &Mask, told: Option<&Told>) -> Result<Tensor> {
-        let (batch, length) = (windows.len(), windows[0].len().saturating_sub(self.ahead));
-        let ahead = (batch, self.ahead.min(windows[0].len()), self.spelt[0].dim(1)?);
-        let ahead = Tensor::zeros(ahead, self.spelt[0].dtype(), self.spelt[0].device())?;
+    pub fn rows(&self, windows: &[Vec<u32>], mask: &Mask, conditioning: Option<&Conditioning>) -> Result<Tensor> {
+        let (batch, length) = (windows.len(), windows[0].len().saturating_sub(self.skipped));
+        let no_rows = (batch, self.skipped.min(windows[0].len()), self.spelt[0].dim(1)?);
+        let no_rows = Tensor::zeros(no_rows, self.spelt[0].dtype(), self.spelt[0].device())?;
         if length == 0 {
-            return Ok(ahead);
+            return Ok(no_rows);
         }
         let frames = length.div_ceil(self.frames.word());
-        let mut u = self.frame.forward(&self.trunk_norm.forward(&self.trunk(windows, frames, mask, told)?)?)?;
+        let mut u =
+            self.frame.forward(&self.trunk_norm.forward(&self.trunk(windows, frames, mask, conditioning)?)?)?;
         if let Some([_, spelt]) = &self.labels {
             u = u.broadcast_add(&self.of_labels(spelt, windows)?)?;
         }
-        for (numbers, [_, speller]) in self.told(told) {
+        for (numbers, [_, speller]) in self.conditioning(conditioning) {
             u = (u + through(numbers, speller, (windows.len(), frames))?)?;
         }
         // a row for every token of every frame, the window's or not
         let word = self.frames.word();
         let x = self.spelt(windows, frames)?.reshape((batch * frames, word, ()))?;
         let mut x = x.broadcast_add(&u.reshape((batch * frames, 1, ()))?)?;
-        if let Some((told, [_, _, tables @ ..])) = told.zip(self.told.as_ref()) {
-            for (table, rows) in tables.iter().zip(&told.rows).filter(|(_, rows)| !rows.is_empty()) {
+        if let Some((conditioning, [_, _, tables @ ..])) = conditioning.zip(self.conditioning.as_ref()) {
+            for (table, rows) in tables.iter().zip(&conditioning.rows).filter(|(_, rows)| !rows.is_empty()) {
                 x = (x + some_rows(table, rows)?.reshape((batch * frames, word, ()))?)?;
             }
         }
@@ -103,30 +104,43 @@ impl TwoLevel {
             x = block.forward(&x, self.heads[1], None, hiding.as_ref(), None, None)?;
         }
         let x = x.reshape((batch, frames * word, ()))?.narrow(1, 0, length)?;
-        if self.ahead == 0 { Ok(x) } else { Tensor::cat(&[ahead, x], 1) }
+        if self.skipped == 0 { Ok(x) } else { Tensor::cat(&[no_rows, x], 1) }
     }
 
     /// (B, 1, n) the sums of the rows of `table` (V, n) that the windows' labels have.
     fn of_labels(&self, table: &Tensor, windows: &[Vec<u32>]) -> Result<Tensor> {
-        let labels = windows.iter().flat_map(|w| &w[1..=self.ahead]).copied().collect();
-        rows_of(table, labels)?.reshape((windows.len(), self.ahead, ()))?.sum_keepdim(1)
+        let labels = windows.iter().flat_map(|w| &w[1..=self.skipped]).copied().collect();
+        rows_of(table, labels)?.reshape((windows.len(), self.skipped, ()))?.sum_keepdim(1)
     }
 
     /// The numbers that frames are told, with the matrices that take them to the trunk and to the decoder.
-    fn told<'a>(&'a self, told: Option<&'a Told>) -> impl Iterator<Item = (&'a [f32], [&'a Tensor; 2])> {
-        let ahead = told.zip(self.told.as_ref()).map(|(told, [trunk, speller, ..])| (&*told.numbers, [trunk, speller]));
-        let music = told.zip(self.music.as_ref()).map(|(told, [trunk, speller])| (&*told.music, [trunk, speller]));
-        ahead.into_iter().chain(music).filter(|(numbers, _)| !numbers.is_empty())
+    fn conditioning<'a>(
+        &'a self,
+        conditioning: Option<&'a Conditioning>,
+    ) -> impl Iterator<Item = (&'a [f32], [&'a Tensor; 2])> {
+        let goal = conditioning
+            .zip(self.conditioning.as_ref())
+            .map(|(conditioning, [trunk, speller, ..])| (&*conditioning.numbers, [trunk, speller]));
+        let music = conditioning
+            .zip(self.music.as_ref())
+            .map(|(conditioning, [trunk, speller])| (&*conditioning.music, [trunk, speller]));
+        goal.into_iter().chain(music).filter(|(numbers, _)| !numbers.is_empty())
     }
 
     /// (B, F, D).
-    fn trunk(&self, windows: &[Vec<u32>], frames: usize, mask: &Mask, told: Option<&Told>) -> Result<Tensor> {
+    fn trunk(
+        &self,
+        windows: &[Vec<u32>],
+        frames: usize,
+        mask: &Mask,
+        conditioning: Option<&Conditioning>,
+    ) -> Result<Tensor> {
         let of_frame = BACK * self.frames.characters();
         let mut seen = vec![0; windows.len() * frames * of_frame];
         let classes = self.class.as_ref().map_or(Ok(0), |class| class.dim(0))?;
         let (mut positions, mut class_rows) = (Vec::new(), Vec::new());
         for (i, rows) in seen.chunks_mut(of_frame).enumerate() {
-            let window = &windows[i / frames][self.ahead..];
+            let window = &windows[i / frames][self.skipped..];
             let TrunkRow { frame, position, class } = trunk_row(i % frames, self.frames.shown(window), classes);
             self.frames.seen(window, frame, rows);
             positions.push(position);
@@ -141,7 +155,7 @@ impl TwoLevel {
         if let Some([label, _]) = &self.labels {
             x = x.broadcast_add(&self.of_labels(label, windows)?)?;
         }
-        for (numbers, [matrix, _]) in self.told(told) {
+        for (numbers, [matrix, _]) in self.conditioning(conditioning) {
             x = (x + through(numbers, matrix, (windows.len(), frames))?)?;
         }
         let hiding = mask.hiding(frames, frames, x.dtype(), x.device())?;
@@ -154,8 +168,10 @@ impl TwoLevel {
     /// (B F W, d).
     fn spelt(&self, windows: &[Vec<u32>], frames: usize) -> Result<Tensor> {
         let tokens = frames * self.frames.word();
-        let rows: Vec<[u32; 4]> =
-            windows.iter().flat_map(|w| (0..tokens).map(|token| self.frames.spelt(&w[self.ahead..], token))).collect();
+        let rows: Vec<[u32; 4]> = windows
+            .iter()
+            .flat_map(|w| (0..tokens).map(|token| self.frames.spelt(&w[self.skipped..], token)))
+            .collect();
         let one = |i: usize| rows_of(&self.spelt[i], rows.iter().map(|row| row[i]).collect());
         (one(0)? + one(1)?)? + (one(2)? + one(3)?)?
     }

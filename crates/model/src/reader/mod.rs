@@ -4,21 +4,21 @@ mod packed;
 #[cfg(test)]
 mod tests;
 
-use super::ahead;
 use super::architecture::Architecture;
-use super::config::{Kind, ModelConfig, TokenLayout};
+use super::config::{ModelConfig, ModelKind, TokenLayout};
 use super::frames::Frames;
+use super::goal;
 use super::gpt::Gpt;
 use super::scores::Scores;
 use crate::{Error, Result};
-use kinelm_engine::decode::{Decoder, FrameDecoder, KvKind, Logits, Told, WeightKind};
+use kinelm_engine::decode::{Decoder, FrameConditioning, FrameDecoder, KvKind, Logits, WeightKind};
 use kinelm_engine::op::cross_entropy;
 use kinelm_engine::op::embedding::NONE;
 use std::sync::Arc;
 
 /// How a model is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Reading {
+pub struct ReaderOptions {
     /// Sequences side by side; they share every read of a weight.
     pub streams: usize,
     /// How the weights are held.
@@ -27,9 +27,9 @@ pub struct Reading {
     pub kv: KvKind,
 }
 
-impl Default for Reading {
-    fn default() -> Reading {
-        Reading { streams: 1, weights: WeightKind::F32, kv: KvKind::F32 }
+impl Default for ReaderOptions {
+    fn default() -> ReaderOptions {
+        ReaderOptions { streams: 1, weights: WeightKind::F32, kv: KvKind::F32 }
     }
 }
 
@@ -51,15 +51,15 @@ impl Reader {
     ///
     /// # Errors
     /// No sequences; a masked model; weights that can't be brought to the CPU.
-    pub fn new(gpt: &Gpt, reading: Reading) -> Result<Reader> {
+    pub fn new(gpt: &Gpt, reading: ReaderOptions) -> Result<Reader> {
         if reading.streams == 0 {
             return Err(Error::call("0 sequences to read; expected at least one"));
         }
-        if gpt.config().kind == Kind::Masked {
+        if gpt.config().kind == ModelKind::Masked {
             let what = "a masked model sees the whole window at once: it can't be read token after token";
             return Err(Error::call(what));
         }
-        let Reading { streams, weights, kv } = reading;
+        let ReaderOptions { streams, weights, kv } = reading;
         let decoding = match gpt.config().architecture {
             Architecture::Flat => {
                 Decoding::Tokens(Box::new(Decoder::new(Arc::new(packed::weights(gpt, weights)?), streams, kv)))
@@ -108,33 +108,39 @@ impl Reader {
     /// token is read that it is spelled behind.
     ///
     /// # Errors
-    /// Something told to a model without `model.ahead` and `model.music`.
+    /// Something told to a model without `model.goal` and `model.music`.
     ///
     /// # Panics
     /// A sequence or a frame that is not there; numbers or rows of another shape.
-    pub fn tell(&mut self, stream: usize, frame: usize, told: Option<Told>, music: &[f32]) -> Result<()> {
-        if told.is_some() && !self.config.ahead {
-            return Err(Error::call("a model with model.ahead = false can't be told"));
+    pub fn condition(
+        &mut self,
+        stream: usize,
+        frame: usize,
+        conditioning: Option<FrameConditioning>,
+        music: &[f32],
+    ) -> Result<()> {
+        if conditioning.is_some() && !self.config.goal {
+            return Err(Error::call("a model with model.goal = false can't be told"));
         }
         let m = self.config.music.numbers();
         if !music.is_empty() && music.len() != m {
             return Err(Error::call(format!("{} numbers of music; this model is told {m}", music.len())));
         }
         let Decoding::Frames(decoder) = &mut self.decoding else { return Ok(()) };
-        if !self.config.can_be_told() || (told.is_none() && music.is_empty()) {
-            if self.config.can_be_told() {
-                decoder.tell(stream, frame, None);
+        if !self.config.is_conditioned() || (conditioning.is_none() && music.is_empty()) {
+            if self.config.is_conditioned() {
+                decoder.condition(stream, frame, None);
             }
             return Ok(());
         }
         // what one of the two doesn't tell is 0
         let of_music = if music.is_empty() { vec![0.0; m] } else { music.to_vec() };
         let frames = Frames::of(&self.tokens);
-        let p = if self.config.ahead { ahead::numbers(frames.characters()) } else { 0 };
+        let p = if self.config.goal { goal::numbers(frames.characters()) } else { 0 };
         let (nothing, none) = (vec![0.0; p], vec![NONE; self.tokens.word]);
-        let ahead = told.unwrap_or(Told { numbers: &nothing, rows: [&none; 2] });
+        let ahead = conditioning.unwrap_or(FrameConditioning { numbers: &nothing, rows: [&none; 2] });
         let numbers = [ahead.numbers, &of_music].concat();
-        decoder.tell(stream, frame, Some(Told { numbers: &numbers, rows: ahead.rows }));
+        decoder.condition(stream, frame, Some(FrameConditioning { numbers: &numbers, rows: ahead.rows }));
         Ok(())
     }
 
@@ -186,14 +192,14 @@ impl Scores for Reader {
         &self.tokens
     }
 
-    fn nats_told(
+    fn nats_conditioned(
         &mut self,
         (inputs, targets): (&[u32], &[u32]),
         length: usize,
-        told: Option<&ahead::Told>,
+        conditioning: Option<&goal::Conditioning>,
         out: &mut [f32],
     ) -> Result<()> {
-        if told.is_some() {
+        if conditioning.is_some() {
             return Err(Error::call(
                 "what is ahead, and music, are told to whole windows; measure with weights and keys in f32",
             ));

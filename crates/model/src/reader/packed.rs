@@ -6,8 +6,8 @@ use crate::gpt::Gpt;
 use crate::{Result, layout};
 use candle_core::{Device, Tensor};
 use kinelm_engine::decode::{
-    Before, BlockParts, DecoderWeights, FrameParts, FrameSizes, FrameWeights, Pair, Parts, Positions as Tables,
-    Previous, Relative, Rope, Sizes, Stack, ToldParts, WeightKind,
+    Before, BlockParts, ConditioningParts, DecoderWeights, FrameParts, FrameSizes, FrameWeights, Pair, Parts,
+    Positions as Tables, Previous, Relative, Rope, Sizes, Stack, WeightKind,
 };
 use std::collections::BTreeMap;
 
@@ -64,9 +64,9 @@ pub(super) fn frame_weights(gpt: &Gpt, kind: WeightKind) -> Result<FrameWeights>
     let (decoder, places) = (config.decoder(), tokens.bins());
     let [last, place, back, step] = SPELT.map(|name| numbers.get(name));
     // the numbers that are told ahead, and behind them those of music
-    let [trunk, speller, tables @ ..] = layout::AHEAD.map(|name| numbers.some(name));
+    let [trunk, speller, tables @ ..] = layout::GOAL.map(|name| numbers.some(name));
     let music = layout::MUSIC.map(|name| numbers.some(name));
-    let told = [[trunk, music[0]].concat(), [speller, music[1]].concat()];
+    let conditioning = [[trunk, music[0]].concat(), [speller, music[1]].concat()];
     let parts = FrameParts {
         sizes: FrameSizes {
             trunk: Stack { layers: config.layers, heads: config.heads, width: config.width },
@@ -92,7 +92,11 @@ pub(super) fn frame_weights(gpt: &Gpt, kind: WeightKind) -> Result<FrameWeights>
         norm: numbers.pair("norm"),
         head: numbers.get(config.ids_table()),
         relative: numbers.relative(),
-        told: config.can_be_told().then_some(ToldParts { trunk: &told[0], speller: &told[1], rows: tables }),
+        conditioning: config.is_conditioned().then_some(ConditioningParts {
+            trunk: &conditioning[0],
+            speller: &conditioning[1],
+            rows: tables,
+        }),
     };
     Ok(FrameWeights::new(&parts, kind))
 }

@@ -1,7 +1,7 @@
 //! Reading against the plain form.
 
 use super::*;
-use crate::{Positions, forms, layout};
+use crate::{Positions, fixtures, layout};
 use candle_core::{Device, Tensor};
 use kinelm_engine::decode as engine;
 use rand_chacha::rand_core::RngCore;
@@ -55,7 +55,7 @@ fn check(gpt: &Gpt, sequences: &[Vec<u32>], name: &str) {
     let (vocabulary, length) = (gpt.tokens().vocabulary, sequences[0].len());
     let truth = truth(gpt, sequences);
     let streams = sequences.len();
-    let mut reader = Reader::new(gpt, Reading { streams, ..Reading::default() }).unwrap();
+    let mut reader = Reader::new(gpt, ReaderOptions { streams, ..ReaderOptions::default() }).unwrap();
     let mut first: Vec<Vec<f32>> = Vec::new();
     for cuts in [vec![length], vec![1; length], vec![length / 2, 1, length / 3, length - length / 2 - length / 3 - 1]] {
         (0..streams).for_each(|stream| reader.truncate(stream, 0));
@@ -102,12 +102,12 @@ fn reading_gives_the_logits_of_the_plain_form_to_1e_5() {
 fn reading_gives_the_logits_of_the_plain_form_in_every_form() {
     const LENGTH: usize = 40;
     let mut count = 0;
-    for (config, tokens) in forms::every(LENGTH).into_iter().filter(|(config, _)| config.kind == Kind::Causal) {
+    for (config, tokens) in fixtures::every(LENGTH).into_iter().filter(|(config, _)| config.kind == ModelKind::Causal) {
         let length = config.context;
         // with a place of <mask>, and one that ends early
-        let (inputs, _) = forms::batch(&config, &tokens, 3, length);
+        let (inputs, _) = fixtures::batch(&config, &tokens, 3, length);
         let sequences: Vec<Vec<u32>> = inputs.chunks(length).map(<[u32]>::to_vec).collect();
-        check(&forms::model(&config, &tokens), &sequences, &forms::name(&config, &tokens));
+        check(&fixtures::model(&config, &tokens), &sequences, &fixtures::name(&config, &tokens));
         count += 1;
     }
     assert!(count >= 15, "{count} forms");
@@ -115,41 +115,42 @@ fn reading_gives_the_logits_of_the_plain_form_in_every_form() {
 
 #[test]
 fn what_frames_are_told_makes_the_logits_of_the_plain_form() {
-    for (config, tokens) in forms::every(40).into_iter().filter(|(config, _)| config.can_be_told()) {
-        let (gpt, length) = (forms::model(&config, &tokens), config.context);
-        let (inputs, _) = forms::batch(&config, &tokens, 2, length);
-        let told = forms::told(&config, &tokens, 2).unwrap();
-        let truth = gpt.forward_told(&forms::ids(&inputs, length), &told).unwrap();
+    for (config, tokens) in fixtures::every(40).into_iter().filter(|(config, _)| config.is_conditioned()) {
+        let (gpt, length) = (fixtures::model(&config, &tokens), config.context);
+        let (inputs, _) = fixtures::batch(&config, &tokens, 2, length);
+        let conditioning = fixtures::conditioning(&config, &tokens, 2).unwrap();
+        let truth = gpt.forward_conditioned(&fixtures::ids(&inputs, length), &conditioning).unwrap();
         let mut truth = truth.to_vec3::<f32>().unwrap();
         truth.iter_mut().for_each(|rows| rows[..tokens.front - 1].iter_mut().for_each(|row| row.fill(0.0)));
-        let mut reader = Reader::new(&gpt, Reading { streams: 2, ..Reading::default() }).unwrap();
+        let mut reader = Reader::new(&gpt, ReaderOptions { streams: 2, ..ReaderOptions::default() }).unwrap();
         let frames = config.frames(&tokens);
         let of_frame = |all: &[f32], at: usize| {
             let n = all.len() / (2 * frames);
             all[at * n..][..n].to_vec()
         };
         for at in 0..2 * frames {
-            let rows = told.rows.each_ref().map(|rows| rows.get(at * tokens.word..(at + 1) * tokens.word));
-            let (numbers, music) = (of_frame(&told.numbers, at), of_frame(&told.music, at));
-            let ahead = Option::zip(rows[0], rows[1]).map(|(a, b)| engine::Told { numbers: &numbers, rows: [a, b] });
-            reader.tell(at / frames, at % frames, ahead, &music).unwrap();
+            let rows = conditioning.rows.each_ref().map(|rows| rows.get(at * tokens.word..(at + 1) * tokens.word));
+            let (numbers, music) = (of_frame(&conditioning.numbers, at), of_frame(&conditioning.music, at));
+            let ahead = Option::zip(rows[0], rows[1])
+                .map(|(a, b)| engine::FrameConditioning { numbers: &numbers, rows: [a, b] });
+            reader.condition(at / frames, at % frames, ahead, &music).unwrap();
         }
         let blocks: Vec<&[u32]> = inputs.chunks(length).collect();
         let apart = apart(reader.read(&blocks, Logits::All).unwrap(), &truth.concat().concat());
-        assert!(apart < 1e-5, "{}: {apart:e}", forms::name(&config, &tokens));
+        assert!(apart < 1e-5, "{}: {apart:e}", fixtures::name(&config, &tokens));
     }
 }
 
 #[test]
 fn a_masked_model_is_not_read() {
-    let (config, tokens) = forms::all(40).into_iter().find(|(config, _)| config.kind == Kind::Masked).unwrap();
-    let message = Reader::new(&forms::model(&config, &tokens), Reading::default()).err().unwrap().to_string();
+    let (config, tokens) = fixtures::all(40).into_iter().find(|(config, _)| config.kind == ModelKind::Masked).unwrap();
+    let message = Reader::new(&fixtures::model(&config, &tokens), ReaderOptions::default()).err().unwrap().to_string();
     assert_eq!(message, "a masked model sees the whole window at once: it can't be read token after token");
 }
 
 #[test]
 fn what_cannot_be_read_is_refused() {
-    let mut reader = Reader::new(&model(Positions::Absolute, true), Reading::default()).unwrap();
+    let mut reader = Reader::new(&model(Positions::Absolute, true), ReaderOptions::default()).unwrap();
     let mut said = |blocks: &[&[u32]]| reader.read(blocks, Logits::Last).unwrap_err().to_string();
     assert_eq!(said(&[&[1, 51]]), "token 51 is outside the vocabulary of 51 ids");
     assert_eq!(said(&[&[1; 71]]), "71 more tokens behind 0 read; expected at most 70");
@@ -162,7 +163,7 @@ fn what_cannot_be_read_is_refused() {
 #[test]
 fn scores_are_those_of_the_plain_form() {
     let mut gpt = model(Positions::FrameJoint, true);
-    let mut reader = Reader::new(&gpt, Reading { streams: 2, ..Reading::default() }).unwrap();
+    let mut reader = Reader::new(&gpt, ReaderOptions { streams: 2, ..ReaderOptions::default() }).unwrap();
     let (inputs, mut targets) = (ids(60, 1), ids(60, 2));
     targets[25..].fill(0);
     let (mut found, mut expected) = (vec![9.0; 60], vec![9.0; 60]);
@@ -177,7 +178,10 @@ fn bytes_and_half_floats_cost_less_than_half_a_percent() {
     let (inputs, targets) = (ids(70, 1), ids(70, 2));
     let nats = |weights, kv| {
         let mut out = vec![0.0; 70];
-        Reader::new(&gpt, Reading { streams: 1, weights, kv }).unwrap().nats(&inputs, &targets, 70, &mut out).unwrap();
+        Reader::new(&gpt, ReaderOptions { streams: 1, weights, kv })
+            .unwrap()
+            .nats(&inputs, &targets, 70, &mut out)
+            .unwrap();
         out.iter().sum::<f32>()
     };
     let plain = nats(WeightKind::F32, KvKind::F32);

@@ -10,7 +10,7 @@ use crate::{Error, Result};
 use kinelm_corpus::words::ClipWords;
 use kinelm_corpus::{Conditions, EvalWindow, eval_windows};
 use kinelm_model::fast::{Fast, Windows};
-use kinelm_model::{Kind as ModelKind, Which, load_run};
+use kinelm_model::{CheckpointChoice, ModelKind, load_run};
 use kinelm_motion::Clip;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_tokenizer::{SPACE, Tokenizer};
@@ -46,7 +46,7 @@ pub struct Reader {
 /// # Errors
 /// As [`load_run`]; weights that can't be read.
 pub fn kind_of(run: &Path) -> Result<Kind> {
-    let loaded = load_run(run, Which::Auto)?;
+    let loaded = load_run(run, CheckpointChoice::Auto)?;
     let weights = loaded.weights_sha256();
     Ok(Kind::Model { run: std::path::absolute(run).map_err(Error::io(run))?, weights })
 }
@@ -56,7 +56,7 @@ pub fn kind_of(run: &Path) -> Result<Kind> {
 /// # Errors
 /// As [`load_run`]; other weights than `weights`; a model that isn't causal or whose context holds no word.
 pub fn open(run: &Path, weights: &str) -> Result<(Speaker, Reader)> {
-    let loaded = load_run(run, Which::Auto)?;
+    let loaded = load_run(run, CheckpointChoice::Auto)?;
     let found = loaded.weights_sha256();
     if found != weights {
         let (found, expected) = (format!("weights {found}"), format!("weights {weights}, as the index was built with"));
@@ -143,8 +143,9 @@ impl Reader {
             rows.extend(read.map(|row| i * places + row));
         }
         let mask = self.model.mask();
-        let vectors =
-            self.model.final_vectors(Windows { inputs: &inputs, targets: &inputs, length, mask, told: None }, &rows)?;
+        let vectors = self
+            .model
+            .final_vectors(Windows { inputs: &inputs, targets: &inputs, length, mask, conditioning: None }, &rows)?;
         for (row, vector) in rows.iter().zip(vectors.chunks_exact(self.width)) {
             let sum = &mut sums[pieces[row / places].clip * self.width..][..self.width];
             sum.iter_mut().zip(vector).for_each(|(s, x)| *s += f64::from(*x));
@@ -156,19 +157,19 @@ impl Reader {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kinelm_model::forms;
+    use kinelm_model::fixtures;
 
     /// Every frame of a window counts once by the row behind it, in windows that fit and in longer ones.
     #[test]
     fn a_two_level_model_tells_windows_by_the_rows_behind_their_frames() {
-        let (levels, tokens) = forms::every(36).into_iter().find(|(c, _)| !c.architecture.is_flat()).unwrap();
-        let gpt = forms::model(&levels, &tokens);
+        let (levels, tokens) = fixtures::every(36).into_iter().find(|(c, _)| !c.architecture.is_flat()).unwrap();
+        let gpt = fixtures::model(&levels, &tokens);
         let (context, width, word, pad) = (levels.context, levels.width, tokens.word, tokens.pad);
         let front = vec![tokens.bos];
         let model = Fast::of(&gpt).unwrap();
         let mut reader = Reader { model, front: front.clone(), pad, context, width, frame: Some(word) };
         // the first of three windows is whole
-        let (_, from) = forms::batch(&levels, &tokens, 3, context);
+        let (_, from) = fixtures::batch(&levels, &tokens, 3, context);
         let window = |frames: usize| {
             let ids: Vec<u32> = from[..context].chunks_exact(word).cycle().take(frames).flatten().copied().collect();
             Tokens { starts: (0..frames).map(|f| (f * word) as u32).collect(), ids }

@@ -6,7 +6,7 @@ use crate::progress::Progress;
 use crate::run::RunFile;
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
-use kinelm_model::checkpoint::{Checkpoints, State, Which};
+use kinelm_model::checkpoint::{CheckpointChoice, Checkpoints, State};
 use kinelm_model::run::{AVERAGED, OPTIMIZER, WEIGHTS};
 use kinelm_model::{Compute, layout, weights};
 use std::collections::BTreeMap;
@@ -100,7 +100,7 @@ pub fn load(
     let averages = file.train.ema > 0.0;
     let wanted = [WEIGHTS, OPTIMIZER, AVERAGED];
     let wanted = if averages { &wanted[..] } else { &wanted[..2] };
-    let found = checkpoints.find(Which::Latest, wanted, &[], &mut |n| progress.note(&n))?;
+    let found = checkpoints.find(CheckpointChoice::Latest, wanted, &[], &mut |n| progress.note(&n))?;
     let tensors = |name: &str| weights::from_bytes(&found.dir.join(name), &found.files[name]);
     // before its first step nothing ran, whatever the run began with
     let ran = found.state.products.as_deref().filter(|_| found.state.step > 0);

@@ -3,7 +3,7 @@ use crate::metrics::StepFigures;
 use crate::{Precision, Schedule, Silent, TrainConfig, fixture};
 use kinelm_corpus::{Conditions, Corpus, Split};
 use kinelm_engine::linear::Products;
-use kinelm_model::checkpoint::Which;
+use kinelm_model::checkpoint::CheckpointChoice;
 use kinelm_model::run::{AVERAGED, OPTIMIZER, WEIGHTS, load_run};
 use kinelm_model::{Form, ModelConfig, layout, weights};
 use kinelm_tokenizer::Tokenizer;
@@ -98,7 +98,7 @@ fn a_run_in_bf16_goes_on_bit_for_bit_and_says_what_computed_it() {
     let stop = AtomicBool::new(false);
     let mut halves = options(dir.path(), "bf16", Some(asked));
     let first = pretrain(&halves, &stop, &mut StopAt(5, &stop, Vec::new())).unwrap();
-    let products = |s: &Summary| load_run(&s.run, Which::Latest).unwrap().state.products;
+    let products = |s: &Summary| load_run(&s.run, CheckpointChoice::Latest).unwrap().state.products;
     let name = Products::bf16().name();
     assert_eq!((products(&first).as_deref(), products(&f32s)), (Some(name), None));
 
@@ -159,11 +159,11 @@ fn a_damaged_checkpoint_is_passed_over_and_loading_takes_the_best() {
         progress.2
     );
     assert!(fs::read(again.checkpoint.join(WEIGHTS)).unwrap() == whole);
-    let best = load_run(&run, Which::Auto).unwrap();
+    let best = load_run(&run, CheckpointChoice::Auto).unwrap();
     assert_eq!(best.state.step, again.best.unwrap().step);
-    assert_eq!(load_run(&run, Which::Latest).unwrap().state.step, 10);
-    assert!(load_run(&run, Which::Step(3)).is_err());
-    assert!(load_run(dir.path(), Which::Auto).err().unwrap().to_string().contains("no config.toml"));
+    assert_eq!(load_run(&run, CheckpointChoice::Latest).unwrap().state.step, 10);
+    assert!(load_run(&run, CheckpointChoice::Step(3)).is_err());
+    assert!(load_run(dir.path(), CheckpointChoice::Auto).err().unwrap().to_string().contains("no config.toml"));
     for name in ["tokenizer.json", "corpus.json", "config.toml", "samples", "latest", "best"] {
         assert!(run.join(name).exists(), "{name}");
     }
@@ -181,7 +181,7 @@ fn a_corpus_without_validation_clips_trains_and_says_so() {
     let summary = pretrain(&options(dir.path(), "run", Some(file)), &stop, &mut progress).unwrap();
     assert!(progress.2[0].contains("no validation clip"));
     assert_eq!((summary.step, summary.valid, summary.best), (10, None, None));
-    assert_eq!(load_run(&dir.path().join("run"), Which::Auto).unwrap().state.step, 10);
+    assert_eq!(load_run(&dir.path().join("run"), CheckpointChoice::Auto).unwrap().state.step, 10);
     assert_eq!(Checkpoints::of(&dir.path().join("run")).steps().unwrap(), [10]);
 }
 
@@ -319,7 +319,7 @@ fn the_average_is_what_is_measured_and_loaded() {
     assert_ne!(plain.valid.unwrap().bits_per_frame, bits);
     let other = run("plain", 0.8, Form::Plain).valid.unwrap().bits_per_frame;
     assert!((other - bits).abs() < 1e-2, "{other}, in the other form {bits}");
-    let loaded = load_run(&with.run, Which::Latest).unwrap();
+    let loaded = load_run(&with.run, CheckpointChoice::Latest).unwrap();
     let saved = fs::read(with.checkpoint.join(AVERAGED)).unwrap();
     assert!(weights::to_bytes(loaded.weights.iter().map(|(n, t)| (n.as_str(), t))).unwrap() == saved);
     let corpus = Corpus::open(dir.path().join("corpus")).unwrap();
@@ -356,7 +356,7 @@ fn a_run_that_gets_no_better_ends_and_stays_ended() {
     assert!(summary.early && !summary.stopped && summary.step < 60, "{summary:?}");
     assert_eq!(summary.step, best.step + 6);
     assert!(summary.valid.unwrap().bits_per_frame > best.bits_per_frame);
-    assert_eq!(load_run(&summary.run, Which::Auto).unwrap().state.step, best.step);
+    assert_eq!(load_run(&summary.run, CheckpointChoice::Auto).unwrap().state.step, best.step);
     options.resume = true;
     let again = go(&options).unwrap();
     assert!(again.early && again.loss.is_none() && again.step == summary.step, "{again:?}");
@@ -376,7 +376,7 @@ fn a_run_with_conditions_has_its_labels_in_its_vocabulary_and_resumes() {
     let second = go(&halves).unwrap();
     let bytes = |s: &Summary| fs::read(s.checkpoint.join(WEIGHTS)).unwrap();
     assert!(bytes(&straight) == bytes(&second));
-    let run = load_run(&dir.path().join("straight"), Which::Auto).unwrap();
+    let run = load_run(&dir.path().join("straight"), CheckpointChoice::Auto).unwrap();
     assert_eq!((run.conditions.as_slice(), run.tokens.front), (&["genre", "dancer"].map(String::from)[..], 3));
     let tokenizer = Tokenizer::load(&run.tokenizer).unwrap();
     assert_eq!(tokenizer.base_hash(), corpus.tokenizer().hash());
@@ -455,8 +455,8 @@ fn a_run_begins_with_the_weights_of_another() {
     let stop = AtomicBool::new(true);
     let begun = pretrain(&further, &stop, &mut Silent).unwrap();
     assert_eq!((begun.step, begun.stopped), (0, true));
-    let own = load_run(&begun.run, Which::Latest).unwrap();
-    let theirs = load_run(&other.run, Which::Auto).unwrap();
+    let own = load_run(&begun.run, CheckpointChoice::Latest).unwrap();
+    let theirs = load_run(&other.run, CheckpointChoice::Auto).unwrap();
     let bytes = |run: &kinelm_model::LoadedRun| weights::to_bytes(run.weights.iter().map(|(n, t)| (n.as_str(), t)));
     assert!(bytes(&own).unwrap() == bytes(&theirs).unwrap(), "the average of the first run's weights");
     let origin = RunFile::read(&begun.run).unwrap().from.unwrap();

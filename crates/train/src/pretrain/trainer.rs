@@ -13,7 +13,7 @@ use crate::{Error, Result, schedule};
 use kinelm_corpus::Split;
 use kinelm_model::checkpoint::{Best, Checkpoints, State};
 use kinelm_model::likelihood::Likelihood;
-use kinelm_model::{Compute, Kind};
+use kinelm_model::{Compute, ModelKind};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -59,7 +59,7 @@ impl<'a> Trainer<'a> {
             let (word, context) = (file.tokens.word, c.context);
             progress.note(&format!("words have up to {word} tokens, a window {context}: longer words are cut"));
         }
-        if c.kind == Kind::Masked && file.train.sample_every > 0 {
+        if c.kind == ModelKind::Masked && file.train.sample_every > 0 {
             progress.note("a masked model draws no dances: sample_every does nothing");
         }
         let checkpoints = Checkpoints::of(run.path());
@@ -185,7 +185,7 @@ impl<'a> Trainer<'a> {
     fn sample(&mut self) {
         let (step, train) = (self.state.step, &self.file.train);
         let due = train.sample_every.saturating_mul(train.eval_every);
-        if due == 0 || !step.is_multiple_of(due) || self.file.model.kind == Kind::Masked {
+        if due == 0 || !step.is_multiple_of(due) || self.file.model.kind == ModelKind::Masked {
             return;
         }
         let weights = self.learner.averages().and_then(|all| all.map_or_else(|| self.learner.weights(), Ok));
@@ -222,7 +222,7 @@ mod tests {
     use crate::{Silent, TrainConfig, fixture};
     use candle_core::{Device, Tensor};
     use kinelm_engine::linear::Products;
-    use kinelm_model::checkpoint::Which;
+    use kinelm_model::checkpoint::CheckpointChoice;
     use kinelm_model::run::load_run;
     use kinelm_model::{Form, ModelConfig, layout};
 
@@ -250,7 +250,7 @@ mod tests {
         poison(&mut trainer, compute);
         let message = trainer.train(&AtomicBool::new(false)).unwrap_err().to_string();
         if steps > 0 {
-            let whole = load_run(&dir.path().join("run"), Which::Latest).unwrap();
+            let whole = load_run(&dir.path().join("run"), CheckpointChoice::Latest).unwrap();
             assert_eq!(whole.state.step, steps, "nothing was written after the poison");
         }
         (message, dir)

@@ -16,7 +16,7 @@ use crate::Result;
 use crate::aclstm::data::{Recording, Recordings};
 use kinelm_corpus::Split;
 use kinelm_engine::arena::Floats;
-use kinelm_engine::lstm::Told;
+use kinelm_engine::lstm::TeacherForcing;
 use kinelm_store::random;
 use kinelm_train::folder::RunFolder;
 use kinelm_train::learner::listed;
@@ -201,7 +201,7 @@ impl updates::Learner for Learning<'_> {
         standardise(weights, &mut seen.heard);
         self.network.pack(weights);
         self.network.rest();
-        let told = Told { steps: &seen.told, rows: &seen.before };
+        let told = TeacherForcing { steps: &seen.told, rows: &seen.before };
         let outputs = self.network.forward(weights, &seen.heard, told, dropped);
         let effort = config.effort_of(step);
         let asked = Wanted { pose: config.pose, effort, weights: &self.weights };

@@ -7,7 +7,7 @@ use crate::music_lstm::config::{Audio, Effort, Pose};
 use crate::music_lstm::evaluate::{Options, evaluate};
 use crate::music_lstm::run::Trained;
 use kinelm_corpus::music::dance::music;
-use kinelm_model::Which;
+use kinelm_model::CheckpointChoice;
 use kinelm_model::run::{OPTIMIZER, WEIGHTS};
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::{Motion, Source, synth};
@@ -141,7 +141,7 @@ fn what_is_heard_decides_the_dance() {
     let config = Config { steps: 150, learning_rate: 1e-2, dropout: 0.0, ..config };
     let run = dir.path().join("run");
     go(&run, &Asked::New(config, places), 999).unwrap();
-    let trained = Trained::load(&run, Which::Auto).unwrap();
+    let trained = Trained::load(&run, CheckpointChoice::Auto).unwrap();
     let options = Options { unheard: Split::Test, frames: 300, cutoff_hz: 6.0 };
     let report = evaluate(&trained, &options, &mut |_| ()).unwrap();
     let of = |music: &str| &report.rows.iter().find(|r| r.split == "train" && r.music == music).unwrap().figures;

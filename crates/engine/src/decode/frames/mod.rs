@@ -10,14 +10,14 @@
 //! for once a frame, and a prompt, of which only the last logits are wanted, costs no speller rows but its last
 //! frame's.
 
+mod conditioning;
 mod rows;
 #[cfg(test)]
 mod tests;
-mod told;
 mod weights;
 
-pub use told::Told;
-pub use weights::{FrameParts, FrameSizes, FrameWeights, ToldParts};
+pub use conditioning::FrameConditioning;
+pub use weights::{ConditioningParts, FrameParts, FrameSizes, FrameWeights};
 
 use super::cache::KvKind;
 use super::head::Pieces;
@@ -25,8 +25,8 @@ use super::kernel::Left;
 use super::layers::{Asked, Layers, Run, in_pool, products};
 use super::step::Logits;
 use crate::arena::Floats;
+use conditioning::ConditionedFrames;
 use std::sync::Arc;
-use told::ToldFrames;
 
 /// Sequences of frames that are read side by side, sharing every read of a weight: the [`super::Decoder`] of a model of
 /// two stacks.
@@ -43,7 +43,7 @@ pub struct FrameDecoder {
     /// What the trunk's next rows are made of, (m, 2 C e).
     frames: Floats,
     /// What frames are told beside it.
-    told: ToldFrames,
+    conditioning: ConditionedFrames,
     /// The rows whose logits are asked for.
     asked: Vec<Asked>,
     logits: Vec<f32>,
@@ -94,7 +94,7 @@ impl FrameDecoder {
             tokens: vec![0; streams * context],
             known: Floats::new(streams * frames * speller.width),
             frames: Floats::new(trunk.free() * weights.rows.frame_width()),
-            told: ToldFrames::new((streams, frames), weights.told_numbers(), word),
+            conditioning: ConditionedFrames::new((streams, frames), weights.told_numbers(), word),
             asked: Vec::with_capacity(spelled.free()),
             logits: Vec::with_capacity(streams * vocabulary),
             trunk,
@@ -134,7 +134,7 @@ impl FrameDecoder {
     /// Every stream forgets all it has read, and what its frames were told.
     pub fn reset(&mut self) {
         self.readings.fill(Reading::default());
-        (0..self.streams()).for_each(|stream| self.told.forget(stream, 0));
+        (0..self.streams()).for_each(|stream| self.conditioning.forget(stream, 0));
     }
 
     /// A stream forgets all but its first `length` tokens, and what later frames were told. Where the tokens end in an
@@ -145,7 +145,7 @@ impl FrameDecoder {
     pub fn truncate(&mut self, stream: usize, length: usize) {
         self.readings[stream].truncate(length, self.weights.rows.word(), self.weights.ahead());
         let inputs = self.readings[stream].inputs(self.weights.ahead());
-        self.told.forget(stream, inputs.div_ceil(self.weights.rows.word()));
+        self.conditioning.forget(stream, inputs.div_ceil(self.weights.rows.word()));
     }
 
     /// Tells a frame of a stream something, or nothing, before the token is read that it is spelled behind. Frames from it
@@ -153,10 +153,10 @@ impl FrameDecoder {
     ///
     /// # Panics
     /// A stream or a frame that is not there; a model that can't be told, numbers or rows of another shape.
-    pub fn tell(&mut self, stream: usize, frame: usize, told: Option<Told>) {
-        let has_rows = self.weights.told.as_ref().is_some_and(|told| !told.rows[0].is_empty());
+    pub fn condition(&mut self, stream: usize, frame: usize, conditioning: Option<FrameConditioning>) {
+        let has_rows = self.weights.conditioning.as_ref().is_some_and(|conditioning| !conditioning.rows[0].is_empty());
         let steps = if has_rows { self.weights.rows.steps() } else { 0 };
-        self.told.tell(stream, frame, told, steps);
+        self.conditioning.condition(stream, frame, conditioning, steps);
         let reading = &mut self.readings[stream];
         reading.frames = reading.frames.min(frame);
         if reading.frame >= frame {
@@ -217,9 +217,9 @@ impl FrameDecoder {
                 x.chunks_exact_mut(width)
                     .for_each(|x| FrameWeights::add_labels(x, &weights.labels[0], &self.tokens[front + 1..=ids]));
                 let wide = rows.frame_width();
-                if let Some(weights) = &weights.told {
+                if let Some(weights) = &weights.conditioning {
                     for (frame, x) in (frames..frames + n).zip(x.chunks_exact_mut(width)) {
-                        self.told.add(x, (stream, frame), &weights.trunk);
+                        self.conditioning.add(x, (stream, frame), &weights.trunk);
                     }
                 }
                 for (frame, x) in (frames..frames + n).zip(self.frames[first * wide..].chunks_exact_mut(wide)) {
@@ -238,7 +238,8 @@ impl FrameDecoder {
 
     /// Takes the frames through the trunk, and keeps what it makes of them.
     fn pass_trunk(&mut self) {
-        let FrameWeights { frames, trunk, trunk_norm, join, rows: table, sizes, told, labels, .. } = &*self.weights;
+        let FrameWeights { frames, trunk, trunk_norm, join, rows: table, sizes, conditioning, labels, .. } =
+            &*self.weights;
         let (rows, wide, width) = (self.trunk.rows(), table.frame_width(), sizes.trunk.width);
         let room = &mut self.trunk.room;
         products(frames, 0..frames.pieces(), &mut room.pieces, Left::whole(&self.frames, rows, wide, wide));
@@ -255,8 +256,8 @@ impl FrameDecoder {
             for (i, known) in known.chunks_exact_mut(sizes.speller.width).take(run.rows).enumerate() {
                 product.copy(known, row, 0);
                 FrameWeights::add_labels(known, &labels[1], front);
-                if let Some(weights) = told {
-                    self.told.add(known, (run.stream, run.place + i), &weights.speller);
+                if let Some(weights) = conditioning {
+                    self.conditioning.add(known, (run.stream, run.place + i), &weights.speller);
                 }
                 row += 1;
             }
@@ -310,8 +311,8 @@ impl FrameDecoder {
             let ids = &self.tokens[stream * context + weights.ahead()..][..end];
             for (i, x) in (from..from + n).zip(self.speller.room.x[row * width..].chunks_exact_mut(width)) {
                 rows.spelled(x, ids, i, known);
-                if let Some(told) = &weights.told {
-                    self.told.add_rows(x, (stream, frame), i % rows.word(), &told.rows);
+                if let Some(conditioning) = &weights.conditioning {
+                    self.conditioning.add_rows(x, (stream, frame), i % rows.word(), &conditioning.rows);
                 }
             }
             let asked = (from..from + n).zip(row..).filter(|&(place, _)| place >= first);

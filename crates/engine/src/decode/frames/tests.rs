@@ -31,8 +31,11 @@ const TOLD: usize = 5;
 type Telling = Vec<Option<(Vec<f32>, [Vec<u32>; 2])>>;
 
 /// The same as the decoder takes it.
-fn told(telling: &Telling) -> Vec<Option<Told<'_>>> {
-    telling.iter().map(|told| told.as_ref().map(|(numbers, [a, b])| Told { numbers, rows: [a, b] })).collect()
+fn conditioning(telling: &Telling) -> Vec<Option<FrameConditioning<'_>>> {
+    telling
+        .iter()
+        .map(|conditioning| conditioning.as_ref().map(|(numbers, [a, b])| FrameConditioning { numbers, rows: [a, b] }))
+        .collect()
 }
 
 impl Model {
@@ -48,8 +51,9 @@ impl Model {
         let draw = |seed: u64, lengths: &[usize], spread: f32| -> Vec<Vec<f32>> {
             lengths.iter().enumerate().map(|(i, &n)| numbers(seed * 1000 + i as u64, n, spread)).collect()
         };
-        let told = 2 * c * character;
-        let mut lengths = vec![c * (s + 1) * character, told * wide, wide, frames * wide, wide, wide, wide * d, d];
+        let conditioning = 2 * c * character;
+        let mut lengths =
+            vec![c * (s + 1) * character, conditioning * wide, wide, frames * wide, wide, wide, wide * d, d];
         lengths.extend([(r + 1 + s) * d, (c + 1) * d, (s + 1) * d, (r + 1) * d, d, d, vocabulary * d]);
         lengths.extend([round * d, clamps * d, if front > 1 { vocabulary * wide } else { 0 }]);
         lengths.extend([TOLD * wide, TOLD * d, r * d, r * d, if front > 1 { vocabulary * d } else { 0 }]);
@@ -113,7 +117,7 @@ impl Model {
             head: t(14),
             relative: Relative { circular: t(15), clamped: t(16) },
             labels: [t(17), t(22)],
-            told: Some(ToldParts { trunk: t(18), speller: t(19), rows: [t(20), t(21)] }),
+            conditioning: Some(ConditioningParts { trunk: t(18), speller: t(19), rows: [t(20), t(21)] }),
         }
     }
 
@@ -183,7 +187,8 @@ fn logits_are_those_of_plain_loops() {
     for model in Model::all(4, 1).into_iter().chain(Model::all(1, 2)).chain([long, wide]) {
         let tokens = model.tokens(model.context(), 9);
         let telling = model.telling(5);
-        let truths = [&[][..], &told(&telling)].map(|told| scalar::frames::logits(&model.parts(), &tokens, told));
+        let truths = [&[][..], &conditioning(&telling)]
+            .map(|conditioning| scalar::frames::logits(&model.parts(), &tokens, conditioning));
         let truth = &truths[0];
         // of a word's places, those behind a bin one frame back have no other logits
         if model.sizes.frames > 1 {
@@ -197,7 +202,10 @@ fn logits_are_those_of_plain_loops() {
             let off = apart(&model.alone(&tokens, weights, kv), truth);
             assert!(off < bound, "{} {weights:?} {kv:?}: {off:e}", model.name());
             let mut decoder = model.decoder(1, weights, kv);
-            told(&telling).into_iter().enumerate().for_each(|(frame, told)| decoder.tell(0, frame, told));
+            conditioning(&telling)
+                .into_iter()
+                .enumerate()
+                .for_each(|(frame, conditioning)| decoder.condition(0, frame, conditioning));
             let off = apart(decoder.read(&[&tokens], Logits::All), &truths[1]);
             assert!(off < bound, "{} {weights:?} {kv:?}, told: {off:e}", model.name());
         }
@@ -285,7 +293,10 @@ fn what_is_told_in_time_or_late_or_to_another_stream_is_told_to_its_frame_alone(
         let (tokens, telling) = (model.tokens(model.context(), 3), model.telling(4));
         let (word, ahead) = (model.places.len() + 1, model.sizes.front - 1);
         let mut decoder = model.decoder(1, WeightKind::F32, KvKind::F32);
-        told(&telling).into_iter().enumerate().for_each(|(frame, told)| decoder.tell(0, frame, told));
+        conditioning(&telling)
+            .into_iter()
+            .enumerate()
+            .for_each(|(frame, conditioning)| decoder.condition(0, frame, conditioning));
         let all = decoder.read(&[&tokens], Logits::All).to_vec();
         // what is told is forgotten with the tokens
         decoder.reset();
@@ -297,7 +308,7 @@ fn what_is_told_in_time_or_late_or_to_another_stream_is_told_to_its_frame_alone(
         for (i, logits) in all.chunks(v).enumerate() {
             if let Some(frame) = i.checked_sub(ahead).filter(|i| i % word == 0).map(|i| i / word) {
                 decoder.truncate(0, i);
-                decoder.tell(0, frame, told(&telling)[frame]);
+                decoder.condition(0, frame, conditioning(&telling)[frame]);
             }
             let found = decoder.read(&[&tokens[i..=i], &tokens[i..=i]], Logits::Last);
             assert!(found[..v] == *logits && found[v..] == untold[i * v..][..v], "{} token {i}", model.name());
@@ -306,7 +317,10 @@ fn what_is_told_in_time_or_late_or_to_another_stream_is_told_to_its_frame_alone(
         let mut decoder = model.decoder(1, WeightKind::F32, KvKind::F32);
         let (read, rest) = tokens.split_at(tokens.len() - 1);
         decoder.read(&[read], Logits::Last);
-        told(&telling).into_iter().enumerate().for_each(|(frame, told)| decoder.tell(0, frame, told));
+        conditioning(&telling)
+            .into_iter()
+            .enumerate()
+            .for_each(|(frame, conditioning)| decoder.condition(0, frame, conditioning));
         assert!(decoder.read(&[rest], Logits::Last) == &all[all.len() - v..], "{}", model.name());
     }
 }

@@ -69,12 +69,12 @@ pub struct FrameParts<'a> {
     /// (Sc, d) and (2 Sl - 1, d): logits over differences to the token one frame back.
     pub relative: Relative<'a>,
     /// What frames may be told beside what was read, if they may.
-    pub told: Option<ToldParts<'a>>,
+    pub conditioning: Option<ConditioningParts<'a>>,
 }
 
 /// What becomes of the P numbers and the rows of [`super::Told`].
 #[derive(Debug, Clone, Copy)]
-pub struct ToldParts<'a> {
+pub struct ConditioningParts<'a> {
     /// (P, D): from a frame's numbers to its row of the trunk.
     pub trunk: &'a [f32],
     /// (P, d): from its numbers to each of its rows of the speller.
@@ -84,7 +84,7 @@ pub struct ToldParts<'a> {
 }
 
 /// The same, kept.
-pub(super) struct ToldWeights {
+pub(super) struct ConditioningWeights {
     /// P.
     pub numbers: usize,
     pub trunk: Floats,
@@ -92,17 +92,17 @@ pub(super) struct ToldWeights {
     pub rows: [Floats; 2],
 }
 
-impl ToldWeights {
+impl ConditioningWeights {
     /// # Panics
     /// Slices that don't have the shape they should.
-    fn new(parts: &ToldParts, sizes: FrameSizes, steps: usize) -> ToldWeights {
+    fn new(parts: &ConditioningParts, sizes: FrameSizes, steps: usize) -> ConditioningWeights {
         let (wide, d) = (sizes.trunk.width, sizes.speller.width);
         let numbers = parts.trunk.len() / wide;
         check("told to the trunk", parts.trunk, numbers * wide);
         check("told to the speller", parts.speller, numbers * d);
         let of_steps = |rows: &&[f32]| if rows.is_empty() { 0 } else { steps * d };
         parts.rows.iter().for_each(|rows| check("told rows", rows, of_steps(rows)));
-        ToldWeights {
+        ConditioningWeights {
             numbers,
             trunk: Floats::of(parts.trunk),
             speller: Floats::of(parts.speller),
@@ -125,7 +125,7 @@ pub struct FrameWeights {
     pub(super) speller: Vec<Block>,
     pub(super) norm: Norm,
     pub(super) head: Head,
-    pub(super) told: Option<ToldWeights>,
+    pub(super) conditioning: Option<ConditioningWeights>,
 }
 
 impl FrameParts<'_> {
@@ -158,7 +158,9 @@ impl FrameWeights {
             sizes: parts.sizes,
             kind,
             frames: linear("frames", parts.frames, (rows.frame_width(), trunk.width)),
-            told: parts.told.map(|told| ToldWeights::new(&told, parts.sizes, rows.steps())),
+            conditioning: parts
+                .conditioning
+                .map(|conditioning| ConditioningWeights::new(&conditioning, parts.sizes, rows.steps())),
             rows,
             positions: Floats::of(parts.positions),
             labels: parts.labels.map(Floats::of),
@@ -201,7 +203,7 @@ impl FrameWeights {
 
     /// P: how many numbers a frame may be told beside what was read; 0 where it may be told none.
     pub fn told_numbers(&self) -> usize {
-        self.told.as_ref().map_or(0, |told| told.numbers)
+        self.conditioning.as_ref().map_or(0, |conditioning| conditioning.numbers)
     }
 
     /// Multiply-adds of a token with the weights, about, the mean over the places of a frame.

@@ -1,9 +1,9 @@
 //! For the tests: models of every form, and batches as their tokenizers would make them.
 
-use super::ahead::{self, Told};
 use super::architecture::{Architecture, DecoderConfig};
-use super::config::{HeadKind, Kind, ModelConfig, Positions, Stretch, TokenLayout};
+use super::config::{HeadKind, ModelConfig, ModelKind, Positions, SlotRun, TokenLayout};
 use super::frames::Frames;
+use super::goal::{self, Conditioning};
 use super::gpt::Gpt;
 use super::music::Music;
 use candle_core::{DType, Device, Tensor};
@@ -17,7 +17,7 @@ pub const TOKENS: TokenLayout =
 
 /// Words of two angles of 7 bins, one of 5, heights of 6 and of 4 that share ids, and a space; three tokens in front.
 pub fn placed() -> TokenLayout {
-    let kind = |number, first, count, circular| Stretch { number, kind: SlotIds { first, count, circular } };
+    let kind = |number, first, count, circular| SlotRun { number, kind: SlotIds { first, count, circular } };
     TokenLayout {
         vocabulary: 26,
         word: 6,
@@ -37,10 +37,10 @@ pub fn varying() -> TokenLayout {
 
 /// A small model of every form: kind, positions, inputs and heads in all ways that go together.
 pub fn all(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
-    let mut forms = Vec::new();
+    let mut fixtures = Vec::new();
     for positions in [Positions::Absolute, Positions::FrameJoint, Positions::Rope] {
         let base = ModelConfig { layers: 2, heads: 2, width: 12, context: length, positions, ..Default::default() };
-        for kind in [Kind::Causal, Kind::Masked] {
+        for kind in [ModelKind::Causal, ModelKind::Masked] {
             let form = |tied_head, previous, head| ModelConfig {
                 kind,
                 tied_head,
@@ -48,16 +48,16 @@ pub fn all(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
                 head: Some(head),
                 ..base.clone()
             };
-            forms.push((form(true, false, HeadKind::Absolute), varying()));
-            forms.push((form(positions != Positions::Rope, false, HeadKind::Absolute), placed()));
-            if kind == Kind::Causal {
-                forms.push((form(true, true, HeadKind::Absolute), placed()));
-                forms.push((form(positions == Positions::Rope, false, HeadKind::Relative), placed()));
-                forms.push((form(positions != Positions::Absolute, true, HeadKind::Relative), placed()));
+            fixtures.push((form(true, false, HeadKind::Absolute), varying()));
+            fixtures.push((form(positions != Positions::Rope, false, HeadKind::Absolute), placed()));
+            if kind == ModelKind::Causal {
+                fixtures.push((form(true, true, HeadKind::Absolute), placed()));
+                fixtures.push((form(positions == Positions::Rope, false, HeadKind::Relative), placed()));
+                fixtures.push((form(positions != Positions::Absolute, true, HeadKind::Relative), placed()));
             }
         }
     }
-    forms
+    fixtures
 }
 
 /// The same and small two-level models, in windows of about so many tokens: each has its own context.
@@ -73,14 +73,14 @@ pub fn every(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
         decoder: Some(decoder),
         ..Default::default()
     };
-    let told = ModelConfig { ahead: true, ..levels.clone() };
+    let conditioning = ModelConfig { goal: true, ..levels.clone() };
     let danced = ModelConfig { music: Music::Beats, ..levels.clone() };
-    let both = ModelConfig { music: Music::Both, ..told.clone() };
+    let both = ModelConfig { music: Music::Both, ..conditioning.clone() };
     let two = [
         (levels.clone(), alone.clone()),
         (levels, placed()),
-        (told.clone(), alone.clone()),
-        (told, placed()),
+        (conditioning.clone(), alone.clone()),
+        (conditioning, placed()),
         (danced, placed()),
         (both, alone),
     ];
@@ -88,33 +88,36 @@ pub fn every(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
 }
 
 /// What frames of a batch are told, where they may be: two of three frames, rows missing here and there.
-pub fn told(config: &ModelConfig, tokens: &TokenLayout, windows: usize) -> Option<Told> {
-    if !config.can_be_told() {
+pub fn conditioning(config: &ModelConfig, tokens: &TokenLayout, windows: usize) -> Option<Conditioning> {
+    if !config.is_conditioned() {
         return None;
     }
     let (frames, n) = (Frames::of(tokens), windows * config.frames(tokens));
-    let mut told = if config.ahead { Told::nothing(n, frames.characters()) } else { Told::default() };
+    let mut conditioning =
+        if config.goal { Conditioning::none(n, frames.characters()) } else { Conditioning::default() };
     let mut rng = kinelm_store::random::stream(5, "told", 0, 0);
-    told.music = (0..n * config.music.numbers()).map(|_| kinelm_store::random::unit(&mut rng) as f32 - 0.5).collect();
-    let numbers = ahead::numbers(frames.characters());
-    for (frame, of_frame) in told.numbers.chunks_mut(numbers).enumerate().filter(|(frame, _)| frame % 3 != 1) {
+    conditioning.music =
+        (0..n * config.music.numbers()).map(|_| kinelm_store::random::unit(&mut rng) as f32 - 0.5).collect();
+    let numbers = goal::numbers(frames.characters());
+    for (frame, of_frame) in conditioning.numbers.chunks_mut(numbers).enumerate().filter(|(frame, _)| frame % 3 != 1) {
         of_frame.iter_mut().for_each(|x| *x = kinelm_store::random::unit(&mut rng) as f32 - 0.5);
-        for row in told.rows.iter_mut().flat_map(|rows| &mut rows[frame * tokens.word..][..frames.characters()]) {
+        for row in conditioning.rows.iter_mut().flat_map(|rows| &mut rows[frame * tokens.word..][..frames.characters()])
+        {
             if !rng.next_u32().is_multiple_of(4) {
                 *row = rng.next_u32() % frames.steps().all() as u32;
             }
         }
     }
-    Some(told)
+    Some(conditioning)
 }
 
 /// What a form is, for messages.
 pub fn name(config: &ModelConfig, tokens: &TokenLayout) -> String {
-    let ModelConfig { architecture, kind, positions, previous_frame, head, tied_head, dropout, ahead, music, .. } =
+    let ModelConfig { architecture, kind, positions, previous_frame, head, tied_head, dropout, goal, music, .. } =
         config;
     let words = if tokens.varying { "any words" } else { "words of one length" };
     format!(
-        "{architecture:?} {kind:?} {positions:?} previous {previous_frame:?} {head:?} tied {tied_head} dropout {dropout} ahead {ahead} music {music:?}, {words}"
+        "{architecture:?} {kind:?} {positions:?} previous {previous_frame:?} {head:?} tied {tied_head} dropout {dropout} goal {goal} music {music:?}, {words}"
     )
 }
 
@@ -153,7 +156,7 @@ pub fn batch(config: &ModelConfig, tokens: &TokenLayout, windows: usize, length:
             None => 6 + draw(tokens.vocabulary as u32 - 6),
         };
         let ids: Vec<u32> = (0..shown).map(id).collect();
-        if config.kind == Kind::Causal {
+        if config.kind == ModelKind::Causal {
             fill_sequence(&ids, &front(row), tokens.pad, input, target);
             if row == 1 && !kinds.is_empty() {
                 // a joint is dropped from the second word on: neither it nor what would be told from it counts

@@ -12,7 +12,7 @@
 //! the three a frame, times ten; a 1 in one of 16 places for the least l of all, two to a doubling. And two *rows* of tables
 //! of steps for every place: the step to the goal, and that divided by l.
 //!
-//! Training, measuring and generation all ask [`Course::tell`].
+//! Training, measuring and generation all ask [`GoalTrack::tell`].
 
 use super::config::{ModelConfig, TokenLayout};
 use super::frames::Frames;
@@ -38,7 +38,7 @@ pub fn numbers(characters: usize) -> usize {
 
 /// What the N frames of a batch are told, one window behind the other: what is given ahead, and the music.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Told {
+pub struct Conditioning {
     /// (N, P); 0 where a frame is told nothing; empty where nothing is told ahead.
     pub numbers: Vec<f32>,
     /// (N, W) each: rows of the tables of steps; [`NONE`] adds nothing. Empty where nothing is told ahead.
@@ -47,29 +47,29 @@ pub struct Told {
     pub music: Vec<f32>,
 }
 
-impl Told {
+impl Conditioning {
     /// Nothing, for so many frames.
-    pub fn nothing(frames: usize, characters: usize) -> Told {
+    pub fn none(frames: usize, characters: usize) -> Conditioning {
         let rows = [(); 2].map(|()| vec![NONE; frames * (characters + 1)]);
-        Told { numbers: vec![0.0; frames * numbers(characters)], rows, music: Vec::new() }
+        Conditioning { numbers: vec![0.0; frames * numbers(characters)], rows, music: Vec::new() }
     }
 
     /// Nothing, for as many frames.
-    pub fn like_nothing(&self) -> Told {
+    pub fn none_like(&self) -> Conditioning {
         let rows = [(); 2].map(|()| vec![NONE; self.rows[0].len()]);
-        Told { numbers: vec![0.0; self.numbers.len()], rows, music: vec![0.0; self.music.len()] }
+        Conditioning { numbers: vec![0.0; self.numbers.len()], rows, music: vec![0.0; self.music.len()] }
     }
 
     /// What `windows` are told, of `all` there are.
-    pub fn of_windows(&self, windows: Range<usize>, all: usize) -> Told {
+    pub fn windows(&self, windows: Range<usize>, all: usize) -> Conditioning {
         let part = |n: usize| windows.start * (n / all)..windows.end * (n / all);
         let rows = [0, 1].map(|i| self.rows[i][part(self.rows[i].len())].to_vec());
         let [numbers, music] = [&self.numbers, &self.music].map(|all| all[part(all.len())].to_vec());
-        Told { numbers, rows, music }
+        Conditioning { numbers, rows, music }
     }
 
     /// What is told behind the frames of `self`.
-    pub fn extend(&mut self, other: &Told) {
+    pub fn extend(&mut self, other: &Conditioning) {
         self.numbers.extend_from_slice(&other.numbers);
         self.music.extend_from_slice(&other.music);
         self.rows.iter_mut().zip(&other.rows).for_each(|(rows, other)| rows.extend_from_slice(other));
@@ -81,8 +81,8 @@ impl Told {
     /// A model that can't be told, other frames, rows beyond the tables.
     pub fn check(&self, config: &ModelConfig, tokens: &TokenLayout, (batch, length): (usize, usize)) -> Result<()> {
         let is_ahead = !self.numbers.is_empty() || self.rows.iter().any(|rows| !rows.is_empty());
-        if is_ahead && !config.ahead {
-            return Err(Error::call("frames told something ahead; this model has model.ahead = false"));
+        if is_ahead && !config.goal {
+            return Err(Error::call("frames told something ahead; this model has model.goal = false"));
         }
         let frames = Frames::of(tokens);
         let steps = frames.steps().all();
@@ -110,19 +110,19 @@ impl Told {
 
 /// How a tokenizer's frames are told what is ahead.
 #[derive(Debug, Clone)]
-pub struct Ahead {
+pub struct GoalEncoder {
     frames: Frames,
     root_path: RootPath,
 }
 
-impl Ahead {
+impl GoalEncoder {
     /// Of a tokenizer whose codes say how the root steps.
     ///
     /// # Errors
     /// Another tokenizer: what of it is wrong.
-    pub fn of(tokenizer: &Tokenizer) -> Result<Ahead> {
-        let root_path = RootPath::of(tokenizer).map_err(|e| Error::call(format!("model.ahead is true: {e}")))?;
-        Ok(Ahead { frames: Frames::of(&TokenLayout::of(tokenizer)), root_path })
+    pub fn of(tokenizer: &Tokenizer) -> Result<GoalEncoder> {
+        let root_path = RootPath::of(tokenizer).map_err(|e| Error::call(format!("model.goal is true: {e}")))?;
+        Ok(GoalEncoder { frames: Frames::of(&TokenLayout::of(tokenizer)), root_path })
     }
 
     /// C: characters of a frame.
@@ -152,8 +152,8 @@ impl Ahead {
 
 /// Frames of which some characters are given, and what of that can be told ahead.
 #[derive(Debug)]
-pub struct Course {
-    ahead: Ahead,
+pub struct GoalTrack {
+    encoder: GoalEncoder,
     /// (F, C).
     codes: Vec<u16>,
     /// (F, C).
@@ -174,19 +174,19 @@ struct Goal {
     left: f64,
 }
 
-impl Course {
+impl GoalTrack {
     /// Of `codes` (F, C), of which some are `given` (F, C); words begin behind the first `lead_in` frames.
     ///
     /// # Panics
     /// Not as many of both, or not of whole frames.
-    pub fn new(ahead: Ahead, codes: Vec<u16>, given: Vec<bool>, lead_in: usize) -> Course {
-        let c = ahead.characters();
+    pub fn new(encoder: GoalEncoder, codes: Vec<u16>, given: Vec<bool>, lead_in: usize) -> GoalTrack {
+        let c = encoder.characters();
         assert!(codes.len() == given.len() && codes.len().is_multiple_of(c), "codes of whole frames");
         let frames = codes.len() / c;
-        let mut stand = ahead.start();
+        let mut stand = encoder.start();
         let stands = codes.chunks_exact(c).enumerate().map(|(frame, word)| {
             if frame >= lead_in {
-                ahead.follow(&mut stand, word);
+                encoder.follow(&mut stand, word);
             }
             stand.clone()
         });
@@ -194,7 +194,7 @@ impl Course {
         let root = |frame: usize| given[frame * c..][..ROOT_SLOTS].iter().all(|is| *is);
         let next_root = until(frames, 1, |frame, _| root(frame));
         let next = until(frames, c, |frame, place| given[frame * c + place]);
-        Course { ahead, codes, given, next, next_root, stands }
+        GoalTrack { encoder, codes, given, next, next_root, stands }
     }
 
     /// F.
@@ -204,12 +204,12 @@ impl Course {
 
     /// C.
     pub fn characters(&self) -> usize {
-        self.ahead.characters()
+        self.encoder.characters()
     }
 
     /// Codes of ids of whole words, spaces among them (F W) -> (F, C); 0 for ids that are no bin of their place.
     pub fn codes(&self, ids: &[u32]) -> Vec<u16> {
-        self.ahead.codes(ids)
+        self.encoder.codes(ids)
     }
 
     /// Whether some character is free and given later.
@@ -224,7 +224,7 @@ impl Course {
             return Some(self.stands[frame].clone());
         }
         let mut stand = before?.clone();
-        self.ahead.follow(&mut stand, word);
+        self.encoder.follow(&mut stand, word);
         Some(stand)
     }
 
@@ -235,7 +235,7 @@ impl Course {
 
     /// What a frame is told: behind `word` (C), the codes one frame back, and where the root stands there, if that is
     /// known. It is put into `numbers` (P) and the rows (C or more); whether it is anything.
-    pub fn tell(
+    pub fn encode(
         &self,
         frame: usize,
         (word, stand): (&[u16], Option<&RootState>),
@@ -249,7 +249,7 @@ impl Course {
         }
         let (c, root) = (self.characters(), stand.and_then(|stand| self.way(frame, stand)));
         let mut least = root.map_or(f64::INFINITY, |(_, left)| left);
-        let whole = root.map(|(way, left)| self.ahead.root_path.step_codes(way.map(|way| way / left)));
+        let whole = root.map(|(way, left)| self.encoder.root_path.step_codes(way.map(|way| way / left)));
         for place in 0..c {
             let step = STEP_SLOTS.iter().position(|&at| at == place);
             let Some(goal) = (match step {
@@ -258,7 +258,7 @@ impl Course {
             }) else {
                 continue;
             };
-            let (bins, all) = (self.ahead.frames.places()[place], self.ahead.frames.steps());
+            let (bins, all) = (self.encoder.frames.places()[place], self.encoder.frames.steps());
             let (d, angle) = apart(goal.code, word[place].into(), (bins.count.into(), bins.circular));
             for (i, number) in [angle.sin(), 1.0 - angle.cos(), angle, 8.0 * angle / goal.left].into_iter().enumerate()
             {
@@ -282,31 +282,31 @@ impl Course {
     /// The next given character of a place, if it is free.
     fn goal(&self, frame: usize, place: usize) -> Option<Goal> {
         let at = frame * self.characters() + place;
-        let ahead = usize::from(self.next[at]);
-        let is_goal = !self.given[at] && ahead > 0;
-        is_goal.then(|| Goal { code: self.codes[at + ahead * self.characters()].into(), left: (ahead + 1) as f64 })
+        let encoder = usize::from(self.next[at]);
+        let is_goal = !self.given[at] && encoder > 0;
+        is_goal.then(|| Goal { code: self.codes[at + encoder * self.characters()].into(), left: (encoder + 1) as f64 })
     }
 
     /// The root's way to where it is given next, and the frames that it has, where its steps are free.
     fn way(&self, frame: usize, stand: &RootState) -> Option<([f64; 3], f64)> {
         let given = &self.given[frame * self.characters()..];
-        let ahead = usize::from(self.next_root[frame]);
-        let is_free = ahead > 0 && STEP_SLOTS.iter().all(|&place| !given[place]);
-        is_free.then(|| (stand.step_to(&self.stands[frame + ahead]), (ahead + 1) as f64))
+        let encoder = usize::from(self.next_root[frame]);
+        let is_free = encoder > 0 && STEP_SLOTS.iter().all(|&place| !given[place]);
+        is_free.then(|| (stand.step_to(&self.stands[frame + encoder]), (encoder + 1) as f64))
     }
 
     /// What the first `frames` are told of themselves, the first nothing.
-    pub fn told(&self, frames: usize) -> Told {
+    pub fn conditioning(&self, frames: usize) -> Conditioning {
         let c = self.characters();
-        let mut told = Told::nothing(frames, c);
-        let Told { numbers: all, rows: [steps, paces], .. } = &mut told;
+        let mut conditioning = Conditioning::none(frames, c);
+        let Conditioning { numbers: all, rows: [steps, paces], .. } = &mut conditioning;
         let parts =
             all.chunks_exact_mut(numbers(c)).zip(steps.chunks_exact_mut(c + 1)).zip(paces.chunks_exact_mut(c + 1));
         for (frame, ((numbers, steps), paces)) in parts.enumerate().take(self.frames()).skip(1) {
             let before = (&self.codes[(frame - 1) * c..][..c], Some(&self.stands[frame - 1]));
-            self.tell(frame, before, numbers, [steps, paces]);
+            self.encode(frame, before, numbers, [steps, paces]);
         }
-        told
+        conditioning
     }
 }
 
@@ -354,8 +354,8 @@ mod tests {
         Tokenizer::from_json(TOKENIZER).unwrap()
     }
 
-    fn ahead() -> Ahead {
-        Ahead::of(&tokenizer()).unwrap()
+    fn encoder() -> GoalEncoder {
+        GoalEncoder::of(&tokenizer()).unwrap()
     }
 
     #[test]
@@ -365,23 +365,23 @@ mod tests {
         let gaps: Vec<(usize, usize)> = serde_json::from_value(golden["gaps"].clone()).unwrap();
         let free = |frame: usize| gaps.iter().any(|(start, end)| (*start..*end).contains(&frame));
         let given = (0..codes.len()).flat_map(|frame| [!free(frame); 9]).collect();
-        let told = Course::new(ahead(), codes.concat(), given, 0).told(codes.len());
+        let conditioning = GoalTrack::new(encoder(), codes.concat(), given, 0).conditioning(codes.len());
         let p = numbers(9);
         let mut expected = 0;
         for frame in golden["frames"].as_array().unwrap() {
             let at = frame["frame"].as_u64().unwrap() as usize;
             let truth: Vec<f64> = serde_json::from_value(frame["numbers"].clone()).unwrap();
             assert_eq!(truth.len(), p);
-            for (i, (found, truth)) in told.numbers[at * p..][..p].iter().zip(&truth).enumerate() {
+            for (i, (found, truth)) in conditioning.numbers[at * p..][..p].iter().zip(&truth).enumerate() {
                 assert!((f64::from(*found) - truth).abs() < BOUND, "frame {at}, number {i}: {found}, expected {truth}");
             }
             let rows: [Vec<u32>; 2] = serde_json::from_value(frame["rows"].clone()).unwrap();
-            for (found, rows) in told.rows.iter().zip(&rows) {
+            for (found, rows) in conditioning.rows.iter().zip(&rows) {
                 assert_eq!((&found[at * 10..][..9], found[at * 10 + 9]), (&rows[..], NONE), "frame {at}");
             }
             expected += 1;
         }
-        let found = told.numbers.chunks(p).filter(|numbers| numbers.iter().any(|x| *x != 0.0)).count();
+        let found = conditioning.numbers.chunks(p).filter(|numbers| numbers.iter().any(|x| *x != 0.0)).count();
         assert_eq!((found, expected), (11 + 57 + 2 + 9, 79));
     }
 
@@ -397,28 +397,28 @@ mod tests {
         };
         let given: Vec<bool> = (0..frames).flat_map(|f| (0..9).map(move |p| is_given(f, p))).collect();
         let codes: Vec<u16> = (0..frames as u16).flat_map(|f| (0..9).map(move |p| (f + p) % 40)).collect();
-        let course = Course::new(ahead(), codes, given, 0);
+        let course = GoalTrack::new(encoder(), codes, given, 0);
         assert!(course.has_goals());
-        let told = course.told(frames);
+        let conditioning = course.conditioning(frames);
         let goals = |frame: usize| -> Vec<usize> {
-            (0..9).filter(|place| told.rows.iter().all(|rows| rows[frame * 10 + place] != NONE)).collect()
+            (0..9).filter(|place| conditioning.rows.iter().all(|rows| rows[frame * 10 + place] != NONE)).collect()
         };
         assert_eq!((goals(0), goals(1), goals(4), goals(5)), (vec![], vec![6], vec![6], vec![]));
         assert_eq!((goals(34), goals(35), goals(98), goals(99)), (vec![], vec![8], vec![8], vec![]));
         // no root, the bucket of 2 frames
         let p = numbers(9);
-        let of_frame = &told.numbers[4 * p..][..p];
+        let of_frame = &conditioning.numbers[4 * p..][..p];
         assert!(of_frame[36..44].iter().all(|x| *x == 0.0) && of_frame[44 + 2] == 1.0);
-        let nothing = Course::new(ahead(), vec![0; 27], vec![true; 27], 0);
-        assert!(!nothing.has_goals());
-        assert_eq!(nothing.told(5), Told::nothing(5, 9));
+        let none = GoalTrack::new(encoder(), vec![0; 27], vec![true; 27], 0);
+        assert!(!none.has_goals());
+        assert_eq!(none.conditioning(5), Conditioning::none(5, 9));
     }
 
     #[test]
     fn the_root_stands_as_given_else_where_codes_lead() {
         let codes: Vec<u16> = (0..8u16).flat_map(|f| [20 + f % 3, 20, 22, 19, 20, 20, 7, 7, 7]).collect();
         let given: Vec<bool> = (0..8).flat_map(|f| [!(3..5).contains(&f) && f > 0; 9]).collect();
-        let course = Course::new(ahead(), codes.clone(), given, 1);
+        let course = GoalTrack::new(encoder(), codes.clone(), given, 1);
         let is = |stand: &RootState, frame: usize| stand.step_to(&course.stands[frame]).iter().all(|x| x.abs() < 1e-9);
         // nothing is known before something is given
         assert!(course.stand(0, &codes[..9], None).is_none());
@@ -430,17 +430,18 @@ mod tests {
         // a gap whose beginning stands nowhere has no goal of the root
         let (mut numbers, mut rows) = (vec![0.0; numbers(9)], [vec![0; 10], vec![0; 10]]);
         let [a, b] = &mut rows;
-        assert!(course.tell(3, (&codes[18..27], None), &mut numbers, [a, b]));
+        assert!(course.encode(3, (&codes[18..27], None), &mut numbers, [a, b]));
         assert!(rows[0][0] == NONE && rows[0][1] != NONE && numbers[36..44].iter().all(|x| *x == 0.0));
     }
 
     #[test]
     fn batches_are_cut_and_joined() {
-        let mut all = Told::nothing(2, 2);
-        let other = Told { numbers: vec![1.0; 2 * numbers(2)], rows: [vec![3; 6], vec![4; 6]], music: Vec::new() };
+        let mut all = Conditioning::none(2, 2);
+        let other =
+            Conditioning { numbers: vec![1.0; 2 * numbers(2)], rows: [vec![3; 6], vec![4; 6]], music: Vec::new() };
         all.extend(&other);
-        assert_eq!(all.of_windows(1..2, 2), other);
-        assert_eq!((all.of_windows(0..1, 2), other.like_nothing()), (Told::nothing(2, 2), Told::nothing(2, 2)));
+        assert_eq!(all.windows(1..2, 2), other);
+        assert_eq!((all.windows(0..1, 2), other.none_like()), (Conditioning::none(2, 2), Conditioning::none(2, 2)));
     }
 
     #[test]
@@ -448,7 +449,7 @@ mod tests {
         let walk = kinelm_corpus::samples::walk(5);
         let config =
             TokenizerConfig { root_rotation: RootRotation::Absolute, ..TokenizerConfig::uniform(&[0], 20.0, 10) };
-        let said = Ahead::of(&Tokenizer::fit([&walk], config).unwrap()).unwrap_err().to_string();
-        assert!(said.contains("model.ahead is true") && said.contains("heading_delta"), "{said}");
+        let said = GoalEncoder::of(&Tokenizer::fit([&walk], config).unwrap()).unwrap_err().to_string();
+        assert!(said.contains("model.goal is true") && said.contains("heading_delta"), "{said}");
     }
 }

@@ -64,9 +64,9 @@ pub(super) fn pseudo(
 
 #[cfg(test)]
 mod tests {
-    use crate::forms::TOKENS;
+    use crate::fixtures::TOKENS;
     use crate::likelihood::likelihood;
-    use crate::{Gpt, Kind, ModelConfig};
+    use crate::{Gpt, ModelConfig, ModelKind};
     use candle_core::{DType, Device, Tensor};
     use kinelm_corpus::{Conditions, Split, fixture};
 
@@ -77,7 +77,7 @@ mod tests {
         let clips: Vec<_> = corpus.split(Split::Valid).collect();
         // 5 words of 7 behind <bos>
         let config =
-            ModelConfig { kind: Kind::Masked, layers: 1, heads: 1, width: 8, context: 36, ..Default::default() };
+            ModelConfig { kind: ModelKind::Masked, layers: 1, heads: 1, width: 8, context: 36, ..Default::default() };
         let mut gpt = Gpt::new(&config, &TOKENS, 1).unwrap();
         let before = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
         assert_eq!(before, likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap());

@@ -5,7 +5,7 @@
 //! c = k mod W; a is the id one frame back at that place, b the one two frames back.
 
 use super::config::TokenLayout;
-use super::questions::no_bin;
+use super::head_groups::no_bin;
 use crate::Result;
 use kinelm_engine::bins::Bins;
 use kinelm_engine::words::{Steps, Words};
@@ -36,18 +36,18 @@ impl Basis {
 
 /// Reads what lies one and two frames back in a window.
 #[derive(Debug, Clone)]
-pub struct Past {
+pub struct PreviousFrames {
     words: Words,
     pad: u32,
 }
 
-impl Past {
+impl PreviousFrames {
     /// Of windows of these tokens.
     ///
     /// # Panics
     /// If a word's places have no kinds.
-    pub fn of(tokens: &TokenLayout) -> Past {
-        Past { words: Words::new(tokens.front, tokens.bins()), pad: tokens.pad }
+    pub fn of(tokens: &TokenLayout) -> PreviousFrames {
+        PreviousFrames { words: Words::new(tokens.front, tokens.bins()), pad: tokens.pad }
     }
 
     /// How tables of steps are laid out.
@@ -95,12 +95,12 @@ impl Past {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Stretch;
+    use crate::config::SlotRun;
     use kinelm_tokenizer::SlotIds;
 
     /// Front of 2; words of an angle of 4 bins (ids 6..10), a height of 3 (10..13), a space.
     fn tokens() -> TokenLayout {
-        let kind = |first, count, circular| Stretch { number: 1, kind: SlotIds { first, count, circular } };
+        let kind = |first, count, circular| SlotRun { number: 1, kind: SlotIds { first, count, circular } };
         TokenLayout {
             vocabulary: 13,
             word: 3,
@@ -115,11 +115,11 @@ mod tests {
 
     #[test]
     fn one_and_two_frames_back_by_hand() {
-        let past = Past::of(&tokens());
-        assert_eq!(past.steps(), Steps { circular: 4, clamped: 3 });
+        let previous_frames = PreviousFrames::of(&tokens());
+        assert_eq!(previous_frames.steps(), Steps { circular: 4, clamped: 3 });
         // bins (3, 2), (1, 0), (0, <mask>), then the third word's space
         let window = [1, 4, 9, 12, 5, 7, 10, 5, 6, 2, 5];
-        let rows: Vec<[u32; 2]> = (0..window.len()).map(|i| past.previous(&window, i)).collect();
+        let rows: Vec<[u32; 2]> = (0..window.len()).map(|i| previous_frames.previous(&window, i)).collect();
         let missing = [0, 4];
         assert_eq!(rows[..4], [missing; 4]);
         // the second word: its first frame back, no step yet
@@ -128,7 +128,7 @@ mod tests {
         assert_eq!(rows[7..10], [[7, 2], [10, 1], [5, 4]]);
         // the fourth word's first place: 0 - 1 mod 4
         assert_eq!(rows[10], [6, 3]);
-        let basis: Vec<Basis> = (0..window.len()).map(|i| past.basis(&window, i)).collect();
+        let basis: Vec<Basis> = (0..window.len()).map(|i| previous_frames.basis(&window, i)).collect();
         assert_eq!(basis[..4], [Basis::Ids; 4]);
         let angle = Bins { first: 6, count: 4, circular: true };
         assert_eq!(basis[4], Basis::Steps { bins: angle, from: 3 });
@@ -136,6 +136,6 @@ mod tests {
         assert_eq!(basis[10], Basis::Steps { bins: angle, from: 0 });
         // behind <mask> there is no step, and nothing to count from
         let more = [&window[..], &[8]].concat();
-        assert_eq!((past.previous(&more, 11), past.basis(&more, 11)), ([2, 4], Basis::Ids));
+        assert_eq!((previous_frames.previous(&more, 11), previous_frames.basis(&more, 11)), ([2, 4], Basis::Ids));
     }
 }

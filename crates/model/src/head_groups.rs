@@ -1,8 +1,8 @@
 //! What the rows of a batch are asked, by the table that answers: the head's own over all ids, or one of the steps from
 //! the frame before.
 
-use super::config::{HeadKind, Kind, ModelConfig, TokenLayout};
-use super::past::{Basis, Past};
+use super::config::{HeadKind, ModelConfig, ModelKind, TokenLayout};
+use super::previous::{Basis, PreviousFrames};
 use crate::{Error, Result};
 use kinelm_engine::bins::Bins;
 use kinelm_engine::op::cross_entropy::Asked;
@@ -24,42 +24,42 @@ pub(super) type Groups = [Group; 3];
 
 /// Sorts rows by what answers them.
 #[derive(Debug, Clone)]
-pub(super) struct Questions {
-    kind: Kind,
+pub(super) struct HeadGroups {
+    kind: ModelKind,
     head: HeadKind,
     vocabulary: u32,
     pad: u32,
     /// If places are of one kind each.
-    past: Option<Past>,
+    previous_frames: Option<PreviousFrames>,
 }
 
-impl Questions {
-    pub fn of(config: &ModelConfig, tokens: &TokenLayout) -> Questions {
-        Questions {
+impl HeadGroups {
+    pub fn of(config: &ModelConfig, tokens: &TokenLayout) -> HeadGroups {
+        HeadGroups {
             kind: config.kind,
             head: config.head_of(tokens),
             vocabulary: tokens.vocabulary as u32,
             pad: tokens.pad,
-            past: (!tokens.places.is_empty()).then(|| Past::of(tokens)),
+            previous_frames: (!tokens.places.is_empty()).then(|| PreviousFrames::of(tokens)),
         }
     }
 
     /// What reads the frames before, if the head is relative.
-    pub fn steps(&self) -> Option<&Past> {
-        self.past.as_ref().filter(|_| self.head == HeadKind::Relative)
+    pub fn steps(&self) -> Option<&PreviousFrames> {
+        self.previous_frames.as_ref().filter(|_| self.head == HeadKind::Relative)
     }
 
     /// What the logits of input `i` of `window` stand for.
     pub fn basis(&self, window: &[u32], i: usize) -> Basis {
-        self.steps().map_or(Basis::Ids, |past| past.basis(window, i))
+        self.steps().map_or(Basis::Ids, |previous_frames| previous_frames.basis(window, i))
     }
 
     /// The most rows of a window of `length` inputs that count and that ids, circular and clamped steps answer.
     pub fn most_rows(&self, length: usize) -> [usize; 3] {
-        let Some(past) = self.steps() else { return [length, 0, 0] };
+        let Some(previous_frames) = self.steps() else { return [length, 0, 0] };
         let mut most = [0; 3];
         for i in 0..length {
-            let bins = past.bins(i).filter(|_| past.has_frame_before(i));
+            let bins = previous_frames.bins(i).filter(|_| previous_frames.has_frame_before(i));
             most[bins.map_or(0, |bins| 1 + usize::from(!bins.circular))] += 1;
         }
         most
@@ -68,8 +68,8 @@ impl Questions {
     /// What the target of input `i` is one of; `None` where its place has no bins.
     fn bins_at(&self, i: usize) -> Option<Bins> {
         // a masked model's target is the token at its own place, one behind what a causal one would predict there
-        let i = if self.kind == Kind::Masked { i.checked_sub(1)? } else { i };
-        self.past.as_ref()?.bins(i)
+        let i = if self.kind == ModelKind::Masked { i.checked_sub(1)? } else { i };
+        self.previous_frames.as_ref()?.bins(i)
     }
 
     /// Fills `groups` with the rows of `windows` (B of one length) whose target (B T) isn't `<pad>`.
@@ -107,13 +107,13 @@ impl Questions {
     /// The group of a row that counts, and what it is asked.
     fn ask(&self, window: &[u32], i: usize, target: u32) -> Result<(usize, Asked)> {
         let bins = self.bins_at(i);
-        if let (Some(past), Some(bins)) = (self.steps(), bins) {
-            match past.basis(window, i) {
+        if let (Some(previous_frames), Some(bins)) = (self.steps(), bins) {
+            match previous_frames.basis(window, i) {
                 Basis::Steps { bins, from } => {
                     let bin = bins.bin(target).ok_or_else(|| no_bin("the target", target, bins, i))?;
-                    return Ok((usize::from(!bins.circular) + 1, step(past, bins, from, bin)));
+                    return Ok((usize::from(!bins.circular) + 1, step(previous_frames, bins, from, bin)));
                 }
-                Basis::Ids => past.first_frame(window, i, bins)?,
+                Basis::Ids => previous_frames.first_frame(window, i, bins)?,
             }
         }
         let bins = bins.filter(|bins| bins.bin(target).is_some()).unwrap_or(Bins::NONE);
@@ -121,8 +121,8 @@ impl Questions {
     }
 }
 
-fn step(past: &Past, bins: Bins, from: usize, bin: usize) -> Asked {
-    let column = |to| past.steps().column(bins, from, to) as u32;
+fn step(previous_frames: &PreviousFrames, bins: Bins, from: usize, bin: usize) -> Asked {
+    let column = |to| previous_frames.steps().column(bins, from, to) as u32;
     let (first, count) = (if bins.circular { 0 } else { column(0) }, bins.count);
     Asked { target: column(bin), first, count, bins: Bins { first, ..bins } }
 }
@@ -138,12 +138,12 @@ pub(super) fn no_bin(what: &str, id: u32, bins: Bins, i: usize) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Stretch;
+    use crate::config::SlotRun;
     use kinelm_tokenizer::SlotIds;
 
     /// Words of an angle of 4 bins (ids 6..10), a height of 3 (10..13), a space.
     fn tokens() -> TokenLayout {
-        let kind = |first, count, circular| Stretch { number: 1, kind: SlotIds { first, count, circular } };
+        let kind = |first, count, circular| SlotRun { number: 1, kind: SlotIds { first, count, circular } };
         TokenLayout {
             vocabulary: 13,
             word: 3,
@@ -162,7 +162,7 @@ mod tests {
 
     fn sort(config: &ModelConfig, inputs: &[u32], targets: &[u32]) -> Result<Groups> {
         let mut groups = Groups::default();
-        Questions::of(config, &tokens()).sort(inputs.chunks(inputs.len()), targets, &mut groups)?;
+        HeadGroups::of(config, &tokens()).sort(inputs.chunks(inputs.len()), targets, &mut groups)?;
         Ok(groups)
     }
 
@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn a_masked_model_is_asked_for_what_it_hides() {
-        let config = ModelConfig { kind: Kind::Masked, ..Default::default() };
+        let config = ModelConfig { kind: ModelKind::Masked, ..Default::default() };
         let [ids, circular, clamped] = sort(&config, &[1, 4, 12, 5, 7, 4], &[0, 9, 0, 5, 0, 10]).unwrap();
         assert!(circular.rows.is_empty() && clamped.rows.is_empty());
         assert_eq!(ids.rows, [1, 3, 5]);

@@ -5,7 +5,7 @@ use crate::op::embedding::NONE;
 
 /// What one frame is told: C characters and an end make it, W = C + 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Told<'a> {
+pub struct FrameConditioning<'a> {
     /// (P) numbers, which the trunk's row of the frame and its rows of the speller are told through a matrix each.
     pub numbers: &'a [f32],
     /// (W) each: a row of either table for every row of the speller; [`NONE`] adds nothing.
@@ -13,7 +13,7 @@ pub struct Told<'a> {
 }
 
 /// What the frames of all streams are told.
-pub(super) struct ToldFrames {
+pub(super) struct ConditionedFrames {
     /// F.
     frames: usize,
     /// P.
@@ -28,11 +28,11 @@ pub(super) struct ToldFrames {
     rows: [Vec<u32>; 2],
 }
 
-impl ToldFrames {
+impl ConditionedFrames {
     /// Of so many streams and frames; `width` numbers a frame, 0 where it can't be told.
-    pub fn new((streams, frames): (usize, usize), width: usize, word: usize) -> ToldFrames {
+    pub fn new((streams, frames): (usize, usize), width: usize, word: usize) -> ConditionedFrames {
         let all = if width > 0 { streams * frames } else { 0 };
-        ToldFrames {
+        ConditionedFrames {
             frames,
             width,
             word,
@@ -44,17 +44,17 @@ impl ToldFrames {
 
     /// # Panics
     /// What is told has another shape, or a row beyond `steps`; a model that can't be told.
-    pub fn tell(&mut self, stream: usize, frame: usize, told: Option<Told>, steps: usize) {
+    pub fn condition(&mut self, stream: usize, frame: usize, conditioning: Option<FrameConditioning>, steps: usize) {
         assert!(frame < self.frames, "frame {frame} of {}", self.frames);
         if self.width == 0 {
-            assert!(told.is_none(), "a model that can't be told");
+            assert!(conditioning.is_none(), "a model that can't be told");
             return;
         }
         let at = stream * self.frames + frame;
-        self.is_told[at] = told.is_some();
-        let Some(told) = told else { return };
-        self.numbers[at * self.width..][..self.width].copy_from_slice(told.numbers);
-        for (own, rows) in self.rows.iter_mut().zip(told.rows) {
+        self.is_told[at] = conditioning.is_some();
+        let Some(conditioning) = conditioning else { return };
+        self.numbers[at * self.width..][..self.width].copy_from_slice(conditioning.numbers);
+        for (own, rows) in self.rows.iter_mut().zip(conditioning.rows) {
             assert!(rows.iter().all(|&row| row == NONE || (row as usize) < steps), "rows of {steps} steps");
             own[at * self.word..][..self.word].copy_from_slice(rows);
         }

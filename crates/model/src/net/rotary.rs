@@ -16,18 +16,18 @@ pub fn angles(words: impl IntoIterator<Item = u32>, width: usize) -> (Vec<f64>, 
 }
 
 /// The turns of windows: (b, 1, T, d/2) each, b being B or, for all windows alike, 1.
-pub(super) struct Turn {
+pub(super) struct Rotary {
     cosines: Tensor,
     sines: Tensor,
 }
 
-impl Turn {
+impl Rotary {
     /// Tokens that stand in these `words` (b T), of heads of `width` numbers.
-    pub fn new(words: &[u32], windows: usize, width: usize, dtype: DType, device: &Device) -> Result<Turn> {
+    pub fn new(words: &[u32], windows: usize, width: usize, dtype: DType, device: &Device) -> Result<Rotary> {
         let (cosines, sines) = angles(words.iter().copied(), width);
         let shape = (windows, 1, words.len() / windows, width / 2);
         let tensor = |numbers| Tensor::from_vec(numbers, shape, &Device::Cpu)?.to_dtype(dtype)?.to_device(device);
-        Ok(Turn { cosines: tensor(cosines)?, sines: tensor(sines)? })
+        Ok(Rotary { cosines: tensor(cosines)?, sines: tensor(sines)? })
     }
 
     /// `x` (B, H, T, d), turned.
@@ -50,7 +50,7 @@ mod tests {
         let device = Device::Cpu;
         let x = Tensor::new(&[1.0, 2.0, 3.0, 4.0], &device).unwrap().reshape((1, 1, 1, 4)).unwrap();
         let turned = |x: &Tensor, word: u32| {
-            Turn::new(&[word], 1, 4, DType::F64, &device)
+            Rotary::new(&[word], 1, 4, DType::F64, &device)
                 .unwrap()
                 .apply(x)
                 .unwrap()

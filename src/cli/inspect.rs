@@ -5,6 +5,7 @@ use anyhow::Result;
 use kinelm_motion::format::{self, ReadOptions, RestFrame, Unit, resolve_floor};
 use kinelm_motion::inspect::report;
 use kinelm_motion::{FaultKind, Motion, Warning};
+use kinelm_store::Kind;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
@@ -31,7 +32,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
                 print(&if args.json { report.json() + "\n" } else { report.text() })?;
             }
             // the one file's format says how the call is wrong
-            Err(e @ kinelm_motion::Error::Option { .. }) if args.files.len() == 1 && !args.json => return Err(e.into()),
+            Err(e) if e.kind() == Kind::Call && args.files.len() == 1 && !args.json => return Err(e.into()),
             Err(e) => {
                 failed += 1;
                 if args.json {

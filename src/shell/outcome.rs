@@ -15,8 +15,8 @@ pub struct WrongCall(pub String);
 /// What the library refuses in the words of a call is a wrong call.
 pub fn asked(e: impl Into<crate::Error>) -> Error {
     match e.into() {
-        crate::Error::Store(kinelm_store::Error::Call(what))
-        | crate::Error::Motion(kinelm_motion::Error::Call(what)) => WrongCall(what).into(),
+        crate::Error::Store(kinelm_store::Error::Call(what)) => WrongCall(what).into(),
+        crate::Error::Motion(e) if e.kind() == kinelm_store::Kind::Call => WrongCall(e.to_string()).into(),
         crate::Error::Store(kinelm_store::Error::Option { option, what }) => {
             WrongCall(format!("--{option}: {what}")).into()
         }
@@ -60,16 +60,13 @@ pub fn told_plain<Call: Parser>(e: clap::Error, args: &[OsString]) -> clap::Erro
 
 /// Whether the call was wrong, not the work: what it asks for, or where it would write.
 pub fn is_wrong_call(e: &Error) -> bool {
-    use kinelm_motion::Error as Motion;
-    let is_option = |e: &(dyn std::error::Error + 'static)| match e.downcast_ref::<crate::Error>() {
-        Some(crate::Error::Motion(e)) => matches!(e, Motion::Option { .. }),
-        _ => {
-            matches!(e.downcast_ref(), Some(crate::corpus::Error::Motion(Motion::Option { .. })))
-                || matches!(e.downcast_ref(), Some(Motion::Option { .. }))
-        }
+    let is_call = |e: &kinelm_motion::Error| e.kind() == kinelm_store::Kind::Call;
+    let is_motion = |e: &(dyn std::error::Error + 'static)| match (e.downcast_ref(), e.downcast_ref()) {
+        (Some(crate::Error::Motion(e)), _) | (_, Some(crate::corpus::Error::Motion(e))) => is_call(e),
+        _ => e.downcast_ref().is_some_and(is_call),
     };
     let is_taken = |e| matches!(of_store(e), Some(kinelm_store::Error::Taken { .. }));
-    e.is::<WrongCall>() || e.chain().any(|e| is_option(e) || is_taken(e))
+    e.is::<WrongCall>() || e.chain().any(|e| is_motion(e) || is_taken(e))
 }
 
 /// The error of the files that an error of the library is.

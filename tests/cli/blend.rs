@@ -156,7 +156,7 @@ fn spectra_are_drawn() {
         kinelm("spectrum").arg(d.path("a.bvh")).args(args).assert().code(code).stderr(contains(what));
     };
     let [out, gif, no] = ["o.png", "o.gif", "a.bvh/o.png"].map(|n| d.path(n).display().to_string());
-    said(&["--out", &out, "--joint", "knee"], 1, "no joint \"knee\"; there are pelvis, left_hip");
+    said(&["--out", &out, "--joint", "knee"], 1, "joint \"knee\": unknown; there are pelvis, left_hip");
     said(&["--out", &out, "--at", "2.9"], 1, "expected at least 16, a window");
     said(&["--out", &gif], 2, ".png or .svg");
     said(&["--out", &no], 2, "is a file, no folder");

@@ -324,7 +324,7 @@ fn one_grammar_of_times_and_joints_goes_everywhere() {
     assert!(!page().contains("\"given_s\"") && page().contains("\"given\":true"));
     view("left_arm@1-2").code(2).stderr(contains("--forced `left_arm@1-2`: `1-2` is no time"));
     view("left_arm@1s:9s").code(2).stderr(contains("--forced left_arm@1s:9s: 9s lies outside the clip"));
-    view("left_wing@1s:2s").code(2).stderr(contains("no joint or group \"left_wing\""));
+    view("left_wing@1s:2s").code(2).stderr(contains("joint or group \"left_wing\": unknown"));
 }
 
 #[test]
@@ -397,7 +397,7 @@ fn what_can_t_be_edited_is_told_and_nothing_is_written() {
         (&["--free", "left_arm@2s:9s"], "9s lies outside the clip, which has 180 frames, 3.00 s"),
         (&["--free", "left_arm@2s:1s"], "from frame 120 to frame 60 there is nothing"),
         (&["--free", "left_hand"], "the model knows none of these joints; it knows pelvis"),
-        (&["--free", "left_wing@1s:2s"], "no joint or group \"left_wing\""),
+        (&["--free", "left_wing@1s:2s"], "joint or group \"left_wing\": unknown"),
         (&["--given", "all"], "nothing is free"),
         (&["--free", "all@1:2", "--given", "left_arm@1.2:1.4"], "nothing is given in the end"),
         (&["--free", "all", "--frames", "20"], "20 frames of a prompt of 60"),

@@ -95,7 +95,7 @@ fn names_that_are_no_utf_8_are_told_before_any_work() {
 #[test]
 fn rates_that_no_movement_needs_are_refused() {
     let data = data();
-    let rate = "a rate of 1000000 frames per second; expected 10000 at most";
+    let rate = "the new rate is 1000000 frames per second; expected at most 10000";
     data.refused("spectrum data/d0.bvh --out s.png --fps 1000000", &[rate]);
     // of the file as of the call
     let mut npz = Writer::new();

@@ -29,28 +29,27 @@ impl Clip {
     /// A clip of `root` positions (F) in metres, world, and local `rotations` (F, J), unit quaternions.
     ///
     /// # Errors
-    /// [`Error::Call`] when the lengths don't fit, the rate is not positive and finite, or a value is not finite; the
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the lengths don't fit, the rate is not positive and finite, or a value is not finite; the
     /// frame and the joint are named. Quaternions are normalised; one of length 0 is an error.
     pub fn new(skeleton: Arc<Skeleton>, fps: f64, root: Vec<Vec3>, mut rotations: Vec<Quat>) -> Result<Self> {
         let j = skeleton.joints();
         if !(fps.is_finite() && fps > 0.0) {
-            return Err(Error::Call(format!("a clip of {fps} frames per second; expected a positive number")));
+            return Err(Error::invalid("the rate of a clip", format!("{fps} frames per second"), "a positive number"));
         }
         if rotations.len() != root.len() * j {
             let (r, f) = (rotations.len(), root.len());
-            return Err(Error::Call(format!(
-                "a clip of {f} frames and {j} joints with {r} rotations; expected {}",
-                f * j
-            )));
+            let found = format!("{r} for {f} frames of {j} joints");
+            return Err(Error::invalid("the number of rotations", found, (f * j).to_string()));
         }
         if let Some(f) = root.iter().position(|p| !p.is_finite()) {
-            return Err(Error::Call(format!("frame {f}: the root's position {} is not finite", root[f])));
+            return Err(Error::invalid(format!("frame {f}: the root's position"), root[f], "finite numbers"));
         }
         for (i, q) in rotations.iter_mut().enumerate() {
             let n = q.length_squared();
             if !(n.is_finite() && n > 1e-12) {
                 let (f, name) = (i / j, &skeleton.names()[i % j]);
-                return Err(Error::Call(format!("frame {f}, joint {name}: {q:?} is no rotation")));
+                let (what, found) = (format!("frame {f}, joint {name}: the rotation"), format!("{q:?}"));
+                return Err(Error::invalid(what, found, "a finite quaternion that is not zero"));
             }
             // one that is unit to rounding keeps its bits, so that a second construction changes nothing
             if (n - 1.0).abs() > 4.0 * f64::EPSILON {
@@ -124,7 +123,7 @@ impl Clip {
     /// The same frames at another rate: time runs faster or slower, nothing is resampled.
     ///
     /// # Errors
-    /// [`Error::Call`] when the rate is not positive and finite.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the rate is not positive and finite.
     pub fn with_fps(self, fps: f64) -> Result<Self> {
         Clip::new(self.skeleton, fps, self.root, self.rotations)
     }
@@ -132,7 +131,7 @@ impl Clip {
     /// The same motion on another skeleton of as many joints (other offsets, other names).
     ///
     /// # Errors
-    /// [`Error::Call`] when the number of joints differs.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the number of joints differs.
     pub fn with_skeleton(self, skeleton: Arc<Skeleton>) -> Result<Self> {
         Clip::new(skeleton, self.fps, self.root, self.rotations)
     }

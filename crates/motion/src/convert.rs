@@ -24,22 +24,19 @@ impl TargetRig {
     /// The rig of `smpl` (the neutral body), of a body model (`SMPL_*.npz`), or of a motion file.
     ///
     /// # Errors
-    /// [`Error::Call`] when it is none of these, and what reading the file fails with.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when it is none of these, and what reading the file fails with.
     pub fn load(name_or_path: &str, options: &ReadOptions) -> Result<TargetRig> {
         if name_or_path == "smpl" {
             return Ok(TargetRig::Smpl(smpl::neutral()));
         }
         let path = Path::new(name_or_path);
         if let Some(map) = SkeletonMap::builtin(name_or_path).filter(|_| !path.exists()) {
-            return Err(Error::Call(format!(
-                "{} is a map of joint names, it has no bones; give a motion file of that rig instead",
-                map.name
-            )));
+            let why = "a map of joint names has no bones; give a motion file of that rig instead";
+            return Err(Error::unsupported(format!("rig {}", map.name), why));
         }
         if !path.exists() {
-            return Err(Error::Call(format!(
-                "no rig {name_or_path:?}; expected smpl, a body model (SMPL_*.npz), or a motion file whose rig is meant"
-            )));
+            let why = "no such file; give smpl, a body model (SMPL_*.npz) or a motion file on that rig";
+            return Err(Error::unsupported(format!("rig {name_or_path:?}"), why));
         }
         let bytes = kinelm_store::input::bytes(path).map_err(Error::io(path))?;
         #[cfg(feature = "amass")]

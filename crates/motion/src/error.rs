@@ -1,8 +1,8 @@
 //! What can go wrong, and where.
 
-use kinelm_store::SourcePos;
+use kinelm_store::{Kind, SourcePos};
 use std::fmt;
-use std::path::PathBuf;
+use std::path::Path;
 
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
@@ -25,28 +25,26 @@ pub enum Error {
         /// What is wrong, where (frame, joint), what to do.
         what: String,
     },
-    /// An option of reading that the file's format doesn't have.
-    #[error("{path}: {what}")]
-    Option {
-        /// The file.
-        path: PathBuf,
-        /// The option, why it makes no sense here, what it is for.
-        what: String,
-    },
-    /// The caller asked for something that doesn't exist.
-    #[error("{0}")]
-    Call(String),
 }
 
 kinelm_store::constructors!(Error);
 
 impl Error {
     /// Which kind of error this is; the program's exit code follows from it.
-    pub fn kind(&self) -> kinelm_store::Kind {
+    pub fn kind(&self) -> Kind {
         match self {
             Error::Store(e) => e.kind(),
-            Error::File(_) | Error::Clip { .. } => kinelm_store::Kind::File,
-            Error::Option { .. } | Error::Call(_) => kinelm_store::Kind::Call,
+            Error::File(_) | Error::Clip { .. } => Kind::File,
+        }
+    }
+
+    /// The same error of a clip: one that names no file names this clip's.
+    pub fn in_clip(self, clip: impl AsRef<Path>) -> Self {
+        match self {
+            Error::Store(e) if matches!(e.kind(), Kind::Call | Kind::Limit) => {
+                Error::Clip { clip: clip.as_ref().display().to_string(), what: e.to_string() }
+            }
+            other => other,
         }
     }
 

@@ -50,7 +50,7 @@ pub struct Selection {
 /// Where a name is both, it is SMPL's; `rig:NAME` is a rig's own alone, which [`to_smpl_names`] takes.
 ///
 /// # Errors
-/// [`Error::Call`] naming the part that is none of these, with what there is.
+/// [`Invalid`](kinelm_store::Error::Invalid) naming the part that is none of these, with what there is.
 pub fn parse(list: &str) -> Result<Selection> {
     match list.trim() {
         "13" => return Ok(Selection { joints: THIRTEEN.to_vec(), translation: true }),
@@ -136,10 +136,10 @@ fn in_smpl(part: &str, own: &[(&str, Option<usize>)]) -> Result<String> {
         }
         match (&meant[..], &others[..]) {
             ([(_, id)], _) => Ok(id.map(of_id)),
-            ([(a, _), (b, _), ..], _) => Err(Error::Call(format!("{name:?} may be {a} or {b}; give the whole name"))),
+            ([(a, _), (b, _), ..], _) => Err(ambiguous(name, a, b)),
             ([], [(other, _), ..]) => {
-                let with = with.join(" ");
-                Err(Error::Call(format!("{other} of the rig stands for no SMPL joint; joints that do are {with}")))
+                let why = format!("maps to no SMPL joint; joints that do are {}", with.join(" "));
+                Err(Error::unsupported(format!("joint {other}"), why))
             }
             ([], []) => Ok(None),
         }
@@ -155,7 +155,8 @@ fn in_smpl(part: &str, own: &[(&str, Option<usize>)]) -> Result<String> {
         Some(found) => Ok(found),
         None if alone.is_some() => {
             let meant = did_you_mean(name, with.iter().copied());
-            Err(Error::Call(format!("no joint {name:?} in the rig{meant}; its own are {}", with.join(" "))))
+            let why = format!("not in the rig{meant}; its joints are {}", with.join(" "));
+            Err(Error::unsupported(format!("joint {name:?}"), why))
         }
         None => Err(unknown(name, &with)),
     }
@@ -172,13 +173,17 @@ pub fn find_in_rig(rig: &Skeleton, name: &str) -> Result<usize> {
             [] => {}
             [joint] => return Ok(joint),
             [a, b, ..] => {
-                let [a, b] = [a, b].map(|joint| &rig.names()[joint]);
-                return Err(Error::Call(format!("{name:?} may be {a} or {b}; give the whole name")));
+                return Err(ambiguous(name, &rig.names()[a], &rig.names()[b]));
             }
         }
     }
     let meant = did_you_mean(name, rig.names().iter().map(String::as_str));
-    Err(Error::Call(format!("no joint {name:?}; there are {}{meant}", rig.names().join(", "))))
+    let why = format!("unknown; there are {}{meant}", rig.names().join(", "));
+    Err(Error::unsupported(format!("joint {name:?}"), why))
+}
+
+fn ambiguous(name: &str, a: &str, b: &str) -> Error {
+    Error::unsupported(format!("joint {name:?}"), format!("may be {a} or {b}; give the whole name"))
 }
 
 fn is_but_for_namespace(a: &str, b: &str) -> bool {
@@ -225,9 +230,10 @@ fn unknown(part: &str, own: &[&str]) -> Error {
     let groups: Vec<_> = GROUPS.iter().map(|(n, _)| *n).collect();
     let names = groups.iter().chain(&smpl::NAMES).chain(own).copied();
     let meant = did_you_mean(part, names);
-    let own = if own.is_empty() { String::new() } else { format!("; the rig's own are {}", own.join(" ")) };
+    let own = if own.is_empty() { String::new() } else { format!("; joints of the rig are {}", own.join(" ")) };
     let (groups, joints) = (groups.join(" "), smpl::NAMES.join(" "));
-    Error::Call(format!("no joint or group {part:?}{meant}; groups are {groups}; joints are {joints}{own}"))
+    let why = format!("unknown{meant}; groups are {groups}; joints are {joints}{own}");
+    Error::unsupported(format!("joint or group {part:?}"), why)
 }
 
 #[cfg(test)]
@@ -256,7 +262,10 @@ mod tests {
         assert_eq!(parse("hands,feet").unwrap().joints, [7, 8, 10, 11, 20, 21, 22, 23]);
         assert_eq!(parse("spine").unwrap(), Selection { joints: vec![3, 6, 9], translation: false });
         let message = parse("root,rigth_arm").unwrap_err().to_string();
-        assert!(message.contains("no joint or group \"rigth_arm\"; did you mean right_arm?; groups are"), "{message}");
+        assert!(
+            message.contains("joint or group \"rigth_arm\": unknown; did you mean right_arm?; groups are"),
+            "{message}"
+        );
         assert!(!parse("wing").unwrap_err().to_string().contains("did you mean"));
     }
 
@@ -295,16 +304,13 @@ mod tests {
         assert_eq!(of("Head,Chest").unwrap(), "15,spine3");
         assert_eq!(of("rig:Head, rig:\"Hand_R\",hands").unwrap(), "15,right_wrist,hands");
         let message = of("rig:haed").unwrap_err().to_string();
-        assert!(message.contains("no joint \"haed\" in the rig") && !message.contains("groups"), "{message}");
+        assert!(message.contains("joint \"haed\": not in the rig") && !message.contains("groups"), "{message}");
         assert!(parse("rig:Head").is_err());
         let message = of("joint_Root").unwrap_err().to_string();
-        assert!(
-            message.contains("joint_Root of the rig stands for no SMPL joint; joints that do are Hips"),
-            "{message}"
-        );
+        assert!(message.contains("joint joint_Root: maps to no SMPL joint; joints that do are Hips"), "{message}");
         let message = of("UperArm_R").unwrap_err().to_string();
         assert!(
-            message.contains("did you mean UpperArm_R?") && message.contains("the rig's own are Hips"),
+            message.contains("did you mean UpperArm_R?") && message.contains("joints of the rig are Hips"),
             "{message}"
         );
         assert!(to_smpl_names("tail", &rig(&[("a", None)]), None).is_err());
@@ -342,11 +348,11 @@ mod tests {
         assert_eq!(of("LeftArm").unwrap(), "left_shoulder");
         assert_eq!(find_in_rig(&two, "leftarm").unwrap(), 23);
         for (name, said) in
-            [("LEFTARM", "\"LEFTARM\" may be LeftArm or leftarm"), ("Prop", "\"Prop\" may be Bob:Prop or Tom:Prop")]
+            [("LEFTARM", "\"LEFTARM\": may be LeftArm or leftarm"), ("Prop", "\"Prop\": may be Bob:Prop or Tom:Prop")]
         {
             assert!(find_in_rig(&two, name).unwrap_err().to_string().contains(said));
         }
-        assert!(of("leftarm").unwrap_err().to_string().contains("leftarm of the rig stands for no SMPL joint"));
+        assert!(of("leftarm").unwrap_err().to_string().contains("joint leftarm: maps to no SMPL joint"));
         let both = named("", &["Left_Knee"]);
         assert_eq!(to_smpl_names("left_knee", &both, None).unwrap(), "left_knee");
         let smpl: Vec<_> = smpl::NAMES.iter().enumerate().map(|(i, name)| (*name, i.checked_sub(1))).collect();

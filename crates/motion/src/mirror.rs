@@ -11,14 +11,8 @@ use crate::{Clip, Error, GlobalPose, Quat, Result, Skeleton, Vec3, smpl};
 pub fn mirror(clip: &Clip) -> Result<Clip> {
     if !clip.skeleton().names().iter().map(String::as_str).eq(smpl::NAMES) {
         let names = clip.skeleton().names();
-        return Err(Error::Clip {
-            clip: "mirror".into(),
-            what: format!(
-                "a skeleton of {} joints from {}; expected the 24 SMPL joints: retarget it first",
-                names.len(),
-                names[0]
-            ),
-        });
+        let found = format!("one of {} joints from {}", names.len(), names[0]);
+        return Err(Error::invalid("the clip to mirror", found, "SMPL's 24 joints; retarget it first"));
     }
     let root = clip.root().iter().map(|p| reflect(*p)).collect();
     let rotations =
@@ -71,16 +65,13 @@ impl Mirror {
     /// reference pose.
     ///
     /// # Errors
-    /// [`Error::Call`] when the clip has other joints than the rig.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the clip has other joints than the rig.
     pub fn apply(&self, clip: &Clip) -> Result<Clip> {
         let on = clip.skeleton();
         if on.names() != self.rig.names() || on.parents() != self.rig.parents() {
-            let (found, expected) = (on.joints(), self.rig.joints());
-            return Err(Error::Call(format!(
-                "mirror: a clip of {found} joints from {}; expected the {expected} from {} that this mirror is for",
-                on.names()[0],
-                self.rig.names()[0]
-            )));
+            let joints = |s: &Skeleton| format!("{} joints from {}", s.joints(), s.names()[0]);
+            let expected = format!("the {} of this mirror's rig", joints(&self.rig));
+            return Err(Error::invalid("the clip to mirror", format!("one of {}", joints(on)), expected));
         }
         let root = clip.root().iter().map(|p| reflect(*p)).collect();
         let mut rotations = Vec::with_capacity(clip.rotations().len());

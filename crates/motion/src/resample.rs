@@ -52,7 +52,7 @@ impl Method {
 /// The same rate gives the clip itself.
 ///
 /// # Errors
-/// [`Error::Call`] for a rate that is not positive and finite, and for [`Method::Stride`] with a ratio that isn't whole.
+/// [`Invalid`](kinelm_store::Error::Invalid) for a rate that is not positive and finite, and for [`Method::Stride`] with a ratio that isn't whole.
 pub fn resample(clip: &Clip, fps: f64, method: Method) -> Result<Clip> {
     let frames = (clip.frames().saturating_sub(1) as f64 * fps / clip.fps() + 1e-9).floor() + 1.0;
     resampled(clip, fps, method, frames)
@@ -76,24 +76,23 @@ pub fn held_frames(frames: usize, own_fps: f64, fps: f64) -> usize {
 fn resampled(clip: &Clip, fps: f64, method: Method, frames: f64) -> Result<Clip> {
     let (a, b) = (clip.fps(), fps);
     if !(b.is_finite() && b > 0.0) {
-        return Err(Error::Call(format!("a rate of {} frames per second; expected a positive number", compact(b))));
+        return Err(rate(b, "a positive number".into()));
     }
     if a == b || clip.frames() == 0 {
         return clip.clone().with_fps(b);
     }
     if b > a && b > MOST_FPS {
-        return Err(Error::Call(format!("a rate of {} frames per second; expected {MOST_FPS} at most", compact(b))));
+        return Err(rate(b, format!("at most {MOST_FPS}")));
     }
     if a / b > MOST_TIMES_SLOWER {
-        return Err(Error::Call(format!(
-            "from {} to {} frames per second; expected a rate at most {MOST_TIMES_SLOWER} times slower; if the file states \
-             its own wrongly, give the true one (--fps-source)",
-            compact(a),
-            compact(b)
-        )));
+        let found = format!("from {} to {} frames per second", compact(a), compact(b));
+        let expected =
+            format!("at most {MOST_TIMES_SLOWER} times slower; if the file states a wrong rate, give `fps_source`");
+        return Err(Error::invalid("the change of rate", found, expected));
     }
     if frames * clip.joints() as f64 > MOST_ROTATIONS {
-        return Err(Error::Call(format!("{frames} frames at {b} frames per second are too many for memory")));
+        let needs = format!("{frames} frames of {} joints", clip.joints());
+        return Err(Error::limit("a clip at the new rate", needs, format!("{MOST_ROTATIONS} rotations"), ""));
     }
     let last = (clip.frames() - 1) as f64;
     let times = (0..frames as usize).map(|i| (i as f64 * a / b).min(last));
@@ -101,7 +100,7 @@ fn resampled(clip: &Clip, fps: f64, method: Method, frames: f64) -> Result<Clip>
         Method::Stride => {
             let step = (a / b).round();
             if (a / b - step).abs() > 1e-6 * step || step < 1.0 {
-                return Err(Error::Call(format!("stride from {a} to {b} frames per second: the ratio is not whole")));
+                return Err(Error::invalid("the ratio of the rates", a / b, "a whole number to take every n-th frame"));
             }
             gather(clip, times.map(|t| (t.round() as usize, 0.0)))
         }
@@ -110,6 +109,10 @@ fn resampled(clip: &Clip, fps: f64, method: Method, frames: f64) -> Result<Clip>
         Method::Filtered | Method::Auto | Method::Smooth => filtered(clip, 0.45 * b / a, times),
     };
     Clip::new(clip.skeleton().clone(), b, root, rotations)
+}
+
+fn rate(fps: f64, expected: String) -> Error {
+    Error::invalid("the new rate", format!("{} frames per second", compact(fps)), expected)
 }
 
 /// A time in frames as the frame before it and the share of the way to the next.

@@ -25,7 +25,7 @@ impl Skeleton {
     /// (the root's is kept, but no kinematics reads it) and end sites.
     ///
     /// # Errors
-    /// [`Error::Call`] when lengths differ, a parent doesn't stand before its child, a name occurs twice, there is not
+    /// [`Invalid`](kinelm_store::Error::Invalid) when lengths differ, a parent doesn't stand before its child, a name occurs twice, there is not
     /// exactly one root at joint 0, or an offset is not finite.
     pub fn new(
         names: Vec<String>,
@@ -33,11 +33,11 @@ impl Skeleton {
         offsets: Vec<Vec3>,
         ends: Vec<EndSite>,
     ) -> Result<Self> {
-        let fail = |what: String| Err(Error::Call(format!("skeleton: {what}")));
         let n = names.len();
         if n == 0 || parents.len() != n || offsets.len() != n {
             let (p, o) = (parents.len(), offsets.len());
-            return fail(format!("{n} names, {p} parents, {o} offsets; expected as many of each, at least one"));
+            let found = format!("{n} names, {p} parents and {o} offsets");
+            return Err(Error::invalid("a skeleton", found, "as many of each, at least one"));
         }
         let mut seen = std::collections::HashSet::new();
         for j in 0..n {
@@ -45,21 +45,21 @@ impl Skeleton {
                 (0, None) => {}
                 (_, Some(p)) if p < j => {}
                 (_, p) => {
-                    return fail(format!(
-                        "joint {j} ({}) has parent {p:?}; joint 0 has none, others an earlier one",
-                        names[j]
-                    ));
+                    let what = format!("the parent of joint {j} ({})", names[j]);
+                    let expected = "none for joint 0, an earlier joint for the others";
+                    return Err(Error::invalid(what, format!("{p:?}"), expected));
                 }
             }
             if !seen.insert(names[j].as_str()) {
-                return fail(format!("the name {} stands twice", names[j]));
+                return Err(Error::invalid(format!("the name of joint {j}"), &names[j], "a name of its own"));
             }
             if !offsets[j].is_finite() {
-                return fail(format!("the offset of {} is not finite", names[j]));
+                return Err(Error::invalid(format!("the offset of {}", names[j]), offsets[j], "finite numbers"));
             }
         }
         if let Some(e) = ends.iter().find(|e| e.parent >= n || !e.offset.is_finite()) {
-            return fail(format!("an end site hangs on joint {} of {n} with offset {}", e.parent, e.offset));
+            let found = format!("on joint {} of {n}, at {}", e.parent, e.offset);
+            return Err(Error::invalid("an end site", found, "on a joint of the skeleton, at finite numbers"));
         }
         Ok(Skeleton { names, parents, offsets, ends })
     }

@@ -72,8 +72,8 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
 pub fn write(clip: &Clip) -> Result<Vec<u8>> {
     let names = clip.skeleton().names();
     if !names.iter().map(String::as_str).eq(smpl::NAMES) {
-        let what = format!("{} joints from {}; expected SMPL's 24: retarget it first", names.len(), names[0]);
-        return Err(Error::Clip { clip: "AMASS".into(), what });
+        let found = format!("one of {} joints from {}", names.len(), names[0]);
+        return Err(Error::invalid("a clip for AMASS", found, "SMPL's 24 joints; retarget it first"));
     }
     let frames = clip.frames();
     let mut poses = vec![0.0; frames * SMPLH];

@@ -116,7 +116,7 @@ impl BodyModel {
     /// left out; missing ones are 0.
     ///
     /// # Errors
-    /// [`Error::Call`] when the shape makes places that are not finite.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the shape makes places that are not finite.
     pub fn body(&self, betas: &[f64]) -> Result<Body> {
         let betas = self.betas.as_deref().unwrap_or(betas);
         let place = |j: usize| {
@@ -135,7 +135,11 @@ impl BodyModel {
         let names = smpl::NAMES.map(String::from).to_vec();
         let rest_pelvis = places[0];
         if !rest_pelvis.is_finite() {
-            return Err(Error::Call(format!("body model: the pelvis at {rest_pelvis} by these betas")));
+            return Err(Error::invalid(
+                "the pelvis of the body model with these betas",
+                rest_pelvis,
+                "a finite position",
+            ));
         }
         let skeleton = Arc::new(Skeleton::new(names, parents, offsets, Vec::new())?);
         Ok(Body { skeleton, rest_pelvis, from_model: true })

@@ -145,7 +145,7 @@ fn figure<'a>(
     })?;
     if root.is_none() && roots.len() > 1 {
         let what =
-            format!("{} figures, {}; {} is read, --root takes another", roots.len(), roots.join(", "), found[0].name);
+            format!("{} figures, {}; {} is read, `root` takes another", roots.len(), roots.join(", "), found[0].name);
         warnings.push(Warning { kind: "several_roots", what });
     }
     Ok(found)

@@ -7,11 +7,11 @@ use crate::{Error, Result};
 /// Where the floor of a motion is, as `options` tell it or as its feet do; in doubt the doubts join its warnings.
 ///
 /// # Errors
-/// As [`map_for`] and [`Feet::new`](crate::rig::Feet::new); [`Error::Call`] for a floor that is told and isn't finite.
+/// As [`map_for`] and [`Feet::new`](crate::rig::Feet::new); [`Invalid`](kinelm_store::Error::Invalid) for a floor that is told and isn't finite.
 pub fn resolve_floor(motion: &mut Motion, options: &ReadOptions) -> Result<f64> {
     if let Some(told) = options.floor {
-        let what = || format!("a floor at y = {told}; expected a height in metres");
-        return if told.is_finite() { Ok(told) } else { Err(Error::Call(what())) };
+        let fault = || Error::invalid("`floor`", told, "a height in metres");
+        return if told.is_finite() { Ok(told) } else { Err(fault()) };
     }
     let map = map_for(motion.clip.skeleton(), options.map.as_deref())?;
     let floor = floor(&motion.clip, &map)?;

@@ -113,8 +113,8 @@ impl Format {
 /// doubted where the body falls too fast ([`RateDoubt`]).
 ///
 /// # Errors
-/// [`kinelm_store::Error::Io`]; [`Error::File`] with place and kind for a file that is wrong; [`Error::Call`] for a rate that is not
-/// above 0 and at most [`MOST_FPS`]; [`Error::Option`] for `up` where the format itself says which axis that is;
+/// [`kinelm_store::Error::Io`]; [`Error::File`] with place and kind for a file that is wrong; [`Invalid`](kinelm_store::Error::Invalid) for a rate that is not
+/// above 0 and at most [`MOST_FPS`]; [`Unsupported`](kinelm_store::Error::Unsupported) for `up` where the format itself says which axis that is;
 /// [`Error::Clip`] when
 /// skipping leaves nothing.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
@@ -165,7 +165,7 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         let (found, expected) =
             (compact(fps), format!("frames per second of at least {FEWEST_FPS}, at most {MOST_FPS}"));
         let fault = FileError::new(SourcePos::file(path), FaultKind::RateBad, found, expected);
-        return Err(fault.help("--fps-source gives the true rate").into());
+        return Err(fault.help("give the true rate as `fps_source`").into());
     }
     let mut motion = rest::handle_rest_frame(motion, options);
     if options.fps_source.is_none() {
@@ -221,10 +221,8 @@ fn skipped(motion: Motion, options: &ReadOptions) -> Result<Motion> {
 /// Fails for a source rate that is none.
 fn check_rate(options: &ReadOptions) -> Result<()> {
     if let Some(fps) = options.fps_source.filter(|f| !is_rate(*f)) {
-        return Err(Error::Call(format!(
-            "a source rate of {} frames per second; expected one of at least {FEWEST_FPS}, at most {MOST_FPS}",
-            compact(fps)
-        )));
+        let (found, expected) = (compact(fps), format!("frames per second, {FEWEST_FPS} to {MOST_FPS}"));
+        return Err(Error::invalid("`fps_source`", found, expected));
     }
     Ok(())
 }
@@ -240,8 +238,8 @@ fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
     if options.up == Up::Auto {
         return Ok(());
     }
-    let what = format!("--up {}: {own}, always; --up is for BVH and JSON", options.up);
-    Err(Error::Option { path: path.to_owned(), what })
+    let why = format!("{own}, always; `up` is for BVH and JSON");
+    Err(Error::unsupported(format!("`up` {} of {}", options.up, path.display()), why))
 }
 
 /// Writes a motion file in the format of its name, whole or not at all.
@@ -255,7 +253,7 @@ pub fn write(path: &Path, motion: &Motion) -> Result<()> {
 /// The bytes that [`write()`] writes.
 ///
 /// # Errors
-/// `not_this_format` for a name that says no format that is written; [`Error::Call`] for a clip that the format can't hold.
+/// `not_this_format` for a name that says no format that is written; [`Invalid`](kinelm_store::Error::Invalid) for a clip that the format can't hold.
 pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
     match Format::of(path)? {
         Format::Bvh => bvh::to_bytes(motion),
@@ -324,7 +322,7 @@ mod tests {
         let m = read(&path, &with(Some(60.0), 1)).unwrap();
         assert_eq!((m.clip.fps(), m.clip.frames()), (60.0, 1));
         for fps in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            assert!(matches!(read(&path, &with(Some(fps), 0)), Err(Error::Call(_))));
+            assert_eq!(read(&path, &with(Some(fps), 0)).unwrap_err().kind(), kinelm_store::Kind::Call);
         }
         // a rate that was overruled is the one that is written, the numbers are still the file's own
         let out = folder.path().join("b.bvh");

@@ -13,6 +13,7 @@ use kinelm_store::SourcePos;
 use std::cell::{Cell, RefCell};
 use std::io::{Cursor, Read, Write};
 use std::path::{Path, PathBuf};
+use zip::result::{ZipError, ZipResult};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
@@ -190,7 +191,7 @@ impl Writer {
     /// Adds an array; an empty shape is a 0-d array of one element. The same arrays give the same bytes.
     ///
     /// # Errors
-    /// [`Error::Call`] when the shape doesn't fit the values, a value isn't finite, or a key stands twice.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the shape doesn't fit the values, a value isn't finite, or a key stands twice.
     pub fn add(&mut self, key: &str, shape: &[usize], values: Values) -> Result<()> {
         let (descr, count) = match values {
             Values::F64(v) => ("<f8".into(), v.len()),
@@ -199,7 +200,7 @@ impl Writer {
             Values::Text(v) => (format!("<U{}", width(v)), v.len()),
         };
         if shape.iter().try_fold(1usize, |p, &n| p.checked_mul(n)) != Some(count) {
-            return Err(Error::Call(format!("npz: {key}: {count} values in the shape {}", tuple(shape))));
+            return Err(Error::invalid(format!("the shape of {key}"), tuple(shape), format!("one of {count} values")));
         }
         let not_finite = match values {
             Values::F64(v) => v.iter().position(|x| !x.is_finite()),
@@ -207,12 +208,11 @@ impl Writer {
             Values::I32(_) | Values::Text(_) => None,
         };
         if let Some(at) = not_finite {
-            return Err(Error::Call(format!(
-                "npz: {key}: value {at} is not finite; expected numbers, as of a body of some metres"
-            )));
+            let what = format!("value {at} of {key}");
+            return Err(Error::invalid(what, "not finite", "a finite number, as of a body of some metres"));
         }
         if self.entries.iter().any(|(there, _)| there == key) {
-            return Err(Error::Call(format!("npz: {key} stands twice")));
+            return Err(Error::invalid("a second array", key, "a name that no other array has"));
         }
         let mut bytes = header(&descr, shape);
         match values {
@@ -228,28 +228,31 @@ impl Writer {
     /// The archive's bytes.
     ///
     /// # Errors
-    /// [`Error::Call`] when the archive can't be closed.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the archive can't be closed.
     pub fn finish(self) -> Result<Vec<u8>> {
-        let small = self.zipped(CompressionMethod::Deflated)?;
+        let small = self.zipped(CompressionMethod::Deflated).map_err(unwritten)?;
         let whole: u64 = self.entries.iter().map(|(_, bytes)| bytes.len() as u64).sum();
-        if whole > budget(small.len()) { self.zipped(CompressionMethod::Stored) } else { Ok(small) }
+        if whole > budget(small.len()) { self.zipped(CompressionMethod::Stored).map_err(unwritten) } else { Ok(small) }
     }
 
-    fn zipped(&self, method: CompressionMethod) -> Result<Vec<u8>> {
+    fn zipped(&self, method: CompressionMethod) -> ZipResult<Vec<u8>> {
         let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
         for (key, bytes) in &self.entries {
-            let failed = |e: &dyn std::fmt::Display| Error::Call(format!("npz: {key}: {e}"));
             // a fixed date, so that bytes don't depend on the day; sizes above 4 GiB need zip64 from the start
             let options = SimpleFileOptions::default()
                 .compression_method(method)
                 .last_modified_time(zip::DateTime::default())
                 .large_file(bytes.len() >= 1 << 30);
-            zip.start_file(format!("{key}.npy"), options).map_err(|e| failed(&e))?;
-            zip.write_all(bytes).map_err(|e| failed(&e))?;
+            zip.start_file(format!("{key}.npy"), options)?;
+            zip.write_all(bytes)?;
         }
-        let closed = zip.finish().map_err(|e| Error::Call(format!("npz: {e}")))?;
-        Ok(closed.into_inner())
+        Ok(zip.finish()?.into_inner())
     }
+}
+
+/// The error of an archive that the zip library refuses.
+fn unwritten(e: ZipError) -> Error {
+    Error::io("the npz in memory")(e.into())
 }
 
 /// Characters of the longest text; numpy has no type of width 0 here.

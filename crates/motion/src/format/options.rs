@@ -104,6 +104,5 @@ pub(crate) fn check_skip(path: &Path, skip: usize, frames: usize) -> Result<()> 
     if skip < frames {
         return Ok(());
     }
-    let what = format!("{skip} frames are to be skipped and there are {frames}; skip fewer");
-    Err(Error::Clip { clip: path.display().to_string(), what })
+    Err(Error::invalid("`skip`", skip, format!("fewer than the {frames} frames that there are")).in_clip(path))
 }

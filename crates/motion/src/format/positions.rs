@@ -63,13 +63,18 @@ impl Positions {
     /// An `.npz` of `positions` (F, N, 3) float32 in metres, `joints` (N) text, `parents` (N) int32, `fps` a 0-d float64.
     ///
     /// # Errors
-    /// [`crate::Error::Call`] when the lengths don't fit each other.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the lengths don't fit each other.
     #[cfg(feature = "amass")]
     pub fn write(&self) -> Result<Vec<u8>> {
         let n = self.joints.len();
         if let Some(i) = self.positions.iter().position(|p| !p.as_vec3().is_finite()) {
             let (frame, joint) = (i / n, &self.joints[i % n]);
-            return Err(Error::Call(format!("frame {frame}, {joint}: {} m is no place", self.positions[i])));
+            let found = format!("{} m", self.positions[i]);
+            return Err(Error::invalid(
+                format!("frame {frame}, {joint}: the position"),
+                found,
+                "finite 32-bit numbers",
+            ));
         }
         let flat: Vec<f32> = self.positions.iter().flat_map(|p| p.as_vec3().to_array()).collect();
         let mut npz = Writer::new();

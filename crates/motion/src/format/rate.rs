@@ -2,8 +2,8 @@
 
 use super::Motion;
 use super::bvh::USUAL_FPS;
-use crate::jumps::root_jumps;
-use crate::quantile::nearest as quantile;
+use crate::series::nearest_quantile as quantile;
+use crate::series::root_jumps;
 use crate::{Clip, Warning};
 use std::collections::BTreeMap;
 use std::fmt;

@@ -133,7 +133,7 @@ impl Axes {
         } else {
             format!("the body moves as if {} were up, its rest pose stands along {}", motion.up, rest.up)
         };
-        let doubt = format!("{doubt}: read with y up; if another axis is, say so with --up x, -x, -y, z or -z");
+        let doubt = format!("{doubt}: read with y up; if another axis is, give `up`: x, -x, -y, z or -z");
         (Axes { by: UpSource::Ambiguous, ..Axes::OWN }, Some(doubt))
     }
 

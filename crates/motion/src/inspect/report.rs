@@ -131,7 +131,7 @@ impl Report {
     }
 
     fn rig(&self) -> String {
-        self.map.clone().unwrap_or_else(|| "unknown (give --map to retarget it)".into())
+        self.map.clone().unwrap_or_else(|| "unknown (give `map` to retarget it)".into())
     }
 }
 
@@ -231,7 +231,7 @@ fn bvh_lines(bvh: &BvhSource) -> Vec<String> {
         lines.push(format!("stretch left out at {}: {:.1} mm at most", name(c.joint), 1000.0 * c.stretch_m));
     }
     if 2 * below.iter().filter(|c| c.looks_added).count() > below.len() {
-        lines.push("these look like added positions; try --bvh-position add".into());
+        lines.push("these look like added positions; try `bvh_position` add".into());
     }
     lines
 }

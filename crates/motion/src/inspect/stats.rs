@@ -1,9 +1,9 @@
 //! The figures of one clip, and what of them looks wrong.
 
 use crate::format::rate::{RateDoubt, fall_g};
-use crate::jumps::{jumps, root_jumps};
-use crate::quantile::nearest as quantile;
 use crate::rotation::{angle_between, exp_map};
+use crate::series::nearest_quantile as quantile;
+use crate::series::{jumps, root_jumps};
 use crate::{Clip, GlobalPose, Vec3};
 use std::f64::consts::PI;
 

@@ -29,7 +29,7 @@ impl BorderJerk {
     /// Adds a clip and what it was decoded to, of as many frames and joints.
     ///
     /// # Errors
-    /// [`Error::Call`](crate::Error::Call) when frames or joints differ.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when frames or joints differ.
     pub fn add(&mut self, original: &Clip, decoded: &Clip) -> Result<()> {
         check_pair(original, decoded)?;
         self.add_positions(&original.positions(), &decoded.positions(), original.joints())
@@ -38,7 +38,7 @@ impl BorderJerk {
     /// Adds places (F, J), metres, that begin at a border.
     ///
     /// # Errors
-    /// [`Error::Call`](crate::Error::Call) when there are not as many of both, or no whole frames.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when there are not as many of both, or no whole frames.
     pub fn add_positions(&mut self, original: &[Vec3], decoded: &[Vec3], joints: usize) -> Result<()> {
         check_places(original, decoded, joints)?;
         for (places, tallies) in [(original, &mut self.original), (decoded, &mut self.decoded)] {

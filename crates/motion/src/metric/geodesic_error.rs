@@ -27,7 +27,7 @@ impl GeodesicError {
     /// Adds two clips of as many frames and joints.
     ///
     /// # Errors
-    /// [`Error::Call`](crate::Error::Call) when frames or joints differ, or a chosen joint is none of theirs.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when frames or joints differ, or a chosen joint is none of theirs.
     pub fn add(&mut self, a: &Clip, b: &Clip) -> Result<()> {
         check_pair(a, b)?;
         check_joints(&self.joints, a)?;

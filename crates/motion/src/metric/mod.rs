@@ -32,9 +32,8 @@ use crate::{Clip, Error, Result};
 fn check_pair(a: &Clip, b: &Clip) -> Result<()> {
     let ([f, g], [j, k]) = ([a.frames(), b.frames()], [a.joints(), b.joints()]);
     if (f, j) != (g, k) {
-        return Err(Error::Call(format!(
-            "a clip of {f} frames and {j} joints can't be compared with one of {g} frames and {k} joints"
-        )));
+        let (found, expected) = (format!("one of {g} frames and {k} joints"), format!("{f} frames and {j} joints"));
+        return Err(Error::invalid("the second clip", found, format!("{expected}, as the first has")));
     }
     Ok(())
 }
@@ -42,7 +41,9 @@ fn check_pair(a: &Clip, b: &Clip) -> Result<()> {
 /// Refuses joints that a clip lacks.
 fn check_joints(joints: &[usize], clip: &Clip) -> Result<()> {
     match joints.iter().find(|&&j| j >= clip.joints()) {
-        Some(j) => Err(Error::Call(format!("joint {j} of a clip of {} joints; they count from 0", clip.joints()))),
+        Some(j) => {
+            Err(Error::invalid("a joint to measure", j, format!("less than {}, the clip's joints", clip.joints())))
+        }
         None => Ok(()),
     }
 }

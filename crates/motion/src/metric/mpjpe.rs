@@ -19,7 +19,7 @@ impl Mpjpe {
     /// Adds two clips of as many frames and joints, each on its own skeleton.
     ///
     /// # Errors
-    /// [`Error::Call`] when frames or joints differ.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when frames or joints differ.
     pub fn add(&mut self, a: &Clip, b: &Clip) -> Result<()> {
         check_pair(a, b)?;
         self.add_positions(&a.positions(), &b.positions(), a.joints())
@@ -28,7 +28,7 @@ impl Mpjpe {
     /// Adds places (F, J), metres, joint 0 the root.
     ///
     /// # Errors
-    /// [`Error::Call`] when there are not as many of both, or no whole frames.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when there are not as many of both, or no whole frames.
     pub fn add_positions(&mut self, a: &[Vec3], b: &[Vec3], joints: usize) -> Result<()> {
         check_places(a, b, joints)?;
         for (a, b) in a.chunks_exact(joints).zip(b.chunks_exact(joints)) {
@@ -66,7 +66,8 @@ impl Mpjpe {
 pub(super) fn check_places(a: &[Vec3], b: &[Vec3], joints: usize) -> Result<()> {
     if joints == 0 || a.len() != b.len() || !a.len().is_multiple_of(joints) {
         let (m, n) = (a.len(), b.len());
-        return Err(Error::Call(format!("{m} and {n} places of {joints} joints; expected as many, in whole frames")));
+        let found = format!("{m} and {n}, of {joints} joints");
+        return Err(Error::invalid("the number of positions", found, "as many of both, in whole frames"));
     }
     Ok(())
 }

@@ -64,11 +64,12 @@ impl ShortTerm {
     /// frames a second.
     ///
     /// # Errors
-    /// [`Error::Call`] when none of the 15 is among them.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when none of the 15 is among them.
     pub fn new(joints: &[usize], fps: f64, frames: usize) -> Result<ShortTerm> {
         let joints: Vec<usize> = MAJOR.into_iter().filter(|j| joints.contains(j)).collect();
         if joints.is_empty() {
-            return Err(Error::Call(format!("none of the joints {MAJOR:?} that prediction is measured on is there")));
+            let why = format!("none of the joints {MAJOR:?} that it is measured on is there");
+            return Err(Error::unsupported("short-term prediction", why));
         }
         let neutral = smpl::neutral();
         let thigh = neutral.offsets()[4].length();
@@ -91,13 +92,12 @@ impl ShortTerm {
     /// Adds a window: the frames that were to be predicted, and those that were, on SMPL-24.
     ///
     /// # Errors
-    /// [`Error::Call`] when frames or joints differ, or are not as many as they should be.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when frames or joints differ, or are not as many as they should be.
     pub fn add(&mut self, target: &Clip, predicted: &Clip) -> Result<()> {
         check_pair(target, predicted)?;
         check_joints(&[23], target)?;
         if target.frames() != self.frames {
-            let (found, expected) = (target.frames(), self.frames);
-            return Err(Error::Call(format!("{found} target frames; expected {expected}")));
+            return Err(Error::invalid("the number of target frames", target.frames(), self.frames.to_string()));
         }
         for f in 0..self.frames {
             let [a, b] = [target, predicted].map(|clip| self.masked(clip.pose(f)));

@@ -69,7 +69,7 @@ impl Retarget {
     /// with other offsets).
     ///
     /// # Errors
-    /// [`Error::Call`] when `smpl` hasn't SMPL's 24 joints, and those of [`ReferencePose::new`].
+    /// [`Invalid`](kinelm_store::Error::Invalid) when `smpl` hasn't SMPL's 24 joints, and those of [`ReferencePose::new`].
     pub fn new(rig: &Skeleton, map: &SkeletonMap, smpl: Arc<Skeleton>) -> Result<Self> {
         check_smpl(&smpl)?;
         let pose = ReferencePose::new(rig, map)?;
@@ -143,7 +143,7 @@ impl Retarget {
     /// clip that stands on this very SMPL body already (offsets to a micrometre) keeps its numbers, bit for bit.
     ///
     /// # Errors
-    /// [`Error::Call`] when the clip is not on the rig.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the clip is not on the rig.
     pub fn to_smpl(&self, clip: &Clip) -> Result<Clip> {
         check_on(clip, &self.rig)?;
         if self.same {
@@ -179,7 +179,7 @@ impl Retarget {
     /// joint was at rest, as `to_smpl` leaves it.)
     ///
     /// # Errors
-    /// [`Error::Call`] when the clip is not on the SMPL-24 body.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the clip is not on the SMPL-24 body.
     pub fn to_rig(&self, clip: &Clip) -> Result<Clip> {
         self.to_rig_over(clip, None)
     }
@@ -188,7 +188,7 @@ impl Retarget {
     /// on the rig; where `base` ends earlier, its last frame stays.
     ///
     /// # Errors
-    /// [`Error::Call`] when the clip is not on the SMPL-24 body, or the base not on the rig.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the clip is not on the SMPL-24 body, or the base not on the rig.
     pub fn to_rig_over(&self, clip: &Clip, base: Option<&Clip>) -> Result<Clip> {
         check_on(clip, &self.smpl)?;
         if let Some(base) = base {
@@ -334,34 +334,26 @@ fn check_smpl(skeleton: &Skeleton) -> Result<()> {
     if names && parents {
         return Ok(());
     }
-    Err(Error::Call(format!(
-        "retarget: a target of {} joints from {}; expected SMPL's 24",
-        skeleton.joints(),
-        skeleton.names()[0]
-    )))
+    let found = format!("one of {} joints from {}", skeleton.joints(), skeleton.names()[0]);
+    Err(Error::invalid("the body to retarget to", found, "SMPL's 24 joints"))
 }
 
 /// Same joints, same tree, offsets to a millimetre.
 fn check_on(clip: &Clip, body: &Skeleton) -> Result<()> {
     let on = clip.skeleton();
     if on.names() != body.names() || on.parents() != body.parents() {
-        return Err(Error::Call(format!(
-            "retarget: a clip of {} joints from {}; expected the {} joints from {} that this way was made for",
-            on.joints(),
-            on.names()[0],
-            body.joints(),
-            body.names()[0]
-        )));
+        let joints = |s: &Skeleton| format!("{} joints from {}", s.joints(), s.names()[0]);
+        let expected = format!("the {} of the body that this is for", joints(body));
+        return Err(Error::invalid("the clip to retarget", format!("one of {}", joints(on)), expected));
     }
     let far = (1..on.joints()).find(|&j| (on.offsets()[j] - body.offsets()[j]).length() > 1e-3);
     match far {
         None => Ok(()),
-        Some(j) => Err(Error::Call(format!(
-            "retarget: {} lies at {} in the clip; expected {}, as in the body that this way was made for",
-            on.names()[j],
-            on.offsets()[j],
-            body.offsets()[j]
-        ))),
+        Some(j) => {
+            let what = format!("the offset of {} in the clip to retarget", on.names()[j]);
+            let expected = format!("{}, as in the body that this is for", body.offsets()[j]);
+            Err(Error::invalid(what, on.offsets()[j], expected))
+        }
     }
 }
 
@@ -383,10 +375,7 @@ pub fn to_smpl(motion: &Motion, map: Option<&str>) -> Result<Clip> {
         let floor_m = if way.same { 0.0 } else { floor_height(motion, map)? };
         way.with_floor(floor_m).to_smpl(&motion.clip)
     };
-    retargeted().map_err(|e| match e {
-        Error::Call(what) => Error::Clip { clip: motion.path.display().to_string(), what },
-        other => other,
-    })
+    retargeted().map_err(|e| e.in_clip(&motion.path))
 }
 
 fn on_neutral(motion: &Motion) -> Result<Clip> {

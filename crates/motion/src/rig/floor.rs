@@ -5,7 +5,7 @@
 //! told by the doubts.
 
 use super::{Feet, SkeletonMap};
-use crate::quantile::linear as quantile;
+use crate::series::linear_quantile as quantile;
 use crate::{Clip, Result, Vec3, Warning};
 
 /// Another joint that lies deeper than this below the floor speaks against it, metres.
@@ -70,7 +70,7 @@ impl Feet {
         let found = format!("the floor by the feet is at y = {found_m:.2} m");
         let taken = if height_m == found_m { "taken all the same" } else { "0 is taken" };
         for doubt in &mut doubts {
-            doubt.what = format!("{found}, but {}; {taken}; --floor METRES says where it is", doubt.what);
+            doubt.what = format!("{found}, but {}; {taken}; give `floor` if it is elsewhere", doubt.what);
         }
         Floor { height_m, found_m, doubts }
     }

@@ -60,7 +60,7 @@ impl SkeletonMap {
     /// A shipped map by its name, else the file of that path.
     ///
     /// # Errors
-    /// [`Error::Call`] when it is neither, else those of [`SkeletonMap::load`].
+    /// [`Invalid`](kinelm_store::Error::Invalid) when it is neither, else those of [`SkeletonMap::load`].
     pub fn by_name_or_file(name_or_path: &str) -> Result<Self> {
         if let Some(map) = SkeletonMap::builtin(name_or_path) {
             return Ok(map);
@@ -68,10 +68,8 @@ impl SkeletonMap {
         if !Path::new(name_or_path).exists() {
             let names: Vec<_> = SkeletonMap::names().collect();
             let meant = did_you_mean(name_or_path, names.iter().copied());
-            return Err(Error::Call(format!(
-                "no skeleton map {name_or_path:?}: neither a file nor one of {}{meant}",
-                names.join(", ")
-            )));
+            let expected = format!("a file or one of {}{meant}", names.join(", "));
+            return Err(Error::invalid("`map`", format!("{name_or_path:?}"), expected));
         }
         SkeletonMap::load(name_or_path)
     }

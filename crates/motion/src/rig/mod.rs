@@ -14,17 +14,17 @@ pub use floor::{Floor, floor};
 pub use map::SkeletonMap;
 pub use reference::ReferencePose;
 
-use crate::{Error, Result, Skeleton};
+use crate::{Result, Skeleton};
 
 /// The map of a rig: the named or given one, else the shipped one whose names are there.
 ///
 /// # Errors
-/// [`Error::Call`] when none fits, with what the nearest lacks and a TOML to begin with, and those of
+/// [`Invalid`](kinelm_store::Error::Invalid) when none fits, with what the nearest lacks and a TOML to begin with, and those of
 /// [`SkeletonMap::by_name_or_file`].
 pub fn map_for(rig: &Skeleton, map: Option<&str>) -> Result<SkeletonMap> {
     match map {
         Some(map) => SkeletonMap::by_name_or_file(map),
-        None => SkeletonMap::detect(rig.names()).ok_or_else(|| Error::Call(reference::unknown_rig(rig.names(), None))),
+        None => SkeletonMap::detect(rig.names()).ok_or_else(|| reference::unknown_rig(rig.names(), None)),
     }
 }
 

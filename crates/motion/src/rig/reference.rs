@@ -24,7 +24,7 @@ impl ReferencePose {
     /// quarters.
     ///
     /// # Errors
-    /// [`Error::Call`] when the rig lacks a joint that every map must have, a limb is broken off or without length, or
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the rig lacks a joint that every map must have, a limb is broken off or without length, or
     /// the pose is no stand: legs not below the hips, shoulders not above them, left and right exchanged.
     pub fn new(rig: &Skeleton, map: &SkeletonMap) -> Result<Self> {
         let joints = bind(rig, map)?;
@@ -67,10 +67,8 @@ impl ReferencePose {
             let length = self.bone(a, b).length();
             if !(length.is_finite() && length > 1e-6) {
                 let (a, b) = (smpl::NAMES[a], smpl::NAMES[b]);
-                return Err(Error::Call(format!(
-                    "skeleton map {}: from {a} to {b} the rig has {length} m; expected a bone",
-                    map.name
-                )));
+                let what = format!("skeleton map {}: the bone from {a} to {b}", map.name);
+                return Err(Error::invalid(what, format!("{length} m long"), "a length"));
             }
             let down = -self.bone(a, b).normalize().y;
             let leg = matches!(a, 1 | 2 | 4 | 5);
@@ -92,59 +90,54 @@ impl ReferencePose {
 }
 
 fn no_stand(map: &SkeletonMap, why: &str) -> Error {
-    Error::Call(format!(
-        "skeleton map {}: the rig's reference pose is no T or A stand: {why}; give the local rotations of such a stand \
-         under [reference] in a skeleton TOML (docs/skeletons.md), for instance from a frame of a file in which the \
-         body stands so",
-        map.name
-    ))
+    let why = format!(
+        "the rig's reference pose is no T-pose or A-pose: {why}; give the local rotations of such a pose under \
+         [reference] in a skeleton TOML (docs/skeletons.md), for instance from a frame in which the body stands so"
+    );
+    Error::unsupported(format!("skeleton map {}", map.name), why)
 }
 
 /// The rig's joint of each SMPL joint.
 fn bind(rig: &Skeleton, map: &SkeletonMap) -> Result<[Option<usize>; 24]> {
     let missing = map.missing(rig.names());
     if !missing.is_empty() {
-        return Err(Error::Call(unknown_rig(rig.names(), Some(map))));
+        return Err(unknown_rig(rig.names(), Some(map)));
     }
     let bound = map.bind_any(rig.names());
     let joints = std::array::from_fn(|id| bound.joint(id).and_then(|name| rig.find(name)));
     for (upper, lower) in LIMBS {
         let (Some(u), Some(l)) = (joints[upper], joints[lower]) else { continue };
         if !rig.descends(l, u) {
-            return Err(Error::Call(format!(
-                "skeleton map {}: {} ({}) does not hang on {} ({}); expected the limb to be one chain",
-                map.name,
-                rig.names()[l],
-                smpl::NAMES[lower],
-                rig.names()[u],
-                smpl::NAMES[upper]
-            )));
+            let joint = |j: usize, id: usize| format!("{} ({})", rig.names()[j], smpl::NAMES[id]);
+            let what = format!("skeleton map {}: {}", map.name, joint(l, lower));
+            let found = format!("no descendant of {}", joint(u, upper));
+            return Err(Error::invalid(what, found, "one, so that the limb is one chain"));
         }
     }
     Ok(joints)
 }
 
 /// What to tell a user whose rig no map fits: what the nearest one lacks, and a TOML to begin with.
-pub(super) fn unknown_rig(names: &[String], map: Option<&SkeletonMap>) -> String {
+pub(super) fn unknown_rig(names: &[String], map: Option<&SkeletonMap>) -> Error {
     let nearest = match map {
         Some(map) => Some(map.clone()),
         None => SkeletonMap::names().filter_map(SkeletonMap::builtin).min_by_key(|m| m.missing(names).len()),
     };
     let shown = names.iter().take(12).cloned().collect::<Vec<_>>().join(", ");
     let more = if names.len() > 12 { format!(" and {} more", names.len() - 12) } else { String::new() };
-    let mut text = format!("a rig of the joints {shown}{more}");
+    let mut why = String::new();
     let bound = nearest.map(|m| (m.name.clone(), m.missing(names), m.bind_any(names)));
     if let Some((name, missing, _)) = &bound {
         let nearest = if map.is_some() { "the skeleton map" } else { "no skeleton map fits; the nearest," };
         let comma = if map.is_some() { "" } else { "," };
-        text += &format!(": {nearest} {name}{comma} finds no {}", missing.join(", "));
+        why += &format!("{nearest} {name}{comma} finds no {}; ", missing.join(", "));
     }
-    text += "; write a skeleton TOML and name it with --map (docs/skeletons.md):\n  name = \"my-rig\"\n  [joints]";
+    why += "write a skeleton TOML and give it as `map` (docs/skeletons.md):\n  name = \"my-rig\"\n  [joints]";
     for id in super::map::REQUIRED {
         let known = bound.as_ref().and_then(|(_, _, b)| b.joint(id)).map(|j| format!("{j:?}"));
-        text += &format!("\n  {} = {}", smpl::NAMES[id], known.unwrap_or_else(|| "\"?\"".into()));
+        why += &format!("\n  {} = {}", smpl::NAMES[id], known.unwrap_or_else(|| "\"?\"".into()));
     }
-    text
+    Error::unsupported(format!("a rig of the joints {shown}{more}"), why)
 }
 
 /// The turn, one of the 24 by whole quarters, that brings a body's up to +y and its left to +x as nearly as may be.

@@ -66,7 +66,7 @@ const FASTEST_FPS: f64 = 1000.0;
 /// how many there are; at another `fps` it is the same dance. Dances under 6 seconds are little more than their ending.
 ///
 /// # Errors
-/// [`Error::Call`] when `seconds` is outside `0..=3600` or `fps` outside `1..=1000`.
+/// [`Invalid`](kinelm_store::Error::Invalid) when `seconds` is outside `0..=3600` or `fps` outside `1..=1000`.
 pub fn corpus(seed: u64, clips: usize, seconds: f64, fps: f64) -> Result<Vec<Dance>> {
     check(seconds, fps)?;
     (0..clips).map(|i| dance(seed, i, None, (seconds, fps))).collect()
@@ -83,16 +83,16 @@ pub fn corpus_at(seed: u64, tempi_bpm: &[f64], seconds: f64, fps: f64) -> Result
     check(seconds, fps)?;
     if let Some((i, bpm)) = tempi_bpm.iter().enumerate().find(|(_, bpm)| !TEMPI_BPM.contains(bpm)) {
         let (slow, fast) = (TEMPI_BPM.start(), TEMPI_BPM.end());
-        return Err(Error::Call(format!("dance {i} at {bpm} beats a minute; expected {slow} to {fast}")));
+        let found = format!("{bpm} beats per minute");
+        return Err(Error::invalid(format!("the tempo of dance {i}"), found, format!("{slow} to {fast}")));
     }
     tempi_bpm.iter().enumerate().map(|(i, bpm)| dance(seed, i, Some(*bpm), (seconds, fps))).collect()
 }
 
 fn check(seconds: f64, fps: f64) -> Result<()> {
     if !(0.0..=LONGEST_S).contains(&seconds) || !(1.0..=FASTEST_FPS).contains(&fps) {
-        return Err(Error::Call(format!(
-            "dances of {seconds} seconds at {fps} frames per second; expected 0 to {LONGEST_S} and 1 to {FASTEST_FPS}"
-        )));
+        let found = format!("{seconds} seconds at {fps} frames per second");
+        return Err(Error::invalid("a synthetic dance", found, format!("0 to {LONGEST_S} at 1 to {FASTEST_FPS}")));
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! A rig for clips that come from no BVH.
 
-use super::header::{MAX_DEPTH, MAX_JOINTS};
+use super::grammar::{MAX_DEPTH, MAX_JOINTS};
 use super::print::hierarchy;
 use crate::format::source::bvh::{BvhRig, BvhSource, Channel, Header, Node, NodeKind, Style};
 use crate::format::{Axes, BvhPosition};
@@ -17,7 +17,7 @@ impl BvhSource {
     /// Zrotation Xrotation Yrotation`, the others with `Zrotation Xrotation Yrotation`, an end site under every leaf.
     ///
     /// # Errors
-    /// [`Error::Call`] when a chain of joints or their number is more than a BVH reader takes.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when a chain of joints or their number is more than a BVH reader takes.
     pub fn for_skeleton(skeleton: &Arc<Skeleton>) -> Result<Self> {
         let (nodes, joints) = nodes(skeleton)?;
         let style = Style { line_end: "\n".into(), indent: "  ".into() };
@@ -50,8 +50,8 @@ impl BvhSource {
 /// The nodes of a skeleton, each joint followed by all that hangs on it, and the node of each joint.
 fn nodes(skeleton: &Skeleton) -> Result<(Vec<Node>, Vec<usize>)> {
     if skeleton.joints() > MAX_JOINTS {
-        let n = skeleton.joints();
-        return Err(Error::Call(format!("{n} joints; a BVH reader takes {MAX_JOINTS}")));
+        let needs = format!("{} joints", skeleton.joints());
+        return Err(Error::limit("a BVH of this skeleton", needs, MAX_JOINTS, ""));
     }
     let mut children = vec![Vec::new(); skeleton.joints()];
     for (j, parent) in skeleton.parents().iter().enumerate().rev() {
@@ -61,8 +61,8 @@ fn nodes(skeleton: &Skeleton) -> Result<(Vec<Node>, Vec<usize>)> {
     let mut next = vec![(0, None, 1)];
     while let Some((j, parent, depth)) = next.pop() {
         if depth >= MAX_DEPTH {
-            let name = &skeleton.names()[j];
-            return Err(Error::Call(format!("{name:?} hangs on {depth} others; a BVH reader takes {MAX_DEPTH}")));
+            let what = format!("joint {:?} of a BVH", skeleton.names()[j]);
+            return Err(Error::limit(what, format!("{} levels", depth + 1), MAX_DEPTH, ""));
         }
         joints[j] = nodes.len();
         let node = joint(skeleton, j, parent, column);

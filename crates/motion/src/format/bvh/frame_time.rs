@@ -61,13 +61,10 @@ fn decimal(text: &str) -> Option<(u128, u128)> {
 /// A few rates that are no whole number are not 1 over any number of 64 bits; these come back to within one part in 10^15.
 ///
 /// # Errors
-/// [`Error::Call`] for a rate below 1, which no BVH can state, and one whose frame time would round to 0.
+/// [`Invalid`](kinelm_store::Error::Invalid) for a rate below 1, which no BVH can state, and one whose frame time would round to 0.
 pub fn text(fps: f64) -> Result<String> {
     if !(fps >= 1.0 && fps.is_finite()) {
-        return Err(Error::Call(format!(
-            "{} frames per second can't be written to a BVH; expected at least 1",
-            compact(fps)
-        )));
+        return Err(bad_rate(fps, "at least 1"));
     }
     let seconds = 1.0 / fps;
     let tries = (6..=30).map(|places| format!("{seconds:.places$}"));
@@ -75,8 +72,12 @@ pub fn text(fps: f64) -> Result<String> {
     let text = found.unwrap_or_else(|| format!("{seconds:.20}"));
     match rate(&text) {
         Some(_) => Ok(text),
-        None => Err(Error::Call(format!("{} frames per second are too many to be written to a BVH", compact(fps)))),
+        None => Err(bad_rate(fps, "a rate whose frame time is not 0")),
     }
+}
+
+fn bad_rate(fps: f64, expected: &str) -> Error {
+    Error::invalid("the rate of a BVH", format!("{} frames per second", compact(fps)), expected)
 }
 
 /// Whether one over the number is the rate, to a tenth of what single precision tells apart.

@@ -1,16 +1,16 @@
 //! The grammar of a hierarchy and of the two lines after it: docs/motion-files.md.
 
-use super::frame_time;
-use super::header::{MAX_DEPTH, MAX_JOINTS, line_end_at, style};
 use super::text::{BadNumber, Text, number, word_at};
 use crate::format::source::bvh::{Channel, Header, Node, NodeKind};
-use crate::{FaultKind, FileError, Warning};
+use crate::{FaultKind, FileError};
 use std::collections::HashMap;
 
-/// Numbers of a file.
-const MAX_NUMBERS: u64 = 1 << 31;
+/// Nested braces that a reader accepts.
+pub(crate) const MAX_DEPTH: usize = 512;
+/// Joints of all roots together that a reader accepts.
+pub(crate) const MAX_JOINTS: usize = 4096;
 
-/// Reads everything before the rows.
+/// Parses everything before the rows.
 pub(crate) fn parse(text: &Text, lenient: bool) -> Result<Header, FileError> {
     let mut p = Parser {
         text: *text,
@@ -20,7 +20,7 @@ pub(crate) fn parse(text: &Text, lenient: bool) -> Result<Header, FileError> {
         joints: 0,
         width: 0,
         seen: HashMap::new(),
-        odd: Odd::default(),
+        oddities: Oddities::default(),
     };
     p.hierarchy()?;
     p.motion(lenient)
@@ -37,44 +37,44 @@ struct Open {
 
 /// Odd things, gathered so that a thousand of one kind make one warning.
 #[derive(Default)]
-struct Odd {
-    comments: Vec<usize>,
-    twice: Vec<String>,
-    tipless: Vec<String>,
-    channelless: Vec<String>,
+pub(super) struct Oddities {
+    pub comments: Vec<usize>,
+    pub twice: Vec<String>,
+    pub tipless: Vec<String>,
+    pub channelless: Vec<String>,
 }
 
-struct Parser<'a> {
-    text: Text<'a>,
-    at: usize,
-    nodes: Vec<Node>,
+pub(super) struct Parser<'a> {
+    pub text: Text<'a>,
+    pub at: usize,
+    pub nodes: Vec<Node>,
     open: Vec<Open>,
     joints: usize,
-    width: usize,
+    pub width: usize,
     seen: HashMap<String, usize>,
-    odd: Odd,
+    pub oddities: Oddities,
 }
 
-type Step<T = ()> = Result<T, FileError>;
+pub(super) type Step<T = ()> = Result<T, FileError>;
 
 impl<'a> Parser<'a> {
-    fn byte(&self) -> Option<u8> {
+    pub fn byte(&self) -> Option<u8> {
         self.text.bytes.get(self.at).copied()
     }
 
-    fn blanks(&mut self) {
+    pub fn blanks(&mut self) {
         while matches!(self.byte(), Some(b' ' | b'\t')) {
             self.at += 1;
         }
     }
 
     /// Goes to the next mark, over line ends and, if they may stand here, comment lines.
-    fn skip(&mut self, comments: bool) {
+    pub fn skip(&mut self, comments: bool) {
         loop {
             match self.byte() {
                 Some(b' ' | b'\t' | b'\r' | b'\n') => self.at += 1,
                 Some(b'#' | b'/') if comments && self.at_comment() => {
-                    self.odd.comments.push(self.at);
+                    self.oddities.comments.push(self.at);
                     while !matches!(self.byte(), None | Some(b'\r' | b'\n')) {
                         self.at += 1;
                     }
@@ -102,7 +102,7 @@ impl<'a> Parser<'a> {
         (at, word)
     }
 
-    fn unexpected(&self, at: usize, expected: impl Into<String>) -> FileError {
+    pub fn unexpected(&self, at: usize, expected: impl Into<String>) -> FileError {
         let fault = self.text.fault(at, FaultKind::UnexpectedWord, self.text.found(at), expected);
         match self.text.bytes.get(at) {
             None => fault.help("the file may be cut: fetch it again"),
@@ -201,7 +201,7 @@ impl<'a> Parser<'a> {
             *last += 1;
             let unique = format!("{name}.{last}");
             if !self.seen.contains_key(&unique) {
-                self.odd.twice.push(format!("{name:?} (now {unique:?})"));
+                self.oddities.twice.push(format!("{name:?} (now {unique:?})"));
                 self.seen.insert(unique.clone(), 1);
                 return unique;
             }
@@ -270,10 +270,10 @@ impl<'a> Parser<'a> {
             return;
         }
         if !top.channels {
-            self.odd.channelless.push(name.clone());
+            self.oddities.channelless.push(name.clone());
         }
         if !top.child {
-            self.odd.tipless.push(name);
+            self.oddities.tipless.push(name);
         }
     }
 
@@ -356,120 +356,5 @@ impl<'a> Parser<'a> {
         self.nodes[node].column = self.width;
         self.width += count;
         Ok(())
-    }
-
-    /// `Frames:` and `Frame Time:`, and the head they complete.
-    fn motion(mut self, lenient: bool) -> Step<Header> {
-        let (count_at, count) =
-            self.declaration(&["Frames"], FaultKind::FramesMissing, "Frames: and the number of frames")?;
-        let declared = match std::str::from_utf8(count).ok().filter(|w| w.bytes().all(|b| b.is_ascii_digit())) {
-            None | Some("") => {
-                let expected = "the number of frames, a whole number";
-                let fault = self.text.fault(count_at, FaultKind::NumberBad, self.text.found(count_at), expected);
-                return Err(fault.help("count the rows that follow"));
-            }
-            Some(digits) => digits.parse::<u64>().unwrap_or(u64::MAX),
-        };
-        let numbers = declared.checked_mul(self.width.max(1) as u64);
-        if numbers.is_none_or(|n| n > MAX_NUMBERS) && !lenient {
-            let found = format!("{} frames of {} channels", self.text.decode(count), self.width);
-            let fault = self.text.fault(count_at, FaultKind::TooLarge, found, "at most 2147483648 numbers in a file");
-            return Err(fault.help("if the count is wrong, --lenient reads the rows that are there"));
-        }
-        let count_end = self.at;
-        self.line_is_over("the end of the line after the number of frames")?;
-        let expected = "Frame Time: and the seconds of a frame";
-        let (time_at, time) = self.declaration(&["Frame", "Time"], FaultKind::FrameTimeMissing, expected)?;
-        frame_time::check(time).map_err(|(expected, help)| {
-            self.text.fault(time_at, FaultKind::FrameTimeBad, self.text.found(time_at), expected).help(help)
-        })?;
-        let time_end = self.at;
-        self.line_is_over("the end of the line after the frame time")?;
-        let line_end = line_end_at(self.text.bytes, self.at);
-        self.at += line_end.len();
-        let bytes = self.text.bytes;
-        let pieces =
-            [bytes[..count_at].to_vec(), bytes[count_end..time_at].to_vec(), bytes[time_end..self.at].to_vec()];
-        let mut style = style(&bytes[..count_at], bytes.get(self.at..).unwrap_or_default());
-        if style.line_end.is_empty() {
-            style.line_end = if line_end.is_empty() { "\n".into() } else { line_end.into() };
-        }
-        let warnings = self.warnings(declared);
-        Ok(Header {
-            nodes: self.nodes,
-            width: self.width,
-            declared,
-            frame_time: String::from_utf8_lossy(time).into_owned(),
-            rows_at: self.at,
-            warnings,
-            pieces,
-            style,
-        })
-    }
-
-    /// The value after some words and perhaps a colon, and where it stands.
-    fn declaration(&mut self, words: &[&str], missing: FaultKind, expected: &str) -> Step<(usize, &'a [u8])> {
-        self.skip(false);
-        let start = self.at;
-        for word in words {
-            self.blanks();
-            let rest = &self.text.bytes[self.at..];
-            if !rest.get(..word.len()).is_some_and(|w| w.eq_ignore_ascii_case(word.as_bytes())) {
-                return Err(self.missing(start, missing, expected));
-            }
-            self.at += word.len();
-        }
-        let after = self.at;
-        self.blanks();
-        if self.byte() == Some(b':') {
-            self.at += 1;
-            self.blanks();
-        } else if after == self.at && !matches!(self.byte(), None | Some(b'\r' | b'\n')) {
-            return Err(self.missing(start, missing, expected));
-        }
-        let (at, word) = (self.at, word_at(self.text.bytes, self.at));
-        self.at += word.len();
-        Ok((at, word))
-    }
-
-    fn missing(&self, at: usize, kind: FaultKind, expected: &str) -> FileError {
-        let fault = self.text.fault(at, kind, self.text.found(at), expected);
-        fault.help("MOTION is followed by a line Frames: and a line Frame Time:")
-    }
-
-    fn line_is_over(&mut self, expected: &str) -> Step {
-        self.blanks();
-        match self.byte() {
-            None | Some(b'\r' | b'\n') => Ok(()),
-            Some(_) => Err(self.unexpected(self.at, expected)),
-        }
-    }
-
-    fn warnings(&self, declared: u64) -> Vec<Warning> {
-        let mut all = Vec::new();
-        // only the first few are printed: finding a line walks the file
-        let place =
-            |(i, &at): (usize, &usize)| if i < 5 { self.text.place(at).line.to_string() } else { String::new() };
-        let comments: Vec<_> = self.odd.comments.iter().enumerate().map(place).collect();
-        let mut add = |kind, list: &[String], what: &str, done: &str| {
-            if !list.is_empty() {
-                let some = list[..list.len().min(5)].join(", ");
-                let more = if list.len() > 5 { format!(" and {} more", list.len() - 5) } else { String::new() };
-                all.push(Warning { kind, what: format!("{what} {some}{more}: {done}") });
-            }
-        };
-        add("comment_skipped", &comments, "comments on line", "BVH has none; skipped");
-        add("duplicate_name", &self.odd.twice, "names that stand twice:", "each is told apart by a number");
-        add("no_channels", &self.odd.channelless, "no CHANNELS in", "read as 0 channels");
-        add("missing_end_site", &self.odd.tipless, "no end site under", "a leaf without a tip");
-        let roots: Vec<_> =
-            self.nodes.iter().filter(|n| n.kind == NodeKind::Root).map(|n| format!("{:?}", n.unique)).collect();
-        if roots.len() > 1 {
-            add("several_roots", &roots, "more than one ROOT:", "one is read; --root NAME takes another");
-        }
-        if declared == 0 {
-            all.push(Warning { kind: "no_frames", what: "the file declares 0 frames".into() });
-        }
-        all
     }
 }

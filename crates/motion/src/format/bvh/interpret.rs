@@ -4,7 +4,7 @@ use super::text::Text;
 use super::unit;
 use crate::format::source::bvh::{BvhRig, Channel, Header, Node, NodeKind};
 use crate::format::{Axes, BvhPosition, ReadOptions};
-use crate::{Clip, EndSite, Error, FaultKind, Quat, Result, Skeleton, Vec3, Warning};
+use crate::{Clip, EndSite, FaultKind, Quat, Result, Skeleton, Vec3, Warning};
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -113,7 +113,7 @@ pub(crate) fn decide(
     // no kinematics reads the root's offset: the file's own, which doesn't depend on the frames
     let offset = |n: usize| if n == root { Vec3::from_array(nodes[n].offset) } else { mean(n).0 };
     let skeleton = skeleton(nodes, &joints, root..range.end, |n| offset(n) * unit_m);
-    let skeleton = skeleton.map_err(|e| Error::Clip { clip: path.display().to_string(), what: e.to_string() })?;
+    let skeleton = skeleton.map_err(|e| e.in_clip(path))?;
     let stretch = |(j, &n): (usize, &usize)| (j > 0 && mean(n).1 * unit_m > STILL_M).then(|| (j, mean(n).1 * unit_m));
     let stretch: Vec<(usize, f64)> = joints.iter().enumerate().filter_map(stretch).collect();
     let warnings = stretch_warning(&skeleton, &stretch);
@@ -182,7 +182,7 @@ pub(crate) fn clip(rig: &BvhRig, skeleton: Arc<Skeleton>, frames: &Frames, fps: 
 mod tests {
     use super::*;
     use crate::format::{ReadOptions, Unit, bvh};
-    use crate::{Motion, Source};
+    use crate::{Error, Motion, Source};
 
     const XYZ: &str = "Xposition Yposition Zposition";
 

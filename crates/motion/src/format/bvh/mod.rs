@@ -118,25 +118,18 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
     let Parsed { head, numbers, frames, mut warnings } = parsed;
     warnings.extend(more);
     let mut source = BvhSource { head, numbers, frames, rig, floor_m: None };
-    let clip = source.clip(fps).map_err(|e| clip_error(path, e))?;
+    let clip = source.clip(fps).map_err(|e| e.in_clip(path))?;
     let map = map_if_any(clip.skeleton().names(), options.map.as_deref())?;
     let (axes, doubt) = Axes::of(&clip, options.up, map.as_ref());
     warnings.extend(doubt.map(|what| Warning { kind: "up_unsure", what }));
     if axes.by == UpSource::Inferred && axes.up != Up::Y {
-        let what = format!("{} is up, by the rest pose and the motion; if it is not, --up says what is", axes.up);
+        let what = format!("{} is up, by the rest pose and the motion; if it is not, give `up`", axes.up);
         warnings.push(Warning { kind: "up_axis", what });
     }
     source.rig.axes = axes;
     let clip = axes.stand(clip)?;
     source.rig.skeleton = clip.skeleton().clone();
     Ok(Motion { path: path.to_owned(), clip, source: Source::Bvh(Box::new(source)), warnings })
-}
-
-fn clip_error(path: &Path, e: crate::Error) -> crate::Error {
-    match e {
-        crate::Error::Call(what) => crate::Error::Clip { clip: path.display().to_string(), what },
-        other => other,
-    }
 }
 
 impl BvhSource {
@@ -148,7 +141,7 @@ impl BvhSource {
     /// The clip that the numbers are, at a rate, y up.
     ///
     /// # Errors
-    /// [`crate::Error::Call`] when a number is so large that the clip is not finite, or for a rate that is not positive.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when a number is so large that the clip is not finite, or for a rate that is not positive.
     pub fn clip(&self, fps: f64) -> Result<Clip> {
         let skeleton = self.rig.axes.skeleton_laid_back(&self.rig.skeleton)?;
         self.rig.axes.stand(interpret::clip(&self.rig, skeleton, &self.as_frames(), fps)?)

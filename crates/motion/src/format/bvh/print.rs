@@ -27,19 +27,22 @@ pub(crate) fn print(head: &Header, frame_time: &str, frames: usize, numbers: &[f
 /// Refuses OFFSETs and rows with a number that no file can hold.
 ///
 /// # Errors
-/// [`Error::Call`] with the joint or the frame.
+/// [`Invalid`](kinelm_store::Error::Invalid) with the joint or the frame.
 pub(super) fn not_finite(head: &Header, numbers: &[f64]) -> Result<()> {
     let bad = |x: &f64| !x.is_finite();
     let offsets = head
         .nodes
         .iter()
-        .find_map(|node| Some((format!("OFFSET of {}", node.name), *node.offset.iter().find(|x| bad(x))?)));
-    let rows = || numbers.iter().position(bad).map(|at| (format!("frame {}", at / head.width.max(1)), numbers[at]));
+        .find_map(|node| Some((format!("an OFFSET of {}", node.name), *node.offset.iter().find(|x| bad(x))?)));
+    let rows = || {
+        numbers.iter().position(bad).map(|at| (format!("a number of frame {}", at / head.width.max(1)), numbers[at]))
+    };
     match offsets.or_else(rows) {
         None => Ok(()),
-        Some((at, found)) => Err(Error::Call(format!(
-            "{at}: {found} in the unit of a BVH; expected numbers, as of a body of some metres"
-        ))),
+        Some((what, found)) => {
+            let found = format!("{found} in the unit of the BVH");
+            Err(Error::invalid(what, found, "a finite number, as of a body of some metres"))
+        }
     }
 }
 

@@ -188,7 +188,7 @@ impl Slow<'_> {
         let expected = format!("{} rows, as Frames: declares", self.head.declared);
         let end = self.text.bytes.len();
         let fault = self.text.fault(end, FaultKind::FramesShort, found, expected);
-        Err(fault.help("the file may be cut; --lenient keeps the whole rows"))
+        Err(fault.help("the file may be cut; `lenient` keeps the whole rows"))
     }
 
     fn bad_number(&self, at: usize, row: usize, column: usize, why: BadNumber) -> FileError {

@@ -23,15 +23,14 @@ impl BvhSource {
     /// on from those before them.
     ///
     /// # Errors
-    /// [`Error::Call`] when the joints are others, the flags aren't as many, a number isn't finite, or the rate is one that
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the joints are others, the flags aren't as many, a number isn't finite, or the rate is one that
     /// no BVH can state.
     pub fn spliced(&self, text: &[u8], clip: &Clip, changed: &Changed) -> Result<Vec<u8>> {
         let (frames, joints) = (clip.frames(), clip.joints());
         if !self.fits(clip) || changed.root.len() != frames || changed.joints.len() != frames * joints {
             let (own, flags) = (self.rig.skeleton.joints(), changed.joints.len());
-            return Err(Error::Call(format!(
-                "{frames} frames of {joints} joints and {flags} flags for a rig of {own}"
-            )));
+            let found = format!("{frames} frames of {joints} joints with {flags} flags");
+            return Err(Error::invalid("the clip to splice", found, format!("the rig's {own} joints, a flag each")));
         }
         let clip = self.rig.axes.lay_back(clip)?;
         let rig = self.for_clip(&clip)?;

@@ -35,9 +35,9 @@ pub(crate) fn judge(
     }
     let help = match (options.bvh_position, unit(by_offset)) {
         (BvhPosition::Replace, Some(_)) => {
-            "the OFFSETs alone would tell; these look like added positions: --bvh-position add"
+            "the OFFSETs alone would tell; these look like added positions: give `bvh_position` add"
         }
-        _ => "give the unit: --unit m|cm|mm|in|cmu",
+        _ => "give `unit`: m, cm, mm, in or cmu",
     };
     let found = match leg {
         Some(l) => format!("a leg of {l:.4} from hip to ankle"),
@@ -152,7 +152,7 @@ mod tests {
         for (text, says) in [
             (file(5.0, names, ""), "a leg of 4.1000"),
             (file(1.0, ["a", "b", "c"], ""), "no joints whose names"),
-            (file(1.0, names, "0 0 0"), "--bvh-position add"),
+            (file(1.0, names, "0 0 0"), "`bvh_position` add"),
         ] {
             let e = read(&text, &ReadOptions::default()).unwrap_err();
             assert_eq!(e.fault(), Some(FaultKind::UnitUnknown));

@@ -12,7 +12,7 @@ use std::path::Path;
 /// A clip untouched since reading is written from the file's own numbers. The file appears whole or not at all.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Io`], and [`Error::Call`] for a clip that no BVH can hold (nesting, a rate below 1).
+/// [`kinelm_store::Error::Io`], and [`Invalid`](kinelm_store::Error::Invalid) for a clip that no BVH can hold (nesting, a rate below 1).
 pub fn write(path: &Path, motion: &Motion) -> Result<()> {
     Ok(files::write_whole(path, &to_bytes(motion)?)?)
 }
@@ -20,7 +20,7 @@ pub fn write(path: &Path, motion: &Motion) -> Result<()> {
 /// The bytes that [`write()`] writes.
 ///
 /// # Errors
-/// [`Error::Call`] for a clip that no BVH can hold (nesting, a rate below 1).
+/// [`Invalid`](kinelm_store::Error::Invalid) for a clip that no BVH can hold (nesting, a rate below 1).
 pub fn to_bytes(motion: &Motion) -> Result<Vec<u8>> {
     match &motion.source {
         Source::Bvh(source) if source.fits(&motion.clip) => source.to_bytes(&motion.clip),
@@ -71,7 +71,7 @@ impl BvhSource {
     /// is added to the header, so that the motion is never cut. Of other roots the rows nearest in time are kept.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Io`]; [`Error::Call`] when the joints are others or the rate is below 1.
+    /// [`kinelm_store::Error::Io`]; [`Invalid`](kinelm_store::Error::Invalid) when the joints are others or the rate is below 1.
     pub fn write_clip(&self, path: &Path, clip: &Clip) -> Result<()> {
         Ok(files::write_whole(path, &self.to_bytes(clip)?)?)
     }
@@ -79,13 +79,12 @@ impl BvhSource {
     /// The bytes that [`BvhSource::write_clip`] writes.
     ///
     /// # Errors
-    /// [`Error::Call`] when the joints are others or the rate is below 1.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the joints are others or the rate is below 1.
     pub fn to_bytes(&self, clip: &Clip) -> Result<Vec<u8>> {
         if !self.fits(clip) {
             let (own, its) = (self.rig.skeleton.joints(), clip.joints());
-            return Err(Error::Call(format!(
-                "a clip of {its} joints for a rig of {own}; expected the same names and parents"
-            )));
+            let expected = format!("the rig's {own} joints, of the same names and parents");
+            return Err(Error::invalid("the clip to write as BVH", format!("one of {its} joints"), expected));
         }
         let (own, same) = (&self.head.frame_time, self.fps() == clip.fps());
         let time = |keep: bool| if keep { Ok(own.clone()) } else { frame_time::text(clip.fps()) };

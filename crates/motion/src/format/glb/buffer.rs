@@ -75,7 +75,7 @@ impl Buffer {
     /// The bytes of a GLB: `document` with what was added.
     ///
     /// # Errors
-    /// [`Error::Call`] for numbers beyond single precision.
+    /// [`Invalid`](kinelm_store::Error::Invalid) for numbers beyond single precision.
     pub fn container(self, mut document: Value) -> Result<Vec<u8>> {
         if self.not_finite {
             return Err(beyond("the body"));
@@ -103,7 +103,5 @@ impl Buffer {
 
 /// The error of a number that a GLB, whose floats have 32 bits, can't hold.
 pub fn beyond(what: &str) -> Error {
-    Error::Call(format!(
-        "{what}: beyond what a GLB holds, 3.4e38 m; expected a body of some metres (--unit gives the unit)"
-    ))
+    Error::unsupported(what, "beyond what a GLB holds, 3.4e38 m; is the unit right (`unit`)?")
 }

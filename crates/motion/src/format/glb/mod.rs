@@ -38,18 +38,17 @@ struct Scene {
 /// The bytes of a GLB of these clips.
 ///
 /// # Errors
-/// [`Error::Call`] for no clips, one without frames, more than 65,535 joints, and numbers beyond single precision.
+/// [`Invalid`](kinelm_store::Error::Invalid) for no clips, one without frames, more than 65,535 joints, and numbers beyond single precision.
 pub fn to_bytes(clips: &[Named]) -> Result<Vec<u8>> {
     if clips.is_empty() {
-        return Err(Error::Call("a GLB of no clips; expected one at least".into()));
+        return Err(Error::unsupported("a GLB", "no clips; it needs at least one"));
     }
     let mut scene = Scene::default();
     for (i, (name, clip)) in clips.iter().enumerate() {
         if clip.frames() == 0 || clip.joints() > usize::from(u16::MAX) {
             let (frames, joints) = (clip.frames(), clip.joints());
-            return Err(Error::Call(format!(
-                "{name}: {frames} frames of {joints} joints; a GLB needs a frame at least"
-            )));
+            let why = format!("{frames} frames of {joints} joints; a GLB needs a frame and takes 65,535 joints");
+            return Err(Error::unsupported(*name, why));
         }
         scene.add(name, clip, COLOURS[i % COLOURS.len()])?;
     }

@@ -51,12 +51,12 @@ impl JointPositions {
     /// Of a clip on SMPL-24.
     ///
     /// # Errors
-    /// [`Error::Call`] for another rig and fewer than two frames.
+    /// [`Invalid`](kinelm_store::Error::Invalid) for another rig and fewer than two frames.
     pub fn of(clip: &Clip) -> Result<JointPositions> {
         if clip.skeleton().names() != smpl::NAMES || clip.frames() < 2 {
             let (joints, frames) = (clip.joints(), clip.frames());
-            let what = "expected SMPL's 24 joints and two frames at least";
-            return Err(Error::Call(format!("features of {frames} frames of {joints} joints; {what}")));
+            let found = format!("one of {frames} frames and {joints} joints");
+            return Err(Error::invalid("a clip for features", found, "SMPL's 24 joints and at least two frames"));
         }
         let at_rest = crate::GlobalPose::new(clip.skeleton(), Vec3::ZERO, &[crate::Quat::IDENTITY; 24]).positions;
         let apart = |a: usize, b: usize| (at_rest[a] - at_rest[b]).length();

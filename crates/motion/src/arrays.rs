@@ -1,4 +1,4 @@
-//! Motion as arrays of the `ndarray` crate, without a copy.
+//! Views of motion as arrays of the `ndarray` crate, without a copy.
 
 use crate::format::positions::Positions;
 use crate::{Clip, GlobalPose, Quat, Vec3};
@@ -8,7 +8,7 @@ fn vectors(all: &[Vec3]) -> &[f64] {
     bytemuck::cast_slice(all)
 }
 
-/// Lengths are those of the slice: a view of a slice by its own lengths is always there.
+/// The shape is computed from the slice's length, so it always fits.
 fn matrix(all: &[f64], columns: usize) -> ArrayView2<'_, f64> {
     ArrayView2::from_shape((all.len() / columns, columns), all).expect("whole rows")
 }
@@ -23,7 +23,7 @@ fn quaternions(all: &[Quat]) -> &[f64] {
 }
 
 impl Clip {
-    /// (F, 3) root positions, metres, world.
+    /// Root positions (F, 3), metres, world.
     ///
     /// ```
     /// # use kinelm_motion::{Clip, Quat, Vec3, smpl};
@@ -38,21 +38,21 @@ impl Clip {
         matrix(vectors(self.root()), 3)
     }
 
-    /// (F, J, 4) local rotations, unit quaternions, **x y z w** as they lie in memory.
+    /// Local rotations (F, J, 4), unit quaternions in the order **x, y, z, w**.
     pub fn rotations_view(&self) -> ArrayView3<'_, f64> {
         rows(quaternions(self.rotations()), self.joints(), 4)
     }
 }
 
 impl GlobalPose {
-    /// (J, 3) places of the joints, metres, world.
+    /// World positions of the joints (J, 3), metres.
     pub fn positions_view(&self) -> ArrayView2<'_, f64> {
         matrix(vectors(&self.positions), 3)
     }
 }
 
 impl Positions {
-    /// (F, N, 3) places of joints and end sites, metres, world. Places that make no whole frame are left out.
+    /// World positions of joints and end sites (F, N, 3), metres. Positions after the last whole frame are dropped.
     pub fn view(&self) -> ArrayView3<'_, f64> {
         let n = self.joints.len();
         let whole = self.positions.len() / n.max(1) * n;

@@ -1,52 +1,52 @@
-//! What of a skeleton is drawn: bones with their thickness, joints as balls, a head, and which joints leave trails.
+//! The drawable body of a skeleton: capsules for bones, spheres for joints, a head, and joints that leave trails.
 //!
-//! It knows no names but the head's: trunk and limbs are told apart by the tree and its lengths, so that any rig looks
+//! Only the head is found by its name. Trunk and limbs are told apart by the tree and its lengths, so that any rig looks
 //! like a body.
 
 use crate::{Clip, GlobalPose, Skeleton, Vec3};
 use serde::Serialize;
 
-/// A bone between two points, thick `ra` and `rb` metres at its ends; `given` if the joint that turns it is.
+/// A tapered capsule between two points, with radii `ra` and `rb` in metres.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Capsule {
-    /// The point that it begins at, a joint: the one that turns it.
+    /// The start, a joint: the one that rotates the bone.
     pub a: usize,
-    /// The point that it ends at.
+    /// The end point.
     pub b: usize,
     /// Radius at `a`.
     pub ra: f64,
     /// Radius at `b`.
     pub rb: f64,
-    /// Whether the joint that turns it is given.
+    /// Whether the rotating joint is given.
     pub given: bool,
 }
 
-/// A joint.
+/// A sphere at a joint.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct JointSphere {
-    /// Its point.
+    /// The point.
     pub at: usize,
     /// Radius.
     pub r: f64,
-    /// Whether it is given.
+    /// Whether the joint is given.
     pub given: bool,
 }
 
-/// A body made drawable. Points are the joints, then the end sites, then the head's upper half where there is a head.
+/// A drawable body. Its points are the joints, the end sites, and the top of the head if there is a head.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CapsuleBody {
-    /// How many there are.
+    /// The number of points.
     pub point_count: usize,
-    /// Between points.
+    /// Capsules between points.
     pub bones: Vec<Capsule>,
-    /// At joints.
+    /// Spheres at joints.
     pub balls: Vec<JointSphere>,
-    /// Points whose ways are worth seeing: wrists and ankles.
+    /// Points with trails: wrists and ankles.
     pub tips: Vec<usize>,
     head: Option<Skull>,
 }
 
-/// The head's upper half: `further` metres beyond `joint`, on from `neck`.
+/// The top of the head: `further` metres beyond `joint` in the direction from `neck`.
 #[derive(Debug, Clone, PartialEq)]
 struct Skull {
     neck: usize,
@@ -55,7 +55,7 @@ struct Skull {
 }
 
 impl CapsuleBody {
-    /// The body of a skeleton about `height` metres high; `given` (J) or empty.
+    /// The body of a skeleton of about `height` metres; `given` is (J) or empty.
     pub fn new(skeleton: &Skeleton, height: f64, given: &[bool]) -> Self {
         let tree = Tree::new(skeleton, height);
         let given = |joint: usize| given.get(joint).copied().unwrap_or(false);
@@ -88,7 +88,7 @@ impl CapsuleBody {
         CapsuleBody { point_count: points, bones, balls, tips: tree.tips(), head }
     }
 
-    /// Places of all points at a frame, metres.
+    /// Computes the positions of all points in a frame, metres.
     pub fn points(&self, clip: &Clip, frame: usize, pose: &mut GlobalPose, places: &mut Vec<Vec3>) {
         pose.set(clip.skeleton(), clip.root()[frame], clip.pose(frame));
         places.clear();
@@ -111,7 +111,7 @@ fn head_of(skeleton: &Skeleton) -> Option<usize> {
     (1..skeleton.joints()).find(|&j| skeleton.names()[j].to_lowercase().ends_with("head"))
 }
 
-/// Length of the bones from the head to the root, and from there along the longest other way; `None` without a head.
+/// Bone length from the head to the root plus the longest chain from the root that avoids the head; `None` without a head.
 pub fn standing_height_m(skeleton: &Skeleton) -> Option<f64> {
     let head = head_of(skeleton)?;
     let mut from_root = vec![0.0; skeleton.joints()];
@@ -127,15 +127,15 @@ pub fn standing_height_m(skeleton: &Skeleton) -> Option<f64> {
     (leg > 0.0).then_some(from_root[head] + leg)
 }
 
-/// What the lengths of a skeleton say about it.
+/// Measures of a skeleton's tree.
 struct Tree<'a> {
     skeleton: &'a Skeleton,
     height: f64,
-    /// (J) length of the longest way from a joint down to a tip, end sites included.
+    /// Length of the longest chain from a joint down to a tip, end sites included (J).
     reach: Vec<f64>,
-    /// (J) whether a joint lies between the pelvis and the chest: the joints where long limbs part, and those between.
+    /// Whether a joint is between pelvis and chest (J): the joints where long limbs branch, and those between.
     trunk: Vec<bool>,
-    /// (J) whether long limbs part at a joint: pelvis and chest.
+    /// Whether long limbs branch at a joint (J): pelvis and chest.
     parts: Vec<bool>,
 }
 
@@ -154,7 +154,7 @@ impl<'a> Tree<'a> {
                 reach[p] = reach[p].max(through);
             }
         }
-        // a joint is trunk if limbs part at it, or at it and below it: children stand behind their parents
+        // a joint is trunk if limbs branch at it, or at it and below it: children come after their parents
         let parts: Vec<bool> = limbs.iter().map(|&n| n > 1).collect();
         let mut trunk = parts.clone();
         for j in (1..joints).rev() {
@@ -165,7 +165,7 @@ impl<'a> Tree<'a> {
         Tree { skeleton, height, reach, trunk, parts }
     }
 
-    /// Thickness of the bone `a` to `b` at its ends.
+    /// The radii of the bone from `a` to `b`.
     fn radii(&self, a: usize, b: usize) -> (f64, f64) {
         let h = self.height;
         let (ra, rb) = (self.thickness(a), self.thickness(b));
@@ -179,8 +179,7 @@ impl<'a> Tree<'a> {
         }
     }
 
-    /// Thickness at a joint: of limbs by what hangs on it, so that they taper and are as thick below a joint as above;
-    /// of the trunk wider where limbs part.
+    /// The radius at a joint: for limbs by the length below it, so that they taper; larger for the trunk where limbs branch.
     fn thickness(&self, joint: usize) -> f64 {
         let along = (self.reach[joint] / self.height).sqrt();
         match (self.trunk[joint], self.parts[joint]) {
@@ -196,7 +195,7 @@ impl<'a> Tree<'a> {
         Some(Skull { neck, joint, further: 0.052 * self.height })
     }
 
-    /// The last joint of every long limb that still carries something: wrists and ankles.
+    /// The last joint of each long limb that has a child: wrists and ankles.
     fn tips(&self) -> Vec<usize> {
         let skeleton = self.skeleton;
         let limb = |j: &usize| {

@@ -1,10 +1,10 @@
-//! The one motion type.
+//! The clip: the one type that holds motion.
 
 use crate::{Error, Quat, Result, Skeleton, Vec3};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// F frames of J joints.
+/// Motion of F frames and J joints on one skeleton.
 ///
 /// ```
 /// use kinelm_motion::{Clip, Quat, Vec3, smpl};
@@ -26,11 +26,11 @@ pub struct Clip {
 }
 
 impl Clip {
-    /// A clip of `root` positions (F) in metres, world, and local `rotations` (F, J), unit quaternions.
+    /// Makes a clip from `root` positions (F), metres, world, and local `rotations` (F, J). Quaternions are normalised.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when the lengths don't fit, the rate is not positive and finite, or a value is not finite; the
-    /// frame and the joint are named. Quaternions are normalised; one of length 0 is an error.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the lengths don't fit, the rate is not positive and finite, a value is
+    /// not finite, or a quaternion is zero; the message names frame and joint.
     pub fn new(skeleton: Arc<Skeleton>, fps: f64, root: Vec<Vec3>, mut rotations: Vec<Quat>) -> Result<Self> {
         let j = skeleton.joints();
         if !(fps.is_finite() && fps > 0.0) {
@@ -51,7 +51,7 @@ impl Clip {
                 let (what, found) = (format!("frame {f}, joint {name}: the rotation"), format!("{q:?}"));
                 return Err(Error::invalid(what, found, "a finite quaternion that is not zero"));
             }
-            // one that is unit to rounding keeps its bits, so that a second construction changes nothing
+            // a quaternion that is unit to rounding keeps its bits, so that making a clip again changes nothing
             if (n - 1.0).abs() > 4.0 * f64::EPSILON {
                 *q = q.normalize();
             }
@@ -79,28 +79,28 @@ impl Clip {
         self.frames() as f64 / self.fps
     }
 
-    /// The body.
+    /// The skeleton.
     pub fn skeleton(&self) -> &Arc<Skeleton> {
         &self.skeleton
     }
 
-    /// (F) root positions, metres, world.
+    /// Root positions (F), metres, world.
     pub fn root(&self) -> &[Vec3] {
         &self.root
     }
 
-    /// (F, J) local rotations.
+    /// Local rotations (F, J), unit quaternions.
     pub fn rotations(&self) -> &[Quat] {
         &self.rotations
     }
 
-    /// (J) local rotations of one frame.
+    /// Local rotations (J) of one frame.
     pub fn pose(&self, frame: usize) -> &[Quat] {
         let j = self.joints();
         &self.rotations[frame * j..(frame + 1) * j]
     }
 
-    /// The frames of a range.
+    /// A copy of a range of frames.
     ///
     /// # Panics
     /// If the range leaves the clip.
@@ -114,13 +114,13 @@ impl Clip {
         }
     }
 
-    /// The same motion with every place of the root so much higher, metres.
+    /// The same motion with the root raised by `by_m` metres.
     pub fn raised(mut self, by_m: f64) -> Self {
         self.root.iter_mut().for_each(|p| p.y += by_m);
         self
     }
 
-    /// The same frames at another rate: time runs faster or slower, nothing is resampled.
+    /// The same frames at another rate: the motion runs faster or slower, nothing is resampled.
     ///
     /// # Errors
     /// [`Invalid`](kinelm_store::Error::Invalid) when the rate is not positive and finite.
@@ -128,7 +128,7 @@ impl Clip {
         Clip::new(self.skeleton, fps, self.root, self.rotations)
     }
 
-    /// The same motion on another skeleton of as many joints (other offsets, other names).
+    /// The same rotations and root on another skeleton with as many joints.
     ///
     /// # Errors
     /// [`Invalid`](kinelm_store::Error::Invalid) when the number of joints differs.

@@ -1,4 +1,4 @@
-//! From a file's motion to the rig, rate and joints wanted.
+//! Conversion of a motion to another rig, another rate, or fewer moving joints.
 
 #[cfg(feature = "amass")]
 use crate::format::body_model::BodyModel;
@@ -11,20 +11,20 @@ use crate::{Clip, Error, Motion, Quat, Result, Skeleton, Source, smpl};
 use std::path::Path;
 use std::sync::Arc;
 
-/// A rig that motion can be put on.
+/// A rig to put motion on.
 #[derive(Debug, Clone)]
 pub enum TargetRig {
-    /// The 24 SMPL joints with these offsets.
+    /// SMPL's 24 joints with these offsets.
     Smpl(Arc<Skeleton>),
     /// The rig of a motion file.
     OfFile(Box<Motion>),
 }
 
 impl TargetRig {
-    /// The rig of `smpl` (the neutral body), of a body model (`SMPL_*.npz`), or of a motion file.
+    /// Resolves the name `smpl` (the neutral body), or reads a body model (`SMPL_*.npz`) or the rig of a motion file.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when it is none of these, and what reading the file fails with.
+    /// [`Unsupported`](kinelm_store::Error::Unsupported) when it is none of these; errors of reading the file.
     pub fn load(name_or_path: &str, options: &ReadOptions) -> Result<TargetRig> {
         if name_or_path == "smpl" {
             return Ok(TargetRig::Smpl(smpl::neutral()));
@@ -43,29 +43,42 @@ impl TargetRig {
         if let Ok(body) = BodyModel::parse(path, &bytes).and_then(|model| model.body(&[])) {
             return Ok(TargetRig::Smpl(body.skeleton));
         }
-        // the axis that is up in the motion says nothing of the rig's file
+        // the up axis that was requested is that of the motion, not of the rig's file
         let options = ReadOptions { up: Up::Auto, ..options.clone() };
         Ok(TargetRig::OfFile(Box::new(format::parse(path, &bytes, &options)?)))
     }
 }
 
-/// What is to become of a motion.
+/// Options of [`convert`].
 #[derive(Debug, Clone, Default)]
 pub struct ConvertOptions {
-    /// Frames per second.
+    /// Frames per second; the motion's own if not given.
     pub fps: Option<f64>,
-    /// The rig; the motion's own if none is given.
+    /// The rig; the motion's own if not given.
     pub rig: Option<TargetRig>,
-    /// The joints that go on moving, on the SMPL body; the others stand at rest.
+    /// The SMPL joints that keep moving; the others get their rest rotation.
     pub joints: Option<Selection>,
 }
 
-/// The motion on the rig, at the rate, with the joints wanted. With nothing wanted it is the motion itself.
+/// Converts a motion. Without any option set it is returned unchanged.
 ///
-/// Joints are chosen on the SMPL body, so with `joints` and no rig the motion is put on it.
+/// Joints are selected on the SMPL body, so `joints` without a rig puts the motion on the neutral SMPL body.
 ///
 /// # Errors
-/// A rig that no skeleton map knows, and a rate that is none.
+/// Errors of retargeting (no skeleton map fits) and of [`resample`].
+///
+/// ```
+/// use kinelm_motion::convert::{ConvertOptions, convert};
+/// use kinelm_motion::{Motion, Source, joints, synth};
+///
+/// let clip = synth::corpus(1, 1, 2.0, 60.0)?.remove(0).clip;
+/// let dance = Motion { path: "dance.json".into(), clip, source: Source::Plain, warnings: vec![] };
+/// let arms = joints::parse("root,arms")?;
+/// let slow = convert(dance, &ConvertOptions { fps: Some(20.0), joints: Some(arms), rig: None }, None)?;
+/// assert_eq!((slow.clip.fps(), slow.clip.frames()), (20.0, 40));
+/// assert_eq!(slow.clip.pose(7)[4], kinelm_motion::Quat::IDENTITY, "the knee is at rest");
+/// # Ok::<(), kinelm_motion::Error>(())
+/// ```
 pub fn convert(motion: Motion, wanted: &ConvertOptions, map: Option<&str>) -> Result<Motion> {
     let mut motion = motion;
     let rest = motion.warnings.iter().any(|w| w.kind == "rest_frame") && format::has_rest_frame(&motion);
@@ -84,7 +97,7 @@ pub fn convert(motion: Motion, wanted: &ConvertOptions, map: Option<&str>) -> Re
     Ok(motion)
 }
 
-/// A clip at another rate whose frame 0 is a rest pose: it stays as it is, and out of the low pass.
+/// Resamples a clip whose frame 0 is a rest pose: frame 0 is copied and kept out of the low pass.
 fn after_rest(clip: &Clip, fps: f64) -> Result<Clip> {
     let rest = clip.slice(0..1);
     let moving = resample(&clip.slice(1..clip.frames()), fps, Method::Smooth)?;
@@ -92,10 +105,10 @@ fn after_rest(clip: &Clip, fps: f64) -> Result<Clip> {
     Clip::new(clip.skeleton().clone(), fps, root, [rest.rotations(), moving.rotations()].concat())
 }
 
-/// The motion on another rig, by way of SMPL-24.
+/// Puts a motion on another rig, by way of SMPL-24.
 ///
 /// # Errors
-/// A rig that no skeleton map knows.
+/// Errors of retargeting: no skeleton map fits one of the rigs.
 pub fn on_rig(motion: Motion, rig: &TargetRig, map: Option<&str>) -> Result<Motion> {
     let floor_m = format::floor_height(&motion, map)?;
     match rig {
@@ -104,7 +117,7 @@ pub fn on_rig(motion: Motion, rig: &TargetRig, map: Option<&str>) -> Result<Moti
             let clip = if clip.skeleton() == body {
                 clip
             } else {
-                // positions grow with the legs, as they do from any rig to another
+                // the path scales with the legs, as between any two rigs
                 let neutral = map_for(clip.skeleton(), Some("smpl"))?;
                 Retarget::new(clip.skeleton(), &neutral, body.clone())?.with_floor(floor_m).to_smpl(&clip)?
             };
@@ -125,7 +138,7 @@ pub fn on_rig(motion: Motion, rig: &TargetRig, map: Option<&str>) -> Result<Moti
     }
 }
 
-/// A clip on SMPL-24 whose other joints stand at rest.
+/// Sets the joints of an SMPL-24 clip that aren't selected to their rest rotation.
 fn keep_joints(clip: &Clip, selection: &Selection) -> Result<Clip> {
     let keep = |(i, &q): (usize, &Quat)| if selection.joints.contains(&(i % 24)) { q } else { Quat::IDENTITY };
     let rotations = clip.rotations().iter().enumerate().map(keep).collect();
@@ -143,7 +156,7 @@ mod tests {
         let dance = synth::corpus(5, 1, 2.0, 60.0).unwrap().remove(0).clip;
         let away = |clip: &Clip, frames: std::ops::Range<usize>| {
             let clip = clip.slice(frames);
-            // far from the origin, and never unturned
+            // away from the origin, with a turned root
             let root = clip.root().iter().map(|p| *p + Vec3::X).collect();
             let turn = |(i, q): (usize, &Quat)| if i % 24 == 0 { Quat::from_rotation_y(1.0) * *q } else { *q };
             let rotations = clip.rotations().iter().enumerate().map(turn).collect();
@@ -155,7 +168,7 @@ mod tests {
         let root = [&[Vec3::ZERO], moving.root()].concat();
         let clip = Clip::new(smpl::neutral(), 60.0, root, [&pose, moving.rotations()].concat()).unwrap();
         let folder = tempfile::tempdir().unwrap();
-        // in an .npz z is up: the root of its rest pose is unturned only to rounding
+        // an .npz has z up: its rest pose has an unrotated root only to rounding
         for name in [
             "a.json",
             #[cfg(feature = "amass")]

@@ -1,20 +1,20 @@
-//! What can go wrong, and where.
+//! Errors and warnings: what is wrong, and where.
 
 use kinelm_store::{Kind, SourcePos};
 use std::fmt;
 use std::path::Path;
 
-/// The result of this crate's functions.
+/// The result type of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Everything that reading, changing and writing motion can fail with.
+/// Errors of reading, changing and writing motion.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A file can't be read or written.
+    /// A file can't be read or written, a parameter is wrong, or a limit is exceeded.
     #[error(transparent)]
     Store(#[from] kinelm_store::Error),
-    /// The file is wrong.
+    /// The content of a motion file is wrong.
     #[error(transparent)]
     File(#[from] Box<FileError>),
     /// The clip can't be used this way.
@@ -22,7 +22,7 @@ pub enum Error {
     Clip {
         /// Name of the clip, usually its path.
         clip: String,
-        /// What is wrong, where (frame, joint), what to do.
+        /// What is wrong and where (frame, joint), and what to do.
         what: String,
     },
 }
@@ -30,7 +30,7 @@ pub enum Error {
 kinelm_store::constructors!(Error);
 
 impl Error {
-    /// Which kind of error this is; the program's exit code follows from it.
+    /// The kind of the error, from which the program's exit code follows.
     pub fn kind(&self) -> Kind {
         match self {
             Error::Store(e) => e.kind(),
@@ -38,7 +38,7 @@ impl Error {
         }
     }
 
-    /// The same error of a clip: one that names no file names this clip's.
+    /// Adds the name of the clip to an error that names no file.
     pub fn in_clip(self, clip: impl AsRef<Path>) -> Self {
         match self {
             Error::Store(e) if matches!(e.kind(), Kind::Call | Kind::Limit) => {
@@ -48,7 +48,7 @@ impl Error {
         }
     }
 
-    /// The fault of the file, where a file is wrong.
+    /// Which fault of a motion file this is, if it is one.
     pub fn fault(&self) -> Option<FaultKind> {
         match self {
             Error::File(e) => Some(e.kind),
@@ -57,21 +57,21 @@ impl Error {
     }
 }
 
-/// A number for a message: the hundreds of digits of one that is huge or tiny say no more than its power of ten.
+/// A number for a message; very large and very small ones in scientific notation.
 pub fn compact(x: f64) -> String {
     if x == 0.0 || (1e-6..1e15).contains(&x.abs()) { x.to_string() } else { format!("{x:e}") }
 }
 
-/// One fault of one file: where, what was found, what was expected, what to do.
+/// One fault of one file: where it is, what was found, what was expected, what to do.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FileError {
-    /// Where.
+    /// The position in the file.
     pub at: SourcePos,
-    /// Which fault; its name is printed.
+    /// The kind of fault; its name is printed.
     pub kind: FaultKind,
-    /// What stands there.
+    /// What was found.
     pub found: String,
-    /// What should.
+    /// What was expected.
     pub expected: String,
     /// What the user can do; may be empty.
     pub help: String,
@@ -90,7 +90,7 @@ impl fmt::Display for FileError {
 impl std::error::Error for FileError {}
 
 impl FileError {
-    /// A fault at a place.
+    /// A fault at a position in a file.
     pub fn new(at: SourcePos, kind: FaultKind, found: impl Into<String>, expected: impl Into<String>) -> Self {
         FileError { at, kind, found: found.into(), expected: expected.into(), help: String::new() }
     }
@@ -108,12 +108,12 @@ impl From<FileError> for Error {
     }
 }
 
-/// Something odd in a file that was read all the same.
+/// Something odd in a file that was read nevertheless.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Warning {
     /// A stable name, such as `missing_end_site`.
     pub kind: &'static str,
-    /// What, where, and what was done.
+    /// What was odd, where, and how it was handled.
     pub what: String,
 }
 
@@ -125,7 +125,7 @@ impl fmt::Display for Warning {
 
 macro_rules! kinds {
     ($($(#[$doc:meta])* $variant:ident = $name:literal,)*) => {
-        /// The faults a motion file can have, by the names that are printed.
+        /// The faults of motion files. Each has a stable name, which is printed.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
         #[non_exhaustive]
         pub enum FaultKind { $($(#[$doc])* $variant,)* }
@@ -169,11 +169,11 @@ kinds! {
     TooDeep = "too_deep",
     /// More joints or numbers than the limit.
     TooLarge = "too_large",
-    /// The unit of a BVH can't be told from its legs.
+    /// The leg lengths of a BVH fit no unit.
     UnitUnknown = "unit_unknown",
-    /// The joint that `--root` names is no root of the file.
+    /// The requested root is no ROOT of the file.
     RootUnknown = "root_unknown",
-    /// A file of another kind than its name says.
+    /// The content is not of the format that the file's name says.
     NotThisFormat = "not_this_format",
     /// A key is missing in an npz or pickle.
     KeyMissing = "npz_key_missing",
@@ -183,7 +183,7 @@ kinds! {
     Truncated = "npz_truncated",
     /// An array of Python objects.
     ObjectArray = "npz_object",
-    /// An array whose elements are of a type that says nothing here (complex numbers, dates, records, text for numbers).
+    /// An array of an unsupported element type (complex numbers, dates, records, text instead of numbers).
     Dtype = "npz_dtype",
     /// A scale that is not positive and finite.
     ScaleBad = "scale_bad",
@@ -201,6 +201,6 @@ kinds! {
     PickleBad = "pickle_bad",
     /// JSON that doesn't parse or says something impossible.
     JsonBad = "json_bad",
-    /// A skeleton TOML that is wrong.
+    /// A skeleton TOML with a fault.
     MapBad = "map_bad",
 }

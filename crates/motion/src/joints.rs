@@ -1,20 +1,20 @@
-//! Groups and subsets of the SMPL joints.
+//! Named groups and selections of the SMPL joints.
 
 use crate::rig::{map::without_namespace, map_for};
 use crate::{Error, Result, Skeleton, smpl};
 use kinelm_store::suggest::did_you_mean;
 
-/// The thesis's thirteen joints, by id.
+/// The thirteen joints of the thesis, by id.
 pub const THIRTEEN: [usize; 13] = [0, 1, 2, 4, 5, 7, 8, 16, 17, 18, 19, 20, 21];
 
-/// Those and what bends the trunk: `spine1`, `spine3`, `neck` and the collars, by id. On CMU's rig no
-/// joint stands elsewhere than with all 24; with the thirteen hands are 10 to 20 cm off.
+/// The thirteen and the joints that bend the trunk: `spine1`, `spine3`, `neck` and the collars, by id. They reproduce
+/// all joint positions of CMU's rig; with the thirteen alone hands are 10 to 20 cm off.
 pub const EIGHTEEN: [usize; 18] = [0, 1, 2, 3, 4, 5, 7, 8, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21];
 
 /// Hip, knee, ankle and ball of the left leg, then of the right.
 pub const LEGS: [[usize; 4]; 2] = [[1, 4, 7, 10], [2, 5, 8, 11]];
 
-/// The groups by name.
+/// Joint groups by name.
 pub const GROUPS: &[(&str, &[usize])] = &[
     ("root", &[0]),
     ("left_leg", &LEGS[0]),
@@ -33,24 +33,33 @@ pub const GROUPS: &[(&str, &[usize])] = &[
     ("all", &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23]),
 ];
 
-/// A set of SMPL joints.
+/// A selection of SMPL joints.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Selection {
-    /// Ids, ascending, each once.
+    /// Joint ids, ascending, without duplicates.
     pub joints: Vec<usize>,
-    /// Whether the root's translation belongs to it: when `root`, `all`, `24`, `18` or `13` is named, but not with the bare joint
-    /// `pelvis` nor with the groups that hold joint 0 among others.
+    /// Whether the root's translation is selected too: by `root`, `all`, `24`, `18` or `13`, but not by the joint `pelvis`
+    /// or by a group that merely contains joint 0.
     pub translation: bool,
 }
 
-/// The joints of a list such as `13`, `18`, `24`, `root,right_arm`, `left_knee,7`.
+/// Parses a joint list such as `13`, `18`, `24`, `root,right_arm` or `left_knee,7`.
 ///
-/// Parts are the numbers `13`, `18` and `24` alone, groups of [`GROUPS`], SMPL joint names, in any case, or ids. `head` alone is
-/// the group.
-/// Where a name is both, it is SMPL's; `rig:NAME` is a rig's own alone, which [`to_smpl_names`] takes.
+/// The list is one of the numbers `13`, `18` and `24`, or parts separated by commas: a group of [`GROUPS`], an SMPL joint
+/// name in any letter case, or a joint id. `head` is the group. Names of another rig, also as `rig:NAME`, must be
+/// translated first by [`to_smpl_names`].
 ///
 /// # Errors
-/// [`Invalid`](kinelm_store::Error::Invalid) naming the part that is none of these, with what there is.
+/// [`Unsupported`](kinelm_store::Error::Unsupported) for an unknown part; the message lists groups and joints.
+///
+/// ```
+/// use kinelm_motion::joints;
+///
+/// let legs = joints::parse("left_leg,right_knee")?;
+/// assert_eq!(legs.joints, [1, 4, 5, 7, 10]);
+/// assert!(joints::parse("left_wing").is_err());
+/// # Ok::<(), kinelm_motion::Error>(())
+/// ```
 pub fn parse(list: &str) -> Result<Selection> {
     match list.trim() {
         "13" => return Ok(Selection { joints: THIRTEEN.to_vec(), translation: true }),
@@ -70,7 +79,7 @@ pub fn parse(list: &str) -> Result<Selection> {
     Ok(selection)
 }
 
-/// The parts of a list between its commas; in `rig:"NAME"` the name may have some.
+/// Splits a list at its commas, but not inside the quotes of `rig:"NAME"`.
 fn parts(list: &str) -> impl Iterator<Item = &str> {
     let mut quoted = false;
     let apart = move |c: char| {
@@ -80,16 +89,16 @@ fn parts(list: &str) -> impl Iterator<Item = &str> {
     list.split(apart).map(str::trim)
 }
 
-/// NAME of `rig:"NAME"` or `rig:NAME`.
+/// The NAME in `rig:"NAME"` or `rig:NAME`.
 fn of_rig_alone(part: &str) -> Option<&str> {
     let name = part.strip_prefix(RIG)?;
     Some(name.strip_prefix('"').and_then(|name| name.strip_suffix('"')).unwrap_or(name))
 }
 
-/// In front of a name that is a rig's own.
+/// The prefix of a name that belongs to the rig.
 const RIG: &str = "rig:";
 
-/// The names of a rig's joints, each with the SMPL joint that it stands for.
+/// The names of the rig's joints with the ids of the SMPL joints that they map to.
 fn own_names<'a>(rig: &'a Skeleton, map: Option<&str>) -> Option<Vec<(&'a str, Option<usize>)>> {
     let map = map_for(rig, map).ok()?;
     let map = map.bind(rig.names()).unwrap_or(map);
@@ -97,14 +106,14 @@ fn own_names<'a>(rig: &'a Skeleton, map: Option<&str>) -> Option<Vec<(&'a str, O
     Some(rig.names().iter().map(|n| (n.as_str(), stands_for(n))).collect())
 }
 
-/// A list in which joints of a rig may stand by its own names, such as `root,RightArm` or `rig:"Head"`, as a list that
-/// [`parse`] takes: each becomes the SMPL joint that it stands for. What is a part without a rig stays as it is.
+/// Translates a joint list that may use a rig's own names, such as `root,RightArm` or `rig:"Head"`, to a list for
+/// [`parse`]. Parts that `parse` accepts stay as they are.
 ///
-/// Names may lack their namespace (`LeftArm` for `mixamorig:LeftArm`) and have another case: an exact name wins, then a joint's
-/// without its namespace, then a group's in another case, then a joint's.
+/// Names may lack their namespace (`LeftArm` for `mixamorig:LeftArm`) and differ in letter case. The order of precedence
+/// is: an exact name, a joint without its namespace, a group in another case, a joint in another case.
 ///
 /// # Errors
-/// As [`parse`]; a joint of the rig that stands for no SMPL joint; a name that may be either of two.
+/// As [`parse`]; a joint of the rig that maps to no SMPL joint; a name that fits two joints.
 pub fn to_smpl_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Result<String> {
     let is_plain = matches!(list.trim(), "13" | "18" | "24") || parts(list).all(|part| exactly(part).is_some());
     let own = match own_names(rig, map) {
@@ -114,14 +123,14 @@ pub fn to_smpl_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Result<St
     Ok(parts(list).map(|part| in_smpl(part, &own)).collect::<Result<Vec<_>>>()?.join(","))
 }
 
-/// One part of such a list, of a rig's joints and what they stand for.
+/// Translates one part, given the rig's joints and their SMPL ids.
 fn in_smpl(part: &str, own: &[(&str, Option<usize>)]) -> Result<String> {
     let (alone, name) = (of_rig_alone(part), of_rig_alone(part).unwrap_or(part));
     if alone.is_none() && exactly(part).is_some() {
         return Ok(part.to_owned());
     }
     let with: Vec<&str> = own.iter().filter(|(_, id)| id.is_some()).map(|(n, _)| *n).collect();
-    // the joint `head` by its id: its name means the group
+    // the joint `head` is written as its id, because its name is a group's
     let of_id = |id: usize| match GROUPS.iter().any(|(n, _)| *n == smpl::NAMES[id]) {
         true => id.to_string(),
         false => smpl::NAMES[id].to_owned(),
@@ -162,10 +171,10 @@ fn in_smpl(part: &str, own: &[(&str, Option<usize>)]) -> Result<String> {
     }
 }
 
-/// The joint of a rig that a name means: it, or the one that has it but for a namespace, or for case too.
+/// Finds a joint of a rig by its exact name, else without the namespace, else in another letter case.
 ///
 /// # Errors
-/// A name of none, with those there are; one that may be either of two.
+/// An unknown name, with the joints there are; a name that fits two joints.
 pub fn find_in_rig(rig: &Skeleton, name: &str) -> Result<usize> {
     for is in [|a: &str, b: &str| a == b, is_but_for_namespace, is_but_for_case] {
         let found: Vec<usize> = (0..rig.joints()).filter(|&joint| is(&rig.names()[joint], name)).collect();
@@ -194,7 +203,7 @@ fn is_but_for_case(a: &str, b: &str) -> bool {
     without_namespace(a).eq_ignore_ascii_case(without_namespace(b))
 }
 
-/// What a part of a list is without a rig, its names compared by `is`.
+/// Parses one part of a list without a rig, comparing names by `is`.
 fn of_smpl(part: &str, is: impl Fn(&str, &str) -> bool) -> Option<Selection> {
     if let Some((name, ids)) = GROUPS.iter().find(|(group, _)| is(group, part)) {
         return Some(Selection { joints: ids.to_vec(), translation: matches!(*name, "root" | "all") });
@@ -204,12 +213,13 @@ fn of_smpl(part: &str, is: impl Fn(&str, &str) -> bool) -> Option<Selection> {
     Some(Selection { joints: vec![id], translation: false })
 }
 
-/// The same by the very names.
+/// Parses one part by exact names.
 fn exactly(part: &str) -> Option<Selection> {
     of_smpl(part, |a, b| a == b)
 }
 
-/// The parts of a list that are SMPL's and a rig's own at once and mean other joints there: `(part, SMPL's name of the rig's)`.
+/// The parts of a list that name both an SMPL joint or group and a different joint of the rig, as
+/// `(part, SMPL name of the rig's joint)`.
 pub fn ambiguous_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Vec<(String, &'static str)> {
     let own = own_names(rig, map).unwrap_or_default();
     let other = |part: &str| {
@@ -220,12 +230,12 @@ pub fn ambiguous_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Vec<(St
     parts(list).filter_map(other).collect()
 }
 
-/// What is said of such a part.
+/// A note for the user about such a part.
 pub fn ambiguity_note(part: &str, own: &str) -> String {
     format!("{part} is SMPL's here; the rig's own joint of that name, its {own}, is rig:{part}")
 }
 
-/// What a part of a list is told that is nothing, with the rig's own names if there is one.
+/// The error of an unknown part, with the joints of the rig if there is one.
 fn unknown(part: &str, own: &[&str]) -> Error {
     let groups: Vec<_> = GROUPS.iter().map(|(n, _)| *n).collect();
     let names = groups.iter().chain(&smpl::NAMES).chain(own).copied();
@@ -269,7 +279,7 @@ mod tests {
         assert!(!parse("wing").unwrap_err().to_string().contains("did you mean"));
     }
 
-    /// A rig by its joints and their parents.
+    /// A rig from its joints and their parents.
     fn rig(joints: &[(&str, Option<usize>)]) -> Skeleton {
         let (names, parents) = joints.iter().map(|(n, p)| ((*n).to_owned(), *p)).unzip();
         Skeleton::new(names, parents, vec![crate::Vec3::ZERO; joints.len()], Vec::new()).unwrap()
@@ -299,7 +309,7 @@ mod tests {
         ]);
         let of = |list: &str| to_smpl_names(list, &bandai, None);
         assert_eq!(of("root, UpperArm_R,LowerArm_R").unwrap(), "root,right_shoulder,right_elbow");
-        // a group is the group, whatever joints the rig has; what needs no rig is left alone
+        // a group wins over a joint of the same name; parts without need of a rig stay as they are
         assert_eq!([of("head,Hand_R").unwrap(), of("13").unwrap()], ["head,right_wrist", "13"]);
         assert_eq!(of("Head,Chest").unwrap(), "15,spine3");
         assert_eq!(of("rig:Head, rig:\"Hand_R\",hands").unwrap(), "15,right_wrist,hands");
@@ -315,7 +325,7 @@ mod tests {
         );
         assert!(to_smpl_names("tail", &rig(&[("a", None)]), None).is_err());
         assert_eq!(to_smpl_names("legs", &rig(&[("a", None)]), None).unwrap(), "legs");
-        // the smpl rig's own head is the joint, and `head` the group
+        // on the smpl rig `head` is a joint and a group
         let smpl = smpl::neutral();
         assert_eq!(ambiguous_names("head,left_knee,legs", &smpl, None), [("head".to_owned(), "head")]);
         assert_eq!(to_smpl_names("rig:head,left_knee", &smpl, None).unwrap(), "15,left_knee");
@@ -342,7 +352,7 @@ mod tests {
         );
         assert_eq!([of("rig:head"), of("LEFT_ARM"), of("Left_Knee")], ["15", "left_arm", "left_knee"]);
         assert_eq!(find_in_rig(&mixamo, "leftARM").unwrap(), 7);
-        // an exact name wins, and two that are as near are named
+        // an exact name wins; two joints that fit equally well are named
         let two = named("", &["HEAD", "leftarm", "Bob:Prop", "Tom:Prop"]);
         let of = |list: &str| to_smpl_names(list, &two, None);
         assert_eq!(of("LeftArm").unwrap(), "left_shoulder");

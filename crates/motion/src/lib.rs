@@ -1,21 +1,21 @@
-//! Files of motion to [`Clip`]s and back.
+//! Motion capture: files to [`Clip`]s and back, and what can be done with clips.
 //!
-//! The conventions, stated once and kept everywhere:
+//! Conventions:
 //!
 //! - right-handed, **y up**, **metres**, **radians**, **seconds**; at rest a body faces +z and its left side is +x;
 //! - column vectors, `p' = R p`; quaternions are written (w, x, y, z), unit, and `q` and `-q` are one rotation;
-//! - frame `f` of a clip of rate `s` is at time `f / s`; frames and joints count from 0;
+//! - frame `f` of a clip with rate `s` is at time `f / s`; frames and joints count from 0;
 //! - F frames, J joints, C channels; the last index runs fastest: `(F, J)` is `frame * joints + joint`.
 //!
-//! A [`Clip`] holds what motion *is*; what a file *says* and a clip has no place for (channel orders, units, names,
-//! line ends) travels in a [`Source`] beside it, and the two make a [`Motion`].
+//! A [`Clip`] holds the motion. What a file contains beyond that (channel orders, units, names, line ends) is in a
+//! [`Source`]; clip and source make a [`Motion`].
 //!
-//! The rooms know each other in one direction, from the bottom up: [`rotation`], [`skeleton`], [`clip`] and [`pose`];
-//! [`rig`] (which joints are whose, how a body stands, where its feet and the floor are); [`resample`] and [`mod@format`]
-//! (files); [`retarget`], [`metric`], [`feet`], [`inspect`], [`mirror`], [`synth`]; [`convert`].
+//! Modules, each using only those before it: [`rotation`], [`skeleton`], [`clip`] and [`pose`]; [`rig`] (skeleton maps,
+//! reference poses, feet, floor); [`resample`] and [`mod@format`] (files); [`retarget`], [`metric`], [`feet`], [`inspect`],
+//! [`mirror`], [`synth`]; [`convert`].
 //!
-//! **Features**: `amass` (`.npz`: AMASS, body models, places of joints) and `aist` (`.pkl`: AIST++) are on by default;
-//! `fbx` (`.fbx`, which needs a C compiler) is not; `ndarray` gives views of rotations and places.
+//! **Features**: `amass` (`.npz`: AMASS, body models, joint positions) and `aist` (`.pkl`: AIST++) are on by default; `fbx`
+//! (`.fbx`, which needs a C compiler) is not; `ndarray` gives views of rotations and positions.
 #![forbid(unsafe_code)]
 
 #[cfg(feature = "ndarray")]
@@ -48,7 +48,7 @@ pub use pose::GlobalPose;
 pub use rotation::{Quat, Vec3};
 pub use skeleton::{EndSite, Skeleton};
 
-/// The examples of the README are tested with those of the code.
+/// Runs the examples of the README with the doc tests.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;

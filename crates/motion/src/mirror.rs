@@ -1,13 +1,24 @@
-//! The dance seen in a mirror: reflection in the plane x = 0.
+//! Mirroring: reflection of a motion in the plane x = 0.
 
 use crate::rig::{ReferencePose, SkeletonMap};
 use crate::{Clip, Error, GlobalPose, Quat, Result, Skeleton, Vec3, smpl};
 
-/// Mirrors a clip on the SMPL-24 rig: left and right change places, every rotation (w, x, y, z) becomes
-/// (w, x, -y, -z), the root's position (x, y, z) becomes (-x, y, z). Twice is the identity, exactly.
+/// Mirrors a clip on the SMPL-24 rig: left and right are exchanged, a rotation (w, x, y, z) becomes (w, x, -y, -z), and
+/// the root position (x, y, z) becomes (-x, y, z). Mirroring twice gives exactly the same clip.
 ///
 /// # Errors
-/// [`Error::Clip`] when the clip's joints are not SMPL's 24: retarget it first, or take a [`Mirror`].
+/// [`Invalid`](kinelm_store::Error::Invalid) when the joints are not SMPL's 24: retarget the clip first, or use a
+/// [`Mirror`].
+///
+/// ```
+/// use kinelm_motion::{mirror::mirror, synth};
+///
+/// let dance = synth::corpus(1, 1, 1.0, 20.0)?.remove(0).clip;
+/// let mirrored = mirror(&dance)?;
+/// assert_eq!(mirrored.root()[5].x, -dance.root()[5].x);
+/// assert_eq!(mirror(&mirrored)?, dance);
+/// # Ok::<(), kinelm_motion::Error>(())
+/// ```
 pub fn mirror(clip: &Clip) -> Result<Clip> {
     if !clip.skeleton().names().iter().map(String::as_str).eq(smpl::NAMES) {
         let names = clip.skeleton().names();
@@ -29,14 +40,14 @@ fn turned(q: Quat) -> Quat {
     Quat::from_xyzw(q.x, -q.y, -q.z, q.w)
 }
 
-/// The mirror of a rig whose joints may have any axes: with `A_j` the world rotation of joint `j` in the left-right
-/// symmetric reference pose and `m(j)` its partner on the other side,
+/// Mirrors clips on a rig whose joints may have any axes. With `A_j` the world rotation of joint `j` in the left-right
+/// symmetric reference pose, `m(j)` its partner on the other side and `M = diag(-1, 1, 1)`,
 ///
 /// ```text
 /// D_j = G_j A_j^-1        D'_j = M D_m(j) M        G'_j = D'_j A_j
 /// ```
 ///
-/// Where the two sides' bones are equally long, the mirrored joints are the mirror image of the joints.
+/// If both sides have bones of the same length, the joint positions are exact mirror images.
 #[derive(Debug, Clone)]
 pub struct Mirror {
     rig: Skeleton,
@@ -45,8 +56,8 @@ pub struct Mirror {
 }
 
 impl Mirror {
-    /// The mirror of `rig`, whose joints and reference pose `map` names. Joints that the map doesn't name (fingers,
-    /// twist bones) find their partner by name, left for right, else by place.
+    /// The mirror of `rig`, with the joints and the reference pose of `map`. Joints that the map doesn't name (fingers,
+    /// twist bones) are paired by name, left with right, else by position.
     ///
     /// # Errors
     /// Those of [`ReferencePose::new`].
@@ -56,16 +67,16 @@ impl Mirror {
         Ok(Mirror { rig: rig.clone(), reference, partners })
     }
 
-    /// The joint on the other side; of a middle joint itself, `None` where the rig has no counterpart.
+    /// The joint on the other side: a middle joint itself; `None` if the rig has no counterpart.
     pub fn partner(&self, joint: usize) -> Option<usize> {
         self.partners.get(joint).copied().flatten()
     }
 
-    /// The clip in the mirror. Twice is the identity to rounding, but for joints without a partner, which keep the
-    /// reference pose.
+    /// Mirrors a clip. Mirroring twice gives the same clip up to rounding, except for joints without a partner, which get
+    /// their reference pose.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when the clip has other joints than the rig.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the clip is not on this rig.
     pub fn apply(&self, clip: &Clip) -> Result<Clip> {
         let on = clip.skeleton();
         if on.names() != self.rig.names() || on.parents() != self.rig.parents() {
@@ -99,8 +110,7 @@ impl Mirror {
     }
 }
 
-/// Every joint's partner: SMPL's where the map names it, else by name, else by place, among the children of the
-/// parent's partner.
+/// The partner of each joint: from the map, else by name, else by position, among the children of the parent's partner.
 fn partners(rig: &Skeleton, reference: &ReferencePose) -> Vec<Option<usize>> {
     let mut partners = vec![None; rig.joints()];
     let mut named = vec![false; rig.joints()];
@@ -125,7 +135,7 @@ fn partners(rig: &Skeleton, reference: &ReferencePose) -> Vec<Option<usize>> {
         let mine = reflect(from_parent(j));
         let wanted = swapped(&rig.names()[j]);
         let free = rig.children(across).filter(|&k| !named[k] && partners[k].is_none());
-        // a name without a side says nothing, so that place alone decides
+        // a name without a side says nothing: only the position counts
         let sided = wanted != rig.names()[j];
         let apart = |k: usize| (sided && rig.names()[k] != wanted, (from_parent(k) - mine).length());
         let nearest = free.min_by(|&a, &b| {
@@ -140,8 +150,8 @@ fn partners(rig: &Skeleton, reference: &ReferencePose) -> Vec<Option<usize>> {
     partners
 }
 
-/// A joint's name with left and right exchanged: the words, or an `l` or `r` of its own at the beginning or the end
-/// (`lThumb1`, `L_Toe`, `Hand_L`, `Bip01 L Toe`). A name without a side is its own.
+/// A joint name with left and right exchanged: the words, or a single `l` or `r` at the beginning or the end (`lThumb1`,
+/// `L_Toe`, `Hand_L`, `Bip01 L Toe`). A name without a side stays.
 fn swapped(name: &str) -> String {
     for (a, b) in [("Left", "Right"), ("left", "right"), ("LEFT", "RIGHT")] {
         for (from, to) in [(a, b), (b, a)] {
@@ -219,7 +229,7 @@ mod tests {
             parents.push(Some(parent));
             offsets.push(Vec3::from_array(offset));
         };
-        // by name, though all lie in one place; by place, though the names say nothing; alone
+        // paired by name at equal positions; paired by position with meaningless names; unpaired
         add("LThumb", 22, [0.0; 3]);
         add("LFinger", 22, [0.0; 3]);
         add("RFinger", 23, [0.0; 3]);
@@ -271,7 +281,7 @@ mod tests {
             for (a, b) in clip.rotations().iter().zip(twice.rotations()) {
                 prop_assert!(angle_between(*a, *b) < 1e-9);
             }
-            // and it is the mirror of the motion that SMPL has of it
+            // mirroring on the rig agrees with mirroring after retargeting to SMPL
             let way = Retarget::new(clip.skeleton(), &map, smpl::neutral()).unwrap();
             let (a, b) = (mirror(&way.to_smpl(&clip).unwrap()).unwrap(), way.to_smpl(&once).unwrap());
             for (a, b) in a.rotations().iter().zip(b.rotations()) {

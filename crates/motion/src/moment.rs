@@ -1,30 +1,30 @@
-//! Moments of a clip, and lengths, as a call names them: `2.5s`, `2.5`, `40f`, and `-1s` from the end.
+//! Times in a clip, and durations, as users write them: `2.5s`, `2.5`, `40f`, and `-1s` from the end.
 
 use crate::error::compact;
 use std::fmt;
 use std::str::FromStr;
 
-/// A moment, counted from the clip's first frame, or from its end where it is negative.
+/// A time counted from the clip's first frame, or from its end if it is negative; or a duration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Moment {
     /// Seconds.
     Seconds(f64),
     /// Frames of the file.
     Frames(f64),
-    /// Frames at a model's rate.
+    /// Frames at the rate of a model.
     Model(f64),
 }
 
-/// What moments of a clip are counted in.
+/// The rates and lengths that [`Moment::boundary`] needs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Timebase {
     /// F, the clip's frames.
     pub frames: usize,
-    /// Its rate.
+    /// The clip's rate, frames per second.
     pub fps: f64,
-    /// Frames of the file in front of the clip's first, left out on reading: the file's frames are counted with them.
+    /// Frames at the start of the file that reading dropped. Frame numbers count them.
     pub left_out: usize,
-    /// The rate of a model's frames, if there is a model.
+    /// The rate of the model's frames, if there is a model.
     pub model_fps: Option<f64>,
 }
 
@@ -36,10 +36,10 @@ impl FromStr for Moment {
     }
 }
 
-/// What times look like where a number alone is seconds, to end a fault with.
+/// The accepted forms where a bare number means seconds, for messages.
 pub const EXPECTED: &str = "expected 2.5s, 2.5 or 40f";
 
-/// A time whose number counts `bare` where it names no unit: s, f or m.
+/// Parses a time; `bare` is the unit (s, f or m) of a number without one.
 fn read(text: &str, bare: char) -> Option<Moment> {
     let (number, unit) = match text.char_indices().last() {
         Some((at, unit @ ('s' | 'f' | 'm'))) => (&text[..at], unit),
@@ -65,21 +65,21 @@ impl fmt::Display for Moment {
 }
 
 impl Moment {
-    /// The same where a number alone is frames.
+    /// Parses a time in which a bare number means frames.
     ///
     /// # Errors
-    /// Text that is no time, with what is.
+    /// Text that is no time; the message shows the accepted forms.
     pub fn in_frames(text: &str) -> Result<Moment, String> {
         read(text, 'f').ok_or_else(|| format!("`{text}` is no time; expected 40, 40f or 2.5s"))
     }
 
-    /// Its number, in its own unit.
+    /// The number in its own unit.
     pub fn number(self) -> f64 {
         let (Moment::Seconds(number) | Moment::Frames(number) | Moment::Model(number)) = self;
         number
     }
 
-    /// So many seconds, where there are `fps` frames in one.
+    /// The duration in seconds at `fps` frames per second.
     pub fn seconds(self, fps: f64) -> f64 {
         match self {
             Moment::Seconds(s) => s,
@@ -87,7 +87,7 @@ impl Moment {
         }
     }
 
-    /// The nearest number of frames, where there are `fps` in a second.
+    /// The duration as the nearest whole number of frames at `fps`.
     pub fn frames(self, fps: f64) -> f64 {
         match self {
             Moment::Seconds(s) => (s * fps).round(),
@@ -95,8 +95,7 @@ impl Moment {
         }
     }
 
-    /// The border between frames of the clip that lies nearest; `None` outside of it, and for a model's frames where there
-    /// is no model.
+    /// The nearest frame boundary, 0 to F; `None` outside the clip, and for model frames without a model.
     pub fn boundary(self, scale: Timebase) -> Option<usize> {
         let (frames, left_out) = (scale.frames as f64, scale.left_out as f64);
         let (number, at) = match self {
@@ -105,7 +104,7 @@ impl Moment {
             Moment::Frames(n) => (n, n - left_out),
             Moment::Model(n) => (n, (n * scale.fps / scale.model_fps?).round()),
         };
-        // -0 is the end too
+        // -0 means the end
         let at = if number.is_sign_negative() { frames + at } else { at };
         (0.0..=frames).contains(&at).then_some(at as usize)
     }

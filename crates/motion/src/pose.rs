@@ -1,32 +1,32 @@
-//! Forward kinematics: from local rotations to places and rotations in the world.
+//! Forward kinematics: from local rotations to world positions and rotations.
 
 use crate::{Clip, Quat, Skeleton, Vec3};
 
-/// World positions and rotations of one frame's joints.
+/// World positions and rotations of the joints in one frame.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GlobalPose {
-    /// (J) positions, metres.
+    /// Positions (J), metres.
     pub positions: Vec<Vec3>,
-    /// (J) rotations.
+    /// Rotations (J).
     pub rotations: Vec<Quat>,
 }
 
 impl GlobalPose {
-    /// The world pose of local rotations (J) with the root at a place: `p_j = p_parent + G_parent t_j`,
+    /// The world pose of `local` rotations (J) with the root at `root`: `p_j = p_parent + G_parent t_j`,
     /// `G_j = G_parent L_j`.
     ///
     /// # Panics
-    /// If `local` has not as many rotations as the skeleton has joints.
+    /// If `local` doesn't have one rotation per joint.
     pub fn new(skeleton: &Skeleton, root: Vec3, local: &[Quat]) -> Self {
         let mut pose = GlobalPose::default();
         pose.set(skeleton, root, local);
         pose
     }
 
-    /// [`GlobalPose::new`] into the same memory, for loops over frames.
+    /// Recomputes the pose in place, for loops over frames; see [`GlobalPose::new`].
     ///
     /// # Panics
-    /// If `local` has not as many rotations as the skeleton has joints.
+    /// If `local` doesn't have one rotation per joint.
     pub fn set(&mut self, skeleton: &Skeleton, root: Vec3, local: &[Quat]) {
         assert_eq!(local.len(), skeleton.joints(), "one local rotation a joint");
         self.positions.clear();
@@ -44,12 +44,12 @@ impl GlobalPose {
         }
     }
 
-    /// Positions of the skeleton's end sites, metres.
+    /// World positions of the end sites, metres.
     pub fn ends<'a>(&'a self, skeleton: &'a Skeleton) -> impl Iterator<Item = Vec3> + 'a {
         skeleton.ends().iter().map(|e| self.positions[e.parent] + self.rotations[e.parent] * e.offset)
     }
 
-    /// Local rotations (J) of these world rotations: the inverse of [`GlobalPose::new`].
+    /// Local rotations (J): the inverse of [`GlobalPose::new`].
     pub fn to_local(&self, skeleton: &Skeleton) -> Vec<Quat> {
         let local = |j: usize| match skeleton.parents()[j] {
             None => self.rotations[j],
@@ -60,12 +60,12 @@ impl GlobalPose {
 }
 
 impl Clip {
-    /// World pose of a frame.
+    /// The world pose of one frame.
     pub fn global_pose(&self, frame: usize) -> GlobalPose {
         GlobalPose::new(self.skeleton(), self.root()[frame], self.pose(frame))
     }
 
-    /// World positions (F, J), metres.
+    /// World positions of the joints (F, J), metres.
     pub fn positions(&self) -> Vec<Vec3> {
         let mut all = Vec::with_capacity(self.frames() * self.joints());
         let mut pose = GlobalPose::default();

@@ -1,4 +1,4 @@
-//! Change of frame rate.
+//! Resampling to another frame rate.
 
 use crate::error::compact;
 use crate::rotation::{nearest_sign, slerp};
@@ -6,36 +6,36 @@ use crate::{Clip, Error, Quat, Result, Vec3};
 use std::f64::consts::PI;
 use std::ops::{Add, Mul, Sub};
 
-/// A ratio of rates beyond this is a wrong rate, and its low pass would take hours.
+/// A larger ratio of rates indicates a wrong rate, and its low pass would take hours.
 const MOST_TIMES_SLOWER: f64 = 1e4;
-/// No movement needs more frames a second.
+/// The highest rate that is accepted, frames per second.
 pub const MOST_FPS: f64 = 1e4;
-/// No motion has fewer frames per second: one in a quarter of an hour.
+/// The lowest rate that is accepted, frames per second: one frame in a quarter of an hour.
 pub const FEWEST_FPS: f64 = 1e-3;
-/// Rotations of a clip that resampling makes at most: 4 GB.
+/// Most rotations of a resampled clip: 4 GB.
 const MOST_ROTATIONS: f64 = 134e6;
 
-/// How frames between frames are made.
+/// How new frames are interpolated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Method {
-    /// [`Method::Filtered`] downwards, [`Method::Slerp`] upwards.
+    /// [`Method::Filtered`] to a lower rate, [`Method::Slerp`] to a higher one.
     #[default]
     Auto,
-    /// Every n-th frame, for whole ratios only; what lies above half the new rate aliases (compat: the thesis's 60 to 20).
+    /// Every n-th frame, for whole ratios only; frequencies above half the new rate alias (the thesis reduces 60 to 20 so).
     Stride,
-    /// Shortest-arc slerp between neighbours, linear for the translation; no low pass.
+    /// Slerp between neighbouring frames, linear for the translation; no low pass.
     Slerp,
-    /// A Lanczos-3 low pass with cutoff 0.45 of the new rate, then sampled.
+    /// A Lanczos-3 low pass with its cutoff at 0.45 of the new rate.
     Filtered,
-    /// Natural cubic splines through the frames, which are met exactly: speed and acceleration run on (C2). For rotations
-    /// through the four components, then normalised. No low pass.
+    /// Natural cubic splines through all frames (C2 continuous), for rotations on the four quaternion components, then
+    /// normalised; no low pass.
     Curve,
-    /// [`Method::Filtered`] downwards, [`Method::Curve`] upwards: for motion that is to be watched.
+    /// [`Method::Filtered`] to a lower rate, [`Method::Curve`] to a higher one: for motion that is to be watched.
     Smooth,
 }
 
 impl Method {
-    /// The method that is meant from rate `a` to rate `b`.
+    /// Resolves `Auto` and `Smooth` for a change from rate `a` to rate `b`.
     pub fn resolve(self, a: f64, b: f64) -> Method {
         match self {
             Method::Auto if b < a => Method::Filtered,
@@ -47,19 +47,28 @@ impl Method {
     }
 }
 
-/// The clip at `fps` frames per second: `floor((F - 1) b / a + 1e-9) + 1` frames, frame `i` at time `i / fps`.
-///
-/// The same rate gives the clip itself.
+/// Resamples a clip to `fps` frames per second: `floor((F - 1) b / a + 1e-9) + 1` frames, frame `i` at time `i / fps`.
+/// At its own rate the clip is returned unchanged.
 ///
 /// # Errors
-/// [`Invalid`](kinelm_store::Error::Invalid) for a rate that is not positive and finite, and for [`Method::Stride`] with a ratio that isn't whole.
+/// [`Invalid`](kinelm_store::Error::Invalid) for a rate that is not positive and finite or out of range, and for
+/// [`Method::Stride`] with a ratio that isn't whole; [`Limit`](kinelm_store::Error::Limit) for too large a result.
+///
+/// ```
+/// use kinelm_motion::resample::{Method, resample};
+///
+/// let dance = kinelm_motion::synth::corpus(1, 1, 2.0, 60.0)?.remove(0).clip;
+/// let slow = resample(&dance, 20.0, Method::Auto)?;
+/// assert_eq!((dance.frames(), slow.frames()), (120, 40));
+/// # Ok::<(), kinelm_motion::Error>(())
+/// ```
 pub fn resample(clip: &Clip, fps: f64, method: Method) -> Result<Clip> {
     let frames = (clip.frames().saturating_sub(1) as f64 * fps / clip.fps() + 1e-9).floor() + 1.0;
     resampled(clip, fps, method, frames)
 }
 
-/// As [`resample`], but for as long as the frames last, each until the next: [`held_frames`], of which those behind the clip's last
-/// frame hold it. So seconds stay seconds: 240 frames at 20 per second are 720 at 60.
+/// Like [`resample`], but the clip lasts until the end of its last frame, which is held: [`held_frames`] frames, so that
+/// durations stay the same. 240 frames at 20 per second become 720 at 60.
 ///
 /// # Errors
 /// Those of [`resample`].
@@ -67,12 +76,12 @@ pub fn resample_held(clip: &Clip, fps: f64, method: Method) -> Result<Clip> {
     resampled(clip, fps, method, held_frames(clip.frames(), clip.fps(), fps) as f64)
 }
 
-/// Frames at `fps` that begin while so many last at `own_fps`.
+/// How many frames at `fps` start within the duration of `frames` frames at `own_fps`.
 pub fn held_frames(frames: usize, own_fps: f64, fps: f64) -> usize {
     (frames as f64 * fps / own_fps - 1e-9).ceil().max(0.0) as usize
 }
 
-/// The clip at `fps` in so many frames.
+/// Resamples a clip to `frames` frames at `fps`.
 fn resampled(clip: &Clip, fps: f64, method: Method, frames: f64) -> Result<Clip> {
     let (a, b) = (clip.fps(), fps);
     if !(b.is_finite() && b > 0.0) {
@@ -115,13 +124,13 @@ fn rate(fps: f64, expected: String) -> Error {
     Error::invalid("the new rate", format!("{} frames per second", compact(fps)), expected)
 }
 
-/// A time in frames as the frame before it and the share of the way to the next.
+/// Splits a time in frames into the frame before it and the fraction of the way to the next.
 fn between(time: f64) -> (usize, f64) {
     let frame = (time + 1e-9).floor();
     (frame as usize, (time - frame).max(0.0))
 }
 
-/// Frames `i + t` between frames `i` and `i + 1`.
+/// Interpolates linearly at times `i + t` between frames `i` and `i + 1`.
 fn gather(clip: &Clip, places: impl Iterator<Item = (usize, f64)>) -> (Vec<Vec3>, Vec<Quat>) {
     let last = clip.frames() - 1;
     let (mut root, mut rotations) = (Vec::new(), Vec::new());
@@ -133,7 +142,7 @@ fn gather(clip: &Clip, places: impl Iterator<Item = (usize, f64)>) -> (Vec<Vec3>
     (root, rotations)
 }
 
-/// Frames `i + t` on natural cubic splines through the frames.
+/// Evaluates natural cubic splines at times `i + t`.
 fn curve(clip: &Clip, places: impl Iterator<Item = (usize, f64)>) -> (Vec<Vec3>, Vec<Quat>) {
     let (last, j) = (clip.frames() - 1, clip.joints());
     let signed = continuous(clip);
@@ -142,7 +151,7 @@ fn curve(clip: &Clip, places: impl Iterator<Item = (usize, f64)>) -> (Vec<Vec3>,
     let (mut root, mut rotations) = (Vec::new(), Vec::new());
     for (i, t) in places {
         let (i, next) = (i.min(last), (i + 1).min(last));
-        // a cubic that takes both values and both second derivatives
+        // weights of the second derivatives at both ends of the cubic segment
         let (a, b) = (1.0 - t, t);
         let (p, q) = ((a * a * a - a) / 6.0, (b * b * b - b) / 6.0);
         if t == 0.0 || i == next {
@@ -161,8 +170,8 @@ fn curve(clip: &Clip, places: impl Iterator<Item = (usize, f64)>) -> (Vec<Vec3>,
     (root, rotations)
 }
 
-/// (F, J) second derivatives of natural cubic splines through `values` (F, J), a frame apart: the tridiagonal system
-/// m[i-1] + 4 m[i] + m[i+1] = 6 (y[i+1] - 2 y[i] + y[i-1]), 0 at both ends.
+/// Second derivatives (F, J) of natural cubic splines through `values` (F, J) at unit steps: solves the tridiagonal
+/// system m[i-1] + 4 m[i] + m[i+1] = 6 (y[i+1] - 2 y[i] + y[i-1]), with 0 at both ends.
 fn bends<T>(values: &[T], joints: usize, zero: T) -> Vec<T>
 where
     T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f64, Output = T>,
@@ -185,7 +194,7 @@ where
     bends
 }
 
-/// (F, J) rotations, each of the sign that is nearer to the one before.
+/// Rotations (F, J) with each sign chosen to be nearer to the frame before.
 fn continuous(clip: &Clip) -> Vec<Quat> {
     let j = clip.joints();
     let mut signed = clip.rotations().to_vec();
@@ -195,10 +204,10 @@ fn continuous(clip: &Clip) -> Vec<Quat> {
     signed
 }
 
-/// Low-passed values at `times` (in source frames); `cutoff` in cycles per source frame.
+/// Low-passed values at `times` in source frames; `cutoff` in cycles per source frame.
 ///
-/// The four components are convolved after their signs are made continuous in time, then normalised. Beyond the ends
-/// time runs backwards about the end frame.
+/// The four quaternion components are convolved after their signs are made continuous in time, then normalised. The clip
+/// is reflected about its first and last frame.
 fn filtered(clip: &Clip, cutoff: f64, times: impl Iterator<Item = f64>) -> (Vec<Vec3>, Vec<Quat>) {
     let (f, j) = (clip.frames() as i64, clip.joints());
     let smooth = continuous(clip);
@@ -216,7 +225,7 @@ fn filtered(clip: &Clip, cutoff: f64, times: impl Iterator<Item = f64>) -> (Vec<
         for joint in 0..j {
             let zero = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
             let q = taps.iter().fold(zero, |q, &(k, w)| q + smooth[k * j + joint] * w);
-            // turns of more than half a circle within the kernel cancel out: keep the middle frame
+            // rotations of more than half a turn within the kernel cancel out: take the middle frame
             let middle = smooth[reflect(t.round() as i64, f) * j + joint];
             rotations.push(if q.length_squared() > 1e-6 { q.normalize() } else { middle });
         }
@@ -224,7 +233,7 @@ fn filtered(clip: &Clip, cutoff: f64, times: impl Iterator<Item = f64>) -> (Vec<
     (root, rotations)
 }
 
-/// Frame `k` of a clip of `f` frames, time running back and forth about its end frames.
+/// Index of frame `k` when a clip of `f` frames is reflected about its end frames.
 fn reflect(k: i64, f: i64) -> usize {
     if f == 1 {
         return 0;
@@ -319,7 +328,7 @@ mod tests {
             let n = c.frames();
             c.rotations()[10..n - 10].iter().map(|q| exp_map::to_vector(*q).x.abs()).fold(0.0, f64::max)
         };
-        // 15 Hz seen at 20 frames per second looks like 5 Hz of full size
+        // 15 Hz sampled at 20 frames per second aliases to 5 Hz at full amplitude
         let c = swinging(120.0, 4.0, sine(15.0));
         assert!(largest(&resample(&c, 20.0, Method::Filtered).unwrap()) < 0.05 * 0.5);
         assert!(largest(&resample(&c, 20.0, Method::Stride).unwrap()) > 0.45);
@@ -343,7 +352,7 @@ mod tests {
             assert_eq!((curve.root()[6 * f], curve.pose(6 * f)), (slow.root()[f], slow.pose(f)));
         }
         let value = |c: &Clip, f: usize| (c.root()[f].x, exp_map::to_vector(c.rotations()[f]).x);
-        // second differences: of a sine that is sampled finely they are small everywhere, of chords they stand at the frames
+        // second differences of a finely sampled sine are small everywhere; those of linear segments peak at the frames
         let most = |c: &Clip, of: &dyn Fn((f64, f64)) -> f64| {
             let at = |f: usize| of(value(c, f));
             (12..c.frames() - 12).map(|f| (at(f + 1) - 2.0 * at(f) + at(f - 1)).abs()).fold(0.0, f64::max)
@@ -354,7 +363,7 @@ mod tests {
         }
         let off = (18..curve.frames() - 18).map(|f| (value(&curve, f).1 - sine(1.3)(f as f64 / 120.0)).abs());
         assert!(off.fold(0.0, f64::max) < 2e-3);
-        // two frames are a straight way
+        // two frames are interpolated linearly
         let two = resample(&slow.slice(0..2), 60.0, Method::Curve).unwrap();
         assert!((two.root()[1].x - (2.0 * slow.root()[0].x + slow.root()[1].x) / 3.0).abs() < 1e-12);
     }

@@ -1,17 +1,17 @@
-//! Names, parents and rest offsets of a body.
+//! Skeletons: names, parents and rest offsets.
 
 use crate::{Error, Result, Vec3};
 
-/// A tip of a chain: a place without rotation, `p = p_parent + G_parent * offset`.
+/// The tip of a chain: a point without rotation, at `p = p_parent + G_parent * offset`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EndSite {
-    /// The joint it hangs on.
+    /// The joint that it is attached to.
     pub parent: usize,
-    /// Metres, in the parent's frame.
+    /// Offset in the parent's frame, metres.
     pub offset: Vec3,
 }
 
-/// A tree of J joints, parents before children, joint 0 the root.
+/// A tree of J joints. Joint 0 is the root; parents come before their children.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Skeleton {
     names: Vec<String>,
@@ -21,12 +21,12 @@ pub struct Skeleton {
 }
 
 impl Skeleton {
-    /// A skeleton of `names`, `parents` (of the root `None`, of others an earlier joint), rest `offsets` in metres
-    /// (the root's is kept, but no kinematics reads it) and end sites.
+    /// Makes a skeleton from `names`, `parents` (`None` for the root, an earlier joint for the others), rest `offsets` in
+    /// metres and end sites. Kinematics ignores the root's offset.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when lengths differ, a parent doesn't stand before its child, a name occurs twice, there is not
-    /// exactly one root at joint 0, or an offset is not finite.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when lengths differ, a parent doesn't come before its child, a name occurs
+    /// twice, there is not exactly one root at joint 0, or an offset is not finite.
     pub fn new(
         names: Vec<String>,
         parents: Vec<Option<usize>>,
@@ -69,37 +69,37 @@ impl Skeleton {
         self.names.len()
     }
 
-    /// (J) names, each once.
+    /// Names (J), each unique.
     pub fn names(&self) -> &[String] {
         &self.names
     }
 
-    /// (J) parents; of joint 0 `None`, of others an earlier joint.
+    /// Parents (J): `None` for joint 0, an earlier joint for the others.
     pub fn parents(&self) -> &[Option<usize>] {
         &self.parents
     }
 
-    /// (J) rest offsets from the parent, metres, in the parent's frame.
+    /// Rest offsets (J) in the parent's frame, metres.
     pub fn offsets(&self) -> &[Vec3] {
         &self.offsets
     }
 
-    /// The end sites, in the order of the file.
+    /// The end sites, in file order.
     pub fn ends(&self) -> &[EndSite] {
         &self.ends
     }
 
-    /// The joint of this name.
+    /// The joint with this name.
     pub fn find(&self, name: &str) -> Option<usize> {
         self.names.iter().position(|n| n == name)
     }
 
-    /// The joints whose parent is `joint`, ascending.
+    /// The children of `joint`, ascending.
     pub fn children(&self, joint: usize) -> impl Iterator<Item = usize> + '_ {
         (0..self.joints()).filter(move |&c| self.parents[c] == Some(joint))
     }
 
-    /// Whether `ancestor` stands on the way from `joint` to the root, `joint` itself included.
+    /// Whether `joint` is `ancestor` or a descendant of it.
     pub fn descends(&self, joint: usize, ancestor: usize) -> bool {
         let mut at = Some(joint);
         while let Some(j) = at {
@@ -111,7 +111,7 @@ impl Skeleton {
         false
     }
 
-    /// The same skeleton with every length multiplied.
+    /// The same skeleton with all lengths multiplied by `factor`.
     pub fn scaled(&self, factor: f64) -> Self {
         let mut s = self.clone();
         s.offsets.iter_mut().for_each(|o| *o *= factor);

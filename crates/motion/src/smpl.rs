@@ -1,9 +1,9 @@
-//! The model rig: the 24 SMPL joints on a neutral body of our own.
+//! The model rig: SMPL's 24 joints with the bone lengths of a neutral body of this project.
 
 use crate::{Skeleton, Vec3};
 use std::sync::{Arc, LazyLock};
 
-/// The joints' names, by id.
+/// Joint names, by id.
 pub const NAMES: [&str; 24] = [
     "pelvis",
     "left_hip",
@@ -31,13 +31,13 @@ pub const NAMES: [&str; 24] = [
     "right_hand",
 ];
 
-/// The joints' parents, by id; of the pelvis -1.
+/// Parents, by id; -1 for the pelvis.
 pub const PARENTS: [i32; 24] = [-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21];
 
-/// The joint on the other side, by id; the middle ones are their own.
+/// The joint on the other side, by id; middle joints map to themselves.
 pub const MIRROR: [usize; 24] = [0, 2, 1, 3, 5, 4, 6, 8, 7, 9, 11, 10, 12, 14, 13, 15, 17, 16, 19, 18, 21, 20, 23, 22];
 
-/// Rest offsets in metres of an adult of 1.70 m in round figures, arms out along x.
+/// Rest offsets in metres of an adult of 1.70 m, in round figures, in a T-pose.
 const OFFSETS: [[f64; 3]; 24] = [
     [0.0, 0.0, 0.0],
     [0.09, -0.08, 0.0],
@@ -65,10 +65,10 @@ const OFFSETS: [[f64; 3]; 24] = [
     [-0.08, 0.0, 0.0],
 ];
 
-/// Height of the pelvis above the floor plane when the neutral body stands with its foot joints on it, metres.
+/// Height of the pelvis above the floor when the neutral body stands on its foot joints, metres.
 pub const STANDING_PELVIS_M: f64 = 0.97;
 
-/// Where SMPL's own rest pelvis lies in the body model's axes, metres, when no body model is given.
+/// Position of the rest pelvis in SMPL's axes, metres, used without a body model.
 pub const REST_PELVIS: Vec3 = Vec3::new(0.00, -0.21, 0.03);
 
 /// The neutral skeleton: 24 joints, no end sites.

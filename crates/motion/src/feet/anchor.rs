@@ -1,17 +1,17 @@
-//! A body that glides over the floor, carried by the foot that stands.
+//! Root anchoring: removes horizontal sliding of the body by holding the stance foot in place.
 
 use super::leg::Leg;
 use crate::{Clip, Vec3};
 
-/// A foot that is lower than this above its rest may stand, metres.
+/// A foot lower than this above its standing height may be the stance foot, metres.
 const LOW_M: f64 = 0.06;
-/// The slower a foot is, the more it stands; this fast it counts a quarter, metres a second.
+/// Slow feet get more weight: at this speed a quarter, metres per second.
 const SLOW_M_S: f64 = 0.1;
-/// What is left of a anchor changes over so many seconds around.
+/// The correction is averaged over this time on both sides, seconds.
 const SMOOTH_S: f64 = 0.15;
 
-/// (F) By how much the body is to be moved along the ground, metres, with the floor at `floor_m`: the way that the foot which
-/// stands has gone, back. Of several foot joints near the floor the slow ones count. The first `given` frames stay.
+/// Horizontal displacements of the body (F), metres, that cancel the movement of the stance foot, with the floor at
+/// `floor_m`. Foot joints near the floor are weighted by how slow they are. The first `given` frames stay.
 pub fn offsets(clip: &Clip, legs: &[Leg; 2], floor_m: f64, given: usize) -> Vec<Vec3> {
     let (places, j, frames) = (clip.positions(), clip.joints(), clip.frames());
     let feet: Vec<(usize, f64)> = legs.iter().flat_map(|leg| leg.foot.iter().copied()).collect();
@@ -26,7 +26,7 @@ pub fn offsets(clip: &Clip, legs: &[Leg; 2], floor_m: f64, given: usize) -> Vec<
             weight += low * slow * slow;
             sure = sure.max(low);
         }
-        // near the floor all of it, higher up less: a jump glides on
+        // fully near the floor, less above it: a jump keeps its horizontal velocity
         if weight > 0.0 { sum / weight * (2.0 * sure).min(1.0) } else { Vec3::ZERO }
     };
     let steps: Vec<Vec3> = (0..frames.saturating_sub(1)).map(step).collect();

@@ -1,47 +1,47 @@
-//! When and where feet stand.
+//! Foot contacts: detection, and the displacements that lock the feet.
 
 use super::{BLEND_S, flatten, leg::Leg};
 use crate::{Clip, Vec3};
 use std::ops::Range;
 
-/// A foot is taken to stand when it is lower and slower than the first, and until it is higher or faster than the second:
-/// metres above where it would rest, and metres a second.
+/// A contact begins when a foot is below the first pair and ends when it exceeds the second: height above its standing
+/// height in metres, speed in metres per second.
 const BEGINS: (f64, f64) = (0.04, 0.5);
 const ENDS: (f64, f64) = (0.07, 0.9);
-/// Shorter ones are steps in passing, seconds.
+/// Shorter contacts are ignored, seconds.
 const SHORTEST_S: f64 = 0.1;
-/// A foot that goes further from its mean place meanwhile slides on purpose, or steps close to the floor, metres.
+/// A foot further than this from its mean position slides on purpose or steps near the floor, metres.
 const FURTHEST_M: f64 = 0.16;
-/// The joint of a foot that doesn't keep its place may go so deep into the floor, metres.
+/// The other joint of a locked foot may penetrate the floor by this much, metres.
 const GIVES_M: f64 = 0.02;
-/// It steps where it is so many times as fast as in the middle of its speeds; in the step, faster than this share of it.
+/// A step is a peak above this multiple of the median speed; it extends over speeds above the second fraction of the peak.
 const STEP: f64 = 2.0;
 const IN_STEP: f64 = 0.4;
 
-/// A stretch of frames in which a foot stands.
+/// A range of frames in which a foot is in contact with the floor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contact {
     /// 0: left, 1: right.
     pub side: usize,
     /// The first frame.
     pub from: usize,
-    /// The first frame behind it.
+    /// The end, exclusive.
     pub to: usize,
-    /// The joint that stands: the ankle, or the ball if that keeps its place better.
+    /// The joint in contact: ankle or ball, whichever moves less.
     pub joint: usize,
-    /// Where: x, z; metres.
+    /// Its position x, z; metres.
     pub place: [f64; 2],
-    /// By how much the foot is turned in its ankle, toes up, radians: [`flatten::turn`].
+    /// Pitch correction about the ankle, toes up, radians: [`flatten::turn`].
     pub turn: f64,
 }
 
 impl Contact {
-    /// The frames.
+    /// The range of frames.
     pub fn frames(&self) -> Range<usize> {
         self.from..self.to
     }
 
-    /// Takes the first `given` frames as they are: what began in them stays where it stood at the last of them.
+    /// Keeps the first `given` frames: a contact that began in them stays at its position in the last of them.
     pub fn begin_at(&mut self, given: usize, clip: &Clip) {
         if self.from < given {
             let stood = clip.global_pose(given.min(self.to) - 1).positions[self.joint];
@@ -52,7 +52,7 @@ impl Contact {
     }
 }
 
-/// The contacts of a leg, in their order, with the floor at `floor_m`.
+/// The contacts of a leg in temporal order, with the floor at `floor_m`.
 pub fn contacts(clip: &Clip, leg: &Leg, side: usize, floor_m: f64) -> Vec<Contact> {
     let (places, j, frames) = (clip.positions(), clip.joints(), clip.frames());
     let at = |f: usize, joint: usize| places[f * j + joint];
@@ -60,7 +60,7 @@ pub fn contacts(clip: &Clip, leg: &Leg, side: usize, floor_m: f64) -> Vec<Contac
         let (a, b) = (f.saturating_sub(1), (f + 1).min(frames - 1));
         if b > a { (at(b, joint) - at(a, joint)).length() * clip.fps() / (b - a) as f64 } else { 0.0 }
     };
-    // the foot stands as long as one of its joints does
+    // the foot is in contact as long as one of its joints is
     let stands = |f: usize, (height, fast): (f64, f64)| {
         leg.foot.iter().any(|&(joint, rest)| at(f, joint).y - floor_m - rest < height && speed(f, joint) < fast)
     };
@@ -83,7 +83,7 @@ pub fn contacts(clip: &Clip, leg: &Leg, side: usize, floor_m: f64) -> Vec<Contac
     found
 }
 
-/// Adds a stretch as a contact; one in which the foot goes too far as those before and behind its step, if it has one.
+/// Adds a range as a contact. If the foot moves too far, the range is split at a step within it, if there is one.
 fn split(
     stand: &dyn Fn(Range<usize>) -> Option<(f64, Contact)>,
     speed: &dyn Fn(usize, usize) -> f64,
@@ -114,7 +114,7 @@ fn split(
     split(stand, speed, frames.start + last..frames.end, shortest, found);
 }
 
-/// The joint of a foot that stands and keeps its place best, and how far it goes from there.
+/// The foot joint that moves least during contact, and its largest distance from its mean position.
 fn best(
     at: &dyn Fn(usize, usize) -> Vec3,
     leg: &Leg,
@@ -123,7 +123,7 @@ fn best(
 ) -> Option<(f64, Contact)> {
     let of = |&(joint, rest): &(usize, f64)| {
         let least = frames.clone().map(|f| at(f, joint).y).fold(f64::MAX, f64::min);
-        // toes in the air keep their place as well as the heel below them
+        // toes in the air move as little as the heel on the floor: only joints near the floor count
         (least - floor_m - rest < ENDS.0).then(|| {
             let mean = frames.clone().map(|f| at(f, joint)).sum::<Vec3>() / frames.len() as f64;
             let apart = |f: usize| (at(f, joint).x - mean.x).hypot(at(f, joint).z - mean.z);
@@ -135,21 +135,21 @@ fn best(
     leg.foot.iter().filter_map(of).min_by(|a, b| a.0.total_cmp(&b.0))
 }
 
-/// How the foot of a leg is to be moved, (F) each.
+/// Displacement and pitch correction of a foot, (F) each.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Moves {
-    /// The way of the ankle, metres.
+    /// Displacement of the ankle, metres.
     pub by: Vec<Vec3>,
-    /// The turn about it, toes up, radians.
+    /// Pitch correction about the ankle, toes up, radians.
     pub turn: Vec<f64>,
 }
 
-/// How the foot of a leg is to be moved: to its place in a contact, out of the floor elsewhere; between both over
+/// The corrections of a leg's foot: to its locked position in contacts, out of the floor elsewhere, blended over
 /// [`BLEND_S`]. The first `given` frames stay.
 pub fn moves(clip: &Clip, leg: &Leg, contacts: &[Contact], (floor_m, given): (f64, usize)) -> Moves {
     let (places, j, frames) = (clip.positions(), clip.joints(), clip.frames());
     let at = |f: usize, joint: usize| places[f * j + joint];
-    // where a joint of the foot comes by its turn alone
+    // position of a foot joint after the pitch correction
     let turned = |f: usize, joint: usize, turn: f64| {
         let foot = at(f, joint) - at(f, leg.ankle);
         at(f, leg.ankle) + flatten::toes_up(foot, turn) * foot
@@ -180,7 +180,7 @@ pub fn moves(clip: &Clip, leg: &Leg, contacts: &[Contact], (floor_m, given): (f6
         let a = before[f].map(|back| (back, end(f - back)));
         let b = behind[f].map(|ahead| (ahead, end(f + ahead)));
         (out.by[f], out.turn[f]) = match (a, b) {
-            // two contacts that are near: from one to the other
+            // blend between two contacts that are near each other
             (Some((i, a)), Some((k, b))) if i + k <= 2 * n => {
                 let t = smooth(i as f64 / (i + k) as f64);
                 (a.0 * (1.0 - t) + b.0 * t, a.1 * (1.0 - t) + b.1 * t)
@@ -193,7 +193,7 @@ pub fn moves(clip: &Clip, leg: &Leg, contacts: &[Contact], (floor_m, given): (f6
                 })
             }
         };
-        // what would be in the floor comes out of it
+        // lift what would penetrate the floor
         let height = |&(joint, rest): &(usize, f64)| turned(f, joint, out.turn[f]).y + out.by[f].y - floor_m - rest;
         let lowest = leg.foot.iter().map(height).fold(f64::MAX, f64::min);
         out.by[f].y += (-lowest).max(0.0);
@@ -201,7 +201,7 @@ pub fn moves(clip: &Clip, leg: &Leg, contacts: &[Contact], (floor_m, given): (f6
     out
 }
 
-/// How many frames back each frame's last held one lies.
+/// For each frame, how many frames ago the last locked one was.
 fn last_held(held: impl Iterator<Item = bool>) -> Vec<Option<usize>> {
     let mut back = None;
     held.map(|held| {
@@ -211,7 +211,7 @@ fn last_held(held: impl Iterator<Item = bool>) -> Vec<Option<usize>> {
     .collect()
 }
 
-/// From 0 to 1 without a corner at either end.
+/// Smoothstep: from 0 to 1 with zero slope at both ends.
 pub(super) fn smooth(t: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }

@@ -1,4 +1,4 @@
-//! A leg of two bones, bent so that its ankle comes to a place.
+//! Two-bone inverse kinematics of a leg.
 
 use crate::joints::LEGS;
 use crate::rig::{Feet, ReferencePose};
@@ -7,21 +7,21 @@ use crate::{GlobalPose, Quat, Skeleton, Vec3};
 /// The joints of a leg.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Leg {
-    /// Where it hangs.
+    /// The hip.
     pub hip: usize,
-    /// Its middle.
+    /// The knee.
     pub knee: usize,
-    /// Its end.
+    /// The ankle.
     pub ankle: usize,
-    /// Ankle and ball, as far as the rig has them, and how high each rests, metres.
+    /// Ankle and ball, if the rig has them, with their standing heights, metres.
     pub foot: Vec<(usize, f64)>,
 }
 
-/// Shorter than this nothing has a direction, metres.
+/// Shorter vectors have no direction, metres.
 const SMALLEST_M: f64 = 1e-6;
 
 impl Leg {
-    /// Left and right; every map has hips, knees and ankles.
+    /// The left and the right leg; every map has hips, knees and ankles.
     pub fn both(pose: &ReferencePose, feet: &Feet) -> [Leg; 2] {
         LEGS.map(|[hip, knee, ankle, ball]| {
             let joint = |id: usize| pose.joints[id];
@@ -37,13 +37,13 @@ impl Leg {
         ((knee - hip).length(), (ankle - knee).length())
     }
 
-    /// How far the body must go down so that the ankle reaches its place, moved by `offset`, with this share of its length;
-    /// metres. As far as it can help.
+    /// How far the body must be lowered for the ankle, moved by `offset`, to be within `share` of the leg's length, metres; 0
+    /// if lowering can't help.
     pub fn lowering(&self, pose: &GlobalPose, offset: Vec3, share: f64) -> f64 {
         let (upper, lower) = self.lengths(pose);
         let to = pose.positions[self.ankle] + offset - pose.positions[self.hip];
         let now = (pose.positions[self.ankle] - pose.positions[self.hip]).length();
-        // a leg that is stretched already may stay so
+        // a leg that is straighter already may stay so
         let most = (share * (upper + lower)).max(now);
         let across = to.x.hypot(to.z);
         if to.length() <= most || across >= most {
@@ -52,8 +52,8 @@ impl Leg {
         (-to.y - (most * most - across * across).sqrt()).max(0.0)
     }
 
-    /// Turns hip and knee in `local` (J), whose world pose is `pose`, so that the ankle moves by `offset`; the foot keeps its
-    /// rotation in the world but for `turn`. How far the ankle stays from there, metres: 0 but for a place that is too far.
+    /// Rotates hip and knee in `local` (J), with world pose `pose`, so that the ankle moves by `offset`. The foot keeps its
+    /// world rotation, changed by `turn`. Returns the remaining distance of the ankle, metres; above 0 if out of reach.
     pub fn bend(
         &self,
         skeleton: &Skeleton,
@@ -68,14 +68,14 @@ impl Leg {
             return offset.length();
         }
         let distance = goal.length().clamp((upper - lower).abs() + SMALLEST_M, upper + lower - SMALLEST_M);
-        // a leg is never stretched further than it is, or than nearly straight
+        // a leg is stretched no further than it is, or than nearly straight
         let most = now.length().max(super::STRETCH * (upper + lower));
         let distance = distance.min(most);
         let inside =
             |far: f64| ((upper * upper + lower * lower - far * far) / (2.0 * upper * lower)).clamp(-1.0, 1.0).acos();
         let axis = (knee - hip).cross(ankle - knee);
         let axis = if axis.length() > 1e-9 { axis.normalize() } else { self.forward_axis(pose, now) };
-        // more inside the knee is a straighter leg
+        // a larger inner angle of the knee is a straighter leg
         let knee_turn = Quat::from_axis_angle(axis, inside(now.length()) - inside(distance));
         let bent = knee - hip + knee_turn * (ankle - knee);
         let hip_turn = Quat::from_rotation_arc(bent.normalize(), goal.normalize());
@@ -91,7 +91,7 @@ impl Leg {
         goal.length() - distance
     }
 
-    /// About what a straight leg bends: across the leg and to the side of the foot.
+    /// The axis about which a straight leg bends: perpendicular to the leg and to the foot.
     fn forward_axis(&self, pose: &GlobalPose, along: Vec3) -> Vec3 {
         let foot = self
             .foot
@@ -99,7 +99,7 @@ impl Leg {
             .find(|(j, _)| *j != self.ankle)
             .map(|(j, _)| pose.positions[*j] - pose.positions[self.ankle]);
         let forward = foot.unwrap_or(pose.rotations[self.ankle] * Vec3::Z);
-        // knees go forward: the lower leg turns back about this
+        // knees point forward: the lower leg rotates backwards about this axis
         let axis = forward.cross(along);
         if axis.length() > 1e-9 { axis.normalize() } else { Vec3::X }
     }

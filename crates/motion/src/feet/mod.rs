@@ -1,7 +1,7 @@
-//! Feet that stay where they stand: what a generated dance needs after it is decoded.
+//! Foot locking: foot-skate cleanup of a generated dance.
 //!
-//! Three steps, each a file: the body is [settled](settle) on its floor, the places where feet stand are [found](contact),
-//! and legs are [bent](leg) so that these stay there. Definitions: docs/generation.md, "Feet".
+//! Three steps: the body is [settled](settle) on the floor, [contacts](contact) are detected, and the [legs](leg) are bent
+//! so that feet in contact stay in place. Definitions: docs/generation.md, "Feet".
 
 pub mod anchor;
 pub mod contact;
@@ -14,53 +14,53 @@ use crate::{Clip, GlobalPose, Quat, Result, Vec3};
 use contact::{Contact, Moves, contacts};
 use leg::Leg;
 
-/// What must not be moved: it was given.
+/// The parts of a motion that were given and must not be changed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct FixedParts {
-    /// The place of the body.
+    /// The root's position.
     pub root: bool,
-    /// Its way over the ground alone: it is not carried, but may be raised and lowered.
+    /// The root's horizontal path: the body may be raised and lowered, but not moved along the ground.
     pub path: bool,
-    /// Left and right: a joint of this leg.
+    /// The left and the right leg.
     pub legs: [bool; 2],
-    /// So many frames, from the first, whole.
+    /// This many frames from the start, entirely.
     pub frames: usize,
 }
 
-/// What was done to a clip.
+/// What foot locking did to a clip.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct FootLock {
-    /// Contacts that were held, left and right.
+    /// Contacts that were locked, left and right.
     pub locked: Vec<Contact>,
-    /// Contacts that were left alone, since the leg can't reach within 5 cm of where the foot would stay.
+    /// Contacts that were skipped, because the leg can't reach within 5 cm of the locked position.
     pub out_of_reach: Vec<Contact>,
-    /// Mean distance that feet were moved in the frames of contacts, centimetres.
+    /// Mean displacement of feet in contact, centimetres.
     pub moved_cm: f64,
-    /// The furthest that the body was raised or lowered, centimetres.
+    /// The largest vertical displacement of the body, centimetres.
     pub settled_cm: f64,
-    /// The furthest that it was carried along the ground, centimetres.
+    /// The largest horizontal displacement of the body, centimetres.
     pub carried_cm: f64,
 }
 
-/// Offsets of a contact come and go over so many seconds.
+/// Displacements of a contact are blended in and out over this time, seconds.
 pub const BLEND_S: f64 = 0.1;
-/// Behind given frames the body comes to its floor over so many seconds.
+/// After given frames the body settles over this time, seconds.
 const BEGIN_S: f64 = 0.5;
-/// A foot that stays further from its place than this isn't held, metres.
+/// A foot that would stay further from its locked position is not locked, metres.
 const REACH_M: f64 = 0.05;
-/// The share of a leg's length up to which it is stretched; the body is lowered first.
+/// Legs are stretched up to this fraction of their length; beyond it the body is lowered.
 const STRETCH: f64 = 0.998;
-/// The body is lowered no further for a leg, metres.
+/// The body is lowered by at most this for a leg, metres.
 const LOWER_M: f64 = 0.05;
 
-/// Settles the body on its floor at y = `floor_m`, and holds the feet that stand. Joints above the hips keep their rotations,
-/// feet theirs in the world.
+/// Settles the body on a floor at y = `floor_m` and locks the feet in contact. Joints above the hips keep their local
+/// rotations, feet their world rotations.
 ///
-/// Where the root is fixed the body stays, and only legs bend; a fixed leg is left alone, and so are fixed frames: what is
-/// behind them begins where they end.
+/// With a fixed root only the legs are bent. Fixed legs and fixed frames stay as they are; the frames after them continue
+/// from where they end.
 ///
 /// # Errors
-/// As [`ReferencePose::new`], for a rig that has no legs by this map.
+/// Those of [`ReferencePose::new`].
 pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: FixedParts) -> Result<(Clip, FootLock)> {
     let pose = ReferencePose::new(clip.skeleton(), map)?;
     let feet = Feet::from_pose(clip.skeleton(), &pose);
@@ -93,7 +93,7 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: FixedParts) -> 
         let whole = found[side].iter_mut().filter(|contact| contact.from > fixed.frames || fixed.frames == 0);
         whole.for_each(|contact| contact.turn = flatten::turn(&settled, leg, contact));
     }
-    // what can't be reached is known only when the body has been lowered, so it is left out and all is done again
+    // reach is known only after the body was lowered: drop the contacts that are out of reach and repeat
     loop {
         let (done, far) = hold(&settled, &legs, &found, floor_m, fixed)?;
         if far.is_empty() {
@@ -113,7 +113,7 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: FixedParts) -> 
     }
 }
 
-/// (F) How far the body is too high for its floor, metres.
+/// How far the body floats above the floor (F), metres.
 fn hangs(clip: &Clip, feet: &Feet, floor_m: f64, fixed: FixedParts) -> Vec<f64> {
     let (least, others) = (feet.clearance(clip), feet.other_heights(clip));
     let least: Vec<f64> =
@@ -123,7 +123,7 @@ fn hangs(clip: &Clip, feet: &Feet, floor_m: f64, fixed: FixedParts) -> Vec<f64> 
     settle::offsets(&least, &pelvis, clip.fps()).into_iter().enumerate().map(|(f, up)| up * begins.share(f)).collect()
 }
 
-/// The clip with the feet of these legs moved, and (F) how far each ankle stays from where it should be, metres.
+/// Bends the legs by these moves. Also returns how far (F) each ankle remains from its target, metres.
 fn bent(clip: &Clip, legs: &[Leg; 2], moves: &[(usize, Moves)]) -> Result<(Clip, [Vec<f64>; 2])> {
     let frames = clip.frames();
     let mut rotations = clip.rotations().to_vec();
@@ -145,7 +145,7 @@ fn bent(clip: &Clip, legs: &[Leg; 2], moves: &[(usize, Moves)]) -> Result<(Clip,
     Ok((Clip::new(clip.skeleton().clone(), clip.fps(), clip.root().to_vec(), rotations)?, apart))
 }
 
-/// How what is done to the body comes in behind the frames that are given.
+/// The blend from given frames to corrected ones.
 #[derive(Debug, Clone, Copy)]
 struct Begins {
     frames: usize,
@@ -153,7 +153,7 @@ struct Begins {
 }
 
 impl Begins {
-    /// From 0 in the given frames to 1 over [`BEGIN_S`].
+    /// The weight of the correction: 0 in the given frames, rising to 1 over [`BEGIN_S`].
     fn share(self, frame: usize) -> f64 {
         if self.frames == 0 {
             return 1.0;
@@ -163,7 +163,7 @@ impl Begins {
     }
 }
 
-/// The clip with these contacts held, and those of them that are too far.
+/// Locks these contacts; also returns those that are out of reach.
 fn hold(
     clip: &Clip,
     legs: &[Leg; 2],
@@ -191,14 +191,14 @@ fn hold(
     }
     let root: Vec<Vec3> = clip.root().iter().zip(&lower).map(|(p, down)| *p - Vec3::Y * *down).collect();
     let lowered = Clip::new(clip.skeleton().clone(), fps, root, clip.rotations().to_vec())?;
-    // a foot stays where it was, however far the body went down
+    // the foot's target doesn't move with the lowered body
     moves.iter_mut().for_each(|(_, moves)| moves.by.iter_mut().zip(&lower).for_each(|(by, down)| by.y += down));
     let (done, apart) = bent(&lowered, legs, &moves)?;
     let far = found.iter().flatten().filter(|c| apart[c.side][c.frames()].iter().any(|apart| *apart > REACH_M));
     Ok((done, far.cloned().collect()))
 }
 
-/// Mean distance of the ankles before and after, over the frames of contacts.
+/// Mean displacement of the ankles over the frames of contacts, centimetres.
 fn moved_cm(before: &Clip, after: &Clip, legs: &[Leg; 2], found: &[Vec<Contact>; 2]) -> f64 {
     let (a, b, j) = (before.positions(), after.positions(), before.joints());
     let frames = found.iter().flatten().flat_map(|c| c.frames().map(|f| f * j + legs[c.side].ankle));

@@ -1,29 +1,29 @@
-//! A body that hangs above its floor, or has sunk into it, slowly brought back.
+//! Settling: vertical correction of a body that floats above the floor or has sunk into it.
 
 use crate::metric::ground::{Aloft, aloft};
 
-/// Half the time for which a foot may be up while the body steps, seconds.
+/// Half the longest time for which both feet may be up while stepping, seconds.
 const HALF_S: f64 = 0.1;
-/// Half the time over which what is taken off is averaged, seconds.
+/// Half the window over which the correction is averaged, seconds.
 const SMOOTH_S: f64 = 0.1;
-/// So high or low a body may stand: rest heights are no more exact, metres.
+/// Heights within this tolerance are not corrected, because standing heights are no more exact, metres.
 const SLACK_M: f64 = 0.01;
-/// Half the time over which a body that has to go down for a leg does so, seconds.
+/// Half the window over which the body is lowered for a leg, seconds.
 const LOWER_S: f64 = 0.1;
 
-/// How thick a body is around its joints, metres.
+/// Thickness of a body around its joints, metres.
 const FLESH_M: f64 = 0.1;
 
-/// How high a body is above its floor whose lower foot is at `foot` and whose lowest other joint at `other`: one who lies,
-/// kneels or stands on the hands doesn't hang, however high the feet are. Metres.
+/// Height of a body above its floor, metres, with its lower foot at `foot` and its lowest other joint at `other`: a body
+/// that lies, kneels or stands on its hands doesn't float.
 pub fn height(foot: f64, other: f64) -> f64 {
     foot.min((other - FLESH_M).max(0.0))
 }
 
-/// (F) How far the body is too high, metres, of (F) [heights](height) above the floor and (F) heights of its pelvis.
+/// How far the body floats (F), metres, given its [heights](height) above the floor (F) and those of its pelvis (F).
 ///
-/// One foot stands nearly always: what is up for longer than a fifth of a second hangs, unless it is a jump, in half of which at
-/// least the pelvis falls freely. What hangs is averaged over a fifth of a second; a centimetre is left.
+/// One foot is nearly always on the floor: a body that is up for longer than 0.2 s floats, unless it jumps, that is, the
+/// pelvis is in free fall for at least half of that time. The result is averaged over 0.2 s; 1 cm is tolerated.
 pub fn offsets(least: &[f64], pelvis: &[f64], fps: f64) -> Vec<f64> {
     let [half, smooth] = [HALF_S, SMOOTH_S].map(|s| (s * fps).round() as usize);
     let mut stands = least.to_vec();
@@ -38,18 +38,18 @@ fn highest(around: &[f64]) -> f64 {
     around.iter().copied().fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// (F) The largest of what is around, averaged: never less than what it is of.
+/// The maximum over a window, averaged (F): never less than the input.
 pub fn widened(lower: &[f64], fps: f64) -> Vec<f64> {
     let half = ((LOWER_S * fps).round() as usize).max(1);
     mean(&over(lower, half, highest), half)
 }
 
-/// Something of what is around each number.
+/// Applies `of` to a window around each value.
 fn over(x: &[f64], half: usize, of: impl Fn(&[f64]) -> f64) -> Vec<f64> {
     (0..x.len()).map(|f| of(&x[f.saturating_sub(half)..(f + half + 1).min(x.len())])).collect()
 }
 
-/// The mean of what is around, the ends repeated, so that it ends as it should.
+/// The mean over a window around each value, with the ends repeated.
 fn mean(x: &[f64], half: usize) -> Vec<f64> {
     let Some(last) = x.len().checked_sub(1) else { return Vec::new() };
     let at = |f: isize| x[f.clamp(0, last as isize) as usize];
@@ -69,12 +69,12 @@ mod tests {
         assert!(of(&[0.009; 40]).iter().all(|x| *x == 0.0), "within what rest heights are good for");
         assert!(of(&[0.10; 40]).iter().all(|x| (x - 0.09).abs() < 1e-12));
         assert!(of(&[-0.10; 40]).iter().all(|x| (x + 0.09).abs() < 1e-12));
-        // a step from one foot to the other, and feet that hang as long as a jump
+        // a step from one foot to the other, and feet that float as long as a jump lasts
         let up = |from: usize, to: usize| (0..60).map(|f| if (from..to).contains(&f) { 0.2 } else { 0.0 }).collect();
         let (step, hangs): (Vec<f64>, Vec<f64>) = (up(20, 24), up(20, 32));
         assert!(of(&step).iter().all(|x| *x == 0.0));
         assert!((of(&hangs)[26] - 0.19).abs() < 1e-12 && of(&hangs)[10] == 0.0);
-        // thrown up at 3 m/s for 0.6 s
+        // thrown up at 3 m/s, 0.6 s in the air
         let thrown = |f: usize| (4.905 * (f as f64 / fps - 1.0) * (1.6 - f as f64 / fps)).max(0.0);
         let least: Vec<f64> = (0..60).map(thrown).collect();
         let pelvis: Vec<f64> = least.iter().map(|h| 0.95 + h).collect();

@@ -1,4 +1,4 @@
-//! Dances that slide and hang, and what is left of that.
+//! Tests of foot locking on dances that slide and float.
 
 use super::*;
 use crate::metric::{Ground, Skate, jitter};
@@ -8,7 +8,7 @@ fn map() -> SkeletonMap {
     SkeletonMap::builtin("smpl").unwrap()
 }
 
-/// A made-up dance on its floor at y = 0.
+/// A synthetic dance on a floor at y = 0.
 fn dance(seed: u64) -> Clip {
     let clip = synth::corpus(seed, 1, 8.0, 30.0).unwrap().remove(0).clip;
     assert_eq!(clip.joints(), 24);
@@ -17,7 +17,7 @@ fn dance(seed: u64) -> Clip {
     clip.raised(-floor)
 }
 
-/// The same, gliding and hanging.
+/// The same dance, sliding and floating.
 fn spoiled(clip: &Clip) -> Clip {
     let moved = clip.root().iter().enumerate().map(|(f, p)| {
         let t = f as f64 / clip.fps();
@@ -49,7 +49,7 @@ fn a_dance_that_slides_and_hangs_stands() {
         let settled = bad.clone().raised(-0.09);
         assert!(skate(&done) < 0.5 * skate(&settled), "{} of {}", skate(&done), skate(&settled));
         assert!(jitter(&done).unwrap() < jitter(&bad).unwrap() + 15.0);
-        // feet that stand have their place to the millimetre
+        // locked feet keep their position
         let places = done.positions();
         for contact in &locked.locked {
             for f in contact.frames() {
@@ -58,7 +58,7 @@ fn a_dance_that_slides_and_hangs_stands() {
                 assert!(apart < REACH_M + 1e-9, "{apart}");
             }
         }
-        // nothing but hips, knees and ankles turns, and feet turn in the world by what lays them flat
+        // only hips, knees and ankles change, and feet rotate only by their pitch correction
         for f in 0..done.frames() {
             let (a, b) = (bad.global_pose(f), done.global_pose(f));
             for j in 0..24 {
@@ -105,10 +105,10 @@ fn where_the_root_is_given_legs_come_down_to_the_floor() {
             least[least.len() / 2]
         };
         assert!(least(&bad) > 0.05 && least(&done) < 0.025, "{} {}", least(&bad), least(&done));
-        // one that sinks comes up
+        // a sunken body is raised
         let (done, _) = lock(&dance(seed).raised(-0.05), &map(), 0.0, fixed).unwrap();
         assert!(ground(&done).penetration_share().unwrap() < 0.02, "{:?}", ground(&done));
-        // a leg that is given may be the one that stands
+        // the fixed leg may be the stance leg
         let one = FixedParts { root: true, legs: [true, false], ..FixedParts::default() };
         let (done, _) = lock(&bad, &map(), 0.0, one).unwrap();
         assert!((0..done.frames()).all(|f| [1, 4, 7].iter().all(|&j| done.pose(f)[j] == bad.pose(f)[j])));
@@ -121,7 +121,7 @@ fn feet_that_stand_lie_flat_and_who_stands_on_the_balls_goes_on() {
     let legs = Leg::both(&pose, &Feet::from_pose(&smpl::neutral(), &pose));
     let stands = |pitch: f64| {
         let mut local = vec![Quat::IDENTITY; 24];
-        // knees a little bent, so that heels can come down
+        // knees slightly bent, so that heels can come down
         for (leg, [hip, knee, ankle]) in legs.iter().zip([[1, 4, 7], [2, 5, 8]]) {
             (local[hip], local[knee]) = (Quat::from_rotation_x(-0.3), Quat::from_rotation_x(0.6));
             local[ankle] = Quat::from_rotation_x(-0.3);
@@ -148,7 +148,7 @@ fn feet_that_stand_lie_flat_and_who_stands_on_the_balls_goes_on() {
             assert!((pitch(&done, 20, leg) - after).abs() < 1e-6, "{before}: {}", pitch(&done, 20, leg));
         }
         assert!(ground(&done).penetration_cm().unwrap() < 1e-6, "{before}: {:?}", ground(&done));
-        // frames that are given keep their feet, and those behind go on with them
+        // given frames keep their feet, and the frames after them continue
         let given = FixedParts { frames: 10, ..FixedParts::default() };
         let (done, _) = lock(&clip, &map(), 0.0, given).unwrap();
         assert!((pitch(&done, 12, &legs[0]) - before).abs() < 1e-6, "{before}: {}", pitch(&done, 12, &legs[0]));
@@ -157,7 +157,7 @@ fn feet_that_stand_lie_flat_and_who_stands_on_the_balls_goes_on() {
 
 #[test]
 fn feet_that_tremble_do_not_shake_the_body() {
-    // hips that turn a degree to and fro in every frame, as codes do
+    // hips that alternate by a degree in every frame, as decoded codes do
     let still = dance(3).slice(0..1);
     let feet = Feet::new(still.skeleton(), &map()).unwrap();
     let mut rotations = vec![Quat::IDENTITY; 24 * 80];
@@ -172,7 +172,7 @@ fn feet_that_tremble_do_not_shake_the_body() {
         ((at(f + 3) - at(f)) - (at(f + 2) - at(f + 1)) * 3.0).length() * 8000.0
     };
     let furthest = (0..77).map(jerk).fold(0.0, f64::max);
-    // averaged over three frames it came to 183 m/s^3
+    // averaging over three frames only gives 183 m/s^3
     assert!(furthest < 100.0, "{furthest}");
 }
 
@@ -198,7 +198,7 @@ fn a_statue_and_a_frame_stay_as_they_are() {
             assert!((*a - b).length() < 1e-9, "{frames} frames");
         }
     }
-    // straight legs under a body that is too high by what is left to it: the feet are put down
+    // straight legs under a body that is too high within the tolerance: the feet are put down
     let (done, _) = lock(&standing(40, 0.015), &map(), 0.0, FixedParts::default()).unwrap();
     assert!(ground(&done).penetration_share() == Some(0.0));
     assert!(done.positions().chunks(24).all(|p| (p[7].y - 0.06).abs() < 0.02));

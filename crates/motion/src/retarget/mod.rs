@@ -1,22 +1,20 @@
-//! One body's motion on another body.
+//! Retargeting: one body's motion on another body.
 //!
-//! Rotations are carried over in the world, not in the joints' own axes, which differ from rig to rig. With `G_s` the
-//! world rotation of a rig's joint, `A_s` the same in the reference pose (a T or A stand, [`ReferencePose`]) and `S`
-//! the smallest turn that lays the SMPL bone of the rest pose along the rig's bone of the reference pose, the SMPL joint
-//! turns by
+//! Rotations are transferred in the world, because the joints' own axes differ between rigs. With `G_s` the world rotation
+//! of a rig's joint, `A_s` the same in the reference pose (a T-pose or A-pose, [`ReferencePose`]) and `S` the smallest
+//! rotation that aligns the SMPL bone of the rest pose with the rig's bone of the reference pose, the SMPL joint has
 //!
 //! ```text
 //! G_t = G_s E C        C = A_s^-1 S        E = swing of the bone, in the joint's frame, from the reference to now
 //! ```
 //!
-//! so that a limb bone points where the rig's points, and the motion of a hinge stays the motion of a hinge. `E` is
-//! identity unless joints that no SMPL joint stands for (twist bones) move between a bone's two ends. `S` is identity
-//! for pelvis, spine, neck, head, collars and feet: those that stand straight or flat in one body do in the other.
-//! The way back is `G_s = G_t (E C)^-1`.
+//! so that limb bones point in the same direction and hinges stay hinges. `E` is identity unless joints without an SMPL
+//! counterpart (twist bones) move between the two ends of a bone. `S` is identity for pelvis, spine, neck, head, collars
+//! and feet. The inverse is `G_s = G_t (E C)^-1`.
 //!
-//! The pelvis's path grows with the legs, about the floor, which stays where it is; and it is raised by what keeps the
-//! feet of the reference pose on it: bodies differ below the ankles and above the hips, too. With `floor`, `scale` (leg
-//! over leg) and `rise`
+//! The path of the pelvis is scaled with the leg length about the floor, and raised by the constant that keeps the feet of
+//! the reference pose on the floor, because bodies also differ below the ankles and above the hips. With `floor`, `scale`
+//! (leg over leg) and `rise`
 //!
 //! ```text
 //! y_t = floor + scale (y_s - floor) + rise        x_t = scale x_s        z_t = scale z_s
@@ -29,24 +27,38 @@ use crate::rotation::swing;
 use crate::{Clip, Error, GlobalPose, Motion, Quat, Result, Skeleton, Source, Vec3, smpl};
 use std::sync::Arc;
 
-/// The way between a rig and the SMPL-24 body, both directions. For a motion as it was read there is [`to_smpl`].
+/// Retargeting between a rig and the SMPL-24 body, in both directions. See [`to_smpl`] for a motion that was read.
+///
+/// ```
+/// use kinelm_motion::retarget::Retarget;
+/// use kinelm_motion::rig::SkeletonMap;
+/// use kinelm_motion::{smpl, synth};
+/// use std::sync::Arc;
+///
+/// let giant = Arc::new(smpl::neutral().scaled(2.0));
+/// let map = SkeletonMap::builtin("smpl").expect("a built-in map");
+/// let retarget = Retarget::new(&giant, &map, smpl::neutral())?;
+/// let dance = synth::corpus(1, 1, 1.0, 20.0)?.remove(0).clip;
+/// let on_giant = retarget.to_rig(&dance)?;
+/// assert!((on_giant.root()[0].y - 2.0 * dance.root()[0].y).abs() < 1e-9);
+/// # Ok::<(), kinelm_motion::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Retarget {
     rig: Arc<Skeleton>,
     smpl: Arc<Skeleton>,
-    /// By SMPL id: the rig's joint, and how it turns the SMPL joint.
+    /// By SMPL id: the rig's joint and how it rotates the SMPL joint.
     links: [Option<Link>; 24],
-    /// (J of the rig) local rotations of the reference pose, for joints that no SMPL joint stands for; above the pelvis
-    /// identity.
+    /// (J of the rig) local rotations of joints without an SMPL counterpart: the reference pose; identity above the pelvis.
     rest: Vec<Quat>,
     scale: f64,
-    /// What keeps the feet of the reference pose on the floor, metres on the SMPL body.
+    /// The height that keeps the feet of the reference pose on the floor, metres on the SMPL body.
     rise: f64,
     floor: f64,
     same: bool,
 }
 
-/// How a rig's joint turns its SMPL joint.
+/// How a rig's joint rotates its SMPL joint.
 #[derive(Debug, Clone)]
 struct Link {
     joint: usize,
@@ -55,21 +67,21 @@ struct Link {
     bent: Option<Bent>,
 }
 
-/// A limb bone that has joints between its ends.
+/// A limb bone with joints between its ends.
 #[derive(Debug, Clone)]
 struct Bent {
-    /// From the bone's upper end, without it, to its lower end.
+    /// The joints from below the bone's upper end to its lower end.
     chain: Vec<usize>,
     /// The bone in the upper joint's frame, in the reference pose.
     straight: Vec3,
 }
 
 impl Retarget {
-    /// The way between `rig`, whose joints `map` names, and the SMPL-24 body `smpl` ([`smpl::neutral`], or a user's own
-    /// with other offsets).
+    /// Prepares retargeting between `rig`, with the joint names of `map`, and the SMPL-24 body `smpl` ([`smpl::neutral`] or a
+    /// body with other offsets).
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when `smpl` hasn't SMPL's 24 joints, and those of [`ReferencePose::new`].
+    /// [`Invalid`](kinelm_store::Error::Invalid) when `smpl` hasn't SMPL's 24 joints; those of [`ReferencePose::new`].
     pub fn new(rig: &Skeleton, map: &SkeletonMap, smpl: Arc<Skeleton>) -> Result<Self> {
         check_smpl(&smpl)?;
         let pose = ReferencePose::new(rig, map)?;
@@ -84,7 +96,7 @@ impl Retarget {
         let above = |j: usize| j != pelvis && rig.descends(pelvis, j);
         let rest = (0..rig.joints()).map(|j| if above(j) { Quat::IDENTITY } else { pose.local[j] }).collect();
         let same = is_same(rig, &smpl);
-        // files hold the joints in an order of their own and their leaves with tips
+        // files may order the joints differently and add end sites
         let alike = same
             || (0..24).all(|id| {
                 let joint = rig.names().iter().position(|name| name == smpl::NAMES[id]);
@@ -98,12 +110,12 @@ impl Retarget {
         Ok(way)
     }
 
-    /// The same way for a motion whose floor lies at this height, metres: the path grows about it. 0 if not said.
+    /// Scales the path about a floor at this height, metres. The default is 0.
     pub fn with_floor(self, floor_m: f64) -> Self {
         Retarget { floor: floor_m, ..self }
     }
 
-    /// How much higher than by the scale alone the SMPL body's pelvis must be for both to stand in the reference pose.
+    /// The height beyond scaling that the SMPL pelvis needs for both bodies to stand in the reference pose.
     fn rise(&self, pose: &ReferencePose) -> Result<f64> {
         let stand = Clip::new(self.rig.clone(), 1.0, vec![Vec3::ZERO], pose.local.clone())?;
         let stand = self.to_smpl(&stand)?;
@@ -123,24 +135,24 @@ impl Retarget {
         (root - Vec3::Y * raise) / self.scale
     }
 
-    /// The rig's own skeleton.
+    /// The rig's skeleton.
     pub fn rig(&self) -> &Arc<Skeleton> {
         &self.rig
     }
 
-    /// The leg of the SMPL body over the leg of the rig (hip to knee to ankle): what positions are multiplied with.
+    /// The factor of positions: the SMPL body's leg length over the rig's (hip to knee to ankle).
     pub fn scale(&self) -> f64 {
         self.scale
     }
 
-    /// The rig's joint that plays an SMPL joint.
+    /// The rig's joint that corresponds to an SMPL joint.
     pub fn joint(&self, smpl_id: usize) -> Option<usize> {
         self.links.get(smpl_id)?.as_ref().map(|l| l.joint)
     }
 
-    /// The motion on the SMPL-24 body. The root's position is the place of the rig's pelvis times [`Retarget::scale`],
-    /// about the floor, raised so that the feet stay on it; SMPL joints without a counterpart keep their rest rotation. A
-    /// clip that stands on this very SMPL body already (offsets to a micrometre) keeps its numbers, bit for bit.
+    /// Puts a clip of the rig on the SMPL-24 body. The root follows the rig's pelvis, scaled about the floor and raised so
+    /// that the feet stay on it. SMPL joints without a counterpart keep their rest rotation. A clip that is on this SMPL body
+    /// already (offsets equal to a micrometre) keeps its numbers bit for bit.
     ///
     /// # Errors
     /// [`Invalid`](kinelm_store::Error::Invalid) when the clip is not on the rig.
@@ -172,11 +184,11 @@ impl Retarget {
         Clip::new(self.smpl.clone(), clip.fps(), root, rotations)
     }
 
-    /// The motion of an SMPL-24 clip on the rig: joints that no SMPL joint stands for keep the reference pose.
+    /// Puts an SMPL-24 clip on the rig. Joints without an SMPL counterpart keep the reference pose.
     ///
-    /// `to_smpl` of the answer is the clip again, to rounding: the root and every world rotation of a joint that the
-    /// rig has. (Where the rig lacks a joint between two that it has, their local rotations come back only if that
-    /// joint was at rest, as `to_smpl` leaves it.)
+    /// `to_smpl` of the result is the clip again up to rounding: its root, and the world rotations of all joints that the rig
+    /// has. (If the rig lacks a joint between two that it has, their local rotations are recovered only if that joint was at
+    /// rest.)
     ///
     /// # Errors
     /// [`Invalid`](kinelm_store::Error::Invalid) when the clip is not on the SMPL-24 body.
@@ -184,11 +196,11 @@ impl Retarget {
         self.to_rig_over(clip, None)
     }
 
-    /// [`Retarget::to_rig`] where joints that no SMPL joint stands for (fingers, twist bones) move as in `base`, a clip
-    /// on the rig; where `base` ends earlier, its last frame stays.
+    /// Like [`Retarget::to_rig`], but joints without an SMPL counterpart (fingers, twist bones) move as in `base`, a clip on
+    /// the rig; its last frame is held if it is shorter.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when the clip is not on the SMPL-24 body, or the base not on the rig.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the clip is not on the SMPL-24 body, or `base` not on the rig.
     pub fn to_rig_over(&self, clip: &Clip, base: Option<&Clip>) -> Result<Clip> {
         check_on(clip, &self.smpl)?;
         if let Some(base) = base {
@@ -212,7 +224,7 @@ impl Retarget {
         Clip::new(self.rig.clone(), clip.fps(), root, rotations)
     }
 
-    /// By the rig's joint: the SMPL joint it plays.
+    /// The SMPL id of each joint of the rig.
     fn by_joint(&self) -> Vec<Option<usize>> {
         let mut ids = vec![None; self.rig.joints()];
         for id in (0..24).rev() {
@@ -223,7 +235,7 @@ impl Retarget {
         ids
     }
 
-    /// Appends the rig's local rotations of one frame: `rest` where no SMPL joint stands for the joint.
+    /// Appends the rig's local rotations of one frame; `rest` for joints without an SMPL counterpart.
     fn rig_frame(&self, by_joint: &[Option<usize>], rest: &[Quat], smpl: &[Quat], out: &mut Vec<Quat>) {
         let mut global = vec![Quat::IDENTITY; self.rig.joints()];
         for j in 0..self.rig.joints() {
@@ -240,10 +252,10 @@ impl Retarget {
         }
     }
 
-    /// The root's place that puts the pelvis at `pelvis`.
+    /// The root position that puts the pelvis at `pelvis`.
     fn rig_root(&self, pelvis: Vec3, local: &[Quat]) -> Vec3 {
         let mut at = self.joint(0).unwrap_or(0);
-        // from the pelvis up: its place in the frame of each ancestor in turn
+        // upwards from the pelvis: its position in the frame of each ancestor
         let mut place = Vec3::ZERO;
         while let Some(parent) = self.rig.parents()[at] {
             place = self.rig.offsets()[at] + place;
@@ -255,25 +267,25 @@ impl Retarget {
 }
 
 impl Link {
-    /// `E C`, of one frame's local rotations of the rig (J).
+    /// `E C` for the rig's local rotations (J) of one frame.
     fn turn_now(&self, rig: &Skeleton, local: &[Quat]) -> Quat {
         let Some(bent) = &self.bent else { return self.turn };
         swing(bent.straight, along(rig, &bent.chain, local)) * self.turn
     }
 }
 
-/// The place of a chain's last joint in the frame of the joint that it hangs on.
+/// Position of a chain's last joint in the frame of the chain's parent.
 fn along(rig: &Skeleton, chain: &[usize], local: &[Quat]) -> Vec3 {
     chain.iter().rev().fold(Vec3::ZERO, |place, &j| rig.offsets()[j] + local[j] * place)
 }
 
-/// `S`: the smallest turn from the SMPL bone at rest to the rig's in the reference pose; identity for what is no limb.
+/// `S`: the smallest rotation from the SMPL bone at rest to the rig's in the reference pose; identity except for limbs.
 fn bone_turn(rig: &Skeleton, pose: &ReferencePose, still: &GlobalPose, id: usize) -> Quat {
     if let Some((_, lower)) = LIMBS.iter().find(|(upper, _)| *upper == id) {
         let (Some(a), Some(b)) = (pose.position(id), pose.position(*lower)) else { return Quat::IDENTITY };
         return swing(still.positions[*lower] - still.positions[id], b - a);
     }
-    // hands: along the hand's own bone, else along the forearm, whichever the rig has
+    // hands align with the hand's own bone if the rig has one, else with the forearm
     let (elbow, wrist, hand) = match id {
         20 | 22 => (18, 20, 22),
         21 | 23 => (19, 21, 23),
@@ -286,7 +298,7 @@ fn bone_turn(rig: &Skeleton, pose: &ReferencePose, still: &GlobalPose, id: usize
     }
 }
 
-/// The hand's bone in the reference pose: to the joint that plays SMPL's hand, else to the wrist's only child or tip.
+/// The hand's bone in the reference pose: to the joint of SMPL's hand, else to the wrist's only child or end site.
 fn hand_bone(rig: &Skeleton, pose: &ReferencePose, wrist: usize, hand: usize) -> Option<Vec3> {
     let joint = pose.joints[wrist]?;
     let bone = match pose.joints[hand].filter(|&h| rig.descends(h, joint)) {
@@ -303,7 +315,7 @@ fn hand_bone(rig: &Skeleton, pose: &ReferencePose, wrist: usize, hand: usize) ->
     (bone.length() > 1e-6).then_some(bone)
 }
 
-/// The joints of a limb bone, if any stand between its ends.
+/// The joints between the ends of a limb bone, if there are any.
 fn bent(rig: &Skeleton, pose: &ReferencePose, id: usize, joint: usize) -> Option<Bent> {
     let (_, lower) = LIMBS.iter().find(|(upper, _)| *upper == id)?;
     let mut at = pose.joints[*lower]?;
@@ -322,12 +334,12 @@ fn smpl_leg_m(smpl: &Skeleton) -> f64 {
 }
 
 fn is_same(rig: &Skeleton, smpl: &Skeleton) -> bool {
-    // the root's offset is read by no kinematics; files hold the others rounded
+    // kinematics ignores the root's offset; files round the others
     let offsets = || rig.offsets()[1..].iter().zip(&smpl.offsets()[1..]);
     rig.names() == smpl.names() && rig.parents() == smpl.parents() && offsets().all(|(a, b)| a.distance(*b) < 1e-6)
 }
 
-/// SMPL's 24 joints: names and tree.
+/// Checks for SMPL's 24 joints: names and parents.
 fn check_smpl(skeleton: &Skeleton) -> Result<()> {
     let names = skeleton.names().iter().map(String::as_str).eq(smpl::NAMES);
     let parents = skeleton.parents().iter().map(|p| p.map_or(-1, |p| p as i32)).eq(smpl::PARENTS);
@@ -338,7 +350,7 @@ fn check_smpl(skeleton: &Skeleton) -> Result<()> {
     Err(Error::invalid("the body to retarget to", found, "SMPL's 24 joints"))
 }
 
-/// Same joints, same tree, offsets to a millimetre.
+/// Checks for the same joints and parents, and the same offsets to a millimetre.
 fn check_on(clip: &Clip, body: &Skeleton) -> Result<()> {
     let on = clip.skeleton();
     if on.names() != body.names() || on.parents() != body.parents() {
@@ -357,14 +369,14 @@ fn check_on(clip: &Clip, body: &Skeleton) -> Result<()> {
     }
 }
 
-/// A motion on the neutral SMPL-24 body, whatever it was read from; `map` is a shipped map's name or a TOML's path,
-/// `None` to find it by the names.
+/// Puts a motion on the neutral SMPL-24 body. `map` is a built-in map's name or a TOML's path; `None` detects the map by
+/// the joint names.
 ///
-/// The path grows with the legs, about the motion's floor ([`floor_height`]). Motions of SMPL files keep their rotations, which
-/// mean the same on every SMPL body.
+/// The path is scaled with the legs about the motion's floor ([`floor_height`]). Motions of AMASS and AIST++ keep their
+/// rotations, which are valid for every SMPL body.
 ///
 /// # Errors
-/// [`Error::Clip`] naming the file, with what [`map_for`] or [`Retarget::new`] say.
+/// [`Error::Clip`] with the file's name for the errors of [`map_for`] and [`Retarget::new`].
 pub fn to_smpl(motion: &Motion, map: Option<&str>) -> Result<Clip> {
     let rig = motion.clip.skeleton();
     if matches!(motion.source, Source::Amass { .. } | Source::Aist { .. }) && check_smpl(rig).is_ok() {

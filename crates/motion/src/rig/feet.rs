@@ -1,46 +1,46 @@
-//! The feet of a rig, and how far they are above the floor.
+//! The feet of a rig, and their clearance above the floor.
 //!
-//! A body's *feet* are its ankles and balls (SMPL's 7, 8 and 10, 11), each with its height when the body stands.
+//! A body's *feet* are its ankles and balls (SMPL's 7, 8 and 10, 11), each with its height in a standing pose.
 
 use super::{ReferencePose, SkeletonMap};
 use crate::{Clip, EndSite, GlobalPose, Result, Skeleton, Vec3, smpl};
 
-/// The tip that a leaf without end sites gets in a BVH, which needs one, as a part of its own bone.
+/// Length of the end site that a BVH needs below a leaf, as a fraction of the leaf's bone.
 pub(crate) const MADE_UP_TIP: f64 = 0.3;
 
-/// The feet of a rig, and how it stands on them.
+/// The feet of a rig, and the heights of a standing body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Feet {
-    /// Ankles and balls, and how high each is when the body stands, metres.
+    /// Ankles and balls with their heights in a standing pose, metres.
     pub joints: Vec<(usize, f64)>,
-    /// The joint of the pelvis.
+    /// The pelvis joint.
     pub pelvis: usize,
-    /// How high the pelvis is when the body stands, metres.
+    /// Height of the pelvis in a standing pose, metres.
     pub pelvis_m: f64,
-    /// How tall the body stands, joints and end sites, metres.
+    /// Height of the standing body up to its highest joint or end site, metres.
     pub body_m: f64,
-    /// (J) Which joints are feet or hang on one.
+    /// Which joints (J) are feet or descend from one.
     pub(super) of_foot: Vec<bool>,
 }
 
 impl Feet {
-    /// The feet of `rig`, whose joints `map` names, in the reference pose of the map.
+    /// The feet of `rig` with the joint names and the reference pose of `map`.
     ///
-    /// The floor of that pose is the lowest of ankles, balls and the tips below them. A rig that has ankles alone stands
-    /// as high on them as the SMPL body does (6 cm), times its leg over SMPL's.
+    /// The floor of the reference pose is the lowest of ankles, balls and the tips below them. If a rig has ankles only, they
+    /// are as high as those of the SMPL body (6 cm), scaled by the leg length.
     ///
     /// # Errors
-    /// As [`ReferencePose::new`].
+    /// Those of [`ReferencePose::new`].
     pub fn new(rig: &Skeleton, map: &SkeletonMap) -> Result<Self> {
         Ok(Feet::from_pose(rig, &ReferencePose::new(rig, map)?))
     }
 
-    /// [`Feet::new`] of a reference pose that is there already.
+    /// The feet of `rig` in a reference pose; see [`Feet::new`].
     pub fn from_pose(rig: &Skeleton, pose: &ReferencePose) -> Self {
         let joints: Vec<usize> = [7, 8, 10, 11].iter().filter_map(|&id: &usize| pose.joints[id]).collect();
         let of_foot: Vec<bool> = (0..rig.joints()).map(|j| joints.iter().any(|&foot| rig.descends(j, foot))).collect();
         let y = |j: usize| pose.global.positions[j].y;
-        // tips: end sites, and joints without children where a file has no end sites
+        // tips are end sites, and leaf joints in files without end sites
         let ends = || rig.ends().iter().zip(pose.global.ends(rig)).filter(|(end, _)| !is_made_up(rig, end));
         let highest = pose.global.positions.iter().copied().chain(ends().map(|(_, place)| place));
         let highest = highest.fold(f64::MIN, |h, p| h.max(p.y));
@@ -62,20 +62,20 @@ impl Feet {
         }
     }
 
-    /// (F) Of each frame the least height of a foot above its own standing height, metres, world: with the floor taken off
-    /// it is 0 in a stand, the height of the lower foot in a jump, and negative in the floor.
+    /// Foot clearance (F): the lowest foot height above its standing height in each frame, metres, world. Above the floor it
+    /// is 0 while standing, the height of the lower foot in a jump, and negative if a foot penetrates the floor.
     ///
     /// # Panics
-    /// If the clip is not on a rig of these joints.
+    /// If the clip is not on a rig with these joints.
     pub fn clearance(&self, clip: &Clip) -> Vec<f64> {
         self.lowest(clip).into_iter().map(|(least, _)| least).collect()
     }
 
-    /// (F) Of each frame the height of the lowest joint that is no foot and hangs on none, metres, world: of one who lies,
-    /// kneels or stands on the hands it is near the floor.
+    /// Height (F) of the lowest joint in each frame that doesn't belong to a foot, metres, world. It is near the floor when a
+    /// body lies, kneels or stands on its hands.
     ///
     /// # Panics
-    /// If the clip is not on a rig of these joints.
+    /// If the clip is not on a rig with these joints.
     pub fn other_heights(&self, clip: &Clip) -> Vec<f64> {
         let lowest = |frame: &[Vec3]| {
             let others = frame.iter().zip(&self.of_foot).filter(|(_, of_foot)| !**of_foot);
@@ -84,7 +84,7 @@ impl Feet {
         clip.positions().chunks_exact(clip.joints()).map(lowest).collect()
     }
 
-    /// [`Feet::clearance`], and where that foot is.
+    /// [`Feet::clearance`] with the joint of the lowest foot.
     pub(super) fn lowest(&self, clip: &Clip) -> Vec<(f64, usize)> {
         let mut pose = GlobalPose::default();
         let frame = |f: usize| {
@@ -96,11 +96,11 @@ impl Feet {
     }
 }
 
-/// Whether an end site is one that [`crate::format::bvh::BvhSource::for_skeleton`] adds where a body has none, since a BVH needs
-/// one: it says nothing of the foot, and the floor is the same in a file that has none.
+/// Whether an end site was added by [`crate::format::bvh::BvhSource::for_skeleton`], because a BVH needs one. It is no part
+/// of the foot and must not change the floor.
 fn is_made_up(rig: &Skeleton, end: &EndSite) -> bool {
     let bone = rig.offsets()[end.parent];
-    // to the digits of a file
+    // within the precision of a file
     rig.parents()[end.parent].is_some() && end.offset.distance(bone * MADE_UP_TIP) < 1e-4 * bone.length()
 }
 

@@ -1,55 +1,54 @@
-//! Where the floor is under a clip.
+//! Detection of the floor below a clip.
 //!
-//! In a frame the foot that is nearest to the floor is the one of the least height above its own; the floor lies where that
-//! least height seldom goes below: at its 5th percentile over the frames. Clips that don't walk on one flat floor are
-//! told by the doubts.
+//! The floor is the 5th percentile over frames of the [foot clearance](Feet::clearance). Doubts report clips that don't
+//! move on one flat floor.
 
 use super::{Feet, SkeletonMap};
 use crate::series::linear_quantile as quantile;
 use crate::{Clip, Result, Vec3, Warning};
 
-/// Another joint that lies deeper than this below the floor speaks against it, metres.
+/// A joint other than the feet that is this far below the floor contradicts it, metres.
 const BELOW_M: f64 = 0.1;
-/// In more than this share of frames.
+/// The fraction of frames above which that is a doubt.
 const BELOW_SHARE: f64 = 0.02;
-/// Feet on the floor are slower than this in the median, metres a second.
+/// The median speed of feet on the floor is below this, metres per second.
 const STANDING_M_S: f64 = 0.5;
-/// The pelvis is in the median within this part of its standing height.
+/// The median height of the pelvis, as a fraction of its standing height, is in this range.
 const PELVIS: std::ops::RangeInclusive<f64> = 0.5..=1.2;
-/// A foot is near the floor below this height, metres, and is so in more than a tenth of the frames.
+/// A foot is near the floor below this height, metres; it should be in more than 10 % of the frames.
 const NEAR_M: f64 = 0.1;
-/// A clip that is shorter says too little, seconds.
+/// A shorter clip is too short for a floor, seconds.
 const SHORT_S: f64 = 1.0;
-/// In doubt the floor is y = 0 if the one that was found lies within this part of the body's height of it.
+/// A doubted floor within this fraction of the body's height from y = 0 is replaced by 0.
 const PART_OF_BODY: f64 = 0.15;
 
 /// The floor of a clip.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Floor {
-    /// The floor to take: what was found, or in doubt 0 where that is near; metres.
+    /// The floor to use: the detected one, or 0 if that is doubted and near 0; metres.
     pub height_m: f64,
-    /// The 5th percentile of the least height, metres.
+    /// The detected floor: the 5th percentile of the foot clearance, metres.
     pub found_m: f64,
-    /// What speaks against it, by name; none for one that is sure.
+    /// Doubts about the floor; empty if there are none.
     pub doubts: Vec<Warning>,
 }
 
-/// The floor of a clip on the rig that `map` is for: [`Feet::floor`] of [`Feet::new`].
+/// The floor of a clip on a rig that fits `map`; see [`Feet::floor`].
 ///
 /// # Errors
-/// As [`Feet::new`].
+/// Those of [`Feet::new`].
 pub fn floor(clip: &Clip, map: &SkeletonMap) -> Result<Floor> {
     Ok(Feet::new(clip.skeleton(), map)?.floor(clip))
 }
 
 impl Feet {
-    /// The floor of a clip on this rig, as its file has it: before it is retargeted.
+    /// The floor of a clip on this rig, in the world of its file.
     ///
-    /// *Found* is the 5th percentile over frames of [`Feet::clearance`]. It is doubted when another joint lies over 10 cm below
-    /// it in over 2 % of the frames (a handstand); when the lowest foot of the lowest tenth of the frames moves faster than
-    /// 0.5 m/s in the median (skating, swimming); when the median pelvis is outside 0.5 to 1.2 of its standing height
-    /// (sitting, hanging); when a foot is within 10 cm of it in under a tenth of the frames (stairs); when the clip is
-    /// under 1 s. In doubt it is y = 0 if what was found is within 15 % of the body's height of it.
+    /// The detected floor is the 5th percentile over frames of [`Feet::clearance`]. It is doubted when another joint is more
+    /// than 10 cm below it in over 2 % of the frames (a handstand); when the lowest foot moves faster than 0.5 m/s in the
+    /// median of the lowest 10 % of the frames (skating, swimming); when the median pelvis is outside 0.5 to 1.2 of its
+    /// standing height (sitting, hanging); when a foot is within 10 cm of the floor in under 10 % of the frames (stairs); or
+    /// when the clip is shorter than 1 s. A doubted floor within 15 % of the body's height from y = 0 is replaced by 0.
     ///
     /// # Panics
     /// If the clip is not on this rig.
@@ -144,7 +143,7 @@ mod tests {
         SkeletonMap::builtin("smpl").unwrap()
     }
 
-    /// A pose of these local rotations, the others at rest.
+    /// A pose with these local rotations, the other joints at rest.
     fn posed(turns: &[(usize, Quat)]) -> Vec<Quat> {
         let mut pose = vec![Quat::IDENTITY; 24];
         turns.iter().for_each(|&(j, q)| pose[j] = q);
@@ -155,7 +154,7 @@ mod tests {
         Quat::from_rotation_x(radians)
     }
 
-    /// A clip of the neutral body in one pose whose pelvis is at `height` of each time.
+    /// A clip of the neutral body in one pose, with the pelvis at `height(t)`.
     fn clip(seconds: f64, pose: &[Quat], height: impl Fn(f64) -> f64) -> Clip {
         let n = (seconds * FPS) as usize;
         let root = (0..n).map(|f| Vec3::new(0.0, height(f as f64 / FPS), 0.0)).collect();
@@ -191,7 +190,7 @@ mod tests {
 
     #[test]
     fn jumps() {
-        // in the air for four tenths of each second, 20 cm high
+        // in the air for 0.4 s of each second, 20 cm high
         let hop = |t: f64| {
             let air = (t.fract() / 0.4).min(1.0);
             0.5 + STAND + 4.0 * 0.2 * air * (1.0 - air)
@@ -205,7 +204,7 @@ mod tests {
         let climb = |steps: f64| clip(20.0, &posed(&[]), move |t| 0.1 + STAND + 0.18 * (t / 20.0 * steps).floor());
         let floor = resolve_floor(&climb(3.0));
         assert!(near(floor.height_m, 0.1, 1e-9) && floor.doubts.is_empty(), "{floor:?}");
-        // so many that no step is stood on for a tenth of the time: said, and y = 0 is taken
+        // so many steps that no step is used 10 % of the time: doubted, and y = 0 is used
         let floor = resolve_floor(&climb(16.0));
         assert_eq!(kinds(&floor), ["floor_pelvis", "floor_far"], "{floor:?}");
         assert!(near(floor.found_m, 0.1, 1e-9) && floor.height_m == 0.0, "{floor:?}");
@@ -230,7 +229,7 @@ mod tests {
         assert_eq!(kinds(&floor), ["floor_below", "floor_pelvis"], "{floor:?}");
         assert!(floor.doubts[0].what.contains("hand") && floor.doubts[0].what.contains("100 %"), "{floor:?}");
         assert_eq!(floor.height_m, floor.found_m, "far from 0 it stays, with the doubt");
-        // a third of a dance on the hands is no trouble: the feet stand the rest of the time
+        // a third of a dance on the hands is fine: the feet stand the rest of the time
         let n = 300;
         let pose = |f: usize| if f < n / 3 { upside.clone() } else { posed(&[]) };
         let root = vec![Vec3::Y * STAND; n];
@@ -246,7 +245,7 @@ mod tests {
         let sit = posed(&sit.collect::<Vec<_>>());
         let feet = Feet::new(&smpl::neutral(), &smpl_map()).unwrap();
         let down = feet.clearance(&clip(1.0, &sit, |_| 0.0))[0];
-        // on a seat of its own shin's height the pelvis is at half its standing height and more; on a kerb it isn't
+        // on a seat as high as the shin the pelvis is above half its standing height; on a kerb it isn't
         assert!(resolve_floor(&clip(5.0, &sit, |_| -down)).doubts.is_empty());
         let low = posed(&[1, 2].map(|hip| (hip, flex(-FRAC_PI_2))));
         let floor = resolve_floor(&clip(5.0, &low, |_| 0.12));

@@ -1,4 +1,4 @@
-//! Skeleton maps: which joint of a rig plays which SMPL joint, in a TOML that a user can write.
+//! Skeleton maps: which joints of a rig correspond to which SMPL joints, as a TOML that users can write.
 
 use crate::rotation::{Axis, EulerOrder};
 use crate::{Error, FaultKind, FileError, Quat, Result, smpl};
@@ -10,7 +10,7 @@ use std::ops::Range;
 use std::path::Path;
 use toml::Spanned;
 
-/// The maps that are compiled in: name and text.
+/// The built-in maps: name and text.
 const SHIPPED: [(&str, &str); 5] = [
     ("smpl", include_str!("../../configs/smpl.toml")),
     ("cmu", include_str!("../../configs/cmu.toml")),
@@ -19,35 +19,42 @@ const SHIPPED: [(&str, &str); 5] = [
     ("mixamo", include_str!("../../configs/mixamo.toml")),
 ];
 
-/// The SMPL joints without which no body can be carried over: pelvis, hips, knees, ankles, shoulders, elbows, wrists.
+/// The SMPL joints that every map must have: pelvis, hips, knees, ankles, shoulders, elbows, wrists.
 pub const REQUIRED: [usize; 13] = [0, 1, 2, 4, 5, 7, 8, 16, 17, 18, 19, 20, 21];
 
-/// Which joint of a rig plays which SMPL joint, and how the rig stands in its reference pose.
+/// Which joints of a rig correspond to which SMPL joints, and the rig's reference pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SkeletonMap {
-    /// Its name, such as `cmu`.
+    /// The map's name, such as `cmu`.
     pub name: String,
-    /// What rigs it is for.
+    /// The rigs that it is for.
     pub description: String,
-    /// By SMPL id: the rig's names for it, the first that a rig has is taken; empty if it has none.
+    /// By SMPL id: candidate names in the rig, of which the first that exists is used; empty without a counterpart.
     joints: [Vec<String>; 24],
-    /// Local rotations of the reference pose by the rig's joint name; all others are identity.
+    /// Local rotations of the reference pose, by the rig's joint name; all others are identity.
     reference: Vec<(String, Quat)>,
 }
 
 impl SkeletonMap {
-    /// The names of the shipped maps.
+    /// The names of the built-in maps.
     pub fn names() -> impl Iterator<Item = &'static str> {
         SHIPPED.iter().map(|(name, _)| *name)
     }
 
-    /// A shipped map by its name: `smpl`, `cmu`, `cmu-acrnn`, `bandai` or `mixamo`.
+    /// A built-in map by its name: `smpl`, `cmu`, `cmu-acrnn`, `bandai` or `mixamo`.
+    ///
+    /// ```
+    /// use kinelm_motion::rig::SkeletonMap;
+    ///
+    /// let map = SkeletonMap::builtin("mixamo").expect("a built-in map");
+    /// assert_eq!(map.joint(4), Some("LeftLeg"), "the left knee");
+    /// ```
     pub fn builtin(name: &str) -> Option<Self> {
         let (_, text) = SHIPPED.iter().find(|(n, _)| *n == name)?;
         SkeletonMap::parse(text, Path::new(name)).ok()
     }
 
-    /// The map of a skeleton TOML.
+    /// Reads a map from a TOML file.
     ///
     /// # Errors
     /// [`kinelm_store::Error::Io`] when it can't be read, else those of [`SkeletonMap::parse`].
@@ -57,7 +64,7 @@ impl SkeletonMap {
         SkeletonMap::parse(&text, path)
     }
 
-    /// A shipped map by its name, else the file of that path.
+    /// A built-in map by its name, else the map in the file of that path.
     ///
     /// # Errors
     /// [`Invalid`](kinelm_store::Error::Invalid) when it is neither, else those of [`SkeletonMap::load`].
@@ -74,11 +81,11 @@ impl SkeletonMap {
         SkeletonMap::load(name_or_path)
     }
 
-    /// The map that a TOML text describes; `path` is what errors name.
+    /// Parses the TOML of a map; `path` is used in messages.
     ///
     /// # Errors
-    /// [`FaultKind::MapBad`] with line and column: not TOML, a key or SMPL joint that doesn't exist, a required joint not
-    /// mapped, one rig joint for two SMPL joints, an Euler order or rotation that is none.
+    /// [`FaultKind::MapBad`] with line and column: no TOML, an unknown key or SMPL joint, a required joint without a name,
+    /// one rig joint for two SMPL joints, an invalid Euler order or rotation.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let at = |span: Option<Range<usize>>| place(text, path, span.map_or(0, |s| s.start));
         let file: File = toml::from_str(text).map_err(|e| {
@@ -119,8 +126,8 @@ impl SkeletonMap {
         Ok(SkeletonMap { name: file.name.into_inner(), description: file.description, joints, reference })
     }
 
-    /// The shipped map that fits a rig with these joint names best: all required joints are there, and then most
-    /// others. Its [`SkeletonMap::joint`] gives the rig's own names. `None` if none fits.
+    /// The built-in map that fits a rig with these joint names best: it finds all required joints and most of the others.
+    /// [`SkeletonMap::joint`] of the result gives the rig's own names. `None` if no map fits.
     pub fn detect(names: &[String]) -> Option<Self> {
         let mut best: Option<(SkeletonMap, (usize, usize))> = None;
         for map in SkeletonMap::names().filter_map(SkeletonMap::builtin) {
@@ -134,26 +141,25 @@ impl SkeletonMap {
         best.map(|(map, _)| map)
     }
 
-    /// The rig's name of an SMPL joint; `None` where the rig has no counterpart or `smpl_id` is above 23. Of a map that
-    /// was not yet laid over a rig ([`SkeletonMap::bind`]) the first of the names that it tries.
+    /// The rig's name of an SMPL joint; `None` without a counterpart or for ids above 23. A map that is not bound to a rig
+    /// ([`SkeletonMap::bind`]) gives its first candidate.
     pub fn joint(&self, smpl_id: usize) -> Option<&str> {
         self.joints.get(smpl_id)?.first().map(String::as_str)
     }
 
-    /// Local rotations of the rig's reference pose, a T or A stand facing +z, by joint name; joints that are not named
-    /// are identity.
+    /// Local rotations of the rig's reference pose, a T-pose or A-pose facing +z, by joint name. Other joints are identity.
     pub fn reference(&self) -> impl Iterator<Item = (&str, Quat)> {
         self.reference.iter().map(|(name, q)| (name.as_str(), *q))
     }
 
-    /// The map with the rig's own spelling: exact names first, then ones that agree but for case, `_ - .`, blanks
-    /// and a prefix that the rig's joints share (`mixamorig:`). `None` if a required joint is not there.
+    /// The map with the rig's own spelling: exact names first, then names that differ in letter case, in `_ - .`, blanks or
+    /// a prefix that the rig's joints share (`mixamorig:`). `None` if a required joint is missing.
     pub fn bind(&self, names: &[String]) -> Option<Self> {
         let bound = self.bind_any(names);
         REQUIRED.iter().all(|&id| !bound.joints[id].is_empty()).then_some(bound)
     }
 
-    /// [`SkeletonMap::bind`] that leaves out what a rig lacks, whatever it is.
+    /// Like [`SkeletonMap::bind`], but required joints may be missing.
     pub fn bind_any(&self, names: &[String]) -> Self {
         let plain: Vec<String> = names.iter().map(|n| simplified(n)).collect();
         let mut prefixes = vec![String::new()];
@@ -191,14 +197,14 @@ impl SkeletonMap {
         bound
     }
 
-    /// The required SMPL joints that a rig of these names lacks under this map.
+    /// The required SMPL joints that a rig with these joint names lacks under this map.
     pub fn missing(&self, names: &[String]) -> Vec<&'static str> {
         let bound = self.bind_any(names);
         REQUIRED.iter().filter(|&&id| bound.joints[id].is_empty()).map(|&id| smpl::NAMES[id]).collect()
     }
 }
 
-/// The joint of a name: the same name, the same without namespaces, the same when simplified.
+/// Finds a joint by its exact name, else without namespaces, else by its simplified name.
 fn find_name(wanted: &str, names: &[String], plain: &[String], prefix: &str) -> Option<usize> {
     let simple = format!("{prefix}{}", simplified(wanted));
     let exact = names.iter().position(|n| n == wanted);
@@ -207,12 +213,12 @@ fn find_name(wanted: &str, names: &[String], plain: &[String], prefix: &str) -> 
         .or_else(|| plain.iter().position(|n| *n == simple))
 }
 
-/// A name without what stands up to its last colon.
+/// A name without its namespace, which ends at the last colon.
 pub fn without_namespace(name: &str) -> &str {
     name.rsplit(':').next().unwrap_or(name)
 }
 
-/// A name without its namespace (up to the last colon), case and separators.
+/// A name without its namespace, letter case and separators.
 fn simplified(name: &str) -> String {
     let own = without_namespace(name).chars();
     own.filter(|c| !matches!(c, '_' | '-' | '.') && !c.is_whitespace()).flat_map(char::to_lowercase).collect()
@@ -258,7 +264,7 @@ impl Names {
 
 macro_rules! joints {
     ($($name:ident)*) => {
-        /// A field for each SMPL joint, so that a name that is none is refused at its place with the list of them.
+        /// A field per SMPL joint, so that serde reports an unknown name at its position with the list of valid ones.
         #[derive(Deserialize)]
         #[serde(deny_unknown_fields)]
         struct Joints { $($name: Option<Spanned<Names>>,)* }
@@ -368,7 +374,7 @@ mod tests {
         }
         let loud = SkeletonMap::detect(&names(&CMU.to_uppercase())).unwrap();
         assert_eq!((loud.name.as_str(), loud.joint(4)), ("cmu", Some("LEFTLEG")));
-        // the case decides where both spellings are there
+        // the letter case decides if both spellings exist
         let two = SkeletonMap::detect(&names(&format!("HIPS {MIXAMO}"))).unwrap();
         assert_eq!(two.joint(0), Some("Hips"));
     }

@@ -1,7 +1,7 @@
-//! What is known of a rig whose joints have names: which SMPL joints they play, how it stands, where its feet are.
+//! What is known about a rig from its joint names: corresponding SMPL joints, reference pose, feet, floor.
 //!
-//! A [`SkeletonMap`] names the joints, a [`ReferencePose`] is the T or A stand in which bodies are compared, [`Feet`] are
-//! what it stands on, and with them the [`Floor`] of a clip is found. It knows clips and skeletons, and no files of motion.
+//! A [`SkeletonMap`] names the joints, a [`ReferencePose`] is the T-pose or A-pose in which bodies are compared, and
+//! [`Feet`] find the [`Floor`] of a clip. This module knows clips and skeletons, but no files of motion.
 
 pub mod feet;
 pub mod floor;
@@ -16,11 +16,11 @@ pub use reference::ReferencePose;
 
 use crate::{Result, Skeleton};
 
-/// The map of a rig: the named or given one, else the shipped one whose names are there.
+/// The map of a rig: the one given by name or path, else the built-in one that fits the joint names.
 ///
 /// # Errors
-/// [`Invalid`](kinelm_store::Error::Invalid) when none fits, with what the nearest lacks and a TOML to begin with, and those of
-/// [`SkeletonMap::by_name_or_file`].
+/// [`Unsupported`](kinelm_store::Error::Unsupported) when none fits, with what the nearest map lacks and a TOML to start
+/// from; those of [`SkeletonMap::by_name_or_file`].
 pub fn map_for(rig: &Skeleton, map: Option<&str>) -> Result<SkeletonMap> {
     match map {
         Some(map) => SkeletonMap::by_name_or_file(map),
@@ -28,7 +28,7 @@ pub fn map_for(rig: &Skeleton, map: Option<&str>) -> Result<SkeletonMap> {
     }
 }
 
-/// The named or given map as far as it fits these joints, else the shipped one that does, if any.
+/// The map given by name or path, bound to these joints as far as it fits, else the built-in one that fits, if any.
 ///
 /// # Errors
 /// Those of [`SkeletonMap::by_name_or_file`].

@@ -1,36 +1,36 @@
-//! The pose in which two bodies are compared: a T or A stand facing +z.
+//! Reference poses: the T-pose or A-pose facing +z in which two bodies are compared.
 
 use super::SkeletonMap;
 use crate::rotation::Mat3;
 use crate::{Error, GlobalPose, Quat, Result, Skeleton, Vec3, smpl};
 
-/// A rig that stands in its reference pose, and which of its joints play which SMPL joints.
+/// A rig in its reference pose, with its joints by SMPL id.
 #[derive(Debug, Clone)]
 pub struct ReferencePose {
-    /// By SMPL id, the rig's joint.
+    /// The rig's joint, by SMPL id.
     pub joints: [Option<usize>; 24],
-    /// (J) local rotations; the root's includes the whole-quarter turns that make the body face +z with +y up.
+    /// Local rotations (J); the root's includes the quarter turns that make the body face +z with +y up.
     pub local: Vec<Quat>,
-    /// World positions and rotations (J), the root at its own offset.
+    /// World positions and rotations (J), with the root at its own offset.
     pub global: GlobalPose,
 }
 
-/// Limb bones, by the SMPL ids of their two ends: upper leg, lower leg, upper arm, lower arm; left and right.
+/// Limb bones as the SMPL ids of both ends: upper leg, lower leg, upper arm, lower arm; left, then right.
 pub const LIMBS: [(usize, usize); 8] = [(1, 4), (4, 7), (16, 18), (18, 20), (2, 5), (5, 8), (17, 19), (19, 21)];
 
 impl ReferencePose {
-    /// Stands `rig` in the reference pose of `map`: the local rotations that the map states, identity where it
-    /// states none. A rig that stands upright but along other axes (facing -z, or with z up) is turned by whole
-    /// quarters.
+    /// Puts `rig` into the reference pose of `map`: the local rotations of the map, identity for the other joints. A rig that
+    /// is upright along other axes (facing -z, or with z up) is rotated by quarter turns.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when the rig lacks a joint that every map must have, a limb is broken off or without length, or
-    /// the pose is no stand: legs not below the hips, shoulders not above them, left and right exchanged.
+    /// [`Invalid`](kinelm_store::Error::Invalid) or [`Unsupported`](kinelm_store::Error::Unsupported) when the rig lacks a
+    /// required joint, a limb is no chain or has no length, or the pose is no T-pose or A-pose: legs not below the hips,
+    /// shoulders not above them, left and right exchanged.
     pub fn new(rig: &Skeleton, map: &SkeletonMap) -> Result<Self> {
         let joints = bind(rig, map)?;
         let mut local = vec![Quat::IDENTITY; rig.joints()];
         for (name, rotation) in map.reference() {
-            // a map serves rigs with and without fingers or toes, so a name that a rig lacks is no fault
+            // a map serves rigs with and without fingers or toes, so missing joints are fine
             if let Some(j) = rig.find(name) {
                 local[j] = rotation;
             }
@@ -46,17 +46,17 @@ impl ReferencePose {
         Ok(pose)
     }
 
-    /// World place of an SMPL joint's counterpart.
+    /// World position of the joint that corresponds to an SMPL joint.
     pub fn position(&self, smpl_id: usize) -> Option<Vec3> {
         self.joints[smpl_id].map(|j| self.global.positions[j])
     }
 
-    /// From one SMPL joint's counterpart to another's, metres, world.
+    /// The vector from one SMPL joint's counterpart to another's, metres, world.
     fn bone(&self, from: usize, to: usize) -> Vec3 {
         self.position(to).unwrap_or_default() - self.position(from).unwrap_or_default()
     }
 
-    /// Hip to knee to ankle, metres, the mean of both legs.
+    /// Leg length, hip to knee to ankle, metres; the mean of both legs.
     pub fn leg_m(&self) -> f64 {
         let bones = [(1, 4), (4, 7), (2, 5), (5, 8)];
         0.5 * bones.iter().map(|&(a, b)| self.bone(a, b).length()).sum::<f64>()
@@ -72,7 +72,7 @@ impl ReferencePose {
             }
             let down = -self.bone(a, b).normalize().y;
             let leg = matches!(a, 1 | 2 | 4 | 5);
-            // a leg within 60 degrees of straight down; an arm anywhere but straight up, where twist means nothing
+            // a leg within 60 degrees of straight down; an arm anywhere but straight up, where its twist is undefined
             if leg && down < 0.5 || !leg && down < -0.9 {
                 let (a, b) = (smpl::NAMES[a], smpl::NAMES[b]);
                 let where_to = if leg { "does not point down" } else { "points up" };
@@ -97,7 +97,7 @@ fn no_stand(map: &SkeletonMap, why: &str) -> Error {
     Error::unsupported(format!("skeleton map {}", map.name), why)
 }
 
-/// The rig's joint of each SMPL joint.
+/// The rig's joints by SMPL id.
 fn bind(rig: &Skeleton, map: &SkeletonMap) -> Result<[Option<usize>; 24]> {
     let missing = map.missing(rig.names());
     if !missing.is_empty() {
@@ -117,7 +117,7 @@ fn bind(rig: &Skeleton, map: &SkeletonMap) -> Result<[Option<usize>; 24]> {
     Ok(joints)
 }
 
-/// What to tell a user whose rig no map fits: what the nearest one lacks, and a TOML to begin with.
+/// The error of a rig that no map fits, with what the nearest map lacks and a TOML to start from.
 pub(super) fn unknown_rig(names: &[String], map: Option<&SkeletonMap>) -> Error {
     let nearest = match map {
         Some(map) => Some(map.clone()),
@@ -140,7 +140,7 @@ pub(super) fn unknown_rig(names: &[String], map: Option<&SkeletonMap>) -> Error 
     Error::unsupported(format!("a rig of the joints {shown}{more}"), why)
 }
 
-/// The turn, one of the 24 by whole quarters, that brings a body's up to +y and its left to +x as nearly as may be.
+/// Of the 24 rotations by quarter turns, the one that takes the body's up to +y and its left to +x most nearly.
 fn upright(pose: &GlobalPose, joints: &[Option<usize>; 24]) -> Option<Quat> {
     let at = |id: usize| joints[id].map(|j| pose.positions[j]);
     let up = (at(16)? + at(17)? - at(1)? - at(2)?).try_normalize()?;
@@ -148,10 +148,10 @@ fn upright(pose: &GlobalPose, joints: &[Option<usize>; 24]) -> Option<Quat> {
     let left = (left - up * up.dot(left)).try_normalize()?;
     let mut best = (f64::MIN, Quat::IDENTITY);
     for (x, y) in quarter_axes() {
-        // columns: where the body's left, up and front lie; the turn back is the transpose
+        // the columns are the body's left, up and front; the transpose rotates back
         let turn = Mat3::from_cols(x, y, x.cross(y)).transpose();
         let fit = (turn * left).x + (turn * up).y;
-        // identity where two fit alike, so that a rig that stands straight keeps its bits
+        // identity if two fit equally well, so that an upright rig keeps its bits
         if fit > best.0 + 1e-9 || (x == Vec3::X && y == Vec3::Y && fit > best.0 - 1e-9) {
             best = (fit, if (x, y) == (Vec3::X, Vec3::Y) { Quat::IDENTITY } else { Quat::from_mat3(&turn) });
         }
@@ -159,7 +159,7 @@ fn upright(pose: &GlobalPose, joints: &[Option<usize>; 24]) -> Option<Quat> {
     Some(best.1)
 }
 
-/// The 24 pairs of signed axes that stand across each other.
+/// The 24 pairs of orthogonal signed axes.
 fn quarter_axes() -> impl Iterator<Item = (Vec3, Vec3)> {
     let axes = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
     axes.into_iter().flat_map(move |x| axes.into_iter().filter(move |y| x.dot(*y) == 0.0).map(move |y| (x, y)))

@@ -1,4 +1,4 @@
-//! Euler angles in all twelve orders, intrinsic: each turn is about the already turned axis.
+//! Intrinsic Euler angles in all twelve orders: each rotation is about the already rotated axis.
 
 use super::{Mat3, Quat, Vec3};
 
@@ -24,7 +24,7 @@ impl Axis {
         [Vec3::X, Vec3::Y, Vec3::Z][self.index()]
     }
 
-    /// Turn by `angle` radians about this axis.
+    /// Rotation by `angle` radians about this axis.
     pub fn turn(self, angle: f64) -> Quat {
         let (s, c) = (0.5 * angle).sin_cos();
         let v = self.vector() * s;
@@ -32,12 +32,12 @@ impl Axis {
     }
 }
 
-/// Three axes, the second different from its neighbours: `L = R(0) R(1) R(2)`, as a BVH lists its channels.
+/// Three axes, the second different from its neighbours: `L = R(0) R(1) R(2)`, in the order of a BVH's channels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct EulerOrder(pub [Axis; 3]);
 
 impl EulerOrder {
-    /// All twelve.
+    /// All twelve orders.
     pub const ALL: [EulerOrder; 12] = {
         use Axis::*;
         [
@@ -56,20 +56,20 @@ impl EulerOrder {
         ]
     };
 
-    /// The order of three axes; `None` if the second equals a neighbour (two turns about one axis are one).
+    /// The order of three axes; `None` if the second equals a neighbour.
     pub fn new(axes: [Axis; 3]) -> Option<Self> {
         (axes[0] != axes[1] && axes[1] != axes[2]).then_some(EulerOrder(axes))
     }
 
-    /// The rotation of three angles in radians.
+    /// The rotation with these angles, radians.
     pub fn to_quat(self, angles: [f64; 3]) -> Quat {
         self.0[0].turn(angles[0]) * self.0[1].turn(angles[1]) * self.0[2].turn(angles[2])
     }
 
     /// The angles of a rotation, radians: the middle one in `-PI/2..=PI/2` (three axes) or `0..=PI` (two axes).
     ///
-    /// Within 1e-6 degrees of the pole, where only the sum of the outer angles means anything, the third angle is
-    /// `previous_third` and the first makes up for it.
+    /// Within 1e-6 degrees of gimbal lock only the sum of the outer angles is defined: the third angle is `previous_third`
+    /// and the first is the rest.
     pub fn from_quat(self, q: Quat, previous_third: f64) -> [f64; 3] {
         let (i, j) = (self.0[0].index(), self.0[1].index());
         let m = Mat3::from_quat(q.normalize());
@@ -97,7 +97,7 @@ impl EulerOrder {
         [first, middle, third]
     }
 
-    /// With middle and third angle given, the first is what is left: `R(0) = L R(2)^-1 R(1)^-1`.
+    /// The angles at gimbal lock, with middle and third angle given: `R(0) = L R(2)^-1 R(1)^-1`.
     fn at_pole(self, q: Quat, middle: f64, third: f64) -> [f64; 3] {
         let rest = q * self.0[2].turn(-third) * self.0[1].turn(-middle);
         let along = rest.xyz().dot(self.0[0].vector());
@@ -106,13 +106,13 @@ impl EulerOrder {
     }
 }
 
-/// `angle` moved by whole turns into `-PI..=PI`.
+/// `angle` plus whole turns, in `-PI..=PI`.
 pub fn wrap(angle: f64) -> f64 {
     use std::f64::consts::TAU;
     angle - TAU * (angle / TAU).round()
 }
 
-/// `angle` moved by whole turns to within PI of `reference`.
+/// `angle` plus whole turns, within PI of `reference`.
 pub fn unwrap_near(angle: f64, reference: f64) -> f64 {
     reference + wrap(angle - reference)
 }

@@ -1,17 +1,17 @@
-//! Rotation vectors: axis times angle.
+//! Rotation vectors (exponential map): axis times angle.
 
 use super::{Quat, Vec3};
 use std::f64::consts::PI;
 
-/// The rotation of a vector of any length.
+/// The rotation of a rotation vector of any length.
 pub fn from_vector(v: Vec3) -> Quat {
     let angle = v.length();
-    // sin(angle/2)/angle by its series near 0, where the quotient loses digits
+    // near 0 the series of sin(angle/2)/angle, where the quotient loses digits
     let k = if angle < 1e-4 { 0.5 - angle * angle / 48.0 } else { (0.5 * angle).sin() / angle };
     Quat::from_xyzw(k * v.x, k * v.y, k * v.z, (0.5 * angle).cos()).normalize()
 }
 
-/// The canonical vector of a rotation: angle in `0..=PI`; at exactly PI the first non-zero component is positive.
+/// The canonical rotation vector: angle in `0..=PI`; at exactly PI the first non-zero component is positive.
 pub fn to_vector(q: Quat) -> Vec3 {
     let q = if q.w < 0.0 { -q } else { q };
     let (v, s) = (q.xyz(), q.xyz().length());
@@ -22,7 +22,7 @@ pub fn to_vector(q: Quat) -> Vec3 {
     if q.w == 0.0 { positive_first(vector) } else { vector }
 }
 
-/// The canonical form of a vector of any length (files often hold vectors longer than PI).
+/// The canonical form of a rotation vector of any length.
 pub fn canonical(v: Vec3) -> Vec3 {
     let angle = v.length();
     if angle < PI {
@@ -35,7 +35,7 @@ pub fn canonical(v: Vec3) -> Vec3 {
     v * ((angle - turns * 2.0 * PI) / angle)
 }
 
-/// The other vector of the same rotation, `v - 2 PI v/|v|`; `None` at 0, where any axis would do.
+/// The other vector of the same rotation, `v - 2 PI v/|v|`; `None` at 0, where the axis is arbitrary.
 pub fn twin(v: Vec3) -> Option<Vec3> {
     let angle = v.length();
     (angle > 1e-9).then(|| v * ((angle - 2.0 * PI) / angle))

@@ -1,8 +1,8 @@
-//! Rotations and their forms. Every conversion of the project lives here, once.
+//! Rotations and conversions between their representations.
 //!
-//! The working form is the unit quaternion in f64 ([`Quat`], glam's; its fields are named, so that (w, x, y, z) and
-//! (x, y, z, w) can't be mixed up). Around it: rotation vectors ([`exp_map`]), Euler angles in all twelve orders
-//! ([`euler`]), two columns of the matrix ([`six_d`]), and the matrix itself ([`Mat3`]).
+//! Code works with unit quaternions in f64 ([`Quat`]; its named fields rule out a confusion of (w, x, y, z) with
+//! (x, y, z, w)). Other representations are rotation vectors ([`exp_map`]), Euler angles in all twelve orders ([`euler`]),
+//! two columns of the matrix ([`six_d`]), and the matrix ([`Mat3`]).
 
 pub mod euler;
 pub mod exp_map;
@@ -11,21 +11,29 @@ pub mod six_d;
 pub use euler::{Axis, EulerOrder};
 pub use glam::{DMat3 as Mat3, DQuat as Quat, DVec3 as Vec3};
 
-/// Angle between two rotations, radians in `0..=PI`. `q` and `-q` are equal.
+/// Geodesic distance of two rotations, radians in `0..=PI`. `q` and `-q` are equal.
 ///
-/// `2 atan2(|q.xyz|, |q.w|)` of `q = conj(a) b`: exact at every size, where an arc cosine is blind below 0.03 degrees.
-/// Source: Huynh, "Metrics for 3D Rotations" (2009).
+/// `2 atan2(|q.xyz|, |q.w|)` of `q = conj(a) b`, which is exact at every size; an arc cosine loses angles below 0.03
+/// degrees. Source: Huynh, "Metrics for 3D Rotations" (2009).
+///
+/// ```
+/// use kinelm_motion::Quat;
+/// use kinelm_motion::rotation::angle_between;
+///
+/// let quarter = Quat::from_rotation_y(std::f64::consts::FRAC_PI_2);
+/// assert!((angle_between(Quat::IDENTITY, -quarter) - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+/// ```
 pub fn angle_between(a: Quat, b: Quat) -> f64 {
     let d = a.conjugate() * b;
     2.0 * d.xyz().length().atan2(d.w.abs())
 }
 
-/// The sign of `q` that lies on the same side as `reference`.
+/// `q` or `-q`, whichever is nearer to `reference`.
 pub fn nearest_sign(q: Quat, reference: Quat) -> Quat {
     if q.dot(reference) < 0.0 { -q } else { q }
 }
 
-/// Shortest-arc interpolation, `t` in `0..=1`; at the ends exactly `a` and `b` (up to sign).
+/// Spherical linear interpolation along the shorter arc, `t` in `0..=1`; exactly `a` and `b` (up to sign) at the ends.
 ///
 /// Source: Shoemake, "Animating rotation with quaternion curves" (1985).
 pub fn slerp(a: Quat, b: Quat, t: f64) -> Quat {
@@ -47,8 +55,8 @@ pub fn slerp(a: Quat, b: Quat, t: f64) -> Quat {
 
 /// The smallest rotation that takes direction `from` to direction `to`.
 ///
-/// Neither need be unit. For opposite directions any axis across them would do; the one nearest to the y axis is taken,
-/// so that the answer is always the same. Identity if either is zero.
+/// The vectors need not be unit. For opposite directions the axis is the perpendicular nearest to the y axis, so that the
+/// result is deterministic. Identity if either is zero.
 pub fn swing(from: Vec3, to: Vec3) -> Quat {
     let (Some(from), Some(to)) = (from.try_normalize(), to.try_normalize()) else { return Quat::IDENTITY };
     let w = 1.0 + from.dot(to);
@@ -61,8 +69,8 @@ pub fn swing(from: Vec3, to: Vec3) -> Quat {
     Quat::from_xyzw(c.x, c.y, c.z, w).normalize()
 }
 
-/// Heading of a rotation: the angle about +y, radians in `-PI..=PI`, of its local +z laid on the ground;
-/// `None` where that points straight up or down.
+/// Heading of a rotation: the angle about +y of its local +z projected onto the ground, radians in `-PI..=PI`; `None` if
+/// that points straight up or down.
 pub fn heading(q: Quat) -> Option<f64> {
     let z = q * Vec3::Z;
     (z.x.hypot(z.z) > 1e-6).then(|| z.x.atan2(z.z))
@@ -73,7 +81,7 @@ pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Any unit quaternion, uniform over rotations.
+    /// Unit quaternions, uniform over rotations.
     pub fn any_quat() -> impl Strategy<Value = Quat> {
         prop::array::uniform4(-1.0..1.0f64)
             .prop_filter("too short", |v| v.iter().map(|x| x * x).sum::<f64>() > 1e-4)

@@ -1,18 +1,18 @@
-//! The six-number form: the first two columns of the matrix.
+//! The 6D representation: the first two columns of the rotation matrix.
 //!
 //! Source: Zhou et al., "On the Continuity of Rotation Representations in Neural Networks" (2019).
 
 use super::{Mat3, Quat, Vec3};
 
-/// First and second column of the rotation matrix.
+/// The first and second column of the rotation matrix.
 pub fn to_six_d(q: Quat) -> [f64; 6] {
     let m = Mat3::from_quat(q);
     [m.x_axis.x, m.x_axis.y, m.x_axis.z, m.y_axis.x, m.y_axis.y, m.y_axis.z]
 }
 
-/// The rotation nearest in Gram-Schmidt's sense: the first column keeps its direction, the second is made normal to it.
+/// The rotation by Gram-Schmidt: the first column keeps its direction, the second is made orthogonal to it.
 ///
-/// `None` if the first is zero or the two are parallel: then no rotation is meant.
+/// `None` if a column is zero or the two are parallel.
 pub fn from_six_d(v: [f64; 6]) -> Option<Quat> {
     let x = Vec3::new(v[0], v[1], v[2]).try_normalize()?;
     let y = Vec3::new(v[3], v[4], v[5]);

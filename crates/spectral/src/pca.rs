@@ -1,11 +1,8 @@
 //! A basis of series, fitted to a database.
 
 use crate::{Error, Result};
-use kinelm_linalg::symmetric_eigen;
+use kinelm_linalg::principal_components;
 use serde::{Deserialize, Serialize};
-
-/// Two sizes nearer than this share of the larger count as equal when signs are chosen.
-const SAME: f64 = 1e-6;
 
 /// The principal components of all channels of all windows: series of N numbers, orthonormal, by falling variance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -117,7 +114,7 @@ impl PcaFit {
     /// laid under each other.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] when there are no series, or more components than numbers of a series, or numbers out of all range.
+    /// [`kinelm_store::Error::Call`] when there are no series, or more components than numbers of a series, or numbers out of range.
     pub fn finish(&self, keep: usize) -> Result<PcaBasis> {
         let (n, count) = (self.length, self.count as f64);
         if self.count == 0 || keep > n {
@@ -130,23 +127,12 @@ impl PcaFit {
                 covariance[i * n + j] = self.products[i * n + j] / count - mean[i] * mean[j];
             }
         }
-        let (values, mut vectors) = symmetric_eigen(n, &covariance).ok_or_else(|| {
-            Error::call("the covariance of the windows is out of all range; are the rotations right?")
+        let (variances, mut components) = principal_components(n, &covariance).ok_or_else(|| {
+            Error::invalid("the covariance of the windows", "out of range", "rotations in radians: are they right?")
         })?;
-        let variances: Vec<f64> = values.into_iter().map(|v| v.max(0.0)).collect();
-        vectors.truncate(keep * n);
-        vectors.chunks_exact_mut(n).for_each(largest_positive);
+        components.truncate(keep * n);
         let total_variance = variances.iter().sum();
-        Ok(PcaBasis { mean, components: vectors, variances: variances[..keep].to_vec(), total_variance })
-    }
-}
-
-/// Turns a direction so that its largest number is positive.
-fn largest_positive(direction: &mut [f64]) {
-    let size = direction.iter().fold(0.0f64, |a, x| a.max(x.abs()));
-    let first = direction.iter().find(|x| x.abs() >= size * (1.0 - SAME));
-    if first.is_some_and(|&x| x < 0.0) {
-        direction.iter_mut().for_each(|x| *x = -*x);
+        Ok(PcaBasis { mean, components, variances: variances[..keep].to_vec(), total_variance })
     }
 }
 
@@ -199,6 +185,6 @@ mod tests {
         let mut fit = PcaFit::new(8);
         fit.add(&[1e300; 8]);
         assert!(fit.finish(9).is_err());
-        assert!(fit.finish(4).unwrap_err().to_string().contains("out of all range"));
+        assert!(fit.finish(4).unwrap_err().to_string().contains("out of range"));
     }
 }

@@ -1,16 +1,24 @@
-//! The two things that fitting a tokenizer asks of a matrix library.
+//! Eigenvectors, principal components and products of small matrices.
 //!
-//! A crate of its own because faer is generic: here its code is compiled once (half a minute), not with every change of
-//! the tokenizer. Matrices are slices, row by row. All runs on one thread: the same input gives the same bytes.
+//! A crate of its own because faer is generic: its code is compiled here once (half a minute), not with every change of the
+//! crates that use it. Matrices are slices, row by row. Everything runs on one thread: the same input gives the same bytes.
 #![forbid(unsafe_code)]
+
+mod pca;
+
+pub use pca::{Pca, largest_positive, mean, principal_components};
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par, Side};
 
 /// Eigenvalues of a symmetric matrix (n, n), falling, and its unit eigenvectors as the rows of (n, n).
 ///
-/// Only the lower triangle is read. The sign of a vector is any. `None` when numbers are not finite or so large that none
-/// are found.
+/// Only the lower triangle is read. The sign of a vector is arbitrary. `None` when numbers are not finite or too large.
+///
+/// ```
+/// let (values, vectors) = kinelm_linalg::symmetric_eigen(2, &[2.0, 0.0, 0.0, 5.0]).unwrap();
+/// assert_eq!((values, vectors[1].abs()), (vec![5.0, 2.0], 1.0));
+/// ```
 ///
 /// # Panics
 /// When `matrix` isn't n x n.

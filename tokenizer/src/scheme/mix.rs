@@ -96,7 +96,7 @@ impl Mix {
         let k = transform.components(channels);
         let scaled: Vec<f64> = data.iter().enumerate().map(|(i, x)| x * scale[i % channels]).collect();
         let (mean, forward, inverse) = match transform {
-            JointTransform::None {} => (pca::mean(&scaled, channels), vec![], vec![]),
+            JointTransform::None {} => (kinelm_linalg::mean(&scaled, channels), vec![], vec![]),
             JointTransform::Pca { .. } => {
                 let p = pca::fit(&scaled, channels)?;
                 let forward = p.components[..k * channels].to_vec();

@@ -1,8 +1,8 @@
 //! Independent components: directions along which the data are least alike a bell curve.
 
-use super::pca::{self, Pca, eigen, largest_positive};
+use super::pca::{self, eigen};
 use crate::Result;
-use kinelm_linalg::product;
+use kinelm_linalg::{Pca, largest_positive, product};
 
 /// Sources that are as independent as a linear map can make them, of variance 1.
 #[derive(Debug, Clone, PartialEq)]

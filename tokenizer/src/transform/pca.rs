@@ -1,82 +1,23 @@
-//! Principal components: the directions over the channels in which the data vary most.
+//! Principal components of training motion.
 
 use crate::{Error, Result};
-use kinelm_linalg::symmetric_eigen;
+use kinelm_linalg::{Pca, symmetric_eigen};
 
-/// A mean and an orthonormal basis, ordered by the variance along it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Pca {
-    /// Mean of each channel, (C).
-    pub mean: Vec<f64>,
-    /// All C directions, (C, C): one a row, by falling variance. Of a row the largest number is positive (of those within
-    /// a millionth of the largest size, the first).
-    pub components: Vec<f64>,
-    /// Variance along each direction, (C), divided by the number of rows.
-    pub variances: Vec<f64>,
-}
-
-/// Two sizes nearer than this share of the larger count as equal when signs are chosen.
-const SAME: f64 = 1e-6;
-
-/// The principal components of `data` (N, C): `channels` is C.
-///
-/// From the eigenvectors of the covariance, which is summed row by row: the same bytes on any number of threads. Directions
-/// in which nothing varies (constant channels, fewer rows than channels) complete the basis, with variance 0. Of no rows
-/// the mean is 0 and the basis the axes.
+/// [`Pca::fit`] with this crate's error.
 ///
 /// # Errors
-/// [`Error::Nothing`] when numbers are so large that no eigenvectors are found.
-///
-/// # Panics
-/// When `data` isn't whole rows.
+/// [`Error::Nothing`] when numbers are not finite or too large.
 pub fn fit(data: &[f64], channels: usize) -> Result<Pca> {
-    assert_eq!(data.len() % channels.max(1), 0, "rows of {channels} channels");
-    let mean = mean(data, channels);
-    let (values, vectors) = eigen(channels, &covariance(data, &mean))?;
-    let mut components = vectors;
-    components.chunks_exact_mut(channels.max(1)).for_each(largest_positive);
-    Ok(Pca { mean, components, variances: values.into_iter().map(|x| x.max(0.0)).collect() })
+    Pca::fit(data, channels).ok_or_else(out_of_range)
 }
 
-pub(crate) fn mean(data: &[f64], channels: usize) -> Vec<f64> {
-    let mut sum = vec![0.0; channels];
-    for row in data.chunks_exact(channels.max(1)) {
-        sum.iter_mut().zip(row).for_each(|(s, x)| *s += x);
-    }
-    let n = (data.len() / channels.max(1)).max(1) as f64;
-    sum.iter().map(|s| s / n).collect()
-}
-
-/// Of the rows' differences from `mean`, divided by the number of rows: the lower triangle of (C, C).
-fn covariance(data: &[f64], mean: &[f64]) -> Vec<f64> {
-    let c = mean.len();
-    let (mut sum, mut off) = (vec![0.0; c * c], vec![0.0; c]);
-    for row in data.chunks_exact(c.max(1)) {
-        off.iter_mut().zip(row.iter().zip(mean)).for_each(|(o, (x, m))| *o = x - m);
-        for i in 0..c {
-            let scale = off[i];
-            sum[i * c..i * c + i + 1].iter_mut().zip(&off).for_each(|(s, x)| *s += scale * x);
-        }
-    }
-    let n = (data.len() / c.max(1)).max(1) as f64;
-    sum.iter_mut().for_each(|s| *s /= n);
-    sum
-}
-
-/// [`symmetric_eigen`] with our error.
+/// [`symmetric_eigen`] with this crate's error.
 pub(super) fn eigen(n: usize, matrix: &[f64]) -> Result<(Vec<f64>, Vec<f64>)> {
-    symmetric_eigen(n, matrix).ok_or_else(|| {
-        Error::Nothing("the covariance of the training motion is out of all range; are the units right?".into())
-    })
+    symmetric_eigen(n, matrix).ok_or_else(out_of_range)
 }
 
-/// Turns a direction so that its largest number is positive.
-pub(super) fn largest_positive(direction: &mut [f64]) {
-    let size = direction.iter().fold(0.0f64, |a, x| a.max(x.abs()));
-    let first = direction.iter().find(|x| x.abs() >= size * (1.0 - SAME));
-    if first.is_some_and(|&x| x < 0.0) {
-        direction.iter_mut().for_each(|x| *x = -*x);
-    }
+fn out_of_range() -> Error {
+    Error::Nothing("the covariance of the training motion is out of range; are the units right?".into())
 }
 
 #[cfg(test)]
@@ -187,17 +128,5 @@ pub(crate) mod tests {
         assert!(p.variances[3] > 1e-3 && p.variances[4..].iter().all(|&v| v < 1e-12), "{:?}", p.variances);
         assert!(fit(&[], 0).unwrap().components.is_empty());
         assert!(fit(&[1e200, -1e200, 1.0, 0.0, 1e199, 5.0], 2).unwrap_err().to_string().contains("units"));
-    }
-
-    #[test]
-    fn the_largest_number_is_positive() {
-        let signed = |mut v: [f64; 3]| {
-            largest_positive(&mut v);
-            v
-        };
-        assert_eq!(signed([0.1, -0.9, 0.3]), [-0.1, 0.9, -0.3]);
-        assert_eq!(signed([0.1, 0.9, -0.3]), [0.1, 0.9, -0.3]);
-        assert_eq!(signed([-0.5, 0.500_000_001, 0.0]), [0.5, -0.500_000_001, -0.0]);
-        assert_eq!(signed([0.0; 3]), [0.0; 3]);
     }
 }

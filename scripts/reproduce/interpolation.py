@@ -88,14 +88,14 @@ for name, how in SETS.items():
             figures = json.loads(kept.read_text())
             found[way].append(figures)
             lines.append({"schema": 1, "set": name, "a": a["clip"], "b": b["clip"], "row": way} |
-                         {k: figures[k] for k in ("stft", "own", "jitter", "jitter_ratio", "lies_between", "is_calm")})
+                         {k: figures[k] for k in ("stft", "own", "jitter", "jitter_ratio", "is_between", "is_smooth")})
     table = [f"### {name}, {PAIRS} pairs", "", "| | A-B | A-C | C-B | jitter of C over the larger of A's and B's | between | calm |",
              "|---|---|---|---|---|---|---|"]
     for way, all in found.items():
         of = lambda key: spread([f["stft"][key] for f in all])
         yes = lambda key: f"{sum(f[key] for f in all)}/{len(all)}"
         ratio = spread([f["jitter_ratio"] for f in all], 2)
-        table.append(f"| {way} | {of('a_b')} | {of('a_c')} | {of('c_b')} | {ratio} | {yes('lies_between')} | {yes('is_calm')} |")
+        table.append(f"| {way} | {of('a_b')} | {of('a_c')} | {of('c_b')} | {ratio} | {yes('is_between')} | {yes('is_smooth')} |")
     table += ["", "| pair | A-B | DCT 16: A-C | C-B | PCA 16: A-C | C-B | STFT: A-C | C-B |", "|---|---|---|---|---|---|---|---|"]
     for i, (a, b) in enumerate(pairs(name)):
         ways = [found[way][i]["stft"] for way in ("DCT 16 (to 3.5 Hz)", "PCA 16", "STFT")]

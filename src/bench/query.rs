@@ -2,8 +2,8 @@
 
 use super::{How, Rates, Row, Unit, rounded, seconds};
 use crate::shell::Say;
-use crate::spectral::query::made_up::made_up;
-use crate::spectral::query::{Distance, Kind, Wanted};
+use crate::spectral::query::synthetic::synthetic;
+use crate::spectral::query::{Distance, FeatureKind, SearchOptions};
 use anyhow::Result;
 use serde_json::json;
 
@@ -29,18 +29,18 @@ enum TransformArg {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     let (kind, config) = match args.transform {
-        TransformArg::Dct => (Kind::dct(), "dct, 1152 numbers"),
-        TransformArg::Stft => (Kind::stft(), "stft, 9720 numbers"),
+        TransformArg::Dct => (FeatureKind::dct(), "dct, 1152 numbers"),
+        TransformArg::Stft => (FeatureKind::stft(), "stft, 9720 numbers"),
     };
     let count = args.windows as usize;
-    let database = made_up(&kind, count)?;
+    let database = synthetic(&kind, count)?;
     say.line(format_args!("{count} windows of {} numbers", database.numbers()));
     for distance in [Distance::Cosine, Distance::Euclid] {
         let (mut query, mut wrong) = (0, 0);
         let timed = seconds(2, args.how.repeats.unwrap_or(15), || {
             // a window somewhere, which is its own nearest neighbour
             query = (query + 7919) % count;
-            let wanted = Wanted { k: 10, distance, one_a_clip: false };
+            let wanted = SearchOptions { k: 10, distance, one_per_clip: false };
             let hits = database.nearest(&database.feature(query)?, wanted, &|_| true)?;
             wrong += usize::from(hits.len() != 10 || hits[0].window != query);
             Ok(())

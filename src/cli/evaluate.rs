@@ -8,15 +8,15 @@ mod prediction;
 
 use super::{Say, TrustArgs, WrongCall, print};
 use crate::corpus::{Corpus, Split};
-use crate::evaluate::codes::frames;
-use crate::evaluate::{CodeSplits, Extent, Floors, measure};
+use crate::evaluate::floors::codes::frames;
+use crate::evaluate::{ChannelFloors, CodeSplits, Extent, Floors};
 use anyhow::Result;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
     /// Bits a frame of static models, fitted on train and measured on test: what any model has to get below
-    Baselines(BaselinesArgs),
+    ChannelFloors(BaselinesArgs),
     /// Bits a frame of a trained model, with the static floors of the same tokens beside it
     Likelihood(likelihood::Args),
     /// Whether dances freeze, repeat themselves, answer to their prompts, copy, with real ones beside them
@@ -125,7 +125,7 @@ impl Fitted {
 
 pub fn run(command: Command, say: Say) -> Result<()> {
     match command {
-        Command::Baselines(args) => baselines(args),
+        Command::ChannelFloors(args) => baselines(args),
         Command::Likelihood(args) => likelihood::run(&args, say),
         Command::Dance(args) => dance::run(&args, say),
         Command::Gaps(args) => gaps::run(&args, say),
@@ -149,9 +149,11 @@ fn baselines(args: BaselinesArgs) -> Result<()> {
             }
             fitted.measure(&opened, args.split)?.map_err(|why| anyhow::anyhow!(why))?
         }
-        (_, Some(tokens)) => {
-            Floors::Channels(Box::new(measure(&CodeSplits::load_npz(tokens, args.bins as usize, extent)?)?))
-        }
+        (_, Some(tokens)) => Floors::Channels(Box::new(ChannelFloors::measure(&CodeSplits::load_npz(
+            tokens,
+            args.bins as usize,
+            extent,
+        )?)?)),
         _ => return Err(WrongCall("give --corpus or --tokens".into()).into()),
     };
     print(&if args.json { format!("{}\n", found.to_json()) } else { format!("{found}\n") })

@@ -2,7 +2,7 @@
 
 use super::many::InOut;
 use super::{ForceArgs, Odd, Say, print, read::ReadArgs};
-use crate::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth, filter};
+use crate::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth};
 use anyhow::Result;
 use kinelm_motion::Motion;
 use kinelm_motion::feet::{FixedParts, FootLock, lock};
@@ -31,7 +31,7 @@ pub struct Args {
     keep: Option<usize>,
     /// A Butterworth filter of this order instead, forth and back, as scipy's butter and filtfilt
     #[arg(long, value_name = "ORDER", requires = "cutoff", conflicts_with = "keep",
-        value_parser = super::read::within(1..=butterworth::MOST))]
+        value_parser = super::read::within(1..=butterworth::MAX_ORDER))]
     butterworth: Option<usize>,
     /// Hold the feet that stand, and the body on its floor; without --level, --cutoff or --keep nothing else changes
     #[arg(long)]
@@ -77,8 +77,8 @@ fn one(
     let floor_m = if args.feet { Some(resolve_floor(&mut motion, options)?) } else { None };
     odd.warn(&motion);
     let mut done = match how {
-        Some(how) => filter(&motion.clip, how)?,
-        None => Filtered { clip: motion.clip.clone(), kept: None, lost: Vec::new() },
+        Some(how) => how.apply(&motion.clip)?,
+        None => Filtered { clip: motion.clip.clone(), coefficients: None, too_fast: Vec::new() },
     };
     let mut locked = None;
     if let Some(floor_m) = floor_m {
@@ -88,9 +88,9 @@ fn one(
     }
     let before = jitter(&motion.clip);
     let total = done.clip.rotations().len();
-    if done.lost.len() as f64 > LOST_SHARE * total as f64 {
-        let (_, joint) = done.lost[0];
-        let (n, name) = (done.lost.len(), &motion.clip.skeleton().names()[joint]);
+    if done.too_fast.len() as f64 > LOST_SHARE * total as f64 {
+        let (_, joint) = done.too_fast[0];
+        let (n, name) = (done.too_fast.len(), &motion.clip.skeleton().names()[joint]);
         say.line(format_args!(
             "{}: {n} of {total} rotations (first: {name}) turn faster than the band; a higher --cutoff keeps them",
             path.display()
@@ -102,8 +102,8 @@ fn one(
     let clip = &filtered.clip;
     if args.json {
         let line = serde_json::json!({
-            "schema": 1, "clip": path, "out": out, "frames": clip.frames(), "fps": clip.fps(), "kept": done.kept,
-            "jitter": [before, after], "too_fast": done.lost.len(),
+            "schema": 1, "clip": path, "out": out, "frames": clip.frames(), "fps": clip.fps(), "kept": done.coefficients,
+            "jitter": [before, after], "too_fast": done.too_fast.len(),
             "feet": locked.map(|l| serde_json::json!({
                 "held": l.locked.len(), "out_of_reach": l.out_of_reach.len(), "moved_cm": l.moved_cm,
                 "settled_cm": l.settled_cm, "carried_cm": l.carried_cm,
@@ -111,7 +111,7 @@ fn one(
         });
         return print(&format!("{line}\n"));
     }
-    let kept = done.kept.map(|[k, n]| format!(", {k} of {n} coefficients")).unwrap_or_default();
+    let kept = done.coefficients.map(|[k, n]| format!(", {k} of {n} coefficients")).unwrap_or_default();
     let jerk = before.zip(after).map(|(a, b)| format!(", jitter {a:.0} to {b:.0} m/s^3")).unwrap_or_default();
     let (out, frames, fps) = (out.display(), clip.frames(), (clip.fps() * 1e3).round() / 1e3);
     say.line(format_args!("{out}: {frames} frames at {fps} fps{kept}{jerk}"));

@@ -2,7 +2,9 @@
 
 use super::view::stem;
 use super::{ForceArgs, Odd, Say, WrongCall, print, read::ReadArgs};
-use crate::spectral::interpolate::{Alignment, Blended, Descent, Kind, Settings, Way, align, blend};
+use crate::spectral::interpolate::{
+    Alignment, Descent, InterpolateOptions, Interpolated, Method, Spectrum, align, interpolate,
+};
 use crate::view::{Figure, page};
 use anyhow::Result;
 use kinelm_motion::Motion;
@@ -48,7 +50,7 @@ pub struct Args {
 struct WindowArgs {
     /// Frames that are blended
     #[arg(long, value_name = "FRAMES", default_value_t = 128,
-        value_parser = super::read::within(align::FEWEST..=align::MOST))]
+        value_parser = super::read::within(align::MIN_FRAMES..=align::MAX_FRAMES))]
     window: usize,
     /// As many frames as the shorter clip has, instead
     #[arg(long, conflicts_with = "window")]
@@ -107,8 +109,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let [a, b] = motions;
     super::progress::stage("blending the dances");
     let at_s = [args.what.at_a.seconds(a.clip.fps()), args.what.at_b.seconds(b.clip.fps())];
-    let done = blend(&a, &b, &args.settings(at_s))?;
-    done.said.iter().for_each(|line| say.line(line));
+    let done = interpolate(&a, &b, &args.settings(at_s))?;
+    done.notes.iter().for_each(|line| say.line(line));
     let between = Motion { path: args.out.clone(), clip: done.clips[2].clone(), ..a };
     let between = super::written_as(&args.out, between, args.read.map.as_deref())?;
     outputs.write(&args.out, &format::to_bytes(&args.out, &between)?)?;
@@ -117,7 +119,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     let report = &done.report;
     say.line(format_args!("{}: {} frames at {} fps", args.out.display(), report.frames, report.fps));
-    if !report.is_calm && matches!(args.transform, KindArg::Dct) && args.keep != Some(report.frames) {
+    if !report.is_smooth && matches!(args.transform, KindArg::Dct) && args.keep != Some(report.frames) {
         let n = report.frames;
         say.line(format_args!("it shakes more than either dance: --keep {n} moves A's fast movements too"));
     }
@@ -130,7 +132,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         line[key] = path.display().to_string().into();
     }
     line["at_s"] = serde_json::json!(at_s);
-    line["said"] = done.said.clone().into();
+    line["notes"] = done.notes.clone().into();
     print(&format!("{line}\n"))
 }
 
@@ -152,10 +154,10 @@ fn check(args: &Args) -> Result<()> {
 }
 
 impl Args {
-    fn settings(&self, at_s: [f64; 2]) -> Settings {
+    fn settings(&self, at_s: [f64; 2]) -> InterpolateOptions {
         let WindowArgs { window, whole, fps, keep_heading, .. } = self.what;
         let HowArgs { strength, amount, plain, rate, steps } = self.how;
-        Settings {
+        InterpolateOptions {
             alignment: Alignment {
                 frames: (!whole).then_some(window),
                 fps,
@@ -163,23 +165,23 @@ impl Args {
                 keep_heading,
                 map: self.read.map.clone(),
             },
-            kind: match self.transform {
-                KindArg::Dct => Kind::Dct,
-                KindArg::Pca => Kind::Pca,
-                KindArg::Stft => Kind::Stft,
+            spectrum: match self.transform {
+                KindArg::Dct => Spectrum::Dct,
+                KindArg::Pca => Spectrum::Pca,
+                KindArg::Stft => Spectrum::Stft,
             },
             keep: self.keep,
-            how: match (amount, plain) {
-                (Some(amount), _) => Way::Closed { amount },
-                (None, true) => Way::Plain { strength, rate, steps },
-                (None, false) => Way::Adam { strength, rate, steps },
+            method: match (amount, plain) {
+                (Some(amount), _) => Method::Closed { amount },
+                (None, true) => Method::Plain(Descent { strength, rate, steps }),
+                (None, false) => Method::Adam(Descent { strength, rate, steps }),
             },
         }
     }
 }
 
 /// A, the dance between, B: from left to right.
-fn figures<'a>(args: &Args, at_s: [f64; 2], done: &'a Blended) -> [Figure<'a>; 3] {
+fn figures<'a>(args: &Args, at_s: [f64; 2], done: &'a Interpolated) -> [Figure<'a>; 3] {
     let at = |s: f64| format!("from {s} s on");
     let [a, b, c] = &done.clips;
     [

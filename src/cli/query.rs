@@ -5,7 +5,7 @@ mod evaluate;
 mod find;
 
 use super::{Say, WrongCall};
-use crate::spectral::query::{Distance, Exclude, Kind, model};
+use crate::spectral::query::{Distance, Exclude, FeatureKind};
 use crate::spectral::{LowDct, PcaBasis};
 use anyhow::Result;
 use kinelm_motion::joints;
@@ -45,7 +45,7 @@ enum TransformArg {
 
 impl TransformArg {
     /// With its settings; of the model the run's.
-    fn kind(self, no_dc: bool, keep: Option<usize>, run: Option<&Path>) -> Result<Kind> {
+    fn kind(self, no_dc: bool, keep: Option<usize>, run: Option<&Path>) -> Result<FeatureKind> {
         if no_dc && self != TransformArg::Stft {
             return Err(WrongCall("--no-dc: only an STFT has a bin at 0 Hz".into()).into());
         }
@@ -53,10 +53,10 @@ impl TransformArg {
             return Err(WrongCall("--keep: only DCT and PCA keep some of their numbers".into()).into());
         }
         match (self, run) {
-            (TransformArg::Stft, _) => Ok(Kind::Stft { no_dc }),
-            (TransformArg::Dct, _) => Ok(Kind::Dct { keep: keep.unwrap_or(LowDct::KEEP) }),
-            (TransformArg::Pca, _) => Ok(Kind::Pca { keep: keep.unwrap_or(PcaBasis::KEEP) }),
-            (TransformArg::Model, Some(run)) => Ok(model::kind_of(run)?),
+            (TransformArg::Stft, _) => Ok(FeatureKind::Stft { no_dc }),
+            (TransformArg::Dct, _) => Ok(FeatureKind::Dct { keep: keep.unwrap_or(LowDct::KEEP) }),
+            (TransformArg::Pca, _) => Ok(FeatureKind::Pca { keep: keep.unwrap_or(PcaBasis::KEEP) }),
+            (TransformArg::Model, Some(run)) => Ok(FeatureKind::of_run(run)?),
             (TransformArg::Model, None) => Err(WrongCall("--transform model needs --run RUN".into()).into()),
         }
     }

@@ -3,7 +3,7 @@
 use super::Say;
 use crate::corpus::sidecar;
 use crate::corpus::store::reading_in;
-use crate::spectral::windows::{LEAST_FRAMES, MOST_FRAMES};
+use crate::spectral::windows::{MAX_FRAMES, MIN_FRAMES};
 use kinelm_motion::format::{BvhPosition, ReadOptions, RestFrame, Unit, Up};
 use kinelm_motion::moment::{EXPECTED, Moment};
 use kinelm_motion::resample::MOST_FPS;
@@ -203,7 +203,7 @@ pub fn within(range: RangeInclusive<usize>) -> impl Fn(&str) -> Result<usize, St
 
 /// The frames of a query's window.
 pub fn window(text: &str) -> Result<usize, String> {
-    within(LEAST_FRAMES..=MOST_FRAMES)(text)
+    within(MIN_FRAMES..=MAX_FRAMES)(text)
 }
 
 /// A time from the beginning on, of what has no model: a number alone is seconds.

@@ -1,7 +1,7 @@
 //! `kinelm spectrum`.
 
 use super::{ForceArgs, Say, read::ReadArgs};
-use crate::spectral::picture::{Wanted, charts};
+use crate::spectral::picture::{SpectrumOptions, charts};
 use anyhow::Result;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::joints;
@@ -50,8 +50,8 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     };
     let own = motion.clip.fps();
     let (from_s, seconds) = (args.at.seconds(own), args.seconds.map(|length| length.seconds(own)));
-    let wanted = Wanted { joint, from_s, seconds, fps: args.fps, no_dc: args.no_dc };
-    let charts = charts(&motion.clip, &wanted).map_err(|e| anyhow::anyhow!("{}: {e}", args.clip.display()))?;
+    let options = SpectrumOptions { joint, from_s, seconds, fps: args.fps, no_dc: args.no_dc };
+    let charts = charts(&motion.clip, &options).map_err(|e| anyhow::anyhow!("{}: {e}", args.clip.display()))?;
     super::draw_charts(&args.out, &charts, &outputs)?;
     say.line(format_args!(
         "{}: the spectra of {} in {}",

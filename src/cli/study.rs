@@ -52,11 +52,11 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let inputs = args.data.files(&gathered).chain(args.schemes.clone()).chain(args.read.files());
     let outputs = ForceArgs { force: args.force }.outputs(inputs);
     let report = study(&gathered, &options, (&args.out, &outputs), &mut watch(say))?;
-    for line in report.said() {
+    for line in report.notes() {
         say.line(line);
     }
-    for sheet in study::sheet::sheets(&report) {
-        print(&format!("{}\n", sheet.terminal()))?;
+    for table in study::tables::tables(&report) {
+        print(&format!("{}\n", table.terminal()))?;
     }
     say.line(format_args!("{}: study.md, study.json, bins.png, rate.png, page.html", args.out.display()));
     Ok(())
@@ -72,8 +72,8 @@ fn watch(say: Say) -> impl FnMut(Event<'_>) {
             None => say.line(text),
         };
         match event {
-            Event::LeftOut(item, error) => say.left_out(format_args!("{}: left out: {error}", item.name)),
-            Event::Said(text) => line(text.into()),
+            Event::Skipped(item, error) => say.left_out(format_args!("{}: left out: {error}", item.name)),
+            Event::Note(text) => line(text.into()),
             Event::Row(row) => name = row.to_string(),
             Event::Step { done, of } => {
                 let bar = shown.get_or_insert_with(|| progress::bar(of, "clips", say));

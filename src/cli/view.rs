@@ -8,7 +8,7 @@ use super::{
     view_files::{Named, Shown, named, shown},
 };
 use crate::baselines::music_lstm;
-use crate::evaluate::dance::beats::Pair;
+use crate::evaluate::dance::beats::BeatPair;
 use crate::generate::provenance;
 use crate::generate::request::Span;
 use crate::view::{Figure, music, page_with};
@@ -184,7 +184,7 @@ fn told(clips: &[Named], say: Say) -> Option<(PathBuf, f64)> {
 fn hits(motion: &Motion, map: Option<&str>, music: &music::Music, lag: Option<f64>, say: Say) -> Option<BeatHits> {
     let found = || -> crate::Result<BeatHits> {
         let beats: Vec<f64> = music.beats_s.iter().map(|beat| beat - music.from_s).collect();
-        Ok(Pair::new(&retarget::to_smpl(motion, map)?, &BODY.collect::<Vec<_>>(), &beats)?.hits(lag))
+        Ok(BeatPair::new(&retarget::to_smpl(motion, map)?, &BODY.collect::<Vec<_>>(), &beats)?.hits(lag))
     };
     let why = |e| say.line(format_args!("{}: no beat is lit as hit: {e}", motion.path.display()));
     found().map_err(why).ok().filter(|_| !music.beats_s.is_empty())

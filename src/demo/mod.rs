@@ -4,7 +4,7 @@ mod music;
 
 use crate::corpus::build::{self, BuildOptions};
 use crate::corpus::{Corpus, Split, gather};
-use crate::evaluate::{Baselines, CodeSplits, Extent, measure};
+use crate::evaluate::{ChannelFloors, CodeSplits, Extent};
 use crate::generate::open::OpenRequest;
 use crate::generate::place::Led;
 use crate::generate::prompt::{self, Prompt};
@@ -106,7 +106,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let tests: Vec<_> = corpus.split(Split::Test).collect();
     let model = likelihood(&mut *run.scores(args.compute.get())?, &corpus, &tests, 0, &run.load_conditions()?)?
         .context("the demo's corpus has no test frame")?;
-    let floors = measure(&CodeSplits::of_corpora(&corpus, (&corpus, Split::Test), Extent::Sample)?)?;
+    let floors = ChannelFloors::measure(&CodeSplits::of_corpora(&corpus, (&corpus, Split::Test), Extent::Sample)?)?;
     let report = report(&args, model.bits_per_frame, &floors, started.elapsed().as_secs_f64());
     write_whole(&at("report.md"), report.as_bytes())?;
     crate::shell::print(&report)?;
@@ -261,7 +261,7 @@ fn page(
     Ok(())
 }
 
-fn report(args: &Args, model: f64, floors: &Baselines, seconds: f64) -> String {
+fn report(args: &Args, model: f64, floors: &ChannelFloors, seconds: f64) -> String {
     let order0 = floors.bits_per_frame[0];
     format!(
         "{MARK}, seed {}\n\n\

@@ -4,7 +4,7 @@
 use super::{Args, MARK, tokenize, train, write_dances};
 use crate::corpus::music::dance::music;
 use crate::corpus::{Corpus, Split};
-use crate::evaluate::dance::beats::{Figures, Kept, Pair, doubted, of_corpus};
+use crate::evaluate::dance::beats::{BeatMetrics, BeatPair, BeatScores, controls, of_corpus};
 use crate::generate::music::GUIDANCE;
 use crate::generate::open::OpenRequest;
 use crate::generate::request::{Draws, LeadInKind, Length, MusicRequest, Request};
@@ -135,24 +135,24 @@ fn table(
     pieces: &[Piece],
     joints: &[usize],
     lag: f64,
-) -> Result<Vec<Kept>> {
-    let pairs = |clips: Vec<&Clip>| -> Result<Vec<Pair>> {
-        let pair = |(clip, piece): (&Clip, &Piece)| Pair::new(clip, joints, &piece.beats_s);
+) -> Result<Vec<BeatMetrics>> {
+    let pairs = |clips: Vec<&Clip>| -> Result<Vec<BeatPair>> {
+        let pair = |(clip, piece): (&Clip, &Piece)| BeatPair::new(clip, joints, &piece.beats_s);
         Ok(clips.into_iter().zip(pieces).map(pair).collect::<crate::Result<_>>()?)
     };
     let [real, made, free] =
         [tests.iter().map(|dance| &dance.clip).collect(), made.iter().collect(), free.iter().collect()];
     let made = pairs(made)?;
-    let mut rows: Vec<Kept> = Kept::of("the real test dances", &pairs(real)?, lag).into_iter().collect();
-    rows.extend(Kept::of("the model's, told the music", &made, lag));
-    rows.extend(doubted("the same", &made, lag));
-    rows.extend(Kept::of("the model's, told no music", &pairs(free)?, lag));
+    let mut rows: Vec<BeatMetrics> = BeatMetrics::of("the real test dances", &pairs(real)?, lag).into_iter().collect();
+    rows.extend(BeatMetrics::of("the model's, told the music", &made, lag));
+    rows.extend(controls("the same", &made, lag));
+    rows.extend(BeatMetrics::of("the model's, told no music", &pairs(free)?, lag));
     Ok(rows)
 }
 
 /// The test dance of the same music beside the model's, with the beats that their legs hit.
 fn page(path: &Path, [real, made]: [&Clip; 2], piece: &Piece, (joints, lag): (&[usize], f64)) -> Result<()> {
-    let hits = |clip: &Clip| Ok::<_, crate::Error>(Pair::new(clip, joints, &piece.beats_s)?.hits(Some(lag)));
+    let hits = |clip: &Clip| Ok::<_, crate::Error>(BeatPair::new(clip, joints, &piece.beats_s)?.hits(Some(lag)));
     let figures = [
         Figure::new("test", real).note("a made-up dance to this music, never trained on").hits(Some(hits(real)?)),
         Figure::new("dance", made).note("the model's, told its beats").hits(Some(hits(made)?)),
@@ -162,7 +162,7 @@ fn page(path: &Path, [real, made]: [&Clip; 2], piece: &Piece, (joints, lag): (&[
     Ok(write_whole(path, page_with(&figures, Some(&music))?.as_bytes())?)
 }
 
-fn report(args: &Args, table: &[Kept], bits: [f64; 2], seconds: f64) -> String {
+fn report(args: &Args, table: &[BeatMetrics], bits: [f64; 2], seconds: f64) -> String {
     let mut out = format!(
         "{MARK}, seed {}\n\n{CLIPS} made-up dances of {SECONDS} s at {} tempi, with music; the model dances to music at {} \
          beats a minute, which it has never heard.\n\n\
@@ -171,14 +171,14 @@ fn report(args: &Args, table: &[Kept], bits: [f64; 2], seconds: f64) -> String {
         HEARD_BPM.len(),
         UNHEARD_BPM.map(|bpm| bpm.to_string()).join(", "),
     );
-    for Kept { name, dances, legs: Figures { found, shifted, z, .. }, in_tempo, .. } in table {
+    for BeatMetrics { name, dances, legs: BeatScores { scores, shifted, z, .. }, in_tempo, .. } in table {
         let z = z.map_or(["n/a".into(), "n/a".into()], |z| z.map(|z| format!("{z:.1}")));
         out += &format!(
             "| {name} | {dances} | {:.3} | {:.3} | {} | {:.3} | {:.3} | {} | {:.0} % |\n",
-            found[0],
+            scores[0],
             shifted[0],
             z[0],
-            found[1],
+            scores[1],
             shifted[1],
             z[1],
             100.0 * in_tempo

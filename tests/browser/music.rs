@@ -2,7 +2,7 @@
 //! dancer hits of the beats is lit, what it misses isn't.
 
 use super::browser;
-use kinelm::evaluate::dance::beats::Pair;
+use kinelm::evaluate::dance::beats::BeatPair;
 use kinelm::view::music::Music;
 use kinelm::view::{Figure, page_with};
 use kinelm_motion::metric::beat::BeatHits;
@@ -117,7 +117,7 @@ fn what_a_dancer_hits_is_lit_and_what_it_misses_is_not() {
     let from_s = 1.0;
     let beats_s: Vec<f64> = dances[0].beats_s.iter().map(|beat| beat + from_s).collect();
     let own_s: Vec<f64> = beats_s.iter().map(|beat| beat - from_s).collect();
-    let hits = dances.iter().map(|dance| Pair::new(&dance.clip, &body, &own_s).unwrap().hits(Some(0.17)));
+    let hits = dances.iter().map(|dance| BeatPair::new(&dance.clip, &body, &own_s).unwrap().hits(Some(0.17)));
     let hits: Vec<BeatHits> = hits.collect();
     let wav = wav::bytes(&[vec![0.0; 16_000], sound].concat(), 16_000);
     let early = [&[0.25, 0.75], &beats_s[..]].concat();

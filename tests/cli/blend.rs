@@ -192,7 +192,7 @@ fn a_dance_between_two() {
     let line: Value = serde_json::from_slice(&json.stdout).unwrap();
     assert_eq!((line["schema"].as_u64(), line["frames"].as_u64()), (Some(1), Some(144)), "{line}");
     assert!(line["transform"] == "pca 16" && line["stft"]["a_c"].as_f64() > line["stft"]["a_b"].as_f64());
-    assert!(line["said"].to_string().contains("cut to the other's 144 frames"), "{line}");
+    assert!(line["notes"].to_string().contains("cut to the other's 144 frames"), "{line}");
     kinelm("interpolate")
         .args([&a, &b])
         .args(["--amount", "1", "--out"])

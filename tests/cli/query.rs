@@ -86,7 +86,7 @@ fn an_index_a_question_and_a_page() {
             (&found["schema"], &found["transform"], &found["query"]["clip"]),
             (&1.into(), &of.into(), &"d2".into())
         );
-        let list = found["found"].as_array().unwrap();
+        let list = found["matches"].as_array().unwrap();
         assert_eq!(list.len(), 3);
         for (i, one) in list.iter().enumerate() {
             assert_eq!(one["rank"], i + 1);
@@ -107,7 +107,8 @@ fn an_index_a_question_and_a_page() {
 
     let page = data.at("page.html");
     let mut c = data.find("data/d0.bvh", "index");
-    c.args(["--at", "1", "--distance", "euclid", "--exclude", "none", "--one-a-clip", "-k", "2", "--page"]).arg(&page);
+    c.args(["--at", "1", "--distance", "euclid", "--exclude", "none", "--one-per-clip", "-k", "2", "--page"])
+        .arg(&page);
     let table = contains("euclid").and(contains("1.07 to 3.20")).and(contains("genre salsa"));
     c.assert().success().stdout(table).stderr(contains("d0 from 1.00 to 3.13 s among 12 windows by dct"));
     assert!(fs::read_to_string(page).unwrap().contains("asked: d0"));
@@ -133,7 +134,7 @@ fn finds_itself(clip: &Path, start: usize, read: &[&str]) {
     let mut find = kinelm();
     find.args(["query", "find"]).arg(&piece).args(["--index"]).arg(&index).args(["--fps-source", "60", "--at", "0"]);
     let found = json(find.args(["--exclude", "none", "--keep-rest", "--distance", "euclid", "-k", "2", "--json"]));
-    let [first, second] = [0, 1].map(|i| &found["found"][i]);
+    let [first, second] = [0, 1].map(|i| &found["matches"][i]);
     assert_eq!(first["start"], start, "{found}");
     let [near, next] = [first, second].map(|f| f["value"].as_f64().unwrap());
     assert!(near < 1e-3 && next > 0.1, "{found}");
@@ -177,7 +178,7 @@ fn a_models_own_embedding() {
     c.arg(data.at("index")).arg("--run").arg(&run).assert().success().stderr(contains("12 in all; model"));
     let mut c = data.find("data/d1.bvh", "index");
     let found = json(c.args(["-k", "1", "--exclude", "none", "--at", "0", "--json"]));
-    let first = &found["found"][0];
+    let first = &found["matches"][0];
     assert_eq!((&first["clip"], &first["start"]), (&"d1".into(), &0.into()));
     // the same window read alone or beside others
     assert!((first["value"].as_f64().unwrap() - 1.0).abs() < 1e-6, "{first}");

@@ -1,6 +1,6 @@
 //! Bits a frame in gaps behind which a frame is given: told to the model ([`kinelm_model::goal`]) and untold.
 
-use super::gaps::BEFORE;
+use super::gaps::CONTEXT_FRAMES;
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus, fill_sequence};
 use kinelm_model::Scores;
@@ -17,13 +17,13 @@ pub struct GapBits {
     /// Gaps.
     pub gaps: usize,
     /// Bits a frame, where the model is told nothing and where it is told the frame behind the gap.
-    pub untold: f64,
+    pub unconditioned: f64,
     /// See [`GapBits::untold`].
-    pub told: f64,
+    pub conditioned: f64,
     /// The same of the last quarter of the gaps' frames.
-    pub untold_at_the_end: f64,
-    /// See [`GapBits::untold_at_the_end`].
-    pub told_at_the_end: f64,
+    pub unconditioned_end: f64,
+    /// See [`GapBits::unconditioned_end`].
+    pub conditioned_end: f64,
 }
 
 /// Bits of gaps of so many `frames`, all characters free, spread over the clips without overlap; each behind 64 known
@@ -39,7 +39,7 @@ pub fn gap_bits(
     conditions: &Conditions,
 ) -> Result<Option<GapBits>> {
     let window = model.config().frames(model.tokens());
-    let before = BEFORE.min(window.saturating_sub(frames + 1));
+    let before = CONTEXT_FRAMES.min(window.saturating_sub(frames + 1));
     if frames == 0 || before == 0 {
         let most = window.saturating_sub(2);
         return Err(Error::call(format!(
@@ -52,9 +52,14 @@ pub fn gap_bits(
     let (mut gaps, mut sums) = (0, [0.0; 4]);
     for clip in clips {
         for start in (0..(clip.frames + 1).saturating_sub(shown)).step_by(before + frames) {
-            let [untold, told] = nats(model, (corpus, clip, start), (&gap, shown), &ahead, conditions)?;
+            let [unconditioned, conditioned] = nats(model, (corpus, clip, start), (&gap, shown), &ahead, conditions)?;
             let sum = |nats: &[f64], of: &Range<usize>| nats[of.clone()].iter().sum::<f64>();
-            let found = [sum(&untold, &gap), sum(&told, &gap), sum(&untold, &end), sum(&told, &end)];
+            let found = [
+                sum(&unconditioned, &gap),
+                sum(&conditioned, &gap),
+                sum(&unconditioned, &end),
+                sum(&conditioned, &end),
+            ];
             sums.iter_mut().zip(found).for_each(|(sum, x)| *sum += x);
             gaps += 1;
         }
@@ -63,10 +68,10 @@ pub fn gap_bits(
     Ok((gaps > 0).then(|| GapBits {
         frames,
         gaps,
-        untold: bits(0, &gap),
-        told: bits(1, &gap),
-        untold_at_the_end: bits(2, &end),
-        told_at_the_end: bits(3, &end),
+        unconditioned: bits(0, &gap),
+        conditioned: bits(1, &gap),
+        unconditioned_end: bits(2, &end),
+        conditioned_end: bits(3, &end),
     }))
 }
 
@@ -124,12 +129,14 @@ mod tests {
         let (plain, found) = (of(&mut gpt, 4).unwrap().unwrap(), of(&mut fast, 4).unwrap().unwrap());
         // 7 frames before, 4 free, one behind: at 0, 11, 22, 33 of the first clip, at 0 of the second
         assert_eq!((found.frames, found.gaps), (4, 5));
-        for (a, b) in
-            [(plain.untold, found.untold), (plain.told, found.told), (plain.told_at_the_end, found.told_at_the_end)]
-        {
+        for (a, b) in [
+            (plain.unconditioned, found.unconditioned),
+            (plain.conditioned, found.conditioned),
+            (plain.conditioned_end, found.conditioned_end),
+        ] {
             assert!((a / b - 1.0).abs() < 1e-4, "{a} {b}");
         }
-        assert!((found.told - found.untold).abs() > 0.1, "{found:?}");
+        assert!((found.conditioned - found.unconditioned).abs() > 0.1, "{found:?}");
         assert!(of(&mut fast, 11).unwrap_err().to_string().contains("expected 1 to 10 in windows of 12 frames"));
         let short: Vec<&ClipRecord> = Vec::new();
         assert_eq!(gap_bits(&mut fast, &corpus, &short, 4, &Conditions::none()).unwrap(), None);

@@ -1,10 +1,10 @@
 //! How well a model fills a gap: docs/measures.md, "Gaps".
 //!
 //! Gaps of so many frames are spread evenly over the clips of a split. What stands before a gap, up to 64 frames, and the
-//! frame behind it are given, as coded and decoded; the model draws the frames between several times, each is closed as
+//! frame behind it are given, as coded and decoded; the model samples the frames between several times, each is closed as
 //! `generate --given --free` closes it, and the joints at the gap's middle are held to where they were.
 
-use super::takes;
+use super::bootstrap;
 use crate::{Error, Result};
 use kinelm_corpus::{Conditions, Corpus, Split};
 use kinelm_generate::edit::close::{LeftOver, aligned, closed};
@@ -21,9 +21,9 @@ use serde::Serialize;
 use std::ops::Range;
 
 /// Frames before a gap that the model is given, at most.
-pub(super) const BEFORE: usize = 64;
+pub(super) const CONTEXT_FRAMES: usize = 64;
 /// Frames behind it that borders are measured with.
-const BEHIND: usize = 3;
+const FRAMES_AFTER: usize = 3;
 
 /// A piece of a clip with a gap in it.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,12 +41,12 @@ pub struct Gap {
 /// # Errors
 /// [`kinelm_store::Error::Call`] where no clip is long enough; what reading the corpus fails with.
 pub fn gaps(corpus: &Corpus, split: Split, (before, frames): (usize, usize), most: usize) -> Result<Vec<Gap>> {
-    let length = before + frames + BEHIND;
+    let length = before + frames + FRAMES_AFTER;
     let clips: Vec<_> = corpus.split(split).filter(|clip| clip.frames >= length).collect();
     let places: usize = clips.iter().map(|clip| clip.frames + 1 - length).sum();
     if places == 0 {
         let what =
-            format!("no {split} clip has {length} frames: {before} before a gap of {frames}, {BEHIND} behind it");
+            format!("no {split} clip has {length} frames: {before} before a gap of {frames}, {FRAMES_AFTER} behind it");
         return Err(Error::call(what));
     }
     let count = most.min(places);
@@ -68,7 +68,7 @@ pub fn gaps(corpus: &Corpus, split: Split, (before, frames): (usize, usize), mos
 
 /// One way through one gap.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct Apart {
+pub struct GapError {
     /// Mean distance of the coded joints in the middle frame, cm.
     pub global_cm: f64,
     /// The same with the pelvises in one place.
@@ -81,16 +81,16 @@ pub struct Apart {
 #[derive(Debug, Clone, Serialize)]
 pub struct Row {
     /// Its name.
-    pub way: String,
+    pub method: String,
     /// Mean over gaps.
-    pub mean: Apart,
+    pub mean: GapError,
     /// 95 % interval of `global_cm` over takes.
     pub interval: [f64; 2],
 }
 
 /// What was measured.
 #[derive(Debug, Clone, Serialize)]
-pub struct Measured {
+pub struct GapReport {
     /// Frames of a gap.
     pub frames: usize,
     /// Gaps.
@@ -98,22 +98,22 @@ pub struct Measured {
     /// Recordings that they are of.
     pub takes: usize,
     /// Draws of each.
-    pub draws: usize,
+    pub samples: usize,
     /// Ways: slerp and a straight path, the last frame held, one draw (the mean of all), the draw that ended nearest, the best.
     pub rows: Vec<Row>,
     /// Border jerk of the clips themselves, m/s³.
     pub real_jerk: f64,
-    /// Where draws stood before they were closed: median and 90th percentile, cm and degrees of heading.
+    /// Where samples stood before they were closed: median and 90th percentile, cm and degrees of heading.
     pub closing_cm: [f64; 2],
     /// See `closing_cm`.
     pub closing_degrees: [f64; 2],
-    /// The share of draws within 10 cm and 10 degrees, and of those that were kept.
+    /// The share of samples within 10 cm and 10 degrees, and of those that were nearest_end.
     pub within: [f64; 2],
 }
 
 /// A model that fills gaps.
 pub struct Filler<'a> {
-    /// Reads as many sequences as there are draws, times those of a dance.
+    /// Reads as many sequences as there are samples, times those of a dance.
     pub model: &'a mut dyn NextToken,
     /// Its tokenizer.
     pub tokenizer: &'a Tokenizer,
@@ -124,7 +124,7 @@ pub struct Filler<'a> {
     /// The seed; every gap has one of its own, made from it.
     pub seed: u64,
     /// Whether feet are held.
-    pub hold_feet: bool,
+    pub lock_feet: bool,
     /// How the model is told what lies behind a gap, and how far it is led there, as [`SamplingPlan::ahead`]; `None`: it isn't told.
     pub ahead: Option<(GoalEncoder, f64)>,
 }
@@ -138,7 +138,7 @@ pub fn frames_before(context: usize, front: usize, tokenizer: &Tokenizer, frames
         return Err(Error::call("gaps need a tokenizer whose words are frames: uniform or quantile bins"));
     };
     let room = (context + 1).saturating_sub(front) / word;
-    match room.saturating_sub(frames + 1).min(BEFORE) {
+    match room.saturating_sub(frames + 1).min(CONTEXT_FRAMES) {
         0 => Err(Error::call(format!("the model sees {room} frames; a gap of {frames} needs {} at least", frames + 2))),
         before => Ok(before),
     }
@@ -149,7 +149,7 @@ impl Filler<'_> {
     ///
     /// # Errors
     /// What drawing and decoding fail with.
-    pub fn measure(&mut self, gaps: &[Gap], progress: &mut dyn FnMut(usize)) -> Result<Measured> {
+    pub fn measure(&mut self, gaps: &[Gap], progress: &mut dyn FnMut(usize)) -> Result<GapReport> {
         let mut found = Vec::with_capacity(gaps.len());
         for (i, gap) in gaps.iter().enumerate() {
             found.push(self.fill(gap, i)?);
@@ -190,18 +190,18 @@ impl Filler<'_> {
             ..SamplingPlan::free(self.tokenizer.grammar(), words, self.draw, seed)
         };
         let drawn = dances(self.model, &plan, &mut |_| {})?;
-        let mut draws = Vec::with_capacity(drawn.ids.len());
+        let mut samples = Vec::with_capacity(drawn.ids.len());
         for (ids, foretold) in drawn.ids.into_iter().zip(drawn.foretold) {
             let mut ids = ids;
             foretold.into_iter().for_each(|(at, id)| ids[at] = id);
             let dance = lengthened(&decode(&ids)?, frames)?;
             let mut dance = aligned(&dance, &truth, &mask)?;
-            if self.hold_feet {
+            if self.lock_feet {
                 dance = feet::held(&dance, &truth, &mask, 0.0)?.0;
             }
             let (clip, left) = closed(&dance, &truth, &mask)?;
             let left = left.into_iter().next();
-            draws.push((error(&clip, &truth, gap, joints), left));
+            samples.push((error(&clip, &truth, gap, joints), left));
         }
         let straight = between(&truth, &gap.frames, true)?;
         let held = between(&truth, &gap.frames, false)?;
@@ -209,37 +209,37 @@ impl Filler<'_> {
             straight: error(&straight, &truth, gap, joints),
             held: error(&held, &truth, gap, joints),
             real_jerk: border_jerk(&truth.positions(), &truth, gap, joints),
-            draws,
+            samples,
         })
     }
 }
 
 /// One gap, filled.
 struct Filled {
-    straight: Apart,
-    held: Apart,
+    straight: GapError,
+    held: GapError,
     real_jerk: f64,
-    draws: Vec<(Apart, Option<LeftOver>)>,
+    samples: Vec<(GapError, Option<LeftOver>)>,
 }
 
 impl Filled {
-    fn one(&self) -> Apart {
-        mean(self.draws.iter().map(|(error, _)| *error))
+    fn one(&self) -> GapError {
+        mean(self.samples.iter().map(|(error, _)| *error))
     }
 
-    fn best(&self) -> Apart {
-        let errors = self.draws.iter().map(|(error, _)| *error);
+    fn best(&self) -> GapError {
+        let errors = self.samples.iter().map(|(error, _)| *error);
         errors.min_by(|a, b| a.global_cm.total_cmp(&b.global_cm)).unwrap_or_default()
     }
 
-    fn kept(&self) -> Option<&(Apart, Option<LeftOver>)> {
+    fn nearest_end(&self) -> Option<&(GapError, Option<LeftOver>)> {
         let total = |left: &Option<LeftOver>| left.as_ref().map_or(0.0, LeftOver::total);
-        self.draws.iter().min_by(|a, b| total(&a.1).total_cmp(&total(&b.1)))
+        self.samples.iter().min_by(|a, b| total(&a.1).total_cmp(&total(&b.1)))
     }
 }
 
-fn mean(errors: impl Iterator<Item = Apart>) -> Apart {
-    let (mut sum, mut n) = (Apart::default(), 0.0);
+fn mean(errors: impl Iterator<Item = GapError>) -> GapError {
+    let (mut sum, mut n) = (GapError::default(), 0.0);
     for error in errors {
         sum.global_cm += error.global_cm;
         sum.root_cm += error.root_cm;
@@ -247,7 +247,7 @@ fn mean(errors: impl Iterator<Item = Apart>) -> Apart {
         n += 1.0;
     }
     let n = f64::max(n, 1.0);
-    Apart { global_cm: sum.global_cm / n, root_cm: sum.root_cm / n, border_jerk: sum.border_jerk / n }
+    GapError { global_cm: sum.global_cm / n, root_cm: sum.root_cm / n, border_jerk: sum.border_jerk / n }
 }
 
 /// The gap by shortest turns and a straight path, or its last frame held.
@@ -264,7 +264,7 @@ fn between(truth: &Clip, gap: &Range<usize>, moves: bool) -> Result<Clip> {
     Ok(Clip::new(truth.skeleton().clone(), truth.fps(), root, rotations)?)
 }
 
-fn error(clip: &Clip, truth: &Clip, gap: &Gap, joints: &[usize]) -> Apart {
+fn error(clip: &Clip, truth: &Clip, gap: &Gap, joints: &[usize]) -> GapError {
     let (places, true_places) = (clip.positions(), truth.positions());
     let middle = (gap.frames.start + gap.frames.len() / 2) * truth.joints();
     let (p, q) = (&places[middle..], &true_places[middle..]);
@@ -272,7 +272,7 @@ fn error(clip: &Clip, truth: &Clip, gap: &Gap, joints: &[usize]) -> Apart {
     let global: f64 = joints.iter().map(|&k| (p[k] - q[k]).length()).sum();
     let root: f64 = joints.iter().map(|&k| (p[k] - p[0] - q[k] + q[0]).length()).sum();
     let border_jerk = border_jerk(&places, truth, gap, joints);
-    Apart { global_cm: 100.0 * global / n, root_cm: 100.0 * root / n, border_jerk }
+    GapError { global_cm: 100.0 * global / n, root_cm: 100.0 * root / n, border_jerk }
 }
 
 /// Mean size of the third differences that touch a border, of places (F, J).
@@ -286,15 +286,15 @@ fn border_jerk(places: &[Vec3], clip: &Clip, gap: &Gap, joints: &[usize]) -> f64
     clip.fps().powi(3) * sizes.iter().sum::<f64>() / sizes.len().max(1) as f64
 }
 
-fn summed(gaps: &[Gap], found: &[Filled]) -> Measured {
-    let row = |way: &str, of: &dyn Fn(&Filled) -> Apart| {
-        let errors: Vec<Apart> = found.iter().map(of).collect();
+fn summed(gaps: &[Gap], found: &[Filled]) -> GapReport {
+    let row = |method: &str, of: &dyn Fn(&Filled) -> GapError| {
+        let errors: Vec<GapError> = found.iter().map(of).collect();
         let interval = interval(gaps, &errors);
-        Row { way: way.into(), mean: mean(errors.into_iter()), interval }
+        Row { method: method.into(), mean: mean(errors.into_iter()), interval }
     };
     let left: Vec<&LeftOver> =
-        found.iter().flat_map(|f| f.draws.iter().filter_map(|(_, left)| left.as_ref())).collect();
-    let kept: Vec<&LeftOver> = found.iter().filter_map(|f| f.kept()?.1.as_ref()).collect();
+        found.iter().flat_map(|f| f.samples.iter().filter_map(|(_, left)| left.as_ref())).collect();
+    let nearest_end: Vec<&LeftOver> = found.iter().filter_map(|f| f.nearest_end()?.1.as_ref()).collect();
     let within = |left: &[&LeftOver]| {
         let near = left.iter().filter(|left| left.cm < 10.0 && left.heading_degrees < 10.0).count();
         near as f64 / left.len().max(1) as f64
@@ -307,28 +307,28 @@ fn summed(gaps: &[Gap], found: &[Filled]) -> Measured {
     let mut takes: Vec<&str> = gaps.iter().map(|gap| gap.take.as_str()).collect();
     takes.sort_unstable();
     takes.dedup();
-    Measured {
+    GapReport {
         frames: gaps.first().map_or(0, |gap| gap.frames.len()),
         gaps: gaps.len(),
         takes: takes.len(),
-        draws: found.first().map_or(0, |f| f.draws.len()),
+        samples: found.first().map_or(0, |f| f.samples.len()),
         rows: vec![
             row("slerp, a straight path", &|f| f.straight),
             row("the last frame held", &|f| f.held),
             row("the model, one draw", &Filled::one),
-            row("the draw that ends nearest", &|f| f.kept().map(|(error, _)| *error).unwrap_or_default()),
-            row("the best of the draws", &Filled::best),
+            row("the draw that ends nearest", &|f| f.nearest_end().map(|(error, _)| *error).unwrap_or_default()),
+            row("the best of the samples", &Filled::best),
         ],
         real_jerk: found.iter().map(|f| f.real_jerk).sum::<f64>() / found.len().max(1) as f64,
         closing_cm: spread(&|left| left.cm),
         closing_degrees: spread(&|left| left.heading_degrees),
-        within: [within(&left), within(&kept)],
+        within: [within(&left), within(&nearest_end)],
     }
 }
 
 /// The interval of the mean over takes.
-fn interval(gaps: &[Gap], errors: &[Apart]) -> [f64; 2] {
-    takes::interval(gaps.iter().zip(errors).map(|(gap, error)| (gap.take.as_str(), error.global_cm, 1.0)))
+fn interval(gaps: &[Gap], errors: &[GapError]) -> [f64; 2] {
+    bootstrap::interval(gaps.iter().zip(errors).map(|(gap, error)| (gap.take.as_str(), error.global_cm, 1.0)))
 }
 
 #[cfg(test)]
@@ -371,16 +371,20 @@ mod tests {
 
     #[test]
     fn figures_are_of_the_draws_they_name() {
-        let apart = |cm: f64| Apart { global_cm: cm, root_cm: cm / 2.0, border_jerk: 1.0 };
+        let gap_error = |cm: f64| GapError { global_cm: cm, root_cm: cm / 2.0, border_jerk: 1.0 };
         let left = |cm: f64, degrees: f64| {
             Some(LeftOver { frames: 20..30, cm, heading_degrees: degrees, joints_degrees: 1.0 })
         };
-        let draws = vec![(apart(4.0), left(30.0, 2.0)), (apart(2.0), left(20.0, 40.0)), (apart(6.0), left(5.0, 5.0))];
-        let filled = |draws| Filled { straight: apart(3.0), held: apart(9.0), real_jerk: 2.0, draws };
-        let found = summed(&[gap("a"), gap("b")], &[filled(draws.clone()), filled(draws)]);
+        let samples = vec![
+            (gap_error(4.0), left(30.0, 2.0)),
+            (gap_error(2.0), left(20.0, 40.0)),
+            (gap_error(6.0), left(5.0, 5.0)),
+        ];
+        let filled = |samples| Filled { straight: gap_error(3.0), held: gap_error(9.0), real_jerk: 2.0, samples };
+        let found = summed(&[gap("a"), gap("b")], &[filled(samples.clone()), filled(samples)]);
         let cm: Vec<f64> = found.rows.iter().map(|row| row.mean.global_cm).collect();
         assert_eq!(cm, [3.0, 9.0, 4.0, 6.0, 2.0]);
-        assert_eq!((found.gaps, found.takes, found.draws, found.real_jerk), (2, 2, 3, 2.0));
+        assert_eq!((found.gaps, found.takes, found.samples, found.real_jerk), (2, 2, 3, 2.0));
         assert!((found.within[0] - 1.0 / 3.0).abs() < 1e-12 && found.within[1] == 1.0);
         assert_eq!((found.closing_cm, found.rows[2].interval), ([20.0, 30.0], [4.0, 4.0]));
     }

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 /// What the tokens at one place of a word cost.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct PlaceBits {
+pub struct SlotBits {
     /// What stands there: a channel, or `space`.
     pub channel: String,
     /// The part of the body that it belongs to: `translation`, a joint, or `space`.
@@ -23,7 +23,7 @@ pub struct PlaceBits {
 ///
 /// # Errors
 /// [`Error::Tokenizer`] or [`kinelm_store::Error::Call`] with the reason, where a character belongs to no one joint.
-pub fn places(tokenizer: &Tokenizer) -> Result<Vec<PlaceBits>> {
+pub fn slots(tokenizer: &Tokenizer) -> Result<Vec<SlotBits>> {
     if tokenizer.tokens_per_word().is_none() || tokenizer.frames_per_word() != 1 {
         let what = "words of this tokenizer are no frames of one character a channel, so no token is one joint's";
         return Err(Error::call(what));
@@ -34,8 +34,8 @@ pub fn places(tokenizer: &Tokenizer) -> Result<Vec<PlaceBits>> {
         Channel::Turn | Channel::Tilt(_) => smpl::NAMES[0],
         Channel::Rotation { joint, .. } => smpl::NAMES[*joint],
     };
-    let of = |channel: String, part: &str| PlaceBits { channel, part: part.into(), bits_per_frame: 0.0 };
-    let mut all: Vec<PlaceBits> = channels.iter().map(|c| of(c.to_string(), part(c))).collect();
+    let of = |channel: String, part: &str| SlotBits { channel, part: part.into(), bits_per_frame: 0.0 };
+    let mut all: Vec<SlotBits> = channels.iter().map(|c| of(c.to_string(), part(c))).collect();
     all.push(of("space".into(), "space"));
     Ok(all)
 }
@@ -43,39 +43,39 @@ pub fn places(tokenizer: &Tokenizer) -> Result<Vec<PlaceBits>> {
 /// [`kinelm_model::likelihood::likelihood`], and how its bits fall on the places of a word.
 ///
 /// # Errors
-/// A masked model; those of [`places`] and of the likelihood.
-pub fn by_place(
+/// A masked model; those of [`slots`] and of the likelihood.
+pub fn by_slot(
     model: &mut dyn Scores,
     corpus: &Corpus,
     clips: &[&ClipRecord],
     most: usize,
     conditions: &Conditions,
-) -> Result<Option<(Likelihood, Vec<PlaceBits>)>> {
+) -> Result<Option<(Likelihood, Vec<SlotBits>)>> {
     if model.config().kind == ModelKind::Masked {
         let what = "a masked model is asked for some of the tokens alone, too few to say what each joint costs";
         return Err(Error::call(what));
     }
-    let mut all = places(corpus.tokenizer())?;
+    let mut all = slots(corpus.tokenizer())?;
     let word = all.len();
     let mut nats = vec![0.0; word];
     let found =
         likelihood_by_token(model, corpus, clips, most, conditions, &mut |_, token, x| nats[token % word] += x)?;
     Ok(found.map(|found| {
         let frames = found.tokens as f64 / word as f64;
-        for (place, nats) in all.iter_mut().zip(&nats) {
-            place.bits_per_frame = nats / std::f64::consts::LN_2 / frames;
+        for (slot, nats) in all.iter_mut().zip(&nats) {
+            slot.bits_per_frame = nats / std::f64::consts::LN_2 / frames;
         }
         (found, all)
     }))
 }
 
 /// The bits of each part of the body, in the order in which they come first.
-pub fn by_part(places: &[PlaceBits]) -> Vec<(String, f64)> {
+pub fn by_part(slots: &[SlotBits]) -> Vec<(String, f64)> {
     let mut parts: Vec<(String, f64)> = Vec::new();
-    for place in places {
-        match parts.iter_mut().find(|(part, _)| *part == place.part) {
-            Some((_, bits)) => *bits += place.bits_per_frame,
-            None => parts.push((place.part.clone(), place.bits_per_frame)),
+    for slot in slots {
+        match parts.iter_mut().find(|(part, _)| *part == slot.part) {
+            Some((_, bits)) => *bits += slot.bits_per_frame,
+            None => parts.push((slot.part.clone(), slot.bits_per_frame)),
         }
     }
     parts
@@ -96,19 +96,19 @@ mod tests {
         let clips: Vec<_> = corpus.split(Split::Valid).collect();
         let config = ModelConfig { layers: 1, heads: 1, width: 8, context: 36, ..Default::default() };
         let mut gpt = Gpt::new(&config, &fixture::TOKENS, 3).unwrap();
-        let (found, places) = by_place(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
+        let (found, slots) = by_slot(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap();
         assert_eq!(found, likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap().unwrap());
-        let parts = by_part(&places);
+        let parts = by_part(&slots);
         let names: Vec<&str> = parts.iter().map(|(name, _)| name.as_str()).collect();
-        assert_eq!((names, places.len()), (vec!["translation", "pelvis", "space"], 7));
+        assert_eq!((names, slots.len()), (vec!["translation", "pelvis", "space"], 7));
         let sum: f64 = parts.iter().map(|(_, bits)| bits).sum();
         assert!((sum - found.bits_per_frame).abs() < 1e-9 * sum && parts.iter().all(|(_, bits)| *bits > 0.0), "{sum}");
 
         let merged = fixture::merged(&dir.path().join("m"), &[(20, Split::Valid)]);
-        assert!(places_of_error(&merged).contains("no token is one joint's"));
+        assert!(slots_error(&merged).contains("no token is one joint's"));
     }
 
-    fn places_of_error(corpus: &Corpus) -> String {
-        super::places(corpus.tokenizer()).unwrap_err().to_string()
+    fn slots_error(corpus: &Corpus) -> String {
+        super::slots(corpus.tokenizer()).unwrap_err().to_string()
     }
 }

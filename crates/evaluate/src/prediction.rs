@@ -43,7 +43,7 @@ pub fn windows(clip: &Clip) -> Vec<Window> {
     starts.map(of).collect()
 }
 
-/// The figures of one way to foretell.
+/// The figures of one way to predict.
 #[derive(Debug, Clone, Serialize)]
 pub struct Row {
     /// The way.
@@ -67,19 +67,19 @@ impl Row {
 
 /// The last pose, for as long as the target takes.
 pub fn zero_velocity(window: &Window) -> Result<Clip> {
-    going_on(window, |_, last, _| last)
+    extrapolate(window, |_, last, _| last)
 }
 
 /// The last step of every joint, again and again.
 pub fn constant_velocity(window: &Window) -> Result<Clip> {
-    going_on(window, |before, last, n| {
+    extrapolate(window, |before, last, n| {
         let step = before.conjugate() * last;
         (0..n).fold(last, |q, _| (q * step).normalize())
     })
 }
 
 /// Every joint's rotation n frames behind the seed's last two.
-fn going_on(window: &Window, at: impl Fn(Quat, Quat, usize) -> Quat) -> Result<Clip> {
+fn extrapolate(window: &Window, at: impl Fn(Quat, Quat, usize) -> Quat) -> Result<Clip> {
     let (seed, target) = (&window.seed, &window.target);
     let last = seed.frames().checked_sub(1).ok_or_else(|| Error::call("a seed without frames"))?;
     let (a, b) = (seed.pose(last.saturating_sub(1)), seed.pose(last));
@@ -95,16 +95,16 @@ fn going_on(window: &Window, at: impl Fn(Quat, Quat, usize) -> Quat) -> Result<C
 pub fn baselines(windows: &[Window], joints: &[usize], what: &str) -> Result<Vec<Row>> {
     let Some(first) = windows.first() else { return Err(Error::call("no clip is as long as a window, 3 s")) };
     let (fps, frames) = (first.target.fps(), first.target.frames());
-    let row = |name: &str, foretell: fn(&Window) -> Result<Clip>| {
+    let row = |name: &str, predict: fn(&Window) -> Result<Clip>| {
         let mut found = ShortTerm::new(joints, fps, frames)?;
-        windows.iter().try_for_each(|w| Ok::<_, Error>(found.add(&w.target, &foretell(w)?)?))?;
+        windows.iter().try_for_each(|w| Ok::<_, Error>(found.add(&w.target, &predict(w)?)?))?;
         Row::of(&format!("{name}{what}"), fps, &found)
     };
     Ok(vec![row("zero velocity", zero_velocity)?, row("constant velocity", constant_velocity)?])
 }
 
 /// A model that foretells.
-pub struct Foreteller<'a> {
+pub struct Predictor<'a> {
     /// Reads one sequence.
     pub greedy: &'a mut dyn NextToken,
     /// Reads k sequences; `None`: no samples are drawn.
@@ -119,7 +119,7 @@ pub struct Foreteller<'a> {
     pub seed: u64,
 }
 
-impl Foreteller<'_> {
+impl Predictor<'_> {
     /// Words of a seed that the model sees, of those that it has: as many of the last as fit beside the target's.
     pub fn seen(&self, seed_words: usize, words: usize) -> usize {
         let Some(word) = self.tokenizer.tokens_per_word() else { return seed_words };
@@ -141,9 +141,9 @@ impl Foreteller<'_> {
         let (mut greedy, mut samples, mut best) = (empty()?, empty()?, empty()?);
         let k = self.samples.as_ref().map_or(0, |s| s.streams());
         for (i, window) in windows.iter().enumerate() {
-            let found = self.foretell(window, i, false)?;
+            let found = self.predict(window, i, false)?;
             greedy.add(&window.target, &found[0])?;
-            let found = if k > 0 { self.foretell(window, i, true)? } else { Vec::new() };
+            let found = if k > 0 { self.predict(window, i, true)? } else { Vec::new() };
             let mut errors = Vec::new();
             for clip in &found {
                 let mut one = empty()?;
@@ -166,7 +166,7 @@ impl Foreteller<'_> {
     }
 
     /// The frames of a window's target, drawn.
-    fn foretell(&mut self, window: &Window, index: usize, sampled: bool) -> Result<Vec<Clip>> {
+    fn predict(&mut self, window: &Window, index: usize, sampled: bool) -> Result<Vec<Clip>> {
         let (tokenizer, length) = (self.tokenizer, self.tokenizer.frames_per_word());
         let (seed, target) = (window.seed.frames(), window.target.frames());
         let whole = seed / length * length;
@@ -194,12 +194,12 @@ impl Foreteller<'_> {
 }
 
 /// Words and frames, for a line that tells what the model saw.
-pub fn seen_s(foreteller: &Foreteller, tokenizer: &Tokenizer) -> f64 {
+pub fn context_seconds(predictor: &Predictor, tokenizer: &Tokenizer) -> f64 {
     let length = tokenizer.frames_per_word();
     let of = |seconds: f64| (seconds * tokenizer.fps()).round() as usize;
     let known = (of(SEED_S) / length).saturating_sub(tokenizer.scheme().unsettled_words());
     let all = (of(SEED_S) + of(TARGET_S)).div_ceil(length);
-    (foreteller.seen(known, all) * length) as f64 / tokenizer.fps()
+    (predictor.seen(known, all) * length) as f64 / tokenizer.fps()
 }
 
 #[cfg(test)]
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn what_turns_at_one_rate_is_foretold_by_going_on() {
+    fn constant_velocity_predicts_a_steady_turn() {
         let all: Vec<usize> = (0..24).collect();
         for fps in [60.0, 20.0] {
             let rows = baselines(&windows(&turning(400, fps)), &all, "").unwrap();
@@ -292,7 +292,7 @@ mod tests {
         let parrot =
             |streams| Parrot { read: vec![vec![]; streams], word, vocabulary: tokenizer.vocabulary().len() as usize };
         let (mut one, mut three) = (parrot(1), parrot(3));
-        let mut foreteller = Foreteller {
+        let mut predictor = Predictor {
             greedy: &mut one,
             samples: Some(&mut three),
             tokenizer: &tokenizer,
@@ -301,9 +301,9 @@ mod tests {
             seed: 1,
         };
         // of 14 words eight are for the target
-        assert!((seen_s(&foreteller, &tokenizer) - 7.0 / 20.0).abs() < 0.051);
+        assert!((context_seconds(&predictor, &tokenizer) - 7.0 / 20.0).abs() < 0.051);
         let mut done = Vec::new();
-        let rows = foreteller.rows(&windows, &mut |n| done.push(n)).unwrap();
+        let rows = predictor.rows(&windows, &mut |n| done.push(n)).unwrap();
         let still = &baselines(&windows, &joints, "").unwrap()[0];
         assert_eq!((rows.len(), done.last(), rows[1].windows), (3, Some(&windows.len()), windows.len()));
         for row in &rows {

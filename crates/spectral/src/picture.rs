@@ -14,7 +14,7 @@ const DEPTH_DB: f64 = 60.0;
 
 /// What of a clip is drawn.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Wanted {
+pub struct SpectrumOptions {
     /// The joint of spectrogram and coefficients, by its number in the clip's skeleton.
     pub joint: usize,
     /// Seconds left out at the beginning.
@@ -35,19 +35,19 @@ pub struct Wanted {
 ///
 /// # Errors
 /// A joint that isn't there; a stretch of fewer than 16 frames; a rate that can't be had.
-pub fn charts(clip: &Clip, wanted: &Wanted) -> Result<[Chart; 3]> {
+pub fn charts(clip: &Clip, options: &SpectrumOptions) -> Result<[Chart; 3]> {
     let names = clip.skeleton().names();
-    let joint = wanted.joint;
+    let joint = options.joint;
     let name = names.get(joint).ok_or_else(|| Error::call(format!("joint {joint} of {} joints", names.len())))?;
     if names.len() > MOST_JOINTS {
         return Err(Error::call(format!("{} joints; spectra are drawn of at most {MOST_JOINTS}", names.len())));
     }
-    let series = stretch(&Series::of(clip, &[], wanted.fps, false)?, wanted)?;
-    let stft = Stft::new(series.frames, wanted.no_dc);
+    let series = stretch(&Series::of(clip, &[], options.fps, false)?, options)?;
+    let stft = Stft::new(series.frames, options.no_dc);
     let spectrum = |c: usize| {
         let mean = series.channel(c).iter().sum::<f64>() / series.frames as f64;
         // a window spreads a constant over the frequency beside 0 too
-        let off = if wanted.no_dc { mean } else { 0.0 };
+        let off = if options.no_dc { mean } else { 0.0 };
         stft.magnitudes(&series.channel(c).iter().map(|x| x - off).collect::<Vec<f64>>())
     };
     let spectra: Vec<Vec<f64>> = (0..series.channels.len()).map(spectrum).collect();
@@ -56,7 +56,7 @@ pub fn charts(clip: &Clip, wanted: &Wanted) -> Result<[Chart; 3]> {
         let half = 0.5 * series.fps / (stft.bins() - 1) as f64 * 0.5;
         let places = stft.frames() as f64 * Stft::HOP as f64 / series.fps;
         // a window stands for the hop about its middle
-        let first = wanted.from_s + 0.5 * (Stft::WINDOW - Stft::HOP) as f64 / series.fps;
+        let first = options.from_s + 0.5 * (Stft::WINDOW - Stft::HOP) as f64 / series.fps;
         Chart {
             title,
             x: "time, s".into(),
@@ -64,7 +64,7 @@ pub fn charts(clip: &Clip, wanted: &Wanted) -> Result<[Chart; 3]> {
             scales: (Scale::Linear, Scale::Linear),
             heat: Some(Heat {
                 x: [first, first + places],
-                y: [if wanted.no_dc { half } else { -half }, 0.5 * series.fps + half],
+                y: [if options.no_dc { half } else { -half }, 0.5 * series.fps + half],
                 columns: stft.frames(),
                 values,
                 limits,
@@ -80,7 +80,7 @@ pub fn charts(clip: &Clip, wanted: &Wanted) -> Result<[Chart; 3]> {
     Ok([
         heat(decibels, [-DEPTH_DB, 0.0], "dB of the loudest", format!("Spectrogram of {name}")),
         heat(embedded, limits, "first component", "Spectral embedding of the body".into()),
-        coefficients(&series, joint, name, wanted.no_dc),
+        coefficients(&series, joint, name, options.no_dc),
     ])
 }
 
@@ -122,19 +122,19 @@ pub fn embedding(spectra: &[Vec<f64>]) -> Result<Vec<f64>> {
 }
 
 /// The part of a series that is drawn.
-fn stretch(series: &Series, wanted: &Wanted) -> Result<Series> {
+fn stretch(series: &Series, options: &SpectrumOptions) -> Result<Series> {
     let at = |s: f64| (s * series.fps).round() as usize;
-    let start = at(wanted.from_s).min(series.frames);
-    let frames = wanted.seconds.map_or(series.frames - start, |s| at(s).min(series.frames - start));
+    let start = at(options.from_s).min(series.frames);
+    let frames = options.seconds.map_or(series.frames - start, |s| at(s).min(series.frames - start));
     if frames < Stft::WINDOW {
         return Err(Error::call(format!(
             "{frames} frames at {} fps from {} s on; expected at least {}, a window of the spectrogram",
             series.fps,
-            wanted.from_s,
+            options.from_s,
             Stft::WINDOW
         )));
     }
-    Ok(series.part(start, frames))
+    Ok(series.slice(start, frames))
 }
 
 /// At every place the length of the vector of several series.
@@ -190,8 +190,8 @@ mod tests {
 
     #[test]
     fn a_swing_stands_at_its_frequency() {
-        let wanted = Wanted { joint: 1, from_s: 0.5, seconds: Some(2.0), fps: 60.0, no_dc: false };
-        let [spectrogram, embedding, coefficients] = charts(&swinging(240), &wanted).unwrap();
+        let options = SpectrumOptions { joint: 1, from_s: 0.5, seconds: Some(2.0), fps: 60.0, no_dc: false };
+        let [spectrogram, embedding, coefficients] = charts(&swinging(240), &options).unwrap();
         let heat = spectrogram.heat.unwrap();
         assert_eq!((heat.columns, heat.values.len()), (14, 14 * 9));
         assert_eq!((heat.x[0], heat.y), (0.5 + 4.0 / 60.0, [-1.875, 31.875]));
@@ -203,7 +203,7 @@ mod tests {
         let embedded = embedding.heat.unwrap();
         // the standing root holds all of 0 Hz and outweighs the swing
         assert!(embedded.values.chunks(9).all(|c| c[0] > c[2]));
-        let [_, moving, _] = charts(&swinging(240), &Wanted { no_dc: true, ..wanted }).unwrap();
+        let [_, moving, _] = charts(&swinging(240), &SpectrumOptions { no_dc: true, ..options }).unwrap();
         let heat = moving.heat.unwrap();
         assert!(heat.values.chunks(8).all(|c| c[1] > 0.15 && c[1] > 1.5 * c[0]) && heat.y[0] == 1.875);
         let joint = &coefficients.series[0];
@@ -226,11 +226,11 @@ mod tests {
     #[test]
     fn what_cannot_be_drawn_is_said() {
         let clip = swinging(60);
-        let said = |w: Wanted| charts(&clip, &w).unwrap_err().to_string();
-        let all = Wanted { fps: 60.0, ..Wanted::default() };
-        assert!(said(Wanted { joint: 2, ..all.clone() }).contains("joint 2 of 2"));
-        assert!(said(Wanted { from_s: 0.8, ..all.clone() }).starts_with("12 frames at 60 fps from 0.8 s on"));
-        assert!(said(Wanted { from_s: 9.0, ..all.clone() }).starts_with("0 frames"));
-        assert!(said(Wanted { seconds: Some(0.1), ..all }).starts_with("6 frames"));
+        let said = |w: SpectrumOptions| charts(&clip, &w).unwrap_err().to_string();
+        let all = SpectrumOptions { fps: 60.0, ..SpectrumOptions::default() };
+        assert!(said(SpectrumOptions { joint: 2, ..all.clone() }).contains("joint 2 of 2"));
+        assert!(said(SpectrumOptions { from_s: 0.8, ..all.clone() }).starts_with("12 frames at 60 fps from 0.8 s on"));
+        assert!(said(SpectrumOptions { from_s: 9.0, ..all.clone() }).starts_with("0 frames"));
+        assert!(said(SpectrumOptions { seconds: Some(0.1), ..all }).starts_with("6 frames"));
     }
 }

@@ -85,7 +85,7 @@ impl Series {
     ///
     /// # Panics
     /// As [`Series::window`].
-    pub fn part(&self, start: usize, frames: usize) -> Series {
+    pub fn slice(&self, start: usize, frames: usize) -> Series {
         let (joints, channels) = (self.joints.clone(), self.channels.clone());
         Series { fps: self.fps, frames, joints, channels, numbers: self.window(start, frames), raw: true }
     }
@@ -106,7 +106,7 @@ impl Series {
     ///
     /// # Errors
     /// [`kinelm_store::Error::Call`] for a clip of another length or of fewer joints, or for numbers that are not finite.
-    pub fn onto(&self, clip: &Clip) -> Result<Clip> {
+    pub fn apply_to(&self, clip: &Clip) -> Result<Clip> {
         check(&self.joints, clip)?;
         let clip = resample(clip, self.fps, Method::Auto)?;
         if clip.frames() != self.frames {
@@ -202,12 +202,12 @@ mod tests {
         // from 2.5 to 3.61 radians: the canonical vector jumps at PI
         let clip = turning(60.0, 112, |f| 2.5 + 0.01 * f as f64);
         let steps = |s: &Series| s.channel(2).windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
-        let smooth = Series::of(&clip, &[], 60.0, false).unwrap().part(0, 112);
+        let smooth = Series::of(&clip, &[], 60.0, false).unwrap().slice(0, 112);
         assert_eq!(smooth.channels, ["hip.x", "hip.y", "hip.z"]);
         assert!(steps(&smooth) < 0.01, "{}", steps(&smooth));
         assert!((smooth.channel(2)[111] - 0.8 * 3.61).abs() < 1e-9);
         let raw = Series::of(&clip, &[], 60.0, true).unwrap();
-        assert_eq!(raw.part(0, 112), raw);
+        assert_eq!(raw.slice(0, 112), raw);
         assert!((steps(&raw) - 0.8 * 2.0 * PI).abs() < 0.02, "{}", steps(&raw));
         for (a, b) in smooth.rotations().iter().zip(raw.rotations()) {
             assert!(angle_between(*a, b) < 1e-9);
@@ -270,12 +270,12 @@ mod tests {
         let clip = synth::corpus(3, 1, 3.0, 60.0).unwrap().remove(0).clip;
         let joints = [0, 5, 16];
         let s = Series::of(&clip, &joints, 60.0, false).unwrap();
-        let back = s.onto(&clip).unwrap();
+        let back = s.apply_to(&clip).unwrap();
         assert_eq!(back.root(), clip.root());
         for (a, b) in back.rotations().iter().zip(clip.rotations()) {
             assert!(angle_between(*a, *b) < 1e-9);
         }
-        let turned = Series { numbers: vec![0.25; s.numbers.len()], ..s.clone() }.onto(&clip).unwrap();
+        let turned = Series { numbers: vec![0.25; s.numbers.len()], ..s.clone() }.apply_to(&clip).unwrap();
         for j in 0..24 {
             let moved = angle_between(turned.pose(7)[j], exp_map::from_vector(Vec3::splat(0.25))) < 1e-9;
             assert!(if joints.contains(&j) { moved } else { turned.pose(7)[j] == clip.pose(7)[j] });
@@ -289,9 +289,9 @@ mod tests {
         assert!(error(&[3]).contains("joint 3 of a skeleton of 1"));
         assert!(error(&[0, 0]).contains("joint 0 (hip) is given twice"));
         let s = Series::of(&clip, &[], 60.0, false).unwrap();
-        assert!(s.onto(&clip.slice(0..4)).unwrap_err().to_string().contains("4 frames for series of 5"));
+        assert!(s.apply_to(&clip.slice(0..4)).unwrap_err().to_string().contains("4 frames for series of 5"));
         let broken = Series { numbers: vec![f64::NAN; 15], ..s };
-        assert!(broken.onto(&clip).unwrap_err().to_string().contains("hip.x, frame 0"));
+        assert!(broken.apply_to(&clip).unwrap_err().to_string().contains("hip.x, frame 0"));
         assert_eq!(Series::of(&clip.slice(0..0), &[], 60.0, false).unwrap().frames, 0);
     }
 }

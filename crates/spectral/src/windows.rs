@@ -4,9 +4,9 @@ use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// The longest window, frames: 68 seconds at 60 frames per second.
-pub const MOST_FRAMES: usize = 4096;
+pub const MAX_FRAMES: usize = 4096;
 /// A window has no fewer frames.
-pub const LEAST_FRAMES: usize = 16;
+pub const MIN_FRAMES: usize = 16;
 
 /// How series are cut into windows.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -33,8 +33,8 @@ impl WindowSpec {
     /// [`kinelm_store::Error::Call`] with the number that is out of its limits.
     pub fn validate(&self) -> Result<()> {
         let WindowSpec { frames, hop, fps } = *self;
-        if !(LEAST_FRAMES..=MOST_FRAMES).contains(&frames) {
-            return Err(Error::call(format!("windows of {frames} frames; expected {LEAST_FRAMES} to {MOST_FRAMES}")));
+        if !(MIN_FRAMES..=MAX_FRAMES).contains(&frames) {
+            return Err(Error::call(format!("windows of {frames} frames; expected {MIN_FRAMES} to {MAX_FRAMES}")));
         }
         if hop == 0 {
             return Err(Error::call("a hop of 0 frames; expected at least 1"));

@@ -5,8 +5,8 @@ use crate::baselines::aclstm;
 use crate::cli::read::ReadArgs;
 use crate::cli::{Odd, Say, WrongCall, many, print, readable};
 use crate::corpus::Corpus;
-use crate::evaluate::dance::Real;
-use crate::evaluate::dance::compare::{Comparison, Measured, Side, take_of};
+use crate::evaluate::dance::Reference;
+use crate::evaluate::dance::compare::{Comparison, MeasuredDance, Side, take_of};
 use crate::evaluate::dance::features::Features;
 use crate::generate::provenance::Provenance;
 use anyhow::Result;
@@ -27,7 +27,7 @@ struct Line {
 
 /// Holds the dances of two folders to each other.
 pub fn run(corpus: &Corpus, folders: [&PathBuf; 2], read: &ReadArgs, how: How<'_>, say: Say) -> Result<()> {
-    let real = Real::load(corpus)?;
+    let real = Reference::load(corpus)?;
     let [a, b] = folders.map(|folder| side(corpus, folder, read, say));
     let sides = [a?, b?];
     let comparison = real.compare(&sides)?;
@@ -72,15 +72,15 @@ fn side(corpus: &Corpus, folder: &PathBuf, read: &ReadArgs, say: Say) -> Result<
     Ok(Side { name: folder.display().to_string(), dances })
 }
 
-fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, (odd, say): (&Odd, Say)) -> Result<Measured> {
+fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, (odd, say): (&Odd, Say)) -> Result<MeasuredDance> {
     let told = told_of(path, say);
     let sha256 = followed(path, told.as_ref())?;
     let dance = read_dance(corpus, path, told.as_ref(), options, odd)?;
     let prompt = told.as_ref().and_then(|told| told.recipe.prompt.as_ref());
     let itself = || (prompt.map_or(path, |prompt| &prompt.path).display().to_string(), false);
-    let (take, learned) = take_of(corpus, &sha256).unwrap_or_else(itself);
+    let (take, in_training) = take_of(corpus, &sha256).unwrap_or_else(itself);
     let prompted = told.and_then(|told| held_to_prompt(&dance, path, &told.recipe, corpus.tokenizer(), say));
-    Ok(Measured { dance, take, learned, prompted })
+    Ok(MeasuredDance { dance, take, in_training, prompted })
 }
 
 /// The hashes of what a dance goes on from, or of itself.

@@ -7,9 +7,9 @@ use crate::cli::{ForceArgs, Odd, Say, TrustArgs, WrongCall, print, readable};
 use crate::corpus::Corpus;
 use crate::corpus::music::find::in_dance;
 use crate::corpus::music::piece::Piece;
-use crate::evaluate::dance::named::fidelity;
-use crate::evaluate::dance::prompted::{Prompted, prompted};
-use crate::evaluate::dance::{Dance, Real};
+use crate::evaluate::dance::fidelity::fidelity;
+use crate::evaluate::dance::prompt::PromptMetrics;
+use crate::evaluate::dance::{Dance, Reference};
 use crate::generate::prompt::given_places;
 use crate::generate::provenance::{self, Provenance};
 use crate::generate::request::Resolved;
@@ -80,7 +80,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         let how = How { features: args.features, plot: plot.map(|out| (out, &outputs)), json: args.json };
         return compare::run(&corpus, [a, b], &args.read, how, say);
     }
-    let real = Real::load(&corpus)?;
+    let real = Reference::load(&corpus)?;
     let mut told: Vec<Option<Provenance>> = args.dances.iter().map(|path| told_of(path, say)).collect();
     let options = args.read.of_files(&args.dances, RestFrame::Drop, say);
     let odd = Odd::new(say);
@@ -236,8 +236,8 @@ pub fn held_to_prompt(
     recipe: &Resolved,
     tokenizer: &Tokenizer,
     say: Say,
-) -> Option<Prompted> {
-    prompted(dance, path, recipe, tokenizer).unwrap_or_else(|e| {
+) -> Option<PromptMetrics> {
+    PromptMetrics::measure(dance, path, recipe, tokenizer).unwrap_or_else(|e| {
         say.line(format_args!("{}: its prompt is not looked at: {e}", path.display()));
         None
     })

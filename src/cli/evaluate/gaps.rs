@@ -3,7 +3,7 @@
 use crate::cli::draw::DrawArgs;
 use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
 use crate::corpus::Split;
-use crate::evaluate::gaps::{Filler, Measured, frames_before, gaps};
+use crate::evaluate::gaps::{Filler, GapReport, frames_before, gaps};
 use crate::generate::conditions::check_ahead;
 use crate::generate::open::AHEAD;
 use crate::generate::reader;
@@ -82,7 +82,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         conditions: &conditions,
         draw: args.draw.get()?,
         seed: args.seed,
-        hold_feet: args.feet,
+        lock_feet: args.feet,
         ahead,
     };
     let found = filler.measure(&gaps, &mut |done| bar.set_position(done as u64))?;
@@ -94,7 +94,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let (frames, seconds) = (found.frames, found.frames as f64 / tokenizer.fps());
     say.line(format_args!(
         "{} gaps of {frames} frames ({seconds:.1} s) of {} recordings, {before} frames before each, {} draws",
-        found.gaps, found.takes, found.draws
+        found.gaps, found.takes, found.samples
     ));
     Ok(())
 }
@@ -106,7 +106,7 @@ fn ahead(asked: Option<f64>, run: &LoadedRun, tokenizer: &Tokenizer) -> Result<O
     Ok(if scale == 0.0 { None } else { Some((GoalEncoder::of(tokenizer)?, scale)) })
 }
 
-fn table(found: &Measured) -> String {
+fn table(found: &GapReport) -> String {
     let head = ["middle, cm", "95 %", "root, cm", "of slerp's", "border jerk, of real"];
     let mut table =
         format!("{:<28} {:>10} {:>16} {:>9} {:>11} {:>21}\n", "", head[0], head[1], head[2], head[3], head[4]);
@@ -116,7 +116,7 @@ fn table(found: &Measured) -> String {
         let (ratio, jerk) = (row.mean.global_cm / slerp, row.mean.border_jerk / found.real_jerk);
         table += &format!(
             "{:<28} {:>10.2} {interval:>16} {:>9.2} {ratio:>11.2} {jerk:>21.2}\n",
-            row.way, row.mean.global_cm, row.mean.root_cm
+            row.method, row.mean.global_cm, row.mean.root_cm
         );
     }
     let ([cm, cm90], [degrees, degrees90], [all, kept]) = (found.closing_cm, found.closing_degrees, found.within);

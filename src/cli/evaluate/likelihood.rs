@@ -4,9 +4,9 @@ use super::{Fitted, FloorsArgs};
 use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
 use crate::corpus::{ClipRecord, Corpus, Split};
 use crate::evaluate::Floors;
-use crate::evaluate::baselines::figure_row;
+use crate::evaluate::floors::figure_row;
 use crate::evaluate::gap_bits::{GapBits, gap_bits};
-use crate::evaluate::per_joint::{PlaceBits, by_part, by_place, places};
+use crate::evaluate::per_joint::{SlotBits, by_part, by_slot, slots};
 use crate::model::likelihood::{Likelihood, likelihood_by_token};
 use crate::model::{CheckpointChoice, LoadedRun, ReaderOptions, load_run};
 use anyhow::Result;
@@ -64,7 +64,7 @@ struct Measured {
     split: Split,
     found: Likelihood,
     /// Of each place of a word, where it was asked for.
-    places: Option<Vec<PlaceBits>>,
+    places: Option<Vec<SlotBits>>,
     /// Of gaps of every length that was asked for.
     gaps: Vec<GapBits>,
     /// Or why there are none.
@@ -109,8 +109,8 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: 
         ConditionsArg::None => known.unknown(),
     };
     let found = if args.per_joint {
-        places(corpus.tokenizer()).map_err(|e| WrongCall(format!("--per-joint: {e}")))?;
-        by_place(&mut *model, corpus, &clips, args.windows, &conditions)?.map(|(found, bits)| (found, Some(bits)))
+        slots(corpus.tokenizer()).map_err(|e| WrongCall(format!("--per-joint: {e}")))?;
+        by_slot(&mut *model, corpus, &clips, args.windows, &conditions)?.map(|(found, bits)| (found, Some(bits)))
     } else {
         // of some windows alone nobody knows how many tokens they have
         let tokens = if args.windows == 0 { clips.iter().map(|c| c.tokens).sum() } else { 0 };
@@ -199,8 +199,8 @@ impl Measured {
         }
         for gap in gaps {
             let name = format!("{} of {} frames", gap.gaps, gap.frames);
-            table += &format!("{name:<32} {:>12.2} {:>14.2}\n", gap.untold, gap.told);
-            let (untold, told) = (gap.untold_at_the_end, gap.told_at_the_end);
+            table += &format!("{name:<32} {:>12.2} {:>14.2}\n", gap.unconditioned, gap.conditioned);
+            let (untold, told) = (gap.unconditioned_end, gap.conditioned_end);
             table += &format!("{:<32} {untold:>12.2} {told:>14.2}\n", "  their last quarter");
         }
         if let Some(places) = places {

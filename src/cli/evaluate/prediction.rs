@@ -7,7 +7,7 @@ use crate::cli::{ComputeArgs, Odd, Say, WrongCall, print};
 use crate::corpus::gather::Item;
 use crate::corpus::load::{Wanted, item_options};
 use crate::corpus::{Split, gather::Gathered};
-use crate::evaluate::prediction::{Foreteller, Row, TIMES_MS, Window, baselines, seen_s, windows};
+use crate::evaluate::prediction::{Predictor, Row, TIMES_MS, Window, baselines, context_seconds, windows};
 use crate::generate::sampling::Draw;
 use crate::generate::{NextToken, reader};
 use crate::model::{CheckpointChoice, ReaderOptions, load_run};
@@ -96,7 +96,7 @@ fn of_model(args: &Args, run: &Path, draw: Draw, say: Say) -> Result<()> {
     let of = |streams: usize| reader(&run, compute, ReaderOptions { streams, ..ReaderOptions::default() });
     let mut greedy = of(1)?;
     let mut samples = (args.samples > 0).then(|| of(args.samples.into())).transpose()?;
-    let mut foreteller = Foreteller {
+    let mut predictor = Predictor {
         greedy: &mut *greedy,
         samples: samples.as_mut().map(|samples| &mut **samples as &mut dyn NextToken),
         tokenizer: &tokenizer,
@@ -104,9 +104,9 @@ fn of_model(args: &Args, run: &Path, draw: Draw, say: Say) -> Result<()> {
         draw,
         seed: args.seed,
     };
-    let seen = seen_s(&foreteller, &tokenizer);
+    let seen = context_seconds(&predictor, &tokenizer);
     let bar = crate::cli::progress::bar(own.len() as u64, "windows", say);
-    let rows = foreteller.rows(&own, &mut |n| bar.set_position(n as u64));
+    let rows = predictor.rows(&own, &mut |n| bar.set_position(n as u64));
     drop(bar);
     let joints = tokenizer.channels().joints();
     let mut all = baselines(&own, joints, "")?;

@@ -3,7 +3,7 @@
 use crate::cli::{Say, TrustArgs, WrongCall, evaluate::dance};
 use crate::corpus::{Corpus, Split};
 use crate::evaluate::dance::judge::Judge;
-use crate::evaluate::dance::{Dance, Real};
+use crate::evaluate::dance::{Dance, Reference};
 use crate::generate::best::Best;
 use crate::generate::open::OpenRequest;
 use crate::train::run::RunFile;
@@ -54,7 +54,7 @@ impl BestArgs {
             );
             return Err(WrongCall(what).into());
         }
-        Real::check(&corpus)?;
+        Reference::check(&corpus)?;
         if corpus.split(Split::Valid).next().is_none() {
             say.line("no validation clips: whether a dance copies can't be told");
         }
@@ -91,7 +91,7 @@ impl Beside {
         out: &Path,
         say: Say,
     ) -> Result<Vec<(usize, Best)>> {
-        let real = Real::load(&self.corpus)?;
+        let real = Reference::load(&self.corpus)?;
         let judge = Judge::new(&real, ready.invented())?;
         // what is written and never read is judged as .json
         let is_read = Format::of_name(out).is_some_and(|format| format != Format::Glb);

@@ -4,8 +4,8 @@ use super::{TransformArg, joints_of};
 use crate::cli::data::DataArgs;
 use crate::cli::read::{ReadArgs, count, rate, window};
 use crate::cli::{Say, WrongCall, progress};
-use crate::spectral::query::options::joint_names;
-use crate::spectral::query::{Asked, build};
+use crate::spectral::query::joint_names;
+use crate::spectral::query::{Index, IndexRequest};
 use anyhow::Result;
 use kinelm_motion::format::RestFrame;
 use std::path::PathBuf;
@@ -52,7 +52,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let said = args.transform.is_some() || args.no_dc || args.keep.is_some() || args.run.is_some();
     let usual = if args.run.is_some() { TransformArg::Model } else { TransformArg::Dct };
     let transform = args.transform.unwrap_or(if args.no_dc { TransformArg::Stft } else { usual });
-    let asked = Asked {
+    let asked = IndexRequest {
         transform: said.then(|| transform.kind(args.no_dc, args.keep, args.run.as_deref())).transpose()?,
         frames: args.window,
         hop: args.hop,
@@ -65,7 +65,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     let gathered = args.data.gather(say)?;
     let options = args.data.build_options(args.read.options(RestFrame::Drop));
-    let built = build(&gathered, &asked, &options, &args.out, &mut *progress::watch(say, "building the index"))?;
+    let built = Index::build(&gathered, &asked, &options, &args.out, &mut *progress::watch(say, "building the index"))?;
     for line in built.lines() {
         say.line(line);
     }

@@ -5,7 +5,7 @@ use crate::cli::data::DataArgs;
 use crate::cli::read::{ReadArgs, count, rate, window};
 use crate::cli::{ForceArgs, Say, print, progress};
 use crate::spectral::WindowSpec;
-use crate::spectral::query::{Distance, EvaluateOptions, Exclude, evaluate, sheet};
+use crate::spectral::query::{Distance, EvaluateOptions, Exclude, evaluate, tables};
 use anyhow::Result;
 use kinelm_motion::format::RestFrame;
 use std::path::PathBuf;
@@ -102,11 +102,11 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         return print(&figures);
     }
     if args.markdown {
-        return print(&sheet::markdown(&report));
+        return print(&tables::markdown(&report));
     }
-    for line in sheet::said(&report) {
+    for line in tables::said(&report) {
         say.line(line);
     }
-    let tables: Vec<String> = sheet::sheets(&report).iter().map(sheet::Sheet::terminal).collect();
+    let tables: Vec<String> = tables::sheets(&report).iter().map(tables::Sheet::terminal).collect();
     print(&tables.join("\n"))
 }

@@ -3,7 +3,7 @@
 use super::{distance, exclude};
 use crate::cli::read::{ReadArgs, count, time};
 use crate::cli::{ForceArgs, Say, print};
-use crate::spectral::query::{Answer, Distance, Exclude, Index, Question, find};
+use crate::spectral::query::{Distance, Exclude, Index, Query, SearchResult};
 use anyhow::Result;
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
@@ -34,7 +34,7 @@ pub struct Args {
     exclude: Exclude,
     /// Of each clip only its nearest window
     #[arg(long)]
-    one_a_clip: bool,
+    one_per_clip: bool,
     /// Write a page that plays the query beside what was found (.html)
     #[arg(long, value_name = "FILE")]
     page: Option<PathBuf>,
@@ -54,14 +54,14 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let index = Index::open(&args.index)?;
     let read = args.read.of_file(&args.clip, RestFrame::Drop, say);
     let as_indexed = read == ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
-    let Args { clip, at, k, distance, exclude, one_a_clip, page, json, .. } = args;
+    let Args { clip, at, k, distance, exclude, one_per_clip, page, json, .. } = args;
     let at_s = match at {
         Some(at @ Moment::Frames(_)) => Some(at.seconds(format::read(&clip, &read)?.clip.fps())),
         at => at.map(Moment::number),
     };
-    let question = Question { clip, read, as_indexed, at_s, k, distance, exclude, one_a_clip };
-    let answer = find(&index, &question)?;
-    for line in &answer.said {
+    let question = Query { clip, read, as_indexed, at_s, k, distance, exclude, one_per_clip };
+    let answer = index.find(&question)?;
+    for line in &answer.notes {
         say.line(line);
     }
     if let Some(path) = page {
@@ -76,7 +76,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     if json {
         let line = json!({
             "schema": 1, "query": answer.query, "windows": answer.windows, "transform": what,
-            "distance": distance.name(), "exclude": exclude.name(), "found": answer.found,
+            "distance": distance.name(), "exclude": exclude.name(), "matches": answer.matches,
         });
         return print(&format!("{line}\n"));
     }
@@ -92,12 +92,12 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     print(&table(&answer, distance))
 }
 
-fn table(answer: &Answer, distance: Distance) -> String {
+fn table(answer: &SearchResult, distance: Distance) -> String {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_content_arrangement(ContentArrangement::Disabled);
     table.set_header(["", distance.name(), "clip", "seconds", "labels"]);
-    for found in &answer.found {
+    for found in &answer.matches {
         let window = &found.window;
         table.add_row([
             found.rank.to_string(),

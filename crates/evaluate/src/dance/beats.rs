@@ -24,7 +24,7 @@ const SAME: f64 = 0.05;
 
 /// Beats of a clip, and of its music.
 #[derive(Debug, Clone)]
-pub struct Pair {
+pub struct BeatPair {
     /// Those of all coded joints, and of the legs, seconds.
     own_s: [Vec<f64>; 2],
     /// Where the legs' speed peaks, a minute.
@@ -33,16 +33,16 @@ pub struct Pair {
     seconds: f64,
 }
 
-impl Pair {
+impl BeatPair {
     /// Of a clip and the beats of its music, seconds from its first frame.
     ///
     /// # Errors
     /// Those of resampling.
-    pub fn new(clip: &Clip, joints: &[usize], music_s: &[f64]) -> Result<Pair> {
+    pub fn new(clip: &Clip, joints: &[usize], music_s: &[f64]) -> Result<BeatPair> {
         let legs: Vec<usize> = LEGS.into_iter().filter(|joint| joints.contains(joint)).collect();
         let legs = if legs.is_empty() { joints } else { &legs };
         let beats = |joints| beats_s(clip, joints, BeatRule::Fixed);
-        Ok(Pair {
+        Ok(BeatPair {
             own_s: [beats(joints)?, beats(legs)?],
             pulse_bpm: pulse_bpm(clip, legs)?,
             music_s: music_s.to_vec(),
@@ -51,12 +51,12 @@ impl Pair {
     }
 
     /// The same clip against other beats.
-    pub fn against(&self, music_s: Vec<f64>) -> Pair {
-        Pair { music_s, ..self.clone() }
+    pub fn against(&self, music_s: Vec<f64>) -> BeatPair {
+        BeatPair { music_s, ..self.clone() }
     }
 
     /// Whether both have one piece of music, begun wherever: its beats at one distance from each other.
-    fn has_the_music_of(&self, other: &Pair) -> bool {
+    fn has_the_music_of(&self, other: &BeatPair) -> bool {
         let (a, b) = (&self.music_s, &other.music_s);
         let apart = |(a, b): (&f64, &f64)| a - b;
         let first = a.iter().zip(b).map(apart).next().unwrap_or(0.0);
@@ -73,7 +73,7 @@ impl Pair {
     }
 
     /// All joints on the beat, and the legs at a lag.
-    fn held_at(&self, lag: f64) -> [ShiftTest; 2] {
+    fn scores_at(&self, lag: f64) -> [ShiftTest; 2] {
         let [all, legs] = &self.own_s;
         [ShiftTest::of(all, &self.music_s, self.seconds), ShiftTest::of(legs, &self.later(lag), self.seconds)]
     }
@@ -99,7 +99,7 @@ impl Pair {
 }
 
 /// The part of a beat by which the legs of clips come to rest behind it: where they score best. None of no clips.
-pub fn lag(all: &[Pair]) -> Option<f64> {
+pub fn lag(all: &[BeatPair]) -> Option<f64> {
     let score = |lag: f64| all.iter().map(|p| BeatAlignment::of(&p.own_s[1], &p.later(lag)).motion).sum::<f64>();
     let lags: Vec<f64> = LAGS.map(|lag| f64::from(lag) / 100.0).collect();
     let scores: Vec<f64> = lags.par_iter().map(|lag| score(*lag)).collect();
@@ -109,15 +109,15 @@ pub fn lag(all: &[Pair]) -> Option<f64> {
 
 /// How dances keep to beats, their means.
 #[derive(Debug, Clone, Serialize)]
-pub struct Kept {
+pub struct BeatMetrics {
     /// What they are.
     pub name: String,
     /// How many.
     pub dances: usize,
     /// All joints, on the beat.
-    pub all: Figures,
+    pub all: BeatScores,
     /// The legs, behind it.
-    pub legs: Figures,
+    pub legs: BeatScores,
     /// The part of a beat by which.
     pub lag: f64,
     /// Share of the dances whose legs' speed peaks at the music's tempo, its half or double, to 5 %.
@@ -126,11 +126,11 @@ pub struct Kept {
 
 /// The figures of one way to measure.
 #[derive(Debug, Clone, Serialize)]
-pub struct Figures {
+pub struct BeatScores {
     /// Beats of the dances, and of the music.
     pub beats: [usize; 2],
     /// BA_motion, BA_music and their harmonic mean.
-    pub found: [f64; 3],
+    pub scores: [f64; 3],
     /// BA_motion and BA_music with the music shifted.
     pub shifted: [f64; 2],
     /// What BA_motion is by chance, by the formula.
@@ -142,17 +142,17 @@ pub struct Figures {
     pub z: Option<[f64; 2]>,
 }
 
-impl Figures {
-    fn of(all: &[ShiftTest]) -> Option<Figures> {
+impl BeatScores {
+    fn of(all: &[ShiftTest]) -> Option<BeatScores> {
         let n = all.len() as f64;
         let mean = |of: &dyn Fn(&ShiftTest) -> f64| all.iter().map(of).sum::<f64>() / n;
         let pair = |a: BeatAlignment| [a.motion, a.music];
         let [motion, music] = [mean(&|h| h.found.motion), mean(&|h| h.found.music)];
         let chances: Option<Vec<f64>> = all.iter().map(|held| held.chance).collect();
         let one = all.first()?;
-        Some(Figures {
+        Some(BeatScores {
             beats: [0, 1].map(|i| all.iter().map(|held| held.beats[i]).sum()),
-            found: [motion, music, BeatAlignment { motion, music }.both()],
+            scores: [motion, music, BeatAlignment { motion, music }.both()],
             shifted: [mean(&|h| h.mean.motion), mean(&|h| h.mean.music)],
             chance: chances.map(|chances| chances.iter().sum::<f64>() / n),
             percentile: (all.len() == 1).then(|| pair(one.percentile)),
@@ -161,24 +161,24 @@ impl Figures {
     }
 }
 
-impl Kept {
+impl BeatMetrics {
     /// The means over dances; nothing of none.
-    pub fn of(name: &str, all: &[Pair], lag: f64) -> Option<Kept> {
-        let held: Vec<[ShiftTest; 2]> = all.par_iter().map(|pair| pair.held_at(lag)).collect();
-        let of = |way: usize| Figures::of(&held.iter().map(|held| held[way]).collect::<Vec<_>>());
+    pub fn of(name: &str, all: &[BeatPair], lag: f64) -> Option<BeatMetrics> {
+        let held: Vec<[ShiftTest; 2]> = all.par_iter().map(|pair| pair.scores_at(lag)).collect();
+        let of = |way: usize| BeatScores::of(&held.iter().map(|held| held[way]).collect::<Vec<_>>());
         let in_tempo = all.iter().filter(|pair| pair.is_in_tempo()).count() as f64 / all.len() as f64;
-        Some(Kept { name: name.into(), dances: all.len(), all: of(0)?, legs: of(1)?, lag, in_tempo })
+        Some(BeatMetrics { name: name.into(), dances: all.len(), all: of(0)?, legs: of(1)?, lag, in_tempo })
     }
 }
 
-/// The heads over [`Figures`].
+/// The heads over [`BeatScores`].
 pub(super) const HEADS: &str =
     "  beats  music BA_motion  shifted  formula      z  BA_music  shifted      z      F percentile";
 
-impl fmt::Display for Figures {
+impl fmt::Display for BeatScores {
     /// Cells for a table.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let ([motion, music, both], [shifted, shifted_music]) = (self.found, self.shifted);
+        let ([motion, music, both], [shifted, shifted_music]) = (self.scores, self.shifted);
         let chance = self.chance.map_or("n/a".into(), |x| format!("{x:.3}"));
         let [z, z_music] = self.z.map_or(["n/a".into(), "n/a".into()], |z| z.map(|z| format!("{z:.1}")));
         let percent = |[a, b]: [f64; 2]| format!("{:.0}, {:.0}", 100.0 * a, 100.0 * b);
@@ -193,11 +193,11 @@ impl fmt::Display for Figures {
 ///
 /// # Errors
 /// Words that can't be decoded.
-pub fn of_corpus(corpus: &Corpus, joints: &[usize]) -> Result<(Vec<Kept>, f64)> {
-    let of_clip = |clip: &&ClipRecord| -> Result<Pair> {
-        Pair::new(&Dance::of_corpus(corpus, clip)?.clip, joints, clip.beats_s())
+pub fn of_corpus(corpus: &Corpus, joints: &[usize]) -> Result<(Vec<BeatMetrics>, f64)> {
+    let of_clip = |clip: &&ClipRecord| -> Result<BeatPair> {
+        BeatPair::new(&Dance::of_corpus(corpus, clip)?.clip, joints, clip.beats_s())
     };
-    let of_split = |(split, of): (Split, BeatsOf)| -> Result<(String, Vec<Pair>)> {
+    let of_split = |(split, of): (Split, BeatsOf)| -> Result<(String, Vec<BeatPair>)> {
         let has = |clip: &&ClipRecord| clip.beats.as_ref().is_some_and(|beats| beats.of == of);
         let clips: Vec<_> = corpus.split(split).filter(has).collect();
         let name = if of == BeatsOf::Music { split.to_string() } else { format!("{split}, motion-derived") };
@@ -207,7 +207,7 @@ pub fn of_corpus(corpus: &Corpus, joints: &[usize]) -> Result<(Vec<Kept>, f64)> 
     let all = ways.map(of_split).collect::<Result<Vec<_>>>()?;
     // of music, as long as there is any
     let lag = lag(&all[0].1).or(lag(&all[Split::ALL.len()].1)).unwrap_or(0.0);
-    Ok((all.iter().filter_map(|(name, pairs)| Kept::of(name, pairs, lag)).collect(), lag))
+    Ok((all.iter().filter_map(|(name, pairs)| BeatMetrics::of(name, pairs, lag)).collect(), lag))
 }
 
 /// Dances against the beats of their music, together, against other music, half a beat off, and one by one; those without music
@@ -215,26 +215,34 @@ pub fn of_corpus(corpus: &Corpus, joints: &[usize]) -> Result<(Vec<Kept>, f64)> 
 ///
 /// # Errors
 /// Those of resampling.
-pub fn of_dances(dances: &[Dance], music_s: &[Option<Vec<f64>>], joints: &[usize], lag: f64) -> Result<Vec<Kept>> {
+pub fn of_dances(
+    dances: &[Dance],
+    music_s: &[Option<Vec<f64>>],
+    joints: &[usize],
+    lag: f64,
+) -> Result<Vec<BeatMetrics>> {
     let with: Vec<_> = dances.iter().zip(music_s).filter_map(|(d, music)| Some((d, music.as_ref()?))).collect();
-    let all = with.par_iter().map(|(d, music)| Pair::new(&d.clip, joints, music)).collect::<Result<Vec<Pair>>>()?;
-    let each = with.iter().zip(&all).filter_map(|((d, _), pair)| Kept::of(&d.name, std::slice::from_ref(pair), lag));
-    Ok(Kept::of("dances", &all, lag).into_iter().chain(doubted("the same", &all, lag)).chain(each).collect())
+    let all =
+        with.par_iter().map(|(d, music)| BeatPair::new(&d.clip, joints, music)).collect::<Result<Vec<BeatPair>>>()?;
+    let each =
+        with.iter().zip(&all).filter_map(|((d, _), pair)| BeatMetrics::of(&d.name, std::slice::from_ref(pair), lag));
+    Ok(BeatMetrics::of("dances", &all, lag).into_iter().chain(controls("the same", &all, lag)).chain(each).collect())
 }
 
 /// What says whether it is their own music that dances keep to: the same dances against that of the next one that has other
 /// music, begun elsewhere, and half a beat off. Nothing where all have the same.
-pub fn doubted(name: &str, all: &[Pair], lag: f64) -> Vec<Kept> {
-    let other = |i: usize| -> Option<Pair> {
+pub fn controls(name: &str, all: &[BeatPair], lag: f64) -> Vec<BeatMetrics> {
+    let other = |i: usize| -> Option<BeatPair> {
         let next = all[i + 1..].iter().chain(&all[..i]).find(|next| !next.has_the_music_of(&all[i]))?;
         Some(all[i].against(moved(&next.music_s, all[i].seconds)))
     };
-    let Some(others) = (0..all.len()).map(other).collect::<Option<Vec<Pair>>>() else { return Vec::new() };
-    let off = |pair: &Pair| pair.against(pair.music_s.windows(2).map(|beats| 0.5 * (beats[0] + beats[1])).collect());
-    let off: Vec<Pair> = all.iter().map(off).collect();
+    let Some(others) = (0..all.len()).map(other).collect::<Option<Vec<BeatPair>>>() else { return Vec::new() };
+    let off =
+        |pair: &BeatPair| pair.against(pair.music_s.windows(2).map(|beats| 0.5 * (beats[0] + beats[1])).collect());
+    let off: Vec<BeatPair> = all.iter().map(off).collect();
     let rows = [
-        Kept::of(&format!("{name} against other music"), &others, lag),
-        Kept::of(&format!("{name}, half a beat off"), &off, lag),
+        BeatMetrics::of(&format!("{name} against other music"), &others, lag),
+        BeatMetrics::of(&format!("{name}, half a beat off"), &off, lag),
     ];
     rows.into_iter().flatten().collect()
 }
@@ -258,30 +266,32 @@ mod tests {
     fn made_up_dances_keep_to_their_beats_and_to_no_others() {
         let dances = synth::corpus(4, 16, 24.0, 20.0).unwrap();
         let joints: Vec<usize> = (0..22).collect();
-        let pairs: Vec<Pair> = dances.iter().map(|d| Pair::new(&d.clip, &joints, &d.beats_s).unwrap()).collect();
+        let pairs: Vec<BeatPair> =
+            dances.iter().map(|d| BeatPair::new(&d.clip, &joints, &d.beats_s).unwrap()).collect();
         let lag = lag(&pairs).unwrap();
         // feet land on the beat and rest a little later
         assert!((0.05..0.3).contains(&lag), "{lag}");
-        let of = |pairs: &[Pair]| Kept::of("all", pairs, lag).unwrap();
+        let of = |pairs: &[BeatPair]| BeatMetrics::of("all", pairs, lag).unwrap();
         let right = of(&pairs);
-        let [other, off] = doubted("the same", &pairs, lag).try_into().unwrap();
-        let z = |kept: &Kept| kept.legs.z.unwrap()[0];
+        let [other, off] = controls("the same", &pairs, lag).try_into().unwrap();
+        let z = |kept: &BeatMetrics| kept.legs.z.unwrap()[0];
         assert!(z(&right) > 5.0 && z(&other) < 2.0 && z(&off) < 2.0, "{right:?} {other:?} {off:?}");
         assert_eq!([&other.name, &off.name], ["the same against other music", "the same, half a beat off"]);
-        let alike: Vec<Pair> = pairs.iter().map(|pair| pair.against(dances[0].beats_s.clone())).collect();
-        assert!(doubted("the same", &alike, lag).is_empty());
+        let alike: Vec<BeatPair> = pairs.iter().map(|pair| pair.against(dances[0].beats_s.clone())).collect();
+        assert!(controls("the same", &alike, lag).is_empty());
         // one piece, begun elsewhere
-        let later =
-            |(i, pair): (usize, &Pair)| pair.against(dances[0].beats_s.iter().map(|t| t - 0.7 * i as f64).collect());
-        assert!(doubted("the same", &pairs.iter().enumerate().map(later).collect::<Vec<_>>(), lag).is_empty());
+        let later = |(i, pair): (usize, &BeatPair)| {
+            pair.against(dances[0].beats_s.iter().map(|t| t - 0.7 * i as f64).collect())
+        };
+        assert!(controls("the same", &pairs.iter().enumerate().map(later).collect::<Vec<_>>(), lag).is_empty());
         assert!(right.in_tempo > other.in_tempo && right.dances == 16, "{right:?} {other:?}");
     }
 
     #[test]
     fn one_dance_has_a_percentile_and_none_no_figures() {
-        let pair = Pair::new(&samples::walk(40), &[0, 4, 5], &[0.5, 1.0, 1.5]).unwrap();
-        let one = Kept::of("walk", &[pair], 0.0).unwrap();
+        let pair = BeatPair::new(&samples::walk(40), &[0, 4, 5], &[0.5, 1.0, 1.5]).unwrap();
+        let one = BeatMetrics::of("walk", &[pair], 0.0).unwrap();
         assert!(one.all.percentile.is_some() && one.all.to_string().len() <= HEADS.len() + 2, "{}", one.all);
-        assert!(Kept::of("none", &[], 0.0).is_none() && super::lag(&[]).is_none());
+        assert!(BeatMetrics::of("none", &[], 0.0).is_none() && super::lag(&[]).is_none());
     }
 }

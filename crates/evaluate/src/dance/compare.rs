@@ -1,11 +1,11 @@
 //! Two sets of dances side by side: docs/referee.md, "Two sets side by side".
 
 use super::coded::Dance;
-use super::figures::{Figures, Mean};
+use super::metrics::{DanceMetrics, Mean};
 use super::print::shortened;
-use super::prompted::Prompted;
-use super::report::Real;
-use crate::{Result, takes};
+use super::prompt::PromptMetrics;
+use super::report::Reference;
+use crate::{Result, bootstrap};
 use kinelm_corpus::{Corpus, Split};
 use kinelm_store::counted;
 use kinelm_view::plot::{Chart, Look, Scale, Series};
@@ -21,15 +21,15 @@ const FEW_TAKES: usize = 6;
 
 /// A dance, and where it is from.
 #[derive(Debug, Clone)]
-pub struct Measured {
+pub struct MeasuredDance {
     /// The dance.
     pub dance: Dance,
     /// The recording that it, or its prompt, belongs to: dances of one are not independent.
     pub take: String,
     /// Whether it, or its prompt, is a train clip of the corpus.
-    pub learned: bool,
+    pub in_training: bool,
     /// What it made of its prompt.
-    pub prompted: Option<Prompted>,
+    pub prompted: Option<PromptMetrics>,
 }
 
 /// Dances that are held to others.
@@ -38,7 +38,7 @@ pub struct Side {
     /// What they are called.
     pub name: String,
     /// The dances.
-    pub dances: Vec<Measured>,
+    pub dances: Vec<MeasuredDance>,
 }
 
 impl Side {
@@ -58,13 +58,13 @@ pub fn take_of(corpus: &Corpus, sha256: &[String]) -> Option<(String, bool)> {
     let of = |hash: &String| corpus.clips().iter().find(|record| record.sha256 == *hash);
     let records: Vec<_> = sha256.iter().filter_map(of).collect();
     let takes: BTreeSet<&str> = records.iter().map(|record| &*record.take).collect();
-    let learned = records.iter().any(|record| record.split == Split::Train);
-    (!takes.is_empty()).then(|| (takes.into_iter().collect::<Vec<_>>().join(" + "), learned))
+    let in_training = records.iter().any(|record| record.split == Split::Train);
+    (!takes.is_empty()).then(|| (takes.into_iter().collect::<Vec<_>>().join(" + "), in_training))
 }
 
 /// A mean over dances, and its middle 95 % when takes are drawn anew.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Sure {
+pub struct Estimate {
     /// The mean.
     pub mean: f64,
     /// Where 95 % of the means of other takes lie.
@@ -82,9 +82,9 @@ pub struct Row {
     /// Of the real train clips the mean.
     pub real: Option<f64>,
     /// Of the two sets; `None` where no dance has it.
-    pub sides: [Option<Sure>; 2],
+    pub sides: [Option<Estimate>; 2],
     /// The second's less the first's.
-    pub difference: Option<Sure>,
+    pub difference: Option<Estimate>,
 }
 
 /// All measures.
@@ -107,13 +107,13 @@ pub struct Comparison {
 }
 
 /// A set of dances by its name.
-pub type Set<'a> = (&'a str, Vec<(&'a Dance, Option<&'a Prompted>)>);
+pub type Set<'a> = (&'a str, Vec<(&'a Dance, Option<&'a PromptMetrics>)>);
 
 /// A figure of one dance.
-type Of = fn(&Figures, Option<&Prompted>) -> Option<f64>;
+type Measure = fn(&DanceMetrics, Option<&PromptMetrics>) -> Option<f64>;
 
 /// What is measured, with the digits that are printed.
-const MEASURES: [(&str, usize, Of); 15] = [
+const MEASURES: [(&str, usize, Measure); 15] = [
     ("stands still, %", 1, |f, _| share(f.world.still, f.world.frames)),
     ("stands still, pose alone, %", 1, |f, _| share(f.pose.still, f.pose.frames)),
     ("frozen in the end, %", 0, |f, _| Some(100.0 * f64::from(f.world.time_to_freeze_s.is_some()))),
@@ -135,19 +135,19 @@ fn share(some: usize, all: usize) -> Option<f64> {
     (all > 0).then(|| 100.0 * some as f64 / all as f64)
 }
 
-impl Real<'_> {
+impl Reference<'_> {
     /// A chart a measure: of the real train clips and of each set, the share of clips that have so much or less.
     ///
     /// # Errors
     /// Words that can't be decoded.
     pub fn charts(&self, sets: &[Set]) -> Result<Vec<Chart>> {
-        type Measure<'a> = (Figures, Option<&'a Prompted>);
-        let train = self.all_figures(Split::Train)?.into_iter().map(|f| (f, None)).collect();
-        let mut all: Vec<(&str, Vec<Measure>)> = vec![("train", train)];
+        type Metrics<'a> = (DanceMetrics, Option<&'a PromptMetrics>);
+        let train = self.all_metrics(Split::Train)?.into_iter().map(|f| (f, None)).collect();
+        let mut all: Vec<(&str, Vec<Metrics>)> = vec![("train", train)];
         all.extend(sets.iter().map(|(name, dances)| {
-            (*name, dances.par_iter().map(|(d, prompted)| (self.figures(d), *prompted)).collect())
+            (*name, dances.par_iter().map(|(d, prompted)| (self.metrics(d), *prompted)).collect())
         }));
-        let chart = |(what, _, of): (&'static str, usize, Of)| {
+        let chart = |(what, _, of): (&'static str, usize, Measure)| {
             let series = all.iter().enumerate().map(|(colour, (name, dances))| {
                 let mut found: Vec<f64> = dances.iter().filter_map(|(f, prompted)| of(f, *prompted)).collect();
                 found.sort_by(f64::total_cmp);
@@ -167,14 +167,14 @@ impl Real<'_> {
     /// # Errors
     /// Words that can't be decoded.
     pub fn compare(&self, sides: &[Side; 2]) -> Result<Comparison> {
-        let figures = sides.each_ref().map(|side| {
-            let of = |d: &Measured| self.figures(&d.dance);
+        let metrics = sides.each_ref().map(|side| {
+            let of = |d: &MeasuredDance| self.metrics(&d.dance);
             side.dances.par_iter().map(of).collect::<Vec<_>>()
         });
-        let real = self.all_figures(Split::Train)?;
-        let row = |(what, digits, of): (&'static str, usize, Of)| {
+        let real = self.all_metrics(Split::Train)?;
+        let row = |(what, digits, of): (&'static str, usize, Measure)| {
             let parts = [0, 1].map(|side| {
-                let dances = sides[side].dances.iter().zip(&figures[side]);
+                let dances = sides[side].dances.iter().zip(&metrics[side]);
                 let value = |(d, f): (_, _)| of_dance(d, f, of);
                 dances.filter_map(value).collect::<Vec<(&str, f64, f64)>>()
             });
@@ -188,12 +188,13 @@ impl Real<'_> {
                     (!all.is_empty()).then(|| all.iter().sum::<f64>() / all.len() as f64)
                 },
                 sides: parts.each_ref().map(|parts| {
-                    let sure = || Sure { mean: mean(parts), interval: takes::interval(parts.iter().copied()) };
-                    (!parts.is_empty()).then(sure)
+                    let estimate =
+                        || Estimate { mean: mean(parts), interval: bootstrap::interval(parts.iter().copied()) };
+                    (!parts.is_empty()).then(estimate)
                 }),
-                difference: there.then(|| Sure {
+                difference: there.then(|| Estimate {
                     mean: mean(&parts[1]) - mean(&parts[0]),
-                    interval: takes::difference(parts.each_ref().map(|parts| parts.iter().copied())),
+                    interval: bootstrap::difference(parts.each_ref().map(|parts| parts.iter().copied())),
                 }),
             }
         };
@@ -210,19 +211,19 @@ impl Real<'_> {
     }
 }
 
-fn of_dance<'a>(dance: &'a Measured, figures: &Figures, of: Of) -> Option<(&'a str, f64, f64)> {
-    Some((&*dance.take, of(figures, dance.prompted.as_ref())?, 1.0))
+fn of_dance<'a>(dance: &'a MeasuredDance, metrics: &DanceMetrics, of: Measure) -> Option<(&'a str, f64, f64)> {
+    Some((&*dance.take, of(metrics, dance.prompted.as_ref())?, 1.0))
 }
 
 /// What makes two sets hard to compare; they are measured at `fps`.
 fn doubts(sides: &[Side; 2], fps: f64) -> Vec<String> {
     let mut doubts = Vec::new();
     for side in sides {
-        let learned = side.dances.iter().filter(|d| d.learned).count();
-        if learned > 0 {
+        let in_training = side.dances.iter().filter(|d| d.in_training).count();
+        if in_training > 0 {
             let (name, of) = (&side.name, counted(side.dances.len(), "dances"));
             doubts.push(format!(
-                "{name}: {learned} of {of} are train clips, or follow one: what was learned is seen again"
+                "{name}: {in_training} of {of} are train clips, or follow one: what was learned is seen again"
             ));
         }
     }
@@ -269,17 +270,18 @@ impl fmt::Display for Comparison {
                 // no minus before nothing
                 if text.chars().all(|c| matches!(c, '-' | '0' | '.')) { text.replace('-', "") } else { text }
             };
-            let sure = |sure: Option<Sure>| {
-                let text =
-                    |s: Sure| format!("{} ({} to {})", number(s.mean), number(s.interval[0]), number(s.interval[1]));
-                sure.map_or("n/a".into(), text)
+            let estimate = |estimate: Option<Estimate>| {
+                let text = |s: Estimate| {
+                    format!("{} ({} to {})", number(s.mean), number(s.interval[0]), number(s.interval[1]))
+                };
+                estimate.map_or("n/a".into(), text)
             };
             let real = row.real.map_or("n/a".into(), number);
             // one take has no spread
             let star = self.takes.iter().all(|takes| *takes > 1)
                 && row.difference.is_some_and(|d| d.interval[0] > 0.0 || d.interval[1] < 0.0);
-            let [a, b] = row.sides.map(sure);
-            write!(f, "\n{:<32} {real:>9} {a:>28} {b:>28} {:>28}", shortened(row.what), sure(row.difference))?;
+            let [a, b] = row.sides.map(estimate);
+            write!(f, "\n{:<32} {real:>9} {a:>28} {b:>28} {:>28}", shortened(row.what), estimate(row.difference))?;
             f.write_str(if star { "*" } else { " " })?;
         }
         Ok(())

@@ -4,7 +4,7 @@
 //! second apart, the nearest of all training windows: every offset, mirrored too. The same of real validation clips is
 //! the reference; a copy is what is nearer than all but 1 % of it.
 
-use super::places::heading_of;
+use super::positions::heading_of;
 use crate::Result;
 use kinelm_motion::mirror::mirror;
 use kinelm_motion::{Clip, Vec3};
@@ -92,19 +92,19 @@ impl Nearest<'_> {
     }
 
     /// Shows a training clip, with its mirror image.
-    pub fn show(&mut self, training: &[Track]) {
+    pub fn add_training(&mut self, training: &[Track]) {
         let dances = self.dances;
         self.windows.par_iter_mut().for_each(|Window { dance, first, best }| {
             let dance = &dances[*dance];
             let window: Vec<Vec3> = (*first..*first + dance.window()).flat_map(|f| dance.turned(*first, f)).collect();
             let all = training.iter().flat_map(|t| (0..t.windows()).map(move |first| (t, first)));
-            *best = all.fold(*best, |best, (t, first)| best.min(apart(&window, t, first, best)));
+            *best = all.fold(*best, |best, (t, first)| best.min(bounded_distance(&window, t, first, best)));
         });
     }
 
     /// For every dance, and every window of it, the distance to the nearest training window, cm: the mean over frames and
     /// joints. Nothing without training windows.
-    pub fn found(self) -> Vec<Vec<f64>> {
+    pub fn distances(self) -> Vec<Vec<f64>> {
         let mut found = vec![Vec::new(); self.dances.len()];
         for Window { dance, best, .. } in self.windows {
             let track = &self.dances[dance];
@@ -117,7 +117,7 @@ impl Nearest<'_> {
 
 /// Sum of the distances of a window's joints from those of the training window that begins at `first`; given up, with
 /// something larger, where it passes `most`.
-fn apart(window: &[Vec3], training: &Track, first: usize, most: f64) -> f64 {
+fn bounded_distance(window: &[Vec3], training: &Track, first: usize, most: f64) -> f64 {
     let mut sum = 0.0;
     for (f, frame) in window.chunks(training.joints).enumerate() {
         sum += training.turned(first, first + f).zip(frame).map(|(p, q)| (p - *q).length()).sum::<f64>();
@@ -153,8 +153,8 @@ mod tests {
 
     fn nearest(dance: &Track, training: &[Track]) -> Vec<f64> {
         let mut nearest = Nearest::of(std::slice::from_ref(dance));
-        training.chunks(2).for_each(|clip| nearest.show(clip));
-        nearest.found().remove(0)
+        training.chunks(2).for_each(|clip| nearest.add_training(clip));
+        nearest.distances().remove(0)
     }
 
     fn dances() -> Vec<Clip> {

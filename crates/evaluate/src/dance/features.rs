@@ -1,8 +1,8 @@
 //! Dances and real ones as clouds of features, and how far these are apart: docs/referee.md.
 
 use super::coded::Dance;
-use super::frechet::{Held, Rows, Scale, held};
-use super::report::Real;
+use super::frechet::{Rows, SetDistance, Standardizer};
+use super::report::Reference;
 use crate::Result;
 use kinelm_corpus::Split;
 use kinelm_motion::metric::features::{COMPAT_FPS, Formulas, JointPositions, geometric, kinetic};
@@ -35,7 +35,7 @@ pub struct Features {
     /// Diversity of the real train clips.
     pub real_diversity: Option<f64>,
     /// Sets held to the real train clips: what is real, what is real and spoilt, the dances.
-    pub sets: Vec<(String, Held)>,
+    pub sets: Vec<(String, SetDistance)>,
     /// Of sets with more vectors so many were taken, spread evenly; `None` where none has more.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub most_vectors: Option<usize>,
@@ -46,7 +46,7 @@ const MOST: usize = 4_000;
 
 /// What is done to clips before their features are taken.
 #[derive(Clone, Copy, PartialEq)]
-enum Done {
+enum Alteration {
     Nothing,
     Reversed,
     Noise,
@@ -57,22 +57,22 @@ enum Done {
 ///
 /// # Errors
 /// Words that can't be decoded; what resampling and features fail with.
-pub fn features(real_clips: &Real, sets: &[(&str, &[Dance])]) -> Result<Vec<Features>> {
+pub fn features(reference: &Reference, sets: &[(&str, &[Dance])]) -> Result<Vec<Features>> {
     let mut tables = Vec::new();
     for (form, form_name) in [(Formulas::Fixed, "fixed"), (Formulas::Compat, "compat")] {
         let of_split = |split| {
-            let corpus = real_clips.corpus();
+            let corpus = reference.corpus();
             Pieces::of(corpus.split(split).map(|clip| clip.frames), corpus.tokenizer().fps(), form)
         };
         let pieces = of_split(Split::Train);
         let all_done = |i, dance: &Dance| -> Result<[Vec<Vector>; 3]> {
-            let [real, reversed, noise] =
-                [Done::Nothing, Done::Reversed, Done::Noise].map(|done| pieces.vectors(i, dance, done));
+            let [real, reversed, noise] = [Alteration::Nothing, Alteration::Reversed, Alteration::Noise]
+                .map(|done| pieces.vectors(i, dance, done));
             Ok([real?, reversed?, noise?])
         };
         let mut train: [Vec<(usize, Vector)>; 3] = Default::default();
         let mut clip = 0;
-        real_clips.fold(Split::Train, all_done, |found| {
+        reference.fold(Split::Train, all_done, |found| {
             train.iter_mut().zip(found).for_each(|(all, found)| all.extend(found.into_iter().map(|v| (clip, v))));
             clip += 1;
         })?;
@@ -85,34 +85,36 @@ pub fn features(real_clips: &Real, sets: &[(&str, &[Dance])]) -> Result<Vec<Feat
         for split in [Split::Valid, Split::Test] {
             let pieces = of_split(split);
             sampled |= pieces.sampled;
-            let all = real_clips.each(split, |i, dance| pieces.vectors(i, dance, Done::Nothing))?;
+            let all = reference.each(split, |i, dance| pieces.vectors(i, dance, Alteration::Nothing))?;
             named.push((split.to_string(), clouds(all.into_iter().flatten())));
         }
         for (name, set) in sets {
             let fps = set.first().map_or(1.0, |dance| dance.clip.fps());
             let pieces = Pieces::of(set.iter().map(|dance| dance.clip.frames()), fps, form);
             sampled |= pieces.sampled;
-            let all = set.par_iter().enumerate().map(|(i, dance)| pieces.vectors(i, dance, Done::Nothing));
+            let all = set.par_iter().enumerate().map(|(i, dance)| pieces.vectors(i, dance, Alteration::Nothing));
             named.push(((*name).to_owned(), clouds(all.collect::<Result<Vec<_>>>()?.into_iter().flatten())));
         }
         for (at, kind) in ["kinetic", "geometric"].into_iter().enumerate() {
-            let scale = Scale::of(&real[at], form == Formulas::Compat);
+            let scale = Standardizer::of(&real[at], form == Formulas::Compat);
             let scaled = |rows: &Rows| scale.apply(rows);
             let all = scaled(&real[at]);
-            let mut held_to =
-                vec![("one half of train to the other".into(), held(&scaled(&odd[at]), &scaled(&even[at]), SEED)?)];
+            let mut compared = vec![(
+                "one half of train to the other".into(),
+                SetDistance::between(&scaled(&odd[at]), &scaled(&even[at]), SEED)?,
+            )];
             for (name, set) in &named {
-                held_to.push((name.clone(), held(&scaled(&set[at]), &all, SEED)?));
+                compared.push((name.clone(), SetDistance::between(&scaled(&set[at]), &all, SEED)?));
             }
             for (name, set) in ["train, backwards", "train with 5 cm of noise"].into_iter().zip(&spoilt) {
-                held_to.push((name.into(), held(&scaled(&set[at]), &all, SEED)?));
+                compared.push((name.into(), SetDistance::between(&scaled(&set[at]), &all, SEED)?));
             }
             tables.push(Features {
                 kind,
                 form: form_name,
                 left_out: scale.left_out(),
                 real_diversity: super::frechet::diversity(&all),
-                sets: held_to,
+                sets: compared,
                 most_vectors: sampled.then_some(MOST),
             });
         }
@@ -163,7 +165,7 @@ impl Pieces {
     }
 
     /// The features of a clip's.
-    fn vectors(&self, clip: usize, dance: &Dance, done: Done) -> Result<Vec<Vector>> {
+    fn vectors(&self, clip: usize, dance: &Dance, done: Alteration) -> Result<Vec<Vector>> {
         if self.taken[clip].is_empty() {
             return Ok(Vec::new());
         }
@@ -196,12 +198,12 @@ fn window_of(fps: f64) -> (usize, usize) {
     (window, hop)
 }
 
-impl Done {
+impl Alteration {
     fn apply(self, places: &JointPositions, clip: usize) -> JointPositions {
         match self {
-            Done::Nothing => places.clone(),
-            Done::Reversed => places.reversed(),
-            Done::Noise => {
+            Alteration::Nothing => places.clone(),
+            Alteration::Reversed => places.reversed(),
+            Alteration::Noise => {
                 let mut rng = random::stream(SEED, "noise", clip as u64, 0);
                 let mut one = || NOISE_M * random::normal(&mut rng);
                 places.changed(|place| place + Vec3::new(one(), one(), one()))
@@ -217,8 +219,8 @@ impl fmt::Display for Features {
         let name = format!("{} features, {}", self.kind, self.form);
         write!(f, "{name:<32} {:>8} {:>10} {:>12} {:>10}", "vectors", "Fréchet", "of infinity", "diversity")?;
         write!(f, "\n{:<32} {:>8} {:>10} {:>12} {:>10}", "train", "", "", "", number(self.real_diversity))?;
-        for (name, held) in &self.sets {
-            let Held { vectors, distance, at_infinity, diversity, too_few } = held;
+        for (name, set_distance) in &self.sets {
+            let SetDistance { vectors, distance, at_infinity, diversity, too_few } = set_distance;
             let few = if *too_few { "  too few" } else { "" };
             let [distance, at_infinity, diversity] = [*distance, *at_infinity, *diversity].map(number);
             write!(f, "\n{name:<32} {vectors:>8} {distance:>10} {at_infinity:>12} {diversity:>10}{few}")?;

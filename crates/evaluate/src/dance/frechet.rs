@@ -22,7 +22,7 @@ pub type Rows = Vec<Vec<f64>>;
 
 /// A set of dances held to the real ones.
 #[derive(Debug, Clone, Serialize)]
-pub struct Held {
+pub struct SetDistance {
     /// Vectors of the set.
     pub vectors: usize,
     /// Fréchet distance to the real ones; `None` of fewer than three.
@@ -36,16 +36,16 @@ pub struct Held {
 }
 
 /// What vectors are measured with: the mean and the spread of the real ones, whose features vary.
-pub struct Scale {
+pub struct Standardizer {
     mean: Vec<f64>,
     sd: Vec<f64>,
     /// Features that vary.
     kept: Vec<usize>,
 }
 
-impl Scale {
+impl Standardizer {
     /// Of the real ones; `all` keeps features that don't vary, as published code does.
-    pub fn of(real: &[Vec<f64>], all: bool) -> Scale {
+    pub fn of(real: &[Vec<f64>], all: bool) -> Standardizer {
         let n = real.len().max(1) as f64;
         let length = real.first().map_or(0, Vec::len);
         let mean: Vec<f64> = (0..length).map(|i| real.iter().map(|row| row[i]).sum::<f64>() / n).collect();
@@ -53,7 +53,7 @@ impl Scale {
         let sd: Vec<f64> = (0..length).map(|i| variance(i).sqrt()).collect();
         let kept = (0..length).filter(|&i| all || sd[i] >= LEAST_SD).collect();
         let sd = sd.into_iter().map(|sd| if all { sd + 1e-10 } else { sd }).collect();
-        Scale { mean, sd, kept }
+        Standardizer { mean, sd, kept }
     }
 
     /// Features that are left out.
@@ -68,23 +68,26 @@ impl Scale {
     }
 }
 
-/// A set held to the real ones, both scaled; `seed` of the draws.
-///
-/// # Errors
-/// Covariances that have no square root: numbers that aren't finite.
-pub fn held(set: &[Vec<f64>], real: &[Vec<f64>], seed: u64) -> Result<Held> {
-    let features = real.first().map_or(0, Vec::len);
-    let distance = distance(set, real, RIDGE)?;
-    let at_infinity = if distance.is_some() && set.len() >= 12 { Some(at_infinity(set, real, seed)?) } else { None };
-    let too_few = set.len().min(real.len()) < ENOUGH * features;
-    Ok(Held { vectors: set.len(), distance, at_infinity, diversity: diversity(set), too_few })
+impl SetDistance {
+    /// A set held to the real ones, both scaled; `seed` of the draws.
+    ///
+    /// # Errors
+    /// Covariances that have no square root: numbers that aren't finite.
+    pub fn between(set: &[Vec<f64>], real: &[Vec<f64>], seed: u64) -> Result<SetDistance> {
+        let features = real.first().map_or(0, Vec::len);
+        let distance = frechet_distance(set, real, RIDGE)?;
+        let at_infinity =
+            if distance.is_some() && set.len() >= 12 { Some(at_infinity(set, real, seed)?) } else { None };
+        let too_few = set.len().min(real.len()) < ENOUGH * features;
+        Ok(SetDistance { vectors: set.len(), distance, at_infinity, diversity: diversity(set), too_few })
+    }
 }
 
 /// `|m1 - m2|² + tr(S1 + S2 - 2 (S1 S2)^(1/2))`, covariances dividing by N - 1; `None` where a set has fewer than three rows.
 ///
 /// # Errors
 /// Covariances that have no square root.
-pub fn distance(a: &[Vec<f64>], b: &[Vec<f64>], ridge: f64) -> Result<Option<f64>> {
+pub fn frechet_distance(a: &[Vec<f64>], b: &[Vec<f64>], ridge: f64) -> Result<Option<f64>> {
     if a.len() < 3 || b.len() < 3 {
         return Ok(None);
     }
@@ -110,7 +113,7 @@ fn at_infinity(set: &[Vec<f64>], real: &[Vec<f64>], seed: u64) -> Result<f64> {
             let mut order: Vec<usize> = (0..set.len()).collect();
             random::shuffle(&mut order, &mut rng);
             let part: Rows = order[..count].iter().map(|&row| set[row].clone()).collect();
-            if let Some(distance) = distance(&part, real, RIDGE)? {
+            if let Some(distance) = frechet_distance(&part, real, RIDGE)? {
                 // each count weighs as much as the others
                 points.push((1.0 / count as f64, distance, if share == 1 { DRAWS as f64 } else { 1.0 }));
             }
@@ -192,12 +195,12 @@ mod tests {
     fn it_is_that_of_scipy() {
         let golden: serde_json::Value = serde_json::from_str(include_str!("../../tests/golden/frechet.json")).unwrap();
         let (real, dances) = (rows(&golden["real"]), rows(&golden["dances"]));
-        let scale = Scale::of(&real, true);
+        let scale = Standardizer::of(&real, true);
         let (a, b) = (scale.apply(&real), scale.apply(&dances));
-        let found = distance(&b, &a, 0.0).unwrap().unwrap();
+        let found = frechet_distance(&b, &a, 0.0).unwrap().unwrap();
         assert!((found - golden["frechet"].as_f64().unwrap()).abs() < 1e-9, "{found}");
         assert!((diversity(&b).unwrap() - golden["diversity"].as_f64().unwrap()).abs() < 1e-12);
-        assert!(distance(&a, &a, RIDGE).unwrap().unwrap().abs() < 1e-6);
+        assert!(frechet_distance(&a, &a, RIDGE).unwrap().unwrap().abs() < 1e-6);
     }
 
     /// Rows of independent numbers with mean `m` and spread `s`.
@@ -210,21 +213,21 @@ mod tests {
     #[test]
     fn gaussians_have_the_closed_form_and_few_rows_a_bias_that_the_line_takes_off() {
         let (a, b) = (normal(50_000, 3, (0.0, 1.0), 1), normal(50_000, 3, (0.5, 2.0), 2));
-        let found = distance(&a, &b, 0.0).unwrap().unwrap();
+        let found = frechet_distance(&a, &b, 0.0).unwrap().unwrap();
         let wanted = 3.0 * (0.25 + 1.0);
         assert!((found / wanted - 1.0).abs() < 0.02, "{found}, {wanted}");
         let (few, real) = (normal(60, 8, (0.0, 1.0), 3), normal(4000, 8, (0.0, 1.0), 4));
-        let held = held(&few, &real, 5).unwrap();
-        let (plain, far) = (held.distance.unwrap(), held.at_infinity.unwrap());
-        assert!(plain > 0.2 && far.abs() < 0.5 * plain && held.too_few, "{plain} {far}");
-        assert!(super::held(&few[..2], &real, 5).unwrap().distance.is_none());
+        let set_distance = SetDistance::between(&few, &real, 5).unwrap();
+        let (plain, far) = (set_distance.distance.unwrap(), set_distance.at_infinity.unwrap());
+        assert!(plain > 0.2 && far.abs() < 0.5 * plain && set_distance.too_few, "{plain} {far}");
+        assert!(SetDistance::between(&few[..2], &real, 5).unwrap().distance.is_none());
     }
 
     #[test]
     fn what_doesn_t_vary_is_left_out() {
         let real: Rows = (0..9).map(|i| vec![f64::from(i), 3.0]).collect();
-        let scale = Scale::of(&real, false);
+        let scale = Standardizer::of(&real, false);
         assert_eq!((scale.left_out(), scale.apply(&real)[0].len()), (vec![1], 1));
-        assert_eq!(Scale::of(&real, true).left_out(), Vec::<usize>::new());
+        assert_eq!(Standardizer::of(&real, true).left_out(), Vec::<usize>::new());
     }
 }

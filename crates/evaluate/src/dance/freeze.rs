@@ -4,7 +4,7 @@
 //! percentile of E over the real training frames of the same rig, rate and joints, so 1 % of them are not above it by
 //! construction; more where as many are exactly at rest, which a threshold of 0 would miss with a strict comparison.
 
-use super::places::Places;
+use super::positions::JointPositions;
 
 /// Half the window of E, seconds.
 const HALF_S: f64 = 0.25;
@@ -18,7 +18,7 @@ const ROUNDING_CM_S: f64 = 1e-6;
 
 /// E, (F) cm/s: at every frame the mean of the joints' speed over the steps within a quarter of a second, as far as the
 /// clip has them; 0 for a clip of one frame.
-pub fn energy(places: &Places) -> Vec<f64> {
+pub fn energy(places: &JointPositions) -> Vec<f64> {
     let steps = places.speeds();
     let half = ((HALF_S * places.fps).round() as usize).max(1);
     let mut before = vec![0.0];
@@ -159,13 +159,13 @@ mod tests {
     use kinelm_motion::Vec3;
 
     /// A joint that moves along x at these speeds, m/s, from frame to frame, 20 frames a second.
-    fn moving(speeds: &[f64]) -> Places {
+    fn moving(speeds: &[f64]) -> JointPositions {
         let mut x = 0.0;
         let steps = speeds.iter().map(|speed| {
             x += speed / 20.0;
             Vec3::X * x
         });
-        Places { at: std::iter::once(Vec3::ZERO).chain(steps).collect(), joints: 1, fps: 20.0 }
+        JointPositions { positions: std::iter::once(Vec3::ZERO).chain(steps).collect(), joints: 1, fps: 20.0 }
     }
 
     #[test]
@@ -177,7 +177,10 @@ mod tests {
         for (f, expected) in [(0, 100.0), (5, 100.0), (6, 90.0), (10, 50.0), (14, 10.0), (15, 0.0), (20, 0.0)] {
             assert!((e[f] - expected).abs() < 1e-9, "frame {f}: {}", e[f]);
         }
-        assert_eq!((energy(&moving(&[])), energy(&Places { at: vec![], joints: 1, fps: 20.0 })), (vec![0.0], vec![]));
+        assert_eq!(
+            (energy(&moving(&[])), energy(&JointPositions { positions: vec![], joints: 1, fps: 20.0 })),
+            (vec![0.0], vec![])
+        );
     }
 
     #[test]

@@ -4,10 +4,10 @@ use super::coded::Dance;
 use super::copying::Track;
 use super::freeze::{Freezing, Threshold, energy};
 use super::percentile;
-use super::places::Places;
-use super::report::{Real, feet};
+use super::positions::JointPositions;
+use super::report::{Reference, feet};
 use crate::Result;
-use crate::codes::frames;
+use crate::floors::codes::frames;
 use kinelm_corpus::Split;
 use kinelm_generate::best::Verdict;
 use kinelm_generate::free::Stretch;
@@ -29,12 +29,12 @@ const COPIED: f64 = 0.1;
 
 /// Holds dances of one recipe to real ones.
 pub struct Judge<'a> {
-    real: &'a Real<'a>,
+    real: &'a Reference<'a>,
     invented: Vec<Stretch>,
     /// All that were invented in any frame.
     joints: Vec<usize>,
     feet: Feet,
-    usual: [Option<Usual>; 3],
+    typical: [Option<Typical>; 3],
     /// Of what was invented up to the end: the frames and joints, and the threshold under which they stand still, cm/s.
     last: Option<(Stretch, f64)>,
     /// By joints: how near a dance may come to training clips; nobody knows without validation clips.
@@ -43,7 +43,7 @@ pub struct Judge<'a> {
 
 /// A measure over windows of the real train clips.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Usual {
+struct Typical {
     median: f64,
     /// From the first quartile to the third, or [`LEAST`].
     spread: f64,
@@ -54,7 +54,7 @@ impl<'a> Judge<'a> {
     ///
     /// # Errors
     /// Words that can't be decoded.
-    pub fn new(real: &'a Real<'a>, invented: Vec<Stretch>) -> Result<Judge<'a>> {
+    pub fn new(real: &'a Reference<'a>, invented: Vec<Stretch>) -> Result<Judge<'a>> {
         let mut joints: Vec<usize> = invented.iter().flat_map(|stretch| stretch.joints.iter().copied()).collect();
         joints.sort_unstable();
         joints.dedup();
@@ -63,7 +63,7 @@ impl<'a> Judge<'a> {
             invented,
             feet: feet(&real.joints)?,
             joints,
-            usual: [None; 3],
+            typical: [None; 3],
             last: None,
             limits_cm: Mutex::default(),
         };
@@ -75,9 +75,9 @@ impl<'a> Judge<'a> {
             let mut values: Vec<f64> = all.iter().filter_map(|measures| measures[i]).collect();
             values.sort_by(f64::total_cmp);
             let at = |p| percentile(&values, p);
-            judge.usual[i] = at(0.5).zip(at(0.25).zip(at(0.75))).map(|(median, (low, high))| {
+            judge.typical[i] = at(0.5).zip(at(0.25).zip(at(0.75))).map(|(median, (low, high))| {
                 let least = if i == 2 { least * median } else { least };
-                Usual { median, spread: (high - low).max(least) }
+                Typical { median, spread: (high - low).max(least) }
             });
         }
         if let Some(last) = judge.invented.last() {
@@ -90,19 +90,19 @@ impl<'a> Judge<'a> {
     }
 
     /// Where joints are: in the world if they are all, else from the pelvis.
-    fn places(&self, clip: &Clip, joints: &[usize]) -> Places {
+    fn places(&self, clip: &Clip, joints: &[usize]) -> JointPositions {
         let all = joints.len() == self.real.joints.len();
-        if all { Places::of(clip, joints) } else { Places::of_pose(clip, joints) }
+        if all { JointPositions::of(clip, joints) } else { JointPositions::of_pose(clip, joints) }
     }
 
     /// What is to be said of one dance; copies aren't looked for yet.
     pub fn verdict(&self, dance: &Dance) -> Verdict {
         let found = self.measures(&dance.clip, &self.invented);
-        let beyond = |(found, usual): (Option<f64>, Option<Usual>)| {
-            found.zip(usual).map_or(0.0, |(x, usual)| ((x - usual.median) / usual.spread).max(0.0))
+        let beyond = |(found, typical): (Option<f64>, Option<Typical>)| {
+            found.zip(typical).map_or(0.0, |(x, typical)| ((x - typical.median) / typical.spread).max(0.0))
         };
         let [skate_share, penetration_cm, shake] = found;
-        let score = found.into_iter().zip(self.usual).map(beyond).sum();
+        let score = found.into_iter().zip(self.typical).map(beyond).sum();
         Verdict { score, skate_share, penetration_cm, shake, freezes_s: self.freezes_s(&dance.clip), copied: false }
     }
 
@@ -150,7 +150,8 @@ impl<'a> Judge<'a> {
         if let Some(limit) = known.get(joints) {
             return Ok(*limit);
         }
-        let tracks: Vec<Track> = self.real.reference()?.iter().map(|dance| Track::of(&dance.clip, joints)).collect();
+        let tracks: Vec<Track> =
+            self.real.validation_sample()?.iter().map(|dance| Track::of(&dance.clip, joints)).collect();
         let mut valid = self.real.nearest(joints, &tracks)?.concat();
         valid.sort_by(f64::total_cmp);
         let limit = percentile(&valid, 0.01);
@@ -172,7 +173,7 @@ impl<'a> Judge<'a> {
             }
             if let Some(mean) = jitter_of(&part, &stretch.joints) {
                 jerk += (part.frames() - 3) as f64 * mean;
-                speed += Places::of(&part, &stretch.joints).speeds().iter().sum::<f64>();
+                speed += JointPositions::of(&part, &stretch.joints).speeds().iter().sum::<f64>();
             }
         }
         // feet that never stand are no better than feet that always slide
@@ -241,7 +242,7 @@ mod tests {
     #[test]
     fn what_slides_sinks_shakes_freezes_or_copies_is_worse_than_a_real_dance() {
         let (_dir, corpus) = corpus();
-        let real = Real::load(&corpus).unwrap();
+        let real = Reference::load(&corpus).unwrap();
         let judge = Judge::new(&real, all(150)).unwrap();
         // dances of this kind come to rest in their last seconds
         let mut test = Dance::of_corpus(&corpus, &corpus.clips()[2]).unwrap();
@@ -277,7 +278,7 @@ mod tests {
     #[test]
     fn only_what_was_invented_is_judged() {
         let (_dir, corpus) = corpus();
-        let real = Real::load(&corpus).unwrap();
+        let real = Reference::load(&corpus).unwrap();
         let test = Dance::of_corpus(&corpus, &corpus.clips()[2]).unwrap();
         // in the floor, and shaking, while the body is given
         let wrong =

@@ -9,22 +9,22 @@ pub mod compare;
 pub mod coordination;
 pub mod copying;
 pub mod features;
-mod figures;
+pub mod fidelity;
 pub mod frechet;
 pub mod freeze;
 pub mod judge;
-pub mod named;
-pub mod places;
+mod metrics;
+pub mod positions;
 mod print;
-pub mod prompted;
-pub mod repeat;
+pub mod prompt;
+pub mod repetition;
 mod report;
 #[cfg(test)]
 mod tests;
 
 pub use coded::Dance;
-pub use figures::Group;
-pub use report::{Copied, Real, Report};
+pub use metrics::GroupMetrics;
+pub use report::{Copied, Reference, Report};
 
 /// The p-quantile of ascending numbers, linear between ranks.
 fn percentile(sorted: &[f64], p: f64) -> Option<f64> {

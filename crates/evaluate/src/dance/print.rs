@@ -1,14 +1,19 @@
 //! A report as tables.
 
 use super::beats;
-use super::beats::Kept;
-use super::figures::Group;
+use super::beats::BeatMetrics;
+use super::metrics::GroupMetrics;
 use super::report::{Copied, Report};
 use std::fmt;
 
 impl Report {
     /// A row of `cells` a group, without a line end after the last.
-    fn table(&self, f: &mut fmt::Formatter<'_>, heads: &[&str], cells: impl Fn(&Group) -> Vec<String>) -> fmt::Result {
+    fn table(
+        &self,
+        f: &mut fmt::Formatter<'_>,
+        heads: &[&str],
+        cells: impl Fn(&GroupMetrics) -> Vec<String>,
+    ) -> fmt::Result {
         write!(f, "{:<32}", "")?;
         heads.iter().try_for_each(|head| write!(f, " {head:>11}"))?;
         for group in &self.groups {
@@ -84,13 +89,13 @@ impl fmt::Display for Report {
                 write!(f, "; coordination {:.3}, shifted {:.3}, effect {:.3}", c.correlation, c.shifted, c.effect)?;
             }
         }
-        if let Some(Kept { lag, .. }) = self.beats.first() {
+        if let Some(BeatMetrics { lag, .. }) = self.beats.first() {
             write!(f, "\n\n{:<32}{}", "all joints, on the beat", beats::HEADS)?;
-            self.beats.iter().try_for_each(|kept| write!(f, "\n{:<32}{}", shortened(&kept.name), kept.all))?;
+            self.beats.iter().try_for_each(|row| write!(f, "\n{:<32}{}", shortened(&row.name), row.all))?;
             let way = format!("knees, ankles, {lag:.2} of a beat on");
             write!(f, "\n\n{way:<32}{} in tempo %", beats::HEADS)?;
-            self.beats.iter().try_for_each(|kept| {
-                write!(f, "\n{:<32}{} {:>10.0}", shortened(&kept.name), kept.legs, 100.0 * kept.in_tempo)
+            self.beats.iter().try_for_each(|row| {
+                write!(f, "\n{:<32}{} {:>10.0}", shortened(&row.name), row.legs, 100.0 * row.in_tempo)
             })?;
         }
         self.features.iter().try_for_each(|features| write!(f, "\n\n{features}"))?;

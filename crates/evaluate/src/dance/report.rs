@@ -1,16 +1,16 @@
 //! Dances held to real ones.
 
-use super::beats::{self, Kept};
+use super::beats::{self, BeatMetrics};
 use super::coded::Dance;
 use super::copying::{Nearest, Track, longest_run};
 use super::features::{Features, features};
-use super::figures::{Figures, Group, Mean, group};
+use super::fidelity::Fidelity;
 use super::freeze::{Freezing, Threshold, energy};
-use super::named::Fidelity;
-use super::places::Places;
-use super::prompted::Prompted;
-use super::repeat::repeats;
-use crate::codes::frames;
+use super::metrics::{DanceMetrics, GroupMetrics, Mean, group};
+use super::positions::JointPositions;
+use super::prompt::PromptMetrics;
+use super::repetition::repeats;
+use crate::floors::codes::frames;
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Corpus, Split};
 use kinelm_motion::metric::{Ground, Skate, jitter_of, physical_foot_contact};
@@ -22,7 +22,7 @@ use std::collections::BTreeMap;
 
 /// Real dances, and the thresholds measured from them. They are decoded clip by clip whenever they are looked at, unless
 /// there are few.
-pub struct Real<'a> {
+pub struct Reference<'a> {
     corpus: &'a Corpus,
     /// Those of a small corpus, decoded.
     held: BTreeMap<Split, Vec<Dance>>,
@@ -74,9 +74,9 @@ pub struct Report {
     /// The same of the pose alone.
     pub pose_threshold_cm_s: f64,
     /// The real training and validation clips, the dances together, each dance.
-    pub groups: Vec<Group>,
+    pub groups: Vec<GroupMetrics>,
     /// What the dances made of their prompts, by name.
-    pub prompted: Vec<(String, Prompted)>,
+    pub prompted: Vec<(String, PromptMetrics)>,
     /// Whether they are copies, where that was asked for.
     pub copied: Option<Copied>,
     /// Clouds of features beside those of the real train clips, where that was asked for.
@@ -84,30 +84,30 @@ pub struct Report {
     pub features: Vec<Features>,
     /// How real clips and dances keep to the beats of their music, where there is any.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub beats: Vec<Kept>,
+    pub beats: Vec<BeatMetrics>,
     /// Whether a label can be told by the dances, where that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fidelity: Option<Fidelity>,
 }
 
-impl<'a> Real<'a> {
+impl<'a> Reference<'a> {
     /// The training and the validation clips of a corpus.
     ///
     /// # Errors
     /// A corpus without a training frame; words that can't be decoded.
-    pub fn load(corpus: &'a Corpus) -> Result<Real<'a>> {
-        Real::check(corpus)?;
+    pub fn load(corpus: &'a Corpus) -> Result<Reference<'a>> {
+        Reference::check(corpus)?;
         let joints = corpus.tokenizer().channels().joints().to_vec();
         let (fps, frames_per_word) = (corpus.tokenizer().fps(), corpus.tokenizer().frames_per_word());
         let (held, thresholds) = (BTreeMap::new(), [0.0; 2]);
-        let mut real = Real { corpus, held, feet: feet(&joints)?, joints, fps, frames_per_word, thresholds };
+        let mut real = Reference { corpus, held, feet: feet(&joints)?, joints, fps, frames_per_word, thresholds };
         if frames(corpus, Split::Train) + frames(corpus, Split::Valid) <= HELD_FRAMES {
             let held = |split| Ok((split, real.each(split, |_, dance| Ok(dance.clone()))?));
             real.held = [Split::Train, Split::Valid].into_iter().map(held).collect::<Result<_>>()?;
         }
         let mut thresholds = [0; 2].map(|_| Threshold::of(frames(corpus, Split::Train)));
         let of_both = |_, dance: &Dance| {
-            let places: [fn(&Clip, &[usize]) -> Places; 2] = [Places::of, Places::of_pose];
+            let places: [fn(&Clip, &[usize]) -> JointPositions; 2] = [JointPositions::of, JointPositions::of_pose];
             Ok(places.map(|places| energy(&places(&dance.clip, &real.joints))))
         };
         real.fold(Split::Train, of_both, |energies| {
@@ -163,7 +163,7 @@ impl<'a> Real<'a> {
     /// What `of` makes of every clip of a split and its number.
     ///
     /// # Errors
-    /// As [`Real::fold`].
+    /// As [`Reference::fold`].
     pub(super) fn each<T: Send>(&self, split: Split, of: impl Fn(usize, &Dance) -> Result<T> + Sync) -> Result<Vec<T>> {
         let mut all = Vec::new();
         self.fold(split, of, |found| all.push(found))?;
@@ -173,9 +173,9 @@ impl<'a> Real<'a> {
     /// The figures of the clips of a split.
     ///
     /// # Errors
-    /// As [`Real::fold`].
-    pub(super) fn all_figures(&self, split: Split) -> Result<Vec<Figures>> {
-        self.each(split, |_, dance| Ok(self.figures(dance)))
+    /// As [`Reference::fold`].
+    pub(super) fn all_metrics(&self, split: Split) -> Result<Vec<DanceMetrics>> {
+        self.each(split, |_, dance| Ok(self.metrics(dance)))
     }
 
     /// The figures of dances beside those of the real ones.
@@ -183,8 +183,8 @@ impl<'a> Real<'a> {
     /// # Errors
     /// Words that can't be decoded.
     pub fn report(&self, dances: &[Dance]) -> Result<Report> {
-        let each: Vec<Figures> = dances.par_iter().map(|d| self.figures(d)).collect();
-        let [train, valid] = [Split::Train, Split::Valid].map(|split| self.all_figures(split));
+        let each: Vec<DanceMetrics> = dances.par_iter().map(|d| self.metrics(d)).collect();
+        let [train, valid] = [Split::Train, Split::Valid].map(|split| self.all_metrics(split));
         let mut groups = vec![group("train", &train?), group("valid", &valid?), group("dances", &each)];
         groups.extend(dances.iter().zip(&each).map(|(d, f)| group(&d.name, std::slice::from_ref(f))));
         Ok(Report {
@@ -202,16 +202,16 @@ impl<'a> Real<'a> {
         })
     }
 
-    pub(super) fn figures(&self, dance: &Dance) -> Figures {
-        let freezing = |places: Places, x: f64| Freezing::of(&energy(&places), self.fps, x);
-        Figures {
-            world: freezing(Places::of(&dance.clip, &self.joints), self.thresholds[0]),
-            pose: freezing(Places::of_pose(&dance.clip, &self.joints), self.thresholds[1]),
+    pub(super) fn metrics(&self, dance: &Dance) -> DanceMetrics {
+        let freezing = |places: JointPositions, x: f64| Freezing::of(&energy(&places), self.fps, x);
+        DanceMetrics {
+            world: freezing(JointPositions::of(&dance.clip, &self.joints), self.thresholds[0]),
+            pose: freezing(JointPositions::of_pose(&dance.clip, &self.joints), self.thresholds[1]),
             repeats: repeats(&dance.word_ids(), self.frames_per_word, self.fps),
             ground: self.ground(&dance.clip),
             skate: Skate::of(&self.feet, &dance.clip),
             speed: {
-                let speeds = Places::of(&dance.clip, &self.joints).speeds();
+                let speeds = JointPositions::of(&dance.clip, &self.joints).speeds();
                 Mean { sum: speeds.iter().sum(), frames: speeds.len() }
             },
             jitter: Mean::of(jitter_of(&dance.clip, &self.joints), dance.clip.frames().saturating_sub(3)),
@@ -237,7 +237,7 @@ impl<'a> Real<'a> {
     ///
     /// # Errors
     /// What decoding and resampling fail with.
-    pub fn beats(&self, dances: &[Dance], music_s: &[Option<Vec<f64>>]) -> Result<Vec<Kept>> {
+    pub fn beats(&self, dances: &[Dance], music_s: &[Option<Vec<f64>>]) -> Result<Vec<BeatMetrics>> {
         let (real, lag) = beats::of_corpus(self.corpus, &self.joints)?;
         Ok(real.into_iter().chain(beats::of_dances(dances, music_s, &self.joints, lag)?).collect())
     }
@@ -245,8 +245,8 @@ impl<'a> Real<'a> {
     /// The validation clips that copies are judged beside: all, or some that are spread evenly.
     ///
     /// # Errors
-    /// As [`Real::fold`].
-    pub(super) fn reference(&self) -> Result<Vec<Dance>> {
+    /// As [`Reference::fold`].
+    pub(super) fn validation_sample(&self) -> Result<Vec<Dance>> {
         let records: Vec<&ClipRecord> = self.corpus.split(Split::Valid).collect();
         let (clips, all) = (records.len(), frames(self.corpus, Split::Valid));
         let taken = if all <= REFERENCE_FRAMES { clips } else { (clips * REFERENCE_FRAMES / all).max(1) };
@@ -261,11 +261,11 @@ impl<'a> Real<'a> {
     /// dance those of its windows, half a second apart.
     ///
     /// # Errors
-    /// Clips that can't be mirrored; as [`Real::fold`].
+    /// Clips that can't be mirrored; as [`Reference::fold`].
     pub(super) fn nearest(&self, joints: &[usize], dances: &[Track]) -> Result<Vec<Vec<f64>>> {
         let mut nearest = Nearest::of(dances);
-        self.fold(Split::Train, |_, d| Track::both(&d.clip, joints), |both| nearest.show(&both))?;
-        Ok(nearest.found())
+        self.fold(Split::Train, |_, d| Track::both(&d.clip, joints), |both| nearest.add_training(&both))?;
+        Ok(nearest.distances())
     }
 
     /// Whether dances are copies of training clips; `given`: the places of a word that were given to all of them.
@@ -273,7 +273,7 @@ impl<'a> Real<'a> {
     /// # Errors
     /// Clips that can't be mirrored.
     pub fn copied(&self, dances: &[Dance], given: &[bool]) -> Result<Copied> {
-        let reference = self.reference()?;
+        let reference = self.validation_sample()?;
         let all: Vec<&Dance> = dances.iter().chain(&reference).collect();
         let tracks: Vec<Track> = all.iter().map(|d| Track::of(&d.clip, &self.joints)).collect();
         let mut found = self.nearest(&self.joints, &tracks)?.into_iter();

@@ -1,7 +1,7 @@
-use super::compare::{Measured, Side};
-use super::named::fidelity;
-use super::places::Places;
-use super::{Dance, Real};
+use super::compare::{MeasuredDance, Side};
+use super::fidelity::fidelity;
+use super::positions::JointPositions;
+use super::{Dance, Reference};
 use kinelm_corpus::samples::clip;
 use kinelm_corpus::{Corpus, CorpusWriter, Split};
 use kinelm_motion::metric::{Skate, jitter_of, physical_foot_contact};
@@ -28,7 +28,7 @@ fn corpus(dir: &Path) -> Corpus {
 fn real_dances_freeze_in_one_percent_and_a_statue_in_all() {
     let dir = tempfile::tempdir().unwrap();
     let corpus = corpus(&dir.path().join("c"));
-    let real = Real::load(&corpus).unwrap();
+    let real = Reference::load(&corpus).unwrap();
     let mut statue = Dance::of_corpus(&corpus, &corpus.clips()[2]).unwrap();
     let first = statue.word_ids()[0].repeat(160);
     statue.words = corpus.tokenizer().words_of_ids(&first).words;
@@ -49,7 +49,7 @@ fn real_dances_freeze_in_one_percent_and_a_statue_in_all() {
     let skate = Skate::of(&real.feet, clip);
     assert_eq!((valid.skate_cm_s, valid.skate_share), (skate.cm_s(), skate.share()));
     assert_eq!(valid.pfc, physical_foot_contact(clip).unwrap());
-    let speeds = Places::of(clip, &real.joints).speeds();
+    let speeds = JointPositions::of(clip, &real.joints).speeds();
     let mean = 100.0 * speeds.iter().sum::<f64>() / speeds.len() as f64;
     assert!((valid.speed_cm_s.unwrap() / mean - 1.0).abs() < 1e-12);
     // one that hangs floats, one that has sunk is in the floor
@@ -126,13 +126,13 @@ fn a_genre_is_told_by_free_joints_and_not_by_a_wrong_word_for_it() {
 fn a_set_that_is_sunk_differs_in_the_floor_alone() {
     let dir = tempfile::tempdir().unwrap();
     let corpus = genres(&dir.path().join("c"));
-    let real = Real::load(&corpus).unwrap();
+    let real = Reference::load(&corpus).unwrap();
     let train = real.each(Split::Train, |_, dance| Ok(dance.clone())).unwrap();
     let side = |name: &str, y: f64| {
-        let dance = |(at, dance): (usize, &Dance)| Measured {
+        let dance = |(at, dance): (usize, &Dance)| MeasuredDance {
             dance: Dance { clip: dance.clip.clone().raised(y), ..dance.clone() },
             take: format!("take {at}"),
-            learned: at == 0,
+            in_training: at == 0,
             prompted: None,
         };
         Side { name: name.into(), dances: train.iter().take(8).enumerate().map(dance).collect() }

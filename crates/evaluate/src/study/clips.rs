@@ -20,7 +20,7 @@ const HELD_BYTES: usize = 512 << 20;
 
 /// A file that holds motion.
 #[derive(Debug, Clone)]
-pub struct Known {
+pub struct StudyClip {
     item: Item,
     /// Frames per second of the file.
     pub fps: f64,
@@ -30,7 +30,7 @@ pub struct Known {
     pub sha256: String,
 }
 
-impl Known {
+impl StudyClip {
     /// The clip's name.
     pub fn name(&self) -> &str {
         &self.item.name
@@ -50,7 +50,7 @@ pub struct Extent {
 }
 
 impl Extent {
-    fn of(known: &[Known]) -> Self {
+    fn of(known: &[StudyClip]) -> Self {
         let seconds = known.iter().map(|k| k.frames as f64 / k.fps).sum();
         Extent { clips: known.len(), frames: known.iter().map(|k| k.frames as u64).sum(), seconds }
     }
@@ -60,17 +60,17 @@ impl Extent {
 #[derive(Debug)]
 pub struct Clips {
     /// What tokenizers are fitted on.
-    pub train: Vec<Known>,
+    pub train: Vec<StudyClip>,
     /// What figures are measured on.
-    pub test: Vec<Known>,
+    pub test: Vec<StudyClip>,
     /// Doubts of their rates.
     pub doubts: RateDoubts,
     read: ReadOptions,
-    held: Mutex<Held>,
+    held: Mutex<ClipCache>,
 }
 
 #[derive(Debug, Default)]
-struct Held {
+struct ClipCache {
     bytes: usize,
     clips: HashMap<(usize, u64), Arc<Clip>>,
 }
@@ -153,7 +153,7 @@ impl Clips {
     ///
     /// # Errors
     /// What reading, retargeting and resampling fail with.
-    pub fn get(&self, known: &Known, fps: f64) -> Result<Arc<Clip>> {
+    pub fn get(&self, known: &StudyClip, fps: f64) -> Result<Arc<Clip>> {
         let key = (known.item.key, fps.to_bits());
         let held = || self.held.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(clip) = held().clips.get(&key) {
@@ -179,8 +179,8 @@ fn block() -> usize {
 /// # Errors
 /// The first that `work` or `take` fails with.
 pub fn each<T: Send>(
-    known: &[Known],
-    work: impl Fn(&Known) -> Result<T> + Sync,
+    known: &[StudyClip],
+    work: impl Fn(&StudyClip) -> Result<T> + Sync,
     mut take: impl FnMut(T) -> Result<()>,
 ) -> Result<()> {
     for block in known.chunks(block()) {
@@ -191,7 +191,7 @@ pub fn each<T: Send>(
 }
 
 /// An error of the tokenizer with the file it is about.
-fn named(known: &Known, error: Error) -> Error {
+fn named(known: &StudyClip, error: Error) -> Error {
     match error {
         Error::Tokenizer(e) => Error::call(format!("{}: {e}", known.item.path.display())),
         other => other,
@@ -214,7 +214,7 @@ fn load(item: &Item, read: &ReadOptions) -> Result<(Clip, Option<RateDoubt>)> {
     Ok((Clip::new(smpl::neutral(), clip.fps(), root, clip.rotations().to_vec())?, doubt))
 }
 
-fn know(item: &Item, read: &ReadOptions) -> Result<(Known, Option<RateDoubt>)> {
+fn know(item: &Item, read: &ReadOptions) -> Result<(StudyClip, Option<RateDoubt>)> {
     let (clip, doubt) = load(item, read)?;
     let mut hash = Sha256::new();
     hash.update(clip.fps().to_le_bytes());
@@ -226,5 +226,5 @@ fn know(item: &Item, read: &ReadOptions) -> Result<(Known, Option<RateDoubt>)> {
         hash.update(&bytes);
     }
     let (fps, frames) = (clip.fps(), clip.frames());
-    Ok((Known { item: item.clone(), fps, frames, sha256: hex(hash) }, doubt))
+    Ok((StudyClip { item: item.clone(), fps, frames, sha256: hex(hash) }, doubt))
 }

@@ -1,7 +1,7 @@
 //! One row: fitted on train, measured on test.
 
-use super::clips::{Clips, Known, each};
-use super::figures::{Errors, Figures, Speed};
+use super::clips::{Clips, StudyClip, each};
+use super::metrics::{Errors, RowMetrics, Speed};
 use super::row::Row;
 use crate::{Error, Result};
 use kinelm_motion::metric::{GeodesicError, Mpjpe};
@@ -29,7 +29,7 @@ const TIMED_S: f64 = 1.0;
 ///
 /// # Errors
 /// Those of fitting, encoding and decoding, the file named.
-pub fn measure(row: &Row, clips: &Clips, step: &mut dyn FnMut()) -> Result<(Figures, Tokenizer)> {
+pub fn measure(row: &Row, clips: &Clips, step: &mut dyn FnMut()) -> Result<(RowMetrics, Tokenizer)> {
     let tokenizer = fit(row, clips, step)?;
     let mut train = TextCounts::default();
     each(
@@ -42,7 +42,7 @@ pub fn measure(row: &Row, clips: &Clips, step: &mut dyn FnMut()) -> Result<(Figu
         },
     )?;
     let (mut test, mut errors) = (TextCounts::default(), Errors::new(&tokenizer));
-    let work = |known: &Known| {
+    let work = |known: &StudyClip| {
         let (clip, encoded, counts) = counted(&tokenizer, clips, known)?;
         let mut errors = Errors::new(&tokenizer);
         errors.add(&clip, &decoded(&tokenizer, &encoded, &clip)?)?;
@@ -56,12 +56,12 @@ pub fn measure(row: &Row, clips: &Clips, step: &mut dyn FnMut()) -> Result<(Figu
     })?;
     let tokens_per_frame = (test.tokens + test.words) as f64 / test.frames.max(1) as f64;
     let speed = speed(&tokenizer, clips, tokens_per_frame)?;
-    Ok((Figures::new(row.clone(), &tokenizer, &train, &test, &errors, speed), tokenizer))
+    Ok((RowMetrics::new(row.clone(), &tokenizer, &train, &test, &errors, speed), tokenizer))
 }
 
 fn fit(row: &Row, clips: &Clips, step: &mut dyn FnMut()) -> Result<Tokenizer> {
     let mut all = Fit::new(row.config.clone())?;
-    let work = |known: &Known| {
+    let work = |known: &StudyClip| {
         let mut one = Fit::new(row.config.clone())?;
         one.add(&*clips.get(known, row.config.fps)?)?;
         Ok(one)
@@ -73,7 +73,7 @@ fn fit(row: &Row, clips: &Clips, step: &mut dyn FnMut()) -> Result<Tokenizer> {
     all.finish().map_err(|e| Error::call(format!("row {}: {e}", row.name)))
 }
 
-fn counted(tokenizer: &Tokenizer, clips: &Clips, known: &Known) -> Result<(Arc<Clip>, Encoded, TextCounts)> {
+fn counted(tokenizer: &Tokenizer, clips: &Clips, known: &StudyClip) -> Result<(Arc<Clip>, Encoded, TextCounts)> {
     let clip = clips.get(known, tokenizer.fps())?;
     let encoded = tokenizer.encode(&clip)?;
     let mut counts = TextCounts::default();
@@ -155,7 +155,7 @@ pub struct Loss {
 pub fn loss(clips: &Clips, fps: f64, joints: &[usize]) -> Result<Loss> {
     let (mut angle, mut rate, mut straight) =
         (GeodesicError::new((0..24).collect()), Mpjpe::default(), Mpjpe::default());
-    let work = |known: &Known| {
+    let work = |known: &StudyClip| {
         let (own, at_rate) = (clips.get(known, known.fps)?, clips.get(known, fps)?);
         let back = resample(&at_rate, known.fps, Method::Slerp)?;
         let frames = back.frames().min(own.frames());

@@ -5,16 +5,16 @@
 //! grow with the data.
 
 pub mod clips;
-pub mod figures;
 mod measure;
+pub mod metrics;
 mod page;
 mod pictures;
 pub mod row;
-pub mod sheet;
 mod store;
+pub mod tables;
 
-pub use figures::Figures;
 pub use measure::Loss;
+pub use metrics::RowMetrics;
 pub use row::{Row, RowDefaults, default_rows};
 
 use crate::{Error, Result};
@@ -52,7 +52,7 @@ pub struct StudyOptions {
 #[derive(Debug)]
 pub enum Event<'a> {
     /// A file could not be taken.
-    LeftOut(&'a Item, &'a Error),
+    Skipped(&'a Item, &'a Error),
     /// A row begins.
     Row(&'a str),
     /// One more clip was worked on, of so many.
@@ -63,7 +63,7 @@ pub enum Event<'a> {
         of: u64,
     },
     /// Something the user should know.
-    Said(&'a str),
+    Note(&'a str),
 }
 
 /// What stands in a study's folder beside `rows/`.
@@ -89,32 +89,32 @@ pub struct Report {
     /// The rates of the files, slowest first.
     pub file_rates: Vec<f64>,
     /// A row each, in the order of the file.
-    pub rows: Vec<Figures>,
+    pub rows: Vec<RowMetrics>,
     /// What rates and choices of joints lose before anything is coded.
     pub losses: Vec<Loss>,
 }
 
 impl Report {
     /// What a reader should know before the tables.
-    pub fn said(&self) -> Vec<String> {
+    pub fn notes(&self) -> Vec<String> {
         let of = |name: &str, e: &Extent| format!("{name}: {} clips, {} frames, {:.1} s", e.clips, e.frames, e.seconds);
-        let rates: Vec<String> = self.file_rates.iter().map(|r| sheet::short(*r)).collect();
-        let mut said = vec![
+        let rates: Vec<String> = self.file_rates.iter().map(|r| tables::short(*r)).collect();
+        let mut notes = vec![
             of("train", &self.train),
             of("test", &self.test),
             format!(
                 "the files have {} frames per second; rows that state none have {}",
                 rates.join(", "),
-                sheet::short(self.fps)
+                tables::short(self.fps)
             ),
             "errors are against the clip at the row's own rate; joints that are not coded are the clip's own in both"
                 .into(),
         ];
         if self.fps < USUAL_FPS {
-            let (fps, seconds) = (sheet::short(self.fps), USUAL_FPS / self.fps);
-            said.push(format!("at {fps} frames per second a tile of 60 frames is {seconds:.1} s long, not 1 s"));
+            let (fps, seconds) = (tables::short(self.fps), USUAL_FPS / self.fps);
+            notes.push(format!("at {fps} frames per second a tile of 60 frames is {seconds:.1} s long, not 1 s"));
         }
-        said
+        notes
     }
 }
 
@@ -137,8 +137,8 @@ pub fn study(
         row::parse(&options.rows.0, &options.rows.1, &defaults)
     };
     check_shown(&rows_at(options.fps.unwrap_or(USUAL_FPS))?, &options.shown)?;
-    let clips = Clips::scan(gathered, &options.build, &mut |item, e| watch(Event::LeftOut(item, e)))?;
-    clips.doubts.line().iter().for_each(|line| watch(Event::Said(line)));
+    let clips = Clips::scan(gathered, &options.build, &mut |item, e| watch(Event::Skipped(item, e)))?;
+    clips.doubts.line().iter().for_each(|line| watch(Event::Note(line)));
     let fps = options.fps.unwrap_or(clips.slowest().min(USUAL_FPS));
     let rows = rows_at(fps)?;
     let data = clips.sha256();
@@ -151,7 +151,7 @@ pub fn study(
         Report { made_by: "kinelm", schema: 1, version, data, train, test, fps, file_rates, rows: figures, losses };
     let json = serde_json::to_string_pretty(&report).map_err(|e| Error::call(e.to_string()))?;
     let mut contents = vec![("study.json".to_string(), (json + "\n").into_bytes())];
-    contents.push(("study.md".into(), sheet::markdown(&report).into_bytes()));
+    contents.push(("study.md".into(), tables::markdown(&report).into_bytes()));
     for (name, charts) in pictures::all(&report) {
         for name in [format!("{name}.svg"), format!("{name}.png")] {
             let bytes = plot::to_bytes(Path::new(&name), &charts)?;
@@ -174,17 +174,17 @@ fn check_shown(rows: &[Row], shown: &[String]) -> Result<()> {
 }
 
 /// The figures of all rows, those that were finished before as they were.
-fn measured(rows: &[Row], clips: &Clips, store: &Store, watch: &mut dyn FnMut(Event<'_>)) -> Result<Vec<Figures>> {
+fn measured(rows: &[Row], clips: &Clips, store: &Store, watch: &mut dyn FnMut(Event<'_>)) -> Result<Vec<RowMetrics>> {
     let mut found = Vec::with_capacity(rows.len());
     for row in rows {
-        let figures = store.get::<Figures>(&row.name, &row.config)?;
+        let figures = store.get::<RowMetrics>(&row.name, &row.config)?;
         // a group may have got another name since
         let figures = figures.filter(|_| store.tokenizer(row).is_ok_and(|t| t.is_file()));
-        found.push(figures.map(|f| Figures { row: row.clone(), ..f }));
+        found.push(figures.map(|f| RowMetrics { row: row.clone(), ..f }));
     }
     let open = found.iter().filter(|f| f.is_none()).count();
     if open < rows.len() {
-        watch(Event::Said(&format!("{} of {} rows were measured before", rows.len() - open, rows.len())));
+        watch(Event::Note(&format!("{} of {} rows were measured before", rows.len() - open, rows.len())));
     }
     let [train, test] = measure::PASSES;
     let of = (open * (train * clips.train.len() + test * clips.test.len())) as u64;

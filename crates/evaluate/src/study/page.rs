@@ -1,11 +1,11 @@
 //! A page with one test clip as it was and as two rows decode it.
 
-use super::clips::{Clips, Known};
-use super::figures::Figures;
+use super::clips::{Clips, StudyClip};
 use super::measure::decoded;
+use super::metrics::RowMetrics;
 use super::row::scheme_name;
-use super::sheet::short;
 use super::store::Store;
+use super::tables::short;
 use crate::{Error, Result};
 use kinelm_motion::Clip;
 use kinelm_tokenizer::{JointTransform, SchemeConfig, Tokenizer};
@@ -19,12 +19,12 @@ const LONGEST_S: f64 = 20.0;
 ///
 /// # Errors
 /// [`kinelm_store::Error::Call`] for a name that is no row's; those of reading and decoding.
-pub fn page(rows: &[Figures], named: &[String], clips: &Clips, store: &Store) -> Result<Option<String>> {
+pub fn page(rows: &[RowMetrics], named: &[String], clips: &Clips, store: &Store) -> Result<Option<String>> {
     let shown = match named {
         [] => pair(rows),
         names => names.iter().map(|n| find(rows, n)).collect::<Result<Vec<_>>>()?,
     };
-    let length = |k: &&Known| (k.frames as f64 / k.fps).min(LONGEST_S);
+    let length = |k: &&StudyClip| (k.frames as f64 / k.fps).min(LONGEST_S);
     // the first of the longest
     let longest = clips.test.iter().rev().max_by(|a, b| length(a).total_cmp(&length(b)));
     let Some(known) = longest else { return Ok(None) };
@@ -44,23 +44,23 @@ pub fn page(rows: &[Figures], named: &[String], clips: &Clips, store: &Store) ->
     Ok(Some(view::page(&figures)?))
 }
 
-fn find<'a>(rows: &'a [Figures], name: &str) -> Result<&'a Figures> {
+fn find<'a>(rows: &'a [RowMetrics], name: &str) -> Result<&'a RowMetrics> {
     rows.iter().find(|f| f.name() == name).ok_or_else(|| {
-        let names: Vec<&str> = rows.iter().map(Figures::name).collect();
+        let names: Vec<&str> = rows.iter().map(RowMetrics::name).collect();
         Error::call(format!("no row is named {name}; there are {}", names.join(", ")))
     })
 }
 
 /// The tiles of principal components of lowest error, and the lapped row that costs tokens the most like them; where there
 /// are none, the coarsest uniform row, and the row of lowest error.
-pub fn pair(rows: &[Figures]) -> Vec<&Figures> {
-    let error = |f: &&Figures| f.mpjpe.global;
-    let tiles = |f: &Figures| matches!(&f.row.config.scheme, SchemeConfig::Dct(c) if matches!(c.joint_transform, JointTransform::Pca { .. }));
-    let uniform = |f: &Figures| matches!(f.row.config.scheme, SchemeConfig::Uniform(_));
+pub fn pair(rows: &[RowMetrics]) -> Vec<&RowMetrics> {
+    let error = |f: &&RowMetrics| f.mpjpe.global;
+    let tiles = |f: &RowMetrics| matches!(&f.row.config.scheme, SchemeConfig::Dct(c) if matches!(c.joint_transform, JointTransform::Pca { .. }));
+    let uniform = |f: &RowMetrics| matches!(f.row.config.scheme, SchemeConfig::Uniform(_));
     let first = rows.iter().filter(|f| tiles(f)).min_by(|a, b| error(a).total_cmp(&error(b)));
     let first = first.or(rows.iter().filter(|f| uniform(f)).max_by(|a, b| error(a).total_cmp(&error(b))));
     let Some(first) = first.or(rows.first()) else { return Vec::new() };
-    let apart = |f: &&Figures| (f.text.tokens_per_second / first.text.tokens_per_second).ln().abs();
+    let apart = |f: &&RowMetrics| (f.text.tokens_per_second / first.text.tokens_per_second).ln().abs();
     let lapped = rows.iter().filter(|f| scheme_name(&f.row.config.scheme) == "lapped");
     let second = lapped.min_by(|a, b| apart(a).total_cmp(&apart(b)));
     let others = rows.iter().filter(|f| f.name() != first.name());

@@ -1,7 +1,7 @@
 //! A study's pictures.
 
 use super::Report;
-use super::figures::Figures;
+use super::metrics::RowMetrics;
 use kinelm_tokenizer::SchemeConfig;
 use kinelm_view::plot::{Chart, Look, Series};
 
@@ -11,14 +11,14 @@ pub fn all(report: &Report) -> [(&'static str, Vec<Chart>); 2] {
 }
 
 /// Angle error against the number of uniform bins, with what even errors would give.
-fn bins(rows: &[Figures]) -> Chart {
-    let of = |f: &Figures| match &f.row.config.scheme {
+fn bins(rows: &[RowMetrics]) -> Chart {
+    let of = |f: &RowMetrics| match &f.row.config.scheme {
         SchemeConfig::Uniform(u) if f.row.group == "uniform" => Some(f64::from(u.bins)),
         _ => None,
     };
-    let mut points: Vec<(f64, &Figures)> = rows.iter().filter_map(|f| Some((of(f)?, f))).collect();
+    let mut points: Vec<(f64, &RowMetrics)> = rows.iter().filter_map(|f| Some((of(f)?, f))).collect();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let along = |name: &str, look: Look, y: &dyn Fn(f64, &Figures) -> f64| Series {
+    let along = |name: &str, look: Look, y: &dyn Fn(f64, &RowMetrics) -> f64| Series {
         name: name.into(),
         points: points.iter().map(|(n, f)| (*n, y(*n, f))).collect(),
         look,
@@ -41,14 +41,14 @@ fn bins(rows: &[Figures]) -> Chart {
 }
 
 /// Order-0 bits and tokens a second against the error of places, a curve a group.
-fn rate(rows: &[Figures]) -> [Chart; 2] {
+fn rate(rows: &[RowMetrics]) -> [Chart; 2] {
     let mut groups: Vec<&str> = Vec::new();
     rows.iter().map(|f| f.row.group.as_str()).for_each(|g| {
         if !groups.contains(&g) {
             groups.push(g);
         }
     });
-    let chart = |title: &str, x: &str, rate: fn(&Figures) -> f64| {
+    let chart = |title: &str, x: &str, rate: fn(&RowMetrics) -> f64| {
         let series = groups.iter().map(|group| {
             let mut points: Vec<(f64, f64)> =
                 rows.iter().filter(|f| f.row.group == *group).map(|f| (rate(f), f.mpjpe.global)).collect();

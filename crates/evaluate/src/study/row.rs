@@ -116,7 +116,7 @@ mod tests {
         RowDefaults { joints: THIRTEEN.to_vec(), fps: 60.0 }
     }
 
-    fn said(text: &str) -> String {
+    fn refusal(text: &str) -> String {
         parse(text, Path::new("rows.toml"), &defaults()).unwrap_err().to_string()
     }
 
@@ -148,24 +148,24 @@ mod tests {
     #[test]
     fn wrong_rows_are_named_with_file_row_and_key() {
         let good = "[[row]]\nname = \"a\"\nscheme = { type = \"uniform\" }\n";
-        let e = said(&format!("{good}\n[[row]]\nname = \"b\"\nscheme = {{ type = \"uniform\", bin = 3 }}\n"));
+        let e = refusal(&format!("{good}\n[[row]]\nname = \"b\"\nscheme = {{ type = \"uniform\", bin = 3 }}\n"));
         assert!(e.starts_with("rows.toml:5:1: found row b: unknown field `bin`"), "{e}");
-        let e = said("[[row]]\nname = \"b\"\nfsp = 3\nscheme = { type = \"uniform\" }\n");
+        let e = refusal("[[row]]\nname = \"b\"\nfsp = 3\nscheme = { type = \"uniform\" }\n");
         assert!(e.contains("row b: unknown field `fsp`"), "{e}");
-        let e = said("[[row]]\nname = \"b\"\nscheme = { type = \"uniform\", bins = 1 }\n");
+        let e = refusal("[[row]]\nname = \"b\"\nscheme = { type = \"uniform\", bins = 1 }\n");
         assert!(e.contains("row b: tokenizer setting bins: found 1, expected 2 to 21054"), "{e}");
-        let e = said("[[row]]\nname = \"b\"\njoints = \"wing\"\nscheme = { type = \"uniform\" }\n");
+        let e = refusal("[[row]]\nname = \"b\"\njoints = \"wing\"\nscheme = { type = \"uniform\" }\n");
         assert!(e.contains("row b: joints: ") && e.contains("wing"), "{e}");
-        let e = said(&good.repeat(2));
+        let e = refusal(&good.repeat(2));
         assert!(e.starts_with("rows.toml:4:1: found row a: the name of the row in line 1 again"), "{e}");
         assert!(
-            said("[[row]]\nscheme = { type = \"uniform\" }\n").contains("row without a name: missing field `name`")
+            refusal("[[row]]\nscheme = { type = \"uniform\" }\n").contains("row without a name: missing field `name`")
         );
-        assert!(said(&good.replace("\"a\"", "\"../a\"")).contains("name is \"../a\""));
-        assert!(said("[[row]]\nname = \"b\"\n").contains("row b: missing field `scheme`"));
-        assert!(said("[[row]]\nname = \"b\"\nscheme = { bins = 3 }\n").contains("row b: missing field `type`"));
-        assert!(said("[[rows]]\n").contains("unknown field `rows`"));
-        assert!(said("row = []\n").contains("no rows"));
-        assert!(said("[[row]\n").starts_with("rows.toml:1:"));
+        assert!(refusal(&good.replace("\"a\"", "\"../a\"")).contains("name is \"../a\""));
+        assert!(refusal("[[row]]\nname = \"b\"\n").contains("row b: missing field `scheme`"));
+        assert!(refusal("[[row]]\nname = \"b\"\nscheme = { bins = 3 }\n").contains("row b: missing field `type`"));
+        assert!(refusal("[[rows]]\n").contains("unknown field `rows`"));
+        assert!(refusal("row = []\n").contains("no rows"));
+        assert!(refusal("[[row]\n").starts_with("rows.toml:1:"));
     }
 }

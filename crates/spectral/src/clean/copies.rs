@@ -3,11 +3,11 @@
 //! The nearest window by the Euclidean distance of cosine transforms is looked up at every second of a clip, among the
 //! windows that begin at any frame of another one; it is a copy if the joints' rotations are nearly the same all along.
 
-use super::{Find, Held, Why};
-use crate::query::maker::Maker;
+use super::{Fault, Finding, LoadedClip};
+use crate::query::extract::FeatureExtractor;
 use crate::query::part::Part;
 use crate::query::record::ClipEntry;
-use crate::query::{Database, Distance, IndexOptions, Kind, Wanted};
+use crate::query::{Database, Distance, FeatureKind, IndexOptions, SearchOptions};
 use crate::{Result, WindowSpec};
 use kinelm_corpus::Split;
 use kinelm_motion::format::ReadOptions;
@@ -21,20 +21,20 @@ pub const WINDOW_S: f64 = 2.0;
 /// Windows that are asked for are so far apart, seconds.
 const HOP_S: f64 = 1.0;
 /// The mean angle between the local rotations of a copy and its original is below this, degrees.
-pub const APART_DEG: f64 = 1.0;
+pub const COPY_DEG: f64 = 1.0;
 /// And below this part of what the window differs from itself half a second later: a body that hardly moves is like any
 /// other. At 2 degrees and a half, gestures that one dancer repeats pass for copies: 280 ranges of bandai-2.
-const OF_ITSELF: f64 = 0.2;
+const MAX_SELF_SHARE: f64 = 0.2;
 /// A copy cut from another frame of its file may lie between two frames at the rate of the search, so far at most, frames.
-const BETWEEN: f64 = 0.5;
+const MAX_SHIFT: f64 = 0.5;
 /// Coefficients of a channel: up to 2 Hz, which tells windows of 2 s apart.
 const KEEP: usize = 8;
 
 /// Adds the copies to the finds of training clips.
-pub fn find(held: &mut [Held], fps: f64) -> Result<()> {
+pub fn find(held: &mut [LoadedClip], fps: f64) -> Result<()> {
     let frames = (WINDOW_S * fps).round() as usize;
     let windows = WindowSpec { frames, hop: 1, fps };
-    let options = IndexOptions { windows, ..IndexOptions::new(Kind::Dct { keep: KEEP }) };
+    let options = IndexOptions { windows, ..IndexOptions::new(FeatureKind::Dct { keep: KEEP }) };
     options.validate()?;
     let database = database(held, &options)?;
     if database.windows() == 0 {
@@ -55,8 +55,8 @@ pub fn find(held: &mut [Held], fps: f64) -> Result<()> {
         let mut found = Vec::new();
         for window in asked {
             if let Some((start, other)) = copy(held, &database, number, window, frames)? {
-                let told = format!("as in {}", held[other].name);
-                found.push(Find { first: start, end: start + frames, why: Why::Copy, told });
+                let description = format!("as in {}", held[other].name);
+                found.push(Finding { first: start, end: start + frames, why: Fault::Copy, description });
             }
         }
         held[number].finds.extend(found);
@@ -66,7 +66,7 @@ pub fn find(held: &mut [Held], fps: f64) -> Result<()> {
 
 /// Where a window is, and the clip that it is a copy of, if it is one.
 fn copy(
-    held: &[Held],
+    held: &[LoadedClip],
     database: &Database,
     own: usize,
     window: usize,
@@ -79,21 +79,21 @@ fn copy(
         let earlier = clip < own || held[clip].split != Split::Train;
         clip != own && earlier
     };
-    let wanted = Wanted { k: 1, distance: Distance::Euclid, one_a_clip: false };
+    let wanted = SearchOptions { k: 1, distance: Distance::Euclid, one_per_clip: false };
     let feature = database.feature(window)?;
     let Some(hit) = database.nearest(&feature, wanted, &allowed)?.first().copied() else { return Ok(None) };
     let there = database.window(hit.window);
     let here = one.clip.slice(start..start + frames);
-    let apart = apart_deg(&here, &held[there.clip].clip.slice(there.start..there.start + frames), BETWEEN);
+    let apart = mean_angle_deg(&here, &held[there.clip].clip.slice(there.start..there.start + frames), MAX_SHIFT);
     let later = frames / 4;
-    let itself = apart_deg(&here.slice(0..frames - later), &here.slice(later..frames), 0.0);
-    let is_copy = apart < APART_DEG && apart < OF_ITSELF * itself;
+    let itself = mean_angle_deg(&here.slice(0..frames - later), &here.slice(later..frames), 0.0);
+    let is_copy = apart < COPY_DEG && apart < MAX_SELF_SHARE * itself;
     Ok(is_copy.then_some((start, there.clip)))
 }
 
 /// The mean angle between the local rotations of two windows of one length, degrees, where the second may be taken up to
 /// `shift` frames sooner or later: by as much as brings them nearest, along its velocity.
-fn apart_deg(a: &Clip, b: &Clip, shift: f64) -> f64 {
+fn mean_angle_deg(a: &Clip, b: &Clip, shift: f64) -> f64 {
     let last = a.frames().saturating_sub(1);
     let between = |p: &[Quat], q: &[Quat], j: usize| exp_map::to_vector(p[j].conjugate() * q[j]);
     // rotation vectors: from b to a, and b's in a frame
@@ -112,8 +112,8 @@ fn apart_deg(a: &Clip, b: &Clip, shift: f64) -> f64 {
 }
 
 /// The windows of all clips, at every frame.
-fn database(held: &[Held], options: &IndexOptions) -> Result<Database> {
-    let (maker, mut finisher) = Maker::new(options, None)?;
+fn database(held: &[LoadedClip], options: &IndexOptions) -> Result<Database> {
+    let (extractor, mut embedder) = FeatureExtractor::new(options, None)?;
     let entries: Vec<ClipEntry> = held
         .iter()
         .map(|one| ClipEntry {
@@ -127,11 +127,12 @@ fn database(held: &[Held], options: &IndexOptions) -> Result<Database> {
             starts: options.windows.starts(one.clip.frames(), 0).collect(),
         })
         .collect();
-    let made: Vec<_> = held.par_iter().zip(&entries).map(|(one, entry)| maker.make(&one.clip, &entry.starts)).collect();
+    let made: Vec<_> =
+        held.par_iter().zip(&entries).map(|(one, entry)| extractor.extract(&one.clip, &entry.starts)).collect();
     let mut features = Vec::new();
     for one in made {
-        features.extend(finisher.finish(one?)?);
+        features.extend(embedder.embed(one?)?);
     }
-    let numbers = maker.numbers(&finisher);
+    let numbers = extractor.numbers(&embedder);
     Ok(Database::new(numbers, vec![(Part::held(features, numbers).with_halves(numbers)?, entries)]))
 }

@@ -21,7 +21,7 @@ use kinelm_tokenizer::TokenizerConfig;
 use std::collections::BTreeSet;
 use std::fmt;
 
-pub use copies::{APART_DEG, WINDOW_S};
+pub use copies::{COPY_DEG, WINDOW_S};
 
 /// A body is in the floor where its lower foot, less its height when it stands, or another joint is deeper, metres.
 pub const DEPTH_M: f64 = 0.10;
@@ -29,11 +29,11 @@ pub const DEPTH_M: f64 = 0.10;
 const SINKS_S: f64 = 0.25;
 /// Finds of one clip that are less than this apart are one range, seconds: what is left between them is of no use, and what
 /// jumps away and back is wrong in between.
-const TOGETHER_S: f64 = 0.5;
+const MERGE_S: f64 = 0.5;
 
 /// What is wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Why {
+pub enum Fault {
     /// A step that no body makes.
     Glitch,
     /// Deep in the floor.
@@ -42,43 +42,43 @@ pub enum Why {
     Copy,
 }
 
-impl Why {
-    const ALL: [Why; 3] = [Why::Glitch, Why::Sinks, Why::Copy];
+impl Fault {
+    const ALL: [Fault; 3] = [Fault::Glitch, Fault::Sinks, Fault::Copy];
 
     fn name(self) -> &'static str {
         match self {
-            Why::Glitch => "glitches",
-            Why::Sinks => "sinking",
-            Why::Copy => "copies",
+            Fault::Glitch => "glitches",
+            Fault::Sinks => "sinking",
+            Fault::Copy => "copies",
         }
     }
 }
 
 /// Frames of a clip, and what is wrong with them.
 #[derive(Debug, Clone, PartialEq)]
-struct Find {
+struct Finding {
     first: usize,
     end: usize,
-    why: Why,
-    told: String,
+    why: Fault,
+    description: String,
 }
 
 /// A clip as it is looked at.
-struct Held {
+struct LoadedClip {
     name: String,
     split: Split,
     sha256: String,
     clip: Clip,
-    finds: Vec<Find>,
+    finds: Vec<Finding>,
 }
 
 /// What was found.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Cleaned {
+pub struct CleaningReport {
     /// The ranges, by clip and time.
     pub ranges: Vec<LeftOut>,
     /// Of each kind the ranges, and their clips; one that has two kinds counts in both.
-    pub kinds: Vec<(Why, [usize; 2])>,
+    pub kinds: Vec<(Fault, [usize; 2])>,
     /// Training clips, and their seconds.
     pub clips: usize,
     /// Seconds of them.
@@ -99,10 +99,10 @@ pub fn clean(
     config: &TokenizerConfig,
     options: &BuildOptions,
     watch: &mut Watch<'_>,
-) -> Result<Cleaned> {
+) -> Result<CleaningReport> {
     let items: Vec<&Item> = gathered.items.iter().collect();
     let wanted = Wanted { fps: config.fps, above_floor: true };
-    let mut held: Vec<Held> = Vec::new();
+    let mut held: Vec<LoadedClip> = Vec::new();
     let summary = each(
         &items,
         options,
@@ -114,27 +114,27 @@ pub fn clean(
         },
         |item, sha256, (clip, finds), _| {
             let frames = clip.frames();
-            held.push(Held { name: item.name.clone(), split: item.split, sha256, clip, finds });
+            held.push(LoadedClip { name: item.name.clone(), split: item.split, sha256, clip, finds });
             Ok(frames)
         },
     )?;
     check(&summary, options, items.len())?;
     copies::find(&mut held, config.fps)?;
-    Ok(told(held, config.fps, summary))
+    Ok(merge(held, config.fps, summary))
 }
 
 /// What is wrong with a clip by itself.
-fn of_clip(name: &str, clip: &Clip, joints: &[usize]) -> Result<Vec<Find>> {
+fn of_clip(name: &str, clip: &Clip, joints: &[usize]) -> Result<Vec<Finding>> {
     let found = glitches(name, clip, joints).into_iter().map(|glitch| {
         let unit = if glitch.what == "root" { "cm" } else { "degrees" };
-        let told = format!("{} {:.0} {unit} in one frame", glitch.what, glitch.step);
+        let description = format!("{} {:.0} {unit} in one frame", glitch.what, glitch.step);
         // both frames of the step: which one is wrong is not known
-        Find { first: glitch.frame - 1, end: glitch.frame + 1, why: Why::Glitch, told }
+        Finding { first: glitch.frame - 1, end: glitch.frame + 1, why: Fault::Glitch, description }
     });
     Ok(found.chain(sinking(clip)?).collect())
 }
 
-fn sinking(clip: &Clip) -> Result<Vec<Find>> {
+fn sinking(clip: &Clip) -> Result<Vec<Finding>> {
     let feet = Feet::new(&smpl::neutral(), &map_for(&smpl::neutral(), None)?)?;
     let low: Vec<f64> = feet.clearance(clip).into_iter().zip(feet.other_heights(clip)).map(|(a, b)| a.min(b)).collect();
     let mut found = Vec::new();
@@ -143,7 +143,7 @@ fn sinking(clip: &Clip) -> Result<Vec<Find>> {
         let end = first + stretch.len();
         if stretch[0] < -DEPTH_M && stretch.len() as f64 >= SINKS_S * clip.fps() {
             let deepest = -100.0 * stretch.iter().copied().fold(0.0, f64::min);
-            found.push(Find { first, end, why: Why::Sinks, told: format!("{deepest:.0} cm in the floor") });
+            found.push(Finding { first, end, why: Fault::Sinks, description: format!("{deepest:.0} cm in the floor") });
         }
         first = end;
     }
@@ -151,14 +151,15 @@ fn sinking(clip: &Clip) -> Result<Vec<Find>> {
 }
 
 /// Finds of each clip put together.
-fn told(held: Vec<Held>, fps: f64, summary: Summary) -> Cleaned {
+fn merge(held: Vec<LoadedClip>, fps: f64, summary: Summary) -> CleaningReport {
     let seconds = |frames: usize| (1e4 * frames as f64 / fps).round() / 1e4;
-    let mut cleaned = Cleaned { ranges: vec![], kinds: vec![], clips: 0, seconds: 0.0, left_out_s: 0.0, summary };
-    let mut counts: Vec<(Why, usize, BTreeSet<usize>)> = Why::ALL.map(|why| (why, 0, BTreeSet::new())).into();
+    let mut cleaned =
+        CleaningReport { ranges: vec![], kinds: vec![], clips: 0, seconds: 0.0, left_out_s: 0.0, summary };
+    let mut counts: Vec<(Fault, usize, BTreeSet<usize>)> = Fault::ALL.map(|why| (why, 0, BTreeSet::new())).into();
     for (number, one) in held.into_iter().enumerate().filter(|(_, one)| one.split == Split::Train) {
         cleaned.clips += 1;
         cleaned.seconds += seconds(one.clip.frames());
-        for (first, end, finds) in together(one.finds, (TOGETHER_S * fps).round() as usize) {
+        for (first, end, finds) in merge_findings(one.finds, (MERGE_S * fps).round() as usize) {
             for (why, ranges, clips) in &mut counts {
                 if finds.iter().any(|find| find.why == *why) {
                     *ranges += 1;
@@ -168,7 +169,7 @@ fn told(held: Vec<Held>, fps: f64, summary: Summary) -> Cleaned {
             let last = one.clip.frames();
             cleaned.left_out_s += seconds(end.min(last) - first);
             let to_s = (end < last).then(|| seconds(end));
-            let mut why: Vec<&str> = finds.iter().map(|find| find.told.as_str()).collect();
+            let mut why: Vec<&str> = finds.iter().map(|find| find.description.as_str()).collect();
             why.dedup();
             cleaned.ranges.push(LeftOut { clip: one.name.clone(), from_s: seconds(first), to_s, why: why.join("; ") });
         }
@@ -178,11 +179,11 @@ fn told(held: Vec<Held>, fps: f64, summary: Summary) -> Cleaned {
 }
 
 /// Finds that are less than `apart` frames from each other, in the order of time.
-fn together(mut finds: Vec<Find>, apart: usize) -> Vec<(usize, usize, Vec<Find>)> {
+fn merge_findings(mut finds: Vec<Finding>, gap: usize) -> Vec<(usize, usize, Vec<Finding>)> {
     finds.sort_by_key(|find| (find.first, find.end));
-    let mut all: Vec<(usize, usize, Vec<Find>)> = Vec::new();
+    let mut all: Vec<(usize, usize, Vec<Finding>)> = Vec::new();
     for find in finds {
-        match all.last_mut().filter(|(_, end, _)| find.first < *end + apart) {
+        match all.last_mut().filter(|(_, end, _)| find.first < *end + gap) {
             Some((_, end, others)) => {
                 *end = find.end.max(*end);
                 others.push(find);
@@ -193,7 +194,7 @@ fn together(mut finds: Vec<Find>, apart: usize) -> Vec<(usize, usize, Vec<Find>)
     all
 }
 
-impl fmt::Display for Cleaned {
+impl fmt::Display for CleaningReport {
     /// A line for each kind and one for all, without a line end after the last.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (why, [ranges, clips]) in &self.kinds {

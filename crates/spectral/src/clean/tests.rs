@@ -17,7 +17,7 @@ fn fault(clip: &Clip, frames: std::ops::Range<usize>, joint: usize, by: Quat, do
 }
 
 /// Cleans these clips, of these splits.
-fn cleaned(clips: &[(&str, &str, Clip)]) -> Cleaned {
+fn cleaned(clips: &[(&str, &str, Clip)]) -> CleaningReport {
     let dir = tempfile::tempdir().unwrap();
     let mut csv = "clip,split\n".to_string();
     fs::create_dir(dir.path().join("data")).unwrap();
@@ -34,7 +34,7 @@ fn cleaned(clips: &[(&str, &str, Clip)]) -> Cleaned {
     clean(&gathered, &TokenizerConfig::default(), &BuildOptions::default(), &mut go).unwrap()
 }
 
-fn rows(cleaned: &Cleaned) -> Vec<(&str, f64, Option<f64>, &str)> {
+fn rows(cleaned: &CleaningReport) -> Vec<(&str, f64, Option<f64>, &str)> {
     cleaned.ranges.iter().map(|r| (r.clip.as_str(), r.from_s, r.to_s, r.why.as_str())).collect()
 }
 
@@ -59,7 +59,7 @@ fn faults_are_listed_where_they_are() {
     let (clip, from_s, to_s, why) = listed[1];
     assert_eq!((clip, from_s, to_s), ("b", 4.95, Some(5.45)));
     assert!(why.contains("root") && why.contains("cm in the floor"), "{listed:?}");
-    assert_eq!(found.kinds, [(Why::Glitch, [2, 2]), (Why::Sinks, [1, 1]), (Why::Copy, [1, 1])]);
+    assert_eq!(found.kinds, [(Fault::Glitch, [2, 2]), (Fault::Sinks, [1, 1]), (Fault::Copy, [1, 1])]);
     assert_eq!((found.clips, found.seconds), (3, 30.0));
 }
 

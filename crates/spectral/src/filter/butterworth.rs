@@ -4,7 +4,7 @@ use crate::{Error, Result};
 use std::f64::consts::PI;
 
 /// The highest order: beyond it a filter rings longer than it is sharper.
-pub const MOST: usize = 8;
+pub const MAX_ORDER: usize = 8;
 
 /// The digital low pass of one order and cut-off, as second-order sections.
 ///
@@ -29,10 +29,10 @@ impl Butterworth {
     /// second.
     ///
     /// # Errors
-    /// An order outside 1..=[`MOST`]; a cut-off that isn't above 0 and below half the rate.
+    /// An order outside 1..=[`MAX_ORDER`]; a cut-off that isn't above 0 and below half the rate.
     pub fn new(order: usize, cutoff_hz: f64, fps: f64) -> Result<Butterworth> {
-        if !(1..=MOST).contains(&order) {
-            return Err(Error::call(format!("a Butterworth filter of order {order}; expected 1 to {MOST}")));
+        if !(1..=MAX_ORDER).contains(&order) {
+            return Err(Error::call(format!("a Butterworth filter of order {order}; expected 1 to {MAX_ORDER}")));
         }
         if !(cutoff_hz > 0.0 && cutoff_hz < 0.5 * fps) {
             return Err(super::beyond(cutoff_hz, fps));
@@ -153,7 +153,7 @@ mod tests {
         let (fps, n) = (60.0, 600);
         let wave = |hz: f64| (0..n).map(|i| (2.0 * PI * hz * i as f64 / fps).sin()).collect::<Vec<_>>();
         let strength = |x: &[f64]| x[200..400].iter().map(|x| x * x).sum::<f64>().sqrt();
-        for order in 1..=MOST {
+        for order in 1..=MAX_ORDER {
             let filter = Butterworth::new(order, 6.0, fps).unwrap();
             let gain = |hz: f64| strength(&filter.filtfilt(&wave(hz)).unwrap()) / strength(&wave(hz));
             assert!((gain(6.0) - 0.5).abs() < 1e-3, "6 dB at the cut-off: {}", gain(6.0));

@@ -6,7 +6,7 @@
 //! is what filtering rotation vectors would do, and for a steady spin changes nothing but its length, that is nothing at all.
 //!
 //! A spin of n turns a second is a wave of n/2 Hz in quaternions. One beyond the band is taken away like any other
-//! movement; where less than half of a joint's quaternion is left, its direction means little, and [`Filtered::lost`] counts
+//! movement; where less than half of a joint's quaternion is left, its direction means little, and [`Filtered::too_fast`] counts
 //! it.
 
 pub mod butterworth;
@@ -51,10 +51,10 @@ pub struct Filtered {
     /// The clip: the same skeleton, rate and frames.
     pub clip: Clip,
     /// Coefficients kept, of those that there are; `None` for Butterworth.
-    pub kept: Option<[usize; 2]>,
+    pub coefficients: Option<[usize; 2]>,
     /// (frame, joint) of rotations that turn too fast for the band, of which the filter left less than half: those with
     /// nothing left are as they were.
-    pub lost: Vec<(usize, usize)>,
+    pub too_fast: Vec<(usize, usize)>,
 }
 
 /// How many coefficients of a cosine transform over `frames` at `fps` aren't above a frequency: those with
@@ -63,44 +63,46 @@ pub fn coefficients(frames: usize, fps: f64, cutoff_hz: f64) -> usize {
     ((2 * frames) as f64 * cutoff_hz / fps + 1e-9).floor() as usize + 1
 }
 
-/// A clip without what lies above a frequency: rotations and the root's path.
-///
-/// Beyond the clip's ends the cosine transform goes on as if time ran backwards there, Butterworth as if turned by half
-/// a circle about the end. Source: the thesis's figure 3.5 and scipy's `filtfilt` (docs/interpolation.md).
-///
-/// # Errors
-/// A cut-off that isn't above 0 and below half the rate; more coefficients than frames, or none; for Butterworth what
-/// [`Butterworth::new`] and [`Butterworth::filtfilt`] refuse; a clip without frames.
-pub fn filter(clip: &Clip, filter: &Filter) -> Result<Filtered> {
-    if clip.frames() == 0 {
-        return Err(Error::call("a clip of no frames can't be filtered"));
-    }
-    let pass = Pass::of(clip, filter)?;
-    let (f, j) = (clip.frames(), clip.joints());
-    let axes = [0, 1, 2].map(|i| clip.root().iter().map(|p| p[i]).collect::<Vec<f64>>());
-    let [x, y, z] = pass.all(axes)?;
-    let root = (0..f).map(|t| Vec3::new(x[t], y[t], z[t])).collect();
-    let (mut rotations, mut lost) = (clip.rotations().to_vec(), Vec::new());
-    for joint in 0..j {
-        let own: Vec<Quat> = continuous((0..f).map(|t| clip.rotations()[t * j + joint]));
-        let parts = [0, 1, 2, 3].map(|i| own.iter().map(|q| q.to_array()[i]).collect::<Vec<f64>>());
-        let [x, y, z, w] = pass.all(parts)?;
-        for t in 0..f {
-            let q = Quat::from_xyzw(x[t], y[t], z[t], w[t]);
-            if q.length_squared() < 0.25 {
-                lost.push((t, joint));
-            }
-            if q.length_squared() > 1e-6 {
-                rotations[t * j + joint] = q.normalize();
+impl Filter {
+    /// A clip without what lies above a frequency: rotations and the root's path.
+    ///
+    /// Beyond the clip's ends the cosine transform goes on as if time ran backwards there, Butterworth as if turned by half
+    /// a circle about the end. Source: the thesis's figure 3.5 and scipy's `filtfilt` (docs/interpolation.md).
+    ///
+    /// # Errors
+    /// A cut-off that isn't above 0 and below half the rate; more coefficients than frames, or none; for Butterworth what
+    /// [`Butterworth::new`] and [`Butterworth::filtfilt`] refuse; a clip without frames.
+    pub fn apply(&self, clip: &Clip) -> Result<Filtered> {
+        if clip.frames() == 0 {
+            return Err(Error::call("a clip of no frames can't be filtered"));
+        }
+        let pass = Pass::new(clip, self)?;
+        let (f, j) = (clip.frames(), clip.joints());
+        let axes = [0, 1, 2].map(|i| clip.root().iter().map(|p| p[i]).collect::<Vec<f64>>());
+        let [x, y, z] = pass.all(axes)?;
+        let root = (0..f).map(|t| Vec3::new(x[t], y[t], z[t])).collect();
+        let (mut rotations, mut too_fast) = (clip.rotations().to_vec(), Vec::new());
+        for joint in 0..j {
+            let own: Vec<Quat> = continuous((0..f).map(|t| clip.rotations()[t * j + joint]));
+            let parts = [0, 1, 2, 3].map(|i| own.iter().map(|q| q.to_array()[i]).collect::<Vec<f64>>());
+            let [x, y, z, w] = pass.all(parts)?;
+            for t in 0..f {
+                let q = Quat::from_xyzw(x[t], y[t], z[t], w[t]);
+                if q.length_squared() < 0.25 {
+                    too_fast.push((t, joint));
+                }
+                if q.length_squared() > 1e-6 {
+                    rotations[t * j + joint] = q.normalize();
+                }
             }
         }
+        let clip = Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations)?;
+        let coefficients = match pass {
+            Pass::Band { keep, .. } => Some([keep, f]),
+            Pass::Butterworth(_) => None,
+        };
+        Ok(Filtered { clip, coefficients, too_fast })
     }
-    let clip = Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations)?;
-    let kept = match pass {
-        Pass::Band { keep, .. } => Some([keep, f]),
-        Pass::Butterworth(_) => None,
-    };
-    Ok(Filtered { clip, kept, lost })
 }
 
 /// Rotations of one joint over time, each with the sign that lies nearer to the one before.
@@ -119,7 +121,7 @@ enum Pass {
 }
 
 impl Pass {
-    fn of(clip: &Clip, filter: &Filter) -> Result<Pass> {
+    fn new(clip: &Clip, filter: &Filter) -> Result<Pass> {
         let (f, fps) = (clip.frames(), clip.fps());
         let band = |keep: usize| Pass::Band { dct: Dct::new(f), keep };
         match *filter {

@@ -48,8 +48,8 @@ fn spins_and_swings_over_half_a_turn_go_through() {
     let swing = |t: f64| Vec3::new(0.0, 0.0, PI + 0.9 * (TAU * 0.7 * t).cos());
     let clip = two(360, spin, swing);
     for filter in &FILTERS {
-        let out = super::filter(&clip, filter).unwrap();
-        assert!(out.lost.is_empty(), "{filter:?}");
+        let out = filter.apply(&clip).unwrap();
+        assert!(out.too_fast.is_empty(), "{filter:?}");
         // 6.6 turns: where the signs would break, a whole turn would be smeared over the frames beside
         let (all, inside) = (apart(&clip, &out.clip, 0), apart(&clip, &out.clip, 30));
         assert!(inside < 0.012 && all < 0.16, "{filter:?}: {inside} inside, {all} at the ends");
@@ -67,7 +67,7 @@ fn shivering_goes_and_the_movement_stays() {
     let (clean, noisy) = (two(600, slow, slow), two(600, shivering, shivering));
     assert!(apart(&clean, &noisy, 30) > 0.09);
     for filter in &FILTERS {
-        let out = super::filter(&noisy, filter).unwrap().clip;
+        let out = filter.apply(&noisy).unwrap().clip;
         assert!(apart(&clean, &out, 30) < 0.03, "{filter:?}: {}", apart(&clean, &out, 30));
     }
 }
@@ -77,7 +77,7 @@ fn the_path_is_filtered_too_and_a_stand_stays() {
     let still = |_: f64| Vec3::new(0.1, -2.0, 0.4);
     let clip = two(240, still, still);
     for filter in &FILTERS {
-        let out = super::filter(&clip, filter).unwrap().clip;
+        let out = filter.apply(&clip).unwrap().clip;
         assert!(apart(&clip, &out, 0) < 1e-9);
         let worst = clip.root().iter().zip(out.root()).map(|(a, b)| (*a - *b).length()).fold(0.0, f64::max);
         // a walk that the cosine transform turns about at the ends
@@ -88,7 +88,7 @@ fn the_path_is_filtered_too_and_a_stand_stays() {
         clip.root().iter().enumerate().map(|(i, p)| *p + Vec3::Y * if i % 2 == 0 { 0.02 } else { -0.02 }).collect();
     let jolted = Clip::new(clip.skeleton().clone(), 60.0, jolted, clip.rotations().to_vec()).unwrap();
     for filter in &FILTERS {
-        let out = super::filter(&jolted, filter).unwrap().clip;
+        let out = filter.apply(&jolted).unwrap().clip;
         let worst = out.root()[30..210].iter().map(|p| (p.y - 1.0).abs()).fold(0.0, f64::max);
         assert!(worst < 2e-3, "{filter:?}: {worst}");
     }
@@ -98,10 +98,10 @@ fn the_path_is_filtered_too_and_a_stand_stays() {
 #[test]
 fn all_of_it_is_the_clip_and_twice_is_once() {
     let clip = synth::corpus(1, 1, 3.0, 60.0).unwrap().remove(0).clip;
-    let whole = super::filter(&clip, &Filter::Coefficients { keep: clip.frames() }).unwrap();
-    assert!(apart(&clip, &whole.clip, 0) < 1e-9 && whole.kept == Some([clip.frames(); 2]));
-    let once = super::filter(&clip, &FILTERS[0]).unwrap().clip;
-    let twice = super::filter(&once, &FILTERS[0]).unwrap().clip;
+    let whole = Filter::Coefficients { keep: clip.frames() }.apply(&clip).unwrap();
+    assert!(apart(&clip, &whole.clip, 0) < 1e-9 && whole.coefficients == Some([clip.frames(); 2]));
+    let once = FILTERS[0].apply(&clip).unwrap().clip;
+    let twice = FILTERS[0].apply(&once).unwrap().clip;
     let (first, second) = (apart(&clip, &once, 0), apart(&once, &twice, 0));
     assert!(first > 0.02 && second < 0.1 * first, "{first}, then {second}");
 }
@@ -110,27 +110,27 @@ fn all_of_it_is_the_clip_and_twice_is_once() {
 fn turning_faster_than_the_band_is_counted() {
     // 12 turns a second are a wave of 6 Hz
     let clip = two(300, |t| Vec3::new(0.0, TAU * 12.0 * t, 0.0), |_| Vec3::X);
-    let out = super::filter(&clip, &FILTERS[0]).unwrap();
-    assert!(out.lost.len() > 250 && out.lost.iter().all(|&(_, joint)| joint == 0), "{}", out.lost.len());
-    assert!(super::filter(&clip, &FILTERS[1]).unwrap().lost.is_empty());
+    let out = FILTERS[0].apply(&clip).unwrap();
+    assert!(out.too_fast.len() > 250 && out.too_fast.iter().all(|&(_, joint)| joint == 0), "{}", out.too_fast.len());
+    assert!(FILTERS[1].apply(&clip).unwrap().too_fast.is_empty());
     // what is attenuated evenly is not lost: a Butterworth filter leaves a steady spin as it is
-    let out = super::filter(&clip, &Filter::Butterworth { order: 1, cutoff_hz: 7.0 }).unwrap();
-    assert!(out.lost.is_empty() && apart(&clip, &out.clip, 30) < 1e-6, "{}", apart(&clip, &out.clip, 30));
+    let out = Filter::Butterworth { order: 1, cutoff_hz: 7.0 }.apply(&clip).unwrap();
+    assert!(out.too_fast.is_empty() && apart(&clip, &out.clip, 30) < 1e-6, "{}", apart(&clip, &out.clip, 30));
 }
 
 #[test]
 fn what_cannot_be_is_refused() {
     let clip = two(40, |_| Vec3::ZERO, |_| Vec3::ZERO);
-    let said = |f: Filter| super::filter(&clip, &f).unwrap_err().to_string();
+    let said = |f: Filter| f.apply(&clip).unwrap_err().to_string();
     let beyond = said(Filter::Band { cutoff_hz: 30.0 });
     assert!(beyond.contains("30 Hz at 60 frames a second") && beyond.contains("half the rate"), "{beyond}");
     assert!(said(Filter::Band { cutoff_hz: f64::NAN }).contains("half the rate"));
     assert!(said(Filter::Coefficients { keep: 41 }).contains("expected 1 to 40"));
     assert!(said(Filter::Coefficients { keep: 0 }).contains("expected 1 to 40"));
     assert!(said(Filter::Butterworth { order: 2, cutoff_hz: 31.0 }).contains("half the rate"));
-    let short = super::filter(&clip.slice(0..9), &FILTERS[2]).unwrap_err().to_string();
+    let short = FILTERS[2].apply(&clip.slice(0..9)).unwrap_err().to_string();
     assert!(short.contains("9 frames are too few"), "{short}");
-    assert!(super::filter(&clip.slice(0..0), &FILTERS[0]).unwrap_err().to_string().contains("no frames"));
-    let one = super::filter(&clip.slice(0..1), &FILTERS[0]).unwrap();
-    assert_eq!(one.kept, Some([1, 1]));
+    assert!(FILTERS[0].apply(&clip.slice(0..0)).unwrap_err().to_string().contains("no frames"));
+    let one = FILTERS[0].apply(&clip.slice(0..1)).unwrap();
+    assert_eq!(one.coefficients, Some([1, 1]));
 }

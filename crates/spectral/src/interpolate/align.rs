@@ -32,9 +32,9 @@ impl Default for Alignment {
 }
 
 /// Frames of the shortest window that has a spectrum: one place of a short-time Fourier transform.
-pub const FEWEST: usize = crate::Stft::WINDOW;
+pub const MIN_FRAMES: usize = crate::Stft::WINDOW;
 /// Frames of the longest.
-pub const MOST: usize = 8192;
+pub const MAX_FRAMES: usize = 8192;
 
 /// Two windows of one rate, length and rig.
 #[derive(Debug, Clone)]
@@ -46,7 +46,7 @@ pub struct Aligned {
     /// Rotation vectors of every joint of both; `b`'s on the branch of whole turns nearest to `a`'s.
     pub series: [Series; 2],
     /// What was changed, for the user.
-    pub said: Vec<String>,
+    pub notes: Vec<String>,
 }
 
 impl Alignment {
@@ -60,27 +60,27 @@ impl Alignment {
     /// # Errors
     /// A window that is out of all bounds or that a clip is too short for; rigs of which one can't be put on the other.
     pub fn of(&self, a: &Motion, b: &Motion) -> Result<Aligned> {
-        let mut said = Vec::new();
-        let at_rate = |motion: &Motion, said: &mut Vec<String>| -> Result<Clip> {
+        let mut notes = Vec::new();
+        let at_rate = |motion: &Motion, notes: &mut Vec<String>| -> Result<Clip> {
             let (name, fps) = (motion.path.display(), motion.clip.fps());
             if fps != self.fps {
-                said.push(format!("{name}: from {} to {} fps", round(fps), round(self.fps)));
+                notes.push(format!("{name}: from {} to {} fps", round(fps), round(self.fps)));
             }
             Ok(resample(&motion.clip, self.fps, Method::Auto)?)
         };
-        let clips = [at_rate(a, &mut said)?, at_rate(b, &mut said)?];
-        let frames = self.frames([a, b], [&clips[0], &clips[1]], &mut said)?;
+        let clips = [at_rate(a, &mut notes)?, at_rate(b, &mut notes)?];
+        let frames = self.frames([a, b], [&clips[0], &clips[1]], &mut notes)?;
         let cut = |i: usize| {
             let start = self.start(i);
             clips[i].slice(start..start + frames)
         };
         let (first, second) = (cut(0), cut(1));
-        let mut second = self.on_rig([a, b], &first, second, &mut said)?;
+        let mut second = self.on_rig([a, b], &first, second, &mut notes)?;
         if !self.keep_heading {
             let turn = heading_between(&first, &second);
             if turn.abs().to_degrees() > 1.0 {
                 let name = b.path.display();
-                said.push(format!("{name}: turned by {:.0} degrees, to begin facing as the first", turn.to_degrees()));
+                notes.push(format!("{name}: turned by {:.0} degrees, to begin facing as the first", turn.to_degrees()));
             }
             second = turned(&second, turn)?;
         }
@@ -89,7 +89,7 @@ impl Alignment {
         unwrap_all(&mut sa);
         unwrap_all(&mut sb);
         nearest_branches(&mut sb, &sa);
-        Ok(Aligned { a: first, b: second, series: [sa, sb], said })
+        Ok(Aligned { a: first, b: second, series: [sa, sb], notes })
     }
 
     fn start(&self, i: usize) -> usize {
@@ -97,7 +97,7 @@ impl Alignment {
     }
 
     /// N, if both clips have as many frames from their starts on.
-    fn frames(&self, motions: [&Motion; 2], clips: [&Clip; 2], said: &mut Vec<String>) -> Result<usize> {
+    fn frames(&self, motions: [&Motion; 2], clips: [&Clip; 2], notes: &mut Vec<String>) -> Result<usize> {
         if self.at_s.iter().any(|s| !(s.is_finite() && *s >= 0.0)) {
             return Err(Error::call(format!("a window from {:?} s on; expected times from 0 on", self.at_s)));
         }
@@ -106,12 +106,12 @@ impl Alignment {
         let frames = self.frames.unwrap_or(shorter);
         if self.frames.is_none() && left[0] != left[1] {
             let longer = motions[usize::from(left[1] > left[0])].path.display();
-            said.push(format!("{longer}: cut to the other's {frames} frames"));
+            notes.push(format!("{longer}: cut to the other's {frames} frames"));
         }
-        if self.frames.is_some() && !(FEWEST..=MOST).contains(&frames) {
-            return Err(Error::call(format!("a window of {frames} frames; expected {FEWEST} to {MOST}")));
+        if self.frames.is_some() && !(MIN_FRAMES..=MAX_FRAMES).contains(&frames) {
+            return Err(Error::call(format!("a window of {frames} frames; expected {MIN_FRAMES} to {MAX_FRAMES}")));
         }
-        let needed = frames.max(FEWEST);
+        let needed = frames.max(MIN_FRAMES);
         if let Some(i) = [0, 1].into_iter().find(|&i| left[i] < needed) {
             let (has, start) = (clips[i].frames(), self.at_s[i]);
             let what = format!(
@@ -122,15 +122,16 @@ impl Alignment {
             );
             return Err(kinelm_motion::Error::Clip { clip: motions[i].path.display().to_string(), what }.into());
         }
-        if frames > MOST {
-            let what = format!("windows of {frames} frames; expected at most {MOST}: give a window, or a lower rate");
+        if frames > MAX_FRAMES {
+            let what =
+                format!("windows of {frames} frames; expected at most {MAX_FRAMES}: give a window, or a lower rate");
             return Err(Error::call(what));
         }
         Ok(frames)
     }
 
     /// The second clip on the first's rig; joints that no joint of the second plays move as the first's.
-    fn on_rig(&self, motions: [&Motion; 2], first: &Clip, second: Clip, said: &mut Vec<String>) -> Result<Clip> {
+    fn on_rig(&self, motions: [&Motion; 2], first: &Clip, second: Clip, notes: &mut Vec<String>) -> Result<Clip> {
         let [a, b] = motions.map(|m| m.path.display().to_string());
         let (to, from) = (first.skeleton(), second.skeleton());
         if to.names() == from.names() && to.parents() == from.parents() {
@@ -152,7 +153,7 @@ impl Alignment {
         };
         let clip = retargeted()
             .map_err(|e| Error::call(format!("{b} can't be put on the rig of {a}, which is another one: {e}")))?;
-        said.push(format!("{b}: put on the rig of {a}"));
+        notes.push(format!("{b}: put on the rig of {a}"));
         Ok(clip)
     }
 }

@@ -5,29 +5,44 @@
 
 use crate::{Error, Result, Transform};
 
-/// How the way goes.
+/// How the window gets to its goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum How {
-    /// Where plain descent leads to, without the way: `x = a + amount (F back)(F(b) - F(a))`. For linear features alone.
+pub enum Method {
+    /// The limit of plain descent, computed at once: `x = a + amount (F back)(F(b) - F(a))`. Linear features only.
     Closed {
-        /// 0 is a, 1 has b's feature.
+        /// 0 gives a, 1 gives b's feature.
         amount: f64,
     },
-    /// Gradient descent with Adam's steps.
+    /// Gradient descent with Adam's steps; the rate is [`Descent::ADAM_RATE`] if not given.
     Adam(Descent),
-    /// Gradient descent as it is.
+    /// Gradient descent as it is; if not given, the rate is the one that covers 99 % of the distance.
     Plain(Descent),
 }
 
-/// Gradient descent.
+/// InterpolateOptions of gradient descent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Descent {
-    /// How far the goal lies on the straight way from a's feature to b's: 0 to 1.
+    /// Where the goal lies on the line from a's feature (0) to b's (1).
     pub strength: f64,
-    /// Step size. Adam: radians that a number moves in the first step, the root of the mean of squares.
-    pub rate: f64,
+    /// Step size. Adam: radians that a number moves in the first step, root mean square.
+    pub rate: Option<f64>,
     /// Steps.
     pub steps: usize,
+}
+
+/// Share of the distance to the goal that plain descent covers if no rate is given.
+const PLAIN_SHARE: f64 = 0.99;
+
+impl Method {
+    /// Fills in the rate, for features of `n` numbers.
+    pub fn resolve(self, n: usize) -> Method {
+        let with = |d: Descent, rate: f64| Descent { rate: Some(d.rate.unwrap_or(rate)), ..d };
+        match self {
+            Method::Closed { .. } => self,
+            Method::Adam(d) => Method::Adam(with(d, Descent::ADAM_RATE)),
+            Method::Plain(d) => Method::Plain(with(d, Descent::rate_for(PLAIN_SHARE, n, d.steps))),
+        }
+    }
 }
 
 impl Descent {
@@ -44,17 +59,18 @@ impl Descent {
         0.5 * n as f64 * (1.0 - (1.0 - share).powf(1.0 / steps.max(1) as f64))
     }
 
-    fn check(&self) -> Result<()> {
-        let Descent { strength, rate, .. } = *self;
-        amount_is_good("strength", strength)?;
+    /// The rate, after checking rate and strength.
+    fn check(&self) -> Result<f64> {
+        let rate = self.rate.unwrap_or_default();
+        check_share("strength", self.strength)?;
         if !(rate > 0.0 && rate.is_finite()) {
             return Err(Error::call(format!("a rate of {rate}; expected above 0")));
         }
-        Ok(())
+        Ok(rate)
     }
 }
 
-/// What came of it.
+/// The result of a descent.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moved {
     /// (C, N) the window.
@@ -76,19 +92,19 @@ pub struct Moved {
 ///
 /// # Panics
 /// When the windows aren't of one shape.
-pub fn interpolate(transform: &Transform, channels: usize, a: &[f64], b: &[f64], how: &How) -> Result<Moved> {
+pub fn descend(transform: &Transform, channels: usize, a: &[f64], b: &[f64], method: Method) -> Result<Moved> {
     assert_eq!(a.len(), b.len(), "windows of one shape");
-    let from = transform.feature(a, channels);
-    let towards =
-        |strength: f64, to: &[f64]| -> Vec<f64> { from.iter().zip(to).map(|(f, t)| f + strength * (t - f)).collect() };
-    let to = transform.feature(b, channels);
-    match how {
-        How::Closed { amount } => {
-            amount_is_good("amount", *amount)?;
+    let (from, to) = (transform.feature(a, channels), transform.feature(b, channels));
+    let goal = |share: f64| {
+        let target = from.iter().zip(&to).map(|(f, t)| f + share * (t - f)).collect();
+        Goal { transform, channels, target }
+    };
+    match method.resolve(from.len()) {
+        Method::Closed { amount } => {
+            check_share("amount", amount)?;
             if matches!(transform, Transform::Stft(_)) {
-                let what =
-                    "magnitudes have no closed form: their phase is free; give a strength and steps, or dct or pca";
-                return Err(Error::call(what));
+                let why = "magnitudes leave the phase free, so they have no closed form; give `strength` and `steps`, or take DCT or PCA";
+                return Err(Error::unsupported("`amount`", why));
             }
             let goal = Goal { transform, channels, target: to };
             let moved: Vec<f64> = goal.target.iter().zip(&from).map(|(t, f)| amount * (t - f)).collect();
@@ -97,23 +113,20 @@ pub fn interpolate(transform: &Transform, channels: usize, a: &[f64], b: &[f64],
             let loss = [goal.loss_and_gradient(a).0, goal.loss_and_gradient(&window).0];
             Ok(Moved { window, loss })
         }
-        How::Adam(descent) => {
-            descent.check()?;
-            let goal = Goal { transform, channels, target: towards(descent.strength, &to) };
-            let mut adam = Adam::new(a.len());
-            goal.walk(a, descent, &mut |x, gradient| adam.step(x, gradient, descent.rate))
+        Method::Adam(descent) => {
+            let (rate, mut adam) = (descent.check()?, Adam::new(a.len()));
+            goal(descent.strength).walk(a, descent, &mut |x, gradient| adam.step(x, gradient, rate))
         }
-        How::Plain(descent) => {
-            descent.check()?;
-            let goal = Goal { transform, channels, target: towards(descent.strength, &to) };
-            goal.walk(a, descent, &mut |x, gradient| {
-                x.iter_mut().zip(gradient).for_each(|(x, g)| *x -= descent.rate * g);
+        Method::Plain(descent) => {
+            let rate = descent.check()?;
+            goal(descent.strength).walk(a, descent, &mut |x, gradient| {
+                x.iter_mut().zip(gradient).for_each(|(x, g)| *x -= rate * g);
             })
         }
     }
 }
 
-fn amount_is_good(name: &str, amount: f64) -> Result<()> {
+fn check_share(name: &str, amount: f64) -> Result<()> {
     if (0.0..=1.0).contains(&amount) {
         return Ok(());
     }
@@ -137,7 +150,7 @@ impl Goal<'_> {
         (off.iter().map(|d| d * d).sum::<f64>() / n, self.transform.feature_back(x, self.channels, &slopes))
     }
 
-    fn walk(&self, from: &[f64], descent: &Descent, step: &mut dyn FnMut(&mut [f64], &[f64])) -> Result<Moved> {
+    fn walk(&self, from: &[f64], descent: Descent, step: &mut dyn FnMut(&mut [f64], &[f64])) -> Result<Moved> {
         let mut x = from.to_vec();
         let first = self.loss_and_gradient(&x).0;
         for _ in 0..descent.steps {
@@ -146,7 +159,7 @@ impl Goal<'_> {
         }
         let last = self.loss_and_gradient(&x).0;
         if !last.is_finite() || x.iter().any(|x| !x.is_finite()) {
-            let rate = descent.rate;
+            let rate = descent.rate.unwrap_or_default();
             return Err(Error::call(format!(
                 "the loss grew beyond all numbers at a rate of {rate}; take a smaller one"
             )));

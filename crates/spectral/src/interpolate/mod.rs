@@ -8,7 +8,7 @@ pub mod align;
 pub mod descent;
 
 pub use align::{Aligned, Alignment};
-pub use descent::{Descent, How};
+pub use descent::{Descent, Method};
 
 use super::pca::PcaFit;
 use super::{LowDct, PcaBasis, Series, Stft, Transform, WindowSpec};
@@ -25,7 +25,7 @@ pub const JITTER_BOUND: f64 = 1.1;
 
 /// Whose spectrum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Kind {
+pub enum Spectrum {
     /// Low coefficients of a cosine transform: what is above stays the first dance's.
     #[default]
     Dct,
@@ -37,71 +37,24 @@ pub enum Kind {
 
 /// How two dances are blended.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Settings {
+pub struct InterpolateOptions {
     /// What of them.
     pub alignment: Alignment,
     /// By which spectrum.
-    pub kind: Kind,
+    pub spectrum: Spectrum,
     /// Coefficients or components that are moved; `None`: those up to 3.5 Hz, 16 for a basis.
     pub keep: Option<usize>,
-    /// How far and in which way.
-    pub how: Way,
-}
-
-/// How far and in which way; rates that are `None` are found once it is known how many numbers a feature has.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Way {
-    /// As [`How::Closed`].
-    Closed {
-        /// 0 is the first dance, 1 has the second's spectrum.
-        amount: f64,
-    },
-    /// As [`How::Adam`]; its rate is [`Descent::ADAM_RATE`] by itself.
-    Adam {
-        /// How far the goal lies.
-        strength: f64,
-        /// Step size.
-        rate: Option<f64>,
-        /// Steps.
-        steps: usize,
-    },
-    /// As [`How::Plain`]; by itself at the rate that goes 99 % of the way.
-    Plain {
-        /// How far the goal lies.
-        strength: f64,
-        /// Step size.
-        rate: Option<f64>,
-        /// Steps.
-        steps: usize,
-    },
-}
-
-/// Share of its way that plain descent goes unless it is told a rate.
-const PLAIN_SHARE: f64 = 0.99;
-
-impl Way {
-    /// For features of n numbers.
-    fn resolve(self, n: usize) -> How {
-        match self {
-            Way::Closed { amount } => How::Closed { amount },
-            Way::Adam { strength, rate, steps } => {
-                How::Adam(Descent { strength, rate: rate.unwrap_or(Descent::ADAM_RATE), steps })
-            }
-            Way::Plain { strength, rate, steps } => {
-                let rate = rate.unwrap_or_else(|| Descent::rate_for(PLAIN_SHARE, n, steps));
-                How::Plain(Descent { strength, rate, steps })
-            }
-        }
-    }
+    /// How far, and how it gets there.
+    pub method: Method,
 }
 
 /// Two dances and what lies between.
 #[derive(Debug, Clone)]
-pub struct Blended {
+pub struct Interpolated {
     /// The first's window, the second's on the first's rig, and the one between, on the first's rig and path.
     pub clips: [Clip; 3],
     /// What was changed to make the two comparable.
-    pub said: Vec<String>,
+    pub notes: Vec<String>,
     /// What was measured.
     pub report: Report,
 }
@@ -130,8 +83,8 @@ pub struct Report {
     pub transform: String,
     /// Numbers of a feature.
     pub numbers: usize,
-    /// The way, in words.
-    pub way: String,
+    /// The method with its settings, in words.
+    pub method: String,
     /// By STFT features, whatever the transform.
     pub stft: Likeness,
     /// By the features of the transform.
@@ -143,9 +96,9 @@ pub struct Report {
     /// Jitter of the one between over the larger of the others'; `None` where these stand still.
     pub jitter_ratio: Option<f64>,
     /// Whether it lies between the two by STFT features, nearer to either than they are to each other.
-    pub lies_between: bool,
+    pub is_between: bool,
     /// Whether it shakes at most a tenth more than the more shaken of the two.
-    pub is_calm: bool,
+    pub is_smooth: bool,
 }
 
 /// Draws the first dance towards the second.
@@ -153,14 +106,14 @@ pub struct Report {
 /// # Errors
 /// What [`Alignment::of`] and [`descent::interpolate`] refuse; more coefficients than frames; a basis of more components than
 /// the clips have series, or over a window of more than 1,024 frames.
-pub fn blend(a: &Motion, b: &Motion, settings: &Settings) -> Result<Blended> {
-    let Aligned { a: first, b: second, series: [sa, sb], said } = settings.alignment.of(a, b)?;
+pub fn interpolate(a: &Motion, b: &Motion, options: &InterpolateOptions) -> Result<Interpolated> {
+    let Aligned { a: first, b: second, series: [sa, sb], notes } = options.alignment.of(a, b)?;
     let (frames, channels) = (sa.frames, sa.channels.len());
-    let transform = settings.transform(frames, [a, b])?;
-    let how = settings.how.resolve(channels * transform.kept());
-    let way = descent::interpolate(&transform, channels, &sa.numbers, &sb.numbers, &how)?;
-    let between = Series { numbers: way.window, ..sa.clone() };
-    let third = between.onto(&first)?;
+    let transform = options.transform(frames, [a, b])?;
+    let method = options.method.resolve(channels * transform.kept());
+    let moved = descent::descend(&transform, channels, &sa.numbers, &sb.numbers, method)?;
+    let between = Series { numbers: moved.window, ..sa.clone() };
+    let third = between.apply_to(&first)?;
     let windows = [&sa.numbers, &sb.numbers, &between.numbers];
     let stft = Likeness::of(&Transform::Stft(Stft::new(frames, false)), channels, windows);
     let shakes = [&first, &second, &third].map(|clip| jitter(clip).unwrap_or(0.0));
@@ -169,24 +122,24 @@ pub fn blend(a: &Motion, b: &Motion, settings: &Settings) -> Result<Blended> {
         frames,
         fps: sa.fps,
         channels,
-        transform: settings.kind.in_words(&transform),
+        transform: options.spectrum.in_words(&transform),
         numbers: channels * transform.kept(),
-        way: in_words(&how),
+        method: in_words(method),
         stft,
         own: Likeness::of(&transform, channels, windows),
-        loss: way.loss,
+        loss: moved.loss,
         jitter: shakes,
         jitter_ratio: (larger > 0.0).then(|| shakes[2] / larger),
-        lies_between: stft.a_c > stft.a_b && stft.c_b > stft.a_b,
-        is_calm: shakes[2] <= JITTER_BOUND * larger,
+        is_between: stft.a_c > stft.a_b && stft.c_b > stft.a_b,
+        is_smooth: shakes[2] <= JITTER_BOUND * larger,
     };
-    Ok(Blended { clips: [first, second, third], said, report })
+    Ok(Interpolated { clips: [first, second, third], notes, report })
 }
 
-impl Settings {
+impl InterpolateOptions {
     fn transform(&self, frames: usize, clips: [&Motion; 2]) -> Result<Transform> {
-        let keep = self.keep.unwrap_or_else(|| match self.kind {
-            Kind::Pca => PcaBasis::KEEP.min(frames),
+        let keep = self.keep.unwrap_or_else(|| match self.spectrum {
+            Spectrum::Pca => PcaBasis::KEEP.min(frames),
             _ => self.alignment.low(frames),
         });
         if keep == 0 || keep > frames {
@@ -194,10 +147,10 @@ impl Settings {
                 "{keep} coefficients of windows of {frames} frames; expected 1 to {frames}"
             )));
         }
-        match self.kind {
-            Kind::Dct => Ok(Transform::Dct(LowDct::new(frames, keep))),
-            Kind::Stft => Ok(Transform::Stft(Stft::new(frames, false))),
-            Kind::Pca => Ok(Transform::Pca(self.basis(frames, keep, clips)?)),
+        match self.spectrum {
+            Spectrum::Dct => Ok(Transform::Dct(LowDct::new(frames, keep))),
+            Spectrum::Stft => Ok(Transform::Stft(Stft::new(frames, false))),
+            Spectrum::Pca => Ok(Transform::Pca(self.basis(frames, keep, clips)?)),
         }
     }
 
@@ -226,7 +179,7 @@ impl Settings {
     }
 }
 
-impl Kind {
+impl Spectrum {
     /// `dct`, `pca` or `stft`, with its size.
     fn in_words(self, transform: &Transform) -> String {
         match transform {
@@ -237,12 +190,15 @@ impl Kind {
     }
 }
 
-fn in_words(how: &How) -> String {
-    let told = |name: &str, d: &Descent| format!("{name}, strength {}, rate {}, {} steps", d.strength, d.rate, d.steps);
-    match how {
-        How::Closed { amount } => format!("closed form, amount {amount}"),
-        How::Adam(d) => told("Adam", d),
-        How::Plain(d) => told("plain descent", d),
+fn in_words(method: Method) -> String {
+    let descent = |name: &str, d: Descent| {
+        let rate = d.rate.unwrap_or_default();
+        format!("{name}, strength {}, rate {rate}, {} steps", d.strength, d.steps)
+    };
+    match method {
+        Method::Closed { amount } => format!("closed form, amount {amount}"),
+        Method::Adam(d) => descent("Adam", d),
+        Method::Plain(d) => descent("plain descent", d),
     }
 }
 
@@ -263,7 +219,7 @@ fn cosine(a: &[f64], b: &[f64]) -> f64 {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}; {} frames at {} fps, {} channels", self.way, self.frames, self.fps, self.channels)?;
+        writeln!(f, "{}; {} frames at {} fps, {} channels", self.method, self.frames, self.fps, self.channels)?;
         writeln!(f, "loss {:.3e} to {:.3e}", self.loss[0], self.loss[1])?;
         writeln!(f, "{:<14}{:>8}{:>8}{:>8}", "cosine of", "A-B", "A-C", "C-B")?;
         for (name, l) in [("stft 16/8", self.stft), (&self.transform, self.own)] {
@@ -275,8 +231,8 @@ impl fmt::Display for Report {
             write!(f, ", {ratio:.2} of the larger")?;
         }
         let yes = |is: bool| if is { "yes" } else { "no" };
-        write!(f, "\nnearer to both than they are to each other: {}; ", yes(self.lies_between))?;
-        write!(f, "at most {JITTER_BOUND} of their jitter: {}", yes(self.is_calm))
+        write!(f, "\nnearer to both than they are to each other: {}; ", yes(self.is_between))?;
+        write!(f, "at most {JITTER_BOUND} of their jitter: {}", yes(self.is_smooth))
     }
 }
 
@@ -297,27 +253,29 @@ mod tests {
         })
     }
 
-    fn settings(kind: Kind, how: Way) -> Settings {
+    fn settings(spectrum: Spectrum, method: Method) -> InterpolateOptions {
         let alignment = Alignment { at_s: [1.0, 1.0], ..Alignment::default() };
-        Settings { alignment, kind, keep: None, how }
+        InterpolateOptions { alignment, spectrum, keep: None, method }
     }
 
     #[test]
     fn half_way_lies_between_and_does_not_shake() {
         let [a, b] = motions();
-        let adam = Way::Adam { strength: 0.5, rate: None, steps: 500 };
-        for how in [adam, Way::Closed { amount: 0.5 }, Way::Plain { strength: 0.5, rate: None, steps: 100 }] {
-            let done = blend(&a, &b, &settings(Kind::Dct, how)).unwrap();
+        let adam = Method::Adam(Descent { strength: 0.5, rate: None, steps: 500 });
+        for method in
+            [adam, Method::Closed { amount: 0.5 }, Method::Plain(Descent { strength: 0.5, rate: None, steps: 100 })]
+        {
+            let done = interpolate(&a, &b, &settings(Spectrum::Dct, method)).unwrap();
             let r = &done.report;
             // made-up dances hardly shake at all: what is left of a band at the window's ends counts
-            assert!(r.lies_between && r.jitter_ratio.unwrap() < 1.3, "{r}");
+            assert!(r.is_between && r.jitter_ratio.unwrap() < 1.3, "{r}");
             assert!(r.own.a_b < r.own.a_c.min(r.own.c_b) && r.stft.a_b < 1.0, "{r}");
             assert_eq!((r.frames, r.numbers), (128, 72 * 16));
             assert_eq!(done.clips[2].root(), done.clips[0].root(), "the first's path");
         }
-        let all = blend(&a, &b, &settings(Kind::Dct, Way::Closed { amount: 1.0 })).unwrap().report;
+        let all = interpolate(&a, &b, &settings(Spectrum::Dct, Method::Closed { amount: 1.0 })).unwrap().report;
         assert!((all.own.c_b - 1.0).abs() < 1e-9 && all.loss[1] < 1e-20);
-        let none = blend(&a, &b, &settings(Kind::Pca, Way::Closed { amount: 0.0 })).unwrap();
+        let none = interpolate(&a, &b, &settings(Spectrum::Pca, Method::Closed { amount: 0.0 })).unwrap();
         let worst = none.clips[0].rotations().iter().zip(none.clips[2].rotations());
         assert!(worst.map(|(p, q)| angle_between(*p, *q)).fold(0.0, f64::max) < 1e-9);
     }
@@ -325,16 +283,16 @@ mod tests {
     #[test]
     fn magnitudes_shake() {
         let [a, b] = motions();
-        let adam = Way::Adam { strength: 0.5, rate: None, steps: 200 };
-        let ratio = |kind| blend(&a, &b, &settings(kind, adam)).unwrap().report.jitter_ratio.unwrap();
-        let (stft, dct) = (ratio(Kind::Stft), ratio(Kind::Dct));
+        let adam = Method::Adam(Descent { strength: 0.5, rate: None, steps: 200 });
+        let ratio = |kind| interpolate(&a, &b, &settings(kind, adam)).unwrap().report.jitter_ratio.unwrap();
+        let (stft, dct) = (ratio(Spectrum::Stft), ratio(Spectrum::Dct));
         assert!(stft > 1.2 * dct, "{stft} {dct}");
     }
 
     #[test]
     fn a_report_says_it_all() {
         let [a, b] = motions();
-        let report = blend(&a, &b, &settings(Kind::Pca, Way::Closed { amount: 0.5 })).unwrap().report;
+        let report = interpolate(&a, &b, &settings(Spectrum::Pca, Method::Closed { amount: 0.5 })).unwrap().report;
         let text = report.to_string();
         for part in
             ["closed form, amount 0.5", "128 frames at 60 fps, 72 channels", "pca 16", "A-C", "jitter, m/s^3: A "]
@@ -346,10 +304,14 @@ mod tests {
     #[test]
     fn what_cannot_be_is_refused() {
         let [a, b] = motions();
-        let said = |s: Settings| blend(&a, &b, &s).unwrap_err().to_string();
-        let half = Way::Closed { amount: 0.5 };
-        assert!(said(Settings { keep: Some(129), ..settings(Kind::Dct, half) }).contains("expected 1 to 128"));
-        assert!(said(Settings { keep: Some(0), ..settings(Kind::Pca, half) }).contains("expected 1 to 128"));
-        assert!(said(settings(Kind::Stft, half)).contains("no closed form"));
+        let said = |s: InterpolateOptions| interpolate(&a, &b, &s).unwrap_err().to_string();
+        let half = Method::Closed { amount: 0.5 };
+        assert!(
+            said(InterpolateOptions { keep: Some(129), ..settings(Spectrum::Dct, half) }).contains("expected 1 to 128")
+        );
+        assert!(
+            said(InterpolateOptions { keep: Some(0), ..settings(Spectrum::Pca, half) }).contains("expected 1 to 128")
+        );
+        assert!(said(settings(Spectrum::Stft, half)).contains("no closed form"));
     }
 }

@@ -1,8 +1,8 @@
 //! From motion files to an index, or to more of one.
 
+use super::extract::{Extracted, FeatureExtractor, fit_of};
 use super::index::{BASIS, Index, MANIFEST};
-use super::maker::{Made, Maker, fit_of};
-use super::options::{IndexOptions, Kind};
+use super::options::{FeatureKind, IndexOptions};
 use super::part::PartWriter;
 use super::record::{ClipEntry, Manifest, PartRecord, VERSION};
 use crate::pca::PcaFit;
@@ -16,9 +16,9 @@ use std::path::{Path, PathBuf};
 
 /// What an index is asked to hold. What isn't said is as in the index that is there, or in [`IndexOptions::new`].
 #[derive(Debug, Clone, Default)]
-pub struct Asked {
+pub struct IndexRequest {
     /// What windows are told by; DCT unless said.
-    pub transform: Option<Kind>,
+    pub transform: Option<FeatureKind>,
     /// Frames of a window.
     pub frames: Option<usize>,
     /// Frames from a window to the next.
@@ -31,11 +31,11 @@ pub struct Asked {
     pub raw: Option<bool>,
 }
 
-impl Asked {
+impl IndexRequest {
     /// The options, laid over those of an index that is there.
     pub fn over(&self, there: Option<&IndexOptions>) -> IndexOptions {
-        let mut options = there.cloned().unwrap_or_else(|| IndexOptions::new(Kind::dct()));
-        let Asked { transform, frames, hop, fps, joints, raw } = self.clone();
+        let mut options = there.cloned().unwrap_or_else(|| IndexOptions::new(FeatureKind::dct()));
+        let IndexRequest { transform, frames, hop, fps, joints, raw } = self.clone();
         options.transform = transform.unwrap_or(options.transform);
         options.windows.frames = frames.unwrap_or(options.windows.frames);
         options.windows.hop = hop.unwrap_or(options.windows.hop);
@@ -48,7 +48,7 @@ impl Asked {
 
 /// What a build did.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Built {
+pub struct BuildReport {
     /// Of the files that were read.
     pub summary: Summary,
     /// How windows are cut and what is held of them.
@@ -67,7 +67,7 @@ pub struct Built {
     pub explained: Option<f64>,
 }
 
-impl Built {
+impl BuildReport {
     /// What the user should be told, one line each.
     pub fn lines(&self) -> Vec<String> {
         let mut lines = self.summary.lines();
@@ -91,82 +91,86 @@ impl Built {
     }
 }
 
-/// Builds an index at `out`, or adds to the one that is there the clips that it doesn't have: those of other files, or of
-/// the same files read otherwise. The basis of a fitted transform is that of the index's beginning.
-///
-/// # Errors
-/// [`kinelm_store::Error::Call`] where `asked` differs from the index that is there, when no clip is as long as a window, or any file is bad
-/// and `strict` is given, or `watch` broke off; those of reading, of a run, and of writing. Nothing is changed then.
-pub fn build(
-    gathered: &Gathered,
-    asked: &Asked,
-    options: &BuildOptions,
-    out: &Path,
-    watch: &mut Watch<'_>,
-) -> Result<Built> {
-    let (there, _alone) = match std::fs::symlink_metadata(out) {
-        Ok(_) => {
-            if !out.join(MANIFEST).is_file() {
-                return Err(Error::taken(out, "exists and is no index; give another --out"));
+impl Index {
+    /// Builds an index at `out`, or adds to the one that is there the clips that it doesn't have: those of other files, or of
+    /// the same files read otherwise. The basis of a fitted transform is that of the index's beginning.
+    ///
+    /// # Errors
+    /// [`kinelm_store::Error::Call`] where `request` differs from the index that is there, when no clip is as long as a window, or any file is bad
+    /// and `strict` is given, or `watch` broke off; those of reading, of a run, and of writing. Nothing is changed then.
+    pub fn build(
+        gathered: &Gathered,
+        request: &IndexRequest,
+        options: &BuildOptions,
+        out: &Path,
+        watch: &mut Watch<'_>,
+    ) -> Result<BuildReport> {
+        let (there, _alone) = match std::fs::symlink_metadata(out) {
+            Ok(_) => {
+                if !out.join(MANIFEST).is_file() {
+                    return Err(Error::taken(out, "exists and is no index; give another --out"));
+                }
+                let alone = alone(out)?;
+                (Some(Index::open(out)?), alone)
             }
-            let alone = alone(out)?;
-            (Some(Index::open(out)?), alone)
+            Err(_) => (None, None),
+        };
+        let held = request.over(there.as_ref().map(Index::options));
+        held.validate()?;
+        if let Some(index) = &there {
+            same_options(out, index.options(), &held)?;
         }
-        Err(_) => (None, None),
-    };
-    let held = asked.over(there.as_ref().map(Index::options));
-    held.validate()?;
-    if let Some(index) = &there {
-        same_options(out, index.options(), &held)?;
+        let basis = match (&there, &held.transform) {
+            (Some(index), _) => index.basis().cloned(),
+            (None, FeatureKind::Pca { keep }) => Some(fit(gathered, &held, *keep, options, watch)?),
+            _ => None,
+        };
+        let mut work = Work::begin(out, there.as_ref())?;
+        let mut built = BuildReport {
+            summary: Summary::default(),
+            options: held.clone(),
+            added: (0, 0),
+            known: 0,
+            otherwise: 0,
+            short: 0,
+            windows: 0,
+            explained: basis
+                .as_ref()
+                .map(|b| b.variances.iter().sum::<f64>() / b.total_variance.max(f64::MIN_POSITIVE)),
+        };
+        let (part, numbers) = write_part(gathered, &held, basis.as_ref(), options, &work, &mut built, watch)?;
+        let Some(part) = part else {
+            let (known, short, seconds) = (built.known, built.short, held.windows.seconds());
+            if known == 0 {
+                let frames = held.windows.frames;
+                return Err(Error::call(format!(
+                    "no clip is as long as a window of {frames} frames ({seconds:.3} s): all {short} are shorter; nothing was \
+                     written; give longer clips or a shorter window"
+                )));
+            }
+            built.windows = there.map_or(0, |index| index.database().windows());
+            return Ok(built);
+        };
+        let basis = basis.map(|b| serde_json::to_vec(&b).map_err(|e| Error::call(e.to_string()))).transpose()?;
+        let manifest = match there {
+            Some(index) => {
+                let mut manifest = index.manifest().clone();
+                manifest.parts.push(part);
+                manifest
+            }
+            None => Manifest {
+                version: VERSION,
+                program: env!("CARGO_PKG_VERSION").into(),
+                options: held,
+                numbers,
+                basis: basis.as_deref().map(FileRecord::of),
+                parts: vec![part],
+            },
+        };
+        built.windows = manifest.parts.iter().map(|p| p.windows).sum();
+        work.finish(&manifest, basis.as_deref())?;
+        Ok(built)
     }
-    let basis = match (&there, &held.transform) {
-        (Some(index), _) => index.basis().cloned(),
-        (None, Kind::Pca { keep }) => Some(fit(gathered, &held, *keep, options, watch)?),
-        _ => None,
-    };
-    let mut work = Work::begin(out, there.as_ref())?;
-    let mut built = Built {
-        summary: Summary::default(),
-        options: held.clone(),
-        added: (0, 0),
-        known: 0,
-        otherwise: 0,
-        short: 0,
-        windows: 0,
-        explained: basis.as_ref().map(|b| b.variances.iter().sum::<f64>() / b.total_variance.max(f64::MIN_POSITIVE)),
-    };
-    let (part, numbers) = write_part(gathered, &held, basis.as_ref(), options, &work, &mut built, watch)?;
-    let Some(part) = part else {
-        let (known, short, seconds) = (built.known, built.short, held.windows.seconds());
-        if known == 0 {
-            let frames = held.windows.frames;
-            return Err(Error::call(format!(
-                "no clip is as long as a window of {frames} frames ({seconds:.3} s): all {short} are shorter; nothing was \
-                 written; give longer clips or a shorter window"
-            )));
-        }
-        built.windows = there.map_or(0, |index| index.database().windows());
-        return Ok(built);
-    };
-    let basis = basis.map(|b| serde_json::to_vec(&b).map_err(|e| Error::call(e.to_string()))).transpose()?;
-    let manifest = match there {
-        Some(index) => {
-            let mut manifest = index.manifest().clone();
-            manifest.parts.push(part);
-            manifest
-        }
-        None => Manifest {
-            version: VERSION,
-            program: env!("CARGO_PKG_VERSION").into(),
-            options: held,
-            numbers,
-            basis: basis.as_deref().map(FileRecord::of),
-            parts: vec![part],
-        },
-    };
-    built.windows = manifest.parts.iter().map(|p| p.windows).sum();
-    work.finish(&manifest, basis.as_deref())?;
-    Ok(built)
 }
 
 /// Keeps other builds from an index that is there, while the answer lives.
@@ -243,11 +247,11 @@ fn write_part(
     basis: Option<&PcaBasis>,
     options: &BuildOptions,
     work: &Work,
-    built: &mut Built,
+    built: &mut BuildReport,
     watch: &mut Watch<'_>,
 ) -> Result<(Option<PartRecord>, usize)> {
-    let (maker, mut finisher) = Maker::new(held, basis)?;
-    let numbers = maker.numbers(&finisher);
+    let (extractor, mut embedder) = FeatureExtractor::new(held, basis)?;
+    let numbers = extractor.numbers(&embedder);
     let (temporary, place) = work.part()?;
     let mut writer = PartWriter::create(&temporary, numbers)?;
     let items: Vec<&Item> = gathered.items.iter().collect();
@@ -259,9 +263,9 @@ fn write_part(
         watch,
         |_, loaded| {
             let starts: Vec<usize> = held.windows.starts(loaded.clip.frames(), 0).collect();
-            Ok((maker.make(&loaded.clip, &starts)?, starts, loaded.clip.frames()))
+            Ok((extractor.extract(&loaded.clip, &starts)?, starts, loaded.clip.frames()))
         },
-        |item, sha256, (made, starts, frames): (Made, Vec<usize>, usize), _| {
+        |item, sha256, (made, starts, frames): (Extracted, Vec<usize>, usize), _| {
             let read = item_options(item, &options.read);
             otherwise += usize::from(work.known.iter().any(|c| c.sha256 == sha256));
             if work.known.iter().any(|c| c.is_of(&sha256, &read, frames)) {
@@ -273,7 +277,7 @@ fn write_part(
                 let path = std::path::absolute(&item.path).map_err(Error::io(&item.path))?;
                 let Item { name, take, labels, .. } = item.clone();
                 let entry = ClipEntry { name, path, sha256, read, take, labels, frames, starts };
-                writer.push(&entry, &finisher.finish(made)?)?;
+                writer.push(&entry, &embedder.embed(made)?)?;
             }
             Ok(frames)
         },

@@ -2,12 +2,12 @@
 //! neighbours tell labels?".
 
 use super::database::Database;
-use super::exclude::{Exclude, Filter, Origin};
-use super::maker::{Maker, fit_of};
-use super::options::{IndexOptions, Kind};
+use super::exclude::{Exclude, Exclusion, Origin};
+use super::extract::{FeatureExtractor, fit_of};
+use super::options::{FeatureKind, IndexOptions};
 use super::part::Part;
 use super::record::ClipEntry;
-use super::search::{Cosines, Distance, Wanted};
+use super::search::{Cosines, Distance, SearchOptions};
 use super::vote::{Tally, vote};
 use crate::pca::PcaFit;
 use crate::{Error, PcaBasis, Result, WindowSpec};
@@ -37,7 +37,7 @@ pub struct EvaluateOptions {
     /// Canonical rotation vectors (compat); a model reads its own.
     pub raw: bool,
     /// What windows are told by.
-    pub transforms: Vec<Kind>,
+    pub transforms: Vec<FeatureKind>,
     /// What "near" means.
     pub distances: Vec<Distance>,
     /// Label fields; by themselves those that all clips have with at least two values.
@@ -55,7 +55,7 @@ pub struct EvaluateOptions {
 pub struct Row {
     /// The label.
     pub field: String,
-    /// As [`Kind::name`]; `chance` is neighbours drawn at random from those allowed.
+    /// As [`FeatureKind::name`]; `chance` is neighbours drawn at random from those allowed.
     pub transform: String,
     /// Cosine or Euclid.
     pub distance: Option<Distance>,
@@ -113,7 +113,7 @@ pub struct Report {
 }
 
 /// A clip in memory.
-struct Held {
+struct LoadedClip {
     clip: Clip,
     entry: ClipEntry,
 }
@@ -127,7 +127,7 @@ pub fn evaluate(gathered: &Gathered, options: &EvaluateOptions, watch: &mut Watc
     options.windows.validate()?;
     let mut of_kind = Vec::new();
     for kind in &options.transforms {
-        let model = matches!(kind, Kind::Model { .. });
+        let model = matches!(kind, FeatureKind::Model { .. });
         let (joints, raw) = if model { (vec![], false) } else { (options.joints.clone(), options.raw) };
         let one = IndexOptions { transform: kind.clone(), windows: options.windows, joints, raw };
         one.validate()?;
@@ -191,7 +191,11 @@ fn chosen<'a>(gathered: &'a Gathered, only: &[(String, String)]) -> Result<Vec<&
 }
 
 /// The clips that have a window, how many have none, and what reading found.
-fn load(items: &[&Item], options: &EvaluateOptions, watch: &mut Watch<'_>) -> Result<(Vec<Held>, usize, Summary)> {
+fn load(
+    items: &[&Item],
+    options: &EvaluateOptions,
+    watch: &mut Watch<'_>,
+) -> Result<(Vec<LoadedClip>, usize, Summary)> {
     let (mut held, mut short) = (Vec::new(), 0);
     let spec = options.windows;
     let summary = each(
@@ -208,7 +212,7 @@ fn load(items: &[&Item], options: &EvaluateOptions, watch: &mut Watch<'_>) -> Re
             }
             let Item { name, path, take, labels, .. } = item.clone();
             let read = item_options(item, &options.build.read);
-            held.push(Held {
+            held.push(LoadedClip {
                 clip,
                 entry: ClipEntry { name, path, sha256, read, take, labels, frames, starts: vec![] },
             });
@@ -224,7 +228,7 @@ fn load(items: &[&Item], options: &EvaluateOptions, watch: &mut Watch<'_>) -> Re
 }
 
 /// The label fields that are measured.
-fn fields_of(held: &[Held], asked: &[String]) -> Result<Vec<String>> {
+fn fields_of(held: &[LoadedClip], asked: &[String]) -> Result<Vec<String>> {
     let first = &held[0].entry.labels;
     let values = |field: &String| {
         let mut values: Vec<&String> = held.iter().filter_map(|h| h.entry.labels.get(field)).collect();
@@ -271,8 +275,8 @@ struct Labels {
 }
 
 impl Labels {
-    fn of(held: &[Held], field: &str) -> Labels {
-        let value = |h: &Held| h.entry.labels[field].clone();
+    fn of(held: &[LoadedClip], field: &str) -> Labels {
+        let value = |h: &LoadedClip| h.entry.labels[field].clone();
         let mut values: Vec<String> = held.iter().map(value).collect();
         values.sort_unstable();
         values.dedup();
@@ -280,7 +284,7 @@ impl Labels {
         Labels { field: field.into(), values, of_clip }
     }
 
-    fn shares(&self, held: &[Held], spec: &WindowSpec) -> Shares {
+    fn shares(&self, held: &[LoadedClip], spec: &WindowSpec) -> Shares {
         let mut counts = vec![0usize; self.values.len()];
         for (h, &value) in held.iter().zip(&self.of_clip) {
             counts[value] += spec.starts(h.clip.frames(), 0).count();
@@ -292,29 +296,29 @@ impl Labels {
 }
 
 /// The windows of all clips at a phase.
-fn database(held: &[Held], options: &IndexOptions, phase: usize) -> Result<Database> {
-    let starts = |h: &Held| options.windows.starts(h.clip.frames(), phase).collect::<Vec<usize>>();
+fn database(held: &[LoadedClip], options: &IndexOptions, phase: usize) -> Result<Database> {
+    let starts = |h: &LoadedClip| options.windows.starts(h.clip.frames(), phase).collect::<Vec<usize>>();
     let basis = match options.transform {
-        Kind::Pca { keep } => Some(fit(held, options, keep, phase)?),
+        FeatureKind::Pca { keep } => Some(fit(held, options, keep, phase)?),
         _ => None,
     };
-    let (maker, mut finisher) = Maker::new(options, basis.as_ref())?;
+    let (extractor, mut embedder) = FeatureExtractor::new(options, basis.as_ref())?;
     let mut features = Vec::new();
     for some in held.chunks(CLIPS) {
-        let made: Vec<_> = some.par_iter().map(|h| maker.make(&h.clip, &starts(h))).collect();
+        let made: Vec<_> = some.par_iter().map(|h| extractor.extract(&h.clip, &starts(h))).collect();
         for one in made {
-            features.extend(finisher.finish(one?)?);
+            features.extend(embedder.embed(one?)?);
         }
     }
     let entries = held.iter().map(|h| ClipEntry { starts: starts(h), ..h.entry.clone() }).collect();
-    let numbers = maker.numbers(&finisher);
+    let numbers = extractor.numbers(&embedder);
     Ok(Database::new(numbers, vec![(Part::held(features, numbers), entries)]))
 }
 
-fn fit(held: &[Held], options: &IndexOptions, keep: usize, phase: usize) -> Result<PcaBasis> {
+fn fit(held: &[LoadedClip], options: &IndexOptions, keep: usize, phase: usize) -> Result<PcaBasis> {
     let mut all = PcaFit::new(options.windows.frames);
     for some in held.chunks(CLIPS) {
-        let of = |h: &Held| {
+        let of = |h: &LoadedClip| {
             let starts: Vec<usize> = options.windows.starts(h.clip.frames(), phase).collect();
             fit_of(&h.clip, &starts, options)
         };
@@ -338,7 +342,7 @@ struct Judge<'a> {
 
 impl Judge<'_> {
     /// Asks for every window, in every way.
-    fn ask(&self, kind: &Kind) -> Result<Vec<Row>> {
+    fn ask(&self, kind: &FeatureKind) -> Result<Vec<Row>> {
         let ways: Vec<(Option<Distance>, Exclude)> = self.ways(&self.options.distances);
         let mut tallies = vec![Tally::default(); ways.len() * self.labels.len()];
         let windows: Vec<usize> = (0..self.database.windows()).collect();
@@ -349,7 +353,7 @@ impl Judge<'_> {
                 .map(|(near, &query)| {
                     let answer = |&(distance, exclude): &(Option<Distance>, Exclude)| {
                         let distance = distance.unwrap_or(Distance::Cosine);
-                        let wanted = Wanted { k: self.options.k, distance, one_a_clip: false };
+                        let wanted = SearchOptions { k: self.options.k, distance, one_per_clip: false };
                         let filter = self.filter(query, exclude);
                         let hits = self.database.select(
                             &self.database.feature(query)?,
@@ -396,9 +400,9 @@ impl Judge<'_> {
         distances.iter().flat_map(|&d| self.excludes.iter().map(move |&e| (Some(d), e))).collect()
     }
 
-    fn filter(&self, query: usize, exclude: Exclude) -> Filter<'_> {
+    fn filter(&self, query: usize, exclude: Exclude) -> Exclusion<'_> {
         let origin = Origin::of(self.database, self.database.window(query));
-        Filter::new(self.database, exclude, origin, self.options.windows.frames)
+        Exclusion::new(self.database, exclude, origin, self.options.windows.frames)
     }
 
     /// Counts the votes of one query's neighbours, way by way.

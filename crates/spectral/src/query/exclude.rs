@@ -76,7 +76,7 @@ impl<'a> Origin<'a> {
 }
 
 /// Decides for the windows of a database.
-pub struct Filter<'a> {
+pub struct Exclusion<'a> {
     database: &'a Database,
     exclude: Exclude,
     origin: Origin<'a>,
@@ -86,9 +86,9 @@ pub struct Filter<'a> {
     clips: Vec<bool>,
 }
 
-impl<'a> Filter<'a> {
+impl<'a> Exclusion<'a> {
     /// What of `database`, whose windows have `frames` frames, is left out for a query from `origin`.
-    pub fn new(database: &'a Database, exclude: Exclude, origin: Origin<'a>, frames: usize) -> Filter<'a> {
+    pub fn new(database: &'a Database, exclude: Exclude, origin: Origin<'a>, frames: usize) -> Exclusion<'a> {
         let out = |(i, clip): (usize, &ClipEntry)| {
             // the same file may be in there twice, read in two ways
             let itself = origin.clip == Some(i) || origin.entry.is_some_and(|e| e.sha256 == clip.sha256);
@@ -102,7 +102,7 @@ impl<'a> Filter<'a> {
             }
         };
         let clips = database.clips().iter().enumerate().map(out).collect();
-        Filter { database, exclude, origin, frames, clips }
+        Exclusion { database, exclude, origin, frames, clips }
     }
 
     /// Whether a window may be found.

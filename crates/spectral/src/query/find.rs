@@ -1,10 +1,10 @@
 //! What else moves like this.
 
-use super::exclude::{Exclude, Filter, Origin};
+use super::exclude::{Exclude, Exclusion, Origin};
+use super::extract::FeatureExtractor;
 use super::index::Index;
-use super::maker::Maker;
 use super::record::ClipEntry;
-use super::search::{Distance, Wanted};
+use super::search::{Distance, SearchOptions};
 use crate::{Error, Result};
 use kinelm_corpus::load::parse_clip;
 use kinelm_motion::format::ReadOptions;
@@ -16,9 +16,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// A question to an index.
+/// A query to an index.
 #[derive(Debug, Clone)]
-pub struct Question {
+pub struct Query {
     /// The motion file.
     pub clip: PathBuf,
     /// How it is read.
@@ -34,12 +34,12 @@ pub struct Question {
     /// What doesn't count.
     pub exclude: Exclude,
     /// Of each clip only its nearest window.
-    pub one_a_clip: bool,
+    pub one_per_clip: bool,
 }
 
 /// A window of a clip: the query, or what was found.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Stretch {
+pub struct ClipWindow {
     /// The clip.
     pub clip: String,
     /// Its file.
@@ -62,75 +62,78 @@ pub struct Stretch {
 
 /// A window that was found.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Found {
+pub struct Match {
     /// From 1.
     pub rank: usize,
     /// The cosine, or the Euclidean distance.
     pub value: f64,
     /// Which.
     #[serde(flatten)]
-    pub window: Stretch,
+    pub window: ClipWindow,
 }
 
-/// The answer to a [`Question`].
+/// The answer to a [`Query`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct Answer {
-    /// What was asked with.
-    pub query: Stretch,
+pub struct SearchResult {
+    /// What was query with.
+    pub query: ClipWindow,
     /// Nearest first.
-    pub found: Vec<Found>,
+    pub matches: Vec<Match>,
     /// Windows of the index.
     pub windows: usize,
     /// Seconds that the search took, without opening the index and reading the clip.
     pub seconds: f64,
     /// What the user should know.
-    pub said: Vec<String>,
+    pub notes: Vec<String>,
     frames: usize,
     fps: f64,
 }
 
-/// Looks for the windows of `index` that are nearest to one of a clip.
-///
-/// # Errors
-/// A clip that can't be read or is shorter than a window, a time outside it; [`kinelm_store::Error::Call`] for an exclusion that the index
-/// can't tell; a run that is no longer the index's.
-pub fn find(index: &Index, question: &Question) -> Result<Answer> {
-    let (database, spec) = (index.database(), index.options().windows);
-    question.exclude.check(database.clips())?;
-    let bytes = input::bytes(&question.clip).map_err(Error::io(&question.clip))?;
-    let sha256 = FileRecord::of(&bytes).sha256;
-    let known = database.clips().iter().position(|c| c.sha256 == sha256);
-    let entry = known.map(|i| &database.clips()[i]);
-    let read = entry.filter(|_| question.as_indexed).map_or(&question.read, |entry| &entry.read).clone();
-    let (motion, clip) = parse_clip(&question.clip, &bytes, &read, spec.fps)?;
-    let start = start_of(&question.clip, clip.frames(), spec.frames, spec.fps, question.at_s)?;
-    let (maker, mut finisher) = Maker::new(index.options(), index.basis())?;
-    let feature = finisher.finish(maker.make(&clip, &[start])?)?;
-    let query = stretch_of(question, entry, start, (spec.frames, spec.fps), read, sha256);
-    let origin = Origin { clip: known, entry, start };
-    let begun = Instant::now();
-    let filter = Filter::new(database, question.exclude, origin, spec.frames);
-    let wanted = Wanted { k: question.k, distance: question.distance, one_a_clip: question.one_a_clip };
-    let hits = database.nearest(&feature, wanted, &|window| filter.allows(window))?;
-    let seconds = begun.elapsed().as_secs_f64();
-    let found = hits.iter().enumerate().map(|(i, hit)| {
-        let window = database.window(hit.window);
-        Found {
-            rank: i + 1,
-            value: if question.distance == Distance::Euclid { -hit.score } else { hit.score },
-            window: Stretch::of(&database.clips()[window.clip], window.start, spec.frames, spec.fps),
+impl Index {
+    /// Looks for the windows of `index` that are nearest to one of a clip.
+    ///
+    /// # Errors
+    /// A clip that can't be read or is shorter than a window, a time outside it; [`kinelm_store::Error::Call`] for an exclusion that the index
+    /// can't tell; a run that is no longer the index's.
+    pub fn find(&self, query: &Query) -> Result<SearchResult> {
+        let (database, spec) = (self.database(), self.options().windows);
+        query.exclude.check(database.clips())?;
+        let bytes = input::bytes(&query.clip).map_err(Error::io(&query.clip))?;
+        let sha256 = FileRecord::of(&bytes).sha256;
+        let known = database.clips().iter().position(|c| c.sha256 == sha256);
+        let entry = known.map(|i| &database.clips()[i]);
+        let read = entry.filter(|_| query.as_indexed).map_or(&query.read, |entry| &entry.read).clone();
+        let (motion, clip) = parse_clip(&query.clip, &bytes, &read, spec.fps)?;
+        let start = start_of(&query.clip, clip.frames(), spec.frames, spec.fps, query.at_s)?;
+        let (extractor, mut embedder) = FeatureExtractor::new(self.options(), self.basis())?;
+        let feature = embedder.embed(extractor.extract(&clip, &[start])?)?;
+        let own = query_window(query, entry, start, (spec.frames, spec.fps), read, sha256);
+        let origin = Origin { clip: known, entry, start };
+        let begun = Instant::now();
+        let exclusion = Exclusion::new(database, query.exclude, origin, spec.frames);
+        let options = SearchOptions { k: query.k, distance: query.distance, one_per_clip: query.one_per_clip };
+        let hits = database.nearest(&feature, options, &|window| exclusion.allows(window))?;
+        let seconds = begun.elapsed().as_secs_f64();
+        let matches = hits.iter().enumerate().map(|(i, hit)| {
+            let window = database.window(hit.window);
+            Match {
+                rank: i + 1,
+                value: if query.distance == Distance::Euclid { -hit.score } else { hit.score },
+                window: ClipWindow::of(&database.clips()[window.clip], window.start, spec.frames, spec.fps),
+            }
+        });
+        let warned = motion.warnings.iter().map(|warning| format!("{}: {warning}", query.clip.display()));
+        let mut notes: Vec<String> = warned.collect();
+        if known.is_none() && query.exclude > Exclude::None {
+            notes.push("the index doesn't have this clip: nothing of it had to be left out".to_string());
         }
-    });
-    let warned = motion.warnings.iter().map(|warning| format!("{}: {warning}", question.clip.display()));
-    let mut said: Vec<String> = warned.collect();
-    if known.is_none() && question.exclude > Exclude::None {
-        said.push("the index doesn't have this clip: nothing of it had to be left out".to_string());
+        if hits.len() < query.k {
+            notes.push(format!("only {} windows could be found of {} asked for", hits.len(), query.k));
+        }
+        let (frames, fps) = (spec.frames, spec.fps);
+        let (windows, matches) = (database.windows(), matches.collect());
+        Ok(SearchResult { query: own, matches, windows, seconds, notes, frames, fps })
     }
-    if hits.len() < question.k {
-        said.push(format!("only {} windows could be found of {} asked for", hits.len(), question.k));
-    }
-    let (frames, fps) = (spec.frames, spec.fps);
-    Ok(Answer { query, found: found.collect(), windows: database.windows(), seconds, said, frames, fps })
 }
 
 /// The first frame of the window asked for.
@@ -152,22 +155,22 @@ fn start_of(path: &Path, has: usize, frames: usize, fps: f64, at_s: Option<f64>)
     }
 }
 
-fn stretch_of(
-    question: &Question,
+fn query_window(
+    query: &Query,
     entry: Option<&ClipEntry>,
     start: usize,
     (frames, fps): (usize, f64),
     read: ReadOptions,
     sha256: String,
-) -> Stretch {
+) -> ClipWindow {
     match entry {
-        Some(entry) => Stretch { path: question.clip.clone(), read, ..Stretch::of(entry, start, frames, fps) },
+        Some(entry) => ClipWindow { path: query.clip.clone(), read, ..ClipWindow::of(entry, start, frames, fps) },
         None => {
-            let name = question.clip.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-            Stretch {
+            let name = query.clip.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+            ClipWindow {
                 take: name.clone(),
                 clip: name,
-                path: question.clip.clone(),
+                path: query.clip.clone(),
                 start,
                 start_s: start as f64 / fps,
                 end_s: (start + frames) as f64 / fps,
@@ -179,9 +182,9 @@ fn stretch_of(
     }
 }
 
-impl Stretch {
-    fn of(entry: &ClipEntry, start: usize, frames: usize, fps: f64) -> Stretch {
-        Stretch {
+impl ClipWindow {
+    fn of(entry: &ClipEntry, start: usize, frames: usize, fps: f64) -> ClipWindow {
+        ClipWindow {
             clip: entry.name.clone(),
             path: entry.path.clone(),
             start,
@@ -224,7 +227,7 @@ impl Stretch {
     }
 }
 
-impl Answer {
+impl SearchResult {
     /// A page that plays the query beside what was found, all on the model's body, each beginning on its own spot; and what
     /// was wrong with files that are gone or not as they were when the index was built, which are left
     /// out.
@@ -232,13 +235,13 @@ impl Answer {
     /// # Errors
     /// The query's file; those of [`page`].
     pub fn page(&self) -> Result<(String, Vec<Error>)> {
-        let asked = self.query.load(self.frames, self.fps)?;
-        let found: Vec<Result<Clip>> = self.found.iter().map(|f| f.window.load(self.frames, self.fps)).collect();
-        let clips = std::iter::once(Some(&asked)).chain(found.iter().map(|clip| clip.as_ref().ok()));
+        let query = self.query.load(self.frames, self.fps)?;
+        let found: Vec<Result<Clip>> = self.matches.iter().map(|f| f.window.load(self.frames, self.fps)).collect();
+        let clips = std::iter::once(Some(&query)).chain(found.iter().map(|clip| clip.as_ref().ok()));
         let mut figures = Vec::new();
         for (i, clip) in clips.enumerate() {
             let Some(clip) = clip else { continue };
-            let (title, window, value) = match i.checked_sub(1).map(|i| &self.found[i]) {
+            let (title, window, value) = match i.checked_sub(1).map(|i| &self.matches[i]) {
                 None => (format!("asked: {}", self.query.clip), &self.query, String::new()),
                 Some(f) => (format!("{}. {}", f.rank, f.window.clip), &f.window, format!("{:.3}, ", f.value)),
             };

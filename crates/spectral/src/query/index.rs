@@ -5,7 +5,7 @@
 //! named in `index.json`, which is replaced whole: a build that is cut off leaves the index as it was.
 
 use super::database::Database;
-use super::options::{IndexOptions, Kind, unfitted};
+use super::options::{FeatureKind, IndexOptions, unfitted};
 use super::part::Part;
 use super::record::{DAMAGED, Manifest, VERSION};
 use crate::{Error, PcaBasis, Result};
@@ -105,9 +105,9 @@ fn check(path: &Path, manifest: &Manifest, basis: Option<&PcaBasis>) -> Result<(
     }
     let frames = options.windows.frames;
     let kept = match (&options.transform, basis) {
-        (Kind::Model { .. }, _) => return Ok(()), // its run is read when it is asked for
-        (Kind::Pca { keep }, Some(basis)) if basis.length() == frames && basis.variances.len() == *keep => *keep,
-        (Kind::Pca { keep }, _) => {
+        (FeatureKind::Model { .. }, _) => return Ok(()), // its run is read when it is asked for
+        (FeatureKind::Pca { keep }, Some(basis)) if basis.length() == frames && basis.variances.len() == *keep => *keep,
+        (FeatureKind::Pca { keep }, _) => {
             return wrong("another basis or none".into(), format!("{keep} components of {frames}"));
         }
         (kind, _) => unfitted(kind, frames).map_or(0, |transform| transform.kept()),

@@ -8,27 +8,27 @@
 
 pub mod build;
 pub mod database;
+pub mod embedding;
 pub mod evaluate;
 pub mod exclude;
+pub mod extract;
 pub mod find;
 pub mod index;
-pub mod made_up;
-pub mod maker;
-pub mod model;
 pub mod options;
 pub mod part;
 pub mod record;
 pub mod search;
-pub mod sheet;
+pub mod synthetic;
+pub mod tables;
 #[cfg(test)]
 mod tests;
 mod vote;
 
-pub use build::{Asked, Built, build};
+pub use build::{BuildReport, IndexRequest};
 pub use database::Database;
 pub use evaluate::{EvaluateOptions, Report, evaluate};
 pub use exclude::Exclude;
-pub use find::{Answer, Question, find};
+pub use find::{Match, Query, SearchResult};
 pub use index::Index;
-pub use options::{IndexOptions, Kind};
-pub use search::{Distance, Hit, Wanted};
+pub use options::{FeatureKind, IndexOptions, joint_names};
+pub use search::{Distance, Hit, SearchOptions};

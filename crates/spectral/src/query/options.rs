@@ -8,7 +8,7 @@ use std::path::PathBuf;
 /// What windows are told by.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
-pub enum Kind {
+pub enum FeatureKind {
     /// Magnitudes of a short-time Fourier transform: Hann windows of 16 frames, hop 8.
     Stft {
         /// Whether those at 0 Hz, which hold the mean pose, are left out.
@@ -33,31 +33,31 @@ pub enum Kind {
     },
 }
 
-impl Kind {
+impl FeatureKind {
     /// Its name in tables and flags.
     pub fn name(&self) -> &'static str {
         match self {
-            Kind::Stft { no_dc: false } => "stft",
-            Kind::Stft { no_dc: true } => "stft without 0 Hz",
-            Kind::Dct { .. } => "dct",
-            Kind::Pca { .. } => "pca",
-            Kind::Model { .. } => "model",
+            FeatureKind::Stft { no_dc: false } => "stft",
+            FeatureKind::Stft { no_dc: true } => "stft without 0 Hz",
+            FeatureKind::Dct { .. } => "dct",
+            FeatureKind::Pca { .. } => "pca",
+            FeatureKind::Model { .. } => "model",
         }
     }
 
     /// The STFT as the thesis has it.
-    pub fn stft() -> Kind {
-        Kind::Stft { no_dc: false }
+    pub fn stft() -> FeatureKind {
+        FeatureKind::Stft { no_dc: false }
     }
 
     /// The 16 lowest coefficients.
-    pub fn dct() -> Kind {
-        Kind::Dct { keep: LowDct::KEEP }
+    pub fn dct() -> FeatureKind {
+        FeatureKind::Dct { keep: LowDct::KEEP }
     }
 
     /// 16 components.
-    pub fn pca() -> Kind {
-        Kind::Pca { keep: PcaBasis::KEEP }
+    pub fn pca() -> FeatureKind {
+        FeatureKind::Pca { keep: PcaBasis::KEEP }
     }
 }
 
@@ -66,7 +66,7 @@ impl Kind {
 #[serde(deny_unknown_fields)]
 pub struct IndexOptions {
     /// What windows are told by.
-    pub transform: Kind,
+    pub transform: FeatureKind,
     /// Where they lie.
     pub windows: WindowSpec,
     /// The SMPL joints that count, ascending; all 24 if empty.
@@ -77,7 +77,7 @@ pub struct IndexOptions {
 
 impl IndexOptions {
     /// Whole bodies in windows of 128 frames at 60 frames per second, hop 64.
-    pub fn new(transform: Kind) -> IndexOptions {
+    pub fn new(transform: FeatureKind) -> IndexOptions {
         IndexOptions { transform, windows: WindowSpec::default(), joints: Vec::new(), raw: false }
     }
 
@@ -88,7 +88,7 @@ impl IndexOptions {
     pub fn validate(&self) -> Result<()> {
         self.windows.validate()?;
         let frames = self.windows.frames;
-        if let Kind::Dct { keep } | Kind::Pca { keep } = self.transform
+        if let FeatureKind::Dct { keep } | FeatureKind::Pca { keep } = self.transform
             && !(1..=frames).contains(&keep)
         {
             return Err(Error::call(format!("{keep} numbers of a channel; expected 1 to {frames}, a window's frames")));
@@ -96,7 +96,7 @@ impl IndexOptions {
         if let Some(joint) = self.joints.iter().find(|&&j| j >= smpl::NAMES.len()) {
             return Err(Error::call(format!("joint {joint}; SMPL's are 0 to {}", smpl::NAMES.len() - 1)));
         }
-        if matches!(self.transform, Kind::Model { .. }) && (!self.joints.is_empty() || self.raw) {
+        if matches!(self.transform, FeatureKind::Model { .. }) && (!self.joints.is_empty() || self.raw) {
             return Err(Error::call(
                 "a model reads the joints of its own tokenizer; leave out the joints and raw, or take another transform",
             ));
@@ -125,13 +125,13 @@ impl IndexOptions {
     }
 }
 
-impl Kind {
+impl FeatureKind {
     fn told(&self) -> String {
         match self {
-            Kind::Stft { .. } => self.name().into(),
-            Kind::Dct { keep } => format!("dct of {keep} coefficients"),
-            Kind::Pca { keep } => format!("pca of {keep} components"),
-            Kind::Model { run, weights } => {
+            FeatureKind::Stft { .. } => self.name().into(),
+            FeatureKind::Dct { keep } => format!("dct of {keep} coefficients"),
+            FeatureKind::Pca { keep } => format!("pca of {keep} components"),
+            FeatureKind::Model { run, weights } => {
                 format!("model {} with weights {}", run.display(), &weights[..weights.len().min(12)])
             }
         }
@@ -147,12 +147,12 @@ pub fn joint_names(joints: &[usize]) -> String {
 }
 
 /// The transform of a kind that needs nothing fitted.
-pub(super) fn unfitted(kind: &Kind, frames: usize) -> Option<crate::Transform> {
+pub(super) fn unfitted(kind: &FeatureKind, frames: usize) -> Option<crate::Transform> {
     use crate::Transform;
     match *kind {
-        Kind::Stft { no_dc } => Some(Transform::Stft(Stft::new(frames, no_dc))),
-        Kind::Dct { keep } => Some(Transform::Dct(LowDct::new(frames, keep))),
-        Kind::Pca { .. } | Kind::Model { .. } => None,
+        FeatureKind::Stft { no_dc } => Some(Transform::Stft(Stft::new(frames, no_dc))),
+        FeatureKind::Dct { keep } => Some(Transform::Dct(LowDct::new(frames, keep))),
+        FeatureKind::Pca { .. } | FeatureKind::Model { .. } => None,
     }
 }
 
@@ -163,19 +163,19 @@ mod tests {
     #[test]
     fn limits_are_named() {
         let error = |options: IndexOptions| options.validate().unwrap_err().to_string();
-        let dct = IndexOptions::new(Kind::dct());
+        let dct = IndexOptions::new(FeatureKind::dct());
         dct.validate().unwrap();
         assert_eq!(dct.channels(), 72);
-        assert!(error(IndexOptions::new(Kind::Dct { keep: 129 })).contains("expected 1 to 128"));
+        assert!(error(IndexOptions::new(FeatureKind::Dct { keep: 129 })).contains("expected 1 to 128"));
         assert!(error(IndexOptions { joints: vec![24], ..dct.clone() }).contains("0 to 23"));
-        let model = Kind::Model { run: "run".into(), weights: "ab".into() };
+        let model = FeatureKind::Model { run: "run".into(), weights: "ab".into() };
         assert!(error(IndexOptions { raw: true, ..IndexOptions::new(model) }).contains("its own tokenizer"));
     }
 
     #[test]
     fn differences_are_told_by_name() {
-        let one = IndexOptions::new(Kind::dct());
-        let two = IndexOptions { joints: vec![0, 4], ..IndexOptions::new(Kind::Dct { keep: 8 }) };
+        let one = IndexOptions::new(FeatureKind::dct());
+        let two = IndexOptions { joints: vec![0, 4], ..IndexOptions::new(FeatureKind::Dct { keep: 8 }) };
         let expected = [
             ("transform", "dct of 16 coefficients".to_string(), "dct of 8 coefficients".to_string()),
             ("joints", "all 24".into(), "pelvis left_knee".into()),
@@ -186,8 +186,8 @@ mod tests {
 
     #[test]
     fn they_are_read_strictly() {
-        let text = serde_json::to_string(&IndexOptions::new(Kind::stft())).unwrap();
-        assert_eq!(serde_json::from_str::<IndexOptions>(&text).unwrap(), IndexOptions::new(Kind::stft()));
+        let text = serde_json::to_string(&IndexOptions::new(FeatureKind::stft())).unwrap();
+        assert_eq!(serde_json::from_str::<IndexOptions>(&text).unwrap(), IndexOptions::new(FeatureKind::stft()));
         assert!(serde_json::from_str::<IndexOptions>(&text.replace("raw", "row")).is_err());
     }
 }

@@ -1,6 +1,6 @@
 //! Features of some windows: made here, or those of a part of an index.
 
-use super::record::{ClipEntry, PartRecord, Stretch};
+use super::record::{ClipEntry, FileChecksum, PartRecord};
 use crate::{Error, Result};
 pub use kinelm_corpus::stored::Stored;
 use kinelm_engine::op::dots;
@@ -147,14 +147,14 @@ impl Part {
 }
 
 /// A file of so many numbers.
-fn stored<T: bytemuck::Pod + Send + Sync>(path: &Path, stretch: &Stretch, numbers: usize) -> Result<Stored<T>> {
+fn stored<T: bytemuck::Pod + Send + Sync>(path: &Path, checksum: &FileChecksum, numbers: usize) -> Result<Stored<T>> {
     let expected = (numbers * size_of::<T>()) as u64;
-    if stretch.bytes != expected {
+    if checksum.bytes != expected {
         let help = "put back the index.json of this index";
-        let found = format!("{} bytes by index.json", stretch.bytes);
+        let found = format!("{} bytes by index.json", checksum.bytes);
         return Err(Error::file(path, found, format!("{expected} bytes"), help));
     }
-    stretch.open(path)
+    checksum.open(path)
 }
 
 /// A part on its way to disk, in a folder of its own, which is gone if it isn't finished.
@@ -315,10 +315,10 @@ impl Stream {
         self.file.write_all(bytes).map_err(Error::io(&self.path))
     }
 
-    fn finish(&mut self) -> Result<Stretch> {
+    fn finish(&mut self) -> Result<FileChecksum> {
         let written = self.file.flush().and_then(|()| self.file.get_ref().sync_all());
         written.map_err(Error::io(&self.path))?;
-        Ok(Stretch { bytes: self.bytes, crc32c: self.crc32c })
+        Ok(FileChecksum { bytes: self.bytes, crc32c: self.crc32c })
     }
 }
 

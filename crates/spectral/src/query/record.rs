@@ -44,11 +44,11 @@ pub struct PartRecord {
     /// N.
     pub windows: usize,
     /// (N, D) f32.
-    pub features: Stretch,
+    pub features: FileChecksum,
     /// (N, D rounded up to 32) half floats of the features over their lengths, times 32,768.
-    pub halves: Stretch,
+    pub halves: FileChecksum,
     /// (N, 2) f64: length, and how far the half floats are off.
-    pub sizes: Stretch,
+    pub sizes: FileChecksum,
     /// A clip a line.
     pub clips: FileRecord,
 }
@@ -56,14 +56,14 @@ pub struct PartRecord {
 /// Length and checksum of a large file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Stretch {
+pub struct FileChecksum {
     /// Its length.
     pub bytes: u64,
     /// CRC-32C of its bytes.
     pub crc32c: u32,
 }
 
-impl Stretch {
+impl FileChecksum {
     /// Opens the file and checks it, on all threads.
     ///
     /// # Errors

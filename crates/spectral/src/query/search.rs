@@ -65,13 +65,13 @@ impl Distance {
 
 /// What is looked for.
 #[derive(Debug, Clone, Copy)]
-pub struct Wanted {
+pub struct SearchOptions {
     /// k.
     pub k: usize,
     /// What "near" means.
     pub distance: Distance,
     /// Of each clip only its nearest window.
-    pub one_a_clip: bool,
+    pub one_per_clip: bool,
 }
 
 /// A window that was found.
@@ -103,7 +103,7 @@ impl Database {
     pub fn nearest(
         &self,
         feature: &[f32],
-        wanted: Wanted,
+        wanted: SearchOptions,
         allowed: &(dyn Fn(usize) -> bool + Sync),
     ) -> Result<Vec<Hit>> {
         assert_eq!(feature.len(), self.numbers(), "a feature of another length");
@@ -182,7 +182,7 @@ impl Database {
         &self,
         feature: &[f32],
         cosines: Cosines<'_>,
-        wanted: Wanted,
+        wanted: SearchOptions,
         allowed: &(dyn Fn(usize) -> bool + Sync),
     ) -> Result<Vec<Hit>> {
         let norm = Size::of(feature).norm;
@@ -198,7 +198,7 @@ impl Database {
         let exact = |&window: &usize| Ok(Hit { window, score: wanted.distance.score(feature, &self.feature(window)?) });
         let mut hits: Vec<Hit> = candidates.par_iter().with_min_len(32).map(exact).collect::<Result<_>>()?;
         hits.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.window.cmp(&b.window)));
-        if wanted.one_a_clip {
+        if wanted.one_per_clip {
             let mut seen = vec![false; self.clips().len()];
             hits.retain(|h| !std::mem::replace(&mut seen[self.window(h.window).clip], true));
         }
@@ -207,8 +207,8 @@ impl Database {
     }
 
     /// What the k-th nearest has at least, as far as can be told; of each clip the best window alone where one is wanted.
-    fn least(&self, all: &[(usize, [f64; 2])], wanted: Wanted) -> f64 {
-        let mut lows: Vec<f64> = match wanted.one_a_clip {
+    fn least(&self, all: &[(usize, [f64; 2])], wanted: SearchOptions) -> f64 {
+        let mut lows: Vec<f64> = match wanted.one_per_clip {
             false => all.iter().map(|(_, [low, _])| *low).collect(),
             true => {
                 let mut best = vec![f64::NEG_INFINITY; self.clips().len()];

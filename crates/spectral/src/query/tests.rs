@@ -1,7 +1,7 @@
 //! Indices on disk, searches against measuring everything, evaluations.
 
 use super::evaluate::{EvaluateOptions, evaluate};
-use super::exclude::{Exclude, Filter, Origin};
+use super::exclude::{Exclude, Exclusion, Origin};
 use super::part::Part;
 use super::record::ClipEntry;
 use super::*;
@@ -48,7 +48,7 @@ fn noisy(windows: usize, numbers: usize) -> (Vec<f32>, Vec<ClipEntry>) {
 }
 
 /// The nearest by measuring every window.
-fn by_hand(database: &Database, feature: &[f32], wanted: Wanted, allowed: &dyn Fn(usize) -> bool) -> Vec<Hit> {
+fn by_hand(database: &Database, feature: &[f32], wanted: SearchOptions, allowed: &dyn Fn(usize) -> bool) -> Vec<Hit> {
     let score = |window| Hit { window, score: wanted.distance.score(feature, &database.feature(window).unwrap()) };
     let mut all: Vec<Hit> = (0..database.windows()).filter(|&w| allowed(w)).map(score).collect();
     all.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.window.cmp(&b.window)));
@@ -57,7 +57,7 @@ fn by_hand(database: &Database, feature: &[f32], wanted: Wanted, allowed: &dyn F
         let clip = database.window(h.window).clip;
         let new = !seen.contains(&clip);
         seen.push(clip);
-        new || !wanted.one_a_clip
+        new || !wanted.one_per_clip
     });
     all.truncate(wanted.k);
     all
@@ -93,8 +93,8 @@ fn found_is_what_measuring_everything_finds() {
     let (near, error) = held.cosines(&asked).unwrap();
     for (i, &query) in asked.iter().enumerate() {
         for distance in [Distance::Cosine, Distance::Euclid] {
-            for (k, one_a_clip) in [(0, false), (1, false), (10, false), (10, true), (1000, false), (1000, true)] {
-                let wanted = Wanted { k, distance, one_a_clip };
+            for (k, one_per_clip) in [(0, false), (1, false), (10, false), (10, true), (1000, false), (1000, true)] {
+                let wanted = SearchOptions { k, distance, one_per_clip };
                 let allowed = |w: usize| w.abs_diff(query) > 2 || w.is_multiple_of(5);
                 let expected = by_hand(&held, &held.feature(query).unwrap(), wanted, &allowed);
                 let found = written.nearest(&held.feature(query).unwrap(), wanted, &allowed).unwrap();
@@ -121,7 +121,7 @@ fn exclusions_leave_out_more_and_more() {
     }
     let database = Database::new(1, vec![(Part::held(vec![1.0; 8], 1), clips)]);
     let allowed = |exclude| {
-        let filter = Filter::new(&database, exclude, Origin::of(&database, database.window(1)), 128);
+        let filter = Exclusion::new(&database, exclude, Origin::of(&database, database.window(1)), 128);
         (0..8).filter(|&w| filter.allows(w)).collect::<Vec<_>>()
     };
     let expected: [&[usize]; 6] =
@@ -134,7 +134,7 @@ fn exclusions_leave_out_more_and_more() {
     assert!(e.contains("`choreography`"), "{e}");
 }
 
-/// Made-up dances of two genres and a clip that is too short.
+/// Extracted-up dances of two genres and a clip that is too short.
 struct Data {
     dir: tempfile::TempDir,
     labels: String,
@@ -171,8 +171,8 @@ impl Data {
         gather(&paths, std::slice::from_ref(&self.labels)).unwrap()
     }
 
-    fn build(&self, clips: &[usize], asked: &Asked, out: &str) -> crate::Result<Built> {
-        build(&self.gathered(clips), asked, &BuildOptions::default(), &self.at(out), &mut go)
+    fn build(&self, clips: &[usize], asked: &IndexRequest, out: &str) -> crate::Result<BuildReport> {
+        Index::build(&self.gathered(clips), asked, &BuildOptions::default(), &self.at(out), &mut go)
     }
 
     fn names(&self) -> Vec<String> {
@@ -184,8 +184,8 @@ impl Data {
     }
 }
 
-fn question(data: &Data, clip: usize) -> Question {
-    Question {
+fn question(data: &Data, clip: usize) -> Query {
+    Query {
         clip: data.at(&format!("data/d{clip}.bvh")),
         read: ReadOptions::default(),
         as_indexed: true,
@@ -193,14 +193,14 @@ fn question(data: &Data, clip: usize) -> Question {
         k: 4,
         distance: Distance::Cosine,
         exclude: Exclude::Take,
-        one_a_clip: false,
+        one_per_clip: false,
     }
 }
 
 #[test]
 fn built_in_two_goes_as_in_one() {
     let data = Data::new();
-    let asked = Asked::default();
+    let asked = IndexRequest::default();
     let whole = data.build(&[0, 1, 2, 3, 4, 5], &asked, "whole").unwrap();
     assert_eq!((whole.added.0, whole.short, whole.known), (5, 1, 0));
     data.build(&[0, 1], &asked, "pieces").unwrap();
@@ -217,14 +217,14 @@ fn built_in_two_goes_as_in_one() {
         assert_eq!((a.window(window), a.feature(window).unwrap()), (b.window(window), b.feature(window).unwrap()));
     }
     for clip in [0, 3] {
-        let mut answers = [&one, &two].map(|index| find(index, &question(&data, clip)).unwrap());
+        let mut answers = [&one, &two].map(|index| index.find(&question(&data, clip)).unwrap());
         answers.iter_mut().for_each(|a| a.seconds = 0.0);
         assert_eq!(answers[0], answers[1]);
-        assert_eq!(answers[0].found.len(), 4);
+        assert_eq!(answers[0].matches.len(), 4);
         let take = format!("t{}", clip / 2);
-        assert!(answers[0].found.iter().all(|f| f.window.take != take && f.window.clip != "d5"));
-        let itself = Question { exclude: Exclude::None, at_s: Some(64.0 / 60.0), ..question(&data, clip) };
-        let first = find(&one, &itself).unwrap().found.remove(0);
+        assert!(answers[0].matches.iter().all(|f| f.window.take != take && f.window.clip != "d5"));
+        let itself = Query { exclude: Exclude::None, at_s: Some(64.0 / 60.0), ..question(&data, clip) };
+        let first = one.find(&itself).unwrap().matches.remove(0);
         assert_eq!((first.window.clip.as_str(), first.window.start), (format!("d{clip}").as_str(), 64));
         assert!((first.value - 1.0).abs() < 1e-12);
     }
@@ -234,16 +234,17 @@ fn built_in_two_goes_as_in_one() {
 #[test]
 fn what_came_before_a_window_does_not_matter() {
     let clip = samples::spinning(&synth::corpus(9, 1, 8.0, 60.0).unwrap().remove(0).clip, 0.4);
-    for kind in [Kind::stft(), Kind::dct(), Kind::pca()] {
+    for kind in [FeatureKind::stft(), FeatureKind::dct(), FeatureKind::pca()] {
         let options = IndexOptions::new(kind);
         let starts: Vec<usize> = options.windows.starts(clip.frames(), 0).collect();
         let basis = match options.transform {
-            Kind::Pca { keep } => Some(maker::fit_of(&clip, &starts, &options).unwrap().finish(keep).unwrap()),
+            FeatureKind::Pca { keep } => Some(extract::fit_of(&clip, &starts, &options).unwrap().finish(keep).unwrap()),
             _ => None,
         };
-        let (maker, mut finisher) = maker::Maker::new(&options, basis.as_ref()).unwrap();
-        let mut features =
-            |clip: &kinelm_motion::Clip, starts: &[usize]| finisher.finish(maker.make(clip, starts).unwrap()).unwrap();
+        let (extractor, mut embedder) = extract::FeatureExtractor::new(&options, basis.as_ref()).unwrap();
+        let mut features = |clip: &kinelm_motion::Clip, starts: &[usize]| {
+            embedder.embed(extractor.extract(clip, starts).unwrap()).unwrap()
+        };
         let whole = features(&clip, &starts);
         for (feature, &start) in whole.chunks(whole.len() / starts.len()).zip(&starts) {
             assert!(features(&clip.slice(start..start + 128), &[0]) == feature, "{:?} {start}", options.transform);
@@ -254,39 +255,41 @@ fn what_came_before_a_window_does_not_matter() {
 #[test]
 fn a_fitted_basis_stays() {
     let data = Data::new();
-    let asked = Asked { transform: Some(Kind::pca()), ..Asked::default() };
+    let asked = IndexRequest { transform: Some(FeatureKind::pca()), ..IndexRequest::default() };
     let built = data.build(&[0, 1, 2], &asked, "pca").unwrap();
     assert!(built.explained.unwrap() > 0.9, "{:?}", built.explained);
     let before = Index::open(&data.at("pca")).unwrap().basis().unwrap().clone();
     // without saying what it holds
-    data.build(&[3, 4], &Asked::default(), "pca").unwrap();
+    data.build(&[3, 4], &IndexRequest::default(), "pca").unwrap();
     let index = Index::open(&data.at("pca")).unwrap();
     assert_eq!((index.basis(), index.manifest().parts.len()), (Some(&before), 2));
-    assert_eq!(find(&index, &question(&data, 4)).unwrap().found.len(), 4);
+    assert_eq!(index.find(&question(&data, 4)).unwrap().matches.len(), 4);
 }
 
 #[test]
 fn what_cannot_be_done_is_said_and_changes_nothing() {
     let data = Data::new();
-    data.build(&[0, 1], &Asked::default(), "index").unwrap();
+    data.build(&[0, 1], &IndexRequest::default(), "index").unwrap();
     let before = fs::read(data.at("index/index.json")).unwrap();
-    let error = |clips: &[usize], asked: Asked, out: &str| data.build(clips, &asked, out).unwrap_err().to_string();
-    let e = error(&[2], Asked { hop: Some(32), joints: Some(vec![0]), ..Asked::default() }, "index");
+    let error =
+        |clips: &[usize], asked: IndexRequest, out: &str| data.build(clips, &asked, out).unwrap_err().to_string();
+    let e = error(&[2], IndexRequest { hop: Some(32), joints: Some(vec![0]), ..IndexRequest::default() }, "index");
     assert!(e.contains("hop 64 frames, joints all 24") && e.contains("hop 32 frames, joints pelvis"), "{e}");
-    let e = error(&[5], Asked::default(), "other");
+    let e = error(&[5], IndexRequest::default(), "other");
     assert!(e.contains("no clip is as long as a window of 128 frames (2.133 s): all 1 are shorter"), "{e}");
-    let pca = Asked { transform: Some(Kind::pca()), ..Asked::default() };
+    let pca = IndexRequest { transform: Some(FeatureKind::pca()), ..IndexRequest::default() };
     assert!(error(&[5], pca, "other").contains("no clip is as long"));
-    let e = error(&[0], Asked { frames: Some(8), ..Asked::default() }, "other");
+    let e = error(&[0], IndexRequest { frames: Some(8), ..IndexRequest::default() }, "other");
     assert!(e.contains("expected 16 to 4096"), "{e}");
-    assert!(error(&[0], Asked::default(), "data").contains("exists and is no index"));
+    assert!(error(&[0], IndexRequest::default(), "data").contains("exists and is no index"));
     let mut stop = |e: Event<'_>| match e {
         Event::Done { done: 2, .. } => ControlFlow::Break(()),
         _ => ControlFlow::Continue(()),
     };
     for out in ["index", "other"] {
         let gathered = data.gathered(&[2, 3, 4]);
-        let e = build(&gathered, &Asked::default(), &BuildOptions::default(), &data.at(out), &mut stop).unwrap_err();
+        let e = Index::build(&gathered, &IndexRequest::default(), &BuildOptions::default(), &data.at(out), &mut stop)
+            .unwrap_err();
         assert!(e.to_string().contains("stopped after 2 of 3 files"), "{e}");
     }
     assert_eq!(fs::read(data.at("index/index.json")).unwrap(), before);
@@ -298,7 +301,7 @@ fn what_cannot_be_done_is_said_and_changes_nothing() {
 #[test]
 fn other_versions_and_damage_are_refused() {
     let data = Data::new();
-    data.build(&[0, 1], &Asked::default(), "index").unwrap();
+    data.build(&[0, 1], &IndexRequest::default(), "index").unwrap();
     let error = || Index::open(&data.at("index")).err().unwrap().to_string();
     let path = data.at("index/index.json");
     let text = fs::read_to_string(&path).unwrap();
@@ -324,28 +327,28 @@ fn other_versions_and_damage_are_refused() {
 #[test]
 fn a_question_that_does_not_fit_is_said() {
     let data = Data::new();
-    data.build(&[0, 1], &Asked::default(), "index").unwrap();
+    data.build(&[0, 1], &IndexRequest::default(), "index").unwrap();
     let index = Index::open(&data.at("index")).unwrap();
-    let error = |q: Question| find(&index, &q).unwrap_err().to_string();
+    let error = |q: Query| index.find(&q).unwrap_err().to_string();
     let e = error(question(&data, 5));
     assert!(e.contains("d5.bvh") && e.contains("79 frames at 60") && e.contains("at least 128 (2.13 s)"), "{e}");
-    let e = error(Question { at_s: Some(4.0), ..question(&data, 0) });
+    let e = error(Query { at_s: Some(4.0), ..question(&data, 0) });
     assert!(e.contains("a window from 4 s on") && e.contains("0 to 2.8"), "{e}");
-    assert!(error(Question { exclude: Exclude::Choreography, ..question(&data, 0) }).contains("`choreography`"));
-    let stranger = find(&index, &question(&data, 2)).unwrap();
-    assert!(stranger.said[0].contains("doesn't have this clip"), "{:?}", stranger.said);
+    assert!(error(Query { exclude: Exclude::Choreography, ..question(&data, 0) }).contains("`choreography`"));
+    let stranger = index.find(&question(&data, 2)).unwrap();
+    assert!(stranger.notes[0].contains("doesn't have this clip"), "{:?}", stranger.notes);
 }
 
 #[test]
 fn a_page_plays_the_query_beside_what_was_found() {
     let data = Data::new();
-    data.build(&[0, 1, 2, 3], &Asked::default(), "index").unwrap();
+    data.build(&[0, 1, 2, 3], &IndexRequest::default(), "index").unwrap();
     let index = Index::open(&data.at("index")).unwrap();
-    let answer = find(&index, &Question { one_a_clip: true, k: 2, ..question(&data, 0) }).unwrap();
+    let answer = index.find(&Query { one_per_clip: true, k: 2, ..question(&data, 0) }).unwrap();
     let (text, lost) = answer.page().unwrap();
     assert!(lost.is_empty());
     assert!(text.contains("asked: d0") && text.contains("1. d") && text.contains("2. d") && text.contains("genre"));
-    let hit = &answer.found[0].window.path;
+    let hit = &answer.matches[0].window.path;
     fs::write(hit, fs::read_to_string(hit).unwrap() + "\n").unwrap();
     let (text, lost) = answer.page().unwrap();
     assert!(lost.len() == 1 && lost[0].to_string().contains("changed since the index was built"), "{lost:?}");
@@ -360,7 +363,7 @@ fn an_evaluation_has_all_ways_and_says_what_lacks() {
         windows: WindowSpec::default(),
         joints: vec![],
         raw: false,
-        transforms: vec![Kind::stft(), Kind::dct(), Kind::pca()],
+        transforms: vec![FeatureKind::stft(), FeatureKind::dct(), FeatureKind::pca()],
         distances: vec![Distance::Cosine, Distance::Euclid],
         fields: vec![],
         only: vec![],
@@ -377,7 +380,7 @@ fn an_evaluation_has_all_ways_and_says_what_lacks() {
         assert!((0.0..=1.0).contains(&row.accuracy.unwrap()) && (0.0..=1.0).contains(&row.entropy_bans.unwrap()));
         assert!(!itself || row.accuracy.unwrap() > 0.5, "{row:?}");
     }
-    let text = sheet::markdown(&report);
+    let text = tables::markdown(&report);
     assert!(
         text.contains("genre: 2 values") && text.contains("| pca, euclid |") && text.contains("3 at random"),
         "{text}"

@@ -5,10 +5,10 @@ use crate::aclstm::FPS;
 use crate::aclstm::form::{Form, frames_of_steps, steps};
 use crate::aclstm::loss::loss;
 use crate::aclstm::run::Trained;
+use kinelm_evaluate::bootstrap::interval;
 use kinelm_evaluate::dance::freeze;
 use kinelm_evaluate::dance::freeze::{Freezing, Summary};
-use kinelm_evaluate::dance::places::Places;
-use kinelm_evaluate::takes::interval;
+use kinelm_evaluate::dance::positions::JointPositions;
 use kinelm_motion::metric::{GeodesicError, Mpjpe};
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, GlobalPose, Quat, Vec3};
@@ -29,7 +29,7 @@ pub struct Energy {
 impl Energy {
     fn of(at: Vec<Vec3>, joints: usize) -> Energy {
         let held = at.chunks_exact(joints).flat_map(|frame| frame.iter().map(|p| *p - frame[0])).collect();
-        let energy = |at| freeze::energy(&Places { at, joints, fps: FPS });
+        let energy = |at| freeze::energy(&JointPositions { positions: at, joints, fps: FPS });
         Energy { world: energy(at), pose: energy(held) }
     }
 

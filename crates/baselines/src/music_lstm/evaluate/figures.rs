@@ -6,11 +6,11 @@ use crate::music_lstm::FPS;
 use crate::music_lstm::effort::effort;
 use kinelm_evaluate::dance::freeze;
 use kinelm_evaluate::dance::freeze::Freezing;
-use kinelm_evaluate::dance::places::Places;
+use kinelm_evaluate::dance::positions::JointPositions;
 use kinelm_motion::metric::jitter;
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, Quat};
-use kinelm_spectral::filter::{Filter, filter};
+use kinelm_spectral::filter::Filter;
 use serde::Serialize;
 
 /// A hip that turns by more from frame to frame flips.
@@ -20,7 +20,7 @@ const ORDER: usize = 2;
 
 /// How fast a dance is at every frame, cm/s.
 pub fn energy(clip: &Clip) -> Vec<f64> {
-    freeze::energy(&Places { at: clip.positions(), joints: clip.joints(), fps: clip.fps() })
+    freeze::energy(&JointPositions { positions: clip.positions(), joints: clip.joints(), fps: clip.fps() })
 }
 
 /// One dance beside the true one of its clip. Sums with what they are divided by.
@@ -75,7 +75,7 @@ impl One {
         let frames = made.frames().min(truth.frames());
         let (made, truth) = (made.slice(0..frames), truth.slice(0..frames));
         let still = Clip::new(truth.skeleton().clone(), FPS, truth.root().to_vec(), mean.repeat(frames))?;
-        let calm = filter(&made, &Filter::Butterworth { order: ORDER, cutoff_hz })?.clip;
+        let calm = Filter::Butterworth { order: ORDER, cutoff_hz }.apply(&made)?.clip;
         let jerk = |clip: &Clip| jitter(clip).unwrap_or(0.0);
         Ok(One {
             take: take.to_owned(),

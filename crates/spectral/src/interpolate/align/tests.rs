@@ -27,10 +27,10 @@ fn rates_and_lengths_are_made_one_and_said() {
     let aligned = alignment.of(&a, &b).unwrap();
     assert_eq!((aligned.a.frames(), aligned.b.frames(), aligned.b.fps()), (128, 128, 60.0));
     assert_eq!(aligned.a.root()[0], a.clip.root()[30]);
-    assert!(aligned.said.iter().any(|s| s == "b.bvh: from 30 to 60 fps"), "{:?}", aligned.said);
+    assert!(aligned.notes.iter().any(|s| s == "b.bvh: from 30 to 60 fps"), "{:?}", aligned.notes);
     let whole = Alignment { frames: None, ..Alignment::default() }.of(&a, &b).unwrap();
     assert_eq!(whole.a.frames(), 179, "all of the shorter, 90 frames at 30");
-    assert!(whole.said.iter().any(|s| s == "a.bvh: cut to the other's 179 frames"), "{:?}", whole.said);
+    assert!(whole.notes.iter().any(|s| s == "a.bvh: cut to the other's 179 frames"), "{:?}", whole.notes);
     assert_eq!((alignment.low(128), alignment.low(179)), (16, 21));
 }
 
@@ -43,9 +43,9 @@ fn a_second_dancer_begins_facing_as_the_first() {
         assert!(angle_between(*p, *q) < 1e-9);
     }
     let off: f64 = aligned.series[0].numbers.iter().zip(&aligned.series[1].numbers).map(|(a, b)| (a - b).abs()).sum();
-    assert!(off < 1e-6 && aligned.said[0].contains("turned by -143 degrees"), "{off} {:?}", aligned.said);
+    assert!(off < 1e-6 && aligned.notes[0].contains("turned by -143 degrees"), "{off} {:?}", aligned.notes);
     let kept = Alignment { keep_heading: true, ..Alignment::default() }.of(&a, &b).unwrap();
-    assert!(kept.said.is_empty() && angle_between(kept.a.pose(0)[0], kept.b.pose(0)[0]) > 2.4);
+    assert!(kept.notes.is_empty() && angle_between(kept.a.pose(0)[0], kept.b.pose(0)[0]) > 2.4);
 }
 
 /// Two dancers that stand on both sides of half a turn are near each other.
@@ -101,7 +101,7 @@ fn another_rig_is_put_on_the_first_ones() {
     let (a, b) = (motion("a.bvh", dance(1, 3.0, 60.0)), motion("b.bvh", renamed(&dance(2, 3.0, 60.0), names)));
     let aligned = Alignment { keep_heading: true, ..Alignment::default() }.of(&a, &b).unwrap();
     assert_eq!(aligned.b.skeleton().names(), a.clip.skeleton().names());
-    assert_eq!(aligned.said, ["b.bvh: put on the rig of a.bvh"]);
+    assert_eq!(aligned.notes, ["b.bvh: put on the rig of a.bvh"]);
     let nobody: [String; 24] = std::array::from_fn(|i| format!("bone{i}"));
     let c = motion("c.bvh", renamed(&b.clip, std::array::from_fn(|i| nobody[i].as_str())));
     let message = Alignment::default().of(&a, &c).unwrap_err().to_string();

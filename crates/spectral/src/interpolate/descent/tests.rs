@@ -68,17 +68,18 @@ fn plain_descent_goes_where_the_closed_form_says() {
     for transform in &transforms()[..2] {
         let n = C * transform.kept();
         for (strength, rate, steps) in [(1.0, 0.2, 40), (0.5, 1.3, 30), (1.0, 0.5 * n as f64, 1)] {
-            let descent = Descent { strength, rate, steps };
+            let descent = Descent { strength, rate: Some(rate), steps };
             let amount = strength * (1.0 - (1.0 - 2.0 * rate / n as f64).powi(steps as i32));
-            let plain = interpolate(transform, C, &a, &b, &How::Plain(descent)).unwrap();
-            let closed = interpolate(transform, C, &a, &b, &How::Closed { amount }).unwrap();
+            let plain = descend(transform, C, &a, &b, Method::Plain(descent)).unwrap();
+            let closed = descend(transform, C, &a, &b, Method::Closed { amount }).unwrap();
             assert!(largest_difference(&plain.window, &closed.window) < 1e-9, "{transform:?} {descent:?}");
             assert!(plain.loss[1] < plain.loss[0]);
         }
         let steps = 37;
         let rate = Descent::rate_for(0.3, n, steps);
-        let plain = interpolate(transform, C, &a, &b, &How::Plain(Descent { strength: 1.0, rate, steps })).unwrap();
-        let closed = interpolate(transform, C, &a, &b, &How::Closed { amount: 0.3 }).unwrap();
+        let plain =
+            descend(transform, C, &a, &b, Method::Plain(Descent { strength: 1.0, rate: Some(rate), steps })).unwrap();
+        let closed = descend(transform, C, &a, &b, Method::Closed { amount: 0.3 }).unwrap();
         assert!(largest_difference(&plain.window, &closed.window) < 1e-9);
     }
 }
@@ -87,7 +88,7 @@ fn plain_descent_goes_where_the_closed_form_says() {
 fn only_the_kept_coefficients_move() {
     let (a, b) = (noise(5, C * N), noise(6, C * N));
     let dct = LowDct::new(N, 9);
-    let half = interpolate(&Transform::Dct(dct.clone()), C, &a, &b, &How::Closed { amount: 0.5 }).unwrap().window;
+    let half = descend(&Transform::Dct(dct.clone()), C, &a, &b, Method::Closed { amount: 0.5 }).unwrap().window;
     for c in 0..C {
         let of = |x: &[f64]| dct.forward(&x[c * N..][..N]);
         let (a, b, out) = (of(&a), of(&b), of(&half));
@@ -100,17 +101,17 @@ fn only_the_kept_coefficients_move() {
 fn adam_comes_to_the_goal_of_every_transform() {
     let (a, b) = (noise(7, C * N), noise(8, C * N));
     for transform in transforms() {
-        let descent = Descent { strength: 0.5, rate: Descent::ADAM_RATE, steps: Descent::STEPS };
-        let way = interpolate(&transform, C, &a, &b, &How::Adam(descent)).unwrap();
+        let descent = Descent { strength: 0.5, rate: None, steps: Descent::STEPS };
+        let way = descend(&transform, C, &a, &b, Method::Adam(descent)).unwrap();
         // overlapping magnitudes contradict each other a little
         let most = if matches!(transform, Transform::Stft(_)) { 0.2 } else { 1e-6 };
         assert!(way.loss[1] < most * way.loss[0], "{transform:?}: {:?}", way.loss);
         if !matches!(transform, Transform::Stft(_)) {
-            let closed = interpolate(&transform, C, &a, &b, &How::Closed { amount: 0.5 }).unwrap();
+            let closed = descend(&transform, C, &a, &b, Method::Closed { amount: 0.5 }).unwrap();
             let off = largest_difference(&way.window, &closed.window);
             assert!(off < 1e-3, "{transform:?}: {off}, nothing but the kept coefficients moves");
         }
-        let none = interpolate(&transform, C, &a, &b, &How::Adam(Descent { strength: 0.0, ..descent })).unwrap();
+        let none = descend(&transform, C, &a, &b, Method::Adam(Descent { strength: 0.0, ..descent })).unwrap();
         assert!(largest_difference(&none.window, &a) < 1e-9, "no strength, no change");
     }
 }
@@ -119,12 +120,14 @@ fn adam_comes_to_the_goal_of_every_transform() {
 fn what_cannot_be_is_refused() {
     let (a, b) = (noise(9, C * N), noise(10, C * N));
     let all = transforms();
-    let said = |t: &Transform, how: How| interpolate(t, C, &a, &b, &how).unwrap_err().to_string();
-    assert!(said(&all[2], How::Closed { amount: 0.5 }).contains("no closed form"));
-    assert!(said(&all[0], How::Closed { amount: 1.5 }).contains("amount 1.5; expected 0"));
-    let descent = Descent { strength: -0.1, rate: 0.01, steps: 1 };
-    assert!(said(&all[0], How::Adam(descent)).contains("strength -0.1"));
-    assert!(said(&all[0], How::Plain(Descent { strength: 1.0, rate: f64::NAN, steps: 1 })).contains("rate of NaN"));
-    let wild = Descent { strength: 1.0, rate: 1e9, steps: 60 };
-    assert!(said(&all[0], How::Plain(wild)).contains("smaller one"));
+    let said = |t: &Transform, method: Method| descend(t, C, &a, &b, method).unwrap_err().to_string();
+    assert!(said(&all[2], Method::Closed { amount: 0.5 }).contains("no closed form"));
+    assert!(said(&all[0], Method::Closed { amount: 1.5 }).contains("amount 1.5; expected 0"));
+    let descent = Descent { strength: -0.1, rate: Some(0.01), steps: 1 };
+    assert!(said(&all[0], Method::Adam(descent)).contains("strength -0.1"));
+    assert!(
+        said(&all[0], Method::Plain(Descent { strength: 1.0, rate: Some(f64::NAN), steps: 1 })).contains("rate of NaN")
+    );
+    let wild = Descent { strength: 1.0, rate: Some(1e9), steps: 60 };
+    assert!(said(&all[0], Method::Plain(wild)).contains("smaller one"));
 }

@@ -33,7 +33,7 @@ pub struct Fidelity {
     /// The joints that are read, SMPL ids.
     pub joints: Vec<usize>,
     /// Real valid and test clips, dances.
-    pub groups: Vec<Hits>,
+    pub groups: Vec<Confusion>,
     /// Of the train clips' windows one in so many was learned from, where they are more than 10,000.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub one_window_in: Option<usize>,
@@ -41,7 +41,7 @@ pub struct Fidelity {
 
 /// One group of clips.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Hits {
+pub struct Confusion {
     /// What they are.
     pub name: String,
     /// (asked for, named): clips.
@@ -50,7 +50,7 @@ pub struct Hits {
     pub left_out: usize,
 }
 
-impl Hits {
+impl Confusion {
     /// Clips that are named as asked, and all.
     pub fn count(&self) -> [usize; 2] {
         let right = (0..self.confusion.len()).map(|class| self.confusion[class][class]).sum();
@@ -92,7 +92,7 @@ pub fn fidelity(
     let lda = Lda::fit(&rows, &labels, classes, COMPONENTS)?;
     let name = |dance: &Dance| -> Result<Option<usize>> { Ok(named(&lda, &windows(dance, &joints, 1)?)) };
     let group = |name: String, clips: Vec<(Option<usize>, Option<usize>)>| {
-        let mut hits = Hits { name, confusion: vec![vec![0; classes]; classes], left_out: 0 };
+        let mut hits = Confusion { name, confusion: vec![vec![0; classes]; classes], left_out: 0 };
         for clip in clips {
             match clip {
                 (Some(asked), Some(named)) => hits.confusion[asked][named] += 1,

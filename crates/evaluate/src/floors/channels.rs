@@ -30,7 +30,7 @@ const LEAST_CASES: usize = 200;
 
 /// The floors of a corpus.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Baselines {
+pub struct ChannelFloors {
     /// Number of bins.
     pub bins: usize,
     /// C.
@@ -53,7 +53,47 @@ pub struct Baselines {
     pub xz: Option<[f64; 2]>,
 }
 
-impl Baselines {
+impl ChannelFloors {
+    /// Fits the static models on `codes.train` and measures them on `codes.test`.
+    ///
+    /// # Errors
+    /// [`kinelm_store::Error::Call`] when a split has no frame, or the codes are no whole frames of bins below `codes.bins`, of which
+    /// there are 2 to 65,536; those of [`xz::bits_per_frame`].
+    pub fn measure(codes: &CodeSplits) -> Result<ChannelFloors> {
+        check(codes)?;
+        let &CodeSplits { bins, channels, .. } = codes;
+        let kernels = Kernels::new(bins);
+        let costs: Vec<ChannelCost> = (0..channels)
+            .into_par_iter()
+            .map(|c| {
+                channel_cost(
+                    &kernels,
+                    bins,
+                    &Series::of(&codes.train, channels, c),
+                    &Series::of(&codes.test, channels, c),
+                )
+            })
+            .collect();
+        let size = |clips: &CodeClips| [clips.len(), clips.iter().map(Vec::len).sum::<usize>() / channels];
+        let test = size(&codes.test);
+        let later: usize = codes.test.iter().map(|c| (c.len() / channels).saturating_sub(2)).sum();
+        let by_channel: [Vec<f64>; 6] =
+            std::array::from_fn(|m| costs.iter().map(|c| (c.early[m] + c.later[m]) / test[1] as f64).collect());
+        let from_third = std::array::from_fn(|m| costs.iter().map(|c| c.later[m]).sum::<f64>() / later as f64);
+        Ok(ChannelFloors {
+            bins,
+            channels,
+            train: size(&codes.train),
+            test,
+            of: codes.of,
+            bits_per_frame: std::array::from_fn(|m| by_channel[m].iter().sum()),
+            from_third_frame: (later > 0).then_some(from_third),
+            by_channel,
+            weight_on_extrapolation: costs.iter().map(|c| c.weight_on_extrapolation).collect(),
+            xz: xz::bits_per_frame(&codes.test, channels)?,
+        })
+    }
+
     /// C times log2 of the bins: a code without any model.
     pub fn uniform(&self) -> f64 {
         self.channels as f64 * (self.bins as f64).log2()
@@ -93,7 +133,7 @@ impl Baselines {
     }
 }
 
-impl fmt::Display for Baselines {
+impl fmt::Display for ChannelFloors {
     /// A table, a row a model, without a line end after the last.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ([tc, tf], [mc, mf]) = (self.train, self.test);
@@ -138,53 +178,18 @@ fn row(name: &str, all: &str, from_third: &str) -> String {
     format!("{name:<32} {all:>12} {from_third:>16}").trim_end().to_owned()
 }
 
-/// Fits the static models on `codes.train` and measures them on `codes.test`.
-///
-/// # Errors
-/// [`kinelm_store::Error::Call`] when a split has no frame, or the codes are no whole frames of bins below `codes.bins`, of which
-/// there are 2 to 65,536; those of [`xz::bits_per_frame`].
-pub fn measure(codes: &CodeSplits) -> Result<Baselines> {
-    check(codes)?;
-    let &CodeSplits { bins, channels, .. } = codes;
-    let kernels = Kernels::new(bins);
-    let costs: Vec<ChannelCost> = (0..channels)
-        .into_par_iter()
-        .map(|c| {
-            channel_cost(&kernels, bins, &Series::of(&codes.train, channels, c), &Series::of(&codes.test, channels, c))
-        })
-        .collect();
-    let size = |clips: &CodeClips| [clips.clips.len(), clips.clips.iter().map(Vec::len).sum::<usize>() / channels];
-    let test = size(&codes.test);
-    let later: usize = codes.test.clips.iter().map(|c| (c.len() / channels).saturating_sub(2)).sum();
-    let by_channel: [Vec<f64>; 6] =
-        std::array::from_fn(|m| costs.iter().map(|c| (c.early[m] + c.later[m]) / test[1] as f64).collect());
-    let from_third = std::array::from_fn(|m| costs.iter().map(|c| c.later[m]).sum::<f64>() / later as f64);
-    Ok(Baselines {
-        bins,
-        channels,
-        train: size(&codes.train),
-        test,
-        of: codes.of,
-        bits_per_frame: std::array::from_fn(|m| by_channel[m].iter().sum()),
-        from_third_frame: (later > 0).then_some(from_third),
-        by_channel,
-        weight_on_extrapolation: costs.iter().map(|c| c.weight_on_extrapolation).collect(),
-        xz: xz::bits_per_frame(&codes.test, channels)?,
-    })
-}
-
 fn check(codes: &CodeSplits) -> Result<()> {
     let &CodeSplits { bins, channels, .. } = codes;
     if !(2..=1 << 16).contains(&bins) || channels == 0 {
         return Err(Error::call(format!("{channels} channels of {bins} bins; expected channels, and 2 to 65536 bins")));
     }
     for (split, clips) in [("train", &codes.train), ("test", &codes.test)] {
-        if clips.clips.iter().all(Vec::is_empty) {
+        if clips.iter().all(Vec::is_empty) {
             let what =
                 format!("the {split} split has no frame; the floors are fitted on train and measured on another");
             return Err(Error::call(what));
         }
-        for (i, clip) in clips.clips.iter().enumerate() {
+        for (i, clip) in clips.iter().enumerate() {
             if !clip.len().is_multiple_of(channels) {
                 return Err(Error::call(format!(
                     "{split} clip {i}: {} codes; expected frames of {channels}",
@@ -212,7 +217,7 @@ struct Series {
 impl Series {
     fn of(clips: &CodeClips, channels: usize, channel: usize) -> Self {
         let mut s = Series { first: Vec::new(), second: Vec::new(), later: Vec::new() };
-        for clip in &clips.clips {
+        for clip in clips {
             let codes: Vec<u32> = clip.iter().skip(channel).step_by(channels).map(|&c| c.into()).collect();
             s.first.extend(codes.first());
             s.second.extend(codes.get(..2).map(|w| [w[1], w[0]]));
@@ -366,15 +371,15 @@ mod tests {
 
     #[test]
     fn the_figures_are_those_of_numpy() {
-        let golden: Golden = serde_json::from_str(include_str!("../tests/golden/baselines.json")).unwrap();
+        let golden: Golden = serde_json::from_str(include_str!("../../tests/golden/baselines.json")).unwrap();
         let codes = CodeSplits {
             bins: golden.bins,
             channels: golden.channels,
             of: [776, 183],
-            train: CodeClips { clips: golden.train },
-            test: CodeClips { clips: golden.test },
+            train: golden.train,
+            test: golden.test,
         };
-        let b = measure(&codes).unwrap();
+        let b = ChannelFloors::measure(&codes).unwrap();
         near(&b.bits_per_frame, &golden.bits_per_frame);
         near(&b.from_third_frame.unwrap(), &golden.from_third_frame);
         b.by_channel.iter().zip(&golden.by_channel).for_each(|(f, e)| near(f, e));
@@ -383,7 +388,7 @@ mod tests {
     }
 
     fn splits(train: Vec<u16>, test: Vec<u16>) -> CodeSplits {
-        let one = |codes| CodeClips { clips: vec![codes] };
+        let one = |codes| vec![codes];
         let of = [train.len(), test.len()];
         CodeSplits { bins: 8, channels: 1, train: one(train), test: one(test), of }
     }
@@ -391,22 +396,24 @@ mod tests {
     #[test]
     fn a_constant_channel_costs_its_add_one_share() {
         // 8 counts of one and 100 more of code 3: p = 101/108
-        let b = measure(&splits(vec![3; 100], vec![3; 50])).unwrap();
+        let b = ChannelFloors::measure(&splits(vec![3; 100], vec![3; 50])).unwrap();
         assert!((b.bits_per_frame[0] - (108.0_f64 / 101.0).log2()).abs() < 1e-12);
         assert!(b.best() <= b.bits_per_frame[0] && b.uniform() == 3.0);
     }
 
     #[test]
     fn short_clips_are_measured() {
-        let b = measure(&splits(vec![1, 2, 3], vec![4])).unwrap();
+        let b = ChannelFloors::measure(&splits(vec![1, 2, 3], vec![4])).unwrap();
         assert_eq!(b.from_third_frame, None);
         assert!(b.bits_per_frame.iter().all(|x| (x - b.bits_per_frame[0]).abs() < 1e-12));
-        assert!(measure(&splits(vec![1], vec![4, 4])).unwrap().bits_per_frame.iter().all(|x| x.is_finite()));
+        assert!(
+            ChannelFloors::measure(&splits(vec![1], vec![4, 4])).unwrap().bits_per_frame.iter().all(|x| x.is_finite())
+        );
     }
 
     #[test]
     fn nonsense_is_refused() {
-        let says = |codes| measure(&codes).unwrap_err().to_string();
+        let says = |codes| ChannelFloors::measure(&codes).unwrap_err().to_string();
         assert!(says(splits(vec![], vec![1])).contains("the train split has no frame"));
         assert!(says(splits(vec![1], vec![1, 8])).contains("test clip 0, frame 1: code 8; expected below 8"));
         assert!(says(CodeSplits { channels: 2, ..splits(vec![1], vec![1, 2]) }).contains("frames of 2"));
@@ -415,7 +422,7 @@ mod tests {
 
     #[test]
     fn the_table_has_a_row_a_model() {
-        let mut b = measure(&splits(vec![3; 100], vec![3; 50])).unwrap();
+        let mut b = ChannelFloors::measure(&splits(vec![3; 100], vec![3; 50])).unwrap();
         b.xz = None;
         let text = b.to_string();
         assert!(text.starts_with("fitted on 1 clips, 100 frames; measured on 1 clips, 50 frames\n"), "{text}");

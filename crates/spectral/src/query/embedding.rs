@@ -5,7 +5,7 @@
 //! every label that it is unknown. Windows longer than the context are read in overlapping pieces as when a model is
 //! measured ([`eval_windows`]), each token counting once. Not in the thesis.
 
-use super::options::Kind;
+use super::options::FeatureKind;
 use crate::{Error, Result};
 use kinelm_corpus::words::ClipWords;
 use kinelm_corpus::{Conditions, EvalWindow, eval_windows};
@@ -28,10 +28,10 @@ pub struct Tokens {
 }
 
 /// Says windows in the words of a run.
-pub struct Speaker(Tokenizer);
+pub struct WindowTokenizer(Tokenizer);
 
 /// Reads them.
-pub struct Reader {
+pub struct ModelEmbedding {
     model: Fast,
     front: Vec<u32>,
     pad: u32,
@@ -41,21 +41,23 @@ pub struct Reader {
     frame: Option<usize>,
 }
 
-/// The kind of index that a run makes.
-///
-/// # Errors
-/// As [`load_run`]; weights that can't be read.
-pub fn kind_of(run: &Path) -> Result<Kind> {
-    let loaded = load_run(run, CheckpointChoice::Auto)?;
-    let weights = loaded.weights_sha256();
-    Ok(Kind::Model { run: std::path::absolute(run).map_err(Error::io(run))?, weights })
+impl FeatureKind {
+    /// The embedding of a trained run's model, identified by the hash of its weights.
+    ///
+    /// # Errors
+    /// As [`load_run`]; weights that can't be read.
+    pub fn of_run(run: &Path) -> Result<FeatureKind> {
+        let loaded = load_run(run, CheckpointChoice::Auto)?;
+        let weights = loaded.weights_sha256();
+        Ok(FeatureKind::Model { run: std::path::absolute(run).map_err(Error::io(run))?, weights })
+    }
 }
 
 /// Opens the run that an index was made with.
 ///
 /// # Errors
 /// As [`load_run`]; other weights than `weights`; a model that isn't causal or whose context holds no word.
-pub fn open(run: &Path, weights: &str) -> Result<(Speaker, Reader)> {
+pub fn open(run: &Path, weights: &str) -> Result<(WindowTokenizer, ModelEmbedding)> {
     let loaded = load_run(run, CheckpointChoice::Auto)?;
     let found = loaded.weights_sha256();
     if found != weights {
@@ -72,13 +74,13 @@ pub fn open(run: &Path, weights: &str) -> Result<(Speaker, Reader)> {
     if context <= front.len() {
         return Err(Error::file(run, format!("a context of {context} tokens"), "room for words", ""));
     }
-    let speaker = Speaker(loaded.load_tokenizer()?);
+    let tokenizer = WindowTokenizer(loaded.load_tokenizer()?);
     let frame = (!loaded.config.architecture.is_flat()).then_some(loaded.tokens.word);
     let model = Fast::from_tensors(&loaded.config, &loaded.tokens, loaded.weights)?;
-    Ok((speaker, Reader { model, front, pad, context, width, frame }))
+    Ok((tokenizer, ModelEmbedding { model, front, pad, context, width, frame }))
 }
 
-impl Speaker {
+impl WindowTokenizer {
     /// The tokens of a window, which is on the 24 SMPL joints at any rate.
     ///
     /// # Errors
@@ -92,7 +94,7 @@ impl Speaker {
     }
 }
 
-impl Reader {
+impl ModelEmbedding {
     /// D, the model's width.
     pub fn width(&self) -> usize {
         self.width
@@ -167,7 +169,7 @@ mod tests {
         let (context, width, word, pad) = (levels.context, levels.width, tokens.word, tokens.pad);
         let front = vec![tokens.bos];
         let model = Fast::of(&gpt).unwrap();
-        let mut reader = Reader { model, front: front.clone(), pad, context, width, frame: Some(word) };
+        let mut reader = ModelEmbedding { model, front: front.clone(), pad, context, width, frame: Some(word) };
         // the first of three windows is whole
         let (_, from) = fixtures::batch(&levels, &tokens, 3, context);
         let window = |frames: usize| {

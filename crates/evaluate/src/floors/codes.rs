@@ -14,11 +14,7 @@ use zip::ZipArchive;
 use zip::read::ZipFile;
 
 /// Clips of codes, frame after frame: a clip is (F, C), the channel running fastest.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct CodeClips {
-    /// One (F * C) each.
-    pub clips: Vec<Vec<u16>>,
-}
+pub type CodeClips = Vec<Vec<u16>>;
 
 /// What the floors are fitted and measured on.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,7 +65,7 @@ impl CodeSplits {
         let bins = corpus.tokenizer().vocabulary().characters() as usize;
         let read = |corpus: &Corpus, split| -> Result<CodeClips> {
             let codes = |of: Stretch| Ok(corpus.some_words(of.clip, of.words)?.codes().to_vec());
-            Ok(CodeClips { clips: stretches(corpus, split, extent).into_iter().map(codes).collect::<Result<_>>()? })
+            stretches(corpus, split, extent).into_iter().map(codes).collect()
         };
         let (train, test) = (read(fitted, Split::Train)?, read(corpus, measured)?);
         Ok(CodeSplits { bins, channels, train, test, of: [frames(fitted, Split::Train), frames(corpus, measured)] })
@@ -160,7 +156,7 @@ fn read_split(
         done = end;
     }
     read(done..frames, None)?;
-    Ok((CodeClips { clips }, frames, channels))
+    Ok((clips, frames, channels))
 }
 
 fn unread(name: &str, e: impl std::fmt::Display) -> Fault {
@@ -235,8 +231,8 @@ mod tests {
         let says = || CodeSplits::load_npz(&path, 6, Extent::All).unwrap_err().to_string();
         write(vec![5, 5], vec![1]);
         let codes = CodeSplits::load_npz(&path, 6, Extent::All).unwrap();
-        assert_eq!(codes.train.clips, [vec![0, 1], vec![2, 3, 4, 5]]);
-        assert_eq!((codes.test.clips.len(), codes.channels), (1, 2));
+        assert_eq!(codes.train, [vec![0, 1], vec![2, 3, 4, 5]]);
+        assert_eq!((codes.test.len(), codes.channels), (1, 2));
         write(vec![5, 6], vec![1]);
         assert!(says().contains("test[0, 1] = 6, expected codes below"), "{}", says());
         for lengths in [vec![2], vec![-1], vec![], vec![i64::MAX]] {
@@ -266,9 +262,9 @@ mod tests {
         };
         write(&codes);
         let found = CodeSplits::load_npz(&path, 6, Extent::Sample).unwrap();
-        let held: usize = found.train.clips.iter().map(Vec::len).sum();
+        let held: usize = found.train.iter().map(Vec::len).sum();
         assert_eq!((held, found.of), (MOST_FRAMES, [frames; 2]));
-        assert_eq!(found.test.clips[7][..3], [0, 1, 2], "frames from 21,000 on");
+        assert_eq!(found.test[7][..3], [0, 1, 2], "frames from 21,000 on");
         codes[1_500] = 6;
         write(&codes);
         let fault = CodeSplits::load_npz(&path, 6, Extent::Sample).unwrap_err().to_string();

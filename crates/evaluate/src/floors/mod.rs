@@ -1,9 +1,17 @@
 //! The static floors that suit a corpus.
 
-use super::baselines::{Baselines, measure};
-use super::codes::{CodeSplits, channels};
-use super::sample::Extent;
-use super::token_floors::{self, TokenFloors};
+pub mod channels;
+pub mod codes;
+pub mod kernels;
+pub mod sample;
+pub mod tokens;
+mod xz;
+
+pub use channels::{ChannelFloors, figure_row};
+pub use codes::CodeSplits;
+pub use sample::Extent;
+pub use tokens::TokenFloors;
+
 use crate::{Error, Result};
 use kinelm_corpus::{Corpus, Split};
 use serde_json::Value;
@@ -13,7 +21,7 @@ use std::fmt;
 #[derive(Debug, Clone, PartialEq)]
 pub enum Floors {
     /// Where a word is a frame: models of every channel, of the characters as they are before any are merged.
-    Channels(Box<Baselines>),
+    Channels(Box<ChannelFloors>),
     /// Of any other words: models of the tokens.
     Tokens(TokenFloors),
 }
@@ -30,9 +38,11 @@ impl Floors {
             let (found, expected) = (format!("a corpus of tokenizer {found}"), format!("that of {expected}"));
             return Err(Error::file(fitted.dir(), found, expected, help));
         }
-        Ok(match channels(measured.0) {
-            Some(_) => Floors::Channels(Box::new(measure(&CodeSplits::of_corpora(fitted, measured, extent)?)?)),
-            None => Floors::Tokens(token_floors::measure(fitted, measured, extent)?),
+        Ok(match codes::channels(measured.0) {
+            Some(_) => {
+                Floors::Channels(Box::new(ChannelFloors::measure(&CodeSplits::of_corpora(fitted, measured, extent)?)?))
+            }
+            None => Floors::Tokens(TokenFloors::measure(fitted, measured, extent)?),
         })
     }
 

@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 /// # Errors
 /// [`kinelm_store::Error::Call`] when the program is there and fails.
 pub fn bits_per_frame(clips: &CodeClips, channels: usize) -> Result<Option<[f64; 2]>> {
-    let frames = clips.clips.iter().map(Vec::len).sum::<usize>() / channels.max(1);
+    let frames = clips.iter().map(Vec::len).sum::<usize>() / channels.max(1);
     if frames == 0 {
         return Ok(None);
     }
@@ -21,9 +21,9 @@ pub fn bits_per_frame(clips: &CodeClips, channels: usize) -> Result<Option<[f64;
         }
         Ok(())
     };
-    let by_frame = compressed_bytes(&|pipe| write(pipe, &mut clips.clips.iter().flatten()))?;
+    let by_frame = compressed_bytes(&|pipe| write(pipe, &mut clips.iter().flatten()))?;
     let by_channel = compressed_bytes(&|pipe| {
-        let of = |c: usize| clips.clips.iter().flat_map(move |clip| clip.iter().skip(c).step_by(channels));
+        let of = |c: usize| clips.iter().flat_map(move |clip| clip.iter().skip(c).step_by(channels));
         write(pipe, &mut (0..channels).flat_map(of))
     })?;
     let (Some(a), Some(b)) = (by_frame, by_channel) else { return Ok(None) };
@@ -79,7 +79,7 @@ mod tests {
             x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (x >> 16) as u16
         };
-        let clips = CodeClips { clips: vec![(0..40_000).map(|i| if i % 2 == 0 { 7 } else { noise() }).collect()] };
+        let clips = vec![(0..40_000).map(|i| if i % 2 == 0 { 7 } else { noise() }).collect()];
         let Some([by_frame, by_channel]) = bits_per_frame(&clips, 2).unwrap() else {
             kinelm_shared_data::skipped("evaluate::xz", "there is no xz program");
             return;

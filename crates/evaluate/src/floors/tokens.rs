@@ -8,7 +8,7 @@
 //! A table of its own takes as many cases from order 0 as it has seen different tokens (Witten and Bell, "The zero-frequency
 //! problem", 1991), so that it gives every token some probability.
 
-use super::baselines::{figure_row, fmt_sample, sampled};
+use super::channels::{figure_row, fmt_sample, sampled};
 use super::codes;
 use super::sample::{Extent, Stretch, stretches};
 use super::xz::compressed_bytes;
@@ -40,6 +40,45 @@ pub struct TokenFloors {
 }
 
 impl TokenFloors {
+    /// Counts tokens on the train clips of `fitted` and measures the tables on the split `measured` of a corpus of the same
+    /// tokenizer.
+    ///
+    /// # Errors
+    /// [`kinelm_store::Error::File`] when a split has no frame; an `xz` program that fails.
+    pub fn measure(fitted: &Corpus, (corpus, measured): (&Corpus, Split), extent: Extent) -> Result<TokenFloors> {
+        // labels may have been added to one of them
+        let vocabulary = corpus.manifest().vocabulary.max(fitted.manifest().vocabulary);
+        let (seen, asked) = (stretches(fitted, Split::Train, extent), stretches(corpus, measured, extent));
+        let (train, test) = (size(fitted, &seen, Split::Train)?, size(corpus, &asked, measured)?);
+        let mut order0 = vec![1u64; vocabulary];
+        let [mut place, mut before] = [Tables::default(), Tables::default()];
+        each_token(fitted, &seen, |id, at, last| {
+            order0[id as usize] += 1;
+            place.count(at, id);
+            before.count(last, id);
+        })?;
+        let total: u64 = order0.iter().sum();
+        let p = |id: u32| order0[id as usize] as f64 / total as f64;
+        let mut bits = [0.0; 3];
+        each_token(corpus, &asked, |id, at, last| {
+            let p = p(id);
+            let found = [p, place.p(at, id, p), before.p(last, id, p)];
+            bits.iter_mut().zip(found).for_each(|(sum, p)| *sum -= p.log2());
+        })?;
+        let frames = test[1] as f64;
+        let xz = compressed_bytes(&|pipe| {
+            for of in &asked {
+                // a file that was read a moment ago; where it's gone, all of it isn't compressed
+                let ids = corpus.word_ids(of.clip, of.words.clone()).map_err(std::io::Error::other)?;
+                pipe.write_all(&corpus.manifest().token_type.to_bytes(&ids))?;
+            }
+            Ok(())
+        })?;
+        let of = [codes::frames(fitted, Split::Train), codes::frames(corpus, measured)];
+        let (bits_per_frame, xz) = (bits.map(|b| b / frames), xz.map(|n| 8.0 * n as f64 / frames));
+        Ok(TokenFloors { vocabulary, train, test, of, bits_per_frame, xz })
+    }
+
     /// Bits a frame of a code without any model: log2 V a token.
     pub fn uniform(&self) -> f64 {
         let [_, frames, tokens] = self.test;
@@ -89,45 +128,6 @@ impl fmt::Display for TokenFloors {
             None => write!(f, "\n{:<32} {:>12}   no xz program was found", "xz -9", "n/a"),
         }
     }
-}
-
-/// Counts tokens on the train clips of `fitted` and measures the tables on the split `measured` of a corpus of the same
-/// tokenizer.
-///
-/// # Errors
-/// [`kinelm_store::Error::File`] when a split has no frame; an `xz` program that fails.
-pub fn measure(fitted: &Corpus, (corpus, measured): (&Corpus, Split), extent: Extent) -> Result<TokenFloors> {
-    // labels may have been added to one of them
-    let vocabulary = corpus.manifest().vocabulary.max(fitted.manifest().vocabulary);
-    let (seen, asked) = (stretches(fitted, Split::Train, extent), stretches(corpus, measured, extent));
-    let (train, test) = (size(fitted, &seen, Split::Train)?, size(corpus, &asked, measured)?);
-    let mut order0 = vec![1u64; vocabulary];
-    let [mut place, mut before] = [Tables::default(), Tables::default()];
-    each_token(fitted, &seen, |id, at, last| {
-        order0[id as usize] += 1;
-        place.count(at, id);
-        before.count(last, id);
-    })?;
-    let total: u64 = order0.iter().sum();
-    let p = |id: u32| order0[id as usize] as f64 / total as f64;
-    let mut bits = [0.0; 3];
-    each_token(corpus, &asked, |id, at, last| {
-        let p = p(id);
-        let found = [p, place.p(at, id, p), before.p(last, id, p)];
-        bits.iter_mut().zip(found).for_each(|(sum, p)| *sum -= p.log2());
-    })?;
-    let frames = test[1] as f64;
-    let xz = compressed_bytes(&|pipe| {
-        for of in &asked {
-            // a file that was read a moment ago; where it's gone, all of it isn't compressed
-            let ids = corpus.word_ids(of.clip, of.words.clone()).map_err(std::io::Error::other)?;
-            pipe.write_all(&corpus.manifest().token_type.to_bytes(&ids))?;
-        }
-        Ok(())
-    })?;
-    let of = [codes::frames(fitted, Split::Train), codes::frames(corpus, measured)];
-    let (bits_per_frame, xz) = (bits.map(|b| b / frames), xz.map(|n| 8.0 * n as f64 / frames));
-    Ok(TokenFloors { vocabulary, train, test, of, bits_per_frame, xz })
 }
 
 /// Clips, frames and tokens of what is looked at of a split, if there are some.

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 /// The figures of one dance.
 #[derive(Debug, Clone)]
-pub(super) struct Figures {
+pub(super) struct DanceMetrics {
     pub(super) world: Freezing,
     pub(super) pose: Freezing,
     pub(super) repeats: [usize; 2],
@@ -20,7 +20,7 @@ pub(super) struct Figures {
 
 /// The figures of several dances.
 #[derive(Debug, Clone, Serialize)]
-pub struct Group {
+pub struct GroupMetrics {
     /// What they are.
     pub name: String,
     /// In the world.
@@ -67,8 +67,8 @@ impl Mean {
 }
 
 /// The figures of several dances put together.
-pub(super) fn group(name: &str, all: &[Figures]) -> Group {
-    let of = |part: fn(&Figures) -> &Freezing| summary(&all.iter().map(|f| part(f).clone()).collect::<Vec<_>>());
+pub(super) fn group(name: &str, all: &[DanceMetrics]) -> GroupMetrics {
+    let of = |part: fn(&DanceMetrics) -> &Freezing| summary(&all.iter().map(|f| part(f).clone()).collect::<Vec<_>>());
     let (found, of_all) = all.iter().fold((0, 0), |(a, b), f| (a + f.repeats[0], b + f.repeats[1]));
     let mut ground = Ground::default();
     let mut skate = Skate::default();
@@ -76,7 +76,7 @@ pub(super) fn group(name: &str, all: &[Figures]) -> Group {
         ground.add(&f.ground);
         skate.add(&f.skate);
     });
-    Group {
+    GroupMetrics {
         name: name.into(),
         world: of(|f| &f.world),
         pose: of(|f| &f.pose),

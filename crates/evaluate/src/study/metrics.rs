@@ -13,7 +13,7 @@ pub const CONTEXT: usize = 1024;
 /// All figures of a row. Angles in radians, places in millimetres.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Figures {
+pub struct RowMetrics {
     /// What was fitted.
     pub row: Row,
     /// The text.
@@ -24,8 +24,8 @@ pub struct Figures {
     pub order0: Order0,
     /// Angles between the coded joints' rotations.
     pub angle: Angle,
-    /// Places of all 24 joints after forward kinematics on the neutral skeleton.
-    pub mpjpe: Places,
+    /// PositionError of all 24 joints after forward kinematics on the neutral skeleton.
+    pub mpjpe: PositionError,
     /// Jumps between words.
     pub border_jerk: Border,
     /// How fast it went: not the same twice.
@@ -123,7 +123,7 @@ pub struct Angle {
 /// Distances, mm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Places {
+pub struct PositionError {
     /// As the bodies stand.
     pub global: f64,
     /// Both pelvises at 0.
@@ -202,13 +202,13 @@ impl Errors {
     }
 }
 
-impl Figures {
+impl RowMetrics {
     /// The figures of a row from what was counted on both parts of the data.
     pub fn new(row: Row, t: &Tokenizer, train: &TextCounts, test: &TextCounts, errors: &Errors, speed: Speed) -> Self {
         let bits_per_frame = test.order0_bits_per_frame(train);
         let mut all = train.clone();
         all.merge(test);
-        Figures {
+        RowMetrics {
             text: Text::new(t, test),
             bytes: Sizes::new(&all.bytes(t), bits_per_frame * all.frames as f64),
             order0: Order0 {
@@ -227,7 +227,7 @@ impl Figures {
                 vector_frame: errors.vector.mean_frame(),
                 vector_skipped: errors.vector.skipped(),
             },
-            mpjpe: Places {
+            mpjpe: PositionError {
                 global: errors.places.global_mm(),
                 root: errors.places.root_mm(),
                 max: errors.places.max_mm(),

@@ -1,14 +1,14 @@
 //! The tables of a study, for a terminal and in Markdown.
 
 use super::Report;
-use super::figures::Figures;
+use super::metrics::RowMetrics;
 use kinelm_view::plot::TEXT_MARK;
 use kinelm_view::table;
 use std::fmt::Write;
 
 /// One table: the first column names, the others numbers.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sheet {
+pub struct Table {
     /// Above it.
     pub title: &'static str,
     /// What the columns are, in a sentence or two.
@@ -17,7 +17,7 @@ pub struct Sheet {
     rows: Vec<Vec<String>>,
 }
 
-type Column = (&'static str, fn(&Figures) -> String);
+type Column = (&'static str, fn(&RowMetrics) -> String);
 
 const TEXT: &[Column] = &[
     ("row", |f| f.name().into()),
@@ -80,14 +80,14 @@ const SPEED: &[Column] = &[
 ];
 
 /// All tables of a report.
-pub fn sheets(report: &Report) -> Vec<Sheet> {
-    let of = |title, note, columns: &[Column]| Sheet {
+pub fn tables(report: &Report) -> Vec<Table> {
+    let of = |title, note, columns: &[Column]| Table {
         title,
         note,
         head: columns.iter().map(|c| c.0).collect(),
         rows: report.rows.iter().map(|f| columns.iter().map(|c| c.1(f)).collect()).collect(),
     };
-    let mut sheets = vec![
+    let mut tables = vec![
         of(
             "Text",
             "Words without their space, in tokens; characters are the tokens before merging. Tokens a second with spaces. \
@@ -109,16 +109,16 @@ pub fn sheets(report: &Report) -> Vec<Sheet> {
         of("Bytes", "Train and test together; clipped, second codes and padded in test.", BYTES),
         of("Speed", "In memory, all threads; not the same twice.", SPEED),
     ];
-    sheets.push(losses(report));
-    sheets
+    tables.push(losses(report));
+    tables
 }
 
-fn losses(report: &Report) -> Sheet {
+fn losses(report: &Report) -> Table {
     let row = |l: &super::Loss| {
         let joints = format!("{} joints at {} fps", l.joints.len(), short(l.fps));
         vec![joints, fixed(l.rate_mpjpe, 2), fixed(l.rate_angle.to_degrees(), 3), fixed(l.joints_mpjpe, 2)]
     };
-    Sheet {
+    Table {
         title: "Lost before coding",
         note: "Rate: the row's rate brought back to the files' by slerp, against the files. Joints: those that are not coded \
                held straight, against the clip.",
@@ -127,7 +127,7 @@ fn losses(report: &Report) -> Sheet {
     }
 }
 
-impl Sheet {
+impl Table {
     /// For a terminal.
     pub fn terminal(&self) -> String {
         table::terminal(self.title, &self.head, &self.rows)
@@ -147,12 +147,12 @@ impl Sheet {
 /// The whole report in Markdown.
 pub fn markdown(report: &Report) -> String {
     let mut text = format!("# Motion as text\n\n{TEXT_MARK}\n\n");
-    for line in report.said() {
+    for line in report.notes() {
         let _ = writeln!(text, "- {line}");
     }
     let pictures = "\n![angle error against bins](bins.png)\n\n![rate against distortion](rate.png)\n";
     text += pictures;
-    sheets(report).iter().for_each(|s| text += &format!("\n{}", s.markdown()));
+    tables(report).iter().for_each(|s| text += &format!("\n{}", s.markdown()));
     text
 }
 

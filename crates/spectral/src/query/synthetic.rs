@@ -1,8 +1,8 @@
 //! A database to measure searches with.
 
 use super::database::Database;
-use super::maker::Maker;
-use super::options::{IndexOptions, Kind};
+use super::extract::FeatureExtractor;
+use super::options::{FeatureKind, IndexOptions};
 use super::part::Part;
 use super::record::ClipEntry;
 use crate::{Error, Result};
@@ -22,17 +22,17 @@ const DANCES: (f64, usize) = (60.0, 24);
 ///
 /// # Errors
 /// [`kinelm_store::Error::Call`] for a kind that must be fitted or trained.
-pub fn made_up(kind: &Kind, windows: usize) -> Result<Database> {
+pub fn synthetic(kind: &FeatureKind, windows: usize) -> Result<Database> {
     let options = IndexOptions::new(kind.clone());
-    if matches!(kind, Kind::Pca { .. } | Kind::Model { .. }) {
+    if matches!(kind, FeatureKind::Pca { .. } | FeatureKind::Model { .. }) {
         return Err(Error::call(format!("made-up windows by {}; expected stft or dct", kind.name())));
     }
-    let (maker, mut finisher) = Maker::new(&options, None)?;
-    let numbers = maker.numbers(&finisher);
+    let (extractor, mut embedder) = FeatureExtractor::new(&options, None)?;
+    let numbers = extractor.numbers(&embedder);
     let mut first = Vec::new();
     for dance in synth::corpus(1, DANCES.1, DANCES.0, options.windows.fps)? {
         let starts: Vec<usize> = options.windows.starts(dance.clip.frames(), 0).collect();
-        first.extend(finisher.finish(maker.make(&dance.clip, &starts)?)?);
+        first.extend(embedder.embed(extractor.extract(&dance.clip, &starts)?)?);
     }
     let mut features = vec![0.0f32; windows * numbers];
     features.par_chunks_mut(numbers).enumerate().for_each(|(window, feature)| {

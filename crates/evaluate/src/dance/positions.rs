@@ -1,12 +1,12 @@
-//! Places of joints as the measures of a dance see them.
+//! JointPositions of joints as the measures of a dance see them.
 
 use kinelm_motion::{Clip, Quat, Vec3};
 
-/// Places of chosen joints, frame after frame.
+/// JointPositions of chosen joints, frame after frame.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Places {
+pub struct JointPositions {
     /// (F, J) metres.
-    pub at: Vec<Vec3>,
+    pub positions: Vec<Vec3>,
     /// J.
     pub joints: usize,
     /// Frames per second.
@@ -16,40 +16,40 @@ pub struct Places {
 /// Hips and shoulders of SMPL-24, left and right.
 const ACROSS: [(usize, usize); 2] = [(1, 2), (16, 17)];
 
-impl Places {
+impl JointPositions {
     /// Of these joints of a clip, in the world.
     ///
     /// # Panics
     /// If the clip lacks one of the joints.
-    pub fn of(clip: &Clip, joints: &[usize]) -> Places {
+    pub fn of(clip: &Clip, joints: &[usize]) -> JointPositions {
         let all = clip.positions();
-        let at = all.chunks(clip.joints()).flat_map(|frame| joints.iter().map(|&j| frame[j])).collect();
-        Places { at, joints: joints.len(), fps: clip.fps() }
+        let positions = all.chunks(clip.joints()).flat_map(|frame| joints.iter().map(|&j| frame[j])).collect();
+        JointPositions { positions, joints: joints.len(), fps: clip.fps() }
     }
 
     /// The same of a clip on SMPL-24 with the pelvis held at 0 and every frame's heading removed: the pose alone.
     ///
     /// # Panics
-    /// As [`Places::of`].
-    pub fn of_pose(clip: &Clip, joints: &[usize]) -> Places {
+    /// As [`JointPositions::of`].
+    pub fn of_pose(clip: &Clip, joints: &[usize]) -> JointPositions {
         let all = clip.positions();
         let mut heading = 0.0;
-        let at = all.chunks(clip.joints()).flat_map(|frame| {
+        let positions = all.chunks(clip.joints()).flat_map(|frame| {
             heading = heading_of(frame).unwrap_or(heading);
             let back = Quat::from_rotation_y(-heading);
             joints.iter().map(move |&j| back * (frame[j] - frame[0]))
         });
-        Places { at: at.collect(), joints: joints.len(), fps: clip.fps() }
+        JointPositions { positions: positions.collect(), joints: joints.len(), fps: clip.fps() }
     }
 
     /// F.
     pub fn frames(&self) -> usize {
-        self.at.len() / self.joints.max(1)
+        self.positions.len() / self.joints.max(1)
     }
 
     /// Mean speed of the joints from every frame to the next, (F - 1), m/s.
     pub fn speeds(&self) -> Vec<f64> {
-        let frames: Vec<&[Vec3]> = self.at.chunks(self.joints.max(1)).collect();
+        let frames: Vec<&[Vec3]> = self.positions.chunks(self.joints.max(1)).collect();
         let step = |pair: &[&[Vec3]]| {
             let moved: f64 = pair[0].iter().zip(pair[1]).map(|(p, q)| (*q - *p).length()).sum();
             moved / self.joints as f64 * self.fps
@@ -99,10 +99,16 @@ mod tests {
     fn a_statue_that_glides_moves_in_the_world_and_not_in_its_pose() {
         let clip = gliding(10, 2.0, 0.0);
         let joints: Vec<usize> = (0..24).collect();
-        assert!(Places::of(&clip, &joints).speeds().iter().all(|s| (s - 2.0).abs() < 1e-12));
+        assert!(JointPositions::of(&clip, &joints).speeds().iter().all(|s| (s - 2.0).abs() < 1e-12));
         let turning = gliding(10, 2.0, 3.0);
-        assert!(Places::of_pose(&turning, &joints).speeds().iter().all(|s| *s < 1e-12));
-        assert_eq!(Places::of_pose(&turning, &joints).speeds().len(), 9);
-        assert_eq!((Places::of(&clip.slice(0..0), &joints).frames(), Places::of(&clip, &[3, 5]).at.len()), (0, 20));
+        assert!(JointPositions::of_pose(&turning, &joints).speeds().iter().all(|s| *s < 1e-12));
+        assert_eq!(JointPositions::of_pose(&turning, &joints).speeds().len(), 9);
+        assert_eq!(
+            (
+                JointPositions::of(&clip.slice(0..0), &joints).frames(),
+                JointPositions::of(&clip, &[3, 5]).positions.len()
+            ),
+            (0, 20)
+        );
     }
 }

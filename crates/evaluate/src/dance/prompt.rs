@@ -1,0 +1,76 @@
+//! What a dance made of its prompt: docs/measures.md, "The prompt".
+
+use super::coded::Dance;
+use super::coordination::{Coordination, coordination};
+use super::report::feet;
+use crate::Result;
+use kinelm_generate::prompt::{Prompt, given_places, read_back, share_changed};
+use kinelm_generate::request::Resolved;
+use kinelm_motion::metric::{Skate, jitter_of};
+use kinelm_motion::{Clip, joints};
+use kinelm_tokenizer::{Tokenizer, UncodedPose};
+use serde::Serialize;
+use std::path::Path;
+
+/// What a dance made of the joints that it was given.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PromptMetrics {
+    /// The joints, as they were asked for.
+    pub joints: String,
+    /// Share of the given characters that came out different; 0, unless the dance was written on another rig.
+    pub mismatch: f64,
+    /// Mean distance of the given joints' places from the prompt's, both pelvises moved to 0, cm: free joints above them
+    /// move them.
+    pub given_mpjpe_cm: f64,
+    /// Jitter of the free joints over that of the same joints of the prompt, coded and decoded.
+    pub free_jitter: Option<f64>,
+    /// Foot skate over the prompt's, where the feet are free.
+    pub free_skate: Option<f64>,
+    /// Whether the free joints answer.
+    pub coordination: Option<Coordination>,
+}
+
+impl PromptMetrics {
+    /// Holds a dance, which stands in `file`, to the prompt that its recipe names; `None` where no joints were followed.
+    ///
+    /// # Errors
+    /// A prompt that can't be read, joints that the tokenizer doesn't code.
+    pub fn measure(
+        dance: &Dance,
+        file: &Path,
+        recipe: &Resolved,
+        tokenizer: &Tokenizer,
+    ) -> Result<Option<PromptMetrics>> {
+        let Some(followed) = &recipe.prompt else { return Ok(None) };
+        let Some(list) = &followed.joints else { return Ok(None) };
+        let selection = joints::parse(list)?;
+        let places = given_places(tokenizer, &selection)?;
+        let prompt = Prompt::load(&followed.path, &followed.read, tokenizer)?;
+        let seen = tokenizer.decode(&prompt.words, UncodedPose::Identity)?;
+        let frames = dance.clip.frames().min(prompt.frames());
+        // on the prompt's rig the floor is the one of the way there, not what the dance's own feet say
+        let back = read_back(file, recipe, &prompt, tokenizer)?.map(|(_, words)| words);
+        let codes = back.as_ref().unwrap_or(&dance.words).codes();
+        let mismatch = share_changed(prompt.words.codes(), codes, &places, frames).unwrap_or(0.0);
+        let joints = tokenizer.channels().joints().iter().copied();
+        let (given, free): (Vec<usize>, Vec<usize>) = joints.partition(|j| selection.joints.contains(j));
+        let (seen, made) = (seen.slice(0..frames), dance.clip.slice(0..frames));
+        let (a, b) = (seen.positions(), made.positions());
+        let mut apart = Vec::new();
+        for (a, b) in a.chunks(24).zip(b.chunks(24)) {
+            apart.extend(given.iter().map(|&j| ((a[j] - a[0]) - (b[j] - b[0])).length()));
+        }
+        let quotient = |dance: Option<f64>, prompt: Option<f64>| Some(dance? / prompt.filter(|x| *x > 0.0)?);
+        let feet = feet(tokenizer.channels().joints())?;
+        let is_free = feet.joints.iter().all(|(foot, _)| free.contains(foot));
+        let skate = |clip: &Clip| Skate::of(&feet, clip).cm_s().filter(|_| is_free);
+        Ok(Some(PromptMetrics {
+            joints: list.clone(),
+            mismatch,
+            given_mpjpe_cm: 100.0 * apart.iter().sum::<f64>() / apart.len().max(1) as f64,
+            free_jitter: quotient(jitter_of(&made, &free), jitter_of(&seen, &free)),
+            free_skate: quotient(skate(&made), skate(&seen)),
+            coordination: coordination(&made, &given, &free),
+        }))
+    }
+}

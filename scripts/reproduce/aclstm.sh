@@ -27,7 +27,7 @@ row() {
     run=$out/$name
     if [ ! -e "$run.done" ]; then
         if [ -e "$run/config.toml" ]; then
-            "$kinelm" aclstm train --run "$run" --resume --steps "${STEPS:-6000}" $threads
+            "$kinelm" aclstm resume "$run" --steps "${STEPS:-6000}" $threads
         else
             "$kinelm" aclstm train "$data/cmu-dance" --labels "$labels" --only genre=salsa --config "${CONFIG:-256}" \
                 ${RATE:+--rate "$RATE"} --steps "${STEPS:-6000}" --seed "$seed" --run "$run" "$@" $threads
@@ -71,7 +71,7 @@ if [ "$gpt_steps" != 0 ]; then
         "$kinelm" tokenize $salsas --tokenizer "$gpt/tokenizer.json" --out "$gpt/corpus" --quiet
     if [ ! -e "$gpt/run.done" ]; then
         if [ -e "$gpt/run/config.toml" ]; then
-            "$kinelm" pretrain --run "$gpt/run" --resume $threads
+            "$kinelm" pretrain resume "$gpt/run" $threads
         else
             "$kinelm" pretrain --config two-level --corpus "$gpt/corpus" --run "$gpt/run" --steps "$gpt_steps" \
                 --precision "${PRECISION:-bf16}" $threads

@@ -66,7 +66,7 @@ training() {
     shift 3
     [ ! -e "$run.done" ] || return 0
     if [ -e "$run/config.toml" ]; then
-        "$kinelm" pretrain --run "$run" --resume --device "$device" --quiet
+        "$kinelm" pretrain resume "$run" --device "$device" --quiet
     else
         rm -rf "$run"
         "$kinelm" "$command" "$@" --run "$run" --seed "$seed" --steps "$steps" --device "$device" --quiet

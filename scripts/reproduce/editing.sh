@@ -20,7 +20,7 @@ train() { # RUN, then how it begins
     shift
     if [ -e "$run.done" ]; then return; fi
     if [ -e "$run/latest" ]; then
-        "$kinelm" "$1" --run "$run" --resume --threads "${THREADS:-2}"
+        "$kinelm" "$1" resume "$run" --threads "${THREADS:-2}"
     else
         "$kinelm" "$@" --corpus corpus --run "$run" $how
     fi
@@ -29,13 +29,13 @@ train() { # RUN, then how it begins
 [ -e tokenizer.json ] || "$kinelm" tokenizer fit "$data" --labels "$labels" --out tokenizer.json
 [ -e corpus/corpus.json ] || "$kinelm" tokenize "$data" --labels "$labels" --tokenizer tokenizer.json --out corpus
 train run pretrain --config two-level
-train run-goal finetune --from run --config goal
+train run-goal finetune --from run --config ahead
 
 read="--fps-source 60 --skip 10"
 make() { # NAME, what is asked for
     name=$1
     shift
-    [ -e "$name.bvh" ] || "$kinelm" generate --run run-goal "$@" --out "$name.bvh"
+    [ -e "$name.bvh" ] || "$kinelm" generate "$@" --run run-goal --out "$name.bvh"
 }
 clip=$data/salsa/03.bvh
 make middle --prompt "$clip" $read --free all@4s:6s
@@ -54,7 +54,7 @@ done
         printf '[[segment]]\nclip = "%s"\nfrom = %s\nto = %s\nat = %s\n' "$@"
     done
 } > three.toml
-make three --plan three.toml
+make three timeline three.toml
 
 picture() { # NAME, the clips, what is new and when
     name=$1 clips=$2

@@ -33,7 +33,7 @@ row() {
     run=$out/$name
     if [ ! -e "$run.done" ]; then
         if [ -e "$run/config.toml" ]; then
-            "$kinelm" music-lstm train --run "$run" --resume ${STEPS:+--steps "$STEPS"} $threads
+            "$kinelm" music-lstm resume "$run" ${STEPS:+--steps "$STEPS"} $threads
         else
             "$kinelm" music-lstm train "$data/cmu-dance" --labels "$out/labels.csv" --music "$out/music" \
                 --config "${CONFIG:-small}" ${STEPS:+--steps "$STEPS"} --seed "${SEED:-1}" --run "$run" "$@" $threads

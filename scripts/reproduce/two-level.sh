@@ -60,7 +60,7 @@ for seed in ${SEEDS:-1}; do
         esac
         if [ ! -e "$run.done" ]; then
             if [ -e "$run/config.toml" ]; then
-                "$kinelm" pretrain --run "$run" --resume $threads
+                "$kinelm" pretrain resume "$run" $threads
             else
                 "$kinelm" pretrain --config "$config" $corpora --run "$run" --steps "$steps" --seed "$seed" \
                     --precision "${PRECISION:-bf16}" $threads

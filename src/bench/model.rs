@@ -43,7 +43,7 @@ impl ModelArgs {
     /// The configuration with what the call changes in it.
     pub fn get(&self) -> Result<BenchModel> {
         let path = Path::new(&self.config);
-        let mut file = TrainFile::find(path).map_err(crate::shell::asked)?;
+        let mut file = TrainFile::find(path)?;
         match file.model.architecture {
             Architecture::Flat => file.model.context = self.context.unwrap_or(file.model.context),
             Architecture::TwoLevel => file.model.window = self.context.map(|t| t / WORD).or(file.model.window),

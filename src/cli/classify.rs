@@ -1,6 +1,6 @@
 //! `kinelm classify train`, `eval` and `predict`.
 
-use super::{ForceArgs, Odd, Say, TrustArgs, asked, print, read::ReadArgs};
+use super::{ForceArgs, Odd, Say, TrustArgs, print, read::ReadArgs};
 use crate::classify::baselines::compare;
 use crate::classify::predict::Told;
 use crate::classify::{Classifier, Only, TrainOptions, report, train};
@@ -165,14 +165,14 @@ fn trained(args: TrainArgs, say: Say) -> Result<()> {
             "step {step}/{steps}: motion {tokens:.3} nats a token, classes {classes:.3} nats{valid}"
         ));
     });
-    let done = done.map_err(asked)?;
+    let done = done?;
     for field in &done.fields.0 {
         let many: Vec<String> = field.classes.iter().zip(&field.clips).map(|(c, n)| format!("{c} {n}")).collect();
         say.line(format_args!("{}: training clips of {}", field.name, many.join(", ")));
     }
     if done.stopped {
         let what = format!("stopped after step {}; the same call with --resume goes on", done.step);
-        return Err(super::Stopped(what).into());
+        return Err(kinelm_store::Error::stopped(what).into());
     }
     let (clips, windows, best) = (done.clips, done.windows, done.best);
     say.line(format_args!(

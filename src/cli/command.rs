@@ -48,9 +48,9 @@ pub enum Command {
     LrFind(lr_find::Args),
     /// A new dance that follows chosen joints of a clip
     Generate(Box<generate::Args>),
-    /// Plans of dances made of several clips
+    /// Timelines of several clips, for generate timeline
     #[command(subcommand)]
-    Plan(plan::Command),
+    Timeline(timeline::Command),
     /// Name dancer, genre or any other label of a dance
     #[command(subcommand)]
     Classify(classify::Command),
@@ -93,7 +93,7 @@ pub fn command(command: Command, say: Say) -> Result<()> {
         Command::Inspect(args) => inspect::run(args, say),
         Command::Convert(args) => convert::run(args, say),
         Command::Mirror(args) => mirror::run(args, say),
-        Command::Plan(command) => plan::run(&command, say),
+        Command::Timeline(command) => timeline::run(&command, say),
         Command::View(args) => view::run(args, say),
         Command::Tokenizer(command) => tokenizer::run(command, say),
         Command::Tokenize(args) => tokenize::run(args, say),

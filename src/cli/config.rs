@@ -1,6 +1,6 @@
 //! `kinelm config`.
 
-use super::{asked, print};
+use super::print;
 use crate::presets;
 use anyhow::Result;
 
@@ -21,5 +21,5 @@ fn after_help() -> String {
 
 pub fn run(command: &Command) -> Result<()> {
     let Command::Show { name } = command;
-    print(presets::text_of(name).map_err(asked)?)
+    print(presets::text_of(name)?)
 }

@@ -3,9 +3,10 @@
 use super::many::{self, Pair};
 use super::{ForceArgs, Odd, Say, WrongCall, extension, read::ReadArgs};
 use anyhow::{Context, Result};
+use clap::ValueEnum;
 use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
 use kinelm_motion::format::positions::Positions;
-use kinelm_motion::format::{self, RestFrame};
+use kinelm_motion::format::{self, RestFrame, Unit};
 use kinelm_motion::moment::{Moment, Timebase};
 use kinelm_motion::{Motion, joints, smpl};
 use kinelm_store::counted;
@@ -19,8 +20,8 @@ pub struct Args {
     #[arg(required = true, value_names = ["IN", "OUT"])]
     paths: Vec<PathBuf>,
     /// What is written into a folder; if not given, each file's own format, .npz for a .pkl and .bvh for an .fbx
-    #[arg(long, value_enum, value_name = "bvh|npz|json|glb")]
-    format: Option<FormatArg>,
+    #[arg(long, value_parser = ["bvh", "npz", "json", "glb"])]
+    format: Option<String>,
     /// Frames per second wanted
     #[arg(long, value_parser = super::read::rate)]
     fps: Option<f64>,
@@ -38,8 +39,8 @@ pub struct Args {
     #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
     to: Option<Moment>,
     /// The unit of a BVH that is written; if not given, that of its own file, and centimetres for others
-    #[arg(long, value_enum, value_name = "m|cm|mm|in")]
-    write_unit: Option<WriteUnit>,
+    #[arg(long, value_name = "m|cm|mm|in", value_parser = metres)]
+    write_unit: Option<f64>,
     /// Write joint positions instead of AMASS: positions (F,N,3) in metres, joints, parents, fps; in the file's own order,
     /// with all its position channels, unless rate, rig, joints or a piece is asked for
     #[arg(long, conflicts_with = "write_unit")]
@@ -50,42 +51,10 @@ pub struct Args {
     read: ReadArgs,
 }
 
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum FormatArg {
-    Bvh,
-    Npz,
-    Json,
-    Glb,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum WriteUnit {
-    M,
-    Cm,
-    Mm,
-    In,
-}
-
-impl WriteUnit {
-    fn metres(self) -> f64 {
-        match self {
-            WriteUnit::M => 1.0,
-            WriteUnit::Cm => 0.01,
-            WriteUnit::Mm => 0.001,
-            WriteUnit::In => 0.0254,
-        }
-    }
-}
-
-impl FormatArg {
-    fn extension(self) -> &'static str {
-        match self {
-            FormatArg::Bvh => "bvh",
-            FormatArg::Npz => "npz",
-            FormatArg::Json => "json",
-            FormatArg::Glb => "glb",
-        }
-    }
+/// Metres of a unit.
+fn metres(text: &str) -> Result<f64, String> {
+    let unit = Unit::from_str(text, false).ok().filter(|unit| *unit != Unit::Cmu);
+    unit.and_then(Unit::metres).ok_or("expected m, cm, mm or in".into())
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
@@ -122,7 +91,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         } else {
             let motion = converted(&args, rig.as_ref(), (motion, map), output)?;
             let bytes = match args.write_unit {
-                Some(unit) => format::bvh::to_bytes_in(&motion, unit.metres())?,
+                Some(metres) => format::bvh::to_bytes_in(&motion, metres)?,
                 None => format::to_bytes(output, &motion)?,
             };
             outputs.write(output, &bytes)?;
@@ -172,7 +141,7 @@ fn wanted_rig(args: &Args) -> Result<Option<TargetRig>> {
 /// What is read, and where it goes.
 fn pairs(args: &Args) -> Result<Vec<Pair>> {
     let (out, given) = args.paths.split_last().context("no files")?;
-    let format = args.format.map(FormatArg::extension).or(args.positions.then_some("npz"));
+    let format = args.format.as_deref().or(args.positions.then_some("npz"));
     if !many::is_folder(given, out) {
         if let Some(format) = format.filter(|format| *format != extension(out)) {
             let out = out.display();

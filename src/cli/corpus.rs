@@ -68,7 +68,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
         }
         Command::Clean(args) => super::clean::run(&args, say),
         Command::Order { corpus, config, steps, seed, out, force, trust } => {
-            let file = TrainFile::find(&config).map_err(super::asked)?;
+            let file = TrainFile::find(&config)?;
             let corpora = if corpus.is_empty() { file.corpora()? } else { corpus };
             let outputs = force.outputs(corpora.iter().map(|part| part.path.clone()).chain([config]));
             let data = Data::open(&corpora, None, &file.train.conditions, trust.opening())?;

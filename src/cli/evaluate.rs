@@ -1,17 +1,17 @@
 //! `kinelm evaluate`.
 
 mod compare;
-pub mod dance;
+mod dance;
 mod gaps;
 mod likelihood;
 mod prediction;
 
-use super::{Say, TrustArgs, WrongCall, print};
+use super::{Say, TrustArgs, WrongCall, print, wrong_call};
 use crate::corpus::{Corpus, Split};
 use crate::evaluate::floors::codes::frames;
 use crate::evaluate::{ChannelFloors, CodeSplits, Extent, Floors};
 use anyhow::Result;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
@@ -121,6 +121,14 @@ impl Fitted {
         super::progress::stage("fitting and measuring static models");
         Ok(Ok(Floors::of_corpora(fitted, (corpus, split), extent)?))
     }
+}
+
+/// Opens the corpus that `--real` names.
+pub fn real_corpus(real: &Path, trust: TrustArgs) -> Result<Corpus> {
+    if !real.join("corpus.json").exists() {
+        wrong_call!("--real {}: no corpus.json; expected a corpus, as kinelm tokenize makes it", real.display());
+    }
+    Ok(trust.open(real)?)
 }
 
 pub fn run(command: Command, say: Say) -> Result<()> {

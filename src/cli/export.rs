@@ -13,26 +13,16 @@ pub struct Args {
     run: PathBuf,
     /// Our own names and any model; or what `transformers` loads as GPT2LMHeadModel, if GPT-2 can express the model
     #[arg(long, value_enum, default_value = "kinelm")]
-    format: FormatArg,
+    format: Format,
     /// The folder to write, which must not be there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }
 
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum FormatArg {
-    Kinelm,
-    Hf,
-}
-
 pub fn run(args: Args, say: Say) -> Result<()> {
     let run = load_run(&args.run, CheckpointChoice::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
-    let format = match args.format {
-        FormatArg::Kinelm => Format::Kinelm,
-        FormatArg::Hf => Format::Hf,
-    };
-    export(&run, format, &args.out)?;
+    export(&run, args.format, &args.out)?;
     say.line(format_args!("{}: the model after {} steps", args.out.display(), run.state.step));
     Ok(())
 }

@@ -36,63 +36,37 @@ pub struct SettingsArgs {
     #[arg(long, value_parser = super::read::positive)]
     fps: Option<f64>,
     /// The pelvis's rotation as it stands in the world, or its turn as steps and its tilt [default: heading_delta]
-    #[arg(long, value_enum, value_name = "KIND")]
-    root_rotation: Option<RootRotationArg>,
+    #[arg(long, value_parser = ["absolute", "heading_delta"])]
+    root_rotation: Option<String>,
     /// Byte-pair merges of characters that often stand side by side [default: 0]
     #[arg(long)]
     merges: Option<u32>,
     /// How numbers become characters [default: uniform]
-    #[arg(long, value_name = "uniform|quantile|dct|lapped", value_parser = ["uniform", "quantile", "dct", "lapped"])]
+    #[arg(long, value_parser = ["uniform", "quantile", "dct", "lapped"])]
     scheme: Option<String>,
     /// Bins a number [default: 360]
     #[arg(long)]
     bins: Option<u32>,
     /// Uniform: bins centred on 0, or with an edge at 0 [default: centred]
-    #[arg(long, value_enum)]
-    form: Option<FormArg>,
+    #[arg(long, value_parser = ["centred", "edge"])]
+    form: Option<String>,
     /// Uniform: the root's translation as steps in the decoded heading, or as places in metres [default: velocity]
-    #[arg(long, value_enum)]
-    translation: Option<TravelArg>,
+    #[arg(long, value_parser = ["velocity", "absolute"])]
+    translation: Option<String>,
     /// The root's height: above the clip's floor, as steps (not lapped), or in the world (uniform, lapped)
     /// [default: floor]
-    #[arg(long, value_enum)]
-    height: Option<HeightArg>,
+    #[arg(long, value_parser = ["floor", "velocity", "absolute"])]
+    height: Option<String>,
     /// Any other key of the scheme, as in its file: tile=60, keep=0.1, joint_transform.type=pca (may be given again)
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum FormArg {
-    Centred,
-    Edge,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum TravelArg {
-    Velocity,
-    Absolute,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum HeightArg {
-    Floor,
-    Velocity,
-    Absolute,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-#[value(rename_all = "snake_case")]
-enum RootRotationArg {
-    Absolute,
-    HeadingDelta,
 }
 
 impl SettingsArgs {
     /// The settings of the file with the flags on top; the flags alone make a wrong call, the file is named otherwise.
     pub fn config(&self) -> Result<TokenizerConfig> {
         let mut settings = match &self.config {
-            Some(path) => Settings::find(path).map_err(super::asked)?,
+            Some(path) => Settings::find(path)?,
             None => Settings::default(),
         };
         let own = settings.clone().config();
@@ -102,11 +76,11 @@ impl SettingsArgs {
         self.joints.iter().for_each(|list| settings.set("joints", list.as_str()));
         self.fps.iter().for_each(|&fps| settings.set("fps", fps));
         self.merges.iter().for_each(|&n| settings.set("merges", i64::from(n)));
-        self.root_rotation.iter().for_each(|kind| settings.set("root_rotation", name_of(kind)));
+        self.root_rotation.iter().for_each(|kind| settings.set("root_rotation", kind.as_str()));
         self.bins.iter().for_each(|&n| settings.set_in_scheme("bins", i64::from(n)));
-        self.form.iter().for_each(|form| settings.set_in_scheme("form", name_of(form)));
-        self.translation.iter().for_each(|t| settings.set_in_scheme("translation", name_of(t)));
-        self.height.iter().for_each(|t| settings.set_in_scheme("height", name_of(t)));
+        self.form.iter().for_each(|form| settings.set_in_scheme("form", form.as_str()));
+        self.translation.iter().for_each(|t| settings.set_in_scheme("translation", t.as_str()));
+        self.height.iter().for_each(|t| settings.set_in_scheme("height", t.as_str()));
         for pair in &self.set {
             settings.set_pair(pair).map_err(|e| WrongCall(format!("--set {pair}: {e}")))?;
         }
@@ -122,11 +96,6 @@ impl SettingsArgs {
         let over = |e| WrongCall(format!("{flags} over {}: {e}", path.display())).into();
         settings.of_no_file().config().map_err(over)
     }
-}
-
-/// The word of a flag's value, which is the word in the file too.
-fn name_of(value: &impl clap::ValueEnum) -> String {
-    value.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default()
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {

@@ -28,7 +28,7 @@ pub struct Args {
     page: Option<PathBuf>,
     /// Whose spectrum is B's: low cosine coefficients; components of both clips; magnitudes, which shake
     #[arg(long, value_enum, default_value = "dct")]
-    transform: KindArg,
+    transform: Spectrum,
     /// Coefficients or components that are moved; by themselves those up to 3.5 Hz (16 of 128 frames), or 16 components
     #[arg(long, value_name = "K", value_parser = super::read::count)]
     keep: Option<usize>,
@@ -89,14 +89,6 @@ struct HowArgs {
     steps: usize,
 }
 
-/// `--transform`.
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum KindArg {
-    Dct,
-    Pca,
-    Stft,
-}
-
 pub fn run(args: Args, say: Say) -> Result<()> {
     check(&args)?;
     let outputs = args.force.outputs([args.a.clone(), args.b.clone()].into_iter().chain(args.read.files()));
@@ -119,7 +111,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     let report = &done.report;
     say.line(format_args!("{}: {} frames at {} fps", args.out.display(), report.frames, report.fps));
-    if !report.is_smooth && matches!(args.transform, KindArg::Dct) && args.keep != Some(report.frames) {
+    if !report.is_smooth && matches!(args.transform, Spectrum::Dct) && args.keep != Some(report.frames) {
         let n = report.frames;
         say.line(format_args!("it shakes more than either dance: --keep {n} moves A's fast movements too"));
     }
@@ -140,12 +132,12 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 fn check(args: &Args) -> Result<()> {
     super::writable(&args.out)?;
     args.page.as_deref().map_or(Ok(()), super::page)?;
-    if args.keep.is_some() && matches!(args.transform, KindArg::Stft) {
+    if args.keep.is_some() && matches!(args.transform, Spectrum::Stft) {
         return Err(
             WrongCall("--keep: magnitudes are moved all together; leave it out, or take dct or pca".into()).into()
         );
     }
-    if args.how.amount.is_some() && matches!(args.transform, KindArg::Stft) {
+    if args.how.amount.is_some() && matches!(args.transform, Spectrum::Stft) {
         let what =
             "--amount: magnitudes have no closed form, their phase is free; give --strength, or another --transform";
         return Err(WrongCall(what.into()).into());
@@ -165,11 +157,7 @@ impl Args {
                 keep_heading,
                 map: self.read.map.clone(),
             },
-            spectrum: match self.transform {
-                KindArg::Dct => Spectrum::Dct,
-                KindArg::Pca => Spectrum::Pca,
-                KindArg::Stft => Spectrum::Stft,
-            },
+            spectrum: self.transform,
             keep: self.keep,
             method: match (amount, plain) {
                 (Some(amount), _) => Method::Closed { amount },

@@ -43,7 +43,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let outputs = args.force.outputs(corpora.chain([args.config.clone()]));
     super::picture(&args.out, &outputs)?;
     let options = LrFindOptions {
-        file: TrainFile::find(&args.config).map_err(super::asked)?,
+        file: TrainFile::find(&args.config)?,
         corpora: args.corpus,
         steps: args.steps,
         from: args.from,

@@ -25,27 +25,26 @@ mod many;
 mod mirror;
 mod music;
 mod music_lstm;
-mod plan;
 mod pretrain;
 mod query;
 mod read;
 mod runs;
 mod spectrum;
 mod study;
+mod timeline;
 mod tokenize;
 mod tokenizer;
 mod updates;
 mod view;
 mod view_files;
 
-use crate::shell::outcome::{is_broken_pipe, is_stopped, is_wrong_call, refused, told_plain};
+use crate::shell::outcome::{exit_code, is_broken_pipe, parse, refused};
 use crate::shell::say::all_read;
 use crate::shell::{
-    ComputeArgs, ForceArgs, Odd, ReadingArgs, Say, Stopped, TrustArgs, WrongCall, asked, chain, draw_charts, each_file,
-    extension, page, picture, print, progress, readable, tell, training, warn, writable, written_as,
+    ComputeArgs, ForceArgs, Odd, ReadingArgs, Say, TrustArgs, WrongCall, chain, draw_charts, each_file, extension,
+    page, picture, print, progress, readable, tell, training, warn, writable, written_as, wrong_call,
 };
 use anyhow::{Error, Result};
-use clap::Parser;
 use command::{Call, command};
 use kinelm_engine::arena::NoMemory;
 use std::ffi::OsString;
@@ -61,20 +60,16 @@ const STACK: usize = 8 << 20;
 /// It sets up the threads of the whole process: a process calls it once.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let args: Vec<OsString> = args.into_iter().collect();
-    let call = match Call::try_parse_from(&args) {
+    let call = match parse::<Call>(&args) {
         Ok(call) => call,
-        Err(e) => return refused(told_plain::<Call>(e, &args)),
+        Err(e) => return refused(e),
     };
     match work(call) {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) if is_broken_pipe(&e) => ExitCode::SUCCESS,
         Err(e) => {
             tell(chain(&e));
-            ExitCode::from(match () {
-                _ if is_wrong_call(&e) => 2,
-                _ if is_stopped(&e) => 130,
-                _ => 1,
-            })
+            ExitCode::from(exit_code(&e))
         }
     }
 }

@@ -71,7 +71,7 @@ pub struct RenderArgs {
     #[arg(long, default_value_t = 30.0, value_parser = length)]
     seconds: f64,
     /// Its style
-    #[arg(long, default_value = "pop", value_parser = style)]
+    #[arg(long, default_value = "pop", value_enum)]
     style: Style,
     /// Chooses key, chords and accents
     #[arg(long, default_value_t = 1)]
@@ -101,11 +101,6 @@ fn bpm_range(text: &str) -> std::result::Result<beat::TempoRange, String> {
 fn length(text: &str) -> std::result::Result<f64, String> {
     let found = super::read::seconds(text).ok().filter(|seconds| (1.0..=LONGEST_S).contains(seconds));
     found.ok_or_else(|| format!("found `{text}`, expected 1 to {LONGEST_S} seconds"))
-}
-
-fn style(text: &str) -> std::result::Result<Style, String> {
-    let names = || Style::ALL.map(|style| style.name());
-    Style::ALL.into_iter().find(|style| style.name() == text).ok_or_else(|| format!("expected {}", names().join(", ")))
 }
 
 /// When the first beat of a piece is, seconds.

@@ -1,40 +1,64 @@
 //! `kinelm pretrain`.
 
-use super::{ComputeArgs, Say, Stopped, TrustArgs};
-use crate::store::presets;
+use super::{ComputeArgs, Say, TrustArgs};
+use crate::store::{self, presets};
 use crate::train::config::TRAIN;
 use crate::train::{CorpusPart, Precision, PretrainOptions, Summary, TrainFile};
 use anyhow::Result;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Args {
-    #[arg(long, value_name = "NAME|FILE", required_unless_present = "resume", help = config_help())]
+    #[command(subcommand)]
+    resume: Option<Resume>,
+    #[arg(long, value_name = "NAME|FILE", required = true, help = config_help())]
     config: Option<PathBuf>,
-    /// The corpus folder; given several times, all of them, each of whose windows comes WEIGHT times a pass (1 if not given)
+    /// A corpus folder; may be repeated. The windows of each corpus come WEIGHT times an epoch [default weight: 1]
     #[arg(long, value_name = "CORPUS[=WEIGHT]")]
     corpus: Vec<CorpusPart>,
-    /// The run folder
+    /// The run folder to create
     #[arg(long, value_name = "RUN")]
     run: Option<PathBuf>,
-    /// Steps in all; the cosine of the rate ends there, so a run that is given more later is not one that had them from
-    /// the start
+    /// Total steps. The learning-rate schedule ends there, so resuming later with more steps isn't the same as having
+    /// given them at the start
     #[arg(long, value_name = "N")]
     steps: Option<u64>,
-    /// The seed of the first weights, the order of windows and dropout
+    /// Seed of the first weights, the order of windows and dropout
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Label fields that the model is conditioned on, over the file's: genre,dancer
-    #[arg(long, value_name = "FIELDS", value_delimiter = ',', conflicts_with = "resume")]
+    /// Label fields that the model is conditioned on, such as genre,dancer; overrides the file
+    #[arg(long, value_name = "FIELDS", value_delimiter = ',')]
     conditions: Option<Vec<String>>,
-    /// Begin with the weights of this run, or of a folder that was exported; the optimizer begins anew
-    #[arg(long, value_name = "RUN|DIR", conflicts_with = "resume")]
+    /// Start from the weights of this run or exported folder, with a new optimizer
+    #[arg(long, value_name = "RUN|DIR")]
     from: Option<PathBuf>,
-    /// Go on with the run from its last whole checkpoint
-    #[arg(long)]
-    resume: bool,
-    /// In which numbers products are computed: f32, bf16 (on the tiles of AMX, rounded alike elsewhere), or auto; over the
-    /// file's. A run that goes on keeps its own
+    /// Number format of matrix products: f32, bf16 (on AMX tiles where the CPU has them), or auto; overrides the file
+    #[arg(long, value_name = "f32|bf16|auto")]
+    precision: Option<Precision>,
+    #[command(flatten)]
+    compute: ComputeArgs,
+    #[command(flatten)]
+    trust: TrustArgs,
+}
+
+#[derive(Debug, clap::Subcommand)]
+pub enum Resume {
+    /// Resume a run from its last whole checkpoint
+    Resume(ResumeArgs),
+}
+
+#[derive(Debug, clap::Args)]
+pub struct ResumeArgs {
+    /// The run folder
+    run: PathBuf,
+    /// Where the run's corpora are now, if they were moved, with the weights they had
+    #[arg(long, value_name = "CORPUS[=WEIGHT]")]
+    corpus: Vec<CorpusPart>,
+    /// Total steps, instead of the run's
+    #[arg(long, value_name = "N")]
+    steps: Option<u64>,
+    /// Number format of matrix products, instead of the run's
     #[arg(long, value_name = "f32|bf16|auto")]
     precision: Option<Precision>,
     #[command(flatten)]
@@ -45,31 +69,52 @@ pub struct Args {
 
 fn config_help() -> String {
     let names = presets::listed(TRAIN);
-    format!("The training settings: {names}, or a TOML; paths inside it are relative to it")
+    format!("Training settings: {names}, or a TOML file, whose paths are relative to it")
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
+    if let Some(Resume::Resume(args)) = args.resume {
+        return resume(args, "pretrain", say);
+    }
     let options = PretrainOptions {
-        file: args.config.as_deref().map(TrainFile::find).transpose().map_err(super::asked)?,
+        file: args.config.as_deref().map(TrainFile::find).transpose()?,
         corpora: args.corpus,
         run: args.run,
         steps: args.steps,
         seed: args.seed,
         conditions: args.conditions,
         from: args.from,
-        resume: args.resume,
+        resume: false,
         precision: args.precision,
         compute: args.compute.get(),
         opening: args.trust.opening(),
     };
-    told(&super::training::watched(&options, say)?, "pretrain", say)
+    report(&super::training::watched(&options, say)?, "pretrain", say)
 }
 
-/// Says how a run ended.
-pub fn told(summary: &Summary, command: &str, say: Say) -> Result<()> {
+/// Resumes a run that `command` started.
+pub fn resume(args: ResumeArgs, command: &str, say: Say) -> Result<()> {
+    let options = PretrainOptions {
+        corpora: args.corpus,
+        run: Some(args.run),
+        steps: args.steps,
+        resume: true,
+        precision: args.precision,
+        compute: args.compute.get(),
+        opening: args.trust.opening(),
+        ..PretrainOptions::default()
+    };
+    report(&super::training::watched(&options, say)?, command, say)
+}
+
+/// Reports how a run of `command` ended.
+///
+/// # Errors
+/// The user stopped it.
+pub fn report(summary: &Summary, command: &str, say: Say) -> Result<()> {
     let (run, checkpoint) = (summary.run.display(), summary.checkpoint.display());
-    let (steps, tokens, seconds) = (summary.step, summary.tokens, summary.seconds);
-    say.line(format_args!("{checkpoint}: {steps} steps and {tokens} tokens in all, {seconds:.0} s now"));
+    let (step, tokens, seconds) = (summary.step, summary.tokens, summary.seconds);
+    say.line(format_args!("{checkpoint}: {step} steps and {tokens} tokens in all, {seconds:.0} s now"));
     if let Some(valid) = &summary.valid {
         let (bits, n, of) = (valid.bits_per_frame, valid.windows, valid.all_windows);
         let pseudo = if valid.pseudo { "pseudo " } else { "" };
@@ -77,13 +122,11 @@ pub fn told(summary: &Summary, command: &str, say: Say) -> Result<()> {
     }
     if summary.early {
         let best = summary.best.map_or(0, |b| b.step);
-        say.line(format_args!("ended early, after step {}: no measurement since step {best} was better", summary.step));
+        say.line(format_args!("ended early, after step {step}: no measurement since step {best} was better"));
     }
     if summary.stopped {
-        let step = summary.step;
-        return Err(
-            Stopped(format!("stopped after step {step}; go on with: kinelm {command} --run {run} --resume")).into()
-        );
+        let what = format!("stopped after step {step}; to go on: kinelm {command} resume {run}");
+        return Err(store::Error::stopped(what).into());
     }
     Ok(())
 }

@@ -5,11 +5,10 @@ mod evaluate;
 mod find;
 
 use super::{Say, WrongCall};
-use crate::spectral::query::{Distance, Exclude, FeatureKind};
+use crate::spectral::query::FeatureKind;
 use crate::spectral::{LowDct, PcaBasis};
 use anyhow::Result;
 use kinelm_motion::joints;
-use kinelm_store::suggest::did_you_mean;
 use std::path::Path;
 
 #[derive(Debug, clap::Subcommand)]
@@ -66,18 +65,4 @@ impl TransformArg {
 fn joints_of(list: &str) -> Result<Vec<usize>> {
     let found = joints::parse(list).map_err(|e| WrongCall(format!("--joints {list}: {e}")))?.joints;
     Ok(if found.len() == 24 { Vec::new() } else { found })
-}
-
-fn distance(text: &str) -> Result<Distance, String> {
-    let all = [Distance::Cosine, Distance::Euclid];
-    let meant = did_you_mean(text, all.iter().map(|d| d.name()));
-    all.into_iter().find(|d| d.name() == text).ok_or(format!("expected cosine or euclid{meant}"))
-}
-
-fn exclude(text: &str) -> Result<Exclude, String> {
-    let names: Vec<&str> = Exclude::ALL.iter().map(|e| e.name()).collect();
-    Exclude::ALL.into_iter().find(|e| e.name() == text).ok_or_else(|| {
-        let meant = did_you_mean(text, names.iter().copied());
-        format!("expected one of {}{meant}", names.join(", "))
-    })
 }

@@ -21,17 +21,17 @@ pub struct ReadArgs {
     pub fps_source: Option<f64>,
     /// Unit of a BVH, which has none of its own; auto, as if not given, judges by the length of the leg
     #[arg(long, value_enum)]
-    pub unit: Option<UnitArg>,
+    pub unit: Option<Unit>,
     /// The axis that points up in a BVH or JSON; auto, as if not given, judges a BVH by its rest pose and its motion, a JSON has
     /// y up
     #[arg(long, value_enum, allow_hyphen_values = true, value_name = "AXIS")]
-    pub up: Option<UpArg>,
+    pub up: Option<Up>,
     /// Skeleton TOML for a rig whose joint names no shipped one knows: a shipped name or a file
     #[arg(long, value_name = "NAME|FILE")]
     pub map: Option<String>,
     /// Whether a joint's position channels replace its OFFSET, as if not given, or are added to it
     #[arg(long, value_enum)]
-    pub bvh_position: Option<PositionArg>,
+    pub bvh_position: Option<BvhPosition>,
     /// The ROOT to read, where a file has several
     #[arg(long, value_name = "NAME")]
     pub root: Option<String>,
@@ -86,10 +86,10 @@ impl ReadArgs {
     fn over(&self, read: &ReadOptions) -> ReadOptions {
         ReadOptions {
             fps_source: self.fps_source.or(read.fps_source),
-            unit: self.unit.map_or(read.unit, Into::into),
-            up: self.up.map_or(read.up, Into::into),
+            unit: self.unit.unwrap_or(read.unit),
+            up: self.up.unwrap_or(read.up),
             map: self.map.clone().or(read.map.clone()),
-            bvh_position: self.bvh_position.map_or(read.bvh_position, Into::into),
+            bvh_position: self.bvh_position.unwrap_or(read.bvh_position),
             root: self.root.clone().or(read.root.clone()),
             lenient: self.lenient || read.lenient,
             rest: match (self.keep_rest, self.drop_rest) {
@@ -262,88 +262,4 @@ pub fn frames_at(fps: f64, range: RangeInclusive<u32>) -> impl Fn(&str) -> Resul
 /// A part of a whole.
 pub fn share(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|s| (0.0..=1.0).contains(s)).ok_or("expected a number from 0 to 1".into())
-}
-
-/// `--unit`.
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-pub enum UnitArg {
-    /// Judged by the leg
-    Auto,
-    /// Metres
-    M,
-    /// Centimetres
-    Cm,
-    /// Millimetres
-    Mm,
-    /// Inches
-    In,
-    /// CMU's 0.0564444 m
-    Cmu,
-}
-
-impl From<UnitArg> for Unit {
-    fn from(unit: UnitArg) -> Unit {
-        match unit {
-            UnitArg::Auto => Unit::Auto,
-            UnitArg::M => Unit::Metre,
-            UnitArg::Cm => Unit::Centimetre,
-            UnitArg::Mm => Unit::Millimetre,
-            UnitArg::In => Unit::Inch,
-            UnitArg::Cmu => Unit::Cmu,
-        }
-    }
-}
-
-/// `--up`.
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-pub enum UpArg {
-    /// Judged by how the body stands
-    Auto,
-    /// x
-    X,
-    /// x, pointing down
-    #[value(name = "-x")]
-    NegX,
-    /// y
-    Y,
-    /// y, pointing down
-    #[value(name = "-y")]
-    NegY,
-    /// z, as in Blender
-    Z,
-    /// z, pointing down
-    #[value(name = "-z")]
-    NegZ,
-}
-
-impl From<UpArg> for Up {
-    fn from(up: UpArg) -> Up {
-        match up {
-            UpArg::Auto => Up::Auto,
-            UpArg::X => Up::X,
-            UpArg::NegX => Up::NegX,
-            UpArg::Y => Up::Y,
-            UpArg::NegY => Up::NegY,
-            UpArg::Z => Up::Z,
-            UpArg::NegZ => Up::NegZ,
-        }
-    }
-}
-
-/// `--bvh-position`.
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-pub enum PositionArg {
-    /// A channel takes the place of its component of the OFFSET
-    Replace,
-    /// A channel is added to its component of the OFFSET
-    Add,
-}
-
-impl From<PositionArg> for BvhPosition {
-    fn from(position: PositionArg) -> BvhPosition {
-        match position {
-            PositionArg::Replace => BvhPosition::Replace,
-            PositionArg::Add => BvhPosition::Add,
-        }
-    }
 }

@@ -28,52 +28,13 @@ pub enum Command {
         out: PathBuf,
         /// What is drawn
         #[arg(long, value_enum, default_value = "loss")]
-        metric: MetricArg,
+        metric: Metric,
         /// What it is drawn over; time is that of the training steps
         #[arg(long, value_enum, default_value = "step")]
-        over: OverArg,
+        over: Over,
         #[command(flatten)]
         force: ForceArgs,
     },
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-#[value(rename_all = "snake_case")]
-pub enum MetricArg {
-    Loss,
-    BitsPerFrame,
-    Rate,
-    GradientNorm,
-    TokensPerSecond,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-pub enum OverArg {
-    Step,
-    Tokens,
-    Time,
-}
-
-impl From<MetricArg> for Metric {
-    fn from(metric: MetricArg) -> Metric {
-        match metric {
-            MetricArg::Loss => Metric::Loss,
-            MetricArg::BitsPerFrame => Metric::BitsPerFrame,
-            MetricArg::Rate => Metric::Rate,
-            MetricArg::GradientNorm => Metric::GradientNorm,
-            MetricArg::TokensPerSecond => Metric::TokensPerSecond,
-        }
-    }
-}
-
-impl From<OverArg> for Over {
-    fn from(over: OverArg) -> Over {
-        match over {
-            OverArg::Step => Over::Step,
-            OverArg::Tokens => Over::Tokens,
-            OverArg::Time => Over::Time,
-        }
-    }
 }
 
 pub fn run(command: Command, say: Say) -> Result<()> {
@@ -98,7 +59,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
                 }
                 logs.push((name, log));
             }
-            let chart = chart(&logs, metric.into(), over.into());
+            let chart = chart(&logs, metric, over);
             if chart.is_empty() {
                 anyhow::bail!("none of the runs has a figure to draw yet");
             }

@@ -1,22 +1,93 @@
-//! What commands that train small networks beside the GPT have in common.
+//! What the commands of the baselines have in common: training that can be resumed, dances that can be made again.
 
-use super::{Say, Stopped, WrongCall, asked, progress};
+use super::{ForceArgs, Say, generate, progress, training, wrong_call};
 use crate::baselines::aclstm::data::Sources;
+use crate::baselines::sidecar::{Recipe, Told};
 use crate::classify::Only;
+use crate::model::CheckpointChoice;
+use crate::store::output::is_same;
+use crate::store::{self, sidecar};
 use crate::train::updates::{Event, Summary};
 use anyhow::Result;
 use kinelm_motion::format::ReadOptions;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-/// Says how a training goes and how it ended; `command` goes on with it.
+#[derive(Debug, clap::Args)]
+pub struct ResumeArgs {
+    /// The run folder
+    pub run: PathBuf,
+    /// Total updates, instead of the run's
+    #[arg(long, value_name = "N")]
+    pub steps: Option<u64>,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct AgainArgs {
+    /// The sidecar of the dance
+    #[arg(value_name = "FILE.bvh.kinelm.json")]
+    sidecar: PathBuf,
+    /// Where the dance goes, in the format that it had [default: beside the sidecar, under its name]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Where the run is now, if it was moved
+    #[arg(long, value_name = "RUN")]
+    pub run: Option<PathBuf>,
+    #[command(flatten)]
+    force: ForceArgs,
+}
+
+/// The dance of a baseline.
+pub trait BaselineDance: Recipe {
+    /// The files and folders that it is made from.
+    fn inputs(&self) -> Vec<PathBuf>;
+    /// Its sidecar and its bytes as a file named `out`.
+    fn make(&self, which: CheckpointChoice, out: &Path, say: Say) -> Result<(Told<Self>, Vec<u8>)>;
+}
+
+/// Generates a dance into `out`.
+pub fn make(recipe: &impl BaselineDance, out: &Path, force: ForceArgs, say: Say) -> Result<()> {
+    let inputs = recipe.inputs();
+    if let Some(path) = inputs.iter().find(|path| path.to_str().is_none()) {
+        wrong_call!("{}: expected a path in UTF-8, which a sidecar can hold", path.display());
+    }
+    let outputs = force.outputs(inputs);
+    outputs.check([out])?;
+    outputs.check_replaceable(out, None)?;
+    outputs.check_replaceable(&sidecar::path_of(out), None)?;
+    let (sidecar, bytes) = recipe.make(CheckpointChoice::Auto, out, say)?;
+    Ok(sidecar.write(out, &bytes, &outputs)?)
+}
+
+/// Generates a dance again, from inputs that were `moved`, and compares its hash with the first.
+pub fn again<R: BaselineDance>(args: &AgainArgs, moved: impl FnOnce(&mut R), say: Say) -> Result<()> {
+    let first = Told::<R>::load(&args.sidecar)?;
+    let out = generate::again::out(args.out.as_ref(), &args.sidecar, &first.output.file)?;
+    let mut recipe = first.recipe.clone();
+    moved(&mut recipe);
+    let outputs = args.force.outputs(recipe.inputs().into_iter().chain([args.sidecar.clone()]));
+    outputs.check([&*out])?;
+    outputs.check_replaceable(&out, Some(&first.output.sha256))?;
+    let (sidecar, bytes) = recipe.make(CheckpointChoice::Step(first.step), &out, say)?;
+    first.check(&sidecar)?;
+    match is_same(&sidecar::path_of(&out), &args.sidecar) {
+        true => outputs.write(&out, &bytes).map(|_| ())?, // its sidecar is there already
+        false => sidecar.write(&out, &bytes, &outputs)?,
+    }
+    Ok(())
+}
+
+/// Trains with a progress bar and reports how it ended; `command resume RUN` continues it.
+///
+/// # Errors
+/// The training's, or that the user stopped it.
 pub fn follow(
     command: &str,
     run: &Path,
     say: Say,
     train: impl FnOnce(&AtomicBool, &mut dyn FnMut(Event)) -> crate::Result<Summary>,
 ) -> Result<()> {
-    let stop = crate::shell::training::stop_on_ctrl_c()?;
+    let stop = training::stop_on_ctrl_c()?;
     let mut bar: Option<_> = None;
     let done = train(&stop, &mut |event| match event {
         Event::Note(text) => say.line(text),
@@ -30,34 +101,40 @@ pub fn follow(
         }
     });
     drop(bar);
-    let done = done.map_err(asked)?;
+    let done = done?;
     let (step, seconds) = (done.step, done.seconds);
     say.line(format_args!("{}: {step} updates in all, {seconds:.0} s now", done.checkpoint.display()));
     if let Some(loss) = done.loss {
         say.line(format_args!("mean loss of the last 100: {loss:.4}"));
     }
     if done.stopped {
-        let run = run.display();
-        let what = format!("stopped after update {step}; go on with: {command} --run {run} --resume");
-        return Err(Stopped(what).into());
+        let what = format!("stopped after update {step}; to go on: {command} resume {}", run.display());
+        return Err(store::Error::stopped(what).into());
     }
     Ok(())
 }
 
-/// A path as a run keeps it: it may be gone on with from another folder.
-pub fn kept(path: &Path) -> Result<PathBuf> {
+/// An absolute path, as a run stores it: the run may be resumed from another folder.
+pub fn stored(path: &Path) -> Result<PathBuf> {
     match std::path::absolute(path) {
         Ok(path) if path.to_str().is_some() => Ok(path),
-        _ => Err(WrongCall(format!("{}: expected a path in UTF-8, which a run can keep", path.display())).into()),
+        _ => wrong_call!("{}: expected a path in UTF-8, which a run can store", path.display()),
     }
 }
 
-/// Where a run's motion is, as it keeps it.
+/// A run's motion and labels, as the run stores them.
 pub fn sources(data: &[PathBuf], labels: &[String], only: &[Only], read: ReadOptions) -> Result<Sources> {
     let label = |text: &String| match Path::new(text).is_file() {
-        true => Ok(kept(Path::new(text))?.to_string_lossy().into_owned()),
+        true => Ok(stored(Path::new(text))?.to_string_lossy().into_owned()),
         false => Ok::<_, anyhow::Error>(text.clone()),
     };
-    let data = data.iter().map(|path| kept(path)).collect::<Result<_>>()?;
+    let data = data.iter().map(|path| stored(path)).collect::<Result<_>>()?;
     Ok(Sources { data, labels: labels.iter().map(label).collect::<Result<_>>()?, only: only.to_vec(), read })
+}
+
+/// Replaces a setting by the value of a flag, where the flag is given.
+pub fn set<T, U: Into<T>>(setting: &mut T, flag: Option<U>) {
+    if let Some(value) = flag {
+        *setting = value.into();
+    }
 }

@@ -1,12 +1,12 @@
 //! The files of `view`, and how each is read: options of its own (`FILE:fps=60,skip=10`), what stands beside a dance, and what
 //! the call says of all.
 
-use super::read::{PositionArg, ReadArgs, UnitArg, UpArg, positive};
+use super::read::{ReadArgs, positive};
 use super::{Say, WrongCall};
 use crate::generate::provenance::{self, Provenance};
 use anyhow::Result;
 use clap::ValueEnum;
-use kinelm_motion::format::{ReadOptions, RestFrame};
+use kinelm_motion::format::{BvhPosition, ReadOptions, RestFrame, Unit, Up};
 use kinelm_store::hash;
 use std::path::{Path, PathBuf};
 
@@ -135,10 +135,8 @@ fn set(options: &mut ReadOptions, key: &str, value: &str) -> Result<()> {
     match key {
         "fps" => options.fps_source = Some(positive(value).map_err(|_| wrong("a positive number"))?),
         "skip" => options.skip = value.parse().map_err(|_| wrong("a number of frames"))?,
-        "unit" => {
-            options.unit = UnitArg::from_str(value, false).map_err(|_| wrong("auto, m, cm, mm, in or cmu"))?.into()
-        }
-        "up" => options.up = UpArg::from_str(value, false).map_err(|_| wrong("auto, x, -x, y, -y, z or -z"))?.into(),
+        "unit" => options.unit = Unit::from_str(value, false).map_err(|_| wrong("auto, m, cm, mm, in or cmu"))?,
+        "up" => options.up = Up::from_str(value, false).map_err(|_| wrong("auto, x, -x, y, -y, z or -z"))?,
         "map" => options.map = Some(value.into()),
         "root" => options.root = Some(value.into()),
         "rest" => {
@@ -149,7 +147,7 @@ fn set(options: &mut ReadOptions, key: &str, value: &str) -> Result<()> {
             }
         }
         "position" => {
-            options.bvh_position = PositionArg::from_str(value, false).map_err(|_| wrong("replace or add"))?.into();
+            options.bvh_position = BvhPosition::from_str(value, false).map_err(|_| wrong("replace or add"))?;
         }
         _ => return Err(wrong("one of fps, skip, up, unit, map, root, rest and position").into()),
     }

@@ -55,37 +55,17 @@ pub struct ReadingArgs {
     /// How the weights are held: as they are, or as bytes with a scale a column, which is faster where memory
     /// limits and has cost less than 0.01 % of the bits a frame
     #[arg(long, value_enum, default_value = "f32")]
-    weights: WeightsArg,
+    weights: WeightKind,
     /// How keys and values of what was read are held: as they are, or as half floats,
     /// which has cost less than 0.01 % of the bits a frame
     #[arg(long, value_enum, default_value = "f32")]
-    kv: KvArg,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum WeightsArg {
-    F32,
-    Int8,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum KvArg {
-    F32,
-    F16,
+    kv: KvKind,
 }
 
 impl ReadingArgs {
     /// As the library has it, for so many sequences.
     pub fn get(self, streams: usize) -> ReaderOptions {
-        let weights = match self.weights {
-            WeightsArg::F32 => WeightKind::F32,
-            WeightsArg::Int8 => WeightKind::Int8,
-        };
-        let kv = match self.kv {
-            KvArg::F32 => KvKind::F32,
-            KvArg::F16 => KvKind::F16,
-        };
-        ReaderOptions { streams, weights, kv }
+        ReaderOptions { streams, weights: self.weights, kv: self.kv }
     }
 }
 

@@ -10,5 +10,6 @@ pub mod training;
 
 pub use args::{ComputeArgs, ForceArgs, ReadingArgs, TrustArgs};
 pub use files::{draw_charts, each_file, extension, page, picture, readable, writable, written_as};
-pub use outcome::{Stopped, WrongCall, asked, chain};
+pub(crate) use outcome::wrong_call;
+pub use outcome::{WrongCall, chain};
 pub use say::{Odd, Say, print, tell, warn};

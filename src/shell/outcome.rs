@@ -1,41 +1,88 @@
-//! What became of a call: whether it was wrong, was stopped or failed, and the exit code that follows.
+//! How a call ends: its exit code, and its error as a line of text.
 
 use super::say::{plain, tell};
 use anyhow::Error;
-use clap::Parser;
+use clap::{ArgMatches, Command, CommandFactory, FromArgMatches};
+use kinelm_store::Kind;
 use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::error::Error as StdError;
 use std::ffi::OsString;
 use std::process::ExitCode;
+use std::sync::OnceLock;
 
-/// The call was wrong in a way that the parser can't see: exit code 2.
+/// A call that is wrong in a way that the parser can't see.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct WrongCall(pub String);
 
-/// What the library refuses in the words of a call is a wrong call.
-pub fn asked(e: impl Into<crate::Error>) -> Error {
-    match e.into() {
-        crate::Error::Store(kinelm_store::Error::Call(what)) => WrongCall(what).into(),
-        crate::Error::Motion(e) if e.kind() == kinelm_store::Kind::Call => WrongCall(e.to_string()).into(),
-        crate::Error::Store(kinelm_store::Error::Option { option, what }) => {
-            WrongCall(format!("--{option}: {what}")).into()
-        }
-        e => e.into(),
+/// Returns with a [`WrongCall`], whose message is formatted as by `format!`.
+macro_rules! wrong_call {
+    ($($message:tt)*) => {
+        return Err($crate::shell::WrongCall(format!($($message)*)).into())
+    };
+}
+pub(crate) use wrong_call;
+
+/// Long flags of the running command by the names that the library and the parser have for them: `top_p`, `labels`.
+type Flags = BTreeMap<String, String>;
+
+/// The process has one command.
+static FLAGS: OnceLock<Flags> = OnceLock::new();
+
+/// Parses a call and remembers its command's flags for [`chain`].
+///
+/// # Errors
+/// The parser's, without control characters out of the call's own words.
+pub fn parse<Call: CommandFactory + FromArgMatches>(args: &[OsString]) -> Result<Call, clap::Error> {
+    let parsed = |args: &[OsString]| {
+        let mut command = Call::command();
+        let matches = command.try_get_matches_from_mut(args)?;
+        let call = Call::from_arg_matches(&matches).map_err(|e| e.format(&mut command))?;
+        let _ = FLAGS.set(flags(&command, &matches));
+        Ok(call)
+    };
+    // the parser's colours are control characters too, so the words are escaped before they are parsed
+    let is_odd = |word: &OsString| matches!(plain(&word.to_string_lossy()), Cow::Owned(_));
+    parsed(args).map_err(|e| {
+        let words: Vec<OsString> = args.iter().map(|word| plain(&word.to_string_lossy()).into_owned().into()).collect();
+        if args.iter().any(is_odd) { parsed(&words).err().unwrap_or(e) } else { e }
+    })
+}
+
+/// The flags of the subcommand that was called.
+fn flags(mut command: &Command, mut matches: &ArgMatches) -> Flags {
+    while let Some((name, below)) = matches.subcommand()
+        && let Some(found) = command.find_subcommand(name)
+    {
+        (command, matches) = (found, below);
     }
+    let names = |arg: &clap::Arg| {
+        let long = arg.get_long()?.to_owned();
+        Some([(long.replace('-', "_"), long.clone()), (arg.get_id().to_string(), long)])
+    };
+    command.get_arguments().filter_map(names).flatten().collect()
 }
 
-/// The user stopped the work with Ctrl-C; what is done is saved: exit code 130, as a shell has it. Work that can't be saved
-/// half done ends in [`kinelm_store::Error::Stopped`].
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub struct Stopped(pub String);
-
-/// Whether the user broke the work off.
-pub fn is_stopped(e: &anyhow::Error) -> bool {
-    e.is::<Stopped>() || matches!(of_store(e.as_ref()), Some(kinelm_store::Error::Stopped(_)))
+/// A message in which a parameter's name in backquotes is its flag, where there is one: `` `top_p` `` becomes `--top-p`. A
+/// value that was found stays as it is.
+fn with_flags(text: &str, flags: &Flags) -> String {
+    let parts: Vec<&str> = text.split('`').collect();
+    let mut out = String::new();
+    for (i, part) in parts.iter().enumerate() {
+        let is_quoted = i % 2 == 1 && i + 1 < parts.len();
+        match flags.get(&part.replace('-', "_")).filter(|_| is_quoted && !parts[i - 1].ends_with("found ")) {
+            Some(flag) => out += &format!("--{flag}"),
+            None if is_quoted => out += &format!("`{part}`"),
+            None if i % 2 == 1 => out += &format!("`{part}"),
+            None => out += part,
+        }
+    }
+    out
 }
 
-/// Says what the parser says, help among it: done where help was asked for and could be written, else a wrong call.
+/// Prints what the parser has to say, help included. Returns the exit code: 0 after help that was requested and printed, 2
+/// for a wrong call.
 pub fn refused(e: clap::Error) -> ExitCode {
     match e.print() {
         _ if e.use_stderr() => ExitCode::from(2),
@@ -47,37 +94,23 @@ pub fn refused(e: clap::Error) -> ExitCode {
     }
 }
 
-/// The error of a call that the parser refused, which shows words of the call: of the same call with its control
-/// characters written out, as the error's own colours are control characters too.
-pub fn told_plain<Call: Parser>(e: clap::Error, args: &[OsString]) -> clap::Error {
-    let words = args.iter().map(|word| plain(&word.to_string_lossy()).into_owned());
-    let is_odd = |word: &OsString| matches!(plain(&word.to_string_lossy()), Cow::Owned(_));
-    match args.iter().any(is_odd) {
-        true => Call::try_parse_from(words).err().unwrap_or(e),
-        false => e,
+/// The exit code of an error: 2 for a wrong call, 130 for stopped work, as a shell has it after Ctrl-C, else 1.
+pub fn exit_code(e: &Error) -> u8 {
+    match e.chain().find_map(kind) {
+        Some(Kind::Call) => 2,
+        Some(Kind::Stopped) => 130,
+        _ => 1,
     }
 }
 
-/// Whether the call was wrong, not the work: what it asks for, or where it would write.
-pub fn is_wrong_call(e: &Error) -> bool {
-    let is_call = |e: &kinelm_motion::Error| e.kind() == kinelm_store::Kind::Call;
-    let is_motion = |e: &(dyn std::error::Error + 'static)| match (e.downcast_ref(), e.downcast_ref()) {
-        (Some(crate::Error::Motion(e)), _) | (_, Some(crate::corpus::Error::Motion(e))) => is_call(e),
-        _ => e.downcast_ref().is_some_and(is_call),
-    };
-    let is_taken = |e| matches!(of_store(e), Some(kinelm_store::Error::Taken { .. }));
-    e.is::<WrongCall>() || e.chain().any(|e| is_motion(e) || is_taken(e))
-}
-
-/// The error of the files that an error of the library is.
-fn of_store<'a>(e: &'a (dyn std::error::Error + 'static)) -> Option<&'a kinelm_store::Error> {
-    match e.downcast_ref::<crate::Error>() {
-        Some(crate::Error::Store(e)) => Some(e),
-        _ => match e.downcast_ref() {
-            Some(crate::corpus::Error::Store(e)) => Some(e),
-            _ => e.downcast_ref(),
-        },
-    }
+/// The kind of an error, if it is one of ours.
+fn kind(e: &(dyn StdError + 'static)) -> Option<Kind> {
+    let wrong = e.downcast_ref::<WrongCall>().map(|_| Kind::Call);
+    wrong
+        .or_else(|| e.downcast_ref().map(crate::Error::kind))
+        .or_else(|| e.downcast_ref().map(crate::corpus::Error::kind))
+        .or_else(|| e.downcast_ref().map(kinelm_motion::Error::kind))
+        .or_else(|| e.downcast_ref().map(kinelm_store::Error::kind))
 }
 
 /// Whether the reader of stdout closed it.
@@ -85,7 +118,7 @@ pub fn is_broken_pipe(e: &Error) -> bool {
     e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
-/// An error with its causes in one line, each said once.
+/// An error with its causes in one line, each once, and parameters by their flags.
 pub fn chain(e: &Error) -> String {
     let mut text = String::new();
     for cause in e.chain().map(|c| c.to_string()) {
@@ -95,5 +128,53 @@ pub fn chain(e: &Error) -> String {
             text = format!("{text}: {cause}");
         }
     }
-    text
+    with_flags(&text, FLAGS.get().unwrap_or(&Flags::new()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(clap::Parser)]
+    struct Call {
+        #[command(subcommand)]
+        command: Sub,
+    }
+
+    #[derive(clap::Subcommand)]
+    enum Sub {
+        Sample {
+            #[arg(long)]
+            top_p: Option<f64>,
+            #[arg(long = "label")]
+            labels: Vec<String>,
+        },
+        Other,
+    }
+
+    #[test]
+    fn a_parameter_is_named_by_its_flag() {
+        let of = |line: &str| {
+            let command = Call::command();
+            flags(&command, &command.clone().get_matches_from(line.split(' ')))
+        };
+        let flags = of("kinelm sample");
+        let said = |text: &str| with_flags(text, &flags);
+        assert_eq!(said("`top_p` is 3; expected 0 to 1"), "--top-p is 3; expected 0 to 1");
+        assert_eq!(said("a: `labels`: none, `top_k` and `top_p"), "a: --label: none, `top_k` and `top_p");
+        assert_eq!(said("l.csv:1:2: found `top_p`, expected `top-p`"), "l.csv:1:2: found `top_p`, expected --top-p");
+        assert_eq!(with_flags("`top_p` is 3", &of("kinelm other")), "`top_p` is 3");
+    }
+
+    #[test]
+    fn the_kind_of_an_error_decides_the_exit_code() {
+        use kinelm_store::Error as Store;
+        let code = |e: Error| exit_code(&e);
+        assert_eq!(code(WrongCall("no".into()).into()), 2);
+        assert_eq!(code(Error::from(Store::invalid("`fps`", 0, "more")).context("walk.bvh")), 2);
+        assert_eq!(code(crate::Error::from(Store::stopped("half done")).into()), 130);
+        assert_eq!(code(crate::corpus::Error::from(Store::taken("a", "is there")).into()), 2);
+        assert_eq!(code(Store::missing("clip", "give one").into()), 1);
+        assert_eq!(code(anyhow::anyhow!("else")), 1);
+    }
 }

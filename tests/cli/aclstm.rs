@@ -57,25 +57,17 @@ fn place() -> &'static Place {
 #[test]
 fn a_run_goes_on_and_says_how_it_was_asked() {
     let place = place();
-    place
-        .call(&format!("{TRAIN} --run run"))
-        .assert()
-        .failure()
-        .stderr(contains("run exists; go on with it by --resume"));
+    place.call(&format!("{TRAIN} --run run")).assert().failure().stderr(contains("run exists; resume it"));
     place.done(&format!("{TRAIN} --representation euler --root-order YXZ --steps 2 --run euler"));
-    place
-        .call("aclstm train --run euler --resume --steps 4")
-        .assert()
-        .success()
-        .stderr(contains("going on after step 2"));
+    place.call("aclstm resume euler --steps 4").assert().success().stderr(contains("going on after step 2"));
     let config = fs::read_to_string(place.at("euler/config.toml")).unwrap();
     assert!(config.contains("form = \"euler\"") && config.contains("orders = [\"YXZ\", \"ZXY\""), "{config}");
     assert_eq!(fs::read_to_string(place.at("euler/metrics.jsonl")).unwrap().lines().count(), 4);
     let names = fs::read_dir(place.at("euler")).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
     assert!(names.collect::<Vec<_>>().iter().any(|name| name.starts_with("events.out.tfevents.")));
-    place.call("aclstm train --run euler --resume --steps 1").assert().code(2).stderr(contains("the run has done 4"));
-    place.call("aclstm train --run none --resume").assert().failure().stderr(contains("no config.toml"));
-    for call in ["generate --run euler --frames 9 --out x.bvh", "pretrain --run euler --resume"] {
+    place.call("aclstm resume euler --steps 1").assert().code(2).stderr(contains("the run has done 4"));
+    place.call("aclstm resume none").assert().failure().stderr(contains("no config.toml"));
+    for call in ["generate --run euler --frames 9 --out x.bvh", "pretrain resume euler"] {
         place.call(call).assert().failure().stderr(contains("found a run of kind \"aclstm\", expected one of a GPT"));
     }
     let wrong = [
@@ -107,10 +99,10 @@ fn a_dance_goes_on_from_a_clip_on_its_rig_and_is_made_again() {
     assert!((first.x - there.x).hypot(first.z - there.z) < 0.3, "{first} {there}");
     let bytes = fs::read(place.at("a.bvh")).unwrap();
     fs::remove_file(place.at("a.bvh")).unwrap();
-    place.done("aclstm generate --again a.bvh.kinelm.json --threads 2");
+    place.done("aclstm generate again a.bvh.kinelm.json --threads 2");
     let told = std::fs::read_to_string(place.at("a.bvh.kinelm.json")).unwrap();
     std::fs::write(place.at("long.json"), told.replace("\"frames\": ", "\"frames\": 1099511627")).unwrap();
-    let long = place.call("aclstm generate --again long.json --out no.bvh").assert().failure();
+    let long = place.call("aclstm generate again long.json --out no.bvh").assert().failure();
     long.stderr(contains("frames; expected 1048576 at most"));
     assert!(fs::read(place.at("a.bvh")).unwrap() == bytes);
     // its own dance is replaced, a stranger's isn't
@@ -119,7 +111,7 @@ fn a_dance_goes_on_from_a_clip_on_its_rig_and_is_made_again() {
     fs::write(place.at("mine.bvh"), "mine").unwrap();
     place.call(&format!("{generate} --out mine.bvh")).assert().code(2).stderr(contains("--force"));
     place.call(&format!("{generate} --out data/3.bvh --force")).assert().code(2).stderr(contains("this call reads it"));
-    place.call("generate --again a.bvh.kinelm.json").assert().failure().stderr(contains("kinelm aclstm generate"));
+    place.call("generate again a.bvh.kinelm.json").assert().failure().stderr(contains("kinelm aclstm generate"));
     place.done(&format!("{generate} --out b.json"));
     let short = "aclstm generate --run run --seed-clip data/3.bvh --seed-frames 900 --out c.bvh";
     place.call(short).assert().failure().stderr(contains("at both ends of the file left out, expected 901"));
@@ -238,7 +230,7 @@ fn clips_that_have_changed_are_named() {
     place.done(evaluate);
     let other = fs::read(place.at("data/0.bvh")).unwrap();
     fs::write(place.at("data/1.bvh"), other).unwrap();
-    for words in [evaluate, &format!("{evaluate} --write-seeds seeds"), "aclstm train --run run --resume --steps 9"] {
+    for words in [evaluate, &format!("{evaluate} --write-seeds seeds"), "aclstm resume run --steps 9"] {
         let said = contains("data/1.bvh: found SHA-256 ").and(contains("put back the files and labels"));
         place.call(words).assert().failure().stderr(said);
     }

@@ -313,8 +313,8 @@ fn no_input_of_any_kind_may_be_a_pipe() {
         "inspect data/d0.bvh --map p/a.toml",
         "runs plot p/run --out o.svg",
         "tokenize data --leave-out p/a.csv --tokenizer t.json --out o",
-        "generate --run run --plan p/a.toml --out o.bvh",
-        "generate --again p/a.json",
+        "generate timeline p/a.toml --run run --out o.bvh",
+        "generate again p/a.json",
         "aclstm plot p/a.json --out o.svg",
     ] {
         let said = data.said(call, 1);
@@ -372,7 +372,7 @@ fn folders_of_ours_are_not_searched_for_clips() {
 #[test]
 fn outputs_in_the_way_are_wrong_calls() {
     let data = data();
-    let run = "run exists; go on with it by --resume, or give another run folder";
+    let run = "run exists; resume it, or give another run folder";
     for (call, what) in [
         ("pretrain --config train.toml --corpus corpus --run run", run),
         ("finetune --from run --config train.toml --corpus corpus --run run", run),
@@ -394,7 +394,7 @@ fn what_is_said_is_short_and_true() {
         "at.toml",
         "rig = \"a\"\n[clips.a]\nfile = \"data/d0.bvh\"\n[[segment]]\nclip = \"a\"\nfrom = true\nto = 1\n",
     );
-    let said = data.said("plan check at.toml", 1);
+    let said = data.said("timeline check at.toml", 1);
     assert!(said.contains("at.toml:6:8: found a value that is no time (seconds, as 2.5"), "{said}");
     // of another kind of run
     fs::create_dir(data.at("other-run")).unwrap();
@@ -448,6 +448,6 @@ fn line_ends_are_no_rig() {
         "rig = \"a\"\n[clips.a]\nfile = \"data/d0.bvh\"\n[clips.b]\nfile = \"crlf.bvh\"\n\
          [[segment]]\nclip = \"a\"\nfrom = 0\nto = 1\n[[segment]]\nclip = \"b\"\nfrom = 1.5\nto = 2\n",
     );
-    let said = data.said("plan check ends.toml", 0);
+    let said = data.said("timeline check ends.toml", 0);
     assert!(!said.contains("another rig"), "{said}");
 }

@@ -207,7 +207,7 @@ const REPEATED: &[&str] = &[
     "view a.bvh --out new/page.html",
     "generate --run run --frames 3 --out new/d.bvh",
     "generate --run run --frames 3 --variations 2 --out run/d.json",
-    "generate --again new/d.bvh.kinelm.json",
+    "generate again new/d.bvh.kinelm.json",
     "filter a.bvh --out new/f.npz",
     "filter a.bvh b.bvh --out new/filtered/",
     "interpolate a.bvh b.bvh --window 40 --steps 3 --out new/c.bvh --page new/c.html",
@@ -223,7 +223,7 @@ const REPEATED: &[&str] = &[
     "corpus merge piece --out new/merged",
     "export --run run --out new/model",
     "import new/model --run new/run",
-    "generate --again new/d.bvh.kinelm.json --out again.bvh",
+    "generate again new/d.bvh.kinelm.json --out again.bvh",
 ];
 
 /// A call, then one with other settings and the same output: ours is replaced without a word.
@@ -280,7 +280,7 @@ fn each_format_of_a_dance_has_its_own_record_which_may_have_another_name() {
     // by a record of another name it is made again, and has its own beside it
     fs::rename(place.at("d.bvh.kinelm.json"), place.at("d.kinelm.json")).unwrap();
     let dance = fs::read(place.at("d.bvh")).unwrap();
-    place.done("generate --again d.kinelm.json");
+    place.done("generate again d.kinelm.json");
     assert_eq!(fs::read(place.at("d.bvh")).unwrap(), dance);
     assert!(place.at("d.bvh.kinelm.json").exists());
 }
@@ -297,12 +297,12 @@ fn a_dance_is_ours_whenever_a_call_was_killed() {
     fs::write(&dance, &first).unwrap();
     let record = fs::read_to_string(&told).unwrap();
     assert!(record.contains("\"replaces\""), "{record}");
-    place.done("generate --again d.bvh.kinelm.json");
+    place.done("generate again d.bvh.kinelm.json");
     assert_eq!(fs::read(&dance).unwrap(), second);
     // a dance that somebody has worked on since stays
     let worked_on = [&first[..], b"\n"].concat();
     fs::write(&dance, &worked_on).unwrap();
-    for call in ["generate --again d.bvh.kinelm.json", "generate --run run --frames 5 --out d.bvh"] {
+    for call in ["generate again d.bvh.kinelm.json", "generate --run run --frames 5 --out d.bvh"] {
         place.call(call).assert().code(2).stderr(contains("--force"));
         assert_eq!(
             (fs::read(&dance).unwrap(), fs::read_to_string(&told).unwrap()),
@@ -326,7 +326,7 @@ fn a_record_names_no_other_place() {
         assert_ne!(changed, record);
         fs::write(place.at("new/d.bvh.kinelm.json"), changed).unwrap();
         let before = place.files();
-        place.call("generate --again new/d.bvh.kinelm.json").assert().failure();
+        place.call("generate again new/d.bvh.kinelm.json").assert().failure();
         assert_eq!(place.files(), before, "{name}");
     }
 }

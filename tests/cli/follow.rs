@@ -323,7 +323,7 @@ fn the_place_travels_in_the_recipe_and_what_a_recipe_lacks_was_not_done() {
     let near = |field: &str, x: f64| (recipe["place"][field].as_f64().unwrap() - x).abs() < 1e-9;
     assert!(near("x", prompt.root()[0].x) && near("z", prompt.root()[0].z), "{recipe}");
     assert!(near("heading", heading(prompt.pose(0)[0]).unwrap()) && recipe["rest_joints"] == "follow", "{recipe}");
-    let again = |name: &str| kinelm().args(["generate", "--again"]).arg(sidecar(name)).assert();
+    let again = |name: &str| kinelm().args(["generate", "again"]).arg(sidecar(name)).assert();
     again("told").success();
 
     // before there were places, a dance began at x = z = 0, its joints as they stood in the recipe
@@ -338,7 +338,7 @@ fn the_place_travels_in_the_recipe_and_what_a_recipe_lacks_was_not_done() {
     fs::write(sidecar("old"), serde_json::to_vec(&old).unwrap()).unwrap();
     let out = way.at("then.bvh");
     let mut c = kinelm();
-    c.args(["generate", "--again"]).arg(sidecar("old")).arg("--out").arg(&out).assert().success();
+    c.args(["generate", "again"]).arg(sidecar("old")).arg("--out").arg(&out).assert().success();
     let begins = read(&out, &ReadOptions::default())[0].root()[0];
     assert!(begins.x.hypot(begins.z) < 0.003, "{begins}");
 
@@ -459,7 +459,7 @@ fn a_dance_on_its_prompts_rig_is_read_as_its_prompt_was() {
         assert!(text.contains(up), "{text}");
         for text in [text.clone(), text.replace(up, "\"up\": \"auto\"")] {
             fs::write(&record, text).unwrap();
-            kinelm().args(["generate", "--again"]).arg(&record).assert().success();
+            kinelm().args(["generate", "again"]).arg(&record).assert().success();
         }
     }
 }

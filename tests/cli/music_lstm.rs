@@ -69,20 +69,16 @@ fn own_place() -> Place {
 #[test]
 fn a_run_goes_on_and_says_how_it_was_asked() {
     let place = place();
-    place.refused(&format!("{TRAIN} --run run"), "run exists; go on with it by --resume");
+    place.refused(&format!("{TRAIN} --run run"), "run exists; resume it");
     place.done(&format!("{TRAIN} --pose none --effort compat --effort-every 1 --audio compat --steps 2 --run other"));
-    place
-        .call("music-lstm train --run other --resume --steps 4")
-        .assert()
-        .success()
-        .stderr(contains("going on after step 2"));
+    place.call("music-lstm resume other --steps 4").assert().success().stderr(contains("going on after step 2"));
     let config = fs::read_to_string(place.at("other/config.toml")).unwrap();
     assert!(config.contains("effort = \"compat\"") && config.contains("audio = \"compat\""), "{config}");
     assert_eq!(fs::read_to_string(place.at("other/metrics.jsonl")).unwrap().lines().count(), 4);
     let names = fs::read_dir(place.at("other")).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
     assert!(names.collect::<Vec<_>>().iter().any(|name| name.starts_with("events.out.tfevents.")));
-    place.refused("music-lstm train --run other --resume --steps 1", "the run has done 4");
-    place.refused("aclstm train --run other --resume", "found a run of kind \"music-lstm\"");
+    place.refused("music-lstm resume other --steps 1", "the run has done 4");
+    place.refused("aclstm resume other", "found a run of kind \"music-lstm\"");
     place.refused("music-lstm generate --run data --music songs/song0.wav --out x.bvh", "no config.toml");
     let wrong = [
         (format!("{TRAIN} --pose none --run x"), "both \"none\""),
@@ -111,14 +107,14 @@ fn a_dance_to_music_is_made_again() {
     assert!(dance.clip.root().iter().all(|p| (*p - dance.clip.root()[0]).length() < 1e-6), "on the spot");
     let bytes = fs::read(place.at("a.bvh")).unwrap();
     fs::remove_file(place.at("a.bvh")).unwrap();
-    place.done("music-lstm generate --again a.bvh.kinelm.json --threads 2");
+    place.done("music-lstm generate again a.bvh.kinelm.json --threads 2");
     let told = std::fs::read_to_string(place.at("a.bvh.kinelm.json")).unwrap();
     std::fs::write(place.at("long.json"), told.replace("\"from_s\": ", "\"frames\": 1099511627796, \"from_s\": "))
         .unwrap();
-    place.refused("music-lstm generate --again long.json --out no.bvh", "frames; expected 1048576 at most");
+    place.refused("music-lstm generate again long.json --out no.bvh", "frames; expected 1048576 at most");
     assert!(fs::read(place.at("a.bvh")).unwrap() == bytes);
-    place.refused("generate --again a.bvh.kinelm.json", "kinelm music-lstm generate makes it again");
-    place.refused("aclstm generate --again a.bvh.kinelm.json", "what kinelm aclstm generate wrote beside a dance");
+    place.refused("generate again a.bvh.kinelm.json", "kinelm music-lstm generate makes it again");
+    place.refused("aclstm generate again a.bvh.kinelm.json", "what kinelm aclstm generate wrote beside a dance");
     // its own dance is replaced, a stranger's isn't
     place.done(&format!("{generate} --music-from 1s --frames 40 --out a.bvh"));
     assert_eq!(format::read(&place.at("a.bvh"), &ReadOptions::default()).unwrap().clip.frames(), 40);
@@ -151,7 +147,7 @@ fn a_dance_to_music_is_made_again() {
     fs::copy(place.at("songs/song3.wav"), place.at("d.wav")).unwrap();
     place.done("music-lstm generate --run run --music d.wav --frames 30 --out d.bvh");
     fs::copy(place.at("songs/song1.wav"), place.at("d.wav")).unwrap();
-    place.refused("music-lstm generate --again d.bvh.kinelm.json", "run: the music has SHA-256");
+    place.refused("music-lstm generate again d.bvh.kinelm.json", "run: the music has SHA-256");
 }
 
 #[test]
@@ -206,7 +202,7 @@ fn a_dance_brings_its_music_along() {
 #[test]
 fn files_that_have_changed_are_named() {
     let place = own_place();
-    let both = ["music-lstm evaluate --run run --frames 300", "music-lstm train --run run --resume --steps 6"];
+    let both = ["music-lstm evaluate --run run --frames 300", "music-lstm resume run --steps 6"];
     let refused = |message: &str| both.iter().for_each(|words| place.refused(words, message));
     let (clip, song) = (place.at("data/1.bvh"), place.at("songs/song2.wav"));
     let [bvh, wav] = [&clip, &song].map(|path| fs::read(path).unwrap());

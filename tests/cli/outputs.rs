@@ -139,8 +139,13 @@ const WRITE: &[Row] = &[
         &["data/0.bvh", "corpus/corpus.json", "corpus/clips.jsonl"],
     ),
     ("generate", "generate --run run --best 2 --frames 3 --out OUT", "json", &["corpus/corpus.json", "corpus/tokens."]),
-    ("generate", "generate --run run --plan plan.toml --out OUT", "bvh", &["plan.toml", "data/0.bvh", "data/1.bvh"]),
-    ("generate", "generate --again d.bvh.kinelm.json --out OUT", "bvh", &["d.bvh.kinelm.json", "run/config.toml"]),
+    (
+        "generate timeline",
+        "generate timeline plan.toml --run run --out OUT",
+        "bvh",
+        &["plan.toml", "data/0.bvh", "data/1.bvh"],
+    ),
+    ("generate again", "generate again d.bvh.kinelm.json --out OUT", "bvh", &["d.bvh.kinelm.json", "run/config.toml"]),
     (
         "classify train",
         "classify train --run run --corpus corpus --fields genre --steps 1 --out OUT",
@@ -221,7 +226,12 @@ const OTHERS: &[&str] = &[
     "tokenizer text",
     "corpus stats",
     "runs list",
-    "plan check",
+    "timeline check",
+    // into the run that they resume
+    "pretrain resume",
+    "finetune resume",
+    "aclstm resume",
+    "music-lstm resume",
     "classify predict",
     "evaluate baselines",
     "evaluate likelihood",
@@ -243,19 +253,21 @@ const OTHERS: &[&str] = &[
 /// Options that name what is written.
 const OUTPUTS: [&str; 6] = ["--out ", "--run ", "--page ", "--plot ", "--save ", "--write-seeds "];
 
-/// The commands that have no commands below, and their help.
+/// All commands that can be called, with their help.
 fn leaves(place: &Place, command: &str, found: &mut Vec<(String, String)>) {
     let help = place.call(&format!("{command} --help")).output().unwrap().stdout;
     let help = String::from_utf8(help).unwrap();
-    match help.split_once("\nCommands:\n") {
-        None => found.push((command.trim().to_owned(), help)),
-        Some((_, below)) => {
-            let lines = below.lines().take_while(|line| line.starts_with("  "));
-            let names = lines.filter(|line| !line.starts_with("   ")).filter_map(|line| line.split_whitespace().next());
-            for name in names.filter(|name| *name != "help") {
-                leaves(place, &format!("{command} {name}"), found);
-            }
+    if let Some((_, below)) = help.split_once("\nCommands:\n") {
+        let lines = below.lines().take_while(|line| line.starts_with("  "));
+        let names = lines.filter(|line| !line.starts_with("   ")).filter_map(|line| line.split_whitespace().next());
+        for name in names.filter(|name| *name != "help") {
+            leaves(place, &format!("{command} {name}"), found);
         }
+    }
+    // one that only has commands below it shows no other usage
+    let usage = help.lines().find(|line| line.starts_with("Usage: ")).unwrap_or_default();
+    if !usage.ends_with(" <COMMAND>") {
+        found.push((command.trim().to_owned(), help));
     }
 }
 

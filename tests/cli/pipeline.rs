@@ -143,7 +143,7 @@ fn a_dance_of_seconds_is_written_at_the_rate_wanted() {
         .stderr(contains("read back from the prompt's rig, 0."));
     let first = fs::read(way.at("own60.bvh")).unwrap();
     let sidecar = way.at("own60.bvh.kinelm.json");
-    kinelm().args(["generate", "--again"]).arg(&sidecar).assert().success();
+    kinelm().args(["generate", "again"]).arg(&sidecar).assert().success();
     assert_eq!(fs::read(way.at("own60.bvh")).unwrap(), first);
     let mut bad = way.generate("bad.bvh");
     bad.args(["--frames", "9", "--seconds", "2"]).assert().code(2);
@@ -222,7 +222,7 @@ fn a_dance_tells_where_it_is_from_and_can_be_made_again() {
     let way = way();
     let again = |file: &str, more: &[&str]| {
         let mut c = kinelm();
-        c.args(["generate", "--again"]).arg(way.at(file)).args(more).assert()
+        c.args(["generate", "again"]).arg(way.at(file)).args(more).assert()
     };
     let prompt = way.at("told-prompt.bvh");
     fs::copy(way.prompt(), &prompt).unwrap();
@@ -304,7 +304,7 @@ fn labels_in_front_and_guidance_make_other_dances_and_masked_models_none() {
     assert_eq!(bytes("l3.json", &["--label", &label, "--guidance", "1"]), told);
     dance("l4.json", &["--label", &label, "--guidance", "40", "--variations", "2"]).success();
     assert_eq!(fs::read(way.at("l4-1.json")).unwrap(), guided);
-    let again = kinelm().args(["generate", "--again"]).arg(way.at("l4-2.json.kinelm.json")).assert();
+    let again = kinelm().args(["generate", "again"]).arg(way.at("l4-2.json.kinelm.json")).assert();
     again.success();
     dance("no.json", &["--label", "genre=house"])
         .code(2)
@@ -413,7 +413,7 @@ fn wrong_calls_say_what_would_be_right() {
         .code(2)
         .stderr(contains("this model knows no labels"));
     assert!(!way.at("no.bvh").exists());
-    pretrain(way, "run").assert().code(2).stderr(contains("run").and(contains("--resume")));
+    pretrain(way, "run").assert().code(2).stderr(contains("run").and(contains("resume it")));
 }
 
 #[test]
@@ -504,7 +504,7 @@ fn a_seed_is_a_model_and_a_run_goes_on() {
     assert_ne!(weights("other"), weights("run"));
     pretrain(way, "half").args(["--steps", "2"]).assert().success();
     let mut c = kinelm();
-    c.args(["pretrain", "--resume", "--steps", "4", "--run"]).arg(way.at("half")).assert().success();
+    c.args(["pretrain", "resume", "--steps", "4"]).arg(way.at("half")).assert().success();
     assert!(fs::read_to_string(way.at("half/latest")).unwrap().contains("step-00000004"));
     let mut c = kinelm();
     c.args(["evaluate", "likelihood", "--json", "--run"]).arg(way.at("run")).arg("--corpus").arg(way.at("corpus"));
@@ -530,7 +530,7 @@ fn ctrl_c_leaves_a_checkpoint_that_generate_takes() {
     assert!(std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
     let output = child.wait_with_output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(130) && said.contains("--resume"), "{said}");
+    assert!(output.status.code() == Some(130) && said.contains("pretrain resume "), "{said}");
     let mut c = kinelm();
     c.arg("generate").arg("--run").arg(way.at("endless")).arg("--prompt").arg(way.prompt());
     c.args(["--joints", "legs", "--frames", "5", "--out"]).arg(way.at("stopped.bvh")).assert().success();

@@ -105,7 +105,7 @@ at = 3
 #[test]
 fn clips_keep_their_numbers_and_what_is_between_is_made_anew() {
     let set = set();
-    let said = set.call("generate --run run --plan plan.toml --tries 2 --seed 3 --out dance.bvh").assert().success();
+    let said = set.call("generate timeline plan.toml --run run --tries 2 --seed 3 --out dance.bvh").assert().success();
     let said = String::from_utf8(said.get_output().stderr.clone()).unwrap();
     assert!(said.contains("slow (slow.bvh) has another rig or rate than the plan's"), "{said}");
     assert!(said.contains("given all@0f:75f") && said.contains("given right_arm@270f:360f"), "{said}");
@@ -139,10 +139,10 @@ fn clips_keep_their_numbers_and_what_is_between_is_made_anew() {
 
     let told = fs::read_to_string(set.at("dance.bvh.kinelm.json")).unwrap();
     assert!(told.contains("\"plan\"") && told.contains("\"at\": \"60f\""), "{told}");
-    set.call("generate --again dance.bvh.kinelm.json --out twice.bvh").assert().success();
+    set.call("generate again dance.bvh.kinelm.json --out twice.bvh").assert().success();
     assert_eq!(fs::read(set.at("twice.bvh")).unwrap(), fs::read(set.at("dance.bvh")).unwrap());
     // longer than its segments, and as a skeleton of another kind
-    set.call("generate --run run --plan plan.toml --tries 1 --seconds 7 --rig model --out long.json")
+    set.call("generate timeline plan.toml --run run --tries 1 --seconds 7 --rig model --out long.json")
         .assert()
         .success();
 }
@@ -157,10 +157,10 @@ fn moments_of_a_clip_are_its_own_and_all_that_meet_it_wait_alike() {
     // frame 45 of a file at 30 frames a second, of which 15 are left out: its second second
     let plan = head.to_owned() + &segment("slow", "all", 0.0, 1.0, "\"45f\"");
     fs::write(set.at("own.toml"), plan).unwrap();
-    set.call("plan check own.toml").assert().success().stdout(contains("all of slow from 1.00 s on"));
+    set.call("timeline check own.toml").assert().success().stdout(contains("all of slow from 1.00 s on"));
     let both = segment("a", "root,legs", 2.0, 3.5, "3") + &segment("a", "arms", 2.0, 3.5, "0");
     fs::write(set.at("own.toml"), head.to_owned() + &segment("a", "all", 0.0, 2.0, "0") + &both).unwrap();
-    let drawn = set.call("plan check own.toml").assert().success();
+    let drawn = set.call("timeline check own.toml").assert().success();
     let drawn = String::from_utf8(drawn.get_output().stdout.clone()).unwrap();
     assert!(drawn.contains("0.00 to    1.50 s  all"), "{drawn}");
     assert!(drawn.contains("2.50 to    3.50 s  root,legs") && drawn.contains("2.50 to    3.50 s  arms"), "{drawn}");
@@ -170,27 +170,29 @@ fn moments_of_a_clip_are_its_own_and_all_that_meet_it_wait_alike() {
     let rate = rows.lines().find(|line| line.starts_with("Frame Time")).unwrap();
     fs::write(set.at("bare.bvh"), format!("{head}Frames: 0\n{rate}\n")).unwrap();
     fs::write(set.at("own.toml"), PLAN.replace("file = \"data/0.bvh\"\nskip = 4", "file = \"bare.bvh\"")).unwrap();
-    set.call("plan check own.toml").assert().failure().stderr(contains("own.toml:4:1: found no frames"));
+    set.call("timeline check own.toml").assert().failure().stderr(contains("own.toml:4:1: found no frames"));
 }
 
 #[test]
 fn a_dance_of_a_plan_is_made_again_where_its_clips_are_now() {
     let set = set();
-    set.call("generate --run run --plan plan.toml --tries 1 --seed 4 --out here.bvh").assert().success();
+    set.call("generate timeline plan.toml --run run --tries 1 --seed 4 --out here.bvh").assert().success();
     fs::create_dir_all(set.at("there/data")).unwrap();
     for name in ["data/0.bvh", "data/1.bvh", "slow.bvh", "plan.toml"] {
         fs::copy(set.at(name), set.at(&format!("there/{name}"))).unwrap();
     }
-    set.call("generate --again here.bvh.kinelm.json --plan there/plan.toml --out again.bvh").assert().success();
+    set.call("generate again here.bvh.kinelm.json --timeline there/plan.toml --out again.bvh").assert().success();
     assert_eq!(fs::read(set.at("again.bvh")).unwrap(), fs::read(set.at("here.bvh")).unwrap());
     fs::copy(set.at("data/2.bvh"), set.at("there/data/1.bvh")).unwrap();
-    let changed = "generate --again here.bvh.kinelm.json --plan there/plan.toml --out other.bvh";
+    let changed = "generate again here.bvh.kinelm.json --timeline there/plan.toml --out other.bvh";
     set.call(changed)
         .assert()
         .failure()
         .stderr(contains("what the plan makes of its clips has changed since the dance was made"));
-    for (option, why) in [("--prompt data/0.bvh", "prompt but a plan"), ("--music no.wav", "the dance has no music")] {
-        let call = format!("generate --again here.bvh.kinelm.json {option} --out other.bvh");
+    for (option, why) in
+        [("--prompt data/0.bvh", "has a timeline and no prompt"), ("--music no.wav", "the dance has no music")]
+    {
+        let call = format!("generate again here.bvh.kinelm.json {option} --out other.bvh");
         set.call(&call).assert().code(2).stderr(contains(why));
     }
     assert!(!set.at("other.bvh").exists());
@@ -210,27 +212,27 @@ fn a_plan_tells_labels_of_its_times() {
     fs::write(set.at("sway.toml"), with_gap(sway)).unwrap();
     fs::write(set.at("stomp.toml"), with_gap(&sway.replace("sway", "stomp"))).unwrap();
     fs::write(set.at("none.toml"), with_gap("")).unwrap();
-    set.call("plan check sway.toml").assert().success().stdout(contains("\ntold genre=sway@1s:2s\n"));
+    set.call("timeline check sway.toml").assert().success().stdout(contains("\ntold genre=sway@1s:2s\n"));
     for name in ["sway", "stomp", "none"] {
         let guidance = if name == "none" { "" } else { "--guidance 3" };
-        set.call(&format!("generate --run run --plan {name}.toml {guidance} --tries 1 --out {name}.bvh"))
+        set.call(&format!("generate timeline {name}.toml --run run {guidance} --tries 1 --out {name}.bvh"))
             .assert()
             .success();
     }
     let [sway_rows, stomp, none] = ["sway.bvh", "stomp.bvh", "none.bvh"].map(|name| set.rows(name));
     assert!(sway_rows != stomp && sway_rows != none, "another word, another dance");
     assert_eq!((&sway_rows[..55], &sway_rows[150..]), (&none[..55], &none[150..]), "where it is given nothing changes");
-    set.call("generate --again sway.bvh.kinelm.json --out sway-2.bvh").assert().success();
+    set.call("generate again sway.bvh.kinelm.json --out sway-2.bvh").assert().success();
     assert_eq!(fs::read(set.at("sway-2.bvh")).unwrap(), fs::read(set.at("sway.bvh")).unwrap());
-    let call = "generate --run run --plan sway.toml --label genre=stomp --out wrong.bvh";
+    let call = "generate timeline sway.toml --run run --label genre=stomp --out wrong.bvh";
     set.call(call).assert().failure().stderr(contains("two values of genre at a time"));
     // all to the end, with a clip and its label in one
     let both = sway
         .replace("to = 2", "to = 4.01")
         .replace("from = 1\n", "clip = \"a\"\njoints = \"head\"\nat = 3.5\nfrom = 3.5\n");
     fs::write(set.at("both.toml"), with_gap(&both)).unwrap();
-    set.call("plan check both.toml").assert().success().stdout(contains("\ntold genre=sway@3.5s:\n"));
-    set.call("generate --run run --plan both.toml --tries 1 --out both.bvh").assert().success();
+    set.call("timeline check both.toml").assert().success().stdout(contains("\ntold genre=sway@3.5s:\n"));
+    set.call("generate timeline both.toml --run run --tries 1 --out both.bvh").assert().success();
     for (more, told) in [
         (sway.replace("labels", "# labels"), "wrong.toml:14:1: found neither a clip nor labels"),
         (sway.replace("to = 2", "to = 2\nat = 1"), "found joints or at without a clip"),
@@ -238,20 +240,20 @@ fn a_plan_tells_labels_of_its_times() {
         (sway.replace("to = 2", "to = 0"), "expected an end behind the beginning"),
     ] {
         fs::write(set.at("wrong.toml"), with_gap(&more)).unwrap();
-        set.call("plan check wrong.toml").assert().failure().stderr(contains(told));
+        set.call("timeline check wrong.toml").assert().failure().stderr(contains(told));
     }
     let head = with_gap("").split("[[segment]]").next().unwrap().to_owned();
     fs::write(set.at("wrong.toml"), head + sway).unwrap();
-    set.call("plan check wrong.toml").assert().failure().stderr(contains("and none with a clip, expected one"));
+    set.call("timeline check wrong.toml").assert().failure().stderr(contains("and none with a clip, expected one"));
     fs::write(set.at("waltz.toml"), with_gap(&sway.replace("sway", "waltz"))).unwrap();
-    let waltz = set.call("generate --run run --plan waltz.toml --out wrong.bvh").assert().failure();
+    let waltz = set.call("generate timeline waltz.toml --run run --out wrong.bvh").assert().failure();
     waltz.stderr(contains("waltz"));
 }
 
 #[test]
 fn a_plan_is_drawn_as_text() {
     let set = set();
-    let drawn = set.call("plan check plan.toml").assert().success();
+    let drawn = set.call("timeline check plan.toml").assert().success();
     let drawn = String::from_utf8(drawn.get_output().stdout.clone()).unwrap();
     assert!(
         drawn.starts_with("6.00 s, 360 frames at 60 fps\n1     0.00 to    1.25 s  all of a from 0.50 s on\n"),
@@ -290,23 +292,26 @@ fn what_is_wrong_with_a_plan_is_told_with_its_line_and_nothing_is_written() {
     for (from, to, told) in cases {
         assert!(PLAN.contains(from), "{from}");
         fs::write(set.at("wrong.toml"), PLAN.replace(from, to)).unwrap();
-        set.call("plan check wrong.toml").assert().failure().stderr(contains(told));
-        set.call("generate --run run --plan wrong.toml --out wrong.bvh").assert().failure().stderr(contains(told));
+        set.call("timeline check wrong.toml").assert().failure().stderr(contains(told));
+        set.call("generate timeline wrong.toml --run run --out wrong.bvh").assert().failure().stderr(contains(told));
     }
     fs::write(set.at("wrong.toml"), PLAN.replace("data/1.bvh", "data/none.bvh")).unwrap();
-    set.call("plan check wrong.toml").assert().failure().stderr(contains("wrong.toml:7:1: found data/none.bvh"));
+    set.call("timeline check wrong.toml").assert().failure().stderr(contains("wrong.toml:7:1: found data/none.bvh"));
     assert!(!set.at("wrong.bvh").exists());
     for (call, told) in [
-        ("--plan plan.toml --prompt data/0.bvh", "cannot be used with"),
-        ("--plan plan.toml --free legs", "cannot be used with"),
-        ("--plan plan.toml --seconds 2", "of a prompt of"),
-        ("--plan plan.toml --skip 3", "cannot be used with"),
-        ("--plan plan.toml --floor 1", "cannot be used with"),
+        ("--prompt data/0.bvh", "unexpected argument"),
+        ("--free legs", "unexpected argument"),
+        ("--seconds 2", "of a prompt of"),
+        ("--skip 3", "unexpected argument"),
+        ("--floor 1", "unexpected argument"),
     ] {
-        set.call(&format!("generate --run run {call} --out wrong.bvh")).assert().code(2).stderr(contains(told));
+        set.call(&format!("generate timeline plan.toml --run run {call} --out wrong.bvh"))
+            .assert()
+            .code(2)
+            .stderr(contains(told));
     }
     // the clips are read, not written over
-    let over = "generate --run run --plan plan.toml --force --out data/1.bvh";
+    let over = "generate timeline plan.toml --run run --force --out data/1.bvh";
     let before = fs::read(set.at("data/1.bvh")).unwrap();
     set.call(over).assert().failure();
     assert_eq!(fs::read(set.at("data/1.bvh")).unwrap(), before);
@@ -320,7 +325,7 @@ fn a_dance_of_a_plan_and_its_clip_play_in_one_time() {
     let plan = "rig = \"w\"\n[clips.w]\nfile = \"hasty.bvh\"\nfps_source = 30\nskip = 6\n\
                 [[segment]]\nclip = \"w\"\nfrom = 0\nto = 1\n[[segment]]\nclip = \"w\"\nfrom = 2\nto = 3\nat = 5\n";
     fs::write(set.at("hasty.toml"), plan).unwrap();
-    set.call("generate --run run --plan hasty.toml --tries 1 --out right.bvh").assert().success();
+    set.call("generate timeline hasty.toml --run run --tries 1 --out right.bvh").assert().success();
     let dance = format::read(&set.at("right.bvh"), &Default::default()).unwrap().clip;
     assert_eq!((dance.fps(), dance.frames()), (30.0, 90));
     assert_eq!(set.rows("right.bvh")[..30], set.rows("hasty.bvh")[6..36]);
@@ -339,7 +344,7 @@ fn a_dance_of_a_plan_and_its_clip_play_in_one_time() {
     let again =
         plan.replace("hasty.bvh", "right.bvh").replace("fps_source = 30\nskip = 6\n", "").replace("at = 5", "at = 1");
     fs::write(set.at("again.toml"), again).unwrap();
-    set.call("generate --run run --plan again.toml --tries 1 --out twice.bvh").assert().success();
+    set.call("generate timeline again.toml --run run --tries 1 --out twice.bvh").assert().success();
     assert_eq!(set.rows("twice.bvh")[..30], set.rows("right.bvh")[..30]);
 }
 
@@ -358,7 +363,7 @@ fn a_rig_whose_joints_have_places_is_written_too() {
         cmu.join("salsa/03.bvh")
     );
     fs::write(set.at("walk.toml"), plan).unwrap();
-    set.call("generate --run run --plan walk.toml --tries 1 --out walked.bvh").assert().success();
+    set.call("generate timeline walk.toml --run run --tries 1 --out walked.bvh").assert().success();
     let (dance, walk) = (set.rows("walked.bvh"), set.rows("walk.bvh"));
     assert_eq!((dance.len(), &dance[..30]), (90, &walk[..30]));
     let read = |name: &str| format::read(&set.at(name), &Default::default()).unwrap().clip;

@@ -138,14 +138,14 @@ fn goes_on(run: fn(&Path) -> LoadedRun) {
         })
         .map_err(|e| e.to_string())
     };
-    assert!(go(&options, true, 99).unwrap_err().contains("leave --resume out to begin one"));
+    assert!(go(&options, true, 99).unwrap_err().contains("leave `resume` out to begin one"));
     // between measurements, in one (which is then due first of all), and at one
     let calls = (2..=8).map(|step| (true, 0, step));
     for (resume, most, step) in [(false, 0, 1)].into_iter().chain(calls).chain([(true, 0, 8), (true, 16, 16)]) {
         let done = go(&options, resume, most).unwrap();
         assert_eq!((done.step, done.stopped, out.exists()), (step, true, false));
     }
-    assert!(go(&options, false, 99).unwrap_err().contains("the same call with --resume goes on"));
+    assert!(go(&options, false, 99).unwrap_err().contains("the same call with `resume` goes on"));
     let other = TrainOptions { rate: 1e-4, ..options.clone() };
     let message = go(&other, true, 99).unwrap_err();
     assert!(message.contains("found rate = 0.0001 asked for, expected rate = 0.003, as begun"), "{message}");

@@ -77,11 +77,11 @@ impl Work {
         let path = path_of(out)?;
         match (fs::symlink_metadata(&path).is_ok(), resume) {
             (true, false) => {
-                let help = "the same call with --resume goes on; or remove that folder";
+                let help = "the same call with `resume` goes on; or remove that folder";
                 return Err(Error::taken(path, format!("is a training that was cut; {help}")));
             }
             (false, true) => {
-                let help = "leave --resume out to begin one";
+                let help = "leave `resume` out to begin one";
                 return Err(Error::file(path, "nothing", "a training that was cut", help));
             }
             (true, true) => same_call(&path.join(CALL), asked)?,
@@ -191,7 +191,7 @@ fn same_call(path: &Path, asked: &Asked) -> Result<()> {
     match now.iter().zip(&then).find(|(a, b)| a != b) {
         None => Ok(()),
         Some(((key, now), (_, then))) => {
-            let help = "--resume goes on with the very call that was begun";
+            let help = "`resume` goes on with the very call that was begun";
             Err(Error::file(path, format!("{key} = {now} asked for"), format!("{key} = {then}, as begun"), help))
         }
     }

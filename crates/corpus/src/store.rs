@@ -284,8 +284,7 @@ fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
             Error::file(dir, "no corpus.json", "a corpus folder", help)
         }
         std::io::ErrorKind::NotFound => {
-            let help =
-                "give its folder by --corpus; a run goes on with a corpus that was moved by --resume --corpus CORPUS";
+            let help = "give its folder by `corpus`, also to resume a run whose corpus was moved";
             Error::file(dir, "nothing", "a corpus folder", help)
         }
         _ => Error::io(&path)(e),

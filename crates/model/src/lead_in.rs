@@ -87,7 +87,7 @@ impl LeadIns {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(e) => return Err(Error::io(&path)(e)),
         };
-        let help = "delete it, and `kinelm pretrain --resume` writes it anew";
+        let help = "delete it, and `kinelm pretrain resume` writes it anew";
         let wrong = |found: String, expected: &str| Error::file(&path, found, expected, help);
         let found: LeadIns = serde_json::from_str(&text).map_err(|e| wrong(e.to_string(), "lead-ins of a run"))?;
         if found.version != VERSION {

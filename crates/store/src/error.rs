@@ -72,7 +72,7 @@ pub enum Error {
         why: String,
     },
     /// An option of the call can't be what it is.
-    #[error("{option}: {what}")]
+    #[error("`{option}`: {what}")]
     Option {
         /// Its name, words joined by `-`.
         option: &'static str,

@@ -48,7 +48,7 @@ impl RunFolder {
     /// A folder without a run; another process that writes it.
     pub fn open(run: &Path) -> Result<RunFolder> {
         if !run.join(CONFIG).is_file() {
-            let help = "leave --resume out to begin a run, in a folder that is empty or not there";
+            let help = "start a run in a folder that is empty or not there";
             return Err(Error::file(run, "no config.toml", "a run folder", help));
         }
         let folder = RunFolder::locked(run)?;
@@ -152,7 +152,7 @@ fn is_corpus(name: &str) -> bool {
 pub fn check_free(run: &Path) -> Result<()> {
     let help = match run.join(CONFIG).is_file() {
         _ if is_free(run) => return Ok(()),
-        true => "go on with it by --resume, or give another run folder",
+        true => "resume it, or give another run folder",
         false => "it holds something else than a run; give another run folder",
     };
     Err(Error::taken(run, format!("exists; {help}")))
@@ -205,7 +205,7 @@ mod tests {
         fs::write(run.join(CONFIG), "the first's").unwrap();
         drop(first);
         let message = second.join().unwrap().unwrap_err();
-        assert!(message.contains("run exists; go on with it by --resume"), "{message}");
+        assert!(message.contains("run exists; resume it"), "{message}");
         assert_eq!(fs::read_to_string(run.join(CONFIG)).unwrap(), "the first's");
     }
 
@@ -246,7 +246,7 @@ mod tests {
         drop(RunFolder::create(&run).unwrap());
         assert!(!run.join("config.toml.77-0.part").exists());
         fs::write(run.join("config.toml"), "").unwrap();
-        assert!(RunFolder::create(&run).unwrap_err().to_string().contains("run exists; go on with it by --resume"));
+        assert!(RunFolder::create(&run).unwrap_err().to_string().contains("run exists; resume it"));
         // no run's
         let other = dir.path().join("other");
         fs::create_dir(&other).unwrap();

@@ -172,9 +172,7 @@ impl RunFile {
     pub fn read(run: &Path) -> Result<RunFile> {
         let path = run.join(CONFIG);
         let text = input::text(&path).map_err(|e| match e.kind() {
-            std::io::ErrorKind::NotFound => {
-                Error::file(run, "no config.toml", "a run folder", "leave --resume out to begin a run")
-            }
+            std::io::ErrorKind::NotFound => Error::file(run, "no config.toml", "a run folder", "start one first"),
             _ => Error::io(&path)(e),
         })?;
         let wrong = |e: toml::de::Error| {

@@ -4,7 +4,7 @@ use crate::baselines::aclstm::FPS;
 use crate::baselines::aclstm::evaluate::{Options, Report, SHORT, Test, evaluate, evaluate_dances};
 use crate::baselines::aclstm::run::Trained;
 use crate::cli::read::frames_at;
-use crate::cli::{ForceArgs, Say, asked, print, progress};
+use crate::cli::{ForceArgs, Say, print, progress};
 use crate::corpus::Split;
 use crate::model::CheckpointChoice;
 use anyhow::Result;
@@ -57,7 +57,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         return write_seeds(args, &trained, &options, folder, say);
     }
     let report = match &args.dances {
-        Some(folder) => evaluate_dances(&trained, &options, folder).map_err(asked)?,
+        Some(folder) => evaluate_dances(&trained, &options, folder)?,
         None => own(&trained, &options, say)?,
     };
     if args.dances.is_some() && report.seeds < options.seeds {
@@ -68,11 +68,11 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
 
 fn own(trained: &Trained, options: &Options, say: Say) -> Result<Report> {
     let bar = progress::bar((options.lengths.len() * options.frames) as u64, "frames", say);
-    evaluate(trained, options, &mut |done| bar.set_position(done as u64)).map_err(asked)
+    Ok(evaluate(trained, options, &mut |done| bar.set_position(done as u64))?)
 }
 
 fn write_seeds(args: &Args, trained: &Trained, options: &Options, folder: &Path, say: Say) -> Result<()> {
-    let test = Test::load(trained, options).map_err(asked)?;
+    let test = Test::load(trained, options)?;
     let frames = options.lengths.iter().copied().max().unwrap_or(0);
     let outputs = args.force.outputs(trained.file.sources.data.iter().chain([&args.run]));
     let paths: Vec<PathBuf> = test.seeds.iter().map(|seed| folder.join(format!("{}.bvh", seed.name))).collect();

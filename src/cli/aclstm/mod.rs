@@ -1,52 +1,33 @@
-//! `kinelm aclstm train`, `generate`, `evaluate` and `plot`.
+//! `kinelm aclstm`.
 
 mod evaluate;
 mod generate;
 mod plot;
 mod train;
 
-use super::Say;
-use crate::baselines::aclstm::Form;
+use super::{Say, updates};
 use anyhow::Result;
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
     /// Train a network on motion files of one rig
     Train(train::Args),
-    /// A dance that goes on from a clip
+    /// Resume a training from its last whole checkpoint, on the same files
+    Resume(updates::ResumeArgs),
+    /// Continue a clip
     Generate(generate::Args),
-    /// How well a network foretells the next frames, and for how long it moves
+    /// Measure how well a network predicts the next frames, and for how long its dances keep moving
     Evaluate(evaluate::Args),
-    /// Curves of what `evaluate --json` printed: errors of the next frames, and who stands still at which second
+    /// Plot what `evaluate --json` printed: prediction errors, and the share of dances that stand still by second
     Plot(plot::Args),
 }
 
 pub fn run(command: Command, say: Say) -> Result<()> {
     match command {
         Command::Train(args) => train::run(args, say),
+        Command::Resume(args) => train::resume(&args, say),
         Command::Generate(args) => generate::run(&args, say),
         Command::Evaluate(args) => evaluate::run(&args, say),
         Command::Plot(args) => plot::run(args, say),
-    }
-}
-
-/// `--representation`.
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum FormArg {
-    /// Places of joints and end sites
-    Positional,
-    /// Angles in each joint's own order
-    Euler,
-    /// w, x, y, z of each joint
-    Quaternion,
-}
-
-impl From<FormArg> for Form {
-    fn from(form: FormArg) -> Form {
-        match form {
-            FormArg::Positional => Form::Positional,
-            FormArg::Euler => Form::Euler,
-            FormArg::Quaternion => Form::Quaternion,
-        }
     }
 }

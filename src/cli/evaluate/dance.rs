@@ -71,7 +71,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
-    let corpus = corpus(&args.real, args.trust)?;
+    let corpus = super::real_corpus(&args.real, args.trust)?;
     let tokenizer = corpus.tokenizer();
     let outputs = args.force.outputs(args.dances.iter().chain(&args.compare).chain([&args.real]).cloned());
     let plot = args.plot.as_deref();
@@ -163,15 +163,6 @@ fn asked_label(corpus: &Corpus, field: &str, path: &Path, told: Option<&Provenan
     }
     let of_prompt = || of_clip(told.prompt_sha256.as_ref()?);
     Ok(told.recipe.labels.get(field).cloned().or_else(of_prompt))
-}
-
-/// The corpus that `--real` names.
-pub fn corpus(real: &Path, trust: TrustArgs) -> Result<Corpus> {
-    if !real.join("corpus.json").exists() {
-        let what = format!("--real {}: no corpus.json; expected a corpus, as kinelm tokenize makes it", real.display());
-        return Err(WrongCall(what).into());
-    }
-    Ok(trust.open(real)?)
 }
 
 /// The beats that the dances are held to, if the call names any, seconds from their first frame: one for all, or one for each.

@@ -1,6 +1,7 @@
 //! `kinelm generate --given --free`: what is asked for, and what was understood.
 
-use crate::cli::{Say, WrongCall};
+use super::dance::DanceArgs;
+use crate::cli::{Say, wrong_call};
 use crate::generate::edit::Edited;
 use crate::generate::edit::close::LeftOver;
 use crate::generate::edit::mask::Understood;
@@ -23,73 +24,64 @@ const ROUGH: f64 = 3.0;
 
 #[derive(Debug, clap::Args)]
 pub struct EditArgs {
-    /// Keep these joints of the prompt, throughout or from one moment to another (2s, 40f of the file, 12m of the model, -1s
-    /// from the end); all else is made anew. Several add up
+    /// Joints to keep as they are in the prompt, throughout or for a time (2s, 40f of the file, 12m of the model, -1s from the
+    /// end); all else is generated. May be repeated
     #[arg(long, value_name = "JOINTS[@FROM:TO]", requires = "prompt", conflicts_with_all = ["joints", "from_frame"])]
     given: Vec<Span>,
-    /// Make these joints anew, throughout or from one moment to another, even where they are given; without --given all else
-    /// is kept. The file's other numbers stay as they are
+    /// Joints to generate, throughout or for a time, even where --given names them; without --given all else is kept. The
+    /// file's other numbers stay as they are. May be repeated
     #[arg(long, value_name = "JOINTS[@FROM:TO]", requires = "prompt", conflicts_with_all = ["joints", "from_frame"])]
     free: Vec<Span>,
-    /// Make the end of the prompt anew so that it goes over into its beginning: it can be played over and over. With `pose`
-    /// only the pose comes back, while place and heading go on
+    /// Generate the end of the prompt so that it leads into its beginning, to be played in a loop. With `pose` only the pose
+    /// returns, while position and heading go on
     #[arg(long = "loop", value_name = "back|pose", num_args = 0..=1, require_equals = true, default_missing_value = "back",
         requires = "prompt", conflicts_with_all = ["joints", "from_frame", "given", "free", "frames", "seconds"])]
     round: Option<Comes>,
-    /// Seconds of the end that --loop makes anew: 2s, 2 or 120f (frames of the file)
+    /// Seconds at the end that --loop generates: 2s, 2 or 120f (frames of the file); 0.1 to 60
     #[arg(long, value_name = "S", default_value = "2s", requires = "round", value_parser = crate::cli::read::time)]
     loop_over: Moment,
-    /// Seconds over which what differs where new meets old is faded, on the new side: 0.2s, 0.2 or 12f (frames of the file)
-    #[arg(long, value_name = "S", default_value = "0.2s", value_parser = crate::cli::read::time)]
-    blend: Moment,
-    /// Ways that are drawn through a gap, of which the one is kept that ends nearest to where the clip goes on
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=64))]
-    tries: u8,
 }
 
-/// The seconds of a flag, `least` to 60; `fps` is asked where they are told in frames.
+/// The seconds of a flag, `least` to 60; `fps` gives the rate of a time in frames.
 fn seconds(flag: &str, time: Moment, least: f64, fps: &dyn Fn() -> Result<f64>) -> Result<f64> {
     let s = match time {
         Moment::Seconds(s) => s,
         frames => frames.seconds(fps()?),
     };
-    if (least..=60.0).contains(&s) {
-        return Ok(s);
+    match (least..=60.0).contains(&s) {
+        true => Ok(s),
+        false => wrong_call!("--{flag} {time}: expected {least} to 60 seconds"),
     }
-    Err(WrongCall(format!("--{flag} {time}: expected {least} to 60 seconds")).into())
 }
 
 impl EditArgs {
     /// Whether a clip is to be edited.
-    pub fn is_asked(&self) -> bool {
+    pub fn is_requested(&self) -> bool {
         !self.given.is_empty() || !self.free.is_empty() || self.round.is_some()
     }
 
-    /// What is asked for, if a clip is to be edited; `fps` gives its file's rate.
+    /// The requested edit, if any; `fps` gives the rate of the prompt's file.
     ///
     /// # Errors
     /// Times outside their limits.
-    pub fn get(&self, fps: &dyn Fn() -> Result<f64>) -> Result<Option<Edit>> {
-        let (given, free, blend_s) = (self.given.clone(), self.free.clone(), self.blend_s(fps)?);
+    pub fn get(&self, dance: &DanceArgs, fps: &dyn Fn() -> Result<f64>) -> Result<Option<Edit>> {
+        let (given, free) = (self.given.clone(), self.free.clone());
+        let blend_s = seconds("blend", dance.blend, 0.0, fps)?;
         let over_s = seconds("loop-over", self.loop_over, 0.1, fps)?;
         let round = self.round.map(|comes| Round { comes, over_s });
-        Ok(self.is_asked().then(|| Edit { given, free, blend_s, tries: self.tries.into(), round }))
-    }
-
-    fn blend_s(&self, fps: &dyn Fn() -> Result<f64>) -> Result<f64> {
-        seconds("blend", self.blend, 0.0, fps)
+        Ok(self.is_requested().then(|| Edit { given, free, blend_s, tries: dance.tries.into(), round }))
     }
 }
 
-/// What a plan asks for: what is made of its clips, and what the model is told when.
-pub fn planned(path: &Path, args: &EditArgs, say: Say) -> Result<(PromptRequest, Vec<TimedLabel>)> {
-    let (plan, laid) = Timeline::load(path)?;
-    laid.notes.iter().for_each(|note| say.line(note));
-    let (path, read, given) = (laid.path().to_owned(), laid.read(), laid.given());
-    let (free, blend_s) = (Vec::new(), args.blend_s(&|| Ok(laid.fps))?);
-    let edit = Edit { given, free, blend_s, tries: args.tries.into(), round: None };
-    let prompt = PromptRequest { path, read, joints: None, from_frame: None, plan: Some(plan), edit: Some(edit) };
-    Ok((prompt, laid.labels))
+/// The prompt that a timeline makes of its clips, and its labels.
+pub fn of_timeline(path: &Path, dance: &DanceArgs, say: Say) -> Result<(PromptRequest, Vec<TimedLabel>)> {
+    let (timeline, layout) = Timeline::load(path)?;
+    layout.notes.iter().for_each(|note| say.line(note));
+    let (path, read, given) = (layout.path().to_owned(), layout.read(), layout.given());
+    let blend_s = seconds("blend", dance.blend, 0.0, &|| Ok(layout.fps))?;
+    let edit = Edit { given, free: Vec::new(), blend_s, tries: dance.tries.into(), round: None };
+    let prompt = PromptRequest { path, read, joints: None, from_frame: None, plan: Some(timeline), edit: Some(edit) };
+    Ok((prompt, layout.labels))
 }
 
 /// Says what was understood of an edit.

@@ -4,7 +4,7 @@ use crate::baselines::music_lstm::FPS;
 use crate::baselines::music_lstm::evaluate::{Options, evaluate};
 use crate::baselines::music_lstm::run::Trained;
 use crate::cli::read::frames_at;
-use crate::cli::{Say, WrongCall, asked, print, progress};
+use crate::cli::{Say, WrongCall, print, progress};
 use crate::corpus::Split;
 use crate::model::CheckpointChoice;
 use anyhow::Result;
@@ -40,6 +40,6 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let bar = progress::bar(0, "frames", say);
     let report = evaluate(&trained, &options, &mut |done| bar.set_position(done as u64));
     drop(bar);
-    let report = report.map_err(asked)?;
+    let report = report?;
     print(&if args.json { format!("{}\n", serde_json::to_string(&report)?) } else { format!("{report}\n") })
 }

@@ -5,133 +5,90 @@ use crate::baselines::music_lstm::config::{Audio, Effort, Pose};
 use crate::baselines::music_lstm::data::Places;
 use crate::baselines::music_lstm::train::{Asked, train};
 use crate::classify::Only;
+use crate::cli::Say;
 use crate::cli::read::{ReadArgs, positive};
-use crate::cli::{Say, asked, updates};
-use anyhow::{Context, Result};
+use crate::cli::updates::{self, ResumeArgs, set};
+use anyhow::Result;
 use kinelm_motion::format::RestFrame;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Folders of motion files, or files, all of one rig
-    #[arg(value_name = "DATA", required_unless_present = "resume", conflicts_with = "resume")]
+    /// Motion files or folders of them, all of one rig
+    #[arg(value_name = "DATA", required = true)]
     data: Vec<PathBuf>,
-    /// The folder of the music: the file that a clip's label `music` names, else one of the clip's name
-    #[arg(long, value_name = "FOLDER", required_unless_present = "resume", conflicts_with = "resume")]
-    music: Option<PathBuf>,
-    /// The run folder
+    /// The folder of the music: the file that a clip's label `music` names, else one with the clip's name
+    #[arg(long, value_name = "FOLDER")]
+    music: PathBuf,
+    /// The run folder to create
     #[arg(long, value_name = "RUN")]
     run: PathBuf,
     /// Splits, takes, true rates and music of the DATA, as for kinelm tokenize: a CSV or a pattern
-    #[arg(long, value_name = "FILE.csv|PATTERN", conflicts_with = "resume")]
+    #[arg(long, value_name = "FILE.csv|PATTERN")]
     labels: Vec<String>,
-    /// Only clips with this label; may be given again
-    #[arg(long, value_name = "FIELD=VALUE", conflicts_with = "resume")]
+    /// Use only clips with this label; may be repeated
+    #[arg(long, value_name = "FIELD=VALUE")]
     only: Vec<Only>,
-    /// The settings: small, dissertation, or a TOML; what is given beside them goes before
-    #[arg(long, value_name = "NAME|FILE", conflicts_with = "resume")]
+    /// Settings: small, dissertation, or a TOML file. The flags below override them
+    #[arg(long, value_name = "NAME|FILE")]
     config: Option<PathBuf>,
-    /// How music is heard
-    #[arg(long, value_enum, conflicts_with = "resume")]
-    audio: Option<AudioArg>,
+    /// The music features
+    #[arg(long, value_enum)]
+    audio: Option<Audio>,
     /// The loss of poses
-    #[arg(long, value_enum, conflicts_with = "resume")]
-    pose: Option<PoseArg>,
-    /// The loss of effort that is added to it
-    #[arg(long, value_enum, conflicts_with = "resume")]
-    effort: Option<EffortArg>,
-    /// In every so manieth update
-    #[arg(long, value_name = "N", conflicts_with = "resume")]
+    #[arg(long, value_enum)]
+    pose: Option<Pose>,
+    /// The loss of effort, which is added to it
+    #[arg(long, value_enum)]
+    effort: Option<Effort>,
+    /// Add the loss of effort every N updates
+    #[arg(long, value_name = "N")]
     effort_every: Option<u64>,
-    /// How often the last layer sees the true frame before, 0 to 1
-    #[arg(long, value_name = "SHARE", conflicts_with = "resume")]
+    /// Teacher forcing: the probability that the last layer sees the true previous frame, 0 to 1
+    #[arg(long, value_name = "P")]
     teacher: Option<f64>,
     /// Sequences of an update
-    #[arg(long, value_name = "N", conflicts_with = "resume")]
+    #[arg(long, value_name = "N")]
     batch: Option<u16>,
-    /// Adam's rate
-    #[arg(long, value_name = "RATE", value_parser = positive, conflicts_with = "resume")]
+    /// Adam's learning rate
+    #[arg(long, value_name = "RATE", value_parser = positive)]
     rate: Option<f64>,
-    /// Updates in all
+    /// Total updates
     #[arg(long, value_name = "N")]
     steps: Option<u64>,
-    /// The seed of the first weights and of the sequences
-    #[arg(long, value_name = "N", conflicts_with = "resume")]
+    /// Seed of the first weights and of the sequences
+    #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Go on with the run from its last whole checkpoint, on the same files
-    #[arg(long)]
-    resume: bool,
     #[command(flatten)]
     read: ReadArgs,
 }
 
-/// `--audio`.
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum AudioArg {
-    /// Six windows around the frame's time, logarithms
-    Fixed,
-    /// As the dissertation prints it
-    Compat,
-}
-
-/// `--pose`.
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum PoseArg {
-    /// The mean square, true quaternions with the nearer sign
-    Aligned,
-    /// With the signs as they are
-    Compat,
-    /// It isn't asked
-    None,
-}
-
-/// `--effort`.
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum EffortArg {
-    /// By angular speeds
-    Corrected,
-    /// As the dissertation prints it
-    Compat,
-    /// It isn't asked
-    None,
-}
-
 pub fn run(args: Args, say: Say) -> Result<()> {
-    let asked_for = match args.resume {
-        true => Asked::Resumed(args.steps),
-        false => {
-            let music = updates::kept(args.music.as_deref().context("no folder of music")?)?;
-            // the margin leaves out what stands before the motion
-            let read = args.read.options(RestFrame::Keep);
-            let motion = updates::sources(&args.data, &args.labels, &args.only, read)?;
-            Asked::New(config(&args)?, Places { music, motion })
-        }
-    };
-    updates::follow("kinelm music-lstm train", &args.run, say, |stop, hear| train(&args.run, &asked_for, stop, hear))
+    // the margin leaves out what precedes the motion
+    let motion = updates::sources(&args.data, &args.labels, &args.only, args.read.options(RestFrame::Keep))?;
+    let places = Places { music: updates::stored(&args.music)?, motion };
+    follow(&args.run, &Asked::New(config(&args)?, places), say)
+}
+
+pub fn resume(args: &ResumeArgs, say: Say) -> Result<()> {
+    follow(&args.run, &Asked::Resumed(args.steps), say)
+}
+
+fn follow(run: &Path, request: &Asked, say: Say) -> Result<()> {
+    updates::follow("kinelm music-lstm", run, say, |stop, report| train(run, request, stop, report))
 }
 
 fn config(args: &Args) -> Result<Config> {
-    let mut config = args.config.as_deref().map(Config::find).transpose().map_err(asked)?.unwrap_or_default();
-    config.audio = args.audio.map_or(config.audio, |audio| match audio {
-        AudioArg::Fixed => Audio::Fixed,
-        AudioArg::Compat => Audio::Compat,
-    });
-    config.pose = args.pose.map_or(config.pose, |pose| match pose {
-        PoseArg::Aligned => Pose::Aligned,
-        PoseArg::Compat => Pose::Compat,
-        PoseArg::None => Pose::None,
-    });
-    config.effort = args.effort.map_or(config.effort, |effort| match effort {
-        EffortArg::Corrected => Effort::Corrected,
-        EffortArg::Compat => Effort::Compat,
-        EffortArg::None => Effort::None,
-    });
-    config.effort_every = args.effort_every.unwrap_or(config.effort_every);
-    config.teacher = args.teacher.unwrap_or(config.teacher);
-    config.batch = args.batch.map_or(config.batch, usize::from);
-    config.learning_rate = args.rate.unwrap_or(config.learning_rate);
-    config.steps = args.steps.unwrap_or(config.steps);
-    config.seed = args.seed.unwrap_or(config.seed);
-    config.validate().map_err(asked)?;
+    let mut config = args.config.as_deref().map(Config::find).transpose()?.unwrap_or_default();
+    set(&mut config.audio, args.audio);
+    set(&mut config.pose, args.pose);
+    set(&mut config.effort, args.effort);
+    set(&mut config.effort_every, args.effort_every);
+    set(&mut config.teacher, args.teacher);
+    set(&mut config.batch, args.batch);
+    set(&mut config.learning_rate, args.rate);
+    set(&mut config.steps, args.steps);
+    set(&mut config.seed, args.seed);
+    config.validate()?;
     Ok(config)
 }

@@ -1,6 +1,6 @@
 //! `kinelm query evaluate`.
 
-use super::{TransformArg, distance, exclude, joints_of};
+use super::{TransformArg, joints_of};
 use crate::cli::data::DataArgs;
 use crate::cli::read::{ReadArgs, count, rate, window};
 use crate::cli::{ForceArgs, Say, print, progress};
@@ -30,10 +30,10 @@ pub struct Args {
     #[arg(long)]
     no_dc: bool,
     /// What near means, with commas
-    #[arg(long, value_name = "cosine|euclid", value_delimiter = ',', default_value = "cosine,euclid", value_parser = distance)]
+    #[arg(long, value_delimiter = ',', default_value = "cosine,euclid", value_enum)]
     distance: Vec<Distance>,
     /// What is left out of the neighbours in the main figures; the others stand beside
-    #[arg(long, default_value = "take", value_name = "self|overlap|clip|take|choreography|none", value_parser = exclude)]
+    #[arg(long, default_value = "take", value_enum)]
     exclude: Exclude,
     /// Neighbours
     #[arg(short, default_value_t = 10, value_parser = clap::value_parser!(u16).range(1..))]

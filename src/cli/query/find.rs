@@ -1,6 +1,5 @@
 //! `kinelm query find`.
 
-use super::{distance, exclude};
 use crate::cli::read::{ReadArgs, count, time};
 use crate::cli::{ForceArgs, Say, print};
 use crate::spectral::query::{Distance, Exclude, Index, Query, SearchResult};
@@ -26,11 +25,11 @@ pub struct Args {
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = time)]
     at: Option<Moment>,
     /// What near means
-    #[arg(long, default_value = "cosine", value_name = "cosine|euclid", value_parser = distance)]
+    #[arg(long, default_value = "cosine", value_enum)]
     distance: Distance,
     /// What is left out: the window itself, windows that share a frame with it, its clip, its take (the same recording, a
     /// partner's too), its choreography; each leaves out what those before it do
-    #[arg(long, default_value = "take", value_name = "self|overlap|clip|take|choreography|none", value_parser = exclude)]
+    #[arg(long, default_value = "take", value_enum)]
     exclude: Exclude,
     /// Of each clip only its nearest window
     #[arg(long)]

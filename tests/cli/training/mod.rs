@@ -41,7 +41,7 @@ impl Place {
 
     fn resume(&self, run: &Path) -> Command {
         let mut c = kinelm();
-        c.arg("pretrain").arg("--resume").arg("--run").arg(run);
+        c.arg("pretrain").arg("resume").arg(run);
         c
     }
 }

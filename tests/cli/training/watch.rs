@@ -80,14 +80,14 @@ fn a_run_says_who_began_it_and_can_be_moved_with_its_corpus() {
     }
     let text = fs::read_to_string(run.join("config.toml")).unwrap().replace("../../corpus", "../gone");
     fs::write(run.join("config.toml"), text).unwrap();
-    place.resume(&run).args(["--steps", "8"]).assert().code(1).stderr(contains("--resume --corpus CORPUS"));
+    place.resume(&run).args(["--steps", "8"]).assert().code(1).stderr(contains("--corpus, also to resume a run"));
     let mut named = place.resume(&run);
     named.args(["--steps", "8", "--corpus"]).arg(place.at("moved/corpus")).assert().success();
     let text = fs::read_to_string(run.join("config.toml")).unwrap();
     assert!(text.contains("path = \"../corpus\""), "{text}");
     place.resume(&run).args(["--steps", "10"]).assert().success();
     let beside = format!("{}.kinelm.json", dance.display());
-    let said = kinelm().args(["generate", "--again", &beside]).assert().code(1);
+    let said = kinelm().args(["generate", "again", &beside]).assert().code(1);
     let said = String::from_utf8_lossy(&said.get_output().stderr).into_owned();
     assert!(said.contains("no checkpoint of step 4, but those of") && said.contains("train.keep"), "{said}");
 }

@@ -17,6 +17,7 @@ pub const MUSIC_LSTM: &kinelm_store::presets::Presets = &[
 /// How a frame of music is heard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Audio {
     /// Six windows around the frame's time, logarithms, each number standardised over the training music.
     #[default]
@@ -38,6 +39,7 @@ impl Audio {
 /// How far poses are from true ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Pose {
     /// The mean square of the quaternions' numbers, each true one with the sign that lies nearer.
     #[default]
@@ -51,6 +53,7 @@ pub enum Pose {
 /// How far the effort of a dance is from the true one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Effort {
     /// By angular speeds ([`super::effort`]).
     Corrected,

@@ -11,6 +11,7 @@ use half::slice::{HalfBitsSliceExt, HalfFloatSliceExt};
 
 /// How keys and values are held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum KvKind {
     /// As they are.
     #[default]

@@ -8,6 +8,7 @@ use crate::op::matmul::panel;
 
 /// How weights are held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum WeightKind {
     /// As they are.
     #[default]

@@ -34,6 +34,7 @@ pub const UNITS: usize = 64;
 
 /// How layers are joined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Wiring {
     /// A layer sees the output of the one below at the same step.
     #[default]

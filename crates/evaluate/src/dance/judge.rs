@@ -9,12 +9,16 @@ use super::report::{Reference, feet};
 use crate::Result;
 use crate::floors::codes::frames;
 use kinelm_corpus::Split;
-use kinelm_generate::best::Verdict;
+use kinelm_generate::best::{Best, Verdict};
 use kinelm_generate::free::Stretch;
+use kinelm_generate::open::OpenRequest;
+use kinelm_motion::format::Format;
 use kinelm_motion::metric::{Ground, Skate, jitter_of};
 use kinelm_motion::rig::Feet;
 use kinelm_motion::{Clip, joints::LEGS};
+use kinelm_tokenizer::Words;
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 /// Real clips are measured in windows of so many seconds, one every so many.
@@ -157,6 +161,27 @@ impl<'a> Judge<'a> {
         let limit = percentile(&valid, 0.01);
         known.insert(joints.to_vec(), limit);
         Ok(limit)
+    }
+
+    /// The best `count` of the sampled dances of a request, best first, each with its number among them. They are coded as if
+    /// they were read back from a file named `out`.
+    ///
+    /// # Errors
+    /// What writing, reading and coding the dances fails with.
+    pub fn best(&self, open: &OpenRequest, sampled: &[Words], out: &Path, count: usize) -> Result<Vec<(usize, Best)>> {
+        // a .glb is written but never read
+        let is_read = Format::of_name(out).is_some_and(|format| format != Format::Glb);
+        let name = if is_read { out.to_owned() } else { out.with_extension("json") };
+        let options = open.read_back(&name);
+        let dance = |words: &Words| {
+            let bytes = open.motion(words, &name)?.bytes(&name)?;
+            Dance::of_bytes(&name, &bytes, &options, self.real.corpus().tokenizer())
+        };
+        let dances = sampled.iter().map(dance).collect::<Result<Vec<_>>>()?;
+        let ranked = self.ranked(&dances, count)?;
+        let of = ranked.len();
+        let best = ranked.into_iter().enumerate().map(|(better, (i, verdict))| (i, Best { of, better, verdict }));
+        Ok(best.take(count).collect())
     }
 
     /// Share of steps that slide, penetration and shaking of what was invented of a clip; of the feet where both legs were.

@@ -20,6 +20,7 @@ use std::path::Path;
 
 /// How a model is written for other programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Format {
     /// Under our own names, any model.
     Kinelm,

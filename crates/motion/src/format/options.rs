@@ -38,21 +38,26 @@ pub struct ReadOptions {
 /// The length that 1 in a BVH means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Unit {
     /// Judged by the leg's length.
     #[default]
     Auto,
     /// Metres.
     #[serde(alias = "m")]
+    #[cfg_attr(feature = "clap", value(name = "m"))]
     Metre,
     /// Centimetres.
     #[serde(alias = "cm")]
+    #[cfg_attr(feature = "clap", value(name = "cm"))]
     Centimetre,
     /// Millimetres.
     #[serde(alias = "mm")]
+    #[cfg_attr(feature = "clap", value(name = "mm"))]
     Millimetre,
     /// Inches.
     #[serde(alias = "in")]
+    #[cfg_attr(feature = "clap", value(name = "in"))]
     Inch,
     /// 0.0564444 m, the unit of CMU's ASF/AMC files.
     Cmu,
@@ -75,6 +80,7 @@ impl Unit {
 /// The two conventions of BVH position channels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum BvhPosition {
     /// A channel takes the place of its component of the OFFSET.
     #[default]

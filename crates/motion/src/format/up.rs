@@ -15,6 +15,7 @@ const FRAMES: usize = 600;
 
 /// The axis of a file's world that points up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Up {
     /// Of a BVH judged by how the body stands; of all others what their format says.
     #[default]
@@ -25,18 +26,21 @@ pub enum Up {
     X,
     /// -x.
     #[serde(rename = "-x")]
+    #[cfg_attr(feature = "clap", value(name = "-x"))]
     NegX,
     /// +y.
     #[serde(rename = "y")]
     Y,
     /// -y.
     #[serde(rename = "-y")]
+    #[cfg_attr(feature = "clap", value(name = "-y"))]
     NegY,
     /// +z.
     #[serde(rename = "z")]
     Z,
     /// -z.
     #[serde(rename = "-z")]
+    #[cfg_attr(feature = "clap", value(name = "-z"))]
     NegZ,
 }
 

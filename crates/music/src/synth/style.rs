@@ -4,6 +4,7 @@ use super::voice::Noise;
 
 /// A way to play, by the patterns of its parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Style {
     /// Kick on one and three, snare on two and four, hats on eighths, a bass that follows the kick.
     Pop,

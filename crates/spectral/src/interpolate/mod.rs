@@ -25,6 +25,7 @@ pub const JITTER_BOUND: f64 = 1.1;
 
 /// Whose spectrum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Spectrum {
     /// Low coefficients of a cosine transform: what is above stays the first dance's.
     #[default]

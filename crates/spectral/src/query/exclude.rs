@@ -8,11 +8,13 @@ use serde::{Deserialize, Serialize};
 /// What is left out of an answer: each leaves out what those before it do. See docs/query.md, "What is left out".
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Exclude {
     /// Nothing.
     None,
     /// The window itself.
     #[serde(rename = "self")]
+    #[cfg_attr(feature = "clap", value(name = "self"))]
     Itself,
     /// Windows that share a frame with it.
     Overlap,

@@ -21,6 +21,7 @@ const SLACK: f64 = 1e-11;
 /// What "near" means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Distance {
     /// Greatest cosine `a.b / (|a||b|)`; 0 where either is zero.
     Cosine,

@@ -69,7 +69,7 @@ fn resumed(file: TrainFile, files: &[&str]) {
     let first = pretrain(&halves, &stop, &mut StopAt(5, &stop, Vec::new())).unwrap();
     assert_eq!((first.step, first.stopped, straight.stopped), (5, true, false));
     let message = go(&halves).unwrap_err().to_string();
-    assert!(message.contains("halves exists; go on with it by --resume"), "{message}");
+    assert!(message.contains("halves exists; resume it"), "{message}");
     halves.resume = true;
     let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let second = one_thread.install(|| go(&halves)).unwrap();

@@ -6,6 +6,7 @@ use kinelm_view::plot::{Chart, Look, Scale, Series};
 
 /// What is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum), value(rename_all = "snake_case"))]
 pub enum Metric {
     /// Nats a token.
     Loss,
@@ -59,6 +60,7 @@ impl Metric {
 
 /// What it is drawn over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Over {
     /// Updates.
     Step,

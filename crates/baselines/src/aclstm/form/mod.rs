@@ -20,6 +20,7 @@ use std::sync::Arc;
 /// How a pose is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Form {
     /// C = 3 (J + E): the hip's place, and from it to every other joint and end site, metres, in the world's directions.
     Positional,

@@ -58,7 +58,7 @@ fn a_run_that_was_stopped_goes_on_to_the_same_bits() {
         assert_eq!((done.step, done.stopped, losses.len()), (7, false, 7));
         let (first, found) = go(&parts, &new, 4).unwrap();
         assert_eq!((first.step, first.stopped), (4, true));
-        assert!(go(&parts, &new, 1).unwrap_err().to_string().contains("exists; go on with it by --resume"));
+        assert!(go(&parts, &new, 1).unwrap_err().to_string().contains("exists; resume it"));
         // another number of threads, and what was done behind the last checkpoint is done again
         fs::remove_dir_all(parts.join("checkpoints/step-00000004")).unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();

@@ -1,0 +1,81 @@
+//! A request carried out: the dances sampled and written.
+
+use super::{best, dance::DanceArgs, edit, say};
+use crate::cli::{ForceArgs, Say, convert, filter, progress};
+use crate::generate::best::Best;
+use crate::generate::open::OpenRequest;
+use crate::generate::provenance::Provenance;
+use crate::generate::request::{MusicRequest, PromptRequest, Request};
+use anyhow::Result;
+use kinelm_store::output::Outputs;
+use kinelm_store::sidecar;
+use kinelm_tokenizer::Words;
+use std::path::{Path, PathBuf};
+
+/// Generates the dances of a request into `outs`; `file` is read besides what the request names.
+pub fn make(args: &DanceArgs, request: Request, outs: &[PathBuf], file: Option<&Path>, say: Say) -> Result<()> {
+    let inputs = (&*request.run, request.prompt.as_ref(), request.music.as_ref());
+    let outputs = outputs(args.force, inputs, file.map(Path::to_owned));
+    // all names, before the first frame
+    outputs.check(outs.iter().map(PathBuf::as_path))?;
+    for out in outs {
+        outputs.check_replaceable(out, None)?;
+        outputs.check_replaceable(&sidecar::path_of(out), None)?;
+    }
+    let open = OpenRequest::open(&request)?;
+    say::opened(&open, say)?;
+    let reference = args.best.reference(&open, say)?;
+    let samples = args.best.best.map_or(outs.len(), usize::from);
+    let sampled = sample(&open, samples, args.guesses, say)?;
+    let chosen: Vec<(usize, Option<Best>)> = match reference {
+        Some(corpus) => {
+            let best = best::choose(&corpus, &open, &sampled, outs, say)?;
+            best.into_iter().map(|(i, best)| (i, Some(best))).collect()
+        }
+        None => (0..samples).map(|i| (i, None)).collect(),
+    };
+    for ((i, best), out) in chosen.into_iter().zip(outs) {
+        let generated = open.motion(&sampled[i], out)?;
+        let bytes = generated.bytes(out)?;
+        let fps = generated.motion.clip.fps();
+        Provenance { best, ..Provenance::of(&open, i + 1, (out, fps), &bytes)? }.write(out, &bytes, &outputs)?;
+        convert::told(out, &generated.motion, say);
+        if let Some(from) = open.lead_in(i).map(|lead_in| &lead_in.from) {
+            let from_s = from.frame as f64 / open.tokenizer.fps();
+            say.line(format_args!("continues from a second of {} (a train clip) at {from_s:.2} s", from.clip));
+        }
+        edit::say_left(&generated.left, generated.locked_fps, say);
+        if let Some(edited) = open.prompt.as_ref().and_then(|prompt| prompt.edit.as_ref()) {
+            edit::say_seam(edited, &generated, say);
+        }
+        generated.locked.iter().for_each(|locked| filter::say_locked(locked, generated.locked_fps, say));
+        say::read_back(&open, &sampled[i], out, say)?;
+    }
+    Ok(())
+}
+
+/// The outputs of a call that reads a run, a prompt, music and other files.
+pub fn outputs(
+    force: ForceArgs,
+    (run, prompt, music): (&Path, Option<&PromptRequest>, Option<&MusicRequest>),
+    files: impl IntoIterator<Item = PathBuf>,
+) -> Outputs {
+    let prompt = prompt.into_iter().flat_map(|prompt| {
+        let map = prompt.read.map.iter().map(PathBuf::from);
+        map.chain(prompt.read.body_model.clone()).chain(prompt.files())
+    });
+    let music = music.map(|music| music.path.clone());
+    force.outputs(prompt.chain(music).chain([run.to_owned()]).chain(files))
+}
+
+/// Samples dances side by side, with a progress bar; returns the words of each.
+pub fn sample(open: &OpenRequest, dances: usize, guesses: Option<u8>, say: Say) -> Result<Vec<Words>> {
+    let bar = progress::bar(open.frames as u64, "frames", say);
+    let sampled = open.dance(dances, guesses.map(usize::from), &mut |frames| bar.set_position(frames as u64));
+    drop(bar);
+    let sampled = sampled?;
+    if sampled.guessed > 0 {
+        say.line(format_args!("{} of {} guessed tokens were right", sampled.right, sampled.guessed));
+    }
+    Ok((0..sampled.ids.len()).map(|dance| open.words(&sampled, dance)).collect())
+}

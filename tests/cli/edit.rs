@@ -454,7 +454,9 @@ fn gaps_are_measured_beside_straight_ways() {
     let found: serde_json::Value = serde_json::from_slice(&json.get_output().stdout).unwrap();
     let cm = |row: usize| found["rows"][row]["mean"]["global_cm"].as_f64().unwrap();
     assert!(cm(0) > 0.0 && cm(1) > 0.0 && cm(4) <= cm(2), "{found}");
-    gaps(&["--frames", "40"]).code(2).stderr(contains("the model sees 32 frames; a gap of 40 needs 42 at least"));
+    gaps(&["--frames", "40"])
+        .code(2)
+        .stderr(contains("a gap of 40 frames takes 42 frames of context, the limit is the 32 that the model sees"));
 }
 
 #[test]

@@ -67,7 +67,7 @@ fn nothing_of_the_users_is_written_over_and_what_is_wrong_is_said() {
     said(&["music", "beats", "song.wav", "--out", "mine.txt"], 2, "mine.txt is there already, with other contents");
     said(&["music", "beats", "song.wav", "--out", "song.wav"], 2, "expected a name ending in .txt");
     said(&["music", "inspect", "song.wav", "--out", "s.gif"], 2, "expected a name ending in .png or .svg");
-    said(&["music", "inspect", "song.wav", "--out", "s.png", "--at", "99"], 1, "song.wav: nothing to draw from 99");
+    said(&["music", "inspect", "song.wav", "--out", "s.png", "--at", "99"], 1, "song.wav: the stretch to draw is 99");
     said(&["music", "beats", "mine.txt"], 1, "mine.txt: unknown kind of file: found no sound");
     said(&["music", "inspect", "none.mp3"], 1, "none.mp3");
     assert_eq!(fs::read(dir.path().join("mine.txt")).unwrap(), b"dear\n");

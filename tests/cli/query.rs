@@ -218,7 +218,7 @@ fn what_is_wrong_is_said_and_nothing_is_left() {
     wrong(&["query", "build", "--transform", "model"], 2, "needs --run");
     wrong(&["query", "build", "--keep", "3", "--transform", "stft"], 2, "--keep");
     wrong(&["query", "build", "--keep", "129"], 1, "expected 1 to 128");
-    wrong(&["query", "build", "--window", "400"], 1, "no clip is as long as a window of 400 frames");
+    wrong(&["query", "build", "--window", "400"], 1, "no clip as long as a window of 400 frames");
     fs::create_dir(data.at("empty")).unwrap();
     let mut c = kinelm();
     c.args(["query", "build"]).arg(data.at("empty")).arg("--out").arg(data.at("no"));
@@ -227,9 +227,9 @@ fn what_is_wrong_is_said_and_nothing_is_left() {
     let evaluate = |words: &[&str], says: &str| {
         data.call(&["query", "evaluate"]).args(words).assert().code(1).stderr(contains(says));
     };
-    evaluate(&["--fields", "dancer"], "label `dancer`: 6 of 6 clips don't have it");
-    evaluate(&["--only", "genre=polka"], "no clip has the labels genre=polka");
-    evaluate(&["--exclude", "choreography"], "no clip has the label `choreography`");
+    evaluate(&["--fields", "dancer"], "no label `dancer` on 6 of 6 clips");
+    evaluate(&["--only", "genre=polka"], "no clip with the labels genre=polka");
+    evaluate(&["--exclude", "choreography"], "no clip with the label `choreography`");
     data.find("data/d0.bvh", "data").assert().code(1).stderr(contains("no index.json").and(contains("query build")));
     assert_eq!(names(data.0.path()), before);
 

@@ -42,9 +42,8 @@ pub fn gap_bits(
     let before = CONTEXT_FRAMES.min(window.saturating_sub(frames + 1));
     if frames == 0 || before == 0 {
         let most = window.saturating_sub(2);
-        return Err(Error::call(format!(
-            "gaps of {frames} frames; expected 1 to {most} in windows of {window} frames"
-        )));
+        let expected = format!("1 to {most} in windows of {window} frames");
+        return Err(Error::invalid("a gap", format!("{frames} frames long"), expected));
     }
     let ahead = GoalEncoder::of(corpus.tokenizer())?;
     let (gap, shown) = (before..before + frames, before + frames + 1);

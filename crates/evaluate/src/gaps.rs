@@ -39,15 +39,14 @@ pub struct Gap {
 /// `most` gaps of so many `frames`, spread evenly over the places that a split's clips have for them behind `before` frames.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Call`] where no clip is long enough; what reading the corpus fails with.
+/// [`kinelm_store::Error::Missing`] where no clip is long enough; what reading the corpus fails with.
 pub fn gaps(corpus: &Corpus, split: Split, (before, frames): (usize, usize), most: usize) -> Result<Vec<Gap>> {
     let length = before + frames + FRAMES_AFTER;
     let clips: Vec<_> = corpus.split(split).filter(|clip| clip.frames >= length).collect();
     let places: usize = clips.iter().map(|clip| clip.frames + 1 - length).sum();
     if places == 0 {
-        let what =
-            format!("no {split} clip has {length} frames: {before} before a gap of {frames}, {FRAMES_AFTER} behind it");
-        return Err(Error::call(what));
+        let help = format!("{before} stand before a gap of {frames}, {FRAMES_AFTER} after it");
+        return Err(Error::missing(format!("{split} clip of {length} frames"), help));
     }
     let count = most.min(places);
     let mut found = Vec::with_capacity(count);
@@ -132,14 +131,18 @@ pub struct Filler<'a> {
 /// Frames before a gap of so many that a model has room for.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Call`] where it has none.
+/// [`kinelm_store::Error::Invalid`] where it has none.
 pub fn frames_before(context: usize, front: usize, tokenizer: &Tokenizer, frames: usize) -> Result<usize> {
     let (Some(word), 1) = (tokenizer.tokens_per_word(), tokenizer.frames_per_word()) else {
-        return Err(Error::call("gaps need a tokenizer whose words are frames: uniform or quantile bins"));
+        let why = "the tokenizer's words are no frames; take one of uniform or quantile bins";
+        return Err(Error::unsupported("filling gaps", why));
     };
     let room = (context + 1).saturating_sub(front) / word;
     match room.saturating_sub(frames + 1).min(CONTEXT_FRAMES) {
-        0 => Err(Error::call(format!("the model sees {room} frames; a gap of {frames} needs {} at least", frames + 2))),
+        0 => {
+            let (what, needs) = (format!("a gap of {frames} frames"), format!("{} frames of context", frames + 2));
+            Err(Error::limit(what, needs, format!("the {room} that the model sees"), ""))
+        }
         before => Ok(before),
     }
 }
@@ -403,6 +406,6 @@ mod tests {
         let few = gaps(&corpus, Split::Train, (2, 1), 2).unwrap();
         assert!(few.len() == 2 && few.iter().all(|gap| all.contains(gap) && gap.frames == (2..3)));
         let told = gaps(&corpus, Split::Train, (999, 1), 2).unwrap_err().to_string();
-        assert!(told.contains("no train clip has 1003 frames"), "{told}");
+        assert!(told.contains("no train clip of 1003 frames"), "{told}");
     }
 }

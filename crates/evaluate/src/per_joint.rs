@@ -22,13 +22,16 @@ pub struct SlotBits {
 /// The places of a tokenizer's words, the space last, without bits.
 ///
 /// # Errors
-/// [`Error::Tokenizer`] or [`kinelm_store::Error::Call`] with the reason, where a character belongs to no one joint.
+/// [`Error::Tokenizer`] or [`kinelm_store::Error::Invalid`] with the reason, where a character belongs to no one joint.
 pub fn slots(tokenizer: &Tokenizer) -> Result<Vec<SlotBits>> {
     if tokenizer.tokens_per_word().is_none() || tokenizer.frames_per_word() != 1 {
-        let what = "words of this tokenizer are no frames of one character a channel, so no token is one joint's";
-        return Err(Error::call(what));
+        let why = "a word of this tokenizer is no frame of one character a channel, so no token is one joint's";
+        return Err(Error::unsupported("bits of each joint", why));
     }
-    let channels = tokenizer.scheme().slot_channels(tokenizer.channels()).map_err(Error::call)?;
+    let channels = tokenizer
+        .scheme()
+        .slot_channels(tokenizer.channels())
+        .map_err(|why| Error::unsupported("bits of each joint", why))?;
     let part = |channel: &Channel| match channel {
         Channel::Translation(_) => "translation",
         Channel::Turn | Channel::Tilt(_) => smpl::NAMES[0],
@@ -52,8 +55,8 @@ pub fn by_slot(
     conditions: &Conditions,
 ) -> Result<Option<(Likelihood, Vec<SlotBits>)>> {
     if model.config().kind == ModelKind::Masked {
-        let what = "a masked model is asked for some of the tokens alone, too few to say what each joint costs";
-        return Err(Error::call(what));
+        let why = "a masked model predicts a few of the tokens, too few to tell what each joint costs";
+        return Err(Error::unsupported("bits of each joint", why));
     }
     let mut all = slots(corpus.tokenizer())?;
     let word = all.len();

@@ -60,9 +60,13 @@ pub struct Row {
 
 impl Row {
     fn of(name: &str, fps: f64, found: &ShortTerm) -> Result<Row> {
-        let up_to = found.figures(&TIMES_MS).ok_or_else(|| Error::call("no window of 3 s to measure on"))?;
+        let up_to = found.figures(&TIMES_MS).ok_or_else(no_window)?;
         Ok(Row { name: name.into(), fps, windows: found.windows(), joints: found.joints().len(), up_to })
     }
+}
+
+fn no_window() -> Error {
+    Error::missing("clip as long as a window", "short-term prediction is measured in windows of 3 s")
 }
 
 /// The last pose, for as long as the target takes.
@@ -81,7 +85,7 @@ pub fn constant_velocity(window: &Window) -> Result<Clip> {
 /// Every joint's rotation n frames behind the seed's last two.
 fn extrapolate(window: &Window, at: impl Fn(Quat, Quat, usize) -> Quat) -> Result<Clip> {
     let (seed, target) = (&window.seed, &window.target);
-    let last = seed.frames().checked_sub(1).ok_or_else(|| Error::call("a seed without frames"))?;
+    let last = seed.frames().checked_sub(1).ok_or_else(no_window)?;
     let (a, b) = (seed.pose(last.saturating_sub(1)), seed.pose(last));
     let rotations = (1..=target.frames()).flat_map(|n| a.iter().zip(b).map(move |(a, b)| (n, *a, *b)));
     let rotations = rotations.map(|(n, a, b)| at(a, b, n)).collect();
@@ -93,7 +97,7 @@ fn extrapolate(window: &Window, at: impl Fn(Quat, Quat, usize) -> Quat) -> Resul
 /// # Errors
 /// No windows; none of the joints.
 pub fn baselines(windows: &[Window], joints: &[usize], what: &str) -> Result<Vec<Row>> {
-    let Some(first) = windows.first() else { return Err(Error::call("no clip is as long as a window, 3 s")) };
+    let Some(first) = windows.first() else { return Err(no_window()) };
     let (fps, frames) = (first.target.fps(), first.target.frames());
     let row = |name: &str, predict: fn(&Window) -> Result<Clip>| {
         let mut found = ShortTerm::new(joints, fps, frames)?;
@@ -133,9 +137,7 @@ impl Predictor<'_> {
     /// # Errors
     /// What coding and generating fail with; no windows.
     pub fn rows(&mut self, windows: &[Window], progress: &mut dyn FnMut(usize)) -> Result<Vec<Row>> {
-        let Some(first) = windows.first() else {
-            return Err(Error::call("no clip is as long as a window, 3 s"));
-        };
+        let Some(first) = windows.first() else { return Err(no_window()) };
         let (fps, frames) = (first.target.fps(), first.target.frames());
         let empty = || ShortTerm::new(self.tokenizer.channels().joints(), fps, frames);
         let (mut greedy, mut samples, mut best) = (empty()?, empty()?, empty()?);

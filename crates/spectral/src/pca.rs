@@ -114,11 +114,12 @@ impl PcaFit {
     /// laid under each other.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] when there are no series, or more components than numbers of a series, or numbers out of range.
+    /// [`kinelm_store::Error::Invalid`] when there are no series, or more components than numbers of a series, or numbers out of range.
     pub fn finish(&self, keep: usize) -> Result<PcaBasis> {
         let (n, count) = (self.length, self.count as f64);
         if self.count == 0 || keep > n {
-            return Err(Error::call(format!("a basis of {keep} components from {} series of {n} numbers", self.count)));
+            let found = format!("{keep} components from {} series of {n} numbers", self.count);
+            return Err(Error::invalid("a basis", found, format!("at least 1 series, at most {n} components")));
         }
         let mean: Vec<f64> = self.sum.iter().map(|s| s / count).collect();
         let mut covariance = vec![0.0; n * n];

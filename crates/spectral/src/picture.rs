@@ -8,7 +8,7 @@ use kinelm_motion::Clip;
 use kinelm_view::plot::{Chart, Heat, Look, Rule, Scale, Series as Curve};
 
 /// Joints of a clip that is drawn, at most: the embedding takes time by the cube of their number.
-const MOST_JOINTS: usize = 512;
+const MAX_JOINTS: usize = 512;
 /// Decibels below the loudest that the darkest colour stands for.
 const DEPTH_DB: f64 = 60.0;
 
@@ -38,9 +38,11 @@ pub struct SpectrumOptions {
 pub fn charts(clip: &Clip, options: &SpectrumOptions) -> Result<[Chart; 3]> {
     let names = clip.skeleton().names();
     let joint = options.joint;
-    let name = names.get(joint).ok_or_else(|| Error::call(format!("joint {joint} of {} joints", names.len())))?;
-    if names.len() > MOST_JOINTS {
-        return Err(Error::call(format!("{} joints; spectra are drawn of at most {MOST_JOINTS}", names.len())));
+    let name = names
+        .get(joint)
+        .ok_or_else(|| Error::invalid("`joint`", joint, format!("below {}, the clip's joints", names.len())))?;
+    if names.len() > MAX_JOINTS {
+        return Err(Error::limit("the charts", format!("{} joints", names.len()), format!("{MAX_JOINTS} joints"), ""));
     }
     let series = stretch(&Series::of(clip, &[], options.fps, false)?, options)?;
     let stft = Stft::new(series.frames, options.no_dc);
@@ -106,8 +108,9 @@ pub fn embedding(spectra: &[Vec<f64>]) -> Result<Vec<f64>> {
             products[i * c + j] = off[i].iter().zip(&off[j]).map(|(a, b)| a * b).sum();
         }
     }
-    let (values, vectors) = symmetric_eigen(c, &products)
-        .ok_or_else(|| Error::call("the spectra of the clip are out of all range; are its rotations right?"))?;
+    let (values, vectors) = symmetric_eigen(c, &products).ok_or_else(|| {
+        Error::unsupported("a spectral embedding", "the spectra are not finite; are the rotations right?")
+    })?;
     let mut picture = vec![0.0; n];
     if values.first().is_none_or(|v| *v <= 0.0) {
         return Ok(picture);
@@ -127,12 +130,9 @@ fn stretch(series: &Series, options: &SpectrumOptions) -> Result<Series> {
     let start = at(options.from_s).min(series.frames);
     let frames = options.seconds.map_or(series.frames - start, |s| at(s).min(series.frames - start));
     if frames < Stft::WINDOW {
-        return Err(Error::call(format!(
-            "{frames} frames at {} fps from {} s on; expected at least {}, a window of the spectrogram",
-            series.fps,
-            options.from_s,
-            Stft::WINDOW
-        )));
+        let found = format!("{frames} frames at {} fps from {} s on", series.fps, options.from_s);
+        let expected = format!("at least {}, a window of the spectrogram", Stft::WINDOW);
+        return Err(Error::invalid("the stretch to draw", found, expected));
     }
     Ok(series.slice(start, frames))
 }
@@ -228,9 +228,9 @@ mod tests {
         let clip = swinging(60);
         let said = |w: SpectrumOptions| charts(&clip, &w).unwrap_err().to_string();
         let all = SpectrumOptions { fps: 60.0, ..SpectrumOptions::default() };
-        assert!(said(SpectrumOptions { joint: 2, ..all.clone() }).contains("joint 2 of 2"));
-        assert!(said(SpectrumOptions { from_s: 0.8, ..all.clone() }).starts_with("12 frames at 60 fps from 0.8 s on"));
-        assert!(said(SpectrumOptions { from_s: 9.0, ..all.clone() }).starts_with("0 frames"));
-        assert!(said(SpectrumOptions { seconds: Some(0.1), ..all }).starts_with("6 frames"));
+        assert!(said(SpectrumOptions { joint: 2, ..all.clone() }).contains("`joint` is 2; expected below 2"));
+        assert!(said(SpectrumOptions { from_s: 0.8, ..all.clone() }).contains("is 12 frames at 60 fps from 0.8 s on"));
+        assert!(said(SpectrumOptions { from_s: 9.0, ..all.clone() }).contains("is 0 frames"));
+        assert!(said(SpectrumOptions { seconds: Some(0.1), ..all }).contains("is 6 frames"));
     }
 }

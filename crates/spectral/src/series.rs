@@ -34,7 +34,7 @@ impl Series {
     /// [`Series::window`] takes the jumps out.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] for a joint that the clip doesn't have or that is given twice; [`Error::Motion`] for a rate that
+    /// [`kinelm_store::Error::Invalid`] for a joint that the clip doesn't have or that is given twice; [`Error::Motion`] for a rate that
     /// can't be had.
     pub fn of(clip: &Clip, joints: &[usize], fps: f64, raw: bool) -> Result<Series> {
         let joints = if joints.is_empty() { (0..clip.joints()).collect() } else { joints.to_vec() };
@@ -105,17 +105,21 @@ impl Series {
     /// translation stay.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] for a clip of another length or of fewer joints, or for numbers that are not finite.
+    /// [`kinelm_store::Error::Invalid`] for a clip of another length or of fewer joints, or for numbers that are not finite.
     pub fn apply_to(&self, clip: &Clip) -> Result<Clip> {
         check(&self.joints, clip)?;
         let clip = resample(clip, self.fps, Method::Auto)?;
         if clip.frames() != self.frames {
             let (has, series) = (clip.frames(), self.frames);
-            return Err(Error::call(format!("a clip of {has} frames for series of {series}; expected as many")));
+            return Err(Error::invalid(
+                "the clip",
+                format!("{has} frames long"),
+                format!("the {series} frames of the series"),
+            ));
         }
         if let Some(i) = self.numbers.iter().position(|x| !x.is_finite()) {
             let (channel, frame) = (&self.channels[i / self.frames], i % self.frames);
-            return Err(Error::call(format!("{channel}, frame {frame}: {} is no angle", self.numbers[i])));
+            return Err(Error::invalid(format!("{channel}, frame {frame}"), self.numbers[i], "a finite angle"));
         }
         let (all, mut rotations) = (clip.joints(), clip.rotations().to_vec());
         for (i, q) in self.rotations().into_iter().enumerate() {
@@ -129,11 +133,11 @@ impl Series {
 fn check(joints: &[usize], clip: &Clip) -> Result<()> {
     for (i, &joint) in joints.iter().enumerate() {
         if joint >= clip.joints() {
-            return Err(Error::call(format!("joint {joint} of a skeleton of {} joints", clip.joints())));
+            return Err(Error::invalid("a joint", joint, format!("below {}, the skeleton's joints", clip.joints())));
         }
         if joints[..i].contains(&joint) {
             let name = &clip.skeleton().names()[joint];
-            return Err(Error::call(format!("joint {joint} ({name}) is given twice; give it once")));
+            return Err(Error::invalid("`joints`", format!("{joint} ({name}) twice"), "each joint once"));
         }
     }
     Ok(())
@@ -286,10 +290,10 @@ mod tests {
     fn what_does_not_fit_is_said() {
         let clip = turning(60.0, 5, |_| 0.0);
         let error = |joints: &[usize]| Series::of(&clip, joints, 60.0, false).unwrap_err().to_string();
-        assert!(error(&[3]).contains("joint 3 of a skeleton of 1"));
-        assert!(error(&[0, 0]).contains("joint 0 (hip) is given twice"));
+        assert!(error(&[3]).contains("a joint is 3; expected below 1"));
+        assert!(error(&[0, 0]).contains("`joints` is 0 (hip) twice"));
         let s = Series::of(&clip, &[], 60.0, false).unwrap();
-        assert!(s.apply_to(&clip.slice(0..4)).unwrap_err().to_string().contains("4 frames for series of 5"));
+        assert!(s.apply_to(&clip.slice(0..4)).unwrap_err().to_string().contains("4 frames long; expected the 5"));
         let broken = Series { numbers: vec![f64::NAN; 15], ..s };
         assert!(broken.apply_to(&clip).unwrap_err().to_string().contains("hip.x, frame 0"));
         assert_eq!(Series::of(&clip.slice(0..0), &[], 60.0, false).unwrap().frames, 0);

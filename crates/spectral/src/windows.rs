@@ -30,17 +30,17 @@ impl WindowSpec {
     /// Holds the numbers to their limits.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] with the number that is out of its limits.
+    /// [`kinelm_store::Error::Invalid`] with the number that is out of its limits.
     pub fn validate(&self) -> Result<()> {
         let WindowSpec { frames, hop, fps } = *self;
         if !(MIN_FRAMES..=MAX_FRAMES).contains(&frames) {
-            return Err(Error::call(format!("windows of {frames} frames; expected {MIN_FRAMES} to {MAX_FRAMES}")));
+            return Err(Error::invalid("`window`", frames, format!("{MIN_FRAMES} to {MAX_FRAMES} frames")));
         }
         if hop == 0 {
-            return Err(Error::call("a hop of 0 frames; expected at least 1"));
+            return Err(Error::invalid("`hop`", hop, "at least 1 frame"));
         }
         if !(fps.is_finite() && fps > 0.0) {
-            return Err(Error::call(format!("windows at {fps} frames per second; expected a positive number")));
+            return Err(Error::invalid("`fps`", fps, "a positive number"));
         }
         Ok(())
     }

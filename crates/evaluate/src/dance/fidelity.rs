@@ -75,8 +75,8 @@ pub fn fidelity(
     let coded = corpus.tokenizer().channels().joints();
     let joints: Vec<usize> = coded.iter().copied().filter(|j| *j != 0 && !given.contains(j)).collect();
     if joints.is_empty() {
-        let what = format!("the label {field} can't be looked for: of the coded joints all but the pelvis were given");
-        return Err(Error::call(what));
+        let help = "of the coded joints all but the pelvis were given";
+        return Err(Error::missing(format!("free joint to tell the label {field} by"), help));
     }
     let seen = corpus.split(Split::Train).filter_map(|record| Some((record, of_field.class_of(record)?)));
     let seen: Vec<(&ClipRecord, usize)> = seen.collect();

@@ -153,7 +153,9 @@ fn gaussian(rows: &[Vec<f64>], ridge: f64) -> (Vec<f64>, Vec<f64>) {
 fn eigen(n: usize, matrix: &[f64]) -> Result<(Vec<f64>, Vec<f64>)> {
     // rounding leaves products a little unsymmetric
     let even: Vec<f64> = (0..n * n).map(|at| (matrix[at] + matrix[at % n * n + at / n]) / 2.0).collect();
-    symmetric_eigen(n, &even).ok_or_else(|| Error::call("features whose spread has no square root: not finite"))
+    symmetric_eigen(n, &even).ok_or_else(|| {
+        Error::unsupported("a Fréchet distance", "the features are not finite, so their covariance has no square root")
+    })
 }
 
 /// A symmetric matrix with `of` of its eigenvalues, those below 0 as 0.

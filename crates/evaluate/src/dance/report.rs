@@ -14,7 +14,7 @@ use crate::floors::codes::frames;
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Corpus, Split};
 use kinelm_motion::metric::{Ground, Skate, jitter_of, physical_foot_contact};
-use kinelm_motion::rig::{Feet, SkeletonMap};
+use kinelm_motion::rig::{Feet, map_for};
 use kinelm_motion::{Clip, smpl};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -125,7 +125,7 @@ impl<'a> Reference<'a> {
     pub fn check(corpus: &Corpus) -> Result<()> {
         match frames(corpus, Split::Train) {
             0 => {
-                let help = "see --labels of tokenize";
+                let help = "give clips the split train when the corpus is tokenized";
                 Err(Error::file(corpus.dir(), "no training frame", "some, for the thresholds", help))
             }
             _ => Ok(()),
@@ -307,7 +307,7 @@ impl<'a> Reference<'a> {
 
 /// The feet of the model's body as far as they are coded: of the thirteen joints the ankles. Where none is, the ankles.
 pub(super) fn feet(joints: &[usize]) -> Result<Feet> {
-    let map = SkeletonMap::builtin("smpl").ok_or_else(|| Error::call("no skeleton map smpl"))?;
+    let map = map_for(&smpl::neutral(), None)?;
     let mut feet = Feet::new(&smpl::neutral(), &map)?;
     let coded = feet.joints.iter().any(|(j, _)| joints.contains(j));
     feet.joints.retain(|(j, _)| if coded { joints.contains(j) } else { matches!(j, 7 | 8) });

@@ -57,7 +57,7 @@ impl ChannelFloors {
     /// Fits the static models on `codes.train` and measures them on `codes.test`.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] when a split has no frame, or the codes are no whole frames of bins below `codes.bins`, of which
+    /// [`kinelm_store::Error::Missing`] when a split has no frame, or the codes are no whole frames of bins below `codes.bins`, of which
     /// there are 2 to 65,536; those of [`xz::bits_per_frame`].
     pub fn measure(codes: &CodeSplits) -> Result<ChannelFloors> {
         check(codes)?;
@@ -163,7 +163,7 @@ pub(super) fn sampled(taken: [usize; 2], of: [usize; 2]) -> Option<[usize; 2]> {
 pub(super) fn fmt_sample(f: &mut fmt::Formatter<'_>, taken: [usize; 2], of: [usize; 2]) -> fmt::Result {
     match sampled(taken, of) {
         Some([train, test]) => {
-            writeln!(f, "a sample in stretches, of {train} and of {test} frames; --floors all takes all of them")
+            writeln!(f, "measured on a sample in stretches, of {train} and of {test} frames")
         }
         None => Ok(()),
     }
@@ -181,26 +181,26 @@ fn row(name: &str, all: &str, from_third: &str) -> String {
 fn check(codes: &CodeSplits) -> Result<()> {
     let &CodeSplits { bins, channels, .. } = codes;
     if !(2..=1 << 16).contains(&bins) || channels == 0 {
-        return Err(Error::call(format!("{channels} channels of {bins} bins; expected channels, and 2 to 65536 bins")));
+        return Err(Error::invalid(
+            "the codes' shape",
+            format!("{channels} channels of {bins} bins"),
+            "at least 1 channel and 2 to 65536 bins",
+        ));
     }
     for (split, clips) in [("train", &codes.train), ("test", &codes.test)] {
         if clips.iter().all(Vec::is_empty) {
-            let what =
-                format!("the {split} split has no frame; the floors are fitted on train and measured on another");
-            return Err(Error::call(what));
+            let help = "static floors are fitted on train and measured on another split";
+            return Err(Error::missing(format!("frame in the {split} split"), help));
         }
         for (i, clip) in clips.iter().enumerate() {
             if !clip.len().is_multiple_of(channels) {
-                return Err(Error::call(format!(
-                    "{split} clip {i}: {} codes; expected frames of {channels}",
-                    clip.len()
-                )));
+                let found = format!("{} codes", clip.len());
+                return Err(Error::invalid(format!("{split} clip {i}"), found, format!("frames of {channels}")));
             }
             if let Some(at) = clip.iter().position(|&c| usize::from(c) >= bins) {
                 let (frame, code) = (at / channels, clip[at]);
-                return Err(Error::call(format!(
-                    "{split} clip {i}, frame {frame}: code {code}; expected below {bins}"
-                )));
+                let name = format!("{split} clip {i}, frame {frame}, the code");
+                return Err(Error::invalid(name, code, format!("below {bins}")));
             }
         }
     }
@@ -414,8 +414,8 @@ mod tests {
     #[test]
     fn nonsense_is_refused() {
         let says = |codes| ChannelFloors::measure(&codes).unwrap_err().to_string();
-        assert!(says(splits(vec![], vec![1])).contains("the train split has no frame"));
-        assert!(says(splits(vec![1], vec![1, 8])).contains("test clip 0, frame 1: code 8; expected below 8"));
+        assert!(says(splits(vec![], vec![1])).contains("no frame in the train split"));
+        assert!(says(splits(vec![1], vec![1, 8])).contains("test clip 0, frame 1, the code is 8; expected below 8"));
         assert!(says(CodeSplits { channels: 2, ..splits(vec![1], vec![1, 2]) }).contains("frames of 2"));
         assert!(says(CodeSplits { bins: 1, ..splits(vec![0], vec![0]) }).contains("2 to 65536"));
     }

@@ -57,10 +57,13 @@ impl CodeSplits {
     /// same tokenizer.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] for a corpus of other words; [`kinelm_store::Error::File`] when an id stands where it may not.
+    /// [`kinelm_store::Error::Invalid`] for a corpus of other words; [`kinelm_store::Error::File`] when an id stands where it may not.
     pub fn of_corpora(fitted: &Corpus, (corpus, measured): (&Corpus, Split), extent: Extent) -> Result<Self> {
         let Some(channels) = channels(corpus) else {
-            return Err(Error::call("words are tiles of frames, or differ in length: they have no code a channel"));
+            return Err(Error::unsupported(
+                "static floors of channels",
+                "words are tiles of frames or differ in length, so a channel has no code of its own",
+            ));
         };
         let bins = corpus.tokenizer().vocabulary().characters() as usize;
         let read = |corpus: &Corpus, split| -> Result<CodeClips> {
@@ -123,7 +126,7 @@ fn read_split(
     let held = if extent == Extent::All { frames } else { frames.min(MOST_FRAMES as u64) };
     let held = held.saturating_mul(channels).saturating_mul(size_of::<u16>() as u64);
     if held > MOST_BYTES || memory::free().is_some_and(|free| held > free / 2) {
-        let what = "arrays of which 1 GiB is held at most, and half of the free memory; --floors sample holds less";
+        let what = "arrays of which 1 GiB and half of the free memory are held at most; a sample holds less";
         return Err((format!("{name} of shape {:?}", file.shape()), what));
     }
     let (frames, channels) = (frames as usize, channels as usize);
@@ -139,7 +142,7 @@ fn read_split(
                 let code = code.map_err(|e| unread(name, e))?;
                 if usize::from(code) >= bins {
                     let found = format!("{name}[{frame}, {channel}] = {code}");
-                    return Err((found, "codes below the number of bins (--bins)"));
+                    return Err((found, "codes below the number of bins"));
                 }
                 keep.iter_mut().for_each(|keep| keep.push(code));
             }

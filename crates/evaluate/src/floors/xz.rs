@@ -9,7 +9,7 @@ use std::process::{Command, Stdio};
 /// `None` where there is no `xz` program, or not one frame.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Call`] when the program is there and fails.
+/// [`kinelm_store::Error::Io`] when the program is there and fails.
 pub fn bits_per_frame(clips: &CodeClips, channels: usize) -> Result<Option<[f64; 2]>> {
     let frames = clips.iter().map(Vec::len).sum::<usize>() / channels.max(1);
     if frames == 0 {
@@ -62,7 +62,7 @@ pub(super) fn compressed_bytes(write: &Source) -> Result<Option<u64>> {
         },
         Ok(_) => {
             let said = String::from_utf8_lossy(&output.stderr).trim().to_owned();
-            Err(Error::call(format!("xz failed ({}): {said}; --floors none goes without", output.status)))
+            Err(Error::io("xz")(std::io::Error::other(format!("{}: {said}", output.status))))
         }
         Err(e) => Err(Error::io("xz")(e)),
     }

@@ -10,14 +10,19 @@ const LINEAR: (Scale, Scale) = (Scale::Linear, Scale::Linear);
 /// Three charts: onset strength with the beats, and the pitch classes, both of a stretch (seconds); the tempo of the whole.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Call`] for a stretch that has no frame of the piece.
+/// [`kinelm_store::Error::Invalid`] for a stretch that has no frame of the piece.
 pub fn charts(features: &Features, stretch: Range<f64>) -> Result<[Chart; 3]> {
     let fps = features.fps;
     let frames = |s: f64| ((s * fps).max(0.0).ceil() as usize).min(features.frames());
     let (from, to) = (frames(stretch.start), frames(stretch.end));
     if from >= to {
         let (Range { start, end }, whole) = (stretch, features.frames() as f64 / fps);
-        return Err(Error::call(format!("nothing to draw from {start} to {end} s: the piece has {whole:.2} s")));
+        let name = "the stretch to draw";
+        return Err(Error::invalid(
+            name,
+            format!("{start} to {end} s"),
+            format!("times within the piece's {whole:.2} s"),
+        ));
     }
     let row = |f: usize| &features.numbers[f * CHANNELS..][..CHANNELS];
     let strength = (from..to).map(|f| (f as f64 / fps, f64::from(row(f)[STRENGTH]))).collect();

@@ -79,7 +79,7 @@ impl Clips {
     /// Reads every train and test file once. What can't be taken is given to `left_out` and passed over.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] when no clip of train or none of test could be taken, or any file is bad and `strict` is given.
+    /// [`kinelm_store::Error::Missing`] when no clip of train or none of test could be taken, or any file is bad and `strict` is given.
     pub fn scan(gathered: &Gathered, options: &BuildOptions, left_out: &mut dyn FnMut(&Item, &Error)) -> Result<Clips> {
         let mut clips = Clips {
             train: vec![],
@@ -109,13 +109,12 @@ impl Clips {
         }
         if failed > 0 && options.strict {
             let of = items.len();
-            return Err(Error::call(format!("{failed} of {of} files could not be taken, and --strict is given")));
+            return Err(Error::invalid("`strict`", true, format!("no bad file; {failed} of {of} could not be read")));
         }
         for (split, known) in [(Split::Train, &clips.train), (Split::Test, &clips.test)] {
             if known.is_empty() {
-                return Err(Error::call(format!(
-                    "no clip is in the {split} split; a study fits on train and measures on test (--labels states splits)"
-                )));
+                let help = "a study fits on train and measures on test; labels state splits";
+                return Err(Error::missing(format!("clip in the {split} split"), help));
             }
         }
         Ok(clips)
@@ -193,7 +192,7 @@ pub fn each<T: Send>(
 /// An error of the tokenizer with the file it is about.
 fn named(known: &StudyClip, error: Error) -> Error {
     match error {
-        Error::Tokenizer(e) => Error::call(format!("{}: {e}", known.item.path.display())),
+        Error::Tokenizer(e) => Error::unsupported(known.item.path.display().to_string(), e.to_string()),
         other => other,
     }
 }

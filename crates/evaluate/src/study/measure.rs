@@ -70,7 +70,7 @@ fn fit(row: &Row, clips: &Clips, step: &mut dyn FnMut()) -> Result<Tokenizer> {
         step();
         Ok(all.merge(&one)?)
     })?;
-    all.finish().map_err(|e| Error::call(format!("row {}: {e}", row.name)))
+    all.finish().map_err(|e| Error::unsupported(format!("row {}", row.name), e.to_string()))
 }
 
 fn counted(tokenizer: &Tokenizer, clips: &Clips, known: &StudyClip) -> Result<(Arc<Clip>, Encoded, TextCounts)> {

@@ -121,7 +121,7 @@ impl Report {
 /// Measures every row and writes `study.json`, `study.md`, the pictures, `page.html` and `rows/` under `out`.
 ///
 /// # Errors
-/// [`kinelm_store::Error::File`] for wrong rows (before anything is read) and for an `out` that no study wrote; [`kinelm_store::Error::Call`] when a
+/// [`kinelm_store::Error::File`] for wrong rows (before anything is read) and for an `out` that no study wrote; [`kinelm_store::Error::Invalid`] when a
 /// split is empty or a row can't be fitted; those of reading and writing.
 pub fn study(
     gathered: &Gathered,
@@ -149,7 +149,7 @@ pub fn study(
     let (file_rates, version) = (clips.rates(), env!("CARGO_PKG_VERSION"));
     let report =
         Report { made_by: "kinelm", schema: 1, version, data, train, test, fps, file_rates, rows: figures, losses };
-    let json = serde_json::to_string_pretty(&report).map_err(|e| Error::call(e.to_string()))?;
+    let json = serde_json::to_string_pretty(&report).expect("a report has text keys");
     let mut contents = vec![("study.json".to_string(), (json + "\n").into_bytes())];
     contents.push(("study.md".into(), tables::markdown(&report).into_bytes()));
     for (name, charts) in pictures::all(&report) {
@@ -168,7 +168,7 @@ pub fn study(
 
 fn check_shown(rows: &[Row], shown: &[String]) -> Result<()> {
     match shown.iter().find(|name| rows.iter().all(|r| r.name != **name)) {
-        Some(name) => Err(Error::call(format!("no row is named {name}, and the page can't show it"))),
+        Some(name) => Err(Error::invalid("`shown`", name, "the names of rows")),
         None => Ok(()),
     }
 }
@@ -177,9 +177,9 @@ fn check_shown(rows: &[Row], shown: &[String]) -> Result<()> {
 fn measured(rows: &[Row], clips: &Clips, store: &Store, watch: &mut dyn FnMut(Event<'_>)) -> Result<Vec<RowMetrics>> {
     let mut found = Vec::with_capacity(rows.len());
     for row in rows {
-        let figures = store.get::<RowMetrics>(&row.name, &row.config)?;
+        let figures = store.get::<RowMetrics>(&row.name, &row.config);
         // a group may have got another name since
-        let figures = figures.filter(|_| store.tokenizer(row).is_ok_and(|t| t.is_file()));
+        let figures = figures.filter(|_| store.tokenizer(row).is_file());
         found.push(figures.map(|f| RowMetrics { row: row.clone(), ..f }));
     }
     let open = found.iter().filter(|f| f.is_none()).count();
@@ -199,7 +199,7 @@ fn measured(rows: &[Row], clips: &Clips, store: &Store, watch: &mut dyn FnMut(Ev
             watch(Event::Step { done, of });
         };
         let (measured, tokenizer) = measure::measure(row, clips, &mut step)?;
-        tokenizer.save(&store.tokenizer(row)?)?;
+        tokenizer.save(&store.tokenizer(row))?;
         store.put(&row.name, &row.config, &measured)?;
         *figures = Some(measured);
     }
@@ -214,7 +214,7 @@ fn lost(rows: &[Row], clips: &Clips, store: &Store) -> Result<Vec<Loss>> {
             continue;
         }
         let what = ("loss", fps, joints);
-        let loss = match store.get("loss", &what)? {
+        let loss = match store.get("loss", &what) {
             Some(loss) => loss,
             None => {
                 let loss = measure::loss(clips, *fps, joints)?;

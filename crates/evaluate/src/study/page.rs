@@ -18,7 +18,7 @@ const LONGEST_S: f64 = 20.0;
 /// The page, if there is a clip to show. The rows are those named, else chosen by [`pair`].
 ///
 /// # Errors
-/// [`kinelm_store::Error::Call`] for a name that is no row's; those of reading and decoding.
+/// [`kinelm_store::Error::Invalid`] for a name that is no row's; those of reading and decoding.
 pub fn page(rows: &[RowMetrics], named: &[String], clips: &Clips, store: &Store) -> Result<Option<String>> {
     let shown = match named {
         [] => pair(rows),
@@ -32,7 +32,7 @@ pub fn page(rows: &[RowMetrics], named: &[String], clips: &Clips, store: &Store)
     let cut = |clip: &Clip| clip.slice(0..clip.frames().min((LONGEST_S * clip.fps()) as usize + 1));
     let mut motions = vec![(known.name().to_string(), format!("as it was, {} fps", short(known.fps)), cut(&own))];
     for f in shown {
-        let tokenizer = Tokenizer::load(&store.tokenizer(&f.row)?)?;
+        let tokenizer = Tokenizer::load(&store.tokenizer(&f.row))?;
         let clip = cut(&*clips.get(known, f.fps())?);
         let back = decoded(&tokenizer, &tokenizer.encode(&clip)?, &clip)?;
         let (bits, mm) = (f.order0.bits_per_second, f.mpjpe.global);
@@ -47,7 +47,7 @@ pub fn page(rows: &[RowMetrics], named: &[String], clips: &Clips, store: &Store)
 fn find<'a>(rows: &'a [RowMetrics], name: &str) -> Result<&'a RowMetrics> {
     rows.iter().find(|f| f.name() == name).ok_or_else(|| {
         let names: Vec<&str> = rows.iter().map(RowMetrics::name).collect();
-        Error::call(format!("no row is named {name}; there are {}", names.join(", ")))
+        Error::invalid("`shown`", name, format!("one of {}", names.join(", ")))
     })
 }
 

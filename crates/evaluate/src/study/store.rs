@@ -31,13 +31,13 @@ impl Store {
     /// The rows under `out`; `data` is the hash of the clips. With `force` whatever was finished is removed.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] when `out` holds something that no study wrote; [`kinelm_store::Error::Io`].
+    /// [`kinelm_store::Error::File`] when `out` holds something that no study wrote; [`kinelm_store::Error::Io`].
     pub fn open(out: &Path, data: &str, force: bool) -> Result<Self> {
         let rows = out.join("rows");
         let strange = |p: &Path| p.is_dir() && !rows.is_dir() && fs::read_dir(p).is_ok_and(|mut d| d.next().is_some());
         if strange(out) {
             let what = "a folder that no study wrote: it has files and no rows/";
-            return Err(Error::file(out, what, "a new folder, or a study's", "give another --out"));
+            return Err(Error::file(out, what, "a new folder, or a study's", "give another folder"));
         }
         if force {
             let finished = |path: &PathBuf| path.file_name().and_then(|n| n.to_str()).is_some_and(is_finished);
@@ -50,25 +50,21 @@ impl Store {
     }
 
     /// What a result depends on: what was measured, the clips, the program.
-    fn key(&self, what: &impl Serialize) -> Result<String> {
-        let version = env!("CARGO_PKG_VERSION");
-        let text = serde_json::to_vec(&(FORMAT, version, &self.data, what)).map_err(|e| Error::call(e.to_string()))?;
-        Ok(hex(Sha256::new_with_prefix(text)))
+    fn key(&self, what: &impl Serialize) -> String {
+        let text = serde_json::to_vec(&(FORMAT, env!("CARGO_PKG_VERSION"), &self.data, what));
+        hex(Sha256::new_with_prefix(text.expect("settings have text keys")))
     }
 
     fn path(&self, name: &str, key: &str, end: &str) -> PathBuf {
         self.rows.join(format!("{name}-{}{end}", &key[..12]))
     }
 
-    /// What was finished under a name for these settings; `None` where nothing was, or it can't be read.
-    ///
-    /// # Errors
-    /// [`kinelm_store::Error::Call`] when the settings can't be written.
-    pub fn get<T: DeserializeOwned>(&self, name: &str, what: &impl Serialize) -> Result<Option<T>> {
-        let key = self.key(what)?;
-        let Ok(bytes) = input::peek_bytes(&self.path(name, &key, ".json")) else { return Ok(None) };
+    /// The result stored under a name for these settings; `None` if there is none or it can't be read.
+    pub fn get<T: DeserializeOwned>(&self, name: &str, what: &impl Serialize) -> Option<T> {
+        let key = self.key(what);
+        let Ok(bytes) = input::peek_bytes(&self.path(name, &key, ".json")) else { return None };
         let finished = serde_json::from_slice::<Finished<T>>(&bytes).ok().filter(|f| f.key == key);
-        Ok(finished.map(|f| f.result))
+        finished.map(|f| f.result)
     }
 
     /// Keeps what was finished.
@@ -76,17 +72,14 @@ impl Store {
     /// # Errors
     /// [`kinelm_store::Error::Io`] when it can't be written.
     pub fn put(&self, name: &str, what: &impl Serialize, result: &impl Serialize) -> Result<()> {
-        let key = self.key(what)?;
-        let text = serde_json::to_vec_pretty(&Finished { key: key.clone(), result });
-        Ok(files::write_whole(&self.path(name, &key, ".json"), &text.map_err(|e| Error::call(e.to_string()))?)?)
+        let key = self.key(what);
+        let text = serde_json::to_vec_pretty(&Finished { key: key.clone(), result }).expect("results have text keys");
+        Ok(files::write_whole(&self.path(name, &key, ".json"), &text)?)
     }
 
-    /// Where a row's tokenizer stands.
-    ///
-    /// # Errors
-    /// [`kinelm_store::Error::Call`] when the settings can't be written.
-    pub fn tokenizer(&self, row: &Row) -> Result<PathBuf> {
-        Ok(self.path(&row.name, &self.key(&row.config)?, ".tokenizer.json"))
+    /// The file of a row's tokenizer.
+    pub fn tokenizer(&self, row: &Row) -> PathBuf {
+        self.path(&row.name, &self.key(&row.config), ".tokenizer.json")
     }
 }
 
@@ -106,19 +99,19 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path().join("study");
         let store = Store::open(&out, "data", false).unwrap();
-        assert_eq!(store.get::<u32>("a", &60).unwrap(), None);
+        assert_eq!(store.get::<u32>("a", &60), None);
         store.put("a", &60, &7).unwrap();
         let again = Store::open(&out, "data", false).unwrap();
-        assert_eq!(again.get("a", &60).unwrap(), Some(7));
-        assert_eq!((again.get::<u32>("a", &61).unwrap(), again.get::<u32>("b", &60).unwrap()), (None, None));
-        assert_eq!(Store::open(&out, "other", false).unwrap().get::<u32>("a", &60).unwrap(), None);
+        assert_eq!(again.get("a", &60), Some(7));
+        assert_eq!((again.get::<u32>("a", &61), again.get::<u32>("b", &60)), (None, None));
+        assert_eq!(Store::open(&out, "other", false).unwrap().get::<u32>("a", &60), None);
         let only = fs::read_dir(out.join("rows")).unwrap().next().unwrap().unwrap().path();
         fs::write(&only, "{").unwrap();
-        assert_eq!(again.get::<u32>("a", &60).unwrap(), None, "a broken file counts for nothing");
+        assert_eq!(again.get::<u32>("a", &60), None, "a broken file counts for nothing");
         again.put("a", &60, &8).unwrap();
         let notes = out.join("rows/notes.json");
         fs::write(&notes, "mine").unwrap();
-        assert_eq!(Store::open(&out, "data", true).unwrap().get::<u32>("a", &60).unwrap(), None, "by force anew");
+        assert_eq!(Store::open(&out, "data", true).unwrap().get::<u32>("a", &60), None, "by force anew");
         assert!(notes.exists(), "and nothing else is removed");
     }
 
@@ -127,7 +120,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         fs::write(dir.path().join("a.bvh"), "").unwrap();
         let e = Store::open(dir.path(), "data", true).unwrap_err().to_string();
-        assert!(e.contains("no study wrote") && e.contains("another --out"), "{e}");
+        assert!(e.contains("no study wrote") && e.contains("another folder"), "{e}");
         assert!(!dir.path().join("rows").exists());
     }
 }

@@ -32,7 +32,7 @@ impl Butterworth {
     /// An order outside 1..=[`MAX_ORDER`]; a cut-off that isn't above 0 and below half the rate.
     pub fn new(order: usize, cutoff_hz: f64, fps: f64) -> Result<Butterworth> {
         if !(1..=MAX_ORDER).contains(&order) {
-            return Err(Error::call(format!("a Butterworth filter of order {order}; expected 1 to {MAX_ORDER}")));
+            return Err(Error::invalid("the Butterworth filter's `order`", order, format!("1 to {MAX_ORDER}")));
         }
         if !(cutoff_hz > 0.0 && cutoff_hz < 0.5 * fps) {
             return Err(super::beyond(cutoff_hz, fps));
@@ -59,10 +59,12 @@ impl Butterworth {
         let (n, pad) = (series.len(), self.padding());
         if n <= pad {
             let order = self.order;
-            return Err(Error::call(format!(
-                "{n} frames are too few for a Butterworth filter of order {order}; expected more than {pad}, which stand \
-                 before and behind them; take a lower order, or a band of the cosine transform"
-            )));
+            let what = format!("a Butterworth filter of order {order}");
+            let why = format!(
+                "{n} frames are too few; it needs more than {pad}, which pad both ends; take a lower order, or a band of the \
+                 cosine transform"
+            );
+            return Err(Error::unsupported(what, why));
         }
         let (first, last) = (series[0], series[n - 1]);
         let before = (1..=pad).rev().map(|i| 2.0 * first - series[i]);
@@ -169,13 +171,13 @@ mod tests {
     #[test]
     fn what_is_too_short_or_too_high_is_refused() {
         let said = |order, cutoff| Butterworth::new(order, cutoff, 60.0).unwrap_err().to_string();
-        assert!(said(0, 5.0).contains("order 0; expected 1 to 8") && said(9, 5.0).contains("order 9"));
+        assert!(said(0, 5.0).contains("`order` is 0; expected 1 to 8") && said(9, 5.0).contains("`order` is 9"));
         for cutoff in [0.0, -1.0, f64::NAN, 30.0, 31.0] {
             assert!(said(2, cutoff).contains("half the rate"), "{cutoff}");
         }
         let filter = Butterworth::new(2, 5.0, 60.0).unwrap();
         let message = filter.filtfilt(&[0.0; 9]).unwrap_err().to_string();
-        assert!(message.starts_with("9 frames are too few") && message.contains("more than 9"), "{message}");
+        assert!(message.contains("9 frames are too few") && message.contains("more than 9"), "{message}");
         assert_eq!(filter.filtfilt(&[0.0; 10]).unwrap(), [0.0; 10]);
     }
 }

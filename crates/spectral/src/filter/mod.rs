@@ -74,7 +74,7 @@ impl Filter {
     /// [`Butterworth::new`] and [`Butterworth::filtfilt`] refuse; a clip without frames.
     pub fn apply(&self, clip: &Clip) -> Result<Filtered> {
         if clip.frames() == 0 {
-            return Err(Error::call("a clip of no frames can't be filtered"));
+            return Err(Error::missing("frames to filter", "the clip is empty"));
         }
         let pass = Pass::new(clip, self)?;
         let (f, j) = (clip.frames(), clip.joints());
@@ -128,7 +128,7 @@ impl Pass {
             Filter::Band { cutoff_hz } if !(cutoff_hz > 0.0 && cutoff_hz < 0.5 * fps) => Err(beyond(cutoff_hz, fps)),
             Filter::Band { cutoff_hz } => Ok(band(coefficients(f, fps, cutoff_hz).min(f))),
             Filter::Coefficients { keep } if keep == 0 || keep > f => {
-                Err(Error::call(format!("{keep} coefficients of a clip of {f} frames; expected 1 to {f}")))
+                Err(Error::invalid("`keep`", keep, format!("1 to {f}, the clip's frames")))
             }
             Filter::Coefficients { keep } => Ok(band(keep)),
             Filter::Butterworth { order, cutoff_hz } => Ok(Pass::Butterworth(Butterworth::new(order, cutoff_hz, fps)?)),
@@ -155,10 +155,8 @@ impl Pass {
 /// A cut-off that a rate can't hold.
 fn beyond(cutoff_hz: f64, fps: f64) -> Error {
     let half = 0.5 * fps;
-    Error::call(format!(
-        "a cut-off of {cutoff_hz} Hz at {fps} frames a second; expected above 0 and below half the rate, {half} Hz: \
-         nothing faster is in the clip"
-    ))
+    let found = format!("{cutoff_hz} Hz at {fps} frames per second");
+    Error::invalid("`cutoff`", found, format!("above 0 and below half the rate, {half} Hz"))
 }
 
 #[cfg(test)]

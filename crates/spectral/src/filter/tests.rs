@@ -123,7 +123,7 @@ fn what_cannot_be_is_refused() {
     let clip = two(40, |_| Vec3::ZERO, |_| Vec3::ZERO);
     let said = |f: Filter| f.apply(&clip).unwrap_err().to_string();
     let beyond = said(Filter::Band { cutoff_hz: 30.0 });
-    assert!(beyond.contains("30 Hz at 60 frames a second") && beyond.contains("half the rate"), "{beyond}");
+    assert!(beyond.contains("30 Hz at 60 frames per second") && beyond.contains("half the rate"), "{beyond}");
     assert!(said(Filter::Band { cutoff_hz: f64::NAN }).contains("half the rate"));
     assert!(said(Filter::Coefficients { keep: 41 }).contains("expected 1 to 40"));
     assert!(said(Filter::Coefficients { keep: 0 }).contains("expected 1 to 40"));

@@ -99,7 +99,8 @@ impl Alignment {
     /// N, if both clips have as many frames from their starts on.
     fn frames(&self, motions: [&Motion; 2], clips: [&Clip; 2], notes: &mut Vec<String>) -> Result<usize> {
         if self.at_s.iter().any(|s| !(s.is_finite() && *s >= 0.0)) {
-            return Err(Error::call(format!("a window from {:?} s on; expected times from 0 on", self.at_s)));
+            let found = format!("{:?} s", self.at_s);
+            return Err(Error::invalid("`at_s`", found, "times from 0 on"));
         }
         let left = [0, 1].map(|i| clips[i].frames().saturating_sub(self.start(i)));
         let shorter = left[0].min(left[1]);
@@ -109,23 +110,22 @@ impl Alignment {
             notes.push(format!("{longer}: cut to the other's {frames} frames"));
         }
         if self.frames.is_some() && !(MIN_FRAMES..=MAX_FRAMES).contains(&frames) {
-            return Err(Error::call(format!("a window of {frames} frames; expected {MIN_FRAMES} to {MAX_FRAMES}")));
+            return Err(Error::invalid("`window`", frames, format!("{MIN_FRAMES} to {MAX_FRAMES} frames")));
         }
         let needed = frames.max(MIN_FRAMES);
         if let Some(i) = [0, 1].into_iter().find(|&i| left[i] < needed) {
             let (has, start) = (clips[i].frames(), self.at_s[i]);
             let what = format!(
                 "{has} frames at {} fps, of which {} lie from {start} s on; expected at least the {needed} of a window: \
-                 begin earlier (--at-a, --at-b), or take a shorter window",
+                 begin earlier, or take a shorter window",
                 round(self.fps),
                 left[i]
             );
             return Err(kinelm_motion::Error::Clip { clip: motions[i].path.display().to_string(), what }.into());
         }
         if frames > MAX_FRAMES {
-            let what =
-                format!("windows of {frames} frames; expected at most {MAX_FRAMES}: give a window, or a lower rate");
-            return Err(Error::call(what));
+            let (needs, most) = (format!("{frames} frames"), format!("{MAX_FRAMES} frames"));
+            return Err(Error::limit("interpolating whole clips", needs, most, "give `window`, or a lower `fps`"));
         }
         Ok(frames)
     }
@@ -151,8 +151,9 @@ impl Alignment {
             let way = way.with_floor(floor_height(&window, map)?);
             way.to_rig_over(&smpl, Some(first))
         };
-        let clip = retargeted()
-            .map_err(|e| Error::call(format!("{b} can't be put on the rig of {a}, which is another one: {e}")))?;
+        let clip = retargeted().map_err(|e| {
+            Error::unsupported(b.clone(), format!("it can't be put on the rig of {a}, which is another one: {e}"))
+        })?;
         notes.push(format!("{b}: put on the rig of {a}"));
         Ok(clip)
     }

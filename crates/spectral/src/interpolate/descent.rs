@@ -62,9 +62,9 @@ impl Descent {
     /// The rate, after checking rate and strength.
     fn check(&self) -> Result<f64> {
         let rate = self.rate.unwrap_or_default();
-        check_share("strength", self.strength)?;
+        check_share("`strength`", self.strength)?;
         if !(rate > 0.0 && rate.is_finite()) {
-            return Err(Error::call(format!("a rate of {rate}; expected above 0")));
+            return Err(Error::invalid("`rate`", rate, "a number above 0"));
         }
         Ok(rate)
     }
@@ -101,7 +101,7 @@ pub fn descend(transform: &Transform, channels: usize, a: &[f64], b: &[f64], met
     };
     match method.resolve(from.len()) {
         Method::Closed { amount } => {
-            check_share("amount", amount)?;
+            check_share("`amount`", amount)?;
             if matches!(transform, Transform::Stft(_)) {
                 let why = "magnitudes leave the phase free, so they have no closed form; give `strength` and `steps`, or take DCT or PCA";
                 return Err(Error::unsupported("`amount`", why));
@@ -130,7 +130,7 @@ fn check_share(name: &str, amount: f64) -> Result<()> {
     if (0.0..=1.0).contains(&amount) {
         return Ok(());
     }
-    Err(Error::call(format!("{name} {amount}; expected 0 (as the first) to 1 (the second's spectrum)")))
+    Err(Error::invalid(name, amount, "0 (the first's spectrum) to 1 (the second's)"))
 }
 
 /// A feature to come to.
@@ -160,9 +160,7 @@ impl Goal<'_> {
         let last = self.loss_and_gradient(&x).0;
         if !last.is_finite() || x.iter().any(|x| !x.is_finite()) {
             let rate = descent.rate.unwrap_or_default();
-            return Err(Error::call(format!(
-                "the loss grew beyond all numbers at a rate of {rate}; take a smaller one"
-            )));
+            return Err(Error::invalid("`rate`", rate, "a smaller one, at which the loss stays finite"));
         }
         Ok(Moved { window: x, loss: [first, last] })
     }

@@ -19,7 +19,7 @@ use serde::Serialize;
 use std::fmt;
 
 /// Frames of the longest window that a basis is fitted to: its covariance has their square.
-const MOST_OF_PCA: usize = 1024;
+const MAX_PCA_FRAMES: usize = 1024;
 /// Of the larger jitter of the two dances what lies between may have.
 pub const JITTER_BOUND: f64 = 1.1;
 
@@ -144,9 +144,7 @@ impl InterpolateOptions {
             _ => self.alignment.low(frames),
         });
         if keep == 0 || keep > frames {
-            return Err(Error::call(format!(
-                "{keep} coefficients of windows of {frames} frames; expected 1 to {frames}"
-            )));
+            return Err(Error::invalid("`keep`", keep, format!("1 to {frames}, the window's frames")));
         }
         match self.spectrum {
             Spectrum::Dct => Ok(Transform::Dct(LowDct::new(frames, keep))),
@@ -157,9 +155,9 @@ impl InterpolateOptions {
 
     /// A basis fitted to all windows of both clips, half a window apart.
     fn basis(&self, frames: usize, keep: usize, clips: [&Motion; 2]) -> Result<PcaBasis> {
-        if frames > MOST_OF_PCA {
-            let what = format!("a basis over windows of {frames} frames; expected at most {MOST_OF_PCA}: take dct");
-            return Err(Error::call(what));
+        if frames > MAX_PCA_FRAMES {
+            let (needs, most) = (format!("windows of {frames} frames"), format!("{MAX_PCA_FRAMES} frames"));
+            return Err(Error::limit("a fitted basis", needs, most, "take DCT"));
         }
         let spec = WindowSpec { frames, hop: (frames / 2).max(1), fps: self.alignment.fps };
         let mut fit = PcaFit::new(frames);
@@ -172,9 +170,7 @@ impl InterpolateOptions {
             }
         }
         if count < keep {
-            return Err(Error::call(format!(
-                "a basis of {keep} components from {count} series; expected as many at least"
-            )));
+            return Err(Error::invalid("`keep`", keep, format!("at most {count}, the series that the clips have")));
         }
         fit.finish(keep)
     }

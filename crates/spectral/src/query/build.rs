@@ -6,7 +6,7 @@ use super::options::{FeatureKind, IndexOptions};
 use super::part::PartWriter;
 use super::record::{ClipEntry, Manifest, PartRecord, VERSION};
 use crate::pca::PcaFit;
-use crate::{Error, PcaBasis, Result};
+use crate::{Error, PcaBasis, Result, WindowSpec};
 pub use kinelm_corpus::build::{BuildOptions, Summary, Watch, check, each};
 use kinelm_corpus::load::{Wanted, item_options};
 use kinelm_corpus::{Gathered, Item};
@@ -96,7 +96,7 @@ impl Index {
     /// the same files read otherwise. The basis of a fitted transform is that of the index's beginning.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] where `request` differs from the index that is there, when no clip is as long as a window, or any file is bad
+    /// [`kinelm_store::Error::Invalid`] where `request` differs from the index that is there, when no clip is as long as a window, or any file is bad
     /// and `strict` is given, or `watch` broke off; those of reading, of a run, and of writing. Nothing is changed then.
     pub fn build(
         gathered: &Gathered,
@@ -108,7 +108,7 @@ impl Index {
         let (there, _alone) = match std::fs::symlink_metadata(out) {
             Ok(_) => {
                 if !out.join(MANIFEST).is_file() {
-                    return Err(Error::taken(out, "exists and is no index; give another --out"));
+                    return Err(Error::taken(out, "exists and is no index; give another folder"));
                 }
                 let alone = alone(out)?;
                 (Some(Index::open(out)?), alone)
@@ -140,18 +140,13 @@ impl Index {
         };
         let (part, numbers) = write_part(gathered, &held, basis.as_ref(), options, &work, &mut built, watch)?;
         let Some(part) = part else {
-            let (known, short, seconds) = (built.known, built.short, held.windows.seconds());
-            if known == 0 {
-                let frames = held.windows.frames;
-                return Err(Error::call(format!(
-                    "no clip is as long as a window of {frames} frames ({seconds:.3} s): all {short} are shorter; nothing was \
-                     written; give longer clips or a shorter window"
-                )));
+            if built.known == 0 {
+                return Err(no_window(&held.windows));
             }
             built.windows = there.map_or(0, |index| index.database().windows());
             return Ok(built);
         };
-        let basis = basis.map(|b| serde_json::to_vec(&b).map_err(|e| Error::call(e.to_string()))).transpose()?;
+        let basis = basis.map(|b| serde_json::to_vec(&b).expect("a basis has text keys"));
         let manifest = match there {
             Some(index) => {
                 let mut manifest = index.manifest().clone();
@@ -183,9 +178,10 @@ fn alone(out: &Path) -> Result<Option<File>> {
     }
     let folder = File::open(out).map_err(Error::io(out))?;
     match folder.try_lock() {
-        Err(TryLockError::WouldBlock) => {
-            Err(Error::call(format!("{}: another build adds to it; build again when that is done", out.display())))
-        }
+        Err(TryLockError::WouldBlock) => Err(Error::unsupported(
+            out.display().to_string(),
+            "another build adds to it; build again when that is done",
+        )),
         // file systems without locks can't tell
         _ => Ok(Some(folder)),
     }
@@ -199,7 +195,7 @@ fn same_options(out: &Path, there: &IndexOptions, asked: &IndexOptions) -> Resul
     let list = |of: fn(&(&str, String, String)) -> String| differ.iter().map(of).collect::<Vec<_>>().join(", ");
     let found = format!("an index of {}", list(|(name, there, _)| format!("{name} {there}")));
     let expected = list(|(name, _, asked)| format!("{name} {asked}"));
-    let help = "leave these options out to add to it, or give another --out";
+    let help = "leave these options out to add to it, or give another folder";
     Err(Error::file(out, found, format!("{expected}, as asked for"), help))
 }
 
@@ -231,13 +227,15 @@ fn fit(
     )?;
     check(&summary, options, items.len())?;
     if windows == 0 {
-        let (frames, seconds) = (held.windows.frames, held.windows.seconds());
-        return Err(Error::call(format!(
-            "no clip is as long as a window of {frames} frames ({seconds:.3} s); nothing was written; give longer clips or \
-             a shorter window"
-        )));
+        return Err(no_window(&held.windows));
     }
     all.finish(keep)
+}
+
+/// No clip has a window.
+pub(super) fn no_window(windows: &WindowSpec) -> Error {
+    let what = format!("clip as long as a window of {} frames ({:.3} s)", windows.frames, windows.seconds());
+    Error::missing(what, "give longer clips or a shorter window")
 }
 
 /// Writes the windows of the clips that are new; `None` where there are none. D.
@@ -343,7 +341,7 @@ impl Work {
 
     /// Names the parts, and puts a new index in its place.
     fn finish(&mut self, manifest: &Manifest, basis: Option<&[u8]>) -> Result<()> {
-        let text = serde_json::to_string_pretty(manifest).map_err(|e| Error::call(e.to_string()))? + "\n";
+        let text = serde_json::to_string_pretty(manifest).expect("a manifest has text keys") + "\n";
         let Some(folder) = &self.folder else {
             if Some(super::index::read_manifest(&self.out)?) != self.there {
                 let help = "another build added to it meanwhile: build again";

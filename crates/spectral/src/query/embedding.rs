@@ -122,7 +122,10 @@ impl ModelEmbedding {
         };
         sums.chunks_exact_mut(self.width).zip(windows).for_each(mean);
         if sums.iter().any(|x| !x.is_finite()) {
-            return Err(Error::call("the model's vectors are not finite; its training went wrong"));
+            return Err(Error::unsupported(
+                "an embedding",
+                "the model's vectors are not finite; its training went wrong",
+            ));
         }
         Ok(sums.into_iter().map(|x| x as f32).collect())
     }

@@ -1,6 +1,7 @@
 //! How well the neighbours of a window tell its labels: the thesis's tables 3.1 and 3.2; docs/query.md, "Do
 //! neighbours tell labels?".
 
+use super::build::no_window;
 use super::database::Database;
 use super::exclude::{Exclude, Exclusion, Origin};
 use super::extract::{FeatureExtractor, fit_of};
@@ -121,7 +122,7 @@ struct LoadedClip {
 /// Reads the clips, and asks for each window at both phases (windows from the clip's first frame on, and from half a hop on).
 ///
 /// # Errors
-/// Files that can't be read where `strict` is given; [`kinelm_store::Error::Call`] when no clip is as long as a window or has the labels
+/// Files that can't be read where `strict` is given; [`kinelm_store::Error::Missing`] when no clip is as long as a window or has the labels
 /// wanted, a label that some clip doesn't have, or has but one value.
 pub fn evaluate(gathered: &Gathered, options: &EvaluateOptions, watch: &mut Watch<'_>) -> Result<Report> {
     options.windows.validate()?;
@@ -182,10 +183,8 @@ fn chosen<'a>(gathered: &'a Gathered, only: &[(String, String)]) -> Result<Vec<&
     let items: Vec<&Item> = gathered.items.iter().filter(fits).collect();
     if items.is_empty() {
         let wanted: Vec<String> = only.iter().map(|(f, v)| format!("{f}={v}")).collect();
-        return Err(Error::call(format!(
-            "no clip has the labels {}; `--labels` gives clips their labels",
-            wanted.join(" ")
-        )));
+        let what = format!("clip with the labels {}", wanted.join(" "));
+        return Err(Error::missing(what, "see which labels the clips have"));
     }
     Ok(items)
 }
@@ -221,8 +220,7 @@ fn load(
     )?;
     check(&summary, &options.build, items.len())?;
     if held.is_empty() {
-        let (frames, seconds) = (spec.frames, spec.seconds());
-        return Err(Error::call(format!("no clip is as long as a window of {frames} frames ({seconds:.3} s)")));
+        return Err(no_window(&spec));
     }
     Ok((held, short, summary))
 }
@@ -242,17 +240,13 @@ fn fields_of(held: &[LoadedClip], asked: &[String]) -> Result<Vec<String>> {
         if clips < held.len() {
             let lacks = held.iter().find(|h| !h.entry.labels.contains_key(field)).map_or("", |h| &h.entry.name);
             let known: Vec<&str> = first.keys().map(String::as_str).collect();
-            return Err(Error::call(format!(
-                "label `{field}`: {} of {} clips don't have it, the first is {lacks}; expected it of all; the first clip has {}",
-                held.len() - clips,
-                held.len(),
-                if known.is_empty() { "no labels: `--labels` gives some".into() } else { known.join(", ") }
-            )));
+            let known = if known.is_empty() { "no labels".into() } else { known.join(", ") };
+            let what =
+                format!("label `{field}` on {} of {} clips, the first is {lacks}", held.len() - clips, held.len());
+            return Err(Error::missing(what, format!("every clip needs it; the first clip has {known}")));
         }
         if count < 2 {
-            return Err(Error::call(format!(
-                "label `{field}`: all clips have one value; there is nothing to tell apart"
-            )));
+            return Err(Error::invalid(format!("label `{field}`"), "one value on all clips", "at least two values"));
         }
     }
     let all: Vec<String> = match asked {
@@ -260,9 +254,8 @@ fn fields_of(held: &[LoadedClip], asked: &[String]) -> Result<Vec<String>> {
         asked => asked.to_vec(),
     };
     if all.is_empty() {
-        return Err(Error::call(
-            "no label that all clips have with two values or more; `--labels` gives clips their labels",
-        ));
+        let help = "neighbours are judged by labels; give the clips some";
+        return Err(Error::missing("label that all clips have, with two values or more", help));
     }
     Ok(all)
 }

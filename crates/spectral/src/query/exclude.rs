@@ -46,13 +46,12 @@ impl Exclude {
     /// Whether the clips say what this needs.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] where no clip has a choreography.
+    /// [`kinelm_store::Error::Missing`] where no clip has a choreography.
     pub fn check<'a>(self, clips: impl IntoIterator<Item = &'a ClipEntry>) -> Result<()> {
         let known = |c: &ClipEntry| c.labels.contains_key("choreography");
         if self == Exclude::Choreography && !clips.into_iter().any(known) {
-            return Err(Error::call(
-                "no clip has the label `choreography`, and without it none can be left out; exclude by take instead",
-            ));
+            let help = "excluding choreographies needs it; exclude takes instead";
+            return Err(Error::missing("clip with the label `choreography`", help));
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 use super::embedding::{self, ModelEmbedding, Tokens, WindowTokenizer};
 use super::options::{FeatureKind, IndexOptions, unfitted};
 use crate::pca::PcaFit;
-use crate::{Error, PcaBasis, Result, Series, Transform};
+use crate::{PcaBasis, Result, Series, Transform};
 use kinelm_motion::Clip;
 
 /// What makes features; many clips side by side. A model then reads its part one after the other ([`Embedder`]).
@@ -88,7 +88,7 @@ impl Embedder {
         match (made, &mut self.0) {
             (Extracted::Features(features), _) => Ok(features),
             (Extracted::Tokens(windows), Some(reader)) => reader.embed(&windows),
-            (Extracted::Tokens(_), None) => Err(Error::call("tokens without a model to read them")),
+            (Extracted::Tokens(_), None) => unreachable!("tokens come from an extractor whose embedder has a model"),
         }
     }
 }

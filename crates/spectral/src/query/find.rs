@@ -93,7 +93,7 @@ impl Index {
     /// Looks for the windows of `index` that are nearest to one of a clip.
     ///
     /// # Errors
-    /// A clip that can't be read or is shorter than a window, a time outside it; [`kinelm_store::Error::Call`] for an exclusion that the index
+    /// A clip that can't be read or is shorter than a window, a time outside it; [`kinelm_store::Error::Invalid`] for an exclusion that the index
     /// can't tell; a run that is no longer the index's.
     pub fn find(&self, query: &Query) -> Result<SearchResult> {
         let (database, spec) = (self.database(), self.options().windows);

@@ -31,7 +31,7 @@ impl Index {
     /// were written.
     pub fn open(dir: &Path) -> Result<Index> {
         if cfg!(target_endian = "big") {
-            return Err(Error::call("indices are little-endian, and this machine is not"));
+            return Err(Error::unsupported("reading an index", "its files are little-endian, this machine is not"));
         }
         let manifest = read_manifest(dir)?;
         let basis = manifest.basis.as_ref().map(|record| read_basis(&dir.join(BASIS), record)).transpose()?;
@@ -75,7 +75,7 @@ pub(super) fn read_manifest(dir: &Path) -> Result<Manifest> {
     let path = dir.join(MANIFEST);
     let text = input::text(&path).map_err(|e| match e.kind() {
         std::io::ErrorKind::NotFound => {
-            let help = "an index is a folder that `kinelm query build DATA --out INDEX` wrote";
+            let help = "an index is a folder that `kinelm query build` wrote";
             Error::file(dir, "no index.json", "an index", help)
         }
         _ => Error::io(&path)(e),

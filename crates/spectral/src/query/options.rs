@@ -84,22 +84,21 @@ impl IndexOptions {
     /// Holds the options to their limits.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] with the option and its limits.
+    /// [`kinelm_store::Error::Invalid`] with the option and its limits.
     pub fn validate(&self) -> Result<()> {
         self.windows.validate()?;
         let frames = self.windows.frames;
         if let FeatureKind::Dct { keep } | FeatureKind::Pca { keep } = self.transform
             && !(1..=frames).contains(&keep)
         {
-            return Err(Error::call(format!("{keep} numbers of a channel; expected 1 to {frames}, a window's frames")));
+            return Err(Error::invalid("`keep`", keep, format!("1 to {frames}, a window's frames")));
         }
         if let Some(joint) = self.joints.iter().find(|&&j| j >= smpl::NAMES.len()) {
-            return Err(Error::call(format!("joint {joint}; SMPL's are 0 to {}", smpl::NAMES.len() - 1)));
+            return Err(Error::invalid("a joint", joint, format!("one of SMPL's, 0 to {}", smpl::NAMES.len() - 1)));
         }
         if matches!(self.transform, FeatureKind::Model { .. }) && (!self.joints.is_empty() || self.raw) {
-            return Err(Error::call(
-                "a model reads the joints of its own tokenizer; leave out the joints and raw, or take another transform",
-            ));
+            let why = "a model reads the joints of its own tokenizer; leave out `joints` and `raw`, or take another transform";
+            return Err(Error::unsupported("an index by a model", why));
         }
         Ok(())
     }

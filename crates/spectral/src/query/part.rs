@@ -197,7 +197,7 @@ impl PartWriter {
     /// Adds a clip and the features (N, D) of its windows.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::Call`] for features that are not finite.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::Invalid`] for features that are not finite.
     ///
     /// # Panics
     /// When there is not a feature for each window of the clip.
@@ -206,7 +206,7 @@ impl PartWriter {
         for feature in features.chunks_exact(self.numbers) {
             let norm = Size::of(feature).norm;
             if !norm.is_finite() {
-                return Err(Error::call(format!("{}: a window's feature is not finite", clip.name)));
+                return Err(Error::unsupported(clip.name.clone(), "a window's feature is not finite"));
             }
             let error = round(feature, norm, &mut self.unit, &mut self.row);
             self.features.write(bytemuck::cast_slice(feature))?;
@@ -215,7 +215,10 @@ impl PartWriter {
         }
         self.windows += clip.starts.len();
         serde_json::to_writer(&mut self.clips, clip).map_err(|e| {
-            Error::call(format!("{}: {e}, which an index can't name; give it another name", clip.path.display()))
+            Error::unsupported(
+                clip.path.display().to_string(),
+                format!("{e}, which an index can't name; rename the file"),
+            )
         })?;
         self.clips.push(b'\n');
         Ok(())

@@ -21,11 +21,11 @@ const DANCES: (f64, usize) = (60.0, 24);
 /// 24 dances again and again, each number scattered by 20 % of itself.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Call`] for a kind that must be fitted or trained.
+/// [`kinelm_store::Error::Invalid`] for a kind that must be fitted or trained.
 pub fn synthetic(kind: &FeatureKind, windows: usize) -> Result<Database> {
     let options = IndexOptions::new(kind.clone());
     if matches!(kind, FeatureKind::Pca { .. } | FeatureKind::Model { .. }) {
-        return Err(Error::call(format!("made-up windows by {}; expected stft or dct", kind.name())));
+        return Err(Error::invalid("`transform`", kind.name(), "stft or dct, which need no fitting"));
     }
     let (extractor, mut embedder) = FeatureExtractor::new(&options, None)?;
     let numbers = extractor.numbers(&embedder);

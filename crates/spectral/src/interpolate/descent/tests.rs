@@ -122,11 +122,12 @@ fn what_cannot_be_is_refused() {
     let all = transforms();
     let said = |t: &Transform, method: Method| descend(t, C, &a, &b, method).unwrap_err().to_string();
     assert!(said(&all[2], Method::Closed { amount: 0.5 }).contains("no closed form"));
-    assert!(said(&all[0], Method::Closed { amount: 1.5 }).contains("amount 1.5; expected 0"));
+    assert!(said(&all[0], Method::Closed { amount: 1.5 }).contains("`amount` is 1.5; expected 0"));
     let descent = Descent { strength: -0.1, rate: Some(0.01), steps: 1 };
-    assert!(said(&all[0], Method::Adam(descent)).contains("strength -0.1"));
+    assert!(said(&all[0], Method::Adam(descent)).contains("`strength` is -0.1"));
     assert!(
-        said(&all[0], Method::Plain(Descent { strength: 1.0, rate: Some(f64::NAN), steps: 1 })).contains("rate of NaN")
+        said(&all[0], Method::Plain(Descent { strength: 1.0, rate: Some(f64::NAN), steps: 1 }))
+            .contains("`rate` is NaN")
     );
     let wild = Descent { strength: 1.0, rate: Some(1e9), steps: 60 };
     assert!(said(&all[0], Method::Plain(wild)).contains("smaller one"));

@@ -55,7 +55,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     for line in report.notes() {
         say.line(line);
     }
-    for table in study::tables::tables(&report) {
+    for (table, _) in study::tables::tables(&report) {
         print(&format!("{}\n", table.terminal()))?;
     }
     say.line(format_args!("{}: study.md, study.json, bins.png, rate.png, page.html", args.out.display()));

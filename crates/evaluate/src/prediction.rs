@@ -131,6 +131,15 @@ impl Predictor<'_> {
         seed_words.min(room.saturating_sub(words - seed_words).max(room / 2).max(1))
     }
 
+    /// Seconds of a seed that the model sees.
+    pub fn context_seconds(&self) -> f64 {
+        let length = self.tokenizer.frames_per_word();
+        let frames = |seconds: f64| (seconds * self.tokenizer.fps()).round() as usize;
+        let known = (frames(SEED_S) / length).saturating_sub(self.tokenizer.scheme().unsettled_words());
+        let all = (frames(SEED_S) + frames(TARGET_S)).div_ceil(length);
+        (self.seen(known, all) * length) as f64 / self.tokenizer.fps()
+    }
+
     /// Rows of greedy continuation, of samples, and of the best of the samples of each window, by the angle up to 400 ms.
     /// `progress` is told the windows done.
     ///
@@ -193,15 +202,6 @@ impl Predictor<'_> {
         };
         danced.ids.iter().map(clip).collect()
     }
-}
-
-/// Words and frames, for a line that tells what the model saw.
-pub fn context_seconds(predictor: &Predictor, tokenizer: &Tokenizer) -> f64 {
-    let length = tokenizer.frames_per_word();
-    let of = |seconds: f64| (seconds * tokenizer.fps()).round() as usize;
-    let known = (of(SEED_S) / length).saturating_sub(tokenizer.scheme().unsettled_words());
-    let all = (of(SEED_S) + of(TARGET_S)).div_ceil(length);
-    (predictor.seen(known, all) * length) as f64 / tokenizer.fps()
 }
 
 #[cfg(test)]
@@ -303,7 +303,7 @@ mod tests {
             seed: 1,
         };
         // of 14 words eight are for the target
-        assert!((context_seconds(&predictor, &tokenizer) - 7.0 / 20.0).abs() < 0.051);
+        assert!((predictor.context_seconds() - 7.0 / 20.0).abs() < 0.051);
         let mut done = Vec::new();
         let rows = predictor.rows(&windows, &mut |n| done.push(n)).unwrap();
         let still = &baselines(&windows, &joints, "").unwrap()[0];

@@ -7,7 +7,7 @@ use crate::cli::{ComputeArgs, Odd, Say, WrongCall, print};
 use crate::corpus::gather::Item;
 use crate::corpus::load::{Wanted, item_options};
 use crate::corpus::{Split, gather::Gathered};
-use crate::evaluate::prediction::{Predictor, Row, TIMES_MS, Window, baselines, context_seconds, windows};
+use crate::evaluate::prediction::{Predictor, Row, TIMES_MS, Window, baselines, windows};
 use crate::generate::sampling::Draw;
 use crate::generate::{NextToken, reader};
 use crate::model::{CheckpointChoice, ReaderOptions, load_run};
@@ -104,7 +104,7 @@ fn of_model(args: &Args, run: &Path, draw: Draw, say: Say) -> Result<()> {
         draw,
         seed: args.seed,
     };
-    let seen = context_seconds(&predictor, &tokenizer);
+    let seen = predictor.context_seconds();
     let bar = crate::cli::progress::bar(own.len() as u64, "windows", say);
     let rows = predictor.rows(&own, &mut |n| bar.set_position(n as u64));
     drop(bar);

@@ -104,9 +104,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     if args.markdown {
         return print(&tables::markdown(&report));
     }
-    for line in tables::said(&report) {
+    for line in tables::notes(&report) {
         say.line(line);
     }
-    let tables: Vec<String> = tables::sheets(&report).iter().map(tables::Sheet::terminal).collect();
+    let tables: Vec<String> = tables::tables(&report).iter().map(|table| table.terminal()).collect();
     print(&tables.join("\n"))
 }

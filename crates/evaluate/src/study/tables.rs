@@ -1,21 +1,10 @@
-//! The tables of a study, for a terminal and in Markdown.
+//! The tables of a study.
 
 use super::Report;
 use super::metrics::RowMetrics;
 use kinelm_view::plot::TEXT_MARK;
-use kinelm_view::table;
+use kinelm_view::table::ReportTable;
 use std::fmt::Write;
-
-/// One table: the first column names, the others numbers.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Table {
-    /// Above it.
-    pub title: &'static str,
-    /// What the columns are, in a sentence or two.
-    pub note: &'static str,
-    head: Vec<&'static str>,
-    rows: Vec<Vec<String>>,
-}
 
 type Column = (&'static str, fn(&RowMetrics) -> String);
 
@@ -79,13 +68,12 @@ const SPEED: &[Column] = &[
     ("threads", |f| f.speed.threads.to_string()),
 ];
 
-/// All tables of a report.
-pub fn tables(report: &Report) -> Vec<Table> {
-    let of = |title, note, columns: &[Column]| Table {
-        title,
-        note,
-        head: columns.iter().map(|c| c.0).collect(),
-        rows: report.rows.iter().map(|f| columns.iter().map(|c| c.1(f)).collect()).collect(),
+/// All tables of a report, each with a note on its columns.
+pub fn tables(report: &Report) -> Vec<(ReportTable, &'static str)> {
+    let of = |title: &str, note, columns: &[Column]| {
+        let head = columns.iter().map(|c| c.0.into()).collect();
+        let rows = report.rows.iter().map(|f| columns.iter().map(|c| c.1(f)).collect()).collect();
+        (ReportTable { title: title.into(), head, rows }, note)
     };
     let mut tables = vec![
         of(
@@ -113,35 +101,15 @@ pub fn tables(report: &Report) -> Vec<Table> {
     tables
 }
 
-fn losses(report: &Report) -> Table {
+fn losses(report: &Report) -> (ReportTable, &'static str) {
     let row = |l: &super::Loss| {
         let joints = format!("{} joints at {} fps", l.joints.len(), short(l.fps));
         vec![joints, fixed(l.rate_mpjpe, 2), fixed(l.rate_angle.to_degrees(), 3), fixed(l.joints_mpjpe, 2)]
     };
-    Table {
-        title: "Lost before coding",
-        note: "Rate: the row's rate brought back to the files' by slerp, against the files. Joints: those that are not coded \
-               held straight, against the clip.",
-        head: vec!["", "rate, mm", "rate, mean deg", "joints, mm"],
-        rows: report.losses.iter().map(row).collect(),
-    }
-}
-
-impl Table {
-    /// For a terminal.
-    pub fn terminal(&self) -> String {
-        table::terminal(self.title, &self.head, &self.rows)
-    }
-
-    /// In Markdown.
-    pub fn markdown(&self) -> String {
-        let line = |cells: &mut dyn Iterator<Item = &str>| format!("| {} |\n", cells.collect::<Vec<_>>().join(" | "));
-        let mut text = format!("## {}\n\n{}\n\n", self.title, self.note);
-        text += &line(&mut self.head.iter().copied());
-        text += &line(&mut (0..self.head.len()).map(|i| if i == 0 { "---" } else { "---:" }));
-        self.rows.iter().for_each(|r| text += &line(&mut r.iter().map(String::as_str)));
-        text
-    }
+    let note = "Rate: the row's rate brought back to the files' by slerp, against the files. Joints: those that are not coded \
+                held straight, against the clip.";
+    let head = ["", "rate, mm", "rate, mean deg", "joints, mm"].map(String::from).into();
+    (ReportTable { title: "Lost before coding".into(), head, rows: report.losses.iter().map(row).collect() }, note)
 }
 
 /// The whole report in Markdown.
@@ -152,7 +120,9 @@ pub fn markdown(report: &Report) -> String {
     }
     let pictures = "\n![angle error against bins](bins.png)\n\n![rate against distortion](rate.png)\n";
     text += pictures;
-    tables(report).iter().for_each(|s| text += &format!("\n{}", s.markdown()));
+    for (table, note) in tables(report) {
+        let _ = write!(text, "\n## {}\n\n{note}\n\n{}", table.title, table.markdown());
+    }
     text
 }
 

@@ -4,17 +4,12 @@
 //! windows that begin at any frame of another one; it is a copy if the joints' rotations are nearly the same all along.
 
 use super::{Fault, Finding, LoadedClip};
-use crate::query::extract::FeatureExtractor;
-use crate::query::part::Part;
 use crate::query::record::ClipEntry;
 use crate::query::{Database, Distance, FeatureKind, IndexOptions, SearchOptions};
 use crate::{Result, WindowSpec};
 use kinelm_corpus::Split;
-use kinelm_motion::format::ReadOptions;
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Clip, Quat, Vec3};
-use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// Length of a window, seconds.
 pub const WINDOW_S: f64 = 2.0;
@@ -113,26 +108,6 @@ fn mean_angle_deg(a: &Clip, b: &Clip, shift: f64) -> f64 {
 
 /// The windows of all clips, at every frame.
 fn database(held: &[LoadedClip], options: &IndexOptions) -> Result<Database> {
-    let (extractor, mut embedder) = FeatureExtractor::new(options, None)?;
-    let entries: Vec<ClipEntry> = held
-        .iter()
-        .map(|one| ClipEntry {
-            name: one.name.clone(),
-            path: Default::default(),
-            sha256: one.sha256.clone(),
-            read: ReadOptions::default(),
-            take: String::new(),
-            labels: BTreeMap::new(),
-            frames: one.clip.frames(),
-            starts: options.windows.starts(one.clip.frames(), 0).collect(),
-        })
-        .collect();
-    let made: Vec<_> =
-        held.par_iter().zip(&entries).map(|(one, entry)| extractor.extract(&one.clip, &entry.starts)).collect();
-    let mut features = Vec::new();
-    for one in made {
-        features.extend(embedder.embed(one?)?);
-    }
-    let numbers = extractor.numbers(&embedder);
-    Ok(Database::new(numbers, vec![(Part::held(features, numbers).with_halves(numbers)?, entries)]))
+    let entry = |one: &LoadedClip| ClipEntry::in_memory(&one.name, one.clip.frames(), &options.windows);
+    Database::of_clips(options, held.iter().map(|one| (&one.clip, entry(one))).collect())?.with_halves()
 }

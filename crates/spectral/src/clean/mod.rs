@@ -67,7 +67,6 @@ struct Finding {
 struct LoadedClip {
     name: String,
     split: Split,
-    sha256: String,
     clip: Clip,
     finds: Vec<Finding>,
 }
@@ -112,9 +111,9 @@ pub fn clean(
             Split::Train => Ok((loaded.clip.clone(), of_clip(&item.name, &loaded.clip, &config.joints)?)),
             Split::Valid | Split::Test => Ok((loaded.clip.clone(), Vec::new())),
         },
-        |item, sha256, (clip, finds), _| {
+        |item, _, (clip, finds), _| {
             let frames = clip.frames();
-            held.push(LoadedClip { name: item.name.clone(), split: item.split, sha256, clip, finds });
+            held.push(LoadedClip { name: item.name.clone(), split: item.split, clip, finds });
             Ok(frames)
         },
     )?;

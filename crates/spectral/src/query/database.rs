@@ -46,6 +46,16 @@ impl Database {
         all
     }
 
+    /// The same with half floats, which [`Database::nearest`] scans; an index on disk has them.
+    ///
+    /// # Errors
+    /// An index whose files were cut while it was in use.
+    pub fn with_halves(mut self) -> Result<Database> {
+        let numbers = self.numbers;
+        self.parts = self.parts.into_iter().map(|part| part.with_halves(numbers)).collect::<Result<_>>()?;
+        Ok(self)
+    }
+
     /// D.
     pub fn numbers(&self) -> usize {
         self.numbers

@@ -4,14 +4,11 @@
 use super::build::no_window;
 use super::database::Database;
 use super::exclude::{Exclude, Exclusion, Origin};
-use super::extract::{FeatureExtractor, fit_of};
 use super::options::{FeatureKind, IndexOptions};
-use super::part::Part;
 use super::record::ClipEntry;
 use super::search::{Cosines, Distance, SearchOptions};
 use super::vote::{Tally, vote};
-use crate::pca::PcaFit;
-use crate::{Error, PcaBasis, Result, WindowSpec};
+use crate::{Error, Result, WindowSpec};
 pub use kinelm_corpus::build::{BuildOptions, Summary, Watch, check, each};
 use kinelm_corpus::load::item_options;
 use kinelm_corpus::{Gathered, Item};
@@ -23,8 +20,6 @@ use std::collections::BTreeMap;
 
 /// Windows that are asked for together.
 const QUERIES: usize = 64;
-/// Clips that are worked on together.
-const CLIPS: usize = 64;
 
 /// What is measured.
 #[derive(Debug, Clone)]
@@ -290,37 +285,11 @@ impl Labels {
 
 /// The windows of all clips at a phase.
 fn database(held: &[LoadedClip], options: &IndexOptions, phase: usize) -> Result<Database> {
-    let starts = |h: &LoadedClip| options.windows.starts(h.clip.frames(), phase).collect::<Vec<usize>>();
-    let basis = match options.transform {
-        FeatureKind::Pca { keep } => Some(fit(held, options, keep, phase)?),
-        _ => None,
+    let with_windows = |h: &LoadedClip| {
+        let starts = options.windows.starts(h.clip.frames(), phase).collect();
+        ClipEntry { starts, ..h.entry.clone() }
     };
-    let (extractor, mut embedder) = FeatureExtractor::new(options, basis.as_ref())?;
-    let mut features = Vec::new();
-    for some in held.chunks(CLIPS) {
-        let made: Vec<_> = some.par_iter().map(|h| extractor.extract(&h.clip, &starts(h))).collect();
-        for one in made {
-            features.extend(embedder.embed(one?)?);
-        }
-    }
-    let entries = held.iter().map(|h| ClipEntry { starts: starts(h), ..h.entry.clone() }).collect();
-    let numbers = extractor.numbers(&embedder);
-    Ok(Database::new(numbers, vec![(Part::held(features, numbers), entries)]))
-}
-
-fn fit(held: &[LoadedClip], options: &IndexOptions, keep: usize, phase: usize) -> Result<PcaBasis> {
-    let mut all = PcaFit::new(options.windows.frames);
-    for some in held.chunks(CLIPS) {
-        let of = |h: &LoadedClip| {
-            let starts: Vec<usize> = options.windows.starts(h.clip.frames(), phase).collect();
-            fit_of(&h.clip, &starts, options)
-        };
-        let fits: Vec<_> = some.par_iter().map(of).collect();
-        for one in fits {
-            all.merge(&one?);
-        }
-    }
-    all.finish(keep)
+    Database::of_clips(options, held.iter().map(|h| (&h.clip, with_windows(h))).collect())
 }
 
 /// One database, and what is asked of it.

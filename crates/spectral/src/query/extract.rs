@@ -1,10 +1,14 @@
 //! Clips to the features of their windows.
 
+use super::database::Database;
 use super::embedding::{self, ModelEmbedding, Tokens, WindowTokenizer};
 use super::options::{FeatureKind, IndexOptions, unfitted};
+use super::part::Part;
+use super::record::ClipEntry;
 use crate::pca::PcaFit;
 use crate::{PcaBasis, Result, Series, Transform};
 use kinelm_motion::Clip;
+use rayon::prelude::*;
 
 /// What makes features; many clips side by side. A model then reads its part one after the other ([`Embedder`]).
 pub struct FeatureExtractor {
@@ -90,6 +94,41 @@ impl Embedder {
             (Extracted::Tokens(windows), Some(reader)) => reader.embed(&windows),
             (Extracted::Tokens(_), None) => unreachable!("tokens come from an extractor whose embedder has a model"),
         }
+    }
+}
+
+/// Clips whose features are computed side by side before a model reads them.
+const BLOCK: usize = 64;
+
+impl Database {
+    /// The windows of clips in memory, which are on the 24 SMPL joints at the options' rate. A basis is fitted to them where the
+    /// transform needs one. [`Database::cosines`] can be computed at once, [`Database::nearest`] needs
+    /// [`Database::with_halves`].
+    ///
+    /// # Errors
+    /// Those of [`FeatureExtractor`] and of fitting a basis.
+    pub fn of_clips(options: &IndexOptions, clips: Vec<(&Clip, ClipEntry)>) -> Result<Database> {
+        let basis = match options.transform {
+            FeatureKind::Pca { keep } => {
+                let mut all = PcaFit::new(options.windows.frames);
+                for block in clips.chunks(BLOCK) {
+                    let fits = block.par_iter().map(|(clip, entry)| fit_of(clip, &entry.starts, options));
+                    fits.collect::<Result<Vec<_>>>()?.iter().for_each(|one| all.merge(one));
+                }
+                Some(all.finish(keep)?)
+            }
+            _ => None,
+        };
+        let (extractor, mut embedder) = FeatureExtractor::new(options, basis.as_ref())?;
+        let (numbers, mut features) = (extractor.numbers(&embedder), Vec::new());
+        for block in clips.chunks(BLOCK) {
+            let extracted = block.par_iter().map(|(clip, entry)| extractor.extract(clip, &entry.starts));
+            for one in extracted.collect::<Result<Vec<_>>>()? {
+                features.extend(embedder.embed(one)?);
+            }
+        }
+        let entries = clips.into_iter().map(|(_, entry)| entry).collect();
+        Ok(Database::new(numbers, vec![(Part::held(features, numbers), entries)]))
     }
 }
 

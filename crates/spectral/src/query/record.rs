@@ -1,7 +1,7 @@
 //! What an index says of itself: `index.json`, and the lines of `clips.jsonl`.
 
 use super::options::IndexOptions;
-use crate::{Error, Result};
+use crate::{Error, Result, WindowSpec};
 use bytemuck::Pod;
 pub use kinelm_corpus::stored::Stored;
 use kinelm_motion::format::ReadOptions;
@@ -109,6 +109,20 @@ pub struct ClipEntry {
 }
 
 impl ClipEntry {
+    /// The entry of a clip in memory, with all of its windows: no file, no labels, a recording of its own.
+    pub fn in_memory(name: &str, frames: usize, windows: &WindowSpec) -> ClipEntry {
+        ClipEntry {
+            name: name.into(),
+            path: PathBuf::new(),
+            sha256: String::new(),
+            read: ReadOptions::default(),
+            take: name.into(),
+            labels: BTreeMap::new(),
+            frames,
+            starts: windows.starts(frames, 0).collect(),
+        }
+    }
+
     /// Reads the lines of a file after checking it.
     ///
     /// # Errors

@@ -6,11 +6,9 @@ use super::options::{FeatureKind, IndexOptions};
 use super::part::Part;
 use super::record::ClipEntry;
 use crate::{Error, Result};
-use kinelm_motion::format::ReadOptions;
 use kinelm_motion::synth;
 use kinelm_store::random;
 use rayon::prelude::*;
-use std::path::PathBuf;
 
 /// How much the numbers of copied windows are scattered, as a share of each.
 const SCATTER: f64 = 0.2;
@@ -42,16 +40,6 @@ pub fn synthetic(kind: &FeatureKind, windows: usize) -> Result<Database> {
             *to = (f64::from(x) * (1.0 + SCATTER * (2.0 * random::unit(&mut rng) - 1.0))) as f32;
         }
     });
-    let starts = (0..windows).map(|w| w * options.windows.hop).collect();
-    let entry = ClipEntry {
-        name: "made-up".into(),
-        path: PathBuf::new(),
-        sha256: String::new(),
-        read: ReadOptions::default(),
-        take: "made-up".into(),
-        labels: Default::default(),
-        frames: (windows + 1) * options.windows.hop,
-        starts,
-    };
-    Ok(Database::new(numbers, vec![(Part::held(features, numbers).with_halves(numbers)?, vec![entry])]))
+    let entry = ClipEntry::in_memory("made-up", (windows + 1) * options.windows.hop, &options.windows);
+    Database::new(numbers, vec![(Part::held(features, numbers), vec![entry])]).with_halves()
 }

@@ -1,21 +1,12 @@
-//! The tables of an evaluation, for a terminal and in Markdown.
+//! The tables of an evaluation.
 
 use super::evaluate::{Report, Row};
 use super::exclude::Exclude;
-use kinelm_view::table;
-
-/// The table of one label.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Sheet {
-    /// The label and its values.
-    pub title: String,
-    head: Vec<String>,
-    rows: Vec<Vec<String>>,
-}
+use kinelm_view::table::ReportTable;
 
 /// A table a label: a row a transform and distance; the main exclusion with its interval and entropy at both phases, then
 /// the accuracy under the others.
-pub fn sheets(report: &Report) -> Vec<Sheet> {
+pub fn tables(report: &Report) -> Vec<ReportTable> {
     report
         .shares
         .iter()
@@ -62,16 +53,16 @@ pub fn sheets(report: &Report) -> Vec<Sheet> {
             });
             let title =
                 format!("{}: {} values{largest}; exclude {}", shares.field, shares.shares.len(), report.exclude.name());
-            Sheet { title, head, rows }
+            ReportTable { title, head, rows }
         })
         .collect()
 }
 
 /// What a reader should know before the tables.
-pub fn said(report: &Report) -> Vec<String> {
+pub fn notes(report: &Report) -> Vec<String> {
     let Report { clips, short, takes, k, windows, .. } = report;
     let queries: Vec<String> = report.queries.iter().map(|(phase, n)| format!("{n} from frame {phase} on")).collect();
-    let mut said = vec![format!(
+    let mut notes = vec![format!(
         "{clips} clips of {takes} recordings; windows of {} frames at {} frames per second, hop {}: {}; k = {k}",
         windows.frames,
         windows.fps,
@@ -79,32 +70,17 @@ pub fn said(report: &Report) -> Vec<String> {
         queries.join(", ")
     )];
     if *short > 0 {
-        said.push(format!("{short} clips are shorter than a window of {:.3} s and are left out", windows.seconds()));
+        notes.push(format!("{short} clips are shorter than a window of {:.3} s and are left out", windows.seconds()));
     }
-    said.push("+-: half of the 95 % interval over recordings; at random: neighbours drawn from those allowed".into());
-    said
+    notes.push("+-: half of the 95 % interval over recordings; at random: neighbours drawn from those allowed".into());
+    notes
 }
 
 /// The whole report in Markdown.
 pub fn markdown(report: &Report) -> String {
-    let lines: Vec<String> = said(report).iter().map(|l| format!("- {l}\n")).collect();
-    let tables: Vec<String> = sheets(report).iter().map(Sheet::markdown).collect();
+    let lines: Vec<String> = notes(report).iter().map(|l| format!("- {l}\n")).collect();
+    let tables: Vec<String> = tables(report).iter().map(|t| format!("**{}**\n\n{}", t.title, t.markdown())).collect();
     format!("{}\n{}", lines.concat(), tables.join("\n"))
-}
-
-impl Sheet {
-    /// For a terminal.
-    pub fn terminal(&self) -> String {
-        table::terminal(&self.title, &self.head, &self.rows)
-    }
-
-    /// In Markdown.
-    pub fn markdown(&self) -> String {
-        let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
-        let rule: Vec<String> = (0..self.head.len()).map(|i| if i == 0 { "---" } else { "--:" }.to_string()).collect();
-        let rows: Vec<String> = self.rows.iter().map(|r| line(r)).collect();
-        format!("**{}**\n\n{}{}{}", self.title, line(&self.head), line(&rule), rows.concat())
-    }
 }
 
 fn percent(x: Option<f64>) -> String {

@@ -106,7 +106,7 @@ struct Piece {
 }
 
 fn piece(args: &Args, dance: &Dance) -> Result<Piece> {
-    let beats_s = beats_of(&music(dance, args.seed, RATE)?)?.times_s;
+    let beats_s = beats_of(&music(dance, args.seed, RATE)?).times_s;
     Ok(Piece { path: music_of(args, dance), beats_s })
 }
 

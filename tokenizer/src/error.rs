@@ -1,5 +1,6 @@
-//! What can go wrong, and where.
+//! Errors: what is wrong, and where.
 
+use kinelm_store::Kind;
 use std::path::{Path, PathBuf};
 
 /// The result of this crate's functions.
@@ -23,9 +24,7 @@ pub enum Error {
         expected: String,
     },
     /// A clip of another frame rate.
-    #[error(
-        "a clip of {found} frames per second, the tokenizer has {expected}; resample it first (`--fps {expected}`)"
-    )]
+    #[error("a clip at {found} frames per second, the tokenizer has {expected}; resample it first (`fps`)")]
     Rate {
         /// The clip's.
         found: f64,
@@ -33,7 +32,7 @@ pub enum Error {
         expected: f64,
     },
     /// A clip that isn't on the model's rig.
-    #[error("a clip on another skeleton than the 24 SMPL joints: {found}; retarget it first (`--map`)")]
+    #[error("a clip on another skeleton than the 24 SMPL joints: {found}; retarget it first (`map`)")]
     Skeleton {
         /// What differs.
         found: String,
@@ -93,6 +92,16 @@ pub enum Error {
 }
 
 impl Error {
+    /// The kind of the error, from which the program's exit code follows.
+    pub fn kind(&self) -> Kind {
+        match self {
+            Error::Store(e) => e.kind(),
+            Error::Motion(e) => e.kind(),
+            Error::Setting { .. } => Kind::Call,
+            _ => Kind::File,
+        }
+    }
+
     pub(crate) fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Error {
         let path = path.as_ref().to_owned();
         move |source| kinelm_store::Error::io(path)(source).into()

@@ -31,7 +31,8 @@ impl Error {
         match self {
             Error::Store(e) => e.kind(),
             Error::Motion(e) => e.kind(),
-            Error::Music(_) | Error::Tokenizer(_) => kinelm_store::Kind::File,
+            Error::Music(e) => e.kind(),
+            Error::Tokenizer(e) => e.kind(),
             Error::Work(_) => kinelm_store::Kind::Failed,
         }
     }

@@ -68,7 +68,8 @@ impl Error {
         match self {
             Error::Store(e) => e.kind(),
             Error::Motion(e) => e.kind(),
-            Error::Music(_) | Error::Tokenizer(_) => kinelm_store::Kind::File,
+            Error::Music(e) => e.kind(),
+            Error::Tokenizer(e) => e.kind(),
             Error::Tensor(_) | Error::NotFinite(_) | Error::Weights(_) | Error::Work(_) => kinelm_store::Kind::Failed,
         }
     }

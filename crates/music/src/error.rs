@@ -1,43 +1,40 @@
-//! What can go wrong, and where.
+//! Errors: what is wrong, and where.
 
+use kinelm_store::Kind;
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Everything that hearing and rendering music can fail with.
+/// Everything that reading, analysing and rendering music can fail with.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The operating system refused.
-    #[error("{path}: {source}")]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The file is wrong, or of a kind that isn't read.
+    /// A file can't be read, or a parameter is out of range.
+    #[error(transparent)]
+    Store(#[from] kinelm_store::Error),
+    /// The file is wrong, or of a kind that isn't supported.
     #[error(transparent)]
     File(#[from] Box<FileError>),
-    /// The caller asked for something that can't be done.
-    #[error("{0}")]
-    Call(String),
 }
 
+kinelm_store::constructors!(Error);
+
 impl Error {
-    /// Wraps an I/O error with the path it happened at.
-    pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Error {
-        let path = path.as_ref().to_owned();
-        move |source| Error::Io { path, source }
+    /// The kind of the error, from which the program's exit code follows.
+    pub fn kind(&self) -> Kind {
+        match self {
+            Error::Store(e) => e.kind(),
+            Error::File(_) => Kind::File,
+        }
     }
 
-    /// The fault of a file, if it is one.
-    pub fn kind(&self) -> Option<FaultKind> {
+    /// Which fault of a music file this is, if it is one.
+    pub fn fault(&self) -> Option<FaultKind> {
         match self {
             Error::File(e) => Some(e.kind),
-            _ => None,
+            Error::Store(_) => None,
         }
     }
 }
@@ -47,7 +44,7 @@ impl Error {
 pub struct FileError {
     /// The file as the user named it.
     pub path: PathBuf,
-    /// Which fault; its name is printed.
+    /// The kind of fault; its name is printed.
     pub kind: FaultKind,
     /// What was found and what was expected.
     pub what: String,
@@ -63,42 +60,35 @@ impl fmt::Display for FileError {
 
 impl std::error::Error for FileError {}
 
-/// The faults a music file can have, by the names that are printed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+/// The faults that a music file can have, with their printed names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
 #[non_exhaustive]
 pub enum FaultKind {
-    /// Nothing in it, or no sample in its track.
+    /// An empty file, or a track without samples.
+    #[error("empty")]
     Empty,
-    /// No sound file of a kind that is read.
+    /// No sound file of a supported kind.
+    #[error("unknown kind of file")]
     Unknown,
     /// A container without sound.
+    #[error("no audio track")]
     NoAudioTrack,
-    /// Ogg Opus and its like.
+    /// Opus in Ogg or another container.
+    #[error("Opus")]
     Opus,
-    /// An m4a that only its shop's players open.
+    /// An m4a with copy protection.
+    #[error("protected")]
     Protected,
-    /// Sound of another coding that isn't read.
+    /// Sound in another codec that isn't supported.
+    #[error("unknown coding")]
     Codec,
     /// The file ends before its track does.
+    #[error("cut")]
     Cut,
-    /// What stands in it is no sound of its kind.
+    /// The contents can't be decoded.
+    #[error("damaged")]
     Damaged,
-    /// More channels, or another rate, than anything has.
+    /// A sampling rate out of range.
+    #[error("out of range")]
     Range,
-}
-
-impl fmt::Display for FaultKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            FaultKind::Empty => "empty",
-            FaultKind::Unknown => "unknown kind of file",
-            FaultKind::NoAudioTrack => "no audio track",
-            FaultKind::Opus => "Opus",
-            FaultKind::Protected => "protected",
-            FaultKind::Codec => "unknown coding",
-            FaultKind::Cut => "cut",
-            FaultKind::Damaged => "damaged",
-            FaultKind::Range => "out of range",
-        })
-    }
 }

@@ -1,6 +1,5 @@
-//! Spectra of a stream of samples, frame by frame.
+//! Windows and spectra of a stream of samples.
 
-use crate::{Error, Result};
 use realfft::num_complex::Complex;
 use realfft::{RealFftPlanner, RealToComplex};
 use std::collections::VecDeque;
@@ -12,58 +11,62 @@ pub fn hann(n: usize) -> Vec<f32> {
     (0..n).map(|i| (0.5 - 0.5 * (TAU * i as f64 / n as f64).cos()) as f32).collect()
 }
 
-/// Windows of `size` samples every `hop`, frame `f` centred at sample `f hop`, with silence before and behind the sound.
+/// Windows of `size` samples every `hop`, frame `f` centred at sample `f hop`, with silence before and after the sound.
 ///
-/// Of n samples there are `1 + n / hop` frames, as of librosa's centred transform with zeros for padding.
+/// n samples give `1 + n / hop` frames, as librosa's centred transform with zero padding does.
+///
+/// ```
+/// let (mut frames, mut count) = (kinelm_music::frames::Frames::new(8, 4), 0);
+/// frames.push(&[1.0; 10], &mut |window| count += usize::from(window.len() == 8));
+/// frames.finish(&mut |_| count += 1);
+/// assert_eq!(count, 1 + 10 / 4);
+/// ```
 pub struct Frames {
     size: usize,
     hop: usize,
     waiting: VecDeque<f32>,
-    /// Frames given out.
-    given: usize,
+    /// Frames emitted so far.
+    emitted: usize,
     read: usize,
 }
 
 impl Frames {
+    /// No samples yet.
+    ///
     /// # Panics
-    /// Where `size` is odd, or `hop` is 0 or more than it.
+    /// When `size` is odd, or `hop` is 0 or more than `size`.
     pub fn new(size: usize, hop: usize) -> Frames {
         assert!(size.is_multiple_of(2) && (1..=size).contains(&hop), "windows of {size} every {hop}");
-        Frames { size, hop, waiting: VecDeque::from(vec![0.0; size / 2]), given: 0, read: 0 }
+        Frames { size, hop, waiting: VecDeque::from(vec![0.0; size / 2]), emitted: 0, read: 0 }
     }
 
-    /// Takes samples; hands each whole frame on.
+    /// Takes samples; calls `frame` with each complete window.
     pub fn push(&mut self, samples: &[f32], frame: &mut dyn FnMut(&[f32])) {
         self.read += samples.len();
         self.waiting.extend(samples);
-        self.ready(frame);
-    }
-
-    /// Hands on the frames that reach behind the end.
-    pub fn finish(&mut self, frame: &mut dyn FnMut(&[f32])) {
-        let wanted = 1 + self.read / self.hop;
-        let missing = ((wanted - self.given) * self.hop + self.size).saturating_sub(self.waiting.len());
-        let read = self.read;
-        self.waiting.extend(std::iter::repeat_n(0.0, missing));
-        while self.given < 1 + read / self.hop {
-            self.one(frame);
-        }
-    }
-
-    fn ready(&mut self, frame: &mut dyn FnMut(&[f32])) {
         while self.waiting.len() >= self.size {
-            self.one(frame);
+            self.emit(frame);
         }
     }
 
-    fn one(&mut self, frame: &mut dyn FnMut(&[f32])) {
+    /// Calls `frame` with the windows that reach beyond the end.
+    pub fn finish(&mut self, frame: &mut dyn FnMut(&[f32])) {
+        let total = 1 + self.read / self.hop;
+        let missing = ((total - self.emitted) * self.hop + self.size).saturating_sub(self.waiting.len());
+        self.waiting.extend(std::iter::repeat_n(0.0, missing));
+        while self.emitted < total {
+            self.emit(frame);
+        }
+    }
+
+    fn emit(&mut self, frame: &mut dyn FnMut(&[f32])) {
         frame(&self.waiting.make_contiguous()[..self.size]);
-        self.given += 1;
+        self.emitted += 1;
         self.waiting.drain(..self.hop);
     }
 }
 
-/// A windowed transform of frames.
+/// The windowed Fourier transform of frames.
 pub struct Spectrum {
     window: Vec<f32>,
     fft: Arc<dyn RealToComplex<f32>>,
@@ -74,7 +77,7 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
-    /// Of frames as long as the window.
+    /// For frames of the window's length.
     pub fn new(window: Vec<f32>) -> Spectrum {
         let fft = RealFftPlanner::new().plan_fft_forward(window.len());
         Spectrum {
@@ -86,20 +89,17 @@ impl Spectrum {
         }
     }
 
-    /// Fills [`Spectrum::bins`]: the frame by the window, transformed; not normalised.
+    /// Fills [`Spectrum::bins`] with the transform of the windowed frame, not normalised.
     ///
-    /// # Errors
-    /// [`Error::Call`] for a frame of another length.
-    pub fn take(&mut self, frame: &[f32]) -> Result<()> {
-        if frame.len() != self.window.len() {
-            let (found, expected) = (frame.len(), self.window.len());
-            return Err(Error::Call(format!("a frame of {found} samples, the window has {expected}")));
-        }
+    /// # Panics
+    /// When the frame has another length than the window.
+    pub fn transform(&mut self, frame: &[f32]) {
+        assert_eq!(frame.len(), self.window.len(), "samples of a frame");
         for ((to, x), w) in self.input.iter_mut().zip(frame).zip(&self.window) {
             *to = x * w;
         }
         let done = self.fft.process_with_scratch(&mut self.input, &mut self.bins, &mut self.scratch);
-        done.map_err(|e| Error::Call(format!("the transform: {e}")))
+        done.expect("the plan made these buffers");
     }
 }
 
@@ -131,7 +131,7 @@ mod tests {
     fn a_transform_as_its_definition() {
         let x: Vec<f32> = (0..32).map(|i| ((i * i) as f32 * 0.37).sin()).collect();
         let mut s = Spectrum::new(hann(32));
-        s.take(&x).unwrap();
+        s.transform(&x);
         for (k, bin) in s.bins.iter().enumerate() {
             let (mut re, mut im) = (0.0, 0.0);
             for (i, (x, w)) in x.iter().zip(hann(32)).enumerate() {
@@ -141,6 +141,5 @@ mod tests {
             }
             assert!((f64::from(bin.re) - re).abs() < 1e-5 && (f64::from(bin.im) - im).abs() < 1e-5, "bin {k}");
         }
-        assert!(s.take(&x[1..]).is_err());
     }
 }

@@ -1,13 +1,12 @@
-//! Music files to samples, features and beats; and a small synthesiser.
+//! Reads music files; computes features and beats; a small synthesiser.
 //!
-//! The conventions, stated once and kept everywhere:
+//! Conventions:
 //!
 //! - sound is **mono**, the mean of a file's channels; samples are f32, full scale is -1 to 1; times are **seconds**;
 //! - frame `f` of features of rate `s` frames per second is *centred* at time `f / s`;
 //! - F frames, C channels, K bands or bins; the last index runs fastest: `(F, C)` is `frame * channels + channel`.
 //!
-//! Everything that reads a file streams it: memory grows with what is asked for, not with the sound. This crate knows
-//! nothing of motion.
+//! Files are streamed: memory grows with the result, not with the length of the sound. This crate knows nothing of motion.
 #![forbid(unsafe_code)]
 
 pub mod beat;
@@ -22,7 +21,6 @@ pub mod wav;
 
 pub use error::{Error, FaultKind, FileError, Result};
 
-/// The examples of the README are tested with those of the code.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;

@@ -1,9 +1,9 @@
-//! Files to samples, packet by packet.
+//! Decodes music files, packet by packet.
 
 use crate::error::{FaultKind, FileError};
 use crate::resample::{RATES, Resampler, Sink};
 use crate::{Error, Result};
-use std::fs::File;
+use kinelm_store::input;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use symphonia::core::codecs::CodecParameters;
@@ -15,28 +15,27 @@ use symphonia::core::formats::{FormatOptions, FormatReader, Track, TrackType};
 use symphonia::core::io::MediaSourceStream;
 use symphonia::core::meta::MetadataOptions;
 
-const READ: &str = "wav, flac, ogg (Vorbis), mp3 and m4a (AAC-LC) are read; convert the file to one of them";
+const CONVERT: &str = "wav, flac, ogg (Vorbis), mp3 and m4a (AAC-LC) are read; convert the file to one of them";
 const AGAIN: &str = "copy or download the file again";
-/// Packets in a row that make no sense before a file counts as damaged.
-const NONSENSE: usize = 8;
-
-/// Samples that a header may promise too many: less than a packet of mp3.
+/// Consecutive undecodable packets that are skipped before the file counts as damaged.
+const MOST_SKIPPED: usize = 8;
+/// Samples by which a header may overstate the length: less than a packet of mp3.
 const ROUNDED: u64 = 1151;
 
-/// What a file's header says.
+/// The header of a music file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Info {
     /// The container's name, such as `wave` or `ogg`.
     pub container: &'static str,
     /// Samples per second.
     pub rate: u32,
-    /// Channels, of which the mean is taken.
+    /// Channels; the decoded sound is their mean.
     pub channels: usize,
-    /// Samples of each channel, where the header says it.
+    /// Samples per channel, when the header states them.
     pub samples: Option<u64>,
 }
 
-/// An open music file; an iterator would have to lend its blocks, so ask [`Reader::next_block`].
+/// An open music file, read by [`Reader::next_block`].
 pub struct Reader {
     path: PathBuf,
     info: Info,
@@ -45,11 +44,11 @@ pub struct Reader {
     decoder: Box<dyn AudioDecoder>,
     planes: Vec<f32>,
     mono: Vec<f32>,
-    /// Samples given out.
-    given: u64,
-    /// A wav that was written before its length was known.
+    /// Samples returned so far.
+    emitted: u64,
+    /// Whether this is a wav whose length was unknown when it was written.
     streamed: bool,
-    /// Samples that the coding put before the sound, still to be left out.
+    /// Samples of encoder delay that are still to be dropped.
     lead: usize,
     skipped: usize,
 }
@@ -63,20 +62,14 @@ impl std::fmt::Debug for Reader {
 /// Opens a music file and reads its header.
 ///
 /// # Errors
-/// [`Error::Io`]; [`Error::File`] with the [`FaultKind`] of what is wrong and what to do.
+/// A file that can't be opened; [`Error::File`] with its [`FaultKind`].
 pub fn open(path: &Path) -> Result<Reader> {
     let fault = |kind, what: &str, help: &str| file_error(path, kind, what, help);
-    let about = std::fs::metadata(path).map_err(Error::io(path))?;
-    if about.is_dir() {
-        return Err(fault(FaultKind::Unknown, "found a folder, expected a file", READ));
+    if path.is_dir() {
+        return Err(fault(FaultKind::Unknown, "found a folder, expected a file", CONVERT));
     }
-    if !about.is_file() {
-        // opening a pipe may wait for ever, and a device may have no end
-        let help = "save what it gives as a file first";
-        return Err(fault(FaultKind::Unknown, "found a pipe or a device, expected a file", help));
-    }
-    let file = File::open(path).map_err(Error::io(path))?;
-    if about.len() == 0 {
+    let file = input::open(path).map_err(Error::io(path))?;
+    if file.metadata().is_ok_and(|about| about.len() == 0) {
         return Err(fault(FaultKind::Empty, "found 0 bytes, expected a sound", AGAIN));
     }
     let mut hint = Hint::new();
@@ -88,32 +81,33 @@ pub fn open(path: &Path) -> Result<Reader> {
         symphonia::default::get_probe().probe(&hint, stream, FormatOptions::default(), MetadataOptions::default());
     let format = probed.map_err(|e| match e {
         Fault::IoError(e) if e.kind() == ErrorKind::UnexpectedEof => {
-            fault(FaultKind::Cut, "the file ends within its header, expected a sound behind it", AGAIN)
+            fault(FaultKind::Cut, "the file ends within its header, expected a sound after it", AGAIN)
         }
         Fault::IoError(e) => Error::io(path)(e),
         e if e.to_string().contains("missing moov") => {
             fault(FaultKind::Cut, "the file ends before its table (moov), expected one", AGAIN)
         }
-        e => fault(FaultKind::Unknown, &format!("found no sound ({e}), expected one"), READ),
+        e => fault(FaultKind::Unknown, &format!("found no sound ({e}), expected one"), CONVERT),
     })?;
     let track = choose(path, &*format)?;
     let (id, samples) = (track.id, track.num_frames);
     let parameters = parameters(path, track)?;
     if parameters.codec == CODEC_ID_OPUS {
-        return Err(fault(FaultKind::Opus, "found sound coded by Opus, expected another coding", READ));
+        return Err(fault(FaultKind::Opus, "found sound coded by Opus, expected another coding", CONVERT));
     }
     let container = format.format_info().short_name;
     let made = symphonia::default::get_codecs().make_audio_decoder(parameters, &AudioDecoderOptions::default());
-    let decoder = made.map_err(|e| fault(FaultKind::Codec, &format!("found a coding that isn't read ({e})"), READ))?;
+    let decoder =
+        made.map_err(|e| fault(FaultKind::Codec, &format!("found a coding that isn't read ({e})"), CONVERT))?;
     let rate = parameters.sample_rate.unwrap_or(0);
     if !RATES.contains(&rate) {
         let (low, high) = RATES.into_inner();
         let what = format!("found a rate of {rate} samples per second, expected {low} to {high}");
-        return Err(fault(FaultKind::Range, &what, READ));
+        return Err(fault(FaultKind::Range, &what, CONVERT));
     }
     let channels = parameters.channels.as_ref().map_or(0, |c| c.count());
     let streamed = container == "wave" && ends(path).first().and_then(|head| head.get(4..8)) == Some(&[0xff; 4]);
-    // other containers' readers leave it out themselves
+    // the readers of other containers drop it themselves
     let lead = if container == "isomp4" { lead_of_m4a(path) } else { 0 };
     let samples = samples.filter(|_| !streamed).map(|n| n.saturating_sub(lead as u64));
     let info = Info { container, rate, channels, samples };
@@ -126,12 +120,12 @@ pub fn open(path: &Path) -> Result<Reader> {
         decoder,
         planes,
         mono,
-        given: 0,
+        emitted: 0,
         streamed,
         lead,
         skipped: 0,
     };
-    // where the header leaves the channels open the first packet says them
+    // when the header leaves the channels open, the first packet has them
     if reader.info.channels == 0 {
         reader.decode()?;
     }
@@ -142,7 +136,7 @@ fn file_error(path: &Path, kind: FaultKind, what: &str, help: &str) -> Error {
     Box::new(FileError { path: path.into(), kind, what: what.into(), help: help.into() }).into()
 }
 
-/// The track to hear: the default one, or the first that is sound.
+/// The default audio track, or the first one.
 fn choose<'a>(path: &Path, format: &'a dyn FormatReader) -> Result<&'a Track> {
     let is_sound = |t: &&Track| matches!(t.codec_params, Some(CodecParameters::Audio(_)));
     let track = format.default_track(TrackType::Audio).or_else(|| format.tracks().iter().find(is_sound));
@@ -152,26 +146,25 @@ fn choose<'a>(path: &Path, format: &'a dyn FormatReader) -> Result<&'a Track> {
             return file_error(path, FaultKind::Protected, what, "its shop's own player is the only one to open it");
         }
         if holds(path, &[b"OpusHead"]) {
-            return file_error(path, FaultKind::Opus, "found sound coded by Opus, expected another coding", READ);
+            return file_error(path, FaultKind::Opus, "found sound coded by Opus, expected another coding", CONVERT);
         }
-        file_error(path, FaultKind::NoAudioTrack, "found no sound in it, expected a track of it", READ)
+        file_error(path, FaultKind::NoAudioTrack, "found no sound in it, expected a track of it", CONVERT)
     })
 }
 
 fn parameters<'a>(path: &Path, track: &'a Track) -> Result<&'a AudioCodecParameters> {
     let found = track.codec_params.as_ref().and_then(|p| p.audio());
     found.ok_or_else(|| {
-        file_error(path, FaultKind::NoAudioTrack, "found a track of unknown coding, expected sound", READ)
+        file_error(path, FaultKind::NoAudioTrack, "found a track of unknown coding, expected sound", CONVERT)
     })
 }
 
-/// Whether one of these marks stands in the file's ends.
+/// Whether one of these byte strings occurs in the file's ends.
 fn holds(path: &Path, marks: &[&[u8]]) -> bool {
     ends(path).iter().any(|piece| marks.iter().any(|mark| piece.windows(mark.len()).any(|w| w == *mark)))
 }
 
-/// The samples before the sound that an m4a's first edit leaves out. 0 where it has none: such a file is heard some 20 to
-/// 50 ms late.
+/// The samples of encoder delay that an m4a's first edit drops. 0 without an edit list: such a file sounds 20 to 50 ms late.
 ///
 /// Source: ISO/IEC 14496-12, 8.6.6, version 0: flags, count, then duration and media time of 32 bits each.
 fn lead_of_m4a(path: &Path) -> usize {
@@ -180,15 +173,15 @@ fn lead_of_m4a(path: &Path) -> usize {
         let time = piece.get(at + 16..at + 20)?.try_into().ok()?;
         usize::try_from(i32::from_be_bytes(time)).ok()
     };
-    // no coding puts more before a sound than this
+    // no encoder has a longer delay
     ends(path).iter().find_map(find).filter(|lead| *lead < 1 << 14).unwrap_or(0)
 }
 
-/// The file's first and last 256 KiB: where m4a's tables and Ogg's heads are.
+/// The file's first and last 256 KiB, which hold the tables of m4a and the headers of Ogg.
 fn ends(path: &Path) -> Vec<Vec<u8>> {
     use std::io::{Read, Seek, SeekFrom};
     const PIECE: u64 = 256 << 10;
-    let Ok(mut file) = File::open(path) else { return Vec::new() };
+    let Ok(mut file) = input::peek(path) else { return Vec::new() };
     let length = file.metadata().map_or(0, |m| m.len());
     let mut piece = |from: u64| {
         let mut piece = Vec::new();
@@ -199,31 +192,31 @@ fn ends(path: &Path) -> Vec<Vec<u8>> {
 }
 
 impl Reader {
-    /// What the header says.
+    /// The header.
     pub fn info(&self) -> &Info {
         &self.info
     }
 
-    /// Samples given out so far.
-    pub fn given(&self) -> u64 {
-        self.given
+    /// Samples returned so far.
+    pub fn emitted(&self) -> u64 {
+        self.emitted
     }
 
-    /// Packets that were no sound and were left out: a player would skip them too.
+    /// Undecodable packets that were skipped, as players skip them.
     pub fn skipped(&self) -> usize {
         self.skipped
     }
 
-    /// The next samples, at most a packet of them; none at the end.
+    /// The next samples, at most a packet; `None` at the end.
     ///
     /// # Errors
-    /// [`Error::File`]: [`FaultKind::Cut`] where the file ends before its track, [`FaultKind::Damaged`] where it stops being sound,
-    /// [`FaultKind::Empty`] where it held none. A cut mp3 without a header of its length is one that ends there.
+    /// [`Error::File`]: [`FaultKind::Cut`] when the file ends before its track, [`FaultKind::Damaged`] when it can't be
+    /// decoded, [`FaultKind::Empty`] when it has no samples. An mp3 without a length in its header may be cut unnoticed.
     pub fn next_block(&mut self) -> Result<Option<&[f32]>> {
         if self.mono.is_empty() && !self.decode()? {
             return self.end().map(|()| None);
         }
-        self.given += self.mono.len() as u64;
+        self.emitted += self.mono.len() as u64;
         self.planes.clear();
         std::mem::swap(&mut self.planes, &mut self.mono);
         Ok(Some(&self.planes))
@@ -234,30 +227,30 @@ impl Reader {
     }
 
     fn seconds(&self) -> f64 {
-        self.given as f64 / f64::from(self.info.rate)
+        self.emitted as f64 / f64::from(self.info.rate)
     }
 
     fn end(&self) -> Result<()> {
         match self.info.samples {
-            Some(told) if told > self.given + ROUNDED => {
-                let whole = told as f64 / f64::from(self.info.rate);
+            Some(stated) if stated > self.emitted + ROUNDED => {
+                let whole = stated as f64 / f64::from(self.info.rate);
                 let what = format!("ends after {:.2} s, expected {whole:.2} s of sound", self.seconds());
                 self.fault(FaultKind::Cut, what, AGAIN)
             }
-            _ if self.given == 0 => {
+            _ if self.emitted == 0 => {
                 self.fault(FaultKind::Empty, "found a track without samples, expected some".into(), AGAIN)
             }
             _ => Ok(()),
         }
     }
 
-    /// Decodes packets into `mono` until there is something; false at the end.
+    /// Decodes packets into `mono` until it has samples; `false` at the end.
     fn decode(&mut self) -> Result<bool> {
-        let mut nonsense = 0;
+        let mut failed = 0;
         loop {
             let packet = match self.format.next_packet() {
                 Ok(Some(packet)) => packet,
-                // another stream behind the first, as radio recordings have them, is another sound
+                // a second stream in the file, as in radio recordings, is another sound
                 Ok(None) | Err(Fault::ResetRequired) => return Ok(false),
                 Err(Fault::IoError(e)) if e.kind() == ErrorKind::UnexpectedEof && self.streamed => return Ok(false),
                 Err(Fault::IoError(e)) if e.kind() == ErrorKind::UnexpectedEof => {
@@ -279,7 +272,7 @@ impl Reader {
                     if rate != self.info.rate {
                         let (was, at) = (self.info.rate, self.seconds());
                         let what = format!("found {rate} samples per second after {at:.2} s, expected {was} as before");
-                        return self.fault(FaultKind::Damaged, what, READ);
+                        return self.fault(FaultKind::Damaged, what, CONVERT);
                     }
                     if channels == 0 || buffer.frames() == 0 {
                         continue;
@@ -297,8 +290,8 @@ impl Reader {
                         return Ok(true);
                     }
                 }
-                Err(Fault::DecodeError(_)) if nonsense < NONSENSE => {
-                    nonsense += 1;
+                Err(Fault::DecodeError(_)) if failed < MOST_SKIPPED => {
+                    failed += 1;
                     self.skipped += 1;
                 }
                 Err(e) => {
@@ -310,21 +303,19 @@ impl Reader {
     }
 }
 
-/// Files of floats may hold what is no number, or numbers that no loudspeaker knows.
+/// Files of floats may hold NaN, infinities and absurdly large numbers.
 fn clean(x: f32) -> f32 {
     if x.is_finite() { x.clamp(-1e3, 1e3) } else { 0.0 }
 }
 
-/// Hands a file's samples on, at each of these rates to its own sink, in one pass.
+/// Decodes a file in one pass and sends its samples to each sink at the sink's rate.
 ///
 /// # Errors
-/// Those of [`open`] and [`Reader::next_block`], [`Error::Call`] for a rate outside
-/// [`RATES`], and what a sink refuses.
+/// Those of [`open`] and [`Reader::next_block`], a rate outside [`RATES`], and those of the sinks.
 pub fn decode_at(path: &Path, sinks: &mut [(u32, Sink)]) -> Result<Info> {
     let mut reader = open(path)?;
     let rate = reader.info.rate;
-    let made: Result<Vec<_>> = sinks.iter().map(|(to, _)| Resampler::new(rate, *to)).collect();
-    let mut resamplers = made?;
+    let mut resamplers = sinks.iter().map(|(to, _)| Resampler::new(rate, *to)).collect::<Result<Vec<_>>>()?;
     while let Some(block) = reader.next_block()? {
         for (resampler, (_, sink)) in resamplers.iter_mut().zip(&mut *sinks) {
             resampler.push(block, sink)?;
@@ -333,10 +324,10 @@ pub fn decode_at(path: &Path, sinks: &mut [(u32, Sink)]) -> Result<Info> {
     for (resampler, (_, sink)) in resamplers.into_iter().zip(sinks) {
         resampler.finish(sink)?;
     }
-    Ok(Info { samples: Some(reader.given), ..reader.info })
+    Ok(Info { samples: Some(reader.emitted), ..reader.info })
 }
 
-/// A whole file's samples at a rate, in memory: for short ones.
+/// All samples of a short file, at a rate.
 ///
 /// # Errors
 /// Those of [`decode_at`].

@@ -1,63 +1,53 @@
-//! To another rate, block by block.
+//! Resampling, block by block.
 
 use crate::{Error, Result};
 use rubato::audioadapter_buffers::direct::SequentialSlice;
 use rubato::{Fft, FixedSync, Indexing, Resampler as _, WindowFunction};
 
-/// Lowest and highest rate, samples per second.
+/// Supported rates, samples per second.
 pub const RATES: std::ops::RangeInclusive<u32> = 1_000..=768_000;
 
-/// Takes samples as they come.
+/// Receives samples as they become available.
 pub type Sink<'a> = &'a mut dyn FnMut(&[f32]) -> Result<()>;
 
-/// Samples that are resampled at once, about; the filter is as sharp as this is long.
+/// Samples per block, about. A longer block has a sharper filter.
 const BLOCK: usize = 4096;
 
-/// A stream of samples at one rate made one at another; without delay, and as long as the sound is.
+/// Resamples a stream, without delay; the output is as long as the sound.
 pub struct Resampler {
     from: u32,
     to: u32,
-    /// None where the rates are the same.
+    /// `None` when the rates are equal.
     fft: Option<Fft<f32>>,
     waiting: Vec<f32>,
     out: Vec<f32>,
-    /// Of the filter's delay still to be left out, in output samples.
+    /// Output samples of the filter's delay that are still to be dropped.
     delay: usize,
     read: u64,
     written: u64,
 }
 
 impl Resampler {
-    /// From one rate to another, whole samples per second.
+    /// From one rate to another, samples per second.
     ///
     /// # Errors
-    /// [`Error::Call`] for a rate outside [`RATES`].
+    /// A rate outside [`RATES`]: [`kinelm_store::Error::Invalid`].
     pub fn new(from: u32, to: u32) -> Result<Resampler> {
         if let Some(rate) = [from, to].into_iter().find(|rate| !RATES.contains(rate)) {
             let (low, high) = RATES.into_inner();
-            return Err(Error::Call(format!("a rate of {rate} samples per second; expected {low} to {high}")));
+            let found = format!("{rate} samples per second");
+            return Err(Error::invalid("the sampling rate", found, format!("{low} to {high}")));
         }
-        let fft = match from == to {
-            true => None,
-            false => {
-                let made = Fft::new_custom(
-                    from as usize,
-                    to as usize,
-                    BLOCK,
-                    1,
-                    1,
-                    WindowFunction::BlackmanHarris2,
-                    FixedSync::Input,
-                );
-                Some(made.map_err(|e| Error::Call(format!("from {from} to {to} samples per second: {e}")))?)
-            }
-        };
+        let fft = (from != to).then(|| {
+            let (from, to, window) = (from as usize, to as usize, WindowFunction::BlackmanHarris2);
+            Fft::new_custom(from, to, BLOCK, 1, 1, window, FixedSync::Input).expect("rates and sizes above 0")
+        });
         let delay = fft.as_ref().map_or(0, |fft| fft.output_delay());
         let out = vec![0.0; fft.as_ref().map_or(0, |fft| fft.output_frames_max())];
         Ok(Resampler { from, to, fft, waiting: Vec::new(), out, delay, read: 0, written: 0 })
     }
 
-    /// Takes samples and hands on those that are ready.
+    /// Takes samples and passes on those that are ready.
     ///
     /// # Errors
     /// What `sink` refuses.
@@ -77,13 +67,13 @@ impl Resampler {
         Ok(())
     }
 
-    /// Hands on the rest: altogether `round(n to / from)` of n samples.
+    /// Passes on the rest. n samples give `round(n to / from)` in all.
     ///
     /// # Errors
     /// What `sink` refuses.
     pub fn finish(mut self, sink: Sink) -> Result<()> {
-        let wanted = self.wanted();
-        while self.fft.is_some() && self.written < wanted {
+        let total = self.total();
+        while self.fft.is_some() && self.written < total {
             let have = self.waiting.len();
             self.block(0, have, sink)?;
             self.waiting.clear();
@@ -91,36 +81,43 @@ impl Resampler {
         Ok(())
     }
 
-    fn wanted(&self) -> u64 {
+    /// Output samples of all input so far.
+    fn total(&self) -> u64 {
         let (n, from, to) = (u128::from(self.read), u128::from(self.from), u128::from(self.to));
         ((2 * n * to + from) / (2 * from)) as u64
     }
 
-    /// Resamples the `len` waiting ones from `start`, with silence behind them where a block needs more.
+    /// Resamples `len` waiting samples from `start` on, padded with silence to a whole block.
     fn block(&mut self, start: usize, len: usize, sink: Sink) -> Result<()> {
         let Some(fft) = self.fft.as_mut() else { return Ok(()) };
-        let refused = |e: &dyn std::fmt::Display| Error::Call(format!("resampling: {e}"));
         let size = fft.input_frames_next();
         let mut input = self.waiting[start..start + len].to_vec();
         input.resize(size, 0.0);
         let space = self.out.len();
-        let from = SequentialSlice::new(&input[..], 1, size).map_err(|e| refused(&e))?;
-        let mut to = SequentialSlice::new_mut(&mut self.out[..], 1, space).map_err(|e| refused(&e))?;
-        let (_, made) = fft.process_into_buffer(&from, &mut to, None::<&Indexing>).map_err(|e| refused(&e))?;
+        let from = SequentialSlice::new(&input[..], 1, size).expect("one channel of this length");
+        let mut to = SequentialSlice::new_mut(&mut self.out[..], 1, space).expect("one channel of this length");
+        let (_, made) =
+            fft.process_into_buffer(&from, &mut to, None::<&Indexing>).expect("buffers of the lengths it gave");
         let skipped = self.delay.min(made);
         self.delay -= skipped;
-        // what stands behind the sound's end is the filter's tail
-        let most = usize::try_from(self.wanted() - self.written).unwrap_or(usize::MAX);
-        let made = (made - skipped).min(most);
-        self.written += made as u64;
-        sink(&self.out[skipped..skipped + made])
+        // what follows the sound's end is the filter's tail
+        let most = usize::try_from(self.total() - self.written).unwrap_or(usize::MAX);
+        let kept = (made - skipped).min(most);
+        self.written += kept as u64;
+        sink(&self.out[skipped..skipped + kept])
     }
 }
 
-/// A whole sound at another rate.
+/// Resamples a whole sound.
+///
+/// ```
+/// let half = kinelm_music::resample::resample(&[0.5; 44_100], 44_100, 22_050)?;
+/// assert_eq!(half.len(), 22_050);
+/// # Ok::<(), kinelm_music::Error>(())
+/// ```
 ///
 /// # Errors
-/// [`Error::Call`] for a rate outside [`RATES`].
+/// A rate outside [`RATES`]: [`kinelm_store::Error::Invalid`].
 pub fn resample(samples: &[f32], from: u32, to: u32) -> Result<Vec<f32>> {
     let mut out = Vec::new();
     let mut sink = |block: &[f32]| {
@@ -149,7 +146,7 @@ mod tests {
             let (x, n) = (sine(hz, from, 2 * from as usize + 17), (2 * to) as usize);
             let (y, wanted) = (resample(&x, from, to).unwrap(), sine(hz, to, n));
             assert_eq!(y.len(), (x.len() as f64 * f64::from(to) / f64::from(from)).round() as usize);
-            // ends hear the silence beyond them
+            // the ends contain the silence beyond them
             let inside = n / 10..n * 9 / 10;
             let worst = inside.map(|i| (y[i] - wanted[i]).abs()).fold(0.0, f32::max);
             assert!(worst < 2e-4, "{from} to {to}: {worst}");
@@ -177,7 +174,7 @@ mod tests {
             r.finish(&mut sink).unwrap();
             assert_eq!(y, whole, "blocks of {size}");
         }
-        assert_eq!(resample(&[], 44_100, 30_720).unwrap(), []);
+        assert!(resample(&[], 44_100, 30_720).unwrap().is_empty());
         assert_eq!(resample(&[1.0], 44_100, 44_100).unwrap(), [1.0]);
         assert!(Resampler::new(0, 44_100).is_err() && Resampler::new(44_100, 1_000_000).is_err());
     }

@@ -1,11 +1,11 @@
-//! The spectrogram that the music-to-dance dissertation feeds its network: 6 columns of 1,025 numbers a frame.
+//! The spectrogram of the music-to-dance dissertation: 6 columns of 1,025 numbers a frame.
 
 use crate::frames::{Spectrum, hann};
 use crate::read::decode_at;
 use crate::{Error, Result};
 use std::path::Path;
 
-/// Samples per second at which it is heard.
+/// Samples per second.
 pub const RATE: u32 = 16_000;
 /// Bins of a column.
 pub const BINS: usize = 1025;
@@ -13,11 +13,11 @@ pub const BINS: usize = 1025;
 pub const COLUMNS: usize = 6;
 const WINDOW: usize = 2048;
 const HOP: usize = 200;
-/// Samples that the dissertation cuts out for a frame: two frames of 30 a second. *Derived*: one frame's 533 would give
-/// three columns, not its six.
-const CUT: usize = 1067;
+/// Samples of the dissertation's excerpt for a frame: two frames at 30 a second. *Derived*: one frame's 533 samples would give
+/// three columns, not six.
+const EXCERPT: usize = 1067;
 
-/// How the numbers of a frame come about.
+/// Which samples a frame's columns are computed from, and how they are scaled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Form {
     /// As printed: 1,067 samples from the frame's time on, mirrored at both ends to fill the windows; magnitudes.
@@ -26,7 +26,7 @@ pub enum Form {
     Fixed,
 }
 
-/// A listener that hands on a frame's (6, 1025) numbers as soon as its samples are there.
+/// Computes the (6, 1025) numbers of each frame of a stream of samples.
 pub struct Stft {
     form: Form,
     fps: f64,
@@ -40,44 +40,44 @@ pub struct Stft {
 }
 
 impl Stft {
-    /// For frames of a motion of `fps` per second.
+    /// For motion at `fps` frames per second.
     ///
     /// # Errors
-    /// [`Error::Call`] outside 1 to 1000 frames per second.
+    /// `fps` outside 1 to 1000: [`kinelm_store::Error::Invalid`].
     pub fn new(form: Form, fps: f64) -> Result<Stft> {
         if !(1.0..=1000.0).contains(&fps) {
-            return Err(Error::Call(format!("spectra of {fps} frames per second; expected 1 to 1000")));
+            return Err(Error::invalid("the frame rate of spectra", fps, "1 to 1000 frames per second"));
         }
         let spectrum = Spectrum::new(hann(WINDOW));
         let numbers = vec![0.0; COLUMNS * BINS];
         Ok(Stft { form, fps, spectrum, waiting: Vec::new(), start: 0, read: 0, frame: 0, numbers })
     }
 
-    /// Takes samples at [`RATE`].
+    /// Takes samples at [`RATE`]; calls `each` with each complete frame.
     ///
     /// # Errors
-    /// What `each` refuses.
+    /// Those of `each`.
     pub fn push(&mut self, samples: &[f32], each: &mut dyn FnMut(&[f32]) -> Result<()>) -> Result<()> {
         self.waiting.extend_from_slice(samples);
         self.read += samples.len();
         while self.at() + WINDOW + HOP * COLUMNS <= self.read {
-            self.one(each)?;
+            self.emit(each)?;
         }
         Ok(())
     }
 
-    /// Hands on the frames whose time is before the end, with silence behind it. Gives their number.
+    /// Calls `each` with the remaining frames up to the end, padded with silence. Returns the number of all frames.
     ///
     /// # Errors
-    /// What `each` refuses.
+    /// Those of `each`.
     pub fn finish(mut self, each: &mut dyn FnMut(&[f32]) -> Result<()>) -> Result<usize> {
         while self.at() < self.read {
-            self.one(each)?;
+            self.emit(each)?;
         }
         Ok(self.frame)
     }
 
-    /// The sample at which the next frame stands.
+    /// The sample at the next frame's time.
     fn at(&self) -> usize {
         (self.frame as f64 * f64::from(RATE) / self.fps).round() as usize
     }
@@ -87,7 +87,7 @@ impl Stft {
         here.and_then(|i| self.waiting.get(i)).copied().unwrap_or(0.0)
     }
 
-    fn one(&mut self, each: &mut dyn FnMut(&[f32]) -> Result<()>) -> Result<()> {
+    fn emit(&mut self, each: &mut dyn FnMut(&[f32]) -> Result<()>) -> Result<()> {
         let at = self.at() as isize;
         for column in 0..COLUMNS {
             let window: Vec<f32> = match self.form {
@@ -101,7 +101,7 @@ impl Stft {
                     (0..WINDOW as isize).map(|i| self.sample(first + i)).collect()
                 }
             };
-            self.spectrum.take(&window)?;
+            self.spectrum.transform(&window);
             for (to, bin) in self.numbers[column * BINS..].iter_mut().zip(&self.spectrum.bins) {
                 let magnitude = bin.norm();
                 *to = if self.form == Form::Fixed { (100.0 * magnitude).ln_1p() } else { magnitude };
@@ -116,17 +116,17 @@ impl Stft {
     }
 }
 
-/// The number of a sample in the cut, mirrored at its first and last.
+/// An index into the excerpt, mirrored at its first and last sample.
 fn mirrored(i: isize) -> isize {
-    let last = CUT as isize - 1;
+    let last = EXCERPT as isize - 1;
     let i = i.rem_euclid(2 * last);
     if i > last { 2 * last - i } else { i }
 }
 
-/// The frames of a file, handed on one after the other; their number.
+/// Calls `each` with the frames of a file, one after the other; returns their number.
 ///
 /// # Errors
-/// Those of [`Stft::new`], of reading, and what `each` refuses.
+/// Those of [`Stft::new`], of reading and of `each`.
 pub fn stft(path: &Path, form: Form, fps: f64, each: &mut dyn FnMut(&[f32]) -> Result<()>) -> Result<usize> {
     let mut stft = Stft::new(form, fps)?;
     decode_at(path, &mut [(RATE, &mut |samples: &[f32]| stft.push(samples, each))])?;

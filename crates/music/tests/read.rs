@@ -66,7 +66,7 @@ fn what_cannot_be_heard_is_refused_by_name() {
     assert_eq!(refused(&put("empty.wav", b"")).0, FaultKind::Empty);
     assert_eq!(refused(&put("text.mp3", "no sound at all ".repeat(99).as_bytes())).0, FaultKind::Unknown);
     assert_eq!(refused(dir.path()).0, FaultKind::Unknown);
-    assert!(matches!(samples(&dir.path().join("none.wav"), 22_050), Err(Error::Io { .. })));
+    assert_eq!(samples(&dir.path().join("none.wav"), 22_050).unwrap_err().kind(), kinelm_store::Kind::Io);
     let m4a = std::fs::read(sound("tone.m4a")).unwrap();
     let at = m4a.windows(4).position(|w| w == b"mp4a").unwrap();
     let mut protected = m4a.clone();

@@ -250,7 +250,7 @@ fn absolute_places() {
 fn what_cannot_be_coded_is_named() {
     let t = Tokenizer::fit(&training(), thirteen()).unwrap();
     let error = |clip: &Clip| t.encode(clip).unwrap_err().to_string();
-    assert!(error(&bent(1, 3).with_fps(30.0).unwrap()).contains("resample it first (`--fps 20`)"));
+    assert!(error(&bent(1, 3).with_fps(30.0).unwrap()).contains("resample it first (`fps`)"));
     let far = Clip::new(smpl::neutral(), 20.0, vec![Vec3::ZERO, Vec3::X * 1e300], vec![Quat::IDENTITY; 48]).unwrap();
     assert!(error(&far).starts_with("frame 1, translation:"));
     let one = kinelm_motion::Skeleton::new(vec!["a".into()], vec![None], vec![Vec3::ZERO], vec![]).unwrap();

@@ -4,7 +4,6 @@ use crate::Result;
 use crate::music::sound::Rows;
 use kinelm_music::beat::{Beats, beats};
 use kinelm_music::feature::{CHANNELS, Features, features, rate_of};
-use kinelm_store::input;
 use std::borrow::Cow;
 use std::path::Path;
 
@@ -23,7 +22,6 @@ impl Piece {
     /// # Errors
     /// Those of reading; a rate at which there are no features ([`rate_of`]).
     pub fn hear(path: &Path, fps: f64) -> Result<Piece> {
-        input::note(path);
         let features = features(path, fps)?;
         Ok(Piece { beats: features.beats.clone(), features: Some(features) })
     }
@@ -33,7 +31,6 @@ impl Piece {
     /// # Errors
     /// Those of reading.
     pub fn beats_of(path: &Path) -> Result<Piece> {
-        input::note(path);
         Ok(Piece { beats: beats(path)?, features: None })
     }
 

@@ -40,9 +40,13 @@ pub fn report(path: &Path, range: Option<TempoRange>) -> Result<Report> {
         }
         Ok(())
     };
-    let info = decode_at(path, &mut [(rate, &mut measure), (RATE, &mut |samples| tracker.push(samples))])?;
+    let mut track = |samples: &[f32]| {
+        tracker.push(samples);
+        Ok(())
+    };
+    let info = decode_at(path, &mut [(rate, &mut measure), (RATE, &mut track)])?;
     let rms = (squares / info.samples.unwrap_or(0).max(1) as f64).sqrt();
-    Ok(Report { path: path.into(), info, peak, rms, beats: tracker.finish()? })
+    Ok(Report { path: path.into(), info, peak, rms, beats: tracker.finish() })
 }
 
 fn decibels(x: f64) -> String {

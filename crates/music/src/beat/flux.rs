@@ -1,13 +1,12 @@
-//! What changes in a sound, in four bands of pitch and two kinds of change.
+//! Spectral flux of a sound: rises in four bands, lasting change in two.
 
 use super::{FPS, HOP, RATE};
-use crate::Result;
 use crate::frames::{Frames, Spectrum, hann};
 use std::collections::VecDeque;
 
-/// Series of change: rises below 200 Hz, to 800 Hz, to 3.2 kHz and above; lasting change below 2.5 kHz and below 250 Hz.
+/// Series of flux: rises below 200 Hz, to 800 Hz, to 3.2 kHz and above; lasting change below 2.5 kHz and below 250 Hz.
 pub const SERIES: usize = 6;
-/// The series of rises.
+/// How many of the series are rises.
 pub const RISES: usize = 4;
 const WINDOW: usize = 1024;
 const BANDS: usize = 48;
@@ -17,19 +16,19 @@ const RANGE: (f64, f64) = (30.0, 10_000.0);
 const UPPER: [f64; RISES] = [200.0, 800.0, 3200.0, f64::INFINITY];
 /// Upper ends of the series of lasting change, hertz.
 const LASTING_UPPER: [f64; SERIES - RISES] = [2500.0, 250.0];
-/// Frames over which a rise is taken: half a window.
+/// Frames over which a rise is measured: half a window.
 const LAG: usize = 2;
-/// Frames on each side between which lasting change is taken: 0.2 s.
+/// Frames on each side of a lasting change: 0.2 s.
 const LASTING: usize = 17;
-/// Magnitudes are heard as `ln(1 + LOUDNESS m)`.
+/// Loudness of a magnitude m is `ln(1 + LOUDNESS m)`.
 const LOUDNESS: f32 = 100.0;
-/// Seconds over which a series is held at one level.
+/// Seconds over which a series is normalised.
 const LEVELLED_S: f64 = 6.0;
 
-/// Change in a stream of samples at [`RATE`].
+/// The flux of a stream of samples at [`RATE`].
 ///
-/// A rise is that of a band's loudness over the louder of it and its two neighbours two frames before, so that a vibrato
-/// is none. Source: Böck and Widmer, "Maximum filter vibrato suppression for onset detection" (2013).
+/// A band rises by its loudness less the largest loudness of it and its two neighbours two frames earlier, so that vibrato
+/// doesn't count. Source: Böck and Widmer, "Maximum filter vibrato suppression for onset detection" (2013).
 pub struct Flux {
     frames: Frames,
     spectrum: Spectrum,
@@ -40,7 +39,7 @@ pub struct Flux {
     past: VecDeque<[f32; BANDS]>,
 }
 
-/// F numbers of each series.
+/// F numbers per series.
 pub type Series = [Vec<f32>; SERIES];
 
 impl Default for Flux {
@@ -50,7 +49,7 @@ impl Default for Flux {
 }
 
 impl Flux {
-    /// Of nothing yet.
+    /// No samples yet.
     pub fn new() -> Flux {
         let (bank, middles) = bank();
         Flux {
@@ -64,27 +63,17 @@ impl Flux {
     }
 
     /// Takes samples.
-    ///
-    /// # Errors
-    /// Those of the transform.
-    pub fn push(&mut self, samples: &[f32]) -> Result<()> {
-        let mut done = Ok(());
+    pub fn push(&mut self, samples: &[f32]) {
         let mut frames = std::mem::replace(&mut self.frames, Frames::new(2, 1));
-        frames.push(samples, &mut |x| done = std::mem::replace(&mut done, Ok(())).and_then(|()| self.take(x)));
+        frames.push(samples, &mut |x| self.take(x));
         self.frames = frames;
-        done
     }
 
-    /// The series of the whole: held at one level over 6 s, and a little smoothed.
-    ///
-    /// # Errors
-    /// Those of the transform.
-    pub fn finish(mut self) -> Result<Series> {
-        let mut done = Ok(());
+    /// The series of the whole sound, normalised over 6 s and slightly smoothed.
+    pub fn finish(mut self) -> Series {
         let mut frames = std::mem::replace(&mut self.frames, Frames::new(2, 1));
-        frames.finish(&mut |x| done = std::mem::replace(&mut done, Ok(())).and_then(|()| self.take(x)));
-        done?;
-        // lasting change is known 17 frames late; behind the end is silence
+        frames.finish(&mut |x| self.take(x));
+        // lasting change is known 17 frames late; after the end is silence
         (1..LASTING).for_each(|_| self.lasting([0.0; BANDS]));
         let frames = self.series[0].len();
         for (s, series) in self.series.iter_mut().enumerate() {
@@ -92,11 +81,11 @@ impl Flux {
             level(series);
             *series = smooth(series, if s < RISES { 1.0 } else { 2.0 });
         }
-        Ok(self.series)
+        self.series
     }
 
-    fn take(&mut self, frame: &[f32]) -> Result<()> {
-        self.spectrum.take(frame)?;
+    fn take(&mut self, frame: &[f32]) {
+        self.spectrum.transform(frame);
         let magnitudes: Vec<f32> = self.spectrum.bins.iter().map(|c| c.norm()).collect();
         let mut loudness = [0.0; BANDS];
         for (to, (first, weights)) in loudness.iter_mut().zip(&self.bank) {
@@ -117,10 +106,9 @@ impl Flux {
             low = high;
         }
         self.lasting(loudness);
-        Ok(())
     }
 
-    /// Takes a frame, and tells how the 0.2 s that end with it differ from the 0.2 s before them.
+    /// Adds by how much the 0.2 s that end with this frame are louder than the 0.2 s before them.
     fn lasting(&mut self, loudness: [f32; BANDS]) {
         self.past.push_back(loudness);
         if self.past.len() < LASTING {
@@ -146,7 +134,7 @@ fn mean(all: impl Iterator<Item = f32>) -> f32 {
     if n == 0 { 0.0 } else { sum / n as f32 }
 }
 
-/// Triangles that stand evenly on O'Shaughnessy's mel scale, sum 1, and their middles in hertz.
+/// Triangles spaced evenly on O'Shaughnessy's mel scale, each of sum 1, and their centres in hertz.
 fn bank() -> (Vec<(usize, Vec<f32>)>, Vec<f64>) {
     let mel = |hz: f64| 2595.0 * (1.0 + hz / 700.0).log10();
     let hz_of = |mel: f64| 700.0 * (10f64.powf(mel / 2595.0) - 1.0);
@@ -158,7 +146,7 @@ fn bank() -> (Vec<(usize, Vec<f32>)>, Vec<f64>) {
         let weight = |bin: usize| ((hz(bin) - low) / (middle - low)).min((high - hz(bin)) / (high - middle)).max(0.0);
         let first = (0..=WINDOW / 2).find(|bin| weight(*bin) > 0.0);
         let Some(first) = first else {
-            // a band between two bins has the nearer one
+            // a band that falls between two bins takes the nearer one
             return ((middle / hz(1)).round() as usize, vec![1.0]);
         };
         let weights: Vec<f64> = (first..=WINDOW / 2).map(weight).take_while(|w| *w > 0.0).collect();
@@ -168,7 +156,7 @@ fn bank() -> (Vec<(usize, Vec<f32>)>, Vec<f64>) {
     ((0..BANDS).map(band).collect(), (0..BANDS).map(|i| edge(i + 1)).collect())
 }
 
-/// Divides a series by the root of its mean square around each frame.
+/// Divides a series by its root mean square around each frame.
 fn level(series: &mut [f32]) {
     let squares: Vec<f32> = series.iter().map(|x| x * x).collect();
     let around = moving_mean(&squares, (LEVELLED_S * FPS) as usize);
@@ -177,7 +165,7 @@ fn level(series: &mut [f32]) {
     }
 }
 
-/// The mean of the `n` (made odd) numbers around each; of fewer at the ends.
+/// The mean of the `n` (made odd) numbers around each number; of fewer at the ends.
 pub fn moving_mean(x: &[f32], n: usize) -> Vec<f32> {
     let half = n / 2;
     let mut sums = vec![0.0f64];
@@ -211,8 +199,8 @@ mod tests {
 
     fn flux(x: &[f32], block: usize) -> Series {
         let mut f = Flux::new();
-        x.chunks(block).for_each(|b| f.push(b).unwrap());
-        f.finish().unwrap()
+        x.chunks(block).for_each(|b| f.push(b));
+        f.finish()
     }
 
     #[test]

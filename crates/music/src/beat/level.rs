@@ -246,7 +246,7 @@ mod tests {
         let count = Count { parts: 8, phase: 3 };
         assert_eq!(count.beats(0.0, 30.0).collect::<Vec<_>>(), [3.0, 11.0, 19.0, 27.0]);
         assert_eq!(count.beats(3.5, 19.0).collect::<Vec<_>>(), [11.0]);
-        assert_eq!(Count::all().len(), LEVELS.iter().sum());
+        assert_eq!(Count::all().len(), LEVELS.iter().sum::<usize>());
     }
 
     #[test]

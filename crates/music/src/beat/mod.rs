@@ -1,7 +1,18 @@
 //! Beats of music, as a listener would tap them.
 //!
-//! The way: [`flux`] (what changes, in bands), [`tempogram`] (how fast it goes, over time), [`pulse`] (dynamic programming
-//! through the changes), [`level`] (which multiple and phase of that pulse is the beat).
+//! Stages: [`flux`] (change per band), [`tempogram`] (tempo over time), [`pulse`] (dynamic programming through the flux),
+//! [`level`] (which multiple and phase of the pulse is the beat).
+//!
+//! ```
+//! use kinelm_music::beat::{RATE, beats_of};
+//! use kinelm_music::synth::{Score, Style, render};
+//!
+//! let beats_s = (0..40).map(|i| 0.5 * f64::from(i)).collect();
+//! let score = Score { style: Style::Pop, beats_s, downbeat: 0, seconds: 20.0, seed: 1 };
+//! let found = beats_of(&render(&score, RATE)?);
+//! assert!(found.bpm().is_some_and(|bpm| (bpm - 120.0).abs() < 2.0));
+//! # Ok::<(), kinelm_music::Error>(())
+//! ```
 
 pub mod flux;
 pub mod level;
@@ -14,40 +25,40 @@ use crate::read::decode_at;
 use flux::{Flux, RISES};
 use std::path::Path;
 
-/// Samples per second at which beats are looked for.
+/// Samples per second at which beats are tracked.
 pub const RATE: u32 = 22_050;
 /// Samples from a frame to the next.
 pub const HOP: usize = 256;
 /// Frames per second.
 pub const FPS: f64 = RATE as f64 / HOP as f64;
-/// Seconds by which change is heard late: half a window and half a lag, less what a Hann window hears early. Measured on the
-/// pieces that the tracker was made with.
+/// Seconds by which flux is late: half a window and half a lag, less the lead of a Hann window. Measured on the pieces that the
+/// tracker was developed with.
 const LATE_S: f64 = 0.005;
-/// Beats over which a tempo is taken.
+/// Beats over which a tempo is measured.
 const TEMPO_BEATS: usize = 8;
 
-/// Beats, and how fast they come.
+/// The beats of a sound and its tempo.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Beats {
     /// Seconds, rising, not below 0; none in silence.
     pub times_s: Vec<f64>,
-    /// How long the sound is, seconds.
+    /// Length of the sound, seconds.
     pub seconds: f64,
-    /// The levels at which its pulse can be counted, the likeliest first; their odds sum to 1. Empty where no pulse was
-    /// found, or beats aren't of a sound.
+    /// The tempi at which the pulse can be counted, the most likely first; their probabilities sum to 1. Empty when no pulse
+    /// was found or the beats are not of a sound.
     pub tempi: Vec<Tempo>,
 }
 
-/// A tempo that a piece may have: listeners too tap some pieces at half or double another's rate.
+/// A candidate tempo: listeners, too, tap some pieces at half or double the rate of others.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tempo {
     /// Beats a minute.
     pub bpm: f64,
-    /// The probability that the tracker gives it, 0 to 1.
+    /// Its probability, 0 to 1.
     pub odds: f64,
 }
 
-/// Beats a minute that are looked for.
+/// A range of tempi, beats a minute.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TempoRange {
     /// At least.
@@ -57,7 +68,7 @@ pub struct TempoRange {
 }
 
 impl TempoRange {
-    /// How many octaves a tempo lies outside; 0 within, and within rounding of it.
+    /// Octaves by which a tempo is outside the range; 0 inside, and within rounding of it.
     fn octaves_off(self, bpm: f64) -> f64 {
         let off = (self.least / bpm).log2().max((bpm / self.most).log2());
         if off < 0.03 { 0.0 } else { off }
@@ -65,12 +76,12 @@ impl TempoRange {
 }
 
 impl Beats {
-    /// Beats a minute: the median of [`Beats::tempi_bpm`]. None where there are fewer than two beats.
+    /// Beats a minute: the median of [`Beats::tempi_bpm`]. `None` for fewer than two beats.
     pub fn bpm(&self) -> Option<f64> {
         median(&mut self.tempi_bpm()).filter(|bpm| *bpm > 0.0)
     }
 
-    /// Beats a minute around each beat: of eight steps, of fewer where the piece has fewer; 0 of a single beat.
+    /// Beats a minute around each beat, over up to eight intervals; 0 for a single beat.
     pub fn tempi_bpm(&self) -> Vec<f64> {
         let (times, last) = (&self.times_s, self.times_s.len().saturating_sub(1));
         let around = |i: usize| {
@@ -88,7 +99,7 @@ fn median(all: &mut [f64]) -> Option<f64> {
     (n > 0).then(|| 0.5 * (all[(n - 1) / 2] + all[n / 2]))
 }
 
-/// A listener that is given a sound bit by bit and knows the beats when it ends.
+/// Tracks the beats of a stream of samples.
 pub struct Tracker {
     flux: Flux,
     samples: u64,
@@ -102,48 +113,42 @@ impl Default for Tracker {
 }
 
 impl Tracker {
-    /// Before the first sample.
+    /// No samples yet.
     pub fn new() -> Tracker {
         Tracker { flux: Flux::new(), samples: 0, range: None }
     }
 
-    /// The same, which counts beats within a range of tempi.
+    /// A tracker that counts beats within a range of tempi.
     pub fn within(range: Option<TempoRange>) -> Tracker {
         Tracker { range, ..Tracker::new() }
     }
 
     /// Takes samples at [`RATE`].
-    ///
-    /// # Errors
-    /// Those of the transform.
-    pub fn push(&mut self, samples: &[f32]) -> Result<()> {
+    pub fn push(&mut self, samples: &[f32]) {
         self.samples += samples.len() as u64;
-        self.flux.push(samples)
+        self.flux.push(samples);
     }
 
     /// The beats.
-    ///
-    /// # Errors
-    /// Those of the transform.
-    pub fn finish(self) -> Result<Beats> {
+    pub fn finish(self) -> Beats {
         let seconds = self.samples as f64 / f64::from(RATE);
-        let series = self.flux.finish()?;
+        let series = self.flux.finish();
         let sum = |f: usize| series[..RISES].iter().map(|s| s[f]).sum::<f32>() / RISES as f32;
         let change: Vec<f32> = (0..series[0].len()).map(sum).collect();
-        let periods = tempogram::periods(&change)?;
+        let periods = tempogram::periods(&change);
         let (found, tempi) = level::beats(&series, &pulse::pulse(&change, &periods), self.range);
-        let heard = heard(&change, &found);
+        let audible = audible(&change, &found);
         let time = |frame: &f64| (frame / FPS - LATE_S).max(0.0);
-        Ok(Beats { times_s: found[heard].iter().map(time).filter(|t| *t <= seconds).collect(), seconds, tempi })
+        Beats { times_s: found[audible].iter().map(time).filter(|t| *t <= seconds).collect(), seconds, tempi }
     }
 }
 
-/// The beats from the first change to the last, less those of silence at the ends.
-fn heard(change: &[f32], beats: &[f64]) -> std::ops::Range<usize> {
+/// The beats from the first change to the last, without those in silence at the ends.
+fn audible(change: &[f32], beats: &[f64]) -> std::ops::Range<usize> {
     let loud = 0.05 * change.iter().copied().fold(0.0, f32::max);
     let first = change.iter().position(|x| *x > loud).unwrap_or(0) as f64;
     let last = change.iter().rposition(|x| *x > loud).unwrap_or(0) as f64;
-    // a beat may fall a little beside what is heard
+    // a beat may be slightly off the change that it marks
     let near = 0.1 * FPS;
     let from = beats.partition_point(|b| *b < first - near);
     from..beats.partition_point(|b| *b <= last + near).max(from)
@@ -163,17 +168,20 @@ pub fn beats(path: &Path) -> Result<Beats> {
 /// Those of reading.
 pub fn beats_within(path: &Path, range: Option<TempoRange>) -> Result<Beats> {
     let mut tracker = Tracker::within(range);
-    decode_at(path, &mut [(RATE, &mut |samples: &[f32]| tracker.push(samples))])?;
-    tracker.finish()
+    decode_at(
+        path,
+        &mut [(RATE, &mut |samples: &[f32]| {
+            tracker.push(samples);
+            Ok(())
+        })],
+    )?;
+    Ok(tracker.finish())
 }
 
 /// The beats of samples at [`RATE`].
-///
-/// # Errors
-/// Those of the transform.
-pub fn beats_of(samples: &[f32]) -> Result<Beats> {
+pub fn beats_of(samples: &[f32]) -> Beats {
     let mut tracker = Tracker::new();
-    tracker.push(samples)?;
+    tracker.push(samples);
     tracker.finish()
 }
 
@@ -206,7 +214,7 @@ mod tests {
             truth.push(time);
             time += if time < 30.0 { 60.0 / 100.0 } else { 60.0 / 126.0 };
         }
-        let beats = beats_of(&clicks(&truth, 60.0)).unwrap();
+        let beats = beats_of(&clicks(&truth, 60.0));
         let (n, tempi) = (beats.times_s.len(), beats.tempi_bpm());
         assert!(hits(&beats.times_s, &truth) * 20 > truth.len() * 19 && n.abs_diff(truth.len()) < 4, "{n}: {beats:?}");
         assert!((tempi[n / 5] - 100.0).abs() < 1.0 && (tempi[n * 4 / 5] - 126.0).abs() < 1.0, "{tempi:?}");
@@ -216,7 +224,7 @@ mod tests {
     #[test]
     fn silence_has_no_beats_and_neither_has_a_moment() {
         for x in [vec![], vec![0.0; 10], vec![0.0; 500_000], vec![0.5; 10]] {
-            let beats = beats_of(&x).unwrap();
+            let beats = beats_of(&x);
             assert!(beats.times_s.len() <= 1 && beats.bpm().is_none(), "{} samples: {beats:?}", x.len());
         }
     }

@@ -89,8 +89,8 @@ mod tests {
         let found = pulse(&change, &[40.0; 48]);
         assert_eq!(found.len(), truth.len());
         assert!(found.iter().zip(&truth).all(|(a, b)| (a - b).abs() < 2.0), "{found:?}");
-        assert_eq!(pulse(&[0.0; 100], &[40.0; 2]), []);
-        assert_eq!(pulse(&[], &[40.0]), []);
+        assert!(pulse(&[0.0; 100], &[40.0; 2]).is_empty());
+        assert!(pulse(&[], &[40.0]).is_empty());
         assert_eq!(pulse(&[0.0, 1.0, 0.0], &[40.0]), [1.0]);
     }
 }

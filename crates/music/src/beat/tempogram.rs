@@ -1,46 +1,42 @@
-//! How fast a sound goes, over time.
+//! The tempo of a sound over time.
 
 use super::FPS;
 use super::flux::moving_mean;
-use crate::{Error, Result};
 use realfft::RealFftPlanner;
 use std::f64::consts::TAU;
 
 /// Frames from one estimate to the next, a second.
 pub const STEP: usize = 86;
-/// Frames that an estimate hears, 12 s.
+/// Frames of an estimate's window, 12 s.
 const WINDOW: usize = 1033;
-/// Slowest tempo, beats a minute; how many of 48 an octave.
+/// The slowest tempo, beats a minute; the number of tempi, 48 an octave.
 const SLOWEST: f64 = 40.0;
 const TEMPI: usize = 125;
 const PER_OCTAVE: f64 = 48.0;
-/// Beats over which a tempo has to return, and what each more counts.
+/// Multiples of a period that are added up, and the weight of each relative to the one before.
 const RETURNS: usize = 6;
 const DECAY: f32 = 0.85;
-/// The tempo that is likeliest before anything is heard; octaves from it at which it is [`DOUBT`] less.
+/// The prior: its most likely tempo, and the octaves at which it has fallen by [`DOUBT`].
 const LIKELIEST: f64 = 130.0;
 const SPREAD: f64 = 0.9;
 const DOUBT: f64 = 0.3;
-/// What a change by an octave within a second costs at most, and by how much less a small one is.
+/// The most that a change of tempo costs within a second, and the factor of its squared octaves.
 const JUMP: f32 = 12.0;
 const STIFFNESS: f64 = 200.0;
 
-/// The tempi that are looked for, beats a minute.
+/// The candidate tempi, beats a minute.
 pub fn tempi() -> impl Iterator<Item = f64> {
     (0..TEMPI).map(|i| SLOWEST * 2f64.powf(i as f64 / PER_OCTAVE))
 }
 
-/// The pulse of a series of change, in frames a beat, every [`STEP`] frames: the path through the tempogram (the
-/// autocorrelation of 12 s, summed over multiples of each period) that is strong, likely and smooth.
+/// The period of a series of flux, in frames a beat, every [`STEP`] frames: the best path through the tempogram (the
+/// autocorrelation of 12 s, summed over multiples of each period) under a prior and a cost of changes.
 ///
 /// Source: Grosche, Müller and Kurth, "Cyclic tempogram" (2010); the prior of Ellis, "Beat tracking by dynamic
 /// programming" (2007), eq. 9.
-///
-/// # Errors
-/// Those of the transform.
-pub fn periods(change: &[f32]) -> Result<Vec<f64>> {
+pub fn periods(change: &[f32]) -> Vec<f64> {
     let periods: Vec<f64> = tempi().map(|bpm| 60.0 * FPS / bpm).collect();
-    let rows = tempogram(change, &periods)?;
+    let rows = tempogram(change, &periods);
     let prior: Vec<f32> = tempi().map(|bpm| (DOUBT * ((bpm / LIKELIEST).log2() / SPREAD).powi(2)) as f32).collect();
     let cost = |i: usize, j: usize| {
         let octaves = (i as f64 - j as f64) / PER_OCTAVE;
@@ -65,11 +61,11 @@ pub fn periods(change: &[f32]) -> Result<Vec<f64>> {
         path.push(periods[at]);
     }
     path.reverse();
-    Ok(path)
+    path
 }
 
 /// A row of the tempogram every [`STEP`] frames.
-fn tempogram(change: &[f32], periods: &[f64]) -> Result<Vec<Vec<f32>>> {
+fn tempogram(change: &[f32], periods: &[f64]) -> Vec<Vec<f32>> {
     let longest = periods[0] as usize * RETURNS + RETURNS + 2;
     let size = (WINDOW + longest).next_power_of_two();
     let mut planner = RealFftPlanner::<f32>::new();
@@ -78,7 +74,7 @@ fn tempogram(change: &[f32], periods: &[f64]) -> Result<Vec<Vec<f32>>> {
     let window: Vec<f32> =
         (0..WINDOW).map(|i| (0.5 - 0.5 * (TAU * i as f64 / (WINDOW - 1) as f64).cos()) as f32).collect();
     let means = moving_mean(change, (2.0 * FPS) as usize);
-    let failed = |e: realfft::FftError| Error::Call(format!("the transform: {e}"));
+    const MADE: &str = "the plans made these buffers";
     let mut rows = Vec::new();
     for start in (0..=change.len()).step_by(STEP) {
         x.fill(0.0);
@@ -87,9 +83,9 @@ fn tempogram(change: &[f32], periods: &[f64]) -> Result<Vec<Vec<f32>>> {
                 x[i] = w * (change[f] - means[f]);
             }
         }
-        forward.process(&mut x, &mut spectrum).map_err(failed)?;
+        forward.process(&mut x, &mut spectrum).expect(MADE);
         spectrum.iter_mut().for_each(|c| *c = c.norm_sqr().into());
-        backward.process(&mut spectrum, &mut x).map_err(failed)?;
+        backward.process(&mut spectrum, &mut x).expect(MADE);
         let whole = x[0] + 1e-9 * size as f32;
         let at = |lag: f64| {
             let (i, f) = (lag as usize, lag.fract() as f32);
@@ -99,7 +95,7 @@ fn tempogram(change: &[f32], periods: &[f64]) -> Result<Vec<Vec<f32>>> {
             |period: &f64| -> f32 { (1..=RETURNS).map(|k| DECAY.powi(k as i32 - 1) * at(period * k as f64)).sum() };
         rows.push(periods.iter().map(strength).collect());
     }
-    Ok(rows)
+    rows
 }
 
 #[cfg(test)]
@@ -115,10 +111,10 @@ mod tests {
             truth.push(at);
             at += if at < 4000.0 { 40.0 } else { 46.0 };
         }
-        let found = periods(&change).unwrap();
+        let found = periods(&change);
         assert_eq!(found.len(), 8000 / STEP + 1);
         assert!(found[10..40].iter().all(|p| (p - 40.0).abs() < 0.8), "{found:?}");
         assert!(found[55..80].iter().all(|p| (p - 46.0).abs() < 0.8), "{found:?}");
-        assert_eq!(periods(&[]).unwrap().len(), 1);
+        assert_eq!(periods(&[]).len(), 1);
     }
 }

@@ -1,18 +1,17 @@
-//! Energies of the twelve pitch classes, in the form that is called CENS.
+//! Energies of the twelve pitch classes, as CENS (chroma energy normalised statistics).
 
 use super::cqt::ConstantQ;
 use super::tuning::BINS_PER_OCTAVE;
-use crate::Result;
 
 /// Pitch classes, C first.
 pub const CLASSES: usize = 12;
-/// Frames over which energies are smoothed.
+/// Frames of the smoothing window.
 const SMOOTHED: usize = 41;
 
 /// The pitch classes of a stream of samples.
 ///
-/// Energies of a frame are divided by their sum, put on five levels (0 to 4 quarters, steps at 5, 10, 20 and 40 %),
-/// smoothed by a Hann window of 41 frames, and divided by their length.
+/// The energies of a frame are divided by their sum, quantised to five levels (0, 1/4, 1/2, 3/4, 1; thresholds 5, 10, 20 and
+/// 40 %), smoothed by a Hann window of 41 frames and normalised to length 1.
 ///
 /// Source: Müller and Ewert, "Chroma Toolbox" (2011), as librosa's `chroma_cens` has it.
 pub struct Cens {
@@ -21,37 +20,31 @@ pub struct Cens {
 }
 
 impl Cens {
-    /// At `rate` samples a second and a tuning in bins.
+    /// At `rate` samples per second, a frame every `hop` samples; `tuning` in bins.
     ///
-    /// # Errors
-    /// Those of [`ConstantQ::new`].
-    pub fn new(rate: u32, hop: usize, tuning: f64) -> Result<Cens> {
-        Ok(Cens { transform: ConstantQ::new(rate, hop, tuning)?, energies: Vec::new() })
+    /// # Panics
+    /// As [`ConstantQ::new`].
+    pub fn new(rate: u32, hop: usize, tuning: f64) -> Cens {
+        Cens { transform: ConstantQ::new(rate, hop, tuning), energies: Vec::new() }
     }
 
     /// Takes samples.
-    ///
-    /// # Errors
-    /// Those of the transform.
-    pub fn push(&mut self, samples: &[f32]) -> Result<()> {
+    pub fn push(&mut self, samples: &[f32]) {
         let energies = &mut self.energies;
-        self.transform.push(samples, &mut |frame, bin, magnitude| add(energies, frame, bin, magnitude))
+        self.transform.push(samples, &mut |frame, bin, magnitude| add(energies, frame, bin, magnitude));
     }
 
-    /// The classes of all frames: as many of (12) as asked for, each of length 1 or 0 in silence.
-    ///
-    /// # Errors
-    /// Those of the transform.
-    pub fn finish(mut self, frames: usize) -> Result<Vec<[f32; CLASSES]>> {
+    /// The pitch classes of `frames` frames, each of length 1, or 0 in silence.
+    pub fn finish(mut self, frames: usize) -> Vec<[f32; CLASSES]> {
         let energies = &mut self.energies;
-        self.transform.finish(&mut |frame, bin, magnitude| add(energies, frame, bin, magnitude))?;
+        self.transform.finish(&mut |frame, bin, magnitude| add(energies, frame, bin, magnitude));
         self.energies.resize(frames, [0.0; CLASSES]);
         self.energies.iter_mut().for_each(levels);
-        Ok(smooth(&self.energies))
+        smooth(&self.energies)
     }
 }
 
-/// Adds a bin to its class: those beside a semitone's bin belong to it.
+/// Adds a bin to its class: the bins on both sides of a semitone's bin belong to it.
 fn add(energies: &mut Vec<[f32; CLASSES]>, frame: usize, bin: usize, magnitude: f32) {
     if energies.len() <= frame {
         energies.resize(frame + 1, [0.0; CLASSES]);
@@ -69,7 +62,7 @@ fn levels(classes: &mut [f32; CLASSES]) {
 }
 
 fn smooth(levels: &[[f32; CLASSES]]) -> Vec<[f32; CLASSES]> {
-    // the symmetric window of two more, whose ends are 0
+    // the symmetric window of two more frames, without its zeros at the ends
     let weight = |i: usize| 0.5 - 0.5 * (std::f64::consts::TAU * (i + 1) as f64 / (SMOOTHED + 1) as f64).cos();
     let window: [f32; SMOOTHED] = std::array::from_fn(|i| (weight(i) * 2.0 / (SMOOTHED + 1) as f64) as f32);
     let half = SMOOTHED / 2;
@@ -98,15 +91,15 @@ mod tests {
             let hz = 440.0 * 2f64.powf((f64::from(midi) - 69.0) / 12.0);
             let x: Vec<f32> =
                 (0..seconds * rate).map(|i| (TAU * hz * f64::from(i) / f64::from(rate)).sin() as f32).collect();
-            let mut cens = Cens::new(rate as u32, 512, 0.0).unwrap();
-            x.chunks(1000).for_each(|block| cens.push(block).unwrap());
-            let frames = cens.finish(61).unwrap();
+            let mut cens = Cens::new(rate as u32, 512, 0.0);
+            x.chunks(1000).for_each(|block| cens.push(block));
+            let frames = cens.finish(61);
             assert_eq!(frames.len(), 61);
             let middle = frames[30];
             let best = (0..CLASSES).max_by(|a, b| middle[*a].total_cmp(&middle[*b])).unwrap();
             assert_eq!(best, class, "{midi}: {middle:?}");
             assert!(middle[class] > 0.95);
         }
-        assert_eq!(Cens::new(15_360, 512, 0.0).unwrap().finish(3).unwrap(), [[0.0; CLASSES]; 3]);
+        assert_eq!(Cens::new(15_360, 512, 0.0).finish(3), [[0.0; CLASSES]; 3]);
     }
 }

@@ -1,8 +1,7 @@
-//! A transform whose bins stand as musical intervals do: as many to each octave.
+//! The constant-Q transform: a spectrum with the same number of bins in each octave.
 
 use super::tuning::BINS_PER_OCTAVE;
 use crate::frames::{Frames, Spectrum};
-use crate::{Error, Result};
 use realfft::num_complex::Complex;
 use std::f64::consts::{PI, TAU};
 
@@ -10,16 +9,16 @@ use std::f64::consts::{PI, TAU};
 pub const OCTAVES: usize = 7;
 /// C1, hertz.
 const LOWEST_HZ: f64 = 32.703_195_662_574_83;
-/// What is left out of a kernel's spectrum, of its greatest number.
+/// Parts of a kernel's spectrum below this share of its peak are dropped.
 const NEGLIGIBLE: f32 = 1e-3;
 
-/// What takes a frame's number, a bin's and its magnitude.
+/// Receives a frame, a bin and the bin's magnitude.
 pub type Bins<'a> = &'a mut dyn FnMut(usize, usize, f32);
 
-/// Magnitudes of [`OCTAVES`] x [`BINS_PER_OCTAVE`] bins, C1 first, each by the root of its window's length.
+/// Magnitudes of [`OCTAVES`] x [`BINS_PER_OCTAVE`] bins, C1 first, divided by the root of their windows' lengths.
 ///
-/// An octave is the same transform of the sound at half the rate. Frames are centred and as many as
-/// [`Frames`] gives; magnitudes come octave by octave.
+/// Each lower octave is the same transform of the sound at half the rate. Frames are those of [`Frames`]; magnitudes come
+/// octave by octave.
 ///
 /// Source: Schörkhuber and Klapuri, "Constant-Q transform toolbox for music processing" (2010), as librosa's `cqt`.
 pub struct ConstantQ {
@@ -28,74 +27,70 @@ pub struct ConstantQ {
 }
 
 impl ConstantQ {
-    /// At `rate` samples a second, a frame every `hop`; `tuning` in bins.
+    /// At `rate` samples per second, a frame every `hop` samples; `tuning` in bins.
     ///
-    /// # Errors
-    /// [`Error::Call`] where the rate is too low for the highest octave, or `hop` can't be halved six times.
-    pub fn new(rate: u32, hop: usize, tuning: f64) -> Result<ConstantQ> {
+    /// # Panics
+    /// When the rate is too low for the highest octave (8,700 samples per second are enough), or `hop` can't be halved six
+    /// times.
+    pub fn new(rate: u32, hop: usize, tuning: f64) -> ConstantQ {
         let lowest = LOWEST_HZ * 2f64.powf(tuning / BINS_PER_OCTAVE as f64);
         let top = lowest * 2f64.powi(OCTAVES as i32);
-        if top * 1.02 > f64::from(rate) / 2.0 || !hop.is_multiple_of(1 << (OCTAVES - 1)) {
-            let what =
-                format!("chroma at {rate} samples per second, a frame every {hop}; expected at least 8,700 samples");
-            return Err(Error::Call(format!("{what} per second (17 frames) and a multiple of {}", 1 << (OCTAVES - 1))));
-        }
+        assert!(top * 1.02 <= f64::from(rate) / 2.0, "{rate} samples per second hold no octave up to {top} Hz");
+        assert!(hop.is_multiple_of(1 << (OCTAVES - 1)), "a frame every {hop} samples");
         let octave = |o: usize| Octave::new(lowest, f64::from(rate), hop, OCTAVES - 1 - o);
         let octaves = (0..OCTAVES).map(octave).collect();
-        Ok(ConstantQ { octaves, halvings: (1..OCTAVES).map(|_| Halving::new()).collect() })
+        ConstantQ { octaves, halvings: (1..OCTAVES).map(|_| Halving::new()).collect() }
     }
 
     /// Takes samples.
-    ///
-    /// # Errors
-    /// Those of the transform.
-    pub fn push(&mut self, samples: &[f32], bins: Bins) -> Result<()> {
+    pub fn push(&mut self, samples: &[f32], bins: Bins) {
         let mut at_rate = samples.to_vec();
         for (i, octave) in self.octaves.iter_mut().enumerate() {
-            octave.push(&at_rate, bins)?;
+            octave.push(&at_rate, bins);
             if let Some(halving) = self.halvings.get_mut(i) {
                 at_rate = halving.push(&at_rate);
             }
         }
-        Ok(())
     }
 
-    /// Hands on what is left.
-    ///
-    /// # Errors
-    /// Those of the transform.
-    pub fn finish(&mut self, bins: Bins) -> Result<()> {
+    /// Emits the frames that reach beyond the end.
+    pub fn finish(&mut self, bins: Bins) {
         let mut rest = Vec::new();
         for (i, octave) in self.octaves.iter_mut().enumerate() {
-            octave.push(&rest, bins)?;
-            octave.finish(bins)?;
+            octave.push(&rest, bins);
+            octave.frames.finish(&mut |x| octave.bank.emit(x, bins));
             if let Some(halving) = self.halvings.get_mut(i) {
                 rest = halving.push(&rest);
                 rest.extend(halving.finish());
             }
         }
-        Ok(())
     }
 }
 
-/// One octave, at a rate of its own.
+/// One octave, at its own rate.
 struct Octave {
-    /// Number of its lowest bin.
-    first: usize,
     frames: Frames,
+    bank: Bank,
+}
+
+/// The kernels of an octave.
+struct Bank {
+    /// The octave's lowest bin.
+    first: usize,
     spectrum: Spectrum,
     kernels: Vec<Kernel>,
+    /// The next frame.
     frame: usize,
 }
 
-/// The spectrum of a windowed tone, from bin `from` on, divided by what the magnitude is divided by.
+/// The spectrum of a windowed tone from bin `from` on, with the divisor of the magnitude in it.
 struct Kernel {
     from: usize,
     spectrum: Vec<Complex<f32>>,
 }
 
 impl Octave {
-    /// The octave of this number from below.
+    /// The octave of this number, counted from the lowest.
     fn new(lowest_hz: f64, rate: f64, hop: usize, number: usize) -> Octave {
         let down = OCTAVES - 1 - number;
         let rate_here = rate / f64::from(1u32 << down);
@@ -110,46 +105,29 @@ impl Octave {
             .map(|i| Kernel::new(hz(i) / rate_here, q * rate_here / hz(i), size, weight(i)))
             .collect();
         let spectrum = Spectrum::new(vec![1.0; size]);
-        Octave { first: number * BINS_PER_OCTAVE, frames: Frames::new(size, hop), spectrum, kernels, frame: 0 }
+        let bank = Bank { first: number * BINS_PER_OCTAVE, spectrum, kernels, frame: 0 };
+        Octave { frames: Frames::new(size, hop), bank }
     }
 
-    fn push(&mut self, samples: &[f32], bins: Bins) -> Result<()> {
-        let (spectrum, kernels, first, frame) = (&mut self.spectrum, &self.kernels, self.first, &mut self.frame);
-        let mut done = Ok(());
-        self.frames.push(samples, &mut |x| measure(spectrum, kernels, first, frame, x, bins, &mut done));
-        done
-    }
-
-    fn finish(&mut self, bins: Bins) -> Result<()> {
-        let (spectrum, kernels, first, frame) = (&mut self.spectrum, &self.kernels, self.first, &mut self.frame);
-        let mut done = Ok(());
-        self.frames.finish(&mut |x| measure(spectrum, kernels, first, frame, x, bins, &mut done));
-        done
+    fn push(&mut self, samples: &[f32], bins: Bins) {
+        self.frames.push(samples, &mut |x| self.bank.emit(x, bins));
     }
 }
 
-fn measure(
-    spectrum: &mut Spectrum,
-    kernels: &[Kernel],
-    first: usize,
-    frame: &mut usize,
-    x: &[f32],
-    bins: Bins,
-    done: &mut Result<()>,
-) {
-    if done.is_ok() {
-        *done = spectrum.take(x);
+impl Bank {
+    fn emit(&mut self, frame: &[f32], bins: Bins) {
+        self.spectrum.transform(frame);
+        for (i, kernel) in self.kernels.iter().enumerate() {
+            let of = &self.spectrum.bins[kernel.from..];
+            let sum: Complex<f32> = kernel.spectrum.iter().zip(of).map(|(k, x)| k * x).sum();
+            bins(self.frame, self.first + i, sum.norm());
+        }
+        self.frame += 1;
     }
-    for (i, kernel) in kernels.iter().enumerate() {
-        let of = &spectrum.bins[kernel.from..];
-        let sum: Complex<f32> = kernel.spectrum.iter().zip(of).map(|(k, x)| k * x).sum();
-        bins(*frame, first + i, sum.norm());
-    }
-    *frame += 1;
 }
 
 impl Kernel {
-    /// A tone of `turns` a sample under a Hann window of `length`, in the middle of `size` samples.
+    /// A tone of `turns` cycles a sample under a Hann window of `length` samples, centred in `size` samples.
     fn new(turns: f64, length: f64, size: usize, weight: f64) -> Kernel {
         let (start, end) = ((-length / 2.0).floor(), (length / 2.0).floor());
         let n = (end - start) as usize;
@@ -171,15 +149,14 @@ impl Kernel {
     }
 }
 
-/// The transform of complex numbers, by that of their real and imaginary parts.
+/// The Fourier transform of complex numbers, from those of their real and imaginary parts.
 fn forward(x: &mut [Complex<f64>]) {
     let n = x.len();
     let plan = realfft::RealFftPlanner::<f64>::new().plan_fft_forward(n);
     let part = |of: &dyn Fn(&Complex<f64>) -> f64| {
         let mut input: Vec<f64> = x.iter().map(of).collect();
         let mut output = plan.make_output_vec();
-        // of the lengths that the plan was made for nothing is refused
-        let _ = plan.process(&mut input, &mut output);
+        plan.process(&mut input, &mut output).expect("the plan has this length");
         output
     };
     let (re, im) = (part(&|c| c.re), part(&|c| c.im));
@@ -189,13 +166,13 @@ fn forward(x: &mut [Complex<f64>]) {
     }
 }
 
-/// Half the rate, behind a low pass without delay.
+/// Halves the rate, after a low pass without delay.
 struct Halving {
     taps: Vec<f32>,
     waiting: Vec<f32>,
 }
 
-/// Half the length of the low pass. Its passage is from 0.92 to 1.08 of half the lower rate, 100 dB deep.
+/// Half the length of the low pass. Its transition is from 0.92 to 1.08 of half the lower rate; it stops 100 dB.
 const REACH: usize = 80;
 
 impl Halving {
@@ -203,7 +180,7 @@ impl Halving {
         let tap = |i: usize| {
             let t = i as f64 - REACH as f64;
             let sinc = if t == 0.0 { 0.5 } else { (PI * t / 2.0).sin() / (PI * t) };
-            // a Blackman-Harris window, of four terms
+            // the four-term Blackman-Harris window
             let u = TAU * i as f64 / (2 * REACH) as f64;
             let window = 0.35875 - 0.48829 * u.cos() + 0.14128 * (2.0 * u).cos() - 0.01168 * (3.0 * u).cos();
             (sinc * window) as f32
@@ -256,21 +233,32 @@ mod tests {
         for bin in [40usize, 111, 200, 240] {
             let hz = LOWEST_HZ * 2f64.powf(bin as f64 / 36.0);
             let x: Vec<f32> = (0..3 * rate).map(|i| (TAU * hz * f64::from(i) / f64::from(rate)).sin() as f32).collect();
-            let mut q = ConstantQ::new(rate as u32, 512, 0.0).unwrap();
+            let mut q = ConstantQ::new(rate as u32, 512, 0.0);
             let mut found = vec![0.0f32; OCTAVES * BINS_PER_OCTAVE];
             let mut keep = |frame: usize, bin: usize, magnitude: f32| {
                 if frame == 45 {
                     found[bin] = magnitude;
                 }
             };
-            q.push(&x, &mut keep).unwrap();
-            q.finish(&mut keep).unwrap();
+            q.push(&x, &mut keep);
+            q.finish(&mut keep);
             let best = (0..found.len()).max_by(|a, b| found[*a].total_cmp(&found[*b])).unwrap();
             assert_eq!(best, bin);
             // half the amplitude, by the root of the window's length
             let wanted = 0.5 * (51.9 * f64::from(rate) / hz).sqrt();
             assert!((f64::from(found[bin]) / wanted - 1.0).abs() < 0.01, "{} of {wanted}", found[bin]);
         }
-        assert!(ConstantQ::new(8_000, 512, 0.0).is_err() && ConstantQ::new(15_360, 500, 0.0).is_err());
+    }
+
+    #[test]
+    #[should_panic(expected = "8000 samples per second hold no octave")]
+    fn a_low_rate_has_no_highest_octave() {
+        ConstantQ::new(8_000, 512, 0.0);
+    }
+
+    #[test]
+    #[should_panic(expected = "a frame every 500 samples")]
+    fn a_hop_is_halved_six_times() {
+        ConstantQ::new(15_360, 500, 0.0);
     }
 }

@@ -1,10 +1,20 @@
-//! What music sounds like, as 35 numbers a frame: onset strength, 20 cepstral coefficients, 12 pitch classes, onset
-//! peaks, beats.
+//! Music features, 35 numbers a frame: onset strength, 20 cepstral coefficients, 12 pitch classes, onset peaks, beats.
 //!
-//! Frames are 512 samples apart, so of s frames per second the sound is heard at 512 s samples per second.
+//! Frames are 512 samples apart, so features at s frames per second come from the sound at 512 s samples per second.
 //!
-//! Source: Li et al., "AI Choreographer" (2021), with librosa's functions; EDGE and Lodge have the same at 30 frames per
-//! second. Theirs start the beat tracker at the tempo in the name of AIST's file; here it has to hear it.
+//! Source: Li et al., "AI Choreographer" (2021), with librosa's functions; EDGE and Lodge use the same at 30 frames per
+//! second. Theirs start the beat tracker at the tempo in the name of AIST's file; here it is detected.
+//!
+//! ```
+//! use kinelm_music::feature::{CHANNELS, STRENGTH, features_of, rate_of};
+//!
+//! let rate = rate_of(30.0)? as usize;
+//! let click: Vec<f32> = (0..2 * rate).map(|i| if i / 100 == rate / 100 { 1.0 } else { 0.0 }).collect();
+//! let features = features_of(&click, 30.0)?;
+//! assert_eq!((features.frames(), features.numbers.len()), (61, 61 * CHANNELS));
+//! assert!(features.numbers[33 * CHANNELS + STRENGTH] > features.numbers[20 * CHANNELS + STRENGTH]);
+//! # Ok::<(), kinelm_music::Error>(())
+//! ```
 
 pub mod chroma;
 pub mod cqt;
@@ -22,24 +32,24 @@ use std::ops::Range;
 use std::path::Path;
 use tuning::Tuning;
 
-/// Samples from a frame to the next.
+/// Samples from one frame to the next.
 pub const HOP: usize = 512;
 /// Samples of a frame's window.
 pub const WINDOW: usize = 2048;
 /// Numbers of a frame.
 pub const CHANNELS: usize = 35;
-/// The onset strength, decibels of rise in the mean over bands.
+/// The onset strength: the mean rise over bands, decibels.
 pub const STRENGTH: usize = 0;
 /// The cepstral coefficients.
 pub const CEPSTRUM: Range<usize> = 1..21;
 /// The pitch classes, C first.
 pub const CHROMA: Range<usize> = 21..33;
-/// 1 in a frame of an onset, else 0.
+/// 1 in the frame of an onset, else 0.
 pub const PEAK: usize = 33;
 /// 1 in the frame nearest to a beat, else 0.
 pub const BEAT: usize = 34;
-/// Decibels below the loudest band at which a band is silent.
-const DEEP: f32 = 80.0;
+/// Bands this many decibels below the loudest one count as silent.
+const DYNAMIC_RANGE: f32 = 80.0;
 /// Lowest and highest rate, frames per second.
 const FPS: std::ops::RangeInclusive<f64> = 17.0..=240.0;
 
@@ -50,7 +60,7 @@ pub struct Features {
     pub fps: f64,
     /// (F, 35): [`STRENGTH`], [`CEPSTRUM`], [`CHROMA`], [`PEAK`], [`BEAT`].
     pub numbers: Vec<f32>,
-    /// The beats that stand in them, and the tempo.
+    /// The beats and the tempo.
     pub beats: Beats,
 }
 
@@ -61,15 +71,15 @@ impl Features {
     }
 }
 
-/// The samples per second at which features of this rate are heard.
+/// The samples per second that features at `fps` frames per second are computed from.
 ///
 /// # Errors
-/// [`Error::Call`] outside 17 to 240 frames per second, or where 512 times the rate is no whole number.
+/// `fps` outside 17 to 240, or 512 times it not whole: [`kinelm_store::Error::Invalid`].
 pub fn rate_of(fps: f64) -> Result<u32> {
     let rate = fps * HOP as f64;
     if !FPS.contains(&fps) || rate.fract() != 0.0 {
-        let what = format!("features of {fps} frames per second; expected 17 to 240, and 512 times it a whole number");
-        return Err(Error::Call(format!("{what} (take 30 for 29.97)")));
+        let expected = "17 to 240, and 512 times it a whole number (take 30 for 29.97)";
+        return Err(Error::invalid("the frame rate of music features", fps, expected));
     }
     Ok(rate as u32)
 }
@@ -80,13 +90,23 @@ pub fn rate_of(fps: f64) -> Result<u32> {
 /// Those of [`rate_of`] and of reading.
 pub fn features(path: &Path, fps: f64) -> Result<Features> {
     let rate = rate_of(fps)?;
-    let (mut first, mut tracker) = (First::new(rate), Tracker::new());
-    let mut listen = |samples: &[f32]| first.push(samples);
-    let mut follow = |samples: &[f32]| tracker.push(samples);
-    decode_at(path, &mut [(rate, &mut listen), (crate::beat::RATE, &mut follow)])?;
-    let mut second = Second::new(rate, &first.finish())?;
-    decode_at(path, &mut [(rate, &mut |samples: &[f32]| second.push(samples))])?;
-    second.finish(fps, tracker.finish()?)
+    let (mut first, mut tracker) = (FirstPass::new(rate), Tracker::new());
+    let mut measure = |samples: &[f32]| {
+        first.take(Some(samples));
+        Ok(())
+    };
+    let mut track = |samples: &[f32]| {
+        tracker.push(samples);
+        Ok(())
+    };
+    decode_at(path, &mut [(rate, &mut measure), (crate::beat::RATE, &mut track)])?;
+    let mut second = SecondPass::new(rate, &first.finish());
+    let mut push = |samples: &[f32]| {
+        second.push(samples);
+        Ok(())
+    };
+    decode_at(path, &mut [(rate, &mut push)])?;
+    Ok(second.finish(fps, tracker.finish()))
 }
 
 /// The features of samples at [`rate_of`] `fps`.
@@ -95,44 +115,41 @@ pub fn features(path: &Path, fps: f64) -> Result<Features> {
 /// Those of [`rate_of`].
 pub fn features_of(samples: &[f32], fps: f64) -> Result<Features> {
     let rate = rate_of(fps)?;
-    let mut first = First::new(rate);
-    first.push(samples)?;
-    let mut second = Second::new(rate, &first.finish())?;
-    second.push(samples)?;
-    let beats = crate::beat::beats_of(&crate::resample::resample(samples, rate, crate::beat::RATE)?)?;
-    second.finish(fps, beats)
+    let mut first = FirstPass::new(rate);
+    first.take(Some(samples));
+    let mut second = SecondPass::new(rate, &first.finish());
+    second.push(samples);
+    let beats = crate::beat::beats_of(&crate::resample::resample(samples, rate, crate::beat::RATE)?);
+    Ok(second.finish(fps, beats))
 }
 
-/// What has to be known of the whole sound before a frame of it can be told.
-struct Whole {
+/// Properties of the whole sound that each frame's features depend on.
+struct Calibration {
     /// Decibels below which bands are silent.
     floor: f32,
     /// In bins of the constant-Q transform.
     tuning: f64,
 }
 
-/// Spectra of frames: magnitudes, and bands in decibels.
-struct Listener {
+/// Power spectra and mel bands of frames.
+struct BandSpectra {
     frames: Frames,
     spectrum: Spectrum,
     bank: Bank,
 }
 
-impl Listener {
-    fn new(rate: u32) -> Listener {
+impl BandSpectra {
+    fn new(rate: u32) -> BandSpectra {
         let spectrum = Spectrum::new(hann(WINDOW));
-        Listener { frames: Frames::new(WINDOW, HOP), spectrum, bank: Bank::new(WINDOW, rate) }
+        BandSpectra { frames: Frames::new(WINDOW, HOP), spectrum, bank: Bank::new(WINDOW, rate) }
     }
 
-    /// Hands on each frame's power and bands. Without samples it is the end.
-    fn push(&mut self, samples: Option<&[f32]>, each: &mut dyn FnMut(&mut [f32], &[f32; BANDS])) -> Result<()> {
+    /// Takes samples, or the end of the sound; calls `each` with each frame's power and its bands in decibels.
+    fn take(&mut self, samples: Option<&[f32]>, each: &mut dyn FnMut(&mut [f32], &[f32; BANDS])) {
         let (spectrum, bank) = (&mut self.spectrum, &self.bank);
-        let (mut power, mut bands, mut done) = (vec![0.0; WINDOW / 2 + 1], [0.0; BANDS], Ok(()));
+        let (mut power, mut bands) = (vec![0.0; WINDOW / 2 + 1], [0.0; BANDS]);
         let mut frame = |x: &[f32]| {
-            if done.is_err() {
-                return;
-            }
-            done = spectrum.take(x);
+            spectrum.transform(x);
             power.iter_mut().zip(&spectrum.bins).for_each(|(to, bin)| *to = bin.norm_sqr());
             bank.decibels(&power, &mut bands);
             each(&mut power, &bands);
@@ -141,45 +158,40 @@ impl Listener {
             Some(samples) => self.frames.push(samples, &mut frame),
             None => self.frames.finish(&mut frame),
         }
-        done
     }
 }
 
-/// The first hearing.
-struct First {
-    listener: Listener,
+/// The first pass over the sound, which calibrates the second.
+struct FirstPass {
+    spectra: BandSpectra,
     loudest: f32,
     tuning: Tuning,
 }
 
-impl First {
-    fn new(rate: u32) -> First {
-        First { listener: Listener::new(rate), loudest: f32::NEG_INFINITY, tuning: Tuning::new(WINDOW, rate) }
+impl FirstPass {
+    fn new(rate: u32) -> FirstPass {
+        FirstPass { spectra: BandSpectra::new(rate), loudest: f32::NEG_INFINITY, tuning: Tuning::new(WINDOW, rate) }
     }
 
-    fn push(&mut self, samples: &[f32]) -> Result<()> {
-        self.hear(Some(samples))
-    }
-
-    fn hear(&mut self, samples: Option<&[f32]>) -> Result<()> {
+    /// Takes samples, or the end of the sound.
+    fn take(&mut self, samples: Option<&[f32]>) {
         let (loudest, tuning) = (&mut self.loudest, &mut self.tuning);
-        self.listener.push(samples, &mut |power, bands| {
+        self.spectra.take(samples, &mut |power, bands| {
             *loudest = bands.iter().copied().fold(*loudest, f32::max);
             power.iter_mut().for_each(|p| *p = p.sqrt());
             tuning.take(power);
-        })
+        });
     }
 
-    fn finish(mut self) -> Whole {
-        // the frames that reach behind the end; a window of another length can't come
-        let _ = self.hear(None);
-        Whole { floor: self.loudest - DEEP, tuning: self.tuning.estimate() }
+    fn finish(mut self) -> Calibration {
+        self.take(None);
+        Calibration { floor: self.loudest - DYNAMIC_RANGE, tuning: self.tuning.estimate() }
     }
 }
 
-/// The second hearing, which tells.
-struct Second {
-    listener: Listener,
+/// The second pass, which computes the features.
+struct SecondPass {
+    spectra: BandSpectra,
     cens: Cens,
     rate: u32,
     floor: f32,
@@ -190,40 +202,41 @@ struct Second {
     cepstra: Vec<f32>,
 }
 
-impl Second {
-    fn new(rate: u32, whole: &Whole) -> Result<Second> {
-        Ok(Second {
-            listener: Listener::new(rate),
-            cens: Cens::new(rate, HOP, whole.tuning)?,
+impl SecondPass {
+    fn new(rate: u32, calibration: &Calibration) -> SecondPass {
+        SecondPass {
+            spectra: BandSpectra::new(rate),
+            cens: Cens::new(rate, HOP, calibration.tuning),
             rate,
-            floor: whole.floor,
+            floor: calibration.floor,
             cosines: Cosines::new(CEPSTRUM.len()),
             before: None,
             rises: Vec::new(),
             cepstra: Vec::new(),
-        })
+        }
     }
 
-    fn push(&mut self, samples: &[f32]) -> Result<()> {
-        self.cens.push(samples)?;
-        self.hear(Some(samples))
+    fn push(&mut self, samples: &[f32]) {
+        self.cens.push(samples);
+        self.take(Some(samples));
     }
 
-    fn hear(&mut self, samples: Option<&[f32]>) -> Result<()> {
+    /// Takes samples, or the end of the sound.
+    fn take(&mut self, samples: Option<&[f32]>) {
         let (before, floor) = (&mut self.before, self.floor);
         let (cosines, rises, cepstra) = (&self.cosines, &mut self.rises, &mut self.cepstra);
-        self.listener.push(samples, &mut |_, bands| {
+        self.spectra.take(samples, &mut |_, bands| {
             rises.extend(before.as_ref().map(|before| onset::rise(before, bands, floor)));
             cepstra.extend(cosines.of(bands, floor));
             *before = Some(*bands);
-        })
+        });
     }
 
-    fn finish(mut self, fps: f64, beats: Beats) -> Result<Features> {
-        self.hear(None)?;
+    fn finish(mut self, fps: f64, beats: Beats) -> Features {
+        self.take(None);
         let frames = self.cepstra.len() / CEPSTRUM.len();
         let strength = onset::strength(&self.rises, frames);
-        let chroma = self.cens.finish(frames)?;
+        let chroma = self.cens.finish(frames);
         let mut numbers = vec![0.0; frames * CHANNELS];
         for (f, row) in numbers.chunks_exact_mut(CHANNELS).enumerate() {
             row[STRENGTH] = strength[f];
@@ -239,7 +252,7 @@ impl Second {
                 *x = 1.0;
             }
         }
-        Ok(Features { fps, numbers, beats })
+        Features { fps, numbers, beats }
     }
 }
 
@@ -261,7 +274,7 @@ mod tests {
             let strength = |f: usize| found.numbers[f * CHANNELS + STRENGTH];
             let peaks = (0..found.frames()).filter(|f| found.numbers[f * CHANNELS + PEAK] == 1.0).count();
             assert!((5..=9).contains(&peaks), "{fps}: {peaks} peaks");
-            // loudest where it begins anew, half a window late at most
+            // strongest at a beat, half a window late at most
             let best = (1..found.frames() / 2).max_by(|a, b| strength(*a).total_cmp(&strength(*b))).unwrap();
             let off = (best as f64 / fps) % 0.5;
             assert!(off.min(0.5 - off) <= 1.0 / fps + 0.5 * WINDOW as f64 / f64::from(rate), "{fps}: {best}");

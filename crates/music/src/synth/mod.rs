@@ -1,7 +1,16 @@
-//! A small band: a score of beats rendered to sound, so that made-up dances have music that is in step with them.
+//! A small synthesiser: renders a score of beats, so that synthetic dances have music in step with them.
 //!
-//! Kick, snare, hat, bass and chords play a [`Style`]'s pattern around the beats they are given, in a key and with chords
-//! that the seed chooses. All of it is our own; no recorded sound is in it.
+//! Kick, snare, hat, bass and chords play a [`Style`]'s pattern at the given beats, in a key and with chords that the seed
+//! chooses. There are no samples of recorded sound.
+//!
+//! ```
+//! use kinelm_music::synth::{Score, Style, render};
+//!
+//! let score = Score { style: Style::Disco, beats_s: vec![0.0, 0.5, 1.0], downbeat: 0, seconds: 2.0, seed: 7 };
+//! let samples = render(&score, 22_050)?;
+//! assert_eq!((samples.len(), &samples), (44_100, &render(&score, 22_050)?));
+//! # Ok::<(), kinelm_music::Error>(())
+//! ```
 
 mod style;
 mod voice;
@@ -14,29 +23,29 @@ use voice::{Noise, add};
 
 /// Beats of a bar.
 const BAR: usize = 4;
-/// Longest piece, seconds.
+/// The longest piece, seconds.
 pub const LONGEST_S: f64 = 3600.0;
 
-/// What is played.
+/// A piece to render.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Score {
-    /// Whose pattern is played.
+    /// The pattern.
     pub style: Style,
-    /// The beats, seconds, rising; each is played until the next, the last as long as the one before it.
+    /// The beats, seconds, rising. Each lasts until the next, the last as long as the one before it.
     pub beats_s: Vec<f64>,
-    /// The number of a beat that begins a bar of four; those before it are a pick-up.
+    /// Index of the first beat of the first bar of four; earlier beats are a pick-up.
     pub downbeat: usize,
-    /// Length of the piece; what would sound on behind it is faded out.
+    /// Length of the piece; its end is faded out.
     pub seconds: f64,
     /// Chooses key, chords and accents.
     pub seed: u64,
 }
 
-/// The samples of a score at `rate` per second; the same score gives the same samples. Peaks stand at -1 dB or below.
+/// The samples of a score at `rate` per second; the same score gives the same samples. Peaks are at -1 dB or below.
 ///
 /// # Errors
-/// [`Error::Call`] for more than an hour, a rate outside 8,000 to 192,000, and beats that don't rise or lie outside 0 to
-/// the length.
+/// A piece longer than an hour, a rate outside 8,000 to 192,000, and beats that don't rise or are outside the piece:
+/// [`kinelm_store::Error::Invalid`].
 pub fn render(score: &Score, rate: u32) -> Result<Vec<f32>> {
     check(score, rate)?;
     let mut out = vec![0.0f32; (score.seconds * f64::from(rate)).round() as usize];
@@ -59,25 +68,24 @@ pub fn render(score: &Score, rate: u32) -> Result<Vec<f32>> {
 }
 
 fn check(score: &Score, rate: u32) -> Result<()> {
-    let refuse = |what: String| Err(Error::Call(what));
     if !(0.0..=LONGEST_S).contains(&score.seconds) {
-        return refuse(format!("music of {} seconds; expected 0 to {LONGEST_S}", score.seconds));
+        return Err(Error::invalid("`seconds`", score.seconds, format!("0 to {LONGEST_S}")));
     }
     if !(8_000..=192_000).contains(&rate) {
-        return refuse(format!("music at {rate} samples per second; expected 8000 to 192000"));
+        return Err(Error::invalid("`rate`", rate, "8000 to 192000 samples per second"));
     }
     let outside = score.beats_s.iter().position(|b| !(0.0..=score.seconds).contains(b));
     let falls = score.beats_s.windows(2).position(|w| w[1] <= w[0]).map(|i| i + 1);
     match outside.or(falls) {
         Some(i) => {
-            let (at, seconds) = (score.beats_s[i], score.seconds);
-            refuse(format!("beat {i} at {at} s; expected beats that rise from 0 to {seconds} s"))
+            let expected = format!("seconds that rise from 0 to {}", score.seconds);
+            Err(Error::invalid(format!("`beats_s[{i}]`"), score.beats_s[i], expected))
         }
         None => Ok(()),
     }
 }
 
-/// How long a beat is.
+/// The length of a beat, seconds.
 fn step(beats: &[f64], i: usize) -> f64 {
     let between = |i: usize| Some(beats.get(i + 1)? - beats.get(i)?);
     between(i).or_else(|| between(i.checked_sub(1)?)).unwrap_or(0.5).min(2.0)
@@ -96,7 +104,7 @@ fn sound(hit: &Hit, key: i32, chord: [i32; 3], step: f64) -> voice::Sound {
     }
 }
 
-/// Fades the last 50 ms out and brings the whole to -1 dB.
+/// Fades out the last 50 ms and normalises the peak to -1 dB.
 fn finish(out: &mut [f32], rate: u32) {
     let fade = (0.05 * f64::from(rate)) as usize;
     let n = out.len();
@@ -129,17 +137,23 @@ mod tests {
         assert_eq!(x.len(), 132_300);
         assert!(x.iter().all(|x| x.abs() < 0.891) && x[..6_000].iter().all(|x| *x == 0.0));
         assert_eq!(render(&Score { beats_s: vec![], ..s.clone() }, 22_050).unwrap(), vec![0.0; 132_300]);
-        assert_eq!(render(&Score { beats_s: vec![], seconds: 0.0, ..s }, 22_050).unwrap(), []);
+        assert!(render(&Score { beats_s: vec![], seconds: 0.0, ..s }, 22_050).unwrap().is_empty());
     }
 
     #[test]
     fn what_cannot_be_played_is_refused() {
         let s = score(Style::March, 100.0, 6.0);
         let of = |s: Score, rate| render(&s, rate).unwrap_err().to_string();
-        assert!(of(Score { seconds: f64::NAN, ..s.clone() }, 22_050).starts_with("music of NaN seconds"));
-        assert!(of(s.clone(), 100).contains("100 samples per second"));
-        assert!(of(Score { beats_s: vec![1.0, 0.5], ..s.clone() }, 22_050).starts_with("beat 1 at 0.5 s"));
-        assert!(of(Score { beats_s: vec![1.0, 7.0], ..s }, 22_050).starts_with("beat 1 at 7 s"));
+        assert!(of(Score { seconds: f64::NAN, ..s.clone() }, 22_050).starts_with("`seconds` is NaN"));
+        assert!(of(s.clone(), 100).contains("`rate` is 100; expected 8000 to 192000 samples per second"));
+        assert!(
+            of(Score { beats_s: vec![1.0, 0.5], ..s.clone() }, 22_050)
+                .starts_with("`beats_s[1]` is 0.5; expected seconds that rise from 0")
+        );
+        assert!(
+            of(Score { beats_s: vec![1.0, 7.0], ..s }, 22_050)
+                .starts_with("`beats_s[1]` is 7; expected seconds that rise from 0 to 6")
+        );
     }
 
     #[test]
@@ -148,7 +162,7 @@ mod tests {
             let mut right = 0;
             for bpm in [84.0, 97.0, 112.0] {
                 let s = score(style, bpm, 40.0);
-                let found = beats_of(&render(&s, RATE).unwrap()).unwrap();
+                let found = beats_of(&render(&s, RATE).unwrap());
                 let hit = |t: &&f64| found.times_s.iter().any(|f| (f - **t).abs() < 0.035);
                 let hits = s.beats_s.iter().filter(hit).count();
                 let n = found.times_s.len();

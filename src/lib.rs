@@ -21,16 +21,11 @@
 //! [`corpus`] keeps the words of many clips, [`train`] a run of a [`model`] that learns them, [`generate`] makes new dances:
 //!
 //! ```no_run
-//! use kinelm::generate::open::OpenRequest;
-//! use kinelm::generate::request::{Length, PromptRequest, Request};
-//! use std::path::Path;
+//! use kinelm::generate::{Length, OpenRequest, PromptRequest, Request};
 //!
 //! let prompt = PromptRequest { joints: Some("root,right_arm".into()), ..PromptRequest::of("dances/03.bvh") };
 //! let request = Request { prompt: Some(prompt), length: Some(Length::Seconds(10.0)), ..Request::of("run") };
-//! let open = OpenRequest::open(&request)?;
-//! let dances = open.dance(1, None, &mut |frames| eprintln!("{frames} of {}", open.frames))?;
-//! let out = Path::new("dance.bvh");
-//! std::fs::write(out, open.motion(&open.words(&dances, 0), out)?.bytes(out)?)?;
+//! OpenRequest::open(&request)?.write("dance.bvh")?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!

@@ -22,7 +22,7 @@ mkdir -p "$out/lock" "$out/off" "$out/real"
 for take in $takes; do
     for feet in lock off; do
         [ -e "$out/$feet/$take-4.bvh" ] || "$kinelm" generate --run "$run" --prompt "$data/$take.bvh" $read --joints root,right_arm \
-            --variations 4 --seed "${SEED:-5}" --starts "${STARTS:-64}" ${TOP_P:+--top-p "$TOP_P"} --feet $feet --out "$out/$feet/$take.bvh" $threads
+            --variations 4 --seed "${SEED:-5}" --first-frames "${STARTS:-64}" ${TOP_P:+--top-p "$TOP_P"} --feet $feet --out "$out/$feet/$take.bvh" $threads
     done
     real=$out/real/$take
     [ -e "$real.bvh" ] || {

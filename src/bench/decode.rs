@@ -2,8 +2,8 @@
 
 use super::model::{BenchModel, ModelArgs};
 use super::{How, Rates, Row, Unit, rounded, seconds};
-use crate::generate::sampling::Draw;
-use crate::generate::{SamplingPlan, dances};
+use crate::generate::sampling::Sampling;
+use crate::generate::{SamplingPlan, sample};
 use crate::model::{Gpt, ModelConfig, Reader, ReaderOptions};
 use crate::shell::{ReadingArgs, Say};
 use anyhow::Result;
@@ -162,9 +162,10 @@ impl Bench<'_> {
         let prompt: Vec<u32> = ids.map(|(i, id)| if i % word + 1 == word { tokens.space } else { id }).collect();
         let vocabulary = Vocabulary::new(tokens.vocabulary as u32 - FIRST_ID);
         let grammar = Grammar::new(&vocabulary, WordLength::Fixed(word - 1));
-        let plan = SamplingPlan::free(grammar, frames, Draw::default(), 1);
-        let plan = SamplingPlan { given: &given, prompt: &prompt, ..plan };
-        let behind = SamplingPlan { beginning: &prompt[..(window - 1) * word], words: window, ..plan.clone() };
+        let plan = SamplingPlan::free(grammar, frames, Sampling::default(), 1);
+        let plan = SamplingPlan { given: given.clone(), prompt: prompt.clone(), ..plan };
+        let behind =
+            SamplingPlan { beginnings: vec![prompt[..(window - 1) * word].to_vec()], words: window, ..plan.clone() };
         let repeats = self.args.how.repeats.unwrap_or(3);
         let runs = (0..repeats).map(|_| times(&mut self.reader, &plan)).collect::<Result<Vec<_>>>()?;
         let later =
@@ -190,7 +191,7 @@ impl Bench<'_> {
 /// Seconds from the call until each frame of `plan` was there.
 fn times(reader: &mut Reader, plan: &SamplingPlan) -> Result<Vec<f64>> {
     let (started, mut at) = (Instant::now(), Vec::with_capacity(plan.words));
-    dances(reader, plan, &mut |frames| at.resize(frames, started.elapsed().as_secs_f64()))?;
+    sample(reader, plan, &mut |frames| at.resize(frames, started.elapsed().as_secs_f64()))?;
     Ok(at)
 }
 

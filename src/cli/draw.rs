@@ -1,8 +1,7 @@
 //! How tokens are drawn, the same on every command that draws some.
 
-use super::WrongCall;
 use super::read::positive;
-use crate::generate::sampling::Draw;
+use crate::generate::sampling::Sampling;
 use anyhow::Result;
 
 /// How the next token is drawn: the penalty first, then temperature, top-k, top-p, min-p, in this order.
@@ -30,14 +29,14 @@ pub struct DrawArgs {
     #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = positive)]
     repetition_penalty: f64,
     /// Words that the penalty looks back: frames, where a word is a frame
-    #[arg(long, value_name = "N", default_value_t = Draw::default().repetition_words)]
+    #[arg(long, value_name = "N", default_value_t = Sampling::default().repetition_words)]
     repetition_words: usize,
 }
 
 impl DrawArgs {
     /// As it is requested: without any truncation, the library chooses one.
-    pub fn requested(self) -> Result<Draw> {
-        let draw = Draw {
+    pub fn requested(self) -> Result<Sampling> {
+        let draw = Sampling {
             greedy: self.greedy,
             repetition_penalty: self.repetition_penalty,
             repetition_words: self.repetition_words,
@@ -46,12 +45,12 @@ impl DrawArgs {
             top_p: self.top_p,
             min_p: self.min_p,
         };
-        draw.check().map_err(|e| WrongCall(format!("--{e}")))?;
+        draw.validate()?;
         Ok(draw)
     }
 
     /// The same with a top-p where nothing truncates.
-    pub fn get(self) -> Result<Draw> {
+    pub fn get(self) -> Result<Sampling> {
         Ok(self.requested()?.truncated())
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{Say, print};
 use crate::generate::request::Timeline;
-use crate::generate::timeline::timeline;
+use crate::generate::timeline::chart;
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -20,5 +20,5 @@ pub fn run(command: &Command, say: Say) -> Result<()> {
     let Command::Check { timeline: file } = command;
     let (_, laid) = Timeline::load(file)?;
     laid.notes.iter().for_each(|note| say.line(note));
-    print(&timeline(&laid))
+    print(&chart(&laid))
 }

@@ -50,7 +50,7 @@ pub fn shown(clips: &[Named], read: &ReadArgs, together: bool, say: Say) -> Resu
     let paths: Vec<&Path> = clips.iter().map(|clip| &*clip.path).collect();
     let mut all: Vec<Shown> = Vec::new();
     for (file, options) in known.iter().zip(read.of_files(&paths, RestFrame::Keep, say)) {
-        let anew_s = file.told.as_ref().map(|told| told.anew_s.clone()).unwrap_or_default();
+        let anew_s = file.told.as_ref().map(|told| told.generated_s.clone()).unwrap_or_default();
         all.push(Shown { path: file.named.path.clone(), options, world: None, anew_s, notes: Vec::new() });
     }
     for (n, told) in known.iter().enumerate().filter_map(|(n, file)| Some((n, file.told.as_ref()?))) {
@@ -68,7 +68,7 @@ pub fn shown(clips: &[Named], read: &ReadArgs, together: bool, say: Say) -> Resu
             }
             let world = all[m].world.or(all[n].world).unwrap_or(m);
             // a dance without a place begins in the middle, wherever its prompt does
-            if told.recipe.place.is_some() {
+            if told.request.placement.is_some() {
                 (all[m].world, all[n].world) = (Some(world), Some(world));
             }
         }
@@ -82,8 +82,8 @@ pub fn shown(clips: &[Named], read: &ReadArgs, together: bool, say: Say) -> Resu
 
 /// The hashes of the clips that a dance follows, and how they were read: its prompt's, or those of its plan.
 fn followed(told: &Provenance) -> Vec<(String, ReadOptions)> {
-    let Some(prompt) = &told.recipe.prompt else { return Vec::new() };
-    match &prompt.plan {
+    let Some(prompt) = &told.request.prompt else { return Vec::new() };
+    match &prompt.timeline {
         // of one that is gone nothing can be known
         Some(plan) => {
             plan.clips.values().filter_map(|clip| Some((hash::of_file(&clip.file).ok()?, clip.options()))).collect()

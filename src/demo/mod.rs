@@ -6,11 +6,10 @@ use crate::corpus::build::{self, BuildOptions};
 use crate::corpus::{Corpus, Split, gather};
 use crate::evaluate::{ChannelFloors, CodeSplits, Extent};
 use crate::generate::open::OpenRequest;
-use crate::generate::place::Led;
-use crate::generate::prompt::{self, Prompt};
-use crate::generate::request::{Computing, Draws, Length, Place, PromptRequest, Request};
-use crate::generate::rest::RestJoints;
-use crate::generate::sampling::Draw;
+use crate::generate::output::RootGiven;
+use crate::generate::prompt::{self, PromptClip};
+use crate::generate::request::{Computing, Length, Placement, PromptRequest, Request, Seeding, UncodedJoints};
+use crate::generate::sampling::Sampling;
 use crate::model::likelihood::likelihood;
 use crate::model::{CheckpointChoice, load_run};
 use crate::shell::{ComputeArgs, Say, WrongCall};
@@ -86,14 +85,14 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     say.line("4/5 it dances: to a root and a right arm that it has not seen, and on from a first second");
     let test = corpus.split(Split::Test).next().context("the demo's corpus has no test clip")?;
     let path = at("motion").join(&test.name).with_extension("bvh");
-    let prompt = Prompt::load(&path, &ReadOptions::default(), &tokenizer)?;
+    let prompt = PromptClip::load(&path, &ReadOptions::default(), &tokenizer)?;
     let (frames, second) = (FRAMES.min(prompt.frames()), tokenizer.fps() as usize);
     let given = |joints: Option<&str>, from_frame| PromptRequest {
         path: path.clone(),
         read: ReadOptions::default(),
         joints: joints.map(str::to_owned),
         from_frame,
-        plan: None,
+        timeline: None,
         edit: None,
     };
     let follows = generate(&args, given(Some(FOLLOWED), None), frames, CALM_GIVEN)?;
@@ -225,31 +224,31 @@ fn generate(args: &Args, prompt: PromptRequest, frames: usize, calm: f64) -> Res
         prompt: Some(prompt),
         length: Some(Length::Frames(frames)),
         seed: args.seed,
-        draw: Draw { top_p: Some(calm), ..Draw::default() },
+        seeding: Seeding::Seed,
+        sampling: Sampling { top_p: Some(calm), ..Sampling::default() },
         computing: args.computing(),
         ..Request::of(args.out.join("run"))
     };
-    let mut ready = OpenRequest::open(&request)?;
-    ready.recipe.draws = Draws::Seed;
-    let danced = ready.dance(1, None, &mut |_| {})?;
+    let ready = OpenRequest::open(&request)?;
+    let danced = ready.sample(1, None, &mut |_| {})?;
     Ok(ready.motion(&ready.words(&danced, 0), Path::new("dance.bvh"))?.motion.clip)
 }
 
 /// A clip that begins as the prompt does, where the prompt stands.
-fn put(clip: &Clip, prompt: &Prompt) -> Result<Clip> {
-    let place = Place::of(&prompt.clip).context("the prompt has no frames")?;
-    Ok(place.put(clip, Led { place: true, heading: true })?)
+fn put(clip: &Clip, prompt: &PromptClip) -> Result<Clip> {
+    let placement = Placement::of(&prompt.clip).context("the prompt has no frames")?;
+    Ok(placement.put(clip, RootGiven { path: true, heading: true })?)
 }
 
 /// The prompt as the model sees it beside what it made of the root and the right arm, and of the first second.
 fn page(
     path: &Path,
     name: &str,
-    (tokenizer, prompt): (&Tokenizer, &Prompt),
+    (tokenizer, prompt): (&Tokenizer, &PromptClip),
     follows: &Clip,
     goes_on: &Clip,
 ) -> Result<()> {
-    let seen = put(&prompt.decode(tokenizer, &prompt.words, RestJoints::Prompt, prompt.frames())?, prompt)?
+    let seen = put(&prompt.decode(tokenizer, &prompt.words, UncodedJoints::Prompt, prompt.frames())?, prompt)?
         .slice(0..follows.frames());
     let followed = joints::parse(FOLLOWED)?.joints;
     let figures = [

@@ -5,10 +5,9 @@ use super::{Args, MARK, tokenize, train, write_dances};
 use crate::corpus::music::dance::music;
 use crate::corpus::{Corpus, Split};
 use crate::evaluate::dance::beats::{BeatMetrics, BeatPair, BeatScores, controls, of_corpus};
-use crate::generate::music::GUIDANCE;
-use crate::generate::open::OpenRequest;
-use crate::generate::request::{Draws, LeadInKind, Length, MusicRequest, Request};
-use crate::generate::sampling::Draw;
+use crate::generate::open::{MUSIC_GUIDANCE, OpenRequest};
+use crate::generate::request::{LeadInKind, Length, MusicRequest, Request, Seeding};
+use crate::generate::sampling::Sampling;
 use crate::generate::variation_seed;
 use crate::model::likelihood::likelihood;
 use crate::model::{CheckpointChoice, load_run};
@@ -113,19 +112,19 @@ fn piece(args: &Args, dance: &Dance) -> Result<Piece> {
 /// A dance to a piece, or to nothing; its number draws it.
 fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
     let request = Request {
-        guidance: piece.map(|_| GUIDANCE),
+        guidance: piece.map(|_| MUSIC_GUIDANCE),
         music: piece.map(|piece| MusicRequest { path: piece.path.clone(), from_s: 0.0 }),
         length: Some(Length::Seconds(SECONDS)),
         lead_in: Some(LeadInKind::None),
         seed: variation_seed(args.seed, number),
-        draw: Draw { top_p: Some(super::CALM), ..Draw::default() },
+        // dances with and without music share their random numbers
+        seeding: Seeding::Seed,
+        sampling: Sampling { top_p: Some(super::CALM), ..Sampling::default() },
         computing: args.computing(),
         ..Request::of(args.out.join("run"))
     };
-    let mut ready = OpenRequest::open(&request)?;
-    // dances with and without music draw with the same numbers
-    ready.recipe.draws = Draws::Seed;
-    let danced = ready.dance(1, None, &mut |_| {})?;
+    let ready = OpenRequest::open(&request)?;
+    let danced = ready.sample(1, None, &mut |_| {})?;
     Ok(ready.motion(&ready.words(&danced, 0), Path::new("dance.bvh"))?.motion.clip)
 }
 

@@ -233,7 +233,7 @@ fn a_given_arm_lies_where_the_prompt_has_it() {
     }
     // with identity it is elsewhere, and the line says so
     let mut c = way.generate("13", "0.bvh", Some("root,right_arm"), "arm-0.bvh");
-    c.args(["--rig", "prompt", "--rest-joints", "identity"]).assert().success();
+    c.args(["--rig", "prompt", "--uncoded-joints", "identity"]).assert().success();
     let [prompt, dance] = ["0.bvh", "arm-0.bvh"].map(|name| read(&way.at(name), &ReadOptions::default())[1].clone());
     assert!(apart(&prompt, &dance, &RIGHT, "mixamorig:Hips", false)[1] > 3.0);
 }
@@ -298,7 +298,7 @@ fn without_a_prompt_uncoded_joints_stand_as_in_training() {
     };
     let tokenizer = kinelm_tokenizer::Tokenizer::load(way.at("13.json")).unwrap();
     let mean = tokenizer.mean_pose().unwrap();
-    let (dance, still) = (make("alone.json", &[]), make("still.json", &["--rest-joints", "identity"]));
+    let (dance, still) = (make("alone.json", &[]), make("still.json", &["--uncoded-joints", "identity"]));
     for j in [3, 6, 9, 12, 15] {
         assert!(angle_between(dance.pose(4)[j], mean[j]) < 1e-9 && still.pose(4)[j] == Quat::IDENTITY, "joint {j}");
     }
@@ -306,7 +306,7 @@ fn without_a_prompt_uncoded_joints_stand_as_in_training() {
 }
 
 #[test]
-fn the_place_travels_in_the_recipe_and_what_a_recipe_lacks_was_not_done() {
+fn the_placement_is_in_the_sidecar_and_a_request_without_an_option_has_its_default() {
     let way = way();
     let make = |out: &str, more: &[&str]| {
         let mut c = way.generate("13", "0.bvh", Some("root"), out);
@@ -318,18 +318,18 @@ fn the_place_travels_in_the_recipe_and_what_a_recipe_lacks_was_not_done() {
         path.into_iter().find(|p| p.exists()).unwrap()
     };
     let told = |name: &str| -> serde_json::Value { serde_json::from_slice(&fs::read(sidecar(name)).unwrap()).unwrap() };
-    let recipe = told("told")["recipe"].clone();
+    let request = told("told")["request"].clone();
     let prompt = read(&way.at("0.bvh"), &ReadOptions::default())[0].clone();
-    let near = |field: &str, x: f64| (recipe["place"][field].as_f64().unwrap() - x).abs() < 1e-9;
-    assert!(near("x", prompt.root()[0].x) && near("z", prompt.root()[0].z), "{recipe}");
-    assert!(near("heading", heading(prompt.pose(0)[0]).unwrap()) && recipe["rest_joints"] == "follow", "{recipe}");
+    let near = |field: &str, x: f64| (request["placement"][field].as_f64().unwrap() - x).abs() < 1e-9;
+    assert!(near("x", prompt.root()[0].x) && near("z", prompt.root()[0].z), "{request}");
+    assert!(near("heading", heading(prompt.pose(0)[0]).unwrap()) && request["uncoded_joints"] == "follow", "{request}");
     let again = |name: &str| kinelm().args(["generate", "again"]).arg(sidecar(name)).assert();
     again("told").success();
 
-    // before there were places, a dance began at x = z = 0, its joints as they stood in the recipe
-    make("old.bvh", &["--rest-joints", "identity"]);
+    // without a placement a dance begins at x = z = 0
+    make("old.bvh", &["--uncoded-joints", "identity"]);
     let mut old = told("old");
-    old["recipe"].as_object_mut().unwrap().remove("place");
+    old["request"].as_object_mut().unwrap().remove("placement");
     fs::write(sidecar("old"), serde_json::to_vec(&old).unwrap()).unwrap();
     let assert = again("old").code(1).stderr(contains("came out different"));
     let said = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
@@ -342,32 +342,32 @@ fn the_place_travels_in_the_recipe_and_what_a_recipe_lacks_was_not_done() {
     let begins = read(&out, &ReadOptions::default())[0].root()[0];
     assert!(begins.x.hypot(begins.z) < 0.003, "{begins}");
 
-    // before what is given made the draws, the seed alone did
-    make("drawn.bvh", &[]);
-    let mut old = told("drawn");
-    assert_eq!(old["recipe"]["draws"], "given");
-    old["recipe"].as_object_mut().unwrap().remove("draws");
-    fs::write(sidecar("drawn"), serde_json::to_vec(&old).unwrap()).unwrap();
-    again("drawn").code(1).stderr(contains("came out different"));
+    // random numbers of the seed alone make another dance
+    make("sampled.bvh", &[]);
+    let mut old = told("sampled");
+    assert_eq!(old["request"]["seeding"], "inputs");
+    old["request"]["seeding"] = "seed".into();
+    fs::write(sidecar("sampled"), serde_json::to_vec(&old).unwrap()).unwrap();
+    again("sampled").code(1).stderr(contains("came out different"));
 
-    // and before a start was chosen among several, the first was taken
+    // the first frame is chosen among candidates
     let make = |out: &str, more: &[&str]| {
         let mut c = way.generate("13", "0.bvh", Some("root,right_arm"), out);
         c.args(more).assert().success();
     };
     make("chosen.bvh", &[]);
-    assert_eq!(told("chosen")["recipe"]["starts"], 64);
-    make("first.bvh", &["--starts", "1"]);
+    assert_eq!(told("chosen")["request"]["first_frames"], 64);
+    make("first.bvh", &["--first-frames", "1"]);
     let bytes = |name: &str| fs::read(way.at(name)).unwrap();
-    assert_eq!(told("first")["recipe"].get("starts"), None);
+    assert_eq!(told("first")["request"].get("first_frames"), None);
     assert!(bytes("first.bvh") != bytes("chosen.bvh"));
     for name in ["chosen", "first"] {
         again(name).success();
     }
-    assert_eq!(told("told")["recipe"].get("starts"), None, "root stands before all that is drawn");
+    assert_eq!(told("told")["request"].get("first_frames"), None, "root comes before all that is sampled");
 
     // what is given in part keeps a dance going, so that less is left to chance
-    let top_p = |name: &str| told(name)["recipe"]["draw"]["top_p"].clone();
+    let top_p = |name: &str| told(name)["request"]["sampling"]["top_p"].clone();
     make("asked.bvh", &["--top-p", "0.9"]);
     make("few.bvh", &["--top-k", "9"]);
     make("short.bvh", &["--from-frame", "2"]);
@@ -375,7 +375,7 @@ fn the_place_travels_in_the_recipe_and_what_a_recipe_lacks_was_not_done() {
     let found = ["chosen", "told", "asked", "few", "short", "longer"].map(top_p);
     assert_eq!(found, [json!(0.8), json!(0.95), json!(0.9), json!(null), json!(0.8), json!(0.95)]);
     let mut none = way.generate("13", "0.bvh", Some("root"), "none.bvh");
-    none.args(["--starts", "4"]).assert().code(2).stderr(contains("nothing to choose a start by"));
+    none.args(["--first-frames", "4"]).assert().code(2).stderr(contains("nothing to choose a first frame by"));
 }
 
 /// The figures of a page.

@@ -283,8 +283,7 @@ fn a_model_hears_dances_as_long_as_the_music_and_again() {
     fs::write(dir.join("deaf.toml"), CONFIG.replace("music = \"beats\"\n", "")).unwrap();
     said("pretrain --config c.toml --corpus deaf --run no", 1, "no training clip of the corpora has any");
     said("pretrain --config deaf.toml --corpus deaf --run deaf-run", 0, "");
-    let refused =
-        "this model hears no music (model.music) and knows no tempo (train.conditions); train one on a corpus";
+    let refused = "this model is not conditioned on music (model.music) or on its tempo (train.conditions); train one on a corpus";
     said("generate --run deaf-run --music song.wav --out d.bvh", 2, refused);
     // which can be added, and not taken away
     said("finetune --from deaf-run --config c.toml --corpus corpus --run fine --steps 2", 0, "");

@@ -177,7 +177,7 @@ fn given_joints_come_out_exactly_on_the_model_s_rig() {
 fn given_joints_come_out_exactly_on_the_prompt_s_rig() {
     let way = way();
     way.generate("b.bvh")
-        .args(["--frames", "30", "--rig", "prompt", "--rest-joints", "mean"])
+        .args(["--frames", "30", "--rig", "prompt", "--uncoded-joints", "mean"])
         .assert()
         .success()
         .stderr(contains("0.0000 % of the given characters differ"));
@@ -232,9 +232,12 @@ fn a_dance_tells_where_it_is_from_and_can_be_made_again() {
     c.args(["--repetition-penalty", "1.5", "--rig", "prompt", "--out"]).arg(way.at("told.bvh")).assert().success();
     let sidecar = fs::read(way.at("told-2.bvh.kinelm.json")).unwrap();
     let told: serde_json::Value = serde_json::from_slice(&sidecar).unwrap();
-    let recipe = &told["recipe"];
-    assert_eq!((&told["variation"], &recipe["seed"], &recipe["draw"]["top_k"]), (&2.into(), &3.into(), &20.into()));
-    assert_eq!((&recipe["frames"], &recipe["prompt"]["joints"]), (&10.into(), &"legs".into()));
+    let request = &told["request"];
+    assert_eq!(
+        (&told["variation"], &request["seed"], &request["sampling"]["top_k"]),
+        (&2.into(), &3.into(), &20.into())
+    );
+    assert_eq!((&request["frames"], &request["prompt"]["joints"]), (&10.into(), &"legs".into()));
     assert!(
         told["weights_sha256"].as_str().unwrap().len() == 64 && told["prompt_sha256"].as_str().unwrap().len() == 64
     );
@@ -250,7 +253,7 @@ fn a_dance_tells_where_it_is_from_and_can_be_made_again() {
     again("told-elsewhere.bvh.kinelm.json", &[]).success();
 
     // what has changed is named, and nothing is written
-    let said = contains("the prompt has changed since the dance was made");
+    let said = contains("the prompt is SHA-256 ").and(contains("it has changed since the dance was made"));
     fs::write(&prompt, [fs::read(&prompt).unwrap(), b"\n".to_vec()].concat()).unwrap();
     again("told-2.bvh.kinelm.json", &["--out", &elsewhere]).code(1).stderr(said);
     pretrain(way, "told-run").args(["--seed", "9"]).assert().success();
@@ -311,13 +314,13 @@ fn labels_in_front_and_guidance_make_other_dances_and_masked_models_none() {
         .stderr(contains(genres[0].as_str()).and(contains(genres[1].as_str())));
     dance("no.json", &["--label", "mood=x"]).code(2).stderr(contains("this model knows genre"));
     dance("no.json", &["--label", &label, "--label", &label]).code(2).stderr(contains("twice"));
-    dance("no.json", &["--guidance", "2"]).code(2).stderr(contains("no label is given"));
+    dance("no.json", &["--guidance", "2"]).code(2).stderr(contains("there are neither labels nor music to follow"));
     way.generate("no.json").args(["--guidance", "2"]).assert().code(2).stderr(contains("this model knows no labels"));
 
     train("masked", "kind = \"masked\"\n", "");
     let mut c = kinelm();
     c.arg("generate").arg("--run").arg(way.at("masked")).args(["--frames", "3", "--out"]).arg(way.at("no.json"));
-    c.assert().failure().stderr(contains("the model is masked"));
+    c.assert().failure().stderr(contains("a masked model predicts"));
     assert!(!way.at("no.json").exists());
 }
 
@@ -398,13 +401,17 @@ fn wrong_calls_say_what_would_be_right() {
     bad(&["--run", &run, "--joints", "head"]).code(2).stderr(contains("none of these joints is coded"));
     bad(&["--run", "nowhere", "--joints", "root"]).code(1).stderr(contains("nowhere"));
     bad(&["--run", &run, "--joints", "root", "--temperature", "0"]).code(2);
-    bad(&["--run", &run, "--joints", "root", "--top-p", "2"]).code(2).stderr(contains("--top-p 2; expected"));
+    bad(&["--run", &run, "--joints", "root", "--top-p", "2"])
+        .code(2)
+        .stderr(contains("is 2; expected a number above 0 and up to 1"));
     bad(&["--run", &run, "--joints", "root", "--greedy", "--top-k", "3"]).code(2);
     bad(&["--run", &run]).code(2).stderr(contains("--from-frame N"));
     bad(&["--run", &run, "--from-frame", "10", "--frames", "4000000000"])
         .code(2)
         .stderr(contains("expected 1048576 at most"));
-    bad(&["--run", &run, "--from-frame", "10", "--frames", "10"]).code(2).stderr(contains("nothing is left to make"));
+    bad(&["--run", &run, "--from-frame", "10", "--frames", "10"])
+        .code(2)
+        .stderr(contains("nothing is left to generate"));
     bad(&["--run", &run, "--from-frame", "9999", "--frames", "99999"])
         .code(2)
         .stderr(contains("expected one that it has"));

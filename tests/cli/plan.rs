@@ -66,7 +66,7 @@ fn set() -> &'static Set {
 }
 
 const PLAN: &str = r#"rig = "a"
-over = 0.5
+transition = 0.5
 
 [clips.a]
 file = "data/0.bvh"
@@ -107,7 +107,7 @@ fn clips_keep_their_numbers_and_what_is_between_is_made_anew() {
     let set = set();
     let said = set.call("generate timeline plan.toml --run run --tries 2 --seed 3 --out dance.bvh").assert().success();
     let said = String::from_utf8(said.get_output().stderr.clone()).unwrap();
-    assert!(said.contains("slow (slow.bvh) has another rig or rate than the plan's"), "{said}");
+    assert!(said.contains("slow (slow.bvh) has another rig or rate than the timeline's"), "{said}");
     assert!(said.contains("given all@0f:75f") && said.contains("given right_arm@270f:360f"), "{said}");
     let (dance, a, b) = (set.rows("dance.bvh"), set.rows("data/0.bvh"), set.rows("data/1.bvh"));
     assert_eq!(dance.len(), 360);
@@ -138,7 +138,7 @@ fn clips_keep_their_numbers_and_what_is_between_is_made_anew() {
     assert!((24..40).contains(&same), "{same} columns");
 
     let told = fs::read_to_string(set.at("dance.bvh.kinelm.json")).unwrap();
-    assert!(told.contains("\"plan\"") && told.contains("\"at\": \"60f\""), "{told}");
+    assert!(told.contains("\"timeline\"") && told.contains("\"at\": \"60f\""), "{told}");
     set.call("generate again dance.bvh.kinelm.json --out twice.bvh").assert().success();
     assert_eq!(fs::read(set.at("twice.bvh")).unwrap(), fs::read(set.at("dance.bvh")).unwrap());
     // longer than its segments, and as a skeleton of another kind
@@ -185,12 +185,9 @@ fn a_dance_of_a_plan_is_made_again_where_its_clips_are_now() {
     assert_eq!(fs::read(set.at("again.bvh")).unwrap(), fs::read(set.at("here.bvh")).unwrap());
     fs::copy(set.at("data/2.bvh"), set.at("there/data/1.bvh")).unwrap();
     let changed = "generate again here.bvh.kinelm.json --timeline there/plan.toml --out other.bvh";
-    set.call(changed)
-        .assert()
-        .failure()
-        .stderr(contains("what the plan makes of its clips has changed since the dance was made"));
+    set.call(changed).assert().failure().stderr(contains("the clip that the timeline is composed into is SHA-256 "));
     for (option, why) in
-        [("--prompt data/0.bvh", "has a timeline and no prompt"), ("--music no.wav", "the dance has no music")]
+        [("--prompt data/0.bvh", "the dance has a timeline instead"), ("--music no.wav", "the dance has none")]
     {
         let call = format!("generate again here.bvh.kinelm.json {option} --out other.bvh");
         set.call(&call).assert().code(2).stderr(contains(why));
@@ -212,7 +209,7 @@ fn a_plan_tells_labels_of_its_times() {
     fs::write(set.at("sway.toml"), with_gap(sway)).unwrap();
     fs::write(set.at("stomp.toml"), with_gap(&sway.replace("sway", "stomp"))).unwrap();
     fs::write(set.at("none.toml"), with_gap("")).unwrap();
-    set.call("timeline check sway.toml").assert().success().stdout(contains("\ntold genre=sway@1s:2s\n"));
+    set.call("timeline check sway.toml").assert().success().stdout(contains("\nlabel genre=sway@1s:2s\n"));
     for name in ["sway", "stomp", "none"] {
         let guidance = if name == "none" { "" } else { "--guidance 3" };
         set.call(&format!("generate timeline {name}.toml --run run {guidance} --tries 1 --out {name}.bvh"))
@@ -225,26 +222,29 @@ fn a_plan_tells_labels_of_its_times() {
     set.call("generate again sway.bvh.kinelm.json --out sway-2.bvh").assert().success();
     assert_eq!(fs::read(set.at("sway-2.bvh")).unwrap(), fs::read(set.at("sway.bvh")).unwrap());
     let call = "generate timeline sway.toml --run run --label genre=stomp --out wrong.bvh";
-    set.call(call).assert().failure().stderr(contains("two values of genre at a time"));
+    set.call(call).assert().failure().stderr(contains("expected one value of genre at a time"));
     // all to the end, with a clip and its label in one
     let both = sway
         .replace("to = 2", "to = 4.01")
         .replace("from = 1\n", "clip = \"a\"\njoints = \"head\"\nat = 3.5\nfrom = 3.5\n");
     fs::write(set.at("both.toml"), with_gap(&both)).unwrap();
-    set.call("timeline check both.toml").assert().success().stdout(contains("\ntold genre=sway@3.5s:\n"));
+    set.call("timeline check both.toml").assert().success().stdout(contains("\nlabel genre=sway@3.5s:\n"));
     set.call("generate timeline both.toml --run run --tries 1 --out both.bvh").assert().success();
     for (more, told) in [
         (sway.replace("labels", "# labels"), "wrong.toml:14:1: found neither a clip nor labels"),
         (sway.replace("to = 2", "to = 2\nat = 1"), "found joints or at without a clip"),
         (format!("{sway}{}", sway.replace("to = 2", "to = 3")), "while segment 3 says what genre is too"),
-        (sway.replace("to = 2", "to = 0"), "expected an end behind the beginning"),
+        (sway.replace("to = 2", "to = 0"), "expected an end after the beginning"),
     ] {
         fs::write(set.at("wrong.toml"), with_gap(&more)).unwrap();
         set.call("timeline check wrong.toml").assert().failure().stderr(contains(told));
     }
     let head = with_gap("").split("[[segment]]").next().unwrap().to_owned();
     fs::write(set.at("wrong.toml"), head + sway).unwrap();
-    set.call("timeline check wrong.toml").assert().failure().stderr(contains("and none with a clip, expected one"));
+    set.call("timeline check wrong.toml")
+        .assert()
+        .failure()
+        .stderr(contains("segments with labels alone, expected at least one with a clip"));
     fs::write(set.at("waltz.toml"), with_gap(&sway.replace("sway", "waltz"))).unwrap();
     let waltz = set.call("generate timeline waltz.toml --run run --out wrong.bvh").assert().failure();
     waltz.stderr(contains("waltz"));
@@ -275,7 +275,7 @@ fn what_is_wrong_with_a_plan_is_told_with_its_line_and_nothing_is_written() {
     let cases: [(&str, &str, &str); 11] = [
         ("rig = \"a\"", "rig = \"c\"", "wrong.toml:1:7: found `c`, expected the name of one of the clips: a, b, slow"),
         ("clip = \"b\"", "clip = \"bb\"", "found clip = \"bb\", expected one of the clips"),
-        ("to = \"210f\"", "to = 1", "wrong.toml:18:1: found from 1.5s to 1s, expected an end behind the beginning"),
+        ("to = \"210f\"", "to = 1", "wrong.toml:18:1: found from 1.5s to 1s, expected an end after the beginning"),
         ("to = \"210f\"", "to = 99", "which the clip still has there"),
         ("at = \"60f\"", "at = 50", "found at = 50s, expected a moment of the clip, which has 5.00 s"),
         ("to = \"210f\"", "to = \"2m\"", "found to = 2m, expected seconds or frames (40f)"),
@@ -287,7 +287,7 @@ fn what_is_wrong_with_a_plan_is_told_with_its_line_and_nothing_is_written() {
         ),
         ("skip = 4", "skips = 4", "wrong.toml:6:1: found unknown field `skips`"),
         ("from = 5", "from = \"soon\"", "is no time"),
-        ("over = 0.5", "over = 5.0", "that are made anew where clips meet (over)"),
+        ("transition = 0.5", "transition = 5.0", "that transitions take (transition)"),
     ];
     for (from, to, told) in cases {
         assert!(PLAN.contains(from), "{from}");
@@ -301,7 +301,7 @@ fn what_is_wrong_with_a_plan_is_told_with_its_line_and_nothing_is_written() {
     for (call, told) in [
         ("--prompt data/0.bvh", "unexpected argument"),
         ("--free legs", "unexpected argument"),
-        ("--seconds 2", "of a prompt of"),
+        ("--seconds 2", "of the prompt"),
         ("--skip 3", "unexpected argument"),
         ("--floor 1", "unexpected argument"),
     ] {

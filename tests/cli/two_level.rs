@@ -246,7 +246,7 @@ fn a_dance_from_nothing_goes_on_from_a_train_clip_with_its_labels() {
     let from = |name: &str| {
         let told = fs::read(place.at(&format!("{name}.kinelm.json"))).unwrap();
         let told: serde_json::Value = serde_json::from_slice(&told).unwrap();
-        (told["recipe"]["lead_in"].as_u64(), told["recipe"]["lead_in_from"]["clip"].as_str().map(str::to_owned))
+        (told["request"]["lead_in"].as_u64(), told["request"]["lead_in_from"]["clip"].as_str().map(str::to_owned))
     };
     let bytes = |name: &str| fs::read(place.at(name)).unwrap();
     let train = [
@@ -282,7 +282,7 @@ fn a_dance_from_nothing_goes_on_from_a_train_clip_with_its_labels() {
     place.done("generate again freed.bvh.kinelm.json --out twice.freed.bvh");
     assert_eq!(bytes("twice.freed.bvh"), bytes("freed.bvh"));
     let call = "generate --run led --prompt data/03.bvh --joints root --lead-in train --out no.bvh";
-    place.call(call).assert().code(2).stderr(contains("--lead-in: something of the first frame is given"));
+    place.call(call).assert().code(2).stderr(contains("part of the first frame is given"));
     // a model from elsewhere has none
     place.done("export --run led --out led-model");
     place.done("import led-model --run led-back");
@@ -293,7 +293,7 @@ fn a_dance_from_nothing_goes_on_from_a_train_clip_with_its_labels() {
         .call(&format!("{alone} no.bvh --lead-in train"))
         .assert()
         .code(2)
-        .stderr(contains("--lead-in: train: led-back"));
+        .stderr(contains("the run stores no second of a train clip"));
     // a sidecar that names what the run doesn't have, and a run whose file was lost
     let text = fs::read_to_string(place.at("led.bvh.kinelm.json")).unwrap();
     let clip = format!("\"clip\": \"{}\"", from("led.bvh").1.unwrap());
@@ -351,26 +351,26 @@ fn it_learns_what_is_ahead_and_fills_gaps_that_way() {
         place.done(&call);
         fs::read_to_string(place.at(&format!("{name}.kinelm.json"))).unwrap()
     };
-    assert!(fill("goal", "", "led.bvh").contains("\"ahead\": 2.0"));
-    assert!(!fill("goal", "--ahead 0", "blind.bvh").contains("\"ahead\":"));
-    assert!(fill("goal", "--ahead 1", "once.bvh").contains("\"ahead\": 1.0"));
+    assert!(fill("ahead", "", "led.bvh").contains("\"goal_guidance\": 2.0"));
+    assert!(!fill("ahead", "--goal-guidance 0", "blind.bvh").contains("\"goal_guidance\":"));
+    assert!(fill("ahead", "--goal-guidance 1", "once.bvh").contains("\"goal_guidance\": 1.0"));
     let bytes = |name: &str| fs::read(place.at(name)).unwrap();
     assert_ne!(bytes("led.bvh"), bytes("blind.bvh"));
     place.done("generate again led.bvh.kinelm.json --out twice.led.bvh");
     assert_eq!(bytes("twice.led.bvh"), bytes("led.bvh"));
     // led, and under labels that change within the gap
     let labels = "--label genre=salsa@:1.3s --label genre=waltz@1.3s: --guidance 2";
-    assert!(fill("goal", labels, "both.bvh").contains("\"ahead\": 2.0"));
+    assert!(fill("ahead", labels, "both.bvh").contains("\"goal_guidance\": 2.0"));
     assert_ne!(bytes("both.bvh"), bytes("led.bvh"));
     place.done("generate again both.bvh.kinelm.json --out twice.both.bvh");
     assert_eq!(bytes("twice.both.bvh"), bytes("both.bvh"));
-    fill("goal", "--label genre=salsa --ahead 0", "unled.bvh");
+    fill("ahead", "--label genre=salsa --goal-guidance 0", "unled.bvh");
     assert_ne!(bytes("both.bvh"), bytes("unled.bvh"));
     // a model that can't be told
-    assert!(!fill("run", "", "untold.bvh").contains("\"ahead\":"));
-    let call = "generate --run run --prompt data/03.bvh --free all@1s:1.7s --ahead 2 --out no.bvh";
-    place.call(call).assert().failure().stderr(contains("ahead 2: this model can't be told what is given ahead"));
-    place.done("export --run goal --out told");
+    assert!(!fill("run", "", "untold.bvh").contains("\"goal_guidance\":"));
+    let call = "generate --run run --prompt data/03.bvh --free all@1s:1.7s --goal-guidance 2 --out no.bvh";
+    place.call(call).assert().failure().stderr(contains("this model isn't goal-conditioned"));
+    place.done("export --run ahead --out told");
     place.done("import told --run told-back");
     assert_eq!(bits("--run told-back"), fast);
     let text = place.done("evaluate likelihood --run goal --corpus corpus --json --gaps 2,3");

@@ -7,18 +7,19 @@
 use super::bootstrap;
 use crate::{Error, Result};
 use kinelm_corpus::{Conditions, Corpus, Split};
-use kinelm_generate::edit::close::{LeftOver, aligned, closed};
 use kinelm_generate::edit::feet;
+use kinelm_generate::edit::gap::{ClosingError, aligned, close};
 use kinelm_generate::edit::mask::Mask;
-use kinelm_generate::edit::splice::lengthened;
-use kinelm_generate::sampling::Draw;
-use kinelm_generate::{NextToken, SamplingPlan, dances, variation_seed};
+use kinelm_generate::edit::splice::extended;
+use kinelm_generate::sampling::Sampling;
+use kinelm_generate::{NextToken, SamplingPlan, sample, variation_seed};
 use kinelm_model::goal::{GoalEncoder, GoalTrack};
 use kinelm_motion::rotation::slerp;
 use kinelm_motion::{Clip, Vec3};
 use kinelm_tokenizer::Tokenizer;
 use serde::Serialize;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Frames before a gap that the model is given, at most.
 pub(super) const CONTEXT_FRAMES: usize = 64;
@@ -119,7 +120,7 @@ pub struct Filler<'a> {
     /// Its conditions; every label is unknown.
     pub conditions: &'a Conditions,
     /// How is drawn.
-    pub draw: Draw,
+    pub draw: Sampling,
     /// The seed; every gap has one of its own, made from it.
     pub seed: u64,
     /// Whether feet are held.
@@ -175,34 +176,29 @@ impl Filler<'_> {
             (0..frames).flat_map(|frame| std::iter::repeat_n(is_so(frame), characters)).collect()
         };
         let given = flags(&|frame| !gap.frames.contains(&frame));
-        let foretold = flags(&|frame| frame == gap.frames.end);
+        let lookahead = flags(&|frame| frame == gap.frames.end);
         let front = self.conditions.asked(&[])?;
         let words = gap.frames.end + 1;
         let seed = variation_seed(self.seed, index);
-        let course = self
-            .ahead
-            .as_ref()
-            .map(|(ahead, scale)| (GoalTrack::new(ahead.clone(), ahead.codes(&gap.ids), given.clone(), 0), *scale));
+        let goals = |ahead: &GoalEncoder| GoalTrack::new(ahead.clone(), ahead.codes(&gap.ids), given.clone(), 0);
         let plan = SamplingPlan {
-            course: course.as_ref().map(|(course, _)| course),
-            ahead: course.as_ref().map_or(0.0, |(_, scale)| *scale),
-            given: &given,
-            foretold: &foretold,
-            prompt: &gap.ids,
-            front: &front,
+            goals: self.ahead.as_ref().map(|(ahead, _)| Arc::new(goals(ahead))),
+            goal_guidance: self.ahead.as_ref().map_or(0.0, |(_, scale)| *scale),
+            given: given.clone(),
+            lookahead,
+            prompt: gap.ids.clone(),
+            fronts: vec![(0, front)],
             ..SamplingPlan::free(self.tokenizer.grammar(), words, self.draw, seed)
         };
-        let drawn = dances(self.model, &plan, &mut |_| {})?;
-        let mut samples = Vec::with_capacity(drawn.ids.len());
-        for (ids, foretold) in drawn.ids.into_iter().zip(drawn.foretold) {
-            let mut ids = ids;
-            foretold.into_iter().for_each(|(at, id)| ids[at] = id);
-            let dance = lengthened(&decode(&ids)?, frames)?;
+        let sampled = sample(self.model, &plan, &mut |_| {})?;
+        let mut samples = Vec::with_capacity(sampled.ids.len());
+        for i in 0..sampled.ids.len() {
+            let dance = extended(&decode(&sampled.with_lookahead(i))?, frames)?;
             let mut dance = aligned(&dance, &truth, &mask)?;
             if self.lock_feet {
-                dance = feet::held(&dance, &truth, &mask, 0.0)?.0;
+                dance = feet::lock_gaps(&dance, &truth, &mask, 0.0)?.0;
             }
-            let (clip, left) = closed(&dance, &truth, &mask)?;
+            let (clip, left) = close(&dance, &truth, &mask)?;
             let left = left.into_iter().next();
             samples.push((error(&clip, &truth, gap, joints), left));
         }
@@ -222,7 +218,7 @@ struct Filled {
     straight: GapError,
     held: GapError,
     real_jerk: f64,
-    samples: Vec<(GapError, Option<LeftOver>)>,
+    samples: Vec<(GapError, Option<ClosingError>)>,
 }
 
 impl Filled {
@@ -235,8 +231,8 @@ impl Filled {
         errors.min_by(|a, b| a.global_cm.total_cmp(&b.global_cm)).unwrap_or_default()
     }
 
-    fn nearest_end(&self) -> Option<&(GapError, Option<LeftOver>)> {
-        let total = |left: &Option<LeftOver>| left.as_ref().map_or(0.0, LeftOver::total);
+    fn nearest_end(&self) -> Option<&(GapError, Option<ClosingError>)> {
+        let total = |left: &Option<ClosingError>| left.as_ref().map_or(0.0, ClosingError::total);
         self.samples.iter().min_by(|a, b| total(&a.1).total_cmp(&total(&b.1)))
     }
 }
@@ -295,14 +291,14 @@ fn summed(gaps: &[Gap], found: &[Filled]) -> GapReport {
         let interval = interval(gaps, &errors);
         Row { method: method.into(), mean: mean(errors.into_iter()), interval }
     };
-    let left: Vec<&LeftOver> =
+    let left: Vec<&ClosingError> =
         found.iter().flat_map(|f| f.samples.iter().filter_map(|(_, left)| left.as_ref())).collect();
-    let nearest_end: Vec<&LeftOver> = found.iter().filter_map(|f| f.nearest_end()?.1.as_ref()).collect();
-    let within = |left: &[&LeftOver]| {
+    let nearest_end: Vec<&ClosingError> = found.iter().filter_map(|f| f.nearest_end()?.1.as_ref()).collect();
+    let within = |left: &[&ClosingError]| {
         let near = left.iter().filter(|left| left.cm < 10.0 && left.heading_degrees < 10.0).count();
         near as f64 / left.len().max(1) as f64
     };
-    let spread = |of: &dyn Fn(&LeftOver) -> f64| {
+    let spread = |of: &dyn Fn(&ClosingError) -> f64| {
         let mut all: Vec<f64> = left.iter().map(|left| of(left)).collect();
         all.sort_by(f64::total_cmp);
         [0.5, 0.9].map(|share| all.get((share * all.len() as f64) as usize).copied().unwrap_or(0.0))
@@ -376,7 +372,7 @@ mod tests {
     fn figures_are_of_the_draws_they_name() {
         let gap_error = |cm: f64| GapError { global_cm: cm, root_cm: cm / 2.0, border_jerk: 1.0 };
         let left = |cm: f64, degrees: f64| {
-            Some(LeftOver { frames: 20..30, cm, heading_degrees: degrees, joints_degrees: 1.0 })
+            Some(ClosingError { frames: 20..30, cm, heading_degrees: degrees, joints_degrees: 1.0 })
         };
         let samples = vec![
             (gap_error(4.0), left(30.0, 2.0)),

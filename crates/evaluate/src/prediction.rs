@@ -6,8 +6,8 @@
 
 use crate::{Error, Result};
 use kinelm_corpus::Conditions;
-use kinelm_generate::sampling::Draw;
-use kinelm_generate::{NextToken, SamplingPlan, dances, variation_seed};
+use kinelm_generate::sampling::Sampling;
+use kinelm_generate::{NextToken, SamplingPlan, sample, variation_seed};
 use kinelm_motion::metric::ShortTerm;
 use kinelm_motion::metric::short_term::HorizonMetrics;
 use kinelm_motion::{Clip, Quat};
@@ -118,7 +118,7 @@ pub struct Predictor<'a> {
     /// Its conditions; every label is unknown.
     pub conditions: &'a Conditions,
     /// How samples are drawn.
-    pub draw: Draw,
+    pub draw: Sampling,
     /// Their seed; every window has one of its own, made from it.
     pub seed: u64,
 }
@@ -189,12 +189,12 @@ impl Predictor<'_> {
         let front = self.conditions.unknown().front(&Default::default());
         let (draw, model) = match (sampled, &mut self.samples) {
             (true, Some(samples)) => (self.draw, &mut **samples),
-            _ => (Draw::greedy(), &mut *self.greedy),
+            _ => (Sampling::greedy(), &mut *self.greedy),
         };
         let plan =
             SamplingPlan::free(tokenizer.grammar(), all - (known - seen), draw, variation_seed(self.seed, index));
-        let plan = SamplingPlan { beginning: &beginning, front: &front, ..plan };
-        let danced = dances(model, &plan, &mut |_| {})?;
+        let plan = SamplingPlan { beginnings: vec![beginning], fronts: vec![(0, front)], ..plan };
+        let danced = sample(model, &plan, &mut |_| {})?;
         let before = tokenizer.ids_of_words(&words.slice(0..known - seen))?;
         let clip = |ids: &Vec<u32>| {
             let words: Words = tokenizer.words_of_ids(&[before.as_slice(), ids].concat()).words;
@@ -299,7 +299,7 @@ mod tests {
             samples: Some(&mut three),
             tokenizer: &tokenizer,
             conditions: &Conditions::none(),
-            draw: Draw::default(),
+            draw: Sampling::default(),
             seed: 1,
         };
         // of 14 words eight are for the target

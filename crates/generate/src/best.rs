@@ -1,40 +1,40 @@
-//! What is said of a dance that is the best of several; `evaluate::dance::judge` finds it.
+//! What is known of a dance that was chosen among several; `kinelm_evaluate::dance::judge` measures it.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// A dance among those that were drawn with it.
+/// The rank of a dance among those that were sampled with it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Best {
-    /// How many were drawn.
+    /// Dances that were sampled.
     pub of: usize,
     /// How many of them are better.
     pub better: usize,
-    /// What was found.
+    /// Its measures.
     pub verdict: Verdict,
 }
 
-/// What was found of one dance, of what was invented in it.
+/// Measures of the generated parts of a dance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Verdict {
-    /// How far it is beyond what is usual, in spreads of real windows, summed over the three below; 0: nowhere.
+    /// Excess over the median of real windows, in their interquartile ranges, summed over the three measures below.
     pub score: f64,
-    /// Share of the steps of standing feet that are faster than 10 cm/s, where feet were invented.
+    /// Share of the steps of feet in contact that are faster than 10 cm/s, where feet are generated.
     pub skate_share: Option<f64>,
-    /// Mean depth of the lowest foot in the floor beyond 2 cm, cm, where feet were invented.
+    /// Mean depth of the lowest foot in the floor beyond 2 cm, cm, where feet are generated.
     pub penetration_cm: Option<f64>,
-    /// Jerk over speed, 1/s^2: jerk alone is larger the faster one dances.
+    /// Jerk over speed, 1/s^2: jerk alone grows with speed.
     pub shake: Option<f64>,
-    /// Seconds until what was invented up to the end stands still for good; `None`: never.
+    /// Seconds until the generated joints freeze for good; `None`: never.
     pub freezes_s: Option<f64>,
-    /// Whether it is a copy of what was trained on, where that was looked for.
+    /// Whether it is a copy of a training clip, where that was checked.
     pub copied: bool,
 }
 
 impl Verdict {
-    /// Why a dance is no good whatever its score; `None` if nothing is known against it.
+    /// Why a dance is bad whatever its score; `None` if nothing speaks against it.
     pub fn doubt(&self) -> Option<String> {
         match self.freezes_s {
             Some(s) => Some(format!("it stands still from {s:.1} s on")),

@@ -1,23 +1,26 @@
-//! Where a dance is from: a file beside it, from which it can be made again.
+//! The sidecar of a dance: a file beside it, from which it can be made again.
 //!
-//! `dance.bvh` has `dance.bvh.kinelm.json`: the recipe, what the model, the tokenizer and the prompt were by their hashes, and
-//! the hash of the dance itself.
+//! `dance.bvh` has `dance.bvh.kinelm.json`: the resolved request, the hashes of model, tokenizer, prompt and music, and the hash
+//! of the dance itself.
 
-use super::best::Best;
-use super::open::OpenRequest;
-use super::request::Resolved;
+use crate::best::Best;
+use crate::open::OpenRequest;
+use crate::output::Generated;
+use crate::request::{Resolved, Timeline};
+use crate::sampler::variation_seed;
 use crate::{Error, Result};
+use kinelm_model::CheckpointChoice;
 use kinelm_motion::format::ReadOptions;
-use kinelm_store::output::Outputs;
+use kinelm_store::output::{Ours, Outputs};
 use kinelm_store::sidecar::{self, FileHash, name_of, path_of};
 use kinelm_store::{FileRecord, files, hash, input};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// The layout that this program writes and reads.
-const SCHEMA: u32 = 3;
+/// The version of the layout.
+const SCHEMA: u32 = 4;
 
-/// What the file holds.
+/// What a sidecar holds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
@@ -29,22 +32,22 @@ pub struct Provenance {
     pub output: FileHash,
     /// How it is read.
     pub read: ReadOptions,
-    /// Seconds of it, as it is read, in which something was made anew while the rest is as it was given; none where all of it
-    /// was made.
+    /// The parts of it, in seconds as it is read, that are generated while the rest is given; empty where all of it is
+    /// generated.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub anew_s: Vec<[f64; 2]>,
-    /// SHA-256 of the dance that this one takes the place of: this file is written first, and until the dance is too the
-    /// other one stands there.
+    pub generated_s: Vec<[f64; 2]>,
+    /// SHA-256 of the dance that this one replaces: the sidecar is written first, and until the dance is written too the other
+    /// one is there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub replaces: Option<String>,
-    /// Which of the dances drawn side by side it is, from 1.
+    /// Its number among the dances sampled side by side, from 1.
     pub variation: usize,
-    /// Where it stands among them, if the best were looked for.
+    /// Its rank among them, where the best was chosen.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub best: Option<Best>,
-    /// What decides it. Its frames are never left out.
-    pub recipe: Resolved,
-    /// Updates that the model's checkpoint had.
+    /// The request that makes it. Its frames are never left out.
+    pub request: Resolved,
+    /// Training updates of the model's checkpoint.
     pub step: u64,
     /// SHA-256 of the weights' file.
     pub weights_sha256: String,
@@ -57,32 +60,32 @@ pub struct Provenance {
     pub music_sha256: Option<String>,
 }
 
-/// Music that a dance was made to.
+/// The music that a dance was made to.
 #[derive(Debug, Clone, PartialEq)]
-pub struct MadeTo {
+pub struct DanceMusic {
     /// Its file.
     pub path: PathBuf,
     /// Its time when the dance begins, seconds.
     pub from_s: f64,
-    /// SHA-256 of its file then, where that was kept.
+    /// SHA-256 of its file when the dance was made, if known.
     pub sha256: Option<String>,
 }
 
-impl MadeTo {
-    /// Refuses a file that isn't the one that was danced to.
+impl DanceMusic {
+    /// Refuses a file that has changed since the dance was made.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::Call`] for one that has changed.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::Invalid`] with both hashes.
     pub fn check(&self) -> Result<()> {
-        let now = hash::of_file(&self.path)?;
-        match self.sha256.as_ref().is_none_or(|then| *then == now) {
-            true => Ok(()),
-            false => Err(Error::call(format!("{} has changed since the dance was made", self.path.display()))),
+        let found = hash::of_file(&self.path)?;
+        match &self.sha256 {
+            Some(expected) => check_hash(&format!("{}: the music", self.path.display()), expected, &found),
+            None => Ok(()),
         }
     }
 }
 
-/// What is told of `dance` beside it; `None` where nothing is, or of another file, or of another model than a GPT.
+/// The sidecar of `dance`; `None` where there is none, or it belongs to another file or to a dance of another kind of model.
 ///
 /// # Errors
 /// Those of [`Provenance::load`].
@@ -91,52 +94,80 @@ pub fn find(dance: &Path) -> Result<Option<Provenance>> {
     if !path.exists() || sidecar::is_of_kind(&path, &OTHERS.map(|[key, ..]| key)) {
         return Ok(None);
     }
-    Ok(Some(Provenance::load(&path)?).filter(|told| told.output.file == name_of(dance)))
+    Ok(Some(Provenance::load(&path)?).filter(|found| found.output.file == name_of(dance)))
 }
 
-/// Models besides GPTs whose dances have sidecars: the key that tells, what the dance is, and what makes it again.
+/// Models besides GPTs whose dances have sidecars: the key that identifies them, what the dance is, and what makes it again.
 const OTHERS: [[&str; 3]; 2] = [
     ["aclstm", "a dance of an auto-conditioned LSTM", "kinelm aclstm generate makes it again"],
     ["music_lstm", "a dance of a music LSTM", "kinelm music-lstm generate makes it again"],
 ];
 
-impl Provenance {
-    /// Of a dance that is to be written at a rate, by its bytes.
+/// Where the files of a dance are, if they have moved since it was made.
+#[derive(Debug, Clone, Default)]
+pub struct Moved {
+    /// The run folder.
+    pub run: Option<PathBuf>,
+    /// The prompt.
+    pub prompt: Option<PathBuf>,
+    /// A timeline of the same clips.
+    pub timeline: Option<PathBuf>,
+    /// The music.
+    pub music: Option<PathBuf>,
+}
+
+impl OpenRequest {
+    /// Samples one dance and writes it with its sidecar. The extension says the format.
     ///
     /// # Errors
-    /// The prompt can't be read.
-    pub fn of(ready: &OpenRequest, variation: usize, (dance, fps): (&Path, f64), bytes: &[u8]) -> Result<Provenance> {
-        let lead_in_from = ready.lead_in(variation.saturating_sub(1)).map(|lead_in| lead_in.from.clone());
-        let recipe = Resolved { frames: Some(ready.frames), lead_in_from, ..ready.recipe.clone() };
-        let prompt = ready.prompt.as_ref().map(|prompt| prompt.clip.sha256.clone());
-        Ok(Provenance {
+    /// What sampling and decoding fail with; a file in the way that is no dance with its sidecar, see [`Outputs::write`].
+    pub fn write(&self, out: impl AsRef<Path>) -> Result<()> {
+        let out = out.as_ref();
+        let generated = self.motion(&self.words(&self.sample(1, None, &mut |_| {})?, 0), out)?;
+        let bytes = generated.bytes(out)?;
+        let is_file = |path: &Path| Ok(sidecar::is_beside_its_file(path) || sidecar::has_hash_of(path)?);
+        let dances = Ours { is_marked: |_| false, is_file, owner: |_| None };
+        let request = &self.resolved;
+        let prompt = request.prompt.iter().flat_map(|prompt| prompt.files());
+        let music = request.music.iter().map(|music| music.path.clone());
+        let outputs = Outputs::new(dances, prompt.chain(music).chain([request.run.clone()]), false);
+        Provenance::of(self, 1, (out, generated.motion.clip.fps()), &bytes).write(out, &bytes, &outputs)
+    }
+}
+
+impl Provenance {
+    /// The sidecar of a variation that is to be written to `dance` at a rate, with these bytes.
+    pub fn of(open: &OpenRequest, variation: usize, (dance, fps): (&Path, f64), bytes: &[u8]) -> Provenance {
+        let lead_in_from = open.lead_in(variation.saturating_sub(1)).map(|lead_in| lead_in.from.clone());
+        let request = Resolved { frames: Some(open.frames), lead_in_from, ..open.resolved.clone() };
+        Provenance {
             schema: SCHEMA,
             kinelm: env!("CARGO_PKG_VERSION").into(),
             output: FileHash { file: name_of(dance), sha256: FileRecord::of(bytes).sha256 },
-            read: ReadOptions { fps_source: Some(fps), ..ready.read_back(dance) },
-            anew_s: ready.anew_s(),
+            read: ReadOptions { fps_source: Some(fps), ..open.read_back(dance) },
+            generated_s: open.generated_s(),
             replaces: None,
             variation,
             best: None,
-            recipe,
-            step: ready.run.state.step,
-            weights_sha256: ready.run.weights_sha256(),
-            tokenizer_sha256: ready.tokenizer.hash(),
-            prompt_sha256: prompt,
-            music_sha256: ready.music.as_ref().map(|music| music.sha256.clone()),
-        })
+            request,
+            step: open.run.state.step,
+            weights_sha256: open.run.weights_sha256(),
+            tokenizer_sha256: open.tokenizer.hash(),
+            prompt_sha256: open.prompt.as_ref().map(|prompt| prompt.clip.sha256.clone()),
+            music_sha256: open.music.as_ref().map(|music| music.sha256.clone()),
+        }
     }
 
-    /// The music that the dance was made to, if it was.
-    pub fn music(&self) -> Option<MadeTo> {
-        let music = self.recipe.music.as_ref()?;
-        Some(MadeTo { path: music.path.clone(), from_s: music.from_s, sha256: self.music_sha256.clone() })
+    /// The music that the dance was made to, if any.
+    pub fn music(&self) -> Option<DanceMusic> {
+        let music = self.request.music.as_ref()?;
+        Some(DanceMusic { path: music.path.clone(), from_s: music.from_s, sha256: self.music_sha256.clone() })
     }
 
-    /// Reads such a file.
+    /// Reads a sidecar.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Io`], [`kinelm_store::Error::File`] for text that is no such file or of another version.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] for text that is no sidecar, or of another version.
     pub fn load(path: &Path) -> Result<Provenance> {
         Provenance::parse(path, &input::text(path).map_err(Error::io(path))?)
     }
@@ -152,53 +183,132 @@ impl Provenance {
             let (found, expected) = (format!("schema {}", value["schema"]), format!("schema {SCHEMA}: {expected}"));
             return Err(Error::file(path, found, expected, "make it again with this version"));
         }
-        let told: Provenance =
+        let parsed: Provenance =
             serde_json::from_value(value).map_err(|e| Error::file(path, e.to_string(), expected, ""))?;
-        if !files::is_plain(&told.output.file) {
+        if !files::is_plain(&parsed.output.file) {
             let expected = "the name of a dance beside this file, without a folder";
-            return Err(Error::file(path, format!("`{}`", told.output.file), expected, "it isn't as it was written"));
+            let help = "it isn't as it was written";
+            return Err(Error::file(path, format!("`{}`", parsed.output.file), expected, help));
         }
-        Ok(told)
+        Ok(parsed)
     }
 
-    /// Writes it beside the dance, then the dance: whenever this is cut short, what stands there is known by a hash.
+    /// Writes the sidecar, then the dance: wherever this is interrupted, the file that is there is known by its hash.
     ///
     /// # Errors
     /// What [`Outputs::write`] refuses; a path that isn't UTF-8, which JSON can't hold.
     pub fn write(mut self, dance: &Path, bytes: &[u8], outputs: &Outputs) -> Result<()> {
         let sha256 = self.output.sha256.clone();
-        Ok(sidecar::write_beside(dance, bytes, &sha256, outputs, |before| {
-            self.replaces = before;
+        Ok(sidecar::write_beside(dance, bytes, &sha256, outputs, |replaced| {
+            self.replaces = replaced;
             serde_json::to_string_pretty(&self)
         })?)
     }
 
-    /// Refuses a model, a tokenizer, a prompt or music that is not the one that made the dance.
+    /// The request that makes this dance, its variation's seed in place, with its files where they are now.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] that names what has changed, with both hashes.
-    pub fn check(&self, ready: &OpenRequest) -> Result<()> {
-        let prompt = ready.prompt.as_ref().map(|prompt| prompt.clip.sha256.clone());
-        let (run, tokenizer) = (ready.recipe.run.display(), ready.run.tokenizer.display());
-        same(&format!("{run}: the weights at step {}", self.step), &self.weights_sha256, &ready.run.weights_sha256())?;
-        same(&format!("{tokenizer}: the tokenizer"), &self.tokenizer_sha256, &ready.tokenizer.hash())?;
-        if let (Some(before), Some(now), Some(recipe)) = (&self.prompt_sha256, &prompt, &ready.recipe.prompt) {
-            let what = match recipe.plan {
-                Some(_) => "what the plan makes of its clips".into(),
-                None => format!("{}: the prompt", recipe.path.display()),
+    /// A file that has moved and that the dance doesn't have; a timeline that can't be read or has other labels.
+    pub fn request_at(&self, moved: &Moved) -> Result<Resolved> {
+        let mut request = self.request.clone();
+        request.seed = variation_seed(request.seed, self.variation.saturating_sub(1));
+        if let Some(run) = &moved.run {
+            request.run.clone_from(run);
+        }
+        let none = |name: &str, why: &str| Err(Error::unsupported(format!("`{name}`"), why));
+        match (&moved.prompt, &moved.timeline, request.prompt.as_mut()) {
+            (None, None, _) => {}
+            (Some(path), None, Some(prompt)) if prompt.timeline.is_none() => prompt.path.clone_from(path),
+            (None, Some(path), Some(prompt)) if prompt.timeline.is_some() => {
+                let (timeline, layout) = Timeline::load(path)?;
+                if let Some(other) = layout.labels.iter().find(|label| !request.timed_labels.contains(label)) {
+                    let found = format!("{} with {other}", path.display());
+                    return Err(Error::invalid("`timeline`", found, "the labels that the dance was made with"));
+                }
+                prompt.path = layout.path().to_owned();
+                prompt.timeline = Some(timeline);
+            }
+            (Some(_), _, Some(_)) => {
+                return none("prompt", "the dance has a timeline instead; name one of the same clips");
+            }
+            (Some(_), _, None) => return none("prompt", "the dance has none; leave it out"),
+            (None, Some(_), _) => return none("timeline", "the dance has none; leave it out"),
+        }
+        match (&moved.music, &mut request.music) {
+            (Some(path), Some(music)) => music.path.clone_from(path),
+            (Some(_), None) => return none("music", "the dance has none; leave it out"),
+            (None, _) => {}
+        }
+        Ok(request)
+    }
+
+    /// Opens a request of [`Provenance::request_at`] with the checkpoint that made the dance.
+    ///
+    /// # Errors
+    /// Those of [`OpenRequest::load`]; weights, a tokenizer, a prompt or music that have changed since, with both hashes.
+    pub fn open(&self, request: Resolved) -> Result<OpenRequest> {
+        let open = OpenRequest::load(request, CheckpointChoice::Step(self.step))?;
+        let (run, tokenizer) = (open.resolved.run.display(), open.run.tokenizer.display());
+        let weights = format!("{run}: the weights at step {}", self.step);
+        check_hash(&weights, &self.weights_sha256, &open.run.weights_sha256())?;
+        check_hash(&format!("{tokenizer}: the tokenizer"), &self.tokenizer_sha256, &open.tokenizer.hash())?;
+        if let (Some(expected), Some(prompt), Some(request)) =
+            (&self.prompt_sha256, &open.prompt, &open.resolved.prompt)
+        {
+            let what = match request.timeline {
+                Some(_) => "the clip that the timeline is composed into".into(),
+                None => format!("{}: the prompt", request.path.display()),
             };
-            same(&what, before, now)?;
+            check_hash(&what, expected, &prompt.clip.sha256)?;
         }
-        if let (Some(before), Some(now), Some(recipe)) = (&self.music_sha256, &ready.music, &ready.recipe.music) {
-            same(&format!("{}: the music", recipe.path.display()), before, &now.sha256)?;
+        if let (Some(expected), Some(music), Some(request)) = (&self.music_sha256, &open.music, &open.resolved.music) {
+            check_hash(&format!("{}: the music", request.path.display()), expected, &music.sha256)?;
         }
-        Ok(())
+        Ok(open)
+    }
+
+    /// Makes the dance again, to be written to `out`: the same bytes. `open` is of [`Provenance::open`]; `guesses` and
+    /// `progress` as in [`OpenRequest::sample`].
+    ///
+    /// # Errors
+    /// What sampling and decoding fail with; other bytes, as other processors or devices may give.
+    pub fn regenerate(
+        &self,
+        open: &OpenRequest,
+        out: &Path,
+        guesses: Option<usize>,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<(Generated, Vec<u8>)> {
+        let generated = open.motion(&open.words(&open.sample(1, guesses, progress)?, 0), out)?;
+        let bytes = generated.bytes(out)?;
+        let found = FileRecord::of(&bytes).sha256;
+        if found == self.output.sha256 {
+            return Ok((generated, bytes));
+        }
+        let (then, now) = (&self.request.computing.kernels, kinelm_engine::dispatch::name());
+        let (version, this) = (&self.kinelm, env!("CARGO_PKG_VERSION"));
+        let what = format!(
+            "the dance came out different: SHA-256 {found}, then {}; it was made by kinelm {version} with the kernels {then}, \
+             this is {this} with {now}. Nothing was written",
+            self.output.sha256,
+        );
+        Err(Error::Work(what.into()))
+    }
+
+    /// The sidecar of the same dance at `out`, written at a rate.
+    pub fn copied_to(self, out: &Path, open: &OpenRequest, fps: f64) -> Provenance {
+        let output = FileHash { file: name_of(out), ..self.output };
+        let read = ReadOptions { fps_source: Some(fps), ..open.read_back(out) };
+        let request = Resolved { seed: self.request.seed, ..open.resolved.clone() };
+        Provenance { output, read, request, kinelm: env!("CARGO_PKG_VERSION").into(), ..self }
     }
 }
 
-fn same(what: &str, before: &str, now: &str) -> Result<()> {
-    if before == now {
+/// Refuses an input that has changed since the dance was made.
+fn check_hash(what: &str, expected: &str, found: &str) -> Result<()> {
+    if expected == found {
         return Ok(());
     }
-    Err(Error::call(format!("{what} has changed since the dance was made: SHA-256 {now}, then {before}")))
+    let expected = format!("{expected}: it has changed since the dance was made");
+    Err(Error::invalid(what, format!("SHA-256 {found}"), expected))
 }

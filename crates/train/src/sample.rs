@@ -6,7 +6,7 @@ use candle_core::Tensor;
 use kinelm_generate as generate;
 use kinelm_generate::SamplingPlan;
 use kinelm_generate::prompt::on_model_rig;
-use kinelm_generate::sampling::{Draw, TOP_P};
+use kinelm_generate::sampling::{Sampling, TOP_P};
 use kinelm_model::run::{TOKENIZER, load_tokenizer};
 use kinelm_model::{Gpt, Reader, ReaderOptions};
 use kinelm_motion::format;
@@ -40,10 +40,14 @@ fn draw(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>
     // no condition is asked for
     let mut front = vec![Special::Unk.id(); file.tokens.front];
     front[0] = Special::Bos.id();
-    let mut plan =
-        SamplingPlan::free(tokenizer.grammar(), words, Draw { top_p: Some(TOP_P), ..Draw::default() }, file.train.seed);
-    plan.front = &front;
-    let ids = generate::dance(&mut reader, &plan, &mut |_| ())?;
+    let mut plan = SamplingPlan::free(
+        tokenizer.grammar(),
+        words,
+        Sampling { top_p: Some(TOP_P), ..Sampling::default() },
+        file.train.seed,
+    );
+    plan.fronts = vec![(0, front)];
+    let ids = generate::sample_one(&mut reader, &plan, &mut |_| ())?;
     let clip = tokenizer.decode(&tokenizer.words_of_ids(&ids).words, UncodedPose::Identity)?.slice(0..frames);
     let folder = run.join("samples");
     std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;

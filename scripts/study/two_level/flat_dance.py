@@ -15,7 +15,7 @@ def make(tag, extra, length):
         for k, (name, x) in enumerate(sal):
             f = out / f"{tag}-{name.replace('/', '_')}-{T}-{p}.bvh"
             subprocess.run(["./kinelm", "generate", "--run", run, "--prompt", f"data/cmu-dance/{name}.bvh", "--fps-source", "60", "--skip", "10", "--from-frame", "20",
-                "--frames", str(length), "--temperature", str(T), "--top-p", str(p), "--variations", str(draws), "--rest-joints", "training", "--out", str(f), "--seed", str(7 + k), "--threads", "1", "--force", "--quiet", *extra], check=True, cwd=HERE)
+                "--frames", str(length), "--temperature", str(T), "--top-p", str(p), "--variations", str(draws), "--uncoded-joints", "training", "--out", str(f), "--seed", str(7 + k), "--threads", "1", "--force", "--quiet", *extra], check=True, cwd=HERE)
             for d in range(1, draws + 1):
                 g = f.with_name(f.stem + f"-{d}.bvh"); z = g.with_suffix(".npz")
                 subprocess.run(["./kinelm", "convert", str(g), str(z), "--positions", "--quiet", "--up", "y"], cwd=HERE, check=False)

@@ -76,17 +76,17 @@ fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, (odd, say): (&O
     let told = told_of(path, say);
     let sha256 = followed(path, told.as_ref())?;
     let dance = read_dance(corpus, path, told.as_ref(), options, odd)?;
-    let prompt = told.as_ref().and_then(|told| told.recipe.prompt.as_ref());
+    let prompt = told.as_ref().and_then(|told| told.request.prompt.as_ref());
     let itself = || (prompt.map_or(path, |prompt| &prompt.path).display().to_string(), false);
     let (take, in_training) = take_of(corpus, &sha256).unwrap_or_else(itself);
-    let prompted = told.and_then(|told| held_to_prompt(&dance, path, &told.recipe, corpus.tokenizer(), say));
+    let prompted = told.and_then(|told| held_to_prompt(&dance, path, &told.request, corpus.tokenizer(), say));
     Ok(MeasuredDance { dance, take, in_training, prompted })
 }
 
 /// The hashes of what a dance goes on from, or of itself.
 fn followed(path: &Path, told: Option<&Provenance>) -> Result<Vec<String>> {
-    let prompt = told.and_then(|told| told.recipe.prompt.as_ref());
-    if let Some(plan) = prompt.and_then(|prompt| prompt.plan.as_ref()) {
+    let prompt = told.and_then(|told| told.request.prompt.as_ref());
+    if let Some(plan) = prompt.and_then(|prompt| prompt.timeline.as_ref()) {
         let given = plan.segments.iter().filter_map(|segment| plan.clips.get(segment.clip.as_ref()?));
         return Ok(given.map(|clip| hash::of_file(&clip.file)).collect::<kinelm_store::Result<_>>()?);
     }

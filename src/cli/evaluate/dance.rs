@@ -10,7 +10,7 @@ use crate::corpus::music::piece::Piece;
 use crate::evaluate::dance::fidelity::fidelity;
 use crate::evaluate::dance::prompt::PromptMetrics;
 use crate::evaluate::dance::{Dance, Reference};
-use crate::generate::prompt::given_places;
+use crate::generate::prompt::given_characters;
 use crate::generate::provenance::{self, Provenance};
 use crate::generate::request::Resolved;
 use anyhow::Result;
@@ -112,10 +112,10 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
             Some(field) => asked_label(&corpus, field, path, told.as_ref())?,
             None => None,
         });
-        let recipe = told.map(|told| told.recipe);
+        let recipe = told.map(|told| told.request);
         let followed = recipe.as_ref().and_then(|r| joints::parse(r.prompt.as_ref()?.joints.as_ref()?).ok());
         joints_given.extend(followed.iter().flat_map(|followed| followed.joints.iter().copied()));
-        let places = followed.and_then(|followed| given_places(tokenizer, &followed).ok());
+        let places = followed.and_then(|followed| given_characters(tokenizer, &followed).ok());
         // what was given to one dance alone may be a copy in the others
         let places = places.unwrap_or_default();
         given = Some(given.map_or(places.clone(), |given| if given == places { given } else { Vec::new() }));
@@ -154,15 +154,15 @@ fn asked_label(corpus: &Corpus, field: &str, path: &Path, told: Option<&Provenan
         record.labels.get(field).cloned()
     };
     let Some(told) = told else { return Ok(of_clip(&hash::of_file(path)?)) };
-    if told.recipe.prompt.as_ref().is_some_and(|prompt| prompt.edit.is_some()) {
+    if told.request.prompt.as_ref().is_some_and(|prompt| prompt.edit.is_some()) {
         return Ok(None);
     }
-    let mut timed = told.recipe.timed_labels.iter().filter(|label| label.field == field).peekable();
+    let mut timed = told.request.timed_labels.iter().filter(|label| label.field == field).peekable();
     if let Some(first) = timed.peek().map(|label| label.value.clone()) {
         return Ok(timed.all(|label| label.value == first).then_some(first));
     }
     let of_prompt = || of_clip(told.prompt_sha256.as_ref()?);
-    Ok(told.recipe.labels.get(field).cloned().or_else(of_prompt))
+    Ok(told.request.labels.get(field).cloned().or_else(of_prompt))
 }
 
 /// The beats that the dances are held to, if the call names any, seconds from their first frame: one for all, or one for each.

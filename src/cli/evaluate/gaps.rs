@@ -4,8 +4,8 @@ use crate::cli::draw::DrawArgs;
 use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
 use crate::corpus::Split;
 use crate::evaluate::gaps::{Filler, GapReport, frames_before, gaps};
-use crate::generate::conditions::check_ahead;
-use crate::generate::open::AHEAD;
+use crate::generate::open::GOAL_GUIDANCE;
+use crate::generate::open::check_goal_guidance;
 use crate::generate::reader;
 use crate::model::goal::GoalEncoder;
 use crate::model::{CheckpointChoice, LoadedRun, load_run};
@@ -34,9 +34,9 @@ pub struct Args {
     #[arg(long, default_value_t = 10, value_name = "K", value_parser = clap::value_parser!(u8).range(1..=64))]
     draws: u8,
     /// How far the model is led to what lies behind a gap, as in `generate`: 0 not at all, 1 as learned. If not given, 2 where
-    /// it was trained for it (model.goal)
+    /// it was trained for it (model.goal_guidance)
     #[arg(long, value_name = "G")]
-    ahead: Option<f64>,
+    goal_guidance: Option<f64>,
     /// Feet are held, as `generate --feet lock` does
     #[arg(long)]
     feet: bool,
@@ -68,7 +68,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         return Err(WrongCall(what).into());
     }
     let conditions = run.load_conditions()?;
-    let ahead = ahead(args.ahead, &run, &tokenizer)?;
+    let ahead = ahead(args.goal_guidance, &run, &tokenizer)?;
     // a second reading, which is told nothing
     let streams = if ahead.as_ref().is_some_and(|(_, scale)| *scale != 1.0) { 2 } else { 1 };
     let mut model = reader(&run, args.compute.get(), args.reading.get(streams * usize::from(args.draws)))?;
@@ -101,8 +101,8 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
 
 /// How the model is told ahead, if it is.
 fn ahead(asked: Option<f64>, run: &LoadedRun, tokenizer: &Tokenizer) -> Result<Option<(GoalEncoder, f64)>> {
-    let scale = asked.unwrap_or(if run.config.goal { AHEAD } else { 0.0 });
-    check_ahead(scale, run).map_err(|e| WrongCall(e.to_string()))?;
+    let scale = asked.unwrap_or(if run.config.goal { GOAL_GUIDANCE } else { 0.0 });
+    check_goal_guidance(scale, run).map_err(|e| WrongCall(e.to_string()))?;
     Ok(if scale == 0.0 { None } else { Some((GoalEncoder::of(tokenizer)?, scale)) })
 }
 

@@ -8,7 +8,7 @@ use crate::corpus::gather::Item;
 use crate::corpus::load::{Wanted, item_options};
 use crate::corpus::{Split, gather::Gathered};
 use crate::evaluate::prediction::{Predictor, Row, TIMES_MS, Window, baselines, windows};
-use crate::generate::sampling::Draw;
+use crate::generate::sampling::Sampling;
 use crate::generate::{NextToken, reader};
 use crate::model::{CheckpointChoice, ReaderOptions, load_run};
 use anyhow::Result;
@@ -84,7 +84,7 @@ fn without_model(args: &Args, say: Say) -> Result<()> {
 }
 
 /// A model beside these.
-fn of_model(args: &Args, run: &Path, draw: Draw, say: Say) -> Result<()> {
+fn of_model(args: &Args, run: &Path, draw: Sampling, say: Say) -> Result<()> {
     let run = load_run(run, CheckpointChoice::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
     let tokenizer = run.load_tokenizer()?;

@@ -36,7 +36,7 @@ impl BestArgs {
         if self.best.is_none() {
             return Ok(None);
         }
-        let path = self.real.clone().map_or_else(|| of_run(&open.recipe.run), Ok)?;
+        let path = self.real.clone().map_or_else(|| of_run(&open.resolved.run), Ok)?;
         let corpus = evaluate::real_corpus(&path, TrustArgs::default())?;
         let (found, expected) = (corpus.tokenizer().hash(), open.tokenizer.hash());
         if found != expected {
@@ -78,7 +78,7 @@ pub fn choose(
     say: Say,
 ) -> Result<Vec<(usize, Best)>> {
     let real = Reference::load(corpus)?;
-    let judge = Judge::new(&real, open.invented())?;
+    let judge = Judge::new(&real, open.free_spans())?;
     let chosen = judge.best(open, dances, &outs[0], outs.len())?;
     let words: Vec<&Words> = chosen.iter().map(|(i, _)| &dances[*i]).collect();
     let bits = open.bits_per_frame(&words).unwrap_or_else(|e| {

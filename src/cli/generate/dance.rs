@@ -6,9 +6,8 @@ use crate::cli::draw::DrawArgs;
 use crate::cli::read::{length, length_in_frames, rate, time};
 use crate::cli::{ComputeArgs, ForceArgs, ReadingArgs, extension, writable, wrong_call};
 use crate::generate::request::{
-    Computing, FootMode, LeadInKind, Length, MusicRequest, PromptRequest, Request, Rig, TimedLabel,
+    Computing, FootMode, LeadInKind, Length, MusicRequest, PromptRequest, Request, Rig, TimedLabel, UncodedJoints,
 };
-use crate::generate::rest::RestJoints;
 use anyhow::{Context, Result};
 use kinelm_motion::moment::Moment;
 use std::collections::BTreeMap;
@@ -40,8 +39,8 @@ pub struct DanceArgs {
     guidance: Option<f64>,
     /// Guidance of gaps (--given, --free) towards what is given after them: 0 none, 1 as trained, up to 10, at twice the time
     /// [default: 2 where the model was trained for it (model.goal)]
-    #[arg(long, value_name = "G", value_parser = ahead, allow_hyphen_values = true)]
-    ahead: Option<f64>,
+    #[arg(long, value_name = "G", value_parser = goal_guidance, allow_hyphen_values = true)]
+    goal_guidance: Option<f64>,
     /// Frames to generate at the model's rate, or a time such as 12s [default: the prompt's length, or the music's]
     #[arg(long, value_name = "N", value_parser = length_in_frames,
         required_unless_present_any = ["prompt", "seconds", "music"])]
@@ -61,7 +60,7 @@ pub struct DanceArgs {
     /// First-frame candidates, where later joints of the first frame are given: the dance continues from the one under which
     /// these are most likely. No truncation applies to them [default: 64; 1 where --tries chooses among whole dances]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
-    starts: Option<u8>,
+    first_frames: Option<u8>,
     /// The second that an unprompted dance continues from, and that is left out of it [default: train, where the run has some]
     #[arg(long, value_enum)]
     lead_in: Option<LeadInKind>,
@@ -71,7 +70,7 @@ pub struct DanceArgs {
     rig: Option<Rig>,
     /// The motion of joints that the model doesn't code [default: follow with a prompt, else training]
     #[arg(long, value_enum, requires_ifs([("follow", "prompt"), ("prompt", "prompt"), ("mean", "prompt")]))]
-    rest_joints: Option<RestJoints>,
+    uncoded_joints: Option<UncodedJoints>,
     /// Lock the feet while they are in contact with the floor, and keep the body on it, or leave all as decoded [default: lock
     /// where no leg is given]
     #[arg(long, value_enum)]
@@ -98,8 +97,8 @@ pub struct DanceArgs {
     compute: ComputeArgs,
 }
 
-fn ahead(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|ahead| (0.0..=10.0).contains(ahead));
+fn goal_guidance(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|scale| (0.0..=10.0).contains(scale));
     number.ok_or("expected a number from 0 (not at all) to 10; 1 is as trained".into())
 }
 
@@ -127,18 +126,18 @@ impl DanceArgs {
             timed_labels,
             music: self.music.clone().map(|path| MusicRequest { path, from_s: music_from.unwrap_or_default().0 }),
             guidance: self.guidance,
-            ahead: self.ahead,
+            goal_guidance: self.goal_guidance,
             length: self.frames.or(self.seconds).map(|length| match length {
                 Moment::Seconds(seconds) => Length::Seconds(seconds),
                 frames => Length::Frames(frames.number() as usize),
             }),
             fps: self.fps,
             lead_in: self.lead_in,
-            starts: self.starts.map(usize::from),
+            first_frames: self.first_frames.map(usize::from),
             seed: self.seed,
-            draw: self.draw.requested()?,
+            sampling: self.draw.requested()?,
             rig: self.rig,
-            rest_joints: self.rest_joints,
+            uncoded_joints: self.uncoded_joints,
             feet: self.feet,
             computing: Computing::new(self.compute.get(), reading.weights, reading.kv),
             ..Request::of(self.run()?)

@@ -2,13 +2,12 @@
 
 use super::dance::DanceArgs;
 use crate::cli::{Say, wrong_call};
-use crate::generate::edit::Edited;
-use crate::generate::edit::close::LeftOver;
-use crate::generate::edit::mask::Understood;
-use crate::generate::edit::round::roughness;
-use crate::generate::followed::Followed;
-use crate::generate::open::Generated;
-use crate::generate::request::{Comes, Edit, PromptRequest, Round, Span, TimedLabel, Timeline};
+use crate::generate::edit::loop_seam::roughness;
+use crate::generate::edit::{ClosingError, PreparedEdit, ResolvedSpan};
+use crate::generate::open::PreparedPrompt;
+use crate::generate::output::Generated;
+use crate::generate::request::{Edit, Loop, LoopKind, PromptRequest, Span, Timeline};
+use crate::generate::timeline::TimelineLayout;
 use anyhow::Result;
 use kinelm_motion::joints::ambiguity_note;
 use kinelm_motion::moment::Moment;
@@ -36,7 +35,7 @@ pub struct EditArgs {
     /// returns, while position and heading go on
     #[arg(long = "loop", value_name = "back|pose", num_args = 0..=1, require_equals = true, default_missing_value = "back",
         requires = "prompt", conflicts_with_all = ["joints", "from_frame", "given", "free", "frames", "seconds"])]
-    round: Option<Comes>,
+    round: Option<LoopKind>,
     /// Seconds at the end that --loop generates: 2s, 2 or 120f (frames of the file); 0.1 to 60
     #[arg(long, value_name = "S", default_value = "2s", requires = "round", value_parser = crate::cli::read::time)]
     loop_over: Moment,
@@ -68,44 +67,45 @@ impl EditArgs {
         let (given, free) = (self.given.clone(), self.free.clone());
         let blend_s = seconds("blend", dance.blend, 0.0, fps)?;
         let over_s = seconds("loop-over", self.loop_over, 0.1, fps)?;
-        let round = self.round.map(|comes| Round { comes, over_s });
-        Ok(self.is_requested().then(|| Edit { given, free, blend_s, tries: dance.tries.into(), round }))
+        let looping = self.round.map(|kind| Loop { kind, over_s });
+        Ok(self.is_requested().then(|| Edit { given, free, blend_s, tries: dance.tries.into(), looping }))
     }
 }
 
-/// The prompt that a timeline makes of its clips, and its labels.
-pub fn of_timeline(path: &Path, dance: &DanceArgs, say: Say) -> Result<(PromptRequest, Vec<TimedLabel>)> {
+/// The prompt that a timeline makes of its clips, and the layout.
+pub fn of_timeline(path: &Path, dance: &DanceArgs, say: Say) -> Result<(PromptRequest, TimelineLayout)> {
     let (timeline, layout) = Timeline::load(path)?;
     layout.notes.iter().for_each(|note| say.line(note));
     let (path, read, given) = (layout.path().to_owned(), layout.read(), layout.given());
     let blend_s = seconds("blend", dance.blend, 0.0, &|| Ok(layout.fps))?;
-    let edit = Edit { given, free: Vec::new(), blend_s, tries: dance.tries.into(), round: None };
-    let prompt = PromptRequest { path, read, joints: None, from_frame: None, plan: Some(timeline), edit: Some(edit) };
-    Ok((prompt, layout.labels))
+    let edit = Edit { given, free: Vec::new(), blend_s, tries: dance.tries.into(), looping: None };
+    let prompt =
+        PromptRequest { path, read, joints: None, from_frame: None, timeline: Some(timeline), edit: Some(edit) };
+    Ok((prompt, layout))
 }
 
 /// Says what was understood of an edit.
-pub fn say_understood(prompt: &Followed, edited: &Edited, say: Say) {
+pub fn say_understood(prompt: &PreparedPrompt, edited: &PreparedEdit, say: Say) {
     let fps = prompt.clip.motion.clip.fps();
     let names = |joints: &[usize]| joints.iter().map(|&j| smpl::NAMES[j]).collect::<Vec<_>>().join(" ");
-    let tell = |word: &str, understood: &Understood| {
-        let Understood { span, joints, uncoded, frames, twice } = understood;
+    let tell = |word: &str, understood: &ResolvedSpan| {
+        let ResolvedSpan { span, joints, uncoded, frames, ambiguous } = understood;
         let (from, to) = (frames.start + edited.left_out, frames.end + edited.left_out);
         let (from_s, to_s) = (frames.start as f64 / fps, frames.end as f64 / fps);
         let (joints, last) = (names(joints), to - 1);
         say.line(format_args!(
             "{word} {span}: {joints}; frames {from} to {last} of the file, {from_s:.2} to {to_s:.2} s"
         ));
-        twice.iter().for_each(|(part, own)| say.line(format_args!("  {}", ambiguity_note(part, own))));
+        ambiguous.iter().for_each(|(part, own)| say.line(format_args!("  {}", ambiguity_note(part, own))));
         if !uncoded.is_empty() {
             let what = "the model doesn't know them; they are the prompt's, and where all that it knows is free, go from their \
                         pose before to that behind";
             say.line(format_args!("  {}: {what}", names(uncoded)));
         }
     };
-    edited.read.given.iter().for_each(|understood| tell("given", understood));
-    edited.read.free.iter().for_each(|understood| tell("free", understood));
-    say.line(match edited.read.given.is_empty() {
+    edited.spans.given.iter().for_each(|understood| tell("given", understood));
+    edited.spans.free.iter().for_each(|understood| tell("free", understood));
+    say.line(match edited.spans.given.is_empty() {
         _ if edited.seam.is_some() => "all else is given; behind it the beginning comes again",
         true => "all else is given",
         false => "all else is free",
@@ -113,17 +113,17 @@ pub fn say_understood(prompt: &Followed, edited: &Edited, say: Say) {
 }
 
 /// Says how far the dance was from its clip where gaps end.
-pub fn say_left(left: &[LeftOver], fps: f64, say: Say) {
+pub fn say_left(left: &[ClosingError], fps: f64, say: Say) {
     for gap in left {
         let (from, to) = (gap.frames.start as f64 / fps, gap.frames.end as f64 / fps);
-        let LeftOver { cm, heading_degrees, joints_degrees, .. } = gap;
+        let ClosingError { cm, heading_degrees, joints_degrees, .. } = gap;
         say.line(format_args!(
             "at {to:.2} s the new frames since {from:.2} s ended {cm:.1} cm and {heading_degrees:.0} degrees of heading from where \
              the clip goes on, joints {joints_degrees:.0} degrees; spread over them"
         ));
     }
     let is_far =
-        |gap: &&LeftOver| gap.cm > FAR_CM || gap.heading_degrees > FAR_DEGREES || gap.joints_degrees > FAR_DEGREES;
+        |gap: &&ClosingError| gap.cm > FAR_CM || gap.heading_degrees > FAR_DEGREES || gap.joints_degrees > FAR_DEGREES;
     let far = left.iter().filter(is_far).count();
     if far > 0 {
         let what = "may look pulled; more --tries, a longer gap or another --seed may end nearer";
@@ -132,7 +132,7 @@ pub fn say_left(left: &[LeftOver], fps: f64, say: Say) {
 }
 
 /// Says how rough the seam of a clip is that goes round.
-pub fn say_seam(edited: &Edited, made: &Generated, say: Say) {
+pub fn say_seam(edited: &PreparedEdit, made: &Generated, say: Say) {
     let Some(seam) = &edited.seam else { return };
     // at another rate than the file's the gap lies elsewhere
     let clip = Some(&made.motion.clip).filter(|clip| clip.frames() == seam.frames());

@@ -6,23 +6,31 @@ use crate::generate::best::Best;
 use crate::generate::open::OpenRequest;
 use crate::generate::provenance::Provenance;
 use crate::generate::request::{MusicRequest, PromptRequest, Request};
+use crate::generate::timeline::TimelineLayout;
 use anyhow::Result;
 use kinelm_store::output::Outputs;
 use kinelm_store::sidecar;
 use kinelm_tokenizer::Words;
 use std::path::{Path, PathBuf};
 
-/// Generates the dances of a request into `outs`; `file` is read besides what the request names.
-pub fn make(args: &DanceArgs, request: Request, outs: &[PathBuf], file: Option<&Path>, say: Say) -> Result<()> {
+/// Generates the dances of a request into `outs`; `timeline` is the file and the layout of its timeline.
+pub fn make(
+    args: &DanceArgs,
+    request: Request,
+    outs: &[PathBuf],
+    timeline: Option<(&Path, TimelineLayout)>,
+    say: Say,
+) -> Result<()> {
+    let (file, layout) = timeline.map(|(file, layout)| (file.to_owned(), layout)).unzip();
     let inputs = (&*request.run, request.prompt.as_ref(), request.music.as_ref());
-    let outputs = outputs(args.force, inputs, file.map(Path::to_owned));
+    let outputs = outputs(args.force, inputs, file);
     // all names, before the first frame
     outputs.check(outs.iter().map(PathBuf::as_path))?;
     for out in outs {
         outputs.check_replaceable(out, None)?;
         outputs.check_replaceable(&sidecar::path_of(out), None)?;
     }
-    let open = OpenRequest::open(&request)?;
+    let open = OpenRequest::open_with(&request, layout)?;
     say::opened(&open, say)?;
     let reference = args.best.reference(&open, say)?;
     let samples = args.best.best.map_or(outs.len(), usize::from);
@@ -38,13 +46,13 @@ pub fn make(args: &DanceArgs, request: Request, outs: &[PathBuf], file: Option<&
         let generated = open.motion(&sampled[i], out)?;
         let bytes = generated.bytes(out)?;
         let fps = generated.motion.clip.fps();
-        Provenance { best, ..Provenance::of(&open, i + 1, (out, fps), &bytes)? }.write(out, &bytes, &outputs)?;
+        Provenance { best, ..Provenance::of(&open, i + 1, (out, fps), &bytes) }.write(out, &bytes, &outputs)?;
         convert::told(out, &generated.motion, say);
         if let Some(from) = open.lead_in(i).map(|lead_in| &lead_in.from) {
             let from_s = from.frame as f64 / open.tokenizer.fps();
             say.line(format_args!("continues from a second of {} (a train clip) at {from_s:.2} s", from.clip));
         }
-        edit::say_left(&generated.left, generated.locked_fps, say);
+        edit::say_left(&generated.errors, generated.locked_fps, say);
         if let Some(edited) = open.prompt.as_ref().and_then(|prompt| prompt.edit.as_ref()) {
             edit::say_seam(edited, &generated, say);
         }
@@ -71,7 +79,7 @@ pub fn outputs(
 /// Samples dances side by side, with a progress bar; returns the words of each.
 pub fn sample(open: &OpenRequest, dances: usize, guesses: Option<u8>, say: Say) -> Result<Vec<Words>> {
     let bar = progress::bar(open.frames as u64, "frames", say);
-    let sampled = open.dance(dances, guesses.map(usize::from), &mut |frames| bar.set_position(frames as u64));
+    let sampled = open.sample(dances, guesses.map(usize::from), &mut |frames| bar.set_position(frames as u64));
     drop(bar);
     let sampled = sampled?;
     if sampled.guessed > 0 {

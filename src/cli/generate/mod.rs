@@ -75,8 +75,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 
 fn timeline(args: &TimelineArgs, say: Say) -> Result<()> {
     let outs = args.dance.outs(true, None)?;
-    let (prompt, labels) = edit::of_timeline(&args.timeline, &args.dance, say)?;
-    make::make(&args.dance, args.dance.request(Some(prompt), labels)?, &outs, Some(&args.timeline), say)
+    let (prompt, layout) = edit::of_timeline(&args.timeline, &args.dance, say)?;
+    let request = args.dance.request(Some(prompt), layout.labels.clone())?;
+    make::make(&args.dance, request, &outs, Some((&args.timeline, layout)), say)
 }
 
 /// The prompt, and what is taken from it.
@@ -91,7 +92,7 @@ fn prompt(args: &Args, path: &Path, say: Say) -> Result<PromptRequest> {
              (--free, --given)"
         );
     }
-    Ok(PromptRequest { path: path.into(), read, joints: args.joints.clone(), from_frame, plan: None, edit })
+    Ok(PromptRequest { path: path.into(), read, joints: args.joints.clone(), from_frame, timeline: None, edit })
 }
 
 /// How a prompt is read: as requested, as its sidecar says, or as a corpus of the run's training has read it.

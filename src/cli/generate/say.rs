@@ -2,10 +2,10 @@
 
 use crate::cli::{Say, warn};
 use crate::corpus::music::tempo;
-use crate::generate::apart::{apart, free_between, free_between_of};
-use crate::generate::edit::Edited;
-use crate::generate::followed::Followed;
+use crate::generate::edit::PreparedEdit;
 use crate::generate::open::OpenRequest;
+use crate::generate::open::PreparedPrompt;
+use crate::generate::output::distance::{free_ancestors, free_ancestors_of_span, given_distance};
 use crate::generate::prompt;
 use crate::generate::request::{PromptRequest, Span};
 use anyhow::Result;
@@ -17,18 +17,18 @@ use std::path::Path;
 /// What the user should know of a request that is open.
 pub fn opened(ready: &OpenRequest, say: Say) -> Result<()> {
     ready.run.notes.iter().for_each(|note| say.line(note));
-    if let Some((prompt, recipe)) = ready.prompt.as_ref().zip(ready.recipe.prompt.as_ref()) {
+    if let Some((prompt, recipe)) = ready.prompt.as_ref().zip(ready.resolved.prompt.as_ref()) {
         of_prompt(ready, prompt, recipe, say)?;
     }
-    let Some((music, recipe)) = ready.music.as_ref().zip(ready.recipe.music.as_ref()) else { return Ok(()) };
+    let Some((music, recipe)) = ready.music.as_ref().zip(ready.resolved.music.as_ref()) else { return Ok(()) };
     let seconds = ready.frames as f64 / ready.tokenizer.fps();
     let (path, bpm) = (recipe.path.display(), music.bpm(seconds).unwrap_or_default());
-    let told = ready.recipe.labels.get(tempo::FIELD).map(|tempo| format!(", told as tempo={tempo}"));
+    let told = ready.resolved.labels.get(tempo::FIELD).map(|tempo| format!(", told as tempo={tempo}"));
     say.line(format_args!("{path}: {bpm:.1} beats a minute{}", told.unwrap_or_default()));
     Ok(())
 }
 
-fn of_prompt(ready: &OpenRequest, prompt: &Followed, recipe: &PromptRequest, say: Say) -> Result<()> {
+fn of_prompt(ready: &OpenRequest, prompt: &PreparedPrompt, recipe: &PromptRequest, say: Say) -> Result<()> {
     warn(&prompt.clip.motion, say);
     if let Some(list) = &recipe.joints {
         not_followed(&ready.tokenizer, list, say)?;
@@ -40,7 +40,7 @@ fn of_prompt(ready: &OpenRequest, prompt: &Followed, recipe: &PromptRequest, say
     }
     if let Some(edited) = &prompt.edit {
         super::edit::say_understood(prompt, edited, say);
-        of_free_between_spans(edited, recipe.plan.is_some(), say);
+        of_free_between_spans(edited, recipe.timeline.is_some(), say);
     }
     let known = prompt.clip.frames();
     if !prompt.given.is_empty() && known < ready.frames {
@@ -62,16 +62,16 @@ fn not_followed(tokenizer: &Tokenizer, list: &str, say: Say) -> Result<()> {
 }
 
 /// Free joints that move given ones, and the call that gives them too.
-fn of_free_between(tokenizer: &Tokenizer, prompt: &Followed, list: &str, say: Say) {
-    offer(&free_between(tokenizer, prompt), list, say, |offer| format!("--joints {offer}"));
+fn of_free_between(tokenizer: &Tokenizer, prompt: &PreparedPrompt, list: &str, say: Say) {
+    offer(&free_ancestors(tokenizer, prompt), list, say, |offer| format!("--joints {offer}"));
 }
 
 /// The same of an edit, or of a plan.
-fn of_free_between_spans(edited: &Edited, is_plan: bool, say: Say) {
+fn of_free_between_spans(edited: &PreparedEdit, is_plan: bool, say: Say) {
     let mut said = BTreeSet::new();
-    for understood in &edited.read.given {
+    for understood in &edited.spans.given {
         let Span { joints, from, to } = &understood.span;
-        let between = free_between_of(edited, understood);
+        let between = free_ancestors_of_span(edited, understood);
         if said.insert((joints.clone(), between.clone())) {
             offer(&between, joints, say, |offer| match is_plan {
                 true => format!("joints = \"{offer}\""),
@@ -102,12 +102,12 @@ fn offer(between: &[usize], list: &str, say: Say, call: impl FnOnce(&str) -> Str
 pub fn read_back(ready: &OpenRequest, words: &Words, out: &Path, say: Say) -> Result<()> {
     let followed = ready.on_own_rig().filter(|(prompt, _)| !prompt.given.is_empty());
     let (Some((prompt, recipe)), tokenizer) = (followed, &ready.tokenizer) else { return Ok(()) };
-    let back = prompt::read_back(out, &ready.recipe, &prompt.clip, tokenizer)?;
+    let back = prompt::read_back(out, &ready.resolved, &prompt.clip, tokenizer)?;
     let Some((motion, again)) = back else { return Ok(()) };
     if let Some(share) = prompt::share_changed(words.codes(), again.codes(), &prompt.given, prompt.clip.words.len()) {
-        let apart = apart(tokenizer, prompt, recipe.read.map.as_deref(), &motion.clip)?;
+        let apart = given_distance(tokenizer, prompt, recipe.read.map.as_deref(), &motion.clip)?;
         let apart = apart
-            .map(|a| format!("; the given joints are {:.2} cm apart in the mean, {:.2} at most", a.mean_cm, a.most_cm));
+            .map(|a| format!("; the given joints are {:.2} cm apart in the mean, {:.2} at most", a.mean_cm, a.max_cm));
         say.line(format_args!(
             "read back from the prompt's rig, {:.4} % of the given characters differ{}",
             100.0 * share,

@@ -6,8 +6,9 @@ use super::form::frames_of_steps;
 use super::run::Trained;
 use crate::{Error, Result, sidecar as told};
 use kinelm_corpus::sidecar::as_written;
+use kinelm_generate::check_frames;
+use kinelm_generate::output::lock_feet;
 use kinelm_generate::request::FootMode;
-use kinelm_generate::{check_frames, feet};
 use kinelm_motion::Motion;
 use kinelm_motion::feet::{FixedParts, FootLock};
 use kinelm_motion::format::{Format, ReadOptions};
@@ -113,7 +114,7 @@ impl Recipe {
         motion.clip = coder.clip(&frames, &skeleton, FPS)?;
         let Some(floor_m) = floor_m else { return Ok(Made { motion, clip_sha256, locked: None }) };
         let fixed = FixedParts { root: false, path: false, legs: [false; 2], frames: kept };
-        let (motion, locked) = feet::held(motion, self.read.map.as_deref(), Some(floor_m), fixed)?;
+        let (motion, locked) = lock_feet(motion, self.read.map.as_deref(), Some(floor_m), fixed)?;
         Ok(Made { motion, clip_sha256, locked: Some(locked) })
     }
 }

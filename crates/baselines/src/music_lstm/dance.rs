@@ -7,7 +7,7 @@ use crate::{Error, Result, sidecar as told};
 use kinelm_corpus::sidecar::as_written;
 use kinelm_generate::check_frames;
 use kinelm_generate::prompt::on_model_rig;
-use kinelm_generate::provenance::{MadeTo, Provenance};
+use kinelm_generate::provenance::{DanceMusic, Provenance};
 use kinelm_motion::Motion;
 use kinelm_motion::format::ReadOptions;
 use kinelm_music::stft::stft;
@@ -52,7 +52,7 @@ pub type Told = told::Told<Recipe>;
 ///
 /// # Errors
 /// The sidecar of a music LSTM that isn't as it was written.
-pub fn music_of(told: Option<&Provenance>, dance: &Path) -> Result<Option<MadeTo>> {
+pub fn music_of(told: Option<&Provenance>, dance: &Path) -> Result<Option<DanceMusic>> {
     if let Some(told) = told {
         return Ok(told.music());
     }
@@ -62,7 +62,7 @@ pub fn music_of(told: Option<&Provenance>, dance: &Path) -> Result<Option<MadeTo
     }
     let told = Told::load(&path)?;
     let from_s = told.recipe.begins_s();
-    let made_to = MadeTo { path: told.recipe.music, from_s, sha256: Some(told.given_sha256) };
+    let made_to = DanceMusic { path: told.recipe.music, from_s, sha256: Some(told.given_sha256) };
     Ok((told.output.file == sidecar::name_of(dance)).then_some(made_to))
 }
 

@@ -10,8 +10,8 @@ use crate::Result;
 use crate::floors::codes::frames;
 use kinelm_corpus::Split;
 use kinelm_generate::best::{Best, Verdict};
-use kinelm_generate::free::Stretch;
 use kinelm_generate::open::OpenRequest;
+use kinelm_generate::output::FreeSpan;
 use kinelm_motion::format::Format;
 use kinelm_motion::metric::{Ground, Skate, jitter_of};
 use kinelm_motion::rig::Feet;
@@ -34,13 +34,13 @@ const COPIED: f64 = 0.1;
 /// Holds dances of one recipe to real ones.
 pub struct Judge<'a> {
     real: &'a Reference<'a>,
-    invented: Vec<Stretch>,
+    invented: Vec<FreeSpan>,
     /// All that were invented in any frame.
     joints: Vec<usize>,
     feet: Feet,
     typical: [Option<Typical>; 3],
     /// Of what was invented up to the end: the frames and joints, and the threshold under which they stand still, cm/s.
-    last: Option<(Stretch, f64)>,
+    last: Option<(FreeSpan, f64)>,
     /// By joints: how near a dance may come to training clips; nobody knows without validation clips.
     limits_cm: Mutex<BTreeMap<Vec<usize>, Option<f64>>>,
 }
@@ -58,7 +58,7 @@ impl<'a> Judge<'a> {
     ///
     /// # Errors
     /// Words that can't be decoded.
-    pub fn new(real: &'a Reference<'a>, invented: Vec<Stretch>) -> Result<Judge<'a>> {
+    pub fn new(real: &'a Reference<'a>, invented: Vec<FreeSpan>) -> Result<Judge<'a>> {
         let mut joints: Vec<usize> = invented.iter().flat_map(|stretch| stretch.joints.iter().copied()).collect();
         joints.sort_unstable();
         joints.dedup();
@@ -72,7 +72,7 @@ impl<'a> Judge<'a> {
             limits_cm: Mutex::default(),
         };
         let of =
-            |clip: Clip| judge.measures(&clip, &[Stretch { frames: 0..clip.frames(), joints: judge.joints.clone() }]);
+            |clip: Clip| judge.measures(&clip, &[FreeSpan { frames: 0..clip.frames(), joints: judge.joints.clone() }]);
         let of_dance = |_, dance: &Dance| Ok(windows(&dance.clip).into_iter().map(of).collect::<Vec<_>>());
         let all: Vec<[Option<f64>; 3]> = real.each(Split::Train, of_dance)?.concat();
         for (i, least) in LEAST.into_iter().enumerate() {
@@ -185,7 +185,7 @@ impl<'a> Judge<'a> {
     }
 
     /// Share of steps that slide, penetration and shaking of what was invented of a clip; of the feet where both legs were.
-    fn measures(&self, clip: &Clip, invented: &[Stretch]) -> [Option<f64>; 3] {
+    fn measures(&self, clip: &Clip, invented: &[FreeSpan]) -> [Option<f64>; 3] {
         let (mut skate, mut ground) = (Skate::default(), Ground::default());
         let (mut jerk, mut speed, mut feet_frames) = (0.0, 0.0, 0);
         for stretch in invented {
@@ -220,7 +220,7 @@ impl<'a> Judge<'a> {
 }
 
 /// The frames of a stretch, as far as the clip has them.
-fn slice(clip: &Clip, stretch: &Stretch) -> Clip {
+fn slice(clip: &Clip, stretch: &FreeSpan) -> Clip {
     let end = stretch.frames.end.min(clip.frames());
     clip.slice(stretch.frames.start.min(end)..end)
 }
@@ -251,8 +251,8 @@ mod tests {
         (dir, corpus)
     }
 
-    fn all(frames: usize) -> Vec<Stretch> {
-        vec![Stretch { frames: 0..frames, joints: JOINTS.to_vec() }]
+    fn all(frames: usize) -> Vec<FreeSpan> {
+        vec![FreeSpan { frames: 0..frames, joints: JOINTS.to_vec() }]
     }
 
     /// The same dance at other places.
@@ -309,11 +309,11 @@ mod tests {
         let wrong =
             |f: usize| if f < 100 { Vec3::Y * if f.is_multiple_of(2) { -0.5 } else { -0.6 } } else { Vec3::ZERO };
         let dance = moved(&test, wrong);
-        let of = |invented: Vec<Stretch>| Judge::new(&real, invented).unwrap().verdict(&dance);
-        let (whole, later) = (of(all(200)), of(vec![Stretch { frames: 100..200, joints: JOINTS.to_vec() }]));
+        let of = |invented: Vec<FreeSpan>| Judge::new(&real, invented).unwrap().verdict(&dance);
+        let (whole, later) = (of(all(200)), of(vec![FreeSpan { frames: 100..200, joints: JOINTS.to_vec() }]));
         assert!(whole.penetration_cm.unwrap() > 10.0 && later.penetration_cm.unwrap() < 1.0, "{whole}; {later}");
         assert!(whole.shake > later.shake.map(|x| 1.2 * x), "{whole}; {later}");
-        let arms = of(vec![Stretch { frames: 0..200, joints: vec![18, 19] }]);
+        let arms = of(vec![FreeSpan { frames: 0..200, joints: vec![18, 19] }]);
         assert_eq!((arms.skate_share, arms.penetration_cm), (None, None), "feet that are given aren't judged");
         assert_eq!(of(Vec::new()).score, 0.0);
     }

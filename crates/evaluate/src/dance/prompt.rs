@@ -4,7 +4,7 @@ use super::coded::Dance;
 use super::coordination::{Coordination, coordination};
 use super::report::feet;
 use crate::Result;
-use kinelm_generate::prompt::{Prompt, given_places, read_back, share_changed};
+use kinelm_generate::prompt::{PromptClip, given_characters, read_back, share_changed};
 use kinelm_generate::request::Resolved;
 use kinelm_motion::metric::{Skate, jitter_of};
 use kinelm_motion::{Clip, joints};
@@ -44,8 +44,8 @@ impl PromptMetrics {
         let Some(followed) = &recipe.prompt else { return Ok(None) };
         let Some(list) = &followed.joints else { return Ok(None) };
         let selection = joints::parse(list)?;
-        let places = given_places(tokenizer, &selection)?;
-        let prompt = Prompt::load(&followed.path, &followed.read, tokenizer)?;
+        let places = given_characters(tokenizer, &selection)?;
+        let prompt = PromptClip::load(&followed.path, &followed.read, tokenizer)?;
         let seen = tokenizer.decode(&prompt.words, UncodedPose::Identity)?;
         let frames = dance.clip.frames().min(prompt.frames());
         // on the prompt's rig the floor is the one of the way there, not what the dance's own feet say

@@ -1,7 +1,7 @@
-//! Feet held in the gaps where they are free, before the gaps are closed.
+//! Feet locked in the gaps where they are free, before the gaps are closed.
 
 use super::mask::Mask;
-use super::splice::on_both;
+use super::splice::merge;
 use crate::Result;
 use kinelm_motion::Clip;
 use kinelm_motion::feet::{FixedParts, FootLock, lock};
@@ -9,7 +9,7 @@ use kinelm_motion::joints::LEGS;
 use kinelm_motion::rig::SkeletonMap;
 use std::ops::Range;
 
-/// The gaps in which a leg or the root is free, each once, in their order.
+/// The gaps in which a leg or the root is free, each once, in order.
 fn gaps(mask: &Mask) -> Vec<Range<usize>> {
     let joints = LEGS.iter().flatten().filter(|&&joint| mask.is_coded(joint)).chain(&[0]);
     let mut gaps: Vec<Range<usize>> = joints.flat_map(|&joint| mask.free_runs(joint)).collect();
@@ -18,20 +18,20 @@ fn gaps(mask: &Mask) -> Vec<Range<usize>> {
     gaps
 }
 
-/// What is fixed in a gap.
+/// What foot locking must not move in a gap.
 fn fixed(mask: &Mask, gap: &Range<usize>) -> FixedParts {
     let given = |joint: usize| mask.is_coded(joint) && gap.clone().any(|frame| mask.is_given(frame, joint));
     let legs = LEGS.map(|leg| leg.into_iter().any(given));
-    // a path that has to arrive isn't carried elsewhere, to be pulled back again
+    // a path that has to meet the gap's end isn't moved away from it, only to be pulled back
     FixedParts { root: given(0), path: gap.end < mask.frames(), legs, frames: gap.start }
 }
 
-/// `dance`, on SMPL-24, with its feet held in every gap in which a leg is free; what is given is `truth`, of as many
-/// frames. What was done, gap by gap.
+/// `dance`, on SMPL-24, with its feet locked in every gap in which a leg is free, and what that changed, gap by gap. Given
+/// joints are those of `truth`, of as many frames.
 ///
 /// # Errors
-/// None that clips on SMPL-24 bring about.
-pub fn held(dance: &Clip, truth: &Clip, mask: &Mask, floor_m: f64) -> Result<(Clip, Vec<FootLock>)> {
+/// None for clips on SMPL-24.
+pub fn lock_gaps(dance: &Clip, truth: &Clip, mask: &Mask, floor_m: f64) -> Result<(Clip, Vec<FootLock>)> {
     let map = SkeletonMap::by_name_or_file("smpl")?;
     let (mut dance, mut done) = (dance.clone(), Vec::new());
     for gap in gaps(mask) {
@@ -39,9 +39,9 @@ pub fn held(dance: &Clip, truth: &Clip, mask: &Mask, floor_m: f64) -> Result<(Cl
         if fixed.legs == [true; 2] {
             continue;
         }
-        // the frame behind the gap as it is foretold, where the clip goes on
+        // the look-ahead frame after the gap, where the clip continues
         let end = (gap.end + 1).min(dance.frames());
-        let before = on_both(truth, &dance, |frame, joint| {
+        let before = merge(truth, &dance, |frame, joint| {
             !mask.is_given(frame.min(gap.end - 1), joint) || !mask.is_given(frame, joint)
         })?
         .slice(0..end);

@@ -1,78 +1,79 @@
 //! Which joints are given in which frames of a clip.
 
 use crate::request::Span;
+use crate::{Error, Result};
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::moment::Timebase;
 use kinelm_motion::{Skeleton, smpl};
 use kinelm_tokenizer::Tokenizer;
 use std::ops::Range;
 
-/// Given joints by the frames of a clip as it is in its file: F frames of the 24 SMPL joints, of which those that a
-/// tokenizer codes are given or free. The root's place goes with joint 0.
+/// Given joints by frame, for the F frames of a clip at its file's rate and the 24 SMPL joints, of which the coded ones are
+/// given or free. The root's position goes with joint 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mask {
-    /// A bit a joint, for each of the F frames.
+    /// (F) one bit per joint.
     given: Vec<u32>,
     /// The joints that can be given or free.
     coded: u32,
-    /// Frames of the file and of the model in a second.
+    /// Frames per second of the file and of the model.
     rates: (f64, f64),
 }
 
-/// What a span means of a clip.
+/// A span resolved against a clip.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Understood {
-    /// As it was asked for.
+pub struct ResolvedSpan {
+    /// As requested, in SMPL's names.
     pub span: Span,
-    /// The coded joints among those that it names, SMPL ids.
+    /// The coded joints that it names, SMPL ids.
     pub joints: Vec<usize>,
-    /// Those that it names and that are not coded.
+    /// The joints that it names and that are not coded.
     pub uncoded: Vec<usize>,
     /// Frames of the clip.
     pub frames: Range<usize>,
-    /// Parts that the rig has for other joints too, which are not meant.
-    pub twice: Vec<(String, &'static str)>,
+    /// Names that the rig has for other joints too, which are not meant.
+    pub ambiguous: Vec<(String, &'static str)>,
 }
 
-/// What was understood of the spans, and the mask that they make.
-pub struct Read {
-    /// Given ones, in SMPL's names.
-    pub given: Vec<Understood>,
-    /// Free ones.
-    pub free: Vec<Understood>,
+/// The spans of an edit, and the mask that they make.
+pub struct ResolvedSpans {
+    /// What is given.
+    pub given: Vec<ResolvedSpan>,
+    /// What is free.
+    pub free: Vec<ResolvedSpan>,
     /// What is given in the end.
     pub mask: Mask,
 }
 
 impl Mask {
-    /// Givens add up, frees are taken off them; without givens, all is given but the frees.
+    /// Resolves spans: those of `given` add up, those of `free` are subtracted; without `given`, all is given but `free`.
     ///
     /// # Errors
-    /// Joints that are none, or of which the tokenizer codes none; times outside of the clip; nothing that is left free.
-    pub fn read(
+    /// Unknown joints, or of which the tokenizer codes none; times outside the clip.
+    pub fn resolve(
         (given, free): (&[Span], &[Span]),
         scale: Timebase,
         tokenizer: &Tokenizer,
         (rig, map): (&Skeleton, Option<&str>),
-    ) -> Result<Read, String> {
+    ) -> Result<ResolvedSpans> {
         let coded = bits(tokenizer.channels().joints());
-        let understood = |span: &Span| -> Result<Understood, String> {
-            let wrong = |e: kinelm_motion::Error| format!("{span}: {e}");
-            let list = joints::to_smpl_names(&span.joints, rig, map).map_err(wrong)?;
-            let Selection { joints, .. } = joints::parse(&list).map_err(wrong)?;
+        let resolve = |name: &str, span: &Span| -> Result<ResolvedSpan> {
+            let wrong = |why: String| Error::unsupported(format!("{name} {span}"), why);
+            let list = joints::to_smpl_names(&span.joints, rig, map).map_err(|e| wrong(e.to_string()))?;
+            let Selection { joints, .. } = joints::parse(&list).map_err(|e| wrong(e.to_string()))?;
             let all = list.split(',').any(|part| part.trim() == "all");
             let (joints, uncoded): (Vec<usize>, Vec<usize>) = joints.into_iter().partition(|&j| has(coded, j));
             if joints.is_empty() {
                 let known: Vec<&str> = (0..24).filter(|&j| has(coded, j)).map(|j| smpl::NAMES[j]).collect();
-                return Err(format!("{span}: the model knows none of these joints; it knows {}", known.join(" ")));
+                return Err(wrong(format!("the model knows none of these joints; it knows {}", known.join(" "))));
             }
-            let frames = span.frames(scale)?;
-            let twice = joints::ambiguous_names(&span.joints, rig, map);
+            let frames = span.frames(scale).map_err(|e| Error::unsupported(name, e))?;
+            let ambiguous = joints::ambiguous_names(&span.joints, rig, map);
             let (span, uncoded) = (Span { joints: list, ..span.clone() }, if all { Vec::new() } else { uncoded });
-            Ok(Understood { span, joints, uncoded, frames, twice })
+            Ok(ResolvedSpan { span, joints, uncoded, frames, ambiguous })
         };
-        let of = |spans: &[Span]| spans.iter().map(understood).collect::<Result<Vec<_>, _>>();
-        let (given, free) = (of(given)?, of(free)?);
+        let given = given.iter().map(|span| resolve("`given`", span)).collect::<Result<Vec<_>>>()?;
+        let free = free.iter().map(|span| resolve("`free`", span)).collect::<Result<Vec<_>>>()?;
         let model_fps = scale.model_fps.unwrap_or(scale.fps);
         let begin = if given.is_empty() { coded } else { 0 };
         let mut mask = Mask { given: vec![begin; scale.frames], coded, rates: (scale.fps, model_fps) };
@@ -82,10 +83,10 @@ impl Mask {
         for span in &free {
             mask.given[span.frames.clone()].iter_mut().for_each(|bits| *bits &= !self::bits(&span.joints));
         }
-        Ok(Read { given, free, mask })
+        Ok(ResolvedSpans { given, free, mask })
     }
 
-    /// Of a clip of so many frames in which all of `joints` are free in a gap, and given elsewhere.
+    /// The mask of a clip of `frames` frames in which all of `joints` are free in a gap, and given elsewhere.
     pub fn with_gap(frames: usize, joints: &[usize], fps: f64, gap: Range<usize>) -> Mask {
         let coded = bits(joints);
         let given = (0..frames).map(|frame| if gap.contains(&frame) { 0 } else { coded }).collect();
@@ -107,17 +108,17 @@ impl Mask {
         self.given.get(frame).is_none_or(|bits| *bits == 0)
     }
 
-    /// Whether a joint is one that can be given.
+    /// Whether a joint can be given.
     pub fn is_coded(&self, joint: usize) -> bool {
         has(self.coded, joint)
     }
 
     /// Whether anything is free within the clip.
-    pub fn frees_anything(&self) -> bool {
+    pub fn has_free(&self) -> bool {
         self.given.iter().any(|bits| *bits != self.coded)
     }
 
-    /// The same at the model's rate: `frames` frames, each as the nearest of the clip; the first `of_clip` are its, and
+    /// The same at the model's rate: `frames` frames, each as the nearest of the clip. The first `of_clip` are the clip's;
     /// beyond them nothing is given.
     pub fn at_model_rate(&self, frames: usize, of_clip: usize) -> Mask {
         let (own, model) = self.rates;
@@ -127,10 +128,10 @@ impl Mask {
         Mask { given: (0..frames).map(at).collect(), coded: self.coded, rates: (model, model) }
     }
 
-    /// The runs of frames, of `frames` in all, in which something is so.
-    pub fn runs(frames: usize, is_so: impl Fn(usize) -> bool) -> Vec<Range<usize>> {
+    /// The runs of frames, of `frames` in all, in which a condition holds.
+    pub fn runs(frames: usize, holds: impl Fn(usize) -> bool) -> Vec<Range<usize>> {
         let mut runs: Vec<Range<usize>> = Vec::new();
-        for frame in (0..frames).filter(|&frame| is_so(frame)) {
+        for frame in (0..frames).filter(|&frame| holds(frame)) {
             match runs.last_mut() {
                 Some(run) if run.end == frame => run.end += 1,
                 _ => runs.push(frame..frame + 1),
@@ -164,7 +165,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_mask_at_the_models_rate_is_that_of_the_nearest_frame() {
+    fn a_mask_at_the_models_rate_takes_the_nearest_frame() {
         let fine = Mask { rates: (60.0, 20.0), ..mask(100, |f, j| !(30..45).contains(&f) || j == 5) };
         let coarse = fine.at_model_rate(40, 34);
         assert_eq!(coarse.free_runs(3), [10..15, 34..40]);

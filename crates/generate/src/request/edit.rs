@@ -1,44 +1,44 @@
-//! What is kept of a prompt and what is invented.
+//! Which part of a clip stays, and which is generated.
 
 use super::span::Span;
 use serde::{Deserialize, Serialize};
 
-/// What is kept of a prompt and what is invented.
+/// Which part of a clip stays, and which is generated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Edit {
-    /// These joints at these times are given; none: all are, but the free ones.
+    /// Joints and times that are given. Empty: everything is given but `free`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub given: Vec<Span>,
-    /// These are free, even where they are given.
+    /// Joints and times that are generated, even where `given` names them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub free: Vec<Span>,
-    /// What differs where free frames meet given ones fades over so many seconds.
+    /// Seconds over which the difference between generated and given frames fades, on the generated side.
     pub blend_s: f64,
-    /// Ways that are drawn, of which the one is kept that ends nearest to where the clip goes on.
+    /// Ways through the gaps that are sampled; the one that ends nearest to where the clip continues is chosen.
     pub tries: usize,
-    /// The end is invented so that it goes over into the beginning, instead of all that is given and free.
+    /// The end is generated so that it leads into the beginning, instead of `given` and `free`.
     #[serde(default, rename = "loop", skip_serializing_if = "Option::is_none")]
-    pub round: Option<Round>,
+    pub looping: Option<Loop>,
 }
 
-/// What comes back to its beginning.
+/// What returns to the beginning at the end of a loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
-pub enum Comes {
-    /// Pose, place and heading
+pub enum LoopKind {
+    /// Pose, position and heading
     Back,
-    /// The pose: place and heading go on from where the clip has come to
+    /// The pose; position and heading continue from where the clip ends
     Pose,
 }
 
-/// How a clip goes round.
+/// A clip that can be played over and over.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Round {
-    /// What comes back.
-    pub comes: Comes,
-    /// Seconds at the end that are invented.
+pub struct Loop {
+    /// What returns to the beginning.
+    pub kind: LoopKind,
+    /// Seconds at the end that are generated.
     pub over_s: f64,
 }

@@ -1,4 +1,4 @@
-//! A label that a dance has for a time: `genre=salsa@0s:10s`.
+//! A label for a part of a dance: `genre=salsa@0s:10s`.
 
 use super::span::Span;
 use kinelm_corpus::labels;
@@ -7,7 +7,15 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// A label over a time: `FIELD=VALUE[@FROM:TO]`, half-open. Without a time: throughout.
+/// A label for a time: `FIELD=VALUE[@FROM:TO]`, half-open. Without a time it holds throughout.
+///
+/// ```
+/// use kinelm_generate::request::TimedLabel;
+///
+/// let label: TimedLabel = "genre=salsa@0s:10s".parse()?;
+/// assert_eq!((label.field.as_str(), label.value.as_str(), label.is_always()), ("genre", "salsa", false));
+/// # Ok::<(), String>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub struct TimedLabel {
@@ -15,9 +23,9 @@ pub struct TimedLabel {
     pub field: String,
     /// Its value.
     pub value: String,
-    /// From when on; `None`: from the beginning.
+    /// Beginning; `None`: from the first frame.
     pub from: Option<Moment>,
-    /// Until when; `None`: to the end.
+    /// End; `None`: to the last frame.
     pub to: Option<Moment>,
 }
 
@@ -25,10 +33,10 @@ impl FromStr for TimedLabel {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<TimedLabel, String> {
-        let told = |label: &str| labels::pair(label).map_err(|e| e.to_string());
-        told(text)?;
+        let pair = |label: &str| labels::pair(label).map_err(|e| e.to_string());
+        pair(text)?;
         let Span { joints: label, from, to } = text.parse()?;
-        let (field, value) = told(&label)?;
+        let (field, value) = pair(&label)?;
         Ok(TimedLabel { field, value, from, to })
     }
 }
@@ -54,12 +62,12 @@ impl fmt::Display for TimedLabel {
 }
 
 impl TimedLabel {
-    /// Whether it holds throughout.
+    /// Whether it holds throughout the dance.
     pub fn is_always(&self) -> bool {
         self.from.is_none() && self.to.is_none()
     }
 
-    /// The time, and the label in the place of the joints.
+    /// A span with the label in place of the joints.
     pub(crate) fn span(&self) -> Span {
         Span { joints: format!("{}={}", self.field, self.value), from: self.from, to: self.to }
     }

@@ -1,282 +1,111 @@
-//! What decides a dance, as one value that a file can hold.
+//! What decides a dance, as values that files can hold: a [`Request`] as a caller makes it, and a [`Resolved`] one, in
+//! which nothing is left open.
 
-mod draws;
+mod computing;
 mod edit;
-mod feet;
 mod labels;
-mod place;
-mod requested;
+mod options;
+mod prompt;
+mod resolved;
 mod span;
 pub(crate) mod timeline;
 
-pub use draws::Draws;
-pub use edit::{Comes, Edit, Round};
-pub use feet::FootMode;
+pub use computing::Computing;
+pub use edit::{Edit, Loop, LoopKind};
 pub use labels::TimedLabel;
-pub use place::Place;
-pub use requested::{LeadInKind, Length, Request};
+pub use options::{FootMode, LeadInKind, Length, Placement, Rig, Seeding, UncodedJoints};
+pub use prompt::{MusicRequest, PromptRequest};
+pub use resolved::Resolved;
 pub use span::Span;
 pub use timeline::{At, Segment, Timeline, TimelineClip};
 
-use super::rest::RestJoints;
-use super::sampling::Draw;
-use crate::{Error, Result};
-use kinelm_corpus::sidecar::as_written;
-use kinelm_engine::decode::{KvKind, WeightKind};
-use kinelm_model::lead_in::LeadInFrom;
-use kinelm_model::{Compute, ReaderOptions};
-use kinelm_motion::format::{Format, ReadOptions, RestFrame};
-use kinelm_store::input;
+use crate::sampling::Sampling;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-/// Everything that decides a dance, but the bytes of the model and of the prompt.
+/// What is requested of a model. [`crate::open::OpenRequest::open`] decides every option that is `None`.
+///
+/// ```
+/// use kinelm_generate::request::{Length, Request};
+///
+/// let request = Request { length: Some(Length::Seconds(10.0)), seed: 7, ..Request::of("run") };
+/// assert_eq!((request.seed, request.guidance), (7, None));
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Resolved {
-    /// The run folder.
+#[serde(default, deny_unknown_fields)]
+pub struct Request {
+    /// The run folder of the model.
     pub run: PathBuf,
-    /// A clip of which something is followed.
+    /// A clip of which something is given.
     pub prompt: Option<PromptRequest>,
-    /// What the model is told of the dance: values of label fields; fields that are left out are unknown.
+    /// Values of label fields for the whole dance. Fields that are left out are unknown to the model.
     pub labels: BTreeMap<String, String>,
-    /// What it is told of a time of the dance, beside those.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    /// Values of label fields for a part of the dance.
     pub timed_labels: Vec<TimedLabel>,
-    /// How far labels and music are followed, 1: as the model has learned them. See [`super::guidance`].
-    pub guidance: f64,
-    /// How far gaps are led to what is given behind them, 1: as the model has learned it, 0: it is told nothing. See
-    /// [`super::SamplingPlan::ahead`].
-    #[serde(default, skip_serializing_if = "is_zero")]
-    pub ahead: f64,
-    /// The music that is danced to.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// Music to dance to.
     pub music: Option<MusicRequest>,
-    /// Frames, at the model's rate; `None`: as many as the music has, or the prompt.
-    pub frames: Option<usize>,
-    /// The dance's length in seconds, asked for instead of frames; files tell frames.
-    #[serde(skip)]
-    pub seconds: Option<f64>,
-    /// Frames a second of the file that is written, the frames between by slerp; `None`: the model's.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// Scale of classifier-free guidance by labels and music; 1 is the model as trained. `None`: with music the scale that
+    /// suits the model's music conditioning ([`crate::open::music_guidance`]), else 1.
+    pub guidance: Option<f64>,
+    /// Scale of guidance towards the goals after gaps, 0 to 10; 1 is the model as trained. `None`:
+    /// [`crate::open::GOAL_GUIDANCE`] where the model is goal-conditioned and a gap ends, else 0.
+    pub goal_guidance: Option<f64>,
+    /// How long the dance is. `None`: as long as what is given of the prompt, else as the music, else as the prompt.
+    pub length: Option<Length>,
+    /// Frames per second of the file that is written. `None`: the model's rate.
     pub fps: Option<f64>,
-    /// Frames in front of a dance that begins from nothing, dropped from the output: the first ones a model draws don't
-    /// belong together yet.
-    #[serde(default, skip_serializing_if = "is_none_at_all")]
-    pub lead_in: usize,
-    /// The second of a train clip that stands there; `None`: the model draws them.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub lead_in_from: Option<LeadInFrom>,
-    /// First words that are drawn where one is given in part, see [`super::starts`]; 1: the dance's own alone.
-    #[serde(default = "one", skip_serializing_if = "is_one")]
-    pub starts: usize,
-    /// The seed of the draws.
+    /// What an unprompted dance continues from. `None`: a second of a train clip where the run stores some.
+    pub lead_in: Option<LeadInKind>,
+    /// Candidates for the first frame. `None`: [`crate::sampler::FIRST_FRAMES`] where some joints of it are given after
+    /// free ones.
+    pub first_frames: Option<usize>,
+    /// Seed of the random streams: the same request with the same seed gives the same dance.
     pub seed: u64,
-    /// What makes them beside it.
-    #[serde(default, skip_serializing_if = "Draws::is_seed")]
-    pub draws: Draws,
-    /// How free places are drawn.
-    pub draw: Draw,
-    /// The rig that the dance is written on.
-    pub rig: Rig,
-    /// What the joints do that the model doesn't know.
-    pub rest_joints: RestJoints,
-    /// Where the prompt stands and with it the dance; `None`: where the words leave it, at x = z = 0.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub place: Option<Place>,
-    /// What is done to the feet.
-    #[serde(default, skip_serializing_if = "FootMode::is_off")]
-    pub feet: FootMode,
+    /// What the random streams derive from beside the seed.
+    pub seeding: Seeding,
+    /// How free characters are sampled. Without any truncation (`top_k`, `top_p`, `min_p`, `greedy`), `top_p` is chosen:
+    /// [`crate::sampling::TOP_P`], or [`crate::open::GIVEN_TOP_P`] where joints are given from end to end.
+    pub sampling: Sampling,
+    /// The rig that the dance is written on. `None`: the prompt's own where a clip is edited, else the model's.
+    pub rig: Option<Rig>,
+    /// What the joints do that the model doesn't code. `None`: they follow the prompt, or hold the mean of the training
+    /// clips.
+    pub uncoded_joints: Option<UncodedJoints>,
+    /// What is done to the feet. `None`: locked unless a leg is given.
+    pub feet: Option<FootMode>,
     /// Where and how the model computes.
     pub computing: Computing,
 }
 
-impl Resolved {
-    /// How the dance is read from `dance`, the file that it was written to: at its own rate, whole. An edited clip is its
-    /// prompt's file with other numbers: what is left out of that is left out of both. Without a prompt the floor is at 0.
-    pub fn read_back(&self, dance: &Path) -> ReadOptions {
-        let Some(prompt) = &self.prompt else {
-            return ReadOptions { floor: Some(0.0), ..as_written(dance, None) };
-        };
-        if self.rig != Rig::Prompt {
-            return ReadOptions { floor: prompt.read.floor, ..as_written(dance, None) };
+impl Default for Request {
+    fn default() -> Request {
+        Request::of(PathBuf::new())
+    }
+}
+
+impl Request {
+    /// A request of the model in the folder `run`, with seed 1 and everything else left open.
+    pub fn of(run: impl Into<PathBuf>) -> Request {
+        Request {
+            run: run.into(),
+            prompt: None,
+            labels: BTreeMap::new(),
+            timed_labels: Vec::new(),
+            music: None,
+            guidance: None,
+            goal_guidance: None,
+            length: None,
+            fps: None,
+            lead_in: None,
+            first_frames: None,
+            seed: 1,
+            seeding: Seeding::Inputs,
+            sampling: Sampling::default(),
+            rig: None,
+            uncoded_joints: None,
+            feet: None,
+            computing: Computing::default(),
         }
-        let own = as_written(dance, Some((&prompt.path, &prompt.read)));
-        match &prompt.edit {
-            Some(edit) if edit.round.is_none() => ReadOptions { skip: prompt.read.skip, rest: prompt.read.rest, ..own },
-            _ => own,
-        }
-    }
-}
-
-fn is_zero(ahead: &f64) -> bool {
-    *ahead == 0.0
-}
-
-fn one() -> usize {
-    1
-}
-
-fn is_one(starts: &usize) -> bool {
-    *starts == 1
-}
-
-fn is_none_at_all(frames: &usize) -> bool {
-    *frames == 0
-}
-
-/// The music that is danced to.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct MusicRequest {
-    /// The file.
-    pub path: PathBuf,
-    /// Its time when the dance begins, seconds.
-    pub from_s: f64,
-}
-
-/// What is followed of a clip.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PromptRequest {
-    /// The file.
-    pub path: PathBuf,
-    /// How it is read.
-    pub read: ReadOptions,
-    /// The joints that are followed, as [`kinelm_motion::joints::parse`] takes them; when a dance is asked for, names of the
-    /// prompt's rig too.
-    pub joints: Option<String>,
-    /// The frame from which the dance goes on by itself: those before it are the prompt's.
-    pub from_frame: Option<usize>,
-    /// Clips that are laid into one on the file's rig: what is edited then, instead of the file itself.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub plan: Option<Timeline>,
-    /// What is kept of it and what is invented, instead of these two.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub edit: Option<Edit>,
-}
-
-impl PromptRequest {
-    /// The clip in a file, read as its format says, without a rest pose in front; nothing of it is given yet. How a dance
-    /// of this program is read, [`kinelm_corpus::sidecar::reading_of`] says.
-    pub fn of(path: impl Into<PathBuf>) -> PromptRequest {
-        let read = ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
-        PromptRequest { path: path.into(), read, joints: None, from_frame: None, plan: None, edit: None }
-    }
-
-    /// The bytes of the clip that is followed.
-    ///
-    /// # Errors
-    /// A file that can't be read; a plan that can't be laid any more.
-    pub fn bytes(&self) -> Result<Vec<u8>> {
-        match &self.plan {
-            Some(plan) => plan.bytes(),
-            None => {
-                Format::of(&self.path)?; // refused by its name before it is read
-                input::bytes(&self.path).map_err(Error::io(&self.path))
-            }
-        }
-    }
-
-    /// The files that are read.
-    pub fn files(&self) -> Vec<PathBuf> {
-        let of_plan = self.plan.iter().flat_map(|plan| plan.clips.values()).map(|clip| clip.file.clone());
-        of_plan.chain([self.path.clone()]).collect()
-    }
-}
-
-/// What a dance is written on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
-pub enum Rig {
-    /// SMPL-24
-    #[default]
-    Model,
-    /// The prompt's own
-    Prompt,
-}
-
-/// Where and how the model computes. Other numbers of threads give the same bits; other devices, forms and ways to hold
-/// numbers may not.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Computing {
-    /// `cpu` or `cuda:N`.
-    pub device: String,
-    /// `auto` or `plain`.
-    pub form: String,
-    /// How weights are held: `f32` or `int8`.
-    #[serde(with = "WeightName")]
-    pub weights: WeightKind,
-    /// How keys and values are held: `f32` or `f16`.
-    #[serde(with = "KvName")]
-    pub kv: KvKind,
-    /// Instructions of the processor that the engine's kernels used. Told, not asked for.
-    #[serde(default)]
-    pub kernels: String,
-}
-
-/// [`WeightKind`] by its name: the engine knows no files.
-#[derive(Serialize, Deserialize)]
-#[serde(remote = "WeightKind", rename_all = "lowercase")]
-enum WeightName {
-    F32,
-    Int8,
-}
-
-/// [`KvKind`] by its name.
-#[derive(Serialize, Deserialize)]
-#[serde(remote = "KvKind", rename_all = "lowercase")]
-enum KvName {
-    F32,
-    F16,
-}
-
-impl Default for Computing {
-    fn default() -> Computing {
-        Computing::new(Compute::default(), WeightKind::F32, KvKind::F32)
-    }
-}
-
-impl Computing {
-    /// With the kernels of the processor at hand.
-    pub fn new(compute: Compute, weights: WeightKind, kv: KvKind) -> Computing {
-        Computing {
-            device: compute.device.to_string(),
-            form: compute.form.to_string(),
-            weights,
-            kv,
-            kernels: kinelm_engine::dispatch::name().into(),
-        }
-    }
-
-    /// Where and how.
-    ///
-    /// # Errors
-    /// A device or a form that has no such name.
-    pub fn compute(&self) -> Result<Compute> {
-        Ok(Compute { device: self.device.parse()?, form: self.form.parse()? })
-    }
-
-    /// How the model is read, so many sequences side by side.
-    pub fn reading(&self, streams: usize) -> ReaderOptions {
-        ReaderOptions { streams, weights: self.weights, kv: self.kv }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn kinds_are_names_in_a_file_and_no_others_are_taken() {
-        let computing = Computing::new(Compute::default(), WeightKind::Int8, KvKind::F16);
-        let text = serde_json::to_string(&computing).unwrap();
-        assert!(text.contains(r#""weights":"int8","kv":"f16""#), "{text}");
-        assert_eq!(serde_json::from_str::<Computing>(&text).unwrap(), computing);
-        let refused = serde_json::from_str::<Computing>(&text.replace("int8", "int4")).unwrap_err().to_string();
-        assert!(refused.contains("`int4`") && refused.contains("f32") && refused.contains("int8"), "{refused}");
     }
 }

@@ -1,4 +1,4 @@
-//! Joints and when, as a call names them: `left_arm@4s:8s`.
+//! Joints for a time: `left_arm@4s:8s`.
 
 use kinelm_motion::moment::{Moment, Timebase};
 use serde::{Deserialize, Serialize};
@@ -6,15 +6,25 @@ use std::fmt;
 use std::ops::Range;
 use std::str::FromStr;
 
-/// Joints over a time: `JOINTS[@FROM:TO]`. Without a time: throughout.
+/// Joints for a time: `JOINTS[@FROM:TO]`, half-open. Without a time: throughout.
+///
+/// ```
+/// use kinelm_generate::request::Span;
+/// use kinelm_motion::moment::Timebase;
+///
+/// let span: Span = "left_arm@1s:-1s".parse()?;
+/// let clip = Timebase { frames: 100, fps: 20.0, left_out: 0, model_fps: None };
+/// assert_eq!((span.joints.as_str(), span.frames(clip)?), ("left_arm", 20..80));
+/// # Ok::<(), String>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub struct Span {
     /// As [`kinelm_motion::joints::parse`] takes them, or as a rig names its own.
     pub joints: String,
-    /// From when on, half-open; `None`: from the beginning, to the end.
+    /// Beginning; `None`: from the first frame.
     pub from: Option<Moment>,
-    /// Until when.
+    /// End, exclusive; `None`: to the last frame.
     pub to: Option<Moment>,
 }
 
@@ -56,8 +66,8 @@ fn is_time(text: &str) -> bool {
     }
 }
 
-/// Whether text that is none was meant as a time: it, or what stands behind a colon in it, begins as numbers do. A name of a rig
-/// may do so in quotes.
+/// Whether a text that is no time was meant as one: it, or a part after a colon, begins as numbers do. A joint of a rig may do so
+/// in quotes.
 fn is_meant_as_time(text: &str) -> bool {
     let begins = |text: &str| text.trim_start().starts_with(|c: char| c.is_ascii_digit() || "-+.:".contains(c));
     !text.ends_with('"') && (text.is_empty() || begins(text) || text.split(':').skip(1).any(begins))
@@ -69,8 +79,8 @@ impl fmt::Display for Span {
         if self.from.is_none() && self.to.is_none() {
             return Ok(());
         }
-        let told = |moment: Option<Moment>| moment.map(|m| m.to_string()).unwrap_or_default();
-        write!(out, "@{}:{}", told(self.from), told(self.to))
+        let text = |moment: Option<Moment>| moment.map(|m| m.to_string()).unwrap_or_default();
+        write!(out, "@{}:{}", text(self.from), text(self.to))
     }
 }
 
@@ -89,10 +99,10 @@ impl TryFrom<String> for Span {
 }
 
 impl Span {
-    /// The frames of a clip that it means, half-open.
+    /// The frames of a clip in this time.
     ///
     /// # Errors
-    /// A moment outside of the clip, with how long that is; a time without a frame.
+    /// A moment outside the clip; a time without a frame.
     pub fn frames(&self, scale: Timebase) -> Result<Range<usize>, String> {
         let border = |moment: Option<Moment>, otherwise: usize| match moment.map(|m| (m, m.boundary(scale))) {
             None => Ok(otherwise),
@@ -109,7 +119,7 @@ impl Span {
         let (from, to) = (border(self.from, 0)?, border(self.to, scale.frames)?);
         if from >= to {
             return Err(format!(
-                "{self}: from frame {from} to frame {to} there is nothing; expected an end behind the beginning"
+                "{self}: from frame {from} to frame {to} there is nothing; expected an end after the beginning"
             ));
         }
         Ok(from..to)
@@ -150,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn spans_are_told_as_they_are_read() {
+    fn spans_are_printed_as_they_are_parsed() {
         for text in ["left_arm@4s:8s", "all", "root,head@:-1s", "feet@10f:"] {
             assert_eq!(span(text).to_string(), text);
         }
@@ -158,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_lie_within_the_clip() {
+    fn frames_are_within_the_clip() {
         let scale = Timebase { frames: 100, fps: 20.0, left_out: 10, model_fps: Some(10.0) };
         assert_eq!(span("all@1s:2s").frames(scale), Ok(20..40));
         assert_eq!(span("all@20f:-1s").frames(scale), Ok(10..80));

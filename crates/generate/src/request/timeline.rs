@@ -1,4 +1,4 @@
-//! What a plan says: clips on a timeline, from which one dance is made.
+//! Timelines: clips arranged in time, from which one dance is made.
 
 use kinelm_motion::format::{ReadOptions, RestFrame, Unit, Up};
 use kinelm_motion::moment::Moment;
@@ -6,26 +6,26 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// What a plan file says, its paths as they are found from here.
+/// A timeline, its paths relative to the working folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Timeline {
     /// The clip on whose rig, at whose rate and on whose floor the dance is written.
     pub rig: String,
-    /// How long what is made anew is where one clip goes over into another.
-    #[serde(default = "over_s")]
-    pub over: At,
-    /// How long the dance is; up to the end of the last segment if not said.
+    /// The time that is generated between one clip and the next. Default 1 second.
+    #[serde(default = "default_transition")]
+    pub transition: At,
+    /// How long the dance is. Default: up to the end of the last segment.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<At>,
-    /// The clips by the names that the plan has for them.
+    /// The clips by name.
     pub clips: BTreeMap<String, TimelineClip>,
-    /// What is given when.
+    /// Which clip is given when.
     #[serde(rename = "segment")]
     pub segments: Vec<Segment>,
 }
 
-pub(crate) fn over_s() -> At {
+pub(crate) fn default_transition() -> At {
     At(Moment::Seconds(1.0))
 }
 
@@ -35,22 +35,22 @@ pub(crate) fn over_s() -> At {
 pub struct TimelineClip {
     /// The file.
     pub file: PathBuf,
-    /// Its true rate, where it states it wrongly.
+    /// Its true rate, where the file states another.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fps_source: Option<f64>,
-    /// Frames at its beginning that are left out.
+    /// Frames at its beginning to leave out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub skip: Option<usize>,
-    /// Of a BVH.
+    /// The unit of a BVH.
     #[serde(default)]
     pub unit: Unit,
     /// Which axis is up.
     #[serde(default)]
     pub up: Up,
-    /// Which joint is which: a map's name or file.
+    /// The skeleton map: a name or a file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub map: Option<String>,
-    /// Where its floor is, metres.
+    /// Height of its floor, metres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub floor: Option<f64>,
 }
@@ -64,24 +64,24 @@ impl TimelineClip {
     }
 }
 
-/// Joints of a clip over a time of the dance, what the model is told then, or both.
+/// Joints of a clip for a time of the dance, labels for a time of the dance, or both.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Segment {
-    /// The clip's name in the plan.
+    /// The clip's name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clip: Option<String>,
     /// As [`kinelm_motion::joints::parse`] takes them, or as the clip's rig names its own.
     #[serde(default = "all_joints")]
     pub joints: String,
-    /// From when on in the dance.
+    /// Beginning in the dance.
     pub from: At,
-    /// Until when, half-open.
+    /// End in the dance, exclusive.
     pub to: At,
-    /// Where in the clip it begins.
+    /// Beginning in the clip. Default 0.
     #[serde(default)]
     pub at: At,
-    /// What the model is told of this time, by fields.
+    /// Values of label fields.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub labels: BTreeMap<String, String>,
 }
@@ -90,7 +90,7 @@ fn all_joints() -> String {
     "all".into()
 }
 
-/// A moment, as a number of seconds or a text such as `2.5s`, `40f`.
+/// A moment: a number of seconds, or a text such as `2.5s` or `40f`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct At(pub Moment);
 

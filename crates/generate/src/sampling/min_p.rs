@@ -1,9 +1,9 @@
-//! Min-p: only ids at least a share p as likely as the likeliest. Source: Nguyen et al., "Turning Up the Heat: Min-p
+//! Min-p: the ids at least p times as likely as the most likely one. Source: Nguyen et al., "Turning Up the Heat: Min-p
 //! Sampling" (2024).
 
 use super::Candidate;
 
-/// Keeps the ids whose probability is at least `p` times that of the likeliest.
+/// Keeps the ids whose probability is at least `p` times that of the most likely.
 pub fn apply(left: &mut Vec<Candidate>, p: f64) {
     let top = left.iter().fold(f64::NEG_INFINITY, |top, c| top.max(c.logit));
     left.retain(|c| (c.logit - top).exp() >= p);
@@ -15,7 +15,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_far_less_likely_than_the_likeliest_goes() {
+    fn ids_far_less_likely_than_the_most_likely_are_removed() {
         let logits = [0.1f64, 0.6, 0.25, 0.05].map(f64::ln);
         assert_eq!(kept(&logits, |c| apply(c, 0.0)), [0, 1, 2, 3]);
         assert_eq!(kept(&logits, |c| apply(c, 0.1)), [0, 1, 2]);

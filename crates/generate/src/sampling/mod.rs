@@ -1,10 +1,10 @@
-//! Which of the allowed tokens comes next.
+//! Sampling rules: which of the allowed tokens comes next.
 //!
-//! One file a rule, and the order is fixed: the grammar's ids alone; repetition penalty; then greedy takes the likeliest,
-//! or temperature, top-k, top-p, min-p, each on what the one before has left, and a draw by probability of what is left
-//! then. A rule that is not asked for changes nothing. The sampler of candle-transformers is not used: it has no min-p and
-//! no mask for the grammar's ids, and its greedy choice ignores edits of the probabilities. Where the two have a rule in
-//! common, the tests hold ours to it.
+//! One file per rule, applied in a fixed order: only the ids that the grammar allows; repetition penalty; then greedy takes
+//! the most likely id, or temperature, top-k, top-p and min-p apply, each to what the one before has left, and an id is
+//! sampled by probability. A rule that isn't requested changes nothing. The sampler of candle-transformers has no min-p and
+//! no mask for the grammar's ids, and its greedy choice ignores edits of the probabilities, so it is not used here; where
+//! both have a rule, the tests compare the two.
 
 mod greedy;
 mod min_p;
@@ -18,34 +18,44 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// How a token is drawn from the model's logits. By default by its probability.
+/// How a token is sampled from the model's logits. By default by its probability.
+///
+/// ```
+/// use kinelm_generate::sampling::Sampling;
+///
+/// let sampling = Sampling { top_k: Some(2), ..Sampling::temperature(0.8) };
+/// let mut rng = kinelm_store::random::stream(1, "example", 0, 0);
+/// // of five ids the grammar allows 1 to 4, of which 2 and 4 are the most likely
+/// let id = sampling.sample(&[9.0, 0.5, 2.0, 0.1, 1.5], &[1..5], &[], &mut rng).unwrap();
+/// assert!([2, 4].contains(&id));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Draw {
-    /// The likeliest; of equals the first. The thesis's way. Every rule but the penalty is without effect then.
+pub struct Sampling {
+    /// Always the most likely id; of equals the first. Every other rule but the penalty is without effect then. Default
+    /// false.
     pub greedy: bool,
-    /// What the probability of an id is divided by that stood at the same place in one of the last `repetition_words`
-    /// words; above 0, 1: no penalty.
+    /// Divides the probability of an id that stood in the same slot of one of the last `repetition_words` words; above 0,
+    /// 1: no penalty. Default 1.
     pub repetition_penalty: f64,
-    /// Words that the penalty looks back; 0: none.
+    /// Words that the penalty looks back. Default 20.
     pub repetition_words: usize,
-    /// What logits are divided by, above 0.
+    /// Divides the logits; above 0. Default 1.
     pub temperature: f64,
-    /// Only this many of the likeliest; at least 1.
+    /// Keeps this many of the most likely ids; at least 1.
     pub top_k: Option<usize>,
-    /// Only the fewest likeliest that have this probability together; above 0, up to 1.
+    /// Keeps the fewest most likely ids that have this probability together; above 0, up to 1.
     pub top_p: Option<f64>,
-    /// Only those at least this many times as likely as the likeliest; 0 to 1.
+    /// Keeps the ids at least this many times as likely as the most likely one; 0 to 1.
     pub min_p: Option<f64>,
 }
 
-/// What [`Draw::top_p`] is in the program where nothing else is asked for: measured in docs/results/two-level.md. Where joints
-/// are given see [`super::cut`].
+/// [`Sampling::top_p`] where a request has no truncation: measured in docs/results/two-level.md.
 pub const TOP_P: f64 = 0.95;
 
-impl Default for Draw {
-    fn default() -> Draw {
-        Draw {
+impl Default for Sampling {
+    fn default() -> Sampling {
+        Sampling {
             greedy: false,
             repetition_penalty: 1.0,
             repetition_words: 20,
@@ -61,76 +71,76 @@ impl Default for Draw {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Candidate {
     id: u32,
-    /// Finite; once centred, the likeliest has 0.
+    /// Finite; the most likely has 0 once the logits are centred.
     logit: f64,
 }
 
-impl Draw {
-    /// Always the likeliest.
-    pub fn greedy() -> Draw {
-        Draw { greedy: true, ..Draw::default() }
+impl Sampling {
+    /// Always the most likely id.
+    pub fn greedy() -> Sampling {
+        Sampling { greedy: true, ..Sampling::default() }
     }
 
-    /// By probability, the logits divided by a temperature above 0 first.
-    pub fn temperature(temperature: f64) -> Draw {
-        Draw { temperature, ..Draw::default() }
+    /// By probability, after dividing the logits by a temperature above 0.
+    pub fn temperature(temperature: f64) -> Sampling {
+        Sampling { temperature, ..Sampling::default() }
     }
 
-    /// Refuses settings outside their ranges.
+    /// Refuses options outside their ranges.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] with the setting, what was found and what is expected.
-    pub fn check(&self) -> Result<()> {
-        let positive = |x: f64| x > 0.0 && x.is_finite();
+    /// [`kinelm_store::Error::Invalid`] with the option.
+    pub fn validate(&self) -> Result<()> {
+        let is_positive = |x: f64| x > 0.0 && x.is_finite();
         let faults = [
-            (!positive(self.temperature)).then_some(("temperature", self.temperature, "a number above 0")),
-            (!positive(self.repetition_penalty)).then_some((
-                "repetition-penalty",
+            (!is_positive(self.temperature)).then_some(("`temperature`", self.temperature, "a number above 0")),
+            (!is_positive(self.repetition_penalty)).then_some((
+                "`repetition_penalty`",
                 self.repetition_penalty,
                 "a number above 0; 1 is none",
             )),
-            self.top_k.filter(|&k| k == 0).map(|_| ("top-k", 0.0, "at least 1")),
-            self.top_p.filter(|p| !(*p > 0.0 && *p <= 1.0)).map(|p| ("top-p", p, "a number above 0 and up to 1")),
-            self.min_p.filter(|p| !(0.0..=1.0).contains(p)).map(|p| ("min-p", p, "a number from 0 to 1")),
+            self.top_k.filter(|&k| k == 0).map(|_| ("`top_k`", 0.0, "at least 1")),
+            self.top_p.filter(|p| !(*p > 0.0 && *p <= 1.0)).map(|p| ("`top_p`", p, "a number above 0 and up to 1")),
+            self.min_p.filter(|p| !(0.0..=1.0).contains(p)).map(|p| ("`min_p`", p, "a number from 0 to 1")),
         ];
         match faults.into_iter().flatten().next() {
-            Some((what, found, expected)) => Err(Error::call(format!("{what} {found}; expected {expected}"))),
+            Some((name, found, expected)) => Err(Error::invalid(name, found, expected)),
             None => Ok(()),
         }
     }
 
-    /// Whether any rule leaves out unlikely ids.
+    /// Whether any rule removes unlikely ids.
     pub fn truncates(&self) -> bool {
         self.greedy || self.top_k.is_some() || self.top_p.is_some() || self.min_p.is_some()
     }
 
     /// The same with [`TOP_P`] where nothing truncates.
-    pub fn truncated(self) -> Draw {
-        Draw { top_p: self.top_p.or((!self.truncates()).then_some(TOP_P)), ..self }
+    pub fn truncated(self) -> Sampling {
+        Sampling { top_p: self.top_p.or((!self.truncates()).then_some(TOP_P)), ..self }
     }
 
-    /// Words that the repetition penalty looks back; 0 without one.
+    /// Words that the repetition penalty looks back; 0 without a penalty.
     pub fn looks_back(&self) -> usize {
         if self.repetition_penalty == 1.0 { 0 } else { self.repetition_words }
     }
 
-    /// The id that is drawn of those that are `allowed`, ranges that ascend, by the `logits` (V) of all; `recent` are the
-    /// ids that the repetition penalty falls on. A logit of minus infinity is probability 0. `None` if a logit is missing,
-    /// NaN or plus infinity, or if none is finite.
+    /// Samples an id from the `allowed` ones, ascending ranges, by the `logits` (V) of all ids. The repetition penalty applies
+    /// to the `recent` ids. A logit of minus infinity is probability 0. `None` if a logit is missing, NaN or plus infinity,
+    /// or if none is finite.
     ///
-    /// Probabilities are summed in f64 in the order of the ids, so the same stream draws the same everywhere.
-    pub fn pick(&self, logits: &[f32], allowed: &[Range<u32>], recent: &[u32], rng: &mut ChaCha8Rng) -> Option<u32> {
+    /// Probabilities are summed in f64 in the order of the ids, so the same stream gives the same id on every machine.
+    pub fn sample(&self, logits: &[f32], allowed: &[Range<u32>], recent: &[u32], rng: &mut ChaCha8Rng) -> Option<u32> {
         let mut left = candidates(logits, allowed)?;
         repetition::apply(&mut left, recent, self.repetition_penalty);
         if self.greedy {
-            return greedy::pick(&left);
+            return greedy::sample(&left);
         }
-        self.narrow(&mut left);
-        temperature::draw(&left, rng)
+        self.truncate(&mut left);
+        temperature::sample(&left, rng)
     }
 
-    /// The rules that narrow what a draw is made of.
-    fn narrow(&self, left: &mut Vec<Candidate>) {
+    /// Applies temperature and the truncating rules.
+    fn truncate(&self, left: &mut Vec<Candidate>) {
         centre(left);
         temperature::apply(left, self.temperature);
         if let Some(k) = self.top_k {
@@ -145,7 +155,7 @@ impl Draw {
     }
 }
 
-/// ln p of an id among those that are `allowed`, by the `logits` (V) of all; minus infinity where it can't come.
+/// ln p of an id among the `allowed` ones, by the `logits` (V) of all ids; minus infinity where it is impossible.
 pub fn log_probability(logits: &[f32], allowed: &[Range<u32>], id: u32) -> f64 {
     let Some(mut all) = candidates(logits, allowed) else { return f64::NEG_INFINITY };
     centre(&mut all);
@@ -165,19 +175,19 @@ fn candidates(logits: &[f32], allowed: &[Range<u32>]) -> Option<Vec<Candidate>> 
     (!found.is_empty()).then_some(found)
 }
 
-/// Moves all logits so that the largest is 0.
+/// Shifts all logits so that the largest is 0.
 fn centre(left: &mut [Candidate]) {
     let top = left.iter().fold(f64::NEG_INFINITY, |top, c| top.max(c.logit));
     left.iter_mut().for_each(|c| c.logit -= top);
 }
 
-/// Keeps the `keep` likeliest, of equals the first; the order of the ids stays.
-fn keep_likeliest(left: &mut Vec<Candidate>, keep: usize) {
-    if keep >= left.len() {
+/// Keeps the `n` most likely, of equals the first, in the order of the ids.
+fn keep_most_likely(left: &mut Vec<Candidate>, n: usize) {
+    if n >= left.len() {
         return;
     }
     left.sort_by(|a, b| b.logit.total_cmp(&a.logit).then(a.id.cmp(&b.id)));
-    left.truncate(keep);
+    left.truncate(n);
     left.sort_by_key(|c| c.id);
 }
 

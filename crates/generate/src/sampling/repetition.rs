@@ -1,9 +1,9 @@
-//! Repetition penalty, for words of motion: it falls on the ids that stood at the same place of a word a short while ago.
+//! Repetition penalty for words of motion: it applies to the ids that stood in the same slot of a recent word.
 //!
-//! An id means nothing without its place, so an id that another joint had is no repetition. The probability of an id that
-//! is one is divided by the penalty, once, however often it stood there: the logits of the original (Keskar et al., "CTRL",
-//! 2019) are divided where they are positive and multiplied where not, which depends on where a model's logits have their
-//! zero. A joint that stands still for good reason is pushed to a bin beside by it: it is against dances that freeze.
+//! An id means nothing without its slot, so an id of another joint is no repetition. The probability of a repeated id is
+//! divided by the penalty, once, however often it occurred. The original (Keskar et al., "CTRL", 2019) divides positive
+//! logits and multiplies negative ones, which depends on an offset that a softmax ignores. The penalty works against dances
+//! that freeze; a joint that rests for good reason is pushed to the next bin by it.
 
 use super::Candidate;
 

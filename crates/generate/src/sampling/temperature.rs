@@ -1,4 +1,4 @@
-//! Temperature, and the draw by probability.
+//! Temperature, and sampling by probability.
 
 use super::Candidate;
 use kinelm_store::random;
@@ -9,8 +9,8 @@ pub fn apply(left: &mut [Candidate], temperature: f64) {
     left.iter_mut().for_each(|c| c.logit /= temperature);
 }
 
-/// One of the ids, by their probabilities; the likeliest's logit is 0.
-pub fn draw(left: &[Candidate], rng: &mut ChaCha8Rng) -> Option<u32> {
+/// One of the ids, by their probabilities; the largest logit is 0.
+pub fn sample(left: &[Candidate], rng: &mut ChaCha8Rng) -> Option<u32> {
     let total: f64 = left.iter().map(|c| c.logit.exp()).sum();
     let mut rest = random::unit(rng) * total;
     for c in left {
@@ -19,6 +19,6 @@ pub fn draw(left: &[Candidate], rng: &mut ChaCha8Rng) -> Option<u32> {
             return Some(c.id);
         }
     }
-    // rounding has left a little
-    super::greedy::pick(left)
+    // rounding errors have left a little
+    super::greedy::sample(left)
 }

@@ -15,65 +15,70 @@ pub fn kept(logits: &[f64], rule: impl Fn(&mut Vec<Candidate>)) -> Vec<u32> {
     left.iter().map(|c| c.id).collect()
 }
 
-fn shares(draw: Draw, logits: &[f32]) -> Vec<f64> {
+fn shares(sampling: Sampling, logits: &[f32]) -> Vec<f64> {
     let mut rng = rng();
     let mut count = vec![0.0; logits.len()];
     for _ in 0..20_000 {
-        count[draw.pick(logits, &[0..1, 1..logits.len() as u32], &[], &mut rng).unwrap() as usize] += 1.0 / 20_000.0;
+        count[sampling.sample(logits, &[0..1, 1..logits.len() as u32], &[], &mut rng).unwrap() as usize] +=
+            1.0 / 20_000.0;
     }
     count
 }
 
-fn check_shares(draw: Draw, logits: &[f32], expected: &[f64]) {
-    for (got, want) in shares(draw, logits).iter().zip(expected) {
-        // five standard deviations of a share over 20,000 draws
+fn check_shares(sampling: Sampling, logits: &[f32], expected: &[f64]) {
+    for (got, want) in shares(sampling, logits).iter().zip(expected) {
+        // five standard deviations of a share over 20,000 samples
         assert!((got - want).abs() < 0.018, "{got} {want}");
     }
 }
 
 #[test]
-fn draws_are_by_probability() {
+fn ids_are_sampled_by_probability() {
     let logits = [0.0, 3f32.ln(), 6f32.ln()];
-    check_shares(Draw::default(), &logits, &[0.1, 0.3, 0.6]);
-    check_shares(Draw::temperature(0.5), &logits, &[1.0 / 46.0, 9.0 / 46.0, 36.0 / 46.0]);
-    check_shares(Draw { top_k: Some(2), ..Draw::default() }, &logits, &[0.0, 1.0 / 3.0, 2.0 / 3.0]);
-    check_shares(Draw { min_p: Some(0.4), ..Draw::default() }, &logits, &[0.0, 1.0 / 3.0, 2.0 / 3.0]);
-    check_shares(Draw { top_p: Some(0.5), ..Draw::default() }, &logits, &[0.0, 0.0, 1.0]);
+    check_shares(Sampling::default(), &logits, &[0.1, 0.3, 0.6]);
+    check_shares(Sampling::temperature(0.5), &logits, &[1.0 / 46.0, 9.0 / 46.0, 36.0 / 46.0]);
+    check_shares(Sampling { top_k: Some(2), ..Sampling::default() }, &logits, &[0.0, 1.0 / 3.0, 2.0 / 3.0]);
+    check_shares(Sampling { min_p: Some(0.4), ..Sampling::default() }, &logits, &[0.0, 1.0 / 3.0, 2.0 / 3.0]);
+    check_shares(Sampling { top_p: Some(0.5), ..Sampling::default() }, &logits, &[0.0, 0.0, 1.0]);
 }
 
 #[test]
 fn rules_apply_in_their_order() {
-    let left = |draw: Draw| kept(&[0.4f64, 0.3, 0.2, 0.1].map(f64::ln), |c| draw.narrow(c));
+    let left = |sampling: Sampling| kept(&[0.4f64, 0.3, 0.2, 0.1].map(f64::ln), |c| sampling.truncate(c));
     // of the two that top-k leaves, the first has 4/7: top-p sees these shares, not those of all
-    assert_eq!(left(Draw { top_p: Some(0.55), ..Draw::default() }), [0, 1]);
-    assert_eq!(left(Draw { top_k: Some(2), top_p: Some(0.55), ..Draw::default() }), [0]);
+    assert_eq!(left(Sampling { top_p: Some(0.55), ..Sampling::default() }), [0, 1]);
+    assert_eq!(left(Sampling { top_k: Some(2), top_p: Some(0.55), ..Sampling::default() }), [0]);
     // at temperature 1/2 the shares are 16 : 9 : 4 : 1, and min-p sees those
-    assert_eq!(left(Draw { min_p: Some(0.3), ..Draw::default() }), [0, 1, 2]);
-    assert_eq!(left(Draw { min_p: Some(0.3), temperature: 0.5, ..Draw::default() }), [0, 1]);
+    assert_eq!(left(Sampling { min_p: Some(0.3), ..Sampling::default() }), [0, 1, 2]);
+    assert_eq!(left(Sampling { min_p: Some(0.3), temperature: 0.5, ..Sampling::default() }), [0, 1]);
     // the penalty comes first: a penalised id may lose its place among the k
-    let draw = Draw { top_k: Some(1), repetition_penalty: 2.0, ..Draw::default() };
+    let sampling = Sampling { top_k: Some(1), repetition_penalty: 2.0, ..Sampling::default() };
     let logits = [0.4f32, 0.3].map(f32::ln);
-    assert_eq!(draw.pick(&logits, &[0..1, 1..2], &[0], &mut rng()), Some(1));
-    assert_eq!(Draw { greedy: true, ..draw }.pick(&logits, &[0..1, 1..2], &[0], &mut rng()), Some(1));
-    assert_eq!(draw.pick(&logits, &[0..1, 1..2], &[], &mut rng()), Some(0));
+    assert_eq!(sampling.sample(&logits, &[0..1, 1..2], &[0], &mut rng()), Some(1));
+    assert_eq!(Sampling { greedy: true, ..sampling }.sample(&logits, &[0..1, 1..2], &[0], &mut rng()), Some(1));
+    assert_eq!(sampling.sample(&logits, &[0..1, 1..2], &[], &mut rng()), Some(0));
 }
 
 #[test]
-fn greedy_takes_the_first_of_the_best() {
+fn greedy_takes_the_first_of_the_most_likely() {
     let all = |logits: &[f32]| std::ops::Range { start: 0, end: logits.len() as u32 };
-    let pick = |draw: Draw, logits: &[f32]| draw.pick(logits, &[all(logits)], &[], &mut rng());
-    assert_eq!(pick(Draw::greedy(), &[1.0, 5.0, 5.0]), Some(1));
-    assert_eq!(pick(Draw::greedy(), &[1.0, f32::NAN]), None);
-    assert_eq!(pick(Draw::default(), &[f32::INFINITY]), None);
-    assert_eq!(pick(Draw::greedy(), &[]), None);
+    let pick = |sampling: Sampling, logits: &[f32]| sampling.sample(logits, &[all(logits)], &[], &mut rng());
+    assert_eq!(pick(Sampling::greedy(), &[1.0, 5.0, 5.0]), Some(1));
+    assert_eq!(pick(Sampling::greedy(), &[1.0, f32::NAN]), None);
+    assert_eq!(pick(Sampling::default(), &[f32::INFINITY]), None);
+    assert_eq!(pick(Sampling::greedy(), &[]), None);
 }
 
 #[test]
 fn minus_infinity_is_probability_0() {
     let none = f32::NEG_INFINITY;
-    for draw in [Draw::greedy(), Draw::temperature(9.0), Draw { top_k: Some(3), min_p: Some(0.0), ..Draw::default() }] {
+    for sampling in [
+        Sampling::greedy(),
+        Sampling::temperature(9.0),
+        Sampling { top_k: Some(3), min_p: Some(0.0), ..Sampling::default() },
+    ] {
         let mut rng = rng();
-        let mut pick = |logits: &[f32]| draw.pick(logits, &[0..2, 2..4], &[0, 3], &mut rng);
+        let mut pick = |logits: &[f32]| sampling.sample(logits, &[0..2, 2..4], &[0, 3], &mut rng);
         for _ in 0..50 {
             assert_eq!(pick(&[none, none, -50.0, none]), Some(2));
         }
@@ -83,45 +88,45 @@ fn minus_infinity_is_probability_0() {
 }
 
 #[test]
-fn only_what_is_allowed_is_drawn_and_looked_at() {
+fn only_allowed_ids_are_sampled_and_looked_at() {
     let mut rng = rng();
     let logits = [f32::NAN, 1.0, 9.0, 2.0, 1.0];
-    assert_eq!(Draw::greedy().pick(&logits, &[1..2, 3..5], &[], &mut rng), Some(3));
+    assert_eq!(Sampling::greedy().sample(&logits, &[1..2, 3..5], &[], &mut rng), Some(3));
     for _ in 0..200 {
-        let drawn = Draw::temperature(5.0).pick(&logits, &[1..2, 3..5], &[], &mut rng).unwrap();
-        assert!([1, 3, 4].contains(&drawn), "{drawn}");
+        let sampled = Sampling::temperature(5.0).sample(&logits, &[1..2, 3..5], &[], &mut rng).unwrap();
+        assert!([1, 3, 4].contains(&sampled), "{sampled}");
     }
-    assert_eq!(Draw::greedy().pick(&logits, &[1..5, 5..6], &[], &mut rng), None);
-    assert_eq!(Draw::greedy().pick(&logits, &[], &[], &mut rng), None);
+    assert_eq!(Sampling::greedy().sample(&logits, &[1..5, 5..6], &[], &mut rng), None);
+    assert_eq!(Sampling::greedy().sample(&logits, &[], &[], &mut rng), None);
 }
 
 #[test]
-fn settings_outside_their_ranges_are_named() {
-    assert!(Draw { top_k: Some(1), top_p: Some(1.0), min_p: Some(0.0), ..Draw::default() }.check().is_ok());
-    for (draw, said) in [
-        (Draw::temperature(0.0), "temperature 0; expected a number above 0"),
-        (Draw::temperature(f64::NAN), "temperature NaN; expected"),
-        (Draw { top_k: Some(0), ..Draw::default() }, "top-k 0; expected at least 1"),
-        (Draw { top_p: Some(1.5), ..Draw::default() }, "top-p 1.5; expected"),
-        (Draw { min_p: Some(-0.1), ..Draw::default() }, "min-p -0.1; expected"),
-        (Draw { repetition_penalty: 0.0, ..Draw::default() }, "repetition-penalty 0; expected"),
+fn options_outside_their_ranges_are_named() {
+    assert!(Sampling { top_k: Some(1), top_p: Some(1.0), min_p: Some(0.0), ..Sampling::default() }.validate().is_ok());
+    for (sampling, said) in [
+        (Sampling::temperature(0.0), "`temperature` is 0; expected a number above 0"),
+        (Sampling::temperature(f64::NAN), "`temperature` is NaN; expected"),
+        (Sampling { top_k: Some(0), ..Sampling::default() }, "`top_k` is 0; expected at least 1"),
+        (Sampling { top_p: Some(1.5), ..Sampling::default() }, "`top_p` is 1.5; expected"),
+        (Sampling { min_p: Some(-0.1), ..Sampling::default() }, "`min_p` is -0.1; expected"),
+        (Sampling { repetition_penalty: 0.0, ..Sampling::default() }, "`repetition_penalty` is 0; expected"),
     ] {
-        let message = draw.check().unwrap_err().to_string();
+        let message = sampling.validate().unwrap_err().to_string();
         assert!(message.starts_with(said), "{message}");
     }
 }
 
-fn any_draw() -> impl Strategy<Value = Draw> {
+fn any_sampling() -> impl Strategy<Value = Sampling> {
     let p = || prop::option::of(0.01..1.0f64);
     (any::<bool>(), 0.2..5.0f64, 0.1..5.0f64, prop::option::of(1..20usize), p(), p()).prop_map(
-        |(greedy, repetition_penalty, temperature, top_k, top_p, min_p)| Draw {
+        |(greedy, repetition_penalty, temperature, top_k, top_p, min_p)| Sampling {
             greedy,
             repetition_penalty,
             temperature,
             top_k,
             top_p,
             min_p,
-            ..Draw::default()
+            ..Sampling::default()
         },
     )
 }
@@ -134,9 +139,9 @@ fn any_logits() -> impl Strategy<Value = Vec<f32>> {
 proptest! {
     /// Whatever is asked, an allowed id of a probability above 0 comes out, the same for the same stream.
     #[test]
-    fn every_draw_is_allowed_and_repeats(draw in any_draw(), logits in any_logits(), recent in prop::collection::vec(0..24u32, 0..4), seed: u64) {
+    fn every_sample_is_allowed_and_repeats(sampling in any_sampling(), logits in any_logits(), recent in prop::collection::vec(0..24u32, 0..4), seed: u64) {
         let allowed = [2..9, 11..24];
-        let pick = || draw.pick(&logits, &allowed, &recent, &mut random::stream(seed, "test", 0, 0));
+        let pick = || sampling.sample(&logits, &allowed, &recent, &mut random::stream(seed, "test", 0, 0));
         let possible = |id: u32| allowed.iter().any(|r| r.contains(&id)) && logits[id as usize].is_finite();
         match pick() {
             Some(id) => prop_assert!(possible(id)),
@@ -145,25 +150,25 @@ proptest! {
         prop_assert_eq!(pick(), pick());
     }
 
-    /// The likeliest is never ruled out, so something always is left, and rules set to nothing change nothing.
+    /// The most likely is never ruled out, so something always is left, and rules set to nothing change nothing.
     #[test]
-    fn the_likeliest_stays_and_rules_of_nothing_change_nothing(draw in any_draw(), logits in any_logits()) {
+    fn the_most_likely_stays_and_rules_of_nothing_change_nothing(sampling in any_sampling(), logits in any_logits()) {
         let all: Vec<f64> = logits.iter().filter(|l| l.is_finite()).map(|&l| l.into()).collect();
         if !all.is_empty() {
-            let left = kept(&all, |c| draw.narrow(c));
+            let left = kept(&all, |c| sampling.truncate(c));
             let best = (0..all.len()).fold(0, |best, i| if all[i] > all[best] { i } else { best });
             prop_assert!(left.contains(&(best as u32)) && left.is_sorted());
-            let nothing = Draw { top_k: Some(24), top_p: Some(1.0), min_p: Some(0.0), ..Draw::default() };
-            prop_assert_eq!(kept(&all, |c| nothing.narrow(c)).len(), all.len());
+            let nothing = Sampling { top_k: Some(24), top_p: Some(1.0), min_p: Some(0.0), ..Sampling::default() };
+            prop_assert_eq!(kept(&all, |c| nothing.truncate(c)).len(), all.len());
         }
     }
 
     /// A constant added to every logit changes nothing, which models with a softmax may do.
     #[test]
-    fn where_the_logits_have_their_zero_does_not_matter(draw in any_draw(), logits in prop::collection::vec(-8..8i32, 12), by in -4..4i32, seed: u64) {
+    fn where_the_logits_have_their_zero_does_not_matter(sampling in any_sampling(), logits in prop::collection::vec(-8..8i32, 12), by in -4..4i32, seed: u64) {
         let pick = |by: i32| {
             let logits: Vec<f32> = logits.iter().map(|l| (l + by) as f32).collect();
-            draw.pick(&logits, &[0..6, 6..12], &[3], &mut random::stream(seed, "test", 0, 0))
+            sampling.sample(&logits, &[0..6, 6..12], &[3], &mut random::stream(seed, "test", 0, 0))
         };
         prop_assert_eq!(pick(0), pick(by));
     }
@@ -179,7 +184,7 @@ struct Golden {
 
 #[derive(Deserialize)]
 struct GoldenCase {
-    rule: Draw,
+    rule: Sampling,
     counts: Vec<u32>,
 }
 
@@ -195,22 +200,22 @@ fn chi_square_bound(ids: usize) -> f64 {
 fn ids_kept_and_drawn_are_those_of_candle_transformers() {
     let golden: Golden = serde_json::from_str(include_str!("../../tests/golden/sampler.json")).unwrap();
     for GoldenCase { rule, counts } in golden.cases {
-        let mut draw = rule;
+        let mut sampling = rule;
         if let (Some(k), Some(p)) = (rule.top_k, rule.top_p) {
             // theirs counts p of all ids, ours of the k that are left
             let mut all: Vec<f64> = golden.logits.iter().map(|l| (f64::from(*l) / rule.temperature).exp()).collect();
             all.sort_by(|a, b| b.total_cmp(a));
-            draw.top_p = Some(p * all.iter().sum::<f64>() / all[..k].iter().sum::<f64>());
+            sampling.top_p = Some(p * all.iter().sum::<f64>() / all[..k].iter().sum::<f64>());
         }
         let theirs: Vec<u32> = (0..).zip(&counts).filter(|(_, n)| **n > 0).map(|(id, _)| id).collect();
         let logits: Vec<f64> = golden.logits.iter().map(|l| f64::from(*l)).collect();
-        assert_eq!(kept(&logits, |c| draw.narrow(c)), theirs, "{rule:?}");
+        assert_eq!(kept(&logits, |c| sampling.truncate(c)), theirs, "{rule:?}");
         if theirs.len() < 2 {
             continue;
         }
         let (mut rng, mut ours, all) = (rng(), vec![0u32; counts.len()], 0..counts.len() as u32);
         for _ in 0..golden.draws {
-            ours[draw.pick(&golden.logits, std::slice::from_ref(&all), &[], &mut rng).unwrap() as usize] += 1;
+            ours[sampling.sample(&golden.logits, std::slice::from_ref(&all), &[], &mut rng).unwrap() as usize] += 1;
         }
         let off = |(a, b): (&u32, &u32)| (f64::from(*a) - f64::from(*b)).powi(2) / f64::from((a + b).max(1));
         let statistic: f64 = ours.iter().zip(&counts).map(off).sum();

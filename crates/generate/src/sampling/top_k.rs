@@ -1,10 +1,10 @@
-//! Top-k: only the k likeliest. Source: Fan, Lewis, Dauphin, "Hierarchical Neural Story Generation" (2018).
+//! Top-k: the k most likely ids. Source: Fan, Lewis, Dauphin, "Hierarchical Neural Story Generation" (2018).
 
-use super::{Candidate, keep_likeliest};
+use super::{Candidate, keep_most_likely};
 
-/// Keeps the `k` likeliest, at least one; of equals the first.
+/// Keeps the `k` most likely, at least one; of equals the first.
 pub fn apply(left: &mut Vec<Candidate>, k: usize) {
-    keep_likeliest(left, k.max(1));
+    keep_most_likely(left, k.max(1));
 }
 
 #[cfg(test)]

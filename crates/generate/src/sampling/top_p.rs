@@ -1,9 +1,9 @@
-//! Top-p, the nucleus: only the fewest likeliest ids that have a probability p together. Source: Holtzman et al., "The
+//! Top-p, nucleus sampling: the fewest most likely ids that have probability p together. Source: Holtzman et al., "The
 //! Curious Case of Neural Text Degeneration" (2020).
 
-use super::{Candidate, keep_likeliest};
+use super::{Candidate, keep_most_likely};
 
-/// Keeps the fewest likeliest whose probabilities reach `p` together, at least one; of equals the first.
+/// Keeps the fewest most likely whose probabilities reach `p` together, at least one; of equals the first.
 pub fn apply(left: &mut Vec<Candidate>, p: f64) {
     if p >= 1.0 {
         return;
@@ -16,8 +16,8 @@ pub fn apply(left: &mut Vec<Candidate>, p: f64) {
         sum += l.exp();
         sum < p * total
     });
-    let keep = short.count() + 1;
-    keep_likeliest(left, keep);
+    let n = short.count() + 1;
+    keep_most_likely(left, n);
 }
 
 #[cfg(test)]

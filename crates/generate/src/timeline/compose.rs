@@ -1,8 +1,8 @@
-//! A laid plan as one file: what clips give in their own words, straight ways between.
+//! A timeline composed into one file: the numbers of its clips digit for digit, straight lines between.
 
-use super::lay::{Placed, TimelineLayout};
+use super::layout::{PlacedSegment, TimelineLayout};
 use crate::Result;
-use crate::edit::close::bridged;
+use crate::edit::gap::bridge;
 use crate::edit::mask::Mask;
 use crate::edit::splice::RigJoints;
 use crate::request::Span;
@@ -20,35 +20,35 @@ impl TimelineLayout {
         &self.rig.0.file
     }
 
-    /// How the bytes are read.
+    /// How the composed file is read.
     pub fn read(&self) -> ReadOptions {
         let (own, _, source) = &self.rig;
         let (up, floor) = (source.rig.axes.up, Some(self.floor_m));
         ReadOptions { skip: 0, rest: RestFrame::Keep, up, floor, ..own.options() }
     }
 
-    /// What is given of the dance.
+    /// What the clips give of the dance.
     pub fn given(&self) -> Vec<Span> {
-        let span = |segment: &Placed| {
+        let span = |segment: &PlacedSegment| {
             let [from, to] = [segment.frames.start, segment.frames.end].map(|f| Some(Moment::Frames(f as f64)));
             Span { joints: segment.list.clone(), from, to }
         };
-        self.placed.iter().map(span).collect()
+        self.segments.iter().map(span).collect()
     }
 
-    /// The bytes of the dance, as far as clips give it.
+    /// The file: what clips give, and straight lines where none does.
     ///
     /// # Errors
-    /// None that clips which were read bring about.
-    pub fn bytes(&self) -> Result<Vec<u8>> {
+    /// None for clips that were read.
+    pub fn compose(&self) -> Result<Vec<u8>> {
         let (own, motion, source) = &self.rig;
         let skeleton = motion.clip.skeleton();
-        let way = Retarget::new(skeleton, &map_for(skeleton, own.map.as_deref())?, smpl::neutral())?;
-        let owners = owners(&way);
+        let retarget = Retarget::new(skeleton, &map_for(skeleton, own.map.as_deref())?, smpl::neutral())?;
+        let owners = owners(&retarget);
         // (F, J) the segment that gives a joint
         let j = skeleton.joints();
         let mut by: Vec<Option<usize>> = vec![None; self.frames * j];
-        for (n, segment) in self.placed.iter().enumerate() {
+        for (n, segment) in self.segments.iter().enumerate() {
             for frame in segment.frames.clone() {
                 let given = (0..j).filter(|&joint| segment.joints.contains(&owners[joint]));
                 given.for_each(|joint| by[frame * j + joint] = Some(n));
@@ -57,26 +57,26 @@ impl TimelineLayout {
         let clip = self.clip(&by)?;
         let names: Vec<&String> = self.clips.keys().collect();
         let exact: Vec<Option<Piece>> =
-            self.clips.values().map(|ready| ready.exact.as_ref().map(|(source, text)| (source, &text[..]))).collect();
+            self.clips.values().map(|read| read.exact.as_ref().map(|(source, text)| (source, &text[..]))).collect();
         let pieces: Vec<Piece> = exact.iter().flatten().copied().collect();
         let piece_of = |segment: usize| {
-            let clip = names.iter().position(|name| **name == self.placed[segment].clip)?;
+            let clip = names.iter().position(|name| **name == self.segments[segment].clip)?;
             exact[clip].map(|_| exact[..clip].iter().flatten().count())
         };
-        let of_segment: Vec<Option<usize>> = (0..self.placed.len()).map(piece_of).collect();
-        // where no clip gives words, numbers are new; until then those of the rig stand there, which has its own bones
+        let of_segment: Vec<Option<usize>> = (0..self.segments.len()).map(piece_of).collect();
+        // where no clip gives numbers they are new; the rig's fill their places until then
         let of_rig = names.iter().position(|name| **name == self.rig_name).unwrap_or(0);
         let of_rig = (exact[..of_rig].iter().flatten().count(), self.clips[&self.rig_name].left_out);
         let words = |frame: usize, joint: usize| {
             let given = by[frame * j + joint].and_then(|n| {
-                let segment = &self.placed[n];
+                let segment = &self.segments[n];
                 let left_out = self.clips[&segment.clip].left_out;
                 Some((of_segment[n]?, left_out + segment.at + frame - segment.frames.start))
             });
             Some(given.unwrap_or(of_rig))
         };
         let text = source.composed(&pieces, self.frames, words);
-        let stays = |n: usize| self.placed[n].turn == 0.0 && self.placed[n].shift == Vec3::ZERO;
+        let stays = |n: usize| self.segments[n].turn == 0.0 && self.segments[n].shift == Vec3::ZERO;
         let is_new = |frame: usize, joint: usize| match by[frame * j + joint].filter(|&n| of_segment[n].is_some()) {
             Some(n) => joint == 0 && !stays(n),
             None => true,
@@ -87,14 +87,14 @@ impl TimelineLayout {
             joints: (0..self.frames * j).map(|i| is_new(i / j, i % j)).collect(),
         };
         let read = self.read();
-        // what the rig is was judged by its own clip, not by rows that are to be filled yet
+        // the rig is as its own clip says, not as rows say that are to be filled yet
         let head = parse_header(&own.file, &text, &read)?;
         let (numbers, _) = head.rows(&own.file, &text, &read)?;
         let composed = BvhSource { head, numbers, frames: self.frames, rig: source.rig.clone(), floor_m: None };
         Ok(composed.spliced(&text, &clip, &changed)?)
     }
 
-    /// What the segments give, and straight ways where none does.
+    /// What the segments give, and straight lines where none does. `by`: (F, J) the segment that gives a joint.
     fn clip(&self, by: &[Option<usize>]) -> Result<Clip> {
         let rig = &self.rig.1.clip;
         let j = rig.joints();
@@ -102,7 +102,7 @@ impl TimelineLayout {
         let (mut root, mut rotations) = (vec![rig.root()[0]; self.frames], mean.repeat(self.frames));
         for (i, n) in by.iter().enumerate() {
             let (Some(n), frame, joint) = (*n, i / j, i % j) else { continue };
-            let segment = &self.placed[n];
+            let segment = &self.segments[n];
             let clip = &self.clips[&segment.clip].clip;
             let from = segment.at + frame - segment.frames.start;
             rotations[i] = clip.pose(from)[joint];
@@ -113,10 +113,10 @@ impl TimelineLayout {
             }
         }
         for gap in Mask::runs(self.frames, |frame| by[frame * j].is_none()) {
-            let (before, behind) = (gap.start.checked_sub(1), Some(gap.end).filter(|&end| end < self.frames));
+            let (before, after) = (gap.start.checked_sub(1), Some(gap.end).filter(|&end| end < self.frames));
             for frame in gap.clone() {
                 let share = (frame + 1 - gap.start) as f64 / (gap.len() + 1) as f64;
-                root[frame] = match (before, behind) {
+                root[frame] = match (before, after) {
                     (Some(a), Some(b)) => Vec3::lerp(root[a], root[b], share),
                     (Some(only), None) | (None, Some(only)) => root[only],
                     (None, None) => root[frame],
@@ -127,20 +127,19 @@ impl TimelineLayout {
         for joint in 0..j {
             let gaps = Mask::runs(self.frames, |frame| by[frame * j + joint].is_none());
             if !gaps.is_empty() {
-                clip = bridged(&clip, &[joint], &gaps, &mean)?;
+                clip = bridge(&clip, &[joint], &gaps, &mean)?;
             }
         }
         Ok(clip)
     }
 }
 
-/// (J) the SMPL joint that each joint of a rig goes with: the one that it plays, or the nearest above it; the pelvis for what
-/// hangs on none.
-fn owners(way: &Retarget) -> Vec<usize> {
-    let smpl = RigJoints::of(way).smpl;
+/// (J) the SMPL joint that each joint of a rig goes with: its own, else that of its nearest ancestor, else the pelvis.
+fn owners(retarget: &Retarget) -> Vec<usize> {
+    let smpl = RigJoints::of(retarget).smpl;
     let mut owners = vec![0; smpl.len()];
     for joint in 0..smpl.len() {
-        let above = way.rig().parents()[joint].map_or(0, |parent| owners[parent]);
+        let above = retarget.rig().parents()[joint].map_or(0, |parent| owners[parent]);
         owners[joint] = smpl[joint].unwrap_or(above);
     }
     owners

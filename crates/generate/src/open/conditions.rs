@@ -1,0 +1,73 @@
+//! What a dance is conditioned on beside its own words: goals, the tempo of its music, and the unconditioned reading.
+
+use super::OpenMusic;
+use crate::request::Resolved;
+use crate::{Error, Result};
+use kinelm_corpus::Conditions;
+use kinelm_corpus::music::tempo;
+use kinelm_model::LoadedRun;
+
+/// Refuses goal guidance that the model can't take.
+///
+/// # Errors
+/// A model that isn't goal-conditioned, a scale that isn't finite.
+pub fn check_goal_guidance(scale: f64, run: &LoadedRun) -> Result<()> {
+    if !scale.is_finite() {
+        return Err(Error::invalid("`goal_guidance`", scale, "a finite number"));
+    }
+    if scale != 0.0 && !run.config.goal {
+        let why = "this model isn't goal-conditioned; expected 0, or a model trained with model.goal";
+        return Err(Error::unsupported(format!("`goal_guidance` {scale}"), why));
+    }
+    Ok(())
+}
+
+/// Adds the tempo of the music to the labels of a dance of `seconds`, for a model that knows tempi, unless a label states it.
+///
+/// # Errors
+/// A model that is conditioned on music by its tempo alone, and knows no tempo that is a number.
+pub(super) fn add_tempo(
+    request: &mut Resolved,
+    music: &OpenMusic,
+    (run, conditions): (&LoadedRun, &Conditions),
+    seconds: f64,
+) -> Result<()> {
+    let mut fields = request.labels.keys().chain(request.timed_labels.iter().map(|label| &label.field));
+    if fields.any(|field| field == tempo::FIELD) {
+        return Ok(());
+    }
+    match music.tempo(conditions, seconds) {
+        Some(tempo) => {
+            request.labels.insert(tempo::FIELD.into(), tempo);
+        }
+        None if run.config.music.is_none() => {
+            let known = conditions.values(tempo::FIELD).join(", ");
+            let why =
+                format!("this model knows of music its tempo alone, and no tempo that is a number ({known}); label it");
+            return Err(Error::unsupported("`music`", why));
+        }
+        None => {}
+    }
+    Ok(())
+}
+
+/// The tokens in front of the windows of the unconditioned reading, if the dance is guided.
+pub(super) fn unconditioned(request: &Resolved, run: &LoadedRun, conditions: &Conditions) -> Result<Option<Vec<u32>>> {
+    let scale = request.guidance;
+    if scale == 1.0 {
+        return Ok(None);
+    }
+    if !scale.is_finite() {
+        return Err(Error::invalid("`guidance`", scale, "a finite number"));
+    }
+    let unsupported = |why: &str| Err(Error::unsupported(format!("`guidance` {scale}"), why));
+    if request.music.is_none() && conditions.fields().is_empty() && run.config.music.is_none() {
+        return unsupported(
+            "this model knows no labels, so there is nothing to follow; train one with train.conditions",
+        );
+    }
+    if request.music.is_none() && request.labels.is_empty() && request.timed_labels.is_empty() {
+        return unsupported("there are neither labels nor music to follow");
+    }
+    Ok(Some(conditions.unknown().asked(&[])?))
+}

@@ -1,0 +1,90 @@
+//! The music of a requested dance.
+
+use crate::request::MusicRequest;
+use crate::{Error, Result};
+use kinelm_corpus::Conditions;
+use kinelm_corpus::music::find::in_dance;
+use kinelm_corpus::music::piece::Piece;
+use kinelm_corpus::music::sound::Rows;
+use kinelm_corpus::music::tempo;
+use kinelm_model::LoadedRun;
+use kinelm_store::hash;
+
+/// The guidance scale of a model conditioned on beats, where a request has none: at 1 the music is followed little
+/// (docs/results/music.md).
+pub const MUSIC_GUIDANCE: f64 = 3.0;
+/// The same of a model conditioned on sound features: at higher scales some dances fly apart.
+const FEATURE_GUIDANCE: f64 = 2.0;
+
+/// The guidance scale that suits a model's music conditioning; 1 where its tempo label is all it knows of music.
+pub fn music_guidance(conditioning: kinelm_model::music::Music) -> f64 {
+    match conditioning {
+        music if music.has_features() => FEATURE_GUIDANCE,
+        music if music.has_beats() => MUSIC_GUIDANCE,
+        _ => 1.0,
+    }
+}
+
+/// A piece of music with its beats and features.
+pub struct OpenMusic {
+    request: MusicRequest,
+    /// SHA-256 of its file.
+    pub sha256: String,
+    piece: Piece,
+}
+
+impl OpenMusic {
+    /// Reads the requested music for a model at `fps` frames per second.
+    ///
+    /// # Errors
+    /// A model that is conditioned neither on music nor on its tempo; music that can't be read, is silent, or ends before the
+    /// dance begins.
+    pub fn open(request: &MusicRequest, run: &LoadedRun, fps: f64) -> Result<OpenMusic> {
+        if run.config.music.is_none() && !run.conditions.iter().any(|field| field == tempo::FIELD) {
+            let why = "this model is not conditioned on music (model.music) or on its tempo (train.conditions); train one on \
+                       a corpus with music, or add it with kinelm finetune";
+            return Err(Error::unsupported(format!("`music` {}", request.path.display()), why));
+        }
+        let sha256 = hash::of_file(&request.path)?;
+        let piece = match run.config.music.has_features() {
+            true => Piece::hear(&request.path, fps)?,
+            false => Piece::beats_of(&request.path)?,
+        };
+        let music = OpenMusic { request: request.clone(), sha256, piece };
+        music.check(0.0)?;
+        Ok(music)
+    }
+
+    /// Seconds from the dance's beginning to the music's end.
+    pub fn seconds(&self) -> f64 {
+        self.piece.beats.seconds - self.request.from_s
+    }
+
+    /// Refuses a dance of `seconds` that the music doesn't cover.
+    ///
+    /// # Errors
+    /// Those of [`in_dance`].
+    pub fn check(&self, seconds: f64) -> Result<()> {
+        Ok(in_dance(&self.request.path, &self.piece.beats, (self.request.from_s, seconds)).map(|_| ())?)
+    }
+
+    /// The beats in seconds from the dance's beginning; earlier ones are negative.
+    pub fn beats_s(&self) -> Vec<f64> {
+        self.piece.beats.times_s.iter().map(|beat| beat - self.request.from_s).collect()
+    }
+
+    /// The sound features, by the dance's time.
+    pub fn rows(&self) -> Rows<'_> {
+        self.piece.rows(self.request.from_s)
+    }
+
+    /// The tempo label of a dance of `seconds`: the nearest that the model knows; `None` if it knows none.
+    pub fn tempo(&self, conditions: &Conditions, seconds: f64) -> Option<String> {
+        tempo::nearest(&conditions.values(tempo::FIELD), self.bpm(seconds)?)
+    }
+
+    /// Beats per minute during a dance of `seconds`; with fewer than two beats there, of the whole piece.
+    pub fn bpm(&self, seconds: f64) -> Option<f64> {
+        tempo::bpm(&self.beats_s(), seconds).or(self.piece.beats.bpm())
+    }
+}

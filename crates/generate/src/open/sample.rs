@@ -1,0 +1,153 @@
+//! Dances sampled as a request says.
+
+use super::OpenRequest;
+use crate::Result;
+use crate::sampler::{Guidance, NextToken, SampledTokens, Sampler, SamplingPlan, reader, sample, variation_seed};
+use kinelm_corpus::music::sound::Sound;
+use kinelm_model::goal::{GoalEncoder, GoalTrack};
+use kinelm_model::music;
+use kinelm_tokenizer::Words;
+use std::sync::Arc;
+
+impl OpenRequest {
+    /// The sampling of `variations` dances side by side, as an iterator over their words: it can be dropped at any frame. Of
+    /// a request with `tries` it samples one try of each; [`OpenRequest::sample`] chooses among them.
+    ///
+    /// # Errors
+    /// Those of [`reader`] and [`Sampler::new`].
+    pub fn sampler(&self, variations: usize) -> Result<Sampler<Box<dyn NextToken>>> {
+        let plan = self.plan(variations)?;
+        let model = self.reader(variations, &plan)?;
+        Sampler::new(model, plan)
+    }
+
+    /// Samples `variations` dances. `guesses` as [`SamplingPlan::guesses`]; `progress` gets the number of frames that every
+    /// dance has.
+    ///
+    /// Of an edited clip whose gaps end, each dance is the best of several tries; the tries of a variation are sampled side by
+    /// side, the variations one after the other.
+    ///
+    /// # Errors
+    /// Those of [`reader`] and [`sample`].
+    pub fn sample(
+        &self,
+        variations: usize,
+        guesses: Option<usize>,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<SampledTokens> {
+        let mut plan = self.plan(variations)?;
+        plan.guesses = guesses.unwrap_or(plan.guesses);
+        let tries = self.tries();
+        let mut model = self.reader(if tries > 1 { tries } else { variations }, &plan)?;
+        let length = self.tokenizer.frames_per_word();
+        let mut progress = |words: usize| progress((words * length).min(self.frames));
+        if tries == 1 {
+            return sample(&mut *model, &plan, &mut progress);
+        }
+        let (beginnings, mut all) = (plan.beginnings.clone(), SampledTokens::default());
+        for variation in 0..variations {
+            plan.seed = variation_seed(self.resolved.seed, variation);
+            plan.beginnings = beginnings.get(variation).or(beginnings.first()).cloned().into_iter().collect();
+            let mut sampled = sample(&mut *model, &plan, &mut progress)?;
+            let best = self.best_try(&sampled)?;
+            all.ids.push(sampled.ids.swap_remove(best));
+            all.lookahead.push(sampled.lookahead.swap_remove(best));
+            (all.guessed, all.right) = (all.guessed + sampled.guessed, all.right + sampled.right);
+        }
+        Ok(all)
+    }
+
+    /// The words of one of several dances, with the look-ahead tokens after gaps of an edited clip.
+    pub fn words(&self, sampled: &SampledTokens, dance: usize) -> Words {
+        self.tokenizer.words_of_ids(&sampled.with_lookahead(dance)).words
+    }
+
+    /// Ways through its gaps that are sampled of each variation.
+    pub(super) fn tries(&self) -> usize {
+        let edit = self.resolved.prompt.as_ref().and_then(|prompt| prompt.edit.as_ref());
+        let has_ends = self.edit().is_some_and(|(_, edit)| edit.has_ends());
+        if has_ends && !self.resolved.sampling.greedy { edit.map_or(1, |edit| edit.tries).max(1) } else { 1 }
+    }
+
+    /// What the sampler is to do for `variations` dances.
+    fn plan(&self, variations: usize) -> Result<SamplingPlan> {
+        let request = &self.resolved;
+        let length = self.tokenizer.frames_per_word();
+        let edit = self.edit();
+        let lead_in = request.lead_in / length;
+        let words = edit.map_or(self.frames, |(_, edit)| edit.frames).div_ceil(length) + lead_in;
+        let mut plan = SamplingPlan::free(self.tokenizer.grammar(), words, request.sampling, request.seed);
+        if let Some(prompt) = &self.prompt {
+            if !prompt.given.is_empty() || edit.is_some() {
+                plan.prompt = self.tokenizer.ids_of_words(&prompt.clip.words)?;
+            }
+            plan.beginnings = Some(prompt.beginning.clone()).into_iter().filter(|ids| !ids.is_empty()).collect();
+            plan.given.clone_from(&prompt.given);
+        }
+        if let Some((prompt, edit)) = edit {
+            (plan.given, plan.lookahead) = edit.given(prompt.clip.words.len());
+            plan.goals = self.goals(&plan.prompt, &plan.given, lead_in)?.map(Arc::new);
+        }
+        let lead_ins: Vec<Vec<u32>> = (0..variations)
+            .filter_map(|variation| self.lead_in(variation))
+            .map(|lead_in| lead_in.ids.clone())
+            .collect();
+        if !lead_ins.is_empty() {
+            plan.beginnings = lead_ins;
+        }
+        plan.music = self.music_rows(words);
+        (plan.lead_in, plan.first_frames) = (lead_in, request.first_frames);
+        (plan.goal_guidance, plan.inputs_hash) = (request.goal_guidance, self.inputs_hash());
+        let from_word = |frame: usize| if frame == 0 { 0 } else { lead_in + frame.div_ceil(length) };
+        plan.fronts = self.fronts.iter().map(|(frame, front)| (from_word(*frame), front.clone())).collect();
+        let unconditioned = self.unconditioned.clone();
+        plan.guidance = unconditioned.map(|unconditioned| Guidance { scale: request.guidance, unconditioned });
+        Ok(plan)
+    }
+
+    /// The model, to read so many dances side by side.
+    fn reader(&self, dances: usize, plan: &SamplingPlan) -> Result<Box<dyn NextToken>> {
+        let computing = &self.resolved.computing;
+        reader(&self.run, computing.compute()?, computing.reading(dances * plan.streams()))
+    }
+
+    /// The goals of an edited clip, by the ids of its words and (P, C) which of their characters are given.
+    fn goals(&self, ids: &[u32], given: &[bool], lead_in: usize) -> Result<Option<GoalTrack>> {
+        if self.resolved.goal_guidance == 0.0 || !self.run.config.goal || given.is_empty() {
+            return Ok(None);
+        }
+        let ahead = GoalEncoder::of(&self.tokenizer)?;
+        let front = lead_in * ahead.characters();
+        let codes = [vec![0; front], ahead.codes(ids)].concat();
+        let goals = GoalTrack::new(ahead, codes, [&vec![false; front], given].concat(), lead_in);
+        Ok(Some(goals).filter(GoalTrack::has_goals))
+    }
+
+    /// (words, M) conditioning on the music, the lead-in included.
+    fn music_rows(&self, words: usize) -> Vec<f32> {
+        let Some(music) = &self.music else { return Vec::new() };
+        let (fps, lead_in) = (self.tokenizer.fps(), self.resolved.lead_in as f64);
+        let times = (0..words).map(|word| (word as f64 - lead_in) / fps);
+        let beats_s = music.beats_s();
+        music::conditioning(
+            self.run.config.music_conditioning(),
+            &Sound { beats_s: &beats_s, rows: music.rows() },
+            times,
+            1.0,
+        )
+    }
+
+    /// The try that ends nearest to where the clip continues; of equals the first.
+    fn best_try(&self, sampled: &SampledTokens) -> Result<usize> {
+        let Some((prompt, edit)) = self.edit() else { return Ok(0) };
+        let mut best = (f64::INFINITY, 0);
+        for i in 0..sampled.ids.len() {
+            let words = self.words(sampled, i);
+            let closed = edit.close(&words, (&prompt.clip, self.resolved.lead_in), &self.tokenizer, false)?;
+            if closed.total_error() < best.0 {
+                best = (closed.total_error(), i);
+            }
+        }
+        Ok(best.1)
+    }
+}

@@ -1,0 +1,46 @@
+//! How likely a dance is under the model that generated it.
+
+use crate::open::OpenRequest;
+use crate::{Error, Result};
+use kinelm_corpus::windows::{eval_windows, fill_sequence};
+use kinelm_corpus::words::ClipWords;
+use kinelm_model::likelihood::room;
+use kinelm_tokenizer::{SPACE, Words};
+
+impl OpenRequest {
+    /// Bits per frame of each dance, given characters included. Windows are cut and scored as for clips of a corpus
+    /// ([`kinelm_model::likelihood`]), with the labels in front and without music and goals.
+    ///
+    /// # Errors
+    /// What the model fails with; words that are not its tokenizer's.
+    pub fn bits_per_frame(&self, dances: &[&Words]) -> Result<Vec<f64>> {
+        let mut model = self.run.scores(self.resolved.computing.compute()?)?;
+        let (pad, room) = (model.tokens().pad, room(model.config(), model.tokens()));
+        let mut bits = Vec::with_capacity(dances.len());
+        for dance in dances {
+            let ids = self.tokenizer.ids_of_words(dance)?;
+            let ends = ids.iter().enumerate().filter(|(_, id)| **id == SPACE).map(|(at, _)| at as u32 + 1);
+            let mut starts: Vec<u32> = std::iter::once(0).chain(ends).collect();
+            starts.pop();
+            let words = ClipWords::Varying { starts: &starts, tokens: ids.len() };
+            let mut nats = 0.0;
+            for window in eval_windows([words], room)? {
+                let frame = words.before(window.start + 1).saturating_sub(1) * self.tokenizer.frames_per_word();
+                let front = self.front_at(frame);
+                let length = window.tokens + front.len() - 1;
+                let (mut input, mut target) = (vec![pad; length], vec![pad; length]);
+                fill_sequence(&ids[window.start..][..window.tokens], front, pad, &mut input, &mut target);
+                target[..front.len() - 1 + window.scored.start].fill(pad);
+                let mut scored = vec![0.0; length];
+                model.nats(&input, &target, length, &mut scored)?;
+                nats += scored.iter().map(|&x| f64::from(x)).sum::<f64>();
+            }
+            let frames = starts.len() * self.tokenizer.frames_per_word();
+            if !nats.is_finite() || frames == 0 {
+                return Err(Error::NotFinite(format!("the likelihood of a dance of {frames} frames: {nats} nats")));
+            }
+            bits.push(nats / std::f64::consts::LN_2 / frames as f64);
+        }
+        Ok(bits)
+    }
+}

@@ -1,0 +1,163 @@
+//! Dances decoded: words become a motion on a rig, at a rate, with feet locked, and a file with its sidecar.
+
+pub mod distance;
+mod feet;
+mod free_spans;
+mod likelihood;
+mod placement;
+
+pub use feet::lock_feet;
+pub use free_spans::FreeSpan;
+pub use placement::RootGiven;
+
+use crate::Result;
+use crate::edit::{ClosedGaps, ClosingError, PreparedEdit};
+use crate::open::{OpenRequest, PreparedPrompt};
+use crate::prompt::{on_model_rig, uncoded};
+use crate::request::{FootMode, Placement, Rig, UncodedJoints};
+use kinelm_motion::feet::FootLock;
+use kinelm_motion::format::{self, Format, ReadOptions, RestFrame, bvh::Changed};
+use kinelm_motion::resample::{Method, resample_held};
+use kinelm_motion::{Clip, Motion, Source};
+use kinelm_tokenizer::{UncodedPose, Words};
+use std::path::Path;
+use std::sync::Arc;
+
+/// A dance as it is written.
+pub struct Generated {
+    /// On its rig, at its rate.
+    pub motion: Motion,
+    /// What was done to its feet, gap by gap where a clip is edited. Frames are [`Generated::locked_fps`] per second.
+    pub locked: Vec<FootLock>,
+    /// The rate at which feet were locked.
+    pub locked_fps: f64,
+    /// Of an edited clip: the errors at the ends of gaps, frames at the model's rate.
+    pub errors: Vec<ClosingError>,
+    /// Of an edited clip on its own rig and at its own rate: what is new, and the bytes of its file.
+    changed: Option<(Changed, Arc<[u8]>)>,
+}
+
+impl Generated {
+    /// The bytes of a file of this name, whose extension says the format.
+    ///
+    /// # Errors
+    /// Those of [`format::to_bytes`].
+    pub fn bytes(&self, out: &Path) -> Result<Vec<u8>> {
+        match (&self.motion.source, &self.changed) {
+            (Source::Bvh(source), Some((changed, text))) if Format::of_name(out) == Some(Format::Bvh) => {
+                Ok(source.spliced(text, &self.motion.clip, changed)?)
+            }
+            _ => Ok(format::to_bytes(out, &self.motion)?),
+        }
+    }
+}
+
+impl OpenRequest {
+    /// Words as a motion on the requested rig, at the requested rate, to be written to `out`.
+    ///
+    /// # Errors
+    /// Words that are not this tokenizer's; a rig that no skeleton map knows; a rate that is none.
+    pub fn motion(&self, words: &Words, out: &Path) -> Result<Generated> {
+        if let Some((prompt, edit)) = self.edit() {
+            return self.edited(words, (prompt, edit), out);
+        }
+        let mut motion = self.decoded(words, out)?;
+        if let Some(fps) = self.resolved.fps {
+            motion.clip = resample_held(&motion.clip, fps, Method::Smooth)?;
+        }
+        let generated = |motion: Motion, locked: Vec<FootLock>| {
+            let locked_fps = motion.clip.fps();
+            Generated { motion, locked, locked_fps, errors: Vec::new(), changed: None }
+        };
+        if self.resolved.feet == FootMode::Off {
+            return Ok(generated(motion, Vec::new()));
+        }
+        let (map, floor_m) = match self.on_own_rig() {
+            Some((prompt, request)) => (request.read.map.as_deref(), prompt.clip.floor_m),
+            None => (None, self.prompt.as_ref().map_or(Some(0.0), |prompt| prompt.clip.under_m())),
+        };
+        let floor_m = floor_m.filter(|_| self.tokenizer.config().above_floor());
+        let continued = self.resolved.prompt.as_ref().and_then(|p| p.from_frame).unwrap_or(0);
+        // the frames up to the prompt's last, at the rate that is written
+        let at_rate = |last: usize| (last as f64 * motion.clip.fps() / self.tokenizer.fps()) as usize + 1;
+        let continued = continued.checked_sub(1).map_or(0, at_rate);
+        let selection = self.prompt.as_ref().and_then(|prompt| prompt.selection.as_ref());
+        let (motion, locked) = lock_feet(motion, map, floor_m, feet::fixed(selection, continued))?;
+        Ok(generated(motion, vec![locked]))
+    }
+
+    /// An edited clip.
+    fn edited(&self, words: &Words, (prompt, edit): (&PreparedPrompt, &PreparedEdit), out: &Path) -> Result<Generated> {
+        let lock = self.resolved.feet == FootMode::Lock;
+        let clips = (&prompt.clip, self.resolved.lead_in);
+        let ClosedGaps { clip, errors, locked } = edit.close(words, clips, &self.tokenizer, lock)?;
+        let fps = self.resolved.fps;
+        let (motion, changed) = match self.on_own_rig() {
+            Some((prompt, request)) => edit.on_own_rig(&clip, (&prompt.clip, request.read.map.as_deref()), fps)?,
+            None => {
+                let fps = fps.unwrap_or(clip.fps());
+                (on_model_rig(out, edit.at_rate(&clip, self.frames, fps)?), None)
+            }
+        };
+        let changed = changed.map(|changed| (changed, edit.text.clone()));
+        Ok(Generated { motion, locked, locked_fps: self.tokenizer.fps(), errors, changed })
+    }
+
+    /// The motion of words, at the model's rate.
+    fn decoded(&self, words: &Words, out: &Path) -> Result<Motion> {
+        let clip = self.clip(words)?;
+        let Some((prompt, request)) = self.on_own_rig() else { return Ok(on_model_rig(out, clip)) };
+        let follows = self.resolved.uncoded_joints == UncodedJoints::Follow;
+        let base = follows.then(|| uncoded::settle(&prompt.clip.at_rate()?, prompt.frames)).transpose()?;
+        prompt.clip.on_own_rig(&clip, request.read.map.as_deref(), base.as_ref())
+    }
+
+    /// The clip of words on the model's rig, where it is to stand.
+    fn clip(&self, words: &Words) -> Result<Clip> {
+        let clip = match &self.prompt {
+            Some(prompt) => prompt.clip.decode(&self.tokenizer, words, self.resolved.uncoded_joints, prompt.frames)?,
+            None if self.resolved.uncoded_joints == UncodedJoints::Training => {
+                self.tokenizer.decode(words, self.tokenizer.uncoded_pose())?
+            }
+            None => self.tokenizer.decode(words, UncodedPose::Identity)?,
+        };
+        let clip = self.without_lead_in(&clip)?.slice(0..self.frames);
+        match (&self.prompt, self.resolved.placement) {
+            (Some(prompt), Some(placement)) => placement.put(&clip, RootGiven::by(prompt)),
+            _ => Ok(clip),
+        }
+    }
+
+    /// A clip without its lead-in, standing where dances begin: at x = z = 0, facing as the model's rig does.
+    fn without_lead_in(&self, clip: &Clip) -> Result<Clip> {
+        if self.resolved.lead_in == 0 {
+            return Ok(clip.clone());
+        }
+        let clip = clip.slice(self.resolved.lead_in.min(clip.frames())..clip.frames());
+        let origin = Placement { x: 0.0, z: 0.0, heading: Some(0.0) };
+        origin.put(&clip, RootGiven { path: false, heading: false })
+    }
+
+    /// How the dance is read from `dance`, the file that it is written to.
+    pub fn read_back(&self, dance: &Path) -> ReadOptions {
+        let own = self.resolved.read_back(dance);
+        let written = self.edit().zip(self.resolved.fps).filter(|_| self.resolved.rig == Rig::Prompt);
+        let Some(((prompt, edit), fps)) = written.filter(|((_, edit), _)| edit.seam.is_none()) else {
+            return own;
+        };
+        // as many seconds in front as reading leaves out of the clip
+        let skip = (edit.left_out as f64 * fps / prompt.clip.motion.clip.fps() - 1e-6).ceil() as usize;
+        ReadOptions { skip, rest: RestFrame::Keep, ..own }
+    }
+
+    /// The parts of the dance, in seconds as it is read, that are generated while the rest is given; empty where all of it is
+    /// generated.
+    pub fn generated_s(&self) -> Vec<[f64; 2]> {
+        if let Some((prompt, edit)) = self.edit() {
+            let seconds = |frame: usize| frame as f64 / prompt.clip.motion.clip.fps();
+            return edit.generated().iter().map(|gap| [seconds(gap.start), seconds(gap.end)]).collect();
+        }
+        let from = self.resolved.prompt.as_ref().filter(|p| p.joints.is_none()).and_then(|p| p.from_frame);
+        from.map(|from| [from, self.frames].map(|frame| frame as f64 / self.tokenizer.fps())).into_iter().collect()
+    }
+}

@@ -1,0 +1,79 @@
+//! The placement of a decoded dance: coding drops the first frame's position, and a free root starts with any heading.
+
+use crate::Result;
+use crate::open::PreparedPrompt;
+use crate::request::Placement;
+use kinelm_motion::rotation::heading;
+use kinelm_motion::{Clip, Quat, Vec3};
+
+/// Which parts of a dance's root are the prompt's already.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RootGiven {
+    /// The path: its steps are the prompt's.
+    pub path: bool,
+    /// The heading of the pelvis.
+    pub heading: bool,
+}
+
+impl RootGiven {
+    /// Of a dance with this prompt.
+    pub fn by(prompt: &PreparedPrompt) -> RootGiven {
+        let is_continued = !prompt.beginning.is_empty();
+        let path = is_continued || prompt.selection.as_ref().is_some_and(|s| s.translation);
+        RootGiven { path, heading: path || prompt.selection.as_ref().is_some_and(|s| s.joints.contains(&0)) }
+    }
+}
+
+impl Placement {
+    /// A decoded dance moved and turned to this placement. What is given of its root is only shifted by what coding dropped.
+    ///
+    /// # Errors
+    /// None for a decoded clip.
+    pub fn put(&self, dance: &Clip, given: RootGiven) -> Result<Clip> {
+        let Some(first) = dance.root().first().map(|p| Vec3::new(p.x, 0.0, p.z)) else { return Ok(dance.clone()) };
+        let turn = self.heading.zip(heading(dance.pose(0)[0])).map_or(0.0, |(wanted, found)| wanted - found);
+        let turn = if given.heading { Quat::IDENTITY } else { Quat::from_rotation_y(turn) };
+        let (from, to) = (if given.path { Vec3::ZERO } else { first }, Vec3::new(self.x, 0.0, self.z));
+        let root = dance.root().iter().map(|p| turn * (*p - from) + to).collect();
+        let mut rotations = dance.rotations().to_vec();
+        rotations.iter_mut().step_by(dance.joints()).for_each(|pelvis| *pelvis = turn * *pelvis);
+        Ok(Clip::new(dance.skeleton().clone(), dance.fps(), root, rotations)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinelm_motion::synth;
+
+    fn dance() -> Clip {
+        synth::corpus(4, 1, 2.0, 20.0).unwrap().remove(0).clip
+    }
+
+    #[test]
+    fn a_free_root_is_moved_to_the_placement_and_turned() {
+        let (dance, there) = (dance(), Placement { x: 3.0, z: -2.0, heading: Some(2.5) });
+        let put = there.put(&dance, RootGiven { path: false, heading: false }).unwrap();
+        let found = Placement::of(&put).unwrap();
+        assert!((found.x - 3.0).abs() < 1e-12 && (found.z + 2.0).abs() < 1e-12, "{found:?}");
+        assert!((found.heading.unwrap() - 2.5).abs() < 1e-12, "{found:?}");
+        // a turn and a shift of the whole: places among themselves, heights and all other rotations stay
+        let (a, b) = (dance.positions(), put.positions());
+        for (i, j) in [(0, 23), (5, a.len() - 1), (24, a.len() / 2)] {
+            assert!(((a[i] - a[j]).length() - (b[i] - b[j]).length()).abs() < 1e-9);
+            assert!((a[i].y - b[i].y).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_given_path_or_heading_stays() {
+        let (dance, there) = (dance(), Placement { x: 3.0, z: -2.0, heading: Some(2.5) });
+        let put = there.put(&dance, RootGiven { path: true, heading: true }).unwrap();
+        assert_eq!(put.rotations(), dance.rotations());
+        let off = |f: usize| put.root()[f] - dance.root()[f] - Vec3::new(3.0, 0.0, -2.0);
+        assert!((0..dance.frames()).all(|f| off(f).length() < 1e-12));
+        let turned = there.put(&dance, RootGiven { path: false, heading: true }).unwrap();
+        assert_eq!((turned.rotations(), turned.root()[0].x), (dance.rotations(), 3.0));
+        assert_eq!(there.put(&dance.slice(0..0), RootGiven { path: true, heading: true }).unwrap().frames(), 0);
+    }
+}

@@ -1,0 +1,254 @@
+//! A prompt clip as the model sees it, and the way back to the user's rig.
+
+pub mod uncoded;
+
+use crate::request::{Resolved, Rig, UncodedJoints};
+use crate::{Error, Result};
+use kinelm_corpus::load::{Placed, load_placed, parse_placed};
+use kinelm_motion::format::{self, ReadOptions};
+use kinelm_motion::joints::Selection;
+use kinelm_motion::resample::{Method, resample};
+use kinelm_motion::retarget::{self, Retarget};
+use kinelm_motion::rig::map_for;
+use kinelm_motion::{Clip, Motion, Source, Warning, smpl};
+use kinelm_tokenizer::{Encoded, Tokenizer, UncodedPose, WordLength, Words};
+use std::path::Path;
+
+/// A prompt clip, read.
+#[derive(Debug, Clone)]
+pub struct PromptClip {
+    /// As read from the file, on the user's rig.
+    pub motion: Motion,
+    /// On SMPL-24 at the tokenizer's rate.
+    pub clip: Clip,
+    /// The floor of the file, metres; `None` where the tokenizer doesn't subtract it.
+    pub floor_m: Option<f64>,
+    /// The floor under `clip`, metres; 0 where the tokenizer doesn't subtract it.
+    under_m: f64,
+    /// The words of `clip`.
+    pub words: Words,
+    /// Values outside the tokenizer's ranges, heights above the floor not counted.
+    pub clipped: u64,
+    /// SHA-256 of the file.
+    pub sha256: String,
+}
+
+impl PromptClip {
+    /// Reads a prompt.
+    ///
+    /// # Errors
+    /// What reading fails with; a rig that no skeleton map knows; a clip without frames, or that can't be coded.
+    pub fn load(path: &Path, options: &ReadOptions, tokenizer: &Tokenizer) -> Result<PromptClip> {
+        PromptClip::of(load_placed(path, options, tokenizer.config().into())?, tokenizer)
+    }
+
+    /// Reads a prompt from the bytes of the file `path`.
+    ///
+    /// # Errors
+    /// Those of [`PromptClip::load`].
+    pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions, tokenizer: &Tokenizer) -> Result<PromptClip> {
+        PromptClip::of(parse_placed(path, bytes, options, tokenizer.config().into())?, tokenizer)
+    }
+
+    fn of(placed: Placed, tokenizer: &Tokenizer) -> Result<PromptClip> {
+        let lowered = placed.lowered();
+        let Placed { mut motion, clip, floor_m, under_m, sha256 } = placed;
+        if clip.frames() == 0 {
+            return Err(Error::file(&motion.path, "no frames", "at least one", "give another prompt"));
+        }
+        let coded = tokenizer.encode(&lowered)?;
+        motion.warnings.extend(height_warning(&coded, clip.frames()));
+        // heights outside the range are clamped and reported above; they delay nothing
+        let clipped = coded.clipped.saturating_sub(coded.off_range);
+        Ok(PromptClip { motion, clip, floor_m, under_m, words: coded.words, clipped, sha256 })
+    }
+
+    /// The same prompt with another motion of the same rig, rate and first frame.
+    ///
+    /// # Errors
+    /// What retargeting and coding fail with.
+    pub fn with_motion(self, motion: Motion, map: Option<&str>, tokenizer: &Tokenizer) -> Result<PromptClip> {
+        let clip = resample(&retarget::to_smpl(&motion, map)?, tokenizer.fps(), Method::Auto)?;
+        let words = tokenizer.encode(&clip.clone().raised(-self.under_m))?.words;
+        Ok(PromptClip { motion, clip, words, ..self })
+    }
+
+    /// P, its frames at the tokenizer's rate.
+    pub fn frames(&self) -> usize {
+        self.clip.frames()
+    }
+
+    /// The floor under `clip`, metres; `None` where the tokenizer doesn't subtract it.
+    pub fn under_m(&self) -> Option<f64> {
+        self.floor_m.map(|_| self.under_m)
+    }
+
+    /// On the user's rig at the tokenizer's rate.
+    ///
+    /// # Errors
+    /// None for a clip that was read.
+    pub fn at_rate(&self) -> Result<Clip> {
+        Ok(resample(&self.motion.clip, self.clip.fps(), Method::Auto)?)
+    }
+
+    /// Ids of the words of the first `frames` frames, for a dance to begin with; no word that the clip's end would change.
+    ///
+    /// # Errors
+    /// More frames than the prompt has, or too few for a word.
+    pub fn beginning(&self, tokenizer: &Tokenizer, frames: usize) -> Result<Vec<u32>> {
+        if frames > self.frames() {
+            let expected = format!("a frame of the prompt, which has {}", self.frames());
+            return Err(Error::invalid("`from_frame`", frames, expected));
+        }
+        let whole = frames / tokenizer.frames_per_word();
+        let unsettled = tokenizer.scheme().unsettled_words();
+        if whole <= unsettled {
+            let (least, has) = ((unsettled + 1) * tokenizer.frames_per_word(), self.frames());
+            let expected = format!("at least {least} frames, a word of this tokenizer; the prompt has {has}");
+            return Err(Error::invalid("`from_frame`", frames, expected));
+        }
+        let clip = self.clip.slice(0..whole * tokenizer.frames_per_word()).raised(-self.under_m);
+        Ok(tokenizer.ids_of_words(&tokenizer.encode(&clip)?.words.slice(0..whole - unsettled))?)
+    }
+
+    /// The clip of a dance's words. `uncoded` says what the other joints do; of the prompt `given` frames count for
+    /// [`UncodedJoints::Follow`].
+    ///
+    /// # Errors
+    /// Words that are not this tokenizer's.
+    pub fn decode(&self, tokenizer: &Tokenizer, words: &Words, uncoded: UncodedJoints, given: usize) -> Result<Clip> {
+        let (mean, settled);
+        let rest = match uncoded {
+            UncodedJoints::Identity => UncodedPose::Identity,
+            UncodedJoints::Training => tokenizer.uncoded_pose(),
+            UncodedJoints::Prompt => UncodedPose::Clip(&self.clip),
+            UncodedJoints::Mean => {
+                let pose = uncoded::mean_pose(&self.clip);
+                mean = std::array::from_fn(|j| pose[j]);
+                UncodedPose::Pose(&mean)
+            }
+            UncodedJoints::Follow => {
+                settled = uncoded::settle(&self.clip, given)?;
+                UncodedPose::Clip(&settled)
+            }
+        };
+        Ok(tokenizer.decode(words, rest)?.raised(self.under_m))
+    }
+
+    /// A dance on SMPL-24 retargeted to the prompt's own rig, as it will be written. Joints that no SMPL joint stands for move
+    /// as in `base`, a clip on that rig, or stay in the rest pose.
+    ///
+    /// # Errors
+    /// A rig that no skeleton map knows.
+    pub fn on_own_rig(&self, dance: &Clip, map: Option<&str>, base: Option<&Clip>) -> Result<Motion> {
+        let clip = self.retarget(map)?.to_rig_over(dance, base)?;
+        Ok(Motion { clip, source: self.motion.source.clone(), ..self.motion.clone() })
+    }
+
+    /// The retargeting between the prompt's own rig and SMPL-24.
+    ///
+    /// # Errors
+    /// A rig that no skeleton map knows.
+    pub fn retarget(&self, map: Option<&str>) -> Result<Retarget> {
+        let rig = self.motion.clip.skeleton();
+        let floor_m = format::floor_height(&self.motion, map)?;
+        Ok(Retarget::new(rig, &map_for(rig, map)?, smpl::neutral())?.with_floor(floor_m))
+    }
+}
+
+/// The share of frames with heights off the range above which a warning is printed.
+const OFF_RANGE: f64 = 0.01;
+
+/// The warning of heights that the tokenizer was not made for.
+fn height_warning(coded: &Encoded, frames: usize) -> Option<Warning> {
+    let share = coded.off_range as f64 / frames.max(1) as f64;
+    let what = format!(
+        "in {:.1} % of frames the pelvis is higher or lower above the floor than in the clips that the tokenizer was fitted on: \
+         its height ends there; --floor METRES says where the floor is",
+        100.0 * share
+    );
+    (share > OFF_RANGE).then_some(Warning { kind: "height_off_range", what })
+}
+
+/// A dance on its prompt's own rig read from its file, and its words, with the floor of the retargeting: the prompt's. `None`
+/// where the file doesn't have the frames that were sampled, at another rate, or is on the model's rig.
+///
+/// # Errors
+/// What reading, retargeting and coding fail with.
+pub fn read_back(
+    dance: &Path,
+    request: &Resolved,
+    prompt: &PromptClip,
+    tokenizer: &Tokenizer,
+) -> Result<Option<(Motion, Words)>> {
+    if request.rig != Rig::Prompt {
+        return Ok(None);
+    }
+    let options = request.read_back(dance);
+    let mut motion = format::read(dance, &options)?;
+    // a dance at a multiple of the rate has the sampled frames; at another rate it doesn't
+    match resample(&motion.clip, tokenizer.fps(), Method::Stride) {
+        Ok(sampled) => motion.clip = sampled,
+        Err(_) => return Ok(None),
+    }
+    let floor = prompt.floor_m.unwrap_or(0.0);
+    // the dance was retargeted with the prompt's floor
+    let floor_m = format::floor_height(&prompt.motion, options.map.as_deref())? - floor;
+    let clip = motion.clip.clone().raised(-floor);
+    let lowered = Motion { clip, source: Source::Retargeted { floor_m }, ..motion.clone() };
+    let words = tokenizer.encode(&retarget::to_smpl(&lowered, options.map.as_deref())?)?.words;
+    Ok(Some((motion, words)))
+}
+
+/// The share of given characters that differ between two codings: `codes` and `again` are (F, C), of which the first `frames`
+/// frames count. `given`: (C). `None` when nothing is given.
+pub fn share_changed(codes: &[u16], again: &[u16], given: &[bool], frames: usize) -> Option<f64> {
+    let c = given.len();
+    let (mut all, mut changed) = (0u64, 0u64);
+    for (i, code) in codes.iter().enumerate().take(frames * c) {
+        if given[i % c] {
+            all += 1;
+            changed += u64::from(again.get(i) != Some(code));
+        }
+    }
+    (all > 0).then(|| changed as f64 / all as f64)
+}
+
+/// (C) which characters of a word belong to the joints of a selection.
+///
+/// # Errors
+/// A tokenizer whose characters belong to no one joint, or that codes none of the joints.
+pub fn given_characters(tokenizer: &Tokenizer, selection: &Selection) -> Result<Vec<bool>> {
+    let places = tokenizer.slots_of(selection)?;
+    let WordLength::Fixed(characters) = tokenizer.word_length() else {
+        let why = "words of this tokenizer differ in length: no character is always the same joint's";
+        return Err(Error::unsupported("given joints", why));
+    };
+    let mut given = vec![false; characters];
+    places.into_iter().for_each(|place| given[place] = true);
+    if !given.contains(&true) {
+        let joints: Vec<_> = tokenizer.channels().joints().iter().map(|&j| smpl::NAMES[j]).collect();
+        let why = format!("none of these joints is coded; this tokenizer codes {}", joints.join(" "));
+        return Err(Error::unsupported("given joints", why));
+    }
+    Ok(given)
+}
+
+/// A clip on the model's own rig as a motion to be written to `path`.
+pub fn on_model_rig(path: &Path, clip: Clip) -> Motion {
+    Motion { path: path.to_owned(), clip, source: Source::Plain, warnings: Vec::new() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_given_characters_of_prompted_frames_count() {
+        let given = [true, false];
+        assert_eq!(share_changed(&[1, 2, 3, 4, 5, 6], &[1, 9, 3, 9, 9, 9], &given, 2), Some(0.0));
+        assert_eq!(share_changed(&[1, 2, 3, 4], &[1, 2, 9, 4], &given, 2), Some(0.5));
+        assert_eq!(share_changed(&[1, 2, 3, 4], &[1, 2], &given, 2), Some(0.5));
+        assert_eq!(share_changed(&[1, 2], &[1, 2], &[false, false], 1), None);
+    }
+}

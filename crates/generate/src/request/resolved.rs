@@ -1,0 +1,106 @@
+//! A request in which every option is decided.
+
+use super::{Computing, FootMode, MusicRequest, Placement, PromptRequest, Rig, Seeding, TimedLabel, UncodedJoints};
+use crate::sampling::Sampling;
+use kinelm_corpus::sidecar::as_written;
+use kinelm_model::lead_in::LeadInFrom;
+use kinelm_motion::format::ReadOptions;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Everything that decides a dance, except the bytes of model, prompt and music. The sidecar of a dance holds it: running
+/// it again gives the same bytes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Resolved {
+    /// The run folder of the model.
+    pub run: PathBuf,
+    /// A clip of which something is given.
+    pub prompt: Option<PromptRequest>,
+    /// Values of label fields for the whole dance. Fields that are left out are unknown to the model.
+    pub labels: BTreeMap<String, String>,
+    /// Values of label fields for a part of the dance.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub timed_labels: Vec<TimedLabel>,
+    /// Scale of classifier-free guidance by labels and music; 1 is the model as trained.
+    pub guidance: f64,
+    /// Scale of guidance towards the goals after gaps; 1 is the model as trained, 0 leaves the goals out.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub goal_guidance: f64,
+    /// The music that is danced to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub music: Option<MusicRequest>,
+    /// Frames at the model's rate; `None`: as many as the prompt or the music has.
+    pub frames: Option<usize>,
+    /// The length in seconds, where the request states it instead of frames; files hold frames.
+    #[serde(skip)]
+    pub seconds: Option<f64>,
+    /// Frames per second of the file that is written, interpolated; `None`: the model's rate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fps: Option<f64>,
+    /// Lead-in frames, dropped from the output: the first frames that a model samples don't belong together yet.
+    #[serde(default, skip_serializing_if = "is_no_frame")]
+    pub lead_in: usize,
+    /// The second of a train clip that the lead-in is; `None`: the model samples the lead-in.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lead_in_from: Option<LeadInFrom>,
+    /// Candidates for the first frame, see [`crate::sampler`]; 1: no choice.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub first_frames: usize,
+    /// Seed of the random streams.
+    pub seed: u64,
+    /// What the random streams derive from beside the seed.
+    pub seeding: Seeding,
+    /// How free characters are sampled.
+    pub sampling: Sampling,
+    /// The rig that the dance is written on.
+    pub rig: Rig,
+    /// What the joints do that the tokenizer doesn't code.
+    pub uncoded_joints: UncodedJoints,
+    /// Where the prompt stands, and with it the dance; `None`: as decoded, at x = z = 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub placement: Option<Placement>,
+    /// What is done to the feet.
+    #[serde(default, skip_serializing_if = "FootMode::is_off")]
+    pub feet: FootMode,
+    /// Where and how the model computes.
+    pub computing: Computing,
+}
+
+impl Resolved {
+    /// How the dance is read from `dance`, the file that it was written to: at its own rate, whole. An edited clip is its
+    /// prompt's file with other numbers, so the frames that reading leaves out of the prompt are left out of it too. Without
+    /// a prompt the floor is at 0.
+    pub fn read_back(&self, dance: &Path) -> ReadOptions {
+        let Some(prompt) = &self.prompt else {
+            return ReadOptions { floor: Some(0.0), ..as_written(dance, None) };
+        };
+        if self.rig != Rig::Prompt {
+            return ReadOptions { floor: prompt.read.floor, ..as_written(dance, None) };
+        }
+        let own = as_written(dance, Some((&prompt.path, &prompt.read)));
+        match &prompt.edit {
+            Some(edit) if edit.looping.is_none() => {
+                ReadOptions { skip: prompt.read.skip, rest: prompt.read.rest, ..own }
+            }
+            _ => own,
+        }
+    }
+}
+
+fn is_zero(scale: &f64) -> bool {
+    *scale == 0.0
+}
+
+fn one() -> usize {
+    1
+}
+
+fn is_one(candidates: &usize) -> bool {
+    *candidates == 1
+}
+
+fn is_no_frame(frames: &usize) -> bool {
+    *frames == 0
+}

@@ -1,0 +1,216 @@
+//! The sampler: an iterator over the frames of one or more dances.
+//!
+//! A word is sampled token by token. A given character is taken from the prompt; a free one is sampled from the ids that
+//! the tokenizer's grammar allows in its slot, so every dance decodes. Known tokens enter the model in one block with the
+//! next free one. A full window drops its older half, whole words, and is read again.
+//!
+//! Dances sampled side by side share every read of the model's weights. Each free character of each dance has a random
+//! stream of its own, so neither the dances beside it nor tokens guessed ahead change a dance.
+
+mod first_frames;
+mod goals;
+mod guidance;
+mod model;
+mod plan;
+mod sequence;
+
+pub use first_frames::{FIRST_FRAMES, has_given_after_free};
+pub use guidance::Guidance;
+pub use model::{NextToken, reader};
+pub use plan::{GUESSES, MOST_FRAMES, SamplingPlan, check_frames, variation_seed};
+
+use crate::{Error, Result};
+use kinelm_engine::decode::Logits;
+use sequence::Sequence;
+use std::ops::DerefMut;
+use std::sync::Arc;
+
+/// The tokens of sampled dances.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SampledTokens {
+    /// The ids of each dance, spaces included.
+    pub ids: Vec<Vec<u32>>,
+    /// What the model would have sampled in given characters: index into the dance's ids, and id. See
+    /// [`SamplingPlan::lookahead`].
+    pub lookahead: Vec<Vec<(usize, u32)>>,
+    /// Tokens that were guessed ahead.
+    pub guessed: u64,
+    /// How many of the guesses were right.
+    pub right: u64,
+}
+
+impl SampledTokens {
+    /// The ids of a dance with its look-ahead tokens in their places.
+    pub fn with_lookahead(&self, dance: usize) -> Vec<u32> {
+        let mut ids = self.ids[dance].clone();
+        self.lookahead[dance].iter().for_each(|&(at, id)| ids[at] = id);
+        ids
+    }
+}
+
+/// Samples dances side by side and yields, word by word, the ids of that word of each dance, spaces included. It can be
+/// dropped at any word. After an error it ends.
+///
+/// ```
+/// use kinelm_generate::sampler::{NextToken, Sampler, SamplingPlan};
+/// use kinelm_generate::sampling::Sampling;
+/// use kinelm_model::{ModelConfig, Reader, ReaderOptions, TokenLayout, fixtures};
+/// use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
+///
+/// let walk = kinelm_corpus::samples::walk(5);
+/// let tokenizer = Tokenizer::fit([&walk], TokenizerConfig::uniform(&[0], 20.0, 10))?;
+/// let config = ModelConfig { layers: 1, heads: 1, width: 8, context: 40, ..ModelConfig::default() };
+/// let mut model = Reader::new(&fixtures::model(&config, &TokenLayout::of(&tokenizer)), ReaderOptions::default())?;
+///
+/// let plan = SamplingPlan::free(tokenizer.grammar(), 600, Sampling::default(), 7);
+/// let mut words = Sampler::new(&mut model, plan)?;
+/// let first = words.next().unwrap()?;
+/// assert_eq!((first.len(), first[0].len()), (1, 7)); // one dance; six characters and a space
+/// assert_eq!(words.by_ref().take(2).count(), 2); // the other 597 words are never sampled
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct Sampler<M> {
+    model: M,
+    batch: Batch,
+    yielded: usize,
+    has_failed: bool,
+}
+
+impl<M: DerefMut<Target: NextToken>> Sampler<M> {
+    /// As many dances as `model` has sequences for, see [`SamplingPlan::streams`]. The first has the plan's seed, the others
+    /// seeds derived from it.
+    ///
+    /// # Errors
+    /// A context that holds fewer than two words of the one length that all have, or two tokens; sequences that are no whole
+    /// number of dances; fronts, goals or music of other lengths; what choosing a first frame reads from the model.
+    pub fn new(mut model: M, plan: impl Into<Arc<SamplingPlan>>) -> Result<Sampler<M>> {
+        let plan: Arc<SamplingPlan> = plan.into();
+        plan.check(&*model)?;
+        let dances = 0..model.streams() / plan.streams();
+        let seeds = dances.map(|i| plan::seed_with_inputs(variation_seed(plan.seed, i), plan.inputs_hash)).collect();
+        let seeds = first_frames::best_seeds(&mut *model, &plan, seeds)?;
+        let batch = Batch::new(&plan, &seeds, model.context());
+        Ok(Sampler { model, batch, yielded: 0, has_failed: false })
+    }
+
+    /// What has been sampled so far.
+    pub fn into_tokens(self) -> SampledTokens {
+        let count = |f: &dyn Fn(&Sequence) -> u64| self.batch.sequences.iter().map(f).sum();
+        let (guessed, right) = (count(&|s| s.guessed), count(&|s| s.right));
+        let (ids, lookahead) = self.batch.sequences.into_iter().map(Sequence::into_tokens).unzip();
+        SampledTokens { ids, lookahead, guessed, right }
+    }
+}
+
+impl<M: DerefMut<Target: NextToken>> Iterator for Sampler<M> {
+    type Item = Result<Vec<Vec<u32>>>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.has_failed || self.yielded == self.batch.plan.words {
+            return None;
+        }
+        while self.batch.words() <= self.yielded {
+            if let Err(e) = self.batch.step(&mut *self.model) {
+                self.has_failed = true;
+                return Some(Err(e));
+            }
+        }
+        self.yielded += 1;
+        Some(Ok(self.batch.sequences.iter().map(|sequence| sequence.word(self.yielded - 1).to_vec()).collect()))
+    }
+}
+
+/// All words of as many dances as `model` has sequences for. `progress` gets the number of words that every dance has.
+///
+/// # Errors
+/// Those of [`Sampler::new`]; logits that allow no token (word and slot are named), and what reading fails with.
+pub fn sample(
+    model: &mut dyn NextToken,
+    plan: &SamplingPlan,
+    progress: &mut dyn FnMut(usize),
+) -> Result<SampledTokens> {
+    let mut sampler = Sampler::new(model, plan.clone())?;
+    while let Some(word) = sampler.next() {
+        word?;
+        progress(sampler.yielded);
+    }
+    Ok(sampler.into_tokens())
+}
+
+/// The ids of one dance, spaces included.
+///
+/// # Errors
+/// Those of [`sample`]; a model of more sequences than one dance takes.
+pub fn sample_one(model: &mut dyn NextToken, plan: &SamplingPlan, progress: &mut dyn FnMut(usize)) -> Result<Vec<u32>> {
+    let (found, expected) = (model.streams(), plan.streams());
+    if found != expected {
+        return Err(Error::invalid("the number of sequences", found, format!("{expected}, for one dance")));
+    }
+    Ok(sample(model, plan, progress)?.ids.remove(0))
+}
+
+/// Dances that are sampled side by side.
+struct Batch {
+    plan: Arc<SamplingPlan>,
+    sequences: Vec<Sequence>,
+    logits: Vec<f32>,
+    /// Whether the first words are only scored, up to [`Sequence::is_scored`].
+    scores: bool,
+}
+
+impl Batch {
+    /// A dance for each seed.
+    fn new(plan: &Arc<SamplingPlan>, seeds: &[u64], context: usize) -> Batch {
+        let sequences =
+            seeds.iter().enumerate().map(|(dance, &seed)| Sequence::new(plan.clone(), (dance, seed), context));
+        Batch { plan: plan.clone(), sequences: sequences.collect(), logits: Vec::new(), scores: false }
+    }
+
+    /// Whole words that every dance has.
+    fn words(&self) -> usize {
+        self.sequences.iter().map(Sequence::words).min().unwrap_or(self.plan.words)
+    }
+
+    fn is_done(&self) -> bool {
+        self.sequences.iter().all(|sequence| sequence.is_done() || sequence.is_scored())
+    }
+
+    /// Reads the model once and samples what its logits allow to.
+    fn step(&mut self, model: &mut (impl NextToken + ?Sized)) -> Result<()> {
+        let guesses = if model.is_exact() { self.plan.guesses } else { 0 };
+        let each = self.plan.streams();
+        for (i, sequence) in self.sequences.iter_mut().enumerate() {
+            let read = sequence.prepare(guesses);
+            (0..each).for_each(|stream| model.truncate(i * each + stream, read));
+            // the unconditioned reading gets neither goals nor music
+            sequence.condition(model, i * each)?;
+        }
+        let wanted =
+            if self.scores || self.sequences.iter().any(Sequence::has_guesses) { Logits::All } else { Logits::Last };
+        let blocks: Vec<&[u32]> =
+            self.sequences.iter().flat_map(|s| std::iter::once(s.block()).chain(s.unconditioned_block())).collect();
+        model.read(&blocks, wanted, &mut self.logits)?;
+        let rows = |s: &Sequence| if wanted == Logits::All { s.block().len() } else { s.block().len().min(1) };
+        let all: usize = self.sequences.iter().map(|s| rows(s) * each).sum();
+        let vocabulary = self.logits.len() / all.max(1);
+        let mut rest = self.logits.as_mut_slice();
+        for sequence in &mut self.sequences {
+            let (own, after) = rest.split_at_mut(rows(sequence) * each * vocabulary);
+            let (conditioned, unconditioned) = own.split_at_mut(rows(sequence) * vocabulary);
+            if let Some(scale) = sequence.scale().filter(|_| each > 1) {
+                guidance::mix(scale, conditioned, unconditioned);
+            }
+            if self.scores {
+                sequence.score(conditioned, vocabulary);
+            }
+            sequence.take(conditioned, vocabulary)?;
+            rest = after;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod form_tests;
+#[cfg(test)]
+mod tests;

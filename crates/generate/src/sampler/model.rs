@@ -1,0 +1,131 @@
+//! Models that the sampler reads: the fast form, or the plain one.
+
+use crate::{Error, Result};
+use kinelm_engine::decode::{FrameConditioning, KvKind, Logits, WeightKind};
+use kinelm_model::{Cache, Compute, LoadedRun, ModelKind, Reader, ReaderOptions};
+
+/// An autoregressive model that reads several sequences side by side.
+pub trait NextToken: Send {
+    /// T, the tokens that one window holds, conditioning tokens included.
+    fn context(&self) -> usize;
+
+    /// The number of sequences.
+    fn streams(&self) -> usize;
+
+    /// Whether a token has the same logits, bit for bit, however the blocks are cut. Tokens may be guessed ahead then.
+    fn is_exact(&self) -> bool;
+
+    /// A sequence forgets all but its first `length` tokens, and the conditioning of later frames.
+    fn truncate(&mut self, stream: usize, length: usize);
+
+    /// Conditions a frame of a sequence, counted from its window's first, on its goals and on (M) its music, before the token
+    /// is read that comes right before the frame. Models without such conditioning do nothing.
+    ///
+    /// # Errors
+    /// Conditioning of another size than the model's.
+    fn condition(
+        &mut self,
+        _stream: usize,
+        _frame: usize,
+        _goals: Option<FrameConditioning>,
+        _music: &[f32],
+    ) -> Result<()> {
+        Ok(())
+    }
+
+    /// Reads a block of tokens for every sequence, which may be empty. Puts (rows, V) logits of the next tokens into
+    /// `logits`: after the last token of each block or after every token, in the order of the sequences.
+    ///
+    /// # Errors
+    /// More tokens than the context holds; what the tensor library fails with.
+    fn read(&mut self, blocks: &[&[u32]], wanted: Logits, logits: &mut Vec<f32>) -> Result<()>;
+}
+
+impl NextToken for Reader {
+    fn context(&self) -> usize {
+        Reader::context(self)
+    }
+
+    fn streams(&self) -> usize {
+        Reader::streams(self)
+    }
+
+    fn is_exact(&self) -> bool {
+        true
+    }
+
+    fn truncate(&mut self, stream: usize, length: usize) {
+        Reader::truncate(self, stream, length);
+    }
+
+    fn condition(
+        &mut self,
+        stream: usize,
+        frame: usize,
+        goals: Option<FrameConditioning>,
+        music: &[f32],
+    ) -> Result<()> {
+        Reader::condition(self, stream, frame, goals, music)
+    }
+
+    fn read(&mut self, blocks: &[&[u32]], wanted: Logits, logits: &mut Vec<f32>) -> Result<()> {
+        logits.clear();
+        logits.extend_from_slice(Reader::read(self, blocks, wanted)?);
+        Ok(())
+    }
+}
+
+/// The plain form: one cache per sequence, read one after the other.
+impl NextToken for Vec<Cache> {
+    fn context(&self) -> usize {
+        self.first().map_or(0, Cache::context)
+    }
+
+    fn streams(&self) -> usize {
+        self.len()
+    }
+
+    fn is_exact(&self) -> bool {
+        false
+    }
+
+    fn truncate(&mut self, stream: usize, length: usize) {
+        self[stream].truncate(length);
+    }
+
+    fn read(&mut self, blocks: &[&[u32]], wanted: Logits, logits: &mut Vec<f32>) -> Result<()> {
+        logits.clear();
+        for (cache, block) in self.iter_mut().zip(blocks).filter(|(_, block)| !block.is_empty()) {
+            match wanted {
+                Logits::Last => logits.extend(cache.read(block)?),
+                Logits::All => logits.extend(cache.read_all(block)?.flatten_all()?.to_vec1::<f32>()?),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The model of a run in the form that `compute` selects, ready to read.
+///
+/// # Errors
+/// A masked model, which needs the tokens on both sides; weights that don't fit the configuration; a device that isn't
+/// there; number formats that the plain form doesn't have.
+pub fn reader(run: &LoadedRun, compute: Compute, reading: ReaderOptions) -> Result<Box<dyn NextToken>> {
+    if run.config.kind == ModelKind::Masked {
+        let why = "a masked model predicts a token from those on both sides, and a new dance has none after it; train one \
+                   with model.kind = \"causal\"";
+        return Err(Error::unsupported(format!("{}: generation", run.checkpoint.display()), why));
+    }
+    if compute.is_fast() {
+        return Ok(Box::new(run.reader(reading)?));
+    }
+    if (reading.weights, reading.kv) != (WeightKind::F32, KvKind::F32) {
+        return Err(Error::unsupported(
+            format!("`weights` as {:?}, `kv` as {:?}", reading.weights, reading.kv),
+            "the plain form of the model has F32 alone; leave them out, or use the form auto on the cpu",
+        ));
+    }
+    let model = run.plain(&compute.device.open()?)?;
+    let caches = (0..reading.streams).map(|_| model.cache()).collect::<Result<Vec<Cache>>>()?;
+    Ok(Box::new(caches))
+}

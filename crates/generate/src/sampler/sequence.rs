@@ -1,0 +1,396 @@
+//! One dance being sampled: what of its window the model has read, what it reads next, what is sampled from the logits.
+
+use super::goals::GoalConditioning;
+use super::{NextToken, SamplingPlan};
+use crate::sampling;
+use crate::{Error, Result};
+use kinelm_tokenizer::{SPACE, Slot};
+use std::sync::Arc;
+
+pub(super) struct Sequence {
+    plan: Arc<SamplingPlan>,
+    /// Its number among the dances sampled side by side.
+    dance: usize,
+    seed: u64,
+    /// Tokens that a window holds.
+    context: usize,
+    /// Which of the plan's fronts stands before the window.
+    front: usize,
+    /// Words that a window holds, if all have one length.
+    window_words: Option<usize>,
+    /// The known tokens: sampled, given, spaces. After them comes a free slot, or nothing.
+    ids: Vec<u32>,
+    /// The first token of each word, the unfinished one included.
+    starts: Vec<usize>,
+    /// The slot of the next token in its word.
+    slot: Slot,
+    /// The window's first token.
+    first: usize,
+    /// Tokens of the window that the model has read.
+    read: usize,
+    /// What the model reads next: the unread part of the window, then the guesses.
+    block: Vec<u32>,
+    /// The same for the unconditioned reading, if there is one.
+    unconditioned: Vec<u32>,
+    /// Tokens of the block that are guesses, or given characters between them.
+    guesses: usize,
+    /// Look-ahead tokens: index among the ids, and id.
+    lookahead: Vec<(usize, u32)>,
+    /// Words before this one have their look-ahead tokens.
+    looked_ahead: usize,
+    /// Tokens of the window that are left after a word was sampled ahead and taken back.
+    taken_back: Option<usize>,
+    /// ln p of what is given of the first word and up to the next free slot, as far as it is scored.
+    log_likelihood: f64,
+    /// Whether all of that is scored.
+    is_scored: bool,
+    goals: Option<GoalConditioning>,
+    /// Tokens guessed so far.
+    pub guessed: u64,
+    /// How many of the guesses were right.
+    pub right: u64,
+}
+
+impl Sequence {
+    pub fn new(plan: Arc<SamplingPlan>, (dance, seed): (usize, u64), context: usize) -> Sequence {
+        let word = plan.grammar.tokens_per_word();
+        let mut sequence = Sequence {
+            dance,
+            seed,
+            context,
+            front: 0,
+            window_words: word.map(|word| (context + 1 - plan.front_length()) / word),
+            ids: Vec::with_capacity(plan.words * word.unwrap_or(1)),
+            starts: vec![0],
+            slot: Slot::default(),
+            first: 0,
+            read: 0,
+            block: Vec::new(),
+            unconditioned: Vec::new(),
+            guesses: 0,
+            lookahead: Vec::new(),
+            looked_ahead: 0,
+            taken_back: None,
+            log_likelihood: 0.0,
+            is_scored: false,
+            goals: plan.used_goals().cloned().map(GoalConditioning::new),
+            guessed: 0,
+            right: 0,
+            plan,
+        };
+        sequence.advance();
+        sequence
+    }
+
+    /// The number of whole words.
+    pub fn words(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// The ids of a whole word, its space included.
+    pub fn word(&self, word: usize) -> &[u32] {
+        &self.ids[self.starts[word]..self.starts[word + 1]]
+    }
+
+    pub fn is_done(&self) -> bool {
+        self.words() == self.plan.words
+    }
+
+    /// ln p of what is given of the first word and up to the next free slot, as far as it is scored.
+    pub fn log_likelihood(&self) -> f64 {
+        self.log_likelihood
+    }
+
+    /// Whether all of that is scored.
+    pub fn is_scored(&self) -> bool {
+        self.is_scored
+    }
+
+    /// The ids, and the look-ahead tokens.
+    pub fn into_tokens(self) -> (Vec<u32>, Vec<(usize, u32)>) {
+        (self.ids, self.lookahead)
+    }
+
+    /// What the model reads next; nothing when the dance is done.
+    pub fn block(&self) -> &[u32] {
+        &self.block
+    }
+
+    /// The same for the unconditioned reading; `None` where the dance has one reading.
+    pub fn unconditioned_block(&self) -> Option<&[u32]> {
+        (self.plan.streams() > 1).then_some(self.unconditioned.as_slice())
+    }
+
+    /// Conditions the frames that begin within the block on their goals and their music. Only for words of one length.
+    pub fn condition(&mut self, model: &mut (impl NextToken + ?Sized), stream: usize) -> Result<()> {
+        let m = self.plan.music_width();
+        let Some(length) = self.plan.grammar.tokens_per_word().filter(|_| self.goals.is_some() || m > 0) else {
+            return Ok(());
+        };
+        let front = self.plan.front_length();
+        let frames = (0..).map(|frame| (frame, front - 1 + frame * length));
+        let begun = frames.take_while(|(_, at)| *at < self.read + self.block.len()).filter(|(_, at)| *at >= self.read);
+        for (frame, _) in begun {
+            let word = self.first / length + frame;
+            let music = self.plan.music.get(word * m..(word + 1) * m).unwrap_or_default();
+            // a window's first frame has no previous frame to measure the way to its goals from
+            let goals = self.goals.as_mut().filter(|_| frame > 0);
+            model.condition(stream, frame, goals.and_then(|goals| goals.condition(word, &self.ids)), music)?;
+        }
+        Ok(())
+    }
+
+    /// The guidance scale of the next token: towards the goals where its frame has any or is sampled ahead, else by the
+    /// conditions in front. `None`: the conditioned reading alone counts.
+    pub fn scale(&self) -> Option<f64> {
+        let has_goal = |goals: &GoalConditioning| goals.has_conditioned(self.words()) || self.looks_ahead(self.slot);
+        let towards = self.goals.as_ref().filter(|goals| has_goal(goals)).map(|_| self.plan.goal_guidance);
+        towards.or(self.plan.guidance.as_ref().map(|guidance| guidance.scale))
+    }
+
+    /// Whether there are guesses in the block.
+    pub fn has_guesses(&self) -> bool {
+        self.guesses > 0
+    }
+
+    /// The tokens in front of the window.
+    fn front(&self) -> &[u32] {
+        self.plan.fronts.get(self.front).map_or(&[], |(_, front)| front)
+    }
+
+    /// Tokens of the window: the front and all known tokens from its first on.
+    fn window(&self) -> usize {
+        self.front().len() + self.ids.len() - self.first
+    }
+
+    /// The token of a slot of the unfinished word, `later` tokens after the next one, if it needs no sampling.
+    fn known(&self, slot: Slot, later: usize) -> Option<u32> {
+        let given = || self.given(slot).filter(|_| !self.looks_ahead(slot));
+        let known = self.plan.beginning(self.dance).get(self.ids.len() + later).copied().or_else(given);
+        known.or_else(|| self.plan.grammar.only(slot))
+    }
+
+    /// The prompt's token in a slot of this word, if it is given.
+    fn given(&self, slot: Slot) -> Option<u32> {
+        let word = self.plan.grammar.tokens_per_word()?;
+        let prompted = self.words().checked_sub(self.plan.lead_in)?;
+        let given = self.is_flagged(&self.plan.given, slot);
+        self.plan.prompt.get(prompted * word + slot.tokens).copied().filter(|_| given)
+    }
+
+    /// Whether a slot of this word is sampled although it is given.
+    fn looks_ahead(&self, slot: Slot) -> bool {
+        self.words() >= self.looked_ahead && self.is_flagged(&self.plan.lookahead, slot)
+    }
+
+    /// Whether `flags`, (C) for every word or (P, C), are set for a slot of this word.
+    fn is_flagged(&self, flags: &[bool], slot: Slot) -> bool {
+        let characters = self.plan.grammar.tokens_per_word().map_or(0, |word| word - 1);
+        let Some(prompted) = self.words().checked_sub(self.plan.lead_in) else { return false };
+        let word = if flags.len() > characters { prompted } else { 0 };
+        slot.tokens < characters && flags.get(word * characters + slot.tokens).copied().unwrap_or(false)
+    }
+
+    /// Adds known tokens up to the next free slot, and makes room for it in the window.
+    fn advance(&mut self) {
+        while !self.is_done() {
+            self.change_front();
+            self.move_by_words();
+            match self.known(self.slot, 0) {
+                Some(id) => self.push(id),
+                None => return self.make_room(),
+            }
+        }
+    }
+
+    fn push(&mut self, id: u32) {
+        self.ids.push(id);
+        self.slot = self.plan.grammar.advance(self.slot, id);
+        if id == SPACE && !self.take_back() {
+            self.starts.push(self.ids.len());
+        }
+    }
+
+    /// Stores the look-ahead tokens of a whole word, if it has any, and takes the word back, to be made of given characters.
+    fn take_back(&mut self) -> bool {
+        let start = self.starts[self.words()];
+        let slot = |at: usize| Slot { tokens: at - start, ..Slot::default() };
+        let ahead: Vec<_> = (start..self.ids.len()).filter(|&at| self.looks_ahead(slot(at))).collect();
+        if ahead.is_empty() {
+            return false;
+        }
+        self.lookahead.extend(ahead.into_iter().map(|at| (at, self.ids[at])));
+        self.looked_ahead = self.words() + 1;
+        self.ids.truncate(start);
+        self.slot = Slot::default();
+        self.taken_back = Some(self.window());
+        true
+    }
+
+    /// Where other tokens are to stand in front, the window is read anew.
+    fn change_front(&mut self) {
+        let words = self.words();
+        let front = self.plan.fronts.iter().rposition(|(word, _)| *word <= words).unwrap_or(0);
+        if front != self.front {
+            let is_other = self.plan.fronts[front].1 != self.front();
+            self.front = front;
+            self.read = if is_other { 0 } else { self.read };
+        }
+    }
+
+    /// Words of one length: a full window moves when the next word begins.
+    fn move_by_words(&mut self) {
+        let (Some(most), word) = (self.window_words, self.plan.grammar.tokens_per_word().unwrap_or(1)) else { return };
+        if self.slot == Slot::default() && self.ids.len() - self.first == most * word {
+            self.first = self.starts[self.words() - (most - most / 2)];
+            self.read = 0;
+        }
+    }
+
+    /// Words of any length: a window without room for the next token moves by half, to the beginning of a word. Only a word
+    /// that fills a window alone is cut.
+    fn make_room(&mut self) {
+        while self.window_words.is_none() && self.window() > self.context {
+            let half = self.first + (self.context / 2).max(1);
+            let words = &self.starts[..self.starts.partition_point(|&s| s < self.ids.len())];
+            let next = words.get(words.partition_point(|&s| s < half)).or(words.last().filter(|&&s| s > self.first));
+            self.first = next.copied().unwrap_or(half);
+            self.read = 0;
+        }
+    }
+
+    /// Makes the next block, with up to `guesses` guesses. Returns the number of tokens of the window that the model has
+    /// read.
+    pub fn prepare(&mut self, guesses: usize) -> usize {
+        self.fill_block(guesses);
+        if self.plan.streams() > 1 {
+            self.unconditioned.clone_from(&self.block);
+        }
+        if let Some(guidance) = self.plan.guidance.as_ref().filter(|_| self.read == 0 && !self.block.is_empty()) {
+            self.unconditioned[..guidance.unconditioned.len()].copy_from_slice(&guidance.unconditioned);
+        }
+        self.read
+    }
+
+    fn fill_block(&mut self, guesses: usize) {
+        self.block.clear();
+        self.guesses = 0;
+        if self.is_done() {
+            return;
+        }
+        let front = self.plan.fronts.get(self.front).map_or(&[][..], |(_, front)| front);
+        if self.read == 0 {
+            self.block.extend_from_slice(front);
+        }
+        self.block.extend_from_slice(&self.ids[self.first + self.read.saturating_sub(front.len())..]);
+        // a new window is read without guesses: logits would be computed for all its rows
+        if self.read > 0 {
+            self.guess(guesses);
+        }
+    }
+
+    /// Adds up to `most` guesses to the block, and the given characters between them, as long as a free slot of the same word
+    /// follows and the window has room.
+    fn guess(&mut self, most: usize) {
+        let known = self.block.len();
+        let mut slot = self.slot;
+        for _ in 0..most {
+            let whole = self.block.len();
+            let mut next = self.guess_at(slot);
+            while let Some(id) = next.filter(|&id| id != SPACE) {
+                self.block.push(id);
+                slot = self.plan.grammar.advance(slot, id);
+                next = self.known(slot, self.block.len() - known);
+            }
+            // the word ends, no token was guessed, or the window is full
+            if next.is_some() || self.block.len() == whole || self.window() + self.block.len() - known > self.context {
+                self.block.truncate(whole);
+                break;
+            }
+        }
+        self.guesses = self.block.len() - known;
+    }
+
+    /// The token in the same slot of the previous word.
+    fn guess_at(&self, slot: Slot) -> Option<u32> {
+        let id = self.word(self.words().checked_sub(1)?).get(slot.tokens).copied();
+        id.filter(|&id| self.plan.grammar.allows(slot, id))
+    }
+
+    /// Scores the block by the `logits` (rows, V) of all its tokens, until the first word is whole. All but the block's first
+    /// token is given.
+    pub fn score(&mut self, logits: &[f32], vocabulary: usize) {
+        let word = self.plan.grammar.tokens_per_word().unwrap_or(1);
+        for (later, row) in (1..self.block.len()).zip(logits.chunks_exact(vocabulary.max(1))) {
+            if let Some(at) = (self.read + later).checked_sub(self.front().len()) {
+                let allowed = self.plan.grammar.allowed(Slot { tokens: at % word, characters: at % word });
+                self.log_likelihood += sampling::log_probability(row, &allowed, self.block[later]);
+            }
+        }
+        self.is_scored = self.words() > 0;
+    }
+
+    /// Samples what the block's `logits` (rows, V) allow to: the next free slot, and those after guesses that turn out right.
+    /// The rows end with the block.
+    pub fn take(&mut self, logits: &[f32], vocabulary: usize) -> Result<()> {
+        if self.block.is_empty() {
+            return Ok(());
+        }
+        let (first, front) = (self.first, self.front);
+        let (read, start) = (self.window(), self.ids.len());
+        let guesses = self.block.split_off(self.block.len() - self.guesses);
+        let rows = logits.len() / vocabulary.max(1);
+        // tokens of the guesses that have turned out right
+        let mut right = 0;
+        loop {
+            let row = (rows + right).checked_sub(1 + guesses.len());
+            let row = row.and_then(|row| logits.get(row * vocabulary..(row + 1) * vocabulary)).unwrap_or_default();
+            let id = self.sample(row)?;
+            if let Some(guess) = guesses.get(right) {
+                self.guessed += 1;
+                self.right += u64::from(*guess == id);
+            }
+            self.push(id);
+            self.advance();
+            if self.taken_back.is_some() {
+                break;
+            }
+            // up to the next free slot, if the model has read so far
+            let sampled = self.ids.len() - start;
+            match guesses.get(right..sampled) {
+                Some(guessed) if guessed == &self.ids[start + right..] => right = sampled,
+                _ => break,
+            }
+        }
+        // a window that has moved, or has another front, is read anew
+        if self.first == first && self.front == front {
+            self.read = self.taken_back.map_or(read + right, |left| left.min(read + right));
+            // a word taken back may begin with a free slot, whose logits come after the token before it
+            self.read = self.read.min(self.window() - 1);
+        }
+        self.taken_back = None;
+        Ok(())
+    }
+
+    /// The tokens in this slot of the words that the repetition penalty looks back on.
+    fn recent(&self, slot: usize) -> Vec<u32> {
+        let words = self.words();
+        let looked_at = words.saturating_sub(self.plan.sampling.looks_back())..words;
+        looked_at.filter_map(|word| self.word(word).get(slot).copied()).collect()
+    }
+
+    /// The token of the next slot, which is free.
+    fn sample(&self, logits: &[f32]) -> Result<u32> {
+        let (known, expected) = (logits.len(), self.plan.grammar.vocabulary());
+        if known != expected as usize {
+            return Err(Error::invalid("the model's vocabulary", known, format!("{expected} tokens, the tokenizer's")));
+        }
+        let (word, slot) = (self.words(), self.slot.tokens);
+        let mut rng = kinelm_store::random::stream(self.seed, "character", word as u64, slot as u64);
+        let allowed = self.plan.grammar.allowed(self.slot);
+        let id = self.plan.sampling_of(word).sample(logits, &allowed, &self.recent(slot), &mut rng);
+        id.ok_or_else(|| {
+            Error::NotFinite(format!("word {word}, slot {slot}: the model's logits allow no token; the run is broken"))
+        })
+    }
+}

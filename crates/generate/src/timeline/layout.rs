@@ -1,0 +1,410 @@
+//! The clips of a timeline read and placed: which of their frames go where, turned and moved how.
+
+use super::labels::timed_labels;
+use crate::Error;
+use crate::request::{At, Segment, TimedLabel, Timeline, TimelineClip};
+use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh::BvhSource, resolve_floor};
+use kinelm_motion::joints::{self, Selection};
+use kinelm_motion::moment::{Moment, Timebase};
+use kinelm_motion::resample::{Method, resample};
+use kinelm_motion::retarget::{self, Retarget};
+use kinelm_motion::rig::map_for;
+use kinelm_motion::rotation::heading;
+use kinelm_motion::{Clip, Motion, Quat, Source, Vec3, smpl};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// A body moves on through a gap at the mean speed of both ends, but no longer than this, seconds, and no faster, m/s.
+const MOVES_ON_S: f64 = 1.0;
+const FASTEST_M_S: f64 = 1.5;
+/// The time over which an end's speed is measured, seconds.
+const SPEED_S: f64 = 0.2;
+/// The longest timeline, seconds.
+const LONGEST_S: f64 = 3600.0;
+
+/// What is wrong with a timeline, and where.
+pub(super) enum Fault {
+    /// A segment, counted from 0: found, expected.
+    Segment(usize, String, String),
+    /// A clip, by its name.
+    Clip(String, String, String),
+    /// The clip that lends its rig.
+    Rig(String, String),
+    /// The whole.
+    Timeline(String, String),
+    /// A file that can't be read.
+    Read(Error),
+}
+
+impl From<Error> for Fault {
+    fn from(e: Error) -> Fault {
+        Fault::Read(e)
+    }
+}
+
+impl From<kinelm_motion::Error> for Fault {
+    fn from(e: kinelm_motion::Error) -> Fault {
+        Fault::Read(e.into())
+    }
+}
+
+impl From<Fault> for Error {
+    fn from(fault: Fault) -> Error {
+        match fault {
+            Fault::Segment(n, found, expected) => {
+                Error::invalid(format!("segment {} of the timeline", n + 1), found, expected)
+            }
+            Fault::Clip(name, found, expected) => {
+                Error::invalid(format!("clip {name} of the timeline"), found, expected)
+            }
+            Fault::Rig(found, expected) => Error::invalid("the timeline's rig", found, expected),
+            Fault::Timeline(found, expected) => Error::invalid("the timeline", found, expected),
+            Fault::Read(e) => e,
+        }
+    }
+}
+
+/// A clip of a timeline on the rig that is written, at its rate.
+pub(super) struct ReadClip {
+    /// On that rig.
+    pub clip: Clip,
+    /// Its numbers and bytes, no frame left out, where its file has the very rig and rate.
+    pub exact: Option<(BvhSource, Arc<[u8]>)>,
+    /// Frames of the file before the clip's.
+    pub left_out: usize,
+    /// Frames and rate of its file, in which moments are counted.
+    scale: Timebase,
+    /// Height of its floor above that of the rig's clip, metres.
+    above_m: f64,
+    /// (F) headings, radians.
+    headings: Vec<f64>,
+}
+
+/// A segment in frames of the dance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlacedSegment {
+    /// The clip's name.
+    pub clip: String,
+    /// SMPL ids, ascending.
+    pub joints: Vec<usize>,
+    /// The joints in SMPL's names, as the timeline lists them.
+    pub list: String,
+    /// Frames of the dance.
+    pub frames: Range<usize>,
+    /// The clip's frame at their beginning.
+    pub at: usize,
+    /// Turn about the vertical, radians, before `shift`.
+    pub turn: f64,
+    /// Metres.
+    pub shift: Vec3,
+}
+
+impl PlacedSegment {
+    /// Whether it continues exactly where `previous` ends.
+    fn continues(&self, previous: &PlacedSegment) -> bool {
+        self.clip == previous.clip && self.at + previous.frames.start == previous.at + self.frames.start
+    }
+
+    fn has_root(&self) -> bool {
+        self.joints.first() == Some(&0)
+    }
+}
+
+/// A timeline laid out.
+pub struct TimelineLayout {
+    /// Segments in the order of their beginnings.
+    pub segments: Vec<PlacedSegment>,
+    /// Frames of the dance.
+    pub frames: usize,
+    /// Frames per second.
+    pub fps: f64,
+    /// Labels, in seconds of the dance.
+    pub labels: Vec<TimedLabel>,
+    /// What the user should know.
+    pub notes: Vec<String>,
+    /// The name of the clip that lends its rig.
+    pub(super) rig_name: String,
+    /// That clip, and how its file is read.
+    pub(super) rig: (TimelineClip, Motion, BvhSource),
+    /// The floor of that clip, metres.
+    pub(super) floor_m: f64,
+    pub(super) clips: BTreeMap<String, ReadClip>,
+}
+
+impl TimelineLayout {
+    pub(super) fn of(timeline: &Timeline) -> Result<TimelineLayout, Fault> {
+        let known = timeline.clips.keys().cloned().collect::<Vec<_>>().join(", ");
+        check_segments(timeline)?;
+        let own = timeline.clips.get(&timeline.rig).ok_or_else(|| {
+            Fault::Rig(format!("`{}`", timeline.rig), format!("the name of one of the clips: {known}"))
+        })?;
+        let mut notes = Vec::new();
+        let unread = |name: &str, e: &dyn std::fmt::Display| {
+            Fault::Clip(name.to_owned(), e.to_string(), "a clip that can be read".into())
+        };
+        let file = ClipFile::read(own).map_err(|e| unread(&timeline.rig, &e))?;
+        let mut motion = file.motion.clone();
+        if motion.clip.frames() == 0 {
+            return Err(Fault::Clip(timeline.rig.clone(), "no frames".into(), "a clip with at least one".into()));
+        }
+        let Source::Bvh(source) = &motion.source else {
+            let expected = "a .bvh, whose numbers can stay; kinelm convert makes one";
+            return Err(Fault::Clip(timeline.rig.clone(), format!("{}", own.file.display()), expected.into()));
+        };
+        let source = (**source).clone();
+        let floor_m = resolve_floor(&mut motion, &own.options()).map_err(|e| unread(&timeline.rig, &e))?;
+        let rig = (own, &motion, &source, floor_m);
+        let mut file = Some(file);
+        let mut clips = BTreeMap::new();
+        for (name, clip) in &timeline.clips {
+            if *name == timeline.rig || timeline.segments.iter().any(|segment| segment.clip.as_ref() == Some(name)) {
+                let own_file = if *name == timeline.rig { file.take() } else { None };
+                let on_rig = own_file.map_or_else(|| ClipFile::read(clip), Ok);
+                let on_rig = on_rig.map_err(Fault::Read).and_then(|file| file.on_rig(clip, rig, &mut notes));
+                let on_rig = on_rig.map_err(|fault| match fault {
+                    Fault::Read(e) => unread(name, &e),
+                    fault => fault,
+                })?;
+                if on_rig.exact.is_none() {
+                    let what = "has another rig or rate than the timeline's: its numbers are converted, not copied";
+                    notes.push(format!("{name} ({}) {what}", clip.file.display()));
+                }
+                clips.insert(name.clone(), on_rig);
+            }
+        }
+        let fps = motion.clip.fps();
+        let transition = timeline.transition.0.seconds(fps);
+        if !(0.0..=10.0).contains(&transition) {
+            return Err(Fault::Timeline(format!("transition = {}", timeline.transition.0), "0 to 10 seconds".into()));
+        }
+        let length = timeline.seconds.map(|At(length)| length.seconds(fps));
+        if let (Some(At(stated)), Some(s)) = (timeline.seconds, length)
+            && !(s > 0.0 && s <= LONGEST_S)
+        {
+            return Err(Fault::Timeline(
+                format!("seconds = {stated}"),
+                format!("more than 0, and {LONGEST_S} at most"),
+            ));
+        }
+        let mut placed = Vec::new();
+        for (n, segment) in timeline.segments.iter().enumerate() {
+            let Some(clip) = &segment.clip else { continue };
+            let read = clips
+                .get(clip)
+                .ok_or_else(|| Fault::Segment(n, format!("clip = \"{clip}\""), format!("one of the clips: {known}")))?;
+            let place = place((clip, segment), read, (&motion, own), &mut notes);
+            placed.push((n, place.map_err(|(found, expected)| Fault::Segment(n, found, expected))?));
+        }
+        placed.sort_by_key(|(n, p)| (p.frames.start, *n));
+        make_room(&mut placed, (transition * fps).round() as usize, fps)?;
+        let (mut labels, labelled) = timed_labels(&timeline.segments, fps)?;
+        let last = placed.iter().map(|(_, p)| p.frames.end).chain([labelled]).max().unwrap_or(0);
+        let frames = length.map_or(last, |s| (s * fps).round() as usize);
+        if frames < last {
+            let found = format!("a segment up to {:.2} s", last as f64 / fps);
+            return Err(Fault::Timeline(found, format!("all to end within seconds = {}", frames as f64 / fps)));
+        }
+        // up to the end, whatever part of a frame of the model that is
+        for label in labels.iter_mut().filter(|_| labelled == frames) {
+            label.to = label.to.filter(|to| *to != Moment::Seconds(frames as f64 / fps));
+        }
+        let mut segments: Vec<PlacedSegment> = placed.into_iter().map(|(_, p)| p).collect();
+        join(&mut segments, &clips, fps);
+        let rig_name = timeline.rig.clone();
+        let rig = (own.clone(), motion, source);
+        Ok(TimelineLayout { segments, frames, fps, labels, notes, rig_name, rig, floor_m, clips })
+    }
+}
+
+/// Refuses a timeline without segments, or whose segments only label.
+fn check_segments(timeline: &Timeline) -> Result<(), Fault> {
+    if timeline.segments.is_empty() {
+        return Err(Fault::Timeline("no [[segment]]".into(), "at least one".into()));
+    }
+    if timeline.segments.iter().all(|segment| segment.clip.is_none() && !segment.labels.is_empty()) {
+        let expected = "at least one with a clip; a dance of labels alone needs no timeline";
+        return Err(Fault::Timeline("segments with labels alone".into(), expected.into()));
+    }
+    Ok(())
+}
+
+/// A clip's file, read.
+struct ClipFile {
+    bytes: Arc<[u8]>,
+    motion: Motion,
+}
+
+impl ClipFile {
+    fn read(clip: &TimelineClip) -> Result<ClipFile, Error> {
+        format::Format::of(&clip.file)?; // refused by its name before it is read
+        let bytes: Arc<[u8]> = kinelm_store::input::bytes(&clip.file).map_err(Error::io(&clip.file))?.into();
+        let motion = format::parse(&clip.file, &bytes, &clip.options())?;
+        Ok(ClipFile { bytes, motion })
+    }
+
+    /// The motion of the whole file. It is read again only where reading leaves out frames.
+    fn whole(&self, clip: &TimelineClip) -> Result<Motion, Error> {
+        let options = clip.options();
+        if options.skip == 0 && !self.motion.warnings.iter().any(|warning| warning.kind == "rest_frame") {
+            return Ok(self.motion.clone());
+        }
+        let options = ReadOptions { skip: 0, rest: RestFrame::Keep, ..options };
+        Ok(format::parse(&clip.file, &self.bytes, &options)?)
+    }
+
+    /// The clip on the rig that is written.
+    fn on_rig(
+        self,
+        clip: &TimelineClip,
+        (own, rig, source, floor_m): (&TimelineClip, &Motion, &BvhSource, f64),
+        notes: &mut Vec<String>,
+    ) -> Result<ReadClip, Fault> {
+        let (options, fps) = (clip.options(), rig.clip.fps());
+        let all = self.whole(clip)?;
+        let mut motion = self.motion;
+        notes.extend(motion.warnings.iter().map(|warning| format!("{}: {}", clip.file.display(), warning.what)));
+        let left_out = all.clip.frames() - motion.clip.frames();
+        let scale = Timebase { frames: motion.clip.frames(), fps: motion.clip.fps(), left_out, model_fps: None };
+        let on_smpl = resample(&retarget::to_smpl(&motion, clip.map.as_deref())?, fps, Method::Auto)?;
+        let mut last = 0.0;
+        let headings = (0..on_smpl.frames()).map(|f| {
+            last = heading(on_smpl.pose(f)[0]).unwrap_or(last);
+            last
+        });
+        let headings = headings.collect();
+        if let Source::Bvh(other) = &all.source
+            && source.is_alike(other)
+            && motion.clip.fps() == fps
+        {
+            let above_m = if clip == own { 0.0 } else { resolve_floor(&mut motion, &options)? - floor_m };
+            let exact = Some(((**other).clone(), self.bytes));
+            return Ok(ReadClip { clip: motion.clip, exact, left_out, scale, above_m, headings });
+        }
+        let skeleton = rig.clip.skeleton();
+        let retarget = Retarget::new(skeleton, &map_for(skeleton, own.map.as_deref())?, smpl::neutral())?;
+        let retargeted =
+            retarget.with_floor(format::floor_height(rig, own.map.as_deref())?).to_rig_over(&on_smpl, None)?;
+        let mut on_rig = Motion { clip: retargeted, ..rig.clone() };
+        let above_m = resolve_floor(&mut on_rig, &own.options())? - floor_m;
+        Ok(ReadClip { clip: on_rig.clip, exact: None, left_out: 0, scale, above_m, headings })
+    }
+}
+
+/// A segment in frames; found and expected where it can't be.
+fn place(
+    (clip, segment): (&str, &Segment),
+    read: &ReadClip,
+    (rig, own): (&Motion, &TimelineClip),
+    notes: &mut Vec<String>,
+) -> Result<PlacedSegment, (String, String)> {
+    let fps = rig.clip.fps();
+    let wrong =
+        |e: kinelm_motion::Error| (format!("joints = \"{}\": {e}", segment.joints), "joints of the rig".to_owned());
+    let list = joints::to_smpl_names(&segment.joints, rig.clip.skeleton(), own.map.as_deref()).map_err(wrong)?;
+    let twice = joints::ambiguous_names(&segment.joints, rig.clip.skeleton(), own.map.as_deref());
+    notes.extend(twice.iter().map(|(part, own)| joints::ambiguity_note(part, own)));
+    let Selection { mut joints, .. } = joints::parse(&list).map_err(wrong)?;
+    joints.sort_unstable();
+    joints.dedup();
+    let Range { start: from, end: to } = times(segment, fps)?;
+    let has = read.clip.frames();
+    let at =
+        border("at", segment.at, read.scale, format!("a moment of the clip, which has {:.2} s", has as f64 / fps))?;
+    let at = (at as f64 / read.scale.fps * fps).round() as usize;
+    if at + (to - from) > has {
+        let (long, left) = ((to - from) as f64 / fps, (has - at) as f64 / fps);
+        let found = format!("{long:.2} s from {} of {} on", segment.at.0, clip);
+        return Err((found, format!("{left:.2} s at most, which the clip still has there")));
+    }
+    Ok(PlacedSegment { clip: clip.to_owned(), joints, list, frames: from..to, at, turn: 0.0, shift: Vec3::ZERO })
+}
+
+/// The frames of the dance over which a segment holds; found and expected where there are none.
+pub(super) fn times(segment: &Segment, fps: f64) -> Result<Range<usize>, (String, String)> {
+    let scale = Timebase { frames: (LONGEST_S * fps) as usize, fps, left_out: 0, model_fps: None };
+    let counted = || "seconds or frames (40f) from the beginning of the dance".to_owned();
+    let (from, to) = (border("from", segment.from, scale, counted())?, border("to", segment.to, scale, counted())?);
+    if from >= to {
+        return Err((format!("from {} to {}", segment.from.0, segment.to.0), "an end after the beginning".into()));
+    }
+    Ok(from..to)
+}
+
+/// The frame of a moment that a key states, not counted from the end.
+fn border(key: &str, at: At, scale: Timebase, expected: String) -> Result<usize, (String, String)> {
+    let negative = matches!(at.0, Moment::Seconds(n) | Moment::Frames(n) | Moment::Model(n) if n.is_sign_negative());
+    at.0.boundary(scale).filter(|_| !negative).ok_or_else(|| (format!("{key} = {}", at.0), expected))
+}
+
+/// Refuses joints that two segments give at a time, and shortens segments to make room for transitions.
+fn make_room(placed: &mut [(usize, PlacedSegment)], transition: usize, fps: f64) -> Result<(), Fault> {
+    // frames cut at the beginning and at the end of each
+    let mut cuts = vec![(0, 0); placed.len()];
+    for second in 1..placed.len() {
+        for first in 0..second {
+            let ((n, a), (m, b)) = (&placed[first], &placed[second]);
+            let Some(&joint) = a.joints.iter().find(|joint| b.joints.contains(joint)) else { continue };
+            if b.frames.start < a.frames.end {
+                let [from, to] = [b.frames.start, a.frames.end.min(b.frames.end)].map(|f| f as f64 / fps);
+                let name = smpl::NAMES[joint];
+                let found = format!("{name} from {from:.2} to {to:.2} s, which segment {} gives too", *n + 1);
+                return Err(Fault::Segment(*m, found, "every joint once at a time".into()));
+            }
+            let room = transition.saturating_sub(b.frames.start - a.frames.end);
+            if room == 0 || b.continues(a) {
+                continue;
+            }
+            cuts[first].1 = cuts[first].1.max(room - room / 2);
+            cuts[second].0 = cuts[second].0.max(room / 2);
+        }
+    }
+    for ((n, segment), (front, back)) in placed.iter_mut().zip(cuts) {
+        if segment.frames.len() <= front + back {
+            let found = format!("{:.2} s", segment.frames.len() as f64 / fps);
+            let cut = (front + back) as f64 / fps;
+            let expected = format!("more than the {cut:.2} s of it that transitions take (transition)");
+            return Err(Fault::Segment(*n, found, expected));
+        }
+        segment.frames = segment.frames.start + front..segment.frames.end - back;
+        segment.at += front;
+    }
+    Ok(())
+}
+
+/// Turns and moves segments with a root so that each continues where the previous one ends.
+fn join(segments: &mut [PlacedSegment], clips: &BTreeMap<String, ReadClip>, fps: f64) {
+    let mut previous: Option<PlacedSegment> = None;
+    for segment in segments.iter_mut().filter(|segment| segment.has_root()) {
+        let read = &clips[&segment.clip];
+        let first = read.clip.root()[segment.at];
+        match &previous {
+            Some(last) if segment.continues(last) => (segment.turn, segment.shift) = (last.turn, last.shift),
+            Some(last) => {
+                let (from, end) = (&clips[&last.clip], last.at + last.frames.len() - 1);
+                segment.turn = last.turn + from.headings[end.min(from.headings.len() - 1)]
+                    - read.headings[segment.at.min(read.headings.len() - 1)];
+                let [leaving, arriving] = [Quat::from_rotation_y(last.turn), Quat::from_rotation_y(segment.turn)];
+                let speed =
+                    (leaving * speed(&from.clip, end, false) + arriving * speed(&read.clip, segment.at, true)) / 2.0;
+                let s = ((segment.frames.start - last.frames.end + 1) as f64 / fps).min(MOVES_ON_S);
+                let there = leaving * from.clip.root()[end] + last.shift + speed * s;
+                segment.shift = (there - arriving * first).with_y(-read.above_m);
+            }
+            None => segment.shift = Vec3::Y * -read.above_m,
+        }
+        previous = Some(segment.clone());
+    }
+}
+
+/// Velocity of the root over the ground after a frame, or before it, m/s.
+fn speed(clip: &Clip, frame: usize, after: bool) -> Vec3 {
+    let steps = ((SPEED_S * clip.fps()).round() as usize).max(1);
+    let other = if after { (frame + steps).min(clip.frames() - 1) } else { frame.saturating_sub(steps) };
+    let (from, to) = if after { (frame, other) } else { (other, frame) };
+    if from == to {
+        return Vec3::ZERO;
+    }
+    let velocity = (clip.root()[to] - clip.root()[from]).with_y(0.0) * (clip.fps() / (to - from) as f64);
+    velocity.clamp_length_max(FASTEST_M_S)
+}

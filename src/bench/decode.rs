@@ -8,7 +8,7 @@ use crate::model::{Gpt, ModelConfig, Reader, ReaderOptions};
 use crate::shell::{ReadingArgs, Say};
 use anyhow::Result;
 use kinelm_engine::arena::Floats;
-use kinelm_engine::decode::{KvKind, Logits};
+use kinelm_model::{KvKind, Logits};
 use kinelm_store::random;
 use kinelm_tokenizer::{Grammar, Vocabulary, WordLength};
 use rand_chacha::rand_core::RngCore;

@@ -1,10 +1,10 @@
 //! Which model a bench is about.
 
 use crate::model::config::SlotRun;
+use crate::model::words::Steps;
 use crate::model::{Architecture, HeadKind, TokenLayout};
 use crate::train::TrainFile;
 use anyhow::Result;
-use kinelm_engine::words::Steps;
 use kinelm_tokenizer::SlotIds;
 use std::path::Path;
 

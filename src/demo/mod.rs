@@ -16,7 +16,7 @@ use crate::shell::{ComputeArgs, Say, WrongCall};
 use crate::train::{CorpusPart, PretrainOptions, TrainFile};
 use crate::view::{Figure, write_page};
 use anyhow::{Context, Result};
-use kinelm_engine::decode::{KvKind, WeightKind};
+use kinelm_model::{KvKind, WeightKind};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::synth::Dance;
 use kinelm_motion::{Clip, joints, synth};

@@ -3,7 +3,7 @@
 use super::{ours, progress};
 use crate::corpus::{Corpus, Opening};
 use crate::model::{Compute, DeviceName, Form, ReaderOptions};
-use kinelm_engine::decode::{KvKind, WeightKind};
+use kinelm_model::{KvKind, WeightKind};
 use kinelm_store::output::Outputs;
 use std::path::{Path, PathBuf};
 

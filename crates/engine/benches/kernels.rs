@@ -5,17 +5,14 @@
 //! the instructions in there, which a busy machine does not change.
 
 use kinelm_engine::bins::Bins;
-use kinelm_engine::decode::{
-    Before, BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Previous, Relative, Rope, Sizes,
-    WeightKind,
-};
+use kinelm_engine::decode::{BlockParts, KvKind, Matrix, Norm, Run, Stack, StackDecoder, StackWeights, WeightKind};
 use kinelm_engine::dispatch;
 use kinelm_engine::op::dropout::Mask;
 use kinelm_engine::op::matmul::{Left, Panels, Store};
 use kinelm_engine::op::products::Products;
+use kinelm_engine::op::rope::Angles;
 use kinelm_engine::op::{adamw, attention, bias, cross_entropy, embedding, gelu, layer_norm, matmul, rope};
 use std::hint::black_box;
-use std::sync::Arc;
 use std::time::Instant;
 
 /// N: rows that a kernel is given; a multiple of no tile.
@@ -49,7 +46,7 @@ const CASES: [(&str, Make); 22] = [
     ("adamw", adamw),
     ("norm_squared", norm_squared),
     ("token_f32", || token(WeightKind::F32, KvKind::F32, false)),
-    ("token_f32_looking_back", || token(WeightKind::F32, KvKind::F32, true)),
+    ("token_f32_rotary", || token(WeightKind::F32, KvKind::F32, true)),
     ("token_int8_f16", || token(WeightKind::Int8, KvKind::F16, false)),
 ];
 
@@ -215,33 +212,38 @@ fn norm_squared() -> Case {
     })
 }
 
-/// A token behind N others, through one block and the head; looking back, turned by its word, told the word before, and with
-/// logits of differences to it.
-fn token(weights: WeightKind, kv: KvKind, looking_back: bool) -> Case {
-    let sizes = Sizes { layers: 1, heads: 8, width: D, vocabulary: V, context: N + 1 };
+/// A row after N others, through one block and the head; with rotary positions or without.
+fn token(kind: WeightKind, kv: KvKind, rotary: bool) -> Case {
+    let stack = Stack { layers: 1, heads: 8, width: D };
     let (matrix, bias) = (numbers(4 * D * D), numbers(4 * D));
     let linear = |k: usize, n: usize| (&matrix[..k * n], &bias[..n]);
     let norm = (&bias[..D], &bias[..D]);
     let [qkv, out, up, down] = [linear(D, 3 * D), linear(D, D), linear(D, 4 * D), linear(4 * D, D)];
-    let blocks = vec![BlockParts { norm1: norm, qkv, out, norm2: norm, up, down }];
-    let (token, positions) = (&matrix[..V * D], Positions::Places(&matrix[..(N + 1) * D]));
-    let places = [Bins { first: 6, count: V as u32 - 6, circular: true }; 42];
-    let before = Before {
-        front: 1,
-        places: &places,
-        previous: Some(Previous { character: token, missing: 0, step: &matrix[..(V - 5) * D] }),
-        relative: Some(Relative { circular: &matrix[..(V - 6) * D], clamped: &[] }),
-    };
-    let rope = looking_back.then_some(Rope { front: 1, word: Some(places.len() + 1) });
-    let before = looking_back.then_some(before);
-    let parts = Parts { sizes, token, positions, rope, before, blocks, norm, head: token };
-    let weights = DecoderWeights::new(&parts, weights);
-    let bytes = weights.bytes();
-    let mut decoder = Decoder::new(Arc::new(weights), 1, kv);
-    decoder.read(&[&ids().iter().map(|id| id % (V as u32 - 6) + 6).collect::<Vec<u32>>()], Logits::Last);
+    let block = BlockParts { norm1: norm, qkv, out, norm2: norm, up, down };
+    let angles = rotary.then(|| Angles::new(N + 1, D / 8));
+    let weights = StackWeights::new(&[block], stack, kind, angles);
+    let (head, norm) = (Matrix::transposed(&matrix[..V * D], (V, D), kind), Norm::new(norm, D));
+    let bytes = weights.bytes() + head.bytes();
+    let mut decoder = StackDecoder::new(&weights, kv, (1, N + 1), N, V);
+    let (rows, mut logits) = (numbers((N + 1) * D), zeros(V));
+    let mut place = 0;
+    while place < N {
+        let n = (N - place).min(decoder.free());
+        decoder.push(Run { stream: 0, place, rows: n });
+        decoder.rows_mut(0).copy_from_slice(&rows[place * D..][..n * D]);
+        decoder.forward(&weights);
+        decoder.clear();
+        place += n;
+    }
     case("GB/s", bytes, move || {
-        decoder.truncate(0, N);
-        black_box(decoder.read(&[&[7]], Logits::Last));
+        decoder.push(Run { stream: 0, place: N, rows: 1 });
+        decoder.rows_mut(0).copy_from_slice(&rows[N * D..]);
+        decoder.positions_mut(0).fill(N as u32);
+        decoder.forward(&weights);
+        decoder.norm(&norm, 0..1);
+        decoder.product(&head, 0..1, 0..V).copy(0, 0, &mut logits);
+        decoder.clear();
+        black_box(&logits);
     })
 }
 

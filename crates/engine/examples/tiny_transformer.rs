@@ -1,12 +1,12 @@
-//! A tiny transformer learns a verse by heart, character by character, and says it: all parts of a training step, then a
-//! decoder that reads a token at a time.
+//! A tiny transformer learns a verse by heart, character by character, and recites it: all parts of a training step,
+//! then incremental decoding.
 //!
 //!     cargo run --release -p kinelm-engine --example tiny_transformer
 
 use kinelm_engine::arena::Floats;
 use kinelm_engine::bins::Bins;
 use kinelm_engine::block::{self, Linear, Norm, Rules, Saved, Shape, Tensors};
-use kinelm_engine::decode::{BlockParts, Decoder, DecoderWeights, KvKind, Logits, Parts, Positions, Sizes, WeightKind};
+use kinelm_engine::decode::{self, BlockParts, KvKind, Matrix, Run, Stack, StackDecoder, StackWeights, WeightKind};
 use kinelm_engine::head::{self, Exam};
 use kinelm_engine::linear::Products;
 use kinelm_engine::op::adamw::{self, Step};
@@ -14,7 +14,6 @@ use kinelm_engine::op::attention::Mask;
 use kinelm_engine::op::cross_entropy::Asked;
 use kinelm_engine::op::embedding::{self, Lookup};
 use kinelm_engine::op::matmul::Store;
-use std::sync::Arc;
 
 /// The Lobster Quadrille, Lewis Carroll, 1865.
 const TEXT: &str = "will you walk a little faster? said a whiting to a snail. there's a porpoise close behind us, \
@@ -181,32 +180,57 @@ impl Trainer {
     }
 }
 
-/// The model for reading a token at a time.
-fn decoder(vocabulary: usize, weights: &[f32]) -> Decoder {
-    let Model { token, place, blocks, norm } = read(vocabulary, weights);
-    let blocks = blocks.iter().map(|b| BlockParts {
-        norm1: (b.norm1.weight, b.norm1.bias),
-        qkv: (b.qkv.weight, b.qkv.bias),
-        out: (b.out.weight, b.out.bias),
-        norm2: (b.norm2.weight, b.norm2.bias),
-        up: (b.up.weight, b.up.bias),
-        down: (b.down.weight, b.down.bias),
-    });
-    let parts = Parts {
-        sizes: Sizes { layers: LAYERS, heads: HEADS, width: WIDTH, vocabulary, context: TOKENS },
-        token,
-        positions: Positions::Places(place),
-        blocks: blocks.collect(),
-        norm: (norm.weight, norm.bias),
-        head: token,
-        rope: None,
-        before: None,
-    };
-    Decoder::new(Arc::new(DecoderWeights::new(&parts, WeightKind::F32)), 1, KvKind::F32)
+/// The model for decoding a token at a time.
+struct Decoder<'a> {
+    model: Model<&'a [f32]>,
+    weights: StackWeights,
+    norm: decode::Norm,
+    head: Matrix,
+    stack: StackDecoder,
+    logits: Vec<f32>,
+}
+
+impl Decoder<'_> {
+    fn new(vocabulary: usize, weights: &[f32]) -> Decoder<'_> {
+        let model = read(vocabulary, weights);
+        let blocks = model.blocks.iter().map(|b| BlockParts {
+            norm1: (b.norm1.weight, b.norm1.bias),
+            qkv: (b.qkv.weight, b.qkv.bias),
+            out: (b.out.weight, b.out.bias),
+            norm2: (b.norm2.weight, b.norm2.bias),
+            up: (b.up.weight, b.up.bias),
+            down: (b.down.weight, b.down.bias),
+        });
+        let blocks: Vec<_> = blocks.collect();
+        let stack = Stack { layers: LAYERS, heads: HEADS, width: WIDTH };
+        let weights = StackWeights::new(&blocks, stack, WeightKind::F32, None);
+        let head = Matrix::transposed(model.token, (vocabulary, WIDTH), WeightKind::F32);
+        Decoder {
+            norm: decode::Norm::new((model.norm.weight, model.norm.bias), WIDTH),
+            stack: StackDecoder::new(&weights, KvKind::F32, (1, TOKENS), 1, vocabulary),
+            logits: vec![0.0; vocabulary],
+            model,
+            weights,
+            head,
+        }
+    }
+
+    /// Logits of what follows `id` at `place`.
+    fn read(&mut self, id: u32, place: usize) -> &[f32] {
+        self.stack.push(Run { stream: 0, place, rows: 1 });
+        let (token, position) = (&self.model.token[id as usize * WIDTH..], &self.model.place[place * WIDTH..]);
+        let row = self.stack.rows_mut(0).iter_mut();
+        row.zip(token.iter().zip(position)).for_each(|(x, (token, position))| *x = token + position);
+        self.stack.forward(&self.weights);
+        self.stack.norm(&self.norm, 0..1);
+        self.stack.product(&self.head, 0..1, 0..self.logits.len()).copy(0, 0, &mut self.logits);
+        self.stack.clear();
+        &self.logits
+    }
 }
 
 /// An id by its probability, the logits divided by a temperature.
-fn draw(logits: &[f32], temperature: f64, rng: &mut Rng) -> u32 {
+fn sample(logits: &[f32], temperature: f64, rng: &mut Rng) -> u32 {
     let top = logits.iter().fold(f32::MIN, |a, b| a.max(*b));
     let weights: Vec<f64> = logits.iter().map(|x| (f64::from(x - top) / temperature).exp()).collect();
     let mut left = rng.next() * weights.iter().sum::<f64>();
@@ -234,12 +258,12 @@ fn main() {
         }
     }
 
-    let mut decoder = decoder(letters.len(), &trainer.weights);
+    let mut decoder = Decoder::new(letters.len(), &trainer.weights);
     let mut next = trainer.ids[0];
-    let mut said = String::new();
-    for _ in 0..TOKENS {
-        said.push(letters[next as usize]);
-        next = draw(decoder.read(&[&[next]], Logits::Last), 0.5, &mut rng);
+    let mut text = String::new();
+    for place in 0..TOKENS {
+        text.push(letters[next as usize]);
+        next = sample(decoder.read(next, place), 0.5, &mut rng);
     }
-    println!("it says: {said}");
+    println!("sampled: {text}");
 }

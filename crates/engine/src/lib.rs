@@ -32,7 +32,6 @@ pub mod op;
 mod per_thread;
 pub mod pieces;
 pub mod scalar;
-pub mod words;
 
 /// The examples of the README are tested with those of the code.
 #[cfg(doctest)]

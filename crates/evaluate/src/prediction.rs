@@ -207,7 +207,7 @@ impl Predictor<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kinelm_engine::decode::Logits;
+    use kinelm_model::Logits;
     use kinelm_generate::NextToken;
     use kinelm_motion::{Vec3, smpl, synth};
     use kinelm_tokenizer::TokenizerConfig;

@@ -8,9 +8,9 @@
 //! before it, as the row that would speak for the next frame does, and has a vector of its own in the place of a position.
 
 use super::config::TokenLayout;
+use crate::words::{Steps, Words};
 use kinelm_engine::bins::Bins;
 use kinelm_engine::op::embedding::NONE;
-use kinelm_engine::words::{Steps, Words};
 
 /// Rows of `last`, `place`, `character` and `step` that are added for a token.
 pub const SPELT: [&str; 4] = ["spell.last.weight", "spell.place.weight", "spell.character.weight", "spell.step.weight"];
@@ -34,6 +34,11 @@ impl Frames {
     /// Frames of a window, up to the first that is padding.
     pub fn shown(&self, inputs: &[u32]) -> usize {
         inputs.iter().skip(1).step_by(self.word()).take_while(|&&id| id != self.pad).count()
+    }
+
+    /// Reads the words that the frames are.
+    pub fn words(&self) -> &Words {
+        &self.words
     }
 
     /// W.

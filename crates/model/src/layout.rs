@@ -4,9 +4,9 @@ use super::architecture::Architecture;
 use super::config::{HeadKind, ModelConfig, Positions, TokenLayout};
 use super::frames::{BACK, Frames, SPELT};
 use super::goal;
+use crate::words::Steps;
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
-use kinelm_engine::words::Steps;
 use kinelm_store::random;
 use std::collections::BTreeMap;
 

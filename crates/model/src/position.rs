@@ -3,7 +3,6 @@
 
 use super::config::{ModelConfig, Positions, TokenLayout};
 use super::layout::word_rows;
-use kinelm_engine::words::Stand;
 
 /// Counts words, and places in them. Those behind the end of their table take its last row.
 #[derive(Debug, Clone, Copy)]
@@ -13,7 +12,16 @@ pub(super) struct Counter {
     /// W, if all words have so many tokens.
     length: Option<usize>,
     words: usize,
-    places: usize,
+    slots: usize,
+}
+
+/// Position of a token behind the front, counted from the tokens before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct WordPosition {
+    /// The number of its word.
+    pub word: usize,
+    /// Its slot in the word.
+    pub slot: usize,
 }
 
 impl Counter {
@@ -30,7 +38,7 @@ impl Counter {
             front: tokens.front,
             length: (!tokens.varying).then_some(tokens.word),
             words,
-            places: tokens.word,
+            slots: tokens.word,
         })
     }
 
@@ -39,14 +47,27 @@ impl Counter {
         self.length.is_none()
     }
 
-    /// The word and the place of every token of `window`; the front tokens' stay as they are.
-    pub fn count(self, window: &[u32], words: &mut [u32], places: &mut [u32]) {
-        let mut stand = Stand::default();
-        let tokens = window.iter().zip(words.iter_mut().zip(places)).skip(self.front);
-        for (&id, (to_word, to_place)) in tokens {
-            *to_word = stand.word.min(self.words - 1) as u32;
-            *to_place = stand.place.min(self.places - 1) as u32;
-            stand = stand.behind(self.length.map_or(id == self.space, |length| stand.place + 1 == length));
+    /// The position after that of the token `id`.
+    pub fn next(self, at: WordPosition, id: u32) -> WordPosition {
+        match self.length.map_or(id == self.space, |length| at.slot + 1 == length) {
+            true => WordPosition { word: at.word + 1, slot: 0 },
+            false => WordPosition { slot: at.slot + 1, ..at },
+        }
+    }
+
+    /// A position's rows of the tables.
+    pub fn rows(self, at: WordPosition) -> WordPosition {
+        WordPosition { word: at.word.min(self.words - 1), slot: at.slot.min(self.slots - 1) }
+    }
+
+    /// The rows of every token of `window`; the front tokens' stay as they are.
+    pub fn count(self, window: &[u32], words: &mut [u32], slots: &mut [u32]) {
+        let mut at = WordPosition::default();
+        let tokens = window.iter().zip(words.iter_mut().zip(slots)).skip(self.front);
+        for (&id, (to_word, to_slot)) in tokens {
+            let rows = self.rows(at);
+            (*to_word, *to_slot) = (rows.word as u32, rows.slot as u32);
+            at = self.next(at, id);
         }
     }
 }

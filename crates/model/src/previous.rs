@@ -7,8 +7,8 @@
 use super::config::TokenLayout;
 use super::head_groups::no_bin;
 use crate::Result;
+use crate::words::{Steps, Words};
 use kinelm_engine::bins::Bins;
-use kinelm_engine::words::{Steps, Words};
 
 /// What the logits of a row stand for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,10 +2,10 @@
 
 use super::checkpoint::{CheckpointChoice, Checkpoints, State};
 use super::config::{ModelConfig, TokenLayout};
+use super::decode::{Reader, ReaderOptions};
 use super::device::Compute;
 use super::fast::Fast;
 use super::gpt::Gpt;
-use super::reader::{Reader, ReaderOptions};
 use super::scores::Scores;
 use super::weights;
 use crate::{Error, Result};

@@ -2,9 +2,9 @@
 
 use super::cache::{Stored, Unit};
 use super::kernel::{Left, Product};
-use super::rope::Turns;
 use crate::dispatch;
 use crate::op::math::{exp_falling, largest, sum};
+use crate::op::rope::Angles;
 use pulp::{Simd, WithSimd};
 
 /// Rows whose scores are held at a time.
@@ -18,20 +18,20 @@ pub(super) struct Queries<'a> {
     pub stride: usize,
     /// The place of the first.
     pub place: usize,
-    /// What turns queries and keys, and the words that the rows stand in.
-    pub turns: Option<(&'a Turns, &'a [u32])>,
+    /// Rotary positions of the rows, if they have any.
+    pub rotary: Option<(&'a Angles, &'a [u32])>,
 }
 
 /// Writes what each row of `queries` (m rows) takes from the `unit` of the cache, its own key, turned, and value included,
 /// which are kept first, to `out` (m, padded). `scores` has [`SCORE_ROWS`] rows of T, whole panels.
 pub(super) fn attend<E: Stored>(out: &mut [f32], queries: Queries, cache: &mut [E], unit: Unit, scores: &mut [f32]) {
     let Unit { tokens, d, padded, panel } = unit;
-    let Queries { qkv, stride, place, turns } = queries;
+    let Queries { qkv, stride, place, rotary } = queries;
     let factor = E::LEFT / (d as f32).sqrt();
     for (i, row) in qkv.chunks_mut(stride).enumerate() {
-        if let Some((turns, words)) = turns {
-            turns.turn(&mut row[..d], words[i]);
-            turns.turn(&mut row[d..2 * d], words[i]);
+        if let Some((angles, positions)) = rotary {
+            angles.rotate(&mut row[..d], positions[i]);
+            angles.rotate(&mut row[d..2 * d], positions[i]);
         }
         unit.keep(cache, place + i, &row[d..2 * d], &row[2 * d..3 * d]);
         row[..d].iter_mut().for_each(|q| *q *= factor);

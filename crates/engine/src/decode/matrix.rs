@@ -1,6 +1,6 @@
 //! Weights as they are streamed: packed once, in f32 or in bytes.
 
-use super::kernel::{Left, Product};
+use super::kernel::{self, Left};
 use crate::arena::Floats;
 use crate::dispatch;
 use crate::element::Element;
@@ -20,8 +20,8 @@ pub enum WeightKind {
 /// Columns of a piece, a whole number of panels: what one thread computes at a time.
 pub(super) const PIECE: usize = 64;
 
-/// A (k, n) matrix with its bias.
-pub(super) struct Matrix {
+/// A (k, n) matrix with its bias, packed for streaming.
+pub struct Matrix {
     kind: WeightKind,
     /// Panels, [n / panel][k][panel], of f32 or of bytes.
     numbers: Floats,
@@ -38,7 +38,7 @@ pub(super) struct Matrix {
 
 impl Matrix {
     /// Packs the numbers `at(row, column)` in pieces of `piece` columns.
-    pub fn new(
+    pub(super) fn packed(
         kind: WeightKind,
         (k, n): (usize, usize),
         piece: usize,
@@ -75,7 +75,7 @@ impl Matrix {
     }
 
     /// Pieces of the product.
-    pub fn pieces(&self) -> usize {
+    pub(super) fn pieces(&self) -> usize {
         self.columns.div_ceil(self.piece)
     }
 
@@ -85,12 +85,12 @@ impl Matrix {
     }
 
     /// Columns of a piece of the product, whole panels.
-    pub fn piece(&self) -> usize {
+    pub(super) fn piece(&self) -> usize {
         self.piece
     }
 
     /// Multiply-adds of a row with one piece.
-    pub fn work(&self) -> usize {
+    pub(super) fn work(&self) -> usize {
         self.k * self.piece
     }
 
@@ -100,7 +100,7 @@ impl Matrix {
     }
 
     /// Writes a piece of the product of `left` (m, k), bias added, to `c` (m, piece).
-    pub fn product(&self, c: &mut [f32], piece: usize, left: Left) {
+    pub(super) fn product(&self, c: &mut [f32], piece: usize, left: Left) {
         match self.kind {
             WeightKind::F32 => self.typed::<f32>(c, piece, left, &self.numbers),
             WeightKind::Int8 => self.typed::<i8>(c, piece, left, bytemuck::cast_slice(&self.numbers)),
@@ -110,7 +110,7 @@ impl Matrix {
     fn typed<E: Element>(&self, c: &mut [f32], piece: usize, left: Left, numbers: &[E]) {
         let (k, first, panel) = (self.k, piece * self.piece, panel());
         let columns = self.piece.min(self.columns - first);
-        dispatch::run(Product {
+        dispatch::run(kernel::Product {
             c,
             ldc: self.piece,
             left,
@@ -121,5 +121,29 @@ impl Matrix {
             scale: self.scale.get(first..first + columns).unwrap_or_default(),
             bias: &self.bias[first..][..columns],
         });
+    }
+}
+
+/// Columns of the product of some rows with a [`Matrix`].
+pub struct Product<'a> {
+    pub(super) pieces: &'a [f32],
+    pub(super) rows: usize,
+    /// The first piece that was computed.
+    pub(super) first: usize,
+}
+
+impl Product<'_> {
+    /// Copies numbers of a row from `column` on.
+    ///
+    /// # Panics
+    /// If the columns weren't asked for.
+    pub fn copy(&self, row: usize, mut column: usize, mut to: &mut [f32]) {
+        while !to.is_empty() {
+            let within = column % PIECE;
+            let n = to.len().min(PIECE - within);
+            let piece = &self.pieces[(column / PIECE - self.first) * self.rows * PIECE..];
+            to[..n].copy_from_slice(&piece[row * PIECE + within..][..n]);
+            (to, column) = (&mut to[n..], column + n);
+        }
     }
 }

@@ -1,246 +1,191 @@
-//! Decoding against plain loops, and against itself.
+//! A stack decoded against plain loops, and against itself.
 
 use super::*;
-use crate::bins::Bins;
+use crate::block::{Linear, Norm as BlockNorm, Shape, Tensors};
+use crate::op::attention::Mask;
 use crate::op::check::numbers;
+use crate::op::rope::Angles;
 use crate::scalar;
-use std::sync::Arc;
 
-/// The numbers of a model.
+/// The numbers of a stack, its last norm and a head (V, D).
 struct Model {
-    sizes: Sizes,
+    stack: Stack,
+    places: usize,
+    rotary: bool,
     tensors: Vec<Vec<f32>>,
-    /// Rows of the tables of words and places, if words are counted.
-    words: Option<(usize, usize)>,
-    rope: Option<Rope>,
-    /// What stands at the places of a word, if the model looks one word back: at its inputs, at its logits.
-    places: Vec<Bins>,
-    looks: (bool, bool),
+    head: Vec<f32>,
 }
 
-/// Ends a word.
-const END: u32 = 2;
-/// Tokens in front of the first word.
-const FRONT: usize = 2;
+const VOCABULARY: usize = 130;
 
 impl Model {
-    fn new(sizes: Sizes, seed: u64) -> Model {
-        let Sizes { layers, width, vocabulary, context, .. } = sizes;
-        let mut lengths = vec![vocabulary * width, context * width, width, width, vocabulary * width];
-        for _ in 0..layers {
-            lengths.extend([width, width, 3 * width * width, 3 * width, width * width, width]);
-            lengths.extend([width, width, 4 * width * width, 4 * width, 4 * width * width, width]);
-        }
-        // the words before, the steps, the differences
-        lengths.extend([vocabulary * width, (vocabulary + 1) * width, vocabulary * width, 2 * vocabulary * width]);
-        let spread = 2.0 / (width as f32).sqrt();
-        let tensors = lengths.iter().enumerate().map(|(i, &n)| numbers(seed + i as u64, n, spread)).collect();
-        Model { sizes, tensors, words: None, rope: None, places: Vec::new(), looks: (false, false) }
+    fn new(stack: Stack, places: usize, rotary: bool, seed: u64) -> Model {
+        let d = stack.width;
+        let block = [d, d, 3 * d * d, 3 * d, d * d, d, d, d, 4 * d * d, 4 * d, 4 * d * d, d];
+        let lengths = (0..stack.layers).flat_map(|_| block).chain([d, d]);
+        let spread = 2.0 / (d as f32).sqrt();
+        let tensors = lengths.enumerate().map(|(i, n)| numbers(seed + i as u64, n, spread)).collect();
+        Model { stack, places, rotary, tensors, head: numbers(seed + 99, VOCABULARY * d, spread) }
     }
 
-    /// The model in every form that its sizes has: as it is, turned by words of one length or counted, looking one word back.
-    fn forms(sizes: Sizes, seed: u64) -> Vec<Model> {
-        let new = || Model::new(sizes, seed);
-        let v = sizes.vocabulary as u32;
-        let bins = |first, count, circular| Bins { first, count, circular };
-        let small = [bins(0, 1, false), bins(1, v - 1, true)];
-        let large = [bins(3, v - 4, true), bins(4, v - 5, false), bins(v - 3, 3, false), bins(3, v / 2, true)];
-        let places = if v < 10 { small.to_vec() } else { large.to_vec() };
-        let word = Some(places.len() + 1);
-        let mut all = vec![new()];
-        for looks in [(true, false), (false, true), (true, true)] {
-            all.push(Model { places: places.clone(), looks, ..new() });
-        }
-        // without heights, without angles
-        for circular in [false, true] {
-            let places = places.iter().copied().filter(|bins| bins.circular == circular).collect();
-            all.push(Model { places, looks: (true, true), ..new() });
-        }
-        if (sizes.width / sizes.heads).is_multiple_of(2) {
-            let rope = |word| Some(Rope { front: FRONT, word });
-            all.push(Model { rope: rope(word), ..new() });
-            all.push(Model { rope: rope(None), words: Some((5, 4)), ..new() });
-            all.push(Model { rope: rope(word), places, looks: (true, true), ..new() });
-        }
-        all
+    fn all(seed: u64) -> Vec<Model> {
+        let sizes = [(2, 2, 16, 40), (1, 1, 5, 1), (2, 3, 27, 65), (1, 2, 192, 33), (1, 2, 10, 230), (0, 2, 6, 9)];
+        let model = |(layers, heads, width, places): (usize, usize, usize, usize)| {
+            let rotary: &[bool] = if (width / heads).is_multiple_of(2) { &[false, true] } else { &[false] };
+            rotary.iter().map(move |&is| Model::new(Stack { layers, heads, width }, places, is, seed))
+        };
+        sizes.into_iter().flat_map(model).collect()
     }
 
     fn name(&self) -> String {
-        let Model { sizes, words, rope, places, looks, .. } = self;
-        format!("{sizes:?} {words:?} {rope:?} {} places {looks:?}", places.len())
+        format!("{:?}, rotary {}", self.stack, self.rotary)
     }
 
-    fn parts(&self) -> Parts<'_> {
-        let t = &self.tensors;
-        let width = self.sizes.width;
-        let positions = match self.words {
-            None => Positions::Places(&t[1]),
-            // any numbers will do
-            Some((words, places)) => {
-                let (front, rest) = t[1].split_at(FRONT * width);
-                Positions::Words {
-                    front,
-                    word: &rest[..words * width],
-                    place: &rest[width..][..places * width],
-                    end: END,
-                }
-            }
-        };
-        let pair = |i: usize| (t[i].as_slice(), t[i + 1].as_slice());
-        let block = |layer: usize| {
-            let i = 5 + 12 * layer;
-            BlockParts {
-                norm1: pair(i),
-                qkv: pair(i + 2),
-                out: pair(i + 4),
-                norm2: pair(i + 6),
-                up: pair(i + 8),
-                down: pair(i + 10),
-            }
-        };
-        Parts {
-            sizes: self.sizes,
-            token: &t[0],
-            positions,
-            rope: self.rope,
-            before: self.before(),
-            blocks: (0..self.sizes.layers).map(block).collect(),
-            norm: pair(2),
-            head: &t[4],
+    fn pair(&self, i: usize) -> Pair<'_> {
+        (&self.tensors[i], &self.tensors[i + 1])
+    }
+
+    fn norm(&self) -> Pair<'_> {
+        self.pair(12 * self.stack.layers)
+    }
+
+    /// The rotary position of a place: words of three.
+    fn position(place: usize) -> u32 {
+        (place / 3) as u32
+    }
+
+    fn rows(&self, seed: u64) -> Vec<f32> {
+        numbers(seed, self.places * self.stack.width, 1.0)
+    }
+
+    /// (places, V): the logits of `rows` in f64.
+    fn truth(&self, rows: &[f32]) -> Vec<f64> {
+        let Stack { layers, heads, width } = self.stack;
+        let wide = |x: &[f32]| -> Vec<f64> { x.iter().map(|&x| x.into()).collect() };
+        let norm = |i: usize| BlockNorm { weight: wide(self.pair(i).0), bias: wide(self.pair(i).1) };
+        let linear = |i: usize| Linear { weight: wide(self.pair(i).0), bias: wide(self.pair(i).1) };
+        let tokens = rows.len() / width;
+        let shape = Shape { batch: 1, tokens, width, heads, hidden: 4 * width };
+        let positions: Vec<u32> = if self.rotary { (0..tokens).map(Model::position).collect() } else { Vec::new() };
+        let mut x = wide(rows);
+        for i in (0..layers).map(|layer| 12 * layer) {
+            let [norm1, norm2] = [i, i + 6].map(norm);
+            let [qkv, out, up, down] = [i + 2, i + 4, i + 8, i + 10].map(linear);
+            let tensors = Tensors { norm1, qkv, out, norm2, up, down };
+            x = scalar::block::forward(&x, shape, &tensors, Mask::Causal, &positions);
         }
+        let normed = scalar::block::layer_norm(&x, &norm(12 * layers));
+        let dot = |row: &[f64], id: usize| -> f64 {
+            row.iter().zip(&self.head[id * width..]).map(|(x, w)| x * f64::from(*w)).sum()
+        };
+        normed.chunks(width).flat_map(|row| (0..VOCABULARY).map(|id| dot(row, id)).collect::<Vec<_>>()).collect()
     }
 
-    fn before(&self) -> Option<Before<'_>> {
-        let [.., character, step, circular, clamped] = self.tensors.as_slice() else { return None };
-        let width = self.sizes.width;
-        let most = |circular: bool| {
-            let counts = self.places.iter().filter(|bins| bins.circular == circular).map(|bins| bins.count as usize);
-            counts.max().unwrap_or(0)
+    fn decoder(&self, streams: usize, weights: WeightKind, kv: KvKind) -> Decoder<'_> {
+        let block = |layer: usize| {
+            let [norm1, qkv, out, norm2, up, down] = [0, 2, 4, 6, 8, 10].map(|i| self.pair(12 * layer + i));
+            BlockParts { norm1, qkv, out, norm2, up, down }
         };
-        let (round, clamps) = (most(true), most(false));
-        let step = &step[..(round.max(clamps) + 1) * width];
-        let previous = Previous { character, missing: 0, step };
-        let clamped = &clamped[..(2 * clamps).saturating_sub(1) * width];
-        let relative = Relative { circular: &circular[..round * width], clamped };
-        let (inputs, logits) = self.looks;
-        (inputs || logits).then(|| Before {
-            front: FRONT,
-            places: &self.places,
-            previous: inputs.then_some(previous),
-            relative: logits.then_some(relative),
-        })
-    }
-
-    /// Any tokens, or words of the model's places with a token here and there that doesn't belong.
-    fn tokens(&self, n: usize, seed: u64) -> Vec<u32> {
-        let any = |i: usize, count: u32| {
-            let number = numbers(seed * 1009 + i as u64, 1, 0.5)[0] + 0.5;
-            (number * count as f32) as u32 % count
-        };
-        let token = |i: usize| match i.checked_sub(FRONT).map(|k| k % (self.places.len() + 1)) {
-            Some(place) if !self.places.is_empty() && any(i + n, 12) > 0 => {
-                self.places.get(place).map_or(END, |bins| bins.first + any(i, bins.count))
-            }
-            _ => any(i, self.sizes.vocabulary as u32),
-        };
-        (0..n).map(token).collect()
-    }
-
-    fn decoder(&self, streams: usize, weights: WeightKind, kv: KvKind) -> Decoder {
-        Decoder::new(Arc::new(DecoderWeights::new(&self.parts(), weights)), streams, kv)
+        let blocks: Vec<BlockParts> = (0..self.stack.layers).map(block).collect();
+        let d = self.stack.width / self.stack.heads;
+        let angles = self.rotary.then(|| Angles::new(self.places / 3 + 1, d));
+        let weights_of_stack = StackWeights::new(&blocks, self.stack, weights, angles);
+        let head = Matrix::transposed(&self.head, (VOCABULARY, self.stack.width), weights);
+        Decoder {
+            model: self,
+            norm: Norm::new(self.norm(), self.stack.width),
+            decoder: StackDecoder::new(&weights_of_stack, kv, (streams, self.places), usize::MAX, head.columns()),
+            weights: weights_of_stack,
+            head,
+        }
     }
 }
 
-const SIZES: [Sizes; 4] = [
-    Sizes { layers: 2, heads: 2, width: 16, vocabulary: 11, context: 40 },
-    Sizes { layers: 1, heads: 1, width: 5, vocabulary: 3, context: 1 },
-    Sizes { layers: 2, heads: 3, width: 27, vocabulary: 70, context: 65 },
-    Sizes { layers: 1, heads: 2, width: 192, vocabulary: 130, context: 33 },
-];
+struct Decoder<'a> {
+    model: &'a Model,
+    weights: StackWeights,
+    norm: Norm,
+    head: Matrix,
+    decoder: StackDecoder,
+}
 
-/// The largest difference, by the largest number.
-fn apart(found: &[f32], expected: &[f64]) -> f64 {
-    assert_eq!(found.len(), expected.len());
-    let most = expected.iter().filter(|x| x.is_finite()).fold(0.0, |m: f64, x| m.max(x.abs()));
-    // minus infinity is minus infinity
-    let apart = |(a, b): (&f32, &f64)| if f64::from(*a) == *b { 0.0 } else { (f64::from(*a) - b).abs() };
-    found.iter().zip(expected).map(apart).fold(0.0, f64::max) / most
+impl Decoder<'_> {
+    /// Logits of blocks of rows, one per stream, from a place of each on.
+    fn read(&mut self, blocks: &[(usize, &[f32])]) -> Vec<f32> {
+        let width = self.model.stack.width;
+        let mut logits = Vec::new();
+        for (stream, &(mut place, mut rows)) in blocks.iter().enumerate() {
+            while !rows.is_empty() {
+                let n = (rows.len() / width).min(self.decoder.free());
+                let first = self.decoder.push(Run { stream, place, rows: n });
+                self.decoder.rows_mut(first).copy_from_slice(&rows[..n * width]);
+                for (i, position) in self.decoder.positions_mut(first).iter_mut().enumerate() {
+                    *position = Model::position(place + i);
+                }
+                (place, rows) = (place + n, &rows[n * width..]);
+                if self.decoder.free() == 0 {
+                    self.pass(&mut logits);
+                }
+            }
+        }
+        self.pass(&mut logits);
+        logits
+    }
+
+    fn pass(&mut self, logits: &mut Vec<f32>) {
+        let rows = self.decoder.rows();
+        if rows > 0 {
+            self.decoder.forward(&self.weights);
+            self.decoder.norm(&self.norm, 0..rows);
+            let product = self.decoder.product(&self.head, 0..rows, 0..VOCABULARY);
+            for row in 0..rows {
+                let first = logits.len();
+                logits.resize(first + VOCABULARY, 0.0);
+                product.copy(row, 0, &mut logits[first..]);
+            }
+            self.decoder.clear();
+        }
+    }
 }
 
 #[test]
 fn logits_are_those_of_plain_loops() {
-    for model in SIZES.into_iter().flat_map(|sizes| Model::forms(sizes, 1)) {
-        let tokens = model.tokens(model.sizes.context, 9);
-        let truth = scalar::decode::logits(&model.parts(), &tokens);
-        // half floats have 11 bits; bytes with a scale a column 7 and a half, over sums that average them
+    for model in Model::all(1) {
+        let rows = model.rows(9);
+        let truth = model.truth(&rows);
+        let largest = truth.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+        // half floats have 11 bits; bytes with a scale per column 7.5, over sums that average them
         for (weights, kv, bound) in [
             (WeightKind::F32, KvKind::F32, 1e-5),
             (WeightKind::F32, KvKind::F16, 2e-3),
             (WeightKind::Int8, KvKind::F32, 5e-2),
         ] {
-            let found = model.decoder(1, weights, kv).read(&[&tokens], Logits::All).to_vec();
-            let apart = apart(&found, &truth);
-            assert!(apart < bound, "{} {weights:?} {kv:?}: {apart:e}", model.name());
+            let found = model.decoder(1, weights, kv).read(&[(0, &rows)]);
+            assert_eq!(found.len(), truth.len());
+            let error = found.iter().zip(&truth).map(|(a, b)| (f64::from(*a) - b).abs()).fold(0.0, f64::max) / largest;
+            assert!(error < bound, "{} {weights:?} {kv:?}: {error:e}", model.name());
         }
     }
 }
 
 #[test]
 fn cuts_streams_and_threads_change_no_bit() {
-    let sizes = Sizes { layers: 2, heads: 3, width: 48, vocabulary: 70, context: 300 };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-    for (i, model) in Model::forms(sizes, 2).into_iter().enumerate() {
-        let (weights, kv) = if i % 2 == 0 { (WeightKind::F32, KvKind::F32) } else { (WeightKind::Int8, KvKind::F16) };
-        let v = model.sizes.vocabulary;
-        let sequences: Vec<Vec<u32>> = [300, 211, 1, 280].iter().map(|&n| model.tokens(n, n as u64)).collect();
-        let alone: Vec<Vec<f32>> =
-            sequences.iter().map(|s| model.decoder(1, weights, kv).read(&[s], Logits::All).to_vec()).collect();
+    for (i, rotary) in [false, true].into_iter().enumerate() {
+        let model = Model::new(Stack { layers: 2, heads: 3, width: 48 }, 300, rotary, 2);
+        let (weights, kv) = if i == 0 { (WeightKind::F32, KvKind::F32) } else { (WeightKind::Int8, KvKind::F16) };
+        let sequences: Vec<Vec<f32>> =
+            [300, 211, 1, 280].iter().map(|&n| model.rows(n as u64)[..n * 48].to_vec()).collect();
+        let alone: Vec<Vec<f32>> = sequences.iter().map(|s| model.decoder(1, weights, kv).read(&[(0, s)])).collect();
         for cuts in [vec![1; 300], vec![7; 50], vec![100, 1, 30, 169], vec![300]] {
             let mut decoder = model.decoder(sequences.len(), weights, kv);
             let mut read = 0;
             for n in cuts {
-                let cut = |s: &'_ Vec<u32>| read.min(s.len())..(read + n).min(s.len());
-                let blocks: Vec<&[u32]> = sequences.iter().map(|s| &s[cut(s)]).collect();
-                let wanted = if n % 2 == 0 { Logits::Last } else { Logits::All };
-                let found = pool.install(|| decoder.read(&blocks, wanted).to_vec());
-                let mut expected = Vec::new();
-                for (s, logits) in sequences.iter().zip(&alone) {
-                    let rows = cut(s);
-                    match wanted {
-                        Logits::All => expected.extend_from_slice(&logits[rows.start * v..rows.end * v]),
-                        Logits::Last if rows.is_empty() => {}
-                        Logits::Last => expected.extend_from_slice(&logits[(rows.end - 1) * v..rows.end * v]),
-                    }
-                }
-                assert!(found == expected, "{} {weights:?} {kv:?}: block of {n} behind {read}", model.name());
-                read += n;
-            }
-            assert_eq!((0..4).map(|s| decoder.len(s)).collect::<Vec<_>>(), [300, 211, 1, 280]);
-        }
-    }
-}
-
-#[test]
-fn words_of_any_length_are_counted_however_they_are_cut() {
-    let turned = Some(Rope { front: FRONT, word: None });
-    let sizes = Sizes { layers: 1, heads: 2, width: 16, vocabulary: 6, context: 60 };
-    // of a vocabulary of 6 every sixth token or so ends a word; words and places go beyond their tables too
-    for (words, rope) in [((20, 30), None), ((3, 4), turned), ((1, 1), None), ((1, 1), turned)] {
-        let model = Model { words: Some(words), rope, ..Model::new(sizes, 4) };
-        let (tokens, other) = (model.tokens(60, 9), model.tokens(60, 5));
-        let truth = scalar::decode::logits(&model.parts(), &tokens);
-        let mut decoder = model.decoder(2, WeightKind::F32, KvKind::F32);
-        for cuts in [vec![60], vec![1; 60], vec![17, 1, 42]] {
-            decoder.truncate(0, 0);
-            let mut read = 0;
-            for n in cuts {
-                // what was read and forgotten leaves no count
-                decoder.read(&[&other[..n], &[]], Logits::Last);
-                decoder.truncate(0, read);
-                decoder.truncate(1, 0);
-                let found = decoder.read(&[&tokens[read..read + n], &other], Logits::All)[..6 * n].to_vec();
-                let apart = apart(&found, &truth[6 * read..6 * (read + n)]);
-                assert!(apart < 1e-5, "{words:?}, block of {n} behind {read}: {apart:e}");
+                let cut = |s: &[f32], width: usize| (read * width).min(s.len())..((read + n) * width).min(s.len());
+                let blocks: Vec<_> = sequences.iter().map(|s| (read, &s[cut(s, 48)])).collect();
+                let found = pool.install(|| decoder.read(&blocks));
+                let expected: Vec<f32> = alone.iter().flat_map(|all| &all[cut(all, VOCABULARY)]).copied().collect();
+                assert!(found == expected, "{} {weights:?} {kv:?}: {n} rows after {read}", model.name());
                 read += n;
             }
         }
@@ -248,23 +193,14 @@ fn words_of_any_length_are_counted_however_they_are_cut() {
 }
 
 #[test]
-fn what_was_forgotten_leaves_no_trace() {
-    for model in Model::forms(SIZES[0], 3) {
-        let (tokens, others) = (model.tokens(40, 1), model.tokens(40, 2));
+fn overwritten_rows_leave_no_trace() {
+    for model in Model::all(3).into_iter().filter(|model| model.places >= 40) {
+        let (rows, others, width) = (model.rows(1), model.rows(2), model.stack.width);
+        let expected = model.decoder(1, WeightKind::F32, KvKind::F32).read(&[(0, &rows)]);
         let mut decoder = model.decoder(2, WeightKind::F32, KvKind::F32);
-        let mut fresh = model.decoder(2, WeightKind::F32, KvKind::F32);
-        let expected = fresh.read(&[&tokens[..20], &tokens[..5]], Logits::All).to_vec();
-        decoder.read(&[&tokens[..9], &others], Logits::Last);
-        decoder.truncate(0, 6);
-        decoder.truncate(1, 0);
-        decoder.read(&[&others[6..], &[]], Logits::Last);
-        decoder.truncate(0, 6);
-        let v = model.sizes.vocabulary;
-        let name = model.name();
-        assert_eq!(decoder.read(&[&tokens[6..20], &tokens[..5]], Logits::All), &expected[6 * v..], "{name}");
-        decoder.reset();
-        assert!(decoder.is_empty());
-        assert_eq!(decoder.read(&[&tokens[..20], &tokens[..5]], Logits::All), expected, "{name}");
-        assert!(decoder.read(&[&[], &[]], Logits::Last).is_empty());
+        decoder.read(&[(0, &rows[..9 * width]), (0, &others)]);
+        decoder.read(&[(6, &others[6 * width..]), (0, &[])]);
+        let found = decoder.read(&[(6, &rows[6 * width..]), (0, &rows)]);
+        assert!(found == [&expected[6 * VOCABULARY..], &expected].concat(), "{}", model.name());
     }
 }

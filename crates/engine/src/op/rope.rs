@@ -35,6 +35,15 @@ impl Angles {
         }
         Angles { numbers, width }
     }
+
+    /// Rotates one head's query or key `x` (d).
+    pub(crate) fn rotate(&self, x: &mut [f32], word: u32) {
+        let (low, high) = x.split_at_mut(self.width / 2);
+        let (cos, sin) = self.numbers[word as usize * self.width..][..self.width].split_at(self.width / 2);
+        for ((x, y), (cos, sin)) in low.iter_mut().zip(high).zip(cos.iter().zip(sin)) {
+            (*x, *y) = (*x * cos - *y * sin, *x * sin + *y * cos);
+        }
+    }
 }
 
 /// Which rows turn how far.

@@ -1,7 +1,7 @@
 //! Where and how the model computes.
 
 use crate::Result;
-use kinelm_engine::decode::{KvKind, WeightKind};
+use kinelm_model::{KvKind, WeightKind};
 use kinelm_model::{Compute, ReaderOptions};
 use serde::{Deserialize, Serialize};
 

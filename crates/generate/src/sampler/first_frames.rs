@@ -91,7 +91,7 @@ mod tests {
     use super::super::tests::{Summing, model, plan, run};
     use super::super::{sample, variation_seed};
     use super::*;
-    use kinelm_engine::decode::Logits;
+    use kinelm_model::Logits;
 
     /// All tokens are equally likely.
     struct Even(Summing);

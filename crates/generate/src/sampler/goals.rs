@@ -1,6 +1,6 @@
 //! Goal conditioning of a dance while it is sampled.
 
-use kinelm_engine::decode as engine;
+use kinelm_model::FrameConditioning;
 use kinelm_model::goal::{Conditioning, GoalTrack};
 use kinelm_tokenizer::root_path::RootState;
 use std::sync::Arc;
@@ -28,7 +28,7 @@ impl GoalConditioning {
     }
 
     /// The conditioning of a word that comes after those of `ids`; `None` where it has no goal.
-    pub fn condition(&mut self, word: usize, ids: &[u32]) -> Option<engine::FrameConditioning<'_>> {
+    pub fn condition(&mut self, word: usize, ids: &[u32]) -> Option<FrameConditioning<'_>> {
         let length = self.goals.characters() + 1;
         let codes = |word: usize| self.goals.codes(&ids[word * length..][..length]);
         for word in self.states.len()..word {
@@ -40,6 +40,6 @@ impl GoalConditioning {
         let known = (codes(previous), self.states[previous].as_ref());
         let has_goal = self.goals.encode(word, (&known.0, known.1), numbers, [steps, paces]);
         self.last = self.last.filter(|_| !has_goal).or(has_goal.then_some(word));
-        has_goal.then_some(engine::FrameConditioning { numbers, rows: [steps, paces] })
+        has_goal.then_some(FrameConditioning { numbers, rows: [steps, paces] })
     }
 }

@@ -20,7 +20,7 @@ pub use model::{NextToken, reader};
 pub use plan::{GUESSES, MOST_FRAMES, SamplingPlan, check_frames, variation_seed};
 
 use crate::{Error, Result};
-use kinelm_engine::decode::Logits;
+use kinelm_model::Logits;
 use sequence::Sequence;
 use std::ops::DerefMut;
 use std::sync::Arc;

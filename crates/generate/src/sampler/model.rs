@@ -1,7 +1,7 @@
 //! Models that the sampler reads: the fast form, or the plain one.
 
 use crate::{Error, Result};
-use kinelm_engine::decode::{FrameConditioning, KvKind, Logits, WeightKind};
+use kinelm_model::{FrameConditioning, KvKind, Logits, WeightKind};
 use kinelm_model::{Cache, Compute, LoadedRun, ModelKind, Reader, ReaderOptions};
 
 /// An autoregressive model that reads several sequences side by side.

@@ -5,7 +5,7 @@
 //! followed by place c = k mod W of word k div W, k = i - (K - 1). S is the most bins of any place, Sc of those that go round,
 //! Sl of the others, R = Sc + max(2 Sl - 1, 0) the steps that places can take.
 
-use crate::bins::Bins;
+use kinelm_engine::bins::Bins;
 
 /// Reads sequences of words of one length.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -99,25 +99,6 @@ impl Words {
             (None, _) => none,
         };
         [last, place, one.map_or(self.steps.most(), |(_, bin)| bin), step]
-    }
-}
-
-/// Where a token behind the front stands, counted from the tokens before it, so that words may differ in length.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Stand {
-    /// The number of its word.
-    pub word: usize,
-    /// Its place in the word.
-    pub place: usize,
-}
-
-impl Stand {
-    /// Where the token behind it stands; `ends`: it is the last of its word.
-    pub fn behind(self, ends: bool) -> Stand {
-        match ends {
-            true => Stand { word: self.word + 1, place: 0 },
-            false => Stand { place: self.place + 1, ..self },
-        }
     }
 }
 

@@ -1,12 +1,12 @@
-//! A stack of blocks with its keys and values: vectors in, vectors out.
+//! A stack of blocks with its keys and values: rows in, rows out.
 
 use super::attention::{self, Queries, SCORE_ROWS};
 use super::cache::{KvCache, KvKind, Stored, Unit};
 use super::kernel::Left;
-use super::matrix::{Matrix, PIECE};
-use super::rope::Turns;
-use super::weights::{Block, Norm};
+use super::matrix::{Matrix, PIECE, Product};
+use super::weights::{Block, Norm, StackWeights};
 use crate::arena::Floats;
+use crate::op::rope::Angles;
 use crate::op::{gelu, layer_norm};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -33,73 +33,71 @@ pub struct Stack {
 
 impl Stack {
     /// Multiply-adds of a row with the weights, about.
-    pub(super) fn multiply_adds(&self) -> usize {
+    pub fn multiply_adds(&self) -> usize {
         self.layers * 12 * self.width * self.width
     }
 }
 
-/// Rows of one stream, one behind the other.
+/// Consecutive rows of one stream.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Run {
+pub struct Run {
+    /// The stream.
     pub stream: usize,
-    /// The place of the first; what the stream kept from there on is forgotten.
+    /// Place of the first row in its stream; keys and values from there on are overwritten.
     pub place: usize,
+    /// How many rows.
     pub rows: usize,
 }
 
-/// A row whose logits are asked for, and which input of which stream it is.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Asked {
-    pub row: usize,
-    pub stream: usize,
-    pub place: usize,
-}
-
-/// What streams keep of the rows that went through a stack of blocks, and the rows that go next. Each row sees the rows
-/// at earlier places of its stream, whatever stood there last: how far a stream goes back is its reader's to know.
-pub(super) struct Layers {
+/// Streams that go through a stack of blocks, with the keys and values of the rows that went through, and the rows that
+/// go next. Each row attends to the rows at earlier places of its stream, whatever stood there last: how far a stream
+/// has come is the caller's to know.
+///
+/// A pass: [`push`](Self::push) a run, write its rows into [`rows_mut`](Self::rows_mut), [`forward`](Self::forward),
+/// [`norm`](Self::norm), [`product`](Self::product) with the head, [`clear`](Self::clear).
+pub struct StackDecoder {
     cache: KvCache,
-    /// What of the next rows belongs to which stream. Taken in this order, so a stream can begin anew among them.
+    width: usize,
+    /// The next rows by stream. Taken in this order, so a stream can begin anew among them.
     runs: Vec<Run>,
     rows: usize,
-    /// The most rows.
-    room_for: usize,
-    pub room: Room,
+    /// The most rows of a pass.
+    capacity: usize,
+    scratch: Scratch,
 }
 
-/// Scratch for some rows at most; what is used of it depends on the rows there are.
-pub(super) struct Room {
-    pub x: Floats,       // (m, D)
-    pub normed: Floats,  // (m, D)
+/// Scratch for the rows of a pass.
+struct Scratch {
+    x: Floats,           // (m, D)
+    normed: Floats,      // (m, D)
     stats: Floats,       // (m, 2)
-    pub words: Vec<u32>, // (m), those that the rows stand in, if queries and keys are turned
+    positions: Vec<u32>, // (m), rotary positions
     qkv: Floats,         // (H, m, 3 d)
     heads: Floats,       // (H, m, d), d whole panels
     scores: Floats,      // (H, SCORE_ROWS, T)
-    pub pieces: Floats,  // (n / PIECE, m, PIECE) for the widest n
+    pieces: Floats,      // (n / PIECE, m, PIECE) for the widest n
     hidden: Floats,      // (4 D / PIECE, m, PIECE)
 }
 
-impl Layers {
-    /// For `streams` of `places` each, and `rows` in a read at most. `widest` are the columns of the widest product
-    /// beside those of the blocks.
+impl StackDecoder {
+    /// A decoder of `streams` with `places` each, whose passes have `rows` rows at most (a pass never has more than 192).
+    /// `widest` is the number of columns of the widest [`Matrix`] that its rows are multiplied by.
     pub fn new(
+        weights: &StackWeights,
         kv: KvKind,
-        stack: Stack,
         (streams, places): (usize, usize),
         rows: usize,
-        turned: bool,
         widest: usize,
-    ) -> Layers {
-        let Stack { layers, heads, width } = stack;
+    ) -> StackDecoder {
+        let Stack { layers, heads, width } = weights.stack();
         let (d, unit) = (width / heads, Unit::new(places, width / heads));
         let rows = ROWS.min(rows);
         let hidden = (4 * width).next_multiple_of(PIECE);
-        let room = Room {
+        let scratch = Scratch {
             x: Floats::new(rows * width),
             normed: Floats::new(rows * width),
             stats: Floats::new(rows * 2),
-            words: vec![0; if turned { rows } else { 0 }],
+            positions: vec![0; rows],
             qkv: Floats::new(rows * heads * (3 * d).next_multiple_of(unit.panel)),
             heads: Floats::new(rows * heads * unit.padded),
             scores: Floats::new(heads * SCORE_ROWS * unit.tokens),
@@ -107,76 +105,108 @@ impl Layers {
             hidden: Floats::new(rows * hidden),
         };
         let cache = KvCache::new(kv, layers, heads, streams, unit);
-        Layers { cache, runs: Vec::with_capacity(rows), rows: 0, room_for: rows, room }
+        StackDecoder { cache, width, runs: Vec::with_capacity(rows), rows: 0, capacity: rows, scratch }
     }
 
-    pub fn kv(&self) -> KvKind {
-        self.cache.kind()
-    }
-
-    /// The rows that go next.
+    /// Rows of the next pass.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// What of them belongs to which stream.
-    pub fn runs(&self) -> &[Run] {
-        &self.runs
-    }
-
-    /// How many more there is room for.
+    /// How many more rows the next pass has room for.
     pub fn free(&self) -> usize {
-        self.room_for - self.rows
+        self.capacity - self.rows
     }
 
-    /// Adds a run to the rows that go next; the first of its rows, which are the caller's to write.
+    /// Adds a run to the next pass; returns its first row, from which the caller writes [`Self::rows_mut`].
+    ///
+    /// # Panics
+    /// If there is no room for it.
     pub fn push(&mut self, run: Run) -> usize {
+        assert!(run.rows <= self.free(), "{} rows, room for {}", run.rows, self.free());
         let first = self.rows;
         self.rows += run.rows;
         self.runs.push(run);
         first
     }
 
-    /// There are no rows that go next.
+    /// (m, D): the rows of the next pass from `first` on; after [`Self::forward`], what came out.
+    pub fn rows_mut(&mut self, first: usize) -> &mut [f32] {
+        &mut self.scratch.x[first * self.width..self.rows * self.width]
+    }
+
+    /// (m): the rotary positions of the rows from `first` on; read only where the weights have angles.
+    pub fn positions_mut(&mut self, first: usize) -> &mut [u32] {
+        &mut self.scratch.positions[first..self.rows]
+    }
+
+    /// Empties the next pass.
     pub fn clear(&mut self) {
         self.runs.clear();
         self.rows = 0;
     }
 
+    /// Adds the product of `left` (m, k) with `matrix` (k, D) to the rows.
+    pub fn add_product(&mut self, matrix: &Matrix, left: &[f32]) {
+        let k = left.len() / self.rows;
+        products(matrix, 0..matrix.pieces(), &mut self.scratch.pieces, Left::whole(left, self.rows, k, k));
+        self.scratch.add(self.rows, self.width);
+    }
+
     /// Takes the rows through the blocks.
-    pub fn pass(&mut self, blocks: &[Block], turns: Option<&Turns>) {
+    pub fn forward(&mut self, weights: &StackWeights) {
         match self.cache.kind() {
-            KvKind::F32 => self.typed::<f32>(blocks, turns),
-            KvKind::F16 => self.typed::<u16>(blocks, turns),
+            KvKind::F32 => self.typed::<f32>(weights),
+            KvKind::F16 => self.typed::<u16>(weights),
         }
     }
 
-    fn typed<E: Stored>(&mut self, blocks: &[Block], turns: Option<&Turns>) {
+    fn typed<E: Stored>(&mut self, weights: &StackWeights) {
         let unit = self.cache.unit();
-        for (i, block) in blocks.iter().enumerate() {
+        for (i, block) in weights.blocks.iter().enumerate() {
             let layer = self.cache.layer::<E>(i);
-            self.room.attention(block, self.rows, (&self.runs, turns), layer, unit);
-            self.room.mlp(block, self.rows);
+            self.scratch.attention(block, self.rows, (&self.runs, weights.angles.as_ref()), layer, unit);
+            self.scratch.mlp(block, self.rows);
         }
     }
 
-    /// Brings the rows that are asked for, in their order, to the front, and norms them.
-    pub fn finish(&mut self, asked: &[Asked], norm: &Norm) {
-        let width = norm.weight.len();
-        for (to, asked) in asked.iter().enumerate() {
-            self.room.x.copy_within(asked.row * width..(asked.row + 1) * width, to * width);
+    /// Norms some rows, given in ascending order: they are the first rows of what [`Self::product`] multiplies. The rows
+    /// themselves are used up.
+    pub fn norm(&mut self, norm: &Norm, rows: impl Iterator<Item = usize>) {
+        let (width, mut n) = (self.width, 0);
+        for row in rows {
+            self.scratch.x.copy_within(row * width..(row + 1) * width, n * width);
+            n += 1;
         }
-        self.room.norm(norm, asked.len());
+        self.scratch.norm(norm, n);
+    }
+
+    /// Columns of the product of some normed rows with a matrix.
+    pub fn product(
+        &mut self,
+        matrix: &Matrix,
+        rows: impl Iterator<Item = usize>,
+        columns: Range<usize>,
+    ) -> Product<'_> {
+        let Scratch { x, normed, pieces, .. } = &mut self.scratch;
+        let (width, mut n) = (self.width, 0);
+        for row in rows {
+            x[n * width..][..width].copy_from_slice(&normed[row * width..][..width]);
+            n += 1;
+        }
+        let wanted = columns.start / PIECE..columns.end.div_ceil(PIECE);
+        products(matrix, wanted.clone(), pieces, Left::whole(x, n, width, width));
+        Product { pieces, rows: n, first: wanted.start }
     }
 }
 
-impl Room {
+impl Scratch {
     /// x += attention(norm1(x)).
     fn attention<E: Stored>(
         &mut self,
         block: &Block,
         rows: usize,
-        (runs, turns): (&[Run], Option<&Turns>),
+        (runs, angles): (&[Run], Option<&Angles>),
         cache: &mut [E],
         unit: Unit,
     ) {
@@ -187,7 +217,7 @@ impl Room {
         let per_head = cache.len() / block.heads.len();
         let seen = runs.iter().map(|run| run.place + run.rows).max().unwrap_or(0);
         let work = rows * (block.heads[0].work() + 2 * seen * unit.d);
-        let words = &self.words;
+        let positions = &self.positions;
         self.qkv
             .par_chunks_mut(rows * stride)
             .zip(self.heads.par_chunks_mut(rows * unit.padded))
@@ -202,8 +232,8 @@ impl Room {
                     let qkv = &mut qkv[first * stride..][..run.rows * stride];
                     let out = &mut out[first * unit.padded..][..run.rows * unit.padded];
                     let cache = &mut cache[run.stream * unit.len()..][..unit.len()];
-                    let turns = turns.map(|turns| (turns, &words[first..][..run.rows]));
-                    attention::attend(out, Queries { qkv, stride, place: run.place, turns }, cache, unit, scores);
+                    let rotary = angles.map(|angles| (angles, &positions[first..][..run.rows]));
+                    attention::attend(out, Queries { qkv, stride, place: run.place, rotary }, cache, unit, scores);
                     first += run.rows;
                 }
             });
@@ -233,7 +263,7 @@ impl Room {
     }
 
     /// normed = norm(x).
-    pub fn norm(&mut self, norm: &Norm, rows: usize) {
+    fn norm(&mut self, norm: &Norm, rows: usize) {
         let width = norm.weight.len();
         let per = rows_at_once(width);
         self.normed[..rows * width]
@@ -244,7 +274,7 @@ impl Room {
     }
 
     /// x += the product in `pieces`.
-    pub fn add(&mut self, rows: usize, width: usize) {
+    fn add(&mut self, rows: usize, width: usize) {
         let per = rows_at_once(width);
         let pieces = &self.pieces;
         self.x[..rows * width].par_chunks_mut(per * width).enumerate().for_each(|(i, x)| {
@@ -259,7 +289,7 @@ impl Room {
 }
 
 /// Some pieces of the product of `left` with `matrix`, one behind the other.
-pub(super) fn products(matrix: &Matrix, wanted: Range<usize>, pieces: &mut [f32], left: Left) {
+fn products(matrix: &Matrix, wanted: Range<usize>, pieces: &mut [f32], left: Left) {
     pieces
         .par_chunks_mut(left.rows * PIECE)
         .take(wanted.len())
@@ -278,8 +308,9 @@ fn rows_at_once(width: usize) -> usize {
     (WORTH / 8).div_ceil(width.max(1))
 }
 
-/// Goes on in the pool, once instead of for every piece of work, if so many multiply-adds are worth it.
-pub(super) fn in_pool(multiply_adds: usize, read: impl FnOnce() + Send) {
+/// Runs `read` in the current rayon pool if so many multiply-adds are worth it, else on this thread: entering the pool
+/// once is cheaper than for every product.
+pub fn in_pool(multiply_adds: usize, read: impl FnOnce() + Send) {
     if multiply_adds < ALONE || rayon::current_thread_index().is_some() {
         read();
     } else {

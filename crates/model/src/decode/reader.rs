@@ -1,0 +1,218 @@
+//! A model that reads tokens incrementally.
+
+use super::conditioning::FrameConditioning;
+use super::tokens::TokenDecoder;
+use super::two_level::TwoLevelDecoder;
+use super::{KvKind, Logits, WeightKind};
+use crate::architecture::Architecture;
+use crate::config::{ModelConfig, ModelKind, TokenLayout};
+use crate::gpt::Gpt;
+use crate::scores::Scores;
+use crate::{Error, Result, goal};
+use kinelm_engine::op::cross_entropy;
+
+/// How a model is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ReaderOptions {
+    /// Sequences side by side; they share every read of a weight.
+    pub streams: usize,
+    /// How the weights are stored.
+    pub weights: WeightKind,
+    /// How keys and values are stored.
+    pub kv: KvKind,
+}
+
+impl Default for ReaderOptions {
+    fn default() -> ReaderOptions {
+        ReaderOptions { streams: 1, weights: WeightKind::F32, kv: KvKind::F32 }
+    }
+}
+
+/// Sequences that a model reads side by side.
+///
+/// ```
+/// use kinelm_model::{Gpt, Logits, ModelConfig, Reader, ReaderOptions, TokenLayout};
+///
+/// let tokens = TokenLayout {
+///     vocabulary: 16, word: 7, varying: false, front: 1, pad: 0, bos: 1, space: 5, places: Vec::new(),
+/// };
+/// let config = ModelConfig { layers: 1, heads: 2, width: 8, context: 15, ..Default::default() };
+/// let gpt = Gpt::new(&config, &tokens, 1)?;
+/// let mut reader = Reader::new(&gpt, ReaderOptions::default())?;
+/// let logits = reader.read(&[&[1, 6, 7]], Logits::Last)?;
+/// assert_eq!(logits.len(), 16);
+/// # Ok::<(), kinelm_model::Error>(())
+/// ```
+pub struct Reader {
+    config: ModelConfig,
+    tokens: TokenLayout,
+    decoder: Decoder,
+}
+
+enum Decoder {
+    Flat(Box<TokenDecoder>),
+    TwoLevel(Box<TwoLevelDecoder>),
+}
+
+/// Calls the same method of either decoder.
+macro_rules! either {
+    ($decoder:expr, $name:ident($($argument:expr),*)) => {
+        match $decoder {
+            Decoder::Flat(decoder) => decoder.$name($($argument),*),
+            Decoder::TwoLevel(decoder) => decoder.$name($($argument),*),
+        }
+    };
+}
+
+impl Reader {
+    /// A reader with the weights of a model, packed.
+    ///
+    /// # Errors
+    /// If there are no streams, if the model is masked, or if its weights can't be brought to the CPU.
+    pub fn new(gpt: &Gpt, options: ReaderOptions) -> Result<Reader> {
+        if options.streams == 0 {
+            return Err(Error::invalid("`streams`", 0, "1 or more"));
+        }
+        if gpt.config().kind == ModelKind::Masked {
+            let why = "a masked model sees the whole window at once, so it can't be read token by token";
+            return Err(Error::unsupported("decoding", why));
+        }
+        let decoder = match gpt.config().architecture {
+            Architecture::Flat => Decoder::Flat(Box::new(TokenDecoder::new(gpt, options)?)),
+            Architecture::TwoLevel => Decoder::TwoLevel(Box::new(TwoLevelDecoder::new(gpt, options)?)),
+        };
+        Ok(Reader { config: gpt.config().clone(), tokens: gpt.tokens().clone(), decoder })
+    }
+
+    /// T: the most tokens of a sequence.
+    pub fn context(&self) -> usize {
+        self.config.context
+    }
+
+    /// Sequences.
+    pub fn streams(&self) -> usize {
+        either!(&self.decoder, streams())
+    }
+
+    /// Bytes of weights that are read for a token; the mean over the slots of a word.
+    pub fn weight_bytes(&self) -> usize {
+        either!(&self.decoder, bytes())
+    }
+
+    /// A sequence forgets all but its first `length` tokens, and the conditioning of later frames.
+    ///
+    /// # Panics
+    /// If there is no such sequence.
+    pub fn truncate(&mut self, stream: usize, length: usize) {
+        either!(&mut self.decoder, truncate(stream, length));
+    }
+
+    /// Sets the conditioning of a frame of a sequence, its goals and its music (M), before the last token in front of the
+    /// frame is read; `None` and empty: none. A flat model has no conditioning.
+    ///
+    /// # Errors
+    /// If the model has no such conditioning, or takes other numbers or rows.
+    ///
+    /// # Panics
+    /// If there is no such sequence or frame.
+    pub fn condition(
+        &mut self,
+        stream: usize,
+        frame: usize,
+        goal: Option<FrameConditioning>,
+        music: &[f32],
+    ) -> Result<()> {
+        if let Some(FrameConditioning { numbers, rows }) = goal {
+            if !self.config.goal {
+                return Err(Error::unsupported("goal conditioning", "this model has model.goal = false"));
+            }
+            let (p, word) = (goal::numbers(self.tokens.word - 1), self.tokens.word);
+            if numbers.len() != p || rows.iter().any(|rows| rows.len() != word) {
+                let found = format!("{} numbers and {:?} rows", numbers.len(), rows.map(<[u32]>::len));
+                return Err(Error::invalid("the goal of a frame", found, format!("{p} numbers and {word} rows")));
+            }
+        }
+        let m = self.config.music.numbers();
+        if !music.is_empty() && music.len() != m {
+            return Err(Error::invalid("the music of a frame", format!("{} numbers", music.len()), m.to_string()));
+        }
+        if let Decoder::TwoLevel(decoder) = &mut self.decoder {
+            decoder.condition(stream, frame, goal, music);
+        }
+        Ok(())
+    }
+
+    /// Reads a block of tokens per sequence, which may be empty; returns logits (rows, V), the rows in the order of the
+    /// sequences, minus infinity for ids that can't follow. Blocks cut otherwise give the same bits.
+    ///
+    /// # Errors
+    /// If there isn't a block for every sequence, the context has no room for them, or ids are outside the vocabulary.
+    pub fn read(&mut self, blocks: &[&[u32]], logits: Logits) -> Result<&[f32]> {
+        if blocks.len() != self.streams() {
+            return Err(Error::invalid(
+                "the number of blocks",
+                blocks.len(),
+                format!("{}, one per sequence", self.streams()),
+            ));
+        }
+        let (context, vocabulary) = (self.config.context, self.tokens.vocabulary);
+        for (stream, block) in blocks.iter().enumerate() {
+            let read = either!(&self.decoder, len(stream));
+            if read + block.len() > context {
+                let (needs, limit) = (format!("{} tokens", read + block.len()), format!("{context} tokens"));
+                return Err(Error::limit(
+                    "the sequence",
+                    needs,
+                    limit,
+                    "shorten it, or start anew with its last tokens",
+                ));
+            }
+            if let Some(id) = block.iter().find(|&&id| id as usize >= vocabulary) {
+                return Err(Error::invalid("a token", format!("id {id}"), format!("ids below {vocabulary}")));
+            }
+        }
+        Ok(either!(&mut self.decoder, read(blocks, logits)))
+    }
+
+    #[cfg(test)]
+    pub(super) fn two_level(&self) -> &TwoLevelDecoder {
+        let Decoder::TwoLevel(decoder) = &self.decoder else { panic!("a flat model") };
+        decoder
+    }
+}
+
+impl Scores for Reader {
+    fn config(&self) -> &ModelConfig {
+        &self.config
+    }
+
+    fn tokens(&self) -> &TokenLayout {
+        &self.tokens
+    }
+
+    fn nats_conditioned(
+        &mut self,
+        (inputs, targets): (&[u32], &[u32]),
+        length: usize,
+        conditioning: Option<&goal::Conditioning>,
+        out: &mut [f32],
+    ) -> Result<()> {
+        if conditioning.is_some() {
+            let why = "it is given to whole windows; measure with weights and keys in f32";
+            return Err(Error::unsupported("conditioning on goals or music", why));
+        }
+        assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
+        let pad = self.tokens.pad;
+        let mut nats = vec![0.0; length];
+        let windows = inputs.chunks(length).zip(targets.chunks(length)).zip(out.chunks_mut(length));
+        for ((inputs, targets), out) in windows {
+            (0..self.streams()).for_each(|stream| self.truncate(stream, 0));
+            let mut blocks = vec![&[][..]; self.streams()];
+            blocks[0] = inputs;
+            let logits = self.read(&blocks, Logits::All)?;
+            cross_entropy::nats(&mut nats[..out.len()], logits, targets, pad);
+            out.iter_mut().zip(&nats).for_each(|(out, nats)| *out = *nats as f32);
+        }
+        Ok(())
+    }
+}

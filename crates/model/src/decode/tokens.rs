@@ -1,0 +1,221 @@
+//! Decoding with a flat model: a stack of blocks over tokens.
+
+use super::head::Head;
+use super::numbers::Numbers;
+use super::{LogitRow, Logits, ReaderOptions, add_row};
+use crate::config::Positions;
+use crate::position::{Counter, WordPosition};
+use crate::words::Words;
+use crate::{Gpt, Result};
+use kinelm_engine::arena::Floats;
+use kinelm_engine::decode::{Norm, Run, Stack, StackDecoder, StackWeights, in_pool};
+use kinelm_engine::op::rope::Angles;
+
+/// Sequences that are read side by side, sharing every read of a weight.
+pub(super) struct TokenDecoder {
+    /// T, V, D, K.
+    context: usize,
+    vocabulary: usize,
+    width: usize,
+    front: usize,
+    /// (V, D).
+    token: Floats,
+    positions: PositionTables,
+    previous: Option<PreviousTables>,
+    weights: StackWeights,
+    norm: Norm,
+    head: Head,
+    stack: StackDecoder,
+    /// Tokens read, per stream.
+    lengths: Vec<usize>,
+    /// Those tokens, T per stream.
+    tokens: Vec<u32>,
+    /// Positions of those tokens and of the next, T + 1 per stream; empty where no words are counted.
+    at: Vec<WordPosition>,
+    wanted: Vec<LogitRow>,
+    logits: Vec<f32>,
+}
+
+enum PositionTables {
+    /// (T, D).
+    Absolute(Floats),
+    /// Rows of the front tokens, of words (none with rotary positions) and of slots.
+    Words { counter: Counter, front: Floats, word: Option<Floats>, slot: Floats },
+}
+
+/// Tables of the previous-frame features.
+struct PreviousTables {
+    words: Words,
+    /// (V, D).
+    character: Floats,
+    /// The row where there is no previous word.
+    missing: usize,
+    /// (S + 1, D).
+    step: Floats,
+}
+
+impl TokenDecoder {
+    /// # Errors
+    /// If the weights can't be brought to the CPU.
+    pub fn new(gpt: &Gpt, ReaderOptions { streams, weights: kind, kv }: ReaderOptions) -> Result<TokenDecoder> {
+        let (config, tokens, numbers) = (gpt.config(), gpt.tokens(), Numbers::of(gpt)?);
+        let (context, width) = (config.context, config.width);
+        let is_rotary = config.positions == Positions::Rope;
+        let positions = match Counter::of(config, tokens) {
+            None => PositionTables::Absolute(numbers.floats("position.absolute.weight")),
+            Some(counter) => PositionTables::Words {
+                counter,
+                front: numbers.floats("position.front.weight"),
+                word: (!is_rotary).then(|| numbers.floats("position.frame.weight")),
+                slot: numbers.floats("position.place.weight"),
+            },
+        };
+        let previous = config.reads_previous(tokens).then(|| PreviousTables {
+            words: Words::new(tokens.front, tokens.bins()),
+            character: numbers.floats("previous.character.weight"),
+            missing: tokens.pad as usize,
+            step: numbers.floats("previous.step.weight"),
+        });
+        // every token behind the front may be a word
+        let angles = is_rotary.then(|| Angles::new(context + 1, width / config.heads));
+        let stack = Stack { layers: config.layers, heads: config.heads, width };
+        let weights = numbers.stack("", stack, kind, angles);
+        let head = Head::new(&numbers, (config, tokens), tokens.front, width, kind);
+        let stack = StackDecoder::new(&weights, kv, (streams, context), streams * context, head.widest());
+        let counted = if matches!(positions, PositionTables::Words { .. }) { context + 1 } else { 0 };
+        Ok(TokenDecoder {
+            context,
+            vocabulary: tokens.vocabulary,
+            width,
+            front: tokens.front,
+            token: numbers.floats("token.weight"),
+            positions,
+            previous,
+            norm: numbers.norm("norm", width),
+            lengths: vec![0; streams],
+            tokens: vec![0; streams * context],
+            at: vec![WordPosition::default(); streams * counted],
+            wanted: Vec::with_capacity(stack.free()),
+            logits: Vec::with_capacity(streams * tokens.vocabulary),
+            weights,
+            head,
+            stack,
+        })
+    }
+
+    pub fn streams(&self) -> usize {
+        self.lengths.len()
+    }
+
+    /// Tokens that a stream has read.
+    pub fn len(&self, stream: usize) -> usize {
+        self.lengths[stream]
+    }
+
+    /// Bytes of weights that are read for a token, the mean over the slots of a word.
+    pub fn bytes(&self) -> usize {
+        self.weights.bytes() + self.head.bytes()
+    }
+
+    /// A stream forgets all but its first `length` tokens.
+    pub fn truncate(&mut self, stream: usize, length: usize) {
+        self.lengths[stream] = self.lengths[stream].min(length);
+    }
+
+    /// Reads a block of tokens per stream, which may be empty; logits (rows, V) of what follows, the rows in the order of
+    /// the streams and of their tokens. A token's logits depend on the tokens before it alone.
+    pub fn read(&mut self, blocks: &[&[u32]], logits: Logits) -> &[f32] {
+        self.logits.clear();
+        let per_token = self.weights.stack().multiply_adds() + self.vocabulary * self.width;
+        let work = per_token * blocks.iter().map(|b| b.len()).sum::<usize>();
+        in_pool(work, || self.read_all(blocks, logits));
+        &self.logits
+    }
+
+    fn read_all(&mut self, blocks: &[&[u32]], logits: Logits) {
+        for (stream, block) in blocks.iter().enumerate() {
+            let mut rest = *block;
+            while !rest.is_empty() {
+                let (tokens, behind) = rest.split_at(rest.len().min(self.stack.free()));
+                let (n, place) = (tokens.len(), self.lengths[stream]);
+                let row = self.stack.push(Run { stream, place, rows: n });
+                self.embed(row, tokens, stream);
+                self.lengths[stream] += n;
+                let first = match logits {
+                    Logits::All => 0,
+                    Logits::Last => n - usize::from(behind.is_empty()),
+                };
+                self.wanted.extend((first..n).map(|i| LogitRow { row: row + i, stream, place: place + i }));
+                if self.stack.free() == 0 {
+                    self.pass();
+                }
+                rest = behind;
+            }
+        }
+        if self.stack.rows() > 0 {
+            self.pass();
+        }
+    }
+
+    /// Writes the vectors of the next `tokens` of a stream into the rows from `row` on.
+    fn embed(&mut self, row: usize, tokens: &[u32], stream: usize) {
+        let (context, width, first) = (self.context, self.width, self.lengths[stream]);
+        let all = &mut self.tokens[stream * context..][..first + tokens.len()];
+        all[first..].copy_from_slice(tokens);
+        let x = self.stack.rows_mut(row);
+        for (x, &id) in x.chunks_exact_mut(width).zip(tokens) {
+            x.copy_from_slice(&self.token[id as usize * width..][..width]);
+        }
+        match &self.positions {
+            PositionTables::Absolute(table) => {
+                x.iter_mut().zip(&table[first * width..]).for_each(|(x, position)| *x += position);
+            }
+            PositionTables::Words { counter, front, word, slot } => {
+                let at = &mut self.at[stream * (context + 1)..][..context + 1];
+                for (x, (place, &id)) in x.chunks_exact_mut(width).zip((first..).zip(tokens)) {
+                    if place < self.front {
+                        add_row(x, front, place);
+                        at[place + 1] = WordPosition::default();
+                        continue;
+                    }
+                    let rows = counter.rows(at[place]);
+                    let slot = &slot[rows.slot * width..];
+                    match word {
+                        Some(word) => {
+                            let word = &word[rows.word * width..];
+                            x.iter_mut().zip(word.iter().zip(slot)).for_each(|(x, (w, s))| *x += w + s);
+                        }
+                        None => x.iter_mut().zip(slot).for_each(|(x, s)| *x += s),
+                    }
+                    at[place + 1] = counter.next(at[place], id);
+                }
+                if word.is_none() {
+                    // the front stands in no word: it isn't rotated
+                    for (position, place) in self.stack.positions_mut(row).iter_mut().zip(first..) {
+                        *position = if place < self.front { 0 } else { 1 + at[place].word as u32 };
+                    }
+                }
+            }
+        }
+        let Some(PreviousTables { words, character, missing, step }) = &self.previous else { return };
+        for (x, i) in self.stack.rows_mut(row).chunks_exact_mut(width).zip(first..) {
+            let (previous, by) = words.previous(all, i);
+            let character = &character[previous.map_or(*missing, |id| id as usize) * width..];
+            let step = &step[by * width..];
+            x.iter_mut().zip(character.iter().zip(step)).for_each(|(x, (c, s))| *x += c + s);
+        }
+    }
+
+    /// Takes the rows through the stack and appends the logits that are wanted.
+    fn pass(&mut self) {
+        self.stack.forward(&self.weights);
+        if !self.wanted.is_empty() {
+            self.stack.norm(&self.norm, self.wanted.iter().map(|wanted| wanted.row));
+            let (tokens, context) = (&self.tokens, self.context);
+            let ids = |row: &LogitRow| (&tokens[row.stream * context..][..=row.place], row.place);
+            self.head.logits(&mut self.logits, &mut self.stack, self.wanted.iter().map(ids));
+        }
+        self.wanted.clear();
+        self.stack.clear();
+    }
+}

@@ -10,7 +10,7 @@ from safetensors.torch import load_file, save
 
 from model import Tokens, build, config_of
 
-SCHEMA = 1
+SCHEMA = 2
 
 
 class Model:

@@ -203,7 +203,7 @@ fn what_cannot_be_told_is_refused() {
     assert!(said_layout(&config, &run.tokens).contains("expected room for a word"));
     let config = ModelConfig { architecture: Architecture::TwoLevel, window: Some(2), ..Default::default() };
     let config = config.resolved(&run.tokens);
-    assert!(said_layout(&config, &run.tokens).contains("2 class rows and a window of 2 frames; expected room"));
+    assert!(said_layout(&config, &run.tokens).contains("a window is 2 frames and 2 class rows; expected room"));
     files::write_folder(&dir.path().join("x"), &[("a", Vec::new())]).unwrap();
     assert!(said(&options()).contains("is there already"));
 }

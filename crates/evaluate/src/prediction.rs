@@ -207,8 +207,8 @@ impl Predictor<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kinelm_model::Logits;
     use kinelm_generate::NextToken;
+    use kinelm_model::Logits;
     use kinelm_motion::{Vec3, smpl, synth};
     use kinelm_tokenizer::TokenizerConfig;
 

@@ -97,7 +97,6 @@ impl ModelConfig {
     /// # Errors
     /// The first key that doesn't go with it, or is outside its limits.
     pub(super) fn validate_architecture(&self) -> Result<()> {
-        let refuse = |what: String| Err(Error::call(what));
         if self.architecture.is_flat() {
             let keys = [
                 ("window", self.window.is_some()),
@@ -107,7 +106,10 @@ impl ModelConfig {
                 ("music_scale", self.music_scale.is_some()),
             ];
             return match keys.into_iter().find(|(_, given)| *given) {
-                Some((key, _)) => refuse(format!("model.{key} goes with model.architecture = \"two_level\" alone")),
+                Some((key, _)) => Err(Error::unsupported(
+                    format!("model.{key}"),
+                    "it goes with model.architecture = \"two_level\" alone",
+                )),
                 None => Ok(()),
             };
         }
@@ -121,14 +123,12 @@ impl ModelConfig {
             ("decoder.character_width", character_width, 1, 512),
         ];
         if let Some((key, value, least, most)) = keys.into_iter().find(|(_, v, least, most)| v < least || v > most) {
-            return refuse(format!("model.{key} is {value}; expected {least} to {most}"));
+            return Err(Error::invalid(format!("model.{key}"), value, format!("{least} to {most}")));
         }
         if !width.is_multiple_of(heads) {
-            return refuse(format!(
-                "model.decoder.width is {width} and heads {heads}; expected heads that divide the width"
-            ));
+            let found = format!("{width} and heads {heads}");
+            return Err(Error::invalid("model.decoder.width", found, "heads that divide the width"));
         }
-        let flat = "a two-level model is told so by its decoder; leave it out";
         let wrong = [
             ("kind = \"masked\"", self.kind == ModelKind::Masked),
             ("dropout above 0", self.dropout > 0.0),
@@ -136,7 +136,10 @@ impl ModelConfig {
             ("head = \"absolute\"", self.head == Some(HeadKind::Absolute)),
         ];
         match wrong.into_iter().find(|(_, given)| *given) {
-            Some((key, _)) => refuse(format!("model.{key} with architecture = \"two_level\": {flat}")),
+            Some((key, _)) => Err(Error::unsupported(
+                format!("model.{key} with architecture = \"two_level\""),
+                "a two-level model has no such choice; leave it out",
+            )),
             None => Ok(()),
         }
     }
@@ -150,18 +153,18 @@ impl ModelConfig {
             return Ok(());
         }
         if tokens.places.is_empty() || tokens.varying {
-            let what = "model.architecture is two_level, which spells frames of bins; words of this tokenizer are tiles, \
-                        components or merged: take the uniform or quantile scheme without merges";
-            return Err(Error::call(what));
+            let why = "it decodes frames of bins; words of this tokenizer are tiles, components or merged: take the uniform \
+                       or quantile scheme without merges";
+            return Err(Error::unsupported("model.architecture = \"two_level\"", why));
         }
         let expected = self.two_levels(tokens).context;
         match self.context == expected {
             true => Ok(()),
-            false => Err(Error::call(format!(
-                "model.context is {} tokens; a two-level model's window of {} frames has {expected}: state model.window alone",
-                self.context,
-                self.window.unwrap_or(WINDOW)
-            ))),
+            false => {
+                let frames = self.window.unwrap_or(WINDOW);
+                let expected = format!("{expected}, those of a window of {frames} frames: state model.window alone");
+                Err(Error::invalid("model.context", format!("{} tokens", self.context), expected))
+            }
         }
     }
 }
@@ -174,10 +177,10 @@ mod tests {
     #[test]
     fn keys_of_another_architecture_are_refused_by_name() {
         let said = |text: &str| toml::from_str::<ModelConfig>(text).unwrap().validate().unwrap_err().to_string();
-        assert!(said("window = 12").starts_with("model.window goes with"));
-        assert!(said("[decoder]\nlayers = 2").starts_with("model.decoder goes with"));
-        assert!(said("goal = true").starts_with("model.goal goes with"));
-        assert!(said("music = \"beats\"").starts_with("model.music goes with"));
+        assert!(said("window = 12").starts_with("model.window: it goes with"));
+        assert!(said("[decoder]\nlayers = 2").starts_with("model.decoder: it goes with"));
+        assert!(said("goal = true").starts_with("model.goal: it goes with"));
+        assert!(said("music = \"beats\"").starts_with("model.music: it goes with"));
         let two = "architecture = \"two_level\"\n";
         assert_eq!(said(&format!("{two}window = 1")), "model.window is 1; expected 2 to 8192");
         assert!(said(&format!("{two}[decoder]\nheads = 3")).contains("decoder.width is 128 and heads 3"));
@@ -196,7 +199,7 @@ mod tests {
         whole.validate_for(&tokens).unwrap();
         let said = |tokens: TokenLayout| whole.validate_for(&tokens).unwrap_err().to_string();
         // two labels more in front
-        assert!(said(fixtures::placed()).contains("4 frames has 26"));
+        assert!(said(fixtures::placed()).contains("expected 26, those of a window of 4 frames"));
         let labelled = config.resolved(&fixtures::placed());
         assert_eq!((labelled.context, labelled.frames(&fixtures::placed())), (26, 4));
         assert!(said(TokenLayout { front: 1, ..fixtures::varying() }).contains("tiles, components or merged"));

@@ -71,11 +71,8 @@ impl Cache {
     pub fn read_all(&mut self, tokens: &[u32]) -> Result<Tensor> {
         let read = self.read.len();
         if tokens.is_empty() || read + tokens.len() > self.context {
-            return Err(Error::call(format!(
-                "{} more tokens behind {read} read; expected 1 to {}",
-                tokens.len(),
-                self.context - read
-            )));
+            let name = format!("the number of tokens after {read}");
+            return Err(Error::invalid(name, tokens.len(), format!("1 to {}", self.context - read)));
         }
         let ids = self.net.ids(tokens, tokens.len())?;
         let memory = Memory { keys: &self.keys, values: &self.values, before: &self.read };

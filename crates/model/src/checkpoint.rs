@@ -167,8 +167,7 @@ impl Checkpoints {
         let whole = read_state(&path).is_ok_and(|s| s == state) && check(&path, &state, &[]).is_ok();
         if !whole {
             let work = Hidden::folder(&path)?;
-            let json = serde_json::to_vec_pretty(&state);
-            let json = json.map_err(|e| Error::call(format!("the state can't be written: {e}")))?;
+            let json = serde_json::to_vec_pretty(&state).expect("a state is plain data");
             contents.iter().try_for_each(|(name, bytes)| work.write(name, bytes))?;
             work.write(STATE, &json)?;
             if path.exists() {

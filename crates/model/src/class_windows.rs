@@ -42,13 +42,12 @@ impl Layout {
     /// A masked model, words of varying length, a context that doesn't hold a word and the class tokens.
     pub fn new(config: &ModelConfig, tokens: &TokenLayout, fields: usize) -> Result<Layout> {
         if config.kind != crate::ModelKind::Causal {
-            let what = "a masked model; classifiers go on from causal ones: train with [model] kind = \"causal\"";
-            return Err(Error::call(what));
+            let why = "classifiers go on from causal ones: train with [model] kind = \"causal\"";
+            return Err(Error::unsupported("a masked model", why));
         }
         if tokens.varying {
-            let what =
-                "words of varying length; classifiers need a tokenizer whose words have one length, such as uniform";
-            return Err(Error::call(what));
+            let why = "classifiers need a tokenizer whose words have one length, such as uniform";
+            return Err(Error::unsupported("words of varying length", why));
         }
         let front = (0..tokens.front).map(|i| if i == 0 { tokens.bos } else { Special::Unk.id() }).collect();
         let (word, pad) = (tokens.word, tokens.pad);
@@ -56,9 +55,8 @@ impl Layout {
             // a row behind the last frame has read it, and is there without a field too
             let (frames, behind) = (config.frames(tokens), fields.max(1));
             if frames <= behind {
-                return Err(Error::call(format!(
-                    "{fields} class rows and a window of {frames} frames; expected room for a frame and the class rows"
-                )));
+                let found = format!("{frames} frames and {fields} class rows");
+                return Err(Error::invalid("a window", found, "room for a frame and the class rows"));
             }
             return Ok(Layout { front, word, words: frames - behind, class_token: None, fields, pad });
         }
@@ -66,10 +64,9 @@ impl Layout {
         let room = config.context.saturating_sub(tokens.front + fields);
         if room < tokens.word || fields >= tokens.word {
             let (context, word) = (config.context, tokens.word);
-            return Err(Error::call(format!(
-                "{fields} class tokens, words of {word} tokens and a context of {context}; expected room for a word and fewer \
-                 class tokens than a word has tokens"
-            )));
+            let found = format!("{context} tokens, for words of {word} and {fields} class tokens");
+            let expected = "room for a word, and fewer class tokens than a word has tokens";
+            return Err(Error::invalid("the context", found, expected));
         }
         let class_token = Some(tokens.vocabulary as u32);
         Ok(Layout { front, word, words: room / word, class_token, fields, pad })

@@ -127,27 +127,23 @@ impl ModelConfig {
     pub fn validate(&self) -> Result<()> {
         let within = |key: &str, value: usize, most: usize| match (1..=most).contains(&value) {
             true => Ok(()),
-            false => Err(Error::call(format!("model.{key} is {value}; expected 1 to {most}"))),
+            false => Err(Error::invalid(format!("model.{key}"), value, format!("1 to {most}"))),
         };
         within("layers", self.layers, 96)?;
         within("heads", self.heads, 256)?;
         within("width", self.width, 8192)?;
         within("context", self.context, 1 << 20)?;
         if !self.width.is_multiple_of(self.heads) {
-            return Err(Error::call(format!(
-                "model.width is {} and model.heads {}; expected heads that divide the width",
-                self.width, self.heads
-            )));
+            let found = format!("{} and model.heads {}", self.width, self.heads);
+            return Err(Error::invalid("model.width", found, "heads that divide the width"));
         }
         if !(0.0..1.0).contains(&self.dropout) {
-            return Err(Error::call(format!("model.dropout is {}; expected 0 up to below 1", self.dropout)));
+            return Err(Error::invalid("model.dropout", self.dropout, "0 up to below 1"));
         }
         let of_head = self.width / self.heads;
         if self.positions == Positions::Rope && !of_head.is_multiple_of(2) {
-            return Err(Error::call(format!(
-                "model.width is {} and model.heads {}, {of_head} numbers a head; expected an even number, rope turns pairs",
-                self.width, self.heads
-            )));
+            let found = format!("{} and model.heads {}, {of_head} numbers a head", self.width, self.heads);
+            return Err(Error::invalid("model.width", found, "an even number, rope rotates pairs"));
         }
         self.validate_architecture()?;
         self.music_scale.as_ref().map_or(Ok(()), Scale::validate)?;
@@ -162,7 +158,7 @@ impl ModelConfig {
     /// Refuses the keys that need the frame before, where they are asked for.
     fn refuse_frame_before(&self, why: &str) -> Result<()> {
         let refused = |key, value, other| {
-            Err(Error::call(format!("model.{key} is {value}; expected {other}, or leave it out: {why}")))
+            Err(Error::invalid(format!("model.{key}"), value, format!("{other}, or leave it out: {why}")))
         };
         match (self.previous_frame, self.head) {
             (Some(true), _) => refused("previous_frame", "true", "false"),
@@ -184,14 +180,13 @@ impl ModelConfig {
         }
         let least = tokens.front + 1;
         if tokens.varying && self.context < least {
-            return Err(Error::call(format!("model.context is {} tokens; expected {least} or more", self.context)));
+            let found = format!("{} tokens", self.context);
+            return Err(Error::invalid("model.context", found, format!("{least} or more")));
         }
         let needed = 2 * tokens.word + tokens.front - 1;
         if !tokens.varying && self.context < needed {
-            return Err(Error::call(format!(
-                "model.context is {} tokens and a word has {}; expected room for two words: {needed} or more",
-                self.context, tokens.word,
-            )));
+            let found = format!("{} tokens and a word has {}", self.context, tokens.word);
+            return Err(Error::invalid("model.context", found, format!("room for two words: {needed} or more")));
         }
         Ok(())
     }
@@ -316,19 +311,21 @@ impl TokenLayout {
     fn validate(&self) -> Result<()> {
         let named = [("pad", self.pad), ("bos", self.bos), ("space", self.space)];
         if let Some((name, id)) = named.iter().find(|(_, id)| *id as usize >= self.vocabulary) {
-            return Err(Error::call(format!("<{name}> is id {id}, outside the vocabulary of {}", self.vocabulary)));
+            let expected = format!("an id below {}", self.vocabulary);
+            return Err(Error::invalid(format!("<{name}>"), format!("id {id}"), expected));
         }
         if self.word == 0 {
-            return Err(Error::call("a word has 0 tokens; expected at least its space"));
+            return Err(Error::invalid("the length of a word", 0, "at least its space"));
         }
         if self.front == 0 {
-            return Err(Error::call("0 tokens in front of a window; expected at least <bos>"));
+            return Err(Error::invalid("the length of the front", 0, "at least <bos>"));
         }
         let places: usize = self.places.iter().map(|s| s.number).sum();
         let outside = |s: &SlotRun| s.kind.count == 0 || s.kind.ids().end as usize > self.vocabulary;
         if !self.places.is_empty() && (self.varying || places + 1 != self.word || self.places.iter().any(outside)) {
             let word = self.word;
-            return Err(Error::call(format!("kinds of {places} places don't describe words of {word} tokens")));
+            let expected = format!("those of all {word} tokens of a word but the last");
+            return Err(Error::invalid("the kinds of slots", format!("those of {places} slots"), expected));
         }
         Ok(())
     }
@@ -369,7 +366,7 @@ mod tests {
         ModelConfig::default().validate_for(&TOKENS).unwrap();
         let other = TokenLayout { bos: 366, ..TOKENS };
         let message = ModelConfig::default().validate_for(&other).unwrap_err().to_string();
-        assert_eq!(message, "<bos> is id 366, outside the vocabulary of 366");
+        assert_eq!(message, "<bos> is id 366; expected an id below 366");
         // words of any length are cut where a window ends
         let long = TokenLayout { word: 900, varying: true, ..TOKENS };
         ModelConfig::default().validate_for(&long).unwrap();

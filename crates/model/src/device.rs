@@ -49,17 +49,15 @@ impl DeviceName {
     pub fn open(self) -> Result<Device> {
         match self {
             DeviceName::Cpu => Ok(Device::Cpu),
-            DeviceName::Cuda(_) if !cfg!(feature = "cuda") => Err(Error::call(format!(
-                "device {self}: this kinelm was built without CUDA; build one with scripts/cuda/build.sh, or give \
-                 --device cpu"
-            ))),
+            DeviceName::Cuda(_) if !cfg!(feature = "cuda") => Err(Error::unsupported(
+                format!("`device` {self}"),
+                "this kinelm was built without CUDA; build one with scripts/cuda/build.sh, or use cpu",
+            )),
             DeviceName::Cuda(n) => Device::new_cuda(n).map_err(|e| {
                 let said = e.to_string(); // a backtrace may follow the first line
-                Error::call(format!(
-                    "device {self}: {}; expected an Nvidia card of that number and its driver (see nvidia-smi), or give \
-                     --device cpu",
-                    said.lines().next().unwrap_or_default()
-                ))
+                let first = said.lines().next().unwrap_or_default();
+                let help = "expected an Nvidia card of that number and its driver (see nvidia-smi), or cpu";
+                Error::unsupported(format!("`device` {self}"), format!("{first}; {help}"))
             }),
         }
     }
@@ -80,7 +78,7 @@ impl FromStr for DeviceName {
     fn from_str(text: &str) -> Result<DeviceName> {
         let card = text.strip_prefix("cuda:").and_then(|n| n.parse().ok()).map(DeviceName::Cuda);
         let named = if text == "cpu" { Some(DeviceName::Cpu) } else { card };
-        named.ok_or_else(|| Error::call(format!("device `{text}`; expected cpu, or cuda:N as in cuda:0")))
+        named.ok_or_else(|| Error::invalid("`device`", text, "cpu, or cuda:N as in cuda:0"))
     }
 }
 
@@ -100,7 +98,7 @@ impl FromStr for Form {
         match text {
             "auto" => Ok(Form::Auto),
             "plain" => Ok(Form::Plain),
-            _ => Err(Error::call(format!("form `{text}`; expected auto or plain"))),
+            _ => Err(Error::invalid("`form`", text, "auto or plain")),
         }
     }
 }
@@ -116,7 +114,7 @@ mod tests {
         }
         for name in ["", "cuda", "cuda:", "cuda:-1", "gpu"] {
             let message = name.parse::<DeviceName>().unwrap_err().to_string();
-            assert_eq!(message, format!("device `{name}`; expected cpu, or cuda:N as in cuda:0"));
+            assert_eq!(message, format!("`device` is {name}; expected cpu, or cuda:N as in cuda:0"));
         }
         assert_eq!("plain".parse::<Form>().unwrap(), Form::Plain);
         assert!("fast".parse::<Form>().is_err());
@@ -126,6 +124,6 @@ mod tests {
     #[cfg(not(feature = "cuda"))]
     fn a_card_without_cuda_says_what_to_build() {
         let message = DeviceName::Cuda(1).open().unwrap_err().to_string();
-        assert!(message.starts_with("device cuda:1: ") && message.contains("scripts/cuda/build.sh"), "{message}");
+        assert!(message.starts_with("`device` cuda:1: ") && message.contains("scripts/cuda/build.sh"), "{message}");
     }
 }

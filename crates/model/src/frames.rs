@@ -1,21 +1,22 @@
-//! What a two-level model reads: rows of tables for the trunk, a frame at a time, and for the decoder, a character at a time.
+//! The inputs of a two-level model: table rows for the trunk, frame by frame, and for the frame decoder, character by
+//! character.
 //!
-//! Letters: W tokens of a word, C = W - 1 characters, S the most bins of a place, R steps that a place can take. Token t of a
-//! window's words is its input t + 1: windows begin with the last token of the front here, so that tokens before it (the labels)
-//! are left out. Row t of the decoder predicts it, at place t mod W of frame t / W.
+//! Letters: W tokens of a word, C = W - 1 characters, S the most bins of a slot, R the number of steps. Windows begin with the
+//! last token of the front here, without the labels before it, so token t of the words is input t + 1. Row t of the decoder
+//! predicts it, in slot t mod W of frame t / W.
 //!
-//! Of a classifier's model the n rows of the trunk behind a window's last frame are *class rows*. Each reads the two frames
-//! before it, as the row that would speak for the next frame does, and has a vector of its own in the place of a position.
+//! In a classifier's model the n rows of the trunk after a window's last frame are *class rows*. Each is made of the last two
+//! frames, as the row of the next frame would be, and has a vector of its own in place of a position.
 
 use super::config::TokenLayout;
 use crate::words::{Steps, Words};
 use kinelm_engine::bins::Bins;
 use kinelm_engine::op::embedding::NONE;
 
-/// Rows of `last`, `place`, `character` and `step` that are added for a token.
+/// The tables whose rows are added for a token of the frame decoder.
 pub const SPELT: [&str; 4] = ["spell.last.weight", "spell.place.weight", "spell.character.weight", "spell.step.weight"];
 
-/// Frames back that the trunk reads.
+/// How many previous frames the trunk reads.
 pub const BACK: usize = 2;
 
 /// Reads windows whose words are frames.
@@ -26,12 +27,12 @@ pub struct Frames {
 }
 
 impl Frames {
-    /// Of windows of these tokens, whose places are of one kind each.
+    /// For windows of these tokens, whose slots are of one kind each.
     pub fn of(tokens: &TokenLayout) -> Frames {
         Frames { words: Words::new(1, tokens.bins()), pad: tokens.pad }
     }
 
-    /// Frames of a window, up to the first that is padding.
+    /// Frames of a window before the padding.
     pub fn shown(&self, inputs: &[u32]) -> usize {
         inputs.iter().skip(1).step_by(self.word()).take_while(|&&id| id != self.pad).count()
     }
@@ -51,28 +52,28 @@ impl Frames {
         self.words.places().len()
     }
 
-    /// S + 1: rows that a character has in a table of characters; the last is for one that is missing.
+    /// S + 1: rows of a slot in the table of characters; the last stands for a missing one.
     pub fn bins(&self) -> usize {
         self.words.steps().most() + 1
     }
 
-    /// How tables of steps are laid out: behind all R steps row R is for one that is missing.
+    /// The layout of tables of steps; row R, after all steps, stands for a missing one.
     pub fn steps(&self) -> Steps {
         self.words.steps()
     }
 
-    /// What stands at the places of a frame.
+    /// The bins of a frame's slots.
     pub fn places(&self) -> &[Bins] {
         self.words.places()
     }
 
-    /// The rows (2 C) of the table of characters that the trunk reads for frame `frame`: of the frame before, then of the one
-    /// before that; each place has S + 1 rows of its own.
+    /// The rows (2 C) of the table of characters that the trunk reads for frame `frame`: of the previous frame, then of the one
+    /// before; each slot has S + 1 rows.
     pub fn seen(&self, inputs: &[u32], frame: usize, rows: &mut [u32]) {
         rows.iter_mut().zip(self.words.seen(inputs, frame)).for_each(|(to, row)| *to = row as u32);
     }
 
-    /// The rows of [`SPELT`] for the decoder's row of token `token`, which reads what stands before it.
+    /// The rows of [`SPELT`] for the decoder's row that predicts token `token`.
     pub fn spelt(&self, inputs: &[u32], token: usize) -> [u32; 4] {
         self.words.spelt(inputs, token).map(|row| row as u32)
     }
@@ -81,15 +82,15 @@ impl Frames {
 /// A row of the trunk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TrunkRow {
-    /// It reads the frames before this one.
+    /// It is made of the frames before this one.
     pub frame: usize,
     /// Its row of the table of positions; [`NONE`] of a class row.
     pub position: u32,
-    /// Its row of the table of class rows; [`NONE`] of one that speaks for a frame.
+    /// Its row of the table of class rows; [`NONE`] for a frame's row.
     pub class: u32,
 }
 
-/// The row `row` of the trunk in a window of `shown` frames, behind which `classes` class rows stand.
+/// Row `row` of the trunk in a window of `shown` frames and `classes` class rows.
 pub fn trunk_row(row: usize, shown: usize, classes: usize) -> TrunkRow {
     match row.checked_sub(shown).filter(|class| *class < classes) {
         Some(class) => TrunkRow { frame: shown, position: NONE, class: class as u32 },

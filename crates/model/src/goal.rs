@@ -1,18 +1,19 @@
-//! What is told ahead of a frame that is being spelled: of characters that are given later, how far they lie and how fast
-//! they have to be reached.
+//! Goal conditioning: what a frame is to lead to, where characters are given later.
 //!
-//! A character that is free has a *goal*: the next one that is given in its place, l frames from the frame before (its own
-//! frame among them), unless that is further than [`FARTHEST`]. Characters that say how the root steps have none of their
-//! own: where the root stands now and where it stands in the next frame in which all of it is given make the step a frame
-//! that it takes from one to the other, and that is the goal, one frame away.
+//! The *goal* of a free character is the next given one in its slot, l frames from the previous frame (its own frame
+//! included), unless that is further than [`FARTHEST`]. Characters that are steps of the root have another goal: the step
+//! per frame that leads from where the root is now to where it is in the next frame in which all of it is given, one frame
+//! away.
 //!
-//! Of a frame with goals two things are told. P = 4 C + 24 *numbers* ([`numbers`]): sin a, 1 - cos a, a, and 8 a / l of every
-//! place, where a is what lies between the code one frame back and the goal, in radians of circular places and in hundredths
-//! of a bin of others, 0 where there is no goal; of the root 8, its way in x and z, cosine and sine of its turn, 1/l, and
-//! the three a frame, times ten; a 1 in one of 16 places for the least l of all, two to a doubling. And two *rows* of tables
-//! of steps for every place: the step to the goal, and that divided by l.
+//! A frame with goals has P = 4 C + 24 *numbers* ([`numbers`]): sin a, 1 - cos a, a, and 8 a / l for every slot, where a is
+//! the distance from the code one frame back to the goal, in radians for circular slots and in hundredths of a bin for
+//! others, 0 without a goal; 8 for the root: its displacement in x and z, cosine and sine of its rotation, 1/l, and the
+//! displacement and rotation per frame, times ten; and a 1 in one of 16 buckets for the least l of all, two per doubling.
+//! It also has two *rows* of tables of steps for every slot: the step to the goal, and that divided by l.
 //!
-//! Training, measuring and generation all ask [`GoalTrack::tell`].
+//! Training, evaluation and generation all use [`GoalTrack::encode`].
+//!
+//! Letters: F frames, N frames of a batch, C characters of a frame, W = C + 1 its tokens, M numbers of music.
 
 use super::config::{ModelConfig, TokenLayout};
 use super::frames::Frames;
@@ -22,45 +23,45 @@ use kinelm_tokenizer::Tokenizer;
 use kinelm_tokenizer::root_path::{ROOT_SLOTS, RootPath, RootState, STEP_SLOTS};
 use std::ops::Range;
 
-/// A character that is given later than so many frames behind a free one is no goal of it.
+/// The most frames between a free character and its goal.
 pub const FARTHEST: usize = 64;
-/// Numbers of the root.
+/// Numbers for the root.
 const ROOT: usize = 8;
-/// Numbers of the frames that are left.
+/// Buckets for the frames left.
 const BUCKETS: usize = 16;
-/// How far a bin of a place that doesn't go round counts.
+/// The distance of neighbouring bins of a slot that isn't circular.
 const CLAMPED_BIN: f64 = 0.01;
 
-/// P: numbers that a frame of so many characters is told.
+/// P: numbers of a frame with so many characters.
 pub fn numbers(characters: usize) -> usize {
     4 * characters + ROOT + BUCKETS
 }
 
-/// What the N frames of a batch are told, one window behind the other: what is given ahead, and the music.
+/// The conditioning of the N frames of a batch, window after window: goals and music.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Conditioning {
-    /// (N, P); 0 where a frame is told nothing; empty where nothing is told ahead.
+    /// (N, P), 0 for frames without goals; empty without goal conditioning.
     pub numbers: Vec<f32>,
-    /// (N, W) each: rows of the tables of steps; [`NONE`] adds nothing. Empty where nothing is told ahead.
+    /// (N, W) each: rows of the tables of steps; [`NONE`] adds nothing. Empty without goal conditioning.
     pub rows: [Vec<u32>; 2],
-    /// (N, M) of [`super::music`]; empty where nothing is told of music.
+    /// (N, M) of [`super::music`]; empty without music.
     pub music: Vec<f32>,
 }
 
 impl Conditioning {
-    /// Nothing, for so many frames.
+    /// Frames without goals.
     pub fn none(frames: usize, characters: usize) -> Conditioning {
         let rows = [(); 2].map(|()| vec![NONE; frames * (characters + 1)]);
         Conditioning { numbers: vec![0.0; frames * numbers(characters)], rows, music: Vec::new() }
     }
 
-    /// Nothing, for as many frames.
+    /// As many frames, without goals or music.
     pub fn none_like(&self) -> Conditioning {
         let rows = [(); 2].map(|()| vec![NONE; self.rows[0].len()]);
         Conditioning { numbers: vec![0.0; self.numbers.len()], rows, music: vec![0.0; self.music.len()] }
     }
 
-    /// What `windows` are told, of `all` there are.
+    /// Some of `all` windows.
     pub fn windows(&self, windows: Range<usize>, all: usize) -> Conditioning {
         let part = |n: usize| windows.start * (n / all)..windows.end * (n / all);
         let rows = [0, 1].map(|i| self.rows[i][part(self.rows[i].len())].to_vec());
@@ -68,47 +69,47 @@ impl Conditioning {
         Conditioning { numbers, rows, music }
     }
 
-    /// What is told behind the frames of `self`.
+    /// Appends frames.
     pub fn extend(&mut self, other: &Conditioning) {
         self.numbers.extend_from_slice(&other.numbers);
         self.music.extend_from_slice(&other.music);
         self.rows.iter_mut().zip(&other.rows).for_each(|(rows, other)| rows.extend_from_slice(other));
     }
 
-    /// Checks that it is told of the frames of `batch` windows of `length` tokens.
+    /// Checks that it fits the frames of `batch` windows of `length` tokens.
     ///
     /// # Errors
-    /// A model that can't be told, other frames, rows beyond the tables.
+    /// If the model has no such conditioning, for another number of frames, or for rows beyond the tables.
     pub fn check(&self, config: &ModelConfig, tokens: &TokenLayout, (batch, length): (usize, usize)) -> Result<()> {
         let is_ahead = !self.numbers.is_empty() || self.rows.iter().any(|rows| !rows.is_empty());
         if is_ahead && !config.goal {
-            return Err(Error::call("frames told something ahead; this model has model.goal = false"));
+            return Err(Error::unsupported("goal conditioning", "this model has model.goal = false"));
         }
         let frames = Frames::of(tokens);
         let steps = frames.steps().all();
         let n = batch * ((length + 1).saturating_sub(tokens.front)).div_ceil(tokens.word);
         let m = n * config.music.numbers();
         if !self.music.is_empty() && m == 0 {
-            return Err(Error::call("frames told of music; this model has model.music = \"none\""));
+            return Err(Error::unsupported("music conditioning", "this model has model.music = \"none\""));
         }
         if !self.music.is_empty() && self.music.len() != m {
             let found = self.music.len();
-            return Err(Error::call(format!("{found} numbers of music are told of {n} frames; expected {m}")));
+            return Err(Error::invalid(format!("the music of {n} frames"), format!("{found} numbers"), m.to_string()));
         }
         let is = (self.numbers.len(), self.rows[0].len(), self.rows[1].len());
         let expected = (n * numbers(frames.characters()), n * tokens.word, n * tokens.word);
         if is_ahead && is != expected {
-            let what = format!("{is:?} numbers and rows are told of {n} frames; expected {expected:?}");
-            return Err(Error::call(what));
+            let (found, expected) = (format!("{is:?} numbers and rows"), format!("{expected:?}"));
+            return Err(Error::invalid(format!("the goals of {n} frames"), found, expected));
         }
         match self.rows.iter().flatten().find(|&&row| row != NONE && row as usize >= steps) {
-            Some(row) => Err(Error::call(format!("row {row} of a table of {steps} steps"))),
+            Some(row) => Err(Error::invalid("a row of steps", row, format!("a row below {steps}"))),
             None => Ok(()),
         }
     }
 }
 
-/// How a tokenizer's frames are told what is ahead.
+/// Reads frames of a tokenizer for goals.
 #[derive(Debug, Clone)]
 pub struct GoalEncoder {
     frames: Frames,
@@ -116,12 +117,12 @@ pub struct GoalEncoder {
 }
 
 impl GoalEncoder {
-    /// Of a tokenizer whose codes say how the root steps.
+    /// For a tokenizer whose codes are steps of the root.
     ///
     /// # Errors
-    /// Another tokenizer: what of it is wrong.
+    /// For other tokenizers, with what is wrong.
     pub fn of(tokenizer: &Tokenizer) -> Result<GoalEncoder> {
-        let root_path = RootPath::of(tokenizer).map_err(|e| Error::call(format!("model.goal is true: {e}")))?;
+        let root_path = RootPath::of(tokenizer).map_err(|e| Error::unsupported("model.goal = true", e.to_string()))?;
         Ok(GoalEncoder { frames: Frames::of(&TokenLayout::of(tokenizer)), root_path })
     }
 
@@ -130,7 +131,7 @@ impl GoalEncoder {
         self.frames.characters()
     }
 
-    /// Codes of ids of whole words, spaces among them (F W) -> (F, C); 0 for ids that are no bin of their place.
+    /// Codes of the ids of whole words with their spaces, (F W) -> (F, C); 0 for ids that are no bin of their slot.
     pub fn codes(&self, ids: &[u32]) -> Vec<u16> {
         let (word, places) = (self.frames.word(), self.frames.places());
         let of_word = |ids: &[u32]| -> Vec<u16> {
@@ -139,18 +140,18 @@ impl GoalEncoder {
         ids.chunks_exact(word).flat_map(of_word).collect()
     }
 
-    /// Where the root stands before the first word.
+    /// The root's state before the first word.
     pub fn start(&self) -> RootState {
         self.root_path.start()
     }
 
-    /// Moves by a word's codes (C).
+    /// Advances the root by a word's codes (C).
     pub fn follow(&self, stand: &mut RootState, word: &[u16]) {
         self.root_path.follow(stand, word);
     }
 }
 
-/// Frames of which some characters are given, and what of that can be told ahead.
+/// Frames of which some characters are given, as goals for the frames before them.
 #[derive(Debug)]
 pub struct GoalTrack {
     encoder: GoalEncoder,
@@ -158,15 +159,15 @@ pub struct GoalTrack {
     codes: Vec<u16>,
     /// (F, C).
     given: Vec<bool>,
-    /// (F, C): frames up to the next given character of the place, 0 where none is near.
+    /// (F, C): frames up to the next given character in the slot, 0 where none is near.
     next: Vec<u8>,
-    /// (F): the same of the next frame in which all of the root is given.
+    /// (F): frames up to the next one in which all of the root is given, likewise.
     next_root: Vec<u8>,
-    /// (F): where the root stands.
+    /// (F): the root's state after each frame.
     stands: Vec<RootState>,
 }
 
-/// Where a character has to get to.
+/// The goal of a character.
 #[derive(Clone, Copy)]
 struct Goal {
     code: i64,
@@ -175,10 +176,10 @@ struct Goal {
 }
 
 impl GoalTrack {
-    /// Of `codes` (F, C), of which some are `given` (F, C); words begin behind the first `lead_in` frames.
+    /// A track of `codes` (F, C), of which some are `given` (F, C); the first `lead_in` frames don't move the root.
     ///
     /// # Panics
-    /// Not as many of both, or not of whole frames.
+    /// If there aren't as many of both, or no whole frames.
     pub fn new(encoder: GoalEncoder, codes: Vec<u16>, given: Vec<bool>, lead_in: usize) -> GoalTrack {
         let c = encoder.characters();
         assert!(codes.len() == given.len() && codes.len().is_multiple_of(c), "codes of whole frames");
@@ -207,18 +208,18 @@ impl GoalTrack {
         self.encoder.characters()
     }
 
-    /// Codes of ids of whole words, spaces among them (F W) -> (F, C); 0 for ids that are no bin of their place.
+    /// Codes of the ids of whole words with their spaces, (F W) -> (F, C); 0 for ids that are no bin of their slot.
     pub fn codes(&self, ids: &[u32]) -> Vec<u16> {
         self.encoder.codes(ids)
     }
 
-    /// Whether some character is free and given later.
+    /// Whether some character has a goal.
     pub fn has_goals(&self) -> bool {
         self.given.iter().zip(&self.next).any(|(given, next)| !given && *next > 0)
     }
 
-    /// Where the root stands behind a frame: as it is given, else where the codes (C) lead from where it stood `before`;
-    /// nowhere that is known if it stood nowhere.
+    /// The root's state after a frame: the given one, else where the codes (C) lead from the state `before`; `None` if that
+    /// is unknown.
     pub fn stand(&self, frame: usize, word: &[u16], before: Option<&RootState>) -> Option<RootState> {
         if frame < self.frames() && self.root_is_given(frame) {
             return Some(self.stands[frame].clone());
@@ -233,8 +234,8 @@ impl GoalTrack {
         self.given[frame * self.characters()..][..ROOT_SLOTS].iter().all(|is| *is)
     }
 
-    /// What a frame is told: behind `word` (C), the codes one frame back, and where the root stands there, if that is
-    /// known. It is put into `numbers` (P) and the rows (C or more); whether it is anything.
+    /// Writes the goals of a frame into `numbers` (P) and the rows (C or more); returns whether it has any. They depend on the
+    /// codes of the previous frame (C), and on the root's state after it, if that is known.
     pub fn encode(
         &self,
         frame: usize,
@@ -279,7 +280,7 @@ impl GoalTrack {
         true
     }
 
-    /// The next given character of a place, if it is free.
+    /// The goal of a free character.
     fn goal(&self, frame: usize, place: usize) -> Option<Goal> {
         let at = frame * self.characters() + place;
         let encoder = usize::from(self.next[at]);
@@ -287,7 +288,7 @@ impl GoalTrack {
         is_goal.then(|| Goal { code: self.codes[at + encoder * self.characters()].into(), left: (encoder + 1) as f64 })
     }
 
-    /// The root's way to where it is given next, and the frames that it has, where its steps are free.
+    /// The root's displacement to where it is given next, and the frames left, where its steps are free.
     fn way(&self, frame: usize, stand: &RootState) -> Option<([f64; 3], f64)> {
         let given = &self.given[frame * self.characters()..];
         let encoder = usize::from(self.next_root[frame]);
@@ -295,7 +296,7 @@ impl GoalTrack {
         is_free.then(|| (stand.step_to(&self.stands[frame + encoder]), (encoder + 1) as f64))
     }
 
-    /// What the first `frames` are told of themselves, the first nothing.
+    /// The conditioning of the first `frames` by the track's own codes; the first frame has no goals.
     pub fn conditioning(&self, frames: usize) -> Conditioning {
         let c = self.characters();
         let mut conditioning = Conditioning::none(frames, c);
@@ -310,7 +311,7 @@ impl GoalTrack {
     }
 }
 
-/// (F, n): frames from each of n columns up to the next in which `is` says so, behind it; 0 where none is within reach.
+/// (F, n): frames up to the next later one in which `is` holds for the column; 0 where none is within reach.
 fn until(frames: usize, n: usize, is: impl Fn(usize, usize) -> bool) -> Vec<u8> {
     let mut next = vec![0u8; frames * n];
     for frame in (0..frames.saturating_sub(1)).rev() {
@@ -325,7 +326,7 @@ fn until(frames: usize, n: usize, is: impl Fn(usize, usize) -> bool) -> Vec<u8> 
     next
 }
 
-/// What lies between a code and a goal of a place of so many bins: in bins, and as an angle.
+/// The distance from a code to a goal in a slot of so many bins: in bins, and as an angle.
 fn apart(goal: i64, from: i64, (bins, circular): (i64, bool)) -> (i64, f64) {
     match circular {
         true => {

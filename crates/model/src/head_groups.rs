@@ -1,5 +1,5 @@
-//! What the rows of a batch are asked, by the table that answers: the head's own over all ids, or one of the steps from
-//! the frame before.
+//! Head groups: the rows of a batch by the table that gives their logits, which is the head over all ids, or one of the two
+//! over steps from the previous frame.
 
 use super::config::{HeadKind, ModelConfig, ModelKind, TokenLayout};
 use super::previous::{Basis, PreviousFrames};
@@ -7,29 +7,29 @@ use crate::{Error, Result};
 use kinelm_engine::bins::Bins;
 use kinelm_engine::op::cross_entropy::Asked;
 
-/// The names of the tables that answer beside the head over all ids, in the order of the groups behind the first.
+/// The tables over steps, in the order of the second and third group.
 pub(super) const STEPS: [&str; 2] = ["head.circular.weight", "head.clamped.weight"];
 
-/// The rows that one table answers.
+/// The rows whose logits come from one table.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Group {
     /// Their numbers in the batch, ascending.
     pub rows: Vec<u32>,
-    /// What each is asked.
+    /// The target of each.
     pub asked: Vec<Asked>,
 }
 
-/// The rows that ids, circular and clamped steps answer.
+/// The groups of ids, of circular and of clamped steps.
 pub(super) type Groups = [Group; 3];
 
-/// Sorts rows by what answers them.
+/// Sorts rows into head groups.
 #[derive(Debug, Clone)]
 pub(super) struct HeadGroups {
     kind: ModelKind,
     head: HeadKind,
     vocabulary: u32,
     pad: u32,
-    /// If places are of one kind each.
+    /// Where slots are of one kind each.
     previous_frames: Option<PreviousFrames>,
 }
 
@@ -44,7 +44,7 @@ impl HeadGroups {
         }
     }
 
-    /// What reads the frames before, if the head is relative.
+    /// Reads previous frames, if the head is relative.
     pub fn steps(&self) -> Option<&PreviousFrames> {
         self.previous_frames.as_ref().filter(|_| self.head == HeadKind::Relative)
     }
@@ -54,7 +54,7 @@ impl HeadGroups {
         self.steps().map_or(Basis::Ids, |previous_frames| previous_frames.basis(window, i))
     }
 
-    /// The most rows of a window of `length` inputs that count and that ids, circular and clamped steps answer.
+    /// The most rows of each group in a window of `length` inputs.
     pub fn most_rows(&self, length: usize) -> [usize; 3] {
         let Some(previous_frames) = self.steps() else { return [length, 0, 0] };
         let mut most = [0; 3];
@@ -65,9 +65,9 @@ impl HeadGroups {
         most
     }
 
-    /// What the target of input `i` is one of; `None` where its place has no bins.
+    /// The bins of the target of input `i`; `None` where its slot has none.
     fn bins_at(&self, i: usize) -> Option<Bins> {
-        // a masked model's target is the token at its own place, one behind what a causal one would predict there
+        // a masked model predicts the input's own token, a causal one the next
         let i = if self.kind == ModelKind::Masked { i.checked_sub(1)? } else { i };
         self.previous_frames.as_ref()?.bins(i)
     }
@@ -75,7 +75,7 @@ impl HeadGroups {
     /// Fills `groups` with the rows of `windows` (B of one length) whose target (B T) isn't `<pad>`.
     ///
     /// # Errors
-    /// Under a relative head, a target behind an id that is no bin of its place, or that is none itself.
+    /// Under a relative head, for a target that is no bin of its slot, or whose id one frame back is none.
     ///
     /// # Panics
     /// If there aren't as many targets as inputs.
@@ -104,7 +104,7 @@ impl HeadGroups {
         Ok(())
     }
 
-    /// The group of a row that counts, and what it is asked.
+    /// A row's group and target.
     fn ask(&self, window: &[u32], i: usize, target: u32) -> Result<(usize, Asked)> {
         let bins = self.bins_at(i);
         if let (Some(previous_frames), Some(bins)) = (self.steps(), bins) {
@@ -129,10 +129,9 @@ fn step(previous_frames: &PreviousFrames, bins: Bins, from: usize, bin: usize) -
 
 pub(super) fn no_bin(what: &str, id: u32, bins: Bins, i: usize) -> Error {
     let (first, last) = (bins.first, bins.ids().end - 1);
-    Error::call(format!(
-        "{what} of input {i} is id {id}; expected a bin of its place, {first} to {last}, or <pad> as its target: a relative \
-         head counts from bins"
-    ))
+    let expected =
+        format!("a bin of its slot, {first} to {last}, or <pad> as its target: a relative head counts from bins");
+    Error::invalid(format!("{what} of input {i}"), format!("id {id}"), expected)
 }
 
 #[cfg(test)]
@@ -207,7 +206,7 @@ mod tests {
             "{message}"
         );
         let message = said(&[1, 9, 12, 5, 7, 10], &[0, 12, 5, 4, 10, 5]);
-        assert!(message.starts_with("the target of input 3 is id 4; expected a bin of its place, 6 to 9"), "{message}");
+        assert!(message.starts_with("the target of input 3 is id 4; expected a bin of its slot, 6 to 9"), "{message}");
         // an absolute head takes what comes
         let absolute = ModelConfig { head: Some(HeadKind::Absolute), ..config.clone() };
         let [ids, ..] = sort(&absolute, &[1, 4, 12, 5, 7, 10], &[0, 12, 5, 4, 10, 5]).unwrap();

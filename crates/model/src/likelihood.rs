@@ -66,17 +66,15 @@ pub fn likelihood_by_token(
     let (own, found) = (model.tokens(), TokenLayout::of(corpus.tokenizer()));
     if conditions.len() != own.front {
         let (k, front) = (conditions.len(), own.front);
-        return Err(Error::call(format!("{k} tokens in front of a window; the model was trained with {front}")));
+        let expected = format!("{front}, as the model was trained with");
+        return Err(Error::invalid("the number of tokens in front of a window", k, expected));
     }
     if !own.reads(&found) {
-        let say = |t: &TokenLayout| {
+        let describe = |t: &TokenLayout| {
             format!("words of {}{} tokens from {} ids", if t.varying { "up to " } else { "" }, t.word, t.vocabulary)
         };
-        return Err(Error::call(format!(
-            "the corpus has {}, the model was trained on {}; make the corpus with the run's tokenizer",
-            say(&found),
-            say(own)
-        )));
+        let why = format!("the model was trained on {}; make the corpus with the run's tokenizer", describe(own));
+        return Err(Error::unsupported(format!("a corpus of {}", describe(&found)), why));
     }
     if model.config().kind == ModelKind::Masked {
         return pseudo(model, corpus, clips, most, conditions);
@@ -322,7 +320,10 @@ mod tests {
         }
         assert!((by_hand(&gpt, 17) - by_hand(&gpt, 4)).abs() > 1e-3);
         let message = likelihood(&mut gpt, &corpus, &clips, 0, &Conditions::none()).unwrap_err().to_string();
-        assert_eq!(message, "1 tokens in front of a window; the model was trained with 2");
+        assert_eq!(
+            message,
+            "the number of tokens in front of a window is 1; expected 2, as the model was trained with"
+        );
     }
 
     #[test]

@@ -1,8 +1,8 @@
-//! What the frame before tells of the token about to be predicted: two more rows of tables for its input, and what the
-//! logits of its row stand for. For words of one length whose places are of one kind each.
+//! Previous-frame features of a flat model: two more table rows for an input, and the bin from which a relative head counts
+//! steps. For words of one length whose slots are of one kind each.
 //!
-//! Letters: K tokens of the front, W tokens of a word; input i predicts word token k = i - (K - 1), which stands at place
-//! c = k mod W; a is the id one frame back at that place, b the one two frames back.
+//! Letters: K tokens of the front, W tokens of a word; input i predicts word token k = i - (K - 1) in slot c = k mod W; a is
+//! the id one frame back in that slot, b the one two frames back.
 
 use super::config::TokenLayout;
 use super::head_groups::no_bin;
@@ -15,9 +15,9 @@ use kinelm_engine::bins::Bins;
 pub enum Basis {
     /// All ids.
     Ids,
-    /// The bins of a place, by their steps from the bin one frame back; no other id can come.
+    /// The bins of a slot, by their steps from the bin one frame back; no other id can follow.
     Steps {
-        /// What stands at the place.
+        /// The bins of the slot.
         bins: Bins,
         /// p: the bin one frame back.
         from: usize,
@@ -25,7 +25,7 @@ pub enum Basis {
 }
 
 impl Basis {
-    /// The group of rows that answers it: 0 by all ids, 1 by circular, 2 by clamped steps.
+    /// The head group: 0 all ids, 1 circular, 2 clamped steps.
     pub fn group(&self) -> usize {
         match self {
             Basis::Ids => 0,
@@ -34,7 +34,7 @@ impl Basis {
     }
 }
 
-/// Reads what lies one and two frames back in a window.
+/// Reads the tokens one and two frames back in a window.
 #[derive(Debug, Clone)]
 pub struct PreviousFrames {
     words: Words,
@@ -42,10 +42,10 @@ pub struct PreviousFrames {
 }
 
 impl PreviousFrames {
-    /// Of windows of these tokens.
+    /// For windows of these tokens.
     ///
     /// # Panics
-    /// If a word's places have no kinds.
+    /// If a word's slots have no kinds.
     pub fn of(tokens: &TokenLayout) -> PreviousFrames {
         PreviousFrames { words: Words::new(tokens.front, tokens.bins()), pad: tokens.pad }
     }
@@ -55,35 +55,35 @@ impl PreviousFrames {
         self.words.steps()
     }
 
-    /// What stands at the place that input `i` predicts; `None` for spaces, and before the front's last token.
+    /// The bins of the slot that input `i` predicts; `None` for spaces, and before the front's last token.
     pub fn bins(&self, i: usize) -> Option<Bins> {
         self.words.follows(i)
     }
 
-    /// Whether a window has something one frame before what input `i` predicts.
+    /// Whether the token that input `i` predicts has a frame before it in the window.
     pub fn has_frame_before(&self, i: usize) -> bool {
         self.words.has_word_before(i)
     }
 
     /// The rows of `previous.character.weight` and `previous.step.weight` that are added to input `i` of `window`: a, or
-    /// `<pad>` where it is missing; the bins from b to a, round the circle, or S where there is no such step.
+    /// `<pad>` where it is missing; the step from b to a, mod the slot's bins, or S where there is none.
     ///
-    /// Reads nothing behind `window[i]`.
+    /// Reads nothing after `window[i]`.
     pub fn previous(&self, window: &[u32], i: usize) -> [u32; 2] {
         let (a, step) = self.words.previous(window, i);
         [a.unwrap_or(self.pad), step as u32]
     }
 
     /// What the logits of input `i` of `window` stand for under a relative head: all ids in the first frame, for spaces,
-    /// and where a is no bin of its place (`<mask>`, `<pad>`).
+    /// and where a is no bin of its slot (`<mask>`, `<pad>`).
     pub fn basis(&self, window: &[u32], i: usize) -> Basis {
         self.words.bin(window, i, 1).map_or(Basis::Ids, |(bins, from)| Basis::Steps { bins, from })
     }
 
-    /// Holds a target at a place of these `bins` that has nothing to count from to the window's first frame.
+    /// Checks that a target whose head is over all ids, though its slot has `bins`, is in the window's first frame.
     ///
     /// # Errors
-    /// An id one frame back that is no bin.
+    /// If there is an id one frame back, which is no bin then.
     pub(super) fn first_frame(&self, window: &[u32], i: usize, bins: Bins) -> Result<()> {
         match self.words.back(window, i, 1) {
             None => Ok(()),

@@ -18,6 +18,14 @@ const FORMAT: (&str, &str) = ("kinelm", "weights 1");
 /// # Errors
 /// Tensors that are not f32.
 pub fn to_bytes<'a>(tensors: impl IntoIterator<Item = (&'a str, &'a Tensor)>) -> Result<Vec<u8>> {
+    serialize(tensors, FORMAT)
+}
+
+/// A safetensors file with one entry of metadata.
+pub(super) fn serialize<'a>(
+    tensors: impl IntoIterator<Item = (&'a str, &'a Tensor)>,
+    (key, value): (&str, &str),
+) -> Result<Vec<u8>> {
     let mut raw = BTreeMap::new();
     for (name, tensor) in tensors {
         let numbers = tensor.flatten_all()?.to_vec1::<f32>()?;
@@ -28,9 +36,9 @@ pub fn to_bytes<'a>(tensors: impl IntoIterator<Item = (&'a str, &'a Tensor)>) ->
         .iter()
         .map(|(n, (shape, bytes))| TensorView::new(safetensors::Dtype::F32, shape.clone(), bytes).map(|v| (*n, v)))
         .collect();
-    let metadata = HashMap::from([(FORMAT.0.to_string(), FORMAT.1.to_string())]);
+    let metadata = HashMap::from([(key.to_string(), value.to_string())]);
     let written = views.and_then(|v| safetensors::serialize(v, Some(metadata)));
-    written.map_err(|e| Error::call(format!("the weights can't be written: {e}")))
+    Ok(written.map_err(candle_core::Error::from)?)
 }
 
 /// [`to_bytes`] for a checkpoint: one that would only spread numbers that are none is not written.

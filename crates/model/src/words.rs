@@ -1,9 +1,9 @@
-//! Words of one length in a sequence: what follows an input, what stands words back, and the rows of tables that tell it.
-//! All forms of a model read the word before through this.
+//! Sequences of words of one length: the slot that follows an input, the tokens one and two words back, and their table
+//! rows. All forms of a model read previous words through this.
 //!
 //! Letters: K tokens in front, W tokens of a word, the last of which ends it, C = W - 1 the others. Input i, counted from 0, is
-//! followed by place c = k mod W of word k div W, k = i - (K - 1). S is the most bins of any place, Sc of those that go round,
-//! Sl of the others, R = Sc + max(2 Sl - 1, 0) the steps that places can take.
+//! followed by slot c = k mod W of word k div W, k = i - (K - 1). S is the most bins of any slot, Sc of circular slots, Sl of
+//! the others, R = Sc + max(2 Sl - 1, 0) the number of steps.
 
 use kinelm_engine::bins::Bins;
 
@@ -16,16 +16,16 @@ pub struct Words {
 }
 
 impl Words {
-    /// Of `places` (C) up to a word's end, behind `front` tokens, K.
+    /// Words of the slots `places` (C) and an end, after `front` tokens, K.
     ///
     /// # Panics
-    /// No places, no front.
+    /// If there are no slots or no front.
     pub fn new(front: usize, places: Vec<Bins>) -> Words {
         assert!(front > 0 && !places.is_empty(), "{front} tokens in front of words of {} places", places.len());
         Words { front, steps: Steps::of(&places), places }
     }
 
-    /// (C) what stands at the places of a word.
+    /// (C): the bins of the slots.
     pub fn places(&self) -> &[Bins] {
         &self.places
     }
@@ -40,39 +40,39 @@ impl Words {
         self.steps
     }
 
-    /// The bins that follow input `i`; `None` where a word ends, and in the front.
+    /// The bins of the slot that follows input `i`; `None` for the end of a word, and in the front.
     pub fn follows(&self, i: usize) -> Option<Bins> {
         let k = (i + 1).checked_sub(self.front)?;
         self.places.get(k % self.length()).copied()
     }
 
-    /// Whether a sequence has a word before that of what follows input `i`.
+    /// Whether the slot that follows input `i` has a word before its own.
     pub fn has_word_before(&self, i: usize) -> bool {
         i + 1 >= self.front + self.length()
     }
 
-    /// The token of `ids` that stands so many `words` back of what follows input `i`; `None` where there is none.
+    /// The token of `ids` so many `words` before the slot that follows input `i`; `None` where there is none.
     pub fn back(&self, ids: &[u32], i: usize, words: usize) -> Option<u32> {
         let at = (i + 1).checked_sub(words * self.length()).filter(|&at| at >= self.front)?;
         ids.get(at).copied()
     }
 
-    /// What follows input `i` of `ids`, and the bin that stands there so many `words` back.
+    /// The bins of the slot that follows input `i` of `ids`, and its bin so many `words` back.
     pub fn bin(&self, ids: &[u32], i: usize, words: usize) -> Option<(Bins, usize)> {
         let bins = self.follows(i)?;
         Some((bins, bins.bin(self.back(ids, i, words)?)?))
     }
 
-    /// The token one word back of what follows input `i`, and by how many bins it went round from that two words back: S where
-    /// there is no such step.
+    /// The token one word before the slot that follows input `i`, and its step from two words back, mod the bins; S where there
+    /// is no such step.
     pub fn previous(&self, ids: &[u32], i: usize) -> (Option<u32>, usize) {
         let step =
             self.bin(ids, i, 1).zip(self.bin(ids, i, 2)).map(|((bins, a), (_, b))| around(bins, a as i64 - b as i64));
         (self.back(ids, i, 1), step.unwrap_or(self.steps.most()))
     }
 
-    /// The rows of a table of bins, S + 1 a place, that a trunk reads for word `word` of a sequence whose front is one token: C of
-    /// the word before, then C of that before it; the last of a place is for what is missing.
+    /// The rows of a table of bins, S + 1 per slot, that a trunk reads for word `word` of a sequence whose front is one token:
+    /// C of the previous word, then C of the one before; the last row of a slot stands for a missing bin.
     pub fn seen(&self, ids: &[u32], word: usize) -> impl Iterator<Item = usize> {
         debug_assert_eq!(self.front, 1, "a sequence whose front is one token");
         let rows = self.steps.most() + 1;
@@ -83,9 +83,9 @@ impl Words {
         (1..=2).flat_map(move |back| (0..self.places.len()).map(move |place| row(back, place)))
     }
 
-    /// The rows of four tables that a speller adds for input `i` of a sequence whose front is one token: what was spelled just
-    /// now (the step that led to it; behind R + 1 of them its bin, where the sequence has no word before; R at a word's
-    /// beginning), the place, the bin one word back of what follows (S: missing), and the step that led to that (R: none).
+    /// The rows of the four tables whose sum is a frame decoder's row for input `i` of a sequence whose front is one token: the
+    /// step to the token just read (R + 1 + bin where there is no previous word; R at the beginning of a word), the slot, the
+    /// bin one word back in the slot that follows (S: missing), and its step from two words back (R: none).
     pub fn spelt(&self, ids: &[u32], i: usize) -> [usize; 4] {
         debug_assert_eq!(self.front, 1, "a sequence whose front is one token");
         let (none, place) = (self.steps.all(), i % self.length());
@@ -105,14 +105,14 @@ impl Words {
 /// How tables of steps from bin to bin are laid out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Steps {
-    /// Sc; 0 where there are no such places.
+    /// Sc; 0 where there are no circular slots.
     pub circular: usize,
     /// Sl; 0 where there are none.
     pub clamped: usize,
 }
 
 impl Steps {
-    /// Those of some places.
+    /// The steps of some slots.
     pub fn of(places: &[Bins]) -> Steps {
         let most = |circular: bool| {
             let counts = places.iter().filter(|bins| bins.circular == circular).map(|bins| bins.count as usize);
@@ -126,7 +126,7 @@ impl Steps {
         self.circular.max(self.clamped)
     }
 
-    /// Steps of places that don't go round: up and down by all bins but one.
+    /// Steps of slots that aren't circular: up and down by all bins but one.
     pub fn up_and_down(self) -> usize {
         (2 * self.clamped).saturating_sub(1)
     }
@@ -136,18 +136,18 @@ impl Steps {
         self.circular + self.up_and_down()
     }
 
-    /// The row of a step of `by` bins, up or down by fewer than the place has, in the table of its kind: by mod count of the
-    /// circular one, by + Sl - 1 of the other.
+    /// The row of a step of `by` bins, fewer than the slot has, in the table of its kind: by mod count in the circular one,
+    /// by + Sl - 1 in the other.
     pub fn column_by(self, bins: Bins, by: i64) -> usize {
         if bins.circular { around(bins, by) } else { (self.clamped as i64 - 1 + by) as usize }
     }
 
-    /// The row that bin `to` has behind bin `from` in the table of its kind.
+    /// The row of the step from bin `from` to bin `to` in the table of its kind.
     pub fn column(self, bins: Bins, from: usize, to: usize) -> usize {
         self.column_by(bins, to as i64 - from as i64)
     }
 
-    /// The row of a step of `by` bins in a table of all steps, those that go round first.
+    /// The row of a step of `by` bins in a table of all steps, circular ones first.
     pub fn row_by(self, bins: Bins, by: i64) -> usize {
         self.column_by(bins, by) + if bins.circular { 0 } else { self.circular }
     }

@@ -35,7 +35,7 @@ pub fn write(run: &Path, seed: u64, data: &Data) -> Result<()> {
     if path.exists() {
         return Ok(());
     }
-    Ok(files::write_whole(&path, draw(seed, data)?.to_json()?.as_bytes())?)
+    Ok(files::write_whole(&path, draw(seed, data)?.to_json().as_bytes())?)
 }
 
 /// Eight lead-ins of any clips and eight for every label value of the conditions, from streams of the run's seed.

@@ -1,8 +1,8 @@
 //! Where and how the model computes.
 
 use crate::Result;
-use kinelm_model::{KvKind, WeightKind};
 use kinelm_model::{Compute, ReaderOptions};
+use kinelm_model::{KvKind, WeightKind};
 use serde::{Deserialize, Serialize};
 
 /// Where and how the model computes. The number of threads changes no bit; another device, form or number format may.

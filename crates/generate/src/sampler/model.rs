@@ -1,8 +1,8 @@
 //! Models that the sampler reads: the fast form, or the plain one.
 
 use crate::{Error, Result};
-use kinelm_model::{FrameConditioning, KvKind, Logits, WeightKind};
 use kinelm_model::{Cache, Compute, LoadedRun, ModelKind, Reader, ReaderOptions};
+use kinelm_model::{FrameConditioning, KvKind, Logits, WeightKind};
 
 /// An autoregressive model that reads several sequences side by side.
 pub trait NextToken: Send {

@@ -390,7 +390,6 @@ mod led {
     use kinelm_corpus::samples;
     use kinelm_model::fast::{Fast, Windows};
     use kinelm_model::goal::{GoalEncoder, GoalTrack, numbers};
-    use kinelm_model::goal::{GoalEncoder, numbers};
     use kinelm_model::{Architecture, Gpt, ModelConfig, TokenLayout, fixtures};
     use kinelm_tokenizer::{RootRotation, Tokenizer, TokenizerConfig};
 
@@ -623,6 +622,6 @@ mod heard {
             sample_one(&mut reader, &SamplingPlan { music, ..free.clone() }, &mut |_| {}).unwrap_err().to_string()
         };
         assert!(said(vec![0.0; 7]).contains("music is 7 numbers; expected as many for each of 5 words"));
-        assert!(said(vec![0.0; 10]).contains("2 numbers of music; this model is told"));
+        assert!(said(vec![0.0; 10]).contains("the music of a frame is 2 numbers; expected"));
     }
 }

@@ -5,15 +5,14 @@ use super::own::{ABOUT, About};
 use super::{check_tokenizer, loaded, tensors};
 use crate::net::EPSILON;
 use crate::run::{LoadedRun, TOKENIZER, WEIGHTS};
+use crate::weights::serialize;
 use crate::{Error, HeadKind, ModelConfig, ModelKind, Positions, Result, TokenLayout, layout};
 use candle_core::Tensor;
 use kinelm_store::input;
 use kinelm_tokenizer::{Special, Tokenizer};
-use safetensors::Dtype;
-use safetensors::tensor::TensorView;
 use serde::Deserialize;
 use serde_json::{Value, json};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// The model's configuration.
@@ -77,7 +76,10 @@ fn refuse(config: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
         true => Ok(()),
         false => {
             let reasons = reasons.join(", and ");
-            Err(Error::call(format!("GPT-2 can't express this model: {reasons}; export it with --format kinelm")))
+            Err(Error::unsupported(
+                "export as GPT-2",
+                format!("GPT-2 can't express this model: {reasons}; the format `kinelm` can"),
+            ))
         }
     }
 }
@@ -113,31 +115,14 @@ pub(super) fn contents(run: &LoadedRun) -> Result<Vec<(&'static str, Vec<u8>)>> 
         all.insert(HEAD.1.into(), run.weights[HEAD.0].clone());
     }
     Ok(vec![
-        (WEIGHTS, to_bytes(&all)?),
-        (CONFIG, to_json(&config_json(config, tokens))?),
-        (TOKENIZER_CONFIG, to_json(&tokenizer_json(config))?),
+        (WEIGHTS, serialize(all.iter().map(|(name, tensor)| (name.as_str(), tensor)), ("format", "pt"))?),
+        (CONFIG, to_json(&config_json(config, tokens))),
+        (TOKENIZER_CONFIG, to_json(&tokenizer_json(config))),
     ])
 }
 
-fn to_json(value: &Value) -> Result<Vec<u8>> {
-    let text = serde_json::to_string_pretty(value).map_err(|e| Error::call(format!("no JSON: {e}")))?;
-    Ok((text + "\n").into_bytes())
-}
-
-/// A safetensors file as `transformers` writes it.
-fn to_bytes(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
-    let mut raw = Vec::new();
-    for (name, tensor) in tensors {
-        let bytes: Vec<u8> = tensor.flatten_all()?.to_vec1::<f32>()?.iter().flat_map(|x| x.to_le_bytes()).collect();
-        raw.push((name, tensor.dims().to_vec(), bytes));
-    }
-    let views: std::result::Result<Vec<_>, _> = raw
-        .iter()
-        .map(|(name, shape, bytes)| TensorView::new(Dtype::F32, shape.clone(), bytes).map(|view| (*name, view)))
-        .collect();
-    let metadata = HashMap::from([("format".to_string(), "pt".to_string())]);
-    let written = views.and_then(|views| safetensors::serialize(views, Some(metadata)));
-    written.map_err(|e| Error::call(format!("the weights can't be written: {e}")))
+fn to_json(value: &Value) -> Vec<u8> {
+    format!("{value:#}\n").into_bytes()
 }
 
 fn config_json(config: &ModelConfig, tokens: &TokenLayout) -> Value {

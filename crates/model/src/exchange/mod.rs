@@ -46,7 +46,7 @@ pub fn export(run: &LoadedRun, format: Format, out: &Path) -> Result<()> {
         let weights = contents.iter().find(|(name, _)| *name == WEIGHTS);
         about.weights_sha256 = weights.map(|(_, bytes)| FileRecord::of(bytes).sha256);
     }
-    contents.push((own::ABOUT, about.to_json()?));
+    contents.push((own::ABOUT, about.to_json()));
     contents.push((TOKENIZER, tokenizer.to_json().into_bytes()));
     Ok(files::write_folder(out, &contents)?)
 }
@@ -108,18 +108,17 @@ fn check(config: &ModelConfig, tokens: &TokenLayout, weights: &BTreeMap<String, 
 /// A tokenizer of another language than the model's.
 fn check_tokenizer(tokens: &TokenLayout, tokenizer: &Tokenizer, path: &Path) -> Result<()> {
     let found = TokenLayout::of(tokenizer);
-    let say = |t: &TokenLayout| {
+    let describe = |t: &TokenLayout| {
         let varying = if t.varying { "at most " } else { "" };
         format!("{} ids and words of {varying}{} tokens", t.vocabulary, t.word)
     };
-    // runs of the first versions don't say what stands at the places of a word
     let places = tokens.places.is_empty() || tokens.places == found.places;
     match found.vocabulary == tokens.vocabulary && found.reads(tokens) && places {
         true => Ok(()),
         false => Err(Error::file(
             path,
-            format!("a tokenizer of {}", say(&found)),
-            format!("the model's, of {}", say(tokens)),
+            format!("a tokenizer of {}", describe(&found)),
+            format!("the model's, of {}", describe(tokens)),
             "",
         )),
     }

@@ -220,7 +220,7 @@ fn odd_configurations_are_refused_by_their_key() {
     );
     assert!(hf("\"n_head\": 2", "\"n_head\": 3").contains("model.heads 3"));
     let own = |from: &str, to: &str| said(Format::Kinelm, &|f| edit(f, "kinelm.json", from, to));
-    assert!(own("\"schema\": 1", "\"schema\": 2").contains("found schema 2, expected schema 1; use its kinelm"));
+    assert!(own("\"schema\": 2", "\"schema\": 1").contains("found schema 1, expected schema 2; use its kinelm"));
     assert!(own("\"conditions\": []", "\"conditions\": [\"genre\"]").contains("1 tokens in front and 1 conditions"));
     assert!(own("\"vocabulary\": 16", "\"vocabulary\": 18").contains("found a tokenizer of 16 ids"));
     assert!(own("\"layers\": 2", "\"layer\": 2").contains("unknown field `layer`"));
@@ -298,7 +298,10 @@ fn what_is_there_stays_and_what_cannot_be_is_refused() {
     let refused = |run: &LoadedRun| hf::contents(run).unwrap_err().to_string();
     let tokens = TokenLayout { varying: true, places: Vec::new(), ..made.run.tokens.clone() };
     let message = refused(&LoadedRun { tokens, ..made.run });
-    assert!(message.starts_with("GPT-2 can't express this model: its positions are counted"), "{message}");
+    assert!(
+        message.starts_with("export as GPT-2: GPT-2 can't express this model: its positions are counted"),
+        "{message}"
+    );
     let reasons =
         ["its inputs tell of the frame before", "its head is over steps", "its positions are turns", "it is masked"];
     for (config, reason) in beyond().into_iter().zip(reasons) {

@@ -204,25 +204,26 @@ impl Fast {
     fn check(&self, Windows { inputs, targets, length, conditioning, .. }: Windows) -> Result<()> {
         let (context, vocabulary) = (self.config.context, self.tokens.vocabulary);
         if length > context {
-            return Err(Error::call(format!("a window of {length} tokens; the context holds {context}")));
+            let (needs, limit) = (format!("{length} tokens"), format!("{context} tokens"));
+            return Err(Error::limit("a window", needs, limit, "the model's context holds no more"));
         }
         if length == 0 || !inputs.len().is_multiple_of(length) || inputs.len() != targets.len() {
             let found = (inputs.len(), targets.len());
-            return Err(Error::call(format!("{} inputs and {} targets are no windows of {length}", found.0, found.1)));
+            let found = format!("{} inputs and {} targets", found.0, found.1);
+            return Err(Error::invalid("a batch", found, format!("as many of both, in windows of {length}")));
         }
         let words = (length + 1).saturating_sub(self.tokens.front);
         let whole = words > 0 && words.is_multiple_of(self.tokens.word);
         if self.config.architecture == Architecture::TwoLevel && !whole {
             let word = self.tokens.word;
-            return Err(Error::call(format!(
-                "a window of {length} tokens; a two-level model reads whole frames of {word}"
-            )));
+            let expected = format!("whole frames of {word} for a two-level model");
+            return Err(Error::invalid("the length of a window", format!("{length} tokens"), expected));
         }
         if let Some(conditioning) = conditioning {
             conditioning.check(&self.config, &self.tokens, (inputs.len() / length, length))?;
         }
         match inputs.iter().chain(targets).find(|&&id| id as usize >= vocabulary) {
-            Some(id) => Err(Error::call(format!("token {id} is outside the vocabulary of {vocabulary} ids"))),
+            Some(id) => Err(Error::invalid("a token", format!("id {id}"), format!("ids below {vocabulary}"))),
             None => Ok(()),
         }
     }

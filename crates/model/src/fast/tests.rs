@@ -263,8 +263,8 @@ fn what_nobody_tells_changes_no_bit_and_learns_nothing() {
         let of_music = Conditioning { music: vec![0.5; 7], ..Default::default() };
         let mut other = Fast::of(&fixtures::model(&without, &tokens)).unwrap();
         for (conditioning, can, what, why) in [
-            (Conditioning::none(3, 5), config.goal, "numbers and rows are told of", "model.goal = false"),
-            (of_music, !config.music.is_none(), "7 numbers of music are told of", "model.music = \"none\""),
+            (Conditioning::none(3, 5), config.goal, "the goals of ", "model.goal = false"),
+            (of_music, !config.music.is_none(), " frames is 7 numbers; expected", "model.music = \"none\""),
         ] {
             let windows = Windows {
                 inputs: &inputs,
@@ -312,7 +312,7 @@ fn what_counts_behind_no_bin_is_refused_and_the_next_batch_is_taken() {
         let windows = Windows { inputs: &inputs, targets, length: 29, mask: Mask::Causal, conditioning: None };
         fast.gradients(windows, None, &mut gradients).map_err(|e| e.to_string())
     };
-    assert!(run(&bad).unwrap_err().contains("is id 3; expected a bin of its place"));
+    assert!(run(&bad).unwrap_err().contains("is id 3; expected a bin of its slot"));
     let nats = run(&good).unwrap();
     assert!(nats.is_finite() && nats > 0.0);
     // nothing counts: nothing is learned
@@ -443,8 +443,11 @@ fn wrong_windows_are_refused() {
         let windows = Windows { inputs, targets: inputs, length, mask: Mask::Causal, conditioning: None };
         fast.logits(windows).unwrap_err().to_string()
     };
-    assert_eq!(said(&[1; 10], 10), "a window of 10 tokens; the context holds 9");
-    assert_eq!(said(&[1, 2, 11], 3), "token 11 is outside the vocabulary of 11 ids");
+    assert_eq!(
+        said(&[1; 10], 10),
+        "a window takes 10 tokens, the limit is 9 tokens; the model's context holds no more"
+    );
+    assert_eq!(said(&[1, 2, 11], 3), "a token is id 11; expected ids below 11");
     assert!(said(&[1; 7], 3).contains("no windows of 3"));
     assert!(said(&[], 0).contains("no windows of 0"));
 }

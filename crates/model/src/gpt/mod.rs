@@ -189,9 +189,8 @@ impl Gpt {
     /// A two-level model; no memory on the device.
     pub fn cache(&self) -> Result<Cache> {
         if !self.config.architecture.is_flat() {
-            let what =
-                "the plain form of a two-level model reads whole windows alone; generate with the form auto on the cpu";
-            return Err(Error::call(what));
+            let why = "a two-level model reads whole windows in it; generate with the form auto on the cpu";
+            return Err(Error::unsupported("token-by-token decoding in the plain form", why));
         }
         let c = &self.config;
         Cache::new(self.frozen(), (c.layers, c.heads, c.context, c.width / c.heads), self.device())
@@ -216,11 +215,12 @@ impl Gpt {
     fn check(&self, ids: &Tensor, targets: &[u32]) -> Result<()> {
         self.check_length(ids.dims2()?.1)?;
         if ids.elem_count() != targets.len() {
-            return Err(Error::call(format!("{} targets for {} inputs", targets.len(), ids.elem_count())));
+            let expected = format!("{}, one per input", ids.elem_count());
+            return Err(Error::invalid("the number of targets", targets.len(), expected));
         }
         let vocabulary = self.tokens.vocabulary;
         match targets.iter().find(|&&t| t as usize >= vocabulary) {
-            Some(id) => Err(Error::call(format!("target {id} outside the vocabulary of {vocabulary} ids"))),
+            Some(id) => Err(Error::invalid("a target", format!("id {id}"), format!("ids below {vocabulary}"))),
             None => Ok(()),
         }
     }
@@ -232,7 +232,10 @@ impl Gpt {
     fn check_length(&self, found: usize) -> Result<()> {
         match found <= self.config.context {
             true => Ok(()),
-            false => Err(Error::call(format!("a window of {found} tokens; the context holds {}", self.config.context))),
+            false => {
+                let (needs, limit) = (format!("{found} tokens"), format!("{} tokens", self.config.context));
+                Err(Error::limit("a window", needs, limit, "the model's context holds no more"))
+            }
         }
     }
 }

@@ -146,9 +146,9 @@ fn a_batch_that_counts_behind_no_bin_is_refused() {
     let dropped = (29..58).find(|&row| inputs[row] == 3 && row + tokens.word < 58).unwrap();
     targets[dropped - 1 + tokens.word] = 6;
     let message = gpt.loss(&fixtures::ids(&inputs, 29), &targets, None).unwrap_err().to_string();
-    assert!(message.contains("is id 3; expected a bin of its place"), "{message}");
+    assert!(message.contains("is id 3; expected a bin of its slot"), "{message}");
     let message = gpt.loss(&fixtures::ids(&inputs, 29), &[1; 58].map(|_| 26), None).unwrap_err().to_string();
-    assert_eq!(message, "target 26 outside the vocabulary of 26 ids");
+    assert_eq!(message, "a target is id 26; expected ids below 26");
     assert!(gpt.loss(&fixtures::ids(&inputs, 29), &[1], None).is_err());
 }
 
@@ -230,9 +230,9 @@ fn wrong_windows_and_weights_are_refused_by_name() {
     let gpt = small(Positions::FrameJoint, true);
     let long = Tensor::zeros((1, 11), DType::U32, &Device::Cpu).unwrap();
     let message = gpt.forward(&long, None).unwrap_err().to_string();
-    assert_eq!(message, "a window of 11 tokens; the context holds 10");
+    assert_eq!(message, "a window takes 11 tokens, the limit is 10 tokens; the model's context holds no more");
     let message = gpt.ids(&[3, 11], 2).unwrap_err().to_string();
-    assert_eq!(message, "id 11 outside the vocabulary of 11 ids");
+    assert_eq!(message, "a token is id 11; expected ids below 11");
     let mut tensors: BTreeMap<_, _> = gpt.vars().iter().map(|(n, v)| (n.clone(), v.as_tensor().clone())).collect();
     let load = |t: &BTreeMap<String, Tensor>| {
         Gpt::from_tensors(gpt.config(), gpt.tokens(), t.clone()).err().map(|e| e.to_string()).unwrap_or_default()

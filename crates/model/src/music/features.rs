@@ -35,13 +35,16 @@ impl Scale {
     pub fn validate(&self) -> Result<()> {
         let found = [self.mean.len(), self.deviation.len()];
         if found != [CHANNELS; 2] {
-            let what = format!("model.music_scale has {} means and {} deviations", found[0], found[1]);
-            return Err(Error::call(format!("{what}; expected {CHANNELS} of each, which training writes itself")));
+            let found = format!("{} means and {} deviations", found[0], found[1]);
+            let expected = format!("{CHANNELS} of each, which training writes itself");
+            return Err(Error::invalid("model.music_scale", found, expected));
         }
         let is_fine = |x: &f32| x.is_finite() && *x >= 0.0;
         match self.mean.iter().all(|x| x.is_finite()) && self.deviation.iter().all(is_fine) {
             true => Ok(()),
-            false => Err(Error::call("model.music_scale holds numbers that aren't finite, or deviations below 0")),
+            false => {
+                Err(Error::invalid("model.music_scale", "not finite, or has deviations below 0", "finite numbers"))
+            }
         }
     }
 }

@@ -89,7 +89,7 @@ impl Net {
         assert!(length > 0 && ids.len().is_multiple_of(length), "{} ids in windows of {length}", ids.len());
         let vocabulary = self.head.ids().dim(0)?;
         match ids.iter().find(|&&id| id as usize >= vocabulary) {
-            Some(id) => Err(Error::call(format!("id {id} outside the vocabulary of {vocabulary} ids"))),
+            Some(id) => Err(Error::invalid("a token", format!("id {id}"), format!("ids below {vocabulary}"))),
             None => Ok(Tensor::from_slice(ids, (ids.len() / length, length), self.device())?),
         }
     }
